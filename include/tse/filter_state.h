@@ -1,0 +1,84 @@
+/* tse/filter_state.h - the filter's constants and its state: complete types, so that the caller can place them
+ * (static, stack, linker section), with members that are the library's own business.
+ * Both are pointer-free: copying the struct copies the filter. */
+#ifndef TSE_FILTER_STATE_H
+#define TSE_FILTER_STATE_H
+
+#include "tse/real.h"
+
+/* Sums over particles run in TSE_LANES interleaved partial sums, joined in a fixed order: the same bits whatever
+ * the vector width. Rows are padded so that they do not fall on the same cache sets (power-of-two strides cost
+ * up to 14 %). */
+#define TSE_LANES 8
+#define TSE_STRIDE ((TSE_MAX_PARTICLES + TSE_LANES - 1) / TSE_LANES * TSE_LANES + TSE_LANES)
+
+/* What each particle carries: name, rows, unit, meaning. The struct, the resampler's copy and the redraw derive from it. */
+#define TSE_PARTICLE_FIELDS(X)                                                              \
+  X(x,    3, "m/s m/s rad/s", "vehicle state: vel_x, vel_y, yaw rate")                      \
+  X(mu,   3, "1",             "Normal-inverse-Wishart location of the stiffness deviation") \
+  X(lam,  6, "1",             "Lambda / nu, upper triangle by rows: 11 12 13 22 23 33")     \
+  X(bias, 3, "sigma",         "mean of the sensor biases, in units of the sensor's sd")     \
+  X(w,    3, "1",             "stiffness deviation drawn for the interval ahead")           \
+  X(logw, 1, "log2",          "log-weight relative to the largest")
+
+#define TSE_PARAMS_MAGIC 0x74736570u /* "tsep" */
+#define TSE_FILTER_MAGIC 0x74736566u /* "tsef" */
+
+typedef struct tse_particles { /* [row][particle]; gamma, nu and the bias covariance are common to all, hence not here */
+#define X(name, rows, unit, text) tse_real name[rows][TSE_STRIDE];
+  TSE_PARTICLE_FIELDS(X)
+#undef X
+} tse_particles;
+
+/* Constants of a filter, made by tse_prepare(). Everything is normalised: forces by mass (accelerations), measurements
+ * by the sensor's sd, so that all numbers have a moderate size in every number format. */
+typedef struct tse_params {
+  uint32_t magic, fingerprint;
+  int32_t particles, resampling, vel_x_from_wheels;
+  uint32_t seed[2];
+  /* vehicle */
+  tse_real kx_front, kx_rear;         /* [m/s2]     longitudinal stiffness / mass          */
+  tse_real ky_front, ky_rear;         /* [m/s2/rad] cornering stiffness / mass             */
+  tse_real follow;                    /* [1]        rear longitudinal follows front, 0..1  */
+  tse_real lf, lr;                    /* [m]                                               */
+  tse_real jf, jr;                    /* [1/m]      m lf / I, m lr / I                     */
+  tse_real radius_front, radius_rear; /* [m]                                               */
+  /* sensors */
+  tse_real sd[3], inv_sd[3];          /* accel_x, accel_y [m/s2], yaw rate [rad/s]         */
+  tse_real bias_var0[3];              /* [sigma^2]   initial bias variance                 */
+  tse_real bias_walk[3];              /* [sigma^2/s] bias random walk                      */
+  tse_real log_density;               /* [log2]      -sum log2 sd: evidence in SI units    */
+  tse_real log_sd[3];                 /* [log2]                                            */
+  /* filter */
+  tse_real sample_time, inv_sample_time, max_step, max_gap, hold_speed;
+  tse_real log2_forgetting;           /* log2(lambda) per nominal sample                   */
+  tse_real memory;                    /* [samples]   1/(1 - lambda)                        */
+  tse_real resample_at;               /* N_eff threshold, in particles                     */
+  tse_real mu0[3], lam0, gamma0, nu0, mean_sd, spread_var;
+  tse_real vel_x0, x_sd0[3];
+  tse_real w_min, w_max, valid_var;
+  tse_real watchdog_drop;             /* [log2] per row                                    */
+  int32_t recovery_count;             /* particles drawn anew                              */
+} tse_params;
+
+typedef struct tse_filter {
+  uint32_t magic, fingerprint;
+  uint32_t step;                      /* rows accepted since reset: the counter of the random numbers */
+  int32_t started;                    /* 0: the next row initialises                                  */
+  tse_real gamma, nu;                 /* (16), (17): follow recursions without data, common to all    */
+  tse_real bias_var[3];               /* (18), (19): likewise [sigma^2]                               */
+  tse_real log_total;                 /* log2 of the sum of 2^logw                                    */
+  tse_real steer, v_front, v_rear;    /* inputs of the last row: [rad], R omega [m/s]                 */
+  tse_real held_for;                  /* [s] how long inputs have been missing                        */
+  tse_real still_for;                 /* [s] how long the wheels have stood still                     */
+  tse_real seen;                      /* samples used since the start, up to five memories            */
+  tse_real excite_mean[3], excite_sq[3]; /* running mean and mean square of the regressors            */
+  tse_real level, level_fast;         /* running log evidence per row, slow and fast [log2]           */
+  tse_real level_age, settle;         /* [s] age of the level; [s] left until settled after a recovery */
+  int32_t recoveries;
+  tse_particles p;
+  tse_real weight[TSE_STRIDE];        /* normalised to the largest = 1; 0 beyond the particles in use */
+  uint16_t ancestor[TSE_STRIDE], copies[TSE_STRIDE]; /* the resampler's work space */
+} tse_filter;
+
+#endif

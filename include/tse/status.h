@@ -1,0 +1,50 @@
+/* tse/status.h - what a call can say: one table, from which the codes, their names and sentences derive.
+ *
+ *   negative  refused: nothing has changed, bit for bit
+ *   zero      done
+ *   positive  done, the result is usable with the caution named; if several apply, the largest is returned
+ */
+#ifndef TSE_STATUS_H
+#define TSE_STATUS_H
+
+#define TSE_STATUS_TABLE(X) \
+  X(TSE_E_SIZE,             -6, "the filter's memory has another size than the library expects (other capacity or format)") \
+  X(TSE_E_STATE,            -5, "the filter was not reset with these parameters, or is not a filter of this library") \
+  X(TSE_E_TIME,             -4, "time step not finite, not positive, or longer than 3600 s") \
+  X(TSE_E_INPUT,            -3, "steering angle or wheel speed outside its range") \
+  X(TSE_E_CONFIG,           -2, "a setting is outside its range") \
+  X(TSE_E_NULL,             -1, "a required argument is NULL") \
+  X(TSE_OK,                  0, "ok") \
+  X(TSE_W_STARTING,          1, "less data seen than the filter's memory holds; spread and validity are not settled") \
+  X(TSE_W_NOT_EXCITED,       2, "at least one stiffness is not excited enough to be told") \
+  X(TSE_W_MISSING_CHANNEL,   3, "a measurement was missing; the others were used") \
+  X(TSE_W_HELD,              4, "standstill, low speed or reverse: statistics held") \
+  X(TSE_W_PREDICTED,         5, "no measurement, or inputs missing: predicted only") \
+  X(TSE_W_GAP,               6, "time step too long to bridge: states restarted from the sensors, statistics kept") \
+  X(TSE_W_RECOVERED,         7, "evidence far below its own level: part of the particles were drawn anew")
+
+typedef enum tse_status {
+#define X(name, code, text) name = code,
+  TSE_STATUS_TABLE(X)
+#undef X
+  TSE_STATUS_END_
+} tse_status;
+
+/* Why a stiffness is not valid. An estimate is valid when its reason is TSE_VALID. */
+#define TSE_REASON_TABLE(X) \
+  X(TSE_VALID,          0, "valid",            "usable") \
+  X(TSE_STARTING,       1, "starting",         "less data seen than the filter's memory holds") \
+  X(TSE_NOT_EXCITED,    2, "not excited",      "the recent inputs do not show this stiffness") \
+  X(TSE_UNCERTAIN,      3, "uncertain",        "excited, but the sd of the mean is above the limit") \
+  X(TSE_DIVERGING,      4, "diverging",        "evidence fell or the particles were drawn anew; not settled again") \
+  X(TSE_HELD,           5, "held",             "standstill, low speed or reverse: value from before") \
+  X(TSE_INPUT_INVALID,  6, "input invalid",    "inputs or measurements are missing")
+
+typedef enum tse_reason {
+#define X(name, code, word, text) name = code,
+  TSE_REASON_TABLE(X)
+#undef X
+  TSE_REASON_END_
+} tse_reason;
+
+#endif

@@ -1,0 +1,134 @@
+/* tse/tse.h - the public API of tse, a tyre-stiffness estimator.
+ *
+ * Marginalized adaptive particle filter of Berntorp & Di Cairano (2016) on a single-track model; equation
+ * numbers refer to that paper, src/EQUATIONS.md says where each one is computed and tested.
+ *
+ *   tse_config c;  tse_params p;  static tse_filter f;  tse_input u;  tse_output y;
+ *   tse_config_default(&c);   c.mass = 1650;   c.particles = 200;
+ *   if (tse_prepare(&c, &p, NULL) < 0) ...                        settings -> constants, once
+ *   tse_reset(&p, &f, sizeof f);                                  reset is also init
+ *   while (next_row(&u)) tse_step(&p, &f, &u, &y);                one sample at a time
+ *
+ * The caller owns all memory. The library never allocates, prints, or keeps anything between calls outside
+ * the objects it is handed; tse_filter holds no pointer: a copy of the struct is a snapshot of the filter.
+ * Different filters may be stepped in different threads at once.
+ *
+ * Axes ISO 8855 (x forward, y left, z up), SI units; steering angle, yaw rate and lateral acceleration are
+ * positive to the left.
+ */
+#ifndef TSE_TSE_H
+#define TSE_TSE_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#include "tse/real.h"
+#include "tse/status.h"
+#include "tse/version.h"
+#include "tse/filter_state.h"
+
+#define tse_config_default TSE_NAME(tse_config_default)
+#define tse_config_check   TSE_NAME(tse_config_check)
+#define tse_prepare        TSE_NAME(tse_prepare)
+#define tse_reset          TSE_NAME(tse_reset)
+#define tse_input_check    TSE_NAME(tse_input_check)
+#define tse_step           TSE_NAME(tse_step)
+#define tse_stiffness_si   TSE_NAME(tse_stiffness_si)
+#define tse_status_text    TSE_NAME(tse_status_text)
+#define tse_reason_text    TSE_NAME(tse_reason_text)
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* Settings, in SI units. Fill with tse_config_default(), then change what differs. Rows, ranges, units: tse/config.def. */
+typedef struct tse_config {
+#define REAL(name, def, lo, hi, unit, text) tse_setting name;
+#define INT(name, def, lo, hi, text) int32_t name;
+#include "tse/config.def"
+#undef REAL
+#undef INT
+} tse_config;
+
+/* One log row. Rows, ranges, units: tse/input.def. A channel is missing when it is NaN or its bit is set in `missing`.
+ * dt: time since the previous row [s], (0, 3600]; ignored at the first row after tse_reset(). */
+typedef struct tse_input {
+  tse_real dt;
+#define INPUT(name, lo, hi, unit, kind, text) tse_real name;
+#include "tse/input.def"
+#undef INPUT
+  uint32_t missing;
+} tse_input;
+
+enum { /* bits of tse_input.missing: TSE_MISSING(accel_x) */
+#define INPUT(name, lo, hi, unit, kind, text) TSE_CHANNEL_##name,
+#include "tse/input.def"
+#undef INPUT
+  TSE_CHANNELS
+};
+#define TSE_MISSING(name) (1u << TSE_CHANNEL_##name)
+
+/* Index of a stiffness in tse_output and everywhere else. */
+enum { TSE_CX_FRONT = 0, TSE_CY_FRONT = 1, TSE_CY_REAR = 2 };
+
+/* Estimates after one row. Members, units and meaning: tse/output.def. */
+typedef struct tse_output {
+  tse_real vel_x, vel_x_sd, vel_y, vel_y_sd, yaw_rate, yaw_rate_sd, sideslip;
+  tse_real stiffness[3], stiffness_sd[3], stiffness_spread[3];
+  tse_real bias[3], bias_sd[3];
+  tse_real n_eff, log_evidence;
+  int32_t reason[3];
+  int32_t status;
+} tse_output;
+
+/* Fill c with the defaults of tse/config.def. c NULL: nothing happens. */
+void tse_config_default(tse_config *c);
+
+/* Check every setting against its range.
+ *   Returned:  TSE_OK, TSE_E_NULL or TSE_E_CONFIG; then *wrong (if not NULL) points to the name of the first
+ *              wrong field, a string constant. */
+tse_status tse_config_check(const tse_config *c, const char **wrong);
+
+/* Check the settings and turn them into the constants of the filter (normalised by mass and sensor noise).
+ *   Updated:   p  constants; unchanged when the result is negative
+ *   Returned:  as tse_config_check()
+ * The only function that computes in tse_setting; a fixed-point target may run it on the host and link the result. */
+tse_status tse_prepare(const tse_config *c, tse_params *p, const char **wrong);
+
+/* Start, or start again: the next row given to tse_step() is the first.
+ *   Given:     p  from tse_prepare()      filter_bytes  sizeof *f as the caller compiled it
+ *   Updated:   f  unchanged when the result is negative
+ *   Returned:  TSE_OK, TSE_E_NULL, TSE_E_STATE (p not prepared) or TSE_E_SIZE.    O(N) time. */
+tse_status tse_reset(const tse_params *p, tse_filter *f, size_t filter_bytes);
+
+/* Say what tse_step() would refuse in this row, without a filter.
+ *   Returned:  TSE_OK, TSE_E_NULL, TSE_E_TIME or TSE_E_INPUT; then *wrong (if not NULL) names the field. */
+tse_status tse_input_check(const tse_input *u, const char **wrong);
+
+/* Advance the estimator to this row and use its measurements.
+ *   Given:     p  the parameters f was reset with      u  one row, SI units, ISO 8855
+ *   Updated:   f  bit for bit unchanged when the result is negative
+ *   Returned:  y  estimates at this row (may be NULL; unchanged when the result is negative)
+ *              tse_status: negative refused, 0 ok, positive usable with a warning
+ *   Policy for odd rows
+ *     steering angle or wheel speed out of range (also infinite), dt not in (0, 3600]   refused
+ *     steering angle or wheel speed missing      last value held up to max_gap, then states frozen; predicts only
+ *     measurement missing or out of range        the other measurements are used; all missing: predicts only
+ *     dt up to max_gap                           bridged in steps no longer than 1.5 sample_time (at most 100)
+ *     dt above max_gap                           states restarted from wheel speeds and gyro, statistics kept
+ *     |wheel speed| below hold_speed, reverse    states kept sane, statistics held; gyro bias learnt at standstill
+ *   Source:    Algorithm 1, (16)-(19), (22)-(27).    O(N) time, bounded; no allocation, no recursion, no global state. */
+tse_status tse_step(const tse_params *p, tse_filter *f, const tse_input *u, tse_output *y);
+
+/* Stiffness of y in N (longitudinal) and N/rad (cornering) per axle: nominal value times relative one.
+ *   Returned:  mean[3], sd[3], spread[3] in the order TSE_CX_FRONT, TSE_CY_FRONT, TSE_CY_REAR; each may be NULL. */
+void tse_stiffness_si(const tse_config *c, const tse_output *y, tse_setting mean[3], tse_setting sd[3], tse_setting spread[3]);
+
+/* The sentence of a status or reason code from tse/status.h; never NULL. */
+const char *tse_status_text(int32_t status);
+const char *tse_reason_text(int32_t reason);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

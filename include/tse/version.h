@@ -1,0 +1,8 @@
+/* tse/version.h - semantic version; CMakeLists.txt and the Python package read it from here. */
+#ifndef TSE_VERSION_H
+#define TSE_VERSION_H
+#define TSE_VERSION_MAJOR 0
+#define TSE_VERSION_MINOR 1
+#define TSE_VERSION_PATCH 0
+#define TSE_VERSION "0.1.0"
+#endif

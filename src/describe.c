@@ -1,0 +1,129 @@
+/* src/describe.c - the tables of the public headers, laid out for a host to read. */
+#include "tse/describe.h"
+#if !defined(TSE_REAL_Q20)
+#include "tse/simulate.h"
+#endif
+
+#include <stddef.h>
+
+/* 0/0 is not a constant expression everywhere; no range is written as an empty one instead. */
+#define NO_RANGE 0.0, 1.0, -1.0
+
+static const tse_field config_fields[] = {
+#define REAL(name, def, lo, hi, unit, text) { #name, 's', (int32_t)offsetof(tse_config, name), def, lo, hi, unit, text },
+#define INT(name, def, lo, hi, text) { #name, 'i', (int32_t)offsetof(tse_config, name), def, lo, hi, "1", text },
+#include "tse/config.def"
+#undef REAL
+#undef INT
+};
+
+static const tse_field input_fields[] = {
+  { "dt", 'r', (int32_t)offsetof(tse_input, dt), 0.0, 0.0, 3600.0, "s", "time since the previous row" },
+#define INPUT(name, lo, hi, unit, kind, text) { #name, 'r', (int32_t)offsetof(tse_input, name), 0.0, lo, hi, unit, text },
+#include "tse/input.def"
+#undef INPUT
+  { "missing", 'u', (int32_t)offsetof(tse_input, missing), NO_RANGE, "", "bits of missing channels, in the order of the rows above" },
+};
+
+static const tse_field output_fields[] = {
+#define OUT_REAL(name, member, unit, text) { #name, 'r', (int32_t)offsetof(tse_output, member), NO_RANGE, unit, text },
+#define OUT_INT(name, member, text) { #name, 'i', (int32_t)offsetof(tse_output, member), NO_RANGE, "", text },
+#include "tse/output.def"
+#undef OUT_REAL
+#undef OUT_INT
+};
+
+static const tse_field status_fields[] = {
+#define X(name, code, text) { #name, 'c', code, NO_RANGE, "", text },
+  TSE_STATUS_TABLE(X)
+#undef X
+};
+
+static const tse_field reason_fields[] = {
+#define X(name, code, word, text) { word, 'c', code, NO_RANGE, "", text },
+  TSE_REASON_TABLE(X)
+#undef X
+};
+
+#if !defined(TSE_REAL_Q20)
+static const tse_field sim_config_fields[] = {
+#define REAL(name, def, lo, hi, unit, text) { #name, 's', (int32_t)offsetof(tse_sim_config, name), def, lo, hi, unit, text },
+#define INT(name, def, lo, hi, text) { #name, 'i', (int32_t)offsetof(tse_sim_config, name), def, lo, hi, "1", text },
+#include "tse/sim.def"
+#undef REAL
+#undef INT
+};
+
+#define MEMBER(type, name, member, unit, text) { name, 'r', (int32_t)offsetof(type, member), NO_RANGE, unit, text },
+static const tse_field sim_input_fields[] = {
+  { "dt", 'r', (int32_t)offsetof(tse_sim_input, dt), 0.01, 0.0, 1.0, "s", "time since the previous row" },
+  { "steer_angle", 'r', (int32_t)offsetof(tse_sim_input, steer_angle), 0.0, -1.2, 1.2, "rad", "road-wheel angle" },
+  { "wheel_torque_front", 'r', (int32_t)offsetof(tse_sim_input, wheel_torque_front), 0.0, -1e5, 1e5, "Nm", "drive torque of the front axle" },
+  { "wheel_torque_rear", 'r', (int32_t)offsetof(tse_sim_input, wheel_torque_rear), 0.0, -1e5, 1e5, "Nm", "drive torque of the rear axle" },
+  { "brake_torque_front", 'r', (int32_t)offsetof(tse_sim_input, brake_torque_front), 0.0, 0.0, 1e5, "Nm", "brake torque of the front axle" },
+  { "brake_torque_rear", 'r', (int32_t)offsetof(tse_sim_input, brake_torque_rear), 0.0, 0.0, 1e5, "Nm", "brake torque of the rear axle" },
+  { "road_level", 'r', (int32_t)offsetof(tse_sim_input, road_level), 1.0, 0.02, 10.0, "1", "all stiffness relative to dry road" },
+};
+static const tse_field sim_output_fields[] = {
+#define INPUT(name, lo, hi, unit, kind, text) MEMBER(tse_sim_output, #name, row.name, unit, text)
+#include "tse/input.def"
+#undef INPUT
+  MEMBER(tse_sim_output, "true_vel_x", vel_x, "m/s", "longitudinal velocity of the centre of gravity")
+  MEMBER(tse_sim_output, "true_vel_y", vel_y, "m/s", "lateral velocity of the centre of gravity")
+  MEMBER(tse_sim_output, "true_yaw_rate", yaw_rate, "rad/s", "yaw rate")
+  MEMBER(tse_sim_output, "true_accel_x", accel_x, "m/s2", "specific force without noise and bias")
+  MEMBER(tse_sim_output, "true_accel_y", accel_y, "m/s2", "specific force without noise and bias")
+  MEMBER(tse_sim_output, "true_wheel_speed_front", wheel_speed_front, "rad/s", "rotation rate of the front wheels")
+  MEMBER(tse_sim_output, "true_wheel_speed_rear", wheel_speed_rear, "rad/s", "rotation rate of the rear wheels")
+  MEMBER(tse_sim_output, "true_cx_front", stiffness[0], "1", "mean longitudinal stiffness, front, relative to nominal")
+  MEMBER(tse_sim_output, "true_cy_front", stiffness[1], "1", "mean cornering stiffness, front, relative to nominal")
+  MEMBER(tse_sim_output, "true_cy_rear", stiffness[2], "1", "mean cornering stiffness, rear, relative to nominal")
+  MEMBER(tse_sim_output, "drawn_cx_front", drawn[0], "1", "drawn for this row, relative to nominal")
+  MEMBER(tse_sim_output, "drawn_cy_front", drawn[1], "1", "drawn for this row, relative to nominal")
+  MEMBER(tse_sim_output, "drawn_cy_rear", drawn[2], "1", "drawn for this row, relative to nominal")
+  MEMBER(tse_sim_output, "true_bias_accel_x", bias[0], "m/s2", "bias of accel_x")
+  MEMBER(tse_sim_output, "true_bias_accel_y", bias[1], "m/s2", "bias of accel_y")
+  MEMBER(tse_sim_output, "true_bias_yaw_rate", bias[2], "rad/s", "bias of yaw_rate")
+};
+#endif
+
+#define ROWS(which, table, bytes)                              \
+  case which:                                                  \
+    if (count) *count = (int32_t)(sizeof table / sizeof table[0]); \
+    if (size) *size = (int32_t)(bytes);                        \
+    return table;
+
+const tse_field *tse_describe(tse_struct which, int32_t *count, int32_t *size)
+{
+  switch (which) {
+    ROWS(TSE_STRUCT_CONFIG, config_fields, sizeof(tse_config))
+    ROWS(TSE_STRUCT_INPUT, input_fields, sizeof(tse_input))
+    ROWS(TSE_STRUCT_OUTPUT, output_fields, sizeof(tse_output))
+    ROWS(TSE_STRUCT_STATUS, status_fields, 0)
+    ROWS(TSE_STRUCT_REASON, reason_fields, 0)
+#if !defined(TSE_REAL_Q20)
+    ROWS(TSE_STRUCT_SIM_CONFIG, sim_config_fields, sizeof(tse_sim_config))
+    ROWS(TSE_STRUCT_SIM_INPUT, sim_input_fields, sizeof(tse_sim_input))
+    ROWS(TSE_STRUCT_SIM_OUTPUT, sim_output_fields, sizeof(tse_sim_output))
+#endif
+    default: break;
+  }
+  if (count) *count = 0;
+  if (size) *size = 0;
+  return NULL;
+}
+
+void tse_describe_build(tse_build *b)
+{
+  if (!b) return;
+  b->version = TSE_VERSION;
+  b->format = TSE_FORMAT_NAME;
+  b->capacity = TSE_MAX_PARTICLES;
+  b->filter_bytes = (int32_t)sizeof(tse_filter);
+  b->params_bytes = (int32_t)sizeof(tse_params);
+#if defined(TSE_REAL_Q20)
+  b->sim_bytes = 0;
+#else
+  b->sim_bytes = (int32_t)sizeof(tse_sim);
+#endif
+}

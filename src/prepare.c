@@ -1,0 +1,140 @@
+/* src/prepare.c - settings: defaults, check, and the constants of the filter. The only arithmetic in tse_setting. */
+#include "tse/tse.h"
+#include "real_ops.h"
+
+
+void tse_config_default(tse_config *c)
+{
+  if (!c) return;
+#define REAL(name, def, lo, hi, unit, text) c->name = (tse_setting)(def);
+#define INT(name, def, lo, hi, text) c->name = (def) < (hi) ? (def) : (hi);
+#include "tse/config.def"
+#undef REAL
+#undef INT
+}
+
+tse_status tse_config_check(const tse_config *c, const char **wrong)
+{
+  if (!c) return TSE_E_NULL;
+  /* written so that NaN fails */
+#define REAL(name, def, lo, hi, unit, text) \
+  if (!(c->name >= (tse_setting)(lo) && c->name <= (tse_setting)(hi))) { if (wrong) *wrong = #name; return TSE_E_CONFIG; }
+#define INT(name, def, lo, hi, text) \
+  if (c->name < (lo) || c->name > (hi)) { if (wrong) *wrong = #name; return TSE_E_CONFIG; }
+#include "tse/config.def"
+#undef REAL
+#undef INT
+  return TSE_OK;
+}
+
+/* FNV-1a over the 32-bit halves of every setting: tells filters and parameters that do not belong together. */
+static uint32_t mix(uint32_t h, uint32_t word)
+{
+  for (int i = 0; i < 4; i++) {
+    h = (h ^ (word & 0xffu)) * 16777619u;
+    word >>= 8;
+  }
+  return h;
+}
+
+static uint32_t mix_setting(uint32_t h, tse_setting x)
+{
+  uint32_t words[(sizeof(tse_setting) + 3) / 4];
+  memcpy(words, &x, sizeof x);
+  for (size_t i = 0; i < sizeof words / sizeof words[0]; i++) h = mix(h, words[i]);
+  return h;
+}
+
+static uint32_t fingerprint(const tse_config *c)
+{
+  uint32_t h = 2166136261u;
+#define REAL(name, def, lo, hi, unit, text) h = mix_setting(h, c->name);
+#define INT(name, def, lo, hi, text) h = mix(h, (uint32_t)c->name);
+#include "tse/config.def"
+#undef REAL
+#undef INT
+  return mix(h, TSE_MAX_PARTICLES);
+}
+
+static tse_setting square(tse_setting x) { return x * x; }
+static tse_real real_of(tse_setting x) { return r_from_setting(x); }
+
+tse_status tse_prepare(const tse_config *c, tse_params *p, const char **wrong)
+{
+  const tse_setting one = 1;
+  const tse_status status = tse_config_check(c, wrong);
+  if (status < 0) return status;
+  if (!p) return TSE_E_NULL;
+
+  memset(p, 0, sizeof *p);
+  p->magic = TSE_PARAMS_MAGIC;
+  p->fingerprint = fingerprint(c);
+  p->particles = c->particles;
+  p->resampling = c->resampling;
+  p->vel_x_from_wheels = c->initial_vel_x_from_wheels;
+  p->seed[0] = (uint32_t)c->seed;
+  p->seed[1] = 0x7473650au; /* no seed gives the all-zero key */
+
+  p->kx_front = real_of(c->longitudinal_stiffness_front / c->mass);
+  p->kx_rear = real_of(c->longitudinal_stiffness_rear / c->mass);
+  p->ky_front = real_of(c->cornering_stiffness_front / c->mass);
+  p->ky_rear = real_of(c->cornering_stiffness_rear / c->mass);
+  p->follow = real_of(c->rear_longitudinal_follows_front);
+  p->lf = real_of(c->lf);
+  p->lr = real_of(c->lr);
+  p->jf = real_of(c->mass * c->lf / c->yaw_inertia);
+  p->jr = real_of(c->mass * c->lr / c->yaw_inertia);
+  p->radius_front = real_of(c->wheel_radius_front);
+  p->radius_rear = real_of(c->wheel_radius_rear);
+
+  const tse_setting sd[3] = { c->accel_x_sd, c->accel_y_sd, c->yaw_rate_sd };
+  const tse_setting bias_sd[3] = { c->accel_x_bias_sd, c->accel_y_bias_sd, c->yaw_rate_bias_sd };
+  const tse_setting walk[3] = { c->accel_x_bias_walk, c->accel_y_bias_walk, c->yaw_rate_bias_walk };
+  for (int i = 0; i < 3; i++) {
+    p->sd[i] = real_of(sd[i]);
+    p->inv_sd[i] = real_of(one / sd[i]);
+    p->bias_var0[i] = real_of(square(bias_sd[i] / sd[i]));
+    p->bias_walk[i] = real_of(square(walk[i] / sd[i]));
+    p->log_sd[i] = r_log2(real_of(sd[i]));
+  }
+
+  const tse_setting spread_var = square(c->initial_spread);
+  const tse_setting w0[3] = { c->initial_cx_front - one, c->initial_cy_front - one, c->initial_cy_rear - one };
+  const tse_setting x_sd[3] = { c->initial_vel_x_sd, c->initial_vel_y_sd, c->initial_yaw_rate_sd };
+  p->sample_time = real_of(c->sample_time);
+  p->inv_sample_time = real_of(one / c->sample_time);
+  p->max_step = real_of(c->sample_time * (tse_setting)1.5);
+  p->max_gap = real_of(c->max_gap);
+  p->hold_speed = real_of(c->hold_speed);
+  p->log2_forgetting = r_log2(real_of(c->forgetting));
+  p->memory = real_of(one / (one - c->forgetting));
+  p->resample_at = real_of(c->resample_threshold * (tse_setting)c->particles);
+  for (int i = 0; i < 3; i++) {
+    p->mu0[i] = real_of(w0[i]);
+    p->x_sd0[i] = real_of(x_sd[i]);
+  }
+  /* Sigma = Lambda/(nu - d_w - 1) is the spread squared; gamma Sigma is the variance of the mean */
+  p->nu0 = real_of(c->initial_dof);
+  p->lam0 = real_of(spread_var * (c->initial_dof - (tse_setting)4) / c->initial_dof);
+  p->gamma0 = real_of(square(c->initial_mean_sd) / spread_var);
+  p->mean_sd = real_of(c->initial_mean_sd);
+  p->spread_var = real_of(spread_var);
+  p->vel_x0 = real_of(c->initial_vel_x);
+  p->w_min = real_of(c->stiffness_min - one);
+  p->w_max = real_of(c->stiffness_max - one);
+  p->valid_var = real_of(square(c->valid_sd));
+  p->watchdog_drop = real_of(c->watchdog_drop * (tse_setting)1.4426950408889634);
+  p->recovery_count = (int32_t)(c->recovery_share * (tse_setting)c->particles);
+  return TSE_OK;
+}
+
+void tse_stiffness_si(const tse_config *c, const tse_output *y, tse_setting mean[3], tse_setting sd[3], tse_setting spread[3])
+{
+  if (!c || !y) return;
+  const tse_setting nominal[3] = { c->longitudinal_stiffness_front, c->cornering_stiffness_front, c->cornering_stiffness_rear };
+  for (int i = 0; i < 3; i++) {
+    if (mean) mean[i] = nominal[i] * r_to_setting(y->stiffness[i]);
+    if (sd) sd[i] = nominal[i] * r_to_setting(y->stiffness_sd[i]);
+    if (spread) spread[i] = nominal[i] * r_to_setting(y->stiffness_spread[i]);
+  }
+}

@@ -1,0 +1,266 @@
+/* src/simulate.c - the truth for studies: the estimator's vehicle with wheels that turn, noise that is known. */
+#include "tse/simulate.h"
+
+#include "random.h"
+#include "vehicle.h"
+
+/* Brakes oppose rotation; between -BRAKE_GRIP and BRAKE_GRIP rad/s their torque rises linearly, so that they hold a
+ * standing wheel without a discontinuity. */
+#define BRAKE_GRIP TSE_R(0.2)
+
+void tse_sim_config_default(tse_sim_config *s)
+{
+  if (!s) return;
+#define REAL(name, def, lo, hi, unit, text) s->name = (tse_setting)(def);
+#define INT(name, def, lo, hi, text) s->name = (def);
+#include "tse/sim.def"
+#undef REAL
+#undef INT
+}
+
+tse_status tse_sim_config_check(const tse_sim_config *s, const char **wrong)
+{
+  if (!s) return TSE_E_NULL;
+#define REAL(name, def, lo, hi, unit, text) \
+  if (!(s->name >= (tse_setting)(lo) && s->name <= (tse_setting)(hi))) { if (wrong) *wrong = #name; return TSE_E_CONFIG; }
+#define INT(name, def, lo, hi, text) \
+  if (s->name < (lo) || s->name > (hi)) { if (wrong) *wrong = #name; return TSE_E_CONFIG; }
+#include "tse/sim.def"
+#undef REAL
+#undef INT
+  return TSE_OK;
+}
+
+tse_status tse_sim_reset(tse_sim *sim, const tse_config *c, const tse_sim_config *s, const char **wrong)
+{
+  tse_params params;
+  if (!sim) return TSE_E_NULL;
+  tse_status status = tse_prepare(c, &params, wrong);
+  if (status >= 0) status = tse_sim_config_check(s, wrong);
+  if (status < 0) return status;
+  memset(sim, 0, sizeof *sim);
+  sim->vehicle = *c;
+  sim->config = *s;
+  sim->params = params;
+  sim->params.seed[0] = (uint32_t)s->seed;
+  sim->params.seed[1] = 0x73696d75u; /* the estimator's numbers come from another key */
+  sim->x[0] = r_from_setting(s->speed);
+  sim->x[3] = r_div(sim->x[0], params.radius_front);
+  sim->x[4] = r_div(sim->x[0], params.radius_rear);
+  sim->bias[0] = r_from_setting(s->true_bias_accel_x);
+  sim->bias[1] = r_from_setting(s->true_bias_accel_y);
+  sim->bias[2] = r_from_setting(s->true_bias_yaw_rate);
+  return TSE_OK;
+}
+
+typedef struct driver { tse_real steer, drive_front, drive_rear, brake_front, brake_rear; } driver;
+
+/* Between two rows everything that the driver does is linear: a step takes one row. (Held torques would lead the logged
+ * wheel speeds, which an estimator can only interpolate, by half a row, and cost it 2 % of the longitudinal stiffness.) */
+static driver between(const tse_sim_input *a, const tse_sim_input *b, tse_real share)
+{
+  driver u;
+  u.steer = a->steer_angle + r_mul(share, b->steer_angle - a->steer_angle);
+  u.drive_front = a->wheel_torque_front + r_mul(share, b->wheel_torque_front - a->wheel_torque_front);
+  u.drive_rear = a->wheel_torque_rear + r_mul(share, b->wheel_torque_rear - a->wheel_torque_rear);
+  u.brake_front = a->brake_torque_front + r_mul(share, b->brake_torque_front - a->brake_torque_front);
+  u.brake_rear = a->brake_torque_rear + r_mul(share, b->brake_torque_rear - a->brake_torque_rear);
+  return u;
+}
+
+static tse_real brake(tse_real torque, tse_real omega)
+{
+  return r_mul(torque, r_clamp(r_div(omega, BRAKE_GRIP), TSE_R(-1), TSE_R(1)));
+}
+
+/* Slope of brake() over omega; where the brake slips it is zero. */
+static tse_real brake_slope(tse_real torque, tse_real omega)
+{
+  return r_abs(omega) < BRAKE_GRIP ? r_div(torque, BRAKE_GRIP) : TSE_R(0);
+}
+
+typedef struct car { /* what one substep needs beside the state */
+  const tse_params *p;
+  stiffness k;
+  tse_real mass, inertia_front, inertia_rear;
+} car;
+
+static inputs inputs_of(const car *c, const tse_real x[5], tse_real steer)
+{
+  inputs u;
+  u.steer = steer;
+  u.v_front = r_mul(c->p->radius_front, x[3]);
+  u.v_rear = r_mul(c->p->radius_rear, x[4]);
+  return u;
+}
+
+/* (1), (2), (7) without its sampling, and the wheels: J omega' = T - T_brake - R Fx. */
+static void derivative(const car *c, const tse_real x[5], driver d, tse_real dx[5])
+{
+  const inputs u = inputs_of(c, x, d.steer);
+  const slips s = vehicle_slips(c->p, x[0], x[1], x[2], u);
+  const accels a = vehicle_accels(c->p, c->k, s, d.steer);
+  const tse_real fx_front = r_mul(c->mass, r_mul(c->k.x_front, s.s_front));
+  const tse_real fx_rear = r_mul(c->mass, r_mul(c->k.x_rear, s.s_rear));
+  dx[0] = a.x + r_mul(x[1], x[2]);
+  dx[1] = a.y - r_mul(x[0], x[2]);
+  dx[2] = a.yaw;
+  dx[3] = r_div(d.drive_front - brake(d.brake_front, x[3]) - r_mul(c->p->radius_front, fx_front), c->inertia_front);
+  dx[4] = r_div(d.drive_rear - brake(d.brake_rear, x[4]) - r_mul(c->p->radius_rear, fx_rear), c->inertia_rear);
+}
+
+/* What is stiff, and therefore implicit: the arrow (vx; omega_f, omega_r) and the block (vy, r). */
+typedef struct solver { tse_real vf, vr, wf, wr, df, dr, schur, m11, m12, m21, m22, inv_det; } solver;
+
+static solver factor(const car *c, const tse_real x[5], driver d, tse_real gh)
+{
+  const slips s = vehicle_slips(c->p, x[0], x[1], x[2], inputs_of(c, x, d.steer));
+  const tse_params *const p = c->p;
+  solver m;
+  /* with D = what slip is taken over: d(Fx/m)/dvx = -k/D, d(Fx/m)/domega = k R/D (where D does not move) */
+  const tse_real kf = r_mul(c->k.x_front, s.inv_front), kr = r_mul(c->k.x_rear, s.inv_rear);
+  m.vf = -r_mul(gh, r_mul(kf, p->radius_front));
+  m.vr = -r_mul(gh, r_mul(kr, p->radius_rear));
+  m.wf = -r_mul(gh, r_div(r_mul(c->mass, r_mul(p->radius_front, kf)), c->inertia_front));
+  m.wr = -r_mul(gh, r_div(r_mul(c->mass, r_mul(p->radius_rear, kr)), c->inertia_rear));
+  m.df = TSE_R(1) - r_mul(m.wf, p->radius_front) + r_mul(gh, r_div(brake_slope(d.brake_front, x[3]), c->inertia_front));
+  m.dr = TSE_R(1) - r_mul(m.wr, p->radius_rear) + r_mul(gh, r_div(brake_slope(d.brake_rear, x[4]), c->inertia_rear));
+  m.schur = TSE_R(1) + r_mul(gh, kf + kr) - r_div(r_mul(m.vf, m.wf), m.df) - r_div(r_mul(m.vr, m.wr), m.dr);
+
+  const tse_real yf = r_mul(c->k.y_front, s.inv_body), yr = r_mul(c->k.y_rear, s.inv_body);
+  m.m11 = TSE_R(1) + r_mul(gh, yf + yr);
+  m.m12 = r_mul(gh, r_mul(p->lf, yf) - r_mul(p->lr, yr) + x[0]);
+  m.m21 = r_mul(gh, r_mul(p->jf, yf) - r_mul(p->jr, yr));
+  m.m22 = TSE_R(1) + r_mul(gh, r_mul(r_mul(p->jf, p->lf), yf) + r_mul(r_mul(p->jr, p->lr), yr));
+  m.inv_det = r_div(TSE_R(1), r_mul(m.m11, m.m22) - r_mul(m.m12, m.m21));
+  return m;
+}
+
+static void solve(const solver *m, const tse_real f[5], tse_real k[5])
+{
+  k[0] = r_div(f[0] - r_div(r_mul(m->vf, f[3]), m->df) - r_div(r_mul(m->vr, f[4]), m->dr), m->schur);
+  k[3] = r_div(f[3] - r_mul(m->wf, k[0]), m->df);
+  k[4] = r_div(f[4] - r_mul(m->wr, k[0]), m->dr);
+  k[1] = r_mul(r_mul(m->m22, f[1]) - r_mul(m->m12, f[2]), m->inv_det);
+  k[2] = r_mul(r_mul(m->m11, f[2]) - r_mul(m->m21, f[1]), m->inv_det);
+}
+
+/* ROS2, as vehicle_step() in vehicle.h, with the wheel speeds as states. */
+static void substep(const car *c, tse_real x[5], driver u0, driver u1, tse_real h)
+{
+  tse_real f[5], k1[5], k2[5], mid[5];
+  const solver m = factor(c, x, u0, r_mul(TSE_R(0.29289321881345254), h));
+  derivative(c, x, u0, f);
+  solve(&m, f, k1);
+  for (int a = 0; a < 5; a++) mid[a] = x[a] + r_mul(h, k1[a]);
+  derivative(c, mid, u1, f);
+  for (int a = 0; a < 5; a++) f[a] = f[a] - k1[a] - k1[a];
+  solve(&m, f, k2);
+  for (int a = 0; a < 5; a++) x[a] += r_mul(h, r_mul(TSE_R(1.5), k1[a]) + r_mul(TSE_R(0.5), k2[a]));
+}
+
+static void two_normals(const tse_sim *sim, uint32_t purpose, tse_real *a, tse_real *b)
+{
+  uint32_t u, v;
+  random_words(sim->params.seed, sim->step, purpose, 0, &u, &v);
+  random_normal2(u, v, a, b);
+}
+
+/* Stiffness for the interval that starts now: mean times (1 + spread n), never below a tenth of the mean. */
+static void draw_stiffness(const tse_sim *sim, tse_real road_level, tse_real mean[3], tse_real drawn[3])
+{
+  const tse_sim_config *const s = &sim->config;
+  const tse_real level[3] = { r_from_setting(s->true_cx_front), r_from_setting(s->true_cy_front), r_from_setting(s->true_cy_rear) };
+  const tse_real spread[3] = { r_from_setting(s->spread_cx_front), r_from_setting(s->spread_cy_front), r_from_setting(s->spread_cy_rear) };
+  tse_real n[4];
+  two_normals(sim, RANDOM_SIM_STIFFNESS_A, &n[0], &n[1]);
+  two_normals(sim, RANDOM_SIM_STIFFNESS_B, &n[2], &n[3]);
+  for (int a = 0; a < 3; a++) {
+    mean[a] = r_mul(level[a], road_level);
+    drawn[a] = r_mul(mean[a], r_max(TSE_R(1) + r_mul(spread[a], n[a]), TSE_R(0.1)));
+  }
+}
+
+static int in_range(tse_real x, tse_real lo, tse_real hi) { return x >= lo && x <= hi; }
+
+static tse_status check(const tse_sim *sim, const tse_sim_input *u)
+{
+  const tse_real torque = TSE_R(1e5);
+  if (sim->step > 0 && !(u->dt > TSE_R(0) && u->dt <= TSE_R(1))) return TSE_E_TIME;
+  if (!in_range(u->steer_angle, TSE_R(-1.2), TSE_R(1.2)) || !in_range(u->road_level, TSE_R(0.02), TSE_R(10)) ||
+      !in_range(u->wheel_torque_front, -torque, torque) || !in_range(u->wheel_torque_rear, -torque, torque) ||
+      !in_range(u->brake_torque_front, TSE_R(0), torque) || !in_range(u->brake_torque_rear, TSE_R(0), torque))
+    return TSE_E_INPUT;
+  return TSE_OK;
+}
+
+static void advance(tse_sim *sim, const tse_sim_input *u)
+{
+  const tse_real longest = r_from_setting(sim->config.substep);
+  const int32_t steps = -r_floor_to_int(-r_div(u->dt, longest) + TSE_R(1e-4)); /* 0.01/0.001 are ten, not eleven */
+  const tse_real h = r_div(u->dt, r_from_int(steps));
+  car c;
+  c.p = &sim->params;
+  c.k = vehicle_stiffness(c.p, sim->drawn[0] - TSE_R(1), sim->drawn[1] - TSE_R(1), sim->drawn[2] - TSE_R(1));
+  c.mass = r_from_setting(sim->vehicle.mass);
+  c.inertia_front = r_from_setting(sim->config.wheel_inertia_front);
+  c.inertia_rear = r_from_setting(sim->config.wheel_inertia_rear);
+  for (int32_t i = 0; i < steps; i++)
+    substep(&c, sim->x, between(&sim->last, u, r_div(r_from_int(i), r_from_int(steps))),
+            between(&sim->last, u, r_div(r_from_int(i + 1), r_from_int(steps))), h);
+  const tse_real walk[3] = { r_from_setting(sim->vehicle.accel_x_bias_walk), r_from_setting(sim->vehicle.accel_y_bias_walk),
+                             r_from_setting(sim->vehicle.yaw_rate_bias_walk) };
+  const tse_real scale = r_mul(r_from_setting(sim->config.bias_walk), r_sqrt(u->dt));
+  tse_real n[4];
+  two_normals(sim, RANDOM_SIM_WALK_A, &n[0], &n[1]);
+  two_normals(sim, RANDOM_SIM_WALK_B, &n[2], &n[3]);
+  for (int a = 0; a < 3; a++) sim->bias[a] += r_mul(r_mul(scale, walk[a]), n[a]);
+}
+
+tse_status tse_sim_step(tse_sim *sim, const tse_sim_input *u, tse_sim_output *y)
+{
+  if (!sim || !u || !y) return TSE_E_NULL;
+  const tse_status refused = check(sim, u);
+  if (refused < 0) return refused;
+  if (sim->step > 0) advance(sim, u);
+  sim->last = *u;
+
+  tse_real mean[3], n[6];
+  draw_stiffness(sim, u->road_level, mean, sim->drawn);
+  const stiffness k = vehicle_stiffness(&sim->params, sim->drawn[0] - TSE_R(1), sim->drawn[1] - TSE_R(1), sim->drawn[2] - TSE_R(1));
+  inputs in;
+  in.steer = u->steer_angle;
+  in.v_front = r_mul(sim->params.radius_front, sim->x[3]);
+  in.v_rear = r_mul(sim->params.radius_rear, sim->x[4]);
+  const accels a = vehicle_accels(&sim->params, k, vehicle_slips(&sim->params, sim->x[0], sim->x[1], sim->x[2], in), u->steer_angle);
+
+  for (uint32_t i = 0; i < 3; i++) two_normals(sim, RANDOM_SIM_NOISE_A + i, &n[2 * i], &n[2 * i + 1]);
+  const tse_real noise = r_from_setting(sim->config.noise);
+  const tse_real wheel_sd = r_from_setting(sim->config.wheel_speed_sd);
+  const tse_real clean[3] = { a.x, a.y, sim->x[2] };
+  tse_real measured[3];
+  for (int i = 0; i < 3; i++) measured[i] = clean[i] + sim->bias[i] + r_mul(r_mul(noise, sim->params.sd[i]), n[i]);
+
+  memset(y, 0, sizeof *y);
+  y->row.dt = u->dt;
+  y->row.steer_angle = u->steer_angle + r_mul(r_from_setting(sim->config.steer_angle_sd), n[3]);
+  y->row.wheel_speed_front = sim->x[3] + r_mul(wheel_sd, n[4]);
+  y->row.wheel_speed_rear = sim->x[4] + r_mul(wheel_sd, n[5]);
+  y->row.accel_x = measured[0];
+  y->row.accel_y = measured[1];
+  y->row.yaw_rate = measured[2];
+  y->vel_x = sim->x[0];
+  y->vel_y = sim->x[1];
+  y->yaw_rate = sim->x[2];
+  y->accel_x = a.x;
+  y->accel_y = a.y;
+  y->wheel_speed_front = sim->x[3];
+  y->wheel_speed_rear = sim->x[4];
+  for (int i = 0; i < 3; i++) {
+    y->stiffness[i] = mean[i];
+    y->drawn[i] = sim->drawn[i];
+    y->bias[i] = sim->bias[i];
+  }
+  sim->step++;
+  return TSE_OK;
+}
