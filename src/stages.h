@@ -5,6 +5,15 @@
 #include "tse/tse.h"
 #include "vehicle.h"
 
+/* The loops over particles become vector code only if the compiler knows that constants and particles do not overlap. */
+#if defined(__cplusplus)
+#define TSE_RESTRICT __restrict
+#elif defined(_MSC_VER) && !defined(__clang__)
+#define TSE_RESTRICT __restrict
+#else
+#define TSE_RESTRICT restrict
+#endif
+
 #define input_decode      TSE_NAME(tse_input_decode)
 #define initialise        TSE_NAME(tse_initialise)
 #define restart_states    TSE_NAME(tse_restart_states)

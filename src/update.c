@@ -33,83 +33,96 @@ static void draw_student(const tse_params *p, uint32_t step, int32_t base, int32
   }
 }
 
+/* Constants of one step that all particles share. */
+typedef struct learning {
+  niw_constants n;
+  observation_gains g;
+  tse_real gamma, rate, rate_z;  /* (16): gamma+, 1/(nu + 1), 1/((nu + 1)(1 + gamma)) */
+  tse_real gain[3];              /* (19): K per channel                               */
+  tse_real dof, inv_dof;         /* (25): nut + d_y                                   */
+} learning;
+
+static void learn_run(const tse_params *TSE_RESTRICT p, const learning *TSE_RESTRICT c, const sample *TSE_RESTRICT y,
+                      tse_real t[3][RUN], int32_t base, int32_t count, tse_particles *TSE_RESTRICT q)
+{
+  for (int32_t j = 0; j < count; j++) {
+    const int32_t i = base + j;
+    const slips s = vehicle_slips(p, q->x[0][i], q->x[1][i], q->x[2][i], y->u);
+    const observation o = vehicle_observation(c->g, s, y->u.steer);
+    const tse_real l11 = q->lam[0][i], l12 = q->lam[1][i], l13 = q->lam[2][i];
+    const tse_real l22 = q->lam[3][i], l23 = q->lam[4][i], l33 = q->lam[5][i];
+    const innovation e = innovation_of(&c->n, y, o, q->mu[0][i], q->mu[1][i], q->mu[2][i], l11, l12, l13, l22, l23, l33,
+                                       q->bias[0][i], q->bias[1][i], q->bias[2][i], r_mul(q->x[2][i], p->inv_sd[2]));
+
+    /* (25) covariance A - A d' S^-1 d A = C C', C lower triangular; scale (nut + q)/(nut + d_y) */
+    const tse_real b11 = e.a[0] - r_mul(e.i2, r_mul(e.v2[0], e.v2[0]));
+    const tse_real b12 = e.a[1] - r_mul(e.i2, r_mul(e.v2[0], e.v2[1]));
+    const tse_real b13 = e.a[2] - r_mul(e.i2, r_mul(e.v2[0], e.v2[2]));
+    const tse_real b22 = e.a[3] - r_mul(e.i2, r_mul(e.v2[1], e.v2[1]));
+    const tse_real b23 = e.a[4] - r_mul(e.i2, r_mul(e.v2[1], e.v2[2]));
+    const tse_real b33 = e.a[5] - r_mul(e.i2, r_mul(e.v2[2], e.v2[2]));
+    const tse_real c11 = r_sqrt(r_max(b11, TINY)), inv11 = r_div(TSE_R(1), c11);
+    const tse_real c21 = r_mul(b12, inv11), c31 = r_mul(b13, inv11);
+    const tse_real c22 = r_sqrt(r_max(b22 - r_mul(c21, c21), TINY));
+    const tse_real c32 = r_div(b23 - r_mul(c31, c21), c22);
+    const tse_real c33 = r_sqrt(r_max(b33 - r_mul(c31, c31) - r_mul(c32, c32), TINY));
+    const tse_real scale = r_sqrt(r_mul(c->n.nut + e.q, c->inv_dof));
+    const tse_real t1 = r_mul(scale, t[0][j]), t2 = r_mul(scale, t[1][j]), t3 = r_mul(scale, t[2][j]);
+
+    const tse_real mu0 = q->mu[0][i], mu1 = q->mu[1][i], mu2 = q->mu[2][i];
+    const tse_real w0 = into_bounds(p, mu0 + e.m[0] + r_mul(c11, t1));
+    const tse_real w1 = into_bounds(p, mu1 + e.m[1] + r_mul(c21, t1) + r_mul(c22, t2));
+    const tse_real w2 = into_bounds(p, mu2 + e.m[2] + r_mul(c31, t1) + r_mul(c32, t2) + r_mul(c33, t3));
+    const tse_real z0 = w0 - mu0, z1 = w1 - mu1, z2 = w2 - mu2;
+
+    q->w[0][i] = w0;
+    q->w[1][i] = w1;
+    q->w[2][i] = w2;
+    q->mu[0][i] = mu0 + r_mul(c->gamma, z0);
+    q->mu[1][i] = mu1 + r_mul(c->gamma, z1);
+    q->mu[2][i] = mu2 + r_mul(c->gamma, z2);
+    q->lam[0][i] = l11 + r_mul(c->rate_z, r_mul(z0, z0)) - r_mul(c->rate, l11);
+    q->lam[1][i] = l12 + r_mul(c->rate_z, r_mul(z0, z1)) - r_mul(c->rate, l12);
+    q->lam[2][i] = l13 + r_mul(c->rate_z, r_mul(z0, z2)) - r_mul(c->rate, l13);
+    q->lam[3][i] = l22 + r_mul(c->rate_z, r_mul(z1, z1)) - r_mul(c->rate, l22);
+    q->lam[4][i] = l23 + r_mul(c->rate_z, r_mul(z1, z2)) - r_mul(c->rate, l23);
+    q->lam[5][i] = l33 + r_mul(c->rate_z, r_mul(z2, z2)) - r_mul(c->rate, l33);
+
+    /* (19) innovation given w: y - h - d w - b */
+    q->bias[0][i] += r_mul(c->gain[0], e.z1 - r_mul(o.d11, z0) - r_mul(o.d12, z1));
+    q->bias[1][i] += r_mul(c->gain[1], e.z2 - r_mul(o.d21, z0) - r_mul(o.d22, z1) - r_mul(o.d23, z2));
+    q->bias[2][i] += r_mul(c->gain[2], e.z3);
+  }
+}
+
 void draw_and_learn(const tse_params *p, tse_filter *f, const sample *y)
 {
-  tse_particles *const q = &f->p;
   const int32_t count = padded(p->particles);
-  const niw_constants n = niw_constants_of(f, y->used);
-  const observation_gains g = vehicle_observation_gains(p, y->use[0], y->use[1]);
+  learning c;
+  c.n = niw_constants_of(f, y->used);
+  c.g = vehicle_observation_gains(p, y->use[0], y->use[1]);
 
   /* (16) gamma+ = gamma/(1 + gamma), nu+ = nu + 1, mu+ = mu + gamma+ z, Lambda+ = Lambda + z z'/(1 + gamma), z = w - mu;
    * with lam = Lambda/nu:  lam+ = lam + (z z'/(1 + gamma) - lam)/(nu + 1) */
   const tse_real shrink = r_div(TSE_R(1), TSE_R(1) + f->gamma);
-  const tse_real gamma = r_mul(f->gamma, shrink);
-  const tse_real rate = r_div(TSE_R(1), f->nu + TSE_R(1));
-  const tse_real rate_z = r_mul(rate, shrink);
+  c.gamma = r_mul(f->gamma, shrink);
+  c.rate = r_div(TSE_R(1), f->nu + TSE_R(1));
+  c.rate_z = r_mul(c.rate, shrink);
 
   /* (19) given w the biases' covariance is diagonal and common: K = P/(P + 1) in units of sigma^2 */
-  tse_real gain[3];
-  for (int a = 0; a < 3; a++) gain[a] = r_mul(y->use[a], r_div(f->bias_var[a], f->bias_var[a] + TSE_R(1)));
+  for (int a = 0; a < 3; a++) c.gain[a] = r_mul(y->use[a], r_div(f->bias_var[a], f->bias_var[a] + TSE_R(1)));
 
-  const tse_real dof = n.nut + r_from_int(y->used);
-  const tse_real inv_dof = r_div(TSE_R(1), dof);
+  c.dof = c.n.nut + r_from_int(y->used);
+  c.inv_dof = r_div(TSE_R(1), c.dof);
 
   for (int32_t base = 0; base < count; base += RUN) {
     const int32_t run = count - base < RUN ? count - base : RUN;
     tse_real t[3][RUN];
-    draw_student(p, f->step, base, run, dof, t);
-
-    for (int32_t j = 0; j < run; j++) {
-      const int32_t i = base + j;
-      const slips s = vehicle_slips(p, q->x[0][i], q->x[1][i], q->x[2][i], y->u);
-      const observation o = vehicle_observation(g, s, y->u.steer);
-      const tse_real l11 = q->lam[0][i], l12 = q->lam[1][i], l13 = q->lam[2][i];
-      const tse_real l22 = q->lam[3][i], l23 = q->lam[4][i], l33 = q->lam[5][i];
-      const innovation e = innovation_of(&n, y, o, q->mu[0][i], q->mu[1][i], q->mu[2][i], l11, l12, l13, l22, l23, l33,
-                                         q->bias[0][i], q->bias[1][i], q->bias[2][i], r_mul(q->x[2][i], p->inv_sd[2]));
-
-      /* (25) covariance A - A d' S^-1 d A = C C', C lower triangular; scale (nut + q)/(nut + d_y) */
-      const tse_real b11 = e.a[0] - r_mul(e.i2, r_mul(e.v2[0], e.v2[0]));
-      const tse_real b12 = e.a[1] - r_mul(e.i2, r_mul(e.v2[0], e.v2[1]));
-      const tse_real b13 = e.a[2] - r_mul(e.i2, r_mul(e.v2[0], e.v2[2]));
-      const tse_real b22 = e.a[3] - r_mul(e.i2, r_mul(e.v2[1], e.v2[1]));
-      const tse_real b23 = e.a[4] - r_mul(e.i2, r_mul(e.v2[1], e.v2[2]));
-      const tse_real b33 = e.a[5] - r_mul(e.i2, r_mul(e.v2[2], e.v2[2]));
-      const tse_real c11 = r_sqrt(r_max(b11, TINY)), inv11 = r_div(TSE_R(1), c11);
-      const tse_real c21 = r_mul(b12, inv11), c31 = r_mul(b13, inv11);
-      const tse_real c22 = r_sqrt(r_max(b22 - r_mul(c21, c21), TINY));
-      const tse_real c32 = r_div(b23 - r_mul(c31, c21), c22);
-      const tse_real c33 = r_sqrt(r_max(b33 - r_mul(c31, c31) - r_mul(c32, c32), TINY));
-      const tse_real scale = r_sqrt(r_mul(n.nut + e.q, inv_dof));
-      const tse_real t1 = r_mul(scale, t[0][j]), t2 = r_mul(scale, t[1][j]), t3 = r_mul(scale, t[2][j]);
-
-      const tse_real mu0 = q->mu[0][i], mu1 = q->mu[1][i], mu2 = q->mu[2][i];
-      const tse_real w0 = into_bounds(p, mu0 + e.m[0] + r_mul(c11, t1));
-      const tse_real w1 = into_bounds(p, mu1 + e.m[1] + r_mul(c21, t1) + r_mul(c22, t2));
-      const tse_real w2 = into_bounds(p, mu2 + e.m[2] + r_mul(c31, t1) + r_mul(c32, t2) + r_mul(c33, t3));
-      const tse_real z0 = w0 - mu0, z1 = w1 - mu1, z2 = w2 - mu2;
-
-      q->w[0][i] = w0;
-      q->w[1][i] = w1;
-      q->w[2][i] = w2;
-      q->mu[0][i] = mu0 + r_mul(gamma, z0);
-      q->mu[1][i] = mu1 + r_mul(gamma, z1);
-      q->mu[2][i] = mu2 + r_mul(gamma, z2);
-      q->lam[0][i] = l11 + r_mul(rate_z, r_mul(z0, z0)) - r_mul(rate, l11);
-      q->lam[1][i] = l12 + r_mul(rate_z, r_mul(z0, z1)) - r_mul(rate, l12);
-      q->lam[2][i] = l13 + r_mul(rate_z, r_mul(z0, z2)) - r_mul(rate, l13);
-      q->lam[3][i] = l22 + r_mul(rate_z, r_mul(z1, z1)) - r_mul(rate, l22);
-      q->lam[4][i] = l23 + r_mul(rate_z, r_mul(z1, z2)) - r_mul(rate, l23);
-      q->lam[5][i] = l33 + r_mul(rate_z, r_mul(z2, z2)) - r_mul(rate, l33);
-
-      /* (19) innovation given w: y - h - d w - b */
-      q->bias[0][i] += r_mul(gain[0], e.z1 - r_mul(o.d11, z0) - r_mul(o.d12, z1));
-      q->bias[1][i] += r_mul(gain[1], e.z2 - r_mul(o.d21, z0) - r_mul(o.d22, z1) - r_mul(o.d23, z2));
-      q->bias[2][i] += r_mul(gain[2], e.z3);
-    }
+    draw_student(p, f->step, base, run, c.dof, t);
+    learn_run(p, &c, y, t, base, run, &f->p);
   }
 
-  f->gamma = gamma;
+  f->gamma = c.gamma;
   f->nu = f->nu + TSE_R(1);
-  for (int a = 0; a < 3; a++) f->bias_var[a] = f->bias_var[a] - r_mul(gain[a], f->bias_var[a]);
+  for (int a = 0; a < 3; a++) f->bias_var[a] = f->bias_var[a] - r_mul(c.gain[a], f->bias_var[a]);
 }
