@@ -1,0 +1,94 @@
+#!/usr/bin/env bash
+# Everything the other scripts need, inside this checkout: the Python environment .venv with the command `tselab`,
+# Unity for the C tests, and the shared library that tselab calls. Fast when nothing has changed; needs no root.
+set -euo pipefail
+cd "$(dirname "${BASH_SOURCE[0]}")/.."
+root=$PWD
+
+say() { printf 'setup: %s\n' "$*"; }
+fail() { printf 'setup: %s\n' "$@" >&2; exit 1; }
+sha256() { "$python" -c 'import hashlib, sys; print(hashlib.sha256(open(sys.argv[1], "rb").read()).hexdigest())' "$1"; }
+
+# ---- a C compiler, CMake 3.21, Python 3.10
+
+compiler=
+for c in ${CC:+"$CC"} cc gcc clang; do
+  if command -v "${c%% *}" >/dev/null; then compiler=$c; break; fi
+done
+[ -n "$compiler" ] || fail "no C compiler found (looked for cc, gcc, clang)." \
+  "Install one, for example the package gcc, or name yours in CC."
+
+command -v cmake >/dev/null || fail "cmake not found: version 3.21 or later is needed, for example from the package cmake."
+cmake_version=$(cmake --version | sed -n '1s/[^0-9]*\([0-9]*\.[0-9]*\).*/\1/p')
+[ "${cmake_version%%.*}" -gt 3 ] || { [ "${cmake_version%%.*}" -eq 3 ] && [ "${cmake_version#*.}" -ge 21 ]; } \
+  || fail "cmake $cmake_version is too old: version 3.21 or later is needed."
+
+python=
+for p in ${PYTHON:+"$PYTHON"} python3 python3.14 python3.13 python3.12 python3.11 python3.10 python; do
+  if "$p" -c 'import sys; sys.exit(sys.version_info < (3, 10))' 2>/dev/null; then python=$p; break; fi
+done
+[ -n "$python" ] || fail "no Python 3.10 or later found ($(python3 --version 2>/dev/null || echo "there is no python3"))." \
+  "Install one, or name yours in PYTHON."
+
+# ---- .venv with tselab
+
+# What the environment was made from. The path counts: an environment that was copied or moved still points to the old place.
+wanted="$root $("$python" -c 'import sys; print(sys.version)') $(sha256 scripts/pyproject.toml)"
+if [ "$(cat .venv/tse-setup 2>/dev/null)" != "$wanted" ] || ! [ -x .venv/bin/tselab ]; then
+  say "Python environment .venv"
+  rm -rf .venv
+  if "$python" -c 'import ensurepip' 2>/dev/null; then
+    "$python" -m venv .venv
+  elif "$python" -m virtualenv --version >/dev/null 2>&1; then
+    "$python" -m virtualenv -q .venv
+  else
+    fail "$("$python" --version) cannot make virtual environments: its module ensurepip is missing." \
+      "Install it (Debian and Ubuntu: the package python3-venv) or the Python package virtualenv, or name another Python in PYTHON."
+  fi
+  say "Python packages (about a minute)"
+  .venv/bin/python -m pip install --quiet --disable-pip-version-check --editable "./scripts[dev]" \
+    || fail "pip could not install the packages that scripts/pyproject.toml names."
+  printf '%s' "$wanted" >.venv/tse-setup
+fi
+
+# ---- Unity 2.7.0, unmodified in the sources of the Python package pytest-unity, pinned by their sha256
+
+unity=.venv/share/unity
+if ! [ -f $unity/src/unity.c ]; then
+  say "Unity, the C test framework"
+  mkdir -p .venv/share
+  scratch=$(mktemp -d .venv/share/unity.XXXXXX)
+  trap 'rm -rf "$root/$scratch"' EXIT
+  archive=pytest_unity-0.1.0.tar.gz
+  echo "pytest-unity==0.1.0 --hash=sha256:cd3ceb4aeb4f7866f935957f91874999d8ae13ff014684464ade0b7071e28298" >"$scratch/pin.txt"
+  .venv/bin/python -m pip download --quiet --disable-pip-version-check --require-hashes --no-deps --no-binary pytest-unity \
+    --dest "$scratch" --requirement "$scratch/pin.txt" || fail "pip could not download pytest-unity 0.1.0, or its sha256 differs."
+  tar -xzf "$scratch/$archive" -C "$scratch"
+  mv "$scratch/${archive%.tar.gz}/vendor/unity" $unity
+  rm -rf "$scratch"
+fi
+
+# ---- the library that tselab calls
+
+if [ "$(sed -n 's/^CMAKE_HOME_DIRECTORY:INTERNAL=//p' build/lab/CMakeCache.txt 2>/dev/null)" != "$root" ]; then
+  rm -rf build/lab                                # none yet, or of another checkout
+fi
+if ! [ -f build/lab/CMakeCache.txt ] && [ -z "${CMAKE_GENERATOR:-}" ] && command -v ninja >/dev/null; then
+  export CMAKE_GENERATOR=Ninja
+fi
+quietly() {                                       # say what a command printed only when it failed
+  local text
+  text=$("$@" 2>&1) || { printf '%s\n' "$text" >&2; return 1; }
+}
+say "library for tselab"
+quietly cmake --preset lab || fail "cmake could not configure the library."
+quietly cmake --build --preset lab --parallel || fail "the library does not compile."
+mkdir -p scripts/tselab/lib
+for suffix in so dylib; do
+  built=build/lab/src/libtse.$suffix
+  if [ -e $built ] && ! cmp -s $built scripts/tselab/lib/libtse.$suffix; then
+    cp -L $built scripts/tselab/lib/libtse.$suffix.new          # replaced at once: a running tselab keeps the old one
+    mv -f scripts/tselab/lib/libtse.$suffix.new scripts/tselab/lib/libtse.$suffix
+  fi
+done
+say "ready: .venv/bin/tselab"

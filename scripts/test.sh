@@ -1,0 +1,55 @@
+#!/usr/bin/env bash
+# All tests: lint, the C library in every preset, the Python package. Ends with a table; fails when anything failed.
+#   scripts/test.sh [PRESET ...]      only these CMake presets (default: all), then the Python tests
+set -uo pipefail
+cd "$(dirname "${BASH_SOURCE[0]}")/.."
+scripts/setup.sh || exit 1
+
+jobs=$(getconf _NPROCESSORS_ONLN 2>/dev/null || echo 2)
+if [ -z "${CMAKE_GENERATOR:-}" ] && command -v ninja >/dev/null; then export CMAKE_GENERATOR=Ninja; fi
+
+table=()
+failed=0
+row() { table+=("$(printf '%-9s %-16s %5s  %s' "$1" "$2" "$3" "${4:-}")"); }
+
+step() {                             # step NAME COMMAND ...
+  local name=$1 start=$SECONDS
+  shift
+  printf '\n=== %s\n' "$name"
+  if "$@"; then row passed "$name" "$((SECONDS - start)) s"; else
+    failed=$((failed + 1))
+    row FAILED "$name" "$((SECONDS - start)) s"
+  fi
+}
+
+skip() { row skipped "$1" "" "$2"; printf '\n=== %s\nskipped: %s\n' "$1" "$2"; }
+
+preset() {                           # configure, build and test one preset
+  local cache="build/$1/CMakeCache.txt"
+  if [ -f "$cache" ] && { ! grep -qxF "CMAKE_HOME_DIRECTORY:INTERNAL=$PWD" "$cache" \
+      || { [ -n "${CMAKE_GENERATOR:-}" ] && ! grep -qxF "CMAKE_GENERATOR:INTERNAL=$CMAKE_GENERATOR" "$cache"; }; }; then
+    rm -rf "build/$1"                # of another checkout or generator
+  fi
+  cmake --preset "$1" "-DFETCHCONTENT_SOURCE_DIR_UNITY=$PWD/.venv/share/unity" "-DPython3_EXECUTABLE=$PWD/.venv/bin/python" \
+    >"/tmp/tse-configure.$$" 2>&1 || { cat "/tmp/tse-configure.$$"; rm -f "/tmp/tse-configure.$$"; return 1; }
+  rm -f "/tmp/tse-configure.$$"
+  cmake --build --preset "$1" --parallel "$jobs" && ctest --preset "$1" --parallel "$jobs"
+}
+
+ruff() { .venv/bin/ruff check --config scripts/pyproject.toml scripts tests; }
+python_tests() { .venv/bin/python -m pytest -c scripts/pyproject.toml --rootdir . tests; }
+
+step ruff ruff
+for name in ${@:-dev release avx2 float q20 clang-dev clang-release clang-float clang-q20}; do
+  case $name in
+    clang-*) command -v clang >/dev/null && command -v clang++ >/dev/null || { skip "$name" "clang and clang++ are not installed"; continue; } ;;
+    avx2) grep -qs '^flags.* avx2 .*' /proc/cpuinfo || { skip "$name" "this processor has no AVX2"; continue; } ;;
+  esac
+  step "$name" preset "$name"
+done
+command -v pkg-config >/dev/null || command -v pkgconf >/dev/null || skip "pkg-config" "not installed; the other consumer builds ran"
+step pytest python_tests
+
+printf '\n=== summary\n'
+printf '%s\n' "${table[@]}"
+[ "$failed" -eq 0 ]

@@ -1,0 +1,97 @@
+"""What the static library refers to: no heap, no stdio, no mutable globals, of libm only its format's sqrt.
+
+    python3 check_symbols.py --nm NM [--objdump OBJDUMP] --real double|float|q20 libtse.a
+
+Undefined symbols are compared with a list of what is allowed, so whatever is new shows up. On x86-64 the
+instructions are looked at too: a float library must not compute in double, a fixed-point one not in floating
+point at all (elsewhere the compiler's helper functions, such as __aeabi_dmul, show up as symbols).
+"""
+import argparse
+import re
+import subprocess
+import sys
+
+# The compiler may call the first four on its own; some distributions switch on stack protection.
+ALLOWED = {"memcpy", "memmove", "memset", "memcmp", "__stack_chk_fail", "_GLOBAL_OFFSET_TABLE_"}
+LIBM = {"double": {"sqrt"}, "float": {"sqrtf"}, "q20": set()}
+PREPARE_Q20 = {"sqrt", "log", "log2", "exp", "exp2"}      # of the one file that computes in double
+# How nm and objdump introduce an object file: 'a.c.o:', 'libtse.a[a.c.o]:', 'libtse.a(a.c.o):'
+MEMBER = re.compile(r"([^\s/()\[\]]+\.o(?:bj)?)[)\]]?:(?:$|\s+file format)")
+READ_ONLY = (".text", ".rodata", ".data.rel.ro", "__TEXT")
+ARITHMETIC = "add|sub|mul|div|sqrt|min|max|fn?m\\w+|u?comi|cmp\\w*"
+DOUBLE = re.compile(rf"\bv?(({ARITHMETIC}|cvt\w*2)(sd|pd)|cvt[sp]d2\w+)\b")
+FLOATING = re.compile(rf"\bv?(({ARITHMETIC})(ss|sd|ps|pd)|cvt\w+)\b")
+
+
+def run(*command):
+    return subprocess.run(command, check=True, capture_output=True, text=True).stdout
+
+
+def symbols(nm, library):
+    """Rows (object file, name, class, section)."""
+    where = ""
+    for line in run(nm, "--format=sysv", library).splitlines():
+        if m := MEMBER.search(line):
+            where = m.group(1)
+        cells = [c.strip() for c in line.split("|")]
+        if len(cells) >= 7 and cells[0] != "Name":
+            yield where, cells[0], cells[2], cells[6]
+
+
+def on_host(where, real):
+    """Fixed-point settings are turned into constants in double; that file may run on the host."""
+    return real == "q20" and where.startswith("prepare.")
+
+
+def wrong_symbols(rows, real):
+    rows = list(rows)
+    defined = {name for _, name, kind, _ in rows if kind not in "UwN"}
+    for where, name, kind, section in rows:
+        plain = name.removeprefix("_") if name.removeprefix("_") in LIBM[real] else name
+        allowed = ALLOWED | LIBM[real]
+        if on_host(where, real):
+            allowed = allowed | PREPARE_Q20
+        if kind == "U" and name not in defined and plain not in allowed:
+            yield f"{where}: refers to {name}"
+        if kind in "dDbBCsSgGcu" and not section.startswith(READ_ONLY):
+            yield f"{where}: mutable object {name} in {section or 'common'}"
+
+
+def wrong_instructions(objdump, library, real):
+    pattern = {"float": DOUBLE, "q20": FLOATING}[real]
+    where = function = ""
+    seen = set()
+    for line in run(objdump, "-d", "--no-show-raw-insn", library).splitlines():
+        if m := MEMBER.search(line):
+            where = m.group(1)
+        elif m := re.match(r"[0-9a-f]+ <(.+)>:", line):
+            function = m.group(1)
+        elif (m := pattern.search(line)) and (where, function) not in seen and not on_host(where, real):
+            seen.add((where, function))
+            yield f"{where}: {function} computes in another format ({m.group(0)})"
+
+
+def main():
+    parser = argparse.ArgumentParser()
+    parser.add_argument("library")
+    parser.add_argument("--nm", required=True)
+    parser.add_argument("--objdump", default="")
+    parser.add_argument("--real", choices=list(LIBM), required=True)
+    a = parser.parse_args()
+
+    rows = list(symbols(a.nm, a.library))
+    if not any(name.startswith("tse_") for _, name, _, _ in rows):
+        sys.exit(f"no tse_ symbol found in the output of {a.nm}")
+    wrong = list(wrong_symbols(rows, a.real))
+    looked = ""
+    if a.objdump and a.real != "double" and "x86-64" in run(a.objdump, "-f", a.library):
+        wrong += wrong_instructions(a.objdump, a.library, a.real)
+        looked = " and its instructions"
+    defined = {name for _, name, kind, _ in rows if kind != "U"}
+    outside = sorted({name for _, name, kind, _ in rows if kind == "U"} - defined)
+    print(f"{a.library}: {len(rows)} symbols{looked}; from outside: {' '.join(outside) or 'nothing'}")
+    sys.exit("\n".join(wrong) if wrong else 0)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,11 @@
+/* sizes.c - memory a caller provides, as README states it. Compiled once per capacity. */
+#include <stdio.h>
+
+#include "tse/tse.h"
+
+int main(void)
+{
+  printf("sizeof, %s, %4d particles: tse_filter %7zu, tse_params %4zu bytes\n", TSE_FORMAT_NAME, TSE_MAX_PARTICLES,
+         sizeof(tse_filter), sizeof(tse_params));
+  return 0;
+}
