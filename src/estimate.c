@@ -80,8 +80,9 @@ void estimate(const tse_params *p, const tse_filter *f, tse_output *y)
  * another stiffness. So its regressor phi (a column of d, in sigma per unit of w) is judged by its variance over the
  * recent past. A mean over `memory` samples, each with noise 1 + phi^2 spread^2, then has the variance
  *     (1 + E[phi^2] spread^2) / (memory var(phi)),
- * which must be below valid_sd^2. The past is 5 memories long: velocity, once settled by a change, is remembered longer
- * than the stiffness is. */
+ * which must be below valid_sd^2 for the stiffness to be told, and below hold_sd^2 for it to be learnt at all: where nothing
+ * shows it, the draws of (25) come from the prior, and learning from them would be a random walk of the filter's own making.
+ * The past is 5 memories long: velocity, once settled by a change, is remembered longer than the stiffness is. */
 void excitation(const tse_params *p, tse_filter *f, const sample *y, const tse_output *est, int32_t excited[3])
 {
   const slips s = vehicle_slips(p, est->vel_x, est->vel_y, est->yaw_rate, y->u);
@@ -94,6 +95,9 @@ void excitation(const tse_params *p, tse_filter *f, const sample *y, const tse_o
     f->excite_sq[a] = f->excite_sq[a] + r_mul(gain, r_mul(phi[a], phi[a]) - f->excite_sq[a]);
     const tse_real var = f->excite_sq[a] - r_mul(f->excite_mean[a], f->excite_mean[a]);
     const tse_real spread_var = r_mul(est->stiffness_spread[a], est->stiffness_spread[a]);
-    excited[a] = TSE_R(1) + r_mul(f->excite_sq[a], spread_var) <= r_mul(p->valid_var, r_mul(p->memory, var));
+    const tse_real noise = TSE_R(1) + r_mul(f->excite_sq[a], spread_var), signal = r_mul(p->memory, var);
+    excited[a] = noise <= r_mul(p->valid_var, signal);
+    const int always = f->seen < p->memory || !(p->hold_var > TSE_R(0));
+    f->learn[a] = always || noise <= r_mul(p->hold_var, signal) ? TSE_R(1) : TSE_R(0);
   }
 }

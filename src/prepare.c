@@ -123,6 +123,7 @@ tse_status tse_prepare(const tse_config *c, tse_params *p, const char **wrong)
   p->w_min = real_of(c->stiffness_min - one);
   p->w_max = real_of(c->stiffness_max - one);
   p->valid_var = real_of(square(c->valid_sd));
+  p->hold_var = real_of(square(c->hold_sd));
   p->watchdog_drop = real_of(c->watchdog_drop * (tse_setting)1.4426950408889634);
   p->recovery_count = (int32_t)(c->recovery_share * (tse_setting)c->particles);
   return TSE_OK;

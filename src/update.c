@@ -37,7 +37,8 @@ static void draw_student(const tse_params *p, uint32_t step, int32_t base, int32
 typedef struct learning {
   niw_constants n;
   observation_gains g;
-  tse_real gamma, rate, rate_z;  /* (16): gamma+, 1/(nu + 1), 1/((nu + 1)(1 + gamma)) */
+  tse_real gamma[3];             /* (16): gamma+, 0 where held                        */
+  tse_real rate[6], rate_z[6];   /* (16): 1/(nu + 1), 1/((nu + 1)(1 + gamma)), likewise */
   tse_real gain[3];              /* (19): K per channel                               */
   tse_real dof, inv_dof;         /* (25): nut + d_y                                   */
 } learning;
@@ -78,15 +79,15 @@ static void learn_run(const tse_params *TSE_RESTRICT p, const learning *TSE_REST
     q->w[0][i] = w0;
     q->w[1][i] = w1;
     q->w[2][i] = w2;
-    q->mu[0][i] = mu0 + r_mul(c->gamma, z0);
-    q->mu[1][i] = mu1 + r_mul(c->gamma, z1);
-    q->mu[2][i] = mu2 + r_mul(c->gamma, z2);
-    q->lam[0][i] = l11 + r_mul(c->rate_z, r_mul(z0, z0)) - r_mul(c->rate, l11);
-    q->lam[1][i] = l12 + r_mul(c->rate_z, r_mul(z0, z1)) - r_mul(c->rate, l12);
-    q->lam[2][i] = l13 + r_mul(c->rate_z, r_mul(z0, z2)) - r_mul(c->rate, l13);
-    q->lam[3][i] = l22 + r_mul(c->rate_z, r_mul(z1, z1)) - r_mul(c->rate, l22);
-    q->lam[4][i] = l23 + r_mul(c->rate_z, r_mul(z1, z2)) - r_mul(c->rate, l23);
-    q->lam[5][i] = l33 + r_mul(c->rate_z, r_mul(z2, z2)) - r_mul(c->rate, l33);
+    q->mu[0][i] = mu0 + r_mul(c->gamma[0], z0);
+    q->mu[1][i] = mu1 + r_mul(c->gamma[1], z1);
+    q->mu[2][i] = mu2 + r_mul(c->gamma[2], z2);
+    q->lam[0][i] = l11 + r_mul(c->rate_z[0], r_mul(z0, z0)) - r_mul(c->rate[0], l11);
+    q->lam[1][i] = l12 + r_mul(c->rate_z[1], r_mul(z0, z1)) - r_mul(c->rate[1], l12);
+    q->lam[2][i] = l13 + r_mul(c->rate_z[2], r_mul(z0, z2)) - r_mul(c->rate[2], l13);
+    q->lam[3][i] = l22 + r_mul(c->rate_z[3], r_mul(z1, z1)) - r_mul(c->rate[3], l22);
+    q->lam[4][i] = l23 + r_mul(c->rate_z[4], r_mul(z1, z2)) - r_mul(c->rate[4], l23);
+    q->lam[5][i] = l33 + r_mul(c->rate_z[5], r_mul(z2, z2)) - r_mul(c->rate[5], l33);
 
     /* (19) innovation given w: y - h - d w - b */
     q->bias[0][i] += r_mul(c->gain[0], e.z1 - r_mul(o.d11, z0) - r_mul(o.d12, z1));
@@ -105,9 +106,15 @@ void draw_and_learn(const tse_params *p, tse_filter *f, const sample *y)
   /* (16) gamma+ = gamma/(1 + gamma), nu+ = nu + 1, mu+ = mu + gamma+ z, Lambda+ = Lambda + z z'/(1 + gamma), z = w - mu;
    * with lam = Lambda/nu:  lam+ = lam + (z z'/(1 + gamma) - lam)/(nu + 1) */
   const tse_real shrink = r_div(TSE_R(1), TSE_R(1) + f->gamma);
-  c.gamma = r_mul(f->gamma, shrink);
-  c.rate = r_div(TSE_R(1), f->nu + TSE_R(1));
-  c.rate_z = r_mul(c.rate, shrink);
+  const tse_real gamma = r_mul(f->gamma, shrink), rate = r_div(TSE_R(1), f->nu + TSE_R(1));
+  for (int a = 0, k = 0; a < 3; a++) {
+    c.gamma[a] = r_mul(gamma, f->learn[a]);
+    for (int b = a; b < 3; b++, k++) {
+      /* between a held and a learnt stiffness the covariance fades without news: Lambda stays positive definite */
+      c.rate[k] = r_mul(rate, r_max(f->learn[a], f->learn[b]));
+      c.rate_z[k] = r_mul(r_mul(rate, shrink), r_mul(f->learn[a], f->learn[b]));
+    }
+  }
 
   /* (19) given w the biases' covariance is diagonal and common: K = P/(P + 1) in units of sigma^2 */
   for (int a = 0; a < 3; a++) c.gain[a] = r_mul(y->use[a], r_div(f->bias_var[a], f->bias_var[a] + TSE_R(1)));
@@ -122,7 +129,7 @@ void draw_and_learn(const tse_params *p, tse_filter *f, const sample *y)
     learn_run(p, &c, y, t, base, run, &f->p);
   }
 
-  f->gamma = c.gamma;
+  f->gamma = gamma;
   f->nu = f->nu + TSE_R(1);
   for (int a = 0; a < 3; a++) f->bias_var[a] = f->bias_var[a] - r_mul(c.gain[a], f->bias_var[a]);
 }

@@ -56,7 +56,7 @@ typedef struct tse_params {
   tse_real resample_at;               /* N_eff threshold, in particles                     */
   tse_real mu0[3], lam0, gamma0, nu0, mean_sd, spread_var;
   tse_real vel_x0, x_sd0[3];
-  tse_real w_min, w_max, valid_var;
+  tse_real w_min, w_max, valid_var, hold_var;
   tse_real watchdog_drop;             /* [log2] per row                                    */
   int32_t recovery_count;             /* particles drawn anew                              */
 } tse_params;
@@ -73,6 +73,7 @@ typedef struct tse_filter {
   tse_real still_for;                 /* [s] how long the wheels have stood still                     */
   tse_real seen;                      /* samples used since the start, up to five memories            */
   tse_real excite_mean[3], excite_sq[3]; /* running mean and mean square of the regressors            */
+  tse_real learn[3];                  /* 1: statistics of this stiffness are learnt, 0: held          */
   tse_real level, level_fast;         /* running log evidence per row, slow and fast [log2]           */
   tse_real level_age, settle;         /* [s] age of the level; [s] left until settled after a recovery */
   int32_t recoveries;
