@@ -72,7 +72,8 @@ typedef struct tse_filter {
   tse_real held_for;                  /* [s] how long inputs have been missing                        */
   tse_real still_for;                 /* [s] how long the wheels have stood still                     */
   tse_real seen;                      /* samples used since the start, up to five memories            */
-  tse_real excite_mean[3], excite_sq[3]; /* running mean and mean square of the regressors            */
+  tse_real excite[3];                 /* regressors, smoothed over EXCITATION_TIME                    */
+  tse_real excite_mean[3], excite_sq[3]; /* their running mean and mean square                        */
   tse_real learn[3];                  /* 1: statistics of this stiffness are learnt, 0: held          */
   tse_real level, level_fast;         /* running log evidence per row, slow and fast [log2]           */
   tse_real level_age, settle;         /* [s] age of the level; [s] left until settled after a recovery */
