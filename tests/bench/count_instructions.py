@@ -1,0 +1,37 @@
+"""Instructions per particle and step, counted by valgrind: the number that must not regress.
+
+A wall clock cannot tell on a shared machine; a count can. The limit is wide enough for another compiler version, and
+too tight for a learning pass that no longer becomes vector code (2000 and more).
+"""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+
+# Baseline x86-64, -O3: gcc 12 double 985, float 592; clang 14 double 1046, float 748.
+LIMIT = {"double": 1300, "float": 930}
+PARTICLES, ROWS = 512, 100
+SKIPPED = 77
+
+
+def instructions(bench: str, rows: int) -> int:
+    command = ["valgrind", "--tool=callgrind", "--callgrind-out-file=/dev/null", bench, str(PARTICLES), str(rows)]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    line = next(x for x in done.stderr.splitlines() if "Collected" in x)
+    return int(line.split(":")[1])
+
+
+def main() -> int:
+    bench, real = sys.argv[1:]
+    if shutil.which("valgrind") is None:
+        print("skipped: valgrind is not installed")
+        return SKIPPED
+    step = (instructions(bench, 2 * ROWS) - instructions(bench, ROWS)) / ROWS / PARTICLES
+    print(f"{step:.0f} instructions per particle and step ({real}, limit {LIMIT[real]})")
+    return 0 if step <= LIMIT[real] else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
