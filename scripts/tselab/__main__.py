@@ -1,0 +1,3 @@
+from tselab.cli import main
+
+main()

@@ -1,0 +1,536 @@
+"""The command line: options in, modules called, messages out."""
+
+from __future__ import annotations
+
+import os
+import sys
+import textwrap
+import traceback
+from pathlib import Path
+from typing import Any
+
+import click
+
+from tselab import __version__, maneuvers
+from tselab.errors import UserError
+
+FILE = click.Path(path_type=Path)
+CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 110}
+
+
+class Lazy(click.Command):
+    """A command whose help ends in tables of the library."""
+
+    def __init__(self, *args: Any, tables: tuple[tuple[str, str], ...] = (), **kwargs: Any):
+        super().__init__(*args, **kwargs)
+        self.tables = tables
+
+    def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        from tselab import tables
+
+        super().format_epilog(ctx, formatter)
+        for title, name in self.tables:
+            formatter.write(f"\n{title}:\n")
+            try:
+                formatter.write(textwrap.indent(getattr(tables, name)(), "  ") + "\n")
+            except UserError as error:
+                formatter.write(f"  ({error})\n")
+
+
+def _version(ctx: click.Context, _param: click.Parameter, value: bool) -> None:
+    if not value or ctx.resilient_parsing:
+        return
+    from tselab.core import library
+
+    lib = library()
+    click.echo(f"tselab {__version__}\nlibrary tse {lib.version}, {lib.format}, up to {lib.capacity} particles")
+    ctx.exit()
+
+
+def _key_values(pairs: tuple[str, ...]) -> dict[str, float]:
+    values: dict[str, float] = {}
+    for pair in pairs:
+        key, equals, text = pair.partition("=")
+        try:
+            number = float(text)
+        except ValueError:
+            equals = ""
+        if not equals:
+            raise UserError(f"option --set: {pair!r} is not KEY=NUMBER, for instance forgetting=0.995")
+        values[key.strip()] = int(number) if number.is_integer() else number
+    return values
+
+
+def _road_changes(pairs: tuple[str, ...]) -> list[tuple[float, float]]:
+    from tselab.core import SIM_INPUT, library
+
+    level = library().field(SIM_INPUT, "road_level")
+    changes = []
+    for pair in pairs:
+        try:
+            time, value = (float(x) for x in pair.split(":"))
+        except ValueError:
+            raise UserError(f"option --road-change: {pair!r} is not TIME:LEVEL, for instance 20:0.7") from None
+        if not time >= 0 or not level.low <= value <= level.high:
+            raise UserError(
+                f"option --road-change: {pair!r}: the time must be >= 0 s, the level {level.low:g} .. {level.high:g}"
+            )
+        changes.append((time, value))
+    return changes
+
+
+def _positive(name: str, value: float | None, low: float, high: float, unit: str) -> None:
+    if value is not None and not low <= value <= high:
+        raise UserError(f"option --{name}: {value:g} is outside its range {low:g} .. {high:g} {unit}")
+
+
+def _show_progress(progress: bool | None) -> bool:
+    return sys.stderr.isatty() if progress is None else progress
+
+
+PROGRESS = click.option(
+    "--progress/--no-progress", default=None, help="Progress bar; default: when stderr is a terminal."
+)
+
+
+@click.group(context_settings=CONTEXT)
+@click.option(
+    "--version",
+    is_flag=True,
+    is_eager=True,
+    expose_value=False,
+    callback=_version,
+    help="Show versions and exit.",
+)
+@click.option("--debug", is_flag=True, help="Show the traceback of an internal error.")
+def cli(debug: bool) -> None:
+    """Tyre stiffness from a car's log.
+
+    \b
+    tselab vehicle --example > car.toml          a vehicle file to edit
+    tselab estimate log.csv --vehicle car.toml --report report.html
+    tselab simulate --maneuver square-waves --vehicle car.toml --out log.csv
+    tselab demo --out demo                       all of it, without a log of your own
+
+    'tselab COMMAND --help' explains each command, its columns and units.
+    """
+
+
+@cli.command(
+    cls=Lazy,
+    tables=(
+        (
+            "Columns of LOG.csv (SI units, ISO 8855: left and forward positive; an empty cell is a missing value)",
+            "log_columns_table",
+        ),
+        (
+            "Columns of EST.csv after time; _sd: of the mean, _spread: from sample to sample, stiffness per axle",
+            "est_columns_table",
+        ),
+        ("Codes", "codes_table"),
+    ),
+)
+@click.argument("log_path", metavar="LOG.csv", type=FILE)
+@click.option("--vehicle", "vehicle_path", metavar="CAR.toml", type=FILE, required=True,
+              help="Vehicle file; 'tselab vehicle --example' prints one.")  # fmt: skip
+@click.option(
+    "--config",
+    "config_path",
+    metavar="FILTER.toml",
+    type=FILE,
+    help="Filter settings; 'tselab settings' lists them.",
+)
+@click.option(
+    "--out",
+    metavar="EST.csv",
+    type=FILE,
+    help="Estimates; default: the log's name with .est.csv, in the current directory.",
+)
+@click.option("--report", metavar="REPORT.html", type=FILE, help="Also write a report with interactive plots.")
+@click.option("--seed", type=int, help="Seed of the random numbers.")
+@click.option("--particles", type=int, help="Particles in use.")
+@click.option("--forgetting", type=float, help="Forgetting factor per sample.")
+@click.option("--set", "pairs", metavar="KEY=VALUE", multiple=True, help="Any other setting; may be repeated.")
+@PROGRESS
+def estimate(
+    log_path: Path,
+    vehicle_path: Path,
+    config_path: Path | None,
+    out: Path | None,
+    report: Path | None,
+    pairs: tuple[str, ...],
+    progress: bool | None,
+    **options: Any,
+) -> None:
+    """Estimate tyre stiffness from LOG.csv.
+
+    \b
+    tselab estimate log.csv --vehicle car.toml
+    tselab estimate log.csv --vehicle car.toml --out est.csv --report report.html
+    tselab estimate log.csv --vehicle car.toml --particles 200 --forgetting 0.995
+
+    The vehicle file may leave out stiffness and what the sensors are like; a rule fills it in and the run says so:
+
+    \b
+    cornering stiffness      12 /rad x static axle load
+    longitudinal stiffness   20 x static axle load
+    yaw inertia              mass lf lr
+    sensor noise, bias       from the log: second differences, steps and held samples, and how far the
+                             accelerometers disagree with wheel speeds and gyro; never below a floor
+
+    Columns of the log that start with ref_ are drawn in the report: ref_vel_x, ref_yaw_rate_anything, ref_cy_front,
+    ref_vehicle_speed, ref_wheel_fl ... with the quantity they name, others by themselves. Rows may come at any rate from
+    0.001 to 1 s, also irregularly. Ctrl-C stops early and writes the rows done so far.
+    """
+    from tselab.config import make_config
+    from tselab.estimate import estimate as run
+    from tselab.estimate import write_table
+    from tselab.facts import run_facts
+    from tselab.files import check_distinct, check_writable
+    from tselab.log import read_log, sampling_notes, steering_notes
+    from tselab.units import check_units
+    from tselab.vehicle import fill_sensors, read_vehicle
+    from tselab.verdict import verdicts
+
+    out = out or Path(log_path.stem + ".est.csv")
+    check_distinct(
+        {"--out": out, "--report": report},
+        {"the log": log_path, "--vehicle": vehicle_path, "--config": config_path},
+    )
+    for path in (out, report):
+        if path is not None:
+            check_writable(path)
+    vehicle = read_vehicle(vehicle_path)
+    log = read_log(log_path)
+    fill_sensors(vehicle, log)
+    config, notes = make_config(vehicle, log, config_path, options)
+    for key, value in _key_values(pairs).items():
+        config.set(key, value, source="option --set")
+    warnings = check_units(
+        log,
+        config.lf + config.lr,
+        config.wheel_radius_front,
+        config.wheel_radius_rear,
+        vehicle.steering_ratio,
+    )
+    notes = [
+        *warnings,
+        *log.notes,
+        *sampling_notes(log, config.max_gap),
+        *steering_notes(log, config.max_steer),
+        *notes,
+        *vehicle.notes,
+    ]
+
+    est = run(log, config, _show_progress(progress))
+    refused = int((est.table["status"] < 0).sum())
+    if refused:
+        notes.append(f"{refused} rows were refused by the library; their estimates are empty, the status says why")
+    write_table(est.table, out)
+    if report is not None and len(est):
+        from tselab.report import write_report
+
+        write_report(report, est, log, vehicle, config, notes)
+
+    for name, value in run_facts(est, log, vehicle, config):
+        click.echo(f"{name + ':':<11}{value}")
+    for line in vehicle.filled:
+        click.echo(f"filled in: {line}")
+    for line in notes:
+        click.echo(f"{'warning' if line in warnings else 'note'}: {line}", err=True)
+    for v in verdicts(est.table, config):
+        click.echo(f"{v.name}: {v.text}")
+    click.echo(f"Estimates written to {out}")
+    if report is not None and len(est):
+        click.echo(f"Report written to {report}")
+    if est.interrupted:
+        click.echo(
+            f"tselab: stopped by Ctrl-C after {len(est)} of {len(log)} rows; {out} holds the rows done",
+            err=True,
+        )
+        sys.exit(130)
+
+
+MANEUVERS = "\n".join(
+    f"  {k.name:<19} {k.duration:g} s from {k.speed:g} m/s, amplitude {k.amplitude:g} ({k.amplitude_text})\n{'':<22}{k.text}"
+    for k in maneuvers.KINDS.values()
+)
+
+
+class SimulateCommand(Lazy):
+    """Lists the manoeuvres too."""
+
+    def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        formatter.write(f"\nManoeuvres:\n{MANEUVERS}\n")
+        super().format_epilog(ctx, formatter)
+
+
+@cli.command(
+    cls=SimulateCommand,
+    short_help="Simulate a manoeuvre: log and truth.",
+    tables=(("Settings of the simulator (--set)", "sim_settings_table"),),
+)
+@click.option("--maneuver", metavar="NAME", required=True, help="What is driven; list below.")
+@click.option(
+    "--vehicle",
+    "vehicle_path",
+    metavar="CAR.toml",
+    type=FILE,
+    help="Vehicle file; default: the built-in car.",
+)
+@click.option("--out", metavar="LOG.csv", type=FILE, required=True, help="The log, as 'tselab estimate' reads it.")
+@click.option("--truth", metavar="TRUTH.csv", type=FILE, help="Also write what really happened.")
+@click.option("--with-ref", is_flag=True, help="Put the truth into ref_ columns of the log.")
+@click.option("--seed", type=int, help="Seed of the random numbers.")
+@click.option("--duration", type=float, help="Length, s.")
+@click.option("--sample-time", type=float, help="Time between rows, s.  [default: 0.01]")
+@click.option("--speed", type=float, help="Start speed, m/s.")
+@click.option("--amplitude", type=float, help="Amplitude; what it means is in the list below.")
+@click.option(
+    "--road-change",
+    metavar="TIME:LEVEL",
+    multiple=True,
+    help="From TIME on all stiffness times LEVEL; may be repeated.",
+)
+@click.option("--spread", type=float, help="Sample-to-sample sd of all three stiffnesses, share of the mean.")
+@click.option("--noise", type=float, help="Sensor noise, times the sd of the vehicle file.")
+@click.option(
+    "--set",
+    "pairs",
+    metavar="KEY=VALUE",
+    multiple=True,
+    help="Any setting of the simulator or vehicle; may be repeated.",
+)
+@PROGRESS
+def simulate(
+    maneuver: str,
+    vehicle_path: Path | None,
+    out: Path,
+    truth: Path | None,
+    with_ref: bool,
+    seed: int | None,
+    duration: float | None,
+    sample_time: float | None,
+    speed: float | None,
+    amplitude: float | None,
+    road_change: tuple[str, ...],
+    spread: float | None,
+    noise: float | None,
+    pairs: tuple[str, ...],
+    progress: bool | None,
+) -> None:
+    """Simulate a manoeuvre: a log for 'tselab estimate', and the truth.
+
+    \b
+    tselab simulate --maneuver square-waves --vehicle car.toml --out log.csv --truth truth.csv
+    tselab simulate --maneuver double-lane-change --out log.csv --road-change 20:0.6 --with-ref
+    tselab simulate --maneuver straight --out log.csv --duration 300 --noise 2 --set true_bias_yaw_rate=0.01
+    """
+    from tselab.core import STIFFNESS, Config, SimConfig
+    from tselab.estimate import write_table
+    from tselab.files import check_distinct, check_writable
+    from tselab.simulate import simulate as run
+    from tselab.simulate import with_references
+    from tselab.vehicle import default_vehicle, read_vehicle
+
+    check_distinct({"--out": out, "--truth": truth}, {"--vehicle": vehicle_path})
+    for path in (out, truth):
+        if path is not None:
+            check_writable(path)
+    vehicle = read_vehicle(vehicle_path) if vehicle_path else default_vehicle()
+    config, sim_config = Config(vehicle.values), SimConfig()
+    for key, value in _key_values(pairs).items():
+        (sim_config if key in sim_config else config).set(key, value, source="option --set")
+    for key, value in (("seed", seed), ("noise", noise), *((f"spread_{s}", spread) for s in STIFFNESS)):
+        if value is not None:
+            sim_config.set(key, value, source=f"option --{key.split('_')[0]}")
+    if sample_time is not None:
+        config.set("sample_time", sample_time, source="option --sample-time")
+    top = sim_config.fields["speed"]
+    _positive("speed", speed, top.low, top.high, "m/s")
+    _positive("duration", duration, config.sample_time, 36000.0, "s")
+    _positive("amplitude", amplitude, -1000.0, 1000.0, "")
+    if maneuver == "constant-radius":
+        _positive("amplitude", amplitude, 10.0, 1000.0, "m (radius)")
+    elif amplitude is not None:
+        _positive("amplitude", abs(amplitude), 0.0, 1.2, "rad")
+    plan = maneuvers.build(
+        maneuver, config, sample_time=config.sample_time, duration=duration,
+        speed=sim_config.speed if speed is None and any(p.startswith("speed=") for p in pairs) else speed,
+        amplitude=amplitude, road=_road_changes(road_change), seed=sim_config.seed,
+    )  # fmt: skip
+    result = run(plan, config, sim_config, vehicle.driven_axle, _show_progress(progress))
+    write_table(with_references(result) if with_ref else result.log, out)
+    if truth is not None:
+        write_table(result.truth, truth)
+    for line in vehicle.filled:
+        click.echo(f"filled in: {line}")
+    for line in vehicle.notes:
+        click.echo(f"note: {line}", err=True)
+    click.echo(f"{maneuver}, {vehicle.name}: {len(plan.time)} rows, {plan.time[-1]:g} s, seed {sim_config.seed}")
+    click.echo(f"Log written to {out}" + (f", truth to {truth}" if truth else ""))
+
+
+@cli.command()
+@click.argument("path", metavar="[CAR.toml]", type=FILE, required=False)
+@click.option("--example", is_flag=True, help="Print a commented vehicle file.")
+def vehicle(path: Path | None, example: bool) -> None:
+    """Check a vehicle file, or print an example.
+
+    \b
+    tselab vehicle --example > car.toml
+    tselab vehicle car.toml
+    """
+    from tselab.tables import example_vehicle, text_table
+
+    if example == (path is not None):
+        raise UserError("give a vehicle file to check, or --example")
+    if example:
+        click.echo(example_vehicle(), nl=False)
+        return
+    from tselab.core import Config
+    from tselab.vehicle import read_vehicle
+
+    car = read_vehicle(path)
+    fields = Config().fields
+    click.echo(f"{path}: {car.name}")
+    click.echo(text_table([[k, f"{v:.6g}", fields[k].unit, fields[k].text] for k, v in car.values.items()], right=(1,)))
+    for line in car.filled:
+        click.echo(f"filled in: {line}")
+    for line in car.notes:
+        click.echo(f"note: {line}", err=True)
+
+
+@cli.command(short_help="List all settings.")
+@click.option("--simulator", is_flag=True, help="The simulator's settings instead.")
+def settings(simulator: bool) -> None:
+    """List all settings with default, range and meaning.
+
+    Settings go into a FILTER.toml (name = value, flat or under [filter]) or behind --set.
+    """
+    from tselab.tables import settings_table, sim_settings_table
+
+    click.echo(sim_settings_table() if simulator else settings_table())
+
+
+@cli.command()
+@click.option(
+    "--out",
+    metavar="DIR",
+    type=FILE,
+    default=Path("demo"),
+    show_default=True,
+    help="Directory; made if needed.",
+)
+@click.option("--seed", type=int, default=1, show_default=True, help="Seed of the random numbers.")
+@PROGRESS
+def demo(out: Path, seed: int, progress: bool | None) -> None:
+    """Simulate double lane changes with a road change, estimate, compare.
+
+    Writes vehicle.toml, filter.toml, log.csv, truth.csv, est.csv, report.html and, with matplotlib, demo.png.
+    """
+    from tselab.demo import run_demo, summary
+
+    if out.exists() and not out.is_dir():
+        raise UserError(f"{out}: is a file, a directory is needed")
+    click.echo(summary(run_demo(out, seed, _show_progress(progress)), out))
+
+
+@cli.command(short_help="Errors against the truth in the paper's set-up.")
+@click.option("--runs", type=click.IntRange(1, 100000), default=24, show_default=True, help="Runs, one seed each.")
+@click.option(
+    "--jobs",
+    type=click.IntRange(1, 256),
+    default=os.cpu_count() or 1,
+    show_default="all cores",
+    help="Processes.",
+)
+@click.option("--particles", type=int, help="Particles in use.")
+@click.option("--forgetting", type=float, help="Forgetting factor per sample.")
+@click.option("--first-seed", type=click.IntRange(0), default=1, show_default=True, help="Seed of the first run.")
+@click.option(
+    "--set",
+    "pairs",
+    metavar="KEY=VALUE",
+    multiple=True,
+    help="Any setting of filter or simulator; may be repeated.",
+)
+@click.option("--out", metavar="DIR", type=FILE, help="Also write accuracy.md and accuracy.csv (one row per run).")
+@PROGRESS
+def accuracy(
+    runs: int,
+    jobs: int,
+    particles: int | None,
+    forgetting: float | None,
+    first_seed: int,
+    pairs: tuple[str, ...],
+    out: Path | None,
+    progress: bool | None,
+) -> None:
+    """Accuracy against the truth in the paper's set-up (Sec. IV-A).
+
+    \b
+    tselab accuracy --runs 24 --jobs 2
+    tselab accuracy --particles 500 --forgetting 0.99 --out results
+
+    Square waves in steering and torque, stiffness redrawn every sample with 5 % sd, start at 70 %, 40 s; errors over
+    20 .. 40 s. Diverged: any stiffness off by more than 20 % for longer than 2 s after 10 s.
+    """
+    from tselab.core import Config, SimConfig
+    from tselab.estimate import write_table
+    from tselab.files import atomic
+    from tselab.study import accuracy as run
+    from tselab.study import markdown
+
+    settings: dict[str, float] = {}
+    sim_settings: dict[str, float] = {}
+    sim_config, config = SimConfig(), Config()
+    for key, value in _key_values(pairs).items():
+        group, checked = (sim_settings, sim_config) if key in sim_config and key != "seed" else (settings, config)
+        checked.set(key, value, source="option --set")
+        group[key] = value
+    for key, value in (("particles", particles), ("forgetting", forgetting)):
+        if value is not None:
+            config.set(key, value, source=f"option --{key}")
+            settings[key] = value
+    if out is not None:
+        out.mkdir(parents=True, exist_ok=True)
+    study = run(runs, jobs, settings, sim_settings, first_seed, _show_progress(progress))
+    text = markdown(study)
+    click.echo(text)
+    if out is not None:
+        with atomic(out / "accuracy.md") as file:
+            file.write(text + "\n")
+        write_table(study.runs, out / "accuracy.csv")
+
+
+def main() -> None:
+    """Run; turn every failure into a short message and an exit code: 2 the user's, 1 ours, 130 Ctrl-C."""
+    debug = "--debug" in sys.argv[1:]
+    sys.argv = [a for i, a in enumerate(sys.argv) if i == 0 or a != "--debug"]
+    try:
+        code = cli.main(standalone_mode=False)
+        sys.stdout.flush()
+        sys.exit(code if isinstance(code, int) else 0)
+    except click.ClickException as error:
+        error.show()
+        sys.exit(2)
+    except UserError as error:
+        click.echo(f"tselab: error: {error}", err=True)
+        sys.exit(2)
+    except (KeyboardInterrupt, click.Abort):
+        click.echo("tselab: stopped by Ctrl-C", err=True)
+        sys.exit(130)
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(141)
+    except Exception as error:
+        if debug:
+            traceback.print_exc()
+        else:
+            click.echo(
+                f"tselab: internal error: {type(error).__name__}: {error}\n"
+                "This is a fault of tselab, not of your files. Please report it with the output of the same command with --debug.",
+                err=True,
+            )
+        sys.exit(1)

@@ -1,0 +1,63 @@
+"""The settings of a run: defaults, then the vehicle file, then the log's sampling, then --config, then options."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from tselab.core import Config, SettingError
+from tselab.errors import UserError
+from tselab.log import Log
+from tselab.toml import read_toml
+from tselab.vehicle import Vehicle
+
+GAP_IN_SAMPLES = 5  # max_gap is at least this many sample times
+
+
+def read_filter_file(path: Path) -> dict[str, float]:
+    """A FILTER.toml: any setting, flat or under [filter]."""
+    data = read_toml(path)
+    nested = data.pop("filter", {})
+    if not isinstance(nested, dict):
+        raise UserError(f"{path}: filter must be a table: [filter]")
+    both = sorted(set(data) & set(nested))
+    if both:
+        raise UserError(f"{path}: key {both[0]} appears twice, at the top and under [filter]")
+    values: dict[str, float] = {}
+    check = Config()
+    for key, value in {**data, **nested}.items():
+        try:
+            check.set(key, value)
+        except SettingError as error:
+            raise UserError(f"{path}: key {key}: {error}") from None
+        values[key] = value
+    return values
+
+
+def make_config(
+    vehicle: Vehicle,
+    log: Log | None,
+    filter_file: Path | None = None,
+    options: Mapping[str, Any] | None = None,
+) -> tuple[Config, list[str]]:
+    """The settings of a run, and notes on what the log made of them."""
+    config = Config(vehicle.values)
+    notes: list[str] = []
+    if log is not None and log.sample_time is not None:
+        f = config.fields["sample_time"]
+        used = min(max(log.sample_time, f.low), f.high)
+        if used != log.sample_time:
+            notes.append(
+                f"rows are {log.sample_time:.3g} s apart; the nearest sample_time the filter knows is {used:g} s"
+            )
+        config.sample_time = used
+        gap = config.fields["max_gap"]
+        config.max_gap = min(max(config.max_gap, GAP_IN_SAMPLES * log.sample_time), gap.high)
+    if filter_file is not None:
+        for key, value in read_filter_file(filter_file).items():
+            config.set(key, value)
+    for key, value in (options or {}).items():
+        if value is not None:
+            config.set(key, value, source=f"option --{key.replace('_', '-')}")
+    return config, notes

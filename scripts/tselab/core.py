@@ -1,0 +1,387 @@
+"""Binding of the C library. Nothing of its tables is typed here: names, ranges, units and struct layouts are read
+from the library itself (tse/describe.h)."""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+import math
+import os
+import sys
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tselab.errors import UserError
+
+CONFIG, INPUT, OUTPUT, SIM_CONFIG, SIM_INPUT, SIM_OUTPUT, STATUS, REASON = range(8)  # enum tse_struct
+STIFFNESS = ("cx_front", "cy_front", "cy_rear")  # order of TSE_CX_FRONT ... everywhere
+NOMINAL = {  # the setting that is 1 of a relative stiffness
+    "cx_front": "longitudinal_stiffness_front",
+    "cy_front": "cornering_stiffness_front",
+    "cy_rear": "cornering_stiffness_rear",
+}
+
+
+class SettingError(UserError):
+    """A setting outside its range. The text names setting, value and range."""
+
+
+@dataclass(frozen=True)
+class Field:
+    """One row of a table of the library."""
+
+    name: str
+    kind: str  # s setting, r real, i int32, u uint32, c code
+    offset: int  # bytes; for codes the code
+    default: float
+    low: float
+    high: float
+    unit: str
+    text: str
+
+    @property
+    def has_range(self) -> bool:
+        return self.high >= self.low
+
+    @property
+    def is_integer(self) -> bool:
+        return self.kind in "iu"
+
+    @property
+    def range_text(self) -> str:
+        unit = "" if self.unit in ("", "1") else f" {self.unit}"
+        return f"{self.low:g} .. {self.high:g}{unit}" if self.has_range else "any"
+
+
+class _CField(ctypes.Structure):
+    _fields_ = [
+        ("name", ctypes.c_char_p),
+        ("kind", ctypes.c_char),
+        ("offset", ctypes.c_int32),
+        ("default", ctypes.c_double),
+        ("low", ctypes.c_double),
+        ("high", ctypes.c_double),
+        ("unit", ctypes.c_char_p),
+        ("text", ctypes.c_char_p),
+    ]
+
+
+class _CBuild(ctypes.Structure):
+    _fields_ = [
+        ("version", ctypes.c_char_p),
+        ("format", ctypes.c_char_p),
+        ("capacity", ctypes.c_int32),
+        ("filter_bytes", ctypes.c_int32),
+        ("params_bytes", ctypes.c_int32),
+        ("sim_bytes", ctypes.c_int32),
+    ]
+
+
+def library_path() -> Path:
+    """TSELAB_LIBRARY if set, else the library beside this package."""
+    if named := os.environ.get("TSELAB_LIBRARY"):
+        return Path(named)
+    suffix = {"darwin": "dylib", "win32": "dll"}.get(sys.platform, "so")
+    return Path(__file__).parent / "lib" / f"libtse.{suffix}"
+
+
+class Library:
+    """The loaded library: its functions, tables and struct layouts."""
+
+    def __init__(self, path: Path):
+        if not path.is_file():
+            raise UserError(
+                f"the tse library is not at {path}: run scripts/setup.sh, or set TSELAB_LIBRARY to the shared library"
+            )
+        try:
+            self._dll = ctypes.CDLL(str(path))
+        except OSError as error:
+            raise UserError(f"{path}: cannot be loaded as a library: {error}") from None
+        self.path = path
+        for suffix, real in (("_f64", np.float64), ("_f32", np.float32)):
+            if hasattr(self._dll, "tse_step" + suffix):
+                self._suffix, self.real = suffix, np.dtype(real)
+                break
+        else:
+            raise UserError(f"{path}: is not a double or float build of the tse library")
+
+        build = _CBuild()
+        self.function("tse_describe_build", None)(ctypes.addressof(build))
+        self.version, self.format = build.version.decode(), build.format.decode()
+        self.capacity = build.capacity
+        self.filter_bytes, self.params_bytes, self.sim_bytes = (
+            build.filter_bytes,
+            build.params_bytes,
+            build.sim_bytes,
+        )
+
+        describe = self.function("tse_describe", ctypes.POINTER(_CField), [ctypes.c_int] + [ctypes.c_void_p] * 2)
+        self._fields: dict[int, list[Field]] = {}
+        self._sizes: dict[int, int] = {}
+        for which in range(8):
+            count, size = ctypes.c_int32(), ctypes.c_int32()
+            rows = describe(which, ctypes.addressof(count), ctypes.addressof(size))
+            self._sizes[which] = size.value
+            self._fields[which] = [
+                Field(
+                    f.name.decode(),
+                    f.kind.decode(),
+                    f.offset,
+                    f.default,
+                    f.low,
+                    f.high,
+                    f.unit.decode(),
+                    f.text.decode(),
+                )
+                for f in (rows[i] for i in range(count.value))
+            ]
+
+    def function(self, name: str, restype: Any = ctypes.c_int, argtypes: list | None = None) -> Any:
+        f = getattr(self._dll, name + self._suffix)
+        f.restype = restype
+        if argtypes is None:
+            argtypes = [ctypes.c_void_p] * {
+                "tse_step": 4,
+                "tse_sim_reset": 4,
+                "tse_prepare": 3,
+                "tse_sim_step": 3,
+            }.get(name, 1)
+        f.argtypes = argtypes
+        return f
+
+    def fields(self, which: int) -> list[Field]:
+        return self._fields[which]
+
+    def field(self, which: int, name: str) -> Field:
+        return next(f for f in self._fields[which] if f.name == name)
+
+    @functools.cache  # noqa: B019  (one library per process)
+    def dtype(self, which: int) -> np.dtype:
+        kinds = {"s": self.real, "r": self.real, "i": np.dtype(np.int32), "u": np.dtype(np.uint32)}
+        rows = self._fields[which]
+        return np.dtype(
+            {
+                "names": [f.name for f in rows],
+                "formats": [kinds[f.kind] for f in rows],
+                "offsets": [f.offset for f in rows],
+                "itemsize": self._sizes[which],
+            }
+        )
+
+    def codes(self, which: int) -> dict[int, Field]:
+        """STATUS or REASON: code -> row."""
+        return {f.offset: f for f in self._fields[which]}
+
+    def status(self, name: str) -> int:
+        """The code of a status by its name."""
+        return self.field(STATUS, name).offset
+
+    @property
+    def channels(self) -> list[Field]:
+        """The channels of a log row, in order."""
+        return [f for f in self._fields[INPUT] if f.name not in ("dt", "missing")]
+
+
+@functools.lru_cache(maxsize=1)
+def library() -> Library:
+    """The library, loaded once."""
+    return Library(library_path())
+
+
+class Settings:
+    """A settings struct of the library: attributes by name, every assignment checked against its range."""
+
+    _which: int = CONFIG
+    _defaults: str = "tse_config_default"
+
+    def __init__(self, values: Mapping[str, float] | None = None):
+        lib = library()
+        record = np.zeros(1, lib.dtype(self._which))
+        lib.function(self._defaults, None)(record.ctypes.data)
+        object.__setattr__(self, "_record", record)
+        object.__setattr__(self, "_table", {f.name: f for f in lib.fields(self._which)})
+        for name, value in (values or {}).items():
+            self.set(name, value)
+
+    @property
+    def fields(self) -> dict[str, Field]:
+        return self._table
+
+    @property
+    def address(self) -> int:
+        return self._record.ctypes.data
+
+    def __getattr__(self, name: str) -> float | int:
+        if name.startswith("_") or name not in self._table:
+            raise AttributeError(name)
+        value = self._record[name][0]
+        return value.item() if value.dtype != np.float32 else float(str(value))  # 0.01, not 0.00999999977...
+
+    def __setattr__(self, name: str, value: float) -> None:
+        self.set(name, value)
+
+    def __contains__(self, name: str) -> bool:
+        return name in self._table
+
+    def set(self, name: str, value: float, source: str = "") -> None:
+        """Set one value; `source` (file, option) starts the message if it is refused."""
+        where = f"{source}: " if source else ""
+        field = self._table.get(name)
+        if field is None:
+            raise SettingError(f"{where}there is no setting '{name}'{_similar(name, self._table)}")
+        kind = "a whole number" if field.is_integer else "a number"
+        number = isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
+        if not number or not math.isfinite(value) or (field.is_integer and value != int(value)):
+            raise SettingError(f"{where}{name} = {value!r} is not {kind}; allowed: {field.range_text}")
+        if not field.low <= value <= field.high:
+            raise SettingError(f"{where}{name} = {value:g} is outside its range {field.range_text} ({field.text})")
+        self._record[name] = value
+
+    def as_dict(self) -> dict[str, float | int]:
+        return {name: getattr(self, name) for name in self._table}
+
+    def changed(self) -> dict[str, float | int]:
+        """The settings that differ from the defaults."""
+        default = type(self)()
+        return {name: value for name, value in self.as_dict().items() if value != getattr(default, name)}
+
+
+class Config(Settings):
+    """tse_config: vehicle, sensors, filter."""
+
+
+class SimConfig(Settings):
+    """tse_sim_config: what the simulator has beyond Config."""
+
+    _which = SIM_CONFIG
+    _defaults = "tse_sim_config_default"
+
+
+def _similar(name: str, known: Mapping[str, Any]) -> str:
+    import difflib
+
+    close = difflib.get_close_matches(name, known, n=2)
+    return f" (did you mean {' or '.join(close)}?)" if close else "; 'tselab settings' lists all"
+
+
+def _refuse(status: int, wrong: ctypes.c_char_p, settings: tuple[Settings, ...]) -> None:
+    if status >= 0:
+        return
+    name = wrong.value.decode() if wrong.value else ""
+    for group in settings:
+        if name in group:
+            f = group.fields[name]
+            raise SettingError(f"{name} = {getattr(group, name):g} is refused; allowed: {f.range_text} ({f.text})")
+    row = library().codes(STATUS).get(status)
+    raise SettingError(f"settings refused: {row.text if row else status}{f' ({name})' if name else ''}")
+
+
+def _memory(size: int) -> np.ndarray:
+    return np.zeros((size + 7) // 8, np.uint64)
+
+
+class Filter:
+    """One estimator. Starts at the first row it is given."""
+
+    def __init__(self, config: Config):
+        self.lib = lib = library()
+        self.config = config
+        self._params, self._filter = _memory(lib.params_bytes), _memory(lib.filter_bytes)
+        wrong = ctypes.c_char_p()
+        status = lib.function("tse_prepare")(config.address, self._params.ctypes.data, ctypes.addressof(wrong))
+        _refuse(status, wrong, (config,))
+        self._step = lib.function("tse_step")
+        self._pointers = self._params.ctypes.data, self._filter.ctypes.data
+        self.reset()
+
+    def reset(self) -> None:
+        reset = self.lib.function("tse_reset", argtypes=[ctypes.c_void_p, ctypes.c_void_p, ctypes.c_size_t])
+        status = reset(*self._pointers, self.lib.filter_bytes)
+        if status < 0:
+            raise RuntimeError(f"tse_reset refused: {self.lib.codes(STATUS)[status].text}")
+
+    def step_into(self, rows: np.ndarray, outputs: np.ndarray, first: int = 0, last: int | None = None) -> None:
+        """Feed rows[first:last], write outputs[first:last]. A refused row leaves its output untouched but for `status`."""
+        last = len(rows) if last is None else last
+        step, (params, state) = self._step, self._pointers
+        u, du = rows.ctypes.data, rows.strides[0]
+        y, dy = outputs.ctypes.data, outputs.strides[0]
+        for i in range(first, last):
+            status = step(params, state, u + i * du, y + i * dy)
+            if status < 0:
+                outputs["status"][i] = status
+
+    def run(self, rows: np.ndarray) -> Iterator[np.void]:
+        """Feed rows one by one and yield each output."""
+        out = self.outputs(1)
+        for i in range(len(rows)):
+            self.step_into(rows[i : i + 1], out)
+            yield out[0].copy()
+
+    def step(self, row: np.ndarray) -> np.void:
+        return next(self.run(np.atleast_1d(row)))
+
+    def inputs(self, n: int) -> np.ndarray:
+        return np.zeros(n, self.lib.dtype(INPUT))
+
+    def outputs(self, n: int) -> np.ndarray:
+        out = np.zeros(n, self.lib.dtype(OUTPUT))
+        for name in out.dtype.names:
+            if out.dtype[name].kind == "f":
+                out[name] = np.nan
+        return out
+
+    def snapshot(self) -> bytes:
+        return self._filter.tobytes()[: self.lib.filter_bytes]
+
+    def restore(self, snapshot: bytes) -> None:
+        if len(snapshot) != self.lib.filter_bytes:
+            raise ValueError(f"a snapshot of this library has {self.lib.filter_bytes} bytes, not {len(snapshot)}")
+        self._filter.view(np.uint8)[: len(snapshot)] = np.frombuffer(snapshot, np.uint8)
+
+
+class Simulator:
+    """The truth for studies."""
+
+    def __init__(self, config: Config, sim_config: SimConfig):
+        self.lib = lib = library()
+        if not lib.sim_bytes:
+            raise UserError(f"{lib.path}: this build of the library has no simulator")
+        self._sim = _memory(lib.sim_bytes)
+        wrong = ctypes.c_char_p()
+        status = lib.function("tse_sim_reset")(
+            self._sim.ctypes.data, config.address, sim_config.address, ctypes.addressof(wrong)
+        )
+        _refuse(status, wrong, (sim_config, config))
+        self._step = lib.function("tse_sim_step")
+
+    def step_into(self, inputs: np.ndarray, outputs: np.ndarray, i: int) -> None:
+        """One row: from inputs[i] to outputs[i]."""
+        status = self._step(
+            self._sim.ctypes.data,
+            inputs.ctypes.data + i * inputs.strides[0],
+            outputs.ctypes.data + i * outputs.strides[0],
+        )
+        if status < 0:
+            raise UserError(f"the simulator refused row {i + 1}: {self.lib.codes(STATUS)[status].text}")
+
+    def inputs(self, n: int) -> np.ndarray:
+        return np.zeros(n, self.lib.dtype(SIM_INPUT))
+
+    def outputs(self, n: int) -> np.ndarray:
+        return np.zeros(n, self.lib.dtype(SIM_OUTPUT))
+
+
+def stiffness_si(config: Config, output: np.void) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Mean, sd and spread in N and N/rad of one output, by the library's own function."""
+    lib = library()
+    record = np.array([output], lib.dtype(OUTPUT))
+    si = [np.zeros(3, lib.real) for _ in range(3)]
+    lib.function("tse_stiffness_si", None, [ctypes.c_void_p] * 5)(
+        config.address, record.ctypes.data, *(a.ctypes.data for a in si)
+    )
+    return si[0], si[1], si[2]

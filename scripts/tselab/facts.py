@@ -1,0 +1,28 @@
+"""What a run was: a few lines for the terminal and the report."""
+
+from __future__ import annotations
+
+from tselab.core import Config, library
+from tselab.estimate import Estimate
+from tselab.log import Log
+from tselab.vehicle import Vehicle
+
+
+def run_facts(est: Estimate, log: Log, vehicle: Vehicle, config: Config, stride: int = 1) -> list[tuple[str, str]]:
+    """The run in a few lines: name and value."""
+    span = float(est.table["time"].iloc[-1] - est.table["time"].iloc[0]) if len(est) else 0.0
+    every = f", every {log.sample_time * 1000:.4g} ms" if log.sample_time else ""
+    facts = [
+        ("Log", f"{log.path.name}: {len(log)} rows, {span:.1f} s{every}"),
+        ("Vehicle", f"{vehicle.name}" + (f" ({vehicle.path.name})" if vehicle.path else "")),
+        ("Filter", f"{config.particles} particles, forgetting {config.forgetting:g} (memory "
+         f"{config.sample_time / (1 - config.forgetting):.2g} s), seed {config.seed}"),
+    ]  # fmt: skip
+    if est.interrupted:
+        facts.append(("Stopped", f"by Ctrl-C after {len(est)} of {len(log)} rows"))
+    recovered = int((est.table["status"] == library().status("TSE_W_RECOVERED")).sum()) if len(est) else 0
+    if recovered:
+        facts.append(("Recoveries", f"{recovered} (part of the particles drawn anew)"))
+    if stride > 1:
+        facts.append(("Plots", f"every {stride}th row"))
+    return facts

@@ -1,0 +1,286 @@
+"""Reading a log: CSV in, checked arrays out. Every refusal names file, row, column and allowed range."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from tselab.core import INPUT, Field, library
+from tselab.errors import UserError
+
+DRIVES = ("steer_angle", "wheel_speed_front", "wheel_speed_rear")  # out of range: refused
+MEASURES = ("accel_x", "accel_y", "yaw_rate")  # out of range: treated as missing
+HINTS = {
+    "steer_angle": "if the column holds degrees, multiply by pi/180; if it is the steering-wheel angle, divide by the "
+    "steering ratio",
+    "wheel_speed_front": "if the column holds rpm, multiply by 2 pi/60; if km/h or m/s, convert to m/s and divide by the "
+    "wheel radius",
+}
+HINTS["yaw_rate"] = "if the column holds deg/s, multiply by pi/180"
+HINTS["wheel_speed_rear"] = HINTS["wheel_speed_front"]
+LONGEST_STEP = 3600.0  # s, the library's limit
+SLOWEST = 1.0  # s: median step above this is refused
+
+
+@dataclass
+class Log:
+    """A checked log. `data` has the channels of the library, NaN = missing; `line` is the line in the file."""
+
+    path: Path
+    time: np.ndarray
+    data: pd.DataFrame
+    ref: pd.DataFrame
+    line: np.ndarray
+    sample_time: float | None
+    notes: list[str] = field(default_factory=list)
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    @property
+    def dt(self) -> np.ndarray:
+        """Time since the previous row; the first is the sample time."""
+        return np.diff(self.time, prepend=self.time[0] - (self.sample_time or 0.01))
+
+    def rows(self) -> np.ndarray:
+        """The rows as the library takes them."""
+        rows = np.zeros(len(self), library().dtype(INPUT))
+        rows["dt"] = self.dt
+        for name in self.data:
+            rows[name] = self.data[name]
+        return rows
+
+    def steers_beyond(self, limit: float) -> np.ndarray:
+        with np.errstate(invalid="ignore"):
+            return np.abs(self.data["steer_angle"].to_numpy()) > limit
+
+
+def columns() -> list[str]:
+    return ["time", *(f.name for f in library().channels)]
+
+
+def read_log(path: Path) -> Log:
+    """Read and check a log."""
+    path = Path(path)
+    header = _header(path)
+    needed = columns()
+    missing = [c for c in needed if c not in header]
+    if missing:
+        raise UserError(_missing_text(path, header, missing, needed))
+    twice = sorted({c for c in header if header.count(c) > 1 and (c in needed or c.startswith("ref_"))})
+    if twice:
+        raise UserError(f"{path}: column {_list(twice)} appears more than once in the header (line 1)")
+    table = _table(path, header)
+    table = table[[c for c in header if c in needed or c.startswith("ref_")]]
+    line = np.arange(len(table)) + 2
+    filled = table[needed].notna().any(axis=1).to_numpy()
+    table, line = table[filled].reset_index(drop=True), line[filled]
+    if table.empty:
+        raise UserError(f"{path}: has a header but no rows")
+
+    notes: list[str] = []
+    table, skipped = _numbers(path, table, line, needed)
+    if skipped:
+        notes.append(f"reference column {_list(skipped)} is not numeric: not drawn")
+    time = table["time"].to_numpy(float)
+    _check_time(path, time, line)
+    data = table[needed[1:]].astype(float)
+    for f in library().channels:
+        _check_channel(path, data, line, f, notes)
+    sample_time = float(np.median(np.diff(time))) if len(time) > 1 else None
+    if sample_time is not None and sample_time > SLOWEST:
+        hint = _time_hint(sample_time)
+        raise UserError(
+            f"{path}: column time: rows are {sample_time:g} s apart (median); allowed: up to {SLOWEST:g} s{hint}"
+        )
+    for name in data:
+        if count := int(data[name].isna().sum()):
+            where = f"first in line {line[data[name].isna().to_numpy().argmax()]}"
+            notes.append(f"{name}: {count} of {len(data)} cells are missing or not usable ({where})")
+    ref = table[[c for c in table if c.startswith("ref_")]]
+    return Log(path, time, data, ref, line, sample_time, notes)
+
+
+def sampling_notes(log: Log, max_gap: float) -> list[str]:
+    """What is odd about the sampling, in words."""
+    if len(log) < 2 or log.sample_time is None:
+        return ["the log has a single row"]
+    dt = np.diff(log.time)
+    notes = []
+    off = np.abs(dt - log.sample_time) > 0.1 * log.sample_time
+    if off.mean() > 0.01:
+        notes.append(
+            f"irregular sampling: {100 * off.mean():.0f} % of the steps differ from the median by more than 10 %"
+        )
+    gaps = np.flatnonzero(dt > max_gap)
+    if len(gaps):
+        notes.append(
+            f"{len(gaps)} gap{'s' if len(gaps) > 1 else ''} longer than {max_gap:g} s (the longest {dt.max():.3g} s, before line "
+            f"{log.line[1 + int(dt.argmax())]}): states restarted there, stiffness kept"
+        )
+    return notes
+
+
+def steering_notes(log: Log, max_steer: float) -> list[str]:
+    """The model takes angles as small: what is done where they are not."""
+    large = log.steers_beyond(max_steer)
+    if not large.any():
+        return []
+    return [
+        f"steering beyond {max_steer:g} rad in {large.sum()} rows (first in line {log.line[large.argmax()]}): the model is made "
+        "for small angles, so statistics are held there (max_steer)"
+    ]
+
+
+def _header(path: Path) -> list[str]:
+    if path.is_dir():
+        raise UserError(f"{path}: is a directory, not a log")
+    try:
+        with open(path, encoding="utf-8-sig", newline="") as file:
+            head = file.read(65536)
+            while file.read(1 << 20):  # the whole file must be text
+                pass
+    except FileNotFoundError:
+        raise UserError(f"{path}: no such file") from None
+    except UnicodeDecodeError as error:
+        raise UserError(
+            f"{path}: is not a text file in UTF-8 ({error.reason} at byte {error.start}); a CSV is needed"
+        ) from None
+    except OSError as error:
+        raise UserError(f"{path}: cannot be read: {error.strerror}") from None
+    if "\0" in head:
+        raise UserError(f"{path}: is a binary file; a CSV is needed")
+    if not head.strip():
+        raise UserError(f"{path}: is empty")
+    first = next(csv.reader(head.splitlines()[:1]), [])
+    return [c.strip() for c in first]
+
+
+def _missing_text(path: Path, header: list[str], missing: list[str], needed: list[str]) -> str:
+    text = f"{path}: column {_list(missing)} is missing in the header (line 1)"
+    if len(header) == 1 and any(s in header[0] for s in ";\t|"):
+        text += "; the columns must be separated by commas"
+    elif all(_is_number(c) for c in header):
+        text += "; the first line must name the columns"
+    else:
+        lower = {c.lower(): c for c in header}
+        if close := [f"{lower[m]} -> {m}" for m in missing if m in lower]:
+            text += f"; names are lower case: {', '.join(close)}"
+    return f"{text}\n  needed: {','.join(needed)}\n  found:  {','.join(header)[:300]}"
+
+
+def _table(path: Path, header: list[str]) -> pd.DataFrame:
+    names = [f"{c}\0{i}" if header.count(c) > 1 else c for i, c in enumerate(header)]
+    try:
+        return pd.read_csv(
+            path,
+            names=names,
+            header=None,
+            skiprows=1,
+            index_col=False,
+            skip_blank_lines=False,
+            skipinitialspace=True,
+            encoding="utf-8-sig",
+            low_memory=False,
+        )
+    except pd.errors.EmptyDataError:
+        raise UserError(f"{path}: has a header but no rows") from None
+    except pd.errors.ParserError as error:
+        detail = str(error).replace("Error tokenizing data. C error: ", "").strip()
+        raise UserError(f"{path}: is not a well-formed CSV: {detail}") from None
+
+
+def _numbers(path: Path, table: pd.DataFrame, line: np.ndarray, needed: list[str]) -> tuple[pd.DataFrame, list[str]]:
+    """Every column as numbers. A cell that is not one is an error, or in a ref_ column the end of that column."""
+    skipped, columns = [], {}
+    for name in table:
+        column = table[name]
+        numbers = pd.to_numeric(column, errors="coerce")
+        if column.dtype == bool:
+            numbers = pd.Series(np.nan, index=column.index)
+        bad = (numbers.isna() & column.notna()).to_numpy()
+        if bad.any() and name not in needed:
+            skipped.append(name)
+            continue
+        if bad.any():
+            i = int(bad.argmax())
+            hint = "; decimals are written with a point" if "," in str(column.iloc[i]) else ""
+            raise UserError(
+                f"{path}: line {line[i]}, column {name}: {str(column.iloc[i])[:40]!r} is not a number; allowed: "
+                f"{_allowed(name)}, or empty for missing{hint}"
+            )
+        columns[name] = numbers.astype(float)
+    return pd.DataFrame(columns), skipped
+
+
+def _check_time(path: Path, time: np.ndarray, line: np.ndarray) -> None:
+    bad = ~np.isfinite(time)
+    if bad.any():
+        raise UserError(
+            f"{path}: line {line[bad.argmax()]}, column time: empty or not finite; every row needs a time in s"
+        )
+    step = np.diff(time)
+    bad = step <= 0
+    if bad.any():
+        i = int(bad.argmax())
+        what = "the same time as" if step[i] == 0 else "earlier than"
+        raise UserError(
+            f"{path}: line {line[i + 1]}, column time: {time[i + 1]:.10g} is {what} line {line[i]} ({time[i]:.10g}); time must "
+            f"increase from row to row ({bad.sum()} such row{'s' if bad.sum() > 1 else ''})"
+        )
+    bad = step > LONGEST_STEP
+    if bad.any():
+        i = int(bad.argmax())
+        raise UserError(
+            f"{path}: line {line[i + 1]}, column time: {step[i]:g} s after the row before; allowed: up to {LONGEST_STEP:g} s"
+            f"{_time_hint(float(np.median(step)))}"
+        )
+
+
+def _check_channel(path: Path, data: pd.DataFrame, line: np.ndarray, f: Field, notes: list[str]) -> None:
+    value = data[f.name].to_numpy(copy=True)
+    if np.isnan(value).all():
+        raise UserError(f"{path}: column {f.name}: every cell is empty; allowed: {f.range_text}")
+    with np.errstate(invalid="ignore"):
+        bad = (value < f.low) | (value > f.high)
+    if not bad.any():
+        return
+    i = int(bad.argmax())
+    if f.name in DRIVES or bad.mean() > 0.05:
+        more = f" ({bad.sum()} such rows)" if bad.sum() > 1 else ""
+        raise UserError(
+            f"{path}: line {line[i]}, column {f.name}: {value[i]:g} is outside the allowed range {f.range_text}{more}\n"
+            f"  hint: {HINTS.get(f.name, 'the column must be in SI units')}"
+        )
+    value[bad] = np.nan
+    data[f.name] = value
+    notes.append(
+        f"{f.name}: {bad.sum()} values outside {f.range_text} are treated as missing (first in line {line[i]})"
+    )
+
+
+def _allowed(name: str) -> str:
+    return "seconds, increasing" if name == "time" else library().field(INPUT, name).range_text
+
+
+def _time_hint(step: float) -> str:
+    if 1.0 <= step <= 200.0:
+        return "\n  hint: if the column holds milliseconds, divide by 1000"
+    return "\n  hint: if the column holds microseconds or nanoseconds, convert to seconds" if step > 200 else ""
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def _list(names: Iterable[str]) -> str:
+    return ", ".join(names)

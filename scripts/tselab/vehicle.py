@@ -1,0 +1,198 @@
+"""Reading a vehicle file, and the rules that fill in what it leaves out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tselab.core import CONFIG, Config, SettingError, library
+from tselab.errors import UserError
+from tselab.log import MEASURES, Log
+from tselab.noise import channel_noise, kinematic_misfit
+from tselab.toml import read_toml
+
+GRAVITY = 9.81
+REQUIRED = ("mass", "lf", "lr", "wheel_radius_front", "wheel_radius_rear")
+WHEELBASE_TOLERANCE = 0.01  # m
+DESCRIPTIVE = (
+    "name",
+    "wheelbase",
+    "steering_ratio",
+    "track_front",
+    "track_rear",
+    "cg_height",
+    "driven_axle",
+    "source",
+)
+HINT_ONLY = ("author_stiffness_front", "author_stiffness_rear")
+
+# Stiffness per axle load. Cornering: Gillespie, Fundamentals of Vehicle Dynamics, ch. 10, gives 0.11 .. 0.19 of the load per
+# degree for radial tyres and up to 0.3 for low-profile ones; 12/rad is 0.21 per degree. Longitudinal: slip slopes of
+# car tyres on dry road lie at about 15 .. 30 loads (Pacejka, Tire and Vehicle Dynamics, ch. 4: p_Kx1 about 20).
+CORNERING_PER_LOAD = 12.0  # 1/rad
+LONGITUDINAL_PER_LOAD = 20.0  # 1
+# Biases of sensors nobody has described: mounting angle and slope of about 1 degree, an uncalibrated gyro.
+UNKNOWN_BIAS = {"accel_x_bias_sd": 0.2, "accel_y_bias_sd": 0.2, "yaw_rate_bias_sd": 0.01}
+
+
+@dataclass
+class Vehicle:
+    """A vehicle file, read: values for Config, the rest, and what was filled in by rule."""
+
+    path: Path | None
+    name: str
+    values: dict[str, float]
+    facts: dict[str, Any]
+    filled: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+
+    @property
+    def steering_ratio(self) -> float | None:
+        ratio = self.facts.get("steering_ratio")
+        return float(ratio) if isinstance(ratio, (int, float)) and ratio > 0 else None
+
+    @property
+    def driven_axle(self) -> str:
+        return str(self.facts.get("driven_axle", "front"))
+
+
+def vehicle_settings() -> list[str]:
+    """Names of the settings that belong in a vehicle file."""
+    names = [f.name for f in library().fields(CONFIG)]
+    return names[: names.index("accel_x_sd")]
+
+
+def sensor_settings() -> list[str]:
+    """Names of the settings that belong in its [sensors] table."""
+    names = [f.name for f in library().fields(CONFIG)]
+    return names[names.index("accel_x_sd") : names.index("sample_time")]
+
+
+def default_vehicle() -> Vehicle:
+    """The car of the library's defaults."""
+    return Vehicle(None, "the built-in car", {}, {"driven_axle": "front"})
+
+
+def read_vehicle(path: Path) -> Vehicle:
+    """Read a vehicle file and check it; stiffness that is left out is filled in by rule."""
+    path = Path(path)
+    data = read_toml(path)
+    sensors = data.pop("sensors", {})
+    if not isinstance(sensors, dict):
+        raise UserError(f"{path}: sensors must be a table: [sensors]")
+    values: dict[str, float] = {}
+    facts: dict[str, Any] = {}
+    unknown: list[str] = []
+    check = Config()
+    for table, prefix, known in ((data, "", vehicle_settings()), (sensors, "sensors.", sensor_settings())):
+        for key, value in table.items():
+            if key in known:
+                _set(check, key, value, f"{path}: key {prefix}{key}")
+                values[key] = float(value)
+            elif not prefix and key in DESCRIPTIVE + HINT_ONLY:
+                facts[key] = value
+            else:
+                unknown.append(prefix + key)
+    missing = [key for key in REQUIRED if key not in values]
+    if missing:
+        ranges = "; ".join(f"{k}: {check.fields[k].range_text}" for k in missing)
+        raise UserError(f"{path}: key {', '.join(missing)} is missing (allowed: {ranges})")
+    vehicle = Vehicle(path, str(facts.get("name", path.stem)), values, facts)
+    if unknown:
+        vehicle.notes.append(f"{path.name}: key {', '.join(unknown)} is not known and not used")
+    _check_facts(path, vehicle)
+    _fill_vehicle(vehicle)
+    if any(k in facts for k in HINT_ONLY):
+        vehicle.notes.append(
+            f"{path.name}: author_stiffness_* are somebody's guess and not used; to start from them, name them "
+            "cornering_stiffness_*"
+        )
+    return vehicle
+
+
+def _set(config: Config, key: str, value: Any, source: str) -> None:
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        raise UserError(f"{source}: {value!r} is not a number; allowed: {config.fields[key].range_text}")
+    try:
+        config.set(key, value)
+    except SettingError as error:
+        raise UserError(f"{source}: {error}") from None
+
+
+def _check_facts(path: Path, vehicle: Vehicle) -> None:
+    for key in ("wheelbase", "steering_ratio", "track_front", "track_rear", "cg_height"):
+        value = vehicle.facts.get(key)
+        if value is not None and (
+            isinstance(value, bool) or not isinstance(value, (int, float)) or not 0 < value < 1000
+        ):
+            raise UserError(f"{path}: key {key}: {value!r} is not a positive number")
+    axle = vehicle.facts.get("driven_axle", "front")
+    if axle not in ("front", "rear", "both"):
+        raise UserError(f"{path}: key driven_axle: {axle!r} is not known; allowed: front, rear, both")
+    lf, lr, wheelbase = vehicle.values["lf"], vehicle.values["lr"], vehicle.facts.get("wheelbase")
+    if wheelbase is not None and abs(lf + lr - wheelbase) > WHEELBASE_TOLERANCE:
+        raise UserError(
+            f"{path}: key wheelbase: {wheelbase:g} m does not agree with lf + lr = {lf + lr:g} m; allowed difference: "
+            f"{WHEELBASE_TOLERANCE:g} m"
+        )
+
+
+def _fill_vehicle(vehicle: Vehicle) -> None:
+    v = vehicle.values
+    wheelbase = v["lf"] + v["lr"]
+    load = {
+        "front": v["mass"] * GRAVITY * v["lr"] / wheelbase,
+        "rear": v["mass"] * GRAVITY * v["lf"] / wheelbase,
+    }
+    if "yaw_inertia" not in v:
+        v["yaw_inertia"] = v["mass"] * v["lf"] * v["lr"]
+        vehicle.filled.append(f"yaw_inertia = {v['yaw_inertia']:.0f} kg m2 (rule: mass lf lr)")
+    for axle in ("front", "rear"):
+        for kind, factor, unit in (
+            ("cornering", CORNERING_PER_LOAD, "N/rad"),
+            ("longitudinal", LONGITUDINAL_PER_LOAD, "N"),
+        ):
+            key = f"{kind}_stiffness_{axle}"
+            if key not in v:
+                v[key] = factor * load[axle]
+                vehicle.filled.append(f"{key} = {v[key]:.0f} {unit} (rule: {factor:g} x axle load {load[axle]:.0f} N)")
+
+
+def fill_sensors(vehicle: Vehicle, log: Log) -> None:
+    """Sensor noise and bias that the vehicle file leaves out, from the log; the rules are in noise.py."""
+    v = vehicle.values
+    config = Config(v)
+    with np.errstate(invalid="ignore"):
+        moving = np.abs(log.data["wheel_speed_front"].to_numpy()) * config.wheel_radius_front > 2.0
+    misfits = kinematic_misfit(log, config.wheel_radius_front, config.wheel_radius_rear)
+    for channel in MEASURES:
+        key = f"{channel}_sd"
+        f = config.fields[key]
+        if key in v:
+            continue
+        noise, misfit = channel_noise(channel, log.data[channel].to_numpy(), moving), misfits.get(channel)
+        if noise is None:
+            vehicle.filled.append(f"{key} = {f.default:.3g} {f.unit} (default: the log is too short to tell)")
+            continue
+        sd, text = noise.sd, noise.text
+        if misfit is not None and misfit.sd > sd:
+            sd, text = misfit.sd, f"misfit to the kinematics {misfit.sd:.3g}; sensor alone {noise.sd:.3g}"
+        _fill(vehicle, config, key, sd, f"from the log: {text}")
+        bias, why = UNKNOWN_BIAS[f"{channel}_bias_sd"], "rule: a sensor nobody has described"
+        if misfit is not None and misfit.bias > bias:
+            bias, why = misfit.bias, "from the log: slow misfit to the kinematics"
+        _fill(vehicle, config, f"{channel}_bias_sd", bias, why)
+        if misfit is not None:
+            walk = max(misfit.walk, config.fields[f"{channel}_bias_walk"].default)
+            _fill(vehicle, config, f"{channel}_bias_walk", walk, "from the log: change of the slow misfit over 1 s")
+
+
+def _fill(vehicle: Vehicle, config: Config, key: str, value: float, why: str) -> None:
+    """Fill one sensor setting in, if the file leaves it out."""
+    if key not in vehicle.values:
+        f = config.fields[key]
+        vehicle.values[key] = float(np.clip(value, f.low, f.high))
+        vehicle.filled.append(f"{key} = {vehicle.values[key]:.3g} {f.unit} ({why})")

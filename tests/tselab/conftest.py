@@ -1,0 +1,51 @@
+"""Shared by the tselab tests: running the command as a user does, and one simulated drive."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+COMMAND = [sys.executable, "-m", "tselab"]
+
+
+@dataclass
+class Result:
+    code: int
+    out: str
+    err: str
+
+
+def tselab(*args: object, cwd: Path | None = None) -> Result:
+    """Run the command line to its end."""
+    done = subprocess.run([*COMMAND, *map(str, args)], cwd=cwd, capture_output=True, text=True, timeout=120)
+    return Result(done.returncode, done.stdout, done.stderr)
+
+
+@dataclass
+class Drive:
+    """A simulated drive on disk."""
+
+    folder: Path
+    log: Path
+    truth: Path
+    vehicle: Path
+
+    def table(self) -> pd.DataFrame:
+        return pd.read_csv(self.log, dtype=str)
+
+
+@pytest.fixture(scope="session")
+def drive(tmp_path_factory: pytest.TempPathFactory) -> Drive:
+    """20 s of the paper's square waves."""
+    folder = tmp_path_factory.mktemp("drive")
+    vehicle, log, truth = folder / "car.toml", folder / "log.csv", folder / "truth.csv"
+    vehicle.write_text(tselab("vehicle", "--example").out, encoding="utf-8")
+    done = tselab("simulate", "--maneuver", "square-waves", "--duration", 20, "--vehicle", vehicle, "--out", log,
+                  "--truth", truth, "--seed", 3, "--with-ref")  # fmt: skip
+    assert done.code == 0, done.err
+    return Drive(folder, log, truth, vehicle)

@@ -1,0 +1,178 @@
+"""Every kind of bad input: exit code 2, one short message that names the place, no traceback, no output touched."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pandas as pd
+import pytest
+
+from conftest import tselab
+from tselab.core import Config
+
+FORGETTING = Config().fields["forgetting"].range_text
+Change = Callable[[pd.DataFrame], pd.DataFrame]
+
+
+def cell(row: int, column: str, value: str) -> Change:
+    """Line `row` of the file (the header is line 1) gets another value."""
+
+    def change(table: pd.DataFrame) -> pd.DataFrame:
+        table.loc[row - 2, column] = value
+        return table
+
+    return change
+
+
+def scaled(column: str, factor: float) -> Change:
+    return lambda table: table.assign(**{column: (table[column].astype(float) * factor).astype(str)})
+
+
+LOGS: dict[str, tuple[Change, list[str]]] = {
+    "missing column": (lambda t: t.drop(columns="yaw_rate"), ["column yaw_rate is missing", "needed: time,steer_angle"]),
+    "upper case column": (lambda t: t.rename(columns={"accel_x": "Accel_X"}), ["accel_x is missing", "Accel_X -> accel_x"]),
+    "non-numeric cell": (cell(7, "accel_x", "abc"), ["line 7", "column accel_x", "'abc'", "-50 .. 50 m/s2"]),
+    "decimal comma": (cell(9, "yaw_rate", "0,5"), ["line 9", "column yaw_rate", "decimals are written with a point"]),
+    "time goes back": (cell(12, "time", "0.05"), ["line 12", "column time", "earlier than line 11"]),
+    "time twice": (cell(12, "time", "0.09"), ["line 12", "column time", "the same time as line 11"]),
+    "time empty": (cell(5, "time", ""), ["line 5", "column time", "every row needs a time"]),
+    "long jump": (lambda t: t.assign(time=[*t.time[:50], *(t.time[50:].astype(float) + 5000).astype(str)]),
+                  ["line 52", "column time", "up to 3600 s"]),
+    "milliseconds": (scaled("time", 1000), ["column time", "divide by 1000"]),
+    "steering in degrees": (scaled("steer_angle", 180 / 3.14159 * 2), ["line 2", "steer_angle", "-1.2 .. 1.2 rad", "degrees"]),
+    "steering infinite": (cell(30, "steer_angle", "inf"), ["line 30", "column steer_angle", "-1.2 .. 1.2 rad"]),
+    "wheel speed in rpm": (scaled("wheel_speed_front", 9.5493), ["line 2", "wheel_speed_front", "-400 .. 400 rad/s", "rpm"]),
+    "wheel speed rear": (cell(8, "wheel_speed_rear", "401"), ["line 8", "column wheel_speed_rear", "401", "-400 .. 400 rad/s"]),
+    "yaw rate in deg/s": (lambda t: scaled("yaw_rate", 573)(t), ["column yaw_rate", "-6 .. 6 rad/s", "deg/s"]),
+    "column all empty": (lambda t: t.assign(accel_y=""), ["column accel_y", "every cell is empty", "-50 .. 50 m/s2"]),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", LOGS)
+def test_log_is_refused_with_its_place(name, drive, tmp_path):
+    change, words = LOGS[name]
+    log, out = tmp_path / "bad.csv", tmp_path / "est.csv"
+    change(drive.table()).to_csv(log, index=False)
+    out.write_text("as before\n")
+    refused(tselab("estimate", log, "--vehicle", drive.vehicle, "--out", out), ["bad.csv", *words])
+    assert out.read_text() == "as before\n"
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["bad.csv", "est.csv"]
+
+
+def refused(done, words: list[str]) -> None:
+    assert done.code == 2, (done.out, done.err)
+    assert "Traceback" not in done.err
+    assert len(done.err.splitlines()) <= 4
+    for word in words:
+        assert word in done.err, done.err
+
+
+HEADER = b"time,steer_angle,wheel_speed_front,wheel_speed_rear,accel_x,accel_y,yaw_rate"
+FILES: dict[str, tuple[bytes, list[str]]] = {
+    "empty": (b"", ["is empty"]),
+    "only header": (HEADER + b"\n", ["has a header but no rows"]),
+    "binary": (bytes(range(256)) * 40, ["not a text file in UTF-8"]),
+    "zero bytes": (b"time\0,a\n" * 5, ["binary"]),
+    "latin-1": ("time,steer_angle,°\n0,0,é\n".encode("latin-1"), ["not a text file in UTF-8"]),
+    "semicolons": (b"time;steer_angle;accel_x\n0;0;0\n", ["separated by commas"]),
+    "no header": (b"0.0,0,60,60,0,0,0\n0.01,0,60,60,0,0,0\n", ["the first line must name the columns"]),
+    "twice the same column": (HEADER + b",accel_x\n" + b"0,0,0,0,0,0,0,0\n",
+                              ["column accel_x appears more than once"]),
+    "too many cells": (HEADER + b"\n0,0,0,0,0,0,0\n0.01,0,0,0,0,0,0,5,5\n",
+                       ["line 3"]),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_file_that_is_no_log_is_refused(name, drive, tmp_path):
+    content, words = FILES[name]
+    (tmp_path / "bad.csv").write_bytes(content)
+    refused(tselab("estimate", "bad.csv", "--vehicle", drive.vehicle, cwd=tmp_path), ["bad.csv", *words])
+    assert not (tmp_path / "bad.est.csv").exists()
+
+
+def test_missing_files_and_directories_are_named(drive, tmp_path):
+    refused(tselab("estimate", "nowhere.csv", "--vehicle", drive.vehicle, cwd=tmp_path), ["nowhere.csv: no such file"])
+    refused(tselab("estimate", drive.log, "--vehicle", "nowhere.toml", cwd=tmp_path), ["nowhere.toml: no such file"])
+    refused(tselab("estimate", tmp_path, "--vehicle", drive.vehicle, cwd=tmp_path), ["is a directory"])
+    refused(
+        tselab("estimate", drive.log, "--vehicle", drive.vehicle, "--out", tmp_path / "no" / "x.csv"),
+        ["does not exist"],
+    )
+    refused(tselab("estimate", drive.log, "--vehicle", drive.vehicle, "--out", drive.log), ["same file as the log"])
+
+
+VEHICLES: dict[str, tuple[str, list[str]]] = {
+    "no mass": ("lf = 1.2\nlr = 1.5\nwheel_radius_front = 0.3\nwheel_radius_rear = 0.3\n",
+                ["key mass is missing", "50 .. 50000 kg"]),
+    "not TOML": ("mass = = 3\n", ["not valid TOML", "line 1"]),
+    "mass in tonnes": ("mass = 1.9\n", ["key mass", "1.9 is outside its range 50 .. 50000 kg"]),
+    "mass in words": ('mass = "heavy"\n', ["key mass", "'heavy' is not a number"]),
+    "negative length": ("mass = 1500.0\nlf = -1.2\n", ["key lf", "0.1 .. 10 m"]),
+    "wheelbase": ("mass = 1500.0\nlf = 1.2\nlr = 1.5\nwheelbase = 2.6\nwheel_radius_front = 0.3\nwheel_radius_rear = 0.3\n",
+                  ["key wheelbase", "lf + lr = 2.7 m"]),
+    "sensor": ("[sensors]\naccel_x_sd = 0.0\n", ["key sensors.accel_x_sd", "0.001 .. 10 m/s2"]),
+    "axle": ("mass = 1500.0\nlf = 1.2\nlr = 1.5\nwheel_radius_front = 0.3\nwheel_radius_rear = 0.3\ndriven_axle = \"all\"\n",
+             ["key driven_axle", "front, rear, both"]),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", VEHICLES)
+def test_vehicle_is_refused_with_file_and_key(name, tmp_path):
+    text, words = VEHICLES[name]
+    (tmp_path / "car.toml").write_text(text)
+    refused(tselab("vehicle", "car.toml", cwd=tmp_path), ["car.toml", *words])
+
+
+SETTINGS: dict[str, tuple[str, list[str]]] = {
+    "range": ("particles = 3\n", ["particles", "= 3 is outside its range 16 .. "]),
+    "fraction": ("[filter]\nparticles = 100.5\n", ["key particles", "whole number"]),
+    "unknown": ("partikles = 100\n", ["no setting 'partikles'", "did you mean particles"]),
+    "text": ('forgetting = "much"\n', ["key forgetting", "'much' is not a number", FORGETTING]),
+    "twice": ("particles = 100\n[filter]\nparticles = 100\n", ["key particles appears twice"]),
+}
+
+
+@pytest.mark.parametrize("name", SETTINGS)
+def test_filter_file_is_refused_with_file_and_key(name, drive, tmp_path):
+    text, words = SETTINGS[name]
+    (tmp_path / "filter.toml").write_text(text)
+    done = tselab("estimate", drive.log, "--vehicle", drive.vehicle, "--config", "filter.toml", cwd=tmp_path)
+    refused(done, ["filter.toml", *words])
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--particles", "1000000"], ["option --particles", "16 .. "]),
+        (["--forgetting", "1.5"], ["option --forgetting", FORGETTING]),
+        (["--seed", "-1"], ["option --seed", "0 .. "]),
+        (["--set", "mass"], ["option --set", "KEY=NUMBER"]),
+        (["--set", "watchdog=1"], ["option --set", "did you mean watchdog_drop"]),
+    ],
+)
+def test_option_is_refused_with_its_name(options, words, drive, tmp_path):
+    refused(tselab("estimate", drive.log, "--vehicle", drive.vehicle, *options, cwd=tmp_path), words)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--maneuver", "fly"], ["no manoeuvre 'fly'", "square-waves"]),
+        (["--maneuver", "straight", "--speed", "100"], ["option --speed", "0 .. 70 m/s"]),
+        (["--maneuver", "straight", "--duration", "-1"], ["option --duration"]),
+        (["--maneuver", "straight", "--sample-time", "1"], ["option --sample-time", "0.001 .. 0.1 s"]),
+        (["--maneuver", "straight", "--road-change", "5"], ["option --road-change", "TIME:LEVEL"]),
+        (["--maneuver", "straight", "--road-change", "5:0"], ["option --road-change", "0.02 .. 10"]),
+        (["--maneuver", "straight", "--spread", "2"], ["option --spread", "0 .. 0.3"]),
+    ],
+)
+def test_simulation_option_is_refused_with_its_range(options, words, tmp_path):
+    refused(tselab("simulate", *options, "--out", "log.csv", cwd=tmp_path), words)
+    assert not list(tmp_path.iterdir())
+
+
+def test_every_refusal_of_a_library_that_is_not_there_says_what_to_do(monkeypatch, tmp_path):
+    monkeypatch.setenv("TSELAB_LIBRARY", str(tmp_path / "libtse.so"))
+    refused(tselab("settings"), ["libtse.so", "scripts/setup.sh"])

@@ -1,0 +1,106 @@
+"""The command itself: help, versions, lists, demo, study, internal errors."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from conftest import tselab
+
+
+def test_version_names_package_and_library():
+    done = tselab("--version")
+    assert done.code == 0 and done.out.startswith("tselab 0.") and "particles" in done.out
+
+
+def test_the_installed_command_is_the_package():
+    command = shutil.which("tselab", path=str(Path(sys.executable).parent))
+    if command is None:
+        pytest.skip("tselab is not installed beside this python")
+    import subprocess
+
+    assert (
+        subprocess.run([command, "--version"], capture_output=True, text=True, timeout=60).stdout
+        == tselab("--version").out
+    )
+
+
+@pytest.mark.parametrize("command", ["estimate", "simulate", "vehicle", "settings", "demo", "accuracy"])
+def test_help_teaches(command):
+    done = tselab(command, "--help")
+    assert done.code == 0 and "Usage: tselab " + command in done.out.replace("python -m ", "")
+    if command == "estimate":
+        assert "wheel_speed_front  rad/s  -400 .. 400" in done.out and "cx_front_spread" in done.out
+    if command == "simulate":
+        assert "double-lane-change" in done.out and "true_bias_yaw_rate" in done.out
+
+
+def test_wrong_usage_exits_with_2_and_says_what_is_missing():
+    done = tselab("estimate")
+    assert done.code == 2 and "Missing argument 'LOG.csv'" in done.err
+    done = tselab("estimat", "x.csv")
+    assert done.code == 2 and "No such command" in done.err
+
+
+def test_settings_lists_every_setting():
+    from tselab.core import Config
+
+    lines = tselab("settings").out.splitlines()
+    assert [line.split()[0] for line in lines[1:]] == list(Config().fields)
+
+
+def test_internal_error_is_one_paragraph_and_exit_1(monkeypatch, capsys):
+    from tselab import cli, tables
+
+    monkeypatch.setattr(tables, "settings_table", lambda *_: 1 / 0)
+    for argv, traceback in ((["tselab", "settings"], False), (["tselab", "--debug", "settings"], True)):
+        monkeypatch.setattr(sys, "argv", argv)
+        with pytest.raises(SystemExit) as stop:
+            cli.main()
+        assert stop.value.code == 1
+        assert ("Traceback" in capsys.readouterr().err) == traceback
+
+
+def test_demo_leaves_everything_and_finds_the_stiffness(tmp_path):
+    done = tselab("demo", "--out", "demo", cwd=tmp_path)
+    assert done.code == 0, done.err
+    assert len(done.out.splitlines()) == 5
+    names = {p.name for p in (tmp_path / "demo").iterdir()}
+    assert {"vehicle.toml", "filter.toml", "log.csv", "truth.csv", "est.csv", "report.html"} <= names
+    est, truth = pd.read_csv(tmp_path / "demo" / "est.csv"), pd.read_csv(tmp_path / "demo" / "truth.csv")
+    before = est["time"].between(25, 36)
+    for key, limit in (("cx_front", 0.08), ("cy_front", 0.04), ("cy_rear", 0.04)):
+        assert abs(est[key][before].mean() / truth[f"true_{key}"][before].mean() - 1) < limit
+    again = tselab("estimate", "log.csv", "--vehicle", "vehicle.toml", "--config", "filter.toml", "--out", "again.csv",
+                   cwd=tmp_path / "demo")  # fmt: skip
+    assert again.code == 0
+    assert (tmp_path / "demo" / "again.csv").read_bytes() == (tmp_path / "demo" / "est.csv").read_bytes()
+
+
+def test_accuracy_is_the_same_in_one_process_and_in_two(tmp_path):
+    done = tselab("accuracy", "--runs", 2, "--jobs", 2, "--particles", 100, "--out", tmp_path / "two")
+    assert done.code == 0, done.err
+    assert "| RMS error |" in done.out and "Diverged: " in done.out and "seeds 1 .. 2" in done.out
+    assert tselab("accuracy", "--runs", 2, "--jobs", 1, "--particles", 100, "--out", tmp_path / "one").code == 0
+    assert (tmp_path / "one" / "accuracy.csv").read_bytes() == (tmp_path / "two" / "accuracy.csv").read_bytes()
+    assert (tmp_path / "one" / "accuracy.md").read_text().strip() == done.out.strip()
+
+
+def test_interval_of_a_share_is_clopper_pearson():
+    from tselab.study import clopper_pearson
+
+    assert clopper_pearson(0, 60)[1] == pytest.approx(1 - 0.025 ** (1 / 60))
+    assert clopper_pearson(0, 60)[0] == 0
+
+
+def test_longest_run_is_counted():
+    import numpy as np
+
+    from tselab.study import _longest
+
+    assert _longest(np.array([0, 1, 1, 0, 1, 1, 1], bool)) == 3
+    assert _longest(np.zeros(4, bool)) == 0

@@ -1,0 +1,212 @@
+"""tselab estimate from the shell, on good input."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+import time
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from conftest import COMMAND, tselab
+
+STIFFNESS = ("cx_front", "cy_front", "cy_rear")
+ISSUE_COLUMNS = [
+    "time", "vel_x", "vel_x_sd", "vel_y", "vel_y_sd", "yaw_rate", "yaw_rate_sd", "sideslip",
+    *(f"{s}{part}" for s in STIFFNESS for part in ("", "_sd", "_spread", "_valid")),
+    "bias_accel_x", "bias_accel_x_sd", "bias_accel_y", "bias_accel_y_sd", "bias_yaw_rate", "bias_yaw_rate_sd",
+    "n_eff", "log_evidence", "status",
+]  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def result(drive, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("estimate")
+    done = tselab("estimate", drive.log, "--vehicle", drive.vehicle, "--particles", 200, cwd=folder)
+    assert done.code == 0, done.err
+    return done, pd.read_csv(folder / "log.est.csv")
+
+
+def test_columns_are_those_of_the_issue_and_reasons_follow(result):
+    _, est = result
+    assert list(est)[: len(ISSUE_COLUMNS)] == ISSUE_COLUMNS
+    assert list(est)[len(ISSUE_COLUMNS) :] == [f"{s}_reason" for s in STIFFNESS]
+
+
+def test_every_row_of_the_log_has_an_estimate_that_is_finite_and_positive(result, drive):
+    _, est = result
+    assert np.array_equal(est["time"], pd.read_csv(drive.log)["time"])
+    numbers = est.select_dtypes("number")
+    assert np.isfinite(numbers.to_numpy()).all()
+    assert (est[list(STIFFNESS)] > 0).all(axis=None)
+    assert (est["status"] >= 0).all()
+
+
+def test_valid_is_one_or_zero_and_agrees_with_the_reason(result):
+    _, est = result
+    for s in STIFFNESS:
+        assert set(est[f"{s}_valid"]) <= {0, 1}
+        assert ((est[f"{s}_valid"] == 1) == (est[f"{s}_reason"] == "valid")).all()
+
+
+def test_stiffness_is_found_in_newton_per_axle(result):
+    _, est = result
+    last = est.iloc[-1]
+    assert last["cx_front"] == pytest.approx(1.6e5, rel=0.15)
+    assert last["cy_front"] == pytest.approx(1.2e5, rel=0.06)
+    assert last["cy_rear"] == pytest.approx(1.4e5, rel=0.06)
+
+
+def test_terminal_says_verdict_and_where_the_file_is(result):
+    done, _ = result
+    assert "Front cornering stiffness: 1" in done.out and "kN/rad" in done.out and "(95 %)" in done.out
+    assert "Estimates written to log.est.csv" in done.out
+
+
+def test_same_seed_gives_the_same_bytes_and_another_seed_does_not(drive, tmp_path):
+    contents = []
+    for i, seed in enumerate((5, 5, 6)):
+        out = tmp_path / f"{i}.csv"
+        assert (
+            tselab(
+                "estimate", drive.log, "--vehicle", drive.vehicle, "--seed", seed, "--particles", 64, "--out", out
+            ).code
+            == 0
+        )
+        contents.append(out.read_bytes())
+    assert contents[0] == contents[1] != contents[2]
+
+
+def test_written_numbers_carry_every_bit(drive, tmp_path):
+    from tselab.config import make_config
+    from tselab.estimate import estimate, write_table
+    from tselab.log import read_log
+    from tselab.vehicle import read_vehicle
+
+    log = read_log(drive.log)
+    config, _ = make_config(read_vehicle(drive.vehicle), log, None, {"particles": 32})
+    table = estimate(log, config).table
+    write_table(table, tmp_path / "x.csv")
+    back = pd.read_csv(tmp_path / "x.csv", dtype=str)
+    for column in table.select_dtypes("float64"):
+        assert [float(cell) for cell in back[column]] == table[column].tolist(), column
+
+
+def test_missing_cells_are_counted_and_bridged(drive, tmp_path):
+    table = drive.table()
+    table.loc[100:119, "accel_y"] = ""
+    table.loc[300:309, "yaw_rate"] = "nan"
+    table.loc[500:504, "steer_angle"] = ""
+    table.loc[700, "accel_x"] = "99"
+    table.to_csv(tmp_path / "log.csv", index=False)
+    done = tselab("estimate", "log.csv", "--vehicle", drive.vehicle, "--particles", 64, cwd=tmp_path)
+    assert done.code == 0, done.err
+    assert "accel_y: 20 of 2001 cells are missing" in done.err and "line 102" in done.err
+    assert "yaw_rate: 10 of 2001" in done.err
+    assert "steer_angle: 5 of 2001" in done.err
+    assert "accel_x: 1 values outside -50 .. 50 m/s2 are treated as missing (first in line 702)" in done.err
+    est = pd.read_csv(tmp_path / "log.est.csv")
+    assert np.isfinite(est.select_dtypes("number").to_numpy()).all()
+    assert (est["status"].iloc[100:120] >= 1).all()
+
+
+def test_irregular_sampling_is_followed_and_reported(drive, tmp_path):
+    table = drive.table()
+    rng = np.random.default_rng(1)
+    keep = rng.random(len(table)) > 0.3
+    keep[1000:1100] = False
+    table[keep].to_csv(tmp_path / "log.csv", index=False)
+    done = tselab("estimate", "log.csv", "--vehicle", drive.vehicle, "--particles", 200, cwd=tmp_path)
+    assert done.code == 0, done.err
+    assert "irregular sampling" in done.err and "1 gap longer than" in done.err
+    est = pd.read_csv(tmp_path / "log.est.csv")
+    assert len(est) == keep.sum()
+    assert est["cy_front"].iloc[-1] == pytest.approx(1.2e5, rel=0.1)
+
+
+def test_slow_log_of_20_hz_is_handled(drive, tmp_path):
+    drive.table().iloc[::5].to_csv(tmp_path / "log.csv", index=False)
+    done = tselab(
+        "estimate", "log.csv", "--vehicle", drive.vehicle, "--particles", 200, "--forgetting", 0.97, cwd=tmp_path
+    )
+    assert done.code == 0, done.err
+    assert "every 50 ms" in done.out
+    assert (pd.read_csv(tmp_path / "log.est.csv")[list(STIFFNESS)] > 0).all(axis=None)
+
+
+def test_extra_columns_blank_lines_and_a_byte_order_mark_do_no_harm(drive, tmp_path):
+    table = drive.table().iloc[:300]
+    table.insert(3, "driver", "somebody")
+    table["ref_note"] = "text"
+    text = table[table.columns[::-1]].to_csv(index=False)
+    (tmp_path / "log.csv").write_text("\ufeff" + text + "\n\n", encoding="utf-8")
+    done = tselab("estimate", "log.csv", "--vehicle", drive.vehicle, "--particles", 64, cwd=tmp_path)
+    assert done.code == 0, done.err
+    assert "ref_note is not numeric" in done.err
+    assert len(pd.read_csv(tmp_path / "log.est.csv")) == 300
+
+
+def test_a_single_row_is_enough(drive, tmp_path):
+    drive.table().iloc[:1].to_csv(tmp_path / "log.csv", index=False)
+    done = tselab("estimate", "log.csv", "--vehicle", drive.vehicle, "--report", "r.html", cwd=tmp_path)
+    assert done.code == 0, done.err
+    assert len(pd.read_csv(tmp_path / "log.est.csv")) == 1
+
+
+def test_settings_come_from_file_and_options_win(drive, tmp_path):
+    (tmp_path / "filter.toml").write_text("forgetting = 0.98\n[filter]\nparticles = 64\ninitial_cx_front = 0.7\n")
+    done = tselab("estimate", drive.log, "--vehicle", drive.vehicle, "--config", "filter.toml", "--particles", 48,
+                  "--set", "initial_cy_front=0.8", cwd=tmp_path)  # fmt: skip
+    assert done.code == 0, done.err
+    assert "48 particles, forgetting 0.98" in done.out
+    first = pd.read_csv(tmp_path / "log.est.csv").iloc[0]
+    assert first["cx_front"] == pytest.approx(0.7 * 1.6e5, rel=0.1)
+    assert first["cy_front"] == pytest.approx(0.8 * 1.2e5, rel=0.1)
+
+
+def test_at_large_steering_angles_statistics_are_held(drive, tmp_path):
+    table = drive.table()
+    table.loc[50:59, "steer_angle"] = "0.5"
+    table.to_csv(tmp_path / "log.csv", index=False)
+    done = tselab("estimate", "log.csv", "--vehicle", drive.vehicle, "--particles", 64, cwd=tmp_path)
+    assert "steering beyond 0.3 rad in 10 rows (first in line 52)" in done.err
+    est = pd.read_csv(tmp_path / "log.est.csv")
+    assert (est["log_evidence"].iloc[50:60] == 0).all()
+    assert (est["cy_front_reason"].iloc[50:60] == "held").all()
+
+
+@pytest.mark.skipif(os.name == "nt", reason="signals work otherwise there")
+def test_ctrl_c_leaves_complete_rows_and_says_so(drive, tmp_path):
+    table = pd.read_csv(drive.log)
+    long = pd.concat([table] * 60, ignore_index=True)
+    long["time"] = np.arange(len(long)) * 0.01
+    long.to_csv(tmp_path / "long.csv", index=False)
+    run = subprocess.Popen(
+        [*COMMAND, "estimate", "long.csv", "--vehicle", str(drive.vehicle), "--progress", "--report", "r.html"],
+        cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+    )  # fmt: skip
+    seen = b""
+    end = time.monotonic() + 60
+    while not re.search(rb"[1-9]\d*%", seen) and time.monotonic() < end:
+        seen += os.read(run.stderr.fileno(), 4096)
+    run.send_signal(signal.SIGINT)
+    _, err = run.communicate(timeout=60)
+    assert run.returncode == 130, err
+    assert b"stopped by Ctrl-C after" in err and b"Traceback" not in err
+    text = (tmp_path / "long.est.csv").read_text()
+    assert text.endswith("\n")
+    est = pd.read_csv(tmp_path / "long.est.csv")
+    assert 0 < len(est) < len(long)
+    assert np.isfinite(est.select_dtypes("number").to_numpy()).all()
+    assert {p.name for p in tmp_path.iterdir()} == {"long.csv", "long.est.csv", "r.html"}
+
+
+def test_closed_pipe_is_not_an_error_message():
+    run = subprocess.run(
+        f"{' '.join(COMMAND)} settings | head -n 1", shell=True, capture_output=True, text=True, timeout=60
+    )
+    assert run.stdout.startswith("setting") and run.stderr == ""

@@ -1,0 +1,135 @@
+"""Vehicle files and the rules that fill them in."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from conftest import tselab
+
+BARE = """name = "bare"
+mass = 1600.0
+lf = 1.0
+lr = 1.5
+wheel_radius_front = 0.3
+wheel_radius_rear = 0.31
+"""
+
+
+def read(tmp_path, text):
+    from tselab.vehicle import read_vehicle
+
+    path = tmp_path / "car.toml"
+    path.write_text(text, encoding="utf-8")
+    return read_vehicle(path)
+
+
+def test_missing_stiffness_is_filled_in_from_the_axle_load(tmp_path):
+    car = read(tmp_path, BARE)
+    front, rear = 1600 * 9.81 * 1.5 / 2.5, 1600 * 9.81 * 1.0 / 2.5
+    assert car.values["cornering_stiffness_front"] == pytest.approx(12 * front)
+    assert car.values["cornering_stiffness_rear"] == pytest.approx(12 * rear)
+    assert car.values["longitudinal_stiffness_front"] == pytest.approx(20 * front)
+    assert car.values["yaw_inertia"] == pytest.approx(1600 * 1.0 * 1.5)
+    assert sum("rule" in line for line in car.filled) == 5
+
+
+def test_stated_stiffness_is_kept_and_the_authors_guess_is_not_used(tmp_path):
+    car = read(tmp_path, BARE + "cornering_stiffness_front = 90000.0\nauthor_stiffness_rear = 1.0\n")
+    assert car.values["cornering_stiffness_front"] == 90000
+    assert not any("cornering_stiffness_front" in line for line in car.filled)
+    assert any("author_stiffness" in line and "not used" in line for line in car.notes)
+
+
+def test_unknown_keys_are_one_notice(tmp_path):
+    car = read(tmp_path, BARE + "colour = 3\nparticles = 5\n[sensors]\nnoise = 1.0\n[source]\nrepo = 'x'\n")
+    assert [n for n in car.notes if "not known" in n] == [
+        "car.toml: key colour, particles, sensors.noise is not known and not used"
+    ]
+
+
+def log_of(**channels):
+    from pathlib import Path
+
+    import pandas as pd
+
+    from tselab.log import Log, columns
+
+    n = len(next(iter(channels.values())))
+    data = pd.DataFrame({c: channels.get(c, np.zeros(n)) for c in columns()[1:]})
+    return Log(Path("x.csv"), np.arange(n) * 0.01, data, pd.DataFrame(), np.arange(n) + 2, 0.01)
+
+
+def test_noise_of_a_white_channel_on_a_moving_signal_is_found():
+    from tselab.noise import channel_noise
+
+    rng = np.random.default_rng(4)
+    t = np.arange(5000) * 0.01
+    noise = channel_noise("accel_x", 2 * np.sin(t) + 0.2 * rng.standard_normal(len(t)), t >= 0)
+    assert noise.sd == pytest.approx(0.2, rel=0.07) and noise.hold == 1 and noise.step == 0
+
+
+def test_coarse_channel_is_not_thought_free_of_noise():
+    from tselab.noise import channel_noise
+
+    t = np.arange(5000) * 0.01
+    noise = channel_noise("yaw_rate", np.round(0.03 * np.sin(0.3 * t) / 0.01) * 0.01, t >= 0)
+    assert noise.step == pytest.approx(0.01)
+    assert noise.sd >= 0.01 / np.sqrt(12)
+
+
+def test_held_samples_count_once():
+    from tselab.noise import channel_noise
+
+    rng = np.random.default_rng(4)
+    t = np.arange(8000) * 0.01
+    held = np.repeat(rng.standard_normal(2000), 4) * 0.1
+    noise = channel_noise("accel_y", held, t >= 0)
+    assert noise.hold == 4
+    assert noise.sd > 0.1 * np.sqrt(4) * 0.9
+
+
+def test_constant_channel_gets_the_floor():
+    from tselab.noise import FLOOR, channel_noise
+
+    assert channel_noise("yaw_rate", np.zeros(500), np.ones(500, bool)).sd >= FLOOR["yaw_rate"]
+
+
+def test_accelerometer_that_disagrees_with_the_wheels_is_trusted_less(tmp_path):
+    from tselab.vehicle import fill_sensors
+
+    rng = np.random.default_rng(2)
+    n = 6000
+    wheel = np.full(n, 60.0)
+    slow = np.repeat(rng.standard_normal(n // 20) * 0.3, 20)
+    quiet, rough = read(tmp_path, BARE), read(tmp_path, BARE)
+    base = 0.1 * rng.standard_normal(n)
+    fill_sensors(
+        quiet, log_of(wheel_speed_front=wheel, wheel_speed_rear=wheel, accel_x=base, accel_y=base, yaw_rate=0.01 * base)
+    )
+    fill_sensors(
+        rough,
+        log_of(
+            wheel_speed_front=wheel, wheel_speed_rear=wheel, accel_x=base + slow, accel_y=base, yaw_rate=0.01 * base
+        ),
+    )
+    assert quiet.values["accel_x_sd"] == pytest.approx(0.1, rel=0.3)
+    assert rough.values["accel_x_sd"] > 3 * quiet.values["accel_x_sd"]
+    assert any("misfit to the kinematics" in line for line in rough.filled)
+
+
+def test_stated_noise_is_left_alone(tmp_path):
+    from tselab.vehicle import fill_sensors
+
+    car = read(tmp_path, BARE + "[sensors]\naccel_x_sd = 0.5\naccel_y_sd = 0.5\nyaw_rate_sd = 0.02\n")
+    before = dict(car.values)
+    fill_sensors(car, log_of(accel_x=np.zeros(500)))
+    assert car.values == before
+
+
+def test_example_file_is_the_default_car(tmp_path):
+    from tselab.core import Config
+
+    car = read(tmp_path, tselab("vehicle", "--example").out)
+    assert Config(car.values).changed() == {}
+    assert car.filled == car.notes == []
