@@ -108,7 +108,8 @@ tse_status tse_step(const tse_params *p, tse_filter *f, const tse_input *u, tse_
 
   /* Is there something to learn from? */
   const tse_real fastest = r_max(r_abs(y.u.v_front), r_abs(y.u.v_rear));
-  const int held = fastest < p->hold_speed || y.u.v_front < REVERSE_SPEED || y.u.v_rear < REVERSE_SPEED;
+  const int held = fastest < p->hold_speed || y.u.v_front < REVERSE_SPEED || y.u.v_rear < REVERSE_SPEED ||
+                   r_abs(y.u.steer) > p->max_steer;
   const int predicted = !y.has_inputs || y.used == 0;
   const int learning = !held && !predicted;
   f->still_for = fastest < STILL_SPEED && y.has_inputs ? r_min(f->still_for + y.dt, STILL_TIME) : TSE_R(0);

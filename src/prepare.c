@@ -106,6 +106,7 @@ tse_status tse_prepare(const tse_config *c, tse_params *p, const char **wrong)
   p->max_step = real_of(c->sample_time * (tse_setting)1.5);
   p->max_gap = real_of(c->max_gap);
   p->hold_speed = real_of(c->hold_speed);
+  p->max_steer = real_of(c->max_steer);
   p->log2_forgetting = r_log2(real_of(c->forgetting));
   p->memory = real_of(one / (one - c->forgetting));
   p->resample_at = real_of(c->resample_threshold * (tse_setting)c->particles);

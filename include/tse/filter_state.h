@@ -50,7 +50,7 @@ typedef struct tse_params {
   tse_real log_density;               /* [log2]      -sum log2 sd: evidence in SI units    */
   tse_real log_sd[3];                 /* [log2]                                            */
   /* filter */
-  tse_real sample_time, inv_sample_time, max_step, max_gap, hold_speed;
+  tse_real sample_time, inv_sample_time, max_step, max_gap, hold_speed, max_steer;
   tse_real log2_forgetting;           /* log2(lambda) per nominal sample                   */
   tse_real memory;                    /* [samples]   1/(1 - lambda)                        */
   tse_real resample_at;               /* N_eff threshold, in particles                     */

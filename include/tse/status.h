@@ -18,7 +18,7 @@
   X(TSE_W_STARTING,          1, "less data seen than the filter's memory holds; spread and validity are not settled") \
   X(TSE_W_NOT_EXCITED,       2, "at least one stiffness is not excited enough to be told") \
   X(TSE_W_MISSING_CHANNEL,   3, "a measurement was missing; the others were used") \
-  X(TSE_W_HELD,              4, "standstill, low speed or reverse: statistics held") \
+  X(TSE_W_HELD,              4, "standstill, low speed, reverse or large steering angle: statistics held") \
   X(TSE_W_PREDICTED,         5, "no measurement, or inputs missing: predicted only") \
   X(TSE_W_GAP,               6, "time step too long to bridge: states restarted from the sensors, statistics kept") \
   X(TSE_W_RECOVERED,         7, "evidence far below its own level: part of the particles were drawn anew")
@@ -37,7 +37,7 @@ typedef enum tse_status {
   X(TSE_NOT_EXCITED,    2, "not excited",      "the recent inputs do not show this stiffness") \
   X(TSE_UNCERTAIN,      3, "uncertain",        "excited, but the sd of the mean is above the limit") \
   X(TSE_DIVERGING,      4, "diverging",        "evidence fell or the particles were drawn anew; not settled again") \
-  X(TSE_HELD,           5, "held",             "standstill, low speed or reverse: value from before") \
+  X(TSE_HELD,           5, "held",             "standstill, low speed, reverse or large steering angle: value from before") \
   X(TSE_INPUT_INVALID,  6, "input invalid",    "inputs or measurements are missing")
 
 typedef enum tse_reason {

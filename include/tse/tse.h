@@ -116,7 +116,8 @@ tse_status tse_input_check(const tse_input *u, const char **wrong);
  *     measurement missing or out of range        the other measurements are used; all missing: predicts only
  *     dt up to max_gap                           bridged in steps no longer than 1.5 sample_time (at most 100)
  *     dt above max_gap                           states restarted from wheel speeds and gyro, statistics kept
- *     |wheel speed| below hold_speed, reverse    states kept sane, statistics held; gyro bias learnt at standstill
+ *     |wheel speed| below hold_speed, reverse,   states kept sane, statistics held; gyro bias learnt at standstill
+ *     steering angle beyond max_steer
  *   Source:    Algorithm 1, (16)-(19), (22)-(27).    O(N) time, bounded; no allocation, no recursion, no global state. */
 tse_status tse_step(const tse_params *p, tse_filter *f, const tse_input *u, tse_output *y);
 
