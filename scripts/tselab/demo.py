@@ -42,7 +42,8 @@ def run_demo(out: Path, seed: int = 1, progress: bool = False) -> Demo:
         file.write(example_vehicle())
     with atomic(out / "filter.toml") as file:
         file.write("# a wrong start, to see it being found\n" + "".join(f"initial_{s} = {START}\n" for s in STIFFNESS))
-        file.write(f"\n# half the default memory: follows the road sooner, knows a steady one less well\nforgetting = {FORGETTING}\n")
+        file.write("\n# half the default memory: follows the road sooner, knows a steady one less well\n")
+        file.write(f"forgetting = {FORGETTING}\n")
     vehicle = read_vehicle(out / "vehicle.toml")
     config = Config(vehicle.values)
     maneuver = maneuvers.build(

@@ -73,8 +73,8 @@ for i in range(90):
     print("  " + cells([k, *x, *u, *w, *forces(CARS[k], x, u, w)[0], *accels(CARS[k], x, u, w)]))
 print("};\n")
 
-print("/* car | duration | state at the start (3) | inputs at the start (3) | at the end (3), linear between | w (3) | state at the end (3)")
-print(" * | time constant of the fastest tyre mode at the start */")
+print("/* car | duration | state at the start (3) | inputs at the start (3), at the end (3), linear between | w (3) |")
+print(" * state at the end (3) | time constant of the fastest tyre mode at the start */")
 print("static const double drive_table[][18] = {")
 DRIVES = [  # speed, duration, change of R omega, steering angle at the end
     (0.3, 0.4, 0.2, 0.1),
@@ -109,8 +109,8 @@ for i, (speed, duration, change, steer) in enumerate(DRIVES):
     print("  " + cells([k, duration, *x0, *u0, *u1, *w, *out.y[:, -1], 1 / fastest]))
 print("};\n")
 
-print("/* car | speed | duration | vel_y, yaw rate at the start | steering angle at the start, at the end | vel_y, yaw rate at the end:")
-print(" * the lateral model, linear at constant speed, by the matrix exponential; all proportional to the start and the angle */")
+print("/* car | speed | duration | vel_y, yaw rate at the start | steering angle at the start, at the end |")
+print(" * vel_y, yaw rate at the end: the lateral model at constant speed, which is linear, by the matrix exponential */")
 print("static const double linear_table[][9] = {")
 for i, speed in enumerate((0.5, 1.5, 4.0, 10.0, 20.0, 40.0, 70.0)):
     for k in (i % len(CARS), (i + 1) % len(CARS)):

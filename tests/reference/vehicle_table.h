@@ -104,8 +104,8 @@ static const double force_table[][17] = {
   { 2.0, -70.0, -0.653720612852007, -0.2592749934831069, 0.09009723833266658, -73.8161703400745, -64.22804920301165, 0.443203891985815, 0.7659780243939158, 0.7260507472814395, -0.05169829757481638, 0.08245643995697642, -0.07473948865749436, 0.004245964240181929, 3.9578330117269616, -7.678473718413429, -6.957541121661894 },
 };
 
-/* car | duration | state at the start (3) | inputs at the start (3) | at the end (3), linear between | w (3) | state at the end (3)
- * | time constant of the fastest tyre mode at the start */
+/* car | duration | state at the start (3) | inputs at the start (3), at the end (3), linear between | w (3) |
+ * state at the end (3) | time constant of the fastest tyre mode at the start */
 static const double drive_table[][18] = {
   { 0.0, 0.4, 0.3, 0.0006, 0.03, 0.020000000000000004, 0.32, 0.32, 0.10000000000000002, 0.52, 0.54, 0.3, -0.25, 0.2, 0.5275322321324133, 0.026861077372196267, 0.01798224295923295, 0.0045673076923076926 },
   { 1.0, 0.4, 0.6, -0.0024, -0.06, -0.04000000000000001, 0.62, 0.62, -0.20000000000000004, 0.9199999999999999, 0.95, -0.3, 0.25, -0.2, 0.9286260125842538, -0.10437982796448061, -0.07621464030328869, 0.0055000000000000005 },
@@ -120,8 +120,8 @@ static const double drive_table[][18] = {
   { 1.0, 0.4, -0.5, -0.002, 0.06, 0.04000000000000001, -0.52, -0.52, 0.20000000000000004, -0.72, -0.74, 0.3, -0.25, 0.2, -0.7240857039907189, -0.08071993124799007, -0.05859295560361294, 0.005288461538461539 },
 };
 
-/* car | speed | duration | vel_y, yaw rate at the start | steering angle at the start, at the end | vel_y, yaw rate at the end:
- * the lateral model, linear at constant speed, by the matrix exponential; all proportional to the start and the angle */
+/* car | speed | duration | vel_y, yaw rate at the start | steering angle at the start, at the end |
+ * vel_y, yaw rate at the end: the lateral model at constant speed, which is linear, by the matrix exponential */
 static const double linear_table[][9] = {
   { 0.0, 0.5, 0.2, -0.6765118212639156, 0.8642948087871227, 0.6915655209977343, -0.7080260479709823, -0.17654219261866347, -0.1191624457126633 },
   { 1.0, 0.5, 0.2, 0.13912572267970047, 0.05586559758122123, -0.3808269010215437, -0.24955700532346703, -0.07366321362290464, -0.05365941216657848 },
