@@ -11,7 +11,7 @@
 
 static const tse_field config_fields[] = {
 #define REAL(name, def, lo, hi, unit, text) { #name, 's', (int32_t)offsetof(tse_config, name), def, lo, hi, unit, text },
-#define INT(name, def, lo, hi, text) { #name, 'i', (int32_t)offsetof(tse_config, name), def, lo, hi, "1", text },
+#define INT(name, def, lo, hi, text) { #name, 'i', (int32_t)offsetof(tse_config, name), (def) < (hi) ? (def) : (hi), lo, hi, "1", text },
 #include "tse/config.def"
 #undef REAL
 #undef INT

@@ -35,6 +35,17 @@ static tse_real mean_of(const tse_real *weight, const tse_real *value, int32_t c
   return acc_div(a, total);
 }
 
+tse_real weighted_mean(const tse_params *p, const tse_filter *f, const tse_real *value)
+{
+  const int32_t count = padded(p->particles);
+  tse_acc lanes[TSE_LANES], total = acc_zero();
+  for (int l = 0; l < TSE_LANES; l++) lanes[l] = acc_zero();
+  for (int32_t i = 0; i < count; i += TSE_LANES)
+    for (int l = 0; l < TSE_LANES; l++) lanes[l] = acc_add(lanes[l], f->weight[i + l]);
+  for (int l = 0; l < TSE_LANES; l++) total = acc_merge(total, lanes[l]);
+  return mean_of(f->weight, value, count, total);
+}
+
 void estimate(const tse_params *p, const tse_filter *f, tse_output *y)
 {
   const tse_particles *const q = &f->p;
@@ -60,7 +71,7 @@ void estimate(const tse_params *p, const tse_filter *f, tse_output *y)
   for (int a = 0; a < 3; a++) {
     moments(f->weight, q->x[a], count, total, &x[a], &var);
     *state[a] = x[a];
-    *state_sd[a] = r_sqrt(var);
+    *state_sd[a] = r_sqrt(var + f->cov[a][a]);
   }
   y->sideslip = r_max(r_abs(x[0]), r_abs(x[1])) < TSE_R(0.01) ? TSE_R(0) : r_atan2(x[1], x[0]);
 
@@ -70,11 +81,11 @@ void estimate(const tse_params *p, const tse_filter *f, tse_output *y)
     moments(f->weight, q->mu[a], count, total, &mean, &var);
     const tse_real sigma = r_mul(inv, mean_of(f->weight, q->lam[diagonal[a]], count, total));
     y->stiffness[a] = TSE_R(1) + mean;
-    y->stiffness_sd[a] = r_sqrt(r_mul(f->gamma, sigma) + var);
+    y->stiffness_sd[a] = r_sqrt(r_mul(f->gamma, sigma) + var + f->cov[3 + a][3 + a]);
     y->stiffness_spread[a] = r_sqrt(sigma);
     moments(f->weight, q->bias[a], count, total, &mean, &var);
     y->bias[a] = r_mul(p->sd[a], mean);
-    y->bias_sd[a] = r_mul(p->sd[a], r_sqrt(f->bias_var[a] + var));
+    y->bias_sd[a] = r_mul(p->sd[a], r_sqrt(f->cov[6 + a][6 + a] + var));
   }
 }
 

@@ -9,6 +9,8 @@
 #define LEVEL_TIME TSE_R(5)       /* s:   time constants of the running evidence, slow                         */
 #define FAST_TIME TSE_R(0.2)      /* s:   and fast                                                             */
 #define SETTLE_TIME TSE_R(2)      /* s:   after a recovery nothing is valid for so long                        */
+#define ABSURD TSE_R(29)          /* log2, 20 nats: innovations of 3.6 sigma in each channel, row after row; three times
+                                     the noise in the settings costs 13 nats                              */
 #define LN_2 TSE_R(0.69314718055994531)
 
 tse_status tse_reset(const tse_params *p, tse_filter *f, size_t filter_bytes)
@@ -33,16 +35,21 @@ static void resample_now(const tse_params *p, tse_filter *f)
   resample(p->resampling, f->weight, p->particles, p->seed, f->step, f->ancestor);
   keep_survivors(f->ancestor, f->copies, p->particles);
   copy_particles(&f->p, f->ancestor, p->particles);
-  for (int32_t i = 0; i < padded(p->particles); i++) f->p.logw[0][i] = TSE_R(0);
+  for (int32_t i = 0; i < padded(p->particles); i++) {
+    f->p.logw[0][i] = TSE_R(0);
+    f->weight[i] = i < p->particles ? TSE_R(1) : TSE_R(0);
+  }
   f->log_total = r_log2(r_from_int(p->particles));
 }
 
 /* Evidence against its own running level, both in log2 per row.   Returned: 1 when it has stayed too far below.
+ * The level does not sink with a filter that is wrong and stays wrong: it ends ABSURD below the best that could be.
  * One row counts no more than four times the drop, so that a lone outlier does not raise the alarm. */
-static int evidence_is_lost(const tse_params *p, tse_filter *f, const sample *y, tse_real evidence)
+static int evidence_is_lost(const tse_params *p, tse_filter *f, const sample *y, tse_real evidence, tse_real best)
 {
   if (y->used < 3) return 0; /* the density of fewer channels has another level */
   if (!(f->level_age > TSE_R(0))) f->level = f->level_fast = evidence;
+  f->level = r_max(f->level, best - ABSURD);
   const tse_real floor = f->level - r_mul(TSE_R(4), p->watchdog_drop);
   const tse_real e = r_max(evidence, floor);
   /* a running mean from the start: the time constant grows with age */
@@ -51,6 +58,14 @@ static int evidence_is_lost(const tse_params *p, tse_filter *f, const sample *y,
   f->level_fast += r_mul(r_div(y->dt, r_min(FAST_TIME + y->dt, f->level_age)), e - f->level_fast);
   if (f->level_age < SETTLE_TIME || f->settle > TSE_R(0)) return 0;
   return f->level_fast < f->level - p->watchdog_drop;
+}
+
+/* No car that tyres hold goes this much sideways, or this far from what its wheels say: half of its speed. */
+static int state_is_absurd(const tse_output *est, const sample *y, tse_real fastest)
+{
+  const tse_real most = r_mul(TSE_R(0.5), fastest) + TSE_R(1);
+  const tse_real wheels = r_mul(TSE_R(0.5), y->u.v_front + y->u.v_rear);
+  return r_abs(est->vel_y) > most || r_abs(est->vel_x - wheels) > most;
 }
 
 static tse_status worse(tse_status a, tse_status b) { return a > b ? a : b; }
@@ -97,10 +112,13 @@ tse_status tse_step(const tse_params *p, tse_filter *f, const tse_input *u, tse_
     initialise(p, f, &y); /* again with every row until there are inputs to start from */
     f->started = y.has_inputs;
   } else {
-    bias_predict(p, f, y.dt);
+    bias_predict(p, f, y.dt); /* (18) */
     gap = !frozen && (y.dt > p->max_gap || lost);
     if (gap) restart_states(p, f, &y);
-    else if (!frozen) propagate(p, f, y.u, y.dt); /* (7) */
+    else if (!frozen) {
+      gaussian_predict(p, f, y.u, y.dt); /* (7) of the covariance */
+      propagate(p, f, y.u, y.dt);        /* (7) of the particles  */
+    }
   }
   f->steer = y.u.steer;
   f->v_front = y.u.v_front;
@@ -115,33 +133,39 @@ tse_status tse_step(const tse_params *p, tse_filter *f, const tse_input *u, tse_
   f->still_for = fastest < STILL_SPEED && y.has_inputs ? r_min(f->still_for + y.dt, STILL_TIME) : TSE_R(0);
   f->settle = r_max(f->settle - y.dt, TSE_R(0));
 
-  tse_real evidence = TSE_R(0);
+  tse_real evidence = TSE_R(0), best = TSE_R(0);
   int recover = 0, broken = 0;
+  gaussian g;
   if (learning) {
-    broken = !weigh(p, f, &y, &evidence); /* (22), (23) */
+    gaussian_observe(p, f, &y, &g);
+    broken = !weigh(p, f, &y, &g, &evidence, &best); /* (22), (23) */
     if (broken) initialise(p, f, &y);     /* no weight is a number any more: start over */
-    recover = broken || evidence_is_lost(p, f, &y, evidence);
+    recover = broken || evidence_is_lost(p, f, &y, evidence, best);
   }
 
   tse_output now;
   int32_t excited[3] = { 0, 0, 0 };
   estimate(p, f, &now); /* (26), (27), before resampling */
   now.log_evidence = r_mul(LN_2, evidence);
+  const int absurd = learning && state_is_absurd(&now, &y, fastest);
   if (learning) {
     excitation(p, f, &y, &now, excited);
     f->seen = r_min(f->seen + TSE_R(1), r_mul(TSE_R(5), p->memory));
   }
 
   if (learning) {
-    if (recover || now.n_eff <= p->resample_at) resample_now(p, f);
-    if (recover) {
-      if (!broken) redraw(p, f, &y, p->recovery_count);
+    if (recover || absurd || now.n_eff <= p->resample_at) resample_now(p, f);
+    if (recover || absurd) {
+      recover = 1;
+      if (!broken) redraw(p, f, &y, absurd ? padded(p->particles) : p->recovery_count);
       f->settle = SETTLE_TIME;
       f->level_fast = f->level;
       f->recoveries++;
     }
-    draw_and_learn(p, f, &y); /* (25), (16), (19) */
-    forget(p, f, y.dt);       /* (17) */
+    if (recover) gaussian_observe(p, f, &y, &g);
+    draw_and_learn(p, f, &y, &g); /* (25), (16), (19) */
+    gaussian_update(f, &g);
+    forget(p, f, y.dt);           /* (17) */
   } else {
     use_mean_stiffness(p, &f->p);
     if (!(f->still_for < STILL_TIME)) bias_learn_still(p, f, &y);

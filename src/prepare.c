@@ -13,6 +13,16 @@ void tse_config_default(tse_config *c)
 #undef INT
 }
 
+void tse_config_paper(tse_config *c)
+{
+  tse_config_default(c);
+  if (!c) return;
+  c->marginalised = 0;
+  c->initial_spread = (tse_setting)0.3; /* with a small one and this much doubt about the mean it often fails to start */
+  c->spread_max = (tse_setting)2;
+  c->hold_sd = (tse_setting)0;
+}
+
 tse_status tse_config_check(const tse_config *c, const char **wrong)
 {
   if (!c) return TSE_E_NULL;
@@ -71,6 +81,7 @@ tse_status tse_prepare(const tse_config *c, tse_params *p, const char **wrong)
   p->fingerprint = fingerprint(c);
   p->particles = c->particles;
   p->resampling = c->resampling;
+  p->marginalised = c->marginalised;
   p->vel_x_from_wheels = c->initial_vel_x_from_wheels;
   p->seed[0] = (uint32_t)c->seed;
   p->seed[1] = 0x7473650au; /* no seed gives the all-zero key */
@@ -117,9 +128,12 @@ tse_status tse_prepare(const tse_config *c, tse_params *p, const char **wrong)
   /* Sigma = Lambda/(nu - d_w - 1) is the spread squared; gamma Sigma is the variance of the mean */
   p->nu0 = real_of(c->initial_dof);
   p->lam0 = real_of(spread_var * (c->initial_dof - (tse_setting)4) / c->initial_dof);
-  p->gamma0 = real_of(square(c->initial_mean_sd) / spread_var);
+  p->gamma0 = c->marginalised ? TSE_R(0) : real_of(square(c->initial_mean_sd) / spread_var);
+  p->mean_var0 = real_of(square(c->initial_mean_sd));
+  p->mean_walk = real_of(square(c->mean_walk));
   p->mean_sd = real_of(c->initial_mean_sd);
   p->spread_var = real_of(spread_var);
+  p->spread_max_var = real_of(square(c->spread_max));
   p->vel_x0 = real_of(c->initial_vel_x);
   p->w_min = real_of(c->stiffness_min - one);
   p->w_max = real_of(c->stiffness_max - one);

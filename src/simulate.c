@@ -181,6 +181,18 @@ static void draw_stiffness(const tse_sim *sim, tse_real road_level, tse_real mea
   }
 }
 
+/* Stiffness over mass as drawn; what does not follow the front still follows the road. */
+static stiffness stiffness_now(const tse_sim *sim, tse_real road_level)
+{
+  const tse_params *const p = &sim->params;
+  stiffness k;
+  k.x_front = r_mul(p->kx_front, sim->drawn[0]);
+  k.x_rear = r_mul(p->kx_rear, road_level + r_mul(p->follow, sim->drawn[0] - road_level));
+  k.y_front = r_mul(p->ky_front, sim->drawn[1]);
+  k.y_rear = r_mul(p->ky_rear, sim->drawn[2]);
+  return k;
+}
+
 static int in_range(tse_real x, tse_real lo, tse_real hi) { return x >= lo && x <= hi; }
 
 static tse_status check(const tse_sim *sim, const tse_sim_input *u)
@@ -201,7 +213,7 @@ static void advance(tse_sim *sim, const tse_sim_input *u)
   const tse_real h = r_div(u->dt, r_from_int(steps));
   car c;
   c.p = &sim->params;
-  c.k = vehicle_stiffness(c.p, sim->drawn[0] - TSE_R(1), sim->drawn[1] - TSE_R(1), sim->drawn[2] - TSE_R(1));
+  c.k = stiffness_now(sim, sim->last.road_level);
   c.mass = r_from_setting(sim->vehicle.mass);
   c.inertia_front = r_from_setting(sim->config.wheel_inertia_front);
   c.inertia_rear = r_from_setting(sim->config.wheel_inertia_rear);
@@ -227,7 +239,7 @@ tse_status tse_sim_step(tse_sim *sim, const tse_sim_input *u, tse_sim_output *y)
 
   tse_real mean[3], n[6];
   draw_stiffness(sim, u->road_level, mean, sim->drawn);
-  const stiffness k = vehicle_stiffness(&sim->params, sim->drawn[0] - TSE_R(1), sim->drawn[1] - TSE_R(1), sim->drawn[2] - TSE_R(1));
+  const stiffness k = stiffness_now(sim, u->road_level);
   inputs in;
   in.steer = u->steer_angle;
   in.v_front = r_mul(sim->params.radius_front, sim->x[3]);
@@ -242,7 +254,7 @@ tse_status tse_sim_step(tse_sim *sim, const tse_sim_input *u, tse_sim_output *y)
   for (int i = 0; i < 3; i++) measured[i] = clean[i] + sim->bias[i] + r_mul(r_mul(noise, sim->params.sd[i]), n[i]);
 
   memset(y, 0, sizeof *y);
-  y->row.dt = u->dt;
+  y->row.dt = sim->step > 0 ? u->dt : TSE_R(0);
   y->row.steer_angle = u->steer_angle + r_mul(r_from_setting(sim->config.steer_angle_sd), n[3]);
   y->row.wheel_speed_front = sim->x[3] + r_mul(wheel_sd, n[4]);
   y->row.wheel_speed_rear = sim->x[4] + r_mul(wheel_sd, n[5]);

@@ -27,8 +27,15 @@
 #define keep_survivors    TSE_NAME(tse_keep_survivors)
 #define copy_particles    TSE_NAME(tse_copy_particles)
 #define draw_and_learn    TSE_NAME(tse_draw_and_learn)
-#define forget            TSE_NAME(tse_forget)
+#define weighted_mean     TSE_NAME(tse_weighted_mean)
+#define gaussian_start    TSE_NAME(tse_gaussian_start)
+#define gaussian_restart_states TSE_NAME(tse_gaussian_restart_states)
+#define gaussian_restart_means  TSE_NAME(tse_gaussian_restart_means)
+#define gaussian_predict  TSE_NAME(tse_gaussian_predict)
 #define bias_predict      TSE_NAME(tse_bias_predict)
+#define gaussian_observe  TSE_NAME(tse_gaussian_observe)
+#define gaussian_update   TSE_NAME(tse_gaussian_update)
+#define forget            TSE_NAME(tse_forget)
 #define bias_learn_still  TSE_NAME(tse_bias_learn_still)
 
 #ifdef __cplusplus
@@ -45,11 +52,17 @@ typedef struct sample {
   int32_t has_inputs;
 } sample;
 
+/* The common Gaussian at this sample: C = H P H' + R = L L' is the covariance of the innovation without w's spread. */
+typedef struct gaussian {
+  tse_real l11, l21, l22, l31, l32, l33; /* L^-1, which makes innovations unit-free and independent          */
+  tse_real gain[TSE_GAUSS][3];           /* P H' L'^-1: X moves by gain times the whitened innovation given w */
+} gaussian;
+
 /* What (16), (22)-(25) have in common for all particles in one step. */
 typedef struct niw_constants {
   tse_real nut;              /* nu - d_w + 1 = nu - 2, dof of (22)                             */
   tse_real a;                /* A = a lam: a = (1 + gamma) nu/nut                              */
-  tse_real r[3];             /* (nut - 2)/nut (1 + P) per sensor, in sigma^2                   */
+  tse_real r;                /* (nut - 2)/nut: scale of the whitened noise in (22)             */
   tse_real half_dof;         /* (nut + d_y)/2                                                  */
   tse_real inv_nut;
 } niw_constants;
@@ -60,68 +73,78 @@ static inline niw_constants niw_constants_of(const tse_filter *f, int32_t used)
   n.nut = f->nu - TSE_R(2);
   n.inv_nut = r_div(TSE_R(1), n.nut);
   n.a = r_mul(TSE_R(1) + f->gamma, r_mul(f->nu, n.inv_nut));
-  for (int i = 0; i < 3; i++)
-    n.r[i] = r_mul(r_mul(n.nut - TSE_R(2), n.inv_nut), TSE_R(1) + f->bias_var[i]);
+  n.r = r_mul(n.nut - TSE_R(2), n.inv_nut);
   n.half_dof = r_mul(TSE_R(0.5), n.nut + r_from_int(used));
   return n;
 }
 
-/* Innovation and its scale for one particle, (22): z = y - h - d mu - b,  S = d A d' + (nut - 2)/nut (R + P).
- * The third row of d is zero, so S is a 2x2 block and a scalar; the block is taken in two scalar steps, which is what a
- * Cholesky factor would do: channel 2 is weighed with the covariance of w that channel 1 leaves. */
+/* Innovation and its scale for one particle, (22): z = y - h - d mu - b,  S = d A d' + (nut - 2)/nut C, both whitened by
+ * L^-1, so that the noise is the same number in each channel. The three channels are taken one after the other, which is
+ * what a Cholesky factor of S would do: each is weighed with the covariance of w that those before it leave. */
 typedef struct innovation {
-  tse_real z1, z2, z3;          /* innovations, 0 where missing                                    */
-  tse_real v1[3], v2[3];        /* A d1', A1 d2'  with A1 = A - v1 v1'/s1                          */
-  tse_real s1, i1, s2, i2, i3;  /* scales of the two steps; their inverses, 0 where missing        */
+  tse_real z1, z2, z3;          /* whitened innovations, 0 where missing                           */
+  tse_real d1[2], d2[3], d3[3]; /* whitened rows of d                                              */
+  tse_real s1, s2, s3;          /* scales of the three steps                                       */
   tse_real m[3];                /* A d' S^-1 z, the shift of w's mean given y, (25)                */
-  tse_real a[6];                /* A1, upper triangle                                              */
+  tse_real a[6];                /* A - A d' S^-1 d A, upper triangle                               */
   tse_real q;                   /* z' S^-1 z                                                       */
 } innovation;
 
-static inline innovation innovation_of(const niw_constants *n, const sample *y, observation o,
+/* One channel with row d (d0, d1, d2) and innovation z: condition mean m and covariance a of w on it. */
+static inline void condition(innovation *e, tse_real d0, tse_real d1, tse_real d2, tse_real z, tse_real r, tse_real *scale)
+{
+  const tse_real v0 = r_mul(e->a[0], d0) + r_mul(e->a[1], d1) + r_mul(e->a[2], d2);
+  const tse_real v1 = r_mul(e->a[1], d0) + r_mul(e->a[3], d1) + r_mul(e->a[4], d2);
+  const tse_real v2 = r_mul(e->a[2], d0) + r_mul(e->a[4], d1) + r_mul(e->a[5], d2);
+  const tse_real s = r_mul(d0, v0) + r_mul(d1, v1) + r_mul(d2, v2) + r;
+  const tse_real inv = r_div(TSE_R(1), s);
+  const tse_real left = z - r_mul(d0, e->m[0]) - r_mul(d1, e->m[1]) - r_mul(d2, e->m[2]);
+  const tse_real g = r_mul(inv, left);
+  const tse_real k0 = r_mul(inv, v0), k1 = r_mul(inv, v1), k2 = r_mul(inv, v2);
+  e->q += r_mul(g, left);
+  e->m[0] += r_mul(v0, g);
+  e->m[1] += r_mul(v1, g);
+  e->m[2] += r_mul(v2, g);
+  e->a[0] = e->a[0] - r_mul(k0, v0);
+  e->a[1] = e->a[1] - r_mul(k0, v1);
+  e->a[2] = e->a[2] - r_mul(k0, v2);
+  e->a[3] = e->a[3] - r_mul(k1, v1);
+  e->a[4] = e->a[4] - r_mul(k1, v2);
+  e->a[5] = e->a[5] - r_mul(k2, v2);
+  *scale = s;
+}
+
+static inline innovation innovation_of(const niw_constants *n, const gaussian *c, const sample *y, observation o,
                                        tse_real mu0, tse_real mu1, tse_real mu2,
                                        tse_real l11, tse_real l12, tse_real l13, tse_real l22, tse_real l23, tse_real l33,
                                        tse_real b0, tse_real b1, tse_real b2, tse_real yaw)
 {
   innovation e;
-  const tse_real inv_r3 = r_div(TSE_R(1), n->r[2]); /* common to all particles: the compiler hoists it */
-  const tse_real a11 = r_mul(n->a, l11), a12 = r_mul(n->a, l12), a13 = r_mul(n->a, l13);
-  const tse_real a22 = r_mul(n->a, l22), a23 = r_mul(n->a, l23), a33 = r_mul(n->a, l33);
+  const tse_real y1 = r_mul(y->use[0], y->y[0] - o.h1 - r_mul(o.d11, mu0) - r_mul(o.d12, mu1) - b0);
+  const tse_real y2 = r_mul(y->use[1], y->y[1] - o.h2 - r_mul(o.d21, mu0) - r_mul(o.d22, mu1) - r_mul(o.d23, mu2) - b1);
+  const tse_real y3 = r_mul(y->use[2], y->y[2] - yaw - b2);
+  e.z1 = r_mul(c->l11, y1);
+  e.z2 = r_mul(c->l21, y1) + r_mul(c->l22, y2);
+  e.z3 = r_mul(c->l31, y1) + r_mul(c->l32, y2) + r_mul(c->l33, y3);
+  e.d1[0] = r_mul(c->l11, o.d11);
+  e.d1[1] = r_mul(c->l11, o.d12);
+  e.d2[0] = r_mul(c->l21, o.d11) + r_mul(c->l22, o.d21);
+  e.d2[1] = r_mul(c->l21, o.d12) + r_mul(c->l22, o.d22);
+  e.d2[2] = r_mul(c->l22, o.d23);
+  e.d3[0] = r_mul(c->l31, o.d11) + r_mul(c->l32, o.d21);
+  e.d3[1] = r_mul(c->l31, o.d12) + r_mul(c->l32, o.d22);
+  e.d3[2] = r_mul(c->l32, o.d23);
 
-  e.z1 = r_mul(y->use[0], y->y[0] - o.h1 - r_mul(o.d11, mu0) - r_mul(o.d12, mu1) - b0);
-  e.z2 = r_mul(y->use[1], y->y[1] - o.h2 - r_mul(o.d21, mu0) - r_mul(o.d22, mu1) - r_mul(o.d23, mu2) - b1);
-  e.z3 = r_mul(y->use[2], y->y[2] - yaw - b2);
-
-  e.v1[0] = r_mul(a11, o.d11) + r_mul(a12, o.d12);
-  e.v1[1] = r_mul(a12, o.d11) + r_mul(a22, o.d12);
-  e.v1[2] = r_mul(a13, o.d11) + r_mul(a23, o.d12);
-  e.s1 = r_mul(o.d11, e.v1[0]) + r_mul(o.d12, e.v1[1]) + n->r[0];
-  e.i1 = r_mul(y->use[0], r_div(TSE_R(1), e.s1));
-
-  e.a[0] = a11 - r_mul(e.i1, r_mul(e.v1[0], e.v1[0]));
-  e.a[1] = a12 - r_mul(e.i1, r_mul(e.v1[0], e.v1[1]));
-  e.a[2] = a13 - r_mul(e.i1, r_mul(e.v1[0], e.v1[2]));
-  e.a[3] = a22 - r_mul(e.i1, r_mul(e.v1[1], e.v1[1]));
-  e.a[4] = a23 - r_mul(e.i1, r_mul(e.v1[1], e.v1[2]));
-  e.a[5] = a33 - r_mul(e.i1, r_mul(e.v1[2], e.v1[2]));
-
-  e.v2[0] = r_mul(e.a[0], o.d21) + r_mul(e.a[1], o.d22) + r_mul(e.a[2], o.d23);
-  e.v2[1] = r_mul(e.a[1], o.d21) + r_mul(e.a[3], o.d22) + r_mul(e.a[4], o.d23);
-  e.v2[2] = r_mul(e.a[2], o.d21) + r_mul(e.a[4], o.d22) + r_mul(e.a[5], o.d23);
-  e.s2 = r_mul(o.d21, e.v2[0]) + r_mul(o.d22, e.v2[1]) + r_mul(o.d23, e.v2[2]) + n->r[1];
-  e.i2 = r_mul(y->use[1], r_div(TSE_R(1), e.s2));
-  e.i3 = inv_r3;
-
-  const tse_real g1 = r_mul(e.i1, e.z1);
-  e.m[0] = r_mul(e.v1[0], g1);
-  e.m[1] = r_mul(e.v1[1], g1);
-  e.m[2] = r_mul(e.v1[2], g1);
-  const tse_real z2_given_1 = e.z2 - r_mul(y->use[1], r_mul(o.d21, e.m[0]) + r_mul(o.d22, e.m[1]) + r_mul(o.d23, e.m[2]));
-  const tse_real g2 = r_mul(e.i2, z2_given_1);
-  e.m[0] += r_mul(e.v2[0], g2);
-  e.m[1] += r_mul(e.v2[1], g2);
-  e.m[2] += r_mul(e.v2[2], g2);
-  e.q = r_mul(g1, e.z1) + r_mul(g2, z2_given_1) + r_mul(r_mul(e.z3, e.z3), e.i3);
+  e.a[0] = r_mul(n->a, l11);
+  e.a[1] = r_mul(n->a, l12);
+  e.a[2] = r_mul(n->a, l13);
+  e.a[3] = r_mul(n->a, l22);
+  e.a[4] = r_mul(n->a, l23);
+  e.a[5] = r_mul(n->a, l33);
+  e.m[0] = e.m[1] = e.m[2] = e.q = TSE_R(0);
+  condition(&e, e.d1[0], e.d1[1], TSE_R(0), e.z1, n->r, &e.s1);
+  condition(&e, e.d2[0], e.d2[1], e.d2[2], e.z2, n->r, &e.s2);
+  condition(&e, e.d3[0], e.d3[1], e.d3[2], e.z3, n->r, &e.s3);
   return e;
 }
 
@@ -136,13 +159,15 @@ void redraw(const tse_params *p, tse_filter *f, const sample *y, int32_t count);
 /* propagate.c (7)  all particles from the last row's inputs to u, in steps of at most max_step */
 void propagate(const tse_params *p, tse_filter *f, inputs u, tse_real dt);
 
-/* weigh.c     (22), (23): log q += log St(z), normalised; log2 evidence of the sample in SI units. Returned: as normalise.
+/* weigh.c     (22), (23): log q += log St(z), normalised; log2 evidence of the sample in SI units, and the most that it
+ *             could have been (every innovation zero, no spread). Returned: as normalise.
  *             normalise: logw -= largest, weight = 2^logw, log_total; returned: 0 when the weights are not finite */
-int weigh(const tse_params *p, tse_filter *f, const sample *y, tse_real *log2_evidence);
+int weigh(const tse_params *p, tse_filter *f, const sample *y, const gaussian *g, tse_real *log2_evidence, tse_real *log2_best);
 int normalise(const tse_params *p, tse_filter *f, tse_real *log2_largest);
 
 /* estimate.c  (26), (27) from the weighted set / running regressors, and what they tell about each stiffness */
 void estimate(const tse_params *p, const tse_filter *f, tse_output *y);
+tse_real weighted_mean(const tse_params *p, const tse_filter *f, const tse_real *value);
 void excitation(const tse_params *p, tse_filter *f, const sample *y, const tse_output *est, int32_t excited[3]);
 
 /* resample.c  ancestors (ascending) of n particles for weights whose largest is 1; then survivors keep their places */
@@ -151,11 +176,18 @@ void keep_survivors(uint16_t *ancestor, uint16_t *copies, int32_t n);
 void copy_particles(tse_particles *p, const uint16_t *ancestor, int32_t n);
 
 /* update.c    (25) draw w given y; (16) statistics given w; (19) bias given w */
-void draw_and_learn(const tse_params *p, tse_filter *f, const sample *y);
+void draw_and_learn(const tse_params *p, tse_filter *f, const sample *y, const gaussian *g);
 
-/* bias.c      (17) / (18) / zero-rate update of the gyro's bias while the wheels stand still */
-void forget(const tse_params *p, tse_filter *f, tse_real dt);
+/* gaussian.c  the common covariance: start, prediction (7), (18), observation, update (19); forgetting (17);
+ *             zero-rate update of the gyro's bias while the wheels stand still */
+void gaussian_start(const tse_params *p, tse_filter *f);
+void gaussian_restart_states(const tse_params *p, tse_filter *f);
+void gaussian_restart_means(const tse_params *p, tse_filter *f);
+void gaussian_predict(const tse_params *p, tse_filter *f, inputs to, tse_real dt);
 void bias_predict(const tse_params *p, tse_filter *f, tse_real dt);
+void gaussian_observe(const tse_params *p, const tse_filter *f, const sample *y, gaussian *g);
+void gaussian_update(tse_filter *f, const gaussian *g);
+void forget(const tse_params *p, tse_filter *f, tse_real dt);
 void bias_learn_still(const tse_params *p, tse_filter *f, const sample *y);
 
 static inline int32_t padded(int32_t n) { return (n + TSE_LANES - 1) / TSE_LANES * TSE_LANES; }

@@ -18,9 +18,10 @@ static void place(const tse_params *p, tse_filter *f, const sample *y, int32_t i
 {
   /* gyro less its bias where there is a sample, else straight ahead */
   const tse_real yaw_rate = r_mul(y->use[2], r_mul(p->sd[2], y->y[2] - f->p.bias[2][i]));
-  f->p.x[0][i] = vel_x + r_mul(p->x_sd0[0], n[0]);
-  f->p.x[1][i] = r_mul(p->x_sd0[1], n[1]);
-  f->p.x[2][i] = yaw_rate + r_mul(p->x_sd0[2], n[2]);
+  const tse_real sampled = p->marginalised ? TSE_R(0) : TSE_R(1); /* else the covariance says it */
+  f->p.x[0][i] = vel_x + r_mul(r_mul(sampled, p->x_sd0[0]), n[0]);
+  f->p.x[1][i] = r_mul(r_mul(sampled, p->x_sd0[1]), n[1]);
+  f->p.x[2][i] = yaw_rate + r_mul(r_mul(sampled, p->x_sd0[2]), n[2]);
 }
 
 static tse_real wheel_speed(const sample *y) { return r_mul(TSE_R(0.5), y->u.v_front + y->u.v_rear); }
@@ -38,7 +39,7 @@ void initialise(const tse_params *p, tse_filter *f, const sample *y)
   f->gamma = p->gamma0;
   f->nu = p->nu0;
   f->log_total = r_log2(r_from_int(p->particles));
-  for (int a = 0; a < 3; a++) f->bias_var[a] = p->bias_var0[a];
+  gaussian_start(p, f);
   for (int32_t i = 0; i < count; i++) {
     tse_real n[6];
     normals(p, f->step, i, n);
@@ -55,6 +56,7 @@ void initialise(const tse_params *p, tse_filter *f, const sample *y)
 
 void restart_states(const tse_params *p, tse_filter *f, const sample *y)
 {
+  gaussian_restart_states(p, f);
   const int32_t count = padded(p->particles);
   for (int32_t i = 0; i < count; i++) {
     tse_real n[6];
@@ -68,12 +70,17 @@ void restart_states(const tse_params *p, tse_filter *f, const sample *y)
 void redraw(const tse_params *p, tse_filter *f, const sample *y, int32_t count)
 {
   const tse_real mean_sd = r_max(p->mean_sd, TSE_R(0.1));
+  gaussian_restart_means(p, f);
+  if (p->marginalised) gaussian_restart_states(p, f);
   const tse_real lam = r_mul(p->spread_var, r_div(f->nu - TSE_R(4), f->nu));
   for (int32_t i = 0; i < count; i++) {
     tse_real n[6];
     normals(p, f->step, i, n);
     place(p, f, y, i, wheel_speed(y), n);
     set_spread(&f->p, i, lam);
-    for (int a = 0; a < 3; a++) f->p.mu[a][i] = f->p.w[a][i] = bounded(p, p->mu0[a] + r_mul(mean_sd, n[3 + a]));
+    for (int a = 0; a < 3; a++) {
+      const tse_real off = p->marginalised ? TSE_R(0) : r_mul(mean_sd, n[3 + a]); /* else the covariance says it */
+      f->p.mu[a][i] = f->p.w[a][i] = bounded(p, p->mu0[a] + off);
+    }
   }
 }

@@ -17,6 +17,13 @@ static inline tse_real into_bounds(const tse_params *p, tse_real w)
   return r_min(p->w_min + r_abs(w - p->w_min), p->w_max);
 }
 
+static inline tse_real bounded(const tse_params *p, tse_real w) { return r_min(r_max(w, p->w_min), p->w_max); }
+
+static inline tse_real move(const gaussian *g, int row, tse_real e1, tse_real e2, tse_real e3)
+{
+  return r_mul(g->gain[row][0], e1) + r_mul(g->gain[row][1], e2) + r_mul(g->gain[row][2], e3);
+}
+
 static void draw_student(const tse_params *p, uint32_t step, int32_t base, int32_t count, tse_real dof, tse_real t[3][RUN])
 {
   uint32_t u[4][RUN];
@@ -39,7 +46,8 @@ typedef struct learning {
   observation_gains g;
   tse_real gamma[3];             /* (16): gamma+, 0 where held                        */
   tse_real rate[6], rate_z[6];   /* (16): 1/(nu + 1), 1/((nu + 1)(1 + gamma)), likewise */
-  tse_real gain[3];              /* (19): K per channel                               */
+  gaussian x;                    /* (19): gains                                       */
+  tse_real lam_max, steep, steepest; /* where the spread is at its limit; slope of the fading above, its limit */
   tse_real dof, inv_dof;         /* (25): nut + d_y                                   */
 } learning;
 
@@ -52,21 +60,15 @@ static void learn_run(const tse_params *TSE_RESTRICT p, const learning *TSE_REST
     const observation o = vehicle_observation(c->g, s, y->u.steer);
     const tse_real l11 = q->lam[0][i], l12 = q->lam[1][i], l13 = q->lam[2][i];
     const tse_real l22 = q->lam[3][i], l23 = q->lam[4][i], l33 = q->lam[5][i];
-    const innovation e = innovation_of(&c->n, y, o, q->mu[0][i], q->mu[1][i], q->mu[2][i], l11, l12, l13, l22, l23, l33,
+    const innovation e = innovation_of(&c->n, &c->x, y, o, q->mu[0][i], q->mu[1][i], q->mu[2][i], l11, l12, l13, l22, l23, l33,
                                        q->bias[0][i], q->bias[1][i], q->bias[2][i], r_mul(q->x[2][i], p->inv_sd[2]));
 
     /* (25) covariance A - A d' S^-1 d A = C C', C lower triangular; scale (nut + q)/(nut + d_y) */
-    const tse_real b11 = e.a[0] - r_mul(e.i2, r_mul(e.v2[0], e.v2[0]));
-    const tse_real b12 = e.a[1] - r_mul(e.i2, r_mul(e.v2[0], e.v2[1]));
-    const tse_real b13 = e.a[2] - r_mul(e.i2, r_mul(e.v2[0], e.v2[2]));
-    const tse_real b22 = e.a[3] - r_mul(e.i2, r_mul(e.v2[1], e.v2[1]));
-    const tse_real b23 = e.a[4] - r_mul(e.i2, r_mul(e.v2[1], e.v2[2]));
-    const tse_real b33 = e.a[5] - r_mul(e.i2, r_mul(e.v2[2], e.v2[2]));
-    const tse_real c11 = r_sqrt(r_max(b11, TINY)), inv11 = r_div(TSE_R(1), c11);
-    const tse_real c21 = r_mul(b12, inv11), c31 = r_mul(b13, inv11);
-    const tse_real c22 = r_sqrt(r_max(b22 - r_mul(c21, c21), TINY));
-    const tse_real c32 = r_div(b23 - r_mul(c31, c21), c22);
-    const tse_real c33 = r_sqrt(r_max(b33 - r_mul(c31, c31) - r_mul(c32, c32), TINY));
+    const tse_real c11 = r_sqrt(r_max(e.a[0], TINY)), inv11 = r_div(TSE_R(1), c11);
+    const tse_real c21 = r_mul(e.a[1], inv11), c31 = r_mul(e.a[2], inv11);
+    const tse_real c22 = r_sqrt(r_max(e.a[3] - r_mul(c21, c21), TINY));
+    const tse_real c32 = r_div(e.a[4] - r_mul(c31, c21), c22);
+    const tse_real c33 = r_sqrt(r_max(e.a[5] - r_mul(c31, c31) - r_mul(c32, c32), TINY));
     const tse_real scale = r_sqrt(r_mul(c->n.nut + e.q, c->inv_dof));
     const tse_real t1 = r_mul(scale, t[0][j]), t2 = r_mul(scale, t[1][j]), t3 = r_mul(scale, t[2][j]);
 
@@ -76,27 +78,36 @@ static void learn_run(const tse_params *TSE_RESTRICT p, const learning *TSE_REST
     const tse_real w2 = into_bounds(p, mu2 + e.m[2] + r_mul(c31, t1) + r_mul(c32, t2) + r_mul(c33, t3));
     const tse_real z0 = w0 - mu0, z1 = w1 - mu1, z2 = w2 - mu2;
 
-    q->w[0][i] = w0;
-    q->w[1][i] = w1;
-    q->w[2][i] = w2;
-    q->mu[0][i] = mu0 + r_mul(c->gamma[0], z0);
-    q->mu[1][i] = mu1 + r_mul(c->gamma[1], z1);
-    q->mu[2][i] = mu2 + r_mul(c->gamma[2], z2);
-    q->lam[0][i] = l11 + r_mul(c->rate_z[0], r_mul(z0, z0)) - r_mul(c->rate[0], l11);
-    q->lam[1][i] = l12 + r_mul(c->rate_z[1], r_mul(z0, z1)) - r_mul(c->rate[1], l12);
-    q->lam[2][i] = l13 + r_mul(c->rate_z[2], r_mul(z0, z2)) - r_mul(c->rate[2], l13);
-    q->lam[3][i] = l22 + r_mul(c->rate_z[3], r_mul(z1, z1)) - r_mul(c->rate[3], l22);
-    q->lam[4][i] = l23 + r_mul(c->rate_z[4], r_mul(z1, z2)) - r_mul(c->rate[4], l23);
-    q->lam[5][i] = l33 + r_mul(c->rate_z[5], r_mul(z2, z2)) - r_mul(c->rate[5], l33);
+    /* above the largest spread Lambda fades faster, up to a half per sample */
+    const tse_real excess = r_max(r_max(l11, l22), l33) - c->lam_max;
+    const tse_real fade = TSE_R(1) + r_min(r_max(r_mul(excess, c->steep), TSE_R(0)), c->steepest);
+    q->lam[0][i] = l11 + r_mul(c->rate_z[0], r_mul(z0, z0)) - r_mul(r_mul(c->rate[0], fade), l11);
+    q->lam[1][i] = l12 + r_mul(c->rate_z[1], r_mul(z0, z1)) - r_mul(r_mul(c->rate[1], fade), l12);
+    q->lam[2][i] = l13 + r_mul(c->rate_z[2], r_mul(z0, z2)) - r_mul(r_mul(c->rate[2], fade), l13);
+    q->lam[3][i] = l22 + r_mul(c->rate_z[3], r_mul(z1, z1)) - r_mul(r_mul(c->rate[3], fade), l22);
+    q->lam[4][i] = l23 + r_mul(c->rate_z[4], r_mul(z1, z2)) - r_mul(r_mul(c->rate[4], fade), l23);
+    q->lam[5][i] = l33 + r_mul(c->rate_z[5], r_mul(z2, z2)) - r_mul(r_mul(c->rate[5], fade), l33);
 
-    /* (19) innovation given w: y - h - d w - b */
-    q->bias[0][i] += r_mul(c->gain[0], e.z1 - r_mul(o.d11, z0) - r_mul(o.d12, z1));
-    q->bias[1][i] += r_mul(c->gain[1], e.z2 - r_mul(o.d21, z0) - r_mul(o.d22, z1) - r_mul(o.d23, z2));
-    q->bias[2][i] += r_mul(c->gain[2], e.z3);
+    /* (19) and, marginalised, its like for x and mu: whitened innovation given w, y - h - d w - b */
+    const tse_real e1 = e.z1 - r_mul(e.d1[0], z0) - r_mul(e.d1[1], z1);
+    const tse_real e2 = e.z2 - r_mul(e.d2[0], z0) - r_mul(e.d2[1], z1) - r_mul(e.d2[2], z2);
+    const tse_real e3 = e.z3 - r_mul(e.d3[0], z0) - r_mul(e.d3[1], z1) - r_mul(e.d3[2], z2);
+    q->mu[0][i] = bounded(p, mu0 + r_mul(c->gamma[0], z0) + move(&c->x, 3, e1, e2, e3));
+    q->mu[1][i] = bounded(p, mu1 + r_mul(c->gamma[1], z1) + move(&c->x, 4, e1, e2, e3));
+    q->mu[2][i] = bounded(p, mu2 + r_mul(c->gamma[2], z2) + move(&c->x, 5, e1, e2, e3));
+    q->w[0][i] = bounded(p, w0 + move(&c->x, 3, e1, e2, e3));
+    q->w[1][i] = bounded(p, w1 + move(&c->x, 4, e1, e2, e3));
+    q->w[2][i] = bounded(p, w2 + move(&c->x, 5, e1, e2, e3));
+    q->x[0][i] += move(&c->x, 0, e1, e2, e3);
+    q->x[1][i] += move(&c->x, 1, e1, e2, e3);
+    q->x[2][i] += move(&c->x, 2, e1, e2, e3);
+    q->bias[0][i] += move(&c->x, 6, e1, e2, e3);
+    q->bias[1][i] += move(&c->x, 7, e1, e2, e3);
+    q->bias[2][i] += move(&c->x, 8, e1, e2, e3);
   }
 }
 
-void draw_and_learn(const tse_params *p, tse_filter *f, const sample *y)
+void draw_and_learn(const tse_params *p, tse_filter *f, const sample *y, const gaussian *g)
 {
   const int32_t count = padded(p->particles);
   learning c;
@@ -116,9 +127,10 @@ void draw_and_learn(const tse_params *p, tse_filter *f, const sample *y)
     }
   }
 
-  /* (19) given w the biases' covariance is diagonal and common: K = P/(P + 1) in units of sigma^2 */
-  for (int a = 0; a < 3; a++) c.gain[a] = r_mul(y->use[a], r_div(f->bias_var[a], f->bias_var[a] + TSE_R(1)));
-
+  c.x = *g;
+  c.lam_max = r_mul(p->spread_max_var, r_div(f->nu - TSE_R(4), f->nu));
+  c.steep = r_div(TSE_R(50), c.lam_max);
+  c.steepest = r_mul(TSE_R(0.5), f->nu) - TSE_R(1);
   c.dof = c.n.nut + r_from_int(y->used);
   c.inv_dof = r_div(TSE_R(1), c.dof);
 
@@ -131,5 +143,4 @@ void draw_and_learn(const tse_params *p, tse_filter *f, const sample *y)
 
   f->gamma = gamma;
   f->nu = f->nu + TSE_R(1);
-  for (int a = 0; a < 3; a++) f->bias_var[a] = f->bias_var[a] - r_mul(c.gain[a], f->bias_var[a]);
 }

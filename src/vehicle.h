@@ -141,4 +141,31 @@ static inline void vehicle_step(const tse_params *p, tse_real *vx, tse_real *vy,
   *r += r_mul(half, k1r + k1r + k1r + r_mul(r_mul(m11, gr) - r_mul(m21, gy), inv_det));
 }
 
+/* Number of steps of at most max_step that a row of dt seconds takes, and the inputs after k of them. */
+static inline int32_t vehicle_steps(const tse_params *p, tse_real dt) { return -r_floor_to_int(-r_div(dt, p->max_step)); }
+
+static inline inputs vehicle_between(inputs from, inputs to, int32_t k, int32_t steps)
+{
+  if (k < steps) {
+    const tse_real share = r_div(r_from_int(k), r_from_int(steps));
+    to.steer = from.steer + r_mul(share, to.steer - from.steer);
+    to.v_front = from.v_front + r_mul(share, to.v_front - from.v_front);
+    to.v_rear = from.v_rear + r_mul(share, to.v_rear - from.v_rear);
+  }
+  return to;
+}
+
+/* One vehicle through a whole row: x = vel_x, vel_y, yaw rate. */
+static inline void vehicle_advance(const tse_params *p, tse_real *x, stiffness k, inputs from, inputs to, tse_real dt)
+{
+  const int32_t steps = vehicle_steps(p, dt);
+  const tse_real h = steps > 1 ? r_div(dt, r_from_int(steps)) : dt;
+  inputs a = from;
+  for (int32_t i = 1; i <= steps; i++) {
+    const inputs b = vehicle_between(from, to, i, steps);
+    vehicle_step(p, &x[0], &x[1], &x[2], k, a, b, h);
+    a = b;
+  }
+}
+
 #endif

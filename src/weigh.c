@@ -4,7 +4,7 @@
 #define LOG2_LEAST TSE_R(-120) /* 2^-120 of the largest weight is no weight */
 
 /* Gamma(x + 1/2)/Gamma(x), x >= 2: asymptotic series at x + 4, brought back by g(x) = g(x + 1) x/(x + 1/2).
- * Relative error below 2e-8 times (6/x)^5: the first term left out is 399/(262144 x^5) at x >= 6. */
+ * Relative error below 2e-7 times (6/x)^5: the first term left out is 399/(262144 x^5) at x >= 6. */
 static tse_real gamma_ratio(tse_real x)
 {
   tse_real back = TSE_R(1);
@@ -20,7 +20,7 @@ static tse_real gamma_ratio(tse_real x)
 
 /* log2 of the factor of the Student-t density that all particles share, dimension d = samples used:
  *   Gamma((nut + d)/2)/Gamma(nut/2) (pi nut)^(-d/2) |shared scales|^(-1/2), over the sensors' sd for SI units */
-static tse_real log2_common(const tse_params *p, const niw_constants *n, const sample *y)
+static tse_real log2_common(const tse_params *p, const niw_constants *n, const gaussian *g, const sample *y)
 {
   const tse_real half = r_mul(TSE_R(0.5), n->nut);
   tse_real c = TSE_R(0);
@@ -30,14 +30,13 @@ static tse_real log2_common(const tse_params *p, const niw_constants *n, const s
   c = c - r_mul(r_mul(TSE_R(0.5), r_from_int(y->used)), r_log2(n->nut) + TSE_R(1.6514961294723187)); /* log2 pi */
   for (int i = 0; i < 3; i++)
     if (y->use[i] > TSE_R(0)) c = c - p->log_sd[i];
-  /* the third scale is common; a missing channel's row of d is zero, so its factor of |S| is n->r[i]: taken out again */
-  for (int i = 0; i < 2; i++)
-    if (!(y->use[i] > TSE_R(0))) c = c + r_mul(TSE_R(0.5), r_log2(n->r[i]));
-  if (y->use[2] > TSE_R(0)) c = c - r_mul(TSE_R(0.5), r_log2(n->r[2]));
-  return c;
+  /* a missing channel's row of d is zero, so its factor of |S| is n->r: taken out again */
+  c = c + r_mul(r_mul(TSE_R(0.5), r_from_int(3 - y->used)), r_log2(n->r));
+  return c + r_log2(g->l11) + r_log2(g->l22) + r_log2(g->l33);
 }
 
-int weigh(const tse_params *p, tse_filter *f, const sample *y, tse_real *log2_evidence)
+int weigh(const tse_params *p, tse_filter *f, const sample *y, const gaussian *c, tse_real *log2_evidence,
+          tse_real *log2_best)
 {
   tse_particles *const q = &f->p;
   const int32_t count = padded(p->particles);
@@ -48,16 +47,18 @@ int weigh(const tse_params *p, tse_filter *f, const sample *y, tse_real *log2_ev
   for (int32_t i = 0; i < count; i++) {
     const slips s = vehicle_slips(p, q->x[0][i], q->x[1][i], q->x[2][i], y->u);
     const observation o = vehicle_observation(g, s, y->u.steer);
-    const innovation e = innovation_of(&n, y, o, q->mu[0][i], q->mu[1][i], q->mu[2][i],
+    const innovation e = innovation_of(&n, c, y, o, q->mu[0][i], q->mu[1][i], q->mu[2][i],
                                        q->lam[0][i], q->lam[1][i], q->lam[2][i], q->lam[3][i], q->lam[4][i], q->lam[5][i],
                                        q->bias[0][i], q->bias[1][i], q->bias[2][i], r_mul(q->x[2][i], p->inv_sd[2]));
     /* log2 St = common - log2|S|/2 - (nut + d)/2 log2(1 + q/nut) */
-    q->logw[0][i] = q->logw[0][i] - r_mul(TSE_R(0.5), r_log2(e.s1) + r_log2(e.s2))
+    q->logw[0][i] = q->logw[0][i] - r_mul(TSE_R(0.5), r_log2(e.s1) + r_log2(e.s2) + r_log2(e.s3))
                   - r_mul(n.half_dof, r_log2(TSE_R(1) + r_mul(e.q, n.inv_nut)));
   }
   tse_real largest;
   if (!normalise(p, f, &largest)) return 0;
-  *log2_evidence = largest + f->log_total - before + log2_common(p, &n, y);
+  const tse_real common = log2_common(p, &n, c, y);
+  *log2_evidence = largest + f->log_total - before + common;
+  *log2_best = common - r_mul(TSE_R(1.5), r_log2(n.r));
   return 1;
 }
 

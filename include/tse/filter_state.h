@@ -14,8 +14,8 @@
 
 /* What each particle carries: name, rows, unit, meaning. The struct, the resampler's copy and the redraw derive from it. */
 #define TSE_PARTICLE_FIELDS(X)                                                              \
-  X(x,    3, "m/s m/s rad/s", "vehicle state: vel_x, vel_y, yaw rate")                      \
-  X(mu,   3, "1",             "Normal-inverse-Wishart location of the stiffness deviation") \
+  X(x,    3, "m/s m/s rad/s", "vehicle state: vel_x, vel_y, yaw rate (mean)")               \
+  X(mu,   3, "1",             "location of the stiffness deviation")                        \
   X(lam,  6, "1",             "Lambda / nu, upper triangle by rows: 11 12 13 22 23 33")     \
   X(bias, 3, "sigma",         "mean of the sensor biases, in units of the sensor's sd")     \
   X(w,    3, "1",             "stiffness deviation drawn for the interval ahead")           \
@@ -24,7 +24,7 @@
 #define TSE_PARAMS_MAGIC 0x74736570u /* "tsep" */
 #define TSE_FILTER_MAGIC 0x74736566u /* "tsef" */
 
-typedef struct tse_particles { /* [row][particle]; gamma, nu and the bias covariance are common to all, hence not here */
+typedef struct tse_particles { /* [row][particle]; gamma, nu and the covariance are common to all, hence not here */
 #define X(name, rows, unit, text) tse_real name[rows][TSE_STRIDE];
   TSE_PARTICLE_FIELDS(X)
 #undef X
@@ -34,7 +34,7 @@ typedef struct tse_particles { /* [row][particle]; gamma, nu and the bias covari
  * by the sensor's sd, so that all numbers have a moderate size in every number format. */
 typedef struct tse_params {
   uint32_t magic, fingerprint;
-  int32_t particles, resampling, vel_x_from_wheels;
+  int32_t particles, resampling, marginalised, vel_x_from_wheels;
   uint32_t seed[2];
   /* vehicle */
   tse_real kx_front, kx_rear;         /* [m/s2]     longitudinal stiffness / mass          */
@@ -47,7 +47,6 @@ typedef struct tse_params {
   tse_real sd[3], inv_sd[3];          /* accel_x, accel_y [m/s2], yaw rate [rad/s]         */
   tse_real bias_var0[3];              /* [sigma^2]   initial bias variance                 */
   tse_real bias_walk[3];              /* [sigma^2/s] bias random walk                      */
-  tse_real log_density;               /* [log2]      -sum log2 sd: evidence in SI units    */
   tse_real log_sd[3];                 /* [log2]                                            */
   /* filter */
   tse_real sample_time, inv_sample_time, max_step, max_gap, hold_speed, max_steer;
@@ -56,17 +55,24 @@ typedef struct tse_params {
   tse_real resample_at;               /* N_eff threshold, in particles                     */
   tse_real mu0[3], lam0, gamma0, nu0, mean_sd, spread_var;
   tse_real vel_x0, x_sd0[3];
+  tse_real mean_var0, mean_walk;      /* [1], [1/s] variance of the mean at the start, its random walk */
+  tse_real spread_max_var;            /* [1]    */
   tse_real w_min, w_max, valid_var, hold_var;
   tse_real watchdog_drop;             /* [log2] per row                                    */
   int32_t recovery_count;             /* particles drawn anew                              */
 } tse_params;
+
+/* What is Gaussian given a particle's path: states 0..2, mean stiffness 3..5, biases 6..8. In the paper's form the
+ * first six are sampled, and their rows of the covariance are zero. */
+#define TSE_GAUSS 9
 
 typedef struct tse_filter {
   uint32_t magic, fingerprint;
   uint32_t step;                      /* rows accepted since reset: the counter of the random numbers */
   int32_t started;                    /* 0: the next row initialises                                  */
   tse_real gamma, nu;                 /* (16), (17): follow recursions without data, common to all    */
-  tse_real bias_var[3];               /* (18), (19): likewise [sigma^2]                               */
+  tse_real cov[TSE_GAUSS][TSE_GAUSS]; /* common covariance of (x, mu, bias) given a particle's path; (18), (19) */
+  tse_real mean_var[3];               /* of mu before the last sample: forgetting goes no further     */
   tse_real log_total;                 /* log2 of the sum of 2^logw                                    */
   tse_real steer, v_front, v_rear;    /* inputs of the last row: [rad], R omega [m/s]                 */
   tse_real held_for;                  /* [s] how long inputs have been missing                        */

@@ -56,8 +56,8 @@ typedef double tse_setting;
 #ifndef TSE_MAX_PARTICLES
 #define TSE_MAX_PARTICLES 512
 #endif
-#if TSE_MAX_PARTICLES < 16 || TSE_MAX_PARTICLES > 65536
-#error "TSE_MAX_PARTICLES must lie in 16 .. 65536"
+#if TSE_MAX_PARTICLES < 16 || TSE_MAX_PARTICLES > 65535
+#error "TSE_MAX_PARTICLES must lie in 16 .. 65535"
 #endif
 
 #endif

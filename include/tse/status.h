@@ -10,8 +10,8 @@
 #define TSE_STATUS_TABLE(X) \
   X(TSE_E_SIZE,             -6, "the filter's memory has another size than the library expects (other capacity or format)") \
   X(TSE_E_STATE,            -5, "the filter was not reset with these parameters, or is not a filter of this library") \
-  X(TSE_E_TIME,             -4, "time step not finite, not positive, or longer than 3600 s") \
-  X(TSE_E_INPUT,            -3, "steering angle or wheel speed outside its range") \
+  X(TSE_E_TIME,             -4, "time step not finite, not positive, or too long") \
+  X(TSE_E_INPUT,            -3, "an input that drives the model is outside its range") \
   X(TSE_E_CONFIG,           -2, "a setting is outside its range") \
   X(TSE_E_NULL,             -1, "a required argument is NULL") \
   X(TSE_OK,                  0, "ok") \

@@ -28,6 +28,7 @@
 #include "tse/filter_state.h"
 
 #define tse_config_default TSE_NAME(tse_config_default)
+#define tse_config_paper   TSE_NAME(tse_config_paper)
 #define tse_config_check   TSE_NAME(tse_config_check)
 #define tse_prepare        TSE_NAME(tse_prepare)
 #define tse_reset          TSE_NAME(tse_reset)
@@ -84,6 +85,9 @@ typedef struct tse_output {
 /* Fill c with the defaults of tse/config.def. c NULL: nothing happens. */
 void tse_config_default(tse_config *c);
 
+/* The same, but the filter as the paper has it: states and mean stiffness sampled, statistics never held or limited. */
+void tse_config_paper(tse_config *c);
+
 /* Check every setting against its range.
  *   Returned:  TSE_OK, TSE_E_NULL or TSE_E_CONFIG; then *wrong (if not NULL) points to the name of the first
  *              wrong field, a string constant. */
@@ -114,7 +118,7 @@ tse_status tse_input_check(const tse_input *u, const char **wrong);
  *     steering angle or wheel speed out of range (also infinite), dt not in (0, 3600]   refused
  *     steering angle or wheel speed missing      last value held up to max_gap, then states frozen; predicts only
  *     measurement missing or out of range        the other measurements are used; all missing: predicts only
- *     dt up to max_gap                           bridged in steps no longer than 1.5 sample_time (at most 100)
+ *     dt up to max_gap                           bridged in steps no longer than 1.5 sample_time
  *     dt above max_gap                           states restarted from wheel speeds and gyro, statistics kept
  *     |wheel speed| below hold_speed, reverse,   states kept sane, statistics held; gyro bias learnt at standstill
  *     steering angle beyond max_steer

@@ -1,0 +1,207 @@
+/* src/gaussian.c - what is Gaussian given a particle's path, and its covariance, common to all particles.
+ *
+ * In the paper that is the three sensor biases, (18) and (19). Marginalised, it is also the state and the mean stiffness:
+ *     X = (x, mu, b),   x+ = f(x, mu + eps),   y = h(x) + d(x)(mu + eps) + b + e
+ * where eps = w - mu is what a particle draws. Given its eps, X is the business of a Kalman filter; linearised at the
+ * weighted mean, the covariance is the same for every particle, and only means are carried by each. The paper's form is
+ * the special case in which the first six rows of the covariance are zero. */
+#include "stages.h"
+
+#define NU_LEAST TSE_R(6)     /* A and Sigma need nu > 4; reached only with a short memory and long time steps */
+#define STEP TSE_R(0.0078125) /* 2^-7: differences for the linearisation, of states [m/s, rad/s] and of w [1]  */
+#define PER_STEP TSE_R(64)    /* 1/(2 STEP)                                                                    */
+#define TINY TSE_R(1e-9)
+#if defined(TSE_REAL_Q20)
+#undef TINY
+#define TINY TSE_R(1.0 / 1048576.0)
+#endif
+
+static void clear(tse_filter *f, int first, int last)
+{
+  for (int a = first; a <= last; a++)
+    for (int b = 0; b < TSE_GAUSS; b++) f->cov[a][b] = f->cov[b][a] = TSE_R(0);
+}
+
+void gaussian_restart_states(const tse_params *p, tse_filter *f)
+{
+  clear(f, 0, 2);
+  if (p->marginalised)
+    for (int a = 0; a < 3; a++) f->cov[a][a] = r_mul(p->x_sd0[a], p->x_sd0[a]);
+}
+
+void gaussian_restart_means(const tse_params *p, tse_filter *f)
+{
+  clear(f, 3, 5);
+  if (p->marginalised)
+    for (int a = 0; a < 3; a++) f->cov[3 + a][3 + a] = f->mean_var[a] = p->mean_var0;
+}
+
+void gaussian_start(const tse_params *p, tse_filter *f)
+{
+  clear(f, 0, TSE_GAUSS - 1);
+  gaussian_restart_states(p, f);
+  gaussian_restart_means(p, f);
+  for (int a = 0; a < 3; a++) f->cov[6 + a][6 + a] = p->bias_var0[a];
+}
+
+/* x+ - x- over 2 STEP, by central differences of (7) at the mean, in the components of x (0..2) and w (3..5). */
+static void linearise_motion(const tse_params *p, const tse_real at[6], inputs from, inputs to, tse_real dt, tse_real jac[3][6])
+{
+  for (int b = 0; b < 6; b++) {
+    tse_real hi[6], lo[6];
+    for (int a = 0; a < 6; a++) hi[a] = lo[a] = at[a];
+    hi[b] = hi[b] + STEP;
+    lo[b] = lo[b] - STEP;
+    vehicle_advance(p, hi, vehicle_stiffness(p, hi[3], hi[4], hi[5]), from, to, dt);
+    vehicle_advance(p, lo, vehicle_stiffness(p, lo[3], lo[4], lo[5]), from, to, dt);
+    for (int a = 0; a < 3; a++) jac[a][b] = r_mul(PER_STEP, hi[a] - lo[a]);
+  }
+}
+
+/* P = A P A' with A = [Fx Fw 0; 0 1 0; 0 0 1]: rows, then columns. */
+void gaussian_predict(const tse_params *p, tse_filter *f, inputs to, tse_real dt)
+{
+  if (!p->marginalised) return;
+  const inputs from = { f->steer, f->v_front, f->v_rear };
+  tse_real at[6], jac[3][6], row[3][TSE_GAUSS];
+  for (int a = 0; a < 3; a++) {
+    at[a] = weighted_mean(p, f, f->p.x[a]);
+    at[3 + a] = weighted_mean(p, f, f->p.w[a]);
+  }
+  linearise_motion(p, at, from, to, dt, jac);
+  for (int a = 0; a < 3; a++)
+    for (int b = 0; b < TSE_GAUSS; b++) {
+      row[a][b] = TSE_R(0);
+      for (int k = 0; k < 6; k++) row[a][b] += r_mul(jac[a][k], f->cov[k][b]);
+    }
+  for (int a = 0; a < 3; a++)
+    for (int b = 3; b < TSE_GAUSS; b++) f->cov[a][b] = f->cov[b][a] = row[a][b];
+  for (int a = 0; a < 3; a++)
+    for (int b = a; b < 3; b++) {
+      tse_real sum = TSE_R(0);
+      for (int k = 0; k < 6; k++) sum += r_mul(row[a][k], jac[b][k]);
+      f->cov[a][b] = f->cov[b][a] = sum;
+    }
+}
+
+/* (18) P += Q dt, up to the variance that the biases started with or one sigma, whichever is larger. */
+void bias_predict(const tse_params *p, tse_filter *f, tse_real dt)
+{
+  for (int a = 0; a < 3; a++)
+    f->cov[6 + a][6 + a] = r_min(f->cov[6 + a][6 + a] + r_mul(p->bias_walk[a], dt), r_max(p->bias_var0[a], TSE_R(1)));
+}
+
+/* Foretold measurements at the mean x and mu, in sigma, without biases: h + d mu, and the third row: the yaw rate. */
+static void foretell(const tse_params *p, const observation_gains *g, const sample *y, const tse_real at[6], tse_real out[3],
+                     observation *o)
+{
+  *o = vehicle_observation(*g, vehicle_slips(p, at[0], at[1], at[2], y->u), y->u.steer);
+  out[0] = o->h1 + r_mul(o->d11, at[3]) + r_mul(o->d12, at[4]);
+  out[1] = o->h2 + r_mul(o->d21, at[3]) + r_mul(o->d22, at[4]) + r_mul(o->d23, at[5]);
+  out[2] = r_mul(y->use[2], r_mul(at[2], p->inv_sd[2]));
+}
+
+void gaussian_observe(const tse_params *p, const tse_filter *f, const sample *y, gaussian *g)
+{
+  const observation_gains gains = vehicle_observation_gains(p, y->use[0], y->use[1]);
+  tse_real at[6], foretold[3], H[3][TSE_GAUSS], PH[TSE_GAUSS][3], c[3][3];
+  observation o, unused;
+
+  for (int a = 0; a < 3; a++)
+    for (int b = 0; b < TSE_GAUSS; b++) H[a][b] = TSE_R(0);
+  if (p->marginalised) {
+    for (int a = 0; a < 3; a++) {
+      at[a] = weighted_mean(p, f, f->p.x[a]);
+      at[3 + a] = weighted_mean(p, f, f->p.mu[a]);
+    }
+    foretell(p, &gains, y, at, foretold, &o);
+    for (int b = 0; b < 3; b++) {
+      tse_real hi[3], lo[3];
+      const tse_real was = at[b];
+      at[b] = was + STEP;
+      foretell(p, &gains, y, at, hi, &unused);
+      at[b] = was - STEP;
+      foretell(p, &gains, y, at, lo, &unused);
+      at[b] = was;
+      for (int a = 0; a < 3; a++) H[a][b] = r_mul(PER_STEP, hi[a] - lo[a]);
+    }
+    H[0][3] = o.d11;
+    H[0][4] = o.d12;
+    H[1][3] = o.d21;
+    H[1][4] = o.d22;
+    H[1][5] = o.d23;
+  }
+  for (int a = 0; a < 3; a++) H[a][6 + a] = y->use[a];
+
+  /* C = H P H' + R, R = 1 in sigma^2; a missing channel's row of H is zero */
+  for (int a = 0; a < TSE_GAUSS; a++)
+    for (int b = 0; b < 3; b++) {
+      PH[a][b] = TSE_R(0);
+      for (int k = 0; k < TSE_GAUSS; k++) PH[a][b] += r_mul(f->cov[a][k], H[b][k]);
+    }
+  for (int a = 0; a < 3; a++)
+    for (int b = 0; b < 3; b++) {
+      c[a][b] = a == b ? TSE_R(1) : TSE_R(0);
+      for (int k = 0; k < TSE_GAUSS; k++) c[a][b] += r_mul(H[a][k], PH[k][b]);
+    }
+
+  /* C = L L'; g->l = L^-1, g->gain = P H' L'^-1 */
+  const tse_real l11 = r_sqrt(c[0][0]), i11 = r_div(TSE_R(1), l11);
+  const tse_real l21 = r_mul(c[1][0], i11), l31 = r_mul(c[2][0], i11);
+  const tse_real l22 = r_sqrt(r_max(c[1][1] - r_mul(l21, l21), TINY)), i22 = r_div(TSE_R(1), l22);
+  const tse_real l32 = r_mul(c[2][1] - r_mul(l31, l21), i22);
+  const tse_real l33 = r_sqrt(r_max(c[2][2] - r_mul(l31, l31) - r_mul(l32, l32), TINY)), i33 = r_div(TSE_R(1), l33);
+  g->l11 = i11;
+  g->l22 = i22;
+  g->l33 = i33;
+  g->l21 = -r_mul(i22, r_mul(l21, i11));
+  g->l32 = -r_mul(i33, r_mul(l32, i22));
+  g->l31 = -r_mul(i33, r_mul(l31, i11) + r_mul(l32, g->l21));
+  for (int a = 0; a < TSE_GAUSS; a++) {
+    g->gain[a][0] = r_mul(g->l11, PH[a][0]);
+    g->gain[a][1] = r_mul(g->l21, PH[a][0]) + r_mul(g->l22, PH[a][1]);
+    g->gain[a][2] = r_mul(g->l31, PH[a][0]) + r_mul(g->l32, PH[a][1]) + r_mul(g->l33, PH[a][2]);
+  }
+}
+
+void gaussian_update(tse_filter *f, const gaussian *g)
+{
+  for (int a = 0; a < 3; a++) f->mean_var[a] = f->cov[3 + a][3 + a];
+  for (int a = 0; a < TSE_GAUSS; a++)
+    for (int b = a; b < TSE_GAUSS; b++) {
+      tse_real less = TSE_R(0);
+      for (int k = 0; k < 3; k++) less += r_mul(g->gain[a][k], g->gain[b][k]);
+      f->cov[a][b] = f->cov[b][a] = a == b ? r_max(f->cov[a][b] - less, TSE_R(0)) : f->cov[a][b] - less;
+    }
+}
+
+/* (17) gamma /= lambda, nu *= lambda, Lambda *= lambda (lam = Lambda/nu stays), with lambda^(dt/sample_time).
+ * Marginalised, the mean is forgotten as far as this sample taught it (no further: where nothing is excited nothing is
+ * forgotten), and walks. */
+void forget(const tse_params *p, tse_filter *f, tse_real dt)
+{
+  const tse_real lambda = r_exp2(r_mul(p->log2_forgetting, r_mul(dt, p->inv_sample_time)));
+  f->gamma = r_div(f->gamma, lambda);
+  f->nu = r_max(r_mul(f->nu, lambda), NU_LEAST);
+  if (!p->marginalised) return;
+  for (int a = 0; a < 3; a++) {
+    const tse_real now = f->cov[3 + a][3 + a];
+    if (!(now > TSE_R(0))) continue;
+    const tse_real faded = r_max(now, r_min(r_div(now, lambda), f->mean_var[a])) + r_mul(p->mean_walk, dt);
+    const tse_real factor = r_sqrt(r_div(r_max(now, r_min(faded, p->mean_var0)), now));
+    for (int b = 0; b < TSE_GAUSS; b++) f->cov[3 + a][b] = r_mul(f->cov[3 + a][b], factor);
+    for (int b = 0; b < TSE_GAUSS; b++) f->cov[b][3 + a] = r_mul(f->cov[b][3 + a], factor);
+  }
+}
+
+/* While the wheels stand still the yaw rate is zero, so the gyro reads its bias. The accelerometers are left alone:
+ * what they read at standstill is bias plus the slope of the road. */
+void bias_learn_still(const tse_params *p, tse_filter *f, const sample *y)
+{
+  const tse_real var = f->cov[8][8];
+  const tse_real gain = r_mul(y->use[2], r_div(var, var + TSE_R(1)));
+  const int32_t count = padded(p->particles);
+  for (int32_t i = 0; i < count; i++) f->p.bias[2][i] += r_mul(gain, y->y[2] - f->p.bias[2][i]);
+  for (int b = 0; b < 8; b++) f->cov[8][b] = f->cov[b][8] = f->cov[8][b] - r_mul(gain, f->cov[8][b]);
+  f->cov[8][8] = var - r_mul(gain, var);
+}
