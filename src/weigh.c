@@ -4,7 +4,7 @@
 #define LOG2_LEAST TSE_R(-120) /* 2^-120 of the largest weight is no weight */
 
 /* Gamma(x + 1/2)/Gamma(x), x >= 2: asymptotic series at x + 4, brought back by g(x) = g(x + 1) x/(x + 1/2).
- * Relative error below 2e-8 times (6/x)^5: the first term left out is 399/(262144 x^5) at x >= 6. */
+ * Relative error below 2e-7 times (6/x)^5: the first term left out is 399/(262144 x^5) at x >= 6. */
 static tse_real gamma_ratio(tse_real x)
 {
   tse_real back = TSE_R(1);
