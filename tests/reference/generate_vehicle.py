@@ -127,4 +127,23 @@ for i, speed in enumerate((0.5, 1.5, 4.0, 10.0, 20.0, 40.0, 70.0)):
         end = expm(matrix * duration) @ [*start, steer[0], (steer[1] - steer[0]) / duration]
         print("  " + cells([k, speed, duration, *start, *steer, *end[:2]]))
 print("};\n")
+print("/* car | speed | step | vel_y, yaw rate before | after one step of an L-stable method of order 2, gamma = 1 - 1/sqrt(2):")
+print(" * (1 + (1 - 2 gamma) z)/(1 - gamma z)^2 at z = step times the lateral model's matrix */")
+print("static const double stability_table[][7] = {")
+gamma = 1 - np.sqrt(0.5)
+for i, speed in enumerate((0.5, 1.5, 4.0, 10.0, 20.0, 40.0, 70.0)):
+    for k, step in ((i % len(CARS), 0.01), ((i + 1) % len(CARS), 0.05)):
+        mass, inertia, lf, lr, _, _, cf, cr, _ = CARS[k]
+        over = max(speed, LOW_SPEED)
+        z = step * np.array(
+            [
+                [-(cf + cr) / (mass * over), (lr * cr - lf * cf) / (mass * over) - speed],
+                [(lr * cr - lf * cf) / (inertia * over), -(lf**2 * cf + lr**2 * cr) / (inertia * over)],
+            ]
+        )
+        one = np.eye(2)
+        start = rng.uniform(-1, 1, 2)
+        end = np.linalg.inv(one - gamma * z) @ np.linalg.inv(one - gamma * z) @ (one + (1 - 2 * gamma) * z) @ start
+        print("  " + cells([k, speed, step, *start, *end]))
+print("};\n")
 print("#endif")

@@ -1,0 +1,119 @@
+/* tests/replay/replay.h - a recorded drive through the filter, and what identifies the result: for tests/unit/test_replay.c,
+ * which compares with the golden estimates, and for update.c, which writes them. */
+#ifndef REPLAY_H
+#define REPLAY_H
+
+#include <math.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "tse/tse.h"
+
+enum { REPLAY_ROWS_MOST = 4000, REPLAY_EVERY = 25, REPLAY_PARTICLES = 150, REPLAY_SCHEMES = 4 };
+
+enum { /* columns of the golden table */
+#define OUT_REAL(name, member, unit, text) REPLAY_COLUMN_##name,
+#define OUT_INT(name, member, text) REPLAY_COLUMN_##name,
+#include "tse/output.def"
+#undef OUT_REAL
+#undef OUT_INT
+  REPLAY_COLUMNS
+};
+
+static const char *const replay_names[] = {
+#define OUT_REAL(name, member, unit, text) #name,
+#define OUT_INT(name, member, text) #name,
+#include "tse/output.def"
+#undef OUT_REAL
+#undef OUT_INT
+};
+
+/* Read drive.csv: dt, then the channels of tse/input.def; an empty field is missing.   Returned: rows, or 0. */
+static inline int replay_read(const char *path, tse_input *rows)
+{
+  char line[256];
+  int n = 0;
+  FILE *const file = fopen(path, "r");
+  if (!file) return 0;
+  while (n < REPLAY_ROWS_MOST && fgets(line, sizeof line, file)) {
+    tse_real value[1 + TSE_CHANNELS];
+    char *at = line;
+    if (line[0] < '0' || line[0] > '9') continue; /* comment, names */
+    for (int k = 0; k < 1 + TSE_CHANNELS; k++) {
+      char *end;
+      const double x = strtod(at, &end);
+      value[k] = end == at ? (tse_real)NAN : (tse_real)x;
+      at = *end == ',' ? end + 1 : end;
+    }
+    memset(&rows[n], 0, sizeof rows[n]);
+    int k = 0;
+    rows[n].dt = value[k++];
+#define INPUT(name, lo, hi, unit, kind, text) rows[n].name = value[k++];
+#include "tse/input.def"
+#undef INPUT
+    n++;
+  }
+  (void)fclose(file);
+  return n;
+}
+
+/* FNV-1a, 64 bits, over the values' bytes, low one first whatever the machine's order. */
+static inline uint64_t replay_mix(uint64_t hash, uint64_t bits, int bytes)
+{
+  for (int i = 0; i < bytes; i++) hash = (hash ^ (bits >> (8 * i) & 255u)) * 1099511628211u;
+  return hash;
+}
+
+static inline uint64_t replay_mix_real(uint64_t hash, tse_real x)
+{
+  uint64_t wide = 0;
+  uint32_t narrow = 0;
+  if (sizeof x == sizeof wide) {
+    memcpy(&wide, &x, sizeof x);
+    return replay_mix(hash, wide, 8);
+  }
+  memcpy(&narrow, &x, sizeof narrow);
+  return replay_mix(hash, narrow, 4);
+}
+
+static inline void replay_columns(const tse_output *y, double column[])
+{
+  int k = 0;
+#define OUT_REAL(name, member, unit, text) column[k++] = (double)y->member;
+#define OUT_INT(name, member, text) column[k++] = (double)y->member;
+#include "tse/output.def"
+#undef OUT_REAL
+#undef OUT_INT
+}
+
+/* Default settings, but fewer particles than a multiple of eight, so that padding takes part.
+ * Returned: hash of every output of every row; table: each REPLAY_EVERY-th row, unless NULL; met: rows by status, unless
+ * NULL. 0 if something was refused. */
+enum { REPLAY_STATUSES = 8 };
+static inline uint64_t replay_run(const tse_input *rows, int n, int32_t scheme, double table[][REPLAY_COLUMNS], int *met)
+{
+  static tse_filter filter;
+  static tse_params p;
+  tse_config config;
+  tse_output y;
+  uint64_t hash = 14695981039346656037u;
+  tse_config_default(&config);
+  config.particles = REPLAY_PARTICLES;
+  config.resampling = scheme;
+  if (tse_prepare(&config, &p, NULL) < 0 || tse_reset(&p, &filter, sizeof filter) < 0) return 0;
+  for (int i = 0; i < n; i++) {
+    if (tse_step(&p, &filter, &rows[i], &y) < 0) return 0;
+    if (met && y.status < REPLAY_STATUSES) met[y.status]++;
+#define OUT_REAL(name, member, unit, text) hash = replay_mix_real(hash, y.member);
+#define OUT_INT(name, member, text) hash = replay_mix(hash, (uint32_t)y.member, 4);
+#include "tse/output.def"
+#undef OUT_REAL
+#undef OUT_INT
+    if (table && i % REPLAY_EVERY == 0) replay_columns(&y, table[i / REPLAY_EVERY]);
+  }
+  return hash;
+}
+
+#endif

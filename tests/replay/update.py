@@ -1,0 +1,76 @@
+#!/usr/bin/env python3
+"""Write the golden estimates anew: golden_double.csv and golden_float.csv, from drive.csv and the core as it is now.
+
+python3 tests/replay/update.py            says what moved, and by how much
+python3 tests/replay/update.py --drive    also records a new drive with the simulator (rarely wanted)
+
+Needs a C compiler only ($CC, else cc); see README.md next to this file.
+"""
+
+import argparse
+import os
+import shlex
+import subprocess
+import tempfile
+from pathlib import Path
+
+HERE = Path(__file__).resolve().parent
+ROOT = HERE.parents[1]
+FLAGS = "-std=c99 -O2 -ffp-contract=off -fno-math-errno -fno-trapping-math -Wall -Wextra"
+
+
+def compiled(real, folder):
+    program = Path(folder) / f"update_{real}"
+    sources = [HERE / "update.c", *sorted((ROOT / "src").glob("*.c"))]
+    command = [*shlex.split(os.environ.get("CC", "cc")), *FLAGS.split(), f"-DTSE_REAL_{real.upper()}=1"]
+    command += [f"-I{ROOT / 'include'}", *map(str, sources), "-o", str(program), "-lm"]
+    subprocess.run(command, check=True)
+    return program
+
+
+def output_of(*command):
+    return subprocess.run([str(c) for c in command], check=True, capture_output=True, text=True).stdout
+
+
+def table(text):
+    lines = [line.split(",") for line in text.splitlines() if line and not line.startswith("#")]
+    return lines[0][1:], [[float(x) for x in line[1:]] for line in lines[1:]]
+
+
+def report(name, before, after):
+    if before == after:
+        print(f"{name}: unchanged")
+        return
+    print(f"{name}: changed")
+    if not before:
+        return
+    (names, old), (new_names, new) = table(before), table(after)
+    if names != new_names or len(old) != len(new):
+        print("  other columns or rows")
+        return
+    moved = [max(abs(a[k] - b[k]) for a, b in zip(old, new, strict=True)) for k in range(len(names))]
+    for column, most in zip(names, moved, strict=True):
+        if most:
+            print(f"  {column:18s} by up to {most:.3g}")
+    if not any(moved):
+        print("  in its comments or hashes only: no printed digit moved")
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--drive", action="store_true", help="record a new drive.csv first")
+    args = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        programs = {real: compiled(real, folder) for real in ("double", "float")}
+        if args.drive:
+            (HERE / "drive.csv").write_text(output_of(programs["double"], "drive"))
+        for real, program in programs.items():
+            path = HERE / f"golden_{real}.csv"
+            before = path.read_text() if path.exists() else ""
+            after = output_of(program, "golden", HERE / "drive.csv")
+            path.write_text(after)
+            report(path.name, before, after)
+
+
+if __name__ == "__main__":
+    main()

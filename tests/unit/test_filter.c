@@ -1,0 +1,812 @@
+/* tests/unit/test_filter.c <-> src/filter.c: what a caller of tse_reset() and tse_step() may rely on. */
+#include "unit_support.h"
+#include "tse/simulate.h"
+
+static tse_filter f, other, before;
+
+/* ------------------------------------------------------------------------------- a car that is driven */
+
+typedef struct drive {
+  tse_sim sim;
+  double t, dt, road, steer, torque;
+} drive;
+
+/* The paper's Sec. IV-A: 20 m/s, steering square wave of 4 s, front torque square wave of 5 s. */
+static void set_off(drive *d, const tse_config *c, double speed)
+{
+  tse_sim_config s;
+  tse_sim_config_default(&s);
+  s.speed = (tse_setting)speed;
+  s.seed = 5;
+  d->t = 0.0;
+  d->dt = 0.01;
+  d->road = 1.0;
+  d->steer = 0.02;
+  d->torque = 700.0;
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_reset(&d->sim, c, &s, NULL));
+}
+
+static tse_input next_row(drive *d)
+{
+  tse_sim_input u;
+  tse_sim_output y;
+  memset(&u, 0, sizeof u);
+  u.dt = real(d->dt);
+  u.steer_angle = real(fmod(d->t, 4.0) < 2.0 ? d->steer : -d->steer);
+  u.wheel_torque_front = real(fmod(d->t, 5.0) < 2.5 ? d->torque : -d->torque);
+  u.road_level = real(d->road);
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_step(&d->sim, &u, &y));
+  d->t += d->dt;
+  return y.row;
+}
+
+static tse_config some_settings(int32_t particles)
+{
+  tse_config c;
+  tse_config_default(&c);
+  c.particles = particles;
+  return c;
+}
+
+static tse_output run(const tse_params *p, tse_filter *filter, drive *d, int rows)
+{
+  tse_output y;
+  memset(&y, 0, sizeof y);
+  for (int i = 0; i < rows; i++) {
+    const tse_input u = next_row(d);
+    TEST_ASSERT_TRUE(tse_step(p, filter, &u, &y) >= 0);
+  }
+  return y;
+}
+
+static tse_input still_row(double gyro)
+{
+  tse_input u;
+  memset(&u, 0, sizeof u);
+  u.dt = real(0.01);
+  u.yaw_rate = real(gyro);
+  return u;
+}
+
+static int all_finite(const tse_output *y)
+{
+  int ok = 1;
+#define OUT_REAL(name, member, unit, text) ok = ok && r_is_finite(y->member);
+#define OUT_INT(name, member, text)
+#include "tse/output.def"
+#undef OUT_REAL
+#undef OUT_INT
+  return ok;
+}
+
+static void expect_same_statistics(const tse_filter *was, const tse_filter *is)
+{
+  TEST_ASSERT_EQUAL_MEMORY(&was->gamma, &is->gamma, sizeof is->gamma);
+  TEST_ASSERT_EQUAL_MEMORY(&was->nu, &is->nu, sizeof is->nu);
+  TEST_ASSERT_EQUAL_MEMORY(was->p.mu, is->p.mu, sizeof is->p.mu);
+  TEST_ASSERT_EQUAL_MEMORY(was->p.lam, is->p.lam, sizeof is->p.lam);
+  TEST_ASSERT_EQUAL_MEMORY(was->p.logw, is->p.logw, sizeof is->p.logw);
+}
+
+/* ------------------------------------------------------------------------------------------ refusals */
+
+static void expect_refused(tse_status why, const tse_params *p, const tse_input *u)
+{
+  tse_output y, y_before;
+  memset(&y, 0x55, sizeof y);
+  memcpy(&y_before, &y, sizeof y);
+  memcpy(&before, &f, sizeof f);
+  TEST_ASSERT_EQUAL_INT(why, tse_step(p, &f, u, &y));
+  TEST_ASSERT_EQUAL_MEMORY(&before, &f, sizeof f);
+  TEST_ASSERT_EQUAL_MEMORY(&y_before, &y, sizeof y);
+}
+
+static void test_refused_input_leaves_the_filter_bit_for_bit_unchanged(void)
+{
+  static const double bad_dt[] = { 0.0, -0.0, -0.01, 3600.1, 1e30, -INFINITY, INFINITY, NAN };
+  static const double bad_steer[] = { 1.2001, -1.2001, 1e30, INFINITY, -INFINITY };
+  static const double bad_wheel[] = { 400.1, -400.1, 1e30, INFINITY, -INFINITY };
+  tse_config c = some_settings(40);
+  const tse_params p = prepared(&c);
+  drive d;
+  set_off(&d, &c, 20.0);
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f, sizeof f));
+  (void)run(&p, &f, &d, 60);
+  const tse_input good = next_row(&d);
+  tse_input u;
+  for (int k = 0; k < ROWS(bad_dt); k++) {
+    u = good;
+    u.dt = (tse_real)bad_dt[k];
+    expect_refused(TSE_E_TIME, &p, &u);
+  }
+  for (int k = 0; k < ROWS(bad_steer); k++) {
+    u = good;
+    u.steer_angle = (tse_real)bad_steer[k];
+    expect_refused(TSE_E_INPUT, &p, &u);
+  }
+  for (int k = 0; k < ROWS(bad_wheel); k++) {
+    u = good;
+    u.wheel_speed_front = (tse_real)bad_wheel[k];
+    expect_refused(TSE_E_INPUT, &p, &u);
+    u = good;
+    u.wheel_speed_rear = (tse_real)bad_wheel[k];
+    expect_refused(TSE_E_INPUT, &p, &u);
+  }
+  expect_refused(TSE_E_NULL, NULL, &good);
+  expect_refused(TSE_E_NULL, &p, NULL);
+  TEST_ASSERT_EQUAL_INT(TSE_E_NULL, tse_step(&p, NULL, &good, NULL));
+
+  tse_params wrong = p;                       /* parameters that were never prepared */
+  wrong.magic ^= 1u;
+  expect_refused(TSE_E_STATE, &wrong, &good);
+  c.mass = 1901;                              /* parameters of another car */
+  wrong = prepared(&c);
+  expect_refused(TSE_E_STATE, &wrong, &good);
+  f.magic ^= 1u;                              /* not a filter */
+  expect_refused(TSE_E_STATE, &p, &good);
+  memset(&f, 0, sizeof f);                    /* not reset */
+  expect_refused(TSE_E_STATE, &p, &good);
+}
+
+static void test_reset_refuses_what_does_not_fit_and_changes_nothing_then(void)
+{
+  const tse_config c = some_settings(40);
+  tse_params p = prepared(&c);
+  memset(&f, 0x33, sizeof f);
+  memcpy(&before, &f, sizeof f);
+  TEST_ASSERT_EQUAL_INT(TSE_E_NULL, tse_reset(NULL, &f, sizeof f));
+  TEST_ASSERT_EQUAL_INT(TSE_E_NULL, tse_reset(&p, NULL, sizeof f));
+  TEST_ASSERT_EQUAL_INT(TSE_E_SIZE, tse_reset(&p, &f, sizeof f - 1));
+  TEST_ASSERT_EQUAL_INT(TSE_E_SIZE, tse_reset(&p, &f, 0));
+  p.magic = 0;
+  TEST_ASSERT_EQUAL_INT(TSE_E_STATE, tse_reset(&p, &f, sizeof f));
+  TEST_ASSERT_EQUAL_MEMORY(&before, &f, sizeof f);
+}
+
+static void test_a_refused_row_leaves_no_trace_in_what_follows(void)
+{
+  const tse_config c = some_settings(40);
+  const tse_params p = prepared(&c);
+  drive d;
+  tse_output y;
+  set_off(&d, &c, 20.0);
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f, sizeof f));
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &other, sizeof other));
+  for (int i = 0; i < 200; i++) {
+    const tse_input u = next_row(&d);
+    tse_input bad = u;
+    bad.wheel_speed_rear = (tse_real)INFINITY;
+    TEST_ASSERT_TRUE(tse_step(&p, &f, &bad, &y) < 0);
+    TEST_ASSERT_TRUE(tse_step(&p, &f, &u, &y) >= 0);
+    TEST_ASSERT_TRUE(tse_step(&p, &other, &u, &y) >= 0);
+  }
+  TEST_ASSERT_EQUAL_MEMORY(&other, &f, sizeof f);
+}
+
+/* ----------------------------------------------------------------------------------- reproducibility */
+
+static void test_a_copy_of_the_struct_is_a_snapshot(void)
+{
+  const tse_config c = some_settings(50);
+  const tse_params p = prepared(&c);
+  drive d, again;
+  set_off(&d, &c, 20.0);
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f, sizeof f));
+  (void)run(&p, &f, &d, 300);
+  memcpy(&other, &f, sizeof f);
+  again = d;
+  const tse_output y = run(&p, &f, &d, 300), z = run(&p, &other, &again, 300);
+  TEST_ASSERT_EQUAL_MEMORY(&f, &other, sizeof f);
+  TEST_ASSERT_EQUAL_MEMORY(&y, &z, sizeof y);
+}
+
+static void test_two_filters_in_turn_do_not_influence_each_other(void)
+{
+  static tse_filter alone[2], together[2];
+  tse_config c[2] = { some_settings(50), some_settings(64) };
+  tse_params p[2];
+  drive d[2];
+  c[1].mass = 1400;
+  c[1].seed = 9;
+  c[1].resampling = 3;
+  for (int k = 0; k < 2; k++) {
+    p[k] = prepared(&c[k]);
+    TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p[k], &alone[k], sizeof alone[k]));
+    TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p[k], &together[k], sizeof together[k]));
+    set_off(&d[k], &c[k], 15.0 + 5.0 * k);
+    (void)run(&p[k], &alone[k], &d[k], 400);
+    set_off(&d[k], &c[k], 15.0 + 5.0 * k);
+  }
+  for (int i = 0; i < 400; i++)
+    for (int k = 0; k < 2; k++) (void)run(&p[k], &together[k], &d[k], 1);
+  for (int k = 0; k < 2; k++) TEST_ASSERT_EQUAL_MEMORY(&alone[k], &together[k], sizeof alone[k]);
+}
+
+static void test_the_same_seed_gives_the_same_bits_and_another_seed_does_not(void)
+{
+  tse_config c = some_settings(50);
+  tse_output y[3];
+  for (int k = 0; k < 3; k++) {
+    drive d;
+    c.seed = k < 2 ? 11 : 12;
+    const tse_params p = prepared(&c);
+    set_off(&d, &c, 20.0);
+    memset(&f, 0x77 * k, sizeof f); /* reset leaves nothing of what was there */
+    TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f, sizeof f));
+    y[k] = run(&p, &f, &d, 250);
+    if (k == 0) memcpy(&other, &f, sizeof f);
+    if (k == 1) TEST_ASSERT_EQUAL_MEMORY(&other, &f, sizeof f);
+  }
+  TEST_ASSERT_EQUAL_MEMORY(&y[0], &y[1], sizeof y[0]);
+  TEST_ASSERT_TRUE(y[2].stiffness[1] < y[0].stiffness[1] || y[2].stiffness[1] > y[0].stiffness[1]);
+}
+
+static void test_asking_for_no_output_changes_nothing_in_the_filter(void)
+{
+  const tse_config c = some_settings(50);
+  const tse_params p = prepared(&c);
+  drive d;
+  tse_output y;
+  set_off(&d, &c, 20.0);
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f, sizeof f));
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &other, sizeof other));
+  for (int i = 0; i < 100; i++) {
+    const tse_input u = next_row(&d);
+    const tse_status status = tse_step(&p, &f, &u, NULL);
+    TEST_ASSERT_EQUAL_INT(tse_step(&p, &other, &u, &y), status);
+    TEST_ASSERT_EQUAL_INT(y.status, status);
+  }
+  TEST_ASSERT_EQUAL_MEMORY(&other, &f, sizeof f);
+}
+
+static void test_the_time_step_of_the_first_row_does_not_count(void)
+{
+  static const double dt[] = { 0.0, -1.0, NAN, INFINITY, 1e9, 0.01 };
+  const tse_config c = some_settings(20);
+  const tse_params p = prepared(&c);
+  drive d;
+  set_off(&d, &c, 20.0);
+  tse_input u = next_row(&d);
+  for (int k = 0; k < ROWS(dt); k++) {
+    TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f, sizeof f));
+    u.dt = (tse_real)dt[k];
+    TEST_ASSERT_TRUE(tse_step(&p, &f, &u, NULL) >= 0);
+    if (k == 0) memcpy(&other, &f, sizeof f);
+    TEST_ASSERT_EQUAL_MEMORY(&other, &f, sizeof f);
+  }
+}
+
+/* --------------------------------------------------------------------------------------- missing data */
+
+static void lose(tse_input *u, int channel, int how)
+{
+  tse_real *const value[3] = { &u->accel_x, &u->accel_y, &u->yaw_rate };
+  static const uint32_t bit[3] = { TSE_MISSING(accel_x), TSE_MISSING(accel_y), TSE_MISSING(yaw_rate) };
+  if (how == 0) u->missing |= bit[channel];
+  else *value[channel] = (tse_real)(how == 1 ? (double)NAN : how == 2 ? (double)INFINITY : how == 3 ? -50.1 : 1e30);
+}
+
+static void test_a_missing_channel_is_the_same_however_it_is_said_and_the_others_are_used(void)
+{
+  const tse_config c = some_settings(64);
+  const tse_params p = prepared(&c);
+  for (int channel = 0; channel < 3; channel++)
+    for (int how = 0; how < 5; how++) {
+      drive d;
+      tse_output y;
+      set_off(&d, &c, 20.0);
+      TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f, sizeof f));
+      (void)run(&p, &f, &d, 100);
+      memcpy(&before, &f, sizeof f);
+      tse_input u = next_row(&d);
+      lose(&u, channel, how);
+      TEST_ASSERT_EQUAL_INT(TSE_W_MISSING_CHANNEL, tse_step(&p, &f, &u, &y));
+      for (int a = 0; a < 3; a++) { /* a used sensor's bias becomes better known, a missing one's worse */
+        TEST_ASSERT_EQUAL_INT(a == channel, f.bias_var[a] > before.bias_var[a]);
+      }
+      TEST_ASSERT_TRUE(f.nu > before.nu); /* 100 rows are less than the memory: nu still grows with every row used */
+      TEST_ASSERT_TRUE(number(y.log_evidence) < 0.0 || number(y.log_evidence) > 0.0);
+      if (how == 0) memcpy(&other, &f, sizeof f);
+      TEST_ASSERT_EQUAL_MEMORY(&other, &f, sizeof f);
+    }
+}
+
+static void test_a_row_without_measurements_predicts_only(void)
+{
+  const tse_config c = some_settings(64);
+  const tse_params p = prepared(&c);
+  drive d;
+  tse_output y;
+  set_off(&d, &c, 20.0);
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f, sizeof f));
+  (void)run(&p, &f, &d, 100);
+  memcpy(&before, &f, sizeof f);
+  for (int i = 0; i < 20; i++) {
+    tse_input u = next_row(&d);
+    u.missing = TSE_MISSING(accel_x) | TSE_MISSING(accel_y) | TSE_MISSING(yaw_rate);
+    TEST_ASSERT_EQUAL_INT(TSE_W_PREDICTED, tse_step(&p, &f, &u, &y));
+    expect_same_statistics(&before, &f);
+    expect_near(0.0, number(y.log_evidence), 0.0, "log evidence", i);
+    for (int a = 0; a < 3; a++) TEST_ASSERT_EQUAL_INT(TSE_INPUT_INVALID, y.reason[a]);
+  }
+  for (int a = 0; a < 3; a++) {
+    const double walked = number(before.bias_var[a]) + 20 * 0.01 * number(p.bias_walk[a]);
+    expect_near(walked, number(f.bias_var[a]), BY_FORMAT(1e-14, 1e-6), "bias variance", a);
+  }
+  /* the car has gone on: the states follow the inputs, so the truth is still met without a single measurement */
+  expect_near((double)d.sim.x[0], number(y.vel_x), 0.2, "vel_x", 0);
+  expect_near((double)d.sim.x[1], number(y.vel_y), 0.1, "vel_y", 0);
+  expect_near((double)d.sim.x[2], number(y.yaw_rate), 0.05, "yaw_rate", 0);
+}
+
+static void test_missing_inputs_hold_the_last_ones_then_freeze_then_restart(void)
+{
+  const tse_config c = some_settings(64);
+  const tse_params p = prepared(&c);
+  drive d;
+  tse_output y, frozen;
+  memset(&frozen, 0, sizeof frozen);
+  set_off(&d, &c, 20.0);
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f, sizeof f));
+  (void)run(&p, &f, &d, 150);
+  memcpy(&before, &f, sizeof f);
+  for (int i = 0; i < 30; i++) {
+    tse_input u = next_row(&d);
+    if (i % 2) u.steer_angle = (tse_real)NAN;
+    else u.missing = TSE_MISSING(wheel_speed_rear);
+    TEST_ASSERT_EQUAL_INT(TSE_W_PREDICTED, tse_step(&p, &f, &u, &y));
+    expect_same_statistics(&before, &f);
+    if (i == 15) frozen = y;
+  }
+  expect_near(number(frozen.vel_x), number(y.vel_x), 0.0, "vel_x does not move after max_gap", 0);
+  expect_near(number(frozen.yaw_rate), number(y.yaw_rate), 0.0, "yaw_rate does not move after max_gap", 0);
+  tse_input u = next_row(&d);
+  const double wheels = 0.33 * 0.5 * (number(u.wheel_speed_front) + number(u.wheel_speed_rear));
+  TEST_ASSERT_EQUAL_INT(TSE_W_GAP, tse_step(&p, &f, &u, &y));
+  expect_near(wheels, number(y.vel_x), 0.3, "vel_x starts again from the wheels", 0); /* sd 0.1, slip 0.5 % */
+  u = next_row(&d);
+  TEST_ASSERT_TRUE(tse_step(&p, &f, &u, &y) < TSE_W_MISSING_CHANNEL);
+}
+
+static void test_a_gap_restarts_the_states_and_keeps_the_statistics(void)
+{
+  const tse_config c = some_settings(64);
+  const tse_params p = prepared(&c);
+  drive d;
+  tse_output y;
+  set_off(&d, &c, 20.0);
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f, sizeof f));
+  (void)run(&p, &f, &d, 150);
+  memcpy(&before, &f, sizeof f);
+  tse_input u = next_row(&d);
+  u.dt = real(25.0);
+  u.wheel_speed_front = u.wheel_speed_rear = real(10.0 / 0.33);
+  u.yaw_rate = real(0.3);
+  u.missing = TSE_MISSING(accel_x) | TSE_MISSING(accel_y);
+  memcpy(&other, &f, sizeof f);
+  TEST_ASSERT_EQUAL_INT(TSE_W_GAP, tse_step(&p, &f, &u, &y));
+  expect_near(10.0, number(y.vel_x), 0.1, "vel_x", 0);
+  expect_near(0.3, number(y.yaw_rate), 0.02, "yaw_rate", 0);
+  TEST_ASSERT_TRUE(number(y.vel_x_sd) > 0.03);
+  for (int a = 0; a < 3; a++) { /* one row's learning, no more */
+    tse_output was;
+    estimate(&p, &before, &was);
+    expect_near(number(was.stiffness[a]), number(y.stiffness[a]), 0.05, "stiffness", a);
+  }
+  /* without any measurement not a bit of the statistics moves */
+  u.missing |= TSE_MISSING(yaw_rate);
+  TEST_ASSERT_EQUAL_INT(TSE_W_GAP, tse_step(&p, &other, &u, &y));
+  expect_same_statistics(&before, &other);
+  expect_near(10.0, number(y.vel_x), 0.1, "vel_x", 1);
+}
+
+/* ------------------------------------------------------------------------- standstill, reverse, slow */
+
+static void test_standstill_and_reverse_hold_the_statistics_bit_for_bit(void)
+{
+  static const double speed[] = { 0.0, 1.9, -1.9, -0.2, -5.0, -20.0 };
+  const tse_config c = some_settings(64);
+  const tse_params p = prepared(&c);
+  for (int k = 0; k < ROWS(speed); k++) {
+    drive d;
+    tse_output y;
+    set_off(&d, &c, 20.0);
+    TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f, sizeof f));
+    (void)run(&p, &f, &d, 150);
+    memcpy(&before, &f, sizeof f);
+    for (int i = 0; i < 200; i++) {
+      tse_input u = still_row(0.01);
+      u.wheel_speed_front = u.wheel_speed_rear = real(speed[k] / 0.33);
+      u.steer_angle = real(0.1);
+      TEST_ASSERT_EQUAL_INT(TSE_W_HELD, tse_step(&p, &f, &u, &y));
+      expect_same_statistics(&before, &f);
+      for (int a = 0; a < 3; a++) TEST_ASSERT_EQUAL_INT(TSE_HELD, y.reason[a]);
+      TEST_ASSERT_TRUE(all_finite(&y));
+    }
+    expect_near(speed[k], number(y.vel_x), 0.3 + 0.02 * fabs(speed[k]), "vel_x follows the wheels", k);
+    TEST_ASSERT_TRUE(fabs(number(y.vel_y)) < 6.0 && fabs(number(y.yaw_rate)) < 2.0); /* a car: -20 m/s, 0.1 rad, 2 s */
+  }
+}
+
+static void test_the_car_stands_still_when_its_wheels_do(void)
+{
+  const tse_config c = some_settings(64);
+  const tse_params p = prepared(&c);
+  tse_output y;
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f, sizeof f));
+  for (int i = 0; i < 300; i++) {
+    const tse_input u = still_row(0.0);
+    TEST_ASSERT_TRUE(tse_step(&p, &f, &u, &y) >= 0);
+  }
+  expect_near(0.0, number(y.vel_x), 1e-3, "vel_x", 0);
+  expect_near(0.0, number(y.vel_y), 1e-3, "vel_y", 0);
+  expect_near(0.0, number(y.yaw_rate), 1e-3, "yaw_rate", 0);
+  expect_near(0.0, number(y.sideslip), 0.0, "sideslip", 0);
+}
+
+/* A scalar Kalman filter on "the gyro reads its bias", from the moment it is believed on. */
+static void test_the_gyros_bias_is_learnt_at_standstill_as_by_a_kalman_filter(void)
+{
+  const tse_config c = some_settings(20);
+  const tse_params p = prepared(&c);
+  const double sd = (double)c.yaw_rate_sd, r = sd * sd, q = 0.01 * (double)c.yaw_rate_bias_walk * (double)c.yaw_rate_bias_walk;
+  double mean = 0.0, var = (double)c.yaw_rate_bias_sd * (double)c.yaw_rate_bias_sd;
+  uint32_t state = 8;
+  int believed = 0;
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f, sizeof f));
+  for (int i = 0; i < 500; i++) {
+    tse_output y;
+    tse_input u = still_row(0.004 + sd * (next_uniform(&state) + next_uniform(&state) + next_uniform(&state) - 1.5) * 2.0);
+    if (i % 10 == 3) u.missing = TSE_MISSING(yaw_rate);
+    memcpy(&before, &f, sizeof f);
+    TEST_ASSERT_TRUE(tse_step(&p, &f, &u, &y) >= 0);
+    if (i > 0) var += q;
+    if (f.bias_var[2] < before.bias_var[2] && i > 0) { /* it has been used */
+      const double gain = var / (var + r);
+      TEST_ASSERT_TRUE(u.missing == 0);
+      mean += gain * (number(u.yaw_rate) - mean);
+      var -= gain * var;
+      believed++;
+    }
+    TEST_ASSERT_TRUE(believed == 0 || i >= 25); /* not at once: an encoder may stop counting before the car stops */
+    for (int32_t k = 0; k < 20; k++) expect_near(mean, sd * number(f.p.bias[2][k]), BY_FORMAT(1e-13, 1e-6) * sd * 10, "bias", i);
+    expect_near(var, r * number(f.bias_var[2]), BY_FORMAT(1e-13, 1e-5) * r, "variance", i);
+    for (int a = 0; a < 2; a++) expect_near(0.0, number(f.p.bias[a][7]), 0.0, "accelerometers are left alone", a);
+  }
+  TEST_ASSERT_TRUE(believed > 350);
+  expect_near(0.004, mean, 4.0 * sqrt(var), "what was learnt", 0);
+}
+
+static void test_at_standstill_with_a_turning_gyro_nothing_is_learnt_before_the_wheels_have_rested(void)
+{
+  const tse_config c = some_settings(20);
+  const tse_params p = prepared(&c);
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f, sizeof f));
+  for (int i = 0; i < 400; i++) { /* creeping: a wheel moves every 0.2 s */
+    tse_input u = still_row(0.1);
+    if (i % 20 == 0) u.wheel_speed_rear = real(0.5);
+    TEST_ASSERT_TRUE(tse_step(&p, &f, &u, NULL) >= 0);
+    for (int32_t k = 0; k < 20; k++) expect_near(0.0, number(f.p.bias[2][k]), 0.0, "bias", i);
+  }
+}
+
+/* ------------------------------------------------------------------------------------ time steps */
+
+static void test_forgetting_goes_by_time_not_by_rows(void)
+{
+  static const double dt[] = { 0.01, 0.02, 0.005, 0.05 };
+  const tse_config c = some_settings(20);
+  const tse_params p = prepared(&c);
+  drive d;
+  set_off(&d, &c, 20.0);
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f, sizeof f));
+  (void)run(&p, &f, &d, 50);
+  for (int k = 0; k < ROWS(dt); k++) {
+    const double lambda = pow((double)c.forgetting, dt[k] / 0.01);
+    const double nu = (number(f.nu) + 1.0) * lambda, gamma = number(f.gamma) / (1.0 + number(f.gamma)) / lambda;
+    d.dt = dt[k];
+    (void)run(&p, &f, &d, 1);
+    expect_near(nu, number(f.nu), BY_FORMAT(1e-11, 1e-5) * nu, "nu", k);
+    expect_near(gamma, number(f.gamma), BY_FORMAT(1e-11, 1e-5) * gamma, "gamma", k);
+  }
+}
+
+/* Stiffness averaged over the last part of a run that starts at 70 %. */
+static void learn_from_seventy_percent(double dt, int32_t particles, double seconds, double mean[3], int *recovered)
+{
+  tse_config c = some_settings(particles);
+  drive d;
+  c.initial_cx_front = c.initial_cy_front = c.initial_cy_rear = (tse_setting)0.7;
+  const tse_params p = prepared(&c);
+  const int rows = (int)(seconds / dt), last = rows / 2;
+  set_off(&d, &c, 20.0);
+  d.dt = dt;
+  memset(mean, 0, 3 * sizeof mean[0]);
+  *recovered = 0;
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f, sizeof f));
+  for (int i = 0; i < rows; i++) {
+    const tse_output y = run(&p, &f, &d, 1);
+    *recovered += y.status == TSE_W_RECOVERED;
+    if (i >= rows - last)
+      for (int a = 0; a < 3; a++) mean[a] += number(y.stiffness[a]) / last;
+  }
+}
+
+/* Limits for the mean over the last seconds of one run: the longitudinal stiffness shows only through changes of
+ * acceleration and takes tens of seconds; the lateral ones settle in two. Three standard deviations between seeds. */
+static void expect_stiffness(const double mean[3], double longitudinal, double lateral, const char *what)
+{
+  for (int a = 0; a < 3; a++) expect_near(1.0, mean[a], a == 0 ? longitudinal : lateral, what, a);
+}
+
+static void test_stiffness_is_found_on_a_clean_drive(void)
+{
+  double mean[3];
+  int recovered;
+  learn_from_seventy_percent(0.01, 300, 30.0, mean, &recovered);
+  expect_stiffness(mean, 0.06, 0.02, "stiffness");
+  TEST_ASSERT_EQUAL_INT(0, recovered);
+}
+
+static void test_stiffness_is_found_with_rows_twice_as_long_or_half_as_long(void)
+{
+  double mean[3];
+  int recovered;
+  learn_from_seventy_percent(0.02, 300, 40.0, mean, &recovered);
+  expect_stiffness(mean, 0.1, 0.02, "stiffness at 20 ms");
+  learn_from_seventy_percent(0.005, 300, 40.0, mean, &recovered);
+  expect_stiffness(mean, 0.12, 0.02, "stiffness at 5 ms");
+}
+
+static void test_a_long_run_with_quiet_and_lively_parts_stays_finite_and_near_the_truth(void)
+{
+  const tse_config c = some_settings(100);
+  const tse_params p = prepared(&c);
+  drive d;
+  set_off(&d, &c, 20.0);
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f, sizeof f));
+  for (int i = 0; i < 24000; i++) { /* 4 minutes, every other one straight and without torque */
+    d.steer = d.torque = 0.0;
+    if (i / 6000 % 2 == 0) {
+      d.steer = 0.02;
+      d.torque = 700.0;
+    }
+    const tse_output y = run(&p, &f, &d, 1);
+    TEST_ASSERT_TRUE(all_finite(&y));
+    for (int a = 0; a < 3; a++) TEST_ASSERT_TRUE(number(y.stiffness[a]) > 0.5 && number(y.stiffness[a]) < 2.0);
+  }
+}
+
+/* ---------------------------------------------------------------------------------------- watchdog */
+
+static void test_after_a_forced_divergence_the_filter_says_so_and_comes_back(void)
+{
+  for (int how = 0; how < 2; how++) {
+    const tse_config c = some_settings(300);
+    const tse_params p = prepared(&c);
+    drive d;
+    set_off(&d, &c, 20.0);
+    TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f, sizeof f));
+    (void)run(&p, &f, &d, 1000);
+    for (int32_t i = 0; i < padded(c.particles); i++) {
+      if (how == 0) { /* a mirrored solution: stiffness near its lower bound, and sure of it */
+        for (int a = 0; a < 3; a++) f.p.mu[a][i] = f.p.w[a][i] = real(-0.85 + 0.01 * a);
+        for (int k = 0; k < 6; k++) f.p.lam[k][i] = real(k == 0 || k == 3 || k == 5 ? 1e-4 : 0.0);
+      } else {        /* the car slides sideways, and everything it says is believed to be bias */
+        f.p.x[1][i] = real(6.0);
+        f.p.x[2][i] = real(-1.0);
+        for (int a = 1; a < 3; a++) f.p.mu[a][i] = f.p.w[a][i] = real(3.5);
+        for (int k = 0; k < 6; k++) f.p.lam[k][i] = real(k == 0 || k == 3 || k == 5 ? 1e-4 : 0.0);
+      }
+    }
+    int noticed = -1;
+    for (int i = 0; i < 200 && noticed < 0; i++) {
+      const tse_output y = run(&p, &f, &d, 1);
+      if (y.status == TSE_W_RECOVERED) noticed = i;
+      TEST_ASSERT_TRUE(all_finite(&y));
+    }
+    TEST_ASSERT_TRUE_MESSAGE(noticed >= 0, how == 0 ? "soft tyres not noticed within 2 s" : "sliding not noticed within 2 s");
+    const tse_output soon = run(&p, &f, &d, 10);
+    for (int a = 0; a < 3; a++) TEST_ASSERT_TRUE(soon.reason[a] != TSE_VALID);
+    (void)run(&p, &f, &d, 2500);
+    double mean[3] = { 0 };
+    for (int i = 0; i < 500; i++) {
+      const tse_output y = run(&p, &f, &d, 1);
+      for (int a = 0; a < 3; a++) mean[a] += number(y.stiffness[a]) / 500.0;
+    }
+    expect_stiffness(mean, 0.1, 0.03, how == 0 ? "stiffness after soft tyres" : "stiffness after sliding");
+  }
+}
+
+static void test_another_road_is_found_within_seconds(void)
+{
+  const tse_config c = some_settings(300);
+  const tse_params p = prepared(&c);
+  drive d;
+  double mean[3] = { 0 };
+  set_off(&d, &c, 20.0);
+  d.steer = 0.01;
+  d.torque = 500.0;
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f, sizeof f));
+  (void)run(&p, &f, &d, 1500);
+  d.road = 0.4;
+  (void)run(&p, &f, &d, 1500);
+  for (int i = 0; i < 500; i++) {
+    const tse_output y = run(&p, &f, &d, 1);
+    for (int a = 0; a < 3; a++) mean[a] += number(y.stiffness[a]) / 500.0;
+  }
+  for (int a = 0; a < 3; a++) expect_near(0.4, mean[a], 0.05, "stiffness on snow", a);
+}
+
+static void test_neither_a_clean_drive_nor_a_lone_outlier_raises_the_alarm(void)
+{
+  const tse_config c = some_settings(200);
+  const tse_params p = prepared(&c);
+  drive d;
+  tse_output y;
+  set_off(&d, &c, 20.0);
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f, sizeof f));
+  for (int i = 0; i < 3000; i++) {
+    tse_input u = next_row(&d);
+    if (i % 500 == 499) u.accel_y = u.accel_y + real(1.5); /* ten sigma */
+    TEST_ASSERT_TRUE(tse_step(&p, &f, &u, &y) >= 0);
+    TEST_ASSERT_TRUE(y.status != TSE_W_RECOVERED);
+  }
+}
+
+/* ------------------------------------------------------------------------------ broken numbers, fuzz */
+
+static double special(uint32_t *state)
+{
+  static const double values[] = { 0.0, -0.0, NAN, INFINITY, -INFINITY, 1e300, -1e300, 1e-300, -1e-300, 1e-30,
+                                   3.4e38, 50.0, -50.0, 1.2, -1.2, 400.0, -400.0, 6.0, -6.0, 1e-3 };
+  return values[next_word(state) % (uint32_t)ROWS(values)];
+}
+
+static double fuzzed(uint32_t *state, double plausible, double most, int wildness)
+{
+  const uint32_t dice = next_word(state) >> 8;
+  if (wildness == 0 || dice % 16u > (uint32_t)wildness) return plausible;
+  if (dice % 3u == 0) return special(state);
+  return next_between(state, -most, most);
+}
+
+static void fuzz(const tse_config *c, int rows, uint32_t seed)
+{
+  const tse_params p = prepared(c);
+  uint32_t state = seed;
+  double v = 10.0, steer = 0.0;
+  int accepted = 0, wildness = 0;
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f, sizeof f));
+  for (int i = 0; i < rows; i++) {
+    if (i % 64 == 0) wildness = (int)(next_word(&state) >> 8) % 5 * 3; /* 0 never .. 12 nearly always */
+    v = fmin(fmax(v + next_between(&state, -0.3, 0.3), -3.0), 45.0);
+    steer = 0.9 * steer + next_between(&state, -0.01, 0.01);
+    tse_input u;
+    u.dt = (tse_real)fuzzed(&state, 0.01, 0.2, wildness / 4);
+    u.steer_angle = (tse_real)fuzzed(&state, steer, 1.3, wildness);
+    u.wheel_speed_front = (tse_real)fuzzed(&state, v / 0.33, 420.0, wildness);
+    u.wheel_speed_rear = (tse_real)fuzzed(&state, v / 0.33, 420.0, wildness);
+    u.accel_x = (tse_real)fuzzed(&state, next_between(&state, -1.0, 1.0), 60.0, wildness);
+    u.accel_y = (tse_real)fuzzed(&state, 2.0 * v * steer, 60.0, wildness);
+    u.yaw_rate = (tse_real)fuzzed(&state, 0.3 * v * steer, 7.0, wildness);
+    u.missing = wildness && next_word(&state) % 8u == 0 ? next_word(&state) >> 24 : 0u;
+    tse_output y;
+    memset(&y, 0x55, sizeof y);
+    const tse_status status = tse_step(&p, &f, &u, &y);
+    if (status < 0) continue;
+    accepted++;
+    if (!all_finite(&y)) {
+      char text[120];
+      (void)snprintf(text, sizeof text, "row %d of seed %u: an output is not finite", i, (unsigned)seed);
+      TEST_FAIL_MESSAGE(text);
+    }
+    for (int a = 0; a < 3; a++) {
+      TEST_ASSERT_TRUE(number(y.stiffness[a]) > 0.0 && number(y.stiffness[a]) < 21.0);
+      TEST_ASSERT_TRUE(number(y.stiffness_sd[a]) >= 0.0 && number(y.stiffness_spread[a]) > 0.0 && number(y.bias_sd[a]) >= 0.0);
+      TEST_ASSERT_TRUE(y.reason[a] >= TSE_VALID && y.reason[a] < TSE_REASON_END_);
+    }
+    TEST_ASSERT_TRUE(number(y.n_eff) > 0.999 && number(y.n_eff) < 1.001 * c->particles);
+    TEST_ASSERT_EQUAL_INT(status, y.status);
+  }
+  TEST_ASSERT_TRUE(accepted > rows / 4);
+}
+
+static void test_no_row_of_numbers_whatever_makes_an_output_that_is_none(void)
+{
+  tse_config c = some_settings(20); /* 20: padding takes part, and must not break either */
+  for (uint32_t seed = 1; seed <= 4; seed++) {
+    c.resampling = (int32_t)(seed - 1u);
+    fuzz(&c, 25000, seed);
+  }
+}
+
+static void test_no_row_breaks_a_filter_whose_settings_are_extreme(void)
+{
+  tse_config c = some_settings(17);
+  c.mass = 50;
+  c.yaw_inertia = 10;
+  c.longitudinal_stiffness_front = c.longitudinal_stiffness_rear = (tse_setting)1e7;
+  c.cornering_stiffness_front = c.cornering_stiffness_rear = (tse_setting)1e7;
+  c.accel_x_sd = c.accel_y_sd = (tse_setting)0.001;
+  c.yaw_rate_sd = (tse_setting)1e-5;
+  c.stiffness_min = (tse_setting)0.02;
+  c.stiffness_max = 20;
+  fuzz(&c, 4000, 77);
+  c = some_settings(16);
+  c.mass = 50000;
+  c.forgetting = (tse_setting)0.9;
+  c.initial_dof = 6;
+  c.initial_mean_sd = c.initial_spread = 2;
+  c.max_gap = 1;
+  c.sample_time = (tse_setting)0.1;
+  c.resample_threshold = 0;
+  fuzz(&c, 4000, 78);
+  c = some_settings(18);
+  c.stiffness_max = 20;
+  c.initial_spread = 2;
+  fuzz(&c, 4000, 79);
+}
+
+static void test_a_filter_whose_particles_were_broken_gives_finite_outputs_and_recovers(void)
+{
+  for (int share = 1; share <= 16; share *= 4) { /* all of them, a quarter, a sixteenth */
+    const tse_config c = some_settings(64);
+    const tse_params p = prepared(&c);
+    drive d;
+    set_off(&d, &c, 20.0);
+    TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f, sizeof f));
+    (void)run(&p, &f, &d, 100);
+    for (int32_t i = 0; i < 64; i += share) f.p.x[1][i] = (tse_real)NAN;
+    for (int i = 0; i < 1000; i++) {
+      const tse_output y = run(&p, &f, &d, 1);
+      TEST_ASSERT_TRUE(all_finite(&y));
+      if (i == 999) expect_near((double)d.sim.x[0], number(y.vel_x), 0.5, "vel_x", share);
+    }
+  }
+}
+
+static void test_codes_have_sentences(void)
+{
+#define X(name, code, text) TEST_ASSERT_EQUAL_STRING(text, tse_status_text(code));
+  TSE_STATUS_TABLE(X)
+#undef X
+#define X(name, code, word, text) TEST_ASSERT_EQUAL_STRING(text, tse_reason_text(code));
+  TSE_REASON_TABLE(X)
+#undef X
+  TEST_ASSERT_NOT_NULL(tse_status_text(-1000));
+  TEST_ASSERT_NOT_NULL(tse_reason_text(1000));
+}
+
+int main(void)
+{
+  UNITY_BEGIN();
+  RUN_TEST(test_refused_input_leaves_the_filter_bit_for_bit_unchanged);
+  RUN_TEST(test_reset_refuses_what_does_not_fit_and_changes_nothing_then);
+  RUN_TEST(test_a_refused_row_leaves_no_trace_in_what_follows);
+  RUN_TEST(test_a_copy_of_the_struct_is_a_snapshot);
+  RUN_TEST(test_two_filters_in_turn_do_not_influence_each_other);
+  RUN_TEST(test_the_same_seed_gives_the_same_bits_and_another_seed_does_not);
+  RUN_TEST(test_asking_for_no_output_changes_nothing_in_the_filter);
+  RUN_TEST(test_the_time_step_of_the_first_row_does_not_count);
+  RUN_TEST(test_a_missing_channel_is_the_same_however_it_is_said_and_the_others_are_used);
+  RUN_TEST(test_a_row_without_measurements_predicts_only);
+  RUN_TEST(test_missing_inputs_hold_the_last_ones_then_freeze_then_restart);
+  RUN_TEST(test_a_gap_restarts_the_states_and_keeps_the_statistics);
+  RUN_TEST(test_standstill_and_reverse_hold_the_statistics_bit_for_bit);
+  RUN_TEST(test_the_car_stands_still_when_its_wheels_do);
+  RUN_TEST(test_the_gyros_bias_is_learnt_at_standstill_as_by_a_kalman_filter);
+  RUN_TEST(test_at_standstill_with_a_turning_gyro_nothing_is_learnt_before_the_wheels_have_rested);
+  RUN_TEST(test_forgetting_goes_by_time_not_by_rows);
+  RUN_TEST(test_stiffness_is_found_on_a_clean_drive);
+  RUN_TEST(test_stiffness_is_found_with_rows_twice_as_long_or_half_as_long);
+  RUN_TEST(test_a_long_run_with_quiet_and_lively_parts_stays_finite_and_near_the_truth);
+  RUN_TEST(test_after_a_forced_divergence_the_filter_says_so_and_comes_back);
+  RUN_TEST(test_another_road_is_found_within_seconds);
+  RUN_TEST(test_neither_a_clean_drive_nor_a_lone_outlier_raises_the_alarm);
+  RUN_TEST(test_no_row_of_numbers_whatever_makes_an_output_that_is_none);
+  RUN_TEST(test_no_row_breaks_a_filter_whose_settings_are_extreme);
+  RUN_TEST(test_a_filter_whose_particles_were_broken_gives_finite_outputs_and_recovers);
+  RUN_TEST(test_codes_have_sentences);
+  return UNITY_END();
+}

@@ -1,0 +1,65 @@
+/* tests/unit/unit_support.h - what several unit tests need. Each test file includes it once, after the headers of src/. */
+#ifndef UNIT_SUPPORT_H
+#define UNIT_SUPPORT_H
+
+#include <math.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <string.h>
+
+#include "stages.h"
+#include "unity.h"
+
+void setUp(void);
+void tearDown(void);
+void setUp(void) {}
+void tearDown(void) {}
+
+#define ROWS(table) ((int)(sizeof(table) / sizeof((table)[0])))
+
+/* A figure for each number format. */
+#if defined(TSE_REAL_FLOAT)
+#define BY_FORMAT(in_double, in_float) (in_float)
+#else
+#define BY_FORMAT(in_double, in_float) (in_double)
+#endif
+
+static inline tse_real real(double x) { return r_from_setting((tse_setting)x); }
+static inline double number(tse_real x) { return (double)r_to_setting(x); }
+
+static inline void expect_near(double expected, double actual, double tolerance, const char *what, int index)
+{
+  char text[160];
+  const double error = fabs(actual - expected);
+  if (error <= tolerance) return; /* false for NaN */
+  (void)snprintf(text, sizeof text, "%s [%d] is %.17g, expected %.17g, error %.3g > %.3g", what, index, actual, expected, error,
+                 tolerance);
+  TEST_FAIL_MESSAGE(text);
+}
+
+/* Full-period generator of test words; the library's own is tested elsewhere. */
+static inline uint32_t next_word(uint32_t *state)
+{
+  *state = *state * 1664525u + 1013904223u;
+  return *state ^ (*state >> 15);
+}
+
+static inline double next_uniform(uint32_t *state) /* in (0, 1) */
+{
+  return (next_word(state) + 0.5) / 4294967296.0;
+}
+
+static inline double next_between(uint32_t *state, double lo, double hi) { return lo + (hi - lo) * next_uniform(state); }
+
+/* Parameters from settings that must be right. */
+static inline tse_params prepared(const tse_config *c)
+{
+  tse_params p;
+  const char *wrong = "";
+  if (tse_prepare(c, &p, &wrong) != TSE_OK) {
+    TEST_FAIL_MESSAGE(wrong);
+  }
+  return p;
+}
+
+#endif
