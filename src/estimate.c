@@ -35,15 +35,33 @@ static tse_real mean_of(const tse_real *weight, const tse_real *value, int32_t c
   return acc_div(a, total);
 }
 
-tse_real weighted_mean(const tse_params *p, const tse_filter *f, const tse_real *value)
+static tse_acc total_weight(const tse_filter *f, int32_t count)
 {
-  const int32_t count = padded(p->particles);
   tse_acc lanes[TSE_LANES], total = acc_zero();
   for (int l = 0; l < TSE_LANES; l++) lanes[l] = acc_zero();
   for (int32_t i = 0; i < count; i += TSE_LANES)
     for (int l = 0; l < TSE_LANES; l++) lanes[l] = acc_add(lanes[l], f->weight[i + l]);
   for (int l = 0; l < TSE_LANES; l++) total = acc_merge(total, lanes[l]);
-  return mean_of(f->weight, value, count, total);
+  return total;
+}
+
+void weighted_means(const tse_params *p, const tse_filter *f, const tse_real *const *rows, int n, tse_real *means)
+{
+  const int32_t count = padded(p->particles);
+  const tse_acc total = total_weight(f, count);
+  for (int k = 0; k < n; k++) means[k] = mean_of(f->weight, rows[k], count, total);
+}
+
+tse_real effective_size(const tse_params *p, const tse_filter *f)
+{
+  const int32_t count = padded(p->particles);
+  const tse_acc total = total_weight(f, count);
+  tse_acc lanes[TSE_LANES], squares = acc_zero();
+  for (int l = 0; l < TSE_LANES; l++) lanes[l] = acc_zero();
+  for (int32_t i = 0; i < count; i += TSE_LANES)
+    for (int l = 0; l < TSE_LANES; l++) lanes[l] = acc_add_mul(lanes[l], f->weight[i + l], f->weight[i + l]);
+  for (int l = 0; l < TSE_LANES; l++) squares = acc_merge(squares, lanes[l]);
+  return r_mul(acc_to_real(total), acc_div(total, squares));
 }
 
 void estimate(const tse_params *p, const tse_filter *f, tse_output *y)
@@ -51,20 +69,8 @@ void estimate(const tse_params *p, const tse_filter *f, tse_output *y)
   const tse_particles *const q = &f->p;
   const int32_t count = padded(p->particles);
   static const int diagonal[3] = { 0, 3, 5 };
-  tse_acc lanes[TSE_LANES], squares[TSE_LANES], total = acc_zero(), total_squares = acc_zero();
+  const tse_acc total = total_weight(f, count);
   tse_real x[3], var;
-
-  for (int l = 0; l < TSE_LANES; l++) lanes[l] = squares[l] = acc_zero();
-  for (int32_t i = 0; i < count; i += TSE_LANES)
-    for (int l = 0; l < TSE_LANES; l++) {
-      lanes[l] = acc_add(lanes[l], f->weight[i + l]);
-      squares[l] = acc_add_mul(squares[l], f->weight[i + l], f->weight[i + l]);
-    }
-  for (int l = 0; l < TSE_LANES; l++) {
-    total = acc_merge(total, lanes[l]);
-    total_squares = acc_merge(total_squares, squares[l]);
-  }
-  y->n_eff = r_mul(acc_to_real(total), acc_div(total, total_squares));
 
   tse_real *const state[3] = { &y->vel_x, &y->vel_y, &y->yaw_rate };
   tse_real *const state_sd[3] = { &y->vel_x_sd, &y->vel_y_sd, &y->yaw_rate_sd };

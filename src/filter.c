@@ -86,7 +86,7 @@ static tse_status judge(const tse_params *p, const tse_filter *f, const sample *
     else if (!excited[a]) why = TSE_NOT_EXCITED;
     else if (var > p->valid_var) why = TSE_UNCERTAIN;
     out->reason[a] = (int32_t)why;
-    if (why == TSE_NOT_EXCITED) status = worse(status, TSE_W_NOT_EXCITED);
+    if (why != TSE_VALID) status = worse(status, TSE_W_NOT_VALID);
   }
   if (starting) status = worse(status, TSE_W_STARTING);
   if (y->used < 3) status = worse(status, TSE_W_MISSING_CHANNEL);
@@ -134,42 +134,48 @@ tse_status tse_step(const tse_params *p, tse_filter *f, const tse_input *u, tse_
   f->settle = r_max(f->settle - y.dt, TSE_R(0));
 
   tse_real evidence = TSE_R(0), best = TSE_R(0);
-  int recover = 0, broken = 0;
+  tse_output now;
   gaussian g;
+  int32_t excited[3] = { 0, 0, 0 };
+  int recover = 0;
   if (learning) {
     gaussian_observe(p, f, &y, &g);
-    broken = !weigh(p, f, &y, &g, &evidence, &best); /* (22), (23) */
-    if (broken) initialise(p, f, &y);     /* no weight is a number any more: start over */
+    const int broken = !weigh(p, f, &y, &g, &evidence, &best); /* (22), (23) */
+    if (broken) initialise(p, f, &y); /* no weight is a number any more: start over */
     recover = broken || evidence_is_lost(p, f, &y, evidence, best);
   }
-
-  tse_output now;
-  int32_t excited[3] = { 0, 0, 0 };
-  estimate(p, f, &now); /* (26), (27), before resampling */
-  now.log_evidence = r_mul(LN_2, evidence);
-  const int absurd = learning && state_is_absurd(&now, &y, fastest);
-  if (learning) {
-    excitation(p, f, &y, &now, excited);
-    f->seen = r_min(f->seen + TSE_R(1), r_mul(TSE_R(5), p->memory));
-  }
+  const tse_real n_eff = effective_size(p, f);
+  if (!learning || !p->marginalised) estimate(p, f, &now); /* (26), (27), before resampling */
 
   if (learning) {
-    if (recover || absurd || now.n_eff <= p->resample_at) resample_now(p, f);
-    if (recover || absurd) {
+    if (recover || n_eff <= p->resample_at) resample_now(p, f);
+    if (recover) {
+      redraw(p, f, &y, p->recovery_count);
+      gaussian_observe(p, f, &y, &g);
+    }
+    draw_and_learn(p, f, &y, &g); /* (25), (16), (19) */
+    gaussian_update(f, &g);
+    if (p->marginalised) estimate(p, f, &now); /* here the sample has moved states and means, too */
+    if (state_is_absurd(&now, &y, fastest)) {
       recover = 1;
-      if (!broken) redraw(p, f, &y, absurd ? padded(p->particles) : p->recovery_count);
+      resample_now(p, f);
+      redraw(p, f, &y, padded(p->particles));
+      estimate(p, f, &now);
+    }
+    excitation(p, f, &y, &now, excited);
+    forget(p, f, y.dt); /* (17) */
+    f->seen = r_min(f->seen + TSE_R(1), r_mul(TSE_R(5), p->memory));
+    if (recover) {
       f->settle = SETTLE_TIME;
       f->level_fast = f->level;
       f->recoveries++;
     }
-    if (recover) gaussian_observe(p, f, &y, &g);
-    draw_and_learn(p, f, &y, &g); /* (25), (16), (19) */
-    gaussian_update(f, &g);
-    forget(p, f, y.dt);           /* (17) */
   } else {
     use_mean_stiffness(p, &f->p);
     if (!(f->still_for < STILL_TIME)) bias_learn_still(p, f, &y);
   }
+  now.n_eff = n_eff;
+  now.log_evidence = r_mul(LN_2, evidence);
   f->step++;
 
   tse_status status = judge(p, f, &y, held, predicted, excited, &now);

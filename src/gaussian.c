@@ -64,10 +64,8 @@ void gaussian_predict(const tse_params *p, tse_filter *f, inputs to, tse_real dt
   if (!p->marginalised) return;
   const inputs from = { f->steer, f->v_front, f->v_rear };
   tse_real at[6], jac[3][6], row[3][TSE_GAUSS];
-  for (int a = 0; a < 3; a++) {
-    at[a] = weighted_mean(p, f, f->p.x[a]);
-    at[3 + a] = weighted_mean(p, f, f->p.w[a]);
-  }
+  const tse_real *const rows[6] = { f->p.x[0], f->p.x[1], f->p.x[2], f->p.w[0], f->p.w[1], f->p.w[2] };
+  weighted_means(p, f, rows, 6, at);
   linearise_motion(p, at, from, to, dt, jac);
   for (int a = 0; a < 3; a++)
     for (int b = 0; b < TSE_GAUSS; b++) {
@@ -110,10 +108,8 @@ void gaussian_observe(const tse_params *p, const tse_filter *f, const sample *y,
   for (int a = 0; a < 3; a++)
     for (int b = 0; b < TSE_GAUSS; b++) H[a][b] = TSE_R(0);
   if (p->marginalised) {
-    for (int a = 0; a < 3; a++) {
-      at[a] = weighted_mean(p, f, f->p.x[a]);
-      at[3 + a] = weighted_mean(p, f, f->p.mu[a]);
-    }
+    const tse_real *const rows[6] = { f->p.x[0], f->p.x[1], f->p.x[2], f->p.mu[0], f->p.mu[1], f->p.mu[2] };
+    weighted_means(p, f, rows, 6, at);
     foretell(p, &gains, y, at, foretold, &o);
     for (int b = 0; b < 3; b++) {
       tse_real hi[3], lo[3];

@@ -565,6 +565,16 @@ static inline tse_real acc_div(tse_acc num, tse_acc den)
 
 /* ------------------------------------------------------------------------------- all formats ---- */
 
+/* log2(a b c) of positive numbers whose product does not overflow (q20: any). */
+static inline tse_real r_log2_of_product(tse_real a, tse_real b, tse_real c)
+{
+#if defined(TSE_REAL_Q20)
+  return r_log2(a) + r_log2(b) + r_log2(c);
+#else
+  return r_log2(r_mul(a, r_mul(b, c)));
+#endif
+}
+
 static inline tse_real r_sqr(tse_real x) { return r_mul(x, x); }
 
 /* Of two numbers; if one is NaN the second is returned. */

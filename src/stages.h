@@ -27,7 +27,8 @@
 #define keep_survivors    TSE_NAME(tse_keep_survivors)
 #define copy_particles    TSE_NAME(tse_copy_particles)
 #define draw_and_learn    TSE_NAME(tse_draw_and_learn)
-#define weighted_mean     TSE_NAME(tse_weighted_mean)
+#define effective_size    TSE_NAME(tse_effective_size)
+#define weighted_means    TSE_NAME(tse_weighted_means)
 #define gaussian_start    TSE_NAME(tse_gaussian_start)
 #define gaussian_restart_states TSE_NAME(tse_gaussian_restart_states)
 #define gaussian_restart_means  TSE_NAME(tse_gaussian_restart_means)
@@ -167,7 +168,8 @@ int normalise(const tse_params *p, tse_filter *f, tse_real *log2_largest);
 
 /* estimate.c  (26), (27) from the weighted set / running regressors, and what they tell about each stiffness */
 void estimate(const tse_params *p, const tse_filter *f, tse_output *y);
-tse_real weighted_mean(const tse_params *p, const tse_filter *f, const tse_real *value);
+tse_real effective_size(const tse_params *p, const tse_filter *f);
+void weighted_means(const tse_params *p, const tse_filter *f, const tse_real *const *rows, int n, tse_real *means);
 void excitation(const tse_params *p, tse_filter *f, const sample *y, const tse_output *est, int32_t excited[3]);
 
 /* resample.c  ancestors (ascending) of n particles for weights whose largest is 1; then survivors keep their places */

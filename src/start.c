@@ -40,6 +40,7 @@ void initialise(const tse_params *p, tse_filter *f, const sample *y)
   f->nu = p->nu0;
   f->log_total = r_log2(r_from_int(p->particles));
   gaussian_start(p, f);
+  for (int a = 0; a < 3; a++) f->learn[a] = TSE_R(1);
   for (int32_t i = 0; i < count; i++) {
     tse_real n[6];
     normals(p, f->step, i, n);

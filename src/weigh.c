@@ -51,7 +51,7 @@ int weigh(const tse_params *p, tse_filter *f, const sample *y, const gaussian *c
                                        q->lam[0][i], q->lam[1][i], q->lam[2][i], q->lam[3][i], q->lam[4][i], q->lam[5][i],
                                        q->bias[0][i], q->bias[1][i], q->bias[2][i], r_mul(q->x[2][i], p->inv_sd[2]));
     /* log2 St = common - log2|S|/2 - (nut + d)/2 log2(1 + q/nut) */
-    q->logw[0][i] = q->logw[0][i] - r_mul(TSE_R(0.5), r_log2(e.s1) + r_log2(e.s2) + r_log2(e.s3))
+    q->logw[0][i] = q->logw[0][i] - r_mul(TSE_R(0.5), r_log2_of_product(e.s1, e.s2, e.s3))
                   - r_mul(n.half_dof, r_log2(TSE_R(1) + r_mul(e.q, n.inv_nut)));
   }
   tse_real largest;
