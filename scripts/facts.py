@@ -41,6 +41,8 @@ def measure() -> None:
     (RESULTS / "sizes.md").write_text(sizes())
     print("accuracy ...", flush=True)
     output(tselab, "accuracy", "--runs", "24", "--out", RESULTS)
+    few = output(tselab, "accuracy", "--runs", "24", "--form", "marginalised", "--particles", "100")
+    (RESULTS / "marginalised.md").write_text(few)
     print("time ...", flush=True)
     (RESULTS / "bench.md").write_text(output(ROOT / "scripts" / "bench.sh"))
     print("picture ...", flush=True)

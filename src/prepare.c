@@ -17,10 +17,17 @@ void tse_config_paper(tse_config *c)
 {
   tse_config_default(c);
   if (!c) return;
-  c->marginalised = 0;
-  c->initial_spread = (tse_setting)0.3; /* with a small one and this much doubt about the mean it often fails to start */
   c->spread_max = (tse_setting)2;
   c->hold_sd = (tse_setting)0;
+}
+
+void tse_config_marginalised(tse_config *c)
+{
+  tse_config_default(c);
+  if (!c) return;
+  c->marginalised = 1;
+  c->initial_spread = (tse_setting)0.1; /* doubt about the mean has its own place here */
+  c->spread_max = (tse_setting)0.3;
 }
 
 tse_status tse_config_check(const tse_config *c, const char **wrong)

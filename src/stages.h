@@ -14,6 +14,13 @@
 #define TSE_RESTRICT restrict
 #endif
 
+/* What stands in two loops must still be inlined in both, or neither becomes vector code. */
+#if defined(__GNUC__)
+#define TSE_INLINE static inline __attribute__((always_inline))
+#else
+#define TSE_INLINE static inline
+#endif
+
 #define input_decode      TSE_NAME(tse_input_decode)
 #define initialise        TSE_NAME(tse_initialise)
 #define restart_states    TSE_NAME(tse_restart_states)
@@ -92,7 +99,7 @@ typedef struct innovation {
 } innovation;
 
 /* One channel with row d (d0, d1, d2) and innovation z: condition mean m and covariance a of w on it. */
-static inline void condition(innovation *e, tse_real d0, tse_real d1, tse_real d2, tse_real z, tse_real r, tse_real *scale)
+TSE_INLINE void condition(innovation *e, tse_real d0, tse_real d1, tse_real d2, tse_real z, tse_real r, tse_real *scale)
 {
   const tse_real v0 = r_mul(e->a[0], d0) + r_mul(e->a[1], d1) + r_mul(e->a[2], d2);
   const tse_real v1 = r_mul(e->a[1], d0) + r_mul(e->a[3], d1) + r_mul(e->a[4], d2);
@@ -115,7 +122,9 @@ static inline void condition(innovation *e, tse_real d0, tse_real d1, tse_real d
   *scale = s;
 }
 
-static inline innovation innovation_of(const niw_constants *n, const gaussian *c, const sample *y, observation o,
+/* coupled: a literal 0 or 1, which the compiler folds. 0 where C is diagonal (the paper's form): the yaw rate then says
+ * nothing about w. */
+TSE_INLINE innovation innovation_of(int coupled, const niw_constants *n, const gaussian *c, const sample *y, observation o,
                                        tse_real mu0, tse_real mu1, tse_real mu2,
                                        tse_real l11, tse_real l12, tse_real l13, tse_real l22, tse_real l23, tse_real l33,
                                        tse_real b0, tse_real b1, tse_real b2, tse_real yaw)
@@ -132,9 +141,12 @@ static inline innovation innovation_of(const niw_constants *n, const gaussian *c
   e.d2[0] = r_mul(c->l21, o.d11) + r_mul(c->l22, o.d21);
   e.d2[1] = r_mul(c->l21, o.d12) + r_mul(c->l22, o.d22);
   e.d2[2] = r_mul(c->l22, o.d23);
-  e.d3[0] = r_mul(c->l31, o.d11) + r_mul(c->l32, o.d21);
-  e.d3[1] = r_mul(c->l31, o.d12) + r_mul(c->l32, o.d22);
-  e.d3[2] = r_mul(c->l32, o.d23);
+  e.d3[0] = e.d3[1] = e.d3[2] = TSE_R(0);
+  if (coupled) {
+    e.d3[0] = r_mul(c->l31, o.d11) + r_mul(c->l32, o.d21);
+    e.d3[1] = r_mul(c->l31, o.d12) + r_mul(c->l32, o.d22);
+    e.d3[2] = r_mul(c->l32, o.d23);
+  }
 
   e.a[0] = r_mul(n->a, l11);
   e.a[1] = r_mul(n->a, l12);
@@ -145,7 +157,12 @@ static inline innovation innovation_of(const niw_constants *n, const gaussian *c
   e.m[0] = e.m[1] = e.m[2] = e.q = TSE_R(0);
   condition(&e, e.d1[0], e.d1[1], TSE_R(0), e.z1, n->r, &e.s1);
   condition(&e, e.d2[0], e.d2[1], e.d2[2], e.z2, n->r, &e.s2);
-  condition(&e, e.d3[0], e.d3[1], e.d3[2], e.z3, n->r, &e.s3);
+  if (coupled) {
+    condition(&e, e.d3[0], e.d3[1], e.d3[2], e.z3, n->r, &e.s3);
+  } else {
+    e.s3 = n->r;
+    e.q += r_mul(r_mul(e.z3, e.z3), r_div(TSE_R(1), n->r));
+  }
   return e;
 }
 

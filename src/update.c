@@ -51,60 +51,80 @@ typedef struct learning {
   tse_real dof, inv_dof;         /* (25): nut + d_y                                   */
 } learning;
 
-static void learn_run(const tse_params *TSE_RESTRICT p, const learning *TSE_RESTRICT c, const sample *TSE_RESTRICT y,
-                      tse_real t[3][RUN], int32_t base, int32_t count, tse_particles *TSE_RESTRICT q)
+TSE_INLINE void learn_one(int coupled, const tse_params *TSE_RESTRICT p, const learning *TSE_RESTRICT c,
+                          const sample *TSE_RESTRICT y, tse_real ta, tse_real tb, tse_real tc, int32_t i,
+                          tse_particles *TSE_RESTRICT q)
 {
-  for (int32_t j = 0; j < count; j++) {
-    const int32_t i = base + j;
-    const slips s = vehicle_slips(p, q->x[0][i], q->x[1][i], q->x[2][i], y->u);
-    const observation o = vehicle_observation(c->g, s, y->u.steer);
-    const tse_real l11 = q->lam[0][i], l12 = q->lam[1][i], l13 = q->lam[2][i];
-    const tse_real l22 = q->lam[3][i], l23 = q->lam[4][i], l33 = q->lam[5][i];
-    const innovation e = innovation_of(&c->n, &c->x, y, o, q->mu[0][i], q->mu[1][i], q->mu[2][i], l11, l12, l13, l22, l23, l33,
-                                       q->bias[0][i], q->bias[1][i], q->bias[2][i], r_mul(q->x[2][i], p->inv_sd[2]));
+  const slips s = vehicle_slips(p, q->x[0][i], q->x[1][i], q->x[2][i], y->u);
+  const observation o = vehicle_observation(c->g, s, y->u.steer);
+  const tse_real l11 = q->lam[0][i], l12 = q->lam[1][i], l13 = q->lam[2][i];
+  const tse_real l22 = q->lam[3][i], l23 = q->lam[4][i], l33 = q->lam[5][i];
+  const innovation e = innovation_of(coupled, &c->n, &c->x, y, o, q->mu[0][i], q->mu[1][i], q->mu[2][i], l11, l12, l13, l22, l23, l33,
+                                     q->bias[0][i], q->bias[1][i], q->bias[2][i], r_mul(q->x[2][i], p->inv_sd[2]));
 
-    /* (25) covariance A - A d' S^-1 d A = C C', C lower triangular; scale (nut + q)/(nut + d_y) */
-    const tse_real c11 = r_sqrt(r_max(e.a[0], TINY)), inv11 = r_div(TSE_R(1), c11);
-    const tse_real c21 = r_mul(e.a[1], inv11), c31 = r_mul(e.a[2], inv11);
-    const tse_real c22 = r_sqrt(r_max(e.a[3] - r_mul(c21, c21), TINY));
-    const tse_real c32 = r_div(e.a[4] - r_mul(c31, c21), c22);
-    const tse_real c33 = r_sqrt(r_max(e.a[5] - r_mul(c31, c31) - r_mul(c32, c32), TINY));
-    const tse_real scale = r_sqrt(r_mul(c->n.nut + e.q, c->inv_dof));
-    const tse_real t1 = r_mul(scale, t[0][j]), t2 = r_mul(scale, t[1][j]), t3 = r_mul(scale, t[2][j]);
+  /* (25) covariance A - A d' S^-1 d A = C C', C lower triangular; scale (nut + q)/(nut + d_y) */
+  const tse_real c11 = r_sqrt(r_max(e.a[0], TINY)), inv11 = r_div(TSE_R(1), c11);
+  const tse_real c21 = r_mul(e.a[1], inv11), c31 = r_mul(e.a[2], inv11);
+  const tse_real c22 = r_sqrt(r_max(e.a[3] - r_mul(c21, c21), TINY));
+  const tse_real c32 = r_div(e.a[4] - r_mul(c31, c21), c22);
+  const tse_real c33 = r_sqrt(r_max(e.a[5] - r_mul(c31, c31) - r_mul(c32, c32), TINY));
+  const tse_real scale = r_sqrt(r_mul(c->n.nut + e.q, c->inv_dof));
+  const tse_real t1 = r_mul(scale, ta), t2 = r_mul(scale, tb), t3 = r_mul(scale, tc);
 
-    const tse_real mu0 = q->mu[0][i], mu1 = q->mu[1][i], mu2 = q->mu[2][i];
-    const tse_real w0 = into_bounds(p, mu0 + e.m[0] + r_mul(c11, t1));
-    const tse_real w1 = into_bounds(p, mu1 + e.m[1] + r_mul(c21, t1) + r_mul(c22, t2));
-    const tse_real w2 = into_bounds(p, mu2 + e.m[2] + r_mul(c31, t1) + r_mul(c32, t2) + r_mul(c33, t3));
-    const tse_real z0 = w0 - mu0, z1 = w1 - mu1, z2 = w2 - mu2;
+  const tse_real mu0 = q->mu[0][i], mu1 = q->mu[1][i], mu2 = q->mu[2][i];
+  const tse_real w0 = into_bounds(p, mu0 + e.m[0] + r_mul(c11, t1));
+  const tse_real w1 = into_bounds(p, mu1 + e.m[1] + r_mul(c21, t1) + r_mul(c22, t2));
+  const tse_real w2 = into_bounds(p, mu2 + e.m[2] + r_mul(c31, t1) + r_mul(c32, t2) + r_mul(c33, t3));
+  const tse_real z0 = w0 - mu0, z1 = w1 - mu1, z2 = w2 - mu2;
 
-    /* above the largest spread Lambda fades faster, up to a half per sample */
-    const tse_real excess = r_max(r_max(l11, l22), l33) - c->lam_max;
-    const tse_real fade = TSE_R(1) + r_min(r_max(r_mul(excess, c->steep), TSE_R(0)), c->steepest);
-    q->lam[0][i] = l11 + r_mul(c->rate_z[0], r_mul(z0, z0)) - r_mul(r_mul(c->rate[0], fade), l11);
-    q->lam[1][i] = l12 + r_mul(c->rate_z[1], r_mul(z0, z1)) - r_mul(r_mul(c->rate[1], fade), l12);
-    q->lam[2][i] = l13 + r_mul(c->rate_z[2], r_mul(z0, z2)) - r_mul(r_mul(c->rate[2], fade), l13);
-    q->lam[3][i] = l22 + r_mul(c->rate_z[3], r_mul(z1, z1)) - r_mul(r_mul(c->rate[3], fade), l22);
-    q->lam[4][i] = l23 + r_mul(c->rate_z[4], r_mul(z1, z2)) - r_mul(r_mul(c->rate[4], fade), l23);
-    q->lam[5][i] = l33 + r_mul(c->rate_z[5], r_mul(z2, z2)) - r_mul(r_mul(c->rate[5], fade), l33);
+  /* above the largest spread Lambda fades faster, up to a half per sample */
+  const tse_real excess = r_max(r_max(l11, l22), l33) - c->lam_max;
+  const tse_real fade = TSE_R(1) + r_min(r_max(r_mul(excess, c->steep), TSE_R(0)), c->steepest);
+  q->lam[0][i] = l11 + r_mul(c->rate_z[0], r_mul(z0, z0)) - r_mul(r_mul(c->rate[0], fade), l11);
+  q->lam[1][i] = l12 + r_mul(c->rate_z[1], r_mul(z0, z1)) - r_mul(r_mul(c->rate[1], fade), l12);
+  q->lam[2][i] = l13 + r_mul(c->rate_z[2], r_mul(z0, z2)) - r_mul(r_mul(c->rate[2], fade), l13);
+  q->lam[3][i] = l22 + r_mul(c->rate_z[3], r_mul(z1, z1)) - r_mul(r_mul(c->rate[3], fade), l22);
+  q->lam[4][i] = l23 + r_mul(c->rate_z[4], r_mul(z1, z2)) - r_mul(r_mul(c->rate[4], fade), l23);
+  q->lam[5][i] = l33 + r_mul(c->rate_z[5], r_mul(z2, z2)) - r_mul(r_mul(c->rate[5], fade), l33);
 
-    /* (19) and, marginalised, its like for x and mu: whitened innovation given w, y - h - d w - b */
-    const tse_real e1 = e.z1 - r_mul(e.d1[0], z0) - r_mul(e.d1[1], z1);
-    const tse_real e2 = e.z2 - r_mul(e.d2[0], z0) - r_mul(e.d2[1], z1) - r_mul(e.d2[2], z2);
-    const tse_real e3 = e.z3 - r_mul(e.d3[0], z0) - r_mul(e.d3[1], z1) - r_mul(e.d3[2], z2);
-    q->mu[0][i] = bounded(p, mu0 + r_mul(c->gamma[0], z0) + move(&c->x, 3, e1, e2, e3));
-    q->mu[1][i] = bounded(p, mu1 + r_mul(c->gamma[1], z1) + move(&c->x, 4, e1, e2, e3));
-    q->mu[2][i] = bounded(p, mu2 + r_mul(c->gamma[2], z2) + move(&c->x, 5, e1, e2, e3));
+  /* (19) and, marginalised, its like for x and mu: whitened innovation given w, y - h - d w - b */
+  const tse_real e1 = e.z1 - r_mul(e.d1[0], z0) - r_mul(e.d1[1], z1);
+  const tse_real e2 = e.z2 - r_mul(e.d2[0], z0) - r_mul(e.d2[1], z1) - r_mul(e.d2[2], z2);
+  const tse_real e3 = e.z3 - r_mul(e.d3[0], z0) - r_mul(e.d3[1], z1) - r_mul(e.d3[2], z2);
+  if (coupled) {
+    q->mu[0][i] = bounded(p, mu0 + move(&c->x, 3, e1, e2, e3));
+    q->mu[1][i] = bounded(p, mu1 + move(&c->x, 4, e1, e2, e3));
+    q->mu[2][i] = bounded(p, mu2 + move(&c->x, 5, e1, e2, e3));
     q->w[0][i] = bounded(p, w0 + move(&c->x, 3, e1, e2, e3));
     q->w[1][i] = bounded(p, w1 + move(&c->x, 4, e1, e2, e3));
     q->w[2][i] = bounded(p, w2 + move(&c->x, 5, e1, e2, e3));
     q->x[0][i] += move(&c->x, 0, e1, e2, e3);
     q->x[1][i] += move(&c->x, 1, e1, e2, e3);
     q->x[2][i] += move(&c->x, 2, e1, e2, e3);
-    q->bias[0][i] += move(&c->x, 6, e1, e2, e3);
-    q->bias[1][i] += move(&c->x, 7, e1, e2, e3);
-    q->bias[2][i] += move(&c->x, 8, e1, e2, e3);
+  } else {
+    q->mu[0][i] = mu0 + r_mul(c->gamma[0], z0);
+    q->mu[1][i] = mu1 + r_mul(c->gamma[1], z1);
+    q->mu[2][i] = mu2 + r_mul(c->gamma[2], z2);
+    q->w[0][i] = w0;
+    q->w[1][i] = w1;
+    q->w[2][i] = w2;
   }
+  q->bias[0][i] += move(&c->x, 6, e1, e2, e3);
+  q->bias[1][i] += move(&c->x, 7, e1, e2, e3);
+  q->bias[2][i] += move(&c->x, 8, e1, e2, e3);
+}
+
+/* Two loops, because `coupled` must be a literal for the compiler and each loop must be simple enough to become vector code. */
+static void learn_sampled(const tse_params *TSE_RESTRICT p, const learning *TSE_RESTRICT c, const sample *TSE_RESTRICT y,
+                          tse_real t[3][RUN], int32_t base, int32_t count, tse_particles *TSE_RESTRICT q)
+{
+  for (int32_t j = 0; j < count; j++) learn_one(0, p, c, y, t[0][j], t[1][j], t[2][j], base + j, q);
+}
+
+static void learn_marginalised(const tse_params *TSE_RESTRICT p, const learning *TSE_RESTRICT c, const sample *TSE_RESTRICT y,
+                               tse_real t[3][RUN], int32_t base, int32_t count, tse_particles *TSE_RESTRICT q)
+{
+  for (int32_t j = 0; j < count; j++) learn_one(1, p, c, y, t[0][j], t[1][j], t[2][j], base + j, q);
 }
 
 void draw_and_learn(const tse_params *p, tse_filter *f, const sample *y, const gaussian *g)
@@ -138,7 +158,8 @@ void draw_and_learn(const tse_params *p, tse_filter *f, const sample *y, const g
     const int32_t run = count - base < RUN ? count - base : RUN;
     tse_real t[3][RUN];
     draw_student(p, f->step, base, run, c.dof, t);
-    learn_run(p, &c, y, t, base, run, &f->p);
+    if (p->marginalised) learn_marginalised(p, &c, y, t, base, run, &f->p);
+    else learn_sampled(p, &c, y, t, base, run, &f->p);
   }
 
   f->gamma = gamma;

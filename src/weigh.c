@@ -35,26 +35,33 @@ static tse_real log2_common(const tse_params *p, const niw_constants *n, const g
   return c + r_log2(g->l11) + r_log2(g->l22) + r_log2(g->l33);
 }
 
-int weigh(const tse_params *p, tse_filter *f, const sample *y, const gaussian *c, tse_real *log2_evidence,
-          tse_real *log2_best)
+TSE_INLINE void weigh_all(int coupled, const tse_params *TSE_RESTRICT p, const niw_constants *TSE_RESTRICT n,
+                             const gaussian *TSE_RESTRICT c, const observation_gains *TSE_RESTRICT g,
+                             const sample *TSE_RESTRICT y, tse_particles *TSE_RESTRICT q)
 {
-  tse_particles *const q = &f->p;
   const int32_t count = padded(p->particles);
-  const niw_constants n = niw_constants_of(f, y->used);
-  const observation_gains g = vehicle_observation_gains(p, y->use[0], y->use[1]);
-  const tse_real before = f->log_total;
-
   for (int32_t i = 0; i < count; i++) {
     const slips s = vehicle_slips(p, q->x[0][i], q->x[1][i], q->x[2][i], y->u);
-    const observation o = vehicle_observation(g, s, y->u.steer);
-    const innovation e = innovation_of(&n, c, y, o, q->mu[0][i], q->mu[1][i], q->mu[2][i],
+    const observation o = vehicle_observation(*g, s, y->u.steer);
+    const innovation e = innovation_of(coupled, n, c, y, o, q->mu[0][i], q->mu[1][i], q->mu[2][i],
                                        q->lam[0][i], q->lam[1][i], q->lam[2][i], q->lam[3][i], q->lam[4][i], q->lam[5][i],
                                        q->bias[0][i], q->bias[1][i], q->bias[2][i], r_mul(q->x[2][i], p->inv_sd[2]));
     /* log2 St = common - log2|S|/2 - (nut + d)/2 log2(1 + q/nut) */
     q->logw[0][i] = q->logw[0][i] - r_mul(TSE_R(0.5), r_log2_of_product(e.s1, e.s2, e.s3))
-                  - r_mul(n.half_dof, r_log2(TSE_R(1) + r_mul(e.q, n.inv_nut)));
+                  - r_mul(n->half_dof, r_log2(TSE_R(1) + r_mul(e.q, n->inv_nut)));
   }
+}
+
+int weigh(const tse_params *p, tse_filter *f, const sample *y, const gaussian *c, tse_real *log2_evidence,
+          tse_real *log2_best)
+{
+  const niw_constants n = niw_constants_of(f, y->used);
+  const observation_gains g = vehicle_observation_gains(p, y->use[0], y->use[1]);
+  const tse_real before = f->log_total;
   tse_real largest;
+
+  if (p->marginalised) weigh_all(1, p, &n, c, &g, y, &f->p);
+  else weigh_all(0, p, &n, c, &g, y, &f->p);
   if (!normalise(p, f, &largest)) return 0;
   const tse_real common = log2_common(p, &n, c, y);
   *log2_evidence = largest + f->log_total - before + common;

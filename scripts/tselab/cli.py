@@ -15,6 +15,7 @@ from tselab import __version__, maneuvers
 from tselab.errors import UserError
 
 FILE = click.Path(path_type=Path)
+FORMS = ("default", "paper", "marginalised")  # tse_config_default() and its like
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 110}
 
 
@@ -88,6 +89,14 @@ def _show_progress(progress: bool | None) -> bool:
     return sys.stderr.isatty() if progress is None else progress
 
 
+FORM = click.option(
+    "--form",
+    type=click.Choice(FORMS),
+    default="default",
+    show_default=True,
+    help="paper: nothing is held or limited. marginalised: states and mean stiffness are Gaussian in each particle; "
+    "needs fewer particles and clean wheel speeds.",
+)
 PROGRESS = click.option(
     "--progress/--no-progress", default=None, help="Progress bar; default: when stderr is a terminal."
 )
@@ -150,6 +159,7 @@ def cli(debug: bool) -> None:
 @click.option("--seed", type=int, help="Seed of the random numbers.")
 @click.option("--particles", type=int, help="Particles in use.")
 @click.option("--forgetting", type=float, help="Forgetting factor per sample.")
+@FORM
 @click.option("--set", "pairs", metavar="KEY=VALUE", multiple=True, help="Any other setting; may be repeated.")
 @PROGRESS
 def estimate(
@@ -158,6 +168,7 @@ def estimate(
     config_path: Path | None,
     out: Path | None,
     report: Path | None,
+    form: str,
     pairs: tuple[str, ...],
     progress: bool | None,
     **options: Any,
@@ -203,7 +214,7 @@ def estimate(
     vehicle = read_vehicle(vehicle_path)
     log = read_log(log_path)
     fill_sensors(vehicle, log)
-    config, notes = make_config(vehicle, log, config_path, options)
+    config, notes = make_config(vehicle, log, config_path, options, form)
     for key, value in _key_values(pairs).items():
         config.set(key, value, source="option --set")
     warnings = check_units(
@@ -447,6 +458,7 @@ def demo(out: Path, seed: int, progress: bool | None) -> None:
 )
 @click.option("--particles", type=int, help="Particles in use.")
 @click.option("--forgetting", type=float, help="Forgetting factor per sample.")
+@FORM
 @click.option("--first-seed", type=click.IntRange(0), default=1, show_default=True, help="Seed of the first run.")
 @click.option(
     "--set",
@@ -462,6 +474,7 @@ def accuracy(
     jobs: int,
     particles: int | None,
     forgetting: float | None,
+    form: str,
     first_seed: int,
     pairs: tuple[str, ...],
     out: Path | None,
@@ -482,7 +495,7 @@ def accuracy(
     from tselab.study import accuracy as run
     from tselab.study import markdown
 
-    settings: dict[str, float] = {}
+    settings: dict[str, float] = dict(Config.form(form))
     sim_settings: dict[str, float] = {}
     sim_config, config = SimConfig(), Config()
     for key, value in _key_values(pairs).items():

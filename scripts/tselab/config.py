@@ -40,9 +40,10 @@ def make_config(
     log: Log | None,
     filter_file: Path | None = None,
     options: Mapping[str, Any] | None = None,
+    form: str = "default",
 ) -> tuple[Config, list[str]]:
     """The settings of a run, and notes on what the log made of them."""
-    config = Config(vehicle.values)
+    config = Config({**Config.form(form), **vehicle.values})
     notes: list[str] = []
     if log is not None and log.sample_time is not None:
         f = config.fields["sample_time"]

@@ -253,6 +253,13 @@ class Settings:
 class Config(Settings):
     """tse_config: vehicle, sensors, filter."""
 
+    @classmethod
+    def form(cls, name: str) -> dict[str, float | int]:
+        """The settings in which a form of the filter (tse_config_paper(), ...) differs from the defaults."""
+        config = cls()
+        library().function(f"tse_config_{name}", None)(config.address)
+        return config.changed()
+
 
 class SimConfig(Settings):
     """tse_sim_config: what the simulator has beyond Config."""
