@@ -29,9 +29,8 @@ DESCRIPTIVE = (
 )
 HINT_ONLY = ("author_stiffness_front", "author_stiffness_rear")
 
-# Stiffness per axle load. Cornering: Gillespie, Fundamentals of Vehicle Dynamics, ch. 10, gives 0.11 .. 0.19 of the load per
-# degree for radial tyres and up to 0.3 for low-profile ones; 12/rad is 0.21 per degree. Longitudinal: slip slopes of
-# car tyres on dry road lie at about 15 .. 30 loads (Pacejka, Tire and Vehicle Dynamics, ch. 4: p_Kx1 about 20).
+# Stiffness per axle load, of the order of passenger-car tyres on a dry road: cornering about 0.1 .. 0.3 of the load per degree
+# (12/rad is 0.21), longitudinal slip slope about 15 .. 30 loads. A starting value, no more: the run says that it was used.
 CORNERING_PER_LOAD = 12.0  # 1/rad
 LONGITUDINAL_PER_LOAD = 20.0  # 1
 # Biases of sensors nobody has described: mounting angle and slope of about 1 degree, an uncalibrated gyro.
