@@ -139,9 +139,9 @@ tse_status tse_step(const tse_params *p, tse_filter *f, const tse_input *u, tse_
   int32_t excited[3] = { 0, 0, 0 };
   int recover = 0;
   if (learning) {
-    gaussian_observe(p, f, &y, &g);
-    const int broken = !weigh(p, f, &y, &g, &evidence, &best); /* (22), (23) */
-    if (broken) initialise(p, f, &y); /* no weight is a number any more: start over */
+    int broken = !gaussian_observe(p, f, &y, &g);
+    broken = broken || !weigh(p, f, &y, &g, &evidence, &best); /* (22), (23) */
+    if (broken) initialise(p, f, &y); /* covariance or weights are not numbers any more: start over */
     recover = broken || evidence_is_lost(p, f, &y, evidence, best);
   }
   const tse_real n_eff = effective_size(p, f);
@@ -151,7 +151,7 @@ tse_status tse_step(const tse_params *p, tse_filter *f, const tse_input *u, tse_
     if (recover || n_eff <= p->resample_at) resample_now(p, f);
     if (recover) {
       redraw(p, f, &y, p->recovery_count);
-      gaussian_observe(p, f, &y, &g);
+      (void)gaussian_observe(p, f, &y, &g);
     }
     draw_and_learn(p, f, &y, &g); /* (25), (16), (19) */
     gaussian_update(f, &g);

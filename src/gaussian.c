@@ -10,6 +10,7 @@
 #define NU_LEAST TSE_R(6)     /* A and Sigma need nu > 4; reached only with a short memory and long time steps */
 #define STEP TSE_R(0.0078125) /* 2^-7: differences for the linearisation, of states [m/s, rad/s] and of w [1]  */
 #define PER_STEP TSE_R(64)    /* 1/(2 STEP)                                                                    */
+#define MOST_VAR TSE_R(400)   /* 20 m/s squared: linear no more, the states start over                            */
 #define TINY TSE_R(1e-9)
 #if defined(TSE_REAL_Q20)
 #undef TINY
@@ -68,6 +69,12 @@ void gaussian_predict(const tse_params *p, tse_filter *f, inputs to, tse_real dt
   weighted_means(p, f, rows, 6, at);
   linearise_motion(p, at, from, to, dt, jac);
   for (int a = 0; a < 3; a++)
+    for (int k = 0; k < 6; k++)
+      if (!r_is_finite(jac[a][k])) { /* a broken particle: the states start over, the rest stays */
+        gaussian_restart_states(p, f);
+        return;
+      }
+  for (int a = 0; a < 3; a++)
     for (int b = 0; b < TSE_GAUSS; b++) {
       row[a][b] = TSE_R(0);
       for (int k = 0; k < 6; k++) row[a][b] += r_mul(jac[a][k], f->cov[k][b]);
@@ -79,6 +86,11 @@ void gaussian_predict(const tse_params *p, tse_filter *f, inputs to, tse_real dt
       tse_real sum = TSE_R(0);
       for (int k = 0; k < 6; k++) sum += r_mul(row[a][k], jac[b][k]);
       f->cov[a][b] = f->cov[b][a] = sum;
+    }
+  for (int a = 0; a < 3; a++)
+    if (!(f->cov[a][a] >= TSE_R(0) && f->cov[a][a] <= MOST_VAR)) {
+      gaussian_restart_states(p, f);
+      return;
     }
 }
 
@@ -99,7 +111,7 @@ static void foretell(const tse_params *p, const observation_gains *g, const samp
   out[2] = r_mul(y->use[2], r_mul(at[2], p->inv_sd[2]));
 }
 
-void gaussian_observe(const tse_params *p, const tse_filter *f, const sample *y, gaussian *g)
+int gaussian_observe(const tse_params *p, const tse_filter *f, const sample *y, gaussian *g)
 {
   const observation_gains gains = vehicle_observation_gains(p, y->use[0], y->use[1]);
   tse_real at[6], foretold[3], H[3][TSE_GAUSS], PH[TSE_GAUSS][3], c[3][3];
@@ -158,6 +170,9 @@ void gaussian_observe(const tse_params *p, const tse_filter *f, const sample *y,
     g->gain[a][1] = r_mul(g->l21, PH[a][0]) + r_mul(g->l22, PH[a][1]);
     g->gain[a][2] = r_mul(g->l31, PH[a][0]) + r_mul(g->l32, PH[a][1]) + r_mul(g->l33, PH[a][2]);
   }
+  tse_real sum = g->l11 + g->l22 + g->l33;
+  for (int a = 0; a < TSE_GAUSS; a++) sum += r_abs(g->gain[a][0]) + r_abs(g->gain[a][1]) + r_abs(g->gain[a][2]);
+  return r_is_finite(sum);
 }
 
 void gaussian_update(tse_filter *f, const gaussian *g)

@@ -1,28 +1,15 @@
 /* src/propagate.c - (7): every particle from the last row to this one, with the w it drew at the last row. */
 #include "stages.h"
 
-/* No car is faster; a particle that would be (a wheel that jumps, tyres that grip like rails) stays a number. NaN too.
- * Below LEAST it is zero: decaying for minutes of straight driving ends in denormal numbers, which are slow, and which
- * some machines flush and others do not. */
-#define MOST_SPEED TSE_R(200)   /* m/s */
-#define MOST_YAW_RATE TSE_R(20) /* rad/s */
-#define LEAST TSE_R(1e-12)
-
-static inline tse_real kept(tse_real v, tse_real most)
-{
-  const tse_real inside = r_max(r_min(v, most), -most);
-  return r_abs(inside) < LEAST ? TSE_R(0) : inside;
-}
-
 static void step_all(const tse_params *p, tse_particles *q, int32_t n, inputs u0, inputs u1, tse_real h)
 {
   for (int32_t i = 0; i < n; i++) {
     tse_real vx = q->x[0][i], vy = q->x[1][i], r = q->x[2][i];
     const stiffness k = vehicle_stiffness(p, q->w[0][i], q->w[1][i], q->w[2][i]);
     vehicle_step(p, &vx, &vy, &r, k, u0, u1, h);
-    q->x[0][i] = kept(vx, MOST_SPEED);
-    q->x[1][i] = kept(vy, MOST_SPEED);
-    q->x[2][i] = kept(r, MOST_YAW_RATE);
+    q->x[0][i] = vehicle_kept(vx, MOST_SPEED);
+    q->x[1][i] = vehicle_kept(vy, MOST_SPEED);
+    q->x[2][i] = vehicle_kept(r, MOST_YAW_RATE);
   }
 }
 

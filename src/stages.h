@@ -198,13 +198,14 @@ void copy_particles(tse_particles *p, const uint16_t *ancestor, int32_t n);
 void draw_and_learn(const tse_params *p, tse_filter *f, const sample *y, const gaussian *g);
 
 /* gaussian.c  the common covariance: start, prediction (7), (18), observation, update (19); forgetting (17);
- *             zero-rate update of the gyro's bias while the wheels stand still */
+ *             zero-rate update of the gyro's bias while the wheels stand still. gaussian_observe returns 0 when the
+ *             covariance is not made of numbers any more. */
 void gaussian_start(const tse_params *p, tse_filter *f);
 void gaussian_restart_states(const tse_params *p, tse_filter *f);
 void gaussian_restart_means(const tse_params *p, tse_filter *f);
 void gaussian_predict(const tse_params *p, tse_filter *f, inputs to, tse_real dt);
 void bias_predict(const tse_params *p, tse_filter *f, tse_real dt);
-void gaussian_observe(const tse_params *p, const tse_filter *f, const sample *y, gaussian *g);
+int gaussian_observe(const tse_params *p, const tse_filter *f, const sample *y, gaussian *g);
 void gaussian_update(tse_filter *f, const gaussian *g);
 void forget(const tse_params *p, tse_filter *f, tse_real dt);
 void bias_learn_still(const tse_params *p, tse_filter *f, const sample *y);

@@ -5,6 +5,7 @@
 #include "random.h"
 
 #define RUN 64
+#define MOST_BIAS TSE_R(2000) /* sigma: stays a number whatever is measured */
 #define TINY TSE_R(1e-6 * 1e-6) /* smallest pivot: rounding may leave a zero or negative one */
 #if defined(TSE_REAL_Q20)
 #undef TINY
@@ -98,9 +99,9 @@ TSE_INLINE void learn_one(int coupled, const tse_params *TSE_RESTRICT p, const l
     q->w[0][i] = bounded(p, w0 + move(&c->x, 3, e1, e2, e3));
     q->w[1][i] = bounded(p, w1 + move(&c->x, 4, e1, e2, e3));
     q->w[2][i] = bounded(p, w2 + move(&c->x, 5, e1, e2, e3));
-    q->x[0][i] += move(&c->x, 0, e1, e2, e3);
-    q->x[1][i] += move(&c->x, 1, e1, e2, e3);
-    q->x[2][i] += move(&c->x, 2, e1, e2, e3);
+    q->x[0][i] = vehicle_kept(q->x[0][i] + move(&c->x, 0, e1, e2, e3), MOST_SPEED);
+    q->x[1][i] = vehicle_kept(q->x[1][i] + move(&c->x, 1, e1, e2, e3), MOST_SPEED);
+    q->x[2][i] = vehicle_kept(q->x[2][i] + move(&c->x, 2, e1, e2, e3), MOST_YAW_RATE);
   } else {
     q->mu[0][i] = mu0 + r_mul(c->gamma[0], z0);
     q->mu[1][i] = mu1 + r_mul(c->gamma[1], z1);
@@ -109,9 +110,9 @@ TSE_INLINE void learn_one(int coupled, const tse_params *TSE_RESTRICT p, const l
     q->w[1][i] = w1;
     q->w[2][i] = w2;
   }
-  q->bias[0][i] += move(&c->x, 6, e1, e2, e3);
-  q->bias[1][i] += move(&c->x, 7, e1, e2, e3);
-  q->bias[2][i] += move(&c->x, 8, e1, e2, e3);
+  q->bias[0][i] = r_max(r_min(q->bias[0][i] + move(&c->x, 6, e1, e2, e3), MOST_BIAS), -MOST_BIAS);
+  q->bias[1][i] = r_max(r_min(q->bias[1][i] + move(&c->x, 7, e1, e2, e3), MOST_BIAS), -MOST_BIAS);
+  q->bias[2][i] = r_max(r_min(q->bias[2][i] + move(&c->x, 8, e1, e2, e3), MOST_BIAS), -MOST_BIAS);
 }
 
 /* Two loops, because `coupled` must be a literal for the compiler and each loop must be simple enough to become vector code. */

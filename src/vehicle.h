@@ -141,6 +141,19 @@ static inline void vehicle_step(const tse_params *p, tse_real *vx, tse_real *vy,
   *r += r_mul(half, k1r + k1r + k1r + r_mul(r_mul(m11, gr) - r_mul(m21, gy), inv_det));
 }
 
+/* No car is faster; a particle that would be (a wheel that jumps, tyres that grip like rails) stays a number. NaN too.
+ * Below LEAST it is zero: decaying for minutes of straight driving ends in denormal numbers, which are slow, and which
+ * some machines flush and others do not. */
+#define MOST_SPEED TSE_R(200)   /* m/s */
+#define MOST_YAW_RATE TSE_R(20) /* rad/s */
+#define LEAST TSE_R(1e-12)
+
+static inline tse_real vehicle_kept(tse_real v, tse_real most)
+{
+  const tse_real inside = r_max(r_min(v, most), -most);
+  return r_abs(inside) < LEAST ? TSE_R(0) : inside;
+}
+
 /* Number of steps of at most max_step that a row of dt seconds takes, and the inputs after k of them. */
 static inline int32_t vehicle_steps(const tse_params *p, tse_real dt) { return -r_floor_to_int(-r_div(dt, p->max_step)); }
 
