@@ -23,7 +23,7 @@ EVERY = 5  # rows between two lines of the table of results
 def tyre_forces(x, delta, road):
     vx, vy, r, wf, wr = x
     level = np.array(LEVEL) * road
-    rear = 1 + FOLLOW * (level[0] - 1)
+    rear = road * (1 + FOLLOW * (LEVEL[0] - 1))  # what does not follow the front still follows the road
     low = max(abs(vx), 1.0)
     sf = (RF * wf - vx) / max(abs(vx), abs(RF * wf), 1.0)
     sr = (RR * wr - vx) / max(abs(vx), abs(RR * wr), 1.0)

@@ -88,18 +88,25 @@ static inline void replay_columns(const tse_output *y, double column[])
 #undef OUT_INT
 }
 
-/* Default settings, but fewer particles than a multiple of eight, so that padding takes part.
+/* The forms of the filter; the first one gives the golden table. */
+typedef struct replay_form { const char *name; void (*settings)(tse_config *c); } replay_form;
+static const replay_form replay_forms[] = {
+  { "default", tse_config_default }, { "paper", tse_config_paper }, { "marginalised", tse_config_marginalised },
+};
+enum { REPLAY_FORMS = 3, REPLAY_HASHES = REPLAY_FORMS * REPLAY_SCHEMES, REPLAY_STATUSES = 8 };
+
+/* A form's settings, but fewer particles than a multiple of eight, so that padding takes part.
  * Returned: hash of every output of every row; table: each REPLAY_EVERY-th row, unless NULL; met: rows by status, unless
  * NULL. 0 if something was refused. */
-enum { REPLAY_STATUSES = 8 };
-static inline uint64_t replay_run(const tse_input *rows, int n, int32_t scheme, double table[][REPLAY_COLUMNS], int *met)
+static inline uint64_t replay_run(const tse_input *rows, int n, int form, int32_t scheme, double table[][REPLAY_COLUMNS],
+                                  int *met)
 {
   static tse_filter filter;
   static tse_params p;
   tse_config config;
   tse_output y;
   uint64_t hash = 14695981039346656037u;
-  tse_config_default(&config);
+  replay_forms[form].settings(&config);
   config.particles = REPLAY_PARTICLES;
   config.resampling = scheme;
   if (tse_prepare(&config, &p, NULL) < 0 || tse_reset(&p, &filter, sizeof filter) < 0) return 0;

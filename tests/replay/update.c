@@ -85,11 +85,14 @@ static int write_golden(const char *drive)
   static double table[REPLAY_ROWS_MOST / REPLAY_EVERY + 1][REPLAY_COLUMNS];
   const int n = replay_read(drive, rows), digits = sizeof(tse_real) == 4 ? 9 : 12;
   if (n == 0) return 1;
-  printf("# written by update.py: hash of all outputs per resampling scheme; every %dth row with the first\n", REPLAY_EVERY);
-  for (int32_t scheme = 0; scheme < REPLAY_SCHEMES; scheme++) {
-    const uint64_t hash = replay_run(rows, n, scheme, scheme == 0 ? table : NULL, NULL);
+  printf("# written by update.py: hash of all outputs per form and resampling scheme; every %dth row with the first\n",
+         REPLAY_EVERY);
+  for (int k = 0; k < REPLAY_HASHES; k++) {
+    const int form = k / REPLAY_SCHEMES, scheme = k % REPLAY_SCHEMES;
+    const uint64_t hash = replay_run(rows, n, form, scheme, k == 0 ? table : NULL, NULL);
     if (hash == 0) return 1;
-    printf("# hash %08lx%08lx\n", (unsigned long)(hash >> 32), (unsigned long)(hash & 0xffffffffu));
+    printf("# hash %08lx%08lx %s, scheme %d\n", (unsigned long)(hash >> 32), (unsigned long)(hash & 0xffffffffu),
+           replay_forms[form].name, scheme);
   }
   printf("row");
   for (int k = 0; k < REPLAY_COLUMNS; k++) printf(",%s", replay_names[k]);

@@ -69,7 +69,7 @@ static void test_rows_describe_every_byte_of_the_structs_but_padding(void)
   TEST_ASSERT_EQUAL_INT(TAIL(tse_sim_input, road_level), undescribed(TSE_STRUCT_SIM_INPUT, sizeof(tse_sim_input), covered));
 }
 
-/* The simulator's log row repeats dt, which its caller has given, and `missing`, which is always 0. */
+/* The simulator's log row repeats dt, which its caller has given (0 in the first row), and `missing`, which is always 0. */
 static void test_rows_describe_every_byte_of_the_simulators_output_but_dt_and_missing(void)
 {
   unsigned char covered[STRUCT_BYTES];
@@ -366,7 +366,7 @@ static void test_statuses_are_complete_and_tell_the_sentence_of_tse_status_text(
 {
   static const struct { const char *name; int code; } expected[] = {
     { "TSE_E_SIZE", -6 }, { "TSE_E_STATE", -5 }, { "TSE_E_TIME", -4 }, { "TSE_E_INPUT", -3 }, { "TSE_E_CONFIG", -2 },
-    { "TSE_E_NULL", -1 }, { "TSE_OK", 0 }, { "TSE_W_STARTING", 1 }, { "TSE_W_NOT_EXCITED", 2 }, { "TSE_W_MISSING_CHANNEL", 3 },
+    { "TSE_E_NULL", -1 }, { "TSE_OK", 0 }, { "TSE_W_STARTING", 1 }, { "TSE_W_NOT_VALID", 2 }, { "TSE_W_MISSING_CHANNEL", 3 },
     { "TSE_W_HELD", 4 }, { "TSE_W_PREDICTED", 5 }, { "TSE_W_GAP", 6 }, { "TSE_W_RECOVERED", 7 },
   };
   int32_t count, size;

@@ -2,7 +2,15 @@
 #include "unit_support.h"
 #include "tse/simulate.h"
 
-static tse_filter f, other, before;
+static tse_filter f, other, before, full;
+
+/* Every test runs with each of these. */
+static const struct { const char *name; void (*settings)(tse_config *c); int32_t marginalised; } forms[] = {
+  { "default", tse_config_default, 0 },
+  { "paper", tse_config_paper, 0 },
+  { "marginalised", tse_config_marginalised, 1 },
+};
+static int form;
 
 /* ------------------------------------------------------------------------------- a car that is driven */
 
@@ -43,7 +51,8 @@ static tse_input next_row(drive *d)
 static tse_config some_settings(int32_t particles)
 {
   tse_config c;
-  tse_config_default(&c);
+  forms[form].settings(&c);
+  TEST_ASSERT_EQUAL_INT32(forms[form].marginalised, c.marginalised);
   c.particles = particles;
   return c;
 }
@@ -81,6 +90,8 @@ static int all_finite(const tse_output *y)
 
 static void expect_same_statistics(const tse_filter *was, const tse_filter *is)
 {
+  for (int a = 3; a < 6; a++) /* of the mean stiffness; what it has in common with the states goes on with them */
+    TEST_ASSERT_EQUAL_MEMORY(&was->cov[a][3], &is->cov[a][3], 3 * sizeof is->cov[a][3]);
   TEST_ASSERT_EQUAL_MEMORY(&was->gamma, &is->gamma, sizeof is->gamma);
   TEST_ASSERT_EQUAL_MEMORY(&was->nu, &is->nu, sizeof is->nu);
   TEST_ASSERT_EQUAL_MEMORY(was->p.mu, is->p.mu, sizeof is->p.mu);
@@ -299,10 +310,17 @@ static void test_a_missing_channel_is_the_same_however_it_is_said_and_the_others
       (void)run(&p, &f, &d, 100);
       memcpy(&before, &f, sizeof f);
       tse_input u = next_row(&d);
+      memcpy(&full, &f, sizeof f);
+      TEST_ASSERT_TRUE(tse_step(&p, &full, &u, NULL) >= 0);
       lose(&u, channel, how);
       TEST_ASSERT_EQUAL_INT(TSE_W_MISSING_CHANNEL, tse_step(&p, &f, &u, &y));
       for (int a = 0; a < 3; a++) { /* a used sensor's bias becomes better known, a missing one's worse */
-        TEST_ASSERT_EQUAL_INT(a == channel, f.bias_var[a] > before.bias_var[a]);
+        const tse_real now = f.cov[6 + a][6 + a], was = before.cov[6 + a][6 + a];
+        if (a != channel) TEST_ASSERT_TRUE(now < was);
+        else if (!p.marginalised) TEST_ASSERT_TRUE(now > was);
+        else { /* here the others tell of it a little, through what state and biases have in common */
+          TEST_ASSERT_TRUE(now > full.cov[6 + a][6 + a]);
+        }
       }
       TEST_ASSERT_TRUE(f.nu > before.nu); /* 100 rows are less than the memory: nu still grows with every row used */
       TEST_ASSERT_TRUE(number(y.log_evidence) < 0.0 || number(y.log_evidence) > 0.0);
@@ -330,8 +348,8 @@ static void test_a_row_without_measurements_predicts_only(void)
     for (int a = 0; a < 3; a++) TEST_ASSERT_EQUAL_INT(TSE_INPUT_INVALID, y.reason[a]);
   }
   for (int a = 0; a < 3; a++) {
-    const double walked = number(before.bias_var[a]) + 20 * 0.01 * number(p.bias_walk[a]);
-    expect_near(walked, number(f.bias_var[a]), BY_FORMAT(1e-14, 1e-6), "bias variance", a);
+    const double walked = number(before.cov[6 + a][6 + a]) + 20 * 0.01 * number(p.bias_walk[a]);
+    expect_near(walked, number(f.cov[6 + a][6 + a]), BY_FORMAT(1e-14, 1e-6), "bias variance", a);
   }
   /* the car has gone on: the states follow the inputs, so the truth is still met without a single measurement */
   expect_near((double)d.sim.x[0], number(y.vel_x), 0.2, "vel_x", 0);
@@ -428,6 +446,30 @@ static void test_standstill_and_reverse_hold_the_statistics_bit_for_bit(void)
   }
 }
 
+static void test_large_steering_angles_hold_the_statistics(void)
+{
+  const tse_config c = some_settings(64);
+  const tse_params p = prepared(&c);
+  drive d;
+  tse_output y;
+  set_off(&d, &c, 20.0);
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f, sizeof f));
+  (void)run(&p, &f, &d, 150);
+  memcpy(&before, &f, sizeof f);
+  for (int side = -1; side <= 1; side += 2) {
+    tse_input u = next_row(&d);
+    u.wheel_speed_front = u.wheel_speed_rear = real(5.0 / 0.33);
+    u.steer_angle = real(side * ((double)c.max_steer + 1e-4));
+    TEST_ASSERT_EQUAL_INT(TSE_W_HELD, tse_step(&p, &f, &u, &y));
+    expect_same_statistics(&before, &f);
+    for (int a = 0; a < 3; a++) TEST_ASSERT_EQUAL_INT(TSE_HELD, y.reason[a]);
+    memcpy(&f, &before, sizeof f);
+    u.steer_angle = real(side * ((double)c.max_steer - 1e-4));
+    TEST_ASSERT_TRUE(tse_step(&p, &f, &u, &y) != TSE_W_HELD);
+    memcpy(&f, &before, sizeof f);
+  }
+}
+
 static void test_the_car_stands_still_when_its_wheels_do(void)
 {
   const tse_config c = some_settings(64);
@@ -461,7 +503,7 @@ static void test_the_gyros_bias_is_learnt_at_standstill_as_by_a_kalman_filter(vo
     memcpy(&before, &f, sizeof f);
     TEST_ASSERT_TRUE(tse_step(&p, &f, &u, &y) >= 0);
     if (i > 0) var += q;
-    if (f.bias_var[2] < before.bias_var[2] && i > 0) { /* it has been used */
+    if (f.cov[8][8] < before.cov[8][8] && i > 0) { /* it has been used */
       const double gain = var / (var + r);
       TEST_ASSERT_TRUE(u.missing == 0);
       mean += gain * (number(u.yaw_rate) - mean);
@@ -470,7 +512,7 @@ static void test_the_gyros_bias_is_learnt_at_standstill_as_by_a_kalman_filter(vo
     }
     TEST_ASSERT_TRUE(believed == 0 || i >= 25); /* not at once: an encoder may stop counting before the car stops */
     for (int32_t k = 0; k < 20; k++) expect_near(mean, sd * number(f.p.bias[2][k]), BY_FORMAT(1e-13, 1e-6) * sd * 10, "bias", i);
-    expect_near(var, r * number(f.bias_var[2]), BY_FORMAT(1e-13, 1e-5) * r, "variance", i);
+    expect_near(var, r * number(f.cov[8][8]), BY_FORMAT(1e-13, 1e-5) * r, "variance", i);
     for (int a = 0; a < 2; a++) expect_near(0.0, number(f.p.bias[a][7]), 0.0, "accelerometers are left alone", a);
   }
   TEST_ASSERT_TRUE(believed > 350);
@@ -615,6 +657,35 @@ static void test_after_a_forced_divergence_the_filter_says_so_and_comes_back(voi
       for (int a = 0; a < 3; a++) mean[a] += number(y.stiffness[a]) / 500.0;
     }
     expect_stiffness(mean, 0.1, 0.03, how == 0 ? "stiffness after soft tyres" : "stiffness after sliding");
+  }
+}
+
+/* No evidence is needed for what no car does: more than half of its speed sideways, or that far from its wheels. */
+static void test_an_absurd_state_is_noticed_at_once_and_states_start_again(void)
+{
+  static const double off[][2] = { { 0.0, 13.0 }, { 0.0, -13.0 }, { 13.0, 0.0 }, { -13.0, 0.0 } };
+  const tse_config c = some_settings(100);
+  const tse_params p = prepared(&c);
+  for (int k = 0; k < ROWS(off); k++) {
+    drive d;
+    tse_output y;
+    set_off(&d, &c, 20.0);
+    TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f, sizeof f));
+    (void)run(&p, &f, &d, 500);
+    for (int32_t i = 0; i < padded(c.particles); i++) {
+      f.p.x[0][i] += real(off[k][0]);
+      f.p.x[1][i] += real(off[k][1]);
+    }
+    /* the tyres pull the states back within a few rows: only what is absurd after the row is a reason to recover */
+    const tse_input u = next_row(&d);
+    TEST_ASSERT_TRUE(tse_step(&p, &f, &u, &y) >= 0);
+    TEST_ASSERT_EQUAL_INT(TSE_W_RECOVERED, y.status);
+    TEST_ASSERT_TRUE(all_finite(&y));
+    expect_near((double)d.sim.x[0], number(y.vel_x), 0.4, "vel_x", k); /* 0.1 m/s and slip */
+    expect_near((double)d.sim.x[1], number(y.vel_y), 0.6, "vel_y", k); /* starts at zero */
+    for (int a = 0; a < 3; a++) TEST_ASSERT_EQUAL_INT(TSE_DIVERGING, y.reason[a]);
+    y = run(&p, &f, &d, 1);
+    TEST_ASSERT_TRUE(y.status != TSE_W_RECOVERED);
   }
 }
 
@@ -778,9 +849,8 @@ static void test_codes_have_sentences(void)
   TEST_ASSERT_NOT_NULL(tse_reason_text(1000));
 }
 
-int main(void)
+static void run_all(void)
 {
-  UNITY_BEGIN();
   RUN_TEST(test_refused_input_leaves_the_filter_bit_for_bit_unchanged);
   RUN_TEST(test_reset_refuses_what_does_not_fit_and_changes_nothing_then);
   RUN_TEST(test_a_refused_row_leaves_no_trace_in_what_follows);
@@ -794,6 +864,7 @@ int main(void)
   RUN_TEST(test_missing_inputs_hold_the_last_ones_then_freeze_then_restart);
   RUN_TEST(test_a_gap_restarts_the_states_and_keeps_the_statistics);
   RUN_TEST(test_standstill_and_reverse_hold_the_statistics_bit_for_bit);
+  RUN_TEST(test_large_steering_angles_hold_the_statistics);
   RUN_TEST(test_the_car_stands_still_when_its_wheels_do);
   RUN_TEST(test_the_gyros_bias_is_learnt_at_standstill_as_by_a_kalman_filter);
   RUN_TEST(test_at_standstill_with_a_turning_gyro_nothing_is_learnt_before_the_wheels_have_rested);
@@ -802,11 +873,21 @@ int main(void)
   RUN_TEST(test_stiffness_is_found_with_rows_twice_as_long_or_half_as_long);
   RUN_TEST(test_a_long_run_with_quiet_and_lively_parts_stays_finite_and_near_the_truth);
   RUN_TEST(test_after_a_forced_divergence_the_filter_says_so_and_comes_back);
+  RUN_TEST(test_an_absurd_state_is_noticed_at_once_and_states_start_again);
   RUN_TEST(test_another_road_is_found_within_seconds);
   RUN_TEST(test_neither_a_clean_drive_nor_a_lone_outlier_raises_the_alarm);
   RUN_TEST(test_no_row_of_numbers_whatever_makes_an_output_that_is_none);
   RUN_TEST(test_no_row_breaks_a_filter_whose_settings_are_extreme);
   RUN_TEST(test_a_filter_whose_particles_were_broken_gives_finite_outputs_and_recovers);
   RUN_TEST(test_codes_have_sentences);
+}
+
+int main(void)
+{
+  UNITY_BEGIN();
+  for (form = 0; form < ROWS(forms); form++) {
+    printf("%s:\n", forms[form].name);
+    run_all();
+  }
   return UNITY_END();
 }

@@ -1,4 +1,5 @@
-/* tests/unit/test_bias.c <-> src/bias.c */
+/* tests/unit/test_gaussian_bias.c <-> src/gaussian.c: (17), (18), standstill: what does not depend on what is marginalised.
+ * The rest of src/gaussian.c: test_gaussian.c. */
 #include "unit_support.h"
 
 #define REL BY_FORMAT(1e-12, 2e-6) /* exp2 and log2 of the format, a few roundings */
@@ -8,7 +9,7 @@ static tse_filter filter, before;
 static tse_config settings(void)
 {
   tse_config c;
-  tse_config_default(&c);
+  tse_config_paper(&c);
   c.particles = 21; /* padded to 24 */
   c.forgetting = (tse_setting)0.98;
   c.sample_time = (tse_setting)0.01;
@@ -133,12 +134,12 @@ static void test_bias_variance_grows_with_time_by_the_squared_walk(void)
   const tse_params p = prepared(&c);
   const double q[3] = { 0.1 * 0.1, 0.15 * 0.15, 0.05 * 0.05 }, start[3] = { 0.1, 0.2, 0.3 };
   memset(&filter, 0x3c, sizeof filter);
-  for (int a = 0; a < 3; a++) filter.bias_var[a] = real(start[a]);
+  for (int a = 0; a < 3; a++) filter.cov[6 + a][6 + a] = real(start[a]);
   before = filter;
   bias_predict(&p, &filter, real(0.02));
   bias_predict(&p, &filter, real(0.5));
-  for (int a = 0; a < 3; a++) expect_near(start[a] + q[a] * 0.52, number(filter.bias_var[a]), REL, "variance", a);
-  memcpy(filter.bias_var, before.bias_var, sizeof before.bias_var);
+  for (int a = 0; a < 3; a++) expect_near(start[a] + q[a] * 0.52, number(filter.cov[6 + a][6 + a]), REL, "variance", a);
+  for (int a = 0; a < 3; a++) filter.cov[6 + a][6 + a] = before.cov[6 + a][6 + a];
   TEST_ASSERT_EQUAL_MEMORY(&before, &filter, sizeof filter);
 }
 
@@ -152,13 +153,13 @@ static void test_bias_variance_stops_at_the_larger_of_its_start_and_one_sigma(vo
   c.yaw_rate_bias_walk = 0;
   const tse_params p = prepared(&c);
   memset(&filter, 0, sizeof filter);
-  filter.bias_var[2] = real(0.25);
+  filter.cov[8][8] = real(0.25);
   bias_predict(&p, &filter, real(0.005));
-  expect_near(0.5, number(filter.bias_var[0]), REL, "below the limit", 0);
+  expect_near(0.5, number(filter.cov[6][6]), REL, "below the limit", 0);
   for (int i = 0; i < 10; i++) bias_predict(&p, &filter, real(1));
-  expect_near(1, number(filter.bias_var[0]), 0, "one sigma", 0);
-  expect_near(4, number(filter.bias_var[1]), REL * 4, "start", 1);
-  expect_near(0.25, number(filter.bias_var[2]), 0, "no walk", 2);
+  expect_near(1, number(filter.cov[6][6]), 0, "one sigma", 0);
+  expect_near(4, number(filter.cov[7][7]), REL * 4, "start", 1);
+  expect_near(0.25, number(filter.cov[8][8]), 0, "no walk", 2);
 }
 
 /* ---------------------------------------------------------------------------------------- at standstill */
@@ -168,8 +169,10 @@ static double start_bias(int i) { return -0.5 + 0.05 * i; }
 static void start_filter(double variance)
 {
   memset(&filter, 0x3c, sizeof filter);
+  memset(filter.cov, 0, sizeof filter.cov);
   for (int i = 0; i < 24; i++) filter.p.bias[2][i] = real(start_bias(i));
-  filter.bias_var[2] = real(variance);
+  for (int a = 0; a < 2; a++) filter.cov[6 + a][6 + a] = real(0.3);
+  filter.cov[8][8] = real(variance);
   before = filter;
 }
 
@@ -186,7 +189,7 @@ static void test_gyro_bias_becomes_the_weighted_mean_of_its_start_and_all_readin
     sum += number(y.y[2]);
     bias_learn_still(&p, &filter, &y);
     const double variance = 1 / (1 / 0.4 + n);
-    expect_near(variance, number(filter.bias_var[2]), BY_FORMAT(1e-13, 1e-6), "variance", n);
+    expect_near(variance, number(filter.cov[8][8]), BY_FORMAT(1e-13, 1e-6), "variance", n);
     for (int i = 0; i < 24; i++)
       expect_near(variance * (start_bias(i) / 0.4 + sum), number(filter.p.bias[2][i]), BY_FORMAT(1e-13, 3e-6), "bias", i);
   }
@@ -206,7 +209,7 @@ static void test_walk_and_readings_balance_at_the_riccati_solution(void)
     bias_learn_still(&p, &filter, &y);
     bias_predict(&p, &filter, real(0.01));
   }
-  expect_near(steady, number(filter.bias_var[2]), BY_FORMAT(1e-12, 1e-6), "variance", 0);
+  expect_near(steady, number(filter.cov[8][8]), BY_FORMAT(1e-12, 1e-6), "variance", 0);
 }
 
 static void test_standstill_teaches_nothing_but_the_gyro_bias(void)
@@ -217,7 +220,7 @@ static void test_standstill_teaches_nothing_but_the_gyro_bias(void)
   bias_learn_still(&p, &filter, &y);
   TEST_ASSERT_TRUE(filter.p.bias[2][20] != before.p.bias[2][20]);
   memcpy(filter.p.bias[2], before.p.bias[2], 24 * sizeof(tse_real)); /* what lies beyond the 24 must not have changed */
-  filter.bias_var[2] = before.bias_var[2];
+  filter.cov[8][8] = before.cov[8][8];
   TEST_ASSERT_EQUAL_MEMORY(&before, &filter, sizeof filter);
 }
 

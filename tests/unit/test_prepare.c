@@ -53,7 +53,9 @@ static tse_config other_config(void)
   c.initial_cy_rear = (tse_setting)1.3;
   c.initial_mean_sd = (tse_setting)0.4;
   c.initial_spread = (tse_setting)0.2;
+  c.spread_max = (tse_setting)0.7;
   c.initial_dof = 12;
+  c.mean_walk = (tse_setting)0.03;
   c.initial_vel_x = 17;
   c.initial_vel_x_sd = (tse_setting)0.3;
   c.initial_vel_y_sd = (tse_setting)0.2;
@@ -64,10 +66,11 @@ static tse_config other_config(void)
   c.max_steer = (tse_setting)0.6;
   c.max_gap = (tse_setting)0.2;
   c.valid_sd = (tse_setting)0.05;
-  c.hold_sd = (tse_setting)0.5;
+  c.hold_sd = (tse_setting)0.25;
   c.watchdog_drop = 9;
   c.recovery_share = (tse_setting)0.3;
   c.particles = 120;
+  c.marginalised = !c.marginalised;
   c.resampling = 2;
   c.initial_vel_x_from_wheels = 0;
   c.seed = 12345;
@@ -112,6 +115,38 @@ static void test_defaults_are_those_of_the_table_and_pass_the_check(void)
 #undef REAL
 #undef INT
   tse_config_default(NULL);
+}
+
+static void expect_same_settings(const tse_config *expected, const tse_config *actual)
+{
+  expect_config_accepted(actual, "other defaults");
+#define REAL(name, def, lo, hi, unit, text) TEST_ASSERT_TRUE_MESSAGE(!(actual->name != expected->name), #name);
+#define INT(name, def, lo, hi, text) TEST_ASSERT_EQUAL_INT32_MESSAGE(expected->name, actual->name, #name);
+#include "tse/config.def"
+#undef REAL
+#undef INT
+}
+
+/* Nothing but these settings tells the paper's form and the marginalised one from the defaults. */
+static void test_other_forms_are_the_defaults_but_for_a_few_settings(void)
+{
+  tse_config c, expected = defaults();
+  memset(&c, 0xff, sizeof c);
+  tse_config_paper(&c);
+  expected.marginalised = 0;
+  expected.initial_spread = (tse_setting)0.3;
+  expected.spread_max = 2;
+  expected.hold_sd = 0;
+  expect_same_settings(&expected, &c);
+  memset(&c, 0xff, sizeof c);
+  tse_config_marginalised(&c);
+  expected = defaults();
+  expected.marginalised = 1;
+  expected.initial_spread = (tse_setting)0.1;
+  expected.spread_max = (tse_setting)0.3;
+  expect_same_settings(&expected, &c);
+  tse_config_paper(NULL);
+  tse_config_marginalised(NULL);
 }
 
 static void test_each_setting_is_accepted_at_its_limits_and_refused_by_name_beyond(void)
@@ -230,6 +265,7 @@ static void test_filter_constants_follow_their_formulas(void)
   TEST_ASSERT_EQUAL_HEX32(TSE_PARAMS_MAGIC, p.magic);
   TEST_ASSERT_EQUAL_INT32(120, p.particles);
   TEST_ASSERT_EQUAL_INT32(2, p.resampling);
+  TEST_ASSERT_EQUAL_INT32(!defaults().marginalised, p.marginalised);
   TEST_ASSERT_EQUAL_INT32(0, p.vel_x_from_wheels);
   TEST_ASSERT_EQUAL_UINT32(12345u, p.seed[0]);
   expect_relative(0.02, p.sample_time, "sample_time");
@@ -247,6 +283,9 @@ static void test_filter_constants_follow_their_formulas(void)
   expect_relative(12, p.nu0, "nu0");
   expect_relative(0.4, p.mean_sd, "mean_sd");
   expect_relative(0.04, p.spread_var, "spread_var");
+  expect_relative(0.49, p.spread_max_var, "spread_max_var");
+  expect_relative(0.16, p.mean_var0, "mean_var0");
+  expect_relative(0.0009, p.mean_walk, "mean_walk, squared");
   expect_relative(17, p.vel_x0, "vel_x0");
   expect_relative(0.3, p.x_sd0[0], "vel_x_sd");
   expect_relative(0.2, p.x_sd0[1], "vel_y_sd");
@@ -254,19 +293,26 @@ static void test_filter_constants_follow_their_formulas(void)
   expect_near(-0.8, number(p.w_min), BY_FORMAT(1e-15, 1e-7), "w_min", 0);
   expect_relative(2, p.w_max, "w_max");
   expect_relative(0.0025, p.valid_var, "valid_var");
-  expect_relative(0.25, p.hold_var, "hold_var");
+  expect_relative(0.0625, p.hold_var, "hold_var");
   expect_relative(9 / log(2.0), p.watchdog_drop, "watchdog_drop in log2");
   TEST_ASSERT_EQUAL_INT32(36, p.recovery_count);
 }
 
-/* Sigma = Lambda/(nu - d_w - 1) with lam = Lambda/nu is the spread squared, and gamma Sigma the variance of the mean. */
+/* Sigma = Lambda/(nu - d_w - 1) with lam = Lambda/nu is the spread squared, and gamma Sigma the variance of the mean;
+ * marginalised, the common covariance says the latter, and gamma must not say it again. */
 static void test_both_meanings_of_the_initial_sd_come_out_of_the_statistics(void)
 {
-  const tse_config c = other_config();
-  const tse_params p = prepared(&c);
-  const double sigma = number(p.lam0) * number(p.nu0) / (number(p.nu0) - 3 - 1);
-  expect_near(0.2, sqrt(sigma), BY_FORMAT(1e-15, 1e-7), "spread", 0);
-  expect_near(0.4, sqrt(number(p.gamma0) * sigma), BY_FORMAT(1e-15, 2e-7), "sd of the mean", 0);
+  for (int32_t marginalised = 0; marginalised <= 1; marginalised++) {
+    tse_config c = other_config();
+    c.marginalised = marginalised;
+    const tse_params p = prepared(&c);
+    const double sigma = number(p.lam0) * number(p.nu0) / (number(p.nu0) - 3 - 1);
+    const double mean_var = number(p.gamma0) * sigma + marginalised * number(p.mean_var0);
+    TEST_ASSERT_EQUAL_INT32(marginalised, p.marginalised);
+    expect_near(0.2, sqrt(sigma), BY_FORMAT(1e-15, 1e-7), "spread", 0);
+    expect_near(0.4, sqrt(mean_var), BY_FORMAT(1e-15, 2e-7), "sd of the mean", marginalised);
+    expect_near(marginalised ? 0 : 4, number(p.gamma0), BY_FORMAT(1e-14, 1e-6), "gamma0", marginalised);
+  }
 }
 
 static void expect_finite_constants(const tse_config *c, const char *name)
@@ -405,6 +451,7 @@ int main(void)
 {
   UNITY_BEGIN();
   RUN_TEST(test_defaults_are_those_of_the_table_and_pass_the_check);
+  RUN_TEST(test_other_forms_are_the_defaults_but_for_a_few_settings);
   RUN_TEST(test_each_setting_is_accepted_at_its_limits_and_refused_by_name_beyond);
   RUN_TEST(test_each_setting_that_is_not_finite_is_refused_by_name);
   RUN_TEST(test_of_two_wrong_settings_the_first_is_named);

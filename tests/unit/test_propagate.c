@@ -245,6 +245,43 @@ static void test_each_particle_moves_with_the_stiffness_it_drew(void)
   }
 }
 
+/* Wheels that jump, tyres that grip like rails, a particle that is no number: all of them end inside what a car can do. */
+static void test_no_particle_leaves_the_speeds_of_a_car(void)
+{
+  static const double start[][3] = { { 1e30, -1e30, 1e30 }, { NAN, NAN, NAN }, { INFINITY, -INFINITY, INFINITY }, { 150, 190, -19 } };
+  const tse_params p = params(0.01);
+  scatter(&filter);
+  set_inputs(&filter, inputs_of(0.5, 130, -130));
+  for (int i = 0; i < PADDED; i++)
+    for (int a = 0; a < 3; a++) {
+      filter.p.x[a][i] = (tse_real)start[i % ROWS(start)][a];
+      filter.p.w[a][i] = real(19);
+    }
+  propagate(&p, &filter, inputs_of(-0.5, -130, 130), real(0.1));
+  for (int i = 0; i < PADDED; i++) {
+    TEST_ASSERT_TRUE(fabs(number(filter.p.x[0][i])) <= 200 && fabs(number(filter.p.x[1][i])) <= 200); /* false for NaN */
+    TEST_ASSERT_TRUE(fabs(number(filter.p.x[2][i])) <= 20);
+  }
+}
+
+/* Decay ends in zero, not in denormal numbers. */
+static void test_decaying_states_become_zero(void)
+{
+  const tse_params p = params(0.01);
+  const inputs u = inputs_of(0, 20, 20);
+  scatter(&filter);
+  set_inputs(&filter, u);
+  for (int i = 0; i < PADDED; i++) {
+    filter.p.x[0][i] = real(20);
+    filter.p.x[1][i] = real(1e-3 * (i - 10));
+    filter.p.x[2][i] = real(1e-4 * (7 - i));
+    for (int a = 0; a < 3; a++) filter.p.w[a][i] = TSE_R(0); /* some of the scattered cars spin */
+  }
+  for (int k = 0; k < 1000; k++) propagate(&p, &filter, u, real(0.01));
+  for (int i = 0; i < PADDED; i++)
+    for (int a = 1; a < 3; a++) TEST_ASSERT_TRUE(!(filter.p.x[a][i] != TSE_R(0)));
+}
+
 int main(void)
 {
   UNITY_BEGIN();
@@ -256,5 +293,7 @@ int main(void)
   RUN_TEST(test_nothing_but_the_states_changes);
   RUN_TEST(test_order_of_the_particles_does_not_matter_bit_for_bit);
   RUN_TEST(test_each_particle_moves_with_the_stiffness_it_drew);
+  RUN_TEST(test_no_particle_leaves_the_speeds_of_a_car);
+  RUN_TEST(test_decaying_states_become_zero);
   return UNITY_END();
 }

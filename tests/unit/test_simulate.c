@@ -547,10 +547,11 @@ static void test_without_noise_the_log_is_the_truth(void)
     step(&u, &y);
     const tse_real logged[7] = { y.row.dt, y.row.steer_angle, y.row.wheel_speed_front, y.row.wheel_speed_rear,
                                  y.row.accel_x, y.row.accel_y, y.row.yaw_rate };
-    const tse_real truth[7] = { u.dt, u.steer_angle, y.wheel_speed_front, y.wheel_speed_rear, y.accel_x, y.accel_y, y.yaw_rate };
+    const tse_real dt = k > 0 ? u.dt : TSE_R(0); /* nothing lies before the first row */
+    const tse_real truth[7] = { dt, u.steer_angle, y.wheel_speed_front, y.wheel_speed_rear, y.accel_x, y.accel_y, y.yaw_rate };
     for (int a = 0; a < 7; a++) expect_near(number(truth[a]), number(logged[a]), 0, "channel", a);
     TEST_ASSERT_EQUAL_HEX32(0, y.row.missing);
-    TEST_ASSERT_EQUAL_INT(TSE_OK, tse_input_check(&y.row, NULL));
+    TEST_ASSERT_EQUAL_INT(k > 0 ? TSE_OK : TSE_E_TIME, tse_input_check(&y.row, NULL)); /* tse_step() takes it as a first row */
   }
 }
 

@@ -17,7 +17,7 @@ static double sample_of[6][SAMPLES];
 static tse_config settings(void)
 {
   tse_config c;
-  tse_config_default(&c);
+  tse_config_paper(&c);
   c.particles = COUNT;
   c.initial_vel_x_sd = (tse_setting)0.3;
   c.initial_vel_y_sd = (tse_setting)0.2;
@@ -31,6 +31,14 @@ static tse_config settings(void)
   c.initial_dof = 12;
   c.stiffness_max = 20;
   c.stiffness_min = (tse_setting)0.02;
+  return c;
+}
+
+/* The same settings, but states and means are not sampled: the covariance says how uncertain they are. */
+static tse_config marginalised(void)
+{
+  tse_config c = settings();
+  c.marginalised = 1;
   return c;
 }
 
@@ -165,7 +173,7 @@ static void test_biases_start_with_the_variance_of_the_settings(void)
   const double expected[3] = { 0.25, 0.0625, 4 };
   memset(&filter, 0x3c, sizeof filter);
   initialise(&p, &filter, &y);
-  for (int a = 0; a < 3; a++) expect_near(expected[a], number(filter.bias_var[a]), BY_FORMAT(1e-14, 1e-6), "variance", a);
+  for (int a = 0; a < 3; a++) expect_near(expected[a], number(filter.cov[6 + a][6 + a]), BY_FORMAT(1e-14, 1e-6), "variance", a);
 }
 
 static void test_all_particles_in_use_start_with_the_same_weight_and_the_padding_with_none(void)
@@ -256,7 +264,7 @@ static void experienced(void)
   filter.gamma = real(0.01);
   filter.nu = real(99);
   filter.log_total = real(5);
-  for (int a = 0; a < 3; a++) filter.bias_var[a] = real(0.1 * (a + 1));
+  for (int a = 0; a < 3; a++) filter.cov[6 + a][6 + a] = real(0.1 * (a + 1));
   for (int i = 0; i < TSE_STRIDE; i++) {
     for (int a = 0; a < 3; a++) {
       filter.p.x[a][i] = real(next_between(&state, 5, 6));
@@ -419,6 +427,117 @@ static void test_redrawn_particles_assume_the_initial_spread(void)
     }
 }
 
+/* --------------------------------------------------------------------------------------- marginalised */
+
+static const double start_mean[3] = { -0.3, -0.2, 0.25 }, state_sd[3] = { 0.3, 0.2, 0.05 };
+
+/* States and means of particle i as the settings and row(v, v, 0.25) have it; gyro_bias in sigma. */
+static void expect_unsampled(int i, double vel_x, double gyro_bias, int with_means)
+{
+  const double x[3] = { vel_x, 0, 0.25 - 0.005 * gyro_bias };
+  for (int a = 0; a < 3; a++) {
+    expect_near(x[a], number(filter.p.x[a][i]), BY_FORMAT(1e-15, 1e-7) * (a == 0 ? vel_x : 1), "state", i);
+    if (with_means) {
+      expect_near(start_mean[a], number(filter.p.mu[a][i]), BY_FORMAT(1e-15, 1e-7), "mean", i);
+      TEST_ASSERT_EQUAL_MEMORY(&filter.p.mu[a][i], &filter.p.w[a][i], sizeof(tse_real));
+    }
+  }
+}
+
+/* Rows first .. last of the covariance are the variances given, and nothing else; the rest is as before. */
+static void expect_fresh(int first, int last, const double variance[TSE_GAUSS])
+{
+  for (int a = 0; a < TSE_GAUSS; a++)
+    for (int b = 0; b < TSE_GAUSS; b++) {
+      const int fresh = (a >= first && a <= last) || (b >= first && b <= last);
+      const double expected = !fresh ? number(before.cov[a][b]) : a == b ? variance[a] : 0;
+      expect_near(expected, number(filter.cov[a][b]), fresh ? BY_FORMAT(1e-14, 1e-6) * expected : 0, "covariance", 10 * a + b);
+    }
+}
+
+static void start_variances(double variance[TSE_GAUSS])
+{
+  for (int a = 0; a < 3; a++) {
+    variance[a] = state_sd[a] * state_sd[a];
+    variance[3 + a] = 0.125 * 0.125;
+    variance[6 + a] = (const double[]){ 1.0 / 9, 1.0 / 9, 0.16 }[a]; /* biases of 0.05 m/s2 and 0.002 rad/s over the sensors' sd */
+  }
+}
+
+static void test_marginalised_particles_start_alike_and_the_covariance_says_how_uncertain(void)
+{
+  const tse_config c = marginalised();
+  const tse_params p = prepared(&c);
+  const sample y = row(20.5, 19.5, 0.25, 1);
+  double variance[TSE_GAUSS];
+  start_variances(variance);
+  memset(&filter, 0x3c, sizeof filter);
+  before = filter;
+  initialise(&p, &filter, &y);
+  for (int i = 0; i < PADDED; i++) expect_unsampled(i, 20, 0, 1);
+  expect_fresh(0, 8, variance);
+  expect_near(0, number(filter.gamma), 0, "gamma: the covariance says it already", 0);
+  for (int a = 0; a < 3; a++) expect_near(0.125 * 0.125, number(filter.mean_var[a]), BY_FORMAT(1e-16, 1e-9), "mean_var", a);
+}
+
+/* A covariance with something everywhere. */
+static void experienced_marginalised(void)
+{
+  experienced();
+  for (int a = 0; a < TSE_GAUSS; a++)
+    for (int b = 0; b < TSE_GAUSS; b++) filter.cov[a][b] = real(a == b ? 2 + a : 0.01 * (a + b));
+  for (int a = 0; a < 3; a++) filter.mean_var[a] = real(9);
+  before = filter;
+}
+
+static void test_marginalised_restart_forgets_the_states_and_what_they_had_in_common_with_the_rest(void)
+{
+  const tse_config c = marginalised();
+  const tse_params p = prepared(&c);
+  const sample y = row(30, 30, 0.25, 1);
+  double variance[TSE_GAUSS];
+  start_variances(variance);
+  experienced_marginalised();
+  restart_states(&p, &filter, &y);
+  for (int i = 0; i < PADDED; i++) expect_unsampled(i, 30, number(before.p.bias[2][i]), 0);
+  expect_fresh(0, 2, variance);
+  memcpy(filter.p.x, before.p.x, sizeof before.p.x);
+  memcpy(filter.cov, before.cov, sizeof before.cov);
+  TEST_ASSERT_EQUAL_MEMORY(&before, &filter, sizeof filter);
+}
+
+/* The covariance is common, so in a redraw the others, too, are as uncertain as at the start; their means stay. */
+static void test_marginalised_redraw_starts_states_and_means_again_and_keeps_the_biases(void)
+{
+  enum { DRAWN = 100 };
+  const tse_config c = marginalised();
+  const tse_params p = prepared(&c);
+  const sample y = row(30, 30, 0.25, 1);
+  double variance[TSE_GAUSS];
+  start_variances(variance);
+  experienced_marginalised();
+  redraw(&p, &filter, &y, DRAWN);
+  for (int i = 0; i < DRAWN; i++) {
+    expect_unsampled(i, 30, number(before.p.bias[2][i]), 1);
+    for (int k = 0; k < 6; k++)
+      expect_near(k == 0 || k == 3 || k == 5 ? 0.2 : 0, sqrt(number(filter.p.lam[k][i]) * 99 / 95), BY_FORMAT(1e-15, 1e-7), "spread", k);
+  }
+  expect_fresh(0, 5, variance);
+  for (int a = 0; a < 3; a++) expect_near(0.125 * 0.125, number(filter.mean_var[a]), BY_FORMAT(1e-16, 1e-9), "mean_var", a);
+#define X(name, rows, unit, text)                                                                                        \
+  for (int k = 0; k < rows; k++) {                                                                                       \
+    if (strcmp(#name, "bias") == 0 || strcmp(#name, "logw") == 0)                                                        \
+      TEST_ASSERT_EQUAL_MEMORY(before.p.name[k], filter.p.name[k], sizeof before.p.name[k]);                             \
+    TEST_ASSERT_EQUAL_MEMORY(&before.p.name[k][DRAWN], &filter.p.name[k][DRAWN], (TSE_STRIDE - DRAWN) * sizeof(tse_real)); \
+  }
+  TSE_PARTICLE_FIELDS(X)
+#undef X
+  memcpy(&filter.p, &before.p, sizeof before.p);
+  memcpy(filter.cov, before.cov, sizeof before.cov);
+  memcpy(filter.mean_var, before.mean_var, sizeof before.mean_var);
+  TEST_ASSERT_EQUAL_MEMORY(&before, &filter, sizeof filter);
+}
+
 int main(void)
 {
   UNITY_BEGIN();
@@ -439,5 +558,8 @@ int main(void)
   RUN_TEST(test_redrawn_means_spread_by_a_tenth_at_least);
   RUN_TEST(test_redrawn_means_stay_inside_the_bounds_of_the_stiffness);
   RUN_TEST(test_redrawn_particles_assume_the_initial_spread);
+  RUN_TEST(test_marginalised_particles_start_alike_and_the_covariance_says_how_uncertain);
+  RUN_TEST(test_marginalised_restart_forgets_the_states_and_what_they_had_in_common_with_the_rest);
+  RUN_TEST(test_marginalised_redraw_starts_states_and_means_again_and_keeps_the_biases);
   return UNITY_END();
 }

@@ -12,7 +12,7 @@ static tse_params params_of(const update_case *c)
 {
   tse_config config;
   int k = 0;
-  tse_config_default(&config);
+  tse_config_paper(&config);
 #define X(name) config.name = (tse_setting)c->settings[k++];
   UPDATE_SETTINGS(X)
 #undef X
@@ -28,7 +28,7 @@ static void fill(const tse_params *p, const update_case *c, uint32_t step)
   f.nu = real(c->nu);
   f.gamma = real(c->gamma);
   for (int a = 0; a < 3; a++) {
-    f.bias_var[a] = real(c->bias_var[a]);
+    f.cov[6 + a][6 + a] = real(c->bias_var[a]);
     f.learn[a] = TSE_R(1);
   }
   for (int32_t i = 0; i < padded(p->particles); i++) {
@@ -60,6 +60,15 @@ static sample row(const tse_params *p, const double u[3], const double y[3], int
   return s;
 }
 
+/* As tse_step() does it. */
+static void learn(const tse_params *p, const sample *y)
+{
+  gaussian g;
+  gaussian_observe(p, &f, y, &g);
+  draw_and_learn(p, &f, y, &g);
+  gaussian_update(&f, &g);
+}
+
 /* ---------------------------------------------------------------------------------------- (25) */
 
 #define REPEAT 100
@@ -81,7 +90,7 @@ static void test_draws_follow_the_exact_conditional_given_the_sample(void)
     memset(below_f, 0, sizeof below_f);
     for (uint32_t step = 0; step < REPEAT; step++) {
       fill(&p, c, step + 1000u * (uint32_t)k);
-      draw_and_learn(&p, &f, &y);
+      learn(&p, &y);
       for (int32_t i = 0; i < p.particles; i++) {
         double e[3] = { 0 };
         for (int a = 0; a < 3; a++)
@@ -127,18 +136,18 @@ static void test_draws_differ_between_steps_seeds_and_particles(void)
   const sample y = row(&p, c->u, c->y, 7);
   static tse_real first[3][TSE_STRIDE];
   fill(&p, c, 5);
-  draw_and_learn(&p, &f, &y);
+  learn(&p, &y);
   memcpy(first, f.p.w, sizeof first);
   for (int32_t i = 1; i < p.particles; i++) TEST_ASSERT_TRUE(first[0][i] < first[0][i - 1] || first[0][i] > first[0][i - 1]);
   fill(&p, c, 5);
-  draw_and_learn(&p, &f, &y);
+  learn(&p, &y);
   TEST_ASSERT_EQUAL_MEMORY(first, f.p.w, sizeof first);
   fill(&p, c, 6);
-  draw_and_learn(&p, &f, &y);
+  learn(&p, &y);
   for (int32_t i = 0; i < p.particles; i++) TEST_ASSERT_TRUE(first[2][i] < f.p.w[2][i] || first[2][i] > f.p.w[2][i]);
   p.seed[0]++;
   fill(&p, c, 5);
-  draw_and_learn(&p, &f, &y);
+  learn(&p, &y);
   for (int32_t i = 0; i < p.particles; i++) TEST_ASSERT_TRUE(first[1][i] < f.p.w[1][i] || first[1][i] > f.p.w[1][i]);
 }
 
@@ -149,12 +158,12 @@ static void test_a_draw_does_not_depend_on_how_many_particles_there_are(void)
   const sample y = row(&p, c->u, c->y, 7);
   static tse_real all[3][TSE_STRIDE];
   fill(&p, c, 9);
-  draw_and_learn(&p, &f, &y);
+  learn(&p, &y);
   memcpy(all, f.p.w, sizeof all);
   for (int32_t n = 16; n < 100; n += 13) {
     p.particles = n;
     fill(&p, c, 9);
-    draw_and_learn(&p, &f, &y);
+    learn(&p, &y);
     for (int a = 0; a < 3; a++) TEST_ASSERT_EQUAL_MEMORY(all[a], f.p.w[a], sizeof(tse_real) * (size_t)n);
   }
 }
@@ -171,7 +180,7 @@ static void learn_repeatedly(const tse_params *p, const update_case *c)
     /* another sample every time; the states stay, for they are propagate.c's business */
     const double moved[3] = { c->y[0] + 0.1 * (step % 5 - 2), c->y[1] - 0.15 * (step % 3 - 1), c->y[2] };
     const sample y = row(p, c->u, moved, step % 4 == 3 ? 3 : 7);
-    draw_and_learn(p, &f, &y);
+    learn(p, &y);
     f.step++;
     for (int a = 0; a < 3; a++)
       for (int32_t i = 0; i < p->particles; i++) drawn[step][a][i] = number(f.p.w[a][i]);
@@ -219,7 +228,7 @@ static void test_a_held_stiffness_keeps_mean_and_spread_while_the_others_learn(v
     fill(&p, c, (uint32_t)held);
     for (int a = 0; a < 3; a++) f.learn[a] = held >> a & 1 ? TSE_R(0) : TSE_R(1);
     for (int step = 0; step < 200; step++) {
-      draw_and_learn(&p, &f, &y);
+      learn(&p, &y);
       f.step++;
     }
     for (int32_t i = 0; i < p.particles; i += 5)
@@ -240,6 +249,38 @@ static void test_a_held_stiffness_keeps_mean_and_spread_while_the_others_learn(v
   }
 }
 
+/* Above spread_max Lambda fades faster, in proportion to the excess, up to a half per sample; below it (16) is untouched.
+ * Against the same step without a limit: what the fading takes is a share of Lambda, the same for all six elements. */
+static void test_lambda_fades_faster_above_the_largest_spread_and_never_by_more_than_a_half(void)
+{
+  const update_case *const c = &update_cases[0];
+  tse_params p = params_of(c);
+  const sample y = row(&p, c->u, c->y, 7);
+  const double largest = fmax(fmax(c->scale[0], c->scale[3]), c->scale[5]), nu = c->nu;
+  static const double limit_of[] = { 1.0001, 0.99, 0.9, 0.5, 0.01 }; /* of lam's largest element */
+  static tse_filter unlimited;
+  p.spread_max_var = real(1e6);
+  fill(&p, c, 3);
+  learn(&p, &y);
+  memcpy(&unlimited, &f, sizeof f);
+  for (int k = 0; k < ROWS(limit_of); k++) {
+    const double limit = limit_of[k] * largest;
+    p.spread_max_var = real(limit * nu / (nu - 4.0)); /* Sigma = lam nu/(nu - 4) */
+    fill(&p, c, 3);
+    learn(&p, &y);
+    const double extra = fmin(fmax(50.0 * (largest / limit - 1.0), 0.0), 0.5 * nu - 1.0) / (nu + 1.0);
+    TEST_ASSERT_TRUE(extra < 0.5);
+    TEST_ASSERT_EQUAL_INT(k > 0, extra > 0.0);
+    for (int32_t i = 0; i < p.particles; i += 7)
+      for (int m = 0; m < 6; m++) {
+        const double expected = number(unlimited.p.lam[m][i]) - extra * number(real(c->scale[m]));
+        expect_near(expected, number(f.p.lam[m][i]), BY_FORMAT(1e-15, 2e-8), "Lambda/nu", 10 * k + m); /* float: 50 roundings of 1 */
+      }
+    TEST_ASSERT_EQUAL_MEMORY(unlimited.p.w, f.p.w, sizeof f.p.w);
+    TEST_ASSERT_EQUAL_MEMORY(unlimited.p.mu, f.p.mu, sizeof f.p.mu);
+  }
+}
+
 /* ---------------------------------------------------------------------------------------- (19) */
 
 static void test_biases_follow_a_dense_kalman_update_given_the_drawn_stiffness(void)
@@ -250,12 +291,12 @@ static void test_biases_follow_a_dense_kalman_update_given_the_drawn_stiffness(v
     for (int mask = 1; mask < 8; mask++) {
       const sample y = row(&p, c->u, c->y, mask);
       fill(&p, c, 77);
-      draw_and_learn(&p, &f, &y);
+      learn(&p, &y);
       for (int a = 0; a < 3; a++) {
         const double sd = number(p.sd[a]), before = c->bias_var[a] * sd * sd;
         const double gain = mask >> a & 1 ? before / (before + sd * sd) : 0.0; /* P and R are diagonal, so the dense K is */
         const double after = (1.0 - gain) * before * (1.0 - gain) + gain * sd * sd * gain; /* Joseph */
-        expect_near(after, number(f.bias_var[a]) * sd * sd, BY_FORMAT(1e-14, 1e-6) * before, "P", 10 * k + a);
+        expect_near(after, number(f.cov[6 + a][6 + a]) * sd * sd, BY_FORMAT(1e-14, 1e-6) * before, "P", 10 * k + a);
         for (int32_t i = 0; i < p.particles; i += 3) {
           double left = c->y[a] - c->h[a] - c->bias[a];
           for (int b = 0; b < 3; b++) left -= c->d[a][b] * number(f.p.w[b][i]);
@@ -278,13 +319,13 @@ static void test_a_draw_beyond_the_lower_bound_is_reflected_and_beyond_the_upper
   p.w_min = TSE_R(-1000);
   p.w_max = TSE_R(1000);
   fill(&p, c, 3);
-  draw_and_learn(&p, &f, &y);
+  learn(&p, &y);
   for (int a = 0; a < 3; a++)
     for (int32_t i = 0; i < p.particles; i++) free_w[a][i] = number(f.p.w[a][i]);
   p.w_min = real(c->mean[1] - 0.02);
   p.w_max = real(c->mean[1] + 0.06);
   fill(&p, c, 3);
-  draw_and_learn(&p, &f, &y);
+  learn(&p, &y);
   const double lo = number(p.w_min), hi = number(p.w_max);
   int reflected = 0, cut = 0;
   for (int a = 0; a < 3; a++)
@@ -316,7 +357,7 @@ static void test_stiffness_stays_within_its_bounds_whatever_the_input(void)
         f.p.x[2][i] = real(next_between(&state, -6.0, 6.0));
       }
       if (step % 100 == 99) f.p.x[1][5] = (tse_real)NAN; /* even a broken particle keeps a stiffness */
-      draw_and_learn(&p, &f, &s);
+      learn(&p, &s);
       f.step++;
       for (int a = 0; a < 3; a++)
         for (int32_t i = 0; i < p.particles; i++) {
@@ -338,7 +379,7 @@ static void test_states_and_weights_are_left_alone(void)
   static tse_filter before;
   fill(&p, c, 4);
   memcpy(&before, &f, sizeof f);
-  draw_and_learn(&p, &f, &y);
+  learn(&p, &y);
   TEST_ASSERT_EQUAL_MEMORY(before.p.x, f.p.x, sizeof f.p.x);
   TEST_ASSERT_EQUAL_MEMORY(before.p.logw, f.p.logw, sizeof f.p.logw);
   TEST_ASSERT_EQUAL_MEMORY(before.weight, f.weight, sizeof f.weight);
@@ -352,6 +393,7 @@ int main(void)
   RUN_TEST(test_a_draw_does_not_depend_on_how_many_particles_there_are);
   RUN_TEST(test_updates_one_by_one_equal_the_batch_posterior);
   RUN_TEST(test_a_held_stiffness_keeps_mean_and_spread_while_the_others_learn);
+  RUN_TEST(test_lambda_fades_faster_above_the_largest_spread_and_never_by_more_than_a_half);
   RUN_TEST(test_biases_follow_a_dense_kalman_update_given_the_drawn_stiffness);
   RUN_TEST(test_a_draw_beyond_the_lower_bound_is_reflected_and_beyond_the_upper_cut);
   RUN_TEST(test_stiffness_stays_within_its_bounds_whatever_the_input);

@@ -22,7 +22,7 @@ static tse_params params_of(const weigh_case *c)
 {
   tse_config config;
   int k = 0;
-  tse_config_default(&config);
+  tse_config_paper(&config);
 #define X(name) config.name = (tse_setting)c->settings[k++];
   WEIGH_SETTINGS(X)
 #undef X
@@ -39,7 +39,7 @@ static void fill(const tse_params *p, const weigh_case *c)
   for (int32_t i = 0; i < WEIGH_PARTICLES; i++) {
     f.weight[i] = TSE_R(1);
     for (int a = 0; a < 3; a++) {
-      f.bias_var[a] = real(c->bias_var[a]);
+      f.cov[6 + a][6 + a] = real(c->bias_var[a]);
       f.p.x[a][i] = real(c->x[i][a]);
       f.p.mu[a][i] = real(c->mu[i][a]);
       f.p.bias[a][i] = real(c->bias[i][a] / number(p->sd[a]));
@@ -66,6 +66,15 @@ static sample row(const tse_params *p, const double u[3], const double y[3], int
   return s;
 }
 
+static tse_real best; /* that the last sample could have been */
+
+static int weighed(const tse_params *p, const sample *y, tse_real *log2_evidence) /* as tse_step() calls it */
+{
+  gaussian g;
+  gaussian_observe(p, &f, y, &g);
+  return weigh(p, &f, y, &g, log2_evidence, &best);
+}
+
 /* log density [nat, SI] of the sample under particle i: what weigh() adds to a log-weight that was 0. */
 static double log_density(int32_t i, tse_real log2_evidence)
 {
@@ -82,7 +91,7 @@ static void test_each_particles_density_is_the_students_t_for_every_combination_
       tse_real evidence;
       double largest = -1e300;
       fill(&p, c);
-      TEST_ASSERT_EQUAL_INT(1, weigh(&p, &f, &y, &evidence));
+      TEST_ASSERT_EQUAL_INT(1, weighed(&p, &y, &evidence));
       for (int32_t i = 0; i < WEIGH_PARTICLES; i++) largest = fmax(largest, c->log_density[mask - 1][i]);
       for (int32_t i = 0; i < WEIGH_PARTICLES; i++) {
         const double expected = fmax(c->log_density[mask - 1][i], largest - 120.0 * LN2); /* less is no weight */
@@ -102,10 +111,32 @@ static void test_evidence_is_the_log_of_the_weighted_sum_over_several_rows(void)
     for (int step = 0; step < WEIGH_STEPS; step++) {
       const sample y = row(&p, c->u[step], c->y[step], c->mask[step]);
       tse_real evidence;
-      TEST_ASSERT_EQUAL_INT(1, weigh(&p, &f, &y, &evidence));
+      TEST_ASSERT_EQUAL_INT(1, weighed(&p, &y, &evidence));
       /* errors of earlier rows' weights stay in the weights: step + 1 times one row's tolerance */
       const double tolerance = (step + 1) * (FIXED + RELATIVE * fabs(c->evidence[step])) + series(c->nu);
       expect_near(c->evidence[step], LN2 * number(evidence), tolerance, "log evidence", 100 * k + step);
+    }
+  }
+}
+
+/* The Student-t with scale (nut - 2)/nut (R + P) at its mode, written with lgamma. */
+static void test_best_evidence_is_that_of_a_sample_which_every_particle_foretold_without_spread(void)
+{
+  for (int k = 0; k < ROWS(weigh_cases); k++) {
+    const weigh_case *const c = &weigh_cases[k];
+    const tse_params p = params_of(c);
+    const double nut = c->nu - 2.0;
+    for (int mask = 1; mask < 8; mask++) {
+      const sample y = row(&p, c->u[0], c->y[0], mask);
+      const double half_dof = 0.5 * (nut + (double)y.used);
+      double expected = lgamma(half_dof) - lgamma(0.5 * nut) - 0.5 * y.used * log(3.14159265358979324 * nut);
+      tse_real evidence;
+      for (int a = 0; a < 3; a++)
+        if (mask >> a & 1) expected -= 0.5 * log((nut - 2.0) / nut * (1.0 + c->bias_var[a])) + log(number(p.sd[a]));
+      fill(&p, c);
+      TEST_ASSERT_EQUAL_INT(1, weighed(&p, &y, &evidence));
+      expect_near(expected, LN2 * number(best), FIXED + series(c->nu), "best log evidence", 10 * k + mask);
+      TEST_ASSERT_TRUE(number(evidence) <= number(best));
     }
   }
 }
@@ -116,7 +147,7 @@ static void test_evidence_holds_from_six_to_two_thousand_degrees_of_freedom(void
 {
   static const double straight[3] = { 0.0, 50.0, 50.0 };
   tse_config config;
-  tse_config_default(&config);
+  tse_config_paper(&config);
   config.particles = 16;
   config.accel_x_sd = config.accel_y_sd = config.yaw_rate_sd = 1;
   const tse_params p = prepared(&config);
@@ -130,7 +161,7 @@ static void test_evidence_holds_from_six_to_two_thousand_degrees_of_freedom(void
       f.gamma = real(0.1);
       f.log_total = TSE_R(4);
       for (int32_t i = 0; i < 16; i++) f.p.x[0][i] = y.u.v_front;
-      TEST_ASSERT_EQUAL_INT(1, weigh(&p, &f, &y, &evidence));
+      TEST_ASSERT_EQUAL_INT(1, weighed(&p, &y, &evidence));
       /* double: log2's 2.7e-14 times (nut + 3)/2 log2(1 + q/nut), plus as much for each other log; float: log2(1 + q/nut)
        * keeps 6e-8, times (nut + 3)/2, and the other logs 2.3e-7 of up to 20 */
       const double nu = weigh_gamma_ratio[k].nu;
@@ -159,7 +190,7 @@ static void test_weights_are_the_powers_of_the_log_weights_and_padding_has_none(
   p.particles = 19;
   f.p.logw[0][16] = f.p.logw[0][17] = TSE_R(-1);
   f.p.logw[0][18] = TSE_R(50); /* the best one stands behind the last whole group of eight */
-  TEST_ASSERT_EQUAL_INT(1, weigh(&p, &f, &y, &evidence));
+  TEST_ASSERT_EQUAL_INT(1, weighed(&p, &y, &evidence));
   expect_near(1.0, number(f.weight[18]), 0.0, "best weight", 18);
   double largest = -1.0, sum = 0.0;
   for (int32_t i = 0; i < 19; i++) {
@@ -178,7 +209,7 @@ static void test_extreme_innovations_stay_finite(void)
   static const double far[][3] = { { 50.0, -50.0, 6.0 }, { -50.0, 50.0, -6.0 }, { 50.0, 0.0, 0.0 } };
   static const double turn[3] = { 1.2, 400.0, -400.0 };
   tse_config config;
-  tse_config_default(&config);
+  tse_config_paper(&config);
   config.particles = 16;
   config.accel_x_sd = config.accel_y_sd = (tse_setting)0.001; /* the settings' limits: 50 000 and 600 000 sigma away */
   config.yaw_rate_sd = (tse_setting)1e-5;
@@ -190,7 +221,7 @@ static void test_extreme_innovations_stay_finite(void)
       const sample y = row(&p, turn, far[k], mask);
       tse_real evidence;
       fill(&p, &weigh_cases[k]);
-      TEST_ASSERT_EQUAL_INT(1, weigh(&p, &f, &y, &evidence));
+      TEST_ASSERT_EQUAL_INT(1, weighed(&p, &y, &evidence));
       TEST_ASSERT_TRUE(r_is_finite(evidence));
       TEST_ASSERT_TRUE(r_is_finite(f.log_total));
       double largest = 0.0;
@@ -208,7 +239,7 @@ static void test_order_of_particles_survives_where_densities_underflow(void)
   static const double straight[3] = { 0.0, 50.0, 50.0 };
   static const double y_far[3] = { 0.0, 45.0, 0.0 };
   tse_config config;
-  tse_config_default(&config);
+  tse_config_paper(&config);
   config.particles = 16;
   const tse_params p = prepared(&config);
   const sample y = row(&p, straight, y_far, 7);
@@ -220,7 +251,7 @@ static void test_order_of_particles_survives_where_densities_underflow(void)
     f.p.x[0][i] = y.u.v_front;
     f.p.bias[1][i] = real(i == 11 ? 1.0 : 0.0); /* 299 instead of 300 sigma away */
   }
-  TEST_ASSERT_EQUAL_INT(1, weigh(&p, &f, &y, &evidence));
+  TEST_ASSERT_EQUAL_INT(1, weighed(&p, &y, &evidence));
   for (int32_t i = 0; i < 16; i++) TEST_ASSERT_TRUE(i == 11 || f.weight[i] < f.weight[11]);
   TEST_ASSERT_TRUE(number(evidence) * LN2 < -3000.0);
 }
@@ -246,7 +277,7 @@ static void test_one_broken_particle_does_not_take_the_others_along(void)
     tse_real evidence;
     fill(&p, c);
     f.p.x[1][broken] = (tse_real)NAN;
-    TEST_ASSERT_EQUAL_INT(1, weigh(&p, &f, &y, &evidence));
+    TEST_ASSERT_EQUAL_INT(1, weighed(&p, &y, &evidence));
     double sum = 0.0;
     for (int32_t i = 0; i < 16; i++) sum += exp(c->log_density[6][i]) * (i != broken) / 16.0;
     const double tolerance = 2.0 * FIXED + RELATIVE * fabs(log(sum)) + series(c->nu);
@@ -260,6 +291,7 @@ int main(void)
   UNITY_BEGIN();
   RUN_TEST(test_each_particles_density_is_the_students_t_for_every_combination_of_channels);
   RUN_TEST(test_evidence_is_the_log_of_the_weighted_sum_over_several_rows);
+  RUN_TEST(test_best_evidence_is_that_of_a_sample_which_every_particle_foretold_without_spread);
   RUN_TEST(test_evidence_holds_from_six_to_two_thousand_degrees_of_freedom);
   RUN_TEST(test_weights_are_the_powers_of_the_log_weights_and_padding_has_none);
   RUN_TEST(test_extreme_innovations_stay_finite);
