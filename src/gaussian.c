@@ -11,11 +11,6 @@
 #define STEP TSE_R(0.0078125) /* 2^-7: differences for the linearisation, of states [m/s, rad/s] and of w [1]  */
 #define PER_STEP TSE_R(64)    /* 1/(2 STEP)                                                                    */
 #define MOST_VAR TSE_R(400)   /* 20 m/s squared: linear no more, the states start over                            */
-#define TINY TSE_R(1e-9)
-#if defined(TSE_REAL_Q20)
-#undef TINY
-#define TINY TSE_R(1.0 / 1048576.0)
-#endif
 
 static void clear(tse_filter *f, int first, int last)
 {
@@ -153,12 +148,12 @@ int gaussian_observe(const tse_params *p, const tse_filter *f, const sample *y, 
       for (int k = 0; k < TSE_GAUSS; k++) c[a][b] += r_mul(H[a][k], PH[k][b]);
     }
 
-  /* C = L L'; g->l = L^-1, g->gain = P H' L'^-1 */
+  /* C = L L'; g->l = L^-1, g->gain = P H' L'^-1. No pivot is below R = 1 but for rounding. */
   const tse_real l11 = r_sqrt(c[0][0]), i11 = r_div(TSE_R(1), l11);
   const tse_real l21 = r_mul(c[1][0], i11), l31 = r_mul(c[2][0], i11);
-  const tse_real l22 = r_sqrt(r_max(c[1][1] - r_mul(l21, l21), TINY)), i22 = r_div(TSE_R(1), l22);
+  const tse_real l22 = r_sqrt(r_max(c[1][1] - r_mul(l21, l21), TSE_R(1))), i22 = r_div(TSE_R(1), l22);
   const tse_real l32 = r_mul(c[2][1] - r_mul(l31, l21), i22);
-  const tse_real l33 = r_sqrt(r_max(c[2][2] - r_mul(l31, l31) - r_mul(l32, l32), TINY)), i33 = r_div(TSE_R(1), l33);
+  const tse_real l33 = r_sqrt(r_max(c[2][2] - r_mul(l31, l31) - r_mul(l32, l32), TSE_R(1))), i33 = r_div(TSE_R(1), l33);
   g->l11 = i11;
   g->l22 = i22;
   g->l33 = i33;

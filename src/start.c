@@ -71,8 +71,7 @@ void restart_states(const tse_params *p, tse_filter *f, const sample *y)
 void redraw(const tse_params *p, tse_filter *f, const sample *y, int32_t count)
 {
   const tse_real mean_sd = r_max(p->mean_sd, TSE_R(0.1));
-  gaussian_restart_means(p, f);
-  if (p->marginalised) gaussian_restart_states(p, f);
+  if (p->marginalised) gaussian_start(p, f); /* biases, too, were learnt from what has just been contradicted */
   const tse_real lam = r_mul(p->spread_var, r_div(f->nu - TSE_R(4), f->nu));
   for (int32_t i = 0; i < count; i++) {
     tse_real n[6];

@@ -15,8 +15,8 @@
   X(TSE_E_CONFIG,           -2, "a setting is outside its range") \
   X(TSE_E_NULL,             -1, "a required argument is NULL") \
   X(TSE_OK,                  0, "ok") \
-  X(TSE_W_STARTING,          1, "less data seen than the filter's memory holds; spread and validity are not settled") \
-  X(TSE_W_NOT_VALID,         2, "at least one stiffness is not valid; its reason says why") \
+  X(TSE_W_NOT_VALID,         1, "at least one stiffness is not valid; its reason says why") \
+  X(TSE_W_STARTING,          2, "less data seen than the filter's memory holds; spread and validity are not settled") \
   X(TSE_W_MISSING_CHANNEL,   3, "a measurement was missing; the others were used") \
   X(TSE_W_HELD,              4, "standstill, low speed, reverse or large steering angle: statistics held") \
   X(TSE_W_PREDICTED,         5, "no measurement, or inputs missing: predicted only") \

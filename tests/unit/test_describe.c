@@ -366,7 +366,7 @@ static void test_statuses_are_complete_and_tell_the_sentence_of_tse_status_text(
 {
   static const struct { const char *name; int code; } expected[] = {
     { "TSE_E_SIZE", -6 }, { "TSE_E_STATE", -5 }, { "TSE_E_TIME", -4 }, { "TSE_E_INPUT", -3 }, { "TSE_E_CONFIG", -2 },
-    { "TSE_E_NULL", -1 }, { "TSE_OK", 0 }, { "TSE_W_STARTING", 1 }, { "TSE_W_NOT_VALID", 2 }, { "TSE_W_MISSING_CHANNEL", 3 },
+    { "TSE_E_NULL", -1 }, { "TSE_OK", 0 }, { "TSE_W_NOT_VALID", 1 }, { "TSE_W_STARTING", 2 }, { "TSE_W_MISSING_CHANNEL", 3 },
     { "TSE_W_HELD", 4 }, { "TSE_W_PREDICTED", 5 }, { "TSE_W_GAP", 6 }, { "TSE_W_RECOVERED", 7 },
   };
   int32_t count, size;

@@ -623,8 +623,10 @@ static void test_a_long_run_with_quiet_and_lively_parts_stays_finite_and_near_th
 
 static void test_after_a_forced_divergence_the_filter_says_so_and_comes_back(void)
 {
-  for (int how = 0; how < 2; how++) {
-    const tse_config c = some_settings(300);
+  for (int trial = 0; trial < 6; trial++) {
+    const int how = trial % 2;
+    tse_config c = some_settings(300);
+    c.seed = 1 + trial / 2;
     const tse_params p = prepared(&c);
     drive d;
     set_off(&d, &c, 20.0);
@@ -656,7 +658,8 @@ static void test_after_a_forced_divergence_the_filter_says_so_and_comes_back(voi
       const tse_output y = run(&p, &f, &d, 1);
       for (int a = 0; a < 3; a++) mean[a] += number(y.stiffness[a]) / 500.0;
     }
-    expect_stiffness(mean, 0.1, 0.03, how == 0 ? "stiffness after soft tyres" : "stiffness after sliding");
+    /* marginalised, some of what was believed to be bias while sliding is still believed: 0.01 rad/s of the gyro */
+    expect_stiffness(mean, 0.13, forms[form].marginalised ? 0.06 : 0.03, how == 0 ? "stiffness after soft tyres" : "stiffness after sliding");
   }
 }
 
