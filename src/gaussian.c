@@ -11,6 +11,7 @@
 #define STEP TSE_R(0.0078125) /* 2^-7: differences for the linearisation, of states [m/s, rad/s] and of w [1]  */
 #define PER_STEP TSE_R(64)    /* 1/(2 STEP)                                                                    */
 #define MOST_VAR TSE_R(400)   /* 20 m/s squared: linear no more, the states start over                            */
+#define STATE_VAR TSE_R(1e-18) /* (1e-9 m/s)^2: no state is known better                                       */
 
 static void clear(tse_filter *f, int first, int last)
 {
@@ -80,10 +81,10 @@ void gaussian_predict(const tse_params *p, tse_filter *f, inputs to, tse_real dt
     for (int b = a; b < 3; b++) {
       tse_real sum = TSE_R(0);
       for (int k = 0; k < 6; k++) sum += r_mul(row[a][k], jac[b][k]);
-      f->cov[a][b] = f->cov[b][a] = sum;
+      f->cov[a][b] = f->cov[b][a] = a == b && sum < STATE_VAR ? STATE_VAR : sum; /* rounding; and no denormal numbers */
     }
   for (int a = 0; a < 3; a++)
-    if (!(f->cov[a][a] >= TSE_R(0) && f->cov[a][a] <= MOST_VAR)) {
+    if (!(f->cov[a][a] <= MOST_VAR)) {
       gaussian_restart_states(p, f);
       return;
     }

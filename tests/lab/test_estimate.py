@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import shlex
 import signal
 import subprocess
 import time
@@ -207,6 +208,6 @@ def test_ctrl_c_leaves_complete_rows_and_says_so(drive, tmp_path):
 
 def test_closed_pipe_is_not_an_error_message():
     run = subprocess.run(
-        f"{' '.join(COMMAND)} settings | head -n 1", shell=True, capture_output=True, text=True, timeout=60
+        f"{shlex.join(COMMAND)} settings | head -n 1", shell=True, capture_output=True, text=True, timeout=60
     )
     assert run.stdout.startswith("setting") and run.stderr == ""

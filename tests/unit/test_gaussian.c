@@ -185,6 +185,17 @@ static void test_a_prediction_that_breaks_starts_the_states_over_and_keeps_the_r
   }
 }
 
+static void test_a_variance_that_rounding_made_negative_does_not_start_the_states_over(void)
+{
+  const predict_case *const c = &predict_cases[0];
+  const tse_params p = fill_predict(c, 1);
+  for (int a = 0; a < N; a++)
+    for (int b = 0; b < N; b++) f.cov[a][b] = a == b && a >= 3 ? TSE_R(1e-12) : TSE_R(0);
+  f.cov[0][0] = f.cov[1][1] = f.cov[2][2] = TSE_R(-1e-15); /* seen after minutes of straight driving in float */
+  gaussian_predict(&p, &f, inputs_of(&p, c->to), real(c->dt));
+  for (int a = 0; a < 3; a++) TEST_ASSERT_TRUE(number(f.cov[a][a]) >= 0.0 && number(f.cov[a][a]) < 1e-10);
+}
+
 static void test_the_start_is_that_of_the_settings_and_restarts_cut_the_correlations(void)
 {
   tse_config c = marginalised();
@@ -674,6 +685,25 @@ static void test_lambda_fades_faster_above_the_largest_spread(void)
     }
 }
 
+/* A held spread cannot fall; were it counted, the others would fade up to a half per sample, to nothing. */
+static void test_a_held_spread_above_the_limit_does_not_make_the_others_fade(void)
+{
+  const observe_case *const c = &observe_cases[1];
+  const tse_params p = fill_observe(c, 1);
+  const sample y = sample_of(&p, c->u, c->y, 7);
+  gaussian g;
+  (void)gaussian_observe(&p, &f, &y, &g);
+  f.learn[0] = TSE_R(0);
+  for (int i = 0; i < GAUSS_PARTICLES; i++) {
+    for (int m = 0; m < 6; m++) f.p.lam[m][i] = m == 3 || m == 5 ? TSE_R(0.0025) : TSE_R(0);
+    f.p.lam[0][i] = r_mul(p.spread_max_var, real(1.3 * (GAUSS_NU - 4.0) / GAUSS_NU));
+  }
+  draw_and_learn(&p, &f, &y, &g);
+  /* lam+ = lam + (z z' - lam)/21 at least loses a twenty-first; fading would take up to a half */
+  for (int m = 3; m < 6; m += 2)
+    for (int i = 0; i < GAUSS_PARTICLES; i++) TEST_ASSERT_TRUE(number(f.p.lam[m][i]) > 0.0025 * 20.0 / 21.0 - 1e-7);
+}
+
 /* ---------------------------------------------------------------------------------- square waves */
 
 static tse_sim sim;
@@ -865,6 +895,7 @@ int main(void)
   RUN_TEST(test_predicted_covariance_is_a_p_at_with_an_independent_jacobian);
   RUN_TEST(test_prediction_moves_states_rows_only_and_none_in_the_papers_form);
   RUN_TEST(test_a_prediction_that_breaks_starts_the_states_over_and_keeps_the_rest);
+  RUN_TEST(test_a_variance_that_rounding_made_negative_does_not_start_the_states_over);
   RUN_TEST(test_the_start_is_that_of_the_settings_and_restarts_cut_the_correlations);
   RUN_TEST(test_innovation_covariance_factor_and_gain_are_those_of_dense_matrices);
   RUN_TEST(test_the_papers_form_is_the_diagonal_case);
@@ -879,6 +910,7 @@ int main(void)
   RUN_TEST(test_bias_variance_is_capped_and_only_its_diagonal_grows);
   RUN_TEST(test_standstill_is_a_kalman_update_with_its_gain_restricted_to_the_gyros_bias);
   RUN_TEST(test_lambda_fades_faster_above_the_largest_spread);
+  RUN_TEST(test_a_held_spread_above_the_limit_does_not_make_the_others_fade);
   RUN_TEST(test_surplus_noise_does_not_drive_the_spread_beyond_its_limit);
   RUN_TEST(test_a_limit_that_is_not_reached_changes_no_bit);
   RUN_TEST(test_a_drive_agrees_with_an_extended_kalman_filter_evidence_included);
