@@ -154,7 +154,7 @@ tse_status tse_step(const tse_params *p, tse_filter *f, const tse_input *u, tse_
       (void)gaussian_observe(p, f, &y, &g);
     }
     draw_and_learn(p, f, &y, &g); /* (25), (16), (19) */
-    gaussian_update(f, &g);
+    gaussian_update(p, f, &g);
     if (p->marginalised) estimate(p, f, &now); /* here the sample has moved states and means, too */
     if (state_is_absurd(&now, &y, fastest)) {
       recover = 1;

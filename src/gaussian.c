@@ -13,6 +13,8 @@
 #define MOST_VAR TSE_R(400)   /* 20 m/s squared: linear no more, the states start over                            */
 #define STATE_VAR TSE_R(1e-18) /* (1e-9 m/s)^2: no state is known better                                       */
 
+static int first_row(const tse_params *p) { return p->marginalised ? 0 : 6; }
+
 static void clear(tse_filter *f, int first, int last)
 {
   for (int a = first; a <= last; a++)
@@ -138,15 +140,16 @@ int gaussian_observe(const tse_params *p, const tse_filter *f, const sample *y, 
   for (int a = 0; a < 3; a++) H[a][6 + a] = y->use[a];
 
   /* C = H P H' + R, R = 1 in sigma^2; a missing channel's row of H is zero */
+  const int first = first_row(p); /* rows before it are zero, and so is all that comes of them */
   for (int a = 0; a < TSE_GAUSS; a++)
     for (int b = 0; b < 3; b++) {
       PH[a][b] = TSE_R(0);
-      for (int k = 0; k < TSE_GAUSS; k++) PH[a][b] += r_mul(f->cov[a][k], H[b][k]);
+      for (int k = first; k < TSE_GAUSS && a >= first; k++) PH[a][b] += r_mul(f->cov[a][k], H[b][k]);
     }
   for (int a = 0; a < 3; a++)
     for (int b = 0; b < 3; b++) {
       c[a][b] = a == b ? TSE_R(1) : TSE_R(0);
-      for (int k = 0; k < TSE_GAUSS; k++) c[a][b] += r_mul(H[a][k], PH[k][b]);
+      for (int k = first; k < TSE_GAUSS; k++) c[a][b] += r_mul(H[a][k], PH[k][b]);
     }
 
   /* C = L L'; g->l = L^-1, g->gain = P H' L'^-1. No pivot is below R = 1 but for rounding. */
@@ -171,10 +174,10 @@ int gaussian_observe(const tse_params *p, const tse_filter *f, const sample *y, 
   return r_is_finite(sum);
 }
 
-void gaussian_update(tse_filter *f, const gaussian *g)
+void gaussian_update(const tse_params *p, tse_filter *f, const gaussian *g)
 {
   for (int a = 0; a < 3; a++) f->mean_var[a] = f->cov[3 + a][3 + a];
-  for (int a = 0; a < TSE_GAUSS; a++)
+  for (int a = first_row(p); a < TSE_GAUSS; a++)
     for (int b = a; b < TSE_GAUSS; b++) {
       tse_real less = TSE_R(0);
       for (int k = 0; k < 3; k++) less += r_mul(g->gain[a][k], g->gain[b][k]);

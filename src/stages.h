@@ -206,7 +206,7 @@ void gaussian_restart_means(const tse_params *p, tse_filter *f);
 void gaussian_predict(const tse_params *p, tse_filter *f, inputs to, tse_real dt);
 void bias_predict(const tse_params *p, tse_filter *f, tse_real dt);
 int gaussian_observe(const tse_params *p, const tse_filter *f, const sample *y, gaussian *g);
-void gaussian_update(tse_filter *f, const gaussian *g);
+void gaussian_update(const tse_params *p, tse_filter *f, const gaussian *g);
 void forget(const tse_params *p, tse_filter *f, tse_real dt);
 void bias_learn_still(const tse_params *p, tse_filter *f, const sample *y);
 

@@ -343,7 +343,7 @@ static void test_given_the_draw_every_mean_moves_as_in_a_dense_kalman_filter(voi
       f.step = (uint32_t)(100 * k + mask);
       gaussian_observe(&p, &f, &y, &g);
       draw_and_learn(&p, &f, &y, &g);
-      gaussian_update(&f, &g);
+      gaussian_update(&p, &f, &g);
       expect_symmetric(mask);
       for (int i = 0; i < GAUSS_PARTICLES; i++) {
         double left[3], moved[N], size = 1.0;
@@ -420,7 +420,7 @@ static void test_the_covariance_stays_symmetric_and_positive_definite_for_thousa
       f.step = (uint32_t)step;
       gaussian_observe(&p, &f, &s, &g);
       draw_and_learn(&p, &f, &s, &g);
-      gaussian_update(&f, &g);
+      gaussian_update(&p, &f, &g);
     }
     expect_symmetric(step);
     /* rounding may leave an eigenvalue that low, of correlations; a variance is never negative or zero */

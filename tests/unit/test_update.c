@@ -66,7 +66,7 @@ static void learn(const tse_params *p, const sample *y)
   gaussian g;
   gaussian_observe(p, &f, y, &g);
   draw_and_learn(p, &f, y, &g);
-  gaussian_update(&f, &g);
+  gaussian_update(p, &f, &g);
 }
 
 /* ---------------------------------------------------------------------------------------- (25) */
