@@ -7,8 +7,6 @@
 #define LONGEST_DT TSE_R(2047) /* what Q11.20 can say */
 #endif
 
-enum { D, M }; /* kinds in tse/input.def: drives the model, is measured */
-
 static int missing(const tse_input *u, uint32_t bit, tse_real value)
 {
   return (u->missing & bit) != 0 || r_is_nan(value);
@@ -21,11 +19,13 @@ tse_status tse_input_check(const tse_input *u, const char **wrong)
     if (wrong) *wrong = "dt";
     return TSE_E_TIME;
   }
-#define INPUT(name, lo, hi, unit, kind, text)                                                                        \
-  if (kind == D && !missing(u, TSE_MISSING(name), u->name) && !(u->name >= TSE_R(lo) && u->name <= TSE_R(hi))) {     \
-    if (wrong) *wrong = #name;                                                                                       \
-    return TSE_E_INPUT;                                                                                              \
+#define CHECK_M(name, lo, hi) /* measured: out of range is missing, not refused */
+#define CHECK_D(name, lo, hi)                                                                              \
+  if (!missing(u, TSE_MISSING(name), u->name) && !(u->name >= TSE_R(lo) && u->name <= TSE_R(hi))) {        \
+    if (wrong) *wrong = #name;                                                                             \
+    return TSE_E_INPUT;                                                                                    \
   }
+#define INPUT(name, lo, hi, unit, kind, text) CHECK_##kind(name, lo, hi)
 #include "tse/input.def"
 #undef INPUT
   return TSE_OK;
@@ -48,14 +48,16 @@ tse_status input_decode(const tse_params *p, const tse_filter *f, const tse_inpu
   if (missing(&row, TSE_MISSING(wheel_speed_rear), row.wheel_speed_rear)) { y->u.v_rear = f->v_rear; y->has_inputs = 0; }
 
   y->used = 0;
-#define INPUT(name, lo, hi, unit, kind, text)                                                                     \
-  if (kind == M) {                                                                                                \
+#define TAKE_D(name, lo, hi)
+#define TAKE_M(name, lo, hi)                                                                                      \
+  {                                                                                                               \
     const int i = (int)TSE_CHANNEL_##name - (int)TSE_CHANNEL_accel_x;                                             \
     const int ok = !missing(&row, TSE_MISSING(name), row.name) && row.name >= TSE_R(lo) && row.name <= TSE_R(hi); \
-    y->use[i < 0 ? 0 : i] = ok ? TSE_R(1) : TSE_R(0);                                                             \
-    y->y[i < 0 ? 0 : i] = ok ? r_mul(row.name, p->inv_sd[i < 0 ? 0 : i]) : TSE_R(0);                              \
+    y->use[i] = ok ? TSE_R(1) : TSE_R(0);                                                                         \
+    y->y[i] = ok ? r_mul(row.name, p->inv_sd[i]) : TSE_R(0);                                                      \
     y->used += ok;                                                                                                \
   }
+#define INPUT(name, lo, hi, unit, kind, text) TAKE_##kind(name, lo, hi)
 #include "tse/input.def"
 #undef INPUT
   return TSE_OK;

@@ -66,8 +66,9 @@ void restart_states(const tse_params *p, tse_filter *f, const sample *y)
   }
 }
 
-/* The first `count` particles forget where they were and what they learnt; they keep their biases. Their means start
- * anywhere that the settings call possible, because whatever the others believe has just been contradicted. */
+/* The first `count` particles forget where they were and what they learnt; they keep their biases (marginalised, as a
+ * mean that is doubted again). Their mean stiffness starts anywhere that the settings call possible, because whatever
+ * the others believe has just been contradicted. */
 void redraw(const tse_params *p, tse_filter *f, const sample *y, int32_t count)
 {
   const tse_real mean_sd = r_max(p->mean_sd, TSE_R(0.1));

@@ -91,8 +91,8 @@ void tse_config_paper(tse_config *c);
 
 /* The same, but states and mean stiffness marginalised (src/gaussian.c): a hundred particles do what five hundred cannot,
  * a changed road is followed in seconds, and the band is honest - as long as the wheel speeds are clean. It believes them
- * to the last digit: with the noise of a production sensor it sees slip that is not there, and reads longitudinal
- * stiffness far too low. */
+ * to the last digit: in gentle driving with the noise of a production sensor it sees slip that is not there, and reads
+ * longitudinal stiffness far too low. */
 void tse_config_marginalised(tse_config *c);
 
 /* Check every setting against its range.
