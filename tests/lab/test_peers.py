@@ -1,0 +1,426 @@
+"""The Kalman filters that tse is compared against: held against least squares over a whole window, the bound, each other."""
+
+from __future__ import annotations
+
+import functools
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy import stats
+
+from tselab import bounds, maneuvers, peers, study
+from tselab.core import NOMINAL, STIFFNESS, Config, Filter, SimConfig
+from tselab.log import DRIVES, MEASURES, columns
+from tselab.simulate import simulate
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "reference"))
+import generate_gaussian as reference  # a model of (1)-(4) in newtons, integrated at half a millisecond
+
+KINDS = ["ekf", "ukf"]
+SPREAD = 0.05  # of SimConfig
+SENSORS = tuple(f"{name}_sd" for name in MEASURES)
+
+
+@dataclass
+class Drive:
+    """What a filter is given, and the truth."""
+
+    config: Config
+    rows: np.ndarray
+    told: peers.Told
+    truth: pd.DataFrame
+
+    @property
+    def time(self) -> np.ndarray:
+        return self.truth["time"].to_numpy()
+
+    @property
+    def mean(self) -> np.ndarray:
+        return np.array([self.truth[f"true_{s}"] / getattr(self.config, NOMINAL[s]) for s in STIFFNESS]).T
+
+    def run(self, kind: str) -> np.ndarray:
+        return peers.run(kind, self.rows, self.config, self.told)
+
+
+def drive(
+    name: str = "square-waves", *, seed: int = 1, duration: float = 10.0, dt: float = 0.01, noise: float = 1.0,
+    low: bool = False, settings: dict | None = None, sim: dict | None = None, road: list | None = None,
+    forgetting: float = 0.99,
+) -> Drive:  # fmt: skip
+    """A simulated drive. low: slip of half a per cent, steering of 0.005 rad."""
+    config = Config({**study.START, "sample_time": dt, **(settings or {})})
+    maneuver = maneuvers.build(name, config, sample_time=dt, duration=duration, road=road)
+    if low:
+        maneuver.wheel_torque_front = maneuver.wheel_torque_front * 250 / 700
+        maneuver.steer_angle = maneuver.steer_angle * 0.005 / 0.02
+    simulation = simulate(maneuver, config, SimConfig({"seed": seed, "noise": noise, **(sim or {})}))
+    rows = Filter(config).inputs(len(maneuver.time))
+    rows["dt"] = dt
+    for channel in columns()[1:]:
+        rows[channel] = simulation.log[channel]
+    sensors = tuple(noise * getattr(config, s) for s in SENSORS)
+    return Drive(config, rows, peers.Told((SPREAD,) * 3, sensors, forgetting), simulation.truth)
+
+
+def estimates(out: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    return np.array([out[s] for s in STIFFNESS]).T, np.array([out[f"{s}_sd"] for s in STIFFNESS]).T
+
+
+def finite(out: np.ndarray) -> bool:
+    return all(np.isfinite(out[name]).all() for name in out.dtype.names)
+
+
+# ----------------------------------------------------------------------------------- least squares over a whole window
+
+
+class Window:
+    """A short drive as one linear problem: every measurement as a function of everything that is random.
+
+    theta = (x0, mu, b0, eps of each row, step of the biases before each row but the first), whitened: N(0, 1). The
+    functions are the reference's model run from the first row to the last; their derivative is a central difference.
+    """
+
+    ROWS, DT = 25, 0.01
+    step = 1.0  # of the difference, in sds
+
+    def __init__(self, scale: float):
+        """scale: of every doubt and noise. A small one makes the problem linear, whatever its functions are."""
+        n = self.ROWS
+        self.config = config = Config(
+            {
+                **{f"initial_{s}": v for s, v in zip(STIFFNESS, (0.9, 1.1, 1.05), strict=True)},
+                "initial_mean_sd": 0.3 * scale,
+                **{f"initial_{k}_sd": v * scale for k, v in (("vel_x", 0.1), ("vel_y", 0.1), ("yaw_rate", 0.01))},
+                **{f"{m}_bias_sd": getattr(Config(), f"{m}_bias_sd") * scale for m in MEASURES},
+                **{f"{m}_bias_walk": 5 * getattr(Config(), f"{m}_bias_walk") * scale for m in MEASURES},
+            }
+        )
+        self.car = config.as_dict()
+        sensors = np.array([getattr(Config(), s) for s in SENSORS]) * scale
+        self.spread = np.array([0.05, 0.1, 0.03]) * scale
+        self.told = peers.Told(tuple(self.spread), tuple(sensors), 1.0)
+        t = self.DT * np.arange(n)
+        self.u = np.array([0.02 + 0.02 * np.sin(15 * t), (20.3 + 2 * t) / 0.33, (20.1 - 0.3 * np.sin(9 * t)) / 0.33]).T
+        self.start = np.array([self.u[0, 1:].mean() * 0.33, 0.1, 0.02])
+        self.mu = np.array([getattr(config, f"initial_{s}") - 1 for s in STIFFNESS])
+        get = lambda form: np.array([getattr(config, form.format(m)) for m in MEASURES])  # noqa: E731
+        x_sd = np.array([config.initial_vel_x_sd, config.initial_vel_y_sd, config.initial_yaw_rate_sd])
+        self.sd = np.concatenate(
+            [
+                x_sd, np.full(3, config.initial_mean_sd), get("{}_bias_sd"),
+                np.tile(self.spread, n), np.tile(get("{}_bias_walk") * np.sqrt(self.DT), n - 1),
+            ]
+        )  # fmt: skip
+        self.sensors = sensors
+
+    def trajectory(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """x, b and y of every row, (rows, 3, columns), for whitened theta in columns."""
+        n, theta = self.ROWS, self.sd[:, None] * theta
+        eps = theta[9 : 9 + 3 * n].reshape(n, 3, -1)
+        steps = np.concatenate([theta[None, 6:9], theta[9 + 3 * n :].reshape(n - 1, 3, -1)])
+        b = np.cumsum(steps, axis=0)
+        x, mu = [self.start[:, None] + theta[:3]], self.mu[:, None] + theta[3:6]
+        for k in range(1, n):
+            x.append(reference.move(self.car, x[-1], mu + eps[k - 1], *self.u[k - 1 : k + 1, :, None], self.DT))
+        y = [reference.observe(self.car, x[k], mu + eps[k], self.u[k][:, None]) + b[k] for k in range(n)]
+        return np.array(x), b, np.array(y)
+
+    @functools.cached_property
+    def linear(self) -> tuple[np.ndarray, ...]:
+        """Derivatives of x, b and y by whitened theta."""
+        each = self.step * np.eye(len(self.sd))
+        ahead, back = self.trajectory(each), self.trajectory(-each)
+        return tuple((a - b) / (2 * self.step) for a, b in zip(ahead, back, strict=True))
+
+    def rows(self, y: np.ndarray) -> np.ndarray:
+        rows = Filter(self.config).inputs(self.ROWS)
+        rows["dt"] = self.DT
+        for name, values in zip((*DRIVES, *MEASURES), (*self.u.T, *y.T), strict=True):
+            rows[name] = values
+        return rows
+
+    def information(self, use: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Prior and measurements as one whitened system a theta = ...; use: (rows, 3), which measurements."""
+        a = (self.linear[2] / self.sensors[:, None])[use]
+        return a, np.eye(len(self.sd)) + a.T @ a
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_estimates_equal_weighted_least_squares_over_the_whole_window(kind, monkeypatch):
+    """Noise a ten-thousandth of a car's: then the filters' problem is linear, and its solution is that of least squares on
+    all rows at once, with whatever channel is missing left out. What is left of the curvature is of that order. Steps are
+    fine, since an sd of vel_x is less than a thousandth of a millimetre a second here."""
+    monkeypatch.setattr(peers, "STEP", 0.02)
+    window, rng = Window(1e-4), np.random.default_rng(5)
+    use = np.ones((window.ROWS, 3), bool)
+    use[0, 2] = False  # the filters start from the first yaw rate
+    use[5, 0] = use[8:12, 1] = use[12:16, 2] = use[18] = False
+    theta = rng.standard_normal(len(window.sd))
+    theta[:3] = 0.0  # starts where the filters start: at the wheels' speed, straight ahead
+    window.start[1], window.start[2] = 0.0, 0.02
+    clean = window.trajectory(theta[:, None])[2][..., 0]
+    y = clean + window.sensors * rng.standard_normal(clean.shape)
+    y[0, 2] = window.start[2]
+    y[~use & (np.arange(window.ROWS) > 0)[:, None]] = np.nan
+
+    out = peers.run(kind, window.rows(y), window.config, window.told)
+
+    a, information = window.information(use)
+    foretold = window.trajectory(np.zeros((len(window.sd), 1)))
+    best = np.linalg.solve(information, a.T @ ((y - foretold[2][..., 0]) / window.sensors)[use])
+    covariance = np.linalg.inv(information)
+    x, b = window.linear[0][-1], window.linear[1][-1]
+    mu = np.zeros((3, len(window.sd)))
+    mu[:, 3:6] = np.diag(window.sd[3:6])
+    expected = {name: (foretold[0][-1, i, 0] + x[i] @ best, x[i]) for i, name in enumerate(peers.STATES)}
+    expected |= {name: (1 + window.mu[i] + mu[i] @ best, mu[i]) for i, name in enumerate(STIFFNESS)}
+    expected |= {f"bias_{name}": (b[i] @ best, b[i]) for i, name in enumerate(MEASURES)}
+    for name, (value, row) in expected.items():
+        sd = np.sqrt(row @ covariance @ row)
+        assert out[f"{name}_sd"][-1] == pytest.approx(sd, rel=1e-3), name
+        assert abs(out[name][-1] - value) < 2e-3 * sd, name
+
+
+def test_a_sample_moves_the_stiffness_by_a_sensible_amount():
+    """Guards the test above: the window must teach, or any filter would pass it."""
+    window = Window(1e-4)
+    use = np.ones((window.ROWS, 3), bool)
+    sd = window.sd[3:6] * np.sqrt(np.diag(np.linalg.inv(window.information(use)[1]))[3:6])
+    assert (sd < 0.5 * window.config.initial_mean_sd).sum() >= 2
+
+
+def test_trajectories_are_those_of_a_fine_integration_with_inputs_linear_between_rows():
+    """Square waves as logged; one row at a time from the true states. Held inputs would be off by centimetres a second."""
+    d = drive(duration=3.0)
+    model, car = peers.Model(d.rows, d.config), d.config.as_dict()
+    x = np.array([d.truth[f"true_{s}"] for s in peers.STATES])
+    w = np.array([d.truth[f"drawn_{s}"] / getattr(d.config, NOMINAL[s]) - 1 for s in STIFFNESS])
+    for row in range(1, len(d.rows)):
+        mine = model.move(row, x[:, row - 1 : row], w[:, row - 1 : row])[:, 0]
+        theirs = reference.move(
+            car, x[:, row - 1], w[:, row - 1], *model.inputs[row - 1 : row + 1], d.config.sample_time
+        )
+        np.testing.assert_allclose(mine, theirs, atol=1e-6)
+
+
+@pytest.mark.parametrize(("dt", "speed"), [(0.04, 20.0), (0.01, 2.5), (0.04, 2.5)])
+def test_long_rows_and_low_speeds_are_integrated_in_several_steps(dt, speed):
+    config = Config({"sample_time": dt})
+    rows = Filter(config).inputs(2)
+    rows["dt"], rows["steer_angle"] = dt, [0.02, 0.03]
+    rows["wheel_speed_front"], rows["wheel_speed_rear"] = [speed / 0.33, (speed + 0.05) / 0.33], (speed - 0.02) / 0.33
+    model, x, w = peers.Model(rows, config), np.array([speed, 0.05, 0.02]), np.array([0.1, 0.2, 0.1])
+    exact = reference.move(config.as_dict(), x, w, *model.inputs, dt)
+    np.testing.assert_allclose(model.move(1, x[:, None], w[:, None])[:, 0], exact, atol=2e-5)
+
+
+# ---------------------------------------------------------------------------------------- honest, and as good as the bound
+
+AT = (8.0, 12.0, 16.0, 20.0)  # s: four memories apart, so that the errors are nearly independent
+
+
+@pytest.mark.parametrize(("kind", "case"), [("ekf", {}), ("ukf", {}), ("ekf", {"noise": 3.0}), ("ekf", {"low": True})])
+def test_errors_are_those_of_the_linear_forgetting_bound(kind, case):
+    """Squared errors over the bound are chi-square when the filter reaches it and its model holds: biases drawn and
+    walking as the settings say, start 30 % off, 1 sd. 99.8 % intervals; Cx may be up to 15 % worse, since an estimate that
+    is up to 9 % off is a worse place to linearise at."""
+    squares, inside, bound = [], [], None
+    seeds = range(1, 9)
+    for seed in seeds:
+        bias = np.random.default_rng(seed).standard_normal(3)
+        start = {f"true_bias_{m}": b * getattr(Config(), f"{m}_bias_sd") for m, b in zip(MEASURES, bias, strict=True)}
+        d = drive(duration=20.0, seed=seed, sim={**start, "bias_walk": 1.0}, **case)
+        at = np.searchsorted(d.time, np.array(AT) - 1e-6)
+        if bound is None:  # depends on the seed by less than 2 %
+            bound = bounds.forgetting_bound(d.rows, d.truth, d.config, d.told)[at]
+        mean, sd = estimates(d.run(kind))
+        error = (mean / d.mean - 1)[at]
+        squares.append((error / bound) ** 2)
+        inside.append(np.abs(error) <= 1.96 * sd[at])
+    n = len(seeds) * len(AT)
+    low, high = stats.chi2.interval(0.998, n)
+    total = np.sum(squares, axis=(0, 1))
+    assert (total > low).all(), total / n
+    assert (total < high * np.array([1.15**2, 1, 1])).all(), total / n
+    # the filter's own sd is too large, as `forgetting_bound` says, so its band holds more than 95 %
+    assert (np.mean(inside, axis=(0, 1)) >= 0.95).all()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_without_forgetting_the_bands_hold_what_they_say(kind):
+    """Mean stiffness and biases drawn from the prior of the settings: the squared error of the means, over its covariance,
+    is chi-square with one degree per stiffness."""
+    squares = []
+    for seed in range(1, 17):
+        rng = np.random.default_rng(100 + seed)
+        true = dict(zip(STIFFNESS, 1 + 0.1 * rng.standard_normal(3), strict=True))
+        sim = {f"true_{s}": v for s, v in true.items()} | {f"spread_{s}": SPREAD / v for s, v in true.items()}
+        sim |= {f"true_bias_{m}": getattr(Config(), f"{m}_bias_sd") * rng.standard_normal() for m in MEASURES}
+        settings = {"initial_mean_sd": 0.1} | {f"initial_{s}": 1.0 for s in STIFFNESS}
+        d = drive(seed=seed, duration=3.0, settings=settings, sim={**sim, "bias_walk": 1.0}, forgetting=1.0)
+        mean, sd = estimates(d.run(kind)[-1:])
+        squares.append(((mean - list(true.values())) / sd) ** 2)
+    low, high = stats.chi2.interval(0.998, len(squares))
+    total = np.sum(squares, axis=(0, 1))
+    assert ((total > low) & (total < high)).all(), total / len(squares)
+
+
+def test_both_filters_agree_where_the_model_is_nearly_linear():
+    """What the EKF drops is of second order: sd^2, 0.3 % of Cx and 0.03 % of Cy at the sds of nominal driving. Four times
+    that on average, after the start has been forgotten."""
+    d = drive(duration=12.0)
+    (ekf, sd), (ukf, _) = (estimates(d.run(kind)) for kind in KINDS)
+    late = d.time >= 5
+    assert (np.abs(ekf - ukf)[late].mean(0) < 4 * (sd[late] ** 2).mean(0)).all()
+    assert (np.abs(ekf - ukf)[late].max(0) > 0).all()
+
+
+# ------------------------------------------------------------------------------------------------ forgetting, missing data
+
+
+def test_forgetting_divides_the_variance_by_lambda_and_keeps_correlations():
+    config = Config()
+    noise = peers.Noise(config, peers.Told((0.05,) * 3, (0.1,) * 3, 0.98))
+    root = 0.05 * np.random.default_rng(1).standard_normal((12, 12))
+    p = root @ root.T
+    assert (np.diag(p)[3:6] < 0.9 * config.initial_mean_sd**2).all()  # where no limit acts
+    sd = np.sqrt(np.diag(p))
+    after = noise.forget(p, 0.02)  # two samples' time
+    sd_after = np.sqrt(np.diag(after))
+    np.testing.assert_allclose(np.diag(after)[3:6], np.diag(p)[3:6] / 0.98**2)
+    np.testing.assert_allclose(np.diag(after)[[0, 1, 2, 6, 7, 8]], np.diag(p)[[0, 1, 2, 6, 7, 8]])
+    np.testing.assert_allclose(after / np.outer(sd_after, sd_after), p / np.outer(sd, sd))
+
+
+def test_what_nothing_excites_grows_to_the_variance_of_the_start_and_no_further():
+    d = drive(duration=20.0)
+    for name in ("accel_y", "yaw_rate", "steer_angle"):
+        d.rows[name] = 0.0  # straight ahead: no side force, nothing about the lateral stiffness
+    mean, sd = estimates(d.run("ekf"))
+    np.testing.assert_allclose(sd[-1, 1:], d.config.initial_mean_sd, rtol=1e-3)
+    np.testing.assert_allclose(mean[-1, 1:], 0.7, atol=0.05)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("name", DRIVES)
+def test_a_missing_input_teaches_nothing_and_ends(kind, name):
+    d = drive(duration=6.0)
+    gap = slice(300, 340)  # longer than max_gap: states start again
+    whole = estimates(d.run(kind))
+    d.rows[name][gap] = np.nan
+    mean, sd = estimates(out := d.run(kind))
+    assert finite(out)
+    for held in (mean, sd):
+        np.testing.assert_allclose(held[gap][1:], held[gap][:1].repeat(39, 0), atol=1e-9)
+    assert np.abs(mean[-1] - whole[0][-1]).max() < 2 * whole[1][-1].max()
+
+
+@pytest.mark.parametrize("name", MEASURES)
+def test_a_missing_measurement_leaves_the_others_to_teach(name):
+    d = drive(duration=6.0)
+    complete = estimates(d.run("ekf"))
+    d.rows[name][100:] = np.nan
+    mean, sd = estimates(out := d.run("ekf"))
+    late = d.time >= 3
+    assert finite(out)
+    assert (sd[late] >= 0.98 * complete[1][late]).all()  # linearised elsewhere, so not quite
+    assert (sd[late] > 1.1 * complete[1][late]).any()
+    assert (np.abs(mean / d.mean - 1)[late] < 4 * sd[late]).all()
+    shown = [1, 2] if name == "accel_x" else [0, 1, 2]  # nothing else shows the longitudinal stiffness
+    assert (sd[late][:, shown].mean(0) < 0.06).all()
+
+
+def test_values_that_no_sensor_has_are_missing():
+    d = drive(duration=2.0)
+    d.rows["accel_x"][50:60] = np.nan
+    missing = d.run("ekf")
+    d.rows["accel_x"][50:60] = 1e6
+    assert (d.run("ekf") == missing).all()
+
+
+# ----------------------------------------------------------------------------------------------------------------- survives
+
+
+def spin(d: Drive) -> None:
+    d.rows["wheel_speed_front"][200:300] *= 3
+
+
+def stuck(d: Drive) -> None:
+    for name in ("accel_y", "wheel_speed_rear"):
+        d.rows[name][200:400] = d.rows[name][200]
+
+
+def silent(d: Drive) -> None:
+    for name in (*DRIVES, *MEASURES):
+        d.rows[name][:20] = np.nan
+        d.rows[name][300:310] = np.nan
+
+
+def gap(d: Drive) -> None:
+    d.rows["dt"][300] = 5.0
+
+
+HARD = {
+    "road change": ({"road": [(2.0, 0.3), (4.0, 1.0)]}, None),
+    "noise": ({"noise": 3.0}, None),
+    "low excitation": ({"low": True}, None),
+    "short rows": ({"dt": 0.005, "duration": 3.0}, None),
+    "long rows": ({"dt": 0.04}, None),
+    "standstill": ({"name": "stop-and-go", "duration": 22.0, "dt": 0.02}, None),
+    "wheel spin": ({}, spin),
+    "stuck channels": ({}, stuck),
+    "nothing logged": ({}, silent),
+    "gap": ({}, gap),
+    "told no noise of the stiffness": ({"sim": {f"spread_{s}": 0.0 for s in STIFFNESS}}, None),
+}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("case", HARD)
+def test_every_hard_case_ends_with_numbers(kind, case):
+    arguments, harm = HARD[case]
+    d = drive(**{"duration": 6.0, **arguments})
+    if case.startswith("told"):
+        d = Drive(d.config, d.rows, peers.Told((0.0,) * 3, d.told.noise_sd), d.truth)
+    if harm:
+        harm(d)
+    mean, _ = estimates(out := d.run(kind))
+    assert finite(out)
+    assert (mean >= d.config.stiffness_min - 1e-9).all() and (mean <= d.config.stiffness_max + 1e-9).all()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_after_a_road_change_the_estimate_settles(kind):
+    d = drive(duration=13.0, road=[(8.0, 0.7)])
+    mean, _ = estimates(d.run(kind))
+    before, after = (d.time > 6) & (d.time < 8), d.time > 11
+    assert (np.abs(mean[before].mean(0) - 1) < [0.1, 0.03, 0.03]).all()
+    assert (np.abs(mean[after].mean(0) / 0.7 - 1) < [0.1, 0.05, 0.05]).all()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_covariance_that_is_no_number_any_more_starts_over(kind, monkeypatch):
+    d = drive(duration=6.0)
+    class_ = peers.KINDS[kind]
+    predict = class_.predict
+
+    def fails_once(self: peers.Kalman, row: int) -> None:
+        predict(self, row)
+        if row == 100:
+            self.cov[3, 3] = np.inf
+
+    monkeypatch.setattr(class_, "predict", fails_once)
+    mean, sd = estimates(out := d.run(kind))
+    assert finite(out)
+    assert (sd[100] > 0.2).all()
+    assert (np.abs(mean[-1] - 1) < 3 * sd[-1]).all()
+
+
+def test_an_unknown_kind_is_refused():
+    d = drive(duration=0.1)
+    with pytest.raises(ValueError, match="'pf', not one of ekf, ukf"):
+        d.run("pf")
