@@ -13,6 +13,7 @@ import click
 
 from tselab import __version__, maneuvers
 from tselab.errors import UserError
+from tselab.montecarlo import STUDIES
 
 FILE = click.Path(path_type=Path)
 FORMS = ("default", "paper", "marginalised")  # tse_config_default() and its like
@@ -515,6 +516,91 @@ def accuracy(
         with atomic(out / "accuracy.md") as file:
             file.write(text + "\n")
         write_table(study.runs, out / "accuracy.csv")
+
+
+class StudyCommand(click.Command):
+    """Lists the studies too."""
+
+    def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        lines = [f"  {name:<11} {runs:>3} runs  {title}" for name, (runs, title) in STUDIES.items()]
+        formatter.write("\nStudies, with their usual number of runs of each case:\n" + "\n".join(lines) + "\n")
+
+
+@cli.command(cls=StudyCommand, short_help="Monte-Carlo studies: accuracy, bounds, peers, stress.")
+@click.option("--study", "name", metavar="NAME", required=True, help="Which; list below.")
+@click.option("--runs", type=click.IntRange(1, 1000000), help="Runs of each case, one seed each; default: as the study.")
+@click.option(
+    "--jobs",
+    type=click.IntRange(1, 256),
+    default=os.cpu_count() or 1,
+    show_default="all cores",
+    help="Processes.",
+)
+@click.option("--scheduler", metavar="ADDRESS", help="Run on a Dask cluster instead, for instance tcp://host:8786.")
+@click.option("--out", metavar="DIR", type=FILE, help="Directory; made if needed.  [default: montecarlo-NAME]")
+@click.option("--cases", metavar="A,B", help="Only these cases of the study.")
+@click.option("--first-seed", type=click.IntRange(0, 2000000000), default=1, show_default=True, help="Seed of the first run.")
+@FORM
+@click.option(
+    "--set",
+    "pairs",
+    metavar="KEY=VALUE",
+    multiple=True,
+    help="Any setting of filter or simulator; may be repeated. What a case is about wins.",
+)
+@click.option("--restart", is_flag=True, help="Discard the runs that are in DIR.")
+@PROGRESS
+def montecarlo(
+    name: str,
+    runs: int | None,
+    jobs: int,
+    scheduler: str | None,
+    out: Path | None,
+    cases: str | None,
+    first_seed: int,
+    form: str,
+    pairs: tuple[str, ...],
+    restart: bool,
+    progress: bool | None,
+) -> None:
+    """Monte-Carlo studies against the simulator's truth.
+
+    \b
+    tselab montecarlo --study stress --runs 200 --jobs 2
+    tselab montecarlo --study peers --runs 20 --cases nominal,noise-3x --out peers
+    tselab montecarlo --study stress --scheduler tcp://host:8786
+
+    Every finished run is kept in DIR/runs.csv: the same command goes on after Ctrl-C, more --runs and --cases are added to
+    what is there. Other settings or another library are refused. Writes NAME.csv, NAME.md, NAME.html and, with matplotlib,
+    NAME.png.
+    """
+    from tselab.core import Config, SimConfig
+    from tselab.montecarlo import studies
+    from tselab.montecarlo.engine import Interrupted, Plan
+    from tselab.montecarlo.engine import run as run_all
+    from tselab.montecarlo.write import write
+
+    wanted = tuple(c.strip() for c in cases.split(",")) if cases is not None else ()
+    study = studies.study(name, wanted)
+    settings: dict[str, float] = {}
+    sim_settings: dict[str, float] = {}
+    sim_config, config = SimConfig(), Config()
+    for key, value in _key_values(pairs).items():
+        if key == "seed":
+            raise UserError("option --set: the seeds are set by --first-seed and --runs")
+        group, checked = (sim_settings, sim_config) if key in sim_config else (settings, config)
+        checked.set(key, value, source="option --set")
+        group[key] = value
+    plan = Plan(study, runs or study.runs, first_seed, form, settings, sim_settings, wanted)
+    out = out or Path(f"montecarlo-{name}")
+    try:
+        rows = run_all(plan, out, jobs, scheduler, restart, _show_progress(progress))
+    except Interrupted as stopped:
+        click.echo(f"tselab: {stopped}", err=True)
+        sys.exit(130)
+    text, files = write(plan, rows, out)
+    click.echo(text)
+    click.echo(f"Written to {out}: {', '.join(f.name for f in files)}")
 
 
 def main() -> None:

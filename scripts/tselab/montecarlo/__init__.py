@@ -1,0 +1,20 @@
+"""Monte-Carlo studies: many seeds of many cases, every estimator on the same simulated data.
+
+case.py        what a case is; driving one of it            corrupt.py   what goes wrong with a log
+drives.py      manoeuvres that only studies need            scores.py    one drive and one estimate become a row of numbers
+estimators.py  what can be run on a drive                   engine.py    all runs: processes, Dask, resuming
+studies.py     the studies: their cases, in one list        summary.py   rows become tables
+findings.py    the tables that only one study has           pictures.py  its picture; panels.py: drawn for paper and screen
+write.py       the files that a study leaves
+"""
+
+STUDIES = {  # name: (usual number of runs, title)
+    "fig1": (1, "One realisation: mean, band and spread through a change of road"),
+    "fig2": (100, "Distribution of the mean error"),
+    "fig3-4": (20, "Simulated twin of the paper's experiment: acceleration and double lane change"),
+    "bound": (100, "Error by time against the linear forgetting bound and the Cramer-Rao bound"),
+    "peers": (100, "tse against EKF and UKF that are told the true covariances"),
+    "stress": (200, "What can go wrong, with the default settings"),
+    "particles": (100, "Error and divergence by number of particles"),
+    "departures": (100, "What each departure from the paper's filter buys"),
+}

@@ -1,0 +1,101 @@
+"""A case of a study, and one drive of it: simulated once per seed, read by every estimator."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+import pandas as pd
+
+from tselab.core import INPUT, NOMINAL, STIFFNESS, Config, SimConfig, Simulator, library
+from tselab.maneuvers import Maneuver
+from tselab.simulate import _drive as follow_speed
+
+WINDOW = (15.0, 30.0)  # s, where errors count unless the case says otherwise
+G = 9.81  # m/s2
+LINEAR = 0.6  # share of the friction limit beyond which a tyre counts as no longer linear
+
+Builder = Callable[[Config, SimConfig, np.random.Generator], Maneuver]
+Corruption = Callable[[np.ndarray, np.ndarray, np.random.Generator], np.ndarray]
+Draw = Callable[[Config, SimConfig, np.random.Generator], Mapping[str, float]]
+
+
+@dataclass(frozen=True)
+class Case:
+    """What is driven, what the estimator is told, what happens to the log, and where the result is looked at."""
+
+    name: str
+    title: str
+    build: Builder
+    config: Mapping[str, float] = field(default_factory=dict)  # the car, and what the estimator is told
+    car: Mapping[str, float] = field(default_factory=dict)  # factors on the car's settings of which nobody tells
+    sim: Mapping[str, float] = field(default_factory=dict)  # the simulator
+    draw: Draw | None = None  # further settings of the estimator that depend on the seed
+    corrupt: Corruption | None = None  # changes the log; returns which rows it made unusable
+    estimators: tuple[str, ...] = ("tse",)
+    windows: tuple[tuple[float, float], ...] = (WINDOW,)
+    events: tuple[float, ...] = ()  # s: from here on another truth has to be found
+    bins: int = 0  # also scores of each second, for this many seconds
+    needs: tuple[str, ...] = ()  # settings of the simulator without which the case cannot be driven
+
+
+@dataclass
+class Drive:
+    """One simulated drive, as it was and as it was logged."""
+
+    time: np.ndarray
+    rows: np.ndarray  # the log
+    truth: np.ndarray  # outputs of the simulator
+    road: np.ndarray
+    corrupted: np.ndarray  # rows of which the log does not tell the truth
+    about: dict[str, float]  # settings that are the case's, not the user's or the estimator's
+    config: Config  # what an estimator without settings of its own is told
+    car: Config  # the car
+    sim: SimConfig
+
+    @property
+    def stiffness(self) -> np.ndarray:
+        """True mean stiffness, relative to nominal, (n, 3)."""
+        return np.column_stack([self.truth[f"true_{s}"] for s in STIFFNESS]).astype(float)
+
+    @property
+    def truth_table(self) -> pd.DataFrame:
+        """The truth as in TRUTH.csv, stiffness in N and N/rad."""
+        table = {f"true_{s}": self.stiffness[:, i] * getattr(self.config, NOMINAL[s]) for i, s in enumerate(STIFFNESS)}
+        return pd.DataFrame({n: table.get(n, self.truth[n]) for n in self.truth.dtype.names if n.startswith("true_")})
+
+
+def drive(case: Case, seed: int, configure: Callable[[Mapping[str, float]], Config], sim: Mapping[str, float]) -> Drive:
+    """Drive the case with a seed. `configure` completes what the case says about the estimator; what the case is about
+    wins over the user's settings."""
+    rng = np.random.default_rng([seed, zlib.crc32(case.name.encode())])
+    about: dict[str, float] = {**case.config, "seed": seed}
+    car, sim_config = configure(about), SimConfig({**sim, **case.sim, "seed": seed})
+    for name, factor in case.car.items():
+        car.set(name, getattr(car, name) * factor)
+    maneuver = case.build(car, sim_config, rng)
+    sim_config.speed = maneuver.speed
+    if case.draw:
+        about |= case.draw(car, sim_config, rng)
+
+    n = len(maneuver.time)
+    simulator = Simulator(car, sim_config)
+    inputs, truth = simulator.inputs(n), simulator.outputs(n)
+    inputs["dt"] = np.diff(maneuver.time, prepend=maneuver.time[0] - car.sample_time)
+    for name in inputs.dtype.names:
+        if getattr(maneuver, name, None) is not None:
+            inputs[name] = getattr(maneuver, name)
+    for i in range(n):
+        if maneuver.target_speed is not None:
+            now = truth["true_vel_x"][i - 1] if i else maneuver.speed
+            follow_speed(inputs, i, maneuver, float(now), car, 1.0)
+        simulator.step_into(inputs, truth, i)
+
+    rows = np.zeros(n, library().dtype(INPUT))
+    rows["dt"] = inputs["dt"]
+    for f in library().channels:
+        rows[f.name] = truth[f.name]
+    corrupted = case.corrupt(maneuver.time, rows, rng) if case.corrupt else np.zeros(n, bool)
+    return Drive(maneuver.time, rows, truth, maneuver.road_level, corrupted, about, configure(about), car, sim_config)

@@ -1,0 +1,120 @@
+"""Manoeuvres that only studies need, as builders (car, simulator, rng) -> Maneuver."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tselab import maneuvers
+from tselab.core import Config, SimConfig
+from tselab.maneuvers import Maneuver, square
+
+STEER, TORQUE = 0.02, 700.0  # rad, Nm: the paper's
+LOW_STEER, LOW_SLIP = 0.005, 0.005  # rad, 1
+
+
+@dataclass
+class Braked(Maneuver):
+    """Open loop with brakes."""
+
+    brake_torque_front: np.ndarray | None = None
+    brake_torque_rear: np.ndarray | None = None
+
+
+def square_waves(
+    car: Config,
+    sim: SimConfig,
+    rng: np.random.Generator,
+    *,
+    duration: float,
+    steer: float = STEER,
+    torque: float | None = TORQUE,
+    road: tuple[tuple[float, float], ...] = (),
+) -> Maneuver:
+    """The paper's square waves. torque None: what gives LOW_SLIP."""
+    m = maneuvers.build(
+        "square-waves", car, sample_time=car.sample_time, duration=duration, amplitude=steer, road=list(road)
+    )
+    torque = torque_of_slip(car, sim, LOW_SLIP) if torque is None else torque
+    return replace(m, wheel_torque_front=torque * np.sign(m.wheel_torque_front))
+
+
+def torque_of_slip(car: Config, sim: SimConfig, slip: float) -> float:
+    """Steady front torque that makes this slip on the front axle: its wheels and, through the car, the rear wheels take
+    their part of it."""
+    force = car.longitudinal_stiffness_front * slip
+    front, rear = (getattr(sim, f"wheel_inertia_{a}") / getattr(car, f"wheel_radius_{a}") ** 2 for a in ("front", "rear"))
+    return force * car.wheel_radius_front * (car.mass + front + rear) / (car.mass + rear)
+
+
+def listed(car: Config, sim: SimConfig, rng: np.random.Generator, *, name: str, duration: float) -> Maneuver:
+    """A manoeuvre of `tselab simulate`."""
+    return maneuvers.build(name, car, sample_time=car.sample_time, duration=duration, seed=sim.seed)
+
+
+LANE_CHANGE = (302.0, 3.0, 0.015)  # start and length, s; rad
+HIGHWAY_END = 315.0
+
+
+def highway(car: Config, sim: SimConfig, rng: np.random.Generator) -> Maneuver:
+    """Five minutes of straight highway, then one lane change of 4 m."""
+    m = listed(car, sim, rng, name="straight", duration=HIGHWAY_END)
+    start, length, amplitude = LANE_CHANGE
+    share = (m.time - start) / length
+    sine = np.where((share >= 0) & (share < 1), np.sin(2 * np.pi * share), 0.0)
+    return replace(m, steer_angle=m.steer_angle + amplitude * sine)
+
+
+REVERSE_END = 60.0
+
+
+def reverse(car: Config, sim: SimConfig, rng: np.random.Generator) -> Maneuver:
+    """From standstill 3 m/s backwards with steering, back to standstill, launch to 18 m/s, then the paper's square waves."""
+    t = np.round(np.arange(round(REVERSE_END / car.sample_time) + 1) * car.sample_time, 9)
+    force = np.select([t < 5, (t >= 12) & (t < 17), (t >= 20) & (t < 30)], [-0.6, 0.6, 1.8]) * car.mass  # m/s2
+    waves = t >= 30
+    torque = np.where(waves, TORQUE * square(t, 5.0), force * car.wheel_radius_front)
+    steer = np.select([(t >= 5) & (t < 12), waves], [0.05 * square(t, 4.0), STEER * square(t, 4.0)])
+    zero = np.zeros_like(t)
+    return Maneuver(t, 0.0, steer, torque, zero, np.ones_like(t))
+
+
+PULSES = (20.0, 45.0)  # s
+PULSES_END = 75.0
+LOCK_TORQUE, LOCK_FOR = 6000.0, 1.0  # Nm on the front brakes, s
+SPIN_TORQUE, SPIN_FOR = 3500.0, 0.8  # Nm on the front wheels, s
+
+
+def wheel_lock(car: Config, sim: SimConfig, rng: np.random.Generator) -> Maneuver:
+    """Square waves; twice the brakes lock the front wheels for a second, and the speed is taken back afterwards."""
+    m = square_waves(car, sim, rng, duration=PULSES_END)
+    torque, brake = m.wheel_torque_front.copy(), np.zeros_like(m.time)
+    for start in PULSES:
+        locked = (m.time >= start) & (m.time < start + LOCK_FOR)
+        brake[locked] = LOCK_TORQUE
+        torque[locked] = 0.0
+        torque[(m.time >= start + 2) & (m.time < start + 6)] += 700.0
+    return Braked(**{**vars(m), "wheel_torque_front": torque}, brake_torque_front=brake)
+
+
+def wheel_spin(car: Config, sim: SimConfig, rng: np.random.Generator) -> Maneuver:
+    """Square waves; twice too much torque spins the front wheels, and the speed is given back afterwards."""
+    m = square_waves(car, sim, rng, duration=PULSES_END)
+    torque = m.wheel_torque_front.copy()
+    for start in PULSES:
+        torque[(m.time >= start) & (m.time < start + SPIN_FOR)] = SPIN_TORQUE
+        torque[(m.time >= start + 2) & (m.time < start + 6)] -= 600.0
+    return replace(m, wheel_torque_front=torque)
+
+
+ACCELERATION_END = 48.0
+
+
+def acceleration(car: Config, sim: SimConfig, rng: np.random.Generator) -> Maneuver:
+    """Straight on: 3 s of acceleration, 2 s rolling, 3 s of braking, 2 s rolling; after the paper's IV-B."""
+    t = np.round(np.arange(round(ACCELERATION_END / car.sample_time) + 1) * car.sample_time, 9)
+    cycle = t % 10.0
+    drive = np.select([cycle < 3, (cycle >= 5) & (cycle < 8)], [1.5, -1.5], 0.0)  # m/s2
+    zero = np.zeros_like(t)
+    return Maneuver(t, 15.0, zero, drive * car.mass * car.wheel_radius_front, zero, np.ones_like(t))

@@ -1,0 +1,225 @@
+"""One drive and one estimate of it become a row of numbers. All errors are shares of the true mean stiffness at that row.
+
+Whether an estimate may be blamed for being wrong, or for saying that it does not know, depends on what could be known. That
+is judged from the simulator's truth: from the noise-free slips follows the regressor phi of each stiffness (as excitation()
+in src/estimate.c, which has to use estimates), and from its variance over the last two memories the sd that the mean could
+have at best,  sqrt((1 + E[phi^2] spread^2)/(memory var phi)).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.signal import lfilter
+
+from tselab.core import REASON, STIFFNESS, library
+from tselab.montecarlo.case import LINEAR, Case, Drive, G
+from tselab.study import DIVERGED_AFTER, DIVERGED_ERROR, DIVERGED_FOR, _longest
+
+SETTLE_AFTER = DIVERGED_AFTER  # s after start, event or disturbance, before errors are judged
+VALID_AFTER = 5.0  # s, before the valid flag is judged
+CLOSE = 0.10  # error below which an estimate has settled, or may be called right
+CLEARLY = 2.0  # best-case sd beyond this factor of valid_sd, either way, is clear; between is grey
+LOW_SPEED = 1.0  # m/s, as in src/vehicle.h
+REVERSE_SPEED = -0.1  # m/s, as in src/filter.c
+SHARES = ("false_valid", "false_invalid", "valid_unobservable", "reason_right", "corrupted_told")
+UNKNOWN_REASONS = ("not excited", "held", "uncertain", "starting")  # right where nothing can be known
+
+
+@dataclass
+class Knowable:
+    """What could be known at each row."""
+
+    best_sd: np.ndarray  # (n, 3), relative to nominal; inf where nothing is learnt
+    level: np.ndarray  # (n, 3) true mean, relative to nominal
+    corrupted: np.ndarray  # (n,) the log does not tell the truth
+    beyond: np.ndarray  # (n,) tyres beyond their linear range
+    settled: np.ndarray  # (n,) long enough after start, events and disturbances
+    valid_sd: float
+
+    @property
+    def observable(self) -> np.ndarray:
+        """Clearly so, (n, 3): the valid flag counts in shares of nominal, errors in shares of the truth; by both."""
+        return self.best_sd * np.maximum(1, 1 / self.level) < self.valid_sd / CLEARLY
+
+    @property
+    def unobservable(self) -> np.ndarray:
+        """Clearly so, by both counts, (n, 3)."""
+        return self.best_sd * np.minimum(1, 1 / self.level) > self.valid_sd * CLEARLY
+
+    @property
+    def judged(self) -> np.ndarray:
+        """Where an error is the estimator's fault, (n, 3)."""
+        return self.observable & (self.settled & ~self.corrupted & ~self.beyond)[:, None]
+
+
+def regressors(d: Drive) -> tuple[np.ndarray, np.ndarray]:
+    """From the truth: phi (n, 3) in true sigma per unit of w, and the tyre forces over the friction limit (n, 2)."""
+    c, truth = d.car, d.truth
+    vx, vy, r = (truth[f"true_{n}"].astype(float) for n in ("vel_x", "vel_y", "yaw_rate"))
+    vf = c.wheel_radius_front * truth["true_wheel_speed_front"]
+    vr = c.wheel_radius_rear * truth["true_wheel_speed_rear"]
+    body = np.maximum(np.abs(vx), LOW_SPEED)
+    sf, sr = (vf - vx) / np.maximum(body, np.abs(vf)), (vr - vx) / np.maximum(body, np.abs(vr))
+    af = (truth["steer_angle"] * vx - vy - c.lf * r) / body
+    ar = (c.lr * r - vy) / body
+    cxf, cxr = c.longitudinal_stiffness_front, c.longitudinal_stiffness_rear
+    noise = max(d.sim.noise, 1e-6)
+    x, y = 1 / (c.mass * c.accel_x_sd * noise), 1 / (c.mass * c.accel_y_sd * noise)
+    phi = np.column_stack(
+        [
+            x * (cxf * sf + c.rear_longitudinal_follows_front * cxr * sr),
+            y * c.cornering_stiffness_front * af,
+            y * c.cornering_stiffness_rear * ar,
+        ]
+    )
+    friction = getattr(d.sim, "friction", 0.0) if "friction" in d.sim else 0.0
+    use = np.zeros((len(vx), 2))
+    if friction > 0:
+        level = d.stiffness
+        follows = d.road + c.rear_longitudinal_follows_front * (level[:, 0] - d.road)
+        limit = friction * c.mass * G / (c.lf + c.lr)
+        use[:, 0] = np.hypot(cxf * level[:, 0] * sf, c.cornering_stiffness_front * level[:, 1] * af) / (limit * c.lr)
+        use[:, 1] = np.hypot(cxr * follows * sr, c.cornering_stiffness_rear * level[:, 2] * ar) / (limit * c.lf)
+    return phi, use
+
+
+def running_mean(x: np.ndarray, window: float) -> np.ndarray:
+    """Mean of what has been, with a memory of `window` rows: gain 1/min(window, rows so far)."""
+    first = min(len(x), int(window))
+    start = np.cumsum(x[:first]) / np.arange(1, first + 1)
+    if first == len(x):
+        return start
+    gain = 1 / window
+    rest, _ = lfilter([gain], [1, gain - 1], x[first:], zi=[(1 - gain) * start[-1]])
+    return np.concatenate([start, rest])
+
+
+def best_sd(phi: np.ndarray, learning: np.ndarray, spread: np.ndarray, memory: float) -> np.ndarray:
+    """Best-case sd of the mean from the regressor of one stiffness; rows from which nothing is learnt do not count."""
+    sd = np.full(len(phi), np.inf)
+    x = phi[learning]
+    square = running_mean(x**2, 2 * memory)
+    signal = memory * np.maximum(square - running_mean(x, 2 * memory) ** 2, 0.0)
+    with np.errstate(divide="ignore"):
+        sd[learning] = np.sqrt((1 + square * spread[learning] ** 2) / np.where(signal > 1e-12, signal, 0.0))
+    return sd
+
+
+def after(time: np.ndarray, moments: np.ndarray, wait: float) -> np.ndarray:
+    """Rows that are at least `wait` after the last of the moments before them. Moments need not be rows."""
+    last = np.searchsorted(moments, time + 1e-9, side="right") - 1
+    return (last < 0) | (time - np.where(last < 0, -np.inf, moments[last]) >= wait - 1e-9)
+
+
+def knowable(d: Drive, case: Case) -> Knowable:
+    """What the truth of the drive says about what could be known."""
+    c = d.config
+    phi, use = regressors(d)
+    wheels = np.column_stack(
+        [getattr(c, f"wheel_radius_{a}") * d.truth[f"true_wheel_speed_{a}"] for a in ("front", "rear")]
+    )
+    learning = (
+        (np.abs(wheels).max(axis=1) >= c.hold_speed)
+        & (wheels.min(axis=1) >= REVERSE_SPEED)
+        & (np.abs(d.truth["steer_angle"]) <= c.max_steer)
+    )
+    mean = d.stiffness
+    memory = 1 / (1 - c.forgetting)
+    sd = [
+        best_sd(phi[:, i], learning, getattr(d.sim, f"spread_{k}") * mean[:, i], memory)
+        for i, k in enumerate(STIFFNESS)
+    ]
+    beyond = use.max(axis=1) > LINEAR
+    disturbed = d.corrupted | beyond
+    moments = np.sort(np.concatenate([[d.time[0]], case.events, d.time[disturbed]]))
+    return Knowable(np.column_stack(sd), mean, d.corrupted, beyond, after(d.time, moments, SETTLE_AFTER), c.valid_sd)
+
+
+def inside(time: np.ndarray, windows: tuple[tuple[float, float], ...]) -> np.ndarray:
+    """Rows in any of the windows."""
+    return np.any([(time >= a - 1e-9) & (time <= b + 1e-9) for a, b in windows], axis=0)
+
+
+def wrong_on_end(wrong: np.ndarray, judged: np.ndarray) -> int:
+    """Most judged rows in any one stretch in which every row, judged or not, is wrong."""
+    count = np.cumsum(np.concatenate([[0], wrong & judged]))
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], wrong.astype(int), [0]])))
+    return int((count[edges[1::2]] - count[edges[::2]]).max(initial=0))
+
+
+def settling(time: np.ndarray, error: np.ndarray, start: float, end: float) -> float:
+    """Seconds from `start` until the error stays below CLOSE up to `end`; inf when it does not."""
+    part = (time >= start - 1e-9) & (time < end - 1e-9)
+    late = np.flatnonzero(~(np.abs(error[part]) < CLOSE))
+    if not len(late):
+        return 0.0
+    t = time[part]
+    return float(t[late[-1] + 1] - start) if late[-1] + 1 < len(t) else np.inf
+
+
+def _mean(x: np.ndarray) -> float:
+    """Of the rows that have an estimate: a refused row has none."""
+    x = x[np.isfinite(x)]
+    return float(x.mean()) if len(x) else np.nan
+
+
+def score(d: Drive, case: Case, k: Knowable, estimate: np.ndarray) -> dict[str, float]:
+    """The numbers of one run. Percent; shares as two counts of rows, so that they can be pooled."""
+    time, step = d.time, d.config.sample_time
+    window = inside(time, case.windows)
+    truth = d.stiffness
+    known = k.judged
+    names = estimate.dtype.names
+    unknown = [code for code, f in library().codes(REASON).items() if f.name in UNKNOWN_REASONS]
+    row: dict[str, float] = {}
+    diverged = diverged_any = 0
+    for i, key in enumerate(STIFFNESS):
+        true = truth[:, i]
+        error = estimate[key].astype(float) / true - 1 if key in names else np.full(len(time), np.nan)
+        size = np.abs(error)
+        sd = estimate[f"{key}_sd"].astype(float) / true
+        row[f"{key}_mean_square"] = 1e4 * _mean(error[window] ** 2)
+        row[f"{key}_bias"] = 100 * _mean(error[window])
+        row[f"{key}_covered"] = 100 * np.mean(size[window] <= 1.96 * sd[window]) if key in names else np.nan
+        row[f"{key}_sd_square"] = 1e4 * _mean(sd[window] ** 2)
+        if f"{key}_spread" in names:
+            row[f"{key}_spread"] = 100 * _mean(estimate[f"{key}_spread"][window] / true[window])
+        if key in names:
+            starts = (time[0], *case.events)
+            ends = (*case.events, np.inf)
+            for n, (a, b) in enumerate(zip(starts, ends, strict=True)):
+                row[f"{key}_settle_{n}"] = settling(time, error, a, b)
+            wrong = ~(size <= DIVERGED_ERROR)
+            row[f"{key}_judged"] = int(known[:, i].sum())
+            row[f"{key}_worst"] = 100 * np.max(size[known[:, i]], initial=0.0)
+            row[f"{key}_diverged"] = int(wrong_on_end(wrong, known[:, i]) * step > DIVERGED_FOR)
+            diverged = max(diverged, row[f"{key}_diverged"])
+            diverged_any = max(diverged_any, int(_longest(wrong & k.settled) * step > DIVERGED_FOR))
+        if f"{key}_valid" in names:
+            refused = estimate["status"] < 0
+            valid = (estimate[f"{key}_valid"] == 0) & ~refused
+            flagged = valid & (time >= VALID_AFTER - 1e-9)
+            dark = k.unobservable[:, i] & ~k.corrupted
+            right = known[:, i] & (size < CLOSE)
+            reasons = np.isin(estimate[f"{key}_valid"], unknown)
+            shares = (
+                (flagged & wrong, flagged),
+                (right & ~valid, right),
+                (dark & valid, dark),
+                (dark & reasons & ~refused, dark),
+                (k.corrupted & ~valid, k.corrupted),
+            )
+            for name, (of, among) in zip(SHARES, shares, strict=True):
+                row[f"{key}_{name}"], row[f"{key}_{name}_of"] = int(of.sum()), int(among.sum())
+        if case.bins:
+            second = np.floor(time + 1e-9).astype(int)
+            for b in range(case.bins):
+                row[f"{key}_ms_{b}"] = 1e4 * _mean(error[second == b] ** 2)
+                row[f"{key}_vs_{b}"] = 1e4 * _mean(sd[second == b] ** 2)
+    if STIFFNESS[0] in names:
+        row["diverged"], row["diverged_any"] = diverged, diverged_any
+    if "status" in names:
+        row["recoveries"] = int((estimate["status"] == library().status("TSE_W_RECOVERED")).sum())
+    return row

@@ -1,0 +1,144 @@
+"""The studies: every case of every study, in one place."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from tselab.core import Config, SimConfig, library
+from tselab.errors import UserError
+from tselab.log import DRIVES, MEASURES
+from tselab.montecarlo import STUDIES, corrupt, drives
+from tselab.montecarlo.case import Case
+from tselab.montecarlo.estimators import BOUNDS, DEPARTURES, PEERS, WITHOUT
+
+SPREADS = ("spread_cx_front", "spread_cy_front", "spread_cy_rear")
+DEGREE = np.pi / 180
+
+
+@dataclass(frozen=True)
+class Study:
+    """A list of cases, and how many runs of each are usual."""
+
+    name: str
+    title: str
+    runs: int
+    cases: tuple[Case, ...]
+
+    def case(self, name: str) -> Case:
+        return next(c for c in self.cases if c.name == name)
+
+
+def _waves(duration: float = 30.0, **more: object) -> partial:
+    return partial(drives.square_waves, duration=duration, **more)
+
+
+def _paper_prior(config: Config, sim: SimConfig, rng: np.random.Generator) -> Mapping[str, float]:
+    return {"initial_vel_x": sim.speed + rng.standard_normal()}
+
+
+NOMINAL = Case("nominal", "square waves, everything as told", _waves())
+NOISE_3X = Case("noise-3x", "sensor noise 3 times what is told", _waves(), sim={"noise": 3.0})
+NOISE_THIRD = Case("noise-third", "sensor noise a third of what is told", _waves(), sim={"noise": 1 / 3})
+LOW = Case("low-excitation", "slip 0.5 %, steering 0.005 rad", _waves(steer=drives.LOW_STEER, torque=None))
+OUTLIERS = Case("outliers", "1 % of the inertial samples 10 sigma off", _waves(),
+                corrupt=partial(corrupt.outliers, share=0.01, sigmas=10.0))  # fmt: skip
+ROAD = Case("road-change", "all stiffness to 70 % at 20 s", _waves(40.0, road=((20.0, 0.7),)), events=(20.0,))
+
+
+def _stress() -> tuple[Case, ...]:
+    imu_bias = {"true_bias_accel_x": 0.1, "true_bias_accel_y": 0.1, "true_bias_yaw_rate": 0.2 * DEGREE, "bias_walk": 1.0}
+    after_15 = ((corrupt.FIRST, corrupt.SLOTS_END),)
+    pulses = ((drives.PULSES[0] - 5, drives.PULSES[0]), (drives.PULSES_END - 15, drives.PULSES_END))
+    friction = {"sim": {"friction": 0.9}, "windows": pulses, "needs": ("friction",)}
+    slots = _waves(corrupt.SLOTS_END)
+    return (
+        NOMINAL,
+        Case("paper-prior", "vx starts 1 m/s sd off", _waves(), draw=_paper_prior,
+             config={"initial_vel_x_from_wheels": 0, "initial_vel_x_sd": 1.0}),
+        Case("vy-start", "vy starts 10 sigma off", _waves(), sim={"vel_y": 1.0}, needs=("vel_y",)),
+        NOISE_3X,
+        NOISE_THIRD,
+        OUTLIERS,
+        Case("imu-bias", "biases of 0.1, 0.1 m/s2, 0.2 deg/s that walk", _waves(), sim=imu_bias),
+        LOW,
+        replace(LOW, name="low-excitation-250", title="torque 250 Nm, steering 0.005 rad",
+                build=_waves(steer=drives.LOW_STEER, torque=250.0)),
+        Case("highway", "5 min straight, then a lane change", drives.highway,
+             windows=((drives.LANE_CHANGE[0] + drives.LANE_CHANGE[1], drives.HIGHWAY_END),)),
+        Case("road-0.3", "road to 30 % at 20 s and back at 40 s", _waves(60.0, road=((20.0, 0.3), (40.0, 1.0))),
+             events=(20.0, 40.0), windows=((30.0, 40.0), (50.0, 60.0))),
+        *(Case(f"spread-{s:g}", f"stiffness scatters by {s:g} %", _waves(), sim=dict.fromkeys(SPREADS, s / 100))
+          for s in (1, 5, 15)),
+        *(Case(f"forgetting-{f:g}", f"forgetting {f:g}", _waves(), config={"forgetting": f})
+          for f in (0.98, 0.99, 0.995, 0.999)),
+        *(Case(f"dropout-{c}", f"{c} missing for 0.1 .. 5 s", slots, corrupt=partial(corrupt.dropout, channel=c),
+               windows=after_15) for c in (*DRIVES, *MEASURES)),
+        *(Case(f"stuck-{c}", f"{c} stuck for 0.1 .. 5 s", slots, corrupt=partial(corrupt.stuck, channel=c),
+               windows=after_15) for c in (*DRIVES, *MEASURES)),
+        Case("stop-and-go", "standstill, launch, stop, four times", partial(drives.listed, name="stop-and-go", duration=80.0),
+             windows=((20.0, 80.0),)),
+        Case("reverse", "backwards from standstill, launch, square waves", drives.reverse,
+             windows=((45.0, drives.REVERSE_END),)),
+        Case("wheel-lock", "front wheels lock for 1 s, twice", drives.wheel_lock, **friction),
+        Case("wheel-spin", "front wheels spin for 1 s, twice", drives.wheel_spin, **friction),
+        Case("mass+10", "10 % heavier than told", _waves(), car={"mass": 1.1, "yaw_inertia": 1.1}),
+        Case("mass-10", "10 % lighter than told", _waves(), car={"mass": 0.9, "yaw_inertia": 0.9}),
+        *(Case(f"sample-{ms}ms", f"a row every {ms} ms", _waves(), config={"sample_time": ms / 1000})
+          for ms in (5, 10, 20, 40)),
+    )  # fmt: skip
+
+
+def _with(estimators: tuple[str, ...], *cases: Case) -> tuple[Case, ...]:
+    return tuple(replace(c, estimators=estimators) for c in cases)
+
+
+PARTICLES = (25, 50, 100, 200, 500, 1000, 2000, 4000)
+FIG34 = {f"initial_{s}": 0.8 for s in ("cx_front", "cy_front", "cy_rear")} | {
+    "forgetting": 0.995,
+    "initial_mean_sd": 0.3,
+}
+
+
+def _cases() -> dict[str, tuple[Case, ...]]:
+    particles = tuple(f"tse-{n}" for n in PARTICLES if n <= library().capacity)
+    departures = ("tse", *(WITHOUT + name for name, _, _ in DEPARTURES))
+    return {
+        "fig1": (
+            Case("road-0.7", "square waves, road to 70 % at 30 s", _waves(60.0, road=((30.0, 0.7),)), events=(30.0,),
+                 windows=((15.0, 30.0), (45.0, 60.0))),
+        ),
+        "fig2": (NOMINAL,),
+        "fig3-4": (
+            Case("acceleration", "straight on, accelerating and braking", drives.acceleration, config=FIG34, bins=48,
+                 windows=((20.0, 48.0),)),
+            Case("double-lane-change", "double lane changes", partial(drives.listed, name="double-lane-change", duration=48.0),
+                 config=FIG34, bins=48, windows=((20.0, 48.0),)),
+        ),
+        "bound": _with(("tse", "ekf", *BOUNDS), replace(NOMINAL, build=_waves(40.0), bins=40)),
+        "peers": _with(("tse", "tse-100", *PEERS), NOMINAL, LOW, NOISE_3X, NOISE_THIRD, ROAD),
+        "stress": _stress(),
+        "particles": _with(particles, NOMINAL, NOISE_3X, LOW),
+        "departures": _with(departures, NOMINAL, NOISE_3X, LOW, ROAD, OUTLIERS),
+    }  # fmt: skip
+
+
+def study(name: str, cases: tuple[str, ...] = ()) -> Study:
+    """A study, or only some of its cases; without those that this library's simulator cannot drive."""
+    if name not in STUDIES:
+        raise UserError(f"option --study: there is no study '{name}'; known: {', '.join(STUDIES)}")
+    known = SimConfig()
+    every = _cases()[name]
+    can = tuple(c for c in every if all(n in known for n in c.needs))
+    for case in cases:
+        if missing := [n for c in every if c.name == case for n in c.needs if n not in known]:
+            raise UserError(f"option --cases: case '{case}' needs a simulator with the setting {', '.join(missing)}")
+        if case not in [c.name for c in can]:
+            raise UserError(
+                f"option --cases: study {name} has no case '{case}'; known: {', '.join(c.name for c in can)}"
+            )
+    runs, title = STUDIES[name]
+    return Study(name, title, runs, tuple(c for c in can if not cases or c.name in cases))

@@ -1,0 +1,86 @@
+"""What a study leaves in its directory: NAME.csv, NAME.md, NAME.html and, with matplotlib, NAME.png."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import jinja2
+import pandas as pd
+import plotly.offline
+
+from tselab import __version__
+from tselab.core import library
+from tselab.estimate import write_table
+from tselab.files import atomic
+from tselab.montecarlo import findings, panels, pictures, summary
+from tselab.montecarlo.engine import Plan
+from tselab.montecarlo.summary import Table
+from tselab.report import _packed as packed
+
+
+def write(plan: Plan, runs: pd.DataFrame, out: Path) -> tuple[str, list[Path]]:
+    """Write all files. Returned: the Markdown, and which files."""
+    lines = summary.summarise(plan, runs)
+    tables = [*findings.findings(plan, runs, lines), summary.overview(plan, lines)]
+    facts = run_facts(plan, lines)
+    text = markdown(plan, facts, tables)
+    picture = pictures.picture(plan, runs, lines)
+    path = {end: out / f"{plan.study.name}.{end}" for end in ("csv", "md", "html", "png")}
+    write_table(lines, path["csv"])
+    with atomic(path["md"]) as file:
+        file.write(text)
+    with atomic(path["html"]) as file:
+        file.write(page(plan, facts, tables, picture))
+    if not panels.draw_png(picture, path["png"]):
+        del path["png"]
+    return text, list(path.values())
+
+
+def command(plan: Plan) -> str:
+    """What to type for the same result."""
+    parts = [f"tselab montecarlo --study {plan.study.name} --runs {plan.runs}"]
+    parts += [f"--first-seed {plan.first_seed}"] if plan.first_seed != 1 else []
+    parts += [f"--form {plan.form}"] if plan.form != "default" else []
+    parts += [f"--set {k}={v:g}" for k, v in {**plan.settings, **plan.sim_settings}.items()]
+    parts += [f"--cases {','.join(plan.cases)}"] if plan.cases else []
+    return " ".join(parts)
+
+
+def run_facts(plan: Plan, lines: pd.DataFrame) -> list[tuple[str, str]]:
+    """What is needed to repeat it, and what it cost."""
+    lib, first = library(), lines.iloc[0]
+    seeds = f"seeds {plan.seeds[0]} .. {plan.seeds[-1]}" if plan.runs > 1 else f"seed {plan.first_seed}"
+    settings = [f"{k} = {v:g}" for k, v in {**plan.settings, **plan.sim_settings}.items()]
+    return [
+        ("Runs", f"{plan.runs} of each case, {seeds}"),
+        ("Settings", f"form {plan.form}" + "".join(f", {s}" for s in settings)),
+        ("Command", f"`{command(plan)}`"),
+        ("Library", f"tse {lib.version}, {lib.format}; tselab {__version__}"),
+        ("Cost", f"{first['simulate_s'] + first['estimate_s']:.2f} s a run of case {first['case']} and estimator "
+         f"{first['estimator']}, {first['simulate_s']:.2f} s of it simulation and scores"),
+    ]  # fmt: skip
+
+
+def markdown(plan: Plan, facts: list[tuple[str, str]], tables: list[Table]) -> str:
+    """The result as text."""
+    lines = [f"# {plan.study.title}", "", *(f"- {name}: {value}" for name, value in facts)]
+    for table in tables:
+        lines += ["", table.markdown()]
+    return "\n".join([*lines, "", f"Intervals of all values: {plan.study.name}.csv; each run: runs.csv.", ""])
+
+
+def page(plan: Plan, facts: list[tuple[str, str]], tables: list[Table], picture: panels.Picture) -> str:
+    """The report: one file that needs nothing else."""
+    figure = panels.draw_plotly(picture)
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("tselab"), autoescape=True, trim_blocks=True, lstrip_blocks=True
+    )
+    return environment.get_template("study.html.j2").render(
+        title=plan.study.title,
+        name=plan.study.name,
+        facts=[(name, value.strip("`")) for name, value in facts],
+        tables=tables,
+        height=figure.layout.height,
+        figures=packed(f"[{figure.to_json()}]"),
+        plotly=packed(plotly.offline.get_plotlyjs()),
+    )

@@ -1,0 +1,588 @@
+"""Monte-Carlo studies: what the scores mean, that runs are kept and foreign ones refused, that every way of running gives
+the same numbers, and a small seeded part of each study."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy import stats
+
+from conftest import COMMAND, tselab
+from tselab.core import INPUT, OUTPUT, REASON, SIM_OUTPUT, STIFFNESS, Config, SimConfig, library
+from tselab.errors import UserError
+from tselab.montecarlo import STUDIES, corrupt, drives, engine, estimators, findings, scores, studies, summary
+from tselab.montecarlo.case import Case, Drive, drive
+from tselab.montecarlo.write import write
+from tselab.report import figures_of
+
+
+def plan(study: str, *cases: str, runs: int = 1, **more) -> engine.Plan:
+    return engine.Plan(studies.study(study, cases), runs, **more)
+
+
+def driven(case: Case, seed: int = 1, **sim: float) -> Drive:
+    p = plan("stress")
+    return drive(case, seed, lambda about: engine.configure("tse", p, about), sim)
+
+
+def numbers(table: pd.DataFrame) -> pd.DataFrame:
+    return table.drop(columns=engine.TIMES)
+
+
+# ---- scores, against arrays whose answer is seen by eye
+
+
+def test_running_mean_is_the_mean_at_first_and_fades_later():
+    x = np.array([1.0, 3.0, 5.0, 1.0])
+    assert scores.running_mean(x, 2.0) == pytest.approx([1, 2, 3.5, 2.25])  # gains 1, 1/2, 1/2, 1/2
+    assert scores.running_mean(x, 10.0) == pytest.approx([1, 2, 3, 2.5])
+
+
+def test_best_sd_is_that_of_a_mean_over_the_memory():
+    n, memory = 4000, 100.0
+    spread = np.full(n, 0.05)
+    waves = np.where(np.arange(n) % 2, 3.0, -3.0)
+    every = np.ones(n, bool)
+    sd = scores.best_sd(waves, every, spread, memory)
+    assert sd[-1] == pytest.approx(np.sqrt((1 + 9 * 0.05**2) / (memory * 9)), rel=1e-3)
+    assert np.isinf(scores.best_sd(np.full(n, 3.0), every, spread, memory)[-1])  # constant: never seen
+    held = every.copy()
+    held[1000:2000] = False
+    sd = scores.best_sd(waves, held, spread, memory)
+    assert np.isinf(sd[1000:2000]).all() and np.isfinite(sd[2000:]).all()
+
+
+def test_a_stretch_is_wrong_on_end_for_as_many_rows_as_are_judged_in_it():
+    wrong = np.array([1, 1, 1, 1, 0, 1, 1, 1], bool)
+    judged = np.array([1, 0, 0, 1, 1, 1, 1, 1], bool)
+    assert scores.wrong_on_end(wrong, judged) == 3  # 2 of the first four, 3 of the last three
+    assert scores.wrong_on_end(wrong, ~judged) == 2
+    assert scores.wrong_on_end(np.zeros(8, bool), judged) == 0
+
+
+def test_settling_is_the_time_after_which_the_error_stays_small():
+    t = np.arange(8.0)
+    error = np.array([0.3, 0.05, 0.3, 0.02, 0.02, 0.5, 0.05, 0.0])
+    assert scores.settling(t, error, 0.0, 5.0) == 3
+    assert scores.settling(t, error, 0.0, np.inf) == 6
+    assert scores.settling(t, error, 3.0, 5.0) == 0
+    assert scores.settling(t, error, 3.0, 6.0) == np.inf
+    assert scores.settling(t, np.full(8, np.nan), 0.0, np.inf) == np.inf
+
+
+def test_after_waits_from_the_last_moment():
+    t = np.arange(0, 10, 1.0)
+    settled = scores.after(t, np.array([0.0, 4.5, 5.0]), 3.0)
+    assert list(np.flatnonzero(settled)) == [3, 4, 8, 9]
+
+
+ROWS, STEP = 401, 0.1
+CODES = {f.name: code for code, f in library().codes(REASON).items()}
+
+
+@pytest.fixture
+def still() -> tuple[Drive, Case, scores.Knowable, np.ndarray]:
+    """40 s in which everything is known, the truth is 0.8 and the estimate right, valid and 1 % uncertain."""
+    time_ = np.round(np.arange(ROWS) * STEP, 9)
+    truth = np.zeros(ROWS, library().dtype(SIM_OUTPUT))
+    estimate = np.zeros(ROWS, library().dtype(OUTPUT))
+    for key in STIFFNESS:
+        truth[f"true_{key}"] = estimate[key] = 0.8
+        estimate[f"{key}_sd"], estimate[f"{key}_spread"] = 0.008, 0.04
+    config = Config({"sample_time": STEP})
+    no = np.zeros(ROWS, bool)
+    rows = np.zeros(ROWS, library().dtype(INPUT))
+    d = Drive(time_, rows, truth, np.ones(ROWS), no, {}, config, config, SimConfig())
+    known = scores.Knowable(np.full((ROWS, 3), 0.01), d.stiffness, no.copy(), no.copy(), time_ >= 10, config.valid_sd)
+    return d, Case("still", "", None, events=(20.0,)), known, estimate
+
+
+def test_a_right_estimate_scores_nothing(still):
+    row = scores.score(*still)
+    assert row["diverged"] == row["diverged_any"] == 0
+    for key in STIFFNESS:
+        assert row[f"{key}_mean_square"] == pytest.approx(0, abs=1e-20)
+        assert row[f"{key}_covered"] == 100
+        assert row[f"{key}_spread"] == pytest.approx(5)  # 0.04 of 0.8
+        assert row[f"{key}_settle_0"] == row[f"{key}_settle_1"] == 0
+        assert row[f"{key}_false_valid"] == 0 and row[f"{key}_false_valid_of"] == ROWS - 50  # from 5 s on
+        assert row[f"{key}_false_invalid"] == 0 and row[f"{key}_false_invalid_of"] == ROWS - 100  # from 10 s on
+
+
+def test_error_bias_and_coverage_are_those_of_the_window(still):
+    d, case, known, estimate = still
+    inside = (d.time >= 15) & (d.time <= 30)
+    estimate["cy_front"][inside] = 0.8 * 1.03
+    estimate["cy_front"][~inside] = 5.0
+    estimate["cy_rear"][inside] = np.where(np.arange(inside.sum()) % 2, 0.8 * 1.01, 0.8 * 0.97)  # 76 of 151 rows
+    row = scores.score(d, case, known, estimate)
+    assert row["cy_front_mean_square"] == pytest.approx(9)
+    assert row["cy_front_bias"] == pytest.approx(3)
+    assert row["cy_front_covered"] == 0  # 3 % is beyond 1.96 times 1 %
+    assert row["cy_rear_covered"] == pytest.approx(100 * 75 / 151)
+    assert row["cy_rear_mean_square"] == pytest.approx((76 * 9 + 75 * 1) / 151)
+
+
+def test_diverged_counts_only_what_could_be_known(still):
+    d, case, known, estimate = still
+    wrong = (d.time > 30) & (d.time < 33.05)  # 30 rows, 3 s
+    estimate["cx_front"][wrong] = 0.8 * 1.25
+    row = scores.score(d, case, known, estimate)
+    assert row["diverged"] == row["cx_front_diverged"] == row["diverged_any"] == 1 and row["cy_rear_diverged"] == 0
+    assert row["cx_front_worst"] == pytest.approx(25)
+
+    dark = replace(known, best_sd=np.where(wrong[:, None], 1.0, known.best_sd))
+    row = scores.score(d, case, dark, estimate)
+    assert (row["diverged"], row["diverged_any"]) == (0, 1)
+    for name in ("corrupted", "beyond"):
+        row = scores.score(d, case, replace(known, **{name: wrong}), estimate)
+        assert (row["diverged"], row["diverged_any"]) == (0, 1), name
+    row = scores.score(d, case, replace(known, settled=d.time >= 40), estimate)
+    assert (row["diverged"], row["diverged_any"]) == (0, 0)
+
+    estimate["cx_front"][d.time > 32.0] = 0.8  # shorter than 2 s: not on end
+    assert scores.score(d, case, known, estimate)["diverged_any"] == 0
+    estimate["cx_front"][d.time > 30] = np.nan  # no estimate is a wrong one
+    assert scores.score(d, case, known, estimate)["diverged"] == 1
+
+
+def test_valid_flag_and_reason_are_held_against_what_could_be_known(still):
+    d, case, known, estimate = still
+    estimate["cx_front"][:100] = 0.5  # valid and wrong; 50 rows of it after 5 s
+    estimate["cy_front_valid"][200:230] = CODES["uncertain"]  # not valid, and right
+    estimate["cy_front_valid"][230:240] = CODES["diverging"]
+    estimate["cy_rear_valid"][300:320] = CODES["not excited"]
+    estimate["cy_rear_valid"][320:325] = CODES["diverging"]
+    best = known.best_sd.copy()
+    best[300:335, 2] = 1.0  # nothing shows cy_rear: 20 rows say so, 5 say something else, 5 claim to know
+    corrupted = known.corrupted.copy()
+    corrupted[235:245] = corrupted[330:335] = True  # the last 5 of them are corrupted besides
+    row = scores.score(d, case, replace(known, best_sd=best, corrupted=corrupted), estimate)
+    assert (row["cx_front_false_valid"], row["cx_front_false_valid_of"]) == (50, ROWS - 50)
+    assert (row["cy_front_false_invalid"], row["cy_front_false_invalid_of"]) == (35, ROWS - 100 - 15)
+    assert (row["cy_front_corrupted_told"], row["cy_front_corrupted_told_of"]) == (5, 15)
+    assert (row["cy_rear_reason_right"], row["cy_rear_reason_right_of"]) == (20, 30)
+    assert row["cy_rear_valid_unobservable"] == 5
+    assert row["cy_rear_false_invalid"] == 0  # where nothing shows it, 'not valid' is right
+
+
+def test_grey_is_neither_observable_nor_unobservable(still):
+    known = still[2]
+    for sd, seen, unseen in ((0.049, True, False), (0.051, False, False), (0.199, False, False), (0.201, False, True)):
+        at = replace(known, best_sd=np.full((ROWS, 3), sd), level=np.ones((ROWS, 3)))  # valid_sd is 0.1
+        assert (at.observable == seen).all() and (at.unobservable == unseen).all(), sd
+    # 0.045 of nominal is 15 % of a truth of 0.3: not clearly enough to tell 20 % by
+    low = replace(known, best_sd=np.full((ROWS, 3), 0.045), level=np.full((ROWS, 3), 0.3))
+    assert not low.observable.any() and replace(low, level=np.ones((ROWS, 3))).observable.all()
+
+
+def test_regressors_are_what_the_accelerometer_feels():
+    quiet = {"noise": 1.0, **dict.fromkeys(studies.SPREADS, 0.0)}
+    d = driven(replace(studies.NOMINAL, build=studies._waves(5.0), sim=quiet))
+    phi, use = scores.regressors(d)
+    c, steer = d.config, d.truth["steer_angle"]
+    x, y = c.accel_x_sd * phi[:, 0], c.accel_y_sd * phi[:, 1:].sum(axis=1)
+    front_y = c.accel_y_sd * phi[:, 1]
+    assert d.truth["true_accel_x"] == pytest.approx(x - front_y * steer, abs=1e-9)
+    assert d.truth["true_accel_y"] == pytest.approx(y + x * steer, abs=0.03)  # x holds the rear wheels' part, too
+    assert not use.any()
+
+
+# ---- cases
+
+
+def test_low_excitation_has_half_a_percent_of_slip():
+    quiet = dict.fromkeys(studies.SPREADS, 0.0)
+    d = driven(replace(studies.LOW, sim=quiet))
+    t = d.truth
+    roll = d.config.wheel_radius_front * t["true_wheel_speed_front"]
+    slip = (roll - t["true_vel_x"]) / np.maximum(roll, t["true_vel_x"])
+    settled = (d.time % 2.5 > 1.0) & (d.time % 2.5 < 2.4)
+    assert np.abs(slip[settled]) == pytest.approx(drives.LOW_SLIP, rel=0.03)
+    assert np.abs(t["steer_angle"]).max() == drives.LOW_STEER
+
+
+@pytest.mark.parametrize("kind", ["dropout", "stuck"])
+def test_a_corruption_of_each_length_and_nothing_else(kind):
+    t = np.round(np.arange(0, corrupt.SLOTS_END, 0.01), 9)
+    clean = np.zeros(len(t), library().dtype(INPUT))
+    for name in ("accel_x", "accel_y"):
+        clean[name] = np.random.default_rng(0).standard_normal(len(t))
+    rows = clean.copy()
+    hit = getattr(corrupt, kind)(t, rows, np.random.default_rng(1), "accel_x")
+    edges = np.flatnonzero(np.diff(hit.astype(int))) + 1
+    lengths = sorted((edges[1::2] - edges[::2]) * 0.01)
+    assert lengths == pytest.approx(corrupt.LENGTHS, abs=0.011)
+    assert (edges[2::2] - edges[1:-1:2]).min() * 0.01 > scores.SETTLE_AFTER + 2  # time to judge what it left
+    assert (rows["accel_y"] == clean["accel_y"]).all() and (rows["accel_x"][~hit] == clean["accel_x"][~hit]).all()
+    for a, b in zip(edges[::2], edges[1::2], strict=True):
+        part = rows["accel_x"][a:b]
+        assert np.isnan(part).all() if kind == "dropout" else (part == clean["accel_x"][a - 1]).all()
+    again = clean.copy()
+    assert (getattr(corrupt, kind)(t, again, np.random.default_rng(2), "accel_x") != hit).any()
+
+
+def test_outliers_hit_one_in_a_hundred():
+    rows = np.zeros(20000, library().dtype(INPUT))
+    unusable = corrupt.outliers(np.arange(20000.0), rows, np.random.default_rng(1), 0.01, 10.0)
+    assert not unusable.any() and not rows["steer_angle"].any()
+    for name in ("accel_x", "accel_y", "yaw_rate"):
+        hit = rows[name] != 0
+        assert hit.sum() == pytest.approx(200, abs=60)
+        assert np.abs(rows[name][hit]) == pytest.approx(10 * getattr(Config(), f"{name}_sd"))
+        assert abs((rows[name][hit] > 0).mean() - 0.5) < 0.15
+
+
+def test_every_stress_case_can_be_driven_and_looks_at_rows_it_has():
+    for case in studies.study("stress").cases:
+        if case.name.startswith("stuck-") or case.name in ("highway", "stop-and-go"):
+            continue  # as dropout-; long
+        d = driven(case, 3)
+        assert np.isfinite([d.truth[n] for n in ("true_vel_x", "true_vel_y", "true_yaw_rate")]).all(), case.name
+        assert scores.inside(d.time, case.windows).any() and max((*case.events, 0)) < d.time[-1], case.name
+        assert np.abs(d.truth["true_vel_y"]).max() < 3, case.name  # nobody spins
+        known = scores.knowable(d, case)
+        assert known.judged[:, 0].any(), case.name  # else divergence could not be seen
+
+
+def test_reverse_drives_backwards_and_is_logged_so():
+    d = driven(studies.study("stress", ("reverse",)).cases[0])
+    assert d.truth["true_vel_x"].min() < -2.5 and d.rows["wheel_speed_front"].min() < -5
+    assert np.isinf(scores.knowable(d, studies.NOMINAL).best_sd[d.truth["true_vel_x"] < -0.5]).all()
+
+
+def test_the_brakes_of_an_open_loop_manoeuvre_reach_the_wheels():
+    lock = next(c for c in studies._cases()["stress"] if c.name == "wheel-lock")
+    d = driven(replace(lock, sim={}, needs=()))  # tyres without a limit: no wheel locks, but the car slows down
+    start, end = np.searchsorted(d.time, [drives.PULSES[0], drives.PULSES[0] + drives.LOCK_FOR])
+    assert d.truth["true_vel_x"][start] - d.truth["true_vel_x"][end] > 3
+
+
+def test_a_case_needs_a_simulator_that_knows_its_settings():
+    known = SimConfig()
+    every = {c.name: c for c in studies._cases()["stress"]}
+    assert {"wheel-lock", "wheel-spin", "vy-start"} <= set(every)
+    offered = {c.name for c in studies.study("stress").cases}
+    for name, case in every.items():
+        assert (name in offered) == all(n in known for n in case.needs)
+        if name not in offered:
+            with pytest.raises(UserError, match=f"'{name}' needs a simulator with the setting {case.needs[0]}"):
+                studies.study("stress", (name,))
+
+
+def test_what_a_case_is_about_wins_over_the_users_settings():
+    p = plan("stress", "forgetting-0.98", settings={"forgetting": 0.995, "particles": 64})
+    about = p.study.cases[0].config
+    config = engine.configure("tse", p, about)
+    assert (config.forgetting, config.particles, config.initial_cx_front) == (0.98, 64, 0.7)
+    assert engine.configure("tse-100", p, about).particles == 100
+    assert engine.configure("marginalised", p, about).marginalised == 1
+    for name, _, off in estimators.DEPARTURES:
+        config = engine.configure(estimators.WITHOUT + name, p, about)
+        assert {k: getattr(config, k) for k in off} == off
+    with pytest.raises(UserError, match="no estimator 'tse without sense'"):
+        engine.configure("tse without sense", p, about)
+
+
+# ---- all runs
+
+
+def test_runs_go_on_after_a_stop_and_a_cut_line(tmp_path, monkeypatch):
+    p = plan("stress", "nominal", "outliers", runs=2, settings={"particles": 32})
+    whole = numbers(engine.run(p, tmp_path / "whole"))
+    assert list(whole["seed"]) == [1, 2, 1, 2] and list(whole["case"]) == ["nominal"] * 2 + ["outliers"] * 2
+
+    real, done = engine.run_unit, []
+
+    def stops(unit):
+        if len(done) == 2:
+            raise KeyboardInterrupt
+        done.append(unit)
+        return real(unit)
+
+    monkeypatch.setattr(engine, "run_unit", stops)
+    with pytest.raises(engine.Interrupted, match=r"keeps the 2 of 4 runs .* the same command goes on"):
+        engine.run(p, tmp_path / "cut")
+    path = tmp_path / "cut" / "runs.csv"
+    path.write_bytes(path.read_bytes()[:-20])  # the second line is cut
+    done.clear()
+    monkeypatch.setattr(engine, "run_unit", lambda unit: done.append(unit) or real(unit))
+    assert numbers(engine.run(p, tmp_path / "cut")).equals(whole)
+    assert [(u.case, u.seed) for u in done] == [("nominal", 2), ("outliers", 1), ("outliers", 2)]
+    done.clear()
+    more = numbers(engine.run(replace(p, runs=3), tmp_path / "cut"))  # more runs are added to what is there
+    assert [u.seed for u in done] == [3, 3] and numbers(engine.run(p, tmp_path / "cut")).equals(whole)
+    assert len(more) == 6
+
+
+def test_a_unit_of_which_an_estimator_is_missing_is_run_again(tmp_path):
+    p = plan("departures", "nominal", settings={"particles": 32})
+    whole = numbers(engine.run(p, tmp_path))
+    path = tmp_path / "runs.csv"
+    path.write_text("\n".join(path.read_text().split("\n")[:3]) + "\n")  # head and two estimators
+    assert numbers(engine.run(p, tmp_path)).equals(whole)
+    assert len(path.read_text().splitlines()) == 1 + len(whole)
+
+
+def test_runs_with_other_settings_are_refused_and_named(tmp_path, monkeypatch):
+    p = plan("stress", "nominal", settings={"particles": 32})
+    engine.run(p, tmp_path)
+    refused = [
+        (replace(p, settings={"particles": 48}), r"settings was \{\"particles\": 32\}, is \{\"particles\": 48\}"),
+        (replace(p, form="paper"), "form was default, is paper"),
+        (replace(p, sim_settings={"noise": 2.0}), "simulator settings"),
+        (plan("fig2", settings={"particles": 32}), "study was stress, is fig2"),
+    ]
+    for other, named in refused:
+        with pytest.raises(UserError, match=f"{named}.*--restart"):
+            engine.run(other, tmp_path)
+    hers = replace(p.study.cases[0], sim={"noise": 1.5})
+    with pytest.raises(UserError, match="definition of case nominal has changed"):
+        engine.run(replace(p, study=replace(p.study, cases=(hers,))), tmp_path)
+    with monkeypatch.context() as m, pytest.raises(UserError, match=r"library file was [0-9a-f]{12}, is f{12}"):
+        m.setattr(engine, "library_hash", lambda: "f" * 64)
+        engine.run(p, tmp_path)
+    assert len(engine.run(p, tmp_path)) == 1  # all refusals left it as it was
+
+
+def test_a_foreign_table_is_refused_and_restart_discards_it(tmp_path):
+    p = plan("stress", "nominal", settings={"particles": 32})
+    path, settings = tmp_path / "runs.csv", tmp_path / "settings.json"
+    path.write_text("a,b\n1,2\n")
+    with pytest.raises(UserError, match=r"no readable settings\.json beside it"):
+        engine.run(p, tmp_path)
+    settings.write_text("[]")
+    with pytest.raises(UserError, match=r"no readable settings\.json beside it"):
+        engine.run(p, tmp_path)
+    assert path.read_text() == "a,b\n1,2\n"
+    first = numbers(engine.run(p, tmp_path, restart=True))
+    mine = path.read_text()
+    path.write_text("a,b\n1,2\n")
+    with pytest.raises(UserError, match="is not a table of study stress"):
+        engine.run(p, tmp_path)
+    mark = first["fingerprint"][0]
+    path.write_text(mine.replace(mark, "0" * len(mark)))  # a row of another study under these settings
+    with pytest.raises(UserError, match=r"holds runs of another study \(case nominal, seed 1\)"):
+        engine.run(p, tmp_path)
+    assert numbers(engine.run(p, tmp_path, restart=True)).equals(first)
+    assert json.loads(settings.read_text())["study"] == "stress"
+
+
+def test_a_process_with_another_library_refuses(tmp_path):
+    p = plan("stress", "nominal")
+    unit = engine.Store(p, tmp_path, False).units()[0]
+    with pytest.raises(UserError, match="not, or no longer, the one that the study began with"):
+        engine.run_unit(unit._replace(library="0" * 64))
+
+
+@pytest.fixture(scope="module")
+def alone(tmp_path_factory) -> pd.DataFrame:
+    """In one process."""
+    return numbers(engine.run(plan("stress", "nominal", "paper-prior", runs=2), tmp_path_factory.mktemp("alone")))
+
+
+def test_two_processes_give_the_same_numbers_and_all_files(alone, tmp_path):
+    done = tselab("montecarlo", "--study", "stress", "--cases", "nominal,paper-prior", "--runs", 2, "--jobs", 2, cwd=tmp_path)
+    assert done.code == 0, done.err
+    out = tmp_path / "montecarlo-stress"
+    table = pd.read_csv(out / "runs.csv", dtype={"fingerprint": str})
+    table = table.sort_values(["case", "seed"], ignore_index=True)
+    pd.testing.assert_frame_equal(numbers(table), alone)
+    text = (out / "stress.md").read_text()
+    assert text.strip() in done.out
+    assert "2 of each case, seeds 1 .. 2" in text
+    assert "`tselab montecarlo --study stress --runs 2 --cases nominal,paper-prior`" in text
+    assert (out / "stress.html").exists() and (out / "stress.png").exists()
+    lines = pd.read_csv(out / "stress.csv")
+    low, high = stats.binomtest(int(lines["diverged"][0]), 2).proportion_ci(method="exact")
+    assert (lines["diverged_low"][0], lines["diverged_high"][0]) == pytest.approx((100 * low, 100 * high))
+    assert lines["cx_front_rms"][0] == pytest.approx(np.sqrt(alone["cx_front_mean_square"][:2].mean()), rel=1e-6)
+
+
+def test_a_dask_cluster_gives_the_same_numbers(alone, tmp_path):
+    distributed = pytest.importorskip("distributed", reason="Dask is not installed: pip install 'tselab[cluster]'")
+    options = {"processes": False, "protocol": "tcp://", "host": "127.0.0.1", "dashboard_address": None}
+    with distributed.LocalCluster(n_workers=1, threads_per_worker=2, **options) as cluster:
+        p = plan("stress", "nominal", "paper-prior", runs=2)
+        table = engine.run(p, tmp_path, scheduler=cluster.scheduler_address)
+    pd.testing.assert_frame_equal(numbers(table), alone)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="no SIGINT to a process")
+def test_ctrl_c_ends_with_130_and_says_how_to_go_on(tmp_path):
+    command = [*COMMAND, "montecarlo", "--study", "fig2", "--runs", "500", "--jobs", "2", "--out", str(tmp_path)]
+    run = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True, start_new_session=True)
+    path, end = tmp_path / "runs.csv", time.monotonic() + 60
+    while time.monotonic() < end and not (path.exists() and path.read_text().count("\n") > 2):
+        time.sleep(0.05)
+    os.killpg(run.pid, signal.SIGINT)  # as a terminal does: the workers, too
+    _, err = run.communicate(timeout=60)
+    assert run.returncode == 130, err
+    assert "of 500 runs that are done, the same command goes on from there" in err and "Traceback" not in err
+    assert path.read_text().endswith("\n")
+
+
+@pytest.mark.parametrize(
+    ("options", "named"),
+    [
+        (["--study", "stres"], ["no study 'stres'", *STUDIES]),
+        (["--study", "stress", "--cases", "nominal,nomnal"], ["no case 'nomnal'", "noise-3x"]),
+        (["--study", "stress", "--runs", "0"], ["--runs", "1<=x"]),
+        (["--study", "stress", "--set", "particles=5"], ["particles = 5 is outside its range 16 .."]),
+        (["--study", "stress", "--set", "seed=5"], ["--first-seed"]),
+        (["--study", "stress", "--out", "file"], ["file: is a file"]),
+    ],
+)
+def test_bad_options_are_refused_with_what_is_allowed(tmp_path, options, named):
+    (tmp_path / "file").write_text("")
+    done = tselab("montecarlo", *options, cwd=tmp_path)
+    assert done.code == 2, done.err
+    for text in named:
+        assert text in done.err
+    assert "Traceback" not in done.err
+
+
+@pytest.mark.parametrize("address", ["nonsense://x", "tcp://127.0.0.1:9", "tcp://127.0.0.1", "?"])
+def test_a_scheduler_that_is_not_there_is_named(tmp_path, address):
+    pytest.importorskip("distributed", reason="Dask is not installed: pip install 'tselab[cluster]'")
+    with pytest.raises(UserError, match="option --scheduler: no Dask scheduler answers at " + re.escape(address)):
+        engine.run(plan("stress", "nominal"), tmp_path, scheduler=address)
+
+
+def test_without_dask_the_extra_is_named(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(UserError, match=r"pip install 'tselab\[cluster\]'"):
+        engine.run(plan("stress", "nominal"), tmp_path, scheduler="tcp://127.0.0.1:9")
+
+
+# ---- numbers for people
+
+
+def test_the_intervals_hold_what_they_should():
+    rng = np.random.default_rng(3)
+    x = rng.standard_normal(200)
+    mean, half = summary.mean_interval(x)
+    assert (mean - half, mean + half) == pytest.approx(stats.t.interval(0.95, 199, x.mean(), stats.sem(x)))
+    low, high = summary.bootstrap(x**2)
+    assert low < 1.0 < high and high - low == pytest.approx(2 * 1.96 * np.sqrt(2 / 200) / 2, rel=0.25)
+    assert all(np.isnan(summary.bootstrap(x[:1])))
+    pair = np.stack([4 * x**2, x**2])  # on the same data the ratio is exact, whatever the data are
+    assert summary.bootstrap(pair, summary.rms_ratio) == pytest.approx((2, 2))
+    pair = np.stack([x, -x])  # runs are drawn with all that belongs to them
+    assert summary.bootstrap(pair, lambda p: p.sum(axis=0).mean(axis=-1)) == pytest.approx((0, 0))
+
+
+@pytest.mark.filterwarnings("ignore::FutureWarning")
+def test_the_normality_check_tells_normal_from_not():
+    rng = np.random.default_rng(5)
+    normal, not_normal = rng.standard_normal(100), rng.exponential(size=100)
+    for x in (normal, not_normal):
+        a, _ = findings.anderson_darling(x)
+        assert a == pytest.approx(stats.anderson(x, "norm").statistic * (1 + 0.75 / 100 + 2.25 / 100**2))
+    assert findings.anderson_darling(normal)[1] > 0.05 and findings.anderson_darling(not_normal)[1] < 0.001
+
+
+# ---- a small part of each study
+
+SMALL = {  # study: cases, runs
+    "fig1": ((), 1),
+    "fig2": ((), 8),
+    "fig3-4": ((), 2),
+    "bound": ((), 1),
+    "peers": (("nominal", "road-change"), 1),
+    "stress": (("road-0.3", "mass-10"), 1),
+    "particles": (("nominal",), 1),
+    "departures": (("nominal",), 2),
+}
+NEEDS = {"bound": ("tselab.peers", "tselab.bounds"), "peers": ("tselab.peers",)}
+
+
+def test_there_is_a_small_part_of_each_study():
+    assert set(SMALL) == set(STUDIES)
+
+
+@pytest.mark.parametrize("name", SMALL)
+def test_a_small_part_of_each_study(name, tmp_path):
+    for module in NEEDS.get(name, ()):
+        pytest.importorskip(module)
+    cases, runs = SMALL[name]
+    p = plan(name, *cases, runs=runs)
+    rows = engine.run(p, tmp_path)
+    text, files = write(p, rows, tmp_path)
+    assert {f.name for f in files} == {f"{name}.{end}" for end in ("csv", "md", "html", "png")}
+    page = (tmp_path / f"{name}.html").read_text()
+    assert "src=" not in page.split('id="figures"')[0] and "href=" not in page.split('id="figures"')[0]  # offline
+    (figure,) = figures_of(page)
+    assert len(figure["data"]) >= 4
+    assert f"seeds 1 .. {runs}" in text if runs > 1 else "seed 1" in text
+
+    lines = pd.read_csv(tmp_path / f"{name}.csv").set_index(["case", "estimator"])
+    expected = [(c.name, e) for c in p.study.cases for e in c.estimators]
+    assert list(lines.index) == expected
+    real = lines[[e not in estimators.BOUNDS for _, e in lines.index]]
+    if name not in ("stress", "particles", "fig3-4"):
+        assert not real["diverged"].any(), text
+    checks = {
+        "fig1": _fig1, "fig2": _fig2, "fig3-4": _fig34, "bound": _bound, "peers": _peers, "stress": _stress,
+        "particles": _particles, "departures": _departures,
+    }  # fmt: skip
+    checks[name](lines, text)
+
+
+def _fig1(lines, text):
+    line = lines.loc["road-0.7", "tse"]
+    assert (line[[f"{s}_rms" for s in STIFFNESS]] < 8).all()
+    assert (line[[f"{s}_settle_1" for s in STIFFNESS]] < 30).all() and "after the change" in text
+
+
+def _fig2(lines, text):
+    assert (lines.loc["nominal", "tse"][[f"{s}_rms" for s in STIFFNESS]] < 4).all()
+    assert "Shapiro-Wilk" in text and "Anderson-Darling" in text
+
+
+def _fig34(lines, text):
+    lane, straight = lines.loc["double-lane-change", "tse"], lines.loc["acceleration", "tse"]
+    assert lane["cy_front_rms"] < 10 and lane["cy_rear_rms"] < 10 and straight["cx_front_rms"] < 10
+    assert straight["cy_front_judged"] == 0  # driving straight on shows no cornering stiffness
+
+
+def _bound(lines, text):
+    bound, crb, ekf = (lines.loc["nominal", e] for e in ("bound", "crb", "ekf"))
+    for key in STIFFNESS:
+        assert 0 < crb[f"{key}_sd"] < bound[f"{key}_sd"] < 10
+        assert 0.2 < ekf[f"{key}_rms"] / bound[f"{key}_sd"] < 3  # one run scatters around its bound
+        assert np.isnan(bound[f"{key}_rms"])
+    assert np.isnan(bound["diverged"]) and "tse over the bound" in text
+
+
+def _peers(lines, text):
+    for name in ("tse", "ekf", "ukf"):
+        assert (lines.loc["nominal", name][[f"{s}_rms" for s in STIFFNESS]] < 8).all()
+    assert lines.loc["road-change", "ekf"]["cy_front_settle_1"] < 10
+    assert np.isnan(lines.loc["nominal", "ekf"]["cy_front_settle_1"])
+    assert "over EKF" in text
+
+
+def _stress(lines, text):
+    assert (lines["cy_rear_rms"] < 20).all() and lines.loc["mass-10", "tse"]["cy_front_bias"] > 5  # C/m is what is seen
+    assert lines.loc["road-0.3", "tse"]["cy_front_settle_2"] < 20
+
+
+def _particles(lines, text):
+    few, many = lines.loc["nominal", "tse-25"], lines.loc["nominal", "tse-4000"]
+    assert many["cy_front_rms"] < 2 and many["estimate_s"] > 10 * few["estimate_s"]
+
+
+def _departures(lines, text):
+    assert len(lines) == 1 + len(estimators.DEPARTURES)
+    assert all(name in text for name, _, _ in estimators.DEPARTURES)
