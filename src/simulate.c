@@ -7,6 +7,7 @@
 /* Brakes oppose rotation; between -BRAKE_GRIP and BRAKE_GRIP rad/s their torque rises linearly, so that they hold a
  * standing wheel without a discontinuity. */
 #define BRAKE_GRIP TSE_R(0.2)
+#define GRAVITY TSE_R(9.81) /* m/s2 */
 
 void tse_sim_config_default(tse_sim_config *s)
 {
@@ -45,6 +46,7 @@ tse_status tse_sim_reset(tse_sim *sim, const tse_config *c, const tse_sim_config
   sim->params.seed[0] = (uint32_t)s->seed;
   sim->params.seed[1] = 0x73696d75u; /* the estimator's numbers come from another key */
   sim->x[0] = r_from_setting(s->speed);
+  sim->x[1] = r_from_setting(s->vel_y);
   sim->x[3] = r_div(sim->x[0], params.radius_front);
   sim->x[4] = r_div(sim->x[0], params.radius_rear);
   sim->bias[0] = r_from_setting(s->true_bias_accel_x);
@@ -73,13 +75,39 @@ static tse_real brake(tse_real torque, tse_real omega)
   return r_mul(torque, r_clamp(r_div(omega, BRAKE_GRIP), TSE_R(-1), TSE_R(1)));
 }
 
-/* Slope of brake() over omega; where the brake slips it is zero. */
-static tse_real brake_slope(tse_real torque, tse_real omega)
+/* Slope of brake() over omega; where the brake slips it is zero. The secant never is. */
+static tse_real brake_slope(tse_real torque, tse_real omega, int secant)
 {
+  if (secant) return r_div(torque, r_max(r_abs(omega), BRAKE_GRIP));
   return r_abs(omega) < BRAKE_GRIP ? r_div(torque, BRAKE_GRIP) : TSE_R(0);
 }
 
+/* Secant of a tyre that saturates, over its stiffness: brush model with parabolic pressure. `limit` is friction times axle
+ * load, `fx`, `fy` are what linear tyres would hold (all over mass). The force grows as F (1 - z + z^2/3), z = F/(3 limit),
+ * and is the limit from z = 1 on, where every bristle slides. */
+static tse_real grip(tse_real limit, tse_real fx, tse_real fy)
+{
+  if (!(limit > TSE_R(0))) return TSE_R(1);
+  const tse_real force = r_sqrt(r_mul(fx, fx) + r_mul(fy, fy)), z = r_div(force, r_mul(TSE_R(3), limit));
+  return z < TSE_R(1) ? TSE_R(1) - z + r_mul(TSE_R(1.0 / 3), r_mul(z, z)) : r_div(limit, force);
+}
+
+/* The stiffness that the tyres of each axle show at these slips; the drawn one, bit for bit, without friction limit. */
+static stiffness gripping(const tse_sim *sim, stiffness k, slips s)
+{
+  const tse_params *const p = &sim->params;
+  const tse_real g = r_mul(r_from_setting(sim->config.friction), r_div(GRAVITY, p->lf + p->lr)); /* loads over mass: g lr/L, g lf/L */
+  const tse_real front = grip(r_mul(g, p->lr), r_mul(k.x_front, s.s_front), r_mul(k.y_front, s.a_front));
+  const tse_real rear = grip(r_mul(g, p->lf), r_mul(k.x_rear, s.s_rear), r_mul(k.y_rear, s.a_rear));
+  k.x_front = r_mul(k.x_front, front);
+  k.y_front = r_mul(k.y_front, front);
+  k.x_rear = r_mul(k.x_rear, rear);
+  k.y_rear = r_mul(k.y_rear, rear);
+  return k;
+}
+
 typedef struct car { /* what one substep needs beside the state */
+  const tse_sim *sim;
   const tse_params *p;
   stiffness k;
   tse_real mass, inertia_front, inertia_rear;
@@ -99,9 +127,10 @@ static void derivative(const car *c, const tse_real x[5], driver d, tse_real dx[
 {
   const inputs u = inputs_of(c, x, d.steer);
   const slips s = vehicle_slips(c->p, x[0], x[1], x[2], u);
-  const accels a = vehicle_accels(c->p, c->k, s, d.steer);
-  const tse_real fx_front = r_mul(c->mass, r_mul(c->k.x_front, s.s_front));
-  const tse_real fx_rear = r_mul(c->mass, r_mul(c->k.x_rear, s.s_rear));
+  const stiffness k = gripping(c->sim, c->k, s);
+  const accels a = vehicle_accels(c->p, k, s, d.steer);
+  const tse_real fx_front = r_mul(c->mass, r_mul(k.x_front, s.s_front));
+  const tse_real fx_rear = r_mul(c->mass, r_mul(k.x_rear, s.s_rear));
   dx[0] = a.x + r_mul(x[1], x[2]);
   dx[1] = a.y - r_mul(x[0], x[2]);
   dx[2] = a.yaw;
@@ -109,25 +138,27 @@ static void derivative(const car *c, const tse_real x[5], driver d, tse_real dx[
   dx[4] = r_div(d.drive_rear - brake(d.brake_rear, x[4]) - r_mul(c->p->radius_rear, fx_rear), c->inertia_rear);
 }
 
-/* What is stiff, and therefore implicit: the arrow (vx; omega_f, omega_r) and the block (vy, r). */
+/* What is stiff, and therefore implicit: the arrow (vx; omega_f, omega_r) and the block (vy, r). Tyres that saturate enter
+ * by their secant, which overestimates their damping: ROS2 keeps its order with any Jacobian. */
 typedef struct solver { tse_real vf, vr, wf, wr, df, dr, schur, m11, m12, m21, m22, inv_det; } solver;
 
-static solver factor(const car *c, const tse_real x[5], driver d, tse_real gh)
+static solver factor(const car *c, const tse_real x[5], driver d, tse_real gh, int secant)
 {
   const slips s = vehicle_slips(c->p, x[0], x[1], x[2], inputs_of(c, x, d.steer));
   const tse_params *const p = c->p;
+  const stiffness k = gripping(c->sim, c->k, s);
   solver m;
   /* with D = what slip is taken over: d(Fx/m)/dvx = -k/D, d(Fx/m)/domega = k R/D (where D does not move) */
-  const tse_real kf = r_mul(c->k.x_front, s.inv_front), kr = r_mul(c->k.x_rear, s.inv_rear);
+  const tse_real kf = r_mul(k.x_front, s.inv_front), kr = r_mul(k.x_rear, s.inv_rear);
   m.vf = -r_mul(gh, r_mul(kf, p->radius_front));
   m.vr = -r_mul(gh, r_mul(kr, p->radius_rear));
   m.wf = -r_mul(gh, r_div(r_mul(c->mass, r_mul(p->radius_front, kf)), c->inertia_front));
   m.wr = -r_mul(gh, r_div(r_mul(c->mass, r_mul(p->radius_rear, kr)), c->inertia_rear));
-  m.df = TSE_R(1) - r_mul(m.wf, p->radius_front) + r_mul(gh, r_div(brake_slope(d.brake_front, x[3]), c->inertia_front));
-  m.dr = TSE_R(1) - r_mul(m.wr, p->radius_rear) + r_mul(gh, r_div(brake_slope(d.brake_rear, x[4]), c->inertia_rear));
+  m.df = TSE_R(1) - r_mul(m.wf, p->radius_front) + r_mul(gh, r_div(brake_slope(d.brake_front, x[3], secant), c->inertia_front));
+  m.dr = TSE_R(1) - r_mul(m.wr, p->radius_rear) + r_mul(gh, r_div(brake_slope(d.brake_rear, x[4], secant), c->inertia_rear));
   m.schur = TSE_R(1) + r_mul(gh, kf + kr) - r_div(r_mul(m.vf, m.wf), m.df) - r_div(r_mul(m.vr, m.wr), m.dr);
 
-  const tse_real yf = r_mul(c->k.y_front, s.inv_body), yr = r_mul(c->k.y_rear, s.inv_body);
+  const tse_real yf = r_mul(k.y_front, s.inv_body), yr = r_mul(k.y_rear, s.inv_body);
   m.m11 = TSE_R(1) + r_mul(gh, yf + yr);
   m.m12 = r_mul(gh, r_mul(p->lf, yf) - r_mul(p->lr, yr) + x[0]);
   m.m21 = r_mul(gh, r_mul(p->jf, yf) - r_mul(p->jr, yr));
@@ -145,11 +176,26 @@ static void solve(const solver *m, const tse_real f[5], tse_real k[5])
   k[2] = r_mul(r_mul(m->m11, f[2]) - r_mul(m->m21, f[1]), m->inv_det);
 }
 
-/* ROS2, as vehicle_step() in vehicle.h, with the wheel speeds as states. */
+/* Could this brake stop the wheel within the substep? Only tyres that saturate let it. */
+static int may_lock(const car *c, tse_real torque, tse_real inertia, tse_real omega, tse_real h)
+{
+  return c->sim->config.friction > (tse_setting)0 && r_mul(h, torque) > r_mul(TSE_R(0.5), r_mul(inertia, r_abs(omega)));
+}
+
+/* ROS2, as vehicle_step() in vehicle.h, with the wheel speeds as states. Its stages would jump over the brake's change of
+ * sign where a wheel locks; there implicit Euler takes over: with secants all terms off its diagonal have the sign that
+ * keeps a wheel from being braked into reverse, whatever the torque. */
 static void substep(const car *c, tse_real x[5], driver u0, driver u1, tse_real h)
 {
   tse_real f[5], k1[5], k2[5], mid[5];
-  const solver m = factor(c, x, u0, r_mul(TSE_R(0.29289321881345254), h));
+  if (may_lock(c, u1.brake_front, c->inertia_front, x[3], h) || may_lock(c, u1.brake_rear, c->inertia_rear, x[4], h)) {
+    const solver euler = factor(c, x, u1, h, 1);
+    derivative(c, x, u1, f);
+    solve(&euler, f, k1);
+    for (int a = 0; a < 5; a++) x[a] += r_mul(h, k1[a]);
+    return;
+  }
+  const solver m = factor(c, x, u0, r_mul(TSE_R(0.29289321881345254), h), 0);
   derivative(c, x, u0, f);
   solve(&m, f, k1);
   for (int a = 0; a < 5; a++) mid[a] = x[a] + r_mul(h, k1[a]);
@@ -212,6 +258,7 @@ static void advance(tse_sim *sim, const tse_sim_input *u)
   const int32_t steps = -r_floor_to_int(-r_div(u->dt, longest) + TSE_R(1e-4)); /* 0.01/0.001 are ten, not eleven */
   const tse_real h = r_div(u->dt, r_from_int(steps));
   car c;
+  c.sim = sim;
   c.p = &sim->params;
   c.k = stiffness_now(sim, sim->last.road_level);
   c.mass = r_from_setting(sim->vehicle.mass);
@@ -244,7 +291,8 @@ tse_status tse_sim_step(tse_sim *sim, const tse_sim_input *u, tse_sim_output *y)
   in.steer = u->steer_angle;
   in.v_front = r_mul(sim->params.radius_front, sim->x[3]);
   in.v_rear = r_mul(sim->params.radius_rear, sim->x[4]);
-  const accels a = vehicle_accels(&sim->params, k, vehicle_slips(&sim->params, sim->x[0], sim->x[1], sim->x[2], in), u->steer_angle);
+  const slips s = vehicle_slips(&sim->params, sim->x[0], sim->x[1], sim->x[2], in);
+  const accels a = vehicle_accels(&sim->params, gripping(sim, k, s), s, u->steer_angle);
 
   for (uint32_t i = 0; i < 3; i++) two_normals(sim, RANDOM_SIM_NOISE_A + i, &n[2 * i], &n[2 * i + 1]);
   const tse_real noise = r_from_setting(sim->config.noise);

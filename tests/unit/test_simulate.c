@@ -388,6 +388,209 @@ static void test_turning_right_is_turning_left_mirrored_bit_for_bit(void)
   }
 }
 
+/* ------------------------------------------------------------------------------- tyres that saturate */
+
+/* Brush model of one axle, forces over mass. Returned: share of the linear force that is left. */
+static double brush(double limit, double fx, double fy)
+{
+  const double force = hypot(fx, fy), z = force / (3 * limit);
+  return z < 1 ? 1 - z + z * z / 3 : limit / force;
+}
+
+/* Specific forces of the built-in car at y's state with friction mu; lin: those of linear tyres, z: of the front axle. */
+static void closed_form(const tse_sim_output *y, double steer, double mu, double a[2], double lin[2], double *z)
+{
+  const double m = 1900, lf = 1.25, lr = 1.5, vx = number(y->vel_x), g = 9.81 * mu / (lf + lr);
+  const double rf = 0.33 * number(y->wheel_speed_front), rr = 0.33 * number(y->wheel_speed_rear);
+  const double fx[2] = { 1.6e5 / m * (rf - vx) / fmax(rf, vx), 1.6e5 / m * (rr - vx) / fmax(rr, vx) };
+  const double fy[2] = { 1.2e5 / m * (steer - (number(y->vel_y) + lf * number(y->yaw_rate)) / vx),
+                         1.4e5 / m * (lr * number(y->yaw_rate) - number(y->vel_y)) / vx };
+  const double front = brush(g * lr, fx[0], fy[0]), rear = brush(g * lf, fx[1], fy[1]);
+  *z = hypot(fx[0], fy[0]) / (3 * g * lr);
+  lin[0] = fx[0] + fx[1] - fy[0] * steer;
+  lin[1] = fy[0] + fy[1] + fx[0] * steer;
+  a[0] = front * (fx[0] - fy[0] * steer) + rear * fx[1];
+  a[1] = front * (fy[0] + fx[0] * steer) + rear * fy[1];
+}
+
+/* From a car that rolls to one that slides sideways with wheels locked. */
+static void test_saturated_forces_are_those_of_the_brush_model(void)
+{
+  const double mus[] = { 0.1, 0.4, 1.0, 2.0 };
+  const tse_config c = car();
+  double least = 10, most = 0;
+  for (int i = 0; i < ROWS(mus); i++)
+    for (int j = 0; j < 4; j++) {
+      tse_sim_config s = quiet();
+      s.friction = (tse_setting)mus[i];
+      s.vel_y = (tse_setting)(0.02 * j * j);
+      start(&c, &s);
+      for (int k = 0; k < 60; k++) {
+        tse_sim_input u = driver(0.01, k < 30 ? 20 * k : 0, 0.01 * j);
+        tse_sim_output y;
+        double a[2], lin[2], z;
+        u.brake_torque_front = u.brake_torque_rear = real(k < 30 ? 0 : 100 * (k - 30));
+        step(&u, &y);
+        closed_form(&y, number(u.steer_angle), mus[i], a, lin, &z);
+        expect_near(a[0], number(y.accel_x), BY_FORMAT(1e-11, 1e-3), "accel_x", k);
+        expect_near(a[1], number(y.accel_y), BY_FORMAT(1e-11, 1e-3), "accel_y", k);
+        least = fmin(least, z);
+        most = fmax(most, z);
+      }
+    }
+  TEST_ASSERT_TRUE(least < 1e-3 && most > 3);
+}
+
+/* Straight ahead, the front axle driven alone: F (1 - z + z^2/3). */
+static void test_small_slips_feel_linear_tyres_less_the_terms_of_the_series(void)
+{
+  const tse_config c = car();
+  tse_sim_config s = quiet();
+  tse_sim_output y;
+  double a[2], lin[2], z, rear;
+  s.friction = 1;
+  start(&c, &s);
+  for (int k = 0; k < 50; k++) {
+    tse_sim_input u = driver(0.01, 0, 0);
+    u.wheel_torque_front = real(10 * k);
+    step(&u, &y);
+  }
+  closed_form(&y, 0, 1, a, lin, &z);
+  TEST_ASSERT_TRUE(z > 0.03 && z < 0.06);
+  rear = lin[0] - z * 3 * 9.81 * 1.5 / 2.75;
+  TEST_ASSERT_TRUE(fabs(rear) < 0.02 * lin[0]); /* the other axle's wheels are dragged along */
+  expect_near((lin[0] - rear) * (1 - z + z * z / 3) + rear, number(y.accel_x), 1e-4, "accel_x", 0);
+  TEST_ASSERT_TRUE(lin[0] - number(y.accel_x) > 0.03 * lin[0]);
+}
+
+static void test_without_friction_the_log_is_that_of_linear_tyres_bit_for_bit(void)
+{
+  const tse_config c = car();
+  const tse_params p = prepared(&c);
+  const tse_sim_config s = quiet();
+  start(&c, &s);
+  for (int k = 0; k < 300; k++) {
+    tse_sim_input u = driver(0.01, 3000 * sin(0.1 * k), 0.2 * sin(0.07 * k));
+    tse_sim_output y;
+    step(&u, &y);
+    const inputs in = { u.steer_angle, r_mul(p.radius_front, y.wheel_speed_front), r_mul(p.radius_rear, y.wheel_speed_rear) };
+    const accels a = vehicle_accels(&p, vehicle_stiffness(&p, TSE_R(0), TSE_R(0), TSE_R(0)),
+                                    vehicle_slips(&p, y.vel_x, y.vel_y, y.yaw_rate, in), u.steer_angle);
+    TEST_ASSERT_EQUAL_MEMORY(&a.x, &y.accel_x, sizeof(tse_real));
+    TEST_ASSERT_EQUAL_MEMORY(&a.y, &y.accel_y, sizeof(tse_real));
+  }
+}
+
+/* What still rolls takes part with its inertia: m + J/R^2. A locked wheel turns at most at the grip of its brake. */
+static void test_locked_axles_decelerate_with_friction_times_their_load(void)
+{
+  const double torques[] = { 6000, 2e4, 1e5 };
+  const double rolling = 2.4 / 0.33 / 0.33 / 1900;
+  const tse_config c = car();
+  for (int i = 0; i < ROWS(torques); i++)
+    for (int both = 0; both < 2; both++) {
+      tse_sim_config s = quiet();
+      s.friction = (tse_setting)0.8;
+      s.speed = 30;
+      start(&c, &s);
+      for (int k = 0; k < 250; k++) {
+        tse_sim_input u = driver(0.01, 0, 0);
+        tse_sim_output y;
+        if (k > 0) u.brake_torque_front = real(torques[i]);
+        if (k > 0 && both) u.brake_torque_rear = real(torques[i]);
+        step(&u, &y);
+        TEST_ASSERT_TRUE(number(y.wheel_speed_front) >= 0 && number(y.wheel_speed_rear) >= 0);
+        if (k < 100) continue;
+        const double a = both ? 0.8 * 9.81 : 0.8 * 9.81 * 1.5 / 2.75 / (1 + rolling);
+        expect_near(-a, number(y.accel_x), BY_FORMAT(1e-4, 1e-2), both ? "both" : "front", k);
+        TEST_ASSERT_TRUE(number(y.wheel_speed_front) < 0.2);
+      }
+    }
+}
+
+static void test_a_spinning_axle_pushes_with_friction_times_its_load_and_grips_again(void)
+{
+  const tse_config c = car();
+  tse_sim_config s = quiet();
+  tse_sim_output y;
+  double fastest = 0;
+  s.friction = (tse_setting)0.3;
+  s.speed = 0;
+  start(&c, &s);
+  for (int k = 0; k < 1500; k++) {
+    tse_sim_input u = driver(0.01, 0, 0);
+    u.wheel_torque_front = real(k < 200 ? 2000 : 0);
+    step(&u, &y);
+    fastest = fmax(fastest, number(y.wheel_speed_front));
+    if (k > 50 && k < 200)
+      expect_near(0.3 * 9.81 * 1.5 / 2.75 / (1 + 2.4 / 0.33 / 0.33 / 1900), number(y.accel_x), 2e-3, "accel_x", k);
+  }
+  TEST_ASSERT_TRUE(fastest > 500);
+  expect_near(number(y.vel_x), 0.33 * number(y.wheel_speed_front), 2e-3, "rolls again", 0);
+}
+
+static void test_a_car_that_slides_sideways_stops_by_friction_alone(void)
+{
+  const tse_config c = car();
+  tse_sim_config s = quiet();
+  tse_sim_output y;
+  s.friction = (tse_setting)0.5;
+  s.speed = 20;
+  s.vel_y = 10;
+  start(&c, &s);
+  for (int k = 0; k < 300; k++) {
+    const tse_sim_input u = driver(0.01, 0, 0);
+    step(&u, &y);
+    if (k == 0) {
+      expect_near(10, number(y.vel_y), 0, "vel_y at the start", 0);
+      expect_near(-0.5 * 9.81, number(y.accel_y), BY_FORMAT(1e-12, 1e-5), "both axles slide", 0);
+    }
+    TEST_ASSERT_TRUE(hypot(number(y.accel_x), number(y.accel_y)) < 0.5 * 9.81 * (1 + 1e-6));
+  }
+  TEST_ASSERT_TRUE(fabs(number(y.vel_y)) < 1);
+}
+
+/* Drivers out of their minds: no speed beyond what friction allows, no wheel braked into reverse; and before the car has
+ * spun, which amplifies everything, substeps of 1 ms tell the same story as such of 0.1 ms. */
+static void test_locking_and_spinning_wheels_stay_stable_at_a_millisecond(void)
+{
+  enum { COUNT = 400, COMPARED = 80 };
+  static double path[2][COMPARED][3];
+  const tse_config c = car();
+  double off = 0;
+  for (int seed = 1; seed <= 40; seed++) {
+    const double mu = 0.05 + 0.05 * (seed % 20), speed = seed % 3 * 15;
+    for (int fine = 0; fine < 2; fine++) {
+      uint32_t words = (uint32_t)seed;
+      tse_sim_config s = quiet();
+      tse_sim_input u = driver(0.01, 0, 0);
+      tse_sim_output y;
+      s.friction = (tse_setting)mu;
+      s.substep = (tse_setting)(fine ? 0.0001 : 0.001);
+      s.speed = (tse_setting)speed;
+      start(&c, &s);
+      for (int k = 0; k < COUNT; k++) {
+        if (k % 20 == 0) {
+          u.steer_angle = real(next_between(&words, -0.3, 0.3));
+          u.wheel_torque_front = real(fmax(0, next_between(&words, -3000, 3000)));
+          u.wheel_torque_rear = real(fmax(0, next_between(&words, -3000, 3000)));
+          u.brake_torque_front = real(fmax(0, next_between(&words, -2e4, 2e4)));
+          u.brake_torque_rear = real(fmax(0, next_between(&words, -1e5, 1e5)));
+        }
+        step(&u, &y);
+        const double v[3] = { number(y.vel_x), number(y.vel_y), number(y.yaw_rate) };
+        if (v[0] > 0) TEST_ASSERT_TRUE(number(y.wheel_speed_front) > -1e-3 && number(y.wheel_speed_rear) > -1e-3);
+        TEST_ASSERT_TRUE(hypot(v[0], v[1]) < speed + mu * 9.81 * 4 + 0.1 && fabs(v[2]) < 6);
+        for (int a = 0; a < 3 && k < COMPARED; a++) {
+          if (fine) off = fmax(off, fabs(path[0][k][a] - v[a]));
+          path[fine][k][a] = v[a];
+        }
+      }
+    }
+  }
+  expect_near(0, off, 0.1, "1 ms against 0.1 ms [m/s, rad/s]", 0);
+}
+
 /* ------------------------------------------------------------------------------ stiffness, noise, bias */
 
 /* One row a millisecond in one substep; what is asked for, in sample_of[0..]: */
@@ -874,6 +1077,13 @@ int main(void)
   RUN_TEST(test_braked_car_stops_and_does_not_roll_back);
   RUN_TEST(test_negative_torque_drives_backwards);
   RUN_TEST(test_turning_right_is_turning_left_mirrored_bit_for_bit);
+  RUN_TEST(test_saturated_forces_are_those_of_the_brush_model);
+  RUN_TEST(test_small_slips_feel_linear_tyres_less_the_terms_of_the_series);
+  RUN_TEST(test_without_friction_the_log_is_that_of_linear_tyres_bit_for_bit);
+  RUN_TEST(test_locked_axles_decelerate_with_friction_times_their_load);
+  RUN_TEST(test_a_spinning_axle_pushes_with_friction_times_its_load_and_grips_again);
+  RUN_TEST(test_a_car_that_slides_sideways_stops_by_friction_alone);
+  RUN_TEST(test_locking_and_spinning_wheels_stay_stable_at_a_millisecond);
   RUN_TEST(test_drawn_stiffness_has_the_mean_and_the_spread_of_the_settings);
   RUN_TEST(test_drawn_stiffness_never_falls_below_a_tenth_of_its_mean);
   RUN_TEST(test_told_mean_stiffness_is_the_setting_times_the_road);
