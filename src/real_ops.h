@@ -26,6 +26,8 @@
  *   r_sincos_turn  sine and cosine of 2 pi t, t in [0, 1]; t is in turns. sin(0) = sin(1/2) = sin(1) = 0.
  *   r_atan2(y, x)  radians in [-pi, pi], atan2(0, 0) = 0; once a step, not in loops over particles.
  *   r_uniform(w)   a random word as a number in the open interval (0, 1), exact.
+ *   r_to_q24(x)    int32 in units of 2^-24, in which numbers leave the machine: nearest, saturates at +-127; NaN gives
+ *                  INT32_MIN. r_from_q24(n): back, nearest.
  */
 #ifndef TSE_REAL_OPS_H
 #define TSE_REAL_OPS_H
@@ -243,6 +245,14 @@ static inline double r_atan_eighth(double q)                /* |q| <= tan(pi/8) 
 
 #endif /* float, double */
 
+static inline int32_t r_to_q24(tse_real x)
+{
+  const tse_real most = 127, inside = x < -most ? -most : most < x ? most : x, y = inside * 16777216;
+  const int32_t n = r_floor_to_int(y);
+  return n + (y - (tse_real)n >= (tse_real)0.5 ? 1 : 0);
+}
+static inline tse_real r_from_q24(int32_t n) { return (tse_real)n * (tse_real)(1.0 / 16777216); }
+
 /* NaN if an argument is. |x| + |y| must not overflow. */
 static inline tse_real r_atan2(tse_real y, tse_real x)
 {
@@ -294,6 +304,8 @@ static inline int r_is_nan(tse_real x) { return plain::r_is_nan(tse_real::raw(x)
 static inline int32_t r_floor_to_int(tse_real x) { return plain::r_floor_to_int(tse_real::raw(x)); }
 static inline tse_real r_from_int(int32_t n) { return tse_real::wrap(n); }
 static inline tse_real r_uniform(uint32_t word) { return tse_real::wrap(plain::r_uniform(word)); }
+static inline int32_t r_to_q24(tse_real x) { return plain::r_to_q24(tse_real::raw(x)); }
+static inline tse_real r_from_q24(int32_t n) { return tse_real::wrap(plain::r_from_q24(n)); }
 static inline tse_real r_from_setting(tse_setting x) { return tse_real::wrap(x); }
 static inline tse_setting r_to_setting(tse_real x) { return tse_real::raw(x); }
 static inline void r_sincos_turn(tse_real t, tse_real *s, tse_real *c)
@@ -382,6 +394,13 @@ static inline int r_is_finite(tse_real x) { (void)x; return 1; }
 static inline int r_is_nan(tse_real x) { (void)x; return 0; }
 static inline tse_real r_from_int(int32_t n) { return q_saturate((int64_t)n * 1048576); }
 static inline int32_t r_floor_to_int(tse_real x) { return x >> 20; }
+
+static inline int32_t r_to_q24(tse_real x)
+{
+  const tse_real most = 127 * 1048576;
+  return (x < -most ? -most : most < x ? most : x) * 16;
+}
+static inline tse_real r_from_q24(int32_t n) { return ((n >> 3) + 1) >> 1; }
 
 /* Odd multiples of 2^-20: never 0 or 1. */
 static inline tse_real r_uniform(uint32_t word) { return (tse_real)((word >> 12) | 1u); }

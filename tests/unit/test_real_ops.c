@@ -336,6 +336,29 @@ static void test_settings_survive_the_way_there_and_back(void)
 
 /* --------------------------------------------------------------------------------- accumulators */
 
+static void test_numbers_leave_the_machine_in_units_of_2_to_the_minus_24(void)
+{
+  const double exact[] = { 0, 1, -1, 0.5, -0.25, 126.5, -126.5, 1.0 / 1048576, -3.0 / 1048576 };
+  for (size_t i = 0; i < ROWS(exact); i++) {
+    TEST_ASSERT_EQUAL_INT32((int32_t)(exact[i] * 16777216), r_to_q24(real(exact[i])));
+    expect_same(exact[i], r_from_q24((int32_t)(exact[i] * 16777216)), "there and back");
+  }
+  TEST_ASSERT_EQUAL_INT32(127 * 16777216, r_to_q24(real(1000)));
+  TEST_ASSERT_EQUAL_INT32(-127 * 16777216, r_to_q24(real(-1000)));
+  uint32_t state = 1;
+  for (int i = 0; i < 1000; i++) {
+    const tse_real x = r_mul(TSE_R(8), r_uniform(next_word(&state))) - TSE_R(4);
+    const double n = (double)r_to_q24(x);
+    TEST_ASSERT_TRUE(fabs(n - number(x) * 16777216) <= 0.5);
+    expect_near(n / 16777216, r_from_q24((int32_t)n), FIXED_HALF + 6.0e-8 * fabs(n / 16777216), "back", n);
+  }
+#if !defined(TSE_REAL_Q20)
+  TEST_ASSERT_EQUAL_INT32(INT32_MIN, r_to_q24((tse_real)NAN));
+  TEST_ASSERT_EQUAL_INT32(1, r_to_q24(real(0.6 / 16777216)));
+  TEST_ASSERT_EQUAL_INT32(-1, r_to_q24(real(-0.6 / 16777216)));
+#endif
+}
+
 static void test_sums_over_particles_equal_the_sum_in_double(void)
 {
   enum { COUNT = 512 };
@@ -658,6 +681,7 @@ int main(void)
   RUN_TEST(test_min_max_abs_and_clamp_select_values);
   RUN_TEST(test_broken_numbers_are_recognised_by_their_bits);
   RUN_TEST(test_settings_survive_the_way_there_and_back);
+  RUN_TEST(test_numbers_leave_the_machine_in_units_of_2_to_the_minus_24);
   RUN_TEST(test_sums_over_particles_equal_the_sum_in_double);
 #if defined(TSE_REAL_Q20)
   RUN_TEST(test_q20_products_and_quotients_round_to_nearest_and_saturate);
