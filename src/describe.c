@@ -1,5 +1,6 @@
 /* src/describe.c - the tables of the public headers, laid out for a host to read. */
 #include "tse/describe.h"
+#include "tse/learnt.h"
 #if !defined(TSE_REAL_Q20)
 #include "tse/simulate.h"
 #endif
@@ -121,6 +122,7 @@ void tse_describe_build(tse_build *b)
   b->capacity = TSE_MAX_PARTICLES;
   b->filter_bytes = (int32_t)sizeof(tse_filter);
   b->params_bytes = (int32_t)sizeof(tse_params);
+  b->learnt_bytes = TSE_LEARNT_BYTES;
 #if defined(TSE_REAL_Q20)
   b->sim_bytes = 0;
 #else

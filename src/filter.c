@@ -169,6 +169,7 @@ tse_status tse_step(const tse_params *p, tse_filter *f, const tse_input *u, tse_
       f->settle = SETTLE_TIME;
       f->level_fast = f->level;
       f->recoveries++;
+      for (int a = 0; a < 3; a++) f->known[a] = TSE_UNKNOWN;
     }
   } else {
     use_mean_stiffness(p, &f->p);
@@ -179,6 +180,8 @@ tse_status tse_step(const tse_params *p, tse_filter *f, const tse_input *u, tse_
   f->step++;
 
   tse_status status = judge(p, f, &y, held, predicted, excited, &now);
+  for (int a = 0; a < 3; a++)
+    if (now.reason[a] == TSE_VALID) f->known[a] = TSE_KNOWN;
   if (gap) status = worse(status, TSE_W_GAP);
   if (recover) status = worse(status, TSE_W_RECOVERED);
   now.status = (int32_t)status;

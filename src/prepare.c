@@ -73,6 +73,27 @@ static uint32_t fingerprint(const tse_config *c)
   return mix(h, TSE_MAX_PARTICLES);
 }
 
+/* What gives relative stiffness its meaning: the rows of config.def before the sensors'. In single precision, so that
+ * builds of every format agree; only there both differ in nothing but how a decimal number is rounded. */
+static uint32_t mix_vehicle(uint32_t h, size_t offset, tse_setting value)
+{
+  const float x = (float)value;
+  uint32_t word;
+  memcpy(&word, &x, sizeof word);
+  return offset < offsetof(tse_config, accel_x_sd) ? mix(h, word) : h;
+}
+
+static uint32_t vehicle_fingerprint(const tse_config *c)
+{
+  uint32_t h = 2166136261u;
+#define REAL(name, def, lo, hi, unit, text) h = mix_vehicle(h, offsetof(tse_config, name), c->name);
+#define INT(name, def, lo, hi, text)
+#include "tse/config.def"
+#undef REAL
+#undef INT
+  return h;
+}
+
 static tse_setting square(tse_setting x) { return x * x; }
 static tse_real real_of(tse_setting x) { return r_from_setting(x); }
 
@@ -86,6 +107,7 @@ tse_status tse_prepare(const tse_config *c, tse_params *p, const char **wrong)
   memset(p, 0, sizeof *p);
   p->magic = TSE_PARAMS_MAGIC;
   p->fingerprint = fingerprint(c);
+  p->vehicle = vehicle_fingerprint(c);
   p->particles = c->particles;
   p->resampling = c->resampling;
   p->marginalised = c->marginalised;
@@ -141,6 +163,8 @@ tse_status tse_prepare(const tse_config *c, tse_params *p, const char **wrong)
   p->mean_sd = real_of(c->initial_mean_sd);
   p->spread_var = real_of(spread_var);
   p->spread_max_var = real_of(square(c->spread_max));
+  p->learnt_floor = real_of(square(c->learnt_floor));
+  p->learnt_walk = real_of(square(c->learnt_walk_day));
   p->vel_x0 = real_of(c->initial_vel_x);
   p->w_min = real_of(c->stiffness_min - one);
   p->w_max = real_of(c->stiffness_max - one);

@@ -22,6 +22,7 @@
 #endif
 
 #define input_decode      TSE_NAME(tse_input_decode)
+#define start_of_settings TSE_NAME(tse_start_of_settings)
 #define initialise        TSE_NAME(tse_initialise)
 #define restart_states    TSE_NAME(tse_restart_states)
 #define redraw            TSE_NAME(tse_redraw)
@@ -45,6 +46,7 @@
 #define gaussian_update   TSE_NAME(tse_gaussian_update)
 #define forget            TSE_NAME(tse_forget)
 #define bias_learn_still  TSE_NAME(tse_bias_learn_still)
+#define crc32_of          TSE_NAME(tse_crc32_of)
 
 #ifdef __cplusplus
 extern "C" {
@@ -169,7 +171,9 @@ TSE_INLINE innovation innovation_of(int coupled, const niw_constants *n, const g
 /* input.c     row -> sample; the filter supplies held inputs for missing ones. Nothing is changed. */
 tse_status input_decode(const tse_params *p, const tse_filter *f, const tse_input *u, sample *y);
 
-/* start.c     particles from the settings and the first sample / states only / statistics of some particles */
+/* start.c     particles from the settings, or what was loaded, and the first sample / states only / statistics of some
+ *             particles */
+void start_of_settings(const tse_params *p, tse_start *s);
 void initialise(const tse_params *p, tse_filter *f, const sample *y);
 void restart_states(const tse_params *p, tse_filter *f, const sample *y);
 void redraw(const tse_params *p, tse_filter *f, const sample *y, int32_t count);
@@ -209,6 +213,9 @@ int gaussian_observe(const tse_params *p, const tse_filter *f, const sample *y, 
 void gaussian_update(const tse_params *p, tse_filter *f, const gaussian *g);
 void forget(const tse_params *p, tse_filter *f, tse_real dt);
 void bias_learn_still(const tse_params *p, tse_filter *f, const sample *y);
+
+/* learnt.c */
+uint32_t crc32_of(const uint8_t *bytes, size_t count);
 
 static inline int32_t padded(int32_t n) { return (n + TSE_LANES - 1) / TSE_LANES * TSE_LANES; }
 

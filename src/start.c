@@ -32,22 +32,42 @@ static void set_spread(tse_particles *q, int32_t i, tse_real lam)
   q->lam[0][i] = q->lam[3][i] = q->lam[5][i] = lam;
 }
 
+void start_of_settings(const tse_params *p, tse_start *s)
+{
+  memset(s, 0, sizeof *s);
+  s->gamma = p->gamma0;
+  s->nu = p->nu0;
+  s->lam[0] = s->lam[3] = s->lam[5] = p->lam0;
+  for (int a = 0; a < 3; a++) {
+    s->mu[a] = p->mu0[a];
+    s->mean_var[a] = p->mean_var0;
+    s->bias_var[a] = p->bias_var0[a];
+  }
+}
+
+/* A filter that had started and broke trusts what it was loaded with no more. */
 void initialise(const tse_params *p, tse_filter *f, const sample *y)
 {
   const int32_t count = padded(p->particles);
   const tse_real vel_x = p->vel_x_from_wheels ? wheel_speed(y) : p->vel_x0;
-  f->gamma = p->gamma0;
-  f->nu = p->nu0;
+  tse_start s = f->start;
+  if (!s.loaded || f->started) start_of_settings(p, &s);
+  f->gamma = s.gamma;
+  f->nu = s.nu;
   f->log_total = r_log2(r_from_int(p->particles));
   gaussian_start(p, f);
-  for (int a = 0; a < 3; a++) f->learn[a] = TSE_R(1);
+  for (int a = 0; a < 3; a++) {
+    f->learn[a] = TSE_R(1);
+    f->cov[6 + a][6 + a] = s.bias_var[a];
+    if (p->marginalised) f->cov[3 + a][3 + a] = f->mean_var[a] = s.mean_var[a];
+  }
   for (int32_t i = 0; i < count; i++) {
     tse_real n[6];
     normals(p, f->step, i, n);
-    set_spread(&f->p, i, p->lam0);
+    for (int k = 0; k < 6; k++) f->p.lam[k][i] = s.lam[k];
     for (int a = 0; a < 3; a++) {
-      f->p.mu[a][i] = f->p.w[a][i] = bounded(p, p->mu0[a]);
-      f->p.bias[a][i] = TSE_R(0);
+      f->p.mu[a][i] = f->p.w[a][i] = bounded(p, s.mu[a] + r_mul(s.mu_sd[a], n[3 + a]));
+      f->p.bias[a][i] = s.bias[a];
     }
     place(p, f, y, i, vel_x, n);
     f->p.logw[0][i] = TSE_R(0);

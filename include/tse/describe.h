@@ -31,10 +31,11 @@ typedef struct tse_field {
 /* The rows of one struct.   Returned: first row; *count rows; *size bytes of the struct.   NULL if there is no such struct. */
 const tse_field *tse_describe(tse_struct which, int32_t *count, int32_t *size);
 
-/* The library as built: version, format name, capacity, sizeof(tse_filter), sizeof(tse_params), sizeof(tse_sim). */
+/* The library as built: version, format name, capacity, sizeof(tse_filter), sizeof(tse_params), sizeof(tse_sim), bytes of a
+ * learnt state. */
 typedef struct tse_build {
   const char *version, *format;
-  int32_t capacity, filter_bytes, params_bytes, sim_bytes;
+  int32_t capacity, filter_bytes, params_bytes, sim_bytes, learnt_bytes;
 } tse_build;
 void tse_describe_build(tse_build *b);
 

@@ -34,6 +34,7 @@ typedef struct tse_particles { /* [row][particle]; gamma, nu and the covariance 
  * by the sensor's sd, so that all numbers have a moderate size in every number format. */
 typedef struct tse_params {
   uint32_t magic, fingerprint;
+  uint32_t vehicle;                   /* fingerprint of the vehicle alone, the same in every number format */
   int32_t particles, resampling, marginalised, vel_x_from_wheels;
   uint32_t seed[2];
   /* vehicle */
@@ -57,6 +58,7 @@ typedef struct tse_params {
   tse_real vel_x0, x_sd0[3];
   tse_real mean_var0, mean_walk;      /* [1], [1/s] variance of the mean at the start, its random walk */
   tse_real spread_max_var;            /* [1]    */
+  tse_real learnt_floor, learnt_walk; /* [1], [1/day] variance of a mean from an earlier drive: at least, growth */
   tse_real w_min, w_max, valid_var, hold_var;
   tse_real watchdog_drop;             /* [log2] per row                                    */
   int32_t recovery_count;             /* particles drawn anew                              */
@@ -65,6 +67,17 @@ typedef struct tse_params {
 /* What is Gaussian given a particle's path: states 0..2, mean stiffness 3..5, biases 6..8. In the paper's form the
  * first six are sampled, and their rows of the covariance are zero. */
 #define TSE_GAUSS 9
+
+/* Where the first row starts, made by tse_learnt_load(); else the settings say it. */
+typedef struct tse_start {
+  int32_t loaded;
+  tse_real mu[3], mu_sd[3];           /* [1]        mean stiffness deviation, its scatter over the particles */
+  tse_real mean_var[3];               /* [1]        its variance in all                                      */
+  tse_real lam[6], gamma, nu;
+  tse_real bias[3], bias_var[3];      /* [sigma]                                                             */
+} tse_start;
+
+enum { TSE_UNKNOWN, TSE_KNOWN, TSE_KNOWN_BEFORE }; /* a stiffness: never valid, valid since the last recovery, loaded */
 
 typedef struct tse_filter {
   uint32_t magic, fingerprint;
@@ -84,6 +97,8 @@ typedef struct tse_filter {
   tse_real level, level_fast;         /* running log evidence per row, slow and fast [log2]           */
   tse_real level_age, settle;         /* [s] age of the level; [s] left until settled after a recovery */
   int32_t recoveries;
+  int32_t known[3];                   /* what tse_learnt_save() may call learnt                       */
+  tse_start start;
   tse_particles p;
   tse_real weight[TSE_STRIDE];        /* normalised to the largest = 1; 0 beyond the particles in use */
   uint16_t ancestor[TSE_STRIDE], copies[TSE_STRIDE]; /* the resampler's work space */

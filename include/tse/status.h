@@ -8,6 +8,9 @@
 #define TSE_STATUS_H
 
 #define TSE_STATUS_TABLE(X) \
+  X(TSE_E_VEHICLE,          -9, "the learnt state belongs to another vehicle") \
+  X(TSE_E_VERSION,          -8, "the learnt state was written by a newer version of this library") \
+  X(TSE_E_LEARNT,           -7, "not a learnt state of this library, or damaged") \
   X(TSE_E_SIZE,             -6, "the filter's memory has another size than the library expects (other capacity or format)") \
   X(TSE_E_STATE,            -5, "the filter was not reset with these parameters, or is not a filter of this library") \
   X(TSE_E_TIME,             -4, "time step not finite, not positive, or too long") \

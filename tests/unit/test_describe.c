@@ -1,5 +1,6 @@
 /* tests/unit/test_describe.c <-> src/describe.c */
 #include "tse/describe.h"
+#include "tse/learnt.h"
 #include "tse/simulate.h"
 
 #include "unit_support.h"
@@ -365,6 +366,7 @@ static void test_described_ranges_of_the_simulators_input_are_the_enforced_ones(
 static void test_statuses_are_complete_and_tell_the_sentence_of_tse_status_text(void)
 {
   static const struct { const char *name; int code; } expected[] = {
+    { "TSE_E_VEHICLE", -9 }, { "TSE_E_VERSION", -8 }, { "TSE_E_LEARNT", -7 },
     { "TSE_E_SIZE", -6 }, { "TSE_E_STATE", -5 }, { "TSE_E_TIME", -4 }, { "TSE_E_INPUT", -3 }, { "TSE_E_CONFIG", -2 },
     { "TSE_E_NULL", -1 }, { "TSE_OK", 0 }, { "TSE_W_NOT_VALID", 1 }, { "TSE_W_STARTING", 2 }, { "TSE_W_MISSING_CHANNEL", 3 },
     { "TSE_W_HELD", 4 }, { "TSE_W_PREDICTED", 5 }, { "TSE_W_GAP", 6 }, { "TSE_W_RECOVERED", 7 },
@@ -430,6 +432,7 @@ static void test_build_tells_version_format_capacity_and_sizes(void)
   TEST_ASSERT_EQUAL_INT32((int32_t)sizeof(tse_filter), b.filter_bytes);
   TEST_ASSERT_EQUAL_INT32((int32_t)sizeof(tse_params), b.params_bytes);
   TEST_ASSERT_EQUAL_INT32((int32_t)sizeof(tse_sim), b.sim_bytes);
+  TEST_ASSERT_EQUAL_INT32(TSE_LEARNT_BYTES, b.learnt_bytes);
   tse_describe_build(NULL);
 }
 

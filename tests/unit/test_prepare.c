@@ -4,6 +4,8 @@
 #include <float.h>
 #include <stddef.h>
 
+#include "../reference/learnt_table.h"
+
 /* The neighbour of x in the settings' format. */
 static tse_setting towards(tse_setting x, double direction)
 {
@@ -56,6 +58,8 @@ static tse_config other_config(void)
   c.spread_max = (tse_setting)0.7;
   c.initial_dof = 12;
   c.mean_walk = (tse_setting)0.03;
+  c.learnt_floor = (tse_setting)0.08;
+  c.learnt_walk_day = (tse_setting)0.04;
   c.initial_vel_x = 17;
   c.initial_vel_x_sd = (tse_setting)0.3;
   c.initial_vel_y_sd = (tse_setting)0.2;
@@ -286,6 +290,8 @@ static void test_filter_constants_follow_their_formulas(void)
   expect_relative(0.49, p.spread_max_var, "spread_max_var");
   expect_relative(0.16, p.mean_var0, "mean_var0");
   expect_relative(0.0009, p.mean_walk, "mean_walk, squared");
+  expect_relative(0.0064, p.learnt_floor, "learnt_floor, squared");
+  expect_relative(0.0016, p.learnt_walk, "learnt_walk_day, squared");
   expect_relative(17, p.vel_x0, "vel_x0");
   expect_relative(0.3, p.x_sd0[0], "vel_x_sd");
   expect_relative(0.2, p.x_sd0[1], "vel_y_sd");
@@ -409,6 +415,33 @@ static void test_fingerprint_tells_settings_that_were_exchanged(void)
   TEST_ASSERT_TRUE(prepared(&a).fingerprint != prepared(&b).fingerprint);
 }
 
+/* A learnt state of the same vehicle must fit whatever else is set, in every number format: one value for all builds, which
+ * tests/reference/generate_learnt.py computes from the decimal numbers of config.def. */
+static void test_fingerprint_of_the_vehicle_changes_with_the_vehicle_only(void)
+{
+  const tse_config base = defaults();
+  const uint32_t before = prepared(&base).vehicle;
+  TEST_ASSERT_EQUAL_HEX32(LEARNT_VEHICLE, before);
+#define REAL(name, def, lo, hi, unit, text)                                                                     \
+  {                                                                                                             \
+    tse_config c = other_config();                                                                              \
+    const tse_setting other = c.name;                                                                           \
+    c = defaults();                                                                                             \
+    c.name = other;                                                                                             \
+    const int same = prepared(&c).vehicle == before;                                                            \
+    TEST_ASSERT_EQUAL_INT_MESSAGE(offsetof(tse_config, name) >= offsetof(tse_config, accel_x_sd), same, #name); \
+  }
+#define INT(name, def, lo, hi, text)                                     \
+  {                                                                      \
+    tse_config c = defaults();                                           \
+    c.name = c.name < (hi) ? c.name + 1 : c.name - 1;                    \
+    TEST_ASSERT_EQUAL_HEX32_MESSAGE(before, prepared(&c).vehicle, #name); \
+  }
+#include "tse/config.def"
+#undef REAL
+#undef INT
+}
+
 /* ------------------------------------------------------------------------------------ tse_stiffness_si */
 
 static void test_stiffness_in_newtons_is_nominal_times_relative(void)
@@ -467,6 +500,7 @@ int main(void)
   RUN_TEST(test_fingerprint_changes_with_every_setting);
   RUN_TEST(test_fingerprint_changes_with_every_bit_of_a_setting);
   RUN_TEST(test_fingerprint_tells_settings_that_were_exchanged);
+  RUN_TEST(test_fingerprint_of_the_vehicle_changes_with_the_vehicle_only);
   RUN_TEST(test_stiffness_in_newtons_is_nominal_times_relative);
   RUN_TEST(test_stiffness_in_newtons_skips_what_is_not_asked_for);
   return UNITY_END();
