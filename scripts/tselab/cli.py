@@ -157,6 +157,9 @@ def cli(debug: bool) -> None:
     help="Estimates; default: the log's name with .est.csv, in the current directory.",
 )
 @click.option("--report", metavar="REPORT.html", type=FILE, help="Also write a report with interactive plots.")
+@click.option("--load-learnt", metavar="FILE", type=FILE, help="Start from what an earlier drive taught.")
+@click.option("--age", metavar="DAYS", type=float, help="How long ago that was; default: the age of the file.")
+@click.option("--save-learnt", metavar="FILE", type=FILE, help="Write what this drive teaches; may be the same file.")
 @click.option("--seed", type=int, help="Seed of the random numbers.")
 @click.option("--particles", type=int, help="Particles in use.")
 @click.option("--forgetting", type=float, help="Forgetting factor per sample.")
@@ -169,6 +172,9 @@ def estimate(
     config_path: Path | None,
     out: Path | None,
     report: Path | None,
+    load_learnt: Path | None,
+    age: float | None,
+    save_learnt: Path | None,
     form: str,
     pairs: tuple[str, ...],
     progress: bool | None,
@@ -180,6 +186,8 @@ def estimate(
     tselab estimate log.csv --vehicle car.toml
     tselab estimate log.csv --vehicle car.toml --out est.csv --report report.html
     tselab estimate log.csv --vehicle car.toml --particles 200 --forgetting 0.995
+    tselab estimate monday.csv --vehicle car.toml --save-learnt car.tse
+    tselab estimate friday.csv --vehicle car.toml --load-learnt car.tse --age 4 --save-learnt car.tse
 
     The vehicle file may leave out stiffness and what the sensors are like; a rule fills it in and the run says so:
 
@@ -193,25 +201,33 @@ def estimate(
     Columns of the log that start with ref_ are drawn in the report: ref_vel_x, ref_yaw_rate_anything, ref_cy_front,
     ref_vehicle_speed, ref_wheel_fl ... with the quantity they name, others by themselves. Rows may come at any rate from
     0.001 to 1 s, also irregularly. Ctrl-C stops early and writes the rows done so far.
+
+    A learnt state holds stiffness, spread and sensor biases. It fits the vehicle it was learnt with, and is trusted the
+    less the older it is (settings learnt_floor, learnt_walk_day).
     """
     from tselab.config import make_config
     from tselab.estimate import estimate as run
     from tselab.estimate import write_table
     from tselab.facts import run_facts
     from tselab.files import check_distinct, check_writable
+    from tselab.learnt import read_learnt, write_learnt
     from tselab.log import read_log, sampling_notes, steering_notes
     from tselab.units import check_units
     from tselab.vehicle import fill_sensors, read_vehicle
     from tselab.verdict import verdicts
 
     out = out or Path(log_path.stem + ".est.csv")
-    check_distinct(
-        {"--out": out, "--report": report},
-        {"the log": log_path, "--vehicle": vehicle_path, "--config": config_path},
-    )
-    for path in (out, report):
+    inputs = {"the log": log_path, "--vehicle": vehicle_path, "--config": config_path}
+    check_distinct({"--out": out, "--report": report, "--save-learnt": save_learnt}, inputs)
+    # a file that is loaded may be replaced by what is learnt now, and by nothing else
+    check_distinct({"--out": out, "--report": report}, {"--load-learnt": load_learnt})
+    for path in (out, report, save_learnt):
         if path is not None:
             check_writable(path)
+    if age is not None and load_learnt is None:
+        raise UserError("option --age: is that of the file of --load-learnt, which is not given")
+    _positive("age", age, 0.0, 40000.0, "days")
+    learnt = read_learnt(load_learnt, age) if load_learnt else None
     vehicle = read_vehicle(vehicle_path)
     log = read_log(log_path)
     fill_sensors(vehicle, log)
@@ -234,16 +250,23 @@ def estimate(
         *vehicle.notes,
     ]
 
-    est = run(log, config, _show_progress(progress))
+    est = run(log, config, _show_progress(progress), learnt)
     refused = int((est.table["status"] < 0).sum())
     if refused:
         notes.append(f"{refused} rows were refused by the library; their estimates are empty, the status says why")
     write_table(est.table, out)
+    if save_learnt is not None:
+        if est.learnt is not None:
+            write_learnt(save_learnt, est.learnt)
+        else:
+            notes.append(f"no row was used, so nothing was learnt: {save_learnt} is not written")
     if report is not None and len(est):
         from tselab.report import write_report
 
         write_report(report, est, log, vehicle, config, notes)
 
+    if learnt is not None:
+        click.echo(f"started from: {learnt.note}")
     for name, value in run_facts(est, log, vehicle, config):
         click.echo(f"{name + ':':<11}{value}")
     for line in vehicle.filled:
@@ -253,6 +276,8 @@ def estimate(
     for v in verdicts(est.table, config):
         click.echo(f"{v.name}: {v.text}")
     click.echo(f"Estimates written to {out}")
+    if save_learnt is not None and est.learnt is not None:
+        click.echo(f"Learnt state written to {save_learnt}")
     if report is not None and len(est):
         click.echo(f"Report written to {report}")
     if est.interrupted:

@@ -78,6 +78,7 @@ class _CBuild(ctypes.Structure):
         ("filter_bytes", ctypes.c_int32),
         ("params_bytes", ctypes.c_int32),
         ("sim_bytes", ctypes.c_int32),
+        ("learnt_bytes", ctypes.c_int32),
     ]
 
 
@@ -113,10 +114,11 @@ class Library:
         self.function("tse_describe_build", None)(ctypes.addressof(build))
         self.version, self.format = build.version.decode(), build.format.decode()
         self.capacity = build.capacity
-        self.filter_bytes, self.params_bytes, self.sim_bytes = (
+        self.filter_bytes, self.params_bytes, self.sim_bytes, self.learnt_bytes = (
             build.filter_bytes,
             build.params_bytes,
             build.sim_bytes,
+            build.learnt_bytes,
         )
 
         describe = self.function("tse_describe", ctypes.POINTER(_CField), [ctypes.c_int] + [ctypes.c_void_p] * 2)
@@ -291,6 +293,10 @@ def _memory(size: int) -> np.ndarray:
     return np.zeros((size + 7) // 8, np.uint64)
 
 
+class LearntError(UserError):
+    """Bytes that are no learnt state for this filter; the text is the library's."""
+
+
 class Filter:
     """One estimator. Starts at the first row it is given."""
 
@@ -344,6 +350,21 @@ class Filter:
 
     def snapshot(self) -> bytes:
         return self._filter.tobytes()[: self.lib.filter_bytes]
+
+    def save_learnt(self) -> bytes | None:
+        """What the filter has learnt, for the next drive; None before the first row."""
+        out = np.zeros(self.lib.learnt_bytes, np.uint8)
+        save = self.lib.function("tse_learnt_save", argtypes=[ctypes.c_void_p] * 3)
+        return out.tobytes() if save(*self._pointers, out.ctypes.data) >= 0 else None
+
+    def load_learnt(self, learnt: bytes, age: float) -> None:
+        """Start from what an earlier drive taught, `age` seconds ago. Before the first row."""
+        data = np.frombuffer(learnt, np.uint8) if learnt else np.zeros(1, np.uint8)
+        types = [ctypes.c_void_p] * 3 + [ctypes.c_size_t, ctypes.c_uint32]
+        load = self.lib.function("tse_learnt_load", argtypes=types)
+        status = load(*self._pointers, data.ctypes.data, len(learnt), int(min(max(age, 0), 2**32 - 1)))
+        if status < 0:
+            raise LearntError(self.lib.codes(STATUS)[status].text)
 
     def restore(self, snapshot: bytes) -> None:
         if len(snapshot) != self.lib.filter_bytes:

@@ -16,6 +16,7 @@ from tqdm import tqdm
 
 from tselab.core import NOMINAL, OUTPUT, REASON, STIFFNESS, Config, Filter, library
 from tselab.files import atomic
+from tselab.learnt import Learnt
 from tselab.log import Log
 
 CHUNK = 64  # rows between two looks at Ctrl-C and the progress bar
@@ -27,6 +28,7 @@ class Estimate:
 
     table: pd.DataFrame
     interrupted: bool
+    learnt: bytes | None = None  # what it taught, for Filter.load_learnt(); None without a row
 
     def __len__(self) -> int:
         return len(self.table)
@@ -37,9 +39,11 @@ def est_columns() -> list[str]:
     return ["time", *(f.name for f in library().fields(OUTPUT)), *(f"{s}_reason" for s in STIFFNESS)]
 
 
-def estimate(log: Log, config: Config, progress: bool = False) -> Estimate:
-    """Run the filter over a log. Ctrl-C ends the run early; what is done is kept."""
+def estimate(log: Log, config: Config, progress: bool = False, learnt: Learnt | None = None) -> Estimate:
+    """Run the filter over a log, from what an earlier one taught. Ctrl-C ends the run early; what is done is kept."""
     filter_, rows = Filter(config), log.rows()
+    if learnt is not None:
+        learnt.load(filter_)
     outputs = filter_.outputs(len(rows))
     done = 0
     with (
@@ -59,7 +63,8 @@ def estimate(log: Log, config: Config, progress: bool = False) -> Estimate:
             filter_.step_into(rows, outputs, done, last)
             bar.update(last - done)
             done = last
-    return Estimate(to_table(log.time[:done], outputs[:done], config), interrupted=done < len(rows))
+    table = to_table(log.time[:done], outputs[:done], config)
+    return Estimate(table, interrupted=done < len(rows), learnt=filter_.save_learnt())
 
 
 def to_table(time: np.ndarray, outputs: np.ndarray, config: Config) -> pd.DataFrame:
