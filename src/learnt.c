@@ -76,7 +76,7 @@ static int none_negative(const int32_t x[3]) { return x[0] >= 0 && x[1] >= 0 && 
 
 static tse_status decode(const uint8_t *in, size_t bytes, uint32_t vehicle, content *c)
 {
-  if (bytes < FRAME || bytes > 0xffffu || get(in) != MAGIC || get(in + 4) >> 16 != bytes) return TSE_E_LEARNT;
+  if (bytes < FRAME || get(in) != MAGIC || get(in + 4) >> 16 != bytes) return TSE_E_LEARNT;
   if (get(in + bytes - 4) != crc32_of(in, bytes - 4)) return TSE_E_LEARNT;
   const uint32_t format = get(in + 4) & 0xffffu;
   if (format > TSE_LEARNT_FORMAT) return TSE_E_VERSION;

@@ -365,7 +365,24 @@ static void test_the_filter_starts_at_the_learnt_means_as_uncertain_as_they_are(
       expect_near(spread, number(y.stiffness_spread[a]), BY_BITS(1e-14, 1e-6, 1e-3), "spread", a);
       expect_near(learnt_bias[a], number(y.bias[a]), BY_BITS(1e-13, 1e-6, 2e-3), "bias", a);
       expect_near(learnt_bias_sd[a], number(y.bias_sd[a]), BY_BITS(1e-13, 1e-6, 2e-3), "sd of the bias", a);
+      if (marginalised) TEST_ASSERT_TRUE(!(f.mean_var[a] != f.cov[3 + a][3 + a]));
     }
+  }
+}
+
+/* A filter whose covariance or weights are no numbers any more starts over, and must not do so from what may have done it. */
+static void test_a_filter_that_breaks_later_starts_over_from_the_settings(void)
+{
+  const tse_config c = settings(0);
+  const tse_params p = prepared(&c);
+  sample y;
+  memset(&y, 0, sizeof y);
+  TEST_ASSERT_EQUAL_INT(TSE_OK, load(&p, learnt_bytes, sizeof learnt_bytes, 0));
+  (void)first_row(&p);
+  initialise(&p, &f, &y);
+  for (int a = 0; a < 3; a++) {
+    TEST_ASSERT_TRUE(!(f.p.mu[a][5] != p.mu0[a]) && !(f.p.bias[a][5] != TSE_R(0)) && !(f.p.lam[0][5] != p.lam0));
+    TEST_ASSERT_TRUE(!(f.cov[6 + a][6 + a] != p.bias_var0[a]) && !(f.gamma != p.gamma0) && !(f.nu != p.nu0));
   }
 }
 
@@ -616,6 +633,7 @@ int main(void)
   RUN_TEST(test_variances_grow_with_age_as_the_settings_say);
   RUN_TEST(test_of_unknown_age_nothing_is_trusted_more_than_the_settings_start);
   RUN_TEST(test_the_filter_starts_at_the_learnt_means_as_uncertain_as_they_are);
+  RUN_TEST(test_a_filter_that_breaks_later_starts_over_from_the_settings);
   RUN_TEST(test_spread_is_as_correlated_as_it_was_and_trusted_for_a_memory_at_most);
   RUN_TEST(test_nothing_learnt_starts_as_the_settings_say_bit_for_bit);
   RUN_TEST(test_saved_and_loaded_and_saved_again_is_the_same_knowledge);
