@@ -87,7 +87,7 @@ void estimate(const tse_params *p, const tse_filter *f, tse_output *y)
     moments(f->weight, q->mu[a], count, total, &mean, &var);
     const tse_real sigma = r_mul(inv, mean_of(f->weight, q->lam[diagonal[a]], count, total));
     y->stiffness[a] = TSE_R(1) + mean;
-    y->stiffness_sd[a] = r_sqrt(r_mul(f->gamma, sigma) + var + f->cov[3 + a][3 + a]);
+    y->stiffness_sd[a] = p->marginalised ? r_sqrt(f->err[3 + a][3 + a]) : r_sqrt(r_mul(f->gamma, sigma) + var + f->cov[3 + a][3 + a]);
     y->stiffness_spread[a] = r_sqrt(sigma);
     moments(f->weight, q->bias[a], count, total, &mean, &var);
     y->bias[a] = r_mul(p->sd[a], mean);
@@ -117,7 +117,7 @@ void excitation(const tse_params *p, tse_filter *f, const sample *y, const tse_o
     f->excite_sq[a] += r_mul(gain, r_mul(f->excite[a], f->excite[a]) - f->excite_sq[a]);
     const tse_real var = f->excite_sq[a] - r_mul(f->excite_mean[a], f->excite_mean[a]);
     const tse_real spread_var = r_mul(est->stiffness_spread[a], est->stiffness_spread[a]);
-    const tse_real noise = TSE_R(1) + r_mul(f->excite_sq[a], spread_var), signal = r_mul(p->memory, var);
+    const tse_real noise = (a == 0 ? f->noise[0] : f->noise[1]) + r_mul(f->excite_sq[a], spread_var), signal = r_mul(p->memory, var);
     excited[a] = noise <= r_mul(p->valid_var, signal);
     const int always = f->seen < p->memory || !(p->hold_var > TSE_R(0));
     f->learn[a] = always || noise <= r_mul(p->hold_var, signal) ? TSE_R(1) : TSE_R(0);

@@ -9,6 +9,7 @@
 #define LEVEL_TIME TSE_R(5)       /* s:   time constants of the running evidence, slow                         */
 #define FAST_TIME TSE_R(0.2)      /* s:   and fast                                                             */
 #define SETTLE_TIME TSE_R(2)      /* s:   after a recovery nothing is valid for so long                        */
+#define TRIED_TIME TSE_R(0.5)     /* s:   after a contradiction                                                */
 #define ABSURD TSE_R(29)          /* log2, 20 nats: innovations of 3.6 sigma in each channel, row after row; three times
                                      the noise in the settings costs 13 nats                              */
 #define LN_2 TSE_R(0.69314718055994531)
@@ -48,16 +49,16 @@ static void resample_now(const tse_params *p, tse_filter *f)
 static int evidence_is_lost(const tse_params *p, tse_filter *f, const sample *y, tse_real evidence, tse_real best)
 {
   if (y->used < 3) return 0; /* the density of fewer channels has another level */
-  if (!(f->level_age > TSE_R(0))) f->level = f->level_fast = evidence;
-  f->level = r_max(f->level, best - ABSURD);
-  const tse_real floor = f->level - r_mul(TSE_R(4), p->watchdog_drop);
+  if (!(f->evidence_age > TSE_R(0))) f->evidence_slow = f->evidence_fast = evidence;
+  f->evidence_slow = r_max(f->evidence_slow, best - ABSURD);
+  const tse_real floor = f->evidence_slow - r_mul(TSE_R(4), p->watchdog_drop);
   const tse_real e = r_max(evidence, floor);
   /* a running mean from the start: the time constant grows with age */
-  f->level_age = r_min(f->level_age + y->dt, LEVEL_TIME);
-  f->level += r_mul(r_div(y->dt, f->level_age), e - f->level);
-  f->level_fast += r_mul(r_div(y->dt, r_min(FAST_TIME + y->dt, f->level_age)), e - f->level_fast);
-  if (f->level_age < SETTLE_TIME || f->settle > TSE_R(0)) return 0;
-  return f->level_fast < f->level - p->watchdog_drop;
+  f->evidence_age = r_min(f->evidence_age + y->dt, LEVEL_TIME);
+  f->evidence_slow += r_mul(r_div(y->dt, f->evidence_age), e - f->evidence_slow);
+  f->evidence_fast += r_mul(r_div(y->dt, r_min(FAST_TIME + y->dt, f->evidence_age)), e - f->evidence_fast);
+  if (f->evidence_age < SETTLE_TIME || f->settle > TSE_R(0)) return 0;
+  return f->evidence_fast < f->evidence_slow - p->watchdog_drop;
 }
 
 /* No car that tyres hold goes this much sideways, or this far from what its wheels say: half of its speed. */
@@ -103,18 +104,22 @@ tse_status tse_step(const tse_params *p, tse_filter *f, const tse_input *u, tse_
   const tse_status refused = input_decode(p, f, u, &y);
   if (refused < 0) return refused; /* nothing has changed yet */
 
+  if (p->marginalised && p->notice_stuck) watch_repeats(p, f, u, &y);
+
   /* Where are we in time: the first row, after a gap, or one step further? */
   const int lost = f->held_for > p->max_gap;
   f->held_for = y.has_inputs ? TSE_R(0) : f->held_for + y.dt;
   const int frozen = f->held_for > p->max_gap;
-  int gap = 0;
+  int gap = 0, slides = 0;
   if (!f->started) {
     initialise(p, f, &y); /* again with every row until there are inputs to start from */
     f->started = y.has_inputs;
   } else {
     bias_predict(p, f, y.dt); /* (18) */
     gap = !frozen && (y.dt > p->max_gap || lost);
+    slides = !gap && !frozen && wheels_slide(p, f, &y);
     if (gap) restart_states(p, f, &y);
+    else if (slides) coast(p, f, &y);
     else if (!frozen) {
       gaussian_predict(p, f, y.u, y.dt); /* (7) of the covariance */
       propagate(p, f, y.u, y.dt);        /* (7) of the particles  */
@@ -126,20 +131,28 @@ tse_status tse_step(const tse_params *p, tse_filter *f, const tse_input *u, tse_
 
   /* Is there something to learn from? */
   const tse_real fastest = r_max(r_abs(y.u.v_front), r_abs(y.u.v_rear));
-  const int held = fastest < p->hold_speed || y.u.v_front < REVERSE_SPEED || y.u.v_rear < REVERSE_SPEED ||
+  const int held = slides || fastest < p->hold_speed || y.u.v_front < REVERSE_SPEED || y.u.v_rear < REVERSE_SPEED ||
                    r_abs(y.u.steer) > p->max_steer;
   const int predicted = !y.has_inputs || y.used == 0;
-  const int learning = !held && !predicted;
-  f->still_for = fastest < STILL_SPEED && y.has_inputs ? r_min(f->still_for + y.dt, STILL_TIME) : TSE_R(0);
+  int learning = !held && !predicted;
+  f->still_for = fastest < STILL_SPEED && y.has_inputs && !slides ? r_min(f->still_for + y.dt, STILL_TIME) : TSE_R(0);
   f->settle = r_max(f->settle - y.dt, TSE_R(0));
 
   tse_real evidence = TSE_R(0), best = TSE_R(0);
   tse_output now;
   gaussian g;
+  forecast fc;
+  tse_real noise[3] = { TSE_R(1), TSE_R(1), TSE_R(1) };
   int32_t excited[3] = { 0, 0, 0 };
   int recover = 0;
   if (learning) {
-    int broken = !gaussian_observe(p, f, &y, &g);
+    gaussian_foretell(p, f, &y, &fc);
+    if (p->marginalised && consistency(p, f, &y, &fc, noise)) gaussian_foretell(p, f, &y, &fc);
+    if (is_trying(f)) f->settle = r_max(f->settle, TRIED_TIME);
+    if (is_holding(f)) learning = 0;
+  }
+  if (learning) {
+    int broken = !gaussian_observe(&fc, noise, &g);
     broken = broken || !weigh(p, f, &y, &g, &evidence, &best); /* (22), (23) */
     if (broken) initialise(p, f, &y); /* covariance or weights are not numbers any more: start over */
     recover = broken || evidence_is_lost(p, f, &y, evidence, best);
@@ -151,10 +164,11 @@ tse_status tse_step(const tse_params *p, tse_filter *f, const tse_input *u, tse_
     if (recover || n_eff <= p->resample_at) resample_now(p, f);
     if (recover) {
       redraw(p, f, &y, p->recovery_count);
-      (void)gaussian_observe(p, f, &y, &g);
+      gaussian_foretell(p, f, &y, &fc);
+      (void)gaussian_observe(&fc, noise, &g);
     }
     draw_and_learn(p, f, &y, &g); /* (25), (16), (19) */
-    gaussian_update(p, f, &g);
+    gaussian_update(p, f, &g, &fc, noise);
     if (p->marginalised) estimate(p, f, &now); /* here the sample has moved states and means, too */
     if (state_is_absurd(&now, &y, fastest)) {
       recover = 1;
@@ -162,12 +176,13 @@ tse_status tse_step(const tse_params *p, tse_filter *f, const tse_input *u, tse_
       redraw(p, f, &y, padded(p->particles));
       estimate(p, f, &now);
     }
+    if (p->marginalised) gaussian_follow_level(p, f, &now);
     excitation(p, f, &y, &now, excited);
     forget(p, f, y.dt); /* (17) */
     f->seen = r_min(f->seen + TSE_R(1), r_mul(TSE_R(5), p->memory));
     if (recover) {
       f->settle = SETTLE_TIME;
-      f->level_fast = f->level;
+      f->evidence_fast = f->evidence_slow;
       f->recoveries++;
       for (int a = 0; a < 3; a++) f->known[a] = TSE_UNKNOWN;
     }
@@ -175,6 +190,10 @@ tse_status tse_step(const tse_params *p, tse_filter *f, const tse_input *u, tse_
     use_mean_stiffness(p, &f->p);
     if (!(f->still_for < STILL_TIME)) bias_learn_still(p, f, &y);
   }
+  f->vel_x = now.vel_x;
+  for (int a = 0; a < 3; a++) f->bias_now[a] = r_mul(now.bias[a], p->inv_sd[a]);
+  for (int a = 0; a < 3; a++) now.noise[a] = p->marginalised ? r_sqrt(r_mul(f->noise[a], slow_factor(f, a))) : TSE_R(1);
+  for (int a = 0; a < 3; a++) now.spread_seen[a] = p->marginalised && spread_is_seen(f, a, now.stiffness_spread[a]);
   now.n_eff = n_eff;
   now.log_evidence = r_mul(LN_2, evidence);
   f->step++;

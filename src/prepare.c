@@ -13,21 +13,22 @@ void tse_config_default(tse_config *c)
 #undef INT
 }
 
-void tse_config_paper(tse_config *c)
+void tse_config_sampled(tse_config *c)
 {
   tse_config_default(c);
+  if (!c) return;
+  c->marginalised = 0;
+  c->initial_spread = (tse_setting)0.3; /* doubt about the mean and spread from sample to sample share one start */
+  c->spread_max = (tse_setting)0.4;
+}
+
+void tse_config_paper(tse_config *c)
+{
+  tse_config_sampled(c);
   if (!c) return;
   c->spread_max = (tse_setting)2;
   c->hold_sd = (tse_setting)0;
-}
-
-void tse_config_marginalised(tse_config *c)
-{
-  tse_config_default(c);
-  if (!c) return;
-  c->marginalised = 1;
-  c->initial_spread = (tse_setting)0.1; /* doubt about the mean has its own place here */
-  c->spread_max = (tse_setting)0.3;
+  c->max_slip = (tse_setting)1;
 }
 
 tse_status tse_config_check(const tse_config *c, const char **wrong)
@@ -111,6 +112,8 @@ tse_status tse_prepare(const tse_config *c, tse_params *p, const char **wrong)
   p->particles = c->particles;
   p->resampling = c->resampling;
   p->marginalised = c->marginalised;
+  p->notice_stuck = c->notice_stuck;
+  p->relative_covariance = c->relative_covariance;
   p->vel_x_from_wheels = c->initial_vel_x_from_wheels;
   p->seed[0] = (uint32_t)c->seed;
   p->seed[1] = 0x7473650au; /* no seed gives the all-zero key */
@@ -138,6 +141,9 @@ tse_status tse_prepare(const tse_config *c, tse_params *p, const char **wrong)
     p->log_sd[i] = r_log2(real_of(sd[i]));
   }
 
+  p->wheel_var[0] = real_of(square(c->wheel_noise_sd * c->wheel_radius_front));
+  p->wheel_var[1] = real_of(square(c->wheel_noise_sd * c->wheel_radius_rear));
+
   const tse_setting spread_var = square(c->initial_spread);
   const tse_setting w0[3] = { c->initial_cx_front - one, c->initial_cy_front - one, c->initial_cy_rear - one };
   const tse_setting x_sd[3] = { c->initial_vel_x_sd, c->initial_vel_y_sd, c->initial_yaw_rate_sd };
@@ -145,6 +151,10 @@ tse_status tse_prepare(const tse_config *c, tse_params *p, const char **wrong)
   p->inv_sample_time = real_of(one / c->sample_time);
   p->max_step = real_of(c->sample_time * (tse_setting)1.5);
   p->max_gap = real_of(c->max_gap);
+  p->max_slip = real_of(c->max_slip);
+  p->gate_var = real_of(square(c->outlier_gate));
+  p->noise_max_var = real_of(square(c->noise_max));
+  p->contradiction_var = real_of(square(c->contradiction));
   p->hold_speed = real_of(c->hold_speed);
   p->max_steer = real_of(c->max_steer);
   p->log2_forgetting = r_log2(real_of(c->forgetting));

@@ -22,10 +22,12 @@
 #endif
 
 #define input_decode      TSE_NAME(tse_input_decode)
+#define watch_repeats     TSE_NAME(tse_watch_repeats)
 #define start_of_settings TSE_NAME(tse_start_of_settings)
 #define initialise        TSE_NAME(tse_initialise)
 #define restart_states    TSE_NAME(tse_restart_states)
 #define redraw            TSE_NAME(tse_redraw)
+#define coast             TSE_NAME(tse_coast)
 #define propagate         TSE_NAME(tse_propagate)
 #define weigh             TSE_NAME(tse_weigh)
 #define normalise         TSE_NAME(tse_normalise)
@@ -41,12 +43,26 @@
 #define gaussian_restart_states TSE_NAME(tse_gaussian_restart_states)
 #define gaussian_restart_means  TSE_NAME(tse_gaussian_restart_means)
 #define gaussian_predict  TSE_NAME(tse_gaussian_predict)
+#define gaussian_follow_level TSE_NAME(tse_gaussian_follow_level)
 #define bias_predict      TSE_NAME(tse_bias_predict)
+#define gaussian_foretell TSE_NAME(tse_gaussian_foretell)
 #define gaussian_observe  TSE_NAME(tse_gaussian_observe)
+#define consistency_start TSE_NAME(tse_consistency_start)
+#define wheels_slide      TSE_NAME(tse_wheels_slide)
+#define error_predict     TSE_NAME(tse_error_predict)
+#define error_update      TSE_NAME(tse_error_update)
+#define gaussian_clear    TSE_NAME(tse_gaussian_clear)
+#define slow_factor       TSE_NAME(tse_slow_factor)
+#define spread_is_seen    TSE_NAME(tse_spread_is_seen)
+#define is_trying         TSE_NAME(tse_is_trying)
+#define is_holding        TSE_NAME(tse_is_holding)
+#define consistency       TSE_NAME(tse_consistency)
 #define gaussian_update   TSE_NAME(tse_gaussian_update)
 #define forget            TSE_NAME(tse_forget)
 #define bias_learn_still  TSE_NAME(tse_bias_learn_still)
 #define crc32_of          TSE_NAME(tse_crc32_of)
+
+#define STATE_VAR TSE_R(1e-18) /* (1e-9 m/s)^2: no state is known better; and no denormal numbers */
 
 #ifdef __cplusplus
 extern "C" {
@@ -67,6 +83,21 @@ typedef struct gaussian {
   tse_real l11, l21, l22, l31, l32, l33; /* L^-1, which makes innovations unit-free and independent          */
   tse_real gain[TSE_GAUSS][3];           /* P H' L'^-1: X moves by gain times the whitened innovation given w */
 } gaussian;
+
+/* The sample as the weighted mean foretells it. */
+typedef struct forecast {
+  tse_real ph[TSE_GAUSS][3]; /* P H'                                                    */
+  tse_real hph[3][3];        /* H P H'                                                  */
+  tse_real h[3][TSE_GAUSS];  /* H                                                       */
+  tse_real sigma[3][3];      /* mean of Sigma                                           */
+  tse_real sigma_d[3][3];    /* Sigma d'                                                */
+  tse_real spread[3][3];     /* d Sigma d'                                              */
+  tse_real level[3];         /* 1 + mean of mu                                          */
+  tse_real z[3];             /* innovation, in sigma; 0 where missing (marginalised)    */
+  observation o;             /* at the mean (marginalised)                              */
+  tse_real input_var;        /* of accel_x through the noise of the wheel speeds        */
+  tse_real pull, excess;     /* what that noise does to longitudinal stiffness, below   */
+} forecast;
 
 /* What (16), (22)-(25) have in common for all particles in one step. */
 typedef struct niw_constants {
@@ -171,6 +202,8 @@ TSE_INLINE innovation innovation_of(int coupled, const niw_constants *n, const g
 /* input.c     row -> sample; the filter supplies held inputs for missing ones. Nothing is changed. */
 tse_status input_decode(const tse_params *p, const tse_filter *f, const tse_input *u, sample *y);
 
+void watch_repeats(const tse_params *p, tse_filter *f, const tse_input *u, sample *y);
+
 /* start.c     particles from the settings, or what was loaded, and the first sample / states only / statistics of some
  *             particles */
 void start_of_settings(const tse_params *p, tse_start *s);
@@ -186,6 +219,22 @@ void propagate(const tse_params *p, tse_filter *f, inputs u, tse_real dt);
  *             normalise: logw -= largest, weight = 2^logw, log_total; returned: 0 when the weights are not finite */
 int weigh(const tse_params *p, tse_filter *f, const sample *y, const gaussian *g, tse_real *log2_evidence, tse_real *log2_best);
 int normalise(const tse_params *p, tse_filter *f, tse_real *log2_largest);
+
+/* consistency.c  is the sample as likely as it should be?  noise: this sample's R, in sigma^2 */
+void consistency_start(tse_filter *f);
+int consistency(const tse_params *p, tse_filter *f, sample *y, const forecast *c, tse_real noise[3]);
+tse_real slow_factor(const tse_filter *f, int channel);
+int spread_is_seen(const tse_filter *f, int a, tse_real spread);
+int is_trying(const tse_filter *f);
+int is_holding(const tse_filter *f);
+
+/* slide.c     wheels that lock or spin: are they; motion from the inertial sensors meanwhile */
+int wheels_slide(const tse_params *p, tse_filter *f, const sample *y);
+void coast(const tse_params *p, tse_filter *f, const sample *y);
+
+/* error.c     covariance of the error of the mean: prediction with the same Jacobian as the common covariance, update */
+void error_predict(tse_filter *f, const tse_real jac[3][6]);
+void error_update(tse_filter *f, const forecast *c, const tse_real noise[3]);
 
 /* estimate.c  (26), (27) from the weighted set / running regressors, and what they tell about each stiffness */
 void estimate(const tse_params *p, const tse_filter *f, tse_output *y);
@@ -204,13 +253,16 @@ void draw_and_learn(const tse_params *p, tse_filter *f, const sample *y, const g
 /* gaussian.c  the common covariance: start, prediction (7), (18), observation, update (19); forgetting (17);
  *             zero-rate update of the gyro's bias while the wheels stand still. gaussian_observe returns 0 when the
  *             covariance is not made of numbers any more. */
+void gaussian_clear(tse_filter *f, int first, int last);
 void gaussian_start(const tse_params *p, tse_filter *f);
 void gaussian_restart_states(const tse_params *p, tse_filter *f);
 void gaussian_restart_means(const tse_params *p, tse_filter *f);
 void gaussian_predict(const tse_params *p, tse_filter *f, inputs to, tse_real dt);
+void gaussian_follow_level(const tse_params *p, tse_filter *f, const tse_output *est);
 void bias_predict(const tse_params *p, tse_filter *f, tse_real dt);
-int gaussian_observe(const tse_params *p, const tse_filter *f, const sample *y, gaussian *g);
-void gaussian_update(const tse_params *p, tse_filter *f, const gaussian *g);
+void gaussian_foretell(const tse_params *p, const tse_filter *f, const sample *y, forecast *c);
+int gaussian_observe(const forecast *f, const tse_real noise[3], gaussian *g);
+void gaussian_update(const tse_params *p, tse_filter *f, const gaussian *g, const forecast *c, const tse_real noise[3]);
 void forget(const tse_params *p, tse_filter *f, tse_real dt);
 void bias_learn_still(const tse_params *p, tse_filter *f, const sample *y);
 

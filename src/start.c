@@ -56,10 +56,11 @@ void initialise(const tse_params *p, tse_filter *f, const sample *y)
   f->nu = s.nu;
   f->log_total = r_log2(r_from_int(p->particles));
   gaussian_start(p, f);
+  consistency_start(f);
   for (int a = 0; a < 3; a++) {
     f->learn[a] = TSE_R(1);
-    f->cov[6 + a][6 + a] = s.bias_var[a];
-    if (p->marginalised) f->cov[3 + a][3 + a] = f->mean_var[a] = s.mean_var[a];
+    f->cov[6 + a][6 + a] = f->err[6 + a][6 + a] = s.bias_var[a];
+    if (p->marginalised) f->cov[3 + a][3 + a] = f->err[3 + a][3 + a] = f->mean_var[a] = s.mean_var[a];
   }
   for (int32_t i = 0; i < count; i++) {
     tse_real n[6];

@@ -46,7 +46,7 @@ typedef struct learning {
   niw_constants n;
   observation_gains g;
   tse_real gamma[3];             /* (16): gamma+, 0 where held                        */
-  tse_real learn[3];             /* 0 where held                                      */
+  tse_real share[3];             /* 1/level^2, 0 where held: a spread is a share of its mean */
   tse_real rate[6], rate_z[6];   /* (16): 1/(nu + 1), 1/((nu + 1)(1 + gamma)), likewise */
   gaussian x;                    /* (19): gains                                       */
   tse_real lam_max, steep, steepest; /* where the spread is at its limit; slope of the fading above, its limit */
@@ -80,7 +80,7 @@ TSE_INLINE void learn_one(int coupled, const tse_params *TSE_RESTRICT p, const l
   const tse_real z0 = w0 - mu0, z1 = w1 - mu1, z2 = w2 - mu2;
 
   /* above the largest spread Lambda fades faster, up to a half per sample */
-  const tse_real largest = r_max(r_max(r_mul(c->learn[0], l11), r_mul(c->learn[1], l22)), r_mul(c->learn[2], l33));
+  const tse_real largest = r_max(r_max(r_mul(c->share[0], l11), r_mul(c->share[1], l22)), r_mul(c->share[2], l33));
   const tse_real excess = largest - c->lam_max;
   const tse_real fade = TSE_R(1) + r_min(r_max(r_mul(excess, c->steep), TSE_R(0)), c->steepest);
   q->lam[0][i] = l11 + r_mul(c->rate_z[0], r_mul(z0, z0)) - r_mul(r_mul(c->rate[0], fade), l11);
@@ -143,7 +143,7 @@ void draw_and_learn(const tse_params *p, tse_filter *f, const sample *y, const g
   const tse_real gamma = r_mul(f->gamma, shrink), rate = r_div(TSE_R(1), f->nu + TSE_R(1));
   for (int a = 0, k = 0; a < 3; a++) {
     c.gamma[a] = r_mul(gamma, f->learn[a]);
-    c.learn[a] = f->learn[a];
+    c.share[a] = p->marginalised && f->level[a] > TSE_R(0) ? r_div(f->learn[a], r_mul(f->level[a], f->level[a])) : f->learn[a];
     for (int b = a; b < 3; b++, k++) {
       /* between a held and a learnt stiffness the covariance fades without news: Lambda stays positive definite */
       c.rate[k] = r_mul(rate, r_max(f->learn[a], f->learn[b]));

@@ -35,7 +35,7 @@ typedef struct tse_particles { /* [row][particle]; gamma, nu and the covariance 
 typedef struct tse_params {
   uint32_t magic, fingerprint;
   uint32_t vehicle;                   /* fingerprint of the vehicle alone, the same in every number format */
-  int32_t particles, resampling, marginalised, vel_x_from_wheels;
+  int32_t particles, resampling, marginalised, vel_x_from_wheels, notice_stuck, relative_covariance;
   uint32_t seed[2];
   /* vehicle */
   tse_real kx_front, kx_rear;         /* [m/s2]     longitudinal stiffness / mass          */
@@ -49,8 +49,11 @@ typedef struct tse_params {
   tse_real bias_var0[3];              /* [sigma^2]   initial bias variance                 */
   tse_real bias_walk[3];              /* [sigma^2/s] bias random walk                      */
   tse_real log_sd[3];                 /* [log2]                                            */
+  tse_real wheel_var[2];              /* [m2/s2]     of R omega, front and rear            */
   /* filter */
-  tse_real sample_time, inv_sample_time, max_step, max_gap, hold_speed, max_steer;
+  tse_real sample_time, inv_sample_time, max_step, max_gap, max_slip, hold_speed, max_steer;
+  tse_real gate_var, contradiction_var; /* [sigma^2], 0: never                           */
+  tse_real noise_max_var;             /* [1]                                             */
   tse_real log2_forgetting;           /* log2(lambda) per nominal sample                   */
   tse_real memory;                    /* [samples]   1/(1 - lambda)                        */
   tse_real resample_at;               /* N_eff threshold, in particles                     */
@@ -67,6 +70,12 @@ typedef struct tse_params {
 /* What is Gaussian given a particle's path: states 0..2, mean stiffness 3..5, biases 6..8. In the paper's form the
  * first six are sampled, and their rows of the covariance are zero. */
 #define TSE_GAUSS 9
+#define TSE_ERROR (TSE_GAUSS + 3)
+
+/* What the filter believed while all was well, to return to: mean stiffness and biases, their covariances, Lambda / nu. */
+typedef struct tse_memory {
+  tse_real mean[6], cov[6][6], err[6][6], lam[6];
+} tse_memory;
 
 /* Where the first row starts, made by tse_learnt_load(); else the settings say it. */
 typedef struct tse_start {
@@ -85,18 +94,39 @@ typedef struct tse_filter {
   int32_t started;                    /* 0: the next row initialises                                  */
   tse_real gamma, nu;                 /* (16), (17): follow recursions without data, common to all    */
   tse_real cov[TSE_GAUSS][TSE_GAUSS]; /* common covariance of (x, mu, bias) given a particle's path; (18), (19) */
+  tse_real err[TSE_ERROR][TSE_ERROR]; /* covariance of the error of the mean of all particles: cov's nine, and eps */
+  tse_real level[3];                  /* mean stiffness at which the covariances were taken           */
   tse_real mean_var[3];               /* of mu before the last sample: forgetting goes no further     */
   tse_real log_total;                 /* log2 of the sum of 2^logw                                    */
   tse_real steer, v_front, v_rear;    /* inputs of the last row: [rad], R omega [m/s]                 */
+  tse_real vel_x;                     /* [m/s] estimate after the last row                            */
+  tse_real sliding, sliding_for;      /* [s] left of sliding, since when: 0 when wheels roll          */
   tse_real held_for;                  /* [s] how long inputs have been missing                        */
   tse_real still_for;                 /* [s] how long the wheels have stood still                     */
   tse_real seen;                      /* samples used since the start, up to five memories            */
   tse_real excite[3];                 /* regressors, smoothed over EXCITATION_TIME                    */
   tse_real excite_mean[3], excite_sq[3]; /* their running mean and mean square                        */
   tse_real learn[3];                  /* 1: statistics of this stiffness are learnt, 0: held          */
-  tse_real level, level_fast;         /* running log evidence per row, slow and fast [log2]           */
-  tse_real level_age, settle;         /* [s] age of the level; [s] left until settled after a recovery */
+  tse_real evidence_slow, evidence_fast; /* running log evidence per row, slow and fast [log2]           */
+  tse_real evidence_age, settle;      /* [s] age of the level; [s] left until settled after a recovery */
   int32_t recoveries;
+  tse_real noise[3];                  /* variance of the sensors over what the settings say, >= 1     */
+  tse_real fit_for;                   /* [s] behind the running means below, up to COLOUR_TIME        */
+  tse_real misfit[3];                 /* running mean of z^2 over what the widest spread would allow  */
+  tse_real smooth[3], colour[3];      /* smoothed z; its running mean square over that of white noise */
+  tse_real surprise[3], foreseen[3];  /* running mean of z^2, and of its variance less noise, at a typical spread */
+  tse_real shows[3];                  /* running mean square of d^2/S: what a sample says about the spread squared */
+  tse_real contradicted;              /* share of recent samples that contradict                      */
+  tse_real last[6];                   /* raw row before this one: steer, wheels, accelerometers, gyro  */
+  int32_t repeats[6];                 /* rows for which each has not changed in the last bit          */
+  tse_real repeat_for[6];             /* [s]                                                          */
+  tse_real other_then[2], gained[2];  /* since a wheel speed repeats: the other axle's then, speed gained by accel_x [m/s] */
+  int32_t stuck[3];                   /* accelerometers, gyro                                         */
+  tse_real bias_now[3];               /* [sigma] mean of the biases                                   */
+  int32_t stance;                     /* learn, try anew, hold                                        */
+  tse_real stance_for;                /* [s] since when                                               */
+  tse_real saved_for;                 /* [s] age of saved[0]                                          */
+  tse_memory saved[2];                /* what was believed before: the newer, the older               */
   int32_t known[3];                   /* what tse_learnt_save() may call learnt                       */
   tse_start start;
   tse_particles p;

@@ -29,7 +29,7 @@
 
 #define tse_config_default TSE_NAME(tse_config_default)
 #define tse_config_paper   TSE_NAME(tse_config_paper)
-#define tse_config_marginalised TSE_NAME(tse_config_marginalised)
+#define tse_config_sampled TSE_NAME(tse_config_sampled)
 #define tse_config_check   TSE_NAME(tse_config_check)
 #define tse_prepare        TSE_NAME(tse_prepare)
 #define tse_reset          TSE_NAME(tse_reset)
@@ -78,6 +78,8 @@ typedef struct tse_output {
   tse_real vel_x, vel_x_sd, vel_y, vel_y_sd, yaw_rate, yaw_rate_sd, sideslip;
   tse_real stiffness[3], stiffness_sd[3], stiffness_spread[3];
   tse_real bias[3], bias_sd[3];
+  int32_t spread_seen[3];       /* 1: the spread is learnt; 0: below what sensors and excitation can show */
+  tse_real noise[3];            /* sd of the noise as found, over the setting's           */
   tse_real n_eff, log_evidence;
   int32_t reason[3];
   int32_t status;
@@ -86,14 +88,12 @@ typedef struct tse_output {
 /* Fill c with the defaults of tse/config.def. c NULL: nothing happens. */
 void tse_config_default(tse_config *c);
 
-/* The same, but the filter as the paper has it: statistics are never held or limited. */
-void tse_config_paper(tse_config *c);
+/* The same, but states and mean stiffness are sampled by the particles, as in the paper, with the limits that keep it from
+ * diverging: statistics are held where nothing is excited, the spread is limited. Not as safe as the default, see README. */
+void tse_config_sampled(tse_config *c);
 
-/* The same, but states and mean stiffness marginalised (src/gaussian.c): a hundred particles do what five hundred cannot,
- * a changed road is followed in seconds, and the band is honest - as long as the wheel speeds are clean. It believes them
- * to the last digit: in gentle driving with the noise of a production sensor it sees slip that is not there, and reads
- * longitudinal stiffness far too low. */
-void tse_config_marginalised(tse_config *c);
+/* The same as tse_config_sampled(), without limits: the filter as printed. */
+void tse_config_paper(tse_config *c);
 
 /* Check every setting against its range.
  *   Returned:  TSE_OK, TSE_E_NULL or TSE_E_CONFIG; then *wrong (if not NULL) points to the name of the first
@@ -129,6 +129,13 @@ tse_status tse_input_check(const tse_input *u, const char **wrong);
  *     dt above max_gap                           states restarted from wheel speeds and gyro, statistics kept
  *     |wheel speed| below hold_speed, reverse,   states kept sane, statistics held; gyro bias learnt at standstill
  *     steering angle beyond max_steer
+ *     slip of an axle beyond max_slip            motion integrated from accelerometers and gyro, statistics held
+ *     and, unless sampled (src/consistency.c):
+ *     one measurement far from the forecast      pulls the less the further off
+ *     a channel repeats itself and contradicts   taken as missing
+ *     noise above what the settings say          found, used, and put out
+ *     all contradicts what was learnt            not valid; learnt anew, and if that explains nothing either, what was
+ *                                                learnt before comes back and is held until the contradiction ends
  *   Source:    Algorithm 1, (16)-(19), (22)-(27).    O(N) time, bounded; no allocation, no recursion, no global state. */
 tse_status tse_step(const tse_params *p, tse_filter *f, const tse_input *u, tse_output *y);
 
