@@ -16,7 +16,7 @@ from tselab.errors import UserError
 from tselab.montecarlo import STUDIES
 
 FILE = click.Path(path_type=Path)
-FORMS = ("default", "paper", "marginalised")  # tse_config_default() and its like
+FORMS = ("default", "sampled", "paper")  # tse_config_default() and its like
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 110}
 
 
@@ -95,8 +95,8 @@ FORM = click.option(
     type=click.Choice(FORMS),
     default="default",
     show_default=True,
-    help="paper: nothing is held or limited. marginalised: states and mean stiffness are Gaussian in each particle; "
-    "needs fewer particles and clean wheel speeds.",
+    help="sampled: particles sample states and mean stiffness, too; with limits, less accurate, not as safe. "
+    "paper: the same without limits, the filter as printed.",
 )
 PROGRESS = click.option(
     "--progress/--no-progress", default=None, help="Progress bar; default: when stderr is a terminal."
