@@ -22,6 +22,10 @@ ISSUE_COLUMNS = [
     "bias_accel_x", "bias_accel_x_sd", "bias_accel_y", "bias_accel_y_sd", "bias_yaw_rate", "bias_yaw_rate_sd",
     "n_eff", "log_evidence", "status",
 ]  # fmt: skip
+LATER_COLUMNS = [
+    *(f"{s}_spread_seen" for s in STIFFNESS), "noise_accel_x", "noise_accel_y", "noise_yaw_rate",
+    *(f"{s}_reason" for s in STIFFNESS),
+]  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -32,10 +36,12 @@ def result(drive, tmp_path_factory):
     return done, pd.read_csv(folder / "log.est.csv")
 
 
-def test_columns_are_those_of_the_issue_and_reasons_follow(result):
+def test_columns_are_those_of_the_issue_and_others_follow(result):
     _, est = result
     assert list(est)[: len(ISSUE_COLUMNS)] == ISSUE_COLUMNS
-    assert list(est)[len(ISSUE_COLUMNS) :] == [f"{s}_reason" for s in STIFFNESS]
+    assert list(est)[len(ISSUE_COLUMNS) :] == LATER_COLUMNS
+    for s in STIFFNESS:
+        assert set(est[f"{s}_spread_seen"]) <= {0, 1}
 
 
 def test_every_row_of_the_log_has_an_estimate_that_is_finite_and_positive(result, drive):
