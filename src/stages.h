@@ -233,7 +233,7 @@ int wheels_slide(const tse_params *p, tse_filter *f, const sample *y);
 void coast(const tse_params *p, tse_filter *f, const sample *y);
 
 /* error.c     covariance of the error of the mean: prediction with the same Jacobian as the common covariance, update */
-void error_predict(tse_filter *f, const tse_real jac[3][6]);
+void error_predict(tse_filter *f, tse_real jac[3][6]);
 void error_update(tse_filter *f, const forecast *c, const tse_real noise[3]);
 
 /* estimate.c  (26), (27) from the weighted set / running regressors, and what they tell about each stiffness */
