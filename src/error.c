@@ -15,7 +15,7 @@ static void clear_eps(tse_real E[TSE_ERROR][TSE_ERROR])
 }
 
 /* A = [Fx Fw 0 Fw; 0 1 0 0; 0 0 1 0]: what w = mu + eps does to the state; the next eps is another one. */
-void error_predict(tse_filter *f, const tse_real jac[3][6])
+void error_predict(tse_filter *f, tse_real jac[3][6])
 {
   tse_real(*const E)[TSE_ERROR] = f->err;
   tse_real row[3][TSE_ERROR];

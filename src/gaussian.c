@@ -65,7 +65,7 @@ static void linearise_motion(const tse_params *p, const tse_real at[6], inputs f
 }
 
 /* P = A P A' with A = [Fx Fw 0; 0 1 0; 0 0 1]: rows, then columns. */
-static void carry(const tse_real jac[3][6], tse_real P[TSE_GAUSS][TSE_GAUSS])
+static void carry(tse_real jac[3][6], tse_real P[TSE_GAUSS][TSE_GAUSS])
 {
   tse_real row[3][TSE_GAUSS];
   for (int a = 0; a < 3; a++)
@@ -328,9 +328,9 @@ void bias_learn_still(const tse_params *p, tse_filter *f, const sample *y)
   const tse_real gain = r_mul(y->use[2], r_div(var, var + TSE_R(1)));
   const int32_t count = padded(p->particles);
   for (int32_t i = 0; i < count; i++) f->p.bias[2][i] += r_mul(gain, y->y[2] - f->p.bias[2][i]);
+  for (int b = 0; b < 8; b++) f->cov[8][b] = f->cov[b][8] = f->cov[8][b] - r_mul(gain, f->cov[8][b]);
+  f->cov[8][8] = var - r_mul(gain, var);
   const tse_real rest = TSE_R(1) - gain;
-  for (int b = 0; b < 8; b++) f->cov[8][b] = f->cov[b][8] = r_mul(rest, f->cov[8][b]);
-  f->cov[8][8] = r_mul(rest, var);
   const tse_real err = r_mul(r_mul(rest, rest), f->err[8][8]) + r_mul(gain, gain);
   for (int b = 0; b < TSE_ERROR; b++) f->err[8][b] = f->err[b][8] = r_mul(rest, f->err[8][b]);
   f->err[8][8] = err;

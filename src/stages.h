@@ -233,7 +233,7 @@ int wheels_slide(const tse_params *p, tse_filter *f, const sample *y);
 void coast(const tse_params *p, tse_filter *f, const sample *y);
 
 /* error.c     covariance of the error of the mean: prediction with the same Jacobian as the common covariance, update */
-void error_predict(tse_filter *f, const tse_real jac[3][6]);
+void error_predict(tse_filter *f, tse_real jac[3][6]);
 void error_update(tse_filter *f, const forecast *c, const tse_real noise[3]);
 
 /* estimate.c  (26), (27) from the weighted set / running regressors, and what they tell about each stiffness */
@@ -268,6 +268,12 @@ void bias_learn_still(const tse_params *p, tse_filter *f, const sample *y);
 
 /* learnt.c */
 uint32_t crc32_of(const uint8_t *bytes, size_t count);
+
+/* What limits on an sd are relative to, squared: the mean, or (sampled) the nominal value. */
+static inline tse_real level_2(const tse_params *p, const tse_output *est, int a)
+{
+  return p->marginalised ? r_mul(est->stiffness[a], est->stiffness[a]) : TSE_R(1);
+}
 
 static inline int32_t padded(int32_t n) { return (n + TSE_LANES - 1) / TSE_LANES * TSE_LANES; }
 
