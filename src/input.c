@@ -78,8 +78,9 @@ void watch_repeats(const tse_params *p, tse_filter *f, const tse_input *u, sampl
   const tse_real other[2] = { y->u.v_rear, y->u.v_front };
   const tse_real gain = r_mul(r_mul(y->dt, p->sd[0]), r_mul(y->use[0], y->y[0] - f->bias_now[0]));
   for (int k = 0; k < 6; k++) {
-    const int same = f->started && now[k] == f->last[k];
-    f->last[k] = now[k];
+    const int lost = missing(u, 1u << k, now[k]) || (k >= 3 && !(y->use[k - 3] > TSE_R(0)));
+    const int same = f->started && !lost && now[k] == f->last[k];
+    f->last[k] = lost ? TSE_R(0) : now[k]; /* however it is said that it is missing */
     f->repeats[k] = same ? f->repeats[k] + (f->repeats[k] < STUCK_ROWS) : 0;
     f->repeat_for[k] = same ? r_min(f->repeat_for[k] + y->dt, LONGEST_REPEAT) : TSE_R(0);
     const int repeats = f->repeats[k] >= STUCK_ROWS && f->repeat_for[k] > STUCK_TIME;

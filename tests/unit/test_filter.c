@@ -6,9 +6,9 @@ static tse_filter f, other, before, full;
 
 /* Every test runs with each of these. */
 static const struct { const char *name; void (*settings)(tse_config *c); int32_t marginalised; } forms[] = {
-  { "default", tse_config_default, 0 },
+  { "default", tse_config_default, 1 },
+  { "sampled", tse_config_sampled, 0 },
   { "paper", tse_config_paper, 0 },
-  { "marginalised", tse_config_marginalised, 1 },
 };
 static int form;
 
@@ -54,6 +54,14 @@ static tse_config some_settings(int32_t particles)
   forms[form].settings(&c);
   TEST_ASSERT_EQUAL_INT32(forms[form].marginalised, c.marginalised);
   c.particles = particles;
+  return c;
+}
+
+/* Wheels that jump from one row to the next slide (test_slide.c); here they are believed. */
+static tse_config believing_wheels(int32_t particles)
+{
+  tse_config c = some_settings(particles);
+  c.max_slip = 1;
   return c;
 }
 
@@ -316,7 +324,8 @@ static void test_a_missing_channel_is_the_same_however_it_is_said_and_the_others
       TEST_ASSERT_EQUAL_INT(TSE_W_MISSING_CHANNEL, tse_step(&p, &f, &u, &y));
       for (int a = 0; a < 3; a++) { /* a used sensor's bias becomes better known, a missing one's worse */
         const tse_real now = f.cov[6 + a][6 + a], was = before.cov[6 + a][6 + a];
-        if (a != channel) TEST_ASSERT_TRUE(now < was);
+        const tse_real walked = was + r_mul(p.bias_walk[a], u.dt);
+        if (a != channel) TEST_ASSERT_TRUE(now < (p.marginalised ? walked : was));
         else if (!p.marginalised) TEST_ASSERT_TRUE(now > was);
         else { /* here the others tell of it a little, through what state and biases have in common */
           TEST_ASSERT_TRUE(now > full.cov[6 + a][6 + a]);
@@ -423,7 +432,7 @@ static void test_a_gap_restarts_the_states_and_keeps_the_statistics(void)
 static void test_standstill_and_reverse_hold_the_statistics_bit_for_bit(void)
 {
   static const double speed[] = { 0.0, 1.9, -1.9, -0.2, -5.0, -20.0 };
-  const tse_config c = some_settings(64);
+  const tse_config c = believing_wheels(64);
   const tse_params p = prepared(&c);
   for (int k = 0; k < ROWS(speed); k++) {
     drive d;
@@ -448,7 +457,7 @@ static void test_standstill_and_reverse_hold_the_statistics_bit_for_bit(void)
 
 static void test_large_steering_angles_hold_the_statistics(void)
 {
-  const tse_config c = some_settings(64);
+  const tse_config c = believing_wheels(64);
   const tse_params p = prepared(&c);
   drive d;
   tse_output y;
@@ -646,7 +655,8 @@ static void test_after_a_forced_divergence_the_filter_says_so_and_comes_back(voi
     int noticed = -1;
     for (int i = 0; i < 200 && noticed < 0; i++) {
       const tse_output y = run(&p, &f, &d, 1);
-      if (y.status == TSE_W_RECOVERED) noticed = i;
+      /* marginalised, what contradicts a mean opens it (consistency.c) before a recovery is needed */
+      if (y.status == TSE_W_RECOVERED || (c.marginalised && y.reason[1] == TSE_DIVERGING)) noticed = i;
       TEST_ASSERT_TRUE(all_finite(&y));
     }
     TEST_ASSERT_TRUE_MESSAGE(noticed >= 0, how == 0 ? "soft tyres not noticed within 2 s" : "sliding not noticed within 2 s");
