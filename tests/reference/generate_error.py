@@ -99,7 +99,9 @@ def main():
     predicts = [predict_case(rng) for _ in range(4)]
     lines = ["/* Written by generate_error.py. Order x, mu, bias, eps; biases and measurements in sensor sd. */", ""]
     lines += [
-        "typedef struct error_update_case { double P[9][9], E[9][9], H[3][9], sigma[3][3], noise[3], after[12][12]; } error_update_case;"
+        "typedef struct error_update_case {",
+        "  double P[9][9], E[9][9], H[3][9], sigma[3][3], noise[3], after[12][12];",
+        "} error_update_case;",
     ]
     lines += ["static const error_update_case error_update_cases[] = {"]
     for c in updates:

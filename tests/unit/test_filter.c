@@ -740,6 +740,9 @@ static void test_neither_a_clean_drive_nor_a_lone_outlier_raises_the_alarm(void)
 
 /* ------------------------------------------------------------------------------ broken numbers, fuzz */
 
+#define COVARIANCE_ROUNDING BY_FORMAT(1e-9, 1e-3)
+#define COVARIANCE_RESOLUTION BY_FORMAT(1e-16, 1e-8) /* of states, (1e-8 m/s)^2, in float (1e-4 m/s)^2 */
+
 static double special(uint32_t *state)
 {
   static const double values[] = { 0.0, -0.0, NAN, INFINITY, -INFINITY, 1e300, -1e300, 1e-300, -1e-300, 1e-30,
@@ -753,6 +756,45 @@ static double fuzzed(uint32_t *state, double plausible, double most, int wildnes
   if (wildness == 0 || dice % 16u > (uint32_t)wildness) return plausible;
   if (dice % 3u == 0) return special(state);
   return next_between(state, -most, most);
+}
+
+static int well_conditioned = 1; /* 0: H P H' is 1e16 times R, and rounding says what is left; numbers they must be all the same */
+
+/* Symmetric to the bit, no variance negative, and positive semidefinite but for rounding: with as much added to each variance,
+ * there is a Cholesky factor.   Returned: NULL, or what is wrong. */
+static const char *wrong_with(const tse_real *cov, int n)
+{
+  static const char *const not_psd = "not positive semidefinite";
+  double l[TSE_ERROR][TSE_ERROR];
+  for (int a = 0; a < n; a++)
+    for (int b = 0; b < n; b++) {
+      const tse_real x = cov[a * n + b];
+      if (!r_is_finite(x)) return "not finite";
+      if (x < cov[b * n + a] || x > cov[b * n + a]) return "not symmetric";
+      if (a == b && x < TSE_R(0)) return "a negative variance";
+    }
+  if (!well_conditioned) return NULL;
+  for (int a = 0; a < n; a++)
+    for (int b = 0; b <= a; b++) {
+      double left = number(cov[a * n + b]);
+      if (a == b) left = left * (1.0 + COVARIANCE_ROUNDING) + (a < 3 ? COVARIANCE_RESOLUTION : 1e-12);
+      for (int k = 0; k < b; k++) left -= l[a][k] * l[b][k];
+      if (a > b) l[a][b] = left / l[b][b];
+      else if (left > 0.0) l[a][a] = sqrt(left);
+      else return not_psd;
+    }
+  return NULL;
+}
+
+static void expect_covariances(int row, uint32_t seed)
+{
+  const char *const wrong[2] = { wrong_with(&f.cov[0][0], TSE_GAUSS), wrong_with(&f.err[0][0], TSE_ERROR) };
+  for (int k = 0; k < 2; k++)
+    if (wrong[k]) {
+      char text[120];
+      (void)snprintf(text, sizeof text, "row %d of seed %u: %s is %s", row, (unsigned)seed, k ? "err" : "cov", wrong[k]);
+      TEST_FAIL_MESSAGE(text);
+    }
 }
 
 static void fuzz(const tse_config *c, int rows, uint32_t seed)
@@ -792,6 +834,7 @@ static void fuzz(const tse_config *c, int rows, uint32_t seed)
     }
     TEST_ASSERT_TRUE(number(y.n_eff) > 0.999 && number(y.n_eff) < 1.001 * c->particles);
     TEST_ASSERT_EQUAL_INT(status, y.status);
+    if (c->marginalised && i % 8 == 0) expect_covariances(i, seed);
   }
   TEST_ASSERT_TRUE(accepted > rows / 4);
 }
@@ -816,7 +859,9 @@ static void test_no_row_breaks_a_filter_whose_settings_are_extreme(void)
   c.yaw_rate_sd = (tse_setting)1e-5;
   c.stiffness_min = (tse_setting)0.02;
   c.stiffness_max = 20;
+  well_conditioned = 0;
   fuzz(&c, 4000, 77);
+  well_conditioned = 1;
   c = some_settings(16);
   c.mass = 50000;
   c.forgetting = (tse_setting)0.9;
