@@ -41,8 +41,7 @@ def measure() -> None:
     (RESULTS / "sizes.md").write_text(sizes())
     print("accuracy ...", flush=True)
     output(tselab, "accuracy", "--runs", "24", "--out", RESULTS)
-    few = output(tselab, "accuracy", "--runs", "24", "--form", "marginalised", "--particles", "100")
-    (RESULTS / "marginalised.md").write_text(few)
+    (RESULTS / "few.md").write_text(output(tselab, "accuracy", "--runs", "24", "--particles", "100"))
     print("time ...", flush=True)
     (RESULTS / "bench.md").write_text(output(ROOT / "scripts" / "bench.sh"))
     print("picture ...", flush=True)
@@ -50,14 +49,25 @@ def measure() -> None:
     (RESULTS / "demo.png").write_bytes((ROOT / "demo-output" / "demo.png").read_bytes())
 
 
+def columns(text: str, which: int, names: list[str]) -> str:
+    """Some columns of the which-th table of a Markdown text."""
+    tables = re.findall(r"(?:^\|.*\n)+", text + "\n", flags=re.M)
+    rows = [[cell.strip() for cell in line.strip("| ").split("|")] for line in tables[which - 1].splitlines()]
+    at = [rows[0].index(name) for name in names]
+    return "\n".join("| " + " | ".join(row[i] for i in at) + " |" for row in rows)
+
+
 def updated(text: str) -> str:
-    """README with every `<!-- facts: NAME -->` block holding scripts/results/NAME.md."""
+    """README with every block holding scripts/results/NAME.md, or some columns of a table in it:
+    `<!-- facts: NAME -->`, `<!-- facts: NAME 2: column, column -->` ... `<!-- end -->`."""
 
     def block(match: re.Match[str]) -> str:
-        table = (RESULTS / f"{match[1]}.md").read_text().strip()
-        return f"<!-- facts: {match[1]} -->\n{table}\n<!-- end -->"
+        content = (RESULTS / f"{match[1]}.md").read_text().strip()
+        if match[2]:
+            content = columns(content, int(match[2]), match[3].split("; "))
+        return f"{match[0].splitlines()[0]}\n{content}\n<!-- end -->"
 
-    return re.sub(r"<!-- facts: (\w+) -->\n.*?<!-- end -->", block, text, flags=re.S)
+    return re.sub(r"<!-- facts: ([\w-]+)(?: (\d+): ([^>\n]*?))? -->\n.*?<!-- end -->", block, text, flags=re.S)
 
 
 def main() -> int:

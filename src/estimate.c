@@ -117,7 +117,7 @@ void excitation(const tse_params *p, tse_filter *f, const sample *y, const tse_o
     f->excite_sq[a] += r_mul(gain, r_mul(f->excite[a], f->excite[a]) - f->excite_sq[a]);
     const tse_real var = f->excite_sq[a] - r_mul(f->excite_mean[a], f->excite_mean[a]);
     const tse_real spread_var = r_mul(est->stiffness_spread[a], est->stiffness_spread[a]);
-    const tse_real noise = (a == 0 ? f->noise[0] : f->noise[1]) + r_mul(f->excite_sq[a], spread_var), signal = r_mul(p->memory, var);
+    const tse_real noise = (a == 0 ? f->noise[0] : f->noise[1]) + r_mul(f->excite_sq[a], spread_var), signal = r_mul(r_mul(p->memory, var), level_2(p, est, a));
     excited[a] = noise <= r_mul(p->valid_var, signal);
     const int always = f->seen < p->memory || !(p->hold_var > TSE_R(0));
     f->learn[a] = always || noise <= r_mul(p->hold_var, signal) ? TSE_R(1) : TSE_R(0);

@@ -78,14 +78,14 @@ static tse_status judge(const tse_params *p, const tse_filter *f, const sample *
   tse_status status = TSE_OK;
   const int starting = f->seen < p->memory + p->memory;
   for (int a = 0; a < 3; a++) {
-    const tse_real var = r_mul(out->stiffness_sd[a], out->stiffness_sd[a]);
+    const tse_real var = r_mul(out->stiffness_sd[a], out->stiffness_sd[a]), most = r_mul(p->valid_var, level_2(p, out, a));
     tse_reason why = TSE_VALID;
     if (predicted) why = TSE_INPUT_INVALID;
     else if (held) why = TSE_HELD;
     else if (starting) why = TSE_STARTING;
     else if (f->settle > TSE_R(0)) why = TSE_DIVERGING;
     else if (!excited[a]) why = TSE_NOT_EXCITED;
-    else if (var > p->valid_var) why = TSE_UNCERTAIN;
+    else if (var > most) why = TSE_UNCERTAIN;
     out->reason[a] = (int32_t)why;
     if (why != TSE_VALID) status = worse(status, TSE_W_NOT_VALID);
   }

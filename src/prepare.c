@@ -150,6 +150,14 @@ tse_status tse_prepare(const tse_config *c, tse_params *p, const char **wrong)
   p->sample_time = real_of(c->sample_time);
   p->inv_sample_time = real_of(one / c->sample_time);
   p->max_step = real_of(c->sample_time * (tse_setting)1.5);
+  /* dampings times speed: of vx by the longitudinal, of vy and of the yaw rate by the cornering stiffnesses */
+  const tse_setting cy_f = c->cornering_stiffness_front, cy_r = c->cornering_stiffness_rear;
+  tse_setting damping = (c->longitudinal_stiffness_front + c->longitudinal_stiffness_rear) / c->mass;
+  const tse_setting lateral = (cy_f + cy_r) / c->mass, yaw = (square(c->lf) * cy_f + square(c->lr) * cy_r) / c->yaw_inertia;
+  damping = lateral > damping ? lateral : damping;
+  damping = yaw > damping ? yaw : damping;
+  p->damping = real_of((tse_setting)4 * damping);
+  p->least_step = r_max(real_of(c->hold_speed / ((tse_setting)4 * damping)), r_mul(TSE_R(0.125), p->max_step));
   p->max_gap = real_of(c->max_gap);
   p->max_slip = real_of(c->max_slip);
   p->gate_var = real_of(square(c->outlier_gate));

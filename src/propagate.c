@@ -15,10 +15,9 @@ static void step_all(const tse_params *p, tse_particles *q, int32_t n, inputs u0
 
 void propagate(const tse_params *p, tse_filter *f, inputs u, tse_real dt)
 {
-  /* steps of at most 1.5 sample times; max_gap bounds their number: 1 s / 0.0015 s at the settings' extremes */
-  const int32_t steps = vehicle_steps(p, dt);
-  const tse_real h = steps > 1 ? r_div(dt, r_from_int(steps)) : dt;
   const inputs last = { f->steer, f->v_front, f->v_rear };
+  const int32_t steps = vehicle_steps(p, dt, last, u);
+  const tse_real h = steps > 1 ? r_div(dt, r_from_int(steps)) : dt;
   inputs from = last;
   for (int32_t k = 1; k <= steps; k++) { /* inputs are linear between rows */
     const inputs to = vehicle_between(last, u, k, steps);

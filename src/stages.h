@@ -269,6 +269,12 @@ void bias_learn_still(const tse_params *p, tse_filter *f, const sample *y);
 /* learnt.c */
 uint32_t crc32_of(const uint8_t *bytes, size_t count);
 
+/* What limits on an sd are relative to, squared: the mean, or (sampled) the nominal value. */
+static inline tse_real level_2(const tse_params *p, const tse_output *est, int a)
+{
+  return p->marginalised ? r_mul(est->stiffness[a], est->stiffness[a]) : TSE_R(1);
+}
+
 static inline int32_t padded(int32_t n) { return (n + TSE_LANES - 1) / TSE_LANES * TSE_LANES; }
 
 #ifdef __cplusplus

@@ -154,9 +154,17 @@ static inline tse_real vehicle_kept(tse_real v, tse_real most)
   return r_abs(inside) < LEAST ? TSE_R(0) : inside;
 }
 
-/* Number of steps of at most max_step that a row of dt seconds takes, and the inputs after k of them. */
-static inline int32_t vehicle_steps(const tse_params *p, tse_real dt) { return -r_floor_to_int(-r_div(dt, p->max_step)); }
+/* Number of steps that a row of dt seconds takes: of at most max_step, and in which the fastest of the car's own rates, the
+ * tyres' damping that grows with 1/speed, turns by at most a quarter: at walking pace one step of a row would cost 3 % of Cx.
+ * Below hold_speed nothing is learnt; never more than eight to a max_step. The same for all particles. */
+static inline int32_t vehicle_steps(const tse_params *p, tse_real dt, inputs from, inputs to)
+{
+  const tse_real speed = r_mul(TSE_R(0.25), r_abs(from.v_front + from.v_rear) + r_abs(to.v_front + to.v_rear));
+  const tse_real quarter = r_div(speed, p->damping);
+  return -r_floor_to_int(-r_div(dt, r_min(p->max_step, r_max(quarter, p->least_step))));
+}
 
+/* The inputs after k of these steps. */
 static inline inputs vehicle_between(inputs from, inputs to, int32_t k, int32_t steps)
 {
   if (k < steps) {
@@ -171,7 +179,7 @@ static inline inputs vehicle_between(inputs from, inputs to, int32_t k, int32_t 
 /* One vehicle through a whole row: x = vel_x, vel_y, yaw rate. */
 static inline void vehicle_advance(const tse_params *p, tse_real *x, stiffness k, inputs from, inputs to, tse_real dt)
 {
-  const int32_t steps = vehicle_steps(p, dt);
+  const int32_t steps = vehicle_steps(p, dt, from, to);
   const tse_real h = steps > 1 ? r_div(dt, r_from_int(steps)) : dt;
   inputs a = from;
   for (int32_t i = 1; i <= steps; i++) {

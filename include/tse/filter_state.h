@@ -52,6 +52,7 @@ typedef struct tse_params {
   tse_real wheel_var[2];              /* [m2/s2]     of R omega, front and rear            */
   /* filter */
   tse_real sample_time, inv_sample_time, max_step, max_gap, max_slip, hold_speed, max_steer;
+  tse_real damping, least_step;       /* [m/s2] 4 times the fastest damping times speed; [s] step at hold_speed */
   tse_real gate_var, contradiction_var; /* [sigma^2], 0: never                           */
   tse_real noise_max_var;             /* [1]                                             */
   tse_real log2_forgetting;           /* log2(lambda) per nominal sample                   */

@@ -39,7 +39,7 @@ typedef enum tse_status {
   X(TSE_STARTING,       1, "starting",         "less data seen than the filter's memory holds") \
   X(TSE_NOT_EXCITED,    2, "not excited",      "the recent inputs do not show this stiffness") \
   X(TSE_UNCERTAIN,      3, "uncertain",        "excited, but the sd of the mean is above the limit") \
-  X(TSE_DIVERGING,      4, "diverging",        "evidence fell or the particles were drawn anew; not settled again") \
+  X(TSE_DIVERGING,      4, "diverging",        "the samples contradict what was learnt, or particles were drawn anew; not settled again") \
   X(TSE_HELD,           5, "held",             "standstill, low speed, reverse or large steering angle: value from before") \
   X(TSE_INPUT_INVALID,  6, "input invalid",    "inputs or measurements are missing")
 

@@ -16,7 +16,7 @@ from tselab.errors import UserError
 from tselab.montecarlo import STUDIES
 
 FILE = click.Path(path_type=Path)
-FORMS = ("default", "paper", "marginalised")  # tse_config_default() and its like
+FORMS = ("default", "sampled", "paper")  # tse_config_default() and its like
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 110}
 
 
@@ -95,8 +95,8 @@ FORM = click.option(
     type=click.Choice(FORMS),
     default="default",
     show_default=True,
-    help="paper: nothing is held or limited. marginalised: states and mean stiffness are Gaussian in each particle; "
-    "needs fewer particles and clean wheel speeds.",
+    help="sampled: particles sample states and mean stiffness, too; with limits, less accurate, not as safe. "
+    "paper: the same without limits, the filter as printed.",
 )
 PROGRESS = click.option(
     "--progress/--no-progress", default=None, help="Progress bar; default: when stderr is a terminal."
@@ -160,6 +160,7 @@ def cli(debug: bool) -> None:
 @click.option("--load-learnt", metavar="FILE", type=FILE, help="Start from what an earlier drive taught.")
 @click.option("--age", metavar="DAYS", type=float, help="How long ago that was; default: the age of the file.")
 @click.option("--save-learnt", metavar="FILE", type=FILE, help="Write what this drive teaches; may be the same file.")
+@click.option("--average", metavar="SECONDS", type=float, help="Average the log over blocks of so long first, at most 0.1 s.")
 @click.option("--seed", type=int, help="Seed of the random numbers.")
 @click.option("--particles", type=int, help="Particles in use.")
 @click.option("--forgetting", type=float, help="Forgetting factor per sample.")
@@ -175,6 +176,7 @@ def estimate(
     load_learnt: Path | None,
     age: float | None,
     save_learnt: Path | None,
+    average: float | None,
     form: str,
     pairs: tuple[str, ...],
     progress: bool | None,
@@ -200,7 +202,9 @@ def estimate(
 
     Columns of the log that start with ref_ are drawn in the report: ref_vel_x, ref_yaw_rate_anything, ref_cy_front,
     ref_vehicle_speed, ref_wheel_fl ... with the quantity they name, others by themselves. Rows may come at any rate from
-    0.001 to 1 s, also irregularly. Ctrl-C stops early and writes the rows done so far.
+    0.001 to 1 s, also irregularly. Noise of the wheel speeds passes for slip and makes tyres look soft: --average 0.1 makes
+    less of it; rows of EST.csv are then blocks, forgetting counts blocks, and noise that the vehicle file states is taken for
+    that of one sample. Ctrl-C stops early and writes the rows done so far.
 
     A learnt state holds stiffness, spread and sensor biases. It fits the vehicle it was learnt with, and is trusted the
     less the older it is (settings learnt_floor, learnt_walk_day).
@@ -211,10 +215,11 @@ def estimate(
     from tselab.facts import run_facts
     from tselab.files import check_distinct, check_writable
     from tselab.learnt import read_learnt, write_learnt
+    from tselab.log import average as average_log
     from tselab.log import read_log, sampling_notes, steering_notes
     from tselab.units import check_units
     from tselab.vehicle import fill_sensors, read_vehicle
-    from tselab.verdict import verdicts
+    from tselab.verdict import remarks, verdicts
 
     out = out or Path(log_path.stem + ".est.csv")
     inputs = {"the log": log_path, "--vehicle": vehicle_path, "--config": config_path}
@@ -230,6 +235,8 @@ def estimate(
     learnt = read_learnt(load_learnt, age) if load_learnt else None
     vehicle = read_vehicle(vehicle_path)
     log = read_log(log_path)
+    if average is not None:
+        log = average_log(log, average)
     fill_sensors(vehicle, log)
     config, notes = make_config(vehicle, log, config_path, options, form)
     for key, value in _key_values(pairs).items():
@@ -254,6 +261,7 @@ def estimate(
     refused = int((est.table["status"] < 0).sum())
     if refused:
         notes.append(f"{refused} rows were refused by the library; their estimates are empty, the status says why")
+    notes += remarks(est.table)
     write_table(est.table, out)
     if save_learnt is not None:
         if est.learnt is not None:

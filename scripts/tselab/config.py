@@ -48,7 +48,7 @@ def make_config(
     if log is not None and log.sample_time is not None:
         f = config.fields["sample_time"]
         used = min(max(log.sample_time, f.low), f.high)
-        if used != log.sample_time:
+        if abs(used - log.sample_time) > 1e-6:
             notes.append(
                 f"rows are {log.sample_time:.3g} s apart; the nearest sample_time the filter knows is {used:g} s"
             )

@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 from tqdm import tqdm
 
-from tselab.core import NOMINAL, OUTPUT, REASON, STIFFNESS, Config, Filter, library
+from tselab.core import NOMINAL, OUTPUT, REASON, STIFFNESS, Config, Field, Filter, library
 from tselab.files import atomic
 from tselab.learnt import Learnt
 from tselab.log import Log
@@ -34,9 +34,16 @@ class Estimate:
         return len(self.table)
 
 
+def est_fields() -> list[Field]:
+    """Outputs of the library as EST.csv has them: what came later stands last, so that columns keep their places."""
+    fields = library().fields(OUTPUT)
+    later = [f for f in fields if f.name.endswith("_spread_seen") or f.name.startswith("noise_")]
+    return [f for f in fields if f not in later] + later
+
+
 def est_columns() -> list[str]:
     """Columns of EST.csv, in order."""
-    return ["time", *(f.name for f in library().fields(OUTPUT)), *(f"{s}_reason" for s in STIFFNESS)]
+    return ["time", *(f.name for f in est_fields()), *(f"{s}_reason" for s in STIFFNESS)]
 
 
 def estimate(log: Log, config: Config, progress: bool = False, learnt: Learnt | None = None) -> Estimate:
@@ -77,7 +84,7 @@ def to_table(time: np.ndarray, outputs: np.ndarray, config: Config) -> pd.DataFr
         stiffness = next((s for s in STIFFNESS if f.name == s or f.name.startswith(s + "_")), None)
         if stiffness and f.name.endswith("_valid"):
             columns[f.name] = ((value == 0) & ~refused).astype(int)
-        elif stiffness:
+        elif stiffness and f.unit == "1":
             columns[f.name] = value * getattr(config, NOMINAL[stiffness])
         else:
             columns[f.name] = value

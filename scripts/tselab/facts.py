@@ -12,6 +12,7 @@ def run_facts(est: Estimate, log: Log, vehicle: Vehicle, config: Config, stride:
     """The run in a few lines: name and value."""
     span = float(est.table["time"].iloc[-1] - est.table["time"].iloc[0]) if len(est) else 0.0
     every = f", every {log.sample_time * 1000:.4g} ms" if log.sample_time else ""
+    every += f" (means of {log.averaged} rows)" if log.averaged > 1 else ""
     facts = [
         ("Log", f"{log.path.name}: {len(log)} rows, {span:.1f} s{every}"),
         ("Vehicle", f"{vehicle.name}" + (f" ({vehicle.path.name})" if vehicle.path else "")),

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from tselab.core import INPUT, Field, library
+from tselab.core import CONFIG, INPUT, Field, library
 from tselab.errors import UserError
 
 DRIVES = ("steer_angle", "wheel_speed_front", "wheel_speed_rear")  # out of range: refused
@@ -38,6 +38,7 @@ class Log:
     line: np.ndarray
     sample_time: float | None
     notes: list[str] = field(default_factory=list)
+    averaged: int = 1  # rows of the file in one of these, usually
 
     def __len__(self) -> int:
         return len(self.time)
@@ -104,6 +105,38 @@ def read_log(path: Path) -> Log:
             notes.append(f"{name}: {count} of {len(data)} cells are missing or not usable ({where})")
     ref = table[[c for c in table if c.startswith("ref_")]]
     return Log(path, time, data, ref, line, sample_time, notes)
+
+
+MOST_MISSING = 0.5  # of a block's rows: a channel of which more is missing is missing; a block of which more is, too
+
+
+def average(log: Log, seconds: float) -> Log:
+    """The log in blocks of so many seconds: every channel and reference its mean over the block, at the block's mean time,
+    whatever the sampling. Noise that is white falls with the root of the rows in a block."""
+    f = library().field(CONFIG, "sample_time")
+    if not f.low <= seconds <= f.high:
+        raise UserError(f"option --average: {seconds:g} is outside its range {f.low:g} .. {f.high:g} s")
+    if log.sample_time is None or seconds < 1.5 * log.sample_time:
+        have = f"are {log.sample_time:.3g} s apart" if log.sample_time else "are one"
+        raise UserError(f"option --average: {seconds:g} s is no block of several rows: the rows of the log {have}")
+    block = np.floor((log.time - log.time[0]) / seconds + 1e-6).astype(np.int64)
+    starts = np.flatnonzero(np.diff(block, prepend=-1))
+    count = np.diff(np.append(starts, len(log)))
+    usual = float(np.median(count))
+    keep = count > MOST_MISSING * usual if len(count) > 1 else np.ones(1, bool)
+
+    def means(x: np.ndarray) -> np.ndarray:
+        good = np.isfinite(x)
+        present = np.add.reduceat(good.astype(float), starts)
+        total = np.add.reduceat(np.where(good, x, 0.0), starts)
+        return np.where(present > (1 - MOST_MISSING) * count, total / np.maximum(present, 1), np.nan)[keep]
+
+    time = means(log.time)
+    data = pd.DataFrame({name: means(log.data[name].to_numpy(float)) for name in log.data})
+    ref = pd.DataFrame({name: means(log.ref[name].to_numpy(float)) for name in log.ref}, index=data.index)
+    step = float(np.median(np.diff(time))) if len(time) > 1 else None
+    notes = [*log.notes, f"averaged over {seconds:g} s: {len(log)} rows became {len(time)}, of {usual:g} rows each"]
+    return Log(log.path, time, data, ref, log.line[starts[keep]], step, notes, max(1, round(usual)))
 
 
 def sampling_notes(log: Log, max_gap: float) -> list[str]:

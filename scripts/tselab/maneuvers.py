@@ -26,6 +26,8 @@ class Maneuver:
     wheel_torque_rear: np.ndarray
     road_level: np.ndarray
     target_speed: np.ndarray | None = None
+    brake_torque_front: np.ndarray | None = None
+    brake_torque_rear: np.ndarray | None = None
 
 
 @dataclass(frozen=True)

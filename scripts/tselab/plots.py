@@ -8,11 +8,13 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from tselab.core import NOMINAL, STATUS, STIFFNESS, Config, library
+from tselab.log import MEASURES
 from tselab.verdict import NAMES, UNITS
 
 INK, BLUE, ORANGE, GREEN, PURPLE, GREY = "#1f2933", "#0b5fa5", "#c4570a", "#1a7f5a", "#7b4fa3", "#8a94a0"
 BAND, SPREAD, SHADE = "rgba(11,95,165,0.28)", "rgba(11,95,165,0.10)", "rgba(90,100,110,0.13)"
 MOST_POINTS = 5000  # per line; longer logs are thinned
+QUIET = 1.05  # noise found over the setting's up to which there is nothing to see
 MOST_SHADES = 150  # shaded intervals per plot; shorter gaps are bridged
 
 # Reference columns: ref_<quantity> or ref_<quantity>_<anything>, and the names loggers use.
@@ -246,18 +248,11 @@ def inputs_figure(d: Data) -> go.Figure:
 
 
 def health_figure(d: Data) -> go.Figure:
-    """Biases, evidence, effective size, status."""
-    figure = _figure(
-        5,
-        [
-            "Accelerometer biases [m/s2]",
-            "Gyro bias [rad/s]",
-            "Log evidence per row [nat]",
-            "Effective particles",
-            "Status",
-        ],
-        150,
-    )
+    """Biases, evidence, effective size, status; the noise found where it is not what the settings say."""
+    titles = ["Accelerometer biases [m/s2]", "Gyro bias [rad/s]", "Log evidence per row [nat]", "Effective particles", "Status"]
+    noise = d.est[[f"noise_{channel}" for channel in MEASURES]]
+    noisy = bool((noise > QUIET).any(axis=None))
+    figure = _figure(5 + noisy, titles + ["Noise found, over the settings'"] * noisy, 150)
     for row, names in ((1, ("bias_accel_x", "bias_accel_y")), (2, ("bias_yaw_rate",))):
         for name, colour, band in zip(names, (BLUE, GREEN), (BAND, "rgba(26,127,90,0.2)"), strict=False):
             mean, sd = d.est[name].to_numpy(), d.est[f"{name}_sd"].to_numpy()
@@ -276,6 +271,8 @@ def health_figure(d: Data) -> go.Figure:
     _line(figure, 5, d.time, status, "status", INK, False, text=[texts.get(int(s), "") for s in status],
           hovertemplate="%{y}: %{text}", line_shape="hv")  # fmt: skip
     figure.update_yaxes(rangemode="tozero", dtick=1, row=5, col=1)
+    for name, colour in zip(noise if noisy else (), (BLUE, GREEN, PURPLE), strict=False):
+        _line(figure, 6, d.time, noise[name], name, colour, width=1.2)
     return figure
 
 

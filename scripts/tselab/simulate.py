@@ -16,6 +16,7 @@ from tselab.maneuvers import Maneuver
 SPEED_GAIN = 2.0  # 1/s, of the driver who follows a target speed
 BRAKE_FRONT = 0.6  # share of the braking done by the front axle
 HOLD_TORQUE = 300.0  # Nm, brake at standstill
+HISTORIES = ("steer_angle", "wheel_torque_front", "wheel_torque_rear", "brake_torque_front", "brake_torque_rear", "road_level")
 
 
 @dataclass
@@ -33,24 +34,37 @@ def simulate(
     driven_axle: str = "front",
     progress: bool = False,
 ) -> Simulation:
-    """Drive the manoeuvre."""
+    """Drive the manoeuvre; the log and the truth as they are written to files."""
+    inputs, outputs = drive(maneuver, config, sim_config, driven_axle, progress)
+    return Simulation(_log(maneuver.time, outputs), _truth(maneuver, inputs, outputs, config))
+
+
+def drive(
+    maneuver: Maneuver,
+    config: Config,
+    sim_config: SimConfig,
+    driven_axle: str = "front",
+    progress: bool = False,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Drive the manoeuvre; inputs and outputs of the simulator."""
     sim_config.speed = maneuver.speed
     simulator = Simulator(config, sim_config)
     n = len(maneuver.time)
     inputs, outputs = simulator.inputs(n), simulator.outputs(n)
     inputs["dt"] = np.diff(maneuver.time, prepend=maneuver.time[0] - config.sample_time)
-    for name in ("steer_angle", "wheel_torque_front", "wheel_torque_rear", "road_level"):
-        inputs[name] = getattr(maneuver, name)
+    for name in HISTORIES:
+        if (history := getattr(maneuver, name)) is not None:
+            inputs[name] = history
     front = {"front": 1.0, "rear": 0.0, "both": 0.5}[driven_axle]
     for i in tqdm(range(n), unit="row", disable=not progress, file=sys.stderr, leave=False, desc="simulate"):
         if maneuver.target_speed is not None:
             now = outputs["true_vel_x"][i - 1] if i else maneuver.speed
-            _drive(inputs, i, maneuver, float(now), config, front)
+            _follow_speed(inputs, i, maneuver, float(now), config, front)
         simulator.step_into(inputs, outputs, i)
-    return Simulation(_log(maneuver.time, outputs), _truth(maneuver, inputs, outputs, config))
+    return inputs, outputs
 
 
-def _drive(inputs: np.ndarray, i: int, maneuver: Maneuver, now: float, config: Config, front: float) -> None:
+def _follow_speed(inputs: np.ndarray, i: int, maneuver: Maneuver, now: float, config: Config, front: float) -> None:
     """A driver who follows the target speed with drive and brake torque."""
     target = maneuver.target_speed
     ahead = min(i + 1, len(target) - 1)
@@ -77,13 +91,7 @@ def _truth(maneuver: Maneuver, inputs: np.ndarray, outputs: np.ndarray, config: 
             continue
         stiffness = next((s for s in STIFFNESS if f.name.endswith(s)), None)
         table[f.name] = outputs[f.name] * (getattr(config, NOMINAL[stiffness]) if stiffness else 1.0)
-    for name in (
-        "wheel_torque_front",
-        "wheel_torque_rear",
-        "brake_torque_front",
-        "brake_torque_rear",
-        "road_level",
-    ):
+    for name in HISTORIES[1:]:
         table[name] = inputs[name]
     return pd.DataFrame(table)
 

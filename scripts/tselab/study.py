@@ -114,7 +114,7 @@ def markdown(study: Accuracy) -> str:
     seeds = f"{runs['seed'].min()} .. {runs['seed'].max()}"
     lines = [
         f"Square waves, {n} runs (seeds {seeds}), {study.config.particles} particles"
-        f"{', marginalised' if study.config.marginalised else ''}, "
+        f"{'' if study.config.marginalised else ', states and means sampled'}, "
         f"forgetting {study.config.forgetting:g}, start at 70 %; "
         f"{WINDOW[0]:g} .. {WINDOW[1]:g} s, in % of the true mean stiffness.",
         "",

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from tselab.core import CONFIG, OUTPUT, REASON, SIM_CONFIG, STATUS, STIFFNESS, Field, library
+from tselab.core import CONFIG, REASON, SIM_CONFIG, STATUS, STIFFNESS, Field, library
+from tselab.estimate import est_fields
 from tselab.vehicle import sensor_settings, vehicle_settings
 
 
@@ -33,7 +34,7 @@ def log_columns_table() -> str:
 
 
 def est_columns_table() -> str:
-    rows = [[f.name, _si(f), f.text] for f in library().fields(OUTPUT)]
+    rows = [[f.name, _si(f), f.text] for f in est_fields()]
     for row in rows:
         if row[0].endswith("_valid"):
             row[2] = "1 valid, 0 not"

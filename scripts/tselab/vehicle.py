@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from tselab.core import CONFIG, Config, SettingError, library
+from tselab.core import CONFIG, Config, Field, SettingError, library
 from tselab.errors import UserError
 from tselab.log import MEASURES, Log
 from tselab.noise import channel_noise, kinematic_misfit
@@ -167,10 +167,13 @@ def fill_sensors(vehicle: Vehicle, log: Log) -> None:
     with np.errstate(invalid="ignore"):
         moving = np.abs(log.data["wheel_speed_front"].to_numpy()) * config.wheel_radius_front > 2.0
     misfits = kinematic_misfit(log, config.wheel_radius_front, config.wheel_radius_rear)
+    if "wheel_noise_sd" in v:
+        _average_noise(vehicle, config.fields["wheel_noise_sd"], log)
     for channel in MEASURES:
         key = f"{channel}_sd"
         f = config.fields[key]
         if key in v:
+            _average_noise(vehicle, f, log)
             continue
         noise, misfit = channel_noise(channel, log.data[channel].to_numpy(), moving), misfits.get(channel)
         if noise is None:
@@ -187,6 +190,16 @@ def fill_sensors(vehicle: Vehicle, log: Log) -> None:
         if misfit is not None:
             walk = max(misfit.walk, config.fields[f"{channel}_bias_walk"].default)
             _fill(vehicle, config, f"{channel}_bias_walk", walk, "from the log: change of the slow misfit over 1 s")
+
+
+def _average_noise(vehicle: Vehicle, f: Field, log: Log) -> None:
+    """The noise of one sample, as the file states it, is not that of a mean of several."""
+    if log.averaged > 1:
+        said = vehicle.values[f.name]
+        vehicle.values[f.name] = float(np.clip(said / np.sqrt(log.averaged), f.low, f.high))
+        vehicle.notes.append(
+            f"{f.name}: {said:g} {f.unit} of one sample is {vehicle.values[f.name]:.3g} of a mean of {log.averaged}"
+        )
 
 
 def _fill(vehicle: Vehicle, config: Config, key: str, value: float, why: str) -> None:

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from tselab.core import NOMINAL, STIFFNESS, Config
+from tselab.core import NOMINAL, STIFFNESS, Config, library
+from tselab.log import MEASURES
 
 NAMES = {
     "cx_front": "Front longitudinal stiffness",
@@ -23,11 +24,13 @@ QUIET = {
 WHY = {
     "starting": "the log is shorter than the filter's memory",
     "uncertain": "there was excitement, but not enough to bring the uncertainty below the limit",
-    "diverging": "the measurements did not fit the model and the filter had to recover",
+    "diverging": "the measurements contradicted what was learnt",
     "held": "the car stood still, crawled, reversed or steered far",
     "input invalid": "inputs or measurements were missing",
     "row refused": "the rows were refused",
 }
+UNSEEN = "spread below what this drive can show"
+LOUD = 1.25  # noise found over the setting's: from here on it is remarked
 FEW = 0.005  # below this share of valid rows a value is not given
 
 
@@ -44,6 +47,7 @@ class Verdict:
     low: float  # of the valid means, 5 % and 95 % quantile
     high: float
     spread: float  # sample to sample, share of the mean
+    spread_seen: bool  # else it is below what sensors and excitation can show
     nominal: float
     valid: float  # share of the rows
     reason: str  # the commonest reason for not being valid
@@ -59,6 +63,24 @@ class Verdict:
 def verdicts(table: pd.DataFrame, config: Config) -> list[Verdict]:
     """The finding on each stiffness."""
     return [_verdict(table, config, key) for key in STIFFNESS]
+
+
+def remarks(table: pd.DataFrame) -> list[str]:
+    """What the filter found out about the sensors and about what it had learnt, in words."""
+    found = []
+    learnt = table[table["status"].between(0, library().status("TSE_W_MISSING_CHANNEL"))]
+    for channel in MEASURES:
+        ratio = float(learnt[f"noise_{channel}"].median()) if len(learnt) else 1.0
+        if ratio > LOUD:
+            found.append(f"{channel} is noisier than the settings say: x{ratio:.1f}")
+    off = np.any([table[f"{key}_reason"] == "diverging" for key in STIFFNESS], axis=0)
+    times = int((np.diff(off.astype(int), prepend=0) == 1).sum())
+    if times:
+        often = "once" if times == 1 else f"{times} times"
+        found.append(
+            f"measurements contradicted what was learnt {often}, in {_percent(float(off.mean()))} of the log: not valid there"
+        )
+    return found
 
 
 def _verdict(table: pd.DataFrame, config: Config, key: str) -> Verdict:
@@ -77,7 +99,7 @@ def _verdict(table: pd.DataFrame, config: Config, key: str) -> Verdict:
             f"{reason or 'no rows'}: {why} in {_percent(reason_share)} of the log; the value shown ({last:.0f} {unit}, "
             f"started at {start:.0f}) says {'little' if share else 'nothing'} about the tyres"
         )
-        return Verdict(key, name, "none", unit, nan, nan, nan, nan, nan, nominal, share, reason, reason_share, text)
+        return Verdict(key, name, "none", unit, nan, nan, nan, nan, nan, False, nominal, share, reason, reason_share, text)
 
     mean, sd, spread = (table.loc[valid, c].to_numpy() / 1000 for c in (key, f"{key}_sd", f"{key}_spread"))
     value, band = float(np.median(mean)), float(1.96 * np.median(sd))
@@ -96,6 +118,9 @@ def _verdict(table: pd.DataFrame, config: Config, key: str) -> Verdict:
     if reason and share < 0.8:
         why = QUIET[key] if reason == "not excited" else WHY.get(reason, reason)
         parts.append(f"otherwise mostly {reason}: {why}")
+    seen = bool(table.loc[valid, f"{key}_spread_seen"].mean() >= 0.5)
+    scatter = float(np.median(spread) / value)
+    parts.append(f"spread {100 * scatter:.0f} % from sample to sample" if seen else UNSEEN)
     level = "good" if share >= 0.3 else "partly"
     return Verdict(
         key,
@@ -106,7 +131,8 @@ def _verdict(table: pd.DataFrame, config: Config, key: str) -> Verdict:
         band,
         low,
         high,
-        float(np.median(spread) / value),
+        scatter,
+        seen,
         nominal,
         share,
         reason,

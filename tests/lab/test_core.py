@@ -57,9 +57,9 @@ def test_snapshot_restores_the_filter_bit_for_bit():
     )
     list(filter_.run(rows[:30]))
     saved = filter_.snapshot()
-    first = [y.tobytes() for y in filter_.run(rows[30:])]
+    first = [y.item() for y in filter_.run(rows[30:])]
     filter_.restore(saved)
-    assert [y.tobytes() for y in filter_.run(rows[30:])] == first
+    assert [y.item() for y in filter_.run(rows[30:])] == first
     with pytest.raises(ValueError, match="bytes"):
         filter_.restore(saved[:-8])
 

@@ -22,6 +22,10 @@ ISSUE_COLUMNS = [
     "bias_accel_x", "bias_accel_x_sd", "bias_accel_y", "bias_accel_y_sd", "bias_yaw_rate", "bias_yaw_rate_sd",
     "n_eff", "log_evidence", "status",
 ]  # fmt: skip
+LATER_COLUMNS = [
+    *(f"{s}_spread_seen" for s in STIFFNESS), "noise_accel_x", "noise_accel_y", "noise_yaw_rate",
+    *(f"{s}_reason" for s in STIFFNESS),
+]  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -32,10 +36,12 @@ def result(drive, tmp_path_factory):
     return done, pd.read_csv(folder / "log.est.csv")
 
 
-def test_columns_are_those_of_the_issue_and_reasons_follow(result):
+def test_columns_are_those_of_the_issue_and_others_follow(result):
     _, est = result
     assert list(est)[: len(ISSUE_COLUMNS)] == ISSUE_COLUMNS
-    assert list(est)[len(ISSUE_COLUMNS) :] == [f"{s}_reason" for s in STIFFNESS]
+    assert list(est)[len(ISSUE_COLUMNS) :] == LATER_COLUMNS
+    for s in STIFFNESS:
+        assert set(est[f"{s}_spread_seen"]) <= {0, 1}
 
 
 def test_every_row_of_the_log_has_an_estimate_that_is_finite_and_positive(result, drive):
@@ -137,6 +143,46 @@ def test_slow_log_of_20_hz_is_handled(drive, tmp_path):
     assert done.code == 0, done.err
     assert "every 50 ms" in done.out
     assert (pd.read_csv(tmp_path / "log.est.csv")[list(STIFFNESS)] > 0).all(axis=None)
+
+
+def test_average_over_blocks_finds_the_same_tyres(drive, tmp_path):
+    done = tselab("estimate", drive.log, "--vehicle", drive.vehicle, "--average", 0.04, "--report", "r.html", cwd=tmp_path)
+    assert done.code == 0, done.err
+    assert "500 rows, 20.0 s, every 40 ms (means of 4 rows)" in done.out
+    assert "averaged over 0.04 s: 2001 rows became 500, of 4 rows each" in done.err
+    assert "accel_x_sd: 0.15 m/s2 of one sample is 0.075 of a mean of 4" in done.err
+    last = pd.read_csv(tmp_path / "log.est.csv").iloc[-1]
+    assert [last[k] / n for k, n in zip(STIFFNESS, (1.6e5, 1.2e5, 1.4e5), strict=True)] == pytest.approx([1, 1, 1], rel=0.06)
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"),
+    [(0.2, "0.2 is outside its range 0.001 .. 0.1 s"), (0.012, "the rows of the log are 0.01 s apart"), ("nan", "outside")],
+)
+def test_average_that_cannot_be_is_refused(drive, tmp_path, seconds, text):
+    done = tselab("estimate", drive.log, "--vehicle", drive.vehicle, "--average", seconds, cwd=tmp_path)
+    assert done.code == 2 and "option --average: " in done.err and text in done.err
+
+
+def test_average_takes_rows_as_they_come():
+    from pathlib import Path
+
+    from tselab.log import Log, average, columns
+
+    time = np.array([0, 0.01, 0.02, 0.03, 0.1, 0.13, 0.14, 0.19, 0.2, 0.21, 0.22, 0.23, 5.0, 5.01, 5.02, 5.03, 5.1])
+    n = len(time)
+    data = pd.DataFrame(dict.fromkeys(columns()[1:], 10.0 * time))
+    data.loc[4:6, "accel_x"] = np.nan  # three of a block
+    data.loc[8, "accel_y"] = np.nan  # one
+    ref = pd.DataFrame({"ref_vel_x": np.where(time < 5, 1.0, np.nan)})
+    log = average(Log(Path("x.csv"), time, data, ref, np.arange(n) + 2, 0.01), 0.1)
+    assert log.time == pytest.approx([0.015, 0.14, 0.215, 5.015])  # mean times; the last row alone is no block
+    assert log.data["yaw_rate"].tolist() == pytest.approx(10 * log.time)
+    assert np.isnan(log.data["accel_x"][1]) and log.data["accel_x"].notna().sum() == 3
+    assert log.data["accel_y"][2] == pytest.approx(2.2)
+    assert log.ref["ref_vel_x"][:3].tolist() == [1, 1, 1] and np.isnan(log.ref["ref_vel_x"][3])
+    assert list(log.line) == [2, 6, 10, 14] and log.averaged == 4
+    assert log.rows()["dt"][1:] == pytest.approx(np.diff(log.time))
 
 
 def test_extra_columns_blank_lines_and_a_byte_order_mark_do_no_harm(drive, tmp_path):

@@ -16,7 +16,7 @@ from conftest import COMMAND, tselab
 
 KEYS = ("cx_front", "cy_front", "cy_rear")
 TYRES = ("--set", "true_cx_front=0.75", "--set", "true_cy_front=0.8", "--set", "true_cy_rear=1.2")
-FORMS = ("default", "marginalised")
+FORMS = ("default", "sampled")
 
 
 def simulate(folder, name, seed, *options, maneuver="square-waves"):
@@ -42,7 +42,7 @@ def errors(folder, name, first, last):
 
 @pytest.fixture(scope="module")
 def first(tmp_path_factory):
-    """A drive on tyres unlike the settings', learnt in both forms: default.tse, marginalised.tse."""
+    """A drive on tyres unlike the settings', learnt in two forms: default.tse, sampled.tse."""
     folder = tmp_path_factory.mktemp("learnt")
     (folder / "car.toml").write_text(tselab("vehicle", "--example").out)
     simulate(folder, "first", 1)
@@ -55,9 +55,9 @@ def first(tmp_path_factory):
     return folder
 
 
-@pytest.mark.parametrize(("form", "drive"), [("default", "second"), ("default", "quiet"), ("marginalised", "quiet")])
+@pytest.mark.parametrize(("form", "drive"), [("sampled", "second"), ("sampled", "quiet"), ("default", "quiet")])
 def test_the_next_drive_is_right_at_once(first, form, drive):
-    """Marginalised, square waves teach everything within tenths of a second: nothing to gain there."""
+    """To the default, square waves teach everything within tenths of a second: nothing to gain there."""
     estimate(first, drive, "--form", form)
     without, _ = errors(first, drive, 0, 2)
     done = estimate(first, drive, "--form", form, "--load-learnt", f"{form}.tse", "--age", 1)
@@ -72,7 +72,7 @@ def test_a_road_that_has_changed_since_is_followed(first, form):
     estimate(first, "changed", "--form", form, "--load-learnt", f"{form}.tse", "--age", 1)
     late, sure = errors(first, "changed", 20, 30)
     assert max(late.values()) < 0.05 and sure == 0
-    if form == "marginalised":
+    if form == "default":
         soon, sure = errors(first, "changed", 5, 10)
         assert max(soon.values()) < 0.05 and sure == 0
 
@@ -81,7 +81,7 @@ def test_old_knowledge_is_trusted_less_and_never_less_than_the_settings_start(fi
     sd = []
     ages = (0, 30, 100, 40000)
     for age in ages:
-        estimate(first, "quiet", "--form", "marginalised", "--load-learnt", "marginalised.tse", "--age", age)
+        estimate(first, "quiet", "--load-learnt", "default.tse", "--age", age)
         sd.append(pd.read_csv(first / "quiet.est.csv")["cy_front_sd"].iloc[0])
     assert sd == pytest.approx([min(np.sqrt(0.1**2 + 0.02**2 * age), 0.3) * 1.2e5 for age in ages], rel=0.01)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 
+import numpy as np
 import pandas as pd
 import pytest
 
@@ -73,21 +74,60 @@ def test_reference_columns_find_their_quantity(column, quantity):
     assert match_reference(column) == quantity
 
 
-def verdict_of(valid: list[int], reason: str, mean: float = 98e3):
+def table_of(valid: list[int], reason: str, mean: float = 98e3, seen: int = 1, noise: float = 1.0):
+    rows = {"time": range(len(valid)), "status": [0 if v else 1 for v in valid]}
+    rows |= {"noise_accel_x": [noise] * len(valid), "noise_accel_y": [1.0] * len(valid), "noise_yaw_rate": [1.0] * len(valid)}
+    for key in ("cx_front", "cy_front", "cy_rear"):
+        rows |= {key: [mean] * len(valid), f"{key}_sd": [1500.0] * len(valid), f"{key}_spread": [5000.0] * len(valid)}
+        rows |= {f"{key}_spread_seen": [seen] * len(valid)}
+        rows |= {f"{key}_valid": valid, f"{key}_reason": ["valid" if v else reason for v in valid]}
+    return pd.DataFrame(rows)
+
+
+def verdict_of(*args, **more):
     from tselab.core import Config
     from tselab.verdict import verdicts
 
-    rows = {"time": range(len(valid))}
-    for key in ("cx_front", "cy_front", "cy_rear"):
-        rows |= {key: [mean] * len(valid), f"{key}_sd": [1500.0] * len(valid), f"{key}_spread": [5000.0] * len(valid)}
-        rows |= {f"{key}_valid": valid, f"{key}_reason": ["valid" if v else reason for v in valid]}
-    return verdicts(pd.DataFrame(rows), Config())
+    return verdicts(table_of(*args, **more), Config())
 
 
 def test_verdict_gives_value_band_share_and_distance_to_nominal():
     front = verdict_of([1] * 62 + [0] * 38, "not excited")[1]
     assert front.text.startswith("98 kN/rad ± 3 (95 %), valid 62 % of the time; 18 % below nominal")
     assert "the steering was too quiet" in front.text and front.level == "good"
+    assert "spread 5 % from sample to sample" in front.text
+
+
+def test_a_spread_that_cannot_be_seen_is_not_given():
+    (front,) = verdict_of([1] * 100, "", seen=0)[1:2]
+    assert not front.spread_seen and front.text.endswith("spread below what this drive can show")
+
+
+def test_remarks_name_noise_and_contradictions():
+    from tselab.verdict import remarks
+
+    assert remarks(table_of([1] * 100, "")) == remarks(table_of([1] * 100, "", noise=1.2)) == []
+    assert remarks(table_of([1] * 100, "", noise=2.94)) == ["accel_x is noisier than the settings say: x2.9"]
+    assert remarks(table_of([1] * 40 + [0] * 5 + [1] * 50 + [0] * 5, "diverging")) == [
+        "measurements contradicted what was learnt 2 times, in 10 % of the log: not valid there"
+    ]
+    assert "learnt once, in under 1 % of" in remarks(table_of([1] * 400 + [0], "diverging"))[0]
+
+
+def test_noise_is_drawn_where_it_is_not_what_the_settings_say(drive, tmp_path):
+    from tselab.report import figures_of
+
+    table = pd.read_csv(drive.log)
+    table["accel_y"] += 0.6 * np.random.default_rng(1).standard_normal(len(table))
+    table.to_csv(tmp_path / "noisy.csv", index=False)
+    for log, noisy in ((drive.log, False), ("noisy.csv", True)):
+        done = tselab("estimate", log, "--vehicle", drive.vehicle, "--particles", 100, "--report", "r.html", cwd=tmp_path)
+        assert done.code == 0, done.err
+        page = (tmp_path / "r.html").read_text(encoding="utf-8")
+        names = {trace["name"] for trace in figures_of(page)[3]["data"]}
+        assert ("noise_accel_y" in names) == noisy
+        for text in (done.err, page):
+            assert ("accel_y is noisier than the settings say: x" in text) == noisy
 
 
 def test_verdict_of_a_quiet_log_gives_no_value():

@@ -9,9 +9,9 @@ from dataclasses import dataclass, field
 import numpy as np
 import pandas as pd
 
-from tselab.core import INPUT, NOMINAL, STIFFNESS, Config, SimConfig, Simulator, library
+from tselab.core import INPUT, NOMINAL, STIFFNESS, Config, SimConfig, library
 from tselab.maneuvers import Maneuver
-from tselab.simulate import _drive as follow_speed
+from tselab.simulate import drive as run_simulator
 
 WINDOW = (15.0, 30.0)  # s, where errors count unless the case says otherwise
 G = 9.81  # m/s2
@@ -80,22 +80,10 @@ def drive(case: Case, seed: int, configure: Callable[[Mapping[str, float]], Conf
     if case.draw:
         about |= case.draw(car, sim_config, rng)
 
-    n = len(maneuver.time)
-    simulator = Simulator(car, sim_config)
-    inputs, truth = simulator.inputs(n), simulator.outputs(n)
-    inputs["dt"] = np.diff(maneuver.time, prepend=maneuver.time[0] - car.sample_time)
-    for name in inputs.dtype.names:
-        if getattr(maneuver, name, None) is not None:
-            inputs[name] = getattr(maneuver, name)
-    for i in range(n):
-        if maneuver.target_speed is not None:
-            now = truth["true_vel_x"][i - 1] if i else maneuver.speed
-            follow_speed(inputs, i, maneuver, float(now), car, 1.0)
-        simulator.step_into(inputs, truth, i)
-
-    rows = np.zeros(n, library().dtype(INPUT))
+    inputs, truth = run_simulator(maneuver, car, sim_config)
+    rows = np.zeros(len(inputs), library().dtype(INPUT))
     rows["dt"] = inputs["dt"]
     for f in library().channels:
         rows[f.name] = truth[f.name]
-    corrupted = case.corrupt(maneuver.time, rows, rng) if case.corrupt else np.zeros(n, bool)
+    corrupted = case.corrupt(maneuver.time, rows, rng) if case.corrupt else np.zeros(len(rows), bool)
     return Drive(maneuver.time, rows, truth, maneuver.road_level, corrupted, about, configure(about), car, sim_config)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -12,14 +12,6 @@ from tselab.maneuvers import Maneuver, square
 
 STEER, TORQUE = 0.02, 700.0  # rad, Nm: the paper's
 LOW_STEER, LOW_SLIP = 0.005, 0.005  # rad, 1
-
-
-@dataclass
-class Braked(Maneuver):
-    """Open loop with brakes."""
-
-    brake_torque_front: np.ndarray | None = None
-    brake_torque_rear: np.ndarray | None = None
 
 
 def square_waves(
@@ -83,7 +75,7 @@ def reverse(car: Config, sim: SimConfig, rng: np.random.Generator) -> Maneuver:
 PULSES = (20.0, 45.0)  # s
 PULSES_END = 75.0
 LOCK_TORQUE, LOCK_FOR = 6000.0, 1.0  # Nm on the front brakes, s
-SPIN_TORQUE, SPIN_FOR = 3500.0, 0.8  # Nm on the front wheels, s
+SPIN_TORQUE, SPIN_FOR = 4000.0, 0.85  # Nm on the front wheels, s
 
 
 def wheel_lock(car: Config, sim: SimConfig, rng: np.random.Generator) -> Maneuver:
@@ -95,7 +87,7 @@ def wheel_lock(car: Config, sim: SimConfig, rng: np.random.Generator) -> Maneuve
         brake[locked] = LOCK_TORQUE
         torque[locked] = 0.0
         torque[(m.time >= start + 2) & (m.time < start + 6)] += 700.0
-    return Braked(**{**vars(m), "wheel_torque_front": torque}, brake_torque_front=brake)
+    return replace(m, wheel_torque_front=torque, brake_torque_front=brake)
 
 
 def wheel_spin(car: Config, sim: SimConfig, rng: np.random.Generator) -> Maneuver:

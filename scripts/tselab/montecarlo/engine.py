@@ -33,6 +33,7 @@ from tselab import __version__
 from tselab.core import STIFFNESS, Config, SimConfig, library
 from tselab.errors import UserError
 from tselab.files import atomic
+from tselab.log import MEASURES
 from tselab.montecarlo import estimators, scores, studies
 from tselab.montecarlo.case import Case, Drive, drive
 from tselab.montecarlo.studies import Study
@@ -40,6 +41,7 @@ from tselab.study import START
 
 RUNS, SETTINGS = "runs.csv", "settings.json"
 KEYS = ["case", "estimator", "seed", "fingerprint"]
+NOISES = [f"noise_{channel}" for channel in MEASURES]
 TIMES = ["simulate_s", "estimate_s"]  # differ from run to run
 CONNECT = 10  # s
 
@@ -324,7 +326,7 @@ class Store:
 
     def table(self) -> pd.DataFrame:
         """The rows of the plan, in the order of its cases, estimators and seeds."""
-        table = pd.read_csv(self.path, dtype={"fingerprint": str})
+        table = pd.read_csv(self.path, dtype={"fingerprint": str, **{c: float for c in self.columns if c not in KEYS}})
         cases = [c.name for c in self.plan.study.cases]
         table = table[table["case"].isin(cases) & table["seed"].isin(self.plan.seeds)]
         order = {(c.name, e): i for i, (c, e) in enumerate((c, e) for c in self.plan.study.cases for e in c.estimators)}
@@ -342,13 +344,13 @@ def columns(study: str) -> list[str]:
     events = max(len(c.events) for c in cases) + 1
     bins = range(max(c.bins for c in cases))
     for key in STIFFNESS:
-        names += [f"{key}_{x}" for x in ("mean_square", "bias", "covered", "sd_square", "spread")]
-        names += [f"{key}_settle_{n}" for n in range(events)]
+        names += [f"{key}_{x}" for x in ("mean_square", "bias", "covered", "sd_square", "spread", "spread_seen")]
+        names += [f"{key}_{x}_{n}" for x in ("settle", "stay") for n in range(events)]
         names += [f"{key}_{x}" for x in ("judged", "worst", "diverged")]
         for share in scores.SHARES:
             names += [f"{key}_{share}", f"{key}_{share}_of"]
         names += [f"{key}_{kind}_{b}" for kind in ("ms", "vs") for b in bins]
-    return [*names, "diverged", "diverged_any", "recoveries", "steps", *TIMES]
+    return [*names, "diverged", "diverged_any", "recoveries", *NOISES, "steps", *TIMES]
 
 
 def fingerprint(plan: Plan) -> dict[str, Any]:

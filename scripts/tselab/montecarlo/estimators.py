@@ -15,23 +15,28 @@ from tselab.study import START
 if TYPE_CHECKING:
     from tselab.peers import Told
 
-# Every departure from the paper's filter that can be switched off: name, what it does, the settings that switch it off.
+# What the default adds to the paper's filter and can be switched off alone: name, what it does, the settings that switch it off.
 DEPARTURES: list[tuple[str, str, dict[str, float]]] = [
-    ("hold", "what nothing excites is held, not learnt", {"hold_sd": 0.0}),
-    ("spread limit", "spread above a limit is sensor noise, not tyre", {"spread_max": 2.0}),
-    ("marginalisation", "states and mean stiffness are Gaussian in each particle", {"marginalised": 0}),
+    ("noise found", "noise above the settings' is found and used", {"noise_max": 1.0}),
+    ("outlier gate", "a sample far off pulls the less the further off", {"outlier_gate": 0.0}),
+    ("contradiction", "innovations that stay far off open the means", {"contradiction": 0.0}),
+    ("stuck check", "a channel that repeats itself and contradicts the others is taken as missing", {"notice_stuck": 0}),
+    ("relative covariance", "the covariance of a mean moves with its level", {"relative_covariance": 0}),
+    ("slide", "wheels that lock or spin are coasted through", {"max_slip": 1.0}),
+    ("slow means", "means walk no faster than 0.5 % a root second beside forgetting (here 1 %)", {"mean_walk": 0.01}),
 ]
 WITHOUT = "tse without "
 PEERS = ("ekf", "ukf")
 BOUNDS = {"bound": "forgetting_bound", "crb": "cramer_rao"}  # no estimators: only what sd one could have
-FORMS = ("paper", "marginalised")
+FORMS = ("sampled", "paper")
 TEXTS = {
     "ekf": "EKF on the augmented state, told the true covariances",
     "ukf": "UKF on the augmented state, told the true covariances",
     "bound": "best linear estimator with the same forgetting",
     "crb": "Cramer-Rao bound without forgetting",
-    "paper": "tse in the paper's form",
-    "marginalised": "tse in the marginalised form",
+    "tse": "tse as it comes",
+    "sampled": "states and means sampled, with limits",
+    "paper": "states and means sampled, no limits: the paper's form",
 }
 
 

@@ -1,4 +1,5 @@
-"""One drive and one estimate of it become a row of numbers. All errors are shares of the true mean stiffness at that row.
+"""One drive and one estimate of it become a row of numbers. All errors are shares of the true mean stiffness at that row. Of
+tyres that saturate the truth is their secant: the linear model has no other stiffness to find (felt()).
 
 Whether an estimate may be blamed for being wrong, or for saying that it does not know, depends on what could be known. That
 is judged from the simulator's truth: from the noise-free slips follows the regressor phi of each stiffness (as excitation()
@@ -14,6 +15,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 from tselab.core import REASON, STIFFNESS, library
+from tselab.log import MEASURES
 from tselab.montecarlo.case import LINEAR, Case, Drive, G
 from tselab.study import DIVERGED_AFTER, DIVERGED_ERROR, DIVERGED_FOR, _longest
 
@@ -23,6 +25,7 @@ CLOSE = 0.10  # error below which an estimate has settled, or may be called righ
 CLEARLY = 2.0  # best-case sd beyond this factor of valid_sd, either way, is clear; between is grey
 LOW_SPEED = 1.0  # m/s, as in src/vehicle.h
 REVERSE_SPEED = -0.1  # m/s, as in src/filter.c
+SETTLED_FOR = 1.0  # s within CLOSE: has settled
 SHARES = ("false_valid", "false_invalid", "valid_unobservable", "reason_right", "corrupted_told")
 UNKNOWN_REASONS = ("not excited", "held", "uncertain", "starting")  # right where nothing can be known
 
@@ -32,7 +35,7 @@ class Knowable:
     """What could be known at each row."""
 
     best_sd: np.ndarray  # (n, 3), relative to nominal; inf where nothing is learnt
-    level: np.ndarray  # (n, 3) true mean, relative to nominal
+    level: np.ndarray  # (n, 3) true mean as tyres show it, relative to nominal
     corrupted: np.ndarray  # (n,) the log does not tell the truth
     beyond: np.ndarray  # (n,) tyres beyond their linear range
     settled: np.ndarray  # (n,) long enough after start, events and disturbances
@@ -85,6 +88,30 @@ def regressors(d: Drive) -> tuple[np.ndarray, np.ndarray]:
     return phi, use
 
 
+def grip(use: np.ndarray) -> np.ndarray:
+    """Secant of the simulator's tyre over its stiffness, as grip() in src/simulate.c. use: linear force over the limit."""
+    z = use / 3
+    return np.where(z < 1, 1 - z + z**2 / 3, 1 / np.maximum(use, 1e-9))
+
+
+def felt(mean: np.ndarray, phi: np.ndarray, use: np.ndarray, learning: np.ndarray, memory: float) -> np.ndarray:
+    """The stiffness that a best fit of the linear tyre over the memory finds: the secant, weighted by what each row shows of
+    it, phi^2. Rows beyond the linear range, from which nobody should learn, do not count."""
+    if not use.any():
+        return mean
+    rows = np.flatnonzero(learning & (use.max(axis=1) <= LINEAR))
+    if not len(rows):
+        return mean
+    latest = np.clip(np.searchsorted(rows, np.arange(len(use)), side="right") - 1, 0, None)
+    secant = np.empty_like(mean)
+    for i, axle in enumerate((0, 0, 1)):
+        weight = phi[rows, i] ** 2
+        with np.errstate(invalid="ignore"):
+            share = running_mean(weight * grip(use[rows, axle]), memory) / running_mean(weight, memory)
+        secant[:, i] = np.nan_to_num(share, nan=1.0)[latest]
+    return mean * secant
+
+
 def running_mean(x: np.ndarray, window: float) -> np.ndarray:
     """Mean of what has been, with a memory of `window` rows: gain 1/min(window, rows so far)."""
     first = min(len(x), int(window))
@@ -125,8 +152,8 @@ def knowable(d: Drive, case: Case) -> Knowable:
         & (wheels.min(axis=1) >= REVERSE_SPEED)
         & (np.abs(d.truth["steer_angle"]) <= c.max_steer)
     )
-    mean = d.stiffness
     memory = 1 / (1 - c.forgetting)
+    mean = felt(d.stiffness, phi, use, learning, memory)
     sd = [
         best_sd(phi[:, i], learning, getattr(d.sim, f"spread_{k}") * mean[:, i], memory)
         for i, k in enumerate(STIFFNESS)
@@ -134,7 +161,9 @@ def knowable(d: Drive, case: Case) -> Knowable:
     beyond = use.max(axis=1) > LINEAR
     disturbed = d.corrupted | beyond
     moments = np.sort(np.concatenate([[d.time[0]], case.events, d.time[disturbed]]))
-    return Knowable(np.column_stack(sd), mean, d.corrupted, beyond, after(d.time, moments, SETTLE_AFTER), c.valid_sd)
+    started = d.time - d.time[0] >= 2 * memory * c.sample_time - 1e-9  # before, the filter says "starting", and rightly
+    settled = after(d.time, moments, SETTLE_AFTER) & started
+    return Knowable(np.column_stack(sd), mean, d.corrupted, beyond, settled, c.valid_sd)
 
 
 def inside(time: np.ndarray, windows: tuple[tuple[float, float], ...]) -> np.ndarray:
@@ -149,14 +178,17 @@ def wrong_on_end(wrong: np.ndarray, judged: np.ndarray) -> int:
     return int((count[edges[1::2]] - count[edges[::2]]).max(initial=0))
 
 
-def settling(time: np.ndarray, error: np.ndarray, start: float, end: float) -> float:
-    """Seconds from `start` until the error stays below CLOSE up to `end`; inf when it does not."""
+def settling(time: np.ndarray, error: np.ndarray, start: float, end: float, hold: float = SETTLED_FOR) -> float:
+    """Seconds from `start` until the error stays below CLOSE for `hold` seconds, with hold = inf up to `end`; inf when it
+    does not. Less than `hold` before the end counts when it stays below until there."""
     part = (time >= start - 1e-9) & (time < end - 1e-9)
-    late = np.flatnonzero(~(np.abs(error[part]) < CLOSE))
-    if not len(late):
-        return 0.0
     t = time[part]
-    return float(t[late[-1] + 1] - start) if late[-1] + 1 < len(t) else np.inf
+    wrong = np.flatnonzero(~(np.abs(error[part]) < CLOSE))
+    begins = np.concatenate([[0], wrong + 1])  # of stretches that are right, some of no length
+    begins = begins[begins < len(t)]
+    ends = np.concatenate([t[wrong], [np.inf]])[: len(begins)]  # the first wrong row after each, if any
+    long = np.flatnonzero(ends - t[begins] >= hold - 1e-9)
+    return float(max(t[begins[long[0]]] - start, 0.0)) if len(long) else np.inf
 
 
 def _mean(x: np.ndarray) -> float:
@@ -169,7 +201,7 @@ def score(d: Drive, case: Case, k: Knowable, estimate: np.ndarray) -> dict[str, 
     """The numbers of one run. Percent; shares as two counts of rows, so that they can be pooled."""
     time, step = d.time, d.config.sample_time
     window = inside(time, case.windows)
-    truth = d.stiffness
+    truth = k.level
     known = k.judged
     names = estimate.dtype.names
     unknown = [code for code, f in library().codes(REASON).items() if f.name in UNKNOWN_REASONS]
@@ -186,11 +218,14 @@ def score(d: Drive, case: Case, k: Knowable, estimate: np.ndarray) -> dict[str, 
         row[f"{key}_sd_square"] = 1e4 * _mean(sd[window] ** 2)
         if f"{key}_spread" in names:
             row[f"{key}_spread"] = 100 * _mean(estimate[f"{key}_spread"][window] / true[window])
+        if f"{key}_spread_seen" in names:
+            row[f"{key}_spread_seen"] = 100 * float(np.mean(estimate[f"{key}_spread_seen"][window]))
         if key in names:
             starts = (time[0], *case.events)
             ends = (*case.events, np.inf)
             for n, (a, b) in enumerate(zip(starts, ends, strict=True)):
                 row[f"{key}_settle_{n}"] = settling(time, error, a, b)
+                row[f"{key}_stay_{n}"] = settling(time, error, a, b, np.inf)
             wrong = ~(size <= DIVERGED_ERROR)
             row[f"{key}_judged"] = int(known[:, i].sum())
             row[f"{key}_worst"] = 100 * np.max(size[known[:, i]], initial=0.0)
@@ -199,6 +234,7 @@ def score(d: Drive, case: Case, k: Knowable, estimate: np.ndarray) -> dict[str, 
             diverged_any = max(diverged_any, int(_longest(wrong & k.settled) * step > DIVERGED_FOR))
         if f"{key}_valid" in names:
             refused = estimate["status"] < 0
+            missing = estimate["status"] == library().status("TSE_W_MISSING_CHANNEL")
             valid = (estimate[f"{key}_valid"] == 0) & ~refused
             flagged = valid & (time >= VALID_AFTER - 1e-9)
             dark = k.unobservable[:, i] & ~k.corrupted
@@ -209,7 +245,7 @@ def score(d: Drive, case: Case, k: Knowable, estimate: np.ndarray) -> dict[str, 
                 (right & ~valid, right),
                 (dark & valid, dark),
                 (dark & reasons & ~refused, dark),
-                (k.corrupted & ~valid, k.corrupted),
+                (k.corrupted & (~valid | missing), k.corrupted),
             )
             for name, (of, among) in zip(SHARES, shares, strict=True):
                 row[f"{key}_{name}"], row[f"{key}_{name}_of"] = int(of.sum()), int(among.sum())
@@ -221,5 +257,7 @@ def score(d: Drive, case: Case, k: Knowable, estimate: np.ndarray) -> dict[str, 
     if STIFFNESS[0] in names:
         row["diverged"], row["diverged_any"] = diverged, diverged_any
     if "status" in names:
+        for channel in MEASURES:
+            row[f"noise_{channel}"] = _mean(estimate[f"noise_{channel}"][window])
         row["recoveries"] = int((estimate["status"] == library().status("TSE_W_RECOVERED")).sum())
     return row

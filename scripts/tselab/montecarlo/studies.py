@@ -13,7 +13,7 @@ from tselab.errors import UserError
 from tselab.log import DRIVES, MEASURES
 from tselab.montecarlo import STUDIES, corrupt, drives
 from tselab.montecarlo.case import Case
-from tselab.montecarlo.estimators import BOUNDS, DEPARTURES, PEERS, WITHOUT
+from tselab.montecarlo.estimators import BOUNDS, DEPARTURES, FORMS, PEERS, WITHOUT
 
 SPREADS = ("spread_cx_front", "spread_cy_front", "spread_cy_rear")
 DEGREE = np.pi / 180
@@ -62,6 +62,9 @@ def _stress() -> tuple[Case, ...]:
         Case("vy-start", "vy starts 10 sigma off", _waves(), sim={"vel_y": 1.0}, needs=("vel_y",)),
         NOISE_3X,
         NOISE_THIRD,
+        Case("wheel-noise-told", "wheel speeds noisy by 0.05 rad/s, as told", _waves(), sim={"wheel_speed_sd": 0.05},
+             config={"wheel_noise_sd": 0.05}),
+        Case("wheel-noise-untold", "wheel speeds noisy by 0.05 rad/s, told none", _waves(), sim={"wheel_speed_sd": 0.05}),
         OUTLIERS,
         Case("imu-bias", "biases of 0.1, 0.1 m/s2, 0.2 deg/s that walk", _waves(), sim=imu_bias),
         LOW,
@@ -73,8 +76,9 @@ def _stress() -> tuple[Case, ...]:
              events=(20.0, 40.0), windows=((30.0, 40.0), (50.0, 60.0))),
         *(Case(f"spread-{s:g}", f"stiffness scatters by {s:g} %", _waves(), sim=dict.fromkeys(SPREADS, s / 100))
           for s in (1, 5, 15)),
-        *(Case(f"forgetting-{f:g}", f"forgetting {f:g}", _waves(), config={"forgetting": f})
-          for f in (0.98, 0.99, 0.995, 0.999)),
+        *(Case(f"forgetting-{f:g}", f"forgetting {f:g}", _waves(), config={"forgetting": f}) for f in (0.98, 0.99, 0.995)),
+        Case("forgetting-0.999", "forgetting 0.999, judged after two memories", _waves(40.0), config={"forgetting": 0.999},
+             windows=((20.0, 40.0),)),
         *(Case(f"dropout-{c}", f"{c} missing for 0.1 .. 5 s", slots, corrupt=partial(corrupt.dropout, channel=c),
                windows=after_15) for c in (*DRIVES, *MEASURES)),
         *(Case(f"stuck-{c}", f"{c} stuck for 0.1 .. 5 s", slots, corrupt=partial(corrupt.stuck, channel=c),
@@ -83,8 +87,8 @@ def _stress() -> tuple[Case, ...]:
              windows=((20.0, 80.0),)),
         Case("reverse", "backwards from standstill, launch, square waves", drives.reverse,
              windows=((45.0, drives.REVERSE_END),)),
-        Case("wheel-lock", "front wheels lock for 1 s, twice", drives.wheel_lock, **friction),
-        Case("wheel-spin", "front wheels spin for 1 s, twice", drives.wheel_spin, **friction),
+        Case("wheel-lock", "front wheels lock for 1 s, twice; against the secant", drives.wheel_lock, **friction),
+        Case("wheel-spin", "front wheels spin for 1 s, twice; against the secant", drives.wheel_spin, **friction),
         Case("mass+10", "10 % heavier than told", _waves(), car={"mass": 1.1, "yaw_inertia": 1.1}),
         Case("mass-10", "10 % lighter than told", _waves(), car={"mass": 0.9, "yaw_inertia": 0.9}),
         *(Case(f"sample-{ms}ms", f"a row every {ms} ms", _waves(), config={"sample_time": ms / 1000})
@@ -103,9 +107,14 @@ FIG34 = {f"initial_{s}": 0.8 for s in ("cx_front", "cy_front", "cy_rear")} | {
 }
 
 
+DEPARTURE_CASES = ("nominal", "noise-3x", "low-excitation", "outliers", "road-0.3", "stuck-steer_angle", "stuck-accel_y",
+                   "wheel-lock", "paper-prior")  # in each of them something matters # fmt: skip
+
+
 def _cases() -> dict[str, tuple[Case, ...]]:
     particles = tuple(f"tse-{n}" for n in PARTICLES if n <= library().capacity)
-    departures = ("tse", *(WITHOUT + name for name, _, _ in DEPARTURES))
+    departures = ("tse", *(WITHOUT + name for name, _, _ in DEPARTURES), *FORMS)
+    stress = {c.name: c for c in _stress()}
     return {
         "fig1": (
             Case("road-0.7", "square waves, road to 70 % at 30 s", _waves(60.0, road=((30.0, 0.7),)), events=(30.0,),
@@ -119,10 +128,10 @@ def _cases() -> dict[str, tuple[Case, ...]]:
                  config=FIG34, bins=48, windows=((20.0, 48.0),)),
         ),
         "bound": _with(("tse", "ekf", *BOUNDS), replace(NOMINAL, build=_waves(40.0), bins=40)),
-        "peers": _with(("tse", "tse-100", *PEERS), NOMINAL, LOW, NOISE_3X, NOISE_THIRD, ROAD),
+        "peers": _with(("tse", "tse-100", "sampled", *PEERS), NOMINAL, LOW, NOISE_3X, NOISE_THIRD, ROAD),
         "stress": _stress(),
         "particles": _with(particles, NOMINAL, NOISE_3X, LOW),
-        "departures": _with(departures, NOMINAL, NOISE_3X, LOW, ROAD, OUTLIERS),
+        "departures": _with(departures, *(stress[name] for name in DEPARTURE_CASES)),
     }  # fmt: skip
 
 

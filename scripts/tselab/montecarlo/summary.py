@@ -10,6 +10,7 @@ import pandas as pd
 from scipy import stats
 
 from tselab.core import STIFFNESS
+from tselab.log import MEASURES
 from tselab.montecarlo import scores
 from tselab.montecarlo.engine import Plan
 from tselab.study import DIVERGED_ERROR, DIVERGED_FOR, clopper_pearson
@@ -107,16 +108,20 @@ def _line(part: pd.DataFrame) -> dict[str, float]:
         line[f"{key}_covered"], line[f"{key}_covered_half"] = mean_interval(part[f"{key}_covered"])
         line[f"{key}_sd"] = np.sqrt(part[f"{key}_sd_square"].mean())
         line[f"{key}_spread"], line[f"{key}_spread_half"] = mean_interval(part[f"{key}_spread"].dropna())
+        line[f"{key}_spread_seen"] = part[f"{key}_spread_seen"].mean()
         line[f"{key}_diverged"] = part[f"{key}_diverged"].sum(min_count=1)
         line[f"{key}_worst"] = part[f"{key}_worst"].max()
         line[f"{key}_judged"] = 100 * (part[f"{key}_judged"] / part["steps"]).mean()
-        for settle in [c for c in part if c.startswith(f"{key}_settle_")]:
+        for settle in [c for c in part if c.startswith((f"{key}_settle_", f"{key}_stay_"))]:
             if part[settle].notna().any():
                 line[settle], line[f"{settle}_90"] = part[settle].quantile([0.5, 0.9], interpolation="higher")
+                line[f"{settle}_most"] = part[settle].max()
         for share in scores.SHARES:
             line[f"{key}_{share}"] = _pooled(part, [key], share)
     for share in scores.SHARES:
         line[share] = _pooled(part, STIFFNESS, share)
+    for channel in MEASURES:
+        line[f"noise_{channel}"] = part[f"noise_{channel}"].mean()
     line["microseconds_per_step"] = 1e6 * (part["estimate_s"] / part["steps"]).median()
     line["simulate_s"], line["estimate_s"] = part["simulate_s"].median(), part["estimate_s"].median()
     return line
@@ -144,6 +149,16 @@ def three(line: pd.Series, what: str, digits: int = 1, sign: str = "") -> str:
     return ", ".join(number(line.get(f"{k}_{what}", np.nan), digits, sign) for k in STIFFNESS)
 
 
+def settled(line: pd.Series, event: int) -> list[str]:
+    """Two cells: seconds until settled after an event, median and longest; the same for good. Of the slowest stiffness."""
+    cells = []
+    for kind in ("settle", "stay"):
+        names = [f"{k}_{kind}_{event}" for k in STIFFNESS]
+        median, most = (max(line.get(f"{n}{end}", np.nan) for n in names) for end in ("", "_most"))
+        cells.append("-" if np.isnan(median) else f"{number(median, 1)} ({number(most, 1)})")
+    return cells
+
+
 def diverged(line: pd.Series) -> str:
     """Count and interval."""
     if np.isnan(line.get("diverged", np.nan)):
@@ -166,7 +181,9 @@ LEGEND = (
     f"truth. False valid: of the rows flagged valid, those wrong by more than {WRONG}. False invalid: of the rows from which it "
     f"could clearly be told, and was within {100 * scores.CLOSE:.0f} %, those not flagged valid. Reason right: of the rows from "
     "which it clearly could not be told, those that say so. Faults told: of the rows with a missing or stuck channel, those not "
-    "flagged valid. Intervals: 95 %, Clopper-Pearson for shares, bootstrap for RMS, t for means."
+    "flagged valid or with the status that a measurement is missing. Seen: share of rows that say that the spread is learnt, not "
+    "below what can be told. Noise: sd as found over the setting, accel_x, accel_y, yaw_rate, mean. Intervals: 95 %, "
+    "Clopper-Pearson for shares, bootstrap for RMS, t for means."
 )
 
 
@@ -174,14 +191,16 @@ def overview(plan: Plan, summary: pd.DataFrame) -> Table:
     """One line per case and estimator: divergence, error, coverage, validity, spread."""
     several = any(len(c.estimators) > 1 for c in plan.study.cases)
     head = ["case", *(["estimator"] if several else []), "runs", "diverged (95 %)", "any",
-            *(f"RMS {h} (95 %)" for h in HEADS.values()), "covered", "bias", "spread", "false valid", "false invalid",
-            "reason right", "faults told", "recoveries"]  # fmt: skip
+            *(f"RMS {h} (95 %)" for h in HEADS.values()), "covered", "bias", "spread", "seen", "noise", "false valid",
+            "false invalid", "reason right", "faults told", "recoveries"]  # fmt: skip
     rows = [
         [
             f"{line['case']}: {line['title']}", *([line["estimator"]] if several else []), f"{line['runs']}", diverged(line),
             number(line.get("diverged_any"), 0), *(_rms(line, k) for k in HEADS), three(line, "covered", 0),
-            three(line, "bias", 2, "+"), three(line, "spread"), number(line["false_valid"], 2), number(line["false_invalid"], 1),
-            number(line["reason_right"], 1), number(line["corrupted_told"], 1), number(line["recoveries"], 0),
+            three(line, "bias", 2, "+"), three(line, "spread"), three(line, "spread_seen", 0),
+            ", ".join(number(line[f"noise_{c}"], 1) for c in MEASURES), number(line["false_valid"], 2),
+            number(line["false_invalid"], 1), number(line["reason_right"], 1), number(line["corrupted_told"], 1),
+            number(line["recoveries"], 0),
         ]
         for _, line in summary.iterrows()
     ]  # fmt: skip

@@ -1,0 +1,60 @@
+#!/usr/bin/env python3
+"""Run the Monte-Carlo studies whose tables README quotes and put tables and pictures into scripts/results.
+
+    .venv/bin/python scripts/studies.py [--jobs J] [STUDY ...]     all of them: about an hour on two cores
+
+Each study goes on where it was interrupted (build/studies/NAME); after a change of the library start with --restart.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+RESULTS = ROOT / "scripts" / "results"
+TSELAB = ROOT / ".venv" / "bin" / "tselab"
+PICTURES = ("fig1", "fig2", "fig3-4", "particles", "bound")
+
+# study: runs of each case
+STUDIES: dict[str, int] = {
+    "nominal": 1000,
+    "stress": 200,
+    "peers": 100,
+    "departures": 40,
+    "bound": 60,
+    "particles": 40,
+    "fig1": 1,
+    "fig2": 100,
+    "fig3-4": 1,
+}
+
+
+def run(name: str, runs: int, jobs: int, restart: bool) -> None:
+    out = ROOT / "build" / "studies" / name
+    study, only = ("stress", ["--cases", "nominal"]) if name == "nominal" else (name, [])
+    command = [TSELAB, "montecarlo", "--study", study, "--runs", str(runs), "--jobs", str(jobs), "--out", out, *only]
+    subprocess.run([*command, *(["--restart"] if restart else [])], check=True, stdout=subprocess.DEVNULL)
+    shutil.copy(out / f"{study}.md", RESULTS / f"{name}.md")
+    if name in PICTURES:
+        shutil.copy(out / f"{study}.png", RESULTS / f"{name}.png")
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("studies", nargs="*", choices=[*STUDIES, []], metavar="STUDY", help=", ".join(STUDIES))
+    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
+    parser.add_argument("--restart", action="store_true", help="discard runs made with another library")
+    options = parser.parse_args()
+    for name in options.studies or STUDIES:
+        print(f"{name}: {STUDIES[name]} runs of each case", flush=True)
+        run(name, STUDIES[name], options.jobs, options.restart)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
