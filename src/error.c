@@ -93,4 +93,12 @@ void error_update(tse_filter *f, const forecast *c, const tse_real noise[3])
       }
       E[a][b] = E[b][a] = a == b ? r_max(e, TSE_R(0)) : e;
     }
+
+  tse_real sum = TSE_R(0);
+  for (int a = 0; a < TSE_ERROR; a++)
+    for (int b = 0; b < TSE_ERROR; b++) sum += r_abs(E[a][b]);
+  if (r_is_finite(sum)) return;
+  clear_eps(E); /* S overflows in float where settings are extreme: then what the gain's covariance says */
+  for (int a = 0; a < TSE_GAUSS; a++)
+    for (int b = 0; b < TSE_GAUSS; b++) E[a][b] = f->cov[a][b];
 }
