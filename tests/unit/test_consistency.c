@@ -270,10 +270,10 @@ static void test_noise_ends_at_its_limit_and_at_the_settings(void)
   for (int a = 0; a < 3; a++) expect_near(4.0, number(f.noise[a]), 0.0, "noise at its limit", a);
   f.stance = 0;
   f.contradicted = TSE_R(0);
-  for (int i = 0; i < 4000; i++) { /* the sensor recovers: the settings are right again, exactly */
-    double z[3];
+  for (int i = 0; i < 4000; i++) { /* the sensor recovers, nearly: the settings are right again, exactly */
+    const double off = (i % 2 ? 1.0 : -1.0) * sqrt(1.15);
+    const double z[3] = { off, off, off };
     tse_real noise[3];
-    draw(0.9, 0.0, 0.0, 0.0, z);
     (void)step(&p, z, 0.0, 0.0, 0.0, noise);
   }
   for (int a = 0; a < 3; a++) expect_near(1.0, number(f.noise[a]), 0.0, "noise of the settings", a);
@@ -398,6 +398,57 @@ static void test_a_step_contradicts_when_its_smoothed_value_is_five_of_its_sds(v
   start(&p, 1); /* less than five of its sds never does */
   run_quiet(&p, 300);
   TEST_ASSERT_EQUAL_INT(0, samples_until_try(&p, 1, 0.85, 3000));
+}
+
+/* Smoothing takes noise and spread off, but not what the mean itself may be off: with H P H' = 1/2 two sigma are nothing. */
+static void test_the_doubt_about_the_mean_is_not_smoothed_away(void)
+{
+  static const double z[3] = { 0.0, 2.0, 0.0 };
+  const tse_config c = settings();
+  const tse_params p = prepared(&c);
+  for (int doubted = 0; doubted < 2; doubted++) {
+    tse_real noise[3];
+    int tried = 0;
+    start(&p, 1);
+    run_quiet(&p, 300);
+    for (int i = 0; i < 300; i++) {
+      (void)step(&p, z, 0.0, 0.0, doubted ? 0.5 : 0.0, noise);
+      tried = tried || is_trying(&f);
+    }
+    TEST_ASSERT_EQUAL_INT(!doubted, tried);
+  }
+}
+
+/* What the wheel speeds' noise does to accel_x is noise of that channel: told, expected, and no outlier. */
+static void test_noise_of_the_wheels_counts_as_noise_of_accel_x_only(void)
+{
+  const tse_config c = settings();
+  const tse_params p = prepared(&c);
+  const double z[3] = { 7.0, 1.0, 1.0 };
+  const sample every = row(7);
+  for (int told = 0; told < 2; told++) {
+    sample y = every;
+    tse_real noise[3];
+    start(&p, 1);
+    forecast fc = forecast_of(z, 0.0, 0.0, 0.0);
+    fc.input_var = real(told ? 3.0 : 0.0);
+    (void)consistency(&p, &f, &y, &fc, noise);
+    expect_near(told ? 4.0 : 49.0 / 16.0, number(noise[0]), BY_FORMAT(1e-14, 1e-6), "noise of accel_x", told);
+    for (int a = 1; a < 3; a++) expect_near(1.0, number(noise[a]), 0.0, "noise", a);
+  }
+  start(&p, 2); /* and none is found that was told */
+  for (int i = 0; i < 2000; i++) {
+    double drawn[3];
+    sample y = every;
+    tse_real noise[3];
+    draw(1.0, 0.0, 0.0, 0.0, drawn);
+    drawn[0] *= 2.0;
+    forecast fc = forecast_of(drawn, 0.0, 0.0, 0.0);
+    fc.input_var = TSE_R(3);
+    (void)consistency(&p, &f, &y, &fc, noise);
+    f.seen = f.seen + TSE_R(1);
+    expect_near(1.0, number(f.noise[0]), 0.0, "noise found", i);
+  }
 }
 
 /* Twice as much where the innovations are known to be coloured. */
@@ -631,13 +682,13 @@ static void test_after_five_seconds_of_holding_there_is_another_try(void)
   tse_real noise[3];
   fail_a_try(&p);
   before = f;
-  for (int i = 0; i < 500; i++) {
+  for (int i = 0; i < 496; i++) {
     TEST_ASSERT_FALSE(step(&p, z, 0.0, 0.0, 0.0, noise));
     TEST_ASSERT_TRUE(is_holding(&f));
   }
   TEST_ASSERT_EQUAL_MEMORY(before.cov, f.cov, sizeof f.cov);
   int i = 0;
-  for (; i < 3 && is_holding(&f); i++) (void)step(&p, z, 0.0, 0.0, 0.0, noise);
+  for (; i < 8 && is_holding(&f); i++) (void)step(&p, z, 0.0, 0.0, 0.0, noise);
   TEST_ASSERT_TRUE(is_trying(&f) && !is_holding(&f));
   TEST_ASSERT_TRUE(number(f.cov[3][3]) > number(before.cov[3][3]) + 0.1);
 }
@@ -732,6 +783,8 @@ int main(void)
   RUN_TEST(test_the_colour_of_an_autoregressive_disturbance_is_its_ratio_of_smoothed_variances);
   RUN_TEST(test_a_step_contradicts_when_its_smoothed_value_is_five_of_its_sds);
   RUN_TEST(test_a_contradiction_is_judged_by_the_colour_and_the_misfit_of_what_was_before);
+  RUN_TEST(test_the_doubt_about_the_mean_is_not_smoothed_away);
+  RUN_TEST(test_noise_of_the_wheels_counts_as_noise_of_accel_x_only);
   RUN_TEST(test_a_lone_outlier_does_not_contradict);
   RUN_TEST(test_a_contradiction_opens_the_covariances_by_what_another_road_would_change);
   RUN_TEST(test_nothing_contradicts_before_a_memory_is_full_or_before_anything_was_saved);

@@ -104,6 +104,21 @@ static void test_without_a_measurement_nothing_is_known_better(void)
     for (int b = 0; b < X; b++) expect_near(number(real(c.E[a][b])), number(f.err[a][b]), 0.0, "E", 20 * a + b);
 }
 
+/* Where the format overflows, the other covariance says something at least. */
+static void test_an_error_that_is_no_number_becomes_what_the_gains_covariance_says(void)
+{
+  error_update_case c = error_update_cases[0];
+  const forecast fc = forecast_of(c.P, c.H, c.sigma);
+  memset(&f, 0, sizeof f);
+  for (int a = 0; a < X; a++)
+    for (int b = 0; b < X; b++) f.cov[a][b] = real(c.P[a][b]);
+  f.err[2][4] = f.err[4][2] = (tse_real)NAN;
+  error_update(&f, &fc, TOLD);
+  for (int a = 0; a < N; a++)
+    for (int b = 0; b < N; b++)
+      expect_near(a < X && b < X ? number(real(c.P[a][b])) : 0.0, number(f.err[a][b]), 0.0, "E", 20 * a + b);
+}
+
 /* ------------------------------------------------------------------------------------------- a drive */
 
 static inputs inputs_of(double steer, double front, double rear)
@@ -243,6 +258,7 @@ int main(void)
   RUN_TEST(test_an_update_is_that_of_dense_matrices_in_si_units);
   RUN_TEST(test_a_prediction_is_a_e_at_and_the_next_eps_is_another_one);
   RUN_TEST(test_without_a_measurement_nothing_is_known_better);
+  RUN_TEST(test_an_error_that_is_no_number_becomes_what_the_gains_covariance_says);
   RUN_TEST(test_without_forgetting_and_spread_the_error_is_what_the_kalman_filter_says);
   RUN_TEST(test_the_error_of_a_forgetting_filter_is_the_one_that_is_counted);
   RUN_TEST(test_a_long_run_settles_at_half_of_what_forgetting_keeps);
