@@ -24,6 +24,7 @@ def test_real_log_gives_finite_positive_plausible_stiffness(name, tmp_path):
     )
     assert done.code == 0, done.err
     assert "filled in: cornering_stiffness_front" in done.out and "filled in: yaw_rate_sd" in done.out
+    assert "filled in: wheel_noise_sd" in done.out
     est = pd.read_csv(tmp_path / "data.est.csv")
     assert len(est) == len(pd.read_csv(folder / "data.csv"))
     assert np.isfinite(est.select_dtypes("number").to_numpy()).all()
