@@ -41,6 +41,7 @@ void consistency_start(tse_filter *f)
   }
   f->fit_for = f->contradicted = f->stance_for = f->saved_for = TSE_R(0);
   f->stance = LEARN;
+  f->saves = 0;
 }
 
 int is_trying(const tse_filter *f) { return f->stance != LEARN; }
@@ -64,8 +65,10 @@ static void remember(const tse_params *p, tse_filter *f)
       m.err[a][b] = f->err[3 + a][3 + b];
     }
   }
-  f->saved[1] = f->saved[0];
+  f->saved[1] = f->saves ? f->saved[0] : m; /* the first fills both places */
   f->saved[0] = m;
+  f->saves = 1;
+  f->saved_for = TSE_R(0);
 }
 
 static void shift_mean(const tse_params *p, tse_filter *f, tse_real *row, tse_real to)
@@ -125,16 +128,12 @@ static int take_stance(const tse_params *p, tse_filter *f, int contradicted, tse
   f->saved_for += dt;
   switch (f->stance) {
     case LEARN:
-      if (contradicted && f->seen > p->memory) {
+      if (contradicted && f->seen > p->memory && f->saves) { /* else there is nothing to return to */
         open_means(p, f);
         stand(f, TRY);
         return 1;
       }
-      if (f->saved_for >= SAVE_TIME) {
-        if (f->seen <= r_mul(SAVE_TIME + SAVE_TIME, p->inv_sample_time)) remember(p, f); /* the first fills both places */
-        remember(p, f);
-        f->saved_for = TSE_R(0);
-      }
+      if (f->saved_for >= SAVE_TIME) remember(p, f);
       return 0;
     case TRY:
       if (f->stance_for <= TRY_TIME) return 0;

@@ -67,19 +67,22 @@ tse_status input_decode(const tse_params *p, const tse_filter *f, const tse_inpu
 #define STUCK_ROWS 8
 #define STUCK_OTHER TSE_R(0.1) /* m/s by which the other axle's speed has changed meanwhile ... */
 #define STUCK_GAIN TSE_R(0.3)  /* m/s ... or the speed that accel_x has gained                   */
+#define STANDING TSE_R(0.02)   /* m/s: a wheel that turns slower stands; it may be locked, or the car stands, on a slope */
+#define LONGEST_LOCK TSE_R(4)  /* s for which a wheel may stand while the other axle turns             */
 #define LONGEST_REPEAT TSE_R(10)
 
 /* Noise does not repeat: a channel that does has stopped measuring, or its steps are coarse. So repeating alone is no fault.
  * A wheel speed is one when the other axle, or accel_x, says that the speed has changed; an inertial channel when it
- * contradicts the forecast (consistency.c). Steering may rest. */
+ * contradicts the forecast (consistency.c). Steering may rest. A wheel that stands repeats itself by nature (slide.c). */
 void watch_repeats(const tse_params *p, tse_filter *f, const tse_input *u, sample *y)
 {
   const tse_real now[6] = { u->steer_angle, u->wheel_speed_front, u->wheel_speed_rear, u->accel_x, u->accel_y, u->yaw_rate };
   const tse_real other[2] = { y->u.v_rear, y->u.v_front };
   const tse_real gain = r_mul(r_mul(y->dt, p->sd[0]), r_mul(y->use[0], y->y[0] - f->bias_now[0]));
   for (int k = 0; k < 6; k++) {
-    const int same = f->started && now[k] == f->last[k];
-    f->last[k] = now[k];
+    const int lost = missing(u, 1u << k, now[k]) || (k >= 3 && !(y->use[k - 3] > TSE_R(0)));
+    const int same = f->started && !lost && now[k] == f->last[k];
+    f->last[k] = lost ? TSE_R(0) : now[k]; /* however it is said that it is missing */
     f->repeats[k] = same ? f->repeats[k] + (f->repeats[k] < STUCK_ROWS) : 0;
     f->repeat_for[k] = same ? r_min(f->repeat_for[k] + y->dt, LONGEST_REPEAT) : TSE_R(0);
     const int repeats = f->repeats[k] >= STUCK_ROWS && f->repeat_for[k] > STUCK_TIME;
@@ -88,6 +91,9 @@ void watch_repeats(const tse_params *p, tse_filter *f, const tse_input *u, sampl
     const int w = k - 1;
     f->other_then[w] = same ? f->other_then[w] : other[w];
     f->gained[w] = same ? r_clamp(f->gained[w] + gain, -MOST_SPEED, MOST_SPEED) : TSE_R(0);
-    if (repeats && (r_abs(other[w] - f->other_then[w]) > STUCK_OTHER || r_abs(f->gained[w]) > STUCK_GAIN)) y->has_inputs = 0;
+    const int stands = r_abs(other[1 - w]) < STANDING;
+    const int stopped = stands && f->repeat_for[k] > LONGEST_LOCK && r_abs(other[w]) > STUCK_OTHER;
+    const int moved = r_abs(other[w] - f->other_then[w]) > STUCK_OTHER || r_abs(f->gained[w]) > STUCK_GAIN;
+    if (repeats && (stands ? stopped : moved)) y->has_inputs = 0;
   }
 }

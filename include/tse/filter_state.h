@@ -127,6 +127,7 @@ typedef struct tse_filter {
   int32_t stance;                     /* learn, try anew, hold                                        */
   tse_real stance_for;                /* [s] since when                                               */
   tse_real saved_for;                 /* [s] age of saved[0]                                          */
+  int32_t saves;                      /* 0: nothing saved yet                                         */
   tse_memory saved[2];                /* what was believed before: the newer, the older               */
   int32_t known[3];                   /* what tse_learnt_save() may call learnt                       */
   tse_start start;

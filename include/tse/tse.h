@@ -78,9 +78,9 @@ typedef struct tse_output {
   tse_real vel_x, vel_x_sd, vel_y, vel_y_sd, yaw_rate, yaw_rate_sd, sideslip;
   tse_real stiffness[3], stiffness_sd[3], stiffness_spread[3];
   tse_real bias[3], bias_sd[3];
-  int32_t spread_seen[3];       /* 1: the spread is learnt; 0: below what sensors and excitation can show */
   tse_real noise[3];            /* sd of the noise as found, over the setting's           */
   tse_real n_eff, log_evidence;
+  int32_t spread_seen[3];       /* 1: the spread is learnt; 0: below what sensors and excitation can show */
   int32_t reason[3];
   int32_t status;
 } tse_output;

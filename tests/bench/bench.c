@@ -1,5 +1,6 @@
 /* tests/bench/bench.c - time per particle and step, over the rows of the paper's study (square waves).
  *   bench                    a line per particle count: particles, ns per particle-step (fastest of the repetitions)
+ *   bench sampled            the same in the sampled form
  *   bench PARTICLES ROWS     run once without a clock, for a tool that counts instructions */
 #if !defined(_POSIX_C_SOURCE)
 #define _POSIX_C_SOURCE 199309L
@@ -39,11 +40,11 @@ static void record(void)
   }
 }
 
-static void run(int particles, int count)
+static void run(void (*settings)(tse_config *c), int particles, int count)
 {
   tse_config c;
   tse_output y;
-  tse_config_default(&c);
+  settings(&c);
   c.particles = particles;
   tse_prepare(&c, &params, NULL);
   tse_reset(&params, &filter, sizeof filter);
@@ -59,9 +60,10 @@ static double seconds(void)
 
 int main(int argc, char **argv)
 {
+  void (*const settings)(tse_config *c) = argc == 2 && strcmp(argv[1], "sampled") == 0 ? tse_config_sampled : tse_config_default;
   record();
   if (argc == 3) {
-    run(atoi(argv[1]), atoi(argv[2]));
+    run(settings, atoi(argv[1]), atoi(argv[2]));
     return 0;
   }
   for (int n = 64; n <= TSE_MAX_PARTICLES; n *= 2) {
@@ -69,7 +71,7 @@ int main(int argc, char **argv)
     double best = 1e9;
     for (int k = 0; k < REPETITIONS; k++) {
       const double start = seconds();
-      run(n, count);
+      run(settings, n, count);
       const double t = (seconds() - start) / count / n;
       if (t < best) best = t;
     }

@@ -91,7 +91,7 @@ static inline void replay_columns(const tse_output *y, double column[])
 /* The forms of the filter; the first one gives the golden table. */
 typedef struct replay_form { const char *name; void (*settings)(tse_config *c); } replay_form;
 static const replay_form replay_forms[] = {
-  { "default", tse_config_default }, { "paper", tse_config_paper }, { "marginalised", tse_config_marginalised },
+  { "default", tse_config_default }, { "sampled", tse_config_sampled }, { "paper", tse_config_paper },
 };
 enum { REPLAY_FORMS = 3, REPLAY_HASHES = REPLAY_FORMS * REPLAY_SCHEMES, REPLAY_STATUSES = 8 };
 

@@ -134,12 +134,16 @@ static void test_bias_variance_grows_with_time_by_the_squared_walk(void)
   const tse_params p = prepared(&c);
   const double q[3] = { 0.1 * 0.1, 0.15 * 0.15, 0.05 * 0.05 }, start[3] = { 0.1, 0.2, 0.3 };
   memset(&filter, 0x3c, sizeof filter);
-  for (int a = 0; a < 3; a++) filter.cov[6 + a][6 + a] = real(start[a]);
+  for (int a = 0; a < 3; a++) filter.cov[6 + a][6 + a] = filter.err[6 + a][6 + a] = real(start[a]);
   before = filter;
   bias_predict(&p, &filter, real(0.02));
   bias_predict(&p, &filter, real(0.5));
-  for (int a = 0; a < 3; a++) expect_near(start[a] + q[a] * 0.52, number(filter.cov[6 + a][6 + a]), REL, "variance", a);
-  for (int a = 0; a < 3; a++) filter.cov[6 + a][6 + a] = before.cov[6 + a][6 + a];
+  for (int a = 0; a < 3; a++) {
+    expect_near(start[a] + q[a] * 0.52, number(filter.cov[6 + a][6 + a]), REL, "variance", a);
+    expect_near(start[a] + q[a] * 0.52, number(filter.err[6 + a][6 + a]), REL, "of the error", a);
+    filter.cov[6 + a][6 + a] = before.cov[6 + a][6 + a];
+    filter.err[6 + a][6 + a] = before.err[6 + a][6 + a];
+  }
   TEST_ASSERT_EQUAL_MEMORY(&before, &filter, sizeof filter);
 }
 
@@ -170,9 +174,10 @@ static void start_filter(double variance)
 {
   memset(&filter, 0x3c, sizeof filter);
   memset(filter.cov, 0, sizeof filter.cov);
+  memset(filter.err, 0, sizeof filter.err);
   for (int i = 0; i < 24; i++) filter.p.bias[2][i] = real(start_bias(i));
   for (int a = 0; a < 2; a++) filter.cov[6 + a][6 + a] = real(0.3);
-  filter.cov[8][8] = real(variance);
+  filter.cov[8][8] = filter.err[8][8] = real(variance);
   before = filter;
 }
 
@@ -190,6 +195,7 @@ static void test_gyro_bias_becomes_the_weighted_mean_of_its_start_and_all_readin
     bias_learn_still(&p, &filter, &y);
     const double variance = 1 / (1 / 0.4 + n);
     expect_near(variance, number(filter.cov[8][8]), BY_FORMAT(1e-13, 1e-6), "variance", n);
+    expect_near(variance, number(filter.err[8][8]), BY_FORMAT(1e-13, 1e-6), "of the error", n); /* the gain is Kalman's */
     for (int i = 0; i < 24; i++)
       expect_near(variance * (start_bias(i) / 0.4 + sum), number(filter.p.bias[2][i]), BY_FORMAT(1e-13, 3e-6), "bias", i);
   }
@@ -221,6 +227,7 @@ static void test_standstill_teaches_nothing_but_the_gyro_bias(void)
   TEST_ASSERT_TRUE(filter.p.bias[2][20] != before.p.bias[2][20]);
   memcpy(filter.p.bias[2], before.p.bias[2], 24 * sizeof(tse_real)); /* what lies beyond the 24 must not have changed */
   filter.cov[8][8] = before.cov[8][8];
+  filter.err[8][8] = before.err[8][8];
   TEST_ASSERT_EQUAL_MEMORY(&before, &filter, sizeof filter);
 }
 

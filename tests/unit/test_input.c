@@ -309,6 +309,163 @@ static void test_check_of_no_row_is_refused(void)
   TEST_ASSERT_EQUAL_STRING("untouched", wrong);
 }
 
+/* ---------------------------------------------------------------------------------- values that repeat */
+
+enum { STEER, FRONT, REAR, AX, AY, GYRO };
+
+/* A car at speed, whose channels all change a little from row to row. */
+static tse_input lively_row(int i, double front, double rear)
+{
+  tse_input u = good_row();
+  const double jitter = 0.0009765625 * (i % 7 - 3);
+  u.dt = real(0.015625);
+  u.steer_angle = real(0.03125 + jitter);
+  u.wheel_speed_front = real(front / 0.25 + jitter);
+  u.wheel_speed_rear = real(rear / 0.5 + jitter);
+  u.accel_x = real(jitter);
+  u.accel_y = real(1.0 + jitter);
+  u.yaw_rate = real(0.125 + jitter);
+  return u;
+}
+
+static void set_channel(tse_input *u, int channel, double value)
+{
+  tse_real *const at[6] = { &u->steer_angle, &u->wheel_speed_front, &u->wheel_speed_rear, &u->accel_x, &u->accel_y, &u->yaw_rate };
+  *at[channel] = real(value);
+}
+
+/* has_inputs and stuck, after the row has been watched. */
+static int watched(const tse_params *p, const tse_input *u)
+{
+  sample y;
+  TEST_ASSERT_EQUAL_INT(TSE_OK, input_decode(p, &filter, u, &y));
+  watch_repeats(p, &filter, u, &y);
+  return y.has_inputs;
+}
+
+/* Eight repetitions, and a tenth of a second. At 64 rows a second a value counts as stuck from its ninth row on. */
+static void test_an_inertial_channel_is_stuck_from_the_eighth_repetition_on_and_the_others_are_not(void)
+{
+  const tse_params p = params();
+  for (int channel = AX; channel <= GYRO; channel++) {
+    start_filter();
+    for (int i = 0; i < 40; i++) {
+      tse_input u = lively_row(i, 20.0, 20.0);
+      const int repeats = i >= 10 && i < 30;
+      if (repeats) set_channel(&u, channel, 0.75);
+      TEST_ASSERT_EQUAL_INT(1, watched(&p, &u)); /* whatever an inertial sensor does, there are inputs */
+      for (int a = 0; a < 3; a++) TEST_ASSERT_EQUAL_INT(repeats && i >= 18 && a == channel - AX, filter.stuck[a]);
+    }
+  }
+}
+
+static void test_of_many_short_rows_a_tenth_of_a_second_must_be_the_same(void)
+{
+  const tse_params p = params();
+  start_filter();
+  for (int i = 0; i < 200; i++) {
+    tse_input u = lively_row(i, 20.0, 20.0);
+    u.dt = real(0.0009765625);
+    if (i > 0) u.yaw_rate = real(0.5);
+    (void)watched(&p, &u);
+    TEST_ASSERT_EQUAL_INT(i - 1 > 102, filter.stuck[2]); /* 103/1024 s is the first beyond 0.1 s */
+  }
+}
+
+static void test_a_missing_channel_repeats_nothing_however_it_is_said(void)
+{
+  const tse_params p = params();
+  for (int how = 0; how < 3; how++) {
+    start_filter();
+    for (int i = 0; i < 40; i++) {
+      tse_input u = lively_row(i, 20.0, 20.0);
+      u.yaw_rate = real(0.5);
+      if (how == 0) u.yaw_rate = (tse_real)NAN;
+      if (how == 1) u.missing = TSE_MISSING(yaw_rate);
+      if (how == 2) u.yaw_rate = real(6.5); /* out of range */
+      (void)watched(&p, &u);
+      TEST_ASSERT_EQUAL_INT(0, filter.stuck[2]);
+      TEST_ASSERT_EQUAL_INT(0, filter.repeats[GYRO]);
+      expect_real(0.0, filter.repeat_for[GYRO], "repeat_for");
+      expect_real(0.0, filter.last[GYRO], "last");
+    }
+  }
+}
+
+/* Speeds at the first and the last row, changing at a steady rate between; rows of 1/64 s. */
+typedef struct stuck_case {
+  const char *what;
+  int channel;             /* that repeats its first value; -1: none, all change a little */
+  double front[2], rear[2], accel_x;
+  int rows, noticed_from;  /* 0: never */
+} stuck_case;
+
+static const stuck_case stuck_cases[] = {
+  { "the front wheels, while the rear ones gain speed", FRONT, { 20, 20 }, { 20, 30 }, 0, 100, 9 },
+  { "the rear wheels, while the front ones lose speed", REAR, { 20, 10 }, { 20, 20 }, 0, 100, 9 },
+  { "front wheels, slowly", FRONT, { 20, 20 }, { 20, 20.5 }, 0, 100, 21 },
+  { "front wheels, while only the accelerometer says so", FRONT, { 20, 20 }, { 20, 20 }, -2, 100, 10 },
+  { "rear wheels, while only the accelerometer says so", REAR, { 20, 20 }, { 20, 20 }, 2, 100, 10 },
+  { "nothing repeats while the car brakes", -1, { 20, 10 }, { 20, 10 }, -6, 100, 0 },
+  { "coasting, with coarse encoders", FRONT, { 20, 20 }, { 20, 20 }, 0, 500, 0 },
+  { "coasting, the rear axle within its resolution", REAR, { 20, 20.05 }, { 20, 20 }, 0, 500, 0 },
+  { "steering at rest, while the car brakes", STEER, { 20, 10 }, { 20, 10 }, -6, 100, 0 },
+  { "standstill on a slope", FRONT, { 0, 0 }, { 0, 0 }, 1.5, 500, 0 },
+  { "front wheels locked, the rear ones turn", FRONT, { 0, 0 }, { 20, 5 }, -8, 200, 0 },
+  { "front wheels said to stand, for longer than any braking", FRONT, { 0, 0 }, { 20, 20 }, 0, 400, 258 },
+};
+
+static void test_a_wheel_is_stuck_when_it_repeats_itself_while_the_car_changes_its_speed(void)
+{
+  const tse_params p = params();
+  for (int k = 0; k < ROWS(stuck_cases); k++) {
+    const stuck_case *const c = &stuck_cases[k];
+    int noticed = 0;
+    start_filter();
+    for (int i = 0; i < c->rows; i++) {
+      const double share = (double)i / (c->rows - 1);
+      const double front = c->front[0] + share * (c->front[1] - c->front[0]), rear = c->rear[0] + share * (c->rear[1] - c->rear[0]);
+      tse_input u = lively_row(i, front, rear);
+      u.accel_x = u.accel_x + real(c->accel_x);
+      if (strstr(c->what, "standstill")) u.wheel_speed_rear = TSE_R(0);
+      if (strstr(c->what, "coasting")) u.wheel_speed_rear = real(rear / 0.5);
+      if (c->channel == STEER) u.steer_angle = real(0.0625);
+      if (c->channel == FRONT) u.wheel_speed_front = real(c->front[0] / 0.25);
+      if (c->channel == REAR) u.wheel_speed_rear = real(c->rear[0] / 0.5);
+      const int ok = watched(&p, &u);
+      if (!ok && !noticed) noticed = i + 1;
+      TEST_ASSERT_EQUAL_INT_MESSAGE(!noticed, ok, c->what); /* and stays so while it repeats */
+    }
+    if (c->noticed_from == 0) TEST_ASSERT_EQUAL_INT_MESSAGE(0, noticed, c->what);
+    else TEST_ASSERT_INT_WITHIN_MESSAGE(1, c->noticed_from, noticed, c->what);
+  }
+}
+
+static void test_a_wheel_that_moves_again_is_believed_again(void)
+{
+  const tse_params p = params();
+  start_filter();
+  for (int i = 0; i < 60; i++) {
+    tse_input u = lively_row(i, 20.0, 20.0 + 0.1 * i);
+    if (i < 40) u.wheel_speed_front = real(80);
+    TEST_ASSERT_EQUAL_INT(i < 8 || i >= 40, watched(&p, &u));
+  }
+}
+
+/* The speed gained is that of accel_x less its bias. */
+static void test_a_bias_of_the_accelerometer_gains_no_speed(void)
+{
+  const tse_params p = params();
+  start_filter();
+  filter.bias_now[0] = r_mul(TSE_R(1.5), p.inv_sd[0]);
+  for (int i = 0; i < 200; i++) {
+    tse_input u = lively_row(i, 20.0, 20.0);
+    u.accel_x = real(1.5);
+    u.wheel_speed_front = real(80);
+    TEST_ASSERT_EQUAL_INT(1, watched(&p, &u));
+  }
+}
+
 int main(void)
 {
   UNITY_BEGIN();
@@ -325,5 +482,11 @@ int main(void)
   RUN_TEST(test_first_row_ignores_its_time_step);
   RUN_TEST(test_first_row_is_refused_like_any_other_when_an_input_is_out_of_range);
   RUN_TEST(test_check_of_no_row_is_refused);
+  RUN_TEST(test_an_inertial_channel_is_stuck_from_the_eighth_repetition_on_and_the_others_are_not);
+  RUN_TEST(test_of_many_short_rows_a_tenth_of_a_second_must_be_the_same);
+  RUN_TEST(test_a_missing_channel_repeats_nothing_however_it_is_said);
+  RUN_TEST(test_a_wheel_is_stuck_when_it_repeats_itself_while_the_car_changes_its_speed);
+  RUN_TEST(test_a_wheel_that_moves_again_is_believed_again);
+  RUN_TEST(test_a_bias_of_the_accelerometer_gains_no_speed);
   return UNITY_END();
 }

@@ -9,6 +9,7 @@ static tse_config settings(void)
 {
   tse_config c;
   tse_config_paper(&c);
+  believe_everything(&c);
 #define X(name, value) c.name = (tse_setting)(value);
   KALMAN_SETTINGS(X)
 #undef X

@@ -25,6 +25,8 @@ static tse_config settings(int32_t marginalised)
   tse_config c;
   tse_config_default(&c);
   c.marginalised = marginalised;
+  c.initial_spread = (tse_setting)0.3;
+  c.spread_max = (tse_setting)0.4;
   c.particles = 64;
   return c;
 }
@@ -57,7 +59,7 @@ static void know(const tse_params *p, tse_filter *filter)
   filter->nu = real(LEARNT_NU);
   for (int a = 0; a < 3; a++) {
     filter->known[a] = LEARNT_KNOWN >> a & 1u ? TSE_KNOWN : TSE_UNKNOWN;
-    filter->cov[3 + a][3 + a] = real(learnt_mean_sd[a] * learnt_mean_sd[a]);
+    filter->cov[3 + a][3 + a] = filter->err[3 + a][3 + a] = real(learnt_mean_sd[a] * learnt_mean_sd[a]);
     filter->cov[6 + a][6 + a] = real(pow(learnt_bias_sd[a] / number(p->sd[a]), 2));
   }
   for (int i = 0; i < 64; i++) {
@@ -527,7 +529,7 @@ static uint32_t known_of(const uint8_t *bytes) { return word(bytes + 12); }
 
 static void forms(int32_t form, tse_config *c)
 {
-  if (form) tse_config_marginalised(c);
+  if (form) tse_config_sampled(c);
   else tse_config_default(c);
   c->particles = 200;
 }

@@ -41,6 +41,7 @@ static tse_config other_config(void)
   c.accel_x_sd = (tse_setting)0.11;
   c.accel_y_sd = (tse_setting)0.23;
   c.yaw_rate_sd = (tse_setting)0.007;
+  c.wheel_noise_sd = (tse_setting)0.06;
   c.accel_x_bias_sd = (tse_setting)0.02;
   c.accel_y_bias_sd = (tse_setting)0.04;
   c.yaw_rate_bias_sd = (tse_setting)0.003;
@@ -68,6 +69,10 @@ static tse_config other_config(void)
   c.stiffness_max = 3;
   c.hold_speed = 3;
   c.max_steer = (tse_setting)0.6;
+  c.max_slip = (tse_setting)0.08;
+  c.outlier_gate = 6;
+  c.noise_max = 12;
+  c.contradiction = 7;
   c.max_gap = (tse_setting)0.2;
   c.valid_sd = (tse_setting)0.05;
   c.hold_sd = (tse_setting)0.25;
@@ -75,6 +80,8 @@ static tse_config other_config(void)
   c.recovery_share = (tse_setting)0.3;
   c.particles = 120;
   c.marginalised = !c.marginalised;
+  c.notice_stuck = !c.notice_stuck;
+  c.relative_covariance = !c.relative_covariance;
   c.resampling = 2;
   c.initial_vel_x_from_wheels = 0;
   c.seed = 12345;
@@ -131,26 +138,25 @@ static void expect_same_settings(const tse_config *expected, const tse_config *a
 #undef INT
 }
 
-/* Nothing but these settings tells the paper's form and the marginalised one from the defaults. */
+/* Nothing but these settings tells the sampled form and the paper's from the defaults. */
 static void test_other_forms_are_the_defaults_but_for_a_few_settings(void)
 {
   tse_config c, expected = defaults();
+  TEST_ASSERT_EQUAL_INT32(1, expected.marginalised);
   memset(&c, 0xff, sizeof c);
-  tse_config_paper(&c);
+  tse_config_sampled(&c);
   expected.marginalised = 0;
   expected.initial_spread = (tse_setting)0.3;
-  expected.spread_max = 2;
-  expected.hold_sd = 0;
+  expected.spread_max = (tse_setting)0.4;
   expect_same_settings(&expected, &c);
   memset(&c, 0xff, sizeof c);
-  tse_config_marginalised(&c);
-  expected = defaults();
-  expected.marginalised = 1;
-  expected.initial_spread = (tse_setting)0.1;
-  expected.spread_max = (tse_setting)0.3;
+  tse_config_paper(&c);
+  expected.spread_max = 2;
+  expected.hold_sd = 0;
+  expected.max_slip = 1;
   expect_same_settings(&expected, &c);
+  tse_config_sampled(NULL);
   tse_config_paper(NULL);
-  tse_config_marginalised(NULL);
 }
 
 static void test_each_setting_is_accepted_at_its_limits_and_refused_by_name_beyond(void)
@@ -260,6 +266,8 @@ static void test_sensor_constants_are_normalised_by_the_sensors_sd(void)
     expect_relative(walk[i] * walk[i] / sd[i] / sd[i], p.bias_walk[i], "bias_walk");
     expect_near(log(sd[i]) / log(2.0), number(p.log_sd[i]), BY_FORMAT(3e-13, 3e-6), "log_sd", i);
   }
+  expect_relative(0.06 * 0.06 * 0.29 * 0.29, p.wheel_var[0], "wheel_var, front");
+  expect_relative(0.06 * 0.06 * 0.31 * 0.31, p.wheel_var[1], "wheel_var, rear");
 }
 
 static void test_filter_constants_follow_their_formulas(void)
@@ -275,7 +283,13 @@ static void test_filter_constants_follow_their_formulas(void)
   expect_relative(0.02, p.sample_time, "sample_time");
   expect_relative(50, p.inv_sample_time, "inv_sample_time");
   expect_relative(0.03, p.max_step, "max_step: 1.5 sample times");
+  TEST_ASSERT_EQUAL_INT32(!defaults().notice_stuck, p.notice_stuck);
+  TEST_ASSERT_EQUAL_INT32(!defaults().relative_covariance, p.relative_covariance);
   expect_relative(0.2, p.max_gap, "max_gap");
+  expect_relative(0.08, p.max_slip, "max_slip");
+  expect_relative(36, p.gate_var, "outlier_gate, squared");
+  expect_relative(144, p.noise_max_var, "noise_max, squared");
+  expect_relative(49, p.contradiction_var, "contradiction, squared");
   expect_relative(3, p.hold_speed, "hold_speed");
   expect_relative(0.6, p.max_steer, "max_steer");
   expect_near(log(0.995) / log(2.0), number(p.log2_forgetting), BY_FORMAT(1e-14, 1e-7), "log2 lambda", 0);

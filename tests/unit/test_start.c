@@ -452,6 +452,7 @@ static void expect_fresh(int first, int last, const double variance[TSE_GAUSS])
       const int fresh = (a >= first && a <= last) || (b >= first && b <= last);
       const double expected = !fresh ? number(before.cov[a][b]) : a == b ? variance[a] : 0;
       expect_near(expected, number(filter.cov[a][b]), fresh ? BY_FORMAT(1e-14, 1e-6) * expected : 0, "covariance", 10 * a + b);
+      expect_near(expected, number(filter.err[a][b]), fresh ? BY_FORMAT(1e-14, 1e-6) * expected : 0, "of the error", 10 * a + b);
     }
 }
 
@@ -485,8 +486,8 @@ static void experienced_marginalised(void)
 {
   experienced();
   for (int a = 0; a < TSE_GAUSS; a++)
-    for (int b = 0; b < TSE_GAUSS; b++) filter.cov[a][b] = real(a == b ? 2 + a : 0.01 * (a + b));
-  for (int a = 0; a < 3; a++) filter.mean_var[a] = real(9);
+    for (int b = 0; b < TSE_GAUSS; b++) filter.cov[a][b] = filter.err[a][b] = real(a == b ? 2 + a : 0.01 * (a + b));
+  for (int a = 0; a < 3; a++) filter.mean_var[a] = filter.level[a] = real(9);
   before = filter;
 }
 
@@ -503,6 +504,7 @@ static void test_marginalised_restart_forgets_the_states_and_what_they_had_in_co
   expect_fresh(0, 2, variance);
   memcpy(filter.p.x, before.p.x, sizeof before.p.x);
   memcpy(filter.cov, before.cov, sizeof before.cov);
+  memcpy(filter.err, before.err, sizeof before.err);
   TEST_ASSERT_EQUAL_MEMORY(&before, &filter, sizeof filter);
 }
 
@@ -535,7 +537,10 @@ static void test_marginalised_redraw_starts_states_and_means_again_and_keeps_the
 #undef X
   memcpy(&filter.p, &before.p, sizeof before.p);
   memcpy(filter.cov, before.cov, sizeof before.cov);
+  memcpy(filter.err, before.err, sizeof before.err);
+  for (int a = 0; a < 3; a++) expect_near(0, number(filter.level[a]), 0, "level, not known yet", a);
   memcpy(filter.mean_var, before.mean_var, sizeof before.mean_var);
+  memcpy(filter.level, before.level, sizeof before.level);
   TEST_ASSERT_EQUAL_MEMORY(&before, &filter, sizeof filter);
 }
 

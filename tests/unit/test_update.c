@@ -7,6 +7,7 @@
 #include "update_table.h"
 
 static tse_filter f;
+static forecast fc;
 
 static tse_params params_of(const update_case *c)
 {
@@ -64,9 +65,9 @@ static sample row(const tse_params *p, const double u[3], const double y[3], int
 static void learn(const tse_params *p, const sample *y)
 {
   gaussian g;
-  gaussian_observe(p, &f, y, &g);
+  (void)observed(p, &f, y, &fc, &g);
   draw_and_learn(p, &f, y, &g);
-  gaussian_update(p, &f, &g);
+  gaussian_update(p, &f, &g, &fc, TOLD);
 }
 
 /* ---------------------------------------------------------------------------------------- (25) */

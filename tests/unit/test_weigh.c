@@ -71,7 +71,8 @@ static tse_real best; /* that the last sample could have been */
 static int weighed(const tse_params *p, const sample *y, tse_real *log2_evidence) /* as tse_step() calls it */
 {
   gaussian g;
-  gaussian_observe(p, &f, y, &g);
+  forecast fc;
+  (void)observed(p, &f, y, &fc, &g);
   return weigh(p, &f, y, &g, log2_evidence, &best);
 }
 
