@@ -124,7 +124,7 @@ void bias_predict(const tse_params *p, tse_filter *f, tse_real dt)
   for (int a = 6; a < TSE_GAUSS; a++) {
     const tse_real walk = r_mul(p->bias_walk[a - 6], dt), most = r_max(p->bias_var0[a - 6], TSE_R(1));
     f->cov[a][a] = r_min(f->cov[a][a] + walk, most);
-    f->err[a][a] = r_min(f->err[a][a] + walk, most);
+    f->err[a][a] = r_max(f->err[a][a], r_min(f->err[a][a] + walk, most)); /* an update may have left it larger */
   }
 }
 

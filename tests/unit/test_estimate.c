@@ -257,6 +257,48 @@ static void test_estimating_changes_neither_particles_nor_weights(void)
   TEST_ASSERT_EQUAL_MEMORY(&before, &f, sizeof f);
 }
 
+/* ------------------------------------------------------------------------------------------ excitation */
+
+/* Limits on a sd are relative to the mean; sampled, to nominal. noise <= limit^2 memory var(phi) level^2, noise: that of the
+ * channel as found, and the spread's. */
+static void test_limits_of_the_excitation_are_relative_to_the_mean(void)
+{
+  static const double level[3] = { 0.4, 1.0, 2.5 };
+  for (int marginalised = 0; marginalised < 2; marginalised++)
+    for (int a = 0; a < 3; a++)
+      for (int k = 0; k < 2; k++) {
+        tse_config c;
+        tse_config_default(&c);
+        c.marginalised = marginalised;
+        tse_params own = prepared(&c);
+        tse_output est;
+        sample y;
+        int32_t excited[3];
+        memset(&f, 0, sizeof f);
+        memset(&est, 0, sizeof est);
+        memset(&y, 0, sizeof y);
+        y.dt = own.sample_time;
+        y.u.v_front = y.u.v_rear = est.vel_x = TSE_R(20); /* no slip at all now: what was, decays */
+        f.seen = TSE_R(500);
+        for (int b = 0; b < 3; b++) {
+          f.noise[b] = real(1.5 + 0.5 * b);
+          f.excite[b] = TSE_R(0);
+          f.excite_mean[b] = TSE_R(0.25);
+          f.excite_sq[b] = TSE_R(4);
+          est.stiffness[b] = real(level[b]);
+          est.stiffness_spread[b] = TSE_R(0.1);
+        }
+        const double left = 1.0 - 1.0 / 200.0, sq = 4.0 * left, var = sq - pow(0.25 * left, 2.0); /* over two memories */
+        const double noise = (a == 0 ? 1.5 : 2.0) + sq * 0.01;
+        const double signal = number(own.memory) * var * (marginalised ? level[a] * level[a] : 1.0);
+        own.valid_var = real(noise / signal * (k ? 1.001 : 0.999));
+        own.hold_var = real(noise / signal * (k ? 0.999 : 1.001));
+        excitation(&own, &f, &y, &est, excited);
+        TEST_ASSERT_EQUAL_INT(k, excited[a]);
+        expect_near(k ? 0.0 : 1.0, number(f.learn[a]), 0.0, "learn", a);
+      }
+}
+
 int main(void)
 {
   UNITY_BEGIN();
@@ -269,5 +311,6 @@ int main(void)
   RUN_TEST(test_millimetres_a_second_on_twenty_metres_a_second_survive);
   RUN_TEST(test_sideslip_is_zero_at_standstill_and_right_in_every_quadrant);
   RUN_TEST(test_estimating_changes_neither_particles_nor_weights);
+  RUN_TEST(test_limits_of_the_excitation_are_relative_to_the_mean);
   return UNITY_END();
 }

@@ -738,6 +738,119 @@ static void test_neither_a_clean_drive_nor_a_lone_outlier_raises_the_alarm(void)
   }
 }
 
+/* ----------------------------------------------------------- what does not fit (consistency.c, slide.c) */
+
+/* Rows with surplus noise, then an accelerometer that is off, then locked wheels: a filter that has found, tries, and coasts. */
+static tse_input troubled_row(drive *d, int i, uint32_t *state)
+{
+  tse_input u = next_row(d);
+  if (i >= 900) u.accel_x = u.accel_x + real(1.5);
+  u.accel_y = u.accel_y + real(0.15 * 10.0 * (next_uniform(state) + next_uniform(state) + next_uniform(state) - 1.5));
+  if (i >= 1000) u.wheel_speed_front = u.wheel_speed_rear = TSE_R(0);
+  return u;
+}
+
+static void test_a_copy_taken_in_the_midst_of_trouble_goes_on_bit_for_bit(void)
+{
+  const tse_config c = some_settings(50);
+  const tse_params p = prepared(&c);
+  for (int taken = 895; taken < 1100; taken += 15) {
+    drive d;
+    uint32_t state = 3;
+    tse_output y, z;
+    int tried = 0, noisy = 0, slid = 0;
+    set_off(&d, &c, 20.0);
+    TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f, sizeof f));
+    for (int i = 0; i < 1200; i++) {
+      const tse_input u = troubled_row(&d, i, &state);
+      TEST_ASSERT_TRUE(tse_step(&p, &f, &u, &y) >= 0);
+      if (i > taken) {
+        TEST_ASSERT_TRUE(tse_step(&p, &other, &u, &z) >= 0);
+        TEST_ASSERT_EQUAL_MEMORY(&f, &other, sizeof f);
+        TEST_ASSERT_EQUAL_MEMORY(&y, &z, sizeof y);
+      }
+      if (i == taken) memcpy(&other, &f, sizeof f);
+      TEST_ASSERT_TRUE(all_finite(&y));
+      tried = tried || is_trying(&f);
+      noisy = noisy || f.noise[1] > TSE_R(1);
+      slid = slid || f.sliding > TSE_R(0);
+    }
+    if (c.marginalised) TEST_ASSERT_TRUE(tried && noisy && slid); /* else nothing was shown */
+  }
+}
+
+static double mean_noise[3], mean_stiffness[3];
+
+/* Means of the last half of a drive whose sensors are `noise` times as noisy as the settings say. */
+static void drive_with_noise(const tse_config *c, double noise, int rows)
+{
+  static tse_sim sim;
+  const tse_params p = prepared(c);
+  tse_sim_config s;
+  tse_sim_config_default(&s);
+  s.seed = 7;
+  s.noise = (tse_setting)noise;
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_reset(&sim, c, &s, NULL));
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f, sizeof f));
+  for (int a = 0; a < 3; a++) mean_noise[a] = mean_stiffness[a] = 0.0;
+  for (int i = 0; i < rows; i++) {
+    tse_sim_input u;
+    tse_sim_output truth;
+    tse_output y;
+    memset(&u, 0, sizeof u);
+    u.dt = real(0.01);
+    u.steer_angle = real(fmod(0.01 * i, 4.0) < 2.0 ? 0.02 : -0.02);
+    u.wheel_torque_front = real(fmod(0.01 * i, 5.0) < 2.5 ? 700.0 : -700.0);
+    u.road_level = TSE_R(1);
+    TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_step(&sim, &u, &truth));
+    TEST_ASSERT_TRUE(tse_step(&p, &f, &truth.row, &y) >= 0);
+    for (int a = 0; a < 3 && i >= rows / 2; a++) {
+      mean_noise[a] += number(y.noise[a]) / (rows - rows / 2);
+      mean_stiffness[a] += number(y.stiffness[a]) / (rows - rows / 2);
+    }
+  }
+}
+
+static void test_noise_is_put_out_as_found_and_as_told_where_nothing_is_looked_for(void)
+{
+  const tse_config c = some_settings(100);
+  drive_with_noise(&c, 1.0, 2000);
+  for (int a = 0; a < 3; a++) expect_near(1.0, mean_noise[a], 0.02, "noise as told", a);
+  drive_with_noise(&c, 3.0, 2000);
+  if (c.marginalised) { /* what the settings call spread, and what the car does meanwhile, count a little */
+    for (int a = 0; a < 3; a++) expect_near(3.0, mean_noise[a], 0.3, "noise found", a);
+    for (int a = 1; a < 3; a++) expect_near(1.0, mean_stiffness[a], 0.05, "stiffness all the same", a);
+  } else {
+    for (int a = 0; a < 3; a++) expect_near(1.0, mean_noise[a], BY_FORMAT(1e-13, 1e-5), "noise is not looked for", a);
+  }
+}
+
+static void test_a_gyro_that_repeats_itself_while_the_car_turns_counts_as_missing(void)
+{
+  tse_config c = some_settings(100);
+  for (int notice = 0; notice < 2; notice++) {
+    c.notice_stuck = notice;
+    const tse_params p = prepared(&c);
+    drive d;
+    int missing = 0;
+    tse_real last = TSE_R(0);
+    set_off(&d, &c, 20.0);
+    TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f, sizeof f));
+    for (int i = 0; i < 1400; i++) {
+      tse_input u = next_row(&d);
+      tse_output y;
+      if (i >= 800) u.yaw_rate = last;
+      last = u.yaw_rate;
+      TEST_ASSERT_TRUE(tse_step(&p, &f, &u, &y) >= 0);
+      if (i >= 810) missing += y.status == TSE_W_MISSING_CHANNEL;
+      if (i == 1399 && notice && c.marginalised)
+        for (int a = 1; a < 3; a++) expect_near(1.0, number(y.stiffness[a]), 0.05, "stiffness without a gyro", a);
+    }
+    if (notice && c.marginalised) TEST_ASSERT_TRUE(missing > 300); /* of 590; now and then the car turns as it says */
+    else TEST_ASSERT_EQUAL_INT(0, missing);
+  }
+}
+
 /* ------------------------------------------------------------------------------ broken numbers, fuzz */
 
 #define COVARIANCE_ROUNDING BY_FORMAT(1e-9, 1e-3)
@@ -872,6 +985,8 @@ static void test_no_row_breaks_a_filter_whose_settings_are_extreme(void)
   c.resample_threshold = 0;
   fuzz(&c, 4000, 78);
   c = some_settings(18);
+  c.wheel_noise_sd = 5;
+  c.contradiction = 1;
   c.stiffness_max = 20;
   c.initial_spread = 2;
   fuzz(&c, 4000, 79);
@@ -934,6 +1049,9 @@ static void run_all(void)
   RUN_TEST(test_an_absurd_state_is_noticed_at_once_and_states_start_again);
   RUN_TEST(test_another_road_is_found_within_seconds);
   RUN_TEST(test_neither_a_clean_drive_nor_a_lone_outlier_raises_the_alarm);
+  RUN_TEST(test_a_copy_taken_in_the_midst_of_trouble_goes_on_bit_for_bit);
+  RUN_TEST(test_noise_is_put_out_as_found_and_as_told_where_nothing_is_looked_for);
+  RUN_TEST(test_a_gyro_that_repeats_itself_while_the_car_turns_counts_as_missing);
   RUN_TEST(test_no_row_of_numbers_whatever_makes_an_output_that_is_none);
   RUN_TEST(test_no_row_breaks_a_filter_whose_settings_are_extreme);
   RUN_TEST(test_a_filter_whose_particles_were_broken_gives_finite_outputs_and_recovers);

@@ -825,6 +825,53 @@ static void test_wheel_noise_is_what_the_slopes_of_the_forecast_make_of_it(void)
   }
 }
 
+/* A wheel speed drives the row before it and the one after it: moved in both, vel_x moves by the tyres' pull over one row. That
+ * falls off within the row, which the formula leaves out: half of rate dt, below 10 %. */
+static void test_wheel_noise_shakes_the_speed_through_the_tyres(void)
+{
+  const double h = 0.01, var = 0.0625;
+  for (int k = 0; k < ROWS(predict_cases); k++) {
+    const predict_case *const c = &predict_cases[k];
+    static tse_filter told;
+    if (c->dt > 0.011) continue; /* bridged gaps: more than that falls off */
+    tse_params p = fill_predict(c, 1);
+    const double radius[2] = { number(p.radius_front), number(p.radius_rear) };
+    const inputs from = inputs_of(&p, c->from), to = inputs_of(&p, c->to);
+    double x[3] = { 0 }, w[3] = { 0 }, total = 0.0, expected = 0.0;
+    for (int i = 0; i < GAUSS_PARTICLES; i++) {
+      total += c->weight[i];
+      for (int a = 0; a < 3; a++) {
+        x[a] += c->weight[i] * c->x[i][a];
+        w[a] += c->weight[i] * c->w[i][a];
+      }
+    }
+    for (int axle = 0; axle < 2; axle++) {
+      double end[2];
+      for (int side = 0; side < 2; side++) {
+        tse_real at[3] = { real(x[0] / total), real(x[1] / total), real(x[2] / total) };
+        const tse_real off = real(side ? h : -h);
+        inputs a = from, b = to;
+        if (axle == 0) { a.v_front = a.v_front + off; b.v_front = b.v_front + off; }
+        else { a.v_rear = a.v_rear + off; b.v_rear = b.v_rear + off; }
+        vehicle_advance(&p, at, vehicle_stiffness(&p, real(w[0] / total), real(w[1] / total), real(w[2] / total)), a, b, real(c->dt));
+        end[side] = number(at[0]);
+      }
+      expected += pow((end[1] - end[0]) / (2.0 * h), 2.0) * var * radius[axle] * radius[axle];
+    }
+    gaussian_predict(&p, &f, to, real(c->dt));
+    told = f;
+    (void)fill_predict(c, 1);
+    p.wheel_var[0] = real(var * radius[0] * radius[0]);
+    p.wheel_var[1] = real(var * radius[1] * radius[1]);
+    gaussian_predict(&p, &f, to, real(c->dt));
+    expect_near(expected, number(f.cov[0][0]) - number(told.cov[0][0]), 0.2 * expected + BY_FORMAT(0.0, 1e-8), "P", k);
+    expect_near(expected, number(f.err[0][0]) - number(told.err[0][0]), 0.2 * expected + BY_FORMAT(0.0, 1e-8), "E", k);
+    for (int a = 0; a < N; a++)
+      for (int b = 0; b < N; b++)
+        if (a || b) TEST_ASSERT_EQUAL_MEMORY(&told.cov[a][b], &f.cov[a][b], sizeof(tse_real));
+  }
+}
+
 /* Given back: X + P3 pull/S, P + P3 (excess/S) P3', P3 the column of the longitudinal stiffness, S with the spread. */
 static void test_what_wheel_noise_takes_from_means_and_covariance_is_given_back(void)
 {
@@ -1117,6 +1164,7 @@ int main(void)
   RUN_TEST(test_the_limit_of_the_spread_is_a_share_of_the_level);
   RUN_TEST(test_covariances_follow_the_level_of_the_mean_as_if_its_logarithm_were_estimated);
   RUN_TEST(test_wheel_noise_is_what_the_slopes_of_the_forecast_make_of_it);
+  RUN_TEST(test_wheel_noise_shakes_the_speed_through_the_tyres);
   RUN_TEST(test_what_wheel_noise_takes_from_means_and_covariance_is_given_back);
   RUN_TEST(test_noise_of_the_wheels_that_is_told_biases_the_longitudinal_stiffness_no_more);
   RUN_TEST(test_surplus_noise_does_not_drive_the_spread_beyond_its_limit);

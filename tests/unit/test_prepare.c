@@ -285,6 +285,9 @@ static void test_filter_constants_follow_their_formulas(void)
   expect_relative(0.03, p.max_step, "max_step: 1.5 sample times");
   TEST_ASSERT_EQUAL_INT32(!defaults().notice_stuck, p.notice_stuck);
   TEST_ASSERT_EQUAL_INT32(!defaults().relative_covariance, p.relative_covariance);
+  const double yaw = (1.1 * 1.1 * 70000 + 1.6 * 1.6 * 85000) / 1700;
+  expect_relative(4 * yaw, p.damping, "damping: four times the fastest, here of the yaw rate");
+  expect_relative(3 / (4 * yaw), p.least_step, "least_step: at hold_speed");
   expect_relative(0.2, p.max_gap, "max_gap");
   expect_relative(0.08, p.max_slip, "max_slip");
   expect_relative(36, p.gate_var, "outlier_gate, squared");
@@ -316,6 +319,18 @@ static void test_filter_constants_follow_their_formulas(void)
   expect_relative(0.0625, p.hold_var, "hold_var");
   expect_relative(9 / log(2.0), p.watchdog_drop, "watchdog_drop in log2");
   TEST_ASSERT_EQUAL_INT32(36, p.recovery_count);
+}
+
+/* The fastest of the three dampings times speed; the least step is no less than an eighth of the largest. */
+static void test_damping_is_that_of_the_stiffest_direction(void)
+{
+  tse_config c = other_config();
+  c.yaw_inertia = 17000;
+  expect_relative(4 * 205000.0 / 1250, prepared(&c).damping, "longitudinal");
+  c.cornering_stiffness_front = 500000;
+  expect_relative(4 * 585000.0 / 1250, prepared(&c).damping, "lateral");
+  c.longitudinal_stiffness_front = (tse_setting)1e7;
+  expect_relative(0.03 / 8, prepared(&c).least_step, "least_step");
 }
 
 /* Sigma = Lambda/(nu - d_w - 1) with lam = Lambda/nu is the spread squared, and gamma Sigma the variance of the mean;
@@ -507,6 +522,7 @@ int main(void)
   RUN_TEST(test_vehicle_constants_are_normalised_by_mass);
   RUN_TEST(test_sensor_constants_are_normalised_by_the_sensors_sd);
   RUN_TEST(test_filter_constants_follow_their_formulas);
+  RUN_TEST(test_damping_is_that_of_the_stiffest_direction);
   RUN_TEST(test_both_meanings_of_the_initial_sd_come_out_of_the_statistics);
   RUN_TEST(test_constants_are_finite_at_both_ends_of_every_range);
   RUN_TEST(test_no_seed_gives_the_key_of_only_zeros);
