@@ -8,7 +8,8 @@ Rule for the noise, per channel, over the rows where the car moves; the largest 
   c  for the accelerometers: the misfit to the kinematics, accel_x - dv/dt and accel_y - v yaw_rate, which sees what the
      model does not know (pitch, road, vibration, lag). Its sd over 0.2 s averages, slow part taken out, in the quieter
      windows of 2 s (30 % quantile), times sqrt(rows in 0.2 s): the white noise that would leave as much
-  d  a floor
+  d  a floor; none for the wheel speeds
+Wheel speeds: a and b, of the noisier axle's mean.
 Rule for the bias of an accelerometer: start sd from the size of the slow misfit (2 s averages), random walk from its change
 over 1 s. Grade, bank and mounting drift through it. Gyro: a fixed start sd.
 """
@@ -19,9 +20,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tselab.log import Log
+from tselab.log import DRIVES, Log
 
-FLOOR = {"accel_x": 0.05, "accel_y": 0.05, "yaw_rate": 0.001}  # m/s2, m/s2, rad/s
+FLOOR = {"accel_x": 0.05, "accel_y": 0.05, "yaw_rate": 0.001, "wheel_speed_front": 0.0, "wheel_speed_rear": 0.0}  # m/s2, rad/s
 LONGEST_HOLD = 10
 FEWEST_ROWS = 50
 
@@ -56,7 +57,7 @@ def channel_noise(name: str, x: np.ndarray, moving: np.ndarray) -> Noise | None:
     x = x[keep]
     if len(x) < FEWEST_ROWS:
         return None
-    hold = _hold(x)
+    hold = _hold(x, float(np.std(np.diff(x)) or 1.0) if name in DRIVES else _size(x))
     differences = x[2 * hold :] - 2 * x[hold:-hold] + x[: -2 * hold]
     sd = 1.4826 * float(np.median(np.abs(differences))) / np.sqrt(6)
     step = _quantum(x)
@@ -73,9 +74,13 @@ def channel_noise(name: str, x: np.ndarray, moving: np.ndarray) -> Noise | None:
     return Noise(float(sd), hold, step, ", ".join(parts))
 
 
-def _hold(x: np.ndarray) -> int:
-    """Rows per independent sample: 1 when no straight stretches are seen."""
-    scale = np.median(np.abs(x - np.median(x))) or np.std(x) or 1.0
+def _size(x: np.ndarray) -> float:
+    return float(np.median(np.abs(x - np.median(x))) or np.std(x) or 1.0)
+
+
+def _hold(x: np.ndarray, scale: float) -> int:
+    """Rows per independent sample: 1 when no straight stretches are seen. `scale`: a thousandth of it is nothing; of a wheel
+    speed, which moves far but slowly, the size of its changes."""
     still = max(np.mean(np.abs(np.diff(x, order)) < 1e-3 * scale) for order in (1, 2))
     return int(np.clip(round(1 / max(1e-9, 1 - still)), 1, LONGEST_HOLD))
 

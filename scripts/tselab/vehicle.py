@@ -169,6 +169,7 @@ def fill_sensors(vehicle: Vehicle, log: Log) -> None:
     misfits = kinematic_misfit(log, config.wheel_radius_front, config.wheel_radius_rear)
     if "wheel_noise_sd" in v:
         _average_noise(vehicle, config.fields["wheel_noise_sd"], log)
+    _fill_wheel_noise(vehicle, config, log, moving)
     for channel in MEASURES:
         key = f"{channel}_sd"
         f = config.fields[key]
@@ -190,6 +191,14 @@ def fill_sensors(vehicle: Vehicle, log: Log) -> None:
         if misfit is not None:
             walk = max(misfit.walk, config.fields[f"{channel}_bias_walk"].default)
             _fill(vehicle, config, f"{channel}_bias_walk", walk, "from the log: change of the slow misfit over 1 s")
+
+
+def _fill_wheel_noise(vehicle: Vehicle, config: Config, log: Log, moving: np.ndarray) -> None:
+    found = {a: channel_noise(f"wheel_speed_{a}", log.data[f"wheel_speed_{a}"].to_numpy(), moving) for a in ("front", "rear")}
+    found = {axle: noise for axle, noise in found.items() if noise is not None}
+    if found:
+        axle = max(found, key=lambda a: found[a].sd)
+        _fill(vehicle, config, "wheel_noise_sd", found[axle].sd, f"from the log, {axle} axle: {found[axle].text}")
 
 
 def _average_noise(vehicle: Vehicle, f: Field, log: Log) -> None:

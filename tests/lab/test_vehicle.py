@@ -118,10 +118,32 @@ def test_accelerometer_that_disagrees_with_the_wheels_is_trusted_less(tmp_path):
     assert any("misfit to the kinematics" in line for line in rough.filled)
 
 
+def test_wheel_noise_is_that_of_the_noisier_axle_and_zero_where_there_is_none(tmp_path):
+    from tselab.vehicle import fill_sensors
+
+    rng, n = np.random.default_rng(6), 4000
+    t = np.arange(n) * 0.01
+    roll = 60 + 10 * np.sin(0.2 * t)
+    noisy = {"front": 0.02, "rear": 0.07}
+    wheels = {f"wheel_speed_{a}": roll + sd * rng.standard_normal(n) for a, sd in noisy.items()}
+    fast = {a: np.interp(t, t[::5], w[::5]) for a, w in wheels.items()}  # a sample in five rows, lines between
+    coarse = {f"wheel_speed_{a}": np.round(roll / 0.3) * 0.3 for a in noisy}
+    for channels, low, high in (
+        (wheels, 0.065, 0.075),
+        (fast, 0.09, 0.11),  # lines are smoother than samples; what is left counts once in five
+        (coarse, 0.3 / np.sqrt(12), 0.7),
+        (dict.fromkeys(wheels, roll), 0, 1e-4),
+    ):
+        car = read(tmp_path, BARE)
+        fill_sensors(car, log_of(**channels))
+        assert low <= car.values["wheel_noise_sd"] <= high
+        assert any(line.startswith("wheel_noise_sd = ") and "axle: " in line for line in car.filled)
+
+
 def test_stated_noise_is_left_alone(tmp_path):
     from tselab.vehicle import fill_sensors
 
-    car = read(tmp_path, BARE + "[sensors]\naccel_x_sd = 0.5\naccel_y_sd = 0.5\nyaw_rate_sd = 0.02\n")
+    car = read(tmp_path, BARE + "[sensors]\naccel_x_sd = 0.5\naccel_y_sd = 0.5\nyaw_rate_sd = 0.02\nwheel_noise_sd = 0.1\n")
     before = dict(car.values)
     fill_sensors(car, log_of(accel_x=np.zeros(500)))
     assert car.values == before

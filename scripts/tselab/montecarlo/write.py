@@ -21,7 +21,7 @@ from tselab.report import _packed as packed
 def write(plan: Plan, runs: pd.DataFrame, out: Path) -> tuple[str, list[Path]]:
     """Write all files. Returned: the Markdown, and which files."""
     lines = summary.summarise(plan, runs)
-    tables = [*findings.findings(plan, runs, lines), summary.overview(plan, lines)]
+    tables = [*findings.findings(plan, runs, lines), summary.overview(plan, lines), *findings.changes(plan, lines)]
     facts = run_facts(plan, lines)
     text = markdown(plan, facts, tables)
     picture = pictures.picture(plan, runs, lines)
