@@ -660,8 +660,8 @@ static void test_a_try_that_explains_the_samples_is_learnt_from(void)
   TEST_ASSERT_EQUAL_MEMORY(&before.p, &f.p, sizeof f.p);
 }
 
-/* Smoothed innovations of three sigma in each channel fall below five of their sds together in 28 samples, the share of samples that
- * contradict then from one to 5 % in 31. A colour that has grown shortens the first. */
+/* Smoothed innovations of three sigma in each channel fall below five of their sds together in 28 samples, the share of samples
+ * that contradict then from one to 5 % in 31. A colour that has grown shortens the first. */
 static void test_holding_ends_when_the_contradiction_does(void)
 {
   const tse_config c = settings();

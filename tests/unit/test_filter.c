@@ -871,7 +871,7 @@ static double fuzzed(uint32_t *state, double plausible, double most, int wildnes
   return next_between(state, -most, most);
 }
 
-static int well_conditioned = 1; /* 0: H P H' is 1e16 times R, and rounding says what is left; numbers they must be all the same */
+static int well_conditioned = 1; /* 0: H P H' is 1e16 times R, and rounding says what is left; it must be numbers all the same */
 
 /* Symmetric to the bit, no variance negative, and positive semidefinite but for rounding: with as much added to each variance,
  * there is a Cholesky factor.   Returned: NULL, or what is wrong. */

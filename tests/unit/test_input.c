@@ -330,7 +330,8 @@ static tse_input lively_row(int i, double front, double rear)
 
 static void set_channel(tse_input *u, int channel, double value)
 {
-  tse_real *const at[6] = { &u->steer_angle, &u->wheel_speed_front, &u->wheel_speed_rear, &u->accel_x, &u->accel_y, &u->yaw_rate };
+  tse_real *const at[6] = { &u->steer_angle, &u->wheel_speed_front, &u->wheel_speed_rear,
+                            &u->accel_x, &u->accel_y, &u->yaw_rate };
   *at[channel] = real(value);
 }
 
@@ -424,7 +425,8 @@ static void test_a_wheel_is_stuck_when_it_repeats_itself_while_the_car_changes_i
     start_filter();
     for (int i = 0; i < c->rows; i++) {
       const double share = (double)i / (c->rows - 1);
-      const double front = c->front[0] + share * (c->front[1] - c->front[0]), rear = c->rear[0] + share * (c->rear[1] - c->rear[0]);
+      const double front = c->front[0] + share * (c->front[1] - c->front[0]);
+      const double rear = c->rear[0] + share * (c->rear[1] - c->rear[0]);
       tse_input u = lively_row(i, front, rear);
       u.accel_x = u.accel_x + real(c->accel_x);
       if (strstr(c->what, "standstill")) u.wheel_speed_rear = TSE_R(0);

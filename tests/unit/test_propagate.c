@@ -125,7 +125,7 @@ static void test_steps_shorten_with_the_speed_down_to_hold_speed(void)
     c.longitudinal_stiffness_rear *= (tse_setting)row[j].stiffer;
     const tse_params p = prepared(&c);
     const inputs u0 = inputs_of(0.0, row[j].front, row[j].rear - 0.25), u1 = inputs_of(0.0, row[j].front, row[j].rear + 0.25);
-    TEST_ASSERT_EQUAL_INT32_MESSAGE(row[j].steps, vehicle_steps(&p, real(row[j].dt), u0, u1), row[j].dt > 0.05 ? "long" : "short");
+    TEST_ASSERT_EQUAL_INT32(row[j].steps, vehicle_steps(&p, real(row[j].dt), u0, u1));
   }
 }
 
