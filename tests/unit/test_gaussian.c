@@ -799,6 +799,7 @@ static void test_wheel_noise_is_what_the_slopes_of_the_forecast_make_of_it(void)
     config.wheel_noise_sd = (tse_setting)0.25;
     const tse_params p = prepared(&config);
     (void)fill_observe(c, 1);
+    for (int i = 0; i < GAUSS_PARTICLES; i++) f.p.mu[0][i] = f.p.mu[0][i] + TSE_R(0.75);
     double t[2], u[2], var[2] = { 0.0625 * pow(number(p.radius_front), 2.0), 0.0625 * pow(number(p.radius_rear), 2.0) };
     for (int axle = 0; axle < 2; axle++) {
       forecast hi, lo;
