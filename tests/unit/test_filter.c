@@ -779,6 +779,43 @@ static void test_a_copy_taken_in_the_midst_of_trouble_goes_on_bit_for_bit(void)
   }
 }
 
+/* A disturbance that no stiffness explains: tried, given up, waited out; and what was known is known again afterwards. */
+static void test_a_contradiction_is_told_and_what_was_learnt_outlives_it(void)
+{
+  const tse_config c = some_settings(100);
+  const tse_params p = prepared(&c);
+  drive d;
+  tse_output y;
+  double known[3];
+  int held = 0, told = 0;
+  if (!c.marginalised) return;
+  set_off(&d, &c, 20.0);
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f, sizeof f));
+  y = run(&p, &f, &d, 1500);
+  for (int a = 0; a < 3; a++) known[a] = number(y.stiffness[a]);
+  for (int i = 0; i < 400; i++) {
+    tse_input u = next_row(&d);
+    const double wave = i % 80 < 40 ? 3.0 : -3.0;
+    u.accel_x = u.accel_x + real(wave);
+    u.accel_y = u.accel_y - real(wave);
+    memcpy(&before, &f, sizeof f);
+    TEST_ASSERT_TRUE(tse_step(&p, &f, &u, &y) >= 0);
+    if (is_trying(&f)) {
+      told++;
+      for (int a = 0; a < 3; a++) TEST_ASSERT_EQUAL_INT(TSE_DIVERGING, y.reason[a]);
+    }
+    if (is_holding(&before) && is_holding(&f)) {
+      held++;
+      expect_same_statistics(&before, &f);
+    }
+  }
+  TEST_ASSERT_TRUE(told > 150 && held > 20);
+  y = run(&p, &f, &d, 60); /* half a second after the last contradiction */
+  for (int i = 0; i < 200 && is_trying(&f); i++) y = run(&p, &f, &d, 1);
+  TEST_ASSERT_FALSE(is_trying(&f));
+  for (int a = 0; a < 3; a++) expect_near(known[a], number(y.stiffness[a]), 0.1, "stiffness", a);
+}
+
 static double mean_noise[3], mean_stiffness[3];
 
 /* Means of the last half of a drive whose sensors are `noise` times as noisy as the settings say. */
@@ -1050,6 +1087,7 @@ static void run_all(void)
   RUN_TEST(test_another_road_is_found_within_seconds);
   RUN_TEST(test_neither_a_clean_drive_nor_a_lone_outlier_raises_the_alarm);
   RUN_TEST(test_a_copy_taken_in_the_midst_of_trouble_goes_on_bit_for_bit);
+  RUN_TEST(test_a_contradiction_is_told_and_what_was_learnt_outlives_it);
   RUN_TEST(test_noise_is_put_out_as_found_and_as_told_where_nothing_is_looked_for);
   RUN_TEST(test_a_gyro_that_repeats_itself_while_the_car_turns_counts_as_missing);
   RUN_TEST(test_no_row_of_numbers_whatever_makes_an_output_that_is_none);
