@@ -274,6 +274,9 @@ static void test_asking_for_no_output_changes_nothing_in_the_filter(void)
     const tse_status status = tse_step(&p, &f, &u, NULL);
     TEST_ASSERT_EQUAL_INT(tse_step(&p, &other, &u, &y), status);
     TEST_ASSERT_EQUAL_INT(y.status, status);
+    expect_near(number(y.vel_x), number(f.vel_x), 0.0, "vel_x as put out", i); /* what slides and repeats are judged by */
+    for (int a = 0; a < 3; a++)
+      expect_near(number(y.bias[a]) / number(p.sd[a]), number(f.bias_now[a]), BY_FORMAT(1e-14, 1e-6), "bias as put out", a);
   }
   TEST_ASSERT_EQUAL_MEMORY(&other, &f, sizeof f);
 }
