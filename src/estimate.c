@@ -102,7 +102,8 @@ void estimate(const tse_params *p, const tse_filter *f, tse_output *y)
  * which must be below valid_sd^2 for the stiffness to be told, and below hold_sd^2 for it to be learnt at all: where nothing
  * shows it, the draws of (25) come from the prior, and learning from them would be a random walk of the filter's own making.
  * The past is two memories long: velocity, once settled by a change, is remembered longer than the stiffness is.
- * Regressors are smoothed first: noise of a wheel-speed sensor looks like slip, but moves no car. */
+ * Regressors are smoothed first: noise of a wheel-speed sensor looks like slip, but moves no car; what is known of it is
+ * taken off. */
 void excitation(const tse_params *p, tse_filter *f, const sample *y, const tse_output *est, int32_t excited[3])
 {
   const slips s = vehicle_slips(p, est->vel_x, est->vel_y, est->yaw_rate, y->u);
@@ -111,11 +112,15 @@ void excitation(const tse_params *p, tse_filter *f, const sample *y, const tse_o
   const tse_real window = r_mul(TSE_R(2), p->memory);
   const tse_real smooth = r_div(y->dt, y->dt + EXCITATION_TIME);
   const tse_real gain = r_div(TSE_R(1), r_min(window, f->seen + TSE_R(1)));
+  const tse_real front = r_mul(p->kx_front, s.inv_front), rear = r_mul(r_mul(p->kx_rear, p->follow), s.inv_rear);
+  const tse_real shaken = r_mul(r_div(smooth, TSE_R(2) - smooth), r_mul(r_mul(p->inv_sd[0], p->inv_sd[0]),
+                                r_mul(r_mul(front, front), p->wheel_var[0]) + r_mul(r_mul(rear, rear), p->wheel_var[1])));
   for (int a = 0; a < 3; a++) {
     f->excite[a] += r_mul(smooth, phi[a] - f->excite[a]);
     f->excite_mean[a] += r_mul(gain, f->excite[a] - f->excite_mean[a]);
     f->excite_sq[a] += r_mul(gain, r_mul(f->excite[a], f->excite[a]) - f->excite_sq[a]);
-    const tse_real var = f->excite_sq[a] - r_mul(f->excite_mean[a], f->excite_mean[a]);
+    const tse_real seen = f->excite_sq[a] - r_mul(f->excite_mean[a], f->excite_mean[a]);
+    const tse_real var = a == 0 && p->marginalised ? r_max(seen - shaken, TSE_R(0)) : seen;
     const tse_real spread_var = r_mul(est->stiffness_spread[a], est->stiffness_spread[a]);
     const tse_real noise = (a == 0 ? f->noise[0] : f->noise[1]) + r_mul(f->excite_sq[a], spread_var), signal = r_mul(r_mul(p->memory, var), level_2(p, est, a));
     excited[a] = noise <= r_mul(p->valid_var, signal);

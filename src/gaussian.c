@@ -10,6 +10,7 @@
 #define NU_LEAST TSE_R(6)     /* A and Sigma need nu > 4; reached only with a short memory and long time steps */
 #define STEP TSE_R(0.0078125) /* 2^-7: differences for the linearisation, of states [m/s, rad/s] and of w [1]  */
 #define PER_STEP TSE_R(64)    /* 1/(2 STEP)                                                                    */
+#define UNDO_VAR TSE_R(0.01)  /* sd of 10 % of the mean: known well enough to undo the noise of the wheel speeds    */
 #define MOST_VAR TSE_R(400)   /* 20 m/s squared: linear no more, the states start over                            */
 
 static int first_row(const tse_params *p) { return p->marginalised ? 0 : 6; }
@@ -253,10 +254,12 @@ int gaussian_observe(const forecast *f, const tse_real noise[3], gaussian *g)
 }
 
 /* Errors in variables: the gain and the innovation share the noise of the wheel speeds, so that each sample lowers the
- * longitudinal stiffness by P pull/S on average, and takes P excess/S P for knowledge. Both are given back. */
+ * longitudinal stiffness by P pull/S on average, and takes P excess/S P for knowledge. Both are given back, as long as the
+ * stiffness is known to a tenth: beyond, what is given back would be of noise alone, and feed itself. */
 static void undo_wheel_noise(const tse_params *p, tse_filter *f, const forecast *c, tse_real s)
 {
   tse_real col[TSE_GAUSS];
+  if (f->cov[3][3] > r_mul(UNDO_VAR, r_mul(c->level[0], c->level[0]))) return;
   const tse_real share = r_div(c->pull, s), back = r_div(c->excess, s);
   for (int a = 0; a < TSE_GAUSS; a++) col[a] = f->cov[a][3];
   for (int32_t i = 0; i < padded(p->particles); i++)
