@@ -471,15 +471,20 @@ def test_a_dask_cluster_gives_the_same_numbers(alone, tmp_path):
     pd.testing.assert_frame_equal(numbers(table), alone)
 
 
-@pytest.mark.skipif(os.name == "nt", reason="no SIGINT to a process")
-def test_ctrl_c_ends_with_130_and_says_how_to_go_on(tmp_path):
+@pytest.mark.skipif(os.name == "nt", reason="no signals to a process")
+@pytest.mark.parametrize(
+    ("send", "what"),
+    [(os.killpg, signal.SIGINT), (os.kill, signal.SIGTERM)],  # a terminal tells the workers, too; kill does not
+    ids=["ctrl-c", "kill"],
+)
+def test_an_interrupt_ends_with_130_leaves_no_worker_and_says_how_to_go_on(tmp_path, send, what):
     command = [*COMMAND, "montecarlo", "--study", "fig2", "--runs", "500", "--jobs", "2", "--out", str(tmp_path)]
     run = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True, start_new_session=True)
     path, end = tmp_path / "runs.csv", time.monotonic() + 60
     while time.monotonic() < end and not (path.exists() and path.read_text().count("\n") > 2):
         time.sleep(0.05)
-    os.killpg(run.pid, signal.SIGINT)  # as a terminal does: the workers, too
-    _, err = run.communicate(timeout=60)
+    send(run.pid, what)
+    _, err = run.communicate(timeout=60)  # ends when the last worker has closed its copy of stderr
     assert run.returncode == 130, err
     assert "of 500 runs that are done, the same command goes on from there" in err and "Traceback" not in err
     assert path.read_text().endswith("\n")

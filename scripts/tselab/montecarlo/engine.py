@@ -142,7 +142,7 @@ def run(
         store.writer() as write,
     ):
         try:
-            with contextlib.closing(_results(todo, jobs, scheduler)) as results:
+            with _killed_as_interrupted(), contextlib.closing(_results(todo, jobs, scheduler)) as results:
                 for unit, rows in results:
                     write(rows)
                     done.add((unit.case, unit.seed))
@@ -152,10 +152,27 @@ def run(
             units = store.units()
             kept = sum((u.case, u.seed) in done for u in units)
             raise Interrupted(
-                f"stopped by Ctrl-C; {store.path} keeps the {kept} of {len(units)} runs that are done, "
+                f"stopped; {store.path} keeps the {kept} of {len(units)} runs that are done, "
                 "the same command goes on from there"
             ) from None
     return store.table()
+
+
+@contextlib.contextmanager
+def _killed_as_interrupted() -> Iterator[None]:
+    """A plain kill ends as Ctrl-C does: the workers go, too."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def stop(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGTERM, stop)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def _results(todo: list[Unit], jobs: int, scheduler: str | None) -> Iterator[tuple[Unit, list[dict[str, Any]]]]:
