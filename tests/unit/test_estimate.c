@@ -260,7 +260,7 @@ static void test_estimating_changes_neither_particles_nor_weights(void)
 /* ------------------------------------------------------------------------------------------ excitation */
 
 /* Limits on a sd are relative to the mean; sampled, to nominal. noise <= limit^2 memory var(phi) level^2, noise: that of the
- * channel as found, and the spread's. */
+ * channel as found, and the spread's; var(phi) without what the noise of the wheel speeds adds to the smoothed regressor. */
 static void test_limits_of_the_excitation_are_relative_to_the_mean(void)
 {
   static const double level[3] = { 0.4, 1.0, 2.5 };
@@ -270,6 +270,7 @@ static void test_limits_of_the_excitation_are_relative_to_the_mean(void)
         tse_config c;
         tse_config_default(&c);
         c.marginalised = marginalised;
+        c.wheel_noise_sd = (tse_setting)0.25;
         tse_params own = prepared(&c);
         tse_output est;
         sample y;
@@ -288,7 +289,9 @@ static void test_limits_of_the_excitation_are_relative_to_the_mean(void)
           est.stiffness[b] = real(level[b]);
           est.stiffness_spread[b] = TSE_R(0.1);
         }
-        const double left = 1.0 - 1.0 / 200.0, sq = 4.0 * left, var = sq - pow(0.25 * left, 2.0); /* over two memories */
+        const double left = 1.0 - 1.0 / 200.0, sq = 4.0 * left, all = sq - pow(0.25 * left, 2.0); /* over two memories */
+        const double slope = 160000.0 / 1900.0 / 20.0 / 0.15, speed_var = pow(0.25 * 0.33, 2.0), smooth = 0.01 / 0.11;
+        const double var = all - (a == 0 && marginalised ? 2.0 * slope * slope * speed_var * smooth / (2.0 - smooth) : 0.0);
         const double noise = (a == 0 ? 1.5 : 2.0) + sq * 0.01;
         const double signal = number(own.memory) * var * (marginalised ? level[a] * level[a] : 1.0);
         own.valid_var = real(noise / signal * (k ? 1.001 : 0.999));
