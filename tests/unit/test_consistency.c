@@ -242,6 +242,7 @@ static void test_noise_from_the_start_is_found_within_a_second_and_undoes_what_w
   for (int a = 0; a < 3; a++) {
     expect_near(number(p.mean_var0), number(f.cov[3 + a][3 + a]), BY_FORMAT(1e-15, 1e-8), "variance of a mean", a);
     expect_near(number(p.mean_var0), number(f.err[3 + a][3 + a]), BY_FORMAT(1e-15, 1e-8), "of its error", a);
+    if (f.noise[a] > TSE_R(1)) expect_near(1.0, number(f.misfit[a]), 0.5, "misfit starts anew", a);
     expect_near(number(p.bias_var0[a]), number(f.cov[6 + a][6 + a]), BY_FORMAT(1e-15, 1e-8), "of a bias", a);
   }
   static const double of_level[3] = { 0.5, 1.0, 2.0 };
@@ -277,6 +278,24 @@ static void test_noise_ends_at_its_limit_and_at_the_settings(void)
     (void)step(&p, z, 0.0, 0.0, 0.0, noise);
   }
   for (int a = 0; a < 3; a++) expect_near(1.0, number(f.noise[a]), 0.0, "noise of the settings", a);
+}
+
+/* A spread of 20 % where 5 % have been learnt may be that of the tyre: up to spread_max, 25 % here, it is no noise. */
+static void test_what_the_widest_spread_explains_is_no_noise(void)
+{
+  tse_config c = settings();
+  c.contradiction = 0;
+  const tse_params p = prepared(&c);
+  for (uint32_t seed = 0; seed < 10; seed++) {
+    start(&p, seed);
+    for (int i = 0; i < 2000; i++) {
+      double z[3];
+      tse_real noise[3];
+      draw(1.0, 8.0, 0.2, 0.0, z);
+      (void)step(&p, z, 8.0, 0.05, 0.0, noise);
+      for (int a = 0; a < 3; a++) expect_near(1.0, number(f.noise[a]), 0.0, "noise found", a);
+    }
+  }
 }
 
 /* Where the sensors are as told and the spread as learnt, hardly ever is anything found or contradicted. Of 4000 drives of 20 s
@@ -780,6 +799,7 @@ int main(void)
   RUN_TEST(test_white_noise_above_what_was_told_is_found);
   RUN_TEST(test_noise_from_the_start_is_found_within_a_second_and_undoes_what_was_learnt_from_it);
   RUN_TEST(test_noise_ends_at_its_limit_and_at_the_settings);
+  RUN_TEST(test_what_the_widest_spread_explains_is_no_noise);
   RUN_TEST(test_at_nominal_the_settings_are_believed);
   RUN_TEST(test_the_colour_of_an_autoregressive_disturbance_is_its_ratio_of_smoothed_variances);
   RUN_TEST(test_a_step_contradicts_when_its_smoothed_value_is_five_of_its_sds);

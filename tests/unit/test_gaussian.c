@@ -279,6 +279,38 @@ static void test_innovation_covariance_factor_and_gain_are_those_of_dense_matric
   }
 }
 
+/* Sigma = mean of Lambda/(nu - 4) over the particles, Sigma d' and d Sigma d' with d of the weighted mean; and the level there. */
+static void test_the_spread_is_foretold_with_the_mean_of_the_particles_statistics(void)
+{
+  static const int of[3][3] = { { 0, 1, 2 }, { 1, 3, 4 }, { 2, 4, 5 } };
+  for (int k = 0; k < ROWS(observe_cases); k++) {
+    const observe_case *const c = &observe_cases[k];
+    const tse_params p = fill_observe(c, 1);
+    const sample y = sample_of(&p, c->u, c->y, 7);
+    double sigma[3][3] = { { 0 } }, mu[3] = { 0 }, total = 0.0;
+    gaussian_foretell(&p, &f, &y, &fc);
+    for (int i = 0; i < GAUSS_PARTICLES; i++) total += c->weight[i];
+    for (int a = 0; a < 3; a++)
+      for (int i = 0; i < GAUSS_PARTICLES; i++) {
+        mu[a] += c->weight[i] * c->mu[i][a] / total;
+        for (int b = 0; b < 3; b++) sigma[a][b] += c->weight[i] * c->scale[i][of[a][b]] * GAUSS_NU / (GAUSS_NU - 4.0) / total;
+      }
+    for (int a = 0; a < 3; a++) {
+      expect_near(1.0 + mu[a], number(fc.level[a]), BY_FORMAT(1e-14, 1e-6), "level", a);
+      for (int b = 0; b < 3; b++) {
+        double sigma_d = 0.0, spread = 0.0;
+        for (int i = 0; i < 3; i++) {
+          sigma_d += sigma[a][i] * number(fc.h[b][3 + i]);
+          for (int j = 0; j < 3; j++) spread += number(fc.h[a][3 + i]) * sigma[i][j] * number(fc.h[b][3 + j]);
+        }
+        expect_near(sigma[a][b], number(fc.sigma[a][b]), BY_FORMAT(1e-14, 1e-6), "Sigma", 10 * a + b);
+        expect_near(sigma_d, number(fc.sigma_d[a][b]), BY_FORMAT(1e-13, 1e-5), "Sigma d'", 10 * a + b);
+        expect_near(spread, number(fc.spread[a][b]), BY_FORMAT(1e-12, 1e-4), "d Sigma d'", 10 * a + b);
+      }
+    }
+  }
+}
+
 static void test_the_papers_form_is_the_diagonal_case(void)
 {
   for (int k = 0; k < ROWS(observe_cases); k++) {
@@ -1154,6 +1186,7 @@ int main(void)
   RUN_TEST(test_a_variance_that_rounding_made_negative_does_not_start_the_states_over);
   RUN_TEST(test_the_start_is_that_of_the_settings_and_restarts_cut_the_correlations);
   RUN_TEST(test_innovation_covariance_factor_and_gain_are_those_of_dense_matrices);
+  RUN_TEST(test_the_spread_is_foretold_with_the_mean_of_the_particles_statistics);
   RUN_TEST(test_the_papers_form_is_the_diagonal_case);
   RUN_TEST(test_evidence_is_that_of_the_students_t_with_correlated_noise);
   RUN_TEST(test_a_covariance_that_is_no_number_is_reported);
