@@ -20,14 +20,31 @@ RESULTS = ROOT / "scripts" / "results"
 TSELAB = ROOT / ".venv" / "bin" / "tselab"
 PICTURES = ("fig1", "fig2", "fig3-4", "particles", "bound")
 
+# of the cases of the study of stress: what is run how often
+PART = {
+    "nominal": "nominal",
+    "stress": (
+        "nominal,paper-prior,vy-start,noise-3x,noise-third,wheel-noise-told,wheel-noise-untold,outliers,"
+        "imu-bias,low-excitation,low-excitation-250,highway,road-0.3,spread-1,spread-5,spread-15,"
+        "forgetting-0.98,forgetting-0.99,forgetting-0.995,forgetting-0.999,dropout-steer_angle,"
+        "dropout-wheel_speed_front,dropout-wheel_speed_rear,dropout-accel_x,dropout-accel_y,dropout-yaw_rate,"
+        "stuck-steer_angle,stuck-wheel_speed_front,stuck-wheel_speed_rear"
+    ),
+    "stress-more": (
+        "stuck-accel_x,stuck-accel_y,stuck-yaw_rate,stop-and-go,reverse,wheel-lock,wheel-spin,mass+10,mass-10,"
+        "sample-5ms,sample-10ms,sample-20ms,sample-40ms"
+    ),
+}
+
 # study: runs of each case
 STUDIES: dict[str, int] = {
     "nominal": 1000,
-    "stress": 200,
+    "stress": 50,
+    "stress-more": 15,
     "peers": 100,
-    "departures": 40,
-    "bound": 60,
-    "particles": 40,
+    "departures": 6,
+    "bound": 24,
+    "particles": 4,
     "fig1": 1,
     "fig2": 100,
     "fig3-4": 1,
@@ -36,7 +53,7 @@ STUDIES: dict[str, int] = {
 
 def run(name: str, runs: int, jobs: int, restart: bool) -> None:
     out = ROOT / "build" / "studies" / name
-    study, only = ("stress", ["--cases", "nominal"]) if name == "nominal" else (name, [])
+    study, only = ("stress", ["--cases", PART[name]]) if name in PART else (name, [])
     command = [TSELAB, "montecarlo", "--study", study, "--runs", str(runs), "--jobs", str(jobs), "--out", out, *only]
     subprocess.run([*command, *(["--restart"] if restart else [])], check=True, stdout=subprocess.DEVNULL)
     shutil.copy(out / f"{study}.md", RESULTS / f"{name}.md")
