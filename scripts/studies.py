@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Run the Monte-Carlo studies whose tables README quotes and put tables and pictures into scripts/results.
 
-    .venv/bin/python scripts/studies.py [--jobs J] [STUDY ...]     all of them: about an hour on two cores
+    .venv/bin/python scripts/studies.py [--jobs J] [STUDY ...]     all of them: about an hour on two busy cores
 
 Each study goes on where it was interrupted (build/studies/NAME); after a change of the library start with --restart.
 """
