@@ -479,7 +479,14 @@ def test_a_dask_cluster_gives_the_same_numbers(alone, tmp_path):
 )
 def test_an_interrupt_ends_with_130_leaves_no_worker_and_says_how_to_go_on(tmp_path, send, what):
     command = [*COMMAND, "montecarlo", "--study", "fig2", "--runs", "500", "--jobs", "2", "--out", str(tmp_path)]
-    run = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True, start_new_session=True)
+    run = subprocess.Popen(
+        command,
+        stderr=subprocess.PIPE,
+        stdout=subprocess.DEVNULL,
+        text=True,
+        start_new_session=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # a test run in the background ignores it
+    )
     path, end = tmp_path / "runs.csv", time.monotonic() + 60
     while time.monotonic() < end and not (path.exists() and path.read_text().count("\n") > 2):
         time.sleep(0.05)
