@@ -41,7 +41,6 @@ def measure() -> None:
     (RESULTS / "sizes.md").write_text(sizes())
     print("accuracy ...", flush=True)
     output(tselab, "accuracy", "--runs", "24", "--out", RESULTS)
-    (RESULTS / "few.md").write_text(output(tselab, "accuracy", "--runs", "24", "--particles", "100"))
     print("time ...", flush=True)
     (RESULTS / "bench.md").write_text(output(ROOT / "scripts" / "bench.sh"))
     print("picture ...", flush=True)

@@ -2,7 +2,6 @@
 #include "tse/tse.h"
 #include "real_ops.h"
 
-
 void tse_config_default(tse_config *c)
 {
   if (!c) return;
