@@ -73,24 +73,22 @@ static uint32_t fingerprint(const tse_config *c)
   return mix(h, TSE_MAX_PARTICLES);
 }
 
-/* What gives relative stiffness its meaning: the rows of config.def before the sensors'. In single precision, so that
- * builds of every format agree; only there both differ in nothing but how a decimal number is rounded. */
-static uint32_t mix_vehicle(uint32_t h, size_t offset, tse_setting value)
+/* What gives relative stiffness its meaning. In single precision, so that builds of every format agree; only there both
+ * differ in nothing but how a decimal number is rounded. */
+static uint32_t mix_vehicle(uint32_t h, tse_setting value)
 {
   const float x = (float)value;
   uint32_t word;
   memcpy(&word, &x, sizeof word);
-  return offset < offsetof(tse_config, accel_x_sd) ? mix(h, word) : h;
+  return mix(h, word);
 }
 
 static uint32_t vehicle_fingerprint(const tse_config *c)
 {
   uint32_t h = 2166136261u;
-#define REAL(name, def, lo, hi, unit, text) h = mix_vehicle(h, offsetof(tse_config, name), c->name);
-#define INT(name, def, lo, hi, text)
-#include "tse/config.def"
+#define REAL(name, def, lo, hi, unit, text) h = mix_vehicle(h, c->name);
+#include "tse/vehicle.def"
 #undef REAL
-#undef INT
   return h;
 }
 

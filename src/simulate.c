@@ -243,12 +243,10 @@ static int in_range(tse_real x, tse_real lo, tse_real hi) { return x >= lo && x 
 
 static tse_status check(const tse_sim *sim, const tse_sim_input *u)
 {
-  const tse_real torque = TSE_R(1e5);
   if (sim->step > 0 && !(u->dt > TSE_R(0) && u->dt <= TSE_R(1))) return TSE_E_TIME;
-  if (!in_range(u->steer_angle, TSE_R(-1.2), TSE_R(1.2)) || !in_range(u->road_level, TSE_R(0.02), TSE_R(10)) ||
-      !in_range(u->wheel_torque_front, -torque, torque) || !in_range(u->wheel_torque_rear, -torque, torque) ||
-      !in_range(u->brake_torque_front, TSE_R(0), torque) || !in_range(u->brake_torque_rear, TSE_R(0), torque))
-    return TSE_E_INPUT;
+#define SIM_INPUT(name, def, lo, hi, unit, text) if (!in_range(u->name, TSE_R(lo), TSE_R(hi))) return TSE_E_INPUT;
+#include "tse/sim_input.def"
+#undef SIM_INPUT
   return TSE_OK;
 }
 
