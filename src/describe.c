@@ -66,7 +66,7 @@ static const tse_field sim_output_fields[] = {
 #define INPUT(name, lo, hi, unit, kind, text) MEMBER(#name, row.name, unit, text)
 #include "tse/input.def"
 #undef INPUT
-#define SIM_OUTPUT(name, member, unit, text) MEMBER(#name, member, unit, text)
+#define SIM_OUTPUT(group, name, member, unit, text) MEMBER(#group "_" #name, member, unit, text)
 #include "tse/sim_output.def"
 #undef SIM_OUTPUT
 };
