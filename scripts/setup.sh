@@ -76,10 +76,11 @@ fmi=.venv/share/fmi2/headers
 if ! [ -f $fmi/fmi2TypesPlatform.h ]; then
   scratch=$(mktemp -d .venv/share/fmi2.XXXXXX)
   trap 'rm -rf "$root/$scratch"' EXIT
+  package=$(.venv/bin/python -c 'import importlib.util as u; print(u.find_spec("fmu_manipulation_toolbox").submodule_search_locations[0])')
   for pinned in fmi2FunctionTypes.h:756da446057a5a6dec47a5938e099ba3a9b1882326672b393c6f7dd8571e3456 \
       fmi2Functions.h:5315e320046c976b3977bc14eb7e2cb58711fa296e4bdf88ddd2c9c82e2a9958 \
       fmi2TypesPlatform.h:50a180641623f47f2e48fc445707549ce4ec2e27358e2451a2dad5b6dfc55287; do
-    header=$(echo .venv/lib*/python*/site-packages/fmu_manipulation_toolbox/resources/fmi/"${pinned%%:*}")
+    header=$package/resources/fmi/${pinned%%:*}
     [ -f "$header" ] && [ "$(sha256 "$header")" = "${pinned##*:}" ] \
       || fail "${pinned%%:*} is not in the Python package fmu-manipulation-toolbox, or its sha256 differs."
     cp "$header" "$scratch/"
