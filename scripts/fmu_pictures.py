@@ -20,6 +20,7 @@ from fmpy.fmi2 import FMU2Slave
 
 from tselab.core import STIFFNESS
 from tselab.figures import demo_picture, estimator_icon, vehicle_icon
+from tselab.verdict import NAMES
 
 ROOT = Path(__file__).resolve().parent.parent
 BUILT = ROOT / "build" / "fmu" / "fmu"
@@ -98,10 +99,13 @@ def main() -> int:
     elif what == ["study"]:
         est, truth, log = study()
         demo_picture(ROOT / "scripts" / "results" / "fmu.png", est, truth, log)
+        print("| | RMS error, 10 s to the road change | RMS error, last 20 s | valid |\n|---|---:|---:|---:|")
+        time = est["time"]
         for s in STIFFNESS:
-            error = (est[s] / truth[f"true_{s}"] - 1)[est["time"] >= DURATION - 20]
-            print(f"{s}: RMS error of the last 20 s {100 * np.sqrt((error**2).mean()):.2f} %, "
-                  f"valid {100 * est[f'{s}_valid'].mean():.0f} % of the time")  # fmt: skip
+            error = est[s] / truth[f"true_{s}"] - 1
+            parts = (time >= 10) & (time < ROAD_CHANGE[0] - STEP / 2), time >= DURATION - 20
+            rms = [100 * np.sqrt((error[part] ** 2).mean()) for part in parts]
+            print(f"| {NAMES[s]} | {rms[0]:.2f} % | {rms[1]:.2f} % | {100 * est[f'{s}_valid'].mean():.0f} % of the time |")
     else:
         print(__doc__, file=sys.stderr)
         return 2

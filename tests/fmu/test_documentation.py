@@ -1,8 +1,10 @@
-"""The FMUs' documentation/index.html is complete and self-contained, and its examples run and say what the text says."""
+"""The FMUs' documentation/index.html is complete and self-contained; its examples, and those of README, run and say what the text
+says."""
 
 from __future__ import annotations
 
 import html
+import importlib.util
 import re
 import shutil
 import subprocess
@@ -10,7 +12,9 @@ import sys
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
+import numpy as np
 import pytest
+from fmpy import simulate_fmu
 
 ROOT = Path(__file__).resolve().parents[2]
 MODELS = ("TireStiffnessEstimator", "SingleTrackVehicle")
@@ -118,3 +122,38 @@ def test_the_page_needs_neither_network_nor_script_and_nothing_is_left_to_fill_i
         else:
             open_tags.append(tag)
     assert open_tags == []
+
+
+def readme_examples() -> list[str]:
+    section = (ROOT / "README.md").read_text(encoding="utf-8").split("\n## FMU\n")[1].split("\n## ")[0]
+    return re.findall(r"```python\n(.*?)```", section, flags=re.S)
+
+
+def test_the_readmes_example_estimates_from_a_log(built, tmp_path):
+    names = ["steer_angle", "wheel_speed_front", "wheel_speed_rear", "accel_x", "accel_y", "yaw_rate"]
+    time = np.arange(0.0, 10.0, 0.01)
+    driver = np.rec.fromarrays([time, np.where(time % 4 < 2, 0.02, -0.02)], names=["time", "steer_angle"])
+    outputs = [f"sensor.{name}" for name in names]
+    car = simulate_fmu(
+        str(built / "SingleTrackVehicle.fmu"), input=driver, output=outputs, stop_time=10.0, output_interval=0.01,
+        start_values={"vehicle.mass": 1650.0, "simulation.true_cy_front": 0.8},
+    )  # fmt: skip
+    columns = [car["time"], *(car[name] for name in outputs)]
+    header = ",".join(["time", *names])
+    np.savetxt(tmp_path / "log.csv", np.column_stack(columns), delimiter=",", header=header, comments="")
+    said = run(readme_examples()[0], tmp_path, built / "TireStiffnessEstimator.fmu").split()
+    assert float(said[-2]) == pytest.approx(0.8, abs=0.03)
+    assert said[-1] == "True"
+
+
+def test_the_readmes_system_runs(built, tmp_path):
+    said = run(readme_examples()[1], tmp_path, built / "StiffnessStudy.ssp").split()
+    assert float(said[-2]) == pytest.approx(float(said[-1]), rel=0.03)
+
+
+def test_the_readmes_table_is_that_of_the_variables(built):
+    spec = importlib.util.spec_from_file_location("facts", ROOT / "scripts" / "facts.py")
+    facts = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(facts)
+    table = "\n\n".join(facts.fmu_variables(model, built) for model in MODELS) + "\n"
+    assert (ROOT / "scripts/results/fmu_variables.md").read_text() == table, "run scripts/facts.py --fmu"
