@@ -255,11 +255,12 @@ static void variable_row(const fmu_variable *v)
   (void)printf("<tr><td><code>%.*s%s%s</code></td><td>%s</td><td>%s</td>", (int)group, v->name, group ? ".<wbr>" : "",
                v->name + group + (group > 0), type, v->kind == 'r' ? unit_of(v)->fmi : ""); /* long names may break there */
   if (v->role != 'o') {
+    const int digits = v->kind == 'r' ? 6 : 10; /* modelDescription.xml has all of them */
     (void)fputs("<td class=\"number\">", stdout);
     if (v->kind == 'b') (void)fputs(v->start > 0.0 ? "true" : "false", stdout);
-    else (void)printf("%.6g", v->start);
+    else (void)printf("%.*g", digits, v->start);
     (void)fputs("</td><td class=\"number\">", stdout);
-    if (v->kind != 'b' && v->hi >= v->lo) (void)printf("%.6g to %.6g", v->lo, v->hi); /* modelDescription.xml has all digits */
+    if (v->kind != 'b' && v->hi >= v->lo) (void)printf("%.*g to %.*g", digits, v->lo, digits, v->hi);
     (void)fputs("</td>", stdout);
   }
   cell(v->text);
