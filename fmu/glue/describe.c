@@ -276,16 +276,18 @@ static void print_variables(void)
   const char *table = NULL;
   for (size_t k = 0; k < sizeof roles / sizeof roles[0]; k++) {
     const int ranges = roles[k].role != 'o';
-    (void)printf("<h3 id=\"%s\">%s</h3>\n<table class=\"variables\"><thead><tr><th>name</th><th>type</th><th>unit</th>%s<th>meaning</th></tr></thead>\n",
-                 roles[k].id, roles[k].title, ranges ? "<th>start</th><th>range</th>" : "");
+    (void)printf("<h3 id=\"%s\">%s</h3>\n<table class=\"variables\"><thead><tr>", roles[k].id, roles[k].title);
+    (void)printf("<th>name</th><th>type</th><th>unit</th>");
+    (void)printf("%s<th>meaning</th></tr></thead>\n", ranges ? "<th>start</th><th>range</th>" : "");
     for (int32_t first = 0; first < fmu_variable_count; first++) {
       const fmu_variable *const head = &fmu_variables[first];
       int32_t before = 0;
       while (before < first && !same_group(&fmu_variables[before], head)) before++;
       if (head->role != roles[k].role || before < first) continue;
       (void)puts("<tbody>");
-      if (group_length(head->name) > 0)
-        (void)printf("<tr class=\"group\"><th colspan=\"%d\"><code>%.*s</code></th></tr>\n", ranges ? 6 : 4, (int)group_length(head->name), head->name);
+      const int length = (int)group_length(head->name);
+      if (length > 0)
+        (void)printf("<tr class=\"group\"><th colspan=\"%d\"><code>%.*s</code></th></tr>\n", ranges ? 6 : 4, length, head->name);
       for (int32_t i = first; i < fmu_variable_count; i++)
         if (same_group(&fmu_variables[i], head)) variable_row(&fmu_variables[i]);
       (void)puts("</tbody>");
