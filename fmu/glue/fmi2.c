@@ -154,13 +154,13 @@ static int known(const instance *s, const fmi2ValueReference vr[], size_t nvr, c
 /* May this variable be set now, to this value? */
 static int settable(const instance *s, const fmu_variable *v, double value, const char *function)
 {
-  char text[FMU_TEXT];
+  char text[FMU_TEXT], range[FMU_RANGE];
   if (v->role == 'o')
     (void)snprintf(text, sizeof text, "%s is an output and cannot be set", v->name);
   else if (v->role == 'p' && !(s->c.phase & (INSTANTIATED | INITIALIZING)))
     (void)snprintf(text, sizeof text, "%s is a fixed parameter and cannot be set %s", v->name, phase_name(s->c.phase));
   else if (v->role == 'p' && v->hi >= v->lo && !(value >= v->lo && value <= v->hi))
-    (void)snprintf(text, sizeof text, "%s = %.10g is outside its range %.10g .. %.10g %s", v->name, value, v->lo, v->hi, v->unit);
+    (void)snprintf(text, sizeof text, "%s = %.10g is outside its range %s", v->name, value, fmu_range(v, range));
   else
     return 1;
   (void)refuse(s, function, text);
@@ -423,7 +423,7 @@ fmi2Status fmi2DoStep(fmi2Component c, fmi2Real time, fmi2Real step, fmi2Boolean
   /* Importers sum steps up in different ways: what is off by less than a hundredth of the step is the same point. */
   const double off = time - s->c.now, size = time < 0.0 ? -time : time;
   const double most = 0.01 * step + 1e-9 * size;
-  if (!(off <= most && off >= -most)) {
+  if (!(off <= most && off >= -most) || !(time - time == 0.0)) { /* infinity is within any share of itself */
     (void)snprintf(text, sizeof text, "currentCommunicationPoint = %.17g, but the last step ended at %.17g", time, s->c.now);
     return refuse(s, function, text);
   }
