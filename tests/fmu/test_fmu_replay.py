@@ -33,7 +33,8 @@ def simulated_drive(duration: float = 6.0, seed: int = 4, irregular: bool = Fals
     keep = np.ones(len(maneuver.time), bool)
     if irregular:
         keep[:] = False
-        keep[np.cumsum(random.integers(3, 31, len(keep) // 17))] = True
+        rows = np.cumsum(random.integers(3, 31, len(keep) // 3))
+        keep[rows[rows < len(keep)]] = True
     keep[keep.nonzero()[0][random.integers(5, keep.sum(), 12)]] = False  # lost rows
     first = len(keep) // 2
     keep[first : first + (300 if irregular else 30)] = False  # and a gap that is too long to bridge

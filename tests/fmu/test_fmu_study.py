@@ -79,9 +79,10 @@ def test_estimates_converge_to_the_truth_within_the_spread_of_the_table() -> Non
         assert 0.6 < squares / all_squares < 1.6
 
 
-def test_held_torques_cost_what_the_simulator_says_and_only_there() -> None:
-    """src/simulate.c, between(): held inputs lead the logged wheel speeds by half a row, and the estimator can only interpolate."""
-    for s, least, most in (("cx_front", 1.0, 4.0), ("cy_front", -0.6, 0.6), ("cy_rear", -0.6, 0.6)):
+def test_held_inputs_cost_about_two_percent() -> None:
+    """src/simulate.c, between(): held inputs lead the logged rows by half a row, and the estimator can only interpolate. The
+    steering, which is logged as it was held, does the same to both cornering stiffnesses. Hence `ramp` is true by default."""
+    for s, least, most in (("cx_front", -3.0, -1.0), ("cy_front", 0.8, 2.2), ("cy_rear", 1.2, 3.4)):
         cost = np.array([study(seed, ramp=False)[s][0] - study(seed)[s][0] for seed in SEEDS[:3]])
         print(f"{s}: ramp=false moves the mean error by {cost.mean():+.2f} % ({cost.min():+.2f} .. {cost.max():+.2f})")
-        assert least < abs(cost.mean()) < most or least < cost.mean() < most
+        assert least < cost.min() and cost.max() < most

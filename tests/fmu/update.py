@@ -22,7 +22,8 @@ def main() -> None:
         new = (build() / model / "modelDescription.xml").read_text(encoding="utf-8")
         golden = GOLDEN / f"{model}.xml"
         old = golden.read_text(encoding="utf-8") if golden.exists() else ""
-        print("".join(difflib.unified_diff(old.splitlines(True), new.splitlines(True), str(golden.name), "built", n=0)) or f"{model}: no change")
+        diff = "".join(difflib.unified_diff(old.splitlines(True), new.splitlines(True), golden.name, "built", n=0))
+        print(diff or f"{model}: no change")
         golden.write_text(new, encoding="utf-8")
 
 
