@@ -420,9 +420,10 @@ fmi2Status fmi2DoStep(fmi2Component c, fmi2Real time, fmi2Real step, fmi2Boolean
     (void)snprintf(text, sizeof text, "communicationStepSize = %.10g is not a positive number", step);
     return refuse(s, function, text);
   }
-  /* Importers sum steps up in different ways: what is off by less than a hundredth of the step is the same point. */
+  /* Importers sum steps up in different ways: what is off by less than a hundredth of the step, or by
+   * what a double of that size can hold, is the same point. */
   const double off = time - s->c.now, size = time < 0.0 ? -time : time;
-  const double most = 0.01 * step + 1e-9 * size;
+  const double most = 0.01 * step + 1e-14 * size;
   if (!(off <= most && off >= -most) || !(time - time == 0.0)) { /* infinity is within any share of itself */
     (void)snprintf(text, sizeof text, "currentCommunicationPoint = %.17g, but the last step ended at %.17g", time, s->c.now);
     return refuse(s, function, text);

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from fmpy import read_model_description
 from fmpy.fmi2 import FMU2Slave, fmi2CallbackFunctions, fmi2CallbackLoggerTYPE, fmi2Warning
+
 from tselab.core import INPUT, OUTPUT, SIM_INPUT, Config, Filter, library, stiffness_si
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -276,7 +277,8 @@ def recorded_drive(rows: int | None = None) -> Log:
 
 # ---- other platforms: compilers and what runs their programs
 
-FLAGS = ("-std=c99 -O3 -ffp-contract=off -fno-math-errno -fno-trapping-math -fvisibility=hidden -DTSE_MAX_PARTICLES=512").split()
+FLAGS = ["-std=c99", "-O3", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math", "-fvisibility=hidden",
+         "-DTSE_MAX_PARTICLES=512"]  # fmt: skip
 TARGETS = {
     # name: zig's target, suffix of a library, of a program, what runs it
     "linux64": ("x86_64-linux-gnu.2.17", ".so", "", []),

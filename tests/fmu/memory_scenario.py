@@ -13,7 +13,7 @@ def main(folder: str, rows: int) -> None:
     """Drive, save, restore, refuse, free."""
     for model in MODELS:
         of = unit(model, folder)
-        for round_ in range(2):
+        for _ in range(2):
             with Instance(of, "a", logging=True) as a, Instance(of, "b") as b:
                 parameters = {"filter.particles": 60} if model == ESTIMATOR else {"simulation.seed": 2}
                 a.start(parameters)
@@ -40,7 +40,7 @@ def main(folder: str, rows: int) -> None:
                     raise AssertionError("a wrong call was taken")
                 a.slave.terminate()
                 a.slave.reset()
-        print(model, "done", round_ + 1)
+        print(model, "done")
 
 
 if __name__ == "__main__":

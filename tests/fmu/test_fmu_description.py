@@ -11,6 +11,7 @@ import xml.etree.ElementTree as ElementTree
 import pytest
 from fmpy.validation import validate_fmu
 from fmu_support import ESTIMATOR, GOLDEN, VEHICLE, Unit, build, unit
+
 from tselab.core import CONFIG, OUTPUT, SIM_CONFIG, SIM_INPUT, SIM_OUTPUT, Field, library
 
 NAMESPACE = uuid.UUID("7d1b2f04-6f52-4e0b-9d0d-2f1b1d6c0e57")  # of fmu/stage.cmake
@@ -33,7 +34,7 @@ def test_guid_is_a_function_of_every_character_of_the_description(model: Unit) -
     """So it changes when anything changes, and is equal in every build of the same description."""
     text = xml_of(model.identifier)
     assert text.count(model.guid) == 1
-    assert model.guid == "{%s}" % uuid.uuid5(NAMESPACE, text.replace(model.guid, "@GUID@"))
+    assert model.guid == "{" + str(uuid.uuid5(NAMESPACE, text.replace(model.guid, "@GUID@"))) + "}"
     assert f'"{model.guid}"' in (model.folder / "sources" / "fmu_guid.h").read_text()
     assert model.guid in (build() / f"{model.identifier}.dir" / "fmu_guid.h").read_text()
 

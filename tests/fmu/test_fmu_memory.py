@@ -39,9 +39,10 @@ def test_sanitizers_find_nothing() -> None:
     options = "detect_leaks=1:exitcode=0:verify_asan_link_order=0:handle_segv=1"
     done = scenario({"FOLDER": "fmu-asan", "LD_PRELOAD": sanitizer(), "ASAN_OPTIONS": options,
                      "UBSAN_OPTIONS": "print_stacktrace=1"}, rows=300)  # fmt: skip
-    assert done.stdout.count("done 2") == 2, done.stderr[-4000:]
+    assert done.stdout.count("done") == 2, done.stderr[-4000:]
     assert "ERROR: AddressSanitizer" not in done.stderr and "runtime error" not in done.stderr, done.stderr[-4000:]
-    leaks = [b for b in re.split(r"\n\n", done.stderr) if re.search(r"(Direct|Indirect) leak", b) and re.search(r"fmi2|tse_|model_", b)]
+    blocks = [b for b in done.stderr.split("\n\n") if re.search(r"(Direct|Indirect) leak", b)]
+    leaks = [b for b in blocks if re.search(r"fmi2|tse_|model_", b)]
     assert not leaks, "\n\n".join(leaks[:5])
 
 
@@ -57,7 +58,7 @@ def test_the_fmu_cannot_leak_because_it_does_not_allocate(model) -> None:
     functions = (model.folder / "sources" / "fmi2.c").read_text()
     defined = set(re.findall(r"^(?:fmi2\w+|const char \*|void) ?\*?(fmi2\w+)\(", functions, re.M)) | {
         f"fmi2{do}{what}" for do in ("Get", "Set") for what in ("Real", "Integer", "Boolean")}  # fmt: skip
-    assert exported == defined and len(exported) == 33
+    assert exported == defined and len(exported) == 34
 
 
 @pytest.mark.skipif(not shutil.which("valgrind"), reason="valgrind is not installed")

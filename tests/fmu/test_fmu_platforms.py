@@ -76,12 +76,11 @@ def test_a_state_saved_here_goes_on_there(reference: dict, target: str, tmp_path
     assert text.splitlines()[1:] == reference["text"].splitlines()[1 + MIDDLE :]
 
 
+@pytest.mark.parametrize("reference", [ESTIMATOR], indirect=True)  # wine takes 3 s: one of them is enough
 @pytest.mark.parametrize("target", ["aarch64-linux", "win64"])
 def test_a_damaged_state_is_refused_there(reference: dict, target: str, tmp_path: Path) -> None:
     if why := unavailable(target):
         pytest.skip(why)
-    if reference["unit"].identifier != ESTIMATOR:
-        pytest.skip("wine takes 3 s; once is enough")
     of, damaged = reference["unit"], tmp_path / "state"
     state = bytearray(reference["state"].read_bytes())
     state[len(state) // 2] ^= 1

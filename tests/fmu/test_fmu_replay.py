@@ -19,6 +19,7 @@ from fmu_support import (
     parameters_of,
     recorded_drive,
 )
+
 from tselab import maneuvers
 from tselab.core import SIM_INPUT, Config, SimConfig, Simulator, library
 from tselab.simulate import drive
@@ -68,6 +69,19 @@ SWEEP = [
 @pytest.mark.parametrize(("settings", "form"), SWEEP, ids=lambda p: str(p) if isinstance(p, str) else "")
 def test_a_drive_with_gaps_with_other_parameters(estimator: Unit, settings: dict[str, float], form: str | None) -> None:
     replay(estimator, simulated_drive(), settings, form)
+
+
+def test_where_only_some_stiffnesses_show_not_all_are_called_valid(estimator: Unit) -> None:
+    """Slalom at constant speed: cornering stiffness shows, longitudinal stiffness does not."""
+    config = Config({"particles": 100})
+    maneuver = maneuvers.build("sine-sweep", config, sample_time=0.01, duration=8.0)
+    _, outputs = drive(maneuver, config, SimConfig())
+    log = Log(maneuver.time, np.stack([outputs[n] for n in CHANNELS], axis=1))
+    with Instance(estimator) as instance:
+        instance.start({"filter.particles": 100})
+        rows = log.through_fmu(instance)
+    expect_same_rows(rows, (expected_outputs(row, config) for row in log.through_library({"particles": 100})))
+    assert any(r["estimate.cy_rear_valid"] and not r["estimate.cx_front_valid"] and not r["estimate.valid"] for r in rows)
 
 
 def test_irregular_rows_are_variable_communication_steps(estimator: Unit) -> None:

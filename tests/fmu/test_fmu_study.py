@@ -74,7 +74,8 @@ def test_estimates_converge_to_the_truth_within_the_spread_of_the_table() -> Non
         half = stats.t.ppf(0.975, len(means) - 1) * means.std(ddof=1) / np.sqrt(len(means))
         squares = np.mean([study(seed)[s][1] for seed in SEEDS])
         all_squares = np.mean([row[f"{s}_mean_square"] for row in table().values()])
-        print(f"{s}: mean error {means.mean():+.2f} +- {half:.2f} %, RMS {np.sqrt(squares):.2f} % (table {np.sqrt(all_squares):.2f} %)")
+        rms, all_rms = np.sqrt(squares), np.sqrt(all_squares)
+        print(f"{s}: mean error {means.mean():+.2f} +- {half:.2f} %, RMS {rms:.2f} % (table {all_rms:.2f} %)")
         assert abs(means.mean()) < half + 0.2 and half < 1.5
         assert 0.6 < squares / all_squares < 1.6
 

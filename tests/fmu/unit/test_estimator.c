@@ -136,6 +136,38 @@ static void test_a_failing_sensor_is_a_warning_said_once_and_the_estimate_is_hel
   }
 }
 
+static void test_of_several_missing_channels_the_first_is_named(void)
+{
+  fmi2Component const c = stepping();
+  set_inputs(c, 0);
+  OK(put_real(c, "accel_y", (double)NAN));
+  OK(put_real(c, "yaw_rate", 7.0));
+  TEST_ASSERT_EQUAL_INT(fmi2Warning, fmi2DoStep(c, 0.0, STEP, fmi2True));
+  TEST_ASSERT_EQUAL_INT(1, said);
+  TEST_ASSERT_NOT_NULL(strstr(last_line(), "accel_y is missing"));
+}
+
+/* Who comes after it, in the same place or after a reset, has not been told yet. */
+static void test_a_fault_is_said_anew_to_a_new_run_and_a_new_instance(void)
+{
+  fmi2Component c = instantiated();
+  for (int run = 1; run <= 3; run++) {
+    initialized(c);
+    OK(put_real(c, "accel_x", (double)NAN));
+    TEST_ASSERT_EQUAL_INT(fmi2Warning, fmi2DoStep(c, 0.0, STEP, fmi2True));
+    TEST_ASSERT_EQUAL_INT(run, said);
+    if (run == 1) {
+      OK(fmi2Reset(c));
+    } else if (run == 2) {
+      fmi2Component const old = c;
+      fmi2FreeInstance(c);
+      made_count--;
+      c = instantiated();
+      TEST_ASSERT_EQUAL_PTR(old, c);
+    }
+  }
+}
+
 /* At a limit of the range a channel is still used. */
 static void test_the_ends_of_a_range_belong_to_it(void)
 {
@@ -250,6 +282,8 @@ int main(void)
   RUN_TEST(test_a_recorded_drive_gives_the_bits_of_tse_step);
   RUN_TEST(test_before_the_first_sample_outputs_say_what_the_settings_say);
   RUN_TEST(test_a_failing_sensor_is_a_warning_said_once_and_the_estimate_is_held);
+  RUN_TEST(test_of_several_missing_channels_the_first_is_named);
+  RUN_TEST(test_a_fault_is_said_anew_to_a_new_run_and_a_new_instance);
   RUN_TEST(test_the_ends_of_a_range_belong_to_it);
   RUN_TEST(test_the_mask_of_missing_channels_is_as_good_as_nan);
   RUN_TEST(test_a_sensor_missing_at_standstill_is_said_too);

@@ -247,6 +247,10 @@ static void test_a_derivative_that_leads_out_of_range_is_an_error_too(void)
   REFUSED(fmi2DoStep(c, 5 * STEP, STEP, fmi2True), "steer_angle");
   expect_unchanged(c, &before, "a derivative out of range");
   free(before.at);
+  OK(put_real(c, "steer_angle", 1.25)); /* and one that leads back into it helps nothing */
+  OK(put_rate(c, "steer_angle", -20.0));
+  REFUSED(fmi2DoStep(c, 5 * STEP, STEP, fmi2True), "steer_angle");
+  OK(put_real(c, "steer_angle", 0.0));
   OK(put_rate(c, "steer_angle", 0.0));
   OK(fmi2DoStep(c, 5 * STEP, STEP, fmi2True));
 }
