@@ -1,4 +1,4 @@
-"""src/ flows in one direction: no file includes one that stands later in src/CMakeLists.txt. And fmu/glue knows nothing of tyres."""
+"""src/ flows in one direction: no file includes one that stands later in src/CMakeLists.txt. fmu/glue knows nothing of tyres."""
 
 import re
 from pathlib import Path

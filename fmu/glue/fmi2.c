@@ -278,7 +278,6 @@ fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean has_tolerance, fmi2R
   if (!(start - start == 0.0)) return refuse(s, "fmi2SetupExperiment", "startTime is not a finite number");
   if (has_stop && !(stop >= start)) return refuse(s, "fmi2SetupExperiment", "stopTime is before startTime");
   s->c.start = start;
-  s->c.stale = 1;
   return fmi2OK;
 }
 
@@ -576,10 +575,11 @@ fmi2Status fmi2FreeFMUstate(fmi2Component c, fmi2FMUstate *state)
 typedef struct frame {
   uint32_t magic, format; /* the magic number also tells the byte order */
   uint64_t bytes;         /* of the content                             */
-  uint64_t model;         /* hash of the GUID                           */
+  uint64_t model;         /* hash of the GUID and of all sources        */
   uint64_t sum;           /* hash of the content                        */
 } frame;
 #define STATE_BYTES (sizeof(frame) + sizeof(content))
+#define MADE_OF FMU_GUID FMU_SOURCES
 
 /* FNV-1a: a change of any one byte changes it. */
 static uint64_t hash(const void *bytes, size_t count)
@@ -611,7 +611,7 @@ fmi2Status fmi2SerializeFMUstate(fmi2Component c, fmi2FMUstate state, fmi2Byte b
   f.magic = STATE_MAGIC;
   f.format = STATE_FORMAT;
   f.bytes = sizeof(content);
-  f.model = hash(FMU_GUID, sizeof FMU_GUID);
+  f.model = hash(MADE_OF, sizeof MADE_OF);
   f.sum = hash(&snapshot_of(state)->c, sizeof(content));
   memcpy(bytes, &f, sizeof f);
   memcpy(bytes + sizeof f, &snapshot_of(state)->c, sizeof(content));
@@ -627,7 +627,7 @@ fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte bytes[], size
   if (size < sizeof f) return refuse(s, function, "too short to be a saved state");
   memcpy(&f, bytes, sizeof f);
   if (f.magic != STATE_MAGIC) return refuse(s, function, "not a state of this FMU, or of a machine with another byte order");
-  if (f.format != STATE_FORMAT || f.model != hash(FMU_GUID, sizeof FMU_GUID))
+  if (f.format != STATE_FORMAT || f.model != hash(MADE_OF, sizeof MADE_OF))
     return refuse(s, function, "the state of another FMU, or of another version of this one");
   if (f.bytes != sizeof(content) || size < STATE_BYTES) return refuse(s, function, "the state has another size than this build's");
   if (f.sum != hash(bytes + sizeof f, sizeof(content))) return refuse(s, function, "the state is damaged: its checksum differs");

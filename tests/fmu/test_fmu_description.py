@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import hashlib
 import math
 import re
 import uuid
@@ -37,6 +38,16 @@ def test_guid_is_a_function_of_every_character_of_the_description(model: Unit) -
     assert model.guid == "{" + str(uuid.uuid5(NAMESPACE, text.replace(model.guid, "@GUID@"))) + "}"
     assert f'"{model.guid}"' in (model.folder / "sources" / "fmu_guid.h").read_text()
     assert model.guid in (build() / f"{model.identifier}.dir" / "fmu_guid.h").read_text()
+
+
+def test_saved_states_belong_to_the_sources(model: Unit) -> None:
+    """The frame of a state holds a hash of this: another version with the same description refuses it."""
+    folder = model.folder / "sources"
+    files = sorted(p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.suffix in (".c", ".h", ".def"))
+    files.remove("fmu_guid.h")
+    hashes = "".join(f"{hashlib.sha1((folder / f).read_bytes()).hexdigest()} {f}\n" for f in files)
+    text = (folder / "fmu_guid.h").read_text()
+    assert f'#define FMU_SOURCES "{hashlib.sha1(hashes.encode()).hexdigest()}"' in text
 
 
 def test_names_and_references_are_unique_and_structured(model: Unit) -> None:

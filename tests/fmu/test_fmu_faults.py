@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+import re
+import shutil
 from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 from fmpy.fmi1 import FMICallException
 from fmpy.fmi2 import fmi2LastSuccessfulTime
-from fmu_support import ESTIMATOR, VEHICLE, Instance, Unit, unit
+from fmu_support import ESTIMATOR, FLAGS, VEHICLE, Instance, Unit, run, unit
 
 NAN = math.nan
 
@@ -130,14 +133,28 @@ def test_damaged_truncated_and_foreign_states(estimator: Unit, vehicle: Unit) ->
         i.restore(state)
 
 
+@pytest.mark.skipif(not shutil.which("cc"), reason="there is no compiler cc")
+def test_a_state_of_other_sources_is_refused_though_the_description_is_the_same(vehicle: Unit, tmp_path: Path) -> None:
+    folder = tmp_path / "other"
+    shutil.copytree(vehicle.folder, folder)
+    header = folder / "sources" / "fmu_guid.h"
+    header.write_text(re.sub(r'(FMU_SOURCES ")\w', r"\1x", header.read_text()))
+    files = [folder / "sources" / f for f in vehicle.description.buildConfigurations[0].sourceFileSets[0].sourceFiles]
+    other = Unit.__new__(Unit)
+    other.__dict__.update({**vehicle.__dict__, "folder": folder})
+    run("cc", *FLAGS, "-O0", "-fPIC", "-shared", "-I", header.parent, *files, "-o", other.binary, "-lm")
+    with Instance(vehicle) as i, Instance(other) as o:
+        state = i.start().state()
+        refused(o, lambda: o.restore(state), "the state of another FMU, or of another version of this one")
+        i.restore(state)
+
+
 def test_pools_of_instances_and_states(estimator: Unit, capfd: pytest.CaptureFixture) -> None:
     """32 instances and 64 states at once, as fmu/CMakeLists.txt says; whole again after freeing."""
     for _ in range(2):
         instances = [Instance(estimator, f"car {k}") for k in range(32)]
         with pytest.raises(Exception, match="Failed to instantiate"):
             Instance(estimator, "one too many")
-        one = Instance.__new__(Instance)
-        one.__dict__.update(instances[0].__dict__)
         states = [i.slave.getFMUstate() for i in instances for _ in range(2)]
         with pytest.raises(FMICallException):
             instances[0].slave.getFMUstate()
