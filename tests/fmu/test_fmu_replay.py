@@ -195,7 +195,9 @@ def test_the_vehicle_has_the_bits_of_the_simulator(vehicle: Unit, ramp: bool) ->
                 instance.step(time, float(inputs["dt"][i]))
                 time += float(inputs["dt"][i])
                 if not ramp:
-                    simulator._sim.view(np.uint8)[last : last + inputs.itemsize] = inputs[i : i + 1].view(np.uint8)
+                    jump = inputs[i : i + 1].copy()
+                    jump["road_level"] = inputs["road_level"][i - 1]  # that on which this step's stiffness was drawn
+                    simulator._sim.view(np.uint8)[last : last + inputs.itemsize] = jump.view(np.uint8)
                 simulator.step_into(inputs, outputs, i)
             got = instance.get()
             expected = {}
