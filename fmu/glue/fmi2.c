@@ -131,7 +131,10 @@ static int given(const instance *s, const void *argument, const char *name, cons
   return 0;
 }
 
-static const char *kind_name(char kind) { return kind == 'r' ? "Real" : kind == 'i' ? "Integer" : kind == 'b' ? "Boolean" : "String"; }
+static const char *kind_name(char kind)
+{
+  return kind == 'r' ? "Real" : kind == 'i' ? "Integer" : kind == 'b' ? "Boolean" : "String";
+}
 
 /* All value references of a call exist and are of this kind. */
 static int known(const instance *s, const fmi2ValueReference vr[], size_t nvr, char kind, const char *function)
@@ -219,7 +222,8 @@ fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, f
   if (!name || !name[0]) wrong = "the instance name is missing";
   else if (type != fmi2CoSimulation) wrong = "only co-simulation is supported";
   else if (!guid || strcmp(guid, FMU_GUID) != 0) {
-    (void)snprintf(text, sizeof text, "the GUID %.64s is not that of this binary, %s: modelDescription.xml belongs to another version",
+    (void)snprintf(text, sizeof text,
+                   "the GUID %.64s is not that of this binary, %s: modelDescription.xml belongs to another version",
                    guid ? guid : "NULL", FMU_GUID);
     wrong = text;
   }
@@ -236,7 +240,8 @@ fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, f
     return s;
   }
   if (!wrong) {
-    (void)snprintf(text, sizeof text, "all %d instances are in use: free one, or build the FMU with a larger FMU_INSTANCES", FMU_INSTANCES);
+    (void)snprintf(text, sizeof text, "all %d instances are in use: free one, or build the FMU with a larger FMU_INSTANCES",
+                   FMU_INSTANCES);
     wrong = text;
   }
   put(callbacks->logger, callbacks->componentEnvironment, name ? name : "", fmi2Error, LOG_ERROR, wrong);
@@ -292,7 +297,8 @@ fmi2Status fmi2EnterInitializationMode(fmi2Component c)
 fmi2Status fmi2ExitInitializationMode(fmi2Component c)
 {
   instance *const s = instance_of(c);
-  if (!s || !allowed(s, INITIALIZING, "fmi2ExitInitializationMode") || !refresh(s, "fmi2ExitInitializationMode")) return fmi2Error;
+  if (!s || !allowed(s, INITIALIZING, "fmi2ExitInitializationMode") || !refresh(s, "fmi2ExitInitializationMode"))
+    return fmi2Error;
   s->c.phase = STEPPING;
   s->c.now = s->c.start;
   say(s, fmi2OK, LOG_EVENT, "initialized");
@@ -361,7 +367,8 @@ fmi2Status fmi2GetString(fmi2Component c, const fmi2ValueReference vr[], size_t 
   const instance *const s = instance_of(c);
   if (!s) return fmi2Error;
   if (nvr == 0) return fmi2OK;
-  if (given(s, vr, "vr", "fmi2GetString") && given(s, value, "value", "fmi2GetString")) (void)known(s, vr, nvr, 's', "fmi2GetString");
+  if (given(s, vr, "vr", "fmi2GetString") && given(s, value, "value", "fmi2GetString"))
+    (void)known(s, vr, nvr, 's', "fmi2GetString");
   return fmi2Error;
 }
 
@@ -370,7 +377,8 @@ fmi2Status fmi2SetString(fmi2Component c, const fmi2ValueReference vr[], size_t 
   const instance *const s = instance_of(c);
   if (!s) return fmi2Error;
   if (nvr == 0) return fmi2OK;
-  if (given(s, vr, "vr", "fmi2SetString") && given(s, value, "value", "fmi2SetString")) (void)known(s, vr, nvr, 's', "fmi2SetString");
+  if (given(s, vr, "vr", "fmi2SetString") && given(s, value, "value", "fmi2SetString"))
+    (void)known(s, vr, nvr, 's', "fmi2SetString");
   return fmi2Error;
 }
 
@@ -405,7 +413,8 @@ fmi2Status fmi2GetRealOutputDerivatives(fmi2Component c, const fmi2ValueReferenc
   (void)order;
   (void)value;
   if (!s) return fmi2Error;
-  return nvr == 0 ? fmi2OK : refuse(s, "fmi2GetRealOutputDerivatives", "outputs have no derivatives (maxOutputDerivativeOrder is 0)");
+  return nvr == 0 ? fmi2OK
+                  : refuse(s, "fmi2GetRealOutputDerivatives", "outputs have no derivatives (maxOutputDerivativeOrder is 0)");
 }
 
 fmi2Status fmi2DoStep(fmi2Component c, fmi2Real time, fmi2Real step, fmi2Boolean no_earlier_state)
@@ -431,7 +440,8 @@ fmi2Status fmi2DoStep(fmi2Component c, fmi2Real time, fmi2Real step, fmi2Boolean
   if (result == FMU_ERROR) return refuse(s, function, reason);
   s->c.now = time + step;
   for (int32_t i = 0; i < fmu_variable_count; i++)
-    if (fmu_variables[i].rate != FMU_NO_RATE) *(double *)place(&s->c, fmu_variables[i].rate) = 0.0; /* it was that of this point */
+    if (fmu_variables[i].rate != FMU_NO_RATE)
+      *(double *)place(&s->c, fmu_variables[i].rate) = 0.0; /* it was that of this point */
   if (result == FMU_WARNING && strcmp(reason, s->warned) != 0) {
     (void)snprintf(text, sizeof text, "at %.6g s: %.200s", time, reason);
     say(s, fmi2Warning, LOG_WARNING, text);
@@ -495,7 +505,8 @@ fmi2Status fmi2GetStringStatus(fmi2Component c, const fmi2StatusKind kind, fmi2S
 }
 
 fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReference unknown[], size_t unknowns,
-                                        const fmi2ValueReference known_[], size_t knowns, const fmi2Real dknown[], fmi2Real dunknown[])
+                                        const fmi2ValueReference known_[], size_t knowns, const fmi2Real dknown[],
+                                        fmi2Real dunknown[])
 {
   const instance *const s = instance_of(c);
   (void)unknown;
@@ -524,7 +535,8 @@ static snapshot *free_snapshot(const instance *s, const char *function)
       snapshots[i].owner = s;
       return &snapshots[i];
     }
-  (void)snprintf(text, sizeof text, "all %d saved states are in use: free one, or build the FMU with a larger FMU_STATES", FMU_STATES);
+  (void)snprintf(text, sizeof text, "all %d saved states are in use: free one, or build the FMU with a larger FMU_STATES",
+                 FMU_STATES);
   (void)refuse(s, function, text);
   return NULL;
 }
@@ -594,7 +606,8 @@ fmi2Status fmi2SerializedFMUstateSize(fmi2Component c, fmi2FMUstate state, size_
 {
   static const char function[] = "fmi2SerializedFMUstateSize";
   const instance *const s = instance_of(c);
-  if (!s || !given(s, size, "size", function) || !given(s, state, "FMUstate", function) || !is_state(s, state, function)) return fmi2Error;
+  if (!s || !given(s, size, "size", function) || !given(s, state, "FMUstate", function) || !is_state(s, state, function))
+    return fmi2Error;
   *size = STATE_BYTES;
   return fmi2OK;
 }
@@ -604,7 +617,8 @@ fmi2Status fmi2SerializeFMUstate(fmi2Component c, fmi2FMUstate state, fmi2Byte b
   static const char function[] = "fmi2SerializeFMUstate";
   const instance *const s = instance_of(c);
   frame f;
-  if (!s || !given(s, bytes, "serializedState", function) || !given(s, state, "FMUstate", function) || !is_state(s, state, function))
+  if (!s || !given(s, bytes, "serializedState", function) || !given(s, state, "FMUstate", function) ||
+      !is_state(s, state, function))
     return fmi2Error;
   if (size < STATE_BYTES) return refuse(s, function, "the buffer is smaller than fmi2SerializedFMUstateSize says");
   memset(&f, 0, sizeof f);
@@ -629,7 +643,8 @@ fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte bytes[], size
   if (f.magic != STATE_MAGIC) return refuse(s, function, "not a state of this FMU, or of a machine with another byte order");
   if (f.format != STATE_FORMAT || f.model != hash(MADE_OF, sizeof MADE_OF))
     return refuse(s, function, "the state of another FMU, or of another version of this one");
-  if (f.bytes != sizeof(content) || size < STATE_BYTES) return refuse(s, function, "the state has another size than this build's");
+  if (f.bytes != sizeof(content) || size < STATE_BYTES)
+    return refuse(s, function, "the state has another size than this build's");
   if (f.sum != hash(bytes + sizeof f, sizeof(content))) return refuse(s, function, "the state is damaged: its checksum differs");
   snapshot *const t = free_snapshot(s, function);
   if (!t) return fmi2Error;

@@ -77,7 +77,8 @@ static void load(const char *path)
 
 static int quiet; /* while value references are tried */
 
-static void logger(fmi2ComponentEnvironment environment, fmi2String name, fmi2Status status, fmi2String category, fmi2String text, ...)
+static void logger(fmi2ComponentEnvironment environment, fmi2String name, fmi2Status status, fmi2String category, fmi2String text,
+                   ...)
 {
   (void)environment;
   if (!quiet) (void)fprintf(stderr, "%s %d %s: %s\n", name, (int)status, category, text);
@@ -101,7 +102,8 @@ static column column_of(const char *text)
   char *end;
   c.type = text[0];
   c.vr = (fmi2ValueReference)strtoul(text + (text[0] != 0), &end, 10);
-  if (!strchr("rib", c.type) || !c.type || end == text + 1 || (*end && !strchr(",=\r\n", *end))) stop("not a variable such as r12", text);
+  if (!strchr("rib", c.type) || !c.type || end == text + 1 || (*end && !strchr(",=\r\n", *end)))
+    stop("not a variable such as r12", text);
   return c;
 }
 
@@ -182,7 +184,10 @@ static void try_all(fmi2Component c)
     fmi2Real r;
     fmi2Integer i;
     fmi2Boolean b;
-    const char type = GetReal(c, &vr, 1, &r) == fmi2OK ? 'r' : GetInteger(c, &vr, 1, &i) == fmi2OK ? 'i' : GetBoolean(c, &vr, 1, &b) == fmi2OK ? 'b' : 0;
+    const char type = GetReal(c, &vr, 1, &r) == fmi2OK      ? 'r'
+                      : GetInteger(c, &vr, 1, &i) == fmi2OK ? 'i'
+                      : GetBoolean(c, &vr, 1, &b) == fmi2OK ? 'b'
+                                                            : 0;
     if (!type) break;
     outputs[output_count].type = type;
     outputs[output_count++].vr = vr;
@@ -239,7 +244,9 @@ int main(int count, char **argument)
   int save_row = -1, first = 0, given;
   double time, next, step = 0.01, value;
   if (count < 5) {
-    (void)fputs("usage: client BINARY GUID INPUT.csv OUTPUT.csv [--set r12=0.5]... [--outputs r50,i60] [--save FILE@ROW] [--restore FILE@ROW]\n", stderr);
+    (void)fputs("usage: client BINARY GUID INPUT.csv OUTPUT.csv [--set r12=0.5]... [--outputs r50,i60] [--save FILE@ROW] "
+                "[--restore FILE@ROW]\n",
+                stderr);
     return 2;
   }
   load(argument[1]);

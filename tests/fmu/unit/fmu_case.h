@@ -47,7 +47,8 @@ static log_line lines[400];
 static int said;
 static int bad_lines; /* with a character that an importer may take for a format, or of an unknown category */
 
-static void logger(fmi2ComponentEnvironment environment, fmi2String name, fmi2Status status, fmi2String category, fmi2String text, ...)
+static void logger(fmi2ComponentEnvironment environment, fmi2String name, fmi2Status status, fmi2String category, fmi2String text,
+                   ...)
 {
   log_line *const l = &lines[said < COUNT(lines) ? said : COUNT(lines) - 1];
   l->environment = environment;
@@ -56,7 +57,8 @@ static void logger(fmi2ComponentEnvironment environment, fmi2String name, fmi2St
   (void)snprintf(l->category, sizeof l->category, "%s", category);
   (void)snprintf(l->text, sizeof l->text, "%s", text);
   if (strpbrk(text, "%#")) bad_lines++;
-  if (strcmp(category, "logStatusError") != 0 && strcmp(category, "logStatusWarning") != 0 && strcmp(category, "logEvents") != 0) bad_lines++;
+  if (strcmp(category, "logStatusError") != 0 && strcmp(category, "logStatusWarning") != 0 && strcmp(category, "logEvents") != 0)
+    bad_lines++;
   said++;
 }
 
@@ -237,7 +239,8 @@ static inline void expect_same_and_free(saved_bytes a, saved_bytes b, const char
   if (!same && a.count == b.count) {
     size_t i = 0;
     while (i < a.count && (i < 32 || a.at[i] == b.at[i])) i++; /* 32: behind the frame, whose checksum differs anyway */
-    (void)snprintf(text, sizeof text, "%s: states differ from byte %lu of %lu on", what, (unsigned long)i, (unsigned long)a.count);
+    (void)snprintf(text, sizeof text, "%s: states differ from byte %lu of %lu on", what, (unsigned long)i,
+                   (unsigned long)a.count);
   } else {
     (void)snprintf(text, sizeof text, "%s: states have other sizes", what);
   }

@@ -4,8 +4,12 @@
 /* ---- every function in every phase */
 
 enum { BEFORE = 1, INIT = 2, STEPS = 4, ENDED = 8 };
-static const struct { int phase; const char *words; } phases[] = {
-  { BEFORE, "before initialization" }, { INIT, "in initialization mode" }, { STEPS, "while stepping" }, { ENDED, "after fmi2Terminate" },
+static const struct { int phase; const char *words;
+} phases[] = {
+  { BEFORE, "before initialization" },
+  { INIT, "in initialization mode" },
+  { STEPS, "while stepping" },
+  { ENDED, "after fmi2Terminate" },
 };
 
 static fmi2Component in_phase(int phase)
@@ -131,15 +135,35 @@ static void test_a_component_that_is_none_is_an_error_and_touches_nothing(void)
     fmi2Byte byte = 0;
     size_t size = 0;
     const fmi2Status results[] = {
-      fmi2SetDebugLogging(c, fmi2True, 0, NULL), call_setup(c), fmi2EnterInitializationMode(c), fmi2ExitInitializationMode(c),
-      fmi2Terminate(c), fmi2Reset(c), fmi2GetReal(c, &vr, 1, &real), fmi2GetInteger(c, &vr, 1, &integer),
-      fmi2GetBoolean(c, &vr, 1, &boolean), fmi2GetString(c, &vr, 1, &string), fmi2SetReal(c, &vr, 1, &real),
-      fmi2SetInteger(c, &vr, 1, &integer), fmi2SetBoolean(c, &vr, 1, &boolean), fmi2SetString(c, &vr, 1, &string),
-      fmi2SetRealInputDerivatives(c, &vr, 1, &integer, &real), fmi2GetRealOutputDerivatives(c, &vr, 1, &integer, &real), call_step(c),
-      fmi2CancelStep(c), fmi2GetStatus(c, fmi2DoStepStatus, &status), fmi2GetRealStatus(c, fmi2LastSuccessfulTime, &real),
-      fmi2GetIntegerStatus(c, fmi2DoStepStatus, &integer), fmi2GetBooleanStatus(c, fmi2Terminated, &boolean),
-      fmi2GetStringStatus(c, fmi2PendingStatus, &string), call_directional(c), fmi2GetFMUstate(c, &state), fmi2SetFMUstate(c, state),
-      fmi2FreeFMUstate(c, &state), fmi2SerializedFMUstateSize(c, state, &size), fmi2SerializeFMUstate(c, state, &byte, 1),
+      fmi2SetDebugLogging(c, fmi2True, 0, NULL),
+      call_setup(c),
+      fmi2EnterInitializationMode(c),
+      fmi2ExitInitializationMode(c),
+      fmi2Terminate(c),
+      fmi2Reset(c),
+      fmi2GetReal(c, &vr, 1, &real),
+      fmi2GetInteger(c, &vr, 1, &integer),
+      fmi2GetBoolean(c, &vr, 1, &boolean),
+      fmi2GetString(c, &vr, 1, &string),
+      fmi2SetReal(c, &vr, 1, &real),
+      fmi2SetInteger(c, &vr, 1, &integer),
+      fmi2SetBoolean(c, &vr, 1, &boolean),
+      fmi2SetString(c, &vr, 1, &string),
+      fmi2SetRealInputDerivatives(c, &vr, 1, &integer, &real),
+      fmi2GetRealOutputDerivatives(c, &vr, 1, &integer, &real),
+      call_step(c),
+      fmi2CancelStep(c),
+      fmi2GetStatus(c, fmi2DoStepStatus, &status),
+      fmi2GetRealStatus(c, fmi2LastSuccessfulTime, &real),
+      fmi2GetIntegerStatus(c, fmi2DoStepStatus, &integer),
+      fmi2GetBooleanStatus(c, fmi2Terminated, &boolean),
+      fmi2GetStringStatus(c, fmi2PendingStatus, &string),
+      call_directional(c),
+      fmi2GetFMUstate(c, &state),
+      fmi2SetFMUstate(c, state),
+      fmi2FreeFMUstate(c, &state),
+      fmi2SerializedFMUstateSize(c, state, &size),
+      fmi2SerializeFMUstate(c, state, &byte, 1),
       fmi2DeSerializeFMUstate(c, &byte, 1, &state),
     };
     for (int k = 0; k < COUNT(results); k++) TEST_ASSERT_EQUAL_INT(fmi2Error, results[k]);
@@ -334,7 +358,8 @@ static void test_the_communication_point_may_be_off_by_what_summing_costs_and_no
   fmi2Component const c = stepping();
   stepped(c, 0, 2);
   saved_bytes before = bytes_of(c);
-  const double bad[] = { 0.0, STEP, 3 * STEP, 2 * STEP + 0.011 * STEP, 2 * STEP - 0.011 * STEP, (double)NAN, (double)INFINITY, -1e300 };
+  const double bad[] = { 0.0,   STEP, 3 * STEP, 2 * STEP + 0.011 * STEP, 2 * STEP - 0.011 * STEP, (double)NAN, (double)INFINITY,
+                         -1e300 };
   for (int i = 0; i < COUNT(bad); i++) {
     REFUSED(fmi2DoStep(c, bad[i], STEP, fmi2True), "currentCommunicationPoint", "0.02");
     expect_unchanged(c, &before, "after a refused communication point");
@@ -395,7 +420,8 @@ static void test_what_is_asked_about_steps(void)
   TEST_ASSERT_EQUAL_INT(fmi2Discard, fmi2GetIntegerStatus(c, fmi2DoStepStatus, &integer));
   TEST_ASSERT_EQUAL_INT(fmi2Discard, fmi2GetStringStatus(c, fmi2PendingStatus, &string));
   TEST_ASSERT_EQUAL_INT(5, said);
-  TEST_ASSERT_TRUE(time == 5.02 && integer == 9 && boolean == fmi2False && status == fmi2Fatal && strcmp(string, "untouched") == 0);
+  TEST_ASSERT_TRUE(time == 5.02 && integer == 9 && boolean == fmi2False && status == fmi2Fatal &&
+                   strcmp(string, "untouched") == 0);
   OK(fmi2Terminate(c));
   OK(fmi2GetRealStatus(c, fmi2LastSuccessfulTime, &time));
   TEST_ASSERT_TRUE(time == 5.02);
@@ -418,7 +444,8 @@ static void test_the_logger_gets_environment_name_status_and_category(void)
 {
   static int other;
   static const fmi2CallbackFunctions its = { logger, NULL, NULL, NULL, &other };
-  fmi2Component const a = instantiated_as("first %d"), b = fmi2Instantiate("second", fmi2CoSimulation, FMU_GUID, "", &its, fmi2False, fmi2True);
+  fmi2Component const a = instantiated_as("first %d"),
+                      b = fmi2Instantiate("second", fmi2CoSimulation, FMU_GUID, "", &its, fmi2False, fmi2True);
   TEST_ASSERT_NOT_NULL(b);
   made[made_count++] = b;
   TEST_ASSERT_EQUAL_INT(1, said); /* only b asked for events */

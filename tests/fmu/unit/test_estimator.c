@@ -18,11 +18,13 @@ static void expect_outputs(fmi2Component c, const tse_config *config, const tse_
   tse_setting mean[3], sd[3], spread[3];
   tse_stiffness_si(config, y, mean, sd, spread);
   (void)snprintf(what, sizeof what, "row %d", row);
-#define EXPECT_REAL(name, value) TEST_ASSERT_EQUAL_HEX64_ARRAY_MESSAGE(&(double[]){ value }, &(double[]){ real_of(c, name) }, 1, what);
+#define EXPECT_REAL(name, value)                                                                                                 \
+  TEST_ASSERT_EQUAL_HEX64_ARRAY_MESSAGE(&(double[]){ value }, &(double[]){ real_of(c, name) }, 1, what);
 #define EXPECT_INT(name, value) TEST_ASSERT_EQUAL_INT_MESSAGE((int)(value), integer_of(c, name), what);
 #define OUT_REAL(name, member, unit, text) EXPECT_REAL("estimate." #name, y->member)
 #define OUT_INT(name, member, text) EXPECT_INT("estimate." #name, y->member)
-#define OUT_STIFFNESS(name, member, si, unit, text) EXPECT_REAL("estimate." #name, si) EXPECT_REAL("estimate.relative." #name, y->member)
+#define OUT_STIFFNESS(name, member, si, unit, text)                                                                              \
+  EXPECT_REAL("estimate." #name, si) EXPECT_REAL("estimate.relative." #name, y->member)
 #define OUT_FLAG(name, member, text) TEST_ASSERT_EQUAL_INT_MESSAGE(y->member, boolean_of(c, "estimate." #name), what);
 #define OUT_REASON(stiffness, member, text)                                                                      \
   EXPECT_INT("estimate." #stiffness "_reason", y->member)                                                        \

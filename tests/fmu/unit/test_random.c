@@ -40,7 +40,9 @@ static fmi2Status set_any(fmi2Component c)
   const double x = value_for(v);
   const fmi2Integer k = x > -2147483648.0 && x < 2147483647.0 ? (fmi2Integer)x : 0;
   const fmi2Boolean b = k > 0;
-  return v->kind == 'r' ? fmi2SetReal(c, &vr, 1, &x) : v->kind == 'i' ? fmi2SetInteger(c, &vr, 1, &k) : fmi2SetBoolean(c, &vr, 1, &b);
+  return v->kind == 'r'   ? fmi2SetReal(c, &vr, 1, &x)
+         : v->kind == 'i' ? fmi2SetInteger(c, &vr, 1, &k)
+                          : fmi2SetBoolean(c, &vr, 1, &b);
 }
 
 static fmi2Status set_any_inputs(fmi2Component c)
@@ -64,7 +66,9 @@ static fmi2Status get_all(fmi2Component c)
     fmi2Integer k;
     fmi2Boolean b;
     const char kind = fmu_variables[i].kind;
-    const fmi2Status status = kind == 'r' ? fmi2GetReal(c, &vr, 1, &r) : kind == 'i' ? fmi2GetInteger(c, &vr, 1, &k) : fmi2GetBoolean(c, &vr, 1, &b);
+    const fmi2Status status = kind == 'r'   ? fmi2GetReal(c, &vr, 1, &r)
+                              : kind == 'i' ? fmi2GetInteger(c, &vr, 1, &k)
+                                            : fmi2GetBoolean(c, &vr, 1, &b);
     if (status != fmi2OK) return status;
   }
   return fmi2OK;

@@ -194,8 +194,10 @@ static void test_what_is_wrong_with_the_bytes_is_said(void)
 {
   fmi2Component const c = stepping();
   const saved_bytes b = bytes_of(c);
-  static const struct { size_t at; const char *words; } parts[] = {
-    { 0, "another byte order" }, { 4, "another version" }, { 8, "another size" }, { 16, "another FMU" }, { 24, "checksum" }, { FRAME, "checksum" },
+  static const struct { size_t at; const char *words;
+  } parts[] = {
+    { 0, "another byte order" }, { 4, "another version" }, { 8, "another size" },
+    { 16, "another FMU" },       { 24, "checksum" },       { FRAME, "checksum" },
   };
   for (int i = 0; i < COUNT(parts); i++) {
     b.at[parts[i].at]++;

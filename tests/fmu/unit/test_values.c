@@ -8,7 +8,8 @@ static void test_the_table_is_sound(void)
     const size_t size = v->kind == 'r' ? sizeof(double) : sizeof(int32_t);
     TEST_ASSERT_TRUE_MESSAGE(v->kind == 'r' || v->kind == 'i' || v->kind == 'b', v->name);
     TEST_ASSERT_TRUE_MESSAGE(v->role == 'p' || v->role == 'i' || v->role == 'o', v->name);
-    TEST_ASSERT_TRUE_MESSAGE(v->offset >= 0 && (size_t)v->offset + size <= sizeof(model) && (size_t)v->offset % size == 0, v->name);
+    TEST_ASSERT_TRUE_MESSAGE(v->offset >= 0 && (size_t)v->offset + size <= sizeof(model) && (size_t)v->offset % size == 0,
+                             v->name);
     TEST_ASSERT_TRUE_MESSAGE(v->rate == FMU_NO_RATE || (v->role == 'i' && v->kind == 'r'), v->name);
     if (v->role != 'o' && v->hi >= v->lo) TEST_ASSERT_TRUE_MESSAGE(v->start >= v->lo && v->start <= v->hi, v->name);
     if (v->role == 'p' && v->kind != 'b') TEST_ASSERT_TRUE_MESSAGE(v->hi >= v->lo, v->name);
@@ -27,7 +28,9 @@ static void test_starts_are_there_from_the_start_and_after_a_reset(void)
     for (int32_t i = 0; i < fmu_variable_count; i++) {
       const fmu_variable *const v = &fmu_variables[i];
       if (v->role == 'o') continue;
-      const double value = v->kind == 'r' ? real_of(c, v->name) : v->kind == 'i' ? integer_of(c, v->name) : boolean_of(c, v->name);
+      const double value = v->kind == 'r'   ? real_of(c, v->name)
+                           : v->kind == 'i' ? integer_of(c, v->name)
+                                            : boolean_of(c, v->name);
       TEST_ASSERT_TRUE_MESSAGE(value == v->start, v->name);
     }
     OK(put_real(c, AN_INPUT, 3.0));
@@ -67,7 +70,8 @@ static void test_every_parameter_is_refused_beyond_its_range_and_taken_at_its_en
     const fmu_variable *const v = &fmu_variables[i];
     if (v->role != 'p' || v->kind == 'b') continue;
     if (v->kind == 'r') {
-      const double bad[] = { nextafter(v->lo, -1e300), nextafter(v->hi, 1e300), (double)NAN, (double)INFINITY, -(double)INFINITY };
+      const double bad[] = { nextafter(v->lo, -1e300), nextafter(v->hi, 1e300), (double)NAN, (double)INFINITY,
+                             -(double)INFINITY };
       for (int k = 0; k < COUNT(bad); k++) {
         REFUSED(put_real(c, v->name, bad[k]), "fmi2SetReal", v->name, "outside its range");
         TEST_ASSERT_TRUE_MESSAGE(real_of(c, v->name) == v->start, v->name);
@@ -111,7 +115,8 @@ static void test_of_several_values_none_is_set_when_one_is_refused(void)
 static void test_unknown_references_and_wrong_types_are_named_and_nothing_is_written(void)
 {
   fmi2Component const c = stepping();
-  const fmi2ValueReference real = ref(AN_INPUT), integer = ref(AN_INTEGER), flag = ref(A_FLAG), end = (fmi2ValueReference)fmu_variable_count;
+  const fmi2ValueReference real = ref(AN_INPUT), integer = ref(AN_INTEGER), flag = ref(A_FLAG),
+                           end = (fmi2ValueReference)fmu_variable_count;
   fmi2Real r[2] = { 77, 77 };
   fmi2Integer i[2] = { 77, 77 };
   fmi2Boolean b[2] = { 77, 77 };
@@ -158,7 +163,9 @@ static void test_outputs_cannot_be_set_and_parameters_only_before_the_first_step
       const fmi2Integer k = (fmi2Integer)v->start;
       const fmi2Boolean b = v->start > 0;
       const int n = said;
-      const fmi2Status status = v->kind == 'r' ? fmi2SetReal(c, &vr, 1, &r) : v->kind == 'i' ? fmi2SetInteger(c, &vr, 1, &k) : fmi2SetBoolean(c, &vr, 1, &b);
+      const fmi2Status status = v->kind == 'r'   ? fmi2SetReal(c, &vr, 1, &r)
+                                : v->kind == 'i' ? fmi2SetInteger(c, &vr, 1, &k)
+                                                 : fmi2SetBoolean(c, &vr, 1, &b);
       if (v->role == 'o') expect_refused(status, n, v->name, "is an output", NULL);
       else if (v->role == 'p' && phase == 2) expect_refused(status, n, v->name, "fixed parameter", "while stepping", NULL);
       else TEST_ASSERT_EQUAL_INT_MESSAGE(fmi2OK, status, v->name);

@@ -36,7 +36,8 @@ static void expect_real(fmi2Component c, const char *name, double expected, int 
 
 static void expect_outputs(fmi2Component c, const tse_sim_output *y, int k)
 {
-  const double nominal[3] = { config.longitudinal_stiffness_front, config.cornering_stiffness_front, config.cornering_stiffness_rear };
+  const double nominal[3] = { config.longitudinal_stiffness_front, config.cornering_stiffness_front,
+                              config.cornering_stiffness_rear };
 #define mean_si(i) nominal[i] * y->stiffness[i]
 #define drawn_si(i) nominal[i] * y->drawn[i]
 #define INPUT(name, lo, hi, unit, kind, text) expect_real(c, "sensor." #name, y->row.name, k);
@@ -208,7 +209,8 @@ static void test_derivatives_that_are_none_are_refused_and_none_of_several_is_se
   const fmi2Real values[] = { 100.0, 0.2 }, nan_value[] = { 100.0, (double)NAN };
   REFUSED(fmi2SetRealInputDerivatives(c, vr, 2, orders, values), "steer_angle takes no derivative of order 2");
   REFUSED(fmi2SetRealInputDerivatives(c, vr, 2, first, nan_value), "steer_angle");
-  const fmi2ValueReference output[] = { ref("wheel_torque_front"), ref("true.vel_x") }, integer[] = { ref("steer_angle"), ref("simulation.seed") };
+  const fmi2ValueReference output[] = { ref("wheel_torque_front"), ref("true.vel_x") },
+                           integer[] = { ref("steer_angle"), ref("simulation.seed") };
   REFUSED(fmi2SetRealInputDerivatives(c, output, 2, first, values), "true.vel_x takes no derivative");
   REFUSED(fmi2SetRealInputDerivatives(c, integer, 2, first, values), "simulation.seed", "is of type Integer");
   REFUSED(put_rate(c, "vehicle.mass", 1.0), "vehicle.mass takes no derivative");
@@ -222,9 +224,11 @@ static void test_derivatives_that_are_none_are_refused_and_none_of_several_is_se
 
 static void test_a_wrong_input_is_an_error_that_names_it_and_changes_nothing(void)
 {
-  static const struct { const char *name; double value; } wrong[] = {
-    { "steer_angle", (double)NAN }, { "steer_angle", 1.21 }, { "wheel_torque_front", (double)INFINITY }, { "wheel_torque_rear", -1.1e5 },
-    { "brake_torque_front", -1.0 }, { "brake_torque_rear", (double)NAN }, { "road_level", 0.0 }, { "road_level", (double)NAN }, { "road_level", 11.0 },
+  static const struct { const char *name; double value;
+  } wrong[] = {
+    { "steer_angle", (double)NAN },  { "steer_angle", 1.21 },        { "wheel_torque_front", (double)INFINITY },
+    { "wheel_torque_rear", -1.1e5 }, { "brake_torque_front", -1.0 }, { "brake_torque_rear", (double)NAN },
+    { "road_level", 0.0 },           { "road_level", (double)NAN },  { "road_level", 11.0 },
   };
   fmi2Component const c = stepping(), twin = stepping();
   stepped(c, 0, 5);
