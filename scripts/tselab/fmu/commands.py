@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import textwrap
 from pathlib import Path
 from typing import Any
 
@@ -50,6 +51,40 @@ def build(out: Path, all_platforms: bool, chosen: tuple[str, ...], max_particles
     for file in run(out, wanted, max_particles, lambda text: click.echo(text, err=True)):
         inside = ", ".join(file.binaries)
         click.echo(f"{file.path}: {file.path.stat().st_size:,} bytes{f' ({inside})' if inside else ''}")
+
+
+@fmu.command(short_help="Check FMUs with every validator there is.")
+@click.argument("paths", metavar="FMU ...", type=FILE, nargs=-1, required=True)
+def validate(paths: tuple[Path, ...]) -> None:
+    """Check FMUs, also other people's, with every validator there is.
+
+    \b
+    FMPy validate_fmu   the standard's rules, as FMPy reads them
+    fmutool -check      the same, as the FMU Manipulation Toolbox does
+    XML schema          of the standard, for modelDescription.xml and buildDescription.xml
+    tselab              what importers complain about: exported names, libraries and glibc needed, executable stack, platforms,
+                        units, descriptions, documentation, licences, and whether sources/ compiles
+    VDMCheck            a formal model of the standard; needs Java, and Maven that fetches it the first time
+
+    Exit code: 0 no findings, 1 findings, 2 a file that is no FMU. What could not run is said, and no finding.
+    """
+    from tselab.fmu.archive import open_archive
+    from tselab.fmu.validate import validate as run
+    from tselab.tables import text_table
+
+    archives = [open_archive(path) for path in paths]
+    found = 0
+    for archive in archives:
+        verdicts = run(archive, lambda text: click.echo(text, err=True))
+        rows = [["validator", "version", "findings"]]
+        rows += [[v.validator, v.version, f"skipped: {v.skipped}" if v.skipped else str(len(v.findings))] for v in verdicts]
+        click.echo(f"{archive.path}\n{textwrap.indent(text_table(rows), '  ')}")
+        for v in verdicts:
+            for text in v.findings:
+                click.echo(f"  {v.validator}: {text}")
+        found += sum(len(v.findings) for v in verdicts)
+    if found:
+        sys.exit(1)
 
 
 @fmu.command(short_help="Run an FMU over a table of inputs.")
