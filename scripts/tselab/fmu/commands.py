@@ -55,7 +55,9 @@ def build(out: Path, all_platforms: bool, chosen: tuple[str, ...], max_particles
 
 @fmu.command(short_help="Check FMUs with every validator there is.")
 @click.argument("paths", metavar="FMU ...", type=FILE, nargs=-1, required=True)
-def validate(paths: tuple[Path, ...]) -> None:
+@click.option("--clients", is_flag=True, help="Also run each FMU in every client that is installed, and compare.")
+@click.option("--results", metavar="DIR", type=FILE, help="Write the tables there: fmu_validators.md, fmu_clients.csv and .md.")
+def validate(paths: tuple[Path, ...], clients: bool, results: Path | None) -> None:
     """Check FMUs, also other people's, with every validator there is.
 
     \b
@@ -66,16 +68,27 @@ def validate(paths: tuple[Path, ...]) -> None:
                         units, descriptions, documentation, licences, and whether sources/ compiles
     VDMCheck            a formal model of the standard; needs Java, and Maven that fetches it the first time
 
+    --clients: the same run in FMPy, ecos, libcosim (extra 'clients'), and of the binaries for win64 under wine and for
+    aarch64-linux under qemu. All values at all steps are compared with FMPy's: more than 1e-9 of an output's largest value is a
+    finding.
+
     Exit code: 0 no findings, 1 findings, 2 a file that is no FMU. What could not run is said, and no finding.
     """
+    from tselab.fmu import clients as others
+    from tselab.fmu import results as tables
     from tselab.fmu.archive import open_archive
     from tselab.fmu.validate import validate as run
     from tselab.tables import text_table
 
+    def say(text: str) -> None:
+        click.echo(text, err=True)
+
+    if results is not None and not results.is_dir():
+        raise UserError(f"{results}: is not a directory")
     archives = [open_archive(path) for path in paths]
-    found = 0
+    all_verdicts, all_rows, found = {}, [], 0
     for archive in archives:
-        verdicts = run(archive, lambda text: click.echo(text, err=True))
+        verdicts = all_verdicts[archive.path.name] = run(archive, say)
         rows = [["validator", "version", "findings"]]
         rows += [[v.validator, v.version, f"skipped: {v.skipped}" if v.skipped else str(len(v.findings))] for v in verdicts]
         click.echo(f"{archive.path}\n{textwrap.indent(text_table(rows), '  ')}")
@@ -83,6 +96,16 @@ def validate(paths: tuple[Path, ...]) -> None:
             for text in v.findings:
                 click.echo(f"  {v.validator}: {text}")
         found += sum(len(v.findings) for v in verdicts)
+        if clients:
+            compared = others.compare(archive.path, say)
+            rows = [["client", "version", "run", "largest difference to FMPy"]]
+            rows += [[r.client, r.version, r.run, r.text] for r in compared]
+            click.echo("\n" + textwrap.indent(text_table(rows), "  "))
+            found += sum(r.is_finding for r in compared)
+            all_rows += compared
+    if results is not None:
+        for path in tables.write(results, all_verdicts, all_rows):
+            click.echo(f"Written: {path}")
     if found:
         sys.exit(1)
 

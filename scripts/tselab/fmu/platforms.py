@@ -10,7 +10,7 @@ import struct
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -100,12 +100,20 @@ def _compile(target: str, platform: Platform, sources: Path, cache: Path) -> byt
         flags.append(f"-Wl,-install_name,@rpath/{name}")
     with tempfile.TemporaryDirectory() as folder:
         binary = Path(folder) / name  # a DLL carries the name it was linked with
-        command = [sys.executable, "-m", "ziglang", "cc", "-target", target, *flags, *build.sources, "-o", str(binary)]
-        environment = {**os.environ, "ZIG_GLOBAL_CACHE_DIR": str(cache), "ZIG_LOCAL_CACHE_DIR": str(cache)}
-        done = subprocess.run(command, cwd=sources, env=environment, capture_output=True, text=True, errors="replace")
-        if done.returncode or not binary.is_file():
-            raise UserError(f"{build.identifier} does not compile for {platform.name}:\n{done.stderr.strip()[-2000:]}")
+        try:
+            zig(["-target", target, *flags, *build.sources, "-o", str(binary)], sources, cache)
+        except UserError as error:
+            raise UserError(f"{build.identifier} does not compile for {platform.name}: {error}") from None
         return binary.read_bytes()
+
+
+def zig(arguments: Sequence[str], folder: Path, cache: Path) -> None:
+    """Run its C compiler in a folder. `cache` keeps the C libraries of other platforms, which take a minute to make."""
+    command = [sys.executable, "-m", "ziglang", "cc", *arguments]
+    environment = {**os.environ, "ZIG_GLOBAL_CACHE_DIR": str(cache), "ZIG_LOCAL_CACHE_DIR": str(cache)}
+    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, errors="replace")
+    if done.returncode:
+        raise UserError(f"zig cc says\n{done.stderr.strip()[-2000:]}")
 
 
 FAT_MAGIC = 0xCAFEBABE  # big-endian
