@@ -346,9 +346,9 @@ def difference(values: np.ndarray, reference: np.ndarray) -> float:
     """The largest over all outputs, each relative to its largest value; infinite where only one of them is a number."""
     if (np.isnan(values) != np.isnan(reference)).any():
         return float("inf")
-    size = np.nanmax(np.abs(reference), axis=0)
-    apart = np.nanmax(np.abs(values - reference), axis=0)
-    return float(np.nanmax(np.where(apart > 0, apart / np.where(size > 0, size, 1.0), 0.0)))
+    values, reference = np.nan_to_num(values), np.nan_to_num(reference)
+    size = np.abs(reference).max(axis=0)
+    return float((np.abs(values - reference).max(axis=0) / np.where(size > 0, size, 1.0)).max())
 
 
 def _program_version(program: str) -> str:
