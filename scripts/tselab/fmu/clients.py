@@ -287,7 +287,7 @@ class Row:
             return f"skipped: {self.skipped}" if self.skipped else f"failed: {self.problem}"
         if self.is_reference:
             return "reference"
-        return "none, to the last bit" if self.same_bits else f"{self.difference:.1e}"
+        return "same bits" if self.same_bits else f"{self.difference:.1e}"
 
     @property
     def is_finding(self) -> bool:

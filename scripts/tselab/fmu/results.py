@@ -41,9 +41,10 @@ def validators(verdicts: Mapping[str, Sequence[Verdict]]) -> str:
 
 def clients(rows: Sequence[Row]) -> str:
     """Largest difference to FMPy per client and FMU."""
-    names = list(dict.fromkeys(r.fmu for r in rows))
-    lines = [f"| client | version | {' | '.join(names)} |", "| --- | --- |" + " --- |" * len(names)]
+    runs = {r.fmu: r.run for r in rows}
+    head = " | ".join(f"{name}, {run}" for name, run in runs.items())
+    lines = [f"| client | version | {head} |", "| --- | --- |" + " --- |" * len(runs)]
     for client, version in dict.fromkeys((r.client, r.version) for r in rows):
-        cells = [next((f"{r.run}: {r.text}" for r in rows if (r.client, r.fmu) == (client, n)), "-") for n in names]
+        cells = [next((r.text for r in rows if (r.client, r.fmu) == (client, n)), "-") for n in runs]
         lines.append(f"| {client} | {version} | {' | '.join(cells)} |")
     return "\n".join(lines) + "\n"
