@@ -114,7 +114,8 @@ def _binary(binary: Binary, required: set[str], beside: set[str]) -> Iterator[st
     if missing := sorted(required - binary.exports):
         yield f"does not export {', '.join(missing)}"
     if more := sorted(n for n in binary.exports if n not in required and not n.startswith("fmi2")):
-        yield f"exports {len(more)} names that are not of FMI, which may clash with others': {', '.join(more[:5])}"
+        some = ", ".join(n if len(n) < 40 else f"{n[:36]} ..." for n in more[:3])
+        yield f"exports {len(more)} names that are not of FMI, which may clash with others': {some}"
     allowed = C_LIBRARY[binary.system]
     if foreign := [n for n in binary.needs if not n.lower().startswith(allowed) and n.lower() not in beside]:
         yield f"needs {', '.join(foreign)}, which is not in the FMU"

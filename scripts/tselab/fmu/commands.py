@@ -61,6 +61,10 @@ def validate(paths: tuple[Path, ...], clients: bool, results: Path | None) -> No
     """Check FMUs, also other people's, with every validator there is.
 
     \b
+    tselab fmu validate fmus/*.fmu
+    tselab fmu validate --clients fmus/*.fmu
+
+    \b
     FMPy validate_fmu   the standard's rules, as FMPy reads them
     fmutool -check      the same, as the FMU Manipulation Toolbox does
     XML schema          of the standard, for modelDescription.xml and buildDescription.xml

@@ -52,7 +52,8 @@ class Slave:
             raise UserError(f"{self.path}: the FMU refuses: {'; '.join(self.said) or error}") from None
 
     def names(self, causality: str) -> list[str]:
-        return [v.name for v in self.variables.values() if v.causality == causality]
+        """In the order of the description; without Strings, except among outputs."""
+        return [v.name for v in self.variables.values() if v.causality == causality and (causality == "output" or v.type in WRITE)]
 
     def initialize(self, start: float, parameters: Mapping[str, float], inputs: Mapping[str, float]) -> None:
         self._call("setupExperiment", startTime=start)
