@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import csv
 import io
+import os
 import pickle
 import re
 import shutil
@@ -194,7 +195,7 @@ class Foreign:
 
 
 FOREIGN = (
-    Foreign("win64", "wine", ("env", "WINEDEBUG=-all", "wine")),
+    Foreign("win64", "wine", ("wine",)),
     Foreign("aarch64-linux", "qemu-aarch64", ("qemu-aarch64", "-L", "/usr/aarch64-linux-gnu"), "/usr/aarch64-linux-gnu/lib"),
 )
 LETTER = {"Real": "r", "Integer": "i", "Boolean": "b"}
@@ -251,7 +252,9 @@ def run_foreign(foreign: Foreign, plan: Plan) -> np.ndarray:
                 out.writerow([repr(i * plan.step), *(repr(float(v[i])) for v in columns.values())])
         binary = Path("binaries") / foreign.platform / f"{plan.identifier}{suffix}"
         command = [*foreign.command, str(client), str(binary), plan.guid, "input.csv", "output.csv", "--outputs", ",".join(wanted)]
-        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, errors="replace", timeout=600)
+        wine = {"WINEPREFIX": str(client.parent / "wine"), "WINEDEBUG": "-all"}  # not the user's own Windows
+        done = subprocess.run(command, cwd=folder, env={**wine, **os.environ}, capture_output=True, text=True, errors="replace",
+                              timeout=600)  # fmt: skip
         result = folder / "output.csv"
         if done.returncode or not result.is_file():
             said = [x for x in done.stderr.splitlines() if x.strip()]
