@@ -254,6 +254,19 @@ def test_vdmcheck_finds_what_others_do_not(built, tmp_path):
     assert not any(findings for name, findings in verdicts.items() if name != "VDMCheck")
 
 
+def test_what_cannot_run_is_said_and_no_finding(built, tmp_path, monkeypatch):
+    fmu = archive.open_archive(built / "SingleTrackVehicle.fmu")
+    monkeypatch.setattr(shutil, "which", lambda name: None)
+    assert validate._vdmcheck(fmu, print).skipped == "Java is not installed"
+    monkeypatch.setattr(shutil, "which", lambda name: None if name == "mvn" else f"/bin/{name}")
+    monkeypatch.setattr(validate, "vdmcheck_folder", lambda: tmp_path / "none")
+    verdict = validate._vdmcheck(fmu, print)
+    assert verdict.skipped == "not fetched: Maven (mvn) is not installed" and verdict.findings == []
+    for foreign in clients.FOREIGN:
+        reason = clients._foreign_reason(foreign, clients.make_plan(fmu.path))
+        assert reason == f"the FMU has no binary for {foreign.platform}" or foreign.platform == HERE
+
+
 def test_clients_agree_to_the_last_bit(built):
     rows = {r.client: r for r in clients.compare(built / "TireStiffnessEstimator.fmu")}
     assert rows["FMPy"].is_reference
@@ -327,6 +340,16 @@ def test_the_estimator_fmu_writes_the_bytes_of_tselab_estimate(options, built, o
     assert done.code == 0, done.err
     assert (tmp_path / "fmu.csv").read_bytes() == (tmp_path / "est.csv").read_bytes()
     assert len(pd.read_csv(tmp_path / "fmu.csv")) > 400
+
+
+def test_a_setting_that_the_fmu_does_not_have_is_said(built, drive, tmp_path):
+    fmu = changed(built / "TireStiffnessEstimator.fmu", tmp_path / "older.fmu",
+                  edit("modelDescription.xml", 'name="filter.hold_sd"', 'name="filter.another"'))  # fmt: skip
+    run = ["fmu", "run", fmu, drive.log, "--vehicle", drive.vehicle, "--out", tmp_path / "est.csv"]
+    done = tselab(*run)
+    assert done.code == 0 and "has no parameter" not in done.err
+    done = tselab(*run, "--set", "hold_sd=0.3")
+    assert done.code == 0 and "the FMU has no parameter for hold_sd: what was set is not used" in done.err
 
 
 def test_the_vehicle_fmu_drives_as_the_simulator(built, tmp_path):
