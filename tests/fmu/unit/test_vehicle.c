@@ -64,6 +64,7 @@ static fmi2Component start_both(tse_sim_output *y)
   tse_sim_config_default(&sim_config);
   config.mass = 1700;
   config.accel_x_sd = 0.2;
+  config.rear_longitudinal_follows_front = 0.4; /* else the road under the rear axle does not show */
   sim_config.seed = 9;
   sim_config.speed = 15;
   sim_config.bias_walk = 2;
@@ -71,6 +72,7 @@ static fmi2Component start_both(tse_sim_output *y)
   sim_config.true_cy_rear = 0.9;
   OK(put_real(c, "vehicle.mass", 1700));
   OK(put_real(c, "sensors.accel_x_sd", 0.2));
+  OK(put_real(c, "vehicle.rear_longitudinal_follows_front", 0.4));
   OK(put_integer(c, "simulation.seed", 9));
   OK(put_real(c, "simulation.speed", 15));
   OK(put_real(c, "simulation.bias_walk", 2));
