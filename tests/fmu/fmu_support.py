@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import hashlib
 import os
 import shutil
 import struct
@@ -20,6 +19,7 @@ from fmpy import read_model_description
 from fmpy.fmi2 import FMU2Slave, fmi2CallbackFunctions, fmi2CallbackLoggerTYPE, fmi2Warning
 
 from tselab.core import INPUT, OUTPUT, SIM_INPUT, Config, Filter, library, stiffness_si
+from tselab.fmu.platforms import PLATFORMS, compile_for, zig
 
 ROOT = Path(__file__).resolve().parents[2]
 GOLDEN = Path(__file__).with_name("golden")
@@ -277,13 +277,12 @@ def recorded_drive(rows: int | None = None) -> Log:
 
 # ---- other platforms: compilers and what runs their programs
 
-FLAGS = ["-std=c99", "-O3", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math", "-fvisibility=hidden",
-         "-DTSE_MAX_PARTICLES=512"]  # fmt: skip
-TARGETS = {
-    # name: zig's target, suffix of a library, of a program, what runs it
-    "linux64": ("x86_64-linux-gnu.2.17", ".so", "", []),
-    "aarch64-linux": ("aarch64-linux-gnu.2.17", ".so", "", ["qemu-aarch64", "-L", "/usr/aarch64-linux-gnu"]),
-    "win64": ("x86_64-windows-gnu", ".dll", ".exe", ["wine"]),
+CACHE = ROOT / "build" / "zig-cache"  # that of `tselab fmu build`: what it has compiled is not compiled again
+RUNNERS = {
+    # name: suffix of a program, what runs it
+    "linux64": ("", []),
+    "aarch64-linux": ("", ["qemu-aarch64", "-L", "/usr/aarch64-linux-gnu"]),
+    "win64": (".exe", ["wine"]),
 }
 
 
@@ -291,7 +290,7 @@ def unavailable(target: str) -> str:
     """Why programs of this platform cannot be built or run here; empty: they can."""
     if subprocess.run([sys.executable, "-m", "ziglang", "version"], capture_output=True).returncode:
         return "ziglang is not installed (scripts/setup.sh platforms)"
-    runner = TARGETS[target][3]
+    runner = RUNNERS[target][1]
     if runner and not shutil.which(runner[0]):
         return f"{runner[0]} is not installed"
     if target == "aarch64-linux" and not Path("/usr/aarch64-linux-gnu/lib").is_dir():
@@ -299,35 +298,28 @@ def unavailable(target: str) -> str:
     return ""
 
 
-def cross_compiled(target: str, sources: Sequence[Path], include: Path, name: str, *options: str) -> Path:
-    """Compile with zig; kept in build/fmu-cross as long as neither sources nor options change."""
-    seen = hashlib.sha256(repr((target, options)).encode())
-    for f in sorted({*sources, *include.rglob("*.h"), *include.rglob("*.def")}):
-        seen.update(f.name.encode() + f.read_bytes())
-    result = ROOT / "build" / "fmu-cross" / f"{target}-{seen.hexdigest()[:16]}" / name
-    if not result.is_file():
-        result.parent.mkdir(parents=True, exist_ok=True)
-        temporary = result.with_name(f"{os.getpid()}-{name}")
-        run(sys.executable, "-m", "ziglang", "cc", "-target", TARGETS[target][0], *options, "-I", include, *sources,
-            "-o", temporary)  # fmt: skip
-        temporary.replace(result)
+@functools.cache
+def library_for(target: str, of: Unit) -> Path:
+    """The FMU's shared library for a platform, compiled as `tselab fmu build` does."""
+    build()
+    platform = PLATFORMS[target]
+    result = scratch() / target / (of.identifier + platform.suffix)
+    result.parent.mkdir(parents=True, exist_ok=True)
+    result.write_bytes(compile_for(platform, ROOT / "build" / "fmu" / "fmu" / of.identifier / "sources", CACHE))
     return result
 
 
-def library_for(target: str, of: Unit) -> Path:
-    """The FMU's shared library for a platform, compiled from its sources/."""
-    suffix = TARGETS[target][1]
-    files = of.description.buildConfigurations[0].sourceFileSets[0].sourceFiles
-    pic = [] if target == "win64" else ["-fPIC"]
-    return cross_compiled(target, [of.folder / "sources" / f for f in files], of.folder / "sources", of.identifier + suffix,
-                          *FLAGS, *pic, "-shared")  # fmt: skip
+@functools.cache
+def _client(target: str) -> Path:
+    program = scratch() / f"client-{target}{RUNNERS[target][0]}"
+    arguments = ["-target", PLATFORMS[target].targets[0], "-std=c99", "-O1", "-I", str(headers()), "client.c", "-o", str(program)]
+    zig([*arguments, *([] if target == "win64" else ["-ldl"])], Path(__file__).parent, CACHE)
+    return program
 
 
 def client_for(target: str) -> list[str]:
     """tests/fmu/client.c for a platform, as a command."""
-    program = cross_compiled(target, [Path(__file__).with_name("client.c")], headers(), "client" + TARGETS[target][2],
-                             "-std=c99", "-O1", *([] if target == "win64" else ["-ldl"]))  # fmt: skip
-    return [*TARGETS[target][3], str(program)]
+    return [*RUNNERS[target][1], str(_client(target))]
 
 
 def client_input(log: Log, of: Unit, path: Path) -> Path:

@@ -11,7 +11,9 @@ from pathlib import Path
 import pytest
 from fmpy.fmi1 import FMICallException
 from fmpy.fmi2 import fmi2LastSuccessfulTime
-from fmu_support import ESTIMATOR, FLAGS, VEHICLE, Instance, Unit, run, unit
+from fmu_support import ESTIMATOR, VEHICLE, Instance, Unit, run, unit
+
+from tselab.fmu.platforms import read_build
 
 NAN = math.nan
 
@@ -142,7 +144,7 @@ def test_a_state_of_other_sources_is_refused_though_the_description_is_the_same(
     files = [folder / "sources" / f for f in vehicle.description.buildConfigurations[0].sourceFileSets[0].sourceFiles]
     other = Unit.__new__(Unit)
     other.__dict__.update({**vehicle.__dict__, "folder": folder})
-    run("cc", *FLAGS, "-O0", "-fPIC", "-shared", "-I", header.parent, *files, "-o", other.binary, "-lm")
+    run("cc", *read_build(header.parent).flags, "-O0", "-fPIC", "-shared", "-I", header.parent, *files, "-o", other.binary, "-lm")
     with Instance(vehicle) as i, Instance(other) as o:
         state = i.start().state()
         refused(o, lambda: o.restore(state), "the state of another FMU, or of another version of this one")

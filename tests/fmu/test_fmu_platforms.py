@@ -9,7 +9,7 @@ from fmu_support import (
     CHANNELS,
     DRIVER,
     ESTIMATOR,
-    TARGETS,
+    RUNNERS,
     VEHICLE,
     Unit,
     bits,
@@ -54,7 +54,7 @@ def reference(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathF
     return {"unit": of, "input": input_, "text": text, "state": folder / "state", "settings": settings}
 
 
-@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("target", RUNNERS)
 def test_every_output_has_the_same_bits(reference: dict, target: str, tmp_path: Path) -> None:
     if why := unavailable(target):
         pytest.skip(why)
@@ -66,7 +66,7 @@ def test_every_output_has_the_same_bits(reference: dict, target: str, tmp_path: 
     assert (tmp_path / "state").read_bytes() == reference["state"].read_bytes()
 
 
-@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("target", RUNNERS)
 def test_a_state_saved_here_goes_on_there(reference: dict, target: str, tmp_path: Path) -> None:
     if why := unavailable(target):
         pytest.skip(why)
