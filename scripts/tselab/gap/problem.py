@@ -1,0 +1,170 @@
+"""The comparison: a simulation of all logs against what was measured, whitened by the sensors' noise.
+
+Stiffness and effect parameters are the same over all logs; the bias of each sensor is one number per log, found in closed
+form (residuals are linear in it). Residuals are means over blocks of 40 ms, in units of what the sensor's noise leaves of
+them: a perfect model has residuals of size one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+
+from tselab.core import NOMINAL, Config
+from tselab.gap.catalogue import Effect, Parameter
+from tselab.gap.data import CHANNELS, Prepared
+from tselab.gap.simulate import simulate
+from tselab.log import MEASURES
+
+STIFFNESS = tuple(
+    Parameter(name, "STIFFNESS", "1", 1.0, 0.1, 5.0, 0.5, 2.0, 0.02, 1, f"{name} over the vehicle file's") for name in NOMINAL
+)
+WITH_BIAS = MEASURES  # the other channels have none
+
+
+@dataclass(frozen=True)
+class Rows:
+    """What the entries of a residual vector are."""
+
+    log: np.ndarray  # index of the log
+    channel: np.ndarray  # index in CHANNELS
+    time: np.ndarray  # s, mean of the block
+    block: np.ndarray  # index of the block: the same for all channels of a moment
+    group: np.ndarray  # log and channel: shares a bias
+
+    def of(self, channel: str) -> np.ndarray:
+        return self.channel == CHANNELS.index(channel)
+
+
+class Problem:
+    """All logs against one model. Thread-safe: simulations share nothing."""
+
+    def __init__(self, logs: Sequence[Prepared], config: Config, jobs: int = 1):
+        self.logs = [log for log in logs if log.stretches]
+        self.config = config
+        self.jobs = max(1, jobs)
+        self.nominal = config.as_dict()
+        self._measured, self.weight, self.rows = self._layout()
+        self._biased = np.isin(self.rows.channel, [CHANNELS.index(c) for c in WITH_BIAS])
+        self._groups = int(self.rows.group.max()) + 1 if len(self.rows.group) else 0
+        self.simulations = 0
+
+    # ---- layout
+
+    def _layout(self) -> tuple[np.ndarray, np.ndarray, Rows]:
+        measured, weight, columns, group, block = [], [], [], 0, 0
+        for i, log in enumerate(self.logs):
+            time, _ = self._blocks(log, log.time)
+            for channel in log.channels:
+                mean, count = self._blocks(log, log.measured[channel])
+                measured.append(mean)
+                weight.append(np.where(count > 0.5 * log.rows_per_block, np.sqrt(count) / log.noise[channel], 0.0))
+                n = len(mean)
+                columns.append((np.full(n, i), np.full(n, CHANNELS.index(channel)), time, block + np.arange(n), np.full(n, group)))
+                group += 1
+            block += len(time)
+        rows = Rows(*(np.concatenate(c) for c in zip(*columns, strict=True))) if columns else Rows(*(np.zeros(0, int),) * 5)
+        y = np.concatenate(measured) if measured else np.zeros(0)
+        w = np.concatenate(weight) if weight else np.zeros(0)
+        return np.where(w > 0, y, 0.0), w, rows
+
+    @staticmethod
+    def _blocks(log: Prepared, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Means of the blocks that are compared, and how many values each has."""
+        parts = []
+        for s in log.stretches:
+            piece = x[s.first : s.last][s.used]
+            parts.append(piece[: len(piece) // log.rows_per_block * log.rows_per_block].reshape(-1, log.rows_per_block))
+        table = np.concatenate(parts)
+        good = np.isfinite(table)
+        count = good.sum(axis=1)
+        return np.where(good, table, 0.0).sum(axis=1) / np.maximum(count, 1), count
+
+    def quantity(self, name: str) -> np.ndarray:
+        """An input or a measurement as blocks, one value per entry of the residual vector."""
+        parts = []
+        for log in self.logs:
+            x = log.inputs.get(name, log.measured.get(name))
+            mean, count = self._blocks(log, x)
+            parts.extend([np.where(count > 0, mean, np.nan)] * len(log.channels))
+        return np.concatenate(parts)
+
+    # ---- residuals
+
+    def settings(self, values: Mapping[str, float]) -> dict[str, float]:
+        """Settings of the model with these parameters: stiffness relative to the vehicle file's, effects as they are."""
+        changed = {}
+        for name, value in values.items():
+            if name in NOMINAL:
+                changed[NOMINAL[name]] = self.nominal[NOMINAL[name]] * value
+                if name == "cx_front":
+                    changed["longitudinal_stiffness_rear"] = self.nominal["longitudinal_stiffness_rear"] * value
+            else:
+                changed[name] = value
+        return changed
+
+    def predict(self, values: Mapping[str, float]) -> np.ndarray:
+        """What the model says, one value per entry of the residual vector, without bias."""
+        config = Config(self.nominal | self.settings(values))
+        self.simulations += 1
+        parts = []
+        for log in self.logs:
+            predicted = simulate(config, log)
+            parts.extend(self._blocks(log, predicted[channel])[0] for channel in log.channels)
+        return np.concatenate(parts)
+
+    def channels(self, values: Mapping[str, float], names: Sequence[str]) -> dict[str, np.ndarray]:
+        """Quantities of the simulation, one value per entry of the residual vector."""
+        config = Config(self.nominal | self.settings(values))
+        parts: dict[str, list[np.ndarray]] = {n: [] for n in names}
+        for log in self.logs:
+            predicted = simulate(config, log)
+            for n in names:
+                parts[n].extend([self._blocks(log, predicted[n])[0]] * len(log.channels))
+        return {n: np.concatenate(p) for n, p in parts.items()}
+
+    def residuals(self, values: Mapping[str, float]) -> np.ndarray:
+        """Measured less predicted less bias, in units of the noise that a block has left."""
+        return self.whiten(self._measured - self.predict(values))
+
+    def whiten(self, difference: np.ndarray) -> np.ndarray:
+        """Take the bias of each log and sensor out and divide by the noise."""
+        w2 = np.where(self._biased, self.weight**2, 0.0)
+        total = np.bincount(self.rows.group, w2, self._groups)
+        mean = np.bincount(self.rows.group, w2 * difference, self._groups) / np.maximum(total, 1e-300)
+        return self.weight * (difference - mean[self.rows.group])
+
+    def biases(self, values: Mapping[str, float]) -> dict[tuple[int, str], float]:
+        """The bias of each log and sensor."""
+        difference = self._measured - self.predict(values)
+        w2 = self.weight**2
+        total = np.bincount(self.rows.group, w2, self._groups)
+        mean = np.bincount(self.rows.group, w2 * difference, self._groups) / np.maximum(total, 1e-300)
+        first = [int(np.argmax(self.rows.group == g)) for g in range(self._groups)]
+        return {(int(self.rows.log[i]), CHANNELS[self.rows.channel[i]]): float(mean[g]) for g, i in enumerate(first) if self._biased[i]}
+
+    def jacobian(self, values: Mapping[str, float], base: np.ndarray, parameters: Sequence[Parameter]) -> np.ndarray:
+        """Slopes of the whitened residuals, by finite differences that are large against rounding and small against the
+        parameter's typical size."""
+
+        def column(p: Parameter) -> np.ndarray:
+            x = values.get(p.name, p.default)
+            h = p.step
+            if not p.low <= x + h <= p.high:
+                h = -h
+            return (self.residuals(dict(values) | {p.name: x + h}) - base) / h
+
+        if self.jobs == 1 or len(parameters) == 1:
+            columns = [column(p) for p in parameters]
+        else:
+            with ThreadPoolExecutor(self.jobs) as pool:  # the library runs without Python's lock
+                columns = list(pool.map(column, parameters))
+        return np.stack(columns, axis=1) if columns else np.zeros((len(base), 0))
+
+
+def parameters_of(effects: Sequence[Effect], shapes: bool = True) -> list[Parameter]:
+    """The parameters that are fitted for these effects, after the stiffness."""
+    return [*STIFFNESS, *(p for e in effects for p in e.parameters if shapes or p.is_strength)]
