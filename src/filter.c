@@ -106,11 +106,16 @@ tse_status tse_step(const tse_params *p, tse_filter *f, const tse_input *u, tse_
 
   if (p->marginalised && p->notice_stuck) watch_repeats(p, f, u, &y);
 
+  const tse_params *const own = p;
+  const int told = own->effects.mask != 0; /* of effects: then p is what they make of it in this row */
+  tse_params row;
+  if (told) p = told_begin(own, f, &y, &row);
+
   /* Where are we in time: the first row, after a gap, or one step further? */
   const int lost = f->held_for > p->max_gap;
   f->held_for = y.has_inputs ? TSE_R(0) : f->held_for + y.dt;
   const int frozen = f->held_for > p->max_gap;
-  int gap = 0, slides = 0;
+  int gap = 0, slides = 0, moved = 0;
   if (!f->started) {
     initialise(p, f, &y); /* again with every row until there are inputs to start from */
     f->started = y.has_inputs;
@@ -121,10 +126,15 @@ tse_status tse_step(const tse_params *p, tse_filter *f, const tse_input *u, tse_
     if (gap) restart_states(p, f, &y);
     else if (slides) coast(p, f, &y);
     else if (!frozen) {
+      tse_real push[3];
+      moved = 1;
+      if (told) told_motion(own, p, f, &y, push);
       gaussian_predict(p, f, y.u, y.dt); /* (7) of the covariance */
       propagate(p, f, y.u, y.dt);        /* (7) of the particles  */
+      if (told) told_push(p, f, push);
     }
   }
+  if (told) told_sample(own, &row, f, &y, moved, !slides && !frozen);
   f->steer = y.u.steer;
   f->v_front = y.u.v_front;
   f->v_rear = y.u.v_rear;

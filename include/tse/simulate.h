@@ -49,9 +49,10 @@ typedef struct tse_sim {
   tse_sim_config config;
   tse_params params;
   uint32_t step;
-  tse_real x[5];                       /* vel_x, vel_y, yaw rate, wheel speeds front and rear */
+  tse_real x[9];                       /* vel_x, vel_y, yaw rate, wheel speeds front and rear; slips that lag (tse/effects.h) */
   tse_real bias[3], drawn[3];
-  tse_sim_input last;
+  tse_sim_input last;                  /* with the angle that the wheels have */
+  tse_effect_memory effects;
 } tse_sim;
 
 void tse_sim_config_default(tse_sim_config *s);

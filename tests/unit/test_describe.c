@@ -5,7 +5,7 @@
 
 #include "unit_support.h"
 
-#define STRUCT_BYTES 1024
+#define STRUCT_BYTES 2048
 
 static const tse_field *rows_of(tse_struct which, int32_t *count, int32_t *size)
 {

@@ -1,0 +1,13 @@
+/* src/effects/body_roll.h - accel_y + g gain x: the car leans out of the turn by gain x, x: lateral acceleration through a
+ * second-order mode (effects_mode). Typical gain 3 .. 6 degrees per g, 1.2 .. 2 Hz, damping 0.2 .. 0.4. */
+static inline void body_roll_sensor(const tse_effects *e, tse_effect_memory *m, const point *pt, tse_real dt, tse_real y[3])
+{
+  (void)pt;
+  (void)dt;
+  y[1] += r_mul(r_mul(GRAVITY, e->body_roll_gain), m->mode[MODE_ROLL][0]);
+}
+
+static inline void body_roll_remember(const tse_effects *e, tse_effect_memory *m, const point *a, const point *b, tse_real h)
+{
+  effects_mode(m->mode[MODE_ROLL], e->body_roll_frequency, e->body_roll_damping, a->force.y, b->force.y, h);
+}
