@@ -1,19 +1,20 @@
-"""The catalogue of effects, as the library tells it (tse/effects.def through tse_describe)."""
+"""The catalogue of effects (tse/effects.def, through the library) in the form that fits take."""
 
 from __future__ import annotations
 
 import functools
 from dataclasses import dataclass
 
-from tselab.core import effects as library_effects
+from tselab.core import library
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """One parameter of an effect, or a stiffness."""
+    """One number that is fitted: a stiffness, or a parameter of an effect."""
 
     name: str  # of the setting
-    role: str  # STRENGTH, SHAPE, STIFFNESS
+    key: str  # within its effect
+    strength: bool  # else a shape
     unit: str
     default: float
     low: float
@@ -25,17 +26,13 @@ class Parameter:
     text: str
 
     @property
-    def is_strength(self) -> bool:
-        return self.role != "SHAPE"
-
-    @property
     def scale(self) -> float:
         """A typical size."""
         return 0.5 * (abs(self.typical_low) + abs(self.typical_high)) or max(abs(self.low), abs(self.high))
 
     @property
     def step(self) -> float:
-        """For finite differences."""
+        """For finite differences: small against the typical size, large against rounding."""
         return 0.02 * self.scale
 
 
@@ -46,31 +43,32 @@ class Effect:
     id: str
     hook: str
     title: str
-    entry: str
+    entry_points: tuple[str, ...]
     channels: str
-    alike: str
+    relatives: tuple[str, ...]  # ids of the catalogue that it says look alike
     estimator: str
     parameters: tuple[Parameter, ...]
 
     @property
     def strengths(self) -> tuple[Parameter, ...]:
-        return tuple(p for p in self.parameters if p.is_strength)
+        return tuple(p for p in self.parameters if p.strength)
 
     @property
     def shapes(self) -> tuple[Parameter, ...]:
-        return tuple(p for p in self.parameters if not p.is_strength)
-
-    @property
-    def relatives(self) -> tuple[str, ...]:
-        """What the catalogue says looks alike."""
-        return tuple(x.strip() for x in self.alike.split(",") if x.strip())
+        return tuple(p for p in self.parameters if not p.strength)
 
 
 @functools.cache
 def catalogue() -> dict[str, Effect]:
     """Every effect by its id, in the library's order."""
-    found = {}
-    for row in library_effects():
-        parameters = tuple(Parameter(**p) for p in row.pop("parameters"))
-        found[row["id"]] = Effect(parameters=parameters, **row)
-    return found
+    rows = library().effects
+    return {
+        e.id: Effect(
+            e.id, e.hook, e.title, e.entry_points, e.channels, tuple(x for x in e.look_alikes if x in rows), e.estimator,
+            tuple(
+                Parameter(p.setting, p.name, p.strength, p.unit, p.default, p.low, p.high, *p.typical, p.negligible, p.sign, p.text)
+                for p in e.parameters
+            ),
+        )
+        for e in rows.values()
+    }  # fmt: skip

@@ -19,6 +19,7 @@ from tselab.gap.problem import STIFFNESS, Problem
 
 FALSE_NAMES = 0.01
 REFIT = 5  # candidates of the linear screening that are fitted in full
+REACH = 15.0  # steps: a chord over a third of the typical size says more of an effect than its tangent at zero
 LEAST_SHARE = 0.03  # of the gap that is left: what an effect must close to be worth a name
 LEAST_CLOSED = 0.8  # of the gap: what all names together must close
 RIVAL_NATS, RIVAL_SHARE = 5.0, 0.1  # a rival that explains as much to within this cannot be excluded
@@ -79,7 +80,7 @@ def _typical(p: Parameter) -> Parameter:
 def screen(problem: Problem, current: Fit, candidates: Sequence[Effect]) -> list[tuple[float, Effect, dict[str, float]]]:
     """Every candidate in a linearisation around the current fit: (nats, effect, start values), best first."""
     parameters = [p for e in candidates for p in e.strengths]
-    slopes = problem.jacobian(current.values, current.residuals, parameters)
+    slopes = problem.jacobian(current.values, current.residuals, parameters, REACH)
     q, _ = np.linalg.qr(current.jacobian)
     length = lengths(problem, current.residuals)
     found, k = [], 0
@@ -225,12 +226,14 @@ def look_alikes(
     others = [o for o in chosen if o is not e]
     margin = max(RIVAL_NATS, RIVAL_SHARE * evidence)
     rivals = []
-    screened = screen(problem, without, [r for r in effects if r not in chosen])
+    screened = screen(problem, without, [r for r in effects if r is e or r not in chosen])
+    own = next(g for g, r, _ in screened if r is e)
+    screened = [s for s in screened if s[1] is not e]
     best = {r.id: (g, r, s) for g, r, s in screened}
     ask = [best[i] for i in e.relatives if i in best]
     ask += [f for f in screened[:3] if f not in ask]
     for g, rival, start in ask:
-        if g < 0.3 * (evidence - margin):
+        if g < 0.3 * own:
             continue
         say(f"could it be {rival.id} instead of {e.id}?")
         swapped = fit_with(problem, [*others, rival], without.values | start)

@@ -20,7 +20,7 @@ from tselab.gap.simulate import simulate
 from tselab.log import MEASURES
 
 STIFFNESS = tuple(
-    Parameter(name, "STIFFNESS", "1", 1.0, 0.1, 5.0, 0.5, 2.0, 0.02, 1, f"{name} over the vehicle file's") for name in NOMINAL
+    Parameter(name, name, True, "1", 1.0, 0.1, 5.0, 0.5, 2.0, 0.02, 1, f"{name} over the vehicle file's") for name in NOMINAL
 )
 WITH_BIAS = MEASURES  # the other channels have none
 
@@ -94,34 +94,27 @@ class Problem:
 
     # ---- residuals
 
-    def settings(self, values: Mapping[str, float]) -> dict[str, float]:
-        """Settings of the model with these parameters: stiffness relative to the vehicle file's, effects as they are."""
-        changed = {}
-        for name, value in values.items():
-            if name in NOMINAL:
-                changed[NOMINAL[name]] = self.nominal[NOMINAL[name]] * value
-                if name == "cx_front":
-                    changed["longitudinal_stiffness_rear"] = self.nominal["longitudinal_stiffness_rear"] * value
-            else:
-                changed[name] = value
-        return changed
+    def model(self, values: Mapping[str, float]) -> tuple[Config, dict[str, float]]:
+        """Settings of the effects, and stiffness relative to the vehicle file's."""
+        config = Config(self.nominal | {k: v for k, v in values.items() if k not in NOMINAL})
+        return config, {k: v for k, v in values.items() if k in NOMINAL}
 
     def predict(self, values: Mapping[str, float]) -> np.ndarray:
         """What the model says, one value per entry of the residual vector, without bias."""
-        config = Config(self.nominal | self.settings(values))
+        config, stiffness = self.model(values)
         self.simulations += 1
         parts = []
         for log in self.logs:
-            predicted = simulate(config, log)
+            predicted = simulate(config, log, log.channels, stiffness)
             parts.extend(self._blocks(log, predicted[channel])[0] for channel in log.channels)
         return np.concatenate(parts)
 
     def channels(self, values: Mapping[str, float], names: Sequence[str]) -> dict[str, np.ndarray]:
         """Quantities of the simulation, one value per entry of the residual vector."""
-        config = Config(self.nominal | self.settings(values))
+        config, stiffness = self.model(values)
         parts: dict[str, list[np.ndarray]] = {n: [] for n in names}
         for log in self.logs:
-            predicted = simulate(config, log)
+            predicted = simulate(config, log, names, stiffness)
             for n in names:
                 parts[n].extend([self._blocks(log, predicted[n])[0]] * len(log.channels))
         return {n: np.concatenate(p) for n, p in parts.items()}
@@ -146,13 +139,14 @@ class Problem:
         first = [int(np.argmax(self.rows.group == g)) for g in range(self._groups)]
         return {(int(self.rows.log[i]), CHANNELS[self.rows.channel[i]]): float(mean[g]) for g, i in enumerate(first) if self._biased[i]}
 
-    def jacobian(self, values: Mapping[str, float], base: np.ndarray, parameters: Sequence[Parameter]) -> np.ndarray:
-        """Slopes of the whitened residuals, by finite differences that are large against rounding and small against the
-        parameter's typical size."""
+    def jacobian(
+        self, values: Mapping[str, float], base: np.ndarray, parameters: Sequence[Parameter], reach: float = 1.0
+    ) -> np.ndarray:
+        """Slopes of the whitened residuals, by finite differences of `reach` times the parameters' steps."""
 
         def column(p: Parameter) -> np.ndarray:
             x = values.get(p.name, p.default)
-            h = p.step
+            h = reach * p.step
             if not p.low <= x + h <= p.high:
                 h = -h
             return (self.residuals(dict(values) | {p.name: x + h}) - base) / h
@@ -167,4 +161,4 @@ class Problem:
 
 def parameters_of(effects: Sequence[Effect], shapes: bool = True) -> list[Parameter]:
     """The parameters that are fitted for these effects, after the stiffness."""
-    return [*STIFFNESS, *(p for e in effects for p in e.parameters if shapes or p.is_strength)]
+    return [*STIFFNESS, *(p for e in effects for p in e.parameters if shapes or p.strength)]
