@@ -24,6 +24,7 @@ class Parameter:
     negligible: float
     sign: int  # 1, -1: the plausible one; 0: either
     text: str
+    prior: float | None = None  # sd that is known beforehand, of one of many values that make a profile
 
     @property
     def scale(self) -> float:

@@ -50,6 +50,7 @@ class Prepared:
     noise: dict[str, float]  # sd of one row
     stretches: list[Stretch]
     rows_per_block: int
+    distance: np.ndarray  # m
     notes: list[str] = field(default_factory=list)
 
     @property
@@ -88,12 +89,13 @@ def prepare(log: Log, config: Config) -> Prepared:
         noise[name] = found.sd if found else _plain_noise(x, FLOOR.get(name, 0.0))
     per_block = max(1, round(BLOCK / log.sample_time))
     stretches = _stretches(log.time, good, per_block)
+    distance = np.append(0.0, np.cumsum(np.maximum(speed[1:], 0.0) * np.minimum(np.diff(log.time), 1.0)))
     notes = []
     if not stretches:
         notes.append(
             f"{log.path.name}: nowhere {SHORTEST:g} s in one piece above {SLOWEST:g} m/s and below {STEEPEST:g} rad of steering"
         )
-    return Prepared(log.path, log.time, inputs, measured, noise, stretches, per_block, notes)
+    return Prepared(log.path, log.time, inputs, measured, noise, stretches, per_block, distance, notes)
 
 
 def smoothed(time: np.ndarray, x: np.ndarray) -> np.ndarray:

@@ -29,6 +29,11 @@ class Fit:
     def energy(self) -> float:
         return float(self.residuals @ self.residuals)
 
+    def columns(self, parameters: Sequence[Parameter]) -> np.ndarray:
+        """The slopes over these of the parameters."""
+        names = [p.name for p in self.parameters]
+        return self.jacobian[:, [names.index(p.name) for p in parameters]]
+
     def at_bound(self, p: Parameter) -> bool:
         span = p.high - p.low
         return min(self.values[p.name] - p.low, p.high - self.values[p.name]) < 1e-3 * span
@@ -44,20 +49,25 @@ def fit(problem: Problem, parameters: Sequence[Parameter], start: Mapping[str, f
     def values(x: np.ndarray) -> dict[str, float]:
         return {p.name: float(v) for p, v in zip(parameters, x, strict=True)}
 
+    prior = np.array([1.0 / p.prior if p.prior else 0.0 for p in parameters])
+    default = np.array([p.default for p in parameters])
+    known = prior > 0
     last: dict[str, np.ndarray] = {}
 
     def residuals(x: np.ndarray) -> np.ndarray:
         last["x"], last["r"] = x.copy(), problem.residuals(values(x))
-        return last["r"]
+        return np.append(last["r"], ((x - default) * prior)[known])
 
     def jacobian(x: np.ndarray) -> np.ndarray:
-        base = last["r"] if np.array_equal(last.get("x"), x) else residuals(x)
-        return problem.jacobian(values(x), base, parameters)
+        if not np.array_equal(last.get("x"), x):
+            residuals(x)
+        return np.vstack([problem.jacobian(values(x), last["r"], parameters), np.diag(prior)[known]])
 
     result = least_squares(
         residuals, x0, jacobian, bounds=(low, high), x_scale=scale, ftol=TOLERANCE, xtol=1e-5, gtol=None, max_nfev=most
     )
-    return Fit(parameters, values(result.x), result.fun, result.jac)
+    rows = len(result.fun) - int(known.sum())
+    return Fit(parameters, values(result.x), result.fun[:rows], result.jac[:rows])
 
 
 def lengths(problem: Problem, residuals: np.ndarray) -> dict[int, float]:

@@ -14,8 +14,8 @@ import numpy as np
 from scipy.stats import norm
 
 from tselab.gap.catalogue import Effect, Parameter
-from tselab.gap.fit import Fit, covariance, excess, fit, gain, lengths
-from tselab.gap.problem import STIFFNESS, Problem
+from tselab.gap.fit import Fit, covariance, excess, fit, gain
+from tselab.gap.problem import PROFILES, STIFFNESS, Problem, profile_size
 
 FALSE_NAMES = 0.01
 REFIT = 5  # candidates of the linear screening that are fitted in full
@@ -60,12 +60,12 @@ def threshold(effects: int) -> float:
 
 def fit_with(problem: Problem, effects: Sequence[Effect], start: Mapping[str, float]) -> Fit:
     """Stiffness and these effects together. A shape says nothing while its strength is near zero, so strengths come first."""
-    strengths = [*STIFFNESS, *(p for e in effects for p in e.strengths)]
+    strengths = [*STIFFNESS, *(p for e in effects for p in problem.strengths(e))]
     shapes = [p for e in effects for p in e.shapes]
     kick = dict(start)
     for e in effects:
-        for p in e.strengths:
-            kick.setdefault(p.name, p.default + 0.25 * (p.sign or 1) * p.scale)
+        for p in problem.strengths(e):
+            kick.setdefault(p.name, p.default if e.id in PROFILES else p.default + 0.25 * (p.sign or 1) * p.scale)
     first = fit(problem, strengths, kick, most=8)
     if not shapes:
         return first
@@ -79,25 +79,36 @@ def _typical(p: Parameter) -> Parameter:
 
 def screen(problem: Problem, current: Fit, candidates: Sequence[Effect]) -> list[tuple[float, Effect, dict[str, float]]]:
     """Every candidate in a linearisation around the current fit: (nats, effect, start values), best first."""
-    parameters = [p for e in candidates for p in e.strengths]
+    parameters = [p for e in candidates for p in problem.strengths(e)]
     slopes = problem.jacobian(current.values, current.residuals, parameters, REACH)
     q, _ = np.linalg.qr(current.jacobian)
-    length = lengths(problem, current.residuals)
     found, k = [], 0
     for e in candidates:
-        a = slopes[:, k : k + len(e.strengths)]
-        k += len(e.strengths)
+        strengths = problem.strengths(e)
+        a = slopes[:, k : k + len(strengths)]
+        k += len(strengths)
         own = a - q @ (q.T @ a)  # what stiffness and the effects already named cannot do
-        size = np.linalg.norm(own, axis=0) * np.array([p.scale for p in e.strengths])
+        size = np.linalg.norm(own, axis=0) * np.array([p.scale for p in strengths])
         if not np.all(np.isfinite(own)) or size.max() < 1e-6 * np.sqrt(len(own)):
             found.append((0.0, e, {}))
             continue
-        x = -np.linalg.lstsq(own, current.residuals, rcond=1e-8)[0]
-        x = np.array([np.clip(v, p.low - p.default, p.high - p.default) for v, p in zip(x, e.strengths, strict=True)])
+        prior = np.diag([1.0 / p.prior if p.prior else 0.0 for p in strengths])
+        gram = own.T @ own
+        x = -np.linalg.lstsq(gram + prior @ prior, own.T @ current.residuals, rcond=1e-10)[0]
+        x = np.array([np.clip(v, p.low - p.default, p.high - p.default) for v, p in zip(x, strengths, strict=True)])
         after = current.residuals + own @ x
-        start = {p.name: p.default + float(v) for v, p in zip(x, e.strengths, strict=True)}
-        found.append((gain(problem, current.residuals, after, length), e, start))
+        start = {p.name: p.default + float(v) for v, p in zip(x, strengths, strict=True)}
+        found.append((gain(problem, current.residuals, after) - freedom(problem, e, own), e, start))
     return sorted(found, key=lambda f: -f[0])
+
+
+def freedom(problem: Problem, e: Effect, slopes: np.ndarray) -> float:
+    """Nats that an effect gains by chance, beyond those of one parameter: half of its effective number of parameters more."""
+    if e.id not in PROFILES:
+        return 0.5 * (len(e.strengths) - 1)
+    prior = np.diag([1.0 / p.prior for p in problem.strengths(e)])
+    gram = slopes.T @ slopes
+    return float(np.trace(np.linalg.solve(gram + prior @ prior, gram)))
 
 
 def name(
@@ -122,7 +133,8 @@ def name(
                 break
             say(f"{len(chosen) + 1}. effect: trying {e.id}")
             with_it = fit_with(problem, [*chosen, e], current.values | start)
-            tried.append((gain(problem, current.residuals, with_it.residuals), e, with_it))
+            chance = freedom(problem, e, with_it.columns(problem.strengths(e)))
+            tried.append((gain(problem, current.residuals, with_it.residuals) - chance, e, with_it))
         tried.sort(key=lambda t: -t[0])
         for entry in ranking:
             for g, e, f in tried:
@@ -161,10 +173,13 @@ def _refuse(problem: Problem, e: Effect, f: Fit, g: float, need: float, share: f
         return f"evidence {g:.1f} nats, needed {need:.1f}"
     if share < LEAST_SHARE:
         return f"closes {100 * share:.1f} % of the gap"
+    if e.id in PROFILES:
+        return None if profile_size(e, f.values) >= e.strengths[0].negligible else "negligible in size"
     if all(abs(f.values[p.name] - p.default) < p.negligible for p in e.strengths):
         return "negligible in size"
     for p in e.strengths:
-        if f.at_bound(p) and abs(f.values[p.name] - p.default) >= p.negligible:
+        inside = 0.98 * p.typical_low <= abs(f.values[p.name]) <= 1.001 * p.typical_high
+        if f.at_bound(p) and not inside and abs(f.values[p.name] - p.default) >= p.negligible:
             return f"{p.name} runs to the limit of what is plausible"
         if p.sign and p.sign * (f.values[p.name] - p.default) < -p.negligible:
             return f"{p.name} has the wrong sign"
@@ -179,7 +194,7 @@ def _prune(
     for e in list(chosen[:-1]):
         others = [o for o in chosen if o is not e]
         say(f"is {e.id} still needed?")
-        without = fit_with(problem, others, {k: v for k, v in current.values.items() if not k.startswith(e.id + "_")})
+        without = fit_with(problem, others, {k: v for k, v in current.values.items() if not k.startswith((e.id + "_", e.id + "@"))})
         if gain(problem, without.residuals, current.residuals) < need:
             current, chosen = without, others
             dropped.add(e.id)
@@ -195,12 +210,18 @@ def _named(
     named = []
     for e in chosen:
         others = [o for o in chosen if o is not e]
-        start = {k: v for k, v in final.values.items() if not k.startswith(e.id + "_")}
+        start = {k: v for k, v in final.values.items() if not k.startswith((e.id + "_", e.id + "@"))}
         without = fit_with(problem, others, start) if others else fit(problem, STIFFNESS, start)
         evidence = gain(problem, without.residuals, final.residuals)
         share = (excess(problem, without.residuals) - excess(problem, final.residuals)) / max(full_gap, 1e-300)
-        values = {p.name: final.values[p.name] for p in e.parameters}
-        ci = {k: (v - z * sd_of[k], v + z * sd_of[k]) for k, v in values.items()}
+        if e.id in PROFILES:
+            mine = problem.strengths(e)
+            size, spread = profile_size(e, final.values), float(np.sqrt(np.mean([sd_of[p.name] ** 2 for p in mine])))
+            values = {e.strengths[0].name: size}
+            ci = {e.strengths[0].name: (max(0.0, size - z * spread), size + z * spread)}
+        else:
+            values = {p.name: final.values[p.name] for p in e.parameters}
+            ci = {k: (v - z * sd_of[k], v + z * sd_of[k]) for k, v in values.items()}
         item = Named(e, values, ci, share, evidence)
         item.look_alikes = look_alikes(problem, effects, chosen, e, without, final, evidence, say)
         for p in e.strengths:

@@ -25,6 +25,21 @@ STIFFNESS = tuple(
 WITH_BIAS = MEASURES  # the other channels have none
 
 
+# Of the road, not of the car: not one number, but a profile over the distance of each log, smooth over KNOT.
+PROFILES = ("grade", "bank")
+KNOT = 40.0  # m between two values of a profile
+PRIOR = {"grade": 0.03, "bank": 0.02}  # rad, sd of roads
+
+
+def profile_size(effect: Effect, values: Mapping[str, float]) -> float:
+    """Rms of a profile about its mean of each log (the mean is the sensor's bias), rad."""
+    logs: dict[str, list[float]] = {}
+    for name, value in values.items():
+        if name.startswith(effect.id + "@"):
+            logs.setdefault(name.split(":")[0], []).append(value)
+    return float(np.sqrt(np.mean([np.var(v) for v in logs.values()]))) if logs else 0.0
+
+
 @dataclass(frozen=True)
 class Rows:
     """What the entries of a residual vector are."""
@@ -51,6 +66,25 @@ class Problem:
         self._biased = np.isin(self.rows.channel, [CHANNELS.index(c) for c in WITH_BIAS])
         self._groups = int(self.rows.group.max()) + 1 if len(self.rows.group) else 0
         self.simulations = 0
+
+    # ---- parameters
+
+    def strengths(self, effect: Effect) -> tuple[Parameter, ...]:
+        """What is fitted to say how strong an effect is: its strengths, or the profile of a road in each log."""
+        if effect.id not in PROFILES:
+            return effect.strengths
+        p, prior = effect.strengths[0], PRIOR[effect.id]
+        return tuple(
+            Parameter(
+                f"{effect.id}@{i}:{k}", "profile", True, p.unit, 0.0, p.low, p.high, 0.0, prior, p.negligible, 0,
+                f"{p.text}, {self.logs[i].name} at {KNOT * k:g} m", prior,
+            )
+            for i in range(len(self.logs))
+            for k in range(self._knots(i))
+        )  # fmt: skip
+
+    def _knots(self, i: int) -> int:
+        return int(self.logs[i].distance[-1] // KNOT) + 2
 
     # ---- layout
 
@@ -96,16 +130,25 @@ class Problem:
 
     def model(self, values: Mapping[str, float]) -> tuple[Config, dict[str, float]]:
         """Settings of the effects, and stiffness relative to the vehicle file's."""
-        config = Config(self.nominal | {k: v for k, v in values.items() if k not in NOMINAL})
+        config = Config(self.nominal | {k: v for k, v in values.items() if k not in NOMINAL and "@" not in k})
         return config, {k: v for k, v in values.items() if k in NOMINAL}
+
+    def profiles(self, values: Mapping[str, float], i: int) -> dict[str, np.ndarray]:
+        """Profiles of the road along a log, linear between their values."""
+        found = {}
+        for effect in PROFILES:
+            knots = [values.get(f"{effect}@{i}:{k}", 0.0) for k in range(self._knots(i))]
+            if any(knots):
+                found[effect] = np.interp(self.logs[i].distance, KNOT * np.arange(len(knots)), knots)
+        return found
 
     def predict(self, values: Mapping[str, float]) -> np.ndarray:
         """What the model says, one value per entry of the residual vector, without bias."""
         config, stiffness = self.model(values)
         self.simulations += 1
         parts = []
-        for log in self.logs:
-            predicted = simulate(config, log, log.channels, stiffness)
+        for i, log in enumerate(self.logs):
+            predicted = simulate(config, log, log.channels, stiffness, self.profiles(values, i))
             parts.extend(self._blocks(log, predicted[channel])[0] for channel in log.channels)
         return np.concatenate(parts)
 
@@ -113,8 +156,8 @@ class Problem:
         """Quantities of the simulation, one value per entry of the residual vector."""
         config, stiffness = self.model(values)
         parts: dict[str, list[np.ndarray]] = {n: [] for n in names}
-        for log in self.logs:
-            predicted = simulate(config, log, names, stiffness)
+        for i, log in enumerate(self.logs):
+            predicted = simulate(config, log, names, stiffness, self.profiles(values, i))
             for n in names:
                 parts[n].extend([self._blocks(log, predicted[n])[0]] * len(log.channels))
         return {n: np.concatenate(p) for n, p in parts.items()}
@@ -144,21 +187,30 @@ class Problem:
     ) -> np.ndarray:
         """Slopes of the whitened residuals, by finite differences of `reach` times the parameters' steps."""
 
-        def column(p: Parameter) -> np.ndarray:
-            x = values.get(p.name, p.default)
-            h = reach * p.step
-            if not p.low <= x + h <= p.high:
-                h = -h
-            return (self.residuals(dict(values) | {p.name: x + h}) - base) / h
+        def shifted(p: Parameter) -> float:
+            x, h = values.get(p.name, p.default), reach * p.step
+            return h if p.low <= x + h <= p.high else -h
 
-        if self.jobs == 1 or len(parameters) == 1:
-            columns = [column(p) for p in parameters]
+        # Profile values of different logs act on different residuals: one simulation serves one of each log.
+        runs: dict[str, list[int]] = {}
+        for j, p in enumerate(parameters):
+            key = p.name.split("@")[0] + ":" + p.name.split(":")[1] if p.prior else p.name
+            runs.setdefault(key, []).append(j)
+        slopes = np.zeros((len(base), len(parameters)))
+
+        def run(members: list[int]) -> None:
+            steps = {j: shifted(parameters[j]) for j in members}
+            moved = {parameters[j].name: values.get(parameters[j].name, parameters[j].default) + h for j, h in steps.items()}
+            change = self.residuals(dict(values) | moved) - base
+            for j, h in steps.items():
+                p = parameters[j]
+                mine = self.rows.log == int(p.name.split("@")[1].split(":")[0]) if p.prior else slice(None)
+                slopes[mine, j] = change[mine] / h
+
+        if self.jobs == 1 or len(runs) == 1:
+            for members in runs.values():
+                run(members)
         else:
             with ThreadPoolExecutor(self.jobs) as pool:  # the library runs without Python's lock
-                columns = list(pool.map(column, parameters))
-        return np.stack(columns, axis=1) if columns else np.zeros((len(base), 0))
-
-
-def parameters_of(effects: Sequence[Effect], shapes: bool = True) -> list[Parameter]:
-    """The parameters that are fitted for these effects, after the stiffness."""
-    return [*STIFFNESS, *(p for e in effects for p in e.parameters if shapes or p.strength)]
+                list(pool.map(run, runs.values()))
+        return slopes
