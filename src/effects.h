@@ -252,13 +252,15 @@ static inline void effects_at(const tse_params *p, const tse_effect_memory *m, c
   effects_forces(p, m, pt);
 }
 
+#define MOST_RATE TSE_R(1e6) /* 1/s: a length of micrometres is none, and no infinite number */
+
 /* [1/s] rates of the states of LAG, front and rear slip angle, front and rear slip; 0: no state. */
 static inline void effects_lag_rates(const tse_effects *e, const point *pt, tse_real rate[4])
 {
   const int lateral = effect_is_on(e, TSE_EFFECT_relaxation), along = effect_is_on(e, TSE_EFFECT_longitudinal_relaxation);
-  rate[0] = rate[1] = lateral ? relaxation_rate(e, pt) : TSE_R(0);
-  rate[2] = along ? longitudinal_relaxation_rate(e, pt->s.inv_front) : TSE_R(0);
-  rate[3] = along ? longitudinal_relaxation_rate(e, pt->s.inv_rear) : TSE_R(0);
+  rate[0] = rate[1] = lateral ? r_min(relaxation_rate(e, pt), MOST_RATE) : TSE_R(0);
+  rate[2] = along ? r_min(longitudinal_relaxation_rate(e, pt->s.inv_front), MOST_RATE) : TSE_R(0);
+  rate[3] = along ? r_min(longitudinal_relaxation_rate(e, pt->s.inv_rear), MOST_RATE) : TSE_R(0);
 }
 
 /* motion.c */
