@@ -199,20 +199,29 @@ static void test_saturation_is_the_brush_model(void)
   expect_balance(&c, 0.05, 0, half_root, "half of each");
 }
 
-/* Sliding altogether: the front axle holds friction times its load, whatever its angle. */
+/* Axle by axle, also beyond where a car could be held: both laws end at friction times load. */
 static void test_saturation_ends_at_friction_times_load(void)
 {
   tse_config c = default_car();
-  const int rows = 800;
-  c.tyre_saturation_inverse_friction = 2;
-  straight(&c, 12, 0.01, rows);
-  for (int i = 0; i < rows; i++) log_steer[i] = real(0.25 * fmin(i / 400.0, 1));
-  replay(&c, rows);
-  const double vx = number(got_vx[rows - 1]), vy = number(got_vy[rows - 1]), r = number(got_yaw[rows - 1]);
-  const double rear = 1.4e5 * (1.5 * r - vy) / vx, most = 0.5 * 1900 * G * 1.25 / 2.75, z = fabs(rear) / (3 * most);
-  const double fyr = (rear < 0 ? -1 : 1) * most * (z < 1 ? 1 - pow(1 - z, 3) : 1), fxf = 1.6e5 * (12 - vx) / 12;
-  expect_near(0.3, 0.25 - (vy + 1.25 * r) / vx, 0.17, "front slip angle beyond 0.127", 0);
-  expect_near(0.5 * 1900 * G * 1.5 / 2.75, 1900 * number(got_y[rows - 1]) - fyr - fxf * 0.25, BY_FORMAT(1e-6, 2), "front, N", 0);
+  const double load[2] = { 1900 * G * 1.5 / 2.75, 1900 * G * 1.25 / 2.75 };
+  c.tyre_saturation_inverse_friction = (tse_setting)(1 / 1.05);
+  for (int shape = 0; shape <= 1; shape++) {
+    c.tyre_saturation_shape = (tse_setting)shape;
+    const tse_params p = prepared(&c);
+    const law of_shape = shape ? root : brush;
+    for (int i = -60; i <= 60; i++) {
+      tse_effect_memory m;
+      point pt;
+      memset(&m, 0, sizeof m);
+      memset(&pt, 0, sizeof pt);
+      pt.vx = pt.u.v_front = pt.u.v_rear = real(20);
+      pt.g.slip_front = pt.g.slip_rear = real(0.05 * i);
+      effects_at(&p, &m, m.lag, vehicle_stiffness(&p, real(0), real(0), real(0)), &pt);
+      expect_near(of_shape(1.2e5, 0.05 * i, 0, load[0], 0, 0, 0), 1900 * number(pt.fy_front), BY_FORMAT(1e-9, 1e-6) * load[0], "front", i);
+      expect_near(of_shape(1.4e5, 0.05 * i, 0, load[1], 0, 0, 1), 1900 * number(pt.fy_rear), BY_FORMAT(1e-9, 1e-6) * load[1], "rear", i);
+    }
+  }
+  expect_near(1.05 * load[0], brush(1.2e5, 3, 0, load[0], 0, 0, 0), 1e-9, "the limit of the reference", 0);
 }
 
 static void test_combined_slip_takes_from_the_lateral_force(void)
