@@ -133,7 +133,7 @@ enum { MODE_ROLL, MODE_PITCH, MODE_ROLL_STEER };
 #define CALL_IF_ON(id, call) if (effect_is_on(e, TSE_EFFECT_##id)) call;
 
 /* INPUT: the steering angle that a row logs becomes that of the wheels. Once a row, dt since the last one.
- *   Updated:  m, settled or not   Returned: [rad] */
+ *   Updated:  m   Returned: [rad] */
 static inline tse_real effects_steer(const tse_effects *e, tse_effect_memory *m, tse_real steer, tse_real dt)
 {
 #define CALL_CONSTANT(id)
@@ -147,6 +147,7 @@ static inline tse_real effects_steer(const tse_effects *e, tse_effect_memory *m,
 #include "tse/effects.def"
 #undef CALL_INPUT
 #define CALL_INPUT(id)
+  m->steered = 1;
   return steer;
 }
 
@@ -275,7 +276,7 @@ extern "C" {
 /* Memory at rest at this state: tyres hold the kinematic slip, modes the acceleration. Returned: pt evaluated. */
 void effects_settle(const tse_params *p, tse_effect_memory *m, stiffness k, point *pt);
 
-/* The next row settles: after a gap, or when the state has been set anew. Clock and heading go on. */
+/* The next row settles: after a gap, or when the state has been set anew. Clock, heading and steering go on. */
 void effects_unsettle(tse_effect_memory *m);
 
 /* (7) with the effects, from the evaluated point `at` to the row of inputs `to` and `g`, dt later; `at` is then that point. */

@@ -116,6 +116,7 @@ static void step(const tse_params *p, tse_effect_memory *m, stiffness k, inputs 
   effects_at(p, m, m->lag, k, &b);
   effects_remember(e, m, at, &b, h);
   b.ahead = TSE_R(0);
+  if (effect_is_on(e, TSE_EFFECT_rear_roll_steer)) effects_at(p, m, m->lag, k, &b); /* the roll was foretold so far */
   *at = b;
 }
 
@@ -129,13 +130,14 @@ void effects_settle(const tse_params *p, tse_effect_memory *m, stiffness k, poin
     m->mode[MODE_ROLL][0] = m->mode[MODE_ROLL_STEER][0] = pass ? pt->force.y : TSE_R(0);
     m->mode[MODE_PITCH][0] = pt->force.x;
   }
+  effects_at(p, m, m->lag, k, pt);
   m->settled = 1;
 }
 
 void effects_unsettle(tse_effect_memory *m)
 {
   m->settled = 0;
-  m->steer.count = m->imu.count = 0;
+  m->imu.count = 0;
 }
 
 static given given_between(const given *a, const given *b, tse_real share)
