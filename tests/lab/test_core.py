@@ -27,9 +27,18 @@ def test_version_is_that_of_the_header():
 
 
 def test_settings_are_the_rows_of_the_table():
-    text = (HEADERS / "config.def").read_text()
-    names = re.findall(r"^(?:REAL|INT)\((\w+),", text, re.M)
+    names = []
+    for line in (HEADERS / "config.def").read_text().splitlines():
+        if line.startswith('#include "tse/effects.def"'):
+            names += effect_settings()
+        elif found := re.match(r"(?:REAL|INT)\((\w+),", line):
+            names.append(found[1])
     assert list(Config().fields) == names
+
+
+def effect_settings():
+    text = (HEADERS / "effects.def").read_text()
+    return ["_".join(p) for p in re.findall(r"^EFFECT_PARAMETER\((\w+), (\w+), (?:STRENGTH|SHAPE),", text, re.M)]
 
 
 def test_defaults_lie_inside_their_ranges():
