@@ -133,7 +133,7 @@ enum { MODE_ROLL, MODE_PITCH, MODE_ROLL_STEER };
 #define CALL_IF_ON(id, call) if (effect_is_on(e, TSE_EFFECT_##id)) call;
 
 /* INPUT: the steering angle that a row logs becomes that of the wheels. Once a row, dt since the last one.
- *   Updated:  m, settled or not   Returned: [rad] */
+ *   Updated:  m   Returned: [rad] */
 static inline tse_real effects_steer(const tse_effects *e, tse_effect_memory *m, tse_real steer, tse_real dt)
 {
 #define CALL_CONSTANT(id)
@@ -147,6 +147,7 @@ static inline tse_real effects_steer(const tse_effects *e, tse_effect_memory *m,
 #include "tse/effects.def"
 #undef CALL_INPUT
 #define CALL_INPUT(id)
+  m->steered = 1;
   return steer;
 }
 
@@ -252,13 +253,15 @@ static inline void effects_at(const tse_params *p, const tse_effect_memory *m, c
   effects_forces(p, m, pt);
 }
 
+#define MOST_RATE TSE_R(1e6) /* 1/s: a length of micrometres is none, and no infinite number */
+
 /* [1/s] rates of the states of LAG, front and rear slip angle, front and rear slip; 0: no state. */
 static inline void effects_lag_rates(const tse_effects *e, const point *pt, tse_real rate[4])
 {
   const int lateral = effect_is_on(e, TSE_EFFECT_relaxation), along = effect_is_on(e, TSE_EFFECT_longitudinal_relaxation);
-  rate[0] = rate[1] = lateral ? relaxation_rate(e, pt) : TSE_R(0);
-  rate[2] = along ? longitudinal_relaxation_rate(e, pt->s.inv_front) : TSE_R(0);
-  rate[3] = along ? longitudinal_relaxation_rate(e, pt->s.inv_rear) : TSE_R(0);
+  rate[0] = rate[1] = lateral ? r_min(relaxation_rate(e, pt), MOST_RATE) : TSE_R(0);
+  rate[2] = along ? r_min(longitudinal_relaxation_rate(e, pt->s.inv_front), MOST_RATE) : TSE_R(0);
+  rate[3] = along ? r_min(longitudinal_relaxation_rate(e, pt->s.inv_rear), MOST_RATE) : TSE_R(0);
 }
 
 /* motion.c */
@@ -273,7 +276,7 @@ extern "C" {
 /* Memory at rest at this state: tyres hold the kinematic slip, modes the acceleration. Returned: pt evaluated. */
 void effects_settle(const tse_params *p, tse_effect_memory *m, stiffness k, point *pt);
 
-/* The next row settles: after a gap, or when the state has been set anew. Clock and heading go on. */
+/* The next row settles: after a gap, or when the state has been set anew. Clock, heading and steering go on. */
 void effects_unsettle(tse_effect_memory *m);
 
 /* (7) with the effects, from the evaluated point `at` to the row of inputs `to` and `g`, dt later; `at` is then that point. */

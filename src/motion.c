@@ -85,6 +85,20 @@ static void solve(const solver *m, const tse_real f[MOTION], tse_real k[MOTION])
   }
 }
 
+/* What the inputs alone change of the lags' derivatives from u0 to u: h df/dt. Added to the first stage of ROS2 and taken from
+ * the second, times g, as Rosenbrock methods do with explicit time; without it a lag much shorter than the step, which follows
+ * its slip at once, would overshoot by 1/(2 g). */
+static void input_drift(const tse_params *p, const point *at, inputs u, const given *g, tse_real ramp[4])
+{
+  tse_real rate[4];
+  effects_lag_rates(&p->effects, at, rate);
+  const tse_real ahead = r_mul(r_mul(u.steer - at->u.steer, at->vx), at->s.inv_body);
+  ramp[0] = r_mul(rate[0], ahead + g->slip_front - at->g.slip_front);
+  ramp[1] = r_mul(rate[1], g->slip_rear - at->g.slip_rear);
+  ramp[2] = r_mul(rate[2], r_mul(u.v_front - at->u.v_front, at->s.inv_front));
+  ramp[3] = r_mul(rate[3], r_mul(u.v_rear - at->u.v_rear, at->s.inv_rear));
+}
+
 static tse_real kept(tse_real x) { return r_abs(x) < LEAST ? TSE_R(0) : x; }
 
 /* ROS2 as vehicle_step(). The point at the end is the first stage of the next step, too. */
@@ -93,9 +107,14 @@ static void step(const tse_params *p, tse_effect_memory *m, stiffness k, inputs 
   const tse_effects *const e = &p->effects;
   const solver lu = factor(p, at, r_mul(TSE_R(0.29289321881345254), h));
   const tse_real half = r_mul(TSE_R(0.5), h);
-  tse_real f[MOTION], k1[MOTION], k2[MOTION], lag[4];
+  tse_real f[MOTION], k1[MOTION], k2[MOTION], lag[4], ramp[4];
   point b;
   motion_of(e, at, m->lag, f);
+  if (lu.lags) {
+    input_drift(p, at, u, g, ramp);
+    for (int i = 0; i < 4; i++) ramp[i] = r_mul(TSE_R(0.29289321881345254), ramp[i]);
+    for (int i = 0; i < 4; i++) f[3 + i] += ramp[i];
+  }
   solve(&lu, f, k1);
   b.vx = at->vx + r_mul(h, k1[0]);
   b.vy = at->vy + r_mul(h, k1[1]);
@@ -107,6 +126,7 @@ static void step(const tse_params *p, tse_effect_memory *m, stiffness k, inputs 
   effects_at(p, m, lag, k, &b);
   motion_of(e, &b, lag, f);
   for (int i = 0; i < (lu.lags ? MOTION : 3); i++) f[i] = f[i] - k1[i] - k1[i];
+  for (int i = 0; i < 4 && lu.lags; i++) f[3 + i] = f[3 + i] - ramp[i];
   solve(&lu, f, k2);
   b.vx = at->vx + r_mul(half, k1[0] + k1[0] + k1[0] + k2[0]);
   b.vy = at->vy + r_mul(half, k1[1] + k1[1] + k1[1] + k2[1]);
@@ -116,6 +136,7 @@ static void step(const tse_params *p, tse_effect_memory *m, stiffness k, inputs 
   effects_at(p, m, m->lag, k, &b);
   effects_remember(e, m, at, &b, h);
   b.ahead = TSE_R(0);
+  if (effect_is_on(e, TSE_EFFECT_rear_roll_steer)) effects_at(p, m, m->lag, k, &b); /* the roll was foretold so far */
   *at = b;
 }
 
@@ -129,13 +150,14 @@ void effects_settle(const tse_params *p, tse_effect_memory *m, stiffness k, poin
     m->mode[MODE_ROLL][0] = m->mode[MODE_ROLL_STEER][0] = pass ? pt->force.y : TSE_R(0);
     m->mode[MODE_PITCH][0] = pt->force.x;
   }
+  effects_at(p, m, m->lag, k, pt);
   m->settled = 1;
 }
 
 void effects_unsettle(tse_effect_memory *m)
 {
   m->settled = 0;
-  m->steer.count = m->imu.count = 0;
+  m->imu.count = 0;
 }
 
 static given given_between(const given *a, const given *b, tse_real share)

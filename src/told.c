@@ -74,7 +74,8 @@ const tse_params *told_begin(const tse_params *p, tse_filter *f, sample *y, tse_
 {
   *row = *p;
   if (f->effects.settled) scale(p, f->effect_level, row);
-  if (y->has_steer) y->u.steer = effects_steer(&p->effects, &f->effects, y->u.steer, y->dt);
+  if (y->has_steer) y->u.steer = effects_steer(&p->effects, &f->effects, y->u.steer, y->dt + f->effects.steer_lost);
+  f->effects.steer_lost = y->has_steer ? TSE_R(0) : f->effects.steer_lost + y->dt;
   return row;
 }
 

@@ -36,7 +36,9 @@ typedef struct tse_effect_memory {
   tse_real lag[4];                      /* slip angle front, rear [rad], slip front, rear: what tyres hold */
   tse_real mode[3][2];                  /* body roll, pitch, roll steer: lagged acceleration and its rate  */
   tse_real time, heading;               /* [s], [turns] since the start                                    */
+  int32_t steered;                      /* 0: the next angle is the first                                  */
   tse_real steer_in, steer_out;         /* [rad] of the last row, before and after the lag                 */
+  tse_real steer_lost;                  /* [s] since then, when angles were missing                        */
   tse_delay steer, imu;
 #endif
 } tse_effect_memory;
