@@ -16,11 +16,10 @@ from scipy.optimize import minimize_scalar
 
 from tselab.core import Config
 from tselab.errors import UserError
-from tselab.log import DRIVES, MEASURES, Log
+from tselab.log import DRIVES, MEASURES, OPTIONAL, Log
 from tselab.noise import channel_noise, filled
 
-OPTIONAL = ("vehicle_speed", "wheel_torque_front", "wheel_torque_rear")
-CHANNELS = MEASURES + OPTIONAL
+CHANNELS = MEASURES + tuple(OPTIONAL)
 SLOWEST = 3.0  # m/s: below it the tyre model is another one, and wheel speeds are counted too coarsely
 STEEPEST = 0.6  # rad of road-wheel angle
 BLOCK = 0.04  # s: residuals are averaged over so long
@@ -74,9 +73,7 @@ def prepare(log: Log, config: Config) -> Prepared:
         raise UserError(f"{log.path}: rows must come at least every 0.1 s to compare them with a simulation")
     raw = {name: log.data[name].to_numpy(float) for name in DRIVES}
     measured = {name: log.data[name].to_numpy(float) for name in MEASURES}
-    for name in OPTIONAL:
-        if name in log.ref:
-            measured[name] = log.ref[name].to_numpy(float)
+    measured |= {name: log.extra[name].to_numpy(float) for name in log.extra}
     moving = np.abs(0.5 * (raw["wheel_speed_front"] + raw["wheel_speed_rear"])) * config.wheel_radius_front > SLOWEST
     inputs = {name: smoothed(log.time, x) for name, x in raw.items()}
     speed = 0.5 * (config.wheel_radius_front * inputs["wheel_speed_front"] + config.wheel_radius_rear * inputs["wheel_speed_rear"])
