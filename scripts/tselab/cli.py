@@ -13,6 +13,7 @@ import click
 
 from tselab import __version__, maneuvers
 from tselab.errors import UserError
+from tselab.gap.commands import gap
 from tselab.montecarlo import STUDIES
 
 FILE = click.Path(path_type=Path)
@@ -634,6 +635,9 @@ def montecarlo(
     text, files = write(plan, rows, out)
     click.echo(text)
     click.echo(f"Written to {out}: {', '.join(f.name for f in files)}")
+
+
+cli.add_command(gap)
 
 
 def main() -> None:

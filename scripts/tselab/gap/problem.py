@@ -117,6 +117,11 @@ class Problem:
         count = good.sum(axis=1)
         return np.where(good, table, 0.0).sum(axis=1) / np.maximum(count, 1), count
 
+    @property
+    def measured(self) -> np.ndarray:
+        """What was measured, one value per entry of the residual vector; NaN where it is missing."""
+        return np.where(self.weight > 0, self._measured, np.nan)
+
     def quantity(self, name: str) -> np.ndarray:
         """An input or a measurement as blocks, one value per entry of the residual vector."""
         parts = []

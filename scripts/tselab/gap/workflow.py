@@ -19,9 +19,10 @@ from tselab.errors import UserError
 from tselab.files import atomic
 from tselab.gap import detect, name, remainder, show, where
 from tselab.gap.catalogue import catalogue
-from tselab.gap.data import Prepared, prepare
+from tselab.gap.data import Prepared
 from tselab.gap.fit import Fit, excess, fit, gap
 from tselab.gap.problem import STIFFNESS, Problem
+from tselab.gap.workers import Workers
 from tselab.log import Log, read_log
 from tselab.vehicle import Vehicle, fill_sensors, read_vehicle
 
@@ -46,6 +47,8 @@ class Result:
     undetectable: list[detect.Detectable]
     detectable: list[detect.Detectable]
     notes: list[str] = field(default_factory=list)
+    problem: Problem | None = None  # what was fitted
+    held: Problem | None = None  # what was not
 
     def as_json(self) -> dict[str, Any]:
         """DIR/verdict.json."""
@@ -137,16 +140,18 @@ def run(
     hold_out: Sequence[Path] = (),
     jobs: int = 1,
     say: Callable[[str], None] = lambda _: None,
+    workers: Workers | None = None,
 ) -> Result:
     """All stages. Without held-out logs, every third stretch of time... is not held out: what is shown is then the fit."""
+    workers = workers or Workers(jobs)
     vehicle = read_vehicle(vehicle_path)
     say("reading the logs")
     read_logs, config = read(logs, vehicle)
     held = [read_log(p) for p in hold_out]
     key = fingerprint([*logs, *hold_out], config, "1")
     folder = out / "stages"
-    prepared: list[Prepared] = stage(folder, key, "prepared", lambda: [prepare(x, config) for x in read_logs])
-    problem = Problem(prepared, config, jobs)
+    prepared: list[Prepared] = stage(folder, key, "prepared", lambda: workers.prepare(read_logs, config))
+    problem = workers.problem(prepared, config)
     if not problem.logs:
         raise UserError("; ".join(n for p in prepared for n in p.notes) or "no log can be compared")
     effects = list(catalogue().values())
@@ -167,13 +172,16 @@ def run(
     left = remainder.remainder(problem, naming.final.residuals, features, NOISE_LIMIT)
     seen = detect.detectable(problem, naming.final, [e for e in effects if e.id not in {n.effect.id for n in naming.named}])
     changes: dict[str, show.Change] = {}
+    other: Problem | None = None
     if held:
         say("held-out logs")
-        prepared_held = stage(folder, key, "held_out", lambda: [prepare(x, config) for x in held])
-        other = Problem(prepared_held, config, jobs)
+        prepared_held = stage(folder, key, "held_out", lambda: workers.prepare(held, config))
+        other = workers.problem(prepared_held, config)
         if other.logs:
             changes = show.held_out(other, baseline.values, naming.final.values)
-    return judge(problem, naming, conditions, entries, left, seen, changes, [n for p in prepared for n in p.notes])
+    result = judge(problem, naming, conditions, entries, left, seen, changes, [n for p in prepared for n in p.notes])
+    result.problem, result.held = problem, other if other is not None and other.logs else None
+    return result
 
 
 def judge(
