@@ -1,10 +1,12 @@
-/* src/effects/body_roll.h - accel_y + g gain x: the car leans out of the turn by gain x, x: lateral acceleration through a
- * second-order mode (effects_mode). Typical gain 3 .. 6 degrees per g, 1.2 .. 2 Hz, damping 0.2 .. 0.4. */
+/* src/effects/body_roll.h - accel_y + gain (g x - height x''): the car leans out of the turn by gain x, x: lateral acceleration
+ * through a second-order mode (effects_mode); gravity leaks in, and an IMU above the roll axis swings. Typical gain 3 .. 6 degrees
+ * per g, 1.2 .. 2 Hz, damping 0.2 .. 0.4. */
 static inline void body_roll_sensor(const tse_effects *e, tse_effect_memory *m, const point *pt, tse_real dt, tse_real y[3])
 {
-  (void)pt;
   (void)dt;
-  y[1] += r_mul(r_mul(GRAVITY, e->body_roll_gain), m->mode[MODE_ROLL][0]);
+  const tse_real *const x = m->mode[MODE_ROLL];
+  const tse_real swing = r_mul(e->body_roll_height, effects_mode_swing(x, e->body_roll_frequency, e->body_roll_damping, pt->force.y));
+  y[1] += r_mul(e->body_roll_gain, r_mul(GRAVITY, x[0]) - swing);
 }
 
 static inline void body_roll_remember(const tse_effects *e, tse_effect_memory *m, const point *a, const point *b, tse_real h)
