@@ -333,8 +333,9 @@ _ROWS = (
            "cosine weighting; k: least squares of 1/sqrt(1 + k s^2) up to 3.5 % slip"),
     Effect("relaxation", "sigma", "m", 0.3, 0.7, False, _relax, _relaxation,
            "deflection of each contact patch, front and rear up to 15 % apart; sigma: their mean"),
-    Effect("lateral_load_transfer", "k", "s4/m2", 0.002, 0.005, False, _transfer("h_lateral", lateral_transfer_k), lateral_transfer_k,
-           "own load of four tyres of degressive stiffness, through the roll mode; k: least squares up to 5 m/s2, mean of the axles"),
+    Effect("lateral_load_transfer", "k", "s4/m2", 0.002, 0.005, False,
+           _transfer("h_lateral", lateral_transfer_k), lateral_transfer_k,
+           "each tyre's load and degressive stiffness, through the roll mode; k: least squares up to 5 m/s2, mean of the axles"),
     Effect("longitudinal_load_transfer", "k", "s2/m", 0.02, 0.04, False,
            _transfer("h_longitudinal", longitudinal_transfer_k), longitudinal_transfer_k,
            "own load of the tyres, through the pitch mode; k: least squares within 4 m/s2, mean of the axles"),
@@ -364,10 +365,11 @@ _ROWS = (
     Effect("cg_shift", "d", "m", 0.05, 0.15, True, _shift, _cg,
            "to the rear for d > 0; static loads follow; the IMU moves along unless imu_x = d is given too"),
     Effect("crosswind", "w", "m/s", 3, 10, True, _wind, wind_w,
-           "side force by the flow the car feels; w: that of 2.8 w sqrt(v^2 + w^2), mean over 12 .. 32 m/s; every log starts in the "
-           "same direction, the wind 70 .. 110 degrees to it"),
+           "side force by the flow the car feels; w: that of 2.8 w sqrt(v^2 + w^2), mean over 12 .. 32 m/s; every log starts "
+           "in the same direction, the wind 70 .. 110 degrees to it"),
     Effect("conicity", "front", "N", 50, 150, True, _cone,
-           lambda c: {"front": c["conicity_front"], "rear": c["conicity_rear"]}, "in proportion to wheel load; rear: 0.4 .. 1 of the front"),
+           lambda c: {"front": c["conicity_front"], "rear": c["conicity_rear"]},
+           "in proportion to wheel load; rear: 0.4 .. 1 of the front"),
     Effect("rear_roll_steer", "k", "rad/rad", 0.03, 0.1, False, _roll_steer,
            lambda c: {"k_per_mps2": c["rear_roll_steer"], "f": c["f_roll"], "zeta": c["z_roll"]},
            "rear wheels steered by the roll mode; k: per rad of roll; k_per_mps2: per m/s2 of steady lateral acceleration"),
@@ -380,15 +382,16 @@ _ROWS = (
            lambda car, value, rng: car.update(drift=value * _per_kappa(value)), drift_kappa,
            "exponential over each log, time constant T/1.5; kappa: least squares of c (1 + kappa t/T), c free"),
     # outside the catalogue
-    Effect("steering_play", "half", "rad", 0.2 * DEGREE, 0.3 * DEGREE, False, _set("play"), _read("half", "play"), "backlash", True),
+    Effect("steering_play", "half", "rad", 0.05 * DEGREE, 0.12 * DEGREE, False, _set("play"), _read("half", "play"),
+           "backlash", True),
     Effect("gust_train", "peak", "N", 500, 1000, True, _set("gust"), _read("peak", "gust"),
            "side force in gusts of 0.4 .. 1 s at random times, 0.45 m ahead of the centre of gravity", True),
-    Effect("axle_resonance", "gain", "1", 0.2, 0.4, False,
+    Effect("axle_resonance", "gain", "1", 0.08, 0.16, False,
            lambda car, value, rng: car.update(resonance=value, f_resonance=rng.uniform(4.0, 5.5)), _read("gain", "resonance"),
            "rear axle's side force of a 4 .. 5.5 Hz mode of damping 0.06 that road and lateral acceleration shake", True),
     Effect("low_grip_patch", "loss", "1", 0.4, 0.65, False, _set("patch"), _read("loss", "patch"),
            "share of stiffness lost on 25 m of road, once a log", True),
-    Effect("sticking_steering_sensor", "step", "rad", 0.3 * DEGREE, 0.6 * DEGREE, False, _set("stick"), _read("step", "stick"),
+    Effect("sticking_steering_sensor", "step", "rad", 0.1 * DEGREE, 0.3 * DEGREE, False, _set("stick"), _read("step", "stick"),
            "the logged angle stays until it is off by the step", True),
     Effect("speed_dependent_ratio", "eps", "1", 0.08, 0.15, True, _set("ratio_v"), _read("eps", "ratio_v"),
            "angle times 1 + eps (v - 20)/20", True),
@@ -434,7 +437,8 @@ def hide(car: Car, effects: dict[str, float | dict[str, float]], rng: np.random.
     for key, value in asked.items():
         e = EFFECTS[key]
         truth.append({
-            "id": key, "parameter": e.parameter, "value": value, "unit": e.unit, "parameters": {e.parameter: value, **e.measure(car)},
-            "typical": [e.low, e.high], "how": e.how, "outside": e.outside,
+            "id": key, "parameter": e.parameter, "value": value, "unit": e.unit,
+            "parameters": {e.parameter: value, **e.measure(car)}, "how": e.how,
+            "typical": [e.low, e.high], "outside": e.outside,
         })  # fmt: skip
     return truth

@@ -181,7 +181,7 @@ def _rates(p: SimpleNamespace, state: np.ndarray, u: np.ndarray) -> tuple[np.nda
     rate[10] = (np.maximum(ENGINE_DRAG - wanted, 0) - v.brake) / BRAKE_LAG
     rate[11] = (p.compliance * fy[:2].sum(0) - v.rack) / RACK_LAG
     rate[12] = v.dq
-    rate[13] = p.w_res**2 * (fy_cg + shake - v.q) - 2 * RESONANCE_DAMPING * p.w_res * v.dq
+    rate[13] = p.w_res**2 * (fy_cg - shaking / p.mass + shake - v.q) - 2 * RESONANCE_DAMPING * p.w_res * v.dq
     rate[14:18] = (p.drive_share * v.drive - p.brake_share * v.brake - p.radius * fx) / p.wheel_inertia
     # Deflection y of the contact patch: dy/dt = sliding speed - |v| y/sigma; state y/sigma.
     rate[18:22] = np.abs(along) * (angle - bent_y) / np.where(p.sigma_y > 0, p.sigma_y, 1.0) if has.sigma_y else 0.0
