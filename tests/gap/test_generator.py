@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from generator import CATALOGUE, EFFECTS, MANOEUVRES, OUTSIDE, Case, Spec, make_cases, study
 from generator.car import NOMINAL, SENSORS, baseline
-from generator.case import _prepare, drive_of
+from generator.case import _careful, _prepare, drive_of
 from generator.effects import hide
 from generator.filters import backlash, bessel, delayed, second_order, sticking
 from generator.manoeuvres import SETTLE, Program
@@ -477,7 +477,8 @@ def test_offsets_and_side_winds_turn_the_car_as_steady_forces_do(runs):
 
 def test_losses_slow_the_coasting_car_and_only_the_torque_tells(runs):
     (clean, _), (drag, kd), (rolling, fr) = (runs["coast", k] for k in ("clean", *LOSSES))
-    slowing, v = ([f(run.slow["vx"][[200, -1]]) for run in (clean, drag, rolling)] for f in (lambda x: (x[0] - x[1]) / 8.0, np.mean))
+    ends = np.array([run.slow["vx"][[200, -1]] for run in (clean, drag, rolling)])
+    slowing, v = (ends[:, 0] - ends[:, 1]) / 8.0, ends.mean(1)
     heavy = NOMINAL["mass"] + 4 * 1.1 / 0.325**2  # with the wheels' spin
     assert slowing[1] - slowing[0] == pytest.approx(kd["kd"] * v[1] ** 2 / heavy, rel=0.01)
     there = rolling.car["rolling"] * (1 + 0.3 * (v[2] / 40) ** 2)
@@ -663,6 +664,16 @@ def test_logs_depend_on_the_seed_only_not_on_the_batch():
     (alone,) = (c.logs["highway"]["accel_y"] for c in make_cases([one]))
     assert together[2] == pytest.approx(alone, abs=1e-9)
     assert np.abs(alone - together[1]).max() > 0.1
+
+
+def test_a_driver_steers_less_where_the_car_would_slide_or_oversteer():
+    usual = _careful(baseline())
+    car = baseline()
+    hide(car, {"tyre_saturation": {"value": 2.0}}, np.random.default_rng(1))
+    assert usual == 1.0
+    assert _careful(car) == pytest.approx(0.7 * car["mu"] * G / 5.6)
+    assert _careful(car) < 0.6
+    assert 0.4 <= _careful({**baseline(), "lf": 1.5, "lr": 1.22}) < 0.8
 
 
 def test_the_same_drive_with_and_without_an_effect_differs_by_the_effect_alone(cases):

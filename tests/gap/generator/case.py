@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .car import NOMINAL, SENSORS, drawn_car
+from .car import GRAVITY, NOMINAL, SENSORS, drawn_car, understeer
 from .effects import curved_ratio, hide, warmth
 from .filters import backlash, delayed, second_order
 from .manoeuvres import CORE, HOLD_OUT, SETTLE, SIXTH, Program, drive_program
@@ -83,8 +83,12 @@ def _stream(seed: int, what: str) -> np.random.Generator:
 
 
 def _careful(car: dict[str, float]) -> float:
-    """How far a driver who feels the tyres keeps within their grip: 5.6 m/s2 is 0.7 of a peak of 0.82."""
-    return min(1.0, 0.7 * car["mu"] * 9.81 / 5.6)
+    """How far a driver who feels the car keeps from its limit, as a share of the usual steering angle.
+
+    Of grip: 5.6 m/s2 is 0.7 of a peak of 0.82. Of oversteer: at 26 m/s no more than 1.25 times the usual gain."""
+    turn = (NOMINAL["lf"] + NOMINAL["lr"]) / 26.0**2
+    angle = max(0.0, turn + understeer(car)) / (turn + understeer(NOMINAL))  # for the same turn, over the usual one
+    return min(1.0, 0.7 * car["mu"] * GRAVITY / 5.6, max(0.4, 1.25 * angle))
 
 
 def _steering(car: dict[str, float], wheel: np.ndarray) -> np.ndarray:
