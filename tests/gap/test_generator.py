@@ -21,7 +21,7 @@ from generator.manoeuvres import SETTLE, Program
 from generator.model import OUTPUTS, SLOW, STEP, simulate
 from generator.road import slope
 from generator.sensors import imu
-from generator.tyre import LATERAL_C, magic_formula, side_force_weight
+from generator.tyre import LATERAL_C, load_factor, magic_formula, side_force_weight
 
 G = 9.81
 ROOT = Path(__file__).resolve().parents[2]
@@ -87,7 +87,7 @@ LINEAR = (
     "aligning_moment", "body_roll",
 )  # fmt: skip
 TURNS = ("tyre_saturation", "combined_slip", "lateral_load_transfer", "longitudinal_load_transfer", "stiffness_drift",
-         "pitch_leak", "imu_scale_ax", "low_grip_patch")  # fmt: skip
+         "pitch_leak", "imu_scale_ax", "low_grip_patch", "imu_misalignment", "imu_lever_arm")  # fmt: skip
 OFFSETS = ("steering_offset", "conicity", "crosswind")
 LOSSES = ("aero_drag", "rolling_resistance")
 OTHERS = ("steering_play", "gust_train", "axle_resonance", "speed_dependent_ratio", "active_front_steering")
@@ -271,6 +271,15 @@ def test_magic_formula_has_the_slope_and_the_peak_it_is_given():
         assert force == pytest.approx(-force[::-1])
 
 
+def test_cornering_stiffness_is_degressive_in_load_and_largest_at_twice_the_static_load():
+    load = np.linspace(0, 4, 4001)
+    factor = load_factor(load)
+    assert load_factor(np.array(1.0)) == pytest.approx(1)
+    assert load[np.argmax(factor)] == pytest.approx(2.0, abs=0.01)
+    assert factor.max() == pytest.approx(1 / np.sin(2 * np.arctan(0.5)))
+    assert (np.diff(factor[:1001], 2) < 1e-12).all()
+
+
 def test_a_car_that_slides_feels_no_more_than_its_friction(plain):
     most = np.abs(plain["slide"].fast["fy"]).max()
     assert 0.93 * 0.6 * G < most < 1.06 * 0.6 * G  # above 1: the driven front wheels pull by F delta
@@ -349,6 +358,29 @@ def test_linear_effects_move_gain_and_phase_by_their_parameters(runs, name):
     assert (np.abs(found - expected) < tolerance).all(), (found, expected, bare)
     if name not in ("clean", "wheel_radius", "imu_misalignment"):
         assert (np.abs(expected / bare - 1)).max() > 0.008  # it shows
+
+
+def test_a_sensor_off_the_centre_of_gravity_feels_the_acceleration_of_its_own_place(runs):
+    """From the velocity of that place over ground."""
+    run, p = runs["turn", "imu_lever_arm"]
+    s, place = run.slow, p["lx"] + 1j * p["ly"]
+    ground = np.exp(1j * s["psi"]) * (s["vx"] + 1j * s["vy"] + 1j * s["r"] * place)
+    felt = np.gradient(ground, 0.01) * np.exp(-1j * s["psi"])
+    x, y = run.imu[::10, 0], run.imu[::10, 1]
+    assert x[5:-5] == pytest.approx(felt.real[5:-5], abs=0.012)
+    assert y[5:-5] == pytest.approx(felt.imag[5:-5], abs=0.02)
+    assert abs(p["lx"]) * s["r"].max() ** 2 > 5e-3
+
+
+def test_a_sensor_turned_to_the_left_reads_side_force_as_push(runs):
+    run, p = runs["turn", "imu_misalignment"]
+    fx, fy = run.fast["fx"], run.fast["fy"]
+    along, across = np.linalg.lstsq(np.stack([fx, fy, 0 * fx + 1], 1), run.imu[:, 0], rcond=None)[0][:2]
+    assert along == pytest.approx(np.cos(p["psi"]), abs=2e-3)
+    assert across == pytest.approx(np.sin(p["psi"]), abs=1e-3)
+    across, along = np.linalg.lstsq(np.stack([fx, fy, 0 * fx + 1], 1), run.imu[:, 1], rcond=None)[0][:2]
+    assert across == pytest.approx(-np.sin(p["psi"]), abs=1e-3)
+    assert abs(np.sin(p["psi"])) > 0.015
 
 
 def test_a_wrong_radius_is_a_wrong_speed(runs):

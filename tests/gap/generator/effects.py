@@ -357,7 +357,7 @@ _ROWS = (
     Effect("imu_scale_ay", "s", "1", 0.01, 0.05, True, _set("scale_y"), _read("s", "scale_y"), SAME),
     Effect("gyro_scale", "s", "1", 0.01, 0.03, True, _set("scale_r"), _read("s", "scale_r"), SAME),
     Effect("imu_misalignment", "psi", "rad", 1 * DEGREE, 3 * DEGREE, True, _misalign, _read("psi", "imu_yaw"),
-           "exact rotation about three axes; roll and pitch up to a third of psi"),
+           "exact rotation about three axes; psi > 0: axes turned left, ax reads ay sin(psi); roll and pitch up to a third of psi"),
     Effect("imu_delay", "tau", "s", 0.010, 0.030, False, _set("imu_delay"), imu_delay_tau,
            "two-pole Bessel filter; tau: nearest pure delay from 0.2 to 3 Hz"),
     Effect("mass", "eps", "1", 0.10, 0.20, False, _scaled("mass"), _relative("eps", "mass"), "yaw inertia stays"),

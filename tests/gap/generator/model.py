@@ -80,7 +80,9 @@ def _parameters(drives: list[Drive]) -> SimpleNamespace:
         road=bool(p.grade_profile[0].any() or p.bank_profile[0].any()), mu=bool((p.mu < RIGID).any()),
         air=bool(np.any([p.drag, p.wind_x, p.wind_y])), exact=bool(p.exact.any()), load=bool(p.load_sensitive.any()),
         combined=bool(p.combined.any()), sigma_y=bool(p.sigma_y.any()), sigma_x=bool(p.sigma_x.any()),
-        trail=bool(p.trail.any()), patch=bool(p.patch.any()), rolling=bool(p.rolling.any()),
+        trail=bool(p.trail.any()), patch=bool(p.patch.any()), rolling=bool(p.rolling.any()), drift=bool(p.drift.any()),
+        steering=bool(np.any([p.ratio_v, p.active, p.compliance])), conicity=bool(p.conicity.any()),
+        gust=bool(p.gust.any()), resonance=bool(p.resonance.any()),
     )  # fmt: skip
     return p
 
@@ -111,8 +113,10 @@ def _rates(p: SimpleNamespace, state: np.ndarray, u: np.ndarray) -> tuple[np.nda
     v.omega, bent_y, bent_x = state[14:18], state[18:22], state[22:26]
     has = p.has
 
-    steer = steer0 * (1 + p.ratio_v * (v.vx - 20.0) / 20.0) - v.rack
-    steer = steer - p.active * (v.r - v.vx * steer0 / (p.wheelbase + p.driver_understeer * v.vx**2))
+    steer = steer0
+    if has.steering:
+        steer = steer0 * (1 + p.ratio_v * (v.vx - 20.0) / 20.0) - v.rack
+        steer = steer - p.active * (v.r - v.vx * steer0 / (p.wheelbase + p.driver_understeer * v.vx**2))
     angle, slip, along, cos, sin = _slips(p, v, steer)
 
     load, cx, cy = p.static, p.cx, p.cy
@@ -121,11 +125,13 @@ def _rates(p: SimpleNamespace, state: np.ndarray, u: np.ndarray) -> tuple[np.nda
         relative = load / p.static
         cy = cy * (1 + p.load_sensitive * (load_factor(relative) - 1))
         cx = cx * (1 + p.load_sensitive * (relative - 1))
-    level = 1 + p.drift * warmth
+    if has.drift:
+        level = 1 + p.drift * warmth
+        cx, cy = cx * level, cy * level
     if has.patch:
         place = v.s + p.x - p.patch_at
-        level = level * (1 - p.patch * ((place > 0) & (place < 25.0)))
-    cx, cy = cx * level, cy * level
+        level = 1 - p.patch * ((place > 0) & (place < 25.0))
+        cx, cy = cx * level, cy * level
 
     felt_y = np.where(p.sigma_y > 0, bent_y, angle) if has.sigma_y else angle
     felt_x = np.where(p.sigma_x > 0, bent_x, slip) if has.sigma_x else slip
@@ -136,7 +142,8 @@ def _rates(p: SimpleNamespace, state: np.ndarray, u: np.ndarray) -> tuple[np.nda
         fy, fx = cy * felt_y, cx * felt_x
     if has.combined:
         fy = fy * side_force_weight(felt_x, p.combined)
-    fy = fy + p.conicity * load / p.static
+    if has.conicity:
+        fy = fy + p.conicity * load / p.static
     # Rolling resistance shifts the wheel load forward: a force on the car that does not turn the wheel.
     contact = fx - p.rolling * load * (1 + 0.3 * (v.vx / 40.0) ** 2) if has.rolling else fx
 
@@ -144,9 +151,12 @@ def _rates(p: SimpleNamespace, state: np.ndarray, u: np.ndarray) -> tuple[np.nda
     moment = (p.x * body_y - p.y * body_x).sum(0)
     if has.trail:
         moment = moment - (p.trail * trail_weight(felt_y) * fy).sum(0)
-    shaking = p.resonance * p.mass * v.dq / p.w_res
-    force_x, force_y = body_x.sum(0), body_y.sum(0) + gust + shaking
-    moment = moment + p.wind_arm * gust - p.lr * shaking
+    force_x, force_y = body_x.sum(0), body_y.sum(0)
+    if has.gust:
+        force_y, moment = force_y + gust, moment + p.wind_arm * gust
+    if has.resonance:
+        shaking = p.resonance * p.mass * v.dq / p.w_res
+        force_y, moment = force_y + shaking, moment - p.lr * shaking
     if has.air:
         c, s = np.cos(v.psi), np.sin(v.psi)
         head, side = v.vx - (p.wind_x * c + p.wind_y * s), p.wind_y * c - p.wind_x * s - v.vy
@@ -171,7 +181,7 @@ def _rates(p: SimpleNamespace, state: np.ndarray, u: np.ndarray) -> tuple[np.nda
 
     wanted = p.driver_mass * (accel + SPEED_GAIN * (speed - v.vx)) * p.radius[0]
     wanted = np.where(coast > 0.5, ENGINE_DRAG, wanted)
-    rate = np.empty_like(state)
+    rate = np.zeros_like(state)
     rate[0] = axis_x + v.vy * v.r
     rate[1] = axis_y - v.vx * v.r
     rate[2] = yaw_acc
@@ -179,13 +189,17 @@ def _rates(p: SimpleNamespace, state: np.ndarray, u: np.ndarray) -> tuple[np.nda
     rate[5], rate[6], rate[7], rate[8] = v.droll, ddroll, v.dpitch, ddpitch
     rate[9] = (np.maximum(wanted, ENGINE_DRAG) - v.drive) / DRIVE_LAG
     rate[10] = (np.maximum(ENGINE_DRAG - wanted, 0) - v.brake) / BRAKE_LAG
-    rate[11] = (p.compliance * fy[:2].sum(0) - v.rack) / RACK_LAG
-    rate[12] = v.dq
-    rate[13] = p.w_res**2 * (fy_cg - shaking / p.mass + shake - v.q) - 2 * RESONANCE_DAMPING * p.w_res * v.dq
+    if has.steering:
+        rate[11] = (p.compliance * fy[:2].sum(0) - v.rack) / RACK_LAG
+    if has.resonance:
+        rate[12] = v.dq
+        rate[13] = p.w_res**2 * (fy_cg - shaking / p.mass + shake - v.q) - 2 * RESONANCE_DAMPING * p.w_res * v.dq
     rate[14:18] = (p.drive_share * v.drive - p.brake_share * v.brake - p.radius * fx) / p.wheel_inertia
-    # Deflection y of the contact patch: dy/dt = sliding speed - |v| y/sigma; state y/sigma.
-    rate[18:22] = np.abs(along) * (angle - bent_y) / np.where(p.sigma_y > 0, p.sigma_y, 1.0) if has.sigma_y else 0.0
-    rate[22:26] = np.abs(along) * (slip - bent_x) / np.where(p.sigma_x > 0, p.sigma_x, 1.0) if has.sigma_x else 0.0
+    # Deflection y of a contact patch: dy/dt = sliding speed - |v| y/sigma; state y/sigma.
+    if has.sigma_y:
+        rate[18:22] = np.abs(along) * (angle - bent_y) / np.where(p.sigma_y > 0, p.sigma_y, 1.0)
+    if has.sigma_x:
+        rate[22:26] = np.abs(along) * (slip - bent_x) / np.where(p.sigma_x > 0, p.sigma_x, 1.0)
     return rate, (fx_cg, fy_cg, yaw_acc)
 
 
