@@ -158,8 +158,7 @@ def test_steady_cornering_has_the_yaw_gain_and_sideslip_of_the_handbook(plain):
     gain = v / (wheelbase + k * v**2)
     assert s["r"][-1] / 0.03 == pytest.approx(gain, rel=2e-3)
     sideslip = c["lr"] / v - c["lf"] * c["mass"] * v / (wheelbase * c["cornering_stiffness_rear"])
-    # the force that keeps the speed pulls the front axle inwards by F delta: 0.2 % of the side force
-    assert s["vy"][-1] / v / s["r"][-1] == pytest.approx(sideslip, rel=4e-3)
+    assert s["vy"][-1] / v / s["r"][-1] == pytest.approx(sideslip, rel=2e-3)
 
 
 def test_wheels_that_hardly_slip_roll_on_circles_about_one_point(plain):
@@ -534,7 +533,8 @@ def test_play_gusts_and_resonance_show_where_they_should(runs):
     more = (shaken.fast["fy"] - clean.fast["fy"])[1000:]
     power = np.abs(np.fft.rfft(more)) ** 2
     assert np.fft.rfftfreq(len(more), STEP)[np.argmax(power)] == pytest.approx(shaken.car["f_resonance"], abs=0.6)
-    assert 0.1 < more.std() < 1.0
+    # shaken by white noise alone: 3 m/s2 sqrt(w step/(4 damping)) = 1.0 of the gain; the turns add some
+    assert 0.9 < more.std() / told["gain"] < 1.7
 
 
 def test_ratio_by_speed_and_active_steering_change_the_yaw_gain_by_their_law(runs):
@@ -689,13 +689,17 @@ def test_the_vehicle_file_tells_nothing_of_what_is_hidden():
     assert len(files) == 1
 
 
-def test_logs_depend_on_the_seed_only_not_on_the_batch():
-    one, two = (Spec(str(s), {"bank": 1.0}, s, manoeuvres=("highway",), hold_out=(), duration=1.0) for s in (1, 2))
-    other = replace(two, effects={"tyre_saturation": 1.0})
-    together = [c.logs["highway"]["accel_y"] for c in make_cases([other, two, one])]
-    (alone,) = (c.logs["highway"]["accel_y"] for c in make_cases([one]))
-    assert together[2] == pytest.approx(alone, abs=1e-9)
-    assert np.abs(alone - together[1]).max() > 0.1
+def test_logs_depend_on_the_seed_only_not_on_what_else_is_in_the_batch():
+    """The other car has everything that is left out of the computation where no car has it."""
+    one, two = (Spec(str(s), {}, s, manoeuvres=("slalom",), hold_out=(), duration=2.0, noise=0.0) for s in (1, 2))
+    everything = replace(two, effects=dict.fromkeys(EFFECTS, 0.3))
+    together = [c.logs["slalom"] for c in make_cases([everything, one])]
+    (alone,) = (c.logs["slalom"] for c in make_cases([one]))
+    for k, x in alone.items():
+        # 1e-5: a tyre of friction 1000 is a magic formula beside one that saturates, and a line alone
+        assert together[1][k] == pytest.approx(x, rel=1e-5, abs=1e-5 if "torque" not in k else 1e-2), k
+    assert np.abs(alone["accel_y"]).max() > 0.8
+    assert np.abs(alone["accel_y"] - together[0]["accel_y"]).max() > 0.1
 
 
 def test_a_driver_steers_less_where_the_car_would_slide_or_oversteer():

@@ -33,7 +33,7 @@ PARTS: dict[str, float] = {
     "sigma_front": 0.0, "sigma_rear": 0.0, "sigma_x": 0.0,
     "roll_gain": 0.0, "roll_coupling": 0.0, "pitch_gain": 0.0, "pitch_coupling": 0.0,  # rad s2/m, s2
     "rear_roll_steer": 0.0, "trail": 0.0, "conicity_front": 0.0, "conicity_rear": 0.0, "drift": 0.0,
-    "drag": 0.0, "rolling": 0.0, "wind_x": 0.0, "wind_y": 0.0, "side_area": 2.8, "wind_arm": 0.45,
+    "drag": 0.0, "rolling": 0.0, "wind_x": 0.0, "wind_y": 0.0, "side_area": 0.0, "wind_arm": 0.45,
     "grade": 0.0, "bank": 0.0, "bank_wander": 0.0,  # rms, mean, rms of the road's profiles, rad
     "steer_ratio": 0.0, "steer_offset": 0.0, "steer_lag": 0.0, "steer_lag_z": 0.8, "steer_delay": 0.0, "compliance": 0.0,
     "imu_x": 0.0, "imu_y": 0.0, "scale_x": 0.0, "scale_y": 0.0, "scale_r": 0.0,
