@@ -634,6 +634,7 @@ def cases() -> dict[str, Case]:
         Spec("stick", {"sticking_steering_sensor": 1.0}, 2, manoeuvres=("slalom",), noise=0.0),
         Spec("roll", {"body_roll": 1.0}, 3, manoeuvres=("urban", "steps_fast")),
         Spec("plain", {}, 5, manoeuvres=("steps_slow",)),
+        Spec("silent", {}, 5, manoeuvres=("steps_slow",), noise=0.0),
         Spec("scale", {"imu_scale_ay": {"value": 0.05}}, 5, manoeuvres=("steps_slow",)),
     ]
     return {c.spec.name: c for c in make_cases([replace(s, hold_out=(), duration=12.0) for s in specs])}
@@ -659,6 +660,17 @@ def test_with_noise_the_residual_of_clean_logs_is_the_sensors_noise(cases):
     # wheel speeds' noise (0.02 rad/s, slip times Cx/m) adds 1 .. 3 % to accel_x
     assert rms.max() < 1.05
     assert rms.min() > 0.96
+
+
+def test_logs_have_the_biases_told_and_the_noise_of_the_vehicle_file(cases):
+    noisy, silent = (cases[k].logs["steps_slow"] for k in ("plain", "silent"))
+    told = cases["plain"].biases["log_steps_slow"]
+    for name in ("accel_x", "accel_y", "yaw_rate", "wheel_speed_front", "wheel_speed_rear"):
+        sd = SENSORS.get(f"{name}_sd", SENSORS["wheel_noise_sd"])
+        off = noisy[name] - silent[name]
+        assert off.mean() == pytest.approx(told.get(name, 0.0), abs=4 * sd / np.sqrt(len(off)))
+        assert off.std() == pytest.approx(sd, rel=0.08)
+    assert any(abs(told[k]) > 0.3 * SENSORS[f"{k}_bias_sd"] for k in told)
 
 
 def test_logs_and_vehicle_are_read_by_tselab(cases, tmp_path):
