@@ -99,7 +99,7 @@ def rigs():
     brake = -5.0 * (ramp(1.0, 0.2) - ramp(3.0, 0.2))
     swing = np.sin(2 * np.pi * (0.5 + 0.2 * T) * T) * ramp(0, 0.5)
     hill, side = {**baseline(), "grade": 0.03}, {**baseline(), "bank": 0.04, "bank_wander": 0.01}
-    agile = {**baseline(), "exact": 1.0, "cornering_stiffness_front": 1.0e6, "cornering_stiffness_rear": 1.2e6}
+    agile = {**baseline(), "exact": 1.0, "ackermann": 1.0, "cornering_stiffness_front": 1.0e6, "cornering_stiffness_rear": 1.2e6}
     swings = {"roll_gain": 0.008, "roll_coupling": 0.0025, "pitch_gain": 0.004, "pitch_coupling": 0.0005}
     lively = {**baseline(), **swings, "exact": 1.0}
     plain = {
@@ -168,6 +168,14 @@ def test_wheels_that_hardly_slip_roll_on_circles_about_one_point(plain):
     assert s["r"][-1] / s["vx"][-1] == pytest.approx(np.tan(delta) / wheelbase, rel=0.02)
     assert s["wf"][-1] / s["wr"][-1] == pytest.approx(1 / np.cos(delta), rel=2e-3)  # the front axle goes the longer way
     assert s["wf"][-1] / s["wr"][-1] > 1.012
+
+
+def test_forces_of_wheels_that_are_turned_far_balance_along_and_across_the_car(plain):
+    s, c, delta = plain["agile"].slow, baseline(), 0.18
+    v, vy, r = s["vx"][-1], s["vy"][-1], s["r"][-1]
+    along = s["tf"][-1] / 0.325  # of the driven front wheels
+    across = (c["mass"] * v * r * c["lr"] / (c["lf"] + c["lr"]) - along * np.sin(delta)) / np.cos(delta)
+    assert along * np.cos(delta) - across * np.sin(delta) == pytest.approx(-c["mass"] * vy * r, rel=0.01)
 
 
 def test_torque_at_the_wheels_is_the_change_of_momentum(plain):
