@@ -426,8 +426,8 @@ def hide(car: Car, effects: dict[str, float | dict[str, float]], rng: np.random.
         typical = rng.uniform(e.low, e.high) * (rng.choice([-1.0, 1.0]) if e.signed else 1.0)
         given = isinstance(wish, dict)
         value = wish.get("value", typical * size) if given else typical * size * wish
-        asked[key] = value
-        e.apply(car, 1.0 if key == "exact_kinematics" else value, rng)
+        asked[key] = value = 1.0 if e.low == e.high else float(value)  # a switch has no size
+        e.apply(car, value, rng)
         if given:
             extra = {k: v for k, v in wish.items() if k != "value"}
             if unknown := sorted(set(extra) - set(NOMINAL) - set(PARTS)):
