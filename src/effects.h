@@ -224,6 +224,7 @@ static inline void effects_forces(const tse_params *p, const tse_effect_memory *
 #include "tse/effects.def"
 #undef CALL_BODY
 #define CALL_BODY(id)
+  if (effect_is_on(e, TSE_EFFECT_body_roll)) body_roll_body(p, m, pt); /* acts here, too */
 }
 
 /* What effects with memory take from the step of h seconds that led from point a to point b. */
