@@ -67,29 +67,36 @@ static inline void effects_mode(tse_real x[2], tse_real frequency, tse_real damp
   x[0] += r_mul(r_mul(TSE_R(0.5), h), v + x[1]);
 }
 
-/* Newest sample in. A sample that follows its predecessor closer than 1/13 of the delay takes its place, so that
+/* x'' of that mode, at a. */
+static inline tse_real effects_mode_swing(const tse_real x[2], tse_real frequency, tse_real damping, tse_real a)
+{
+  const tse_real w = r_mul(TSE_R(6.283185307179586), frequency);
+  return r_mul(w, r_mul(w, a - x[0]) - r_mul(r_mul(TSE_R(2), damping), x[1]));
+}
+
+/* Newest sample in. A sample that follows its predecessor closer than 1/9 of the delay takes its place, so that
  * TSE_DELAY_ROWS samples always reach further back than the delay. */
-static inline void effects_delay_put(tse_delay *d, tse_real delay, tse_real dt, const tse_real *value, int channels)
+static inline void effects_delay_put(tse_delay *d, tse_real was[][TSE_DELAY_ROWS], tse_real delay, tse_real dt,
+                                     const tse_real *value, int channels)
 {
   for (int i = 0; i < d->count; i++) d->age[i] += dt;
-  const int crowded = d->count > 1 && r_mul(TSE_R(13), d->age[1] - d->age[0]) < delay;
+  const int crowded = d->count > 1 && r_mul(TSE_R(9), d->age[1] - d->age[0]) < delay;
   if (d->count > 0 && !crowded) {
     const int last = d->count < TSE_DELAY_ROWS ? d->count : TSE_DELAY_ROWS - 1;
     for (int i = last; i > 0; i--) {
       d->age[i] = d->age[i - 1];
-      for (int c = 0; c < channels; c++) d->value[c][i] = d->value[c][i - 1];
+      for (int c = 0; c < channels; c++) was[c][i] = was[c][i - 1];
     }
     d->count = last + 1;
   }
   if (d->count < 1) d->count = 1;
   d->age[0] = TSE_R(0);
-  for (int c = 0; c < channels; c++) d->value[c][0] = value[c];
+  for (int c = 0; c < channels; c++) was[c][0] = value[c];
 }
 
 /* The value of `delay` seconds ago, linear between samples; the oldest where there is none. */
-static inline tse_real effects_delay_get(const tse_delay *d, tse_real delay, int channel)
+static inline tse_real effects_delay_get(const tse_delay *d, const tse_real v[TSE_DELAY_ROWS], tse_real delay)
 {
-  const tse_real *const v = d->value[channel];
   int i = 1;
   while (i < d->count && d->age[i] < delay) i++;
   if (i >= d->count) return v[d->count - 1];
@@ -217,6 +224,7 @@ static inline void effects_forces(const tse_params *p, const tse_effect_memory *
 #include "tse/effects.def"
 #undef CALL_BODY
 #define CALL_BODY(id)
+  if (effect_is_on(e, TSE_EFFECT_body_roll)) body_roll_body(p, m, pt); /* acts here, too */
 }
 
 /* What effects with memory take from the step of h seconds that led from point a to point b. */

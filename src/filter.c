@@ -1,4 +1,4 @@
-/* src/filter.c - reset and step: the page to read first. Algorithm 1 is in tse_step(); the files it calls stand in
+/* src/filter.c - reset and step: the page to read first. Algorithm 1 is in step_row(); the files it calls stand in
  * src/CMakeLists.txt in the same order. */
 #include "stages.h"
 
@@ -96,20 +96,16 @@ static tse_status judge(const tse_params *p, const tse_filter *f, const sample *
   return status;
 }
 
-tse_status tse_step(const tse_params *p, tse_filter *f, const tse_input *u, tse_output *out)
+tse_status step_row(const tse_params *own, tse_params *told, tse_filter *f, const tse_input *u, tse_output *out)
 {
-  if (!p || !f || !u) return TSE_E_NULL;
-  if (p->magic != TSE_PARAMS_MAGIC || f->magic != TSE_FILTER_MAGIC || f->fingerprint != p->fingerprint) return TSE_E_STATE;
+  const tse_params *p = own;
   sample y;
   const tse_status refused = input_decode(p, f, u, &y);
   if (refused < 0) return refused; /* nothing has changed yet */
 
   if (p->marginalised && p->notice_stuck) watch_repeats(p, f, u, &y);
 
-  const tse_params *const own = p;
-  const int told = own->effects.mask != 0; /* of effects: then p is what they make of it in this row */
-  tse_params row;
-  if (told) p = told_begin(own, f, &y, &row);
+  if (told) p = told_begin(own, f, &y, told);
 
   /* Where are we in time: the first row, after a gap, or one step further? */
   const int lost = f->held_for > p->max_gap;
@@ -134,7 +130,7 @@ tse_status tse_step(const tse_params *p, tse_filter *f, const tse_input *u, tse_
       if (told) told_push(p, f, push);
     }
   }
-  if (told) told_sample(own, &row, f, &y, moved, !slides && !frozen);
+  if (told) told_sample(own, told, f, &y, moved, !slides && !frozen);
   f->steer = y.u.steer;
   f->v_front = y.u.v_front;
   f->v_rear = y.u.v_rear;
@@ -216,6 +212,13 @@ tse_status tse_step(const tse_params *p, tse_filter *f, const tse_input *u, tse_
   now.status = (int32_t)status;
   if (out) *out = now;
   return status;
+}
+
+tse_status tse_step(const tse_params *p, tse_filter *f, const tse_input *u, tse_output *out)
+{
+  if (!p || !f || !u) return TSE_E_NULL;
+  if (p->magic != TSE_PARAMS_MAGIC || f->magic != TSE_FILTER_MAGIC || f->fingerprint != p->fingerprint) return TSE_E_STATE;
+  return p->effects.mask ? told_step(p, f, u, out) : step_row(p, NULL, f, u, out);
 }
 
 const char *tse_status_text(int32_t status)

@@ -60,6 +60,8 @@
 #define gaussian_update   TSE_NAME(tse_gaussian_update)
 #define forget            TSE_NAME(tse_forget)
 #define bias_learn_still  TSE_NAME(tse_bias_learn_still)
+#define step_row          TSE_NAME(tse_step_row)
+#define told_step         TSE_NAME(tse_told_step)
 #define told_begin        TSE_NAME(tse_told_begin)
 #define told_motion       TSE_NAME(tse_told_motion)
 #define told_push         TSE_NAME(tse_told_push)
@@ -271,11 +273,16 @@ void gaussian_update(const tse_params *p, tse_filter *f, const gaussian *g, cons
 void forget(const tse_params *p, tse_filter *f, tse_real dt);
 void bias_learn_still(const tse_params *p, tse_filter *f, const sample *y);
 
-/* told.c      what the effects of tse/effects.def change in a row, when any is on.
+/* filter.c    a row of tse_step(), Algorithm 1.   told: NULL, or where the parameters with this row's effects go */
+tse_status step_row(const tse_params *own, tse_params *told, tse_filter *f, const tse_input *u, tse_output *out);
+
+/* told.c      what the effects of tse/effects.def change in a row, when any is on. told_step: step_row() with a place for
+ *             these parameters, so that a filter without effects needs no stack for them.
  *             told_begin: y->u is that of the wheels; row: p with the secant stiffness of the row before, returned
  *             told_motion: what the weighted mean moves more with the effects than without, before propagate(); told_push: so
  *             moves every particle.   told_sample: the row's stiffness; y->y without what the effects add. moved: by (7);
  *             known: the wheels roll and are heard of, else there is no correction */
+tse_status told_step(const tse_params *p, tse_filter *f, const tse_input *u, tse_output *out);
 const tse_params *told_begin(const tse_params *p, tse_filter *f, sample *y, tse_params *row);
 void told_motion(const tse_params *p, const tse_params *row, tse_filter *f, const sample *y, tse_real push[3]);
 void told_push(const tse_params *p, tse_filter *f, const tse_real push[3]);

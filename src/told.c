@@ -10,6 +10,12 @@
  * While wheels slide, inputs are missing or rows are far apart there is no correction; memory then starts anew. */
 #include "stages.h"
 
+tse_status told_step(const tse_params *p, tse_filter *f, const tse_input *u, tse_output *out)
+{
+  tse_params row;
+  return step_row(p, &row, f, u, out);
+}
+
 #if defined(TSE_REAL_Q20) /* tse_prepare() has refused all effects that have a say here */
 
 const tse_params *told_begin(const tse_params *p, tse_filter *f, sample *y, tse_params *row)

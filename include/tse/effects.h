@@ -22,12 +22,11 @@ typedef struct tse_effects {
 #endif
 } tse_effects;
 
-#define TSE_DELAY_ROWS 16 /* samples kept; they thin out when the delay is longer than 13 rows */
+#define TSE_DELAY_ROWS 12 /* samples kept; they thin out when the delay is longer than 9 rows */
 
-typedef struct tse_delay { /* newest first */
+typedef struct tse_delay { /* when samples were taken, newest first */
   int32_t count;
-  tse_real age[TSE_DELAY_ROWS];      /* [s] */
-  tse_real value[3][TSE_DELAY_ROWS];
+  tse_real age[TSE_DELAY_ROWS]; /* [s] */
 } tse_delay;
 
 typedef struct tse_effect_memory {
@@ -37,9 +36,10 @@ typedef struct tse_effect_memory {
   tse_real mode[3][2];                  /* body roll, pitch, roll steer: lagged acceleration and its rate  */
   tse_real time, heading;               /* [s], [turns] since the start                                    */
   int32_t steered;                      /* 0: the next angle is the first                                  */
-  tse_real steer_in, steer_out;         /* [rad] of the last row, before and after the lag                 */
+  tse_real steer_in, steer_half, steer_out; /* [rad] of the last row, before, between and after the lags     */
   tse_real steer_lost;                  /* [s] since then, when angles were missing                        */
   tse_delay steer, imu;
+  tse_real steer_was[1][TSE_DELAY_ROWS], imu_was[3][TSE_DELAY_ROWS];
 #endif
 } tse_effect_memory;
 

@@ -217,7 +217,7 @@ static void test_steering_ratio_scales_the_angle(void)
 static void test_steering_delay_turns_the_phase_only(void)
 {
   CAR;
-  c.steering_delay_time = (tse_setting)0.035; /* more than 13 rows: samples thin out */
+  c.steering_delay_time = (tse_setting)0.035; /* more than 9 rows: samples thin out */
   l.delay = 0.035;
   expect_linear(&c, &l, "steering_delay");
   c.steering_delay_time = (tse_setting)0.0111; /* between rows */

@@ -20,7 +20,7 @@ from tselab.files import atomic
 from tselab.gap import detect, name, remainder, show, where
 from tselab.gap.catalogue import catalogue
 from tselab.gap.data import Prepared
-from tselab.gap.fit import Fit, excess, fit, gap
+from tselab.gap.fit import Fit, fit, gap
 from tselab.gap.problem import STIFFNESS, Problem
 from tselab.gap.workers import Workers
 from tselab.log import Log, read_log
@@ -210,7 +210,8 @@ def judge(
         words.append("Something is missing, and it is none of the effects of the catalogue.")
         if naming.named:
             closest = max(naming.named, key=lambda n: n.share)
-            words.append(f"Closest is {closest.effect.title} ({closest.effect.id}), which closes {100 * closest.share:.0f} % of the gap.")
+            share = f"{100 * closest.share:.0f} %"
+            words.append(f"Closest is {closest.effect.title} ({closest.effect.id}), which closes {share} of the gap.")
         elif naming.ranking:
             words.append(f"Closest, and not close enough: {naming.ranking[0]['id']}.")
         if entries and entries[0].nats > 0:
@@ -230,7 +231,9 @@ def judge(
 def _sentence(n: name.Named) -> str:
     units = {p.name: p for p in n.effect.parameters}
     sizes = ", ".join(
-        f"{units[k].key} {v:.3g} {units[k].unit} ({n.ci95[k][0]:.3g} .. {n.ci95[k][1]:.3g})" for k, v in n.values.items() if units[k].strength
+        f"{units[k].key} {v:.3g} {units[k].unit} ({n.ci95[k][0]:.3g} .. {n.ci95[k][1]:.3g})"
+        for k, v in n.values.items()
+        if units[k].strength
     )
     text = f"{n.effect.title} ({n.effect.id}): {sizes}; it closes {100 * n.share:.0f} % of the gap."
     if n.look_alikes:
