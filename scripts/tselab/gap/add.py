@@ -62,7 +62,7 @@ def improved(vehicle: Vehicle, problem: Problem, result: Result) -> str:
     for effect in library().effects.values():
         n = mine.get(effect.id)
         if effect.id in PROFILES and n:
-            lines += ["", f"# {effect.title}: a profile over the distance of each log, of the road and not of the car: not written."]
+            lines += ["", f"# {effect.title}: a profile over the distance, of the road and not of the car: not written."]
         if all(getattr(config, p.setting) == 0 for p in effect.strengths):
             continue
         lines += ["", f"[effects.{effect.id}]  # {effect.title}{'' if n else ', as it was told'}"]
@@ -95,7 +95,8 @@ def stiffness(config: Config, values: Mapping[str, float]) -> dict[str, float]:
     """Fitted stiffness as settings; the rear longitudinal one follows the front as the settings say."""
     found = {setting: getattr(config, setting) * values.get(key, 1.0) for key, setting in NOMINAL.items()}
     follows = config.rear_longitudinal_follows_front
-    found["longitudinal_stiffness_rear"] = config.longitudinal_stiffness_rear * (1.0 + follows * (values.get("cx_front", 1.0) - 1.0))
+    rear = 1.0 + follows * (values.get("cx_front", 1.0) - 1.0)
+    found["longitudinal_stiffness_rear"] = config.longitudinal_stiffness_rear * rear
     limits = config.fields
     return {k: float(np.clip(v, limits[k].low, limits[k].high)) for k, v in found.items()}
 

@@ -19,7 +19,8 @@ from tselab.options import FILE, PROGRESS, show_progress
 LOGS = click.argument("logs", metavar="LOG.csv ...", type=FILE, nargs=-1, required=True)
 VEHICLE = click.option("--vehicle", "vehicle_path", metavar="CAR.toml", type=FILE, required=True,
                        help="Vehicle file; 'tselab vehicle --example' prints one.")  # fmt: skip
-JOBS = click.option("--jobs", type=click.IntRange(1, 256), default=os.cpu_count() or 1, show_default="all cores", help="Simulations at once.")
+JOBS = click.option("--jobs", type=click.IntRange(1, 256), default=os.cpu_count() or 1, show_default="all cores",
+                    help="Simulations at once.")  # fmt: skip
 SCHEDULER = click.option("--scheduler", metavar="ADDRESS", help="Simulate on a Dask cluster instead, for instance tcp://host:8786.")
 HOLD_OUT = "--hold-out"
 
@@ -60,8 +61,9 @@ class Run(click.Command):
     def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         from tselab.log import OPTIONAL
 
+        rows = [(name, f"{unit}, {low:g} .. {high:g}: {text}") for name, (unit, low, high, text, _) in OPTIONAL.items()]
         with formatter.section("Columns that are used besides those of 'tselab estimate', when LOG.csv has them"):
-            formatter.write_dl([(name, f"{unit}, {low:g} .. {high:g}: {text}") for name, (unit, low, high, text, _) in OPTIONAL.items()])
+            formatter.write_dl(rows)
 
 
 @click.group(cls=Gap, short_help="Find, name and add what the model lacks.")

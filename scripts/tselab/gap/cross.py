@@ -5,6 +5,7 @@ Everything from blocks of 40 ms, measured and simulated alike, so that what aver
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
@@ -69,7 +70,7 @@ class Blocks:
         """Without a hole in time."""
         cut = np.flatnonzero(np.diff(self.time) > 1.5 * STEP) + 1
         edges = [0, *cut, len(self.time)]
-        return [slice(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+        return [slice(a, b) for a, b in pairwise(edges)]
 
 
 def handling(blocks: list[Blocks], wheelbase: float) -> tuple[list[Curve], list[Curve]]:

@@ -39,12 +39,12 @@ def _layout(figure: go.Figure, height: int, **more: object) -> go.Figure:
         font={"family": "system-ui, sans-serif", "size": 13, "color": INK},
         paper_bgcolor="white",
         plot_bgcolor="white",
-        legend={"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 1, "xanchor": "right", "yref": "container"},
-        **more,
+        legend={"orientation": "h", "y": 0.995, "yanchor": "top", "x": 0, "xanchor": "left", "yref": "container"},
     )
-    figure.update_layout(legend_y=0.995, legend_yanchor="top")
-    figure.update_xaxes(showgrid=True, gridcolor="#edf0f3", zeroline=False, linecolor="#c8ced4", ticks="outside", tickcolor="#c8ced4")
-    figure.update_yaxes(showgrid=True, gridcolor="#edf0f3", zeroline=False, linecolor="#c8ced4", title_standoff=6)
+    figure.update_layout(**more)
+    axis = {"showgrid": True, "gridcolor": "#edf0f3", "zeroline": False, "linecolor": "#c8ced4", "title_font_size": 13}
+    figure.update_xaxes(**axis, ticks="outside", tickcolor="#c8ced4")
+    figure.update_yaxes(**axis, title_standoff=6)
     for note in figure.layout.annotations:
         note.update(font={"size": 13, "color": INK})
     return figure
@@ -94,10 +94,8 @@ def overlay(table: pd.DataFrame) -> go.Figure:
     _layout(figure, 210 * len(channels) + 90, hovermode="x unified")
     for note in figure.layout.annotations:
         note.update(x=0, xanchor="left")
-    figure.update_layout(
-        margin_t=84,
-        updatemenus=[{"buttons": buttons, "x": 0, "xanchor": "left", "y": 1.0, "yanchor": "bottom", "pad": {"b": 26}, "bgcolor": "white"}],
-    )
+    menu = {"x": 0, "xanchor": "left", "y": 1.0, "yanchor": "bottom", "pad": {"b": 24}, "bgcolor": "white"}
+    figure.update_layout(margin_t=104, updatemenus=[menu | {"buttons": buttons}])
     figure.update_xaxes(title_text="time [s]", row=len(channels), col=1)
     return figure
 
@@ -115,8 +113,8 @@ def gap_bars(parts: Mapping[str, Mapping[str, Change]]) -> go.Figure:
         figure.add_trace(go.Bar(x=names, y=before, name="before", marker_color=ORANGE, legendgroup="before", showlegend=col == 1,
                                 texttemplate="%{y:.2f}"), row=1, col=col)  # fmt: skip
         figure.add_trace(
-            go.Bar(x=names, y=after, name="after", marker_color=BLUE, legendgroup="after", showlegend=col == 1, texttemplate="%{y:.2f}",
-                   error_y={"type": "data", "symmetric": False, "array": np.maximum(high - after, 0),
+            go.Bar(x=names, y=after, name="after", marker_color=BLUE, legendgroup="after", showlegend=col == 1,
+                   texttemplate="%{y:.2f}", error_y={"type": "data", "symmetric": False, "array": np.maximum(high - after, 0),
                             "arrayminus": np.maximum(after - low, 0), "color": INK, "thickness": 1.2}),
             row=1, col=col,
         )  # fmt: skip
@@ -132,7 +130,7 @@ def _part_title(part: str) -> str:
 def maps(table: pd.DataFrame, state: pd.DataFrame) -> go.Figure:
     """Rms residual over noise where the car was: speed against lateral acceleration."""
     channels = _channels(table)
-    figure = make_subplots(len(channels), 2, shared_xaxes=True, shared_yaxes=True, horizontal_spacing=0.04, vertical_spacing=0.06,
+    figure = make_subplots(len(channels), 2, shared_xaxes=True, shared_yaxes=True, horizontal_spacing=0.04, vertical_spacing=0.08,
                            subplot_titles=[f"{c}, {when}" for c in channels for when in ("before", "after")])  # fmt: skip
     speed, accel = state["speed"].to_numpy(), np.abs(state["accel_y"].to_numpy())
     xs = np.arange(np.floor(np.nanmin(speed) / SPEED_BIN), np.ceil(np.nanmax(speed) / SPEED_BIN) + 1) * SPEED_BIN
@@ -156,9 +154,8 @@ def maps(table: pd.DataFrame, state: pd.DataFrame) -> go.Figure:
 
 def _colours(figure: go.Figure) -> go.Figure:
     scale = [[0.0, "#eef3f8"], [1 / WORST, "#cfe0ef"], [0.4, "#f3d7a2"], [0.7, "#dd8a3c"], [1.0, "#8f2d04"]]
-    figure.update_layout(
-        coloraxis={"colorscale": scale, "cmin": 0, "cmax": WORST, "colorbar": {"title": {"text": "rms over<br>noise"}, "thickness": 14}}
-    )
+    bar = {"title": {"text": "rms over<br>noise", "font": {"size": 13}}, "thickness": 14}
+    figure.update_layout(coloraxis={"colorscale": scale, "cmin": 0, "cmax": WORST, "colorbar": bar})
     return figure
 
 
@@ -249,8 +246,10 @@ def handling_figure(blocks: list[Blocks], wheelbase: float) -> go.Figure | None:
             figure.add_trace(
                 go.Scatter(
                     x=c.accel_y, y=factor * c.value, name=c.source, legendgroup=c.source, showlegend=c.source not in shown,
-                    mode="markers" if c.source == "measured" else "lines+markers",
-                    marker={"size": 9 if c.source == "measured" else 4, "color": SOURCE[c.source], "symbol": bands.index(c.speed) % 6},
+                    mode="markers" if c.source == "measured" else "lines+markers" + ("+text" if c.source == "after" else ""),
+                    text=[""] * (len(c.value) - 1) + [f" {c.speed:g} m/s"], textposition="middle right", textfont={"size": 11},
+                    marker={"size": 9 if c.source == "measured" else 4, "color": SOURCE[c.source],
+                            "symbol": bands.index(c.speed) % 6},
                     line={"color": SOURCE[c.source], "width": 1.6, "dash": dash[c.speed]},
                     hovertemplate=f"{c.source}, {c.speed:g} m/s: %{{x:.2f}} m/s2, %{{y:.3f}}<extra></extra>",
                 ),
@@ -292,7 +291,8 @@ def stiffness_figure(gain: Gain, config: Config) -> go.Figure | None:
     keys = [k for k in STIFFNESS if any(np.isfinite(d.stiffness[1][k]) or np.isfinite(d.stiffness[0][k]) for d in gain.drives)]
     if not keys:
         return None
-    figure = make_subplots(1, len(keys), horizontal_spacing=0.08, subplot_titles=[f"{NAMES[k]} [{UNITS[k]}]" for k in keys])
+    titles = [f"{NAMES[k]} [{UNITS[k]}]" for k in keys]
+    figure = make_subplots(1, len(keys), horizontal_spacing=0.08, subplot_titles=titles)
     names = [_short(d.log, d.part) for d in gain.drives]
     for col, key in enumerate(keys, 1):
         for k, (when, colour) in enumerate((("before", ORANGE), ("after", BLUE))):
@@ -354,7 +354,8 @@ def picture(path: Path, table: pd.DataFrame, parts: Mapping[str, Mapping[str, Ch
 def best_moment(table: pd.DataFrame) -> tuple[pd.DataFrame, str, str]:
     """The seconds in which most of the gap closed, on a held-out log if there is one; if none did, the worst."""
     t = table[table["part"] == "held_out"] if (table["part"] == "held_out").any() else table
-    t = t.assign(won=(t["residual_before"] ** 2 - t["residual_after"] ** 2).fillna(0.0), window=np.floor(t["time"] / PICTURE_SECONDS))
+    won = (t["residual_before"] ** 2 - t["residual_after"] ** 2).fillna(0.0)
+    t = t.assign(won=won, window=np.floor(t["time"] / PICTURE_SECONDS))
     if not t["won"].abs().sum() > 0:
         t["won"] = t["residual_before"].fillna(0.0) ** 2
     channel, log, window = t.groupby(["channel", "log", "window"], observed=True)["won"].sum().idxmax()
@@ -381,7 +382,6 @@ def _draw_bars(axis: object, parts: Mapping[str, Mapping[str, Change]]) -> None:
         axis.text(middle, 1.13 * top, {"fit": "fitted", "held_out": "held out"}[part], ha="center", color="#52606d", fontsize=10)
         place += 0.5
     axis.axhline(1.0, color=INK, lw=1.1, ls=(0, (4, 3)))
-    axis.text(place - 0.75, 1.0, "sensor noise", fontsize=8.5, color="#52606d", ha="right", va="bottom")
     axis.set_xticks(ticks, labels, fontsize=9)
     axis.set_ylim(0, 1.22 * top)
-    axis.set_title("Gap: residual over noise (rms)", loc="left", fontsize=11, fontweight="bold")
+    axis.set_title("Residual over noise, rms (dashed: noise alone)", loc="left", fontsize=11, fontweight="bold")

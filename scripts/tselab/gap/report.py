@@ -54,29 +54,31 @@ def write_report(path: Path, shown: Shown) -> None:
     claim = "" if result.verdict != "not_in_catalogue" else (
         " After: with the closest of the catalogue, which is not claimed to be there."
     )  # fmt: skip
+    ranked = pictures.ranking(naming.ranking, [n.effect.id for n in naming.named], threshold(len(catalogue())))
     sections: list[tuple[str, str, go.Figure | None]] = [
-        ("The gap before and after", "1 is what the sensors' noise alone leaves. Bars: rms over the whole of the logs; intervals: "
-         f"of the change, pairs of 2 s blocks resampled.{claim}", pictures.gap_bars(shown.parts)),
-        ("Measured and simulated", "Sensor biases of each log are taken out. Choose the log from the list; click a name to hide it.",
+        ("The gap before and after", "1 is what the sensors' noise alone leaves. Bars: rms over the whole of the logs; "
+         f"intervals: of the change, pairs of 2 s blocks resampled.{claim}", pictures.gap_bars(shown.parts)),
+        ("Measured and simulated", "Sensor biases of each log are taken out. Choose the log from the list; click a name to hide "
+         "it.",
          pictures.overlay(table)),
-        ("Where they disagree: driving state", "Rms of the residual over the noise, by speed and lateral acceleration; empty: not "
-         "driven.", pictures.maps(table, state)),
+        ("Where they disagree: driving state", "Rms of the residual over the noise, by speed and lateral acceleration; empty: "
+         "not driven.", pictures.maps(table, state)),
         ("Where they disagree: time", "Second by second; * marks held-out logs.", pictures.over_time(table)),
-        ("Which effect", "Every effect alone, stiffness refitted with it. Blue: named in the end. A decoy can rank high here and be "
-         "superfluous once the right one is in.",
-         pictures.ranking(naming.ranking, [n.effect.id for n in naming.named], threshold(len(catalogue()))) if naming.ranking else None),
-        ("Where it enters", "A drifting disturbance is put at each place in turn; the place that explains accel_y and yaw_rate best "
-         "is where something acts that the plain model does not have.", pictures.entry_points(result.entries)),
+        ("Which effect", "Every effect alone, stiffness refitted with it. Blue: named in the end. A decoy can rank high here and "
+         "be superfluous once the right one is in.", ranked if naming.ranking else None),
+        ("Where it enters", "A drifting disturbance is put at each place in turn; the place that explains accel_y and yaw_rate "
+         "best is where something acts that the plain model does not have.", pictures.entry_points(result.entries)),
         ("Handling, quasi-steady", "Yaw-rate gain, and steering angle beyond what a slow car needs, over lateral acceleration; "
-         "medians of calm samples, one line style per 5 m/s of speed.", pictures.handling_figure(blocks, wheelbase)),
-        ("Response to the steering" + (f": {response[1]}" if response else ""), "Gain and phase at the frequencies that the steering "
-         "excites (Welch, coherence above 0.7).", response[0] if response else None),
-        ("The estimator's stiffness, log by log", "One car on one road has one stiffness: what remains of differences between logs is "
-         "error of the model or of the road. Dotted: the vehicle file.",
+         "medians of calm samples, one line style and symbol per 5 m/s of speed.", pictures.handling_figure(blocks, wheelbase)),
+        ("Response to the steering" + (f": {response[1]}" if response else ""), "Gain and phase at the frequencies that the "
+         "steering excites (Welch, coherence above 0.7).", response[0] if response else None),
+        ("The estimator's stiffness, log by log", "One car on one road has one stiffness: what remains of differences between logs "
+         "is error of the model or of the road. Dotted: the vehicle file.",
          pictures.stiffness_figure(shown.gain, problem.config) if shown.gain else None),
     ]  # fmt: skip
     drawn = [(t, x, f) for t, x, f in sections if f is not None]
-    environment = jinja2.Environment(loader=jinja2.PackageLoader("tselab"), autoescape=True, trim_blocks=True, lstrip_blocks=True)
+    loader = jinja2.PackageLoader("tselab")
+    environment = jinja2.Environment(loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True)
     page = environment.get_template("gap.html.j2").render(
         title=HEADLINE[result.verdict],
         verdict=result.verdict,
@@ -165,7 +167,7 @@ def _detectable(d: object) -> dict:
         "smallest": smallest,
         "typical": f"{d.typical:.2g} {'' if d.unit == '1' else d.unit}".strip(),
         "ratio": "-" if not np.isfinite(d.smallest) else f"{d.smallest / d.typical:.2g}",
-        "absorbed": f"{100 * d.absorbed:.0f} %",
+        "absorbed": f"{100 * max(0.0, d.absorbed):.0f} %",
         "channels": catalogue()[d.id].channels,
     }
 
