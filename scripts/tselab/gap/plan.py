@@ -18,7 +18,7 @@ from tselab.gap.catalogue import Effect, catalogue
 from tselab.gap.detect import WAVE
 from tselab.gap.drives import Candidate, library, prepared
 from tselab.gap.fit import Fit, fit
-from tselab.gap.name import fit_with
+from tselab.gap.name import RIVAL_SHARE, fit_with
 from tselab.gap.problem import KNOT, PROFILES, STIFFNESS, Problem
 from tselab.gap.simulate import simulate
 from tselab.tables import text_table
@@ -27,6 +27,7 @@ from tselab.vehicle import read_vehicle
 NEED = 8.0  # nats
 NOTHING = 0.1  # nats
 ROUNDS = 4
+SAME = 0.02  # of the nats by which an effect shows: less is the integration's steps, and no model is that good
 TINY = 1e-3  # of the noise, so that a perfect fit has an end
 LONGEST = 3600.0  # s: what takes longer cannot be separated by driving
 
@@ -39,6 +40,7 @@ class Option:
     seconds: float
     nats: float  # of the worse direction
     shows: float  # nats by which the weaker of the two shows at all
+    share: float  # of the nats by which an effect shows, those that the other one cannot take over
 
     @property
     def needed(self) -> float:
@@ -63,20 +65,27 @@ class Plan:
         pair = f"{self.first} and {self.second}"
         if not self.separable:
             shown = [o for o in self.options if o.shows >= NEED]
-            why = "each of them shows, but the other one can always stand in for it" if shown else "no manoeuvre shows both"
+            why = "each shows, but the other one can always stand in for it" if shown else "no manoeuvre shows both"
             return f"{pair} cannot be separated by any of the {len(self.options)} manoeuvres: {why}."
-        rows = [["manoeuvre", f"nats in {self.options[0].seconds:.0f} s", f"s for {NEED:g} nats"]]
+        rows = [["manoeuvre", f"nats in {self.options[0].seconds:.0f} s", f"s for {NEED:g} nats", "of the evidence"]]
         for o in self.options[:top]:
-            needed = f"{o.needed:.3g}" if o.needed <= LONGEST else "over an hour"
-            rows.append([o.name, f"{o.nats:.1f}", needed])
+            long = f"{o.needed:.0f}" if o.needed <= LONGEST else "over an hour"
+            needed = "one run" if o.needed <= o.seconds else long
+            rows.append([o.name, f"{o.nats:.1f}", needed, f"{100 * o.share:.0f} %"])
         best = self.options[0]
         once = best.needed <= best.seconds
-        long = f"once ({best.seconds:.0f} s)" if once else f"for {best.needed:.0f} s, {np.ceil(best.needed / best.seconds):.0f} times"
+        times = np.ceil(best.needed / best.seconds)
+        long = f"once ({best.seconds:.0f} s)" if once else f"for {best.needed:.0f} s, {times:.0f} times"
         lines = [
             f"To tell {pair} apart, drive: {best.name}, {long}. {NEED:g} nats are enough.",
             "",
-            text_table(rows, right=(1, 2)),
+            text_table(rows, right=(1, 2, 3)),
         ]
+        if best.share < RIVAL_SHARE:
+            lines.append(
+                f"The difference is only {100 * best.share:.0f} % of what either of them shows; 'tselab gap' asks for "
+                f"{100 * RIVAL_SHARE:.0f} %, because the forms of a real car are not known better: it will not exclude either."
+            )
         return "\n".join(lines)
 
 
@@ -110,7 +119,7 @@ def pair(separate: str) -> tuple[Effect, Effect]:
 
 def worth(candidate: Candidate, config: Config, first: Effect, second: Effect) -> Option:
     """Nats of the worse direction, and of the weaker effect against stiffness alone."""
-    both, shows = [], []
+    both, shows, shares = [], [], [0.0]
     for hidden, other in ((first, second), (second, first)):
         problem = Problem(prepared(candidate, config), config)
         hide(problem, hidden, typical(problem, hidden))
@@ -121,8 +130,10 @@ def worth(candidate: Candidate, config: Config, first: Effect, second: Effect) -
         plain = fit(problem, STIFFNESS, {})
         shows.append(nats(problem, plain.residuals))
         with_it = _polished(problem, fit_with(problem, [other], plain.values))
-        both.append(min(nats(problem, with_it.residuals), shows[-1]))
-    return Option(candidate.name, candidate.seconds, min(both), min(shows))
+        left = min(nats(problem, with_it.residuals), shows[-1])
+        both.append(left if left > SAME * shows[-1] else 0.0)
+        shares.append(both[-1] / max(shows[-1], 1e-9))
+    return Option(candidate.name, candidate.seconds, min(both), min(shows), min(shares[1:] or shares))
 
 
 def _polished(problem: Problem, f: Fit) -> Fit:
