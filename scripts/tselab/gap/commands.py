@@ -133,8 +133,8 @@ def run(
         click.echo(f"These logs could not have shown, at its typical size: {ids}.")
     for line in result.notes:
         click.echo(f"note: {line}", err=True)
-    before, after = written.gain.evidence
-    click.echo(f"The estimator foresees a row of these logs better by {after - before:+.3f} nats ({before:.3f} before).")
+    for line in written.gain.words():
+        click.echo(line)
     if written.proof:
         click.echo(written.proof)
     click.echo(f"Written to {out}: {', '.join(f.name for f in written.files)}")

@@ -21,6 +21,7 @@ from tselab.errors import UserError
 from tselab.estimate import estimate
 from tselab.log import MEASURES, Log
 from tselab.vehicle import Vehicle, fill_sensors
+from tselab.verdict import NAMES
 
 FEWEST_VALID = 50  # rows; fewer say nothing about a log's stiffness
 
@@ -45,7 +46,17 @@ class Gain:
     evidence: tuple[float, float]
     valid: tuple[dict[str, float], dict[str, float]]
     spread: tuple[dict[str, float], dict[str, float]]  # sd over the logs, share of the mean; NaN: fewer than two logs know it
-    notes: list[str]
+
+    def words(self) -> list[str]:
+        """For the terminal."""
+        lines = []
+        for key in STIFFNESS:
+            spread, valid = [s[key] for s in self.spread], [v[key] for v in self.valid]
+            text = f"valid {100 * valid[0]:.0f} -> {100 * valid[1]:.0f} % of the time"
+            if np.isfinite(spread).all():
+                text = f"differs between logs by {100 * spread[0]:.1f} -> {100 * spread[1]:.1f} % (sd), " + text
+            lines.append(f"The estimator's {NAMES[key][0].lower() + NAMES[key][1:]}: {text}.")
+        return lines
 
 
 def gain(
@@ -84,7 +95,7 @@ def gain(
     rows = np.array([len(log) for _, _, log in logs], float)
     evidence = tuple(float(np.average([d.evidence[k] for d in drives], weights=rows)) for k in (0, 1))
     valid = tuple({s: float(np.average([d.valid[k][s] for d in drives], weights=rows)) for s in STIFFNESS} for k in (0, 1))
-    return Gain(drives, evidence, valid, _spread(drives), [])
+    return Gain(drives, evidence, valid, _spread(drives))
 
 
 def settings(vehicle: Vehicle, log: Log) -> Config:

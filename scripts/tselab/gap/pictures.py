@@ -198,18 +198,19 @@ def _short(log: str, part: str) -> str:
 
 def ranking(entries: Sequence[dict], named: Sequence[str], need: float) -> go.Figure:
     """Nats of every effect alone, with stiffness refitted; the line is what a name needs."""
-    top = [e for e in entries if e["nats"] > 0][:MOST_EFFECTS] or list(entries[:3])
+    top = [e for e in entries if e["nats"] > 1.0][:MOST_EFFECTS] or list(entries[:3])
     top = top[::-1]
     colours = [BLUE if e["id"] in named else "#b6c4d2" for e in top]
     text = [f"{100 * e['share']:.0f} % of the gap" if "share" in e else "" for e in top]
     figure = go.Figure(
-        go.Bar(x=[max(e["nats"], 0.0) for e in top], y=[e["id"] for e in top], orientation="h", marker_color=colours, text=text,
+        go.Bar(x=[max(e["nats"], 1e-3) for e in top], y=[e["id"] for e in top], orientation="h", marker_color=colours, text=text,
                textposition="auto", hovertemplate="%{y}: %{x:.1f} nats<extra></extra>")
     )  # fmt: skip
     figure.add_vline(x=need, line={"color": INK, "dash": "dash", "width": 1.2})
     _layout(figure, 60 + 24 * len(top) + 60)
     figure.update_layout(margin_l=190, margin_t=24)
-    figure.update_xaxes(title_text=f"evidence [nat]; dashed: {need:.1f}, which a name needs")
+    most = np.log10(1.2 * max(need, *(e["nats"] for e in top)))
+    figure.update_xaxes(title_text=f"evidence [nat]; dashed: {need:.1f}, which a name needs", type="log", range=[0, most])
     return figure
 
 
@@ -251,7 +252,7 @@ def handling_figure(blocks: list[Blocks], wheelbase: float) -> go.Figure | None:
                     marker={"size": 9 if c.source == "measured" else 4, "color": SOURCE[c.source],
                             "symbol": bands.index(c.speed) % 6},
                     line={"color": SOURCE[c.source], "width": 1.6, "dash": dash[c.speed]},
-                    hovertemplate=f"{c.source}, {c.speed:g} m/s: %{{x:.2f}} m/s2, %{{y:.3f}}<extra></extra>",
+                    cliponaxis=False, hovertemplate=f"{c.source}, {c.speed:g} m/s: %{{x:.2f}} m/s2, %{{y:.3f}}<extra></extra>",
                 ),
                 row=1, col=col,
             )  # fmt: skip
