@@ -8,6 +8,7 @@ import re
 import shutil
 import signal
 import subprocess
+import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +19,7 @@ import pytest
 
 from conftest import COMMAND, Result, tselab
 from gap_logs import STIFFNESS, car, write_log
+from tselab.cli import main
 from tselab.core import Config, library
 from tselab.gap.table import COLUMNS
 from tselab.log import MEASURES
@@ -151,7 +153,8 @@ def test_residuals_are_measured_less_predicted_over_noise(case):
     for when in ("before", "after"):
         expected = (table["measured"] - table[f"predicted_{when}"]) / table["noise"]
         np.testing.assert_allclose(table[f"residual_{when}"], expected, atol=1e-6)
-        rms = table.groupby(["part", "channel"], observed=True)[f"residual_{when}"].apply(lambda x: np.sqrt(np.mean(x**2)))
+        groups = table.groupby(["part", "channel"], observed=True)
+        rms = groups[f"residual_{when}"].apply(lambda x: np.sqrt(np.mean(x**2)))
         for part, of in (("fit", case.verdict["gap"]["fit"]), ("held_out", case.verdict["gap"]["held_out"])):
             for channel in MEASURES:
                 assert rms[part, channel] == pytest.approx(of[when][channel], rel=1e-6)
@@ -161,9 +164,10 @@ def test_report_stands_alone_and_shows_all_sections(case):
     html = (case.out / "report.html").read_text(encoding="utf-8")
     assert not re.search(r"<(script|link|img|iframe)[^>]+(src|href)\s*=", html)
     assert len(html) < 6_000_000
-    for title in ("Named effects", "The gap before and after", "Measured and simulated", "Where they disagree: driving state",
-                  "Which effect", "Where it enters", "Handling, quasi-steady", "Response to the steering", "What the estimator gains",
-                  "What these logs could not have shown"):  # fmt: skip
+    titles = ("Named effects", "The gap before and after", "Measured and simulated", "Where they disagree: driving state",
+              "Which effect", "Where it enters", "Handling, quasi-steady", "Response to the steering",
+              "What the estimator gains", "What these logs could not have shown")  # fmt: skip
+    for title in titles:
         assert title in html, title
     assert case.verdict["words"][0] in html.replace("&#39;", "'")
     figures = figures_of(html)
@@ -174,7 +178,7 @@ def test_report_stands_alone_and_shows_all_sections(case):
 
 
 def test_response_to_steering_turns_onto_the_measurement(case):
-    """20 ms are 36 degrees at 5 Hz; before they are missing, after they are there."""
+    """20 ms are 22 degrees at 3 Hz; stiffness hides some of them before, nothing is missing after."""
     html = (case.out / "report.html").read_text(encoding="utf-8")
     figure = next(f for f in figures_of(html) if "Phase of yaw_rate" in json.dumps(f["layout"]))
     phase = [t for t in figure["data"] if t["yaxis"] in ("y3", "y4")]
@@ -183,7 +187,7 @@ def test_response_to_steering_turns_onto_the_measurement(case):
         pairs = [(_numbers(m["y"]), _numbers(t["y"])) for m, t in zip(
             (t for t in phase if t["name"] == "measured"), (t for t in phase if t["name"] == when), strict=True)]  # fmt: skip
         error[when] = max(np.max(np.abs(a - b)) for a, b in pairs)
-    assert error["before"] > 12 and error["after"] < 0.5 * error["before"]
+    assert error["before"] > 8 and error["after"] < 0.5 * error["before"]
 
 
 def _numbers(y: object) -> np.ndarray:
@@ -241,14 +245,18 @@ def test_ctrl_c_keeps_the_stages_that_are_done(case, tmp_path):
     (("gap", "selftest", "log.csv", "--hide", "nonsense", "--vehicle", "car.toml"), "no effect 'nonsense'"),
     (("gap", "selftest", "log.csv", "--hide", "bank", "--size", "0", "--vehicle", "car.toml"), "hides nothing"),
 ])  # fmt: skip
-def test_bad_input_is_exit_2_and_a_sentence(tmp_path, case, args, text):
+def test_bad_input_is_exit_2_and_a_sentence(tmp_path, case, args, text, monkeypatch, capsys):
     shutil.copy(case.vehicle, tmp_path / "car.toml")
     shutil.copy(case.logs[0], tmp_path / "log.csv")
     slow = pd.read_csv(case.logs[0])
     slow[["wheel_speed_front", "wheel_speed_rear"]] *= 0.05
     slow.to_csv(tmp_path / "slow.csv", index=False)
-    done = tselab(*args, cwd=tmp_path)
-    assert done.code == 2 and text in done.err and "Traceback" not in done.err, done.out + done.err
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", ["tselab", *args])
+    with pytest.raises(SystemExit) as end:  # in this process: a dozen starts of Python take longer than all the rest
+        main()
+    out, err = capsys.readouterr()
+    assert end.value.code == 2 and text in err and "internal error" not in err, out + err
 
 
 def test_help_tells_of_the_workflow_its_commands_and_the_columns():

@@ -24,6 +24,7 @@ FEWEST = 8  # blocks in a bin
 SEGMENT = 128  # blocks: 5.12 s, a line every 0.2 Hz
 HIGHEST = 4.0  # Hz
 COHERENT = 0.7  # of measured yaw rate and steering; below it nothing is excited
+EXCITED = 0.01  # of the steering's strongest line; weaker ones are what the window leaks
 SOURCES = ("measured", "before", "after")
 
 
@@ -132,7 +133,7 @@ def responses(blocks: list[Blocks]) -> list[Response]:
         cross = {c: {s: csd(steer, x, **options)[1] for s, x in sources.items()} for c, sources in own.items()}
         r = welch(own["yaw_rate"]["measured"], **options)[1]
         coherence = np.abs(cross["yaw_rate"]["measured"]) ** 2 / np.maximum(power * r, 1e-300)
-        keep = (coherence > COHERENT) & (frequency > 0.1) & (frequency <= HIGHEST)
+        keep = (coherence > COHERENT) & (power > EXCITED * power.max()) & (frequency > 0.1) & (frequency <= HIGHEST)
         if keep.sum() <= best[0] or keep.sum() < 4:
             continue
         found = []
