@@ -1,6 +1,8 @@
 #!/usr/bin/env bash
 # Everything the other scripts need, inside this checkout: the Python environment .venv with the command `tselab`,
-# Unity for the C tests, and the shared library that tselab calls. Fast when nothing has changed; needs no root.
+# Unity for the C tests, the FMI headers, and the shared library that tselab calls. Fast when nothing has changed; needs no root.
+#   scripts/setup.sh [EXTRA ...]      and these extras of scripts/pyproject.toml: clients (more programs that import FMUs, for the
+#                                     tests), platforms (a compiler for FMUs of all platforms); left out where they do not install
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 root=$PWD
@@ -67,6 +69,39 @@ if ! [ -f $unity/src/unity.c ]; then
   mv "$scratch/${archive%.tar.gz}/vendor/unity" $unity
   rm -rf "$scratch"
 fi
+
+# ---- FMI 2.0.1 headers, unmodified in the Python package fmu-manipulation-toolbox, pinned by their sha256
+
+fmi=.venv/share/fmi2/headers
+if ! [ -f $fmi/fmi2TypesPlatform.h ]; then
+  scratch=$(mktemp -d .venv/share/fmi2.XXXXXX)
+  trap 'rm -rf "$root/$scratch"' EXIT
+  package=$(.venv/bin/python -c 'import importlib.util as u; print(u.find_spec("fmu_manipulation_toolbox").submodule_search_locations[0])')
+  for pinned in fmi2FunctionTypes.h:756da446057a5a6dec47a5938e099ba3a9b1882326672b393c6f7dd8571e3456 \
+      fmi2Functions.h:5315e320046c976b3977bc14eb7e2cb58711fa296e4bdf88ddd2c9c82e2a9958 \
+      fmi2TypesPlatform.h:50a180641623f47f2e48fc445707549ce4ec2e27358e2451a2dad5b6dfc55287; do
+    header=$package/resources/fmi/${pinned%%:*}
+    [ -f "$header" ] && [ "$(sha256 "$header")" = "${pinned##*:}" ] \
+      || fail "${pinned%%:*} is not in the Python package fmu-manipulation-toolbox, or its sha256 differs."
+    cp "$header" "$scratch/"
+  done
+  mkdir -p .venv/share/fmi2
+  rm -rf $fmi
+  mv "$scratch" $fmi
+  chmod 755 $fmi
+fi
+
+# ---- extras
+
+for extra in "$@"; do
+  [ -f ".venv/tse-extra-$extra" ] && continue
+  say "Python packages for $extra"
+  if .venv/bin/python -m pip install --quiet --disable-pip-version-check --editable "./scripts[$extra]" >"$root/.venv/tse-extra.log" 2>&1; then
+    mv .venv/tse-extra.log ".venv/tse-extra-$extra"
+  else
+    say "left out, pip could not install them: $(tail -n 1 .venv/tse-extra.log)"
+  fi
+done
 
 # ---- the library that tselab calls
 

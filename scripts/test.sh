@@ -3,7 +3,7 @@
 #   scripts/test.sh [PRESET ...]      only these CMake presets (default: all), then the Python tests
 set -uo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
-scripts/setup.sh || exit 1
+scripts/setup.sh clients || exit 1
 
 jobs=$(getconf _NPROCESSORS_ONLN 2>/dev/null || echo 2)
 if [ -z "${CMAKE_GENERATOR:-}" ] && command -v ninja >/dev/null; then export CMAKE_GENERATOR=Ninja; fi
@@ -30,7 +30,7 @@ preset() {                           # configure, build and test one preset
       || { [ -n "${CMAKE_GENERATOR:-}" ] && ! grep -qxF "CMAKE_GENERATOR:INTERNAL=$CMAKE_GENERATOR" "$cache"; }; }; then
     rm -rf "build/$1"                # of another checkout or generator
   fi
-  cmake --preset "$1" "-DFETCHCONTENT_SOURCE_DIR_UNITY=$PWD/.venv/share/unity" "-DPython3_EXECUTABLE=$PWD/.venv/bin/python" \
+  cmake --preset "$1" "-DFETCHCONTENT_SOURCE_DIR_UNITY=$PWD/.venv/share/unity" "-DFETCHCONTENT_SOURCE_DIR_FMI2=$PWD/.venv/share/fmi2" "-DPython3_EXECUTABLE=$PWD/.venv/bin/python" \
     >"/tmp/tse-configure.$$" 2>&1 || { cat "/tmp/tse-configure.$$"; rm -f "/tmp/tse-configure.$$"; return 1; }
   rm -f "/tmp/tse-configure.$$"
   cmake --build --preset "$1" --parallel "$jobs" && ctest --preset "$1" --parallel "$jobs"

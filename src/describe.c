@@ -56,36 +56,20 @@ static const tse_field sim_config_fields[] = {
 #undef INT
 };
 
-#define MEMBER(type, name, member, unit, text) { name, 'r', (int32_t)offsetof(type, member), NO_RANGE, unit, text },
+#define MEMBER(name, member, unit, text) { name, 'r', (int32_t)offsetof(tse_sim_output, member), NO_RANGE, unit, text },
 static const tse_field sim_input_fields[] = {
   { "dt", 'r', (int32_t)offsetof(tse_sim_input, dt), 0.01, 0.0, 1.0, "s", "time since the previous row" },
-  { "steer_angle", 'r', (int32_t)offsetof(tse_sim_input, steer_angle), 0.0, -1.2, 1.2, "rad", "road-wheel angle" },
-  { "wheel_torque_front", 'r', (int32_t)offsetof(tse_sim_input, wheel_torque_front), 0.0, -1e5, 1e5, "Nm", "drive torque of the front axle" },
-  { "wheel_torque_rear", 'r', (int32_t)offsetof(tse_sim_input, wheel_torque_rear), 0.0, -1e5, 1e5, "Nm", "drive torque of the rear axle" },
-  { "brake_torque_front", 'r', (int32_t)offsetof(tse_sim_input, brake_torque_front), 0.0, 0.0, 1e5, "Nm", "brake torque of the front axle" },
-  { "brake_torque_rear", 'r', (int32_t)offsetof(tse_sim_input, brake_torque_rear), 0.0, 0.0, 1e5, "Nm", "brake torque of the rear axle" },
-  { "road_level", 'r', (int32_t)offsetof(tse_sim_input, road_level), 1.0, 0.02, 10.0, "1", "all stiffness relative to dry road" },
+#define SIM_INPUT(name, def, lo, hi, unit, text) { #name, 'r', (int32_t)offsetof(tse_sim_input, name), def, lo, hi, unit, text },
+#include "tse/sim_input.def"
+#undef SIM_INPUT
 };
 static const tse_field sim_output_fields[] = {
-#define INPUT(name, lo, hi, unit, kind, text) MEMBER(tse_sim_output, #name, row.name, unit, text)
+#define INPUT(name, lo, hi, unit, kind, text) MEMBER(#name, row.name, unit, text)
 #include "tse/input.def"
 #undef INPUT
-  MEMBER(tse_sim_output, "true_vel_x", vel_x, "m/s", "longitudinal velocity of the centre of gravity")
-  MEMBER(tse_sim_output, "true_vel_y", vel_y, "m/s", "lateral velocity of the centre of gravity")
-  MEMBER(tse_sim_output, "true_yaw_rate", yaw_rate, "rad/s", "yaw rate")
-  MEMBER(tse_sim_output, "true_accel_x", accel_x, "m/s2", "specific force without noise and bias")
-  MEMBER(tse_sim_output, "true_accel_y", accel_y, "m/s2", "specific force without noise and bias")
-  MEMBER(tse_sim_output, "true_wheel_speed_front", wheel_speed_front, "rad/s", "rotation rate of the front wheels")
-  MEMBER(tse_sim_output, "true_wheel_speed_rear", wheel_speed_rear, "rad/s", "rotation rate of the rear wheels")
-  MEMBER(tse_sim_output, "true_cx_front", stiffness[0], "1", "mean longitudinal stiffness, front, relative to nominal")
-  MEMBER(tse_sim_output, "true_cy_front", stiffness[1], "1", "mean cornering stiffness, front, relative to nominal")
-  MEMBER(tse_sim_output, "true_cy_rear", stiffness[2], "1", "mean cornering stiffness, rear, relative to nominal")
-  MEMBER(tse_sim_output, "drawn_cx_front", drawn[0], "1", "drawn for this row, relative to nominal")
-  MEMBER(tse_sim_output, "drawn_cy_front", drawn[1], "1", "drawn for this row, relative to nominal")
-  MEMBER(tse_sim_output, "drawn_cy_rear", drawn[2], "1", "drawn for this row, relative to nominal")
-  MEMBER(tse_sim_output, "true_bias_accel_x", bias[0], "m/s2", "bias of accel_x")
-  MEMBER(tse_sim_output, "true_bias_accel_y", bias[1], "m/s2", "bias of accel_y")
-  MEMBER(tse_sim_output, "true_bias_yaw_rate", bias[2], "rad/s", "bias of yaw_rate")
+#define SIM_OUTPUT(group, name, member, unit, text) MEMBER(#group "_" #name, member, unit, text)
+#include "tse/sim_output.def"
+#undef SIM_OUTPUT
 };
 #endif
 

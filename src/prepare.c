@@ -109,14 +109,14 @@ static uint32_t fingerprint(const tse_config *c)
   return mix(h, TSE_MAX_PARTICLES);
 }
 
-/* What gives relative stiffness its meaning: the rows of config.def before the sensors'. In single precision, so that
- * builds of every format agree; only there both differ in nothing but how a decimal number is rounded. */
-static uint32_t mix_vehicle(uint32_t h, size_t offset, tse_setting value)
+/* What gives relative stiffness its meaning. In single precision, so that builds of every format agree; only there both
+ * differ in nothing but how a decimal number is rounded. */
+static uint32_t mix_vehicle(uint32_t h, tse_setting value)
 {
   const float x = (float)value;
   uint32_t word;
   memcpy(&word, &x, sizeof word);
-  return offset < offsetof(tse_config, accel_x_sd) ? mix(h, word) : h;
+  return mix(h, word);
 }
 
 /* An effect changes what a stiffness means; one that is off leaves the fingerprint as it was before there were effects. */
@@ -133,11 +133,9 @@ static uint32_t mix_effect(uint32_t h, int on, const char *name, tse_setting val
 static uint32_t vehicle_fingerprint(const tse_config *c)
 {
   uint32_t h = 2166136261u;
-#define REAL(name, def, lo, hi, unit, text) h = mix_vehicle(h, offsetof(tse_config, name), c->name);
-#define INT(name, def, lo, hi, text)
-#include "tse/config.def"
+#define REAL(name, def, lo, hi, unit, text) h = mix_vehicle(h, c->name);
+#include "tse/vehicle.def"
 #undef REAL
-#undef INT
   const uint64_t on = effects_on(c);
 #define EFFECT_PARAMETER(id, parameter, role, unit, def, lo, hi, typical_lo, typical_hi, negligible, sign, text) \
   h = mix_effect(h, (int)(on >> TSE_EFFECT_##id & 1u), #id "_" #parameter, c->id##_##parameter);

@@ -26,13 +26,13 @@ typedef struct tse_sim_config {
 #undef INT
 } tse_sim_config;
 
-/* What the driver does at this row; between rows it changes linearly. The road level is held from this row to the next. */
+/* What the driver does at this row; between rows it changes linearly. The road level is held from this row to the next.
+ * Rows, ranges, units: tse/sim_input.def. */
 typedef struct tse_sim_input {
-  tse_real dt;                                       /* [s]   since the previous row, (0, 1]; ignored at the first row     */
-  tse_real steer_angle;                              /* [rad] road-wheel angle                                            */
-  tse_real wheel_torque_front, wheel_torque_rear;    /* [Nm]  per axle, drive > 0; negative turns the wheels backwards    */
-  tse_real brake_torque_front, brake_torque_rear;    /* [Nm]  per axle, >= 0, against the rotation; holds at standstill   */
-  tse_real road_level;                               /* [1]   all stiffness relative to dry road, 0.02 .. 10              */
+  tse_real dt;                         /* [s] since the previous row, (0, 1]; ignored at the first row */
+#define SIM_INPUT(name, def, lo, hi, unit, text) tse_real name;
+#include "tse/sim_input.def"
+#undef SIM_INPUT
 } tse_sim_input;
 
 typedef struct tse_sim_output {
@@ -52,7 +52,8 @@ typedef struct tse_sim {
   uint32_t step;
   tse_real x[9];                       /* vel_x, vel_y, yaw rate, wheel speeds front and rear; slips that lag (tse/effects.h) */
   tse_real bias[3], drawn[3];
-  tse_sim_input last;                  /* with the angle that the wheels have */
+  tse_sim_input last;
+  tse_real steer, steer_logged;        /* with effects: the wheels' angle at the last row, and the logged one that led to it */
   tse_effect_memory effects;
 } tse_sim;
 
@@ -65,8 +66,8 @@ tse_status tse_sim_config_check(const tse_sim_config *s, const char **wrong);
 tse_status tse_sim_reset(tse_sim *sim, const tse_config *c, const tse_sim_config *s, const char **wrong);
 
 /* Advance to the next row and log it; the first call logs the start without advancing.
- *   Returned:  y  TSE_OK, TSE_E_NULL, TSE_E_TIME or TSE_E_INPUT (not finite, brake torque < 0, |steer_angle| > 1.2,
- *              |torque| > 1e5 Nm, road_level outside 0.02 .. 10): nothing has changed then
+ *   Returned:  y  TSE_OK, TSE_E_NULL, TSE_E_TIME or TSE_E_INPUT (outside the range of tse/sim_input.def, or not finite):
+ *              nothing has changed then
  *   Cost:      dt/substep right-hand sides times two. */
 tse_status tse_sim_step(tse_sim *sim, const tse_sim_input *u, tse_sim_output *y);
 

@@ -28,11 +28,11 @@ def test_version_is_that_of_the_header():
 
 def test_settings_are_the_rows_of_the_table():
     names = []
-    for line in (HEADERS / "config.def").read_text().splitlines():
-        if line.startswith('#include "tse/effects.def"'):
+    for part in re.findall(r'#include "tse/(\w+\.def)"', (HEADERS / "config.def").read_text()):
+        if part == "effects.def":
             names += effect_settings()
-        elif found := re.match(r"(?:REAL|INT)\((\w+),", line):
-            names.append(found[1])
+        else:
+            names += re.findall(r"^(?:REAL|INT)\((\w+),", (HEADERS / part).read_text(), re.M)
     assert list(Config().fields) == names
 
 

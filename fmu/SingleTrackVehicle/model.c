@@ -1,0 +1,133 @@
+/* fmu/SingleTrackVehicle/model.c - the simulator as a co-simulation model: the truth for studies.
+ *
+ * fmi2DoStep(t, h) drives from t to t + h; outputs at t + h are the row that the car logs then, and the truth. Inputs at
+ * t + h are those set at t plus h times their derivative, where the importer gives one. How they get there is the
+ * parameter `ramp`. */
+#include <stdio.h>
+#include <string.h>
+
+#include "fmu_model.h"
+
+#define PARAMETER(group, kind, member, name, def, lo, hi, unit, text) \
+  { group "." #name, kind, 'p', (int32_t)offsetof(model, member.name), FMU_NO_RATE, def, lo, hi, unit, text },
+#define OUTPUT(name, kind, member, unit, text) { name, kind, 'o', (int32_t)offsetof(model, member), FMU_NO_RATE, 0.0, 1.0, -1.0, unit, text },
+
+const fmu_variable fmu_variables[] = {
+#define SIM_INPUT(name, def, lo, hi, unit, text) \
+  { #name, 'r', 'i', (int32_t)offsetof(model, u.name), (int32_t)offsetof(model, rate.name), def, lo, hi, unit, text },
+#include "tse/sim_input.def"
+#undef SIM_INPUT
+  { "ramp", 'b', 'p', (int32_t)offsetof(model, ramp), FMU_NO_RATE, 1.0, 1.0, -1.0, "",
+    "true: during a step inputs change linearly from where they were, as a driver's do; false: at its start they jump to what was set" },
+
+#define REAL(name, def, lo, hi, unit, text) PARAMETER("vehicle", 'r', config, name, def, lo, hi, unit, text)
+#define INT(name, def, lo, hi, text) PARAMETER("vehicle", 'i', config, name, def, lo, hi, "", text)
+#include "tse/vehicle.def"
+#undef REAL
+#undef INT
+#define REAL(name, def, lo, hi, unit, text) PARAMETER("sensors", 'r', config, name, def, lo, hi, unit, text)
+#define INT(name, def, lo, hi, text) PARAMETER("sensors", 'i', config, name, def, lo, hi, "", text)
+#include "tse/sensors.def"
+#undef REAL
+#undef INT
+#define REAL(name, def, lo, hi, unit, text) PARAMETER("simulation", 'r', sim_config, name, def, lo, hi, unit, text)
+#define INT(name, def, lo, hi, text) PARAMETER("simulation", 'i', sim_config, name, def, lo, hi, "", text)
+#include "tse/sim.def"
+#undef REAL
+#undef INT
+
+#define INPUT(name, lo, hi, unit, kind, text) OUTPUT("sensor." #name, 'r', y.row.name, unit, text ", as logged")
+#include "tse/input.def"
+#undef INPUT
+#define SIM_OUTPUT(group, name, member, unit, text) OUTPUT(#group "." #name, 'r', y.member, unit, text)
+#define SIM_STIFFNESS(group, name, member, si, unit, text) OUTPUT(#group "." #name, 'r', si, unit, text)
+#include "tse/sim_output.def"
+#undef SIM_OUTPUT
+#define SIM_OUTPUT(group, name, member, unit, text)
+#define SIM_STIFFNESS(group, name, member, si, unit, text) \
+  OUTPUT(#group ".relative." #name, 'r', y.member, "1", text ", relative to nominal")
+#include "tse/sim_output.def"
+#undef SIM_OUTPUT
+};
+const int32_t fmu_variable_count = (int32_t)(sizeof fmu_variables / sizeof fmu_variables[0]);
+
+const fmu_info fmu_about = {
+  "SingleTrackVehicle", "Single-track vehicle with tyres of random stiffness",
+  "A car to test an estimator on: single-track model with wheel dynamics, a tyre stiffness that is redrawn at every sample, sensors "
+  "with noise and drifting bias, and all of it known",
+  10.0, 0.01, 1e-4
+};
+
+void model_codes(fmu_code_row *row, void *to)
+{
+  (void)row;
+  (void)to;
+}
+
+void model_init(model *m) { tse_config_default(&m->config); }
+
+static void derive_outputs(model *m)
+{
+  tse_output relative;
+  memset(&relative, 0, sizeof relative);
+  memcpy(relative.stiffness, m->y.stiffness, sizeof relative.stiffness);
+  tse_stiffness_si(&m->config, &relative, m->mean_si, NULL, NULL);
+  memcpy(relative.stiffness, m->y.drawn, sizeof relative.stiffness);
+  tse_stiffness_si(&m->config, &relative, m->drawn_si, NULL, NULL);
+}
+
+/* Which input is outside its range; NULL: none. */
+static const char *wrong_input(const tse_sim_input *u)
+{
+#define SIM_INPUT(name, def, lo, hi, unit, text) \
+  if (!(u->name >= (lo) && u->name <= (hi))) return #name " is not a number, or outside its range " #lo " .. " #hi " " unit;
+#include "tse/sim_input.def"
+#undef SIM_INPUT
+  return NULL;
+}
+
+fmu_result model_start(model *m, double start, char text[FMU_TEXT])
+{
+  const char *wrong = wrong_input(&m->u);
+  (void)start;
+  if (wrong) {
+    (void)snprintf(text, FMU_TEXT, "%s", wrong);
+    return FMU_ERROR;
+  }
+  const tse_status status = tse_sim_reset(&m->sim, &m->config, &m->sim_config, &wrong);
+  if (status < 0) {
+    (void)snprintf(text, FMU_TEXT, "%s: %s", fmu_name_of(wrong ? wrong : ""), tse_status_text(status));
+    return FMU_ERROR;
+  }
+  (void)tse_sim_step(&m->sim, &m->u, &m->y); /* logs the start */
+  derive_outputs(m);
+  return FMU_OK;
+}
+
+fmu_result model_step(model *m, double time, double step, char text[FMU_TEXT])
+{
+  tse_sim_input from = m->u, to = m->u;
+  const char *wrong;
+  (void)time;
+  from.dt = to.dt = step;
+#define SIM_INPUT(name, def, lo, hi, unit, text) to.name += step * m->rate.name;
+#include "tse/sim_input.def"
+#undef SIM_INPUT
+  wrong = wrong_input(&from);
+  if (!wrong) wrong = wrong_input(&to);
+  if (wrong) {
+    (void)snprintf(text, FMU_TEXT, "%s", wrong);
+    return FMU_ERROR;
+  }
+  if (!(step <= 1.0)) {
+    (void)snprintf(text, FMU_TEXT, "communicationStepSize = %.10g is longer than 1 s", step);
+    return FMU_ERROR;
+  }
+  if (!m->ramp) {
+    from.road_level = m->sim.last.road_level; /* that of the stiffness drawn for this step */
+    m->sim.last = from;
+  }
+  (void)tse_sim_step(&m->sim, &to, &m->y);
+  derive_outputs(m);
+  return FMU_OK;
+}

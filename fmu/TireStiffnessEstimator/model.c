@@ -1,0 +1,158 @@
+/* fmu/TireStiffnessEstimator/model.c - the estimator as a co-simulation model.
+ *
+ * fmi2DoStep(t, h) takes the inputs as the sample of time t, as a log row of that time; outputs at t + h are the estimate
+ * after that sample. dt of a sample is the time since the sample before, so that a log that is replayed gives the same bits
+ * as through tse_step(). */
+#include <stdio.h>
+#include <string.h>
+
+#include "fmu_model.h"
+
+#define PARAMETER(group, kind, name, def, lo, hi, unit, text) \
+  { group "." #name, kind, 'p', (int32_t)offsetof(model, config.name), FMU_NO_RATE, def, lo, hi, unit, text },
+#define OUTPUT(name, kind, member, unit, text) { name, kind, 'o', (int32_t)offsetof(model, member), FMU_NO_RATE, 0.0, 1.0, -1.0, unit, text },
+
+/* "0 valid, 1 starting, ..." */
+#define X(name, code, word, text) #code " " word ", "
+#define REASONS TSE_REASON_TABLE(X) "see documentation"
+
+const fmu_variable fmu_variables[] = {
+#define INPUT(name, lo, hi, unit, kind, text) \
+  { #name, 'r', 'i', (int32_t)offsetof(model, row.name), FMU_NO_RATE, 0.0, lo, hi, unit, text "; not a number: missing" },
+#include "tse/input.def"
+#undef INPUT
+  { "missing", 'i', 'i', (int32_t)offsetof(model, row.missing), FMU_NO_RATE, 0.0, 0.0, (1 << TSE_CHANNELS) - 1, "",
+    "channels that are missing, for importers that cannot send NaN: sum of 1 steer_angle, 2 wheel_speed_front, 4 wheel_speed_rear, "
+    "8 accel_x, 16 accel_y, 32 yaw_rate" },
+
+#define REAL(name, def, lo, hi, unit, text) PARAMETER("vehicle", 'r', name, def, lo, hi, unit, text)
+#define INT(name, def, lo, hi, text) PARAMETER("vehicle", 'i', name, def, lo, hi, "", text)
+#include "tse/vehicle.def"
+#undef REAL
+#undef INT
+#define REAL(name, def, lo, hi, unit, text) PARAMETER("sensors", 'r', name, def, lo, hi, unit, text)
+#define INT(name, def, lo, hi, text) PARAMETER("sensors", 'i', name, def, lo, hi, "", text)
+#include "tse/sensors.def"
+#undef REAL
+#undef INT
+#define REAL(name, def, lo, hi, unit, text) PARAMETER("filter", 'r', name, def, lo, hi, unit, text)
+#define INT(name, def, lo, hi, text) PARAMETER("filter", 'i', name, (def) < (hi) ? (def) : (hi), lo, hi, "", text)
+#include "tse/filter.def"
+#undef REAL
+#undef INT
+
+#define OUT_REAL(name, member, unit, text) OUTPUT("estimate." #name, 'r', y.member, unit, text)
+#define OUT_INT(name, member, text) OUTPUT("estimate." #name, 'i', y.member, "", text)
+#define OUT_STIFFNESS(name, member, si, unit, text) OUTPUT("estimate." #name, 'r', si, unit, text)
+#define OUT_FLAG(name, member, text) OUTPUT("estimate." #name, 'b', y.member, "", text)
+#define OUT_REASON(stiffness, member, text)                                                                        \
+  OUTPUT("estimate." #stiffness "_valid", 'b', valid[(offsetof(tse_output, member) - offsetof(tse_output, reason)) / sizeof(int32_t)], "", \
+         "the stiffness may be used")                                                                              \
+  OUTPUT("estimate." #stiffness "_reason", 'i', y.member, "", REASONS)
+#include "tse/output.def"
+#undef OUT_REAL
+#undef OUT_INT
+  OUTPUT("estimate.valid", 'b', all_valid, "", "all three stiffnesses may be used")
+#define OUT_REAL(name, member, unit, text)
+#define OUT_INT(name, member, text)
+#define OUT_STIFFNESS(name, member, si, unit, text) OUTPUT("estimate.relative." #name, 'r', y.member, "1", text ", relative to nominal")
+#include "tse/output.def"
+#undef OUT_REAL
+#undef OUT_INT
+};
+#undef X
+const int32_t fmu_variable_count = (int32_t)(sizeof fmu_variables / sizeof fmu_variables[0]);
+
+const fmu_info fmu_about = {
+  "TireStiffnessEstimator", "Tyre stiffness estimator",
+  "Estimates longitudinal and cornering stiffness of a car's tyres, their spread and the sensors' biases from steering angle, wheel "
+  "speeds, accelerometers and gyro: the marginalized adaptive particle filter of Berntorp and Di Cairano on a single-track model",
+  10.0, 0.01, 1e-4
+};
+
+void model_codes(fmu_code_row *row, void *to)
+{
+#define X(name, code, text) if ((code) >= 0) row(to, "estimate.status", code, #name, text);
+  TSE_STATUS_TABLE(X)
+#undef X
+#define X(name, code, word, text) row(to, "estimate.cx_front_reason, estimate.cy_front_reason, estimate.cy_rear_reason", code, word, text);
+  TSE_REASON_TABLE(X)
+#undef X
+}
+
+void model_init(model *m) { tse_config_default(&m->config); }
+
+static void derive_outputs(model *m)
+{
+  tse_stiffness_si(&m->config, &m->y, m->mean, m->sd, m->spread);
+  m->all_valid = 1;
+  for (int a = 0; a < 3; a++) {
+    m->valid[a] = m->y.reason[a] == TSE_VALID;
+    m->all_valid = m->all_valid && m->valid[a];
+  }
+}
+
+fmu_result model_start(model *m, double start, char text[FMU_TEXT])
+{
+  const char *wrong = "";
+  const tse_status status = tse_prepare(&m->config, &m->params, &wrong);
+  (void)start; /* the first row's own time counts */
+  if (status < 0) {
+    (void)snprintf(text, FMU_TEXT, "%s: %s", fmu_name_of(wrong), tse_status_text(status));
+    return FMU_ERROR;
+  }
+  (void)tse_reset(&m->params, &m->filter, sizeof m->filter);
+  m->rows = 0;
+  memset(&m->y, 0, sizeof m->y); /* before the first row: what the settings say */
+  m->y.stiffness[0] = m->config.initial_cx_front;
+  m->y.stiffness[1] = m->config.initial_cy_front;
+  m->y.stiffness[2] = m->config.initial_cy_rear;
+  m->y.status = TSE_W_STARTING;
+  for (int a = 0; a < 3; a++) {
+    m->y.stiffness_sd[a] = m->config.initial_mean_sd;
+    m->y.stiffness_spread[a] = m->config.initial_spread;
+    m->y.noise[a] = 1.0;
+    m->y.reason[a] = TSE_STARTING;
+  }
+  derive_outputs(m);
+  return FMU_OK;
+}
+
+/* A sample in which what is out of range is missing, and the name of the first channel that is. tse_step() would refuse a
+ * steering angle or wheel speed out of range; a co-simulation is not to end for a sensor fault. */
+static tse_input usable(const model *m, const char **first)
+{
+  tse_input u = m->row;
+  u.missing &= (1u << TSE_CHANNELS) - 1u;
+  *first = NULL;
+#define INPUT(name, lo, hi, unit, kind, text)                                                                     \
+  if (!(u.name >= (lo) && u.name <= (hi))) {                                                                      \
+    u.name = 0.0;                                                                                                 \
+    u.missing |= TSE_MISSING(name);                                                                               \
+  }                                                                                                               \
+  if (!*first && (u.missing & TSE_MISSING(name))) *first = #name " is missing or outside its range " #lo " .. " #hi " " unit;
+#include "tse/input.def"
+#undef INPUT
+  return u;
+}
+
+fmu_result model_step(model *m, double time, double step, char text[FMU_TEXT])
+{
+  const char *first;
+  tse_input u = usable(m, &first);
+  (void)step;
+  u.dt = m->rows > 0 ? time - m->time : 0.0;
+  const tse_status status = tse_step(&m->params, &m->filter, &u, &m->y);
+  if (status < 0) {
+    (void)snprintf(text, FMU_TEXT, "%s (dt %.10g s since the last sample)", tse_status_text(status), u.dt);
+    return FMU_ERROR;
+  }
+  m->rows = 1;
+  m->time = time;
+  derive_outputs(m);
+  if (status == TSE_W_MISSING_CHANNEL || status >= TSE_W_PREDICTED) {
+    (void)snprintf(text, FMU_TEXT, "%s%s%s", tse_status_text(status), first ? ": " : "", first ? first : "");
+    return FMU_WARNING;
+  }
+  return FMU_OK;
+}

@@ -1,0 +1,312 @@
+/* fmu/glue/describe.c - prints from a model's table (fmu_model.h), at build time:
+ *
+ *   describe model FILE.c ...          modelDescription.xml of FMI 2.0, with these source files; @GUID@ where it stands
+ *   describe build NAME=VALUE FILE.c ...   buildDescription.xml, with this preprocessor definition and these source files
+ *   describe variables                 rows of HTML tables for documentation/index.html
+ */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "fmu_model.h"
+#include "tse/version.h"
+
+/* Units as the tables of include/tse write them: FMI name, exponents of kg, m, s, rad (none where they are no integers),
+ * type, display unit and display value per SI value. */
+typedef struct unit {
+  const char *name, *fmi, *type;
+  int has_base, kg, m, s, rad;
+  const char *display;
+  double factor;
+} unit;
+
+#define DEG 57.295779513082323
+static const unit units[] = {
+  { "1",             "1",             "Ratio",                    1, 0, 0, 0, 0, NULL, 0 },
+  { "rad",           "rad",           "Angle",                    1, 0, 0, 0, 1, "deg", DEG },
+  { "rad/s",         "rad/s",         "AngularVelocity",          1, 0, 0, -1, 1, "deg/s", DEG },
+  { "m",             "m",             "Length",                   1, 0, 1, 0, 0, NULL, 0 },
+  { "m/s",           "m/s",           "Velocity",                 1, 0, 1, -1, 0, "km/h", 3.6 },
+  { "m/s2",          "m/s2",          "Acceleration",             1, 0, 1, -2, 0, NULL, 0 },
+  { "s",             "s",             "Time",                     1, 0, 0, 1, 0, NULL, 0 },
+  { "kg",            "kg",            "Mass",                     1, 1, 0, 0, 0, NULL, 0 },
+  { "kg m2",         "kg.m2",         "MomentOfInertia",          1, 1, 2, 0, 0, NULL, 0 },
+  { "N",             "N",             "LongitudinalStiffness",    1, 1, 1, -2, 0, "kN", 1e-3 },
+  { "N/rad",         "N/rad",         "CorneringStiffness",       1, 1, 1, -2, -1, "kN/deg", 1e-3 / DEG },
+  { "Nm",            "N.m",           "Torque",                   1, 1, 2, -2, 0, NULL, 0 },
+  { "m/s2/sqrt(s)",  "m/s2/sqrt(s)",  "AccelerationWalk",         0, 0, 0, 0, 0, NULL, 0 },
+  { "rad/s/sqrt(s)", "rad/s/sqrt(s)", "AngularVelocityWalk",      0, 0, 0, 0, 0, NULL, 0 },
+  { "1/sqrt(s)",     "1/sqrt(s)",     "RatioWalk",                0, 0, 0, 0, 0, NULL, 0 },
+  { "1/sqrt(day)",   "1/sqrt(day)",   "RatioWalkPerDay",          0, 0, 0, 0, 0, NULL, 0 },
+  { "sigma",         "sigma",         "StandardDeviations",       1, 0, 0, 0, 0, NULL, 0 },
+  { "nat",           "nat",           "LogDensity",               1, 0, 0, 0, 0, NULL, 0 },
+};
+
+static const unit *unit_of(const fmu_variable *v)
+{
+  for (size_t i = 0; i < sizeof units / sizeof units[0]; i++)
+    if (strcmp(units[i].name, v->unit) == 0) return &units[i];
+  (void)fprintf(stderr, "describe: %s has the unit '%s', which fmu/glue/describe.c does not know\n", v->name, v->unit);
+  exit(1);
+}
+
+static int used(const unit *u)
+{
+  for (int32_t i = 0; i < fmu_variable_count; i++)
+    if (fmu_variables[i].kind == 'r' && unit_of(&fmu_variables[i]) == u) return 1;
+  return 0;
+}
+
+/* The shortest decimal number that reads back as the same double. */
+static const char *number(double x)
+{
+  static char text[40];
+  for (int digits = 6; digits <= 17; digits++) {
+    (void)snprintf(text, sizeof text, "%.*g", digits, x);
+    if (strtod(text, NULL) == x) break; /* exact on purpose */
+  }
+  return text;
+}
+
+static void escaped(const char *text)
+{
+  for (; *text; text++) switch (*text) {
+    case '&': (void)fputs("&amp;", stdout); break;
+    case '<': (void)fputs("&lt;", stdout); break;
+    case '>': (void)fputs("&gt;", stdout); break;
+    case '"': (void)fputs("&quot;", stdout); break;
+    default: (void)putchar(*text);
+  }
+}
+
+static void attribute(const char *name, const char *value)
+{
+  (void)printf(" %s=\"", name);
+  escaped(value);
+  (void)putchar('"');
+}
+
+/* ---------------------------------------------------------------------------- modelDescription.xml */
+
+static void print_units(void)
+{
+  (void)puts("  <UnitDefinitions>");
+  for (size_t i = 0; i < sizeof units / sizeof units[0]; i++) {
+    const unit *const u = &units[i];
+    if (!used(u)) continue;
+    (void)printf("    <Unit name=\"%s\"", u->fmi);
+    if (!u->has_base) {
+      (void)puts("/>");
+      continue;
+    }
+    (void)printf("><BaseUnit");
+    if (u->kg) (void)printf(" kg=\"%d\"", u->kg);
+    if (u->m) (void)printf(" m=\"%d\"", u->m);
+    if (u->s) (void)printf(" s=\"%d\"", u->s);
+    if (u->rad) (void)printf(" rad=\"%d\"", u->rad);
+    (void)printf("/>");
+    if (u->display) (void)printf("<DisplayUnit name=\"%s\" factor=\"%s\"/>", u->display, number(u->factor));
+    (void)puts("</Unit>");
+  }
+  (void)puts("  </UnitDefinitions>\n  <TypeDefinitions>");
+  for (size_t i = 0; i < sizeof units / sizeof units[0]; i++) {
+    const unit *const u = &units[i];
+    if (!used(u)) continue;
+    (void)printf("    <SimpleType name=\"%s\"><Real quantity=\"%s\" unit=\"%s\"", u->type, u->type, u->fmi);
+    if (u->display) (void)printf(" displayUnit=\"%s\"", u->display);
+    (void)puts("/></SimpleType>");
+  }
+  (void)puts("  </TypeDefinitions>");
+}
+
+static void print_variable(int32_t index)
+{
+  const fmu_variable *const v = &fmu_variables[index];
+  const int has_range = v->hi >= v->lo && v->kind != 'b';
+  (void)printf("    <ScalarVariable name=\"%s\" valueReference=\"%d\"", v->name, (int)index);
+  attribute("description", v->text);
+  attribute("causality", v->role == 'p' ? "parameter" : v->role == 'i' ? "input" : "output");
+  attribute("variability", v->role == 'p' ? "fixed" : v->kind == 'r' ? "continuous" : "discrete");
+  if (v->role != 'i') attribute("initial", v->role == 'p' ? "exact" : "calculated");
+  (void)printf(">\n      <%s", v->kind == 'r' ? "Real" : v->kind == 'i' ? "Integer" : "Boolean");
+  if (v->kind == 'r') {
+    const unit *const u = unit_of(v);
+    attribute("declaredType", u->type);
+    attribute("unit", u->fmi);
+    if (u->display) attribute("displayUnit", u->display);
+  }
+  if (has_range) {
+    attribute("min", number(v->lo));
+    attribute("max", number(v->hi));
+  }
+  if (v->role != 'o') attribute("start", v->kind == 'b' ? (v->start > 0.0 ? "true" : "false") : number(v->start));
+  (void)puts("/>\n    </ScalarVariable>");
+}
+
+static int takes_rates(void)
+{
+  for (int32_t i = 0; i < fmu_variable_count; i++)
+    if (fmu_variables[i].rate != FMU_NO_RATE) return 1;
+  return 0;
+}
+
+static void print_outputs(const char *element, const char *dependencies)
+{
+  (void)printf("    <%s>\n", element);
+  for (int32_t i = 0; i < fmu_variable_count; i++)
+    if (fmu_variables[i].role == 'o') (void)printf("      <Unknown index=\"%d\"%s/>\n", (int)i + 1, dependencies);
+  (void)printf("    </%s>\n", element);
+}
+
+static void print_model(int files, char **file)
+{
+  (void)puts("<?xml version=\"1.0\" encoding=\"UTF-8\"?>");
+  (void)printf("<fmiModelDescription fmiVersion=\"2.0\"");
+  attribute("modelName", fmu_about.identifier);
+  (void)printf(" guid=\"@GUID@\"");
+  attribute("description", fmu_about.description);
+  attribute("author", "the tse authors");
+  attribute("version", TSE_VERSION);
+  attribute("copyright", "the tse authors");
+  attribute("license", "Apache-2.0, see documentation/licenses");
+  attribute("generationTool", "tse " TSE_VERSION);
+  (void)puts(" variableNamingConvention=\"structured\">");
+  (void)printf("  <CoSimulation modelIdentifier=\"%s\" needsExecutionTool=\"false\" canHandleVariableCommunicationStepSize=\"true\"\n"
+               "    canInterpolateInputs=\"%s\" maxOutputDerivativeOrder=\"0\" canRunAsynchronuously=\"false\"\n"
+               "    canBeInstantiatedOnlyOncePerProcess=\"false\" canNotUseMemoryManagementFunctions=\"true\"\n"
+               "    canGetAndSetFMUstate=\"true\" canSerializeFMUstate=\"true\" providesDirectionalDerivative=\"false\">\n"
+               "    <SourceFiles>\n", fmu_about.identifier, takes_rates() ? "true" : "false");
+  for (int i = 0; i < files; i++) (void)printf("      <File name=\"%s\"/>\n", file[i]);
+  (void)puts("    </SourceFiles>\n  </CoSimulation>");
+  print_units();
+  (void)puts("  <LogCategories>");
+#define X(name, text) (void)puts("    <Category name=\"" name "\" description=\"" text "\"/>");
+  FMU_LOG_CATEGORIES(X)
+#undef X
+  (void)puts("  </LogCategories>");
+  (void)printf("  <DefaultExperiment startTime=\"0\" stopTime=\"%s\"", number(fmu_about.stop_time));
+  (void)printf(" tolerance=\"%s\"", number(fmu_about.tolerance));
+  (void)printf(" stepSize=\"%s\"/>\n", number(fmu_about.step_size));
+  (void)puts("  <ModelVariables>");
+  for (int32_t i = 0; i < fmu_variable_count; i++) print_variable(i);
+  (void)puts("  </ModelVariables>\n  <ModelStructure>");
+  print_outputs("Outputs", " dependencies=\"\""); /* what is set at a communication point is seen at the next */
+  print_outputs("InitialUnknowns", "");           /* at the start on parameters and inputs: on any of them   */
+  (void)puts("  </ModelStructure>\n</fmiModelDescription>");
+}
+
+/* ---------------------------------------------------------------------------- buildDescription.xml */
+
+static void print_build(char *definition, int files, char **file)
+{
+  char *const value = strchr(definition, '=');
+  if (!value) {
+    (void)fprintf(stderr, "describe: '%s' is not NAME=VALUE\n", definition);
+    exit(1);
+  }
+  *value = '\0';
+  (void)puts("<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<fmiBuildDescription fmiVersion=\"3.0\">");
+  (void)printf("  <BuildConfiguration modelIdentifier=\"%s\">\n    <SourceFileSet language=\"C99\" compilerOptions=\"-ffp-contract=off\">\n", fmu_about.identifier);
+  for (int i = 0; i < files; i++) (void)printf("      <SourceFile name=\"%s\"/>\n", file[i]);
+  (void)printf("      <PreprocessorDefinition name=\"%s\" value=\"%s\"/>\n", definition, value + 1);
+  (void)puts("    </SourceFileSet>\n  </BuildConfiguration>\n</fmiBuildDescription>");
+}
+
+/* ------------------------------------------------------------------------------------------- HTML */
+
+static void cell(const char *text)
+{
+  (void)fputs("<td>", stdout);
+  escaped(text);
+  (void)fputs("</td>", stdout);
+}
+
+static void code_row(void *to, const char *table, int32_t code, const char *name, const char *text)
+{
+  const char **const last = to;
+  if (!*last || strcmp(*last, table) != 0) {
+    (void)printf("%s<h3>Codes of <code>", *last ? "</table>\n" : "");
+    escaped(table);
+    (void)puts("</code></h3>\n<table class=\"codes\"><thead><tr><th>code</th><th>name</th><th>meaning</th></tr></thead>");
+    *last = table;
+  }
+  (void)printf("<tr><td class=\"number\">%d</td><td><code>%s</code></td>", (int)code, name);
+  cell(text);
+  (void)puts("</tr>");
+}
+
+/* The part of a structured name that comes before its last dot: its group. */
+static size_t group_length(const char *name)
+{
+  const char *const dot = strrchr(name, '.');
+  return dot ? (size_t)(dot - name) : 0;
+}
+
+static int same_group(const fmu_variable *a, const fmu_variable *b)
+{
+  const size_t length = group_length(a->name);
+  return a->role == b->role && length == group_length(b->name) && strncmp(a->name, b->name, length) == 0;
+}
+
+static void variable_row(const fmu_variable *v)
+{
+  const char *const type = v->kind == 'r' ? "Real" : v->kind == 'i' ? "Integer" : "Boolean";
+  const size_t group = group_length(v->name);
+  (void)printf("<tr><td><code>%.*s%s%s</code></td><td>%s</td><td>%s</td>", (int)group, v->name, group ? ".<wbr>" : "",
+               v->name + group + (group > 0), type, v->kind == 'r' ? unit_of(v)->fmi : ""); /* long names may break there */
+  if (v->role != 'o') {
+    const int digits = v->kind == 'r' ? 6 : 10; /* modelDescription.xml has all of them */
+    (void)fputs("<td class=\"number\">", stdout);
+    if (v->kind == 'b') (void)fputs(v->start > 0.0 ? "true" : "false", stdout);
+    else (void)printf("%.*g", digits, v->start);
+    (void)fputs("</td><td class=\"number\">", stdout);
+    if (v->kind != 'b' && v->hi >= v->lo) (void)printf("%.*g to %.*g", digits, v->lo, digits, v->hi);
+    (void)fputs("</td>", stdout);
+  }
+  cell(v->text);
+  (void)puts("</tr>");
+}
+
+/* A table per role; in it groups in the order of their first member. */
+static void print_variables(void)
+{
+  static const struct { char role; const char *title, *id; } roles[] = {
+    { 'i', "Inputs", "inputs" }, { 'o', "Outputs", "outputs" }, { 'p', "Parameters", "parameters" }
+  };
+  const char *table = NULL;
+  for (size_t k = 0; k < sizeof roles / sizeof roles[0]; k++) {
+    const int ranges = roles[k].role != 'o';
+    (void)printf("<h3 id=\"%s\">%s</h3>\n<table class=\"variables\"><thead><tr>", roles[k].id, roles[k].title);
+    (void)printf("<th>name</th><th>type</th><th>unit</th>");
+    (void)printf("%s<th>meaning</th></tr></thead>\n", ranges ? "<th>start</th><th>range</th>" : "");
+    for (int32_t first = 0; first < fmu_variable_count; first++) {
+      const fmu_variable *const head = &fmu_variables[first];
+      int32_t before = 0;
+      while (before < first && !same_group(&fmu_variables[before], head)) before++;
+      if (head->role != roles[k].role || before < first) continue;
+      (void)puts("<tbody>");
+      const int length = (int)group_length(head->name);
+      if (length > 0)
+        (void)printf("<tr class=\"group\"><th colspan=\"%d\"><code>%.*s</code></th></tr>\n", ranges ? 6 : 4, length, head->name);
+      for (int32_t i = first; i < fmu_variable_count; i++)
+        if (same_group(&fmu_variables[i], head)) variable_row(&fmu_variables[i]);
+      (void)puts("</tbody>");
+    }
+    (void)puts("</table>");
+  }
+  model_codes(code_row, &table);
+  if (table) (void)puts("</table>");
+}
+
+int main(int count, char **argument)
+{
+  const char *const what = count > 1 ? argument[1] : "";
+  if (strcmp(what, "model") == 0 && count > 2) print_model(count - 2, argument + 2);
+  else if (strcmp(what, "build") == 0 && count > 3) print_build(argument[2], count - 3, argument + 3);
+  else if (strcmp(what, "variables") == 0 && count == 2) print_variables();
+  else {
+    (void)fputs("usage: describe model FILE.c ... | describe build NAME=VALUE FILE.c ... | describe variables\n", stderr);
+    return 2;
+  }
+  return fflush(stdout) == 0 && !ferror(stdout) ? 0 : 1;
+}

@@ -1,0 +1,70 @@
+/* fmu/glue/fmu_model.h - what a model tells the generic FMI 2.0 glue (fmi2.c) and the generator of its description
+ * (describe.c), neither of which knows anything of tyres.
+ *
+ * A model is a folder with model.h, which defines the complete type `model`, and model.c with the functions and the table
+ * below. `model` holds all variables and all state and no pointer: a copy of it is a snapshot. */
+#ifndef FMU_MODEL_H
+#define FMU_MODEL_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#include "model.h"
+
+#define FMU_NO_RATE (-1)
+
+/* One variable. Its value reference is its place in the table. */
+typedef struct fmu_variable {
+  const char *name;    /* structured, unique: vehicle.mass                                                                */
+  char kind;           /* 'r' Real (double), 'i' Integer, 'b' Boolean (both int32_t)                                      */
+  char role;           /* 'p' parameter, 'i' input, 'o' output                                                            */
+  int32_t offset;      /* of its place in `model` [bytes]                                                                 */
+  int32_t rate;        /* of the place for its time derivative, which interpolates a Real input; FMU_NO_RATE: none        */
+  double start;        /* parameters and inputs                                                                           */
+  double lo, hi;       /* range; hi < lo where there is none. A parameter outside is refused; an input is the model's to judge */
+  const char *unit;    /* as in the tables of include/tse; "" for what has none                                           */
+  const char *text;
+} fmu_variable;
+
+extern const fmu_variable fmu_variables[];
+extern const int32_t fmu_variable_count;
+
+/* What modelDescription.xml says of the whole. */
+typedef struct fmu_info {
+  const char *identifier;               /* FMI modelIdentifier: name of the binary and of the .fmu          */
+  const char *title, *description;
+  double stop_time, step_size, tolerance; /* DefaultExperiment [s], [s], [1] */
+} fmu_info;
+extern const fmu_info fmu_about;
+
+/* A table of codes, for the documentation: called once per row. */
+typedef void fmu_code_row(void *to, const char *table, int32_t code, const char *name, const char *text);
+void model_codes(fmu_code_row *row, void *to);
+
+typedef enum fmu_result { FMU_OK, FMU_WARNING, FMU_ERROR } fmu_result;
+
+/* Names that importers know, and what each is for. Errors and warnings are logged unless switched off, events when asked for. */
+#define FMU_LOG_CATEGORIES(X)                                                        \
+  X("logStatusError", "a call was refused, and why; nothing has changed")            \
+  X("logStatusWarning", "the step was done, but an input is missing or out of range; said once while it lasts") \
+  X("logEvents", "instantiated, initialized, terminated")
+
+#define FMU_TEXT 256
+
+/* For messages: name of the parameter whose last part this is ("mass": "vehicle.mass"); `last_part` itself if there is none. */
+const char *fmu_name_of(const char *last_part);
+
+/* Defaults of what the table does not list. The variables' start values follow. `m` is zero before. */
+void model_init(model *m);
+
+/* Check parameters, set the state to time `start` and compute all outputs from parameters and inputs. May be called again,
+ * with other parameters, before the first step.
+ *   Returned:  text  why not, when FMU_ERROR: names the variable */
+fmu_result model_start(model *m, double start, char text[FMU_TEXT]);
+
+/* From the communication point `time` to `time + step`, with the inputs as they are at `time`.
+ *   Updated:   m     unchanged, bit for bit, when FMU_ERROR
+ *   Returned:  text  what is wrong, when not FMU_OK */
+fmu_result model_step(model *m, double time, double step, char text[FMU_TEXT]);
+
+#endif

@@ -1,0 +1,48 @@
+# fmu/stage.cmake - lays out everything of an FMU but its binaries; called by fmu/CMakeLists.txt. Lists are separated by |.
+# The GUID is made of all that an importer can see: modelDescription.xml, which tells variables, ranges, starts and version.
+foreach(list IN ITEMS sources files public_headers parts)
+  string(REPLACE "|" ";" ${list} "${${list}}")
+endforeach()
+
+function(print result)                                   # what the description tool prints for these arguments
+  execute_process(COMMAND "${describe}" ${ARGN} OUTPUT_VARIABLE text RESULT_VARIABLE failed)
+  if(failed)
+    message(FATAL_ERROR "describe ${ARGN} failed: ${failed}")
+  endif()
+  set(${result} "${text}" PARENT_SCOPE)
+endfunction()
+
+print(model model ${sources})
+string(UUID guid NAMESPACE 7d1b2f04-6f52-4e0b-9d0d-2f1b1d6c0e57 NAME "${model}" TYPE SHA1)
+string(REPLACE "@GUID@" "{${guid}}" model "${model}")
+print(build build ${definition} ${sources})
+print(variables variables)
+file(READ "${documentation}" page)
+file(READ "${style}" css)
+foreach(part IN LISTS parts)                             # @name@ stands for all of name.html
+  file(READ "${part}" text)
+  get_filename_component(name "${part}" NAME_WE)
+  string(REPLACE "@${name}@" "${text}" page "${page}")
+endforeach()
+foreach(name IN ITEMS css version guid variables instances states)
+  string(REPLACE "@${name}@" "${${name}}" page "${page}")
+endforeach()
+
+file(REMOVE_RECURSE "${stage}")
+file(WRITE "${stage}/modelDescription.xml" "${model}")
+file(WRITE "${stage}/sources/buildDescription.xml" "${build}")
+file(WRITE "${stage}/sources/fmu_guid.h" "#define FMU_GUID \"{${guid}}\"\n")
+file(WRITE "${stage}/documentation/index.html" "${page}")
+file(COPY "${image}" DESTINATION "${stage}")
+configure_file("${license}" "${stage}/documentation/licenses/license.txt" COPYONLY)
+configure_file("${notice}" "${stage}/documentation/licenses/notice.txt" COPYONLY)
+file(COPY ${public_headers} DESTINATION "${stage}/sources/tse")
+foreach(file IN LISTS files)                             # flat, but for what src/ keeps in folders
+  file(RELATIVE_PATH below "${src}" "${file}")
+  get_filename_component(folder "${below}" DIRECTORY)
+  if(folder MATCHES "^\\.\\.")
+    set(folder "")
+  endif()
+  file(COPY "${file}" DESTINATION "${stage}/sources/${folder}")
+endforeach()
+configure_file("${stage}/sources/fmu_guid.h" "${generated}/fmu_guid.h" COPYONLY)
