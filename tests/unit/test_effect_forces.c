@@ -311,6 +311,8 @@ static void test_stiffness_drifts_between_two_times(void)
   const double fyf = drifted(1.2e5, 0.04 - (vy + 1.25 * r) / vx, 0, 0, 0, 0, 0), fyr = drifted(1.4e5, (1.5 * r - vy) / vx, 0, 0, 0, 0, 1);
   const double fxf = 1.6e5 * (1 + 0.2 * 10.99 / 22) * (20 - vx) / 20;
   expect_near(1900 * ay, fyf + fyr + fxf * 0.04, BY_FORMAT(1e-2, 8), "force", 0);
+  expect_near(0.33 * fxf, number(got_tf[last]), BY_FORMAT(1e-2, 8), "longitudinal, front", 0);
+  expect_near(0.33 * fxf, number(got_tr[last]), BY_FORMAT(1e-2, 8), "longitudinal, rear", 0);
   const tse_real before[2] = { got_y[400], got_y[410] };
   c.stiffness_drift_change = 0;
   replay(&c, rows);

@@ -94,6 +94,29 @@ static void test_shapes_of_effects_that_are_off_change_no_bit_of_the_simulator(v
   }
 }
 
+/* Who sets the driver's last angle anew between two rows (an FMU whose inputs are held) makes the wheels jump there. */
+static void test_an_angle_set_between_rows_is_a_jump_also_with_effects(void)
+{
+  static tse_sim sim[2];
+  const tse_sim_config s = still_sim(20);
+  tse_sim_output y[2];
+  for (int k = 0; k < 2; k++) {
+    tse_config c = default_car();
+    tse_sim_input u;
+    c.steering_ratio_change = (tse_setting)(k ? 0.25 : 0);
+    TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_reset(&sim[k], &c, &s, NULL));
+    memset(&u, 0, sizeof u);
+    u.dt = real(0.01);
+    u.road_level = real(1);
+    TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_step(&sim[k], &u, &y[k]));
+    u.steer_angle = real(k ? 0.008 : 0.01);
+    sim[k].last.steer_angle = u.steer_angle;
+    TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_step(&sim[k], &u, &y[k]));
+  }
+  TEST_ASSERT_TRUE(number(y[0].yaw_rate) > 1e-3);
+  expect_near(number(y[0].yaw_rate), number(y[1].yaw_rate), BY_FORMAT(1e-12, 1e-7), "yaw_rate", 0);
+}
+
 /* A strength on its way to zero leads to the plain model: no effect starts with a step. */
 static void test_every_effect_is_continuous_at_zero(void)
 {
@@ -390,6 +413,7 @@ int main(void)
   UNITY_BEGIN();
   RUN_TEST(test_without_effects_a_replay_is_the_plain_vehicle_bit_for_bit);
   RUN_TEST(test_shapes_of_effects_that_are_off_change_no_bit_of_the_simulator);
+  RUN_TEST(test_an_angle_set_between_rows_is_a_jump_also_with_effects);
   RUN_TEST(test_every_effect_is_continuous_at_zero);
   RUN_TEST(test_integration_is_of_second_order_with_all_effects);
   RUN_TEST(test_the_shortest_lags_change_nothing_and_stay_stable);
