@@ -1,6 +1,6 @@
 # fmu/stage.cmake - lays out everything of an FMU but its binaries; called by fmu/CMakeLists.txt. Lists are separated by |.
 # The GUID is made of all that an importer can see: modelDescription.xml, which tells variables, ranges, starts and version.
-foreach(list IN ITEMS sources files public_headers)
+foreach(list IN ITEMS sources files public_headers parts)
   string(REPLACE "|" ";" ${list} "${${list}}")
 endforeach()
 
@@ -19,7 +19,12 @@ print(build build ${definition} ${sources})
 print(variables variables)
 file(READ "${documentation}" page)
 file(READ "${style}" css)
-foreach(name IN ITEMS css version guid variables)
+foreach(part IN LISTS parts)                             # @name@ stands for all of name.html
+  file(READ "${part}" text)
+  get_filename_component(name "${part}" NAME_WE)
+  string(REPLACE "@${name}@" "${text}" page "${page}")
+endforeach()
+foreach(name IN ITEMS css version guid variables instances states)
   string(REPLACE "@${name}@" "${${name}}" page "${page}")
 endforeach()
 

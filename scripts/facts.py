@@ -2,19 +2,30 @@
 """Measure what README states, write the tables to scripts/results, and put them into README between their markers.
 
     .venv/bin/python scripts/facts.py            everything: about a minute and a half
+    .venv/bin/python scripts/facts.py --fmu      only what comes from the FMUs, and scripts/results/fmu_clients.csv: some seconds
     .venv/bin/python scripts/facts.py --check    measure nothing; fail when README differs from scripts/results
 """
 
 from __future__ import annotations
 
+import csv
 import re
 import subprocess
 import sys
+import xml.etree.ElementTree as ET
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 RESULTS = ROOT / "scripts" / "results"
 README = ROOT / "README.md"
+FMUS = ROOT / "build" / "fmu" / "fmu"
+
+# Of the variables of each FMU: what a table in README lists one by one. Of the others it names the groups.
+MAIN = {
+    "TireStiffnessEstimator": r"\w+|estimate\.c[xy]_(front|rear)(_sd|_spread|_valid|_reason)?|"
+    r"estimate\.relative\.c[xy]_(front|rear)|estimate\.(sideslip|valid|status)",
+    "SingleTrackVehicle": r"\w+|sensor\.\w+|true\.(vel_[xy]|c[xy]_(front|rear))",
+}
 
 
 def output(*command: str | Path) -> str:
@@ -34,6 +45,47 @@ def sizes() -> str:
     return "\n".join(lines) + "\n"
 
 
+def fmu_variables(model: str, folder: Path) -> str:
+    """The main variables of an FMU as modelDescription.xml has them. What the three stiffnesses share word for word is one row."""
+    rows: dict[tuple[str, str, str], list[ET.Element]] = {}
+    others: dict[tuple[str, str], list[str]] = {}
+    for v in ET.parse(folder / model / "modelDescription.xml").iter("ScalarVariable"):
+        name, role = v.attrib["name"], v.attrib["causality"]
+        if re.fullmatch(MAIN[model], name):
+            rows.setdefault((role, re.sub("c[xy]_(front|rear)", "", name), v.attrib["description"]), []).append(v)
+        else:
+            group, _, last = name.rpartition(".")
+            others.setdefault((role, group), []).append(last)
+    lines = [f"| {model} | | unit | |", "|---|---|---|---|"]
+    for (role, _, text), same in rows.items():
+        units = dict.fromkeys(v[0].attrib.get("unit", v[0].tag) for v in same)
+        names = ", ".join(f"`{v.attrib['name']}`" for v in same)
+        lines.append(f"| {names} | {role} | {', '.join(units)} | {text} |")
+    for (role, group), names in others.items():
+        more = f"{len(names)}: {', '.join(names[:4])}{' ...' if len(names) > 4 else ''}"
+        lines.append(f"| `{group}.*` | {role}s | | {more} |")
+    return "\n".join(lines)
+
+
+def fmu_clients() -> str:
+    """The table fmu_clients.csv, which `tselab fmu validate --clients` writes."""
+    path = RESULTS / "fmu_clients.csv"
+    if not path.is_file():
+        return "Not measured yet: `tselab fmu validate --clients` writes scripts/results/fmu_clients.csv."
+    with path.open(encoding="utf-8", newline="") as file:
+        head, *rows = list(csv.reader(file))
+    cells = [[cell.replace("|", "\\|") for cell in row] for row in (head, ["---"] * len(head), *rows)]
+    return "\n".join("| " + " | ".join(row) + " |" for row in cells)
+
+
+def fmus() -> None:
+    print("FMUs ...", flush=True)
+    output("cmake", "--preset", "fmu", f"-DFETCHCONTENT_SOURCE_DIR_FMI2={ROOT / '.venv/share/fmi2'}")
+    output("cmake", "--build", "--preset", "fmu")
+    (RESULTS / "fmu_variables.md").write_text("\n\n".join(fmu_variables(model, FMUS) for model in MAIN) + "\n")
+    (RESULTS / "fmu.md").write_text(output(sys.executable, ROOT / "scripts" / "fmu_pictures.py", "study"))
+
+
 def measure() -> None:
     RESULTS.mkdir(exist_ok=True)
     tselab = ROOT / ".venv" / "bin" / "tselab"
@@ -46,6 +98,7 @@ def measure() -> None:
     print("picture ...", flush=True)
     output(tselab, "demo", "--out", ROOT / "demo-output")
     (RESULTS / "demo.png").write_bytes((ROOT / "demo-output" / "demo.png").read_bytes())
+    fmus()
 
 
 def columns(text: str, which: int, names: list[str]) -> str:
@@ -61,7 +114,7 @@ def updated(text: str) -> str:
     `<!-- facts: NAME -->`, `<!-- facts: NAME 2: column, column -->` ... `<!-- end -->`."""
 
     def block(match: re.Match[str]) -> str:
-        content = (RESULTS / f"{match[1]}.md").read_text().strip()
+        content = fmu_clients() if match[1] == "fmu_clients" else (RESULTS / f"{match[1]}.md").read_text().strip()
         if match[2]:
             content = columns(content, int(match[2]), match[3].split("; "))
         return f"{match[0].splitlines()[0]}\n{content}\n<!-- end -->"
@@ -71,7 +124,9 @@ def updated(text: str) -> str:
 
 def main() -> int:
     check = "--check" in sys.argv[1:]
-    if not check:
+    if "--fmu" in sys.argv[1:]:
+        fmus()
+    elif not check:
         measure()
     text = README.read_text()
     if check:

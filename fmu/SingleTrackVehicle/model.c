@@ -123,7 +123,10 @@ fmu_result model_step(model *m, double time, double step, char text[FMU_TEXT])
     (void)snprintf(text, FMU_TEXT, "communicationStepSize = %.10g is longer than 1 s", step);
     return FMU_ERROR;
   }
-  if (!m->ramp) m->sim.last = from;
+  if (!m->ramp) {
+    from.road_level = m->sim.last.road_level; /* that of the stiffness drawn for this step */
+    m->sim.last = from;
+  }
   (void)tse_sim_step(&m->sim, &to, &m->y);
   derive_outputs(m);
   return FMU_OK;

@@ -225,42 +225,72 @@ static void code_row(void *to, const char *table, int32_t code, const char *name
 {
   const char **const last = to;
   if (!*last || strcmp(*last, table) != 0) {
-    (void)printf("%s<h3>Codes of ", *last ? "</table>\n" : "");
+    (void)printf("%s<h3>Codes of <code>", *last ? "</table>\n" : "");
     escaped(table);
-    (void)puts("</h3>\n<table><tr><th>code</th><th>name</th><th>meaning</th></tr>");
+    (void)puts("</code></h3>\n<table class=\"codes\"><thead><tr><th>code</th><th>name</th><th>meaning</th></tr></thead>");
     *last = table;
   }
-  (void)printf("<tr><td>%d</td>", (int)code);
-  cell(name);
+  (void)printf("<tr><td class=\"number\">%d</td><td><code>%s</code></td>", (int)code, name);
   cell(text);
   (void)puts("</tr>");
 }
 
+/* The part of a structured name that comes before its last dot: its group. */
+static size_t group_length(const char *name)
+{
+  const char *const dot = strrchr(name, '.');
+  return dot ? (size_t)(dot - name) : 0;
+}
+
+static int same_group(const fmu_variable *a, const fmu_variable *b)
+{
+  const size_t length = group_length(a->name);
+  return a->role == b->role && length == group_length(b->name) && strncmp(a->name, b->name, length) == 0;
+}
+
+static void variable_row(const fmu_variable *v)
+{
+  const char *const type = v->kind == 'r' ? "Real" : v->kind == 'i' ? "Integer" : "Boolean";
+  const size_t group = group_length(v->name);
+  (void)printf("<tr><td><code>%.*s%s%s</code></td><td>%s</td><td>%s</td>", (int)group, v->name, group ? ".<wbr>" : "",
+               v->name + group + (group > 0), type, v->kind == 'r' ? unit_of(v)->fmi : ""); /* long names may break there */
+  if (v->role != 'o') {
+    const int digits = v->kind == 'r' ? 6 : 10; /* modelDescription.xml has all of them */
+    (void)fputs("<td class=\"number\">", stdout);
+    if (v->kind == 'b') (void)fputs(v->start > 0.0 ? "true" : "false", stdout);
+    else (void)printf("%.*g", digits, v->start);
+    (void)fputs("</td><td class=\"number\">", stdout);
+    if (v->kind != 'b' && v->hi >= v->lo) (void)printf("%.*g to %.*g", digits, v->lo, digits, v->hi);
+    (void)fputs("</td>", stdout);
+  }
+  cell(v->text);
+  (void)puts("</tr>");
+}
+
+/* A table per role; in it groups in the order of their first member. */
 static void print_variables(void)
 {
-  static const struct { char role; const char *title; } roles[] = { { 'i', "Inputs" }, { 'o', "Outputs" }, { 'p', "Parameters" } };
+  static const struct { char role; const char *title, *id; } roles[] = {
+    { 'i', "Inputs", "inputs" }, { 'o', "Outputs", "outputs" }, { 'p', "Parameters", "parameters" }
+  };
   const char *table = NULL;
   for (size_t k = 0; k < sizeof roles / sizeof roles[0]; k++) {
-    (void)printf("<h3>%s</h3>\n<table><tr><th>name</th><th>type</th><th>unit</th>%s<th>meaning</th></tr>\n", roles[k].title,
-                 roles[k].role == 'o' ? "" : "<th>start</th><th>range</th>");
-    for (int32_t i = 0; i < fmu_variable_count; i++) {
-      const fmu_variable *const v = &fmu_variables[i];
-      if (v->role != roles[k].role) continue;
-      (void)fputs("<tr>", stdout);
-      cell(v->name);
-      cell(v->kind == 'r' ? "Real" : v->kind == 'i' ? "Integer" : "Boolean");
-      cell(v->kind == 'r' ? unit_of(v)->fmi : "");
-      if (v->role != 'o') {
-        (void)printf("<td>%s</td>", v->kind == 'b' ? (v->start > 0.0 ? "true" : "false") : number(v->start));
-        (void)fputs("<td>", stdout);
-        if (v->hi >= v->lo) {
-          (void)printf("%s to ", number(v->lo));
-          (void)fputs(number(v->hi), stdout);
-        }
-        (void)fputs("</td>", stdout);
-      }
-      cell(v->text);
-      (void)puts("</tr>");
+    const int ranges = roles[k].role != 'o';
+    (void)printf("<h3 id=\"%s\">%s</h3>\n<table class=\"variables\"><thead><tr>", roles[k].id, roles[k].title);
+    (void)printf("<th>name</th><th>type</th><th>unit</th>");
+    (void)printf("%s<th>meaning</th></tr></thead>\n", ranges ? "<th>start</th><th>range</th>" : "");
+    for (int32_t first = 0; first < fmu_variable_count; first++) {
+      const fmu_variable *const head = &fmu_variables[first];
+      int32_t before = 0;
+      while (before < first && !same_group(&fmu_variables[before], head)) before++;
+      if (head->role != roles[k].role || before < first) continue;
+      (void)puts("<tbody>");
+      const int length = (int)group_length(head->name);
+      if (length > 0)
+        (void)printf("<tr class=\"group\"><th colspan=\"%d\"><code>%.*s</code></th></tr>\n", ranges ? 6 : 4, length, head->name);
+      for (int32_t i = first; i < fmu_variable_count; i++)
+        if (same_group(&fmu_variables[i], head)) variable_row(&fmu_variables[i]);
+      (void)puts("</tbody>");
     }
     (void)puts("</table>");
   }
