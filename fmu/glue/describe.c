@@ -1,7 +1,8 @@
 /* fmu/glue/describe.c - prints from a model's table (fmu_model.h), at build time:
  *
  *   describe model FILE.c ...          modelDescription.xml of FMI 2.0, with these source files; @GUID@ where it stands
- *   describe build NAME=VALUE FILE.c ...   buildDescription.xml, with this preprocessor definition and these source files
+ *   describe build NAME=VALUE,... OPTIONS FILE.c ...   buildDescription.xml, with these definitions, these compiler options
+ *                                      of gcc and clang, and these source files
  *   describe variables                 rows of HTML tables for documentation/index.html
  */
 #include <stdio.h>
@@ -31,13 +32,19 @@ static const unit units[] = {
   { "s",             "s",             "Time",                     1, 0, 0, 1, 0, NULL, 0 },
   { "kg",            "kg",            "Mass",                     1, 1, 0, 0, 0, NULL, 0 },
   { "kg m2",         "kg.m2",         "MomentOfInertia",          1, 1, 2, 0, 0, NULL, 0 },
-  { "N",             "N",             "LongitudinalStiffness",    1, 1, 1, -2, 0, "kN", 1e-3 },
+  { "N",             "N",             "Force",                    1, 1, 1, -2, 0, "kN", 1e-3 },
   { "N/rad",         "N/rad",         "CorneringStiffness",       1, 1, 1, -2, -1, "kN/deg", 1e-3 / DEG },
   { "Nm",            "N.m",           "Torque",                   1, 1, 2, -2, 0, NULL, 0 },
   { "m/s2/sqrt(s)",  "m/s2/sqrt(s)",  "AccelerationWalk",         0, 0, 0, 0, 0, NULL, 0 },
   { "rad/s/sqrt(s)", "rad/s/sqrt(s)", "AngularVelocityWalk",      0, 0, 0, 0, 0, NULL, 0 },
   { "1/sqrt(s)",     "1/sqrt(s)",     "RatioWalk",                0, 0, 0, 0, 0, NULL, 0 },
   { "1/sqrt(day)",   "1/sqrt(day)",   "RatioWalkPerDay",          0, 0, 0, 0, 0, NULL, 0 },
+  { "kg/m",          "kg/m",          "MassPerLength",            1, 1, -1, 0, 0, NULL, 0 },
+  { "Hz",            "Hz",            "Frequency",                1, 0, 0, -1, 0, NULL, 0 },
+  { "s2/m",          "s2/m",          "PerAcceleration",          1, 0, -1, 2, 0, NULL, 0 },
+  { "s4/m2",         "s4/m2",         "PerAccelerationSquared",   1, 0, -2, 4, 0, NULL, 0 },
+  { "rad s2/m",      "rad.s2/m",      "AnglePerAcceleration",     1, 0, -1, 2, 1, "deg.s2/m", DEG },
+  { "rad/(N m)",     "rad/(N.m)",     "AnglePerTorque",           1, -1, -2, 2, 1, "deg/(N.m)", DEG },
   { "sigma",         "sigma",         "StandardDeviations",       1, 0, 0, 0, 0, NULL, 0 },
   { "nat",           "nat",           "LogDensity",               1, 0, 0, 0, 0, NULL, 0 },
 };
@@ -197,7 +204,7 @@ static void print_model(int files, char **file)
 
 /* ---------------------------------------------------------------------------- buildDescription.xml */
 
-static void print_build(char *definition, int files, char **file)
+static void print_definition(char *definition)
 {
   char *const value = strchr(definition, '=');
   if (!value) {
@@ -205,10 +212,18 @@ static void print_build(char *definition, int files, char **file)
     exit(1);
   }
   *value = '\0';
-  (void)puts("<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<fmiBuildDescription fmiVersion=\"3.0\">");
-  (void)printf("  <BuildConfiguration modelIdentifier=\"%s\">\n    <SourceFileSet language=\"C99\" compilerOptions=\"-ffp-contract=off\">\n", fmu_about.identifier);
-  for (int i = 0; i < files; i++) (void)printf("      <SourceFile name=\"%s\"/>\n", file[i]);
   (void)printf("      <PreprocessorDefinition name=\"%s\" value=\"%s\"/>\n", definition, value + 1);
+}
+
+static void print_build(char *definitions, const char *options, int files, char **file)
+{
+  (void)puts("<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<fmiBuildDescription fmiVersion=\"3.0\">");
+  (void)printf("  <BuildConfiguration modelIdentifier=\"%s\">\n    <SourceFileSet language=\"C99\" compiler=\"gcc\"",
+               fmu_about.identifier);
+  attribute("compilerOptions", options);
+  (void)puts(">");
+  for (int i = 0; i < files; i++) (void)printf("      <SourceFile name=\"%s\"/>\n", file[i]);
+  for (char *d = strtok(definitions, ","); d; d = strtok(NULL, ",")) print_definition(d);
   (void)puts("    </SourceFileSet>\n  </BuildConfiguration>\n</fmiBuildDescription>");
 }
 
@@ -302,10 +317,10 @@ int main(int count, char **argument)
 {
   const char *const what = count > 1 ? argument[1] : "";
   if (strcmp(what, "model") == 0 && count > 2) print_model(count - 2, argument + 2);
-  else if (strcmp(what, "build") == 0 && count > 3) print_build(argument[2], count - 3, argument + 3);
+  else if (strcmp(what, "build") == 0 && count > 4) print_build(argument[2], argument[3], count - 4, argument + 4);
   else if (strcmp(what, "variables") == 0 && count == 2) print_variables();
   else {
-    (void)fputs("usage: describe model FILE.c ... | describe build NAME=VALUE FILE.c ... | describe variables\n", stderr);
+    (void)fputs("usage: describe model FILE.c ... | describe build NAME=VALUE,... OPTIONS FILE.c ... | describe variables\n", stderr);
     return 2;
   }
   return fflush(stdout) == 0 && !ferror(stdout) ? 0 : 1;
