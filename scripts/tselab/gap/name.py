@@ -222,7 +222,7 @@ def _named(
             values = {e.strengths[0].name: size}
             ci = {e.strengths[0].name: (max(0.0, size - z * spread), size + z * spread)}
         else:
-            values = {p.name: final.values[p.name] for p in e.parameters}
+            values = {p.name: final.values[p.name] for p in e.fitted}
             ci = {k: (v - z * sd_of[k], v + z * sd_of[k]) for k, v in values.items()}
         item = Named(e, values, ci, share, evidence)
         item.look_alikes = look_alikes(problem, effects, chosen, e, without, final, evidence, say)
