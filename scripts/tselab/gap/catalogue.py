@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 from tselab.core import library
 
-
 # Shapes that only multiply the strength, or that stand for the time and place of a log.
 HELD = {
     "steering_compliance_trail", "rear_roll_steer_roll", "stiffness_drift_time", "stiffness_drift_start", "crosswind_heading",
