@@ -2,6 +2,9 @@
 """Measure what README states, write the tables to scripts/results, and put them into README between their markers.
 
     .venv/bin/python scripts/facts.py            everything: about a minute and a half
+    .venv/bin/python scripts/facts.py --fmu      only what the FMUs compute and what their variables are: some seconds
+    .venv/bin/python scripts/facts.py --clients  only what validators and clients say of the FMUs: a minute, the first time three;
+                                                 needs the extras clients and platforms, Java, Maven, wine and qemu-aarch64
     .venv/bin/python scripts/facts.py --check    measure nothing; fail when README differs from scripts/results
 """
 
@@ -10,11 +13,20 @@ from __future__ import annotations
 import re
 import subprocess
 import sys
+import xml.etree.ElementTree as ET
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 RESULTS = ROOT / "scripts" / "results"
 README = ROOT / "README.md"
+FMUS = ROOT / "build" / "fmu" / "fmu"
+
+# Of the variables of each FMU: what a table in README lists one by one. Of the others it names the groups.
+MAIN = {
+    "TireStiffnessEstimator": r"\w+|estimate\.c[xy]_(front|rear)(_sd|_spread|_valid|_reason)?|"
+    r"estimate\.relative\.c[xy]_(front|rear)|estimate\.(sideslip|valid|status)",
+    "SingleTrackVehicle": r"\w+|sensor\.\w+|true\.(vel_[xy]|c[xy]_(front|rear))",
+}
 
 
 def output(*command: str | Path) -> str:
@@ -34,6 +46,44 @@ def sizes() -> str:
     return "\n".join(lines) + "\n"
 
 
+def fmu_variables(model: str, folder: Path) -> str:
+    """The main variables of an FMU as modelDescription.xml has them. What the three stiffnesses share word for word is one row."""
+    rows: dict[tuple[str, str, str], list[ET.Element]] = {}
+    others: dict[tuple[str, str], list[str]] = {}
+    for v in ET.parse(folder / model / "modelDescription.xml").iter("ScalarVariable"):
+        name, role = v.attrib["name"], v.attrib["causality"]
+        if re.fullmatch(MAIN[model], name):
+            rows.setdefault((role, re.sub("c[xy]_(front|rear)", "", name), v.attrib["description"]), []).append(v)
+        else:
+            group, _, last = name.rpartition(".")
+            others.setdefault((role, group), []).append(last)
+    lines = [f"| {model} | | unit | |", "|---|---|---|---|"]
+    for (role, _, text), same in rows.items():
+        units = dict.fromkeys(v[0].attrib.get("unit", v[0].tag) for v in same)
+        names = ", ".join(f"`{v.attrib['name']}`" for v in same)
+        lines.append(f"| {names} | {role} | {', '.join(units)} | {text} |")
+    for (role, group), names in others.items():
+        more = f"{len(names)}: {', '.join(names[:4])}{' ...' if len(names) > 4 else ''}"
+        lines.append(f"| `{group}.*` | {role}s | | {more} |")
+    return "\n".join(lines)
+
+
+def fmus() -> None:
+    print("FMUs ...", flush=True)
+    output("cmake", "--preset", "fmu", f"-DFETCHCONTENT_SOURCE_DIR_FMI2={ROOT / '.venv/share/fmi2'}")
+    output("cmake", "--build", "--preset", "fmu")
+    (RESULTS / "fmu_variables.md").write_text("\n\n".join(fmu_variables(model, FMUS) for model in MAIN) + "\n")
+    (RESULTS / "fmu.md").write_text(output(sys.executable, ROOT / "scripts" / "fmu_pictures.py", "study"))
+
+
+def clients() -> None:
+    """Build the FMUs for all platforms, and run every validator and client that is installed here on them."""
+    print("validators and clients of the FMUs ...", flush=True)
+    folder, tselab = ROOT / "build" / "fmus", ROOT / ".venv" / "bin" / "tselab"
+    output(tselab, "fmu", "build", "--all-platforms", "--out", folder)
+    output(tselab, "fmu", "validate", "--clients", "--results", RESULTS, *sorted(folder.glob("*.fmu")))
+
+
 def measure() -> None:
     RESULTS.mkdir(exist_ok=True)
     tselab = ROOT / ".venv" / "bin" / "tselab"
@@ -46,6 +96,8 @@ def measure() -> None:
     print("picture ...", flush=True)
     output(tselab, "demo", "--out", ROOT / "demo-output")
     (RESULTS / "demo.png").write_bytes((ROOT / "demo-output" / "demo.png").read_bytes())
+    fmus()
+    clients()
 
 
 def columns(text: str, which: int, names: list[str]) -> str:
@@ -71,7 +123,11 @@ def updated(text: str) -> str:
 
 def main() -> int:
     check = "--check" in sys.argv[1:]
-    if not check:
+    if "--fmu" in sys.argv[1:]:
+        fmus()
+    elif "--clients" in sys.argv[1:]:
+        clients()
+    elif not check:
         measure()
     text = README.read_text()
     if check:

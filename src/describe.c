@@ -1,7 +1,7 @@
 /* src/describe.c - the tables of the public headers, laid out for a host to read. */
 #include "tse/describe.h"
 #include "tse/learnt.h"
-#if !defined(TSE_REAL_Q20)
+#if !defined(TSE_NO_EFFECTS)
 #include "tse/simulate.h"
 #include "tse/replay.h"
 #endif
@@ -47,7 +47,7 @@ static const tse_field reason_fields[] = {
 #undef X
 };
 
-#if !defined(TSE_REAL_Q20)
+#if !defined(TSE_NO_EFFECTS)
 static const tse_field sim_config_fields[] = {
 #define REAL(name, def, lo, hi, unit, text) { #name, 's', (int32_t)offsetof(tse_sim_config, name), def, lo, hi, unit, text },
 #define INT(name, def, lo, hi, text) { #name, 'i', (int32_t)offsetof(tse_sim_config, name), def, lo, hi, "1", text },
@@ -73,7 +73,7 @@ static const tse_field sim_output_fields[] = {
 };
 #endif
 
-#if !defined(TSE_REAL_Q20)
+#if !defined(TSE_NO_EFFECTS)
 static const tse_field replay_log_fields[] = {
 #define REPLAY_LOG(name, needed, unit, text) { #name, needed ? 'p' : 'o', (int32_t)offsetof(tse_replay_log, name), NO_RANGE, unit, text },
 #include "tse/replay.def"
@@ -127,7 +127,7 @@ const tse_field *tse_describe(tse_struct which, int32_t *count, int32_t *size)
     ROWS(TSE_STRUCT_OUTPUT, output_fields, sizeof(tse_output))
     ROWS(TSE_STRUCT_STATUS, status_fields, 0)
     ROWS(TSE_STRUCT_REASON, reason_fields, 0)
-#if !defined(TSE_REAL_Q20)
+#if !defined(TSE_NO_EFFECTS)
     ROWS(TSE_STRUCT_SIM_CONFIG, sim_config_fields, sizeof(tse_sim_config))
     ROWS(TSE_STRUCT_SIM_INPUT, sim_input_fields, sizeof(tse_sim_input))
     ROWS(TSE_STRUCT_SIM_OUTPUT, sim_output_fields, sizeof(tse_sim_output))
@@ -151,7 +151,7 @@ void tse_describe_build(tse_build *b)
   b->filter_bytes = (int32_t)sizeof(tse_filter);
   b->params_bytes = (int32_t)sizeof(tse_params);
   b->learnt_bytes = TSE_LEARNT_BYTES;
-#if defined(TSE_REAL_Q20)
+#if defined(TSE_NO_EFFECTS)
   b->sim_bytes = 0;
 #else
   b->sim_bytes = (int32_t)sizeof(tse_sim);

@@ -2,7 +2,7 @@
  *
  * Each effect is a file src/effects/<id>.h with one function <id>_<hook>(); the table says when it is called. The functions
  * work on a `point`; they include nothing, because this file includes them where everything they need stands above.
- * With no effect on, every sum and product is that of vehicle.h: the same bits. Not built for q20. */
+ * With no effect on, every sum and product is that of vehicle.h: the same bits. Not built for q20, or with TSE_NO_EFFECTS. */
 #ifndef TSE_SRC_EFFECTS_H
 #define TSE_SRC_EFFECTS_H
 
@@ -24,7 +24,7 @@ static inline uint64_t effects_with(int hook)
 
 static inline int effect_is_on(const tse_effects *e, int effect) { return (int)((e->mask >> effect) & 1u); }
 
-#if !defined(TSE_REAL_Q20)
+#if !defined(TSE_NO_EFFECTS)
 
 /* What a log row may give beside its inputs: the road's profile, and disturbances placed where an effect would enter. */
 typedef struct given {
@@ -303,5 +303,5 @@ void effects_advance(const tse_params *p, tse_effect_memory *m, stiffness k, inp
 #undef CALL_BODY
 #undef CALL_SENSOR
 
-#endif /* not q20 */
+#endif /* TSE_NO_EFFECTS */
 #endif

@@ -47,9 +47,9 @@ static uint64_t effects_on(const tse_config *c)
   return mask;
 }
 
-#if defined(TSE_REAL_Q20)
-/* Fixed point knows only the effects that are gone when the constants are made. */
-static tse_status effects_fit_q20(const tse_config *c, const char **wrong)
+#if defined(TSE_NO_EFFECTS)
+/* Such a build knows only the effects that are gone when the constants are made. */
+static tse_status effects_fit(const tse_config *c, const char **wrong)
 {
   const uint64_t refused = effects_on(c) & ~effects_with(HOOK_CONSTANT);
 #define EFFECT_PARAMETER(id, parameter, role, unit, def, lo, hi, typical_lo, typical_hi, negligible, sign, text)       \
@@ -73,8 +73,8 @@ tse_status tse_config_check(const tse_config *c, const char **wrong)
 #include "tse/config.def"
 #undef REAL
 #undef INT
-#if defined(TSE_REAL_Q20)
-  return effects_fit_q20(c, wrong);
+#if defined(TSE_NO_EFFECTS)
+  return effects_fit(c, wrong);
 #else
   return TSE_OK;
 #endif
@@ -166,7 +166,7 @@ static void prepare_effects(const tse_config *c, uint64_t mask, tse_params *p)
 {
   p->effects.mask = mask;
   p->read_x = p->read_y_front = p->read_y_rear = TSE_R(1);
-#if defined(TSE_REAL_Q20)
+#if defined(TSE_NO_EFFECTS)
   (void)c;
 #else
   tse_effects *const e = &p->effects;

@@ -7,6 +7,7 @@
 /* Brakes oppose rotation; between -BRAKE_GRIP and BRAKE_GRIP rad/s their torque rises linearly, so that they hold a
  * standing wheel without a discontinuity. */
 #define BRAKE_GRIP TSE_R(0.2)
+#define JUMP TSE_R(1e-6) /* s in which a steering angle that was set anew since the last row is reached */
 
 void tse_sim_config_default(tse_sim_config *s)
 {
@@ -318,9 +319,14 @@ static void advance(tse_sim *sim, const tse_sim_input *u)
   const tse_real h = r_div(u->dt, r_from_int(steps));
   const car c = car_of(sim, stiffness_now(sim, sim->last.road_level));
   const tse_effects *const e = &c.p->effects;
-  const tse_sim_input from = sim->last;
-  tse_sim_input to = *u;
-  if (e->mask) to.steer_angle = effects_steer(e, &sim->effects, u->steer_angle, u->dt);
+  tse_sim_input from = sim->last, to = *u;
+  if (e->mask) {
+    const int jumped = sim->last.steer_angle < sim->steer_logged || sim->last.steer_angle > sim->steer_logged;
+    if (jumped) sim->steer = effects_steer(e, &sim->effects, sim->last.steer_angle, JUMP);
+    from.steer_angle = sim->steer;
+    to.steer_angle = sim->steer = effects_steer(e, &sim->effects, u->steer_angle, u->dt);
+    sim->steer_logged = u->steer_angle;
+  }
   for (int32_t i = 0; i < steps; i++) {
     const driver d0 = between(&from, &to, r_div(r_from_int(i), r_from_int(steps)));
     const driver d1 = between(&from, &to, r_div(r_from_int(i + 1), r_from_int(steps)));
@@ -332,7 +338,7 @@ static void advance(tse_sim *sim, const tse_sim_input *u)
       effects_remember(e, &sim->effects, &a, &b, h);
     }
   }
-  sim->last = to;
+  sim->last = *u;
   const tse_real walk[3] = { r_from_setting(sim->vehicle.accel_x_bias_walk), r_from_setting(sim->vehicle.accel_y_bias_walk),
                              r_from_setting(sim->vehicle.yaw_rate_bias_walk) };
   const tse_real scale = r_mul(r_from_setting(sim->config.bias_walk), r_sqrt(u->dt));
@@ -346,12 +352,13 @@ static void advance(tse_sim *sim, const tse_sim_input *u)
 static void settle(tse_sim *sim, const car *c)
 {
   point pt;
-  sim->last.steer_angle = effects_steer(&sim->params.effects, &sim->effects, sim->last.steer_angle, TSE_R(1));
+  sim->steer_logged = sim->last.steer_angle;
+  sim->steer = effects_steer(&sim->params.effects, &sim->effects, sim->last.steer_angle, TSE_R(1));
   memset(&pt, 0, sizeof pt);
   pt.vx = sim->x[0];
   pt.vy = sim->x[1];
   pt.r = sim->x[2];
-  pt.u = inputs_of(c, sim->x, sim->last.steer_angle);
+  pt.u = inputs_of(c, sim->x, sim->steer);
   effects_settle(c->p, &sim->effects, c->k, &pt);
   for (int i = 0; i < 4; i++) sim->x[5 + i] = sim->effects.lag[i];
 }
@@ -363,7 +370,7 @@ static void observe(tse_sim *sim, stiffness k, tse_real dt, accels *a, tse_real 
   if (sim->params.effects.mask) {
     point pt;
     if (!sim->effects.settled) settle(sim, &c);
-    effects_now(&c, sim->x, sim->last.steer_angle, TSE_R(0), &pt);
+    effects_now(&c, sim->x, sim->steer, TSE_R(0), &pt);
     effects_sense(&sim->params.effects, &sim->effects, &pt, dt, clean);
     *a = pt.force;
     return;

@@ -16,7 +16,7 @@ tse_status told_step(const tse_params *p, tse_filter *f, const tse_input *u, tse
   return step_row(p, &row, f, u, out);
 }
 
-#if defined(TSE_REAL_Q20) /* tse_prepare() has refused all effects that have a say here */
+#if defined(TSE_NO_EFFECTS) /* tse_prepare() has refused all effects that have a say here */
 
 const tse_params *told_begin(const tse_params *p, tse_filter *f, sample *y, tse_params *row)
 {

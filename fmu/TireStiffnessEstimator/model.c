@@ -35,6 +35,9 @@ const fmu_variable fmu_variables[] = {
 #include "tse/sensors.def"
 #undef REAL
 #undef INT
+#define EFFECT_PARAMETER(id, parameter, role, unit, def, lo, hi, typical_lo, typical_hi, negligible, sign, text) \
+  { "effects." #id "." #parameter, 'r', 'p', (int32_t)offsetof(model, config.id##_##parameter), FMU_NO_RATE, def, lo, hi, unit, text },
+#include "tse/effects.def"
 #define REAL(name, def, lo, hi, unit, text) PARAMETER("filter", 'r', name, def, lo, hi, unit, text)
 #define INT(name, def, lo, hi, text) PARAMETER("filter", 'i', name, (def) < (hi) ? (def) : (hi), lo, hi, "", text)
 #include "tse/filter.def"
@@ -147,11 +150,14 @@ fmu_result model_step(model *m, double time, double step, char text[FMU_TEXT])
     (void)snprintf(text, FMU_TEXT, "%s (dt %.10g s since the last sample)", tse_status_text(status), u.dt);
     return FMU_ERROR;
   }
+  memset(&m->y.status + 1, 0, sizeof m->y - offsetof(tse_output, status) - sizeof m->y.status); /* padding is part of a saved state */
   m->rows = 1;
   m->time = time;
   derive_outputs(m);
-  if (status == TSE_W_MISSING_CHANNEL || status >= TSE_W_PREDICTED) {
-    (void)snprintf(text, FMU_TEXT, "%s%s%s", tse_status_text(status), first ? ": " : "", first ? first : "");
+  /* `status` is the gravest only: a channel can be missing behind it. A channel's text is the same whatever the car does, so
+   * that it is said once while it lasts. */
+  if (first || status == TSE_W_MISSING_CHANNEL || status >= TSE_W_PREDICTED) {
+    (void)snprintf(text, FMU_TEXT, "%s", first && status < TSE_W_GAP ? first : tse_status_text(status));
     return FMU_WARNING;
   }
   return FMU_OK;

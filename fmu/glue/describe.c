@@ -1,7 +1,8 @@
 /* fmu/glue/describe.c - prints from a model's table (fmu_model.h), at build time:
  *
  *   describe model FILE.c ...          modelDescription.xml of FMI 2.0, with these source files; @GUID@ where it stands
- *   describe build NAME=VALUE FILE.c ...   buildDescription.xml, with this preprocessor definition and these source files
+ *   describe build NAME=VALUE,... OPTIONS FILE.c ...   buildDescription.xml, with these definitions, these compiler options
+ *                                      of gcc and clang, and these source files
  *   describe variables                 rows of HTML tables for documentation/index.html
  */
 #include <stdio.h>
@@ -31,13 +32,19 @@ static const unit units[] = {
   { "s",             "s",             "Time",                     1, 0, 0, 1, 0, NULL, 0 },
   { "kg",            "kg",            "Mass",                     1, 1, 0, 0, 0, NULL, 0 },
   { "kg m2",         "kg.m2",         "MomentOfInertia",          1, 1, 2, 0, 0, NULL, 0 },
-  { "N",             "N",             "LongitudinalStiffness",    1, 1, 1, -2, 0, "kN", 1e-3 },
+  { "N",             "N",             "Force",                    1, 1, 1, -2, 0, "kN", 1e-3 },
   { "N/rad",         "N/rad",         "CorneringStiffness",       1, 1, 1, -2, -1, "kN/deg", 1e-3 / DEG },
   { "Nm",            "N.m",           "Torque",                   1, 1, 2, -2, 0, NULL, 0 },
   { "m/s2/sqrt(s)",  "m/s2/sqrt(s)",  "AccelerationWalk",         0, 0, 0, 0, 0, NULL, 0 },
   { "rad/s/sqrt(s)", "rad/s/sqrt(s)", "AngularVelocityWalk",      0, 0, 0, 0, 0, NULL, 0 },
   { "1/sqrt(s)",     "1/sqrt(s)",     "RatioWalk",                0, 0, 0, 0, 0, NULL, 0 },
   { "1/sqrt(day)",   "1/sqrt(day)",   "RatioWalkPerDay",          0, 0, 0, 0, 0, NULL, 0 },
+  { "kg/m",          "kg/m",          "MassPerLength",            1, 1, -1, 0, 0, NULL, 0 },
+  { "Hz",            "Hz",            "Frequency",                1, 0, 0, -1, 0, NULL, 0 },
+  { "s2/m",          "s2/m",          "PerAcceleration",          1, 0, -1, 2, 0, NULL, 0 },
+  { "s4/m2",         "s4/m2",         "PerAccelerationSquared",   1, 0, -2, 4, 0, NULL, 0 },
+  { "rad s2/m",      "rad.s2/m",      "AnglePerAcceleration",     1, 0, -1, 2, 1, "deg.s2/m", DEG },
+  { "rad/(N m)",     "rad/(N.m)",     "AnglePerTorque",           1, -1, -2, 2, 1, "deg/(N.m)", DEG },
   { "sigma",         "sigma",         "StandardDeviations",       1, 0, 0, 0, 0, NULL, 0 },
   { "nat",           "nat",           "LogDensity",               1, 0, 0, 0, 0, NULL, 0 },
 };
@@ -197,7 +204,7 @@ static void print_model(int files, char **file)
 
 /* ---------------------------------------------------------------------------- buildDescription.xml */
 
-static void print_build(char *definition, int files, char **file)
+static void print_definition(char *definition)
 {
   char *const value = strchr(definition, '=');
   if (!value) {
@@ -205,10 +212,18 @@ static void print_build(char *definition, int files, char **file)
     exit(1);
   }
   *value = '\0';
-  (void)puts("<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<fmiBuildDescription fmiVersion=\"3.0\">");
-  (void)printf("  <BuildConfiguration modelIdentifier=\"%s\">\n    <SourceFileSet language=\"C99\" compilerOptions=\"-ffp-contract=off\">\n", fmu_about.identifier);
-  for (int i = 0; i < files; i++) (void)printf("      <SourceFile name=\"%s\"/>\n", file[i]);
   (void)printf("      <PreprocessorDefinition name=\"%s\" value=\"%s\"/>\n", definition, value + 1);
+}
+
+static void print_build(char *definitions, const char *options, int files, char **file)
+{
+  (void)puts("<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<fmiBuildDescription fmiVersion=\"3.0\">");
+  (void)printf("  <BuildConfiguration modelIdentifier=\"%s\">\n    <SourceFileSet language=\"C99\" compiler=\"gcc\"",
+               fmu_about.identifier);
+  attribute("compilerOptions", options);
+  (void)puts(">");
+  for (int i = 0; i < files; i++) (void)printf("      <SourceFile name=\"%s\"/>\n", file[i]);
+  for (char *d = strtok(definitions, ","); d; d = strtok(NULL, ",")) print_definition(d);
   (void)puts("    </SourceFileSet>\n  </BuildConfiguration>\n</fmiBuildDescription>");
 }
 
@@ -225,42 +240,72 @@ static void code_row(void *to, const char *table, int32_t code, const char *name
 {
   const char **const last = to;
   if (!*last || strcmp(*last, table) != 0) {
-    (void)printf("%s<h3>Codes of ", *last ? "</table>\n" : "");
+    (void)printf("%s<h3>Codes of <code>", *last ? "</table>\n" : "");
     escaped(table);
-    (void)puts("</h3>\n<table><tr><th>code</th><th>name</th><th>meaning</th></tr>");
+    (void)puts("</code></h3>\n<table class=\"codes\"><thead><tr><th>code</th><th>name</th><th>meaning</th></tr></thead>");
     *last = table;
   }
-  (void)printf("<tr><td>%d</td>", (int)code);
-  cell(name);
+  (void)printf("<tr><td class=\"number\">%d</td><td><code>%s</code></td>", (int)code, name);
   cell(text);
   (void)puts("</tr>");
 }
 
+/* The part of a structured name that comes before its last dot: its group. */
+static size_t group_length(const char *name)
+{
+  const char *const dot = strrchr(name, '.');
+  return dot ? (size_t)(dot - name) : 0;
+}
+
+static int same_group(const fmu_variable *a, const fmu_variable *b)
+{
+  const size_t length = group_length(a->name);
+  return a->role == b->role && length == group_length(b->name) && strncmp(a->name, b->name, length) == 0;
+}
+
+static void variable_row(const fmu_variable *v)
+{
+  const char *const type = v->kind == 'r' ? "Real" : v->kind == 'i' ? "Integer" : "Boolean";
+  const size_t group = group_length(v->name);
+  (void)printf("<tr><td><code>%.*s%s%s</code></td><td>%s</td><td>%s</td>", (int)group, v->name, group ? ".<wbr>" : "",
+               v->name + group + (group > 0), type, v->kind == 'r' ? unit_of(v)->fmi : ""); /* long names may break there */
+  if (v->role != 'o') {
+    const int digits = v->kind == 'r' ? 6 : 10; /* modelDescription.xml has all of them */
+    (void)fputs("<td class=\"number\">", stdout);
+    if (v->kind == 'b') (void)fputs(v->start > 0.0 ? "true" : "false", stdout);
+    else (void)printf("%.*g", digits, v->start);
+    (void)fputs("</td><td class=\"number\">", stdout);
+    if (v->kind != 'b' && v->hi >= v->lo) (void)printf("%.*g to %.*g", digits, v->lo, digits, v->hi);
+    (void)fputs("</td>", stdout);
+  }
+  cell(v->text);
+  (void)puts("</tr>");
+}
+
+/* A table per role; in it groups in the order of their first member. */
 static void print_variables(void)
 {
-  static const struct { char role; const char *title; } roles[] = { { 'i', "Inputs" }, { 'o', "Outputs" }, { 'p', "Parameters" } };
+  static const struct { char role; const char *title, *id; } roles[] = {
+    { 'i', "Inputs", "inputs" }, { 'o', "Outputs", "outputs" }, { 'p', "Parameters", "parameters" }
+  };
   const char *table = NULL;
   for (size_t k = 0; k < sizeof roles / sizeof roles[0]; k++) {
-    (void)printf("<h3>%s</h3>\n<table><tr><th>name</th><th>type</th><th>unit</th>%s<th>meaning</th></tr>\n", roles[k].title,
-                 roles[k].role == 'o' ? "" : "<th>start</th><th>range</th>");
-    for (int32_t i = 0; i < fmu_variable_count; i++) {
-      const fmu_variable *const v = &fmu_variables[i];
-      if (v->role != roles[k].role) continue;
-      (void)fputs("<tr>", stdout);
-      cell(v->name);
-      cell(v->kind == 'r' ? "Real" : v->kind == 'i' ? "Integer" : "Boolean");
-      cell(v->kind == 'r' ? unit_of(v)->fmi : "");
-      if (v->role != 'o') {
-        (void)printf("<td>%s</td>", v->kind == 'b' ? (v->start > 0.0 ? "true" : "false") : number(v->start));
-        (void)fputs("<td>", stdout);
-        if (v->hi >= v->lo) {
-          (void)printf("%s to ", number(v->lo));
-          (void)fputs(number(v->hi), stdout);
-        }
-        (void)fputs("</td>", stdout);
-      }
-      cell(v->text);
-      (void)puts("</tr>");
+    const int ranges = roles[k].role != 'o';
+    (void)printf("<h3 id=\"%s\">%s</h3>\n<table class=\"variables\"><thead><tr>", roles[k].id, roles[k].title);
+    (void)printf("<th>name</th><th>type</th><th>unit</th>");
+    (void)printf("%s<th>meaning</th></tr></thead>\n", ranges ? "<th>start</th><th>range</th>" : "");
+    for (int32_t first = 0; first < fmu_variable_count; first++) {
+      const fmu_variable *const head = &fmu_variables[first];
+      int32_t before = 0;
+      while (before < first && !same_group(&fmu_variables[before], head)) before++;
+      if (head->role != roles[k].role || before < first) continue;
+      (void)puts("<tbody>");
+      const int length = (int)group_length(head->name);
+      if (length > 0)
+        (void)printf("<tr class=\"group\"><th colspan=\"%d\"><code>%.*s</code></th></tr>\n", ranges ? 6 : 4, length, head->name);
+      for (int32_t i = first; i < fmu_variable_count; i++)
+        if (same_group(&fmu_variables[i], head)) variable_row(&fmu_variables[i]);
+      (void)puts("</tbody>");
     }
     (void)puts("</table>");
   }
@@ -272,10 +317,10 @@ int main(int count, char **argument)
 {
   const char *const what = count > 1 ? argument[1] : "";
   if (strcmp(what, "model") == 0 && count > 2) print_model(count - 2, argument + 2);
-  else if (strcmp(what, "build") == 0 && count > 3) print_build(argument[2], count - 3, argument + 3);
+  else if (strcmp(what, "build") == 0 && count > 4) print_build(argument[2], argument[3], count - 4, argument + 4);
   else if (strcmp(what, "variables") == 0 && count == 2) print_variables();
   else {
-    (void)fputs("usage: describe model FILE.c ... | describe build NAME=VALUE FILE.c ... | describe variables\n", stderr);
+    (void)fputs("usage: describe model FILE.c ... | describe build NAME=VALUE,... OPTIONS FILE.c ... | describe variables\n", stderr);
     return 2;
   }
   return fflush(stdout) == 0 && !ferror(stdout) ? 0 : 1;

@@ -5,6 +5,12 @@
 
 #include "tse/real.h"
 
+/* Built without effects: fixed point, or a controller that wants the flash (CMake option TSE_EFFECTS). CONSTANT effects remain;
+ * the others are refused by tse_config_check(). Then there is no simulator and no replay either. */
+#if defined(TSE_REAL_Q20) && !defined(TSE_NO_EFFECTS)
+#define TSE_NO_EFFECTS 1
+#endif
+
 enum { /* TSE_EFFECT_<id>: bit of an effect in tse_effects.mask */
 #define EFFECT(id, hook, title, entry, channels, alike, estimator) TSE_EFFECT_##id,
 #include "tse/effects.def"
@@ -14,7 +20,7 @@ enum { /* TSE_EFFECT_<id>: bit of an effect in tse_effects.mask */
 /* Constants, made by tse_prepare(). mask: bit TSE_EFFECT_<id> set when a strength of that effect is not zero. */
 typedef struct tse_effects {
   uint64_t mask;
-#if !defined(TSE_REAL_Q20)
+#if !defined(TSE_NO_EFFECTS)
 #define EFFECT_PARAMETER(id, parameter, role, unit, def, lo, hi, typical_lo, typical_hi, negligible, sign, text) tse_real id##_##parameter;
 #include "tse/effects.def"
   tse_real mass, inv_mass, inv_inertia; /* [kg] [1/kg] [1/(kg m2)]                             */
@@ -31,7 +37,7 @@ typedef struct tse_delay { /* when samples were taken, newest first */
 
 typedef struct tse_effect_memory {
   int32_t settled;                      /* 0: the next row starts everything at rest                       */
-#if !defined(TSE_REAL_Q20)
+#if !defined(TSE_NO_EFFECTS)
   tse_real lag[4];                      /* slip angle front, rear [rad], slip front, rear: what tyres hold */
   tse_real mode[3][2];                  /* body roll, pitch, roll steer: lagged acceleration and its rate  */
   tse_real time, heading;               /* [s], [turns] since the start                                    */

@@ -67,7 +67,8 @@ def vehicle_settings() -> list[str]:
 def sensor_settings() -> list[str]:
     """Names of the settings that belong in its [sensors] table."""
     names = [f.name for f in library().fields(CONFIG)]
-    return names[names.index("accel_x_sd") : names.index("sample_time")]
+    effects = {p.setting for e in library().effects.values() for p in e.parameters}  # they have tables of their own
+    return [n for n in names[names.index("accel_x_sd") : names.index("sample_time")] if n not in effects]
 
 
 def default_vehicle() -> Vehicle:

@@ -28,9 +28,11 @@ def test_version_is_that_of_the_header():
 
 def test_settings_are_the_rows_of_the_table():
     names = []
-    for part in re.findall(r'#include "tse/(\w+)\.def"', (HEADERS / "config.def").read_text()):
-        text = (HEADERS / f"{part}.def").read_text()
-        names += effect_settings() if part == "effects" else re.findall(r"^(?:REAL|INT)\((\w+),", text, re.M)
+    for part in re.findall(r'#include "tse/(\w+\.def)"', (HEADERS / "config.def").read_text()):
+        if part == "effects.def":
+            names += effect_settings()
+        else:
+            names += re.findall(r"^(?:REAL|INT)\((\w+),", (HEADERS / part).read_text(), re.M)
     assert list(Config().fields) == names
 
 

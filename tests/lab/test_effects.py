@@ -53,6 +53,8 @@ def test_look_alikes_are_effects_or_are_known_otherwise():
     for effect in library().effects.values():
         for alike in effect.look_alikes:
             assert alike in library().effects or alike in others, (effect.id, alike)
+            if alike in library().effects:
+                assert effect.id in library().effects[alike].look_alikes, (alike, effect.id)
 
 
 def test_effects_of_a_vehicle_file_are_settings(tmp_path):

@@ -122,6 +122,45 @@ static void test_aligning_moment_in_steady_cornering(void)
   expect_cornering(&c, 20, 0.002, s, 2e-3, "aligning_moment");
 }
 
+/* A stage of a step lies ahead of the memory: what moves with time has moved on by then. */
+static void test_a_point_ahead_of_the_memory_is_where_time_has_brought_it(void)
+{
+  for (int k = 0; k < 3; k++) {
+    tse_config c = default_car();
+    c.crosswind_speed = (tse_setting)(k == 0 ? 8 : 0);
+    c.stiffness_drift_change = (tse_setting)(k == 1 ? 0.5 : 0);
+    c.stiffness_drift_time = 2;
+    c.rear_roll_steer_gain = (tse_setting)(k == 2 ? 0.2 : 0);
+    const tse_params p = prepared(&c);
+    tse_effect_memory now, then;
+    point ahead, at;
+    memset(&now, 0, sizeof now);
+    memset(&ahead, 0, sizeof ahead);
+    now.time = real(0.5);
+    now.heading = real(0.1);
+    now.mode[MODE_ROLL_STEER][0] = real(1);
+    now.mode[MODE_ROLL_STEER][1] = real(3);
+    ahead.vx = ahead.u.v_front = ahead.u.v_rear = real(20);
+    ahead.vy = real(0.5);
+    ahead.r = real(0.4);
+    ahead.u.steer = real(0.05);
+    at = ahead;
+    ahead.ahead = real(0.25);
+    then = now;
+    then.time = real(0.75);
+    then.heading = real(0.1 + 0.4 * 0.25 / 6.283185307179586);
+    then.mode[MODE_ROLL_STEER][0] = real(1.75);
+    const stiffness s = vehicle_stiffness(&p, real(0), real(0), real(0));
+    effects_at(&p, &now, now.lag, s, &ahead);
+    effects_at(&p, &then, then.lag, s, &at);
+    expect_near(number(at.force.y), number(ahead.force.y), BY_FORMAT(1e-12, 1e-5), "force", k);
+    expect_near(number(at.force.yaw), number(ahead.force.yaw), BY_FORMAT(1e-12, 1e-5), "moment", k);
+    ahead.ahead = real(0);
+    effects_at(&p, &now, now.lag, s, &ahead);
+    TEST_ASSERT_TRUE(fabs(number(at.force.y) - number(ahead.force.y)) > 1e-3); /* and it does move */
+  }
+}
+
 /* ------------------------------------------------------------------------------------- laws of the tyre */
 
 /* Steady cornering in replay; then the tyres' law, from the velocities that come out, must balance mass and moment:
@@ -272,6 +311,8 @@ static void test_stiffness_drifts_between_two_times(void)
   const double fyf = drifted(1.2e5, 0.04 - (vy + 1.25 * r) / vx, 0, 0, 0, 0, 0), fyr = drifted(1.4e5, (1.5 * r - vy) / vx, 0, 0, 0, 0, 1);
   const double fxf = 1.6e5 * (1 + 0.2 * 10.99 / 22) * (20 - vx) / 20;
   expect_near(1900 * ay, fyf + fyr + fxf * 0.04, BY_FORMAT(1e-2, 8), "force", 0);
+  expect_near(0.33 * fxf, number(got_tf[last]), BY_FORMAT(1e-2, 8), "longitudinal, front", 0);
+  expect_near(0.33 * fxf, number(got_tr[last]), BY_FORMAT(1e-2, 8), "longitudinal, rear", 0);
   const tse_real before[2] = { got_y[400], got_y[410] };
   c.stiffness_drift_change = 0;
   replay(&c, rows);
@@ -480,6 +521,7 @@ int main(void)
   RUN_TEST(test_crosswind_pushes_at_its_arm);
   RUN_TEST(test_crosswind_turns_with_the_heading);
   RUN_TEST(test_aligning_moment_in_steady_cornering);
+  RUN_TEST(test_a_point_ahead_of_the_memory_is_where_time_has_brought_it);
   RUN_TEST(test_saturation_is_the_brush_model);
   RUN_TEST(test_saturation_ends_at_friction_times_load);
   RUN_TEST(test_combined_slip_takes_from_the_lateral_force);

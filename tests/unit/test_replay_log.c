@@ -94,6 +94,29 @@ static void test_shapes_of_effects_that_are_off_change_no_bit_of_the_simulator(v
   }
 }
 
+/* Who sets the driver's last angle anew between two rows (an FMU whose inputs are held) makes the wheels jump there. */
+static void test_an_angle_set_between_rows_is_a_jump_also_with_effects(void)
+{
+  static tse_sim sim[2];
+  const tse_sim_config s = still_sim(20);
+  tse_sim_output y[2];
+  for (int k = 0; k < 2; k++) {
+    tse_config c = default_car();
+    tse_sim_input u;
+    c.steering_ratio_change = (tse_setting)(k ? 0.25 : 0);
+    TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_reset(&sim[k], &c, &s, NULL));
+    memset(&u, 0, sizeof u);
+    u.dt = real(0.01);
+    u.road_level = real(1);
+    TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_step(&sim[k], &u, &y[k]));
+    u.steer_angle = real(k ? 0.008 : 0.01);
+    sim[k].last.steer_angle = u.steer_angle;
+    TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_step(&sim[k], &u, &y[k]));
+  }
+  TEST_ASSERT_TRUE(number(y[0].yaw_rate) > 1e-3);
+  expect_near(number(y[0].yaw_rate), number(y[1].yaw_rate), BY_FORMAT(1e-12, 1e-7), "yaw_rate", 0);
+}
+
 /* A strength on its way to zero leads to the plain model: no effect starts with a step. */
 static void test_every_effect_is_continuous_at_zero(void)
 {
@@ -312,6 +335,46 @@ static void test_disturbances_enter_where_they_say(void)
   expect_near(turned, number(got_r[999]), 5e-3 * turned, "yaw_accel", 0);
 }
 
+/* Rows of 50 ms are taken in four steps, in which everything given is linear: the same as rows of 12.5 ms that are. */
+static void test_what_is_given_is_linear_within_a_row(void)
+{
+  static tse_real given_at[7][401];
+  static double fine[3][401];
+  const tse_config c = default_car();
+  tse_replay_log log = the_log();
+  const tse_replay_start s = the_start();
+  static const double size[7] = { 0.04, 0.03, 0.002, -0.003, 0.3, 0.2, 0.1 };
+  for (int coarse = 0; coarse <= 1; coarse++) {
+    const int rows = coarse ? 101 : 401, every = coarse ? 4 : 1;
+    straight(&c, 20, coarse ? 0.05 : 0.0125, rows);
+    for (int i = 0; i < rows; i++)
+      for (int k = 0; k < 7; k++) { /* a polygon with a corner every 50 ms */
+        const int at = i * every, corner = at / 4;
+        const double a = sin(0.7 * corner + k), b = sin(0.7 * (corner + 1) + k);
+        given_at[k][i] = real(size[k] * (a + (b - a) * (at % 4) / 4));
+      }
+    log.grade = given_at[0];
+    log.bank = given_at[1];
+    log.slip_front = given_at[2];
+    log.slip_rear = given_at[3];
+    log.force_x = given_at[4];
+    log.force_y = given_at[5];
+    log.yaw_accel = given_at[6];
+    replay_with(&c, &log, rows, &s);
+    for (int i = 0; i < rows; i++) {
+      if (!coarse) {
+        fine[0][i] = number(got_vx[i]);
+        fine[1][i] = number(got_vy[i]);
+        fine[2][i] = number(got_yaw[i]);
+        continue;
+      }
+      expect_near(fine[0][4 * i], number(got_vx[i]), BY_FORMAT(1e-12, 1e-4), "vel_x", i);
+      expect_near(fine[1][4 * i], number(got_vy[i]), BY_FORMAT(1e-12, 1e-4), "vel_y", i);
+      expect_near(fine[2][4 * i], number(got_yaw[i]), BY_FORMAT(1e-12, 1e-5), "yaw_rate", i);
+    }
+  }
+}
+
 static void test_wheel_torque_of_a_braked_axle_is_negative(void)
 {
   const tse_config c = default_car();
@@ -390,6 +453,7 @@ int main(void)
   UNITY_BEGIN();
   RUN_TEST(test_without_effects_a_replay_is_the_plain_vehicle_bit_for_bit);
   RUN_TEST(test_shapes_of_effects_that_are_off_change_no_bit_of_the_simulator);
+  RUN_TEST(test_an_angle_set_between_rows_is_a_jump_also_with_effects);
   RUN_TEST(test_every_effect_is_continuous_at_zero);
   RUN_TEST(test_integration_is_of_second_order_with_all_effects);
   RUN_TEST(test_the_shortest_lags_change_nothing_and_stay_stable);
@@ -398,6 +462,7 @@ int main(void)
   RUN_TEST(test_the_start_is_where_it_is_told);
   RUN_TEST(test_profiles_of_the_road_act_as_slopes_do);
   RUN_TEST(test_disturbances_enter_where_they_say);
+  RUN_TEST(test_what_is_given_is_linear_within_a_row);
   RUN_TEST(test_wheel_torque_of_a_braked_axle_is_negative);
   RUN_TEST(test_odd_calls_are_refused_and_the_row_is_named);
   RUN_TEST(test_outputs_that_are_not_wanted_are_left_out);

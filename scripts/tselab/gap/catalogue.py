@@ -7,6 +7,12 @@ from dataclasses import dataclass
 
 from tselab.core import library
 
+# Shapes that only multiply the strength, or that stand for the time and place of a log.
+HELD = {
+    "steering_compliance_trail", "rear_roll_steer_roll", "stiffness_drift_time", "stiffness_drift_start", "crosswind_heading",
+    "crosswind_coefficient",
+}  # fmt: skip
+
 
 @dataclass(frozen=True)
 class Parameter:
@@ -56,7 +62,12 @@ class Effect:
 
     @property
     def shapes(self) -> tuple[Parameter, ...]:
-        return tuple(p for p in self.parameters if not p.strength)
+        """The shapes that a log can tell from the strength; the others stay as the settings say."""
+        return tuple(p for p in self.parameters if not p.strength and p.name not in HELD)
+
+    @property
+    def fitted(self) -> tuple[Parameter, ...]:
+        return (*self.strengths, *self.shapes)
 
 
 @functools.cache

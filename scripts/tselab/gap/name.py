@@ -21,6 +21,7 @@ FALSE_NAMES = 0.01
 REFIT = 5  # candidates of the linear screening that are fitted in full
 REACH = 15.0  # steps: a chord over a third of the typical size says more of an effect than its tangent at zero
 LEAST_SHARE = 0.03  # of the gap that is left: what an effect must close to be worth a name
+LEAST_EVIDENCE = 0.03  # of all nats so far: what less explains, after others, repairs the shape of theirs
 LEAST_CLOSED = 0.8  # of the gap: what all names together must close
 RIVAL_NATS, RIVAL_SHARE = 5.0, 0.1  # a rival that explains as much to within this cannot be excluded
 MOST_EFFECTS = 6
@@ -144,7 +145,8 @@ def name(
         for g, e, with_it in tried:
             left = excess(problem, current.residuals)
             share = (left - excess(problem, with_it.residuals)) / max(left, 1e-300)
-            why = _refuse(problem, e, with_it, g, need, share)
+            all_nats = gain(problem, baseline.residuals, with_it.residuals)
+            why = _refuse(problem, e, with_it, g, max(need, LEAST_EVIDENCE * all_nats), share)
             if why is None:
                 accepted = (g, e, with_it)
                 break
@@ -195,7 +197,7 @@ def _prune(
         others = [o for o in chosen if o is not e]
         say(f"is {e.id} still needed?")
         without = fit_with(problem, others, {k: v for k, v in current.values.items() if not k.startswith((e.id + "_", e.id + "@"))})
-        if gain(problem, without.residuals, current.residuals) < need:
+        if gain(problem, without.residuals, current.residuals) < need:  # a name, once given, needs no more than that
             current, chosen = without, others
             dropped.add(e.id)
     return current, chosen, dropped
@@ -220,7 +222,7 @@ def _named(
             values = {e.strengths[0].name: size}
             ci = {e.strengths[0].name: (max(0.0, size - z * spread), size + z * spread)}
         else:
-            values = {p.name: final.values[p.name] for p in e.parameters}
+            values = {p.name: final.values[p.name] for p in e.fitted}
             ci = {k: (v - z * sd_of[k], v + z * sd_of[k]) for k, v in values.items()}
         item = Named(e, values, ci, share, evidence)
         item.look_alikes = look_alikes(problem, effects, chosen, e, without, final, evidence, say)

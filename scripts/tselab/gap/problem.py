@@ -62,6 +62,8 @@ class Problem:
         self.config = config
         self.jobs = max(1, jobs)
         self.nominal = config.as_dict()
+        if self.logs:  # a drift is one over the time of the longest log
+            self.nominal["stiffness_drift_time"] = max(float(log.time[-1] - log.time[0]) for log in self.logs)
         self._measured, self.weight, self.rows = self._layout()
         self._biased = np.isin(self.rows.channel, [CHANNELS.index(c) for c in WITH_BIAS])
         self._groups = int(self.rows.group.max()) + 1 if len(self.rows.group) else 0
@@ -185,7 +187,11 @@ class Problem:
         total = np.bincount(self.rows.group, w2, self._groups)
         mean = np.bincount(self.rows.group, w2 * difference, self._groups) / np.maximum(total, 1e-300)
         first = [int(np.argmax(self.rows.group == g)) for g in range(self._groups)]
-        return {(int(self.rows.log[i]), CHANNELS[self.rows.channel[i]]): float(mean[g]) for g, i in enumerate(first) if self._biased[i]}
+        return {
+            (int(self.rows.log[i]), CHANNELS[self.rows.channel[i]]): float(mean[g])
+            for g, i in enumerate(first)
+            if self._biased[i]
+        }
 
     def jacobian(
         self, values: Mapping[str, float], base: np.ndarray, parameters: Sequence[Parameter], reach: float = 1.0

@@ -103,8 +103,9 @@ def conditions(problem: Problem, residuals: np.ndarray, values: dict[str, float]
             means = [g.mean() for g in groups]
             ids = [i for i in np.unique(log) if (log == i).sum() >= 5]
             worst = problem.logs[ids[int(np.argmax(means))]].name
-            words = f"{channel}: largest in {worst}, {max(means) / max(min(means), 1e-12):.1f} times the smallest"
-            tests.append((channel, f"log {worst}", float(h / (len(energy) - 1)), float(p), max(means) / max(min(means), 1e-12), words))
+            ratio = max(means) / max(min(means), 1e-12)
+            words = f"{channel}: largest in {worst}, {ratio:.1f} times the smallest"
+            tests.append((channel, f"log {worst}", float(h / (len(energy) - 1)), float(p), ratio, words))
     if not tests:
         return []
     adjusted = false_discovery_control([max(t[3], 1e-300) for t in tests], method="bh")
