@@ -51,14 +51,16 @@ def write_report(path: Path, shown: Shown) -> None:
     blocks = log_blocks(shown)
     wheelbase = problem.config.lf + problem.config.lr
     response = pictures.response_figure(blocks)
-    claim = "" if result.verdict != "not_in_catalogue" else (
-        " After: with the closest of the catalogue, which is not claimed to be there."
-    )  # fmt: skip
+    claim = ""
+    if not naming.named:
+        claim = " Nothing was added: after is as before."
+    elif result.verdict == "not_in_catalogue":
+        claim = " After: with the closest of the catalogue, which is not claimed to be there."
     ranked = pictures.ranking(naming.ranking, [n.effect.id for n in naming.named], threshold(len(catalogue())))
     sections: list[tuple[str, str, go.Figure | None]] = [
         ("The gap before and after", "1 is what the sensors' noise alone leaves. Bars: rms over the whole of the logs; "
          f"intervals: of the change, pairs of 2 s blocks resampled.{claim}", pictures.gap_bars(shown.parts)),
-        ("Measured and simulated", "Sensor biases of each log are taken out. Choose the log from the list; click a name to hide "
+        ("Measured and simulated", "The simulation has the sensor biases of its log. Choose the log from the list; click a name to hide "
          "it.",
          pictures.overlay(table)),
         ("Where they disagree: driving state", "Rms of the residual over the noise, by speed and lateral acceleration; empty: "
