@@ -24,7 +24,7 @@ FEWEST = 8  # blocks in a bin
 SEGMENT = 128  # blocks: 5.12 s, a line every 0.2 Hz
 HIGHEST = 4.0  # Hz
 COHERENT = 0.7  # of measured yaw rate and steering; below it nothing is excited
-EXCITED = 0.01  # of the steering's strongest line; weaker ones are what the window leaks
+EXCITED = 0.003  # of the steering's strongest line; weaker ones are what the window leaks
 SOURCES = ("measured", "before", "after")
 
 
@@ -107,7 +107,12 @@ def handling(blocks: list[Blocks], wheelbase: float) -> tuple[list[Curve], list[
             x, y = _bins(np.abs(ay[lean]), understeer[lean])
             if len(x) > 1:
                 angles.append(Curve(s, middle, x, y))
-    return gains, angles
+    return _where_measured(gains), _where_measured(angles)
+
+
+def _where_measured(curves: list[Curve]) -> list[Curve]:
+    bands = {c.speed for c in curves if c.source == "measured"}
+    return [c for c in curves if c.speed in bands]
 
 
 def _bins(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -261,7 +261,8 @@ def handling_figure(blocks: list[Blocks], wheelbase: float) -> go.Figure | None:
     draw(gains, 1, 1.0)
     draw(angles, 2, 180 / np.pi)
     figure.update_xaxes(title_text="|accel_y| [m/s2]", rangemode="tozero")
-    return _layout(figure, 420)
+    _layout(figure, 420)
+    return figure.update_layout(margin_r=52)
 
 
 def response_figure(blocks: list[Blocks]) -> tuple[go.Figure, str] | None:
@@ -385,4 +386,5 @@ def _draw_bars(axis: object, parts: Mapping[str, Mapping[str, Change]]) -> None:
     axis.axhline(1.0, color=INK, lw=1.1, ls=(0, (4, 3)))
     axis.set_xticks(ticks, labels, fontsize=9)
     axis.set_ylim(0, 1.22 * top)
-    axis.set_title("Residual over noise, rms (dashed: noise alone)", loc="left", fontsize=11, fontweight="bold")
+    axis.set_title("Residual over noise (rms)", loc="left", fontsize=11, fontweight="bold")
+    axis.set_xlabel("dashed: the sensors' noise alone", fontsize=9.5, color="#52606d")

@@ -60,8 +60,8 @@ def write_report(path: Path, shown: Shown) -> None:
     sections: list[tuple[str, str, go.Figure | None]] = [
         ("The gap before and after", "1 is what the sensors' noise alone leaves. Bars: rms over the whole of the logs; "
          f"intervals: of the change, pairs of 2 s blocks resampled.{claim}", pictures.gap_bars(shown.parts)),
-        ("Measured and simulated", "The simulation has the sensor biases of its log. Choose the log from the list; click a name to hide "
-         "it.",
+        ("Measured and simulated", "The simulation has the sensor biases of its log. Choose the log from the list; click "
+         "a name to hide it.",
          pictures.overlay(table)),
         ("Where they disagree: driving state", "Rms of the residual over the noise, by speed and lateral acceleration; empty: "
          "not driven.", pictures.maps(table, state)),
