@@ -2,13 +2,14 @@
 """Measure what README states, write the tables to scripts/results, and put them into README between their markers.
 
     .venv/bin/python scripts/facts.py            everything: about a minute and a half
-    .venv/bin/python scripts/facts.py --fmu      only what comes from the FMUs, and scripts/results/fmu_clients.csv: some seconds
+    .venv/bin/python scripts/facts.py --fmu      only what the FMUs compute and what their variables are: some seconds
+    .venv/bin/python scripts/facts.py --clients  only what validators and clients say of the FMUs: a minute, the first time three;
+                                                 needs the extras clients and platforms, Java, Maven, wine and qemu-aarch64
     .venv/bin/python scripts/facts.py --check    measure nothing; fail when README differs from scripts/results
 """
 
 from __future__ import annotations
 
-import csv
 import re
 import subprocess
 import sys
@@ -67,23 +68,20 @@ def fmu_variables(model: str, folder: Path) -> str:
     return "\n".join(lines)
 
 
-def fmu_clients() -> str:
-    """The table fmu_clients.csv, which `tselab fmu validate --clients` writes."""
-    path = RESULTS / "fmu_clients.csv"
-    if not path.is_file():
-        return "Not measured yet: `tselab fmu validate --clients` writes scripts/results/fmu_clients.csv."
-    with path.open(encoding="utf-8", newline="") as file:
-        head, *rows = list(csv.reader(file))
-    cells = [[cell.replace("|", "\\|") for cell in row] for row in (head, ["---"] * len(head), *rows)]
-    return "\n".join("| " + " | ".join(row) + " |" for row in cells)
-
-
 def fmus() -> None:
     print("FMUs ...", flush=True)
     output("cmake", "--preset", "fmu", f"-DFETCHCONTENT_SOURCE_DIR_FMI2={ROOT / '.venv/share/fmi2'}")
     output("cmake", "--build", "--preset", "fmu")
     (RESULTS / "fmu_variables.md").write_text("\n\n".join(fmu_variables(model, FMUS) for model in MAIN) + "\n")
     (RESULTS / "fmu.md").write_text(output(sys.executable, ROOT / "scripts" / "fmu_pictures.py", "study"))
+
+
+def clients() -> None:
+    """Build the FMUs for all platforms, and run every validator and client that is installed here on them."""
+    print("validators and clients of the FMUs ...", flush=True)
+    folder, tselab = ROOT / "build" / "fmus", ROOT / ".venv" / "bin" / "tselab"
+    output(tselab, "fmu", "build", "--all-platforms", "--out", folder)
+    output(tselab, "fmu", "validate", "--clients", "--results", RESULTS, *sorted(folder.glob("*.fmu")))
 
 
 def measure() -> None:
@@ -99,6 +97,7 @@ def measure() -> None:
     output(tselab, "demo", "--out", ROOT / "demo-output")
     (RESULTS / "demo.png").write_bytes((ROOT / "demo-output" / "demo.png").read_bytes())
     fmus()
+    clients()
 
 
 def columns(text: str, which: int, names: list[str]) -> str:
@@ -114,7 +113,7 @@ def updated(text: str) -> str:
     `<!-- facts: NAME -->`, `<!-- facts: NAME 2: column, column -->` ... `<!-- end -->`."""
 
     def block(match: re.Match[str]) -> str:
-        content = fmu_clients() if match[1] == "fmu_clients" else (RESULTS / f"{match[1]}.md").read_text().strip()
+        content = (RESULTS / f"{match[1]}.md").read_text().strip()
         if match[2]:
             content = columns(content, int(match[2]), match[3].split("; "))
         return f"{match[0].splitlines()[0]}\n{content}\n<!-- end -->"
@@ -126,6 +125,8 @@ def main() -> int:
     check = "--check" in sys.argv[1:]
     if "--fmu" in sys.argv[1:]:
         fmus()
+    elif "--clients" in sys.argv[1:]:
+        clients()
     elif not check:
         measure()
     text = README.read_text()

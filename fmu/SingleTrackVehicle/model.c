@@ -76,24 +76,31 @@ static void derive_outputs(model *m)
   tse_stiffness_si(&m->config, &relative, m->drawn_si, NULL, NULL);
 }
 
-/* Which input is outside its range; NULL: none. */
-static const char *wrong_input(const tse_sim_input *u)
+/* The first input that is outside its range; NULL: none. */
+static const fmu_variable *wrong_input(const tse_sim_input *u)
 {
+  const fmu_variable *v = fmu_variables; /* its first rows are the inputs */
 #define SIM_INPUT(name, def, lo, hi, unit, text) \
-  if (!(u->name >= (lo) && u->name <= (hi))) return #name " is not a number, or outside its range " #lo " .. " #hi " " unit;
+  if (!(u->name >= (lo) && u->name <= (hi))) return v; \
+  v++;
 #include "tse/sim_input.def"
 #undef SIM_INPUT
   return NULL;
 }
 
+static fmu_result refuse_input(const fmu_variable *v, char text[FMU_TEXT])
+{
+  char range[FMU_RANGE];
+  (void)snprintf(text, FMU_TEXT, "%s is not a number, or outside its range %s", v->name, fmu_range(v, range));
+  return FMU_ERROR;
+}
+
 fmu_result model_start(model *m, double start, char text[FMU_TEXT])
 {
-  const char *wrong = wrong_input(&m->u);
+  const fmu_variable *const wrong_one = wrong_input(&m->u);
+  const char *wrong = NULL;
   (void)start;
-  if (wrong) {
-    (void)snprintf(text, FMU_TEXT, "%s", wrong);
-    return FMU_ERROR;
-  }
+  if (wrong_one) return refuse_input(wrong_one, text);
   const tse_status status = tse_sim_reset(&m->sim, &m->config, &m->sim_config, &wrong);
   if (status < 0) {
     (void)snprintf(text, FMU_TEXT, "%s: %s", fmu_name_of(wrong ? wrong : ""), tse_status_text(status));
@@ -107,7 +114,7 @@ fmu_result model_start(model *m, double start, char text[FMU_TEXT])
 fmu_result model_step(model *m, double time, double step, char text[FMU_TEXT])
 {
   tse_sim_input from = m->u, to = m->u;
-  const char *wrong;
+  const fmu_variable *wrong;
   (void)time;
   from.dt = to.dt = step;
 #define SIM_INPUT(name, def, lo, hi, unit, text) to.name += step * m->rate.name;
@@ -115,10 +122,7 @@ fmu_result model_step(model *m, double time, double step, char text[FMU_TEXT])
 #undef SIM_INPUT
   wrong = wrong_input(&from);
   if (!wrong) wrong = wrong_input(&to);
-  if (wrong) {
-    (void)snprintf(text, FMU_TEXT, "%s", wrong);
-    return FMU_ERROR;
-  }
+  if (wrong) return refuse_input(wrong, text);
   if (!(step <= 1.0)) {
     (void)snprintf(text, FMU_TEXT, "communicationStepSize = %.10g is longer than 1 s", step);
     return FMU_ERROR;

@@ -147,11 +147,14 @@ fmu_result model_step(model *m, double time, double step, char text[FMU_TEXT])
     (void)snprintf(text, FMU_TEXT, "%s (dt %.10g s since the last sample)", tse_status_text(status), u.dt);
     return FMU_ERROR;
   }
+  memset(&m->y.status + 1, 0, sizeof m->y - offsetof(tse_output, status) - sizeof m->y.status); /* padding is part of a saved state */
   m->rows = 1;
   m->time = time;
   derive_outputs(m);
-  if (status == TSE_W_MISSING_CHANNEL || status >= TSE_W_PREDICTED) {
-    (void)snprintf(text, FMU_TEXT, "%s%s%s", tse_status_text(status), first ? ": " : "", first ? first : "");
+  /* `status` is the gravest only: a channel can be missing behind it. A channel's text is the same whatever the car does, so
+   * that it is said once while it lasts. */
+  if (first || status == TSE_W_MISSING_CHANNEL || status >= TSE_W_PREDICTED) {
+    (void)snprintf(text, FMU_TEXT, "%s", first && status < TSE_W_GAP ? first : tse_status_text(status));
     return FMU_WARNING;
   }
   return FMU_OK;

@@ -1,7 +1,8 @@
 /* fmu/glue/describe.c - prints from a model's table (fmu_model.h), at build time:
  *
  *   describe model FILE.c ...          modelDescription.xml of FMI 2.0, with these source files; @GUID@ where it stands
- *   describe build NAME=VALUE FILE.c ...   buildDescription.xml, with this preprocessor definition and these source files
+ *   describe build NAME=VALUE,... OPTIONS FILE.c ...   buildDescription.xml, with these definitions, these compiler options
+ *                                      of gcc and clang, and these source files
  *   describe variables                 rows of HTML tables for documentation/index.html
  */
 #include <stdio.h>
@@ -197,7 +198,7 @@ static void print_model(int files, char **file)
 
 /* ---------------------------------------------------------------------------- buildDescription.xml */
 
-static void print_build(char *definition, int files, char **file)
+static void print_definition(char *definition)
 {
   char *const value = strchr(definition, '=');
   if (!value) {
@@ -205,10 +206,18 @@ static void print_build(char *definition, int files, char **file)
     exit(1);
   }
   *value = '\0';
-  (void)puts("<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<fmiBuildDescription fmiVersion=\"3.0\">");
-  (void)printf("  <BuildConfiguration modelIdentifier=\"%s\">\n    <SourceFileSet language=\"C99\" compilerOptions=\"-ffp-contract=off\">\n", fmu_about.identifier);
-  for (int i = 0; i < files; i++) (void)printf("      <SourceFile name=\"%s\"/>\n", file[i]);
   (void)printf("      <PreprocessorDefinition name=\"%s\" value=\"%s\"/>\n", definition, value + 1);
+}
+
+static void print_build(char *definitions, const char *options, int files, char **file)
+{
+  (void)puts("<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<fmiBuildDescription fmiVersion=\"3.0\">");
+  (void)printf("  <BuildConfiguration modelIdentifier=\"%s\">\n    <SourceFileSet language=\"C99\" compiler=\"gcc\"",
+               fmu_about.identifier);
+  attribute("compilerOptions", options);
+  (void)puts(">");
+  for (int i = 0; i < files; i++) (void)printf("      <SourceFile name=\"%s\"/>\n", file[i]);
+  for (char *d = strtok(definitions, ","); d; d = strtok(NULL, ",")) print_definition(d);
   (void)puts("    </SourceFileSet>\n  </BuildConfiguration>\n</fmiBuildDescription>");
 }
 
@@ -302,10 +311,10 @@ int main(int count, char **argument)
 {
   const char *const what = count > 1 ? argument[1] : "";
   if (strcmp(what, "model") == 0 && count > 2) print_model(count - 2, argument + 2);
-  else if (strcmp(what, "build") == 0 && count > 3) print_build(argument[2], count - 3, argument + 3);
+  else if (strcmp(what, "build") == 0 && count > 4) print_build(argument[2], argument[3], count - 4, argument + 4);
   else if (strcmp(what, "variables") == 0 && count == 2) print_variables();
   else {
-    (void)fputs("usage: describe model FILE.c ... | describe build NAME=VALUE FILE.c ... | describe variables\n", stderr);
+    (void)fputs("usage: describe model FILE.c ... | describe build NAME=VALUE,... OPTIONS FILE.c ... | describe variables\n", stderr);
     return 2;
   }
   return fflush(stdout) == 0 && !ferror(stdout) ? 0 : 1;

@@ -131,7 +131,10 @@ static int given(const instance *s, const void *argument, const char *name, cons
   return 0;
 }
 
-static const char *kind_name(char kind) { return kind == 'r' ? "Real" : kind == 'i' ? "Integer" : kind == 'b' ? "Boolean" : "String"; }
+static const char *kind_name(char kind)
+{
+  return kind == 'r' ? "Real" : kind == 'i' ? "Integer" : kind == 'b' ? "Boolean" : "String";
+}
 
 /* All value references of a call exist and are of this kind. */
 static int known(const instance *s, const fmi2ValueReference vr[], size_t nvr, char kind, const char *function)
@@ -154,13 +157,13 @@ static int known(const instance *s, const fmi2ValueReference vr[], size_t nvr, c
 /* May this variable be set now, to this value? */
 static int settable(const instance *s, const fmu_variable *v, double value, const char *function)
 {
-  char text[FMU_TEXT];
+  char text[FMU_TEXT], range[FMU_RANGE];
   if (v->role == 'o')
     (void)snprintf(text, sizeof text, "%s is an output and cannot be set", v->name);
   else if (v->role == 'p' && !(s->c.phase & (INSTANTIATED | INITIALIZING)))
     (void)snprintf(text, sizeof text, "%s is a fixed parameter and cannot be set %s", v->name, phase_name(s->c.phase));
   else if (v->role == 'p' && v->hi >= v->lo && !(value >= v->lo && value <= v->hi))
-    (void)snprintf(text, sizeof text, "%s = %.10g is outside its range %.10g .. %.10g %s", v->name, value, v->lo, v->hi, v->unit);
+    (void)snprintf(text, sizeof text, "%s = %.10g is outside its range %s", v->name, value, fmu_range(v, range));
   else
     return 1;
   (void)refuse(s, function, text);
@@ -219,7 +222,8 @@ fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, f
   if (!name || !name[0]) wrong = "the instance name is missing";
   else if (type != fmi2CoSimulation) wrong = "only co-simulation is supported";
   else if (!guid || strcmp(guid, FMU_GUID) != 0) {
-    (void)snprintf(text, sizeof text, "the GUID %.64s is not that of this binary, %s: modelDescription.xml belongs to another version",
+    (void)snprintf(text, sizeof text,
+                   "the GUID %.64s is not that of this binary, %s: modelDescription.xml belongs to another version",
                    guid ? guid : "NULL", FMU_GUID);
     wrong = text;
   }
@@ -236,7 +240,8 @@ fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, f
     return s;
   }
   if (!wrong) {
-    (void)snprintf(text, sizeof text, "all %d instances are in use: free one, or build the FMU with a larger FMU_INSTANCES", FMU_INSTANCES);
+    (void)snprintf(text, sizeof text, "all %d instances are in use: free one, or build the FMU with a larger FMU_INSTANCES",
+                   FMU_INSTANCES);
     wrong = text;
   }
   put(callbacks->logger, callbacks->componentEnvironment, name ? name : "", fmi2Error, LOG_ERROR, wrong);
@@ -278,7 +283,6 @@ fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean has_tolerance, fmi2R
   if (!(start - start == 0.0)) return refuse(s, "fmi2SetupExperiment", "startTime is not a finite number");
   if (has_stop && !(stop >= start)) return refuse(s, "fmi2SetupExperiment", "stopTime is before startTime");
   s->c.start = start;
-  s->c.stale = 1;
   return fmi2OK;
 }
 
@@ -293,7 +297,8 @@ fmi2Status fmi2EnterInitializationMode(fmi2Component c)
 fmi2Status fmi2ExitInitializationMode(fmi2Component c)
 {
   instance *const s = instance_of(c);
-  if (!s || !allowed(s, INITIALIZING, "fmi2ExitInitializationMode") || !refresh(s, "fmi2ExitInitializationMode")) return fmi2Error;
+  if (!s || !allowed(s, INITIALIZING, "fmi2ExitInitializationMode") || !refresh(s, "fmi2ExitInitializationMode"))
+    return fmi2Error;
   s->c.phase = STEPPING;
   s->c.now = s->c.start;
   say(s, fmi2OK, LOG_EVENT, "initialized");
@@ -362,7 +367,8 @@ fmi2Status fmi2GetString(fmi2Component c, const fmi2ValueReference vr[], size_t 
   const instance *const s = instance_of(c);
   if (!s) return fmi2Error;
   if (nvr == 0) return fmi2OK;
-  if (given(s, vr, "vr", "fmi2GetString") && given(s, value, "value", "fmi2GetString")) (void)known(s, vr, nvr, 's', "fmi2GetString");
+  if (given(s, vr, "vr", "fmi2GetString") && given(s, value, "value", "fmi2GetString"))
+    (void)known(s, vr, nvr, 's', "fmi2GetString");
   return fmi2Error;
 }
 
@@ -371,7 +377,8 @@ fmi2Status fmi2SetString(fmi2Component c, const fmi2ValueReference vr[], size_t 
   const instance *const s = instance_of(c);
   if (!s) return fmi2Error;
   if (nvr == 0) return fmi2OK;
-  if (given(s, vr, "vr", "fmi2SetString") && given(s, value, "value", "fmi2SetString")) (void)known(s, vr, nvr, 's', "fmi2SetString");
+  if (given(s, vr, "vr", "fmi2SetString") && given(s, value, "value", "fmi2SetString"))
+    (void)known(s, vr, nvr, 's', "fmi2SetString");
   return fmi2Error;
 }
 
@@ -406,7 +413,8 @@ fmi2Status fmi2GetRealOutputDerivatives(fmi2Component c, const fmi2ValueReferenc
   (void)order;
   (void)value;
   if (!s) return fmi2Error;
-  return nvr == 0 ? fmi2OK : refuse(s, "fmi2GetRealOutputDerivatives", "outputs have no derivatives (maxOutputDerivativeOrder is 0)");
+  return nvr == 0 ? fmi2OK
+                  : refuse(s, "fmi2GetRealOutputDerivatives", "outputs have no derivatives (maxOutputDerivativeOrder is 0)");
 }
 
 fmi2Status fmi2DoStep(fmi2Component c, fmi2Real time, fmi2Real step, fmi2Boolean no_earlier_state)
@@ -420,10 +428,11 @@ fmi2Status fmi2DoStep(fmi2Component c, fmi2Real time, fmi2Real step, fmi2Boolean
     (void)snprintf(text, sizeof text, "communicationStepSize = %.10g is not a positive number", step);
     return refuse(s, function, text);
   }
-  /* Importers sum steps up in different ways: what is off by less than a hundredth of the step is the same point. */
+  /* Importers sum steps up in different ways: what is off by less than a hundredth of the step, or by
+   * what a double of that size can hold, is the same point. */
   const double off = time - s->c.now, size = time < 0.0 ? -time : time;
-  const double most = 0.01 * step + 1e-9 * size;
-  if (!(off <= most && off >= -most)) {
+  const double most = 0.01 * step + 1e-14 * size;
+  if (!(off <= most && off >= -most) || !(time - time == 0.0)) { /* infinity is within any share of itself */
     (void)snprintf(text, sizeof text, "currentCommunicationPoint = %.17g, but the last step ended at %.17g", time, s->c.now);
     return refuse(s, function, text);
   }
@@ -431,7 +440,8 @@ fmi2Status fmi2DoStep(fmi2Component c, fmi2Real time, fmi2Real step, fmi2Boolean
   if (result == FMU_ERROR) return refuse(s, function, reason);
   s->c.now = time + step;
   for (int32_t i = 0; i < fmu_variable_count; i++)
-    if (fmu_variables[i].rate != FMU_NO_RATE) *(double *)place(&s->c, fmu_variables[i].rate) = 0.0; /* it was that of this point */
+    if (fmu_variables[i].rate != FMU_NO_RATE)
+      *(double *)place(&s->c, fmu_variables[i].rate) = 0.0; /* it was that of this point */
   if (result == FMU_WARNING && strcmp(reason, s->warned) != 0) {
     (void)snprintf(text, sizeof text, "at %.6g s: %.200s", time, reason);
     say(s, fmi2Warning, LOG_WARNING, text);
@@ -495,7 +505,8 @@ fmi2Status fmi2GetStringStatus(fmi2Component c, const fmi2StatusKind kind, fmi2S
 }
 
 fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReference unknown[], size_t unknowns,
-                                        const fmi2ValueReference known_[], size_t knowns, const fmi2Real dknown[], fmi2Real dunknown[])
+                                        const fmi2ValueReference known_[], size_t knowns, const fmi2Real dknown[],
+                                        fmi2Real dunknown[])
 {
   const instance *const s = instance_of(c);
   (void)unknown;
@@ -524,7 +535,8 @@ static snapshot *free_snapshot(const instance *s, const char *function)
       snapshots[i].owner = s;
       return &snapshots[i];
     }
-  (void)snprintf(text, sizeof text, "all %d saved states are in use: free one, or build the FMU with a larger FMU_STATES", FMU_STATES);
+  (void)snprintf(text, sizeof text, "all %d saved states are in use: free one, or build the FMU with a larger FMU_STATES",
+                 FMU_STATES);
   (void)refuse(s, function, text);
   return NULL;
 }
@@ -575,10 +587,11 @@ fmi2Status fmi2FreeFMUstate(fmi2Component c, fmi2FMUstate *state)
 typedef struct frame {
   uint32_t magic, format; /* the magic number also tells the byte order */
   uint64_t bytes;         /* of the content                             */
-  uint64_t model;         /* hash of the GUID                           */
+  uint64_t model;         /* hash of the GUID and of all sources        */
   uint64_t sum;           /* hash of the content                        */
 } frame;
 #define STATE_BYTES (sizeof(frame) + sizeof(content))
+#define MADE_OF FMU_GUID FMU_SOURCES
 
 /* FNV-1a: a change of any one byte changes it. */
 static uint64_t hash(const void *bytes, size_t count)
@@ -593,7 +606,8 @@ fmi2Status fmi2SerializedFMUstateSize(fmi2Component c, fmi2FMUstate state, size_
 {
   static const char function[] = "fmi2SerializedFMUstateSize";
   const instance *const s = instance_of(c);
-  if (!s || !given(s, size, "size", function) || !given(s, state, "FMUstate", function) || !is_state(s, state, function)) return fmi2Error;
+  if (!s || !given(s, size, "size", function) || !given(s, state, "FMUstate", function) || !is_state(s, state, function))
+    return fmi2Error;
   *size = STATE_BYTES;
   return fmi2OK;
 }
@@ -603,14 +617,15 @@ fmi2Status fmi2SerializeFMUstate(fmi2Component c, fmi2FMUstate state, fmi2Byte b
   static const char function[] = "fmi2SerializeFMUstate";
   const instance *const s = instance_of(c);
   frame f;
-  if (!s || !given(s, bytes, "serializedState", function) || !given(s, state, "FMUstate", function) || !is_state(s, state, function))
+  if (!s || !given(s, bytes, "serializedState", function) || !given(s, state, "FMUstate", function) ||
+      !is_state(s, state, function))
     return fmi2Error;
   if (size < STATE_BYTES) return refuse(s, function, "the buffer is smaller than fmi2SerializedFMUstateSize says");
   memset(&f, 0, sizeof f);
   f.magic = STATE_MAGIC;
   f.format = STATE_FORMAT;
   f.bytes = sizeof(content);
-  f.model = hash(FMU_GUID, sizeof FMU_GUID);
+  f.model = hash(MADE_OF, sizeof MADE_OF);
   f.sum = hash(&snapshot_of(state)->c, sizeof(content));
   memcpy(bytes, &f, sizeof f);
   memcpy(bytes + sizeof f, &snapshot_of(state)->c, sizeof(content));
@@ -626,9 +641,10 @@ fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte bytes[], size
   if (size < sizeof f) return refuse(s, function, "too short to be a saved state");
   memcpy(&f, bytes, sizeof f);
   if (f.magic != STATE_MAGIC) return refuse(s, function, "not a state of this FMU, or of a machine with another byte order");
-  if (f.format != STATE_FORMAT || f.model != hash(FMU_GUID, sizeof FMU_GUID))
+  if (f.format != STATE_FORMAT || f.model != hash(MADE_OF, sizeof MADE_OF))
     return refuse(s, function, "the state of another FMU, or of another version of this one");
-  if (f.bytes != sizeof(content) || size < STATE_BYTES) return refuse(s, function, "the state has another size than this build's");
+  if (f.bytes != sizeof(content) || size < STATE_BYTES)
+    return refuse(s, function, "the state has another size than this build's");
   if (f.sum != hash(bytes + sizeof f, sizeof(content))) return refuse(s, function, "the state is damaged: its checksum differs");
   snapshot *const t = free_snapshot(s, function);
   if (!t) return fmi2Error;

@@ -54,6 +54,10 @@ typedef enum fmu_result { FMU_OK, FMU_WARNING, FMU_ERROR } fmu_result;
 /* For messages: name of the parameter whose last part this is ("mass": "vehicle.mass"); `last_part` itself if there is none. */
 const char *fmu_name_of(const char *last_part);
 
+/* For messages: "50 .. 50000 kg". */
+#define FMU_RANGE 80
+const char *fmu_range(const fmu_variable *v, char text[FMU_RANGE]);
+
 /* Defaults of what the table does not list. The variables' start values follow. `m` is zero before. */
 void model_init(model *m);
 

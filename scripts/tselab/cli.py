@@ -13,10 +13,10 @@ import click
 
 from tselab import __version__, maneuvers
 from tselab.errors import UserError
+from tselab.fmu.commands import fmu
 from tselab.montecarlo import STUDIES
+from tselab.options import FILE, FORM, PROGRESS, key_values, show_progress
 
-FILE = click.Path(path_type=Path)
-FORMS = ("default", "sampled", "paper")  # tse_config_default() and its like
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 110}
 
 
@@ -49,20 +49,6 @@ def _version(ctx: click.Context, _param: click.Parameter, value: bool) -> None:
     ctx.exit()
 
 
-def _key_values(pairs: tuple[str, ...]) -> dict[str, float]:
-    values: dict[str, float] = {}
-    for pair in pairs:
-        key, equals, text = pair.partition("=")
-        try:
-            number = float(text)
-        except ValueError:
-            equals = ""
-        if not equals:
-            raise UserError(f"option --set: {pair!r} is not KEY=NUMBER, for instance forgetting=0.995")
-        values[key.strip()] = int(number) if number.is_integer() else number
-    return values
-
-
 def _road_changes(pairs: tuple[str, ...]) -> list[tuple[float, float]]:
     from tselab.core import SIM_INPUT, library
 
@@ -84,23 +70,6 @@ def _road_changes(pairs: tuple[str, ...]) -> list[tuple[float, float]]:
 def _positive(name: str, value: float | None, low: float, high: float, unit: str) -> None:
     if value is not None and not low <= value <= high:
         raise UserError(f"option --{name}: {value:g} is outside its range {low:g} .. {high:g} {unit}")
-
-
-def _show_progress(progress: bool | None) -> bool:
-    return sys.stderr.isatty() if progress is None else progress
-
-
-FORM = click.option(
-    "--form",
-    type=click.Choice(FORMS),
-    default="default",
-    show_default=True,
-    help="sampled: particles sample states and mean stiffness, too; with limits, less accurate, not as safe. "
-    "paper: the same without limits, the filter as printed.",
-)
-PROGRESS = click.option(
-    "--progress/--no-progress", default=None, help="Progress bar; default: when stderr is a terminal."
-)
 
 
 @click.group(context_settings=CONTEXT)
@@ -209,16 +178,12 @@ def estimate(
     A learnt state holds stiffness, spread and sensor biases. It fits the vehicle it was learnt with, and is trusted the
     less the older it is (settings learnt_floor, learnt_walk_day).
     """
-    from tselab.config import make_config
     from tselab.estimate import estimate as run
     from tselab.estimate import write_table
     from tselab.facts import run_facts
     from tselab.files import check_distinct, check_writable
     from tselab.learnt import read_learnt, write_learnt
-    from tselab.log import average as average_log
-    from tselab.log import read_log, sampling_notes, steering_notes
-    from tselab.units import check_units
-    from tselab.vehicle import fill_sensors, read_vehicle
+    from tselab.prepare import prepare
     from tselab.verdict import remarks, verdicts
 
     out = out or Path(log_path.stem + ".est.csv")
@@ -233,31 +198,11 @@ def estimate(
         raise UserError("option --age: is that of the file of --load-learnt, which is not given")
     _positive("age", age, 0.0, 40000.0, "days")
     learnt = read_learnt(load_learnt, age) if load_learnt else None
-    vehicle = read_vehicle(vehicle_path)
-    log = read_log(log_path)
-    if average is not None:
-        log = average_log(log, average)
-    fill_sensors(vehicle, log)
-    config, notes = make_config(vehicle, log, config_path, options, form)
-    for key, value in _key_values(pairs).items():
-        config.set(key, value, source="option --set")
-    warnings = check_units(
-        log,
-        config.lf + config.lr,
-        config.wheel_radius_front,
-        config.wheel_radius_rear,
-        vehicle.steering_ratio,
-    )
-    notes = [
-        *warnings,
-        *log.notes,
-        *sampling_notes(log, config.max_gap),
-        *steering_notes(log, config.max_steer),
-        *notes,
-        *vehicle.notes,
-    ]
+    prepared = prepare(log_path, vehicle_path, config_path, average, options, form, key_values(pairs))
+    vehicle, log, config, warnings = prepared.vehicle, prepared.log, prepared.config, prepared.warnings
+    notes = prepared.notes
 
-    est = run(log, config, _show_progress(progress), learnt)
+    est = run(log, config, show_progress(progress), learnt)
     refused = int((est.table["status"] < 0).sum())
     if refused:
         notes.append(f"{refused} rows were refused by the library; their estimates are empty, the status says why")
@@ -384,7 +329,7 @@ def simulate(
             check_writable(path)
     vehicle = read_vehicle(vehicle_path) if vehicle_path else default_vehicle()
     config, sim_config = Config(vehicle.values), SimConfig()
-    for key, value in _key_values(pairs).items():
+    for key, value in key_values(pairs).items():
         (sim_config if key in sim_config else config).set(key, value, source="option --set")
     for key, value in (("seed", seed), ("noise", noise), *((f"spread_{s}", spread) for s in STIFFNESS)):
         if value is not None:
@@ -404,7 +349,7 @@ def simulate(
         speed=sim_config.speed if speed is None and any(p.startswith("speed=") for p in pairs) else speed,
         amplitude=amplitude, road=_road_changes(road_change), seed=sim_config.seed,
     )  # fmt: skip
-    result = run(plan, config, sim_config, vehicle.driven_axle, _show_progress(progress))
+    result = run(plan, config, sim_config, vehicle.driven_axle, show_progress(progress))
     write_table(with_references(result) if with_ref else result.log, out)
     if truth is not None:
         write_table(result.truth, truth)
@@ -478,7 +423,7 @@ def demo(out: Path, seed: int, progress: bool | None) -> None:
 
     if out.exists() and not out.is_dir():
         raise UserError(f"{out}: is a file, a directory is needed")
-    click.echo(summary(run_demo(out, seed, _show_progress(progress)), out))
+    click.echo(summary(run_demo(out, seed, show_progress(progress)), out))
 
 
 @cli.command(short_help="Errors against the truth in the paper's set-up.")
@@ -532,7 +477,7 @@ def accuracy(
     settings: dict[str, float] = dict(Config.form(form))
     sim_settings: dict[str, float] = {}
     sim_config, config = SimConfig(), Config()
-    for key, value in _key_values(pairs).items():
+    for key, value in key_values(pairs).items():
         group, checked = (sim_settings, sim_config) if key in sim_config and key != "seed" else (settings, config)
         checked.set(key, value, source="option --set")
         group[key] = value
@@ -542,7 +487,7 @@ def accuracy(
             settings[key] = value
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)
-    study = run(runs, jobs, settings, sim_settings, first_seed, _show_progress(progress))
+    study = run(runs, jobs, settings, sim_settings, first_seed, show_progress(progress))
     text = markdown(study)
     click.echo(text)
     if out is not None:
@@ -618,7 +563,7 @@ def montecarlo(
     settings: dict[str, float] = {}
     sim_settings: dict[str, float] = {}
     sim_config, config = SimConfig(), Config()
-    for key, value in _key_values(pairs).items():
+    for key, value in key_values(pairs).items():
         if key == "seed":
             raise UserError("option --set: the seeds are set by --first-seed and --runs")
         group, checked = (sim_settings, sim_config) if key in sim_config else (settings, config)
@@ -627,13 +572,16 @@ def montecarlo(
     plan = Plan(study, runs or study.runs, first_seed, form, settings, sim_settings, wanted)
     out = out or Path(f"montecarlo-{name}")
     try:
-        rows = run_all(plan, out, jobs, scheduler, restart, _show_progress(progress))
+        rows = run_all(plan, out, jobs, scheduler, restart, show_progress(progress))
     except Interrupted as stopped:
         click.echo(f"tselab: {stopped}", err=True)
         sys.exit(130)
     text, files = write(plan, rows, out)
     click.echo(text)
     click.echo(f"Written to {out}: {', '.join(f.name for f in files)}")
+
+
+cli.add_command(fmu)
 
 
 def main() -> None:

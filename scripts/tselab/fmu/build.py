@@ -1,0 +1,89 @@
+"""Building the FMUs of this checkout: natively by CMake, for other platforms from the sources that each FMU carries."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from tselab.errors import UserError
+from tselab.fmu import platforms
+from tselab.fmu.archive import content, pack
+from tselab.fmu.platforms import PLATFORMS
+
+Say = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Built:
+    """A file that was written, and what binaries are in it."""
+
+    path: Path
+    binaries: dict[str, int]  # platform -> bytes
+
+
+def checkout() -> Path:
+    """The checkout that this package belongs to."""
+    root = Path(__file__).resolve().parents[3]
+    if not (root / "CMakePresets.json").is_file() or not (root / "fmu").is_dir():
+        raise UserError("'tselab fmu build' compiles the checkout that tselab is part of; this tselab was installed without one")
+    return root
+
+
+def build(out: Path, wanted: Sequence[str], max_particles: int | None, say: Say) -> list[Built]:
+    """Build, and write the FMUs and systems to `out` once all of it has gone well."""
+    root = checkout()
+    if wanted:
+        platforms.check_compiler()
+    stage = build_native(root, max_particles, say)
+    fmus = {p.parent.name: p.parent for p in sorted(stage.glob("*/modelDescription.xml"))}
+    files = {name: content(folder) for name, folder in fmus.items()}
+    for name, folder in fmus.items():
+        for platform in wanted:
+            start = time.monotonic()
+            binary = platforms.compile_for(PLATFORMS[platform], folder / "sources", root / "build" / "zig-cache")
+            files[name][f"binaries/{platform}/{name}{PLATFORMS[platform].suffix}"] = binary
+            say(f"{name} for {platform}: {len(binary):,} bytes, {time.monotonic() - start:.0f} s")
+    out.mkdir(parents=True, exist_ok=True)
+    built = []
+    for name, inside in files.items():
+        pack(out / f"{name}.fmu", inside)
+        sizes = {n.split("/")[1]: len(b) for n, b in inside.items() if n.startswith("binaries/")}
+        built.append(Built(out / f"{name}.fmu", sizes))
+    for system in sorted(stage.glob("*/SystemStructure.ssd")):
+        parts = {f"resources/{name}.fmu": (out / f"{name}.fmu").read_bytes() for name in files}
+        pack(out / f"{system.parent.name}.ssp", {"SystemStructure.ssd": system.read_bytes(), **parts})
+        built.append(Built(out / f"{system.parent.name}.ssp", {}))
+    return built
+
+
+def build_native(root: Path, max_particles: int | None, say: Say) -> Path:
+    """Run the preset `fmu`; the folder in which the FMUs are laid out."""
+    if shutil.which("cmake") is None:
+        raise UserError("cmake is not installed: version 3.21 or later is needed")
+    folder = root / "build" / ("fmu" if max_particles is None else f"fmu-{max_particles}")
+    _forget_foreign(folder, root)
+    command = ["cmake", "--preset", "fmu", "-B", str(folder)]
+    if not (folder / "CMakeCache.txt").is_file() and "CMAKE_GENERATOR" not in os.environ and shutil.which("ninja"):
+        command += ["-G", "Ninja"]
+    if (headers := root / ".venv" / "share" / "fmi2").is_dir():
+        command.append(f"-DFETCHCONTENT_SOURCE_DIR_FMI2={headers}")
+    if max_particles is not None:
+        command.append(f"-DTSE_MAX_PARTICLES={max_particles}")
+    say("native build (CMake preset fmu)")
+    for step in (command, ["cmake", "--build", str(folder), "--target", "fmus"]):
+        done = subprocess.run(step, cwd=root, capture_output=True, text=True, errors="replace")
+        if done.returncode:
+            raise UserError(f"the FMUs do not build: {' '.join(step[:3])} says\n{(done.stdout + done.stderr).strip()[-3000:]}")
+    return folder / "fmu"
+
+
+def _forget_foreign(folder: Path, root: Path) -> None:
+    """A build folder of a checkout that was copied or moved knows the wrong paths."""
+    cache = folder / "CMakeCache.txt"
+    if cache.is_file() and f"CMAKE_HOME_DIRECTORY:INTERNAL={root}\n" not in cache.read_text(errors="replace"):
+        shutil.rmtree(folder)

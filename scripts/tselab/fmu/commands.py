@@ -1,0 +1,195 @@
+"""The commands `tselab fmu ...`."""
+
+from __future__ import annotations
+
+import sys
+import textwrap
+from pathlib import Path
+from typing import Any
+
+import click
+
+from tselab.errors import UserError
+from tselab.options import FILE, FORM, PROGRESS, key_values, show_progress
+
+PLATFORM_NAMES = ("linux64", "win64", "darwin64", "aarch64-linux", "aarch64-darwin")
+
+
+@click.group(short_help="Build, check and run FMUs.")
+def fmu() -> None:
+    """Build, check and run FMUs (FMI 2.0, co-simulation).
+
+    \b
+    tselab fmu build --all-platforms --out fmus
+    tselab fmu validate fmus/*.fmu
+    tselab fmu run fmus/TireStiffnessEstimator.fmu log.csv --vehicle car.toml
+    """
+
+
+@fmu.command(short_help="Build the FMUs of this checkout.")
+@click.option("--out", metavar="DIR", type=FILE, default=Path("fmus"), show_default=True, help="Directory; made if needed.")
+@click.option("--all-platforms", is_flag=True, help="With binaries of all platforms.")
+@click.option("--platform", "chosen", multiple=True, type=click.Choice(PLATFORM_NAMES),
+              help="With the binary of this platform; may be repeated.")  # fmt: skip
+@click.option("--max-particles", type=click.IntRange(16, 65535), help="Particles that an estimator can hold.  [default: 512]")
+def build(out: Path, all_platforms: bool, chosen: tuple[str, ...], max_particles: int | None) -> None:
+    """Build the FMUs of this checkout, and the system that connects them.
+
+    \b
+    tselab fmu build
+    tselab fmu build --all-platforms --out fmus
+
+    Without platforms: the binary of this machine, by its C compiler. The others, and then this one too, are compiled from the
+    sources/ that each FMU carries by the Python package ziglang (extra 'platforms'), and run on old systems: linux64 needs
+    glibc 2.2.5. The same sources give the same files, byte for byte. Nothing is written before all has been built.
+    """
+    from tselab.fmu.build import build as run
+
+    if out.exists() and not out.is_dir():
+        raise UserError(f"{out}: is a file, a directory is needed")
+    wanted = PLATFORM_NAMES if all_platforms else tuple(dict.fromkeys(chosen))
+    for file in run(out, wanted, max_particles, lambda text: click.echo(text, err=True)):
+        inside = ", ".join(file.binaries)
+        click.echo(f"{file.path}: {file.path.stat().st_size:,} bytes{f' ({inside})' if inside else ''}")
+
+
+@fmu.command(short_help="Check FMUs with every validator there is.")
+@click.argument("paths", metavar="FMU ...", type=FILE, nargs=-1, required=True)
+@click.option("--clients", is_flag=True, help="Also run each FMU in every client that is installed, and compare.")
+@click.option("--results", metavar="DIR", type=FILE, help="Write the tables there: fmu_validators.md, fmu_clients.csv and .md.")
+def validate(paths: tuple[Path, ...], clients: bool, results: Path | None) -> None:
+    """Check FMUs, also other people's, with every validator there is.
+
+    \b
+    tselab fmu validate fmus/*.fmu
+    tselab fmu validate --clients fmus/*.fmu
+
+    \b
+    FMPy validate_fmu   the standard's rules, as FMPy reads them
+    fmutool -check      the same, as the FMU Manipulation Toolbox does
+    XML schema          of the standard, for modelDescription.xml and buildDescription.xml
+    tselab              what importers complain about: exported names, libraries and glibc needed, executable stack, platforms,
+                        units, descriptions, documentation, licences, and whether sources/ compiles
+    VDMCheck            a formal model of the standard; needs Java, and Maven that fetches it the first time
+
+    --clients: the same run in FMPy, ecos, libcosim (extra 'clients'), and of the binaries for win64 under wine and for
+    aarch64-linux under qemu. All values at all steps are compared with FMPy's: more than 1e-9 of an output's largest value is a
+    finding.
+
+    Exit code: 0 no findings, 1 findings, 2 a file that is no FMU. What could not run is said, and no finding.
+    """
+    from tselab.fmu import clients as others
+    from tselab.fmu import results as tables
+    from tselab.fmu.archive import open_archive
+    from tselab.fmu.validate import validate as run
+    from tselab.tables import text_table
+
+    def say(text: str) -> None:
+        click.echo(text, err=True)
+
+    if results is not None and not results.is_dir():
+        raise UserError(f"{results}: is not a directory")
+    archives = [open_archive(path) for path in paths]
+    all_verdicts, all_rows, found = {}, [], 0
+    for archive in archives:
+        verdicts = all_verdicts[archive.path.name] = run(archive, say)
+        rows = [["validator", "version", "findings"]]
+        rows += [[v.validator, v.version, f"skipped: {v.skipped}" if v.skipped else str(len(v.findings))] for v in verdicts]
+        click.echo(f"{archive.path}\n{textwrap.indent(text_table(rows), '  ')}")
+        for v in verdicts:
+            for text in v.findings:
+                click.echo(f"  {v.validator}: {text}")
+        found += sum(len(v.findings) for v in verdicts)
+        if clients:
+            compared = others.compare(archive.path, say)
+            rows = [["client", "version", "run", "largest difference to FMPy"]]
+            rows += [[r.client, r.version, r.run, r.text] for r in compared]
+            click.echo("\n" + textwrap.indent(text_table(rows), "  "))
+            found += sum(r.is_finding for r in compared)
+            all_rows += compared
+    if results is not None:
+        for path in tables.write(results, all_verdicts, all_rows):
+            click.echo(f"Written: {path}")
+    if found:
+        sys.exit(1)
+
+
+@fmu.command(short_help="Run an FMU over a table of inputs.")
+@click.argument("path", metavar="FMU", type=FILE)
+@click.argument("table_path", metavar="INPUT.csv", type=FILE)
+@click.option("--vehicle", "vehicle_path", metavar="CAR.toml", type=FILE, help="Vehicle file; the estimator needs it.")
+@click.option("--config", "config_path", metavar="FILTER.toml", type=FILE, help="Filter settings, as for 'tselab estimate'.")
+@click.option("--out", metavar="OUT.csv", type=FILE, help="Default: the table's name with .est.csv or .out.csv, in the current "
+              "directory.")  # fmt: skip
+@click.option("--average", metavar="SECONDS", type=float, help="Average the log over blocks of so long first, at most 0.1 s.")
+@click.option("--seed", type=int, help="Seed of the random numbers.")
+@click.option("--particles", type=int, help="Particles in use.")
+@click.option("--forgetting", type=float, help="Forgetting factor per sample.")
+@FORM
+@click.option("--set", "pairs", metavar="KEY=VALUE", multiple=True, help="Any parameter, by its name or the last part of it; "
+              "may be repeated.")  # fmt: skip
+@click.option("--hold", is_flag=True, help="Inputs jump from row to row, also where the FMU can interpolate.")
+@PROGRESS
+def run(
+    path: Path,
+    table_path: Path,
+    vehicle_path: Path | None,
+    config_path: Path | None,
+    out: Path | None,
+    average: float | None,
+    form: str,
+    pairs: tuple[str, ...],
+    hold: bool,
+    progress: bool | None,
+    **options: Any,
+) -> None:
+    """Run an FMU over a table of inputs.
+
+    \b
+    tselab fmu run TireStiffnessEstimator.fmu log.csv --vehicle car.toml --out est.csv
+    tselab fmu run SingleTrackVehicle.fmu driver.csv --vehicle car.toml --set simulation.seed=3
+    tselab fmu run ANY.fmu inputs.csv --set gain=2
+
+    The estimator with --vehicle: EST.csv is the same, byte for byte, as that of 'tselab estimate' with the same options.
+
+    Any other FMU: columns of the table are time and inputs by their names; what is missing keeps its start value. All outputs are
+    written, at every row's time. Settings of --vehicle go to the parameters whose last part has their name. Ctrl-C stops early
+    and writes the rows done so far.
+    """
+    from tselab.core import Config
+    from tselab.estimate import write_table
+    from tselab.files import check_distinct, check_writable
+    from tselab.fmu import run as runs
+    from tselab.fmu.archive import open_archive, read_description
+    from tselab.prepare import prepare
+    from tselab.vehicle import read_vehicle
+
+    open_archive(path)
+    variables = {v.name: v for v in read_description(path).modelVariables}
+    estimates = vehicle_path is not None and runs.is_estimator(variables)
+    out = out or Path(f"{table_path.stem}.{'est' if estimates else 'out'}.csv")
+    inputs = {"the FMU": path, "the table": table_path, "--vehicle": vehicle_path, "--config": config_path}
+    check_distinct({"--out": out}, inputs)
+    check_writable(out)
+    settings = key_values(pairs)
+    if estimates:
+        settings = {k.rpartition(".")[2]: v for k, v in settings.items()}
+        prepared = prepare(table_path, vehicle_path, config_path, average, options, form, settings)
+        for line in prepared.notes:
+            click.echo(f"{'warning' if line in prepared.warnings else 'note'}: {line}", err=True)
+        done = runs.estimate(path, prepared.log, prepared.config, show_progress(progress))
+    else:
+        given = {"config": config_path, "average": average, **options, "form": None if form == "default" else form}
+        if wrong := [k for k, v in given.items() if v is not None]:
+            raise UserError(
+                f"option --{wrong[0]}: is for the estimator with --vehicle; parameters of an FMU are set by --set"
+            )
+        config = Config(read_vehicle(vehicle_path).values) if vehicle_path is not None else None
+        done = runs.drive(path, table_path, settings, config, hold, show_progress(progress))
+    write_table(done.table, out)
+    for line in done.notes:
+        click.echo(f"note: {line}", err=True)
+    click.echo(f"{path.name}: {len(done.table)} rows written to {out}")
+    if done.interrupted:
+        click.echo(f"tselab: stopped by Ctrl-C; {out} holds the rows done", err=True)
+        sys.exit(130)

@@ -1,0 +1,76 @@
+"""No memory error and no leak across the boundary, as sanitizers and valgrind see it in the importer's own process."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from fmu_support import MODELS, build, run, unit
+
+HERE = Path(__file__).parent
+SCENARIO = HERE / "memory_scenario.py"
+FLAGS = "-g -O1 -fsanitize=address,undefined -fno-sanitize-recover=all -fno-omit-frame-pointer"
+
+
+def sanitizer() -> str:
+    """The run time of gcc's address sanitizer; empty: there is none."""
+    if not shutil.which("gcc"):
+        return ""
+    path = subprocess.run(["gcc", "-print-file-name=libasan.so"], capture_output=True, text=True).stdout.strip()
+    return path if os.path.isabs(path) else ""
+
+
+def scenario(environment: dict[str, str], *before: str, rows: int) -> subprocess.CompletedProcess:
+    return subprocess.run([*before, sys.executable, str(SCENARIO), environment["FOLDER"], str(rows)], cwd=HERE, capture_output=True,
+                          text=True, timeout=300, env={**os.environ, "PYTHONMALLOC": "malloc", **environment})  # fmt: skip
+
+
+@pytest.mark.skipif(not sanitizer(), reason="gcc's address sanitizer is not installed")
+def test_sanitizers_find_nothing() -> None:
+    build("fmu-asan", "-DCMAKE_C_COMPILER=gcc", "-DCMAKE_BUILD_TYPE=Debug", f"-DCMAKE_C_FLAGS={FLAGS}", "-DCMAKE_C_FLAGS_DEBUG=")
+    binary = unit(MODELS[0], "fmu-asan").binary
+    assert "__asan" in run("nm", "-D", binary).stdout, "this FMU was built without the sanitizer"
+    # leaks that name no line of ours are Python's own
+    options = "detect_leaks=1:exitcode=0:verify_asan_link_order=0:handle_segv=1"
+    done = scenario({"FOLDER": "fmu-asan", "LD_PRELOAD": sanitizer(), "ASAN_OPTIONS": options,
+                     "UBSAN_OPTIONS": "print_stacktrace=1"}, rows=300)  # fmt: skip
+    assert done.stdout.count("done") == 2, done.stderr[-4000:]
+    assert "ERROR: AddressSanitizer" not in done.stderr and "runtime error" not in done.stderr, done.stderr[-4000:]
+    blocks = [b for b in done.stderr.split("\n\n") if re.search(r"(Direct|Indirect) leak", b)]
+    leaks = [b for b in blocks if re.search(r"fmi2|tse_|model_", b)]
+    assert not leaks, "\n\n".join(leaks[:5])
+
+
+def test_the_fmu_cannot_leak_because_it_does_not_allocate(model) -> None:
+    """Memory is a pool; and of the C library nothing but these is called."""
+    if not shutil.which("nm"):
+        pytest.skip("nm is not installed")
+    needed = {line.split()[-1].split("@")[0] for line in run("nm", "-D", "--undefined-only", model.binary).stdout.splitlines()}
+    needed = {n for n in needed if not n.startswith("_")}
+    assert needed <= {"memcpy", "memset", "memcmp", "memmove", "strcmp", "strrchr", "strlen", "snprintf", "sqrt"}, needed
+    exported = {line.split()[-1] for line in run("nm", "-D", "--defined-only", model.binary).stdout.splitlines()}
+    assert {n for n in exported if not n.startswith("fmi2")} == set()
+    functions = (model.folder / "sources" / "fmi2.c").read_text()
+    defined = set(re.findall(r"^(?:fmi2\w+|const char \*|void) ?\*?(fmi2\w+)\(", functions, re.M)) | {
+        f"fmi2{do}{what}" for do in ("Get", "Set") for what in ("Real", "Integer", "Boolean")}  # fmt: skip
+    assert exported == defined and len(exported) == 34
+
+
+@pytest.mark.skipif(not shutil.which("valgrind"), reason="valgrind is not installed")
+def test_valgrind_finds_nothing_in_a_client(model, tmp_path: Path) -> None:
+    """With the small client instead of Python: uninitialised bytes in what is saved, too. A few steps: valgrind is slow."""
+    from fmu_support import headers
+
+    client, input_ = tmp_path / "client", tmp_path / "in.csv"
+    run("cc", "-std=c99", "-g", "-I", headers(), HERE / "client.c", "-o", client, "-ldl")
+    input_.write_text(f"time,{model.code('steer_angle')}\n" + "".join(f"{0.01 * k:.2f},0.0{k % 3}\n" for k in range(12)))
+    few = ["--set", f"{model.code('filter.particles')}=60"] if "filter.particles" in model.variables else []
+    common = ["valgrind", "-q", "--error-exitcode=9", "--leak-check=full", client, model.binary, model.guid, input_]
+    run(*common, tmp_path / "out.csv", *few, "--save", f"{tmp_path / 'state'}@6")
+    run(*common, tmp_path / "rest.csv", "--restore", f"{tmp_path / 'state'}@6")
+    assert (tmp_path / "rest.csv").read_text().splitlines()[1:] == (tmp_path / "out.csv").read_text().splitlines()[7:]

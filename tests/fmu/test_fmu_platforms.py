@@ -1,0 +1,97 @@
+"""The same replay on linux64, aarch64-linux (qemu) and win64 (wine): the same bits, and each goes on from the others' states."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from fmu_support import (
+    CHANNELS,
+    DRIVER,
+    ESTIMATOR,
+    TARGETS,
+    VEHICLE,
+    Unit,
+    bits,
+    client_for,
+    client_input,
+    library_for,
+    recorded_drive,
+    run_client,
+    unavailable,
+    unit,
+)
+
+ROWS, MIDDLE, SETTINGS = 260, 150, {ESTIMATOR: {"filter.particles": 100}, VEHICLE: {"simulation.seed": 4}}
+
+
+def inputs(of: Unit, path: Path) -> Path:
+    if of.identifier == ESTIMATOR:
+        return client_input(recorded_drive(900).part(900 - ROWS, 900), of, path)  # moving, with lost channels
+    lines = ["time," + ",".join(of.code(n) for n in DRIVER)]
+    for k in range(ROWS):
+        row = [0.01 * k, 0.02 * (-1) ** (k // 50), 700.0 * (-1) ** (k // 70), 20.0 * (k % 5), 100.0 * (k % 3), 0.0, 1.0 - 0.001 * k]
+        lines.append(",".join(bits(x) for x in row))
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def options(of: Unit) -> list[str]:
+    return ["--outputs", ",".join(of.code(n) for n in of.outputs)]
+
+
+@pytest.fixture(scope="module", params=[ESTIMATOR, VEHICLE])
+def reference(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> dict:
+    """The drive on this machine, by the library that CMake built, with a state saved in the middle."""
+    if why := unavailable("linux64"):
+        pytest.skip(why)
+    of, folder = unit(request.param), tmp_path_factory.mktemp(request.param)
+    settings = [x for name, value in SETTINGS[of.identifier].items() for x in ("--set", f"{of.code(name)}={value}")]
+    input_ = inputs(of, folder / "in.csv")
+    text = run_client(client_for("linux64"), of.binary, of, input_, folder / "out.csv", *options(of), *settings,
+                      "--save", f"{folder / 'state'}@{MIDDLE}")  # fmt: skip
+    assert len(text.splitlines()) == ROWS + 1
+    return {"unit": of, "input": input_, "text": text, "state": folder / "state", "settings": settings}
+
+
+@pytest.mark.parametrize("target", TARGETS)
+def test_every_output_has_the_same_bits(reference: dict, target: str, tmp_path: Path) -> None:
+    if why := unavailable(target):
+        pytest.skip(why)
+    of = reference["unit"]
+    text = run_client(client_for(target), library_for(target, of), of, reference["input"], tmp_path / "out.csv", *options(of),
+                      *reference["settings"], "--save", f"{tmp_path / 'state'}@{MIDDLE}")  # fmt: skip
+    wrong = [i for i, (a, b) in enumerate(zip(text.splitlines(), reference["text"].splitlines(), strict=True)) if a != b]
+    assert not wrong, f"{target} differs from row {wrong[0]} on"
+    assert (tmp_path / "state").read_bytes() == reference["state"].read_bytes()
+
+
+@pytest.mark.parametrize("target", TARGETS)
+def test_a_state_saved_here_goes_on_there(reference: dict, target: str, tmp_path: Path) -> None:
+    if why := unavailable(target):
+        pytest.skip(why)
+    of = reference["unit"]
+    text = run_client(client_for(target), library_for(target, of), of, reference["input"], tmp_path / "out.csv", *options(of),
+                      "--restore", f"{reference['state']}@{MIDDLE}")  # fmt: skip
+    assert text.splitlines()[1:] == reference["text"].splitlines()[1 + MIDDLE :]
+
+
+@pytest.mark.parametrize("reference", [ESTIMATOR], indirect=True)  # wine takes 3 s: one of them is enough
+@pytest.mark.parametrize("target", ["aarch64-linux", "win64"])
+def test_a_damaged_state_is_refused_there(reference: dict, target: str, tmp_path: Path) -> None:
+    if why := unavailable(target):
+        pytest.skip(why)
+    of, damaged = reference["unit"], tmp_path / "state"
+    state = bytearray(reference["state"].read_bytes())
+    state[len(state) // 2] ^= 1
+    damaged.write_bytes(state)
+    with pytest.raises(RuntimeError, match="checksum"):
+        run_client(client_for(target), library_for(target, of), of, reference["input"], tmp_path / "out.csv", *options(of),
+                   "--restore", f"{damaged}@{MIDDLE}")  # fmt: skip
+
+
+def test_channels_are_those_of_the_estimator() -> None:
+    """So that inputs() sets all there are."""
+    names = [v.name for v in unit(ESTIMATOR).description.modelVariables if v.causality == "input"]
+    assert names == [*CHANNELS, "missing"]
+    assert [v.name for v in unit(VEHICLE).description.modelVariables if v.causality == "input"] == DRIVER

@@ -1,0 +1,233 @@
+"""The same log through the C library and through the FMU gives the same bits in every output."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import threading
+
+import numpy as np
+import pytest
+from fmu_support import (
+    CHANNELS,
+    DRIVER,
+    Instance,
+    Log,
+    Unit,
+    expect_same_rows,
+    expected_outputs,
+    parameters_of,
+    recorded_drive,
+)
+
+from tselab import maneuvers
+from tselab.core import SIM_INPUT, Config, SimConfig, Simulator, library
+from tselab.simulate import drive
+
+
+def simulated_drive(duration: float = 6.0, seed: int = 4, irregular: bool = False) -> Log:
+    """Square waves; with lost cells, lost rows and, when irregular, rows 3 .. 30 ms apart."""
+    random = np.random.default_rng(seed)
+    config = Config()
+    maneuver = maneuvers.build("square-waves", config, sample_time=0.001 if irregular else 0.01, duration=duration)
+    _, outputs = drive(maneuver, config, SimConfig({"seed": seed}))
+    keep = np.ones(len(maneuver.time), bool)
+    if irregular:
+        keep[:] = False
+        rows = np.cumsum(random.integers(3, 31, len(keep) // 3))
+        keep[rows[rows < len(keep)]] = True
+    keep[keep.nonzero()[0][random.integers(5, keep.sum(), 12)]] = False  # lost rows
+    first = len(keep) // 2
+    keep[first : first + (300 if irregular else 30)] = False  # and a gap that is too long to bridge
+    channels = np.stack([outputs[n] for n in CHANNELS], axis=1)[keep]
+    channels[random.random(channels.shape) < 0.01] = np.nan
+    return Log(maneuver.time[keep], channels)
+
+
+def replay(estimator: Unit, log: Log, settings: dict[str, float], form: str | None = None) -> None:
+    full = {**(Config.form(form) if form else {}), **settings}
+    expected = log.through_library(settings, form)
+    with Instance(estimator) as instance:
+        instance.start(parameters_of(full, estimator), time=float(log.time[0]))
+        expect_same_rows(log.through_fmu(instance), (expected_outputs(row, Config(full)) for row in expected))
+
+
+def test_the_recorded_drive_with_default_settings(estimator: Unit) -> None:
+    replay(estimator, recorded_drive(), {})
+
+
+SWEEP = [
+    ({"seed": 2, "particles": 512}, None),
+    ({"seed": 77, "particles": 16, "forgetting": 0.98}, None),
+    ({"particles": 101, "forgetting": 0.999, "mass": 1500.0, "resampling": 2}, None),
+    ({"particles": 100, "max_slip": 1.0, "noise_max": 1.0, "notice_stuck": 0}, None),
+    ({"particles": 150}, "sampled"),
+    ({"particles": 150, "seed": 9, "initial_cy_rear": 0.7}, "paper"),
+]
+
+
+@pytest.mark.parametrize(("settings", "form"), SWEEP, ids=lambda p: str(p) if isinstance(p, str) else "")
+def test_a_drive_with_gaps_with_other_parameters(estimator: Unit, settings: dict[str, float], form: str | None) -> None:
+    replay(estimator, simulated_drive(), settings, form)
+
+
+def test_where_only_some_stiffnesses_show_not_all_are_called_valid(estimator: Unit) -> None:
+    """Slalom at constant speed: cornering stiffness shows, longitudinal stiffness does not."""
+    config = Config({"particles": 100})
+    maneuver = maneuvers.build("sine-sweep", config, sample_time=0.01, duration=8.0)
+    _, outputs = drive(maneuver, config, SimConfig())
+    log = Log(maneuver.time, np.stack([outputs[n] for n in CHANNELS], axis=1))
+    with Instance(estimator) as instance:
+        instance.start({"filter.particles": 100})
+        rows = log.through_fmu(instance)
+    expect_same_rows(rows, (expected_outputs(row, config) for row in log.through_library({"particles": 100})))
+    assert any(r["estimate.cy_rear_valid"] and not r["estimate.cx_front_valid"] and not r["estimate.valid"] for r in rows)
+
+
+def test_irregular_rows_are_variable_communication_steps(estimator: Unit) -> None:
+    log = simulated_drive(irregular=True)
+    steps = np.diff(log.time)
+    assert len(log) > 200 and steps.min() < 0.005 and steps.max() > 0.2 and len(set(np.round(steps, 6))) > 20
+    replay(estimator, log, {"particles": 100})
+
+
+def test_a_log_that_starts_late_and_a_second_run_after_reset(estimator: Unit) -> None:
+    log = simulated_drive(2.0)
+    late = Log(log.time + 1e5, log.channels)
+    expected = [expected_outputs(row, Config({"particles": 60})) for row in late.through_library({"particles": 60})]
+    with Instance(estimator) as instance:
+        for _ in range(2):
+            instance.start({"filter.particles": 60}, time=float(late.time[0]))
+            expect_same_rows(late.through_fmu(instance), expected)
+            instance.slave.terminate()
+            instance.slave.reset()
+
+
+def test_a_state_saved_in_the_middle_goes_on_with_the_same_bits(estimator: Unit) -> None:
+    log = simulated_drive()
+    middle = len(log) // 2 - 10  # before the gap
+    with Instance(estimator, "first") as first, Instance(estimator, "second") as second:
+        first.start({"filter.particles": 100})
+        log.through_fmu(first, 0, middle)
+        state = first.slave.getFMUstate()
+        saved = first.state()
+        rest = log.through_fmu(first, middle)
+        first.slave.setFMUstate(state)
+        expect_same_rows(log.through_fmu(first, middle), rest)
+        second.start({"filter.seed": 5})
+        second.restore(saved)
+        assert second.state() == saved
+        expect_same_rows(log.through_fmu(second, middle), rest)
+        expected = log.through_library({"particles": 100})[middle:]
+        expect_same_rows(rest, (expected_outputs(row, Config({"particles": 100})) for row in expected))
+
+
+CONTINUE = """
+import pickle, sys
+from fmu_support import Instance, recorded_drive, unit
+saved, middle, rows = pickle.loads(sys.stdin.buffer.read())
+log = recorded_drive(rows)
+with Instance(unit("TireStiffnessEstimator")) as instance:
+    instance.restore(saved)
+    sys.stdout.buffer.write(pickle.dumps(log.through_fmu(instance, middle)))
+"""
+
+
+def test_another_process_goes_on_from_the_bytes_with_the_same_bits(estimator: Unit) -> None:
+    import pickle
+    from pathlib import Path
+
+    log, middle = recorded_drive(1200), 700
+    with Instance(estimator) as instance:
+        instance.start({"filter.particles": 100})
+        log.through_fmu(instance, 0, middle)
+        saved = instance.state()
+        rest = log.through_fmu(instance, middle)
+    done = subprocess.run([sys.executable, "-c", CONTINUE], input=pickle.dumps((saved, middle, 1200)), capture_output=True,
+                          cwd=Path(__file__).parent, timeout=120)  # fmt: skip
+    assert done.returncode == 0, done.stderr.decode()
+    expect_same_rows(pickle.loads(done.stdout), rest)
+
+
+def test_instances_in_threads_do_what_each_does_alone(estimator: Unit) -> None:
+    """FMPy lets go of Python's lock during a call."""
+    logs = [simulated_drive(3.0, seed) for seed in (1, 2, 3)]
+    got: dict[int, list] = {}
+
+    def work(k: int) -> None:
+        with Instance(estimator, f"thread {k}") as instance:
+            instance.start({"filter.particles": 200})
+            got[k] = logs[k].through_fmu(instance)
+
+    threads = [threading.Thread(target=work, args=(k,)) for k in range(3)]
+    for t in threads:
+        t.start()
+    for t in threads:
+        t.join()
+    for k, log in enumerate(logs):
+        rows = log.through_library({"particles": 200})
+        expect_same_rows(got[k], (expected_outputs(row, Config({"particles": 200})) for row in rows))
+
+
+@pytest.mark.parametrize("ramp", [True, False])
+def test_the_vehicle_has_the_bits_of_the_simulator(vehicle: Unit, ramp: bool) -> None:
+    """Held inputs are analytic: a step is two rows, the first of which changes nothing but what the driver does."""
+    config, sim_config = Config({"mass": 1700.0}), SimConfig({"seed": 6, "true_cy_front": 0.9, "bias_walk": 1.0})
+    simulator = Simulator(config, sim_config)
+    n = 300
+    inputs, outputs = simulator.inputs(n), simulator.outputs(n)
+    k = np.arange(n)
+    inputs["dt"] = np.where(k % 5 == 2, 0.025, 0.01)
+    inputs["steer_angle"] = 0.02 * np.sign(np.sin(0.05 * k))
+    inputs["wheel_torque_front"] = 700 * np.sign(np.sin(0.03 * k))
+    inputs["brake_torque_rear"] = 50.0 * (k % 3)
+    inputs["road_level"] = np.where(k > 200, 0.7, 1.0)
+    last = library().sim_bytes - library().dtype(SIM_INPUT).itemsize  # sim.last is the last member of tse_sim
+    with Instance(vehicle) as instance:
+        values = [{d: float(inputs[d][i]) for d in DRIVER} for i in range(n)]
+        instance.start({"vehicle.mass": 1700.0, "simulation.seed": 6, "simulation.true_cy_front": 0.9,
+                        "simulation.bias_walk": 1.0, "ramp": ramp}, values[0])  # fmt: skip
+        simulator.step_into(inputs, outputs, 0)
+        time = 0.0
+        for i in range(n):
+            if i:
+                instance.set(values[i])
+                instance.step(time, float(inputs["dt"][i]))
+                time += float(inputs["dt"][i])
+                if not ramp:
+                    jump = inputs[i : i + 1].copy()
+                    jump["road_level"] = inputs["road_level"][i - 1]  # that on which this step's stiffness was drawn
+                    simulator._sim.view(np.uint8)[last : last + inputs.itemsize] = jump.view(np.uint8)
+                simulator.step_into(inputs, outputs, i)
+            got = instance.get()
+            expected = {}
+            for name in outputs.dtype.names:
+                value = float(outputs[name][i])
+                group, _, short = name.partition("_")
+                if name in CHANNELS:
+                    expected[f"sensor.{name}"] = value
+                elif short.startswith(("cx_", "cy_")):
+                    expected[f"{group}.relative.{short}"] = value
+                    nominal = {"cx_front": 1.6e5, "cy_front": 1.2e5, "cy_rear": 1.4e5}[short]
+                    expected[f"{group}.{short}"] = nominal * value
+                else:
+                    expected[f"{group}.{short}"] = value
+            expect_same_rows([got], [expected])
+
+
+def test_a_vehicle_state_goes_on_with_the_same_bits(vehicle: Unit) -> None:
+    def go(instance: Instance, first: int, last: int) -> list[dict[str, float]]:
+        rows = []
+        for i in range(first, last):
+            instance.set({"steer_angle": 0.02 * np.sin(0.1 * i), "wheel_torque_front": 300.0 * (i % 7)})
+            instance.step(i * 0.01, 0.01)
+            rows.append(instance.get())
+        return rows
+
+    with Instance(vehicle, "first") as first, Instance(vehicle, "second") as second:
+        first.start({"simulation.seed": 3})
+        go(first, 0, 50)
+        saved = first.state()
+        rest = go(first, 50, 100)
+        second.restore(saved)  # before any initialization: the phase is part of the state
+        expect_same_rows(go(second, 50, 100), rest)

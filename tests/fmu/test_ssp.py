@@ -1,0 +1,94 @@
+"""The system that connects both FMUs: its description, and that an importer of systems gets out of it what two FMUs stepped by hand
+give."""
+
+from __future__ import annotations
+
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tselab.fmu.slave import slave
+
+fmpy_ssp = pytest.importorskip("fmpy.ssp.simulation", reason="FMPy is not installed")
+ROOT = Path(__file__).resolve().parents[2]
+STEP, STEPS = 1 / 128, 256  # s
+
+
+@pytest.fixture(scope="module")
+def ssp(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """As `tselab fmu build` packs it."""
+    from tselab.fmu.build import build
+
+    out = tmp_path_factory.mktemp("system")
+    build(out, (), None, lambda _: None)
+    return out / "StiffnessStudy.ssp"
+
+
+def steering(time: float) -> float:
+    return 0.02 if time % 2 < 1 else -0.02
+
+
+def torque(time: float) -> float:
+    return 300.0 if time % 1 < 0.5 else -300.0
+
+
+def test_the_description_is_valid_and_every_connector_is_a_variable_of_its_fmu(ssp, tmp_path):
+    from fmpy import read_model_description
+    from fmpy.ssp.ssd import read_ssd
+
+    system = read_ssd(str(ssp), validate=True)  # against the XML schema of SSP 1.0
+    with zipfile.ZipFile(ssp) as file:
+        file.extractall(tmp_path)
+    units = {u.name for u in system.units}
+    text = (tmp_path / "SystemStructure.ssd").read_text(encoding="utf-8")
+    assert {part.split('"')[0] for part in text.split('unit="')[1:]} == units
+    for component in system.system.elements:
+        description = read_model_description(str(tmp_path / component.source))
+        variables = {v.name: v for v in description.modelVariables}
+        for connector in component.connectors:
+            assert variables[connector.name].causality == connector.kind
+    inputs = {c.name for c in system.system.elements[1].connectors if c.kind == "input"}
+    assert {c.endConnector for c in system.system.connections if c.endElement == "estimator"} == inputs
+
+
+def test_fmpy_simulates_the_system_as_two_fmus_stepped_by_hand(ssp, tmp_path):
+    drive = {"steer_angle": steering, "wheel_torque_front": torque, "wheel_torque_rear": lambda _: 0.0}
+    result = fmpy_ssp.simulate_ssp(str(ssp), stop_time=STEP * STEPS, step_size=STEP, input=drive)
+    assert len(result) == STEPS
+    by_hand = stepped_by_hand(ssp, tmp_path)
+    for name in by_hand.dtype.names:
+        assert np.array_equal(result[name], by_hand[name]), name
+    # the connection carries something: the estimator has left where it started, towards the truth
+    assert abs(result["estimator.estimate.cy_front"][-1] / result["vehicle.true.cy_front"][-1] - 1) < 0.1
+    assert len(set(result["estimator.estimate.cy_front"])) > STEPS / 2
+
+
+def stepped_by_hand(ssp: Path, folder: Path) -> np.ndarray:
+    """FMPy's master: all step with what was there, then outputs go over to inputs."""
+    sensors = ("steer_angle", "wheel_speed_front", "wheel_speed_rear", "accel_x", "accel_y", "yaw_rate")
+    stiffness = ("cx_front", "cy_front", "cy_rear")
+    truth, estimate = [f"true.{s}" for s in stiffness], [f"estimate.{s}" for s in stiffness]
+    with zipfile.ZipFile(ssp) as file:
+        file.extractall(folder)
+    rows = []
+    with (
+        slave(folder / "resources" / "SingleTrackVehicle.fmu") as vehicle,
+        slave(folder / "resources" / "TireStiffnessEstimator.fmu") as estimator,
+    ):
+        vehicle.initialize(0.0, {}, {})
+        estimator.initialize(0.0, {}, {})
+        driver, measured = {"steer_angle": 0.0, "wheel_torque_front": 0.0, "wheel_torque_rear": 0.0}, dict.fromkeys(sensors, 0.0)
+        for i in range(STEPS):
+            time = i * STEP
+            vehicle.set(driver)
+            vehicle.step(time, STEP)
+            estimator.set(measured)
+            estimator.step(time, STEP)
+            values = vehicle.get([*truth, *(f"sensor.{s}" for s in sensors)])
+            rows.append((*(values[n] for n in truth), *estimator.get(estimate).values()))
+            measured = {s: values[f"sensor.{s}"] for s in sensors}
+            driver = {"steer_angle": steering(time), "wheel_torque_front": torque(time), "wheel_torque_rear": 0.0}
+    names = [*(f"vehicle.{n}" for n in truth), *(f"estimator.{n}" for n in estimate)]
+    return np.array(rows, dtype=[(n, float) for n in names])

@@ -1,0 +1,261 @@
+/* tests/fmu/unit/test_state.c - saved, restored and serialized states. */
+#include "fmu_case.h"
+
+#define FRAME 32 /* saved_bytes before the content: magic, format, bytes, model, sum */
+
+static void test_a_restored_state_goes_on_as_if_nothing_had_happened(void)
+{
+  fmi2Component const a = stepping(), b = stepping();
+  fmi2FMUstate state = NULL;
+  stepped(a, 0, 15);
+  OK(fmi2GetFMUstate(a, &state));
+  stepped(a, 15, 30);
+  const saved_bytes first = bytes_of(a);
+  OK(fmi2SetFMUstate(a, state));
+  stepped(a, 15, 30);
+  const saved_bytes again = bytes_of(a);
+  OK(fmi2Terminate(a));
+  OK(fmi2Reset(a));
+  OK(fmi2SetFMUstate(a, state)); /* the phase belongs to the state */
+  stepped(a, 15, 30);
+  expect_same_and_free(bytes_of(a), again, "restored after a reset");
+  stepped(b, 0, 30);
+  expect_same_and_free(bytes_of(b), first, "without saving");
+  fmi2Component const other = instantiated();
+  OK(fmi2SetFMUstate(other, state));
+  stepped(other, 15, 30);
+  expect_same_and_free(bytes_of(other), bytes_of(b), "restored in another instance");
+}
+
+static void test_a_state_of_every_phase_brings_that_phase_back(void)
+{
+  fmi2Component const c = instantiated();
+  fmi2FMUstate before = NULL, init = NULL, ended = NULL;
+  OK(put_real(c, ANOTHER_PARAMETER, 1700.0));
+  OK(fmi2SetupExperiment(c, fmi2False, 0, 2.0, fmi2False, 0));
+  OK(fmi2GetFMUstate(c, &before));
+  OK(fmi2EnterInitializationMode(c));
+  OK(put_real(c, AN_INPUT, 5.0));
+  OK(fmi2GetFMUstate(c, &init));
+  OK(fmi2ExitInitializationMode(c));
+  OK(fmi2Terminate(c));
+  OK(fmi2GetFMUstate(c, &ended));
+
+  OK(fmi2SetFMUstate(c, before));
+  TEST_ASSERT_TRUE(real_of(c, ANOTHER_PARAMETER) == 1700.0 && real_of(c, AN_INPUT) != 5.0);
+  OK(put_real(c, ANOTHER_PARAMETER, 1500.0));
+  OK(fmi2EnterInitializationMode(c));
+  OK(fmi2SetFMUstate(c, init));
+  TEST_ASSERT_TRUE(real_of(c, ANOTHER_PARAMETER) == 1700.0 && real_of(c, AN_INPUT) == 5.0);
+  OK(fmi2ExitInitializationMode(c));
+  OK(fmi2DoStep(c, 2.0, STEP, fmi2True) == fmi2Error ? fmi2Error : fmi2OK);
+  OK(fmi2SetFMUstate(c, ended));
+  REFUSED(fmi2DoStep(c, 2.0, STEP, fmi2True), "after fmi2Terminate");
+}
+
+static void test_a_state_is_overwritten_in_place_and_freed_once(void)
+{
+  fmi2Component const c = stepping();
+  fmi2FMUstate state = NULL, again;
+  OK(fmi2GetFMUstate(c, &state));
+  again = state;
+  stepped(c, 0, 5);
+  const saved_bytes five = bytes_of(c);
+  OK(fmi2GetFMUstate(c, &again));
+  TEST_ASSERT_EQUAL_PTR(state, again);
+  stepped(c, 5, 7);
+  OK(fmi2SetFMUstate(c, state));
+  expect_same_and_free(bytes_of(c), five, "overwritten");
+  OK(fmi2FreeFMUstate(c, &state));
+  TEST_ASSERT_NULL(state);
+  OK(fmi2FreeFMUstate(c, &state));
+  saved_bytes before = bytes_of(c);
+  fmi2Byte byte[8];
+  size_t size;
+  REFUSED(fmi2SetFMUstate(c, again), "fmi2SetFMUstate", "not a state");
+  REFUSED(fmi2GetFMUstate(c, &again), "fmi2GetFMUstate", "not a state");
+  REFUSED(fmi2SerializedFMUstateSize(c, again, &size), "fmi2SerializedFMUstateSize", "not a state");
+  REFUSED(fmi2SerializeFMUstate(c, again, byte, sizeof byte), "fmi2SerializeFMUstate", "not a state");
+  REFUSED(fmi2FreeFMUstate(c, &again), "fmi2FreeFMUstate", "not a state");
+  again = byte;
+  REFUSED(fmi2SetFMUstate(c, again), "not a state");
+  expect_unchanged(c, &before, "after refusals");
+  free(before.at);
+}
+
+static void test_the_pool_of_states_says_when_it_is_exhausted_and_is_whole_after_freeing(void)
+{
+  fmi2Component const c = stepping(), d = stepping();
+  fmi2FMUstate all[FMU_STATES] = { NULL }, more = NULL;
+  const saved_bytes b = bytes_of(c);
+  for (int round = 0; round < 2; round++) {
+    for (int i = 0; i < FMU_STATES; i++) {
+      all[i] = NULL;
+      OK(fmi2GetFMUstate(i % 2 ? c : d, &all[i]));
+      for (int k = 0; k < i; k++) TEST_ASSERT_TRUE(all[i] != all[k]);
+    }
+    REFUSED(fmi2GetFMUstate(c, &more), "fmi2GetFMUstate", "all 6 saved states are in use", "FMU_STATES");
+    REFUSED(fmi2DeSerializeFMUstate(c, b.at, b.count, &more), "fmi2DeSerializeFMUstate", "FMU_STATES");
+    TEST_ASSERT_NULL(more);
+    OK(fmi2GetFMUstate(c, &all[2])); /* overwriting needs no place */
+    for (int i = 0; i < FMU_STATES; i++) OK(fmi2FreeFMUstate(d, &all[i]));
+  }
+  free(b.at);
+}
+
+static void test_freeing_an_instance_frees_its_states_and_no_others(void)
+{
+  fmi2Component const keeper = stepping();
+  fmi2FMUstate kept = NULL;
+  OK(fmi2GetFMUstate(keeper, &kept));
+  for (int round = 0; round < 3 * FMU_STATES; round++) {
+    fmi2Component const c = stepping();
+    fmi2FMUstate state = NULL, second = NULL;
+    OK(fmi2GetFMUstate(c, &state));
+    OK(fmi2GetFMUstate(c, &second));
+    fmi2FreeInstance(c);
+    made_count--;
+    REFUSED(fmi2SetFMUstate(keeper, state), "not a state");
+  }
+  OK(fmi2SetFMUstate(keeper, kept));
+}
+
+/* ---- serialized */
+
+static void test_bytes_become_the_same_state(void)
+{
+  fmi2Component const a = stepping(), b = instantiated();
+  stepped(a, 0, 15);
+  const saved_bytes saved = bytes_of(a);
+  fmi2FMUstate state = NULL;
+  OK(fmi2DeSerializeFMUstate(b, saved.at, saved.count, &state));
+  OK(fmi2SetFMUstate(b, state));
+  expect_same_and_free(bytes_of(b), saved, "bytes of the bytes' state");
+  stepped(a, 15, 30);
+  stepped(b, 15, 30);
+  expect_same_and_free(bytes_of(a), bytes_of(b), "went on");
+}
+
+static void test_equal_histories_have_equal_bytes(void)
+{
+  fmi2Component const a = stepping();
+  stepped(a, 0, 10);
+  char dirt[4096];
+  memset(dirt, 0x5a, sizeof dirt); /* what the stack held before must not show */
+  TEST_ASSERT_EQUAL_INT(0x5a, dirt[said % 100]);
+  fmi2Component const b = stepping();
+  stepped(b, 0, 10);
+  expect_same_and_free(bytes_of(a), bytes_of(b), "the same run twice");
+}
+
+/* Refused with one line, no place of the pool used. */
+static void expect_bytes_refused(fmi2Component c, const fmi2Byte *at, size_t count, const char *words)
+{
+  fmi2FMUstate state = NULL;
+  said = 0;
+  REFUSED(fmi2DeSerializeFMUstate(c, at, count, &state), "fmi2DeSerializeFMUstate", words);
+  TEST_ASSERT_NULL(state);
+}
+
+static void test_every_changed_byte_is_noticed(void)
+{
+  fmi2Component const c = stepping();
+  stepped(c, 0, 5);
+  saved_bytes b = bytes_of(c), before = bytes_of(c);
+  static const int flips[] = { 0x01, 0x10, 0x80, 0xff };
+  for (size_t i = 0; i < FRAME; i++)
+    for (int k = 0; k < COUNT(flips); k++) {
+      b.at[i] = (fmi2Byte)(b.at[i] ^ flips[k]);
+      expect_bytes_refused(c, b.at, b.count, "");
+      b.at[i] = (fmi2Byte)(b.at[i] ^ flips[k]);
+    }
+  const size_t stride = b.count / 300 + 1;
+  for (size_t i = FRAME; i < b.count; i += stride) {
+    b.at[i] = (fmi2Byte)(b.at[i] ^ flips[i % 4]);
+    expect_bytes_refused(c, b.at, b.count, "checksum");
+    b.at[i] = (fmi2Byte)(b.at[i] ^ flips[i % 4]);
+  }
+  b.at[b.count - 1] = (fmi2Byte)(b.at[b.count - 1] ^ 1);
+  expect_bytes_refused(c, b.at, b.count, "checksum");
+  b.at[b.count - 1] = (fmi2Byte)(b.at[b.count - 1] ^ 1);
+
+  fmi2FMUstate all[FMU_STATES];
+  for (int i = 0; i < FMU_STATES; i++) {
+    all[i] = NULL;
+    OK(fmi2DeSerializeFMUstate(c, b.at, b.count, &all[i])); /* untouched again; and no refusal took a place */
+  }
+  for (int i = 0; i < FMU_STATES; i++) OK(fmi2FreeFMUstate(c, &all[i]));
+  expect_unchanged(c, &before, "after refused bytes");
+  free(b.at);
+  free(before.at);
+}
+
+static void test_what_is_wrong_with_the_bytes_is_said(void)
+{
+  fmi2Component const c = stepping();
+  const saved_bytes b = bytes_of(c);
+  static const struct { size_t at; const char *words;
+  } parts[] = {
+    { 0, "another byte order" }, { 4, "another version" }, { 8, "another size" },
+    { 16, "another FMU" },       { 24, "checksum" },       { FRAME, "checksum" },
+  };
+  for (int i = 0; i < COUNT(parts); i++) {
+    b.at[parts[i].at]++;
+    expect_bytes_refused(c, b.at, b.count, parts[i].words);
+    b.at[parts[i].at]--;
+  }
+  free(b.at);
+}
+
+static void test_truncated_bytes_are_refused_and_not_read_beyond(void)
+{
+  fmi2Component const c = stepping();
+  const saved_bytes b = bytes_of(c);
+  const size_t counts[] = { 0, 1, 7, FRAME - 1, FRAME, FRAME + 1, b.count / 2, b.count - 1 };
+  for (int i = 0; i < COUNT(counts); i++) {
+    fmi2Byte *const part = malloc(counts[i] + (counts[i] == 0)); /* exactly: sanitizers see what is read beyond */
+    TEST_ASSERT_NOT_NULL(part);
+    memcpy(part, b.at, counts[i]);
+    expect_bytes_refused(c, part, counts[i], counts[i] < FRAME ? "too short" : "size");
+    free(part);
+  }
+  free(b.at);
+}
+
+/* An importer may keep states in larger buffers. */
+static void test_a_larger_buffer_is_fine_a_smaller_one_is_refused_and_untouched(void)
+{
+  fmi2Component const c = stepping();
+  fmi2FMUstate state = NULL, back = NULL;
+  size_t size = 0;
+  OK(fmi2GetFMUstate(c, &state));
+  OK(fmi2SerializedFMUstateSize(c, state, &size));
+  TEST_ASSERT_TRUE(size > sizeof(model));
+  fmi2Byte *const buffer = malloc(size + 100);
+  TEST_ASSERT_NOT_NULL(buffer);
+  memset(buffer, 0x33, size + 100);
+  REFUSED(fmi2SerializeFMUstate(c, state, buffer, size - 1), "fmi2SerializeFMUstate", "smaller");
+  for (size_t i = 0; i < size + 100; i++) TEST_ASSERT_EQUAL_INT(0x33, buffer[i]);
+  OK(fmi2SerializeFMUstate(c, state, buffer, size + 100));
+  for (size_t i = size; i < size + 100; i++) TEST_ASSERT_EQUAL_INT(0x33, buffer[i]);
+  OK(fmi2DeSerializeFMUstate(c, buffer, size + 100, &back));
+  OK(fmi2SetFMUstate(c, back));
+  free(buffer);
+}
+
+int main(void)
+{
+  UNITY_BEGIN();
+  RUN_TEST(test_a_restored_state_goes_on_as_if_nothing_had_happened);
+  RUN_TEST(test_a_state_of_every_phase_brings_that_phase_back);
+  RUN_TEST(test_a_state_is_overwritten_in_place_and_freed_once);
+  RUN_TEST(test_the_pool_of_states_says_when_it_is_exhausted_and_is_whole_after_freeing);
+  RUN_TEST(test_freeing_an_instance_frees_its_states_and_no_others);
+  RUN_TEST(test_bytes_become_the_same_state);
+  RUN_TEST(test_equal_histories_have_equal_bytes);
+  RUN_TEST(test_every_changed_byte_is_noticed);
+  RUN_TEST(test_what_is_wrong_with_the_bytes_is_said);
+  RUN_TEST(test_truncated_bytes_are_refused_and_not_read_beyond);
+  RUN_TEST(test_a_larger_buffer_is_fine_a_smaller_one_is_refused_and_untouched);
+  return UNITY_END();
+}

@@ -1,0 +1,328 @@
+/* tests/fmu/unit/test_vehicle.c - SingleTrackVehicle beside tse_sim_step(), ramps, derivatives of inputs, wrong inputs. */
+#include "fmu_case.h"
+
+static tse_config config;
+static tse_sim_config sim_config;
+static tse_sim sim;
+
+static void put_inputs(fmi2Component c, const tse_sim_input *u)
+{
+#define SIM_INPUT(name, def, lo, hi, unit, text) OK(put_real(c, #name, u->name));
+#include "tse/sim_input.def"
+#undef SIM_INPUT
+}
+
+static tse_sim_input input_of(int k)
+{
+  tse_sim_input u;
+  memset(&u, 0, sizeof u);
+  u.dt = STEP;
+  u.steer_angle = 0.02 * sin(0.13 * k);
+  u.wheel_torque_front = k % 50 < 25 ? 700.0 : -700.0;
+  u.wheel_torque_rear = 100.0 * cos(0.3 * k);
+  u.brake_torque_front = k % 10 == 3 ? 200.0 : 0.0;
+  u.brake_torque_rear = 5.0 * (k % 4);
+  u.road_level = k < 60 ? 1.0 : 0.7;
+  return u;
+}
+
+static void expect_real(fmi2Component c, const char *name, double expected, int k)
+{
+  char what[80];
+  const double value = real_of(c, name);
+  (void)snprintf(what, sizeof what, "%s, step %d: %.17g, expected %.17g", name, k, value, expected);
+  TEST_ASSERT_TRUE_MESSAGE(memcmp(&value, &expected, sizeof value) == 0, what);
+}
+
+static void expect_outputs(fmi2Component c, const tse_sim_output *y, int k)
+{
+  const double nominal[3] = { config.longitudinal_stiffness_front, config.cornering_stiffness_front,
+                              config.cornering_stiffness_rear };
+#define mean_si(i) nominal[i] * y->stiffness[i]
+#define drawn_si(i) nominal[i] * y->drawn[i]
+#define INPUT(name, lo, hi, unit, kind, text) expect_real(c, "sensor." #name, y->row.name, k);
+#include "tse/input.def"
+#undef INPUT
+#define SIM_OUTPUT(group, name, member, unit, text) expect_real(c, #group "." #name, y->member, k);
+#define SIM_STIFFNESS(group, name, member, si, unit, text) expect_real(c, #group ".relative." #name, y->member, k);
+#include "tse/sim_output.def"
+#undef SIM_OUTPUT
+  expect_real(c, "true.cx_front", mean_si(0), k);
+  expect_real(c, "true.cy_front", mean_si(1), k);
+  expect_real(c, "true.cy_rear", mean_si(2), k);
+  expect_real(c, "drawn.cx_front", drawn_si(0), k);
+  expect_real(c, "drawn.cy_front", drawn_si(1), k);
+  expect_real(c, "drawn.cy_rear", drawn_si(2), k);
+}
+
+/* Both with settings that differ from the defaults, at the start with inputs of row 0. */
+static fmi2Component start_both(tse_sim_output *y)
+{
+  const tse_sim_input u = input_of(0);
+  fmi2Component const c = instantiated();
+  tse_config_default(&config);
+  tse_sim_config_default(&sim_config);
+  config.mass = 1700;
+  config.accel_x_sd = 0.2;
+  config.rear_longitudinal_follows_front = 0.4; /* else the road under the rear axle does not show */
+  sim_config.seed = 9;
+  sim_config.speed = 15;
+  sim_config.bias_walk = 2;
+  sim_config.true_bias_accel_y = 0.1;
+  sim_config.true_cy_rear = 0.9;
+  OK(put_real(c, "vehicle.mass", 1700));
+  OK(put_real(c, "sensors.accel_x_sd", 0.2));
+  OK(put_real(c, "vehicle.rear_longitudinal_follows_front", 0.4));
+  OK(put_integer(c, "simulation.seed", 9));
+  OK(put_real(c, "simulation.speed", 15));
+  OK(put_real(c, "simulation.bias_walk", 2));
+  OK(put_real(c, "simulation.true_bias_accel_y", 0.1));
+  OK(put_real(c, "simulation.true_cy_rear", 0.9));
+  put_inputs(c, &u);
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_reset(&sim, &config, &sim_config, NULL));
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_step(&sim, &u, y));
+  return c;
+}
+
+static void go(fmi2Component c)
+{
+  OK(fmi2SetupExperiment(c, fmi2False, 0, 0, fmi2False, 0));
+  OK(fmi2EnterInitializationMode(c));
+  OK(fmi2ExitInitializationMode(c));
+}
+
+/* An importer sets the inputs of t, steps to t + h: with ramp those inputs are reached at t + h, from those of before. */
+static void test_with_ramp_every_output_has_the_bits_of_the_simulator(void)
+{
+  tse_sim_output y;
+  fmi2Component const c = start_both(&y);
+  go(c);
+  expect_outputs(c, &y, -1);
+  double time = 0;
+  for (int k = 0; k < 120; k++) {
+    tse_sim_input u = input_of(k + 1);
+    u.dt = k % 3 == 2 ? 0.025 : STEP; /* variable communication steps */
+    put_inputs(c, &u);
+    OK(fmi2DoStep(c, time, u.dt, fmi2True));
+    TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_step(&sim, &u, &y));
+    expect_outputs(c, &y, k);
+    time += u.dt;
+  }
+}
+
+/* The driver jumps at the start of a step; the road of a step is that on which its stiffness was drawn. */
+static void jump(const tse_sim_input *u)
+{
+  const tse_real level = sim.last.road_level;
+  sim.last = *u;
+  sim.last.road_level = level;
+}
+
+/* Held inputs: what was set at t acts all through the step, as a simulator shows that is told twice. */
+static void test_without_ramp_inputs_are_held_during_the_step(void)
+{
+  tse_sim_output y;
+  fmi2Component const c = start_both(&y);
+  OK(put_boolean(c, "ramp", fmi2False));
+  go(c);
+  expect_outputs(c, &y, -1);
+  for (int k = 0; k < 120; k++) {
+    const tse_sim_input u = input_of(k + 1);
+    put_inputs(c, &u);
+    OK(fmi2DoStep(c, k * STEP, STEP, fmi2True));
+    jump(&u);
+    TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_step(&sim, &u, &y));
+    expect_outputs(c, &y, k);
+  }
+}
+
+/* A car that rolls straight, pushed by a constant torque on wheels of known inertia, gains T/R over its whole mass. Held, a
+ * torque set at t acts from t on: after n steps as after n steps; as a ramp from zero the first step has half of it. */
+static void test_a_held_torque_acts_from_its_communication_point_on(void)
+{
+  const double torque = 330.0, radius = 0.33, mass = 1900.0, inertia = 2 * 2.4;
+  const double gain = torque / radius / (mass + inertia / (radius * radius));
+  double speed[2];
+  for (int ramp = 0; ramp < 2; ramp++) {
+    fmi2Component const c = instantiated();
+    OK(put_boolean(c, "ramp", ramp ? fmi2True : fmi2False));
+    OK(put_real(c, "simulation.spread_cx_front", 0));
+    go(c);
+    for (int k = 0; k < 200; k++) {
+      OK(put_real(c, "wheel_torque_front", torque));
+      OK(fmi2DoStep(c, k * STEP, STEP, fmi2True));
+    }
+    speed[ramp] = real_of(c, "true.vel_x") - 20.0;
+  }
+  const double expected = gain * 200 * STEP;
+  TEST_ASSERT_TRUE(fabs(speed[0] - expected) < 0.01 * expected); /* slip builds up in the first steps */
+  TEST_ASSERT_TRUE(fabs((speed[0] - speed[1]) - 0.5 * STEP * gain) < 0.02 * STEP * gain);
+}
+
+/* ---- derivatives of inputs */
+
+static fmi2Status put_rate(fmi2Component c, const char *name, double rate)
+{
+  const fmi2ValueReference vr = ref(name);
+  const fmi2Integer order = 1;
+  return fmi2SetRealInputDerivatives(c, &vr, 1, &order, &rate);
+}
+
+static void test_a_derivative_says_where_an_input_is_at_the_end_of_the_step(void)
+{
+  tse_sim_output y;
+  fmi2Component const c = start_both(&y);
+  OK(put_boolean(c, "ramp", fmi2False));
+  go(c);
+  for (int k = 0; k < 60; k++) {
+    const tse_sim_input u = input_of(k + 1);
+    tse_sim_input to = u;
+    put_inputs(c, &u);
+    jump(&u);
+    if (k % 4 != 3) { /* without one, an input is held; a derivative is that of one communication point */
+      OK(put_rate(c, "steer_angle", 0.3));
+      OK(put_rate(c, "wheel_torque_front", -5000.0));
+      OK(put_rate(c, "wheel_torque_rear", 250.0));
+      OK(put_rate(c, "brake_torque_front", 20.0));
+      OK(put_rate(c, "brake_torque_rear", 40.0));
+      OK(put_rate(c, "road_level", 0.1));
+      to.steer_angle += STEP * 0.3;
+      to.wheel_torque_front += STEP * -5000.0;
+      to.wheel_torque_rear += STEP * 250.0;
+      to.brake_torque_front += STEP * 20.0;
+      to.brake_torque_rear += STEP * 40.0;
+      to.road_level += STEP * 0.1;
+    }
+    OK(fmi2DoStep(c, k * STEP, STEP, fmi2True));
+    TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_step(&sim, &to, &y));
+    expect_outputs(c, &y, k);
+    expect_real(c, "steer_angle", u.steer_angle, k); /* what was set is not overwritten */
+  }
+}
+
+static void test_derivatives_that_are_none_are_refused_and_none_of_several_is_set(void)
+{
+  fmi2Component const c = instantiated();
+  go(c);
+  OK(put_rate(c, "steer_angle", 0.1));
+  saved_bytes before = bytes_of(c);
+  const fmi2ValueReference vr[] = { ref("wheel_torque_front"), ref("steer_angle") };
+  const fmi2Integer orders[] = { 1, 2 }, first[] = { 1, 1 };
+  const fmi2Real values[] = { 100.0, 0.2 }, nan_value[] = { 100.0, (double)NAN };
+  REFUSED(fmi2SetRealInputDerivatives(c, vr, 2, orders, values), "steer_angle takes no derivative of order 2");
+  REFUSED(fmi2SetRealInputDerivatives(c, vr, 2, first, nan_value), "steer_angle");
+  const fmi2ValueReference output[] = { ref("wheel_torque_front"), ref("true.vel_x") },
+                           integer[] = { ref("steer_angle"), ref("simulation.seed") };
+  REFUSED(fmi2SetRealInputDerivatives(c, output, 2, first, values), "true.vel_x takes no derivative");
+  REFUSED(fmi2SetRealInputDerivatives(c, integer, 2, first, values), "simulation.seed", "is of type Integer");
+  REFUSED(put_rate(c, "vehicle.mass", 1.0), "vehicle.mass takes no derivative");
+  const fmi2Integer zero = 0;
+  REFUSED(fmi2SetRealInputDerivatives(c, vr, 1, &zero, values), "order 0");
+  expect_unchanged(c, &before, "after refused derivatives");
+  free(before.at);
+}
+
+/* ---- wrong inputs */
+
+static void test_a_wrong_input_is_an_error_that_names_it_and_changes_nothing(void)
+{
+  static const struct { const char *name; double value;
+  } wrong[] = {
+    { "steer_angle", (double)NAN },  { "steer_angle", 1.21 },        { "wheel_torque_front", (double)INFINITY },
+    { "wheel_torque_rear", -1.1e5 }, { "brake_torque_front", -1.0 }, { "brake_torque_rear", (double)NAN },
+    { "road_level", 0.0 },           { "road_level", (double)NAN },  { "road_level", 11.0 },
+  };
+  fmi2Component const c = stepping(), twin = stepping();
+  stepped(c, 0, 5);
+  stepped(twin, 0, 10);
+  for (int i = 0; i < COUNT(wrong); i++) {
+    set_inputs(c, 5);
+    const fmi2ValueReference vr = ref(wrong[i].name);
+    fmi2Real was;
+    OK(fmi2GetReal(c, &vr, 1, &was));
+    OK(put_real(c, wrong[i].name, wrong[i].value));
+    saved_bytes before = bytes_of(c);
+    REFUSED(fmi2DoStep(c, 5 * STEP, STEP, fmi2True), "fmi2DoStep", wrong[i].name, "outside its range");
+    expect_unchanged(c, &before, wrong[i].name);
+    free(before.at);
+    OK(put_real(c, wrong[i].name, was));
+  }
+  stepped(c, 5, 10);
+  expect_same_and_free(bytes_of(c), bytes_of(twin), "went on after refusals");
+}
+
+static void test_a_derivative_that_leads_out_of_range_is_an_error_too(void)
+{
+  fmi2Component const c = stepping();
+  stepped(c, 0, 5);
+  set_inputs(c, 5);
+  OK(put_rate(c, "steer_angle", 1e3));
+  saved_bytes before = bytes_of(c);
+  REFUSED(fmi2DoStep(c, 5 * STEP, STEP, fmi2True), "steer_angle");
+  expect_unchanged(c, &before, "a derivative out of range");
+  free(before.at);
+  OK(put_real(c, "steer_angle", 1.25)); /* and one that leads back into it helps nothing */
+  OK(put_rate(c, "steer_angle", -20.0));
+  REFUSED(fmi2DoStep(c, 5 * STEP, STEP, fmi2True), "steer_angle");
+  OK(put_real(c, "steer_angle", 0.0));
+  OK(put_rate(c, "steer_angle", 0.0));
+  OK(fmi2DoStep(c, 5 * STEP, STEP, fmi2True));
+}
+
+static void test_ends_of_ranges_are_taken_and_steps_up_to_a_second(void)
+{
+  fmi2Component const c = stepping();
+  OK(put_real(c, "steer_angle", 1.2));
+  OK(put_real(c, "wheel_torque_front", -1e5));
+  OK(put_real(c, "brake_torque_rear", 1e5));
+  OK(put_real(c, "road_level", 0.02));
+  OK(fmi2DoStep(c, 0.0, 1.0, fmi2True));
+  saved_bytes before = bytes_of(c);
+  REFUSED(fmi2DoStep(c, 1.0, nextafter(1.0, 2.0), fmi2True), "communicationStepSize", "longer than 1 s");
+  expect_unchanged(c, &before, "too long a step");
+  free(before.at);
+  OK(fmi2DoStep(c, 1.0, 1e-5, fmi2True));
+}
+
+static void test_wrong_inputs_and_settings_at_the_start_are_refused_by_name(void)
+{
+  fmi2Component const c = instantiated();
+  OK(put_real(c, "road_level", (double)NAN));
+  OK(fmi2EnterInitializationMode(c));
+  REFUSED(fmi2ExitInitializationMode(c), "fmi2ExitInitializationMode", "road_level", "0.02 .. 10");
+  TEST_ASSERT_NULL(strstr(last_line(), "10 1")); /* 1 is no unit that one says */
+  fmi2Real value;
+  const fmi2ValueReference vr = ref(AN_OUTPUT);
+  REFUSED(fmi2GetReal(c, &vr, 1, &value), "fmi2GetReal", "road_level");
+  OK(put_real(c, "road_level", 1.0));
+  OK(fmi2ExitInitializationMode(c));
+}
+
+static void test_the_seed_decides_and_nothing_else_does(void)
+{
+  double first[3];
+  for (int run = 0; run < 3; run++) {
+    fmi2Component const c = instantiated();
+    OK(put_integer(c, "simulation.seed", run == 2 ? 8 : 7));
+    go(c);
+    stepped(c, 0, 20);
+    first[run] = real_of(c, "sensor.accel_x");
+  }
+  TEST_ASSERT_TRUE(first[0] == first[1] && first[0] != first[2]);
+}
+
+int main(void)
+{
+  UNITY_BEGIN();
+  RUN_TEST(test_with_ramp_every_output_has_the_bits_of_the_simulator);
+  RUN_TEST(test_without_ramp_inputs_are_held_during_the_step);
+  RUN_TEST(test_a_held_torque_acts_from_its_communication_point_on);
+  RUN_TEST(test_a_derivative_says_where_an_input_is_at_the_end_of_the_step);
+  RUN_TEST(test_derivatives_that_are_none_are_refused_and_none_of_several_is_set);
+  RUN_TEST(test_a_wrong_input_is_an_error_that_names_it_and_changes_nothing);
+  RUN_TEST(test_a_derivative_that_leads_out_of_range_is_an_error_too);
+  RUN_TEST(test_ends_of_ranges_are_taken_and_steps_up_to_a_second);
+  RUN_TEST(test_wrong_inputs_and_settings_at_the_start_are_refused_by_name);
+  RUN_TEST(test_the_seed_decides_and_nothing_else_does);
+  return UNITY_END();
+}
