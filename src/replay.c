@@ -115,7 +115,8 @@ tse_status tse_replay(const tse_params *p, const tse_replay_log *log, int32_t ro
       g = given_of(log, i);
     }
     if (i == 0) {
-      at.vx = s->vel_x_from_wheels < TSE_R(0) || s->vel_x_from_wheels > TSE_R(0) ? r_mul(TSE_R(0.5), u.v_front + u.v_rear) : s->vel_x;
+      const int from_wheels = s->vel_x_from_wheels < TSE_R(0) || s->vel_x_from_wheels > TSE_R(0);
+      at.vx = from_wheels ? r_mul(TSE_R(0.5), u.v_front + u.v_rear) : s->vel_x;
       at.vy = s->vel_y;
       at.r = s->yaw_rate;
       at.u = u;

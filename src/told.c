@@ -138,7 +138,8 @@ void told_sample(const tse_params *p, tse_params *row, tse_filter *f, sample *y,
   const observation o = vehicle_observation(vehicle_observation_gains(row, TSE_R(1), TSE_R(1)),
                                             vehicle_slips(row, at[0], at[1], at[2], y->u), y->u.steer);
   const tse_real plain[3] = { o.h1 + r_mul(o.d11, at[3]) + r_mul(o.d12, at[4]),
-                              o.h2 + r_mul(o.d21, at[3]) + r_mul(o.d22, at[4]) + r_mul(o.d23, at[5]), r_mul(at[2], p->inv_sd[2]) };
+                              o.h2 + r_mul(o.d21, at[3]) + r_mul(o.d22, at[4]) + r_mul(o.d23, at[5]),
+                              r_mul(at[2], p->inv_sd[2]) };
   for (int a = 0; a < 3; a++) {
     const tse_real more = r_mul(read[a], p->inv_sd[a]) - plain[a];
     if (r_is_finite(more)) y->y[a] = r_mul(y->use[a], y->y[a] - more);

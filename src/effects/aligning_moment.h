@@ -1,4 +1,5 @@
-/* src/effects/aligning_moment.h - I r' - trail (Fy_f + Fy_r): lateral forces act behind the wheels' centres. Typical 20 .. 40 mm. */
+/* src/effects/aligning_moment.h - I r' - trail (Fy_f + Fy_r): lateral forces act behind the wheels' centres.
+ * Typical 20 .. 40 mm. */
 static inline void aligning_moment_body(const tse_params *p, const tse_effect_memory *m, point *pt)
 {
   const tse_effects *const e = &p->effects;

@@ -1,4 +1,5 @@
-/* src/effects/bank.h - vy' - g sin(angle + profile): accelerates the car, but no accelerometer. Typical 1.5 .. 3 %, left side high > 0. */
+/* src/effects/bank.h - vy' - g sin(angle + profile): accelerates the car, but no accelerometer.
+ * Typical 1.5 .. 3 %, left side high > 0. */
 static inline void bank_body(const tse_params *p, const tse_effect_memory *m, point *pt)
 {
   tse_real sine, cosine;

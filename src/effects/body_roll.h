@@ -5,8 +5,12 @@
 static inline void body_roll_body(const tse_params *p, const tse_effect_memory *m, point *pt)
 {
   const tse_effects *const e = &p->effects;
-  const tse_real swing = effects_mode_swing(m->mode[MODE_ROLL], e->body_roll_frequency, e->body_roll_damping, pt->force.y);
-  pt->gravity_y += r_mul(r_mul(e->body_roll_coupling, e->body_roll_gain), swing);
+  const tse_real f = e->body_roll_frequency, d = e->body_roll_damping, h = pt->ahead;
+  tse_real x[2] = { m->mode[MODE_ROLL][0] + r_mul(h, m->mode[MODE_ROLL][1]), m->mode[MODE_ROLL][1] };
+  const tse_real before = effects_mode_swing(x, f, d, pt->force.y); /* the mode is that of `ahead` seconds ago: extrapolated */
+  x[0] += r_mul(r_mul(TSE_R(0.5), r_mul(h, h)), before);
+  x[1] += r_mul(h, before);
+  pt->gravity_y += r_mul(r_mul(e->body_roll_coupling, e->body_roll_gain), effects_mode_swing(x, f, d, pt->force.y));
 }
 
 static inline void body_roll_sensor(const tse_effects *e, tse_effect_memory *m, const point *pt, tse_real dt, tse_real y[3])

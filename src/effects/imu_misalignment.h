@@ -1,4 +1,5 @@
-/* src/effects/imu_misalignment.h - the IMU is turned to the left by `angle`: ax cos + ay sin, ay cos - ax sin. Typical 1 .. 3 degrees. */
+/* src/effects/imu_misalignment.h - the IMU is turned to the left by `angle`: ax cos + ay sin, ay cos - ax sin.
+ * Typical 1 .. 3 degrees. */
 static inline void imu_misalignment_sensor(const tse_effects *e, tse_effect_memory *m, const point *pt, tse_real dt, tse_real y[3])
 {
   const tse_real x = y[0], side = y[1];

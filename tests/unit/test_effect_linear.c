@@ -35,7 +35,8 @@ typedef struct linear {
   double sigma;                        /* relaxation length                    */
   double trail;                        /* aligning moment                      */
   double rear_steer, roll_f, roll_d;   /* rear angle per accel_y, through a mode */
-  double ratio, lag, delay;            /* steering                             */
+  double ratio, lag, lag2, delay;      /* steering                             */
+  double leak_height, coupling;        /* of an IMU and of the body's mass above the roll axis */
   double arm_x, leak, leak_f, leak_d, scale_y, scale_r, turned, imu_delay;
 } linear;
 
@@ -62,15 +63,16 @@ static cplx mode_at(double w, double f, double damping)
 }
 
 /* accel_y and yaw_rate as read, per steering angle, at w rad/s. Unknowns: vy, r, Ff, Fr, from
- *   m (s vy + v r) = Ff + Fr,  I s r = lf Ff - lr Fr - trail (Ff + Fr),
+ *   m (s vy + v r) = (Ff + Fr) (1 + coupling leak s^2 H),  I s r = lf Ff - lr Fr - trail (Ff + Fr),
  *   Ff (1 + s sigma/v) = cf (delta - (vy + lf r)/v),  Fr (1 + s sigma/v) = cr ((lr r - vy)/v + k H (Ff + Fr)/m)   */
 static void respond(const linear *l, double w, cplx *ay, cplx *r)
 {
   const cplx s = of(0, w), lagged = add(of(1, 0), times(l->sigma / l->v, s));
   const cplx roll = times(l->rear_steer / l->m, mode_at(w, l->roll_f, l->roll_d));
-  const cplx one = of(1, 0), zero = of(0, 0);
+  const cplx one = of(1, 0), zero = of(0, 0), leak = mode_at(w, l->leak_f, l->leak_d);
+  const cplx push = times(-1, add(one, times(-l->coupling * l->leak * w * w, leak)));
   cplx a[4][5] = {
-    { times(l->m, s), of(l->m * l->v, 0), of(-1, 0), of(-1, 0), zero },
+    { times(l->m, s), of(l->m * l->v, 0), push, push, zero },
     { zero, times(l->inertia, s), of(l->trail - l->lf, 0), of(l->trail + l->lr, 0), zero },
     { of(l->cf / l->v, 0), of(l->cf * l->lf / l->v, 0), lagged, zero, of(l->cf, 0) },
     { of(l->cr / l->v, 0), of(-l->cr * l->lr / l->v, 0), times(-l->cr, roll), add(lagged, times(-l->cr, roll)), zero },
@@ -93,9 +95,9 @@ static void respond(const linear *l, double w, cplx *ay, cplx *r)
     }
   }
   const cplx side = times(1 / l->m, add(a[2][4], a[3][4]));
-  cplx steer = mul(times(1 + l->ratio, expi(-w * l->delay)), over(one, add(one, times(l->lag, s))));
+  cplx steer = mul(times(1 + l->ratio, expi(-w * l->delay)), over(one, mul(add(one, times(l->lag, s)), add(one, times(l->lag2, s)))));
   cplx read = add(side, times(l->arm_x, mul(s, a[1][4])));
-  read = add(read, times(G * l->leak, mul(mode_at(w, l->leak_f, l->leak_d), side)));
+  read = add(read, times((G + l->leak_height * w * w) * l->leak, mul(leak, side)));
   read = times((1 + l->scale_y) * cos(l->turned), read);
   *ay = mul(mul(steer, expi(-w * l->imu_delay)), read);
   *r = mul(mul(steer, expi(-w * l->imu_delay)), times(1 + l->scale_r, a[1][4]));
@@ -225,12 +227,16 @@ static void test_steering_delay_turns_the_phase_only(void)
   expect_linear(&c, &l, "steering_delay between rows");
 }
 
-static void test_steering_lag_is_of_first_order(void)
+static void test_steering_lag_is_of_first_or_second_order(void)
 {
   CAR;
   c.steering_lag_time = (tse_setting)0.05;
   l.lag = 0.05;
   expect_linear(&c, &l, "steering_lag");
+  c.steering_lag_second = (tse_setting)0.6; /* 0.05 is the sum of both */
+  l.lag = 0.05 / 1.6;
+  l.lag2 = 0.6 * l.lag;
+  expect_linear(&c, &l, "steering_lag, second");
 }
 
 static void test_steering_compliance_is_a_softer_front_axle(void)
@@ -303,6 +309,12 @@ static void test_body_roll_is_a_mode_of_the_lateral_acceleration(void)
   l.leak_f = 1.4;
   l.leak_d = 0.22;
   expect_linear(&c, &l, "body_roll");
+  c.body_roll_height = (tse_setting)0.45;
+  l.leak_height = 0.45;
+  expect_linear(&c, &l, "body_roll, IMU above the roll axis");
+  c.body_roll_coupling = (tse_setting)0.35;
+  l.coupling = 0.35;
+  expect_linear(&c, &l, "body_roll, mass above the roll axis");
 }
 
 static void test_scales_and_misalignment_scale_what_is_read(void)
@@ -346,9 +358,9 @@ static void test_effects_of_different_places_add_up(void)
 /* --------------------------------------------------------------------------------- along the car */
 
 /* accel_x per wheel speed u (both axles, m/s):  F = C/v (u - vx) G,  m s vx = F: with K = C/(m v),
- * a = K G u s/(s + K G), G = 1/(1 + s sigma/v); read: a (1 + scale)(1 + g k H) exp(-s delay). */
-static void expect_along(const tse_config *c, double sigma, double leak, double leak_f, double leak_d, double scale, double delay,
-                         const char *what)
+ * a = K G u s/(s + K G), G = 1/(1 + s sigma/v); read: a (1 + scale)(1 + (g - height s^2) k H) exp(-s delay). */
+static void expect_along(const tse_config *c, double sigma, double leak, double leak_f, double leak_d, double height, double scale,
+                         double delay, const char *what)
 {
   static const int per_period[2] = { 500, 167 }; /* 1, 3 Hz */
   const double v = 20, amplitude = BY_FORMAT(0.005, 0.05), k = 2 * 1.6e5 / 1900 / v;
@@ -357,7 +369,7 @@ static void expect_along(const tse_config *c, double sigma, double leak, double 
     const double w = 2 * PI / (n * DT);
     const cplx s = of(0, w), kg = over(of(k, 0), add(of(1, 0), times(sigma / v, s)));
     const cplx a = over(mul(kg, s), add(s, kg));
-    const cplx read = mul(times(1 + scale, mul(a, expi(-w * delay))), add(of(1, 0), times(G * leak, mode_at(w, leak_f, leak_d))));
+    const cplx read = mul(times(1 + scale, mul(a, expi(-w * delay))), add(of(1, 0), times((G + height * w * w) * leak, mode_at(w, leak_f, leak_d))));
     const tse_config plain = default_car();
     straight(&plain, v, DT, rows);
     for (int i = 0; i < rows; i++)
@@ -370,18 +382,20 @@ static void expect_along(const tse_config *c, double sigma, double leak, double 
 static void test_effects_along_the_car_have_their_transfer_functions(void)
 {
   tse_config c = default_car();
-  expect_along(&c, 0, 0, 1, 1, 0, 0, "plain");
+  expect_along(&c, 0, 0, 1, 1, 0, 0, 0, "plain");
   c.longitudinal_relaxation_length = (tse_setting)0.4;
-  expect_along(&c, 0.4, 0, 1, 1, 0, 0, "longitudinal_relaxation");
+  expect_along(&c, 0.4, 0, 1, 1, 0, 0, 0, "longitudinal_relaxation");
   c = default_car();
   c.pitch_leak_gain = (tse_setting)0.005;
   c.pitch_leak_frequency = (tse_setting)2.2;
   c.pitch_leak_damping = (tse_setting)0.35;
-  expect_along(&c, 0, 0.005, 2.2, 0.35, 0, 0, "pitch_leak");
+  expect_along(&c, 0, 0.005, 2.2, 0.35, 0, 0, 0, "pitch_leak");
+  c.pitch_leak_height = (tse_setting)0.5;
+  expect_along(&c, 0, 0.005, 2.2, 0.35, 0.5, 0, 0, "pitch_leak, IMU above the pitch axis");
   c = default_car();
   c.imu_scale_ax_error = (tse_setting)0.05;
   c.imu_delay_time = (tse_setting)0.02;
-  expect_along(&c, 0, 0, 1, 1, 0.05, 0.02, "imu_scale_ax, imu_delay");
+  expect_along(&c, 0, 0, 1, 1, 0, 0.05, 0.02, "imu_scale_ax, imu_delay");
 }
 
 int main(void)
@@ -394,7 +408,7 @@ int main(void)
   RUN_TEST(test_wheel_radius_makes_the_car_faster_than_its_log);
   RUN_TEST(test_steering_ratio_scales_the_angle);
   RUN_TEST(test_steering_delay_turns_the_phase_only);
-  RUN_TEST(test_steering_lag_is_of_first_order);
+  RUN_TEST(test_steering_lag_is_of_first_or_second_order);
   RUN_TEST(test_steering_compliance_is_a_softer_front_axle);
   RUN_TEST(test_rear_roll_steer_follows_the_roll_mode);
   RUN_TEST(test_relaxation_is_of_first_order_over_the_way);

@@ -224,6 +224,25 @@ static void test_without_measurements_the_mean_follows_the_replay(void)
   }
 }
 
+/* The row's constants are those of the secants at the mean; a memory that has not settled knows none. */
+static void test_the_constants_of_a_row_are_scaled_axle_by_axle(void)
+{
+  const tse_config c = all_effects(1);
+  const tse_params p = prepared(&c);
+  tse_params row;
+  sample y;
+  memset(&y, 0, sizeof y);
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &filter, sizeof filter));
+  for (int settled = 0; settled <= 1; settled++) {
+    filter.effects.settled = settled;
+    for (int i = 0; i < 4; i++) filter.effect_level[i] = real(0.5 + 0.125 * i);
+    TEST_ASSERT_TRUE(told_begin(&p, &filter, &y, &row) == &row);
+    const tse_real was[4] = { p.kx_front, p.kx_rear, p.ky_front, p.ky_rear }, now[4] = { row.kx_front, row.kx_rear, row.ky_front, row.ky_rear };
+    for (int i = 0; i < 4; i++) expect_near(number(was[i]) * (settled ? 0.5 + 0.125 * i : 1), number(now[i]), BY_FORMAT(0, 1e-5), "k", i);
+    TEST_ASSERT_TRUE(!(row.lf != p.lf) && row.particles == p.particles);
+  }
+}
+
 /* ------------------------------------------------------------------------------------------------- off */
 
 static void expect_same_bytes(const tse_config *a, const tse_config *b)
@@ -335,6 +354,7 @@ int main(void)
   RUN_TEST(test_told_of_the_sensors_the_readings_are_right);
   RUN_TEST(test_told_helps_the_sampled_form_too);
   RUN_TEST(test_without_measurements_the_mean_follows_the_replay);
+  RUN_TEST(test_the_constants_of_a_row_are_scaled_axle_by_axle);
   RUN_TEST(test_shapes_of_effects_that_are_off_change_no_bit_of_the_estimate);
   RUN_TEST(test_estimates_stay_numbers_at_both_ends_of_every_effect);
   RUN_TEST(test_a_gap_starts_the_memory_anew);
