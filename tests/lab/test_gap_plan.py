@@ -91,7 +91,7 @@ def test_check_sees_what_quick_steering_shows_and_names_what_is_missing(folder, 
     effects = {d.id: d for d in found.effects}
     assert set(effects) == set(catalogue())
     assert effects["relaxation"].visible and effects["imu_delay"].visible
-    assert not effects["rolling_resistance"].visible and not effects["stiffness_drift"].visible
+    assert not effects["rolling_resistance"].visible and not effects["combined_slip"].visible
     assert effects["steering_compliance"].absorbed > 0.9 > effects["imu_lever_arm"].absorbed
     enough = {e.title: e.enough for e in found.excitation}
     assert enough == {"steering to 3 Hz": True, "lateral acceleration of 5-6 m/s2": False, "braking in a turn": False,

@@ -244,10 +244,11 @@ def handling_figure(blocks: list[Blocks], wheelbase: float) -> go.Figure | None:
 
     def draw(curves: list[Curve], col: int, factor: float) -> None:
         for c in curves:
+            named = c.source == "after" and col == 1  # its speed, once
             figure.add_trace(
                 go.Scatter(
                     x=c.accel_y, y=factor * c.value, name=c.source, legendgroup=c.source, showlegend=c.source not in shown,
-                    mode="markers" if c.source == "measured" else "lines+markers" + ("+text" if c.source == "after" else ""),
+                    mode="markers" if c.source == "measured" else "lines+markers" + ("+text" if named else ""),
                     text=[""] * (len(c.value) - 1) + [f" {c.speed:g} m/s"], textposition="middle right", textfont={"size": 11},
                     marker={"size": 9 if c.source == "measured" else 4, "color": SOURCE[c.source],
                             "symbol": bands.index(c.speed) % 6},
