@@ -1,8 +1,9 @@
 /* src/describe.c - the tables of the public headers, laid out for a host to read. */
 #include "tse/describe.h"
 #include "tse/learnt.h"
-#if !defined(TSE_REAL_Q20)
+#if !defined(TSE_NO_EFFECTS)
 #include "tse/simulate.h"
+#include "tse/replay.h"
 #endif
 
 #include <stddef.h>
@@ -46,7 +47,7 @@ static const tse_field reason_fields[] = {
 #undef X
 };
 
-#if !defined(TSE_REAL_Q20)
+#if !defined(TSE_NO_EFFECTS)
 static const tse_field sim_config_fields[] = {
 #define REAL(name, def, lo, hi, unit, text) { #name, 's', (int32_t)offsetof(tse_sim_config, name), def, lo, hi, unit, text },
 #define INT(name, def, lo, hi, text) { #name, 'i', (int32_t)offsetof(tse_sim_config, name), def, lo, hi, "1", text },
@@ -72,6 +73,46 @@ static const tse_field sim_output_fields[] = {
 };
 #endif
 
+#if !defined(TSE_NO_EFFECTS)
+static const tse_field replay_log_fields[] = {
+#define REPLAY_LOG(name, needed, unit, text) { #name, needed ? 'p' : 'o', (int32_t)offsetof(tse_replay_log, name), NO_RANGE, unit, text },
+#include "tse/replay.def"
+};
+static const tse_field replay_start_fields[] = {
+#define REPLAY_START(name, def, unit, text) { #name, 'r', (int32_t)offsetof(tse_replay_start, name), def, 1.0, -1.0, unit, text },
+#include "tse/replay.def"
+};
+static const tse_field replay_out_fields[] = {
+#define REPLAY_OUT(name, unit, text) { #name, 'o', (int32_t)offsetof(tse_replay_out, name), NO_RANGE, unit, text },
+#include "tse/replay.def"
+};
+#endif
+
+static const tse_effect_row effect_rows[] = {
+#define EFFECT(id, hook, title, entry, channels, alike, estimator) { #id, #hook, title, entry, channels, alike, estimator, TSE_EFFECT_##id },
+#include "tse/effects.def"
+};
+
+#define STRENGTH 1
+#define SHAPE 0
+static const tse_effect_parameter effect_parameters[] = {
+#define EFFECT_PARAMETER(id, parameter, role, unit, def, lo, hi, typical_lo, typical_hi, negligible, sign, text) \
+  { #id, #parameter, #id "_" #parameter, unit, text, role, sign, def, lo, hi, typical_lo, typical_hi, negligible },
+#include "tse/effects.def"
+};
+
+const tse_effect_row *tse_describe_effects(int32_t *count)
+{
+  if (count) *count = (int32_t)(sizeof effect_rows / sizeof effect_rows[0]);
+  return effect_rows;
+}
+
+const tse_effect_parameter *tse_describe_effect_parameters(int32_t *count)
+{
+  if (count) *count = (int32_t)(sizeof effect_parameters / sizeof effect_parameters[0]);
+  return effect_parameters;
+}
+
 #define ROWS(which, table, bytes)                              \
   case which:                                                  \
     if (count) *count = (int32_t)(sizeof table / sizeof table[0]); \
@@ -86,10 +127,13 @@ const tse_field *tse_describe(tse_struct which, int32_t *count, int32_t *size)
     ROWS(TSE_STRUCT_OUTPUT, output_fields, sizeof(tse_output))
     ROWS(TSE_STRUCT_STATUS, status_fields, 0)
     ROWS(TSE_STRUCT_REASON, reason_fields, 0)
-#if !defined(TSE_REAL_Q20)
+#if !defined(TSE_NO_EFFECTS)
     ROWS(TSE_STRUCT_SIM_CONFIG, sim_config_fields, sizeof(tse_sim_config))
     ROWS(TSE_STRUCT_SIM_INPUT, sim_input_fields, sizeof(tse_sim_input))
     ROWS(TSE_STRUCT_SIM_OUTPUT, sim_output_fields, sizeof(tse_sim_output))
+    ROWS(TSE_STRUCT_REPLAY_LOG, replay_log_fields, sizeof(tse_replay_log))
+    ROWS(TSE_STRUCT_REPLAY_START, replay_start_fields, sizeof(tse_replay_start))
+    ROWS(TSE_STRUCT_REPLAY_OUT, replay_out_fields, sizeof(tse_replay_out))
 #endif
     default: break;
   }
@@ -107,7 +151,7 @@ void tse_describe_build(tse_build *b)
   b->filter_bytes = (int32_t)sizeof(tse_filter);
   b->params_bytes = (int32_t)sizeof(tse_params);
   b->learnt_bytes = TSE_LEARNT_BYTES;
-#if defined(TSE_REAL_Q20)
+#if defined(TSE_NO_EFFECTS)
   b->sim_bytes = 0;
 #else
   b->sim_bytes = (int32_t)sizeof(tse_sim);

@@ -1,4 +1,4 @@
-/* src/filter.c - reset and step: the page to read first. Algorithm 1 is in tse_step(); the files it calls stand in
+/* src/filter.c - reset and step: the page to read first. Algorithm 1 is in step_row(); the files it calls stand in
  * src/CMakeLists.txt in the same order. */
 #include "stages.h"
 
@@ -96,21 +96,22 @@ static tse_status judge(const tse_params *p, const tse_filter *f, const sample *
   return status;
 }
 
-tse_status tse_step(const tse_params *p, tse_filter *f, const tse_input *u, tse_output *out)
+tse_status step_row(const tse_params *own, tse_params *told, tse_filter *f, const tse_input *u, tse_output *out)
 {
-  if (!p || !f || !u) return TSE_E_NULL;
-  if (p->magic != TSE_PARAMS_MAGIC || f->magic != TSE_FILTER_MAGIC || f->fingerprint != p->fingerprint) return TSE_E_STATE;
+  const tse_params *p = own;
   sample y;
   const tse_status refused = input_decode(p, f, u, &y);
   if (refused < 0) return refused; /* nothing has changed yet */
 
   if (p->marginalised && p->notice_stuck) watch_repeats(p, f, u, &y);
 
+  if (told) p = told_begin(own, f, &y, told);
+
   /* Where are we in time: the first row, after a gap, or one step further? */
   const int lost = f->held_for > p->max_gap;
   f->held_for = y.has_inputs ? TSE_R(0) : f->held_for + y.dt;
   const int frozen = f->held_for > p->max_gap;
-  int gap = 0, slides = 0;
+  int gap = 0, slides = 0, moved = 0;
   if (!f->started) {
     initialise(p, f, &y); /* again with every row until there are inputs to start from */
     f->started = y.has_inputs;
@@ -121,10 +122,15 @@ tse_status tse_step(const tse_params *p, tse_filter *f, const tse_input *u, tse_
     if (gap) restart_states(p, f, &y);
     else if (slides) coast(p, f, &y);
     else if (!frozen) {
+      tse_real push[3];
+      moved = 1;
+      if (told) told_motion(own, p, f, &y, push);
       gaussian_predict(p, f, y.u, y.dt); /* (7) of the covariance */
       propagate(p, f, y.u, y.dt);        /* (7) of the particles  */
+      if (told) told_push(p, f, push);
     }
   }
+  if (told) told_sample(own, told, f, &y, moved, !slides && !frozen);
   f->steer = y.u.steer;
   f->v_front = y.u.v_front;
   f->v_rear = y.u.v_rear;
@@ -206,6 +212,13 @@ tse_status tse_step(const tse_params *p, tse_filter *f, const tse_input *u, tse_
   now.status = (int32_t)status;
   if (out) *out = now;
   return status;
+}
+
+tse_status tse_step(const tse_params *p, tse_filter *f, const tse_input *u, tse_output *out)
+{
+  if (!p || !f || !u) return TSE_E_NULL;
+  if (p->magic != TSE_PARAMS_MAGIC || f->magic != TSE_FILTER_MAGIC || f->fingerprint != p->fingerprint) return TSE_E_STATE;
+  return p->effects.mask ? told_step(p, f, u, out) : step_row(p, NULL, f, u, out);
 }
 
 const char *tse_status_text(int32_t status)

@@ -1,6 +1,10 @@
 /* src/prepare.c - settings: defaults, check, and the constants of the filter. The only arithmetic in tse_setting. */
 #include "tse/tse.h"
-#include "real_ops.h"
+#include "effects.h"
+#include "effects/mass.h"
+#include "effects/yaw_inertia.h"
+#include "effects/cg_shift.h"
+#include "effects/wheel_radius.h"
 
 void tse_config_default(tse_config *c)
 {
@@ -30,6 +34,34 @@ void tse_config_paper(tse_config *c)
   c->max_slip = (tse_setting)1;
 }
 
+#define STRENGTH 1
+#define SHAPE 0
+
+/* Bits of the effects with a strength that is not zero. */
+static uint64_t effects_on(const tse_config *c)
+{
+  uint64_t mask = 0;
+#define EFFECT_PARAMETER(id, parameter, role, unit, def, lo, hi, typical_lo, typical_hi, negligible, sign, text) \
+  if (role && (c->id##_##parameter < 0 || c->id##_##parameter > 0)) mask |= (uint64_t)1 << TSE_EFFECT_##id;
+#include "tse/effects.def"
+  return mask;
+}
+
+#if defined(TSE_NO_EFFECTS)
+/* Such a build knows only the effects that are gone when the constants are made. */
+static tse_status effects_fit(const tse_config *c, const char **wrong)
+{
+  const uint64_t refused = effects_on(c) & ~effects_with(HOOK_CONSTANT);
+#define EFFECT_PARAMETER(id, parameter, role, unit, def, lo, hi, typical_lo, typical_hi, negligible, sign, text)       \
+  if (role && (refused >> TSE_EFFECT_##id & 1u) && (c->id##_##parameter < 0 || c->id##_##parameter > 0)) {             \
+    if (wrong) *wrong = #id "_" #parameter;                                                                            \
+    return TSE_E_CONFIG;                                                                                               \
+  }
+#include "tse/effects.def"
+  return TSE_OK;
+}
+#endif
+
 tse_status tse_config_check(const tse_config *c, const char **wrong)
 {
   if (!c) return TSE_E_NULL;
@@ -41,7 +73,11 @@ tse_status tse_config_check(const tse_config *c, const char **wrong)
 #include "tse/config.def"
 #undef REAL
 #undef INT
+#if defined(TSE_NO_EFFECTS)
+  return effects_fit(c, wrong);
+#else
   return TSE_OK;
+#endif
 }
 
 /* FNV-1a over the 32-bit halves of every setting: tells filters and parameters that do not belong together. */
@@ -83,29 +119,88 @@ static uint32_t mix_vehicle(uint32_t h, tse_setting value)
   return mix(h, word);
 }
 
+/* An effect changes what a stiffness means; one that is off leaves the fingerprint as it was before there were effects. */
+static uint32_t mix_effect(uint32_t h, int on, const char *name, tse_setting value)
+{
+  const float x = (float)value;
+  uint32_t word;
+  if (!on) return h;
+  for (; *name; name++) h = mix(h, (uint32_t)(unsigned char)*name);
+  memcpy(&word, &x, sizeof word);
+  return mix(h, word);
+}
+
 static uint32_t vehicle_fingerprint(const tse_config *c)
 {
   uint32_t h = 2166136261u;
 #define REAL(name, def, lo, hi, unit, text) h = mix_vehicle(h, c->name);
 #include "tse/vehicle.def"
 #undef REAL
+  const uint64_t on = effects_on(c);
+#define EFFECT_PARAMETER(id, parameter, role, unit, def, lo, hi, typical_lo, typical_hi, negligible, sign, text) \
+  h = mix_effect(h, (int)(on >> TSE_EFFECT_##id & 1u), #id "_" #parameter, c->id##_##parameter);
+#include "tse/effects.def"
   return h;
 }
 
 static tse_setting square(tse_setting x) { return x * x; }
 static tse_real real_of(tse_setting x) { return r_from_setting(x); }
 
-tse_status tse_prepare(const tse_config *c, tse_params *p, const char **wrong)
+/* The car that the filter's constants are of: CONSTANT effects act on its settings. */
+static tse_config car_of(const tse_config *c, uint64_t mask)
+{
+  tse_config car = *c;
+#define CALL_CONSTANT(id) if (mask >> TSE_EFFECT_##id & 1u) id##_constant(&car);
+#define CALL_INPUT(id)
+#define CALL_SLIP(id)
+#define CALL_LAG(id)
+#define CALL_STIFFNESS(id)
+#define CALL_BODY(id)
+#define CALL_SENSOR(id)
+#define EFFECT(id, hook, title, entry, channels, alike, estimator) CALL_##hook(id)
+#include "tse/effects.def"
+  return car;
+}
+
+static void prepare_effects(const tse_config *c, uint64_t mask, tse_params *p)
+{
+  p->effects.mask = mask;
+  p->read_x = p->read_y_front = p->read_y_rear = TSE_R(1);
+#if defined(TSE_NO_EFFECTS)
+  (void)c;
+#else
+  tse_effects *const e = &p->effects;
+#define EFFECT_PARAMETER(id, parameter, role, unit, def, lo, hi, typical_lo, typical_hi, negligible, sign, text) \
+  e->id##_##parameter = real_of(c->id##_##parameter);
+#include "tse/effects.def"
+  const tse_setting one = 1, g = (tse_setting)9.81;
+  e->mass = real_of(c->mass);
+  e->inv_mass = real_of(one / c->mass);
+  e->inv_inertia = real_of(one / c->yaw_inertia);
+  e->load_front = real_of(g * c->lr / (c->lf + c->lr));
+  e->load_rear = real_of(g * c->lf / (c->lf + c->lr));
+  /* what the accelerometers read per tyre force: their slope over the stiffness, exact but for what lags */
+  const tse_setting x = (one + c->imu_scale_ax_error) * (one + g * c->pitch_leak_gain);
+  const tse_setting y = (one + c->imu_scale_ay_error) * (one + g * c->body_roll_gain);
+  p->read_x = real_of(x);
+  p->read_y_front = real_of(y + y * c->imu_lever_arm_x * c->mass * c->lf / c->yaw_inertia);
+  p->read_y_rear = real_of(y - y * c->imu_lever_arm_x * c->mass * c->lr / c->yaw_inertia);
+#endif
+}
+
+tse_status tse_prepare(const tse_config *settings, tse_params *p, const char **wrong)
 {
   const tse_setting one = 1;
-  const tse_status status = tse_config_check(c, wrong);
+  const tse_status status = tse_config_check(settings, wrong);
   if (status < 0) return status;
   if (!p) return TSE_E_NULL;
+  const uint64_t mask = effects_on(settings);
+  const tse_config car = car_of(settings, mask), *const c = &car;
 
   memset(p, 0, sizeof *p);
   p->magic = TSE_PARAMS_MAGIC;
-  p->fingerprint = fingerprint(c);
-  p->vehicle = vehicle_fingerprint(c);
+  p->fingerprint = fingerprint(settings);
+  p->vehicle = vehicle_fingerprint(settings);
   p->particles = c->particles;
   p->resampling = c->resampling;
   p->marginalised = c->marginalised;
@@ -187,6 +282,7 @@ tse_status tse_prepare(const tse_config *c, tse_params *p, const char **wrong)
   p->hold_var = real_of(square(c->hold_sd));
   p->watchdog_drop = real_of(c->watchdog_drop * (tse_setting)1.4426950408889634);
   p->recovery_count = (int32_t)(c->recovery_share * (tse_setting)c->particles);
+  prepare_effects(c, mask, p);
   return TSE_OK;
 }
 

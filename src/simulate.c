@@ -2,12 +2,12 @@
 #include "tse/simulate.h"
 
 #include "random.h"
-#include "vehicle.h"
+#include "effects.h"
 
 /* Brakes oppose rotation; between -BRAKE_GRIP and BRAKE_GRIP rad/s their torque rises linearly, so that they hold a
  * standing wheel without a discontinuity. */
 #define BRAKE_GRIP TSE_R(0.2)
-#define GRAVITY TSE_R(9.81) /* m/s2 */
+#define JUMP TSE_R(1e-6) /* s in which a steering angle that was set anew since the last row is reached */
 
 void tse_sim_config_default(tse_sim_config *s)
 {
@@ -106,6 +106,8 @@ static stiffness gripping(const tse_sim *sim, stiffness k, slips s)
   return k;
 }
 
+enum { STATES = 9 }; /* vel_x, vel_y, yaw rate, wheel speeds front and rear; with effects, the slips that tyres hold */
+
 typedef struct car { /* what one substep needs beside the state */
   const tse_sim *sim;
   const tse_params *p;
@@ -113,7 +115,7 @@ typedef struct car { /* what one substep needs beside the state */
   tse_real mass, inertia_front, inertia_rear;
 } car;
 
-static inputs inputs_of(const car *c, const tse_real x[5], tse_real steer)
+static inputs inputs_of(const car *c, const tse_real x[STATES], tse_real steer)
 {
   inputs u;
   u.steer = steer;
@@ -122,9 +124,45 @@ static inputs inputs_of(const car *c, const tse_real x[5], tse_real steer)
   return u;
 }
 
-/* (1), (2), (7) without its sampling, and the wheels: J omega' = T - T_brake - R Fx. */
-static void derivative(const car *c, const tse_real x[5], driver d, tse_real dx[5])
+/* The car at a state, `ahead` of the effects' memory, with all effects and with tyres that saturate. */
+static void effects_now(const car *c, const tse_real x[STATES], tse_real steer, tse_real ahead, point *pt)
 {
+  const tse_effect_memory *const m = &c->sim->effects;
+  memset(pt, 0, sizeof *pt);
+  pt->vx = x[0];
+  pt->vy = x[1];
+  pt->r = x[2];
+  pt->u = inputs_of(c, x, steer);
+  pt->ahead = ahead;
+  pt->k = c->k;
+  effects_slips(c->p, m, &x[5], pt);
+  effects_stiffness(c->p, m, pt);
+  pt->k = gripping(c->sim, pt->k, pt->s);
+  effects_forces(c->p, m, pt);
+}
+
+/* As derivative(), with effects. */
+static void derivative_with_effects(const car *c, const tse_real x[STATES], driver d, tse_real ahead, tse_real dx[STATES])
+{
+  point pt;
+  tse_real rate[4];
+  effects_now(c, x, d.steer, ahead, &pt);
+  effects_lag_rates(&c->p->effects, &pt, rate);
+  dx[0] = pt.force.x + pt.gravity_x + r_mul(x[1], x[2]);
+  dx[1] = pt.force.y + pt.gravity_y - r_mul(x[0], x[2]);
+  dx[2] = pt.force.yaw;
+  dx[3] = r_div(d.drive_front - brake(d.brake_front, x[3]) - r_mul(c->p->radius_front, r_mul(c->mass, pt.fx_front)), c->inertia_front);
+  dx[4] = r_div(d.drive_rear - brake(d.brake_rear, x[4]) - r_mul(c->p->radius_rear, r_mul(c->mass, pt.fx_rear)), c->inertia_rear);
+  for (int i = 0; i < 4; i++) dx[5 + i] = r_mul(rate[i], pt.target[i] - x[5 + i]);
+}
+
+/* (1), (2), (7) without its sampling, and the wheels: J omega' = T - T_brake - R Fx. */
+static void derivative(const car *c, const tse_real x[STATES], driver d, tse_real ahead, tse_real dx[STATES])
+{
+  if (c->p->effects.mask) {
+    derivative_with_effects(c, x, d, ahead, dx);
+    return;
+  }
   const inputs u = inputs_of(c, x, d.steer);
   const slips s = vehicle_slips(c->p, x[0], x[1], x[2], u);
   const stiffness k = gripping(c->sim, c->k, s);
@@ -140,14 +178,25 @@ static void derivative(const car *c, const tse_real x[5], driver d, tse_real dx[
 
 /* What is stiff, and therefore implicit: the arrow (vx; omega_f, omega_r) and the block (vy, r). Tyres that saturate enter
  * by their secant, which overestimates their damping: ROS2 keeps its order with any Jacobian. */
-typedef struct solver { tse_real vf, vr, wf, wr, df, dr, schur, m11, m12, m21, m22, inv_det; } solver;
+typedef struct solver { tse_real vf, vr, wf, wr, df, dr, schur, m11, m12, m21, m22, inv_det, slow[4]; int states; } solver;
 
-static solver factor(const car *c, const tse_real x[5], driver d, tse_real gh, int secant)
+static solver factor(const car *c, const tse_real x[STATES], driver d, tse_real gh, int secant)
 {
-  const slips s = vehicle_slips(c->p, x[0], x[1], x[2], inputs_of(c, x, d.steer));
+  slips s = vehicle_slips(c->p, x[0], x[1], x[2], inputs_of(c, x, d.steer));
   const tse_params *const p = c->p;
-  const stiffness k = gripping(c->sim, c->k, s);
+  stiffness k = gripping(c->sim, c->k, s);
   solver m;
+  m.states = 5;
+  if (p->effects.mask) {
+    point pt;
+    tse_real rate[4];
+    effects_now(c, x, d.steer, TSE_R(0), &pt);
+    effects_lag_rates(&p->effects, &pt, rate);
+    for (int i = 0; i < 4; i++) m.slow[i] = r_div(TSE_R(1), TSE_R(1) + r_mul(gh, rate[i]));
+    m.states = STATES;
+    s = pt.s;
+    k = pt.k;
+  }
   /* with D = what slip is taken over: d(Fx/m)/dvx = -k/D, d(Fx/m)/domega = k R/D (where D does not move) */
   const tse_real kf = r_mul(k.x_front, s.inv_front), kr = r_mul(k.x_rear, s.inv_rear);
   m.vf = -r_mul(gh, r_mul(kf, p->radius_front));
@@ -167,8 +216,9 @@ static solver factor(const car *c, const tse_real x[5], driver d, tse_real gh, i
   return m;
 }
 
-static void solve(const solver *m, const tse_real f[5], tse_real k[5])
+static void solve(const solver *m, const tse_real f[STATES], tse_real k[STATES])
 {
+  for (int i = 5; i < m->states; i++) k[i] = r_mul(f[i], m->slow[i - 5]);
   k[0] = r_div(f[0] - r_div(r_mul(m->vf, f[3]), m->df) - r_div(r_mul(m->vr, f[4]), m->dr), m->schur);
   k[3] = r_div(f[3] - r_mul(m->wf, k[0]), m->df);
   k[4] = r_div(f[4] - r_mul(m->wr, k[0]), m->dr);
@@ -185,24 +235,24 @@ static int may_lock(const car *c, tse_real torque, tse_real inertia, tse_real om
 /* ROS2, as vehicle_step() in vehicle.h, with the wheel speeds as states. Its stages would jump over the brake's change of
  * sign where a wheel locks; there implicit Euler takes over: with secants all terms off its diagonal have the sign that
  * keeps a wheel from being braked into reverse, whatever the torque. */
-static void substep(const car *c, tse_real x[5], driver u0, driver u1, tse_real h)
+static void substep(const car *c, tse_real x[STATES], driver u0, driver u1, tse_real h)
 {
-  tse_real f[5], k1[5], k2[5], mid[5];
+  tse_real f[STATES], k1[STATES], k2[STATES], mid[STATES];
   if (may_lock(c, u1.brake_front, c->inertia_front, x[3], h) || may_lock(c, u1.brake_rear, c->inertia_rear, x[4], h)) {
     const solver euler = factor(c, x, u1, h, 1);
-    derivative(c, x, u1, f);
+    derivative(c, x, u1, TSE_R(0), f);
     solve(&euler, f, k1);
-    for (int a = 0; a < 5; a++) x[a] += r_mul(h, k1[a]);
+    for (int a = 0; a < euler.states; a++) x[a] += r_mul(h, k1[a]);
     return;
   }
   const solver m = factor(c, x, u0, r_mul(TSE_R(0.29289321881345254), h), 0);
-  derivative(c, x, u0, f);
+  derivative(c, x, u0, TSE_R(0), f);
   solve(&m, f, k1);
-  for (int a = 0; a < 5; a++) mid[a] = x[a] + r_mul(h, k1[a]);
-  derivative(c, mid, u1, f);
-  for (int a = 0; a < 5; a++) f[a] = f[a] - k1[a] - k1[a];
+  for (int a = 0; a < m.states; a++) mid[a] = x[a] + r_mul(h, k1[a]);
+  derivative(c, mid, u1, h, f);
+  for (int a = 0; a < m.states; a++) f[a] = f[a] - k1[a] - k1[a];
   solve(&m, f, k2);
-  for (int a = 0; a < 5; a++) x[a] += r_mul(h, r_mul(TSE_R(1.5), k1[a]) + r_mul(TSE_R(0.5), k2[a]));
+  for (int a = 0; a < m.states; a++) x[a] += r_mul(h, r_mul(TSE_R(1.5), k1[a]) + r_mul(TSE_R(0.5), k2[a]));
 }
 
 static void two_normals(const tse_sim *sim, uint32_t purpose, tse_real *a, tse_real *b)
@@ -250,21 +300,45 @@ static tse_status check(const tse_sim *sim, const tse_sim_input *u)
   return TSE_OK;
 }
 
+static car car_of(const tse_sim *sim, stiffness k)
+{
+  car c;
+  c.sim = sim;
+  c.p = &sim->params;
+  c.k = k;
+  c.mass = sim->params.effects.mass;
+  c.inertia_front = r_from_setting(sim->config.wheel_inertia_front);
+  c.inertia_rear = r_from_setting(sim->config.wheel_inertia_rear);
+  return c;
+}
+
 static void advance(tse_sim *sim, const tse_sim_input *u)
 {
   const tse_real longest = r_from_setting(sim->config.substep);
   const int32_t steps = -r_floor_to_int(-r_div(u->dt, longest) + TSE_R(1e-4)); /* 0.01/0.001 are ten, not eleven */
   const tse_real h = r_div(u->dt, r_from_int(steps));
-  car c;
-  c.sim = sim;
-  c.p = &sim->params;
-  c.k = stiffness_now(sim, sim->last.road_level);
-  c.mass = r_from_setting(sim->vehicle.mass);
-  c.inertia_front = r_from_setting(sim->config.wheel_inertia_front);
-  c.inertia_rear = r_from_setting(sim->config.wheel_inertia_rear);
-  for (int32_t i = 0; i < steps; i++)
-    substep(&c, sim->x, between(&sim->last, u, r_div(r_from_int(i), r_from_int(steps))),
-            between(&sim->last, u, r_div(r_from_int(i + 1), r_from_int(steps))), h);
+  const car c = car_of(sim, stiffness_now(sim, sim->last.road_level));
+  const tse_effects *const e = &c.p->effects;
+  tse_sim_input from = sim->last, to = *u;
+  if (e->mask) {
+    const int jumped = sim->last.steer_angle < sim->steer_logged || sim->last.steer_angle > sim->steer_logged;
+    if (jumped) sim->steer = effects_steer(e, &sim->effects, sim->last.steer_angle, JUMP);
+    from.steer_angle = sim->steer;
+    to.steer_angle = sim->steer = effects_steer(e, &sim->effects, u->steer_angle, u->dt);
+    sim->steer_logged = u->steer_angle;
+  }
+  for (int32_t i = 0; i < steps; i++) {
+    const driver d0 = between(&from, &to, r_div(r_from_int(i), r_from_int(steps)));
+    const driver d1 = between(&from, &to, r_div(r_from_int(i + 1), r_from_int(steps)));
+    point a, b;
+    if (e->mask) effects_now(&c, sim->x, d0.steer, TSE_R(0), &a);
+    substep(&c, sim->x, d0, d1, h);
+    if (e->mask) {
+      effects_now(&c, sim->x, d1.steer, h, &b);
+      effects_remember(e, &sim->effects, &a, &b, h);
+    }
+  }
+  sim->last = *u;
   const tse_real walk[3] = { r_from_setting(sim->vehicle.accel_x_bias_walk), r_from_setting(sim->vehicle.accel_y_bias_walk),
                              r_from_setting(sim->vehicle.yaw_rate_bias_walk) };
   const tse_real scale = r_mul(r_from_setting(sim->config.bias_walk), r_sqrt(u->dt));
@@ -274,28 +348,59 @@ static void advance(tse_sim *sim, const tse_sim_input *u)
   for (int a = 0; a < 3; a++) sim->bias[a] += r_mul(r_mul(scale, walk[a]), n[a]);
 }
 
+/* At the first row everything is at rest: tyres hold the slip that there is, the steering has followed. */
+static void settle(tse_sim *sim, const car *c)
+{
+  point pt;
+  sim->steer_logged = sim->last.steer_angle;
+  sim->steer = effects_steer(&sim->params.effects, &sim->effects, sim->last.steer_angle, TSE_R(1));
+  memset(&pt, 0, sizeof pt);
+  pt.vx = sim->x[0];
+  pt.vy = sim->x[1];
+  pt.r = sim->x[2];
+  pt.u = inputs_of(c, sim->x, sim->steer);
+  effects_settle(c->p, &sim->effects, c->k, &pt);
+  for (int i = 0; i < 4; i++) sim->x[5 + i] = sim->effects.lag[i];
+}
+
+/* Specific force at the centre of gravity, and what accelerometers and gyro make of it. */
+static void observe(tse_sim *sim, stiffness k, tse_real dt, accels *a, tse_real clean[3])
+{
+  const car c = car_of(sim, k);
+  if (sim->params.effects.mask) {
+    point pt;
+    if (!sim->effects.settled) settle(sim, &c);
+    effects_now(&c, sim->x, sim->steer, TSE_R(0), &pt);
+    effects_sense(&sim->params.effects, &sim->effects, &pt, dt, clean);
+    *a = pt.force;
+    return;
+  }
+  const inputs in = inputs_of(&c, sim->x, sim->last.steer_angle);
+  const slips s = vehicle_slips(&sim->params, sim->x[0], sim->x[1], sim->x[2], in);
+  *a = vehicle_accels(&sim->params, gripping(sim, k, s), s, in.steer);
+  clean[0] = a->x;
+  clean[1] = a->y;
+  clean[2] = sim->x[2];
+}
+
 tse_status tse_sim_step(tse_sim *sim, const tse_sim_input *u, tse_sim_output *y)
 {
   if (!sim || !u || !y) return TSE_E_NULL;
   const tse_status refused = check(sim, u);
   if (refused < 0) return refused;
   if (sim->step > 0) advance(sim, u);
-  sim->last = *u;
+  else sim->last = *u;
 
   tse_real mean[3], n[6];
   draw_stiffness(sim, u->road_level, mean, sim->drawn);
   const stiffness k = stiffness_now(sim, u->road_level);
-  inputs in;
-  in.steer = u->steer_angle;
-  in.v_front = r_mul(sim->params.radius_front, sim->x[3]);
-  in.v_rear = r_mul(sim->params.radius_rear, sim->x[4]);
-  const slips s = vehicle_slips(&sim->params, sim->x[0], sim->x[1], sim->x[2], in);
-  const accels a = vehicle_accels(&sim->params, gripping(sim, k, s), s, u->steer_angle);
+  accels a;
+  tse_real clean[3];
+  observe(sim, k, u->dt, &a, clean);
 
   for (uint32_t i = 0; i < 3; i++) two_normals(sim, RANDOM_SIM_NOISE_A + i, &n[2 * i], &n[2 * i + 1]);
   const tse_real noise = r_from_setting(sim->config.noise);
   const tse_real wheel_sd = r_from_setting(sim->config.wheel_speed_sd);
-  const tse_real clean[3] = { a.x, a.y, sim->x[2] };
   tse_real measured[3];
   for (int i = 0; i < 3; i++) measured[i] = clean[i] + sim->bias[i] + r_mul(r_mul(noise, sim->params.sd[i]), n[i]);
 

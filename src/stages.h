@@ -60,6 +60,12 @@
 #define gaussian_update   TSE_NAME(tse_gaussian_update)
 #define forget            TSE_NAME(tse_forget)
 #define bias_learn_still  TSE_NAME(tse_bias_learn_still)
+#define step_row          TSE_NAME(tse_step_row)
+#define told_step         TSE_NAME(tse_told_step)
+#define told_begin        TSE_NAME(tse_told_begin)
+#define told_motion       TSE_NAME(tse_told_motion)
+#define told_push         TSE_NAME(tse_told_push)
+#define told_sample       TSE_NAME(tse_told_sample)
 #define crc32_of          TSE_NAME(tse_crc32_of)
 
 #define STATE_VAR TSE_R(1e-18) /* (1e-9 m/s)^2: no state is known better; and no denormal numbers */
@@ -76,6 +82,7 @@ typedef struct sample {
   tse_real use[3];  /* 1 used, 0 missing                                              */
   int32_t used;     /* how many of the three                                          */
   int32_t has_inputs;
+  int32_t has_steer;
 } sample;
 
 /* The common Gaussian at this sample: C = H P H' + R = L L' is the covariance of the innovation without w's spread. */
@@ -265,6 +272,21 @@ int gaussian_observe(const forecast *f, const tse_real noise[3], gaussian *g);
 void gaussian_update(const tse_params *p, tse_filter *f, const gaussian *g, const forecast *c, const tse_real noise[3]);
 void forget(const tse_params *p, tse_filter *f, tse_real dt);
 void bias_learn_still(const tse_params *p, tse_filter *f, const sample *y);
+
+/* filter.c    a row of tse_step(), Algorithm 1.   told: NULL, or where the parameters with this row's effects go */
+tse_status step_row(const tse_params *own, tse_params *told, tse_filter *f, const tse_input *u, tse_output *out);
+
+/* told.c      what the effects of tse/effects.def change in a row, when any is on. told_step: step_row() with a place for
+ *             these parameters, so that a filter without effects needs no stack for them.
+ *             told_begin: y->u is that of the wheels; row: p with the secant stiffness of the row before, returned
+ *             told_motion: what the weighted mean moves more with the effects than without, before propagate(); told_push: so
+ *             moves every particle.   told_sample: the row's stiffness; y->y without what the effects add. moved: by (7);
+ *             known: the wheels roll and are heard of, else there is no correction */
+tse_status told_step(const tse_params *p, tse_filter *f, const tse_input *u, tse_output *out);
+const tse_params *told_begin(const tse_params *p, tse_filter *f, sample *y, tse_params *row);
+void told_motion(const tse_params *p, const tse_params *row, tse_filter *f, const sample *y, tse_real push[3]);
+void told_push(const tse_params *p, tse_filter *f, const tse_real push[3]);
+void told_sample(const tse_params *p, tse_params *row, tse_filter *f, sample *y, int moved, int known);
 
 /* learnt.c */
 uint32_t crc32_of(const uint8_t *bytes, size_t count);

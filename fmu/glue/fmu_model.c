@@ -4,13 +4,20 @@
 #include <stdio.h>
 #include <string.h>
 
-const char *fmu_name_of(const char *last_part)
+/* Is `name` without its first part the setting, with a dot where that has an underscore? */
+static int is_setting(const char *name, const char *setting)
 {
-  for (int32_t i = 0; i < fmu_variable_count; i++) {
-    const char *const dot = strrchr(fmu_variables[i].name, '.');
-    if (fmu_variables[i].role == 'p' && dot && strcmp(dot + 1, last_part) == 0) return fmu_variables[i].name;
-  }
-  return last_part;
+  const char *at = strchr(name, '.');
+  if (!at) return 0;
+  for (at++; *at && (*at == *setting || (*at == '.' && *setting == '_')); at++) setting++;
+  return !*at && !*setting;
+}
+
+const char *fmu_name_of(const char *setting)
+{
+  for (int32_t i = 0; i < fmu_variable_count; i++)
+    if (fmu_variables[i].role == 'p' && is_setting(fmu_variables[i].name, setting)) return fmu_variables[i].name;
+  return setting;
 }
 
 const char *fmu_range(const fmu_variable *v, char text[FMU_RANGE])

@@ -51,8 +51,9 @@ typedef enum fmu_result { FMU_OK, FMU_WARNING, FMU_ERROR } fmu_result;
 
 #define FMU_TEXT 256
 
-/* For messages: name of the parameter whose last part this is ("mass": "vehicle.mass"); `last_part` itself if there is none. */
-const char *fmu_name_of(const char *last_part);
+/* For messages: the parameter of a setting ("mass": "vehicle.mass", "body_roll_gain": "effects.body_roll.gain"); `setting` itself
+ * if there is none. */
+const char *fmu_name_of(const char *setting);
 
 /* For messages: "50 .. 50000 kg". */
 #define FMU_RANGE 80

@@ -7,6 +7,8 @@
 
 #define tse_describe       TSE_NAME(tse_describe)
 #define tse_describe_build TSE_NAME(tse_describe_build)
+#define tse_describe_effects           TSE_NAME(tse_describe_effects)
+#define tse_describe_effect_parameters TSE_NAME(tse_describe_effect_parameters)
 
 #ifdef __cplusplus
 extern "C" {
@@ -16,12 +18,13 @@ typedef enum tse_struct {
   TSE_STRUCT_CONFIG, TSE_STRUCT_INPUT, TSE_STRUCT_OUTPUT,
   TSE_STRUCT_SIM_CONFIG, TSE_STRUCT_SIM_INPUT, TSE_STRUCT_SIM_OUTPUT, /* simulator: absent (NULL) in q20 builds */
   TSE_STRUCT_STATUS, TSE_STRUCT_REASON,  /* not structs: name, text, and the code in `offset` */
+  TSE_STRUCT_REPLAY_LOG, TSE_STRUCT_REPLAY_START, TSE_STRUCT_REPLAY_OUT, /* absent in q20 builds, as the simulator */
   TSE_STRUCTS
 } tse_struct;
 
 typedef struct tse_field {
   const char *name;
-  char kind;            /* 's' tse_setting, 'r' tse_real, 'i' int32_t, 'u' uint32_t, 'c' code */
+  char kind;            /* 's' tse_setting, 'r' tse_real, 'i' int32_t, 'u' uint32_t, 'c' code, 'p' array, 'o' array or NULL */
   int32_t offset;       /* bytes from the start of the struct */
   double def, lo, hi;   /* default and range; hi < lo where there is no range */
   const char *unit;
@@ -30,6 +33,26 @@ typedef struct tse_field {
 
 /* The rows of one struct.   Returned: first row; *count rows; *size bytes of the struct.   NULL if there is no such struct. */
 const tse_field *tse_describe(tse_struct which, int32_t *count, int32_t *size);
+
+/* One effect of tse/effects.def. `bit` is that of tse_effects.mask; hook: CONSTANT .. SENSOR. */
+typedef struct tse_effect_row {
+  const char *id, *hook, *title, *entry_point, *channels, *look_alikes, *estimator;
+  int32_t bit;
+} tse_effect_row;
+
+/* One parameter of an effect. setting: its name in tse_config, which gives offset, default, range, unit and text. */
+typedef struct tse_effect_parameter {
+  const char *effect, *parameter, *setting, *unit, *text;
+  int32_t strength;                /* 1: 0 switches off what it scales; 0: a shape, without meaning while all strengths are 0 */
+  int32_t sign;                    /* plausible sign of a strength: 1, -1, or 0 for either                                   */
+  double def, lo, hi;              /* default (of a strength: 0, off) and bounds                                             */
+  double typical_lo, typical_hi;   /* size in mid-size cars                                                                  */
+  double negligible;               /* below it an effect should not be named; 0 for shapes                                   */
+} tse_effect_parameter;
+
+/* The tables of tse/effects.def, in their order.   Returned: first row; *count (if not NULL) rows. */
+const tse_effect_row *tse_describe_effects(int32_t *count);
+const tse_effect_parameter *tse_describe_effect_parameters(int32_t *count);
 
 /* The library as built: version, format name, capacity, sizeof(tse_filter), sizeof(tse_params), sizeof(tse_sim), bytes of a
  * learnt state. */

@@ -5,6 +5,7 @@
 #define TSE_FILTER_STATE_H
 
 #include "tse/real.h"
+#include "tse/effects.h"
 
 /* Sums over particles run in TSE_LANES interleaved partial sums, joined in a fixed order: the same bits whatever
  * the vector width. Rows are padded so that they do not fall on the same cache sets (power-of-two strides cost
@@ -46,6 +47,7 @@ typedef struct tse_params {
   tse_real radius_front, radius_rear; /* [m]                                               */
   /* sensors */
   tse_real sd[3], inv_sd[3];          /* accel_x, accel_y [m/s2], yaw rate [rad/s]         */
+  tse_real read_x, read_y_front, read_y_rear; /* [1] accel_x, accel_y read per tyre force; 1 without effects */
   tse_real bias_var0[3];              /* [sigma^2]   initial bias variance                 */
   tse_real bias_walk[3];              /* [sigma^2/s] bias random walk                      */
   tse_real log_sd[3];                 /* [log2]                                            */
@@ -66,6 +68,7 @@ typedef struct tse_params {
   tse_real w_min, w_max, valid_var, hold_var;
   tse_real watchdog_drop;             /* [log2] per row                                    */
   int32_t recovery_count;             /* particles drawn anew                              */
+  tse_effects effects;                /* what is not in the plain model; mask 0: nothing   */
 } tse_params;
 
 /* What is Gaussian given a particle's path: states 0..2, mean stiffness 3..5, biases 6..8. In the paper's form the
@@ -131,6 +134,8 @@ typedef struct tse_filter {
   tse_memory saved[2];                /* what was believed before: the newer, the older               */
   int32_t known[3];                   /* what tse_learnt_save() may call learnt                       */
   tse_start start;
+  tse_effect_memory effects;          /* of the effects that have one                                 */
+  tse_real effect_level[4];           /* what the stiffness effects leave of kx_front, kx_rear, ky_front, ky_rear */
   tse_particles p;
   tse_real weight[TSE_STRIDE];        /* normalised to the largest = 1; 0 beyond the particles in use */
   uint16_t ancestor[TSE_STRIDE], copies[TSE_STRIDE]; /* the resampler's work space */

@@ -1,6 +1,7 @@
 /* tse/simulate.h - the truth for studies: the single-track model of the estimator, driven by wheel torques with wheel
  * dynamics at 1 ms or finer, a stiffness that is redrawn every row, sensor noise and drifting biases; with `friction`
  * tyre forces saturate, so that wheels lock and spin.
+ * With every effect that the settings of its vehicle switch on (tse/effects.def); an estimator may be told of them or not.
  * Same rules as tse/tse.h: the caller owns the memory, no globals, one pointer-free state. Not built for q20. */
 #ifndef TSE_SIMULATE_H
 #define TSE_SIMULATE_H
@@ -49,9 +50,11 @@ typedef struct tse_sim {
   tse_sim_config config;
   tse_params params;
   uint32_t step;
-  tse_real x[5];                       /* vel_x, vel_y, yaw rate, wheel speeds front and rear */
+  tse_real x[9];                       /* vel_x, vel_y, yaw rate, wheel speeds front and rear; slips that lag (tse/effects.h) */
   tse_real bias[3], drawn[3];
   tse_sim_input last;
+  tse_real steer, steer_logged;        /* with effects: the wheels' angle at the last row, and the logged one that led to it */
+  tse_effect_memory effects;
 } tse_sim;
 
 void tse_sim_config_default(tse_sim_config *s);

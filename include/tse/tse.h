@@ -43,7 +43,9 @@
 extern "C" {
 #endif
 
-/* Settings, in SI units. Fill with tse_config_default(), then change what differs. Rows, ranges, units: tse/config.def. */
+/* Settings, in SI units. Fill with tse_config_default(), then change what differs. Rows, ranges, units: tse/config.def.
+ * Among them what the plain model leaves out and this car has (tse/effects.def; body_roll_gain, relaxation_length ...): all
+ * 0, which is off, by default. A filter that is told of them learns the stiffness as if the car had none (src/told.c). */
 typedef struct tse_config {
 #define REAL(name, def, lo, hi, unit, text) tse_setting name;
 #define INT(name, def, lo, hi, text) int32_t name;

@@ -14,6 +14,7 @@ import click
 from tselab import __version__, maneuvers
 from tselab.errors import UserError
 from tselab.fmu.commands import fmu
+from tselab.gap.commands import gap
 from tselab.montecarlo import STUDIES
 from tselab.options import FILE, FORM, PROGRESS, key_values, show_progress
 
@@ -582,6 +583,7 @@ def montecarlo(
 
 
 cli.add_command(fmu)
+cli.add_command(gap)
 
 
 def main() -> None:

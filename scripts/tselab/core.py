@@ -8,7 +8,7 @@ import functools
 import math
 import os
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,8 @@ import numpy as np
 from tselab.errors import UserError
 
 CONFIG, INPUT, OUTPUT, SIM_CONFIG, SIM_INPUT, SIM_OUTPUT, STATUS, REASON = range(8)  # enum tse_struct
+REPLAY_LOG, REPLAY_START, REPLAY_OUT = range(8, 11)
+STRUCTS = 11
 STIFFNESS = ("cx_front", "cy_front", "cy_rear")  # order of TSE_CX_FRONT ... everywhere
 NOMINAL = {  # the setting that is 1 of a relative stiffness
     "cx_front": "longitudinal_stiffness_front",
@@ -35,7 +37,7 @@ class Field:
     """One row of a table of the library."""
 
     name: str
-    kind: str  # s setting, r real, i int32, u uint32, c code
+    kind: str  # s setting, r real, i int32, u uint32, c code, p array, o array or NULL
     offset: int  # bytes; for codes the code
     default: float
     low: float
@@ -55,6 +57,63 @@ class Field:
     def range_text(self) -> str:
         unit = "" if self.unit in ("", "1") else f" {self.unit}"
         return f"{self.low:g} .. {self.high:g}{unit}" if self.has_range else "any"
+
+
+@dataclass(frozen=True)
+class EffectParameter:
+    """One parameter of an effect; `setting` is its name in Config."""
+
+    effect: str
+    name: str
+    setting: str
+    unit: str
+    text: str
+    strength: bool  # 0 switches off what it scales; else a shape, without meaning while all strengths are 0
+    sign: int  # plausible sign of a strength: 1, -1, or 0 for either
+    default: float
+    low: float
+    high: float
+    typical: tuple[float, float]
+    negligible: float  # below it the effect should not be named
+
+
+@dataclass(frozen=True)
+class Effect:
+    """One row of include/tse/effects.def."""
+
+    id: str
+    hook: str
+    title: str
+    entry_points: tuple[str, ...]
+    channels: str
+    look_alikes: tuple[str, ...]  # ids, or what else looks like it
+    estimator: str  # how an estimator that is told of it uses it
+    bit: int
+    parameters: tuple[EffectParameter, ...]
+
+    @property
+    def strengths(self) -> tuple[EffectParameter, ...]:
+        return tuple(p for p in self.parameters if p.strength)
+
+    @property
+    def shapes(self) -> tuple[EffectParameter, ...]:
+        return tuple(p for p in self.parameters if not p.strength)
+
+
+class _CEffect(ctypes.Structure):
+    _fields_ = [
+        *((name, ctypes.c_char_p) for name in ("id", "hook", "title", "entry", "channels", "alike", "estimator")),
+        ("bit", ctypes.c_int32),
+    ]
+
+
+class _CEffectParameter(ctypes.Structure):
+    _fields_ = [
+        *((name, ctypes.c_char_p) for name in ("effect", "name", "setting", "unit", "text")),
+        ("strength", ctypes.c_int32),
+        ("sign", ctypes.c_int32),
+        *((name, ctypes.c_double) for name in ("default", "low", "high", "typical_low", "typical_high", "negligible")),
+    ]
 
 
 class _CField(ctypes.Structure):
@@ -124,7 +183,7 @@ class Library:
         describe = self.function("tse_describe", ctypes.POINTER(_CField), [ctypes.c_int] + [ctypes.c_void_p] * 2)
         self._fields: dict[int, list[Field]] = {}
         self._sizes: dict[int, int] = {}
-        for which in range(8):
+        for which in range(STRUCTS):
             count, size = ctypes.c_int32(), ctypes.c_int32()
             rows = describe(which, ctypes.addressof(count), ctypes.addressof(size))
             self._sizes[which] = size.value
@@ -141,6 +200,32 @@ class Library:
                 )
                 for f in (rows[i] for i in range(count.value))
             ]
+
+        self.effects = self._read_effects()
+
+    def _read_effects(self) -> dict[str, Effect]:
+        """The catalogue of effects, in its order."""
+        count = ctypes.c_int32()
+
+        def table(name: str, row: type) -> list:
+            rows = self.function(name, ctypes.POINTER(row))(ctypes.addressof(count))
+            return [rows[i] for i in range(count.value)]
+
+        parameters = [
+            EffectParameter(
+                *(getattr(r, n).decode() for n in ("effect", "name", "setting", "unit", "text")),
+                bool(r.strength), r.sign, r.default, r.low, r.high, (r.typical_low, r.typical_high), r.negligible,
+            )
+            for r in table("tse_describe_effect_parameters", _CEffectParameter)
+        ]  # fmt: skip
+        return {
+            r.id.decode(): Effect(
+                r.id.decode(), r.hook.decode(), r.title.decode(), tuple(r.entry.decode().split(", ")), r.channels.decode(),
+                tuple(r.alike.decode().split(", ")), r.estimator.decode(), r.bit,
+                tuple(p for p in parameters if p.effect == r.id.decode()),
+            )
+            for r in table("tse_describe_effects", _CEffect)
+        }  # fmt: skip
 
     def function(self, name: str, restype: Any = ctypes.c_int, argtypes: list | None = None) -> Any:
         f = getattr(self._dll, name + self._suffix)
@@ -164,6 +249,7 @@ class Library:
     @functools.cache  # noqa: B019  (one library per process)
     def dtype(self, which: int) -> np.dtype:
         kinds = {"s": self.real, "r": self.real, "i": np.dtype(np.int32), "u": np.dtype(np.uint32)}
+        kinds["p"] = kinds["o"] = np.dtype(np.uintp)
         rows = self._fields[which]
         return np.dtype(
             {
@@ -234,7 +320,7 @@ class Settings:
         where = f"{source}: " if source else ""
         field = self._table.get(name)
         if field is None:
-            raise SettingError(f"{where}there is no setting '{name}'{_similar(name, self._table)}")
+            raise SettingError(f"{where}there is no setting '{name}'{similar(name, self._table)}")
         kind = "a whole number" if field.is_integer else "a number"
         number = isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
         if not number or not math.isfinite(value) or (field.is_integer and value != int(value)):
@@ -270,7 +356,7 @@ class SimConfig(Settings):
     _defaults = "tse_sim_config_default"
 
 
-def _similar(name: str, known: Mapping[str, Any]) -> str:
+def similar(name: str, known: Mapping[str, Any]) -> str:
     import difflib
 
     close = difflib.get_close_matches(name, known, n=2)
@@ -402,6 +488,67 @@ class Simulator:
 
     def outputs(self, n: int) -> np.ndarray:
         return np.zeros(n, self.lib.dtype(SIM_OUTPUT))
+
+
+class Replay:
+    """The model driven by a log's steering angle and wheel speeds, deterministic, with the effects that Config switches on:
+    what the other channels should read. For fits: about 0.1 us a row without effects.
+
+    `log`: arrays by the names of REPLAY_LOG, one value a row; those that may be left out may be None or set() later.
+    `outputs`: names of REPLAY_OUT."""
+
+    def __init__(self, outputs: Sequence[str] = ("accel_x", "accel_y", "yaw_rate"), **log: Any):
+        self.lib = lib = library()
+        if not lib.fields(REPLAY_LOG):
+            raise UserError(f"{lib.path}: this build of the library has no replay")
+        self.rows = len(log["dt"])
+        self._arrays: dict[str, np.ndarray] = {}
+        self._log = np.zeros(1, lib.dtype(REPLAY_LOG))
+        self._out = np.zeros(1, lib.dtype(REPLAY_OUT))
+        self._start = np.zeros(1, lib.dtype(REPLAY_START))
+        self.outputs = {name: np.zeros(self.rows, lib.real) for name in outputs}
+        for name, array in self.outputs.items():
+            self._out[name] = array.ctypes.data
+        for name, values in log.items():
+            self.set(name, values)
+        for f in lib.fields(REPLAY_LOG):
+            if f.kind == "p" and not self._log[f.name][0]:
+                raise ValueError(f"{f.name} is needed: {f.text}")
+        self._params = _memory(lib.params_bytes)
+        self._prepare = lib.function("tse_prepare")
+        self._replay = lib.function(
+            "tse_replay", argtypes=[ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int32] + [ctypes.c_void_p] * 3
+        )
+        self._defaults = lib.function("tse_replay_start_default", None)
+
+    def set(self, name: str, values: Any) -> None:
+        """Give or, with None, take an array of the log: a road's profile, a disturbance."""
+        if values is None:
+            self._log[name] = 0
+            return
+        array = np.ascontiguousarray(values, self.lib.real)
+        if array.shape != (self.rows,):
+            raise ValueError(f"{name} has shape {array.shape}, not ({self.rows},)")
+        self._arrays[name] = array
+        self._log[name] = array.ctypes.data
+
+    def run(self, config: Config, **start: float) -> dict[str, np.ndarray]:
+        """Run the log. `start`: values by the names of REPLAY_START. Returned: the arrays of `outputs`, which the next run
+        overwrites."""
+        wrong = ctypes.c_char_p()
+        status = self._prepare(config.address, self._params.ctypes.data, ctypes.addressof(wrong))
+        _refuse(status, wrong, (config,))
+        self._defaults(self._start.ctypes.data)
+        for name, value in start.items():
+            self._start[name] = value
+        row = ctypes.c_int32()
+        status = self._replay(
+            self._params.ctypes.data, self._log.ctypes.data, self.rows, self._start.ctypes.data, self._out.ctypes.data,
+            ctypes.addressof(row),
+        )  # fmt: skip
+        if status < 0:
+            raise UserError(f"replay refused row {row.value + 1}: {self.lib.codes(STATUS)[status].text}")
+        return self.outputs
 
 
 def stiffness_si(config: Config, output: np.void) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

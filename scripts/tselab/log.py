@@ -15,6 +15,12 @@ from tselab.errors import UserError
 
 DRIVES = ("steer_angle", "wheel_speed_front", "wheel_speed_rear")  # out of range: refused
 MEASURES = ("accel_x", "accel_y", "yaw_rate")  # out of range: treated as missing
+OPTIONAL = {  # columns that a log may have besides: unit, range, text, hint; `tselab gap` compares them, the estimator does not
+    "vehicle_speed": ("m/s", -60.0, 120.0, "speed over ground of the centre of gravity: GNSS, optical", "km/h: divide by 3.6"),
+    "wheel_torque_front": ("Nm", -20000.0, 20000.0, "drive less brake torque of both front wheels", "kNm: multiply by 1000"),
+    "wheel_torque_rear": ("Nm", -20000.0, 20000.0, "drive less brake torque of both rear wheels", "kNm: multiply by 1000"),
+}
+FEW_OUTSIDE = 0.05  # share of values outside the range above which it is the column that is wrong
 HINTS = {
     "steer_angle": "if the column holds degrees, multiply by pi/180; if it is the steering-wheel angle, divide by the "
     "steering ratio",
@@ -39,6 +45,7 @@ class Log:
     sample_time: float | None
     notes: list[str] = field(default_factory=list)
     averaged: int = 1  # rows of the file in one of these, usually
+    extra: pd.DataFrame = field(default_factory=pd.DataFrame)  # of OPTIONAL those that are there; NaN = missing
 
     def __len__(self) -> int:
         return len(self.time)
@@ -73,11 +80,11 @@ def read_log(path: Path) -> Log:
     missing = [c for c in needed if c not in header]
     if missing:
         raise UserError(_missing_text(path, header, missing, needed))
-    twice = sorted({c for c in header if header.count(c) > 1 and (c in needed or c.startswith("ref_"))})
+    twice = sorted({c for c in header if header.count(c) > 1 and (c in needed or _beside(c))})
     if twice:
         raise UserError(f"{path}: column {_list(twice)} appears more than once in the header (line 1)")
     table = _table(path, header)
-    table = table[[c for c in header if c in needed or c.startswith("ref_")]]
+    table = table[[c for c in header if c in needed or _beside(c)]]
     line = np.arange(len(table)) + 2
     filled = table[needed].notna().any(axis=1).to_numpy()
     table, line = table[filled].reset_index(drop=True), line[filled]
@@ -87,7 +94,7 @@ def read_log(path: Path) -> Log:
     notes: list[str] = []
     table, skipped = _numbers(path, table, line, needed)
     if skipped:
-        notes.append(f"reference column {_list(skipped)} is not numeric: not drawn")
+        notes.append(f"column {_list(skipped)} is not numeric: not used")
     time = table["time"].to_numpy(float)
     _check_time(path, time, line)
     data = table[needed[1:]].astype(float)
@@ -104,7 +111,30 @@ def read_log(path: Path) -> Log:
             where = f"first in line {line[data[name].isna().to_numpy().argmax()]}"
             notes.append(f"{name}: {count} of {len(data)} cells are missing or not usable ({where})")
     ref = table[[c for c in table if c.startswith("ref_")]]
-    return Log(path, time, data, ref, line, sample_time, notes)
+    extra = pd.DataFrame({c: x for c in OPTIONAL if c in table and (x := _optional(c, table[c], line, notes)) is not None})
+    return Log(path, time, data, ref, line, sample_time, notes, extra=extra)
+
+
+def _beside(column: str) -> bool:
+    """A column that is read, though the estimator does not need it."""
+    return column.startswith("ref_") or column in OPTIONAL
+
+
+def _optional(name: str, column: pd.Series, line: np.ndarray, notes: list[str]) -> np.ndarray | None:
+    """One of OPTIONAL, checked; None, and a note why, if it cannot be used. It refuses no log: the estimator needs none."""
+    unit, low, high, _, hint = OPTIONAL[name]
+    value = column.to_numpy(float, copy=True)
+    with np.errstate(invalid="ignore"):
+        bad = (value < low) | (value > high)
+    there = int(np.isfinite(value).sum())
+    if not there or bad.sum() > FEW_OUTSIDE * there:
+        where = f"; {value[bad.argmax()]:g} in line {line[bad.argmax()]} is outside; hint: {hint}" if there else "; it is empty"
+        notes.append(f"column {name} is not used: allowed are {low:g} .. {high:g} {unit}{where}")
+        return None
+    if bad.any():
+        notes.append(f"{name}: {bad.sum()} values outside {low:g} .. {high:g} {unit} are treated as missing")
+        value[bad] = np.nan
+    return value
 
 
 MOST_MISSING = 0.5  # of a block's rows: a channel of which more is missing is missing; a block of which more is, too
@@ -134,9 +164,10 @@ def average(log: Log, seconds: float) -> Log:
     time = means(log.time)
     data = pd.DataFrame({name: means(log.data[name].to_numpy(float)) for name in log.data})
     ref = pd.DataFrame({name: means(log.ref[name].to_numpy(float)) for name in log.ref}, index=data.index)
+    extra = pd.DataFrame({name: means(log.extra[name].to_numpy(float)) for name in log.extra}, index=data.index)
     step = float(np.median(np.diff(time))) if len(time) > 1 else None
     notes = [*log.notes, f"averaged over {seconds:g} s: {len(log)} rows became {len(time)}, of {usual:g} rows each"]
-    return Log(log.path, time, data, ref, log.line[starts[keep]], step, notes, max(1, round(usual)))
+    return Log(log.path, time, data, ref, log.line[starts[keep]], step, notes, max(1, round(usual)), extra)
 
 
 def sampling_notes(log: Log, max_gap: float) -> list[str]:

@@ -67,6 +67,11 @@ def example_vehicle() -> str:
         "",
         "[sensors]",
         *(_toml_line(fields[name]) for name in sensor_settings()),
+        "",
+        "# What the single-track model leaves out, as far as it is known of this car: [effects.<id>] with the parameters of",
+        "# include/tse/effects.def ('tselab settings' has them as <id>_<parameter>). Left out: none.",
+        "# [effects.body_roll]",
+        "# gain = 0.008  # rad s2/m",
     ]
     return "\n".join(lines) + "\n"
 

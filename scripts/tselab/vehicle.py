@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from tselab.core import CONFIG, Config, Field, SettingError, library
+from tselab.core import CONFIG, Config, Field, SettingError, library, similar
 from tselab.errors import UserError
 from tselab.log import MEASURES, Log
 from tselab.noise import channel_noise, kinematic_misfit
@@ -67,7 +67,8 @@ def vehicle_settings() -> list[str]:
 def sensor_settings() -> list[str]:
     """Names of the settings that belong in its [sensors] table."""
     names = [f.name for f in library().fields(CONFIG)]
-    return names[names.index("accel_x_sd") : names.index("sample_time")]
+    effects = {p.setting for e in library().effects.values() for p in e.parameters}  # they have tables of their own
+    return [n for n in names[names.index("accel_x_sd") : names.index("sample_time")] if n not in effects]
 
 
 def default_vehicle() -> Vehicle:
@@ -86,6 +87,7 @@ def read_vehicle(path: Path) -> Vehicle:
     facts: dict[str, Any] = {}
     unknown: list[str] = []
     check = Config()
+    _read_effects(path, data.pop("effects", {}), check, values, unknown)
     for table, prefix, known in ((data, "", vehicle_settings()), (sensors, "sensors.", sensor_settings())):
         for key, value in table.items():
             if key in known:
@@ -110,6 +112,35 @@ def read_vehicle(path: Path) -> Vehicle:
             "cornering_stiffness_*"
         )
     return vehicle
+
+
+def _read_effects(path: Path, effects: Any, check: Config, values: dict[str, float], unknown: list[str]) -> None:
+    """The tables [effects.<id>]: parameters by their names in include/tse/effects.def."""
+    if not isinstance(effects, dict):
+        raise UserError(f"{path}: effects must be tables: [effects.body_roll]")
+    catalogue = library().effects
+    for effect, parameters in effects.items():
+        if effect not in catalogue:
+            raise UserError(f"{path}: there is no effect '{effect}'{similar(effect, catalogue)}")
+        if not isinstance(parameters, dict):
+            raise UserError(f"{path}: effects.{effect} must be a table: [effects.{effect}]")
+        settings = {p.name: p.setting for p in catalogue[effect].parameters}
+        for key, value in parameters.items():
+            if key not in settings:
+                unknown.append(f"effects.{effect}.{key}")
+                continue
+            _set(check, settings[key], value, f"{path}: key effects.{effect}.{key}")
+            values[settings[key]] = float(value)
+
+
+def effects_toml(config: Config) -> str:
+    """The tables [effects.<id>] of a vehicle file: the effects that are on, with unit and meaning."""
+    lines: list[str] = []
+    for effect in library().effects.values():
+        if any(getattr(config, p.setting) != 0 for p in effect.strengths):
+            lines += ["", f"[effects.{effect.id}]  # {effect.title}"]
+            lines += [f"{p.name} = {float(getattr(config, p.setting))!r}  # {p.unit}: {p.text}" for p in effect.parameters]
+    return "\n".join(lines) + "\n" if lines else ""
 
 
 def _set(config: Config, key: str, value: Any, source: str) -> None:

@@ -27,10 +27,18 @@ def test_version_is_that_of_the_header():
 
 
 def test_settings_are_the_rows_of_the_table():
-    parts = re.findall(r'#include "tse/(\w+\.def)"', (HEADERS / "config.def").read_text())
-    text = "".join((HEADERS / part).read_text() for part in parts)
-    names = re.findall(r"^(?:REAL|INT)\((\w+),", text, re.M)
+    names = []
+    for part in re.findall(r'#include "tse/(\w+\.def)"', (HEADERS / "config.def").read_text()):
+        if part == "effects.def":
+            names += effect_settings()
+        else:
+            names += re.findall(r"^(?:REAL|INT)\((\w+),", (HEADERS / part).read_text(), re.M)
     assert list(Config().fields) == names
+
+
+def effect_settings():
+    text = (HEADERS / "effects.def").read_text()
+    return ["_".join(p) for p in re.findall(r"^EFFECT_PARAMETER\((\w+), (\w+), (?:STRENGTH|SHAPE),", text, re.M)]
 
 
 def test_defaults_lie_inside_their_ranges():

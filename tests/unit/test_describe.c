@@ -1,11 +1,12 @@
 /* tests/unit/test_describe.c <-> src/describe.c */
 #include "tse/describe.h"
 #include "tse/learnt.h"
+#include "tse/replay.h"
 #include "tse/simulate.h"
 
 #include "unit_support.h"
 
-#define STRUCT_BYTES 1024
+#define STRUCT_BYTES 2048
 
 static const tse_field *rows_of(tse_struct which, int32_t *count, int32_t *size)
 {
@@ -29,6 +30,7 @@ static size_t bytes_of(char kind)
 {
   if (kind == 's') return sizeof(tse_setting);
   if (kind == 'r') return sizeof(tse_real);
+  if (kind == 'p' || kind == 'o') return sizeof(tse_real *);
   TEST_ASSERT_TRUE(kind == 'i' || kind == 'u');
   return 4;
 }
@@ -67,6 +69,9 @@ static void test_rows_describe_every_byte_of_the_structs_but_padding(void)
   TEST_ASSERT_EQUAL_INT(TAIL(tse_input, missing), undescribed(TSE_STRUCT_INPUT, sizeof(tse_input), covered));
   TEST_ASSERT_EQUAL_INT(TAIL(tse_output, status), undescribed(TSE_STRUCT_OUTPUT, sizeof(tse_output), covered));
   TEST_ASSERT_EQUAL_INT(TAIL(tse_sim_config, seed), undescribed(TSE_STRUCT_SIM_CONFIG, sizeof(tse_sim_config), covered));
+  TEST_ASSERT_EQUAL_INT(0, undescribed(TSE_STRUCT_REPLAY_LOG, sizeof(tse_replay_log), covered));
+  TEST_ASSERT_EQUAL_INT(0, undescribed(TSE_STRUCT_REPLAY_START, sizeof(tse_replay_start), covered));
+  TEST_ASSERT_EQUAL_INT(0, undescribed(TSE_STRUCT_REPLAY_OUT, sizeof(tse_replay_out), covered));
   TEST_ASSERT_EQUAL_INT(TAIL(tse_sim_input, road_level), undescribed(TSE_STRUCT_SIM_INPUT, sizeof(tse_sim_input), covered));
 }
 
@@ -441,6 +446,79 @@ static void test_build_tells_version_format_capacity_and_sizes(void)
   tse_describe_build(NULL);
 }
 
+/* ----------------------------------------------------------------------------------------- the effects */
+
+/* The catalogue of design/effects.md: these ids are in vehicle files and verdicts, and stay. */
+static void test_effects_are_the_catalogue(void)
+{
+  static const char *const ids[] = {
+    "exact_kinematics", "aero_drag", "rolling_resistance", "grade", "bank", "body_roll", "pitch_leak", "tyre_saturation",
+    "combined_slip", "relaxation", "lateral_load_transfer", "longitudinal_load_transfer", "steering_offset", "steering_ratio",
+    "steering_lag", "steering_delay", "steering_compliance", "wheel_radius", "imu_lever_arm", "imu_scale_ax", "imu_scale_ay",
+    "gyro_scale", "imu_misalignment", "imu_delay", "mass", "yaw_inertia", "cg_shift", "crosswind", "conicity", "rear_roll_steer",
+    "aligning_moment", "longitudinal_relaxation", "stiffness_drift",
+  };
+  int32_t count;
+  const tse_effect_row *const e = tse_describe_effects(&count);
+  TEST_ASSERT_EQUAL_INT32(ROWS(ids), count);
+  TEST_ASSERT_EQUAL_INT32(TSE_EFFECTS, count);
+  TEST_ASSERT_TRUE(tse_describe_effects(NULL) == e);
+  for (int k = 0; k < ROWS(ids); k++) {
+    int found = 0;
+    for (int32_t i = 0; i < count; i++) found += strcmp(e[i].id, ids[k]) == 0;
+    TEST_ASSERT_EQUAL_INT_MESSAGE(1, found, ids[k]);
+  }
+  for (int32_t i = 0; i < count; i++) {
+    TEST_ASSERT_EQUAL_INT32(i, e[i].bit);
+    TEST_ASSERT_TRUE(strlen(e[i].title) > 3 && strlen(e[i].entry_point) > 3 && strlen(e[i].channels) > 3);
+    TEST_ASSERT_TRUE(strlen(e[i].look_alikes) > 3 && strlen(e[i].estimator) > 3 && strlen(e[i].hook) > 2);
+  }
+}
+
+/* Each is a setting with the same default and range; off is 0; a strength is typical and negligible within its bounds. */
+static void test_parameters_of_effects_are_settings_with_sizes_that_make_sense(void)
+{
+  int32_t count, effects;
+  const tse_effect_parameter *const p = tse_describe_effect_parameters(&count);
+  const tse_effect_row *const e = tse_describe_effects(&effects);
+  TEST_ASSERT_TRUE(tse_describe_effect_parameters(NULL) == p);
+  for (int32_t i = 0; i < count; i++) {
+    char name[80];
+    const tse_field *const f = row_named(TSE_STRUCT_CONFIG, p[i].setting);
+    (void)snprintf(name, sizeof name, "%s_%s", p[i].effect, p[i].parameter);
+    TEST_ASSERT_EQUAL_STRING(name, p[i].setting);
+    TEST_ASSERT_EQUAL_STRING(f->unit, p[i].unit);
+    TEST_ASSERT_EQUAL_STRING(f->text, p[i].text);
+    TEST_ASSERT_TRUE(!(f->def < p[i].def) && !(f->def > p[i].def) && !(f->lo < p[i].lo) && !(f->lo > p[i].lo) && !(f->hi < p[i].hi) && !(f->hi > p[i].hi));
+    TEST_ASSERT_TRUE_MESSAGE(p[i].lo <= p[i].typical_lo && p[i].typical_lo <= p[i].typical_hi && p[i].typical_hi <= p[i].hi, name);
+    if (p[i].strength) TEST_ASSERT_TRUE_MESSAGE(!(p[i].def < 0) && !(p[i].def > 0) && p[i].negligible > 0 && p[i].negligible < p[i].typical_lo, name);
+    else TEST_ASSERT_TRUE_MESSAGE(!(p[i].negligible > 0), name);
+  }
+  for (int32_t k = 0; k < effects; k++) {
+    int strengths = 0;
+    for (int32_t i = 0; i < count; i++) strengths += strcmp(p[i].effect, e[k].id) == 0 && p[i].strength;
+    TEST_ASSERT_TRUE_MESSAGE(strengths > 0, e[k].id);
+  }
+}
+
+/* The mask that tse_prepare() makes is by these bits. */
+static void test_a_strength_sets_the_bit_of_its_effect(void)
+{
+  int32_t count, effects;
+  const tse_effect_parameter *const p = tse_describe_effect_parameters(&count);
+  const tse_effect_row *const e = tse_describe_effects(&effects);
+  for (int32_t i = 0; i < count; i++) {
+    tse_config c;
+    int32_t bit = -1;
+    tse_config_default(&c);
+    const tse_setting value = (tse_setting)(0.5 * (p[i].def + p[i].hi));
+    memcpy((char *)&c + row_named(TSE_STRUCT_CONFIG, p[i].setting)->offset, &value, sizeof value);
+    for (int32_t k = 0; k < effects; k++)
+      if (strcmp(e[k].id, p[i].effect) == 0) bit = e[k].bit;
+    TEST_ASSERT_TRUE_MESSAGE(prepared(&c).effects.mask == (p[i].strength ? (uint64_t)1 << bit : 0), p[i].setting);
+  }
+}
+
 int main(void)
 {
   UNITY_BEGIN();
@@ -461,5 +539,8 @@ int main(void)
   RUN_TEST(test_unknown_struct_is_null_with_no_rows);
   RUN_TEST(test_count_and_size_need_not_be_asked_for);
   RUN_TEST(test_build_tells_version_format_capacity_and_sizes);
+  RUN_TEST(test_effects_are_the_catalogue);
+  RUN_TEST(test_parameters_of_effects_are_settings_with_sizes_that_make_sense);
+  RUN_TEST(test_a_strength_sets_the_bit_of_its_effect);
   return UNITY_END();
 }

@@ -206,15 +206,21 @@ static void test_extreme_numbers_make_a_start_of_numbers(void)
 
 /* --------------------------------------------------------------------------------- vehicle and calls */
 
+#if defined(TSE_REAL_Q20)
+#define SETTABLE(offset) (kind_of_effect_setting(offset) == 0) /* fixed point refuses most effects */
+#else
+#define SETTABLE(offset) 1
+#endif
+
 static void test_another_vehicle_is_refused_and_other_sensors_or_filters_are_not(void)
 {
   tse_params p;
 #define REAL(name, def, lo, hi, unit, text)                                                                            \
-  {                                                                                                                    \
+  if (SETTABLE(offsetof(tse_config, name))) {                                                                          \
     tse_config c = settings(0);                                                                                        \
     c.name = c.name < (tse_setting)(hi) ? (tse_setting)(c.name + ((tse_setting)(hi) - c.name) / 16) : (tse_setting)(lo); \
     p = prepared(&c);                                                                                                  \
-    if (offsetof(tse_config, name) < offsetof(tse_config, accel_x_sd)) {                                               \
+    if (offsetof(tse_config, name) < offsetof(tse_config, accel_x_sd) || kind_of_effect_setting(offsetof(tse_config, name)) == 2) { \
       reset(&p, &f);                                                                                                   \
       expect_refused(&p, learnt_bytes, sizeof learnt_bytes, TSE_E_VEHICLE, #name);                                     \
     } else {                                                                                                           \
@@ -232,6 +238,32 @@ static void test_another_vehicle_is_refused_and_other_sensors_or_filters_are_not
 #undef REAL
 #undef INT
 }
+
+#if defined(TSE_REAL_Q20)
+/* Here, because it is the test of settings that runs in fixed point: what acts only on the constants is known, the rest is not. */
+static void test_effects_that_fixed_point_does_not_know_are_refused_by_name(void)
+{
+  int refused = 0, known = 0;
+#define EFFECT_PARAMETER(id, parameter, role, unit, def, lo, hi, typical_lo, typical_hi, negligible, sign, text) \
+  {                                                                                                              \
+    tse_config c = settings(0);                                                                                  \
+    tse_params p;                                                                                                \
+    const char *wrong = "";                                                                                      \
+    c.id##_##parameter = (tse_setting)(typical_hi);                                                              \
+    const tse_status status = tse_prepare(&c, &p, &wrong);                                                       \
+    if (status == TSE_OK) known += role;                                                                         \
+    else TEST_ASSERT_EQUAL_STRING(#id "_" #parameter, wrong);                                                    \
+    refused += status == TSE_E_CONFIG;                                                                           \
+  }
+#include "tse/effects.def"
+  TEST_ASSERT_EQUAL_INT(4, known); /* mass, yaw inertia, centre of gravity, radius */
+  TEST_ASSERT_TRUE(refused >= 29);
+  tse_config c = settings(0);
+  const double plain = number(prepared(&c).kx_front);
+  c.mass_change = 1;
+  expect_near(plain / 2, number(prepared(&c).kx_front), 1e-6, "twice the mass, half of C/m", 0); /* one LSB of rounding */
+}
+#endif
 
 static void test_calls_out_of_order_are_refused_and_change_nothing(void)
 {
@@ -630,6 +662,9 @@ int main(void)
   RUN_TEST(test_numbers_that_cannot_be_are_refused);
   RUN_TEST(test_extreme_numbers_make_a_start_of_numbers);
   RUN_TEST(test_another_vehicle_is_refused_and_other_sensors_or_filters_are_not);
+#if defined(TSE_REAL_Q20)
+  RUN_TEST(test_effects_that_fixed_point_does_not_know_are_refused_by_name);
+#endif
   RUN_TEST(test_calls_out_of_order_are_refused_and_change_nothing);
   RUN_TEST(test_reset_forgets_what_was_loaded);
   RUN_TEST(test_variances_grow_with_age_as_the_settings_say);

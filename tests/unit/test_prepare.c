@@ -23,8 +23,8 @@ static tse_config defaults(void)
   return c;
 }
 
-/* None of the defaults, all different, inside the ranges. */
-static tse_config other_config(void)
+/* None of the defaults, all different, inside the ranges. No effects. */
+static tse_config other_car(void)
 {
   tse_config c = defaults();
   c.mass = 1250;
@@ -85,6 +85,15 @@ static tse_config other_config(void)
   c.resampling = 2;
   c.initial_vel_x_from_wheels = 0;
   c.seed = 12345;
+  return c;
+}
+
+static tse_config other_config(void)
+{
+  tse_config c = other_car();
+#define EFFECT_PARAMETER(id, parameter, role, unit, def, lo, hi, typical_lo, typical_hi, negligible, sign, text) \
+  c.id##_##parameter = (tse_setting)(0.9 * (def) + 0.1 * (hi));
+#include "tse/effects.def"
   return c;
 }
 
@@ -239,7 +248,7 @@ static void expect_relative(double expected, tse_real actual, const char *what)
 
 static void test_vehicle_constants_are_normalised_by_mass(void)
 {
-  const tse_config c = other_config();
+  const tse_config c = other_car();
   const tse_params p = prepared(&c);
   expect_relative(110000.0 / 1250, p.kx_front, "kx_front");
   expect_relative(95000.0 / 1250, p.kx_rear, "kx_rear");
@@ -256,7 +265,7 @@ static void test_vehicle_constants_are_normalised_by_mass(void)
 
 static void test_sensor_constants_are_normalised_by_the_sensors_sd(void)
 {
-  const tse_config c = other_config();
+  const tse_config c = other_car();
   const tse_params p = prepared(&c);
   const double sd[3] = { 0.11, 0.23, 0.007 }, bias[3] = { 0.02, 0.04, 0.003 }, walk[3] = { 0.005, 0.006, 0.0007 };
   for (int i = 0; i < 3; i++) {
@@ -272,7 +281,7 @@ static void test_sensor_constants_are_normalised_by_the_sensors_sd(void)
 
 static void test_filter_constants_follow_their_formulas(void)
 {
-  const tse_config c = other_config();
+  const tse_config c = other_car();
   const tse_params p = prepared(&c);
   TEST_ASSERT_EQUAL_HEX32(TSE_PARAMS_MAGIC, p.magic);
   TEST_ASSERT_EQUAL_INT32(120, p.particles);
@@ -324,7 +333,7 @@ static void test_filter_constants_follow_their_formulas(void)
 /* The fastest of the three dampings times speed; the least step is no less than an eighth of the largest. */
 static void test_damping_is_that_of_the_stiffest_direction(void)
 {
-  tse_config c = other_config();
+  tse_config c = other_car();
   c.yaw_inertia = 17000;
   expect_relative(4 * 205000.0 / 1250, prepared(&c).damping, "longitudinal");
   c.cornering_stiffness_front = 500000;
@@ -338,7 +347,7 @@ static void test_damping_is_that_of_the_stiffest_direction(void)
 static void test_both_meanings_of_the_initial_sd_come_out_of_the_statistics(void)
 {
   for (int32_t marginalised = 0; marginalised <= 1; marginalised++) {
-    tse_config c = other_config();
+    tse_config c = other_car();
     c.marginalised = marginalised;
     const tse_params p = prepared(&c);
     const double sigma = number(p.lam0) * number(p.nu0) / (number(p.nu0) - 3 - 1);
@@ -444,6 +453,18 @@ static void test_fingerprint_tells_settings_that_were_exchanged(void)
   TEST_ASSERT_TRUE(prepared(&a).fingerprint != prepared(&b).fingerprint);
 }
 
+/* A strength that is not zero makes another vehicle; a shape, once its effect is on. */
+static void test_fingerprint_of_the_vehicle_tells_the_shapes_of_effects_that_are_on(void)
+{
+  tse_config c = other_config();
+  const uint32_t before = prepared(&c).vehicle;
+#define EFFECT_PARAMETER(id, parameter, role, unit, def, lo, hi, typical_lo, typical_hi, negligible, sign, text) \
+  c = other_config();                                                                                          \
+  c.id##_##parameter = (tse_setting)(0.8 * (def) + 0.2 * (hi));                                                \
+  TEST_ASSERT_TRUE_MESSAGE(prepared(&c).vehicle != before, #id " " #parameter);
+#include "tse/effects.def"
+}
+
 /* A learnt state of the same vehicle must fit whatever else is set, in every number format: one value for all builds, which
  * tests/reference/generate_learnt.py computes from the decimal numbers of config.def. */
 static void test_fingerprint_of_the_vehicle_changes_with_the_vehicle_only(void)
@@ -458,7 +479,8 @@ static void test_fingerprint_of_the_vehicle_changes_with_the_vehicle_only(void)
     c = defaults();                                                                                             \
     c.name = other;                                                                                             \
     const int same = prepared(&c).vehicle == before;                                                            \
-    TEST_ASSERT_EQUAL_INT_MESSAGE(offsetof(tse_config, name) >= offsetof(tse_config, accel_x_sd), same, #name); \
+    const size_t at = offsetof(tse_config, name);                                                               \
+    TEST_ASSERT_EQUAL_INT_MESSAGE(at >= offsetof(tse_config, accel_x_sd) && kind_of_effect_setting(at) != 2, same, #name); \
   }
 #define INT(name, def, lo, hi, text)                                     \
   {                                                                      \
@@ -531,6 +553,7 @@ int main(void)
   RUN_TEST(test_fingerprint_changes_with_every_bit_of_a_setting);
   RUN_TEST(test_fingerprint_tells_settings_that_were_exchanged);
   RUN_TEST(test_fingerprint_of_the_vehicle_changes_with_the_vehicle_only);
+  RUN_TEST(test_fingerprint_of_the_vehicle_tells_the_shapes_of_effects_that_are_on);
   RUN_TEST(test_stiffness_in_newtons_is_nominal_times_relative);
   RUN_TEST(test_stiffness_in_newtons_skips_what_is_not_asked_for);
   return UNITY_END();

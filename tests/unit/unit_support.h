@@ -3,6 +3,7 @@
 #define UNIT_SUPPORT_H
 
 #include <math.h>
+#include <stddef.h>
 #include <stdint.h>
 #include <stdio.h>
 #include <string.h>
@@ -66,6 +67,19 @@ static inline void believe_everything(tse_config *c)
   c->outlier_gate = c->contradiction = 0;
   c->noise_max = c->max_slip = 1;
   c->notice_stuck = c->relative_covariance = 0;
+}
+
+#define STRENGTH 1
+#define SHAPE 0
+
+/* A setting of tse/effects.def: 0 none, 1 a shape, 2 a strength. */
+static inline int kind_of_effect_setting(size_t offset)
+{
+  int kind = 0;
+#define EFFECT_PARAMETER(id, parameter, role, unit, def, lo, hi, typical_lo, typical_hi, negligible, sign, text) \
+  if (offset == offsetof(tse_config, id##_##parameter)) kind = 1 + role;
+#include "tse/effects.def"
+  return kind;
 }
 
 /* Parameters from settings that must be right. */

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 from tqdm import tqdm
 
-from tselab.core import OUTPUT, STIFFNESS, Config, _similar, library
+from tselab.core import OUTPUT, STIFFNESS, Config, library, similar
 from tselab.errors import UserError
 from tselab.estimate import _stop_flag as stop_flag
 from tselab.estimate import to_table
@@ -79,9 +79,14 @@ def estimate(path: Path, log: Log, config: Config, progress: bool = False) -> Ru
     return Run(table, done < len(log), notes)
 
 
+def setting_of(parameter: str) -> str:
+    """The setting that a parameter is: vehicle.mass is mass, effects.body_roll.gain is body_roll_gain."""
+    return parameter.partition(".")[2].replace(".", "_") or parameter
+
+
 def settings(fmu: Slave, config: Config) -> tuple[dict[str, float], list[str]]:
-    """The parameters whose last part names a setting. One that the FMU does not have, and that is not as it always is, matters."""
-    known = {name.rpartition(".")[2]: name for name in fmu.names("parameter")}
+    """The parameters that are settings. One that the FMU does not have, and that is not as it always is, matters."""
+    known = {setting_of(name): name for name in fmu.names("parameter")}
     values = {known[k]: v for k, v in config.as_dict().items() if k in known}
     lost = [k for k in config.changed() if k not in known]
     notes = [f"the FMU has no parameter for {', '.join(lost)}: what was set is not used"] if lost else []
@@ -129,13 +134,13 @@ def drive(
 
 
 def resolve(fmu: Slave, parameters: Mapping[str, float]) -> dict[str, float]:
-    """Parameters by their name or its last part."""
+    """Parameters by their name, or as the setting that they are."""
     names = fmu.names("parameter")
     values = {}
     for key, value in parameters.items():
-        found = [key] if key in names else [n for n in names if n.rpartition(".")[2] == key]
+        found = [key] if key in names else [n for n in names if setting_of(n) == key]
         if not found:
-            close = _similar(key, dict.fromkeys(names)) if names else ""
+            close = similar(key, dict.fromkeys(names)) if names else ""
             raise UserError(f"option --set: {fmu.path} has no parameter '{key}'{close.split(';')[0]}")
         if len(found) > 1:
             raise UserError(f"option --set: '{key}' is one of {', '.join(found)}: give the whole name")

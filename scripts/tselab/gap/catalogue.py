@@ -1,0 +1,86 @@
+"""The catalogue of effects (tse/effects.def, through the library) in the form that fits take."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+
+from tselab.core import library
+
+# Shapes that only multiply the strength, or that stand for the time and place of a log.
+HELD = {
+    "steering_compliance_trail", "rear_roll_steer_roll", "stiffness_drift_time", "stiffness_drift_start", "crosswind_heading",
+    "crosswind_coefficient",
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One number that is fitted: a stiffness, or a parameter of an effect."""
+
+    name: str  # of the setting
+    key: str  # within its effect
+    strength: bool  # else a shape
+    unit: str
+    default: float
+    low: float
+    high: float
+    typical_low: float
+    typical_high: float
+    negligible: float
+    sign: int  # 1, -1: the plausible one; 0: either
+    text: str
+    prior: float | None = None  # sd that is known beforehand, of one of many values that make a profile
+
+    @property
+    def scale(self) -> float:
+        """A typical size."""
+        return 0.5 * (abs(self.typical_low) + abs(self.typical_high)) or max(abs(self.low), abs(self.high))
+
+    @property
+    def step(self) -> float:
+        """For finite differences: small against the typical size, large against rounding."""
+        return 0.02 * self.scale
+
+
+@dataclass(frozen=True)
+class Effect:
+    """One row of the catalogue and its parameters."""
+
+    id: str
+    hook: str
+    title: str
+    entry_points: tuple[str, ...]
+    channels: str
+    relatives: tuple[str, ...]  # ids of the catalogue that it says look alike
+    estimator: str
+    parameters: tuple[Parameter, ...]
+
+    @property
+    def strengths(self) -> tuple[Parameter, ...]:
+        return tuple(p for p in self.parameters if p.strength)
+
+    @property
+    def shapes(self) -> tuple[Parameter, ...]:
+        """The shapes that a log can tell from the strength; the others stay as the settings say."""
+        return tuple(p for p in self.parameters if not p.strength and p.name not in HELD)
+
+    @property
+    def fitted(self) -> tuple[Parameter, ...]:
+        return (*self.strengths, *self.shapes)
+
+
+@functools.cache
+def catalogue() -> dict[str, Effect]:
+    """Every effect by its id, in the library's order."""
+    rows = library().effects
+    return {
+        e.id: Effect(
+            e.id, e.hook, e.title, e.entry_points, e.channels, tuple(x for x in e.look_alikes if x in rows), e.estimator,
+            tuple(
+                Parameter(p.setting, p.name, p.strength, p.unit, p.default, p.low, p.high, *p.typical, p.negligible, p.sign, p.text)
+                for p in e.parameters
+            ),
+        )
+        for e in rows.values()
+    }  # fmt: skip

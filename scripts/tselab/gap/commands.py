@@ -1,0 +1,289 @@
+"""The commands `tselab gap ...`."""
+
+from __future__ import annotations
+
+import os
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import click
+
+from tselab.errors import UserError
+from tselab.options import FILE, PROGRESS, show_progress
+
+LOGS = click.argument("logs", metavar="LOG.csv ...", type=FILE, nargs=-1, required=True)
+VEHICLE = click.option("--vehicle", "vehicle_path", metavar="CAR.toml", type=FILE, required=True,
+                       help="Vehicle file; 'tselab vehicle --example' prints one.")  # fmt: skip
+JOBS = click.option("--jobs", type=click.IntRange(1, 256), default=os.cpu_count() or 1, show_default="all cores",
+                    help="Simulations at once.")  # fmt: skip
+SCHEDULER = click.option("--scheduler", metavar="ADDRESS", help="Simulate on a Dask cluster instead, for instance tcp://host:8786.")
+HOLD_OUT = "--hold-out"
+
+
+class Gap(click.Group):
+    """A group whose command without a name is `run`: `tselab gap LOG.csv ...`."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        if args and args[0] not in self.commands and args[0] not in ctx.help_option_names:
+            args = ["run", *args]
+        return super().parse_args(ctx, args)
+
+    def format_help(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        run = self.commands["run"]
+        with click.Context(run, info_name=ctx.info_name, parent=ctx.parent) as inner:
+            run.format_help(inner, formatter)
+        self.format_commands(ctx, formatter)
+
+
+class Run(click.Command):
+    """--hold-out takes all files up to the next option. Lists the optional columns."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        spread: list[str] = []
+        holding = False
+        for arg in args:
+            if arg == HOLD_OUT:
+                holding = True
+            elif holding and not (arg.startswith("-") and len(arg) > 1):
+                spread += [HOLD_OUT, arg]
+            else:
+                holding = False
+                spread.append(arg)
+        if HOLD_OUT in args and HOLD_OUT not in spread:
+            spread.append(HOLD_OUT)  # alone: click says what is missing
+        return super().parse_args(ctx, spread)
+
+    def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        from tselab.log import OPTIONAL
+
+        rows = [(name, f"{unit}, {low:g} .. {high:g}: {text}") for name, (unit, low, high, text, _) in OPTIONAL.items()]
+        with formatter.section("Columns that are used besides those of 'tselab estimate', when LOG.csv has them"):
+            formatter.write_dl(rows)
+
+
+@click.group(cls=Gap, short_help="Find, name and add what the model lacks.")
+def gap() -> None:
+    """Find where simulation and measurement disagree, name the missing effect, add it, show the gap shrink."""
+
+
+@gap.command(cls=Run, hidden=True)
+@LOGS
+@VEHICLE
+@click.option("--out", metavar="DIR", type=FILE, required=True, help="Directory; made if needed. Its stages are used again.")
+@click.option(HOLD_OUT, "hold_out", metavar="LOG.csv ...", type=FILE, multiple=True,
+              help="Logs that are not fitted: what was found is proved on them. All files up to the next option.")  # fmt: skip
+@click.option("--fmu", metavar="FILE.fmu", type=FILE, help="Also prove it with the estimator FMU, through FMPy.")
+@JOBS
+@SCHEDULER
+@PROGRESS
+def run(
+    logs: tuple[Path, ...],
+    vehicle_path: Path,
+    out: Path,
+    hold_out: tuple[Path, ...],
+    fmu: Path | None,
+    jobs: int,
+    scheduler: str | None,
+    progress: bool | None,
+) -> int:
+    """Find where simulation and measurement disagree, name the missing effect, add it, show the gap shrink.
+
+    \b
+    tselab gap drive1.csv drive2.csv --vehicle car.toml --out gap
+    tselab gap log_*.csv --vehicle car.toml --out gap --hold-out hold_out_*.csv
+    tselab gap check log_*.csv --vehicle car.toml
+
+    The single-track model is driven by the logged steering angle and wheel speeds; what it says of accel_x, accel_y and
+    yaw_rate is compared with what was measured. Stiffness is one value over all logs, sensor biases are those of each log. Then
+    every effect of the catalogue is fitted together with the stiffness; a name needs evidence that chance gives fewer than 1
+    log in 100.
+
+    \b
+    DIR/verdict.json           what was found, for programs
+    DIR/report.html            the same for people
+    DIR/vehicle_improved.toml  stiffness and effects: for tselab estimate and simulate
+    DIR/effects.h              the same for C: sets a tse_config
+    DIR/residuals.parquet      before and after, every block of 40 ms
+    DIR/gap.png                the picture (with matplotlib)
+
+    \b
+    Exit code: 0 nothing is missing that these logs could show, 10 named, 11 named, but look-alikes cannot be excluded,
+    20 something is missing that is not in the catalogue, 2 bad input, 130 Ctrl-C. The same command goes on after Ctrl-C.
+    """
+    from tselab.gap import workflow
+    from tselab.gap.output import write_all
+    from tselab.gap.workers import workers
+
+    make_directory(out)
+    _distinct(logs, hold_out)
+    with workers(jobs, scheduler) as pool, _stages_kept(out), _saying(progress) as say:
+        result = workflow.run(logs, vehicle_path, out, hold_out, jobs, say, pool)
+        written = write_all(out, result, logs, vehicle_path, hold_out, jobs, fmu, say)
+    for line in result.words:
+        click.echo(line)
+    for line in changes(result):
+        click.echo(line)
+    if result.undetectable:
+        ids = ", ".join(d.id for d in result.undetectable)
+        click.echo(f"These logs could not have shown, at its typical size: {ids}.")
+    for line in result.notes:
+        click.echo(f"note: {line}", err=True)
+    for line in written.gain.words():
+        click.echo(line)
+    if written.proof:
+        click.echo(written.proof)
+    click.echo(f"Written to {out}: {', '.join(f.name for f in written.files)}")
+    return result.exit_code
+
+
+def changes(result: Any) -> list[str]:
+    """The gap before and after, in words."""
+    lines = []
+    for title, before, after in (
+        ("fitted logs", result.fit_before, result.fit_after),
+        ("held-out logs", *({k: getattr(c, w) for k, c in result.held_out.items()} for w in ("before", "after"))),
+    ):
+        if before:
+            parts = [f"{c} {before[c]:.2f} -> {after[c]:.2f}" for c in before]
+            lines.append(f"Gap on {title}, residual over sensor noise: {', '.join(parts)}.")
+    return lines
+
+
+@gap.command(short_help="What these logs can and cannot show, before any fit.")
+@LOGS
+@VEHICLE
+@JOBS
+@PROGRESS
+def check(logs: tuple[Path, ...], vehicle_path: Path, jobs: int, progress: bool | None) -> None:
+    """What these logs can and cannot show, before any effect is fitted.
+
+    \b
+    tselab gap check log_*.csv --vehicle car.toml
+
+    For every effect the smallest size that would be named, its typical size, and how much of it the fitted stiffness takes up;
+    then which manoeuvres are missing.
+    """
+    from tselab.gap.check import check as look
+
+    with _saying(progress) as say:
+        found = look(logs, vehicle_path, jobs, say)
+    click.echo(found.text())
+
+
+@gap.command(short_help="Which manoeuvre tells two effects apart.")
+@click.option("--separate", metavar="ID,ID", required=True, help="The effects; ids as 'tselab gap check' lists them.")
+@VEHICLE
+@click.option("--top", type=click.IntRange(1, 100), default=6, show_default=True, help="Manoeuvres that are listed.")
+@JOBS
+@PROGRESS
+def plan(separate: str, vehicle_path: Path, top: int, jobs: int, progress: bool | None) -> None:
+    """Which manoeuvre tells two effects apart, and how long it must be driven.
+
+    \b
+    tselab gap plan --separate relaxation,steering_lag --vehicle car.toml
+
+    Each manoeuvre of a library is simulated with either effect at its typical size, and the other one is fitted to it together
+    with the stiffness; what it cannot copy is what tells them apart, in nats at the noise of the vehicle file's sensors. 8 nats
+    are enough.
+    """
+    from tselab.gap.plan import plan as make
+
+    with _saying(progress) as say:
+        found = make(separate, vehicle_path, jobs, say)
+    click.echo(found.text(top))
+
+
+@gap.command(short_help="Hide an effect in your own inputs, and find it again.")
+@LOGS
+@click.option("--hide", "effect", metavar="ID", required=True, help="The effect.")
+@click.option("--size", type=click.FloatRange(-100.0, 100.0), default=1.0, show_default=True, help="Times its typical size.")
+@VEHICLE
+@click.option("--out", metavar="DIR", type=FILE, help="Keep the made logs and the verdict there.")
+@click.option("--seed", type=click.IntRange(0), default=1, show_default=True, help="Seed of noise and biases.")
+@JOBS
+@PROGRESS
+def selftest(
+    logs: tuple[Path, ...],
+    effect: str,
+    size: float,
+    vehicle_path: Path,
+    out: Path | None,
+    seed: int,
+    jobs: int,
+    progress: bool | None,
+) -> int:
+    """Hide an effect in your own inputs, and find it again.
+
+    \b
+    tselab gap selftest log.csv --hide body_roll --vehicle car.toml
+    tselab gap selftest log_*.csv --hide relaxation --size 0.5 --vehicle car.toml
+
+    Steering and wheel speeds of the logs are kept; the other channels are simulated with the effect, the noise and the biases of
+    the vehicle file's sensors; the workflow runs on that. Exit code: 0 found again, 1 not.
+    """
+    from tselab.gap.selftest import selftest as make
+
+    with tempfile.TemporaryDirectory() as scratch, _saying(progress) as say:
+        if out is not None:
+            make_directory(out)
+        found = make(logs, vehicle_path, effect, size, out or Path(scratch), seed, jobs, say)
+    for line in found.words:
+        click.echo(line)
+    return 0 if found.found else 1
+
+
+def make_directory(out: Path) -> None:
+    if out.exists() and not out.is_dir():
+        raise UserError(f"{out}: is a file, a directory is needed")
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UserError(f"{out}: cannot be made: {error.strerror}") from None
+
+
+def _distinct(logs: tuple[Path, ...], hold_out: tuple[Path, ...]) -> None:
+    """A log that is fitted proves nothing when it is held out, too; one that is given twice counts twice."""
+    seen: set[Path] = set()
+    for path in logs:
+        if path.resolve() in seen:
+            raise UserError(f"{path}: is given twice")
+        seen.add(path.resolve())
+    for path in hold_out:
+        if path.resolve() in seen:
+            raise UserError(f"{path}: option --hold-out: is fitted, too, or given twice")
+        seen.add(path.resolve())
+
+
+@contextmanager
+def _saying(progress: bool | None) -> Iterator[Callable[[str], None]]:
+    """Progress: what is done now, with the seconds since the start; on a terminal on one line."""
+    start, terminal = time.monotonic(), sys.stderr.isatty()
+
+    def say(text: str) -> None:
+        line = f"{time.monotonic() - start:5.1f} s  {text}"
+        click.echo(f"\r\033[K{line[:110]}" if terminal else line, err=True, nl=not terminal)
+
+    if not show_progress(progress):
+        yield lambda _: None
+        return
+    try:
+        yield say
+    finally:
+        if terminal:
+            click.echo("\r\033[K", err=True, nl=False)
+
+
+@contextmanager
+def _stages_kept(out: Path) -> Iterator[None]:
+    try:
+        yield
+    except KeyboardInterrupt:
+        done = sorted(p.stem for p in (out / "stages").glob("*.pickle"))
+        kept = f"{out / 'stages'} keeps what is done ({', '.join(done)})" if done else "no stage was finished"
+        click.echo(f"tselab: stopped by Ctrl-C; {kept}, the same command goes on from there", err=True)
+        sys.exit(130)

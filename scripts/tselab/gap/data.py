@@ -1,0 +1,157 @@
+"""Logs as the gap workflow needs them: inputs smoothed, stretches to simulate, blocks to compare, sensor noise.
+
+Why smoothed: the model is driven by the logged steering angle and wheel speeds, and their noise, differentiated by the
+tyres, would pass for a longitudinal relaxation. A smoothing spline is the fixed-interval (RTS) smoother of a signal whose
+slope is a random walk; its smoothness is found by cross-validation, every second row from the others.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from scipy.interpolate import make_smoothing_spline
+from scipy.optimize import minimize_scalar
+
+from tselab.core import Config
+from tselab.errors import UserError
+from tselab.log import DRIVES, MEASURES, OPTIONAL, Log
+from tselab.noise import channel_noise, filled
+
+CHANNELS = MEASURES + tuple(OPTIONAL)
+SLOWEST = 3.0  # m/s: below it the tyre model is another one, and wheel speeds are counted too coarsely
+STEEPEST = 0.6  # rad of road-wheel angle
+BLOCK = 0.04  # s: residuals are averaged over so long
+BURN_IN = 1.0  # s of each stretch that are simulated, but not compared: the state starts unknown
+SHORTEST = 3.0  # s: shorter stretches say less than their start costs
+LONGEST_HOLE = 0.1  # s: holes in an input up to this are bridged
+FLOOR = {"vehicle_speed": 0.02, "wheel_torque_front": 5.0, "wheel_torque_rear": 5.0}  # m/s, Nm
+
+
+@dataclass
+class Stretch:
+    """Rows of one log without a hole, a stop or an extreme; `used`: compared, not only simulated."""
+
+    first: int
+    last: int  # exclusive
+    used: np.ndarray  # of the rows first .. last
+
+
+@dataclass
+class Prepared:
+    """One log, ready to be simulated. Arrays have one entry per row."""
+
+    path: Path
+    time: np.ndarray
+    inputs: dict[str, np.ndarray]  # smoothed
+    measured: dict[str, np.ndarray]  # NaN: missing
+    noise: dict[str, float]  # sd of one row
+    stretches: list[Stretch]
+    rows_per_block: int
+    distance: np.ndarray  # m
+    notes: list[str] = field(default_factory=list)
+
+    @property
+    def name(self) -> str:
+        return self.path.stem
+
+    @property
+    def channels(self) -> list[str]:
+        return [c for c in CHANNELS if c in self.measured]
+
+    @property
+    def seconds(self) -> float:
+        """Time that is compared."""
+        step = float(np.median(np.diff(self.time)))
+        return step * sum(int(s.used.sum()) for s in self.stretches)
+
+
+def prepare(log: Log, config: Config) -> Prepared:
+    """Smooth the inputs, find the stretches, measure the noise."""
+    if log.sample_time is None or log.sample_time > 0.1:
+        raise UserError(f"{log.path}: rows must come at least every 0.1 s to compare them with a simulation")
+    raw = {name: log.data[name].to_numpy(float) for name in DRIVES}
+    measured = {name: log.data[name].to_numpy(float) for name in MEASURES}
+    measured |= {name: log.extra[name].to_numpy(float) for name in log.extra}
+    moving = np.abs(0.5 * (raw["wheel_speed_front"] + raw["wheel_speed_rear"])) * config.wheel_radius_front > SLOWEST
+    inputs = {name: smoothed(log.time, x) for name, x in raw.items()}
+    speed = 0.5 * (config.wheel_radius_front * inputs["wheel_speed_front"] + config.wheel_radius_rear * inputs["wheel_speed_rear"])
+    good = (speed > SLOWEST) & (np.abs(inputs["steer_angle"]) < STEEPEST)
+    for x in raw.values():
+        good &= ~_hole(log.time, x)
+    noise = {}
+    for name, x in measured.items():
+        found = channel_noise(name, x, moving) if name in MEASURES else None
+        noise[name] = found.sd if found else _plain_noise(x, FLOOR.get(name, 0.0))
+    per_block = max(1, round(BLOCK / log.sample_time))
+    stretches = _stretches(log.time, good, per_block)
+    distance = np.append(0.0, np.cumsum(np.maximum(speed[1:], 0.0) * np.minimum(np.diff(log.time), 1.0)))
+    notes = []
+    if not stretches:
+        notes.append(
+            f"{log.path.name}: nowhere {SHORTEST:g} s in one piece above {SLOWEST:g} m/s and below {STEEPEST:g} rad of steering"
+        )
+    return Prepared(log.path, log.time, inputs, measured, noise, stretches, per_block, distance, notes)
+
+
+def smoothed(time: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """The smoothing spline through the values that are there; through all of them, if they have no noise."""
+    good = np.isfinite(x)
+    if good.sum() < 8:
+        return filled(x)
+    y = x[good]
+    rough = np.std(np.diff(y, 3))
+    if not rough > 1e-9 * max(1.0, float(np.max(np.abs(y)))):
+        return filled(x)
+    return make_smoothing_spline(time[good], y, lam=_smoothness(time[good], y))(time)
+
+
+def _smoothness(time: np.ndarray, y: np.ndarray) -> float:
+    """Penalty on the square of the second derivative that predicts every second row best from the others. The ratio of noise
+    to signal that it stands for does not depend on how many rows there are."""
+
+    def error(exponent: float) -> float:
+        spline = make_smoothing_spline(time[::2], y[::2], lam=10.0**exponent)
+        return float(np.mean((spline(time[1::2]) - y[1::2]) ** 2))
+
+    step = float(np.median(np.diff(time)))
+    around = np.log10(step**3)  # a penalty of step^3 smooths over about a row
+    coarse = [around + k for k in np.arange(-3.0, 9.0, 1.5)]
+    best = coarse[int(np.argmin([error(x) for x in coarse]))]
+    found = minimize_scalar(error, bounds=(best - 1.5, best + 1.5), method="bounded", options={"xatol": 0.15})
+    return 10.0 ** float(found.x)
+
+
+def _hole(time: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Rows further than half of LONGEST_HOLE from a value that is there."""
+    good = np.isfinite(x)
+    there = time[good]
+    after = np.searchsorted(there, time)
+    left = time - there[np.clip(after - 1, 0, len(there) - 1)]
+    right = there[np.clip(after, 0, len(there) - 1)] - time
+    return np.minimum(np.abs(left), np.abs(right)) > 0.5 * LONGEST_HOLE
+
+
+def _plain_noise(x: np.ndarray, floor: float) -> float:
+    good = x[np.isfinite(x)]
+    if len(good) < 8:
+        return max(floor, 1e-6)
+    return max(floor, 1.4826 * float(np.median(np.abs(np.diff(good, 2)))) / np.sqrt(6))
+
+
+def _stretches(time: np.ndarray, good: np.ndarray, per_block: int) -> list[Stretch]:
+    broken = np.append(True, ~good[1:] | ~good[:-1] | (np.diff(time) > LONGEST_HOLE)) | ~good
+    starts = np.flatnonzero(broken & good)
+    stretches = []
+    for first in starts:
+        last = first + 1
+        while last < len(good) and good[last] and not broken[last]:
+            last += 1
+        if time[last - 1] - time[first] < SHORTEST:
+            continue
+        last = first + (last - first) // per_block * per_block
+        used = time[first:last] - time[first] >= BURN_IN
+        used[: int(np.argmax(used)) // per_block * per_block + per_block] = False  # whole blocks
+        stretches.append(Stretch(int(first), int(last), used))
+    return stretches

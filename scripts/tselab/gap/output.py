@@ -1,0 +1,113 @@
+"""What a run leaves in DIR: verdict.json, vehicle_improved.toml, effects.h, residuals.parquet, report.html, gap.png."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from tselab.files import atomic
+from tselab.gap import add, gain, pictures, report, show, table
+from tselab.gap.workflow import Result
+from tselab.log import read_log
+from tselab.vehicle import fill_sensors, read_vehicle
+
+VERDICT, RESIDUALS, REPORT, PICTURE = "verdict.json", "residuals.parquet", "report.html", "gap.png"
+
+
+@dataclass(frozen=True)
+class Written:
+    """What was made."""
+
+    files: list[Path]
+    gain: gain.Gain
+    proof: str
+
+
+def write_all(
+    out: Path,
+    result: Result,
+    logs: Sequence[Path],
+    vehicle_path: Path,
+    hold_out: Sequence[Path] = (),
+    jobs: int = 1,
+    fmu: Path | None = None,
+    say: Callable[[str], None] = lambda _: None,
+) -> Written:
+    """Add and Show."""
+    problem, naming = result.problem, result.naming
+    assert problem is not None
+    before, after = naming.baseline.values, naming.final.values
+    parts = {table.FIT: problem} | ({table.HELD_OUT: result.held} if result.held is not None else {})
+    say("writing the improved vehicle")
+    improved, header = add.write(out, vehicle_path, problem, result)
+    say("residuals before and after")
+    rows = table.table(parts, before, after)
+    table.write(out / RESIDUALS, rows)
+    changes = {table.FIT: show.compare(problem, naming.baseline.residuals, naming.final.residuals)}
+    if result.held_out:
+        changes[table.HELD_OUT] = result.held_out
+
+    old, new = read_vehicle(vehicle_path), read_vehicle(improved)
+    checked = [(part, p) for part, paths in ((table.FIT, logs), (table.HELD_OUT, hold_out)) for p in paths]
+    read = [(part, p.stem, read_log(p)) for part, p in checked]
+    for vehicle in (old, new):  # the same sensors on both sides: those of the first log where the file is silent
+        fill_sensors(vehicle, read[0][2])
+    gained = gain.gain(read, old, new, jobs, say)
+    proof = ""
+    if fmu is not None:
+        say("the estimator FMU")
+        proof = gain.prove(fmu, read[0][2], gain.settings(new, read[0][2]))
+
+    say("report")
+    named = vehicle_path.name if old.name == vehicle_path.stem else f"{old.name} ({vehicle_path.name})"
+    shown = report.Shown(result, named, rows, changes, gained, proof, [*old.filled])
+    report.write_report(out / REPORT, shown)
+    with atomic(out / VERDICT) as file:
+        json.dump(finite(result.as_json() | {"estimator": finite(estimator(gained))}), file, indent=1, allow_nan=False)
+        file.write("\n")
+    files = [out / VERDICT, improved, header, out / REPORT, out / RESIDUALS]
+    if importlib.util.find_spec("matplotlib") is not None:
+        pictures.picture(out / PICTURE, rows, changes, headline(result))
+        files.append(out / PICTURE)
+    return Written(files, gained, proof)
+
+
+def headline(result: Result) -> str:
+    """The verdict in a few words."""
+    if result.verdict == "none":
+        return "Nothing is missing that these logs could show"
+    if result.verdict == "not_in_catalogue":
+        return "Something is missing that is not in the catalogue"
+    return "Missing: " + " + ".join(n.effect.id for n in result.naming.named)
+
+
+def estimator(gained: gain.Gain) -> dict[str, Any]:
+    """The estimator's own gain, for verdict.json."""
+
+    def pair(values: tuple[Any, Any]) -> dict[str, Any]:
+        return {"before": values[0], "after": values[1]}
+
+    return {
+        "log_evidence_per_row": pair(gained.evidence),
+        "valid": pair(gained.valid),
+        "stiffness_sd_between_logs": pair(gained.spread),
+        "logs": [
+            {k: pair(v) if isinstance(v, tuple) else v for k, v in asdict(d).items()} for d in gained.drives
+        ],
+    }
+
+
+def finite(value: Any) -> Any:
+    """JSON knows no infinity and no NaN: null."""
+    if isinstance(value, Mapping):
+        return {k: finite(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [finite(v) for v in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value.item() if hasattr(value, "item") else value

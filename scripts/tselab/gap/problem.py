@@ -1,0 +1,227 @@
+"""The comparison: a simulation of all logs against what was measured, whitened by the sensors' noise.
+
+Stiffness and effect parameters are the same over all logs; the bias of each sensor is one number per log, found in closed
+form (residuals are linear in it). Residuals are means over blocks of 40 ms, in units of what the sensor's noise leaves of
+them: a perfect model has residuals of size one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+
+from tselab.core import NOMINAL, Config
+from tselab.gap.catalogue import Effect, Parameter
+from tselab.gap.data import CHANNELS, Prepared
+from tselab.gap.simulate import simulate
+from tselab.log import MEASURES
+
+STIFFNESS = tuple(
+    Parameter(name, name, True, "1", 1.0, 0.1, 5.0, 0.5, 2.0, 0.02, 1, f"{name} over the vehicle file's") for name in NOMINAL
+)
+WITH_BIAS = MEASURES  # the other channels have none
+
+
+# Of the road, not of the car: not one number, but a profile over the distance of each log, smooth over KNOT.
+PROFILES = ("grade", "bank")
+KNOT = 40.0  # m between two values of a profile
+PRIOR = {"grade": 0.03, "bank": 0.02}  # rad, sd of roads
+
+
+def profile_size(effect: Effect, values: Mapping[str, float]) -> float:
+    """Rms of a profile about its mean of each log (the mean is the sensor's bias), rad."""
+    logs: dict[str, list[float]] = {}
+    for name, value in values.items():
+        if name.startswith(effect.id + "@"):
+            logs.setdefault(name.split(":")[0], []).append(value)
+    return float(np.sqrt(np.mean([np.var(v) for v in logs.values()]))) if logs else 0.0
+
+
+@dataclass(frozen=True)
+class Rows:
+    """What the entries of a residual vector are."""
+
+    log: np.ndarray  # index of the log
+    channel: np.ndarray  # index in CHANNELS
+    time: np.ndarray  # s, mean of the block
+    block: np.ndarray  # index of the block: the same for all channels of a moment
+    group: np.ndarray  # log and channel: shares a bias
+
+    def of(self, channel: str) -> np.ndarray:
+        return self.channel == CHANNELS.index(channel)
+
+
+class Problem:
+    """All logs against one model. Thread-safe: simulations share nothing."""
+
+    def __init__(self, logs: Sequence[Prepared], config: Config, jobs: int = 1):
+        self.logs = [log for log in logs if log.stretches]
+        self.config = config
+        self.jobs = max(1, jobs)
+        self.nominal = config.as_dict()
+        if self.logs:  # a drift is one over the time of the longest log
+            self.nominal["stiffness_drift_time"] = max(float(log.time[-1] - log.time[0]) for log in self.logs)
+        self._measured, self.weight, self.rows = self._layout()
+        self._biased = np.isin(self.rows.channel, [CHANNELS.index(c) for c in WITH_BIAS])
+        self._groups = int(self.rows.group.max()) + 1 if len(self.rows.group) else 0
+        self.simulations = 0
+
+    # ---- parameters
+
+    def strengths(self, effect: Effect) -> tuple[Parameter, ...]:
+        """What is fitted to say how strong an effect is: its strengths, or the profile of a road in each log."""
+        if effect.id not in PROFILES:
+            return effect.strengths
+        p, prior = effect.strengths[0], PRIOR[effect.id]
+        return tuple(
+            Parameter(
+                f"{effect.id}@{i}:{k}", "profile", True, p.unit, 0.0, p.low, p.high, 0.0, prior, p.negligible, 0,
+                f"{p.text}, {self.logs[i].name} at {KNOT * k:g} m", prior,
+            )
+            for i in range(len(self.logs))
+            for k in range(self._knots(i))
+        )  # fmt: skip
+
+    def _knots(self, i: int) -> int:
+        return int(self.logs[i].distance[-1] // KNOT) + 2
+
+    # ---- layout
+
+    def _layout(self) -> tuple[np.ndarray, np.ndarray, Rows]:
+        measured, weight, columns, group, block = [], [], [], 0, 0
+        for i, log in enumerate(self.logs):
+            time, _ = self._blocks(log, log.time)
+            for channel in log.channels:
+                mean, count = self._blocks(log, log.measured[channel])
+                measured.append(mean)
+                weight.append(np.where(count > 0.5 * log.rows_per_block, np.sqrt(count) / log.noise[channel], 0.0))
+                n = len(mean)
+                columns.append((np.full(n, i), np.full(n, CHANNELS.index(channel)), time, block + np.arange(n), np.full(n, group)))
+                group += 1
+            block += len(time)
+        rows = Rows(*(np.concatenate(c) for c in zip(*columns, strict=True))) if columns else Rows(*(np.zeros(0, int),) * 5)
+        y = np.concatenate(measured) if measured else np.zeros(0)
+        w = np.concatenate(weight) if weight else np.zeros(0)
+        return np.where(w > 0, y, 0.0), w, rows
+
+    @staticmethod
+    def _blocks(log: Prepared, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Means of the blocks that are compared, and how many values each has."""
+        parts = []
+        for s in log.stretches:
+            piece = x[s.first : s.last][s.used]
+            parts.append(piece[: len(piece) // log.rows_per_block * log.rows_per_block].reshape(-1, log.rows_per_block))
+        table = np.concatenate(parts)
+        good = np.isfinite(table)
+        count = good.sum(axis=1)
+        return np.where(good, table, 0.0).sum(axis=1) / np.maximum(count, 1), count
+
+    @property
+    def measured(self) -> np.ndarray:
+        """What was measured, one value per entry of the residual vector; NaN where it is missing."""
+        return np.where(self.weight > 0, self._measured, np.nan)
+
+    def quantity(self, name: str) -> np.ndarray:
+        """An input or a measurement as blocks, one value per entry of the residual vector."""
+        parts = []
+        for log in self.logs:
+            x = log.inputs.get(name, log.measured.get(name))
+            mean, count = self._blocks(log, x)
+            parts.extend([np.where(count > 0, mean, np.nan)] * len(log.channels))
+        return np.concatenate(parts)
+
+    # ---- residuals
+
+    def model(self, values: Mapping[str, float]) -> tuple[Config, dict[str, float]]:
+        """Settings of the effects, and stiffness relative to the vehicle file's."""
+        config = Config(self.nominal | {k: v for k, v in values.items() if k not in NOMINAL and "@" not in k})
+        return config, {k: v for k, v in values.items() if k in NOMINAL}
+
+    def profiles(self, values: Mapping[str, float], i: int) -> dict[str, np.ndarray]:
+        """Profiles of the road along a log, linear between their values."""
+        found = {}
+        for effect in PROFILES:
+            knots = [values.get(f"{effect}@{i}:{k}", 0.0) for k in range(self._knots(i))]
+            if any(knots):
+                found[effect] = np.interp(self.logs[i].distance, KNOT * np.arange(len(knots)), knots)
+        return found
+
+    def predict(self, values: Mapping[str, float]) -> np.ndarray:
+        """What the model says, one value per entry of the residual vector, without bias."""
+        config, stiffness = self.model(values)
+        self.simulations += 1
+        parts = []
+        for i, log in enumerate(self.logs):
+            predicted = simulate(config, log, log.channels, stiffness, self.profiles(values, i))
+            parts.extend(self._blocks(log, predicted[channel])[0] for channel in log.channels)
+        return np.concatenate(parts)
+
+    def channels(self, values: Mapping[str, float], names: Sequence[str]) -> dict[str, np.ndarray]:
+        """Quantities of the simulation, one value per entry of the residual vector."""
+        config, stiffness = self.model(values)
+        parts: dict[str, list[np.ndarray]] = {n: [] for n in names}
+        for i, log in enumerate(self.logs):
+            predicted = simulate(config, log, names, stiffness, self.profiles(values, i))
+            for n in names:
+                parts[n].extend([self._blocks(log, predicted[n])[0]] * len(log.channels))
+        return {n: np.concatenate(p) for n, p in parts.items()}
+
+    def residuals(self, values: Mapping[str, float]) -> np.ndarray:
+        """Measured less predicted less bias, in units of the noise that a block has left."""
+        return self.whiten(self._measured - self.predict(values))
+
+    def whiten(self, difference: np.ndarray) -> np.ndarray:
+        """Take the bias of each log and sensor out and divide by the noise."""
+        w2 = np.where(self._biased, self.weight**2, 0.0)
+        total = np.bincount(self.rows.group, w2, self._groups)
+        mean = np.bincount(self.rows.group, w2 * difference, self._groups) / np.maximum(total, 1e-300)
+        return self.weight * (difference - mean[self.rows.group])
+
+    def biases(self, values: Mapping[str, float]) -> dict[tuple[int, str], float]:
+        """The bias of each log and sensor."""
+        difference = self._measured - self.predict(values)
+        w2 = self.weight**2
+        total = np.bincount(self.rows.group, w2, self._groups)
+        mean = np.bincount(self.rows.group, w2 * difference, self._groups) / np.maximum(total, 1e-300)
+        first = [int(np.argmax(self.rows.group == g)) for g in range(self._groups)]
+        return {
+            (int(self.rows.log[i]), CHANNELS[self.rows.channel[i]]): float(mean[g])
+            for g, i in enumerate(first)
+            if self._biased[i]
+        }
+
+    def jacobian(
+        self, values: Mapping[str, float], base: np.ndarray, parameters: Sequence[Parameter], reach: float = 1.0
+    ) -> np.ndarray:
+        """Slopes of the whitened residuals, by finite differences of `reach` times the parameters' steps."""
+
+        def shifted(p: Parameter) -> float:
+            x, h = values.get(p.name, p.default), reach * p.step
+            return h if p.low <= x + h <= p.high else -h
+
+        # Profile values of different logs act on different residuals: one simulation serves one of each log.
+        runs: dict[str, list[int]] = {}
+        for j, p in enumerate(parameters):
+            key = p.name.split("@")[0] + ":" + p.name.split(":")[1] if p.prior else p.name
+            runs.setdefault(key, []).append(j)
+        slopes = np.zeros((len(base), len(parameters)))
+
+        def run(members: list[int]) -> None:
+            steps = {j: shifted(parameters[j]) for j in members}
+            moved = {parameters[j].name: values.get(parameters[j].name, parameters[j].default) + h for j, h in steps.items()}
+            change = self.residuals(dict(values) | moved) - base
+            for j, h in steps.items():
+                p = parameters[j]
+                mine = self.rows.log == int(p.name.split("@")[1].split(":")[0]) if p.prior else slice(None)
+                slopes[mine, j] = change[mine] / h
+
+        if self.jobs == 1 or len(runs) == 1:
+            for members in runs.values():
+                run(members)
+        else:
+            with ThreadPoolExecutor(self.jobs) as pool:  # the library runs without Python's lock
+                list(pool.map(run, runs.values()))
+        return slopes

@@ -1,0 +1,205 @@
+"""DIR/report.html of the gap workflow: one file that needs nothing else, readable offline; the verdict first."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import jinja2
+import numpy as np
+import pandas as pd
+import plotly.graph_objects as go
+import plotly.offline
+
+from tselab import __version__
+from tselab.core import STIFFNESS, library
+from tselab.files import atomic
+from tselab.gap import pictures
+from tselab.gap.catalogue import catalogue
+from tselab.gap.cross import SOURCES, Blocks
+from tselab.gap.data import CHANNELS
+from tselab.gap.gain import Gain
+from tselab.gap.name import threshold
+from tselab.gap.show import Change
+from tselab.gap.workflow import Result
+from tselab.report import _packed as packed
+from tselab.verdict import NAMES
+
+HEADLINE = {"none": "Nothing is missing", "named": "Named", "not_in_catalogue": "Not in the catalogue"}
+MOST_CONDITIONS = 12
+
+
+@dataclass
+class Shown:
+    """All that the report shows."""
+
+    result: Result
+    vehicle: str
+    table: pd.DataFrame
+    parts: Mapping[str, Mapping[str, Change]]
+    gain: Gain | None = None
+    proof: str = ""
+    notes: list[str] = field(default_factory=list)
+
+
+def write_report(path: Path, shown: Shown) -> None:
+    """Write the report of a run."""
+    result, table = shown.result, shown.table
+    problem, naming = result.problem, result.naming
+    state = drive_state(shown)
+    blocks = log_blocks(shown)
+    wheelbase = problem.config.lf + problem.config.lr
+    response = pictures.response_figure(blocks)
+    claim = ""
+    if not naming.named:
+        claim = " Nothing was added: after is as before."
+    elif result.verdict == "not_in_catalogue":
+        claim = " After: with the closest of the catalogue, which is not claimed to be there."
+    ranked = pictures.ranking(naming.ranking, [n.effect.id for n in naming.named], threshold(len(catalogue())))
+    sections: list[tuple[str, str, go.Figure | None]] = [
+        ("The gap before and after", "1 is what the sensors' noise alone leaves. Bars: rms over the whole of the logs; "
+         f"intervals: of the change, pairs of 2 s blocks resampled.{claim}", pictures.gap_bars(shown.parts)),
+        ("Measured and simulated", "The simulation has the sensor biases of its log. Choose the log from the list; click "
+         "a name to hide it.",
+         pictures.overlay(table)),
+        ("Where they disagree: driving state", "Rms of the residual over the noise, by speed and lateral acceleration; empty: "
+         "not driven.", pictures.maps(table, state)),
+        ("Where they disagree: time", "Second by second; * marks held-out logs.", pictures.over_time(table)),
+        ("Which effect", "Every effect alone, stiffness refitted with it. Blue: named in the end. A decoy can rank high here and "
+         "be superfluous once the right one is in.", ranked if naming.ranking else None),
+        ("Where it enters", "A drifting disturbance is put at each place in turn; the place that explains accel_y and yaw_rate "
+         "best is where something acts that the plain model does not have.", pictures.entry_points(result.entries)),
+        ("Handling, quasi-steady", "Yaw-rate gain, and steering angle beyond what a slow car needs, over lateral acceleration; "
+         "medians of calm samples, one line style and symbol per 5 m/s of speed.", pictures.handling_figure(blocks, wheelbase)),
+        ("Response to the steering" + (f": {response[1]}" if response else ""), "Gain and phase at the frequencies that the "
+         "steering excites (Welch, coherence above 0.7).", response[0] if response else None),
+        ("The estimator's stiffness, log by log", "One car on one road has one stiffness: what remains of differences between logs "
+         "is error of the model or of the road. Dotted: the vehicle file.",
+         pictures.stiffness_figure(shown.gain, problem.config) if shown.gain else None),
+    ]  # fmt: skip
+    drawn = [(t, x, f) for t, x, f in sections if f is not None]
+    loader = jinja2.PackageLoader("tselab")
+    environment = jinja2.Environment(loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True)
+    page = environment.get_template("gap.html.j2").render(
+        title=HEADLINE[result.verdict],
+        verdict=result.verdict,
+        vehicle=shown.vehicle,
+        words=result.words,
+        notes=[*result.notes, *shown.notes],
+        effects=effect_rows(result),
+        conditions=[
+            {"words": c.words, "strength": f"{c.strength:+.2f}", "p": f"{c.p:.1g}"} for c in result.conditions[:MOST_CONDITIONS]
+        ],
+        more_conditions=max(0, len(result.conditions) - MOST_CONDITIONS),
+        remains=[r.words for r in result.remainders],
+        undetectable=[_detectable(d) for d in sorted(result.undetectable, key=lambda d: d.smallest / d.typical)],
+        detectable=[_detectable(d) for d in sorted(result.detectable, key=lambda d: d.smallest / d.typical) if d.visible],
+        rejected=naming.rejected,
+        gain=gain_rows(shown.gain) if shown.gain else [],
+        proof=shown.proof,
+        held=bool(result.held_out),
+        sections=[{"id": f"plot{i}", "title": t, "text": x, "height": f.layout.height} for i, (t, x, f) in enumerate(drawn)],
+        figures=packed("[" + ",".join(f.to_json() for _, _, f in drawn) + "]"),
+        plotly=packed(plotly.offline.get_plotlyjs()),
+        facts=facts(shown),
+        library=library(),
+        version=__version__,
+    )
+    with atomic(path) as file:
+        file.write(page)
+
+
+def drive_state(shown: Shown) -> pd.DataFrame:
+    """Speed and simulated lateral acceleration of every row of the table."""
+    values = shown.result.naming.baseline.values
+    parts = [p for p in (shown.result.problem, shown.result.held) if p is not None]
+    found = [p.channels(values, ("vel_x", "accel_y")) for p in parts]
+    return pd.DataFrame(
+        {"speed": np.concatenate([f["vel_x"] for f in found]), "accel_y": np.concatenate([f["accel_y"] for f in found])}
+    )
+
+
+def log_blocks(shown: Shown) -> list[Blocks]:
+    """Fitted and held-out logs as the cross plots take them."""
+    blocks = []
+    for part, problem in (("fit", shown.result.problem), ("held_out", shown.result.held)):
+        if problem is None:
+            continue
+        mine = shown.table[(shown.table["part"] == part).to_numpy()]
+        predicted = {s: mine["measured" if s == "measured" else f"predicted_{s}"].to_numpy() for s in SOURCES}
+        blocks += [Blocks(problem, i, predicted) for i in range(len(problem.logs))]
+    return blocks
+
+
+def effect_rows(result: Result) -> list[dict]:
+    """Named effects as rows of a table, one per parameter."""
+    rows = []
+    for n in result.naming.named:
+        units = {p.name: p for p in n.effect.parameters}
+        for k, (key, value) in enumerate(n.values.items()):
+            p = units[key]
+            low, high = n.ci95[key]
+            inside = p.typical_low <= abs(value) <= p.typical_high
+            rows.append(
+                {
+                    "first": k == 0,
+                    "span": len(n.values),
+                    "id": n.effect.id,
+                    "title": n.effect.title,
+                    "key": p.key,
+                    "text": p.text,
+                    "value": f"{value:.4g} {'' if p.unit == '1' else p.unit}".strip(),
+                    "ci": f"{low:.3g} .. {high:.3g}",
+                    "typical": f"{p.typical_low:g} .. {p.typical_high:g}",
+                    "plausible": "typical" if inside else "not typical",
+                    "share": f"{100 * n.share:.0f} %",
+                    "evidence": f"{n.evidence:.0f}",
+                    "look_alikes": ", ".join(n.look_alikes) or "none left",
+                }
+            )
+    return rows
+
+
+def _detectable(d: object) -> dict:
+    smallest = "never" if not np.isfinite(d.smallest) else f"{d.smallest:.2g} {'' if d.unit == '1' else d.unit}".strip()
+    return {
+        "id": d.id,
+        "parameter": d.parameter.removeprefix(d.id + "_"),
+        "smallest": smallest,
+        "typical": f"{d.typical:.2g} {'' if d.unit == '1' else d.unit}".strip(),
+        "ratio": "-" if not np.isfinite(d.smallest) else f"{d.smallest / d.typical:.2g}",
+        "absorbed": f"{100 * max(0.0, d.absorbed):.0f} %",
+        "channels": catalogue()[d.id].channels,
+    }
+
+
+def gain_rows(gain: Gain) -> list[tuple[str, str, str]]:
+    """What the estimator gains, in rows: what, before, after."""
+    rows = [("log evidence per row [nat], mean over all logs", *(f"{x:.3f}" for x in gain.evidence))]
+    for key in STIFFNESS:
+        rows.append((f"{NAMES[key]}: valid", *(f"{100 * v[key]:.0f} % of the time" for v in gain.valid)))
+    for key in STIFFNESS:
+        cells = [f"{100 * s[key]:.1f} %" if np.isfinite(s[key]) else "too few logs know it" for s in gain.spread]
+        rows.append((f"{NAMES[key]}: sd from log to log", *cells))
+    for d in gain.drives:
+        held = " (held out)" if d.part == "held_out" else ""
+        rows.append((f"{d.log}{held}: log evidence per row [nat]", *(f"{x:.3f}" for x in d.evidence)))
+    return rows
+
+
+def facts(shown: Shown) -> list[tuple[str, str]]:
+    problem, held = shown.result.problem, shown.result.held
+    final, baseline = shown.result.naming.final.values, shown.result.naming.baseline.values
+    rows = [("Logs fitted", "; ".join(f"{x.name} ({x.seconds:.0f} s)" for x in problem.logs))]
+    if held is not None:
+        rows.append(("Logs held out", "; ".join(f"{x.name} ({x.seconds:.0f} s)" for x in held.logs)))
+    noise: dict[str, list[float]] = {}
+    for log in problem.logs:
+        for c in log.channels:
+            noise.setdefault(c, []).append(log.noise[c])
+    told = [f"{c} {np.median(noise[c]):.3g} {pictures.CHANNEL_UNITS[c]}" for c in CHANNELS if c in noise]
+    rows.append(("Sensor noise of one row, from the logs", ", ".join(told)))
+    for key in STIFFNESS:
+        rows.append((f"{NAMES[key]}, over the vehicle file's", f"{baseline[key]:.3f} before, {final[key]:.3f} after"))
+    return rows

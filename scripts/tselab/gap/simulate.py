@@ -1,0 +1,31 @@
+"""The model on one log: smoothed inputs in, what the sensors should read out; every stretch from a start of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from tselab.core import Config, Replay
+from tselab.gap.data import Prepared
+
+OF = {"vehicle_speed": "vel_x"}  # channels of a log by another name than the model's
+
+
+def simulate(
+    config: Config, log: Prepared, channels: Sequence[str], stiffness: dict[str, float], profiles: dict[str, np.ndarray]
+) -> dict[str, np.ndarray]:
+    """Predicted channels, one value per row; NaN between stretches. Biases are not in it."""
+    wanted = {c: OF.get(c, c) for c in channels}
+    out = {c: np.full(len(log.time), np.nan) for c in channels}
+    for s in log.stretches:
+        rows = slice(s.first, s.last)
+        dt = np.diff(log.time[rows], prepend=log.time[s.first] - 0.01)
+        replay = Replay(tuple(dict.fromkeys(wanted.values())), dt=dt, **{n: x[rows] for n, x in (log.inputs | profiles).items()})
+        gyro = log.measured["yaw_rate"][s.first]
+        found = replay.run(
+            config, yaw_rate=float(gyro) if np.isfinite(gyro) else 0.0, time=float(log.time[s.first] - log.time[0]), **stiffness
+        )
+        for c, name in wanted.items():
+            out[c][rows] = found[name]
+    return out

@@ -1,0 +1,243 @@
+"""Where simulation and measurement disagree: under which conditions, and at which entry point of the car.
+
+Conditions: energies of the whitened residual in windows of 1 s against speed, accelerations, steering rate, slip and time
+(Spearman), and between logs (Kruskal-Wallis), with the Benjamini-Hochberg bound on false discoveries.
+Entry point: a latent force, moment, slope or sensor error that drifts (Ornstein-Uhlenbeck) is put in turn at each place; the
+one whose Kalman filter explains accel_y and yaw_rate best is where something enters that the model does not have.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import false_discovery_control, kruskal, spearmanr
+
+from tselab.gap.data import CHANNELS
+from tselab.gap.problem import Problem
+
+WINDOW = 1.0  # s
+FALSE_DISCOVERIES = 0.01
+LEAST_CORRELATION = 0.15
+FEWEST_WINDOWS = 20
+
+
+@dataclass(frozen=True)
+class Condition:
+    """The residual of a channel grows with (or differs between) something."""
+
+    channel: str
+    condition: str
+    strength: float  # rank correlation; between logs: share of the variance of ranks
+    p: float  # after the false-discovery bound
+    ratio: float  # energy in the upper third of the condition over that in the lower third; between logs: largest over smallest
+    words: str
+
+
+@dataclass(frozen=True)
+class Entry:
+    """How well a disturbance at this place explains the residuals."""
+
+    place: str
+    nats: float
+    share: float  # of the gap in accel_y and yaw_rate that it takes up
+    size: float  # sd of the disturbance
+    unit: str
+    time_constant: float  # s
+
+
+def windows(problem: Problem, residuals: np.ndarray, features: dict[str, np.ndarray]) -> dict[str, dict[str, np.ndarray]]:
+    """Per channel: energy (mean square) and the features' means in windows of 1 s; features have one value per residual."""
+    found = {}
+    rows = problem.rows
+    for c in np.unique(rows.channel):
+        mine = (rows.channel == c) & (problem.weight > 0)
+        key = rows.log[mine] * 10_000_000 + (rows.time[mine] // WINDOW).astype(np.int64)
+        _, index = np.unique(key, return_inverse=True)
+        count = np.bincount(index).astype(float)
+        enough = count >= 0.5 * count.max()
+        table = {"energy": np.bincount(index, residuals[mine] ** 2) / count, "log": np.bincount(index, rows.log[mine]) / count}
+        for name, x in features.items():
+            table[name] = np.bincount(index, np.nan_to_num(x[mine])) / count
+        found[CHANNELS[c]] = {name: x[enough] for name, x in table.items()}
+    return found
+
+
+def features(problem: Problem, values: dict[str, float]) -> dict[str, np.ndarray]:
+    """What conditions are made of, from inputs and the simulation only: never from what was measured, whose noise is in the
+    residual, too."""
+    predicted = problem.channels(values, ("accel_x", "accel_y", "vel_x"))
+    steer = problem.quantity("steer_angle")
+    front = problem.quantity("wheel_speed_front") * problem.config.wheel_radius_front
+    rate = np.gradient(steer) / 0.04
+    return {
+        "speed": predicted["vel_x"],
+        "|accel_y|": np.abs(predicted["accel_y"]),
+        "|accel_x|": np.abs(predicted["accel_x"]),
+        "|steering angle|": np.abs(steer),
+        "|steering rate|": np.abs(rate),
+        "|slip|": np.abs(front / np.maximum(predicted["vel_x"], 1.0) - 1.0),
+        "time": problem.rows.time.astype(float),
+    }
+
+
+def conditions(problem: Problem, residuals: np.ndarray, values: dict[str, float]) -> list[Condition]:
+    """Where the residual is large, strongest first; none that chance explains."""
+    tests = []
+    for channel, table in windows(problem, residuals, features(problem, values)).items():
+        energy = table.pop("energy")
+        log = np.round(table.pop("log")).astype(int)
+        if len(energy) < FEWEST_WINDOWS:
+            continue
+        for name, x in table.items():
+            if np.ptp(x) <= 1e-9 * (1 + np.abs(x).max()):
+                continue
+            rho, p = spearmanr(x, energy)
+            low, high = np.quantile(x, [1 / 3, 2 / 3])
+            ratio = float(energy[x >= high].mean() / max(energy[x <= low].mean(), 1e-12))
+            words = f"{channel}: {'larger' if rho > 0 else 'smaller'} with {name}, {ratio:.1f} times between lower and upper third"
+            tests.append((channel, f"{'high' if rho > 0 else 'low'} {name}", float(rho), float(p), ratio, words))
+        groups = [energy[log == i] for i in np.unique(log) if (log == i).sum() >= 5]
+        if len(groups) > 1:
+            h, p = kruskal(*groups)
+            means = [g.mean() for g in groups]
+            ids = [i for i in np.unique(log) if (log == i).sum() >= 5]
+            worst = problem.logs[ids[int(np.argmax(means))]].name
+            ratio = max(means) / max(min(means), 1e-12)
+            words = f"{channel}: largest in {worst}, {ratio:.1f} times the smallest"
+            tests.append((channel, f"log {worst}", float(h / (len(energy) - 1)), float(p), ratio, words))
+    if not tests:
+        return []
+    adjusted = false_discovery_control([max(t[3], 1e-300) for t in tests], method="bh")
+    kept = [
+        Condition(c, name, rho, float(p), ratio, words)
+        for (c, name, rho, _, ratio, words), p in zip(tests, adjusted, strict=True)
+        if p < FALSE_DISCOVERIES and abs(rho) >= LEAST_CORRELATION
+    ]
+    return sorted(kept, key=lambda k: -abs(k.strength))
+
+
+# place: force at a distance before the centre of gravity (front, rear, side), moment, gravity, or a sensor's error
+PLACES = {
+    "front axle": "N",
+    "rear axle": "N",
+    "side force": "N",
+    "yaw moment": "N m",
+    "road (bank)": "m/s2",
+    "sensor accel_y": "m/s2",
+    "sensor yaw_rate": "rad/s",
+}
+TIMES = (0.1, 0.6, 4.0)  # s
+SIZES = (0.5, 2.0, 8.0, 32.0)  # in units that alone would make a residual of one
+
+
+def entries(problem: Problem, residuals: np.ndarray, values: dict[str, float]) -> list[Entry]:
+    """Every place with the evidence for a disturbance there, best first."""
+    places, batch = list(PLACES), len(TIMES) * len(SIZES)
+    loglik = np.zeros((len(places), batch))
+    left = np.zeros((len(places), batch))
+    nothing = total = 0.0
+    size_of = np.zeros((len(places), batch))
+    for i in range(len(problem.logs)):
+        piece = _lateral(problem, residuals, values, i)
+        if piece is None:
+            continue
+        l1, r1, size_of, l0, r0 = _filter(problem, values, piece, places)
+        loglik += l1
+        left += r1
+        nothing += l0
+        total += r0
+    if total <= 0:
+        return []
+    found = []
+    for k, place in enumerate(places):
+        b = int(np.argmax(loglik[k]))
+        found.append(
+            Entry(
+                place,
+                float(loglik[k, b] - nothing),
+                float(np.clip(1.0 - left[k, b] / total, 0.0, 1.0)),
+                float(size_of[k, b]),
+                PLACES[place],
+                TIMES[b // len(SIZES)],
+            )
+        )
+    return sorted(found, key=lambda e: -e.nats)
+
+
+def _lateral(problem: Problem, residuals: np.ndarray, values: dict[str, float], i: int) -> tuple | None:
+    rows = problem.rows
+    mine = {c: (rows.log == i) & rows.of(c) for c in ("accel_y", "yaw_rate")}
+    if not all(m.any() for m in mine.values()):
+        return None
+    w = {c: problem.weight[m] for c, m in mine.items()}
+    speed = problem.quantity("wheel_speed_front")[mine["yaw_rate"]] * problem.config.wheel_radius_front
+    time = rows.time[mine["yaw_rate"]]
+    return residuals[mine["accel_y"]], residuals[mine["yaw_rate"]], w["accel_y"], w["yaw_rate"], speed, time
+
+
+def _filter(problem: Problem, values: dict[str, float], piece: tuple, places: list[str]) -> tuple:
+    """Kalman filters of (vel_y, yaw rate, disturbance), all places, time constants and sizes at once."""
+    e_ay, e_r, w_ay, w_r, speed, time = piece
+    c = problem.config
+    m, inertia, lf, lr = c.mass, c.yaw_inertia, c.lf, c.lr
+    cf = c.cornering_stiffness_front * values.get("cy_front", 1.0)
+    cr = c.cornering_stiffness_rear * values.get("cy_rear", 1.0)
+    lever = {"front axle": lf, "rear axle": -lr, "side force": 0.0}
+    force = np.array([1.0 if p in lever else 0.0 for p in places])
+    moment = np.array([lever.get(p, 1.0 if p == "yaw moment" else 0.0) for p in places])
+    gravity = np.array([1.0 if p == "road (bank)" else 0.0 for p in places])
+    to_ay = np.array([1.0 if p == "sensor accel_y" else 0.0 for p in places])
+    to_r = np.array([1.0 if p == "sensor yaw_rate" else 0.0 for p in places])
+    sd_ay, sd_r = 1.0 / np.median(w_ay[w_ay > 0]), 1.0 / np.median(w_r[w_r > 0])
+    unit = np.select(
+        [force > 0, moment > 0, gravity > 0, to_ay > 0, to_r > 0], [m * sd_ay, inertia * sd_r / 0.3, sd_ay, sd_ay, sd_r], 1.0
+    )
+    tau = np.repeat(TIMES, len(SIZES))[None, :]
+    size = unit[:, None] * np.tile(SIZES, len(TIMES))[None, :]
+    b_vy = (force / m + gravity)[:, None]
+    b_r = (moment / inertia)[:, None]
+    shape = (len(places), tau.shape[1])
+    x = np.zeros((*shape, 3))
+    p = np.zeros((*shape, 3, 3))
+    p[..., 2, 2] = size**2
+    loglik, left = np.zeros(shape), np.zeros(shape)
+    plain = plain_left = 0.0
+    a = np.zeros((*shape, 3, 3))
+    h = np.zeros((*shape, 2, 3))
+    for k in range(len(e_ay)):
+        v = max(float(speed[k]), 3.0)
+        step = float(np.clip(time[k] - time[k - 1], 0.01, 0.2)) if k else 0.04
+        yv, yr = -(cf + cr) / (m * v), -(lf * cf - lr * cr) / (m * v)
+        nv, nr = -(lf * cf - lr * cr) / (inertia * v), -(lf**2 * cf + lr**2 * cr) / (inertia * v)
+        a[..., 0, 0], a[..., 0, 1], a[..., 0, 2] = yv, yr - v, b_vy
+        a[..., 1, 0], a[..., 1, 1], a[..., 1, 2] = nv, nr, b_r
+        a[..., 2, 2] = -1.0 / tau
+        ah = a * step
+        f = np.eye(3) + ah + ah @ ah / 2 + ah @ ah @ ah / 6 + ah @ ah @ ah @ ah / 24
+        f[..., 2, 2] = np.exp(-step / tau)
+        x = np.einsum("...ij,...j->...i", f, x)
+        p = f @ p @ np.swapaxes(f, -1, -2)
+        p[..., 2, 2] += size**2 * (1.0 - np.exp(-2.0 * step / tau))
+        h[..., 0, 0], h[..., 0, 1] = yv * w_ay[k], yr * w_ay[k]
+        h[..., 0, 2] = w_ay[k] * (force / m + to_ay)[:, None]
+        h[..., 1, 1] = w_r[k]
+        h[..., 1, 2] = w_r[k] * to_r[:, None]
+        z = np.array([e_ay[k], e_r[k]]) - np.einsum("...ij,...j->...i", h, x)
+        ph = p @ np.swapaxes(h, -1, -2)
+        s = h @ ph + np.eye(2)
+        det = s[..., 0, 0] * s[..., 1, 1] - s[..., 0, 1] ** 2
+        inv = np.empty_like(s)
+        inv[..., 0, 0], inv[..., 1, 1] = s[..., 1, 1] / det, s[..., 0, 0] / det
+        inv[..., 0, 1] = inv[..., 1, 0] = -s[..., 0, 1] / det
+        mahalanobis = np.einsum("...i,...ij,...j->...", z, inv, z)
+        loglik -= 0.5 * (mahalanobis + np.log(det))
+        gain = ph @ inv
+        x = x + np.einsum("...ij,...j->...i", gain, z)
+        p = p - gain @ np.swapaxes(ph, -1, -2)
+        fitted = np.array([e_ay[k], e_r[k]]) - np.einsum("...ij,...j->...i", h, x)
+        left += np.einsum("...i,...i->...", fitted, fitted)
+        square = float(e_ay[k] ** 2 + e_r[k] ** 2)
+        plain -= 0.5 * square
+        plain_left += square
+    return loglik, left, size, plain, plain_left

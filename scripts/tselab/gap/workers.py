@@ -1,0 +1,149 @@
+"""Who simulates: threads of this process, or a Dask cluster (`--scheduler`). The numbers are the same."""
+
+from __future__ import annotations
+
+import socket
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from tselab.core import Config
+from tselab.errors import UserError
+from tselab.gap.catalogue import Parameter
+from tselab.gap.data import Prepared, prepare
+from tselab.gap.problem import Problem
+from tselab.log import Log
+
+CONNECT = 10  # s
+
+
+class Workers:
+    """This process."""
+
+    def __init__(self, jobs: int = 1):
+        self.jobs = max(1, jobs)
+
+    def prepare(self, logs: Sequence[Log], config: Config) -> list[Prepared]:
+        return [prepare(log, config) for log in logs]
+
+    def problem(self, logs: Sequence[Prepared], config: Config) -> Problem:
+        return Problem(logs, config, self.jobs)
+
+
+class Cluster(Workers):
+    """A Dask cluster: logs are prepared, and the columns of every Jacobian simulated, there."""
+
+    def __init__(self, client: Any, jobs: int):
+        super().__init__(jobs)
+        self.client = client
+
+    def prepare(self, logs: Sequence[Log], config: Config) -> list[Prepared]:
+        return self.client.gather(self.client.map(_prepare, logs, values=config.as_dict(), pure=False))
+
+    def problem(self, logs: Sequence[Prepared], config: Config) -> Problem:
+        return ClusterProblem(self.client, logs, config, self.jobs)
+
+
+class ClusterProblem(Problem):
+    """A problem whose residuals are computed by a cluster, many at once."""
+
+    def __init__(self, client: Any, logs: Sequence[Prepared], config: Config, jobs: int):
+        super().__init__(logs, config, jobs)
+        self._client = client
+        data = (tuple(self.logs), tuple(config.as_dict().items()))
+        self._data = client.scatter([data], broadcast=True, hash=False)[0]
+
+    def jacobian(
+        self, values: Mapping[str, float], base: np.ndarray, parameters: Sequence[Parameter], reach: float = 1.0
+    ) -> np.ndarray:
+        """Slopes as Problem has them, from residuals that were computed beforehand."""
+        asked: list[dict[str, float]] = []
+        probe = _Recorder(self, asked)
+        Problem.jacobian(probe, values, base, parameters, reach)
+        futures = self._client.map(_residuals, [tuple(a.items()) for a in asked], data=self._data, pure=False)
+        answers = dict(zip((tuple(a.items()) for a in asked), self._client.gather(futures), strict=True))
+        self.simulations += len(asked)
+        return Problem.jacobian(_Answering(self, answers), values, base, parameters, reach)
+
+    def __getstate__(self) -> dict[str, Any]:
+        raise TypeError("a problem of a cluster stays here")
+
+
+class _Recorder:
+    """Stands in for a problem to learn what residuals it would ask for."""
+
+    jobs = 1
+
+    def __init__(self, problem: Problem, asked: list[dict[str, float]]):
+        self._problem, self._asked = problem, asked
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._problem, name)
+
+    def residuals(self, values: Mapping[str, float]) -> np.ndarray:
+        self._asked.append(dict(values))
+        return np.zeros(len(self._problem.rows.log))
+
+
+class _Answering(_Recorder):
+    """And then to give them."""
+
+    def __init__(self, problem: Problem, answers: Mapping[tuple, np.ndarray]):
+        self._problem, self._answers = problem, answers
+
+    def residuals(self, values: Mapping[str, float]) -> np.ndarray:
+        return self._answers[tuple(dict(values).items())]
+
+
+def _prepare(log: Log, values: Mapping[str, float]) -> Prepared:
+    return prepare(log, Config(values))
+
+
+def _residuals(values: Iterable[tuple[str, float]], data: tuple) -> np.ndarray:
+    logs, settings = data
+    return _problem(settings, _Held(logs)).residuals(dict(values))
+
+
+class _Held:
+    """Logs as an argument of a cache, which their identity stands for."""
+
+    def __init__(self, logs: tuple[Prepared, ...]):
+        self.logs = logs
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Held) and self.logs is other.logs
+
+    def __hash__(self) -> int:
+        return id(self.logs)
+
+
+@lru_cache(maxsize=2)
+def _problem(settings: tuple, held: _Held) -> Problem:
+    """Of a worker: made once, used for all its simulations."""
+    return Problem(held.logs, Config(dict(settings)))
+
+
+@contextmanager
+def workers(jobs: int, scheduler: str | None, connect: Callable[[str], Any] | None = None) -> Iterator[Workers]:
+    """This process, or the cluster at the address."""
+    if scheduler is None:
+        yield Workers(jobs)
+        return
+    with (connect or _connect)(scheduler) as client:
+        yield Cluster(client, jobs)
+
+
+def _connect(scheduler: str) -> Any:
+    try:
+        import distributed
+    except ImportError:
+        raise UserError("option --scheduler needs Dask: pip install 'tselab[cluster]'") from None
+    try:
+        if not scheduler.startswith("inproc://"):  # a client that finds nobody makes much noise
+            socket.create_connection(distributed.comm.get_address_host_port(scheduler), CONNECT).close()
+        return distributed.Client(scheduler, timeout=CONNECT, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise UserError(f"option --scheduler: no Dask scheduler answers at {scheduler}: {error}") from None

@@ -1,0 +1,241 @@
+"""`tselab gap`: where, name, add, show. Each stage is a file of its own; this one runs them, keeps what is done, and judges.
+
+A run leaves its stages in DIR/stages; one that was interrupted goes on from there when nothing it depends on has changed.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import pickle
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from tselab import __version__
+from tselab.core import Config
+from tselab.errors import UserError
+from tselab.files import atomic
+from tselab.gap import detect, name, remainder, show, where
+from tselab.gap.catalogue import catalogue
+from tselab.gap.data import Prepared
+from tselab.gap.fit import Fit, fit, gap
+from tselab.gap.problem import STIFFNESS, Problem
+from tselab.gap.workers import Workers
+from tselab.log import Log, read_log
+from tselab.vehicle import Vehicle, fill_sensors, read_vehicle
+
+NOISE_LIMIT = 1.15  # rms over noise up to which nothing is left to explain
+EXIT = {"none": 0, "named": 10, "look-alikes": 11, "not_in_catalogue": 20}
+
+
+@dataclass
+class Result:
+    """Everything that a run found."""
+
+    verdict: str  # none, named, not_in_catalogue
+    exit_code: int
+    words: list[str]
+    naming: name.Naming
+    conditions: list[where.Condition]
+    entries: list[where.Entry]
+    remainders: list[remainder.Remainder]
+    fit_before: dict[str, float]
+    fit_after: dict[str, float]
+    held_out: dict[str, show.Change]
+    undetectable: list[detect.Detectable]
+    detectable: list[detect.Detectable]
+    notes: list[str] = field(default_factory=list)
+    problem: Problem | None = None  # what was fitted
+    held: Problem | None = None  # what was not
+
+    def as_json(self) -> dict[str, Any]:
+        """DIR/verdict.json."""
+        units = {p.name: p for e in catalogue().values() for p in e.parameters}
+        return {
+            "verdict": self.verdict,
+            "effects": [
+                {
+                    "id": n.effect.id,
+                    "parameters": {
+                        units[k].key: {"value": v, "ci95": list(n.ci95[k]), "unit": units[k].unit} for k, v in n.values.items()
+                    },
+                    "share_of_gap_closed": n.share,
+                    "evidence": n.evidence,
+                    "look_alikes": n.look_alikes,
+                    "remarks": n.remarks,
+                }
+                for n in self.naming.named
+            ],
+            "where": [
+                {"channel": c.channel, "condition": c.condition, "entry_point": self._entry(c.channel), "strength": c.strength}
+                for c in self.conditions
+            ],
+            "entry_points": [asdict(e) for e in self.entries],
+            "gap": {
+                "fit": {"before": self.fit_before, "after": self.fit_after},
+                "held_out": {
+                    "before": {k: c.before for k, c in self.held_out.items()},
+                    "after": {k: c.after for k, c in self.held_out.items()},
+                    "change_ci95": {k: list(c.ci95) for k, c in self.held_out.items()},
+                },
+            },
+            "closed": self.naming.closed,
+            "remainder": [asdict(r) for r in self.remainders],
+            "undetectable": [
+                {"id": d.id, "parameter": d.parameter, "smallest_detectable": d.smallest, "typical": d.typical, "unit": d.unit}
+                for d in self.undetectable
+            ],
+            "stiffness": {p.name: self.naming.final.values[p.name] for p in STIFFNESS},
+            "words": self.words,
+            "notes": self.notes,
+            "version": __version__,
+        }
+
+    def _entry(self, channel: str) -> str:
+        if channel == "accel_x":
+            return "longitudinal"
+        return self.entries[0].place if self.entries and self.entries[0].nats > 0 else "unknown"
+
+
+def read(paths: Sequence[Path], vehicle: Vehicle) -> tuple[list[Log], Config]:
+    """Logs, and the settings of the vehicle with sensors filled in from the first."""
+    logs = [read_log(p) for p in paths]
+    fill_sensors(vehicle, logs[0])
+    return logs, Config(vehicle.values)
+
+
+def stage(folder: Path, key: str, title: str, compute: Callable[[], Any]) -> Any:
+    """What was computed before from the same things, or now."""
+    path = folder / f"{title}.pickle"
+    if path.exists():
+        try:
+            with open(path, "rb") as file:
+                saved, value = pickle.load(file)
+            if saved == key:
+                return value
+        except Exception:  # damaged, or of another version: made again
+            pass
+    value = compute()
+    folder.mkdir(parents=True, exist_ok=True)
+    with atomic(path, "wb") as file:
+        pickle.dump((key, value), file)
+    return value
+
+
+def fingerprint(paths: Sequence[Path], config: Config, *more: object) -> str:
+    """Of everything that a result depends on."""
+    h = hashlib.sha256(__version__.encode())
+    for p in paths:
+        h.update(p.read_bytes())
+    h.update(json.dumps([config.as_dict(), [str(m) for m in more]], sort_keys=True).encode())
+    return h.hexdigest()
+
+
+def run(
+    logs: Sequence[Path],
+    vehicle_path: Path,
+    out: Path,
+    hold_out: Sequence[Path] = (),
+    jobs: int = 1,
+    say: Callable[[str], None] = lambda _: None,
+    workers: Workers | None = None,
+) -> Result:
+    """All stages. Without held-out logs, every third stretch of time... is not held out: what is shown is then the fit."""
+    workers = workers or Workers(jobs)
+    vehicle = read_vehicle(vehicle_path)
+    say("reading the logs")
+    read_logs, config = read(logs, vehicle)
+    held = [read_log(p) for p in hold_out]
+    key = fingerprint([*logs, *hold_out], config, "1")
+    folder = out / "stages"
+    prepared: list[Prepared] = stage(folder, key, "prepared", lambda: workers.prepare(read_logs, config))
+    problem = workers.problem(prepared, config)
+    if not problem.logs:
+        raise UserError("; ".join(n for p in prepared for n in p.notes) or "no log can be compared")
+    effects = list(catalogue().values())
+
+    say("fitting stiffness and biases")
+    baseline: Fit = stage(folder, key, "baseline", lambda: fit(problem, STIFFNESS, {}))
+    say("where do they disagree?")
+    conditions, entries = stage(
+        folder, key, "where",
+        lambda: (
+            where.conditions(problem, baseline.residuals, baseline.values),
+            where.entries(problem, baseline.residuals, baseline.values),
+        ),
+    )  # fmt: skip
+    naming: name.Naming = stage(folder, key, "naming", lambda: name.name(problem, effects, say, baseline))
+    say("what is left?")
+    features = {k: x for k, x in where.features(problem, naming.final.values).items() if k != "time"}
+    left = remainder.remainder(problem, naming.final.residuals, features, NOISE_LIMIT)
+    seen = detect.detectable(problem, naming.final, [e for e in effects if e.id not in {n.effect.id for n in naming.named}])
+    changes: dict[str, show.Change] = {}
+    other: Problem | None = None
+    if held:
+        say("held-out logs")
+        prepared_held = stage(folder, key, "held_out", lambda: workers.prepare(held, config))
+        other = workers.problem(prepared_held, config)
+        if other.logs:
+            changes = show.held_out(other, baseline.values, naming.final.values)
+    result = judge(problem, naming, conditions, entries, left, seen, changes, [n for p in prepared for n in p.notes])
+    result.problem, result.held = problem, other if other is not None and other.logs else None
+    return result
+
+
+def judge(
+    problem: Problem,
+    naming: name.Naming,
+    conditions: list[where.Condition],
+    entries: list[where.Entry],
+    left: list[remainder.Remainder],
+    seen: list[detect.Detectable],
+    changes: dict[str, show.Change],
+    notes: list[str],
+) -> Result:
+    """From what was found to a verdict."""
+    before, after = gap(problem, naming.baseline.residuals), gap(problem, naming.final.residuals)
+    remains = [r for r in left if r.kind != "noise"]
+    words: list[str] = []
+    if not naming.named and not remains:
+        verdict = "none"
+        words.append("The model explains these logs down to the sensors' noise: nothing is missing that they could show.")
+    elif naming.named and (naming.closed >= name.LEAST_CLOSED or not remains):
+        verdict = "named"
+        for n in naming.named:
+            words.append(_sentence(n))
+    else:
+        verdict = "not_in_catalogue"
+        words.append("Something is missing, and it is none of the effects of the catalogue.")
+        if naming.named:
+            closest = max(naming.named, key=lambda n: n.share)
+            share = f"{100 * closest.share:.0f} %"
+            words.append(f"Closest is {closest.effect.title} ({closest.effect.id}), which closes {share} of the gap.")
+        elif naming.ranking:
+            words.append(f"Closest, and not close enough: {naming.ranking[0]['id']}.")
+        if entries and entries[0].nats > 0:
+            words.append(f"It acts like a disturbance at: {entries[0].place}.")
+    words += [r.words for r in remains]
+    if len(naming.named) >= name.PATCHWORK:
+        notes = [*notes, f"{len(naming.named)} effects together are more likely a patchwork than the truth"]
+    exit_code = EXIT[verdict]
+    if verdict == "named" and all(n.look_alikes for n in naming.named):
+        exit_code = EXIT["look-alikes"]
+    undetectable = [d for d in seen if not d.visible]
+    return Result(
+        verdict, exit_code, words, naming, conditions, entries, left, before, after, changes, undetectable, seen, notes
+    )
+
+
+def _sentence(n: name.Named) -> str:
+    units = {p.name: p for p in n.effect.parameters}
+    sizes = ", ".join(
+        f"{units[k].key} {v:.3g} {units[k].unit} ({n.ci95[k][0]:.3g} .. {n.ci95[k][1]:.3g})"
+        for k, v in n.values.items()
+        if units[k].strength
+    )
+    text = f"{n.effect.title} ({n.effect.id}): {sizes}; it closes {100 * n.share:.0f} % of the gap."
+    if n.look_alikes:
+        text += f" These logs cannot exclude {', '.join(n.look_alikes)} in its place."
+    return text

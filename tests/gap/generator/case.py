@@ -1,0 +1,171 @@
+"""Cases: a car with something hidden in it, its logs, the vehicle file as its engineer knows it, and the truth."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from .car import GRAVITY, NOMINAL, SENSORS, drawn_car, understeer
+from .effects import curved_ratio, hide, warmth
+from .filters import backlash, delayed, second_order
+from .manoeuvres import CORE, HOLD_OUT, SETTLE, SIXTH, Program, drive_program
+from .model import STEP, Drive, simulate
+from .road import LENGTHS, profile
+from .sensors import COLUMNS, log_of
+
+BATCH = 72  # logs simulated at once: more cost memory, fewer cost time
+Wish = float | dict[str, float]
+
+
+@dataclass(frozen=True)
+class Spec:
+    """What a case is made from."""
+
+    name: str
+    effects: dict[str, Wish]
+    seed: int
+    size: float = 1.0
+    manoeuvres: tuple[str, ...] | None = None  # None: the five of CORE and one of SIXTH
+    hold_out: tuple[str, ...] = HOLD_OUT
+    duration: float = 30.0
+    noise: float = 1.0  # of all sensors; 0: none, and no bias
+
+
+@dataclass
+class Case:
+    """A case, simulated. `logs` and `hold_out`: name -> column -> values."""
+
+    spec: Spec
+    car: dict[str, float]
+    effects: list[dict]
+    logs: dict[str, dict[str, np.ndarray]] = field(default_factory=dict)
+    hold_out: dict[str, dict[str, np.ndarray]] = field(default_factory=dict)
+    biases: dict[str, dict[str, float]] = field(default_factory=dict)
+
+    @property
+    def truth(self) -> dict:
+        """What is hidden."""
+        return {
+            "name": self.spec.name, "seed": self.spec.seed, "size": self.spec.size,
+            "effects": [e for e in self.effects if not e["outside"]], "outside": [e for e in self.effects if e["outside"]],
+            "vehicle": {k: self.car[k] for k in NOMINAL}, "biases": self.biases,
+            "changed": {k: v for k, v in self.car.items() if k not in NOMINAL},
+        }  # fmt: skip
+
+    def vehicle_toml(self) -> str:
+        """The vehicle file: nominal values, nothing of what is hidden."""
+        lines = ['name = "gap study car"', 'driven_axle = "front"', f"wheelbase = {NOMINAL['lf'] + NOMINAL['lr']:.6g}"]
+        lines += [f"{k} = {v:.6g}" for k, v in NOMINAL.items()]
+        return "\n".join([*lines, "", "[sensors]", *(f"{k} = {v:.6g}" for k, v in SENSORS.items()), ""])
+
+    def write(self, folder: Path | str, optional: bool = False) -> Path:
+        """Write log_*.csv, hold_out_*.csv, car.toml and truth.json. `optional`: with speed and torques."""
+        folder = Path(folder)
+        folder.mkdir(parents=True, exist_ok=True)
+        columns = COLUMNS if optional else COLUMNS[:7]
+        for kind, logs in (("log", self.logs), ("hold_out", self.hold_out)):
+            for name, log in logs.items():
+                rows = np.column_stack([log[c] for c in columns])
+                path = folder / f"{kind}_{name}.csv"
+                np.savetxt(path, rows, fmt="%.7g", delimiter=",", header=",".join(columns), comments="")
+        (folder / "car.toml").write_text(self.vehicle_toml(), encoding="utf-8")
+        (folder / "truth.json").write_text(json.dumps(self.truth, indent=1) + "\n", encoding="utf-8")
+        return folder
+
+
+def _stream(seed: int, what: str) -> np.random.Generator:
+    """Random numbers that depend on the seed and on what they are for, not on what else is drawn."""
+    return np.random.default_rng([seed, *what.encode()])
+
+
+def _careful(car: dict[str, float]) -> float:
+    """How far a driver who feels the car keeps from its limit, as a share of the usual steering angle.
+
+    Of grip: 5.6 m/s2 is 0.7 of a peak of 0.82. Of oversteer: at 26 m/s no more than 1.25 times the usual gain."""
+    turn = (NOMINAL["lf"] + NOMINAL["lr"]) / 26.0**2
+    angle = max(0.0, turn + understeer(car)) / (turn + understeer(NOMINAL))  # for the same turn, over the usual one
+    return min(1.0, 0.7 * car["mu"] * GRAVITY / 5.6, max(0.4, 1.25 * angle))
+
+
+def _steering(car: dict[str, float], wheel: np.ndarray) -> np.ndarray:
+    """Angle of the road wheels for that of the steering wheel over its nominal ratio."""
+    x = backlash(wheel, car["play"]) if car["play"] > 0 else wheel
+    if car["steer_lag"] > 0:
+        x = second_order(x, 2 * car["steer_lag_z"] / car["steer_lag"], car["steer_lag_z"])
+    if car["steer_delay"] > 0:
+        x = delayed(x, car["steer_delay"])
+    return curved_ratio(car, x) + car["steer_offset"]
+
+
+def drive_of(car: dict[str, float], program: Program, rng: np.random.Generator) -> Drive:
+    """A program driven with a car, on a road and in gusts drawn by `rng`."""
+    n = len(program.steer)
+    time = np.arange(n) * STEP - SETTLE
+    gust = np.zeros(n)
+    start = rng.uniform(1, 3)
+    while start < time[-1] - 2:
+        length = rng.uniform(0.4, 1.0)
+        strength = rng.uniform(0.5, 1.0)
+        gust += strength * np.sin(np.pi * np.clip((time - start) / length, 0, 1)) ** 2
+        start += length + rng.uniform(0.5, 4.0)
+    road = {
+        "grade": profile(rng, car["grade"], 0.0, LENGTHS["grade"]),
+        "bank": profile(rng, car["bank_wander"], car["bank"], LENGTHS["bank"]),
+    }
+    place = np.cumsum(program.speed) * STEP
+    patch_at = place[np.searchsorted(time, rng.uniform(0.25, 0.75) * time[-1])]
+    shake = 3.0 * rng.standard_normal(n) if car["resonance"] > 0 else np.zeros(n)
+    return Drive(
+        car, _steering(car, program.steer), program.speed, program.accel, program.coast, road,
+        car["gust"] * gust, shake, warmth(time, time[-1]), float(patch_at),
+    )  # fmt: skip
+
+
+def make_cases(specs: Iterable[Spec], batch: int = BATCH) -> Iterator[Case]:
+    """Simulate cases, many logs at once, and yield them in order; the result does not depend on the batch."""
+    waiting: list[tuple[Case, list]] = []
+    for spec in specs:
+        case, jobs = _prepare(spec)
+        if waiting and (sum(len(j) for _, j in waiting) + len(jobs) > batch or spec.duration != waiting[0][0].spec.duration):
+            yield from _finish(waiting)
+            waiting = []
+        waiting.append((case, jobs))
+    yield from _finish(waiting)
+
+
+def make_case(
+    effects: dict[str, Wish], seed: int, manoeuvres: tuple[str, ...] | None = None, size: float = 1.0, **more
+) -> Case:
+    """One case. `effects`: id -> size (1: typical) or {"value": parameter}; `more`: other fields of Spec."""
+    return next(make_cases([Spec("+".join(effects) or "clean", effects, seed, size, manoeuvres, **more)]))
+
+
+def _prepare(spec: Spec) -> tuple[Case, list]:
+    car = drawn_car(_stream(spec.seed, "car"))
+    truth = hide(car, spec.effects, _stream(spec.seed, "effects " + " ".join(sorted(spec.effects))), spec.size)
+    names = spec.manoeuvres or (*CORE, "urban" if "exact_kinematics" in spec.effects else SIXTH[spec.seed % len(SIXTH)])
+    jobs = []
+    for kind, chosen in (("log", names), ("hold_out", spec.hold_out)):
+        for name in chosen:
+            program = drive_program(name, _stream(spec.seed, f"{kind} {name}"), spec.duration, _careful(car))
+            jobs.append((kind, name, program, drive_of(car, program, _stream(spec.seed, f"{kind} {name} road"))))
+    return Case(spec, car, truth), jobs
+
+
+def _finish(waiting: list[tuple[Case, list]]) -> Iterator[Case]:
+    drives = [drive for _, jobs in waiting for _, _, _, drive in jobs]
+    if not drives:
+        return
+    motion, i = simulate(drives), 0
+    for case, jobs in waiting:
+        for kind, name, program, _ in jobs:
+            noise = _stream(case.spec.seed, f"{kind} {name} noise")
+            log, bias = log_of(case.car, motion, i, program, noise, case.spec.noise)
+            (case.logs if kind == "log" else case.hold_out)[name] = log
+            case.biases[f"{kind}_{name}"] = bias
+            i += 1
+        yield case

@@ -1,0 +1,216 @@
+"""The study of the gap workflow on logs in which the effect is hidden: every case of generator/study.py, judged against its truth.
+
+    python -m tests.gap.study [--seeds N] [--only PART ...] [--jobs N]     from the root of the repository
+
+Cases that are done are kept in build/gap-study/*.json, so that it can be interrupted and goes on; what the code of the
+workflow has become since is not looked at: --again starts anew. The tables go to scripts/results/gap-*.md.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import multiprocessing
+import shutil
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+from scipy.stats import beta
+from tqdm import tqdm
+
+ROOT = Path(__file__).resolve().parents[2]
+FOLDER = ROOT / "build" / "gap-study"
+RESULTS = ROOT / "scripts" / "results"
+# Aliases by physics (effects.md, section 3): either name is right.
+CLASSES = [{"mass", "yaw_inertia"}, {"imu_scale_ax", "pitch_leak"}, {"conicity", "steering_offset"}]
+# What a car's log cannot show without speed or torque, or that a stiffness takes up.
+INVISIBLE = {"aero_drag", "rolling_resistance", "steering_compliance", "aligning_moment", "conicity"}
+
+
+def run(spec_json: str) -> dict:
+    """One case: generate, run the workflow, keep what counts."""
+    from tests.gap.generator import Spec, make_cases
+    from tselab.gap.workflow import run as gap
+
+    spec = Spec(**json.loads(spec_json))
+    case = next(make_cases([spec]))
+    with tempfile.TemporaryDirectory() as name:
+        folder = case.write(Path(name) / "case")
+        start = time.perf_counter()
+        logs, held = sorted(folder.glob("log_*.csv")), sorted(folder.glob("hold_out_*.csv"))
+        result = gap(logs, folder / "car.toml", Path(name) / "out", held)
+        seconds = time.perf_counter() - start
+    verdict = result.as_json()
+    return {
+        "name": spec.name, "seed": spec.seed, "size": spec.size, "truth": case.truth["effects"], "outside": case.truth["outside"],
+        "verdict": verdict["verdict"], "exit": result.exit_code, "named": verdict["effects"], "closed": verdict["closed"],
+        "gap": verdict["gap"], "undetectable": [d["id"] for d in verdict["undetectable"]], "seconds": seconds,
+    }  # fmt: skip
+
+
+# ---- judging
+
+
+def truth_ids(case: dict) -> list[str]:
+    return [e["id"] for e in case["truth"]]
+
+
+def same(a: str, b: str) -> bool:
+    return a == b or any(a in c and b in c for c in CLASSES)
+
+
+def grade(case: dict) -> str:
+    """right, look-alike (an admitted set holds the truth), extra (right and more), wrong, missed, outside."""
+    truth, named = truth_ids(case), [n["id"] for n in case["named"]]
+    if case["verdict"] != "named":
+        return "outside" if case["verdict"] == "not_in_catalogue" else "none"
+    hit = [t for t in truth if any(same(t, n) for n in named)]
+    admitted = [t for t in truth if any(t in n["look_alikes"] for n in case["named"])]
+    if truth and len(hit) == len(truth):
+        return "right" if len(named) == len(truth) else "extra"
+    if truth and set(hit) | set(admitted) >= set(truth):
+        return "look-alike"
+    return "wrong"
+
+
+def group(case: dict) -> str:
+    if case["outside"]:
+        return "outside the catalogue"
+    ids = truth_ids(case)
+    if not ids:
+        return "nothing hidden"
+    if len(ids) > 1:
+        return "pairs"
+    return f"one effect, {case['size']:g} x typical"
+
+
+def size_error(case: dict) -> float:
+    """Relative error of the strength of the first hidden effect, nan if it was not named by its own id."""
+    if not case["truth"]:
+        return math.nan
+    e = case["truth"][0]
+    mine = next((n for n in case["named"] if n["id"] == e["id"]), None)
+    if mine is None:
+        return math.nan
+    values = {k: v["value"] for k, v in mine["parameters"].items()}
+    if e["id"] == "rear_roll_steer":  # per lateral acceleration: how much the car rolls is not in a log
+        return values["gain"] * 0.0075 / e["parameters"]["k_per_mps2"] - 1.0
+    true = float(next(iter(e["parameters"].values())))
+    if e["id"] == "bank":
+        true = e["parameters"]["rms_wander"]
+    return abs(next(iter(values.values()))) / abs(true) - 1.0 if true else math.nan
+
+
+def interval(k: int, n: int) -> str:
+    """Clopper-Pearson, 95 %."""
+    low = beta.ppf(0.025, k, n - k + 1) if k else 0.0
+    high = beta.ppf(0.975, k + 1, n - k) if k < n else 1.0
+    return f"{100 * low:.0f} .. {100 * high:.0f} %"
+
+
+def worst_held_out(case: dict) -> float:
+    return max(case["gap"]["held_out"]["after"].values(), default=math.nan)
+
+
+def tables(cases: list[dict]) -> dict[str, str]:
+    """Name of the file -> Markdown."""
+    columns = ("right", "extra", "look-alike", "wrong", "outside", "none")
+    head = "| hidden | cases | right | right and more | in an admitted set | wrong | not in the catalogue | none | size, median error | held-out rms/noise, median | time, median |\n|---|" + "---:|" * 10 + "\n"  # noqa: E501
+    lines = []
+    for name in sorted({group(c) for c in cases}):
+        mine = [c for c in cases if group(c) == name]
+        count = {k: sum(grade(c) == k for c in mine) for k in columns}
+        errors = [abs(e) for e in map(size_error, mine) if math.isfinite(e)]
+        error = f"{100 * np.median(errors):.0f} %" if errors else ""
+        held = f"{np.median([worst_held_out(c) for c in mine]):.2f}"
+        seconds = f"{np.median([c['seconds'] for c in mine]):.0f} s"
+        counts = " | ".join(str(count[k]) for k in columns)
+        lines.append(f"| {name} | {len(mine)} | {counts} | {error} | {held} | {seconds} |")
+    visible = [c for c in cases if group(c) == "one effect, 1 x typical" and truth_ids(c)[0] not in INVISIBLE]
+    if visible:
+        top = sum(grade(c) in ("right", "extra") for c in visible)
+        held = sum(grade(c) in ("right", "extra", "look-alike") for c in visible)
+        lines.append("")
+        lines.append(
+            f"At typical size, of the {len(visible)} cases of effects that a log without speed and torque can show: right id in "
+            f"{100 * top / len(visible):.0f} % (95 %: {interval(top, len(visible))}), right or in an admitted set in "
+            f"{100 * held / len(visible):.0f} % ({interval(held, len(visible))})."
+        )
+    clean = [c for c in cases if group(c) == "nothing hidden"]
+    if clean:
+        k = sum(c["verdict"] != "named" for c in clean)
+        lines.append(f"\nNo name on {k} of {len(clean)} clean cars (95 %: {interval(k, len(clean))}).")
+    outside = [c for c in cases if c["outside"]]
+    if outside:
+        k = sum(c["verdict"] == "named" and c["closed"] > 0.5 for c in outside)
+        lines.append(f"\nOutside effects that a name explains by more than half: {k} of {len(outside)}.")
+    each = ["| hidden | named, by seed | size error | gap before -> after (fit) | held out |", "|---|---|---:|---|---|"]
+    for c in sorted(cases, key=lambda c: (group(c), c["name"])):
+        named = "; ".join(n["id"] + (f" ({', '.join(n['look_alikes'])}?)" if n["look_alikes"] else "") for n in c["named"]) or "-"
+        error = size_error(c)
+        fit = c["gap"]["fit"]
+        change = f"{max(fit['before'].values()):.2f} -> {max(fit['after'].values()):.2f}"
+        each.append(
+            f"| {c['name']} | {c['verdict']}: {named} | {'' if math.isnan(error) else f'{100 * error:+.0f} %'} | {change} | "
+            f"{worst_held_out(c):.2f} |"
+        )
+    return {"gap.md": head + "\n".join(lines) + "\n", "gap-cases.md": "\n".join(each) + "\n"}
+
+
+def chosen(seeds: int, only: list[str]) -> list:
+    """The cases of the study with at most so many seeds each, whose name holds one of the parts."""
+    from tests.gap.generator.study import study
+
+    seen: dict[str, int] = {}
+    specs = []
+    for spec in study():
+        kind = spec.name.rsplit("-", 1)[0]
+        seen[kind] = seen.get(kind, 0) + 1
+        if seen[kind] <= (seeds if kind != "clean" else 7 * seeds) and (not only or any(o in spec.name for o in only)):
+            specs.append(spec)
+    return specs
+
+
+def _job(spec_json: str) -> str:
+    name = json.loads(spec_json)["name"]
+    path = FOLDER / f"{name}.json"
+    if not path.exists():
+        case = run(spec_json)
+        path.with_suffix(".part").write_text(json.dumps(case))
+        path.with_suffix(".part").replace(path)
+    return name
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(prog="python -m tests.gap.study", description=__doc__.split("\n")[0])
+    parser.add_argument("--seeds", type=int, default=3)
+    parser.add_argument("--only", nargs="*", default=[])
+    parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--again", action="store_true")
+    options = parser.parse_args()
+    if options.again:
+        shutil.rmtree(FOLDER, ignore_errors=True)
+    FOLDER.mkdir(parents=True, exist_ok=True)
+    specs = chosen(options.seeds, options.only)
+    texts = [json.dumps({"name": s.name, "effects": s.effects, "seed": s.seed, "size": s.size}) for s in specs]
+    with multiprocessing.get_context("spawn").Pool(options.jobs) as pool:
+        try:
+            for _ in tqdm(pool.imap_unordered(_job, texts), total=len(texts), unit="case", file=sys.stderr):
+                pass
+        except KeyboardInterrupt:
+            pool.terminate()
+            print("stopped; what is done is kept", file=sys.stderr)
+            return 130
+    cases = [json.loads((FOLDER / f"{s.name}.json").read_text()) for s in specs]
+    for name, text in tables(cases).items():
+        (RESULTS / name).write_text(text)
+        print(text)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

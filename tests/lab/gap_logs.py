@@ -1,0 +1,74 @@
+"""Small logs of a car that has an effect, made with the replay of the library: steering and wheel speeds of the planning
+manoeuvres, and what the sensors would read, with their noise and biases. Seeded."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from tselab.core import Config, Replay
+from tselab.gap.drives import Candidate, library, prepared
+from tselab.log import MEASURES
+from tselab.vehicle import read_vehicle
+
+CAR = """name = "small case"
+mass = 1600.0
+yaw_inertia = 2500.0
+lf = 1.2
+lr = 1.5
+wheel_radius_front = 0.32
+wheel_radius_rear = 0.32
+longitudinal_stiffness_front = 180000.0
+longitudinal_stiffness_rear = 160000.0
+cornering_stiffness_front = 110000.0
+cornering_stiffness_rear = 130000.0
+
+[sensors]
+accel_x_sd = 0.06
+accel_y_sd = 0.06
+yaw_rate_sd = 0.002
+accel_x_bias_sd = 0.05
+accel_y_bias_sd = 0.05
+yaw_rate_bias_sd = 0.002
+"""
+DRIVES = {
+    "sweep": "steering sine sweep 0.2 .. 3 Hz, 4 m/s2, at 20 m/s",
+    "steps": "steering steps to 3 m/s2, at 10 m/s",
+    "brakes": "brake and throttle of 3 m/s2 in turns of 3 m/s2, about 20 m/s",
+}
+STIFFNESS = {"cx_front": 1.1, "cy_front": 0.92, "cy_rear": 1.06}  # over the vehicle file's
+
+
+def car(folder: Path) -> Path:
+    path = folder / "car.toml"
+    path.write_text(CAR, encoding="utf-8")
+    return path
+
+
+def candidate(config: Config, name: str) -> Candidate:
+    return next(c for c in library(config) if c.name == name)
+
+
+def write_log(
+    path: Path, vehicle: Path, drive: str, effects: dict[str, float], seed: int, seconds: float = 24.0, **extra: float
+) -> Path:
+    """One log of a car with these settings of effects. `extra`: optional channels with the noise they have."""
+    config = Config(read_vehicle(vehicle).values)
+    log = prepared(candidate(config, DRIVES[drive]), config)[0]
+    n = int(seconds / 0.01)
+    rng = np.random.default_rng(seed)
+    inputs = {k: x[:n] for k, x in log.inputs.items()}
+    names = {"vehicle_speed": "vel_x"}
+    replay = Replay((*MEASURES, *(names.get(e, e) for e in extra)), dt=np.full(n, 0.01), **inputs)
+    out = replay.run(Config(config.as_dict() | effects), **STIFFNESS)
+    columns = {"time": log.time[:n]}
+    columns |= {k: x + {"steer_angle": 2e-4}.get(k, 0.02) * rng.standard_normal(n) for k, x in inputs.items()}
+    for c in MEASURES:
+        bias = getattr(config, f"{c}_bias_sd") * rng.standard_normal()
+        columns[c] = out[c] + bias + getattr(config, f"{c}_sd") * rng.standard_normal(n)
+    for c, sd in extra.items():
+        columns[c] = out[names.get(c, c)] + sd * rng.standard_normal(n)
+    pd.DataFrame(columns).to_csv(path, index=False, float_format="%.9g")
+    return path

@@ -1,0 +1,267 @@
+"""tselab gap as a user runs it: the verdict, the files it leaves, and that they are what they say."""
+
+from __future__ import annotations
+
+import ctypes
+import json
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from conftest import COMMAND, Result, tselab
+from gap_logs import STIFFNESS, car, write_log
+from tselab.cli import main
+from tselab.core import Config, library
+from tselab.gap.table import COLUMNS
+from tselab.log import MEASURES
+from tselab.report import figures_of
+from tselab.vehicle import read_vehicle
+
+ROOT = Path(__file__).resolve().parents[2]
+DELAY = {"imu_delay_time": 0.02}
+WARNINGS = ("-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wsign-conversion", "-Wdouble-promotion", "-Wshadow", "-Wundef",
+            "-Wvla", "-Werror")  # fmt: skip
+
+
+@dataclass
+class Case:
+    folder: Path
+    vehicle: Path
+    logs: list[Path]
+    held: Path
+    out: Path
+    done: Result
+
+    @property
+    def verdict(self) -> dict:
+        return json.loads((self.out / "verdict.json").read_text(encoding="utf-8"))
+
+
+@pytest.fixture(scope="module")
+def case(tmp_path_factory):
+    """An IMU that is 20 ms late, in two logs and one that is held out."""
+    folder = tmp_path_factory.mktemp("gap")
+    vehicle = car(folder)
+    logs = [write_log(folder / f"{d}.csv", vehicle, d, DELAY, seed) for seed, d in enumerate(("sweep", "brakes"), 1)]
+    held = write_log(folder / "held.csv", vehicle, "steps", DELAY, 3)
+    out = folder / "out"
+    done = tselab("gap", *logs, "--vehicle", vehicle, "--out", out, "--hold-out", held, "--jobs", 2)
+    return Case(folder, vehicle, logs, held, out, done)
+
+
+def test_names_the_hidden_effect_in_words_and_by_exit_code(case):
+    assert case.done.code in (10, 11), case.done.err
+    assert "imu_delay" in case.done.out and "Gap on held-out logs" in case.done.out
+    assert "Traceback" not in case.done.err
+    effect = next(e for e in case.verdict["effects"] if e["id"] == "imu_delay")
+    assert abs(effect["parameters"]["time"]["value"] - 0.02) < 0.002
+    assert effect["share_of_gap_closed"] > 0.5 and effect["parameters"]["time"]["unit"] == "s"
+    for channel in ("accel_y", "yaw_rate"):
+        assert case.verdict["gap"]["held_out"]["after"][channel] < 1.15
+        assert case.verdict["gap"]["held_out"]["before"][channel] > 1.3
+
+
+def test_verdict_has_all_that_was_agreed_and_no_number_that_json_lacks(case):
+    text = (case.out / "verdict.json").read_text()
+    assert "NaN" not in text and "Infinity" not in text
+    assert {"verdict", "effects", "where", "gap", "undetectable", "stiffness", "estimator", "words"} <= set(case.verdict)
+    assert {"channel", "condition", "entry_point", "strength"} <= set(case.verdict["where"][0])
+    for key, true in STIFFNESS.items():
+        assert case.verdict["stiffness"][key] == pytest.approx(true, rel=0.02)
+
+
+def test_estimates_agree_from_log_to_log_with_the_improved_vehicle(case):
+    estimator = case.verdict["estimator"]
+    spread = estimator["stiffness_sd_between_logs"]
+    for key in ("cy_front", "cy_rear"):
+        assert spread["after"][key] < 0.02 and spread["after"][key] < 0.5 * spread["before"][key]
+        assert estimator["valid"]["after"][key] > estimator["valid"]["before"][key] + 0.2
+    assert "differs between logs" in case.done.out
+    assert [d["part"] for d in case.verdict["estimator"]["logs"]] == ["fit", "fit", "held_out"]
+
+
+def test_improved_vehicle_is_the_users_with_stiffness_and_effect(case):
+    old, new = read_vehicle(case.vehicle), read_vehicle(case.out / "vehicle_improved.toml")
+    assert new.name == old.name and not new.notes and not new.filled
+    assert new.values["imu_delay_time"] == pytest.approx(0.02, abs=0.002)
+    assert new.values["cornering_stiffness_front"] == pytest.approx(0.92 * 110000, rel=0.02)
+    assert new.values["longitudinal_stiffness_rear"] == pytest.approx(1.1 * 160000, rel=0.03)
+    changed = {k for k in old.values if old.values[k] != new.values[k]}
+    assert changed == {k for k in old.values if "stiffness" in k}
+    text = (case.out / "vehicle_improved.toml").read_text()
+    low, high = (float(x) for x in re.search(r"\ntime = .*95 %: (\S+) \.\. (\S+)", text).groups())
+    assert low <= new.values["imu_delay_time"] <= high
+
+
+def test_improved_vehicle_estimates_and_simulates(case):
+    improved = case.out / "vehicle_improved.toml"
+    est = tselab("estimate", case.held, "--vehicle", improved, "--particles", 50, "--out", case.folder / "e.csv")
+    assert est.code == 0, est.err
+    sim = tselab("simulate", "--maneuver", "step-steer", "--duration", 1, "--vehicle", improved, "--out", case.folder / "s.csv")
+    assert sim.code == 0, sim.err
+
+
+@pytest.mark.parametrize(("compiler", "flags", "suffix"), [
+    ("cc", ("-std=c99", "-Wstrict-prototypes", "-Wmissing-prototypes"), "c"), ("c++", ("-std=c++17",), "cpp"),
+])  # fmt: skip
+def test_header_compiles_without_a_warning_and_sets_what_the_file_says(case, tmp_path, compiler, flags, suffix):
+    if shutil.which(compiler) is None:
+        pytest.skip(f"{compiler} is missing")
+    lib = library()
+    source = tmp_path / f"main.{suffix}"
+    source.write_text(
+        '#include "effects.h"\n#include "effects.h"\n#ifdef __cplusplus\nextern "C"\n#endif\nvoid set(tse_config *c);\n'
+        "void set(tse_config *c) { tse_config_small_case(c); }\n"
+    )
+    define = f"-DTSE_REAL_{'FLOAT' if lib.format == 'float' else 'DOUBLE'}"
+    done = subprocess.run(
+        [compiler, *flags, *WARNINGS, define, "-shared", "-fPIC", "-I", ROOT / "include", "-I", case.out, source, "-o",
+         tmp_path / "set.so"], capture_output=True, text=True,
+    )  # fmt: skip
+    assert done.returncode == 0 and not done.stderr, done.stderr
+    theirs, mine = Config(), Config(read_vehicle(case.out / "vehicle_improved.toml").values)
+    assert theirs.as_dict() != mine.as_dict()
+    ctypes.CDLL(str(tmp_path / "set.so")).set(ctypes.c_void_p(theirs.address))
+    assert theirs.as_dict() == mine.as_dict()
+
+
+def test_header_and_vehicle_are_the_same_bytes_again(case):
+    """Also: a second run takes the stages, and only those."""
+    before = {f: (case.out / f).read_bytes() for f in ("effects.h", "vehicle_improved.toml", "verdict.json")}
+    made = {p: p.stat().st_mtime_ns for p in (case.out / "stages").iterdir()}
+    again = tselab("gap", *case.logs, "--vehicle", case.vehicle, "--out", case.out, "--hold-out", case.held)
+    assert again.code == case.done.code and again.out == case.done.out
+    assert {f: (case.out / f).read_bytes() for f in before} == before
+    assert {p: p.stat().st_mtime_ns for p in (case.out / "stages").iterdir()} == made
+    assert not re.search(r"\b20\d\d-|\d\d:\d\d", before["effects.h"].decode())  # no date
+
+
+def test_residuals_are_measured_less_predicted_over_noise(case):
+    table = pd.read_parquet(case.out / "residuals.parquet")
+    assert tuple(table.columns) == COLUMNS
+    assert set(table["log"]) == {"sweep", "brakes", "held"} and set(table["channel"]) == set(MEASURES)
+    assert set(table.loc[table["part"] == "held_out", "log"]) == {"held"}
+    for when in ("before", "after"):
+        expected = (table["measured"] - table[f"predicted_{when}"]) / table["noise"]
+        np.testing.assert_allclose(table[f"residual_{when}"], expected, atol=1e-6)
+        groups = table.groupby(["part", "channel"], observed=True)
+        rms = groups[f"residual_{when}"].apply(lambda x: np.sqrt(np.mean(x**2)))
+        for part, of in (("fit", case.verdict["gap"]["fit"]), ("held_out", case.verdict["gap"]["held_out"])):
+            for channel in MEASURES:
+                assert rms[part, channel] == pytest.approx(of[when][channel], rel=1e-6)
+
+
+def test_report_stands_alone_and_shows_all_sections(case):
+    html = (case.out / "report.html").read_text(encoding="utf-8")
+    assert not re.search(r"<(script|link|img|iframe)[^>]+(src|href)\s*=", html)
+    assert len(html) < 6_000_000
+    titles = ("Named effects", "The gap before and after", "Measured and simulated", "Where they disagree: driving state",
+              "Which effect", "Where it enters", "Handling, quasi-steady", "Response to the steering",
+              "What the estimator gains", "What these logs could not have shown")  # fmt: skip
+    for title in titles:
+        assert title in html, title
+    assert case.verdict["words"][0] in html.replace("&#39;", "'")
+    figures = figures_of(html)
+    overlay = next(f for f in figures if f["layout"].get("updatemenus"))
+    labels = [b["label"] for b in overlay["layout"]["updatemenus"][0]["buttons"]]
+    assert labels == ["brakes", "sweep", "held (held out)"]
+    assert {t["name"] for t in overlay["data"]} == {"measured", "before", "after"}
+
+
+def test_response_to_steering_turns_onto_the_measurement(case):
+    """20 ms are 22 degrees at 3 Hz; stiffness hides some of them before, nothing is missing after."""
+    html = (case.out / "report.html").read_text(encoding="utf-8")
+    figure = next(f for f in figures_of(html) if "Phase of yaw_rate" in json.dumps(f["layout"]))
+    phase = [t for t in figure["data"] if t["yaxis"] in ("y3", "y4")]
+    error = {}
+    for when in ("before", "after"):
+        pairs = [(_numbers(m["y"]), _numbers(t["y"])) for m, t in zip(
+            (t for t in phase if t["name"] == "measured"), (t for t in phase if t["name"] == when), strict=True)]  # fmt: skip
+        error[when] = max(np.max(np.abs(a - b)) for a, b in pairs)
+    assert error["before"] > 8 and error["after"] < 0.5 * error["before"]
+
+
+def _numbers(y: object) -> np.ndarray:
+    """Plotly packs arrays."""
+    if isinstance(y, dict):
+        import base64
+
+        return np.frombuffer(base64.b64decode(y["bdata"]), y["dtype"])
+    return np.array(y)
+
+
+def test_picture_is_a_png(case):
+    pytest.importorskip("matplotlib")
+    assert (case.out / "gap.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_nothing_hidden_is_exit_0(tmp_path):
+    vehicle = car(tmp_path)
+    logs = [write_log(tmp_path / f"{d}.csv", vehicle, d, {}, seed) for seed, d in enumerate(("sweep", "brakes"), 5)]
+    done = tselab("gap", *logs, "--vehicle", vehicle, "--out", tmp_path / "out")
+    assert done.code == 0, done.out + done.err
+    text = (tmp_path / "out" / "vehicle_improved.toml").read_text()
+    assert "[effects" not in text and "could not have shown" in done.out
+
+
+def test_ctrl_c_keeps_the_stages_that_are_done(case, tmp_path):
+    out = tmp_path / "out"
+    run = subprocess.Popen(
+        [*COMMAND, "gap", *map(str, case.logs), "--vehicle", str(case.vehicle), "--out", str(out), "--jobs", "1"],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    end = time.monotonic() + 60
+    while not (out / "stages" / "where.pickle").exists() and time.monotonic() < end and run.poll() is None:
+        time.sleep(0.02)
+    run.send_signal(signal.SIGINT)
+    _, err = run.communicate(timeout=60)
+    assert run.returncode == 130, err
+    assert "baseline" in err and "goes on from there" in err and "Traceback" not in err
+    assert (out / "stages" / "baseline.pickle").exists() and not (out / "verdict.json").exists()
+
+
+@pytest.mark.parametrize(("args", "text"), [
+    (("gap",), "LOG.csv"),
+    (("gap", "nowhere.csv", "--vehicle", "car.toml", "--out", "o"), "no such file"),
+    (("gap", "log.csv", "--vehicle", "car.toml"), "--out"),
+    (("gap", "log.csv", "log.csv", "--vehicle", "car.toml", "--out", "o"), "given twice"),
+    (("gap", "log.csv", "--vehicle", "car.toml", "--out", "o", "--hold-out", "log.csv"), "is fitted, too"),
+    (("gap", "--vehicle", "car.toml", "--out", "o", "--hold-out", "log.csv"), "LOG.csv"),
+    (("gap", "log.csv", "--vehicle", "car.toml", "--out", "car.toml"), "is a file"),
+    (("gap", "log.csv", "--vehicle", "car.toml", "--out", "o", "--scheduler", "tcp://127.0.0.1:1"), "no Dask scheduler"),
+    (("gap", "slow.csv", "--vehicle", "car.toml", "--out", "o"), "in one piece above 3 m/s"),
+    (("gap", "check", "nowhere.csv", "--vehicle", "car.toml"), "no such file"),
+    (("gap", "plan", "--separate", "relaxation", "--vehicle", "car.toml"), "is not two effects"),
+    (("gap", "plan", "--separate", "relaxation,body_rol", "--vehicle", "car.toml"), "did you mean body_roll"),
+    (("gap", "selftest", "log.csv", "--hide", "nonsense", "--vehicle", "car.toml"), "no effect 'nonsense'"),
+    (("gap", "selftest", "log.csv", "--hide", "bank", "--size", "0", "--vehicle", "car.toml"), "hides nothing"),
+])  # fmt: skip
+def test_bad_input_is_exit_2_and_a_sentence(tmp_path, case, args, text, monkeypatch, capsys):
+    shutil.copy(case.vehicle, tmp_path / "car.toml")
+    shutil.copy(case.logs[0], tmp_path / "log.csv")
+    slow = pd.read_csv(case.logs[0])
+    slow[["wheel_speed_front", "wheel_speed_rear"]] *= 0.05
+    slow.to_csv(tmp_path / "slow.csv", index=False)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", ["tselab", *args])
+    with pytest.raises(SystemExit) as end:  # in this process: a dozen starts of Python take longer than all the rest
+        main()
+    out, err = capsys.readouterr()
+    assert end.value.code == 2 and text in err and "internal error" not in err, out + err
+
+
+def test_help_tells_of_the_workflow_its_commands_and_the_columns():
+    done = tselab("gap", "--help")
+    assert done.code == 0
+    for text in ("LOG.csv ...", "--hold-out", "check", "plan", "selftest", "vehicle_speed", "wheel_torque_rear", "Exit code"):
+        assert text in done.out, text
+    assert "  run " not in done.out

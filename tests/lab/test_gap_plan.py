@@ -1,0 +1,230 @@
+"""tselab gap check, plan, selftest; the optional columns; a cluster gives the same numbers."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from conftest import tselab
+from gap_logs import DRIVES, car, write_log
+from tselab.core import Config
+from tselab.gap import gain
+from tselab.gap import plan as planning
+from tselab.gap.catalogue import catalogue
+from tselab.gap.check import check
+from tselab.gap.cross import SOURCES, Blocks, responses
+from tselab.gap.data import prepare
+from tselab.gap.drives import library, prepared
+from tselab.gap.problem import STIFFNESS, Problem
+from tselab.gap.selftest import selftest
+from tselab.gap.workers import workers
+from tselab.log import Log, average, read_log
+from tselab.vehicle import read_vehicle
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("plan")
+
+
+@pytest.fixture(scope="module")
+def vehicle(folder):
+    return car(folder)
+
+
+@pytest.fixture
+def few(monkeypatch):
+    """Three manoeuvres instead of all."""
+    monkeypatch.setattr(planning, "library", lambda config: [c for c in library(config) if c.name in DRIVES.values()])
+
+
+# ---- plan
+
+
+def test_exact_aliases_cannot_be_separated(few, vehicle):
+    found = planning.plan("mass,yaw_inertia", vehicle)
+    assert not found.separable and len(found.options) == len(DRIVES)
+    assert all(o.shows > 8 for o in found.options if "sweep" in o.name)  # each shows; they are only not told apart
+    assert "cannot be separated by any" in found.text(3)
+
+
+def test_relaxation_and_steering_lag_are_told_apart_by_quick_steering(few, vehicle):
+    found = planning.plan("relaxation,steering_lag", vehicle)
+    assert found.separable and found.options[0].nats > 8
+    nats = {o.name: o.nats for o in found.options}
+    assert nats[DRIVES["sweep"]] > 10 * nats[DRIVES["brakes"]]
+    assert "steering" in found.text(1).splitlines()[0]
+
+
+def test_time_needed_is_that_of_8_nats(few, vehicle):
+    option = planning.plan("imu_delay,steering_delay", vehicle).options[0]
+    assert option.needed == pytest.approx(8 * option.seconds / option.nats)
+
+
+def test_plan_does_not_depend_on_the_jobs(few, vehicle):
+    one, three = (planning.plan("conicity,steering_offset", vehicle, jobs).options for jobs in (1, 3))
+    assert one == three
+
+
+def test_manoeuvres_ask_of_the_car_what_their_names_say(vehicle):
+    config = Config(read_vehicle(vehicle).values)
+    candidates = library(config)
+    assert len({c.name for c in candidates}) == len(candidates) > 30
+    for c in candidates:
+        problem = Problem(prepared(c, config), config)
+        ay = problem.channels({}, ("accel_y",))["accel_y"]
+        assert np.all(np.isfinite(ay)) and np.max(np.abs(ay)) < 9, c.name
+        if "straight" in c.name:
+            assert np.max(np.abs(ay)) < 1e-6, c.name
+        elif "ramps to 6 m/s2" in c.name:
+            assert 5.0 < np.max(np.abs(ay)) < 6.5, c.name
+
+
+# ---- check
+
+
+def test_check_sees_what_quick_steering_shows_and_names_what_is_missing(folder, vehicle):
+    found = check([write_log(folder / "sweep.csv", vehicle, "sweep", {}, 1)], vehicle)
+    effects = {d.id: d for d in found.effects}
+    assert set(effects) == set(catalogue())
+    assert effects["relaxation"].visible and effects["imu_delay"].visible
+    assert not effects["rolling_resistance"].visible and not effects["combined_slip"].visible
+    assert effects["steering_compliance"].absorbed > 0.9 > effects["imu_lever_arm"].absorbed
+    enough = {e.title: e.enough for e in found.excitation}
+    assert enough == {"steering to 3 Hz": True, "lateral acceleration of 5-6 m/s2": False, "braking in a turn": False,
+                      "steering at two speeds": False, "steps of brake and throttle": False}  # fmt: skip
+    assert found.without == ["vehicle_speed", "wheel_torque_front", "wheel_torque_rear"]
+
+
+def test_check_is_content_with_braking_in_turns(folder, vehicle):
+    logs = [write_log(folder / f"{d}.csv", vehicle, d, {}, seed) for seed, d in enumerate(("brakes", "steps"), 1)]
+    enough = {e.title: e.enough for e in check(logs, vehicle).excitation}
+    assert enough["braking in a turn"] and enough["steps of brake and throttle"] and enough["steering at two speeds"]
+
+
+def test_torque_channel_makes_drag_visible(folder, vehicle):
+    """The reason for the optional columns."""
+    torque = {"wheel_torque_front": 8.0, "wheel_torque_rear": 8.0}
+    log = write_log(folder / "torque.csv", vehicle, "brakes", {}, 4, **torque)
+    found = check([log], vehicle)
+    assert {d.id: d.visible for d in found.effects}["aero_drag"]
+    assert found.without == ["vehicle_speed"]
+    plain = check([write_log(folder / "no_torque.csv", vehicle, "brakes", {}, 4)], vehicle)
+    assert not {d.id: d.visible for d in plain.effects}["aero_drag"]
+
+
+def test_check_prints_a_table(folder, vehicle):
+    log = write_log(folder / "print.csv", vehicle, "sweep", {}, 1, seconds=12.0)
+    done = tselab("gap", "check", log, "--vehicle", vehicle)
+    assert done.code == 0 and "smallest that shows" in done.out and "Drive also: braking" in done.out, done.err
+
+
+# ---- selftest
+
+
+def test_selftest_finds_what_it_hid(folder, vehicle):
+    logs = [write_log(folder / f"own_{d}.csv", vehicle, d, {}, seed) for seed, d in enumerate(("sweep", "brakes"), 1)]
+    out = folder / "selftest"
+    out.mkdir()
+    found = selftest(logs, vehicle, "gyro_scale", 1.0, out)
+    assert found.found and found.words[0].startswith("Hidden: scale of the gyro")
+    named = next(n for n in found.result.naming.named if n.effect.id == "gyro_scale")
+    assert named.values["gyro_scale_error"] == pytest.approx(0.02, rel=0.15)
+    made, own = pd.read_csv(found.logs[0]), pd.read_csv(logs[0])
+    np.testing.assert_array_equal(made["steer_angle"], own["steer_angle"])  # the user's inputs
+    assert np.std(made["yaw_rate"] - own["yaw_rate"]) > 0.002  # not the user's measurements
+
+
+def test_selftest_says_when_it_is_not_found(folder, vehicle):
+    log = write_log(folder / "straight.csv", vehicle, "sweep", {}, 1, seconds=12.0)
+    done = tselab("gap", "selftest", log, "--hide", "rolling_resistance", "--size", 0.3, "--vehicle", vehicle)
+    assert done.code == 1 and "Not found." in done.out, done.out + done.err
+
+
+# ---- optional columns
+
+
+def test_optional_columns_are_kept_checked_and_averaged(folder, vehicle):
+    path = write_log(folder / "extra.csv", vehicle, "sweep", {}, 1, seconds=6.0, vehicle_speed=0.05, wheel_torque_front=5.0)
+    table = pd.read_csv(path)
+    table.loc[3, "vehicle_speed"] = 500.0
+    table["wheel_torque_rear"] = "n/a at all"
+    table.to_csv(path, index=False)
+    log = read_log(path)
+    assert list(log.extra) == ["vehicle_speed", "wheel_torque_front"]
+    assert np.isnan(log.extra["vehicle_speed"][3]) and log.extra["vehicle_speed"][4] == table["vehicle_speed"][4]
+    assert any("1 values outside" in n for n in log.notes) and any("wheel_torque_rear is not numeric" in n for n in log.notes)
+    assert average(log, 0.1).extra["wheel_torque_front"][5] == pytest.approx(table["wheel_torque_front"][50:60].mean())
+    assert "vehicle_speed" in prepare(log, Config(read_vehicle(vehicle).values)).channels
+
+
+def test_column_in_other_units_is_not_used_and_the_log_is_not_refused(folder, vehicle):
+    path = write_log(folder / "kmh.csv", vehicle, "sweep", {}, 1, seconds=6.0, vehicle_speed=0.05)
+    table = pd.read_csv(path)
+    table["vehicle_speed"] *= 3.6 * 2
+    table.to_csv(path, index=False)
+    log = read_log(path)
+    assert log.extra.empty and any("divide by 3.6" in n for n in log.notes)
+    assert tselab("estimate", path, "--vehicle", vehicle, "--particles", 50, "--out", folder / "kmh.est.csv").code == 0
+
+
+# ---- the estimator FMU
+
+
+@pytest.mark.parametrize(("change", "text"), [(0.0, "bit for bit"), (1e-12, "2 columns differ, first vel_x")])
+def test_proof_by_fmu_is_bit_for_bit(folder, vehicle, monkeypatch, change, text):
+    """What the FMU gives is compared value by value; that it gives the same is proved in test_fmu*.py."""
+    log = read_log(write_log(folder / "fmu.csv", vehicle, "steps", {}, 1, seconds=3.0))
+    config = gain.settings(read_vehicle(vehicle), log)
+
+    def fmu(path: Path, log: Log, config: Config) -> pd.DataFrame:
+        table = gain.estimate(log, config).table
+        return table.assign(vel_x=table["vel_x"] + change, n_eff=table["n_eff"] + change)
+
+    monkeypatch.setattr(gain, "by_fmu", fmu)
+    assert text in gain.prove(Path("Estimator.fmu"), log, config)
+
+
+# ---- cross plots, cluster
+
+
+def test_response_is_that_of_a_known_filter(vehicle):
+    """A yaw rate that follows the steering with a first-order lag of 0.1 s and gain 4."""
+    from scipy.signal import cont2discrete, lfilter
+
+    config = Config(read_vehicle(vehicle).values)
+    problem = Problem(prepared(next(c for c in library(config) if c.name == DRIVES["sweep"]), config), config)
+    steer = problem.quantity("steer_angle")
+    b, a, _ = cont2discrete(([4.0], [0.1, 1.0]), 0.04, "bilinear")
+    n = int(problem.rows.of("yaw_rate").sum())
+    x = np.zeros(len(steer))
+    for c in ("accel_y", "yaw_rate"):
+        mine = problem.rows.of(c)
+        x[mine] = lfilter(np.ravel(b), a, steer[mine])
+    found = responses([Blocks(problem, 0, dict.fromkeys(SOURCES, x))])
+    r = next(r for r in found if r.channel == "yaw_rate")
+    warped = 2 / 0.04 * np.tan(np.pi * r.frequency * 0.04)
+    truth = 4.0 / (1 + 0.1j * warped)
+    assert n > 500 and r.frequency[-1] > 2.0
+    np.testing.assert_allclose(r.gain["measured"], np.abs(truth), rtol=0.08)
+    np.testing.assert_allclose(r.phase["after"], np.degrees(np.angle(truth)), atol=6)
+
+
+def test_cluster_gives_the_same_slopes_and_logs(folder, vehicle):
+    distributed = pytest.importorskip("distributed")
+    config = Config(read_vehicle(vehicle).values)
+    logs = [read_log(write_log(folder / f"c{s}.csv", vehicle, "steps", {}, s, seconds=8.0)) for s in (1, 2)]
+    with (
+        distributed.LocalCluster(n_workers=1, threads_per_worker=2, processes=False, dashboard_address=None) as cluster,
+        workers(1, cluster.scheduler_address) as far,
+        workers(1, None) as near,
+    ):
+        problems = [w.problem(w.prepare(logs, config), config) for w in (far, near)]
+        parameters = [*STIFFNESS, *(p for e in ("body_roll", "bank") for p in problems[1].strengths(catalogue()[e]))]
+        base = problems[1].residuals({})
+        slopes = [p.jacobian({}, base, parameters) for p in problems]
+    np.testing.assert_array_equal(slopes[0], slopes[1])
+    assert np.abs(slopes[1]).max() > 0

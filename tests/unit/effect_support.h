@@ -1,0 +1,95 @@
+/* tests/unit/effect_support.h - what the tests of effects share. Included once, after unit_support.h. */
+#ifndef EFFECT_SUPPORT_H
+#define EFFECT_SUPPORT_H
+
+#include <stdlib.h>
+
+#include "effects.h"
+#include "tse/replay.h"
+#include "tse/simulate.h"
+
+enum { LOG_MOST = 20000 };
+
+/* Rows of a log and what comes of them. */
+static tse_real log_dt[LOG_MOST], log_steer[LOG_MOST], log_front[LOG_MOST], log_rear[LOG_MOST];
+static tse_real got_x[LOG_MOST], got_y[LOG_MOST], got_r[LOG_MOST], got_vx[LOG_MOST], got_vy[LOG_MOST], got_yaw[LOG_MOST];
+static tse_real got_tf[LOG_MOST], got_tr[LOG_MOST];
+
+static inline tse_replay_log the_log(void)
+{
+  tse_replay_log log;
+  memset(&log, 0, sizeof log);
+  log.dt = log_dt;
+  log.steer_angle = log_steer;
+  log.wheel_speed_front = log_front;
+  log.wheel_speed_rear = log_rear;
+  return log;
+}
+
+static inline tse_replay_out the_out(void)
+{
+  tse_replay_out out;
+  memset(&out, 0, sizeof out);
+  out.accel_x = got_x;
+  out.accel_y = got_y;
+  out.yaw_rate = got_r;
+  out.vel_x = got_vx;
+  out.vel_y = got_vy;
+  out.true_yaw_rate = got_yaw;
+  out.wheel_torque_front = got_tf;
+  out.wheel_torque_rear = got_tr;
+  return out;
+}
+
+static inline tse_replay_start the_start(void)
+{
+  tse_replay_start s;
+  tse_replay_start_default(&s);
+  return s;
+}
+
+/* A replay that must succeed. */
+static inline void replay_with(const tse_config *c, const tse_replay_log *log, int rows, const tse_replay_start *s)
+{
+  const tse_params p = prepared(c);
+  const tse_replay_out out = the_out();
+  int32_t wrong = -1;
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_replay(&p, log, rows, s, &out, &wrong));
+}
+
+static inline void replay(const tse_config *c, int rows)
+{
+  const tse_replay_log log = the_log();
+  const tse_replay_start s = the_start();
+  replay_with(c, &log, rows, &s);
+}
+
+/* Straight on at this speed, wheels rolling at their stated radius. */
+static inline void straight(const tse_config *c, double speed, double dt, int rows)
+{
+  for (int i = 0; i < rows; i++) {
+    log_dt[i] = real(dt);
+    log_steer[i] = real(0);
+    log_front[i] = real(speed / (double)c->wheel_radius_front);
+    log_rear[i] = real(speed / (double)c->wheel_radius_rear);
+  }
+}
+
+static inline tse_config default_car(void)
+{
+  tse_config c;
+  tse_config_default(&c);
+  return c;
+}
+
+static inline tse_sim_config still_sim(double speed) /* no noise, no spread */
+{
+  tse_sim_config s;
+  tse_sim_config_default(&s);
+  s.noise = 0;
+  s.spread_cx_front = s.spread_cy_front = s.spread_cy_rear = 0;
+  s.speed = (tse_setting)speed;
+  return s;
+}
+
+#endif
