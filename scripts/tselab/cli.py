@@ -416,15 +416,18 @@ def settings(simulator: bool) -> None:
 @click.option("--seed", type=int, default=1, show_default=True, help="Seed of the random numbers.")
 @PROGRESS
 def demo(out: Path, seed: int, progress: bool | None) -> None:
-    """Simulate double lane changes with a road change, estimate, compare.
+    """Simulate double lane changes with a road change, estimate, compare; then find a hidden effect.
 
-    Writes vehicle.toml, filter.toml, log.csv, truth.csv, est.csv, report.html and, with matplotlib, demo.png.
+    Writes vehicle.toml, filter.toml, log.csv, truth.csv, est.csv, report.html and, with matplotlib, demo.png; and in
+    the folder gap the logs of a car with an effect that nobody told, and all that 'tselab gap' makes of them.
     """
-    from tselab.demo import run_demo, summary
+    from tselab.demo import gap_summary, run_demo, run_gap, summary
 
     if out.exists() and not out.is_dir():
         raise UserError(f"{out}: is a file, a directory is needed")
     click.echo(summary(run_demo(out, seed, show_progress(progress)), out))
+    say = (lambda text: click.echo(f"gap: {text}", err=True)) if show_progress(progress) else (lambda _: None)
+    click.echo("\n" + gap_summary(run_gap(out / "gap", seed, say, os.cpu_count() or 1), out / "gap"))
 
 
 @cli.command(short_help="Errors against the truth in the paper's set-up.")

@@ -26,7 +26,7 @@ from tselab.gap.workers import Workers
 from tselab.log import Log, read_log
 from tselab.vehicle import Vehicle, fill_sensors, read_vehicle
 
-NOISE_LIMIT = 1.15  # rms over noise up to which nothing is left to explain
+NOISE_LIMIT = 1.2  # rms over noise up to which nothing is left to explain: noise is known to some percent, inputs are smoothed
 EXIT = {"none": 0, "named": 10, "look-alikes": 11, "not_in_catalogue": 20}
 
 
@@ -231,7 +231,7 @@ def judge(
 def _sentence(n: name.Named) -> str:
     units = {p.name: p for p in n.effect.parameters}
     sizes = ", ".join(
-        f"{units[k].key} {v:.3g} {units[k].unit} ({n.ci95[k][0]:.3g} .. {n.ci95[k][1]:.3g})"
+        f"{units[k].key} {v:.3g}{'' if units[k].unit == '1' else ' ' + units[k].unit} ({n.ci95[k][0]:.3g} .. {n.ci95[k][1]:.3g})"
         for k, v in n.values.items()
         if units[k].strength
     )

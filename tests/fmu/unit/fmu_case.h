@@ -43,7 +43,7 @@ typedef struct log_line {
   char name[160], category[40], text[600];
   fmi2Status status;
 } log_line;
-static log_line lines[400];
+static log_line lines[1000];
 static int said;
 static int bad_lines; /* with a character that an importer may take for a format, or of an unknown category */
 
