@@ -96,6 +96,7 @@ def measure() -> None:
     print("picture ...", flush=True)
     output(tselab, "demo", "--out", ROOT / "demo-output")
     (RESULTS / "demo.png").write_bytes((ROOT / "demo-output" / "demo.png").read_bytes())
+    (RESULTS / "gap.png").write_bytes((ROOT / "demo-output" / "gap" / "gap.png").read_bytes())
     fmus()
     clients()
 

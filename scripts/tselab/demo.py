@@ -124,10 +124,10 @@ def gap_summary(result: Result, out: Path) -> str:
     held = result.held_out["accel_y"]
     return "\n".join(
         [
-            f"A second car, with a hidden effect ({HIDDEN}, {HIDDEN_SETTINGS['body_roll_gain']} rad s2/m), told to nobody. tselab gap says:",
+            f"A second car, with a hidden effect ({HIDDEN}, {HIDDEN_SETTINGS['body_roll_gain']} rad s2/m). tselab gap says:",
             *(f"  {w}" for w in result.words),
-            f"accel_y against the simulation: {before:.2f} times the sensor's noise before, {after:.2f} after; in a manoeuvre that the "
-            f"fit has not seen {held.before:.2f} before, {held.after:.2f} after.",
+            f"accel_y against the simulation: {before:.2f} times the sensor's noise before, {after:.2f} after; in a "
+            f"manoeuvre that the fit has not seen {held.before:.2f} before, {held.after:.2f} after.",
             f"Written to {out}: gap.png, report.html, verdict.json, vehicle_improved.toml, effects.h ...",
         ]
     )

@@ -1,7 +1,6 @@
 """The command itself: help, versions, lists, demo, study, internal errors."""
 
-from __future__ import annotations
-
+from __future__ import json
 import shutil
 import sys
 from pathlib import Path
@@ -68,7 +67,14 @@ def test_internal_error_is_one_paragraph_and_exit_1(monkeypatch, capsys):
 def test_demo_leaves_everything_and_finds_the_stiffness(tmp_path):
     done = tselab("demo", "--out", "demo", cwd=tmp_path)
     assert done.code == 0, done.err
-    assert len(done.out.splitlines()) == 5
+    drive, _, hidden = done.out.partition("\n\n")
+    assert len(drive.splitlines()) == 5
+    assert "hidden effect (body_roll" in hidden and "(body_roll): gain 0.009" in hidden
+    verdict = json.loads((tmp_path / "demo" / "gap" / "verdict.json").read_text())
+    assert [e["id"] for e in verdict["effects"]] == ["body_roll"]
+    # 5 %: the scatter of a stiffness that is redrawn at every sample; held out: noise of the scatter above the sensors'
+    assert verdict["effects"][0]["parameters"]["gain"]["value"] == pytest.approx(0.009, rel=0.05)
+    assert verdict["gap"]["held_out"]["after"]["accel_y"] < 1.15 < 3 < verdict["gap"]["held_out"]["before"]["accel_y"]
     names = {p.name for p in (tmp_path / "demo").iterdir()}
     assert {"vehicle.toml", "filter.toml", "log.csv", "truth.csv", "est.csv", "report.html"} <= names
     est, truth = pd.read_csv(tmp_path / "demo" / "est.csv"), pd.read_csv(tmp_path / "demo" / "truth.csv")

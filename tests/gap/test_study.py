@@ -1,0 +1,48 @@
+"""A seeded part of the study: the whole workflow on logs of the independent generator, and how the study judges."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from generator import Spec, make_cases
+
+from tselab.gap.workflow import run
+
+MANOEUVRES = ("sine_sweep", "steps_slow", "brake_in_turn", "brake_throttle")
+
+
+def found(tmp_path: Path, effects: dict[str, float], seed: int) -> tuple[dict, dict, int]:
+    case = next(make_cases([Spec("case", effects, seed, manoeuvres=MANOEUVRES, hold_out=("slalom",))]))
+    folder = case.write(tmp_path / "case")
+    result = run(
+        sorted(folder.glob("log_*.csv")), folder / "car.toml", tmp_path / "out", sorted(folder.glob("hold_out_*.csv")), jobs=2
+    )
+    return result.as_json(), case.truth, result.exit_code
+
+
+def test_a_clean_car_gets_no_name(tmp_path: Path) -> None:
+    verdict, _, code = found(tmp_path, {}, 101)
+    assert verdict["verdict"] == "none" and code == 0 and verdict["effects"] == []
+    assert max(verdict["gap"]["fit"]["after"].values()) < 1.2
+    assert {"aero_drag", "rolling_resistance"} <= {d["id"] for d in verdict["undetectable"]}  # no speed, no torque in the log
+
+
+# 15 %: the forms of the generator differ from the catalogue's
+@pytest.mark.parametrize(("effect", "key"), [("relaxation", "length"), ("wheel_radius", "change"), ("pitch_leak", "gain")])
+def test_a_hidden_effect_is_named_with_its_size(tmp_path: Path, effect: str, key: str) -> None:
+    verdict, truth, code = found(tmp_path, {effect: 1.0}, 2)
+    assert verdict["verdict"] == "named", json.dumps(verdict["words"])
+    named = max(verdict["effects"], key=lambda e: e["evidence"])
+    assert named["id"] == effect and code in (10, 11)
+    true = next(iter(truth["effects"][0]["parameters"].values()))
+    assert named["parameters"][key]["value"] == pytest.approx(true, rel=0.15)
+    assert verdict["closed"] > 0.85
+    assert max(verdict["gap"]["held_out"]["after"].values()) < 1.2
+
+
+def test_a_patch_of_low_grip_is_none_of_the_catalogue(tmp_path: Path) -> None:
+    verdict, _, code = found(tmp_path, {"low_grip_patch": 2.0}, 1)
+    assert verdict["verdict"] != "named" or verdict["closed"] < 0.5, verdict["words"]
+    assert code in (0, 20)
