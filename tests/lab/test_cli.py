@@ -1,6 +1,8 @@
 """The command itself: help, versions, lists, demo, study, internal errors."""
 
-from __future__ import json
+from __future__ import annotations
+
+import json
 import shutil
 import sys
 from pathlib import Path

@@ -128,5 +128,6 @@ def covariance(problem: Problem, f: Fit) -> np.ndarray:
     for channel, t in length.items():
         rows = problem.rows.channel == channel
         scale[rows] = t * np.mean(f.residuals[rows] ** 2)
-    bread = np.linalg.pinv(f.jacobian.T @ f.jacobian)
-    return bread @ ((f.jacobian.T * scale) @ f.jacobian) @ bread
+    prior = np.diag([1.0 / p.prior**2 if p.prior else 0.0 for p in f.parameters])
+    bread = np.linalg.pinv(f.jacobian.T @ f.jacobian + prior)
+    return bread @ ((f.jacobian.T * scale) @ f.jacobian + prior) @ bread

@@ -226,7 +226,8 @@ def _filter(problem: Problem, values: dict[str, float], piece: tuple, places: li
         z = np.array([e_ay[k], e_r[k]]) - np.einsum("...ij,...j->...i", h, x)
         ph = p @ np.swapaxes(h, -1, -2)
         s = h @ ph + np.eye(2)
-        det = s[..., 0, 0] * s[..., 1, 1] - s[..., 0, 1] ** 2
+        s = 0.5 * (s + np.swapaxes(s, -1, -2))
+        det = np.maximum(s[..., 0, 0] * s[..., 1, 1] - s[..., 0, 1] ** 2, 1.0)  # of I + h p h', whatever rounding says
         inv = np.empty_like(s)
         inv[..., 0, 0], inv[..., 1, 1] = s[..., 1, 1] / det, s[..., 0, 0] / det
         inv[..., 0, 1] = inv[..., 1, 0] = -s[..., 0, 1] / det
@@ -235,6 +236,7 @@ def _filter(problem: Problem, values: dict[str, float], piece: tuple, places: li
         gain = ph @ inv
         x = x + np.einsum("...ij,...j->...i", gain, z)
         p = p - gain @ np.swapaxes(ph, -1, -2)
+        p = 0.5 * (p + np.swapaxes(p, -1, -2))
         fitted = np.array([e_ay[k], e_r[k]]) - np.einsum("...ij,...j->...i", h, x)
         left += np.einsum("...i,...i->...", fitted, fitted)
         square = float(e_ay[k] ** 2 + e_r[k] ** 2)
