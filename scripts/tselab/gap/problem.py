@@ -61,6 +61,7 @@ class Problem:
         self.logs = [log for log in logs if log.stretches]
         self.config = config
         self.jobs = max(1, jobs)
+        self.fixed: dict[str, float] = {}  # values that are not fitted, and not those of the settings
         self.nominal = config.as_dict()
         if self.logs:  # a drift is one over the time of the longest log
             self.nominal["stiffness_drift_time"] = max(float(log.time[-1] - log.time[0]) for log in self.logs)
@@ -137,6 +138,7 @@ class Problem:
 
     def model(self, values: Mapping[str, float]) -> tuple[Config, dict[str, float]]:
         """Settings of the effects, and stiffness relative to the vehicle file's."""
+        values = self.fixed | dict(values)
         config = Config(self.nominal | {k: v for k, v in values.items() if k not in NOMINAL and "@" not in k})
         return config, {k: v for k, v in values.items() if k in NOMINAL}
 

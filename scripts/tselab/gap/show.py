@@ -7,7 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tselab.gap.catalogue import catalogue
 from tselab.gap.data import CHANNELS
+from tselab.gap.fit import fit
 from tselab.gap.problem import Problem
 
 BLOCK = 2.0  # s: resampled together
@@ -52,5 +54,23 @@ def compare(problem: Problem, before: np.ndarray, after: np.ndarray) -> dict[str
 
 
 def held_out(problem: Problem, before: Mapping[str, float], after: Mapping[str, float]) -> dict[str, Change]:
-    """The same on logs that were held out: parameters as fitted elsewhere, only biases are theirs."""
-    return compare(problem, problem.residuals(before), problem.residuals(after))
+    """The same on logs that were held out: parameters as fitted elsewhere; only biases are theirs, and profiles of a road that was
+    named, because it is another road."""
+    car = {k: v for k, v in after.items() if "@" not in k}
+    road = [e for e in catalogue().values() if any(k.startswith(e.id + "@") for k in after)]
+    plain = problem.residuals(before)
+    if not road:
+        return compare(problem, plain, problem.residuals(car))
+    problem.fixed = car
+    try:
+        profiles = fit(problem, [p for e in road for p in problem.strengths(e)], {})
+        return compare(problem, plain, profiles.residuals)
+    finally:
+        problem.fixed = {}
+
+
+def closed(changes: Mapping[str, Change]) -> float:
+    """Share of the energy above the noise that the change takes away, all channels."""
+    over = [(max(c.before**2 - 1.0, 0.0), max(c.after**2 - 1.0, 0.0)) for c in changes.values()]
+    total = sum(b for b, _ in over)
+    return 1.0 - sum(a for _, a in over) / total if total > 0 else 0.0

@@ -27,6 +27,7 @@ from tselab.log import Log, read_log
 from tselab.vehicle import Vehicle, fill_sensors, read_vehicle
 
 NOISE_LIMIT = 1.2  # rms over noise up to which nothing is left to explain: noise is known to some percent, inputs are smoothed
+LEAST_HELD_OUT = 0.6  # of the gap in held-out logs that names must close, too: else they only fit
 EXIT = {"none": 0, "named": 10, "look-alikes": 11, "not_in_catalogue": 20}
 
 
@@ -201,13 +202,15 @@ def judge(
     if not naming.named and not remains:
         verdict = "none"
         words.append("The model explains these logs down to the sensors' noise: nothing is missing that they could show.")
-    elif naming.named and (naming.closed >= name.LEAST_CLOSED or not remains):
+    elif naming.named and (naming.closed >= name.LEAST_CLOSED or not remains) and not _only_fits(changes):
         verdict = "named"
         for n in naming.named:
             words.append(_sentence(n))
     else:
         verdict = "not_in_catalogue"
         words.append("Something is missing, and it is none of the effects of the catalogue.")
+        if naming.named and _only_fits(changes):
+            words.append("What fits the logs best does not hold on the held-out ones.")
         if naming.named:
             closest = max(naming.named, key=lambda n: n.share)
             share = f"{100 * closest.share:.0f} %"
@@ -226,6 +229,11 @@ def judge(
     return Result(
         verdict, exit_code, words, naming, conditions, entries, left, before, after, changes, undetectable, seen, notes
     )
+
+
+def _only_fits(changes: dict[str, show.Change]) -> bool:
+    """Held-out logs, of which the names explain too little."""
+    return bool(changes) and max(c.after for c in changes.values()) > 1.3 and show.closed(changes) < LEAST_HELD_OUT
 
 
 def _sentence(n: name.Named) -> str:
