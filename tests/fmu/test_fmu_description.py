@@ -16,8 +16,8 @@ from fmu_support import ESTIMATOR, GOLDEN, VEHICLE, Unit, build, unit
 from tselab.core import CONFIG, OUTPUT, SIM_CONFIG, SIM_INPUT, SIM_OUTPUT, Field, library
 
 NAMESPACE = uuid.UUID("7d1b2f04-6f52-4e0b-9d0d-2f1b1d6c0e57")  # of fmu/stage.cmake
-UNITS = {"kg m2": "kg.m2", "Nm": "N.m"}  # the core's spelling -> FMI's
-GROUPS = {VEHICLE: ("vehicle", "sensors", "simulation"), ESTIMATOR: ("vehicle", "sensors", "filter")}
+UNITS = {"kg m2": "kg.m2", "Nm": "N.m", "rad s2/m": "rad.s2/m", "rad/(N m)": "rad/(N.m)"}  # the core's spelling -> FMI's
+GROUPS = {VEHICLE: ("vehicle", "sensors", "effects", "simulation"), ESTIMATOR: ("vehicle", "sensors", "effects", "filter")}
 
 
 def xml_of(model: str) -> str:
@@ -82,6 +82,7 @@ def test_every_setting_is_a_parameter_with_its_unit_range_and_start(name: str) -
         if full == "ramp":
             continue
         assert group in GROUPS[name], full
+        short = short.replace(".", "_")  # effects.body_roll.gain is the setting body_roll_gain
         row = simulation[short] if group == "simulation" else rows[short]
         if short == "particles":  # the range ends where this build's memory does
             assert (int(v.min), int(v.max), int(v.start)) == (16, 512, 500)
@@ -95,7 +96,9 @@ def test_every_setting_is_a_parameter_with_its_unit_range_and_start(name: str) -
     else:
         assert {s[1] for s in met if s[0]} == set(simulation)
         assert {s[1] for s in met if not s[0]} == {
-            n.partition(".")[2] for n in unit(ESTIMATOR).variables if n.startswith(("vehicle.", "sensors."))
+            n.partition(".")[2].replace(".", "_")
+            for n in unit(ESTIMATOR).variables
+            if n.startswith(("vehicle.", "sensors.", "effects."))
         }
 
 
@@ -160,7 +163,8 @@ def test_units_have_definitions_that_their_display_units_follow(model: Unit) -> 
     assert used == set(defined)
     displayed = {d.get("name"): float(d.get("factor")) for d in root.iter("DisplayUnit")}
     degree = math.degrees(1)
-    wanted = {"deg": degree, "deg/s": degree, "km/h": 3.6, "kN": 1e-3, "kN/deg": 1e-3 / degree}
+    wanted = {"deg": degree, "deg/s": degree, "km/h": 3.6, "kN": 1e-3, "kN/deg": 1e-3 / degree,
+              "deg.s2/m": degree, "deg/(N.m)": degree}  # fmt: skip
     assert displayed == pytest.approx({k: v for k, v in wanted.items() if k in displayed}, rel=1e-12)
     assert {"deg", "deg/s", "kN", "kN/deg"} <= set(displayed)
 
