@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from tselab import __version__
-from tselab.core import Config
+from tselab.core import Config, library_path
 from tselab.errors import UserError
 from tselab.files import atomic
 from tselab.gap import detect, name, remainder, show, where
@@ -126,8 +126,10 @@ def stage(folder: Path, key: str, title: str, compute: Callable[[], Any]) -> Any
 
 
 def fingerprint(paths: Sequence[Path], config: Config, *more: object) -> str:
-    """Of everything that a result depends on."""
+    """Of everything that a result depends on: logs, settings, this code, the library."""
     h = hashlib.sha256(__version__.encode())
+    for code in (*sorted(Path(__file__).parent.glob("*.py")), library_path()):
+        h.update(code.read_bytes())
     for p in paths:
         h.update(p.read_bytes())
     h.update(json.dumps([config.as_dict(), [str(m) for m in more]], sort_keys=True).encode())
