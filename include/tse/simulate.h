@@ -52,9 +52,9 @@ typedef struct tse_sim {
   uint32_t step;
   tse_real x[9];                       /* vel_x, vel_y, yaw rate, wheel speeds front and rear; slips that lag (tse/effects.h) */
   tse_real bias[3], drawn[3];
-  tse_sim_input last;
   tse_real steer, steer_logged;        /* with effects: the wheels' angle at the last row, and the logged one that led to it */
   tse_effect_memory effects;
+  tse_sim_input last;                  /* the last member: what holds inputs (fmu/SingleTrackVehicle) sets it */
 } tse_sim;
 
 void tse_sim_config_default(tse_sim_config *s);
