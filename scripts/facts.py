@@ -55,7 +55,7 @@ def fmu_variables(model: str, folder: Path) -> str:
         if re.fullmatch(MAIN[model], name):
             rows.setdefault((role, re.sub("c[xy]_(front|rear)", "", name), v.attrib["description"]), []).append(v)
         else:
-            group, _, last = name.rpartition(".")
+            group, _, last = name.partition(".") if role == "parameter" else name.rpartition(".")
             others.setdefault((role, group), []).append(last)
     lines = [f"| {model} | | unit | |", "|---|---|---|---|"]
     for (role, _, text), same in rows.items():
