@@ -22,12 +22,14 @@ import numpy as np
 from scipy.stats import beta
 from tqdm import tqdm
 
+from tselab.core import Config
+
 ROOT = Path(__file__).resolve().parents[2]
 FOLDER = ROOT / "build" / "gap-study"
 RESULTS = ROOT / "scripts" / "results"
 # Aliases by physics (effects.md, section 3): either name is right.
 CLASSES = [{"mass", "yaw_inertia"}, {"imu_scale_ax", "pitch_leak"}, {"conicity", "steering_offset"}]
-# What a car's log cannot show without speed or torque, or that a stiffness takes up.
+# Not expected: what a log cannot show without speed or torque, what a stiffness or a bias takes up. Listed with the result.
 INVISIBLE = {"aero_drag", "rolling_resistance", "steering_compliance", "aligning_moment", "conicity"}
 
 
@@ -98,7 +100,7 @@ def size_error(case: dict) -> float:
         return math.nan
     values = {k: v["value"] for k, v in mine["parameters"].items()}
     if e["id"] == "rear_roll_steer":  # per lateral acceleration: how much the car rolls is not in a log
-        return values["gain"] * 0.0075 / e["parameters"]["k_per_mps2"] - 1.0
+        return values["gain"] * Config().rear_roll_steer_roll / e["parameters"]["k_per_mps2"] - 1.0
     true = float(next(iter(e["parameters"].values())))
     if e["id"] == "bank":
         true = e["parameters"]["rms_wander"]
@@ -136,7 +138,8 @@ def tables(cases: list[dict]) -> dict[str, str]:
         held = sum(grade(c) in ("right", "extra", "look-alike") for c in visible)
         lines.append("")
         lines.append(
-            f"At typical size, of the {len(visible)} cases of effects that a log without speed and torque can show: right id in "
+            f"At typical size, of {len(visible)} cases, without those of {', '.join(sorted(INVISIBLE))}, of which these logs show next "
+            "to nothing: right id in "
             f"{100 * top / len(visible):.0f} % (95 %: {interval(top, len(visible))}), right or in an admitted set in "
             f"{100 * held / len(visible):.0f} % ({interval(held, len(visible))})."
         )

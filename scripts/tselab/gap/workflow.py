@@ -125,14 +125,14 @@ def stage(folder: Path, key: str, title: str, compute: Callable[[], Any]) -> Any
     return value
 
 
-def fingerprint(paths: Sequence[Path], config: Config, *more: object) -> str:
+def fingerprint(paths: Sequence[Path], config: Config) -> str:
     """Of everything that a result depends on: logs, settings, this code, the library."""
     h = hashlib.sha256(__version__.encode())
     for code in (*sorted(Path(__file__).parent.glob("*.py")), library_path()):
         h.update(code.read_bytes())
     for p in paths:
         h.update(p.read_bytes())
-    h.update(json.dumps([config.as_dict(), [str(m) for m in more]], sort_keys=True).encode())
+    h.update(json.dumps(config.as_dict(), sort_keys=True).encode())
     return h.hexdigest()
 
 
@@ -145,13 +145,13 @@ def run(
     say: Callable[[str], None] = lambda _: None,
     workers: Workers | None = None,
 ) -> Result:
-    """All stages. Without held-out logs, every third stretch of time... is not held out: what is shown is then the fit."""
+    """All stages. Without held-out logs nothing is shown beyond the logs that were fitted."""
     workers = workers or Workers(jobs)
     vehicle = read_vehicle(vehicle_path)
     say("reading the logs")
     read_logs, config = read(logs, vehicle)
     held = [read_log(p) for p in hold_out]
-    key = fingerprint([*logs, *hold_out], config, "1")
+    key = fingerprint([*logs, *hold_out], config)
     folder = out / "stages"
     prepared: list[Prepared] = stage(folder, key, "prepared", lambda: workers.prepare(read_logs, config))
     problem = workers.problem(prepared, config)
