@@ -14,6 +14,7 @@ import numpy as np
 from scipy.stats import false_discovery_control, kruskal, spearmanr
 
 from tselab.gap.data import CHANNELS
+from tselab.gap.fit import Fit
 from tselab.gap.problem import Problem
 
 WINDOW = 1.0  # s
@@ -44,6 +45,7 @@ class Entry:
     size: float  # sd of the disturbance
     unit: str
     time_constant: float  # s
+    follows: float  # share of the disturbance's variance that the car's own lateral acceleration explains
 
 
 def windows(problem: Problem, residuals: np.ndarray, features: dict[str, np.ndarray]) -> dict[str, dict[str, np.ndarray]]:
@@ -117,13 +119,15 @@ def conditions(problem: Problem, residuals: np.ndarray, values: dict[str, float]
     return sorted(kept, key=lambda k: -abs(k.strength))
 
 
+ROAD = "road (bank)"
+MOST_FOLLOWED = 0.5
 # place: force at a distance before the centre of gravity (front, rear, side), moment, gravity, or a sensor's error
 PLACES = {
     "front axle": "N",
     "rear axle": "N",
     "side force": "N",
     "yaw moment": "N m",
-    "road (bank)": "m/s2",
+    ROAD: "m/s2",
     "sensor accel_y": "m/s2",
     "sensor yaw_rate": "rad/s",
 }
@@ -131,54 +135,88 @@ TIMES = (0.1, 0.6, 4.0)  # s
 SIZES = (0.5, 2.0, 8.0, 32.0)  # in units that alone would make a residual of one
 
 
-def entries(problem: Problem, residuals: np.ndarray, values: dict[str, float]) -> list[Entry]:
-    """Every place with the evidence for a disturbance there, best first."""
+def entries(problem: Problem, baseline: Fit) -> list[Entry]:
+    """Every place with the evidence for a disturbance there, best first; stiffness is refitted beside it.
+
+    A fit without the disturbance has bent the stiffness towards it, and so spread over both channels what may have come in at
+    one. A Kalman filter is linear in what it filters, so the slopes over the stiffness go through it beside the residuals, and
+    the best stiffness is a regression of one on the others: of innovations for the evidence, of what is left for the share."""
     places, batch = list(PLACES), len(TIMES) * len(SIZES)
-    loglik = np.zeros((len(places), batch))
-    left = np.zeros((len(places), batch))
-    nothing = total = 0.0
+    n = 1 + baseline.jacobian.shape[1]
+    products, left = np.zeros((len(places), batch, n, n)), np.zeros((len(places), batch, n, n))
+    nothing, spread = np.zeros((n, n)), np.zeros((len(places), batch))
     size_of = np.zeros((len(places), batch))
+    sought, drive = [], []
+    turning = problem.channels(baseline.values, ("accel_y",))["accel_y"]
     for i in range(len(problem.logs)):
-        piece = _lateral(problem, residuals, values, i)
+        piece = _lateral(problem, baseline, i)
         if piece is None:
             continue
-        l1, r1, size_of, l0, r0 = _filter(problem, values, piece, places)
-        loglik += l1
-        left += r1
-        nothing += l0
-        total += r0
-    if total <= 0:
+        p, f, s, size_of, p0, d = _filter(problem, baseline.values, piece, places)
+        sought.append(d)
+        drive.append(turning[(problem.rows.log == i) & problem.rows.of("accel_y")])
+        products += p
+        left += f
+        spread += s
+        nothing += p0
+    if nothing[0, 0] <= 0:
         return []
+    total, _ = _regress(nothing)
+    disturbance, ay = np.concatenate(sought), np.concatenate(drive)
     found = []
     for k, place in enumerate(places):
-        b = int(np.argmax(loglik[k]))
+        squares, slopes = _regress(products[k])
+        loglik = -0.5 * (squares + spread[k])
+        b = int(np.argmax(loglik))
+        rest = float(slopes[b] @ left[k, b] @ slopes[b])
         found.append(
             Entry(
                 place,
-                float(loglik[k, b] - nothing),
-                float(np.clip(1.0 - left[k, b] / total, 0.0, 1.0)),
+                float(loglik[b] + 0.5 * total),
+                float(np.clip(1.0 - rest / nothing[0, 0], 0.0, 1.0)),
                 float(size_of[k, b]),
                 PLACES[place],
                 TIMES[b // len(SIZES)],
+                _explained(disturbance[:, k, b] @ slopes[b], ay),
             )
         )
-    return sorted(found, key=lambda e: -e.nats)
+    # a road does not know of the steering wheel: what follows the car's own turning came in elsewhere
+    return sorted(found, key=lambda e: (e.place == ROAD and e.follows > MOST_FOLLOWED, -e.nats))
 
 
-def _lateral(problem: Problem, residuals: np.ndarray, values: dict[str, float], i: int) -> tuple | None:
+def _explained(y: np.ndarray, x: np.ndarray) -> float:
+    """Share of the variance of y that x and its past explain."""
+    columns = np.column_stack([np.roll(x, lag) for lag in (0, 2, 5)] + [np.ones(len(x))])
+    rest = y - columns @ np.linalg.lstsq(columns, y, rcond=None)[0]
+    return float(1.0 - rest.var() / y.var()) if y.var() > 0 else 0.0
+
+
+def _regress(products: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """From sums of products of (residual, slopes ...): the smallest sum of squares over the parameters, and (1, parameters)."""
+    a, b = products[..., 1:, 1:], products[..., 1:, :1]
+    ridge = 1e-9 * np.trace(a, axis1=-2, axis2=-1)[..., None, None] * np.eye(a.shape[-1]) + 1e-300 * np.eye(a.shape[-1])
+    x = -np.linalg.solve(a + ridge, b)
+    squares = products[..., 0, 0] + (np.swapaxes(b, -1, -2) @ x)[..., 0, 0]
+    return squares, np.concatenate([np.ones_like(x[..., :1, 0]), x[..., 0]], axis=-1)
+
+
+def _lateral(problem: Problem, baseline: Fit, i: int) -> tuple | None:
     rows = problem.rows
     mine = {c: (rows.log == i) & rows.of(c) for c in ("accel_y", "yaw_rate")}
     if not all(m.any() for m in mine.values()):
         return None
-    w = {c: problem.weight[m] for c, m in mine.items()}
-    speed = problem.quantity("wheel_speed_front")[mine["yaw_rate"]] * problem.config.wheel_radius_front
-    time = rows.time[mine["yaw_rate"]]
-    return residuals[mine["accel_y"]], residuals[mine["yaw_rate"]], w["accel_y"], w["yaw_rate"], speed, time
+    ay, r = mine["accel_y"], mine["yaw_rate"]
+    signals = np.column_stack([baseline.residuals, baseline.jacobian])
+    speed = problem.quantity("wheel_speed_front")[r] * problem.config.wheel_radius_front
+    return np.stack([signals[ay], signals[r]], axis=1), problem.weight[ay], problem.weight[r], speed, rows.time[r]
 
 
 def _filter(problem: Problem, values: dict[str, float], piece: tuple, places: list[str]) -> tuple:
-    """Kalman filters of (vel_y, yaw rate, disturbance), all places, time constants and sizes at once."""
-    e_ay, e_r, w_ay, w_r, speed, time = piece
+    """Kalman filters of (vel_y, yaw rate, disturbance), all places, time constants and sizes at once.
+
+    Returned, sums over the log: products of whitened innovations, products of what is left, log det of the innovations, the
+    sizes (sd), products of the signals themselves; and the disturbance in each block, per signal."""
+    signals, w_ay, w_r, speed, time = piece
     c = problem.config
     m, inertia, lf, lr = c.mass, c.yaw_inertia, c.lf, c.lr
     cf = c.cornering_stiffness_front * values.get("cy_front", 1.0)
@@ -186,7 +224,7 @@ def _filter(problem: Problem, values: dict[str, float], piece: tuple, places: li
     lever = {"front axle": lf, "rear axle": -lr, "side force": 0.0}
     force = np.array([1.0 if p in lever else 0.0 for p in places])
     moment = np.array([lever.get(p, 1.0 if p == "yaw moment" else 0.0) for p in places])
-    gravity = np.array([1.0 if p == "road (bank)" else 0.0 for p in places])
+    gravity = np.array([1.0 if p == ROAD else 0.0 for p in places])
     to_ay = np.array([1.0 if p == "sensor accel_y" else 0.0 for p in places])
     to_r = np.array([1.0 if p == "sensor yaw_rate" else 0.0 for p in places])
     sd_ay, sd_r = 1.0 / np.median(w_ay[w_ay > 0]), 1.0 / np.median(w_r[w_r > 0])
@@ -198,14 +236,15 @@ def _filter(problem: Problem, values: dict[str, float], piece: tuple, places: li
     b_vy = (force / m + gravity)[:, None]
     b_r = (moment / inertia)[:, None]
     shape = (len(places), tau.shape[1])
-    x = np.zeros((*shape, 3))
+    n = signals.shape[2]
+    x = np.zeros((*shape, 3, n))
     p = np.zeros((*shape, 3, 3))
     p[..., 2, 2] = size**2
-    loglik, left = np.zeros(shape), np.zeros(shape)
-    plain = plain_left = 0.0
+    products, left, spread, plain = np.zeros((*shape, n, n)), np.zeros((*shape, n, n)), np.zeros(shape), np.zeros((n, n))
+    disturbance = np.zeros((len(signals), *shape, n))
     a = np.zeros((*shape, 3, 3))
     h = np.zeros((*shape, 2, 3))
-    for k in range(len(e_ay)):
+    for k in range(len(signals)):
         v = max(float(speed[k]), 3.0)
         step = float(np.clip(time[k] - time[k - 1], 0.01, 0.2)) if k else 0.04
         yv, yr = -(cf + cr) / (m * v), -(lf * cf - lr * cr) / (m * v)
@@ -216,14 +255,14 @@ def _filter(problem: Problem, values: dict[str, float], piece: tuple, places: li
         ah = a * step
         f = np.eye(3) + ah + ah @ ah / 2 + ah @ ah @ ah / 6 + ah @ ah @ ah @ ah / 24
         f[..., 2, 2] = np.exp(-step / tau)
-        x = np.einsum("...ij,...j->...i", f, x)
+        x = f @ x
         p = f @ p @ np.swapaxes(f, -1, -2)
         p[..., 2, 2] += size**2 * (1.0 - np.exp(-2.0 * step / tau))
         h[..., 0, 0], h[..., 0, 1] = yv * w_ay[k], yr * w_ay[k]
         h[..., 0, 2] = w_ay[k] * (force / m + to_ay)[:, None]
         h[..., 1, 1] = w_r[k]
         h[..., 1, 2] = w_r[k] * to_r[:, None]
-        z = np.array([e_ay[k], e_r[k]]) - np.einsum("...ij,...j->...i", h, x)
+        z = signals[k] - h @ x
         ph = p @ np.swapaxes(h, -1, -2)
         s = h @ ph + np.eye(2)
         s = 0.5 * (s + np.swapaxes(s, -1, -2))
@@ -231,15 +270,14 @@ def _filter(problem: Problem, values: dict[str, float], piece: tuple, places: li
         inv = np.empty_like(s)
         inv[..., 0, 0], inv[..., 1, 1] = s[..., 1, 1] / det, s[..., 0, 0] / det
         inv[..., 0, 1] = inv[..., 1, 0] = -s[..., 0, 1] / det
-        mahalanobis = np.einsum("...i,...ij,...j->...", z, inv, z)
-        loglik -= 0.5 * (mahalanobis + np.log(det))
+        products += np.swapaxes(z, -1, -2) @ inv @ z
+        spread += np.log(det)
         gain = ph @ inv
-        x = x + np.einsum("...ij,...j->...i", gain, z)
+        x = x + gain @ z
         p = p - gain @ np.swapaxes(ph, -1, -2)
         p = 0.5 * (p + np.swapaxes(p, -1, -2))
-        fitted = np.array([e_ay[k], e_r[k]]) - np.einsum("...ij,...j->...i", h, x)
-        left += np.einsum("...i,...i->...", fitted, fitted)
-        square = float(e_ay[k] ** 2 + e_r[k] ** 2)
-        plain -= 0.5 * square
-        plain_left += square
-    return loglik, left, size, plain, plain_left
+        rest = signals[k] - h @ x
+        left += np.swapaxes(rest, -1, -2) @ rest
+        plain += signals[k].T @ signals[k]
+        disturbance[k] = x[..., 2, :]
+    return products, left, spread, size, plain, disturbance

@@ -166,7 +166,7 @@ def run(
         folder, key, "where",
         lambda: (
             where.conditions(problem, baseline.residuals, baseline.values),
-            where.entries(problem, baseline.residuals, baseline.values),
+            where.entries(problem, baseline),
         ),
     )  # fmt: skip
     naming: name.Naming = stage(folder, key, "naming", lambda: name.name(problem, effects, say, baseline))

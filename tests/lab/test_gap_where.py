@@ -1,0 +1,119 @@
+"""Where: a disturbance that enters at a known place is found there. The residuals are made by scipy's matrix exponential of a
+linear single-track model of its own, not by the filter that looks for it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+from gap_logs import STIFFNESS, car, write_log
+from tselab.core import Config
+from tselab.gap import where
+from tselab.gap.data import prepare
+from tselab.gap.fit import fit
+from tselab.gap.problem import STIFFNESS as PARAMETERS
+from tselab.gap.problem import Problem
+from tselab.log import read_log
+from tselab.vehicle import read_vehicle
+
+STEP = 0.04  # s, a block
+
+
+@pytest.fixture(scope="module")
+def clean(tmp_path_factory):
+    """Two logs of the car as the vehicle file says, and their fit."""
+    folder = tmp_path_factory.mktemp("where")
+    vehicle = car(folder)
+    paths = [write_log(folder / f"{d}.csv", vehicle, d, {}, seed) for seed, d in enumerate(("sweep", "steps"), 31)]
+    config = Config(read_vehicle(vehicle).values)
+    problem = Problem([prepare(read_log(p), config) for p in paths], config)
+    return problem, fit(problem, PARAMETERS, {})
+
+
+def drift(n: int, tau: float, rng: np.random.Generator) -> np.ndarray:
+    """Ornstein-Uhlenbeck of unit variance."""
+    x, keep = np.zeros(n), np.exp(-STEP / tau)
+    for k in range(1, n):
+        x[k] = keep * x[k - 1] + np.sqrt(1 - keep**2) * rng.standard_normal()
+    return x
+
+
+def answer(config: Config, speed: float, place: str, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Change of lateral acceleration and yaw rate that a disturbance makes (N, N m, m/s2 or rad/s), stiffness as in the logs."""
+    if place == "sensor accel_y":
+        return d, np.zeros_like(d)
+    if place == "sensor yaw_rate":
+        return np.zeros_like(d), d
+    m, inertia = config.mass, config.yaw_inertia
+    cf = config.cornering_stiffness_front * STIFFNESS["cy_front"]
+    cr = config.cornering_stiffness_rear * STIFFNESS["cy_rear"]
+    a, b = config.lf, config.lr
+    matrix = np.array([
+        [-(cf + cr) / (m * speed), -(a * cf - b * cr) / (m * speed) - speed],
+        [-(a * cf - b * cr) / (inertia * speed), -(a**2 * cf + b**2 * cr) / (inertia * speed)],
+    ])  # fmt: skip
+    push = {
+        "front axle": (1 / m, a / inertia), "rear axle": (1 / m, -b / inertia), "side force": (1 / m, 0.0),
+        "yaw moment": (0.0, 1 / inertia), "road (bank)": (1.0, 0.0),
+    }[place]  # fmt: skip
+    whole = np.zeros((3, 3))
+    whole[:2, :2], whole[:2, 2] = matrix, push
+    f = expm(whole * STEP)
+    x, ay, r = np.zeros(2), [], []
+    for value in d:
+        force = value / m if place in ("front axle", "rear axle", "side force") else 0.0  # an accelerometer feels no gravity
+        ay.append(matrix[0] @ x + speed * x[1] + force)
+        r.append(x[1])
+        x = f[:2, :2] @ x + f[:2, 2] * value
+    return np.array(ay), np.array(r)
+
+
+def disturbed(clean, place: str, size: float, make) -> list[where.Entry]:
+    """Entries for residuals of noise, of a wrong stiffness and of a disturbance."""
+    problem, baseline = clean
+    rng = np.random.default_rng(7)
+    residuals = rng.standard_normal(len(baseline.residuals)) + baseline.jacobian @ [0.02, -0.03, 0.02]
+    speed = problem.quantity("wheel_speed_front") * problem.config.wheel_radius_front
+    for i in range(len(problem.logs)):
+        ay_rows = (problem.rows.log == i) & problem.rows.of("accel_y")
+        r_rows = (problem.rows.log == i) & problem.rows.of("yaw_rate")
+        ay, r = answer(problem.config, float(speed[ay_rows].mean()), place, size * make(i, int(ay_rows.sum()), rng))
+        residuals[ay_rows] += problem.weight[ay_rows] * ay
+        residuals[r_rows] += problem.weight[r_rows] * r
+    return where.entries(problem, replace(baseline, residuals=residuals))
+
+
+@pytest.mark.parametrize(("place", "size"), [
+    ("front axle", 300.0), ("rear axle", 300.0), ("side force", 400.0), ("yaw moment", 600.0),
+    ("road (bank)", 0.3), ("sensor accel_y", 0.2), ("sensor yaw_rate", 0.01),
+])  # fmt: skip
+def test_disturbance_is_found_where_it_enters(clean, place, size):
+    found = disturbed(clean, place, size, lambda i, n, rng: drift(n, 0.6, rng))
+    assert found[0].place == place
+    assert found[0].nats > found[1].nats + 8  # as a name needs it
+    assert found[0].time_constant == 0.6  # one of three on the grid
+    assert size / 3 < found[0].size < size * 3  # the grid's steps are four wide
+
+
+def test_what_follows_the_steering_is_not_the_road(clean):
+    """Roll of the body: the accelerometer leans with the car's own turning, which a bank of the road does not."""
+    problem, baseline = clean
+    turning = problem.channels(baseline.values, ("accel_y",))["accel_y"]
+
+    def roll(i, n, rng):
+        ay = turning[(problem.rows.log == i) & problem.rows.of("accel_y")]
+        return np.convolve(ay, np.exp(-np.arange(20) * STEP / 0.1) * (1 - np.exp(-STEP / 0.1)))[:n]
+
+    found = disturbed(clean, "sensor accel_y", 0.1, roll)
+    assert found[0].place == "sensor accel_y"
+    assert found[0].follows > where.MOST_FOLLOWED
+    road = next(e for e in disturbed(clean, "road (bank)", 0.3, lambda i, n, rng: drift(n, 0.6, rng)) if e.place == where.ROAD)
+    assert road.follows < 0.2
+
+
+def test_nothing_gives_no_entry_evidence(clean):
+    problem, baseline = clean
+    assert max(e.nats for e in where.entries(problem, baseline)) < 8
