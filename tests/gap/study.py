@@ -138,10 +138,9 @@ def tables(cases: list[dict]) -> dict[str, str]:
         held = sum(grade(c) in ("right", "extra", "look-alike") for c in visible)
         lines.append("")
         lines.append(
-            f"At typical size, of {len(visible)} cases, without those of {', '.join(sorted(INVISIBLE))}, of which these logs show next "
-            "to nothing: right id in "
-            f"{100 * top / len(visible):.0f} % (95 %: {interval(top, len(visible))}), right or in an admitted set in "
-            f"{100 * held / len(visible):.0f} % ({interval(held, len(visible))})."
+            f"At typical size, of {len(visible)} cases, without those of {', '.join(sorted(INVISIBLE))}, of which these logs show "
+            f"next to nothing: right id in {100 * top / len(visible):.0f} % (95 %: {interval(top, len(visible))}), right or in an "
+            f"admitted set in {100 * held / len(visible):.0f} % ({interval(held, len(visible))})."
         )
     clean = [c for c in cases if group(c) == "nothing hidden"]
     if clean:

@@ -16,7 +16,7 @@ from tselab.files import atomic
 from tselab.gap.cross import Blocks, Curve, Response, handling, responses
 from tselab.gap.gain import Gain
 from tselab.gap.show import Change
-from tselab.gap.where import Entry
+from tselab.gap.where import MOST_FOLLOWED, ROAD, Entry
 from tselab.plots import BLUE, GREEN, GREY, INK, ORANGE, PURPLE
 from tselab.verdict import NAMES, UNITS
 
@@ -218,12 +218,13 @@ def entry_points(entries: Sequence[Entry]) -> go.Figure | None:
     if not entries:
         return None
     top = list(entries)[::-1]
+    names = [f"{e.place}: follows the steering" if e.place == ROAD and e.follows > MOST_FOLLOWED else e.place for e in top]
     figure = go.Figure(
-        go.Bar(x=[max(e.nats, 0.0) for e in top], y=[e.place for e in top], orientation="h", marker_color=PURPLE,
+        go.Bar(x=[max(e.nats, 0.0) for e in top], y=names, orientation="h", marker_color=PURPLE,
                text=[f"{100 * e.share:.0f} %" for e in top], hovertemplate="%{y}: %{x:.0f} nats<extra></extra>")
     )  # fmt: skip
     _layout(figure, 60 + 24 * len(top) + 60)
-    figure.update_layout(margin_l=190, margin_t=24)
+    figure.update_layout(margin_l=220, margin_t=24)
     figure.update_xaxes(title_text="evidence for a disturbance that enters there [nat]; text: share of the gap that it takes up")
     return figure
 
