@@ -26,6 +26,7 @@ LEAST_CLOSED = 0.8  # of the gap: what all names together must close
 RIVAL_NATS, RIVAL_SHARE = 5.0, 0.1  # a rival that explains as much to within this cannot be excluded
 MOST_EFFECTS = 6
 PATCHWORK = 4  # as many effects and more: more likely a patchwork than the truth
+LEAST_CLOSED_PATCHWORK = 0.9  # so they must close more
 
 
 @dataclass

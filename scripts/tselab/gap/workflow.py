@@ -17,7 +17,7 @@ from tselab import __version__
 from tselab.core import Config, library_path
 from tselab.errors import UserError
 from tselab.files import atomic
-from tselab.gap import detect, name, remainder, show, where
+from tselab.gap import constancy, detect, name, remainder, show, where
 from tselab.gap.catalogue import catalogue
 from tselab.gap.data import Prepared
 from tselab.gap.fit import Fit, fit, gap
@@ -45,6 +45,7 @@ class Result:
     fit_before: dict[str, float]
     fit_after: dict[str, float]
     held_out: dict[str, show.Change]
+    variations: list[constancy.Variation]  # that contradict the names
     undetectable: list[detect.Detectable]
     detectable: list[detect.Detectable]
     notes: list[str] = field(default_factory=list)
@@ -54,21 +55,24 @@ class Result:
     def as_json(self) -> dict[str, Any]:
         """DIR/verdict.json."""
         units = {p.name: p for e in catalogue().values() for p in e.parameters}
+        fitted = [
+            {
+                "id": n.effect.id,
+                "parameters": {
+                    units[k].key: {"value": v, "ci95": list(n.ci95[k]), "unit": units[k].unit} for k, v in n.values.items()
+                },
+                "share_of_gap_closed": n.share,
+                "evidence": n.evidence,
+                "look_alikes": n.look_alikes,
+                "remarks": n.remarks,
+            }
+            for n in self.naming.named
+        ]
+        asserted = self.verdict == "named"
         return {
             "verdict": self.verdict,
-            "effects": [
-                {
-                    "id": n.effect.id,
-                    "parameters": {
-                        units[k].key: {"value": v, "ci95": list(n.ci95[k]), "unit": units[k].unit} for k, v in n.values.items()
-                    },
-                    "share_of_gap_closed": n.share,
-                    "evidence": n.evidence,
-                    "look_alikes": n.look_alikes,
-                    "remarks": n.remarks,
-                }
-                for n in self.naming.named
-            ],
+            "effects": fitted if asserted else [],
+            "closest": [] if asserted or self.verdict == "none" else fitted or self.naming.ranking[:1],
             "where": [
                 {"channel": c.channel, "condition": c.condition, "entry_point": self._entry(c.channel), "strength": c.strength}
                 for c in self.conditions
@@ -83,6 +87,7 @@ class Result:
                 },
             },
             "closed": self.naming.closed,
+            "varies": [asdict(v) for v in self.variations],
             "remainder": [asdict(r) for r in self.remainders],
             "undetectable": [
                 {"id": d.id, "parameter": d.parameter, "smallest_detectable": d.smallest, "typical": d.typical, "unit": d.unit}
@@ -174,6 +179,7 @@ def run(
     features = {k: x for k, x in where.features(problem, naming.final.values).items() if k != "time"}
     left = remainder.remainder(problem, naming.final.residuals, features, NOISE_LIMIT)
     seen = detect.detectable(problem, naming.final, [e for e in effects if e.id not in {n.effect.id for n in naming.named}])
+    varying = constancy.variations(problem, naming.final, [n.effect for n in naming.named])
     changes: dict[str, show.Change] = {}
     other: Problem | None = None
     if held:
@@ -182,7 +188,7 @@ def run(
         other = workers.problem(prepared_held, config)
         if other.logs:
             changes = show.held_out(other, baseline.values, naming.final.values)
-    result = judge(problem, naming, conditions, entries, left, seen, changes, [n for p in prepared for n in p.notes])
+    result = judge(problem, naming, conditions, entries, left, varying, seen, changes, [n for p in prepared for n in p.notes])
     result.problem, result.held = problem, other if other is not None and other.logs else None
     return result
 
@@ -193,6 +199,7 @@ def judge(
     conditions: list[where.Condition],
     entries: list[where.Entry],
     left: list[remainder.Remainder],
+    varying: list[constancy.Variation],
     seen: list[detect.Detectable],
     changes: dict[str, show.Change],
     notes: list[str],
@@ -200,17 +207,21 @@ def judge(
     """From what was found to a verdict."""
     before, after = gap(problem, naming.baseline.residuals), gap(problem, naming.final.residuals)
     remains = [r for r in left if r.kind != "noise"]
+    contradicting = [v for v in varying if v.contradicts(1.0 - naming.closed)]
+    enough = naming.closed >= (name.LEAST_CLOSED if len(naming.named) < name.PATCHWORK else name.LEAST_CLOSED_PATCHWORK)
     words: list[str] = []
     if not naming.named and not remains:
         verdict = "none"
         words.append("The model explains these logs down to the sensors' noise: nothing is missing that they could show.")
-    elif naming.named and (naming.closed >= name.LEAST_CLOSED or not remains) and not _only_fits(changes):
+    elif naming.named and (enough or not remains) and not contradicting and not _only_fits(changes):
         verdict = "named"
         for n in naming.named:
             words.append(_sentence(n))
     else:
         verdict = "not_in_catalogue"
         words.append("Something is missing, and it is none of the effects of the catalogue.")
+        if contradicting:
+            words.append(f"What comes closest is not one number: {contradicting[0].words()}.")
         if naming.named and _only_fits(changes):
             words.append("What fits the logs best does not hold on the held-out ones.")
         if naming.named:
@@ -229,8 +240,9 @@ def judge(
         exit_code = EXIT["look-alikes"]
     undetectable = [d for d in seen if not d.visible]
     return Result(
-        verdict, exit_code, words, naming, conditions, entries, left, before, after, changes, undetectable, seen, notes
-    )
+        verdict, exit_code, words, naming, conditions, entries, left, before, after, changes, contradicting, undetectable, seen,
+        notes,
+    )  # fmt: skip
 
 
 def _only_fits(changes: dict[str, show.Change]) -> bool:
