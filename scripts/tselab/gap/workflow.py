@@ -27,7 +27,7 @@ from tselab.log import Log, read_log
 from tselab.vehicle import Vehicle, fill_sensors, read_vehicle
 
 NOISE_LIMIT = 1.2  # rms over noise up to which nothing is left to explain: noise is known to some percent, inputs are smoothed
-LEAST_HELD_OUT = 0.6  # of the gap in held-out logs that names must close, too: else they only fit
+MOST_HELD_OUT = 1.3  # rms over noise in held-out logs above which names must close as much there as where they were fitted
 EXIT = {"none": 0, "named": 10, "look-alikes": 11, "not_in_catalogue": 20}
 
 
@@ -247,7 +247,7 @@ def judge(
 
 def _only_fits(changes: dict[str, show.Change]) -> bool:
     """Held-out logs, of which the names explain too little."""
-    return bool(changes) and max(c.after for c in changes.values()) > 1.3 and show.closed(changes) < LEAST_HELD_OUT
+    return bool(changes) and max(c.after for c in changes.values()) > MOST_HELD_OUT and show.closed(changes) < name.LEAST_CLOSED
 
 
 def _sentence(n: name.Named) -> str:
