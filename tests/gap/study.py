@@ -31,6 +31,7 @@ RESULTS = ROOT / "scripts" / "results"
 CLASSES = [{"mass", "yaw_inertia"}, {"imu_scale_ax", "pitch_leak"}, {"conicity", "steering_offset"}]
 # Not expected: what a log cannot show without speed or torque, what a stiffness or a bias takes up. Listed with the result.
 INVISIBLE = {"aero_drag", "rolling_resistance", "steering_compliance", "aligning_moment", "conicity"}
+LOGGED = "with speed and torque logged"
 
 
 def run(spec_json: str) -> dict:
@@ -48,7 +49,8 @@ def run(spec_json: str) -> dict:
         seconds = time.perf_counter() - start
     verdict = result.as_json()
     return {
-        "name": spec.name, "seed": spec.seed, "size": spec.size, "truth": case.truth["effects"], "outside": case.truth["outside"],
+        "name": spec.name, "seed": spec.seed, "optional": spec.optional, "size": spec.size,
+        "truth": case.truth["effects"], "outside": case.truth["outside"],
         "verdict": verdict["verdict"], "exit": result.exit_code, "named": verdict["effects"],
         "closest": [e["id"] for e in verdict["closest"]], "closed": verdict["closed"],
         "gap": verdict["gap"], "undetectable": [d["id"] for d in verdict["undetectable"]], "seconds": seconds,
@@ -84,6 +86,8 @@ def group(case: dict) -> str:
     if case["outside"]:
         return "outside the catalogue"
     ids = truth_ids(case)
+    if case.get("optional"):
+        return LOGGED if ids else f"nothing hidden, {LOGGED}"
     if not ids:
         return "nothing hidden"
     if len(ids) > 1:
@@ -170,12 +174,13 @@ def chosen(seeds: int, only: list[str]) -> list:
     """The cases of the study with at most so many seeds each, whose name holds one of the parts."""
     from tests.gap.generator.study import study
 
+    most = {"clean": 7 * seeds, "logged-clean": 2 * seeds, "logged-misread": 2 * seeds}
     seen: dict[str, int] = {}
     specs = []
     for spec in study():
         kind = spec.name.rsplit("-", 1)[0]
         seen[kind] = seen.get(kind, 0) + 1
-        if seen[kind] <= (seeds if kind != "clean" else 7 * seeds) and (not only or any(o in spec.name for o in only)):
+        if seen[kind] <= most.get(kind, seeds) and (not only or any(o in spec.name for o in only)):
             specs.append(spec)
     return specs
 
@@ -201,7 +206,8 @@ def main() -> int:
         shutil.rmtree(FOLDER, ignore_errors=True)
     FOLDER.mkdir(parents=True, exist_ok=True)
     specs = chosen(options.seeds, options.only)
-    texts = [json.dumps({"name": s.name, "effects": s.effects, "seed": s.seed, "size": s.size}) for s in specs]
+    kept = ("name", "effects", "seed", "size", "optional", "misread")
+    texts = [json.dumps({k: getattr(s, k) for k in kept}) for s in specs]
     with multiprocessing.get_context("spawn").Pool(options.jobs) as pool:
         try:
             for _ in tqdm(pool.imap_unordered(_job, texts), total=len(texts), unit="case", file=sys.stderr):

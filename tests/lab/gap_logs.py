@@ -54,9 +54,10 @@ def candidate(config: Config, name: str) -> Candidate:
 def write_log(
     path: Path, vehicle: Path, drive: str, effects: dict[str, float], seed: int, seconds: float = 24.0, **extra: float
 ) -> Path:
-    """One log of a car with these settings of effects. `extra`: optional channels with the noise they have."""
+    """One log of a car with these settings of effects. `drive`: of DRIVES, or a manoeuvre by its full name. `extra`: optional
+    channels with the noise they have."""
     config = Config(read_vehicle(vehicle).values)
-    log = prepared(candidate(config, DRIVES[drive]), config)[0]
+    log = prepared(candidate(config, DRIVES.get(drive, drive)), config)[0]
     n = int(seconds / 0.01)
     rng = np.random.default_rng(seed)
     inputs = {k: x[:n] for k, x in log.inputs.items()}

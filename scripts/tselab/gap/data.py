@@ -7,15 +7,16 @@ slope is a random walk; its smoothness is found by cross-validation, every secon
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 from scipy.interpolate import make_smoothing_spline
 from scipy.optimize import minimize_scalar
 
-from tselab.core import Config
+from tselab.core import NOMINAL, Config
 from tselab.errors import UserError
+from tselab.gap.simulate import simulate
 from tselab.log import DRIVES, MEASURES, OPTIONAL, Log
 from tselab.noise import channel_noise, filled
 
@@ -27,6 +28,8 @@ BURN_IN = 1.0  # s of each stretch that are simulated, but not compared: the sta
 SHORTEST = 3.0  # s: shorter stretches say less than their start costs
 LONGEST_HOLE = 0.1  # s: holes in an input up to this are bridged
 FLOOR = {"vehicle_speed": 0.02, "wheel_torque_front": 5.0, "wheel_torque_rear": 5.0}  # m/s, Nm
+HELD = 0.5  # share of values that repeat the one before above which a channel is one that is slower than the rows
+SEED = 1  # of the draw that says what the smoothing of inputs leaves
 
 
 @dataclass
@@ -51,6 +54,7 @@ class Prepared:
     rows_per_block: int
     distance: np.ndarray  # m
     notes: list[str] = field(default_factory=list)
+    blur: dict[str, np.ndarray] = field(default_factory=dict)  # sd, per row, of what noise of the inputs does to a prediction
 
     @property
     def name(self) -> str:
@@ -73,9 +77,10 @@ def prepare(log: Log, config: Config) -> Prepared:
         raise UserError(f"{log.path}: rows must come at least every 0.1 s to compare them with a simulation")
     raw = {name: log.data[name].to_numpy(float) for name in DRIVES}
     measured = {name: log.data[name].to_numpy(float) for name in MEASURES}
-    measured |= {name: log.extra[name].to_numpy(float) for name in log.extra}
+    measured |= {name: fresh(log.extra[name].to_numpy(float)) for name in log.extra}
     moving = np.abs(0.5 * (raw["wheel_speed_front"] + raw["wheel_speed_rear"])) * config.wheel_radius_front > SLOWEST
-    inputs = {name: smoothed(log.time, x) for name, x in raw.items()}
+    smooth = {name: Smoother(log.time, x) for name, x in raw.items()}
+    inputs = {name: s.of(raw[name]) for name, s in smooth.items()}
     speed = 0.5 * (config.wheel_radius_front * inputs["wheel_speed_front"] + config.wheel_radius_rear * inputs["wheel_speed_rear"])
     good = (speed > SLOWEST) & (np.abs(inputs["steer_angle"]) < STEEPEST)
     for x in raw.values():
@@ -92,19 +97,56 @@ def prepare(log: Log, config: Config) -> Prepared:
         notes.append(
             f"{log.path.name}: nowhere {SHORTEST:g} s in one piece above {SLOWEST:g} m/s and below {STEEPEST:g} rad of steering"
         )
-    return Prepared(log.path, log.time, inputs, measured, noise, stretches, per_block, distance, notes)
+    found = Prepared(log.path, log.time, inputs, measured, noise, stretches, per_block, distance, notes)
+    if stretches and len(log.extra.columns):
+        found.blur = _blur(found, raw, smooth, config)
+    return found
 
 
-def smoothed(time: np.ndarray, x: np.ndarray) -> np.ndarray:
+class Smoother:
     """The smoothing spline through the values that are there; through all of them, if they have no noise."""
-    good = np.isfinite(x)
-    if good.sum() < 8:
-        return filled(x)
-    y = x[good]
-    rough = np.std(np.diff(y, 3))
-    if not rough > 1e-9 * max(1.0, float(np.max(np.abs(y)))):
-        return filled(x)
-    return make_smoothing_spline(time[good], y, lam=_smoothness(time[good], y))(time)
+
+    def __init__(self, time: np.ndarray, x: np.ndarray):
+        self.time, self.good = time, np.isfinite(x)
+        y = x[self.good]
+        rough = len(y) >= 8 and np.std(np.diff(y, 3)) > 1e-9 * max(1.0, float(np.max(np.abs(y))))
+        self.penalty = _smoothness(time[self.good], y) if rough else None
+
+    def of(self, x: np.ndarray) -> np.ndarray:
+        """Smoothed by as much as the signal that this was made for."""
+        if self.penalty is None:
+            return filled(x)
+        return make_smoothing_spline(self.time[self.good], x[self.good], lam=self.penalty)(self.time)
+
+
+def fresh(x: np.ndarray) -> np.ndarray:
+    """Of a receiver that is slower than the rows only the rows where it has a new value: a held one is old, and by a time that
+    goes up and down."""
+    repeats = np.append(False, x[1:] == x[:-1])
+    return np.where(repeats, np.nan, x) if repeats.sum() > HELD * np.isfinite(x).sum() else x
+
+
+def _blur(log: Prepared, raw: dict[str, np.ndarray], smooth: dict[str, Smoother], config: Config) -> dict[str, np.ndarray]:
+    """What the noise of the inputs does to the predictions of the optional channels, and smoothing it away does: a wheel torque
+    is a small slip times a large stiffness, and what smoothing leaves of the wheel speeds' noise is more of it than the noise
+    of the torque. One parametric draw: the smoothed inputs as truth, noise again, smoothed again, simulated again."""
+    rng = np.random.default_rng(SEED)
+    again = {}
+    for name, x in log.inputs.items():
+        sd = float(np.sqrt(np.nanmean((raw[name] - x) ** 2)))
+        drawn = np.where(np.isfinite(raw[name]), x + sd * rng.standard_normal(len(x)), np.nan)
+        again[name] = smooth[name].of(drawn)
+    stiffness = dict.fromkeys(NOMINAL, 1.0)
+    names = [c for c in log.channels if c in OPTIONAL]
+    first = simulate(config, log, names, stiffness, {})
+    other = simulate(config, replace(log, inputs=again), names, stiffness, {})
+    speed = np.maximum(config.wheel_radius_front * log.inputs["wheel_speed_front"], SLOWEST)
+    found = {}
+    for c in names:
+        per = 1.0 / speed if c.startswith("wheel_torque") else np.ones_like(speed)  # slip is a speed over the speed
+        used = np.concatenate([((other[c] - first[c]) / per)[s.first : s.last][s.used] for s in log.stretches])
+        found[c] = float(np.sqrt(np.mean(used**2))) * per
+    return found
 
 
 def _smoothness(time: np.ndarray, y: np.ndarray) -> float:

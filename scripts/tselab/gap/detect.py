@@ -25,7 +25,7 @@ class Detectable:
     id: str
     parameter: str
     unit: str
-    smallest: float  # inf: never
+    smallest: float  # inf: at no size that the model takes
     typical: float
     absorbed: float  # share of what it does that stiffness and named effects take up
 
@@ -58,6 +58,8 @@ def detectable(problem: Problem, current: Fit, effects: Sequence[Effect], need: 
         for p, full, rest in zip(mine, a.T, own.T, strict=True):
             power, total = float(rest @ (weight * rest)), float(full @ (weight * full))
             smallest = float(np.sqrt(2.0 * need / power)) if power > 1e-12 * max(total, 1e-300) and power > 0 else float("inf")
+            if smallest > max(p.high - p.default, p.default - p.low):
+                smallest = float("inf")
             absorbed = 1.0 - power / total if total > 0 else 1.0
             if best is None or smallest / p.scale < best[0] / best[1].scale:
                 best = (smallest, p, absorbed)

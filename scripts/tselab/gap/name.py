@@ -15,14 +15,17 @@ from scipy.stats import norm
 
 from tselab.gap.catalogue import Effect, Parameter
 from tselab.gap.fit import Fit, covariance, excess, fit, gain
+from tselab.gap.optional import TORQUES
 from tselab.gap.problem import PROFILES, STIFFNESS, Problem, profile_size
 
+GRAVITY = 9.81  # m/s2
 FALSE_NAMES = 0.01
 REFIT = 5  # candidates of the linear screening that are fitted in full
 REACH = 15.0  # steps: a chord over a third of the typical size says more of an effect than its tangent at zero
 LEAST_SHARE = 0.03  # of the gap that is left: what an effect must close to be worth a name
 LEAST_EVIDENCE = 0.03  # of all nats so far: what less explains, after others, repairs the shape of theirs
 LEAST_CLOSED = 0.8  # of the gap: what all names together must close
+AS_MUCH = 0.95  # of what a road's profile closes: what one effect of the car closes, too, is the car's
 RIVAL_NATS, RIVAL_SHARE = 5.0, 0.1  # a rival that explains as much to within this cannot be excluded
 MOST_EFFECTS = 6
 PATCHWORK = 4  # as many effects and more: more likely a patchwork than the truth
@@ -137,7 +140,7 @@ def name(
             with_it = fit_with(problem, [*chosen, e], current.values | start)
             chance = freedom(problem, e, with_it.columns(problem.strengths(e)))
             tried.append((gain(problem, current.residuals, with_it.residuals) - chance, e, with_it))
-        tried.sort(key=lambda t: -t[0])
+        tried = _road_last(problem, current, sorted(tried, key=lambda t: -t[0]))
         for entry in ranking:
             for g, e, f in tried:
                 if entry["id"] == e.id and not chosen:
@@ -164,6 +167,17 @@ def name(
     closed = _share(problem, baseline, current, full_gap)
     named = _named(problem, effects, chosen, current, full_gap, say)
     return Naming(baseline, current, named, closed, sorted(ranking, key=lambda r: -r["nats"]), steps, rejected)
+
+
+def _road_last(
+    problem: Problem, current: Fit, tried: list[tuple[float, Effect, Fit]]
+) -> list[tuple[float, Effect, Fit]]:
+    """A profile has a hundred parameters and bends to the form of anything (a rolling resistance is a slope that every road has):
+    it comes after an effect of the car that closes as much of the gap."""
+    before = excess(problem, current.residuals)
+    closes = {e.id: before - excess(problem, f.residuals) for _, e, f in tried}
+    car = max((closes[e.id] for _, e, _ in tried if e.id not in PROFILES), default=0.0)
+    return sorted(tried, key=lambda t: t[1].id in PROFILES and car > 0.0 and car >= AS_MUCH * closes[t[1].id])
 
 
 def _share(problem: Problem, baseline: Fit, f: Fit, full_gap: float) -> float:
@@ -232,6 +246,10 @@ def _named(
                 item.remarks.append(
                     f"{p.name} = {values[p.name]:.3g} {p.unit} is outside the typical {p.typical_low:g} .. {p.typical_high:g}"
                 )
+        if e.id == "rolling_resistance" and any(c in TORQUES for log in problem.logs for c in log.channels):
+            c = problem.config
+            torque = values["rolling_resistance_coefficient"] * c.mass * GRAVITY * c.wheel_radius_front
+            item.remarks.append(f"wheel torques that together are a constant {torque:.0f} Nm too high would look the same")
         named.append(item)
     return named
 

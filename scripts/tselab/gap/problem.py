@@ -14,15 +14,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from tselab.core import NOMINAL, Config
+from tselab.gap import optional
 from tselab.gap.catalogue import Effect, Parameter
 from tselab.gap.data import CHANNELS, Prepared
 from tselab.gap.simulate import simulate
-from tselab.log import MEASURES
+from tselab.log import MEASURES, OPTIONAL
 
 STIFFNESS = tuple(
     Parameter(name, name, True, "1", 1.0, 0.1, 5.0, 0.5, 2.0, 0.02, 1, f"{name} over the vehicle file's") for name in NOMINAL
 )
-WITH_BIAS = MEASURES  # the other channels have none
+WITH_BIAS = MEASURES  # the other channels have none: optional.py says what they may have
 
 
 # Of the road, not of the car: not one number, but a profile over the distance of each log, smooth over KNOT.
@@ -98,7 +99,11 @@ class Problem:
             for channel in log.channels:
                 mean, count = self._blocks(log, log.measured[channel])
                 measured.append(mean)
-                weight.append(np.where(count > 0.5 * log.rows_per_block, np.sqrt(count) / log.noise[channel], 0.0))
+                variance = log.noise[channel] ** 2 / np.maximum(count, 1)
+                if channel in log.blur:
+                    variance = variance + self._blocks(log, log.blur[channel])[0] ** 2  # the same over a block: slow
+                enough = 0 if channel in OPTIONAL else 0.5 * log.rows_per_block  # a slow receiver has not one in every block
+                weight.append(np.where(count > enough, 1.0 / np.sqrt(variance), 0.0))
                 n = len(mean)
                 columns.append((np.full(n, i), np.full(n, CHANNELS.index(channel)), time, block + np.arange(n), np.full(n, group)))
                 group += 1
@@ -152,14 +157,30 @@ class Problem:
         return found
 
     def predict(self, values: Mapping[str, float]) -> np.ndarray:
-        """What the model says, one value per entry of the residual vector, without bias."""
-        config, stiffness = self.model(values)
+        """What the model says, one value per entry of the residual vector, without bias; the optional channels as they read."""
         self.simulations += 1
-        parts = []
+        return self._predict(values)[0]
+
+    def readings(self, values: Mapping[str, float]) -> list[list[optional.Reading]]:
+        """How the optional channels read, of each log."""
+        return self._predict(values)[1]
+
+    def _predict(self, values: Mapping[str, float]) -> tuple[np.ndarray, list[list[optional.Reading]]]:
+        config, stiffness = self.model(values)
+        parts, readings = [], []
         for i, log in enumerate(self.logs):
-            predicted = simulate(config, log, log.channels, stiffness, self.profiles(values, i))
-            parts.extend(self._blocks(log, predicted[channel])[0] for channel in log.channels)
-        return np.concatenate(parts)
+            simulated = simulate(config, log, log.channels, stiffness, self.profiles(values, i))
+            predicted = {channel: self._blocks(log, simulated[channel])[0] for channel in log.channels}
+            how: list[optional.Reading] = []
+            if any(c in OPTIONAL for c in predicted):
+                mine = {c: (self.rows.log == i) & self.rows.of(c) for c in predicted if c in OPTIONAL}
+                time = self.rows.time[next(iter(mine.values()))]
+                measured, weight = ({c: x[m] for c, m in mine.items()} for x in (self._measured, self.weight))
+                read_as, how = optional.read(time, {c: predicted[c] for c in mine}, measured, weight)
+                predicted |= read_as
+            readings.append(how)
+            parts.extend(predicted[channel] for channel in log.channels)
+        return np.concatenate(parts), readings
 
     def channels(self, values: Mapping[str, float], names: Sequence[str]) -> dict[str, np.ndarray]:
         """Quantities of the simulation, one value per entry of the residual vector."""

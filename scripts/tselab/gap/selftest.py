@@ -86,7 +86,8 @@ def _why(result: workflow.Result, effect: str) -> list[str]:
     words = list(result.words)
     for d in result.detectable:
         if d.id == effect and not d.visible:
-            words.append(f"These logs would show it from {d.parameter} = {d.smallest:.2g} {d.unit} on.")
+            size = f"from {d.parameter} = {d.smallest:.2g} {d.unit} on" if np.isfinite(d.smallest) else "at no size that there is"
+            words.append(f"These logs would show it {size}.")
     words += [f"It was refused: {r['why']}." for r in result.naming.rejected if r["id"] == effect][:1]
     return words
 

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tselab.core import Config, Replay
-from tselab.gap.data import Prepared
+
+if TYPE_CHECKING:
+    from tselab.gap.data import Prepared
 
 OF = {"vehicle_speed": "vel_x"}  # channels of a log by another name than the model's
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import socket
+import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import lru_cache
@@ -17,7 +18,8 @@ from tselab.gap.data import Prepared, prepare
 from tselab.gap.problem import Problem
 from tselab.log import Log
 
-CONNECT = 10  # s
+CONNECT = 5  # s, for an answer
+WORKERS = 3  # s, for the first worker: those that start with the scheduler come a moment later
 
 
 class Workers:
@@ -133,6 +135,7 @@ def workers(jobs: int, scheduler: str | None, connect: Callable[[str], Any] | No
         yield Workers(jobs)
         return
     with (connect or _connect)(scheduler) as client:
+        _check_workers(client, scheduler)
         yield Cluster(client, jobs)
 
 
@@ -147,3 +150,33 @@ def _connect(scheduler: str) -> Any:
         return distributed.Client(scheduler, timeout=CONNECT, set_as_default=False)
     except (OSError, ValueError) as error:
         raise UserError(f"option --scheduler: no Dask scheduler answers at {scheduler}: {error}") from None
+
+
+def _check_workers(client: Any, scheduler: str) -> None:
+    """There are workers, and they compute what this process would: else the run would wait for ever, or give other numbers."""
+
+    def theirs() -> tuple[str, str]:  # within a function, so that it is sent as code: a worker may have no tselab to find it in
+        import hashlib
+        from pathlib import Path
+
+        try:
+            import tselab
+        except ImportError:
+            return "none", ""
+        code = hashlib.sha256()
+        for path in sorted((Path(tselab.__file__).parent / "gap").glob("*.py")):
+            code.update(path.read_bytes())
+        return tselab.__version__, code.hexdigest()
+
+    end = time.monotonic() + WORKERS
+    while not (found := client.run(theirs)):
+        if time.monotonic() > end:
+            raise UserError(f"option --scheduler: the Dask cluster at {scheduler} has no workers")
+        time.sleep(0.2)
+    mine = theirs()
+    for worker, (version, code) in sorted(found.items()):
+        if (version, code) != mine:
+            what = {"none": "no tselab", mine[0]: f"tselab {version} with other code"}.get(version, f"tselab {version}")
+            raise UserError(
+                f"option --scheduler: worker {worker} of the Dask cluster at {scheduler} has {what}, this is tselab {mine[0]}"
+            )

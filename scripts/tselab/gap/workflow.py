@@ -17,7 +17,7 @@ from tselab import __version__
 from tselab.core import Config, library_path
 from tselab.errors import UserError
 from tselab.files import atomic
-from tselab.gap import constancy, detect, name, remainder, show, where
+from tselab.gap import constancy, detect, name, optional, remainder, show, where
 from tselab.gap.catalogue import catalogue
 from tselab.gap.data import Prepared
 from tselab.gap.fit import Fit, fit, gap
@@ -188,7 +188,8 @@ def run(
         other = workers.problem(prepared_held, config)
         if other.logs:
             changes = show.held_out(other, baseline.values, naming.final.values)
-    result = judge(problem, naming, conditions, entries, left, varying, seen, changes, [n for p in prepared for n in p.notes])
+    notes = [*(n for p in prepared for n in p.notes), *optional.words(problem.readings(naming.final.values))]
+    result = judge(problem, naming, conditions, entries, left, varying, seen, changes, notes)
     result.problem, result.held = problem, other if other is not None and other.logs else None
     return result
 
