@@ -81,6 +81,7 @@ def prepare(log: Log, config: Config) -> Prepared:
     for x in raw.values():
         good &= ~_hole(log.time, x)
     noise = {}
+    measured = {name: np.where(fresh(x), x, np.nan) for name, x in measured.items()}
     for name, x in measured.items():
         found = channel_noise(name, x, moving) if name in MEASURES else None
         noise[name] = found.sd if found else _plain_noise(x, FLOOR.get(name, 0.0))
@@ -97,7 +98,7 @@ def prepare(log: Log, config: Config) -> Prepared:
 
 def smoothed(time: np.ndarray, x: np.ndarray) -> np.ndarray:
     """The smoothing spline through the values that are there; through all of them, if they have no noise."""
-    good = np.isfinite(x)
+    good = np.isfinite(x) & fresh(x)
     if good.sum() < 8:
         return filled(x)
     y = x[good]
@@ -105,6 +106,24 @@ def smoothed(time: np.ndarray, x: np.ndarray) -> np.ndarray:
     if not rough > 1e-9 * max(1.0, float(np.max(np.abs(y)))):
         return filled(x)
     return make_smoothing_spline(time[good], y, lam=_smoothness(time[good], y))(time)
+
+
+def fresh(x: np.ndarray) -> np.ndarray:
+    """Rows with a new value, where a slow signal is held in a fast log: held values are old ones, and half a hold late on average.
+    All rows, unless new values come every k-th row: a quantised signal repeats itself, too, but at no beat."""
+    changed = np.append(0, 1 + np.flatnonzero((np.diff(x) != 0) & np.isfinite(x[1:])))
+    gaps = np.diff(changed[1:])
+    if len(gaps) < 50:
+        return np.ones(len(x), bool)
+    beat = int(np.median(gaps[gaps <= np.quantile(gaps, 0.5)]))
+    if beat < 2 or np.mean(gaps % beat == 0) < 0.9:
+        return np.ones(len(x), bool)
+    found = np.zeros(len(x), bool)
+    found[changed] = True
+    for gap, start in zip(gaps[gaps > beat], changed[1:-1][gaps > beat], strict=True):  # the same again is new, too
+        found[start : start + gap : beat] = True
+    found[changed[-1] :: beat] = True
+    return found
 
 
 def _smoothness(time: np.ndarray, y: np.ndarray) -> float:

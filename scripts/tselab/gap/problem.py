@@ -98,7 +98,8 @@ class Problem:
             for channel in log.channels:
                 mean, count = self._blocks(log, log.measured[channel])
                 measured.append(mean)
-                weight.append(np.where(count > 0.5 * log.rows_per_block, np.sqrt(count) / log.noise[channel], 0.0))
+                usual = float(np.median(count[count > 0])) if count.any() else 1.0  # a slow sensor has fewer rows with a value
+                weight.append(np.where(count > 0.5 * usual, np.sqrt(count) / log.noise[channel], 0.0))
                 n = len(mean)
                 columns.append((np.full(n, i), np.full(n, CHANNELS.index(channel)), time, block + np.arange(n), np.full(n, group)))
                 group += 1
@@ -158,7 +159,9 @@ class Problem:
         parts = []
         for i, log in enumerate(self.logs):
             predicted = simulate(config, log, log.channels, stiffness, self.profiles(values, i))
-            parts.extend(self._blocks(log, predicted[channel])[0] for channel in log.channels)
+            for channel in log.channels:  # means over the same rows as those of what was measured
+                there = np.isfinite(log.measured[channel])
+                parts.append(self._blocks(log, np.where(there, predicted[channel], np.nan))[0])
         return np.concatenate(parts)
 
     def channels(self, values: Mapping[str, float], names: Sequence[str]) -> dict[str, np.ndarray]:
