@@ -7,7 +7,8 @@ slope is a random walk; its smoothness is found by cross-validation, every secon
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -65,6 +66,10 @@ class Prepared:
         """Time that is compared."""
         step = float(np.median(np.diff(self.time)))
         return step * sum(int(s.used.sum()) for s in self.stretches)
+
+    def louder(self, factors: Mapping[str, float]) -> Prepared:
+        """The same with more noise than was found."""
+        return replace(self, noise={c: sd * factors.get(c, 1.0) for c, sd in self.noise.items()})
 
 
 def prepare(log: Log, config: Config) -> Prepared:

@@ -51,7 +51,7 @@ def remainder(problem: Problem, residuals: np.ndarray, features: dict[str, np.nd
         if size <= limit:
             found.append(Remainder(channel, size, "noise", 0.0, (), None, f"{channel}: noise only"))
             continue
-        steady = without_walk(e, log, WALK.get(channel, 0.0) * np.sqrt(BLOCK) * float(np.median(problem.weight[mine])))
+        steady = without_walk(e, log, walk(problem, mine, channel))
         if np.sqrt(np.mean(steady**2)) <= limit:
             found.append(Remainder(channel, size, "noise", 0.0, (), None, f"{channel}: noise and a bias that walks"))
             continue
@@ -59,10 +59,6 @@ def remainder(problem: Problem, residuals: np.ndarray, features: dict[str, np.nd
         if signals and share >= PREDICTABLE:
             words = f"{channel}: {100 * share:.0f} % of what is left follows {' and '.join(signals)}"
             found.append(Remainder(channel, size, "predictable", share, signals, None, words))
-            continue
-        if is_noise(steady, log):
-            words = f"{channel}: noise, {size:.2f} times what its differences from row to row say"
-            found.append(Remainder(channel, size, "noise", share, (), None, words))
             continue
         where = localised(e, log, time)
         if where is not None:
@@ -74,6 +70,24 @@ def remainder(problem: Problem, residuals: np.ndarray, features: dict[str, np.nd
         words = f"{channel}: a disturbance, {size:.2f} times the noise, that follows none of the logged signals"
         found.append(Remainder(channel, size, "disturbance", share, (), None, words))
     return found
+
+
+def louder(problem: Problem, residuals: np.ndarray, limit: float) -> dict[str, float]:
+    """Channels of which the residual is noise, though larger than was measured, and how many times."""
+    found = {}
+    for c in np.unique(problem.rows.channel):
+        mine = (problem.rows.channel == c) & (problem.weight > 0)
+        e, log, channel = residuals[mine], problem.rows.log[mine], CHANNELS[c]
+        steady = without_walk(e, log, walk(problem, mine, channel))
+        size = float(np.sqrt(np.mean(steady**2)))
+        if size > limit and is_noise(steady, log):
+            found[channel] = size
+    return found
+
+
+def walk(problem: Problem, rows: np.ndarray, channel: str) -> float:
+    """How far the bias of a channel walks in a block, in units of the block's noise."""
+    return WALK.get(channel, 0.0) * float(np.sqrt(BLOCK) * np.median(problem.weight[rows]))
 
 
 def without_walk(e: np.ndarray, log: np.ndarray, step: float) -> np.ndarray:
