@@ -14,7 +14,7 @@ from scipy.optimize import least_squares
 from gap_logs import DRIVES, STIFFNESS, candidate, car, write_log
 from tselab.core import Config
 from tselab.gap import optional
-from tselab.gap.data import fresh, prepare
+from tselab.gap.data import prepare, renewed
 from tselab.gap.drives import prepared
 from tselab.gap.fit import fit, gap
 from tselab.gap.problem import STIFFNESS as FITTED
@@ -140,7 +140,7 @@ def test_channels_that_are_late_and_out_of_scale_leave_no_gap_and_are_told(vehic
 
 def test_held_values_are_not_samples():
     x = np.repeat(np.arange(5.0), 4)
-    np.testing.assert_array_equal(np.flatnonzero(np.isfinite(fresh(x))), [0, 4, 8, 12, 16])
+    np.testing.assert_array_equal(np.flatnonzero(np.isfinite(renewed(x))), [0, 4, 8, 12, 16])
     rng = np.random.default_rng(1)
     noisy = np.round(rng.standard_normal(200), 1)  # now and then the same twice
-    np.testing.assert_array_equal(fresh(noisy), noisy)
+    np.testing.assert_array_equal(renewed(noisy), noisy)

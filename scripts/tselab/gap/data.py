@@ -7,6 +7,7 @@ slope is a random walk; its smoothness is found by cross-validation, every secon
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -70,14 +71,18 @@ class Prepared:
         step = float(np.median(np.diff(self.time)))
         return step * sum(int(s.used.sum()) for s in self.stretches)
 
+    def louder(self, factors: Mapping[str, float]) -> Prepared:
+        """The same with more noise than was found."""
+        return replace(self, noise={c: sd * factors.get(c, 1.0) for c, sd in self.noise.items()})
+
 
 def prepare(log: Log, config: Config) -> Prepared:
     """Smooth the inputs, find the stretches, measure the noise."""
     if log.sample_time is None or log.sample_time > 0.1:
         raise UserError(f"{log.path}: rows must come at least every 0.1 s to compare them with a simulation")
     raw = {name: log.data[name].to_numpy(float) for name in DRIVES}
-    measured = {name: log.data[name].to_numpy(float) for name in MEASURES}
-    measured |= {name: fresh(log.extra[name].to_numpy(float)) for name in log.extra}
+    measured = {name: np.where(fresh(x), x, np.nan) for name in MEASURES for x in (log.data[name].to_numpy(float),)}
+    measured |= {name: renewed(log.extra[name].to_numpy(float)) for name in log.extra}
     moving = np.abs(0.5 * (raw["wheel_speed_front"] + raw["wheel_speed_rear"])) * config.wheel_radius_front > SLOWEST
     smooth = {name: Smoother(log.time, x) for name, x in raw.items()}
     inputs = {name: s.of(raw[name]) for name, s in smooth.items()}
@@ -107,7 +112,7 @@ class Smoother:
     """The smoothing spline through the values that are there; through all of them, if they have no noise."""
 
     def __init__(self, time: np.ndarray, x: np.ndarray):
-        self.time, self.good = time, np.isfinite(x)
+        self.time, self.good = time, np.isfinite(x) & fresh(x)
         y = x[self.good]
         rough = len(y) >= 8 and np.std(np.diff(y, 3)) > 1e-9 * max(1.0, float(np.max(np.abs(y))))
         self.penalty = _smoothness(time[self.good], y) if rough else None
@@ -119,7 +124,7 @@ class Smoother:
         return make_smoothing_spline(self.time[self.good], x[self.good], lam=self.penalty)(self.time)
 
 
-def fresh(x: np.ndarray) -> np.ndarray:
+def renewed(x: np.ndarray) -> np.ndarray:
     """Of a receiver that is slower than the rows only the rows where it has a new value: a held one is old, and by a time that
     goes up and down."""
     repeats = np.append(False, x[1:] == x[:-1])
@@ -146,6 +151,24 @@ def _blur(log: Prepared, raw: dict[str, np.ndarray], smooth: dict[str, Smoother]
         per = 1.0 / speed if c.startswith("wheel_torque") else np.ones_like(speed)  # slip is a speed over the speed
         used = np.concatenate([((other[c] - first[c]) / per)[s.first : s.last][s.used] for s in log.stretches])
         found[c] = float(np.sqrt(np.mean(used**2))) * per
+    return found
+
+
+def fresh(x: np.ndarray) -> np.ndarray:
+    """Rows with a new value, where a slow signal is held in a fast log: held values are old ones, and half a hold late on average.
+    All rows, unless new values come every k-th row: a quantised signal repeats itself, too, but at no beat."""
+    changed = np.append(0, 1 + np.flatnonzero((np.diff(x) != 0) & np.isfinite(x[1:])))
+    gaps = np.diff(changed[1:])
+    if len(gaps) < 50:
+        return np.ones(len(x), bool)
+    beat = int(np.median(gaps[gaps <= np.quantile(gaps, 0.5)]))
+    if beat < 2 or np.mean(gaps % beat == 0) < 0.9:
+        return np.ones(len(x), bool)
+    found = np.zeros(len(x), bool)
+    found[changed] = True
+    for gap, start in zip(gaps[gaps > beat], changed[1:-1][gaps > beat], strict=True):  # the same again is new, too
+        found[start : start + gap : beat] = True
+    found[changed[-1] :: beat] = True
     return found
 
 

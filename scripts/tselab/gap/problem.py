@@ -66,6 +66,8 @@ class Problem:
         self.nominal = config.as_dict()
         if self.logs:  # a drift is one over the time of the longest log
             self.nominal["stiffness_drift_time"] = max(float(log.time[-1] - log.time[0]) for log in self.logs)
+        missing = [{c: ~np.isfinite(log.measured[c]) for c in MEASURES if c in log.measured} for log in self.logs]
+        self._missing = [{c: rows for c, rows in log.items() if rows.any()} for log in missing]
         self._measured, self.weight, self.rows = self._layout()
         self._biased = np.isin(self.rows.channel, [CHANNELS.index(c) for c in WITH_BIAS])
         self._groups = int(self.rows.group.max()) + 1 if len(self.rows.group) else 0
@@ -102,7 +104,8 @@ class Problem:
                 variance = log.noise[channel] ** 2 / np.maximum(count, 1)
                 if channel in log.blur:
                     variance = variance + self._blocks(log, log.blur[channel])[0] ** 2  # the same over a block: slow
-                enough = 0 if channel in OPTIONAL else 0.5 * log.rows_per_block  # a slow receiver has not one in every block
+                usual = float(np.median(count[count > 0])) if count.any() else 1.0  # a slow sensor has fewer rows with a value
+                enough = 0 if channel in OPTIONAL else 0.5 * usual  # and a slow receiver not one in every block
                 weight.append(np.where(count > enough, 1.0 / np.sqrt(variance), 0.0))
                 n = len(mean)
                 columns.append((np.full(n, i), np.full(n, CHANNELS.index(channel)), time, block + np.arange(n), np.full(n, group)))
@@ -170,6 +173,8 @@ class Problem:
         parts, readings = [], []
         for i, log in enumerate(self.logs):
             simulated = simulate(config, log, log.channels, stiffness, self.profiles(values, i))
+            for channel, missing in self._missing[i].items():  # means over the same rows as those of what was measured
+                simulated[channel] = np.where(missing, np.nan, simulated[channel])
             predicted = {channel: self._blocks(log, simulated[channel])[0] for channel in log.channels}
             how: list[optional.Reading] = []
             if any(c in OPTIONAL for c in predicted):

@@ -3,6 +3,7 @@
 Predictable: a ridge regression on signals, their squares and lags is fitted to the residual on some logs (or parts) and
 asked about the others. Chance is measured by the same regression on the residual shifted in time, in a circle.
 Localised: how few seconds hold half of the energy above the noise.
+What none of that is may still be the sensors': noise in a band that row to row differences do not see, a bias that walks.
 """
 
 from __future__ import annotations
@@ -10,8 +11,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.signal import lfilter
 
-from tselab.gap.data import CHANNELS
+from tselab.gap.data import BLOCK, CHANNELS
 from tselab.gap.problem import Problem
 
 LAGS = (0, 2, 5, 10)  # blocks of 0.04 s
@@ -20,6 +22,8 @@ SHIFTS = 39  # 1 in 40: a p value of 0.025
 RIDGE = 30.0
 PREDICTABLE = 0.15  # of the energy above the noise that must be predicted to be worth words
 LOCAL = 0.15  # of the time: half of the energy in less is localised
+WALK = {"accel_x": 0.005, "accel_y": 0.005, "yaw_rate": 0.0003}  # m/s2, rad/s per root s: how far MEMS biases walk
+MEMORY = 0.12  # s: cars and roads remember longer than the low pass of a sensor
 
 
 @dataclass(frozen=True)
@@ -47,6 +51,10 @@ def remainder(problem: Problem, residuals: np.ndarray, features: dict[str, np.nd
         if size <= limit:
             found.append(Remainder(channel, size, "noise", 0.0, (), None, f"{channel}: noise only"))
             continue
+        steady = without_walk(e, log, walk(problem, mine, channel))
+        if np.sqrt(np.mean(steady**2)) <= limit:
+            found.append(Remainder(channel, size, "noise", 0.0, (), None, f"{channel}: noise and a bias that walks"))
+            continue
         share, signals = predictable(e, log, {n: x[mine] for n, x in features.items()}, rng)
         if signals and share >= PREDICTABLE:
             words = f"{channel}: {100 * share:.0f} % of what is left follows {' and '.join(signals)}"
@@ -62,6 +70,58 @@ def remainder(problem: Problem, residuals: np.ndarray, features: dict[str, np.nd
         words = f"{channel}: a disturbance, {size:.2f} times the noise, that follows none of the logged signals"
         found.append(Remainder(channel, size, "disturbance", share, (), None, words))
     return found
+
+
+def louder(problem: Problem, residuals: np.ndarray, limit: float) -> dict[str, float]:
+    """Channels of which the residual is noise, though larger than was measured, and how many times."""
+    found = {}
+    for c in np.unique(problem.rows.channel):
+        mine = (problem.rows.channel == c) & (problem.weight > 0)
+        e, log, channel = residuals[mine], problem.rows.log[mine], CHANNELS[c]
+        steady = without_walk(e, log, walk(problem, mine, channel))
+        size = float(np.sqrt(np.mean(steady**2)))
+        if size > limit and is_noise(steady, log):
+            found[channel] = size
+    return found
+
+
+def walk(problem: Problem, rows: np.ndarray, channel: str) -> float:
+    """How far the bias of a channel walks in a block, in units of the block's noise."""
+    return WALK.get(channel, 0.0) * float(np.sqrt(BLOCK) * np.median(problem.weight[rows]))
+
+
+def without_walk(e: np.ndarray, log: np.ndarray, step: float) -> np.ndarray:
+    """The residual less a bias that walks by `step` a block, as a smoother finds it in white noise of size one."""
+    if step <= 0:
+        return e
+    # steady gain of the Kalman filter of a walk, forwards, then backwards
+    g = 0.5 * step * (np.sqrt(step**2 + 4.0) - step)
+    rest = np.empty_like(e)
+    for i in np.unique(log):
+        x = e[log == i]
+        forth, _ = lfilter([g], [1.0, g - 1.0], x, zi=[(1.0 - g) * x[: max(1, round(1.0 / g))].mean()])
+        back, _ = lfilter([g], [1.0, g - 1.0], forth[::-1], zi=[(1.0 - g) * forth[-1]])
+        rest[log == i] = x - back[::-1]
+    return rest
+
+
+def is_noise(e: np.ndarray, log: np.ndarray) -> bool:
+    """Always there in the same size, soon forgotten, no oscillation: what sensors with a low pass have. What a car or a road does
+    comes and goes with driving, lasts, or swings."""
+    most = round(1.0 / BLOCK)
+    c, energies = np.zeros(most + 1), []
+    for i in np.unique(log):
+        x = e[log == i] - e[log == i].mean()
+        c += [x[: len(x) - k] @ x[k:] for k in range(most + 1)]
+        energies += [float(np.mean(s**2)) for s in np.split(x, range(most, len(x), most)) if len(s) == most]
+    rho = c[1:] / max(c[0], 1e-300)
+    limit = 3.0 / np.sqrt(len(e))
+    length = 1.0 + 2.0 * float(np.sum(np.where(np.cumprod(rho > limit), rho, 0.0)))
+    calm = max(1, round(MEMORY / BLOCK))
+    if length * BLOCK > MEMORY or np.abs(rho[calm:]).max() > 0.1 + limit or rho.min() < -0.1 - limit:
+        return False
+    chance = 2.0 * (1.0 + 2.0 * float(rho @ rho)) / most  # variance of the energy of a second over its mean's square
+    return float(np.var(energies)) <= 2.0 * chance * float(np.mean(energies)) ** 2
 
 
 def design(log: np.ndarray, signals: dict[str, np.ndarray]) -> tuple[np.ndarray, list[str]]:

@@ -24,6 +24,7 @@ from tselab.gap.fit import Fit, fit, gap
 from tselab.gap.problem import STIFFNESS, Problem
 from tselab.gap.workers import Workers
 from tselab.log import Log, read_log
+from tselab.units import check_units
 from tselab.vehicle import Vehicle, fill_sensors, read_vehicle
 
 NOISE_LIMIT = 1.2  # rms over noise up to which nothing is left to explain: noise is known to some percent, inputs are smoothed
@@ -164,17 +165,27 @@ def run(
         raise UserError("; ".join(n for p in prepared for n in p.notes) or "no log can be compared")
     effects = list(catalogue().values())
 
-    say("fitting stiffness and biases")
-    baseline: Fit = stage(folder, key, "baseline", lambda: fit(problem, STIFFNESS, {}))
-    say("where do they disagree?")
-    conditions, entries = stage(
-        folder, key, "where",
-        lambda: (
-            where.conditions(problem, baseline.residuals, baseline.values),
-            where.entries(problem, baseline),
-        ),
-    )  # fmt: skip
-    naming: name.Naming = stage(folder, key, "naming", lambda: name.name(problem, effects, say, baseline))
+    def look(title: str) -> tuple[list[where.Condition], list[where.Entry], name.Naming]:
+        say("fitting stiffness and biases")
+        baseline: Fit = stage(folder, key, f"baseline{title}", lambda: fit(problem, STIFFNESS, {}))
+        say("where do they disagree?")
+        conditions, entries = stage(
+            folder, key, f"where{title}",
+            lambda: (
+                where.conditions(problem, baseline.residuals, baseline.values),
+                where.entries(problem, baseline),
+            ),
+        )  # fmt: skip
+        return conditions, entries, stage(folder, key, f"naming{title}", lambda: name.name(problem, effects, say, baseline))
+
+    conditions, entries, naming = look("")
+    notes = [n for p in prepared for n in p.notes]
+    notes += [f"{log.path.name}: {w}" for log in (*read_logs, *held) for w in disagreements(log, vehicle)]
+    louder = remainder.louder(problem, naming.final.residuals, NOISE_LIMIT)
+    if louder:  # what names close is a share of what is not noise, so it counts: once more
+        notes += [f"{c}: its noise is {f:.2f} times what its differences from row to row say" for c, f in louder.items()]
+        problem = workers.problem([p.louder(louder) for p in prepared], config)
+        conditions, entries, naming = look("_louder")
     say("what is left?")
     features = {k: x for k, x in where.features(problem, naming.final.values).items() if k != "time"}
     left = remainder.remainder(problem, naming.final.residuals, features, NOISE_LIMIT)
@@ -185,13 +196,19 @@ def run(
     if held:
         say("held-out logs")
         prepared_held = stage(folder, key, "held_out", lambda: workers.prepare(held, config))
-        other = workers.problem(prepared_held, config)
+        other = workers.problem([p.louder(louder) for p in prepared_held], config)
         if other.logs:
-            changes = show.held_out(other, baseline.values, naming.final.values)
-    notes = [*(n for p in prepared for n in p.notes), *optional.words(problem.readings(naming.final.values))]
+            changes = show.held_out(other, naming.baseline.values, naming.final.values)
+    notes += optional.words(problem.readings(naming.final.values))
     result = judge(problem, naming, conditions, entries, left, varying, seen, changes, notes)
     result.problem, result.held = problem, other if other is not None and other.logs else None
     return result
+
+
+def disagreements(log: Log, vehicle: Vehicle) -> list[str]:
+    """Wrong units and signs, which no effect of a car explains."""
+    v = vehicle.values
+    return check_units(log, v["lf"] + v["lr"], v["wheel_radius_front"], v["wheel_radius_rear"], vehicle.steering_ratio)
 
 
 def judge(
