@@ -37,7 +37,10 @@ preset() {                           # configure, build and test one preset
 }
 
 ruff() { .venv/bin/ruff check --config scripts/pyproject.toml scripts tests; }
-python_tests() { .venv/bin/python -m pytest -c scripts/pyproject.toml --rootdir . tests; }
+python_tests() {                     # in several processes; tests/conftest.py says what stays together, and in which order
+  .venv/bin/python -m pytest -c scripts/pyproject.toml --rootdir . \
+    -n "$((jobs < 4 ? jobs : 4))" --dist loadgroup --no-loadscope-reorder tests
+}
 
 step ruff ruff
 for name in ${@:-dev release avx2 float q20 clang-dev clang-release clang-float clang-q20}; do
