@@ -39,7 +39,7 @@ preset() {                           # configure, build and test one preset
 ruff() { .venv/bin/ruff check --config scripts/pyproject.toml scripts tests; }
 python_tests() {                     # in several processes; tests/conftest.py says what stays together, and in which order
   .venv/bin/python -m pytest -c scripts/pyproject.toml --rootdir . \
-    -n "$((jobs < 4 ? jobs : 4))" --dist loadgroup --no-loadscope-reorder tests
+    -n "$((jobs < 4 ? jobs : 4))" --dist loadfile --no-loadscope-reorder tests
 }
 
 step ruff ruff

@@ -3,32 +3,38 @@
 from __future__ import annotations
 
 import os
-from pathlib import Path
 
 import pytest
 
-HERE = Path(__file__).parent
 # The longest first, so that no process ends long after the others. A file stays together, for the sake of its fixtures; files of
 # one row, too: they wait for the same compiler runs, which a second process could only watch.
 FIRST = [
-    ["fmu/test_fmu_platforms.py", "lab/test_fmu_cli.py"],
-    ["lab/test_montecarlo.py"],
-    ["gap/test_generator.py"],
+    ["tests/fmu/test_fmu_platforms.py", "tests/lab/test_fmu_cli.py"],
+    ["tests/lab/test_montecarlo.py"],
+    ["tests/gap/test_generator.py"],
 ]
-GROUP = {file: (rank, row[0]) for rank, row in enumerate(FIRST) for file in row}
+RANK = {file: rank for rank, row in enumerate(FIRST) for file in row}
 
 
-@pytest.hookimpl(tryfirst=True)  # before pytest-xdist reads the marks
+def file_of(nodeid: str) -> str:
+    return nodeid.partition("::")[0]
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    if "PYTEST_XDIST_WORKER" not in os.environ:
-        return
-    groups = {}
-    for item in items:
-        file = item.path.relative_to(HERE).as_posix()
-        groups[item] = GROUP.get(file, (len(FIRST), file))
-        item.add_marker(pytest.mark.xdist_group(groups[item][1]))
-    items.sort(key=lambda item: groups[item][0])
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        items.sort(key=lambda item: RANK.get(file_of(item.nodeid), len(FIRST)))
 
 
-def pytest_configure(config: pytest.Config) -> None:
-    config.addinivalue_line("markers", "xdist_group(name): tests that run in the same process")
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> object | None:
+    """--dist loadfile, with rows of files. (The marks of loadgroup have no effect in pytest-xdist 3.8 with pytest 9.2.)"""
+    if config.getvalue("dist") != "loadfile":
+        return None
+    from xdist.scheduler import LoadFileScheduling
+
+    class ByRow(LoadFileScheduling):
+        def _split_scope(self, nodeid: str) -> str:
+            file = file_of(nodeid)
+            return FIRST[RANK[file]][0] if file in RANK else file
+
+    return ByRow(config, log)
