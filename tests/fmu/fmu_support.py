@@ -19,6 +19,8 @@ from fmpy import read_model_description
 from fmpy.fmi2 import FMU2Slave, fmi2CallbackFunctions, fmi2CallbackLoggerTYPE, fmi2Warning
 
 from tselab.core import INPUT, OUTPUT, SIM_INPUT, Config, Filter, library, stiffness_si
+from tselab.files import alone
+from tselab.fmu.build import lock_of
 from tselab.fmu.platforms import PLATFORMS, compile_for, zig
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -49,6 +51,12 @@ def headers() -> Path:
 def build(folder: str = "fmu", *options: str) -> Path:
     """Build the FMUs with the preset fmu; only what changed is built again.   Returned: the folder of the .fmu files."""
     where = ROOT / "build" / folder
+    with alone(lock_of(where)):  # of other processes that test, and of `tselab fmu build`
+        _build(where, *options)
+    return where / "fmu"
+
+
+def _build(where: Path, *options: str) -> None:
     # a cache of another checkout or generator would stop CMake
     cache = where / "CMakeCache.txt"
     if cache.is_file() and f"CMAKE_HOME_DIRECTORY:INTERNAL={ROOT}\n" not in cache.read_text():
@@ -57,7 +65,6 @@ def build(folder: str = "fmu", *options: str) -> Path:
     run("cmake", "--preset", "fmu", "-B", where, *generator, f"-DFETCHCONTENT_SOURCE_DIR_FMI2={headers().parent}", *options,
         cwd=ROOT)  # fmt: skip
     run("cmake", "--build", where, "--target", "fmus", cwd=ROOT)
-    return where / "fmu"
 
 
 class Unit:

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from fmpy import simulate_fmu
+from fmu_support import build
 
 ROOT = Path(__file__).resolve().parents[2]
 MODELS = ("TireStiffnessEstimator", "SingleTrackVehicle")
@@ -23,10 +24,7 @@ MODELS = ("TireStiffnessEstimator", "SingleTrackVehicle")
 @pytest.fixture(scope="session")
 def built() -> Path:
     """Folder with both .fmu, and beside each its content."""
-    headers = f"-DFETCHCONTENT_SOURCE_DIR_FMI2={ROOT / '.venv/share/fmi2'}"
-    subprocess.run(["cmake", "--preset", "fmu", headers], cwd=ROOT, check=True, capture_output=True)
-    subprocess.run(["cmake", "--build", "--preset", "fmu"], cwd=ROOT, check=True, capture_output=True)
-    return ROOT / "build" / "fmu" / "fmu"
+    return build()
 
 
 def page(built: Path, model: str) -> str:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
+import os
 import subprocess
 import sys
 from dataclasses import dataclass
@@ -9,6 +12,8 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
+
+from tselab.cli import main
 
 COMMAND = [sys.executable, "-m", "tselab"]
 
@@ -24,6 +29,21 @@ def tselab(*args: object, cwd: Path | None = None) -> Result:
     """Run the command line to its end."""
     done = subprocess.run([*COMMAND, *map(str, args)], cwd=cwd, capture_output=True, text=True, timeout=120)
     return Result(done.returncode, done.stdout, done.stderr)
+
+
+def tselab_here(*args: object, cwd: Path | None = None) -> Result:
+    """The same in this process: for the many commands that end at once, of which a start of Python is nearly all the time."""
+    out, err = io.StringIO(), io.StringIO()
+    argv, folder = sys.argv, Path.cwd()
+    try:
+        sys.argv = ["tselab", *map(str, args)]
+        os.chdir(cwd or folder)
+        with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err), pytest.raises(SystemExit) as end:
+            main()
+    finally:
+        sys.argv = argv
+        os.chdir(folder)
+    return Result(end.value.code, out.getvalue(), err.getvalue())
 
 
 @dataclass

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import pandas as pd
 import pytest
 
-from conftest import tselab
+from conftest import tselab, tselab_here
 from tselab.core import Config
 
 FORGETTING = Config().fields["forgetting"].range_text
@@ -54,7 +54,7 @@ def test_log_is_refused_with_its_place(name, drive, tmp_path):
     log, out = tmp_path / "bad.csv", tmp_path / "est.csv"
     change(drive.table()).to_csv(log, index=False)
     out.write_text("as before\n")
-    refused(tselab("estimate", log, "--vehicle", drive.vehicle, "--out", out), ["bad.csv", *words])
+    refused(tselab_here("estimate", log, "--vehicle", drive.vehicle, "--out", out), ["bad.csv", *words])
     assert out.read_text() == "as before\n"
     assert sorted(p.name for p in tmp_path.iterdir()) == ["bad.csv", "est.csv"]
 
@@ -87,19 +87,19 @@ FILES: dict[str, tuple[bytes, list[str]]] = {
 def test_file_that_is_no_log_is_refused(name, drive, tmp_path):
     content, words = FILES[name]
     (tmp_path / "bad.csv").write_bytes(content)
-    refused(tselab("estimate", "bad.csv", "--vehicle", drive.vehicle, cwd=tmp_path), ["bad.csv", *words])
+    refused(tselab_here("estimate", "bad.csv", "--vehicle", drive.vehicle, cwd=tmp_path), ["bad.csv", *words])
     assert not (tmp_path / "bad.est.csv").exists()
 
 
 def test_missing_files_and_directories_are_named(drive, tmp_path):
-    refused(tselab("estimate", "nowhere.csv", "--vehicle", drive.vehicle, cwd=tmp_path), ["nowhere.csv: no such file"])
-    refused(tselab("estimate", drive.log, "--vehicle", "nowhere.toml", cwd=tmp_path), ["nowhere.toml: no such file"])
-    refused(tselab("estimate", tmp_path, "--vehicle", drive.vehicle, cwd=tmp_path), ["is a directory"])
+    refused(tselab_here("estimate", "nowhere.csv", "--vehicle", drive.vehicle, cwd=tmp_path), ["nowhere.csv: no such file"])
+    refused(tselab_here("estimate", drive.log, "--vehicle", "nowhere.toml", cwd=tmp_path), ["nowhere.toml: no such file"])
+    refused(tselab_here("estimate", tmp_path, "--vehicle", drive.vehicle, cwd=tmp_path), ["is a directory"])
     refused(
-        tselab("estimate", drive.log, "--vehicle", drive.vehicle, "--out", tmp_path / "no" / "x.csv"),
+        tselab_here("estimate", drive.log, "--vehicle", drive.vehicle, "--out", tmp_path / "no" / "x.csv"),
         ["does not exist"],
     )
-    refused(tselab("estimate", drive.log, "--vehicle", drive.vehicle, "--out", drive.log), ["same file as the log"])
+    refused(tselab_here("estimate", drive.log, "--vehicle", drive.vehicle, "--out", drive.log), ["same file as the log"])
 
 
 VEHICLES: dict[str, tuple[str, list[str]]] = {
@@ -121,7 +121,7 @@ VEHICLES: dict[str, tuple[str, list[str]]] = {
 def test_vehicle_is_refused_with_file_and_key(name, tmp_path):
     text, words = VEHICLES[name]
     (tmp_path / "car.toml").write_text(text)
-    refused(tselab("vehicle", "car.toml", cwd=tmp_path), ["car.toml", *words])
+    refused(tselab_here("vehicle", "car.toml", cwd=tmp_path), ["car.toml", *words])
 
 
 SETTINGS: dict[str, tuple[str, list[str]]] = {
@@ -137,7 +137,7 @@ SETTINGS: dict[str, tuple[str, list[str]]] = {
 def test_filter_file_is_refused_with_file_and_key(name, drive, tmp_path):
     text, words = SETTINGS[name]
     (tmp_path / "filter.toml").write_text(text)
-    done = tselab("estimate", drive.log, "--vehicle", drive.vehicle, "--config", "filter.toml", cwd=tmp_path)
+    done = tselab_here("estimate", drive.log, "--vehicle", drive.vehicle, "--config", "filter.toml", cwd=tmp_path)
     refused(done, ["filter.toml", *words])
 
 
@@ -152,7 +152,7 @@ def test_filter_file_is_refused_with_file_and_key(name, drive, tmp_path):
     ],
 )
 def test_option_is_refused_with_its_name(options, words, drive, tmp_path):
-    refused(tselab("estimate", drive.log, "--vehicle", drive.vehicle, *options, cwd=tmp_path), words)
+    refused(tselab_here("estimate", drive.log, "--vehicle", drive.vehicle, *options, cwd=tmp_path), words)
     assert not list(tmp_path.iterdir())
 
 
@@ -169,7 +169,7 @@ def test_option_is_refused_with_its_name(options, words, drive, tmp_path):
     ],
 )
 def test_simulation_option_is_refused_with_its_range(options, words, tmp_path):
-    refused(tselab("simulate", *options, "--out", "log.csv", cwd=tmp_path), words)
+    refused(tselab_here("simulate", *options, "--out", "log.csv", cwd=tmp_path), words)
     assert not list(tmp_path.iterdir())
 
 

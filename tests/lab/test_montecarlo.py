@@ -17,7 +17,7 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from conftest import COMMAND, tselab
+from conftest import COMMAND, tselab, tselab_here
 from tselab.core import INPUT, OUTPUT, REASON, SIM_OUTPUT, STIFFNESS, Config, SimConfig, library
 from tselab.errors import UserError
 from tselab.montecarlo import STUDIES, corrupt, drives, engine, estimators, findings, scores, studies, summary
@@ -510,7 +510,7 @@ def test_an_interrupt_ends_with_130_leaves_no_worker_and_says_how_to_go_on(tmp_p
 )
 def test_bad_options_are_refused_with_what_is_allowed(tmp_path, options, named):
     (tmp_path / "file").write_text("")
-    done = tselab("montecarlo", *options, cwd=tmp_path)
+    done = tselab_here("montecarlo", *options, cwd=tmp_path)
     assert done.code == 2, done.err
     for text in named:
         assert text in done.err

@@ -1,5 +1,6 @@
 # ctest entry `consumer`: install tse, then build and run the programs of this directory against it, in every way offered.
-# Given: TSE_SOURCE TSE_BUILD WORK GENERATOR MAKE_PROGRAM CONFIG C_COMPILER CXX_COMPILER C_FLAGS CXX_FLAGS SHARED REAL MAX_PARTICLES VERSION
+# Without EVERY_WAY only the installed one: the others are the same CMake code with another compiler.
+# Given: TSE_SOURCE TSE_BUILD WORK GENERATOR MAKE_PROGRAM CONFIG C_COMPILER CXX_COMPILER C_FLAGS CXX_FLAGS EVERY_WAY SHARED REAL MAX_PARTICLES VERSION
 cmake_minimum_required(VERSION 3.21)
 
 function(run what)
@@ -31,8 +32,10 @@ run("install" "${CMAKE_COMMAND}" --install "${TSE_BUILD}" --config "${CONFIG}" -
 file(RENAME "${WORK}/staged" "${WORK}/prefix")
 
 consume(package "-DCMAKE_PREFIX_PATH=${WORK}/prefix" "-DTSE_VERSION=${VERSION}")
-consume(subdirectory "-DTSE_SOURCE=${TSE_SOURCE}")
-consume(fetch "-DTSE_SOURCE=${TSE_SOURCE}")
+if(EVERY_WAY)
+  consume(subdirectory "-DTSE_SOURCE=${TSE_SOURCE}")
+  consume(fetch "-DTSE_SOURCE=${TSE_SOURCE}")
+endif()
 
 execute_process(COMMAND ${configure} -S "${CMAKE_CURRENT_LIST_DIR}" -B "${WORK}/newer" -DTSE_FROM=package
   "-DCMAKE_PREFIX_PATH=${WORK}/prefix" -DTSE_VERSION=99.0 RESULT_VARIABLE result OUTPUT_QUIET ERROR_QUIET)

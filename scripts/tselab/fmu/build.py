@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from tselab.errors import UserError
+from tselab.files import alone
 from tselab.fmu import platforms
 from tselab.fmu.archive import content, pack
 from tselab.fmu.platforms import PLATFORMS
@@ -66,6 +67,17 @@ def build_native(root: Path, max_particles: int | None, say: Say) -> Path:
     if shutil.which("cmake") is None:
         raise UserError("cmake is not installed: version 3.21 or later is needed")
     folder = root / "build" / ("fmu" if max_particles is None else f"fmu-{max_particles}")
+    with alone(lock_of(folder)):
+        _build_native(root, folder, max_particles, say)
+    return folder / "fmu"
+
+
+def lock_of(folder: Path) -> Path:
+    """What two processes that build in a folder take; beside it, because the folder itself may be removed."""
+    return folder.with_name(f"{folder.name}.lock")
+
+
+def _build_native(root: Path, folder: Path, max_particles: int | None, say: Say) -> None:
     _forget_foreign(folder, root)
     command = ["cmake", "--preset", "fmu", "-B", str(folder)]
     if not (folder / "CMakeCache.txt").is_file() and "CMAKE_GENERATOR" not in os.environ and shutil.which("ninja"):
@@ -79,7 +91,6 @@ def build_native(root: Path, max_particles: int | None, say: Say) -> Path:
         done = subprocess.run(step, cwd=root, capture_output=True, text=True, errors="replace")
         if done.returncode:
             raise UserError(f"the FMUs do not build: {' '.join(step[:3])} says\n{(done.stdout + done.stderr).strip()[-3000:]}")
-    return folder / "fmu"
 
 
 def _forget_foreign(folder: Path, root: Path) -> None:

@@ -17,6 +17,7 @@ from pathlib import Path
 from lxml import etree
 
 from tselab import __version__
+from tselab.files import alone
 from tselab.fmu import checks
 from tselab.fmu.archive import Archive, need_fmpy
 from tselab.fmu.binaries import need_lief
@@ -125,6 +126,11 @@ def fetch_vdmcheck(say: Callable[[str], None]) -> str:
         return ""
     if shutil.which("mvn") is None:
         return "not fetched: Maven (mvn) is not installed"
+    with alone(folder.with_name(f"{folder.name}.lock")):
+        return "" if (folder / "vdmcheck2.jar").is_file() else _fetch_vdmcheck(folder, say)
+
+
+def _fetch_vdmcheck(folder: Path, say: Callable[[str], None]) -> str:
     say(f"VDMCheck {VDMCHECK}, by Maven")
     folder.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=folder.parent, ignore_cleanup_errors=True) as scratch:

@@ -1,0 +1,45 @@
+"""Which tests share a process when several run at once (scripts/test.sh; pytest-xdist). In one process nothing is changed."""
+
+from __future__ import annotations
+
+import os
+
+import pytest
+
+# The longest first, so that no process ends long after the others. A file stays together, for the sake of its fixtures; files of
+# one row, too: they wait for the same compiler runs, which a second process could only watch.
+FIRST = [
+    ["tests/fmu/test_fmu_platforms.py", "tests/lab/test_fmu_cli.py"],
+    ["tests/gap/test_study.py"],
+    ["tests/lab/test_montecarlo.py"],
+    ["tests/lab/test_cli.py"],
+    ["tests/lab/test_peers.py"],
+    ["tests/lab/test_gap_output.py"],
+    ["tests/lab/test_learnt.py"],
+    ["tests/gap/test_generator.py"],
+]
+RANK = {file: rank for rank, row in enumerate(FIRST) for file in row}
+
+
+def file_of(nodeid: str) -> str:
+    return nodeid.partition("::")[0]
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        items.sort(key=lambda item: RANK.get(file_of(item.nodeid), len(FIRST)))
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> object | None:
+    """--dist loadfile, with rows of files. (The marks of loadgroup have no effect in pytest-xdist 3.8 with pytest 9.2.)"""
+    if config.getvalue("dist") != "loadfile":
+        return None
+    from xdist.scheduler import LoadFileScheduling
+
+    class ByRow(LoadFileScheduling):
+        def _split_scope(self, nodeid: str) -> str:
+            file = file_of(nodeid)
+            return FIRST[RANK[file]][0] if file in RANK else file
+
+    return ByRow(config, log)
