@@ -256,7 +256,8 @@ def judge(
     exit_code = EXIT[verdict]
     if verdict == "named" and all(n.look_alikes for n in naming.named):
         exit_code = EXIT["look-alikes"]
-    undetectable = [d for d in seen if not d.visible]
+    alike = {i for n in naming.named for i in n.look_alikes}  # of these the logs show one, and do not say which
+    undetectable = [d for d in seen if not d.visible and d.id not in alike]
     return Result(
         verdict, exit_code, words, naming, conditions, entries, left, before, after, changes, contradicting, undetectable, seen,
         notes,
