@@ -48,6 +48,7 @@ class Noise:
     hold: int
     step: float  # quantisation step, 0 if none was seen
     text: str
+    unraised: float = 0.0  # sd before the floor
 
 
 def channel_noise(name: str, x: np.ndarray, moving: np.ndarray) -> Noise | None:
@@ -68,10 +69,11 @@ def channel_noise(name: str, x: np.ndarray, moving: np.ndarray) -> Noise | None:
     if hold > 1:
         sd *= np.sqrt(hold)
         parts.append(f"samples held {hold} rows: x {np.sqrt(hold):.2g}")
+    unraised = float(sd)
     if sd < FLOOR[name]:
         sd = FLOOR[name]
         parts.append(f"raised to the floor {sd:g}")
-    return Noise(float(sd), hold, step, ", ".join(parts))
+    return Noise(float(sd), hold, step, ", ".join(parts), unraised)
 
 
 def _size(x: np.ndarray) -> float:

@@ -55,6 +55,7 @@ class Prepared:
     rows_per_block: int
     distance: np.ndarray  # m
     notes: list[str] = field(default_factory=list)
+    quiet: dict[str, float] = field(default_factory=dict)  # sd that was found over that sd, where a floor raised it
     blur: dict[str, np.ndarray] = field(default_factory=dict)  # sd, per row, of what noise of the inputs does to a prediction
 
     @property
@@ -73,7 +74,8 @@ class Prepared:
 
     def louder(self, factors: Mapping[str, float]) -> Prepared:
         """The same with more noise than was found."""
-        return replace(self, noise={c: sd * factors.get(c, 1.0) for c, sd in self.noise.items()})
+        quiet = {c: q for c, q in self.quiet.items() if c not in factors}
+        return replace(self, noise={c: sd * factors.get(c, 1.0) for c, sd in self.noise.items()}, quiet=quiet)
 
 
 def prepare(log: Log, config: Config) -> Prepared:
@@ -90,10 +92,12 @@ def prepare(log: Log, config: Config) -> Prepared:
     good = (speed > SLOWEST) & (np.abs(inputs["steer_angle"]) < STEEPEST)
     for x in raw.values():
         good &= ~_hole(log.time, x)
-    noise = {}
+    noise, quiet = {}, {}
     for name, x in measured.items():
         found = channel_noise(name, x, moving) if name in MEASURES else None
         noise[name] = found.sd if found else _plain_noise(x, FLOOR.get(name, 0.0))
+        if found and found.unraised < found.sd:
+            quiet[name] = found.unraised / found.sd
     per_block = max(1, round(BLOCK / log.sample_time))
     stretches = _stretches(log.time, good, per_block)
     distance = np.append(0.0, np.cumsum(np.maximum(speed[1:], 0.0) * np.minimum(np.diff(log.time), 1.0)))
@@ -102,7 +106,7 @@ def prepare(log: Log, config: Config) -> Prepared:
         notes.append(
             f"{log.path.name}: nowhere {SHORTEST:g} s in one piece above {SLOWEST:g} m/s and below {STEEPEST:g} rad of steering"
         )
-    found = Prepared(log.path, log.time, inputs, measured, noise, stretches, per_block, distance, notes)
+    found = Prepared(log.path, log.time, inputs, measured, noise, stretches, per_block, distance, notes, quiet)
     if stretches and len(log.extra.columns):
         found.blur = _blur(found, raw, smooth, config)
     return found

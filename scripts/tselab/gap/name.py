@@ -27,6 +27,7 @@ LEAST_EVIDENCE = 0.03  # of all nats so far: what less explains, after others, r
 LEAST_CLOSED = 0.8  # of the gap: what all names together must close
 AS_MUCH = 0.95  # of what a road's profile closes: what one effect of the car closes, too, is the car's
 RIVAL_NATS, RIVAL_SHARE = 5.0, 0.1  # a rival that explains as much to within this cannot be excluded
+NEGLIGIBLE = "negligible in size"
 MOST_EFFECTS = 6
 PATCHWORK = 4  # as many effects and more: more likely a patchwork than the truth
 LEAST_CLOSED_PATCHWORK = 0.9  # so they must close more
@@ -145,12 +146,16 @@ def name(
             for g, e, f in tried:
                 if entry["id"] == e.id and not chosen:
                     entry |= {"nats": g, "share": _share(problem, baseline, f, full_gap), "values": dict(f.values)}
-        accepted = None
+        accepted = trifle = None
         for g, e, with_it in tried:
             left = excess(problem, current.residuals)
             share = (left - excess(problem, with_it.residuals)) / max(left, 1e-300)
             all_nats = gain(problem, baseline.residuals, with_it.residuals)
             why = _refuse(problem, e, with_it, g, max(need, LEAST_EVIDENCE * all_nats), share)
+            if why == NEGLIGIBLE and trifle is None:
+                trifle = (e, with_it)
+            if why is None and trifle is not None and not _beyond(problem, chosen, trifle, e, with_it, need):
+                why = f"a negligible {trifle[0].id} explains the same, and better"
             if why is None:
                 accepted = (g, e, with_it)
                 break
@@ -191,9 +196,9 @@ def _refuse(problem: Problem, e: Effect, f: Fit, g: float, need: float, share: f
     if share < LEAST_SHARE:
         return f"closes {100 * share:.1f} % of the gap"
     if e.id in PROFILES:
-        return None if profile_size(e, f.values) >= e.strengths[0].negligible else "negligible in size"
+        return None if profile_size(e, f.values) >= e.strengths[0].negligible else NEGLIGIBLE
     if all(abs(f.values[p.name] - p.default) < p.negligible for p in e.strengths):
-        return "negligible in size"
+        return NEGLIGIBLE
     for p in e.strengths:
         inside = 0.98 * p.typical_low <= abs(f.values[p.name]) <= 1.001 * p.typical_high
         if f.at_bound(p) and not inside and abs(f.values[p.name] - p.default) >= p.negligible:
@@ -201,6 +206,13 @@ def _refuse(problem: Problem, e: Effect, f: Fit, g: float, need: float, share: f
         if p.sign and p.sign * (f.values[p.name] - p.default) < -p.negligible:
             return f"{p.name} has the wrong sign"
     return None
+
+
+def _beyond(problem: Problem, chosen: list[Effect], trifle: tuple[Effect, Fit], e: Effect, f: Fit, need: float) -> bool:
+    """Does an effect explain what a better one, too small to be named, leaves? Wheels that spin up are 1 % of yaw inertia."""
+    small, without = trifle
+    both = fit_with(problem, [*chosen, small, e], f.values | without.values)
+    return gain(problem, without.residuals, both.residuals) - freedom(problem, e, both.columns(problem.strengths(e))) >= need
 
 
 def _prune(

@@ -69,6 +69,7 @@ class Problem:
         missing = [{c: ~np.isfinite(log.measured[c]) for c in MEASURES if c in log.measured} for log in self.logs]
         self._missing = [{c: rows for c, rows in log.items() if rows.any()} for log in missing]
         self._measured, self.weight, self.rows = self._layout()
+        self.noise_energy = self._noise_energy()
         self._biased = np.isin(self.rows.channel, [CHANNELS.index(c) for c in WITH_BIAS])
         self._groups = int(self.rows.group.max()) + 1 if len(self.rows.group) else 0
         self.simulations = 0
@@ -115,6 +116,11 @@ class Problem:
         y = np.concatenate(measured) if measured else np.zeros(0)
         w = np.concatenate(weight) if weight else np.zeros(0)
         return np.where(w > 0, y, 0.0), w, rows
+
+    def _noise_energy(self) -> np.ndarray:
+        """Of each entry, what the noise that was found leaves of its square: 1, less where a floor raised the noise."""
+        quiet = [q for log in self.logs for c in log.channels for q in [log.quiet.get(c, 1.0)]]
+        return np.where(self.weight > 0, np.array(quiet)[self.rows.group] ** 2, 0.0) if quiet else np.zeros(0)
 
     @staticmethod
     def _blocks(log: Prepared, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -21,7 +21,7 @@ from tselab.gap import constancy, detect, name, optional, remainder, show, where
 from tselab.gap.catalogue import catalogue
 from tselab.gap.data import Prepared
 from tselab.gap.fit import Fit, fit, gap
-from tselab.gap.problem import STIFFNESS, Problem
+from tselab.gap.problem import PROFILES, STIFFNESS, Problem
 from tselab.gap.workers import Workers
 from tselab.log import Log, read_log
 from tselab.units import check_units
@@ -231,7 +231,7 @@ def judge(
     if not naming.named and not remains:
         verdict = "none"
         words.append("The model explains these logs down to the sensors' noise: nothing is missing that they could show.")
-    elif naming.named and (enough or not remains) and not contradicting and not _only_fits(changes):
+    elif naming.named and (enough or not remains) and not (contradicting or _only_fits(changes) or _cancels(naming.named)):
         verdict = "named"
         for n in naming.named:
             words.append(_sentence(n))
@@ -242,6 +242,8 @@ def judge(
             words.append(f"What comes closest is not one number: {contradicting[0].words()}.")
         if naming.named and _only_fits(changes):
             words.append("What fits the logs best does not hold on the held-out ones.")
+        if _cancels(naming.named):
+            words.append("What fits the logs best is a patchwork of effects, some of a size that no car has.")
         if naming.named:
             closest = max(naming.named, key=lambda n: n.share)
             share = f"{100 * closest.share:.0f} %"
@@ -267,6 +269,13 @@ def judge(
 def _only_fits(changes: dict[str, show.Change]) -> bool:
     """Held-out logs, of which the names explain too little."""
     return bool(changes) and max(c.after for c in changes.values()) > MOST_HELD_OUT and show.closed(changes) < name.LEAST_CLOSED
+
+
+def _cancels(named: Sequence[name.Named]) -> bool:
+    """Many effects, and one far beyond what is typical: they undo what of each other does not fit."""
+    return len(named) >= name.PATCHWORK and any(
+        abs(n.values[p.name]) > 2.0 * p.typical_high for n in named for p in n.effect.strengths if n.effect.id not in PROFILES
+    )
 
 
 def _sentence(n: name.Named) -> str:
