@@ -5,7 +5,7 @@ import pytest
 from scipy.signal import lfilter
 
 from tselab.gap.data import BLOCK
-from tselab.gap.remainder import is_noise, without_walk
+from tselab.gap.remainder import is_noise, without_spikes, without_walk
 
 LOG = np.repeat(np.arange(4), 750)  # four logs of 30 s
 
@@ -45,3 +45,14 @@ def test_a_walk_of_the_bias_is_taken_out_and_little_else(seed: int) -> None:
 
 def test_a_bias_that_stays_is_no_walk() -> None:
     np.testing.assert_array_equal(without_walk(white(1), LOG, 0.0), white(1))
+
+
+def test_lone_spikes_go_and_what_lasts_two_blocks_stays() -> None:
+    x = white(3)
+    spiked = x.copy()
+    spiked[[100, 800, 1600]] += 15.0
+    spiked[2000:2003] += 15.0
+    rest = without_spikes(spiked, LOG)
+    assert np.abs(rest[[100, 800, 1600]]).max() < 3.0
+    np.testing.assert_array_equal(rest[2000:2003], spiked[2000:2003])
+    assert np.mean(rest != spiked) < 0.005

@@ -51,9 +51,10 @@ def remainder(problem: Problem, residuals: np.ndarray, features: dict[str, np.nd
         if size <= limit:
             found.append(Remainder(channel, size, "noise", 0.0, (), None, f"{channel}: noise only"))
             continue
-        steady = without_walk(e, log, walk(problem, mine, channel))
+        steady = without_walk(without_spikes(e, log), log, walk(problem, mine, channel))
         if np.sqrt(np.mean(steady**2)) <= limit:
-            found.append(Remainder(channel, size, "noise", 0.0, (), None, f"{channel}: noise and a bias that walks"))
+            words = f"{channel}: noise only, besides lone spikes or a bias that walks"
+            found.append(Remainder(channel, size, "noise", 0.0, (), None, words))
             continue
         share, signals = predictable(e, log, {n: x[mine] for n, x in features.items()}, rng)
         if signals and share >= PREDICTABLE:
@@ -78,7 +79,7 @@ def louder(problem: Problem, residuals: np.ndarray, limit: float) -> dict[str, f
     for c in np.unique(problem.rows.channel):
         mine = (problem.rows.channel == c) & (problem.weight > 0)
         e, log, channel = residuals[mine], problem.rows.log[mine], CHANNELS[c]
-        steady = without_walk(e, log, walk(problem, mine, channel))
+        steady = without_walk(without_spikes(e, log), log, walk(problem, mine, channel))
         size = float(np.sqrt(np.mean(steady**2)))
         if size > limit and is_noise(steady, log):
             found[channel] = size
@@ -88,6 +89,18 @@ def louder(problem: Problem, residuals: np.ndarray, limit: float) -> dict[str, f
 def walk(problem: Problem, rows: np.ndarray, channel: str) -> float:
     """How far the bias of a channel walks in a block, in units of the block's noise."""
     return WALK.get(channel, 0.0) * float(np.sqrt(BLOCK) * np.median(problem.weight[rows]))
+
+
+def without_spikes(e: np.ndarray, log: np.ndarray) -> np.ndarray:
+    """The residual with lone blocks far out put back among their neighbours: cars do not jump there and back within 40 ms."""
+    near = 3.0 * 1.4826 * float(np.median(np.abs(e)))
+    calm = np.abs(e) < near
+    inside = np.append(False, (log[2:] == log[1:-1]) & (log[1:-1] == log[:-2])) if len(e) > 2 else np.zeros(0, bool)
+    lone = np.flatnonzero(np.append(inside, False)[: len(e)])
+    lone = lone[~calm[lone] & calm[lone - 1] & calm[lone + 1] & (np.abs(e[lone]) > 1.25 * near)]
+    rest = e.copy()
+    rest[lone] = 0.5 * (e[lone - 1] + e[lone + 1])
+    return rest
 
 
 def without_walk(e: np.ndarray, log: np.ndarray, step: float) -> np.ndarray:
