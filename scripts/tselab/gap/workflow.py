@@ -248,8 +248,11 @@ def judge(
             closest = max(naming.named, key=lambda n: n.share)
             share = f"{100 * closest.share:.0f} %"
             words.append(f"Closest is {closest.effect.title} ({closest.effect.id}), which closes {share} of the gap.")
-        elif naming.ranking:
-            words.append(f"Closest, and not close enough: {naming.ranking[0]['id']}.")
+        elif naming.ranking and naming.ranking[0].get("share", 0.0) > name.LEAST_SHARE:
+            best = naming.ranking[0]
+            words.append(f"Closest, and not close enough: {best['id']}, which closes {100 * best['share']:.0f} % of the gap.")
+        else:
+            words.append("No effect of the catalogue closes any of the gap to speak of.")
         if entries and entries[0].nats > 0:
             words.append(f"It acts like a disturbance at: {entries[0].place}.")
     words += [r.words for r in remains]
