@@ -52,7 +52,7 @@ def run(spec_json: str) -> dict:
         "name": spec.name, "seed": spec.seed, "optional": spec.optional, "size": spec.size,
         "truth": case.truth["effects"], "outside": case.truth["outside"],
         "verdict": verdict["verdict"], "exit": result.exit_code, "named": verdict["effects"],
-        "closest": [e["id"] for e in verdict["closest"]], "closed": verdict["closed"],
+        "closest": [e["id"] for e in verdict["closest"]], "varies": verdict["varies"], "closed": verdict["closed"],
         "gap": verdict["gap"], "undetectable": [d["id"] for d in verdict["undetectable"]], "seconds": seconds,
     }  # fmt: skip
 

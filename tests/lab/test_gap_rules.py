@@ -78,9 +78,8 @@ def variation(**other: float) -> Variation:
 
 
 def test_variation_contradicts_only_what_it_would_repair():
-    assert variation().contradicts(0.1)
-    assert not variation().contradicts(0.02)  # of next to nothing
-    assert not variation(relative=-0.2).contradicts(0.1)
-    assert not variation(sigmas=-4.0).contradicts(0.1)
-    assert not variation(closes=0.3).contradicts(0.1)
+    assert variation().contradicts
+    assert not variation(relative=-0.2).contradicts
+    assert not variation(sigmas=-4.0).contradicts
+    assert not variation(closes=0.3).contradicts
     assert "0.1 at speed 10 m/s and 0.02 at 30 m/s" in variation().words()

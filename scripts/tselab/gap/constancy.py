@@ -15,7 +15,6 @@ import numpy as np
 from tselab.gap import where
 from tselab.gap.catalogue import Effect
 from tselab.gap.fit import Fit, excess, lengths
-from tselab.gap.name import LEAST_SHARE
 from tselab.gap.problem import PROFILES, Problem
 
 CONDITIONS = ("speed", "|accel_y|", "|steering angle|", "time")
@@ -38,15 +37,10 @@ class Variation:
     at: tuple[float, float]  # 10 and 90 % quantile of the condition
     values: tuple[float, float]  # what the parameter would be there
 
-    def contradicts(self, left: float) -> bool:
-        """That the parameter is one number, where a share `left` of the gap is left. What the variation closes must be as much as
-        an effect must close to be worth a name: forms that differ a little vary a little."""
-        return (
-            abs(self.relative) >= LEAST_RELATIVE
-            and abs(self.sigmas) >= LEAST_SIGMAS
-            and self.closes >= LEAST_LEFT
-            and self.closes * left >= LEAST_SHARE
-        )
+    @property
+    def contradicts(self) -> bool:
+        """That the parameter is one number, where something above the noise is left: forms that differ a little vary a little."""
+        return abs(self.relative) >= LEAST_RELATIVE and abs(self.sigmas) >= LEAST_SIGMAS and self.closes >= LEAST_LEFT
 
     def words(self) -> str:
         unit = UNITS[self.condition]

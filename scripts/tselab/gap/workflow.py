@@ -73,7 +73,7 @@ class Result:
         return {
             "verdict": self.verdict,
             "effects": fitted if asserted else [],
-            "closest": [] if asserted or self.verdict == "none" else fitted or self.naming.ranking[:1],
+            "closest": [] if asserted or self.verdict == "none" else fitted or self._closest(),
             "where": [
                 {"channel": c.channel, "condition": c.condition, "entry_point": self._entry(c.channel), "strength": c.strength}
                 for c in self.conditions
@@ -99,6 +99,10 @@ class Result:
             "notes": self.notes,
             "version": __version__,
         }
+
+    def _closest(self) -> list[dict[str, Any]]:
+        """Without any that would have been named: the first of the ranking, if it closes anything."""
+        return [r for r in self.naming.ranking[:1] if r.get("share", 0.0) > name.LEAST_SHARE]
 
     def _entry(self, channel: str) -> str:
         if channel == "accel_x":
@@ -225,7 +229,7 @@ def judge(
     """From what was found to a verdict."""
     before, after = gap(problem, naming.baseline.residuals), gap(problem, naming.final.residuals)
     remains = [r for r in left if r.kind != "noise"]
-    contradicting = [v for v in varying if v.contradicts(1.0 - naming.closed)]
+    contradicting = [v for v in varying if v.contradicts] if remains else []
     enough = naming.closed >= (name.LEAST_CLOSED if len(naming.named) < name.PATCHWORK else name.LEAST_CLOSED_PATCHWORK)
     words: list[str] = []
     if not naming.named and not remains:
