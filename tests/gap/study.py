@@ -1,6 +1,6 @@
 """The study of the gap workflow on logs in which the effect is hidden: every case of generator/study.py, judged against its truth.
 
-    python -m tests.gap.study [--seeds N] [--only PART ...] [--jobs N]     from the root of the repository
+    python -m tests.gap.study [--seeds N] [--sizes N] [--only PART ...] [--jobs N]     from the root of the repository
 
 Cases that are done are kept in build/gap-study/*.json, so that it can be interrupted and goes on; what the code of the
 workflow has become since is not looked at: --again starts anew. The tables go to scripts/results/gap-*.md.
@@ -170,8 +170,9 @@ def tables(cases: list[dict]) -> dict[str, str]:
     return {"gap.md": head + "\n".join(lines) + "\n", "gap-cases.md": "\n".join(each) + "\n"}
 
 
-def chosen(seeds: int, only: list[str]) -> list:
-    """The cases of the study with at most so many seeds each, whose name holds one of the parts."""
+def chosen(seeds: int, only: list[str], sizes: int | None = None) -> list:
+    """The cases of the study with at most so many seeds each, whose name holds one of the parts; `sizes`: most seeds of half and
+    double size, which come last."""
     from tests.gap.generator.study import study
 
     most = {"clean": 7 * seeds, "logged-clean": 2 * seeds, "logged-misread": 2 * seeds}
@@ -180,9 +181,10 @@ def chosen(seeds: int, only: list[str]) -> list:
     for spec in study():
         kind = spec.name.rsplit("-", 1)[0]
         seen[kind] = seen.get(kind, 0) + 1
-        if seen[kind] <= most.get(kind, seeds) and (not only or any(o in spec.name for o in only)):
+        limit = most.get(kind, seeds if spec.size == 1.0 or sizes is None else min(seeds, sizes))
+        if seen[kind] <= limit and (not only or any(o in spec.name for o in only)):
             specs.append(spec)
-    return specs
+    return sorted(specs, key=lambda s: s.size != 1.0)
 
 
 def _job(spec_json: str) -> str:
@@ -198,6 +200,7 @@ def _job(spec_json: str) -> str:
 def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.gap.study", description=__doc__.split("\n")[0])
     parser.add_argument("--seeds", type=int, default=3)
+    parser.add_argument("--sizes", type=int, help="seeds of half and double size; default: as many")
     parser.add_argument("--only", nargs="*", default=[])
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--again", action="store_true")
@@ -205,7 +208,7 @@ def main() -> int:
     if options.again:
         shutil.rmtree(FOLDER, ignore_errors=True)
     FOLDER.mkdir(parents=True, exist_ok=True)
-    specs = chosen(options.seeds, options.only)
+    specs = chosen(options.seeds, options.only, options.sizes)
     kept = ("name", "effects", "seed", "size", "optional", "misread")
     texts = [json.dumps({k: getattr(s, k) for k in kept}) for s in specs]
     with multiprocessing.get_context("spawn").Pool(options.jobs) as pool:

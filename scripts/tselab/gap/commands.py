@@ -144,13 +144,14 @@ def run(
 def changes(result: Any) -> list[str]:
     """The gap before and after, in words."""
     lines = []
+    closest = " with the closest, which is not claimed," if result.verdict == "not_in_catalogue" and result.naming.named else ""
     for title, before, after in (
         ("fitted logs", result.fit_before, result.fit_after),
         ("held-out logs", *({k: getattr(c, w) for k, c in result.held_out.items()} for w in ("before", "after"))),
     ):
         if before:
             parts = [f"{c} {before[c]:.2f} -> {after[c]:.2f}" for c in before]
-            lines.append(f"Gap on {title}, residual over sensor noise: {', '.join(parts)}.")
+            lines.append(f"Gap on {title},{closest} residual over sensor noise: {', '.join(parts)}.")
     return lines
 
 

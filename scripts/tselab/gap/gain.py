@@ -23,7 +23,7 @@ from tselab.log import MEASURES, Log
 from tselab.vehicle import Vehicle, fill_sensors
 from tselab.verdict import NAMES
 
-FEWEST_VALID = 50  # rows; fewer say nothing about a log's stiffness
+LEAST_VALID = 0.5  # of the rows: a log that knows a stiffness for less of the time was not driven to show it
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Drive:
     part: str  # fit, held_out
     evidence: tuple[float, float]  # nats per row
     valid: tuple[dict[str, float], dict[str, float]]  # share of the rows
-    stiffness: tuple[dict[str, float], dict[str, float]]  # median of the valid means, N and N/rad; NaN: none
+    stiffness: tuple[dict[str, float], dict[str, float]]  # median of the valid means, N and N/rad; NaN: valid too seldom
     noise: tuple[dict[str, float], dict[str, float]]  # found over told, median: 1 if the model explains what it sees
 
 
@@ -54,7 +54,7 @@ class Gain:
             spread, valid = [s[key] for s in self.spread], [v[key] for v in self.valid]
             text = f"valid {100 * valid[0]:.0f} -> {100 * valid[1]:.0f} % of the time"
             if np.isfinite(spread).all():
-                text = f"differs between logs by {100 * spread[0]:.1f} -> {100 * spread[1]:.1f} % (sd), " + text
+                text = f"differs between logs that show it by {100 * spread[0]:.1f} -> {100 * spread[1]:.1f} % (sd), {text}"
             lines.append(f"The estimator's {NAMES[key][0].lower() + NAMES[key][1:]}: {text}.")
         return lines
 
@@ -109,7 +109,7 @@ def _stiffness(table: pd.DataFrame) -> dict[str, float]:
     found = {}
     for key in STIFFNESS:
         valid = table[f"{key}_valid"] == 1
-        found[key] = float(table.loc[valid, key].median()) if valid.sum() >= FEWEST_VALID else float("nan")
+        found[key] = float(table.loc[valid, key].median()) if valid.mean() >= LEAST_VALID else float("nan")
     return found
 
 

@@ -66,7 +66,7 @@ def write_report(path: Path, shown: Shown) -> None:
         ("Where they disagree: driving state", "Rms of the residual over the noise, by speed and lateral acceleration; empty: "
          "not driven.", pictures.maps(table, state)),
         ("Where they disagree: time", "Second by second; * marks held-out logs.", pictures.over_time(table)),
-        ("Which effect", "Every effect alone, stiffness refitted with it. Blue: named in the end. A decoy can rank high here and "
+        ("Which effect", "Every effect alone, stiffness refitted with it. Blue: fitted in the end. A decoy can rank high here and "
          "be superfluous once the right one is in.", ranked if naming.ranking else None),
         ("Where it enters", "A drifting disturbance is put at each place in turn; the place that explains accel_y and yaw_rate "
          "best is where something acts that the plain model does not have.", pictures.entry_points(result.entries)),
