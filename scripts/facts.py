@@ -10,6 +10,7 @@
 
 from __future__ import annotations
 
+import argparse
 import re
 import subprocess
 import sys
@@ -123,15 +124,19 @@ def updated(text: str) -> str:
 
 
 def main() -> int:
-    check = "--check" in sys.argv[1:]
-    if "--fmu" in sys.argv[1:]:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    only = parser.add_mutually_exclusive_group()
+    for option in ("fmu", "clients", "check"):
+        only.add_argument(f"--{option}", action="store_true")
+    options = parser.parse_args()
+    if options.fmu:
         fmus()
-    elif "--clients" in sys.argv[1:]:
+    elif options.clients:
         clients()
-    elif not check:
+    elif not options.check:
         measure()
     text = README.read_text()
-    if check:
+    if options.check:
         if updated(text) != text:
             print("README.md differs from scripts/results: run scripts/facts.py", file=sys.stderr)
             return 1
