@@ -87,7 +87,7 @@ def free_port() -> int:
         return s.getsockname()[1]
 
 
-def until(what: Callable[[], object], seconds: float = 40.0) -> None:
+def until(what: Callable[[], object], seconds: float = 120.0) -> None:
     end = time.monotonic() + seconds
     while not what():
         assert time.monotonic() < end, "the cluster does not start"
@@ -112,7 +112,7 @@ def refused(gentle, tmp_path, monkeypatch, capsys) -> Callable[[str], str]:
             main()
         out, err = capsys.readouterr()
         assert end.value.code == 2 and "internal error" not in err and "Traceback" not in err, out + err
-        assert time.monotonic() - begin < 20  # a few seconds, on a machine that is busy
+        assert time.monotonic() - begin < 100  # some seconds; that it does not wait for ever
         return err
 
     return run
