@@ -23,7 +23,8 @@ from tselab.log import MEASURES, Log
 from tselab.vehicle import Vehicle, fill_sensors
 from tselab.verdict import NAMES
 
-LEAST_VALID = 0.5  # of the rows: a log that knows a stiffness for less of the time was not driven to show it
+FEWEST_VALID = 50  # rows; fewer say nothing about a log's stiffness
+LEAST_VALID = 0.5  # of the rows, with the improved vehicle: a log that knows a stiffness for less was not driven to show it
 
 
 @dataclass(frozen=True)
@@ -34,7 +35,7 @@ class Drive:
     part: str  # fit, held_out
     evidence: tuple[float, float]  # nats per row
     valid: tuple[dict[str, float], dict[str, float]]  # share of the rows
-    stiffness: tuple[dict[str, float], dict[str, float]]  # median of the valid means, N and N/rad; NaN: valid too seldom
+    stiffness: tuple[dict[str, float], dict[str, float]]  # median of the valid means, N and N/rad; NaN: none
     noise: tuple[dict[str, float], dict[str, float]]  # found over told, median: 1 if the model explains what it sees
 
 
@@ -45,7 +46,7 @@ class Gain:
     drives: list[Drive]
     evidence: tuple[float, float]
     valid: tuple[dict[str, float], dict[str, float]]
-    spread: tuple[dict[str, float], dict[str, float]]  # sd over the logs, share of the mean; NaN: fewer than two logs know it
+    spread: tuple[dict[str, float], dict[str, float]]  # sd over the logs, share of the mean; NaN: fewer than two show it
 
     def words(self) -> list[str]:
         """For the terminal."""
@@ -109,15 +110,15 @@ def _stiffness(table: pd.DataFrame) -> dict[str, float]:
     found = {}
     for key in STIFFNESS:
         valid = table[f"{key}_valid"] == 1
-        found[key] = float(table.loc[valid, key].median()) if valid.mean() >= LEAST_VALID else float("nan")
+        found[key] = float(table.loc[valid, key].median()) if valid.sum() >= FEWEST_VALID else float("nan")
     return found
 
 
 def _spread(drives: Sequence[Drive]) -> tuple[dict[str, float], dict[str, float]]:
-    """Over the logs that know a stiffness both before and after."""
+    """Over the logs that show a stiffness, and know it both before and after."""
     spreads: tuple[dict[str, float], dict[str, float]] = ({}, {})
     for key in STIFFNESS:
-        values = np.array([[d.stiffness[k][key] for k in (0, 1)] for d in drives])
+        values = np.array([[d.stiffness[k][key] for k in (0, 1)] for d in drives if d.valid[1][key] >= LEAST_VALID])
         values = values[np.isfinite(values).all(axis=1)] if len(values) else values
         for k in (0, 1):
             enough = len(values) >= 2
