@@ -17,8 +17,8 @@ from tselab.gap.catalogue import Effect, Parameter
 from tselab.gap.fit import Fit, covariance, excess, fit, gain
 from tselab.gap.optional import TORQUES
 from tselab.gap.problem import PROFILES, STIFFNESS, Problem, profile_size
+from tselab.vehicle import GRAVITY
 
-GRAVITY = 9.81  # m/s2
 FALSE_NAMES = 0.01
 REFIT = 5  # candidates of the linear screening that are fitted in full
 REACH = 15.0  # steps: a chord over a third of the typical size says more of an effect than its tangent at zero

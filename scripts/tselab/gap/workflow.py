@@ -73,7 +73,7 @@ class Result:
         return {
             "verdict": self.verdict,
             "effects": fitted if asserted else [],
-            "closest": [] if asserted or self.verdict == "none" else fitted or self._closest(),
+            "closest": [] if asserted or self.verdict == "none" else fitted or _closest(self.naming),
             "where": [
                 {"channel": c.channel, "condition": c.condition, "entry_point": self._entry(c.channel), "strength": c.strength}
                 for c in self.conditions
@@ -99,10 +99,6 @@ class Result:
             "notes": self.notes,
             "version": __version__,
         }
-
-    def _closest(self) -> list[dict[str, Any]]:
-        """Without any that would have been named: the first of the ranking, if it closes anything."""
-        return [r for r in self.naming.ranking[:1] if r.get("share", 0.0) > name.LEAST_SHARE]
 
     def _entry(self, channel: str) -> str:
         if channel == "accel_x":
@@ -249,11 +245,10 @@ def judge(
         if _cancels(naming.named):
             words.append("What fits the logs best is a patchwork of effects, some of a size that no car has.")
         if naming.named:
-            closest = max(naming.named, key=lambda n: n.share)
-            share = f"{100 * closest.share:.0f} %"
-            words.append(f"Closest is {closest.effect.title} ({closest.effect.id}), which closes {share} of the gap.")
-        elif naming.ranking and naming.ranking[0].get("share", 0.0) > name.LEAST_SHARE:
-            best = naming.ranking[0]
+            most = max(naming.named, key=lambda n: n.share)
+            words.append(f"Closest is {most.effect.title} ({most.effect.id}), which closes {100 * most.share:.0f} % of the gap.")
+        elif closest := _closest(naming):
+            best = closest[0]
             words.append(f"Closest, and not close enough: {best['id']}, which closes {100 * best['share']:.0f} % of the gap.")
         else:
             words.append("No effect of the catalogue closes any of the gap to speak of.")
@@ -271,6 +266,11 @@ def judge(
         verdict, exit_code, words, naming, conditions, entries, left, before, after, changes, contradicting, undetectable, seen,
         notes,
     )  # fmt: skip
+
+
+def _closest(naming: name.Naming) -> list[dict[str, Any]]:
+    """Where nothing came near a name: the first of the ranking, if it closes anything."""
+    return [r for r in naming.ranking[:1] if r.get("share", 0.0) > name.LEAST_SHARE]
 
 
 def _only_fits(changes: dict[str, show.Change]) -> bool:
