@@ -36,7 +36,7 @@ file(COPY "${image}" DESTINATION "${stage}")
 configure_file("${license}" "${stage}/documentation/licenses/license.txt" COPYONLY)
 configure_file("${notice}" "${stage}/documentation/licenses/notice.txt" COPYONLY)
 file(COPY ${public_headers} DESTINATION "${stage}/sources/tse")
-foreach(file IN LISTS files)                             # flat, but for what src/ keeps in folders
+foreach(file IN LISTS files)                             # the core in the folders of src/, the rest flat
   file(RELATIVE_PATH below "${src}" "${file}")
   get_filename_component(folder "${below}" DIRECTORY)
   if(folder MATCHES "^\\.\\.")

@@ -21,6 +21,7 @@ ROOT = Path(__file__).resolve().parent.parent
 RESULTS = ROOT / "scripts" / "results"
 README = ROOT / "README.md"
 FMUS = ROOT / "build" / "fmu" / "fmu"
+FORMATS = ("double", "float", "q20")
 
 # Of the variables of each FMU: what a table in README lists one by one. Of the others it names the groups.
 MAIN = {
@@ -37,13 +38,17 @@ def output(*command: str | Path) -> str:
 def sizes() -> str:
     """Bytes that a caller provides, from tests/sizes.c compiled per format and capacity."""
     found: dict[int, dict[str, int]] = {}
-    for preset, real in (("release", "double"), ("float", "float"), ("q20", "q20")):
+    for preset, real in zip(("release", "float", "q20"), FORMATS, strict=True):
         output("cmake", "--preset", preset, f"-DFETCHCONTENT_SOURCE_DIR_UNITY={ROOT / '.venv/share/unity'}")
         text = output("cmake", "--build", "--preset", preset, "--target", "sizes")
-        for capacity, size in re.findall(r"(\d+) particles: tse_filter +(\d+)", text):
-            found.setdefault(int(capacity), {})[real] = int(size)
-    lines = ["| `sizeof(tse_filter)`, capacity | double | float | q20 |", "|---:|---:|---:|---:|"]
-    lines += [f"| {n} | {' | '.join(f'{s[r]:,} B' for r in ('double', 'float', 'q20'))} |" for n, s in sorted(found.items())]
+        for capacity, size, large in re.findall(r"(\d+) particles: tse_filter +(\d+), tse_filter_paper +(\d+)", text):
+            found.setdefault(0, {})[real] = int(size)
+            found.setdefault(int(capacity), {})[real] = int(large)
+    found[0].pop("q20", None)  # has no form without particles
+    lines = ["| | double | float | q20 |", "|---|---:|---:|---:|"]
+    for n, sizes in sorted(found.items()):
+        name = f"`tse_filter_paper`, {n} particles" if n else "`tse_filter`: the default form"
+        lines.append(f"| {name} | {' | '.join(f'{sizes[r]:,} B' if r in sizes else '-' for r in FORMATS)} |")
     return "\n".join(lines) + "\n"
 
 
@@ -103,8 +108,10 @@ def measure() -> None:
 
 
 def columns(text: str, which: int, names: list[str]) -> str:
-    """Some columns of the which-th table of a Markdown text."""
+    """Some columns of the which-th table of a Markdown text; the text where it has no table: it has not been measured yet."""
     tables = re.findall(r"(?:^\|.*\n)+", text + "\n", flags=re.M)
+    if not tables:
+        return text
     rows = [[cell.strip() for cell in line.strip("| ").split("|")] for line in tables[which - 1].splitlines()]
     at = [rows[0].index(name) for name in names]
     return "\n".join("| " + " | ".join(row[i] for i in at) + " |" for row in rows)

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Run the Monte-Carlo studies whose tables README quotes and put tables and pictures into scripts/results.
 
-    .venv/bin/python scripts/studies.py [--jobs J] [STUDY ...]     all of them: about an hour on two busy cores
+    .venv/bin/python scripts/studies.py [--jobs J] [STUDY ...]     all of them: about six hours on two busy cores
 
 Each study goes on where it was interrupted (build/studies/NAME); after a change of the library start with --restart.
 """
@@ -20,19 +20,22 @@ RESULTS = ROOT / "scripts" / "results"
 TSELAB = ROOT / ".venv" / "bin" / "tselab"
 PICTURES = ("fig1", "fig2", "fig3-4", "particles", "bound")
 
-# of the cases of the study of stress: what is run how often
-PART = {
-    "nominal": "nominal",
+# what is run under another name: all of a study, or some of its cases
+PART: dict[str, tuple[str, str]] = {
+    "nominal": ("stress", "nominal"),
+    "stress-landed": ("stress+landed", ""),
     "stress": (
+        "stress",
         "nominal,paper-prior,vy-start,noise-3x,noise-third,wheel-noise-told,wheel-noise-untold,outliers,"
         "imu-bias,low-excitation,low-excitation-250,highway,road-0.3,spread-1,spread-5,spread-15,"
         "forgetting-0.98,forgetting-0.99,forgetting-0.995,forgetting-0.999,dropout-steer_angle,"
         "dropout-wheel_speed_front,dropout-wheel_speed_rear,dropout-accel_x,dropout-accel_y,dropout-yaw_rate,"
-        "stuck-steer_angle,stuck-wheel_speed_front,stuck-wheel_speed_rear"
+        "stuck-steer_angle,stuck-wheel_speed_front,stuck-wheel_speed_rear",
     ),
     "stress-more": (
+        "stress",
         "stuck-accel_x,stuck-accel_y,stuck-yaw_rate,stop-and-go,reverse,wheel-lock,wheel-spin,mass+10,mass-10,"
-        "sample-5ms,sample-10ms,sample-20ms,sample-40ms"
+        "sample-5ms,sample-10ms,sample-20ms,sample-40ms",
     ),
 }
 
@@ -43,6 +46,9 @@ STUDIES: dict[str, int] = {
     "stress-more": 15,
     "peers": 100,
     "departures": 6,
+    "regimes": 100,
+    "as-told": 600,
+    "stress-landed": 200,
     "bound": 24,
     "particles": 4,
     "fig1": 1,
@@ -53,7 +59,8 @@ STUDIES: dict[str, int] = {
 
 def run(name: str, runs: int, jobs: int, restart: bool) -> None:
     out = ROOT / "build" / "studies" / name
-    study, only = ("stress", ["--cases", PART[name]]) if name in PART else (name, [])
+    study, cases = PART.get(name, (name, ""))
+    only = ["--cases", cases] if cases else []
     command = [TSELAB, "montecarlo", "--study", study, "--runs", str(runs), "--jobs", str(jobs), "--out", out, *only]
     subprocess.run([*command, *(["--restart"] if restart else [])], check=True, stdout=subprocess.DEVNULL)
     shutil.copy(out / f"{study}.md", RESULTS / f"{name}.md")

@@ -1,14 +1,48 @@
-"""src/ flows in one direction: no file includes one that stands later in src/CMakeLists.txt. fmu/glue knows nothing of tyres."""
+"""src/ flows in one direction: no file includes one that stands later in src/CMakeLists.txt, or in a folder that its own must not
+know. fmu/glue knows nothing of tyres."""
 
 import re
 from pathlib import Path
 
 SRC = Path(__file__).resolve().parents[1] / "src"
+TABLE = (SRC.parent / "include" / "tse" / "effects.def").read_text()
+EFFECTS = [f"model/effects/{x}.h" for x in re.findall(r"^EFFECT\((\w+),", TABLE, re.M)]
 LIST = re.search(r"add_library\(tse\s([^)]*)\)", (SRC / "CMakeLists.txt").read_text()).group(1)
 INCLUDE = re.compile(r'^\s*#\s*include\s+"([^"]+)"', re.M)
-ORDER = re.sub(r"#.*", "", LIST).split()
+ORDER = re.sub(r"#.*", "", LIST).replace("${effect_files}", " ".join(EFFECTS)).split()
+KNOWS = {  # which folders' files those of a folder may include; in order
+    "number": {"number"},
+    "model": {"number", "model"},
+    "estimator": {"number", "model", "estimator"},
+    "host": {"number", "model", "estimator", "host"},
+}
 GLUE = SRC.parent / "fmu" / "glue"
 OF_THE_GLUE = {"fmi2Functions.h", "fmu_guid.h", "fmu_model.h", "model.h", "tse/version.h"}
+
+
+def folder(path):
+    return path.partition("/")[0]
+
+
+def test_no_file_includes_one_of_a_folder_that_its_own_must_not_know():
+    wrong = []
+    for name in ORDER:
+        for included in INCLUDE.findall((SRC / name).read_text()):
+            if not included.startswith("tse/") and folder(included) not in KNOWS[folder(name)]:
+                wrong.append(f"{name} includes {included}, which {folder(name)} must not know")
+    assert not wrong, "\n".join(wrong)
+
+
+def test_files_are_included_by_their_path_in_src():
+    """A path relative to the file's own folder would pass the other tests unseen."""
+    for name in ORDER:
+        own = [x for x in INCLUDE.findall((SRC / name).read_text()) if not x.startswith("tse/")]
+        assert set(own) <= set(ORDER), f"{name} includes {set(own) - set(ORDER)}"
+
+
+def test_the_folders_stand_in_order():
+    places = [list(KNOWS).index(folder(name)) for name in ORDER]
+    assert places == sorted(places)
 
 
 def test_no_file_includes_a_later_one():
@@ -34,6 +68,9 @@ def test_the_glue_of_the_fmus_knows_no_model():
 
 
 if __name__ == "__main__":
+    test_no_file_includes_one_of_a_folder_that_its_own_must_not_know()
+    test_files_are_included_by_their_path_in_src()
+    test_the_folders_stand_in_order()
     test_no_file_includes_a_later_one()
     test_every_source_file_stands_in_the_list_once()
     test_the_glue_of_the_fmus_knows_no_model()

@@ -132,9 +132,19 @@ fmu_result model_step(model *m, double time, double step, char text[FMU_TEXT])
   }
   if (!m->ramp) {
     from.road_level = m->sim.last.road_level; /* that of the stiffness drawn for this step */
+    from.road_friction = m->sim.last.road_friction;
     m->sim.last = from;
   }
   (void)tse_sim_step(&m->sim, &to, &m->y);
   derive_outputs(m);
   return FMU_OK;
+}
+
+int model_sound(const model *m, int started)
+{
+  if (!started) return 1;
+  const double *const rate = &m->rate.dt, *const end = (const double *)(&m->rate + 1);
+  for (const double *at = rate; at < end; at++)
+    if (!(*at - *at == 0.0)) return 0;
+  return tse_sim_check(&m->sim, &m->config, &m->sim_config) == TSE_OK;
 }

@@ -69,7 +69,8 @@ const int32_t fmu_variable_count = (int32_t)(sizeof fmu_variables / sizeof fmu_v
 const fmu_info fmu_about = {
   "TireStiffnessEstimator", "Tyre stiffness estimator",
   "Estimates longitudinal and cornering stiffness of a car's tyres, their spread and the sensors' biases from steering angle, wheel "
-  "speeds, accelerometers and gyro: the marginalized adaptive particle filter of Berntorp and Di Cairano on a single-track model",
+  "speeds, accelerometers and gyro, and tells changes of the road, faults of a channel and sliding wheels: weighted hypotheses of what "
+  "happened on a single-track model, or the marginalized adaptive particle filter of Berntorp and Di Cairano",
   10.0, 0.01, 1e-4
 };
 
@@ -104,17 +105,18 @@ fmu_result model_start(model *m, double start, char text[FMU_TEXT])
     (void)snprintf(text, FMU_TEXT, "%s: %s", fmu_name_of(wrong), tse_status_text(status));
     return FMU_ERROR;
   }
-  (void)tse_reset(&m->params, &m->filter, sizeof m->filter);
+  (void)tse_reset(&m->params, &m->memory.filter, sizeof m->memory);
   m->rows = 0;
   memset(&m->y, 0, sizeof m->y); /* before the first row: what the settings say */
   m->y.stiffness[0] = m->config.initial_cx_front;
   m->y.stiffness[1] = m->config.initial_cy_front;
   m->y.stiffness[2] = m->config.initial_cy_rear;
   m->y.status = TSE_W_STARTING;
+  m->y.regime[TSE_REGIME_STEADY] = 1.0;
   for (int a = 0; a < 3; a++) {
     m->y.stiffness_sd[a] = m->config.initial_mean_sd;
     m->y.stiffness_spread[a] = m->config.initial_spread;
-    m->y.noise[a] = 1.0;
+    m->y.noise[a] = m->y.change_ratio[a] = 1.0;
     m->y.reason[a] = TSE_STARTING;
   }
   derive_outputs(m);
@@ -145,7 +147,7 @@ fmu_result model_step(model *m, double time, double step, char text[FMU_TEXT])
   tse_input u = usable(m, &first);
   (void)step;
   u.dt = m->rows > 0 ? time - m->time : 0.0;
-  const tse_status status = tse_step(&m->params, &m->filter, &u, &m->y);
+  const tse_status status = tse_step(&m->params, &m->memory.filter, &u, &m->y);
   if (status < 0) {
     (void)snprintf(text, FMU_TEXT, "%s (dt %.10g s since the last sample)", tse_status_text(status), u.dt);
     return FMU_ERROR;
@@ -161,4 +163,13 @@ fmu_result model_step(model *m, double time, double step, char text[FMU_TEXT])
     return FMU_WARNING;
   }
   return FMU_OK;
+}
+
+int model_sound(const model *m, int started)
+{
+  tse_params anew;
+  if (!started) return 1;
+  if (tse_prepare(&m->config, &anew, NULL) < 0 || memcmp(&anew, &m->params, sizeof anew) != 0) return 0;
+  if (!(m->rows == 0 || m->rows == 1) || !(m->time - m->time == 0.0)) return 0;
+  return tse_filter_check(&anew, &m->memory.filter, sizeof m->memory) == TSE_OK;
 }

@@ -17,7 +17,7 @@ typedef struct model {
   int32_t rows;                        /* 0: the next row is the first                              */
   double time;                         /* [s] of the last row                                       */
   tse_params params;
-  tse_filter filter;
+  tse_filter_paper memory;             /* enough for every form                                     */
 } model;
 
 #endif

@@ -632,6 +632,23 @@ fmi2Status fmi2SerializeFMUstate(fmi2Component c, fmi2FMUstate state, fmi2Byte b
   return fmi2OK;
 }
 
+/* Whoever made the bytes, and their checksum: is this a state that this FMU could have been in? Outputs are not looked at, nothing
+ * depends on them. */
+static int sound(content *c)
+{
+  const int ready = (c->phase & (STEPPING | TERMINATED)) != 0;
+  if (c->phase != INSTANTIATED && c->phase != INITIALIZING && !ready) return 0;
+  if ((c->stale != 0 && c->stale != 1) || (ready && c->stale) || (c->phase == INSTANTIATED && !c->stale)) return 0;
+  if (!(c->start - c->start == 0.0) || !(c->now - c->now == 0.0)) return 0;
+  for (int32_t i = 0; i < fmu_variable_count; i++) {
+    const fmu_variable *const v = &fmu_variables[i];
+    const double value = get_number(c, v);
+    if (v->kind == 'b' && !(value == 0.0 || value == 1.0)) return 0;
+    if (v->role == 'p' && v->hi >= v->lo && !(value >= v->lo && value <= v->hi)) return 0;
+  }
+  return model_sound(&c->m, !c->stale);
+}
+
 fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte bytes[], size_t size, fmi2FMUstate *state)
 {
   static const char function[] = "fmi2DeSerializeFMUstate";
@@ -649,6 +666,10 @@ fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte bytes[], size
   snapshot *const t = free_snapshot(s, function);
   if (!t) return fmi2Error;
   memcpy(&t->c, bytes + sizeof f, sizeof(content));
+  if (!sound(&t->c)) {
+    give_back(&t->taken);
+    return refuse(s, function, "the state is not one that this FMU can be in: something in it is outside its range");
+  }
   *state = t;
   return fmi2OK;
 }

@@ -72,4 +72,8 @@ fmu_result model_start(model *m, double start, char text[FMU_TEXT]);
  *   Returned:  text  what is wrong, when not FMU_OK */
 fmu_result model_step(model *m, double time, double step, char text[FMU_TEXT]);
 
+/* Is this model, of which nobody knows who wrote its bytes, one to go on with? Its parameters are inside their ranges.
+ *   Given:     started  0: model_start() comes before anything else is done with it */
+int model_sound(const model *m, int started);
+
 #endif

@@ -43,7 +43,8 @@ typedef struct tse_effect_row {
 /* One parameter of an effect. setting: its name in tse_config, which gives offset, default, range, unit and text. */
 typedef struct tse_effect_parameter {
   const char *effect, *parameter, *setting, *unit, *text;
-  int32_t strength;                /* 1: 0 switches off what it scales; 0: a shape, without meaning while all strengths are 0 */
+  int32_t strength;                /* 1: 0 switches off what it scales; 0: a shape, without meaning while all strengths are 0;
+                                      -1: a shape that no log tells from the strength                                        */
   int32_t sign;                    /* plausible sign of a strength: 1, -1, or 0 for either                                   */
   double def, lo, hi;              /* default (of a strength: 0, off) and bounds                                             */
   double typical_lo, typical_hi;   /* size in mid-size cars                                                                  */
@@ -54,11 +55,12 @@ typedef struct tse_effect_parameter {
 const tse_effect_row *tse_describe_effects(int32_t *count);
 const tse_effect_parameter *tse_describe_effect_parameters(int32_t *count);
 
-/* The library as built: version, format name, capacity, sizeof(tse_filter), sizeof(tse_params), sizeof(tse_sim), bytes of a
- * learnt state. */
+/* The library as built: version, format name, capacity, sizeof of tse_filter, tse_filter_paper, tse_params and tse_sim, bytes of
+ * a learnt state. */
 typedef struct tse_build {
   const char *version, *format;
   int32_t capacity, filter_bytes, params_bytes, sim_bytes, learnt_bytes;
+  int32_t filter_paper_bytes; /* last, so that a host reads older libraries, too */
 } tse_build;
 void tse_describe_build(tse_build *b);
 

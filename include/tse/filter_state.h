@@ -7,8 +7,8 @@
 #include "tse/real.h"
 #include "tse/effects.h"
 
-/* Sums over particles run in TSE_LANES interleaved partial sums, joined in a fixed order: the same bits whatever
- * the vector width. Rows are padded so that they do not fall on the same cache sets (power-of-two strides cost
+/* Forms 1 and 2: sums over particles run in TSE_LANES interleaved partial sums, joined in a fixed order: the same bits
+ * whatever the vector width. Rows are padded so that they do not fall on the same cache sets (power-of-two strides cost
  * up to 14 %). */
 #define TSE_LANES 8
 #define TSE_STRIDE ((TSE_MAX_PARTICLES + TSE_LANES - 1) / TSE_LANES * TSE_LANES + TSE_LANES)
@@ -21,6 +21,15 @@
   X(bias, 3, "sigma",         "mean of the sensor biases, in units of the sensor's sd")     \
   X(w,    3, "1",             "stiffness deviation drawn for the interval ahead")           \
   X(logw, 1, "log2",          "log-weight relative to the largest")
+
+/* The forms that a build knows: that of hypotheses does not fit Q11.20. */
+#if defined(TSE_REAL_Q20)
+#define TSE_FIRST_FORM 1
+#define TSE_DEFAULT_FORM 2
+#else
+#define TSE_FIRST_FORM 0
+#define TSE_DEFAULT_FORM 0
+#endif
 
 #define TSE_PARAMS_MAGIC 0x74736570u /* "tsep" */
 #define TSE_FILTER_MAGIC 0x74736566u /* "tsef" */
@@ -36,7 +45,9 @@ typedef struct tse_particles { /* [row][particle]; gamma, nu and the covariance 
 typedef struct tse_params {
   uint32_t magic, fingerprint;
   uint32_t vehicle;                   /* fingerprint of the vehicle alone, the same in every number format */
-  int32_t particles, resampling, marginalised, vel_x_from_wheels, notice_stuck, relative_covariance;
+  int32_t form, hypotheses, inputs_held;
+  tse_real initial_spread_var, steady_walk;
+  int32_t particles, resampling, vel_x_from_wheels;
   uint32_t seed[2];
   /* vehicle */
   tse_real kx_front, kx_rear;         /* [m/s2]     longitudinal stiffness / mass          */
@@ -55,14 +66,13 @@ typedef struct tse_params {
   /* filter */
   tse_real sample_time, inv_sample_time, max_step, max_gap, max_slip, hold_speed, max_steer;
   tse_real damping, least_step;       /* [m/s2] 4 times the fastest damping times speed; [s] step at hold_speed */
-  tse_real gate_var, contradiction_var; /* [sigma^2], 0: never                           */
   tse_real noise_max_var;             /* [1]                                             */
   tse_real log2_forgetting;           /* log2(lambda) per nominal sample                   */
   tse_real memory;                    /* [samples]   1/(1 - lambda)                        */
   tse_real resample_at;               /* N_eff threshold, in particles                     */
   tse_real mu0[3], lam0, gamma0, nu0, mean_sd, spread_var;
   tse_real vel_x0, x_sd0[3];
-  tse_real mean_var0, mean_walk;      /* [1], [1/s] variance of the mean at the start, its random walk */
+  tse_real mean_var0;                 /* [1] variance of the mean at the start             */
   tse_real spread_max_var;            /* [1]    */
   tse_real learnt_floor, learnt_walk; /* [1], [1/day] variance of a mean from an earlier drive: at least, growth */
   tse_real w_min, w_max, valid_var, hold_var;
@@ -71,16 +81,6 @@ typedef struct tse_params {
   tse_effects effects;                /* what is not in the plain model; mask 0: nothing   */
 } tse_params;
 
-/* What is Gaussian given a particle's path: states 0..2, mean stiffness 3..5, biases 6..8. In the paper's form the
- * first six are sampled, and their rows of the covariance are zero. */
-#define TSE_GAUSS 9
-#define TSE_ERROR (TSE_GAUSS + 3)
-
-/* What the filter believed while all was well, to return to: mean stiffness and biases, their covariances, Lambda / nu. */
-typedef struct tse_memory {
-  tse_real mean[6], cov[6][6], err[6][6], lam[6];
-} tse_memory;
-
 /* Where the first row starts, made by tse_learnt_load(); else the settings say it. */
 typedef struct tse_start {
   int32_t loaded;
@@ -88,57 +88,106 @@ typedef struct tse_start {
   tse_real mean_var[3];               /* [1]        its variance in all                                      */
   tse_real lam[6], gamma, nu;
   tse_real bias[3], bias_var[3];      /* [sigma]                                                             */
+  tse_real spread_var[3], noise_var[3]; /* [1]      as of a hypothesis, with its level and held, when loaded     */
+  int32_t level[3], held;
 } tse_start;
 
 enum { TSE_UNKNOWN, TSE_KNOWN, TSE_KNOWN_BEFORE }; /* a stiffness: never valid, valid since the last recovery, loaded */
 
+/* Regimes: what may be so at a row. Probabilities of these are outputs. */
+#define TSE_REGIME_TABLE(X)                                                                        \
+  X(STEADY,    "steady",    "tyres as before")                                                     \
+  X(CHANGED,   "changed",   "all tyres changed within the last 2 s: another road")                 \
+  X(AXLE,      "axle",      "the tyres of one axle changed within the last 2 s")                   \
+  X(DRIFTING,  "drifting",  "stiffness drifts faster than wear and warmth")                        \
+  X(FAULT,     "fault",     "a channel is off, stuck or loud")                                     \
+  X(SLIDING,   "sliding",   "wheels lock or spin")                                                 \
+  X(RESTARTED, "restarted", "all was started over within the last 2 s")
+
+enum {
+#define X(id, name, text) TSE_REGIME_##id,
+  TSE_REGIME_TABLE(X)
+#undef X
+  TSE_REGIMES
+};
+
+/* X of a hypothesis: states 0..2, stiffness over nominal 3..5, biases 6..8, slow disturbances 9..11 (these in sigma), and the rate
+ * 12 at which all stiffnesses drift together [1/s]. */
+#define TSE_X 13
+#define TSE_HYPOTHESES 8
+#define TSE_KINDS 21 /* ways in which a hypothesis may be born, src/estimator/hypotheses/hypothesis.h */
+
+enum { TSE_CHANGE_NONE, TSE_CHANGE_ROAD, TSE_CHANGE_FRONT, TSE_CHANGE_REAR, TSE_CHANGE_RESTART };
+
+/* One history of regimes, and what is believed if it is the true one. */
+typedef struct tse_hypothesis {
+  tse_real x[TSE_X], cov[TSE_X][TSE_X];
+  tse_real eps[3], eps_cov[3][3], eps_x[3][TSE_X]; /* this row's spread given its sample: mean, covariance, with X */
+  tse_real spread_var[3], noise_var[3]; /* [1] of the stiffness from row to row, relative; of the channels, over told */
+  tse_real info[6][6];                  /* what has been learnt of the logarithms of these six: inverse covariance */
+  tse_real slip_share, slip[2];         /* [1] slip of the axles, smoothed where wheel speeds are noisy; share of the newest */
+  tse_real foretold[3], activity[3];    /* [sigma] of each channel: forecast of the row before; how much it moves of late */
+  tse_real before[3];                   /* [1] stiffness before the last change of this history */
+  tse_real log_weight;                  /* [log2] */
+  tse_real age, change_age;             /* [s] since it was born, since that change */
+  int32_t change_kind;                  /* TSE_CHANGE_* */
+  int32_t kind;                         /* how it was born */
+  int32_t drift;                        /* 0 steady, 1 drifts slowly, 2 fast */
+  int32_t fault;                        /* 0 none, else 1 + place in tse/input.def of the channel at fault */
+  int32_t slides, held;                 /* 0, 1: wheels slide; steering is held between rows */
+  int32_t level[3];                     /* of the slow disturbance of each channel: 0 none .. 3 */
+} tse_hypothesis;
+
+/* How often each channel repeats itself. */
+typedef struct tse_repeats {
+  tse_real last[6];                     /* channels of the row before, as logged */
+  int32_t run[6];                       /* rows for which each has repeated itself */
+  tse_real repeats[6][2], rows[6][2];   /* counts after a new value, and within a run */
+  tse_real evidence[6];                 /* [log2] of this row's repeat that the channel is stuck; 0: not repeated */
+} tse_repeats;
+
+typedef struct tse_bank {
+  int32_t count, likeliest;             /* hypotheses alive: the first so many */
+  tse_real seen;                        /* [s] of samples learnt from */
+  tse_real score[TSE_KINDS], waited[TSE_KINDS]; /* [log2] evidence of late for a birth of each kind; [s] since the last try */
+  tse_real gained[3];                   /* [1/s] what samples of late tell of each stiffness: inverse variance, relative */
+  tse_repeats repeats;
+  tse_hypothesis h[TSE_HYPOTHESES];
+} tse_bank;
+
+/* A filter of the default form, and what every form needs. */
 typedef struct tse_filter {
   uint32_t magic, fingerprint;
   uint32_t step;                      /* rows accepted since reset: the counter of the random numbers */
   int32_t started;                    /* 0: the next row initialises                                  */
-  tse_real gamma, nu;                 /* (16), (17): follow recursions without data, common to all    */
-  tse_real cov[TSE_GAUSS][TSE_GAUSS]; /* common covariance of (x, mu, bias) given a particle's path; (18), (19) */
-  tse_real err[TSE_ERROR][TSE_ERROR]; /* covariance of the error of the mean of all particles: cov's nine, and eps */
-  tse_real level[3];                  /* mean stiffness at which the covariances were taken           */
-  tse_real mean_var[3];               /* of mu before the last sample: forgetting goes no further     */
-  tse_real log_total;                 /* log2 of the sum of 2^logw                                    */
   tse_real steer, v_front, v_rear;    /* inputs of the last row: [rad], R omega [m/s]                 */
-  tse_real vel_x;                     /* [m/s] estimate after the last row                            */
-  tse_real sliding, sliding_for;      /* [s] left of sliding, since when: 0 when wheels roll          */
   tse_real held_for;                  /* [s] how long inputs have been missing                        */
   tse_real still_for;                 /* [s] how long the wheels have stood still                     */
-  tse_real seen;                      /* samples used since the start, up to five memories            */
+  tse_real seen;                      /* what was learnt from: [s]; particles: samples, up to five memories */
+  int32_t known[3];                   /* what tse_learnt_save() may call learnt: TSE_KNOWN ...        */
+  tse_start start;
+  tse_effect_memory effects;          /* of the effects that have one                                 */
+  tse_real effect_level[4];           /* what the stiffness effects leave of kx_front, kx_rear, ky_front, ky_rear */
+  tse_bank bank;                      /* form 0: the hypotheses                                       */
+} tse_filter;
+
+/* A filter of the paper's form or the sampled one, with its particles. A pointer to its first member is one to all of it. */
+typedef struct tse_filter_paper {
+  tse_filter filter;
+  tse_real gamma, nu;                 /* (16), (17): follow recursions without data, common to all    */
+  tse_real bias_var[3];               /* [sigma^2] P of (18), (19), common to all; diagonal, as P0, Q and R are */
+  tse_real log_total;                 /* log2 of the sum of 2^logw                                    */
+  tse_real vel_x;                     /* [m/s] estimate after the last row                            */
+  tse_real sliding, sliding_for;      /* [s] left of sliding, since when: 0 when wheels roll          */
   tse_real excite[3];                 /* regressors, smoothed over EXCITATION_TIME                    */
   tse_real excite_mean[3], excite_sq[3]; /* their running mean and mean square                        */
   tse_real learn[3];                  /* 1: statistics of this stiffness are learnt, 0: held          */
   tse_real evidence_slow, evidence_fast; /* running log evidence per row, slow and fast [log2]           */
   tse_real evidence_age, settle;      /* [s] age of the level; [s] left until settled after a recovery */
   int32_t recoveries;
-  tse_real noise[3];                  /* variance of the sensors over what the settings say, >= 1     */
-  tse_real fit_for;                   /* [s] behind the running means below, up to COLOUR_TIME        */
-  tse_real misfit[3];                 /* running mean of z^2 over what the widest spread would allow  */
-  tse_real smooth[3], colour[3];      /* smoothed z; its running mean square over that of white noise */
-  tse_real surprise[3], foreseen[3];  /* running mean of z^2, and of its variance less noise, at a typical spread */
-  tse_real shows[3];                  /* running mean square of d^2/S: what a sample says about the spread squared */
-  tse_real contradicted;              /* share of recent samples that contradict                      */
-  tse_real last[6];                   /* raw row before this one: steer, wheels, accelerometers, gyro  */
-  int32_t repeats[6];                 /* rows for which each has not changed in the last bit          */
-  tse_real repeat_for[6];             /* [s]                                                          */
-  tse_real other_then[2], gained[2];  /* since a wheel speed repeats: the other axle's then, speed gained by accel_x [m/s] */
-  int32_t stuck[3];                   /* accelerometers, gyro                                         */
-  tse_real bias_now[3];               /* [sigma] mean of the biases                                   */
-  int32_t stance;                     /* learn, try anew, hold                                        */
-  tse_real stance_for;                /* [s] since when                                               */
-  tse_real saved_for;                 /* [s] age of saved[0]                                          */
-  int32_t saves;                      /* 0: nothing saved yet                                         */
-  tse_memory saved[2];                /* what was believed before: the newer, the older               */
-  int32_t known[3];                   /* what tse_learnt_save() may call learnt                       */
-  tse_start start;
-  tse_effect_memory effects;          /* of the effects that have one                                 */
-  tse_real effect_level[4];           /* what the stiffness effects leave of kx_front, kx_rear, ky_front, ky_rear */
   tse_particles p;
   tse_real weight[TSE_STRIDE];        /* normalised to the largest = 1; 0 beyond the particles in use */
   uint16_t ancestor[TSE_STRIDE], copies[TSE_STRIDE]; /* the resampler's work space */
-} tse_filter;
+} tse_filter_paper;
 
 #endif

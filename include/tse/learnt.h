@@ -1,4 +1,5 @@
-/* tse/learnt.h - what a drive taught, kept for the next: stiffness and sensor biases in TSE_LEARNT_BYTES bytes.
+/* tse/learnt.h - what a drive taught, kept for the next: stiffness, sensor biases and noise, and what the model does not
+ * explain of the car, in TSE_LEARNT_BYTES bytes.
  *
  *   tse_learnt_save(&p, &f, bytes);                       at the end of a drive; write the bytes to non-volatile memory
  *   tse_reset(&p, &f, sizeof f);                          at the start of the next
@@ -8,15 +9,22 @@
  * numbers are little-endian, `q24` is int32 in units of 2^-24:
  *
  *     0  "tsel"                      16  u32  samples' worth of trust in the spread (nu)
- *     4  u16  format, 1              20  q24  x 3  mean stiffness, relative to nominal, minus 1
+ *     4  u16  format, 2              20  q24  x 3  mean stiffness, relative to nominal, minus 1
  *     6  u16  bytes in all           32  q24  x 3  its sd
  *     8  u32  vehicle                44  q24  x 3  spread
  *    12  u32  bit a: stiffness a     56  q24  x 3  correlation of the spreads 01, 02, 12
  *             has been learnt        68  q24  x 3  bias, m/s2, m/s2, rad/s
  *                                    80  q24  x 3  its sd
- *                                    92  u32  CRC-32 (IEEE 802.3, as zlib's) of all bytes before
+ *                                    92  q24  x 3  noise of accel_x, accel_y, yaw rate: sd as found over
+ *                                                  the setting; 0: not known
+ *                                   104  u32  bits 0-1, 2-3, 4-5: level of the slow disturbance of these,
+ *                                             0..3; bit 6: steering is held between rows
+ *                                   108  u32  CRC-32 (IEEE 802.3, as zlib's) of all bytes before
  *
  * Later formats keep the first eight bytes and end in the CRC, so a newer file can be told from a damaged one.
+ *
+ * What is out of range is refused, whoever wrote it: stiffness outside 0.02 .. 20, a bias outside what its channel may read,
+ * a negative sd, a correlation beyond 1. Format 1 (96 bytes) is refused with a status of its own.
  *
  * `vehicle` is made of the vehicle settings (config.def, from the first row to rear_longitudinal_follows_front), rounded to
  * single precision, because they give relative stiffness its meaning. Sensors, filter, particles and seed may change:
@@ -29,8 +37,8 @@
 
 #include "tse/tse.h"
 
-#define TSE_LEARNT_BYTES 96
-#define TSE_LEARNT_FORMAT 1
+#define TSE_LEARNT_BYTES 112
+#define TSE_LEARNT_FORMAT 2
 
 #define tse_learnt_save TSE_NAME(tse_learnt_save)
 #define tse_learnt_load TSE_NAME(tse_learnt_load)
@@ -50,12 +58,14 @@ tse_status tse_learnt_save(const tse_params *p, const tse_filter *f, uint8_t out
  *              age_s      seconds since it was saved, from whatever clock the car has (the time the ignition was off);
  *                         0xffffffff when nobody knows: then nothing is trusted more than the settings' start
  *   Updated:   f          bit for bit unchanged when the result is negative
- *   Returned:  TSE_OK, TSE_E_NULL, TSE_E_STATE (also after the first row), TSE_E_LEARNT, TSE_E_VERSION or TSE_E_VEHICLE
+ *   Returned:  TSE_OK, TSE_E_NULL, TSE_E_STATE (also after the first row), TSE_E_LEARNT, TSE_E_VERSION,
+ *              TSE_E_OLD or TSE_E_VEHICLE
  *   Ageing:    variance of a mean     max(sd^2, learnt_floor^2) + learnt_walk_day^2 days, at most initial_mean_sd^2
- *              spread                 as learnt, up to spread_max; trusted for at most a memory, 1/(1 - forgetting) samples.
- *                                     Sampled: widened by the doubt about the mean, trusted as little as initial_spread
+ *              spread                 as learnt, up to spread_max; trusted as little as initial_spread. With particles: widened by the
+ *                                     doubt about the mean
  *              bias                   variance grows by *_bias_walk up to *_bias_sd^2, and as far as it has got there the
  *                                     bias goes back to zero: the slope of the road is in it, and another day it is another
+ *              noise, level, held     as learnt, a start as good as another: form 0 finds out when they have changed
  *   A stiffness that has never been learnt starts as the settings say. After a recovery everything does. */
 tse_status tse_learnt_load(const tse_params *p, tse_filter *f, const uint8_t *in, size_t bytes, uint32_t age_s);
 

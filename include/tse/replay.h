@@ -33,12 +33,13 @@ typedef struct tse_replay_out {
 /* Fill with the defaults of tse/replay.def. s NULL: nothing happens. */
 void tse_replay_start_default(tse_replay_start *s);
 
-/* Run a whole log. Inputs are linear between rows; the steps are those of the estimator (vehicle_steps() in src/vehicle.h).
+/* Run a whole log. Inputs are linear between rows; the steps are those of the estimator (vehicle_steps() in src/model/vehicle.h).
  *   Given:     p     from tse_prepare(), with its effects     log    arrays of `rows` values, steer_angle and speeds finite
  *              s     stiffness, biases, start
- *   Updated:   out   what the car and its sensors do at each row; on a refusal what was written so far
+ *   Updated:   out   what the car and its sensors do at each row; nothing when a row is refused; the rows before, when the model leaves the numbers
  *   Returned:  TSE_OK; TSE_E_NULL; TSE_E_STATE (p not prepared); TSE_E_TIME, TSE_E_INPUT: a row is out of range, *wrong
- *              (if not NULL) its index
+ *              (if not NULL) its index. TSE_E_INPUT also where the start (then row 0) or a profile is not finite, and where what the
+ *              car does is no number of this format any more
  *   Cost:      two evaluations of the model a row: 0.1 us without effects. Source: (1)-(4), (7), src/EQUATIONS.md. */
 tse_status tse_replay(const tse_params *p, const tse_replay_log *log, int32_t rows, const tse_replay_start *s,
                       const tse_replay_out *out, int32_t *wrong);

@@ -12,6 +12,7 @@
 #define tse_sim_config_check   TSE_NAME(tse_sim_config_check)
 #define tse_sim_reset          TSE_NAME(tse_sim_reset)
 #define tse_sim_step           TSE_NAME(tse_sim_step)
+#define tse_sim_check          TSE_NAME(tse_sim_check)
 
 #ifdef __cplusplus
 extern "C" {
@@ -26,7 +27,8 @@ typedef struct tse_sim_config {
 #undef INT
 } tse_sim_config;
 
-/* What the driver does at this row; between rows it changes linearly. The road level is held from this row to the next.
+/* What the driver does at this row; between rows it changes linearly, or is held until the next row with `hold_inputs`. Road
+ * level and friction are held from this row to the next.
  * Rows, ranges, units: tse/sim_input.def. */
 typedef struct tse_sim_input {
   tse_real dt;                         /* [s] since the previous row, (0, 1]; ignored at the first row */
@@ -70,6 +72,10 @@ tse_status tse_sim_reset(tse_sim *sim, const tse_config *c, const tse_sim_config
  *              nothing has changed then
  *   Cost:      dt/substep right-hand sides times two. */
 tse_status tse_sim_step(tse_sim *sim, const tse_sim_input *u, tse_sim_output *y);
+
+/* Say whether a simulation that was copied from somewhere is one of these settings to go on with, as tse_filter_check().
+ *   Returned:  TSE_OK, TSE_E_NULL, TSE_E_CONFIG, or TSE_E_STATE: something in it is outside its range, or not of c and s */
+tse_status tse_sim_check(const tse_sim *sim, const tse_config *c, const tse_sim_config *s);
 
 #ifdef __cplusplus
 }

@@ -8,6 +8,7 @@
 #define TSE_STATUS_H
 
 #define TSE_STATUS_TABLE(X) \
+  X(TSE_E_OLD,             -10, "the learnt state was written by an older version of this library; learn anew") \
   X(TSE_E_VEHICLE,          -9, "the learnt state belongs to another vehicle") \
   X(TSE_E_VERSION,          -8, "the learnt state was written by a newer version of this library") \
   X(TSE_E_LEARNT,           -7, "not a learnt state of this library, or damaged") \
@@ -19,12 +20,12 @@
   X(TSE_E_NULL,             -1, "a required argument is NULL") \
   X(TSE_OK,                  0, "ok") \
   X(TSE_W_NOT_VALID,         1, "at least one stiffness is not valid; its reason says why") \
-  X(TSE_W_STARTING,          2, "less data seen than the filter's memory holds; spread and validity are not settled") \
+  X(TSE_W_STARTING,          2, "too little seen since the start; spread and validity are not settled") \
   X(TSE_W_MISSING_CHANNEL,   3, "a measurement was missing; the others were used") \
-  X(TSE_W_HELD,              4, "standstill, low speed, reverse or large steering angle: statistics held") \
+  X(TSE_W_HELD,              4, "standstill, low speed, reverse or large steering angle: nothing is learnt of the stiffness") \
   X(TSE_W_PREDICTED,         5, "no measurement, or inputs missing: predicted only") \
-  X(TSE_W_GAP,               6, "time step too long to bridge: states restarted from the sensors, statistics kept") \
-  X(TSE_W_RECOVERED,         7, "evidence far below its own level: part of the particles were drawn anew")
+  X(TSE_W_GAP,               6, "time step too long to bridge: states restarted from the sensors, what was learnt is kept") \
+  X(TSE_W_RECOVERED,         7, "what was believed explains the samples no more: started over (particles: part of them drawn anew)")
 
 typedef enum tse_status {
 #define X(name, code, text) name = code,
@@ -36,11 +37,11 @@ typedef enum tse_status {
 /* Why a stiffness is not valid. An estimate is valid when its reason is TSE_VALID. */
 #define TSE_REASON_TABLE(X) \
   X(TSE_VALID,          0, "valid",            "usable") \
-  X(TSE_STARTING,       1, "starting",         "less data seen than the filter's memory holds") \
+  X(TSE_STARTING,       1, "starting",         "too little seen since the start") \
   X(TSE_NOT_EXCITED,    2, "not excited",      "the recent inputs do not show this stiffness") \
   X(TSE_UNCERTAIN,      3, "uncertain",        "excited, but the sd of the mean is above the limit") \
-  X(TSE_DIVERGING,      4, "diverging",        "the samples contradict what was learnt, or particles were drawn anew; not settled again") \
-  X(TSE_HELD,           5, "held",             "standstill, low speed, reverse or large steering angle: value from before") \
+  X(TSE_DIVERGING,      4, "diverging",        "a channel is probably at fault (particles: drawn anew, not settled again)") \
+  X(TSE_HELD,           5, "held",             "standstill, low speed, reverse, large steering angle or sliding wheels: value from before") \
   X(TSE_INPUT_INVALID,  6, "input invalid",    "inputs or measurements are missing")
 
 typedef enum tse_reason {

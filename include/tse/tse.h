@@ -1,16 +1,23 @@
 /* tse/tse.h - the public API of tse, a tyre-stiffness estimator.
  *
- * Marginalized adaptive particle filter of Berntorp & Di Cairano (2016) on a single-track model; equation
- * numbers refer to that paper, src/EQUATIONS.md says where each one is computed and tested.
+ * A bank of hypotheses of what happened - another road, a drift, a channel at fault - each with a Kalman filter of motion, mean
+ * stiffness and biases, weighed by how well it foretells the samples; on a single-track model. Or, for who asks, the marginalized
+ * adaptive particle filter of Berntorp & Di Cairano (2016). Equation numbers refer to that paper; src/EQUATIONS.md says where each
+ * one is computed and tested, tse/constants.def what every threshold and rate of the default form is.
  *
  *   tse_config c;  tse_params p;  static tse_filter f;  tse_input u;  tse_output y;
- *   tse_config_default(&c);   c.mass = 1650;   c.particles = 200;
+ *   tse_config_default(&c);   c.mass = 1650;
  *   if (tse_prepare(&c, &p, NULL) < 0) ...                        settings -> constants, once
  *   tse_reset(&p, &f, sizeof f);                                  reset is also init
  *   while (next_row(&u)) tse_step(&p, &f, &u, &y);                one sample at a time
  *
+ * Only the paper's form and the sampled one hold particles, in a larger struct that begins with a tse_filter:
+ *
+ *   static tse_filter_paper all;   tse_filter *const f = &all.filter;         instead of  static tse_filter f;
+ *   tse_config_paper(&c);  ...     tse_reset(&p, f, sizeof all);              the rest is the same, with f
+ *
  * The caller owns all memory. The library never allocates, prints, or keeps anything between calls outside
- * the objects it is handed; tse_filter holds no pointer: a copy of the struct is a snapshot of the filter.
+ * the objects it is handed; they hold no pointer: a copy of the struct is a snapshot of the filter.
  * Different filters may be stepped in different threads at once.
  *
  * Axes ISO 8855 (x forward, y left, z up), SI units; steering angle, yaw rate and lateral acceleration are
@@ -35,6 +42,7 @@
 #define tse_reset          TSE_NAME(tse_reset)
 #define tse_input_check    TSE_NAME(tse_input_check)
 #define tse_step           TSE_NAME(tse_step)
+#define tse_filter_check   TSE_NAME(tse_filter_check)
 #define tse_stiffness_si   TSE_NAME(tse_stiffness_si)
 #define tse_status_text    TSE_NAME(tse_status_text)
 #define tse_reason_text    TSE_NAME(tse_reason_text)
@@ -45,7 +53,8 @@ extern "C" {
 
 /* Settings, in SI units. Fill with tse_config_default(), then change what differs. Rows, ranges, units: tse/config.def.
  * Among them what the plain model leaves out and this car has (tse/effects.def; body_roll_gain, relaxation_length ...): all
- * 0, which is off, by default. A filter that is told of them learns the stiffness as if the car had none (src/told.c). */
+ * 0, which is off, by default. A filter that is told of them learns the stiffness as if the car had none
+ * (src/estimator/told.c). */
 typedef struct tse_config {
 #define REAL(name, def, lo, hi, unit, text) tse_setting name;
 #define INT(name, def, lo, hi, text) int32_t name;
@@ -81,8 +90,12 @@ typedef struct tse_output {
   tse_real stiffness[3], stiffness_sd[3], stiffness_spread[3];
   tse_real bias[3], bias_sd[3];
   tse_real noise[3];            /* sd of the noise as found, over the setting's           */
-  tse_real n_eff, log_evidence;
+  tse_real regime[TSE_REGIMES]; /* probability of each regime, TSE_REGIME_*               */
+  tse_real change_age, change_probability, change_ratio[3]; /* the last change of the likeliest history */
+  tse_real discrepancy[3];      /* sd of what the model does not explain                  */
+  tse_real n_eff, log_evidence; /* of hypotheses or particles; of this row                */
   int32_t spread_seen[3];       /* 1: the spread is learnt; 0: below what sensors and excitation can show */
+  int32_t change_kind, fault_channel; /* TSE_CHANGE_*; 0 none, else 1 + place in tse/input.def */
   int32_t reason[3];
   int32_t status;
 } tse_output;
@@ -90,8 +103,9 @@ typedef struct tse_output {
 /* Fill c with the defaults of tse/config.def. c NULL: nothing happens. */
 void tse_config_default(tse_config *c);
 
-/* The same, but states and mean stiffness are sampled by the particles, as in the paper, with the limits that keep it from
- * diverging: statistics are held where nothing is excited, the spread is limited. Not as safe as the default, see README. */
+/* Another form of the filter: states and mean stiffness are sampled by particles, as in the paper, with the limits that keep it
+ * from diverging: statistics are held where nothing is excited, the spread is limited. Not as safe as the default, see README.
+ * Needs a tse_filter_paper. In q20 builds the only form beside the paper's, and the default. */
 void tse_config_sampled(tse_config *c);
 
 /* The same as tse_config_sampled(), without limits: the filter as printed. */
@@ -109,9 +123,10 @@ tse_status tse_config_check(const tse_config *c, const char **wrong);
 tse_status tse_prepare(const tse_config *c, tse_params *p, const char **wrong);
 
 /* Start, or start again: the next row given to tse_step() is the first.
- *   Given:     p  from tse_prepare()      filter_bytes  sizeof *f as the caller compiled it
+ *   Given:     p  from tse_prepare()      filter_bytes  size of the struct as the caller compiled it: of tse_filter_paper in
+ *              the paper's form and the sampled one, where f is its first member; of either in the default form
  *   Updated:   f  unchanged when the result is negative
- *   Returned:  TSE_OK, TSE_E_NULL, TSE_E_STATE (p not prepared) or TSE_E_SIZE.    O(N) time. */
+ *   Returned:  TSE_OK, TSE_E_NULL, TSE_E_STATE (p not prepared) or TSE_E_SIZE.    O(filter_bytes) time. */
 tse_status tse_reset(const tse_params *p, tse_filter *f, size_t filter_bytes);
 
 /* Say what tse_step() would refuse in this row, without a filter.
@@ -127,19 +142,30 @@ tse_status tse_input_check(const tse_input *u, const char **wrong);
  *     steering angle or wheel speed out of range (also infinite), dt not in (0, 3600]   refused
  *     steering angle or wheel speed missing      last value held up to max_gap, then states frozen; predicts only
  *     measurement missing or out of range        the other measurements are used; all missing: predicts only
- *     dt up to max_gap                           bridged in steps no longer than 1.5 sample_time
- *     dt above max_gap                           states restarted from wheel speeds and gyro, statistics kept
- *     |wheel speed| below hold_speed, reverse,   states kept sane, statistics held; gyro bias learnt at standstill
+ *     dt up to max_gap                           bridged in steps no longer than 1.5 sample_time (default form: at most 8 of them)
+ *     dt above max_gap                           states restarted from wheel speeds and gyro, what was learnt is kept
+ *     |wheel speed| below hold_speed, reverse,   motion goes on, nothing is learnt; gyro bias learnt at standstill
  *     steering angle beyond max_steer
- *     slip of an axle beyond max_slip            motion integrated from accelerometers and gyro, statistics held
- *     and, unless sampled (src/consistency.c):
+ *   ... in the default form, weighed as hypotheses, whose probabilities are outputs (p_..., change_..., fault_channel)
  *     one measurement far from the forecast      pulls the less the further off
- *     a channel repeats itself and contradicts   taken as missing
- *     noise above what the settings say          found, used, and put out
- *     all contradicts what was learnt            not valid; learnt anew, and if that explains nothing either, what was
- *                                                learnt before comes back and is held until the contradiction ends
- *   Source:    Algorithm 1, (16)-(19), (22)-(27).    O(N) time, bounded; no allocation, no recursion, no global state. */
+ *     a channel off, stuck or loud               p_fault; it is believed the less, the others are used. A value that repeats itself
+ *                                                to the last bit is evidence of it, as far as its channel does not do so by habit
+ *     slip of an axle beyond max_slip            p_sliding; stiffness is as uncertain as the slip is large, so nothing is learnt of it
+ *     samples contradict what was learnt         p_changed, p_axle, p_drifting: another road, one axle, a drift; p_restarted: all
+ *     noise other than told                      found, noise_...; believed as told with noise_max 1
+ *     what the model does not explain            found, discrepancy_...; it widens the sd of the stiffness
+ *   ... in the paper's form and the sampled one
+ *     slip of an axle beyond max_slip            motion integrated from accelerometers and gyro, statistics held
+ *     evidence far below its level               part of the particles drawn anew
+ *   Source:    src/EQUATIONS.md; particles: Algorithm 1, (16)-(19), (22)-(27).
+ *   Bounded time, O(hypotheses) or O(particles); no allocation, no recursion, no global state. */
 tse_status tse_step(const tse_params *p, tse_filter *f, const tse_input *u, tse_output *y);
+
+/* Say whether a filter that was copied from somewhere - a file, another program - is one to go on with. tse_step() believes what
+ * it finds in f; whoever did not write those bytes himself asks here first. p is to be made anew from the settings.
+ *   Returned:  TSE_OK, TSE_E_NULL, TSE_E_SIZE, or TSE_E_STATE: of other parameters, or something in it is outside its range.
+ *              O(N) time. */
+tse_status tse_filter_check(const tse_params *p, const tse_filter *f, size_t filter_bytes);
 
 /* Stiffness of y in N (longitudinal) and N/rad (cornering) per axle: nominal value times relative one.
  *   Returned:  mean[3], sd[3], spread[3] in the order TSE_CX_FRONT, TSE_CY_FRONT, TSE_CY_REAR; each may be NULL. */

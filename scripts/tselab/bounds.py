@@ -73,7 +73,7 @@ def _relative(truth: pd.DataFrame, config: Config) -> np.ndarray:
 
 def _run(rows: np.ndarray, truth: pd.DataFrame, config: Config, told: Told) -> tuple[np.ndarray, np.ndarray]:
     """Variances of mu after each row's measurement: P's and E's."""
-    model, noise = Model(rows, config), Noise(config, told)
+    model, noise = Model(rows, config, told.held), Noise(config, told)
     x = np.array([truth[f"true_{name}"] for name in ("vel_x", "vel_y", "yaw_rate")]).T
     w = _relative(truth, config) - 1
     believed, actual = noise.start(), noise.start()

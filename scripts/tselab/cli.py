@@ -18,6 +18,7 @@ from tselab.gap.commands import gap
 from tselab.montecarlo import STUDIES
 from tselab.options import FILE, FORM, PROGRESS, key_values, show_progress
 
+MOST_FINDINGS = 12  # stretches of road in the terminal
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 110}
 
 
@@ -131,9 +132,9 @@ def cli(debug: bool) -> None:
 @click.option("--age", metavar="DAYS", type=float, help="How long ago that was; default: the age of the file.")
 @click.option("--save-learnt", metavar="FILE", type=FILE, help="Write what this drive teaches; may be the same file.")
 @click.option("--average", metavar="SECONDS", type=float, help="Average the log over blocks of so long first, at most 0.1 s.")
-@click.option("--seed", type=int, help="Seed of the random numbers.")
-@click.option("--particles", type=int, help="Particles in use.")
-@click.option("--forgetting", type=float, help="Forgetting factor per sample.")
+@click.option("--seed", type=int, help="Seed of the random numbers; --form paper or sampled.")
+@click.option("--particles", type=int, help="Particles in use; --form paper or sampled.")
+@click.option("--forgetting", type=float, help="Forgetting factor per sample; --form paper or sampled.")
 @FORM
 @click.option("--set", "pairs", metavar="KEY=VALUE", multiple=True, help="Any other setting; may be repeated.")
 @PROGRESS
@@ -157,7 +158,7 @@ def estimate(
     \b
     tselab estimate log.csv --vehicle car.toml
     tselab estimate log.csv --vehicle car.toml --out est.csv --report report.html
-    tselab estimate log.csv --vehicle car.toml --particles 200 --forgetting 0.995
+    tselab estimate log.csv --vehicle car.toml --form paper --particles 200 --forgetting 0.995
     tselab estimate monday.csv --vehicle car.toml --save-learnt car.tse
     tselab estimate friday.csv --vehicle car.toml --load-learnt car.tse --age 4 --save-learnt car.tse
 
@@ -173,19 +174,19 @@ def estimate(
     Columns of the log that start with ref_ are drawn in the report: ref_vel_x, ref_yaw_rate_anything, ref_cy_front,
     ref_vehicle_speed, ref_wheel_fl ... with the quantity they name, others by themselves. Rows may come at any rate from
     0.001 to 1 s, also irregularly. Noise of the wheel speeds passes for slip and makes tyres look soft: --average 0.1 makes
-    less of it; rows of EST.csv are then blocks, forgetting counts blocks, and noise that the vehicle file states is taken for
+    less of it; rows of EST.csv are then blocks, and noise that the vehicle file states is taken for
     that of one sample. Ctrl-C stops early and writes the rows done so far.
 
     A learnt state holds stiffness, spread and sensor biases. It fits the vehicle it was learnt with, and is trusted the
     less the older it is (settings learnt_floor, learnt_walk_day).
     """
-    from tselab.estimate import estimate as run
-    from tselab.estimate import write_table
+    from tselab import regimes
+    from tselab.estimate import estimate_to
     from tselab.facts import run_facts
     from tselab.files import check_distinct, check_writable
     from tselab.learnt import read_learnt, write_learnt
     from tselab.prepare import prepare
-    from tselab.verdict import remarks, verdicts
+    from tselab.verdict import findings, remarks
 
     out = out or Path(log_path.stem + ".est.csv")
     inputs = {"the log": log_path, "--vehicle": vehicle_path, "--config": config_path}
@@ -203,12 +204,16 @@ def estimate(
     vehicle, log, config, warnings = prepared.vehicle, prepared.log, prepared.config, prepared.warnings
     notes = prepared.notes
 
-    est = run(log, config, show_progress(progress), learnt)
+    drawn = None
+    if report is not None:
+        from tselab.plots import Data
+
+        drawn = Data(log)
+    est = estimate_to(out, log, config, show_progress(progress), learnt, [drawn.add] if drawn else [])
     refused = int((est.table["status"] < 0).sum())
     if refused:
         notes.append(f"{refused} rows were refused by the library; their estimates are empty, the status says why")
     notes += remarks(est.table)
-    write_table(est.table, out)
     if save_learnt is not None:
         if est.learnt is not None:
             write_learnt(save_learnt, est.learnt)
@@ -217,7 +222,7 @@ def estimate(
     if report is not None and len(est):
         from tselab.report import write_report
 
-        write_report(report, est, log, vehicle, config, notes)
+        write_report(report, est, log, vehicle, config, notes, drawn)
 
     if learnt is not None:
         click.echo(f"started from: {learnt.note}")
@@ -227,8 +232,14 @@ def estimate(
         click.echo(f"filled in: {line}")
     for line in notes:
         click.echo(f"{'warning' if line in warnings else 'note'}: {line}", err=True)
-    for v in verdicts(est.table, config):
-        click.echo(f"{v.name}: {v.text}")
+    changes = regimes.changes(est.table)
+    for line in regimes.words(changes, regimes.spells(est.table)):
+        click.echo(line)
+    found = findings(est.table, config, changes)
+    for finding in found[:MOST_FINDINGS]:
+        click.echo("\n".join(finding.lines()))
+    if len(found) > MOST_FINDINGS:
+        click.echo(f"and {len(found) - MOST_FINDINGS} more stretches, which --report lists")
     click.echo(f"Estimates written to {out}")
     if save_learnt is not None and est.learnt is not None:
         click.echo(f"Learnt state written to {save_learnt}")
@@ -550,11 +561,13 @@ def montecarlo(
     \b
     tselab montecarlo --study stress --runs 200 --jobs 2
     tselab montecarlo --study peers --runs 20 --cases nominal,noise-3x --out peers
+    tselab montecarlo --study stress+landed --runs 200
     tselab montecarlo --study stress --scheduler tcp://host:8786
 
     Every finished run is kept in DIR/runs.csv: the same command goes on after Ctrl-C, more --runs and --cases are added to
-    what is there. Other settings or another library are refused. Writes NAME.csv, NAME.md, NAME.html and, with matplotlib,
-    NAME.png.
+    what is there. Other settings or another library are refused. NAME+landed runs the default of an earlier commit beside the
+    study's estimators, on the same data; so does any other estimator after a +. Writes NAME.csv, NAME.md, NAME.html and, with
+    matplotlib, NAME.png.
     """
     from tselab.core import Config, SimConfig
     from tselab.montecarlo import studies

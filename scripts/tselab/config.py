@@ -62,3 +62,10 @@ def make_config(
         if value is not None:
             config.set(key, value, source=f"option --{key.replace('_', '-')}")
     return config, notes
+
+
+def filter_text(config: Config) -> str:
+    """The form of the filter and its size, in a few words."""
+    if not config.form:
+        return f"{config.hypotheses} hypotheses"
+    return f"{config.particles} particles, forgetting {config.forgetting:g}, seed {config.seed}"

@@ -75,6 +75,7 @@ class EffectParameter:
     high: float
     typical: tuple[float, float]
     negligible: float  # below it the effect should not be named
+    given: bool = False  # a shape that no log tells from the strength
 
 
 @dataclass(frozen=True)
@@ -138,6 +139,7 @@ class _CBuild(ctypes.Structure):
         ("params_bytes", ctypes.c_int32),
         ("sim_bytes", ctypes.c_int32),
         ("learnt_bytes", ctypes.c_int32),
+        ("filter_paper_bytes", ctypes.c_int32),  # a library that knows one size only leaves it 0
     ]
 
 
@@ -173,12 +175,8 @@ class Library:
         self.function("tse_describe_build", None)(ctypes.addressof(build))
         self.version, self.format = build.version.decode(), build.format.decode()
         self.capacity = build.capacity
-        self.filter_bytes, self.params_bytes, self.sim_bytes, self.learnt_bytes = (
-            build.filter_bytes,
-            build.params_bytes,
-            build.sim_bytes,
-            build.learnt_bytes,
-        )
+        self.filter_bytes, self.filter_paper_bytes = build.filter_bytes, build.filter_paper_bytes
+        self.params_bytes, self.sim_bytes, self.learnt_bytes = build.params_bytes, build.sim_bytes, build.learnt_bytes
 
         describe = self.function("tse_describe", ctypes.POINTER(_CField), [ctypes.c_int] + [ctypes.c_void_p] * 2)
         self._fields: dict[int, list[Field]] = {}
@@ -214,7 +212,7 @@ class Library:
         parameters = [
             EffectParameter(
                 *(getattr(r, n).decode() for n in ("effect", "name", "setting", "unit", "text")),
-                bool(r.strength), r.sign, r.default, r.low, r.high, (r.typical_low, r.typical_high), r.negligible,
+                r.strength > 0, r.sign, r.default, r.low, r.high, (r.typical_low, r.typical_high), r.negligible, r.strength < 0,
             )
             for r in table("tse_describe_effect_parameters", _CEffectParameter)
         ]  # fmt: skip
@@ -246,7 +244,7 @@ class Library:
     def field(self, which: int, name: str) -> Field:
         return next(f for f in self._fields[which] if f.name == name)
 
-    @functools.cache  # noqa: B019  (one library per process)
+    @functools.cache  # noqa: B019  (few libraries per process)
     def dtype(self, which: int) -> np.dtype:
         kinds = {"s": self.real, "r": self.real, "i": np.dtype(np.int32), "u": np.dtype(np.uint32)}
         kinds["p"] = kinds["o"] = np.dtype(np.uintp)
@@ -281,19 +279,24 @@ def library() -> Library:
 
 
 class Settings:
-    """A settings struct of the library: attributes by name, every assignment checked against its range."""
+    """A settings struct of the library, or of another one: attributes by name, every assignment checked against its range."""
 
     _which: int = CONFIG
     _defaults: str = "tse_config_default"
 
-    def __init__(self, values: Mapping[str, float] | None = None):
-        lib = library()
+    def __init__(self, values: Mapping[str, float] | None = None, lib: Library | None = None):
+        object.__setattr__(self, "_lib", lib)
+        lib = self.lib
         record = np.zeros(1, lib.dtype(self._which))
         lib.function(self._defaults, None)(record.ctypes.data)
         object.__setattr__(self, "_record", record)
         object.__setattr__(self, "_table", {f.name: f for f in lib.fields(self._which)})
         for name, value in (values or {}).items():
             self.set(name, value)
+
+    @property
+    def lib(self) -> Library:
+        return self._lib or library()
 
     @property
     def fields(self) -> dict[str, Field]:
@@ -334,15 +337,24 @@ class Settings:
 
     def changed(self) -> dict[str, float | int]:
         """The settings that differ from the defaults."""
-        default = type(self)()
+        default = type(self)(lib=self._lib)
         return {name: value for name, value in self.as_dict().items() if value != getattr(default, name)}
+
+
+class _Form:
+    """`form` of a Config is the setting of that name; Config.form("paper") are the settings of a form."""
+
+    def __get__(self, config: Config | None, owner: type[Config]):
+        return owner.settings_of if config is None else config.__getattr__("form")
 
 
 class Config(Settings):
     """tse_config: vehicle, sensors, filter."""
 
+    form = _Form()
+
     @classmethod
-    def form(cls, name: str) -> dict[str, float | int]:
+    def settings_of(cls, name: str) -> dict[str, float | int]:
         """The settings in which a form of the filter (tse_config_paper(), ...) differs from the defaults."""
         config = cls()
         library().function(f"tse_config_{name}", None)(config.address)
@@ -371,7 +383,7 @@ def _refuse(status: int, wrong: ctypes.c_char_p, settings: tuple[Settings, ...])
         if name in group:
             f = group.fields[name]
             raise SettingError(f"{name} = {getattr(group, name):g} is refused; allowed: {f.range_text} ({f.text})")
-    row = library().codes(STATUS).get(status)
+    row = settings[0].lib.codes(STATUS).get(status)
     raise SettingError(f"settings refused: {row.text if row else status}{f' ({name})' if name else ''}")
 
 
@@ -384,12 +396,14 @@ class LearntError(UserError):
 
 
 class Filter:
-    """One estimator. Starts at the first row it is given."""
+    """One estimator, of the library that its settings are for. Starts at the first row it is given."""
 
     def __init__(self, config: Config):
-        self.lib = lib = library()
+        self.lib = lib = config.lib
         self.config = config
-        self._params, self._filter = _memory(lib.params_bytes), _memory(lib.filter_bytes)
+        particles = "form" in config and config.form  # the default form holds none
+        self._bytes = lib.filter_paper_bytes if particles else lib.filter_bytes
+        self._params, self._filter = _memory(lib.params_bytes), _memory(self._bytes)
         wrong = ctypes.c_char_p()
         status = lib.function("tse_prepare")(config.address, self._params.ctypes.data, ctypes.addressof(wrong))
         _refuse(status, wrong, (config,))
@@ -399,7 +413,7 @@ class Filter:
 
     def reset(self) -> None:
         reset = self.lib.function("tse_reset", argtypes=[ctypes.c_void_p, ctypes.c_void_p, ctypes.c_size_t])
-        status = reset(*self._pointers, self.lib.filter_bytes)
+        status = reset(*self._pointers, self._bytes)
         if status < 0:
             raise RuntimeError(f"tse_reset refused: {self.lib.codes(STATUS)[status].text}")
 
@@ -435,7 +449,7 @@ class Filter:
         return out
 
     def snapshot(self) -> bytes:
-        return self._filter.tobytes()[: self.lib.filter_bytes]
+        return self._filter.tobytes()[: self._bytes]
 
     def save_learnt(self) -> bytes | None:
         """What the filter has learnt, for the next drive; None before the first row."""
@@ -453,8 +467,8 @@ class Filter:
             raise LearntError(self.lib.codes(STATUS)[status].text)
 
     def restore(self, snapshot: bytes) -> None:
-        if len(snapshot) != self.lib.filter_bytes:
-            raise ValueError(f"a snapshot of this library has {self.lib.filter_bytes} bytes, not {len(snapshot)}")
+        if len(snapshot) != self._bytes:
+            raise ValueError(f"a snapshot of this filter has {self._bytes} bytes, not {len(snapshot)}")
         self._filter.view(np.uint8)[: len(snapshot)] = np.frombuffer(snapshot, np.uint8)
 
 

@@ -30,7 +30,6 @@ if TYPE_CHECKING:
 DURATION, ROAD_CHANGE = 72.0, (36.0, 0.7)
 SETTLED, LAST = 10.0, 12.0  # s: what the summary looks at
 START = 0.8  # of nominal
-FORGETTING = 0.98
 
 
 # A second car, with something that the model does not have, for `tselab gap`: it rolls on its springs, and gravity leaks into
@@ -65,8 +64,6 @@ def run_demo(out: Path, seed: int = 1, progress: bool = False) -> Demo:
         file.write(example_vehicle())
     with atomic(out / "filter.toml") as file:
         file.write("# a wrong start, to see it being found\n" + "".join(f"initial_{s} = {START}\n" for s in STIFFNESS))
-        file.write("\n# half the default memory: follows the road sooner, knows a steady one less well\n")
-        file.write(f"forgetting = {FORGETTING}\n")
     vehicle = read_vehicle(out / "vehicle.toml")
     config = Config(vehicle.values)
     maneuver = maneuvers.build(

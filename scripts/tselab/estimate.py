@@ -2,29 +2,36 @@
 
 from __future__ import annotations
 
+import functools
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
 from tqdm import tqdm
 
+from tselab import regimes
 from tselab.core import NOMINAL, OUTPUT, REASON, STIFFNESS, Config, Field, Filter, library
+from tselab.csv_rows import csv_header, csv_rows
 from tselab.files import atomic
 from tselab.learnt import Learnt
-from tselab.log import Log
+from tselab.log import MEASURES, Log
 
 CHUNK = 64  # rows between two looks at Ctrl-C and the progress bar
+BLOCK = 2048  # rows that are in memory with all their columns at a time
+Block = dict[str, Any]  # rows of EST.csv: column -> array, reasons as pd.Categorical
+REFUSED = "row refused"  # the reason of a row with a negative status
 
 
 @dataclass
 class Estimate:
-    """Estimates row by row, as they go into EST.csv, and how the run ended."""
+    """Estimates row by row, and how the run ended. The table has all columns of EST.csv, or those of SUMMARY."""
 
     table: pd.DataFrame
     interrupted: bool
@@ -36,27 +43,67 @@ class Estimate:
 
 def est_fields() -> list[Field]:
     """Outputs of the library as EST.csv has them: what came later stands last, so that columns keep their places."""
-    fields = library().fields(OUTPUT)
-    later = [f for f in fields if f.name.endswith("_spread_seen") or f.name.startswith("noise_")]
-    return [f for f in fields if f not in later] + later
+    return sorted(library().fields(OUTPUT), key=lambda f: _generation(f.name))
+
+
+def _generation(name: str) -> int:
+    if name.startswith(("p_", "change_", "discrepancy_")) or name == "fault_channel":
+        return 2
+    return int(name.endswith("_spread_seen") or name.startswith("noise_"))
 
 
 def est_columns() -> list[str]:
     """Columns of EST.csv, in order."""
-    return ["time", *(f.name for f in est_fields()), *(f"{s}_reason" for s in STIFFNESS)]
+    names = [f.name for f in est_fields()]
+    reasons = [f"{s}_reason" for s in STIFFNESS]
+    return ["time", *(n for n in names if _generation(n) < 2), *reasons, *(n for n in names if _generation(n) == 2)]
 
 
 def estimate(log: Log, config: Config, progress: bool = False, learnt: Learnt | None = None) -> Estimate:
     """Run the filter over a log, from what an earlier one taught. Ctrl-C ends the run early; what is done is kept."""
-    filter_, rows = Filter(config), log.rows()
+    tables = [pd.DataFrame(_head(config))]
+    teaches = _run(log, config, lambda block: tables.append(pd.DataFrame(block)), progress, learnt)
+    table = pd.concat(tables[1:] or tables, ignore_index=True)
+    return Estimate(table, interrupted=len(table) < len(log), learnt=teaches)
+
+
+def estimate_to(
+    path: Path,
+    log: Log,
+    config: Config,
+    progress: bool = False,
+    learnt: Learnt | None = None,
+    watch: Sequence[Callable[[Block], None]] = (),
+) -> Estimate:
+    """The same, written to EST.csv on the way, so that memory does not grow by what is written; the table of the result has the
+    columns of SUMMARY. `watch`: shown every block of rows, for what else becomes of them."""
+    head = _head(config)
+    summary = Summary(head, len(log))
+    with atomic(path, "wb") as file:
+        file.write(csv_header(head))
+
+        def take(block: Block) -> None:
+            file.write(csv_rows(block))
+            for each in (summary.add, *watch):
+                each(block)
+
+        teaches = _run(log, config, take, progress, learnt)
+    table = summary.table()
+    return Estimate(table, interrupted=len(table) < len(log), learnt=teaches)
+
+
+def _run(
+    log: Log, config: Config, take: Callable[[Block], None], progress: bool, learnt: Learnt | None
+) -> bytes | None:
+    """Run the filter and give its table away block by block. Returned: what it has learnt."""
+    filter_ = Filter(config)
     if learnt is not None:
         learnt.load(filter_)
-    outputs = filter_.outputs(len(rows))
     done = 0
     with (
         _stop_flag() as stopped,
         tqdm(
-            total=len(rows),
+            total=len(log),
             unit="row",
             unit_scale=True,
             disable=not progress,
@@ -65,20 +112,33 @@ def estimate(log: Log, config: Config, progress: bool = False, learnt: Learnt | 
             desc="estimate",
         ) as bar,
     ):
-        while done < len(rows) and not stopped():
-            last = min(done + CHUNK, len(rows))
-            filter_.step_into(rows, outputs, done, last)
-            bar.update(last - done)
-            done = last
-    table = to_table(log.time[:done], outputs[:done], config)
-    return Estimate(table, interrupted=done < len(rows), learnt=filter_.save_learnt())
+        while done < len(log) and not stopped():
+            rows = log.rows(done, done + BLOCK)
+            outputs, first = filter_.outputs(len(rows)), 0
+            while first < len(rows) and not stopped():
+                last = min(first + CHUNK, len(rows))
+                filter_.step_into(rows, outputs, first, last)
+                bar.update(last - first)
+                first = last
+            if first:
+                take(_block(log.time[done : done + first], outputs[:first], config))
+            done += first
+    return filter_.save_learnt()
 
 
 def to_table(time: np.ndarray, outputs: np.ndarray, config: Config) -> pd.DataFrame:
     """Outputs of the library as the columns of EST.csv: stiffness in N and N/rad, validity as 1 or 0, reasons in words."""
-    words = {code: f.name for code, f in library().codes(REASON).items()}
+    return pd.DataFrame(_block(time, outputs, config))
+
+
+def _head(config: Config) -> Block:
+    """The table without rows."""
+    return _block(np.zeros(0), np.zeros(0, library().dtype(OUTPUT)), config)
+
+
+def _block(time: np.ndarray, outputs: np.ndarray, config: Config) -> Block:
     refused = outputs["status"] < 0
-    columns: dict[str, np.ndarray] = {"time": time}
+    columns: Block = {"time": time}
     for f in library().fields(OUTPUT):
         value = outputs[f.name]
         stiffness = next((s for s in STIFFNESS if f.name == s or f.name.startswith(s + "_")), None)
@@ -89,15 +149,63 @@ def to_table(time: np.ndarray, outputs: np.ndarray, config: Config) -> pd.DataFr
         else:
             columns[f.name] = value
     for s in STIFFNESS:
-        reason = np.array([words.get(int(c), "unknown") for c in outputs[f"{s}_valid"]], object)
-        columns[f"{s}_reason"] = np.where(refused, "row refused", reason)
-    return pd.DataFrame(columns)[est_columns()]
+        columns[f"{s}_reason"] = _reasons(outputs[f"{s}_valid"], refused)
+    return {name: columns[name] for name in est_columns()}
+
+
+def _reasons(codes: np.ndarray, refused: np.ndarray) -> pd.Categorical:
+    """Codes of tse_reason in words."""
+    words = [f.name for _, f in sorted(library().codes(REASON).items())]  # the codes count from 0
+    known = (codes >= 0) & (codes < len(words))
+    place = np.where(refused, len(words) + 1, np.where(known, codes, len(words)))
+    return pd.Categorical.from_codes(place, dtype=_categories((*words, "unknown", REFUSED)))
+
+
+@functools.lru_cache(maxsize=1)
+def _categories(words: tuple[str, ...]) -> pd.CategoricalDtype:
+    return pd.CategoricalDtype(words)
 
 
 def write_table(table: pd.DataFrame, path: Path) -> None:
     """CSV with the shortest digits that give the same bits back."""
-    with atomic(path) as file:
-        table.to_csv(file, index=False, lineterminator="\n")
+    with atomic(path, "wb") as file:
+        file.write(csv_header(table))
+        for start in range(0, len(table), BLOCK):
+            file.write(csv_rows(table.iloc[start : start + BLOCK]))
+
+
+# What verdicts, remarks and the list of events need of EST.csv, as small as it can be: 360 000 rows an hour stay in memory.
+SUMMARY: dict[str, type | None] = {
+    "time": np.float64,
+    "status": np.int16,
+    **{f"{s}{part}": np.float32 for s in STIFFNESS for part in ("", "_sd", "_spread")},
+    **{f"{s}{part}": np.int8 for s in STIFFNESS for part in ("_valid", "_spread_seen")},
+    **{f"{s}_reason": None for s in STIFFNESS},  # None: categories
+    **{f"noise_{c}": np.float32 for c in MEASURES},
+    **regimes.COLUMNS,
+}
+
+
+class Summary:
+    """The columns of SUMMARY of a table that comes block by block. `head`: the table without rows; `rows`: how many may come."""
+
+    def __init__(self, head: Block, rows: int):
+        kinds = {name: kind for name, kind in SUMMARY.items() if name in head}
+        self._words = {name: head[name].dtype for name, kind in kinds.items() if kind is None}
+        self._columns = {name: np.empty(rows, kind or np.int8) for name, kind in kinds.items()}
+        self._done = 0
+
+    def add(self, block: Block) -> None:
+        part = slice(self._done, self._done + len(block["time"]))
+        for name, column in self._columns.items():
+            column[part] = block[name].codes if name in self._words else block[name]
+        self._done = part.stop
+
+    def table(self) -> pd.DataFrame:
+        columns: dict[str, Any] = {name: column[: self._done] for name, column in self._columns.items()}
+        for name, words in self._words.items():
+            columns[name] = pd.Categorical.from_codes(columns[name], dtype=words)
+        return pd.DataFrame(columns, copy=False)
 
 
 @contextmanager

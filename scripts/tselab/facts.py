@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from tselab.config import filter_text
 from tselab.core import Config, library
 from tselab.estimate import Estimate
 from tselab.log import Log
@@ -16,14 +17,13 @@ def run_facts(est: Estimate, log: Log, vehicle: Vehicle, config: Config, stride:
     facts = [
         ("Log", f"{log.path.name}: {len(log)} rows, {span:.1f} s{every}"),
         ("Vehicle", f"{vehicle.name}" + (f" ({vehicle.path.name})" if vehicle.path else "")),
-        ("Filter", f"{config.particles} particles, forgetting {config.forgetting:g} (memory "
-         f"{config.sample_time / (1 - config.forgetting):.2g} s), seed {config.seed}"),
-    ]  # fmt: skip
+        ("Filter", filter_text(config)),
+    ]
     if est.interrupted:
         facts.append(("Stopped", f"by Ctrl-C after {len(est)} of {len(log)} rows"))
     recovered = int((est.table["status"] == library().status("TSE_W_RECOVERED")).sum()) if len(est) else 0
     if recovered:
-        facts.append(("Recoveries", f"{recovered} (part of the particles drawn anew)"))
+        facts.append(("Recoveries", f"{recovered} (what was believed was given up)"))
     if stride > 1:
-        facts.append(("Plots", f"every {stride}th row"))
+        facts.append(("Plots", f"the least and the greatest of every {stride} rows"))
     return facts

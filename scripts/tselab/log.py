@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -30,6 +32,7 @@ HINTS = {
 HINTS["yaw_rate"] = "if the column holds deg/s, multiply by pi/180"
 HINTS["wheel_speed_rear"] = HINTS["wheel_speed_front"]
 LONGEST_STEP = 3600.0  # s, the library's limit
+PART = 1 << 15  # rows of the file read at a time, so that its text is never all in memory
 SLOWEST = 1.0  # s: median step above this is refused
 
 
@@ -55,12 +58,14 @@ class Log:
         """Time since the previous row; the first is the sample time."""
         return np.diff(self.time, prepend=self.time[0] - (self.sample_time or 0.01))
 
-    def rows(self) -> np.ndarray:
-        """The rows as the library takes them."""
-        rows = np.zeros(len(self), library().dtype(INPUT))
-        rows["dt"] = self.dt
+    def rows(self, first: int = 0, last: int | None = None) -> np.ndarray:
+        """The rows as the library takes them; all, or those from `first` to before `last`."""
+        part = slice(first, last)
+        rows = np.zeros(len(self.time[part]), library().dtype(INPUT))
+        before = self.time[first - 1] if first else self.time[0] - (self.sample_time or 0.01)
+        rows["dt"] = np.diff(self.time[part], prepend=before)
         for name in self.data:
-            rows[name] = self.data[name]
+            rows[name] = self.data[name].to_numpy()[part]
         return rows
 
     def steers_beyond(self, limit: float) -> np.ndarray:
@@ -83,21 +88,13 @@ def read_log(path: Path) -> Log:
     twice = sorted({c for c in header if header.count(c) > 1 and (c in needed or _beside(c))})
     if twice:
         raise UserError(f"{path}: column {_list(twice)} appears more than once in the header (line 1)")
-    table = _table(path, header)
-    table = table[[c for c in header if c in needed or _beside(c)]]
-    line = np.arange(len(table)) + 2
-    filled = table[needed].notna().any(axis=1).to_numpy()
-    table, line = table[filled].reset_index(drop=True), line[filled]
-    if table.empty:
-        raise UserError(f"{path}: has a header but no rows")
-
     notes: list[str] = []
-    table, skipped = _numbers(path, table, line, needed)
+    table, line, skipped = _numbers(path, header, needed)
     if skipped:
         notes.append(f"column {_list(skipped)} is not numeric: not used")
-    time = table["time"].to_numpy(float)
+    time = table.pop("time")
     _check_time(path, time, line)
-    data = table[needed[1:]].astype(float)
+    data = pd.DataFrame({name: table.pop(name) for name in needed[1:]})
     for f in library().channels:
         _check_channel(path, data, line, f, notes)
     sample_time = float(np.median(np.diff(time))) if len(time) > 1 else None
@@ -110,7 +107,7 @@ def read_log(path: Path) -> Log:
         if count := int(data[name].isna().sum()):
             where = f"first in line {line[data[name].isna().to_numpy().argmax()]}"
             notes.append(f"{name}: {count} of {len(data)} cells are missing or not usable ({where})")
-    ref = table[[c for c in table if c.startswith("ref_")]]
+    ref = pd.DataFrame({c: table.pop(c) for c in list(table) if c.startswith("ref_")}, index=data.index)
     extra = pd.DataFrame({c: x for c in OPTIONAL if c in table and (x := _optional(c, table[c], line, notes)) is not None})
     return Log(path, time, data, ref, line, sample_time, notes, extra=extra)
 
@@ -120,10 +117,10 @@ def _beside(column: str) -> bool:
     return column.startswith("ref_") or column in OPTIONAL
 
 
-def _optional(name: str, column: pd.Series, line: np.ndarray, notes: list[str]) -> np.ndarray | None:
+def _optional(name: str, column: np.ndarray, line: np.ndarray, notes: list[str]) -> np.ndarray | None:
     """One of OPTIONAL, checked; None, and a note why, if it cannot be used. It refuses no log: the estimator needs none."""
     unit, low, high, _, hint = OPTIONAL[name]
-    value = column.to_numpy(float, copy=True)
+    value = column.copy()
     with np.errstate(invalid="ignore"):
         bad = (value < low) | (value > high)
     there = int(np.isfinite(value).sum())
@@ -239,19 +236,29 @@ def _missing_text(path: Path, header: list[str], missing: list[str], needed: lis
 
 
 def _table(path: Path, header: list[str]) -> pd.DataFrame:
-    names = [f"{c}\0{i}" if header.count(c) > 1 else c for i, c in enumerate(header)]
+    with _parsing(path):
+        return pd.read_csv(path, **_arguments(header))
+
+
+def _arguments(header: list[str]) -> dict[str, Any]:
+    """How a log is read by pandas."""
+    return {
+        "names": [f"{c}\0{i}" if header.count(c) > 1 else c for i, c in enumerate(header)],
+        "header": None,
+        "skiprows": 1,
+        "index_col": False,
+        "skip_blank_lines": False,
+        "skipinitialspace": True,
+        "encoding": "utf-8-sig",
+        "low_memory": False,
+    }
+
+
+@contextmanager
+def _parsing(path: Path) -> Iterator[None]:
+    """Errors of the parser in our words."""
     try:
-        return pd.read_csv(
-            path,
-            names=names,
-            header=None,
-            skiprows=1,
-            index_col=False,
-            skip_blank_lines=False,
-            skipinitialspace=True,
-            encoding="utf-8-sig",
-            low_memory=False,
-        )
+        yield
     except pd.errors.EmptyDataError:
         raise UserError(f"{path}: has a header but no rows") from None
     except pd.errors.ParserError as error:
@@ -259,27 +266,40 @@ def _table(path: Path, header: list[str]) -> pd.DataFrame:
         raise UserError(f"{path}: is not a well-formed CSV: {detail}") from None
 
 
-def _numbers(path: Path, table: pd.DataFrame, line: np.ndarray, needed: list[str]) -> tuple[pd.DataFrame, list[str]]:
-    """Every column as numbers. A cell that is not one is an error, or in a ref_ column the end of that column."""
-    skipped, columns = [], {}
-    for name in table:
-        column = table[name]
-        numbers = pd.to_numeric(column, errors="coerce")
-        if column.dtype == bool:
-            numbers = pd.Series(np.nan, index=column.index)
-        bad = (numbers.isna() & column.notna()).to_numpy()
-        if bad.any() and name not in needed:
-            skipped.append(name)
-            continue
-        if bad.any():
-            i = int(bad.argmax())
-            hint = "; decimals are written with a point" if "," in str(column.iloc[i]) else ""
+def _numbers(path: Path, header: list[str], needed: list[str]) -> tuple[dict[str, np.ndarray], np.ndarray, list[str]]:
+    """Every column that is read as numbers, in the file's order; the lines in the file; columns that are left out. A cell that
+    is not a number is an error, or in a column that is not needed the end of that column. Rows without any of what is needed
+    are blank."""
+    wanted = [c for c in header if c in needed or _beside(c)]
+    columns: dict[str, list[np.ndarray]] = {name: [] for name in wanted}
+    lines: list[np.ndarray] = []
+    wrong: dict[str, tuple[int, str]] = {}  # column -> line and text of its first cell that is not a number
+    with _parsing(path), pd.read_csv(path, **_arguments(header), chunksize=PART) as parts:
+        for part in parts:
+            line = part.index.to_numpy() + 2
+            filled = part[needed].notna().any(axis=1).to_numpy()
+            lines.append(line[filled])
+            for name in wanted:
+                column = part[name] if filled.all() else part[name][filled]
+                numbers = pd.to_numeric(column, errors="coerce")
+                if column.dtype == bool:
+                    numbers = pd.Series(np.nan, index=column.index)
+                bad = (numbers.isna() & column.notna()).to_numpy()
+                if bad.any() and name not in wrong:
+                    wrong[name] = int(lines[-1][bad.argmax()]), str(column.iloc[int(bad.argmax())])
+                columns[name].append(numbers.to_numpy(float))
+    if not sum(map(len, lines)):
+        raise UserError(f"{path}: has a header but no rows")
+    for name in wanted:
+        if name in needed and name in wrong:
+            at, text = wrong[name]
+            hint = "; decimals are written with a point" if "," in text else ""
             raise UserError(
-                f"{path}: line {line[i]}, column {name}: {str(column.iloc[i])[:40]!r} is not a number; allowed: "
-                f"{_allowed(name)}, or empty for missing{hint}"
+                f"{path}: line {at}, column {name}: {text[:40]!r} is not a number; allowed: {_allowed(name)}, or empty for "
+                f"missing{hint}"
             )
-        columns[name] = numbers.astype(float)
-    return pd.DataFrame(columns), skipped
+    skipped = [name for name in wanted if name in wrong]
+    return {c: np.concatenate(columns.pop(c)) for c in wanted if c not in wrong}, np.concatenate(lines), skipped
 
 
 def _check_time(path: Path, time: np.ndarray, line: np.ndarray) -> None:

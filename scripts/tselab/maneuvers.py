@@ -28,6 +28,7 @@ class Maneuver:
     target_speed: np.ndarray | None = None
     brake_torque_front: np.ndarray | None = None
     brake_torque_rear: np.ndarray | None = None
+    road_friction: np.ndarray | None = None  # 0: that of the simulator's settings
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ from tselab.core import STIFFNESS, Config, library
 from tselab.log import DRIVES, MEASURES
 
 X, MU, B, EPS = slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 12)
-LOW_SPEED = 1.0  # m/s, slips are taken over at least this, as in src/vehicle.h
+LOW_SPEED = 1.0  # m/s, slips are taken over at least this, as in src/model/vehicle.h
 STEP = 0.8  # largest rate times step of the integrator: error of a step below 0.8^5/120 of what decays
 STATES = ("vel_x", "vel_y", "yaw_rate")
 OUTPUT = np.dtype(
@@ -41,6 +41,8 @@ class Told:
     spread: tuple[float, float, float]  # sample-to-sample sd of the stiffness, relative to nominal
     noise_sd: tuple[float, float, float]  # accel_x, accel_y [m/s2], yaw_rate [rad/s]
     forgetting: float = 0.99  # lambda per nominal sample time
+    held: bool = False  # the steering angle of a row acts until the next; else it is linear between rows
+    changes: tuple[float, ...] = ()  # s since the first row: from here on the mean stiffness is another; only "told" listens
 
 
 @dataclass(frozen=True)
@@ -55,7 +57,7 @@ class Matrices:
 class Model:
     """The single-track model on a log's rows, for columns of states; real or complex (for complex-step derivatives)."""
 
-    def __init__(self, rows: np.ndarray, config: Config):
+    def __init__(self, rows: np.ndarray, config: Config, held: bool = False):
         c = self.config = config
         self.dt = np.array(rows["dt"], float)
         self.dt[:1] = 0.0
@@ -68,7 +70,7 @@ class Model:
         self.share = np.array([[1.0, 0, 0], [c.rear_longitudinal_follows_front, 0, 0], [0, 1, 0], [0, 0, 1]])
         self.jf, self.jr = c.mass * c.lf / c.yaw_inertia, c.mass * c.lr / c.yaw_inertia
         self._at = self._matrices(self.inputs)
-        self._between = self._plan()
+        self._between = self._plan(held)
         self.restart, self.usable = self._conditions(known)
 
     def __len__(self) -> int:
@@ -86,8 +88,9 @@ class Model:
         m[:, 2] = np.stack([self.jf * u[:, 0], 0 * u[:, 0], 0 * u[:, 0] + self.jf, 0 * u[:, 0] - self.jr], 1)
         return [Matrices(*each) for each in zip(n, n0, m, strict=True)]
 
-    def _plan(self) -> list[list[Matrices]]:
-        """Per row the matrices at the start, middle and end of every step from the row before, inputs linear between."""
+    def _plan(self, held: bool) -> list[list[Matrices]]:
+        """Per row the matrices at the start, middle and end of every step from the row before, inputs linear between, or with
+        `held` the steering angle as in the row before. Wheels have inertia: their speeds are linear in any case."""
         c = self.config
         speed = np.maximum(np.minimum(np.abs(self.roll).min(1), np.roll(np.abs(self.roll).min(1), 1)), LOW_SPEED)
         yaw = float(self.k[2, 0] * c.lf * self.jf + self.k[3, 0] * c.lr * self.jr)
@@ -95,17 +98,19 @@ class Model:
         steps = np.clip(np.ceil(self.dt * rate / STEP - 1e-9), 1, 50).astype(int)
         plan: list[list[Matrices]] = [[] for _ in range(len(self))]
         before = np.roll(self.inputs, 1, axis=0)
+        change = self.inputs - before
+        change[:, 0] *= not held
         for s in np.unique(steps):
             rows = np.flatnonzero(steps == s)
             share = np.arange(2 * s + 1)[None, :, None] / (2 * s)
-            u = before[rows, None] + share * (self.inputs - before)[rows, None]
+            u = before[rows, None] + share * change[rows, None]
             flat = self._matrices(u.reshape(-1, 3))
             for i, row in enumerate(rows):
                 plan[row] = flat[i * (2 * s + 1) : (i + 1) * (2 * s + 1)]
         return plan
 
     def _conditions(self, known: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Rows at which states start anew, and measurements to learn from: as tse_step() decides in src/filter.c. Too
+        """Rows at which states start anew, and measurements to learn from: as tse_step() decides in src/estimator/filter.c. Too
         slow, reverse, large angles: the model is not made for them. Inputs missing: prediction only."""
         c, time = self.config, np.cumsum(self.dt)
         slow = self.roll.min(1) < c.hold_speed
@@ -250,7 +255,7 @@ class Kalman:
 
     def __init__(self, rows: np.ndarray, config: Config, told: Told):
         self.config, self.told = config, told
-        self.model, self.noise = Model(rows, config), Noise(config, told)
+        self.model, self.noise = Model(rows, config, told.held), Noise(config, told)
         self.start()
 
     def start(self) -> None:
@@ -279,6 +284,7 @@ class Kalman:
                     self.start()  # whatever was logged, the next estimate is a number
                     self.start_states(row)
                     use = use[use < 2]  # the gyro made the start
+            self.listen(row)
             if len(use):
                 self.observe(row, use)
                 self.mean[MU] = np.clip(self.mean[MU], low, high)
@@ -293,10 +299,13 @@ class Kalman:
         out.view(float)[:] = np.concatenate(
             [
                 np.stack([self.mean[X], sd[X]], 1).ravel(),
-                np.stack([1 + self.mean[MU], sd[MU], self.told.spread], 1).ravel(),
+                np.stack([1 + self.mean[MU], sd[MU], np.sqrt(self.noise.eps)], 1).ravel(),
                 np.stack([self.mean[B], sd[B]], 1).ravel(),
             ]
         )
+
+    def listen(self, row: int) -> None:
+        """What is told of this row."""
 
     def observe(self, row: int, use: np.ndarray) -> None:
         raise NotImplementedError
@@ -317,6 +326,28 @@ class Extended(Kalman):
         x, f = self.model.linear_motion(row, self.mean[X], self.mean[MU] + self.mean[EPS])
         self.mean[X], self.mean[EPS] = x, 0
         self.cov = f @ self.cov @ f.T + self.noise.process(self.model.dt[row])
+
+
+class Constant(Extended):
+    """Knows when the mean stiffness changes: it never forgets in between, and opens the means at each change. The spread that
+    it is told is one of mean stiffness 1 and follows the level, as the simulator's does. No filter that has to find the
+    changes can be expected to do better."""
+
+    common, own = 0.4, 0.1  # sd of a change over the level: of all stiffnesses together, of each
+
+    def start(self) -> None:
+        super().start()
+        self.noise.log_forgetting = 0.0
+        self._time = np.cumsum(self.model.dt)
+        self._changes = sorted(self.told.changes)
+
+    def listen(self, row: int) -> None:
+        level = 1 + self.mean[MU]
+        while self._changes and self._time[row] >= self._changes[0] - 1e-9:
+            self._changes.pop(0)
+            self.cov[MU, MU] += np.outer(level, level) * (self.common**2 + self.own**2 * np.eye(3))
+        self.noise.eps = (np.array(self.told.spread) * level) ** 2
+        self.cov[EPS, EPS] = np.diag(self.noise.eps)  # afresh in this row, and therefore without correlations
 
 
 class Unscented(Kalman):
@@ -371,11 +402,11 @@ def _root(p: np.ndarray) -> np.ndarray:
         return vector * np.sqrt(np.maximum(value, 0))
 
 
-KINDS: dict[str, type[Kalman]] = {"ekf": Extended, "ukf": Unscented}
+KINDS: dict[str, type[Kalman]] = {"ekf": Extended, "ukf": Unscented, "told": Constant}
 
 
 def run(kind: str, rows: np.ndarray, config: Config, told: Told) -> np.ndarray:
-    """Estimates after each row. kind: "ekf" or "ukf"; rows: as Filter.inputs(), NaN = missing; result: as OUTPUT, stiffness
+    """Estimates after each row. kind: of KINDS; rows: as Filter.inputs(), NaN = missing; result: as OUTPUT, stiffness
     relative to nominal."""
     if kind not in KINDS:
         raise ValueError(f"kind is {kind!r}, not one of {', '.join(KINDS)}")

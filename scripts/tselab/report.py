@@ -5,28 +5,46 @@ from __future__ import annotations
 import base64
 import gzip
 import json
+from collections.abc import Sequence
 from pathlib import Path
 
 import jinja2
-import plotly.offline
+import orjson
 from markupsafe import Markup
+from plotly.offline import get_plotlyjs
 
-from tselab import __version__, plots
+from tselab import __version__, plots, regimes
 from tselab.core import Config, library
 from tselab.estimate import Estimate
 from tselab.facts import run_facts
 from tselab.files import atomic
 from tselab.log import Log
 from tselab.vehicle import Vehicle
-from tselab.verdict import verdicts
+from tselab.verdict import findings
+
+MOST_CARDS = 6  # stretches of road that have cards; the table has all
+MOST_EVENTS = 200  # in the table
+LEVEL = 4  # of compression; 9 takes three times as long for 3 %
 
 
-def write_report(path: Path, est: Estimate, log: Log, vehicle: Vehicle, config: Config, notes: list[str]) -> None:
-    """Write the report of a run."""
-    data = plots.Data(est.table, log.data, log.ref)
+def write_report(
+    path: Path,
+    est: Estimate,
+    log: Log,
+    vehicle: Vehicle,
+    config: Config,
+    notes: list[str],
+    data: plots.Data | None = None,
+) -> None:
+    """Write the report of a run. `data`: what was drawn of it on the way; else it is drawn from the table of `est`."""
+    if data is None:
+        data = plots.Data(log)
+        data.add(est.table)
+    changes, spells = regimes.changes(est.table), regimes.spells(est.table)
+    found = findings(est.table, config, changes)
     sections = [
         ("Stiffness", "Grey background: not valid; the reason is shown on hover. Drag to zoom, double-click to reset; all plots "
-         "share the time axis.", plots.stiffness_figure(data, config)),
+         "share the time axis.", plots.stiffness_figure(data, est.table, config, changes, spells)),
         ("States", "Estimates against the reference columns of the log, where there are any.", plots.states_figure(data)),
         ("Inputs and measurements", "The log as it was read; references are off until their legend entry is clicked.",
          plots.inputs_figure(data)),
@@ -41,12 +59,14 @@ def write_report(path: Path, est: Estimate, log: Log, vehicle: Vehicle, config: 
     page = environment.get_template("report.html.j2").render(
         title=log.path.name,
         vehicle=vehicle,
-        verdicts=verdicts(est.table, config),
+        findings=found,
+        most=MOST_CARDS,
+        events=events(changes, spells),
         sections=[
-            {"id": f"plot{i}", "title": t, "text": x, "height": f.layout.height} for i, (t, x, f) in enumerate(shown)
+            {"id": f"plot{i}", "title": t, "text": x, "height": f.height} for i, (t, x, f) in enumerate(shown)
         ],
-        figures=_packed("[" + ",".join(f.to_json() for _, _, f in shown) + "]"),
-        plotly=_packed(plotly.offline.get_plotlyjs()),
+        figures=_packed(orjson.dumps([f.as_dict() for _, _, f in shown], option=orjson.OPT_SERIALIZE_NUMPY)),
+        plotly=_packed(get_plotlyjs()),
         facts=run_facts(est, log, vehicle, config, data.stride),
         changed=[(config.fields[name], value) for name, value in config.changed().items()],
         notes=notes,
@@ -57,9 +77,18 @@ def write_report(path: Path, est: Estimate, log: Log, vehicle: Vehicle, config: 
         file.write(page)
 
 
-def _packed(text: str) -> Markup:
+def events(changes: Sequence[regimes.Change], spells: Sequence[regimes.Spell]) -> list[tuple[str, str, str, str]]:
+    """What happened, in order of time: when, what, probability, what it did."""
+    rows = [(c.time, f"{c.time:.2f} s", c.what, c.probability, c.effect) for c in changes]
+    rows += [(s.start, f"{s.start:.2f} .. {s.end:.2f} s", s.name, s.probability, "") for s in spells]
+    likeliest = sorted(rows, key=lambda r: -r[3])[:MOST_EVENTS]
+    return [(when, what, regimes.percent(p), effect) for _, when, what, p, effect in sorted(likeliest)]
+
+
+def _packed(text: str | bytes) -> Markup:
     """Compressed and in letters that need no escaping."""
-    return Markup(base64.b64encode(gzip.compress(text.encode(), 9, mtime=0)).decode())
+    data = text.encode() if isinstance(text, str) else text
+    return Markup(base64.b64encode(gzip.compress(data, LEVEL, mtime=0)).decode())
 
 
 def figures_of(page: str) -> list[dict]:

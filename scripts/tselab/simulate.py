@@ -52,7 +52,7 @@ def drive(
     n = len(maneuver.time)
     inputs, outputs = simulator.inputs(n), simulator.outputs(n)
     inputs["dt"] = np.diff(maneuver.time, prepend=maneuver.time[0] - config.sample_time)
-    for name in HISTORIES:
+    for name in (*HISTORIES, "road_friction"):
         if (history := getattr(maneuver, name)) is not None:
             inputs[name] = history
     front = {"front": 1.0, "rear": 0.0, "both": 0.5}[driven_axle]

@@ -14,6 +14,7 @@ from scipy import stats
 from tqdm import tqdm
 
 from tselab import maneuvers
+from tselab.config import filter_text
 from tselab.core import STIFFNESS, Config, Filter, SimConfig
 from tselab.log import columns
 from tselab.simulate import simulate
@@ -113,9 +114,7 @@ def markdown(study: Accuracy) -> str:
     low, high = clopper_pearson(study.diverged, n)
     seeds = f"{runs['seed'].min()} .. {runs['seed'].max()}"
     lines = [
-        f"Square waves, {n} runs (seeds {seeds}), {study.config.particles} particles"
-        f"{'' if study.config.marginalised else ', states and means sampled'}, "
-        f"forgetting {study.config.forgetting:g}, start at 70 %; "
+        f"Square waves, {n} runs (seeds {seeds}), {filter_text(study.config)}, start at 70 %; "
         f"{WINDOW[0]:g} .. {WINDOW[1]:g} s, in % of the true mean stiffness.",
         "",
         "| | " + " | ".join(heads[k] for k in STIFFNESS) + " |",

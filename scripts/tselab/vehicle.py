@@ -197,7 +197,8 @@ def fill_sensors(vehicle: Vehicle, log: Log) -> None:
     config = Config(v)
     with np.errstate(invalid="ignore"):
         moving = np.abs(log.data["wheel_speed_front"].to_numpy()) * config.wheel_radius_front > 2.0
-    misfits = kinematic_misfit(log, config.wheel_radius_front, config.wheel_radius_rear)
+    silent = any(f"{channel}_sd" not in v for channel in MEASURES)
+    misfits = kinematic_misfit(log, config.wheel_radius_front, config.wheel_radius_rear) if silent else {}
     if "wheel_noise_sd" in v:
         _average_noise(vehicle, config.fields["wheel_noise_sd"], log)
     _fill_wheel_noise(vehicle, config, log, moving)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,6 +10,7 @@ import pandas as pd
 
 from tselab.core import NOMINAL, STIFFNESS, Config, library
 from tselab.log import MEASURES
+from tselab.regimes import Change, Stretch, percent, stretches
 
 NAMES = {
     "cx_front": "Front longitudinal stiffness",
@@ -22,15 +24,16 @@ QUIET = {
     "cy_rear": "the steering was too quiet",
 }
 WHY = {
-    "starting": "the log is shorter than the filter's memory",
+    "starting": "too little was seen since the start",
     "uncertain": "there was excitement, but not enough to bring the uncertainty below the limit",
-    "diverging": "the measurements contradicted what was learnt",
+    "diverging": "a sensor was probably at fault",
     "held": "the car stood still, crawled, reversed or steered far",
     "input invalid": "inputs or measurements were missing",
     "row refused": "the rows were refused",
 }
 UNSEEN = "spread below what this drive can show"
 LOUD = 1.25  # noise found over the setting's: from here on it is remarked
+RECENT = 1.0  # s: what was valid so long before the end counts as valid at the end
 FEW = 0.005  # below this share of valid rows a value is not given
 
 
@@ -65,6 +68,44 @@ def verdicts(table: pd.DataFrame, config: Config) -> list[Verdict]:
     return [_verdict(table, config, key) for key in STIFFNESS]
 
 
+@dataclass(frozen=True)
+class Finding:
+    """What is known of the tyres on a stretch of road; without a stretch on the whole log."""
+
+    stretch: Stretch | None
+    verdicts: list[Verdict]
+
+    @property
+    def title(self) -> str:
+        return f"From {self.stretch.title}" if self.stretch else ""
+
+    @property
+    def nothing(self) -> str:
+        """Why no stiffness is known, in words; empty if one is."""
+        if any(v.level != "none" for v in self.verdicts):
+            return ""
+        reasons = dict.fromkeys(v.reason for v in self.verdicts if v.reason)
+        return "no stiffness is valid" + (f", mostly {' or '.join(reasons)}" if reasons else "")
+
+    def lines(self) -> list[str]:
+        """For the terminal."""
+        found = [f"{v.name}: {v.text}" for v in self.verdicts]
+        if not self.stretch:
+            return found
+        return [f"{self.title}: {self.nothing}"] if self.nothing else [f"{self.title}:", *(f"  {line}" for line in found)]
+
+
+def findings(table: pd.DataFrame, config: Config, found: Sequence[Change]) -> list[Finding]:
+    """The finding on each stretch of road between changes; one on the whole log where nothing changed.
+
+    A mean over two roads is true of neither. On a stretch the filter does not forget: what it knows last is what it knows
+    best, and is given with the uncertainty that it has then."""
+    parts = stretches(table, found)
+    if len(parts) < 2:
+        return [Finding(None, verdicts(table, config))]
+    return [Finding(s, [_verdict(table.iloc[s.rows], config, key, whole=False) for key in STIFFNESS]) for s in parts]
+
+
 def remarks(table: pd.DataFrame) -> list[str]:
     """What the filter found out about the sensors and about what it had learnt, in words."""
     found = []
@@ -78,43 +119,48 @@ def remarks(table: pd.DataFrame) -> list[str]:
     if times:
         often = "once" if times == 1 else f"{times} times"
         found.append(
-            f"measurements contradicted what was learnt {often}, in {_percent(float(off.mean()))} of the log: not valid there"
+            f"measurements contradicted what was learnt {often}, in {percent(float(off.mean()))} of the log: not valid there"
         )
     return found
 
 
-def _verdict(table: pd.DataFrame, config: Config, key: str) -> Verdict:
+def _verdict(table: pd.DataFrame, config: Config, key: str, whole: bool = True) -> Verdict:
+    """Over a whole log the medians of the valid rows, over a stretch its last valid row."""
+    of = "the log" if whole else "the stretch"
     valid = table[f"{key}_valid"].to_numpy() == 1
     share = float(valid.mean()) if len(valid) else 0.0
     nominal, unit, name = getattr(config, NOMINAL[key]) / 1000, UNITS[key], NAMES[key]
-    others = table.loc[~valid, f"{key}_reason"].value_counts()
+    others = table.loc[~valid, f"{key}_reason"].value_counts()  # of categories also those that are not there
+    others = others[others > 0]
     reason = str(others.index[0]) if len(others) else ""
     reason_share = float(others.iloc[0] / len(valid)) if len(others) else 0.0
     nan = float("nan")
     if share < FEW:
-        start = getattr(config, f"initial_{key}") * nominal
+        start = getattr(config, f"initial_{key}") * nominal if whole else float(table[key].iloc[0]) / 1000
         last = float(table[key].iloc[-1]) / 1000 if len(table) else nan
         why = QUIET[key] if reason == "not excited" else WHY.get(reason, reason)
         text = (
-            f"{reason or 'no rows'}: {why} in {_percent(reason_share)} of the log; the value shown ({last:.0f} {unit}, "
+            f"{reason or 'no rows'}: {why} in {percent(reason_share)} of {of}; the value shown ({last:.0f} {unit}, "
             f"started at {start:.0f}) says {'little' if share else 'nothing'} about the tyres"
         )
         return Verdict(key, name, "none", unit, nan, nan, nan, nan, nan, False, nominal, share, reason, reason_share, text)
 
     mean, sd, spread = (table.loc[valid, c].to_numpy() / 1000 for c in (key, f"{key}_sd", f"{key}_spread"))
-    value, band = float(np.median(mean)), float(1.96 * np.median(sd))
+    value, band = (float(np.median(mean)), float(1.96 * np.median(sd))) if whole else (float(mean[-1]), float(1.96 * sd[-1]))
     low, high = (float(q) for q in np.quantile(mean, [0.05, 0.95]))
     relative = value / nominal - 1
     parts = [
-        f"{value:.0f} {unit} ± {max(band, 0.5):.0f} (95 %), valid {_percent(share)} of the time",
+        f"{value:.0f} {unit} ± {max(band, 0.5):.0f} (95 %), valid {percent(share)} of the time",
         f"{100 * abs(relative):.0f} % {'above' if relative > 0 else 'below'} nominal"
         if abs(relative) >= 0.02
         else "as nominal",
     ]
-    if high - low > 3 * band:
+    if high - low > 3 * band if whole else abs(mean[-1] - mean[0]) > 3 * 1.96 * sd[0]:
         parts.append(
-            f"it changed during the log, from {mean[0]:.0f} to {mean[-1]:.0f} (90 % within {low:.0f} .. {high:.0f})"
+            f"it changed during {of}, from {mean[0]:.0f} to {mean[-1]:.0f} (90 % within {low:.0f} .. {high:.0f})"
         )
+    if not whole and (end := _last_valid(table["time"].to_numpy(), valid)) is not None:
+        parts.append(f"last valid at {end:.1f} s")
     if reason and share < 0.8:
         why = QUIET[key] if reason == "not excited" else WHY.get(reason, reason)
         parts.append(f"otherwise mostly {reason}: {why}")
@@ -141,7 +187,7 @@ def _verdict(table: pd.DataFrame, config: Config, key: str) -> Verdict:
     )
 
 
-def _percent(share: float) -> str:
-    if 0 < share < 0.01:
-        return "under 1 %"
-    return "over 99 %" if 0.995 <= share < 1 else f"{share * 100:.0f} %"
+def _last_valid(time: np.ndarray, valid: np.ndarray) -> float | None:
+    """When a stiffness was valid last, if that is a while before the end."""
+    last = float(time[np.flatnonzero(valid)[-1]])
+    return last if time[-1] - last > RECENT else None

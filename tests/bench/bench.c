@@ -1,7 +1,11 @@
-/* tests/bench/bench.c - time per particle and step, over the rows of the paper's study (square waves).
- *   bench                    a line per particle count: particles, ns per particle-step (fastest of the repetitions)
- *   bench sampled            the same in the sampled form
- *   bench PARTICLES ROWS     run once without a clock, for a tool that counts instructions */
+/* tests/bench/bench.c - time of a row, over the rows of the paper's study (square waves).
+ *   bench sampled            a line per particle count of the sampled form: particles, ns per particle-step (fastest of the repetitions)
+ *   bench default            ns per row of the settings as they come
+ *   bench ekf                ns per row of a plain extended Kalman filter (ekf.h)
+ *   bench ratio              both, turn by turn, and the ratio: default, ekf, default over ekf
+ *   bench PARTICLES ROWS     run the sampled form once without a clock, for a tool that counts instructions; so do
+ *   bench default ROWS       these
+ *   bench ekf ROWS */
 #if !defined(_POSIX_C_SOURCE)
 #define _POSIX_C_SOURCE 199309L
 #endif
@@ -10,14 +14,18 @@
 #include <string.h>
 #include <time.h>
 
+#include "ekf.h"
 #include "tse/simulate.h"
 
 #define ROWS 400
+#define DRIVE 2000 /* rows after which both square waves are where they began */
 #define REPETITIONS 7
+#define CHUNK 50 /* rows */
 
-static tse_input rows[ROWS];
-static tse_filter filter;
+static tse_input rows[DRIVE];
+static tse_filter_paper memory; /* enough for every form */
 static tse_params params;
+static ekf kalman;
 
 static void record(void)
 {
@@ -27,7 +35,7 @@ static void record(void)
   tse_config_default(&c);
   tse_sim_config_default(&s);
   tse_sim_reset(&sim, &c, &s, NULL);
-  for (int i = 0; i < ROWS; i++) {
+  for (int i = 0; i < DRIVE; i++) {
     tse_sim_input u;
     tse_sim_output y;
     memset(&u, 0, sizeof u);
@@ -47,8 +55,36 @@ static void run(void (*settings)(tse_config *c), int particles, int count)
   settings(&c);
   c.particles = particles;
   tse_prepare(&c, &params, NULL);
-  tse_reset(&params, &filter, sizeof filter);
-  for (int i = 0; i < count; i++) tse_step(&params, &filter, &rows[i % ROWS], &y);
+  tse_reset(&params, &memory.filter, sizeof memory);
+  for (int i = 0; i < count; i++) tse_step(&params, &memory.filter, &rows[i % ROWS], &y);
+}
+
+/* Rows from .. to, as they come; the drive starts over when it has ended. */
+static void run_default(int from, int to)
+{
+  tse_output y;
+  for (int i = from; i < to; i++) {
+    if (i % DRIVE == 0) {
+      tse_config c;
+      tse_config_default(&c);
+      tse_prepare(&c, &params, NULL);
+      tse_reset(&params, &memory.filter, sizeof memory);
+    }
+    tse_step(&params, &memory.filter, &rows[i % DRIVE], &y);
+  }
+}
+
+static void run_ekf(int from, int to)
+{
+  for (int i = from; i < to; i++) {
+    const int first = i % DRIVE == 0;
+    if (first) {
+      tse_config c;
+      tse_config_default(&c);
+      ekf_start(&kalman, &c, TSE_R(0.05), &rows[0]);
+    }
+    ekf_step(&kalman, &rows[i % DRIVE], first);
+  }
 }
 
 static double seconds(void)
@@ -58,14 +94,40 @@ static double seconds(void)
   return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
 
-int main(int argc, char **argv)
+/* Nanoseconds a row over the whole drive: of every chunk the fastest of the repetitions, so that a busy machine, which
+ * interrupts the long runs rather than the short ones, does not decide a ratio. */
+static void time_rows(void (*run_rows)(int from, int to), double best[DRIVE / CHUNK])
 {
-  void (*const settings)(tse_config *c) = argc == 2 && strcmp(argv[1], "sampled") == 0 ? tse_config_sampled : tse_config_default;
-  record();
-  if (argc == 3) {
-    run(settings, atoi(argv[1]), atoi(argv[2]));
-    return 0;
+  for (int k = 0; k < DRIVE / CHUNK; k++) {
+    const double start = seconds();
+    run_rows(k * CHUNK, (k + 1) * CHUNK);
+    const double t = 1e9 * (seconds() - start) / DRIVE;
+    if (t < best[k]) best[k] = t;
   }
+}
+
+static double sum(const double best[DRIVE / CHUNK])
+{
+  double total = 0;
+  for (int k = 0; k < DRIVE / CHUNK; k++) total += best[k];
+  return total;
+}
+
+/* What `which` asks for; the two turn by turn. */
+static void rows_of(const char *which)
+{
+  double of_ekf[DRIVE / CHUNK], of_default[DRIVE / CHUNK];
+  for (int k = 0; k < DRIVE / CHUNK; k++) of_ekf[k] = of_default[k] = 1e18;
+  for (int k = 0; k < REPETITIONS; k++) {
+    if (strcmp(which, "default") != 0) time_rows(run_ekf, of_ekf);
+    if (strcmp(which, "ekf") != 0) time_rows(run_default, of_default);
+  }
+  if (strcmp(which, "ratio") == 0) printf("%.0f %.0f %.1f\n", sum(of_default), sum(of_ekf), sum(of_default) / sum(of_ekf));
+  else printf("%.0f\n", sum(strcmp(which, "ekf") == 0 ? of_ekf : of_default));
+}
+
+static void particle_steps(void (*settings)(tse_config *c))
+{
   for (int n = 64; n <= TSE_MAX_PARTICLES; n *= 2) {
     const int count = n < 1024 ? ROWS : ROWS / 4;
     double best = 1e9;
@@ -77,5 +139,16 @@ int main(int argc, char **argv)
     }
     printf("%d %.1f\n", n, best * 1e9);
   }
+}
+
+int main(int argc, char **argv)
+{
+  const char *const what = argc > 1 ? argv[1] : "";
+  const int of_rows = strcmp(what, "default") == 0 || strcmp(what, "ekf") == 0;
+  record();
+  if (argc == 3 && of_rows) (strcmp(what, "ekf") == 0 ? run_ekf : run_default)(0, atoi(argv[2]));
+  else if (argc == 3) run(tse_config_sampled, atoi(argv[1]), atoi(argv[2]));
+  else if (of_rows || strcmp(what, "ratio") == 0) rows_of(what);
+  else particle_steps(tse_config_sampled);
   return 0;
 }

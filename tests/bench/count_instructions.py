@@ -10,7 +10,7 @@ import shutil
 import subprocess
 import sys
 
-# Default form, baseline x86-64, -O3: gcc 12 double 1394, float 815; clang 14 double 1174.
+# Sampled form, baseline x86-64, -O3: gcc 12 double 1394, float 815; clang 14 double 1174.
 LIMIT = {"double": 1600, "float": 1000}
 PARTICLES, ROWS = 512, 100
 SKIPPED = 77

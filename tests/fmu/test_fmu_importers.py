@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from fmpy import simulate_fmu
 from fmpy.build import build_platform_binary
-from fmu_support import Instance, Unit, client_input, expect_same_rows, recorded_drive, run_client
+from fmu_support import CHANNELS, Instance, Unit, client_input, expect_same_rows, recorded_drive, run_client
 
 STOP = 2.0
 
@@ -40,10 +40,11 @@ def test_default_experiment(model: Unit) -> None:
 def test_inputs_of_a_table_reach_the_estimator(estimator: Unit) -> None:
     """FMPy interpolates between rows; at the rows' own times it sets what they hold."""
     log = recorded_drive(400)
-    names = ["time", "wheel_speed_front", "wheel_speed_rear"]
-    table = np.zeros(400, [(n, float) for n in names])
+    table = np.zeros(400, [(n, float) for n in ("time", *CHANNELS)])
     table["time"] = np.arange(400) * 0.01
-    table["wheel_speed_front"] = table["wheel_speed_rear"] = np.nan_to_num(log.channels[:, 1])
+    for i, name in enumerate(CHANNELS):  # a channel that is not there in a row keeps what it said
+        there = np.isfinite(log.channels[:, i])
+        table[name] = np.interp(np.arange(400), np.flatnonzero(there), log.channels[there, i]) if there.any() else 0.0
     result = simulate_fmu(str(estimator.fmu), stop_time=3.9, step_size=0.01, output_interval=0.01, input=table,
                           output=["estimate.vel_x"])  # fmt: skip
     speed = 0.33 * np.interp(result["time"], table["time"], table["wheel_speed_front"])

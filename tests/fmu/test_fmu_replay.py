@@ -60,7 +60,7 @@ SWEEP = [
     ({"seed": 2, "particles": 512}, None),
     ({"seed": 77, "particles": 16, "forgetting": 0.98}, None),
     ({"particles": 101, "forgetting": 0.999, "mass": 1500.0, "resampling": 2}, None),
-    ({"particles": 100, "max_slip": 1.0, "noise_max": 1.0, "notice_stuck": 0}, None),
+    ({"hypotheses": 4, "max_slip": 1.0, "noise_max": 1.0}, None),
     ({"particles": 150}, "sampled"),
     ({"particles": 150, "seed": 9, "initial_cy_rear": 0.7}, "paper"),
 ]

@@ -38,7 +38,7 @@ def test_settings_are_the_rows_of_the_table():
 
 def effect_settings():
     text = (HEADERS / "effects.def").read_text()
-    return ["_".join(p) for p in re.findall(r"^EFFECT_PARAMETER\((\w+), (\w+), (?:STRENGTH|SHAPE),", text, re.M)]
+    return ["_".join(p) for p in re.findall(r"^EFFECT_PARAMETER\((\w+), (\w+), (?:STRENGTH|SHAPE|GIVEN),", text, re.M)]
 
 
 def test_defaults_lie_inside_their_ranges():

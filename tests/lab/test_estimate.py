@@ -25,6 +25,9 @@ ISSUE_COLUMNS = [
 LATER_COLUMNS = [
     *(f"{s}_spread_seen" for s in STIFFNESS), "noise_accel_x", "noise_accel_y", "noise_yaw_rate",
     *(f"{s}_reason" for s in STIFFNESS),
+    *(f"p_{p}" for p in ("steady", "changed", "axle", "drifting", "fault", "sliding", "restarted")),
+    "change_age", "change_probability", "change_kind", *(f"change_{s}" for s in STIFFNESS), "fault_channel",
+    "discrepancy_accel_x", "discrepancy_accel_y", "discrepancy_yaw_rate",
 ]  # fmt: skip
 
 
@@ -80,7 +83,8 @@ def test_same_seed_gives_the_same_bytes_and_another_seed_does_not(drive, tmp_pat
         out = tmp_path / f"{i}.csv"
         assert (
             tselab(
-                "estimate", drive.log, "--vehicle", drive.vehicle, "--seed", seed, "--particles", 64, "--out", out
+                "estimate", drive.log, "--vehicle", drive.vehicle, "--form", "sampled", "--seed", seed, "--particles", 64,
+                "--out", out,
             ).code
             == 0
         )
@@ -101,6 +105,85 @@ def test_written_numbers_carry_every_bit(drive, tmp_path):
     back = pd.read_csv(tmp_path / "x.csv", dtype=str)
     for column in table.select_dtypes("float64"):
         assert [float(cell) for cell in back[column]] == table[column].tolist(), column
+
+
+@pytest.fixture
+def prepared(drive):
+    from tselab.config import make_config
+    from tselab.log import read_log
+    from tselab.vehicle import read_vehicle
+
+    log = read_log(drive.log)
+    return log, make_config(read_vehicle(drive.vehicle), log, None, {"particles": 32})[0]
+
+
+def test_written_on_the_way_is_what_is_written_at_the_end(prepared, tmp_path, monkeypatch):
+    from tselab import estimate as module
+    from tselab.facts import run_facts
+    from tselab.vehicle import default_vehicle
+    from tselab.verdict import remarks, verdicts
+
+    log, config = prepared
+    whole = module.estimate(log, config)
+    module.write_table(whole.table, tmp_path / "whole.csv")
+    for block in (module.BLOCK, 300, 4096):
+        monkeypatch.setattr(module, "BLOCK", block)
+        seen: list[int] = []
+        est = module.estimate_to(tmp_path / "x.csv", log, config, watch=[lambda b, s=seen: s.append(len(b["time"]))])
+        assert (tmp_path / "x.csv").read_bytes() == (tmp_path / "whole.csv").read_bytes()
+        assert sum(seen) == len(est) == len(log) and max(seen) <= block
+        assert est.learnt == whole.learnt and not est.interrupted
+        for f in (lambda e: [v.text for v in verdicts(e.table, config)], lambda e: remarks(e.table),
+                  lambda e: run_facts(e, log, default_vehicle(), config)):  # fmt: skip
+            assert f(est) == f(whole)
+
+
+def test_an_error_on_the_way_leaves_the_file_as_it_was(prepared, tmp_path, monkeypatch):
+    from tselab import estimate as module
+
+    def fail(block):
+        if block["time"][0] > 5:
+            raise RuntimeError("disk")
+
+    monkeypatch.setattr(module, "BLOCK", 300)
+    path = tmp_path / "est.csv"
+    path.write_text("before")
+    with pytest.raises(RuntimeError, match="disk"):
+        module.estimate_to(path, *prepared, watch=[fail])
+    assert path.read_text() == "before" and list(tmp_path.iterdir()) == [path]
+
+
+def test_a_run_that_is_stopped_before_its_first_row_has_a_header_and_nothing_to_say(prepared, tmp_path, monkeypatch):
+    from contextlib import nullcontext
+
+    from tselab import estimate as module
+    from tselab.verdict import remarks, verdicts
+
+    monkeypatch.setattr(module, "_stop_flag", lambda: nullcontext(lambda: True))
+    est = module.estimate_to(tmp_path / "est.csv", *prepared)
+    assert est.interrupted and len(est) == 0 and est.learnt is None
+    assert (tmp_path / "est.csv").read_text() == ",".join(module.est_columns()) + "\n"
+    assert remarks(est.table) == [] and [v.level for v in verdicts(est.table, prepared[1])] == ["none"] * 3
+    assert len(module.estimate(*prepared)) == 0
+
+
+def test_memory_does_not_grow_by_what_is_written(prepared, tmp_path):
+    import dataclasses
+    import tracemalloc
+
+    from tselab.estimate import estimate_to
+
+    log, config = prepared
+    peak = {}
+    for times in (4, 12):
+        n = times * len(log)
+        long = dataclasses.replace(log, time=0.01 * np.arange(n), data=pd.concat([log.data] * times, ignore_index=True))
+        tracemalloc.start()
+        estimate_to(tmp_path / "x.csv", long, config)
+        peak[n] = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+    (few, less), (many, more) = peak.items()
+    assert (more - less) / (many - few) < 120  # bytes a row; a row of EST.csv has 600 and more
 
 
 def test_missing_cells_are_counted_and_bridged(drive, tmp_path):
@@ -206,7 +289,8 @@ def test_a_single_row_is_enough(drive, tmp_path):
 
 def test_settings_come_from_file_and_options_win(drive, tmp_path):
     (tmp_path / "filter.toml").write_text("forgetting = 0.98\n[filter]\nparticles = 64\ninitial_cx_front = 0.7\n")
-    done = tselab("estimate", drive.log, "--vehicle", drive.vehicle, "--config", "filter.toml", "--particles", 48,
+    done = tselab("estimate", "--form", "sampled", drive.log, "--vehicle", drive.vehicle, "--config", "filter.toml",
+                  "--particles", 48,
                   "--set", "initial_cy_front=0.8", cwd=tmp_path)  # fmt: skip
     assert done.code == 0, done.err
     assert "48 particles, forgetting 0.98" in done.out

@@ -210,7 +210,7 @@ BROKEN: dict[str, tuple[Edit, str]] = {
     "no licence": (without("documentation/licenses"), "there is no licence in documentation/licenses"),
     "no picture": (without("model.png"), "there is no model.png"),
     "no binary": (without("binaries"), "there is no binary"),
-    "a source that is not there": (without("sources/slide.c"), "sources/ does not compile"),
+    "a source that is not there": (without("sources/estimator/paper/slide.c"), "sources/ does not compile"),
     "an unknown platform": (lambda f: f.update({"binaries/vax/SingleTrackVehicle.so": b""}), "knows no such platform"),
     "another name": (lambda f: f.update({OURS.replace("Single", "Double"): f.pop(OURS)}), "there is no SingleTrackVehicle"),
     "no library": (lambda f: f.update({OURS: b"#!/bin/sh"}), "is no shared library"),

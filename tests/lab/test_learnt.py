@@ -142,10 +142,33 @@ def test_another_vehicle_and_a_newer_format_are_told_apart(first):
     done = tselab("estimate", "second.csv", "--vehicle", "other.toml", "--load-learnt", "default.tse", cwd=first)
     assert done.code == 2 and "default.tse: the learnt state belongs to another vehicle" in done.err
     data = (first / "default.tse").read_bytes()
-    newer = data[:4] + struct.pack("<H", 2) + data[6:-4]
+    newer = data[:4] + struct.pack("<H", 3) + data[6:-4]
     (first / "newer.tse").write_bytes(newer + struct.pack("<I", zlib.crc32(newer)))
     done = estimate(first, "second", "--load-learnt", "newer.tse", code=2)
     assert "newer.tse: the learnt state was written by a newer version of this library" in done.err
+    older = data[:4] + struct.pack("<HH", 1, 96) + data[8:92]
+    (first / "older.tse").write_bytes(older + struct.pack("<I", zlib.crc32(older)))
+    done = estimate(first, "second", "--load-learnt", "older.tse", code=2)
+    assert "older.tse: the learnt state was written by an older version of this library; learn anew" in done.err
+
+
+def test_what_the_model_does_not_explain_of_a_car_is_known_at_once_in_the_next_drive(first, tmp_path):
+    """A car that rolls, untold: the first drive finds the level of accel_y, the second starts at it."""
+    (tmp_path / "car.toml").write_text((first / "car.toml").read_text())
+    (tmp_path / "rolls.toml").write_text((first / "car.toml").read_text() + "\n[effects.body_roll]\ngain = 0.012\n")
+    for name, seed in (("one", 1), ("two", 2)):
+        done = tselab("simulate", "--maneuver", "square-waves", "--vehicle", "rolls.toml", "--out", f"{name}.csv",
+                      "--truth", f"{name}.truth.csv", "--seed", seed, cwd=tmp_path)  # fmt: skip
+        assert done.code == 0, done.err
+    estimate(tmp_path, "one", "--save-learnt", "rolls.tse")
+    level = (tmp_path / "rolls.tse").read_bytes()[104] >> 2 & 3
+    assert level > 0, "the first drive found none"
+    found = []
+    for options in ((), ("--load-learnt", "rolls.tse", "--age", 1)):
+        estimate(tmp_path, "two", *options)
+        est = pd.read_csv(tmp_path / "two.est.csv")
+        found.append(est["discrepancy_accel_y"][(est["time"] > 0.1) & (est["time"] < 0.5)].mean())
+    assert found[0] < 0.5 * found[1] and found[1] > 0
 
 
 @pytest.mark.parametrize(

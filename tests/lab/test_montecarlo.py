@@ -20,7 +20,7 @@ from scipy import stats
 from conftest import COMMAND, tselab, tselab_here
 from tselab.core import INPUT, OUTPUT, REASON, SIM_OUTPUT, STIFFNESS, Config, SimConfig, library
 from tselab.errors import UserError
-from tselab.montecarlo import STUDIES, corrupt, drives, engine, estimators, findings, scores, studies, summary
+from tselab.montecarlo import STUDIES, corrupt, drives, engine, estimators, findings, landed, scores, studies, summary
 from tselab.montecarlo.case import Case, Drive, drive
 from tselab.montecarlo.write import write
 from tselab.report import figures_of
@@ -338,8 +338,8 @@ def test_what_a_case_is_about_wins_over_the_users_settings():
     about = p.study.cases[0].config
     config = engine.configure("tse", p, about)
     assert (config.forgetting, config.particles, config.initial_cx_front) == (0.98, 64, 0.7)
-    assert engine.configure("tse-100", p, about).particles == 100
-    assert engine.configure("sampled", p, about).marginalised == 0
+    assert engine.configure("sampled-100", p, about).particles == 100
+    assert engine.configure("sampled", p, about).form == 2
     for name, _, off in estimators.DEPARTURES:
         config = engine.configure(estimators.WITHOUT + name, p, about)
         assert {k: getattr(config, k) for k in off} == off
@@ -567,6 +567,8 @@ SMALL = {  # study: cases, runs
     "peers": (("nominal", "road-change"), 1),
     "stress": (("road-0.3", "mass-10"), 1),
     "particles": (("nominal",), 1),
+    "regimes": (("road-0.7", "slow-5", "pause-60", "spread-5-noise-1"), 1),
+    "as-told": (("as-told",), 1),
     "departures": (("nominal", "noise-3x"), 1),
 }
 NEEDS = {"bound": ("tselab.peers", "tselab.bounds"), "peers": ("tselab.peers",)}
@@ -580,6 +582,11 @@ def test_there_is_a_small_part_of_each_study():
 def test_a_small_part_of_each_study(name, tmp_path):
     for module in NEEDS.get(name, ()):
         pytest.importorskip(module)
+    if name == "regimes":
+        try:
+            landed.library()
+        except UserError as error:
+            pytest.skip(str(error))
     cases, runs = SMALL[name]
     p = plan(name, *cases, runs=runs)
     rows = engine.run(p, tmp_path)
@@ -599,7 +606,7 @@ def test_a_small_part_of_each_study(name, tmp_path):
         assert not real["diverged"].any(), text
     checks = {
         "fig1": _fig1, "fig2": _fig2, "fig3-4": _fig34, "bound": _bound, "peers": _peers, "stress": _stress,
-        "particles": _particles, "departures": _departures,
+        "particles": _particles, "departures": _departures, "regimes": _regimes, "as-told": _as_told,
     }  # fmt: skip
     checks[name](lines, text)
 
@@ -644,8 +651,23 @@ def _stress(lines, text):
 
 
 def _particles(lines, text):
-    few, many = lines.loc["nominal", "tse-25"], lines.loc["nominal", "tse-4000"]
+    few, many = lines.loc["nominal", "sampled-25"], lines.loc["nominal", "sampled-4000"]
     assert many["cy_front_rms"] < 2 and many["estimate_s"] > 10 * few["estimate_s"]
+
+
+def _regimes(lines, text):
+    told, landed_ = lines.loc["road-0.7", "told"], lines.loc["road-0.7", "landed"]
+    assert told["all_settle_1_most"] < 0.2 and told["cy_front_rms"] < 1 and np.isnan(told["valid_off_1"])
+    assert landed_["valid_off_1_most"] < 1 and np.isnan(landed_["changes"])
+    assert lines.loc["spread-5-noise-1", "tse"]["noise_accel_x"] == pytest.approx(1, rel=0.2)
+    for title in ("RMS error over that of told", "RMS error over that of landed", "After a change of the road",
+                  "While the stiffness changes slowly", "Spread and noise that nobody told"):  # fmt: skip
+        assert f"## {title}" in text
+
+
+def _as_told(lines, text):
+    line = lines.loc["as-told", "tse"]
+    assert line["hours"] == pytest.approx(1 / 6) and (line[[f"{s}_rms" for s in STIFFNESS]] < 15).all()
 
 
 def _departures(lines, text):

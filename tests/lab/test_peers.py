@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,9 +18,10 @@ from tselab.log import DRIVES, MEASURES, columns
 from tselab.simulate import simulate
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "reference"))
-import generate_gaussian as reference  # a model of (1)-(4) in newtons, integrated at half a millisecond
+import newtons as reference  # a model of (1)-(4) in newtons, integrated at half a millisecond
 
 KINDS = ["ekf", "ukf"]
+ALL = [*KINDS, "told"]
 SPREAD = 0.05  # of SimConfig
 SENSORS = tuple(f"{name}_sd" for name in MEASURES)
 
@@ -207,6 +208,21 @@ def test_trajectories_are_those_of_a_fine_integration_with_inputs_linear_between
         np.testing.assert_allclose(mine, theirs, atol=1e-6)
 
 
+def test_who_is_told_that_inputs_are_held_moves_as_the_simulator_does():
+    """By the yaw rate: what wheels do between rows, within milliseconds of a new torque and a new stiffness, nobody is told."""
+    d = drive(duration=4.0, sim={"hold_inputs": 1})
+    x = np.array([d.truth[f"true_{s}"] for s in peers.STATES])
+    w = np.array([d.truth[f"drawn_{s}"] / getattr(d.config, NOMINAL[s]) - 1 for s in STIFFNESS])
+    flip = np.searchsorted(d.time, 2.0 - 1e-9)  # of the steering: the row that logs it has not turned by it yet
+    off = {}
+    for held in (True, False):
+        model = peers.Model(d.rows, d.config, held)
+        moved = [model.move(row, x[:, row - 1 : row], w[:, row - 1 : row])[:, 0] for row in range(1, len(d.rows))]
+        off[held] = np.abs(np.array(moved)[:, 2] - x[2, 1:])
+    assert off[True].max() < 1e-4 and off[True][flip - 1] < 1e-5
+    assert off[False][flip - 1] > 0.003
+
+
 @pytest.mark.parametrize(("dt", "speed"), [(0.04, 20.0), (0.01, 2.5), (0.04, 2.5)])
 def test_long_rows_and_low_speeds_are_integrated_in_several_steps(dt, speed):
     config = Config({"sample_time": dt})
@@ -305,7 +321,7 @@ def test_what_nothing_excites_grows_to_the_variance_of_the_start_and_no_further(
     np.testing.assert_allclose(mean[-1, 1:], 0.7, atol=0.05)
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", ALL)
 @pytest.mark.parametrize("name", DRIVES)
 def test_a_missing_input_teaches_nothing_and_ends(kind, name):
     d = drive(duration=6.0)
@@ -379,7 +395,7 @@ HARD = {
 }
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", ALL)
 @pytest.mark.parametrize("case", HARD)
 def test_every_hard_case_ends_with_numbers(kind, case):
     arguments, harm = HARD[case]
@@ -400,6 +416,35 @@ def test_after_a_road_change_the_estimate_settles(kind):
     before, after = (d.time > 6) & (d.time < 8), d.time > 11
     assert (np.abs(mean[before].mean(0) - 1) < [0.1, 0.03, 0.03]).all()
     assert (np.abs(mean[after].mean(0) / 0.7 - 1) < [0.1, 0.05, 0.05]).all()
+
+
+@pytest.mark.parametrize("level", [0.5, 0.7, 1.4])
+def test_who_is_told_of_a_change_follows_it_at_once_and_forgets_nothing_before_and_after(level):
+    d = drive(duration=16.0, road=[(8.0, level)], sim=dict.fromkeys([f"spread_{s}" for s in STIFFNESS], SPREAD))
+    told = replace(d.told, changes=(8.0,), forgetting=0.9)  # of which it takes no notice
+    mean, sd = estimates(out := peers.run("told", d.rows, d.config, told))
+    event = np.searchsorted(d.time, 8.0 - 1e-9)
+    assert (sd[event] > 3 * sd[event - 1]).all()
+    for part in (slice(200, event), slice(event, None)):
+        assert (np.diff(sd[part], axis=0) < 0.01 * sd[part][1:]).all()  # linearised anew, a little more now and then
+    error = mean / d.mean - 1
+    assert (np.abs(error[event + 50 :, 1:]) < 0.10).all()  # Cx waits for the next change of torque
+    late = d.time > 13
+    assert (np.abs(error[late]) < 3 * sd[late] / level).all() and (sd[late] / level < [0.03, 0.01, 0.01]).all()
+    spread = [out[f"{s}_spread"][late].mean() for s in STIFFNESS]
+    assert spread == pytest.approx([SPREAD * level] * 3, rel=0.02)
+
+    deaf = estimates(peers.run("told", d.rows, d.config, replace(told, changes=())))[0]
+    assert (np.abs(deaf / d.mean - 1)[event + 50] > 0.10).all()
+
+
+def test_who_is_told_and_sees_no_change_is_a_kalman_filter_without_forgetting():
+    d = drive(duration=8.0)
+    told = replace(d.told, forgetting=1.0)
+    (a, a_sd), (b, b_sd) = (estimates(peers.run(kind, d.rows, d.config, told)) for kind in ("told", "ekf"))
+    late = d.time > 4
+    assert (np.abs(a - b)[late] < 0.2 * b_sd[late]).all()  # the spread is that of the level it believes in: at first another
+    np.testing.assert_allclose(a_sd[late], b_sd[late], rtol=0.05)
 
 
 @pytest.mark.parametrize("kind", KINDS)

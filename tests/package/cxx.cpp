@@ -15,7 +15,8 @@ int main()
   tse_build build;
   tse_describe_build(&build);
   std::cout << "tse " << build.version << ", " << build.format << ", up to " << build.capacity << " particles\n";
-  const bool same = sizeof(tse_filter) == static_cast<size_t>(build.filter_bytes) && build.capacity == TSE_MAX_PARTICLES
+  const bool same = sizeof(tse_filter) == static_cast<size_t>(build.filter_bytes)
+                    && sizeof(tse_filter_paper) == static_cast<size_t>(build.filter_paper_bytes) && build.capacity == TSE_MAX_PARTICLES
                     && sizeof(tse_sim) == static_cast<size_t>(build.sim_bytes);
   return same ? 0 : 2;
 }

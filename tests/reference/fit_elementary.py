@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Fit the polynomials of src/real_ops.h and print them as C.
+"""Fit the polynomials of src/number/real_ops.h and print them as C.
 
 Every function is written as  form(x) * P(u),  u in [lo, hi]; P is the minimax polynomial (Remez) with
 n coefficients. The form carries the zeros and exact values the function must keep: log2(1) = 0,

@@ -7,10 +7,6 @@ turning  Constant wheel speeds, a slowly swaying steering angle of 0.03 rad. Wit
          State of the Kalman filter: [vel_x, vel_y, yaw_rate, 3 biases, w], the noise w being estimated with the sample
          that it disturbs, which is what carries the correlation of process and measurement noise. Motion: (1)-(4)
          integrated by scipy to 1e-10, linearised by differences. Update: Joseph form.
-learning The same drive with a small spread (1 %) and an unknown mean of the stiffness (10 %), which the marginalised form
-         keeps Gaussian together with state and biases, so that next to nothing is left to sampling. The Kalman filter
-         carries [vel_x, vel_y, yaw_rate, 3 biases, mu, w - mu]; after each row mu is forgotten by (17), as far as the row
-         taught it.
 straight Wheels rolling freely straight ahead: no slip, d = 0, what remains is one scalar Kalman filter per bias, whose
          innovations the particle filter weighs with a Student-t of nut = nu - 2 and the scale (nut-2)/nut (R + P).
 
@@ -31,7 +27,6 @@ SD = np.array([0.15, 0.15, short(0.0035)])
 BIAS_SD = np.array([0.05, 0.05, 0.002])
 WALK = np.array([0.002, 0.002, 0.0001])
 TS, OMEGA, SPREAD = 0.01, 60.0, 0.05
-LEARNING_SPREAD, MEAN_SD, FORGETTING = 0.01, 0.1, 0.9999
 X_SD = np.array([0.0, 0.005, 0.003])
 V = RADIUS * OMEGA
 
@@ -96,41 +91,6 @@ def turning(rng, rows):
     return out
 
 
-def learning(rng, rows):
-    steer = short(0.03 * np.sin(2 * np.pi * 0.4 * TS * np.arange(rows)))
-    x = np.array([V, *(X_SD[1:] * rng.normal(size=2))])
-    b, mu = BIAS_SD * rng.normal(size=3), MEAN_SD * rng.normal(size=3)
-    mean = np.concatenate([[V], np.zeros(11)])
-    cov = np.diag(np.concatenate([X_SD, BIAS_SD, [MEAN_SD] * 3, [LEARNING_SPREAD] * 3]) ** 2)
-    out = []
-    for k in range(rows):
-        w = mu + LEARNING_SPREAD * rng.normal(size=3)
-        y = short(observe(x, w, steer[k]) + b + SD * rng.normal(size=3))
-        use = [0, 1, 2] if k > 0 else [0, 1]
-        joint = lambda s, k=k: observe(s[:3], s[6:9] + s[9:], steer[k]) + s[3:6]
-        h, r = jacobian(joint, mean, 1e-5)[use], np.diag(SD[use] ** 2)
-        expected, s = joint(mean)[use], h @ cov @ h.T + r
-        evidence = multivariate_normal.logpdf(y[use], expected, s)
-        gain = np.linalg.solve(s, h @ cov).T
-        before = np.diag(cov)[6:9].copy()
-        mean = mean + gain @ (y[use] - expected)
-        left = np.eye(12) - gain @ h
-        cov = left @ cov @ left.T + gain @ r @ gain.T
-        sd = np.sqrt(np.diag(cov))
-        out.append([steer[k], *y, evidence, *mean[1:9], *sd[1:9]])
-        if k + 1 < rows:
-            now = np.diag(cov)[6:9]
-            scale = np.ones(12)
-            scale[6:9] = np.sqrt(np.minimum(now / FORGETTING, np.maximum(before, now)) / now)
-            cov = cov * np.outer(scale, scale)
-            x, b = move(x, w, steer[k], steer[k + 1]), b + WALK * np.sqrt(TS) * rng.normal(size=3)
-            ahead = lambda s, k=k: np.concatenate([move(s[:3], s[6:9] + s[9:], steer[k], steer[k + 1]), s[3:9], np.zeros(3)])
-            f = jacobian(ahead, mean, 1e-4)
-            mean = ahead(mean)
-            cov = f @ cov @ f.T + np.diag(np.concatenate([np.zeros(3), WALK**2 * TS, np.zeros(3), [LEARNING_SPREAD**2] * 3]))
-    return out
-
-
 def straight(rng, rows, nu, forgetting):
     b, mean, var = BIAS_SD * rng.normal(size=3), np.zeros(3), BIAS_SD**2
     out = []
@@ -175,15 +135,6 @@ def main():
     ]
     for row in straight(rng, 250, 30.0, 0.96875):
         out.append(f"  {nested(row[:-1], 3, 4, 7)[:-2]}, {row[-1]} }},")
-    out += ["};", ""]
-    out += [
-        f"#define LEARNING_SPREAD {LEARNING_SPREAD!r}",
-        f"#define LEARNING_MEAN_SD {MEAN_SD!r}",
-        f"#define LEARNING_FORGETTING {FORGETTING!r}",
-        "/* mean and sd: vel_y, yaw_rate, bias of accel_x, accel_y, yaw_rate, mean stiffness less 1 (3) */",
-        "static const struct { double steer, y[3], evidence, mean[8], sd[8]; } kalman_learning[] = {",
-    ]
-    out += [f"  {nested(row, 1, 4, 5, 13)}," for row in learning(np.random.default_rng(1968), 160)]
     out += ["};", ""]
     Path(__file__).with_name("kalman_table.h").write_text("\n".join(out))
 

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Write random_table.h for tests/unit/test_random.c.
+"""Write random_table.h for tests/unit/number/test_random.c.
 
 threefry2x32-20 in the general form of Salmon et al. (SC11, section 4.1: rounds, rotations, key injection every four
 rounds) on Python integers, checked here against the three vectors that Random123 publishes; quantiles of Student's t

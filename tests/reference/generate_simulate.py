@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Write simulate_table.h for tests/unit/test_simulate.c.
+"""Write simulate_table.h for tests/unit/host/test_simulate.c.
 
 A car with turning wheels, written with forces in newtons and torques in newton metres: driven by torques, braked to a
 standstill and held, and backwards, integrated row by row with scipy's DOP853 at a tolerance of 1e-11. Between rows the

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Write vehicle_table.h for tests/unit/test_vehicle.c and test_propagate.c.
+"""Write vehicle_table.h for tests/unit/model/test_vehicle.c and test_propagate.c.
 
 The single-track model written with forces in newtons, mass and inertia, (1)-(4) in the form of algorithm.md with the
 library's policy for low speed and reverse (slip over at least 1 m/s, absolute speeds), integrated by scipy's DOP853 at

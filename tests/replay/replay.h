@@ -1,5 +1,5 @@
-/* tests/replay/replay.h - a recorded drive through the filter, and what identifies the result: for tests/unit/test_replay.c,
- * which compares with the golden estimates, and for update.c, which writes them. */
+/* tests/replay/replay.h - a recorded drive through the filter, and what identifies the result: for
+ * tests/unit/estimator/test_replay.c, which compares with the golden estimates, and for update.c, which writes them. */
 #ifndef REPLAY_H
 #define REPLAY_H
 
@@ -101,7 +101,7 @@ enum { REPLAY_FORMS = 3, REPLAY_HASHES = REPLAY_FORMS * REPLAY_SCHEMES, REPLAY_S
 static inline uint64_t replay_run(const tse_input *rows, int n, int form, int32_t scheme, double table[][REPLAY_COLUMNS],
                                   int *met)
 {
-  static tse_filter filter;
+  static tse_filter_paper memory; /* enough for every form */
   static tse_params p;
   tse_config config;
   tse_output y;
@@ -109,9 +109,9 @@ static inline uint64_t replay_run(const tse_input *rows, int n, int form, int32_
   replay_forms[form].settings(&config);
   config.particles = REPLAY_PARTICLES;
   config.resampling = scheme;
-  if (tse_prepare(&config, &p, NULL) < 0 || tse_reset(&p, &filter, sizeof filter) < 0) return 0;
+  if (tse_prepare(&config, &p, NULL) < 0 || tse_reset(&p, &memory.filter, sizeof memory) < 0) return 0;
   for (int i = 0; i < n; i++) {
-    if (tse_step(&p, &filter, &rows[i], &y) < 0) return 0;
+    if (tse_step(&p, &memory.filter, &rows[i], &y) < 0) return 0;
     if (met && y.status < REPLAY_STATUSES) met[y.status]++;
 #define OUT_REAL(name, member, unit, text) hash = replay_mix_real(hash, y.member);
 #define OUT_INT(name, member, text) hash = replay_mix(hash, (uint32_t)y.member, 4);

@@ -1,4 +1,5 @@
-/* tests/replay/update.c - writes what tests/unit/test_replay.c compares with; tests/replay/update.py compiles and runs it.
+/* tests/replay/update.c - writes what tests/unit/estimator/test_replay.c compares with; tests/replay/update.py compiles and
+ * runs it.
  *   update drive             a new drive from the simulator, as CSV on stdout
  *   update golden DRIVE      the estimates of that drive in the format this program is compiled for */
 #include "replay.h"

@@ -21,9 +21,9 @@ FLAGS = "-std=c99 -O2 -ffp-contract=off -fno-math-errno -fno-trapping-math -Wall
 
 def compiled(real, folder):
     program = Path(folder) / f"update_{real}"
-    sources = [HERE / "update.c", *sorted((ROOT / "src").glob("*.c"))]
+    sources = [HERE / "update.c", *sorted((ROOT / "src").rglob("*.c"))]
     command = [*shlex.split(os.environ.get("CC", "cc")), *FLAGS.split(), f"-DTSE_REAL_{real.upper()}=1"]
-    command += [f"-I{ROOT / 'include'}", *map(str, sources), "-o", str(program), "-lm"]
+    command += [f"-I{ROOT / 'include'}", f"-I{ROOT / 'src'}", *map(str, sources), "-o", str(program), "-lm"]
     subprocess.run(command, check=True)
     return program
 

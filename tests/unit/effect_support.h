@@ -4,7 +4,7 @@
 
 #include <stdlib.h>
 
-#include "effects.h"
+#include "model/effects.h"
 #include "tse/replay.h"
 #include "tse/simulate.h"
 

@@ -2,7 +2,7 @@
 //
 // include/tse/real.h uses it as tse_real when TSE_REAL_STRONG is defined, and the core is compiled as C++:
 // a product written with an operator, or a bare literal in place of TSE_R(), is then a compile error.
-// src/real_ops.h is the one place that looks inside, through raw() and wrap().
+// src/number/real_ops.h is the one place that looks inside, through raw() and wrap().
 #ifndef TSE_STRONG_REAL_HPP
 #define TSE_STRONG_REAL_HPP
 

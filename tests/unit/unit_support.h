@@ -8,7 +8,7 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "stages.h"
+#include "estimator/stages.h"
 #include "unity.h"
 
 void setUp(void);
@@ -52,25 +52,9 @@ static inline double next_uniform(uint32_t *state) /* in (0, 1) */
 
 static inline double next_between(uint32_t *state, double lo, double hi) { return lo + (hi - lo) * next_uniform(state); }
 
-/* What tse_step() does with a sample about which nothing is amiss: the noise is that of the settings, one sigma. */
-#define TOLD ((const tse_real[3]){ TSE_R(1), TSE_R(1), TSE_R(1) })
-
-static inline int observed(const tse_params *p, const tse_filter *f, const sample *y, forecast *c, gaussian *g)
-{
-  gaussian_foretell(p, f, y, c);
-  return gaussian_observe(c, TOLD, g);
-}
-
-/* A filter that believes what it is told, and each sample as much as the next: what the textbooks' references are of. */
-static inline void believe_everything(tse_config *c)
-{
-  c->outlier_gate = c->contradiction = 0;
-  c->noise_max = c->max_slip = 1;
-  c->notice_stuck = c->relative_covariance = 0;
-}
-
 #define STRENGTH 1
 #define SHAPE 0
+#define GIVEN 0
 
 /* A setting of tse/effects.def: 0 none, 1 a shape, 2 a strength. */
 static inline int kind_of_effect_setting(size_t offset)

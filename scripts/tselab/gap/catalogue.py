@@ -7,12 +7,6 @@ from dataclasses import dataclass
 
 from tselab.core import library
 
-# Shapes that only multiply the strength, or that stand for the time and place of a log.
-HELD = {
-    "steering_compliance_trail", "rear_roll_steer_roll", "stiffness_drift_time", "stiffness_drift_start", "crosswind_heading",
-    "crosswind_coefficient",
-}  # fmt: skip
-
 
 @dataclass(frozen=True)
 class Parameter:
@@ -31,6 +25,7 @@ class Parameter:
     sign: int  # 1, -1: the plausible one; 0: either
     text: str
     prior: float | None = None  # sd that is known beforehand, of one of many values that make a profile
+    given: bool = False  # a shape that no log tells from the strength
 
     @property
     def scale(self) -> float:
@@ -63,7 +58,7 @@ class Effect:
     @property
     def shapes(self) -> tuple[Parameter, ...]:
         """The shapes that a log can tell from the strength; the others stay as the settings say."""
-        return tuple(p for p in self.parameters if not p.strength and p.name not in HELD)
+        return tuple(p for p in self.parameters if not p.strength and not p.given)
 
     @property
     def fitted(self) -> tuple[Parameter, ...]:
@@ -78,7 +73,10 @@ def catalogue() -> dict[str, Effect]:
         e.id: Effect(
             e.id, e.hook, e.title, e.entry_points, e.channels, tuple(x for x in e.look_alikes if x in rows), e.estimator,
             tuple(
-                Parameter(p.setting, p.name, p.strength, p.unit, p.default, p.low, p.high, *p.typical, p.negligible, p.sign, p.text)
+                Parameter(
+                    p.setting, p.name, p.strength, p.unit, p.default, p.low, p.high, *p.typical, p.negligible, p.sign, p.text,
+                    given=p.given,
+                )
                 for p in e.parameters
             ),
         )

@@ -26,10 +26,10 @@ STIFFNESS = tuple(
 WITH_BIAS = MEASURES  # the other channels have none: optional.py says what they may have
 
 
-# Of the road, not of the car: not one number, but a profile over the distance of each log, smooth over KNOT.
-PROFILES = ("grade", "bank")
-KNOT = 40.0  # m between two values of a profile
+# Of the road, not of the car: not one number, but a profile over the distance of each log, smooth over KNOT. Columns of a replay.
 PRIOR = {"grade": 0.03, "bank": 0.02}  # rad, sd of roads
+PROFILES = tuple(PRIOR)
+KNOT = 40.0  # m between two values of a profile
 
 
 def profile_size(effect: Effect, values: Mapping[str, float]) -> float:

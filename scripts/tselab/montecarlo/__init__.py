@@ -2,7 +2,8 @@
 
 case.py        what a case is; driving one of it            corrupt.py   what goes wrong with a log
 drives.py      manoeuvres that only studies need            scores.py    one drive and one estimate become a row of numbers
-estimators.py  what can be run on a drive                   engine.py    all runs: processes, Dask, resuming
+estimators.py  what can be run on a drive                   landed.py    one of them: the default of an earlier commit
+engine.py      all runs: processes, Dask, resuming
 studies.py     the studies: their cases, in one list        summary.py   rows become tables
 findings.py    the tables that only one study has           pictures.py  its picture; panels.py: drawn for paper and screen
 write.py       the files that a study leaves
@@ -16,5 +17,7 @@ STUDIES = {  # name: (usual number of runs, title)
     "peers": (100, "tse against EKF and UKF that are told the true covariances"),
     "stress": (200, "What can go wrong, with the default settings"),
     "particles": (100, "Error and divergence by number of particles"),
+    "regimes": (100, "What happens to the road: noticed, followed, and not seen where nothing happens"),
+    "as-told": (600, "Driving as told, in stretches of ten minutes: every change of regime is false"),
     "departures": (100, "What each departure from the paper's filter buys"),
 }

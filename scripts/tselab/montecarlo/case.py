@@ -37,6 +37,7 @@ class Case:
     estimators: tuple[str, ...] = ("tse",)
     windows: tuple[tuple[float, float], ...] = (WINDOW,)
     events: tuple[float, ...] = ()  # s: from here on another truth has to be found
+    lasts: float = 0.0  # s that the truth goes on changing after an event
     bins: int = 0  # also scores of each second, for this many seconds
     needs: tuple[str, ...] = ()  # settings of the simulator without which the case cannot be driven
 
@@ -54,6 +55,8 @@ class Drive:
     config: Config  # what an estimator without settings of its own is told
     car: Config  # the car
     sim: SimConfig
+    events: tuple[float, ...] = ()  # of the case
+    friction: np.ndarray | float = 0.0  # at which tyre forces saturate; 0: nowhere
 
     @property
     def stiffness(self) -> np.ndarray:
@@ -86,4 +89,8 @@ def drive(case: Case, seed: int, configure: Callable[[Mapping[str, float]], Conf
     for f in library().channels:
         rows[f.name] = truth[f.name]
     corrupted = case.corrupt(maneuver.time, rows, rng) if case.corrupt else np.zeros(len(rows), bool)
-    return Drive(maneuver.time, rows, truth, maneuver.road_level, corrupted, about, configure(about), car, sim_config)
+    friction = np.where(inputs["road_friction"] > 0, inputs["road_friction"], sim_config.friction).astype(float)
+    return Drive(
+        maneuver.time, rows, truth, maneuver.road_level, corrupted, about, configure(about), car, sim_config, case.events,
+        friction,
+    )  # fmt: skip

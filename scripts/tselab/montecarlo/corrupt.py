@@ -40,6 +40,12 @@ def stuck(time: np.ndarray, rows: np.ndarray, rng: np.random.Generator, channel:
     return corrupted
 
 
+def pause(time: np.ndarray, rows: np.ndarray, rng: np.random.Generator, at: float, length: float) -> np.ndarray:
+    """The row at `at` says that it comes `length` after the one before: a logger that slept. The car is as it was."""
+    rows["dt"][np.searchsorted(time, at - 1e-9)] = length
+    return np.zeros(len(time), bool)
+
+
 def outliers(time: np.ndarray, rows: np.ndarray, rng: np.random.Generator, share: float, sigmas: float) -> np.ndarray:
     """Single samples of the inertial channels are far off. An estimator has to live with them: no row is unusable."""
     default = Config()

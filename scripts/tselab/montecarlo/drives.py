@@ -110,3 +110,84 @@ def acceleration(car: Config, sim: SimConfig, rng: np.random.Generator) -> Maneu
     drive = np.select([cycle < 3, (cycle >= 5) & (cycle < 8)], [1.5, -1.5], 0.0)  # m/s2
     zero = np.zeros_like(t)
     return Maneuver(t, 15.0, zero, drive * car.mass * car.wheel_radius_front, zero, np.ones_like(t))
+
+
+# ---- regimes: what happens to the road while driving
+
+
+def slow_change(
+    car: Config, sim: SimConfig, rng: np.random.Generator, *, start: float, length: float, level: float, after: float
+) -> Maneuver:
+    """Square waves; all stiffness goes linearly to `level` within `length`."""
+    m = square_waves(car, sim, rng, duration=start + length + after)
+    return replace(m, road_level=np.interp(m.time, [start, start + length], [1.0, level]))
+
+
+MOTORWAY_SPEED = 27.0  # m/s
+LANE_STEER, LANE_PERIOD = (0.005, 0.01), (6.0, 12.0)  # rad, s: of keeping the lane
+MOTORWAY_TORQUE, MOTORWAY_PERIOD = (200.0, 400.0), (8.0, 16.0)  # Nm, s: of keeping the distance
+
+
+def _waving(t: np.ndarray, rng: np.random.Generator, size: tuple[float, float], period: tuple[float, float]) -> np.ndarray:
+    """Two slow sines of random period and phase that add up to `size`."""
+    a, share = rng.uniform(*size), (0.7, 0.3)
+    return sum(a * s * np.sin(2 * np.pi * (t / rng.uniform(*period) + rng.random())) for s in share)
+
+
+def motorway(
+    car: Config,
+    sim: SimConfig,
+    rng: np.random.Generator,
+    *,
+    duration: float,
+    at: float,
+    level: float = 1.0,
+    friction: float = 0.0,
+    steer: tuple[float, float] = LANE_STEER,
+    torque: tuple[float, float] = MOTORWAY_TORQUE,
+) -> Maneuver:
+    """Driving on a motorway, by default as one does, that from `at` on has another stiffness, another friction."""
+    t = np.round(np.arange(round(duration / car.sample_time) + 1) * car.sample_time, 9)
+    angle = _waving(t, rng, steer, LANE_PERIOD)
+    drive = _waving(t, rng, torque, MOTORWAY_PERIOD)
+    icy = t >= at - 1e-9
+    return Maneuver(
+        t, MOTORWAY_SPEED, angle, drive, np.zeros_like(t), np.where(icy, level, 1.0), road_friction=np.where(icy, friction, 0.0)
+    )
+
+
+PART = (20.0, 60.0)  # s: for as long somebody drives in one way
+SPEEDS = (8.0, 35.0)  # m/s
+SPEED_CHANGE = 1.5  # m/s2
+LATERAL = (0.5, 2.5)  # m/s2, largest of a part
+WAVE = 1.0  # m/s2 up and down, of square waves
+
+
+def ordinary(car: Config, sim: SimConfig, rng: np.random.Generator, *, duration: float) -> Maneuver:
+    """Parts of lane keeping, square waves, random steering and straight roads, at speeds that change in between: what a car
+    does as long as nothing happens."""
+    t = np.round(np.arange(round(duration / car.sample_time) + 1) * car.sample_time, 9)
+    steer, target = np.zeros_like(t), np.zeros_like(t)
+    start, speed = 0.0, rng.uniform(*SPEEDS)
+    first = speed
+    gradient = maneuvers.understeer_gradient(car)
+    while start < t[-1]:
+        end = start + rng.uniform(*PART)
+        now = t[part := (t >= start - 1e-9) & (t < end)]
+        aim = rng.uniform(*SPEEDS)
+        reached = speed + np.clip(aim - speed, -SPEED_CHANGE * (end - start), SPEED_CHANGE * (end - start))
+        target[part] = np.interp(now, [start, start + max(abs(reached - speed) / SPEED_CHANGE, 1e-3)], [speed, reached])
+        fast = max(speed, reached)
+        size = rng.uniform(*LATERAL) * (car.lf + car.lr + gradient * fast**2) / fast**2
+        kind = rng.integers(4)
+        if kind == 0:
+            steer[part] = _waving(now, rng, (size, size), LANE_PERIOD)
+        elif kind == 1:
+            steer[part] = size * square(now, rng.uniform(3.0, 6.0))
+            period = (end - start) / round((end - start) / rng.uniform(4.0, 8.0))
+            target[part] += WAVE * period / 2 * (1 - np.abs(2 * ((now - start) / period % 1.0) - 1))
+        elif kind == 2:
+            steer[part] = np.clip(0.4 * size * maneuvers._coloured(rng, len(now), car.sample_time, 0.8), -size, size)
+        start, speed = end, reached
+    zero = np.zeros_like(t)
+    return Maneuver(t, first, steer, zero, zero, np.ones_like(t), target_speed=target)

@@ -112,7 +112,8 @@ def run_unit(unit: Unit) -> list[dict[str, Any]]:
         took = time.perf_counter() - start
         row: dict[str, Any] = {"case": unit.case, "estimator": name, "seed": unit.seed}
         row |= scores.score(d, case, known, estimate)
-        rows.append(row | {"steps": len(d.rows), "simulate_s": simulated, "estimate_s": took})
+        row |= {"seconds": float(d.time[-1] - d.time[0]), "steps": len(d.rows)}
+        rows.append(row | {"simulate_s": simulated, "estimate_s": took})
     return rows
 
 
@@ -360,14 +361,18 @@ def columns(study: str) -> list[str]:
     cases = _study(study).cases
     events = max(len(c.events) for c in cases) + 1
     bins = range(max(c.bins for c in cases))
+    windows = range(max(len(c.windows) for c in cases))
     for key in STIFFNESS:
         names += [f"{key}_{x}" for x in ("mean_square", "bias", "covered", "sd_square", "spread", "spread_seen")]
+        names += [f"{key}_{x}_w{n}" for n in windows for x in ("mean_square", "covered")]
         names += [f"{key}_{x}_{n}" for x in ("settle", "stay") for n in range(events)]
         names += [f"{key}_{x}" for x in ("judged", "worst", "diverged")]
         for share in scores.SHARES:
             names += [f"{key}_{share}", f"{key}_{share}_of"]
         names += [f"{key}_{kind}_{b}" for kind in ("ms", "vs") for b in bins]
-    return [*names, "diverged", "diverged_any", "recoveries", *NOISES, "steps", *TIMES]
+    names += ["changes", "false_changes"]
+    names += [f"{x}_{n}" for n in range(1, events) for x in ("noticed", "all_settle", "valid_off")]
+    return [*names, "diverged", "diverged_any", "recoveries", *NOISES, "seconds", "steps", *TIMES]
 
 
 def fingerprint(plan: Plan) -> dict[str, Any]:
@@ -387,7 +392,10 @@ def fingerprint(plan: Plan) -> dict[str, Any]:
 
 # What makes the numbers beside the library and the settings.
 _SOURCES = ("montecarlo.case", "montecarlo.corrupt", "montecarlo.drives", "montecarlo.scores", "maneuvers", "simulate")
-_SOURCES_OF = {"ekf": ("peers",), "ukf": ("peers",), "bound": ("bounds", "peers"), "crb": ("bounds", "peers")}
+_SOURCES_OF = {
+    "ekf": ("peers",), "ukf": ("peers",), "told": ("peers",), "bound": ("bounds", "peers"), "crb": ("bounds", "peers"),
+    "landed": ("montecarlo.landed",),
+}  # fmt: skip
 
 
 def _case_hash(case: Case) -> str:

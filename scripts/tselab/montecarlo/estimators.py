@@ -9,6 +9,7 @@ import numpy as np
 
 from tselab.core import STIFFNESS, Config, Filter
 from tselab.errors import UserError
+from tselab.montecarlo import landed
 from tselab.montecarlo.case import Drive
 from tselab.study import START
 
@@ -18,20 +19,18 @@ if TYPE_CHECKING:
 # What the default adds to the paper's filter and can be switched off alone: name, what it does, the settings that switch it off.
 DEPARTURES: list[tuple[str, str, dict[str, float]]] = [
     ("noise found", "noise above the settings' is found and used", {"noise_max": 1.0}),
-    ("outlier gate", "a sample far off pulls the less the further off", {"outlier_gate": 0.0}),
-    ("contradiction", "innovations that stay far off open the means", {"contradiction": 0.0}),
-    ("stuck check", "a channel that repeats itself and contradicts the others is taken as missing", {"notice_stuck": 0}),
-    ("relative covariance", "the covariance of a mean moves with its level", {"relative_covariance": 0}),
     ("slide", "wheels that lock or spin are coasted through", {"max_slip": 1.0}),
-    ("slow means", "means walk no faster than 0.5 % a root second beside forgetting (here 1 %)", {"mean_walk": 0.01}),
 ]
 WITHOUT = "tse without "
-PEERS = ("ekf", "ukf")
+PEERS = ("ekf", "ukf", "told")
 BOUNDS = {"bound": "forgetting_bound", "crb": "cramer_rao"}  # no estimators: only what sd one could have
 FORMS = ("sampled", "paper")
+LANDED = "landed"
 TEXTS = {
+    LANDED: "the default of an earlier commit (tselab/montecarlo/landed.py)",
     "ekf": "EKF on the augmented state, told the true covariances",
     "ukf": "UKF on the augmented state, told the true covariances",
+    "told": "EKF that never forgets, told the true covariances and when the road changes",
     "bound": "best linear estimator with the same forgetting",
     "crb": "Cramer-Rao bound without forgetting",
     "tse": "tse as it comes",
@@ -41,22 +40,27 @@ TEXTS = {
 
 
 def overrides(name: str) -> dict[str, float]:
-    """The settings in which an estimator differs from `tse`, beside its form. 'tse-100' has 100 particles."""
-    if name in (*PEERS, *BOUNDS, *FORMS):
+    """The settings in which an estimator differs from `tse`, beside its form. 'sampled-100' has 100 particles."""
+    if name in (*PEERS, *BOUNDS, *FORMS, LANDED):
         return {}
     if name.startswith(WITHOUT):
         for departure, _, settings in DEPARTURES:
             if name == WITHOUT + departure:
                 return settings
     family, _, particles = name.partition("-")
-    if family == "tse" and (not particles or particles.isdigit()):
-        return {"particles": int(particles)} if particles else {}
+    if name == "tse":
+        return {}
+    if family in FORMS and particles.isdigit():
+        return {"particles": int(particles)}
     raise UserError(f"there is no estimator '{name}'")
 
 
 def configure(name: str, form: str, settings: Mapping[str, float], about: Mapping[str, float]) -> Config:
     """Settings of an estimator: start and form, then the user's, then what the case is about, then its own."""
-    forms = Config.form(name if name in FORMS else form)
+    if name == LANDED:
+        return landed.configure({**START, **settings, **about})
+    family = name.partition("-")[0]
+    forms = Config.form(family if family in FORMS else form)
     return Config({**START, **forms, **settings, **about, **overrides(name)})
 
 
@@ -65,7 +69,7 @@ def run(name: str, d: Drive, config: Config) -> np.ndarray:
     if name in PEERS:
         from tselab import peers
 
-        return peers.run(name, d.rows, config, _told(d, config))
+        return peers.run(name, d.rows, config, _told(d, config, name == "told"))
     if name in BOUNDS:
         from tselab import bounds
 
@@ -75,18 +79,22 @@ def run(name: str, d: Drive, config: Config) -> np.ndarray:
             out[f"{s}_sd"] = sd[:, i] * d.stiffness[:, i]
         return out
     filter_ = Filter(config)
-    out = filter_.outputs(len(d.rows))
-    filter_.step_into(d.rows, out)
+    rows, out = filter_.inputs(len(d.rows)), filter_.outputs(len(d.rows))
+    for field in rows.dtype.names:
+        rows[field] = d.rows[field]
+    filter_.step_into(rows, out)
     return out
 
 
-def _told(d: Drive, config: Config) -> Told:
-    """The true covariances, as they are at the start."""
+def _told(d: Drive, config: Config, changes: bool = False) -> Told:
+    """The true covariances, as they are at the start; with `changes` for a filter that knows of the changes of level."""
     from tselab.peers import Told
 
     sensors = (config.accel_x_sd, config.accel_y_sd, config.yaw_rate_sd)
     return Told(
-        spread=tuple(getattr(d.sim, f"spread_{s}") * getattr(d.sim, f"true_{s}") for s in STIFFNESS),
+        spread=tuple(getattr(d.sim, f"spread_{s}") * (1 if changes else getattr(d.sim, f"true_{s}")) for s in STIFFNESS),
         noise_sd=tuple(sd * d.sim.noise for sd in sensors),
         forgetting=config.forgetting,
+        held=bool(d.sim.hold_inputs),
+        changes=d.events,
     )

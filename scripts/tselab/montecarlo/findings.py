@@ -7,9 +7,10 @@ import pandas as pd
 from scipy import stats
 
 from tselab.core import STIFFNESS
+from tselab.log import MEASURES
 from tselab.montecarlo.engine import Plan
-from tselab.montecarlo.estimators import DEPARTURES, TEXTS, WITHOUT
-from tselab.montecarlo.scores import SETTLED_FOR
+from tselab.montecarlo.estimators import DEPARTURES, LANDED, PEERS, TEXTS, WITHOUT
+from tselab.montecarlo.scores import AFTER, OFF, OFF_FOR, SETTLED_FOR, SURE
 from tselab.montecarlo.summary import (
     HEADS,
     Table,
@@ -34,9 +35,11 @@ SECONDS = (1, 2, 5, 10, 15, 20, 25, 30, 35, 39)  # of the bound's table
 
 def findings(plan: Plan, runs: pd.DataFrame, summary: pd.DataFrame) -> list[Table]:
     """What the study is about."""
-    of_study = {"fig1": _fig1, "fig2": _fig2, "bound": _bound, "peers": _peers, "departures": _departures}
-    make = of_study.get(plan.study.name)
-    return make(plan, runs, summary) if make else []
+    of_study = {"fig1": _fig1, "fig2": _fig2, "bound": _bound, "peers": _peers, "departures": _departures, "regimes": _regimes,
+                "as-told": _as_told}  # fmt: skip
+    make = of_study.get(plan.study.base)
+    tables = [t for t in make(plan, runs, summary) if t.rows] if make else []
+    return [*tables, *over(plan, runs, LANDED)]
 
 
 def _fig1(plan: Plan, runs: pd.DataFrame, summary: pd.DataFrame) -> list[Table]:
@@ -175,3 +178,127 @@ def _departures(plan: Plan, runs: pd.DataFrame, summary: pd.DataFrame) -> list[T
 
 def _resolution(runs: int) -> str:
     return f"none: below {100 * clopper_pearson(0, runs)[1]:.1f} % with 95 % confidence"
+
+
+# ---- regimes
+
+
+def over(plan: Plan, runs: pd.DataFrame, base: str) -> list[Table]:
+    """RMS error of each estimator over that of another one, in each window of each case that has both."""
+    rows = []
+    for case in plan.study.cases:
+        below = of(runs, case.name, base)
+        for name in case.estimators:
+            part = of(runs, case.name, name)
+            if name in (base, *PEERS) or not len(part) or not len(below):
+                continue
+            for n, (a, b) in enumerate(case.windows):
+                pairs = [np.stack([p[f"{k}_mean_square_w{n}"].to_numpy() for p in (part, below)]) for k in STIFFNESS]
+                if not np.isfinite(pairs).any():
+                    continue  # a bound
+                cells = [f"{rms_ratio(p):.2f} ({' .. '.join(map(number, bootstrap(p, rms_ratio)))})" for p in pairs]
+                rms = [", ".join(number(float(root_mean(p[i]))) for p in pairs) for i in (0, 1)]
+                rows.append([case.name, name, f"{a:g} .. {b:g}", *cells, *rms])
+    head = ["case", "estimator", "window, s", *HEADS.values(), "RMS, %", f"of {base}, %"]
+    text = f"On the same data, with paired bootstrap intervals (95 %). {base}: {TEXTS[base]}."
+    return [Table(f"RMS error over that of {base}", head, rows, 2, text)] if rows else []
+
+
+def _regimes(plan: Plan, runs: pd.DataFrame, summary: pd.DataFrame) -> list[Table]:
+    return [*over(plan, runs, "told"), _after(plan, runs), _slow(plan, summary), _scatter(plan, runs, summary),
+            false_changes(plan, runs)]  # fmt: skip
+
+
+def _as_told(plan: Plan, runs: pd.DataFrame, summary: pd.DataFrame) -> list[Table]:
+    return [false_changes(plan, runs)]
+
+
+def _median(values: pd.Series, digits: int = 2) -> str:
+    """Median run and longest, and how many never did."""
+    x = values.dropna().to_numpy()
+    if not len(x):
+        return "-"
+    middle, never = np.sort(x)[len(x) // 2], int(np.isinf(x).sum())
+    longest = f"{number(x.max(), digits)}" if not never else f"never: {never}"
+    return f"{number(middle, digits)} ({longest})"
+
+
+def _after(plan: Plan, runs: pd.DataFrame) -> Table:
+    rows = [
+        [case.name, name, f"{event:g} s",
+         *(_median(part[f"{what}_{n}"]) for what in ("noticed", "all_settle", "valid_off"))]
+        for case in plan.study.cases if not case.lasts
+        for name in case.estimators if len(part := of(runs, case.name, name))
+        for n, event in enumerate(case.events, 1)
+    ]  # fmt: skip
+    head = ["case", "estimator", "change at", "noticed, s", "all three within 10 %, s", "valid and off, s"]
+    text = (
+        f"Median run (longest). Noticed: the estimator says, with more than {100 * SURE:g} %, that the regime changed then. Within "
+        f"10 %: all three stiffnesses, for {SETTLED_FOR:g} s. Valid and off: how long, in the {OFF_FOR:g} s after the change, any "
+        f"stiffness is called valid and is wrong by more than {100 * OFF:g} %."
+    )
+    return Table("After a change of the road", head, rows, 2, text)
+
+
+def _slow(plan: Plan, summary: pd.DataFrame) -> Table:
+    rows = [
+        [case.name, line["estimator"], *(_with_half(line, f"{k}_covered", 0) for k in STIFFNESS), three(line, "rms"),
+         three(line, "bias", 1, "+"), number(line["false_valid"]), number(line["changes"], 0)]
+        for case in plan.study.cases if case.lasts
+        for _, line in summary[summary["case"] == case.name].iterrows()
+    ]  # fmt: skip
+    head = ["case", "estimator", *(f"{h}: band holds, %" for h in HEADS.values()), "RMS, %", "bias, %", "false valid, %",
+            "changes reported"]  # fmt: skip
+    text = "From the start of the change until 20 s after its end; mean over the runs ± half of its 95 % interval."
+    return Table("While the stiffness changes slowly", head, rows, 2, text)
+
+
+def _with_half(line: pd.Series, name: str, digits: int) -> str:
+    value = number(line.get(name, np.nan), digits)
+    return value if value == "-" else f"{value} ± {number(line[f'{name}_half'], digits)}"
+
+
+def _scatter(plan: Plan, runs: pd.DataFrame, summary: pd.DataFrame) -> Table:
+    rows = []
+    for case in plan.study.cases:
+        if not case.name.startswith("spread-"):
+            continue
+        for _, line in summary[(summary["case"] == case.name) & ~summary["estimator"].isin(PEERS)].iterrows():
+            part = of(runs, case.name, line["estimator"])
+            rows.append([
+                case.name, line["estimator"], f"{100 * case.sim['spread_cx_front']:g}", f"{case.sim['noise']:.2f}",
+                *(_with_half(line, f"{k}_spread", 1) for k in STIFFNESS), three(line, "spread_seen", 0),
+                *(f"{m:.2f} ± {number(half)}" for m, half in (mean_interval(part[f"noise_{c}"]) for c in MEASURES)),
+                three(line, "covered", 0), three(line, "rms", 2),
+            ])  # fmt: skip
+    head = ["case", "estimator", "true spread, %", "true noise", *(f"{h}: spread found, %" for h in HEADS.values()), "seen, %",
+            *(f"noise found, {c}" for c in MEASURES), "band holds, %", "RMS, %"]  # fmt: skip
+    text = "Noise: over the settings. Seen: share of the rows in which the estimator says that the spread can be seen."
+    return Table("Spread and noise that nobody told", head, rows, 2, text)
+
+
+def poisson(count: int, exposure: float, level: float = 0.95) -> tuple[float, float]:
+    """Exact interval of a rate (Garwood 1936)."""
+    low = stats.chi2.ppf((1 - level) / 2, 2 * count) / 2 if count else 0.0
+    return float(low / exposure), float(stats.chi2.ppf((1 + level) / 2, 2 * count + 2) / 2 / exposure)
+
+
+def _rate(name: str, estimator: str, part: pd.DataFrame) -> list[str]:
+    hours, count = part["seconds"].sum() / 3600, int(part["false_changes"].sum())
+    low, high = poisson(count, hours)
+    return [name, estimator, number(hours, 1), number(part["changes"].sum(), 0), str(count),
+            f"{count / hours:.2f} ({low:.2f} .. {high:.2f})", str(int((part["false_changes"] > 0).sum()))]  # fmt: skip
+
+
+def false_changes(plan: Plan, runs: pd.DataFrame) -> Table:
+    told = runs[runs["changes"].notna()]
+    rows = [_rate(case.name, name, part) for case in plan.study.cases for name in case.estimators
+            if len(part := of(told, case.name, name))]  # fmt: skip
+    if len(rows) > 1:
+        rows += [_rate("all", name, part) for name, part in told.groupby("estimator", sort=False)]
+    head = ["case", "estimator", "hours", "changes reported", "false", "false per hour (95 %)", "runs with any"]
+    text = (
+        f"A change of regime counts when the estimator says so with more than {100 * SURE:g} %; it is false unless it lies within "
+        f"{AFTER:g} s after a change of the truth. Exact Poisson intervals."
+    )
+    return Table("Changes of regime", head, rows, 2, text)

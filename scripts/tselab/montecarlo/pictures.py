@@ -21,7 +21,7 @@ ERROR = "% of the truth"
 def picture(plan: Plan, runs: pd.DataFrame, summary: pd.DataFrame) -> Picture:
     """The picture of the study."""
     special = {"fig1": _fig1, "fig2": _fig2, "fig3-4": _fig34, "bound": _bound, "particles": _particles}
-    return special.get(plan.study.name, _dots)(plan, runs, summary)
+    return special.get(plan.study.base, _dots)(plan, runs, summary)
 
 
 def _thin(n: int) -> slice:

@@ -3,12 +3,13 @@ tyres that saturate the truth is their secant: the linear model has no other sti
 
 Whether an estimate may be blamed for being wrong, or for saying that it does not know, depends on what could be known. That
 is judged from the simulator's truth: from the noise-free slips follows the regressor phi of each stiffness (as excitation()
-in src/estimate.c, which has to use estimates), and from its variance over the last two memories the sd that the mean could
-have at best,  sqrt((1 + E[phi^2] spread^2)/(memory var phi)).
+in src/estimator/estimate.c, which has to use estimates), and from its variance over the last two memories the sd that the mean
+could have at best,  sqrt((1 + E[phi^2] spread^2)/(memory var phi)).
 """
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,10 +24,14 @@ SETTLE_AFTER = DIVERGED_AFTER  # s after start, event or disturbance, before err
 VALID_AFTER = 5.0  # s, before the valid flag is judged
 CLOSE = 0.10  # error below which an estimate has settled, or may be called right
 CLEARLY = 2.0  # best-case sd beyond this factor of valid_sd, either way, is clear; between is grey
-LOW_SPEED = 1.0  # m/s, as in src/vehicle.h
-REVERSE_SPEED = -0.1  # m/s, as in src/filter.c
+LOW_SPEED = 1.0  # m/s, as in src/model/vehicle.h
+REVERSE_SPEED = -0.1  # m/s, as in src/estimator/filter.c
 SETTLED_FOR = 1.0  # s within CLOSE: has settled
 SHARES = ("false_valid", "false_invalid", "valid_unobservable", "reason_right", "corrupted_told")
+SURE = 0.9  # of a change of regime: from here on it counts as reported
+DISTINCT = 0.5  # s between changes that count as two
+BEFORE, AFTER = 0.15, 2.0  # s by which a change that is reported may be earlier than the true one, later: else it is a false one
+OFF, OFF_FOR = 0.20, 60.0  # error that must not be called valid, s after an event in which it is counted
 UNKNOWN_REASONS = ("not excited", "held", "uncertain", "starting")  # right where nothing can be known
 
 
@@ -40,6 +45,7 @@ class Knowable:
     beyond: np.ndarray  # (n,) tyres beyond their linear range
     settled: np.ndarray  # (n,) long enough after start, events and disturbances
     valid_sd: float
+    secant: np.ndarray | None = None  # (n, 3) as level, of tyres beyond their linear range, too
 
     @property
     def observable(self) -> np.ndarray:
@@ -77,29 +83,30 @@ def regressors(d: Drive) -> tuple[np.ndarray, np.ndarray]:
             y * c.cornering_stiffness_rear * ar,
         ]
     )
-    friction = getattr(d.sim, "friction", 0.0) if "friction" in d.sim else 0.0
     use = np.zeros((len(vx), 2))
-    if friction > 0:
+    if np.any(d.friction):
         level = d.stiffness
         follows = d.road + c.rear_longitudinal_follows_front * (level[:, 0] - d.road)
-        limit = friction * c.mass * G / (c.lf + c.lr)
+        limit = np.where(d.friction > 0, d.friction, np.inf) * c.mass * G / (c.lf + c.lr)
         use[:, 0] = np.hypot(cxf * level[:, 0] * sf, c.cornering_stiffness_front * level[:, 1] * af) / (limit * c.lr)
         use[:, 1] = np.hypot(cxr * follows * sr, c.cornering_stiffness_rear * level[:, 2] * ar) / (limit * c.lf)
     return phi, use
 
 
 def grip(use: np.ndarray) -> np.ndarray:
-    """Secant of the simulator's tyre over its stiffness, as grip() in src/simulate.c. use: linear force over the limit."""
+    """Secant of the simulator's tyre over its stiffness, as grip() in src/host/simulate.c. use: linear force over the limit."""
     z = use / 3
     return np.where(z < 1, 1 - z + z**2 / 3, 1 / np.maximum(use, 1e-9))
 
 
-def felt(mean: np.ndarray, phi: np.ndarray, use: np.ndarray, learning: np.ndarray, memory: float) -> np.ndarray:
+def felt(
+    mean: np.ndarray, phi: np.ndarray, use: np.ndarray, learning: np.ndarray, memory: float, linear: float = LINEAR
+) -> np.ndarray:
     """The stiffness that a best fit of the linear tyre over the memory finds: the secant, weighted by what each row shows of
     it, phi^2. Rows beyond the linear range, from which nobody should learn, do not count."""
     if not use.any():
         return mean
-    rows = np.flatnonzero(learning & (use.max(axis=1) <= LINEAR))
+    rows = np.flatnonzero(learning & (use.max(axis=1) <= linear))
     if not len(rows):
         return mean
     latest = np.clip(np.searchsorted(rows, np.arange(len(use)), side="right") - 1, 0, None)
@@ -154,6 +161,7 @@ def knowable(d: Drive, case: Case) -> Knowable:
     )
     memory = 1 / (1 - c.forgetting)
     mean = felt(d.stiffness, phi, use, learning, memory)
+    secant = felt(d.stiffness, phi, use, learning, memory, np.inf)
     sd = [
         best_sd(phi[:, i], learning, getattr(d.sim, f"spread_{k}") * mean[:, i], memory)
         for i, k in enumerate(STIFFNESS)
@@ -163,7 +171,7 @@ def knowable(d: Drive, case: Case) -> Knowable:
     moments = np.sort(np.concatenate([[d.time[0]], case.events, d.time[disturbed]]))
     started = d.time - d.time[0] >= 2 * memory * c.sample_time - 1e-9  # before, the filter says "starting", and rightly
     settled = after(d.time, moments, SETTLE_AFTER) & started
-    return Knowable(np.column_stack(sd), mean, d.corrupted, beyond, settled, c.valid_sd)
+    return Knowable(np.column_stack(sd), mean, d.corrupted, beyond, settled, c.valid_sd, secant)
 
 
 def inside(time: np.ndarray, windows: tuple[tuple[float, float], ...]) -> np.ndarray:
@@ -197,6 +205,54 @@ def _mean(x: np.ndarray) -> float:
     return float(x.mean()) if len(x) else np.nan
 
 
+# ---- changes of regime
+
+
+def clock(d: Drive) -> np.ndarray:
+    """Time as the log has it: with the pauses, during which nothing was driven."""
+    now = np.cumsum(d.rows["dt"].astype(float))
+    return now - now[0]
+
+
+def reported(d: Drive, estimate: np.ndarray) -> np.ndarray:
+    """When the estimator says that the regime changed, in the time of the drive: each change once, whenever it was said."""
+    sure = (estimate["change_probability"] >= SURE) & (estimate["change_kind"] > 0) & (estimate["status"] >= 0)
+    now = clock(d)
+    when = np.unique((now - estimate["change_age"].astype(float))[sure])
+    if not len(when):
+        return when
+    return np.interp(when[np.diff(when, prepend=-np.inf) > DISTINCT], now, d.time)
+
+
+def regimes(d: Drive, case: Case, k: Knowable, estimate: np.ndarray) -> dict[str, float]:
+    """Changes reported and false ones; after each event how soon it was noticed, how soon all stiffnesses were right, and for
+    how long any was called valid and was not."""
+    names, time, row = estimate.dtype.names, d.time, {}
+    now = clock(d)
+    error = np.max([np.abs(estimate[s].astype(float) / k.level[:, i] - 1) for i, s in enumerate(STIFFNESS)], axis=0)
+    if "change_age" in names:
+        found = reported(d, estimate)
+        true = [(found > e - BEFORE) & (found < e + case.lasts + AFTER) for e in case.events]
+        row["changes"], row["false_changes"] = len(found), int((~np.any(true, axis=0)).sum() if true else len(found))
+    for n, (event, end) in enumerate(itertools.pairwise((*case.events, np.inf)), 1):
+        part = (time >= event - 1e-9) & (time < end - 1e-9)
+        row[f"all_settle_{n}"] = settling(time, error, event, end)
+        if "change_age" in names:
+            since = now - np.interp(event, time, now)
+            says = part & (estimate["change_probability"] >= SURE) & (estimate["change_kind"] > 0)
+            says &= estimate["change_age"] < since + 0.1
+            row[f"noticed_{n}"] = float(max(time[says.argmax()] - event, 0.0)) if says.any() else np.inf
+        if f"{STIFFNESS[0]}_valid" in names:
+            truth = k.level if k.secant is None else k.secant
+            wrong = [
+                (estimate[f"{s}_valid"] == 0) & (estimate["status"] >= 0) & ~(np.abs(estimate[s] / truth[:, i] - 1) <= OFF)
+                for i, s in enumerate(STIFFNESS)
+            ]
+            off = np.any(wrong, axis=0) & part & (time < event + OFF_FOR - 1e-9)
+            row[f"valid_off_{n}"] = float(off.sum() * d.config.sample_time)
+    return row
+
+
 def score(d: Drive, case: Case, k: Knowable, estimate: np.ndarray) -> dict[str, float]:
     """The numbers of one run. Percent; shares as two counts of rows, so that they can be pooled."""
     time, step = d.time, d.config.sample_time
@@ -216,6 +272,10 @@ def score(d: Drive, case: Case, k: Knowable, estimate: np.ndarray) -> dict[str, 
         row[f"{key}_bias"] = 100 * _mean(error[window])
         row[f"{key}_covered"] = 100 * np.mean(size[window] <= 1.96 * sd[window]) if key in names else np.nan
         row[f"{key}_sd_square"] = 1e4 * _mean(sd[window] ** 2)
+        for n, w in enumerate(case.windows):
+            here = inside(time, (w,))
+            row[f"{key}_mean_square_w{n}"] = 1e4 * _mean(error[here] ** 2)
+            row[f"{key}_covered_w{n}"] = 100 * np.mean(size[here] <= 1.96 * sd[here]) if key in names else np.nan
         if f"{key}_spread" in names:
             row[f"{key}_spread"] = 100 * _mean(estimate[f"{key}_spread"][window] / true[window])
         if f"{key}_spread_seen" in names:
@@ -256,6 +316,7 @@ def score(d: Drive, case: Case, k: Knowable, estimate: np.ndarray) -> dict[str, 
                 row[f"{key}_vs_{b}"] = 1e4 * _mean(sd[second == b] ** 2)
     if STIFFNESS[0] in names:
         row["diverged"], row["diverged_any"] = diverged, diverged_any
+        row |= regimes(d, case, k, estimate)
     if "status" in names:
         for channel in MEASURES:
             row[f"noise_{channel}"] = _mean(estimate[f"noise_{channel}"][window])

@@ -13,7 +13,7 @@ from tselab.errors import UserError
 from tselab.log import DRIVES, MEASURES
 from tselab.montecarlo import STUDIES, corrupt, drives
 from tselab.montecarlo.case import Case
-from tselab.montecarlo.estimators import BOUNDS, DEPARTURES, FORMS, PEERS, WITHOUT
+from tselab.montecarlo.estimators import BOUNDS, DEPARTURES, FORMS, LANDED, PEERS, WITHOUT, overrides
 
 SPREADS = ("spread_cx_front", "spread_cy_front", "spread_cy_rear")
 DEGREE = np.pi / 180
@@ -21,12 +21,16 @@ DEGREE = np.pi / 180
 
 @dataclass(frozen=True)
 class Study:
-    """A list of cases, and how many runs of each are usual."""
+    """A list of cases, and how many runs of each are usual. The name may add estimators to all of them: "stress+landed"."""
 
     name: str
     title: str
     runs: int
     cases: tuple[Case, ...]
+
+    @property
+    def base(self) -> str:
+        return self.name.partition("+")[0]
 
     def case(self, name: str) -> Case:
         return next(c for c in self.cases if c.name == name)
@@ -96,6 +100,52 @@ def _stress() -> tuple[Case, ...]:
     )  # fmt: skip
 
 
+THREE = ("tse", LANDED, "told")
+PAUSES = (60, 600, 3600)  # s
+SLOW = (5, 20, 60, 600)  # s
+SLOW_START, SLOW_AFTER = 20.0, 20.0  # s
+HELD = ("road-0.7", "road-0.3", "slow-20", "ice-stiffness", "ice-friction", "pause-600", "spread-5-noise-1")
+
+
+def _regimes() -> tuple[Case, ...]:
+    """What `_stress` does not have. Windows end before an event: its row already has another truth."""
+    ice = {"estimators": THREE, "events": (40.0,), "windows": ((20.0, 39.99), (45.0, 100.0))}
+    cases = (
+        Case("road-0.7", "square waves, road to 70 % at 30 s", _waves(60.0, road=((30.0, 0.7),)), events=(30.0,),
+             windows=((15.0, 29.99), (45.0, 60.0)), estimators=THREE),
+        Case("road-0.3", "road to 30 % at 20 s and back at 40 s", _waves(60.0, road=((20.0, 0.3), (40.0, 1.0))),
+             events=(20.0, 40.0), windows=((30.0, 39.99), (50.0, 60.0)), estimators=THREE),
+        *(Case(f"slow-{s}", f"stiffness to 70 % within {s} s",
+               partial(drives.slow_change, start=SLOW_START, length=s, level=0.7, after=SLOW_AFTER), events=(SLOW_START,),
+               lasts=s, windows=((SLOW_START, SLOW_START + s + SLOW_AFTER),), estimators=("tse", LANDED)) for s in SLOW),
+        Case("ice-stiffness", "27 m/s, keeping lane and distance, stiffness to 30 % at 40 s",
+             partial(drives.motorway, duration=100.0, at=40.0, level=0.3), **ice),
+        Case("ice-friction", "the same, friction to 0.2 with the same stiffness; against the secant",
+             partial(drives.motorway, duration=100.0, at=40.0, friction=0.2), sim={"friction": 0.9}, **ice),
+        Case("ice-friction-firm", "the same with twice as much of steering and torque",
+             partial(drives.motorway, duration=100.0, at=40.0, friction=0.2, steer=(0.012, 0.02), torque=(400.0, 700.0)),
+             sim={"friction": 0.9}, **ice),
+        *(Case(f"pause-{s}", f"a row comes {s} s after the one before, at 20 s", _waves(40.0),
+               corrupt=partial(corrupt.pause, at=20.0, length=s), windows=((20.0, 40.0),), estimators=THREE) for s in PAUSES),
+        *(Case(f"spread-{s}-noise-{name}", f"stiffness scatters by {s} %, noise {name} of what is told", _waves(60.0),
+               config={"initial_spread": 0.05}, sim={"noise": noise} | dict.fromkeys(SPREADS, s / 100),
+               windows=((40.0, 60.0),), estimators=THREE)
+          for s in (1, 5, 15) for name, noise in (("third", 1 / 3), ("1", 1.0), ("3", 3.0))),
+    )  # fmt: skip
+    held = (replace(c, name=f"{c.name}-held", title=f"{c.title}; inputs held", sim={**c.sim, "hold_inputs": 1})
+            for c in cases if c.name in HELD)  # fmt: skip
+    return (*cases, *held)
+
+
+TEN_MINUTES = 600.0  # s
+
+
+def _as_told() -> tuple[Case, ...]:
+    told = Case("as-told", "ordinary driving", partial(drives.ordinary, duration=TEN_MINUTES),
+                windows=((30.0, TEN_MINUTES),))  # fmt: skip
+    return told, replace(told, name="as-told-held", title="ordinary driving; inputs held", sim={"hold_inputs": 1})
+
+
 def _with(estimators: tuple[str, ...], *cases: Case) -> tuple[Case, ...]:
     return tuple(replace(c, estimators=estimators) for c in cases)
 
@@ -112,7 +162,7 @@ DEPARTURE_CASES = ("nominal", "noise-3x", "low-excitation", "outliers", "road-0.
 
 
 def _cases() -> dict[str, tuple[Case, ...]]:
-    particles = tuple(f"tse-{n}" for n in PARTICLES if n <= library().capacity)
+    particles = tuple(f"sampled-{n}" for n in PARTICLES if n <= library().capacity)
     departures = ("tse", *(WITHOUT + name for name, _, _ in DEPARTURES), *FORMS)
     stress = {c.name: c for c in _stress()}
     return {
@@ -128,26 +178,31 @@ def _cases() -> dict[str, tuple[Case, ...]]:
                  config=FIG34, bins=48, windows=((20.0, 48.0),)),
         ),
         "bound": _with(("tse", "ekf", *BOUNDS), replace(NOMINAL, build=_waves(40.0), bins=40)),
-        "peers": _with(("tse", "tse-100", "sampled", *PEERS), NOMINAL, LOW, NOISE_3X, NOISE_THIRD, ROAD),
+        "peers": _with(("tse", "sampled", "sampled-100", *PEERS), NOMINAL, LOW, NOISE_3X, NOISE_THIRD, ROAD),
         "stress": _stress(),
         "particles": _with(particles, NOMINAL, NOISE_3X, LOW),
+        "regimes": _regimes(),
+        "as-told": _as_told(),
         "departures": _with(departures, *(stress[name] for name in DEPARTURE_CASES)),
     }  # fmt: skip
 
 
 def study(name: str, cases: tuple[str, ...] = ()) -> Study:
     """A study, or only some of its cases; without those that this library's simulator cannot drive."""
-    if name not in STUDIES:
-        raise UserError(f"option --study: there is no study '{name}'; known: {', '.join(STUDIES)}")
+    base, *beside = name.split("+")
+    if base not in STUDIES:
+        raise UserError(f"option --study: there is no study '{base}'; known: {', '.join(STUDIES)}")
+    for other in beside:
+        overrides(other)  # refuses what there is not
     known = SimConfig()
-    every = _cases()[name]
+    every = [replace(c, estimators=tuple(dict.fromkeys((*c.estimators, *beside)))) for c in _cases()[base]]
     can = tuple(c for c in every if all(n in known for n in c.needs))
     for case in cases:
         if missing := [n for c in every if c.name == case for n in c.needs if n not in known]:
             raise UserError(f"option --cases: case '{case}' needs a simulator with the setting {', '.join(missing)}")
         if case not in [c.name for c in can]:
             raise UserError(
-                f"option --cases: study {name} has no case '{case}'; known: {', '.join(c.name for c in can)}"
+                f"option --cases: study {base} has no case '{case}'; known: {', '.join(c.name for c in can)}"
             )
-    runs, title = STUDIES[name]
+    runs, title = STUDIES[base]
     return Study(name, title, runs, tuple(c for c in can if not cases or c.name in cases))

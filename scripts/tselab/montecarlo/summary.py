@@ -118,6 +118,13 @@ def _line(part: pd.DataFrame) -> dict[str, float]:
                 line[f"{settle}_most"] = part[settle].max()
         for share in scores.SHARES:
             line[f"{key}_{share}"] = _pooled(part, [key], share)
+    for name in ("changes", "false_changes"):
+        line[name] = part[name].sum(min_count=1)
+    line["hours"] = part["seconds"].sum() / 3600
+    for name in [c for c in part if c.startswith(("noticed_", "all_settle_", "valid_off_"))]:
+        if part[name].notna().any():
+            line[name], line[f"{name}_90"] = part[name].quantile([0.5, 0.9], interpolation="higher")
+            line[f"{name}_most"] = part[name].max()
     for share in scores.SHARES:
         line[share] = _pooled(part, STIFFNESS, share)
     for channel in MEASURES:

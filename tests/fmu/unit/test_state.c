@@ -243,6 +243,119 @@ static void test_a_larger_buffer_is_fine_a_smaller_one_is_refused_and_untouched(
   free(buffer);
 }
 
+/* ---- forged: the content is another's, the checksum is right */
+
+#define MODEL (FRAME + 24) /* after phase, outputs' age, start time and time of the content */
+
+static void sign(saved_bytes b)
+{
+  uint64_t h = 14695981039346656037u;
+  for (size_t i = FRAME; i < b.count; i++) h = (h ^ (unsigned char)b.at[i]) * 1099511628211u;
+  memcpy(b.at + 24, &h, sizeof h);
+}
+
+static void test_a_forged_state_is_refused_whatever_its_checksum_says(void)
+{
+  fmi2Component const c = stepping();
+  stepped(c, 0, 5);
+  const saved_bytes b = bytes_of(c);
+  saved_bytes before = bytes_of(c);
+  const double none = 1e300 * 1e300 - 1e300 * 1e300;
+  const struct { size_t at; size_t count; const void *value; } parts[] = {
+    { FRAME, 4, (const int32_t[]){ 3 } },      { FRAME, 4, (const int32_t[]){ 16 } }, { FRAME + 4, 4, (const int32_t[]){ 1 } },
+    { FRAME + 4, 4, (const int32_t[]){ -1 } }, { FRAME + 8, 8, &none },               { FRAME + 16, 8, &none },
+    { MODEL + (size_t)fmu_variables[ref(ANOTHER_PARAMETER)].offset, 8, (const double[]){ 1e9 } },
+    { MODEL + (size_t)fmu_variables[ref(ANOTHER_PARAMETER)].offset, 8, (const double[]){ 1234.5 } }, /* in range, but not what the rest was made of */
+    { MODEL + (size_t)fmu_variables[ref(ANOTHER_PARAMETER)].offset, 8, &none },
+#if defined(CASE_ESTIMATOR)
+    { MODEL + offsetof(model, config.particles), 4, (const int32_t[]){ 100000 } },
+    { MODEL + offsetof(model, params.particles), 4, (const int32_t[]){ 100000 } },
+    { MODEL + offsetof(model, params.hypotheses), 4, (const int32_t[]){ 100000 } },
+    { MODEL + offsetof(model, params.fingerprint), 4, (const int32_t[]){ 1 } },
+    { MODEL + offsetof(model, memory.filter.fingerprint), 4, (const int32_t[]){ 1 } },
+    { MODEL + offsetof(model, memory.filter.bank.count), 4, (const int32_t[]){ 9 } },
+    { MODEL + offsetof(model, memory.filter.bank.count), 4, (const int32_t[]){ 0 } },
+    { MODEL + offsetof(model, memory.filter.bank.likeliest), 4, (const int32_t[]){ -1 } },
+    { MODEL + offsetof(model, memory.filter.bank.h[0].fault), 4, (const int32_t[]){ 7 } },
+    { MODEL + offsetof(model, memory.filter.bank.h[0].kind), 4, (const int32_t[]){ TSE_KINDS } },
+    { MODEL + offsetof(model, memory.filter.bank.h[0].level), 4, (const int32_t[]){ 4 } },
+    { MODEL + offsetof(model, memory.filter.bank.h[0].x), 8, &none },
+    { MODEL + offsetof(model, memory.filter.effects.imu.count), 4, (const int32_t[]){ 13 } },
+    { MODEL + offsetof(model, time), 8, &none },
+    { MODEL + offsetof(model, rows), 4, (const int32_t[]){ 2 } },
+#else
+    { MODEL + offsetof(model, sim.params.radius_front), 8, (const double[]){ 1.0 } },
+    { MODEL + offsetof(model, sim.x), 8, &none },
+    { MODEL + offsetof(model, sim.last.steer_angle), 8, (const double[]){ 100.0 } },
+    { MODEL + offsetof(model, sim.effects.steer.count), 4, (const int32_t[]){ 13 } },
+    { MODEL + offsetof(model, ramp), 4, (const int32_t[]){ 2 } },
+    { MODEL + offsetof(model, rate), 8, &none },
+#endif
+  };
+  for (int i = 0; i < COUNT(parts); i++) {
+    memcpy(b.at + parts[i].at, parts[i].value, parts[i].count);
+    sign(b);
+    expect_bytes_refused(c, b.at, b.count, "outside its range");
+    memcpy(b.at, before.at, b.count);
+  }
+  expect_unchanged(c, &before, "after forged states");
+  fmi2FMUstate state = NULL;
+  OK(fmi2DeSerializeFMUstate(c, b.at, b.count, &state));
+  free(b.at);
+  free(before.at);
+}
+
+/* What is accepted is gone on with: under the sanitizers no forged word may do more than make an estimate wrong. */
+static void go_on_with_forged_words(int form)
+{
+  fmi2Component const c = instantiated();
+#if defined(CASE_ESTIMATOR)
+  OK(put_integer(c, "filter.form", form));
+#else
+  TEST_ASSERT_EQUAL_INT(0, form);
+#endif
+  initialized(c);
+  stepped(c, 0, 20);
+  const saved_bytes b = bytes_of(c), good = bytes_of(c);
+  static const double reals[] = { 0.0, -1.0, 1e30, -1e30, 1e9, -1e9, 1e-300, 0.5 };
+  static const int32_t words[] = { 0, 1, -1, 7, 255, 100000, 2147483647, -2147483647 - 1 };
+  uint32_t chance = 1;
+  int accepted = 0, refused = 0;
+  for (int i = 0; i < 1500; i++) {
+    fmi2FMUstate state = NULL;
+    memcpy(b.at, good.at, b.count);
+    for (int n = 0; n < 1 + i % 3; n++) {
+      chance = chance * 1664525u + 1013904223u;
+      const size_t at = FRAME + (size_t)(chance >> 8) % ((b.count - FRAME) / 8) * 8;
+      if (i % 2) memcpy(b.at + at, &reals[chance >> 4 & 7u], 8);
+      else memcpy(b.at + at + (chance >> 3 & 1u) * 4, &words[chance >> 4 & 7u], 4);
+    }
+    sign(b);
+    said = 0;
+    if (fmi2DeSerializeFMUstate(c, b.at, b.count, &state) != fmi2OK) {
+      refused++;
+      continue;
+    }
+    OK(fmi2SetFMUstate(c, state));
+    OK(fmi2FreeFMUstate(c, &state));
+    for (int k = 20; k < 23; k++) (void)fmi2DoStep(c, k * STEP, STEP, fmi2True);
+    accepted++;
+  }
+  said = 0;
+  TEST_ASSERT_TRUE(accepted > 20 && refused > 20);
+  free(b.at);
+  free(good.at);
+}
+
+static void test_no_forged_word_leaves_the_memory_of_the_model(void)
+{
+  go_on_with_forged_words(0);
+#if defined(CASE_ESTIMATOR)
+  go_on_with_forged_words(1);
+  go_on_with_forged_words(2);
+#endif
+}
+
 int main(void)
 {
   UNITY_BEGIN();
@@ -256,6 +369,8 @@ int main(void)
   RUN_TEST(test_every_changed_byte_is_noticed);
   RUN_TEST(test_what_is_wrong_with_the_bytes_is_said);
   RUN_TEST(test_truncated_bytes_are_refused_and_not_read_beyond);
+  RUN_TEST(test_a_forged_state_is_refused_whatever_its_checksum_says);
+  RUN_TEST(test_no_forged_word_leaves_the_memory_of_the_model);
   RUN_TEST(test_a_larger_buffer_is_fine_a_smaller_one_is_refused_and_untouched);
   return UNITY_END();
 }

@@ -1,0 +1,117 @@
+#!/usr/bin/env python3
+"""What the result of a study changes by when a constant of include/tse/constants.def is halved or doubled.
+
+    .venv/bin/python scripts/sweep.py [--runs N] [NAME ...]      all: about ten minutes; table: scripts/results/constants.md
+
+Every constant is compiled into a library of its own (-DTSE_SWEEP), which runs on the same drives as the library that is in use. A
+result counts as changed when the 95 % interval of the ratio of its RMS error, run by run, does not hold 1.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+from tqdm import tqdm
+
+from tselab.core import STIFFNESS, Config, Library, library_path
+from tselab.files import atomic
+from tselab.montecarlo import estimators, studies
+from tselab.montecarlo.case import Case, Drive, drive
+from tselab.montecarlo.scores import inside
+from tselab.study import START
+
+ROOT = Path(__file__).resolve().parent.parent
+TABLE = ROOT / "scripts" / "results" / "constants.md"
+CASES = (("stress", "nominal"), ("stress", "noise-3x"), ("stress", "low-excitation"), ("stress", "road-0.3"),
+         ("stress", "stuck-accel_y"), ("regimes", "slow-20"))  # fmt: skip
+FACTORS = (0.5, 2.0)
+ROW = re.compile(r'^CONSTANT\((\w+),\s*([-\d.e]+),\s*"([^"]*)",\s*"((?:[^"\\]|\\.)*)",\s*"([^"]*)"\)', re.M)
+
+
+def rows() -> list[tuple[str, str, str, str, str]]:
+    """Name, value, unit, why and test of every constant."""
+    return ROW.findall((ROOT / "include" / "tse" / "constants.def").read_text(encoding="utf-8"))
+
+
+def build(name: str, factor: float) -> Library:
+    """The library with one constant scaled."""
+    folder = ROOT / "build" / "sweep"
+    flags = f"-DTSE_SWEEP={name} -DTSE_SWEEP_BY={factor}"
+    options = ["-DCMAKE_BUILD_TYPE=Release", "-DBUILD_SHARED_LIBS=ON", "-DTSE_MAX_PARTICLES=4096", "-DTSE_BUILD_TESTS=OFF",
+               "-DTSE_BUILD_FMU=OFF", f"-DCMAKE_C_FLAGS={flags}"]  # fmt: skip
+    for command in (["cmake", "-S", ROOT, "-B", folder, *options], ["cmake", "--build", folder, "--parallel", "2"]):
+        subprocess.run([str(c) for c in command], check=True, capture_output=True)
+    made = next(f for f in folder.rglob(library_path().name) if f.is_file())
+    kept = folder / f"{name}-{factor:g}{made.suffix}"
+    kept.write_bytes(made.read_bytes())
+    return Library(kept)
+
+
+def rms(case: Case, d: Drive, lib: Library | None) -> tuple[np.ndarray, np.ndarray]:
+    """RMS error of the three stiffnesses in the case's windows [%], and the share of rows whose 95 % band holds [%]."""
+    settings = {**START, **d.about}
+    config = Config(settings, lib=lib) if lib else Config(settings)
+    out = estimators.run("tse", d, config)
+    here = inside(d.time, case.windows)
+    error = np.column_stack([out[s] for s in STIFFNESS])[here] / d.stiffness[here] - 1
+    sd = np.column_stack([out[f"{s}_sd"] for s in STIFFNESS])[here] / d.stiffness[here]
+    return 100 * np.sqrt((error**2).mean(0)), 100 * (np.abs(error) < 1.96 * sd).mean(0)
+
+
+def compare(base: np.ndarray, now: np.ndarray) -> str:
+    """Ratio of the pooled RMS of the worst stiffness, with a mark where it differs from 1: bootstrap over the runs."""
+    a, b = np.sqrt((base**2).mean(1)), np.sqrt((now**2).mean(1))
+    rng = np.random.default_rng(1)
+    picks = rng.integers(len(a), size=(2000, len(a)))
+    ratios = np.sqrt((b[picks] ** 2).mean(1) / (a[picks] ** 2).mean(1))
+    low, high = np.quantile(ratios, (0.025, 0.975))
+    ratio = np.sqrt((b**2).mean() / (a**2).mean())
+    return f"{ratio:.2f}" + ("" if low <= 1 <= high else " *")
+
+
+def main() -> int:
+    """Sweep and write the table."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("names", nargs="*", help="constants (default: all that name a test)")
+    parser.add_argument("--runs", type=int, default=8)
+    args = parser.parse_args()
+    table = {r[0]: r for r in rows()}
+    if unknown := [n for n in args.names if n not in table]:
+        print(f"sweep: no constant is named {', '.join(unknown)}; see include/tse/constants.def", file=sys.stderr)
+        return 2
+    names = args.names or [n for n, row in table.items() if row[4] != "-"]
+    cases = [studies.study(s).case(c) for s, c in CASES]
+    drives = [
+        [drive(c, seed, lambda about: Config({**START, **about}), {}) for seed in range(1, args.runs + 1)]
+        for c in cases
+    ]
+    base = [np.array([rms(c, d, None)[0] for d in ds]) for c, ds in zip(cases, drives, strict=True)]
+    lines = ["# What halving and doubling a constant does", "",
+             f"Ratio of the RMS error (three stiffnesses pooled) to that with the value as it is, {args.runs} runs of each case",
+             "on the same drives; `*`: the 95 % interval of the ratio (bootstrap over runs) does not hold 1. Command:",
+             f"`.venv/bin/python scripts/sweep.py --runs {args.runs}`.", "",
+             "| constant | value | unit | by | " + " | ".join(c.name for c in cases) + " |",
+             "|---|---:|---|---:|" + "---:|" * len(cases)]  # fmt: skip
+    for name in tqdm(names, desc="sweep", file=sys.stderr, leave=False):
+        for factor in FACTORS:
+            lib = build(name, factor)
+            cells = []
+            for c, ds, b in zip(cases, drives, base, strict=True):
+                cells.append(compare(b, np.array([rms(c, d, lib)[0] for d in ds])))
+            lines.append(f"| {name} | {table[name][1]} | {table[name][2]} | {factor:g} | " + " | ".join(cells) + " |")
+    if args.names:
+        print("\n".join(lines))
+    else:
+        with atomic(TABLE) as file:
+            file.write("\n".join(lines) + "\n")
+        print(TABLE)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,123 @@
+/* estimator/hypotheses/innovate.c - (9), (22): forecast, innovation, its covariance. */
+#include "estimator/hypotheses/innovate.h"
+
+/* (2) knows tyres up to max_slip: beyond, stiffness is as uncertain from row to row as slip is large. Then nothing is learnt of
+ * it, and the motion is what the accelerometers say, because what is uncertain is in both. */
+static tse_real beyond(const tse_params *p, tse_real slip)
+{
+  return p->max_slip < TSE_R(1) ? r_max(r_div(r_abs(slip), p->max_slip) - TSE_R(1), TSE_R(0)) : TSE_R(0);
+}
+
+/* Slopes of the forces, column c, as those of the forecast: gain of accel_x, of accel_y per front and rear force. */
+typedef struct reading { tse_real x, front, rear; } reading;
+
+static void reading_column(reading g, const slopes *s, int c, tse_real *x, tse_real *y)
+{
+  *x = r_mul(g.x, s->dx[c]);
+  *y = r_mul(g.front, s->dfront[c]) + r_mul(g.rear, s->drear[c]);
+}
+
+static void foretell(const tse_params *p, const tse_hypothesis *h, const sample *y, reading g, const slopes *s, innovation *o)
+{
+  const tse_real gyro = r_mul(y->use[2], p->inv_sd[2]);
+  o->forecast[0] = r_mul(g.x, s->x);
+  o->forecast[1] = r_mul(g.front, s->front) + r_mul(g.rear, s->rear);
+  o->forecast[2] = r_mul(gyro, h->x[2]);
+  for (int j = 0; j < 6; j++) {
+    reading_column(g, s, j, &o->h[0][j], &o->h[1][j]);
+    o->h[2][j] = TSE_R(0);
+  }
+  o->h[2][2] = gyro;
+  for (int a = 0; a < 3; a++) {
+    o->e[a] = r_mul(y->use[a], y->y[a] - h->x[X_BIAS + a] - h->x[X_SLOW + a]) - o->forecast[a];
+    reading_column(g, s, BY_STEER + a, &o->unknown[0][a], &o->unknown[1][a]);
+    o->unknown[2][a] = o->d[2][a] = TSE_R(0);
+  }
+}
+
+/* eps: the spread of each stiffness, wider where wheels slide, or what a fault leaves unknown; R. */
+static void foretell_noise(const tse_params *p, const tse_hypothesis *h, const sample *y, const slopes *s, innovation *o)
+{
+  const tse_real front = beyond(p, s->s_front), rear = beyond(p, s->s_rear);
+  const tse_real slide[3] = { r_max(front, rear), front, rear };
+  o->slides = slide[0] > TSE_R(0);
+  for (int a = 0; a < 3; a++) {
+    const int unknown = unknown_in_place_of(h, a);
+    o->d[0][a] = unknown < 0 ? o->h[0][3 + a] : o->unknown[0][unknown - BY_STEER];
+    o->d[1][a] = unknown < 0 ? o->h[1][3 + a] : o->unknown[1][unknown - BY_STEER];
+    o->eps_var[a] = unknown == BY_STEER ? r_sqr(FAULT_STEER_SD) : unknown > BY_STEER ? r_sqr(FAULT_WHEEL_SD)
+                                        : r_mul(h->spread_var[a] + r_sqr(slide[a]), r_sqr(h->x[X_STIFFNESS + a]));
+    o->noise[a] = y->use[a] > TSE_R(0) ? h->noise_var[a] : TSE_R(1);
+    if (h->fault == FAULT_MEASURED + a) o->noise[a] = r_mul(FAULT_NOISE, o->noise[a]);
+  }
+}
+
+/* Noise n of a wheel speed is in accel_x as foretold (slope t) and in its derivative by the stiffness (slope u): variance t^2 var n,
+ * mean of the product t u var n, of the square of the derivative u^2 var n. */
+static void foretell_wheel_noise(const tse_params *p, const tse_hypothesis *h, innovation *o)
+{
+  const tse_real level = h->x[X_STIFFNESS], rear_level = TSE_R(1) + r_mul(p->follow, level - TSE_R(1));
+  const tse_real t_front = o->unknown[0][1], t_rear = o->unknown[0][2];
+  const tse_real u_front = r_div(t_front, level), u_rear = r_div(r_mul(t_rear, p->follow), rear_level);
+  o->noise[0] += r_mul(r_sqr(t_front), p->wheel_var[0]) + r_mul(r_sqr(t_rear), p->wheel_var[1]);
+  o->pull = r_mul(r_mul(t_front, u_front), p->wheel_var[0]) + r_mul(r_mul(t_rear, u_rear), p->wheel_var[1]);
+  o->excess = r_mul(r_sqr(u_front), p->wheel_var[0]) + r_mul(r_sqr(u_rear), p->wheel_var[1]);
+}
+
+static void covariance(const tse_hypothesis *h, const sample *y, innovation *o)
+{
+  for (int i = 0; i < TSE_X; i++) {
+    const tse_real *const row = h->cov[i];
+    o->ph[0][i] = r_mul(y->use[0], row[X_BIAS] + row[X_SLOW]) + r_mul(o->h[0][0], row[0]) + r_mul(o->h[0][1], row[1]) +
+                  r_mul(o->h[0][2], row[2]) + r_mul(o->h[0][3], row[3]) + r_mul(o->h[0][4], row[4]);
+    o->ph[1][i] = r_mul(y->use[1], row[X_BIAS + 1] + row[X_SLOW + 1]) + r_mul(o->h[1][0], row[0]) + r_mul(o->h[1][1], row[1]) +
+                  r_mul(o->h[1][2], row[2]) + r_mul(o->h[1][3], row[3]) + r_mul(o->h[1][4], row[4]) + r_mul(o->h[1][5], row[5]);
+    o->ph[2][i] = r_mul(y->use[2], row[X_BIAS + 2] + row[X_SLOW + 2]) + r_mul(o->h[2][2], row[2]);
+  }
+  for (int a = 0; a < 3; a++)
+    for (int b = a; b < 3; b++) {
+      tse_real sum = r_mul(y->use[a], o->ph[b][X_BIAS + a] + o->ph[b][X_SLOW + a]);
+      for (int k = 0; k < 6; k++) sum += r_mul(o->h[a][k], o->ph[b][k]);
+      for (int k = 0; k < 3; k++) sum += r_mul(o->eps_var[k], r_mul(o->d[a][k], o->d[b][k]));
+      o->s[a][b] = o->s[b][a] = a == b ? sum + o->noise[a] : sum;
+    }
+}
+
+/* Inverse of S by cofactors (well conditioned: noise on its diagonal), its determinant, and what follows from them. */
+static void solve(innovation *o)
+{
+  tse_real(*const s)[3] = o->s;
+  const tse_real c00 = r_mul(s[1][1], s[2][2]) - r_mul(s[1][2], s[1][2]);
+  const tse_real c01 = r_mul(s[0][2], s[1][2]) - r_mul(s[0][1], s[2][2]);
+  const tse_real c02 = r_mul(s[0][1], s[1][2]) - r_mul(s[0][2], s[1][1]);
+  const tse_real det = r_mul(s[0][0], c00) + r_mul(s[0][1], c01) + r_mul(s[0][2], c02);
+  const tse_real k = r_div(TSE_R(1), det);
+  o->inv[0][0] = r_mul(k, c00);
+  o->inv[0][1] = o->inv[1][0] = r_mul(k, c01);
+  o->inv[0][2] = o->inv[2][0] = r_mul(k, c02);
+  o->inv[1][1] = r_mul(k, r_mul(s[0][0], s[2][2]) - r_mul(s[0][2], s[0][2]));
+  o->inv[1][2] = o->inv[2][1] = r_mul(k, r_mul(s[0][1], s[0][2]) - r_mul(s[0][0], s[1][2]));
+  o->inv[2][2] = r_mul(k, r_mul(s[0][0], s[1][1]) - r_mul(s[0][1], s[0][1]));
+  o->log2_det = r_log2(r_max(det, TSE_R(1e-12)));
+  o->m2 = TSE_R(0);
+  for (int a = 0; a < 3; a++) {
+    o->se[a] = r_mul(o->inv[a][0], o->e[0]) + r_mul(o->inv[a][1], o->e[1]) + r_mul(o->inv[a][2], o->e[2]);
+    o->m2 += r_mul(o->e[a], o->se[a]);
+  }
+  o->m2 = r_max(o->m2, TSE_R(0));
+}
+
+void innovate(const tse_params *p, const tse_hypothesis *h, const sample *y, innovation *o)
+{
+  const tse_real iy = r_mul(y->use[1], p->inv_sd[1]);
+  const reading g = { r_mul(r_mul(y->use[0], p->inv_sd[0]), p->read_x), r_mul(iy, p->read_y_front), r_mul(iy, p->read_y_rear) };
+  slopes s;
+  vehicle_slopes(p, h->x, y->u, slips_for_slopes(p, h), &s);
+  foretell(p, h, y, g, &s, o);
+  foretell_noise(p, h, y, &s, o);
+  o->pull = o->excess = TSE_R(0);
+  if (p->wheel_var[0] > TSE_R(0)) foretell_wheel_noise(p, h, o);
+  covariance(h, y, o);
+  solve(o);
+  o->half_dof = r_mul(TSE_R(0.5), EVIDENCE_DOF + r_from_int(y->used));
+}

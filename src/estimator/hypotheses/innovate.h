@@ -1,0 +1,56 @@
+/* estimator/hypotheses/innovate.h - a sample as a hypothesis foretells it. Internal. */
+#ifndef TSE_HYPOTHESES_INNOVATE_H
+#define TSE_HYPOTHESES_INNOVATE_H
+
+#include "estimator/hypotheses/hypothesis.h"
+
+#define innovate TSE_NAME(tse_hypothesis_innovate)
+
+/* Everything in sigma of the sensors. A channel that is missing has zero rows and an innovation of zero. */
+typedef struct innovation {
+  tse_real forecast[3];      /* without biases and disturbances                        */
+  tse_real e[3];             /* sample less forecast                                   */
+  tse_real h[3][6];          /* d(forecast)/d(states, stiffness)                       */
+  tse_real d[3][3];          /* d(forecast)/d(eps)                                     */
+  tse_real unknown[3][3];    /* d(forecast)/d(steering angle, wheel speeds front, rear) */
+  tse_real eps_var[3];       /* of the spread of each stiffness, or of what is at fault */
+  tse_real noise[3];         /* R, by noise of the wheel speeds included               */
+  tse_real ph[3][TSE_X];     /* (P H')'                                                */
+  tse_real s[3][3], inv[3][3]; /* S = H P H' + D var D' + R, its inverse               */
+  tse_real se[3];            /* S^-1 e                                                 */
+  tse_real m2;               /* e' S^-1 e                                              */
+  tse_real log2_det;         /* of S                                                   */
+  tse_real half_dof;         /* (dof + channels)/2 of the evidence                     */
+  tse_real pull, excess;     /* what noise of the wheel speeds does, update.c          */
+  int slides;                /* slip beyond what the model knows                       */
+} innovation;
+
+void innovate(const tse_params *p, const tse_hypothesis *h, const sample *y, innovation *o);
+
+/* log2 of what an innovation of this size costs: Student-t, and no more than what it costs that the sample is an outlier, so that
+ * one sample far off does not decide. */
+static inline tse_real cost_of(const innovation *o, tse_real m2)
+{
+  return r_min(r_mul(o->half_dof, r_log2(TSE_R(1) + r_div(m2, EVIDENCE_DOF))), OUTLIER_COST);
+}
+
+/* log2 density of the sample but for a constant. */
+static inline tse_real log2_density(const innovation *o)
+{
+  return -r_mul(TSE_R(0.5), o->log2_det) - cost_of(o, o->m2);
+}
+
+/* v' S^-1 v and v' S^-1 e */
+static inline tse_real quadratic(const innovation *o, const tse_real v[3])
+{
+  tse_real g = TSE_R(0);
+  for (int a = 0; a < 3; a++) g += r_mul(v[a], r_mul(o->inv[a][0], v[0]) + r_mul(o->inv[a][1], v[1]) + r_mul(o->inv[a][2], v[2]));
+  return g;
+}
+
+static inline tse_real along(const innovation *o, const tse_real v[3])
+{
+  return r_mul(v[0], o->se[0]) + r_mul(v[1], o->se[1]) + r_mul(v[2], o->se[2]);
+}
+
+#endif

@@ -1,0 +1,12 @@
+/* estimator/hypotheses/learn.h - spread and noise inside a regime. Internal. */
+#ifndef TSE_HYPOTHESES_LEARN_H
+#define TSE_HYPOTHESES_LEARN_H
+
+#include "estimator/hypotheses/innovate.h"
+
+#define learn TSE_NAME(tse_hypothesis_learn)
+
+/* One step of spread_var and noise_var along the score of the evidence of this sample. trust: share of it that counts. */
+void learn(const tse_params *p, tse_hypothesis *h, const sample *y, const innovation *o, tse_real trust);
+
+#endif

@@ -1,0 +1,104 @@
+/* estimator/hypotheses/report.c - moments of the mixture, probabilities of the regimes, the last change. */
+#include "estimator/hypotheses/report.h"
+#include "estimator/hypotheses/hypothesis.h"
+
+static int regime_of(const tse_hypothesis *h)
+{
+  if (h->fault != FAULT_NONE) return TSE_REGIME_FAULT;
+  if (h->slides) return TSE_REGIME_SLIDING;
+  if (h->change_kind != TSE_CHANGE_NONE && h->change_age < RECENT_TIME)
+    return h->change_kind == TSE_CHANGE_ROAD ? TSE_REGIME_CHANGED : h->change_kind == TSE_CHANGE_RESTART ? TSE_REGIME_RESTARTED : TSE_REGIME_AXLE;
+  return h->drift == STEADY ? TSE_REGIME_STEADY : TSE_REGIME_DRIFTING;
+}
+
+static tse_real mixture(const tse_bank *b, const tse_real *w, int at, tse_real *var)
+{
+  tse_real mean = TSE_R(0), sum = TSE_R(0);
+  for (int32_t i = 0; i < b->count; i++) mean += r_mul(w[i], b->h[i].x[at]);
+  for (int32_t i = 0; i < b->count; i++) sum += r_mul(w[i], b->h[i].cov[at][at] + r_sqr(b->h[i].x[at] - mean));
+  *var = r_max(sum, TSE_R(0));
+  return mean;
+}
+
+static tse_real doubt_of(const tse_hypothesis *h, int a)
+{
+  return r_sqr(r_mul(h->x[X_STIFFNESS + a], doubt_by_levels(h->level, a)));
+}
+
+static void report_states(const tse_params *p, const tse_bank *b, const tse_real *w, tse_output *out)
+{
+  tse_real *const state[3] = { &out->vel_x, &out->vel_y, &out->yaw_rate };
+  tse_real *const state_sd[3] = { &out->vel_x_sd, &out->vel_y_sd, &out->yaw_rate_sd };
+  tse_real var;
+  for (int a = 0; a < 3; a++) {
+    *state[a] = mixture(b, w, a, &var);
+    *state_sd[a] = r_sqrt(var);
+    out->bias[a] = r_mul(p->sd[a], mixture(b, w, X_BIAS + a, &var));
+    out->bias_sd[a] = r_mul(p->sd[a], r_sqrt(var));
+  }
+  out->sideslip = r_max(r_abs(out->vel_x), r_abs(out->vel_y)) < TSE_R(0.01) ? TSE_R(0) : r_atan2(out->vel_y, out->vel_x);
+}
+
+static void report_stiffness(const tse_params *p, const tse_bank *b, const tse_real *w, tse_output *out)
+{
+  const tse_hypothesis *const best = &b->h[b->likeliest];
+  for (int a = 0; a < 3; a++) {
+    tse_real var;
+    out->stiffness[a] = mixture(b, w, X_STIFFNESS + a, &var);
+    for (int32_t i = 0; i < b->count; i++) var += r_mul(w[i], doubt_of(&b->h[i], a));
+    out->stiffness_sd[a] = r_sqrt(var);
+    out->stiffness_spread[a] = r_mul(r_sqrt(best->spread_var[a]), out->stiffness[a]);
+    out->spread_seen[a] = best->info[a][a] > SPREAD_SEEN;
+    out->noise[a] = r_sqrt(best->noise_var[a]);
+    out->discrepancy[a] = r_mul(p->sd[a], r_sqrt(disturbance_var(best, a, best->level[a])));
+  }
+}
+
+static void report_regimes(const tse_bank *b, const tse_real *w, tse_output *out)
+{
+  const tse_hypothesis *const best = &b->h[b->likeliest];
+  tse_real faults[7] = { TSE_R(0), TSE_R(0), TSE_R(0), TSE_R(0), TSE_R(0), TSE_R(0), TSE_R(0) }, squares = TSE_R(0);
+  for (int k = 0; k < TSE_REGIMES; k++) out->regime[k] = TSE_R(0);
+  out->change_age = best->change_age;
+  out->change_kind = best->change_kind;
+  out->change_probability = TSE_R(0);
+  for (int a = 0; a < 3; a++)
+    out->change_ratio[a] = best->change_kind == TSE_CHANGE_NONE ? TSE_R(1) : r_div(best->x[X_STIFFNESS + a], best->before[a]);
+  for (int32_t i = 0; i < b->count; i++) {
+    const tse_hypothesis *const h = &b->h[i];
+    const int same = best->change_kind != TSE_CHANGE_NONE && h->change_kind == best->change_kind &&
+                     r_abs(h->change_age - best->change_age) < SAME_CHANGE_TIME;
+    out->regime[regime_of(h)] += w[i];
+    faults[h->fault] += w[i];
+    out->change_probability += same ? w[i] : TSE_R(0);
+    squares += r_sqr(w[i]);
+  }
+  out->fault_channel = 0;
+  for (int k = 1; k < 7; k++)
+    if (faults[k] > TSE_R(0.5)) out->fault_channel = k;
+  out->n_eff = r_div(TSE_R(1), squares);
+}
+
+static void weights(const tse_bank *b, tse_real w[TSE_HYPOTHESES])
+{
+  tse_real total = TSE_R(0);
+  for (int32_t i = 0; i < b->count; i++) total += w[i] = r_exp2(b->h[i].log_weight);
+  for (int32_t i = 0; i < b->count; i++) w[i] = r_div(w[i], total);
+}
+
+tse_real bank_stiffness_var(const tse_bank *b, int a)
+{
+  tse_real w[TSE_HYPOTHESES], var;
+  weights(b, w);
+  (void)mixture(b, w, X_STIFFNESS + a, &var);
+  return var;
+}
+
+void bank_report(const tse_params *p, const tse_bank *b, tse_output *out)
+{
+  tse_real w[TSE_HYPOTHESES];
+  weights(b, w);
+  report_states(p, b, w, out);
+  report_stiffness(p, b, w, out);
+  report_regimes(b, w, out);
+}

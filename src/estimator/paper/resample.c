@@ -1,0 +1,105 @@
+/* estimator/paper/resample.c - four ways to choose n ancestors in proportion to their weights, behind one signature.
+ *
+ * All of them lay n positions along the cumulative weights and take who stands there; they differ in the positions:
+ *   systematic    (k + U)/n        one random number
+ *   stratified    (k + U_k)/n      one each
+ *   multinomial   n sorted uniforms
+ *   residual      floor(n q) copies for sure, the rest stratified over what is left of n q
+ * See Douc, Cappe & Moulines, "Comparison of resampling schemes for particle filtering", ISPA 2005. */
+#include "estimator/paper/particles.h"
+#include "number/random.h"
+
+static tse_real uniform(const uint32_t seed[2], uint32_t step, int32_t k)
+{
+  uint32_t a, b;
+  random_words(seed, step, RANDOM_RESAMPLE, (uint32_t)k, &a, &b);
+  return r_uniform(a);
+}
+
+/* Position k of n on [0, total): (k + u) total/n. */
+static tse_acc position(tse_acc share, int32_t k, tse_real u)
+{
+  return acc_merge(acc_times(share, k), acc_scale(share, u));
+}
+
+static void multinomial(const tse_real *weight, int32_t n, tse_acc total, const uint32_t seed[2], uint32_t step, uint16_t *ancestor)
+{
+  /* Sorted uniforms from the largest down: U_(k) = U_(k+1) U^(1/k), in logs. */
+  tse_real log2_u = TSE_R(0);
+  tse_acc above = total; /* weight up to and including particle i */
+  int32_t i = n - 1;
+  for (int32_t k = n; k >= 1; k--) {
+    log2_u = log2_u + r_div(r_log2(uniform(seed, step, k)), r_from_int(k));
+    const tse_acc at = acc_scale(total, r_exp2(log2_u));
+    while (i > 0 && !(acc_minus(above, acc_add(acc_zero(), weight[i])) < at)) {
+      above = acc_minus(above, acc_add(acc_zero(), weight[i]));
+      i--;
+    }
+    ancestor[k - 1] = (uint16_t)i;
+  }
+}
+
+static int32_t whole_copies(tse_real weight, int32_t n, tse_acc total)
+{
+  return r_floor_to_int(acc_div(acc_times(acc_add(acc_zero(), weight), n), total));
+}
+
+static void residual(const tse_real *weight, int32_t n, tse_acc total, const uint32_t seed[2], uint32_t step, uint16_t *ancestor)
+{
+  int32_t filled = 0, k = 0;
+  for (int32_t i = 0; i < n; i++) filled += whole_copies(weight[i], n, total);
+  const int32_t rest = n - filled; /* >= 0: a sum of floors */
+  const tse_acc share = acc_share(total, n); /* the rest's weights are n q - floor(n q), in units of total/n */
+  tse_acc sum = acc_zero();
+  int32_t j = 0;
+  for (int32_t i = 0; i < n; i++) {
+    int32_t copies = whole_copies(weight[i], n, total);
+    sum = acc_merge(sum, acc_minus(acc_add(acc_zero(), weight[i]), acc_times(share, copies)));
+    while (k < rest && position(share, k, uniform(seed, step, k)) < sum) { copies++; k++; }
+    for (; copies > 0 && j < n; copies--) ancestor[j++] = (uint16_t)i;
+  }
+  for (; j < n; j++) ancestor[j] = ancestor[j > 0 ? j - 1 : 0]; /* rounding may leave the last position uncovered */
+}
+
+void resample(int32_t scheme, const tse_real *weight, int32_t n, const uint32_t seed[2], uint32_t step, uint16_t *ancestor)
+{
+  tse_acc total = acc_zero(), sum = acc_zero();
+  for (int32_t i = 0; i < n; i++) total = acc_add(total, weight[i]);
+  ancestor[0] = 0;
+  if (scheme == 2) { residual(weight, n, total, seed, step, ancestor); return; }
+  if (scheme == 3) { multinomial(weight, n, total, seed, step, ancestor); return; }
+
+  const tse_acc share = acc_share(total, n);
+  const tse_real common = uniform(seed, step, 0);
+  int32_t k = 0;
+  for (int32_t i = 0; i < n; i++) {
+    sum = acc_add(sum, weight[i]);
+    while (k < n && position(share, k, scheme == 1 ? uniform(seed, step, k) : common) < sum) ancestor[k++] = (uint16_t)i;
+  }
+  for (; k < n; k++) ancestor[k] = ancestor[k > 0 ? k - 1 : 0]; /* rounding, as above */
+}
+
+/* Rearrange ancestors so that whoever survives keeps its place: then the copy needs no second buffer, because places
+ * that are written are never read. */
+void keep_survivors(uint16_t *ancestor, uint16_t *copies, int32_t n)
+{
+  for (int32_t i = 0; i < n; i++) copies[i] = 0;
+  for (int32_t i = 0; i < n; i++) copies[ancestor[i]]++;
+  int32_t donor = 0;
+  for (int32_t i = 0; i < n; i++) {
+    ancestor[i] = (uint16_t)i;
+    if (copies[i] > 0) continue;
+    while (copies[donor] < 2) donor++;
+    copies[donor]--;
+    ancestor[i] = (uint16_t)donor;
+  }
+}
+
+void copy_particles(tse_particles *p, const uint16_t *ancestor, int32_t n)
+{
+#define X(name, rows, unit, text)                                            \
+  for (int r = 0; r < rows; r++)                                             \
+    for (int32_t i = 0; i < n; i++) p->name[r][i] = p->name[r][ancestor[i]];
+  TSE_PARTICLE_FIELDS(X)
+#undef X
+}

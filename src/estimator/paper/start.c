@@ -1,0 +1,85 @@
+/* estimator/paper/start.c - where particles come from: the settings and the first sample, the sensors after a gap, a recovery. */
+#include "estimator/paper/particles.h"
+#include "number/random.h"
+
+/* Six standard normals for one particle, a function of seed, step and particle. */
+static void normals(const tse_params *p, uint32_t step, int32_t i, tse_real n[6])
+{
+  uint32_t a, b;
+  for (uint32_t k = 0; k < 3; k++) {
+    random_words(p->seed, step, RANDOM_START_A + k, (uint32_t)i, &a, &b);
+    random_normal2(a, b, &n[2 * k], &n[2 * k + 1]);
+  }
+}
+
+static tse_real bounded(const tse_params *p, tse_real w) { return r_clamp(w, p->w_min, p->w_max); }
+
+static tse_real wheel_speed(const sample *y) { return r_mul(TSE_R(0.5), y->u.v_front + y->u.v_rear); }
+
+static void place(const tse_params *p, tse_filter_paper *f, const sample *y, int32_t i, tse_real vel_x, const tse_real n[3])
+{
+  /* gyro less its bias where there is a sample, else straight ahead */
+  const tse_real yaw_rate = r_mul(y->use[2], r_mul(p->sd[2], y->y[2] - f->p.bias[2][i]));
+  f->p.x[0][i] = vehicle_kept(vel_x + r_mul(p->x_sd0[0], n[0]), MOST_SPEED);
+  f->p.x[1][i] = vehicle_kept(r_mul(p->x_sd0[1], n[1]), MOST_SPEED);
+  f->p.x[2][i] = vehicle_kept(yaw_rate + r_mul(p->x_sd0[2], n[2]), MOST_YAW_RATE);
+}
+
+static void set_spread(tse_particles *q, int32_t i, tse_real lam)
+{
+  for (int k = 0; k < 6; k++) q->lam[k][i] = TSE_R(0);
+  q->lam[0][i] = q->lam[3][i] = q->lam[5][i] = lam;
+}
+
+/* A filter that had started and broke trusts what it was loaded with no more. */
+void initialise(const tse_params *p, tse_filter_paper *f, const sample *y)
+{
+  const int32_t count = padded(p->particles);
+  const tse_real vel_x = p->vel_x_from_wheels ? wheel_speed(y) : p->vel_x0;
+  tse_start s = f->filter.start;
+  if (!s.loaded || f->filter.started) start_of_settings(p, &s);
+  f->gamma = s.gamma;
+  f->nu = s.nu;
+  f->log_total = r_log2(r_from_int(p->particles));
+  for (int a = 0; a < 3; a++) {
+    f->learn[a] = TSE_R(1);
+    f->bias_var[a] = s.bias_var[a];
+  }
+  for (int32_t i = 0; i < count; i++) {
+    tse_real n[6];
+    normals(p, f->filter.step, i, n);
+    for (int k = 0; k < 6; k++) f->p.lam[k][i] = s.lam[k];
+    for (int a = 0; a < 3; a++) {
+      f->p.mu[a][i] = f->p.w[a][i] = bounded(p, s.mu[a] + r_mul(s.mu_sd[a], n[3 + a]));
+      f->p.bias[a][i] = s.bias[a];
+    }
+    place(p, f, y, i, vel_x, n);
+    f->p.logw[0][i] = TSE_R(0);
+    f->weight[i] = i < p->particles ? TSE_R(1) : TSE_R(0);
+  }
+}
+
+void restart_states(const tse_params *p, tse_filter_paper *f, const sample *y)
+{
+  const int32_t count = padded(p->particles);
+  for (int32_t i = 0; i < count; i++) {
+    tse_real n[6];
+    normals(p, f->filter.step, i, n);
+    place(p, f, y, i, wheel_speed(y), n);
+  }
+}
+
+/* The first `count` particles forget where they were and what they learnt; they keep their biases. Their mean stiffness
+ * starts anywhere that the settings call possible, because whatever the others believe has just been contradicted. */
+void redraw(const tse_params *p, tse_filter_paper *f, const sample *y, int32_t count)
+{
+  const tse_real mean_sd = r_max(p->mean_sd, TSE_R(0.1));
+  const tse_real lam = r_mul(p->spread_var, r_div(f->nu - TSE_R(4), f->nu));
+  for (int32_t i = 0; i < count; i++) {
+    tse_real n[6];
+    normals(p, f->filter.step, i, n);
+    place(p, f, y, i, wheel_speed(y), n);
+    set_spread(&f->p, i, lam);
+    for (int a = 0; a < 3; a++) f->p.mu[a][i] = f->p.w[a][i] = bounded(p, p->mu0[a] + r_mul(mean_sd, n[3 + a]));
+  }
+}

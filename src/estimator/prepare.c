@@ -1,0 +1,306 @@
+/* estimator/prepare.c - settings: defaults, check, and the constants of the filter. The only arithmetic in tse_setting. */
+#include "tse/tse.h"
+#include "model/effects.h"
+#include "model/effects_constant.h"
+#include "tse/constants.h"
+
+static void as_in_the_tables(tse_config *c)
+{
+#define REAL(name, def, lo, hi, unit, text) c->name = (tse_setting)(def);
+#define INT(name, def, lo, hi, text) c->name = (def) < (hi) ? (def) : (hi);
+#include "tse/config.def"
+#undef REAL
+#undef INT
+}
+
+void tse_config_default(tse_config *c)
+{
+  if (!c) return;
+#if TSE_DEFAULT_FORM == 2 /* the form of hypotheses is none of this build's */
+  tse_config_sampled(c);
+#else
+  as_in_the_tables(c);
+#endif
+}
+
+void tse_config_sampled(tse_config *c)
+{
+  if (!c) return;
+  as_in_the_tables(c);
+  c->form = 2;
+  c->initial_spread = (tse_setting)0.3; /* doubt about the mean and spread from sample to sample share one start */
+  c->spread_max = (tse_setting)0.4;
+}
+
+void tse_config_paper(tse_config *c)
+{
+  tse_config_sampled(c);
+  if (!c) return;
+  c->form = 1;
+  c->spread_max = (tse_setting)2;
+  c->hold_sd = (tse_setting)0;
+  c->max_slip = (tse_setting)1;
+}
+
+#define STRENGTH 1
+#define SHAPE 0
+#define GIVEN 0
+
+/* Bits of the effects with a strength that is not zero. */
+static uint64_t effects_on(const tse_config *c)
+{
+  uint64_t mask = 0;
+#define EFFECT_PARAMETER(id, parameter, role, unit, def, lo, hi, typical_lo, typical_hi, negligible, sign, text) \
+  if (role && (c->id##_##parameter < 0 || c->id##_##parameter > 0)) mask |= (uint64_t)1 << TSE_EFFECT_##id;
+#include "tse/effects.def"
+  return mask;
+}
+
+#if defined(TSE_NO_EFFECTS)
+/* Such a build knows only the effects that are gone when the constants are made. */
+static tse_status effects_fit(const tse_config *c, const char **wrong)
+{
+  const uint64_t refused = effects_on(c) & ~effects_with(HOOK_CONSTANT);
+#define EFFECT_PARAMETER(id, parameter, role, unit, def, lo, hi, typical_lo, typical_hi, negligible, sign, text)       \
+  if (role && (refused >> TSE_EFFECT_##id & 1u) && (c->id##_##parameter < 0 || c->id##_##parameter > 0)) {             \
+    if (wrong) *wrong = #id "_" #parameter;                                                                            \
+    return TSE_E_CONFIG;                                                                                               \
+  }
+#include "tse/effects.def"
+  return TSE_OK;
+}
+#endif
+
+tse_status tse_config_check(const tse_config *c, const char **wrong)
+{
+  if (!c) return TSE_E_NULL;
+  /* written so that NaN fails */
+#define REAL(name, def, lo, hi, unit, text) \
+  if (!(c->name >= (tse_setting)(lo) && c->name <= (tse_setting)(hi))) { if (wrong) *wrong = #name; return TSE_E_CONFIG; }
+#define INT(name, def, lo, hi, text) \
+  if (c->name < (lo) || c->name > (hi)) { if (wrong) *wrong = #name; return TSE_E_CONFIG; }
+#include "tse/config.def"
+#undef REAL
+#undef INT
+#if defined(TSE_NO_EFFECTS)
+  return effects_fit(c, wrong);
+#else
+  return TSE_OK;
+#endif
+}
+
+/* FNV-1a over the 32-bit halves of every setting: tells filters and parameters that do not belong together. */
+static uint32_t mix(uint32_t h, uint32_t word)
+{
+  for (int i = 0; i < 4; i++) {
+    h = (h ^ (word & 0xffu)) * 16777619u;
+    word >>= 8;
+  }
+  return h;
+}
+
+static uint32_t mix_setting(uint32_t h, tse_setting x)
+{
+  uint32_t words[(sizeof(tse_setting) + 3) / 4];
+  memcpy(words, &x, sizeof x);
+  for (size_t i = 0; i < sizeof words / sizeof words[0]; i++) h = mix(h, words[i]);
+  return h;
+}
+
+static uint32_t fingerprint(const tse_config *c)
+{
+  uint32_t h = 2166136261u;
+#define REAL(name, def, lo, hi, unit, text) h = mix_setting(h, c->name);
+#define INT(name, def, lo, hi, text) h = mix(h, (uint32_t)c->name);
+#include "tse/config.def"
+#undef REAL
+#undef INT
+  return mix(h, TSE_MAX_PARTICLES);
+}
+
+/* What gives relative stiffness its meaning. In single precision, so that builds of every format agree; only there both
+ * differ in nothing but how a decimal number is rounded. */
+static uint32_t mix_vehicle(uint32_t h, tse_setting value)
+{
+  const float x = (float)value;
+  uint32_t word;
+  memcpy(&word, &x, sizeof word);
+  return mix(h, word);
+}
+
+/* An effect changes what a stiffness means; one that is off leaves the fingerprint as it was before there were effects. */
+static uint32_t mix_effect(uint32_t h, int on, const char *name, tse_setting value)
+{
+  const float x = (float)value;
+  uint32_t word;
+  if (!on) return h;
+  for (; *name; name++) h = mix(h, (uint32_t)(unsigned char)*name);
+  memcpy(&word, &x, sizeof word);
+  return mix(h, word);
+}
+
+static uint32_t vehicle_fingerprint(const tse_config *c)
+{
+  uint32_t h = 2166136261u;
+#define REAL(name, def, lo, hi, unit, text) h = mix_vehicle(h, c->name);
+#include "tse/vehicle.def"
+#undef REAL
+  const uint64_t on = effects_on(c);
+#define EFFECT_PARAMETER(id, parameter, role, unit, def, lo, hi, typical_lo, typical_hi, negligible, sign, text) \
+  h = mix_effect(h, (int)(on >> TSE_EFFECT_##id & 1u), #id "_" #parameter, c->id##_##parameter);
+#include "tse/effects.def"
+  return h;
+}
+
+static tse_setting square(tse_setting x) { return x * x; }
+static tse_real real_of(tse_setting x) { return r_from_setting(x); }
+
+/* The car that the filter's constants are of: CONSTANT effects act on its settings. */
+static tse_config car_of(const tse_config *c, uint64_t mask)
+{
+  tse_config car = *c;
+#define CALL_CONSTANT(id) if (mask >> TSE_EFFECT_##id & 1u) id##_constant(&car);
+#define CALL_INPUT(id)
+#define CALL_SLIP(id)
+#define CALL_LAG(id)
+#define CALL_STIFFNESS(id)
+#define CALL_BODY(id)
+#define CALL_SENSOR(id)
+#define EFFECT(id, hook, title, entry, channels, alike, estimator) CALL_##hook(id)
+#include "tse/effects.def"
+  return car;
+}
+
+static void prepare_effects(const tse_config *c, uint64_t mask, tse_params *p)
+{
+  p->effects.mask = mask;
+  p->read_x = p->read_y_front = p->read_y_rear = TSE_R(1);
+#if defined(TSE_NO_EFFECTS)
+  (void)c;
+#else
+  tse_effects *const e = &p->effects;
+#define EFFECT_PARAMETER(id, parameter, role, unit, def, lo, hi, typical_lo, typical_hi, negligible, sign, text) \
+  e->id##_##parameter = real_of(c->id##_##parameter);
+#include "tse/effects.def"
+  const tse_setting one = 1, g = (tse_setting)9.81;
+  e->mass = real_of(c->mass);
+  e->inv_mass = real_of(one / c->mass);
+  e->inv_inertia = real_of(one / c->yaw_inertia);
+  e->load_front = real_of(g * c->lr / (c->lf + c->lr));
+  e->load_rear = real_of(g * c->lf / (c->lf + c->lr));
+  /* what the accelerometers read per tyre force: their slope over the stiffness, exact but for what lags */
+  const tse_setting x = (one + c->imu_scale_ax_error) * (one + g * c->pitch_leak_gain);
+  const tse_setting y = (one + c->imu_scale_ay_error) * (one + g * c->body_roll_gain);
+  p->read_x = real_of(x);
+  p->read_y_front = real_of(y + y * c->imu_lever_arm_x * c->mass * c->lf / c->yaw_inertia);
+  p->read_y_rear = real_of(y - y * c->imu_lever_arm_x * c->mass * c->lr / c->yaw_inertia);
+#endif
+}
+
+tse_status tse_prepare(const tse_config *settings, tse_params *p, const char **wrong)
+{
+  const tse_setting one = 1;
+  const tse_status status = tse_config_check(settings, wrong);
+  if (status < 0) return status;
+  if (!p) return TSE_E_NULL;
+  const uint64_t mask = effects_on(settings);
+  const tse_config car = car_of(settings, mask), *const c = &car;
+
+  memset(p, 0, sizeof *p);
+  p->magic = TSE_PARAMS_MAGIC;
+  p->fingerprint = fingerprint(settings);
+  p->vehicle = vehicle_fingerprint(settings);
+  p->particles = c->particles;
+  p->resampling = c->resampling;
+  p->form = c->form;
+  p->hypotheses = c->hypotheses;
+  p->inputs_held = c->inputs_held;
+  p->vel_x_from_wheels = c->initial_vel_x_from_wheels;
+  p->seed[0] = (uint32_t)c->seed;
+  p->seed[1] = 0x7473650au; /* no seed gives the all-zero key */
+
+  p->kx_front = real_of(c->longitudinal_stiffness_front / c->mass);
+  p->kx_rear = real_of(c->longitudinal_stiffness_rear / c->mass);
+  p->ky_front = real_of(c->cornering_stiffness_front / c->mass);
+  p->ky_rear = real_of(c->cornering_stiffness_rear / c->mass);
+  p->follow = real_of(c->rear_longitudinal_follows_front);
+  p->lf = real_of(c->lf);
+  p->lr = real_of(c->lr);
+  p->jf = real_of(c->mass * c->lf / c->yaw_inertia);
+  p->jr = real_of(c->mass * c->lr / c->yaw_inertia);
+  p->radius_front = real_of(c->wheel_radius_front);
+  p->radius_rear = real_of(c->wheel_radius_rear);
+
+  const tse_setting sd[3] = { c->accel_x_sd, c->accel_y_sd, c->yaw_rate_sd };
+  const tse_setting bias_sd[3] = { c->accel_x_bias_sd, c->accel_y_bias_sd, c->yaw_rate_bias_sd };
+  const tse_setting walk[3] = { c->accel_x_bias_walk, c->accel_y_bias_walk, c->yaw_rate_bias_walk };
+  for (int i = 0; i < 3; i++) {
+    p->sd[i] = real_of(sd[i]);
+    p->inv_sd[i] = real_of(one / sd[i]);
+    p->bias_var0[i] = real_of(square(bias_sd[i] / sd[i]));
+    p->bias_walk[i] = real_of(square(walk[i] / sd[i]));
+    p->log_sd[i] = r_log2(real_of(sd[i]));
+  }
+
+  p->wheel_var[0] = real_of(square(c->wheel_noise_sd * c->wheel_radius_front));
+  p->wheel_var[1] = real_of(square(c->wheel_noise_sd * c->wheel_radius_rear));
+
+  const tse_setting spread_var = square(c->initial_spread);
+  const tse_setting w0[3] = { c->initial_cx_front - one, c->initial_cy_front - one, c->initial_cy_rear - one };
+  const tse_setting x_sd[3] = { c->initial_vel_x_sd, c->initial_vel_y_sd, c->initial_yaw_rate_sd };
+  p->sample_time = real_of(c->sample_time);
+  p->inv_sample_time = real_of(one / c->sample_time);
+  p->max_step = real_of(c->sample_time * (tse_setting)1.5);
+  /* dampings times speed: of vx by the longitudinal, of vy and of the yaw rate by the cornering stiffnesses */
+  const tse_setting cy_f = c->cornering_stiffness_front, cy_r = c->cornering_stiffness_rear;
+  tse_setting damping = (c->longitudinal_stiffness_front + c->longitudinal_stiffness_rear) / c->mass;
+  const tse_setting lateral = (cy_f + cy_r) / c->mass, yaw = (square(c->lf) * cy_f + square(c->lr) * cy_r) / c->yaw_inertia;
+  damping = lateral > damping ? lateral : damping;
+  damping = yaw > damping ? yaw : damping;
+  p->damping = real_of((tse_setting)4 * damping);
+  p->least_step = r_max(real_of(c->hold_speed / ((tse_setting)4 * damping)), r_mul(TSE_R(0.125), p->max_step));
+  p->max_gap = real_of(c->max_gap);
+  p->max_slip = real_of(c->max_slip);
+  p->noise_max_var = real_of(square(c->noise_max));
+  p->hold_speed = real_of(c->hold_speed);
+  p->max_steer = real_of(c->max_steer);
+  p->log2_forgetting = r_log2(real_of(c->forgetting));
+  p->memory = real_of(one / (one - c->forgetting));
+  p->resample_at = real_of(c->resample_threshold * (tse_setting)c->particles);
+  for (int i = 0; i < 3; i++) {
+    p->mu0[i] = real_of(w0[i]);
+    p->x_sd0[i] = real_of(x_sd[i]);
+  }
+  /* Sigma = Lambda/(nu - d_w - 1) is the spread squared; gamma Sigma is the variance of the mean */
+  p->nu0 = real_of(c->initial_dof);
+  p->lam0 = real_of(spread_var * (c->initial_dof - (tse_setting)4) / c->initial_dof);
+  p->gamma0 = real_of(square(c->initial_mean_sd) / spread_var);
+  p->mean_var0 = real_of(square(c->initial_mean_sd));
+  p->mean_sd = real_of(c->initial_mean_sd);
+  p->spread_var = real_of(spread_var);
+  p->spread_max_var = real_of(square(c->spread_max));
+  p->learnt_floor = real_of(square(c->learnt_floor));
+  p->learnt_walk = real_of(square(c->learnt_walk_day));
+  p->vel_x0 = real_of(c->initial_vel_x);
+  p->w_min = real_of(c->stiffness_min - one);
+  p->w_max = real_of(c->stiffness_max - one);
+  p->valid_var = real_of(square(c->valid_sd));
+  p->hold_var = real_of(square(c->hold_sd));
+  p->watchdog_drop = real_of(c->watchdog_drop * (tse_setting)1.4426950408889634);
+  p->recovery_count = (int32_t)(c->recovery_share * (tse_setting)c->particles);
+  p->initial_spread_var = real_of(square(c->initial_spread));
+  p->steady_walk = real_of(square(c->steady_walk));
+  prepare_effects(c, mask, p);
+  return TSE_OK;
+}
+
+void tse_stiffness_si(const tse_config *c, const tse_output *y, tse_setting mean[3], tse_setting sd[3], tse_setting spread[3])
+{
+  if (!c || !y) return;
+  const tse_setting nominal[3] = { c->longitudinal_stiffness_front, c->cornering_stiffness_front, c->cornering_stiffness_rear };
+  for (int i = 0; i < 3; i++) {
+    if (mean) mean[i] = nominal[i] * r_to_setting(y->stiffness[i]);
+    if (sd) sd[i] = nominal[i] * r_to_setting(y->stiffness_sd[i]);
+    if (spread) spread[i] = nominal[i] * r_to_setting(y->stiffness_spread[i]);
+  }
+}

@@ -1,0 +1,68 @@
+/* estimator/stages.h - what the forms of the filter have in common: a checked row, the start, the effects. Internal. */
+#ifndef TSE_STAGES_H
+#define TSE_STAGES_H
+
+#include "tse/tse.h"
+#include "model/vehicle.h"
+
+#define input_decode      TSE_NAME(tse_input_decode)
+#define start_of_settings TSE_NAME(tse_start_of_settings)
+#define told_inputs       TSE_NAME(tse_told_inputs)
+#define told_motion       TSE_NAME(tse_told_motion)
+#define told_sample       TSE_NAME(tse_told_sample)
+#define step_hypotheses   TSE_NAME(tse_step_hypotheses)
+#define step_particles    TSE_NAME(tse_step_particles)
+#define report_particles  TSE_NAME(tse_report_particles)
+#define crc32_of          TSE_NAME(tse_crc32_of)
+
+#define STATE_VAR TSE_R(1e-18) /* (1e-9 m/s)^2: no state is known better; and no denormal numbers */
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* A checked row: what is missing is marked, wheel speeds are speeds. Nobody changes one: effects make a copy. */
+typedef struct sample {
+  inputs u;
+  tse_real dt;      /* [s]                                                            */
+  tse_real y[3];    /* [sigma]  accel_x, accel_y, yaw rate over their sd; 0 if unused */
+  tse_real use[3];  /* 1 used, 0 missing                                              */
+  int32_t used;     /* how many of the three                                          */
+  int32_t has_inputs;
+  int32_t has_steer;
+} sample;
+
+/* input.c     row -> sample; the filter supplies held inputs for missing ones. Nothing is changed. */
+tse_status input_decode(const tse_params *p, const tse_filter *f, const tse_input *u, sample *y);
+
+/* start.c     where the first row starts when nothing was loaded */
+void start_of_settings(const tse_params *p, tse_start *s);
+
+/* told.c      what the effects of tse/effects.def change in a row, when any is on; in the order of a step.
+ *             at: mean of vel_x, vel_y, yaw rate and of the deviations of the stiffness, before the row and at its end
+ *             told_inputs: the sample with the steering angle of the wheels; row: p with the secant stiffness of the row before
+ *             told_motion: push, what the mean moves more with the effects than without; the caller moves by it what he has
+ *                          moved by (7). Before the filter's steer and v_* become those of y
+ *             told_sample: the row's stiffness; the sample without what the effects add. moved: by (7); known: the wheels roll
+ *                          and are heard of, else there is no correction */
+sample told_inputs(const tse_params *p, tse_filter *f, const sample *y, tse_params *row);
+void told_motion(const tse_params *p, const tse_params *row, tse_filter *f, const sample *y, const tse_real at[6], tse_real push[3]);
+sample told_sample(const tse_params *p, tse_params *row, tse_filter *f, const sample *y, const tse_real at[6], int moved, int known);
+
+/* step.c, paper/algorithm.c   a row of tse_step() in form 0; in forms 1 and 2, whose filter is a tse_filter_paper */
+tse_status step_hypotheses(const tse_params *p, tse_filter *f, const tse_input *u, tse_output *out);
+tse_status step_particles(const tse_params *p, tse_filter *f, const tse_input *u, tse_output *out);
+
+/* paper/estimate.c            estimates of such a filter now; lam: weighted means of Lambda/nu */
+void report_particles(const tse_params *p, const tse_filter *f, tse_output *now, tse_real lam[6], tse_real *nu);
+
+/* learnt.c */
+uint32_t crc32_of(const uint8_t *bytes, size_t count);
+
+/* The larger code, of two that are not negative. */
+static inline tse_status worse(tse_status a, tse_status b) { return a > b ? a : b; }
+
+#ifdef __cplusplus
+}
+#endif
+#endif

@@ -1,0 +1,157 @@
+/* host/replay.c - a whole log through the deterministic model of integrator.c, for fits. */
+#include "tse/replay.h"
+
+#include "model/effects.h"
+
+#define MOST_STEER TSE_R(1.2)  /* as tse/input.def */
+#define MOST_WHEEL TSE_R(400)
+#define BIT_GIVEN 63           /* of the mask: no effect, but something is given that only the model with effects knows */
+
+void tse_replay_start_default(tse_replay_start *s)
+{
+  if (!s) return;
+#define REPLAY_START(name, def, unit, text) s->name = TSE_R(def);
+#include "tse/replay.def"
+}
+
+static tse_real value(const tse_real *array, int32_t i) { return array ? array[i] : TSE_R(0); }
+
+static given given_of(const tse_replay_log *log, int32_t i)
+{
+  given g;
+  g.grade = value(log->grade, i);
+  g.bank = value(log->bank, i);
+  g.slip_front = value(log->slip_front, i);
+  g.slip_rear = value(log->slip_rear, i);
+  g.x = value(log->force_x, i);
+  g.y = value(log->force_y, i);
+  g.yaw = value(log->yaw_accel, i);
+  return g;
+}
+
+static uint64_t mask_of(const tse_params *p, const tse_replay_log *log)
+{
+  uint64_t mask = p->effects.mask;
+  if (log->grade) mask |= (uint64_t)1 << TSE_EFFECT_grade;
+  if (log->bank) mask |= (uint64_t)1 << TSE_EFFECT_bank;
+  if (log->slip_front || log->slip_rear || log->force_x || log->force_y || log->yaw_accel) mask |= (uint64_t)1 << BIT_GIVEN;
+  return mask;
+}
+
+static int within(tse_real x, tse_real most) { return x >= -most && x <= most; }
+
+static tse_status check(const tse_replay_log *log, int32_t i)
+{
+  if (i > 0 && !(log->dt[i] > TSE_R(0) && log->dt[i] <= TSE_R(1))) return TSE_E_TIME;
+  if (!within(log->steer_angle[i], MOST_STEER) || !within(log->wheel_speed_front[i], MOST_WHEEL) ||
+      !within(log->wheel_speed_rear[i], MOST_WHEEL))
+    return TSE_E_INPUT;
+#define REPLAY_LOG(name, needed, unit, text) \
+  if (!(needed) && log->name && !r_is_finite(log->name[i])) return TSE_E_INPUT;
+#include "tse/replay.def"
+  return TSE_OK;
+}
+
+static int finite_start(const tse_replay_start *s)
+{
+  int fine = 1;
+#define REPLAY_START(name, def, unit, text) fine = fine && r_is_finite(s->name);
+#include "tse/replay.def"
+  return fine;
+}
+
+/* [rad/s2] from the rows on both sides */
+static tse_real spin_up(const tse_real *omega, const tse_real *dt, int32_t i, int32_t rows)
+{
+  const int32_t a = i > 0 ? i - 1 : 0, b = i < rows - 1 ? i + 1 : i;
+  tse_real time = TSE_R(0);
+  for (int32_t k = a + 1; k <= b; k++) time += dt[k];
+  return time > TSE_R(0) ? r_div(omega[b] - omega[a], time) : TSE_R(0);
+}
+
+/* Returned: 1, or 0 where x is no number */
+static int keep(tse_real *array, int32_t i, tse_real x)
+{
+  if (array) array[i] = x;
+  return !array || r_is_finite(x);
+}
+
+static int write_row(const tse_params *p, const tse_replay_log *log, const tse_replay_start *s, const tse_replay_out *out,
+                      int32_t i, int32_t rows, const point *at, const tse_real read[3])
+{
+  int fine = keep(out->accel_x, i, read[0] + s->bias_accel_x);
+  fine = keep(out->accel_y, i, read[1] + s->bias_accel_y) && fine;
+  fine = keep(out->yaw_rate, i, read[2] + s->bias_yaw_rate) && fine;
+  fine = keep(out->vel_x, i, at->vx) && fine;
+  fine = keep(out->vel_y, i, at->vy) && fine;
+  fine = keep(out->true_yaw_rate, i, at->r) && fine;
+  if (out->wheel_torque_front)
+    fine = keep(out->wheel_torque_front, i,
+                r_mul(p->radius_front, r_mul(p->effects.mass, at->fx_front)) +
+                  r_mul(s->wheel_inertia_front, spin_up(log->wheel_speed_front, log->dt, i, rows))) && fine;
+  if (out->wheel_torque_rear)
+    fine = keep(out->wheel_torque_rear, i,
+                r_mul(p->radius_rear, r_mul(p->effects.mass, at->fx_rear)) +
+                  r_mul(s->wheel_inertia_rear, spin_up(log->wheel_speed_rear, log->dt, i, rows))) && fine;
+  return fine;
+}
+
+tse_status tse_replay(const tse_params *p, const tse_replay_log *log, int32_t rows, const tse_replay_start *s,
+                      const tse_replay_out *out, int32_t *wrong)
+{
+  if (!p || !log || !s || !out) return TSE_E_NULL;
+#define REPLAY_LOG(name, needed, unit, text) if (needed && !log->name) return TSE_E_NULL;
+#include "tse/replay.def"
+  if (p->magic != TSE_PARAMS_MAGIC) return TSE_E_STATE;
+
+  tse_params car = *p;
+  tse_effect_memory m;
+  point at;
+  memset(&m, 0, sizeof m);
+  memset(&at, 0, sizeof at);
+  car.effects.mask = mask_of(p, log);
+  m.time = s->time;
+  m.heading = r_mul(TSE_R(0.15915494309189535), s->heading);
+  const stiffness k = vehicle_stiffness(&car, s->cx_front - TSE_R(1), s->cy_front - TSE_R(1), s->cy_rear - TSE_R(1));
+  const tse_effects *const e = &car.effects;
+  for (int32_t i = 0; i < rows; i++) { /* all before the first: a wheel torque needs the rows on both sides */
+    const tse_status status = i == 0 && !finite_start(s) ? TSE_E_INPUT : check(log, i);
+    if (status < 0) {
+      if (wrong) *wrong = i;
+      return status;
+    }
+  }
+  for (int32_t i = 0; i < rows; i++) {
+    const tse_real dt = i > 0 ? log->dt[i] : TSE_R(1);
+    inputs u;
+    u.steer = log->steer_angle[i];
+    u.v_front = r_mul(car.radius_front, log->wheel_speed_front[i]);
+    u.v_rear = r_mul(car.radius_rear, log->wheel_speed_rear[i]);
+    given g = at.g;
+    if (e->mask) {
+      u.steer = effects_steer(e, &m, u.steer, dt);
+      g = given_of(log, i);
+    }
+    if (i == 0) {
+      const int from_wheels = s->vel_x_from_wheels < TSE_R(0) || s->vel_x_from_wheels > TSE_R(0);
+      at.vx = from_wheels ? r_mul(TSE_R(0.5), u.v_front + u.v_rear) : s->vel_x;
+      at.vy = s->vel_y;
+      at.r = s->yaw_rate;
+      at.u = u;
+      at.g = g;
+      effects_settle(&car, &m, k, &at);
+    } else {
+      effects_advance(&car, &m, k, u, &g, dt, &at);
+      at.vx = vehicle_kept(at.vx, MOST_SPEED);
+      at.vy = vehicle_kept(at.vy, MOST_SPEED);
+      at.r = vehicle_kept(at.r, MOST_YAW_RATE);
+    }
+    tse_real read[3];
+    effects_sense(e, &m, &at, dt, read);
+    if (!write_row(&car, log, s, out, i, rows, &at, read)) {
+      if (wrong) *wrong = i;
+      return TSE_E_INPUT;
+    }
+  }
+  return TSE_OK;
+}

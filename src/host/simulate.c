@@ -1,0 +1,462 @@
+/* host/simulate.c - the truth for studies: the estimator's vehicle with wheels that turn, noise that is known. */
+#include "tse/simulate.h"
+
+#include "number/random.h"
+#include "host/sound.h"
+#include "model/effects.h"
+
+/* Brakes oppose rotation; between -BRAKE_GRIP and BRAKE_GRIP rad/s their torque rises linearly, so that they hold a
+ * standing wheel without a discontinuity. */
+#define BRAKE_GRIP TSE_R(0.2)
+#define JUMP TSE_R(1e-6) /* s in which a steering angle that was set anew since the last row is reached */
+
+void tse_sim_config_default(tse_sim_config *s)
+{
+  if (!s) return;
+#define REAL(name, def, lo, hi, unit, text) s->name = (tse_setting)(def);
+#define INT(name, def, lo, hi, text) s->name = (def);
+#include "tse/sim.def"
+#undef REAL
+#undef INT
+}
+
+tse_status tse_sim_config_check(const tse_sim_config *s, const char **wrong)
+{
+  if (!s) return TSE_E_NULL;
+#define REAL(name, def, lo, hi, unit, text) \
+  if (!(s->name >= (tse_setting)(lo) && s->name <= (tse_setting)(hi))) { if (wrong) *wrong = #name; return TSE_E_CONFIG; }
+#define INT(name, def, lo, hi, text) \
+  if (s->name < (lo) || s->name > (hi)) { if (wrong) *wrong = #name; return TSE_E_CONFIG; }
+#include "tse/sim.def"
+#undef REAL
+#undef INT
+  return TSE_OK;
+}
+
+tse_status tse_sim_reset(tse_sim *sim, const tse_config *c, const tse_sim_config *s, const char **wrong)
+{
+  tse_params params;
+  if (!sim) return TSE_E_NULL;
+  tse_status status = tse_prepare(c, &params, wrong);
+  if (status >= 0) status = tse_sim_config_check(s, wrong);
+  if (status < 0) return status;
+  memset(sim, 0, sizeof *sim);
+  sim->vehicle = *c;
+  sim->config = *s;
+  sim->params = params;
+  sim->params.seed[0] = (uint32_t)s->seed;
+  sim->params.seed[1] = 0x73696d75u; /* the estimator's numbers come from another key */
+  sim->x[0] = r_from_setting(s->speed);
+  sim->x[1] = r_from_setting(s->vel_y);
+  sim->x[3] = r_div(sim->x[0], params.radius_front);
+  sim->x[4] = r_div(sim->x[0], params.radius_rear);
+  sim->bias[0] = r_from_setting(s->true_bias_accel_x);
+  sim->bias[1] = r_from_setting(s->true_bias_accel_y);
+  sim->bias[2] = r_from_setting(s->true_bias_yaw_rate);
+  return TSE_OK;
+}
+
+tse_status tse_sim_check(const tse_sim *sim, const tse_config *c, const tse_sim_config *s)
+{
+  tse_sim fresh;
+  if (!sim || !c || !s) return TSE_E_NULL;
+  const tse_status status = tse_sim_reset(&fresh, c, s, NULL);
+  if (status < 0) return status;
+  /* what comes before `step` is made of the settings, byte for byte */
+  int fine = memcmp(&fresh, sim, offsetof(tse_sim, step)) == 0 && sound_memory(&sim->effects);
+  fine = fine && sound_reals(sim->x, 9, -MOST_REAL, MOST_REAL) && sound_reals(sim->bias, 3, -MOST_REAL, MOST_REAL);
+  fine = fine && sound_reals(sim->drawn, 3, -MOST_REAL, MOST_REAL) && sound_reals(&sim->steer, 1, -MOST_REAL, MOST_REAL);
+  fine = fine && sound_reals(&sim->steer_logged, 1, -MOST_REAL, MOST_REAL) && sound_reals(&sim->last.dt, 1, TSE_R(0), MOST_REAL);
+#define SIM_INPUT(name, def, lo, hi, unit, text) fine = fine && sound_reals(&sim->last.name, 1, TSE_R(lo), TSE_R(hi));
+#include "tse/sim_input.def"
+#undef SIM_INPUT
+  return fine ? TSE_OK : TSE_E_STATE;
+}
+
+typedef struct driver { tse_real steer, drive_front, drive_rear, brake_front, brake_rear; } driver;
+
+/* Between two rows everything that the driver does is linear: a step takes one row; with `hold_inputs` it is held. (Held
+ * torques lead the logged wheel speeds, which an estimator can only interpolate, by half a row; untold that costs it 2 % of the
+ * longitudinal stiffness.) */
+static driver between(const tse_sim_input *a, const tse_sim_input *b, tse_real share)
+{
+  driver u;
+  u.steer = a->steer_angle + r_mul(share, b->steer_angle - a->steer_angle);
+  u.drive_front = a->wheel_torque_front + r_mul(share, b->wheel_torque_front - a->wheel_torque_front);
+  u.drive_rear = a->wheel_torque_rear + r_mul(share, b->wheel_torque_rear - a->wheel_torque_rear);
+  u.brake_front = a->brake_torque_front + r_mul(share, b->brake_torque_front - a->brake_torque_front);
+  u.brake_rear = a->brake_torque_rear + r_mul(share, b->brake_torque_rear - a->brake_torque_rear);
+  return u;
+}
+
+static tse_real brake(tse_real torque, tse_real omega)
+{
+  return r_mul(torque, r_clamp(r_div(omega, BRAKE_GRIP), TSE_R(-1), TSE_R(1)));
+}
+
+/* Slope of brake() over omega; where the brake slips it is zero. The secant never is. */
+static tse_real brake_slope(tse_real torque, tse_real omega, int secant)
+{
+  if (secant) return r_div(torque, r_max(r_abs(omega), BRAKE_GRIP));
+  return r_abs(omega) < BRAKE_GRIP ? r_div(torque, BRAKE_GRIP) : TSE_R(0);
+}
+
+/* Secant of a tyre that saturates, over its stiffness: brush model with parabolic pressure. `limit` is friction times axle
+ * load, `fx`, `fy` are what linear tyres would hold (all over mass). The force grows as F (1 - z + z^2/3), z = F/(3 limit),
+ * and is the limit from z = 1 on, where every bristle slides. */
+static tse_real grip(tse_real limit, tse_real fx, tse_real fy)
+{
+  if (!(limit > TSE_R(0))) return TSE_R(1);
+  const tse_real force = r_sqrt(r_mul(fx, fx) + r_mul(fy, fy)), z = r_div(force, r_mul(TSE_R(3), limit));
+  return z < TSE_R(1) ? TSE_R(1) - z + r_mul(TSE_R(1.0 / 3), r_mul(z, z)) : r_div(limit, force);
+}
+
+static tse_real friction_now(const tse_sim *sim)
+{
+  return sim->last.road_friction > TSE_R(0) ? sim->last.road_friction : r_from_setting(sim->config.friction);
+}
+
+/* The stiffness that the tyres of each axle show at these slips; the drawn one, bit for bit, without friction limit. */
+static stiffness gripping(const tse_sim *sim, stiffness k, slips s)
+{
+  const tse_params *const p = &sim->params;
+  const tse_real g = r_mul(friction_now(sim), r_div(GRAVITY, p->lf + p->lr)); /* loads over mass: g lr/L, g lf/L */
+  const tse_real front = grip(r_mul(g, p->lr), r_mul(k.x_front, s.s_front), r_mul(k.y_front, s.a_front));
+  const tse_real rear = grip(r_mul(g, p->lf), r_mul(k.x_rear, s.s_rear), r_mul(k.y_rear, s.a_rear));
+  k.x_front = r_mul(k.x_front, front);
+  k.y_front = r_mul(k.y_front, front);
+  k.x_rear = r_mul(k.x_rear, rear);
+  k.y_rear = r_mul(k.y_rear, rear);
+  return k;
+}
+
+enum { STATES = 9 }; /* vel_x, vel_y, yaw rate, wheel speeds front and rear; with effects, the slips that tyres hold */
+
+typedef struct car { /* what one substep needs beside the state */
+  const tse_sim *sim;
+  const tse_params *p;
+  stiffness k;
+  tse_real mass, inertia_front, inertia_rear;
+} car;
+
+static inputs inputs_of(const car *c, const tse_real x[STATES], tse_real steer)
+{
+  inputs u;
+  u.steer = steer;
+  u.v_front = r_mul(c->p->radius_front, x[3]);
+  u.v_rear = r_mul(c->p->radius_rear, x[4]);
+  return u;
+}
+
+/* The car at a state, `ahead` of the effects' memory, with all effects and with tyres that saturate. */
+static void effects_now(const car *c, const tse_real x[STATES], tse_real steer, tse_real ahead, point *pt)
+{
+  const tse_effect_memory *const m = &c->sim->effects;
+  memset(pt, 0, sizeof *pt);
+  pt->vx = x[0];
+  pt->vy = x[1];
+  pt->r = x[2];
+  pt->u = inputs_of(c, x, steer);
+  pt->ahead = ahead;
+  pt->k = c->k;
+  effects_slips(c->p, m, &x[5], pt);
+  effects_stiffness(c->p, m, pt);
+  pt->k = gripping(c->sim, pt->k, pt->s);
+  effects_forces(c->p, m, pt);
+}
+
+/* As derivative(), with effects. */
+static void derivative_with_effects(const car *c, const tse_real x[STATES], driver d, tse_real ahead, tse_real dx[STATES])
+{
+  point pt;
+  tse_real rate[4];
+  effects_now(c, x, d.steer, ahead, &pt);
+  effects_lag_rates(&c->p->effects, &pt, rate);
+  dx[0] = pt.force.x + pt.gravity_x + r_mul(x[1], x[2]);
+  dx[1] = pt.force.y + pt.gravity_y - r_mul(x[0], x[2]);
+  dx[2] = pt.force.yaw;
+  dx[3] = r_div(d.drive_front - brake(d.brake_front, x[3]) - r_mul(c->p->radius_front, r_mul(c->mass, pt.fx_front)), c->inertia_front);
+  dx[4] = r_div(d.drive_rear - brake(d.brake_rear, x[4]) - r_mul(c->p->radius_rear, r_mul(c->mass, pt.fx_rear)), c->inertia_rear);
+  for (int i = 0; i < 4; i++) dx[5 + i] = r_mul(rate[i], pt.target[i] - x[5 + i]);
+}
+
+/* (1), (2), (7) without its sampling, and the wheels: J omega' = T - T_brake - R Fx. */
+static void derivative(const car *c, const tse_real x[STATES], driver d, tse_real ahead, tse_real dx[STATES])
+{
+  if (c->p->effects.mask) {
+    derivative_with_effects(c, x, d, ahead, dx);
+    return;
+  }
+  const inputs u = inputs_of(c, x, d.steer);
+  const slips s = vehicle_slips(c->p, x[0], x[1], x[2], u);
+  const stiffness k = gripping(c->sim, c->k, s);
+  const accels a = vehicle_accels(c->p, k, s, d.steer);
+  const tse_real fx_front = r_mul(c->mass, r_mul(k.x_front, s.s_front));
+  const tse_real fx_rear = r_mul(c->mass, r_mul(k.x_rear, s.s_rear));
+  dx[0] = a.x + r_mul(x[1], x[2]);
+  dx[1] = a.y - r_mul(x[0], x[2]);
+  dx[2] = a.yaw;
+  dx[3] = r_div(d.drive_front - brake(d.brake_front, x[3]) - r_mul(c->p->radius_front, fx_front), c->inertia_front);
+  dx[4] = r_div(d.drive_rear - brake(d.brake_rear, x[4]) - r_mul(c->p->radius_rear, fx_rear), c->inertia_rear);
+}
+
+/* What is stiff, and therefore implicit: the arrow (vx; omega_f, omega_r) and the block (vy, r). Tyres that saturate enter
+ * by their secant, which overestimates their damping: ROS2 keeps its order with any Jacobian. */
+typedef struct solver { tse_real vf, vr, wf, wr, df, dr, schur, m11, m12, m21, m22, inv_det, slow[4]; int states; } solver;
+
+static solver factor(const car *c, const tse_real x[STATES], driver d, tse_real gh, int secant)
+{
+  slips s = vehicle_slips(c->p, x[0], x[1], x[2], inputs_of(c, x, d.steer));
+  const tse_params *const p = c->p;
+  stiffness k = gripping(c->sim, c->k, s);
+  solver m;
+  m.states = 5;
+  if (p->effects.mask) {
+    point pt;
+    tse_real rate[4];
+    effects_now(c, x, d.steer, TSE_R(0), &pt);
+    effects_lag_rates(&p->effects, &pt, rate);
+    for (int i = 0; i < 4; i++) m.slow[i] = r_div(TSE_R(1), TSE_R(1) + r_mul(gh, rate[i]));
+    m.states = STATES;
+    s = pt.s;
+    k = pt.k;
+  }
+  /* with D = what slip is taken over: d(Fx/m)/dvx = -k/D, d(Fx/m)/domega = k R/D (where D does not move) */
+  const tse_real kf = r_mul(k.x_front, s.inv_front), kr = r_mul(k.x_rear, s.inv_rear);
+  m.vf = -r_mul(gh, r_mul(kf, p->radius_front));
+  m.vr = -r_mul(gh, r_mul(kr, p->radius_rear));
+  m.wf = -r_mul(gh, r_div(r_mul(c->mass, r_mul(p->radius_front, kf)), c->inertia_front));
+  m.wr = -r_mul(gh, r_div(r_mul(c->mass, r_mul(p->radius_rear, kr)), c->inertia_rear));
+  m.df = TSE_R(1) - r_mul(m.wf, p->radius_front) + r_mul(gh, r_div(brake_slope(d.brake_front, x[3], secant), c->inertia_front));
+  m.dr = TSE_R(1) - r_mul(m.wr, p->radius_rear) + r_mul(gh, r_div(brake_slope(d.brake_rear, x[4], secant), c->inertia_rear));
+  m.schur = TSE_R(1) + r_mul(gh, kf + kr) - r_div(r_mul(m.vf, m.wf), m.df) - r_div(r_mul(m.vr, m.wr), m.dr);
+
+  const tse_real yf = r_mul(k.y_front, s.inv_body), yr = r_mul(k.y_rear, s.inv_body);
+  m.m11 = TSE_R(1) + r_mul(gh, yf + yr);
+  m.m12 = r_mul(gh, r_mul(p->lf, yf) - r_mul(p->lr, yr) + x[0]);
+  m.m21 = r_mul(gh, r_mul(p->jf, yf) - r_mul(p->jr, yr));
+  m.m22 = TSE_R(1) + r_mul(gh, r_mul(r_mul(p->jf, p->lf), yf) + r_mul(r_mul(p->jr, p->lr), yr));
+  m.inv_det = r_div(TSE_R(1), r_mul(m.m11, m.m22) - r_mul(m.m12, m.m21));
+  return m;
+}
+
+static void solve(const solver *m, const tse_real f[STATES], tse_real k[STATES])
+{
+  for (int i = 5; i < m->states; i++) k[i] = r_mul(f[i], m->slow[i - 5]);
+  k[0] = r_div(f[0] - r_div(r_mul(m->vf, f[3]), m->df) - r_div(r_mul(m->vr, f[4]), m->dr), m->schur);
+  k[3] = r_div(f[3] - r_mul(m->wf, k[0]), m->df);
+  k[4] = r_div(f[4] - r_mul(m->wr, k[0]), m->dr);
+  k[1] = r_mul(r_mul(m->m22, f[1]) - r_mul(m->m12, f[2]), m->inv_det);
+  k[2] = r_mul(r_mul(m->m11, f[2]) - r_mul(m->m21, f[1]), m->inv_det);
+}
+
+/* Could this brake stop the wheel within the substep? Only tyres that saturate let it. */
+static int may_lock(const car *c, tse_real torque, tse_real inertia, tse_real omega, tse_real h)
+{
+  return friction_now(c->sim) > TSE_R(0) && r_mul(h, torque) > r_mul(TSE_R(0.5), r_mul(inertia, r_abs(omega)));
+}
+
+/* ROS2, as vehicle_step() in vehicle.h, with the wheel speeds as states. Its stages would jump over the brake's change of
+ * sign where a wheel locks; there implicit Euler takes over: with secants all terms off its diagonal have the sign that
+ * keeps a wheel from being braked into reverse, whatever the torque. */
+static void substep(const car *c, tse_real x[STATES], driver u0, driver u1, tse_real h)
+{
+  tse_real f[STATES], k1[STATES], k2[STATES], mid[STATES];
+  if (may_lock(c, u1.brake_front, c->inertia_front, x[3], h) || may_lock(c, u1.brake_rear, c->inertia_rear, x[4], h)) {
+    const solver euler = factor(c, x, u1, h, 1);
+    derivative(c, x, u1, TSE_R(0), f);
+    solve(&euler, f, k1);
+    for (int a = 0; a < euler.states; a++) x[a] += r_mul(h, k1[a]);
+    return;
+  }
+  const solver m = factor(c, x, u0, r_mul(TSE_R(0.29289321881345254), h), 0);
+  derivative(c, x, u0, TSE_R(0), f);
+  solve(&m, f, k1);
+  for (int a = 0; a < m.states; a++) mid[a] = x[a] + r_mul(h, k1[a]);
+  derivative(c, mid, u1, h, f);
+  for (int a = 0; a < m.states; a++) f[a] = f[a] - k1[a] - k1[a];
+  solve(&m, f, k2);
+  for (int a = 0; a < m.states; a++) x[a] += r_mul(h, r_mul(TSE_R(1.5), k1[a]) + r_mul(TSE_R(0.5), k2[a]));
+}
+
+static void two_normals(const tse_sim *sim, uint32_t purpose, tse_real *a, tse_real *b)
+{
+  uint32_t u, v;
+  random_words(sim->params.seed, sim->step, purpose, 0, &u, &v);
+  random_normal2(u, v, a, b);
+}
+
+/* Stiffness for the interval that starts now: mean times (1 + spread n), never below a tenth of the mean. */
+static void draw_stiffness(const tse_sim *sim, tse_real road_level, tse_real mean[3], tse_real drawn[3])
+{
+  const tse_sim_config *const s = &sim->config;
+  const tse_real level[3] = { r_from_setting(s->true_cx_front), r_from_setting(s->true_cy_front), r_from_setting(s->true_cy_rear) };
+  const tse_real spread[3] = { r_from_setting(s->spread_cx_front), r_from_setting(s->spread_cy_front), r_from_setting(s->spread_cy_rear) };
+  tse_real n[4];
+  two_normals(sim, RANDOM_SIM_STIFFNESS_A, &n[0], &n[1]);
+  two_normals(sim, RANDOM_SIM_STIFFNESS_B, &n[2], &n[3]);
+  for (int a = 0; a < 3; a++) {
+    mean[a] = r_mul(level[a], road_level);
+    drawn[a] = r_mul(mean[a], r_max(TSE_R(1) + r_mul(spread[a], n[a]), TSE_R(0.1)));
+  }
+}
+
+/* Stiffness over mass as drawn; what does not follow the front still follows the road. */
+static stiffness stiffness_now(const tse_sim *sim, tse_real road_level)
+{
+  const tse_params *const p = &sim->params;
+  stiffness k;
+  k.x_front = r_mul(p->kx_front, sim->drawn[0]);
+  k.x_rear = r_mul(p->kx_rear, road_level + r_mul(p->follow, sim->drawn[0] - road_level));
+  k.y_front = r_mul(p->ky_front, sim->drawn[1]);
+  k.y_rear = r_mul(p->ky_rear, sim->drawn[2]);
+  return k;
+}
+
+static int in_range(tse_real x, tse_real lo, tse_real hi) { return x >= lo && x <= hi; }
+
+static tse_status check(const tse_sim *sim, const tse_sim_input *u)
+{
+  if (sim->step > 0 && !(u->dt > TSE_R(0) && u->dt <= TSE_R(1))) return TSE_E_TIME;
+#define SIM_INPUT(name, def, lo, hi, unit, text) if (!in_range(u->name, TSE_R(lo), TSE_R(hi))) return TSE_E_INPUT;
+#include "tse/sim_input.def"
+#undef SIM_INPUT
+  return TSE_OK;
+}
+
+static car car_of(const tse_sim *sim, stiffness k)
+{
+  car c;
+  c.sim = sim;
+  c.p = &sim->params;
+  c.k = k;
+  c.mass = sim->params.effects.mass;
+  c.inertia_front = r_from_setting(sim->config.wheel_inertia_front);
+  c.inertia_rear = r_from_setting(sim->config.wheel_inertia_rear);
+  return c;
+}
+
+/* A steering angle that was set anew since the logged one: the wheels follow. */
+static void jump(tse_sim *sim)
+{
+  if (!sim->params.effects.mask) return;
+  if (!(sim->last.steer_angle < sim->steer_logged || sim->last.steer_angle > sim->steer_logged)) return;
+  sim->steer = effects_steer(&sim->params.effects, &sim->effects, sim->last.steer_angle, JUMP);
+  sim->steer_logged = sim->last.steer_angle;
+}
+
+static void advance(tse_sim *sim, const tse_sim_input *u)
+{
+  const tse_real longest = r_from_setting(sim->config.substep);
+  const int32_t steps = -r_floor_to_int(-r_div(u->dt, longest) + TSE_R(1e-4)); /* 0.01/0.001 are ten, not eleven */
+  const tse_real h = r_div(u->dt, r_from_int(steps));
+  const car c = car_of(sim, stiffness_now(sim, sim->last.road_level));
+  const tse_effects *const e = &c.p->effects;
+  tse_sim_input from = sim->last, to = sim->config.hold_inputs ? sim->last : *u;
+  jump(sim);
+  if (e->mask) {
+    sim->steer_logged = to.steer_angle;
+    from.steer_angle = sim->steer;
+    to.steer_angle = sim->steer = effects_steer(e, &sim->effects, to.steer_angle, u->dt);
+  }
+  for (int32_t i = 0; i < steps; i++) {
+    const driver d0 = between(&from, &to, r_div(r_from_int(i), r_from_int(steps)));
+    const driver d1 = between(&from, &to, r_div(r_from_int(i + 1), r_from_int(steps)));
+    point a, b;
+    if (e->mask) effects_now(&c, sim->x, d0.steer, TSE_R(0), &a);
+    substep(&c, sim->x, d0, d1, h);
+    if (e->mask) {
+      effects_now(&c, sim->x, d1.steer, h, &b);
+      effects_remember(e, &sim->effects, &a, &b, h);
+    }
+  }
+  sim->last = *u;
+  jump(sim);
+  const tse_real walk[3] = { r_from_setting(sim->vehicle.accel_x_bias_walk), r_from_setting(sim->vehicle.accel_y_bias_walk),
+                             r_from_setting(sim->vehicle.yaw_rate_bias_walk) };
+  const tse_real scale = r_mul(r_from_setting(sim->config.bias_walk), r_sqrt(u->dt));
+  tse_real n[4];
+  two_normals(sim, RANDOM_SIM_WALK_A, &n[0], &n[1]);
+  two_normals(sim, RANDOM_SIM_WALK_B, &n[2], &n[3]);
+  for (int a = 0; a < 3; a++) sim->bias[a] += r_mul(r_mul(scale, walk[a]), n[a]);
+}
+
+/* At the first row everything is at rest: tyres hold the slip that there is, the steering has followed. */
+static void settle(tse_sim *sim, const car *c)
+{
+  point pt;
+  sim->steer_logged = sim->last.steer_angle;
+  sim->steer = effects_steer(&sim->params.effects, &sim->effects, sim->last.steer_angle, TSE_R(1));
+  memset(&pt, 0, sizeof pt);
+  pt.vx = sim->x[0];
+  pt.vy = sim->x[1];
+  pt.r = sim->x[2];
+  pt.u = inputs_of(c, sim->x, sim->steer);
+  effects_settle(c->p, &sim->effects, c->k, &pt);
+  for (int i = 0; i < 4; i++) sim->x[5 + i] = sim->effects.lag[i];
+}
+
+/* Specific force at the centre of gravity, and what accelerometers and gyro make of it. */
+static void observe(tse_sim *sim, stiffness k, tse_real dt, accels *a, tse_real clean[3])
+{
+  const car c = car_of(sim, k);
+  if (sim->params.effects.mask) {
+    point pt;
+    if (!sim->effects.settled) settle(sim, &c);
+    effects_now(&c, sim->x, sim->steer, TSE_R(0), &pt);
+    effects_sense(&sim->params.effects, &sim->effects, &pt, dt, clean);
+    *a = pt.force;
+    return;
+  }
+  const inputs in = inputs_of(&c, sim->x, sim->last.steer_angle);
+  const slips s = vehicle_slips(&sim->params, sim->x[0], sim->x[1], sim->x[2], in);
+  *a = vehicle_accels(&sim->params, gripping(sim, k, s), s, in.steer);
+  clean[0] = a->x;
+  clean[1] = a->y;
+  clean[2] = sim->x[2];
+}
+
+tse_status tse_sim_step(tse_sim *sim, const tse_sim_input *u, tse_sim_output *y)
+{
+  if (!sim || !u || !y) return TSE_E_NULL;
+  const tse_status refused = check(sim, u);
+  if (refused < 0) return refused;
+  if (sim->step > 0) advance(sim, u);
+  else sim->last = *u;
+
+  tse_real mean[3], n[6];
+  draw_stiffness(sim, u->road_level, mean, sim->drawn);
+  const stiffness k = stiffness_now(sim, u->road_level);
+  accels a;
+  tse_real clean[3];
+  observe(sim, k, u->dt, &a, clean);
+
+  for (uint32_t i = 0; i < 3; i++) two_normals(sim, RANDOM_SIM_NOISE_A + i, &n[2 * i], &n[2 * i + 1]);
+  const tse_real noise = r_from_setting(sim->config.noise);
+  const tse_real wheel_sd = r_from_setting(sim->config.wheel_speed_sd);
+  tse_real measured[3];
+  for (int i = 0; i < 3; i++) measured[i] = clean[i] + sim->bias[i] + r_mul(r_mul(noise, sim->params.sd[i]), n[i]);
+
+  memset(y, 0, sizeof *y);
+  y->row.dt = sim->step > 0 ? u->dt : TSE_R(0);
+  y->row.steer_angle = u->steer_angle + r_mul(r_from_setting(sim->config.steer_angle_sd), n[3]);
+  y->row.wheel_speed_front = sim->x[3] + r_mul(wheel_sd, n[4]);
+  y->row.wheel_speed_rear = sim->x[4] + r_mul(wheel_sd, n[5]);
+  y->row.accel_x = measured[0];
+  y->row.accel_y = measured[1];
+  y->row.yaw_rate = measured[2];
+  y->vel_x = sim->x[0];
+  y->vel_y = sim->x[1];
+  y->yaw_rate = sim->x[2];
+  y->accel_x = a.x;
+  y->accel_y = a.y;
+  y->wheel_speed_front = sim->x[3];
+  y->wheel_speed_rear = sim->x[4];
+  for (int i = 0; i < 3; i++) {
+    y->stiffness[i] = mean[i];
+    y->drawn[i] = sim->drawn[i];
+    y->bias[i] = sim->bias[i];
+  }
+  sim->step++;
+  return TSE_OK;
+}

@@ -1,0 +1,54 @@
+/* host/sound.h - is a state, that came from anywhere, one to go on with? What filter and simulator have in common. Internal. */
+#ifndef TSE_SOUND_H
+#define TSE_SOUND_H
+
+#include "tse/tse.h"
+#include "number/real_ops.h"
+
+/* No number of a state that has come about by itself is as large; and what is computed of such numbers stays a number. */
+#if defined(TSE_REAL_Q20)
+#define MOST_REAL TSE_R(2047)
+#else
+#define MOST_REAL TSE_R(1e9)
+#endif
+
+static inline int sound_int(int32_t x, int32_t lo, int32_t hi) { return x >= lo && x <= hi; }
+
+static inline int sound_reals(const tse_real *x, int n, tse_real lo, tse_real hi)
+{
+  int fine = 1;
+  for (int i = 0; i < n; i++) fine = fine && x[i] >= lo && x[i] <= hi;
+  return fine;
+}
+
+static inline int sound_flags(const int32_t *x, int n)
+{
+  int fine = 1;
+  for (int i = 0; i < n; i++) fine = fine && sound_int(x[i], 0, 1);
+  return fine;
+}
+
+#if !defined(TSE_NO_EFFECTS)
+static inline int sound_delay(const tse_delay *d)
+{
+  int fine = sound_int(d->count, 0, TSE_DELAY_ROWS) && sound_reals(d->age, TSE_DELAY_ROWS, TSE_R(0), MOST_REAL);
+  for (int i = 1; fine && i < d->count; i++) fine = d->age[i] > d->age[i - 1];
+  return fine;
+}
+#endif
+
+static inline int sound_memory(const tse_effect_memory *m)
+{
+  int fine = sound_flags(&m->settled, 1);
+#if !defined(TSE_NO_EFFECTS)
+  const tse_real *const one[] = { &m->time, &m->heading, &m->steer_in, &m->steer_half, &m->steer_out, &m->steer_lost };
+  fine = fine && sound_flags(&m->steered, 1) && sound_delay(&m->steer) && sound_delay(&m->imu);
+  fine = fine && sound_reals(m->lag, 4, -MOST_REAL, MOST_REAL) && sound_reals(m->mode[0], 6, -MOST_REAL, MOST_REAL);
+  fine = fine && sound_reals(m->steer_was[0], TSE_DELAY_ROWS, -MOST_REAL, MOST_REAL);
+  fine = fine && sound_reals(m->imu_was[0], 3 * TSE_DELAY_ROWS, -MOST_REAL, MOST_REAL);
+  for (int i = 0; i < (int)(sizeof one / sizeof one[0]); i++) fine = fine && sound_reals(one[i], 1, -MOST_REAL, MOST_REAL);
+#endif
+  return fine;
+}
+
+#endif

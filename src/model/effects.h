@@ -1,0 +1,279 @@
+/* model/effects.h - the plain model of vehicle.h with the effects of tse/effects.def, at one point of state and input.
+ *
+ * Each effect is a file effects/<id>.h with one function <id>_<hook>(); the table says when it is called. The functions
+ * work on a `point`; they include nothing, because this file includes them where everything they need stands above.
+ * With no effect on, every sum and product is that of vehicle.h: the same bits. Not built for q20, or with TSE_NO_EFFECTS. */
+#ifndef TSE_SRC_EFFECTS_H
+#define TSE_SRC_EFFECTS_H
+
+#include "model/vehicle.h"
+
+#define GRAVITY TSE_R(9.81) /* m/s2 */
+
+enum { HOOK_CONSTANT, HOOK_INPUT, HOOK_SLIP, HOOK_LAG, HOOK_STIFFNESS, HOOK_BODY, HOOK_SENSOR };
+
+/* Bits of the effects with this hook; the compiler folds it. */
+static inline uint64_t effects_with(int hook)
+{
+  uint64_t bits = 0;
+#define EFFECT(id, hook_of, title, entry, channels, alike, estimator) \
+  bits |= HOOK_##hook_of == hook ? (uint64_t)1 << TSE_EFFECT_##id : 0;
+#include "tse/effects.def"
+  return bits;
+}
+
+static inline int effect_is_on(const tse_effects *e, int effect) { return (int)((e->mask >> effect) & 1u); }
+
+#if !defined(TSE_NO_EFFECTS)
+
+/* What a log row may give beside its inputs: the road's profile, and disturbances placed where an effect would enter. */
+typedef struct given {
+  tse_real grade, bank;             /* [rad] besides the effects' constants                 */
+  tse_real slip_front, slip_rear;   /* [rad] slip angles                                    */
+  tse_real x, y, yaw;               /* [m/s2], [m/s2], [rad/s2] forces and moment on the body */
+} given;
+
+/* One point: what is given, what the effects make of it, what the car then does. Forces are over mass. */
+typedef struct point {
+  tse_real vx, vy, r;                  /* [m/s] [m/s] [rad/s]                                                          */
+  inputs u;                            /* steering angle after the INPUT effects                                       */
+  tse_real ahead;                      /* [s] how far this point lies after the time of the memory                     */
+  given g;
+  slips s;                             /* what the tyres' forces are proportional to                                   */
+  tse_real target[4];                  /* slip angles front, rear, slips front, rear that the lags of LAG run towards  */
+  stiffness k;
+  tse_real sin_steer, cos_steer;       /* delta and 1 in the plain model                                               */
+  tse_real fx_front, fx_rear, fy_front, fy_rear; /* [m/s2] tyre forces, in the axes of their wheels                    */
+  accels force;                        /* [m/s2] specific force at the centre of gravity, [rad/s2] yaw acceleration    */
+  tse_real gravity_x, gravity_y;       /* [m/s2] accelerates the car, no sensor                                        */
+} point;
+
+/* Sine and cosine of an angle in rad; error below 1e-13 (float: 4e-7) up to 100 rad. */
+static inline void effects_sincos(tse_real angle, tse_real *s, tse_real *c)
+{
+  const tse_real turns = r_mul(angle, TSE_R(0.15915494309189535));
+  r_sincos_turn(turns - r_from_int(r_floor_to_int(turns)), s, c);
+}
+
+/* Second-order mode of a(t), linear from a0 to a1 in h:  x'' = w^2 (a - x) - 2 d w x', w = 2 pi f, by the trapezoidal rule,
+ * which is stable whatever f h. Updated: x[0] = x, x[1] = x'. */
+static inline void effects_mode(tse_real x[2], tse_real frequency, tse_real damping, tse_real a0, tse_real a1, tse_real h)
+{
+  const tse_real wh = r_mul(TSE_R(6.283185307179586), r_mul(frequency, h));
+  const tse_real drag = r_mul(damping, wh), spring = r_mul(TSE_R(0.25), r_mul(wh, wh));
+  const tse_real v = x[1];
+  const tse_real push = r_div(r_mul(r_mul(wh, wh), r_mul(TSE_R(0.5), a0 + a1) - x[0]), h);
+  x[1] = r_div(r_mul(v, TSE_R(1) - drag - spring) + push, TSE_R(1) + drag + spring);
+  x[0] += r_mul(r_mul(TSE_R(0.5), h), v + x[1]);
+}
+
+/* x'' of that mode, at a. */
+static inline tse_real effects_mode_swing(const tse_real x[2], tse_real frequency, tse_real damping, tse_real a)
+{
+  const tse_real w = r_mul(TSE_R(6.283185307179586), frequency);
+  return r_mul(w, r_mul(w, a - x[0]) - r_mul(r_mul(TSE_R(2), damping), x[1]));
+}
+
+/* Newest sample in. A sample that follows its predecessor closer than 1/9 of the delay takes its place, so that
+ * TSE_DELAY_ROWS samples always reach further back than the delay. */
+static inline void effects_delay_put(tse_delay *d, tse_real was[][TSE_DELAY_ROWS], tse_real delay, tse_real dt,
+                                     const tse_real *value, int channels)
+{
+  for (int i = 0; i < d->count; i++) d->age[i] += dt;
+  const int crowded = d->count > 1 && r_mul(TSE_R(9), d->age[1] - d->age[0]) < delay;
+  if (d->count > 0 && !crowded) {
+    const int last = d->count < TSE_DELAY_ROWS ? d->count : TSE_DELAY_ROWS - 1;
+    for (int i = last; i > 0; i--) {
+      d->age[i] = d->age[i - 1];
+      for (int c = 0; c < channels; c++) was[c][i] = was[c][i - 1];
+    }
+    d->count = last + 1;
+  }
+  if (d->count < 1) d->count = 1;
+  d->age[0] = TSE_R(0);
+  for (int c = 0; c < channels; c++) was[c][0] = value[c];
+}
+
+/* The value of `delay` seconds ago, linear between samples; the oldest where there is none. */
+static inline tse_real effects_delay_get(const tse_delay *d, const tse_real v[TSE_DELAY_ROWS], tse_real delay)
+{
+  int i = 1;
+  while (i < d->count && d->age[i] < delay) i++;
+  if (i >= d->count) return v[d->count - 1];
+  const tse_real share = r_div(delay - d->age[i - 1], d->age[i] - d->age[i - 1]);
+  return v[i - 1] + r_mul(share, v[i] - v[i - 1]);
+}
+
+enum { MODE_ROLL, MODE_PITCH, MODE_ROLL_STEER };
+
+#include "model/effects_acting.h"
+
+/* CALL(hook, arguments): every effect of that hook that is on, in the order of the table. */
+#define CALL_IF_ON(id, call) if (effect_is_on(e, TSE_EFFECT_##id)) call;
+
+/* INPUT: the steering angle that a row logs becomes that of the wheels. Once a row, dt since the last one.
+ *   Updated:  m   Returned: [rad] */
+static inline tse_real effects_steer(const tse_effects *e, tse_effect_memory *m, tse_real steer, tse_real dt)
+{
+#define CALL_CONSTANT(id)
+#define CALL_INPUT(id) CALL_IF_ON(id, steer = id##_input(e, m, steer, dt))
+#define CALL_SLIP(id)
+#define CALL_LAG(id)
+#define CALL_STIFFNESS(id)
+#define CALL_BODY(id)
+#define CALL_SENSOR(id)
+#define EFFECT(id, hook, title, entry, channels, alike, estimator) CALL_##hook(id)
+#include "tse/effects.def"
+#undef CALL_INPUT
+#define CALL_INPUT(id)
+  m->steered = 1;
+  return steer;
+}
+
+/* SLIP, LAG: from state and inputs to what the tyres' forces are proportional to.
+ *   Given:  lag  the four states of LAG at this point       Updated:  pt->s, target, sin_steer, cos_steer */
+static inline void effects_slips(const tse_params *p, const tse_effect_memory *m, const tse_real lag[4], point *pt)
+{
+  const tse_effects *const e = &p->effects;
+  pt->s = vehicle_slips(p, pt->vx, pt->vy, pt->r, pt->u);
+  pt->sin_steer = pt->u.steer;
+  pt->cos_steer = TSE_R(1);
+  if (!e->mask) return;
+  (void)m;
+#undef CALL_SLIP
+#define CALL_SLIP(id) CALL_IF_ON(id, id##_slip(p, m, pt))
+#define EFFECT(id, hook, title, entry, channels, alike, estimator) CALL_##hook(id)
+#include "tse/effects.def"
+#undef CALL_SLIP
+#define CALL_SLIP(id)
+  pt->s.a_front += pt->g.slip_front;
+  pt->s.a_rear += pt->g.slip_rear;
+  pt->target[0] = pt->s.a_front;
+  pt->target[1] = pt->s.a_rear;
+  pt->target[2] = pt->s.s_front;
+  pt->target[3] = pt->s.s_rear;
+#undef CALL_LAG
+#define CALL_LAG(id) CALL_IF_ON(id, id##_slip(lag, pt))
+#define EFFECT(id, hook, title, entry, channels, alike, estimator) CALL_##hook(id)
+#include "tse/effects.def"
+#undef CALL_LAG
+#define CALL_LAG(id)
+}
+
+/* STIFFNESS: the secant stiffness at these slips.   Updated: pt->k */
+static inline void effects_stiffness(const tse_params *p, const tse_effect_memory *m, point *pt)
+{
+  const tse_effects *const e = &p->effects;
+  if (!(e->mask & effects_with(HOOK_STIFFNESS))) return;
+#undef CALL_STIFFNESS
+#define CALL_STIFFNESS(id) CALL_IF_ON(id, id##_stiffness(p, m, pt))
+#define EFFECT(id, hook, title, entry, channels, alike, estimator) CALL_##hook(id)
+#include "tse/effects.def"
+#undef CALL_STIFFNESS
+#define CALL_STIFFNESS(id)
+}
+
+/* BODY: (1) with what acts besides.   Updated: forces, pt->force, gravity */
+static inline void effects_forces(const tse_params *p, const tse_effect_memory *m, point *pt)
+{
+  const tse_effects *const e = &p->effects;
+  pt->gravity_x = pt->gravity_y = TSE_R(0);
+  pt->fx_front = r_mul(pt->k.x_front, pt->s.s_front);
+  pt->fx_rear = r_mul(pt->k.x_rear, pt->s.s_rear);
+  if (!e->mask) {
+    pt->force = vehicle_accels(p, pt->k, pt->s, pt->u.steer);
+    return;
+  }
+  pt->fy_front = r_mul(pt->k.y_front, pt->s.a_front);
+  pt->fy_rear = r_mul(pt->k.y_rear, pt->s.a_rear);
+  const tse_real side = r_mul(pt->fy_front, pt->cos_steer) + r_mul(pt->fx_front, pt->sin_steer);
+  pt->force.x = r_mul(pt->fx_front, pt->cos_steer) + pt->fx_rear - r_mul(pt->fy_front, pt->sin_steer) + pt->g.x;
+  pt->force.y = side + pt->fy_rear + pt->g.y;
+  pt->force.yaw = r_mul(p->jf, side) - r_mul(p->jr, pt->fy_rear) + pt->g.yaw;
+#undef CALL_BODY
+#define CALL_BODY(id) CALL_IF_ON(id, id##_body(p, m, pt))
+#define EFFECT(id, hook, title, entry, channels, alike, estimator) CALL_##hook(id)
+#include "tse/effects.def"
+#undef CALL_BODY
+#define CALL_BODY(id)
+  if (effect_is_on(e, TSE_EFFECT_body_roll)) body_roll_body(p, m, pt); /* acts here, too */
+}
+
+/* What effects with memory take from the step of h seconds that led from point a to point b. */
+static inline void effects_remember(const tse_effects *e, tse_effect_memory *m, const point *a, const point *b, tse_real h)
+{
+  if (!e->mask) return;
+  m->time += h;
+  if (effect_is_on(e, TSE_EFFECT_crosswind)) crosswind_remember(m, a, b, h);
+  if (effect_is_on(e, TSE_EFFECT_body_roll)) body_roll_remember(e, m, a, b, h);
+  if (effect_is_on(e, TSE_EFFECT_pitch_leak)) pitch_leak_remember(e, m, a, b, h);
+  if (effect_is_on(e, TSE_EFFECT_rear_roll_steer)) rear_roll_steer_remember(e, m, a, b, h);
+}
+
+/* SENSOR: what accelerometers and gyro read at this point, which is that of the memory. Once a row, dt since the last one.
+ *   Returned:  y  accel_x, accel_y [m/s2], yaw_rate [rad/s], without noise and bias */
+static inline void effects_sense(const tse_effects *e, tse_effect_memory *m, const point *pt, tse_real dt, tse_real y[3])
+{
+  y[0] = pt->force.x;
+  y[1] = pt->force.y;
+  y[2] = pt->r;
+  if (!(e->mask & effects_with(HOOK_SENSOR))) return;
+#undef CALL_SENSOR
+#define CALL_SENSOR(id) CALL_IF_ON(id, id##_sensor(e, m, pt, dt, y))
+#define EFFECT(id, hook, title, entry, channels, alike, estimator) CALL_##hook(id)
+#include "tse/effects.def"
+}
+
+/* All of a point but the sensors, with the stiffness k of no effects. */
+static inline void effects_at(const tse_params *p, const tse_effect_memory *m, const tse_real lag[4], stiffness k, point *pt)
+{
+  pt->k = k;
+  effects_slips(p, m, lag, pt);
+  effects_stiffness(p, m, pt);
+  effects_forces(p, m, pt);
+}
+
+#define MOST_RATE TSE_R(1e6) /* 1/s: a length of micrometres is none, and no infinite number */
+
+/* [1/s] rates of the states of LAG, front and rear slip angle, front and rear slip; 0: no state. */
+static inline void effects_lag_rates(const tse_effects *e, const point *pt, tse_real rate[4])
+{
+  const int lateral = effect_is_on(e, TSE_EFFECT_relaxation), along = effect_is_on(e, TSE_EFFECT_longitudinal_relaxation);
+  rate[0] = rate[1] = lateral ? r_min(relaxation_rate(e, pt), MOST_RATE) : TSE_R(0);
+  rate[2] = along ? r_min(longitudinal_relaxation_rate(e, pt->s.inv_front), MOST_RATE) : TSE_R(0);
+  rate[3] = along ? r_min(longitudinal_relaxation_rate(e, pt->s.inv_rear), MOST_RATE) : TSE_R(0);
+}
+
+/* integrator.c */
+#define effects_settle  TSE_NAME(tse_effects_settle)
+#define effects_unsettle TSE_NAME(tse_effects_unsettle)
+#define effects_advance TSE_NAME(tse_effects_advance)
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* Memory at rest at this state: tyres hold the kinematic slip, modes the acceleration. Returned: pt evaluated. */
+void effects_settle(const tse_params *p, tse_effect_memory *m, stiffness k, point *pt);
+
+/* The next row settles: after a gap, or when the state has been set anew. Clock, heading and steering go on. */
+void effects_unsettle(tse_effect_memory *m);
+
+/* (7) with the effects, from the evaluated point `at` to the row of inputs `to` and `g`, dt later; `at` is then that point. */
+void effects_advance(const tse_params *p, tse_effect_memory *m, stiffness k, inputs to, const given *g, tse_real dt, point *at);
+
+#ifdef __cplusplus
+}
+#endif
+
+#undef CALL_IF_ON
+#undef CALL_CONSTANT
+#undef CALL_INPUT
+#undef CALL_SLIP
+#undef CALL_LAG
+#undef CALL_STIFFNESS
+#undef CALL_BODY
+#undef CALL_SENSOR
+
+#endif /* TSE_NO_EFFECTS */
+#endif

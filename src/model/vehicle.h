@@ -1,0 +1,193 @@
+/* model/vehicle.h - the single-track model, (1)-(4) and its estimation form (6), (7), (9), one particle at a time.
+ *
+ * Inline and branch-free, so that the loops over particles that call it become vector code.
+ * Forces are divided by mass, measurements by the sensor's sd. ISO 8855 axes, driving slip > 0. */
+#ifndef TSE_VEHICLE_H
+#define TSE_VEHICLE_H
+
+#include "tse/filter_state.h"
+#include "number/real_ops.h"
+
+/* Below this speed slip is taken over LOW_SPEED instead of the speed: the tyre becomes a damper of its contact
+ * velocity, and nothing is divided by a small number (after Bernard & Clover, SAE 950311). */
+#define LOW_SPEED TSE_R(1.0) /* m/s */
+
+typedef struct inputs { tse_real steer, v_front, v_rear; } inputs; /* [rad], R omega [m/s] */
+
+typedef struct slips {
+  tse_real s_front, s_rear;               /* [1]   longitudinal slip (3)  */
+  tse_real a_front, a_rear;               /* [rad] slip angle (4)         */
+  tse_real inv_front, inv_rear, inv_body; /* [s/m] what they were taken over, inverted */
+} slips;
+
+/* (3), (4) with absolute values: also valid in reverse, where a tyre's force still opposes its contact velocity.
+ *   s = (R omega - vx)/max(|vx|, |R omega|, low)     alpha_f = (delta vx - vy - lf r)/max(|vx|, low)
+ *                                                    alpha_r = (lr r - vy)/max(|vx|, low)              */
+static inline slips vehicle_slips(const tse_params *p, tse_real vx, tse_real vy, tse_real r, inputs u)
+{
+  slips s;
+  const tse_real v = r_max(r_abs(vx), LOW_SPEED);
+  s.inv_body = r_div(TSE_R(1), v);
+  s.inv_front = r_div(TSE_R(1), r_max(v, r_abs(u.v_front)));
+  s.inv_rear = r_div(TSE_R(1), r_max(v, r_abs(u.v_rear)));
+  s.s_front = r_mul(u.v_front - vx, s.inv_front);
+  s.s_rear = r_mul(u.v_rear - vx, s.inv_rear);
+  s.a_front = r_mul(r_mul(u.steer, vx) - vy - r_mul(p->lf, r), s.inv_body);
+  s.a_rear = r_mul(r_mul(p->lr, r) - vy, s.inv_body);
+  return s;
+}
+
+/* Stiffness over mass at the deviation w: C = C_n (1 + w); the rear longitudinal one follows the front's by `follow`. */
+typedef struct stiffness { tse_real x_front, x_rear, y_front, y_rear; } stiffness;
+
+static inline stiffness vehicle_stiffness(const tse_params *p, tse_real w0, tse_real w1, tse_real w2)
+{
+  stiffness k;
+  k.x_front = r_mul(p->kx_front, TSE_R(1) + w0);
+  k.x_rear = r_mul(p->kx_rear, TSE_R(1) + r_mul(p->follow, w0));
+  k.y_front = r_mul(p->ky_front, TSE_R(1) + w1);
+  k.y_rear = r_mul(p->ky_rear, TSE_R(1) + w2);
+  return k;
+}
+
+typedef struct accels { tse_real x, y, yaw; } accels; /* specific force [m/s2], yaw acceleration [rad/s2] */
+
+/* (1), (2) with cos(delta) = 1, sin(delta) = delta. */
+static inline accels vehicle_accels(const tse_params *p, stiffness k, slips s, tse_real steer)
+{
+  accels a;
+  const tse_real fx_front = r_mul(k.x_front, s.s_front), fx_rear = r_mul(k.x_rear, s.s_rear);
+  const tse_real fy_front = r_mul(k.y_front, s.a_front), fy_rear = r_mul(k.y_rear, s.a_rear);
+  a.x = fx_front + fx_rear - r_mul(fy_front, steer);
+  a.y = fy_front + fy_rear + r_mul(fx_front, steer);
+  a.yaw = r_mul(p->jf, fy_front + r_mul(fx_front, steer)) - r_mul(p->jr, fy_rear);
+  return a;
+}
+
+/* The rows of d and h of (9), in units of the sensors' sd. d's third row (yaw rate) is zero, and so is its element (1,3). */
+typedef struct observation {
+  tse_real d11, d12, d21, d22, d23; /* d(accel)/dw                          */
+  tse_real h1, h2;                  /* accel_x, accel_y at w = 0            */
+} observation;
+
+/* Nominal stiffness over mass and over the sensors' sd: constants of one pass over the particles. */
+typedef struct observation_gains { tse_real xf1, xr1, xr1_follow, yf1, xf2, yf2, yr2; } observation_gains;
+
+static inline observation_gains vehicle_observation_gains(const tse_params *p, tse_real use_x, tse_real use_y)
+{
+  observation_gains g; /* use_ is 1, or 0 where the measurement is missing: its row of d then vanishes */
+  const tse_real ix = r_mul(r_mul(use_x, p->inv_sd[0]), p->read_x), iy = r_mul(use_y, p->inv_sd[1]);
+  const tse_real front = r_mul(iy, p->read_y_front), rear = r_mul(iy, p->read_y_rear);
+  g.xf1 = r_mul(p->kx_front, ix);
+  g.xr1 = r_mul(p->kx_rear, ix);
+  g.xr1_follow = r_mul(g.xr1, p->follow);
+  g.yf1 = r_mul(p->ky_front, ix);
+  g.xf2 = r_mul(p->kx_front, front);
+  g.yf2 = r_mul(p->ky_front, front);
+  g.yr2 = r_mul(p->ky_rear, rear);
+  return g;
+}
+
+static inline observation vehicle_observation(observation_gains g, slips s, tse_real steer)
+{
+  observation o;
+  const tse_real front1 = r_mul(g.xf1, s.s_front);
+  o.d11 = front1 + r_mul(g.xr1_follow, s.s_rear);
+  o.d12 = -r_mul(r_mul(g.yf1, s.a_front), steer);
+  o.d21 = r_mul(r_mul(g.xf2, s.s_front), steer);
+  o.d22 = r_mul(g.yf2, s.a_front);
+  o.d23 = r_mul(g.yr2, s.a_rear);
+  o.h1 = front1 + r_mul(g.xr1, s.s_rear) + o.d12;
+  o.h2 = o.d21 + o.d22 + o.d23;
+  return o;
+}
+
+/* (7): one step of h seconds from inputs u0 to u1 (linear between), with the stiffness k held.
+ *
+ * Rosenbrock method of order 2, L-stable (ROS2: Verwer, Spee, Blom & Hundsdorfer, SIAM J. Sci. Comput. 20 (1999) 1456):
+ *   (1 - g h J) k1 = f(x, u0),   (1 - g h J) k2 = f(x + h k1, u1) - 2 k1,   x+ = x + h (3 k1 + k2)/2,   g = 1 - 1/sqrt(2)
+ * Its order does not depend on J, so J holds only what is stiff: the tyres' damping of vx and of (vy, r), whose rates
+ * grow like 1/speed to over 100/s at walking pace, where an explicit step would explode. */
+static inline void vehicle_step(const tse_params *p, tse_real *vx, tse_real *vy, tse_real *r, stiffness k,
+                                inputs u0, inputs u1, tse_real h)
+{
+  const tse_real gh = r_mul(TSE_R(0.29289321881345254), h);
+  const slips s0 = vehicle_slips(p, *vx, *vy, *r, u0);
+  const accels a0 = vehicle_accels(p, k, s0, u0.steer);
+  const tse_real yf = r_mul(k.y_front, s0.inv_body), yr = r_mul(k.y_rear, s0.inv_body);
+
+  const tse_real mx = TSE_R(1) + r_mul(gh, r_mul(k.x_front, s0.inv_front) + r_mul(k.x_rear, s0.inv_rear));
+  const tse_real m11 = TSE_R(1) + r_mul(gh, yf + yr);
+  const tse_real m12 = r_mul(gh, r_mul(p->lf, yf) - r_mul(p->lr, yr) + *vx);
+  const tse_real m21 = r_mul(gh, r_mul(p->jf, yf) - r_mul(p->jr, yr));
+  const tse_real m22 = TSE_R(1) + r_mul(gh, r_mul(r_mul(p->jf, p->lf), yf) + r_mul(r_mul(p->jr, p->lr), yr));
+  const tse_real inv_mx = r_div(TSE_R(1), mx);
+  const tse_real inv_det = r_div(TSE_R(1), r_mul(m11, m22) - r_mul(m12, m21));
+
+  const tse_real fx = a0.x + r_mul(*vy, *r), fy = a0.y - r_mul(*vx, *r);
+  const tse_real k1x = r_mul(fx, inv_mx);
+  const tse_real k1y = r_mul(r_mul(m22, fy) - r_mul(m12, a0.yaw), inv_det);
+  const tse_real k1r = r_mul(r_mul(m11, a0.yaw) - r_mul(m21, fy), inv_det);
+
+  const tse_real px = *vx + r_mul(h, k1x), py = *vy + r_mul(h, k1y), pr = *r + r_mul(h, k1r);
+  const slips s1 = vehicle_slips(p, px, py, pr, u1);
+  const accels a1 = vehicle_accels(p, k, s1, u1.steer);
+  const tse_real gx = a1.x + r_mul(py, pr) - k1x - k1x;
+  const tse_real gy = a1.y - r_mul(px, pr) - k1y - k1y;
+  const tse_real gr = a1.yaw - k1r - k1r;
+
+  const tse_real half = r_mul(TSE_R(0.5), h);
+  *vx += r_mul(half, k1x + k1x + k1x + r_mul(gx, inv_mx));
+  *vy += r_mul(half, k1y + k1y + k1y + r_mul(r_mul(m22, gy) - r_mul(m12, gr), inv_det));
+  *r += r_mul(half, k1r + k1r + k1r + r_mul(r_mul(m11, gr) - r_mul(m21, gy), inv_det));
+}
+
+/* No car is faster; a particle that would be (a wheel that jumps, tyres that grip like rails) stays a number. NaN too.
+ * Below LEAST it is zero: decaying for minutes of straight driving ends in denormal numbers, which are slow, and which
+ * some machines flush and others do not. */
+#define MOST_SPEED TSE_R(200)   /* m/s */
+#define MOST_YAW_RATE TSE_R(20) /* rad/s */
+#define LEAST TSE_R(1e-12)
+
+static inline tse_real vehicle_kept(tse_real v, tse_real most)
+{
+  const tse_real inside = r_max(r_min(v, most), -most);
+  return r_abs(inside) < LEAST ? TSE_R(0) : inside;
+}
+
+/* Number of steps that a row of dt seconds takes: of at most max_step, and in which the fastest of the car's own rates, the
+ * tyres' damping that grows with 1/speed, turns by at most a quarter: at walking pace one step of a row would cost 3 % of Cx.
+ * Below hold_speed nothing is learnt; never more than eight to a max_step. The same for all particles. */
+static inline int32_t vehicle_steps(const tse_params *p, tse_real dt, inputs from, inputs to)
+{
+  const tse_real speed = r_mul(TSE_R(0.25), r_abs(from.v_front + from.v_rear) + r_abs(to.v_front + to.v_rear));
+  const tse_real quarter = r_div(speed, p->damping);
+  return -r_floor_to_int(-r_div(dt, r_min(p->max_step, r_max(quarter, p->least_step))));
+}
+
+/* The inputs after k of these steps. */
+static inline inputs vehicle_between(inputs from, inputs to, int32_t k, int32_t steps)
+{
+  if (k < steps) {
+    const tse_real share = r_div(r_from_int(k), r_from_int(steps));
+    to.steer = from.steer + r_mul(share, to.steer - from.steer);
+    to.v_front = from.v_front + r_mul(share, to.v_front - from.v_front);
+    to.v_rear = from.v_rear + r_mul(share, to.v_rear - from.v_rear);
+  }
+  return to;
+}
+
+/* One vehicle through a whole row: x = vel_x, vel_y, yaw rate. */
+static inline void vehicle_advance(const tse_params *p, tse_real *x, stiffness k, inputs from, inputs to, tse_real dt)
+{
+  const int32_t steps = vehicle_steps(p, dt, from, to);
+  const tse_real h = steps > 1 ? r_div(dt, r_from_int(steps)) : dt;
+  inputs a = from;
+  for (int32_t i = 1; i <= steps; i++) {
+    const inputs b = vehicle_between(from, to, i, steps);
+    vehicle_step(p, &x[0], &x[1], &x[2], k, a, b, h);
+    a = b;
+  }
+}
+
+#endif

@@ -1,0 +1,610 @@
+/* number/real_ops.h - mul, div, sqrt, exp2, log2 ...: the only place where the number format shows.
+ *
+ * `+ - <` and unary minus are native in every format; everything else has a name here.
+ *
+ * double, float   Only + - * /, sqrt and integer operations, so the same bits on every IEEE machine:
+ *                 build with -ffp-contract=off and never with -ffast-math (adding and subtracting
+ *                 1.5*2^52 has to round). Free of branches, so that loops over particles vectorise with
+ *                 -O3 -fno-math-errno -fno-trapping-math on plain SSE2.
+ * q20             Integers only. Every result lies in [-(2^31-1), 2^31-1], so negating one cannot
+ *                 overflow; native + and - can, r_add_sat and r_sub_sat cannot.
+ *
+ * What each function promises, and the largest error measured (tests/unit/number/test_real_ops.c holds them;
+ * LSB = 2^-20; coefficients and their bounds: tests/reference/fit_elementary.py):
+ *
+ *                  double            float             q20
+ *   r_mul r_div    IEEE              IEEE              nearest, saturates; x/0 = +-max, 0/0 = 0
+ *   r_sqrt         IEEE              IEEE              nearest; 0 for x < 0
+ *   r_log2         2.7e-14 relative  2.3e-7 relative   0.56 LSB
+ *   r_exp2         1.5e-14 relative  2.0e-7 relative   0.6 LSB for x < 5; 0.5 LSB + 3.3e-9 relative above
+ *   r_sincos_turn  8.4e-14           3.4e-7            0.51 LSB
+ *   r_atan2        2.7e-14 relative  2.0e-7 relative   0.52 LSB
+ *
+ *   r_log2(x)      x > 0, normal. log2(1) = 0 and whole results are exact. Other x: see the function.
+ *   r_exp2(x)      any finite x, clamped to +-120 (q20: 0 below -21, the largest number from 11 on).
+ *                  Exact for whole x, never infinite. NaN stays NaN.
+ *   r_sincos_turn  sine and cosine of 2 pi t, t in [0, 1]; t is in turns. sin(0) = sin(1/2) = sin(1) = 0.
+ *   r_atan2(y, x)  radians in [-pi, pi], atan2(0, 0) = 0; once a step, not in loops over particles.
+ *   r_uniform(w)   a random word as a number in the open interval (0, 1), exact.
+ *   r_to_q24(x)    int32 in units of 2^-24, in which numbers leave the machine: nearest, saturates at +-127; NaN gives
+ *                  INT32_MIN. r_from_q24(n): back, nearest.
+ */
+#ifndef TSE_REAL_OPS_H
+#define TSE_REAL_OPS_H
+
+#include <math.h>
+#include <stdint.h>
+#include <string.h>
+
+#include "tse/real.h"
+
+#if !defined(TSE_REAL_Q20) && defined(__FLT_EVAL_METHOD__)
+#if __FLT_EVAL_METHOD__ == 2
+#error "x87 arithmetic rounds differently: compile with -msse2 -mfpmath=sse"
+#endif
+#endif
+
+#if !defined(TSE_REAL_Q20)
+
+#if defined(TSE_REAL_STRONG)
+namespace plain {                    /* the double functions; the class of strong_real.hpp wraps them below */
+typedef double tse_real;
+#endif
+
+/* ------------------------------------------------------------------------- double and float ---- */
+
+static inline tse_real r_mul(tse_real a, tse_real b) { return a * b; }
+static inline tse_real r_div(tse_real a, tse_real b) { return a / b; }
+static inline tse_real r_add_sat(tse_real a, tse_real b) { return a + b; }
+static inline tse_real r_sub_sat(tse_real a, tse_real b) { return a - b; }
+static inline tse_real r_from_int(int32_t n) { return (tse_real)n; }
+static inline tse_real r_from_setting(tse_setting x) { return x; }
+static inline tse_setting r_to_setting(tse_real x) { return x; }
+
+typedef tse_real tse_acc;
+static inline tse_acc acc_zero(void) { return 0; }
+static inline tse_acc acc_add(tse_acc s, tse_real a) { return s + a; }
+static inline tse_acc acc_add_mul(tse_acc s, tse_real a, tse_real b) { return s + a * b; }
+static inline tse_acc acc_merge(tse_acc s, tse_acc t) { return s + t; }
+static inline tse_real acc_to_real(tse_acc s) { return s; }
+static inline tse_real acc_div(tse_acc num, tse_acc den) { return num / den; }
+static inline tse_acc acc_minus(tse_acc s, tse_acc t) { return s - t; }
+static inline tse_acc acc_times(tse_acc s, int32_t n) { return s * (tse_real)n; }
+static inline tse_acc acc_share(tse_acc s, int32_t n) { return s / (tse_real)n; }
+static inline tse_acc acc_scale(tse_acc s, tse_real u) { return s * u; }
+
+#if defined(TSE_REAL_FLOAT)
+
+static inline uint32_t f32_bits(float x)
+{
+  uint32_t u;
+  memcpy(&u, &x, sizeof u);
+  return u;
+}
+
+static inline float f32_from_bits(uint32_t u)
+{
+  float x;
+  memcpy(&x, &u, sizeof x);
+  return x;
+}
+
+static inline int r_is_finite(float x) { return (f32_bits(x) & 0x7f800000u) != 0x7f800000u; }
+static inline int r_is_nan(float x) { return (f32_bits(x) & 0x7fffffffu) > 0x7f800000u; }
+static inline float r_abs(float x) { return f32_from_bits(f32_bits(x) & 0x7fffffffu); }
+static inline float r_sqrt(float x) { return sqrtf(x); }
+
+/* Saturates; NaN gives INT32_MIN. */
+static inline int32_t r_floor_to_int(float x)
+{
+  const float above = x > -2147483648.0f ? x : -2147483648.0f;
+  const float inside = above < 2147483520.0f ? above : 2147483520.0f;
+  const int32_t n = (int32_t)inside;
+  return n - (inside < (float)n ? 1 : 0);
+}
+
+/* Upper 23 bits and a half: exact, never 0 or 1. */
+static inline float r_uniform(uint32_t word)
+{
+  return ((float)(int32_t)(word >> 9) + 0.5f) * 1.1920928955078125e-7f;
+}
+
+/* x = 2^k m, sqrt(1/2) <= m < sqrt(2);  log2(m) = s P(s^2), s = (m-1)/(m+1).
+ * 0 gives -127, infinity and NaN 128 and more, the sign of x is ignored: a broken argument reads as a huge one. */
+static inline float r_log2(float x)
+{
+  const uint32_t u = f32_bits(x) & 0x7fffffffu;
+  const uint32_t k = (u + 0x00cafb0du) >> 23;               /* exponent + 128 */
+  const float m = f32_from_bits(u - (k << 23) + 0x40000000u);
+  const float s = (m - 1.0f) / (m + 1.0f), z = s * s;
+  const float p = 2.88539004f + z * (0.961798847f + z * (0.576714396f + z * 0.431735873f));
+  return (float)((int32_t)k - 128) + s * p;
+}
+
+/* x = k + r, |r| <= 1/2;  2^r = 1 + r P(r). Adding 1.5*2^23 leaves k in the low bits. */
+static inline float r_exp2(float x)
+{
+  const float low = x < -120.0f ? -120.0f : x;
+  const float y = low > 120.0f ? 120.0f : low;
+  const float t = y + 12582912.0f;
+  const float r = y - (t - 12582912.0f);
+  const float p = 0.693147004f + r * (0.240222424f + r * (0.0555073358f + r * (0.00967149809f
+                + r * 0.00132647553f)));
+  return (1.0f + r * p) * f32_from_bits((f32_bits(t) + 127u) << 23);
+}
+
+/* With v = 2t - 1:  sin = -v (1 - v^2) P(v^2),  cos = -(1 - 4 v^2) Q(v^2). */
+static inline void r_sincos_turn(float t, float *s, float *c)
+{
+  const float v = t + t - 1.0f, w = v * v;
+  const float p = 3.14159274f + w * (-2.02611947f + w * (0.524037182f + w * (-0.075192228f
+                + w * (0.00686792191f + w * -0.000389815948f))));
+  const float q = 1.0f + w * (-0.934801161f + w * (0.31949079f + w * (-0.0571990833f
+                + w * (0.00624197442f + w * -0.000399173965f))));
+  *s = v * (w - 1.0f) * p;
+  *c = (4.0f * w - 1.0f) * q;
+}
+
+static inline float r_atan_eighth(float q)                  /* |q| <= tan(pi/8) */
+{
+  const float z = q * q;
+  return q * (1.0f + z * (-0.333327979f + z * (0.199744701f + z * (-0.138520882f + z * 0.0798673555f))));
+}
+#define R_PI 3.14159265f
+#define R_TAN_EIGHTH 0.414213562f
+
+#else /* double */
+
+static inline uint64_t f64_bits(double x)
+{
+  uint64_t u;
+  memcpy(&u, &x, sizeof u);
+  return u;
+}
+
+static inline double f64_from_bits(uint64_t u)
+{
+  double x;
+  memcpy(&x, &u, sizeof x);
+  return x;
+}
+
+static inline int r_is_finite(double x)
+{
+  return (f64_bits(x) & 0x7ff0000000000000u) != 0x7ff0000000000000u;
+}
+static inline int r_is_nan(double x) { return (f64_bits(x) & 0x7fffffffffffffffu) > 0x7ff0000000000000u; }
+static inline double r_abs(double x) { return f64_from_bits(f64_bits(x) & 0x7fffffffffffffffu); }
+static inline double r_sqrt(double x) { return sqrt(x); }
+
+/* Saturates; NaN gives INT32_MIN. */
+static inline int32_t r_floor_to_int(double x)
+{
+  const double above = x > -2147483648.0 ? x : -2147483648.0;
+  const double inside = above < 2147483647.0 ? above : 2147483647.0;
+  const int32_t n = (int32_t)inside;
+  return n - (inside < (double)n ? 1 : 0);
+}
+
+/* Upper 31 bits and a half: exact, never 0 or 1. 31, because SSE2 converts signed integers only. */
+static inline double r_uniform(uint32_t word)
+{
+  return ((double)(int32_t)(word >> 1) + 0.5) * 4.656612873077392578125e-10;
+}
+
+/* x = 2^k m, sqrt(1/2) <= m < sqrt(2);  log2(m) = s P(s^2), s = (m-1)/(m+1).
+ * 0 gives -1023, infinity and NaN 1024 and more, the sign of x is ignored: a broken argument reads as a huge one.
+ * k reaches a double through the low bits of 2^52, because SSE2 cannot convert 64-bit integers. */
+static inline double r_log2(double x)
+{
+  const uint64_t u = f64_bits(x) & 0x7fffffffffffffffu;
+  const uint64_t k = (u + 0x00195f619980c433u) >> 52;       /* exponent + 1024 */
+  const double m = f64_from_bits(u - (k << 52) + 0x4000000000000000u);
+  const double s = (m - 1.0) / (m + 1.0), z = s * s;
+  const double p = 2.88539008177785 + z * (0.9617966941133057 + z * (0.5770779423769504
+                 + z * (0.41220925104433 + z * (0.31990575530912474 + z * 0.2828992804167811))));
+  return (f64_from_bits(k | 0x4330000000000000u) - (4503599627370496.0 + 1024.0)) + s * p;
+}
+
+/* x = k + r, |r| <= 1/2;  2^r = 1 + r P(r). Adding 1.5*2^52 leaves k in the low bits. */
+static inline double r_exp2(double x)
+{
+  const double low = x < -120.0 ? -120.0 : x;
+  const double y = low > 120.0 ? 120.0 : low;
+  const double t = y + 6755399441055744.0;
+  const double r = y - (t - 6755399441055744.0);
+  const double p = 0.6931471805598856 + r * (0.24022650695723233 + r * (0.05550410866840444
+                 + r * (0.009618129181074433 + r * (0.0013333557626443204 + r * (0.00015403440941983887
+                 + r * (1.5252989702166316e-05 + r * (1.325832399017149e-06 + r * 1.0148372120593971e-07)))))));
+  return (1.0 + r * p) * f64_from_bits((f64_bits(t) + 1023u) << 52);
+}
+
+/* With v = 2t - 1:  sin = -v (1 - v^2) P(v^2),  cos = -(1 - 4 v^2) Q(v^2). */
+static inline void r_sincos_turn(double t, double *s, double *c)
+{
+  const double v = t + t - 1.0, w = v * v;
+  const double p = 3.1415926535882295 + w * (-2.026120126368309 + w * (0.524043911871401
+                 + w * (-0.07522060439727324 + w * (0.0069252258278788455 + w * (-0.0004450618605954197
+                 + w * (2.1020491844271662e-05 + w * -6.923677125970025e-07))))));
+  const double q = 0.9999999999999934 + w * (-0.9348022005434381 + w * (0.3195033242022668
+                 + w * (-0.057249471531854196 + w * (0.006332740904225213 + w * (-0.00047591530986587416
+                 + w * (2.588453671772188e-05 + w * (-1.0594002489588727e-06 + w * 3.047553945987138e-08)))))));
+  *s = v * (w - 1.0) * p;
+  *c = (4.0 * w - 1.0) * q;
+}
+
+static inline double r_atan_eighth(double q)                /* |q| <= tan(pi/8) */
+{
+  const double z = q * q;
+  return q * (0.9999999999999744 + z * (-0.3333333333088931 + z * (0.19999999615328912
+       + z * (-0.1428569090793922 + z * (0.1111039608499545 + z * (-0.09078528868272435
+       + z * (0.07564643175915622 + z * (-0.05877867766480258 + z * 0.03071132978538272))))))));
+}
+#define R_PI 3.141592653589793
+#define R_TAN_EIGHTH 0.41421356237309503
+
+#endif /* float, double */
+
+static inline int32_t r_to_q24(tse_real x)
+{
+  const tse_real most = 127, inside = x < -most ? -most : most < x ? most : x, y = inside * 16777216;
+  const int32_t n = r_floor_to_int(y);
+  return n + (y - (tse_real)n >= (tse_real)0.5 ? 1 : 0);
+}
+static inline tse_real r_from_q24(int32_t n) { return (tse_real)n * (tse_real)(1.0 / 16777216); }
+
+/* NaN if an argument is. |x| + |y| must not overflow. */
+static inline tse_real r_atan2(tse_real y, tse_real x)
+{
+  const tse_real ax = r_abs(x), ay = r_abs(y);
+  const tse_real big = ax < ay ? ay : ax, small = ax < ay ? ax : ay;
+  tse_real a;
+  if (big == 0) {
+    return 0;
+  }
+  if (small > R_TAN_EIGHTH * big) {
+    a = R_PI / 4 + r_atan_eighth((small - big) / (small + big));
+  } else {
+    a = r_atan_eighth(small / big);
+  }
+  if (ax < ay) { a = R_PI / 2 - a; }
+  if (x < 0)   { a = R_PI - a; }
+  return y < 0 ? -a : a;
+}
+#undef R_PI
+#undef R_TAN_EIGHTH
+
+#if defined(TSE_REAL_STRONG)
+} /* namespace plain */
+
+/* ------------------------------------------------------------------------------------ strong ---- */
+
+/* The class has no * and /: it is opened here, and only here. */
+#define R_STRONG_1(name)                                                                          \
+  static inline tse_real name(tse_real x) { return tse_real::wrap(plain::name(tse_real::raw(x))); }
+#define R_STRONG_2(name)                                                                          \
+  static inline tse_real name(tse_real x, tse_real y)                                             \
+  {                                                                                               \
+    return tse_real::wrap(plain::name(tse_real::raw(x), tse_real::raw(y)));                       \
+  }
+R_STRONG_2(r_mul)
+R_STRONG_2(r_div)
+R_STRONG_2(r_add_sat)
+R_STRONG_2(r_sub_sat)
+R_STRONG_2(r_atan2)
+R_STRONG_1(r_abs)
+R_STRONG_1(r_sqrt)
+R_STRONG_1(r_log2)
+R_STRONG_1(r_exp2)
+#undef R_STRONG_1
+#undef R_STRONG_2
+
+static inline int r_is_finite(tse_real x) { return plain::r_is_finite(tse_real::raw(x)); }
+static inline int r_is_nan(tse_real x) { return plain::r_is_nan(tse_real::raw(x)); }
+static inline int32_t r_floor_to_int(tse_real x) { return plain::r_floor_to_int(tse_real::raw(x)); }
+static inline tse_real r_from_int(int32_t n) { return tse_real::wrap(n); }
+static inline tse_real r_uniform(uint32_t word) { return tse_real::wrap(plain::r_uniform(word)); }
+static inline int32_t r_to_q24(tse_real x) { return plain::r_to_q24(tse_real::raw(x)); }
+static inline tse_real r_from_q24(int32_t n) { return tse_real::wrap(plain::r_from_q24(n)); }
+static inline tse_real r_from_setting(tse_setting x) { return tse_real::wrap(x); }
+static inline tse_setting r_to_setting(tse_real x) { return tse_real::raw(x); }
+static inline void r_sincos_turn(tse_real t, tse_real *s, tse_real *c)
+{
+  double sine, cosine;
+  plain::r_sincos_turn(tse_real::raw(t), &sine, &cosine);
+  *s = tse_real::wrap(sine);
+  *c = tse_real::wrap(cosine);
+}
+
+static inline tse_acc acc_zero(void) { return tse_acc::wrap(0.0); }
+static inline tse_acc acc_add(tse_acc s, tse_real a)
+{
+  return tse_acc::wrap(tse_acc::raw(s) + tse_real::raw(a));
+}
+static inline tse_acc acc_add_mul(tse_acc s, tse_real a, tse_real b)
+{
+  return tse_acc::wrap(tse_acc::raw(s) + tse_real::raw(a) * tse_real::raw(b));
+}
+static inline tse_acc acc_merge(tse_acc s, tse_acc t)
+{
+  return tse_acc::wrap(tse_acc::raw(s) + tse_acc::raw(t));
+}
+static inline tse_real acc_to_real(tse_acc s) { return tse_real::wrap(tse_acc::raw(s)); }
+static inline tse_real acc_div(tse_acc num, tse_acc den)
+{
+  return tse_real::wrap(tse_acc::raw(num) / tse_acc::raw(den));
+}
+static inline tse_acc acc_minus(tse_acc s, tse_acc t)
+{
+  return tse_acc::wrap(tse_acc::raw(s) - tse_acc::raw(t));
+}
+static inline tse_acc acc_times(tse_acc s, int32_t n) { return tse_acc::wrap(tse_acc::raw(s) * n); }
+static inline tse_acc acc_share(tse_acc s, int32_t n) { return tse_acc::wrap(tse_acc::raw(s) / n); }
+static inline tse_acc acc_scale(tse_acc s, tse_real u)
+{
+  return tse_acc::wrap(tse_acc::raw(s) * tse_real::raw(u));
+}
+#endif /* strong */
+
+#else /* TSE_REAL_Q20 */
+
+/* --------------------------------------------------------------------------------------- q20 ---- */
+
+#define Q_MAX INT32_MAX
+
+/* Right shifts of negative numbers below must be arithmetic; C leaves that to the compiler. */
+typedef char q_needs_arithmetic_shift[((int64_t)-3 >> 1) == -2 ? 1 : -1];
+
+static inline tse_real q_saturate(int64_t x)
+{
+  return (tse_real)(x > Q_MAX ? Q_MAX : x < -Q_MAX ? -Q_MAX : x);
+}
+
+static inline uint32_t q_magnitude(tse_real x)
+{
+  return x < 0 ? 0u - (uint32_t)x : (uint32_t)x;
+}
+
+static inline tse_real q_signed(uint64_t magnitude, int negative)
+{
+  const tse_real x = magnitude > (uint64_t)Q_MAX ? Q_MAX : (tse_real)magnitude;
+  return negative ? -x : x;
+}
+
+/* One step of a polynomial in Q30: c + p x. */
+static inline int32_t q30_step(int32_t c, int32_t p, int32_t x)
+{
+  return (int32_t)(c + (((int64_t)p * x + (1 << 29)) >> 30));
+}
+
+static inline int q_leading_zeros(uint32_t x)               /* x > 0 */
+{
+  int n = 0;
+  if (x < (uint32_t)1 << 16) { n += 16; x <<= 16; }
+  if (x < (uint32_t)1 << 24) { n += 8;  x <<= 8; }
+  if (x < (uint32_t)1 << 28) { n += 4;  x <<= 4; }
+  if (x < (uint32_t)1 << 30) { n += 2;  x <<= 2; }
+  return n + (x < (uint32_t)1 << 31 ? 1 : 0);
+}
+
+static inline tse_real r_add_sat(tse_real a, tse_real b) { return q_saturate((int64_t)a + b); }
+static inline tse_real r_sub_sat(tse_real a, tse_real b) { return q_saturate((int64_t)a - b); }
+static inline tse_real r_abs(tse_real x) { return q_signed(q_magnitude(x), 0); }
+static inline int r_is_finite(tse_real x) { (void)x; return 1; }
+static inline int r_is_nan(tse_real x) { (void)x; return 0; }
+static inline tse_real r_from_int(int32_t n) { return q_saturate((int64_t)n * 1048576); }
+static inline int32_t r_floor_to_int(tse_real x) { return x >> 20; }
+
+static inline int32_t r_to_q24(tse_real x)
+{
+  const tse_real most = 127 * 1048576;
+  return (x < -most ? -most : most < x ? most : x) * 16;
+}
+static inline tse_real r_from_q24(int32_t n) { return ((n >> 3) + 1) >> 1; }
+
+/* Odd multiples of 2^-20: never 0 or 1. */
+static inline tse_real r_uniform(uint32_t word) { return (tse_real)((word >> 12) | 1u); }
+
+/* Nearest, saturates; NaN gives 0. The only floating point here; not for a step. */
+static inline tse_real r_from_setting(tse_setting x)
+{
+  const double scaled = x * 1048576.0;
+  if (scaled >= 2147483647.0) { return Q_MAX; }
+  if (scaled <= -2147483647.0) { return -Q_MAX; }
+  return scaled < 0 ? (tse_real)(scaled - 0.5) : scaled > 0 ? (tse_real)(scaled + 0.5) : 0;
+}
+
+static inline tse_setting r_to_setting(tse_real x) { return (tse_setting)x * (1.0 / 1048576.0); }
+
+static inline tse_real r_mul(tse_real a, tse_real b)        /* ties towards +infinity */
+{
+  return q_saturate(((int64_t)a * b + (1 << 19)) >> 20);
+}
+
+static inline tse_real r_div(tse_real a, tse_real b)        /* ties away from zero */
+{
+  const uint32_t n = q_magnitude(a), d = q_magnitude(b);
+  if (d == 0) {
+    return q_signed(n == 0 ? 0u : (uint64_t)Q_MAX, a < 0);
+  }
+  return q_signed((((uint64_t)n << 20) + (d >> 1)) / d, (a < 0) != (b < 0));
+}
+
+static inline tse_real r_sqrt(tse_real x)                   /* a binary digit a turn, all in 32 bits */
+{
+  uint32_t digits = x < 0 ? 0u : (uint32_t)x, root = 0, rest = 0;
+  for (int i = 0; i < 26; i++) {                            /* 26 pairs of binary digits of x * 2^20 */
+    rest = (rest << 2) | (digits >> 30);
+    digits <<= 2;
+    root <<= 1;
+    if (rest > root << 1) {
+      rest -= (root << 1) + 1;
+      root++;
+    }
+  }
+  return (tse_real)(root + (rest > root ? 1u : 0u));
+}
+
+/* x = 2^k (1 + f), sqrt(1/2) <= 1 + f <= sqrt(2);  log2(1 + f) = f P(f).  Never decreasing.
+ * x <= 0 gives -20, the value of the smallest positive number. */
+static inline tse_real r_log2(tse_real x)
+{
+  const uint32_t u = x > 0 ? (uint32_t)x : 1u;
+  const int zeros = q_leading_zeros(u);
+  const uint32_t m = u << zeros;                            /* Q31 in [1, 2) */
+  const int halve = m > 3037000499u;                        /* sqrt(2) */
+  const int32_t k = 11 - zeros + halve;
+  const int32_t f = (int32_t)(m >> (1 + halve)) - 1073741824;
+  int32_t p = -156505071;
+  p = q30_step(254350357, p, f);
+  p = q30_step(-268501393, p, f);
+  p = q30_step(307851017, p, f);
+  p = q30_step(-386641655, p, f);
+  p = q30_step(516404735, p, f);
+  p = q30_step(-774551312, p, f);
+  p = q30_step(1549081718, p, f);
+  return (tse_real)(k * 1048576 + (((int64_t)p * f + ((int64_t)1 << 39)) >> 40));
+}
+
+/* x = k + f, 0 <= f < 1;  2^f = 1 + f P(f).  Never decreasing; 0 below -21, the largest number from 11. */
+static inline tse_real r_exp2(tse_real x)
+{
+  const int32_t k = x >> 20, f = (x & 0xfffff) * 1024;
+  int32_t p = 232067;
+  uint32_t y;
+  p = q30_step(1338725, p, f);
+  p = q30_step(10388937, p, f);
+  p = q30_step(59576866, p, f);
+  p = q30_step(257944253, p, f);
+  p = q30_step(744260972, p, f);
+  y = (uint32_t)q30_step(1073741824, p, f);                 /* Q30 in [1, 2) */
+  if (k > 10)  { return Q_MAX; }
+  if (k == 10) { return (tse_real)y; }
+  if (k < -21) { return 0; }
+  return (tse_real)((y + ((uint32_t)1 << (9 - k))) >> (10 - k));
+}
+
+/* t = quarter/4 + x/8, |x| <= 1;  sin(pi/4 x) = x P(x^2),  cos(pi/4 x) = 1 + x^2 Q(x^2).
+ * Any t: whole turns drop out. */
+static inline void r_sincos_turn(tse_real t, tse_real *s, tse_real *c)
+{
+  const int32_t turn = t & 0xfffff, quarter = (turn + (1 << 17)) >> 18;
+  const int32_t x = (turn - quarter * (1 << 18)) * 8192, w = q30_step(0, x, x);
+  int32_t p = -38523, q = 3792;
+  p = q30_step(2673480, p, w);
+  p = q30_step(-86699678, p, w);
+  p = q30_step(843314845, p, w);
+  q = q30_step(-349978, q, w);
+  q = q30_step(17023455, q, w);
+  q = q30_step(-331168968, q, w);
+  p = (q30_step(0, p, x) + 512) >> 10;
+  q = (q30_step(1073741824, q, w) + 512) >> 10;
+  *s = (quarter & 1) != 0 ? q : p;
+  *c = (quarter & 1) != 0 ? p : q;
+  if ((quarter & 2) != 0)       { *s = -*s; }
+  if (((quarter + 1) & 2) != 0) { *c = -*c; }
+}
+
+/* The quotient is reduced to tan(pi/8); angles in Q28. */
+static inline tse_real r_atan2(tse_real y, tse_real x)
+{
+  const uint32_t ax = q_magnitude(x), ay = q_magnitude(y);
+  const uint64_t big = ax < ay ? ay : ax, small = ax < ay ? ax : ay;
+  const int beyond = (small << 30) > 444758319u * big;      /* tan(pi/8) */
+  int32_t q, w, p = 85756924, a;
+  if (big == 0) {
+    return 0;
+  }
+  q = beyond ? -(int32_t)(((big - small) << 30) / (big + small)) : (int32_t)((small << 30) / big);
+  w = q30_step(0, q, q);
+  p = q30_step(-148735664, p, w);
+  p = q30_step(214474242, p, w);
+  p = q30_step(-357908206, p, w);
+  p = q30_step(1073741805, p, w);
+  a = (q30_step(0, p, q) + 2) >> 2;
+  if (beyond)  { a += 210828714; }
+  if (ax < ay) { a = 421657428 - a; }
+  if (x < 0)   { a = 843314857 - a; }
+  a = (a + 128) >> 8;
+  return y < 0 ? -a : a;
+}
+
+/* Sums over particles: 2^-40 units, so products go in unshifted; range +- 2^23, saturates. */
+typedef int64_t tse_acc;
+
+static inline tse_acc acc_zero(void) { return 0; }
+
+static inline tse_acc acc_merge(tse_acc s, tse_acc t)
+{
+  if (t > 0) {
+    return s > INT64_MAX - t ? INT64_MAX : s + t;
+  }
+  return s < -INT64_MAX - t ? -INT64_MAX : s + t;
+}
+
+static inline tse_acc acc_add(tse_acc s, tse_real a) { return acc_merge(s, (int64_t)a * 1048576); }
+static inline tse_acc acc_add_mul(tse_acc s, tse_real a, tse_real b) { return acc_merge(s, (int64_t)a * b); }
+
+/* For positions along a cumulative sum of at most 2^16: s - t, s n, s/n, s u (u in [0, 1], 20 digits of s used). */
+static inline tse_acc acc_minus(tse_acc s, tse_acc t) { return s - t; }
+static inline tse_acc acc_times(tse_acc s, int32_t n) { return s * n; }
+static inline tse_acc acc_share(tse_acc s, int32_t n) { return s / n; }
+static inline tse_acc acc_scale(tse_acc s, tse_real u) { return s / 1048576 * u; }
+
+static inline tse_real acc_to_real(tse_acc s)               /* nearest, ties towards +infinity; saturates */
+{
+  return q_saturate((s >> 20) + ((s >> 19) & 1));
+}
+
+/* Nearest, saturates, x/0 as in r_div. The quotient needs 20 digits more than the operands: those that do
+ * not fit above the numerator are dropped below the denominator, which then still has 32 (or saturates). */
+static inline tse_real acc_div(tse_acc num, tse_acc den)
+{
+  const int negative = (num < 0) != (den < 0);
+  uint64_t n = num < 0 ? 0u - (uint64_t)num : (uint64_t)num;
+  uint64_t d = den < 0 ? 0u - (uint64_t)den : (uint64_t)den, quotient;
+  int room = 0;
+  if (n == 0) {
+    return 0;
+  }
+  while (room < 20 && (n >> 63) == 0) {
+    n <<= 1;
+    room++;
+  }
+  d >>= 20 - room;
+  if (d == 0) {
+    return q_signed((uint64_t)Q_MAX, negative);
+  }
+  quotient = n / d;
+  return q_signed(quotient + (n % d >= d - n % d ? 1u : 0u), negative);
+}
+
+#undef Q_MAX
+#endif /* format */
+
+/* ------------------------------------------------------------------------------- all formats ---- */
+
+/* log2(a b c) of positive numbers whose product does not overflow (q20: any). */
+static inline tse_real r_log2_of_product(tse_real a, tse_real b, tse_real c)
+{
+#if defined(TSE_REAL_Q20)
+  return r_log2(a) + r_log2(b) + r_log2(c);
+#else
+  return r_log2(r_mul(a, r_mul(b, c)));
+#endif
+}
+
+static inline tse_real r_sqr(tse_real x) { return r_mul(x, x); }
+
+/* Of two numbers; if one is NaN the second is returned. */
+static inline tse_real r_min(tse_real a, tse_real b) { return a < b ? a : b; }
+static inline tse_real r_max(tse_real a, tse_real b) { return b < a ? a : b; }
+
+/* NaN stays NaN. */
+static inline tse_real r_clamp(tse_real x, tse_real lo, tse_real hi)
+{
+  const tse_real y = x < lo ? lo : x;
+  return hi < y ? hi : y;
+}
+
+#endif

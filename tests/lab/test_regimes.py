@@ -1,0 +1,262 @@
+"""The studies of regimes: what counts as a change, what is driven, what the tables say."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy import stats
+
+from tselab.core import INPUT, SIM_OUTPUT, STIFFNESS, Config, SimConfig, library
+from tselab.errors import UserError
+from tselab.montecarlo import drives, engine, findings, scores, studies
+from tselab.montecarlo.case import Case, Drive, drive
+
+ROWS, STEP = 601, 0.1
+ESTIMATE = np.dtype(
+    [(f"{s}{end}", float) for s in STIFFNESS for end in ("", "_sd", "_spread")]
+    + [(f"{s}_valid", np.int32) for s in STIFFNESS]
+    + [("status", np.int32), ("change_age", float), ("change_probability", float), ("change_kind", np.int32)]
+    + [(f"noise_{c}", float) for c in ("accel_x", "accel_y", "yaw_rate")]
+)
+
+
+def driven(case: Case, seed: int = 1) -> Drive:
+    plan = engine.Plan(studies.study("regimes"), 1)
+    return drive(case, seed, lambda about: engine.configure("tse", plan, about), {})
+
+
+# ---- scores, against arrays whose answer is seen by eye
+
+
+@pytest.fixture
+def still() -> tuple[Drive, Case, scores.Knowable, np.ndarray]:
+    """60 s, an event at 30 s of which the estimator, right all the time, says nothing."""
+    time = np.round(np.arange(ROWS) * STEP, 9)
+    truth = np.zeros(ROWS, library().dtype(SIM_OUTPUT))
+    estimate = np.zeros(ROWS, ESTIMATE)
+    for key in STIFFNESS:
+        truth[f"true_{key}"] = estimate[key] = 0.8
+        estimate[f"{key}_sd"] = 0.008
+    rows = np.zeros(ROWS, library().dtype(INPUT))
+    rows["dt"] = STEP
+    config, no = Config({"sample_time": STEP}), np.zeros(ROWS, bool)
+    d = Drive(time, rows, truth, np.ones(ROWS), no, {}, config, config, SimConfig())
+    known = scores.Knowable(np.full((ROWS, 3), 0.01), d.stiffness, no, no, time >= 10, config.valid_sd)
+    return d, Case("still", "", None, events=(30.0,)), known, estimate
+
+
+def says(estimate: np.ndarray, d: Drive, first: float, when: float, until: float = np.inf, sure: float = 0.9) -> None:
+    """From `first` on the estimator says that the regime changed at `when`."""
+    rows = (d.time > first - 1e-9) & (d.time < until - 1e-9)
+    estimate["change_age"][rows] = d.time[rows] - when
+    estimate["change_probability"][rows] = sure
+    estimate["change_kind"][rows] = 1
+
+
+def test_who_says_nothing_reports_nothing_and_notices_nothing(still):
+    row = scores.regimes(*still)
+    assert row == {"changes": 0, "false_changes": 0, "all_settle_1": 0.0, "noticed_1": np.inf, "valid_off_1": 0.0}
+    d, case, known, estimate = still
+    assert "noticed_1" not in scores.regimes(d, replace(case, events=()), known, estimate)
+
+
+def test_a_change_counts_once_however_often_it_is_said(still):
+    d, case, known, estimate = still
+    says(estimate, d, 30.3, 30.0)
+    says(estimate, d, 31.0, 30.2, until=32.0)  # a history that begins 0.2 s later is the likeliest for a while
+    says(estimate, d, 33.0, 30.0, until=34.0, sure=0.5)  # not sure
+    assert scores.reported(d, estimate) == pytest.approx([30.0])
+    row = scores.regimes(d, case, known, estimate)
+    assert (row["changes"], row["false_changes"], row["noticed_1"]) == (1, 0, pytest.approx(0.3))
+
+
+def test_false_changes_are_those_that_are_not_within_two_seconds_after_an_event(still):
+    d, case, known, estimate = still
+    for when in (12.0, 29.5, 29.9, 31.9, 32.2, 45.0):
+        says(estimate, d, when, when, until=when + 0.3)
+    row = scores.regimes(d, case, known, estimate)
+    assert (row["changes"], row["false_changes"]) == (4, 3)  # 31.9 and 32.2 are one, and right; 29.5 and 29.9 are one, and early
+    assert scores.regimes(d, replace(case, events=()), known, estimate)["false_changes"] == 4
+    assert scores.regimes(d, replace(case, lasts=14.0), known, estimate)["false_changes"] == 2
+    assert scores.regimes(d, replace(case, events=(30.0, 45.0)), known, estimate)["false_changes"] == 2
+
+
+def test_who_reports_an_older_change_has_not_noticed_the_event(still):
+    d, case, known, estimate = still
+    says(estimate, d, 20.0, 20.0)
+    assert scores.regimes(d, case, known, estimate)["noticed_1"] == np.inf
+    says(estimate, d, 34.0, 29.95)  # birth times are no rows of events
+    row = scores.regimes(d, case, known, estimate)
+    assert row["noticed_1"] == pytest.approx(4.0) and (row["changes"], row["false_changes"]) == (2, 1)
+
+
+def test_a_refused_row_says_nothing(still):
+    d, _, _, estimate = still
+    says(estimate, d, 30.0, 30.0)
+    estimate["status"] = -3
+    assert not len(scores.reported(d, estimate))
+
+
+def test_the_age_of_a_change_counts_pauses_and_the_drive_does_not(still):
+    d, case, known, estimate = still
+    d.rows["dt"][400] = 600.0  # at 40 s
+    says(estimate, d, 30.0, 30.0)
+    estimate["change_age"][400:] += 600.0 - STEP
+    assert scores.reported(d, estimate) == pytest.approx([30.0])
+    says(estimate, d, 50.0, 50.0)  # after the pause
+    assert scores.reported(d, estimate) == pytest.approx([30.0, 50.0])
+    row = scores.regimes(d, replace(case, events=(30.0, 50.0)), known, estimate)
+    assert row["false_changes"] == 0 and row["noticed_2"] == pytest.approx(0)
+
+
+def test_all_three_are_right_when_the_last_of_them_is(still):
+    d, case, known, estimate = still
+    for i, key in enumerate(STIFFNESS):
+        estimate[key][(d.time > 30 - 1e-9) & (d.time < 31 + i - 1e-9)] *= 1.15
+    row = scores.regimes(d, case, known, estimate)
+    assert row["all_settle_1"] == pytest.approx(3.0) and row["valid_off_1"] == 0  # 15 % is not yet off
+
+
+def test_valid_and_off_counts_the_seconds_in_which_any_is(still):
+    d, case, known, estimate = still
+    estimate["cx_front"][(d.time > 29) & (d.time < 33 - 1e-9)] *= 1.3  # 3 s of them after the event
+    estimate["cy_rear"][(d.time > 32 - 1e-9) & (d.time < 35 - 1e-9)] *= 0.7  # a second more than those
+    estimate["cy_rear_valid"][(d.time > 34 - 1e-9)] = 3  # and says so at last
+    assert scores.regimes(d, case, known, estimate)["valid_off_1"] == pytest.approx(4.0)
+    saturated = replace(known, secant=np.where((d.time > 40)[:, None], 0.6, known.level))
+    assert scores.regimes(d, case, saturated, estimate)["valid_off_1"] == pytest.approx(4.0 + 20.0)
+    estimate["status"][d.time > 40] = -1
+    assert scores.regimes(d, case, saturated, estimate)["valid_off_1"] == pytest.approx(4.0)
+
+
+def test_who_has_no_such_outputs_has_no_such_scores(still):
+    d, case, known, estimate = still
+    plain = estimate[[n for n in ESTIMATE.names if not n.startswith("change")]]
+    assert set(scores.regimes(d, case, known, plain)) == {"all_settle_1", "valid_off_1"}
+    assert set(scores.regimes(d, case, known, estimate[list(STIFFNESS)])) == {"all_settle_1"}
+
+
+def test_windows_are_scored_each_for_itself(still):
+    d, case, known, estimate = still
+    estimate["cy_front"][d.time > 30] *= 1.03
+    row = scores.score(d, replace(case, windows=((10.0, 20.0), (40.0, 50.0))), known, estimate)
+    assert row["cy_front_mean_square_w0"] == pytest.approx(0) and row["cy_front_mean_square_w1"] == pytest.approx(9)
+    assert (row["cy_front_covered_w0"], row["cy_front_covered_w1"], row["cy_front_covered"]) == (100, 0, 50)
+
+
+# ---- cases
+
+EVERY = {c.name: c for study in ("regimes", "as-told") for c in studies._cases()[study]}
+
+
+def test_every_case_can_be_driven_and_looks_at_rows_it_has():
+    for case in EVERY.values():
+        if case.name.startswith(("as-told", "slow-600")) or "spread-" in case.name:
+            continue  # long; as the first
+        d = driven(case, 3)
+        vy = np.abs(d.truth["true_vel_y"])
+        assert np.isfinite(vy).all() and vy.max() < 3, case.name  # nobody spins
+        assert scores.inside(d.time, case.windows).any() and max((*case.events, 0)) < d.time[-1], case.name
+        for a, b in case.windows:  # the truth of a window does not jump
+            part = d.stiffness[(d.time >= a) & (d.time <= b + 1e-9)]
+            assert np.abs(np.diff(part, axis=0)).max() < 0.01, case.name
+
+
+def test_a_slow_change_goes_all_the_way_at_one_rate():
+    d = driven(EVERY["slow-5"])
+    at = [np.searchsorted(d.time, t - 1e-9) for t in (20.0, 22.5, 25.0, 45.0)]
+    assert d.stiffness[at, 1] == pytest.approx([1, 0.85, 0.7, 0.7], abs=1e-6)
+    assert d.time[-1] == 45 and EVERY["slow-5"].windows == ((20.0, 45.0),)
+
+
+def test_a_pause_is_one_long_row_in_a_drive_that_knows_nothing_of_it():
+    case = EVERY["pause-3600"]
+    paused, plain = driven(case), driven(replace(case, corrupt=None))
+    row = np.searchsorted(paused.time, 20.0 - 1e-9)
+    assert paused.rows["dt"][row] == 3600 and (paused.rows["dt"] == plain.rows["dt"]).sum() == len(plain.rows) - 1
+    assert (paused.rows["accel_y"] == plain.rows["accel_y"]).all() and not paused.corrupted.any()
+    assert scores.clock(paused)[-1] == pytest.approx(40 + 3600 - 0.01)
+
+
+def test_held_cases_hold_and_the_others_do_not():
+    for name, case in EVERY.items():
+        assert driven(replace(case, build=studies._waves(0.1), corrupt=None)).sim.hold_inputs == name.endswith("-held")
+    ramped, held = (driven(replace(EVERY[n], name="same")) for n in ("road-0.7", "road-0.7-held"))
+    flip = np.searchsorted(ramped.time, 2.0 - 1e-9)  # of the steering
+    assert (ramped.rows["steer_angle"] == held.rows["steer_angle"]).all()
+    before, after = (np.abs(ramped.truth["true_yaw_rate"] - held.truth["true_yaw_rate"])[r] for r in (flip - 1, flip))
+    assert after > 20 * before  # the ramp has turned the wheels during the row before
+
+
+def test_ice_is_a_road_of_less_friction_and_the_truth_its_secant():
+    case = EVERY["ice-friction-firm"]
+    d = driven(case)
+    ice = d.time >= 40 - 1e-9
+    assert (d.friction[~ice] == 0.9).all() and d.friction[ice] == pytest.approx(0.2) and (d.stiffness == 1).all()
+    _, use = scores.regressors(d)
+    k = scores.knowable(d, case)
+    assert use[~ice].max() < 0.5 and use[ice].max() > 1
+    assert (k.level[~ice] > 0.9).all() and k.level[d.time > 45].min() > 0.8  # of rows in the linear range
+    assert k.secant[d.time > 45].min() < 0.75 and (k.secant <= k.level + 1e-9)[d.time > 45].mean() > 0.9
+    limit = 0.2 * 9.81
+    assert np.abs(d.truth["true_accel_y"][ice]).max() < 1.01 * limit
+
+
+def test_ordinary_driving_is_ordinary():
+    ends, speeds = [], []
+    for seed in range(1, 6):
+        car, sim = Config(), SimConfig()
+        m = drives.ordinary(car, sim, np.random.default_rng(seed), duration=600.0)
+        assert np.abs(m.steer_angle).max() < 0.2 and (m.road_level == 1).all()
+        jumps = np.abs(np.diff(m.target_speed))
+        assert jumps.max() < 0.03  # 3 m/s2
+        assert m.target_speed.min() >= 8 - 1e-9 and m.target_speed.max() <= 35 + 4 and m.speed == m.target_speed[0]
+        sideways = m.steer_angle * m.target_speed**2 / (car.lf + car.lr)
+        assert np.abs(sideways).max() < 2.5 * 3  # more steering than on a circle, since it understeers
+        ends.append(np.abs(m.steer_angle).max())
+        speeds.append(m.target_speed.mean())
+    assert np.std(ends) > 0 and np.std(speeds) > 0.5
+    d = driven(replace(EVERY["as-told"], build=lambda *a: drives.ordinary(*a, duration=120.0)))
+    assert np.abs(d.truth["true_accel_y"]).max() < 4 and np.abs(d.truth["true_accel_x"]).max() < 4.5
+    assert (np.abs(d.truth["true_vel_x"] - np.median(d.truth["true_vel_x"]))).max() < 30
+
+
+# ---- estimators that are added to a study, tables
+
+
+def test_a_study_may_be_run_with_more_estimators():
+    study = studies.study("stress+landed+told", ("nominal", "mass+10"))
+    assert (study.name, study.base) == ("stress+landed+told", "stress")
+    assert [c.estimators for c in study.cases] == [("tse", "landed", "told")] * 2
+    assert studies.study("regimes+landed").case("road-0.7").estimators == ("tse", "landed", "told")  # once
+    with pytest.raises(UserError, match="there is no estimator 'nobody'"):
+        studies.study("stress+nobody")
+    with pytest.raises(UserError, match="there is no study 'nothing'"):
+        studies.study("nothing+landed")
+
+
+@pytest.mark.parametrize(("count", "exposure"), [(0, 10.0), (3, 2.0), (40, 100.0)])
+def test_the_interval_of_a_rate_is_exact(count, exposure):
+    low, high = findings.poisson(count, exposure)
+    assert stats.poisson.cdf(count, high * exposure) == pytest.approx(0.025)
+    assert low == 0 if count == 0 else stats.poisson.sf(count - 1, low * exposure) == pytest.approx(0.025)
+
+
+def test_medians_name_the_longest_and_those_that_never_did():
+    assert findings._median(pd.Series([0.1, 0.3, 0.2])) == "0.20 (0.30)"
+    assert findings._median(pd.Series([0.1, np.inf, 0.2])) == "0.20 (never: 1)"
+    assert findings._median(pd.Series([np.nan])) == "-"
+
+
+def test_false_changes_are_counted_by_the_hour():
+    plan = engine.Plan(studies.study("as-told"), 3)
+    runs = pd.DataFrame(
+        {"case": "as-told", "estimator": "tse", "changes": [1, 0, 3], "false_changes": [0, 0, 2], "seconds": 600.0}
+    )
+    (row,) = findings.false_changes(plan, runs).rows
+    assert row[:5] == ["as-told", "tse", "0.5", "4", "2"] and row[5].startswith("4.00 (0.48 .. 14.45)") and row[6] == "1"
+    runs["changes"] = np.nan
+    assert findings.false_changes(plan, runs).rows == []

@@ -1,0 +1,336 @@
+/* tests/unit/estimator/hypotheses/test_regimes.c <-> src/estimator/hypotheses/regimes.c: where a hypothesis starts; births, their prior
+ * weight, number, place, and what they open. */
+#include "estimator/hypotheses/regimes.h"
+
+#include "unit_support.h"
+#include "hypotheses_support.h"
+
+static tse_bank b;
+static uint32_t seed = 51;
+
+static tse_config settings(void)
+{
+  tse_config c;
+  tse_config_default(&c);
+  c.hypotheses = TSE_HYPOTHESES;
+  return c;
+}
+
+/* A bank of one, whose like has learnt; every other kind waits for it. */
+static sample bank_of_one(const tse_params *p, innovation *o, double off)
+{
+  double P[JOINT][JOINT];
+  memset(&b, 0, sizeof b);
+  b.count = 1;
+  b.h[0] = some_hypothesis(p, &seed, 1, P);
+  b.h[0].kind = KIND_RESTART;
+  b.h[0].age = real(100);
+  b.seen = real(20);
+  const sample y = some_sample(&seed, &b.h[0], off, 7);
+  innovate(p, &b.h[0], &y, o);
+  return y;
+}
+
+static int born(int kind)
+{
+  for (int32_t i = 1; i < b.count; i++)
+    if (b.h[i].kind == kind && number(b.h[i].age) <= 0) return i;
+  return -1;
+}
+
+/* Rates as the header of the table says, for a bank that has seen `seen` seconds. */
+static double rate(int kind, double seen)
+{
+  const double car = number(RATE_CAR) / (seen + number(RATE_CAR_TIME));
+  if (kind == KIND_ROAD) return number(RATE_ROAD);
+  if (kind == KIND_FRONT || kind == KIND_REAR) return number(RATE_AXLE);
+  if (kind == KIND_DRIFT_SLOW || kind == KIND_DRIFT_FAST) return number(RATE_DRIFT);
+  if (kind >= KIND_FAULT && kind < KIND_FAULT_END) return number(RATE_FAULT);
+  if (kind >= KIND_LEVEL_UP && kind < KIND_RESTART) return car;
+  if (kind == KIND_RESTART) return number(RATE_RESTART);
+  return kind == KIND_HOLD ? car : 0;
+}
+
+static void test_a_birth_weighs_its_rate_times_the_time_since_the_last_try_and_never_more_than_half(void)
+{
+  static const double dts[] = { 0.001, 0.01, 0.1, 60, 3600 }, waits[] = { 0, 1, 100 };
+  const tse_config c = settings();
+  const tse_params p = prepared(&c);
+  for (int kind = 0; kind < TSE_KINDS; kind++)
+    for (int i = 0; i < ROWS(dts); i++)
+      for (int k = 0; k < ROWS(waits); k++) {
+        innovation o;
+        sample y = bank_of_one(&p, &o, 1);
+        y.dt = real(dts[i]);
+        b.score[kind] = real(60); /* so that it is tried first */
+        b.waited[kind] = real(waits[k]);
+        births(&p, &b, &y, &o);
+        const int at = born(kind);
+        if (!(rate(kind, 20) > 0)) {
+          TEST_ASSERT_EQUAL_INT(-1, at);
+          continue;
+        }
+        TEST_ASSERT_TRUE(at > 0);
+        const double weight = exp2(number(b.h[at].log_weight));
+        expect_near(fmin(rate(kind, 20) * (waits[k] + dts[i]), 0.5), weight, BY_FORMAT(1e-9, 1e-4) * weight, "weight", kind);
+        expect_near(0, number(b.waited[kind]), 0, "waits anew", kind);
+        expect_near(0, number(b.score[kind]), 0, "scores anew", kind);
+      }
+}
+
+static void test_no_more_than_three_are_born_in_a_row_nor_than_the_settings_allow(void)
+{
+  tse_config c = settings();
+  for (int n = 2; n <= TSE_HYPOTHESES; n++) {
+    c.hypotheses = n;
+    const tse_params p = prepared(&c);
+    innovation o;
+    const sample y = bank_of_one(&p, &o, 30);
+    const tse_hypothesis first = b.h[0];
+    for (int i = 0; i < 400; i++) {
+      const int32_t before = b.count;
+      births(&p, &b, &y, &o);
+      TEST_ASSERT_TRUE(b.count <= before + 3 && b.count <= n);
+      TEST_ASSERT_EQUAL_MEMORY(&first, &b.h[0], sizeof first); /* the likeliest is nobody's place */
+      for (int32_t k = 0; k < b.count; k++) {
+        b.h[k].age = real(number(b.h[k].age) + (k ? 0.01 : 0));
+        if (k) b.h[k].log_weight = real(fmax(-80, number(b.h[k].log_weight) - 0.05));
+      }
+    }
+    TEST_ASSERT_EQUAL_INT32(n, b.count);
+  }
+}
+
+static void test_a_young_hypothesis_keeps_its_place_until_it_could_show_anything(void)
+{
+  tse_config c = settings();
+  c.hypotheses = 2;
+  const tse_params p = prepared(&c);
+  for (int old = 0; old < 2; old++) {
+    innovation o;
+    const sample y = bank_of_one(&p, &o, 0.1);
+    b.count = 2;
+    b.h[1] = b.h[0];
+    b.h[1].kind = KIND_ROAD;
+    b.h[1].log_weight = real(-12);
+    b.h[1].age = real(number(PROTECTED_TIME) + (old ? 0.01 : -0.01));
+    for (int k = 0; k < TSE_KINDS; k++) b.waited[k] = real(0);
+    b.waited[KIND_FRONT] = real(0.005 / number(RATE_AXLE)); /* worth 2^-7.6: more than the old, less than the young one */
+    births(&p, &b, &y, &o);
+    TEST_ASSERT_EQUAL_INT(2, b.count);
+    TEST_ASSERT_EQUAL_INT(old ? KIND_FRONT : KIND_ROAD, b.h[1].kind);
+  }
+}
+
+/* Every place of another sort is kept for it: a drift is not starved by what happens at once. */
+static void test_each_sort_has_places_of_its_own(void)
+{
+  tse_config c = settings();
+  const tse_params p = prepared(&c);
+  innovation o;
+  const sample y = bank_of_one(&p, &o, 0.1);
+  b.count = TSE_HYPOTHESES;
+  for (int i = 1; i < TSE_HYPOTHESES; i++) {
+    b.h[i] = b.h[0];
+    b.h[i].kind = i == 1 ? KIND_DRIFT_SLOW : KIND_ROAD;
+    b.h[i].age = real(1000);
+    b.h[i].log_weight = real(i == 1 ? -70 : -20);
+  }
+  for (int k = KIND_FAULT; k < KIND_FAULT_END; k++) b.score[k] = real(60);
+  births(&p, &b, &y, &o);
+  TEST_ASSERT_EQUAL_INT(KIND_DRIFT_SLOW, b.h[1].kind); /* the least likely of all, but the only one of its sort */
+  TEST_ASSERT_TRUE(born(KIND_FAULT) > 1);
+}
+
+/* ------------------------------------------------------------------------------------- what a birth opens */
+
+static void test_a_new_road_opens_all_stiffnesses_together_and_each_a_little(void)
+{
+  const tse_config c = settings();
+  const tse_params p = prepared(&c);
+  innovation o;
+  const sample y = bank_of_one(&p, &o, 1);
+  const tse_hypothesis was = b.h[0];
+  b.h[0].x[4] = real(0.3); /* from ice it goes up by a factor */
+  b.score[KIND_ROAD] = real(60);
+  births(&p, &b, &y, &o);
+  const tse_hypothesis *const h = &b.h[born(KIND_ROAD)];
+  for (int i = 0; i < TSE_X; i++)
+    for (int j = 0; j < TSE_X; j++) {
+      const int both = i >= 3 && i < 6 && j >= 3 && j < 6;
+      const double si = fmax(number(b.h[0].x[i]), number(ROAD_LEAST)), sj = fmax(number(b.h[0].x[j]), number(ROAD_LEAST));
+      const double more = both ? (pow(number(ROAD_COMMON), 2) + (i == j ? pow(number(ROAD_OWN), 2) : 0)) * si * sj : 0;
+      expect_near(number(was.cov[i][j]) + more, number(h->cov[i][j]), BY_FORMAT(1e-12, 1e-6), "covariance", 100 * i + j);
+    }
+  for (int a = 0; a < 3; a++) expect_near(number(b.h[0].x[3 + a]), number(h->before[a]), 0, "before", a);
+  TEST_ASSERT_EQUAL_INT(TSE_CHANGE_ROAD, h->change_kind);
+  expect_near(0, number(h->change_age), 0, "age of the change", 0);
+}
+
+static void test_a_change_of_one_axle_opens_its_stiffnesses_alone(void)
+{
+  const tse_config c = settings();
+  const tse_params p = prepared(&c);
+  for (int kind = KIND_FRONT; kind <= KIND_REAR; kind++) {
+    innovation o;
+    const sample y = bank_of_one(&p, &o, 1);
+    b.score[kind] = real(60);
+    births(&p, &b, &y, &o);
+    const tse_hypothesis *const h = &b.h[born(kind)];
+    for (int i = 0; i < TSE_X; i++)
+      for (int j = 0; j < TSE_X; j++) {
+        const int opened = i == j && (kind == KIND_FRONT ? i == 3 || i == 4 : i == 5);
+        const double more = opened ? pow(number(AXLE_OPEN) * fmax(number(b.h[0].x[i]), number(ROAD_LEAST)), 2) : 0;
+        expect_near(number(b.h[0].cov[i][j]) + more, number(h->cov[i][j]), BY_FORMAT(1e-12, 1e-6), "covariance", 100 * i + j);
+      }
+    TEST_ASSERT_EQUAL_INT(kind == KIND_FRONT ? TSE_CHANGE_FRONT : TSE_CHANGE_REAR, h->change_kind);
+  }
+}
+
+static void test_other_births_change_what_they_stand_for(void)
+{
+  const tse_config c = settings();
+  const tse_params p = prepared(&c);
+  for (int kind = KIND_DRIFT_SLOW; kind < TSE_KINDS; kind++) {
+    innovation o;
+    const sample y = bank_of_one(&p, &o, 1);
+    b.score[kind] = real(60);
+    births(&p, &b, &y, &o);
+    if (!(rate(kind, 20) > 0)) continue;
+    const tse_hypothesis *const h = &b.h[born(kind)], *const parent = &b.h[0];
+    const int a = kind >= KIND_LEVEL_DOWN ? kind - KIND_LEVEL_DOWN : kind - KIND_LEVEL_UP;
+    if (kind <= KIND_DRIFT_FAST) {
+      TEST_ASSERT_EQUAL_INT32(kind == KIND_DRIFT_SLOW ? DRIFTS_SLOWLY : DRIFTS_FAST, h->drift);
+      expect_near(pow(kind == KIND_DRIFT_SLOW ? number(SLOW_RATE) : number(FAST_RATE), 2), number(h->cov[12][12]), 1e-9, "rate", kind);
+      for (int j = 0; j < 12; j++) expect_near(0, number(h->cov[12][j]), 0, "rate with", j);
+    } else if (kind < KIND_FAULT_END) TEST_ASSERT_EQUAL_INT32(1 + kind - KIND_FAULT, h->fault);
+    else if (kind >= KIND_LEVEL_UP && kind < KIND_RESTART) {
+      TEST_ASSERT_EQUAL_INT32(kind < KIND_LEVEL_DOWN ? 2 : 0, h->level[a]);
+      const double more = kind < KIND_LEVEL_DOWN ? 8 * pow(number(DISTURBANCE_SHARE), 2) : 0; /* three times the sd: nine times, once there */
+      expect_near(number(parent->cov[9 + a][9 + a]) + more, number(h->cov[9 + a][9 + a]), BY_FORMAT(1e-12, 1e-6), "disturbance", a);
+    } else if (kind == KIND_HOLD) TEST_ASSERT_TRUE(h->held != parent->held);
+    else if (kind == KIND_RESTART) {
+      TEST_ASSERT_EQUAL_INT(TSE_CHANGE_RESTART, h->change_kind);
+      for (int k = 0; k < 3; k++) {
+        expect_near(1, number(h->x[3 + k]), 0, "stiffness", k);
+        expect_near(0.09, number(h->cov[3 + k][3 + k]), 1e-6, "variance", k);
+        expect_near(number(parent->x[3 + k]), number(h->before[k]), 0, "before", k);
+      }
+    }
+  }
+}
+
+/* What cannot follow is not born: a fault's end without one, a steady drift's end, a level below none. */
+static void test_a_fault_ends_and_a_drift_ends_where_there_is_one(void)
+{
+  const tse_config c = settings();
+  const tse_params p = prepared(&c);
+  innovation o;
+  sample y = bank_of_one(&p, &o, 1);
+  b.h[0].fault = FAULT_MEASURED;
+  b.h[0].drift = DRIFTS_FAST;
+  b.h[0].level[0] = 0;
+  b.h[0].level[1] = LEVELS - 1;
+  innovate(&p, &b.h[0], &y, &o);
+  for (int k = 0; k < TSE_KINDS; k++) b.score[k] = real(60);
+  for (int i = 0; i < 20; i++) {
+    births(&p, &b, &y, &o);
+    for (int k = 0; k < TSE_KINDS; k++) b.waited[k] = real(100);
+    for (int32_t k = 1; k < b.count; k++) {
+      const tse_hypothesis *const h = &b.h[k];
+      TEST_ASSERT_TRUE(h->kind < KIND_FAULT || h->kind >= KIND_FAULT_END); /* one fault at a time */
+      TEST_ASSERT_TRUE(h->kind != KIND_DRIFT_FAST && h->kind != KIND_LEVEL_DOWN && h->kind != KIND_LEVEL_UP + 1);
+      if (h->kind == KIND_FAULT_END) TEST_ASSERT_EQUAL_INT32(FAULT_NONE, h->fault);
+      if (h->kind == KIND_DRIFT_END) TEST_ASSERT_TRUE(h->drift == STEADY && number(h->cov[12][12]) <= 0);
+      b.h[k].age = real(1000);
+      b.h[k].log_weight = real(-80);
+    }
+    for (int k = 0; k < TSE_KINDS; k++) b.score[k] = real(i % TSE_KINDS == k ? 60 : 0);
+  }
+}
+
+/* ------------------------------------------------------------------------------------------- its promise */
+
+/* The score of a kind grows by what its child foretells better, where the child differs in a reading's variance. */
+static void test_the_score_is_what_the_child_would_have_gained(void)
+{
+  const tse_config c = settings();
+  const tse_params p = prepared(&c);
+  int met = 0;
+  for (int i = 0; i < 60; i++)
+    for (int kind = KIND_FAULT + 3; kind < KIND_LEVEL_DOWN; kind++) {
+      if (kind == KIND_FAULT_END) continue;
+      innovation o, own;
+      const sample y = bank_of_one(&p, &o, 6);
+      tse_hypothesis child = b.h[0];
+      if (kind < KIND_FAULT_END) child.fault = 1 + kind - KIND_FAULT;
+      else {
+        const int a = kind - KIND_LEVEL_UP;
+        child.cov[9 + a][9 + a] = real(number(child.cov[9 + a][9 + a]) + 8 * pow(number(DISTURBANCE_SHARE), 2));
+      }
+      innovate(&p, &child, &y, &own);
+      const double gain = number(log2_density(&own)) - number(log2_density(&o));
+      b.count = TSE_HYPOTHESES; /* no place: the score stays */
+      for (int k = 1; k < TSE_HYPOTHESES; k++) {
+        b.h[k] = b.h[0];
+        b.h[k].log_weight = real(1000);
+      }
+      births(&p, &b, &y, &o);
+      expect_near(fmax(gain, 0), number(b.score[kind]), 0.02 + 0.02 * fabs(gain), "score", kind);
+      met += gain > 1;
+    }
+  TEST_ASSERT_TRUE(met > 20);
+}
+
+/* --------------------------------------------------------------------------------------------- the start */
+
+static void test_a_hypothesis_starts_at_the_settings_and_its_states_at_the_sensors(void)
+{
+  tse_config c = settings();
+  c.initial_cy_front = (tse_setting)0.8;
+  const tse_params p = prepared(&c);
+  double P[JOINT][JOINT];
+  tse_hypothesis h = some_hypothesis(&p, &seed, 0, P);
+  sample y = some_sample(&seed, &h, 1, 7);
+  y.u = inputs_of(0.01, 19, 21);
+  y.y[2] = real(50);
+  tse_start s;
+  start_of_settings(&p, &s);
+  start_hypothesis(&p, &h, &s, &y);
+  expect_near(20, number(h.x[0]), BY_FORMAT(1e-12, 1e-5), "vel_x", 0);
+  expect_near(0, number(h.x[1]), 0, "vel_y", 0);
+  expect_near(50 * number(p.sd[2]), number(h.x[2]), 1e-6, "yaw rate", 0);
+  expect_near(0.8, number(h.x[4]), 1e-6, "stiffness", 0);
+  for (int a = 0; a < 3; a++) {
+    expect_near(0.09, number(h.cov[3 + a][3 + a]), 1e-6, "variance of the mean", a);
+    expect_near(number(p.initial_spread_var), number(h.spread_var[a]), 0, "spread", a);
+    expect_near(1, number(h.noise_var[a]), 0, "noise", a);
+    expect_near(number(p.bias_var0[a]), number(h.cov[6 + a][6 + a]), 0, "bias", a);
+  }
+  h.x[8] = real(3); /* later: placed anew, the bias is taken off, what was learnt stays */
+  h.cov[4][0] = h.cov[0][4] = real(0.01);
+  h.eps_cov[1][1] = real(1);
+  place_states(&p, &h, &y);
+  expect_near(47 * number(p.sd[2]), number(h.x[2]), 1e-6, "yaw rate", 1);
+  expect_near(0.8, number(h.x[4]), 1e-6, "stiffness", 1);
+  for (int a = 0; a < 3; a++)
+    for (int j = 0; j < TSE_X; j++)
+      if (j != a) expect_near(0, number(h.cov[a][j]), 0, "covariance", 10 * a + j);
+  expect_near(0, number(h.eps_cov[1][1]), 0, "eps", 0);
+}
+
+int main(void)
+{
+  UNITY_BEGIN();
+  RUN_TEST(test_a_birth_weighs_its_rate_times_the_time_since_the_last_try_and_never_more_than_half);
+  RUN_TEST(test_no_more_than_three_are_born_in_a_row_nor_than_the_settings_allow);
+  RUN_TEST(test_a_young_hypothesis_keeps_its_place_until_it_could_show_anything);
+  RUN_TEST(test_each_sort_has_places_of_its_own);
+  RUN_TEST(test_a_new_road_opens_all_stiffnesses_together_and_each_a_little);
+  RUN_TEST(test_a_change_of_one_axle_opens_its_stiffnesses_alone);
+  RUN_TEST(test_other_births_change_what_they_stand_for);
+  RUN_TEST(test_a_fault_ends_and_a_drift_ends_where_there_is_one);
+  RUN_TEST(test_the_score_is_what_the_child_would_have_gained);
+  RUN_TEST(test_a_hypothesis_starts_at_the_settings_and_its_states_at_the_sensors);
+  return UNITY_END();
+}

@@ -1,0 +1,812 @@
+/* tests/unit/estimator/paper/test_algorithm.c <-> src/estimator/paper/algorithm.c: the forms with particles, row by row. */
+#include "estimator/paper/particles.h"
+#include "unit_support.h"
+#include "tse/simulate.h"
+
+static tse_filter_paper f, other, before;
+
+/* Every test runs with each of these. */
+static const struct { const char *name; void (*settings)(tse_config *c); } forms[] = {
+  { "sampled", tse_config_sampled },
+  { "paper", tse_config_paper },
+};
+static int form;
+
+/* ------------------------------------------------------------------------------- a car that is driven */
+
+typedef struct drive {
+  tse_sim sim;
+  double t, dt, road, steer, torque;
+} drive;
+
+/* The paper's Sec. IV-A: 20 m/s, steering square wave of 4 s, front torque square wave of 5 s. */
+static void set_off(drive *d, const tse_config *c, double speed)
+{
+  tse_sim_config s;
+  tse_sim_config_default(&s);
+  s.speed = (tse_setting)speed;
+  s.seed = 5;
+  d->t = 0.0;
+  d->dt = 0.01;
+  d->road = 1.0;
+  d->steer = 0.02;
+  d->torque = 700.0;
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_reset(&d->sim, c, &s, NULL));
+}
+
+static tse_input next_row(drive *d)
+{
+  tse_sim_input u;
+  tse_sim_output y;
+  memset(&u, 0, sizeof u);
+  u.dt = real(d->dt);
+  u.steer_angle = real(fmod(d->t, 4.0) < 2.0 ? d->steer : -d->steer);
+  u.wheel_torque_front = real(fmod(d->t, 5.0) < 2.5 ? d->torque : -d->torque);
+  u.road_level = real(d->road);
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_step(&d->sim, &u, &y));
+  d->t += d->dt;
+  return y.row;
+}
+
+static tse_config some_settings(int32_t particles)
+{
+  tse_config c;
+  forms[form].settings(&c);
+  c.particles = particles;
+  return c;
+}
+
+/* Wheels that jump from one row to the next slide (test_slide.c); here they are believed. */
+static tse_config believing_wheels(int32_t particles)
+{
+  tse_config c = some_settings(particles);
+  c.max_slip = 1;
+  return c;
+}
+
+static tse_output run(const tse_params *p, tse_filter_paper *filter, drive *d, int rows)
+{
+  tse_output y;
+  memset(&y, 0, sizeof y);
+  for (int i = 0; i < rows; i++) {
+    const tse_input u = next_row(d);
+    TEST_ASSERT_TRUE(tse_step(p, &filter->filter, &u, &y) >= 0);
+  }
+  return y;
+}
+
+static tse_input still_row(double gyro)
+{
+  tse_input u;
+  memset(&u, 0, sizeof u);
+  u.dt = real(0.01);
+  u.yaw_rate = real(gyro);
+  return u;
+}
+
+static int all_finite(const tse_output *y)
+{
+  int ok = 1;
+#define OUT_REAL(name, member, unit, text) ok = ok && r_is_finite(y->member);
+#define OUT_INT(name, member, text)
+#include "tse/output.def"
+#undef OUT_REAL
+#undef OUT_INT
+  return ok;
+}
+
+static void expect_same_statistics(const tse_filter_paper *was, const tse_filter_paper *is)
+{
+  TEST_ASSERT_EQUAL_MEMORY(&was->gamma, &is->gamma, sizeof is->gamma);
+  TEST_ASSERT_EQUAL_MEMORY(&was->nu, &is->nu, sizeof is->nu);
+  TEST_ASSERT_EQUAL_MEMORY(was->p.mu, is->p.mu, sizeof is->p.mu);
+  TEST_ASSERT_EQUAL_MEMORY(was->p.lam, is->p.lam, sizeof is->p.lam);
+  TEST_ASSERT_EQUAL_MEMORY(was->p.logw, is->p.logw, sizeof is->p.logw);
+}
+
+/* ----------------------------------------------------------------------------------- reproducibility */
+
+static void test_asking_for_no_output_changes_nothing_in_the_filter(void)
+{
+  const tse_config c = some_settings(50);
+  const tse_params p = prepared(&c);
+  drive d;
+  tse_output y;
+  set_off(&d, &c, 20.0);
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, sizeof f));
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &other.filter, sizeof other));
+  for (int i = 0; i < 100; i++) {
+    const tse_input u = next_row(&d);
+    const tse_status status = tse_step(&p, &f.filter, &u, NULL);
+    TEST_ASSERT_EQUAL_INT(tse_step(&p, &other.filter, &u, &y), status);
+    TEST_ASSERT_EQUAL_INT(y.status, status);
+    expect_near(number(y.vel_x), number(f.vel_x), 0.0, "vel_x as put out", i); /* what slides and repeats are judged by */
+  }
+  TEST_ASSERT_EQUAL_MEMORY(&other, &f, sizeof f);
+}
+
+/* --------------------------------------------------------------------------------------- missing data */
+
+static void lose(tse_input *u, int channel, int how)
+{
+  tse_real *const value[3] = { &u->accel_x, &u->accel_y, &u->yaw_rate };
+  static const uint32_t bit[3] = { TSE_MISSING(accel_x), TSE_MISSING(accel_y), TSE_MISSING(yaw_rate) };
+  if (how == 0) u->missing |= bit[channel];
+  else *value[channel] = (tse_real)(how == 1 ? (double)NAN : how == 2 ? (double)INFINITY : how == 3 ? -50.1 : 1e30);
+}
+
+static void test_a_missing_channel_is_the_same_however_it_is_said_and_the_others_are_used(void)
+{
+  const tse_config c = some_settings(64);
+  const tse_params p = prepared(&c);
+  for (int channel = 0; channel < 3; channel++)
+    for (int how = 0; how < 5; how++) {
+      drive d;
+      tse_output y;
+      set_off(&d, &c, 20.0);
+      TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, sizeof f));
+      (void)run(&p, &f, &d, 100);
+      memcpy(&before, &f, sizeof f);
+      tse_input u = next_row(&d);
+      lose(&u, channel, how);
+      TEST_ASSERT_EQUAL_INT(TSE_W_MISSING_CHANNEL, tse_step(&p, &f.filter, &u, &y));
+      for (int a = 0; a < 3; a++) { /* a used sensor's bias becomes better known, a missing one's worse */
+        const tse_real now = f.bias_var[a], was = before.bias_var[a];
+        if (a != channel) TEST_ASSERT_TRUE(now < was);
+        else TEST_ASSERT_TRUE(now > was);
+      }
+      TEST_ASSERT_TRUE(f.nu > before.nu); /* 100 rows are less than the memory: nu still grows with every row used */
+      TEST_ASSERT_TRUE(number(y.log_evidence) < 0.0 || number(y.log_evidence) > 0.0);
+      if (how == 0) memcpy(&other, &f, sizeof f);
+      TEST_ASSERT_EQUAL_MEMORY(&other, &f, sizeof f);
+    }
+}
+
+static void test_a_row_without_measurements_predicts_only(void)
+{
+  const tse_config c = some_settings(64);
+  const tse_params p = prepared(&c);
+  drive d;
+  tse_output y;
+  set_off(&d, &c, 20.0);
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, sizeof f));
+  (void)run(&p, &f, &d, 100);
+  memcpy(&before, &f, sizeof f);
+  for (int i = 0; i < 20; i++) {
+    tse_input u = next_row(&d);
+    u.missing = TSE_MISSING(accel_x) | TSE_MISSING(accel_y) | TSE_MISSING(yaw_rate);
+    TEST_ASSERT_EQUAL_INT(TSE_W_PREDICTED, tse_step(&p, &f.filter, &u, &y));
+    expect_same_statistics(&before, &f);
+    expect_near(0.0, number(y.log_evidence), 0.0, "log evidence", i);
+    for (int a = 0; a < 3; a++) TEST_ASSERT_EQUAL_INT(TSE_INPUT_INVALID, y.reason[a]);
+  }
+  for (int a = 0; a < 3; a++) {
+    const double walked = number(before.bias_var[a]) + 20 * 0.01 * number(p.bias_walk[a]);
+    expect_near(walked, number(f.bias_var[a]), BY_FORMAT(1e-14, 1e-6), "bias variance", a);
+  }
+  /* the car has gone on: the states follow the inputs, so the truth is still met without a single measurement */
+  expect_near((double)d.sim.x[0], number(y.vel_x), 0.2, "vel_x", 0);
+  expect_near((double)d.sim.x[1], number(y.vel_y), 0.1, "vel_y", 0);
+  expect_near((double)d.sim.x[2], number(y.yaw_rate), 0.05, "yaw_rate", 0);
+}
+
+static void test_missing_inputs_hold_the_last_ones_then_freeze_then_restart(void)
+{
+  const tse_config c = some_settings(64);
+  const tse_params p = prepared(&c);
+  drive d;
+  tse_output y, frozen;
+  memset(&frozen, 0, sizeof frozen);
+  set_off(&d, &c, 20.0);
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, sizeof f));
+  (void)run(&p, &f, &d, 150);
+  memcpy(&before, &f, sizeof f);
+  for (int i = 0; i < 30; i++) {
+    tse_input u = next_row(&d);
+    if (i % 2) u.steer_angle = (tse_real)NAN;
+    else u.missing = TSE_MISSING(wheel_speed_rear);
+    TEST_ASSERT_EQUAL_INT(TSE_W_PREDICTED, tse_step(&p, &f.filter, &u, &y));
+    expect_same_statistics(&before, &f);
+    if (i == 15) frozen = y;
+  }
+  expect_near(number(frozen.vel_x), number(y.vel_x), 0.0, "vel_x does not move after max_gap", 0);
+  expect_near(number(frozen.yaw_rate), number(y.yaw_rate), 0.0, "yaw_rate does not move after max_gap", 0);
+  tse_input u = next_row(&d);
+  const double wheels = 0.33 * 0.5 * (number(u.wheel_speed_front) + number(u.wheel_speed_rear));
+  TEST_ASSERT_EQUAL_INT(TSE_W_GAP, tse_step(&p, &f.filter, &u, &y));
+  expect_near(wheels, number(y.vel_x), 0.3, "vel_x starts again from the wheels", 0); /* sd 0.1, slip 0.5 % */
+  u = next_row(&d);
+  TEST_ASSERT_TRUE(tse_step(&p, &f.filter, &u, &y) < TSE_W_MISSING_CHANNEL);
+}
+
+static void test_a_gap_restarts_the_states_and_keeps_the_statistics(void)
+{
+  const tse_config c = some_settings(64);
+  const tse_params p = prepared(&c);
+  drive d;
+  tse_output y;
+  set_off(&d, &c, 20.0);
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, sizeof f));
+  (void)run(&p, &f, &d, 150);
+  memcpy(&before, &f, sizeof f);
+  tse_input u = next_row(&d);
+  u.dt = real(25.0);
+  u.wheel_speed_front = u.wheel_speed_rear = real(10.0 / 0.33);
+  u.yaw_rate = real(0.3);
+  u.missing = TSE_MISSING(accel_x) | TSE_MISSING(accel_y);
+  memcpy(&other, &f, sizeof f);
+  TEST_ASSERT_EQUAL_INT(TSE_W_GAP, tse_step(&p, &f.filter, &u, &y));
+  expect_near(10.0, number(y.vel_x), 0.1, "vel_x", 0);
+  expect_near(0.3, number(y.yaw_rate), 0.02, "yaw_rate", 0);
+  TEST_ASSERT_TRUE(number(y.vel_x_sd) > 0.03);
+  for (int a = 0; a < 3; a++) { /* one row's learning, no more */
+    tse_output was;
+    estimate(&p, &before, &was);
+    expect_near(number(was.stiffness[a]), number(y.stiffness[a]), 0.05, "stiffness", a);
+  }
+  /* without any measurement not a bit of the statistics moves */
+  u.missing |= TSE_MISSING(yaw_rate);
+  TEST_ASSERT_EQUAL_INT(TSE_W_GAP, tse_step(&p, &other.filter, &u, &y));
+  expect_same_statistics(&before, &other);
+  expect_near(10.0, number(y.vel_x), 0.1, "vel_x", 1);
+}
+
+/* ------------------------------------------------------------------------- standstill, reverse, slow */
+
+static void test_standstill_and_reverse_hold_the_statistics_bit_for_bit(void)
+{
+  static const double speed[] = { 0.0, 1.9, -1.9, -0.2, -5.0, -20.0 };
+  const tse_config c = believing_wheels(64);
+  const tse_params p = prepared(&c);
+  for (int k = 0; k < ROWS(speed); k++) {
+    drive d;
+    tse_output y;
+    set_off(&d, &c, 20.0);
+    TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, sizeof f));
+    (void)run(&p, &f, &d, 150);
+    memcpy(&before, &f, sizeof f);
+    for (int i = 0; i < 200; i++) {
+      tse_input u = still_row(0.01);
+      u.wheel_speed_front = u.wheel_speed_rear = real(speed[k] / 0.33);
+      u.steer_angle = real(0.1);
+      TEST_ASSERT_EQUAL_INT(TSE_W_HELD, tse_step(&p, &f.filter, &u, &y));
+      expect_same_statistics(&before, &f);
+      for (int a = 0; a < 3; a++) TEST_ASSERT_EQUAL_INT(TSE_HELD, y.reason[a]);
+      TEST_ASSERT_TRUE(all_finite(&y));
+    }
+    expect_near(speed[k], number(y.vel_x), 0.3 + 0.02 * fabs(speed[k]), "vel_x follows the wheels", k);
+    TEST_ASSERT_TRUE(fabs(number(y.vel_y)) < 6.0 && fabs(number(y.yaw_rate)) < 2.0); /* a car: -20 m/s, 0.1 rad, 2 s */
+  }
+}
+
+static void test_large_steering_angles_hold_the_statistics(void)
+{
+  const tse_config c = believing_wheels(64);
+  const tse_params p = prepared(&c);
+  drive d;
+  tse_output y;
+  set_off(&d, &c, 20.0);
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, sizeof f));
+  (void)run(&p, &f, &d, 150);
+  memcpy(&before, &f, sizeof f);
+  for (int side = -1; side <= 1; side += 2) {
+    tse_input u = next_row(&d);
+    u.wheel_speed_front = u.wheel_speed_rear = real(5.0 / 0.33);
+    u.steer_angle = real(side * ((double)c.max_steer + 1e-4));
+    TEST_ASSERT_EQUAL_INT(TSE_W_HELD, tse_step(&p, &f.filter, &u, &y));
+    expect_same_statistics(&before, &f);
+    for (int a = 0; a < 3; a++) TEST_ASSERT_EQUAL_INT(TSE_HELD, y.reason[a]);
+    memcpy(&f, &before, sizeof f);
+    u.steer_angle = real(side * ((double)c.max_steer - 1e-4));
+    TEST_ASSERT_TRUE(tse_step(&p, &f.filter, &u, &y) != TSE_W_HELD);
+    memcpy(&f, &before, sizeof f);
+  }
+}
+
+static void test_the_car_stands_still_when_its_wheels_do(void)
+{
+  const tse_config c = some_settings(64);
+  const tse_params p = prepared(&c);
+  tse_output y;
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, sizeof f));
+  for (int i = 0; i < 300; i++) {
+    const tse_input u = still_row(0.0);
+    TEST_ASSERT_TRUE(tse_step(&p, &f.filter, &u, &y) >= 0);
+  }
+  expect_near(0.0, number(y.vel_x), 1e-3, "vel_x", 0);
+  expect_near(0.0, number(y.vel_y), 1e-3, "vel_y", 0);
+  expect_near(0.0, number(y.yaw_rate), 1e-3, "yaw_rate", 0);
+  expect_near(0.0, number(y.sideslip), 0.0, "sideslip", 0);
+}
+
+/* A scalar Kalman filter on "the gyro reads its bias", from the moment it is believed on. */
+static void test_the_gyros_bias_is_learnt_at_standstill_as_by_a_kalman_filter(void)
+{
+  const tse_config c = some_settings(20);
+  const tse_params p = prepared(&c);
+  const double sd = (double)c.yaw_rate_sd, r = sd * sd, q = 0.01 * (double)c.yaw_rate_bias_walk * (double)c.yaw_rate_bias_walk;
+  double mean = 0.0, var = (double)c.yaw_rate_bias_sd * (double)c.yaw_rate_bias_sd;
+  uint32_t state = 8;
+  int believed = 0;
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, sizeof f));
+  for (int i = 0; i < 500; i++) {
+    tse_output y;
+    tse_input u = still_row(0.004 + sd * (next_uniform(&state) + next_uniform(&state) + next_uniform(&state) - 1.5) * 2.0);
+    if (i % 10 == 3) u.missing = TSE_MISSING(yaw_rate);
+    memcpy(&before, &f, sizeof f);
+    TEST_ASSERT_TRUE(tse_step(&p, &f.filter, &u, &y) >= 0);
+    if (i > 0) var += q;
+    if (f.bias_var[2] < before.bias_var[2] && i > 0) { /* it has been used */
+      const double gain = var / (var + r);
+      TEST_ASSERT_TRUE(u.missing == 0);
+      mean += gain * (number(u.yaw_rate) - mean);
+      var -= gain * var;
+      believed++;
+    }
+    TEST_ASSERT_TRUE(believed == 0 || i >= 25); /* not at once: an encoder may stop counting before the car stops */
+    for (int32_t k = 0; k < 20; k++) expect_near(mean, sd * number(f.p.bias[2][k]), BY_FORMAT(1e-13, 1e-6) * sd * 10, "bias", i);
+    expect_near(var, r * number(f.bias_var[2]), BY_FORMAT(1e-13, 1e-5) * r, "variance", i);
+    for (int a = 0; a < 2; a++) expect_near(0.0, number(f.p.bias[a][7]), 0.0, "accelerometers are left alone", a);
+  }
+  TEST_ASSERT_TRUE(believed > 350);
+  expect_near(0.004, mean, 4.0 * sqrt(var), "what was learnt", 0);
+}
+
+static void test_at_standstill_with_a_turning_gyro_nothing_is_learnt_before_the_wheels_have_rested(void)
+{
+  const tse_config c = some_settings(20);
+  const tse_params p = prepared(&c);
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, sizeof f));
+  for (int i = 0; i < 400; i++) { /* creeping: a wheel moves every 0.2 s */
+    tse_input u = still_row(0.1);
+    if (i % 20 == 0) u.wheel_speed_rear = real(0.5);
+    TEST_ASSERT_TRUE(tse_step(&p, &f.filter, &u, NULL) >= 0);
+    for (int32_t k = 0; k < 20; k++) expect_near(0.0, number(f.p.bias[2][k]), 0.0, "bias", i);
+  }
+}
+
+/* ------------------------------------------------------------------------------------ time steps */
+
+static void test_forgetting_goes_by_time_not_by_rows(void)
+{
+  static const double dt[] = { 0.01, 0.02, 0.005, 0.05 };
+  const tse_config c = some_settings(20);
+  const tse_params p = prepared(&c);
+  drive d;
+  set_off(&d, &c, 20.0);
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, sizeof f));
+  (void)run(&p, &f, &d, 50);
+  for (int k = 0; k < ROWS(dt); k++) {
+    const double lambda = pow((double)c.forgetting, dt[k] / 0.01);
+    const double nu = (number(f.nu) + 1.0) * lambda, gamma = number(f.gamma) / (1.0 + number(f.gamma)) / lambda;
+    d.dt = dt[k];
+    (void)run(&p, &f, &d, 1);
+    expect_near(nu, number(f.nu), BY_FORMAT(1e-11, 1e-5) * nu, "nu", k);
+    expect_near(gamma, number(f.gamma), BY_FORMAT(1e-11, 1e-5) * gamma, "gamma", k);
+  }
+}
+
+/* Stiffness averaged over the last part of a run that starts at 70 %. */
+static void learn_from_seventy_percent(double dt, int32_t particles, double seconds, double mean[3], int *recovered)
+{
+  tse_config c = some_settings(particles);
+  drive d;
+  c.initial_cx_front = c.initial_cy_front = c.initial_cy_rear = (tse_setting)0.7;
+  const tse_params p = prepared(&c);
+  const int rows = (int)(seconds / dt), last = rows / 2;
+  set_off(&d, &c, 20.0);
+  d.dt = dt;
+  memset(mean, 0, 3 * sizeof mean[0]);
+  *recovered = 0;
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, sizeof f));
+  for (int i = 0; i < rows; i++) {
+    const tse_output y = run(&p, &f, &d, 1);
+    *recovered += y.status == TSE_W_RECOVERED;
+    if (i >= rows - last)
+      for (int a = 0; a < 3; a++) mean[a] += number(y.stiffness[a]) / last;
+  }
+}
+
+/* Limits for the mean over the last seconds of one run: the longitudinal stiffness shows only through changes of
+ * acceleration and takes tens of seconds; the lateral ones settle in two. Three standard deviations between seeds. */
+static void expect_stiffness(const double mean[3], double longitudinal, double lateral, const char *what)
+{
+  for (int a = 0; a < 3; a++) expect_near(1.0, mean[a], a == 0 ? longitudinal : lateral, what, a);
+}
+
+static void test_stiffness_is_found_on_a_clean_drive(void)
+{
+  double mean[3];
+  int recovered;
+  learn_from_seventy_percent(0.01, 300, 30.0, mean, &recovered);
+  expect_stiffness(mean, 0.06, 0.02, "stiffness");
+  TEST_ASSERT_EQUAL_INT(0, recovered);
+}
+
+static void test_stiffness_is_found_with_rows_twice_as_long_or_half_as_long(void)
+{
+  double mean[3];
+  int recovered;
+  learn_from_seventy_percent(0.02, 300, 40.0, mean, &recovered);
+  expect_stiffness(mean, 0.1, 0.02, "stiffness at 20 ms");
+  learn_from_seventy_percent(0.005, 300, 40.0, mean, &recovered);
+  expect_stiffness(mean, 0.12, 0.02, "stiffness at 5 ms");
+}
+
+static void test_a_long_run_with_quiet_and_lively_parts_stays_finite_and_near_the_truth(void)
+{
+  const tse_config c = some_settings(100);
+  const tse_params p = prepared(&c);
+  drive d;
+  set_off(&d, &c, 20.0);
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, sizeof f));
+  for (int i = 0; i < 24000; i++) { /* 4 minutes, every other one straight and without torque */
+    d.steer = d.torque = 0.0;
+    if (i / 6000 % 2 == 0) {
+      d.steer = 0.02;
+      d.torque = 700.0;
+    }
+    const tse_output y = run(&p, &f, &d, 1);
+    TEST_ASSERT_TRUE(all_finite(&y));
+    for (int a = 0; a < 3; a++) TEST_ASSERT_TRUE(number(y.stiffness[a]) > 0.5 && number(y.stiffness[a]) < 2.0);
+  }
+}
+
+/* ---------------------------------------------------------------------------------------- watchdog */
+
+static void test_after_a_forced_divergence_the_filter_says_so_and_comes_back(void)
+{
+  for (int trial = 0; trial < 6; trial++) {
+    const int how = trial % 2;
+    tse_config c = some_settings(300);
+    c.seed = 1 + trial / 2;
+    const tse_params p = prepared(&c);
+    drive d;
+    set_off(&d, &c, 20.0);
+    TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, sizeof f));
+    (void)run(&p, &f, &d, 1000);
+    for (int32_t i = 0; i < padded(c.particles); i++) {
+      if (how == 0) { /* a mirrored solution: stiffness near its lower bound, and sure of it */
+        for (int a = 0; a < 3; a++) f.p.mu[a][i] = f.p.w[a][i] = real(-0.85 + 0.01 * a);
+        for (int k = 0; k < 6; k++) f.p.lam[k][i] = real(k == 0 || k == 3 || k == 5 ? 1e-4 : 0.0);
+      } else {        /* the car slides sideways, and everything it says is believed to be bias */
+        f.p.x[1][i] = real(6.0);
+        f.p.x[2][i] = real(-1.0);
+        for (int a = 1; a < 3; a++) f.p.mu[a][i] = f.p.w[a][i] = real(3.5);
+        for (int k = 0; k < 6; k++) f.p.lam[k][i] = real(k == 0 || k == 3 || k == 5 ? 1e-4 : 0.0);
+      }
+    }
+    int noticed = -1;
+    for (int i = 0; i < 200 && noticed < 0; i++) {
+      const tse_output y = run(&p, &f, &d, 1);
+      if (y.status == TSE_W_RECOVERED) noticed = i;
+      TEST_ASSERT_TRUE(all_finite(&y));
+    }
+    TEST_ASSERT_TRUE_MESSAGE(noticed >= 0, how == 0 ? "soft tyres not noticed within 2 s" : "sliding not noticed within 2 s");
+    const tse_output soon = run(&p, &f, &d, 10);
+    for (int a = 0; a < 3; a++) TEST_ASSERT_TRUE(soon.reason[a] != TSE_VALID);
+    (void)run(&p, &f, &d, 2500);
+    double mean[3] = { 0 };
+    for (int i = 0; i < 500; i++) {
+      const tse_output y = run(&p, &f, &d, 1);
+      for (int a = 0; a < 3; a++) mean[a] += number(y.stiffness[a]) / 500.0;
+    }
+    expect_stiffness(mean, 0.13, 0.03, how == 0 ? "stiffness after soft tyres" : "stiffness after sliding");
+  }
+}
+
+/* No evidence is needed for what no car does: more than half of its speed sideways, or that far from its wheels. */
+static void test_an_absurd_state_is_noticed_at_once_and_states_start_again(void)
+{
+  static const double off[][2] = { { 0.0, 13.0 }, { 0.0, -13.0 }, { 13.0, 0.0 }, { -13.0, 0.0 } };
+  const tse_config c = some_settings(100);
+  const tse_params p = prepared(&c);
+  for (int k = 0; k < ROWS(off); k++) {
+    drive d;
+    tse_output y;
+    set_off(&d, &c, 20.0);
+    TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, sizeof f));
+    (void)run(&p, &f, &d, 500);
+    for (int32_t i = 0; i < padded(c.particles); i++) {
+      f.p.x[0][i] += real(off[k][0]);
+      f.p.x[1][i] += real(off[k][1]);
+    }
+    /* the tyres pull the states back within a few rows: only what is absurd after the row is a reason to recover */
+    const tse_input u = next_row(&d);
+    TEST_ASSERT_TRUE(tse_step(&p, &f.filter, &u, &y) >= 0);
+    TEST_ASSERT_EQUAL_INT(TSE_W_RECOVERED, y.status);
+    TEST_ASSERT_TRUE(all_finite(&y));
+    expect_near((double)d.sim.x[0], number(y.vel_x), 0.4, "vel_x", k); /* 0.1 m/s and slip */
+    expect_near((double)d.sim.x[1], number(y.vel_y), 0.6, "vel_y", k); /* starts at zero */
+    for (int a = 0; a < 3; a++) TEST_ASSERT_EQUAL_INT(TSE_DIVERGING, y.reason[a]);
+    y = run(&p, &f, &d, 1);
+    TEST_ASSERT_TRUE(y.status != TSE_W_RECOVERED);
+  }
+}
+
+static void test_another_road_is_found_within_seconds(void)
+{
+  const tse_config c = some_settings(300);
+  const tse_params p = prepared(&c);
+  drive d;
+  double mean[3] = { 0 };
+  set_off(&d, &c, 20.0);
+  d.steer = 0.01;
+  d.torque = 500.0;
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, sizeof f));
+  (void)run(&p, &f, &d, 1500);
+  d.road = 0.4;
+  (void)run(&p, &f, &d, 1500);
+  for (int i = 0; i < 500; i++) {
+    const tse_output y = run(&p, &f, &d, 1);
+    for (int a = 0; a < 3; a++) mean[a] += number(y.stiffness[a]) / 500.0;
+  }
+  for (int a = 0; a < 3; a++) expect_near(0.4, mean[a], 0.05, "stiffness on snow", a);
+}
+
+static void test_neither_a_clean_drive_nor_a_lone_outlier_raises_the_alarm(void)
+{
+  const tse_config c = some_settings(200);
+  const tse_params p = prepared(&c);
+  drive d;
+  tse_output y;
+  set_off(&d, &c, 20.0);
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, sizeof f));
+  for (int i = 0; i < 3000; i++) {
+    tse_input u = next_row(&d);
+    if (i % 500 == 499) u.accel_y = u.accel_y + real(1.5); /* ten sigma */
+    TEST_ASSERT_TRUE(tse_step(&p, &f.filter, &u, &y) >= 0);
+    TEST_ASSERT_TRUE(y.status != TSE_W_RECOVERED);
+  }
+}
+
+/* ----------------------------------------------------------- what does not fit (consistency.c, slide.c) */
+
+/* Rows with surplus noise, then an accelerometer that is off, then locked wheels: a filter that has found, tries, and coasts. */
+static tse_input troubled_row(drive *d, int i, uint32_t *state)
+{
+  tse_input u = next_row(d);
+  if (i >= 900) u.accel_x = u.accel_x + real(1.5);
+  u.accel_y = u.accel_y + real(0.15 * 10.0 * (next_uniform(state) + next_uniform(state) + next_uniform(state) - 1.5));
+  if (i >= 1000) u.wheel_speed_front = u.wheel_speed_rear = TSE_R(0);
+  return u;
+}
+
+static void test_a_copy_taken_in_the_midst_of_trouble_goes_on_bit_for_bit(void)
+{
+  const tse_config c = some_settings(50);
+  const tse_params p = prepared(&c);
+  for (int taken = 895; taken < 1100; taken += 15) {
+    drive d;
+    uint32_t state = 3;
+    tse_output y, z;
+    int slid = 0;
+    set_off(&d, &c, 20.0);
+    TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, sizeof f));
+    for (int i = 0; i < 1200; i++) {
+      const tse_input u = troubled_row(&d, i, &state);
+      TEST_ASSERT_TRUE(tse_step(&p, &f.filter, &u, &y) >= 0);
+      if (i > taken) {
+        TEST_ASSERT_TRUE(tse_step(&p, &other.filter, &u, &z) >= 0);
+        TEST_ASSERT_EQUAL_MEMORY(&f, &other, sizeof f);
+        TEST_ASSERT_EQUAL_MEMORY(&y, &z, sizeof y);
+      }
+      if (i == taken) memcpy(&other, &f, sizeof f);
+      TEST_ASSERT_TRUE(all_finite(&y));
+      slid = slid || f.sliding > TSE_R(0);
+    }
+    TEST_ASSERT_TRUE(slid || !(p.max_slip < TSE_R(1))); /* else nothing was shown */
+  }
+}
+
+/* ------------------------------------------------------------------------------ broken numbers, fuzz */
+
+static double special(uint32_t *state)
+{
+  static const double values[] = { 0.0, -0.0, NAN, INFINITY, -INFINITY, 1e300, -1e300, 1e-300, -1e-300, 1e-30,
+                                   3.4e38, 50.0, -50.0, 1.2, -1.2, 400.0, -400.0, 6.0, -6.0, 1e-3 };
+  return values[next_word(state) % (uint32_t)ROWS(values)];
+}
+
+static double fuzzed(uint32_t *state, double plausible, double most, int wildness)
+{
+  const uint32_t dice = next_word(state) >> 8;
+  if (wildness == 0 || dice % 16u > (uint32_t)wildness) return plausible;
+  if (dice % 3u == 0) return special(state);
+  return next_between(state, -most, most);
+}
+
+/* States of every particle, and so the estimate, are those of a car. */
+static void expect_bounded(const tse_params *p, const tse_output *y, int row)
+{
+  for (int32_t i = 0; i < padded(p->particles); i++)
+    if (!(fabs(number(f.p.x[0][i])) <= 200.0 && fabs(number(f.p.x[1][i])) <= 200.0 && fabs(number(f.p.x[2][i])) <= 20.0))
+      expect_near(0.0, number(f.p.x[2][i]), 20.0, "a state beyond any car", row);
+  TEST_ASSERT_TRUE(fabs(number(y->yaw_rate)) < 20.001 && fabs(number(y->vel_x)) < 200.01 && fabs(number(y->vel_y)) < 200.01);
+}
+
+static void fuzz(const tse_config *c, int rows, uint32_t seed)
+{
+  const tse_params p = prepared(c);
+  uint32_t state = seed;
+  double v = 10.0, steer = 0.0;
+  int accepted = 0, wildness = 0;
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, sizeof f));
+  for (int i = 0; i < rows; i++) {
+    if (i % 64 == 0) wildness = (int)(next_word(&state) >> 8) % 5 * 3; /* 0 never .. 12 nearly always */
+    v = fmin(fmax(v + next_between(&state, -0.3, 0.3), -3.0), 45.0);
+    steer = 0.9 * steer + next_between(&state, -0.01, 0.01);
+    tse_input u;
+    u.dt = (tse_real)fuzzed(&state, 0.01, 0.2, wildness / 4);
+    u.steer_angle = (tse_real)fuzzed(&state, steer, 1.3, wildness);
+    u.wheel_speed_front = (tse_real)fuzzed(&state, v / 0.33, 420.0, wildness);
+    u.wheel_speed_rear = (tse_real)fuzzed(&state, v / 0.33, 420.0, wildness);
+    u.accel_x = (tse_real)fuzzed(&state, next_between(&state, -1.0, 1.0), 60.0, wildness);
+    u.accel_y = (tse_real)fuzzed(&state, 2.0 * v * steer, 60.0, wildness);
+    u.yaw_rate = (tse_real)fuzzed(&state, 0.3 * v * steer, 7.0, wildness);
+    u.missing = wildness && next_word(&state) % 8u == 0 ? next_word(&state) >> 24 : 0u;
+    tse_output y;
+    memset(&y, 0x55, sizeof y);
+    const tse_status status = tse_step(&p, &f.filter, &u, &y);
+    if (status < 0) continue;
+    accepted++;
+    if (!all_finite(&y)) {
+      char text[120];
+      (void)snprintf(text, sizeof text, "row %d of seed %u: an output is not finite", i, (unsigned)seed);
+      TEST_FAIL_MESSAGE(text);
+    }
+    for (int a = 0; a < 3; a++) {
+      TEST_ASSERT_TRUE(number(y.stiffness[a]) > 0.0 && number(y.stiffness[a]) < 21.0);
+      TEST_ASSERT_TRUE(number(y.stiffness_sd[a]) >= 0.0 && number(y.stiffness_spread[a]) > 0.0 && number(y.bias_sd[a]) >= 0.0);
+      TEST_ASSERT_TRUE(y.reason[a] >= TSE_VALID && y.reason[a] < TSE_REASON_END_);
+    }
+    TEST_ASSERT_TRUE(number(y.n_eff) > 0.999 && number(y.n_eff) < 1.001 * c->particles);
+    TEST_ASSERT_EQUAL_INT(status, y.status);
+    expect_bounded(&p, &y, i);
+  }
+  TEST_ASSERT_TRUE(accepted > rows / 4);
+}
+
+static void test_no_row_of_numbers_whatever_makes_an_output_that_is_none(void)
+{
+  tse_config c = some_settings(20); /* 20: padding takes part, and must not break either */
+  for (uint32_t seed = 1; seed <= 4; seed++) {
+    c.resampling = (int32_t)(seed - 1u);
+    fuzz(&c, 25000, seed);
+  }
+}
+
+static void test_no_row_breaks_a_filter_whose_settings_are_extreme(void)
+{
+  tse_config c = some_settings(17);
+  c.mass = 50;
+  c.yaw_inertia = 10;
+  c.longitudinal_stiffness_front = c.longitudinal_stiffness_rear = (tse_setting)1e7;
+  c.cornering_stiffness_front = c.cornering_stiffness_rear = (tse_setting)1e7;
+  c.accel_x_sd = c.accel_y_sd = (tse_setting)0.001;
+  c.yaw_rate_sd = (tse_setting)1e-5;
+  c.stiffness_min = (tse_setting)0.02;
+  c.stiffness_max = 20;
+  fuzz(&c, 4000, 77);
+  c = some_settings(16);
+  c.mass = 50000;
+  c.forgetting = (tse_setting)0.9;
+  c.initial_dof = 6;
+  c.initial_mean_sd = c.initial_spread = 2;
+  c.max_gap = 1;
+  c.sample_time = (tse_setting)0.1;
+  c.resample_threshold = 0;
+  fuzz(&c, 4000, 78);
+  c = some_settings(18);
+  c.wheel_noise_sd = 5;
+  c.stiffness_max = 20;
+  c.initial_spread = 2;
+  fuzz(&c, 4000, 79);
+}
+
+/* Any of the settings at either end of its range, with the others where they are: 0.1 s to a minute, and what is put out are
+ * numbers, in float too. */
+static void test_no_mixture_of_extreme_settings_makes_an_output_that_is_no_number(void)
+{
+  uint32_t state = 17;
+  for (int k = 0; k < 400; k++) {
+    tse_config c = some_settings(16);
+    const int32_t kept = c.form;
+#define END_OF(name, lo, hi, type) { const uint32_t dice = next_word(&state) >> 9; if (dice % 5u < 2u) c.name = (type)(dice % 5u ? (lo) : (hi)); }
+#define REAL(name, def, lo, hi, unit, text) END_OF(name, lo, hi, tse_setting)
+#define INT(name, def, lo, hi, text) END_OF(name, lo, hi, int32_t)
+#include "tse/config.def"
+#undef REAL
+#undef INT
+#define EFFECT_PARAMETER(id, parameter, role, unit, def, lo, hi, typical_lo, typical_hi, negligible, sign, text) c.id##_##parameter = (tse_setting)(def);
+#include "tse/effects.def"
+    c.form = kept;
+    c.particles = 16;
+    fuzz(&c, 60, 1000u + (uint32_t)k);
+  }
+}
+
+/* One row after a pause, whatever its length, moves no running mean beyond what it says itself. */
+static void test_a_pause_of_any_length_moves_running_means_no_further_than_its_row(void)
+{
+  static const double pause[] = { 0.001, 0.5, 6.0, 60.0, 600.0, 3600.0 };
+  for (int k = 0; k < ROWS(pause); k++) {
+    const tse_config c = some_settings(100);
+    const tse_params p = prepared(&c);
+    drive d;
+    tse_output y;
+    set_off(&d, &c, 20.0);
+    TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, sizeof f));
+    (void)run(&p, &f, &d, 800);
+    memcpy(&before, &f, sizeof f);
+    tse_input u = next_row(&d);
+    u.dt = real(pause[k]);
+    TEST_ASSERT_TRUE(tse_step(&p, &f.filter, &u, &y) >= 0);
+    const double row = number(y.log_evidence) / log(2.0), tiny = BY_FORMAT(1e-9, 1e-3);
+    const double slow = number(before.evidence_slow), fast = number(before.evidence_fast);
+    TEST_ASSERT_TRUE(number(f.evidence_slow) >= fmin(row, slow) - tiny && number(f.evidence_slow) <= fmax(row, slow) + tiny);
+    TEST_ASSERT_TRUE(number(f.evidence_fast) >= fmin(row, fast) - tiny && number(f.evidence_fast) <= fmax(row, fast) + tiny);
+    TEST_ASSERT_TRUE(number(f.evidence_age) <= 5.0 && number(f.gamma) <= fmax(1.0, number(p.gamma0)) && number(f.nu) >= 6.0);
+    for (int i = 0; i < 1000; i++) {
+      y = run(&p, &f, &d, 1);
+      TEST_ASSERT_TRUE(all_finite(&y) && y.status != TSE_W_RECOVERED);
+    }
+    for (int a = 1; a < 3; a++) expect_near(1.0, number(y.stiffness[a]), 0.15, "stiffness", 10 * k + a);
+  }
+}
+
+static void test_a_filter_whose_particles_were_broken_gives_finite_outputs_and_recovers(void)
+{
+  for (int share = 1; share <= 16; share *= 4) { /* all of them, a quarter, a sixteenth */
+    const tse_config c = some_settings(64);
+    const tse_params p = prepared(&c);
+    drive d;
+    set_off(&d, &c, 20.0);
+    TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, sizeof f));
+    (void)run(&p, &f, &d, 100);
+    for (int32_t i = 0; i < 64; i += share) f.p.x[1][i] = (tse_real)NAN;
+    for (int i = 0; i < 1000; i++) {
+      const tse_output y = run(&p, &f, &d, 1);
+      TEST_ASSERT_TRUE(all_finite(&y));
+      if (i == 999) expect_near((double)d.sim.x[0], number(y.vel_x), 0.5, "vel_x", share);
+    }
+  }
+}
+
+static void run_all(void)
+{
+  RUN_TEST(test_asking_for_no_output_changes_nothing_in_the_filter);
+  RUN_TEST(test_a_missing_channel_is_the_same_however_it_is_said_and_the_others_are_used);
+  RUN_TEST(test_a_row_without_measurements_predicts_only);
+  RUN_TEST(test_missing_inputs_hold_the_last_ones_then_freeze_then_restart);
+  RUN_TEST(test_a_gap_restarts_the_states_and_keeps_the_statistics);
+  RUN_TEST(test_standstill_and_reverse_hold_the_statistics_bit_for_bit);
+  RUN_TEST(test_large_steering_angles_hold_the_statistics);
+  RUN_TEST(test_the_car_stands_still_when_its_wheels_do);
+  RUN_TEST(test_the_gyros_bias_is_learnt_at_standstill_as_by_a_kalman_filter);
+  RUN_TEST(test_at_standstill_with_a_turning_gyro_nothing_is_learnt_before_the_wheels_have_rested);
+  RUN_TEST(test_forgetting_goes_by_time_not_by_rows);
+  RUN_TEST(test_stiffness_is_found_on_a_clean_drive);
+  RUN_TEST(test_stiffness_is_found_with_rows_twice_as_long_or_half_as_long);
+  RUN_TEST(test_a_long_run_with_quiet_and_lively_parts_stays_finite_and_near_the_truth);
+  RUN_TEST(test_after_a_forced_divergence_the_filter_says_so_and_comes_back);
+  RUN_TEST(test_an_absurd_state_is_noticed_at_once_and_states_start_again);
+  RUN_TEST(test_another_road_is_found_within_seconds);
+  RUN_TEST(test_neither_a_clean_drive_nor_a_lone_outlier_raises_the_alarm);
+  RUN_TEST(test_a_copy_taken_in_the_midst_of_trouble_goes_on_bit_for_bit);
+  RUN_TEST(test_no_row_of_numbers_whatever_makes_an_output_that_is_none);
+  RUN_TEST(test_no_row_breaks_a_filter_whose_settings_are_extreme);
+  RUN_TEST(test_no_mixture_of_extreme_settings_makes_an_output_that_is_no_number);
+  RUN_TEST(test_a_pause_of_any_length_moves_running_means_no_further_than_its_row);
+  RUN_TEST(test_a_filter_whose_particles_were_broken_gives_finite_outputs_and_recovers);
+}
+
+int main(void)
+{
+  UNITY_BEGIN();
+  for (form = 0; form < ROWS(forms); form++) {
+    printf("%s:\n", forms[form].name);
+    run_all();
+  }
+  return UNITY_END();
+}

@@ -1,0 +1,201 @@
+/* tests/unit/estimator/paper/test_kalman.c - the whole filter where the answer is known: linear and Gaussian, it must agree with a
+ * Kalman filter (tests/reference/generate_kalman.py), evidence included, with resampling on. */
+#include "estimator/paper/particles.h"
+#include "unit_support.h"
+#include "kalman_table.h"
+
+static tse_filter_paper f;
+
+static tse_config settings(void)
+{
+  tse_config c;
+  tse_config_paper(&c);
+#define X(name, value) c.name = (tse_setting)(value);
+  KALMAN_SETTINGS(X)
+#undef X
+  return c;
+}
+
+static tse_input row(double steer, const double y[3], int mask)
+{
+  tse_input u;
+  memset(&u, 0, sizeof u);
+  u.dt = real(0.01);
+  u.steer_angle = real(steer);
+  u.wheel_speed_front = u.wheel_speed_rear = real(KALMAN_OMEGA);
+  u.accel_x = mask & 1 ? real(y[0]) : (tse_real)NAN;
+  u.accel_y = mask & 2 ? real(y[1]) : (tse_real)NAN;
+  u.yaw_rate = mask & 4 ? real(y[2]) : (tse_real)NAN;
+  return u;
+}
+
+/* ------------------------------------------------------------------- turning: particles needed */
+
+#define SEEDS 24
+#define STEPS ROWS(kalman_turning)
+static double estimate_of[SEEDS][ROWS(kalman_turning)][11]; /* vel_y, yaw rate, 3 biases; their sds; log evidence */
+static int resampled, recovered;
+
+/* Mean and sd of bias a given all rows up to now: the output is taken before the row's own bias update. */
+static void bias_now(const tse_params *p, int a, double *mean, double *sd)
+{
+  double sum = 0.0, first = 0.0, second = 0.0;
+  for (int32_t i = 0; i < p->particles; i++) {
+    const double w = exp2(number(f.p.logw[0][i])), b = number(f.p.bias[a][i]);
+    sum += w;
+    first += w * b;
+    second += w * b * b;
+  }
+  *mean = number(p->sd[a]) * first / sum;
+  *sd = number(p->sd[a]) * sqrt(number(f.bias_var[a]) + second / sum - (first / sum) * (first / sum));
+}
+
+/* Mean stiffness known exactly (gamma = 0), its spread known almost (1000 degrees of freedom, hardly any forgetting). */
+static void run_turning(int32_t scheme)
+{
+  resampled = recovered = 0;
+  for (int s = 0; s < SEEDS; s++) {
+    tse_config c = settings();
+    c.particles = TSE_MAX_PARTICLES;
+    c.initial_mean_sd = 0;
+    c.initial_dof = 1000;
+    c.forgetting = (tse_setting)0.9999;
+    c.resample_threshold = (tse_setting)0.5;
+    c.resampling = scheme;
+    c.seed = 100 + s;
+    const tse_params p = prepared(&c);
+    TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, sizeof f));
+    for (int k = 0; k < STEPS; k++) {
+      const tse_input u = row(kalman_turning[k].steer, kalman_turning[k].y, k == 0 ? 3 : 7);
+      tse_output y;
+      const tse_status status = tse_step(&p, &f.filter, &u, &y);
+      TEST_ASSERT_TRUE(status >= 0);
+      recovered += status == TSE_W_RECOVERED;
+      resampled += y.n_eff <= p.resample_at;
+      double *const e = estimate_of[s][k];
+      e[0] = number(y.vel_y);
+      e[1] = number(y.yaw_rate);
+      e[5] = number(y.vel_y_sd);
+      e[6] = number(y.yaw_rate_sd);
+      for (int a = 0; a < 3; a++) bias_now(&p, a, &e[2 + a], &e[7 + a]);
+      e[10] = number(y.log_evidence);
+    }
+  }
+}
+
+static void over_seeds(int k, int column, double *mean, double *standard_error)
+{
+  double sum = 0.0, squares = 0.0;
+  for (int s = 0; s < SEEDS; s++) sum += estimate_of[s][k][column];
+  for (int s = 0; s < SEEDS; s++) squares += pow(estimate_of[s][k][column] - sum / SEEDS, 2.0);
+  *mean = sum / SEEDS;
+  *standard_error = sqrt(squares / (SEEDS - 1) / SEEDS);
+}
+
+/* Tolerances, for the mean over SEEDS runs:
+ *   means     4.5 standard errors of that mean, measured over the seeds (Student-t with 23 degrees of freedom: chance
+ *             2e-4 for one number), and 2 % of the Kalman filter's sd for what is not linear: d known to 1 %, second-order
+ *             integration, Student-t with 998 degrees of freedom instead of a normal
+ *   sds       likewise 4.5 standard errors, and 3 %: N particles underestimate a sd by 1/(2 N_eff), and do so again in every
+ *             generation that shares its ancestors
+ *   evidence  of one row: 4.5 standard errors and (q^2 - 10 q + 15)/(4 nu), the Student-t's first term, below 0.03 for
+ *             q = z'S^-1 z up to 16; of all rows: exp(sum) is unbiased, so its mean over the seeds is compared */
+static void expect_agreement_with_the_kalman_filter(void)
+{
+  for (int k = 0; k < STEPS; k++) {
+    double mean, se;
+    for (int a = 0; a < 5; a++) {
+      const double sd = kalman_turning[k].sd[a];
+      over_seeds(k, a, &mean, &se);
+      expect_near(kalman_turning[k].mean[a], mean, 4.5 * se + 0.02 * sd, "mean", 1000 * a + k);
+      TEST_ASSERT_TRUE(se < 0.1 * sd); /* the tolerance is one: a tenth of what the filter says it knows */
+      over_seeds(k, 5 + a, &mean, &se);
+      expect_near(sd, mean, 4.5 * se + 0.03 * sd, "sd", 1000 * a + k);
+      TEST_ASSERT_TRUE(se < 0.05 * sd);
+    }
+    over_seeds(k, 10, &mean, &se);
+    expect_near(kalman_turning[k].evidence, mean, 4.5 * se + 0.03, "log evidence of a row", k);
+    TEST_ASSERT_TRUE(se < 0.05);
+  }
+
+  double kalman = 0.0, ratio[SEEDS], mean_ratio = 0.0, squares = 0.0;
+  for (int k = 0; k < STEPS; k++) kalman += kalman_turning[k].evidence;
+  for (int s = 0; s < SEEDS; s++) {
+    double sum = 0.0;
+    for (int k = 0; k < STEPS; k++) sum += estimate_of[s][k][10];
+    ratio[s] = exp(sum - kalman);
+    mean_ratio += ratio[s] / SEEDS;
+  }
+  for (int s = 0; s < SEEDS; s++) squares += (ratio[s] - mean_ratio) * (ratio[s] - mean_ratio);
+  const double se = sqrt(squares / (SEEDS - 1) / SEEDS);
+  expect_near(1.0, mean_ratio, 4.5 * se + 0.05, "evidence of all rows over the Kalman filter's", 0);
+  TEST_ASSERT_TRUE(se < 0.15);
+  TEST_ASSERT_TRUE(resampled > 2 * SEEDS); /* else nothing was shown about resampling */
+  TEST_ASSERT_EQUAL_INT(0, recovered);
+}
+
+static void test_turning_agrees_with_a_kalman_filter_with_systematic_resampling(void)
+{
+  run_turning(0);
+  expect_agreement_with_the_kalman_filter();
+}
+
+static void test_turning_agrees_with_a_kalman_filter_with_stratified_resampling(void)
+{
+  run_turning(1);
+  expect_agreement_with_the_kalman_filter();
+}
+
+static void test_turning_agrees_with_a_kalman_filter_with_residual_resampling(void)
+{
+  run_turning(2);
+  expect_agreement_with_the_kalman_filter();
+}
+
+static void test_turning_agrees_with_a_kalman_filter_with_multinomial_resampling(void)
+{
+  run_turning(3);
+  expect_agreement_with_the_kalman_filter();
+}
+
+/* ------------------------------------------------------------------ straight: exact per particle */
+
+/* No slip, so every particle is the Kalman filter. What differs is rounding: the two logs of gamma functions (series good
+ * to 1.6e-3/(nut/2 + 4)^5 = 1e-9 from 28 degrees of freedom), in float the measurements' 6e-8 times (nut + 3)/2. */
+static void test_straight_on_the_evidence_is_that_of_a_kalman_filter(void)
+{
+  tse_config c = settings();
+  c.particles = 16;
+  c.initial_dof = STRAIGHT_DOF;
+  c.forgetting = (tse_setting)STRAIGHT_FORGETTING;
+  c.initial_vel_y_sd = c.initial_yaw_rate_sd = 0;
+  const tse_params p = prepared(&c);
+  double total = 0.0, expected_total = 0.0;
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, sizeof f));
+  for (int k = 0; k < ROWS(kalman_straight); k++) {
+    const tse_input u = row(0.0, kalman_straight[k].y, kalman_straight[k].mask);
+    tse_output y;
+    TEST_ASSERT_TRUE(tse_step(&p, &f.filter, &u, &y) >= 0);
+    expect_near(kalman_straight[k].evidence, number(y.log_evidence), BY_FORMAT(5e-9, 1e-4), "log evidence", k);
+    for (int a = 0; a < 3; a++) {
+      double mean, sd;
+      bias_now(&p, a, &mean, &sd);
+      expect_near(kalman_straight[k].mean[a], mean, BY_FORMAT(1e-12, 1e-5) * number(p.sd[a]), "bias", 10 * k + a);
+      expect_near(kalman_straight[k].sd[a], sd, BY_FORMAT(1e-7, 1e-3) * kalman_straight[k].sd[a], "sd of bias", 10 * k + a);
+    }
+    total += number(y.log_evidence);
+    expected_total += kalman_straight[k].evidence;
+  }
+  expect_near(expected_total, total, BY_FORMAT(1e-6, 3e-3), "log evidence of all rows", 0);
+}
+
+int main(void)
+{
+  UNITY_BEGIN();
+  RUN_TEST(test_straight_on_the_evidence_is_that_of_a_kalman_filter);
+  RUN_TEST(test_turning_agrees_with_a_kalman_filter_with_systematic_resampling);
+  RUN_TEST(test_turning_agrees_with_a_kalman_filter_with_stratified_resampling);
+  RUN_TEST(test_turning_agrees_with_a_kalman_filter_with_residual_resampling);
+  RUN_TEST(test_turning_agrees_with_a_kalman_filter_with_multinomial_resampling);
+  return UNITY_END();
+}

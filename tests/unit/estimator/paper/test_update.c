@@ -1,0 +1,403 @@
+/* tests/unit/estimator/paper/test_update.c <-> src/estimator/paper/update.c: the draw (25), the statistics (16), the biases (19).
+ *
+ * References: the exact conditional of the joint Student-t and dense matrices in SI units from numpy
+ * (tests/reference/generate_update.py); the batch posterior of the conjugate Normal-inverse-Wishart; a dense Kalman
+ * update in long double. */
+#include "estimator/paper/particles.h"
+#include "unit_support.h"
+#include "update_table.h"
+
+static tse_filter_paper f;
+
+static tse_params params_of(const update_case *c)
+{
+  tse_config config;
+  int k = 0;
+  tse_config_paper(&config);
+#define X(name) config.name = (tse_setting)c->settings[k++];
+  UPDATE_SETTINGS(X)
+#undef X
+  config.particles = TSE_MAX_PARTICLES;
+  return prepared(&config);
+}
+
+/* Every particle the same; they differ by their random numbers only. */
+static void fill(const tse_params *p, const update_case *c, uint32_t step)
+{
+  memset(&f, 0, sizeof f);
+  f.filter.step = step;
+  f.nu = real(c->nu);
+  f.gamma = real(c->gamma);
+  for (int a = 0; a < 3; a++) {
+    f.bias_var[a] = real(c->bias_var[a]);
+    f.learn[a] = TSE_R(1);
+  }
+  for (int32_t i = 0; i < padded(p->particles); i++) {
+    f.weight[i] = TSE_R(1);
+    for (int a = 0; a < 3; a++) {
+      f.p.x[a][i] = real(c->x[a]);
+      f.p.mu[a][i] = real(c->mu[a]);
+      f.p.bias[a][i] = real(c->bias[a] / number(p->sd[a]));
+    }
+    for (int k = 0; k < 6; k++) f.p.lam[k][i] = real(c->scale[k]);
+  }
+}
+
+static sample row(const tse_params *p, const double u[3], const double y[3], int mask)
+{
+  sample s;
+  memset(&s, 0, sizeof s);
+  s.dt = p->sample_time;
+  s.has_inputs = 1;
+  s.u.steer = real(u[0]);
+  s.u.v_front = r_mul(p->radius_front, real(u[1]));
+  s.u.v_rear = r_mul(p->radius_rear, real(u[2]));
+  for (int a = 0; a < 3; a++) {
+    const int use = mask >> a & 1;
+    s.use[a] = use ? TSE_R(1) : TSE_R(0);
+    s.y[a] = use ? r_mul(real(y[a]), p->inv_sd[a]) : TSE_R(0);
+    s.used += use;
+  }
+  return s;
+}
+
+/* As tse_step() does it. */
+static void learn(const tse_params *p, const sample *y)
+{
+  bias_gains g;
+  (void)bias_observe(&f, y, &g);
+  draw_and_learn(p, &f, y, &g);
+  bias_update(&f, &g);
+}
+
+/* ---------------------------------------------------------------------------------------- (25) */
+
+#define REPEAT 100
+#define DRAWS ((double)REPEAT * TSE_MAX_PARTICLES)
+
+/* If the draw is right, e = white (w - mean) is spherical Student-t: mean 0, covariance dof/(dof - 2) I, each direction's
+ * distribution t(dof), and |e|^2/3 is F(3, dof), which holds only if one chi-square serves all three. */
+static void test_draws_follow_the_exact_conditional_given_the_sample(void)
+{
+  /* projections: the axes and two oblique ones */
+  static const double axis[5][3] = { { 1, 0, 0 }, { 0, 1, 0 }, { 0, 0, 1 }, { 0.6, 0.64, 0.48 }, { 0.48, -0.6, 0.64 } };
+  for (int k = 0; k < ROWS(update_cases); k++) {
+    const update_case *const c = &update_cases[k];
+    const tse_params p = params_of(c);
+    const sample y = row(&p, c->u, c->y, c->mask);
+    double mean[3] = { 0 }, product[3][3] = { { 0 } };
+    static int below_t[5][ROWS(t_level)], below_f[ROWS(f_level)];
+    memset(below_t, 0, sizeof below_t);
+    memset(below_f, 0, sizeof below_f);
+    for (uint32_t step = 0; step < REPEAT; step++) {
+      fill(&p, c, step + 1000u * (uint32_t)k);
+      learn(&p, &y);
+      for (int32_t i = 0; i < p.particles; i++) {
+        double e[3] = { 0 };
+        for (int a = 0; a < 3; a++)
+          for (int b = 0; b < 3; b++) e[a] += c->white[a][b] * (number(f.p.w[b][i]) - c->mean[b]);
+        for (int a = 0; a < 3; a++) {
+          mean[a] += e[a] / DRAWS;
+          for (int b = 0; b < 3; b++) product[a][b] += e[a] * e[b] / DRAWS;
+        }
+        for (int n = 0; n < 5; n++) {
+          const double t = axis[n][0] * e[0] + axis[n][1] * e[1] + axis[n][2] * e[2];
+          for (int j = 0; j < ROWS(t_level); j++) below_t[n][j] += t < c->t_quantile[j];
+        }
+        const double ratio = (e[0] * e[0] + e[1] * e[1] + e[2] * e[2]) / 3.0;
+        for (int j = 0; j < ROWS(f_level); j++) below_f[j] += ratio < c->f_quantile[j];
+      }
+    }
+    /* 4.5 standard errors; fourth moments of t(dof): 3 (dof - 2)/(dof - 4) times the squared variance */
+    const double var = c->dof / (c->dof - 2.0), kurtosis = 3.0 * (c->dof - 2.0) / (c->dof - 4.0);
+    for (int a = 0; a < 3; a++) {
+      expect_near(0.0, mean[a], 4.5 * sqrt(var / DRAWS), "mean of whitened draws", 10 * k + a);
+      expect_near(var, product[a][a], 4.5 * var * sqrt((kurtosis - 1.0) / DRAWS), "variance of whitened draws", 10 * k + a);
+      const int b = (a + 1) % 3;
+      expect_near(0.0, product[a][b], 4.5 * var * sqrt(kurtosis / 3.0 / DRAWS), "covariance of whitened draws", 10 * k + a);
+    }
+    /* Kolmogorov and Smirnov at the tabulated levels: 1.95/sqrt(n) is exceeded by chance once in a thousand */
+    for (int n = 0; n < 5; n++)
+      for (int j = 0; j < ROWS(t_level); j++)
+        expect_near(t_level[j], below_t[n][j] / DRAWS, 1.95 / sqrt(DRAWS), "distribution of a projection", 100 * n + j);
+    for (int j = 0; j < ROWS(f_level); j++)
+      expect_near(f_level[j], below_f[j] / DRAWS, 1.95 / sqrt(DRAWS), "distribution of the length", j);
+    /* the tails, where the sup norm is blind: expected count 25.6 beyond the outermost levels, Poisson */
+    for (int n = 0; n < 5; n++) {
+      const double tail = below_t[n][0] + DRAWS - below_t[n][ROWS(t_level) - 1], expected = 2.0 * t_level[0] * DRAWS;
+      expect_near(expected, tail, 4.5 * sqrt(expected), "draws in the tails", n);
+    }
+  }
+}
+
+static void test_draws_differ_between_steps_seeds_and_particles(void)
+{
+  const update_case *const c = &update_cases[0];
+  tse_params p = params_of(c);
+  const sample y = row(&p, c->u, c->y, 7);
+  static tse_real first[3][TSE_STRIDE];
+  fill(&p, c, 5);
+  learn(&p, &y);
+  memcpy(first, f.p.w, sizeof first);
+  for (int32_t i = 1; i < p.particles; i++) TEST_ASSERT_TRUE(first[0][i] < first[0][i - 1] || first[0][i] > first[0][i - 1]);
+  fill(&p, c, 5);
+  learn(&p, &y);
+  TEST_ASSERT_EQUAL_MEMORY(first, f.p.w, sizeof first);
+  fill(&p, c, 6);
+  learn(&p, &y);
+  for (int32_t i = 0; i < p.particles; i++) TEST_ASSERT_TRUE(first[2][i] < f.p.w[2][i] || first[2][i] > f.p.w[2][i]);
+  p.seed[0]++;
+  fill(&p, c, 5);
+  learn(&p, &y);
+  for (int32_t i = 0; i < p.particles; i++) TEST_ASSERT_TRUE(first[1][i] < f.p.w[1][i] || first[1][i] > f.p.w[1][i]);
+}
+
+static void test_a_draw_does_not_depend_on_how_many_particles_there_are(void)
+{
+  const update_case *const c = &update_cases[1];
+  tse_params p = params_of(c);
+  const sample y = row(&p, c->u, c->y, 7);
+  static tse_real all[3][TSE_STRIDE];
+  fill(&p, c, 9);
+  learn(&p, &y);
+  memcpy(all, f.p.w, sizeof all);
+  for (int32_t n = 16; n < 100; n += 13) {
+    p.particles = n;
+    fill(&p, c, 9);
+    learn(&p, &y);
+    for (int a = 0; a < 3; a++) TEST_ASSERT_EQUAL_MEMORY(all[a], f.p.w[a], sizeof(tse_real) * (size_t)n);
+  }
+}
+
+/* ---------------------------------------------------------------------------------------- (16) */
+
+enum { STEPS = 30 };
+static double drawn[STEPS][3][TSE_MAX_PARTICLES];
+
+static void learn_repeatedly(const tse_params *p, const update_case *c)
+{
+  fill(p, c, 0);
+  for (int step = 0; step < STEPS; step++) {
+    /* another sample every time; the states stay, for they are propagate.c's business */
+    const double moved[3] = { c->y[0] + 0.1 * (step % 5 - 2), c->y[1] - 0.15 * (step % 3 - 1), c->y[2] };
+    const sample y = row(p, c->u, moved, step % 4 == 3 ? 3 : 7);
+    learn(p, &y);
+    f.filter.step++;
+    for (int a = 0; a < 3; a++)
+      for (int32_t i = 0; i < p->particles; i++) drawn[step][a][i] = number(f.p.w[a][i]);
+  }
+}
+
+/* Normal-inverse-Wishart posterior of n samples at once (Gelman et al., Bayesian Data Analysis, 3.6):
+ *   kappa0 = 1/gamma;  mu_n = (kappa0 mu + n wbar)/(kappa0 + n);  nu_n = nu + n
+ *   Lambda_n = Lambda + sum (w - wbar)(w - wbar)' + kappa0 n/(kappa0 + n) (wbar - mu)(wbar - mu)' */
+static void test_updates_one_by_one_equal_the_batch_posterior(void)
+{
+  for (int k = 0; k < ROWS(update_cases); k++) {
+    const update_case *const c = &update_cases[k];
+    const tse_params p = params_of(c);
+    const long double kappa = 1.0L / c->gamma, n = STEPS;
+    learn_repeatedly(&p, c);
+    expect_near((double)(1.0L / (kappa + n)), number(f.gamma), BY_FORMAT(1e-14, 5e-6) / (double)(kappa + n), "gamma", k);
+    expect_near(c->nu + STEPS, number(f.nu), BY_FORMAT(1e-12, 1e-4), "nu", k);
+    for (int32_t i = 0; i < p.particles; i += 7) {
+      long double bar[3] = { 0 };
+      for (int a = 0; a < 3; a++)
+        for (int step = 0; step < STEPS; step++) bar[a] += drawn[step][a][i] / n;
+      for (int a = 0, at = 0; a < 3; a++) {
+        const long double mu = (kappa * c->mu[a] + n * bar[a]) / (kappa + n);
+        expect_near((double)mu, number(f.p.mu[a][i]), BY_FORMAT(1e-14, 2e-6), "mu", i);
+        for (int b = a; b < 3; b++, at++) {
+          long double lambda = c->nu * c->scale[at];
+          lambda += kappa * n / (kappa + n) * (bar[a] - c->mu[a]) * (bar[b] - c->mu[b]);
+          for (int step = 0; step < STEPS; step++) lambda += (drawn[step][a][i] - bar[a]) * (drawn[step][b][i] - bar[b]);
+          /* Lambda/nu is of order 0.01: 1e-6 of it in float, times sqrt(30) steps */
+          expect_near((double)lambda / (c->nu + STEPS), number(f.p.lam[at][i]), BY_FORMAT(1e-15, 2e-7), "Lambda/nu", 10 * i + at);
+        }
+      }
+    }
+  }
+}
+
+static void test_a_held_stiffness_keeps_mean_and_spread_while_the_others_learn(void)
+{
+  const update_case *const c = &update_cases[0];
+  const tse_params p = params_of(c);
+  const sample y = row(&p, c->u, c->y, 7);
+  static const int diagonal[3] = { 0, 3, 5 };
+  for (int held = 1; held < 8; held++) {
+    fill(&p, c, (uint32_t)held);
+    for (int a = 0; a < 3; a++) f.learn[a] = held >> a & 1 ? TSE_R(0) : TSE_R(1);
+    for (int step = 0; step < 200; step++) {
+      learn(&p, &y);
+      f.filter.step++;
+    }
+    for (int32_t i = 0; i < p.particles; i += 5)
+      for (int a = 0; a < 3; a++) {
+        const int same_mean = !(number(f.p.mu[a][i]) < number(real(c->mu[a])) || number(f.p.mu[a][i]) > number(real(c->mu[a])));
+        const double spread = number(real(c->scale[diagonal[a]])), now = number(f.p.lam[diagonal[a]][i]);
+        TEST_ASSERT_EQUAL_INT(held >> a & 1, same_mean);
+        TEST_ASSERT_EQUAL_INT(held >> a & 1, !(now < spread || now > spread));
+      }
+    for (int32_t i = 0; i < p.particles; i += 5) { /* Lambda stays positive definite: its leading minors */
+      double l[6];
+      for (int k = 0; k < 6; k++) l[k] = number(f.p.lam[k][i]);
+      TEST_ASSERT_TRUE(l[0] > 0.0);
+      TEST_ASSERT_TRUE(l[0] * l[3] - l[1] * l[1] > 0.0);
+      const double minor1 = l[3] * l[5] - l[4] * l[4], minor2 = l[1] * l[5] - l[4] * l[2], minor3 = l[1] * l[4] - l[3] * l[2];
+      TEST_ASSERT_TRUE(l[0] * minor1 - l[1] * minor2 + l[2] * minor3 > 0.0);
+    }
+  }
+}
+
+/* Above spread_max Lambda fades faster, in proportion to the excess, up to a half per sample; below it (16) is untouched.
+ * Against the same step without a limit: what the fading takes is a share of Lambda, the same for all six elements. */
+static void test_lambda_fades_faster_above_the_largest_spread_and_never_by_more_than_a_half(void)
+{
+  const update_case *const c = &update_cases[0];
+  tse_params p = params_of(c);
+  const sample y = row(&p, c->u, c->y, 7);
+  const double largest = fmax(fmax(c->scale[0], c->scale[3]), c->scale[5]), nu = c->nu;
+  static const double limit_of[] = { 1.0001, 0.99, 0.9, 0.5, 0.01 }; /* of lam's largest element */
+  static tse_filter_paper unlimited;
+  p.spread_max_var = real(1e6);
+  fill(&p, c, 3);
+  learn(&p, &y);
+  memcpy(&unlimited, &f, sizeof f);
+  for (int k = 0; k < ROWS(limit_of); k++) {
+    const double limit = limit_of[k] * largest;
+    p.spread_max_var = real(limit * nu / (nu - 4.0)); /* Sigma = lam nu/(nu - 4) */
+    fill(&p, c, 3);
+    learn(&p, &y);
+    const double extra = fmin(fmax(50.0 * (largest / limit - 1.0), 0.0), 0.5 * nu - 1.0) / (nu + 1.0);
+    TEST_ASSERT_TRUE(extra < 0.5);
+    TEST_ASSERT_EQUAL_INT(k > 0, extra > 0.0);
+    for (int32_t i = 0; i < p.particles; i += 7)
+      for (int m = 0; m < 6; m++) {
+        const double expected = number(unlimited.p.lam[m][i]) - extra * number(real(c->scale[m]));
+        expect_near(expected, number(f.p.lam[m][i]), BY_FORMAT(1e-15, 2e-8), "Lambda/nu", 10 * k + m); /* float: 50 roundings of 1 */
+      }
+    TEST_ASSERT_EQUAL_MEMORY(unlimited.p.w, f.p.w, sizeof f.p.w);
+    TEST_ASSERT_EQUAL_MEMORY(unlimited.p.mu, f.p.mu, sizeof f.p.mu);
+  }
+}
+
+/* ---------------------------------------------------------------------------------------- (19) */
+
+static void test_biases_follow_a_dense_kalman_update_given_the_drawn_stiffness(void)
+{
+  for (int k = 0; k < ROWS(update_cases); k++) {
+    const update_case *const c = &update_cases[k];
+    const tse_params p = params_of(c);
+    for (int mask = 1; mask < 8; mask++) {
+      const sample y = row(&p, c->u, c->y, mask);
+      fill(&p, c, 77);
+      learn(&p, &y);
+      for (int a = 0; a < 3; a++) {
+        const double sd = number(p.sd[a]), before = c->bias_var[a] * sd * sd;
+        const double gain = mask >> a & 1 ? before / (before + sd * sd) : 0.0; /* P and R are diagonal, so the dense K is */
+        const double after = (1.0 - gain) * before * (1.0 - gain) + gain * sd * sd * gain; /* Joseph */
+        expect_near(after, number(f.bias_var[a]) * sd * sd, BY_FORMAT(1e-14, 1e-6) * before, "P", 10 * k + a);
+        for (int32_t i = 0; i < p.particles; i += 3) {
+          double left = c->y[a] - c->h[a] - c->bias[a];
+          for (int b = 0; b < 3; b++) left -= c->d[a][b] * number(f.p.w[b][i]);
+          /* float: h carries 1e-6 of some 10 m/s2 from the rounding of the wheel speeds */
+          expect_near(c->bias[a] + gain * left, sd * number(f.p.bias[a][i]), BY_FORMAT(1e-12, 2e-4) * sd, "bias", 100 * mask + a);
+        }
+      }
+    }
+  }
+}
+
+/* ------------------------------------------------------------------------------- bounds, missing */
+
+static void test_a_draw_beyond_the_lower_bound_is_reflected_and_beyond_the_upper_cut(void)
+{
+  const update_case *const c = &update_cases[0];
+  tse_params p = params_of(c);
+  const sample y = row(&p, c->u, c->y, 7);
+  static double free_w[3][TSE_MAX_PARTICLES];
+  p.w_min = TSE_R(-1000);
+  p.w_max = TSE_R(1000);
+  fill(&p, c, 3);
+  learn(&p, &y);
+  for (int a = 0; a < 3; a++)
+    for (int32_t i = 0; i < p.particles; i++) free_w[a][i] = number(f.p.w[a][i]);
+  p.w_min = real(c->mean[1] - 0.02);
+  p.w_max = real(c->mean[1] + 0.06);
+  fill(&p, c, 3);
+  learn(&p, &y);
+  const double lo = number(p.w_min), hi = number(p.w_max);
+  int reflected = 0, cut = 0;
+  for (int a = 0; a < 3; a++)
+    for (int32_t i = 0; i < p.particles; i++) {
+      const double w = free_w[a][i], inside = w < lo ? 2.0 * lo - w : w;
+      reflected += w < lo;
+      cut += inside > hi;
+      /* 1000 in the reference run costs ulps of 1000 in float */
+      expect_near(inside > hi ? hi : inside, number(f.p.w[a][i]), BY_FORMAT(1e-12, 3e-4), "w", i);
+    }
+  TEST_ASSERT_TRUE(reflected > 50 && cut > 50);
+}
+
+static void test_stiffness_stays_within_its_bounds_whatever_the_input(void)
+{
+  uint32_t state = 12;
+  for (int k = 0; k < ROWS(update_cases); k++) {
+    const update_case *const c = &update_cases[k];
+    const tse_params p = params_of(c);
+    fill(&p, c, 0);
+    for (int step = 0; step < 300; step++) {
+      static const double most[6] = { 1.2, 400.0, 400.0, 50.0, 50.0, 6.0 }; /* tse/input.def */
+      double u[6];
+      for (int k2 = 0; k2 < 6; k2++) u[k2] = next_between(&state, -most[k2], most[k2]);
+      const sample s = row(&p, u, u + 3, (int)(next_word(&state) >> 8 & 7u));
+      for (int32_t i = 0; i < p.particles; i++) {
+        f.p.x[0][i] = real(next_between(&state, -70.0, 70.0));
+        f.p.x[1][i] = real(next_between(&state, -30.0, 30.0));
+        f.p.x[2][i] = real(next_between(&state, -6.0, 6.0));
+      }
+      if (step % 100 == 99) f.p.x[1][5] = (tse_real)NAN; /* even a broken particle keeps a stiffness */
+      learn(&p, &s);
+      f.filter.step++;
+      for (int a = 0; a < 3; a++)
+        for (int32_t i = 0; i < p.particles; i++) {
+          const double slack = BY_FORMAT(1e-15, 1e-6); /* mu is a mean of numbers within the bounds, rounded */
+          TEST_ASSERT_TRUE(f.p.w[a][i] >= p.w_min && f.p.w[a][i] <= p.w_max);
+          TEST_ASSERT_TRUE(number(f.p.mu[a][i]) >= number(p.w_min) - slack && number(f.p.mu[a][i]) <= number(p.w_max) + slack);
+        }
+    }
+    for (int m = 0; m < 6; m++)
+      for (int32_t i = 0; i < p.particles; i++) TEST_ASSERT_TRUE(r_is_finite(f.p.lam[m][i]));
+  }
+}
+
+static void test_states_and_weights_are_left_alone(void)
+{
+  const update_case *const c = &update_cases[2];
+  const tse_params p = params_of(c);
+  const sample y = row(&p, c->u, c->y, c->mask);
+  static tse_filter_paper before;
+  fill(&p, c, 4);
+  memcpy(&before, &f, sizeof f);
+  learn(&p, &y);
+  TEST_ASSERT_EQUAL_MEMORY(before.p.x, f.p.x, sizeof f.p.x);
+  TEST_ASSERT_EQUAL_MEMORY(before.p.logw, f.p.logw, sizeof f.p.logw);
+  TEST_ASSERT_EQUAL_MEMORY(before.weight, f.weight, sizeof f.weight);
+}
+
+int main(void)
+{
+  UNITY_BEGIN();
+  RUN_TEST(test_draws_follow_the_exact_conditional_given_the_sample);
+  RUN_TEST(test_draws_differ_between_steps_seeds_and_particles);
+  RUN_TEST(test_a_draw_does_not_depend_on_how_many_particles_there_are);
+  RUN_TEST(test_updates_one_by_one_equal_the_batch_posterior);
+  RUN_TEST(test_a_held_stiffness_keeps_mean_and_spread_while_the_others_learn);
+  RUN_TEST(test_lambda_fades_faster_above_the_largest_spread_and_never_by_more_than_a_half);
+  RUN_TEST(test_biases_follow_a_dense_kalman_update_given_the_drawn_stiffness);
+  RUN_TEST(test_a_draw_beyond_the_lower_bound_is_reflected_and_beyond_the_upper_cut);
+  RUN_TEST(test_stiffness_stays_within_its_bounds_whatever_the_input);
+  RUN_TEST(test_states_and_weights_are_left_alone);
+  return UNITY_END();
+}

@@ -1,0 +1,303 @@
+/* tests/unit/estimator/paper/test_weigh.c <-> src/estimator/paper/weigh.c: (22), (23) against scipy's multivariate Student-t in SI units with
+ * dense matrices (tests/reference/generate_weigh.py). */
+#include "estimator/paper/particles.h"
+#include "unit_support.h"
+#include "weigh_table.h"
+
+#define LN2 0.69314718055994530942
+
+static tse_filter_paper f;
+
+/* Tolerance of a log density [nat]: fixed + relative |log density|.
+ *   double  2.7e-14 of log2, times (nut + d)/2 up to 1000
+ *   float   wheel speeds round to 1 um/s: 1e-7 of slip, 1e-4 sigma of acceleration, times an innovation of 5 sigma;
+ *           log2(1 + q/nut) keeps 6e-8, times (nut + d)/2 up to 1000: 1e-4 */
+#define FIXED BY_FORMAT(2e-10, 3e-3)
+#define RELATIVE BY_FORMAT(2e-12, 1e-5)
+
+/* The first term left out of the asymptotic series for Gamma(x + 1/2)/Gamma(x), x = nut/2 + 4: 399/(262144 x^5), 2e-7 at
+ * the smallest nu. */
+static double series(double nu) { return 1.6e-3 * pow(0.5 * nu + 3.0, -5.0); }
+
+static tse_params params_of(const weigh_case *c)
+{
+  tse_config config;
+  int k = 0;
+  tse_config_paper(&config);
+#define X(name) config.name = (tse_setting)c->settings[k++];
+  WEIGH_SETTINGS(X)
+#undef X
+  config.particles = WEIGH_PARTICLES;
+  return prepared(&config);
+}
+
+static void fill(const tse_params *p, const weigh_case *c)
+{
+  memset(&f, 0, sizeof f);
+  f.nu = real(c->nu);
+  f.gamma = real(c->gamma);
+  f.log_total = r_log2(r_from_int(WEIGH_PARTICLES));
+  for (int32_t i = 0; i < WEIGH_PARTICLES; i++) {
+    f.weight[i] = TSE_R(1);
+    for (int a = 0; a < 3; a++) {
+      f.bias_var[a] = real(c->bias_var[a]);
+      f.p.x[a][i] = real(c->x[i][a]);
+      f.p.mu[a][i] = real(c->mu[i][a]);
+      f.p.bias[a][i] = real(c->bias[i][a] / number(p->sd[a]));
+    }
+    for (int k = 0; k < 6; k++) f.p.lam[k][i] = real(c->scale[i][k]);
+  }
+}
+
+static sample row(const tse_params *p, const double u[3], const double y[3], int mask)
+{
+  sample s;
+  memset(&s, 0, sizeof s);
+  s.dt = p->sample_time;
+  s.has_inputs = 1;
+  s.u.steer = real(u[0]);
+  s.u.v_front = r_mul(p->radius_front, real(u[1]));
+  s.u.v_rear = r_mul(p->radius_rear, real(u[2]));
+  for (int a = 0; a < 3; a++) {
+    const int use = mask >> a & 1;
+    s.use[a] = use ? TSE_R(1) : TSE_R(0);
+    s.y[a] = use ? r_mul(real(y[a]), p->inv_sd[a]) : TSE_R(0);
+    s.used += use;
+  }
+  return s;
+}
+
+static tse_real best; /* that the last sample could have been */
+
+static int weighed(const tse_params *p, const sample *y, tse_real *log2_evidence) /* as tse_step() calls it */
+{
+  bias_gains g;
+  (void)bias_observe(&f, y, &g);
+  return weigh(p, &f, y, &g, log2_evidence, &best);
+}
+
+/* log density [nat, SI] of the sample under particle i: what weigh() adds to a log-weight that was 0. */
+static double log_density(int32_t i, tse_real log2_evidence)
+{
+  return LN2 * (number(f.p.logw[0][i]) + number(log2_evidence) - number(f.log_total)) + log(WEIGH_PARTICLES);
+}
+
+static void test_each_particles_density_is_the_students_t_for_every_combination_of_channels(void)
+{
+  for (int k = 0; k < ROWS(weigh_cases); k++) {
+    const weigh_case *const c = &weigh_cases[k];
+    const tse_params p = params_of(c);
+    for (int mask = 1; mask < 8; mask++) {
+      const sample y = row(&p, c->u[0], c->y[0], mask);
+      tse_real evidence;
+      double largest = -1e300;
+      fill(&p, c);
+      TEST_ASSERT_EQUAL_INT(1, weighed(&p, &y, &evidence));
+      for (int32_t i = 0; i < WEIGH_PARTICLES; i++) largest = fmax(largest, c->log_density[mask - 1][i]);
+      for (int32_t i = 0; i < WEIGH_PARTICLES; i++) {
+        const double expected = fmax(c->log_density[mask - 1][i], largest - 120.0 * LN2); /* less is no weight */
+        expect_near(expected, log_density(i, evidence), FIXED + RELATIVE * fabs(expected) + series(c->nu), "log density",
+                    1000 * k + 100 * mask + i);
+      }
+    }
+  }
+}
+
+static void test_evidence_is_the_log_of_the_weighted_sum_over_several_rows(void)
+{
+  for (int k = 0; k < ROWS(weigh_cases); k++) {
+    const weigh_case *const c = &weigh_cases[k];
+    const tse_params p = params_of(c);
+    fill(&p, c);
+    for (int step = 0; step < WEIGH_STEPS; step++) {
+      const sample y = row(&p, c->u[step], c->y[step], c->mask[step]);
+      tse_real evidence;
+      TEST_ASSERT_EQUAL_INT(1, weighed(&p, &y, &evidence));
+      /* errors of earlier rows' weights stay in the weights: step + 1 times one row's tolerance */
+      const double tolerance = (step + 1) * (FIXED + RELATIVE * fabs(c->evidence[step])) + series(c->nu);
+      expect_near(c->evidence[step], LN2 * number(evidence), tolerance, "log evidence", 100 * k + step);
+    }
+  }
+}
+
+/* The Student-t with scale (nut - 2)/nut (R + P) at its mode, written with lgamma. */
+static void test_best_evidence_is_that_of_a_sample_which_every_particle_foretold_without_spread(void)
+{
+  for (int k = 0; k < ROWS(weigh_cases); k++) {
+    const weigh_case *const c = &weigh_cases[k];
+    const tse_params p = params_of(c);
+    const double nut = c->nu - 2.0;
+    for (int mask = 1; mask < 8; mask++) {
+      const sample y = row(&p, c->u[0], c->y[0], mask);
+      const double half_dof = 0.5 * (nut + (double)y.used);
+      double expected = lgamma(half_dof) - lgamma(0.5 * nut) - 0.5 * y.used * log(3.14159265358979324 * nut);
+      tse_real evidence;
+      for (int a = 0; a < 3; a++)
+        if (mask >> a & 1) expected -= 0.5 * log((nut - 2.0) / nut * (1.0 + c->bias_var[a])) + log(number(p.sd[a]));
+      fill(&p, c);
+      TEST_ASSERT_EQUAL_INT(1, weighed(&p, &y, &evidence));
+      expect_near(expected, LN2 * number(best), FIXED + series(c->nu), "best log evidence", 10 * k + mask);
+      TEST_ASSERT_TRUE(number(evidence) <= number(best));
+    }
+  }
+}
+
+/* With the wheels rolling freely straight on there is no slip and d = 0, so the evidence of one row is the density of the
+ * innovation itself: what remains to be wrong is the factor with the two gamma functions, for 1, 2 and 3 channels. */
+static void test_evidence_holds_from_six_to_two_thousand_degrees_of_freedom(void)
+{
+  static const double straight[3] = { 0.0, 50.0, 50.0 };
+  tse_config config;
+  tse_config_paper(&config);
+  config.particles = 16;
+  config.accel_x_sd = config.accel_y_sd = config.yaw_rate_sd = 1;
+  const tse_params p = prepared(&config);
+  for (int k = 0; k < ROWS(weigh_gamma_ratio); k++)
+    for (int mask = 1; mask < 8; mask++) {
+      const sample y = row(&p, straight, weigh_gamma_ratio[k].z, mask);
+      const double expected = weigh_gamma_ratio[k].log_density[mask - 1];
+      tse_real evidence;
+      memset(&f, 0, sizeof f);
+      f.nu = real(weigh_gamma_ratio[k].nu);
+      f.gamma = real(0.1);
+      f.log_total = TSE_R(4);
+      for (int32_t i = 0; i < 16; i++) f.p.x[0][i] = y.u.v_front;
+      TEST_ASSERT_EQUAL_INT(1, weighed(&p, &y, &evidence));
+      /* double: log2's 2.7e-14 times (nut + 3)/2 log2(1 + q/nut), plus as much for each other log; float: log2(1 + q/nut)
+       * keeps 6e-8, times (nut + 3)/2, and the other logs 2.3e-7 of up to 20 */
+      const double nu = weigh_gamma_ratio[k].nu;
+      expect_near(expected, LN2 * number(evidence), series(nu) + BY_FORMAT(1e-12 + 2e-15 * nu, 2e-5 + 1.2e-7 * nu),
+                  "log evidence", 10 * k + mask);
+    }
+}
+
+static void test_weights_are_the_powers_of_the_log_weights_and_padding_has_none(void)
+{
+  const weigh_case *const c = &weigh_cases[2];
+  tse_params p = params_of(c);
+  tse_real evidence;
+  const sample y = row(&p, c->u[0], c->y[0], 7);
+  fill(&p, c);
+  for (int32_t i = 16; i < 24; i++) {
+    f.weight[i] = TSE_R(5);
+    for (int a = 0; a < 3; a++) { /* a particle like another, but not in use */
+      f.p.x[a][i] = f.p.x[a][0];
+      f.p.mu[a][i] = f.p.mu[a][0];
+      f.p.bias[a][i] = f.p.bias[a][0];
+    }
+    for (int k = 0; k < 6; k++) f.p.lam[k][i] = f.p.lam[k][0];
+    f.p.logw[0][i] = TSE_R(400);                           /* and one that would be the best by far */
+  }
+  p.particles = 19;
+  f.p.logw[0][16] = f.p.logw[0][17] = TSE_R(-1);
+  f.p.logw[0][18] = TSE_R(50); /* the best one stands behind the last whole group of eight */
+  TEST_ASSERT_EQUAL_INT(1, weighed(&p, &y, &evidence));
+  expect_near(1.0, number(f.weight[18]), 0.0, "best weight", 18);
+  double largest = -1.0, sum = 0.0;
+  for (int32_t i = 0; i < 19; i++) {
+    const double w = number(f.weight[i]);
+    largest = fmax(largest, w);
+    sum += w;
+    expect_near(exp2(number(f.p.logw[0][i])), w, BY_FORMAT(1e-13, 1e-6) * w, "weight", i);
+  }
+  for (int32_t i = 19; i < 24; i++) expect_near(0.0, number(f.weight[i]), 0.0, "padding", i);
+  expect_near(1.0, largest, 0.0, "largest weight", 0);
+  expect_near(log2(sum), number(f.log_total), BY_FORMAT(1e-13, 2e-6), "log2 of the sum of weights", 0);
+}
+
+static void test_extreme_innovations_stay_finite(void)
+{
+  static const double far[][3] = { { 50.0, -50.0, 6.0 }, { -50.0, 50.0, -6.0 }, { 50.0, 0.0, 0.0 } };
+  static const double turn[3] = { 1.2, 400.0, -400.0 };
+  tse_config config;
+  tse_config_paper(&config);
+  config.particles = 16;
+  config.accel_x_sd = config.accel_y_sd = (tse_setting)0.001; /* the settings' limits: 50 000 and 600 000 sigma away */
+  config.yaw_rate_sd = (tse_setting)1e-5;
+  config.longitudinal_stiffness_front = config.cornering_stiffness_rear = (tse_setting)1e7;
+  config.mass = 50;
+  const tse_params p = prepared(&config);
+  for (int k = 0; k < ROWS(far); k++)
+    for (int mask = 1; mask < 8; mask++) {
+      const sample y = row(&p, turn, far[k], mask);
+      tse_real evidence;
+      fill(&p, &weigh_cases[k]);
+      TEST_ASSERT_EQUAL_INT(1, weighed(&p, &y, &evidence));
+      TEST_ASSERT_TRUE(r_is_finite(evidence));
+      TEST_ASSERT_TRUE(r_is_finite(f.log_total));
+      double largest = 0.0;
+      for (int32_t i = 0; i < 16; i++) {
+        TEST_ASSERT_TRUE(number(f.weight[i]) >= 0.0 && number(f.weight[i]) <= 1.0);
+        largest = fmax(largest, number(f.weight[i]));
+      }
+      expect_near(1.0, largest, 0.0, "largest weight", mask);
+    }
+}
+
+/* A far sample must not make the filter forget which particle explains it better, though all densities underflow. */
+static void test_order_of_particles_survives_where_densities_underflow(void)
+{
+  static const double straight[3] = { 0.0, 50.0, 50.0 };
+  static const double y_far[3] = { 0.0, 45.0, 0.0 };
+  tse_config config;
+  tse_config_paper(&config);
+  config.particles = 16;
+  const tse_params p = prepared(&config);
+  const sample y = row(&p, straight, y_far, 7);
+  tse_real evidence;
+  memset(&f, 0, sizeof f);
+  f.nu = TSE_R(2000);
+  f.log_total = TSE_R(4);
+  for (int32_t i = 0; i < 16; i++) {
+    f.p.x[0][i] = y.u.v_front;
+    f.p.bias[1][i] = real(i == 11 ? 1.0 : 0.0); /* 299 instead of 300 sigma away */
+  }
+  TEST_ASSERT_EQUAL_INT(1, weighed(&p, &y, &evidence));
+  for (int32_t i = 0; i < 16; i++) TEST_ASSERT_TRUE(i == 11 || f.weight[i] < f.weight[11]);
+  TEST_ASSERT_TRUE(number(evidence) * LN2 < -3000.0);
+}
+
+static void test_weights_that_are_no_numbers_are_reported(void)
+{
+  const weigh_case *const c = &weigh_cases[1];
+  const tse_params p = params_of(c);
+  tse_real largest = TSE_R(7);
+  fill(&p, c);
+  for (int32_t i = 0; i < 16; i++) f.p.logw[0][i] = (tse_real)-INFINITY;
+  TEST_ASSERT_EQUAL_INT(0, normalise(&p, &f, &largest));
+  for (int32_t i = 0; i < 16; i++) f.p.logw[0][i] = (tse_real)NAN;
+  TEST_ASSERT_EQUAL_INT(0, normalise(&p, &f, &largest));
+}
+
+static void test_one_broken_particle_does_not_take_the_others_along(void)
+{
+  const weigh_case *const c = &weigh_cases[1];
+  const tse_params p = params_of(c);
+  const sample y = row(&p, c->u[0], c->y[0], 7);
+  for (int32_t broken = 0; broken < 16; broken++) {
+    tse_real evidence;
+    fill(&p, c);
+    f.p.x[1][broken] = (tse_real)NAN;
+    TEST_ASSERT_EQUAL_INT(1, weighed(&p, &y, &evidence));
+    double sum = 0.0;
+    for (int32_t i = 0; i < 16; i++) sum += exp(c->log_density[6][i]) * (i != broken) / 16.0;
+    const double tolerance = 2.0 * FIXED + RELATIVE * fabs(log(sum)) + series(c->nu);
+    expect_near(log(sum), LN2 * number(evidence), tolerance, "log evidence", broken);
+    TEST_ASSERT_TRUE(number(f.weight[broken]) < 1e-30);
+  }
+}
+
+int main(void)
+{
+  UNITY_BEGIN();
+  RUN_TEST(test_each_particles_density_is_the_students_t_for_every_combination_of_channels);
+  RUN_TEST(test_evidence_is_the_log_of_the_weighted_sum_over_several_rows);
+  RUN_TEST(test_best_evidence_is_that_of_a_sample_which_every_particle_foretold_without_spread);
+  RUN_TEST(test_evidence_holds_from_six_to_two_thousand_degrees_of_freedom);
+  RUN_TEST(test_weights_are_the_powers_of_the_log_weights_and_padding_has_none);
+  RUN_TEST(test_extreme_innovations_stay_finite);
+  RUN_TEST(test_order_of_particles_survives_where_densities_underflow);
+  RUN_TEST(test_weights_that_are_no_numbers_are_reported);
+  RUN_TEST(test_one_broken_particle_does_not_take_the_others_along);
+  return UNITY_END();
+}

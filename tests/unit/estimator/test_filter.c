@@ -1,0 +1,303 @@
+/* tests/unit/estimator/test_filter.c <-> src/estimator/filter.c: what a caller of tse_reset() and tse_step() may rely on in every
+ * form. What the forms with particles promise beside: paper/test_algorithm.c. */
+#include "unit_support.h"
+#include "tse/simulate.h"
+
+static tse_filter_paper f, other, before;
+
+/* Every test runs with each of these. */
+static const struct { const char *name; void (*settings)(tse_config *c); } forms[] = {
+  { "default", tse_config_default },
+  { "sampled", tse_config_sampled },
+  { "paper", tse_config_paper },
+};
+static int form;
+
+/* ------------------------------------------------------------------------------- a car that is driven */
+
+typedef struct drive {
+  tse_sim sim;
+  double t, dt, road, steer, torque;
+} drive;
+
+/* The paper's Sec. IV-A: 20 m/s, steering square wave of 4 s, front torque square wave of 5 s. */
+static void set_off(drive *d, const tse_config *c, double speed)
+{
+  tse_sim_config s;
+  tse_sim_config_default(&s);
+  s.speed = (tse_setting)speed;
+  s.seed = 5;
+  d->t = 0.0;
+  d->dt = 0.01;
+  d->road = 1.0;
+  d->steer = 0.02;
+  d->torque = 700.0;
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_reset(&d->sim, c, &s, NULL));
+}
+
+static tse_input next_row(drive *d)
+{
+  tse_sim_input u;
+  tse_sim_output y;
+  memset(&u, 0, sizeof u);
+  u.dt = real(d->dt);
+  u.steer_angle = real(fmod(d->t, 4.0) < 2.0 ? d->steer : -d->steer);
+  u.wheel_torque_front = real(fmod(d->t, 5.0) < 2.5 ? d->torque : -d->torque);
+  u.road_level = real(d->road);
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_step(&d->sim, &u, &y));
+  d->t += d->dt;
+  return y.row;
+}
+
+static tse_config some_settings(int32_t particles)
+{
+  tse_config c;
+  forms[form].settings(&c);
+  c.particles = particles;
+  return c;
+}
+
+static tse_output run(const tse_params *p, tse_filter_paper *filter, drive *d, int rows)
+{
+  tse_output y;
+  memset(&y, 0, sizeof y);
+  for (int i = 0; i < rows; i++) {
+    const tse_input u = next_row(d);
+    TEST_ASSERT_TRUE(tse_step(p, &filter->filter, &u, &y) >= 0);
+  }
+  return y;
+}
+
+/* ------------------------------------------------------------------------------------------ refusals */
+
+static void expect_refused(tse_status why, const tse_params *p, const tse_input *u)
+{
+  tse_output y, y_before;
+  memset(&y, 0x55, sizeof y);
+  memcpy(&y_before, &y, sizeof y);
+  memcpy(&before, &f, sizeof f);
+  TEST_ASSERT_EQUAL_INT(why, tse_step(p, &f.filter, u, &y));
+  TEST_ASSERT_EQUAL_MEMORY(&before, &f, sizeof f);
+  TEST_ASSERT_EQUAL_MEMORY(&y_before, &y, sizeof y);
+}
+
+static void test_refused_input_leaves_the_filter_bit_for_bit_unchanged(void)
+{
+  static const double bad_dt[] = { 0.0, -0.0, -0.01, 3600.1, 1e30, -INFINITY, INFINITY, NAN };
+  static const double bad_steer[] = { 1.2001, -1.2001, 1e30, INFINITY, -INFINITY };
+  static const double bad_wheel[] = { 400.1, -400.1, 1e30, INFINITY, -INFINITY };
+  tse_config c = some_settings(40);
+  const tse_params p = prepared(&c);
+  drive d;
+  set_off(&d, &c, 20.0);
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, sizeof f));
+  (void)run(&p, &f, &d, 60);
+  const tse_input good = next_row(&d);
+  tse_input u;
+  for (int k = 0; k < ROWS(bad_dt); k++) {
+    u = good;
+    u.dt = (tse_real)bad_dt[k];
+    expect_refused(TSE_E_TIME, &p, &u);
+  }
+  for (int k = 0; k < ROWS(bad_steer); k++) {
+    u = good;
+    u.steer_angle = (tse_real)bad_steer[k];
+    expect_refused(TSE_E_INPUT, &p, &u);
+  }
+  for (int k = 0; k < ROWS(bad_wheel); k++) {
+    u = good;
+    u.wheel_speed_front = (tse_real)bad_wheel[k];
+    expect_refused(TSE_E_INPUT, &p, &u);
+    u = good;
+    u.wheel_speed_rear = (tse_real)bad_wheel[k];
+    expect_refused(TSE_E_INPUT, &p, &u);
+  }
+  expect_refused(TSE_E_NULL, NULL, &good);
+  expect_refused(TSE_E_NULL, &p, NULL);
+  TEST_ASSERT_EQUAL_INT(TSE_E_NULL, tse_step(&p, NULL, &good, NULL));
+
+  tse_params wrong = p;                       /* parameters that were never prepared */
+  wrong.magic ^= 1u;
+  expect_refused(TSE_E_STATE, &wrong, &good);
+  c.mass = 1901;                              /* parameters of another car */
+  wrong = prepared(&c);
+  expect_refused(TSE_E_STATE, &wrong, &good);
+  f.filter.magic ^= 1u;                              /* not a filter */
+  expect_refused(TSE_E_STATE, &p, &good);
+  memset(&f, 0, sizeof f);                    /* not reset */
+  expect_refused(TSE_E_STATE, &p, &good);
+}
+
+static void test_reset_refuses_what_does_not_fit_and_changes_nothing_then(void)
+{
+  const tse_config c = some_settings(40);
+  tse_params p = prepared(&c);
+  memset(&f, 0x33, sizeof f);
+  memcpy(&before, &f, sizeof f);
+  TEST_ASSERT_EQUAL_INT(TSE_E_NULL, tse_reset(NULL, &f.filter, sizeof f));
+  TEST_ASSERT_EQUAL_INT(TSE_E_NULL, tse_reset(&p, NULL, sizeof f));
+  TEST_ASSERT_EQUAL_INT(TSE_E_SIZE, tse_reset(&p, &f.filter, sizeof f - 1));
+  TEST_ASSERT_EQUAL_INT(TSE_E_SIZE, tse_reset(&p, &f.filter, 0));
+  p.magic = 0;
+  TEST_ASSERT_EQUAL_INT(TSE_E_STATE, tse_reset(&p, &f.filter, sizeof f));
+  TEST_ASSERT_EQUAL_MEMORY(&before, &f, sizeof f);
+}
+
+static void test_a_refused_row_leaves_no_trace_in_what_follows(void)
+{
+  const tse_config c = some_settings(40);
+  const tse_params p = prepared(&c);
+  drive d;
+  tse_output y;
+  set_off(&d, &c, 20.0);
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, sizeof f));
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &other.filter, sizeof other));
+  for (int i = 0; i < 200; i++) {
+    const tse_input u = next_row(&d);
+    tse_input bad = u;
+    bad.wheel_speed_rear = (tse_real)INFINITY;
+    TEST_ASSERT_TRUE(tse_step(&p, &f.filter, &bad, &y) < 0);
+    TEST_ASSERT_TRUE(tse_step(&p, &f.filter, &u, &y) >= 0);
+    TEST_ASSERT_TRUE(tse_step(&p, &other.filter, &u, &y) >= 0);
+  }
+  TEST_ASSERT_EQUAL_MEMORY(&other, &f, sizeof f);
+}
+
+/* ----------------------------------------------------------------------------------- reproducibility */
+
+static void test_a_copy_of_the_struct_is_a_snapshot(void)
+{
+  const tse_config c = some_settings(50);
+  const tse_params p = prepared(&c);
+  drive d, again;
+  set_off(&d, &c, 20.0);
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, sizeof f));
+  (void)run(&p, &f, &d, 300);
+  memcpy(&other, &f, sizeof f);
+  again = d;
+  const tse_output y = run(&p, &f, &d, 300), z = run(&p, &other, &again, 300);
+  TEST_ASSERT_EQUAL_MEMORY(&f, &other, sizeof f);
+  TEST_ASSERT_EQUAL_MEMORY(&y, &z, sizeof y);
+}
+
+static void test_two_filters_in_turn_do_not_influence_each_other(void)
+{
+  static tse_filter_paper alone[2], together[2];
+  tse_config c[2] = { some_settings(50), some_settings(64) };
+  tse_params p[2];
+  drive d[2];
+  c[1].mass = 1400;
+  c[1].seed = 9;
+  c[1].resampling = 3;
+  for (int k = 0; k < 2; k++) {
+    p[k] = prepared(&c[k]);
+    TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p[k], &alone[k].filter, sizeof alone[k]));
+    TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p[k], &together[k].filter, sizeof together[k]));
+    set_off(&d[k], &c[k], 15.0 + 5.0 * k);
+    (void)run(&p[k], &alone[k], &d[k], 400);
+    set_off(&d[k], &c[k], 15.0 + 5.0 * k);
+  }
+  for (int i = 0; i < 400; i++)
+    for (int k = 0; k < 2; k++) (void)run(&p[k], &together[k], &d[k], 1);
+  for (int k = 0; k < 2; k++) TEST_ASSERT_EQUAL_MEMORY(&alone[k], &together[k], sizeof alone[k]);
+}
+
+static void test_the_same_seed_gives_the_same_bits_and_another_seed_does_not(void)
+{
+  tse_config c = some_settings(50);
+  tse_output y[3];
+  for (int k = 0; k < 3; k++) {
+    drive d;
+    c.seed = k < 2 ? 11 : 12;
+    const tse_params p = prepared(&c);
+    set_off(&d, &c, 20.0);
+    memset(&f, 0x77 * k, sizeof f); /* reset leaves nothing of what was there */
+    TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, sizeof f));
+    y[k] = run(&p, &f, &d, 250);
+    if (k == 0) memcpy(&other, &f, sizeof f);
+    if (k == 1) TEST_ASSERT_EQUAL_MEMORY(&other, &f, sizeof f);
+  }
+  TEST_ASSERT_EQUAL_MEMORY(&y[0], &y[1], sizeof y[0]);
+  TEST_ASSERT_EQUAL_INT(c.form != 0, y[2].stiffness[1] < y[0].stiffness[1] || y[2].stiffness[1] > y[0].stiffness[1]); /* none is drawn */
+}
+
+static void test_the_time_step_of_the_first_row_does_not_count(void)
+{
+  static const double dt[] = { 0.0, -1.0, NAN, INFINITY, 1e9, 0.01 };
+  const tse_config c = some_settings(20);
+  const tse_params p = prepared(&c);
+  drive d;
+  set_off(&d, &c, 20.0);
+  tse_input u = next_row(&d);
+  for (int k = 0; k < ROWS(dt); k++) {
+    TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, sizeof f));
+    u.dt = (tse_real)dt[k];
+    TEST_ASSERT_TRUE(tse_step(&p, &f.filter, &u, NULL) >= 0);
+    if (k == 0) memcpy(&other, &f, sizeof f);
+    TEST_ASSERT_EQUAL_MEMORY(&other, &f, sizeof f);
+  }
+}
+
+static void test_codes_have_sentences(void)
+{
+#define X(name, code, text) TEST_ASSERT_EQUAL_STRING(text, tse_status_text(code));
+  TSE_STATUS_TABLE(X)
+#undef X
+#define X(name, code, word, text) TEST_ASSERT_EQUAL_STRING(text, tse_reason_text(code));
+  TSE_REASON_TABLE(X)
+#undef X
+  TEST_ASSERT_NOT_NULL(tse_status_text(-1000));
+  TEST_ASSERT_NOT_NULL(tse_reason_text(1000));
+}
+
+/* Whoever asks for no particles needs no memory for them; whoever does must have it. */
+static void test_particles_are_memory_only_for_who_asks_for_them(void)
+{
+  static struct { tse_filter filter; unsigned char beyond[64]; } small;
+  const tse_config c = some_settings(40);
+  const tse_params p = prepared(&c);
+  TEST_ASSERT_TRUE(sizeof(tse_filter) < sizeof(tse_filter_paper) - sizeof(tse_particles));
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, sizeof f));
+  memset(&small, 0x5a, sizeof small);
+  const tse_status status = tse_reset(&p, &small.filter, sizeof small.filter);
+  TEST_ASSERT_EQUAL_INT(c.form == 0 ? TSE_OK : TSE_E_SIZE, status);
+  if (status == TSE_OK) {
+    drive d, again;
+    set_off(&d, &c, 20.0);
+    again = d;
+    tse_output y, z;
+    memset(&y, 0, sizeof y);
+    memset(&z, 0, sizeof z);
+    for (int i = 0; i < 200; i++) {
+      const tse_input u = next_row(&d), v = next_row(&again);
+      TEST_ASSERT_TRUE(tse_step(&p, &small.filter, &u, &y) >= 0);
+      TEST_ASSERT_TRUE(tse_step(&p, &f.filter, &v, &z) >= 0);
+    }
+    TEST_ASSERT_EQUAL_MEMORY(&z, &y, sizeof y);
+    TEST_ASSERT_EQUAL_MEMORY(&f.filter, &small.filter, sizeof small.filter);
+  }
+  for (size_t i = 0; i < sizeof small.beyond; i++) TEST_ASSERT_EQUAL_INT(0x5a, small.beyond[i]);
+}
+
+static void run_all(void)
+{
+  RUN_TEST(test_refused_input_leaves_the_filter_bit_for_bit_unchanged);
+  RUN_TEST(test_reset_refuses_what_does_not_fit_and_changes_nothing_then);
+  RUN_TEST(test_a_refused_row_leaves_no_trace_in_what_follows);
+  RUN_TEST(test_a_copy_of_the_struct_is_a_snapshot);
+  RUN_TEST(test_two_filters_in_turn_do_not_influence_each_other);
+  RUN_TEST(test_the_same_seed_gives_the_same_bits_and_another_seed_does_not);
+  RUN_TEST(test_the_time_step_of_the_first_row_does_not_count);
+  RUN_TEST(test_codes_have_sentences);
+  RUN_TEST(test_particles_are_memory_only_for_who_asks_for_them);
+}
+
+int main(void)
+{
+  UNITY_BEGIN();
+  for (form = 0; form < ROWS(forms); form++) {
+    printf("%s:\n", forms[form].name);
+    run_all();
+  }
+  return UNITY_END();
+}

@@ -1,0 +1,550 @@
+/* tests/unit/estimator/test_prepare.c <-> src/estimator/prepare.c */
+#include "unit_support.h"
+
+#include <float.h>
+#include <stddef.h>
+
+#include "learnt_table.h"
+
+/* The neighbour of x in the settings' format. */
+static tse_setting towards(tse_setting x, double direction)
+{
+#if defined(TSE_REAL_FLOAT)
+  return nextafterf(x, (float)direction);
+#else
+  return nextafter(x, direction);
+#endif
+}
+
+static tse_config defaults(void)
+{
+  tse_config c;
+  tse_config_default(&c);
+  return c;
+}
+
+/* None of the defaults, all different, inside the ranges. No effects. */
+static tse_config other_car(void)
+{
+  tse_config c = defaults();
+  c.mass = 1250;
+  c.yaw_inertia = 1700;
+  c.lf = (tse_setting)1.1;
+  c.lr = (tse_setting)1.6;
+  c.wheel_radius_front = (tse_setting)0.29;
+  c.wheel_radius_rear = (tse_setting)0.31;
+  c.longitudinal_stiffness_front = 110000;
+  c.longitudinal_stiffness_rear = 95000;
+  c.cornering_stiffness_front = 70000;
+  c.cornering_stiffness_rear = 85000;
+  c.rear_longitudinal_follows_front = (tse_setting)0.25;
+  c.accel_x_sd = (tse_setting)0.11;
+  c.accel_y_sd = (tse_setting)0.23;
+  c.yaw_rate_sd = (tse_setting)0.007;
+  c.wheel_noise_sd = (tse_setting)0.06;
+  c.accel_x_bias_sd = (tse_setting)0.02;
+  c.accel_y_bias_sd = (tse_setting)0.04;
+  c.yaw_rate_bias_sd = (tse_setting)0.003;
+  c.accel_x_bias_walk = (tse_setting)0.005;
+  c.accel_y_bias_walk = (tse_setting)0.006;
+  c.yaw_rate_bias_walk = (tse_setting)0.0007;
+  c.sample_time = (tse_setting)0.02;
+  c.forgetting = (tse_setting)0.995;
+  c.resample_threshold = (tse_setting)0.75;
+  c.initial_cx_front = (tse_setting)0.7;
+  c.initial_cy_front = (tse_setting)0.8;
+  c.initial_cy_rear = (tse_setting)1.3;
+  c.initial_mean_sd = (tse_setting)0.4;
+  c.initial_spread = (tse_setting)0.2;
+  c.spread_max = (tse_setting)0.7;
+  c.initial_dof = 12;
+  c.learnt_floor = (tse_setting)0.08;
+  c.learnt_walk_day = (tse_setting)0.04;
+  c.initial_vel_x = 17;
+  c.initial_vel_x_sd = (tse_setting)0.3;
+  c.initial_vel_y_sd = (tse_setting)0.2;
+  c.initial_yaw_rate_sd = (tse_setting)0.05;
+  c.stiffness_min = (tse_setting)0.2;
+  c.stiffness_max = 3;
+  c.hold_speed = 3;
+  c.max_steer = (tse_setting)0.6;
+  c.max_slip = (tse_setting)0.08;
+  c.noise_max = 12;
+  c.max_gap = (tse_setting)0.2;
+  c.valid_sd = (tse_setting)0.05;
+  c.hold_sd = (tse_setting)0.25;
+  c.watchdog_drop = 9;
+  c.recovery_share = (tse_setting)0.3;
+  c.particles = 120;
+  c.form = 1;
+  c.hypotheses = 4;
+  c.inputs_held = 1;
+  c.steady_walk = (tse_setting)0.002;
+  c.resampling = 2;
+  c.initial_vel_x_from_wheels = 0;
+  c.seed = 12345;
+  return c;
+}
+
+static tse_config other_config(void)
+{
+  tse_config c = other_car();
+#define EFFECT_PARAMETER(id, parameter, role, unit, def, lo, hi, typical_lo, typical_hi, negligible, sign, text) \
+  c.id##_##parameter = (tse_setting)(0.9 * (def) + 0.1 * (hi));
+#include "tse/effects.def"
+  return c;
+}
+
+static void expect_config_refused(const tse_config *c, const char *name)
+{
+  tse_params p, before;
+  const char *wrong = NULL, *again = NULL;
+  memset(&p, 0xa5, sizeof p);
+  memcpy(&before, &p, sizeof p);
+  TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_E_CONFIG, tse_config_check(c, &wrong), name);
+  TEST_ASSERT_EQUAL_STRING(name, wrong);
+  TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_E_CONFIG, tse_prepare(c, &p, &again), name);
+  TEST_ASSERT_EQUAL_STRING(name, again);
+  TEST_ASSERT_EQUAL_MEMORY_MESSAGE(&before, &p, sizeof p, name);
+  TEST_ASSERT_EQUAL_INT(TSE_E_CONFIG, tse_config_check(c, NULL));
+  TEST_ASSERT_EQUAL_INT(TSE_E_CONFIG, tse_prepare(c, &p, NULL));
+  TEST_ASSERT_EQUAL_MEMORY_MESSAGE(&before, &p, sizeof p, name);
+}
+
+static void expect_config_accepted(const tse_config *c, const char *name)
+{
+  static const char untouched[] = "untouched";
+  const char *wrong = untouched;
+  TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_OK, tse_config_check(c, &wrong), name);
+  TEST_ASSERT_EQUAL_PTR(untouched, wrong);
+}
+
+/* ------------------------------------------------------------------------------- defaults and check */
+
+static void test_defaults_are_those_of_the_table_and_pass_the_check(void)
+{
+  tse_config c;
+  memset(&c, 0xff, sizeof c);
+  tse_config_default(&c);
+  expect_config_accepted(&c, "defaults");
+#define REAL(name, def, lo, hi, unit, text) TEST_ASSERT_TRUE_MESSAGE(!(c.name != (tse_setting)(def)), #name);
+#define INT(name, def, lo, hi, text) TEST_ASSERT_EQUAL_INT32_MESSAGE((def) < (hi) ? (def) : (hi), c.name, #name);
+#include "tse/config.def"
+#undef REAL
+#undef INT
+  tse_config_default(NULL);
+}
+
+static void expect_same_settings(const tse_config *expected, const tse_config *actual)
+{
+  expect_config_accepted(actual, "other defaults");
+#define REAL(name, def, lo, hi, unit, text) TEST_ASSERT_TRUE_MESSAGE(!(actual->name != expected->name), #name);
+#define INT(name, def, lo, hi, text) TEST_ASSERT_EQUAL_INT32_MESSAGE(expected->name, actual->name, #name);
+#include "tse/config.def"
+#undef REAL
+#undef INT
+}
+
+/* Nothing but these settings tells the sampled form and the paper's from the defaults. */
+static void test_other_forms_are_the_defaults_but_for_a_few_settings(void)
+{
+  tse_config c, expected = defaults();
+  TEST_ASSERT_EQUAL_INT32(0, expected.form);
+  memset(&c, 0xff, sizeof c);
+  tse_config_sampled(&c);
+  expected.form = 2;
+  expected.initial_spread = (tse_setting)0.3;
+  expected.spread_max = (tse_setting)0.4;
+  expect_same_settings(&expected, &c);
+  memset(&c, 0xff, sizeof c);
+  tse_config_paper(&c);
+  expected.form = 1;
+  expected.spread_max = 2;
+  expected.hold_sd = 0;
+  expected.max_slip = 1;
+  expect_same_settings(&expected, &c);
+  tse_config_sampled(NULL);
+  tse_config_paper(NULL);
+}
+
+static void test_each_setting_is_accepted_at_its_limits_and_refused_by_name_beyond(void)
+{
+#define REAL(name, def, lo, hi, unit, text)                                                            \
+  {                                                                                                    \
+    tse_config c = defaults();                                                                         \
+    c.name = (tse_setting)(lo); expect_config_accepted(&c, #name);                                     \
+    c.name = (tse_setting)(hi); expect_config_accepted(&c, #name);                                     \
+    c.name = towards((tse_setting)(lo), -INFINITY); expect_config_refused(&c, #name);                  \
+    c.name = towards((tse_setting)(hi), INFINITY); expect_config_refused(&c, #name);                   \
+  }
+#define INT(name, def, lo, hi, text)                                                                   \
+  {                                                                                                    \
+    tse_config c = defaults();                                                                         \
+    c.name = (lo); expect_config_accepted(&c, #name);                                                  \
+    c.name = (hi); expect_config_accepted(&c, #name);                                                  \
+    c.name = (lo) - 1; expect_config_refused(&c, #name);                                               \
+    c.name = INT32_MIN; expect_config_refused(&c, #name);                                              \
+    if ((hi) < INT32_MAX) { c.name = (int32_t)((int64_t)(hi) + 1); expect_config_refused(&c, #name); } \
+  }
+#include "tse/config.def"
+#undef REAL
+#undef INT
+}
+
+static void test_each_setting_that_is_not_finite_is_refused_by_name(void)
+{
+#define REAL(name, def, lo, hi, unit, text)                             \
+  {                                                                     \
+    tse_config c = defaults();                                          \
+    c.name = (tse_setting)NAN; expect_config_refused(&c, #name);        \
+    c.name = (tse_setting)INFINITY; expect_config_refused(&c, #name);   \
+    c.name = (tse_setting)-INFINITY; expect_config_refused(&c, #name);  \
+  }
+#define INT(name, def, lo, hi, text)
+#include "tse/config.def"
+#undef REAL
+#undef INT
+}
+
+static void test_of_two_wrong_settings_the_first_is_named(void)
+{
+  tse_config c = defaults();
+  c.particles = 0;
+  c.lf = -1;
+  c.lr = -1;
+  expect_config_refused(&c, "lf");
+}
+
+static void test_null_arguments_are_refused_and_change_nothing(void)
+{
+  tse_config c = defaults();
+  tse_params p, before;
+  memset(&p, 0x5a, sizeof p);
+  memcpy(&before, &p, sizeof p);
+  TEST_ASSERT_EQUAL_INT(TSE_E_NULL, tse_config_check(NULL, NULL));
+  TEST_ASSERT_EQUAL_INT(TSE_E_NULL, tse_prepare(NULL, &p, NULL));
+  TEST_ASSERT_EQUAL_INT(TSE_E_NULL, tse_prepare(&c, NULL, NULL));
+  TEST_ASSERT_EQUAL_MEMORY(&before, &p, sizeof p);
+}
+
+/* ------------------------------------------------------------------------------------------ constants */
+
+/* A constant that were made of a default, or a setting that these tests forgot, would pass unseen. */
+static void test_settings_of_the_tests_below_are_none_of_the_defaults(void)
+{
+  const tse_config c = other_config();
+#define REAL(name, def, lo, hi, unit, text) TEST_ASSERT_TRUE_MESSAGE(c.name != (tse_setting)(def), #name);
+#define INT(name, def, lo, hi, text) TEST_ASSERT_TRUE_MESSAGE(c.name != (def), #name);
+#include "tse/config.def"
+#undef REAL
+#undef INT
+}
+
+static void expect_relative(double expected, tse_real actual, const char *what)
+{
+  expect_near(expected, number(actual), BY_FORMAT(1e-13, 3e-7) * fabs(expected), what, 0); /* a few roundings */
+}
+
+static void test_vehicle_constants_are_normalised_by_mass(void)
+{
+  const tse_config c = other_car();
+  const tse_params p = prepared(&c);
+  expect_relative(110000.0 / 1250, p.kx_front, "kx_front");
+  expect_relative(95000.0 / 1250, p.kx_rear, "kx_rear");
+  expect_relative(70000.0 / 1250, p.ky_front, "ky_front");
+  expect_relative(85000.0 / 1250, p.ky_rear, "ky_rear");
+  expect_relative(0.25, p.follow, "follow");
+  expect_relative(1.1, p.lf, "lf");
+  expect_relative(1.6, p.lr, "lr");
+  expect_relative(1250 * 1.1 / 1700, p.jf, "jf");
+  expect_relative(1250 * 1.6 / 1700, p.jr, "jr");
+  expect_relative(0.29, p.radius_front, "radius_front");
+  expect_relative(0.31, p.radius_rear, "radius_rear");
+}
+
+static void test_sensor_constants_are_normalised_by_the_sensors_sd(void)
+{
+  const tse_config c = other_car();
+  const tse_params p = prepared(&c);
+  const double sd[3] = { 0.11, 0.23, 0.007 }, bias[3] = { 0.02, 0.04, 0.003 }, walk[3] = { 0.005, 0.006, 0.0007 };
+  for (int i = 0; i < 3; i++) {
+    expect_relative(sd[i], p.sd[i], "sd");
+    expect_relative(1 / sd[i], p.inv_sd[i], "inv_sd");
+    expect_relative(bias[i] * bias[i] / sd[i] / sd[i], p.bias_var0[i], "bias_var0");
+    expect_relative(walk[i] * walk[i] / sd[i] / sd[i], p.bias_walk[i], "bias_walk");
+    expect_near(log(sd[i]) / log(2.0), number(p.log_sd[i]), BY_FORMAT(3e-13, 3e-6), "log_sd", i);
+  }
+  expect_relative(0.06 * 0.06 * 0.29 * 0.29, p.wheel_var[0], "wheel_var, front");
+  expect_relative(0.06 * 0.06 * 0.31 * 0.31, p.wheel_var[1], "wheel_var, rear");
+}
+
+static void test_filter_constants_follow_their_formulas(void)
+{
+  const tse_config c = other_car();
+  const tse_params p = prepared(&c);
+  TEST_ASSERT_EQUAL_HEX32(TSE_PARAMS_MAGIC, p.magic);
+  TEST_ASSERT_EQUAL_INT32(120, p.particles);
+  TEST_ASSERT_EQUAL_INT32(2, p.resampling);
+  TEST_ASSERT_EQUAL_INT32(1, p.form);
+  TEST_ASSERT_EQUAL_INT32(4, p.hypotheses);
+  TEST_ASSERT_EQUAL_INT32(1, p.inputs_held);
+  expect_relative(4e-6, p.steady_walk, "steady_walk, squared");
+  TEST_ASSERT_EQUAL_INT32(0, p.vel_x_from_wheels);
+  TEST_ASSERT_EQUAL_UINT32(12345u, p.seed[0]);
+  expect_relative(0.02, p.sample_time, "sample_time");
+  expect_relative(50, p.inv_sample_time, "inv_sample_time");
+  expect_relative(0.03, p.max_step, "max_step: 1.5 sample times");
+  const double yaw = (1.1 * 1.1 * 70000 + 1.6 * 1.6 * 85000) / 1700;
+  expect_relative(4 * yaw, p.damping, "damping: four times the fastest, here of the yaw rate");
+  expect_relative(3 / (4 * yaw), p.least_step, "least_step: at hold_speed");
+  expect_relative(0.2, p.max_gap, "max_gap");
+  expect_relative(0.08, p.max_slip, "max_slip");
+  expect_relative(144, p.noise_max_var, "noise_max, squared");
+  expect_relative(3, p.hold_speed, "hold_speed");
+  expect_relative(0.6, p.max_steer, "max_steer");
+  expect_near(log(0.995) / log(2.0), number(p.log2_forgetting), BY_FORMAT(1e-14, 1e-7), "log2 lambda", 0);
+  expect_near(200, number(p.memory), BY_FORMAT(1e-10, 3e-3), "memory: 1/(1 - lambda)", 0); /* 1 - lambda cancels */
+  expect_relative(90, p.resample_at, "resample_at");
+  expect_near(-0.3, number(p.mu0[0]), BY_FORMAT(1e-15, 1e-7), "mu0", 0);
+  expect_near(-0.2, number(p.mu0[1]), BY_FORMAT(1e-15, 1e-7), "mu0", 1);
+  expect_near(0.3, number(p.mu0[2]), BY_FORMAT(1e-15, 1.2e-7), "mu0", 2);
+  expect_relative(12, p.nu0, "nu0");
+  expect_relative(0.4, p.mean_sd, "mean_sd");
+  expect_relative(0.04, p.spread_var, "spread_var");
+  expect_relative(0.49, p.spread_max_var, "spread_max_var");
+  expect_relative(0.16, p.mean_var0, "mean_var0");
+  expect_relative(0.0064, p.learnt_floor, "learnt_floor, squared");
+  expect_relative(0.0016, p.learnt_walk, "learnt_walk_day, squared");
+  expect_relative(17, p.vel_x0, "vel_x0");
+  expect_relative(0.3, p.x_sd0[0], "vel_x_sd");
+  expect_relative(0.2, p.x_sd0[1], "vel_y_sd");
+  expect_relative(0.05, p.x_sd0[2], "yaw_rate_sd");
+  expect_near(-0.8, number(p.w_min), BY_FORMAT(1e-15, 1e-7), "w_min", 0);
+  expect_relative(2, p.w_max, "w_max");
+  expect_relative(0.0025, p.valid_var, "valid_var");
+  expect_relative(0.0625, p.hold_var, "hold_var");
+  expect_relative(9 / log(2.0), p.watchdog_drop, "watchdog_drop in log2");
+  TEST_ASSERT_EQUAL_INT32(36, p.recovery_count);
+}
+
+/* The fastest of the three dampings times speed; the least step is no less than an eighth of the largest. */
+static void test_damping_is_that_of_the_stiffest_direction(void)
+{
+  tse_config c = other_car();
+  c.yaw_inertia = 17000;
+  expect_relative(4 * 205000.0 / 1250, prepared(&c).damping, "longitudinal");
+  c.cornering_stiffness_front = 500000;
+  expect_relative(4 * 585000.0 / 1250, prepared(&c).damping, "lateral");
+  c.longitudinal_stiffness_front = (tse_setting)1e7;
+  expect_relative(0.03 / 8, prepared(&c).least_step, "least_step");
+}
+
+/* Sigma = Lambda/(nu - d_w - 1) with lam = Lambda/nu is the spread squared, and gamma Sigma the variance of the mean. */
+static void test_both_meanings_of_the_initial_sd_come_out_of_the_statistics(void)
+{
+  const tse_config c = other_car();
+  const tse_params p = prepared(&c);
+  const double sigma = number(p.lam0) * number(p.nu0) / (number(p.nu0) - 3 - 1);
+  expect_near(0.2, sqrt(sigma), BY_FORMAT(1e-15, 1e-7), "spread", 0);
+  expect_near(0.4, sqrt(number(p.gamma0) * sigma), BY_FORMAT(1e-15, 2e-7), "sd of the mean", 0);
+}
+
+static void expect_finite_constants(const tse_config *c, const char *name)
+{
+  const size_t first = offsetof(tse_params, kx_front), end = offsetof(tse_params, recovery_count);
+  const tse_params p = prepared(c);
+  TEST_ASSERT_TRUE((end - first) % sizeof(tse_real) == 0); /* nothing but tse_real between the two */
+  for (size_t at = first; at < end; at += sizeof(tse_real)) {
+    tse_real x;
+    memcpy(&x, (const char *)&p + at, sizeof x);
+    TEST_ASSERT_TRUE_MESSAGE(r_is_finite(x), name);
+  }
+}
+
+/* One setting after the other goes to the end of its range and stays there. */
+static void test_constants_are_finite_at_both_ends_of_every_range(void)
+{
+  tse_config c = defaults();
+#define REAL(name, def, lo, hi, unit, text) c.name = (tse_setting)(lo); expect_finite_constants(&c, #name);
+#define INT(name, def, lo, hi, text) c.name = (lo); expect_finite_constants(&c, #name);
+#include "tse/config.def"
+#undef REAL
+#undef INT
+#define REAL(name, def, lo, hi, unit, text) c.name = (tse_setting)(hi); expect_finite_constants(&c, #name);
+#define INT(name, def, lo, hi, text) c.name = (hi); expect_finite_constants(&c, #name);
+#include "tse/config.def"
+#undef REAL
+#undef INT
+}
+
+static void test_no_seed_gives_the_key_of_only_zeros(void)
+{
+  tse_config c = defaults();
+  c.seed = 0;
+  const tse_params p = prepared(&c);
+  TEST_ASSERT_TRUE(p.seed[0] != 0 || p.seed[1] != 0);
+}
+
+static void test_same_settings_give_the_same_bytes(void)
+{
+  const tse_config c = other_config();
+  tse_params a, b;
+  memset(&a, 0x11, sizeof a);
+  memset(&b, 0xee, sizeof b);
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_prepare(&c, &a, NULL));
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_prepare(&c, &b, NULL));
+  TEST_ASSERT_EQUAL_MEMORY(&a, &b, sizeof a);
+}
+
+/* Also by the smallest change that the format knows. */
+static void test_fingerprint_changes_with_every_setting(void)
+{
+  const tse_config base = other_config();
+  const uint32_t before = prepared(&base).fingerprint;
+#define REAL(name, def, lo, hi, unit, text)                                               \
+  {                                                                                       \
+    tse_config c = other_config();                                                        \
+    c.name = towards(c.name, INFINITY);                                                   \
+    TEST_ASSERT_TRUE_MESSAGE(prepared(&c).fingerprint != before, #name);                  \
+    c.name = (tse_setting)(lo);                                                           \
+    TEST_ASSERT_TRUE_MESSAGE(prepared(&c).fingerprint != before, #name);                  \
+  }
+#define INT(name, def, lo, hi, text)                                                      \
+  {                                                                                       \
+    tse_config c = other_config();                                                        \
+    c.name = c.name < (hi) ? c.name + 1 : c.name - 1;                                     \
+    TEST_ASSERT_TRUE_MESSAGE(prepared(&c).fingerprint != before, #name);                  \
+  }
+#include "tse/config.def"
+#undef REAL
+#undef INT
+}
+
+static void test_fingerprint_changes_with_every_bit_of_a_setting(void)
+{
+  tse_config a = defaults(), b;
+  for (int bit = 0; bit < 31; bit++) {
+    b = a;
+    b.seed = (int32_t)(1u << bit);
+    a.seed = 0;
+    TEST_ASSERT_TRUE(prepared(&a).fingerprint != prepared(&b).fingerprint);
+  }
+  a.initial_vel_x = 17;
+  b = a;
+  b.initial_vel_x = -17; /* the sign bit only */
+  TEST_ASSERT_TRUE(prepared(&a).fingerprint != prepared(&b).fingerprint);
+}
+
+static void test_fingerprint_tells_settings_that_were_exchanged(void)
+{
+  tse_config a = defaults(), b = defaults();
+  a.accel_x_sd = b.accel_y_sd = (tse_setting)0.2;
+  a.accel_y_sd = b.accel_x_sd = (tse_setting)0.3;
+  TEST_ASSERT_TRUE(prepared(&a).fingerprint != prepared(&b).fingerprint);
+}
+
+/* A strength that is not zero makes another vehicle; a shape, once its effect is on. */
+static void test_fingerprint_of_the_vehicle_tells_the_shapes_of_effects_that_are_on(void)
+{
+  tse_config c = other_config();
+  const uint32_t before = prepared(&c).vehicle;
+#define EFFECT_PARAMETER(id, parameter, role, unit, def, lo, hi, typical_lo, typical_hi, negligible, sign, text) \
+  c = other_config();                                                                                          \
+  c.id##_##parameter = (tse_setting)(0.8 * (def) + 0.2 * (hi));                                                \
+  TEST_ASSERT_TRUE_MESSAGE(prepared(&c).vehicle != before, #id " " #parameter);
+#include "tse/effects.def"
+}
+
+/* A learnt state of the same vehicle must fit whatever else is set, in every number format: one value for all builds, which
+ * tests/reference/generate_learnt.py computes from the decimal numbers of config.def. */
+static void test_fingerprint_of_the_vehicle_changes_with_the_vehicle_only(void)
+{
+  const tse_config base = defaults();
+  const uint32_t before = prepared(&base).vehicle;
+  TEST_ASSERT_EQUAL_HEX32(LEARNT_VEHICLE, before);
+#define REAL(name, def, lo, hi, unit, text)                                                                     \
+  {                                                                                                             \
+    tse_config c = other_config();                                                                              \
+    const tse_setting other = c.name;                                                                           \
+    c = defaults();                                                                                             \
+    c.name = other;                                                                                             \
+    const int same = prepared(&c).vehicle == before;                                                            \
+    const size_t at = offsetof(tse_config, name);                                                               \
+    TEST_ASSERT_EQUAL_INT_MESSAGE(at >= offsetof(tse_config, accel_x_sd) && kind_of_effect_setting(at) != 2, same, #name); \
+  }
+#define INT(name, def, lo, hi, text)                                     \
+  {                                                                      \
+    tse_config c = defaults();                                           \
+    c.name = c.name < (hi) ? c.name + 1 : c.name - 1;                    \
+    TEST_ASSERT_EQUAL_HEX32_MESSAGE(before, prepared(&c).vehicle, #name); \
+  }
+#include "tse/config.def"
+#undef REAL
+#undef INT
+}
+
+/* ------------------------------------------------------------------------------------ tse_stiffness_si */
+
+static void test_stiffness_in_newtons_is_nominal_times_relative(void)
+{
+  const tse_config c = other_config();
+  const double nominal[3] = { 110000, 70000, 85000 };
+  tse_output y;
+  tse_setting mean[3], sd[3], spread[3];
+  memset(&y, 0, sizeof y);
+  for (int i = 0; i < 3; i++) {
+    y.stiffness[i] = real(0.5 + 0.25 * i);
+    y.stiffness_sd[i] = real(0.125 + 0.0625 * i);
+    y.stiffness_spread[i] = real(0.03125 * (i + 1));
+  }
+  tse_stiffness_si(&c, &y, mean, sd, spread);
+  for (int i = 0; i < 3; i++) {
+    expect_near(nominal[i] * (0.5 + 0.25 * i), (double)mean[i], 0, "mean", i); /* exact in both formats */
+    expect_near(nominal[i] * (0.125 + 0.0625 * i), (double)sd[i], 0, "sd", i);
+    expect_near(nominal[i] * 0.03125 * (i + 1), (double)spread[i], 0, "spread", i);
+  }
+}
+
+static void test_stiffness_in_newtons_skips_what_is_not_asked_for(void)
+{
+  const tse_config c = defaults();
+  tse_output y;
+  tse_setting x[3] = { -1, -1, -1 };
+  memset(&y, 0, sizeof y);
+  y.stiffness_sd[1] = real(0.5);
+  tse_stiffness_si(&c, &y, NULL, x, NULL);
+  expect_near(6e4, (double)x[1], 0, "sd", 1);
+  tse_stiffness_si(&c, &y, NULL, NULL, NULL);
+  x[0] = -1;
+  tse_stiffness_si(NULL, &y, x, x, x);
+  tse_stiffness_si(&c, NULL, x, x, x);
+  expect_near(-1, (double)x[0], 0, "untouched", 0);
+}
+
+int main(void)
+{
+  UNITY_BEGIN();
+  RUN_TEST(test_defaults_are_those_of_the_table_and_pass_the_check);
+  RUN_TEST(test_other_forms_are_the_defaults_but_for_a_few_settings);
+  RUN_TEST(test_each_setting_is_accepted_at_its_limits_and_refused_by_name_beyond);
+  RUN_TEST(test_each_setting_that_is_not_finite_is_refused_by_name);
+  RUN_TEST(test_of_two_wrong_settings_the_first_is_named);
+  RUN_TEST(test_null_arguments_are_refused_and_change_nothing);
+  RUN_TEST(test_settings_of_the_tests_below_are_none_of_the_defaults);
+  RUN_TEST(test_vehicle_constants_are_normalised_by_mass);
+  RUN_TEST(test_sensor_constants_are_normalised_by_the_sensors_sd);
+  RUN_TEST(test_filter_constants_follow_their_formulas);
+  RUN_TEST(test_damping_is_that_of_the_stiffest_direction);
+  RUN_TEST(test_both_meanings_of_the_initial_sd_come_out_of_the_statistics);
+  RUN_TEST(test_constants_are_finite_at_both_ends_of_every_range);
+  RUN_TEST(test_no_seed_gives_the_key_of_only_zeros);
+  RUN_TEST(test_same_settings_give_the_same_bytes);
+  RUN_TEST(test_fingerprint_changes_with_every_setting);
+  RUN_TEST(test_fingerprint_changes_with_every_bit_of_a_setting);
+  RUN_TEST(test_fingerprint_tells_settings_that_were_exchanged);
+  RUN_TEST(test_fingerprint_of_the_vehicle_changes_with_the_vehicle_only);
+  RUN_TEST(test_fingerprint_of_the_vehicle_tells_the_shapes_of_effects_that_are_on);
+  RUN_TEST(test_stiffness_in_newtons_is_nominal_times_relative);
+  RUN_TEST(test_stiffness_in_newtons_skips_what_is_not_asked_for);
+  return UNITY_END();
+}

@@ -1,0 +1,94 @@
+/* tests/unit/estimator/test_replay.c - a recorded drive gives the golden estimates, bit for bit, whatever the compiler, its
+ * options and the width of its vectors. What to do when a change moves them on purpose: tests/replay/README.md. */
+#include "unit_support.h"
+#include "replay.h"
+
+#if defined(TSE_REAL_FLOAT)
+#define GOLDEN "replay/golden_float.csv"
+#else
+#define GOLDEN "replay/golden_double.csv"
+#endif
+
+static tse_input rows[REPLAY_ROWS_MOST];
+static double table[REPLAY_ROWS_MOST / REPLAY_EVERY + 1][REPLAY_COLUMNS];
+static double golden[REPLAY_ROWS_MOST / REPLAY_EVERY + 1][REPLAY_COLUMNS];
+static uint64_t golden_hash[REPLAY_HASHES];
+static int row_count, golden_rows, hashes;
+
+static void read_golden(void)
+{
+  char line[2048];
+  FILE *const file = fopen(GOLDEN, "r");
+  hashes = golden_rows = 0;
+  TEST_ASSERT_NOT_NULL_MESSAGE(file, "the test runs in the directory tests");
+  while (fgets(line, sizeof line, file)) {
+    if (strncmp(line, "# hash ", 7) == 0 && hashes < REPLAY_HASHES) {
+      char high[9] = { 0 };
+      memcpy(high, line + 7, 8);
+      golden_hash[hashes++] = (uint64_t)strtoul(high, NULL, 16) << 32 | (uint64_t)strtoul(line + 15, NULL, 16);
+    } else if (line[0] >= '0' && line[0] <= '9' && golden_rows < ROWS(golden)) {
+      char *at = strchr(line, ',');
+      for (int k = 0; at && k < REPLAY_COLUMNS; k++) golden[golden_rows][k] = strtod(at + 1, &at);
+      golden_rows++;
+    }
+  }
+  (void)fclose(file);
+}
+
+static void test_the_drive_holds_what_it_should(void)
+{
+  double seconds = 0.0, longest = 0.0;
+  int lost[TSE_CHANNELS] = { 0 };
+  for (int i = 0; i < row_count; i++) {
+    const tse_input *const u = &rows[i];
+    const double channel[TSE_CHANNELS] = { (double)u->steer_angle, (double)u->wheel_speed_front, (double)u->wheel_speed_rear,
+                                           (double)u->accel_x, (double)u->accel_y, (double)u->yaw_rate };
+    seconds += (double)u->dt;
+    longest = fmax(longest, (double)u->dt);
+    for (int k = 0; k < TSE_CHANNELS; k++) lost[k] += isnan(channel[k]) != 0;
+  }
+  TEST_ASSERT_TRUE(seconds > 29.0 && longest > 0.3);
+  for (int k = 0; k < TSE_CHANNELS; k++) TEST_ASSERT_TRUE(lost[k] > 0 && lost[k] < row_count);
+}
+
+static void test_estimates_are_the_golden_ones_in_all_printed_digits(void)
+{
+  TEST_ASSERT_TRUE(replay_run(rows, row_count, 0, 0, table, NULL) != 0);
+  TEST_ASSERT_EQUAL_INT((row_count + REPLAY_EVERY - 1) / REPLAY_EVERY, golden_rows);
+  for (int i = 0; i < golden_rows; i++)
+    for (int k = 0; k < REPLAY_COLUMNS; k++)
+      expect_near(golden[i][k], table[i][k], BY_FORMAT(1e-11, 1e-8) * fabs(golden[i][k]), replay_names[k], i * REPLAY_EVERY);
+}
+
+static void test_all_outputs_have_the_golden_bits_with_every_resampling_scheme(void)
+{
+  TEST_ASSERT_EQUAL_INT(REPLAY_HASHES, hashes);
+  for (int k = 0; k < REPLAY_HASHES; k++) {
+    const int form = k / REPLAY_SCHEMES, scheme = k % REPLAY_SCHEMES;
+    TEST_ASSERT_EQUAL_HEX64_MESSAGE(golden_hash[k], replay_run(rows, row_count, form, scheme, NULL, NULL), replay_forms[form].name);
+  }
+}
+
+/* So that the golden bits stand for every path through the step; none of this drive is a divergence. */
+static void test_every_warning_but_recovery_is_met_on_the_way(void)
+{
+  for (int form = 0; form < REPLAY_FORMS; form++) {
+    int met[REPLAY_STATUSES] = { 0 };
+    TEST_ASSERT_TRUE(replay_run(rows, row_count, form, 0, NULL, met) != 0);
+    for (int status = TSE_OK; status <= TSE_W_GAP; status++)
+      TEST_ASSERT_TRUE_MESSAGE(met[status] > 0, tse_status_text(status));
+    TEST_ASSERT_EQUAL_INT(0, met[TSE_W_RECOVERED]);
+  }
+}
+
+int main(void)
+{
+  row_count = replay_read("replay/drive.csv", rows);
+  UNITY_BEGIN();
+  read_golden();
+  RUN_TEST(test_the_drive_holds_what_it_should);
+  RUN_TEST(test_estimates_are_the_golden_ones_in_all_printed_digits);
+  RUN_TEST(test_all_outputs_have_the_golden_bits_with_every_resampling_scheme);
+  RUN_TEST(test_every_warning_but_recovery_is_met_on_the_way);
+  return UNITY_END();
+}

@@ -1,0 +1,551 @@
+/* tests/unit/host/test_describe.c <-> src/host/describe.c */
+#include "tse/describe.h"
+#include "tse/learnt.h"
+#include "tse/replay.h"
+#include "tse/simulate.h"
+
+#include "unit_support.h"
+
+#define STRUCT_BYTES 2048
+
+static const tse_field *rows_of(tse_struct which, int32_t *count, int32_t *size)
+{
+  const tse_field *const f = tse_describe(which, count, size);
+  TEST_ASSERT_NOT_NULL(f);
+  TEST_ASSERT_TRUE(*count > 0);
+  return f;
+}
+
+static const tse_field *row_named(tse_struct which, const char *name)
+{
+  int32_t count, size;
+  const tse_field *const f = rows_of(which, &count, &size);
+  for (int32_t i = 0; i < count; i++)
+    if (strcmp(f[i].name, name) == 0) return &f[i];
+  TEST_FAIL_MESSAGE(name);
+  return f;
+}
+
+static size_t bytes_of(char kind)
+{
+  if (kind == 's') return sizeof(tse_setting);
+  if (kind == 'r') return sizeof(tse_real);
+  if (kind == 'p' || kind == 'o') return sizeof(tse_real *);
+  TEST_ASSERT_TRUE(kind == 'i' || kind == 'u');
+  return 4;
+}
+
+/* ------------------------------------------------------------------------------------------- layout */
+
+/* Marks the bytes that the rows describe.   Returned: how many bytes no row describes. */
+static int undescribed(tse_struct which, size_t expected_size, unsigned char covered[STRUCT_BYTES])
+{
+  int32_t count, size;
+  const tse_field *const f = rows_of(which, &count, &size);
+  TEST_ASSERT_EQUAL_INT32((int32_t)expected_size, size);
+  TEST_ASSERT_TRUE(expected_size <= STRUCT_BYTES);
+  memset(covered, 0, STRUCT_BYTES);
+  for (int32_t i = 0; i < count; i++) {
+    const size_t bytes = bytes_of(f[i].kind);
+    TEST_ASSERT_TRUE_MESSAGE(f[i].offset >= 0 && (size_t)f[i].offset + bytes <= expected_size, f[i].name);
+    TEST_ASSERT_TRUE_MESSAGE((size_t)f[i].offset % bytes == 0, f[i].name);
+    for (size_t b = 0; b < bytes; b++) {
+      TEST_ASSERT_TRUE_MESSAGE(!covered[(size_t)f[i].offset + b], f[i].name); /* no two rows share a byte */
+      covered[(size_t)f[i].offset + b] = 1;
+    }
+  }
+  int left = 0;
+  for (size_t b = 0; b < expected_size; b++) left += !covered[b];
+  return left;
+}
+
+/* Bytes between the end of the last member and the end of the struct. */
+#define TAIL(type, last) ((int)(sizeof(type) - offsetof(type, last) - sizeof(((type *)0)->last)))
+
+static void test_rows_describe_every_byte_of_the_structs_but_padding(void)
+{
+  unsigned char covered[STRUCT_BYTES];
+  TEST_ASSERT_EQUAL_INT(TAIL(tse_config, seed), undescribed(TSE_STRUCT_CONFIG, sizeof(tse_config), covered));
+  TEST_ASSERT_EQUAL_INT(TAIL(tse_input, missing), undescribed(TSE_STRUCT_INPUT, sizeof(tse_input), covered));
+  TEST_ASSERT_EQUAL_INT(TAIL(tse_output, status), undescribed(TSE_STRUCT_OUTPUT, sizeof(tse_output), covered));
+  TEST_ASSERT_EQUAL_INT(TAIL(tse_sim_config, seed), undescribed(TSE_STRUCT_SIM_CONFIG, sizeof(tse_sim_config), covered));
+  TEST_ASSERT_EQUAL_INT(0, undescribed(TSE_STRUCT_REPLAY_LOG, sizeof(tse_replay_log), covered));
+  TEST_ASSERT_EQUAL_INT(0, undescribed(TSE_STRUCT_REPLAY_START, sizeof(tse_replay_start), covered));
+  TEST_ASSERT_EQUAL_INT(0, undescribed(TSE_STRUCT_REPLAY_OUT, sizeof(tse_replay_out), covered));
+  TEST_ASSERT_EQUAL_INT(TAIL(tse_sim_input, road_friction), undescribed(TSE_STRUCT_SIM_INPUT, sizeof(tse_sim_input), covered));
+}
+
+/* The simulator's log row repeats dt, which its caller has given (0 in the first row), and `missing`, which is always 0. */
+static void test_rows_describe_every_byte_of_the_simulators_output_but_dt_and_missing(void)
+{
+  unsigned char covered[STRUCT_BYTES];
+  const int row_tail = (int)sizeof(tse_input) - (int)offsetof(tse_input, missing);
+  TEST_ASSERT_EQUAL_INT((int)sizeof(tse_real) + row_tail, undescribed(TSE_STRUCT_SIM_OUTPUT, sizeof(tse_sim_output), covered));
+  TEST_ASSERT_FALSE(covered[offsetof(tse_sim_output, row.dt)]);
+  TEST_ASSERT_FALSE(covered[offsetof(tse_sim_output, row.missing)]);
+}
+
+static void test_names_are_unique_and_texts_are_there(void)
+{
+  for (int which = 0; which < TSE_STRUCTS; which++) {
+    int32_t count, size;
+    const tse_field *const f = rows_of((tse_struct)which, &count, &size);
+    for (int32_t i = 0; i < count; i++) {
+      TEST_ASSERT_TRUE_MESSAGE(f[i].name[0] != 0 && f[i].unit != NULL, f[i].name);
+      TEST_ASSERT_TRUE_MESSAGE(strlen(f[i].text) > 1, f[i].name);
+      for (int32_t j = 0; j < i; j++) TEST_ASSERT_TRUE_MESSAGE(strcmp(f[i].name, f[j].name) != 0, f[i].name);
+    }
+  }
+}
+
+static void expect_names(tse_struct which, const char *const *names, int expected)
+{
+  int32_t count, size;
+  const tse_field *const f = rows_of(which, &count, &size);
+  for (int i = 0; i < expected && i < count; i++) TEST_ASSERT_EQUAL_STRING(names[i], f[i].name);
+  TEST_ASSERT_EQUAL_INT(expected, count);
+}
+
+/* The columns that `tselab estimate` promises, in its order, after `time`. */
+static void test_outputs_are_the_columns_of_the_estimates_file(void)
+{
+  static const char *const names[] = {
+    "vel_x", "vel_x_sd", "vel_y", "vel_y_sd", "yaw_rate", "yaw_rate_sd", "sideslip",
+    "cx_front", "cx_front_sd", "cx_front_spread", "cx_front_spread_seen", "cx_front_valid",
+    "cy_front", "cy_front_sd", "cy_front_spread", "cy_front_spread_seen", "cy_front_valid",
+    "cy_rear", "cy_rear_sd", "cy_rear_spread", "cy_rear_spread_seen", "cy_rear_valid",
+    "bias_accel_x", "bias_accel_x_sd", "bias_accel_y", "bias_accel_y_sd", "bias_yaw_rate", "bias_yaw_rate_sd",
+    "noise_accel_x", "noise_accel_y", "noise_yaw_rate",
+    "p_steady", "p_changed", "p_axle", "p_drifting", "p_fault", "p_sliding", "p_restarted",
+    "change_age", "change_probability", "change_kind", "change_cx_front", "change_cy_front", "change_cy_rear", "fault_channel",
+    "discrepancy_accel_x", "discrepancy_accel_y", "discrepancy_yaw_rate", "n_eff", "log_evidence", "status",
+  };
+  expect_names(TSE_STRUCT_OUTPUT, names, ROWS(names));
+}
+
+static void test_inputs_are_the_columns_of_a_log(void)
+{
+  static const char *const names[] = { "dt", "steer_angle", "wheel_speed_front", "wheel_speed_rear", "accel_x", "accel_y",
+                                       "yaw_rate", "missing" };
+  static const char *const units[] = { "s", "rad", "rad/s", "rad/s", "m/s2", "m/s2", "rad/s", "" };
+  int32_t count, size;
+  const tse_field *const f = rows_of(TSE_STRUCT_INPUT, &count, &size);
+  expect_names(TSE_STRUCT_INPUT, names, ROWS(names));
+  for (int i = 0; i < ROWS(units); i++) {
+    TEST_ASSERT_EQUAL_STRING(units[i], f[i].unit);
+    TEST_ASSERT_EQUAL_INT("rrrrrrru"[i], f[i].kind);
+  }
+}
+
+/* ------------------------------------------------------------------- a name leads to the member that is meant */
+
+static double at(const void *object, tse_struct which, const char *name)
+{
+  const tse_field *const f = row_named(which, name);
+  const char *const where = (const char *)object + f->offset;
+  tse_setting s;
+  tse_real r;
+  int32_t i;
+  switch (f->kind) {
+    case 's': memcpy(&s, where, sizeof s); return (double)s;
+    case 'r': memcpy(&r, where, sizeof r); return number(r);
+    default: memcpy(&i, where, sizeof i); return (double)i;
+  }
+}
+
+#define EXPECT_AT(object, which, name, value) \
+  do { (object)->value = 41; expect_near(41, at(object, which, name), 0, name, 0); (object)->value = 0; } while (0)
+
+static void test_output_names_lead_to_their_members(void)
+{
+  tse_output y;
+  memset(&y, 0, sizeof y);
+  EXPECT_AT(&y, TSE_STRUCT_OUTPUT, "vel_x", vel_x);
+  EXPECT_AT(&y, TSE_STRUCT_OUTPUT, "vel_x_sd", vel_x_sd);
+  EXPECT_AT(&y, TSE_STRUCT_OUTPUT, "vel_y", vel_y);
+  EXPECT_AT(&y, TSE_STRUCT_OUTPUT, "vel_y_sd", vel_y_sd);
+  EXPECT_AT(&y, TSE_STRUCT_OUTPUT, "yaw_rate", yaw_rate);
+  EXPECT_AT(&y, TSE_STRUCT_OUTPUT, "yaw_rate_sd", yaw_rate_sd);
+  EXPECT_AT(&y, TSE_STRUCT_OUTPUT, "sideslip", sideslip);
+  EXPECT_AT(&y, TSE_STRUCT_OUTPUT, "n_eff", n_eff);
+  EXPECT_AT(&y, TSE_STRUCT_OUTPUT, "log_evidence", log_evidence);
+  EXPECT_AT(&y, TSE_STRUCT_OUTPUT, "status", status);
+  static const struct { const char *name, *sd, *spread, *seen, *valid; int index; } stiffness_rows[] = {
+    { "cx_front", "cx_front_sd", "cx_front_spread", "cx_front_spread_seen", "cx_front_valid", TSE_CX_FRONT },
+    { "cy_front", "cy_front_sd", "cy_front_spread", "cy_front_spread_seen", "cy_front_valid", TSE_CY_FRONT },
+    { "cy_rear", "cy_rear_sd", "cy_rear_spread", "cy_rear_spread_seen", "cy_rear_valid", TSE_CY_REAR },
+  };
+  static const char *const noise[3] = { "noise_accel_x", "noise_accel_y", "noise_yaw_rate" };
+  static const char *const bias[3][2] = { { "bias_accel_x", "bias_accel_x_sd" }, { "bias_accel_y", "bias_accel_y_sd" },
+                                          { "bias_yaw_rate", "bias_yaw_rate_sd" } };
+  for (int i = 0; i < 3; i++) {
+    EXPECT_AT(&y, TSE_STRUCT_OUTPUT, stiffness_rows[i].name, stiffness[stiffness_rows[i].index]);
+    EXPECT_AT(&y, TSE_STRUCT_OUTPUT, stiffness_rows[i].sd, stiffness_sd[stiffness_rows[i].index]);
+    EXPECT_AT(&y, TSE_STRUCT_OUTPUT, stiffness_rows[i].spread, stiffness_spread[stiffness_rows[i].index]);
+    EXPECT_AT(&y, TSE_STRUCT_OUTPUT, stiffness_rows[i].seen, spread_seen[stiffness_rows[i].index]);
+    EXPECT_AT(&y, TSE_STRUCT_OUTPUT, noise[i], noise[i]);
+    EXPECT_AT(&y, TSE_STRUCT_OUTPUT, stiffness_rows[i].valid, reason[stiffness_rows[i].index]);
+    EXPECT_AT(&y, TSE_STRUCT_OUTPUT, bias[i][0], bias[i]);
+    EXPECT_AT(&y, TSE_STRUCT_OUTPUT, bias[i][1], bias_sd[i]);
+  }
+}
+
+static void test_input_names_lead_to_their_members(void)
+{
+  tse_input u;
+  memset(&u, 0, sizeof u);
+  EXPECT_AT(&u, TSE_STRUCT_INPUT, "dt", dt);
+  EXPECT_AT(&u, TSE_STRUCT_INPUT, "steer_angle", steer_angle);
+  EXPECT_AT(&u, TSE_STRUCT_INPUT, "wheel_speed_front", wheel_speed_front);
+  EXPECT_AT(&u, TSE_STRUCT_INPUT, "wheel_speed_rear", wheel_speed_rear);
+  EXPECT_AT(&u, TSE_STRUCT_INPUT, "accel_x", accel_x);
+  EXPECT_AT(&u, TSE_STRUCT_INPUT, "accel_y", accel_y);
+  EXPECT_AT(&u, TSE_STRUCT_INPUT, "yaw_rate", yaw_rate);
+  EXPECT_AT(&u, TSE_STRUCT_INPUT, "missing", missing);
+}
+
+static void test_simulator_names_lead_to_their_members(void)
+{
+  tse_sim_input u;
+  tse_sim_output y;
+  memset(&u, 0, sizeof u);
+  memset(&y, 0, sizeof y);
+  EXPECT_AT(&u, TSE_STRUCT_SIM_INPUT, "dt", dt);
+  EXPECT_AT(&u, TSE_STRUCT_SIM_INPUT, "steer_angle", steer_angle);
+  EXPECT_AT(&u, TSE_STRUCT_SIM_INPUT, "wheel_torque_front", wheel_torque_front);
+  EXPECT_AT(&u, TSE_STRUCT_SIM_INPUT, "wheel_torque_rear", wheel_torque_rear);
+  EXPECT_AT(&u, TSE_STRUCT_SIM_INPUT, "brake_torque_front", brake_torque_front);
+  EXPECT_AT(&u, TSE_STRUCT_SIM_INPUT, "brake_torque_rear", brake_torque_rear);
+  EXPECT_AT(&u, TSE_STRUCT_SIM_INPUT, "road_level", road_level);
+  EXPECT_AT(&u, TSE_STRUCT_SIM_INPUT, "road_friction", road_friction);
+  EXPECT_AT(&y, TSE_STRUCT_SIM_OUTPUT, "steer_angle", row.steer_angle);
+  EXPECT_AT(&y, TSE_STRUCT_SIM_OUTPUT, "wheel_speed_front", row.wheel_speed_front);
+  EXPECT_AT(&y, TSE_STRUCT_SIM_OUTPUT, "wheel_speed_rear", row.wheel_speed_rear);
+  EXPECT_AT(&y, TSE_STRUCT_SIM_OUTPUT, "accel_x", row.accel_x);
+  EXPECT_AT(&y, TSE_STRUCT_SIM_OUTPUT, "accel_y", row.accel_y);
+  EXPECT_AT(&y, TSE_STRUCT_SIM_OUTPUT, "yaw_rate", row.yaw_rate);
+  EXPECT_AT(&y, TSE_STRUCT_SIM_OUTPUT, "true_vel_x", vel_x);
+  EXPECT_AT(&y, TSE_STRUCT_SIM_OUTPUT, "true_vel_y", vel_y);
+  EXPECT_AT(&y, TSE_STRUCT_SIM_OUTPUT, "true_yaw_rate", yaw_rate);
+  EXPECT_AT(&y, TSE_STRUCT_SIM_OUTPUT, "true_accel_x", accel_x);
+  EXPECT_AT(&y, TSE_STRUCT_SIM_OUTPUT, "true_accel_y", accel_y);
+  EXPECT_AT(&y, TSE_STRUCT_SIM_OUTPUT, "true_wheel_speed_front", wheel_speed_front);
+  EXPECT_AT(&y, TSE_STRUCT_SIM_OUTPUT, "true_wheel_speed_rear", wheel_speed_rear);
+  EXPECT_AT(&y, TSE_STRUCT_SIM_OUTPUT, "true_cx_front", stiffness[TSE_CX_FRONT]);
+  EXPECT_AT(&y, TSE_STRUCT_SIM_OUTPUT, "true_cy_front", stiffness[TSE_CY_FRONT]);
+  EXPECT_AT(&y, TSE_STRUCT_SIM_OUTPUT, "true_cy_rear", stiffness[TSE_CY_REAR]);
+  EXPECT_AT(&y, TSE_STRUCT_SIM_OUTPUT, "drawn_cx_front", drawn[TSE_CX_FRONT]);
+  EXPECT_AT(&y, TSE_STRUCT_SIM_OUTPUT, "drawn_cy_front", drawn[TSE_CY_FRONT]);
+  EXPECT_AT(&y, TSE_STRUCT_SIM_OUTPUT, "drawn_cy_rear", drawn[TSE_CY_REAR]);
+  EXPECT_AT(&y, TSE_STRUCT_SIM_OUTPUT, "true_bias_accel_x", bias[0]);
+  EXPECT_AT(&y, TSE_STRUCT_SIM_OUTPUT, "true_bias_accel_y", bias[1]);
+  EXPECT_AT(&y, TSE_STRUCT_SIM_OUTPUT, "true_bias_yaw_rate", bias[2]);
+}
+
+/* --------------------------------------------------------- defaults and ranges are those that the library enforces */
+
+static void put(void *object, const tse_field *f, double value)
+{
+  char *const where = (char *)object + f->offset;
+  const tse_setting s = (tse_setting)value;
+  const tse_real r = (tse_real)value;
+  const int32_t i = f->kind == 'i' ? (int32_t)value : 0;
+  if (f->kind == 's') memcpy(where, &s, sizeof s);
+  else if (f->kind == 'r') memcpy(where, &r, sizeof r);
+  else memcpy(where, &i, sizeof i);
+}
+
+static double beyond(const tse_field *f, double limit, int upwards)
+{
+  if (f->kind == 'i') return limit + (upwards ? 1 : -1);
+  return limit + (upwards ? 1 : -1) * 1e-5 * (fabs(limit) + 1e-3);
+}
+
+typedef tse_status check_function(const void *object, const char **wrong);
+
+static tse_status check_config(const void *c, const char **wrong) { return tse_config_check((const tse_config *)c, wrong); }
+static tse_status check_sim_config(const void *c, const char **wrong)
+{
+  return tse_sim_config_check((const tse_sim_config *)c, wrong);
+}
+static tse_status check_input(const void *u, const char **wrong) { return tse_input_check((const tse_input *)u, wrong); }
+
+static void expect_enforced_ranges(tse_struct which, const void *defaults, size_t size, check_function *check)
+{
+  unsigned char object[STRUCT_BYTES];
+  int32_t count, bytes;
+  const tse_field *const f = rows_of(which, &count, &bytes);
+  for (int32_t i = 0; i < count; i++) {
+    const char *wrong = "";
+    memcpy(object, defaults, size);
+    put(object, &f[i], f[i].hi);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_OK, check(object, &wrong), f[i].name);
+    put(object, &f[i], f[i].lo);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_OK, check(object, &wrong), f[i].name);
+    if (f[i].kind != 'i' || f[i].hi < 2147483647.0) {
+      put(object, &f[i], beyond(&f[i], f[i].hi, 1));
+      TEST_ASSERT_TRUE_MESSAGE(check(object, &wrong) < 0, f[i].name);
+      TEST_ASSERT_EQUAL_STRING(f[i].name, wrong);
+    }
+    put(object, &f[i], beyond(&f[i], f[i].lo, 0));
+    TEST_ASSERT_TRUE_MESSAGE(check(object, &wrong) < 0, f[i].name);
+    TEST_ASSERT_EQUAL_STRING(f[i].name, wrong);
+  }
+}
+
+static void test_described_ranges_of_the_settings_are_the_enforced_ones(void)
+{
+  tse_config c;
+  tse_sim_config s;
+  tse_config_default(&c);
+  tse_sim_config_default(&s);
+  expect_enforced_ranges(TSE_STRUCT_CONFIG, &c, sizeof c, check_config);
+  expect_enforced_ranges(TSE_STRUCT_SIM_CONFIG, &s, sizeof s, check_sim_config);
+}
+
+static void test_described_defaults_of_the_settings_are_those_that_are_filled_in(void)
+{
+  tse_config c;
+  tse_sim_config s;
+  int32_t count, size;
+  tse_config_default(&c);
+  tse_sim_config_default(&s);
+  const tse_field *f = rows_of(TSE_STRUCT_CONFIG, &count, &size);
+  for (int32_t i = 0; i < count; i++) {
+    expect_near(f[i].def, at(&c, TSE_STRUCT_CONFIG, f[i].name), BY_FORMAT(0, 6e-8) * fabs(f[i].def), f[i].name, i);
+    TEST_ASSERT_TRUE_MESSAGE(f[i].lo < f[i].hi && f[i].def >= f[i].lo && f[i].def <= f[i].hi, f[i].name);
+  }
+  f = rows_of(TSE_STRUCT_SIM_CONFIG, &count, &size);
+  for (int32_t i = 0; i < count; i++) {
+    expect_near(f[i].def, at(&s, TSE_STRUCT_SIM_CONFIG, f[i].name), BY_FORMAT(0, 6e-8) * fabs(f[i].def), f[i].name, i);
+    TEST_ASSERT_TRUE_MESSAGE(f[i].lo < f[i].hi && f[i].def >= f[i].lo && f[i].def <= f[i].hi, f[i].name);
+  }
+}
+
+/* dt starts above its lower limit, measurements out of range are missing: see test_input.c. */
+static void test_described_ranges_of_a_log_row_are_the_enforced_ones(void)
+{
+  static const char *const driving[] = { "dt", "steer_angle", "wheel_speed_front", "wheel_speed_rear" };
+  for (int i = 0; i < ROWS(driving); i++) {
+    const tse_field *const f = row_named(TSE_STRUCT_INPUT, driving[i]);
+    const char *wrong = "";
+    tse_input u;
+    memset(&u, 0, sizeof u);
+    u.dt = real(0.01);
+    put(&u, f, f->hi);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_OK, check_input(&u, &wrong), f->name);
+    put(&u, f, beyond(f, f->hi, 1));
+    TEST_ASSERT_TRUE_MESSAGE(check_input(&u, &wrong) < 0, f->name);
+    TEST_ASSERT_EQUAL_STRING(f->name, wrong);
+    put(&u, f, beyond(f, f->lo, 0));
+    TEST_ASSERT_TRUE_MESSAGE(check_input(&u, &wrong) < 0, f->name);
+    TEST_ASSERT_EQUAL_STRING(f->name, wrong);
+  }
+}
+
+static void test_described_ranges_of_the_simulators_input_are_the_enforced_ones(void)
+{
+  static tse_sim sim;
+  tse_config c;
+  tse_sim_config s;
+  tse_sim_output y;
+  tse_sim_input base, u;
+  int32_t count, size;
+  const tse_field *const f = rows_of(TSE_STRUCT_SIM_INPUT, &count, &size);
+  memset(&base, 0, sizeof base);
+  for (int32_t i = 0; i < count; i++) put(&base, &f[i], f[i].def);
+  tse_config_default(&c);
+  tse_sim_config_default(&s);
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_reset(&sim, &c, &s, NULL));
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_step(&sim, &base, &y));
+  for (int32_t i = 0; i < count; i++) {
+    u = base;
+    put(&u, &f[i], beyond(&f[i], f[i].hi, 1));
+    TEST_ASSERT_TRUE_MESSAGE(tse_sim_step(&sim, &u, &y) < 0, f[i].name);
+    put(&u, &f[i], beyond(&f[i], f[i].lo, 0));
+    TEST_ASSERT_TRUE_MESSAGE(tse_sim_step(&sim, &u, &y) < 0, f[i].name);
+    const tse_sim kept = sim;
+    put(&u, &f[i], f[i].hi);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_OK, tse_sim_step(&sim, &u, &y), f[i].name);
+    sim = kept;
+    if (i == 0) continue; /* dt: above its lower limit */
+    put(&u, &f[i], f[i].lo);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_OK, tse_sim_step(&sim, &u, &y), f[i].name);
+    sim = kept;
+  }
+}
+
+/* --------------------------------------------------------------------------------- statuses and reasons */
+
+static void test_statuses_are_complete_and_tell_the_sentence_of_tse_status_text(void)
+{
+  static const struct { const char *name; int code; } expected[] = {
+    { "TSE_E_OLD", -10 }, { "TSE_E_VEHICLE", -9 }, { "TSE_E_VERSION", -8 }, { "TSE_E_LEARNT", -7 },
+    { "TSE_E_SIZE", -6 }, { "TSE_E_STATE", -5 }, { "TSE_E_TIME", -4 }, { "TSE_E_INPUT", -3 }, { "TSE_E_CONFIG", -2 },
+    { "TSE_E_NULL", -1 }, { "TSE_OK", 0 }, { "TSE_W_NOT_VALID", 1 }, { "TSE_W_STARTING", 2 }, { "TSE_W_MISSING_CHANNEL", 3 },
+    { "TSE_W_HELD", 4 }, { "TSE_W_PREDICTED", 5 }, { "TSE_W_GAP", 6 }, { "TSE_W_RECOVERED", 7 },
+  };
+  int32_t count, size;
+  const tse_field *const f = rows_of(TSE_STRUCT_STATUS, &count, &size);
+  TEST_ASSERT_EQUAL_INT(ROWS(expected), count);
+  TEST_ASSERT_EQUAL_INT(TSE_STATUS_END_, expected[ROWS(expected) - 1].code + 1);
+  for (int i = 0; i < count; i++) {
+    TEST_ASSERT_EQUAL_STRING(expected[i].name, f[i].name);
+    TEST_ASSERT_EQUAL_INT(expected[i].code, f[i].offset);
+    TEST_ASSERT_EQUAL_INT('c', f[i].kind);
+    TEST_ASSERT_EQUAL_STRING(tse_status_text(f[i].offset), f[i].text);
+  }
+}
+
+static void test_reasons_are_complete_and_tell_the_sentence_of_tse_reason_text(void)
+{
+  static const char *const words[] = { "valid", "starting", "not excited", "uncertain", "diverging", "held", "input invalid" };
+  int32_t count, size;
+  const tse_field *const f = rows_of(TSE_STRUCT_REASON, &count, &size);
+  TEST_ASSERT_EQUAL_INT(ROWS(words), count);
+  TEST_ASSERT_EQUAL_INT(TSE_REASON_END_, count);
+  for (int i = 0; i < count; i++) {
+    TEST_ASSERT_EQUAL_STRING(words[i], f[i].name);
+    TEST_ASSERT_EQUAL_INT(i, f[i].offset);
+    TEST_ASSERT_EQUAL_INT('c', f[i].kind);
+    TEST_ASSERT_EQUAL_STRING(tse_reason_text(i), f[i].text);
+  }
+}
+
+/* ------------------------------------------------------------------------------------ unknown, and the build */
+
+static void test_unknown_struct_is_null_with_no_rows(void)
+{
+  const int unknown[] = { TSE_STRUCTS, TSE_STRUCTS + 1, 1000, -1 };
+  for (int i = 0; i < ROWS(unknown); i++) {
+    int32_t count = 7, size = 7;
+    TEST_ASSERT_NULL(tse_describe((tse_struct)unknown[i], &count, &size));
+    TEST_ASSERT_EQUAL_INT32(0, count);
+    TEST_ASSERT_EQUAL_INT32(0, size);
+    TEST_ASSERT_NULL(tse_describe((tse_struct)unknown[i], NULL, NULL));
+  }
+}
+
+static void test_count_and_size_need_not_be_asked_for(void)
+{
+  int32_t count, size;
+  for (int which = 0; which < TSE_STRUCTS; which++)
+    TEST_ASSERT_EQUAL_PTR(tse_describe((tse_struct)which, &count, &size), tse_describe((tse_struct)which, NULL, NULL));
+}
+
+static void test_build_tells_version_format_capacity_and_sizes(void)
+{
+  char version[32];
+  tse_build b;
+  memset(&b, 0, sizeof b);
+  tse_describe_build(&b);
+  (void)snprintf(version, sizeof version, "%d.%d.%d", TSE_VERSION_MAJOR, TSE_VERSION_MINOR, TSE_VERSION_PATCH);
+  TEST_ASSERT_EQUAL_STRING(version, b.version);
+  TEST_ASSERT_EQUAL_STRING(BY_FORMAT("double", "float"), b.format);
+  TEST_ASSERT_EQUAL_INT32(TSE_MAX_PARTICLES, b.capacity);
+  TEST_ASSERT_EQUAL_INT32((int32_t)sizeof(tse_filter), b.filter_bytes);
+  TEST_ASSERT_EQUAL_INT32((int32_t)sizeof(tse_filter_paper), b.filter_paper_bytes);
+  TEST_ASSERT_EQUAL_INT32((int32_t)sizeof(tse_params), b.params_bytes);
+  TEST_ASSERT_EQUAL_INT32((int32_t)sizeof(tse_sim), b.sim_bytes);
+  TEST_ASSERT_EQUAL_INT32(TSE_LEARNT_BYTES, b.learnt_bytes);
+  tse_describe_build(NULL);
+}
+
+/* ----------------------------------------------------------------------------------------- the effects */
+
+/* These ids are in vehicle files and verdicts, and stay. */
+static void test_effects_that_were_once_there_stay(void)
+{
+  static const char *const ids[] = {
+    "exact_kinematics", "aero_drag", "rolling_resistance", "grade", "bank", "body_roll", "pitch_leak", "tyre_saturation",
+    "combined_slip", "relaxation", "lateral_load_transfer", "longitudinal_load_transfer", "steering_offset", "steering_ratio",
+    "steering_lag", "steering_delay", "steering_compliance", "wheel_radius", "imu_lever_arm", "imu_scale_ax", "imu_scale_ay",
+    "gyro_scale", "imu_misalignment", "imu_delay", "mass", "yaw_inertia", "cg_shift", "crosswind", "conicity", "rear_roll_steer",
+    "aligning_moment", "longitudinal_relaxation", "stiffness_drift",
+  };
+  int32_t count;
+  const tse_effect_row *const e = tse_describe_effects(&count);
+  TEST_ASSERT_TRUE(count >= ROWS(ids));
+  TEST_ASSERT_EQUAL_INT32(TSE_EFFECTS, count);
+  TEST_ASSERT_TRUE(tse_describe_effects(NULL) == e);
+  for (int k = 0; k < ROWS(ids); k++) {
+    int found = 0;
+    for (int32_t i = 0; i < count; i++) found += strcmp(e[i].id, ids[k]) == 0;
+    TEST_ASSERT_EQUAL_INT_MESSAGE(1, found, ids[k]);
+  }
+  for (int32_t i = 0; i < count; i++) {
+    TEST_ASSERT_EQUAL_INT32(i, e[i].bit);
+    TEST_ASSERT_TRUE(strlen(e[i].title) > 3 && strlen(e[i].entry_point) > 3 && strlen(e[i].channels) > 3);
+    TEST_ASSERT_TRUE(strlen(e[i].look_alikes) > 3 && strlen(e[i].estimator) > 3 && strlen(e[i].hook) > 2);
+  }
+}
+
+/* Each is a setting with the same default and range; off is 0; a strength is typical and negligible within its bounds. */
+static void test_parameters_of_effects_are_settings_with_sizes_that_make_sense(void)
+{
+  int32_t count, effects;
+  const tse_effect_parameter *const p = tse_describe_effect_parameters(&count);
+  const tse_effect_row *const e = tse_describe_effects(&effects);
+  TEST_ASSERT_TRUE(tse_describe_effect_parameters(NULL) == p);
+  for (int32_t i = 0; i < count; i++) {
+    char name[80];
+    const tse_field *const f = row_named(TSE_STRUCT_CONFIG, p[i].setting);
+    (void)snprintf(name, sizeof name, "%s_%s", p[i].effect, p[i].parameter);
+    TEST_ASSERT_EQUAL_STRING(name, p[i].setting);
+    TEST_ASSERT_EQUAL_STRING(f->unit, p[i].unit);
+    TEST_ASSERT_EQUAL_STRING(f->text, p[i].text);
+    TEST_ASSERT_TRUE(!(f->def < p[i].def) && !(f->def > p[i].def) && !(f->lo < p[i].lo) && !(f->lo > p[i].lo) && !(f->hi < p[i].hi) && !(f->hi > p[i].hi));
+    TEST_ASSERT_TRUE_MESSAGE(p[i].lo <= p[i].typical_lo && p[i].typical_lo <= p[i].typical_hi && p[i].typical_hi <= p[i].hi, name);
+    if (p[i].strength > 0) TEST_ASSERT_TRUE_MESSAGE(!(p[i].def < 0) && !(p[i].def > 0) && p[i].negligible > 0 && p[i].negligible < p[i].typical_lo, name);
+    else TEST_ASSERT_TRUE_MESSAGE(!(p[i].negligible > 0), name);
+  }
+  for (int32_t k = 0; k < effects; k++) {
+    int strengths = 0;
+    for (int32_t i = 0; i < count; i++) strengths += strcmp(p[i].effect, e[k].id) == 0 && p[i].strength > 0;
+    TEST_ASSERT_TRUE_MESSAGE(strengths > 0, e[k].id);
+  }
+}
+
+/* The mask that tse_prepare() makes is by these bits. */
+static void test_a_strength_sets_the_bit_of_its_effect(void)
+{
+  int32_t count, effects;
+  const tse_effect_parameter *const p = tse_describe_effect_parameters(&count);
+  const tse_effect_row *const e = tse_describe_effects(&effects);
+  for (int32_t i = 0; i < count; i++) {
+    tse_config c;
+    int32_t bit = -1;
+    tse_config_default(&c);
+    const tse_setting value = (tse_setting)(0.5 * (p[i].def + p[i].hi));
+    memcpy((char *)&c + row_named(TSE_STRUCT_CONFIG, p[i].setting)->offset, &value, sizeof value);
+    for (int32_t k = 0; k < effects; k++)
+      if (strcmp(e[k].id, p[i].effect) == 0) bit = e[k].bit;
+    TEST_ASSERT_TRUE_MESSAGE(prepared(&c).effects.mask == (p[i].strength > 0 ? (uint64_t)1 << bit : 0), p[i].setting);
+  }
+}
+
+int main(void)
+{
+  UNITY_BEGIN();
+  RUN_TEST(test_rows_describe_every_byte_of_the_structs_but_padding);
+  RUN_TEST(test_rows_describe_every_byte_of_the_simulators_output_but_dt_and_missing);
+  RUN_TEST(test_names_are_unique_and_texts_are_there);
+  RUN_TEST(test_outputs_are_the_columns_of_the_estimates_file);
+  RUN_TEST(test_inputs_are_the_columns_of_a_log);
+  RUN_TEST(test_output_names_lead_to_their_members);
+  RUN_TEST(test_input_names_lead_to_their_members);
+  RUN_TEST(test_simulator_names_lead_to_their_members);
+  RUN_TEST(test_described_ranges_of_the_settings_are_the_enforced_ones);
+  RUN_TEST(test_described_defaults_of_the_settings_are_those_that_are_filled_in);
+  RUN_TEST(test_described_ranges_of_a_log_row_are_the_enforced_ones);
+  RUN_TEST(test_described_ranges_of_the_simulators_input_are_the_enforced_ones);
+  RUN_TEST(test_statuses_are_complete_and_tell_the_sentence_of_tse_status_text);
+  RUN_TEST(test_reasons_are_complete_and_tell_the_sentence_of_tse_reason_text);
+  RUN_TEST(test_unknown_struct_is_null_with_no_rows);
+  RUN_TEST(test_count_and_size_need_not_be_asked_for);
+  RUN_TEST(test_build_tells_version_format_capacity_and_sizes);
+  RUN_TEST(test_effects_that_were_once_there_stay);
+  RUN_TEST(test_parameters_of_effects_are_settings_with_sizes_that_make_sense);
+  RUN_TEST(test_a_strength_sets_the_bit_of_its_effect);
+  return UNITY_END();
+}

@@ -1,0 +1,1204 @@
+/* tests/unit/host/test_simulate.c <-> src/host/simulate.c
+ *
+ * Reference values: tests/reference/simulate_table.h, another model with wheels integrated by scipy. Random numbers are
+ * seeded; moments must lie within 4.42 standard errors (missed by chance with probability 1e-5) of what was asked for. */
+#include <stddef.h>
+#include <stdlib.h>
+
+#include "tse/simulate.h"
+
+#include "unit_support.h"
+#include "simulate_table.h"
+
+#define SIGMAS 4.42
+#define SAMPLES 20000
+
+static tse_sim sim, before;
+static double sample_of[8][SAMPLES];
+
+static tse_sim_input driver(double dt, double torque, double steer)
+{
+  tse_sim_input u;
+  memset(&u, 0, sizeof u);
+  u.dt = real(dt);
+  u.steer_angle = real(steer);
+  u.wheel_torque_front = u.wheel_torque_rear = real(torque);
+  u.road_level = real(1);
+  return u;
+}
+
+static tse_sim_config quiet(void) /* no noise, no spread */
+{
+  tse_sim_config s;
+  tse_sim_config_default(&s);
+  s.noise = 0;
+  s.spread_cx_front = s.spread_cy_front = s.spread_cy_rear = 0;
+  return s;
+}
+
+static tse_config car(void)
+{
+  tse_config c;
+  tse_config_default(&c);
+  return c;
+}
+
+static void start(const tse_config *c, const tse_sim_config *s)
+{
+  const char *wrong = "";
+  memset(&sim, 0x3c, sizeof sim);
+  if (tse_sim_reset(&sim, c, s, &wrong) != TSE_OK) {
+    TEST_FAIL_MESSAGE(wrong);
+  }
+}
+
+static void step(const tse_sim_input *u, tse_sim_output *y) { TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_step(&sim, u, y)); }
+
+static tse_real neighbour(double x, double direction)
+{
+#if defined(TSE_REAL_FLOAT)
+  return nextafterf((float)x, (float)direction);
+#else
+  return nextafter(x, direction);
+#endif
+}
+
+static double mean_of(const double *x, int n)
+{
+  double sum = 0;
+  for (int i = 0; i < n; i++) sum += x[i];
+  return sum / n;
+}
+
+static double covariance(const double *x, const double *y, int n)
+{
+  const double mx = mean_of(x, n), my = mean_of(y, n);
+  double sum = 0;
+  for (int i = 0; i < n; i++) sum += (x[i] - mx) * (y[i] - my);
+  return sum / (n - 1);
+}
+
+static void expect_moments(const double *x, double mean, double sd, const char *what)
+{
+  expect_near(mean, mean_of(x, SAMPLES), SIGMAS * sd / sqrt(SAMPLES), what, 0);
+  expect_near(sd, sqrt(covariance(x, x, SAMPLES)), SIGMAS * sd / sqrt(2.0 * SAMPLES), what, 1);
+}
+
+static void expect_uncorrelated(const double *x, const double *y, int n, const char *what)
+{
+  expect_near(0, covariance(x, y, n) / sqrt(covariance(x, x, n) * covariance(y, y, n)), SIGMAS / sqrt(n), what, 0);
+}
+
+/* ------------------------------------------------------------------------------------------- the motion */
+
+static tse_config table_car(void)
+{
+  const double *const t = simulated_car;
+  tse_config c = car();
+  c.mass = (tse_setting)t[0];
+  c.yaw_inertia = (tse_setting)t[1];
+  c.lf = (tse_setting)t[2];
+  c.lr = (tse_setting)t[3];
+  c.longitudinal_stiffness_front = (tse_setting)t[4];
+  c.longitudinal_stiffness_rear = (tse_setting)t[5];
+  c.cornering_stiffness_front = (tse_setting)t[6];
+  c.cornering_stiffness_rear = (tse_setting)t[7];
+  c.rear_longitudinal_follows_front = (tse_setting)t[8];
+  c.wheel_radius_front = (tse_setting)t[9];
+  c.wheel_radius_rear = (tse_setting)t[10];
+  return c;
+}
+
+static tse_sim_config table_sim(double speed)
+{
+  const double *const t = simulated_car;
+  tse_sim_config s = quiet();
+  s.wheel_inertia_front = (tse_setting)t[11];
+  s.wheel_inertia_rear = (tse_setting)t[12];
+  s.true_cx_front = (tse_setting)t[13];
+  s.true_cy_front = (tse_setting)t[14];
+  s.true_cy_rear = (tse_setting)t[15];
+  s.speed = (tse_setting)speed;
+  return s;
+}
+
+static tse_sim_input table_input(const double *t)
+{
+  tse_sim_input u;
+  u.dt = real(t[0]);
+  u.steer_angle = real(t[1]);
+  u.wheel_torque_front = real(t[2]);
+  u.wheel_torque_rear = real(t[3]);
+  u.brake_torque_front = real(t[4]);
+  u.brake_torque_rear = real(t[5]);
+  u.road_level = real(t[6]);
+  return u;
+}
+
+/* Largest distances from the table over run j: of the states (wheels times 0.3 m), and of the accelerations. */
+static void table_run(int j, double substep, double *state, double *accel)
+{
+  const tse_config c = table_car();
+  tse_sim_config s = table_sim(simulated_speed[j]);
+  s.substep = (tse_setting)substep;
+  start(&c, &s);
+  *state = *accel = 0;
+  for (int k = 0; k < SIMULATED_ROWS; k++) {
+    const tse_sim_input u = table_input(simulated_driver[j][k]);
+    tse_sim_output y;
+    step(&u, &y);
+    if (k % SIMULATED_EVERY != 0) continue;
+    const double *const t = simulated_truth[j][k / SIMULATED_EVERY];
+    *state = fmax(*state, fabs(number(y.vel_x) - t[0]));
+    *state = fmax(*state, fabs(number(y.vel_y) - t[1]));
+    *state = fmax(*state, fabs(number(y.yaw_rate) - t[2]));
+    *state = fmax(*state, 0.3 * fabs(number(y.wheel_speed_front) - t[3]));
+    *state = fmax(*state, 0.3 * fabs(number(y.wheel_speed_rear) - t[4]));
+    *accel = fmax(*accel, fabs(number(y.accel_x) - t[5]));
+    *accel = fmax(*accel, fabs(number(y.accel_y) - t[6]));
+  }
+}
+
+/* Driving at 20 m/s with two changes of the road, braking to a standstill, driving off backwards. Substeps of 0.1 ms: the
+ * wheels' 7000/s at walking pace are resolved, the corners of brake and max() cost one order. Float: 16 substeps in 1.6e4
+ * round 20 m/s by 1e-6 each at random, accelerations feel 80 m/s2 per m/s of slip. */
+static void test_motion_matches_an_independent_model_integrated_by_scipy(void)
+{
+  for (int j = 0; j < ROWS(simulated_speed); j++) {
+    double state, accel;
+    table_run(j, 0.0001, &state, &accel);
+    expect_near(0, state, BY_FORMAT(2e-5, 2e-3), "states", j);
+    expect_near(0, accel, BY_FORMAT(1e-3, 5e-2), "accelerations", j);
+  }
+}
+
+/* Away from the corners the error falls with the square of the substep. */
+static void test_motion_depends_on_the_substep_in_second_order_only(void)
+{
+  double coarse, fine, accel;
+  table_run(0, 0.001, &coarse, &accel);
+  table_run(0, 0.0005, &fine, &accel);
+  expect_near(0, coarse, BY_FORMAT(2e-4, 2e-3), "1 ms", 0);
+#if !defined(TSE_REAL_FLOAT) /* rounding hides the order */
+  expect_near(4, coarse / fine, 0.5, "1 ms over 0.5 ms", 0);
+#endif
+}
+
+static void test_longest_substep_is_stable_from_standstill_to_70_ms(void)
+{
+  const double speeds[] = { 0, 0.3, 1, 3, 20, 70 };
+  const tse_config c = car();
+  for (int i = 0; i < ROWS(speeds); i++) {
+    tse_sim_config s = quiet();
+    tse_sim_output y;
+    s.substep = (tse_setting)0.005;
+    s.speed = (tse_setting)speeds[i];
+    start(&c, &s);
+    for (int k = 0; k < 1000; k++) {
+      const tse_sim_input u = driver(0.01, k < 50 ? 300 : 0, k < 50 ? 0.02 : 0);
+      step(&u, &y);
+      TEST_ASSERT_TRUE(fabs(number(y.vel_x) - speeds[i]) < 1.0 && fabs(number(y.vel_y)) < 6 && fabs(number(y.yaw_rate)) < 1);
+    }
+    /* the driver let go 9.5 s ago: it rolls straight ahead again */
+    expect_near(0, number(y.vel_y), 1e-3, "vel_y", i);
+    expect_near(0, number(y.yaw_rate), 1e-3, "yaw rate", i);
+    expect_near(number(y.vel_x), 0.33 * number(y.wheel_speed_front), 1e-3, "rolls freely", i);
+  }
+}
+
+/* A row of 10 ms at a substep of 1 ms is ten substeps, not eleven; a hair less and it is eleven. */
+static void test_time_step_is_divided_into_the_fewest_substeps(void)
+{
+  const double substeps[3] = { 0.001, 0.00100005, 0.000995 };
+  const tse_config c = car();
+  tse_sim_output y[3];
+  memset(y, 0, sizeof y);
+  for (int j = 0; j < 3; j++) {
+    tse_sim_config s = quiet();
+    s.substep = (tse_setting)substeps[j];
+    s.speed = 3; /* slow: truncation well above float's rounding */
+    start(&c, &s);
+    for (int k = 0; k < 10; k++) {
+      const tse_sim_input u = driver(0.01, 100 * k, 0.02 * k);
+      step(&u, &y[j]);
+    }
+  }
+  TEST_ASSERT_EQUAL_MEMORY(&y[0], &y[1], sizeof y[0]);
+  TEST_ASSERT_TRUE(y[0].vel_x != y[2].vel_x);
+}
+
+/* A time step that is a difference of two times may be 10 ms and a bit in the last place: still ten substeps. */
+static void test_rounding_of_the_time_step_costs_no_substep(void)
+{
+  const tse_config c = car();
+  tse_sim_output y[2];
+  for (int ms = 1; ms <= 100; ms++) {
+    for (int j = 0; j < 2; j++) {
+      const tse_sim_input u0 = driver(0, 0, 0);
+      tse_sim_input u1 = driver(0, 1000, 0.1);
+      u1.dt = neighbour(number(real(ms * 0.001)), INFINITY);
+      tse_sim_config s = quiet();
+      s.substep = (tse_setting)(0.001 + j * 5e-9); /* 0.0005 % longer */
+      s.speed = 3;
+      start(&c, &s);
+      step(&u0, &y[j]);
+      step(&u1, &y[j]);
+    }
+    TEST_ASSERT_EQUAL_MEMORY(&y[0], &y[1], sizeof y[0]);
+  }
+}
+
+/* Straight ahead, no brakes: m vx + J_f omega_f/R_f + J_r omega_r/R_r is the impulse of the torques over the radii, to
+ * rounding, whatever the tyres do: what they take from the wheels is what they give to the car. */
+static void test_tyres_pass_the_impulse_of_the_wheels_to_the_car_without_loss(void)
+{
+  const tse_config c = table_car();
+  tse_sim_config s = table_sim(10);
+  tse_sim_output first, y;
+  double impulse = 0, last = 0;
+  s.spread_cx_front = (tse_setting)0.2;
+  start(&c, &s);
+  for (int k = 0; k <= 400; k++) {
+    const tse_sim_input u = driver(0.01, 400 * sin(0.05 * k) + 100, 0);
+    const double torque = number(u.wheel_torque_front);
+    step(&u, &y);
+    if (k == 0) first = y;
+    else impulse += 0.005 * (torque + last) * (1 / 0.33 + 1 / 0.31);
+    last = torque;
+  }
+  const double gained = 1500.0 * (number(y.vel_x) - number(first.vel_x)) +
+                        2.4 / 0.33 * (number(y.wheel_speed_front) - number(first.wheel_speed_front)) +
+                        3.1 / 0.31 * (number(y.wheel_speed_rear) - number(first.wheel_speed_rear));
+  TEST_ASSERT_TRUE(impulse > 2000);
+  expect_near(impulse, gained, BY_FORMAT(1e-8, 1.0), "impulse [Ns]", 0); /* float: 1e-6 m/s times 1500 kg, 4000 times at random */
+}
+
+/* The accelerometer's accel_x, accel_y, summed, give the change of velocity: specific force is tyre force over mass. */
+static void test_logged_accelerations_add_up_to_the_change_of_velocity(void)
+{
+  const tse_config c = car();
+  const tse_sim_config s = quiet();
+  double dvx = 0, dvy = 0;
+  tse_sim_output first, last, y;
+  memset(&last, 0, sizeof last);
+  start(&c, &s);
+  for (int k = 0; k <= 2000; k++) {
+    const tse_sim_input u = driver(0.001, 300 + 300 * sin(0.005 * k), 0.03 * sin(0.004 * k));
+    step(&u, &y);
+    if (k == 0) first = y;
+    else {
+      dvx += 0.0005 * (number(y.accel_x) + number(y.vel_y) * number(y.yaw_rate) +
+                       number(last.accel_x) + number(last.vel_y) * number(last.yaw_rate));
+      dvy += 0.0005 * (number(y.accel_y) - number(y.vel_x) * number(y.yaw_rate) +
+                       number(last.accel_y) - number(last.vel_x) * number(last.yaw_rate));
+    }
+    last = y;
+  }
+  TEST_ASSERT_TRUE(dvx > 1 && fabs(dvy) > 0.1);
+  expect_near(number(y.vel_x) - number(first.vel_x), dvx, BY_FORMAT(2e-5, 2e-3), "vel_x", 0);
+  expect_near(number(y.vel_y) - number(first.vel_y), dvy, BY_FORMAT(2e-5, 2e-3), "vel_y", 0);
+}
+
+static void test_car_starts_rolling_freely_at_its_speed_and_keeps_it(void)
+{
+  const tse_config c = table_car();
+  const tse_sim_config s = table_sim(16.5);
+  tse_sim_output y;
+  start(&c, &s);
+  for (int k = 0; k < 300; k++) {
+    const tse_sim_input u = driver(0.01, 0, 0);
+    step(&u, &y);
+    expect_near(16.5, number(y.vel_x), BY_FORMAT(1e-12, 1e-4), "vel_x", k);
+    expect_near(16.5 / 0.33, number(y.wheel_speed_front), BY_FORMAT(1e-10, 1e-3), "front wheel", k);
+    expect_near(16.5 / 0.31, number(y.wheel_speed_rear), BY_FORMAT(1e-10, 1e-3), "rear wheel", k);
+  }
+}
+
+static void test_brakes_hold_a_standing_car_against_less_torque_than_theirs(void)
+{
+  const tse_config c = car();
+  tse_sim_config s = quiet();
+  tse_sim_output y;
+  s.speed = 0;
+  start(&c, &s);
+  for (int k = 0; k < 500; k++) {
+    tse_sim_input u = driver(0.01, k < 100 ? 0 : 500, 0.3);
+    u.brake_torque_front = u.brake_torque_rear = real(1000);
+    step(&u, &y);
+    if (k < 100) {
+      TEST_ASSERT_TRUE(!(y.vel_x != TSE_R(0)) && !(y.wheel_speed_front != TSE_R(0)) && !(y.yaw_rate != TSE_R(0)));
+    }
+    /* within its grip of 0.2 rad/s the brake is linear: half of its torque at half of the grip, and no more */
+    TEST_ASSERT_TRUE(number(y.wheel_speed_front) >= 0 && number(y.wheel_speed_front) < 0.1001);
+    TEST_ASSERT_TRUE(number(y.vel_x) >= 0 && number(y.vel_x) < 0.1001 * 0.33);
+  }
+}
+
+static void test_braked_car_stops_and_does_not_roll_back(void)
+{
+  const tse_config c = car();
+  tse_sim_config s = quiet();
+  tse_sim_output y;
+  double slowest = 1;
+  s.speed = 5;
+  start(&c, &s);
+  for (int k = 0; k < 400; k++) {
+    tse_sim_input u = driver(0.01, 0, 0.1);
+    u.brake_torque_front = u.brake_torque_rear = real(1500);
+    step(&u, &y);
+    slowest = fmin(slowest, number(y.vel_x));
+  }
+  TEST_ASSERT_TRUE(slowest > -1e-3);
+  expect_near(0, number(y.vel_x), 1e-6, "vel_x", 0);
+  expect_near(0, number(y.yaw_rate), 1e-6, "yaw rate", 0);
+}
+
+static void test_negative_torque_drives_backwards(void)
+{
+  const tse_config c = car();
+  tse_sim_config s = quiet();
+  tse_sim_output y;
+  s.speed = 0;
+  start(&c, &s);
+  for (int k = 0; k < 200; k++) {
+    const tse_sim_input u = driver(0.01, -400, 0);
+    step(&u, &y);
+  }
+  /* torque over radius, over mass and the wheels' share of it; 1.99 s, the first row does not advance */
+  expect_near(-1.99 * 2 * 400 / 0.33 / (1900 + 2 * 2.4 / 0.33 / 0.33), number(y.vel_x), 0.03, "vel_x", 0);
+  TEST_ASSERT_TRUE(number(y.wheel_speed_rear) < 0 && number(y.accel_x) < 0);
+}
+
+static void test_turning_right_is_turning_left_mirrored_bit_for_bit(void)
+{
+  const tse_config c = car();
+  const tse_sim_config s = quiet();
+  tse_sim_output left[100], right;
+  for (int side = 0; side < 2; side++) {
+    start(&c, &s);
+    for (int k = 0; k < 100; k++) {
+      const tse_sim_input u = driver(0.01, 300, (side == 0 ? 0.05 : -0.05) * sin(0.1 * k));
+      step(&u, side == 0 ? &left[k] : &right);
+      if (side == 0) continue;
+      const tse_real mirrored[2] = { -right.vel_y, -right.accel_y };
+      TEST_ASSERT_EQUAL_MEMORY(&left[k].vel_x, &right.vel_x, sizeof(tse_real));
+      if (k > 0) TEST_ASSERT_EQUAL_MEMORY(&left[k].vel_y, &mirrored[0], sizeof(tse_real));
+      if (k > 0) TEST_ASSERT_EQUAL_MEMORY(&left[k].accel_y, &mirrored[1], sizeof(tse_real));
+    }
+  }
+}
+
+/* ------------------------------------------------------------------------------- tyres that saturate */
+
+/* Brush model of one axle, forces over mass. Returned: share of the linear force that is left. */
+static double brush(double limit, double fx, double fy)
+{
+  const double force = hypot(fx, fy), z = force / (3 * limit);
+  return z < 1 ? 1 - z + z * z / 3 : limit / force;
+}
+
+/* Specific forces of the built-in car at y's state with friction mu; lin: those of linear tyres, z: of the front axle. */
+static void closed_form(const tse_sim_output *y, double steer, double mu, double a[2], double lin[2], double *z)
+{
+  const double m = 1900, lf = 1.25, lr = 1.5, vx = number(y->vel_x), g = 9.81 * mu / (lf + lr);
+  const double rf = 0.33 * number(y->wheel_speed_front), rr = 0.33 * number(y->wheel_speed_rear);
+  const double fx[2] = { 1.6e5 / m * (rf - vx) / fmax(rf, vx), 1.6e5 / m * (rr - vx) / fmax(rr, vx) };
+  const double fy[2] = { 1.2e5 / m * (steer - (number(y->vel_y) + lf * number(y->yaw_rate)) / vx),
+                         1.4e5 / m * (lr * number(y->yaw_rate) - number(y->vel_y)) / vx };
+  const double front = brush(g * lr, fx[0], fy[0]), rear = brush(g * lf, fx[1], fy[1]);
+  *z = hypot(fx[0], fy[0]) / (3 * g * lr);
+  lin[0] = fx[0] + fx[1] - fy[0] * steer;
+  lin[1] = fy[0] + fy[1] + fx[0] * steer;
+  a[0] = front * (fx[0] - fy[0] * steer) + rear * fx[1];
+  a[1] = front * (fy[0] + fx[0] * steer) + rear * fy[1];
+}
+
+/* From a car that rolls to one that slides sideways with wheels locked. */
+static void test_saturated_forces_are_those_of_the_brush_model(void)
+{
+  const double mus[] = { 0.1, 0.4, 1.0, 2.0 };
+  const tse_config c = car();
+  double least = 10, most = 0;
+  for (int i = 0; i < ROWS(mus); i++)
+    for (int j = 0; j < 4; j++) {
+      tse_sim_config s = quiet();
+      s.friction = (tse_setting)mus[i];
+      s.vel_y = (tse_setting)(0.02 * j * j);
+      start(&c, &s);
+      for (int k = 0; k < 60; k++) {
+        tse_sim_input u = driver(0.01, k < 30 ? 20 * k : 0, 0.01 * j);
+        tse_sim_output y;
+        double a[2], lin[2], z;
+        u.brake_torque_front = u.brake_torque_rear = real(k < 30 ? 0 : 100 * (k - 30));
+        step(&u, &y);
+        closed_form(&y, number(u.steer_angle), mus[i], a, lin, &z);
+        expect_near(a[0], number(y.accel_x), BY_FORMAT(1e-11, 1e-3), "accel_x", k);
+        expect_near(a[1], number(y.accel_y), BY_FORMAT(1e-11, 1e-3), "accel_y", k);
+        least = fmin(least, z);
+        most = fmax(most, z);
+      }
+    }
+  TEST_ASSERT_TRUE(least < 1e-3 && most > 3);
+}
+
+/* Straight ahead, the front axle driven alone: F (1 - z + z^2/3). */
+static void test_small_slips_feel_linear_tyres_less_the_terms_of_the_series(void)
+{
+  const tse_config c = car();
+  tse_sim_config s = quiet();
+  tse_sim_output y;
+  double a[2], lin[2], z, rear;
+  s.friction = 1;
+  start(&c, &s);
+  for (int k = 0; k < 50; k++) {
+    tse_sim_input u = driver(0.01, 0, 0);
+    u.wheel_torque_front = real(10 * k);
+    step(&u, &y);
+  }
+  closed_form(&y, 0, 1, a, lin, &z);
+  TEST_ASSERT_TRUE(z > 0.03 && z < 0.06);
+  rear = lin[0] - z * 3 * 9.81 * 1.5 / 2.75;
+  TEST_ASSERT_TRUE(fabs(rear) < 0.02 * lin[0]); /* the other axle's wheels are dragged along */
+  expect_near((lin[0] - rear) * (1 - z + z * z / 3) + rear, number(y.accel_x), 1e-4, "accel_x", 0);
+  TEST_ASSERT_TRUE(lin[0] - number(y.accel_x) > 0.03 * lin[0]);
+}
+
+static void test_without_friction_the_log_is_that_of_linear_tyres_bit_for_bit(void)
+{
+  const tse_config c = car();
+  const tse_params p = prepared(&c);
+  const tse_sim_config s = quiet();
+  start(&c, &s);
+  for (int k = 0; k < 300; k++) {
+    tse_sim_input u = driver(0.01, 3000 * sin(0.1 * k), 0.2 * sin(0.07 * k));
+    tse_sim_output y;
+    step(&u, &y);
+    const inputs in = { u.steer_angle, r_mul(p.radius_front, y.wheel_speed_front), r_mul(p.radius_rear, y.wheel_speed_rear) };
+    const accels a = vehicle_accels(&p, vehicle_stiffness(&p, TSE_R(0), TSE_R(0), TSE_R(0)),
+                                    vehicle_slips(&p, y.vel_x, y.vel_y, y.yaw_rate, in), u.steer_angle);
+    TEST_ASSERT_EQUAL_MEMORY(&a.x, &y.accel_x, sizeof(tse_real));
+    TEST_ASSERT_EQUAL_MEMORY(&a.y, &y.accel_y, sizeof(tse_real));
+  }
+}
+
+/* The friction of the road is that of the settings until the input names another one. */
+static void test_friction_of_the_road_takes_the_place_of_the_settings(void)
+{
+  const tse_config c = car();
+  tse_sim other;
+  for (int named = 0; named < 2; named++) {
+    tse_sim_config s = quiet(), t = quiet();
+    s.friction = (tse_setting)0.9;
+    t.friction = (tse_setting)(named ? 0.2 : 0.9);
+    start(&c, &t);
+    other = sim;
+    start(&c, &s);
+    for (int k = 0; k < 200; k++) {
+      tse_sim_input u = driver(0.01, 900 * sin(0.1 * k), 0.03 * sin(0.07 * k));
+      tse_sim_output y, z;
+      TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_step(&other, &u, &z));
+      u.road_friction = real(named ? (double)t.friction : 0);
+      step(&u, &y);
+      TEST_ASSERT_EQUAL_MEMORY(&z, &y, sizeof y);
+    }
+  }
+}
+
+/* A road that turns to ice: the row at which it does feels it first. */
+static void test_friction_may_change_from_row_to_row(void)
+{
+  const tse_config c = car();
+  const tse_sim_config s = quiet();
+  start(&c, &s);
+  for (int k = 0; k < 120; k++) {
+    tse_sim_input u = driver(0.01, 0, 0.02);
+    tse_sim_output y;
+    double a[2], lin[2], z;
+    u.road_friction = real(k < 60 ? 0 : 0.2);
+    step(&u, &y);
+    closed_form(&y, number(u.steer_angle), 0.2, a, lin, &z);
+    expect_near(k < 60 ? lin[1] : a[1], number(y.accel_y), BY_FORMAT(1e-11, 1e-3), "accel_y", k);
+    if (k == 60) TEST_ASSERT_TRUE(a[1] < 0.9 * lin[1]);
+  }
+}
+
+/* Held inputs are ramps between equal ends, with a jump at every row; an effect of the steering sees the same angles. */
+static void test_held_inputs_act_from_their_row_to_the_next(void)
+{
+  tse_sim ramped;
+  for (int lag = 0; lag < 2; lag++) {
+    tse_config c = car();
+    tse_sim_config s = quiet();
+    tse_sim_input last = driver(0.01, 0, 0);
+    c.steering_lag_time = (tse_setting)(lag ? 0.05 : 0);
+    start(&c, &s);
+    ramped = sim;
+    s.hold_inputs = 1;
+    start(&c, &s);
+    for (int k = 0; k < 200; k++) {
+      tse_sim_input u = driver(k % 7 ? 0.01 : 0.025, 700 * sin(0.3 * k), 0.02 * cos(0.2 * k)), end = u;
+      tse_sim_output y, z;
+      u.brake_torque_rear = real(30 * (k % 3));
+      if (k > 0) {
+        end.steer_angle = last.steer_angle;
+        end.wheel_torque_front = end.wheel_torque_rear = last.wheel_torque_front;
+        end.brake_torque_rear = last.brake_torque_rear;
+      } else {
+        end = u;
+      }
+      step(&u, &y);
+      TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_step(&ramped, &end, &z));
+      ramped.last = u; /* the jump */
+      TEST_ASSERT_EQUAL_MEMORY(&z.vel_x, &y.vel_x, 3 * sizeof(tse_real));
+      TEST_ASSERT_EQUAL_MEMORY(&z.wheel_speed_front, &y.wheel_speed_front, 2 * sizeof(tse_real));
+      TEST_ASSERT_EQUAL_MEMORY(&u.steer_angle, &y.row.steer_angle, sizeof(tse_real));
+      last = u;
+    }
+  }
+}
+
+/* A car that rolls straight feels a step of the steering in the row that logs it, and not before. */
+static void test_a_held_step_of_the_steering_is_felt_in_its_row(void)
+{
+  tse_config c = car();
+  tse_sim_config s = quiet();
+  s.hold_inputs = 1;
+  for (int effect = 0; effect < 2; effect++) {
+    c.steering_offset_angle = (tse_setting)(effect ? 0.001 : 0);
+    start(&c, &s);
+    for (int k = 0; k < 3; k++) {
+      const double steer = (k == 2 ? 0.02 : 0) - (effect ? 0.001 : 0);
+      tse_sim_input u = driver(0.01, 0, steer);
+      tse_sim_output y;
+      step(&u, &y);
+      expect_near(k == 2 ? 0.02 * 1.2e5 / 1900 : 0, number(y.accel_y), BY_FORMAT(1e-9, 1e-3), "accel_y", k);
+    }
+  }
+}
+
+/* What still rolls takes part with its inertia: m + J/R^2. A locked wheel turns at most at the grip of its brake. */
+static void test_locked_axles_decelerate_with_friction_times_their_load(void)
+{
+  const double torques[] = { 6000, 2e4, 1e5 };
+  const double rolling = 2.4 / 0.33 / 0.33 / 1900;
+  const tse_config c = car();
+  for (int i = 0; i < ROWS(torques); i++)
+    for (int both = 0; both < 2; both++) {
+      tse_sim_config s = quiet();
+      s.friction = (tse_setting)0.8;
+      s.speed = 30;
+      start(&c, &s);
+      for (int k = 0; k < 250; k++) {
+        tse_sim_input u = driver(0.01, 0, 0);
+        tse_sim_output y;
+        if (k > 0) u.brake_torque_front = real(torques[i]);
+        if (k > 0 && both) u.brake_torque_rear = real(torques[i]);
+        step(&u, &y);
+        TEST_ASSERT_TRUE(number(y.wheel_speed_front) >= 0 && number(y.wheel_speed_rear) >= 0);
+        if (k < 100) continue;
+        const double a = both ? 0.8 * 9.81 : 0.8 * 9.81 * 1.5 / 2.75 / (1 + rolling);
+        expect_near(-a, number(y.accel_x), BY_FORMAT(1e-4, 1e-2), both ? "both" : "front", k);
+        TEST_ASSERT_TRUE(number(y.wheel_speed_front) < 0.2);
+      }
+    }
+}
+
+static void test_a_spinning_axle_pushes_with_friction_times_its_load_and_grips_again(void)
+{
+  const tse_config c = car();
+  tse_sim_config s = quiet();
+  tse_sim_output y;
+  double fastest = 0;
+  s.friction = (tse_setting)0.3;
+  s.speed = 0;
+  start(&c, &s);
+  for (int k = 0; k < 1500; k++) {
+    tse_sim_input u = driver(0.01, 0, 0);
+    u.wheel_torque_front = real(k < 200 ? 2000 : 0);
+    step(&u, &y);
+    fastest = fmax(fastest, number(y.wheel_speed_front));
+    if (k > 50 && k < 200)
+      expect_near(0.3 * 9.81 * 1.5 / 2.75 / (1 + 2.4 / 0.33 / 0.33 / 1900), number(y.accel_x), 2e-3, "accel_x", k);
+  }
+  TEST_ASSERT_TRUE(fastest > 500);
+  expect_near(number(y.vel_x), 0.33 * number(y.wheel_speed_front), 2e-3, "rolls again", 0);
+}
+
+static void test_a_car_that_slides_sideways_stops_by_friction_alone(void)
+{
+  const tse_config c = car();
+  tse_sim_config s = quiet();
+  tse_sim_output y;
+  s.friction = (tse_setting)0.5;
+  s.speed = 20;
+  s.vel_y = 10;
+  start(&c, &s);
+  for (int k = 0; k < 300; k++) {
+    const tse_sim_input u = driver(0.01, 0, 0);
+    step(&u, &y);
+    if (k == 0) {
+      expect_near(10, number(y.vel_y), 0, "vel_y at the start", 0);
+      expect_near(-0.5 * 9.81, number(y.accel_y), BY_FORMAT(1e-12, 1e-5), "both axles slide", 0);
+    }
+    TEST_ASSERT_TRUE(hypot(number(y.accel_x), number(y.accel_y)) < 0.5 * 9.81 * (1 + 1e-6));
+  }
+  TEST_ASSERT_TRUE(fabs(number(y.vel_y)) < 1);
+}
+
+/* Drivers out of their minds: no speed beyond what friction allows, no wheel braked into reverse; and before the car has
+ * spun, which amplifies everything, substeps of 1 ms tell the same story as such of 0.1 ms. */
+static void test_locking_and_spinning_wheels_stay_stable_at_a_millisecond(void)
+{
+  enum { COUNT = 400, COMPARED = 80 };
+  static double path[2][COMPARED][3];
+  const tse_config c = car();
+  double off = 0;
+  for (int seed = 1; seed <= 40; seed++) {
+    const double mu = 0.05 + 0.05 * (seed % 20), speed = seed % 3 * 15;
+    for (int fine = 0; fine < 2; fine++) {
+      uint32_t words = (uint32_t)seed;
+      tse_sim_config s = quiet();
+      tse_sim_input u = driver(0.01, 0, 0);
+      tse_sim_output y;
+      s.friction = (tse_setting)mu;
+      s.substep = (tse_setting)(fine ? 0.0001 : 0.001);
+      s.speed = (tse_setting)speed;
+      start(&c, &s);
+      for (int k = 0; k < COUNT; k++) {
+        if (k % 20 == 0) {
+          u.steer_angle = real(next_between(&words, -0.3, 0.3));
+          u.wheel_torque_front = real(fmax(0, next_between(&words, -3000, 3000)));
+          u.wheel_torque_rear = real(fmax(0, next_between(&words, -3000, 3000)));
+          u.brake_torque_front = real(fmax(0, next_between(&words, -2e4, 2e4)));
+          u.brake_torque_rear = real(fmax(0, next_between(&words, -1e5, 1e5)));
+        }
+        step(&u, &y);
+        const double v[3] = { number(y.vel_x), number(y.vel_y), number(y.yaw_rate) };
+        if (v[0] > 0) TEST_ASSERT_TRUE(number(y.wheel_speed_front) > -1e-3 && number(y.wheel_speed_rear) > -1e-3);
+        TEST_ASSERT_TRUE(hypot(v[0], v[1]) < speed + mu * 9.81 * 4 + 0.1 && fabs(v[2]) < 6);
+        for (int a = 0; a < 3 && k < COMPARED; a++) {
+          if (fine) off = fmax(off, fabs(path[0][k][a] - v[a]));
+          path[fine][k][a] = v[a];
+        }
+      }
+    }
+  }
+  expect_near(0, off, 0.1, "1 ms against 0.1 ms [m/s, rad/s]", 0);
+}
+
+/* ------------------------------------------------------------------------------ stiffness, noise, bias */
+
+/* One row a millisecond in one substep; what is asked for, in sample_of[0..]: */
+enum { DRAWN, NOISE };
+static void record(const tse_config *c, const tse_sim_config *s, double road, int what)
+{
+  start(c, s);
+  for (int k = 0; k < SAMPLES; k++) {
+    tse_sim_input u = driver(0.001, 100, 0.01);
+    tse_sim_output y;
+    u.road_level = real(road);
+    step(&u, &y);
+    if (what == DRAWN) {
+      for (int a = 0; a < 3; a++) sample_of[a][k] = number(y.drawn[a]);
+    } else {
+      const double truth[3] = { number(y.accel_x), number(y.accel_y), number(y.yaw_rate) };
+      const double logged[3] = { number(y.row.accel_x), number(y.row.accel_y), number(y.row.yaw_rate) };
+      for (int a = 0; a < 3; a++) sample_of[a][k] = logged[a] - truth[a] - number(y.bias[a]);
+      sample_of[3][k] = number(y.row.steer_angle) - number(u.steer_angle);
+      sample_of[4][k] = number(y.row.wheel_speed_front) - number(y.wheel_speed_front);
+      sample_of[5][k] = number(y.row.wheel_speed_rear) - number(y.wheel_speed_rear);
+      for (int a = 0; a < 2; a++) sample_of[6 + a][k] = number(y.drawn[a]);
+    }
+  }
+}
+
+static double normal_cdf(double x) { return 0.5 * erfc(-x * 0.70710678118654752); }
+
+static int ascending(const void *a, const void *b)
+{
+  const double x = *(const double *)a, y = *(const double *)b;
+  return (x > y) - (x < y);
+}
+
+/* KS distance, sorts x; exceeded by chance with probability 1e-5. */
+static void expect_normal(double *x, double mean, double sd)
+{
+  double worst = 0;
+  qsort(x, SAMPLES, sizeof x[0], ascending);
+  for (int i = 0; i < SAMPLES; i++) worst = fmax(worst, fabs(normal_cdf((x[i] - mean) / sd) - (i + 0.5) / SAMPLES));
+  TEST_ASSERT_TRUE(worst < 2.47 / sqrt(SAMPLES));
+}
+
+static void expect_white(double *x, const char *what) { expect_uncorrelated(x, x + 1, SAMPLES - 1, what); }
+
+static void test_drawn_stiffness_has_the_mean_and_the_spread_of_the_settings(void)
+{
+  const tse_config c = car();
+  tse_sim_config s = quiet();
+  const double mean[3] = { 0.8, 1.1, 0.9 }, spread[3] = { 0.05, 0.02, 0.15 };
+  s.true_cx_front = (tse_setting)mean[0];
+  s.true_cy_front = (tse_setting)mean[1];
+  s.true_cy_rear = (tse_setting)mean[2];
+  s.spread_cx_front = (tse_setting)spread[0];
+  s.spread_cy_front = (tse_setting)spread[1];
+  s.spread_cy_rear = (tse_setting)spread[2];
+  record(&c, &s, 0.5, DRAWN);
+  for (int a = 0; a < 3; a++) {
+    expect_moments(sample_of[a], 0.5 * mean[a], 0.5 * mean[a] * spread[a], "drawn stiffness");
+    expect_white(sample_of[a], "from row to row");
+    for (int b = 0; b < a; b++) expect_uncorrelated(sample_of[a], sample_of[b], SAMPLES, "between the stiffnesses");
+  }
+  for (int a = 0; a < 3; a++) expect_normal(sample_of[a], 0.5 * mean[a], 0.5 * mean[a] * spread[a]);
+}
+
+/* 3 sigma below the mean at the largest spread of 30 %: 0.135 % of the draws are cut at a tenth of the mean. */
+static void test_drawn_stiffness_never_falls_below_a_tenth_of_its_mean(void)
+{
+  const tse_config c = car();
+  tse_sim_config s = quiet();
+  int cut = 0;
+  s.spread_cx_front = s.spread_cy_front = s.spread_cy_rear = (tse_setting)0.3;
+  s.true_cx_front = 2;
+  record(&c, &s, 1.0, DRAWN);
+  for (int k = 0; k < SAMPLES; k++) {
+    TEST_ASSERT_TRUE(sample_of[0][k] >= 0.2 * (1 - 1e-6) && sample_of[1][k] >= 0.1 * (1 - 1e-6));
+    cut += sample_of[0][k] < 0.2 * (1 + 1e-6);
+  }
+  const double expected = normal_cdf(-3) * SAMPLES;
+  expect_near(expected, cut, SIGMAS * sqrt(expected), "draws that were cut", 0);
+}
+
+static void test_told_mean_stiffness_is_the_setting_times_the_road(void)
+{
+  const tse_config c = car();
+  tse_sim_config s = quiet();
+  const double mean[3] = { 0.75, 1.25, 0.875 }, road[] = { 1, 0.5, 10, 0.02 };
+  s.true_cx_front = (tse_setting)mean[0];
+  s.true_cy_front = (tse_setting)mean[1];
+  s.true_cy_rear = (tse_setting)mean[2];
+  start(&c, &s);
+  for (int k = 0; k < ROWS(road); k++) {
+    tse_sim_input u = driver(0.01, 0, 0);
+    tse_sim_output y;
+    u.road_level = real(road[k]);
+    step(&u, &y);
+    for (int a = 0; a < 3; a++) {
+      expect_near(mean[a] * road[k], number(y.stiffness[a]), BY_FORMAT(1e-14, 1e-6), "mean", a);
+      expect_near(mean[a] * road[k], number(y.drawn[a]), BY_FORMAT(1e-14, 1e-6), "drawn without spread", a);
+    }
+  }
+}
+
+/* The accelerometer feels the stiffness drawn for its own row: at fixed slip the deviations are proportional. */
+static void test_accelerometer_feels_the_stiffness_drawn_for_its_row(void)
+{
+  const tse_config c = car();
+  tse_sim_config s = quiet();
+  s.spread_cx_front = s.spread_cy_front = s.spread_cy_rear = (tse_setting)0.2;
+  start(&c, &s);
+  for (int k = 0; k < 200; k++) {
+    const tse_sim_input u = driver(0.01, 300, 0.03);
+    tse_sim_output y;
+    step(&u, &y);
+    const inputs in = { u.steer_angle, real(0.33 * number(y.wheel_speed_front)), real(0.33 * number(y.wheel_speed_rear)) };
+    const double vx = number(y.vel_x), vy = number(y.vel_y), r = number(y.yaw_rate), delta = number(u.steer_angle);
+    const double over_front = fmax(fabs(vx), number(in.v_front)), over_rear = fmax(fabs(vx), number(in.v_rear));
+    const double fxf = 1.6e5 * number(y.drawn[0]) * (number(in.v_front) - vx) / over_front;
+    const double fxr = 1.6e5 * number(y.drawn[0]) * (number(in.v_rear) - vx) / over_rear; /* the rear follows */
+    const double fyf = 1.2e5 * number(y.drawn[1]) * (delta - (vy + 1.25 * r) / vx);
+    const double fyr = 1.4e5 * number(y.drawn[2]) * (1.5 * r - vy) / vx;
+    expect_near((fxf + fxr - fyf * delta) / 1900, number(y.accel_x), BY_FORMAT(1e-11, 1e-3), "accel_x", k);
+    expect_near((fyf + fyr + fxf * delta) / 1900, number(y.accel_y), BY_FORMAT(1e-11, 1e-3), "accel_y", k);
+  }
+}
+
+static void test_sensor_noise_is_white_normal_and_of_the_size_asked_for(void)
+{
+  tse_config c = car();
+  tse_sim_config s = quiet();
+  const double sd[6] = { 3 * 0.1, 3 * 0.2, 3 * 0.004, 0.002, 0.5, 0.5 };
+  c.accel_x_sd = (tse_setting)0.1;
+  c.accel_y_sd = (tse_setting)0.2;
+  c.yaw_rate_sd = (tse_setting)0.004;
+  s.noise = 3;
+  s.steer_angle_sd = (tse_setting)0.002;
+  s.wheel_speed_sd = (tse_setting)0.5;
+  s.spread_cx_front = s.spread_cy_front = (tse_setting)0.05;
+  record(&c, &s, 1.0, NOISE);
+  for (int a = 0; a < 8; a++)
+    for (int b = 0; b < a; b++) expect_uncorrelated(sample_of[a], sample_of[b], SAMPLES, "channels and stiffness");
+  for (int a = 0; a < 6; a++) {
+    expect_moments(sample_of[a], 0, sd[a], "noise");
+    expect_white(sample_of[a], "from row to row");
+  }
+  for (int a = 0; a < 6; a++) expect_normal(sample_of[a], 0, sd[a]);
+}
+
+static void test_without_noise_the_log_is_the_truth(void)
+{
+  const tse_config c = car();
+  const tse_sim_config s = quiet();
+  start(&c, &s);
+  for (int k = 0; k < 50; k++) {
+    const tse_sim_input u = driver(0.01, 300, 0.03);
+    tse_sim_output y;
+    step(&u, &y);
+    const tse_real logged[7] = { y.row.dt, y.row.steer_angle, y.row.wheel_speed_front, y.row.wheel_speed_rear,
+                                 y.row.accel_x, y.row.accel_y, y.row.yaw_rate };
+    const tse_real dt = k > 0 ? u.dt : TSE_R(0); /* nothing lies before the first row */
+    const tse_real truth[7] = { dt, u.steer_angle, y.wheel_speed_front, y.wheel_speed_rear, y.accel_x, y.accel_y, y.yaw_rate };
+    for (int a = 0; a < 7; a++) expect_near(number(truth[a]), number(logged[a]), 0, "channel", a);
+    TEST_ASSERT_EQUAL_HEX32(0, y.row.missing);
+    TEST_ASSERT_EQUAL_INT(k > 0 ? TSE_OK : TSE_E_TIME, tse_input_check(&y.row, NULL)); /* tse_step() takes it as a first row */
+  }
+}
+
+static void test_constant_biases_are_added_to_the_log(void)
+{
+  const tse_config c = car();
+  tse_sim_config s = quiet();
+  tse_sim_output y;
+  s.true_bias_accel_x = (tse_setting)0.25;
+  s.true_bias_accel_y = (tse_setting)-0.5;
+  s.true_bias_yaw_rate = (tse_setting)0.0625;
+  start(&c, &s);
+  for (int k = 0; k < 20; k++) {
+    const tse_sim_input u = driver(0.01, 300, 0.03);
+    step(&u, &y);
+  }
+  const double bias[3] = { 0.25, -0.5, 0.0625 };
+  const double logged[3] = { number(y.row.accel_x), number(y.row.accel_y), number(y.row.yaw_rate) };
+  const double truth[3] = { number(y.accel_x), number(y.accel_y), number(y.yaw_rate) };
+  for (int a = 0; a < 3; a++) {
+    expect_near(bias[a], number(y.bias[a]), 0, "bias", a);
+    expect_near(truth[a] + bias[a], logged[a], BY_FORMAT(1e-15, 2e-7), "log", a);
+  }
+}
+
+/* Over many cars: the variance at time t is (bias_walk times walk)^2 t, also with rows of different length. The sample
+ * variance of n normals has the relative sd sqrt(2/n). */
+static void test_variance_of_the_bias_grows_with_time(void)
+{
+  enum { CARS = 3000 };
+  const int rows[3] = { 4, 20, 40 };
+  const double walk[3] = { 3 * 0.01, 3 * 0.03, 3 * 0.0005 };
+  tse_config c = car();
+  tse_sim_config s = quiet();
+  c.accel_x_bias_walk = (tse_setting)0.01;
+  c.accel_y_bias_walk = (tse_setting)0.03;
+  c.yaw_rate_bias_walk = (tse_setting)0.0005;
+  s.bias_walk = 3;
+  s.substep = (tse_setting)0.005;
+  static double end[3][3][CARS];
+  double time[3] = { 0, 0, 0 };
+  for (int i = 0; i < CARS; i++) {
+    double t = 0;
+    s.seed = i;
+    start(&c, &s);
+    for (int k = 0; k <= 40; k++) {
+      const tse_sim_input u = driver(k % 2 ? 0.005 : 0.03, 0, 0);
+      tse_sim_output y;
+      step(&u, &y);
+      if (k > 0) t += number(u.dt);
+      for (int j = 0; j < 3; j++)
+        if (k == rows[j]) {
+          time[j] = t;
+          for (int a = 0; a < 3; a++) end[j][a][i] = number(y.bias[a]);
+        }
+    }
+  }
+  for (int j = 0; j < 3; j++)
+    for (int a = 0; a < 3; a++) {
+      const double variance = walk[a] * walk[a] * time[j];
+      expect_near(0, mean_of(end[j][a], CARS), SIGMAS * sqrt(variance / CARS), "mean", a);
+      expect_near(variance, covariance(end[j][a], end[j][a], CARS), SIGMAS * variance * sqrt(2.0 / CARS), "variance", a);
+      for (int b = 0; b < a; b++) expect_uncorrelated(end[j][a], end[j][b], CARS, "between the sensors");
+    }
+}
+
+/* ---------------------------------------------------------------------------------------------- seeds */
+
+static tse_sim_config noisy(int32_t seed)
+{
+  tse_sim_config s;
+  tse_sim_config_default(&s);
+  s.bias_walk = 1;
+  s.wheel_speed_sd = (tse_setting)0.1;
+  s.steer_angle_sd = (tse_setting)0.001;
+  s.seed = seed;
+  return s;
+}
+
+static void test_same_seed_gives_the_same_bits_and_another_does_not(void)
+{
+  enum { COUNT = 100 };
+  static tse_sim_output first[COUNT], again[COUNT], other[COUNT];
+  tse_sim_output *const runs[3] = { first, again, other };
+  const tse_config c = car();
+  for (int j = 0; j < 3; j++) {
+    const tse_sim_config s = noisy(j < 2 ? 5 : 6);
+    start(&c, &s);
+    for (int k = 0; k < COUNT; k++) {
+      const tse_sim_input u = driver(0.01, 300, 0.03);
+      memset(&runs[j][k], 0x11 * (j + 1), sizeof runs[j][k]); /* padding included: the output is the same bytes */
+      step(&u, &runs[j][k]);
+    }
+  }
+  TEST_ASSERT_EQUAL_MEMORY(first, again, sizeof first);
+  for (int k = 0; k < COUNT; k++) {
+    TEST_ASSERT_TRUE(first[k].row.accel_x != other[k].row.accel_x && first[k].row.accel_y != other[k].row.accel_y &&
+                     first[k].row.yaw_rate != other[k].row.yaw_rate && first[k].drawn[0] != other[k].drawn[0]);
+  }
+}
+
+/* The estimator's seed must not move the truth, and the same number must not give both the same words. */
+static void test_estimators_seed_plays_no_part(void)
+{
+  tse_config c = car();
+  const tse_sim_config s = noisy(5);
+  const tse_sim_input u = driver(0.01, 300, 0.03);
+  tse_sim_output y[2];
+  for (int j = 0; j < 2; j++) {
+    c.seed = 5 + j;
+    start(&c, &s);
+    step(&u, &y[j]);
+    TEST_ASSERT_TRUE(sim.params.seed[1] != prepared(&c).seed[1]);
+  }
+  TEST_ASSERT_EQUAL_MEMORY(&y[0], &y[1], sizeof y[0]);
+}
+
+static void test_copy_of_the_simulator_continues_with_the_same_bits(void)
+{
+  const tse_config c = car();
+  const tse_sim_config s = noisy(5);
+  const tse_sim_input u = driver(0.01, 300, 0.03);
+  tse_sim_output a, b;
+  start(&c, &s);
+  for (int k = 0; k < 20; k++) step(&u, &a);
+  before = sim;
+  for (int k = 0; k < 20; k++) step(&u, &a);
+  sim = before;
+  for (int k = 0; k < 20; k++) step(&u, &b);
+  TEST_ASSERT_EQUAL_MEMORY(&a, &b, sizeof a);
+}
+
+/* --------------------------------------------------------------------------------------------- refusals */
+
+static void expect_refused(const tse_sim_input *u, tse_status status, const char *what)
+{
+  tse_sim_output y, untouched;
+  memset(&y, 0x5a, sizeof y);
+  memcpy(&untouched, &y, sizeof y);
+  before = sim;
+  TEST_ASSERT_EQUAL_INT_MESSAGE(status, tse_sim_step(&sim, u, &y), what);
+  TEST_ASSERT_EQUAL_MEMORY_MESSAGE(&before, &sim, sizeof sim, what);
+  TEST_ASSERT_EQUAL_MEMORY_MESSAGE(&untouched, &y, sizeof y, what);
+}
+
+static void expect_accepted(const tse_sim_input *u, const char *what)
+{
+  tse_sim_output y;
+  before = sim;
+  TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_OK, tse_sim_step(&sim, u, &y), what);
+  sim = before;
+}
+
+static void test_refused_input_leaves_the_simulator_bit_for_bit_unchanged(void)
+{
+  static const struct { size_t at; double lo, hi; const char *name; } field[] = {
+    { offsetof(tse_sim_input, steer_angle), -1.2, 1.2, "steer_angle" },
+    { offsetof(tse_sim_input, wheel_torque_front), -1e5, 1e5, "wheel_torque_front" },
+    { offsetof(tse_sim_input, wheel_torque_rear), -1e5, 1e5, "wheel_torque_rear" },
+    { offsetof(tse_sim_input, brake_torque_front), 0, 1e5, "brake_torque_front" },
+    { offsetof(tse_sim_input, brake_torque_rear), 0, 1e5, "brake_torque_rear" },
+    { offsetof(tse_sim_input, road_level), 0.02, 10, "road_level" },
+  };
+  const tse_config c = car();
+  const tse_sim_config s = noisy(1);
+  tse_sim_output y;
+  for (int rows = 0; rows < 2; rows++) { /* the first row, and a later one */
+    start(&c, &s);
+    for (int k = 0; k < 3 * rows; k++) {
+      const tse_sim_input u = driver(0.01, 300, 0.03);
+      step(&u, &y);
+    }
+    for (int i = 0; i < ROWS(field); i++) {
+      const tse_real bad[5] = { neighbour(field[i].lo, -INFINITY), neighbour(field[i].hi, INFINITY), (tse_real)NAN,
+                                (tse_real)INFINITY, (tse_real)-INFINITY };
+      const tse_real good[2] = { real(field[i].lo), real(field[i].hi) };
+      for (int j = 0; j < 5; j++) {
+        tse_sim_input u = driver(0.01, 300, 0.03);
+        memcpy((char *)&u + field[i].at, &bad[j], sizeof bad[j]);
+        expect_refused(&u, TSE_E_INPUT, field[i].name);
+      }
+      for (int j = 0; j < 2; j++) {
+        tse_sim_input u = driver(0.01, 300, 0.03);
+        memcpy((char *)&u + field[i].at, &good[j], sizeof good[j]);
+        expect_accepted(&u, field[i].name);
+      }
+    }
+  }
+}
+
+static void test_time_step_must_lie_between_zero_and_a_second_except_at_the_first_row(void)
+{
+  const double bad[] = { 0, -0.01, 1.0001, INFINITY, -INFINITY, NAN };
+  const tse_config c = car();
+  const tse_sim_config s = noisy(1);
+  tse_sim_input u = driver(0.01, 300, 0.03);
+  tse_sim_output y;
+  start(&c, &s);
+  for (int j = 0; j < ROWS(bad); j++) {
+    u.dt = (tse_real)bad[j];
+    expect_accepted(&u, "first row");
+  }
+  step(&u, &y);
+  for (int j = 0; j < ROWS(bad); j++) {
+    u.dt = (tse_real)bad[j];
+    expect_refused(&u, TSE_E_TIME, "later row");
+  }
+  u.dt = real(1);
+  expect_accepted(&u, "a second");
+  u.dt = real(1e-6);
+  expect_accepted(&u, "a microsecond");
+}
+
+static void test_first_row_logs_the_start_without_advancing(void)
+{
+  const tse_config c = car();
+  const tse_sim_config s = quiet();
+  const tse_sim_input u = driver(1.0, 1e5, 0);
+  tse_sim_output y;
+  start(&c, &s);
+  step(&u, &y);
+  expect_near(20, number(y.vel_x), 0, "vel_x", 0);
+}
+
+static void test_null_arguments_are_refused(void)
+{
+  const tse_config c = car();
+  const tse_sim_config s = quiet();
+  const tse_sim_input u = driver(0.01, 0, 0);
+  tse_sim_output y;
+  start(&c, &s);
+  before = sim;
+  TEST_ASSERT_EQUAL_INT(TSE_E_NULL, tse_sim_step(NULL, &u, &y));
+  TEST_ASSERT_EQUAL_INT(TSE_E_NULL, tse_sim_step(&sim, NULL, &y));
+  TEST_ASSERT_EQUAL_INT(TSE_E_NULL, tse_sim_step(&sim, &u, NULL));
+  TEST_ASSERT_EQUAL_INT(TSE_E_NULL, tse_sim_reset(NULL, &c, &s, NULL));
+  TEST_ASSERT_EQUAL_INT(TSE_E_NULL, tse_sim_reset(&sim, NULL, &s, NULL));
+  TEST_ASSERT_EQUAL_INT(TSE_E_NULL, tse_sim_reset(&sim, &c, NULL, NULL));
+  TEST_ASSERT_EQUAL_INT(TSE_E_NULL, tse_sim_config_check(NULL, NULL));
+  tse_sim_config_default(NULL);
+  TEST_ASSERT_EQUAL_MEMORY(&before, &sim, sizeof sim);
+}
+
+static tse_setting towards(tse_setting x, double direction)
+{
+#if defined(TSE_REAL_FLOAT)
+  return nextafterf(x, (float)direction);
+#else
+  return nextafter(x, direction);
+#endif
+}
+
+static void expect_config_refused(const tse_sim_config *s, const char *name)
+{
+  const tse_config c = car();
+  const char *wrong = "", *again = "";
+  memset(&sim, 0xa5, sizeof sim);
+  before = sim;
+  TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_E_CONFIG, tse_sim_config_check(s, &wrong), name);
+  TEST_ASSERT_EQUAL_STRING(name, wrong);
+  TEST_ASSERT_EQUAL_INT(TSE_E_CONFIG, tse_sim_reset(&sim, &c, s, &again));
+  TEST_ASSERT_EQUAL_STRING(name, again);
+  TEST_ASSERT_EQUAL_INT(TSE_E_CONFIG, tse_sim_config_check(s, NULL));
+  TEST_ASSERT_EQUAL_MEMORY_MESSAGE(&before, &sim, sizeof sim, name);
+}
+
+static void test_each_setting_is_accepted_at_its_limits_and_refused_by_name_beyond(void)
+{
+#define REAL(name, def, lo, hi, unit, text)                                                             \
+  {                                                                                                     \
+    tse_sim_config s;                                                                                   \
+    tse_sim_config_default(&s);                                                                         \
+    TEST_ASSERT_TRUE_MESSAGE(!(s.name != (tse_setting)(def)), #name);                                   \
+    s.name = (tse_setting)(lo);                                                                         \
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_OK, tse_sim_config_check(&s, NULL), #name);                       \
+    s.name = (tse_setting)(hi);                                                                         \
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_OK, tse_sim_config_check(&s, NULL), #name);                       \
+    s.name = towards((tse_setting)(lo), -INFINITY); expect_config_refused(&s, #name);                   \
+    s.name = towards((tse_setting)(hi), INFINITY); expect_config_refused(&s, #name);                    \
+    s.name = (tse_setting)NAN; expect_config_refused(&s, #name);                                        \
+    s.name = (tse_setting)INFINITY; expect_config_refused(&s, #name);                                   \
+  }
+#define INT(name, def, lo, hi, text)                                                                    \
+  {                                                                                                     \
+    tse_sim_config s;                                                                                   \
+    tse_sim_config_default(&s);                                                                         \
+    TEST_ASSERT_EQUAL_INT32_MESSAGE((def), s.name, #name);                                              \
+    s.name = (lo) - 1; expect_config_refused(&s, #name);                                                \
+  }
+#include "tse/sim.def"
+#undef REAL
+#undef INT
+}
+
+static void test_wrong_setting_of_the_vehicle_is_named_and_the_simulator_unchanged(void)
+{
+  tse_config c = car();
+  const tse_sim_config s = quiet();
+  const char *wrong = "";
+  c.yaw_inertia = -1;
+  memset(&sim, 0xa5, sizeof sim);
+  before = sim;
+  TEST_ASSERT_EQUAL_INT(TSE_E_CONFIG, tse_sim_reset(&sim, &c, &s, &wrong));
+  TEST_ASSERT_EQUAL_STRING("yaw_inertia", wrong);
+  TEST_ASSERT_EQUAL_MEMORY(&before, &sim, sizeof sim);
+}
+
+int main(void)
+{
+  UNITY_BEGIN();
+  RUN_TEST(test_motion_matches_an_independent_model_integrated_by_scipy);
+  RUN_TEST(test_motion_depends_on_the_substep_in_second_order_only);
+  RUN_TEST(test_longest_substep_is_stable_from_standstill_to_70_ms);
+  RUN_TEST(test_time_step_is_divided_into_the_fewest_substeps);
+  RUN_TEST(test_rounding_of_the_time_step_costs_no_substep);
+  RUN_TEST(test_tyres_pass_the_impulse_of_the_wheels_to_the_car_without_loss);
+  RUN_TEST(test_logged_accelerations_add_up_to_the_change_of_velocity);
+  RUN_TEST(test_car_starts_rolling_freely_at_its_speed_and_keeps_it);
+  RUN_TEST(test_brakes_hold_a_standing_car_against_less_torque_than_theirs);
+  RUN_TEST(test_braked_car_stops_and_does_not_roll_back);
+  RUN_TEST(test_negative_torque_drives_backwards);
+  RUN_TEST(test_turning_right_is_turning_left_mirrored_bit_for_bit);
+  RUN_TEST(test_saturated_forces_are_those_of_the_brush_model);
+  RUN_TEST(test_small_slips_feel_linear_tyres_less_the_terms_of_the_series);
+  RUN_TEST(test_without_friction_the_log_is_that_of_linear_tyres_bit_for_bit);
+  RUN_TEST(test_friction_of_the_road_takes_the_place_of_the_settings);
+  RUN_TEST(test_friction_may_change_from_row_to_row);
+  RUN_TEST(test_held_inputs_act_from_their_row_to_the_next);
+  RUN_TEST(test_a_held_step_of_the_steering_is_felt_in_its_row);
+  RUN_TEST(test_locked_axles_decelerate_with_friction_times_their_load);
+  RUN_TEST(test_a_spinning_axle_pushes_with_friction_times_its_load_and_grips_again);
+  RUN_TEST(test_a_car_that_slides_sideways_stops_by_friction_alone);
+  RUN_TEST(test_locking_and_spinning_wheels_stay_stable_at_a_millisecond);
+  RUN_TEST(test_drawn_stiffness_has_the_mean_and_the_spread_of_the_settings);
+  RUN_TEST(test_drawn_stiffness_never_falls_below_a_tenth_of_its_mean);
+  RUN_TEST(test_told_mean_stiffness_is_the_setting_times_the_road);
+  RUN_TEST(test_accelerometer_feels_the_stiffness_drawn_for_its_row);
+  RUN_TEST(test_sensor_noise_is_white_normal_and_of_the_size_asked_for);
+  RUN_TEST(test_without_noise_the_log_is_the_truth);
+  RUN_TEST(test_constant_biases_are_added_to_the_log);
+  RUN_TEST(test_variance_of_the_bias_grows_with_time);
+  RUN_TEST(test_same_seed_gives_the_same_bits_and_another_does_not);
+  RUN_TEST(test_estimators_seed_plays_no_part);
+  RUN_TEST(test_copy_of_the_simulator_continues_with_the_same_bits);
+  RUN_TEST(test_refused_input_leaves_the_simulator_bit_for_bit_unchanged);
+  RUN_TEST(test_time_step_must_lie_between_zero_and_a_second_except_at_the_first_row);
+  RUN_TEST(test_first_row_logs_the_start_without_advancing);
+  RUN_TEST(test_null_arguments_are_refused);
+  RUN_TEST(test_each_setting_is_accepted_at_its_limits_and_refused_by_name_beyond);
+  RUN_TEST(test_wrong_setting_of_the_vehicle_is_named_and_the_simulator_unchanged);
+  return UNITY_END();
+}

@@ -1,0 +1,135 @@
+/* tests/unit/host/test_sound.c <-> src/host/sound.c and sound.h, tse_sim_check(). The FMU's tests (tests/fmu/unit/test_state.c) go
+ * on with what is accepted. */
+#include "unit_support.h"
+#include "tse/simulate.h"
+
+static tse_filter_paper f, forged;
+static tse_params p;
+
+static size_t bytes_of_form(int32_t form) { return form ? sizeof f : sizeof f.filter; }
+
+/* A filter of a form after some rows. */
+static void drive(int32_t form)
+{
+  tse_config c;
+  tse_config_default(&c);
+  c.form = form;
+  c.particles = 60;
+  p = prepared(&c);
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, bytes_of_form(form)));
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_filter_check(&p, &f.filter, bytes_of_form(form)));
+  for (int k = 0; k < 400; k++) {
+    tse_input u;
+    memset(&u, 0, sizeof u);
+    u.dt = real(0.01);
+    u.steer_angle = real(0.02 * sin(0.13 * k));
+    u.wheel_speed_front = real(60 + 0.3 * sin(0.2 * k));
+    u.wheel_speed_rear = real(60);
+    u.accel_y = real(1.9 * sin(0.13 * k) + 0.1 * sin(5.3 * k));
+    u.yaw_rate = real(0.1 * sin(0.13 * k) + 0.003 * sin(9.7 * k));
+    if (k > 200 && k < 260) u.missing = TSE_MISSING(steer_angle);
+    if (k > 300) u.yaw_rate = real(6); /* what no hypothesis explains */
+    TEST_ASSERT_TRUE(tse_step(&p, &f.filter, &u, NULL) >= 0);
+    TEST_ASSERT_EQUAL_INT(TSE_OK, tse_filter_check(&p, &f.filter, bytes_of_form(form)));
+  }
+}
+
+static void test_a_filter_that_was_stepped_is_sound_at_every_row(void)
+{
+  for (int32_t form = 0; form <= 2; form++) drive(form);
+}
+
+static void expect_forged(const char *what)
+{
+  TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_E_STATE, tse_filter_check(&p, &forged.filter, bytes_of_form(p.form)), what);
+}
+
+#define FORGED(member, value)                 \
+  do {                                        \
+    memcpy(&forged, &f, sizeof f);            \
+    forged.member = (value);                  \
+    expect_forged(#member " = " #value);      \
+  } while (0)
+
+static void test_what_no_filter_holds_is_refused(void)
+{
+  const tse_real zero = TSE_R(0), none = zero / zero, endless = TSE_R(1) / zero;
+  drive(0);
+  FORGED(filter.magic, 0);
+  FORGED(filter.fingerprint, p.fingerprint + 1);
+  FORGED(filter.started, 2);
+  FORGED(filter.known[2], 3);
+  FORGED(filter.seen, none);
+  FORGED(filter.start.level[0], 4);
+  FORGED(filter.start.loaded, 1); /* with nothing in it */
+  FORGED(filter.bank.count, 0);
+  FORGED(filter.bank.count, p.hypotheses + 1);
+  FORGED(filter.bank.likeliest, f.filter.bank.count);
+  FORGED(filter.bank.repeats.run[5], -1);
+  FORGED(filter.bank.h[0].level[2], -1);
+  FORGED(filter.bank.h[0].cov[4][4], TSE_R(-1e-6));
+  FORGED(filter.bank.h[0].noise_var[1], zero);
+  FORGED(filter.bank.h[0].x[3], TSE_R(50));
+  FORGED(filter.bank.h[0].log_weight, endless);
+  FORGED(filter.effects.steered, 7);
+  FORGED(filter.effects.steer.count, TSE_DELAY_ROWS + 1);
+  drive(2);
+  FORGED(nu, TSE_R(4));
+  FORGED(p.mu[1][3], none);
+  FORGED(p.logw[0][3], TSE_R(1e4));
+  FORGED(weight[9], TSE_R(-1));
+  FORGED(ancestor[7], 60);
+  FORGED(copies[7], 61);
+  FORGED(recoveries, -1);
+  TEST_ASSERT_EQUAL_INT(TSE_E_SIZE, tse_filter_check(&p, &f.filter, sizeof f.filter));
+  TEST_ASSERT_EQUAL_INT(TSE_E_NULL, tse_filter_check(NULL, &f.filter, sizeof f));
+  TEST_ASSERT_EQUAL_INT(TSE_E_NULL, tse_filter_check(&p, NULL, sizeof f));
+  p.magic = 0;
+  TEST_ASSERT_EQUAL_INT(TSE_E_STATE, tse_filter_check(&p, &f.filter, sizeof f));
+}
+
+static void test_a_simulation_is_of_its_settings_or_refused(void)
+{
+  tse_config c;
+  tse_sim_config s;
+  tse_sim sim;
+  tse_config_default(&c);
+  tse_sim_config_default(&s);
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_reset(&sim, &c, &s, NULL));
+  for (int k = 0; k < 200; k++) {
+    tse_sim_input u;
+    tse_sim_output y;
+    memset(&u, 0, sizeof u);
+    u.dt = real(0.01);
+    u.steer_angle = real(0.02 * sin(0.1 * k));
+    u.road_level = real(1);
+    TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_step(&sim, &u, &y));
+    TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_check(&sim, &c, &s));
+  }
+  tse_sim other = sim;
+  other.params.lf += TSE_R(0.1);
+  TEST_ASSERT_EQUAL_INT(TSE_E_STATE, tse_sim_check(&other, &c, &s));
+  other = sim;
+  other.last.steer_angle = TSE_R(10);
+  TEST_ASSERT_EQUAL_INT(TSE_E_STATE, tse_sim_check(&other, &c, &s));
+  other = sim;
+  other.x[4] = TSE_R(1e20);
+  TEST_ASSERT_EQUAL_INT(TSE_E_STATE, tse_sim_check(&other, &c, &s));
+  other = sim;
+  other.effects.settled = 5;
+  TEST_ASSERT_EQUAL_INT(TSE_E_STATE, tse_sim_check(&other, &c, &s));
+  c.mass += 1;
+  TEST_ASSERT_EQUAL_INT(TSE_E_STATE, tse_sim_check(&sim, &c, &s));
+  c.mass = -1;
+  TEST_ASSERT_EQUAL_INT(TSE_E_CONFIG, tse_sim_check(&sim, &c, &s));
+  TEST_ASSERT_EQUAL_INT(TSE_E_NULL, tse_sim_check(NULL, &c, &s));
+}
+
+int main(void)
+{
+  UNITY_BEGIN();
+  RUN_TEST(test_a_filter_that_was_stepped_is_sound_at_every_row);
+  RUN_TEST(test_what_no_filter_holds_is_refused);
+  RUN_TEST(test_a_simulation_is_of_its_settings_or_refused);
+  return UNITY_END();
+}

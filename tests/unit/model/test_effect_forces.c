@@ -1,0 +1,541 @@
+/* tests/unit/model/test_effect_forces.c <-> src/model/effects/ whose action is a force, a law of the tyre, or geometry: balances
+ * of forces and moments in newtons, closed forms and rigid-body kinematics that the library does not contain. */
+#include "unit_support.h"
+#include "effect_support.h"
+
+#define G 9.81
+
+typedef struct steady { double r, ay; } steady;
+
+/* Steady cornering of the linear car at v with steering d, side force `push` that the accelerometer sees, `pull` that it does
+ * not (gravity), and yaw moment `moment`:  Ff = (lr (m v r - Y) - N)/L, Fr = (lf (m v r - Y) + N)/L, Y = push + pull,
+ * and the geometry d - Ff/Cf + Fr/Cr = L r/v. */
+static steady cornering(const tse_config *c, double v, double d, double push, double pull, double moment)
+{
+  const double m = (double)c->mass, lf = (double)c->lf, lr = (double)c->lr, length = lf + lr, side = push + pull;
+  const double cf = (double)c->cornering_stiffness_front, cr = (double)c->cornering_stiffness_rear;
+  steady s;
+  s.r = v * (d + (lr * side + moment) / (length * cf) - (lf * side - moment) / (length * cr)) /
+        (length + m * v * v / length * (lr / cf - lf / cr));
+  s.ay = v * s.r - pull / m;
+  return s;
+}
+
+/* In replay, and in the simulator, whose wheels roll freely. `share` of the value: what is quadratic in small motions, and speed
+ * that the wheels do not hold to the last bit. */
+static void expect_cornering(const tse_config *c, double v, double d, steady s, double share, const char *what)
+{
+  static tse_sim sim;
+  const tse_sim_config quiet = still_sim(v);
+  tse_sim_input u;
+  tse_sim_output y;
+  const int rows = 600;
+  straight(c, v, 0.01, rows);
+  for (int i = 0; i < rows; i++) log_steer[i] = real(d);
+  replay(c, rows);
+  expect_near(s.r, number(got_r[rows - 1]), share * fabs(s.r), what, 0);
+  expect_near(s.ay, number(got_y[rows - 1]), share * fabs(s.ay), what, 1);
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_reset(&sim, c, &quiet, NULL));
+  memset(&u, 0, sizeof u);
+  u.dt = real(0.01);
+  u.steer_angle = real(d);
+  u.road_level = real(1);
+  for (int i = 0; i < rows; i++) TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_step(&sim, &u, &y));
+  expect_near(s.r, number(y.row.yaw_rate), share * fabs(s.r), what, 2);
+  expect_near(s.ay, number(y.row.accel_y), share * fabs(s.ay), what, 3);
+}
+
+static void test_steering_offset_turns_the_car_that_is_steered_straight(void)
+{
+  tse_config c = default_car();
+  c.steering_offset_angle = (tse_setting)0.004;
+  expect_cornering(&c, 20, 0, cornering(&c, 20, 0.004, 0, 0, 0), 2e-3, "steering_offset");
+  expect_cornering(&c, 8, 0, cornering(&c, 8, 0.004, 0, 0, 0), 2e-3, "steering_offset, slow");
+}
+
+static void test_bank_pulls_the_car_to_its_low_side_and_the_sensor_does_not_see_it(void)
+{
+  tse_config c = default_car();
+  c.bank_angle = (tse_setting)0.03; /* left side high: to the right */
+  expect_cornering(&c, 20, 0, cornering(&c, 20, 0, 0, -1900 * G * sin(0.03), 0), 3e-3, "bank");
+}
+
+static void test_conicity_is_a_side_force_at_each_axle(void)
+{
+  tse_config c = default_car();
+  c.conicity_front = 150;
+  expect_cornering(&c, 20, 0, cornering(&c, 20, 0, 150, 0, 1.25 * 150), 2e-3, "conicity, front");
+  c.conicity_rear = -100;
+  expect_cornering(&c, 20, 0, cornering(&c, 20, 0, 50, 0, 1.25 * 150 + 1.5 * 100), 2e-3, "conicity, rear");
+}
+
+static void test_crosswind_pushes_at_its_arm(void)
+{
+  tse_config c = default_car();
+  c.crosswind_speed = 6;
+  c.crosswind_coefficient = 3;
+  c.crosswind_arm = (tse_setting)0.4;
+  const double force = 3 * 6 * sqrt(400 + 36.0);
+  /* after 6 s the heading has changed by up to 0.13 rad: 0.8 % of the cosine */
+  expect_cornering(&c, 20, 0, cornering(&c, 20, 0, force, 0, 0.4 * force), 1.5e-2, "crosswind");
+  c.crosswind_heading = (tse_setting)2.0943951023931953;
+  expect_cornering(&c, 20, 0, cornering(&c, 20, 0, -force / 2, 0, -0.2 * force), 8e-2, "crosswind from behind"); /* d cos/cos = 0.06 */
+}
+
+/* On a circle the wind comes from all sides: its share in accel_y follows the cosine of the heading, by a trapezoidal sum. */
+static void test_crosswind_turns_with_the_heading(void)
+{
+  tse_config c = default_car();
+  static double calm[LOG_MOST];
+  const int rows = 8000;
+  const tse_replay_log log = the_log();
+  tse_replay_start s = the_start();
+  double heading = 0, worst = 0, smallest = 1;
+  straight(&c, 10, 0.01, rows);
+  for (int i = 0; i < rows; i++) log_steer[i] = real(0.03);
+  replay(&c, rows);
+  for (int i = 0; i < rows; i++) calm[i] = number(got_y[i]);
+  c.crosswind_speed = 3;
+  s.heading = real(0.5);
+  replay_with(&c, &log, rows, &s);
+  const double force = 2.8 * 3 * sqrt(100 + 9.0), gain = cornering(&c, 10, 0, force, 0, 0.45 * force).ay;
+  for (int i = 1; i < rows; i++) {
+    heading += 0.005 * (number(got_r[i]) + number(got_r[i - 1]));
+    if (i < 300) continue; /* the start has died away */
+    worst = fmax(worst, fabs(number(got_y[i]) - calm[i] - gain * cos(0.5 + heading)));
+    smallest = fmin(smallest, cos(0.5 + heading));
+  }
+  TEST_ASSERT_TRUE(smallest < -0.99);                    /* it has been all around */
+  expect_near(0, worst, 0.04 * gain, "crosswind", 0);    /* quasi-static: 0.1 rad/s against a yaw rate that settles at 8/s,
+                                                            and the circle's own centre of curvature */
+}
+
+static void test_aligning_moment_in_steady_cornering(void)
+{
+  tse_config c = default_car();
+  c.aligning_moment_trail = (tse_setting)0.04;
+  /* forces balance as if both axles stood further back by the trail; the wheels' paths are those of the axles */
+  const double m = 1900, v = 20, k = m / 2.75 * (1.54 / 1.2e5 - 1.21 / 1.4e5);
+  steady s;
+  s.r = v * 0.002 / (2.75 + k * v * v);
+  s.ay = v * s.r;
+  expect_cornering(&c, 20, 0.002, s, 2e-3, "aligning_moment");
+}
+
+/* A stage of a step lies ahead of the memory: what moves with time has moved on by then. */
+static void test_a_point_ahead_of_the_memory_is_where_time_has_brought_it(void)
+{
+  for (int k = 0; k < 3; k++) {
+    tse_config c = default_car();
+    c.crosswind_speed = (tse_setting)(k == 0 ? 8 : 0);
+    c.stiffness_drift_change = (tse_setting)(k == 1 ? 0.5 : 0);
+    c.stiffness_drift_time = 2;
+    c.rear_roll_steer_gain = (tse_setting)(k == 2 ? 0.2 : 0);
+    const tse_params p = prepared(&c);
+    tse_effect_memory now, then;
+    point ahead, at;
+    memset(&now, 0, sizeof now);
+    memset(&ahead, 0, sizeof ahead);
+    now.time = real(0.5);
+    now.heading = real(0.1);
+    now.mode[MODE_ROLL_STEER][0] = real(1);
+    now.mode[MODE_ROLL_STEER][1] = real(3);
+    ahead.vx = ahead.u.v_front = ahead.u.v_rear = real(20);
+    ahead.vy = real(0.5);
+    ahead.r = real(0.4);
+    ahead.u.steer = real(0.05);
+    at = ahead;
+    ahead.ahead = real(0.25);
+    then = now;
+    then.time = real(0.75);
+    then.heading = real(0.1 + 0.4 * 0.25 / 6.283185307179586);
+    then.mode[MODE_ROLL_STEER][0] = real(1.75);
+    const stiffness s = vehicle_stiffness(&p, real(0), real(0), real(0));
+    effects_at(&p, &now, now.lag, s, &ahead);
+    effects_at(&p, &then, then.lag, s, &at);
+    expect_near(number(at.force.y), number(ahead.force.y), BY_FORMAT(1e-12, 1e-5), "force", k);
+    expect_near(number(at.force.yaw), number(ahead.force.yaw), BY_FORMAT(1e-12, 1e-5), "moment", k);
+    ahead.ahead = real(0);
+    effects_at(&p, &now, now.lag, s, &ahead);
+    TEST_ASSERT_TRUE(fabs(number(at.force.y) - number(ahead.force.y)) > 1e-3); /* and it does move */
+  }
+}
+
+/* ------------------------------------------------------------------------------------- laws of the tyre */
+
+/* Steady cornering in replay; then the tyres' law, from the velocities that come out, must balance mass and moment:
+ *   m accel_y = Fyf + Fyr + Fxf d,   lf (Fyf + Fxf d) = lr Fyr. */
+typedef double (*law)(double stiffness, double angle, double slip, double load, double ax, double ay, int rear);
+
+static void expect_balance(const tse_config *c, double d, double extra_front, law f, const char *what)
+{
+  const int rows = 1500, last = rows - 1;
+  straight(c, 20, 0.01, rows);
+  for (int i = 0; i < rows; i++) {
+    log_steer[i] = real(d * (i < 500 ? i / 500.0 : 1)); /* a ramp: no step may throw the car out of its curve */
+    log_front[i] = real(number(log_front[i]) * (1 + extra_front));
+  }
+  replay(c, rows);
+  const double vx = number(got_vx[last]), vy = number(got_vy[last]), r = number(got_yaw[last]);
+  const double ay = number(got_y[last]), lf = 1.25, lr = 1.5, m = 1900;
+  const double front = d - (vy + lf * r) / vx, rear = (lr * r - vy) / vx;
+  const double wf = 0.33 * number(log_front[last]), wr = 0.33 * number(log_rear[last]);
+  const double sf = (wf - vx) / fmax(wf, vx), sr = (wr - vx) / fmax(wr, vx);
+  const double fxf = 1.6e5 * sf, drive = (fxf + 1.6e5 * sr) / m;
+  const double side = ay - fxf * d / m; /* by lateral forces */
+  const double fyf = f(1.2e5, front, sf, m * G * lr / 2.75, drive, side, 0), fyr = f(1.4e5, rear, sr, m * G * lf / 2.75, drive, side, 1);
+  TEST_ASSERT_TRUE_MESSAGE(fabs(ay) > 2.5, what); /* where the laws differ from the linear one */
+  expect_near(m * ay, fyf + fyr + fxf * d, BY_FORMAT(1e-3, 4), what, 0);          /* N */
+  expect_near(0, lf * (fyf + fxf * d) - lr * fyr, BY_FORMAT(1e-2, 60), what, 1);  /* Nm; settled to rounding */
+}
+
+static double brush(double c, double a, double s, double load, double ax, double ay, int rear) /* friction 1.05 */
+{
+  const double z = c * fabs(a) / (3 * 1.05 * load);
+  (void)s; (void)ax; (void)ay; (void)rear;
+  return (a < 0 ? -1 : 1) * 1.05 * load * (z < 1 ? 1 - pow(1 - z, 3) : 1);
+}
+static double root(double c, double a, double s, double load, double ax, double ay, int rear)
+{
+  const double most = 1.05 * load;
+  (void)s; (void)ax; (void)ay; (void)rear;
+  return most * c * a / sqrt(most * most + c * c * a * a);
+}
+static double half_root(double c, double a, double s, double load, double ax, double ay, int rear)
+{
+  return 0.5 * (brush(c, a, s, load, ax, ay, rear) + root(c, a, s, load, ax, ay, rear));
+}
+static double combined(double c, double a, double s, double load, double ax, double ay, int rear)
+{
+  (void)load; (void)ax; (void)ay; (void)rear;
+  return c * a / sqrt(1 + 300 * s * s);
+}
+static double leaning(double c, double a, double s, double load, double ax, double ay, int rear)
+{
+  (void)s; (void)load; (void)ax; (void)rear;
+  return c * (1 - 0.005 * ay * ay) * a;
+}
+static double nodding(double c, double a, double s, double load, double ax, double ay, int rear)
+{
+  (void)s; (void)load; (void)ay;
+  return c * (1 + (rear ? 0.04 : -0.04) * ax) * a;
+}
+static double drifted(double c, double a, double s, double load, double ax, double ay, int rear) /* at 15 s: half of 4 .. 26 s */
+{
+  (void)s; (void)load; (void)ax; (void)ay; (void)rear;
+  return c * (1 + 0.2 * (14.99 - 4) / 22) * a;
+}
+
+static void test_saturation_is_the_brush_model(void)
+{
+  tse_config c = default_car();
+  c.tyre_saturation_inverse_friction = (tse_setting)(1 / 1.05);
+  expect_balance(&c, 0.045, 0, brush, "brush");
+  expect_balance(&c, -0.045, 0, brush, "brush, to the right");
+  c.tyre_saturation_shape = 1;
+  expect_balance(&c, 0.05, 0, root, "root");
+  c.tyre_saturation_shape = (tse_setting)0.5;
+  expect_balance(&c, 0.05, 0, half_root, "half of each");
+}
+
+/* Axle by axle, also beyond where a car could be held: both laws end at friction times load. */
+static void test_saturation_ends_at_friction_times_load(void)
+{
+  tse_config c = default_car();
+  const double load[2] = { 1900 * G * 1.5 / 2.75, 1900 * G * 1.25 / 2.75 };
+  c.tyre_saturation_inverse_friction = (tse_setting)(1 / 1.05);
+  for (int shape = 0; shape <= 1; shape++) {
+    c.tyre_saturation_shape = (tse_setting)shape;
+    const tse_params p = prepared(&c);
+    const law of_shape = shape ? root : brush;
+    for (int i = -60; i <= 60; i++) {
+      tse_effect_memory m;
+      point pt;
+      memset(&m, 0, sizeof m);
+      memset(&pt, 0, sizeof pt);
+      pt.vx = pt.u.v_front = pt.u.v_rear = real(20);
+      pt.g.slip_front = pt.g.slip_rear = real(0.05 * i);
+      effects_at(&p, &m, m.lag, vehicle_stiffness(&p, real(0), real(0), real(0)), &pt);
+      expect_near(of_shape(1.2e5, 0.05 * i, 0, load[0], 0, 0, 0), 1900 * number(pt.fy_front), BY_FORMAT(1e-9, 1e-6) * load[0], "front", i);
+      expect_near(of_shape(1.4e5, 0.05 * i, 0, load[1], 0, 0, 1), 1900 * number(pt.fy_rear), BY_FORMAT(1e-9, 1e-6) * load[1], "rear", i);
+    }
+  }
+  expect_near(1.05 * load[0], brush(1.2e5, 3, 0, load[0], 0, 0, 0), 1e-9, "the limit of the reference", 0);
+}
+
+static void test_combined_slip_takes_from_the_lateral_force(void)
+{
+  tse_config c = default_car();
+  c.combined_slip_factor = 300;
+  expect_balance(&c, 0.04, 0.05, combined, "combined_slip, driven");
+  expect_balance(&c, 0.04, -0.05, combined, "combined_slip, braked");
+}
+
+static void test_lateral_load_transfer_takes_with_the_square_of_the_acceleration_that_remains(void)
+{
+  tse_config c = default_car();
+  c.lateral_load_transfer_gain = (tse_setting)0.005;
+  expect_balance(&c, 0.05, 0, leaning, "lateral_load_transfer");
+  const double even = number(got_yaw[1499]);
+  c.lateral_load_transfer_balance = (tse_setting)0.5; /* the front carries the roll: understeer */
+  straight(&c, 20, 0.01, 1500);
+  for (int i = 0; i < 1500; i++) log_steer[i] = real(0.05 * fmin(i / 500.0, 1));
+  replay(&c, 1500);
+  TEST_ASSERT_TRUE(number(got_yaw[1499]) < 0.97 * even);
+  /* forces of the axles, by the balance of moments, over C alpha: 1 -+ as told, where a solves the even equation */
+  const double vx = number(got_vx[1499]), vy = number(got_vy[1499]), r = number(got_yaw[1499]), ay = number(got_y[1499]);
+  const double fxf = 1.6e5 * (20 - vx) / 20, front = 0.05 - (vy + 1.25 * r) / vx, rear = (1.5 * r - vy) / vx;
+  const double left_front = (1900 * ay * 1.5 / 2.75 - fxf * 0.05) / (1.2e5 * front), left_rear = 1900 * ay * 1.25 / 2.75 / (1.4e5 * rear);
+  expect_near(3, (1 - left_front) / (1 - left_rear), 0.01, "front loses three times what the rear does", 0);
+}
+
+static void test_longitudinal_load_transfer_takes_in_front_what_it_gives_behind(void)
+{
+  tse_config c = default_car();
+  c.longitudinal_load_transfer_gain = (tse_setting)0.04;
+  expect_balance(&c, 0.04, 0.05, nodding, "longitudinal_load_transfer, driven");
+  expect_balance(&c, 0.04, -0.05, nodding, "longitudinal_load_transfer, braked");
+}
+
+static void test_stiffness_drifts_between_two_times(void)
+{
+  tse_config c = default_car();
+  c.stiffness_drift_change = (tse_setting)0.2;
+  c.stiffness_drift_start = 4;
+  c.stiffness_drift_time = 22;
+  const int rows = 1500, last = rows - 1;
+  straight(&c, 20, 0.01, rows);
+  for (int i = 0; i < rows; i++) log_steer[i] = real(0.04 * fmin(i / 500.0, 1));
+  replay(&c, rows);
+  const double vx = number(got_vx[last]), vy = number(got_vy[last]), r = number(got_yaw[last]), ay = number(got_y[last]);
+  const double fyf = drifted(1.2e5, 0.04 - (vy + 1.25 * r) / vx, 0, 0, 0, 0, 0), fyr = drifted(1.4e5, (1.5 * r - vy) / vx, 0, 0, 0, 0, 1);
+  const double fxf = 1.6e5 * (1 + 0.2 * 10.99 / 22) * (20 - vx) / 20;
+  expect_near(1900 * ay, fyf + fyr + fxf * 0.04, BY_FORMAT(1e-2, 8), "force", 0);
+  expect_near(0.33 * fxf, number(got_tf[last]), BY_FORMAT(1e-2, 8), "longitudinal, front", 0);
+  expect_near(0.33 * fxf, number(got_tr[last]), BY_FORMAT(1e-2, 8), "longitudinal, rear", 0);
+  const tse_real before[2] = { got_y[400], got_y[410] };
+  c.stiffness_drift_change = 0;
+  replay(&c, rows);
+  TEST_ASSERT_TRUE(!(before[0] != got_y[400]) && before[1] != got_y[410]); /* nothing has happened before 4 s */
+}
+
+/* --------------------------------------------------------------------------------------- along the car */
+
+/* Coasting, all wheels free: v' (m + 2 J/R^2) = F, J per axle.   Returned: [m/s] after 20 s of the simulator. */
+static double coasted(const tse_config *c)
+{
+  static tse_sim sim;
+  const tse_sim_config quiet = still_sim(30);
+  tse_sim_input u;
+  tse_sim_output y;
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_reset(&sim, c, &quiet, NULL));
+  memset(&u, 0, sizeof u);
+  u.dt = real(0.01);
+  u.road_level = real(1);
+  for (int i = 0; i <= 2000; i++) TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_step(&sim, &u, &y));
+  return number(y.vel_x);
+}
+
+#define EFFECTIVE_MASS (1900 + 2 * 2.4 / (0.33 * 0.33))
+
+static void test_drag_slows_a_coasting_car_by_its_square(void)
+{
+  tse_config c = default_car();
+  expect_near(30, coasted(&c), BY_FORMAT(1e-9, 1e-3), "without", 0);
+  c.aero_drag_coefficient = (tse_setting)0.45;
+  expect_near(30 / (1 + 0.45 * 30 * 20 / EFFECTIVE_MASS), coasted(&c), BY_FORMAT(2e-3, 0.03), "aero_drag", 0); /* the wheels start rolling freely */
+}
+
+static void test_rolling_resistance_slows_a_coasting_car_evenly_and_stops_with_it(void)
+{
+  tse_config c = default_car();
+  c.rolling_resistance_coefficient = (tse_setting)0.015;
+  expect_near(30 - 0.015 * G * 1900 * 20 / EFFECTIVE_MASS, coasted(&c), BY_FORMAT(2e-3, 0.03), "rolling_resistance", 0);
+  c.rolling_resistance_coefficient = (tse_setting)0.2;
+  expect_near(0, coasted(&c), 0.02, "standing", 0); /* below 0.5 m/s it fades with the speed */
+}
+
+static void test_grade_slows_a_coasting_car_and_the_sensor_does_not_see_it(void)
+{
+  tse_config c = default_car();
+  c.grade_angle = (tse_setting)0.06;
+  expect_near(30 - sin(0.06) * G * 1900 * 20 / EFFECTIVE_MASS, coasted(&c), BY_FORMAT(2e-3, 0.03), "grade", 0);
+  straight(&c, 20, 0.01, 600); /* driven at constant speed the tyres carry it, and that is seen */
+  replay(&c, 600);
+  expect_near(G * sin(0.06), number(got_x[599]), BY_FORMAT(1e-6, 1e-4), "accel_x", 0);
+}
+
+/* Constant wheel speeds: drag and rolling resistance show in slip and wheel torque, not in accel_x. */
+static void test_drag_and_rolling_resistance_show_in_slip_and_torque(void)
+{
+  tse_config c = default_car();
+  c.aero_drag_coefficient = (tse_setting)0.4;
+  c.rolling_resistance_coefficient = (tse_setting)0.012;
+  straight(&c, 30, 0.01, 800);
+  replay(&c, 800);
+  const double vx = number(got_vx[799]), force = 0.4 * vx * vx + 0.012 * 1900 * G;
+  expect_near(0, number(got_x[799]), BY_FORMAT(1e-6, 1e-3), "accel_x", 0);
+  expect_near(30 * (1 - force / 3.2e5), vx, BY_FORMAT(1e-6, 1e-3), "vel_x", 0);
+  expect_near(0.33 * force, number(got_tf[799]) + number(got_tr[799]), BY_FORMAT(1e-3, 0.5), "torque", 0);
+  expect_near(number(got_tf[799]), number(got_tr[799]), BY_FORMAT(1e-6, 1e-3), "both axles", 0);
+}
+
+/* Speeding up evenly: m a R at the tyres, J a/R to turn the wheels. */
+static void test_wheel_torque_holds_the_inertia_of_the_wheels(void)
+{
+  const tse_config c = default_car();
+  const tse_replay_log log = the_log();
+  tse_replay_start s = the_start();
+  straight(&c, 10, 0.01, 800);
+  for (int i = 0; i < 800; i++) log_front[i] = log_rear[i] = real((10 + 0.02 * i) / 0.33); /* 2 m/s2 */
+  s.wheel_inertia_front = real(5);
+  replay_with(&c, &log, 800, &s);
+  const double slip = 1 - number(got_vx[700]) / (10 + 0.02 * 700), a = 3.2e5 * slip / 1900;
+  expect_near(2 * (1 - slip), a, BY_FORMAT(1e-3, 2e-3), "acceleration: v = w (1 - slip), slip constant", 0);
+  expect_near(0.33 * 1.6e5 * slip + 5 * 2 / 0.33, number(got_tf[700]), BY_FORMAT(1e-6, 0.05), "front", 0);
+  expect_near(0.33 * 1.6e5 * slip + 2.4 * 2 / 0.33, number(got_tr[700]), BY_FORMAT(1e-6, 0.05), "rear", 0);
+}
+
+/* ---------------------------------------------------------------------------------------------- geometry */
+
+/* Tyres that hardly slip: the car rolls about a point. The rear axle's speed w gives r = w tan(d)/L; plain, r = w d/L. */
+static void test_exact_kinematics_roll_about_the_turning_centre(void)
+{
+  tse_config c = default_car();
+  const double d = 0.5, w = 3, length = 2.75;
+  c.longitudinal_stiffness_front = c.longitudinal_stiffness_rear = c.cornering_stiffness_front = c.cornering_stiffness_rear =
+      (tse_setting)1e7;
+  c.max_steer = (tse_setting)0.6;
+  c.exact_kinematics_share = 1;
+  straight(&c, w, 0.01, 600);
+  for (int i = 0; i < 600; i++) {
+    const double now = d * fmin(i / 200.0, 1);
+    log_steer[i] = real(now);
+    log_front[i] = real(w / cos(now) / 0.33);
+  }
+  replay(&c, 600);
+  expect_near(w * tan(d) / length, number(got_yaw[599]), 1e-3 * w, "yaw rate", 0); /* slip angles of 1e-3 remain */
+  expect_near(w * tan(d) / length * 1.5, number(got_vy[599]), 2e-3 * w, "vy = lr r", 0);
+  expect_near(w, number(got_vx[599]), 2e-3 * w, "vx", 0);
+}
+
+/* Point by point against vectors: velocity of the front wheel turned into its own axes, force turned back, by libm. */
+static void test_exact_kinematics_are_those_of_vectors(void)
+{
+  uint32_t seed = 5;
+  tse_config c = default_car();
+  for (int i = 0; i < 200; i++) {
+    const double share = i % 2 ? 1 : 0.25, d = next_between(&seed, -0.6, 0.6), vx = next_between(&seed, 3, 40);
+    const double vy = next_between(&seed, -3, 3), r = next_between(&seed, -0.8, 0.8), wf = next_between(&seed, 0.9, 1.1) * vx;
+    c.exact_kinematics_share = (tse_setting)share;
+    const tse_params p = prepared(&c);
+    tse_effect_memory m;
+    point pt;
+    memset(&m, 0, sizeof m);
+    memset(&pt, 0, sizeof pt);
+    pt.vx = real(vx);
+    pt.vy = real(vy);
+    pt.r = real(r);
+    pt.u.steer = real(d);
+    pt.u.v_front = real(wf);
+    pt.u.v_rear = real(vx);
+    effects_at(&p, &m, m.lag, vehicle_stiffness(&p, real(0), real(0), real(0)), &pt);
+    const double across = vy + 1.25 * r, direction = atan2(across, vx), speed = hypot(vx, across);
+    const double along = speed * cos(direction - d);
+    const double exact[3] = { d - direction, atan2(1.5 * r - vy, vx), (wf - along) / fmax(wf, along) };
+    const double plain[3] = { d - across / vx, (1.5 * r - vy) / vx, (wf - vx) / fmax(wf, vx) };
+    double s[3];
+    for (int k = 0; k < 3; k++) s[k] = plain[k] + share * (exact[k] - plain[k]);
+    const double tolerance = BY_FORMAT(1e-12, 3e-6);
+    expect_near(s[0], number(pt.s.a_front), tolerance, "front angle", i);
+    expect_near(s[1], number(pt.s.a_rear), tolerance, "rear angle", i);
+    expect_near(s[2], number(pt.s.s_front), tolerance, "front slip", i);
+    const double fx = 1.6e5 * s[2] / 1900, fy = 1.2e5 * s[0] / 1900, fr = 1.4e5 * s[1] / 1900;
+    const double co = 1 + share * (cos(d) - 1), si = d + share * (sin(d) - d);
+    expect_near(fx * co - fy * si, number(pt.force.x), BY_FORMAT(1e-9, 1e-3), "force along", i);
+    expect_near(fx * si + fy * co + fr, number(pt.force.y), BY_FORMAT(1e-9, 1e-3), "force across", i);
+    expect_near(1900 * (1.25 * (fx * si + fy * co) - 1.5 * fr) / 3000, number(pt.force.yaw), BY_FORMAT(1e-9, 1e-3), "moment", i);
+  }
+}
+
+/* Velocity of the IMU's place as a rigid body has it, differentiated in the turning axes. */
+static void test_lever_arm_is_the_acceleration_of_its_place_on_a_rigid_body(void)
+{
+  static double x0[LOG_MOST], y0[LOG_MOST];
+  tse_config c = default_car();
+  const double dt = 0.002, ax = 0.7, ay = -0.4;
+  const int rows = 2000;
+  straight(&c, 15, dt, rows);
+  for (int i = 0; i < rows; i++) {
+    log_steer[i] = real(0.04 * sin(6 * i * dt) + 0.02);
+    log_front[i] = real((15 + sin(2 * i * dt)) / 0.33);
+  }
+  replay(&c, rows);
+  for (int i = 0; i < rows; i++) {
+    x0[i] = number(got_x[i]);
+    y0[i] = number(got_y[i]);
+  }
+  c.imu_lever_arm_x = (tse_setting)ax;
+  c.imu_lever_arm_y = (tse_setting)ay;
+  replay(&c, rows);
+  for (int i = 200; i < rows - 1; i++) {
+    const double r = number(got_yaw[i]), turn = (number(got_yaw[i + 1]) - number(got_yaw[i - 1])) / (2 * dt);
+    const double px = -r * ay, py = r * ax; /* velocity of the place less that of the centre */
+    expect_near(-turn * ay - r * py, number(got_x[i]) - x0[i], BY_FORMAT(1e-4, 3e-3), "x", i);
+    expect_near(turn * ax + r * px, number(got_y[i]) - y0[i], BY_FORMAT(1e-4, 3e-3), "y", i);
+  }
+}
+
+/* A turned IMU reads the same length of the acceleration, and its direction turned back. */
+static void test_misalignment_turns_the_acceleration_and_keeps_its_length(void)
+{
+  static double x0[LOG_MOST], y0[LOG_MOST];
+  tse_config c = default_car();
+  straight(&c, 15, 0.01, 500);
+  for (int i = 0; i < 500; i++) {
+    log_steer[i] = real(0.04 * sin(0.05 * i) + 0.02);
+    log_front[i] = real((15 + sin(0.02 * i)) / 0.33);
+  }
+  replay(&c, 500);
+  for (int i = 0; i < 500; i++) {
+    x0[i] = number(got_x[i]);
+    y0[i] = number(got_y[i]);
+  }
+  c.imu_misalignment_angle = (tse_setting)0.1;
+  replay(&c, 500);
+  for (int i = 50; i < 500; i++) {
+    const double length = hypot(x0[i], y0[i]);
+    expect_near(length, hypot(number(got_x[i]), number(got_y[i])), BY_FORMAT(1e-12, 1e-5), "length", i);
+    if (length < 0.5) continue;
+    const double turned = atan2(y0[i], x0[i]) - atan2(number(got_y[i]), number(got_x[i]));
+    expect_near(0, sin(turned - 0.1), BY_FORMAT(1e-11, 1e-5), "direction", i);
+  }
+}
+
+int main(void)
+{
+  UNITY_BEGIN();
+  RUN_TEST(test_steering_offset_turns_the_car_that_is_steered_straight);
+  RUN_TEST(test_bank_pulls_the_car_to_its_low_side_and_the_sensor_does_not_see_it);
+  RUN_TEST(test_conicity_is_a_side_force_at_each_axle);
+  RUN_TEST(test_crosswind_pushes_at_its_arm);
+  RUN_TEST(test_crosswind_turns_with_the_heading);
+  RUN_TEST(test_aligning_moment_in_steady_cornering);
+  RUN_TEST(test_a_point_ahead_of_the_memory_is_where_time_has_brought_it);
+  RUN_TEST(test_saturation_is_the_brush_model);
+  RUN_TEST(test_saturation_ends_at_friction_times_load);
+  RUN_TEST(test_combined_slip_takes_from_the_lateral_force);
+  RUN_TEST(test_lateral_load_transfer_takes_with_the_square_of_the_acceleration_that_remains);
+  RUN_TEST(test_longitudinal_load_transfer_takes_in_front_what_it_gives_behind);
+  RUN_TEST(test_stiffness_drifts_between_two_times);
+  RUN_TEST(test_drag_slows_a_coasting_car_by_its_square);
+  RUN_TEST(test_rolling_resistance_slows_a_coasting_car_evenly_and_stops_with_it);
+  RUN_TEST(test_grade_slows_a_coasting_car_and_the_sensor_does_not_see_it);
+  RUN_TEST(test_drag_and_rolling_resistance_show_in_slip_and_torque);
+  RUN_TEST(test_wheel_torque_holds_the_inertia_of_the_wheels);
+  RUN_TEST(test_exact_kinematics_roll_about_the_turning_centre);
+  RUN_TEST(test_exact_kinematics_are_those_of_vectors);
+  RUN_TEST(test_lever_arm_is_the_acceleration_of_its_place_on_a_rigid_body);
+  RUN_TEST(test_misalignment_turns_the_acceleration_and_keeps_its_length);
+  return UNITY_END();
+}

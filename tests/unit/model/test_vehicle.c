@@ -1,0 +1,492 @@
+/* tests/unit/model/test_vehicle.c <-> src/model/vehicle.h
+ *
+ * Reference values: tests/reference/vehicle_table.h, the model written with forces in newtons and integrated by scipy. */
+#include "model/vehicle.h"
+
+#include "unit_support.h"
+#include "vehicle_table.h"
+
+/* The table's cars with the default sensors. */
+static tse_config car_config(int k)
+{
+  tse_config c;
+  tse_config_default(&c);
+  c.mass = (tse_setting)car_table[k][0];
+  c.yaw_inertia = (tse_setting)car_table[k][1];
+  c.lf = (tse_setting)car_table[k][2];
+  c.lr = (tse_setting)car_table[k][3];
+  c.longitudinal_stiffness_front = (tse_setting)car_table[k][4];
+  c.longitudinal_stiffness_rear = (tse_setting)car_table[k][5];
+  c.cornering_stiffness_front = (tse_setting)car_table[k][6];
+  c.cornering_stiffness_rear = (tse_setting)car_table[k][7];
+  c.rear_longitudinal_follows_front = (tse_setting)car_table[k][8];
+  return c;
+}
+
+static tse_params car(int k)
+{
+  const tse_config c = car_config(k);
+  return prepared(&c);
+}
+
+static inputs inputs_from(const double *u)
+{
+  inputs in;
+  in.steer = real(u[0]);
+  in.v_front = real(u[1]);
+  in.v_rear = real(u[2]);
+  return in;
+}
+
+static inputs mix_inputs(inputs a, inputs b, double share)
+{
+  inputs u;
+  u.steer = real(number(a.steer) + share * (number(b.steer) - number(a.steer)));
+  u.v_front = real(number(a.v_front) + share * (number(b.v_front) - number(a.v_front)));
+  u.v_rear = real(number(a.v_rear) + share * (number(b.v_rear) - number(a.v_rear)));
+  return u;
+}
+
+typedef struct motion { tse_real x, y, r; } motion;
+
+static motion motion_from(const double *x)
+{
+  motion m;
+  m.x = real(x[0]);
+  m.y = real(x[1]);
+  m.r = real(x[2]);
+  return m;
+}
+
+static void step(const tse_params *p, motion *m, stiffness k, inputs u0, inputs u1, double h)
+{
+  vehicle_step(p, &m->x, &m->y, &m->r, k, u0, u1, real(h));
+}
+
+static motion drive(const tse_params *p, motion m, stiffness k, inputs u0, inputs u1, double duration, int steps)
+{
+  for (int i = 0; i < steps; i++)
+    step(p, &m, k, mix_inputs(u0, u1, (double)i / steps), mix_inputs(u0, u1, (double)(i + 1) / steps), duration / steps);
+  return m;
+}
+
+static stiffness stiffness_at(const tse_params *p, double w0, double w1, double w2)
+{
+  return vehicle_stiffness(p, real(w0), real(w1), real(w2));
+}
+
+static void expect_bits(tse_real expected, tse_real actual, const char *what)
+{
+  TEST_ASSERT_EQUAL_MEMORY_MESSAGE(&expected, &actual, sizeof expected, what);
+}
+
+/* A spread of ordinary states: forward, backward, walking pace; not at a corner of max(). */
+typedef struct situation { motion m; inputs u; } situation;
+
+static situation any_situation(uint32_t *state, double lowest, double fastest)
+{
+  situation s;
+  const double v = next_between(state, lowest, fastest);
+  s.m.x = real(v);
+  s.m.y = real(next_between(state, -1.0, 1.0));
+  s.m.r = real(next_between(state, -0.5, 0.5));
+  s.u.steer = real(next_between(state, -0.4, 0.4));
+  s.u.v_front = real(v + next_between(state, -0.5, 0.5));
+  s.u.v_rear = real(v + next_between(state, -0.5, 0.5));
+  return s;
+}
+
+static slips slips_of(const tse_params *p, situation s) { return vehicle_slips(p, s.m.x, s.m.y, s.m.r, s.u); }
+
+/* ------------------------------------------------------------------------- (1)-(4): slips and forces */
+
+/* About ten roundings of numbers up to 72 m/s, divided by at least 1 m/s; accelerations: times k of up to 400 m/s2. */
+#define SLIP_TOL BY_FORMAT(1e-13, 6e-5)
+#define ACCEL_TOL(expected) (BY_FORMAT(1e-13, 6e-6) * (400.0 + fabs(expected)))
+
+static void test_slips_match_the_reference_from_standstill_to_70_ms_and_in_reverse(void)
+{
+  for (int i = 0; i < ROWS(force_table); i++) {
+    const double *const t = force_table[i];
+    const tse_params p = car((int)t[0]);
+    const motion m = motion_from(t + 1);
+    const slips s = vehicle_slips(&p, m.x, m.y, m.r, inputs_from(t + 4));
+    expect_near(t[10], number(s.s_front), SLIP_TOL, "front slip", i);
+    expect_near(t[11], number(s.s_rear), SLIP_TOL, "rear slip", i);
+    expect_near(t[12], number(s.a_front), SLIP_TOL, "front slip angle", i);
+    expect_near(t[13], number(s.a_rear), SLIP_TOL, "rear slip angle", i);
+  }
+}
+
+static void test_accelerations_match_forces_in_newtons_over_mass_and_inertia(void)
+{
+  for (int i = 0; i < ROWS(force_table); i++) {
+    const double *const t = force_table[i];
+    const tse_params p = car((int)t[0]);
+    const motion m = motion_from(t + 1);
+    const inputs u = inputs_from(t + 4);
+    const accels a = vehicle_accels(&p, stiffness_at(&p, t[7], t[8], t[9]), vehicle_slips(&p, m.x, m.y, m.r, u), u.steer);
+    expect_near(t[14], number(a.x), ACCEL_TOL(t[14]), "accel_x", i);
+    expect_near(t[15], number(a.y), ACCEL_TOL(t[15]), "accel_y", i);
+    expect_near(t[16], number(a.yaw), ACCEL_TOL(t[16]), "yaw acceleration", i);
+  }
+}
+
+static void test_driving_wheels_push_and_braked_wheels_drag(void)
+{
+  const tse_params p = car(0);
+  const stiffness k = stiffness_at(&p, 0, 0, 0);
+  situation s = { { real(20), real(0), real(0) }, { real(0), real(20.2), real(20.2) } };
+  TEST_ASSERT_TRUE(vehicle_accels(&p, k, slips_of(&p, s), s.u.steer).x > TSE_R(0));
+  s.u.v_front = s.u.v_rear = real(19.8);
+  TEST_ASSERT_TRUE(vehicle_accels(&p, k, slips_of(&p, s), s.u.steer).x < TSE_R(0));
+}
+
+static void test_rear_longitudinal_stiffness_follows_the_front_by_its_share(void)
+{
+  for (int i = 0; i < 3; i++) {
+    const double *const c = car_table[i];
+    const tse_params p = car(i);
+    const stiffness k = stiffness_at(&p, 0.4, 0.0, 0.0);
+    expect_near(1.4 * c[4] / c[0], number(k.x_front), BY_FORMAT(1e-12, 1e-4), "front", i);
+    expect_near((1.0 + 0.4 * c[8]) * c[5] / c[0], number(k.x_rear), BY_FORMAT(1e-12, 1e-4), "rear", i);
+  }
+}
+
+/* In reverse, at walking pace and forward: the power of every tyre force over the contact's sliding velocity is <= 0. */
+static void test_tyre_forces_oppose_the_velocity_of_their_contact_in_both_directions(void)
+{
+  uint32_t state = 3;
+  const tse_params p = car(0);
+  for (int i = 0; i < 3000; i++) {
+    const situation s = any_situation(&state, -20.0, 20.0);
+    const slips l = slips_of(&p, s);
+    TEST_ASSERT_TRUE(l.s_front * (s.u.v_front - s.m.x) >= TSE_R(0));
+    TEST_ASSERT_TRUE(l.s_rear * (s.u.v_rear - s.m.x) >= TSE_R(0));
+    const double front = number(s.m.y) + number(p.lf) * number(s.m.r) - number(s.u.steer) * number(s.m.x);
+    const double rear = number(s.m.y) - number(p.lr) * number(s.m.r);
+    if (fabs(front) > 1e-3) TEST_ASSERT_TRUE(number(l.a_front) * front < 0);
+    if (fabs(rear) > 1e-3) TEST_ASSERT_TRUE(number(l.a_rear) * rear < 0);
+  }
+}
+
+static void test_driving_backwards_mirrors_the_forces_exactly(void)
+{
+  uint32_t state = 4;
+  const tse_params p = car(2);
+  const stiffness k = stiffness_at(&p, 0.2, -0.3, 0.1);
+  for (int i = 0; i < 1000; i++) {
+    situation s = any_situation(&state, -30.0, 30.0);
+    const accels a = vehicle_accels(&p, k, slips_of(&p, s), s.u.steer);
+    s.m.x = -s.m.x;
+    s.u.v_front = -s.u.v_front;
+    s.u.v_rear = -s.u.v_rear;
+    s.u.steer = -s.u.steer;
+    const accels b = vehicle_accels(&p, k, slips_of(&p, s), s.u.steer);
+    expect_bits(a.x, -b.x, "accel_x");
+    expect_bits(a.y, b.y, "accel_y");
+    expect_bits(a.yaw, b.yaw, "yaw acceleration");
+  }
+}
+
+/* |d slip/d vx| <= 2/low speed everywhere: nothing is divided by a small number. */
+static void test_slips_stay_bounded_and_continuous_through_standstill(void)
+{
+  const tse_params p = car(0);
+  situation s = { { real(0), real(0.1), real(0.1) }, { real(0.1), real(0.02), real(-0.02) } };
+  slips before = slips_of(&p, s);
+  for (int i = -2000; i <= 2000; i++) {
+    s.m.x = real(i * 0.001);
+    const slips l = slips_of(&p, s);
+    if (i > -2000) {
+      TEST_ASSERT_TRUE(fabs(number(l.s_front) - number(before.s_front)) < 0.00201);
+      TEST_ASSERT_TRUE(fabs(number(l.a_front) - number(before.a_front)) < 0.00201);
+      TEST_ASSERT_TRUE(fabs(number(l.a_rear) - number(before.a_rear)) < 0.00201);
+    }
+    before = l;
+  }
+}
+
+/* ------------------------------------------------------------------- (6), (7), (9): the estimation form */
+
+/* The accelerations are linear in w, so a wide difference is exact but for rounding; in units of the sensor's sd. */
+static void test_observation_rows_are_the_derivatives_of_the_accelerations(void)
+{
+  uint32_t state = 5;
+  for (int i = 0; i < 600; i++) {
+    const tse_config c = car_config(i % 3);
+    const tse_params p = prepared(&c);
+    const situation s = any_situation(&state, -5.0, 70.0);
+    const slips l = slips_of(&p, s);
+    const observation o = vehicle_observation(vehicle_observation_gains(&p, TSE_R(1), TSE_R(1)), l, s.u.steer);
+    const accels at0 = vehicle_accels(&p, stiffness_at(&p, 0, 0, 0), l, s.u.steer);
+    const double sd[2] = { (double)c.accel_x_sd, (double)c.accel_y_sd };
+    const double d[2][3] = { { number(o.d11), number(o.d12), 0.0 }, { number(o.d21), number(o.d22), number(o.d23) } };
+    const double scale = 400.0 / 0.15;
+    for (int b = 0; b < 3; b++) {
+      const accels up = vehicle_accels(&p, stiffness_at(&p, b == 0, b == 1, b == 2), l, s.u.steer);
+      const accels down = vehicle_accels(&p, stiffness_at(&p, -(b == 0), -(b == 1), -(b == 2)), l, s.u.steer);
+      expect_near((number(up.x) - number(down.x)) / 2 / sd[0], d[0][b], BY_FORMAT(1e-14, 1e-6) * scale, "d1", b);
+      expect_near((number(up.y) - number(down.y)) / 2 / sd[1], d[1][b], BY_FORMAT(1e-14, 1e-6) * scale, "d2", b);
+    }
+    expect_near(number(at0.x) / sd[0], number(o.h1), BY_FORMAT(1e-14, 1e-6) * scale, "h1", i);
+    expect_near(number(at0.y) / sd[1], number(o.h2), BY_FORMAT(1e-14, 1e-6) * scale, "h2", i);
+  }
+}
+
+static void test_row_of_a_missing_measurement_vanishes_and_the_other_stays(void)
+{
+  uint32_t state = 6;
+  const tse_params p = car(1);
+  for (int i = 0; i < 50; i++) {
+    const situation s = any_situation(&state, 0.0, 40.0);
+    const slips l = slips_of(&p, s);
+    const observation both = vehicle_observation(vehicle_observation_gains(&p, TSE_R(1), TSE_R(1)), l, s.u.steer);
+    const observation only_y = vehicle_observation(vehicle_observation_gains(&p, TSE_R(0), TSE_R(1)), l, s.u.steer);
+    const observation only_x = vehicle_observation(vehicle_observation_gains(&p, TSE_R(1), TSE_R(0)), l, s.u.steer);
+    TEST_ASSERT_TRUE(both.d11 != TSE_R(0) && both.d23 != TSE_R(0));
+    TEST_ASSERT_TRUE(!(only_y.d11 != TSE_R(0)) && !(only_y.d12 != TSE_R(0)) && !(only_y.h1 != TSE_R(0)));
+    TEST_ASSERT_TRUE(!(only_x.d21 != TSE_R(0)) && !(only_x.d22 != TSE_R(0)) && !(only_x.d23 != TSE_R(0)) &&
+                     !(only_x.h2 != TSE_R(0)));
+    expect_bits(both.d21, only_y.d21, "d21");
+    expect_bits(both.d22, only_y.d22, "d22");
+    expect_bits(both.d23, only_y.d23, "d23");
+    expect_bits(both.h2, only_y.h2, "h2");
+    expect_bits(both.d11, only_x.d11, "d11");
+    expect_bits(both.d12, only_x.d12, "d12");
+    expect_bits(both.h1, only_x.h1, "h1");
+  }
+}
+
+/* g = Ts [daX/dw; daY/dw; dr'/dw], written out as in algorithm.md section 1, against the step's own derivative in w.
+ * Truncation: h times the tyres' rates (up to 30/s at 10 m/s); rounding: 20 m/s 2^-24 over h in float. */
+static void test_state_prediction_depends_on_w_as_g_says(void)
+{
+  uint32_t state = 7;
+  const double h = BY_FORMAT(1e-6, 1e-3);
+  for (int i = 0; i < 200; i++) {
+    const int which = i % 3;
+    const double *const c = car_table[which];
+    const tse_params p = car(which);
+    const situation s = any_situation(&state, 10.0, 20.0);
+    const slips l = slips_of(&p, s);
+    const double delta = number(s.u.steer);
+    const double xf = c[4] * number(l.s_front), xr = c[8] * c[5] * number(l.s_rear);
+    const double yf = c[6] * number(l.a_front), yr = c[7] * number(l.a_rear);
+    const double g[3][3] = { { (xf + xr) / c[0], -yf * delta / c[0], 0 },
+                             { xf * delta / c[0], yf / c[0], yr / c[0] },
+                             { c[2] * xf * delta / c[1], c[2] * yf / c[1], -c[3] * yr / c[1] } };
+    for (int b = 0; b < 3; b++) {
+      motion up = s.m, down = s.m;
+      step(&p, &up, stiffness_at(&p, 0.5 * (b == 0), 0.5 * (b == 1), 0.5 * (b == 2)), s.u, s.u, h);
+      step(&p, &down, stiffness_at(&p, -0.5 * (b == 0), -0.5 * (b == 1), -0.5 * (b == 2)), s.u, s.u, h);
+      const double tol = BY_FORMAT(2e-3, 0.2);
+      expect_near(g[0][b], (number(up.x) - number(down.x)) / h, tol * (1 + fabs(g[0][b])), "g1", b);
+      expect_near(g[1][b], (number(up.y) - number(down.y)) / h, tol * (1 + fabs(g[1][b])), "g2", b);
+      expect_near(g[2][b], (number(up.r) - number(down.r)) / h, tol * (1 + fabs(g[2][b])), "g3", b);
+    }
+  }
+}
+
+/* ------------------------------------------------------------------------------ (7): the integrator */
+
+static double distance(motion m, const double *end)
+{
+  return fabs(number(m.x) - end[0]) + fabs(number(m.y) - end[1]) + fabs(number(m.r) - end[2]);
+}
+
+/* Step: 1/16 of the fastest tyre mode's time constant, so the error is the leading term: at most 1e-3 of the change. */
+static void test_trajectories_match_a_fine_integration_of_the_same_equations(void)
+{
+  for (int i = 0; i < ROWS(drive_table); i++) {
+    const double *const t = drive_table[i];
+    const tse_params p = car((int)t[0]);
+    const int steps = (int)ceil(16 * t[1] / t[17]);
+    const motion m = drive(&p, motion_from(t + 2), stiffness_at(&p, t[11], t[12], t[13]), inputs_from(t + 5),
+                           inputs_from(t + 8), t[1], steps);
+    /* rounding in float: one unit in the last place of the speed per step, at random; a systematic one would be 3e-2 */
+    const double rounding = BY_FORMAT(0, 3e-7 * (1 + fabs(t[14])) * sqrt(steps));
+    expect_near(0, distance(m, t + 14), 1e-3 * distance(motion_from(t + 2), t + 14) + rounding, "distance to the end", i);
+  }
+}
+
+static void test_halving_the_step_divides_the_error_by_four(void)
+{
+#if defined(TSE_REAL_FLOAT)
+  TEST_IGNORE_MESSAGE("the rounding of float hides the order of convergence; shown in double");
+#endif
+  for (int i = 0; i < ROWS(drive_table); i++) {
+    const double *const t = drive_table[i];
+    const tse_params p = car((int)t[0]);
+    const stiffness k = stiffness_at(&p, t[11], t[12], t[13]);
+    const int steps = (int)ceil(16 * t[1] / t[17]);
+    double error[4];
+    for (int j = 0; j < 4; j++)
+      error[j] = distance(drive(&p, motion_from(t + 2), k, inputs_from(t + 5), inputs_from(t + 8), t[1], steps << j), t + 14);
+    /* the leading term of the error is h^2, the next one h^3: the ratio tends to 4 */
+    expect_near(4.0, error[1] / error[2], 0.5, "error at h/2 over error at h/4", i);
+    expect_near(4.0, error[2] / error[3], 0.25, "error at h/4 over error at h/8", i);
+  }
+}
+
+/* Amplitudes of 1e-6: what is not linear is 1e-6 smaller still. Step 0.25 ms; tolerance: (h rate)^2 with rates to 250/s. */
+static void test_lateral_motion_at_constant_speed_matches_the_matrix_exponential(void)
+{
+  const double small = 1e-6;
+  for (int i = 0; i < ROWS(linear_table); i++) {
+    const double *const t = linear_table[i];
+    const tse_params p = car((int)t[0]);
+    const double start[3] = { t[1], small * t[3], small * t[4] };
+    const double u0[3] = { small * t[5], t[1], t[1] }, u1[3] = { small * t[6], t[1], t[1] };
+    const motion m = drive(&p, motion_from(start), stiffness_at(&p, 0, 0, 0), inputs_from(u0), inputs_from(u1), t[2],
+                           (int)(t[2] / 0.00025));
+    const double size = fabs(t[7]) + fabs(t[8]) + 0.1;
+    expect_near(t[7], number(m.y) / small, BY_FORMAT(1e-4, 5e-4) * size, "vel_y", i);
+    expect_near(t[8], number(m.r) / small, BY_FORMAT(1e-4, 5e-4) * size, "yaw rate", i);
+  }
+}
+
+/* r/delta = v/(L + K v^2), K = m (lr/Cf - lf/Cr)/L; vy = r (lr - m lf v^2/(L Cr)). Steps of 10 ms: the stationary point
+ * of the method is the model's own. */
+static void test_steady_cornering_has_the_yaw_gain_and_sideslip_of_the_handbook(void)
+{
+  const double speeds[] = { 0.5, 1.0, 3.0, 10.0, 20.0, 40.0, 70.0 };
+  for (int k = 0; k < 3; k++) {
+    const double *const c = car_table[k];
+    const tse_params p = car(k);
+    for (int i = 0; i < ROWS(speeds); i++) {
+      const double v = speeds[i], angle = 1e-6, wheelbase = c[2] + c[3];
+      /* below 1 m/s slip is taken over 1 m/s: the tyres' part scales with v * 1 instead of v^2 */
+      const double vv = v < 1.0 ? v : v * v;
+      const double understeer = c[0] / wheelbase * (c[3] / c[6] - c[2] / c[7]);
+      const double gain = v / (wheelbase + understeer * vv), vel_y = gain * (c[3] - c[0] * c[2] * vv / (wheelbase * c[7]));
+      const double u[3] = { angle, v, v }, start[3] = { v, 0, 0 };
+      const motion m = drive(&p, motion_from(start), stiffness_at(&p, 0, 0, 0), inputs_from(u), inputs_from(u), 60.0, 6000);
+      expect_near(gain, number(m.r) / angle, BY_FORMAT(1e-8, 1e-4) * fabs(gain), "yaw gain", i);
+      expect_near(vel_y, number(m.y) / angle, BY_FORMAT(1e-8, 1e-4) * (fabs(vel_y) + fabs(gain)), "vel_y gain", i);
+    }
+  }
+}
+
+/* The linearised step is the stability function of the method, so the Jacobian is complete in what is stiff: lateral motion
+ * at amplitudes of 1e-6; and the longitudinal one, which is linear as it stands below 1 m/s, and above it as long as the
+ * wheels are faster, also in the inner stage. */
+static void test_one_step_is_the_stability_function_of_an_l_stable_method_of_order_two(void)
+{
+  const double small = 1e-6, gamma = 1 - sqrt(0.5);
+  for (int i = 0; i < ROWS(stability_table); i++) {
+    const double *const t = stability_table[i], *const c = car_table[(int)t[0]];
+    const tse_params p = car((int)t[0]);
+    const double x[3] = { t[1], small * t[3], small * t[4] }, u[3] = { 0, t[1], t[1] };
+    motion m = motion_from(x);
+    step(&p, &m, stiffness_at(&p, 0, 0, 0), inputs_from(u), inputs_from(u), t[2]);
+    expect_near(t[5], number(m.y) / small, BY_FORMAT(2e-5, 2e-5), "vel_y", i);
+    expect_near(t[6], number(m.r) / small, BY_FORMAT(2e-5, 2e-5), "yaw rate", i);
+
+    motion slow = { real(t[1] - 0.25), real(0), real(0) };
+    const double z = -t[2] * (c[4] + c[5]) / c[0] / fmax(t[1], 1);
+    if (t[1] >= 1 && z < -1) continue;
+    step(&p, &slow, stiffness_at(&p, 0, 0, 0), inputs_from(u), inputs_from(u), t[2]);
+    expect_near(t[1] - 0.25 * (1 + (1 - 2 * gamma) * z) / (1 - gamma * z) / (1 - gamma * z), number(slow.x),
+                BY_FORMAT(1e-13, 1e-5), "vel_x", i);
+  }
+}
+
+/* Squared distance from rolling with the wheels, yaw with I/m. Returned: its value at the end; *largest on the way. */
+static double settle(const tse_params *p, stiffness k, double v, double h, double duration, double *largest)
+{
+  const double u[3] = { 0, v, v };
+  motion m = { real(v + 0.1), real(0.3), real(-0.2) };
+  double energy = 0;
+  *largest = 0;
+  for (int i = 0; i < (int)(duration / h + 0.5); i++) {
+    step(p, &m, k, inputs_from(u), inputs_from(u), h);
+    const double dv = number(m.x) - v;
+    energy = dv * dv + number(m.y) * number(m.y) + 3000.0 / 1900.0 * number(m.r) * number(m.r);
+    if (!(energy <= *largest)) *largest = energy;
+  }
+  return energy;
+}
+
+/* From standstill to 70 m/s, steps of 10 to 50 ms, tyres from a tenth of nominal to twenty times (rates to 6000/s). A car
+ * at speed weathervanes before the tyres catch it: how far, a step of 0.5 ms tells; a coarse one may not go 5 % further. */
+static void test_disturbances_never_grow_and_die_out_at_any_speed_and_step(void)
+{
+  const double speeds[] = { 0.0, 0.05, 0.3, 0.8, 1.0, 1.4, 2.0, 5.0, 20.0, 70.0 };
+  const double steps[] = { 0.01, 0.02, 0.05 };
+  const double levels[] = { -0.9, 0.0, 4.0, 19.0 };
+  const tse_params p = car(0);
+  const double start = 0.1 * 0.1 + 0.3 * 0.3 + 3000.0 / 1900.0 * 0.2 * 0.2;
+  for (int a = 0; a < ROWS(speeds); a++)
+    for (int c = 0; c < ROWS(levels); c++) {
+      const stiffness k = stiffness_at(&p, levels[c], levels[c], levels[c]);
+      double allowed, largest;
+      (void)settle(&p, k, speeds[a], 0.0005, 3.0, &allowed);
+      if (allowed < start) allowed = start;
+      for (int b = 0; b < ROWS(steps); b++) {
+        const double left = settle(&p, k, speeds[a], steps[b], 60.0, &largest);
+        TEST_ASSERT_TRUE_MESSAGE(largest < 1.05 * allowed, "grows");
+        TEST_ASSERT_TRUE_MESSAGE(left < 1e-4 * start, "does not die out");
+      }
+    }
+}
+
+static void test_car_at_rest_stays_at_rest_exactly(void)
+{
+  const tse_params p = car(0);
+  const tse_real zero = 0;
+  motion m = { 0, 0, 0 };
+  const double u0[3] = { -0.5, 0, 0 }, u1[3] = { 0.5, 0, 0 };
+  for (int i = 0; i < 1000; i++) step(&p, &m, stiffness_at(&p, 0.3, -0.2, 0.1), inputs_from(u0), inputs_from(u1), 0.05);
+  TEST_ASSERT_TRUE(!(m.x != zero) && !(m.y != zero) && !(m.r != zero));
+}
+
+static void test_free_rolling_straight_ahead_is_kept_exactly(void)
+{
+  const tse_params p = car(0);
+  const double start[3] = { 31.25, 0, 0 }, u[3] = { 0, 31.25, 31.25 };
+  const motion m = drive(&p, motion_from(start), stiffness_at(&p, 0.3, -0.2, 0.1), inputs_from(u), inputs_from(u), 10.0, 1000);
+  expect_bits(real(31.25), m.x, "vel_x");
+  TEST_ASSERT_TRUE(!(m.y != TSE_R(0)) && !(m.r != TSE_R(0)));
+}
+
+static void test_turning_right_is_turning_left_mirrored_bit_for_bit(void)
+{
+  const tse_params p = car(2);
+  const stiffness k = stiffness_at(&p, 0.3, -0.2, 0.1);
+  for (int i = 0; i < ROWS(drive_table); i++) {
+    const double *const t = drive_table[i];
+    const double start[3] = { t[2], -t[3], -t[4] }, u0[3] = { -t[5], t[6], t[7] }, u1[3] = { -t[8], t[9], t[10] };
+    const motion left = drive(&p, motion_from(t + 2), k, inputs_from(t + 5), inputs_from(t + 8), t[1], 100);
+    const motion right = drive(&p, motion_from(start), k, inputs_from(u0), inputs_from(u1), t[1], 100);
+    expect_bits(left.x, right.x, "vel_x");
+    expect_bits(left.y, -right.y, "vel_y");
+    expect_bits(left.r, -right.r, "yaw rate");
+    TEST_ASSERT_TRUE(left.y != TSE_R(0));
+  }
+}
+
+int main(void)
+{
+  UNITY_BEGIN();
+  RUN_TEST(test_slips_match_the_reference_from_standstill_to_70_ms_and_in_reverse);
+  RUN_TEST(test_accelerations_match_forces_in_newtons_over_mass_and_inertia);
+  RUN_TEST(test_driving_wheels_push_and_braked_wheels_drag);
+  RUN_TEST(test_rear_longitudinal_stiffness_follows_the_front_by_its_share);
+  RUN_TEST(test_tyre_forces_oppose_the_velocity_of_their_contact_in_both_directions);
+  RUN_TEST(test_driving_backwards_mirrors_the_forces_exactly);
+  RUN_TEST(test_slips_stay_bounded_and_continuous_through_standstill);
+  RUN_TEST(test_observation_rows_are_the_derivatives_of_the_accelerations);
+  RUN_TEST(test_row_of_a_missing_measurement_vanishes_and_the_other_stays);
+  RUN_TEST(test_state_prediction_depends_on_w_as_g_says);
+  RUN_TEST(test_trajectories_match_a_fine_integration_of_the_same_equations);
+  RUN_TEST(test_halving_the_step_divides_the_error_by_four);
+  RUN_TEST(test_one_step_is_the_stability_function_of_an_l_stable_method_of_order_two);
+  RUN_TEST(test_lateral_motion_at_constant_speed_matches_the_matrix_exponential);
+  RUN_TEST(test_steady_cornering_has_the_yaw_gain_and_sideslip_of_the_handbook);
+  RUN_TEST(test_disturbances_never_grow_and_die_out_at_any_speed_and_step);
+  RUN_TEST(test_car_at_rest_stays_at_rest_exactly);
+  RUN_TEST(test_free_rolling_straight_ahead_is_kept_exactly);
+  RUN_TEST(test_turning_right_is_turning_left_mirrored_bit_for_bit);
+  return UNITY_END();
+}

@@ -1,0 +1,402 @@
+/* tests/unit/number/test_random.c <-> src/number/random.h
+ *
+ * Reference values: tests/reference/random_table.h (Random123's vectors, threefry in Python, quantiles from scipy).
+ *
+ * Distributions are compared by Kolmogorov-Smirnov distances and chi-squares of seeded samples. A sound generator exceeds
+ * each limit with probability 1e-5 (KS: 2.47/sqrt(N); counts and correlations: 4.42 sigma), one of all limits here with less
+ * than 1e-2; the numbers are the same in every run, so a test that passes once passes always. */
+#include <stdlib.h>
+
+#include "number/random.h"
+
+#include "unit_support.h"
+#include "random_table.h"
+
+#define SAMPLES 100000
+#define KS_LIMIT (2.47 / sqrt((double)SAMPLES))
+#define CORRELATION_LIMIT (4.42 / sqrt((double)SAMPLES))
+
+static const uint32_t seed[2] = { 7u, 0x7473650au };
+static double sample_of[6][SAMPLES];
+
+static void words(uint32_t step, uint32_t purpose, uint32_t particle, uint32_t w[2])
+{
+  random_words(seed, step, purpose, particle, &w[0], &w[1]);
+}
+
+static int ascending(const void *a, const void *b)
+{
+  const double x = *(const double *)a, y = *(const double *)b;
+  return (x > y) - (x < y);
+}
+
+/* Sorts the sample. */
+static double ks_distance(double *x, double (*cdf)(double))
+{
+  double worst = 0;
+  qsort(x, SAMPLES, sizeof x[0], ascending);
+  for (int i = 0; i < SAMPLES; i++) {
+    const double p = cdf(x[i]);
+    worst = fmax(worst, fmax(fabs(p - (double)i / SAMPLES), fabs((i + 1.0) / SAMPLES - p)));
+  }
+  return worst;
+}
+
+/* Against tabled quantiles: each share of the sample below quantile j has mean p_j and sd sqrt(p (1-p)/N). Largest distance
+ * over the KS limit, and in the tails over 4.42 sd.   Returned: 1 when within both. */
+static int follows(const double *x, const double *quantile)
+{
+  enum { LAST = ROWS(probability_table) };
+  static int below[LAST + 1];
+  memset(below, 0, sizeof below);
+  for (int i = 0; i < SAMPLES; i++) {
+    int j = 0, end = LAST; /* the first quantile that is not below x */
+    while (j < end) {
+      const int middle = (j + end) / 2;
+      if (quantile[middle] < x[i]) j = middle + 1;
+      else end = middle;
+    }
+    below[j]++;
+  }
+  int count = 0;
+  for (int j = 0; j < LAST; j++) {
+    const double p = probability_table[j];
+    count += below[j];
+    const double distance = fabs((double)count / SAMPLES - p);
+    if (distance > KS_LIMIT || distance > 4.42 * sqrt(p * (1 - p) / SAMPLES)) {
+      printf("share %g below the quantile of %g\n", (double)count / SAMPLES, p);
+      return 0;
+    }
+  }
+  return 1;
+}
+
+static double correlation(const double *x, const double *y)
+{
+  double sx = 0, sy = 0, sxx = 0, syy = 0, sxy = 0;
+  for (int i = 0; i < SAMPLES; i++) {
+    sx += x[i];
+    sy += y[i];
+    sxx += x[i] * x[i];
+    syy += y[i] * y[i];
+    sxy += x[i] * y[i];
+  }
+  const double n = SAMPLES;
+  return (sxy - sx * sy / n) / sqrt((sxx - sx * sx / n) * (syy - sy * sy / n));
+}
+
+/* ------------------------------------------------------------------------------------------- words */
+
+static void test_words_are_threefry2x32_20(void)
+{
+  for (int i = 0; i < ROWS(threefry_table); i++) {
+    const uint32_t *const t = threefry_table[i];
+    uint32_t a, b;
+    random_words(t + 2, t[0], t[1] >> 16, t[1] & 0xffffu, &a, &b);
+    TEST_ASSERT_EQUAL_HEX32(t[4], a);
+    TEST_ASSERT_EQUAL_HEX32(t[5], b);
+  }
+}
+
+static int ascending_words(const void *a, const void *b)
+{
+  const uint64_t x = *(const uint64_t *)a, y = *(const uint64_t *)b;
+  return (x > y) - (x < y);
+}
+
+/* threefry permutes the counter: two equal results would be two equal counters. */
+static void test_no_two_steps_purposes_or_particles_share_their_words(void)
+{
+  static const uint32_t purposes[] = { RANDOM_DRAW_A, RANDOM_DRAW_B, RANDOM_RESAMPLE, RANDOM_START_A, RANDOM_START_B,
+    RANDOM_START_C, RANDOM_SIM_STIFFNESS_A, RANDOM_SIM_STIFFNESS_B, RANDOM_SIM_NOISE_A, RANDOM_SIM_NOISE_B,
+    RANDOM_SIM_NOISE_C, RANDOM_SIM_WALK_A, RANDOM_SIM_WALK_B };
+  enum { STEPS = 8, PARTICLES = 520, ALL = STEPS * ROWS(purposes) * PARTICLES };
+  static uint64_t all[ALL];
+  int n = 0;
+  for (uint32_t step = 0; step < STEPS; step++)
+    for (int k = 0; k < ROWS(purposes); k++)
+      for (uint32_t i = 0; i < PARTICLES; i++) {
+        uint32_t w[2];
+        words(step, purposes[k], i, w);
+        all[n++] = (uint64_t)w[0] << 32 | w[1];
+      }
+  qsort(all, ALL, sizeof all[0], ascending_words);
+  for (int i = 1; i < ALL; i++) TEST_ASSERT_TRUE(all[i] != all[i - 1]);
+}
+
+static void test_last_particle_of_the_largest_filter_does_not_reach_the_next_purpose(void)
+{
+  uint32_t a[2], b[2];
+  words(3, RANDOM_DRAW_A, 65535u, a);
+  words(3, RANDOM_DRAW_B, 0, b);
+  TEST_ASSERT_TRUE(a[0] != b[0] && a[1] != b[1]);
+}
+
+static void test_another_seed_gives_other_words_and_the_same_seed_the_same(void)
+{
+  const uint32_t other[2] = { seed[0] + 1u, seed[1] };
+  int equal = 0;
+  for (uint32_t i = 0; i < 1000; i++) {
+    uint32_t a[2], b[2], again[2];
+    words(i, 0, i, a);
+    words(i, 0, i, again);
+    random_words(other, i, 0, i, &b[0], &b[1]);
+    TEST_ASSERT_EQUAL_MEMORY(a, again, sizeof a);
+    equal += a[0] == b[0] || a[1] == b[1];
+  }
+  TEST_ASSERT_EQUAL_INT(0, equal);
+}
+
+static void test_every_bit_is_set_half_of_the_time(void)
+{
+  static int set[64];
+  memset(set, 0, sizeof set);
+  for (uint32_t i = 0; i < SAMPLES; i++) {
+    uint32_t w[2];
+    words(i / 500u, RANDOM_RESAMPLE, i % 500u, w);
+    for (int b = 0; b < 64; b++) set[b] += (int)(w[b / 32] >> b % 32 & 1u);
+  }
+  for (int b = 0; b < 64; b++) expect_near(0.5, set[b] / (double)SAMPLES, 0.5 * CORRELATION_LIMIT, "bit", b);
+}
+
+static void test_neighbouring_streams_are_uncorrelated(void)
+{
+  const uint32_t other[2] = { seed[0] + 1u, seed[1] };
+  for (uint32_t i = 0; i < SAMPLES; i++) {
+    const uint32_t k = i / 500u, particle = i % 500u;
+    uint32_t w[6][2];
+    words(k, 0, particle, w[0]);
+    words(k + 1u, 0, particle, w[1]);
+    words(k, 1, particle, w[2]);
+    words(k, 0, particle + 1u, w[3]);
+    random_words(other, k, 0, particle, &w[4][0], &w[4][1]);
+    for (int j = 0; j < 5; j++) sample_of[j][i] = number(r_uniform(w[j][0]));
+    sample_of[5][i] = number(r_uniform(w[0][1]));
+  }
+  for (int j = 1; j < 6; j++) expect_near(0, correlation(sample_of[0], sample_of[j]), CORRELATION_LIMIT, "correlation", j);
+}
+
+/* ----------------------------------------------------------------------------- uniform and normal */
+
+static double uniform_cdf(double x) { return x; }
+static double normal_cdf(double x) { return 0.5 * erfc(-x * 0.70710678118654752); }
+static double exponential_cdf(double x) { return 1.0 - exp(-x); }
+
+static void test_uniform_numbers_are_uniform(void)
+{
+  for (uint32_t i = 0; i < SAMPLES; i++) {
+    uint32_t w[2];
+    words(i, RANDOM_START_A, 0, w);
+    sample_of[0][i] = number(r_uniform(w[0]));
+    sample_of[1][i] = number(r_uniform(w[1]));
+  }
+  TEST_ASSERT_TRUE(ks_distance(sample_of[0], uniform_cdf) < KS_LIMIT);
+  TEST_ASSERT_TRUE(ks_distance(sample_of[1], uniform_cdf) < KS_LIMIT);
+}
+
+static void normal_samples(void)
+{
+  for (uint32_t i = 0; i < SAMPLES; i++) {
+    uint32_t w[2];
+    tse_real a, b;
+    words(i / 500u, RANDOM_START_B, i % 500u, w);
+    random_normal2(w[0], w[1], &a, &b);
+    sample_of[0][i] = number(a);
+    sample_of[1][i] = number(b);
+  }
+}
+
+static void test_normal_numbers_are_normal(void)
+{
+  normal_samples();
+  TEST_ASSERT_TRUE(ks_distance(sample_of[0], normal_cdf) < KS_LIMIT);
+  TEST_ASSERT_TRUE(ks_distance(sample_of[1], normal_cdf) < KS_LIMIT);
+}
+
+/* Distributions of 1e5 numbers do not see half a percent; the formula of Box & Muller with libm does. */
+static void test_normal_numbers_are_those_of_box_and_muller(void)
+{
+  uint32_t state = 1;
+  for (int i = 0; i < 2000; i++) {
+    const uint32_t a = next_word(&state), b = next_word(&state);
+    const double radius = sqrt(-2 * log(number(r_uniform(a)))), angle = 6.283185307179586 * number(r_uniform(b));
+    tse_real n1, n2;
+    random_normal2(a, b, &n1, &n2);
+    expect_near(radius * cos(angle), number(n1), BY_FORMAT(1e-12, 3e-6), "first", i); /* 7 times the errors in real_ops.h */
+    expect_near(radius * sin(angle), number(n2), BY_FORMAT(1e-12, 3e-6), "second", i);
+  }
+}
+
+static void test_two_normal_numbers_are_independent(void)
+{
+  normal_samples();
+  for (int i = 0; i < SAMPLES; i++) {
+    const double a = sample_of[0][i], b = sample_of[1][i];
+    sample_of[2][i] = a * a;
+    sample_of[3][i] = b * b;
+    sample_of[4][i] = 0.5 * (a * a + b * b);
+    sample_of[5][i] = 0.6 * a + 0.8 * b;
+  }
+  expect_near(0, correlation(sample_of[0], sample_of[1]), CORRELATION_LIMIT, "correlation", 0);
+  expect_near(0, correlation(sample_of[2], sample_of[3]), CORRELATION_LIMIT * 2, "correlation of the squares", 0);
+  TEST_ASSERT_TRUE(ks_distance(sample_of[4], exponential_cdf) < KS_LIMIT);
+  TEST_ASSERT_TRUE(ks_distance(sample_of[5], normal_cdf) < KS_LIMIT);
+}
+
+/* ------------------------------------------------------------------------------------- Student's t */
+
+static void student(const uint32_t u[4], double nu, double t[3])
+{
+  tse_real a, b, c;
+  random_student3(u, real(nu), real(-2 / nu), real(-2 / (nu + 2)), real(1 / (nu + 2)), &a, &b, &c);
+  t[0] = number(a);
+  t[1] = number(b);
+  t[2] = number(c);
+}
+
+/* Rows 0..2 of sample_of: t1, t2, t3. */
+static void student_samples(double nu)
+{
+  for (uint32_t i = 0; i < SAMPLES; i++) {
+    uint32_t u[4];
+    double t[3];
+    words(i / 500u, RANDOM_DRAW_A, i % 500u, u);
+    words(i / 500u, RANDOM_DRAW_B, i % 500u, u + 2);
+    student(u, nu, t);
+    for (int a = 0; a < 3; a++) sample_of[a][i] = t[a];
+  }
+}
+
+static void combine(double *out, double a, double b, double c)
+{
+  for (int i = 0; i < SAMPLES; i++) out[i] = a * sample_of[0][i] + b * sample_of[1][i] + c * sample_of[2][i];
+}
+
+/* As for the normal numbers: Bailey's formulas with libm. rr loses nu times the relative error of exp2. */
+static void test_student_variates_are_those_of_bailey(void)
+{
+  uint32_t state = 2;
+  for (int i = 0; i < 2000; i++) {
+    const double nu = dof_table[i % ROWS(dof_table)];
+    double u[4], t[3];
+    uint32_t w[4];
+    for (int k = 0; k < 4; k++) {
+      w[k] = next_word(&state);
+      u[k] = number(r_uniform(w[k]));
+    }
+    const double rr = nu * (pow(u[0], -2 / nu) - 1), qq = (nu + 2) * (pow(u[2], -2 / (nu + 2)) - 1);
+    const double turn = 6.283185307179586, third = sqrt(qq * (nu + rr) / (nu + 2)) * cos(turn * u[3]);
+    student(w, nu, t);
+    /* the error of a root is that of its argument over twice the root, and never above the root of the error */
+    const double noise = BY_FORMAT(1e-13, 1e-6) * (nu + rr), size = fmax(sqrt(rr), sqrt(noise));
+    const double noise3 = BY_FORMAT(1e-13, 1e-6) * (nu + 2 + qq) * (1 + rr / nu), size3 = fmax(fabs(third), sqrt(noise3));
+    expect_near(sqrt(rr) * cos(turn * u[1]), t[0], noise / size + BY_FORMAT(1e-12, 2e-6) * (1 + sqrt(rr)), "t1", i);
+    expect_near(sqrt(rr) * sin(turn * u[1]), t[1], noise / size + BY_FORMAT(1e-12, 2e-6) * (1 + sqrt(rr)), "t2", i);
+    expect_near(third, t[2], noise3 / size3 + BY_FORMAT(1e-12, 2e-6) * (1 + fabs(third) + sqrt(qq)), "t3", i);
+  }
+}
+
+/* Jointly spherical t: every projection on a unit vector has the t distribution with the same degrees of freedom. */
+static void test_each_student_variate_and_every_projection_has_the_t_distribution(void)
+{
+  for (int k = 0; k < ROWS(dof_table); k++) {
+    const double *const quantile = student_table[k];
+    student_samples(dof_table[k]);
+    for (int a = 0; a < 3; a++) TEST_ASSERT_TRUE(follows(sample_of[a], quantile));
+    combine(sample_of[3], 1 / sqrt(3.0), 1 / sqrt(3.0), 1 / sqrt(3.0));
+    combine(sample_of[4], 1 / 3.0, -2 / 3.0, 2 / 3.0);
+    combine(sample_of[5], -0.6, 0.0, 0.8);
+    for (int a = 3; a < 6; a++) TEST_ASSERT_TRUE(follows(sample_of[a], quantile));
+  }
+}
+
+/* One chi-square for all three: (t1^2 + t2^2 + t3^2)/3 ~ F(3, nu), (t1^2 + t2^2)/2 ~ F(2, nu). Independent t would not. */
+static void test_three_student_variates_share_one_chi_square(void)
+{
+  for (int k = 0; k < ROWS(dof_table); k++) {
+    student_samples(dof_table[k]);
+    for (int i = 0; i < SAMPLES; i++) {
+      const double a = sample_of[0][i], b = sample_of[1][i], c = sample_of[2][i];
+      sample_of[3][i] = (a * a + b * b + c * c) / 3;
+      sample_of[4][i] = (a * a + b * b) / 2;
+      sample_of[5][i] = (b * b + c * c) / 2;
+    }
+    TEST_ASSERT_TRUE(follows(sample_of[3], radius3_table[k]));
+    TEST_ASSERT_TRUE(follows(sample_of[4], radius2_table[k]));
+    TEST_ASSERT_TRUE(follows(sample_of[5], radius2_table[k]));
+  }
+}
+
+static double sphere_cdf(double x) { return 0.5 * (1.0 + x); } /* Archimedes: a coordinate on the sphere is uniform */
+
+/* 8 octants times 6 orders of the absolute values are 48 congruent parts of the sphere; chi-square with 47 degrees of
+ * freedom, upper 1e-5 quantile 100.3. */
+static void test_directions_are_uniform_on_the_sphere(void)
+{
+  const double dofs[] = { 5, 11, 101 };
+  for (int k = 0; k < ROWS(dofs); k++) {
+    int count[48] = { 0 };
+    student_samples(dofs[k]);
+    for (int i = 0; i < SAMPLES; i++) {
+      const double a = sample_of[0][i], b = sample_of[1][i], c = sample_of[2][i], radius = sqrt(a * a + b * b + c * c);
+      const int octant = (a < 0) + 2 * (b < 0) + 4 * (c < 0);
+      const int order = (fabs(a) < fabs(b)) + 2 * (fabs(b) < fabs(c)) + 4 * (fabs(a) < fabs(c));
+      static const int place[8] = { 0, 1, 2, -1, -1, 3, 4, 5 }; /* a < c < b and the like: two of eight cannot be */
+      TEST_ASSERT_TRUE(place[order] >= 0);
+      count[octant * 6 + place[order]]++;
+      sample_of[3][i] = a / radius;
+      sample_of[4][i] = b / radius;
+      sample_of[5][i] = c / radius;
+    }
+    double chi_square = 0;
+    for (int j = 0; j < 48; j++) chi_square += (count[j] - SAMPLES / 48.0) * (count[j] - SAMPLES / 48.0) / (SAMPLES / 48.0);
+    TEST_ASSERT_TRUE(chi_square < 100.3);
+    for (int a = 3; a < 6; a++) TEST_ASSERT_TRUE(ks_distance(sample_of[a], sphere_cdf) < KS_LIMIT);
+  }
+}
+
+static void test_student_variates_are_uncorrelated(void)
+{
+  student_samples(11);
+  expect_near(0, correlation(sample_of[0], sample_of[1]), CORRELATION_LIMIT * 1.3, "t1 t2", 0); /* kurtosis of t(11) */
+  expect_near(0, correlation(sample_of[0], sample_of[2]), CORRELATION_LIMIT * 1.3, "t1 t3", 0);
+  expect_near(0, correlation(sample_of[1], sample_of[2]), CORRELATION_LIMIT * 1.3, "t2 t3", 0);
+}
+
+static void test_extreme_words_give_finite_numbers(void)
+{
+  static const uint32_t extremes[] = { 0u, 1u, 0x7fffffffu, 0x80000000u, 0xffffffffu };
+  const double dofs[] = { 4, 5, 30, 1000, 12000 };
+  for (int k = 0; k < ROWS(dofs); k++)
+    for (int j = 0; j < 625; j++) {
+      const uint32_t u[4] = { extremes[j % 5], extremes[j / 5 % 5], extremes[j / 25 % 5], extremes[j / 125] };
+      double t[3];
+      tse_real a, b;
+      student(u, dofs[k], t);
+      random_normal2(u[0], u[1], &a, &b);
+      TEST_ASSERT_TRUE(isfinite(t[0]) && isfinite(t[1]) && isfinite(t[2]) && r_is_finite(a) && r_is_finite(b));
+      TEST_ASSERT_TRUE(fabs(number(a)) < 6.7 && fabs(number(b)) < 6.7); /* sqrt(2 ln 2^32) */
+    }
+}
+
+int main(void)
+{
+  UNITY_BEGIN();
+  RUN_TEST(test_words_are_threefry2x32_20);
+  RUN_TEST(test_no_two_steps_purposes_or_particles_share_their_words);
+  RUN_TEST(test_last_particle_of_the_largest_filter_does_not_reach_the_next_purpose);
+  RUN_TEST(test_another_seed_gives_other_words_and_the_same_seed_the_same);
+  RUN_TEST(test_every_bit_is_set_half_of_the_time);
+  RUN_TEST(test_neighbouring_streams_are_uncorrelated);
+  RUN_TEST(test_uniform_numbers_are_uniform);
+  RUN_TEST(test_normal_numbers_are_normal);
+  RUN_TEST(test_normal_numbers_are_those_of_box_and_muller);
+  RUN_TEST(test_two_normal_numbers_are_independent);
+  RUN_TEST(test_student_variates_are_those_of_bailey);
+  RUN_TEST(test_each_student_variate_and_every_projection_has_the_t_distribution);
+  RUN_TEST(test_three_student_variates_share_one_chi_square);
+  RUN_TEST(test_directions_are_uniform_on_the_sphere);
+  RUN_TEST(test_student_variates_are_uncorrelated);
+  RUN_TEST(test_extreme_words_give_finite_numbers);
+  return UNITY_END();
+}
