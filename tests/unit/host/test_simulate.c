@@ -125,6 +125,7 @@ static tse_sim_config table_sim(double speed)
 static tse_sim_input table_input(const double *t)
 {
   tse_sim_input u;
+  memset(&u, 0, sizeof u);
   u.dt = real(t[0]);
   u.steer_angle = real(t[1]);
   u.wheel_torque_front = real(t[2]);
