@@ -1,0 +1,140 @@
+"""The estimator on ordinary cars: logs of the generator, which shares no code with tse, of a car that does what tse's model does not.
+
+    python -m tests.gap.ordinary [--seeds N] [--first SEED] [--minutes M] [--only CAR ...] [--no-landed] [--out FILE]
+
+Every car drives every road; nothing but its nominal values is told. The table says how far off, how sure and how often a change of
+the road was told that was none, beside the default of an earlier commit (montecarlo/landed.py) on the same logs.
+"""
+
+from __future__ import annotations
+
+import argparse
+import multiprocessing
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from tqdm import tqdm
+
+from tests.gap.generator import MANOEUVRES, Spec, make_cases
+from tselab import regimes
+from tselab.core import STIFFNESS, Config, Filter
+from tselab.log import read_log
+from tselab.montecarlo import landed
+from tselab.vehicle import fill_sensors, read_vehicle
+
+RESULTS = Path(__file__).resolve().parents[2] / "scripts" / "results"
+ROADS = ("highway", "urban", "slalom", "sine_sweep", "steps_fast", "brake_throttle")
+CARS: dict[str, dict] = {
+    "as modelled": {},
+    "body rolls": {"body_roll": 1.0},
+    "tyres relax, steering lags": {"relaxation": 1.0, "steering_lag": 1.0},
+    "IMU late": {"imu_delay": 1.0},
+    "steering late": {"steering_delay": 1.0},
+    "all of these": {"body_roll": 1.0, "relaxation": 1.0, "steering_lag": 1.0, "imu_delay": 1.0, "lateral_load_transfer": 1.0},
+}
+OFF = 0.1  # relative error from which a valid estimate is wrong
+SETTLED = 10.0  # s from which errors count
+
+
+LANDED = "landed"
+NOMINAL_OF = {"cx_front": "longitudinal_stiffness_front", "cy_front": "cornering_stiffness_front", "cy_rear": "cornering_stiffness_rear"}
+
+
+def score(rows: np.ndarray, config: Config, truth: dict[str, float]) -> dict[str, float]:
+    """What one estimator makes of a log: per stiffness the share valid, valid and OFF, in the band, median error; false changes."""
+    filter_ = Filter(config)
+    out = filter_.outputs(len(rows))
+    filter_.step_into(rows, out)
+    time = np.cumsum(rows["dt"])
+    late = time > SETTLED
+    found: dict[str, float] = {}
+    for key in STIFFNESS:
+        nominal = getattr(config, NOMINAL_OF[key])
+        error = out[key] * nominal / truth[key] - 1
+        sd = out[f"{key}_sd"] * nominal / truth[key]
+        valid = (out[f"{key}_valid"] == 0) & late
+        found[f"{key} valid"] = valid[late].mean()
+        found[f"{key} off"] = (valid & (np.abs(error) > OFF)).sum() / max(valid.sum(), 1)
+        found[f"{key} held"] = (np.abs(error[valid]) < 1.96 * sd[valid]).mean() if valid.any() else np.nan
+        found[f"{key} error"] = np.median(error[late])
+        found[f"{key} error valid"] = np.median(error[valid]) if valid.any() else np.nan
+    if "change_age" in out.dtype.names:
+        events = pd.DataFrame({"time": time, **{name: out[name] for name in regimes.COLUMNS if name in out.dtype.names}})
+        found["changes"] = len(regimes.changes(events))
+    return found
+
+
+def one(job: tuple[str, int, float, bool]) -> list[dict]:
+    """A car of a seed on every road, by every estimator."""
+    name, seed, minutes, beside = job
+    case = next(make_cases([Spec(name, CARS[name], seed, manoeuvres=ROADS, hold_out=(), duration=60 * minutes)]))
+    truth = {key: case.car[column] for key, column in NOMINAL_OF.items()}
+    done = []
+    with tempfile.TemporaryDirectory() as folder:
+        case.write(Path(folder))
+        for road in ROADS:
+            vehicle = read_vehicle(Path(folder) / "car.toml")
+            log = read_log(Path(folder) / f"log_{road}.csv")
+            fill_sensors(vehicle, log)
+            configs = {"tse": Config(vehicle.values)}
+            if beside:
+                configs[LANDED] = landed.configure(vehicle.values)
+            for who, config in configs.items():
+                rows = Filter(config).inputs(len(log))
+                given = log.rows()
+                for column in rows.dtype.names:
+                    rows[column] = given[column]
+                done.append({"car": name, "seed": seed, "road": road, "who": who, **score(rows, config, truth)})
+    return done
+
+
+def table(runs: pd.DataFrame) -> str:
+    """The runs as Markdown: a line per car, road and estimator, triples of STIFFNESS."""
+    lines = ["| car | road | estimator | median error [%] | valid [%] | valid and off [%] | valid: band holds [%] | false changes in 10 min |",
+             "|---|---|---|---|---|---|---|---|"]  # fmt: skip
+
+    def three(mean: pd.Series, what: str) -> str:
+        return " / ".join("-" if np.isnan(v) else f"{100 * v:.0f}" for v in (mean[f"{key} {what}"] for key in STIFFNESS))
+
+    for (car, road, who), group in runs.groupby(["car", "road", "who"], sort=False):
+        mean = group.mean(numeric_only=True)
+        told = f"{10 * group['changes'].sum() / group['minutes'].sum():.1f}" if group["changes"].notna().any() else "-"
+        cells = [car, road, who, three(mean, "error"), three(mean, "valid"), three(mean, "off"), three(mean, "held"), told]
+        lines.append("| " + " | ".join(cells) + " |")
+    return "\n".join(lines) + "\n"
+
+
+def main(arguments: list[str]) -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seeds", type=int, default=4, help="cars of each kind (default: 4)")
+    parser.add_argument("--first", type=int, default=301, help="the first seed (default: 301)")
+    parser.add_argument("--minutes", type=float, default=2.0, help="length of each log (default: 2)")
+    parser.add_argument("--only", nargs="+", choices=CARS, default=list(CARS), help="these cars")
+    parser.add_argument("--no-landed", action="store_true", help="without the default of an earlier commit")
+    parser.add_argument("--jobs", type=int, default=2, help="processes (default: 2)")
+    parser.add_argument("--out", type=Path, default=RESULTS / "ordinary.md", help="the table")
+    given = parser.parse_args(arguments)
+    jobs = [(car, given.first + i, given.minutes, not given.no_landed) for car in given.only for i in range(given.seeds)]
+    runs: list[dict] = []
+    with multiprocessing.Pool(given.jobs) as pool:
+        for rows in tqdm(pool.imap(one, jobs), total=len(jobs), unit="car", file=sys.stderr):
+            runs += rows
+    data = pd.DataFrame(runs).assign(minutes=given.minutes)
+    head = f"""# Ordinary cars
+
+`python -m tests.gap.ordinary`: {given.seeds} cars of each kind (seeds from {given.first}), {given.minutes:g} minutes on each road at 100 Hz,
+front longitudinal / front cornering / rear cornering; after {SETTLED:g} s. *Valid and off*: share of the valid rows that are more than
+{100 * OFF:.0f} % wrong. A change of the road counts as `tselab estimate` reports it; there was none. *{LANDED}*: the default before the
+bank of hypotheses, which reports no changes.
+
+"""
+    given.out.write_text(head + table(data), encoding="utf-8")
+    print(f"{given.out}: {len(data)} runs")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
