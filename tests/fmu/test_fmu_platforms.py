@@ -30,7 +30,8 @@ def inputs(of: Unit, path: Path) -> Path:
         return client_input(recorded_drive(900).part(900 - ROWS, 900), of, path)  # moving, with lost channels
     lines = ["time," + ",".join(of.code(n) for n in DRIVER)]
     for k in range(ROWS):
-        row = [0.01 * k, 0.02 * (-1) ** (k // 50), 700.0 * (-1) ** (k // 70), 20.0 * (k % 5), 100.0 * (k % 3), 0.0, 1.0 - 0.001 * k]
+        row = [0.01 * k, 0.02 * (-1) ** (k // 50), 700.0 * (-1) ** (k // 70), 20.0 * (k % 5), 100.0 * (k % 3), 0.0,
+               1.0 - 0.001 * k, 0.3 * (k % 4)]  # fmt: skip
         lines.append(",".join(bits(x) for x in row))
     path.write_text("\n".join(lines) + "\n")
     return path
