@@ -63,6 +63,7 @@ typedef struct tse_params {
   tse_real bias_walk[3];              /* [sigma^2/s] bias random walk                      */
   tse_real log_sd[3];                 /* [log2]                                            */
   tse_real wheel_var[2];              /* [m2/s2]     of R omega, front and rear            */
+  tse_real lag_var0;                  /* [LAG_TIME^2] of how late the steering acts        */
   /* filter */
   tse_real sample_time, inv_sample_time, max_step, max_gap, max_slip, hold_speed, max_steer;
   tse_real damping, least_step;       /* [m/s2] 4 times the fastest damping times speed; [s] step at hold_speed */
@@ -111,9 +112,9 @@ enum {
   TSE_REGIMES
 };
 
-/* X of a hypothesis: states 0..2, stiffness over nominal 3..5, biases 6..8, slow disturbances 9..11 (these in sigma), and the rate
- * 12 at which all stiffnesses drift together [1/s]. */
-#define TSE_X 13
+/* X of a hypothesis: states 0..2, stiffness over nominal 3..5, biases 6..8, slow disturbances 9..11 (these in sigma), the rate 12
+ * at which all stiffnesses drift together [1/s], and how late the steering acts, behind the IMU, 13 [LAG_TIME]. */
+#define TSE_X 14
 #define TSE_HYPOTHESES 8
 #define TSE_KINDS 21 /* ways in which a hypothesis may be born, src/estimator/hypotheses/hypothesis.h */
 
@@ -125,7 +126,7 @@ typedef struct tse_hypothesis {
   tse_real eps[3], eps_cov[3][3], eps_x[3][TSE_X]; /* this row's spread given its sample: mean, covariance, with X */
   tse_real spread_var[3], noise_var[3]; /* [1] of the stiffness from row to row, relative; of the channels, over told */
   tse_real info[6][6];                  /* what has been learnt of the logarithms of these six: inverse covariance */
-  tse_real slip_share, slip[2];         /* [1] slip of the axles, smoothed where wheel speeds are noisy; share of the newest */
+  tse_real smooth[2], slip[2];          /* [1] where wheel speeds are noisy: slip of the axles, smoothed; without what may be noise */
   tse_real foretold[3], activity[3];    /* [sigma] of each channel: forecast of the row before; how much it moves of late */
   tse_real before[3];                   /* [1] stiffness before the last change of this history */
   tse_real log_weight;                  /* [log2] */
@@ -161,6 +162,7 @@ typedef struct tse_filter {
   uint32_t step;                      /* rows accepted since reset: the counter of the random numbers */
   int32_t started;                    /* 0: the next row initialises                                  */
   tse_real steer, v_front, v_rear;    /* inputs of the last row: [rad], R omega [m/s]                 */
+  tse_real late_steer;                /* [rad] that followed with a lag of LAG_TIME           */
   tse_real held_for;                  /* [s] how long inputs have been missing                        */
   tse_real still_for;                 /* [s] how long the wheels have stood still                     */
   tse_real seen;                      /* what was learnt from: [s]; particles: samples, up to five memories */

@@ -93,6 +93,7 @@ typedef struct tse_output {
   tse_real regime[TSE_REGIMES]; /* probability of each regime, TSE_REGIME_*               */
   tse_real change_age, change_probability, change_ratio[3]; /* the last change of the likeliest history */
   tse_real discrepancy[3];      /* sd of what the model does not explain                  */
+  tse_real lag_steer, lag_steer_sd; /* how late the steering acts behind the IMU          */
   tse_real n_eff, log_evidence; /* of hypotheses or particles; of this row                */
   int32_t spread_seen[3];       /* 1: the spread is learnt; 0: below what sensors and excitation can show */
   int32_t change_kind, fault_channel; /* TSE_CHANGE_*; 0 none, else 1 + place in tse/input.def */

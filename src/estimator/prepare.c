@@ -244,6 +244,7 @@ tse_status tse_prepare(const tse_config *settings, tse_params *p, const char **w
 
   p->wheel_var[0] = real_of(square(c->wheel_noise_sd * c->wheel_radius_front));
   p->wheel_var[1] = real_of(square(c->wheel_noise_sd * c->wheel_radius_rear));
+  p->lag_var0 = r_sqr(r_div(real_of(c->steer_lag_sd), LAG_TIME));
 
   const tse_setting spread_var = square(c->initial_spread);
   const tse_setting w0[3] = { c->initial_cx_front - one, c->initial_cy_front - one, c->initial_cy_rear - one };

@@ -24,6 +24,7 @@ extern "C" {
 /* A checked row: what is missing is marked, wheel speeds are speeds. Nobody changes one: effects make a copy. */
 typedef struct sample {
   inputs u;
+  tse_real late_steer; /* [rad] steering angle followed with a lag of LAG_TIME: set by the default form */
   tse_real dt;      /* [s]                                                            */
   tse_real y[3];    /* [sigma]  accel_x, accel_y, yaw rate over their sd; 0 if unused */
   tse_real use[3];  /* 1 used, 0 missing                                              */
@@ -31,6 +32,9 @@ typedef struct sample {
   int32_t has_inputs;
   int32_t has_steer;
 } sample;
+
+/* Inputs, and the steering angle followed with a lag of LAG_TIME: to act later by tau is to be the share tau/LAG_TIME of that one. */
+typedef struct course { inputs now; tse_real late_steer; } course;
 
 /* input.c     row -> sample; the filter supplies held inputs for missing ones. Nothing is changed. */
 tse_status input_decode(const tse_params *p, const tse_filter *f, const tse_input *u, sample *y);

@@ -20,7 +20,7 @@ static int sound_start(const tse_start *s)
 static int sound_hypothesis(const tse_params *p, const tse_hypothesis *h)
 {
   const tse_real w_least = TSE_R(1) + p->w_min, w_most = TSE_R(1) + p->w_max;
-  const tse_real *const one[] = { &h->log_weight, &h->age, &h->change_age, &h->slip_share };
+  const tse_real *const one[] = { &h->log_weight, &h->age, &h->change_age };
   int fine = sound_int(h->change_kind, TSE_CHANGE_NONE, TSE_CHANGE_RESTART) && sound_int(h->kind, 0, TSE_KINDS - 1) &&
              sound_int(h->drift, 0, 2) && sound_int(h->fault, 0, TSE_CHANNELS) && sound_flags(&h->slides, 1) && sound_flags(&h->held, 1);
   for (int a = 0; a < 3; a++) fine = fine && sound_int(h->level[a], 0, 3);
@@ -30,6 +30,7 @@ static int sound_hypothesis(const tse_params *p, const tse_hypothesis *h)
   fine = fine && sound_reals(h->eps, 3, -MOST_REAL, MOST_REAL) && sound_reals(h->eps_cov[0], 9, -MOST_REAL, MOST_REAL);
   fine = fine && sound_reals(h->eps_x[0], 3 * TSE_X, -MOST_REAL, MOST_REAL) && sound_reals(h->info[0], 36, -MOST_REAL, MOST_REAL);
   fine = fine && sound_reals(h->spread_var, 3, TSE_R(1e-12), MOST_REAL) && sound_reals(h->noise_var, 3, TSE_R(1e-12), MOST_REAL);
+  fine = fine && sound_reals(h->smooth, 2, -MOST_REAL, MOST_REAL);
   fine = fine && sound_reals(h->slip, 2, -MOST_REAL, MOST_REAL) && sound_reals(h->foretold, 3, -MOST_REAL, MOST_REAL);
   fine = fine && sound_reals(h->activity, 3, -MOST_REAL, MOST_REAL) && sound_reals(h->before, 3, TSE_R(0), MOST_REAL);
   if (h->change_kind != TSE_CHANGE_NONE) fine = fine && sound_reals(h->before, 3, w_least, w_most);
@@ -83,9 +84,9 @@ tse_status tse_filter_check(const tse_params *p, const tse_filter *f, size_t fil
   if (!p || !f) return TSE_E_NULL;
   if (p->magic != TSE_PARAMS_MAGIC) return TSE_E_STATE;
   if (!(p->form == 0 && filter_bytes == sizeof(tse_filter)) && filter_bytes != sizeof(tse_filter_paper)) return TSE_E_SIZE;
-  const tse_real *const one[] = { &f->steer, &f->v_front, &f->v_rear, &f->held_for, &f->still_for, &f->seen };
+  const tse_real *const one[] = { &f->steer, &f->v_front, &f->v_rear, &f->late_steer, &f->held_for, &f->still_for, &f->seen };
   int fine = f->magic == TSE_FILTER_MAGIC && f->fingerprint == p->fingerprint && sound_flags(&f->started, 1);
-  for (int i = 0; i < (int)(sizeof one / sizeof one[0]); i++) fine = fine && sound_reals(one[i], 1, i < 3 ? -MOST_REAL : TSE_R(0), MOST_REAL);
+  for (int i = 0; i < (int)(sizeof one / sizeof one[0]); i++) fine = fine && sound_reals(one[i], 1, i < 4 ? -MOST_REAL : TSE_R(0), MOST_REAL);
   for (int a = 0; a < 3; a++) fine = fine && sound_int(f->known[a], TSE_UNKNOWN, TSE_KNOWN_BEFORE);
   fine = fine && sound_start(&f->start) && sound_memory(&f->effects) && sound_reals(f->effect_level, 4, -MOST_REAL, MOST_REAL);
   if (p->form == 0) fine = fine && sound_bank(p, &f->bank, f->started);

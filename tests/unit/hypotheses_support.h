@@ -29,10 +29,21 @@ static inline inputs inputs_of(double steer, double front, double rear)
   return u;
 }
 
+/* Inputs, and a late steering angle that is so much more. */
+static inline course course_of(inputs now, double later)
+{
+  course c;
+  c.now = now;
+  c.late_steer = real(number(now.steer) + later);
+  return c;
+}
+
+static inline course steadily(inputs now) { return course_of(now, 0); }
+
 /* A random joint covariance of X and eps, of full rank, with sensible sizes. */
 static inline void random_joint(uint32_t *seed, double P[JOINT][JOINT])
 {
-  static const double sd[JOINT] = { 0.05, 0.03, 0.02, 0.1, 0.08, 0.12, 0.3, 0.4, 0.2, 0.2, 0.3, 0.25, 0.001, 0.05, 0.06, 0.04 };
+  static const double sd[JOINT] = { 0.05, 0.03, 0.02, 0.1, 0.08, 0.12, 0.3, 0.4, 0.2, 0.2, 0.3, 0.25, 0.001, 0.5, 0.05, 0.06, 0.04 };
   double G[JOINT][2 * JOINT];
   for (int i = 0; i < JOINT; i++)
     for (int k = 0; k < 2 * JOINT; k++) G[i][k] = next_between(seed, -1, 1);
@@ -52,7 +63,7 @@ static inline tse_hypothesis some_hypothesis(const tse_params *p, uint32_t *seed
   random_joint(seed, P);
   const double x[TSE_X] = { next_between(seed, 15, 25), next_between(seed, -0.5, 0.5), next_between(seed, -0.3, 0.3),
                             next_between(seed, 0.7, 1.3), next_between(seed, 0.7, 1.3), next_between(seed, 0.7, 1.3),
-                            0.3, -0.2, 0.1, 0.2, 0.1, -0.3, 0.0005 };
+                            0.3, -0.2, 0.1, 0.2, 0.1, -0.3, 0.0005, 0.6 };
   for (int i = 0; i < TSE_X; i++) {
     h.x[i] = real(x[i]);
     for (int j = 0; j < TSE_X; j++) h.cov[i][j] = real(P[i][j]);
@@ -84,6 +95,7 @@ static inline sample some_sample(uint32_t *seed, const tse_hypothesis *h, double
   memset(&y, 0, sizeof y);
   const double v = number(h->x[0]);
   y.u = inputs_of(next_between(seed, -0.04, 0.04), v * (1 + next_between(seed, -0.01, 0.01)), v * (1 + next_between(seed, -0.01, 0.01)));
+  y.late_steer = real(number(y.u.steer) + next_between(seed, -0.01, 0.01));
   y.dt = real(0.01);
   y.has_inputs = y.has_steer = 1;
   for (int a = 0; a < 3; a++) {
@@ -123,7 +135,8 @@ static inline double det3(double s[3][3])
 static inline void ref_forecast(const tse_params *p, const sample *y, const double z[JOINT], const double u[3], double read[3])
 {
   double at[6] = { z[0], z[1], z[2], z[3] + z[TSE_X], z[4] + z[TSE_X + 1], z[5] + z[TSE_X + 2] }, force[3];
-  ref_forces(p, at, u, force);
+  const double acts[3] = { u[0] + z[X_LAG] * (number(y->late_steer) - u[0]), u[1], u[2] };
+  ref_forces(p, at, acts, force);
   const double plain[3] = { number(p->inv_sd[0]) * force[0], number(p->inv_sd[1]) * (force[1] + force[2]), number(p->inv_sd[2]) * z[2] };
   for (int a = 0; a < 3; a++) read[a] = number(y->use[a]) * (plain[a] + z[X_BIAS + a] + z[X_SLOW + a]);
 }

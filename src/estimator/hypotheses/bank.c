@@ -31,7 +31,7 @@ void bank_restart_states(const tse_params *p, tse_bank *b, const sample *y)
   for (int32_t i = 0; i < b->count; i++) place_states(p, &b->h[i], y);
 }
 
-void bank_predict(const tse_params *p, tse_bank *b, inputs from, inputs to, const tse_real push[3], tse_real dt)
+void bank_predict(const tse_params *p, tse_bank *b, course from, course to, const tse_real push[3], tse_real dt)
 {
   for (int32_t i = 0; i < b->count; i++) predict(p, &b->h[i], from, to, push, dt);
 }

@@ -16,7 +16,7 @@
 void bank_start(const tse_params *p, tse_bank *b, const tse_start *s, const sample *y);
 
 /* From the last row to this one; push: what effects add to the states. */
-void bank_predict(const tse_params *p, tse_bank *b, inputs from, inputs to, const tse_real push[3], tse_real dt);
+void bank_predict(const tse_params *p, tse_bank *b, course from, course to, const tse_real push[3], tse_real dt);
 
 /* Time goes by and nothing is known of the motion; states are placed anew from the sensors. */
 void bank_pass(const tse_params *p, tse_bank *b, tse_real dt);

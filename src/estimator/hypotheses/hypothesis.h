@@ -6,8 +6,9 @@
 #include "model/slopes.h"
 #include "tse/constants.h"
 
-/* X: vel_x, vel_y, yaw rate | stiffness over nominal | biases [sigma] | slow disturbances [sigma] | common rate of drift [1/s] */
-enum { X_STATE = 0, X_STIFFNESS = 3, X_BIAS = 6, X_SLOW = 9, X_RATE = 12 };
+/* X: vel_x, vel_y, yaw rate | stiffness over nominal | biases [sigma] | slow disturbances [sigma] | common rate of drift [1/s] | lag of the steering [LAG_TIME] */
+enum { X_STATE = 0, X_STIFFNESS = 3, X_BIAS = 6, X_SLOW = 9, X_RATE = 12, X_LAG = 13 };
+
 
 /* Channels as tse_hypothesis.fault numbers them: 1 + place in tse/input.def. */
 enum { FAULT_NONE, FAULT_STEER, FAULT_FRONT_WHEELS, FAULT_REAR_WHEELS, FAULT_MEASURED };
@@ -34,6 +35,14 @@ static inline int unknown_in_place_of(const tse_hypothesis *h, int a)
 static inline const tse_real *slips_for_slopes(const tse_params *p, const tse_hypothesis *h)
 {
   return p->wheel_var[0] > TSE_R(0) ? h->slip : NULL;
+}
+
+/* Inputs as this hypothesis has them act. */
+static inline inputs acting(const tse_hypothesis *h, course c)
+{
+  inputs u = c.now;
+  u.steer += r_mul(h->x[X_LAG], c.late_steer - c.now.steer);
+  return u;
 }
 
 /* What the model does not explain is the larger the more happens: it is taken as a share of what is foretold. [sigma^2] */

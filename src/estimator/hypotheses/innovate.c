@@ -33,6 +33,7 @@ static void foretell(const tse_params *p, const tse_hypothesis *h, const sample 
     reading_column(g, s, BY_STEER + a, &o->unknown[0][a], &o->unknown[1][a]);
     o->unknown[2][a] = o->d[2][a] = TSE_R(0);
   }
+  for (int a = 0; a < 3; a++) o->lag[a] = r_mul(o->unknown[a][0], y->late_steer - y->u.steer);
 }
 
 /* eps: the spread of each stiffness, wider where wheels slide, or what a fault leaves unknown; R. */
@@ -52,16 +53,10 @@ static void foretell_noise(const tse_params *p, const tse_hypothesis *h, const s
   }
 }
 
-/* Noise n of a wheel speed is in accel_x as foretold (slope t) and in its derivative by the stiffness (slope u): variance t^2 var n,
- * mean of the product t u var n, of the square of the derivative u^2 var n. */
-static void foretell_wheel_noise(const tse_params *p, const tse_hypothesis *h, innovation *o)
+/* Noise of a wheel speed is in accel_x as foretold. */
+static void foretell_wheel_noise(const tse_params *p, innovation *o)
 {
-  const tse_real level = h->x[X_STIFFNESS], rear_level = TSE_R(1) + r_mul(p->follow, level - TSE_R(1));
-  const tse_real t_front = o->unknown[0][1], t_rear = o->unknown[0][2];
-  const tse_real u_front = r_div(t_front, level), u_rear = r_div(r_mul(t_rear, p->follow), rear_level);
-  o->noise[0] += r_mul(r_sqr(t_front), p->wheel_var[0]) + r_mul(r_sqr(t_rear), p->wheel_var[1]);
-  o->pull = r_mul(r_mul(t_front, u_front), p->wheel_var[0]) + r_mul(r_mul(t_rear, u_rear), p->wheel_var[1]);
-  o->excess = r_mul(r_sqr(u_front), p->wheel_var[0]) + r_mul(r_sqr(u_rear), p->wheel_var[1]);
+  o->noise[0] += r_mul(r_sqr(o->unknown[0][1]), p->wheel_var[0]) + r_mul(r_sqr(o->unknown[0][2]), p->wheel_var[1]);
 }
 
 static void covariance(const tse_hypothesis *h, const sample *y, innovation *o)
@@ -69,14 +64,16 @@ static void covariance(const tse_hypothesis *h, const sample *y, innovation *o)
   for (int i = 0; i < TSE_X; i++) {
     const tse_real *const row = h->cov[i];
     o->ph[0][i] = r_mul(y->use[0], row[X_BIAS] + row[X_SLOW]) + r_mul(o->h[0][0], row[0]) + r_mul(o->h[0][1], row[1]) +
-                  r_mul(o->h[0][2], row[2]) + r_mul(o->h[0][3], row[3]) + r_mul(o->h[0][4], row[4]);
+                  r_mul(o->h[0][2], row[2]) + r_mul(o->h[0][3], row[3]) + r_mul(o->h[0][4], row[4]) +
+                  r_mul(o->lag[0], row[X_LAG]);
     o->ph[1][i] = r_mul(y->use[1], row[X_BIAS + 1] + row[X_SLOW + 1]) + r_mul(o->h[1][0], row[0]) + r_mul(o->h[1][1], row[1]) +
-                  r_mul(o->h[1][2], row[2]) + r_mul(o->h[1][3], row[3]) + r_mul(o->h[1][4], row[4]) + r_mul(o->h[1][5], row[5]);
+                  r_mul(o->h[1][2], row[2]) + r_mul(o->h[1][3], row[3]) + r_mul(o->h[1][4], row[4]) + r_mul(o->h[1][5], row[5]) +
+                  r_mul(o->lag[1], row[X_LAG]);
     o->ph[2][i] = r_mul(y->use[2], row[X_BIAS + 2] + row[X_SLOW + 2]) + r_mul(o->h[2][2], row[2]);
   }
   for (int a = 0; a < 3; a++)
     for (int b = a; b < 3; b++) {
-      tse_real sum = r_mul(y->use[a], o->ph[b][X_BIAS + a] + o->ph[b][X_SLOW + a]);
+      tse_real sum = r_mul(y->use[a], o->ph[b][X_BIAS + a] + o->ph[b][X_SLOW + a]) + r_mul(o->lag[a], o->ph[b][X_LAG]);
       for (int k = 0; k < 6; k++) sum += r_mul(o->h[a][k], o->ph[b][k]);
       for (int k = 0; k < 3; k++) sum += r_mul(o->eps_var[k], r_mul(o->d[a][k], o->d[b][k]));
       o->s[a][b] = o->s[b][a] = a == b ? sum + o->noise[a] : sum;
@@ -112,11 +109,11 @@ void innovate(const tse_params *p, const tse_hypothesis *h, const sample *y, inn
   const tse_real iy = r_mul(y->use[1], p->inv_sd[1]);
   const reading g = { r_mul(r_mul(y->use[0], p->inv_sd[0]), p->read_x), r_mul(iy, p->read_y_front), r_mul(iy, p->read_y_rear) };
   slopes s;
-  vehicle_slopes(p, h->x, y->u, slips_for_slopes(p, h), &s);
+  const course c = { y->u, y->late_steer };
+  vehicle_slopes(p, h->x, acting(h, c), slips_for_slopes(p, h), &s);
   foretell(p, h, y, g, &s, o);
   foretell_noise(p, h, y, &s, o);
-  o->pull = o->excess = TSE_R(0);
-  if (p->wheel_var[0] > TSE_R(0)) foretell_wheel_noise(p, h, o);
+  if (p->wheel_var[0] > TSE_R(0)) foretell_wheel_noise(p, o);
   covariance(h, y, o);
   solve(o);
   o->half_dof = r_mul(TSE_R(0.5), EVIDENCE_DOF + r_from_int(y->used));

@@ -11,6 +11,7 @@ typedef struct innovation {
   tse_real forecast[3];      /* without biases and disturbances                        */
   tse_real e[3];             /* sample less forecast                                   */
   tse_real h[3][6];          /* d(forecast)/d(states, stiffness)                       */
+  tse_real lag[3];             /* d(forecast)/d(lag of the steering)                     */
   tse_real d[3][3];          /* d(forecast)/d(eps)                                     */
   tse_real unknown[3][3];    /* d(forecast)/d(steering angle, wheel speeds front, rear) */
   tse_real eps_var[3];       /* of the spread of each stiffness, or of what is at fault */
@@ -21,7 +22,6 @@ typedef struct innovation {
   tse_real m2;               /* e' S^-1 e                                              */
   tse_real log2_det;         /* of S                                                   */
   tse_real half_dof;         /* (dof + channels)/2 of the evidence                     */
-  tse_real pull, excess;     /* what noise of the wheel speeds does, update.c          */
   int slides;                /* slip beyond what the model knows                       */
 } innovation;
 

@@ -4,8 +4,8 @@
 #define MOST_STEPS 6 /* of a row: bounded time. The integrator is stable at any step */
 #define LOG2_E TSE_R(1.4426950408889634)
 
-/* What a step, or a row, does to small changes of the state (F), of the stiffness (G), and of eps (E). */
-typedef struct transition { tse_real F[3][3], G[3][3], E[3][3]; } transition;
+/* What a step, or a row, does to small changes of the state (F), of the stiffness (G), of eps (E), and of the lag (L). */
+typedef struct transition { tse_real F[3][3], G[3][3], E[3][3], L[3]; } transition;
 
 static void multiply(tse_real a[3][3], tse_real b[3][3], tse_real c[3][3])
 {
@@ -48,19 +48,22 @@ static void acceleration_column(const tse_params *p, const slopes *s, int c, tse
   out[2][to] = r_mul(p->jf, s->dfront[c]) - r_mul(p->jr, s->drear[c]);
 }
 
+/* Inputs at both ends of a step or a row; what a lag of LAG_TIME moves the steering by there. */
+typedef struct passage { inputs from, to; tse_real later, later_to; } passage;
+
 /* One step of h seconds: x moves, with the stiffness deviations w; t: what it does to small changes, at its middle. */
-static void step(const tse_params *p, tse_hypothesis *hyp, const tse_real w[3], inputs a, inputs b, tse_real h, transition *t)
+static void step(const tse_params *p, tse_hypothesis *hyp, const tse_real w[3], passage u, tse_real h, transition *t)
 {
   tse_real middle[6], hJ[3][3], S[3][3], B[3][3];
   tse_real *const x = hyp->x;
   slopes s;
   for (int i = 0; i < 3; i++) middle[i] = x[i];
-  vehicle_step(p, &x[0], &x[1], &x[2], vehicle_stiffness(p, w[0], w[1], w[2]), a, b, h);
+  vehicle_step(p, &x[0], &x[1], &x[2], vehicle_stiffness(p, w[0], w[1], w[2]), u.from, u.to, h);
   for (int i = 0; i < 3; i++) {
     middle[i] = r_mul(TSE_R(0.5), middle[i] + x[i]);
     middle[3 + i] = x[X_STIFFNESS + i];
   }
-  vehicle_slopes(p, middle, vehicle_between(a, b, 1, 2), slips_for_slopes(p, hyp), &s);
+  vehicle_slopes(p, middle, vehicle_between(u.from, u.to, 1, 2), slips_for_slopes(p, hyp), &s);
   for (int i = 0; i < 3; i++) {
     acceleration_column(p, &s, BY_STATE + i, hJ, i);
     acceleration_column(p, &s, BY_STIFFNESS + i, B, i);
@@ -73,6 +76,9 @@ static void step(const tse_params *p, tse_hypothesis *hyp, const tse_real w[3], 
     for (int j = 0; j < 3; j++) hJ[i][j] = r_mul(h, hJ[i][j]);
   exponential(hJ, h, t->F, S);
   multiply(S, B, t->G);
+  const tse_real later = r_mul(TSE_R(0.5), u.later + u.later_to), front = r_mul(later, s.dfront[BY_STEER]);
+  const tse_real by[3] = { r_mul(later, s.dx[BY_STEER]), front, r_mul(p->jf, front) };
+  for (int i = 0; i < 3; i++) t->L[i] = r_mul(S[i][0], by[0]) + r_mul(S[i][1], by[1]) + r_mul(S[i][2], by[2]);
   for (int i = 0; i < 3; i++)
     if (unknown_in_place_of(hyp, i) >= 0) acceleration_column(p, &s, unknown_in_place_of(hyp, i), B, i);
   if (hyp->fault > FAULT_NONE && hyp->fault < FAULT_MEASURED) multiply(S, B, t->E);
@@ -85,18 +91,21 @@ static void chain(transition *all, transition *next)
   multiply(next->F, all->F, r.F);
   multiply(next->F, all->G, r.G);
   multiply(next->F, all->E, r.E);
-  for (int i = 0; i < 3; i++)
+  for (int i = 0; i < 3; i++) {
+    const tse_real *const F = next->F[i];
+    r.L[i] = next->L[i] + r_mul(F[0], all->L[0]) + r_mul(F[1], all->L[1]) + r_mul(F[2], all->L[2]);
     for (int j = 0; j < 3; j++) {
       r.G[i][j] += next->G[i][j];
       r.E[i][j] += next->E[i][j];
     }
+  }
   *all = r;
 }
 
 /* The mean through the row, with this row's eps as its sample has it, and what the row does to small changes. */
-static void advance(const tse_params *p, tse_hypothesis *h, inputs from, inputs to, tse_real dt, transition *all)
+static void advance(const tse_params *p, tse_hypothesis *h, passage u, tse_real dt, transition *all)
 {
-  const int32_t wanted = vehicle_steps(p, dt, from, to), steps = wanted < MOST_STEPS ? wanted : MOST_STEPS;
+  const int32_t wanted = vehicle_steps(p, dt, u.from, u.to), steps = wanted < MOST_STEPS ? wanted : MOST_STEPS;
   const tse_real length = steps > 1 ? r_div(dt, r_from_int(steps)) : dt;
   tse_real w[3], off[3] = { TSE_R(0), TSE_R(0), TSE_R(0) };
   for (int a = 0; a < 3; a++) {
@@ -104,20 +113,23 @@ static void advance(const tse_params *p, tse_hypothesis *h, inputs from, inputs 
     w[a] = h->x[X_STIFFNESS + a] - TSE_R(1) + (unknown < 0 ? h->eps[a] : TSE_R(0));
     if (unknown >= 0) off[unknown - BY_STEER] = h->eps[a];
   }
-  const inputs first = { from.steer + off[0], from.v_front + off[1], from.v_rear + off[2] };
-  const inputs last = { to.steer + off[0], to.v_front + off[1], to.v_rear + off[2] };
-  inputs a = first;
+  const inputs first = { u.from.steer + off[0], u.from.v_front + off[1], u.from.v_rear + off[2] };
+  const inputs last = { u.to.steer + off[0], u.to.v_front + off[1], u.to.v_rear + off[2] };
+  const tse_real grows = steps > 1 ? r_div(u.later_to - u.later, r_from_int(steps)) : u.later_to - u.later;
+  passage part = { first, first, u.later, u.later };
   for (int32_t i = 1; i <= steps; i++) {
-    const inputs b = vehicle_between(first, last, i, steps);
     transition next;
-    step(p, h, w, a, b, length, &next);
+    part.to = vehicle_between(first, last, i, steps);
+    part.later_to = part.later + grows;
+    step(p, h, w, part, length, &next);
     if (i == 1) *all = next;
     else chain(all, &next);
-    a = b;
+    part.from = part.to;
+    part.later = part.later_to;
   }
 }
 
-/* P through the row: states move with states, stiffness and eps; eps, which is that of this row alone, then goes. */
+/* P through the row: states move with states, stiffness, eps and lag; eps, which is that of this row alone, then goes. */
 static void carry(tse_hypothesis *h, transition *t)
 {
   tse_real row[3][TSE_X], with_eps[3][3];
@@ -126,16 +138,16 @@ static void carry(tse_hypothesis *h, transition *t)
     for (int j = 0; j < TSE_X; j++)
       row[a][j] = r_mul(F[0], h->cov[0][j]) + r_mul(F[1], h->cov[1][j]) + r_mul(F[2], h->cov[2][j]) + r_mul(G[0], h->cov[3][j]) +
                   r_mul(G[1], h->cov[4][j]) + r_mul(G[2], h->cov[5][j]) + r_mul(E[0], h->eps_x[0][j]) + r_mul(E[1], h->eps_x[1][j]) +
-                  r_mul(E[2], h->eps_x[2][j]);
+                  r_mul(E[2], h->eps_x[2][j]) + r_mul(t->L[a], h->cov[X_LAG][j]);
     for (int j = 0; j < 3; j++) {
-      with_eps[a][j] = TSE_R(0);
+      with_eps[a][j] = r_mul(t->L[a], h->eps_x[j][X_LAG]);
       for (int k = 0; k < 3; k++)
         with_eps[a][j] += r_mul(F[k], h->eps_x[j][k]) + r_mul(G[k], h->eps_x[j][3 + k]) + r_mul(E[k], h->eps_cov[k][j]);
     }
   }
   for (int a = 0; a < 3; a++)
     for (int b = a; b < 3; b++) {
-      tse_real sum = TSE_R(0);
+      tse_real sum = r_mul(row[a][X_LAG], t->L[b]);
       for (int k = 0; k < 3; k++) sum += r_mul(row[a][k], t->F[b][k]) + r_mul(row[a][3 + k], t->G[b][k]) + r_mul(with_eps[a][k], t->E[b][k]);
       h->cov[a][b] = h->cov[b][a] = a == b && sum < STATE_VAR ? STATE_VAR : sum; /* no r_max, which would hide a NaN from is_proper */
     }
@@ -174,6 +186,8 @@ void walk(const tse_params *p, tse_hypothesis *h, tse_real dt)
   const tse_real by = h->drift == STEADY ? p->steady_walk : r_sqr(h->drift == DRIFTS_SLOWLY ? SLOW_WALK : FAST_WALK);
   const tse_real keep = r_exp2(-r_mul(LOG2_E, r_div(dt, DISTURBANCE_TIME)));
   if (h->drift != STEADY) drift(p, h, dt);
+  tse_real *const lag_var = &h->cov[X_LAG][X_LAG];
+  *lag_var = r_max(*lag_var, r_min(*lag_var + r_mul(r_sqr(LAG_WALK), dt), p->lag_var0)); /* 0: told, and stays */
   for (int a = 0; a < 3; a++) {
     const int c = X_STIFFNESS + a, b = X_BIAS + a;
     h->cov[c][c] = r_min(h->cov[c][c] + r_mul(r_mul(by, dt), r_sqr(h->x[c])), r_max(h->cov[c][c], p->mean_var0));
@@ -182,26 +196,42 @@ void walk(const tse_params *p, tse_hypothesis *h, tse_real dt)
   }
 }
 
-/* Noise of the wheel speeds drives (7); where there is some, slip is smoothed for the slopes. */
+/* Noise of the wheel speeds drives (7). */
 static void shake(const tse_params *p, tse_hypothesis *h, inputs to, tse_real dt)
 {
   slopes s;
-  vehicle_slopes(p, h->x, to, h->slip, &s);
+  vehicle_slopes(p, h->x, to, NULL, &s);
   const tse_real var = r_mul(r_sqr(s.dx[BY_FRONT_WHEELS]), p->wheel_var[0]) + r_mul(r_sqr(s.dx[BY_REAR_WHEELS]), p->wheel_var[1]);
   h->cov[0][0] += r_mul(r_mul(TSE_R(0.5), r_sqr(dt)), var); /* half of each row's noise on either side of it */
-  h->slip_share = r_div(dt, dt + SLIP_TIME);
-  h->slip[0] += r_mul(h->slip_share, s.s_front - h->slip[0]);
-  h->slip[1] += r_mul(h->slip_share, s.s_rear - h->slip[1]);
 }
 
-void predict(const tse_params *p, tse_hypothesis *h, inputs from, inputs to, const tse_real push[3], tse_real dt)
+/* Errors in variables: where wheel speeds are noisy, the slopes by the longitudinal stiffness take the slip of the rows before
+ * instead of this row's, whose noise is in the innovation, too (an instrument: Soderstrom & Stoica 1983); smoothed, and shrunk by
+ * what of it is noise (1 - var/slip^2, no less than 0: James & Stein 1961), so that noise alone excites nothing. */
+static void smooth_slips(const tse_params *p, tse_hypothesis *h, inputs from, tse_real dt)
+{
+  const slips s = vehicle_slips(p, h->x[0], h->x[1], h->x[2], from);
+  const tse_real now[2] = { s.s_front, s.s_rear }, inv[2] = { s.inv_front, s.inv_rear };
+  const tse_real g = r_div(dt, dt + SLIP_TIME), left = r_div(g, TSE_R(2) - g);
+  for (int a = 0; a < 2; a++) {
+    h->smooth[a] += r_mul(g, now[a] - h->smooth[a]);
+    const tse_real var = r_mul(r_mul(left, p->wheel_var[a]), r_sqr(inv[a]));
+    h->slip[a] = r_sqr(h->smooth[a]) > var ? h->smooth[a] - r_div(var, h->smooth[a]) : TSE_R(0);
+  }
+}
+
+void predict(const tse_params *p, tse_hypothesis *h, course from, course to, const tse_real push[3], tse_real dt)
 {
   transition t;
-  inputs end = to;
-  if (h->held) end.steer = from.steer;
-  advance(p, h, from, end, dt, &t);
+  if (p->wheel_var[0] > TSE_R(0)) smooth_slips(p, h, from.now, dt);
+  passage u = { acting(h, from), acting(h, to), from.late_steer - from.now.steer, to.late_steer - to.now.steer };
+  if (h->held) {
+    u.to.steer = u.from.steer;
+    u.later_to = u.later;
+  }
+  advance(p, h, u, dt, &t);
   carry(h, &t);
-  if (p->wheel_var[0] > TSE_R(0)) shake(p, h, to, dt);
+  if (p->wheel_var[0] > TSE_R(0)) shake(p, h, to.now, dt);
   h->x[0] = vehicle_kept(h->x[0] + push[0], MOST_SPEED);
   h->x[1] = vehicle_kept(h->x[1] + push[1], MOST_SPEED);
   h->x[2] = vehicle_kept(h->x[2] + push[2], MOST_YAW_RATE);

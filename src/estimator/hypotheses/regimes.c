@@ -39,6 +39,7 @@ void start_hypothesis(const tse_params *p, tse_hypothesis *h, const tse_start *s
     h->info[a][a] = r_div(TSE_R(1), r_sqr(SPREAD_PRIOR_SD));
     h->info[3 + a][3 + a] = r_div(TSE_R(1), r_sqr(NOISE_PRIOR_SD));
   }
+  h->cov[X_LAG][X_LAG] = p->lag_var0;
   place_states(p, h, y);
   h->held = p->inputs_held == 2 ? s->loaded && s->held : p->inputs_held;
 }

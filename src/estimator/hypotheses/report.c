@@ -36,6 +36,8 @@ static void report_states(const tse_params *p, const tse_bank *b, const tse_real
     out->bias[a] = r_mul(p->sd[a], mixture(b, w, X_BIAS + a, &var));
     out->bias_sd[a] = r_mul(p->sd[a], r_sqrt(var));
   }
+  out->lag_steer = r_mul(LAG_TIME, mixture(b, w, X_LAG, &var));
+  out->lag_steer_sd = r_mul(LAG_TIME, r_sqrt(var));
   out->sideslip = r_max(r_abs(out->vel_x), r_abs(out->vel_y)) < TSE_R(0.01) ? TSE_R(0) : r_atan2(out->vel_y, out->vel_x);
 }
 

@@ -57,7 +57,7 @@ static tse_status status_of(const tse_filter *f, const sample *y, const passage 
 /* To the time of the row. Effects (told.c) are evaluated at the likeliest hypothesis; all move by what they make of it. */
 static void advance(const tse_params *own, const tse_params *p, tse_filter *f, const sample *y, passage *w)
 {
-  const inputs from = { f->steer, f->v_front, f->v_rear };
+  const course from = { { f->steer, f->v_front, f->v_rear }, f->late_steer }, to = { y->u, y->late_steer };
   tse_real push[3] = { TSE_R(0), TSE_R(0), TSE_R(0) }, at[6];
   const int lost = f->held_for > p->max_gap;
   f->held_for = y->has_inputs ? TSE_R(0) : r_min(f->held_for + y->dt, LONGEST_LOSS);
@@ -74,7 +74,7 @@ static void advance(const tse_params *own, const tse_params *p, tse_filter *f, c
   if (w->moved) {
     bank_mean(&f->bank, 1, at);
     if (p != own) told_motion(own, p, f, y, at, push);
-    bank_predict(p, &f->bank, from, y->u, push, y->dt);
+    bank_predict(p, &f->bank, from, to, push, y->dt);
     return;
   }
   bank_pass(p, &f->bank, y->dt);
@@ -89,6 +89,15 @@ static void look(const tse_params *p, tse_filter *f, const sample *y, passage *w
   f->still_for = fastest < STILL_SPEED && y->has_inputs ? r_min(f->still_for + y->dt, STILL_TIME) : TSE_R(0);
 }
 
+/* The sample with its steering angle as a lag of LAG_TIME leaves it; it catches up in a gap. */
+static sample followed(const tse_params *p, const tse_filter *f, const sample *read)
+{
+  sample y = *read;
+  const tse_real g = !f->started || y.dt > p->max_gap ? TSE_R(1) : r_div(y.dt, y.dt + LAG_TIME);
+  y.late_steer = f->late_steer + r_mul(g, y.u.steer - f->late_steer);
+  return y;
+}
+
 /* row: NULL, or where the parameters with this row's effects go. */
 static tse_status step_row(const tse_params *own, tse_params *row, tse_filter *f, const tse_input *u, tse_output *out)
 {
@@ -96,10 +105,11 @@ static tse_status step_row(const tse_params *own, tse_params *row, tse_filter *f
   const tse_real raw[6] = { u->steer_angle, u->wheel_speed_front, u->wheel_speed_rear, u->accel_x, u->accel_y, u->yaw_rate };
   passage w = { 0, 0, 0, 0, 0 };
   tse_output now;
-  sample read;
+  sample read, told;
   const tse_status refused = input_decode(own, f, u, &read);
   if (refused < 0) return refused; /* nothing has changed yet */
-  const sample steered = row ? told_inputs(own, f, &read, row) : read;
+  told = row ? told_inputs(own, f, &read, row) : read;
+  const sample steered = followed(own, f, &told);
   advance(own, p, f, &steered, &w);
   tse_real at[6];
   bank_mean(&f->bank, 0, at);
@@ -107,6 +117,7 @@ static tse_status step_row(const tse_params *own, tse_params *row, tse_filter *f
   f->steer = y.u.steer;
   f->v_front = y.u.v_front;
   f->v_rear = y.u.v_rear;
+  f->late_steer = y.late_steer;
   look(p, f, &y, &w);
 
   tse_real evidence = TSE_R(0);

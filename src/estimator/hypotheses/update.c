@@ -4,20 +4,6 @@
 
 #define MOST_VAR TSE_R(400) /* (20 m/s)^2: beyond, nothing is linear */
 
-/* Errors in variables: gain and innovation share the noise of the wheel speeds, as far as it passes the smoothing of the slopes,
- * so that each sample lowers the longitudinal stiffness by P pull/S on average, and takes P excess/S P for knowledge. */
-static void undo_wheel_noise(tse_hypothesis *h, const innovation *o)
-{
-  tse_real col[TSE_X];
-  const tse_real g = h->slip_share, inv = r_div(TSE_R(1), o->s[0][0]);
-  const tse_real share = r_mul(g, r_mul(o->pull, inv)), back = r_mul(r_div(g, TSE_R(2) - g), r_mul(o->excess, inv));
-  for (int a = 0; a < TSE_X; a++) col[a] = h->cov[a][X_STIFFNESS];
-  for (int a = 0; a < TSE_X; a++) {
-    h->x[a] += r_mul(col[a], share);
-    for (int b = 0; b < TSE_X; b++) h->cov[a][b] += r_mul(r_mul(col[a], back), col[b]);
-  }
-}
-
 /* A sample says how large a force, stiffness times slip, is: the relative error of the stiffness. So it is that which keeps its
  * variance when the mean moves, as if the logarithm were estimated. */
 static void follow_level(const tse_params *p, tse_hypothesis *h, const tse_real before[3])
@@ -78,7 +64,6 @@ void update(const tse_params *p, tse_hypothesis *h, const sample *y, const innov
   const tse_real before[3] = { h->x[3], h->x[4], h->x[5] }, fresh = r_div(DISTURBANCE_TIME, y->dt + DISTURBANCE_TIME);
   move(h, o, trust, h->fault > FAULT_NONE && h->fault < FAULT_MEASURED);
   move_eps(h, o, trust);
-  if (o->pull > TSE_R(0)) undo_wheel_noise(h, o);
   follow_level(p, h, before);
   h->x[0] = vehicle_kept(h->x[0], MOST_SPEED);
   h->x[1] = vehicle_kept(h->x[1], MOST_SPEED);

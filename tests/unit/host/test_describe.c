@@ -118,7 +118,8 @@ static void test_outputs_are_the_columns_of_the_estimates_file(void)
     "noise_accel_x", "noise_accel_y", "noise_yaw_rate",
     "p_steady", "p_changed", "p_axle", "p_drifting", "p_fault", "p_sliding", "p_restarted",
     "change_age", "change_probability", "change_kind", "change_cx_front", "change_cy_front", "change_cy_rear", "fault_channel",
-    "discrepancy_accel_x", "discrepancy_accel_y", "discrepancy_yaw_rate", "n_eff", "log_evidence", "status",
+    "discrepancy_accel_x", "discrepancy_accel_y", "discrepancy_yaw_rate", "lag_steer", "lag_steer_sd",
+    "n_eff", "log_evidence", "status",
   };
   expect_names(TSE_STRUCT_OUTPUT, names, ROWS(names));
 }

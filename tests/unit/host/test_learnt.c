@@ -503,6 +503,7 @@ static void test_nothing_learnt_starts_as_the_settings_say_bit_for_bit(void)
 static void test_what_was_learnt_of_the_car_starts_the_hypotheses(void)
 {
   tse_config c = settings(0);
+  c.inputs_held = 2;
   const tse_params p = prepared(&c);
   const int32_t level[3] = { 0, 3, 2 };
   uint8_t bytes[TSE_LEARNT_BYTES];
@@ -571,6 +572,7 @@ static void test_saved_and_loaded_and_saved_again_is_the_same_knowledge(void)
   c.accel_x_bias_sd = c.accel_y_bias_sd = (tse_setting)0.1;
   c.yaw_rate_bias_sd = (tse_setting)0.01;
   c.learnt_floor = 0;
+  c.inputs_held = 2;
   c.initial_dof = LEARNT_NU;
   const tse_params p = prepared(&c);
   uint8_t out[TSE_LEARNT_BYTES];

@@ -1,6 +1,6 @@
 /* tests/unit/estimator/hypotheses/test_predict.c <-> src/estimator/hypotheses/predict.c
  *
- * The mean against vehicle_advance(), the covariance against A P A' of 16 variables, A by differences of vehicle_advance(). */
+ * The mean against vehicle_advance(), the covariance against A P A' of X and eps, A by differences of vehicle_advance(). */
 #include "estimator/hypotheses/predict.h"
 #include "estimator/hypotheses/update.h"
 
@@ -19,8 +19,12 @@ static tse_params a_car(void)
 }
 
 /* States after a row, by the integrator alone; z: X and eps. off: 1 + channel whose error eps is, in place of stiffness `at`. */
-static void moved_to(const tse_params *p, const double z[JOINT], inputs from, inputs to, double dt, int off, int at, double out[3])
+static void moved_to(const tse_params *p, const double z[JOINT], course before, course after, double dt, int off, int at, int held, double out[3])
 {
+  inputs from = before.now, to = after.now;
+  from.steer = real(number(from.steer) + z[X_LAG] * number(before.late_steer - before.now.steer));
+  to.steer = real(number(to.steer) + z[X_LAG] * number(after.late_steer - after.now.steer));
+  if (held) to.steer = from.steer;
   tse_real x[3] = { real(z[0]), real(z[1]), real(z[2]) };
   double w[3];
   for (int a = 0; a < 3; a++) w[a] = z[3 + a] - 1 + (off && a == at ? 0 : z[TSE_X + a]);
@@ -32,15 +36,13 @@ static void moved_to(const tse_params *p, const double z[JOINT], inputs from, in
   for (int a = 0; a < 3; a++) out[a] = number(x[a]);
 }
 
-static void expect_prediction(const tse_params *p, tse_hypothesis h, double P[JOINT][JOINT], inputs from, inputs to, double dt, int off, int at,
+static void expect_prediction(const tse_params *p, tse_hypothesis h, double P[JOINT][JOINT], course from, course to, double dt, int off, int at,
                               int held, double tolerance)
 {
   static double A[JOINT][JOINT], AP[JOINT][JOINT];
   double z[JOINT], mean[3];
   for (int i = 0; i < TSE_X; i++) z[i] = number(h.x[i]);
   for (int a = 0; a < 3; a++) z[TSE_X + a] = number(h.eps[a]);
-  inputs end = to;
-  if (held) end.steer = from.steer;
   memset(A, 0, sizeof A);
   for (int i = 3; i < TSE_X; i++) A[i][i] = 1;
   const double step = BY_FORMAT(1e-5, 1e-2);
@@ -50,11 +52,11 @@ static void expect_prediction(const tse_params *p, tse_hypothesis h, double P[JO
     memcpy(hi, z, sizeof hi);
     lo[k] -= step;
     hi[k] += step;
-    moved_to(p, lo, from, end, dt, off, at, below);
-    moved_to(p, hi, from, end, dt, off, at, above);
+    moved_to(p, lo, from, to, dt, off, at, held, below);
+    moved_to(p, hi, from, to, dt, off, at, held, above);
     for (int a = 0; a < 3; a++) A[a][k] = (above[a] - below[a]) / (2 * step);
   }
-  moved_to(p, z, from, end, dt, off, at, mean);
+  moved_to(p, z, from, to, dt, off, at, held, mean);
   h.held = held;
   predict(p, &h, from, to, no_push, real(dt));
   for (int a = 0; a < 3; a++) expect_near(mean[a], number(h.x[a]), BY_FORMAT(1e-12, 1e-5) * (1 + fabs(mean[a])), "mean", a);
@@ -63,9 +65,10 @@ static void expect_prediction(const tse_params *p, tse_hypothesis h, double P[JO
       AP[i][j] = 0;
       for (int k = 0; k < JOINT; k++) AP[i][j] += A[i][k] * P[k][j];
     }
-  for (int i = 0; i < X_SLOW; i++) /* slow disturbances fade: elsewhere */
-    for (int j = 0; j < X_SLOW; j++) {
-      double sum = 0;
+  for (int i = 0; i < TSE_X; i++)
+    for (int j = 0; j < TSE_X; j++) {
+      if ((i >= X_SLOW && i < X_LAG) || (j >= X_SLOW && j < X_LAG)) continue; /* slow disturbances fade: elsewhere */
+      double sum = i == j && i >= X_LAG ? dt * number(LAG_WALK) * number(LAG_WALK) : 0;
       for (int k = 0; k < JOINT; k++) sum += AP[i][k] * A[j][k];
       const double scale = sqrt(number(h.cov[i][i]) * number(h.cov[j][j]));
       expect_near(sum, number(h.cov[i][j]), tolerance * scale, "covariance", 100 * i + j);
@@ -86,8 +89,10 @@ static void test_mean_and_covariance_are_those_of_the_integrator_and_its_differe
   for (int i = 0; i < 40; i++) {
     tse_hypothesis h = some_hypothesis(&p, &seed, 0, P);
     const double v = number(h.x[0]);
-    const inputs from = inputs_of(next_between(&seed, -0.05, 0.05), v + next_between(&seed, -0.2, 0.2), v + next_between(&seed, -0.2, 0.2));
-    const inputs to = inputs_of(next_between(&seed, -0.05, 0.05), v + next_between(&seed, -0.2, 0.2), v + next_between(&seed, -0.2, 0.2));
+    const inputs before = inputs_of(next_between(&seed, -0.05, 0.05), v + next_between(&seed, -0.2, 0.2), v + next_between(&seed, -0.2, 0.2));
+    const inputs after = inputs_of(next_between(&seed, -0.05, 0.05), v + next_between(&seed, -0.2, 0.2), v + next_between(&seed, -0.2, 0.2));
+    const course from = course_of(before, next_between(&seed, -0.01, 0.01));
+    const course to = course_of(after, next_between(&seed, -0.01, 0.01));
     expect_prediction(&p, h, P, from, to, 0.01, 0, 0, 0, 0.03); /* slopes are at the stiffness without eps: a few per cent */
     memset(h.eps, 0, sizeof h.eps);
     expect_prediction(&p, h, P, from, to, 0.01, 0, 0, 0, 0.01);
@@ -102,11 +107,11 @@ static void test_held_steering_is_that_of_the_row_before_until_the_next(void)
   double P[JOINT][JOINT];
   tse_hypothesis h = some_hypothesis(&p, &seed, 0, P);
   memset(h.eps, 0, sizeof h.eps);
-  expect_prediction(&p, h, P, inputs_of(0.02, 20, 20), inputs_of(0.08, 20.1, 20), 0.01, 0, 0, 1, 0.01);
+  expect_prediction(&p, h, P, course_of(inputs_of(0.02, 20, 20), 0.01), steadily(inputs_of(0.08, 20.1, 20)), 0.01, 0, 0, 1, 0.01);
   tse_hypothesis ramped = h, held = h;
   held.held = 1;
-  predict(&p, &ramped, inputs_of(0.02, 20, 20), inputs_of(0.08, 20, 20), no_push, real(0.01));
-  predict(&p, &held, inputs_of(0.02, 20, 20), inputs_of(0.08, 20, 20), no_push, real(0.01));
+  predict(&p, &ramped, steadily(inputs_of(0.02, 20, 20)), steadily(inputs_of(0.08, 20, 20)), no_push, real(0.01));
+  predict(&p, &held, steadily(inputs_of(0.02, 20, 20)), steadily(inputs_of(0.08, 20, 20)), no_push, real(0.01));
   TEST_ASSERT_TRUE(number(ramped.x[2]) > number(held.x[2]) + 0.005);
 }
 
@@ -120,7 +125,7 @@ static void test_what_a_fault_leaves_unknown_is_in_the_input_and_not_in_the_stif
     tse_hypothesis h = some_hypothesis(&p, &seed, 0, P);
     h.fault = off;
     for (int a = 0; a < 3; a++) h.eps[a] = a == stiffness_of[off - 1] ? h.eps[a] : real(0);
-    expect_prediction(&p, h, P, inputs_of(0.02, 20, 20), inputs_of(0.03, 20.1, 20), 0.01, off, stiffness_of[off - 1], 0, 0.01);
+    expect_prediction(&p, h, P, steadily(inputs_of(0.02, 20, 20)), steadily(inputs_of(0.03, 20.1, 20)), 0.01, off, stiffness_of[off - 1], 0, 0.01);
   }
 }
 
@@ -139,8 +144,8 @@ static void test_noise_of_the_wheel_speeds_drives_the_motion_by_half_of_each_row
   memset(h.eps_x, 0, sizeof h.eps_x);
   memset(h.eps, 0, sizeof h.eps);
   g = h;
-  predict(&quiet, &g, to, to, no_push, real(0.01));
-  predict(&noisy, &h, to, to, no_push, real(0.01));
+  predict(&quiet, &g, steadily(to), steadily(to), no_push, real(0.01));
+  predict(&noisy, &h, steadily(to), steadily(to), no_push, real(0.01));
   double at[6], up[3], down[3], sum = 0;
   for (int i = 0; i < 6; i++) at[i] = number(h.x[i]);
   for (int k = 1; k <= 2; k++) {
@@ -234,11 +239,45 @@ static void test_walks_are_rates_times_time_and_end_at_what_was_unknown_at_the_s
     expect_near(pow(0.0005 * 1.2, 2) * 4, number(h.cov[3 + a][3 + a]), BY_FORMAT(1e-16, 1e-11), "stiffness", a);
     expect_near(4 * number(p.bias_walk[a]), number(h.cov[6 + a][6 + a]), BY_FORMAT(1e-15, 1e-8), "bias", a);
   }
+  expect_near(4 * pow(number(LAG_WALK), 2), number(h.cov[X_LAG][X_LAG]), BY_FORMAT(1e-15, 1e-8), "lag", 0);
   for (int i = 0; i < 3000; i++) walk(&p, &h, real(3600));
+  expect_near(pow(0.03 / number(LAG_TIME), 2), number(h.cov[X_LAG][X_LAG]), BY_FORMAT(1e-9, 1e-5), "lag", 1);
   for (int a = 0; a < 3; a++) {
     expect_near(0.09, number(h.cov[3 + a][3 + a]), BY_FORMAT(1e-9, 1e-6), "stiffness", a);
     TEST_ASSERT_TRUE(number(h.cov[6 + a][6 + a]) <= fmax(1, number(p.bias_var0[a])) * (1 + 1e-6));
   }
+}
+
+static void test_a_lag_that_is_told_stays(void)
+{
+  tse_config c;
+  tse_config_default(&c);
+  c.steer_lag_sd = 0;
+  const tse_params p = prepared(&c);
+  tse_hypothesis h;
+  memset(&h, 0, sizeof h);
+  walk(&p, &h, real(100));
+  expect_near(0, number(h.cov[X_LAG][X_LAG]), 0, "lag", 0);
+}
+
+/* The instrument: the slip of the row before, smoothed with SLIP_TIME, less what of it may be noise; and none within that. */
+static void test_slips_are_smoothed_and_shrunk_where_wheel_speeds_are_noisy(void)
+{
+  tse_config c;
+  tse_config_default(&c);
+  c.wheel_noise_sd = (tse_setting)0.1;
+  const tse_params p = prepared(&c);
+  uint32_t seed = 16;
+  double P[JOINT][JOINT];
+  tse_hypothesis h = some_hypothesis(&p, &seed, 1, P);
+  const double v = number(h.x[0]), g = 0.01 / (0.01 + number(SLIP_TIME));
+  const course from = steadily(inputs_of(0, v * 1.01, v));
+  predict(&p, &h, from, steadily(inputs_of(0, v * 2, v * 2)), no_push, real(0.01));
+  const double slip = g * 0.01 / 1.01, var = g / (2 - g) * number(p.wheel_var[0]);
+  expect_near(slip, number(h.smooth[0]), BY_FORMAT(1e-12, 1e-7), "smoothed", 0);
+  expect_near(0, number(h.smooth[1]), BY_FORMAT(1e-12, 1e-7), "smoothed", 1);
+  expect_near(0, number(h.slip[1]), 0, "nothing but noise", 0);
+  expect_near(slip - var / pow(v * 1.01, 2) / slip, number(h.slip[0]), BY_FORMAT(1e-10, 1e-6), "shrunk", 0);
 }
 
 /* Standstill, walking pace, reverse, wheels that jump, nonsense of a state: numbers, variances that are none below zero. In float
@@ -260,7 +299,7 @@ static void test_any_row_leaves_numbers(void)
     h.fault = i % 7;
     const inputs from = inputs_of(next_between(&seed, -1.2, 1.2), next_between(&seed, -100, 100), next_between(&seed, -100, 100));
     const inputs to = inputs_of(next_between(&seed, -1.2, 1.2), next_between(&seed, -100, 100), next_between(&seed, -100, 100));
-    predict(&p, &h, from, to, no_push, real(next_between(&seed, 1e-6, 1)));
+    predict(&p, &h, course_of(from, next_between(&seed, -1, 1)), steadily(to), no_push, real(next_between(&seed, 1e-6, 1)));
     if (!is_proper(&h)) {
       overflows++;
       continue;
@@ -282,8 +321,8 @@ static void test_the_push_of_effects_moves_the_states_alone(void)
   uint32_t seed = 14;
   double P[JOINT][JOINT];
   tse_hypothesis h = some_hypothesis(&p, &seed, 0, P), pushed = h;
-  predict(&p, &h, u, u, no_push, real(0.01));
-  predict(&p, &pushed, u, u, push, real(0.01));
+  predict(&p, &h, steadily(u), steadily(u), no_push, real(0.01));
+  predict(&p, &pushed, steadily(u), steadily(u), push, real(0.01));
   for (int a = 0; a < 3; a++) expect_near(number(push[a]), number(pushed.x[a]) - number(h.x[a]), BY_FORMAT(1e-14, 4e-6), "push", a);
   TEST_ASSERT_EQUAL_MEMORY(h.cov, pushed.cov, sizeof h.cov);
 }
@@ -299,6 +338,8 @@ int main(void)
   RUN_TEST(test_a_drift_moves_all_stiffnesses_by_its_rate_and_forgets_itself);
   RUN_TEST(test_a_drift_through_a_pause_stays_within_the_bounds_of_a_stiffness);
   RUN_TEST(test_walks_are_rates_times_time_and_end_at_what_was_unknown_at_the_start);
+  RUN_TEST(test_a_lag_that_is_told_stays);
+  RUN_TEST(test_slips_are_smoothed_and_shrunk_where_wheel_speeds_are_noisy);
   RUN_TEST(test_any_row_leaves_numbers);
   RUN_TEST(test_the_push_of_effects_moves_the_states_alone);
   return UNITY_END();

@@ -12,6 +12,7 @@ static tse_config settings(void)
 {
   tse_config c;
   tse_config_default(&c);
+  c.inputs_held = 2;
   c.hypotheses = TSE_HYPOTHESES;
   return c;
 }

@@ -143,7 +143,7 @@ static void test_noise_that_is_not_as_told_is_found(void)
     set_off(&d, &c, noise[k], 0);
     start(&p);
     const tse_output y = run(&p, &d, 2000);
-    for (int a = 0; a < 3; a++) expect_near(noise[k], number(y.noise[a]), 0.3 * noise[k], "noise", a);
+    for (int a = 0; a < 3; a++) expect_near(noise[k], number(y.noise[a]), (a ? 0.3 : 0.45) * noise[k], "noise", a); /* sd of accel_x's at 0.4: 15 % */
   }
 }
 
@@ -226,6 +226,7 @@ static void test_how_steering_goes_between_rows_is_found_out(void)
   tse_config c = settings();
   c.sample_time = (tse_setting)0.05;
   c.max_gap = (tse_setting)0.2;
+  c.inputs_held = 2;
   const tse_params p = prepared(&c);
   for (int held = 0; held < 2; held++) {
     drive d;

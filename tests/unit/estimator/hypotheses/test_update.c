@@ -71,7 +71,7 @@ static void joint_before(const tse_hypothesis *h, const innovation *o, double z[
   }
   for (int a = 0; a < 3; a++) {
     P[TSE_X + a][TSE_X + a] = number(o->eps_var[a]);
-    for (int i = 0; i < JOINT; i++) H[a][i] = i < 6 ? number(o->h[a][i]) : i >= TSE_X ? number(o->d[a][i - TSE_X]) : 0;
+    for (int i = 0; i < JOINT; i++) H[a][i] = i < 6 ? number(o->h[a][i]) : i == X_LAG ? number(o->lag[a]) : i >= TSE_X ? number(o->d[a][i - TSE_X]) : 0;
   }
 }
 
@@ -268,6 +268,7 @@ static void test_a_drive_agrees_with_a_plain_kalman_filter(void)
     sample y;
     memset(&y, 0, sizeof y);
     y.u = to;
+    y.late_steer = to.steer;
     y.dt = real(0.01);
     y.used = 3;
     double at[JOINT] = { truth[0], truth[1], truth[2], 1.1, 0.9, 1.05 }, read[3];
@@ -287,13 +288,13 @@ static void test_a_drive_agrees_with_a_plain_kalman_filter(void)
         memcpy(w, z, sizeof w);
         w[i] += side * step;
         tse_real s[3] = { real(w[0]), real(w[1]), real(w[2]) };
-        vehicle_advance(&p, s, vehicle_stiffness(&p, real(w[3] - 1 + w[13]), real(w[4] - 1 + w[14]), real(w[5] - 1 + w[15])), from, to, real(0.01));
+        vehicle_advance(&p, s, vehicle_stiffness(&p, real(w[3] - 1 + w[TSE_X]), real(w[4] - 1 + w[TSE_X + 1]), real(w[5] - 1 + w[TSE_X + 2])), from, to, real(0.01));
         for (int a = 0; a < 3; a++) (side < 0 ? lo : hi)[a] = number(s[a]);
       }
       for (int a = 0; a < 3; a++) A[a][i] = (hi[a] - lo[a]) / (2 * step);
     }
     tse_real s[3] = { real(z[0]), real(z[1]), real(z[2]) };
-    vehicle_advance(&p, s, vehicle_stiffness(&p, real(z[3] - 1 + z[13]), real(z[4] - 1 + z[14]), real(z[5] - 1 + z[15])), from, to, real(0.01));
+    vehicle_advance(&p, s, vehicle_stiffness(&p, real(z[3] - 1 + z[TSE_X]), real(z[4] - 1 + z[TSE_X + 1]), real(z[5] - 1 + z[TSE_X + 2])), from, to, real(0.01));
     for (int a = 0; a < 3; a++) {
       z[a] = number(s[a]);
       z[TSE_X + a] = 0;
@@ -326,7 +327,7 @@ static void test_a_drive_agrees_with_a_plain_kalman_filter(void)
     keep_relative(z, P, before);
 
     innovation o;
-    predict(&p, &h, from, to, none, real(0.01));
+    predict(&p, &h, steadily(from), steadily(to), none, real(0.01));
     innovate(&p, &h, &y, &o);
     TEST_ASSERT_TRUE(number(o.m2) < number(TRUST_FROM));
     update(&p, &h, &y, &o);
