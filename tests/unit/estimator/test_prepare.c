@@ -42,7 +42,7 @@ static tse_config other_car(void)
   c.accel_y_sd = (tse_setting)0.23;
   c.yaw_rate_sd = (tse_setting)0.007;
   c.wheel_noise_sd = (tse_setting)0.06;
-  c.steer_lag_sd = (tse_setting)0.02;
+  c.steer_lag_sd = (tse_setting)0.05;
   c.accel_x_bias_sd = (tse_setting)0.02;
   c.accel_y_bias_sd = (tse_setting)0.04;
   c.yaw_rate_bias_sd = (tse_setting)0.003;
@@ -277,7 +277,7 @@ static void test_sensor_constants_are_normalised_by_the_sensors_sd(void)
   }
   expect_relative(0.06 * 0.06 * 0.29 * 0.29, p.wheel_var[0], "wheel_var, front");
   expect_relative(0.06 * 0.06 * 0.31 * 0.31, p.wheel_var[1], "wheel_var, rear");
-  expect_relative(1.0, p.lag_var0, "lag_var0"); /* over LAG_TIME, 0.02 s */
+  expect_relative(6.25, p.lag_var0, "lag_var0"); /* over LAG_TIME, 0.02 s */
 }
 
 static void test_filter_constants_follow_their_formulas(void)

@@ -241,7 +241,7 @@ static void test_walks_are_rates_times_time_and_end_at_what_was_unknown_at_the_s
   }
   expect_near(4 * pow(number(LAG_WALK), 2), number(h.cov[X_LAG][X_LAG]), BY_FORMAT(1e-15, 1e-8), "lag", 0);
   for (int i = 0; i < 3000; i++) walk(&p, &h, real(3600));
-  expect_near(pow(0.03 / number(LAG_TIME), 2), number(h.cov[X_LAG][X_LAG]), BY_FORMAT(1e-9, 1e-5), "lag", 1);
+  expect_near(pow(0.02 / number(LAG_TIME), 2), number(h.cov[X_LAG][X_LAG]), BY_FORMAT(1e-9, 1e-5), "lag", 1);
   for (int a = 0; a < 3; a++) {
     expect_near(0.09, number(h.cov[3 + a][3 + a]), BY_FORMAT(1e-9, 1e-6), "stiffness", a);
     TEST_ASSERT_TRUE(number(h.cov[6 + a][6 + a]) <= fmax(1, number(p.bias_var0[a])) * (1 + 1e-6));
