@@ -1,4 +1,4 @@
-"""How late the channels act against each other is found, and the stiffness is right all the same: logs of which columns are shifted."""
+"""How late the steering acts is found, and the stiffness is right all the same: logs of which columns are shifted."""
 
 from __future__ import annotations
 
