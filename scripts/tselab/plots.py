@@ -133,7 +133,7 @@ class Data:
 
 FACTOR = {**dict.fromkeys(STIFFNESS, 1e-3), "sideslip": 180 / np.pi}  # drawn in other units than EST.csv has
 WITH_BAND = (*STIFFNESS, "vel_x", "vel_y", "yaw_rate", "bias_accel_x", "bias_accel_y", "bias_yaw_rate")
-OPTIONAL = ("discrepancy_accel_x", "discrepancy_accel_y", "discrepancy_yaw_rate")  # drawn where they are
+OPTIONAL = ("discrepancy_accel_x", "discrepancy_accel_y", "discrepancy_yaw_rate", "lag_steer")  # drawn where they are
 PLAIN = ("sideslip", "log_evidence", "n_eff", "status", *(f"noise_{c}" for c in MEASURES))
 
 
@@ -356,6 +356,7 @@ def inputs_figure(d: Data) -> Figure:
 UNEXPLAINED = (
     ("Disturbance that the model does not explain, sd [m/s2]", ("discrepancy_accel_x", "discrepancy_accel_y")),
     ("Disturbance of the yaw rate, sd [rad/s]", ("discrepancy_yaw_rate",)),
+    ("How late the steering acts [s]", ("lag_steer",)),
 )
 
 
