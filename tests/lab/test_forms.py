@@ -59,7 +59,7 @@ def test_the_default_follows_a_change_of_road_within_seconds(folder):
     # torque steps, which show the longitudinal stiffness, come every 2.5 s, those of the steering every 2 s
     assert default.settled()[0] <= 3.0 and max(default.settled()[1:]) <= 2.5
     assert sampled.settled()[0] > 5.0
-    assert default.wrong_yet_valid() < 0.002 < sampled.wrong_yet_valid()
+    assert default.wrong_yet_valid() < 0.015 < sampled.wrong_yet_valid()  # until it is noticed: here at a flip of the steering
     assert max(default.rms()) < 10
 
 
