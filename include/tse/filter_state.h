@@ -127,6 +127,9 @@ typedef struct tse_hypothesis {
   tse_real spread_var[3], noise_var[3]; /* [1] of the stiffness from row to row, relative; of the channels, over told */
   tse_real info[6][6];                  /* what has been learnt of the logarithms of these six: inverse covariance */
   tse_real smooth[2], slip[2];          /* [1] where wheel speeds are noisy: slip of the axles, smoothed; without what may be noise */
+  tse_real shaken, with_slip[2], with_past[2]; /* what their noise does: variance of vel_x [m2/s2]; what it has in common with the
+                                         * smoothed slip [m/s], and with that of which vel_x has taken account already */
+  tse_real pull[2];                     /* [m/s] of the last two, as much of their difference as `slip` is of `smooth` */
   tse_real foretold[3], activity[3];    /* [sigma] of each channel: forecast of the row before; how much it moves of late */
   tse_real before[3];                   /* [1] stiffness before the last change of this history */
   tse_real log_weight;                  /* [log2] */

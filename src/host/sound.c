@@ -30,7 +30,9 @@ static int sound_hypothesis(const tse_params *p, const tse_hypothesis *h)
   fine = fine && sound_reals(h->eps, 3, -MOST_REAL, MOST_REAL) && sound_reals(h->eps_cov[0], 9, -MOST_REAL, MOST_REAL);
   fine = fine && sound_reals(h->eps_x[0], 3 * TSE_X, -MOST_REAL, MOST_REAL) && sound_reals(h->info[0], 36, -MOST_REAL, MOST_REAL);
   fine = fine && sound_reals(h->spread_var, 3, TSE_R(1e-12), MOST_REAL) && sound_reals(h->noise_var, 3, TSE_R(1e-12), MOST_REAL);
-  fine = fine && sound_reals(h->smooth, 2, -MOST_REAL, MOST_REAL);
+  fine = fine && sound_reals(h->smooth, 2, -MOST_REAL, MOST_REAL) && sound_reals(&h->shaken, 1, TSE_R(0), MOST_REAL);
+  fine = fine && sound_reals(h->with_slip, 2, -MOST_REAL, MOST_REAL) && sound_reals(h->with_past, 2, -MOST_REAL, MOST_REAL);
+  fine = fine && sound_reals(h->pull, 2, -MOST_REAL, MOST_REAL);
   fine = fine && sound_reals(h->slip, 2, -MOST_REAL, MOST_REAL) && sound_reals(h->foretold, 3, -MOST_REAL, MOST_REAL);
   fine = fine && sound_reals(h->activity, 3, -MOST_REAL, MOST_REAL) && sound_reals(h->before, 3, TSE_R(0), MOST_REAL);
   if (h->change_kind != TSE_CHANGE_NONE) fine = fine && sound_reals(h->before, 3, w_least, w_most);

@@ -205,6 +205,26 @@ static void shake(const tse_params *p, tse_hypothesis *h, inputs to, tse_real dt
   h->cov[0][0] += r_mul(r_mul(TSE_R(0.5), r_sqr(dt)), var); /* half of each row's noise on either side of it */
 }
 
+/* What noise of the wheel speeds has put into vel_x, which follows them, and what that has in common with the smoothed slips, to
+ * first order: with n of variance var at each row and linear between rows, error d of vel_x, slip z,
+ *     d' = (1 - f) d + f (n + n')/2,  z' = z + g ((n - d)/v - z),  vel_x moved by a unit of slip so far: w' = (1 - f) w + f z'
+ * f: of all axles, share[a] of axle a. */
+static void share_noise(const tse_params *p, tse_hypothesis *h, const tse_real inv[2], tse_real g, tse_real dt)
+{
+  const tse_real level = h->x[X_STIFFNESS], rear = TSE_R(1) + r_mul(p->follow, level - TSE_R(1));
+  const tse_real share[2] = { r_min(r_mul(dt, r_mul(r_mul(p->kx_front, level), inv[0])), TSE_R(0.5)),
+                              r_min(r_mul(dt, r_mul(r_mul(p->kx_rear, rear), inv[1])), TSE_R(0.5)) };
+  const tse_real all = share[0] + share[1], keep = r_max(TSE_R(1) - all, TSE_R(0)), was = h->shaken;
+  h->shaken = r_mul(r_sqr(keep), was);
+  for (int a = 0; a < 2; a++) {
+    const tse_real own = r_mul(TSE_R(0.5), r_mul(share[a], p->wheel_var[a])), fresh = r_mul(r_mul(g, inv[a]), own);
+    const tse_real slip = h->with_slip[a] + r_mul(g, r_mul(inv[a], own - was) - h->with_slip[a]);
+    h->with_past[a] = r_mul(keep, r_mul(keep, h->with_past[a]) + r_mul(all, slip)) + r_mul(all, fresh);
+    h->with_slip[a] = r_mul(keep, slip) + fresh;
+    h->shaken += r_mul(share[a], r_mul(own, TSE_R(1) + keep));
+  }
+}
+
 /* Errors in variables: where wheel speeds are noisy, the slopes by the longitudinal stiffness take the slip of the rows before
  * instead of this row's, whose noise is in the innovation, too (an instrument: Soderstrom & Stoica 1983); smoothed, and shrunk by
  * what of it is noise (1 - var/slip^2, no less than 0: James & Stein 1961), so that noise alone excites nothing. */
@@ -213,10 +233,13 @@ static void smooth_slips(const tse_params *p, tse_hypothesis *h, inputs from, ts
   const slips s = vehicle_slips(p, h->x[0], h->x[1], h->x[2], from);
   const tse_real now[2] = { s.s_front, s.s_rear }, inv[2] = { s.inv_front, s.inv_rear };
   const tse_real g = r_div(dt, dt + SLIP_TIME), left = r_div(g, TSE_R(2) - g);
+  share_noise(p, h, inv, g, dt);
   for (int a = 0; a < 2; a++) {
     h->smooth[a] += r_mul(g, now[a] - h->smooth[a]);
-    const tse_real var = r_mul(r_mul(left, p->wheel_var[a]), r_sqr(inv[a]));
-    h->slip[a] = r_sqr(h->smooth[a]) > var ? h->smooth[a] - r_div(var, h->smooth[a]) : TSE_R(0);
+    const tse_real var = r_mul(r_mul(left, p->wheel_var[a]), r_sqr(inv[a])), square = r_sqr(h->smooth[a]);
+    h->slip[a] = square > var ? h->smooth[a] - r_div(var, h->smooth[a]) : TSE_R(0);
+    const tse_real excited = square > var ? r_min(r_div(square, var) - TSE_R(1), TSE_R(1)) : TSE_R(0);
+    h->pull[a] = r_mul(h->with_slip[a] - h->with_past[a], excited);
   }
 }
 

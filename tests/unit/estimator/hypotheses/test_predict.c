@@ -280,6 +280,44 @@ static void test_slips_are_smoothed_and_shrunk_where_wheel_speeds_are_noisy(void
   expect_near(slip - var / pow(v * 1.01, 2) / slip, number(h.slip[0]), BY_FORMAT(1e-10, 1e-6), "shrunk", 0);
 }
 
+/* By drawing: what noise of the wheel speeds puts into vel_x and into the smoothed slip, at constant speed. The recursion is of first
+ * order in dt over the time in which vel_x follows, 0.08 s. */
+static void test_noise_in_slip_and_speed_has_in_common_what_it_has_when_drawn(void)
+{
+  tse_config c;
+  tse_config_default(&c);
+  c.wheel_noise_sd = (tse_setting)0.02;
+  const tse_params p = prepared(&c);
+  uint32_t seed = 17;
+  tse_hypothesis h;
+  enum { DRAWS = 200000 };
+  const double v = 17;
+  double moved[2] = { 0, 0 }, sum[3] = { 0, 0, 0 }, mean[3] = { 0, 0, 0 };
+  memset(&h, 0, sizeof h);
+  h.x[0] = real(v);
+  for (int a = 0; a < 3; a++) h.x[3 + a] = real(1);
+  course from = steadily(inputs_of(0, v, v));
+  for (int i = 0; i < DRAWS; i++) {
+    double n[2];
+    for (int k = 0; k < 2; k++)
+      n[k] = 0.02 * number(k ? p.radius_rear : p.radius_front) * sqrt(-2 * log(next_uniform(&seed))) * cos(6.283185307179586 * next_uniform(&seed));
+    const course to = steadily(inputs_of(0, v + n[0], v + n[1]));
+    memset(h.cov, 0, sizeof h.cov);
+    predict(&p, &h, from, to, no_push, real(0.01));
+    from = to;
+    const double off = number(h.x[0]) - v, follow = 0.01 * (number(p.kx_front) + number(p.kx_rear)) / v;
+    moved[0] += follow * (number(h.smooth[0]) - moved[0]); /* by a unit of the front slip, over v */
+    sum[0] += off * off / DRAWS;
+    sum[1] += off * number(h.smooth[0]) / DRAWS;
+    sum[2] += off * moved[0] / DRAWS;
+    mean[0] += number(h.shaken) / DRAWS;
+    mean[1] += number(h.with_slip[0]) / DRAWS;
+    mean[2] += number(h.with_past[0]) / DRAWS;
+  }
+  static const char *const name[3] = { "vel_x", "vel_x with slip", "vel_x with past slip" };
+  for (int k = 0; k < 3; k++) expect_near(sum[k], mean[k], 0.2 * fabs(sum[k]), name[k], k);
+}
+
 /* Standstill, walking pace, reverse, wheels that jump, nonsense of a state: numbers, variances that are none below zero. In float
  * a covariance overflows, or is beyond all speeds, in some of the rows; the bank drops such a hypothesis (is_proper). */
 static void test_any_row_leaves_numbers(void)
@@ -340,6 +378,7 @@ int main(void)
   RUN_TEST(test_walks_are_rates_times_time_and_end_at_what_was_unknown_at_the_start);
   RUN_TEST(test_a_lag_that_is_told_stays);
   RUN_TEST(test_slips_are_smoothed_and_shrunk_where_wheel_speeds_are_noisy);
+  RUN_TEST(test_noise_in_slip_and_speed_has_in_common_what_it_has_when_drawn);
   RUN_TEST(test_any_row_leaves_numbers);
   RUN_TEST(test_the_push_of_effects_moves_the_states_alone);
   return UNITY_END();
