@@ -111,9 +111,9 @@ def table(runs: pd.DataFrame) -> str:
 
 def main(arguments: list[str]) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seeds", type=int, default=4, help="cars of each kind (default: 4)")
+    parser.add_argument("--seeds", type=int, default=3, help="cars of each kind (default: 3)")
     parser.add_argument("--first", type=int, default=301, help="the first seed (default: 301)")
-    parser.add_argument("--minutes", type=float, default=2.0, help="length of each log (default: 2)")
+    parser.add_argument("--minutes", type=float, default=1.0, help="length of each log (default: 1)")
     parser.add_argument("--only", nargs="+", choices=CARS, default=list(CARS), help="these cars")
     parser.add_argument("--no-landed", action="store_true", help="without the default of an earlier commit")
     parser.add_argument("--jobs", type=int, default=2, help="processes (default: 2)")
