@@ -182,8 +182,6 @@ SUMMARY: dict[str, type | None] = {
     **{f"{s}{part}": np.int8 for s in STIFFNESS for part in ("_valid", "_spread_seen")},
     **{f"{s}_reason": None for s in STIFFNESS},  # None: categories
     **{f"noise_{c}": np.float32 for c in MEASURES},
-    "lag_steer": np.float32,
-    "lag_steer_sd": np.float32,
     **regimes.COLUMNS,
 }
 

@@ -9,17 +9,6 @@ from tselab.log import Log
 from tselab.vehicle import Vehicle
 
 
-def steering(est: Estimate) -> str:
-    """How late the steering acts behind the IMU at the end of the run, in words; empty where it is not told from nothing."""
-    if not len(est) or "lag_steer" not in est.table:
-        return ""
-    lag, half = float(est.table["lag_steer"].iloc[-1]), 1.96 * float(est.table["lag_steer_sd"].iloc[-1])
-    if not abs(lag) > half or half == 0:
-        return ""
-    way = "later than the IMU feels it: bus, steering or tyres" if lag > 0 else "before it is logged"
-    return f"acts {1000 * abs(lag):.0f} ms ± {1000 * half:.0f} (95 %) {way}"
-
-
 def run_facts(est: Estimate, log: Log, vehicle: Vehicle, config: Config, stride: int = 1) -> list[tuple[str, str]]:
     """The run in a few lines: name and value."""
     span = float(est.table["time"].iloc[-1] - est.table["time"].iloc[0]) if len(est) else 0.0
@@ -35,9 +24,6 @@ def run_facts(est: Estimate, log: Log, vehicle: Vehicle, config: Config, stride:
     recovered = int((est.table["status"] == library().status("TSE_W_RECOVERED")).sum()) if len(est) else 0
     if recovered:
         facts.append(("Recoveries", f"{recovered} (what was believed was given up)"))
-    late = steering(est)
-    if late:
-        facts.append(("Steering", late))
     if stride > 1:
         facts.append(("Plots", f"the least and the greatest of every {stride} rows"))
     return facts

@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-import pandas as pd
 import pytest
 
 from tselab.core import STIFFNESS, Config, Filter, SimConfig, Simulator
-from tselab.estimate import Estimate
-from tselab.facts import steering
 
 ROWS, DT = 6000, 0.01
 IMU = ("accel_x", "accel_y", "yaw_rate")
@@ -80,14 +77,3 @@ def test_what_nothing_excites_stays_unknown(driven):
     rows = np.repeat(rows[:1], 1000)
     last = estimated(rows)
     assert last["lag_steer"] == pytest.approx(0, abs=0.01) and last["lag_steer_sd"] == pytest.approx(0.02, rel=0.3)
-
-
-@pytest.mark.parametrize(("lag", "sd", "words"), [
-    (0.021, 0.002, "acts 21 ms ± 4 (95 %) later than the IMU feels it: bus, steering or tyres"),
-    (-0.012, 0.002, "acts 12 ms ± 4 (95 %) before it is logged"),
-    (0.003, 0.002, ""),
-    (0.0, 0.0, ""),
-])  # fmt: skip
-def test_the_run_says_how_late_the_steering_acts_where_it_is_told_from_nothing(lag, sd, words):
-    table = pd.DataFrame({"time": [0.0, 0.01], "lag_steer": [0.1, lag], "lag_steer_sd": [0.02, sd]})
-    assert steering(Estimate(table, interrupted=False)) == words
