@@ -37,6 +37,7 @@ SDS = {f"{s}{part}" for s in STIFFNESS for part in ("", "_sd")}  # from which th
 LIKELY = 0.9  # probability from which on something is said to have happened
 TOGETHER = 0.5  # s: changes nearer to each other are one; gaps in a spell that are shorter are bridged
 STOOD = 5.0  # s: a change that the likeliest history drops sooner was a false alarm
+SMALL = 0.05  # a change of every stiffness by less did nothing that anybody would act on
 SHORT = 2.0  # s: a shorter stretch joins its neighbour
 SHORT_NAMES = {"cx_front": "front longitudinal", "cy_front": "front cornering", "cy_rear": "rear cornering"}
 
@@ -105,7 +106,7 @@ def changes(table: pd.DataFrame) -> list[Change]:
     """The changes of a drive, in order of time.
 
     Every row tells the last change of the history that is likeliest there. A change counts when it was last told with a
-    probability of LIKELY, and not when that history gave way to one without it within STOOD."""
+    probability of LIKELY, and not when that history gave way to one without it within STOOD, nor when it did nothing (SMALL)."""
     if not {"change_age", "change_kind"} <= set(table) or table.empty:
         return []
     time, kind = table["time"].to_numpy(), table["change_kind"].to_numpy()
@@ -127,7 +128,8 @@ def changes(table: pd.DataFrame) -> list[Change]:
             told.append((when, first, after - 1))
     columns = {name: table[name].to_numpy() for name in table if name in COLUMNS or name in SDS}
     probability = columns.get("change_probability", np.full(len(time), np.nan))
-    return [_change(columns, time, *each) for each in told if not probability[each[2]] < LIKELY]
+    found = [_change(columns, time, *each) for each in told if not probability[each[2]] < LIKELY]
+    return [c for c in found if not c.ratio or any(abs(ratio - 1) > SMALL for ratio, _ in c.ratio.values())]
 
 
 def _change(columns: Mapping[str, np.ndarray], times: np.ndarray, time: float, first: int, last: int) -> Change:

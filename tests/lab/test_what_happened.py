@@ -108,6 +108,11 @@ def test_what_is_not_likely_is_no_change():
     assert changes(table_of([(36.1, 60, (36.03, 1, 0.85, 0.7))])) == []
 
 
+@pytest.mark.parametrize(("ratio", "count"), [(1.0, 0), (0.97, 0), (1.04, 0), (0.93, 1), (1.07, 1)])
+def test_a_change_that_did_nothing_is_none(ratio, count):
+    assert len(changes(table_of([(36.1, 60, (36.03, 1, 0.99, ratio))]))) == count
+
+
 def test_single_precision_tells_the_same():
     table = table_of([(3000.1, 3600, (3000.03, 1, 0.97, 0.7))], seconds=3600, step=0.1)
     small = table.astype({c: np.float32 for c in table.select_dtypes("float64") if c != "time"})
