@@ -27,11 +27,17 @@ typedef struct innovation {
 
 void innovate(const tse_params *p, const tse_hypothesis *h, const sample *y, innovation *o);
 
-/* log2 of what an innovation of this size costs: Student-t, and no more than what it costs that the sample is an outlier, so that
+/* log2 of what an innovation of this size costs: Student-t. */
+static inline tse_real student_cost(const innovation *o, tse_real m2)
+{
+  return r_mul(o->half_dof, r_log2(TSE_R(1) + r_div(m2, EVIDENCE_DOF)));
+}
+
+/* The same, and no more than what it costs that the sample is an outlier, so that
  * one sample far off does not decide. */
 static inline tse_real cost_of(const innovation *o, tse_real m2)
 {
-  return r_min(r_mul(o->half_dof, r_log2(TSE_R(1) + r_div(m2, EVIDENCE_DOF))), OUTLIER_COST);
+  return r_min(student_cost(o, m2), OUTLIER_COST);
 }
 
 /* log2 density of the sample but for a constant. */

@@ -62,12 +62,13 @@ static tse_real rate_of(const tse_params *p, const tse_hypothesis *h, int kind, 
   return p->inputs_held == 2 ? of_the_car : TSE_R(0);
 }
 
-/* log2 of how much likelier a variance q along v would make the sample; q may be negative. */
+/* log2 of how much likelier a variance q along v would make the sample; q may be negative. Not as an outlier: far off, where one
+ * costs the same with and without q, it is a birth that is missing. */
 static tse_real gain_of(const innovation *o, const tse_real v[3], tse_real q)
 {
   const tse_real wider = r_max(TSE_R(1) + r_mul(q, quadratic(o, v)), TSE_R(1e-3));
   const tse_real m2 = r_max(o->m2 - r_div(r_mul(q, r_sqr(along(o, v))), wider), TSE_R(0));
-  return cost_of(o, o->m2) - cost_of(o, m2) - r_mul(TSE_R(0.5), r_log2(wider));
+  return student_cost(o, o->m2) - student_cost(o, m2) - r_mul(TSE_R(0.5), r_log2(wider));
 }
 
 /* What an opened stiffness is relative to: from ice it goes up by a factor. */
@@ -136,6 +137,7 @@ static void open_stiffness(tse_hypothesis *h, int kind)
       h->cov[X_STIFFNESS + a][X_STIFFNESS + b] += r_mul(more, r_mul(opened_level(h, a), opened_level(h, b)));
     }
   }
+  for (int a = 0; a < 3; a++) h->level[a] = 0; /* what the model did not explain may have been this */
   h->change_age = TSE_R(0);
   h->change_kind = kind == KIND_ROAD ? TSE_CHANGE_ROAD : kind == KIND_FRONT ? TSE_CHANGE_FRONT : TSE_CHANGE_REAR;
 }

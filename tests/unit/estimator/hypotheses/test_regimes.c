@@ -165,6 +165,7 @@ static void test_a_new_road_opens_all_stiffnesses_together_and_each_a_little(voi
     }
   for (int a = 0; a < 3; a++) expect_near(number(b.h[0].x[3 + a]), number(h->before[a]), 0, "before", a);
   TEST_ASSERT_EQUAL_INT(TSE_CHANGE_ROAD, h->change_kind);
+  for (int a = 0; a < 3; a++) TEST_ASSERT_TRUE(was.level[a] == 1 && h->level[a] == 0);
   expect_near(0, number(h->change_age), 0, "age of the change", 0);
 }
 
@@ -270,7 +271,7 @@ static void test_the_score_is_what_the_child_would_have_gained(void)
         child.cov[9 + a][9 + a] = real(number(child.cov[9 + a][9 + a]) + 8 * pow(number(DISTURBANCE_SHARE), 2));
       }
       innovate(&p, &child, &y, &own);
-      const double gain = number(log2_density(&own)) - number(log2_density(&o));
+      const double gain = number(student_cost(&o, o.m2)) - number(student_cost(&own, own.m2)) + 0.5 * (number(o.log2_det) - number(own.log2_det));
       b.count = TSE_HYPOTHESES; /* no place: the score stays */
       for (int k = 1; k < TSE_HYPOTHESES; k++) {
         b.h[k] = b.h[0];
