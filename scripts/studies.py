@@ -24,6 +24,7 @@ PICTURES = ("fig1", "fig2", "fig3-4", "particles", "bound")
 PART: dict[str, tuple[str, str]] = {
     "nominal": ("stress", "nominal"),
     "stress-landed": ("stress+landed", ""),
+    "as-told": ("as-told", "as-told"),
     "stress": (
         "stress",
         "nominal,paper-prior,vy-start,noise-3x,noise-third,wheel-noise-told,wheel-noise-untold,outliers,"
@@ -46,7 +47,7 @@ STUDIES: dict[str, int] = {
     "stress-more": 15,
     "peers": 100,
     "departures": 6,
-    "regimes": 100,
+    "regimes": 10,
     "as-told": 600,
     "stress-landed": 200,
     "bound": 24,

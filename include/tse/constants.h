@@ -11,7 +11,7 @@
 #define TSE_FITTING(x) TSE_R(x)
 #endif
 
-/* A build that sweeps one constant says which, and by what factor: -DTSE_SWEEP=RATE_ROAD -DTSE_SWEEP_BY=2 (study `constants`). */
+/* A build that sweeps one constant says which, and by what factor: -DTSE_SWEEP=RATE_ROAD -DTSE_SWEEP_BY=2 (scripts/sweep.py). */
 #if defined(TSE_SWEEP)
 enum { TSE_ROW_NONE_
 #define CONSTANT(name, value, unit, why, test) , TSE_ROW_##name

@@ -6,9 +6,9 @@
 #include "model/slopes.h"
 #include "tse/constants.h"
 
-/* X: vel_x, vel_y, yaw rate | stiffness over nominal | biases [sigma] | slow disturbances [sigma] | common rate of drift [1/s] | lag of the steering [LAG_TIME] */
+/* X: vel_x, vel_y, yaw rate | stiffness over nominal | biases [sigma] | slow disturbances [sigma] | common rate of drift [1/s] |
+ * lag of the steering [LAG_TIME] */
 enum { X_STATE = 0, X_STIFFNESS = 3, X_BIAS = 6, X_SLOW = 9, X_RATE = 12, X_LAG = 13 };
-
 
 /* Channels as tse_hypothesis.fault numbers them: 1 + place in tse/input.def. */
 enum { FAULT_NONE, FAULT_STEER, FAULT_FRONT_WHEELS, FAULT_REAR_WHEELS, FAULT_MEASURED };

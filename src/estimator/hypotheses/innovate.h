@@ -11,7 +11,7 @@ typedef struct innovation {
   tse_real forecast[3];      /* without biases and disturbances                        */
   tse_real e[3];             /* sample less forecast                                   */
   tse_real h[3][6];          /* d(forecast)/d(states, stiffness)                       */
-  tse_real lag[3];             /* d(forecast)/d(lag of the steering)                     */
+  tse_real lag[3];           /* d(forecast)/d(lag of the steering)                     */
   tse_real d[3][3];          /* d(forecast)/d(eps)                                     */
   tse_real unknown[3][3];    /* d(forecast)/d(steering angle, wheel speeds front, rear) */
   tse_real eps_var[3];       /* of the spread of each stiffness, or of what is at fault */
@@ -33,8 +33,7 @@ static inline tse_real student_cost(const innovation *o, tse_real m2)
   return r_mul(o->half_dof, r_log2(TSE_R(1) + r_div(m2, EVIDENCE_DOF)));
 }
 
-/* The same, and no more than what it costs that the sample is an outlier, so that
- * one sample far off does not decide. */
+/* The same, and no more than what it costs that the sample is an outlier, so that one sample far off does not decide. */
 static inline tse_real cost_of(const innovation *o, tse_real m2)
 {
   return r_min(student_cost(o, m2), OUTLIER_COST);
