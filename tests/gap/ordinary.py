@@ -62,7 +62,6 @@ def score(rows: np.ndarray, config: Config, truth: dict[str, float]) -> dict[str
         found[f"{key} off"] = (valid & (np.abs(error) > OFF)).sum() / max(valid.sum(), 1)
         found[f"{key} held"] = (np.abs(error[valid]) < 1.96 * sd[valid]).mean() if valid.any() else np.nan
         found[f"{key} error"] = np.median(error[late])
-        found[f"{key} error valid"] = np.median(error[valid]) if valid.any() else np.nan
     if "change_age" in out.dtype.names:
         events = pd.DataFrame({"time": time, **{name: out[name] for name in regimes.COLUMNS if name in out.dtype.names}})
         found["changes"] = len(regimes.changes(events))
@@ -131,7 +130,7 @@ def main(arguments: list[str]) -> int:
 at 100 Hz; front longitudinal / front cornering / rear cornering; after {SETTLED:g} s. *Valid*: share of the rows; *off*: share of
 these that are more than {100 * OFF:.0f} % wrong; *band holds*: share of these whose 95 % band holds the truth. A change of the road
 counts as `tselab estimate` reports it; there was none. *{LANDED}*: the default before the bank of hypotheses, which reports no
-changes.
+changes. All are means over the runs; a run without a valid row counts as none off.
 
 """
     given.out.write_text(head + table(data.assign(road="all")) + "\nBy road:\n\n" + table(data), encoding="utf-8")
