@@ -21,13 +21,22 @@ def test_a_car_whose_steering_is_late_keeps_its_cornering_stiffness(runs: pd.Dat
     assert len(brisk) == 4
     for key in ("cy_front", "cy_rear"):
         assert brisk[f"{key} error"].abs().max() < 0.05
-        assert brisk[f"{key} valid"].min() > 0.6
+        assert (brisk[f"{key} valid"] / brisk["rows"]).min() > 0.6
 
 
 def test_the_table_has_a_line_for_every_road(runs: pd.DataFrame) -> None:
     lines = ordinary.table(runs).splitlines()
     assert len(lines) == 2 + len(ordinary.ROADS)
     assert lines[2].startswith("| steering late | highway | tse |") and len({line.count("|") for line in lines}) == 1
+
+
+def test_shares_are_of_the_rows_and_of_the_valid_ones() -> None:
+    """A run without a valid row has no say in what is off."""
+    counts = {"rows": [100.0, 100.0], "changes": [1, 0], "minutes": [1.0, 1.0], "car": "c", "road": "r", "who": "w"}
+    for key in ordinary.STIFFNESS:
+        counts |= {f"{key} valid": [50.0, 0.0], f"{key} off": [20.0, 0.0], f"{key} held": [10.0, 0.0], f"{key} error": [0.1, 0.3]}
+    line = ordinary.table(pd.DataFrame(counts)).splitlines()[2]
+    assert line == "| c | r | w | 20 / 20 / 20 | 25 / 25 / 25 | 40 / 40 / 40 | 20 / 20 / 20 | 5.0 |"
 
 
 def test_the_command_writes_the_table(tmp_path: Path) -> None:
