@@ -53,6 +53,14 @@ static void foretell_noise(const tse_params *p, const tse_hypothesis *h, const s
   }
 }
 
+/* accel_x goes by stiffness times slip: where both are unknown, so is their product, beyond what slopes say (second order: Jazwinski
+ * 1970, 9.3). It is what a start at the wrong speed needs; afterwards it is nothing. */
+static void foretell_product(const tse_hypothesis *h, innovation *o)
+{
+  const tse_real slope = r_div(o->h[0][0], h->x[X_STIFFNESS]);
+  o->noise[0] += r_mul(r_sqr(slope), r_mul(h->cov[0][0], h->cov[X_STIFFNESS][X_STIFFNESS]));
+}
+
 /* Noise of a wheel speed is in accel_x as foretold. */
 static void foretell_wheel_noise(const tse_params *p, innovation *o)
 {
@@ -113,6 +121,7 @@ void innovate(const tse_params *p, const tse_hypothesis *h, const sample *y, inn
   vehicle_slopes(p, h->x, acting(h, c), slips_for_slopes(p, h), &s);
   foretell(p, h, y, g, &s, o);
   foretell_noise(p, h, y, &s, o);
+  foretell_product(h, o);
   if (p->wheel_var[0] > TSE_R(0)) foretell_wheel_noise(p, o);
   covariance(h, y, o);
   solve(o);
