@@ -116,7 +116,7 @@ enum {
  * at which all stiffnesses drift together [1/s], and how late the steering acts, behind the IMU, 13 [LAG_TIME]. */
 #define TSE_X 14
 #define TSE_HYPOTHESES 8
-#define TSE_KINDS 21 /* ways in which a hypothesis may be born, src/estimator/hypotheses/hypothesis.h */
+#define TSE_KINDS 22 /* ways in which a hypothesis may be born, src/estimator/hypotheses/hypothesis.h */
 
 enum { TSE_CHANGE_NONE, TSE_CHANGE_ROAD, TSE_CHANGE_FRONT, TSE_CHANGE_REAR, TSE_CHANGE_RESTART };
 
@@ -133,6 +133,7 @@ typedef struct tse_hypothesis {
   tse_real foretold[3], activity[3];    /* [sigma] of each channel: forecast of the row before; how much it moves of late */
   tse_real before[3];                   /* [1] stiffness before the last change of this history */
   tse_real log_weight;                  /* [log2] */
+  tse_real promise;                     /* [log2] evidence of late for which it was born: it speaks for it until it could show its own */
   tse_real age, change_age;             /* [s] since it was born, since that change */
   int32_t change_kind;                  /* TSE_CHANGE_* */
   int32_t kind;                         /* how it was born */

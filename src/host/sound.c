@@ -20,7 +20,7 @@ static int sound_start(const tse_start *s)
 static int sound_hypothesis(const tse_params *p, const tse_hypothesis *h)
 {
   const tse_real w_least = TSE_R(1) + p->w_min, w_most = TSE_R(1) + p->w_max;
-  const tse_real *const one[] = { &h->log_weight, &h->age, &h->change_age };
+  const tse_real *const one[] = { &h->log_weight, &h->promise, &h->age, &h->change_age };
   int fine = sound_int(h->change_kind, TSE_CHANGE_NONE, TSE_CHANGE_RESTART) && sound_int(h->kind, 0, TSE_KINDS - 1) &&
              sound_int(h->drift, 0, 2) && sound_int(h->fault, 0, TSE_CHANNELS) && sound_flags(&h->slides, 1) && sound_flags(&h->held, 1);
   for (int a = 0; a < 3; a++) fine = fine && sound_int(h->level[a], 0, 3);

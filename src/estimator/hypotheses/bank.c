@@ -115,6 +115,7 @@ static void grow_older(tse_bank *b, tse_real dt)
   for (int32_t i = 0; i < b->count; i++) {
     tse_hypothesis *const h = &b->h[i];
     h->age = r_min(h->age + dt, LONGEST_AGE);
+    h->log_weight -= r_mul(LOG2_E, r_mul(rate_of_end(h), r_min(dt, DRIFT_TIME)));
     h->change_age = h->change_kind == TSE_CHANGE_NONE ? TSE_R(0) : r_min(h->change_age + dt, LONGEST_AGE);
   }
 }

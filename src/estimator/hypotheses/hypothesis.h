@@ -6,6 +6,8 @@
 #include "model/slopes.h"
 #include "tse/constants.h"
 
+#define LOG2_E TSE_R(1.4426950408889634)
+
 /* X: vel_x, vel_y, yaw rate | stiffness over nominal | biases [sigma] | slow disturbances [sigma] | common rate of drift [1/s] |
  * lag of the steering [LAG_TIME] */
 enum { X_STATE = 0, X_STIFFNESS = 3, X_BIAS = 6, X_SLOW = 9, X_RATE = 12, X_LAG = 13 };
@@ -19,7 +21,7 @@ enum { LEVELS = 4 }; /* of the slow disturbance: none, and each three times the 
 /* How a hypothesis is born: what it says has just happened. */
 enum {
   KIND_ROAD, KIND_FRONT, KIND_REAR, KIND_DRIFT_SLOW, KIND_DRIFT_FAST, KIND_DRIFT_END, KIND_FAULT, KIND_FAULT_END = KIND_FAULT + 6,
-  KIND_LEVEL_UP, KIND_LEVEL_DOWN = KIND_LEVEL_UP + 3, KIND_RESTART = KIND_LEVEL_DOWN + 3, KIND_HOLD
+  KIND_LEVEL_UP, KIND_LEVEL_DOWN = KIND_LEVEL_UP + 3, KIND_RESTART = KIND_LEVEL_DOWN + 3, KIND_LOST, KIND_HOLD
 };
 
 /* A fault leaves something unknown that takes the place of the spread of a stiffness. Returned: BY_STEER, BY_FRONT_WHEELS or

@@ -2,7 +2,6 @@
 #include "estimator/hypotheses/predict.h"
 
 #define MOST_STEPS 6 /* of a row: bounded time. The integrator is stable at any step */
-#define LOG2_E TSE_R(1.4426950408889634)
 
 /* What a step, or a row, does to small changes of the state (F), of the stiffness (G), of eps (E), and of the lag (L). */
 typedef struct transition { tse_real F[3][3], G[3][3], E[3][3], L[3]; } transition;

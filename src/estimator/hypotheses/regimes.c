@@ -46,19 +46,34 @@ void start_hypothesis(const tse_params *p, tse_hypothesis *h, const tse_start *s
 
 /* ---- how likely a birth is ------------------------------------------------------------------------------------------- */
 
+/* Rate at which a drift ends [1/s]. */
+static tse_real rate_of_steady(const tse_hypothesis *h)
+{
+  return h->drift == STEADY ? TSE_R(0) : h->drift == DRIFTS_SLOWLY ? RATE_STEADY_SLOW : RATE_STEADY;
+}
+
+tse_real rate_of_end(const tse_hypothesis *h) { return rate_of_steady(h) + (h->fault == FAULT_NONE ? TSE_R(0) : RATE_FAULT_END); }
+
+/* Whether the wheels say how fast the car is: no axle locks or spins alone. */
+static int wheels_agree(const tse_params *p, const sample *y)
+{
+  return r_abs(y->u.v_front - y->u.v_rear) < r_mul(p->max_slip, r_max(r_abs(y->u.v_front), r_abs(y->u.v_rear)));
+}
+
 /* Prior rate of a birth of this kind from h [1/s]; 0: impossible. */
-static tse_real rate_of(const tse_params *p, const tse_hypothesis *h, int kind, tse_real seen)
+static tse_real rate_of(const tse_params *p, const tse_hypothesis *h, const sample *y, int kind, tse_real seen)
 {
   /* what is the car's stays: that it is found out only now is the less likely the longer it has been looked at */
   const tse_real of_the_car = r_div(RATE_CAR, seen + RATE_CAR_TIME);
   if (kind <= KIND_REAR) return kind == KIND_ROAD ? RATE_ROAD : RATE_AXLE;
   if (kind < KIND_DRIFT_END) return h->drift == kind - KIND_DRIFT_SLOW + DRIFTS_SLOWLY ? TSE_R(0) : RATE_DRIFT;
-  if (kind == KIND_DRIFT_END) return h->drift == STEADY ? TSE_R(0) : RATE_STEADY;
+  if (kind == KIND_DRIFT_END) return rate_of_steady(h);
   if (kind < KIND_FAULT_END) return h->fault != FAULT_NONE ? TSE_R(0) : RATE_FAULT;
   if (kind == KIND_FAULT_END) return h->fault == FAULT_NONE ? TSE_R(0) : RATE_FAULT_END;
   if (kind < KIND_LEVEL_DOWN) return h->level[kind - KIND_LEVEL_UP] == LEVELS - 1 ? TSE_R(0) : of_the_car;
   if (kind < KIND_RESTART) return h->level[kind - KIND_LEVEL_DOWN] == 0 ? TSE_R(0) : of_the_car;
   if (kind == KIND_RESTART) return RATE_RESTART;
+  if (kind == KIND_LOST) return h->slides && wheels_agree(p, y) ? RATE_LOST : TSE_R(0);
   return p->inputs_held == 2 ? of_the_car : TSE_R(0);
 }
 
@@ -100,8 +115,24 @@ static tse_real promise_of_fault_end(const tse_hypothesis *h, const innovation *
   return gain_of(o, v, -o->eps_var[a]);
 }
 
+/* Of one whose states, and with a restart whose stiffness, start anew: it foretells what is sensed to what these are unknown by, and
+ * is off by as much as it says. What explains the same by less must have had the time to show that it does. */
+static tse_real promise_of_restart(const tse_params *p, const sample *y, const innovation *o, int kind)
+{
+  tse_real det = TSE_R(1), off = TSE_R(0);
+  for (int a = 0; a < 3; a++) {
+    tse_real var = TSE_R(1);
+    for (int b = 0; b < 3; b++) var += r_sqr(r_mul(o->h[a][b], p->x_sd0[b]));
+    if (kind == KIND_RESTART) var += r_mul(p->mean_var0, r_sqr(r_mul(y->use[a], y->y[a])));
+    det = r_mul(det, var);
+    off += y->use[a];
+  }
+  const tse_real better = student_cost(o, o->m2) - student_cost(o, off) + r_mul(TSE_R(0.5), o->log2_det - r_log2(det));
+  return r_mul(r_div(y->dt, y->dt + PROTECTED_TIME), better);
+}
+
 /* log2 of how much better this sample would have been foretold by a birth of this kind; 0 where that cannot be said beforehand. */
-static tse_real promise_of(const tse_bank *b, const tse_hypothesis *h, const innovation *o, int kind)
+static tse_real promise_of(const tse_params *p, const tse_bank *b, const tse_hypothesis *h, const sample *y, const innovation *o, int kind)
 {
   tse_real v[3] = { TSE_R(0), TSE_R(0), TSE_R(0) };
   if (kind == KIND_ROAD) {
@@ -121,10 +152,20 @@ static tse_real promise_of(const tse_bank *b, const tse_hypothesis *h, const inn
     v[a] = TSE_R(1);
     return gain_of(o, v, disturbance_var(h, a, h->level[a] + 1) - disturbance_var(h, a, h->level[a]));
   }
+  /* sliding, a sample tells of the motion alone */
+  if (kind == (o->slides ? KIND_LOST : KIND_RESTART)) return promise_of_restart(p, y, o, kind);
   return TSE_R(0);
 }
 
 /* ---- what a birth changes -------------------------------------------------------------------------------------------- */
+
+/* What the forces of a change would have moved before it was found: that share of the accelerations of so many rows. */
+static void open_states(const tse_params *p, tse_hypothesis *h, tse_real dt)
+{
+  const tse_real share = r_mul(ROAD_COMMON, r_mul(CHANGE_ROWS, dt));
+  for (int a = 0; a < 2; a++) h->cov[a][a] += r_sqr(r_mul(share, r_mul(p->sd[a], h->foretold[a])));
+  h->cov[2][2] += r_sqr(p->sd[2]);
+}
 
 static void open_stiffness(tse_hypothesis *h, int kind)
 {
@@ -165,8 +206,10 @@ static void set_drift(tse_hypothesis *h, int32_t drift)
 static void bear(const tse_params *p, tse_hypothesis *child, const tse_hypothesis *parent, int kind, const sample *y)
 {
   *child = *parent;
-  if (kind <= KIND_REAR) open_stiffness(child, kind);
-  else if (kind <= KIND_DRIFT_END) set_drift(child, kind == KIND_DRIFT_END ? STEADY : kind - KIND_DRIFT_SLOW + DRIFTS_SLOWLY);
+  if (kind <= KIND_REAR) {
+    open_states(p, child, y->dt);
+    open_stiffness(child, kind);
+  } else if (kind <= KIND_DRIFT_END) set_drift(child, kind == KIND_DRIFT_END ? STEADY : kind - KIND_DRIFT_SLOW + DRIFTS_SLOWLY);
   else if (kind < KIND_FAULT_END) child->fault = kind - KIND_FAULT + 1;
   else if (kind == KIND_FAULT_END) child->fault = FAULT_NONE;
   else if (kind < KIND_LEVEL_DOWN) {
@@ -175,6 +218,7 @@ static void bear(const tse_params *p, tse_hypothesis *child, const tse_hypothesi
     child->level[a]++;
   } else if (kind < KIND_RESTART) child->level[kind - KIND_LEVEL_DOWN]--;
   else if (kind == KIND_RESTART) start_over(p, child, y);
+  else if (kind == KIND_LOST) place_states(p, child, y);
   else child->held = !child->held;
   child->age = TSE_R(0);
   child->kind = kind;
@@ -213,7 +257,7 @@ static int32_t place_for(const tse_params *p, const tse_bank *b, int kind, tse_r
     const tse_hypothesis *const h = &b->h[i];
     const int theirs = sort_of(h->kind);
     if (i == b->likeliest || (theirs != sort && (have[theirs] <= share[theirs] || have[sort] >= share[sort]))) continue;
-    const tse_real value = h->log_weight + (h->age < time_to_show(h->kind) ? YOUTH : TSE_R(0));
+    const tse_real value = h->log_weight + (h->age < time_to_show(h->kind) ? YOUTH + h->promise : TSE_R(0));
     if (at < 0 || value < least) {
       least = value;
       at = i;
@@ -249,9 +293,9 @@ void births(const tse_params *p, tse_bank *b, const sample *y, const innovation 
   const tse_hypothesis *const parent = &b->h[b->likeliest];
   tse_real worth[TSE_KINDS], prior[TSE_KINDS];
   for (int k = 0; k < TSE_KINDS; k++) {
-    const tse_real rate = rate_of(p, parent, k, b->seen);
+    const tse_real rate = rate_of(p, parent, y, k, b->seen);
     b->waited[k] = rate > TSE_R(0) ? r_min(b->waited[k] + y->dt, LONGEST_WAIT) : TSE_R(0);
-    b->score[k] = rate > TSE_R(0) ? r_max(TSE_R(0), b->score[k] + promise_of(b, parent, o, k)) : TSE_R(0);
+    b->score[k] = rate > TSE_R(0) ? r_max(TSE_R(0), b->score[k] + promise_of(p, b, parent, y, o, k)) : TSE_R(0);
     prior[k] = rate > TSE_R(0) ? r_log2(r_min(r_mul(rate, b->waited[k]), TSE_R(0.5))) : LEAST_WEIGHT;
     worth[k] = prior[k] + b->score[k];
   }
@@ -264,6 +308,7 @@ void births(const tse_params *p, tse_bank *b, const sample *y, const innovation 
     const tse_hypothesis mother = *mother_of(b, kind); /* whose place it may be */
     bear(p, &b->h[at], &mother, kind, y);
     b->h[at].log_weight = r_max(mother.log_weight + prior[kind], LEAST_WEIGHT);
+    b->h[at].promise = b->score[kind];
     b->score[kind] = b->waited[kind] = TSE_R(0);
     if (at == b->count) b->count++;
   }

@@ -77,7 +77,8 @@ static verdict estimate_with(tse_config c)
 
 typedef enum measure { STIFF, VEL_X, VEL_Y, EVIDENCE } measure;
 
-/* Told, every effect leaves an estimator that is as good as one whose car has none (at walking pace that is less). Untold it is twice
+/* Told, every effect leaves an estimator that is as good as one whose car has none (at walking pace that is less: slopes by C_x are of the
+ * plain slip, which large angles move by as much as there is of it). Untold it is twice
  * as wrong in what the effect moves, or less likely: 0.02 nat a row are 15 over this half of a drive. */
 static void expect_told_is_better(const tse_config *with, const drive *d, measure what, const char *name)
 {
@@ -87,7 +88,7 @@ static void expect_told_is_better(const tse_config *with, const drive *d, measur
   const verdict told = estimate_with(*with), untold = estimate_with(without);
   (void)snprintf(text, sizeof text, "%s: told %.4f %.4f %.4f %.3f, untold %.4f %.4f %.4f %.3f", name, told.stiffness, told.vx,
                  told.vy, told.evidence, untold.stiffness, untold.vx, untold.vy, untold.evidence);
-  TEST_ASSERT_TRUE_MESSAGE(told.stiffness < (d->speed > 10 ? 0.05 : 0.1) && told.vx < 0.012 && told.vy < 0.012, text);
+  TEST_ASSERT_TRUE_MESSAGE(told.stiffness < (d->speed > 10 ? 0.05 : 0.15) && told.vx < 0.012 && told.vy < 0.012, text);
   TEST_ASSERT_TRUE_MESSAGE(told.evidence > untold.evidence - 0.02, text);
   switch (what) {
     case STIFF:

@@ -153,6 +153,33 @@ static void test_the_evidence_of_a_row_is_the_density_of_the_sample_in_si_units(
   }
 }
 
+/* A drift and a fault are worth less with every second that they last, by the rate at which they end. */
+static void test_what_lasts_pays_for_it(void)
+{
+  static const double dts[] = { 0.001, 0.1, 1 };
+  tse_config c = settings();
+  c.hypotheses = 4;
+  c.inputs_held = 0;
+  const tse_params p = prepared(&c);
+  const double pays[4] = { 0, number(RATE_STEADY_SLOW), number(RATE_STEADY), number(RATE_STEADY) + number(RATE_FAULT_END) };
+  for (int k = 0; k < ROWS(dts); k++) {
+    const tse_real raw[6] = { real(0.01), real(60), real(60), real(0.1), real(0.2), real(0.01) };
+    bank_of(&p, 4);
+    sample y = some_sample(&seed, &b.h[0], 1, 0); /* nothing is sensed: weights change for no other reason */
+    y.dt = real(dts[k]);
+    for (int i = 1; i < 4; i++) {
+      b.h[i].drift = i == 1 ? DRIFTS_SLOWLY : DRIFTS_FAST;
+      b.h[i].log_weight = real(-0.5 * i);
+      b.h[i].age = real(0.01);
+      b.h[i].promise = real(100);
+    }
+    b.h[3].fault = FAULT_STEER;
+    (void)bank_learn(&p, &b, &y, raw);
+    TEST_ASSERT_EQUAL_INT(4, b.count);
+    for (int i = 1; i < 4; i++) expect_near(-0.5 * i - pays[i] * dts[k] / log(2), number(b.h[i].log_weight), BY_FORMAT(1e-9, 1e-5), "weight", i);
+  }
+}
+
 static void test_weights_are_relative_to_the_largest_and_nonsense_weighs_nothing(void)
 {
   const tse_config c = settings();
@@ -281,6 +308,7 @@ int main(void)
   RUN_TEST(test_a_row_merges_one_pair_and_the_total_weight_stays);
   RUN_TEST(test_a_birth_is_not_merged_before_it_could_show_anything);
   RUN_TEST(test_the_evidence_of_a_row_is_the_density_of_the_sample_in_si_units);
+  RUN_TEST(test_what_lasts_pays_for_it);
   RUN_TEST(test_weights_are_relative_to_the_largest_and_nonsense_weighs_nothing);
   RUN_TEST(test_a_hypothesis_that_is_no_longer_made_of_numbers_goes);
   RUN_TEST(test_when_nothing_makes_sense_all_starts_over);

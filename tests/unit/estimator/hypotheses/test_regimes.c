@@ -49,6 +49,7 @@ static double rate(int kind, double seen)
   if (kind >= KIND_FAULT && kind < KIND_FAULT_END) return number(RATE_FAULT);
   if (kind >= KIND_LEVEL_UP && kind < KIND_RESTART) return car;
   if (kind == KIND_RESTART) return number(RATE_RESTART);
+  if (kind == KIND_LOST) return b.h[0].slides ? number(RATE_LOST) : 0; /* rolling wheels tie the motion down */
   return kind == KIND_HOLD ? car : 0;
 }
 
@@ -63,6 +64,8 @@ static void test_a_birth_weighs_its_rate_times_the_time_since_the_last_try_and_n
         innovation o;
         sample y = bank_of_one(&p, &o, 1);
         y.dt = real(dts[i]);
+        b.h[0].slides = k % 2;
+        y.u.v_rear = y.u.v_front;
         b.score[kind] = real(60); /* so that it is tried first */
         b.waited[kind] = real(waits[k]);
         births(&p, &b, &y, &o);
@@ -123,6 +126,29 @@ static void test_a_young_hypothesis_keeps_its_place_until_it_could_show_anything
   }
 }
 
+/* A road for which much evidence has gathered is not pushed out by a fault for which there is less, not even in the row of its birth. */
+static void test_what_is_born_for_good_reasons_gives_way_to_better_ones_alone(void)
+{
+  tse_config c = settings();
+  c.hypotheses = 2;
+  c.inputs_held = 0;
+  const tse_params p = prepared(&c);
+  for (int less = 0; less < 2; less++) {
+    innovation o;
+    const sample y = bank_of_one(&p, &o, 0.1);
+    for (int k = 0; k < TSE_KINDS; k++) b.waited[k] = real(1);
+    b.score[KIND_ROAD] = real(30);
+    births(&p, &b, &y, &o);
+    TEST_ASSERT_EQUAL_INT(1, born(KIND_ROAD));
+    const double prior = log2(number(RATE_ROAD) * 1.01), at_fault = log2(number(RATE_FAULT) * 1.01);
+    expect_near(30, number(b.h[1].promise), 2, "promise", 0); /* this sample, which it leaves as it is, included */
+    for (int k = 0; k < TSE_KINDS; k++) b.waited[k] = real(1), b.score[k] = real(0);
+    b.score[KIND_FAULT] = real(prior - at_fault + 30 + number(YOUTH) + (less ? -20 : 20));
+    births(&p, &b, &y, &o);
+    TEST_ASSERT_EQUAL_INT(less ? KIND_ROAD : KIND_FAULT, b.h[1].kind);
+  }
+}
+
 /* Every place of another sort is kept for it: a drift is not starved by what happens at once. */
 static void test_each_sort_has_places_of_its_own(void)
 {
@@ -153,6 +179,8 @@ static void test_a_new_road_opens_all_stiffnesses_together_and_each_a_little(voi
   const sample y = bank_of_one(&p, &o, 1);
   const tse_hypothesis was = b.h[0];
   b.h[0].x[4] = real(0.3); /* from ice it goes up by a factor */
+  b.h[0].foretold[0] = real(60);
+  b.h[0].foretold[1] = real(-90);
   b.score[KIND_ROAD] = real(60);
   births(&p, &b, &y, &o);
   const tse_hypothesis *const h = &b.h[born(KIND_ROAD)];
@@ -160,7 +188,10 @@ static void test_a_new_road_opens_all_stiffnesses_together_and_each_a_little(voi
     for (int j = 0; j < TSE_X; j++) {
       const int both = i >= 3 && i < 6 && j >= 3 && j < 6;
       const double si = fmax(number(b.h[0].x[i]), number(ROAD_LEAST)), sj = fmax(number(b.h[0].x[j]), number(ROAD_LEAST));
-      const double more = both ? (pow(number(ROAD_COMMON), 2) + (i == j ? pow(number(ROAD_OWN), 2) : 0)) * si * sj : 0;
+      double more = both ? (pow(number(ROAD_COMMON), 2) + (i == j ? pow(number(ROAD_OWN), 2) : 0)) * si * sj : 0;
+      /* the forces of two rows by which it may be late: accelerations are 60 and 90 sigma */
+      if (i == j && i < 2) more = pow(0.4 * 2 * 0.01 * number(p.sd[i]) * (i ? 90 : 60), 2);
+      if (i == j && i == 2) more = pow(number(p.sd[2]), 2);
       expect_near(number(was.cov[i][j]) + more, number(h->cov[i][j]), BY_FORMAT(1e-12, 1e-6), "covariance", 100 * i + j);
     }
   for (int a = 0; a < 3; a++) expect_near(number(b.h[0].x[3 + a]), number(h->before[a]), 0, "before", a);
@@ -182,7 +213,8 @@ static void test_a_change_of_one_axle_opens_its_stiffnesses_alone(void)
     for (int i = 0; i < TSE_X; i++)
       for (int j = 0; j < TSE_X; j++) {
         const int opened = i == j && (kind == KIND_FRONT ? i == 3 || i == 4 : i == 5);
-        const double more = opened ? pow(number(AXLE_OPEN) * fmax(number(b.h[0].x[i]), number(ROAD_LEAST)), 2) : 0;
+        const double rate = i == j && i == 2 ? number(p.sd[2]) : 0; /* as if it had been sensed just now */
+        const double more = rate * rate + (opened ? pow(number(AXLE_OPEN) * fmax(number(b.h[0].x[i]), number(ROAD_LEAST)), 2) : 0);
         expect_near(number(b.h[0].cov[i][j]) + more, number(h->cov[i][j]), BY_FORMAT(1e-12, 1e-6), "covariance", 100 * i + j);
       }
     TEST_ASSERT_EQUAL_INT(kind == KIND_FRONT ? TSE_CHANGE_FRONT : TSE_CHANGE_REAR, h->change_kind);
@@ -196,6 +228,7 @@ static void test_other_births_change_what_they_stand_for(void)
   for (int kind = KIND_DRIFT_SLOW; kind < TSE_KINDS; kind++) {
     innovation o;
     const sample y = bank_of_one(&p, &o, 1);
+    b.h[0].slides = kind == KIND_LOST;
     b.score[kind] = real(60);
     births(&p, &b, &y, &o);
     if (!(rate(kind, 20) > 0)) continue;
@@ -211,6 +244,14 @@ static void test_other_births_change_what_they_stand_for(void)
       const double more = kind < KIND_LEVEL_DOWN ? 8 * pow(number(DISTURBANCE_SHARE), 2) : 0; /* three times the sd: nine times, once there */
       expect_near(number(parent->cov[9 + a][9 + a]) + more, number(h->cov[9 + a][9 + a]), BY_FORMAT(1e-12, 1e-6), "disturbance", a);
     } else if (kind == KIND_HOLD) TEST_ASSERT_TRUE(h->held != parent->held);
+    else if (kind == KIND_LOST) {
+      expect_near(0.5 * (number(y.u.v_front) + number(y.u.v_rear)), number(h->x[0]), 1e-6, "vel_x", 0);
+      for (int k = 0; k < 3; k++) {
+        expect_near(number(parent->x[3 + k]), number(h->x[3 + k]), 0, "stiffness", k);
+        expect_near(number(parent->cov[3 + k][3 + k]), number(h->cov[3 + k][3 + k]), 0, "variance", k);
+        expect_near(0, number(h->cov[k][3 + k]), 0, "of states and stiffness", k);
+      }
+    }
     else if (kind == KIND_RESTART) {
       TEST_ASSERT_EQUAL_INT(TSE_CHANGE_RESTART, h->change_kind);
       for (int k = 0; k < 3; k++) {
@@ -284,6 +325,39 @@ static void test_the_score_is_what_the_child_would_have_gained(void)
   TEST_ASSERT_TRUE(met > 20);
 }
 
+/* A start foretells sensors to what it leaves unknown; its score grows by that, slowly. Where wheels slide, lost states alone. */
+static void test_a_start_is_promised_what_the_sensors_are_foretold_by_it(void)
+{
+  const tse_config c = settings();
+  const tse_params p = prepared(&c);
+  for (int i = 0; i < 40; i++) {
+    const int mask = i % 7 + 1, slides = i % 2, kind = slides ? KIND_LOST : KIND_RESTART;
+    innovation o;
+    (void)bank_of_one(&p, &o, 1);
+    sample y = some_sample(&seed, &b.h[0], 40, mask);
+    b.h[0].slides = slides;
+    innovate(&p, &b.h[0], &y, &o);
+    o.slides = slides;
+    double det = 1, used = 0;
+    for (int a = 0; a < 3; a++) {
+      double var = 1;
+      for (int k = 0; k < 3; k++) var += pow(number(o.h[a][k]) * number(p.x_sd0[k]), 2);
+      if (!slides) var += number(p.mean_var0) * pow(number(y.y[a]), 2);
+      det *= var;
+      used += number(y.use[a]);
+    }
+    const double gain = 0.5 * (8 + used) * log2((8 + number(o.m2)) / (8 + used)) + 0.5 * (number(o.log2_det) - log2(det));
+    b.count = TSE_HYPOTHESES; /* no place: the score stays */
+    for (int k = 1; k < TSE_HYPOTHESES; k++) {
+      b.h[k] = b.h[0];
+      b.h[k].log_weight = real(1000);
+    }
+    births(&p, &b, &y, &o);
+    expect_near(fmax(gain, 0) * 0.01 / (0.01 + number(PROTECTED_TIME)), number(b.score[kind]), BY_FORMAT(1e-9, 1e-3), "score", i);
+    expect_near(0, number(b.score[slides ? KIND_RESTART : KIND_LOST]), 0, "of the other", i);
+  }
+}
+
 /* --------------------------------------------------------------------------------------------- the start */
 
 static void test_a_hypothesis_starts_at_the_settings_and_its_states_at_the_sensors(void)
@@ -327,12 +401,14 @@ int main(void)
   RUN_TEST(test_a_birth_weighs_its_rate_times_the_time_since_the_last_try_and_never_more_than_half);
   RUN_TEST(test_no_more_than_three_are_born_in_a_row_nor_than_the_settings_allow);
   RUN_TEST(test_a_young_hypothesis_keeps_its_place_until_it_could_show_anything);
+  RUN_TEST(test_what_is_born_for_good_reasons_gives_way_to_better_ones_alone);
   RUN_TEST(test_each_sort_has_places_of_its_own);
   RUN_TEST(test_a_new_road_opens_all_stiffnesses_together_and_each_a_little);
   RUN_TEST(test_a_change_of_one_axle_opens_its_stiffnesses_alone);
   RUN_TEST(test_other_births_change_what_they_stand_for);
   RUN_TEST(test_a_fault_ends_and_a_drift_ends_where_there_is_one);
   RUN_TEST(test_the_score_is_what_the_child_would_have_gained);
+  RUN_TEST(test_a_start_is_promised_what_the_sensors_are_foretold_by_it);
   RUN_TEST(test_a_hypothesis_starts_at_the_settings_and_its_states_at_the_sensors);
   return UNITY_END();
 }
