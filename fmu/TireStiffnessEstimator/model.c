@@ -30,6 +30,9 @@ const fmu_variable fmu_variables[] = {
 #include "tse/vehicle.def"
 #undef REAL
 #undef INT
+#define REAL(name, def, lo, hi, unit, text) PARAMETER("uncertainty", 'r', name, def, lo, hi, unit, text)
+#include "tse/told.def"
+#undef REAL
 #define REAL(name, def, lo, hi, unit, text) PARAMETER("sensors", 'r', name, def, lo, hi, unit, text)
 #define INT(name, def, lo, hi, text) PARAMETER("sensors", 'i', name, def, lo, hi, "", text)
 #include "tse/sensors.def"

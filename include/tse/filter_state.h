@@ -42,6 +42,15 @@ typedef struct tse_particles { /* [row][particle]; gamma, nu and the covariance 
 
 /* Constants of a filter, made by tse_prepare(). Everything is normalised: forces by mass (accelerations), measurements
  * by the sensor's sd, so that all numbers have a moderate size in every number format. */
+/* What is told of the car and may be off, tse/told.def. */
+enum {
+#define REAL(name, def, lo, hi, unit, text)
+#define CONSIDER(id, name, most, unit, text) TSE_CONSIDER_##id,
+#include "tse/told.def"
+#undef REAL
+  TSE_CONSIDERED
+};
+
 typedef struct tse_params {
   uint32_t magic, fingerprint;
   uint32_t vehicle;                   /* fingerprint of the vehicle alone, the same in every number format */
@@ -63,6 +72,8 @@ typedef struct tse_params {
   tse_real bias_walk[3];              /* [sigma^2/s] bias random walk                      */
   tse_real log_sd[3];                 /* [log2]                                            */
   tse_real wheel_var[2];              /* [m2/s2]     of R omega, front and rear            */
+  tse_real consider_sd[TSE_CONSIDERED], mass_var; /* of tse/told.def; [1] of the mass */
+  int32_t considers;                  /* 1: any of consider_sd is not 0 */
   tse_real lag_var0;                  /* [LAG_TIME^2] of how late the steering acts        */
   /* filter */
   tse_real sample_time, inv_sample_time, max_step, max_gap, max_slip, hold_speed, max_steer;
@@ -115,7 +126,7 @@ enum {
 /* X of a hypothesis: states 0..2, stiffness over nominal 3..5, biases 6..8, slow disturbances 9..11 (these in sigma), the rate 12
  * at which all stiffnesses drift together [1/s], and how late the steering acts, behind the IMU, 13 [LAG_TIME]. */
 #define TSE_X 14
-#define TSE_HYPOTHESES 8
+#define TSE_HYPOTHESES 7
 #define TSE_KINDS 22 /* ways in which a hypothesis may be born, src/estimator/hypotheses/hypothesis.h */
 
 enum { TSE_CHANGE_NONE, TSE_CHANGE_ROAD, TSE_CHANGE_FRONT, TSE_CHANGE_REAR, TSE_CHANGE_RESTART };
@@ -157,6 +168,9 @@ typedef struct tse_bank {
   tse_real score[TSE_KINDS], waited[TSE_KINDS]; /* [log2] evidence of late for a birth of each kind; [s] since the last try */
   tse_real gained[3];                   /* [1/s] what samples of late tell of each stiffness: inverse variance, relative */
   tse_repeats repeats;
+  tse_real off[TSE_CONSIDERED][TSE_X];  /* error of X in the likeliest if what is told is off by one sd; settings that are 0: 0 */
+  tse_real side[2], rate[4];            /* side forces over mass of the last row, front and rear axle [m/s2]; rates of these [m/s3] and
+                                         * of the wheel speeds [m/s2] */
   tse_hypothesis h[TSE_HYPOTHESES];
 } tse_bank;
 

@@ -42,7 +42,9 @@ typedef enum tse_status {
   X(TSE_UNCERTAIN,      3, "uncertain",        "excited, but the sd of the mean is above the limit") \
   X(TSE_DIVERGING,      4, "diverging",        "a channel is probably at fault (particles: drawn anew, not settled again)") \
   X(TSE_HELD,           5, "held",             "standstill, low speed, reverse, large steering angle or sliding wheels: value from before") \
-  X(TSE_INPUT_INVALID,  6, "input invalid",    "inputs or measurements are missing")
+  X(TSE_INPUT_INVALID,  6, "input invalid",    "inputs or measurements are missing") \
+  X(TSE_TOLD_LOOSELY,   7, "told loosely",     "what is told of the car is not certain enough (tse/told.def): calibrate, or tell it") \
+  X(TSE_MISFIT,         8, "does not fit",     "the sensors say what the model does not explain: calibrate, or look for what is missing")
 
 typedef enum tse_reason {
 #define X(name, code, word, text) name = code,

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 from tselab.core import CONFIG, REASON, SIM_CONFIG, STATUS, STIFFNESS, Field, library
 from tselab.estimate import est_columns, est_fields
-from tselab.vehicle import sensor_settings, vehicle_settings
+from tselab.vehicle import sensor_settings, uncertainty_settings, vehicle_settings
 
 
 def text_table(rows: Iterable[Iterable[str]], right: tuple[int, ...] = ()) -> str:
@@ -63,6 +63,11 @@ def example_vehicle() -> str:
         "# steering_ratio = 16.0  # only for hints: steer_angle in the log is the road-wheel angle",
         "",
         *(_toml_line(fields[name]) for name in vehicle_settings()),
+        "",
+        "# How uncertain that is: sd of each, 0 for what is known exactly, as here.",
+        "# Left out: as of a car that nobody has calibrated.",
+        "[uncertainty]",
+        *(_toml_line(fields[name]) for name in uncertainty_settings()),
         "",
         "[sensors]",
         *(_toml_line(fields[name]) for name in sensor_settings()),

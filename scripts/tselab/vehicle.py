@@ -35,6 +35,23 @@ CORNERING_PER_LOAD = 12.0  # 1/rad
 LONGITUDINAL_PER_LOAD = 20.0  # 1
 # Biases of sensors nobody has described: mounting angle and slope of about 1 degree, an uncalibrated gyro.
 UNKNOWN_BIAS = {"accel_x_bias_sd": 0.2, "accel_y_bias_sd": 0.2, "yaw_rate_bias_sd": 0.01}
+# What a car that nobody has calibrated may be off by (sd, in the units of include/tse/told.def): a passenger and luggage; a data
+# sheet's inertia and centre of gravity; a steering ratio with its compliance, a rack's zero; roll of 5 deg/g with an IMU that feels
+# it; bus latencies, wheels up to 40 ms behind the IMU; tyres that relax over 0.2 .. 0.6 m; roads of up to 6 %; worn tyres.
+UNKNOWN_CAR = {
+    "mass_sd": 0.05,
+    "yaw_inertia_sd": 0.05,
+    "cg_sd": 0.03,
+    "steer_ratio_sd": 0.03,
+    "steer_offset_sd": 0.003,
+    "accel_y_scale_sd": 0.05,
+    "wheel_delay_sd": 0.02,
+    "accel_delay_sd": 0.003,
+    "relaxation_sd": 0.3,
+    "grade_sd": 0.02,
+    "wheel_radius_sd": 0.002,
+}
+GUESSED_INERTIA_SD = 0.15  # of the rule mass lf lr: real cars have 0.8 .. 1.2 of it
 
 
 @dataclass
@@ -46,6 +63,7 @@ class Vehicle:
     values: dict[str, float]
     facts: dict[str, Any]
     filled: list[str] = field(default_factory=list)
+    told_uncertainty: list[str] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
 
     @property
@@ -61,7 +79,12 @@ class Vehicle:
 def vehicle_settings() -> list[str]:
     """Names of the settings that belong in a vehicle file."""
     names = [f.name for f in library().fields(CONFIG)]
-    return names[: names.index("accel_x_sd")]
+    return names[: names.index(uncertainty_settings()[0])]
+
+
+def uncertainty_settings() -> list[str]:
+    """Names of the settings that belong in its [uncertainty] table: rows of include/tse/told.def."""
+    return list(UNKNOWN_CAR)
 
 
 def sensor_settings() -> list[str]:
@@ -80,15 +103,17 @@ def read_vehicle(path: Path) -> Vehicle:
     """Read a vehicle file and check it; stiffness that is left out is filled in by rule."""
     path = Path(path)
     data = read_toml(path)
-    sensors = data.pop("sensors", {})
-    if not isinstance(sensors, dict):
-        raise UserError(f"{path}: sensors must be a table: [sensors]")
+    sensors, uncertainty = _table(path, data, "sensors"), _table(path, data, "uncertainty")
     values: dict[str, float] = {}
     facts: dict[str, Any] = {}
     unknown: list[str] = []
     check = Config()
     _read_effects(path, data.pop("effects", {}), check, values, unknown)
-    for table, prefix, known in ((data, "", vehicle_settings()), (sensors, "sensors.", sensor_settings())):
+    for table, prefix, known in (
+        (data, "", vehicle_settings()),
+        (uncertainty, "uncertainty.", uncertainty_settings()),
+        (sensors, "sensors.", sensor_settings()),
+    ):
         for key, value in table.items():
             if key in known:
                 _set(check, key, value, f"{path}: key {prefix}{key}")
@@ -106,12 +131,21 @@ def read_vehicle(path: Path) -> Vehicle:
         vehicle.notes.append(f"{path.name}: key {', '.join(unknown)} is not known and not used")
     _check_facts(path, vehicle)
     _fill_vehicle(vehicle)
+    vehicle.told_uncertainty = [key for key in uncertainty_settings() if key in uncertainty]
     if any(k in facts for k in HINT_ONLY):
         vehicle.notes.append(
             f"{path.name}: author_stiffness_* are somebody's guess and not used; to start from them, name them "
             "cornering_stiffness_*"
         )
     return vehicle
+
+
+def _table(path: Path, data: dict[str, Any], name: str) -> dict[str, Any]:
+    """A table of the file, taken out; empty when it is not there."""
+    table = data.pop(name, {})
+    if not isinstance(table, dict):
+        raise UserError(f"{path}: {name} must be a table: [{name}]")
+    return table
 
 
 def _read_effects(path: Path, effects: Any, check: Config, values: dict[str, float], unknown: list[str]) -> None:
@@ -177,9 +211,11 @@ def _fill_vehicle(vehicle: Vehicle) -> None:
         "front": v["mass"] * GRAVITY * v["lr"] / wheelbase,
         "rear": v["mass"] * GRAVITY * v["lf"] / wheelbase,
     }
+    guessed_inertia = False
     if "yaw_inertia" not in v:
         v["yaw_inertia"] = v["mass"] * v["lf"] * v["lr"]
         vehicle.filled.append(f"yaw_inertia = {v['yaw_inertia']:.0f} kg m2 (rule: mass lf lr)")
+        guessed_inertia = True
     for axle in ("front", "rear"):
         for kind, factor, unit in (
             ("cornering", CORNERING_PER_LOAD, "N/rad"),
@@ -189,6 +225,19 @@ def _fill_vehicle(vehicle: Vehicle) -> None:
             if key not in v:
                 v[key] = factor * load[axle]
                 vehicle.filled.append(f"{key} = {v[key]:.0f} {unit} (rule: {factor:g} x axle load {load[axle]:.0f} N)")
+    _fill_uncertainty(vehicle, guessed_inertia)
+
+
+def _fill_uncertainty(vehicle: Vehicle, guessed_inertia: bool) -> None:
+    """What the file does not say how well it knows, as of a car that nobody has calibrated; in one line."""
+    fields = Config().fields
+    sds = UNKNOWN_CAR | ({"yaw_inertia_sd": GUESSED_INERTIA_SD} if guessed_inertia else {})
+    missing = {key: sd for key, sd in sds.items() if key not in vehicle.values}
+    vehicle.values |= missing
+    if missing:
+        units = {key: "" if fields[key].unit == "1" else f" {fields[key].unit}" for key in missing}
+        text = ", ".join(f"{key} = {sd:g}{units[key]}" for key, sd in missing.items())
+        vehicle.filled.append(f"[uncertainty] {text} (rule: a car that nobody has calibrated; 0 is exact)")
 
 
 def fill_sensors(vehicle: Vehicle, log: Log) -> None:

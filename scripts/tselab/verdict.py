@@ -29,6 +29,8 @@ WHY = {
     "diverging": "a sensor was probably at fault",
     "held": "the car stood still, crawled, reversed or steered far",
     "input invalid": "inputs or measurements were missing",
+    "told loosely": "what is told of the car ([uncertainty] in the vehicle file) is not certain enough: calibrate, or tell it",
+    "does not fit": "the sensors say what the model does not explain: calibrate, or look for what is missing (tselab gap)",
     "row refused": "the rows were refused",
 }
 UNSEEN = "spread below what this drive can show"

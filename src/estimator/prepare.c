@@ -244,6 +244,13 @@ tse_status tse_prepare(const tse_config *settings, tse_params *p, const char **w
 
   p->wheel_var[0] = real_of(square(c->wheel_noise_sd * c->wheel_radius_front));
   p->wheel_var[1] = real_of(square(c->wheel_noise_sd * c->wheel_radius_rear));
+#define REAL(name, def, lo, hi, unit, text)
+#define CONSIDER(id, name, most, unit, text) \
+  p->consider_sd[TSE_CONSIDER_##id] = real_of(c->name); \
+  p->considers = p->considers || c->name > 0;
+#include "tse/told.def"
+#undef REAL
+  p->mass_var = real_of(square(c->mass_sd));
   p->lag_var0 = r_sqr(r_div(real_of(c->steer_lag_sd), LAG_TIME));
 
   const tse_setting spread_var = square(c->initial_spread);

@@ -157,7 +157,7 @@ tse_status tse_learnt_save(const tse_params *p, const tse_filter *f, uint8_t out
   c.vehicle = p->vehicle;
   c.nu = (uint32_t)r_floor_to_int(nu + TSE_R(0.5));
   for (int a = 0; a < 3; a++) {
-    const tse_real var = p->form == 0 ? bank_stiffness_var(&f->bank, a) : r_mul(now.stiffness_sd[a], now.stiffness_sd[a]);
+    const tse_real var = p->form == 0 ? bank_stiffness_var(p, &f->bank, a) : r_mul(now.stiffness_sd[a], now.stiffness_sd[a]);
     const tse_real sd = r_sqrt(f->known[a] == TSE_KNOWN_BEFORE ? r_max(var, f->start.mean_var[a]) : var);
     const int i = pair[a][0], j = pair[a][1];
     const tse_real scale = r_mul(r_sqrt(lam[diagonal[i]]), r_sqrt(lam[diagonal[j]]));

@@ -17,7 +17,10 @@ from tselab.core import CONFIG, OUTPUT, SIM_CONFIG, SIM_INPUT, SIM_OUTPUT, Field
 
 NAMESPACE = uuid.UUID("7d1b2f04-6f52-4e0b-9d0d-2f1b1d6c0e57")  # of fmu/stage.cmake
 UNITS = {"kg m2": "kg.m2", "Nm": "N.m", "rad s2/m": "rad.s2/m", "rad/(N m)": "rad/(N.m)"}  # the core's spelling -> FMI's
-GROUPS = {VEHICLE: ("vehicle", "sensors", "effects", "simulation"), ESTIMATOR: ("vehicle", "sensors", "effects", "filter")}
+GROUPS = {
+    VEHICLE: ("vehicle", "sensors", "effects", "simulation"),
+    ESTIMATOR: ("vehicle", "uncertainty", "sensors", "effects", "filter"),
+}
 
 
 def xml_of(model: str) -> str:

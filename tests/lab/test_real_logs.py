@@ -12,25 +12,18 @@ from conftest import tselab
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
 RANGE = {"cx_front": (30e3, 300e3), "cy_front": (40e3, 200e3), "cy_rear": (40e3, 200e3)}
-OFTEN = 0.98  # share of the valid rows in it: on the Subaru log, averaged, two rows say 37 .. 39 kN/rad of the front axle
 ROWS = {"rav4_comma2k19": {None: 4799, 0.1: 600}, "subaru_sti": {None: 4513, 0.1: 902}}
 
 
-FALLS = pytest.mark.xfail(
-    strict=False,
-    reason="a change of the road at 24.7 s, which nobody saw, is believed: front longitudinal stiffness down to 29.96 kN, valid",
-)
-
-
 @pytest.mark.parametrize(("name", "average"), [
-    ("rav4_comma2k19", None), pytest.param("rav4_comma2k19", 0.1, marks=FALLS), ("subaru_sti", None), ("subaru_sti", 0.1),
+    ("rav4_comma2k19", None), ("rav4_comma2k19", 0.1), ("subaru_sti", None), ("subaru_sti", 0.1),
 ])  # fmt: skip
 def test_real_log_gives_finite_positive_plausible_stiffness(name, average, tmp_path):
     folder = DATA / name
     if not (folder / "data.csv").exists():
         pytest.skip(f"{name}: the real log is not beside this checkout")
     options = () if average is None else ("--average", average)
-    means = []
+    found = []
     for seed in (1, 2):
         done = tselab("estimate", folder / "data.csv", "--vehicle", folder / "vehicle.toml", "--seed", seed, "--report", "r.html",
                       *options, cwd=tmp_path)  # fmt: skip
@@ -44,9 +37,8 @@ def test_real_log_gives_finite_positive_plausible_stiffness(name, average, tmp_p
         for key, (low, high) in RANGE.items():
             assert (est[key] > 0).all()
             valid = est[key][est[f"{key}_valid"] == 1]
-            assert valid.empty or valid.between(low, high).mean() >= OFTEN, key
-        means.append(est["cx_front"][est["cx_front_valid"] == 1].mean())
-    if average is not None:  # the longitudinal stiffness is told, and the same whatever the seed
-        assert means[0] == pytest.approx(means[1], rel=0.25)  # gentle driving: the Subaru log has two outcomes 17 % apart
+            assert valid.between(low, high).all(), key
+        found.append(est)
+    pd.testing.assert_frame_equal(*found)  # whatever the seed: nothing is drawn
     # there is always a stiffness that the log does not tell
     assert "about the tyres" in done.out or "no stiffness is valid" in done.out

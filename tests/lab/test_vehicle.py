@@ -31,7 +31,7 @@ def test_missing_stiffness_is_filled_in_from_the_axle_load(tmp_path):
     assert car.values["cornering_stiffness_rear"] == pytest.approx(12 * rear)
     assert car.values["longitudinal_stiffness_front"] == pytest.approx(20 * front)
     assert car.values["yaw_inertia"] == pytest.approx(1600 * 1.0 * 1.5)
-    assert sum("rule" in line for line in car.filled) == 5
+    assert sum("rule" in line for line in car.filled) == 6
 
 
 def test_stated_stiffness_is_kept_and_the_authors_guess_is_not_used(tmp_path):
@@ -39,6 +39,29 @@ def test_stated_stiffness_is_kept_and_the_authors_guess_is_not_used(tmp_path):
     assert car.values["cornering_stiffness_front"] == 90000
     assert not any("cornering_stiffness_front" in line for line in car.filled)
     assert any("author_stiffness" in line and "not used" in line for line in car.notes)
+
+
+def test_what_is_not_told_exactly_is_considered_and_a_guess_more(tmp_path):
+    from tselab.core import Config
+    from tselab.vehicle import GUESSED_INERTIA_SD, UNKNOWN_CAR, uncertainty_settings
+
+    bare, told = read(tmp_path, BARE), read(tmp_path, BARE + "yaw_inertia = 2500.0\n[uncertainty]\ncg_sd = 0.0\nmass_sd = 0.01\n")
+    assert {k: bare.values[k] for k in UNKNOWN_CAR} == UNKNOWN_CAR | {"yaw_inertia_sd": GUESSED_INERTIA_SD}
+    assert {k: told.values[k] for k in UNKNOWN_CAR} == UNKNOWN_CAR | {"cg_sd": 0.0, "mass_sd": 0.01}
+    assert told.told_uncertainty == ["mass_sd", "cg_sd"]
+    line = next(line for line in told.filled if line.startswith("[uncertainty]"))
+    assert "relaxation_sd = 0.3 m" in line and "cg_sd" not in line and "mass_sd" not in line
+    names = list(Config().fields)  # the table of the file is that of the library
+    assert set(uncertainty_settings()) == set(names[names.index("mass_sd") : names.index("accel_x_sd")])
+
+
+def test_an_uncertainty_out_of_range_is_refused(tmp_path):
+    from tselab.errors import UserError
+
+    with pytest.raises(UserError, match=r"uncertainty.mass_sd.*0 \.\. 0\.5"):
+        read(tmp_path, BARE + "[uncertainty]\nmass_sd = 5.0\n")
+    with pytest.raises(UserError, match="must be a table"):
+        read(tmp_path, "uncertainty = 1\n" + BARE)
 
 
 def test_unknown_keys_are_one_notice(tmp_path):

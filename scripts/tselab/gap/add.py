@@ -18,7 +18,7 @@ from tselab.gap.fit import Fit, covariance
 from tselab.gap.name import Named
 from tselab.gap.problem import PROFILES, Problem
 from tselab.gap.workflow import Result
-from tselab.vehicle import HINT_ONLY, Vehicle, read_vehicle, sensor_settings, vehicle_settings
+from tselab.vehicle import HINT_ONLY, Vehicle, read_vehicle, sensor_settings, uncertainty_settings, vehicle_settings
 
 VEHICLE, HEADER = "vehicle_improved.toml", "effects.h"
 
@@ -40,6 +40,13 @@ def write(out: Path, vehicle_path: Path, problem: Problem, result: Result) -> tu
     return path, out / HEADER
 
 
+def _group(key: str) -> str:
+    """What a setting is of: a heading of effects.h."""
+    if key in uncertainty_settings():
+        return "how uncertain that is"
+    return "vehicle" if key in vehicle_settings() else "sensors"
+
+
 def improved(vehicle: Vehicle, problem: Problem, result: Result) -> str:
     """The vehicle file with fitted stiffness and effects. `vehicle`: as the user wrote it, sensors not filled in."""
     fit, named = asserted(result)
@@ -55,6 +62,8 @@ def improved(vehicle: Vehicle, problem: Problem, result: Result) -> str:
     for key in vehicle_settings():
         if key in values:
             lines.append(f"{key} = {values[key]!r}  # {fields[key].unit}{band.get(key, '')}")
+    if vehicle.told_uncertainty:
+        lines += ["", "[uncertainty]", *(f"{k} = {values[k]!r}  # {fields[k].unit}" for k in vehicle.told_uncertainty)]
     sensors = [k for k in sensor_settings() if k in values]
     if sensors:
         lines += ["", "[sensors]", *(f"{k} = {values[k]!r}  # {fields[k].unit}" for k in sensors)]
@@ -126,7 +135,7 @@ def header(vehicle: Vehicle) -> str:
     body, section = [], None
     for key, value in ((k, vehicle.values[k]) for k in fields if k in vehicle.values):  # in the order of the settings
         effect, parameter = by_setting.get(key, (None, None))
-        title = f"effect {effect.id}: {effect.title}" if effect else ("vehicle" if key in vehicle_settings() else "sensors")
+        title = f"effect {effect.id}: {effect.title}" if effect else _group(key)
         if title != section:
             body.append(f"  /* {_plain(title)} */")
             section = title

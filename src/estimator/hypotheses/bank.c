@@ -1,6 +1,6 @@
 /* estimator/hypotheses/bank.c - weights are evidence times prior rates; what has become the same is one. */
 #include "estimator/hypotheses/bank.h"
-#include "estimator/hypotheses/predict.h"
+#include "estimator/hypotheses/consider.h"
 #include "estimator/hypotheses/regimes.h"
 #include "estimator/hypotheses/update.h"
 
@@ -29,11 +29,17 @@ void bank_start(const tse_params *p, tse_bank *b, const tse_start *s, const samp
 void bank_restart_states(const tse_params *p, tse_bank *b, const sample *y)
 {
   for (int32_t i = 0; i < b->count; i++) place_states(p, &b->h[i], y);
+  consider_restart(b, 0);
 }
 
 void bank_predict(const tse_params *p, tse_bank *b, course from, course to, const tse_real push[3], tse_real dt)
 {
-  for (int32_t i = 0; i < b->count; i++) predict(p, &b->h[i], from, to, push, dt);
+  for (int32_t i = 0; i < b->count; i++) {
+    transition t;
+    const int considered = p->considers && i == b->likeliest;
+    predict(p, &b->h[i], from, to, push, dt, considered ? &t : NULL);
+    if (considered) consider_passage(p, b, &t, from.now, acting(&b->h[i], to), dt);
+  }
 }
 
 void bank_pass(const tse_params *p, tse_bank *b, tse_real dt)
@@ -180,6 +186,7 @@ tse_real bank_learn(const tse_params *p, tse_bank *b, const sample *y, const tse
   innovate(p, &b->h[b->likeliest], y, &o);
   births(p, b, y, &o);
   const int32_t parent = b->likeliest;
+  if (p->considers) consider_sample(p, b, y, &o);
   for (int a = 0; a < 3; a++) before[a] = b->h[parent].cov[X_STIFFNESS + a][X_STIFFNESS + a];
   for (int32_t i = 0; i < b->count; i++) {
     tse_hypothesis *const h = &b->h[i];
@@ -206,6 +213,8 @@ tse_real bank_learn(const tse_params *p, tse_bank *b, const sample *y, const tse
     return TSE_R(0);
   }
   if (b->likeliest == parent) learn_gained(b, before, y->dt);
+  else if (b->h[b->likeliest].kind == KIND_RESTART || b->h[b->likeliest].kind == KIND_LOST)
+    consider_restart(b, b->h[b->likeliest].kind == KIND_RESTART);
   drop_nonsense(b);
   merge_pair(b);
   return evidence + log2_constant(p, y);

@@ -27,6 +27,12 @@ typedef struct innovation {
 
 void innovate(const tse_params *p, const tse_hypothesis *h, const sample *y, innovation *o);
 
+/* How much of its gain a sample keeps: the less the further off it is. */
+static inline tse_real trust_of(const innovation *o)
+{
+  return o->m2 > TRUST_FROM ? r_div(EVIDENCE_DOF + TRUST_FROM, EVIDENCE_DOF + o->m2) : TSE_R(1);
+}
+
 /* log2 of what an innovation of this size costs: Student-t. */
 static inline tse_real student_cost(const innovation *o, tse_real m2)
 {

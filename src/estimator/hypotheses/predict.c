@@ -3,9 +3,6 @@
 
 #define MOST_STEPS 6 /* of a row: bounded time. The integrator is stable at any step */
 
-/* What a step, or a row, does to small changes of the state (F), of the stiffness (G), of eps (E), and of the lag (L). */
-typedef struct transition { tse_real F[3][3], G[3][3], E[3][3], L[3]; } transition;
-
 static void multiply(tse_real a[3][3], tse_real b[3][3], tse_real c[3][3])
 {
   for (int i = 0; i < 3; i++)
@@ -242,7 +239,7 @@ static void smooth_slips(const tse_params *p, tse_hypothesis *h, inputs from, ts
   }
 }
 
-void predict(const tse_params *p, tse_hypothesis *h, course from, course to, const tse_real push[3], tse_real dt)
+void predict(const tse_params *p, tse_hypothesis *h, course from, course to, const tse_real push[3], tse_real dt, transition *did)
 {
   transition t;
   if (p->wheel_var[0] > TSE_R(0)) smooth_slips(p, h, from.now, dt);
@@ -252,6 +249,7 @@ void predict(const tse_params *p, tse_hypothesis *h, course from, course to, con
     u.later_to = u.later;
   }
   advance(p, h, u, dt, &t);
+  if (did) *did = t;
   carry(h, &t);
   if (p->wheel_var[0] > TSE_R(0)) shake(p, h, to.now, dt);
   h->x[0] = vehicle_kept(h->x[0] + push[0], MOST_SPEED);

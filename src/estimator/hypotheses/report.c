@@ -1,6 +1,6 @@
 /* estimator/hypotheses/report.c - moments of the mixture, probabilities of the regimes, the last change. */
 #include "estimator/hypotheses/report.h"
-#include "estimator/hypotheses/hypothesis.h"
+#include "estimator/hypotheses/consider.h"
 
 static int regime_of(const tse_hypothesis *h)
 {
@@ -11,12 +11,13 @@ static int regime_of(const tse_hypothesis *h)
   return h->drift == STEADY ? TSE_REGIME_STEADY : TSE_REGIME_DRIFTING;
 }
 
-static tse_real mixture(const tse_bank *b, const tse_real *w, int at, tse_real *var)
+/* Mean of X[at] over the hypotheses, its variance and what is considered. */
+static tse_real mixture(const tse_params *p, const tse_bank *b, const tse_real *w, int at, tse_real *var)
 {
   tse_real mean = TSE_R(0), sum = TSE_R(0);
   for (int32_t i = 0; i < b->count; i++) mean += r_mul(w[i], b->h[i].x[at]);
   for (int32_t i = 0; i < b->count; i++) sum += r_mul(w[i], b->h[i].cov[at][at] + r_sqr(b->h[i].x[at] - mean));
-  *var = r_max(sum, TSE_R(0));
+  *var = r_max(sum, TSE_R(0)) + (p->considers ? considered_var(p, b, at) : TSE_R(0));
   return mean;
 }
 
@@ -31,14 +32,30 @@ static void report_states(const tse_params *p, const tse_bank *b, const tse_real
   tse_real *const state_sd[3] = { &out->vel_x_sd, &out->vel_y_sd, &out->yaw_rate_sd };
   tse_real var;
   for (int a = 0; a < 3; a++) {
-    *state[a] = mixture(b, w, a, &var);
+    *state[a] = mixture(p, b, w, a, &var);
     *state_sd[a] = r_sqrt(var);
-    out->bias[a] = r_mul(p->sd[a], mixture(b, w, X_BIAS + a, &var));
+    out->bias[a] = r_mul(p->sd[a], mixture(p, b, w, X_BIAS + a, &var));
     out->bias_sd[a] = r_mul(p->sd[a], r_sqrt(var));
   }
-  out->lag_steer = r_mul(LAG_TIME, mixture(b, w, X_LAG, &var));
+  out->lag_steer = r_mul(LAG_TIME, mixture(p, b, w, X_LAG, &var));
   out->lag_steer_sd = r_mul(LAG_TIME, r_sqrt(var));
   out->sideslip = r_max(r_abs(out->vel_x), r_abs(out->vel_y)) < TSE_R(0.01) ? TSE_R(0) : r_atan2(out->vel_y, out->vel_x);
+}
+
+static void weights(const tse_bank *b, tse_real w[TSE_HYPOTHESES])
+{
+  tse_real total = TSE_R(0);
+  for (int32_t i = 0; i < b->count; i++) total += w[i] = r_exp2(b->h[i].log_weight);
+  for (int32_t i = 0; i < b->count; i++) w[i] = r_div(w[i], total);
+}
+
+void bank_doubts(const tse_params *p, const tse_bank *b, const tse_output *out, int a, tse_real *by_what_is_told, tse_real *by_misfit)
+{
+  tse_real w[TSE_HYPOTHESES];
+  weights(b, w);
+  *by_what_is_told = r_mul(p->mass_var, r_sqr(out->stiffness[a])) + (p->considers ? considered_var(p, b, X_STIFFNESS + a) : TSE_R(0));
+  *by_misfit = TSE_R(0);
+  for (int32_t i = 0; i < b->count; i++) *by_misfit += r_mul(w[i], doubt_of(&b->h[i], a));
 }
 
 static void report_stiffness(const tse_params *p, const tse_bank *b, const tse_real *w, tse_output *out)
@@ -46,8 +63,9 @@ static void report_stiffness(const tse_params *p, const tse_bank *b, const tse_r
   const tse_hypothesis *const best = &b->h[b->likeliest];
   for (int a = 0; a < 3; a++) {
     tse_real var;
-    out->stiffness[a] = mixture(b, w, X_STIFFNESS + a, &var);
+    out->stiffness[a] = mixture(p, b, w, X_STIFFNESS + a, &var);
     for (int32_t i = 0; i < b->count; i++) var += r_mul(w[i], doubt_of(&b->h[i], a));
+    var += r_mul(p->mass_var, r_sqr(out->stiffness[a]));
     out->stiffness_sd[a] = r_sqrt(var);
     out->stiffness_spread[a] = r_mul(r_sqrt(best->spread_var[a]), out->stiffness[a]);
     out->spread_seen[a] = best->info[a][a] > SPREAD_SEEN;
@@ -81,18 +99,11 @@ static void report_regimes(const tse_bank *b, const tse_real *w, tse_output *out
   out->n_eff = r_div(TSE_R(1), squares);
 }
 
-static void weights(const tse_bank *b, tse_real w[TSE_HYPOTHESES])
-{
-  tse_real total = TSE_R(0);
-  for (int32_t i = 0; i < b->count; i++) total += w[i] = r_exp2(b->h[i].log_weight);
-  for (int32_t i = 0; i < b->count; i++) w[i] = r_div(w[i], total);
-}
-
-tse_real bank_stiffness_var(const tse_bank *b, int a)
+tse_real bank_stiffness_var(const tse_params *p, const tse_bank *b, int a)
 {
   tse_real w[TSE_HYPOTHESES], var;
   weights(b, w);
-  (void)mixture(b, w, X_STIFFNESS + a, &var);
+  (void)mixture(p, b, w, X_STIFFNESS + a, &var);
   return var;
 }
 

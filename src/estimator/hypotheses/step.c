@@ -35,7 +35,12 @@ static void judge(const tse_params *p, const tse_filter *f, const passage *w, ts
     else if (w->held || out->regime[TSE_REGIME_SLIDING] > MOST_PROBABLE) why = TSE_HELD;
     else if (f->seen < START_TIME) why = TSE_STARTING;
     else if (doubtful) why = TSE_DIVERGING;
-    else if (!(var <= most)) why = of_late < GAINED_SHARE ? TSE_NOT_EXCITED : TSE_UNCERTAIN;
+    else if (!(var <= most)) {
+      tse_real told, misfit;
+      bank_doubts(p, &f->bank, out, a, &told, &misfit);
+      if (!(var - told - misfit <= most)) why = of_late < GAINED_SHARE ? TSE_NOT_EXCITED : TSE_UNCERTAIN;
+      else why = told > misfit ? TSE_TOLD_LOOSELY : TSE_MISFIT;
+    }
     out->reason[a] = (int32_t)why;
   }
 }

@@ -70,7 +70,7 @@ static void undo_pull(const tse_params *p, tse_hypothesis *h, const sample *y, c
 
 void update(const tse_params *p, tse_hypothesis *h, const sample *y, const innovation *o)
 {
-  const tse_real trust = o->m2 > TRUST_FROM ? r_div(EVIDENCE_DOF + TRUST_FROM, EVIDENCE_DOF + o->m2) : TSE_R(1);
+  const tse_real trust = trust_of(o);
   const tse_real before[3] = { h->x[3], h->x[4], h->x[5] }, fresh = r_div(DISTURBANCE_TIME, y->dt + DISTURBANCE_TIME);
   move(h, o, trust, h->fault > FAULT_NONE && h->fault < FAULT_MEASURED);
   move_eps(h, o, trust);

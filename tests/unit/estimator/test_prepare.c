@@ -43,6 +43,11 @@ static tse_config other_car(void)
   c.yaw_rate_sd = (tse_setting)0.007;
   c.wheel_noise_sd = (tse_setting)0.06;
   c.steer_lag_sd = (tse_setting)0.05;
+  c.mass_sd = (tse_setting)0.03;
+#define REAL(name, def, lo, hi, unit, text)
+#define CONSIDER(id, name, most, unit, text) c.name = (tse_setting)((most) / (4 + TSE_CONSIDER_##id));
+#include "tse/told.def"
+#undef REAL
   c.accel_x_bias_sd = (tse_setting)0.02;
   c.accel_y_bias_sd = (tse_setting)0.04;
   c.yaw_rate_bias_sd = (tse_setting)0.003;
@@ -278,6 +283,10 @@ static void test_sensor_constants_are_normalised_by_the_sensors_sd(void)
   expect_relative(0.06 * 0.06 * 0.29 * 0.29, p.wheel_var[0], "wheel_var, front");
   expect_relative(0.06 * 0.06 * 0.31 * 0.31, p.wheel_var[1], "wheel_var, rear");
   expect_relative(6.25, p.lag_var0, "lag_var0"); /* over LAG_TIME, 0.02 s */
+  expect_relative(9e-4, p.mass_var, "mass_var");
+  expect_relative(0.5 / 4, p.consider_sd[TSE_CONSIDER_INERTIA], "the first that is considered");
+  expect_relative(0.2 / 13, p.consider_sd[TSE_CONSIDER_RADIUS], "the last");
+  TEST_ASSERT_EQUAL_INT(1, p.considers);
 }
 
 static void test_filter_constants_follow_their_formulas(void)
@@ -472,7 +481,7 @@ static void test_fingerprint_of_the_vehicle_changes_with_the_vehicle_only(void)
     c.name = other;                                                                                             \
     const int same = prepared(&c).vehicle == before;                                                            \
     const size_t at = offsetof(tse_config, name);                                                               \
-    TEST_ASSERT_EQUAL_INT_MESSAGE(at >= offsetof(tse_config, accel_x_sd) && kind_of_effect_setting(at) != 2, same, #name); \
+    TEST_ASSERT_EQUAL_INT_MESSAGE(at >= offsetof(tse_config, mass_sd) && kind_of_effect_setting(at) != 2, same, #name); \
   }
 #define INT(name, def, lo, hi, text)                                     \
   {                                                                      \

@@ -250,7 +250,7 @@ static void test_another_vehicle_is_refused_and_other_sensors_or_filters_are_not
     tse_config c = settings(2);                                                                                        \
     c.name = c.name < (tse_setting)(hi) ? (tse_setting)(c.name + ((tse_setting)(hi) - c.name) / 16) : (tse_setting)(lo); \
     p = prepared(&c);                                                                                                  \
-    if (offsetof(tse_config, name) < offsetof(tse_config, accel_x_sd) || kind_of_effect_setting(offsetof(tse_config, name)) == 2) { \
+    if (offsetof(tse_config, name) < offsetof(tse_config, mass_sd) || kind_of_effect_setting(offsetof(tse_config, name)) == 2) { \
       reset(&p, &f);                                                                                                   \
       expect_refused(&p, learnt_bytes, sizeof learnt_bytes, TSE_E_VEHICLE, #name);                                     \
     } else {                                                                                                           \

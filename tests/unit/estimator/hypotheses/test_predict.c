@@ -58,7 +58,7 @@ static void expect_prediction(const tse_params *p, tse_hypothesis h, double P[JO
   }
   moved_to(p, z, from, to, dt, off, at, held, mean);
   h.held = held;
-  predict(p, &h, from, to, no_push, real(dt));
+  predict(p, &h, from, to, no_push, real(dt), NULL);
   for (int a = 0; a < 3; a++) expect_near(mean[a], number(h.x[a]), BY_FORMAT(1e-12, 1e-5) * (1 + fabs(mean[a])), "mean", a);
   for (int i = 0; i < TSE_X; i++)
     for (int j = 0; j < JOINT; j++) {
@@ -110,8 +110,8 @@ static void test_held_steering_is_that_of_the_row_before_until_the_next(void)
   expect_prediction(&p, h, P, course_of(inputs_of(0.02, 20, 20), 0.01), steadily(inputs_of(0.08, 20.1, 20)), 0.01, 0, 0, 1, 0.01);
   tse_hypothesis ramped = h, held = h;
   held.held = 1;
-  predict(&p, &ramped, steadily(inputs_of(0.02, 20, 20)), steadily(inputs_of(0.08, 20, 20)), no_push, real(0.01));
-  predict(&p, &held, steadily(inputs_of(0.02, 20, 20)), steadily(inputs_of(0.08, 20, 20)), no_push, real(0.01));
+  predict(&p, &ramped, steadily(inputs_of(0.02, 20, 20)), steadily(inputs_of(0.08, 20, 20)), no_push, real(0.01), NULL);
+  predict(&p, &held, steadily(inputs_of(0.02, 20, 20)), steadily(inputs_of(0.08, 20, 20)), no_push, real(0.01), NULL);
   TEST_ASSERT_TRUE(number(ramped.x[2]) > number(held.x[2]) + 0.005);
 }
 
@@ -144,8 +144,8 @@ static void test_noise_of_the_wheel_speeds_drives_the_motion_by_half_of_each_row
   memset(h.eps_x, 0, sizeof h.eps_x);
   memset(h.eps, 0, sizeof h.eps);
   g = h;
-  predict(&quiet, &g, steadily(to), steadily(to), no_push, real(0.01));
-  predict(&noisy, &h, steadily(to), steadily(to), no_push, real(0.01));
+  predict(&quiet, &g, steadily(to), steadily(to), no_push, real(0.01), NULL);
+  predict(&noisy, &h, steadily(to), steadily(to), no_push, real(0.01), NULL);
   double at[6], up[3], down[3], sum = 0;
   for (int i = 0; i < 6; i++) at[i] = number(h.x[i]);
   for (int k = 1; k <= 2; k++) {
@@ -272,7 +272,7 @@ static void test_slips_are_smoothed_and_shrunk_where_wheel_speeds_are_noisy(void
   tse_hypothesis h = some_hypothesis(&p, &seed, 1, P);
   const double v = number(h.x[0]), g = 0.01 / (0.01 + number(SLIP_TIME));
   const course from = steadily(inputs_of(0, v * 1.01, v));
-  predict(&p, &h, from, steadily(inputs_of(0, v * 2, v * 2)), no_push, real(0.01));
+  predict(&p, &h, from, steadily(inputs_of(0, v * 2, v * 2)), no_push, real(0.01), NULL);
   const double slip = g * 0.01 / 1.01, var = g / (2 - g) * number(p.wheel_var[0]);
   expect_near(slip, number(h.smooth[0]), BY_FORMAT(1e-12, 1e-7), "smoothed", 0);
   expect_near(0, number(h.smooth[1]), BY_FORMAT(1e-12, 1e-7), "smoothed", 1);
@@ -303,7 +303,7 @@ static void test_noise_in_slip_and_speed_has_in_common_what_it_has_when_drawn(vo
       n[k] = 0.02 * number(k ? p.radius_rear : p.radius_front) * sqrt(-2 * log(next_uniform(&seed))) * cos(6.283185307179586 * next_uniform(&seed));
     const course to = steadily(inputs_of(0, v + n[0], v + n[1]));
     memset(h.cov, 0, sizeof h.cov);
-    predict(&p, &h, from, to, no_push, real(0.01));
+    predict(&p, &h, from, to, no_push, real(0.01), NULL);
     from = to;
     const double off = number(h.x[0]) - v, follow = 0.01 * (number(p.kx_front) + number(p.kx_rear)) / v;
     moved[0] += follow * (number(h.smooth[0]) - moved[0]); /* by a unit of the front slip, over v */
@@ -337,7 +337,7 @@ static void test_any_row_leaves_numbers(void)
     h.fault = i % 7;
     const inputs from = inputs_of(next_between(&seed, -1.2, 1.2), next_between(&seed, -100, 100), next_between(&seed, -100, 100));
     const inputs to = inputs_of(next_between(&seed, -1.2, 1.2), next_between(&seed, -100, 100), next_between(&seed, -100, 100));
-    predict(&p, &h, course_of(from, next_between(&seed, -1, 1)), steadily(to), no_push, real(next_between(&seed, 1e-6, 1)));
+    predict(&p, &h, course_of(from, next_between(&seed, -1, 1)), steadily(to), no_push, real(next_between(&seed, 1e-6, 1)), NULL);
     if (!is_proper(&h)) {
       overflows++;
       continue;
@@ -359,8 +359,8 @@ static void test_the_push_of_effects_moves_the_states_alone(void)
   uint32_t seed = 14;
   double P[JOINT][JOINT];
   tse_hypothesis h = some_hypothesis(&p, &seed, 0, P), pushed = h;
-  predict(&p, &h, steadily(u), steadily(u), no_push, real(0.01));
-  predict(&p, &pushed, steadily(u), steadily(u), push, real(0.01));
+  predict(&p, &h, steadily(u), steadily(u), no_push, real(0.01), NULL);
+  predict(&p, &pushed, steadily(u), steadily(u), push, real(0.01), NULL);
   for (int a = 0; a < 3; a++) expect_near(number(push[a]), number(pushed.x[a]) - number(h.x[a]), BY_FORMAT(1e-14, 4e-6), "push", a);
   TEST_ASSERT_EQUAL_MEMORY(h.cov, pushed.cov, sizeof h.cov);
 }

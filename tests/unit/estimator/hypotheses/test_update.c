@@ -327,7 +327,7 @@ static void test_a_drive_agrees_with_a_plain_kalman_filter(void)
     keep_relative(z, P, before);
 
     innovation o;
-    predict(&p, &h, steadily(from), steadily(to), none, real(0.01));
+    predict(&p, &h, steadily(from), steadily(to), none, real(0.01), NULL);
     innovate(&p, &h, &y, &o);
     TEST_ASSERT_TRUE(number(o.m2) < number(TRUST_FROM));
     update(&p, &h, &y, &o);

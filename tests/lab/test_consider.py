@@ -1,0 +1,130 @@
+"""What is told of the car and may be off (include/tse/told.def): the sd that it adds is the derivative of the estimates by it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from tselab.core import Config, Filter, SimConfig, Simulator
+
+ROWS, DT = 6000, 0.01
+LOOKED = slice(1500, None, 25)  # rows
+BASE = {"steer_lag_sd": 0.0, "steady_walk": 0.001}  # the lag would find out some of it
+WHEELS = ("wheel_speed_front", "wheel_speed_rear")
+# smaller is not compared
+LOOKED_AT = {"cx_front": 0.002, "cy_front": 0.0015, "cy_rear": 0.0015, "vel_y": 0.002, "bias_accel_x": 0.005}
+
+
+def drive(car: dict[str, float]) -> np.ndarray:
+    """A minute of steering sweeps and torque steps at 20 m/s."""
+    simulator = Simulator(Config(car), SimConfig({"seed": 3, "speed": 20.0}))
+    inputs, outputs = simulator.inputs(ROWS), simulator.outputs(ROWS)
+    t = DT * np.arange(ROWS)
+    inputs["dt"], inputs["road_level"] = DT, 1.0
+    inputs["steer_angle"] = 0.03 * np.sin(2 * np.pi * 0.35 * t + 3 * np.sin(0.25 * t))
+    inputs["wheel_torque_front"] = inputs["wheel_torque_rear"] = 500 * np.tanh(6 * np.sin(1.3 * t))
+    for i in range(ROWS):
+        simulator.step_into(inputs, outputs, i)
+    return outputs
+
+
+@pytest.fixture(scope="module")
+def driven() -> np.ndarray:
+    return drive({})
+
+
+def logged(driven: np.ndarray, columns: dict[str, Callable[[np.ndarray, np.ndarray], np.ndarray]] | None = None) -> np.ndarray:
+    """The log, with columns changed by functions of time and column."""
+    rows = np.zeros(ROWS, Filter(Config()).inputs(1).dtype)
+    t = DT * np.arange(ROWS)
+    for name in rows.dtype.names:
+        if name in driven.dtype.names:
+            rows[name] = (columns or {}).get(name, lambda _, x: x)(t, driven[name])
+    rows["dt"] = DT
+    return rows
+
+
+def rms(x: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(x**2)))
+
+
+def estimated(rows: np.ndarray, truth: np.ndarray | None = None, **settings: float) -> np.ndarray:
+    """Estimates of the rows LOOKED at; truth: vel_y less that of this drive."""
+    filter_ = Filter(Config(BASE | settings))
+    out = filter_.outputs(len(rows))
+    filter_.step_into(rows, out)
+    if truth is not None:
+        out["vel_y"] -= truth["true_vel_y"]
+    return out[LOOKED]
+
+
+def driven_otherwise(y: np.ndarray, car: dict[str, float]) -> np.ndarray:
+    """What is estimated when the car is another; vel_y as if it had moved as this one."""
+    other = drive(car)
+    found = estimated(logged(other), other)
+    found["vel_y"] += y["true_vel_y"][LOOKED]
+    return found
+
+
+def late(by: float) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
+    return lambda t, x: np.interp(t - by, t, x)
+
+
+def times(by: float) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
+    return lambda _, x: by * x
+
+
+def plus(by: float) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
+    return lambda _, x: x + by
+
+
+CAR = Config()
+# setting: how far off, and what is estimated then. Of the car: told otherwise. Of the sensors: logged otherwise. Of road and
+# tyres: driven otherwise.
+OFF: dict[str, tuple[float, Callable[[np.ndarray, float], np.ndarray]]] = {
+    "yaw_inertia_sd": (0.02, lambda y, by: estimated(logged(y), yaw_inertia=CAR.yaw_inertia * (1 + by))),
+    "cg_sd": (0.02, lambda y, by: estimated(logged(y), lf=CAR.lf - by, lr=CAR.lr + by)),
+    "steer_ratio_sd": (0.01, lambda y, by: estimated(logged(y, {"steer_angle": times(1 + by)}))),
+    "steer_offset_sd": (0.001, lambda y, by: estimated(logged(y, {"steer_angle": plus(by)}))),
+    "accel_y_scale_sd": (0.01, lambda y, by: estimated(logged(y, {"accel_y": times(1 + by)}))),
+    "wheel_delay_sd": (0.0005, lambda y, by: estimated(logged(y, dict.fromkeys(WHEELS, late(by))))),
+    "accel_delay_sd": (0.001, lambda y, by: estimated(logged(y, dict.fromkeys(("accel_x", "accel_y"), late(by))))),
+    "wheel_radius_sd": (0.002, lambda y, by: estimated(logged(y, {"wheel_speed_rear": times(1 + by)}))),
+    "relaxation_sd": (0.05, lambda y, by: driven_otherwise(y, {"relaxation_length": by})),
+    "grade_sd": (0.004, lambda y, by: driven_otherwise(y, {"grade_angle": by})),
+}
+NEVER_BELOW_ZERO = ("relaxation_sd",)
+
+
+def test_every_quantity_is_looked_at() -> None:
+    names = [name for name in Config().fields if name.endswith("_sd")]
+    told = names[names.index("yaw_inertia_sd") : names.index("wheel_radius_sd") + 1]
+    assert sorted(OFF) == sorted(told)
+
+
+@pytest.mark.parametrize("name", OFF)
+def test_the_sd_is_what_the_estimates_move_by(driven: np.ndarray, name: str) -> None:
+    """To 30 %, which is what is not linear of it; of the RMS over the rows, of runs on the same noise."""
+    by, run = OFF[name]
+    exact, considered = estimated(logged(driven)), estimated(logged(driven), **{name: by})
+    above = run(driven, by)
+    below = exact if name in NEVER_BELOW_ZERO else run(driven, -by)
+    compared = 0
+    for key, least in LOOKED_AT.items():
+        assert np.array_equal(exact[key], considered[key])  # nothing is estimated otherwise
+        moved = rms(above[key] - below[key]) / (1 if name in NEVER_BELOW_ZERO else 2)
+        added = np.sqrt(np.mean(considered[f"{key}_sd"] ** 2 - exact[f"{key}_sd"] ** 2))
+        if max(moved, added) > least:
+            assert 0.7 * moved < added < 1.3 * moved, f"{key}: moves by {moved:.4f}, sd {added:.4f}"
+            compared += 1
+    assert compared >= (0 if name == "wheel_radius_sd" else 1)
+
+
+def test_mass_is_in_all_stiffnesses(driven: np.ndarray) -> None:
+    exact, considered = estimated(logged(driven)), estimated(logged(driven), mass_sd=0.1)
+    heavier = estimated(logged(driven), mass=CAR.mass * 1.1, yaw_inertia=CAR.yaw_inertia * 1.1)
+    for key in ("cx_front", "cy_front", "cy_rear"):
+        added = np.sqrt(considered[f"{key}_sd"] ** 2 - exact[f"{key}_sd"] ** 2)
+        assert np.abs(heavier[key] - exact[key]) == pytest.approx(added, rel=0.1)
