@@ -48,7 +48,8 @@ enum {
 #define CONSIDER(id, name, most, unit, text) TSE_CONSIDER_##id,
 #include "tse/told.def"
 #undef REAL
-  TSE_CONSIDERED
+  TSE_CONSIDERED,
+  TSE_TOLD = TSE_CONSIDERED + 1 /* and the mass, which stands before them */
 };
 
 typedef struct tse_params {

@@ -186,7 +186,7 @@ def estimate(
     from tselab.files import check_distinct, check_writable
     from tselab.learnt import read_learnt, write_learnt
     from tselab.prepare import prepare
-    from tselab.verdict import findings, remarks
+    from tselab.verdict import findings, of_what_is_told, remarks
 
     out = out or Path(log_path.stem + ".est.csv")
     inputs = {"the log": log_path, "--vehicle": vehicle_path, "--config": config_path}
@@ -213,7 +213,7 @@ def estimate(
     refused = int((est.table["status"] < 0).sum())
     if refused:
         notes.append(f"{refused} rows were refused by the library; their estimates are empty, the status says why")
-    notes += remarks(est.table)
+    notes += [*remarks(est.table), *of_what_is_told(est.table, config, est.told_sd)]
     if save_learnt is not None:
         if est.learnt is not None:
             write_learnt(save_learnt, est.learnt)

@@ -200,6 +200,8 @@ class Library:
             ]
 
         self.effects = self._read_effects()
+        names = [f.name for f in self.fields(CONFIG)]  # rows of told.def: between the vehicle's and the sensors'
+        self.told = tuple(names[names.index("rear_longitudinal_follows_front") + 1 : names.index("accel_x_sd")])
 
     def _read_effects(self) -> dict[str, Effect]:
         """The catalogue of effects, in its order."""
@@ -450,6 +452,18 @@ class Filter:
 
     def snapshot(self) -> bytes:
         return self._filter.tobytes()[: self._bytes]
+
+    def told_sd(self) -> dict[str, np.ndarray]:
+        """What each setting of include/tse/told.def adds to the sd of the three stiffnesses, relative to nominal, after the last
+        row. Empty in forms with particles."""
+        types = [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int32, ctypes.c_void_p]
+        sd: dict[str, np.ndarray] = {}
+        for k, name in enumerate(self.lib.told):
+            told = self.lib.function("tse_told_sd", argtypes=types)
+            out = np.zeros(3, self.lib.real)
+            if told(*self._pointers, k, out.ctypes.data) >= 0:
+                sd[name] = out.astype(float)
+        return sd
 
     def save_learnt(self) -> bytes | None:
         """What the filter has learnt, for the next drive; None before the first row."""

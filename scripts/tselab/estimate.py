@@ -8,7 +8,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +36,7 @@ class Estimate:
     table: pd.DataFrame
     interrupted: bool
     learnt: bytes | None = None  # what it taught, for Filter.load_learnt(); None without a row
+    told_sd: dict[str, np.ndarray] = field(default_factory=dict)  # Filter.told_sd() at the end
 
     def __len__(self) -> int:
         return len(self.table)
@@ -62,9 +63,9 @@ def est_columns() -> list[str]:
 def estimate(log: Log, config: Config, progress: bool = False, learnt: Learnt | None = None) -> Estimate:
     """Run the filter over a log, from what an earlier one taught. Ctrl-C ends the run early; what is done is kept."""
     tables = [pd.DataFrame(_head(config))]
-    teaches = _run(log, config, lambda block: tables.append(pd.DataFrame(block)), progress, learnt)
+    teaches, told = _run(log, config, lambda block: tables.append(pd.DataFrame(block)), progress, learnt)
     table = pd.concat(tables[1:] or tables, ignore_index=True)
-    return Estimate(table, interrupted=len(table) < len(log), learnt=teaches)
+    return Estimate(table, interrupted=len(table) < len(log), learnt=teaches, told_sd=told)
 
 
 def estimate_to(
@@ -87,15 +88,15 @@ def estimate_to(
             for each in (summary.add, *watch):
                 each(block)
 
-        teaches = _run(log, config, take, progress, learnt)
+        teaches, told = _run(log, config, take, progress, learnt)
     table = summary.table()
-    return Estimate(table, interrupted=len(table) < len(log), learnt=teaches)
+    return Estimate(table, interrupted=len(table) < len(log), learnt=teaches, told_sd=told)
 
 
 def _run(
     log: Log, config: Config, take: Callable[[Block], None], progress: bool, learnt: Learnt | None
-) -> bytes | None:
-    """Run the filter and give its table away block by block. Returned: what it has learnt."""
+) -> tuple[bytes | None, dict[str, np.ndarray]]:
+    """Run the filter and give its table away block by block. Returned: what it has learnt, and Filter.told_sd()."""
     filter_ = Filter(config)
     if learnt is not None:
         learnt.load(filter_)
@@ -123,7 +124,7 @@ def _run(
             if first:
                 take(_block(log.time[done : done + first], outputs[:first], config))
             done += first
-    return filter_.save_learnt()
+    return filter_.save_learnt(), filter_.told_sd()
 
 
 def to_table(time: np.ndarray, outputs: np.ndarray, config: Config) -> pd.DataFrame:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,6 +36,8 @@ WHY = {
 UNSEEN = "spread below what this drive can show"
 LOUD = 1.25  # noise found over the setting's: from here on it is remarked
 RECENT = 1.0  # s: what was valid so long before the end counts as valid at the end
+OF_TOLD = 0.5  # share of the variance from which a band is said to come of what is told of the car
+LEAST_TOLD = 0.02  # ... and its sd, relative
 FEW = 0.005  # below this share of valid rows a value is not given
 
 
@@ -122,6 +124,25 @@ def remarks(table: pd.DataFrame) -> list[str]:
         often = "once" if times == 1 else f"{times} times"
         found.append(
             f"measurements contradicted what was learnt {often}, in {percent(float(off.mean()))} of the log: not valid there"
+        )
+    return found
+
+
+def of_what_is_told(table: pd.DataFrame, config: Config, told: Mapping[str, np.ndarray]) -> list[str]:
+    """Where most of a band at the end comes of what is told of the car: of which quantities, the largest first."""
+    found = []
+    for a, key in enumerate(STIFFNESS):
+        last = table[[key, f"{key}_sd"]].iloc[-1] / getattr(config, NOMINAL[key]) if len(table) else None
+        parts = {name: float(sd[a]) for name, sd in told.items()}
+        whole = np.sqrt(sum(sd**2 for sd in parts.values()))
+        if last is None or not whole**2 > OF_TOLD * float(last.iloc[1]) ** 2 or not whole > LEAST_TOLD * float(last.iloc[0]):
+            continue
+        most = sorted(parts, key=parts.__getitem__, reverse=True)[:3]
+        mean, sd = (float(x) for x in last)
+        band, names = percent(1.96 * sd / mean), ", ".join(f"{name} {percent(1.96 * parts[name] / mean)}" for name in most)
+        found.append(
+            f"{NAMES[key].lower()}: of the band at the end, ± {band}, most comes of what is told of the car: {names} "
+            "(known better, say so in [uncertainty])"
         )
     return found
 

@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+import pandas as pd
 import pytest
 
-from tselab.core import Config, Filter, SimConfig, Simulator
+from tselab.core import NOMINAL, Config, Filter, SimConfig, Simulator
+from tselab.verdict import of_what_is_told
 
 ROWS, DT = 6000, 0.01
 LOOKED = slice(1500, None, 25)  # rows
@@ -128,3 +130,22 @@ def test_mass_is_in_all_stiffnesses(driven: np.ndarray) -> None:
     for key in ("cx_front", "cy_front", "cy_rear"):
         added = np.sqrt(considered[f"{key}_sd"] ** 2 - exact[f"{key}_sd"] ** 2)
         assert np.abs(heavier[key] - exact[key]) == pytest.approx(added, rel=0.1)
+
+
+def test_the_parts_of_a_band_are_told_and_add_up_to_it(driven: np.ndarray) -> None:
+    rows, told = logged(driven), {"mass_sd": 0.04, "steer_ratio_sd": 0.03, "relaxation_sd": 0.2}
+    filter_ = Filter(Config(BASE | told))
+    out = filter_.outputs(ROWS)
+    filter_.step_into(rows, out)
+    parts, exact = filter_.told_sd(), estimated(rows)
+    assert [name for name, sd in parts.items() if sd.any()] == list(told)
+    for a, key in enumerate(("cx_front", "cy_front", "cy_rear")):
+        together = np.sqrt(sum(sd[a] ** 2 for sd in parts.values()))
+        added = np.sqrt(out[f"{key}_sd"][-1] ** 2 - exact[f"{key}_sd"][-1] ** 2)  # LOOKED at last: 24 rows before the end
+        assert together == pytest.approx(added, rel=0.1)
+    table = pd.DataFrame({k: out[k] * getattr(CAR, NOMINAL[k.removesuffix("_sd")]) for s in NOMINAL for k in (s, f"{s}_sd")})
+    words = of_what_is_told(table, filter_.config, parts)
+    assert len(words) == 3 and words[0].startswith("front longitudinal stiffness: of the band at the end, ± ")
+    assert "mass_sd 8 %" in words[1] and "steer_ratio_sd" in words[1] and "yaw_inertia_sd" not in words[0].split("told of the car: ")[0]
+    assert of_what_is_told(table, filter_.config, {name: 0 * sd for name, sd in parts.items()}) == []
+    assert of_what_is_told(table[:0], filter_.config, parts) == [] == of_what_is_told(table, filter_.config, {})

@@ -128,3 +128,15 @@ tse_real considered_var(const tse_params *p, const tse_bank *b, int i)
   for (int k = 0; k < TSE_CONSIDERED; k++) sum += p->consider_sd[k] > TSE_R(0) ? r_sqr(b->off[k][i]) : TSE_R(0);
   return sum;
 }
+
+tse_status tse_told_sd(const tse_params *p, const tse_filter *f, int32_t k, tse_real sd[3])
+{
+  if (!p || !f || !sd) return TSE_E_NULL;
+  if (k < 0 || k >= TSE_TOLD) return TSE_E_SIZE;
+  if (p->magic != TSE_PARAMS_MAGIC || f->magic != TSE_FILTER_MAGIC || f->fingerprint != p->fingerprint || p->form != 0) return TSE_E_STATE;
+  for (int a = 0; a < 3; a++) {
+    const int c = X_STIFFNESS + a;
+    sd[a] = k == 0 ? r_mul(r_sqrt(p->mass_var), f->bank.h[f->bank.likeliest].x[c]) : r_abs(f->bank.off[k - 1][c]);
+  }
+  return TSE_OK;
+}

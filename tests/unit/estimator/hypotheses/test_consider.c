@@ -228,6 +228,34 @@ static void test_the_variance_is_the_sum_of_their_squares_and_a_restart_forgets(
   for (int i = 0; i < TSE_X; i++) expect_near(0, number(considered_var(&p, &b, i)), 0, "all", i);
 }
 
+static void test_what_to_tell_better_first(void)
+{
+  static tse_filter f;
+  tse_real sd[3] = { real(7), real(7), real(7) };
+  tse_config c = settings(0.02);
+  c.mass_sd = (tse_setting)0.25;
+  const tse_params p = prepared(&c);
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f, sizeof f));
+  bank_of_one(&p);
+  f.bank = b;
+  for (int k = 0; k < TSE_TOLD; k++) {
+    TEST_ASSERT_EQUAL_INT(TSE_OK, tse_told_sd(&p, &f, k, sd));
+    for (int a = 0; a < 3; a++) {
+      const double expected = k ? fabs(number(b.off[k - 1][X_STIFFNESS + a])) : 0.25 * number(b.h[0].x[X_STIFFNESS + a]);
+      expect_near(expected, number(sd[a]), 1e-6, "sd", 10 * k + a);
+    }
+  }
+  sd[0] = real(7);
+  TEST_ASSERT_EQUAL_INT(TSE_E_SIZE, tse_told_sd(&p, &f, TSE_TOLD, sd));
+  TEST_ASSERT_EQUAL_INT(TSE_E_SIZE, tse_told_sd(&p, &f, -1, sd));
+  TEST_ASSERT_EQUAL_INT(TSE_E_NULL, tse_told_sd(NULL, &f, 0, sd));
+  TEST_ASSERT_EQUAL_INT(TSE_E_NULL, tse_told_sd(&p, NULL, 0, sd));
+  TEST_ASSERT_EQUAL_INT(TSE_E_NULL, tse_told_sd(&p, &f, 0, NULL));
+  f.fingerprint++;
+  TEST_ASSERT_EQUAL_INT(TSE_E_STATE, tse_told_sd(&p, &f, 0, sd));
+  expect_near(7, number(sd[0]), 0, "untouched", 0);
+}
+
 int main(void)
 {
   UNITY_BEGIN();
@@ -237,5 +265,6 @@ int main(void)
   RUN_TEST(test_an_error_goes_through_a_sample_as_the_estimate_does);
   RUN_TEST(test_what_is_told_exactly_is_left_alone);
   RUN_TEST(test_the_variance_is_the_sum_of_their_squares_and_a_restart_forgets);
+  RUN_TEST(test_what_to_tell_better_first);
   return UNITY_END();
 }
