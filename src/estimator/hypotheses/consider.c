@@ -2,6 +2,9 @@
 #include "estimator/hypotheses/consider.h"
 
 #define GRAVITY TSE_R(9.81)
+#define MOST_OFF TSE_R(1e6) /* of any part of X: more says no more, and what is no number becomes it */
+
+static tse_real kept(tse_real off) { return r_abs(off) < MOST_OFF ? off : MOST_OFF; }
 
 /* What one unit of a quantity adds: accelerations of vel_x, vel_y and of the yaw rate; forces over mass, as accelerometers feel them;
  * to what accel_y reads beside. */
@@ -82,7 +85,7 @@ void consider_passage(const tse_params *p, tse_bank *b, const transition *t, inp
       }
     }
     for (int i = 0; i < 3; i++) {
-      off[i] = moved[i];
+      off[i] = kept(moved[i]);
       off[X_SLOW + i] = r_mul(keep, off[X_SLOW + i]);
     }
   }
@@ -112,7 +115,8 @@ void consider_sample(const tse_params *p, tse_bank *b, const sample *y, const in
     }
     for (int i = 0; i < 3; i++) se[i] = r_mul(trust, r_mul(o->inv[i][0], e[0]) + r_mul(o->inv[i][1], e[1]) + r_mul(o->inv[i][2], e[2]));
     for (int i = 0; i < TSE_X; i++)
-      if (learns || i < X_STIFFNESS || i >= X_BIAS) off[i] -= r_mul(o->ph[0][i], se[0]) + r_mul(o->ph[1][i], se[1]) + r_mul(o->ph[2][i], se[2]);
+      if (learns || i < X_STIFFNESS || i >= X_BIAS)
+        off[i] = kept(off[i] - (r_mul(o->ph[0][i], se[0]) + r_mul(o->ph[1][i], se[1]) + r_mul(o->ph[2][i], se[2])));
   }
 }
 

@@ -210,6 +210,26 @@ static void test_what_is_told_exactly_is_left_alone(void)
   for (int i = 0; i < TSE_X; i++) expect_near(0, number(considered_var(&p, &b, i)), 0, "variance", i);
 }
 
+/* A filter that is lost may see slopes of any size: what comes of it is large, and a number. */
+static void test_errors_stay_numbers(void)
+{
+  const tse_config c = settings(0.02);
+  const tse_params p = prepared(&c);
+  innovation o;
+  transition t;
+  bank_of_one(&p);
+  const sample y = some_sample(&seed, &b.h[0], 5, 7);
+  innovate(&p, &b.h[0], &y, &o);
+  memset(&t, 0, sizeof t);
+  t.F[0][0] = (tse_real)1e30;
+  t.F[1][1] = (tse_real)INFINITY;
+  consider_passage(&p, &b, &t, y.u, y.u, real(0.01));
+  o.ph[0][5] = (tse_real)INFINITY;
+  consider_sample(&p, &b, &y, &o);
+  for (int k = 0; k < TSE_CONSIDERED; k++)
+    for (int i = 0; i < TSE_X; i++) TEST_ASSERT_TRUE(fabs(number(b.off[k][i])) <= 1e6);
+}
+
 static void test_the_variance_is_the_sum_of_their_squares_and_a_restart_forgets(void)
 {
   const tse_config c = settings(0.02);
@@ -265,6 +285,7 @@ int main(void)
   RUN_TEST(test_an_error_goes_through_a_sample_as_the_estimate_does);
   RUN_TEST(test_what_is_told_exactly_is_left_alone);
   RUN_TEST(test_the_variance_is_the_sum_of_their_squares_and_a_restart_forgets);
+  RUN_TEST(test_errors_stay_numbers);
   RUN_TEST(test_what_to_tell_better_first);
   return UNITY_END();
 }
