@@ -697,7 +697,7 @@ def test_logs_and_vehicle_are_read_by_tselab(cases, tmp_path):
     assert header[-3:] == ["vehicle_speed", "wheel_torque_front", "wheel_torque_rear"]
     car = read_vehicle(folder / "car.toml")
     assert not car.notes
-    assert not car.filled
+    assert [line.split()[0] for line in car.filled] == ["[uncertainty]"]  # all else is in the file
     assert car.values["accel_x_sd"] == SENSORS["accel_x_sd"]
     truth = json.loads((folder / "truth.json").read_text())
     assert truth["effects"][0]["id"] == "body_roll"

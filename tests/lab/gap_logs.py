@@ -25,6 +25,19 @@ longitudinal_stiffness_rear = 160000.0
 cornering_stiffness_front = 110000.0
 cornering_stiffness_rear = 130000.0
 
+[uncertainty]
+mass_sd = 0.0
+yaw_inertia_sd = 0.0
+cg_sd = 0.0
+steer_ratio_sd = 0.0
+steer_offset_sd = 0.0
+accel_y_scale_sd = 0.0
+wheel_delay_sd = 0.0
+accel_delay_sd = 0.0
+relaxation_sd = 0.0
+grade_sd = 0.0
+wheel_radius_sd = 0.0
+
 [sensors]
 accel_x_sd = 0.06
 accel_y_sd = 0.06
