@@ -38,16 +38,18 @@ PART: dict[str, tuple[str, str]] = {
         "stuck-accel_x,stuck-accel_y,stuck-yaw_rate,stop-and-go,reverse,wheel-lock,wheel-spin,mass+10,mass-10,"
         "sample-5ms,sample-10ms,sample-20ms,sample-40ms",
     ),
+    "regimes-road": ("regimes", "road-0.7,road-0.3"),
 }
 
 # study: runs of each case
 STUDIES: dict[str, int] = {
     "nominal": 1000,
     "stress": 50,
-    "stress-more": 15,
+    "stress-more": 50,
     "peers": 100,
-    "departures": 6,
+    "departures": 50,
     "regimes": 10,
+    "regimes-road": 100,
     "as-told": 600,
     "stress-landed": 200,
     "bound": 24,
