@@ -46,7 +46,7 @@ STUDIES: dict[str, int] = {
     "nominal": 1000,
     "stress": 50,
     "stress-more": 50,
-    "peers": 100,
+    "peers": 20,
     "departures": 50,
     "regimes": 10,
     "regimes-road": 100,

@@ -156,6 +156,7 @@ tse_status tse_input_check(const tse_input *u, const char **wrong);
  *     samples contradict what was learnt         p_changed, p_axle, p_drifting: another road, one axle, a drift; p_restarted: all
  *     noise other than told                      found, noise_...; believed as told with noise_max 1
  *     what the model does not explain            found, discrepancy_...; it widens the sd of the stiffness
+ *     what is told of the car may be off         by the settings of tse/told.def (0): considered, it widens the sd of all estimates
  *   ... in the paper's form and the sampled one
  *     slip of an axle beyond max_slip            motion integrated from accelerometers and gyro, statistics held
  *     evidence far below its level               part of the particles drawn anew
