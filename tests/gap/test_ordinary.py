@@ -16,8 +16,8 @@ def runs() -> pd.DataFrame:
 
 
 def test_a_car_whose_steering_is_late_keeps_its_cornering_stiffness(runs: pd.DataFrame) -> None:
-    """Told of no lag, the default before said valid with 8 .. 45 % less (scripts/results/ordinary.md). What is uncertain of a car that
-    nobody has calibrated makes half of the rows not valid; of the valid ones none is off."""
+    """Told of no lag, the default before said valid with 8 .. 45 % less (scripts/results/ordinary.md). What is uncertain of a car
+    that nobody has calibrated makes half of the rows not valid; of the valid ones none is off."""
     brisk = runs[runs["road"].isin(["slalom", "sine_sweep", "steps_fast", "highway"])]
     assert len(brisk) == 4
     for key in ("cy_front", "cy_rear"):
