@@ -93,7 +93,7 @@ OFF: dict[str, tuple[float, Callable[[np.ndarray, float], np.ndarray]]] = {
     "accel_y_scale_sd": (0.01, lambda y, by: estimated(logged(y, {"accel_y": times(1 + by)}))),
     "wheel_delay_sd": (0.0005, lambda y, by: estimated(logged(y, dict.fromkeys(WHEELS, late(by))))),
     "accel_delay_sd": (0.001, lambda y, by: estimated(logged(y, dict.fromkeys(("accel_x", "accel_y"), late(by))))),
-    "wheel_radius_sd": (0.002, lambda y, by: estimated(logged(y, {"wheel_speed_rear": times(1 + by)}))),
+    "wheel_radius_sd": (0.005, lambda y, by: estimated(logged(y, {"wheel_speed_rear": times(1 + by)}))),
     "relaxation_sd": (0.05, lambda y, by: driven_otherwise(y, {"relaxation_length": by})),
     "grade_sd": (0.004, lambda y, by: driven_otherwise(y, {"grade_angle": by})),
 }
@@ -121,7 +121,7 @@ def test_the_sd_is_what_the_estimates_move_by(driven: np.ndarray, name: str) -> 
         if max(moved, added) > least:
             assert 0.7 * moved < added < 1.3 * moved, f"{key}: moves by {moved:.4f}, sd {added:.4f}"
             compared += 1
-    assert compared >= (0 if name == "wheel_radius_sd" else 1)
+    assert compared
 
 
 def test_mass_is_in_all_stiffnesses(driven: np.ndarray) -> None:
