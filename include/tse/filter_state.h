@@ -170,8 +170,7 @@ typedef struct tse_bank {
   tse_real gained[3];                   /* [1/s] what samples of late tell of each stiffness: inverse variance, relative */
   tse_repeats repeats;
   tse_real off[TSE_CONSIDERED][TSE_X];  /* error of X in the likeliest if what is told is off by one sd; settings that are 0: 0 */
-  tse_real side[2], rate[4];            /* side forces over mass of the last row, front and rear axle [m/s2]; rates of these [m/s3] and
-                                         * of the wheel speeds [m/s2] */
+  tse_real rate[5];                     /* of this row: of the forces over mass, longitudinal, front, rear [m/s3]; of the wheel speeds [m/s2] */
   tse_hypothesis h[TSE_HYPOTHESES];
 } tse_bank;
 

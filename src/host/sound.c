@@ -46,8 +46,8 @@ static int sound_bank(const tse_params *p, const tse_bank *b, int started)
   int fine = sound_int(b->count, started, p->hypotheses) && sound_int(b->likeliest, 0, b->count > 0 ? b->count - 1 : 0);
   fine = fine && sound_reals(&b->seen, 1, TSE_R(0), MOST_REAL) && sound_reals(b->gained, 3, TSE_R(0), TSE_R(1e18));
   fine = fine && sound_reals(b->score, TSE_KINDS, TSE_R(0), MOST_REAL) && sound_reals(b->waited, TSE_KINDS, TSE_R(0), MOST_REAL);
-  fine = fine && sound_reals(b->off[0], TSE_CONSIDERED * TSE_X, -MOST_REAL, MOST_REAL) && sound_reals(b->side, 2, -MOST_REAL, MOST_REAL);
-  fine = fine && sound_reals(b->rate, 4, -MOST_REAL, MOST_REAL);
+  fine = fine && sound_reals(b->off[0], TSE_CONSIDERED * TSE_X, -MOST_REAL, MOST_REAL);
+  fine = fine && sound_reals(b->rate, 5, -MOST_REAL, MOST_REAL);
   fine = fine && sound_reals(r->last, 6, -MOST_REAL, MOST_REAL) && sound_reals(r->repeats[0], 12, TSE_R(0), MOST_REAL);
   fine = fine && sound_reals(r->rows[0], 12, TSE_R(0), MOST_REAL) && sound_reals(r->evidence, 6, -MOST_REAL, MOST_REAL);
   for (int c = 0; c < 6; c++) fine = fine && sound_int(r->run[c], 0, LONGEST_RUN);

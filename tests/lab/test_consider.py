@@ -124,6 +124,26 @@ def test_the_sd_is_what_the_estimates_move_by(driven: np.ndarray, name: str) -> 
     assert compared
 
 
+def test_a_channel_that_comes_back_and_a_gap_leave_no_jump(driven: np.ndarray) -> None:
+    """What is late by a rate takes the rate of its row. With that since the last forecast, before channel or time were lost, the
+    band of a stiffness grew by 2 % in one row, and that of vel_y to three times what it is in the whole log."""
+    told = {"accel_delay_sd": 0.01, "relaxation_sd": 0.5, "wheel_delay_sd": 0.01}
+
+    def bands(rows: np.ndarray) -> np.ndarray:
+        filter_ = Filter(Config(BASE | told))
+        out = filter_.outputs(ROWS)
+        filter_.step_into(rows, out)
+        return out
+
+    rows = logged(driven)
+    whole = bands(rows)
+    rows["accel_y"][3000:3050] = np.nan
+    rows["dt"][4000] = 0.5  # longer than max_gap
+    holed = bands(rows)
+    assert holed["cy_front_sd"][3050] < 1.01 * whole["cy_front_sd"][3050]
+    assert holed["vel_y_sd"][4001] < 2 * whole["vel_y_sd"][4001]  # placed anew: 1.8 in the row before
+
+
 def test_mass_is_in_all_stiffnesses(driven: np.ndarray) -> None:
     exact, considered = estimated(logged(driven)), estimated(logged(driven), mass_sd=0.1)
     heavier = estimated(logged(driven), mass=CAR.mass * 1.1, yaw_inertia=CAR.yaw_inertia * 1.1)

@@ -37,8 +37,9 @@ void bank_predict(const tse_params *p, tse_bank *b, course from, course to, cons
   for (int32_t i = 0; i < b->count; i++) {
     transition t;
     const int considered = p->considers && i == b->likeliest;
+    if (considered) consider_begin(p, b, acting(&b->h[i], from));
     predict(p, &b->h[i], from, to, push, dt, considered ? &t : NULL);
-    if (considered) consider_passage(p, b, &t, from.now, acting(&b->h[i], to), dt);
+    if (considered) consider_passage(p, b, &t, acting(&b->h[i], to), dt);
   }
 }
 

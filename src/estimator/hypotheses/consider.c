@@ -7,8 +7,8 @@
 static tse_real kept(tse_real off) { return r_abs(off) < MOST_OFF ? off : MOST_OFF; }
 
 /* What one unit of a quantity adds: accelerations of vel_x, vel_y and of the yaw rate; forces over mass, as accelerometers feel them;
- * to what accel_y reads beside. */
-typedef struct addition { tse_real motion[3], x, front, rear, read[2]; } addition;
+ * forces that they feel and that do not move the car; to what accel_y reads beside [sigma]. */
+typedef struct addition { tse_real motion[3], x, front, rear, late[3], scale; } addition;
 
 /* Forces by an input that is off: column c of the slopes, so much. */
 static void by_input(const slopes *s, int c, tse_real by, addition *a)
@@ -18,7 +18,7 @@ static void by_input(const slopes *s, int c, tse_real by, addition *a)
   a->rear += r_mul(by, s->drear[c]);
 }
 
-static void add(const tse_params *p, const tse_bank *b, int k, inputs u, tse_real dt, const innovation *o, const slopes *s, addition *a)
+static void add(const tse_params *p, const tse_bank *b, int k, inputs u, const innovation *o, const slopes *s, addition *a)
 {
   const tse_hypothesis *const h = &b->h[b->likeliest];
   const tse_real r = h->x[2];
@@ -34,18 +34,20 @@ static void add(const tse_params *p, const tse_bank *b, int k, inputs u, tse_rea
       break;
     case TSE_CONSIDER_RATIO: by_input(s, BY_STEER, u.steer, a); break;
     case TSE_CONSIDER_OFFSET: by_input(s, BY_STEER, TSE_R(1), a); break;
-    case TSE_CONSIDER_SCALE: a->read[1] = o ? o->forecast[1] : TSE_R(0); break;
+    case TSE_CONSIDER_SCALE: a->scale = o ? o->forecast[1] : TSE_R(0); break;
     case TSE_CONSIDER_WHEELS_LATE:
-      by_input(s, BY_FRONT_WHEELS, b->rate[2], a);
-      by_input(s, BY_REAR_WHEELS, b->rate[3], a);
+      by_input(s, BY_FRONT_WHEELS, b->rate[3], a);
+      by_input(s, BY_REAR_WHEELS, b->rate[4], a);
       break;
     case TSE_CONSIDER_ACCEL_LATE:
-      for (int c = 0; c < 2 && o; c++) a->read[c] = r_div(h->foretold[c] - o->forecast[c], dt);
+      a->late[0] = -b->rate[0];
+      a->late[1] = -b->rate[1];
+      a->late[2] = -b->rate[2];
       break;
     case TSE_CONSIDER_RELAXATION: {
       const tse_real per = -r_div(TSE_R(1), r_max(r_abs(h->x[0]), LOW_SPEED));
-      a->front = r_mul(per, b->rate[0]);
-      a->rear = r_mul(per, b->rate[1]);
+      a->front = r_mul(per, b->rate[1]);
+      a->rear = r_mul(per, b->rate[2]);
       break;
     }
     case TSE_CONSIDER_GRADE: a->motion[0] = -GRAVITY; break;
@@ -62,21 +64,27 @@ static void slopes_of(const tse_params *p, const tse_bank *b, inputs u, slopes *
   vehicle_slopes(p, h->x, u, slips_for_slopes(p, h), s);
 }
 
-void consider_passage(const tse_params *p, tse_bank *b, const transition *t, inputs from, inputs u, tse_real dt)
+void consider_begin(const tse_params *p, tse_bank *b, inputs from)
+{
+  slopes s;
+  slopes_of(p, b, from, &s);
+  const tse_real at[5] = { s.x, s.front, s.rear, from.v_front, from.v_rear };
+  memcpy(b->rate, at, sizeof at);
+}
+
+void consider_passage(const tse_params *p, tse_bank *b, const transition *t, inputs u, tse_real dt)
 {
   slopes s;
   slopes_of(p, b, u, &s);
-  const tse_real moved_by[4] = { s.front - b->side[0], s.rear - b->side[1], u.v_front - from.v_front, u.v_rear - from.v_rear };
-  for (int i = 0; i < 4; i++) b->rate[i] = r_div(moved_by[i], dt);
-  b->side[0] = s.front;
-  b->side[1] = s.rear;
+  const tse_real at[5] = { s.x, s.front, s.rear, u.v_front, u.v_rear };
+  for (int i = 0; i < 5; i++) b->rate[i] = r_div(at[i] - b->rate[i], dt);
   const tse_real half = r_mul(TSE_R(0.5), dt), keep = r_exp2(-r_mul(LOG2_E, r_div(dt, DISTURBANCE_TIME)));
   for (int k = 0; k < TSE_CONSIDERED; k++) {
     tse_real *const off = b->off[k];
     tse_real moved[3];
     addition a;
     if (!(p->consider_sd[k] > TSE_R(0))) continue;
-    add(p, b, k, u, dt, NULL, &s, &a);
+    add(p, b, k, u, NULL, &s, &a);
     for (int i = 0; i < 3; i++) {
       moved[i] = r_mul(t->L[i], off[X_LAG]) + r_mul(r_mul(half, p->consider_sd[k]), a.motion[i]);
       for (int j = 0; j < 3; j++) {
@@ -107,8 +115,9 @@ void consider_sample(const tse_params *p, tse_bank *b, const sample *y, const in
     tse_real e[3], se[3];
     addition a;
     if (!(p->consider_sd[k] > TSE_R(0))) continue;
-    add(p, b, k, u, y->dt, o, &s, &a);
-    const tse_real read[3] = { r_mul(gain[0], a.x) + a.read[0], r_mul(gain[1], a.front) + r_mul(gain[2], a.rear) + a.read[1], TSE_R(0) };
+    add(p, b, k, u, o, &s, &a);
+    const tse_real read[3] = { r_mul(gain[0], a.x + a.late[0]),
+                               r_mul(gain[1], a.front + a.late[1]) + r_mul(gain[2], a.rear + a.late[2]) + a.scale, TSE_R(0) };
     for (int i = 0; i < 3; i++) {
       e[i] = r_mul(y->use[i], off[X_BIAS + i] + off[X_SLOW + i]) + r_mul(o->lag[i], off[X_LAG]) + r_mul(p->consider_sd[k], read[i]);
       for (int j = 0; j < 6; j++) e[i] += r_mul(o->h[i][j], off[j]);
@@ -122,6 +131,7 @@ void consider_sample(const tse_params *p, tse_bank *b, const sample *y, const in
 
 void consider_restart(tse_bank *b, int with_tyres)
 {
+  memset(b->rate, 0, sizeof b->rate);
   for (int k = 0; k < TSE_CONSIDERED; k++)
     for (int i = 0; i < (with_tyres ? TSE_X : X_STIFFNESS); i++) b->off[k][i] = TSE_R(0);
 }

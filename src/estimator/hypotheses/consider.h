@@ -9,13 +9,15 @@
 #include "estimator/hypotheses/predict.h"
 #include "estimator/hypotheses/innovate.h"
 
+#define consider_begin   TSE_NAME(tse_consider_begin)
 #define consider_passage TSE_NAME(tse_consider_passage)
 #define consider_sample  TSE_NAME(tse_consider_sample)
 #define consider_restart TSE_NAME(tse_consider_restart)
 #define considered_var   TSE_NAME(tse_considered_var)
 
-/* Through a row that X has just gone through, by t; from, u: inputs at its ends. */
-void consider_passage(const tse_params *p, tse_bank *b, const transition *t, inputs from, inputs u, tse_real dt);
+/* Before X goes through a row, from: inputs at its start; and when it has gone, by t, u: inputs at its end. */
+void consider_begin(const tse_params *p, tse_bank *b, inputs from);
+void consider_passage(const tse_params *p, tse_bank *b, const transition *t, inputs u, tse_real dt);
 
 /* Through a sample, o: its innovation in the likeliest, before it has learnt of it. */
 void consider_sample(const tse_params *p, tse_bank *b, const sample *y, const innovation *o);
