@@ -89,11 +89,51 @@ static tse_real gain_of(const innovation *o, const tse_real v[3], tse_real q)
 /* What an opened stiffness is relative to: from ice it goes up by a factor. */
 static tse_real opened_level(const tse_hypothesis *h, int a) { return r_max(h->x[X_STIFFNESS + a], ROAD_LEAST); }
 
-static tse_real promise_of_fault(const tse_bank *b, const tse_hypothesis *h, const innovation *o, int channel)
+/* X as far as a change moves it: states, stiffness. */
+typedef struct shift { tse_real of[X_BIAS]; } shift;
+
+/* Accelerations ax, ay that were other for some time, and with them the yaw rate, by j of ay. */
+static void move(tse_real ax, tse_real ay, tse_real j, tse_real time, shift *u)
+{
+  u->of[0] += r_mul(time, ax);
+  u->of[1] += r_mul(time, ay);
+  u->of[2] += r_mul(time, r_mul(j, ay));
+}
+
+/* What a change of stiffness a by `by` has moved when it is found `time` later, by its forces: o has their slopes. Added to u. */
+static void add_change(const tse_params *p, const innovation *o, int a, tse_real by, tse_real time, shift *u)
+{
+  const int c = X_STIFFNESS + a;
+  move(r_mul(p->sd[0], o->h[0][c]), r_mul(p->sd[1], o->h[1][c]), a == TSE_CY_REAR ? -p->jr : p->jf, r_mul(by, time), u);
+  u->of[c] += by;
+}
+
+/* What a steering angle that is off by `by` has moved. */
+static void add_steer(const tse_params *p, const innovation *o, tse_real by, tse_real time, shift *u)
+{
+  move(r_mul(p->sd[0], o->unknown[0][0]), r_mul(p->sd[1], o->unknown[1][0]), p->jf, r_mul(by, time), u);
+}
+
+/* log2 of how much likelier a variance q along u would make the sample. */
+static tse_real gain_of_shift(const innovation *o, const shift *u, tse_real q)
+{
+  tse_real v[3] = { TSE_R(0), TSE_R(0), TSE_R(0) };
+  for (int i = 0; i < 3; i++)
+    for (int k = 0; k < X_BIAS; k++) v[i] += r_mul(u->of[k], o->h[i][k]);
+  return gain_of(o, v, q);
+}
+
+static tse_real promise_of_fault(const tse_params *p, const tse_bank *b, const tse_hypothesis *h, const sample *y, const innovation *o,
+                                 int channel)
 {
   tse_real v[3] = { TSE_R(0), TSE_R(0), TSE_R(0) }, q;
   if (channel < 3) {
-    for (int i = 0; i < 3; i++) v[i] = o->unknown[i][channel];
+    shift u = { { TSE_R(0) } };
+    if (channel == 0) add_steer(p, o, TSE_R(1), r_mul(CHANGE_ROWS, y->dt), &u);
+    for (int i = 0; i < 3; i++) {
+      v[i] = o->unknown[i][channel];
+      for (int k = 0; k < 3; k++) v[i] += r_mul(u.of[k], o->h[i][k]);
+    }
     q = r_sqr(channel == 0 ? FAULT_STEER_SD : FAULT_WHEEL_SD);
   } else {
     v[channel - 3] = TSE_R(1);
@@ -135,17 +175,14 @@ static tse_real promise_of_restart(const tse_params *p, const sample *y, const i
 static tse_real promise_of(const tse_params *p, const tse_bank *b, const tse_hypothesis *h, const sample *y, const innovation *o, int kind)
 {
   tse_real v[3] = { TSE_R(0), TSE_R(0), TSE_R(0) };
-  if (kind == KIND_ROAD) {
-    for (int i = 0; i < 3; i++)
-      for (int a = 0; a < 3; a++) v[i] += r_mul(opened_level(h, a), o->h[i][X_STIFFNESS + a]);
-    return gain_of(o, v, r_sqr(ROAD_COMMON));
-  }
   if (kind <= KIND_REAR) {
-    const int a = kind == KIND_FRONT ? TSE_CY_FRONT : TSE_CY_REAR;
-    for (int i = 0; i < 3; i++) v[i] = r_mul(opened_level(h, a), o->h[i][X_STIFFNESS + a]);
-    return gain_of(o, v, r_sqr(AXLE_OPEN));
+    shift u = { { TSE_R(0) } };
+    for (int a = 0; a < 3; a++)
+      if (kind == KIND_ROAD || a == (kind == KIND_FRONT ? TSE_CY_FRONT : TSE_CY_REAR))
+        add_change(p, o, a, opened_level(h, a), r_mul(CHANGE_ROWS, y->dt), &u);
+    return gain_of_shift(o, &u, r_sqr(kind == KIND_ROAD ? ROAD_COMMON : AXLE_OPEN));
   }
-  if (kind >= KIND_FAULT && kind < KIND_FAULT_END) return promise_of_fault(b, h, o, kind - KIND_FAULT);
+  if (kind >= KIND_FAULT && kind < KIND_FAULT_END) return promise_of_fault(p, b, h, y, o, kind - KIND_FAULT);
   if (kind == KIND_FAULT_END) return promise_of_fault_end(h, o);
   if (kind >= KIND_LEVEL_UP && kind < KIND_LEVEL_DOWN) {
     const int a = kind - KIND_LEVEL_UP;
@@ -159,25 +196,29 @@ static tse_real promise_of(const tse_params *p, const tse_bank *b, const tse_hyp
 
 /* ---- what a birth changes -------------------------------------------------------------------------------------------- */
 
-/* What the forces of a change would have moved before it was found: that share of the accelerations of so many rows. */
-static void open_states(const tse_params *p, tse_hypothesis *h, tse_real dt)
+static void open_along(tse_hypothesis *h, const shift *u)
 {
-  const tse_real share = r_mul(ROAD_COMMON, r_mul(CHANGE_ROWS, dt));
-  for (int a = 0; a < 2; a++) h->cov[a][a] += r_sqr(r_mul(share, r_mul(p->sd[a], h->foretold[a])));
-  h->cov[2][2] += r_sqr(p->sd[2]);
+  for (int i = 0; i < X_BIAS; i++)
+    for (int j = 0; j < X_BIAS; j++) h->cov[i][j] += r_mul(u->of[i], u->of[j]);
 }
 
-static void open_stiffness(tse_hypothesis *h, int kind)
+/* A change that happened CHANGE_ROWS ago: each stiffness, all of a road together, and the states as far as it has moved them. */
+static void open_change(const tse_params *p, const innovation *o, tse_hypothesis *h, int kind, tse_real dt)
 {
+  const tse_real time = r_mul(CHANGE_ROWS, dt);
+  shift together = { { TSE_R(0) } };
   for (int a = 0; a < 3; a++) {
     const int front = a != TSE_CY_REAR, own_axle = kind == KIND_FRONT ? front : kind == KIND_REAR ? !front : 1;
+    shift own = { { TSE_R(0) } };
     h->before[a] = h->x[X_STIFFNESS + a];
-    for (int b = 0; b < 3; b++) {
-      tse_real more = kind == KIND_ROAD ? r_sqr(ROAD_COMMON) : TSE_R(0);
-      if (a == b && own_axle) more += r_sqr(kind == KIND_ROAD ? ROAD_OWN : AXLE_OPEN);
-      h->cov[X_STIFFNESS + a][X_STIFFNESS + b] += r_mul(more, r_mul(opened_level(h, a), opened_level(h, b)));
-    }
+    if (!own_axle) continue;
+    add_change(p, o, a, r_mul(kind == KIND_ROAD ? ROAD_OWN : AXLE_OPEN, opened_level(h, a)), time, &own);
+    open_along(h, &own);
+    if (kind == KIND_ROAD) add_change(p, o, a, r_mul(ROAD_COMMON, opened_level(h, a)), time, &together);
   }
+  open_along(h, &together);
+  for (int a = 0; a < 2; a++) h->cov[a][a] += r_sqr(r_mul(r_mul(ROAD_COMMON, time), r_mul(p->sd[a], h->foretold[a]))); /* how long ago */
+  h->cov[2][2] += r_sqr(p->sd[2]);
   for (int a = 0; a < 3; a++) h->level[a] = 0; /* what the model did not explain may have been this */
   h->change_age = TSE_R(0);
   h->change_kind = kind == KIND_ROAD ? TSE_CHANGE_ROAD : kind == KIND_FRONT ? TSE_CHANGE_FRONT : TSE_CHANGE_REAR;
@@ -202,15 +243,23 @@ static void set_drift(tse_hypothesis *h, int32_t drift)
   h->cov[X_RATE][X_RATE] = drift == STEADY ? TSE_R(0) : r_sqr(drift == DRIFTS_SLOWLY ? SLOW_RATE : FAST_RATE);
 }
 
+/* A channel that lies; a steering angle since CHANGE_ROWS ago, and the states as far as it has moved them. The speeds of the wheels
+ * lie by so much that a slope says nothing of where they have led. */
+static void open_fault(const tse_params *p, const innovation *o, tse_hypothesis *h, int channel, tse_real dt)
+{
+  shift u = { { TSE_R(0) } };
+  h->fault = channel + 1;
+  if (h->fault == FAULT_STEER) add_steer(p, o, FAULT_STEER_SD, r_mul(CHANGE_ROWS, dt), &u);
+  open_along(h, &u);
+}
+
 /* The child of `parent` that says that what `kind` stands for has just happened. */
-static void bear(const tse_params *p, tse_hypothesis *child, const tse_hypothesis *parent, int kind, const sample *y)
+static void bear(const tse_params *p, tse_hypothesis *child, const tse_hypothesis *parent, int kind, const sample *y, const innovation *o)
 {
   *child = *parent;
-  if (kind <= KIND_REAR) {
-    open_states(p, child, y->dt);
-    open_stiffness(child, kind);
-  } else if (kind <= KIND_DRIFT_END) set_drift(child, kind == KIND_DRIFT_END ? STEADY : kind - KIND_DRIFT_SLOW + DRIFTS_SLOWLY);
-  else if (kind < KIND_FAULT_END) child->fault = kind - KIND_FAULT + 1;
+  if (kind <= KIND_REAR) open_change(p, o, child, kind, y->dt);
+  else if (kind <= KIND_DRIFT_END) set_drift(child, kind == KIND_DRIFT_END ? STEADY : kind - KIND_DRIFT_SLOW + DRIFTS_SLOWLY);
+  else if (kind < KIND_FAULT_END) open_fault(p, o, child, kind - KIND_FAULT, y->dt);
   else if (kind == KIND_FAULT_END) child->fault = FAULT_NONE;
   else if (kind < KIND_LEVEL_DOWN) {
     const int a = kind - KIND_LEVEL_UP, c = X_SLOW + a;
@@ -306,7 +355,7 @@ void births(const tse_params *p, tse_bank *b, const sample *y, const innovation 
     worth[kind] = LEAST_WEIGHT;
     if (at < 0) continue;
     const tse_hypothesis mother = *mother_of(b, kind); /* whose place it may be */
-    bear(p, &b->h[at], &mother, kind, y);
+    bear(p, &b->h[at], &mother, kind, y, o);
     b->h[at].log_weight = r_max(mother.log_weight + prior[kind], LEAST_WEIGHT);
     b->h[at].promise = b->score[kind];
     b->score[kind] = b->waited[kind] = TSE_R(0);
