@@ -12,6 +12,7 @@ from typing import Any
 import click
 
 from tselab import __version__, maneuvers
+from tselab.calibrate.commands import calibrate
 from tselab.errors import UserError
 from tselab.fmu.commands import fmu
 from tselab.gap.commands import gap
@@ -600,6 +601,7 @@ def montecarlo(
 
 cli.add_command(fmu)
 cli.add_command(gap)
+cli.add_command(calibrate)
 
 
 def main() -> None:

@@ -65,6 +65,7 @@ class Vehicle:
     filled: list[str] = field(default_factory=list)
     told_uncertainty: list[str] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
+    calibration: dict[str, Any] = field(default_factory=dict)  # what an earlier `tselab calibrate` left: names, mean, covariance
 
     @property
     def steering_ratio(self) -> float | None:
@@ -104,6 +105,7 @@ def read_vehicle(path: Path) -> Vehicle:
     path = Path(path)
     data = read_toml(path)
     sensors, uncertainty = _table(path, data, "sensors"), _table(path, data, "uncertainty")
+    calibration = _calibration(path, _table(path, data, "calibration"))
     values: dict[str, float] = {}
     facts: dict[str, Any] = {}
     unknown: list[str] = []
@@ -126,7 +128,7 @@ def read_vehicle(path: Path) -> Vehicle:
     if missing:
         ranges = "; ".join(f"{k}: {check.fields[k].range_text}" for k in missing)
         raise UserError(f"{path}: key {', '.join(missing)} is missing (allowed: {ranges})")
-    vehicle = Vehicle(path, str(facts.get("name", path.stem)), values, facts)
+    vehicle = Vehicle(path, str(facts.get("name", path.stem)), values, facts, calibration=calibration)
     if unknown:
         vehicle.notes.append(f"{path.name}: key {', '.join(unknown)} is not known and not used")
     _check_facts(path, vehicle)
@@ -146,6 +148,26 @@ def _table(path: Path, data: dict[str, Any], name: str) -> dict[str, Any]:
     if not isinstance(table, dict):
         raise UserError(f"{path}: {name} must be a table: [{name}]")
     return table
+
+
+def _calibration(path: Path, table: dict[str, Any]) -> dict[str, Any]:
+    """The table [calibration], which tselab wrote: names, means and covariance of what was found; {} when it is not there."""
+    if not table:
+        return {}
+    try:
+        names = [str(name) for name in table["names"]]
+        mean, covariance = np.array(table["mean"], float), np.array(table["covariance"], float)
+    except (KeyError, TypeError, ValueError):
+        raise UserError(f"{path}: [calibration] needs names, mean and covariance, as 'tselab calibrate' writes them") from None
+    n = len(names)
+    if mean.shape != (n,) or covariance.shape != (n, n) or len(set(names)) < n:
+        raise UserError(f"{path}: [calibration]: {n} different names need {n} means and {n} rows of {n} covariances")
+    sd = np.sqrt(np.abs(np.diag(covariance))) + 1e-300
+    finite = np.isfinite(mean).all() and np.isfinite(covariance).all()
+    symmetric = finite and np.allclose(covariance, covariance.T, 1e-6, 0)
+    if not symmetric or np.linalg.eigvalsh(covariance / np.outer(sd, sd))[0] <= 0:
+        raise UserError(f"{path}: [calibration]: covariance is not one: it must be finite, symmetric and positive definite")
+    return {"names": names, "mean": mean.tolist(), "covariance": covariance.tolist()}
 
 
 def _read_effects(path: Path, effects: Any, check: Config, values: dict[str, float], unknown: list[str]) -> None:

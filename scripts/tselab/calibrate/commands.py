@@ -1,0 +1,124 @@
+"""The command `tselab calibrate`."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from tselab.gap.commands import HOLD_OUT, JOBS, LOGS, VEHICLE, Run, _distinct, _saying
+from tselab.options import FILE, PROGRESS
+
+if TYPE_CHECKING:
+    from tselab.calibrate.workflow import Result
+
+NOT_CONVERGED = 12  # exit code
+
+
+class Calibrate(Run):
+    """--hold-out takes all files up to the next option."""
+
+    def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        click.Command.format_epilog(self, ctx, formatter)
+
+
+@click.command(cls=Calibrate, short_help="Find what the car and the sensors of a log are.")
+@LOGS
+@VEHICLE
+@click.option(HOLD_OUT, "hold_out", metavar="LOG.csv ...", type=FILE, multiple=True,
+              help="Logs that are not fitted: what was found is proved on them. All files up to the next option.")  # fmt: skip
+@click.option(
+    "--out", metavar="CALIBRATED.toml", type=FILE, required=True, help="The calibrated vehicle file; .json and .html beside it."
+)
+@click.option("--steps", type=click.IntRange(1, 1000), help="Most steps of the search.  [default: 40]")
+@JOBS
+@PROGRESS
+def calibrate(
+    logs: tuple[Path, ...],
+    vehicle_path: Path,
+    hold_out: tuple[Path, ...],
+    out: Path,
+    steps: int | None,
+    jobs: int,
+    progress: bool | None,
+) -> int:
+    """Find what the car and the sensors of a log are, from ordinary driving.
+
+    \b
+    tselab calibrate drive1.csv drive2.csv --vehicle car.toml --out calibrated.toml
+    tselab calibrate log_*.csv --vehicle car.toml --hold-out other.csv --out calibrated.toml
+    tselab estimate drive3.csv --vehicle calibrated.toml
+
+    Found together, with what passenger cars have as prior: how late every channel is behind the gyro, steering ratio, offset and
+    lag, wheel radii, place, mounting and scale of the IMU, roll, pitch, relaxation, load transfer, yaw inertia, stiffness, and
+    the noise of the sensors. What these logs could not show is said, keeps its prior, and is in the bands of the estimate. Half
+    an hour of driving with bends and some braking is a good start; a second calibration, with --vehicle calibrated.toml
+    and other logs, starts from the first.
+
+    \b
+    CALIBRATED.toml    for tselab estimate, simulate, gap and fmu
+    CALIBRATED.json    all numbers, for programs
+    CALIBRATED.html    the same for people: before and after for each finding
+
+    Exit code: 0 converged, 12 not converged (written all the same, and said), 2 bad input, 130 Ctrl-C. The same command goes on
+    after Ctrl-C.
+    """
+    from tselab.calibrate import output, page, workflow
+    from tselab.files import check_distinct, check_writable
+
+    _distinct(logs, hold_out)
+    numbers, html, kept = out.with_suffix(".json"), out.with_suffix(".html"), out.with_suffix(".progress.json")
+    check_distinct(
+        {"--out": out, "the page": html, "the numbers": numbers}, {"--vehicle": vehicle_path} | {str(p): p for p in logs}
+    )
+    check_writable(out)
+    try:
+        with _saying(progress) as say:
+            result = workflow.run(logs, vehicle_path, hold_out, kept, jobs, say, steps)
+            output.write(out, result, [p.name for p in logs])
+            say("the page")
+            page.write(html, result, words(result))
+    except KeyboardInterrupt:
+        where = (
+            f"{kept} keeps where the search stood, the same command goes on from there"
+            if kept.exists()
+            else "nothing was found yet"
+        )
+        click.echo(f"tselab: stopped by Ctrl-C; {where}", err=True)
+        sys.exit(130)
+    for line in words(result):
+        click.echo(line)
+    for group in result.groups:
+        for finding in group.members:
+            if finding.shown:
+                click.echo(f"  {finding.words}")
+    for line in result.notes:
+        click.echo(f"note: {line}", err=True)
+    click.echo(f"Written: {out}, {numbers.name}, {html.name}")
+    return 0 if result.fit.converged else NOT_CONVERGED
+
+
+def words(result: Result) -> list[str]:
+    """What a person should know first."""
+    n = len(result.problem.logs)
+    logs = f"{n} log{'s' if n > 1 else ''}, {result.seconds / 60:.1f} minutes"
+    if result.fit.converged:
+        lines = [f"From {logs}: converged after {result.fit.steps} steps."]
+    else:
+        lines = [
+            f"From {logs}: NOT converged after {result.fit.steps} steps (last step {result.fit.moved:.2g} sd); --steps allows more."
+        ]
+    for held in (False, True):
+        mine = [p for p in result.proofs if p.held_out == held]
+        if mine:
+            parts = []
+            for c in mine[0].before:
+                before, after = (sum(getattr(p, w).get(c, 0.0) ** 2 for p in mine) ** 0.5 for w in ("before", "after"))
+                parts.append(f"{c} -{100 * (1 - after / max(before, 1e-12)):.0f} %")
+            lines.append(f"Misfit on {'held-out' if held else 'fitted'} logs, rms: {', '.join(parts)}.")
+    hidden = [f.name for f in result.findings if not f.shown]
+    if hidden:
+        lines.append(f"These logs could not show: {', '.join(hidden)}.")
+    return lines

@@ -1,0 +1,137 @@
+"""What a calibration leaves: the calibrated vehicle file, and all numbers as JSON."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tselab import __version__
+from tselab.calibrate.findings import Finding
+from tselab.calibrate.workflow import Result
+from tselab.core import NOMINAL, Config, library
+from tselab.files import atomic
+from tselab.gap.output import finite
+from tselab.identify.unknowns import LATENCY
+from tselab.vehicle import HINT_ONLY, UNKNOWN_CAR, sensor_settings, vehicle_settings
+
+GRAVITY = 9.81
+
+
+def values(result: Result) -> dict[str, float]:
+    """Settings of the calibrated car. What these logs could not show keeps its prior, which is where the posterior is then."""
+    found = {f.name: f.value for f in result.findings if not f.name.endswith(LATENCY)}
+    at = dict(zip(result.problem.names, result.fit.x, strict=True))
+    for key, setting in NOMINAL.items():
+        found[setting] = float(getattr(result.config, setting) * np.exp(at[key]))
+    follows = result.config.rear_longitudinal_follows_front
+    found["longitudinal_stiffness_rear"] = result.config.longitudinal_stiffness_rear * float(
+        1.0 + follows * (np.exp(at["cx_front"]) - 1.0)
+    )
+    fields = result.config.fields
+    return {k: float(np.clip(v, fields[k].low, fields[k].high)) for k, v in found.items()}
+
+
+def latencies(result: Result) -> dict[str, float]:
+    """s behind the gyro, by channel."""
+    return {f.name.removesuffix(LATENCY): f.value for f in result.findings if f.name.endswith(LATENCY)}
+
+
+def uncertainty(result: Result) -> dict[str, float]:
+    """How well the car is known now, as settings (include/tse/told.def); what calibration cannot tell stays as it was told."""
+    names, cov = result.problem.names, result.fit.covariance
+    at = dict(zip(names, result.fit.x, strict=True))
+
+    def sd(**weights: float) -> float:
+        w = np.zeros(len(names))
+        for name, weight in weights.items():
+            w[names.index(name)] = weight
+        return float(np.sqrt(w @ cov @ w))
+
+    found = {key: result.vehicle.values.get(key, UNKNOWN_CAR[key]) for key in UNKNOWN_CAR}
+    found |= {
+        "yaw_inertia_sd": sd(yaw_inertia=1.0 / at["yaw_inertia"]),
+        "cg_sd": sd(cg_shift_distance=1.0),
+        "steer_ratio_sd": sd(steering_ratio_change=1.0),
+        "steer_offset_sd": sd(steering_offset_angle=1.0),
+        "accel_y_scale_sd": sd(imu_scale_ay_error=1.0, body_roll_gain=GRAVITY),
+        "wheel_delay_sd": sd(wheel_speed_front_latency=0.5, wheel_speed_rear_latency=0.5, accel_x_latency=-1.0),
+        "accel_delay_sd": sd(accel_y_latency=1.0),
+        "relaxation_sd": sd(relaxation_length=1.0),
+        "wheel_radius_sd": sd(
+            wheel_radius_rear=1.0 / at["wheel_radius_rear"], wheel_radius_front=-1.0 / at["wheel_radius_front"]
+        ),
+    }
+    fields = result.config.fields
+    return {k: float(np.clip(v, fields[k].low, fields[k].high)) for k, v in found.items()}
+
+
+def toml(result: Result, logs: list[str]) -> str:
+    """The calibrated vehicle file."""
+    vehicle, fields = result.vehicle, result.config.fields
+    found, told = values(result), {f.name: f for f in result.findings}
+    source = vehicle.path.name if vehicle.path else "the built-in car"
+    lines = [f"# {source}, calibrated by tselab {__version__} from {', '.join(logs)}"]
+    if not result.fit.converged:
+        lines.append("# NOT CONVERGED: the numbers are where the search stood.")
+    facts = {k: v for k, v in vehicle.facts.items() if k not in HINT_ONLY}
+    lines += ["", *(f"{k} = {json.dumps(v, ensure_ascii=False)}" for k, v in facts.items() if isinstance(v, (str, int, float)))]
+    everything = result.config.as_dict() | found
+    for key in vehicle_settings():
+        lines.append(f"{key} = {float(everything[key])!r}  # {fields[key].unit}{_band(told.get(key))}")
+    lines += ["", "[latency]  # s behind the gyro"]
+    lines += [f"{k} = {v:.5f}{_band(told[k + LATENCY])}".replace(", ", "  # ", 1) for k, v in latencies(result).items()]
+    lines += ["", "[uncertainty]", *(f"{k} = {v:.3g}  # {fields[k].unit}" for k, v in uncertainty(result).items())]
+    sensors = result.sensors | {k: v for k, v in vehicle.values.items() if k in sensor_settings()}
+    lines += ["", "[sensors]"]
+    lines += [f"{k} = {sensors[k]!r}  # {fields[k].unit}" for k in sensor_settings() if k in sensors]
+    config = Config(everything)
+    for effect in library().effects.values():
+        if all(getattr(config, p.setting) == 0 for p in effect.strengths):
+            continue
+        lines += ["", f"[effects.{effect.id}]  # {effect.title}"]
+        for p in effect.parameters:
+            value = float(getattr(config, p.setting))
+            lines.append(f"{p.name} = {value!r}  # {p.unit}: {p.text}{_band(told.get(p.setting))}")
+    names = list(result.problem.prior.names)
+    n = len(names)
+    lines += ["", "# What the next calibration starts from: all unknowns, their means and covariance.", "[calibration]"]
+    lines += [f"names = {json.dumps(names)}", f"mean = {json.dumps([float(x) for x in result.fit.x[:n]])}", "covariance = ["]
+    lines += [f"  {json.dumps([float(x) for x in row])}," for row in result.fit.covariance[:n, :n]]
+    return "\n".join([*lines, "]"]) + "\n"
+
+
+def _band(f: Finding | None) -> str:
+    if f is None:
+        return ""
+    return f", found, 95 %: {f.value - 1.96 * f.sd:.4g} .. {f.value + 1.96 * f.sd:.4g}" if f.shown else ", could not show here"
+
+
+def write(path: Path, result: Result, logs: list[str]) -> Path:
+    """The vehicle file, and beside it all numbers as JSON."""
+    with atomic(path) as file:
+        file.write(toml(result, logs))
+    numbers = path.with_suffix(".json")
+    with atomic(numbers) as file:
+        json.dump(finite(as_json(result)), file, indent=1, allow_nan=False)
+        file.write("\n")
+    return numbers
+
+
+def as_json(result: Result) -> dict[str, Any]:
+    """All that was found."""
+    return {
+        "converged": result.fit.converged,
+        "steps": result.fit.steps,
+        "seconds": result.seconds,
+        "findings": [f.as_json() for f in result.findings],
+        "evidence": {g.name: g.nats for g in result.groups},
+        "stiffness": {k: v for k, v in values(result).items() if "stiffness" in k},
+        "uncertainty": uncertainty(result),
+        "noise": {c: dict(zip(("white", "share", "slow", "fast_time", "slow_time"), d.numbers, strict=True))
+                  for c, d in result.fit.noise.items()},
+        "proof": [vars(p) for p in result.proofs],
+        "notes": result.notes,
+    }  # fmt: skip

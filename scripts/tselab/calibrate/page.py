@@ -1,0 +1,168 @@
+"""The page of a calibration: what was found, how well it shows, and what the car's model says with and without it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import jinja2
+import numpy as np
+import plotly.graph_objects as go
+import plotly.offline
+from plotly.subplots import make_subplots
+
+from tselab import __version__
+from tselab.calibrate.findings import SHOWN, Group
+from tselab.calibrate.workflow import Proof, Result
+from tselab.core import library
+from tselab.files import atomic
+from tselab.gap.pictures import CHANNEL_UNITS, _layout
+from tselab.identify.unknowns import MEASURED
+from tselab.plots import BLUE, GREY, INK, ORANGE
+from tselab.report import _packed
+
+MOMENT = 6.0  # s that are drawn of a finding
+LEAST_NATS = 5.0  # that must speak for a group before it is drawn
+MOST_GROUPS = 12
+
+
+def write(path: Path, result: Result, words: Sequence[str]) -> None:
+    """Write the page."""
+    sections: list[tuple[str, str, go.Figure]] = [
+        ("What is known now, and was before", "Each number with its 95 % band, in units of what was known of it before (0: what "
+         "cars usually have; -2 .. 2: their 95 % range). Grey: these logs could not show it.", bands(result)),
+        ("The misfit before and after", "Rms of measured less simulated; nothing of a held-out log is fitted but the bias of its "
+         "sensors. Before: the car as the vehicle file tells it, its stiffness fitted.", misfit(result.proofs)),
+    ]  # fmt: skip
+    drawn = [g for g in result.groups if g.nats > LEAST_NATS][:MOST_GROUPS]
+    sections += [(g.name[0].upper() + g.name[1:], _text(g), moment(result, g)) for g in drawn]
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("tselab"), autoescape=True, trim_blocks=True, lstrip_blocks=True
+    )
+    html = environment.get_template("calibrate.html.j2").render(
+        title="Calibrated" if result.fit.converged else "Calibrated, but the search has not converged",
+        converged=result.fit.converged,
+        vehicle=result.vehicle.name,
+        words=words,
+        notes=result.notes,
+        groups=result.groups,
+        sections=[{"id": f"plot{i}", "title": t, "text": x, "height": f.layout.height} for i, (t, x, f) in enumerate(sections)],
+        figures=_packed("[" + ",".join(f.to_json() for _, _, f in sections) + "]"),
+        plotly=_packed(plotly.offline.get_plotlyjs()),
+        facts=_facts(result),
+        library=library(),
+        version=__version__,
+    )
+    with atomic(path) as file:
+        file.write(html)
+
+
+def _text(group: Group) -> str:
+    found = "; ".join(f.words for f in group.members if f.shown) or "nothing that these logs could show"
+    return (
+        f"{found}. {group.nats:.0f} nats speak for it. The {MOMENT:g} s where it matters most, in units that the sensor reads."
+    )
+
+
+def _facts(result: Result) -> list[tuple[str, str]]:
+    rows = [("Logs", "; ".join(f"{log.name} ({log.seconds:.0f} s)" for log in result.problem.logs))]
+    rows.append(("Search", f"{result.fit.steps} steps, {'converged' if result.fit.converged else 'not converged'}"))
+    for c in MEASURED:
+        d = result.fit.noise[c]
+        rows.append((f"Not explained, {c}", f"white {d.white:.3g} {CHANNEL_UNITS[c]} a row; {100 * d.share:.1f} % of its size over "
+                     f"{d.time[0]:.2g} s; slow {d.slow:.2g} {CHANNEL_UNITS[c]} over {d.time[1]:.0f} s"))  # fmt: skip
+    return rows
+
+
+def bands(result: Result) -> go.Figure:
+    """Posterior of every number over its prior."""
+    rows = [f for g in result.groups for f in g.members][::-1]
+    figure = go.Figure()
+    figure.add_vrect(x0=-2, x1=2, fillcolor="#eef2f6", line_width=0, layer="below")
+    for shown, colour, title in ((True, BLUE, "shown by these logs"), (False, GREY, "could not show here")):
+        mine = [f for f in rows if f.shown == shown]
+        if mine:
+            figure.add_trace(
+                go.Scatter(
+                    x=[(f.value - f.prior) / f.prior_sd for f in mine], y=[f.name for f in mine], mode="markers", name=title,
+                    marker={"color": colour, "size": 8}, hovertext=[f.words for f in mine], hoverinfo="text",
+                    error_x={"type": "data", "array": [1.96 * f.sd / f.prior_sd for f in mine], "color": colour, "thickness": 2},
+                )
+            )  # fmt: skip
+    figure.update_yaxes(categoryorder="array", categoryarray=[f.name for f in rows], automargin=True)
+    figure.update_xaxes(title="found less known before, in its sd")
+    return _layout(figure, 160 + 20 * len(rows), title_text=None)
+
+
+def misfit(proofs: Sequence[Proof]) -> go.Figure:
+    """Bars of each log, before and after."""
+    names = [p.log + (" (held out)" if p.held_out else "") for p in proofs]
+    figure = make_subplots(1, len(MEASURED), subplot_titles=[f"{c} [{CHANNEL_UNITS[c]}]" for c in MEASURED], shared_yaxes=True)
+    for column, c in enumerate(MEASURED, 1):
+        for title, colour, values in (
+            ("before", ORANGE, [p.before.get(c, np.nan) for p in proofs]),
+            ("after", BLUE, [p.after.get(c, np.nan) for p in proofs]),
+        ):
+            figure.add_trace(
+                go.Bar(x=values, y=names, orientation="h", name=title, legendgroup=title, showlegend=column == 1,
+                       marker_color=colour), row=1, col=column,
+            )  # fmt: skip
+    figure.update_yaxes(autorange="reversed", automargin=True)
+    return _layout(figure, 190 + 44 * len(names), bargap=0.3)
+
+
+def moment(result: Result, group: Group) -> go.Figure:
+    """Where taking the finding back changes the simulation most: measured, without, with."""
+    problem, x = result.problem, result.fit.x
+    without = x.copy()
+    for f in (f for f in group.members if not f.shape):
+        without[problem.names.index(f.name)] = f.before
+    best = (-1.0, 0, MEASURED[0], 0.0)
+    simulated = []
+    for i, log in enumerate(problem.logs):
+        new, old = problem.simulate(i, x), problem.simulate(i, without)
+        simulated.append((new, old))
+        rows = max(1, round(MOMENT / float(np.median(np.diff(log.time)))))
+        for c in MEASURED:
+            noise = result.fit.noise[c]
+            energy = np.nan_to_num(((new[c] - old[c]) / (noise.white + 1e-12)) ** 2)
+            total = np.convolve(energy, np.ones(rows), "valid") if len(energy) >= rows else np.array([energy.sum()])
+            k = int(np.argmax(total))
+            if total[k] > best[0]:
+                best = (float(total[k]), i, c, float(log.time[k]))
+    _, i, channel, start = best
+    log, (new, old) = problem.logs[i], simulated[i]
+    rows = (log.time >= start) & (log.time <= start + MOMENT)
+    measured = log.measured[channel][rows]
+    figure = go.Figure()
+    for title, y, colour, width in (
+        ("measured", measured, GREY, 3.0),
+        ("without it", old[channel][rows], ORANGE, 1.6),
+        ("with it", new[channel][rows], BLUE, 1.6),
+    ):  # fmt: skip
+        shifted = y if title == "measured" else y + np.nan_to_num(np.nanmean(measured - y))
+        figure.add_trace(
+            go.Scatter(x=np.round(log.time[rows], 3), y=shifted, name=title, line={"color": colour, "width": width})
+        )
+    figure.update_xaxes(title=f"{log.name}, time [s]")
+    figure.update_yaxes(title=f"{channel} [{CHANNEL_UNITS[channel]}]")
+    return _layout(figure, 320)
+
+
+def picture(path: Path, result: Result) -> None:
+    """What is known now, as a picture for those who have no browser at hand (matplotlib)."""
+    import matplotlib
+
+    matplotlib.use("agg")
+    import matplotlib.pyplot as plt
+
+    rows = [f for g in result.groups for f in g.members][::-1]
+    figure, axes = plt.subplots(figsize=(8, 0.22 * len(rows) + 1.2), layout="constrained")
+    axes.axvspan(-2, 2, color="#eef2f6")
+    for k, f in enumerate(rows):
+        colour = BLUE if f.shown else GREY
+        axes.errorbar((f.value - f.prior) / f.prior_sd, k, xerr=1.96 * f.sd / f.prior_sd, fmt="o", color=colour, ms=4)
+    axes.set_yticks(range(len(rows)), [f.name for f in rows], fontsize=8, color=INK)
+    axes.set_xlabel(f"found less known before, in its sd (grey: sd above {SHOWN:g} of it)")
+    figure.savefig(path, dpi=110)
+    plt.close(figure)

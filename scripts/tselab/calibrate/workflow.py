@@ -1,0 +1,221 @@
+"""From logs to a calibrated car: read, prepare, fit, prove on logs that were not fitted."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tselab.calibrate.findings import Finding, Group, findings, groups, told_before
+from tselab.core import Config, library
+from tselab.errors import UserError
+from tselab.files import atomic
+from tselab.gap.data import Prepared, prepare
+from tselab.identify.discrepancy import Discrepancy, cost
+from tselab.identify.fit import Fit, State, fit
+from tselab.identify.problem import Problem
+from tselab.identify.unknowns import MEASURED, STIFFNESS, Prior, prior_of
+from tselab.log import DRIVES, Log, read_log
+from tselab.vehicle import Vehicle, fill_sensors, read_vehicle
+
+Say = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Proof:
+    """A log against the car as told and as calibrated: rms of measured less simulated, sensor bias taken out; and how much likelier
+    the calibrated car makes it."""
+
+    log: str
+    held_out: bool
+    before: dict[str, float]
+    after: dict[str, float]
+    nats_per_second: float
+
+
+@dataclass
+class Result:
+    """What a calibration leaves."""
+
+    vehicle: Vehicle
+    config: Config
+    problem: Problem
+    fit: Fit
+    plain: Fit  # stiffness alone, with the car as told
+    plain_problem: Problem
+    findings: list[Finding]
+    groups: list[Group]
+    proofs: list[Proof]
+    sensors: dict[str, float]
+    notes: list[str] = field(default_factory=list)
+
+    @property
+    def seconds(self) -> float:
+        return sum(log.seconds for log in self.problem.logs)
+
+
+def run(
+    logs: Sequence[Path],
+    vehicle_path: Path,
+    held_out: Sequence[Path],
+    progress: Path,
+    jobs: int,
+    say: Say,
+    most: int | None = None,
+) -> Result:
+    """Calibrate. `progress`: a file that is written on the way and taken up again when it is of the same logs and vehicle."""
+    vehicle = read_vehicle(vehicle_path)
+    notes: list[str] = []
+    read = _read(logs, notes)
+    first = next(iter(read.values()), None)
+    if first is None:
+        raise UserError("; ".join(notes))
+    told = dict(vehicle.values)
+    fill_sensors(vehicle, first)
+    config = Config(vehicle.values)
+    vehicle.values = told
+    ready = _prepare(read, config, notes, say)
+    if not any(p.stretches for p in ready):
+        raise UserError("; ".join(notes) or "no log can be used")
+    prior = prior_of(vehicle, config)
+    problem = Problem(ready, config, prior, jobs)
+
+    say("stiffness alone, the car as told")
+    plain_problem = Problem(ready, config, _stiffness_of(prior), jobs)
+    plain = fit(plain_problem, say=say)
+
+    kept = Progress(progress, fingerprint([*logs, vehicle_path], problem))
+    start = kept.load(len(problem.names))
+    if start:
+        say(f"going on from step {start.steps} of {progress}")
+    result = fit(problem, start, say, kept.save, **({} if most is None else {"most": most}))
+
+    say("proof")
+    proofs = _proofs(problem, result, plain_problem, plain, problem.logs, False)
+    if held_out:
+        proofs += _proofs(problem, result, plain_problem, plain, _prepare(_read(held_out, notes), config, notes, say), True)
+    rows = findings(problem, result, told_before(config))
+    kept.clear()
+    sensors = _sensors(problem, result, list(read.values()))
+    return Result(
+        vehicle, config, problem, result, plain, plain_problem, rows, groups(problem, result, rows), proofs, sensors, notes
+    )
+
+
+def _read(paths: Sequence[Path], notes: list[str]) -> dict[Path, Log]:
+    """The logs that can be read; one that cannot is a note, unless it is the only one."""
+    found: dict[Path, Log] = {}
+    for path in paths:
+        try:
+            found[path] = read_log(path)
+        except UserError as error:
+            if len(paths) == 1:
+                raise
+            notes.append(f"left out: {error}")
+    return found
+
+
+def _prepare(logs: dict[Path, Log], config: Config, notes: list[str], say: Say) -> list[Prepared]:
+    ready = []
+    for path, log in logs.items():
+        say(f"smoothing {path.name}")
+        try:
+            ready.append(prepare(log, config))
+        except UserError as error:
+            notes.append(f"left out: {error}")
+            continue
+        notes += ready[-1].notes
+    return ready
+
+
+def _stiffness_of(prior: Prior) -> Prior:
+    at = [prior.names.index(s) for s in STIFFNESS]
+    return Prior(STIFFNESS, prior.mean[at], prior.covariance[np.ix_(at, at)], prior.low[at], prior.high[at])
+
+
+def _proofs(
+    problem: Problem, result: Fit, plain_problem: Problem, plain: Fit, logs: Sequence[Prepared], held_out: bool
+) -> list[Proof]:
+    """Each log by itself; of one that is held out nothing is fitted but the sensors' bias."""
+    found = []
+    for i, log in enumerate(x for x in logs if x.stretches):
+        before, old = _misfit(plain_problem, plain, log, None if held_out else i)
+        after, new = _misfit(problem, result, log, None if held_out else i)
+        found.append(Proof(log.path.name, held_out, before, after, (old - new) / max(log.seconds, 1.0)))
+    return found
+
+
+def _misfit(problem: Problem, result: Fit, log: Prepared, fitted: int | None) -> tuple[dict[str, float], float]:
+    """Rms of each channel, and minus the log likelihood. `fitted`: the log's index among those that were fitted."""
+    other = Problem([log], problem.config, problem.prior, 1, problem.fixed)
+    own = np.zeros(len(STIFFNESS)) if fitted is None else result.x[problem.car + 3 * fitted :][: len(STIFFNESS)]
+    residuals = other.residuals(np.append(result.x[: problem.car], own))
+    rms = {c: float(np.std(residuals[g])) for g, (_, c) in enumerate(other.groups) if len(residuals[g])}
+    return rms, sum(cost(result.noise[c], other.pieces(residuals, c)) for c in MEASURED)
+
+
+def _sensors(problem: Problem, result: Fit, logs: Sequence[Log]) -> dict[str, float]:
+    """Noise of the channels as the settings say it. White noise of a row; held values carry what one of them does."""
+    found: dict[str, float] = {}
+    for c in MEASURED:
+        d = result.noise[c]
+        rows = sum(len(log.time) for log in problem.logs)
+        fresh = sum(int(np.isfinite(log.measured[c]).sum()) for log in problem.logs)
+        found[f"{c}_sd"] = d.white * float(np.sqrt(rows / max(fresh, 1)))
+        found[f"{c}_bias_walk"] = d.slow * float(np.sqrt(2.0 / d.time[1]))
+    noise = []
+    for log, prepared in zip(logs, problem.logs, strict=False):
+        for name in DRIVES[1:]:
+            off = log.data[name].to_numpy(float) - prepared.inputs[name]
+            inside = np.concatenate([off[s.first : s.last] for s in prepared.stretches])
+            noise.append(float(np.sqrt(np.nanmean(inside**2))))
+    found["wheel_noise_sd"] = max(noise, default=0.0)
+    fields = problem.config.fields
+    return {k: float(np.clip(v, fields[k].low, fields[k].high)) for k, v in found.items()}
+
+
+# ---- going on
+
+
+def fingerprint(paths: Sequence[Path], problem: Problem) -> str:
+    """Of all that the search depends on."""
+    digest = hashlib.sha256()
+    for path in paths:
+        digest.update(hashlib.sha256(Path(path).read_bytes()).digest())
+    digest.update(json.dumps([library().version, problem.names, problem.nominal], sort_keys=True).encode())
+    return digest.hexdigest()
+
+
+class Progress:
+    """Where a search stands, in a file: numbers in JSON, nothing that could run."""
+
+    def __init__(self, path: Path, key: str):
+        self.path, self.key = path, key
+
+    def save(self, s: State) -> None:
+        noise = {c: d.numbers for c, d in s.noise.items()}
+        state = {"key": self.key, "x": s.x.tolist(), "noise": noise, "steps": s.steps, "refits": s.refits, "damping": s.damping}
+        with atomic(self.path) as file:
+            json.dump(state, file)
+
+    def load(self, size: int) -> State | None:
+        """None where there is nothing, or what is there is of another search or broken."""
+        try:
+            state: dict[str, Any] = json.loads(self.path.read_text(encoding="utf-8"))
+            if state["key"] != self.key:
+                return None
+            x, numbers = np.array(state["x"], float), np.array([state["noise"][c] for c in MEASURED], float)
+            if x.shape != (size,) or numbers.shape != (len(MEASURED), 5) or not (np.isfinite(x).all() and (numbers > 0).all()):
+                return None
+            noise = {c: Discrepancy.of(n) for c, n in zip(MEASURED, numbers.tolist(), strict=True)}
+            return State(x, noise, int(state["steps"]), int(state["refits"]), float(state["damping"]))
+        except (OSError, ValueError, KeyError, TypeError):
+            return None
+
+    def clear(self) -> None:
+        self.path.unlink(missing_ok=True)

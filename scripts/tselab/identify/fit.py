@@ -1,0 +1,151 @@
+"""The likeliest unknowns: Gauss-Newton with damping and bounds, the discrepancies found anew as the residuals shrink; and what
+their covariance is, from the information of the logs and from how far pieces of them contradict each other."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import cholesky, solve_triangular
+from scipy.optimize import lsq_linear
+
+from tselab.identify.discrepancy import Discrepancy, cost, found, without_mean
+from tselab.identify.problem import Problem
+from tselab.identify.unknowns import MEASURED
+
+MOST_STEPS = 40
+SETTLED = 0.1  # posterior sd: a step below it ends the search
+SAME = 1.0  # nats: discrepancies that are no more likely than those before are kept, so that the search can end
+MOST_REFITS = 12  # of the discrepancies
+WINDOW = 15.0  # s: pieces that are asked separately
+
+
+@dataclass
+class Fit:
+    """Where the search stands, or ended."""
+
+    x: np.ndarray
+    noise: dict[str, Discrepancy]
+    covariance: np.ndarray
+    converged: bool = False
+    steps: int = 0
+    moved: float = np.inf  # posterior sd, in the last step
+    refits: int = 0
+
+
+@dataclass
+class State:
+    """What a search needs to go on."""
+
+    x: np.ndarray
+    noise: dict[str, Discrepancy]
+    steps: int
+    refits: int
+    damping: float
+
+
+def whitened(
+    problem: Problem, noise: dict[str, Discrepancy], residuals: list[np.ndarray], slopes: list[np.ndarray] | None = None
+) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Residuals and slopes of each group in units of their own uncertainty, less what the bias of the group explains."""
+    white_r, white_j = [], []
+    for g, (_, channel) in enumerate(problem.groups):
+        parts = [residuals[g][:, None], np.ones((len(residuals[g]), 1))] + ([slopes[g]] if slopes is not None else [])
+        z = noise[channel].whiten(problem.piece(g, residuals[g]), np.hstack(parts))[0]
+        z = without_mean(np.delete(z, 1, axis=1), z[:, 1])
+        white_r.append(z[:, 0])
+        white_j.append(z[:, 1:])
+    return white_r, white_j
+
+
+def half_square(problem: Problem, noise: dict[str, Discrepancy], x: np.ndarray, residuals: list[np.ndarray]) -> float:
+    """What the search makes small, with the discrepancies as they are."""
+    away = x - problem.mean
+    return 0.5 * sum(float(r @ r) for r in whitened(problem, noise, residuals)[0]) + 0.5 * float(
+        away @ problem.information @ away
+    )
+
+
+def discrepancies(
+    problem: Problem, residuals: list[np.ndarray], before: dict[str, Discrepancy]
+) -> tuple[dict[str, Discrepancy], float]:
+    """Those of all channels, and by how much likelier [nats] they make the residuals than those before."""
+    now = {c: found(problem.pieces(residuals, c), before.get(c)) for c in MEASURED}
+    if not before:
+        return now, np.inf
+    pieces = {c: problem.pieces(residuals, c) for c in MEASURED}
+    better = sum(cost(before[c], pieces[c]) - cost(now[c], pieces[c]) for c in MEASURED)
+    return now, better
+
+
+def step(information: np.ndarray, gradient: np.ndarray, damping: float, x: np.ndarray, problem: Problem) -> np.ndarray:
+    """Where to go: the least of the damped quadratic within the bounds."""
+    scale = 1.0 / np.sqrt(np.diag(information))
+    root = cholesky(information * np.outer(scale, scale) + damping * np.eye(len(x)))  # root' root
+    target = -solve_triangular(root, gradient * scale, trans="T")
+    bounds = ((problem.low - x) / scale - 1e-12, (problem.high - x) / scale + 1e-12)
+    return np.clip(x + scale * lsq_linear(root, target, bounds, method="bvls").x, problem.low, problem.high)
+
+
+def fit(
+    problem: Problem,
+    start: State | None = None,
+    say: Callable[[str], None] = lambda _: None,
+    keep: Callable[[State], None] = lambda _: None,
+    most: int = MOST_STEPS,
+) -> Fit:
+    """Search from the prior, or from where an earlier one stood. `keep` is called after every step with what it takes to go on."""
+    s = start or State(np.clip(problem.mean, problem.low, problem.high), {}, 0, 0, 1e-3)
+    residuals = problem.residuals(s.x)
+    converged, moved, changed = False, np.inf, np.inf
+    while True:
+        if s.refits < MOST_REFITS and changed > SAME:
+            s.noise, changed = discrepancies(problem, residuals, s.noise)
+            s.refits += 1
+        r, j = whitened(problem, s.noise, residuals, problem.slopes(s.x, residuals))
+        information = sum(a.T @ a for a in j) + problem.information
+        if converged or s.steps >= most:
+            break
+        gradient = sum(a.T @ b for a, b in zip(j, r, strict=True)) + problem.information @ (s.x - problem.mean)
+        here = half_square(problem, s.noise, s.x, residuals)
+        sd = np.sqrt(np.diag(np.linalg.inv(information)))
+        for _ in range(10):
+            there = step(information, gradient, s.damping, s.x, problem)
+            new = problem.residuals(there)
+            if half_square(problem, s.noise, there, new) < here:
+                break
+            s.damping = max(10 * s.damping, 1e-3)
+        else:  # nowhere to go
+            converged = changed <= SAME or s.refits >= MOST_REFITS
+            changed = SAME if converged else np.inf
+            s.steps += 1
+            continue
+        moved = float(np.max(np.abs(there - s.x) / sd))
+        s = State(there, s.noise, s.steps + 1, s.refits, max(s.damping / 10, 1e-6))
+        residuals = new
+        converged = moved < SETTLED and (changed <= SAME or s.refits >= MOST_REFITS)
+        if moved < SETTLED and not converged:
+            changed = np.inf
+        keep(s)
+        say(f"step {s.steps}: the largest change is {moved:.2g} sd")
+    return Fit(s.x, s.noise, covariance(problem, information, r, j), converged, s.steps, moved, s.refits)
+
+
+def covariance(problem: Problem, information: np.ndarray, r: list[np.ndarray], j: list[np.ndarray]) -> np.ndarray:
+    """Inverse information, made wider where pieces of WINDOW of the logs ask for more different things than chance allows: the
+    model is then wrong in a way that no discrepancy of the channels stands for (sandwich: White 1982)."""
+    bread = np.linalg.inv(information)
+    meat = problem.information.copy()
+    for i in range(len(problem.logs)):
+        scores: dict[int, np.ndarray] = {}
+        for g in (g for g, (log, _) in enumerate(problem.groups) if log == i):
+            window = (problem.time[g][problem.used[g]] // WINDOW).astype(int)
+            for w in np.unique(window):
+                rows = window == w
+                scores[w] = scores.get(w, np.zeros(len(bread))) + j[g][rows].T @ r[g][rows]
+        for score in scores.values():
+            meat += np.outer(score, score)
+    wide = bread @ meat @ bread
+    widening = np.sqrt(np.maximum(np.diag(wide) / np.diag(bread), 1.0))
+    return bread * np.outer(widening, widening)

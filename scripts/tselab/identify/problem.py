@@ -1,0 +1,163 @@
+"""Logs against the model: what the sensors would read with these unknowns, and the slopes of that.
+
+The gyro is the clock. A channel that is late by L has at time t what was true at t - L: inputs are read L later, what is simulated
+of a measured channel is compared L earlier.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from tselab.core import NOMINAL, Config, Replay
+from tselab.gap.data import BLOCK, Prepared
+from tselab.identify.discrepancy import ACTIVE_TIME, Piece
+from tselab.identify.unknowns import LATENCY, MEASURED, MOST_LATENCY, OWN_SD, STIFFNESS, Prior
+from tselab.noise import smooth
+
+STEP = 0.02  # of finite differences, in prior sd
+ENOUGH = 0.5  # rows with a value in a block, over the usual number
+
+
+class Problem:
+    """All logs. The vector x holds the unknowns of the car, in the order of the prior, and then three of each log: ln of its
+    stiffness over the car's."""
+
+    def __init__(
+        self, logs: Sequence[Prepared], config: Config, prior: Prior, jobs: int = 1, fixed: Mapping[str, float] | None = None
+    ):
+        """`fixed`: unknowns that are not looked for, and not what `config` says."""
+        self.logs = [log for log in logs if log.stretches]
+        self.fixed = dict(fixed or {})
+        self.config, self.prior, self.jobs = config, prior, max(1, jobs)
+        self.nominal = config.as_dict()
+        own = len(self.logs) * len(STIFFNESS)
+        self.names = (*prior.names, *(f"{s}@{i}" for i in range(len(self.logs)) for s in STIFFNESS))
+        self.car = len(prior.names)
+        self.mean = np.append(prior.mean, np.zeros(own))
+        self.covariance = np.zeros((len(self.names), len(self.names)))
+        self.covariance[: self.car, : self.car] = prior.covariance
+        self.covariance[self.car :, self.car :] = OWN_SD**2 * np.eye(own)
+        self.information = np.linalg.inv(self.covariance)
+        self.sd = np.sqrt(np.diag(self.covariance))
+        self.low = np.append(prior.low, np.full(own, -6 * OWN_SD))
+        self.high = np.append(prior.high, np.full(own, 6 * OWN_SD))
+        self._inputs = [{n: CubicSpline(log.time, x) for n, x in log.inputs.items()} for log in self.logs]
+        self.groups = [(i, c) for i in range(len(self.logs)) for c in MEASURED]  # of residuals
+        self._measured, self.used, self.time, self.count, self.size = [], [], [], [], []
+        for i, c in self.groups:
+            log = self.logs[i]
+            value, count = blocks(log, log.measured[c])
+            usual = float(np.median(count[count > 0])) if count.any() else 1.0
+            self._measured.append(value)
+            self.used.append((count > ENOUGH * usual) & (blocks(log, inside(log))[0] == 1))
+            self.time.append(blocks(log, log.time)[0])
+            self.count.append(count)
+            self.size.append(smooth(value**2, max(1, round(ACTIVE_TIME / BLOCK))) ** 0.5)
+
+    # ---- the model
+
+    def settings(self, x: np.ndarray) -> tuple[Config, dict[str, float], list[dict[str, float]]]:
+        """Settings of the simulation, latencies, and stiffness of each log over the vehicle file's."""
+        at = dict(zip(self.names, map(float, x), strict=True))
+        values, late = dict(self.nominal), {}
+        for name, value in (self.fixed | {n: at[n] for n in self.prior.names if n not in NOMINAL}).items():
+            if name.endswith(LATENCY):
+                late[name.removesuffix(LATENCY)] = value
+            else:
+                values[name] = value
+        stiffness = [{s: float(np.exp(at[s] + at[f"{s}@{i}"])) for s in STIFFNESS} for i in range(len(self.logs))]
+        return Config(values), late, stiffness
+
+    def simulate(self, i: int, x: np.ndarray) -> dict[str, np.ndarray]:
+        """What the measured channels of a log would read, a value per row, without bias; NaN between stretches."""
+        config, late, stiffness = self.settings(x)
+        log, inputs = self.logs[i], self._inputs[i]
+        out = {c: np.full(len(log.time), np.nan) for c in MEASURED}
+        for s in log.stretches:
+            rows = slice(s.first, s.last)
+            t = log.time[rows]
+            given = {n: x[rows] for n, x in log.inputs.items()}
+            given |= {n: inputs[n](np.clip(t + late[n], log.time[0], log.time[-1])) for n in given if late.get(n)}
+            replay = Replay(MEASURED, dt=np.diff(t, prepend=t[0] - 0.01), **given)
+            gyro = log.measured["yaw_rate"][s.first]
+            start = float(gyro) if np.isfinite(gyro) else 0.0
+            found = replay.run(config, yaw_rate=start, time=float(t[0] - log.time[0]), **stiffness[i])
+            for c in MEASURED:
+                lag = late.get(c, 0.0)
+                out[c][rows] = CubicSpline(t, found[c])(np.clip(t - lag, t[0], t[-1])) if lag else found[c]
+        return out
+
+    def predict(self, x: np.ndarray) -> list[np.ndarray]:
+        """The same as blocks, a vector per group."""
+        found = []
+        for i, log in enumerate(self.logs):
+            simulated = self.simulate(i, x)
+            for c in MEASURED:
+                found.append(blocks(log, np.where(np.isfinite(log.measured[c]), simulated[c], np.nan))[0])
+        return found
+
+    def residuals(self, x: np.ndarray) -> list[np.ndarray]:
+        """Measured less predicted, a vector of used blocks per group."""
+        return [(y - p)[u] for y, p, u in zip(self._measured, self.predict(x), self.used, strict=True)]
+
+    def slopes(self, x: np.ndarray, base: list[np.ndarray]) -> list[np.ndarray]:
+        """d(residuals)/dx by differences, a matrix per group. What is of one log acts on it alone, so one simulation serves one
+        number of each log; and the car's stiffness acts as that of all logs together."""
+        own = [[self.car + 3 * i + k for i in range(len(self.logs))] for k in range(len(STIFFNESS))]
+        alone = [[k] for k, name in enumerate(self.prior.names) if name not in NOMINAL]
+        tables = [np.zeros((len(r), len(x))) for r in base]
+
+        def run(members: list[int]) -> None:
+            moved, step = x.copy(), {}
+            for k in members:
+                h = STEP * self.sd[k]
+                step[k] = h if x[k] + h <= self.high[k] else -h
+                moved[k] += step[k]
+            changed = self.residuals(moved)
+            for g, (i, _) in enumerate(self.groups):
+                for k in members:
+                    if k < self.car or (k - self.car) // 3 == i:
+                        tables[g][:, k] = (changed[g] - base[g]) / step[k]
+
+        with ThreadPoolExecutor(self.jobs) as pool:  # the library runs without Python's lock
+            list(pool.map(run, alone + own))
+        for table, (i, _) in zip(tables, self.groups, strict=True):
+            for k, name in enumerate(STIFFNESS):
+                table[:, self.prior.names.index(name)] = table[:, self.car + 3 * i + k]
+        return tables
+
+    def pieces(self, residuals: list[np.ndarray], channel: str) -> list[Piece]:
+        """The residuals of a channel, of all logs that have enough of it."""
+        return [self.piece(g, residuals[g]) for g, (_, c) in enumerate(self.groups) if c == channel and len(residuals[g]) > 20]
+
+    def piece(self, g: int, residual: np.ndarray) -> Piece:
+        used = self.used[g]
+        return Piece(self.time[g][used], self.count[g][used], self.size[g][used], residual)
+
+    def of_car(self, x: np.ndarray) -> Mapping[str, float]:
+        """The unknowns of the car by name."""
+        return dict(zip(self.prior.names, map(float, x), strict=False))
+
+
+def inside(log: Prepared) -> np.ndarray:
+    """1 for rows whose channels are in the same stretch whatever their latency; at its start BURN_IN sees to that."""
+    found = np.zeros(len(log.time))
+    for s in log.stretches:
+        found[s.first : s.last] = log.time[s.first : s.last] <= log.time[s.last - 1] - MOST_LATENCY
+    return found
+
+
+def blocks(log: Prepared, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Means of the blocks that are compared, and how many values each has."""
+    parts = []
+    for s in log.stretches:
+        piece = x[s.first : s.last][s.used]
+        parts.append(piece[: len(piece) // log.rows_per_block * log.rows_per_block].reshape(-1, log.rows_per_block))
+    table = np.concatenate(parts)
+    good = np.isfinite(table)
+    count = good.sum(axis=1)
+    return np.where(good, table, 0.0).sum(axis=1) / np.maximum(count, 1), count

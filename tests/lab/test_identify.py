@@ -1,0 +1,275 @@
+"""The engine of calibration: the discrepancy against a dense covariance, slopes and latencies against their definitions, and what
+the search finds of a car that its own simulator made."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+
+from tselab.core import Config, SimConfig, Simulator
+from tselab.gap.data import Prepared, prepare
+from tselab.identify import discrepancy
+from tselab.identify.discrepancy import Discrepancy, Piece
+from tselab.identify.fit import State, fit, step
+from tselab.identify.problem import Problem
+from tselab.identify.unknowns import COMMON_SD, STIFFNESS, UNKNOWNS, Prior, prior_of
+from tselab.log import read_log
+from tselab.vehicle import default_vehicle, read_vehicle
+
+DT = 0.01
+LATE = {"steer_angle": -0.024, "wheel_speed_front": 0.013, "wheel_speed_rear": 0.013, "accel_x": 0.006, "accel_y": 0.006}
+HIDDEN = {"steering_offset_angle": 0.004, "body_roll_gain": 0.009, "relaxation_length": 0.5, "imu_lever_arm_x": 0.4}
+STIFF = {"cx_front": 0.9, "cy_front": 1.1, "cy_rear": 0.95}
+QUIET = {"accel_x_sd": 0.03, "accel_y_sd": 0.03, "yaw_rate_sd": 0.001}
+
+
+def made(
+    seed: int, seconds: float = 40.0, late: dict[str, float] | None = None, hidden: dict[str, float] | None = None
+) -> np.ndarray:
+    """Rows of a drive with steering sweeps, driving and braking, of a car with effects; channels late by linear interpolation."""
+    n = round(seconds / DT)
+    settings = {f"true_{k}": v for k, v in STIFF.items()} | {f"spread_{k}": 0.0 for k in STIFF}
+    simulator = Simulator(Config(QUIET | (hidden or {})), SimConfig({"seed": seed, "speed": 18.0} | settings))
+    inputs, outputs = simulator.inputs(n), simulator.outputs(n)
+    t = DT * np.arange(n)
+    inputs["dt"], inputs["road_level"] = DT, 1.0
+    inputs["steer_angle"] = 0.025 * np.sin(2 * np.pi * 0.3 * t + 4 * np.sin(0.2 * t + seed)) * (1 + 0.5 * np.sin(0.11 * t))
+    torque = 500 * np.tanh(4 * np.sin(0.9 * t + seed)) - 60
+    inputs["wheel_torque_front"], inputs["brake_torque_rear"] = torque, np.where(torque < 0, 150.0, 0.0)
+    for i in range(n):
+        simulator.step_into(inputs, outputs, i)
+    rows = {
+        k: outputs[k].copy() for k in ("steer_angle", "wheel_speed_front", "wheel_speed_rear", "accel_x", "accel_y", "yaw_rate")
+    }
+    for k, by in (late or {}).items():
+        rows[k] = np.interp(t - by, t, rows[k])
+    return np.rec.fromarrays([t, *rows.values()], names=["time", *rows])
+
+
+def written(path: Path, rows: np.ndarray) -> Path:
+    names = rows.dtype.names
+    np.savetxt(path, np.column_stack([rows[n] for n in names]), delimiter=",", header=",".join(names), comments="", fmt="%.9g")
+    return path
+
+
+def ready(folder: Path, config: Config, count: int = 2, **how: dict[str, float]) -> list[Prepared]:
+    return [prepare(read_log(written(folder / f"log{i}.csv", made(i + 1, **how))), config) for i in range(count)]
+
+
+@pytest.fixture(scope="module")
+def found(tmp_path_factory: pytest.TempPathFactory) -> tuple[Problem, object]:
+    """The whole search on two logs of 40 s."""
+    config = Config(QUIET)
+    problem = Problem(ready(tmp_path_factory.mktemp("logs"), config, late=LATE, hidden=HIDDEN), config,
+                      prior_of(default_vehicle(), config), 2)  # fmt: skip
+    return problem, fit(problem)
+
+
+# ------------------------------------------------------------------------------------------------ discrepancy
+
+
+def dense(d: Discrepancy, piece: Piece) -> np.ndarray:
+    """Covariance of the residuals, entry by entry."""
+    apart = np.abs(piece.time[:, None] - piece.time)
+    fast = d.share**2 * np.outer(piece.size, piece.size) * np.exp(-apart / d.time[0])
+    return fast + d.slow**2 * np.exp(-apart / d.time[1]) + np.diag(d.white**2 / piece.count)
+
+
+def piece(seed: int, n: int = 60) -> Piece:
+    rng = np.random.default_rng(seed)
+    time = np.cumsum(rng.uniform(0.03, 0.3, n))
+    return Piece(time, rng.integers(1, 5, n), rng.uniform(0.2, 2, n), rng.standard_normal(n))
+
+
+def test_whitening_is_that_of_the_dense_covariance() -> None:
+    p, d = piece(1), Discrepancy(0.3, 0.2, 0.5, (0.4, 9.0))
+    columns = np.random.default_rng(2).standard_normal((len(p.time), 3))
+    white, log_det = d.whiten(p, columns)
+    c = dense(d, p)
+    np.testing.assert_allclose(white.T @ white, columns.T @ np.linalg.solve(c, columns), rtol=1e-9)
+    np.testing.assert_allclose(log_det, np.linalg.slogdet(c)[1], rtol=1e-10)
+
+
+def test_cost_is_the_gaussian_density_with_the_bias_found() -> None:
+    p, d = piece(3), Discrepancy(0.3, 0.2, 0.5, (0.4, 9.0))
+    c, ones = dense(d, p), np.ones(len(p.time))
+    bias = (ones @ np.linalg.solve(c, p.residual)) / (ones @ np.linalg.solve(c, ones))
+    expected = -multivariate_normal(np.full(len(ones), bias), c).logpdf(p.residual) - 0.5 * len(ones) * np.log(2 * np.pi)
+    assert discrepancy.cost(d, [p]) == pytest.approx(expected, rel=1e-9)
+
+
+def test_discrepancies_that_were_drawn_are_found() -> None:
+    """Six draws of 100 s; each number within three of its sd over the draws, about a tenth of it, the slow part's a third."""
+    rng = np.random.default_rng(4)
+    true = Discrepancy(0.05, 0.1, 0.2, (0.4, 15.0))
+    got = []
+    for _ in range(6):
+        time = 0.04 * np.arange(2500)
+        p = Piece(time, np.full(2500, 4), 1 + 0.5 * np.sin(0.1 * time), np.zeros(2500))
+        p.residual = np.linalg.cholesky(dense(true, p)) @ rng.standard_normal(2500)
+        got.append(discrepancy.found([p]).numbers)
+    ratio = np.exp(np.mean(np.log(got), axis=0)) / true.numbers
+    np.testing.assert_allclose(ratio[:2], 1, atol=0.1)
+    np.testing.assert_allclose(ratio[2], 1, atol=0.35)
+    np.testing.assert_allclose(ratio[3], 1, atol=0.25)
+
+
+def test_the_model_is_never_believed_better_than_its_least_share() -> None:
+    p = piece(5, 500)
+    p.residual *= 1e-6
+    assert discrepancy.found([p]).share == pytest.approx(discrepancy.SHARES[0], rel=1e-6)
+
+
+# ------------------------------------------------------------------------------------------------ unknowns
+
+
+def test_every_unknown_is_a_setting_within_its_range_and_has_a_prior_inside() -> None:
+    fields = Config().fields
+    for u in UNKNOWNS:
+        if u.name in fields and not u.relative:
+            assert fields[u.name].low <= u.low <= u.mean <= u.high <= fields[u.name].high, u.name
+        assert u.sd > 0
+
+
+def test_the_prior_is_around_what_the_vehicle_file_tells_and_messages_are_late_together() -> None:
+    vehicle = default_vehicle()
+    vehicle.values["relaxation_length"] = 0.9
+    config = Config(vehicle.values)
+    prior = prior_of(vehicle, config)
+    at = prior.names.index
+    assert prior.mean[at("relaxation_length")] == 0.9
+    assert prior.mean[at("yaw_inertia")] == config.yaw_inertia
+    front, rear = at("wheel_speed_front_latency"), at("wheel_speed_rear_latency")
+    assert prior.covariance[front, rear] == pytest.approx(COMMON_SD["wheels"] ** 2)
+    assert prior.covariance[front, front] + prior.covariance[rear, rear] - 2 * prior.covariance[front, rear] == pytest.approx(
+        2 * 0.008**2
+    )
+    assert np.linalg.eigvalsh(prior.covariance / np.outer(prior.sd, prior.sd))[0] > 0
+
+
+def test_an_earlier_calibration_is_the_prior_of_the_next(found: tuple[Problem, object]) -> None:
+    problem, first = found
+    n = problem.car
+    vehicle = default_vehicle()
+    vehicle.calibration = {
+        "names": list(problem.prior.names),
+        "mean": first.x[:n].tolist(),
+        "covariance": first.covariance[:n, :n].tolist(),
+    }
+    prior = prior_of(vehicle, Config())
+    np.testing.assert_allclose(prior.mean, first.x[:n])
+    np.testing.assert_allclose(prior.covariance, first.covariance[:n, :n])
+
+
+# ------------------------------------------------------------------------------------------------ problem
+
+
+def test_a_latency_moves_the_simulation_by_itself(found: tuple[Problem, object]) -> None:
+    problem, _ = found
+    x = problem.mean.copy()
+    x[problem.names.index("accel_y_latency")] = 0.03
+    log, before, after = problem.logs[0], problem.simulate(0, problem.mean)["accel_y"], problem.simulate(0, x)["accel_y"]
+    rows = slice(log.stretches[0].first + 50, log.stretches[0].last - 50)
+    np.testing.assert_allclose(after[rows], before[rows.start - 3 : rows.stop - 3], atol=1e-9)  # 30 ms are three rows
+    x = problem.mean.copy()
+    x[problem.names.index("steer_angle_latency")] = 0.03
+    early = problem.simulate(0, x)  # a log that is late is read later: the car answers earlier
+    rows = slice(log.stretches[0].first + 300, log.stretches[0].last - 50)
+    usual = problem.simulate(0, problem.mean)["yaw_rate"]
+    apart = [float(np.mean((early["yaw_rate"][rows] - usual[rows.start + k : rows.stop + k]) ** 2)) for k in range(7)]
+    assert int(np.argmin(apart)) == 3
+
+
+def test_slopes_are_differences_of_the_residuals(found: tuple[Problem, object]) -> None:
+    problem, first = found
+    base = problem.residuals(first.x)
+    slopes = problem.slopes(first.x, base)
+    for name in ("cy_rear", "cy_rear@1", "relaxation_length", "wheel_speed_front_latency"):
+        k = problem.names.index(name)
+        h = 0.01 * problem.sd[k]
+        there, back = first.x.copy(), first.x.copy()
+        there[k] += h
+        back[k] -= h
+        for a, b, s in zip(problem.residuals(there), problem.residuals(back), slopes, strict=True):
+            expected = (a - b) / (2 * h)
+            np.testing.assert_allclose(s[:, k], expected, atol=0.03 * max(float(np.max(np.abs(expected))), 1e-9), err_msg=name)
+
+
+# ------------------------------------------------------------------------------------------------ search
+
+
+def test_a_step_goes_to_the_least_of_a_quadratic_within_bounds() -> None:
+    """Against a brute-force grid in two dimensions, one of which runs into its bound."""
+
+    class Box:
+        low, high = np.array([-1.0, -1.0]), np.array([0.3, 1.0])
+
+    information, gradient = np.array([[2.0, 0.8], [0.8, 1.0]]), np.array([-2.0, 0.1])
+    got = step(information, gradient, 0.0, np.zeros(2), Box())
+    grid = np.stack(np.meshgrid(np.linspace(-1, 0.3, 1301), np.linspace(-1, 1, 2001), indexing="ij"), -1)
+    value = 0.5 * np.einsum("...i,ij,...j", grid, information, grid) + grid @ gradient
+    np.testing.assert_allclose(got, grid[np.unravel_index(np.argmin(value), value.shape)], atol=2e-3)
+
+
+def test_what_was_hidden_is_found(found: tuple[Problem, object]) -> None:
+    problem, first = found
+    assert first.converged
+    at = dict(zip(problem.names, first.x, strict=True))
+    sd = dict(zip(problem.names, np.sqrt(np.diag(first.covariance)), strict=True))
+    truth = {f"{k}_latency": v for k, v in LATE.items()} | HIDDEN | {k: np.log(v) for k, v in STIFF.items()}
+    for name, value in truth.items():
+        assert abs(at[name] - value) < 3.5 * sd[name], (name, at[name], value, sd[name])
+    for name in ("steer_angle_latency", "relaxation_length", "body_roll_gain", "steering_offset_angle"):
+        assert sd[name] < 0.7 * problem.sd[problem.names.index(name)], name  # and shown
+
+
+def test_pieces_that_contradict_each_other_make_the_sd_wider(tmp_path: Path) -> None:
+    """Two logs whose steering has another offset in each: one offset of the car cannot be as sure as the noise says."""
+    config = Config(QUIET)
+    rows = [made(1), made(2)]
+    alike = [prepare(read_log(written(tmp_path / f"a{i}.csv", r)), config) for i, r in enumerate(rows)]
+    rows[1]["steer_angle"] += 0.01
+    unlike = [prepare(read_log(written(tmp_path / f"b{i}.csv", r)), config) for i, r in enumerate(rows)]
+    prior = prior_of(default_vehicle(), config)
+    few = [prior.names.index(n) for n in (*STIFFNESS, "steering_offset_angle")]
+    few_prior = Prior(
+        tuple(prior.names[k] for k in few), prior.mean[few], prior.covariance[np.ix_(few, few)], prior.low[few], prior.high[few]
+    )
+    sd = []
+    for logs in (alike, unlike):
+        problem = Problem(logs, config, few_prior, 2)
+        sd.append(np.sqrt(fit(problem).covariance[3, 3]))
+    assert sd[1] > 2 * sd[0]
+
+
+def test_a_search_goes_on_where_it_was(found: tuple[Problem, object]) -> None:
+    problem, whole = found
+    kept: list[State] = []
+    fit(problem, keep=kept.append, most=2)
+    rest = fit(problem, kept[-1])
+    assert rest.converged
+    sd = np.sqrt(np.diag(whole.covariance))
+    assert float(np.max(np.abs(rest.x - whole.x) / sd)) < 0.3  # discrepancies were found once more on the way
+
+
+def test_a_vehicle_file_with_a_broken_calibration_is_refused(tmp_path: Path) -> None:
+    from tselab.errors import UserError
+
+    car = "mass = 1500\nlf = 1.2\nlr = 1.5\nwheel_radius_front = 0.3\nwheel_radius_rear = 0.3\n[calibration]\n"
+    for text in (
+        "names = ['a']",
+        "names = ['a']\nmean = [1]\ncovariance = [[-1]]",
+        "names = ['a', 'a']\nmean = [1, 2]\ncovariance = [[1, 0], [0, 1]]",
+        "names = ['a', 'b']\nmean = [1]\ncovariance = [[1, 0], [0, 1]]",
+        "names = ['a']\nmean = [nan]\ncovariance = [[1]]",
+        "names = ['a', 'b']\nmean = [1, 2]\ncovariance = [[1, 2], [2, 1]]",
+        "names = 3\nmean = 4\ncovariance = 5",
+        "names = ['a']\nmean = ['x']\ncovariance = [[1]]",
+    ):  # fmt: skip
+        path = tmp_path / "car.toml"
+        path.write_text(car + text, encoding="utf-8")
+        with pytest.raises(UserError, match=r"\[calibration\]"):
+            read_vehicle(path)
