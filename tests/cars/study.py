@@ -1,0 +1,175 @@
+"""Calibration and estimator on ordinary cars (README.md): each car is calibrated on drives of its own, and estimated on others.
+
+    python -m tests.cars.study [--cars N] [--first SEED] [--minutes M] [--jobs J] [--keep DIR] [--out FILE]
+
+Nothing but the vehicle file of `cars.py` is told. Truth: axle force over slip of the row, median over two seconds.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import multiprocessing
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from tqdm import tqdm
+
+from tests.cars import ROADS, make_cars, make_logs
+from tests.cars.cars import Car
+from tselab.calibrate import output, workflow
+from tselab.core import NOMINAL, STIFFNESS, Config, Filter
+from tselab.identify.unknowns import LATENCY
+from tselab.log import Log, read_log
+from tselab.montecarlo import landed
+from tselab.vehicle import fill_sensors, read_vehicle
+
+RESULTS = Path(__file__).resolve().parents[2] / "scripts" / "results"
+TRUTH = {"cx_front": "cx_front_tyre", "cy_front": "cy_front_steered", "cy_rear": "cy_rear_tyre"}
+OFF, SETTLED, SMOOTH = 0.1, 20.0, 201  # relative error; s; rows
+SEEN = 0.1  # share of the rows of SMOOTH that must have a truth
+
+
+def truth_of(reference: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Secant stiffness of each row; NaN where the axle has no slip to speak of."""
+    least = round(SEEN * SMOOTH)
+    return {
+        key: pd.Series(reference[column]).rolling(SMOOTH, center=True, min_periods=least).median().to_numpy()
+        for key, column in TRUTH.items()
+    }
+
+
+def score(vehicle_path: Path, log: Log, truth: dict[str, np.ndarray], form: str) -> dict[str, float]:
+    """What an estimator makes of a log: per stiffness rows with a truth, those valid, of these those off and those held."""
+    vehicle = read_vehicle(vehicle_path)
+    fill_sensors(vehicle, log)
+    config = landed.configure(vehicle.values) if form == "landed" else Config(vehicle.values)
+    filter_ = Filter(config)
+    rows, given = filter_.inputs(len(log)), log.rows()
+    for column in rows.dtype.names:
+        rows[column] = given[column]
+    out = filter_.outputs(len(rows))
+    filter_.step_into(rows, out)
+    time = log.time - log.time[0]
+    age = out["estimate_age"] if "estimate_age" in out.dtype.names else np.zeros(len(time))
+    found: dict[str, float] = {}
+    for key in STIFFNESS:
+        true = np.interp(time - age, time, truth[key])
+        nominal = getattr(config, NOMINAL[key])
+        known = np.isfinite(true) & (time > SETTLED)
+        error = out[key] * nominal / true - 1
+        valid = known & (out[f"{key}_valid"] == 0)
+        band = 1.96 * out[f"{key}_sd"] * nominal / true
+        found[f"{key} rows"] = float(known.sum())
+        found[f"{key} valid"] = float(valid.sum())
+        found[f"{key} off"] = float((valid & (np.abs(error) > OFF)).sum())
+        found[f"{key} held"] = float((valid & (np.abs(error) < band)).sum())
+        found[f"{key} error"] = float(np.median(error[known])) if known.any() else np.nan
+    return found
+
+
+def drive(folder: Path, cars: list[Car], minutes: float, first: int) -> None:
+    """Logs of all cars, side by side: FOLDER/car<k>/fit and test, one of every road each."""
+    for n, road in enumerate(ROADS):
+        for what, seed in (("fit", 2 * n), ("test", 2 * n + 1)):
+            print(f"driving: {road}, {what}", file=sys.stderr)
+            for k, made in enumerate(make_logs(road, minutes, cars=cars, seed=1000 * first + seed)):
+                made.write(folder / f"car{k}" / what, road)
+
+
+def one(folder: Path) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+    """A car: calibrated on its drives in FOLDER/fit, estimated on those in FOLDER/test."""
+    logs = sorted((folder / "fit").glob("log_*.csv"))
+    told, calibrated = folder / "fit" / "car.toml", folder / "calibrated.toml"
+    result = workflow.run(logs, told, [], folder / "progress.json", 1, lambda _: None)
+    output.write(calibrated, result, [p.name for p in logs])
+    drives = json.loads((folder / "fit" / "truth.json").read_text(encoding="utf-8"))["logs"].values()
+    scores, latencies = [], []
+    for f in (f for f in result.findings if f.name.endswith(LATENCY)):
+        channel = f.name.removesuffix(LATENCY)
+        true = float(np.mean([d["latency"][channel] - d["latency"]["yaw_rate"] for d in drives]))
+        latencies.append({"car": folder.name, "channel": channel, "true": true, "found": f.value, "sd": f.sd, "shown": f.shown})
+    for road in ROADS:
+        log = read_log(folder / "test" / f"log_{road}.csv")
+        reference = pd.read_csv(folder / "test" / f"reference_{road}.csv")
+        truth = truth_of({c: reference[c].to_numpy(float) for c in TRUTH.values()})
+        for who, path in (("landed", told), ("tse", told), ("tse, calibrated", calibrated)):
+            run = {"car": folder.name, "road": road, "who": who, "converged": result.fit.converged}
+            scores.append({**run, **score(path, log, truth, who)})
+    return scores, latencies
+
+
+def table(runs: pd.DataFrame) -> list[str]:
+    """Runs as Markdown, a line per road and estimator."""
+
+    def three(values: list[float]) -> str:
+        return " / ".join(f"{100 * v:.0f}" if np.isfinite(v) else "-" for v in values)
+
+    lines = ["| road | estimator | median error [%] | valid [%] | off [%] | band holds [%] |", "|---|---|---|---|---|---|"]
+    for (road, who), group in runs.groupby(["road", "who"], sort=False):
+        cells = [road, who, three([float(np.nanmedian(np.abs(group[f"{k} error"]))) for k in STIFFNESS])]
+        for what, of in (("valid", "rows"), ("off", "valid"), ("held", "valid")):
+            total = [(group[f"{k} {what}"].sum(), group[f"{k} {of}"].sum()) for k in STIFFNESS]
+            cells.append(three([a / b if b else np.nan for a, b in total]))
+        lines.append("| " + " | ".join(cells) + " |")
+    return lines
+
+
+def latency_table(found: pd.DataFrame) -> list[str]:
+    """How well latencies are found, a line per channel."""
+    lines = ["| channel | shown in | error, median of those [ms] | within 2 ms [%] | within 5 ms [%] | 95 % band holds [%] |",
+             "|---|---:|---:|---:|---:|---:|"]  # fmt: skip
+    for channel, group in found.groupby("channel", sort=False):
+        shown = group[group["shown"]]
+        error = (shown["found"] - shown["true"]).abs()
+        holds = 100 * float((error < 1.96 * shown["sd"]).mean())
+        within = [f"{100 * float((error < limit).mean()):.0f}" for limit in (0.002, 0.005)]
+        cells = [channel, f"{len(shown)} of {len(group)}", f"{1000 * float(error.median()):.1f}", *within, f"{holds:.0f}"]
+        lines.append("| " + " | ".join(cells) + " |")
+    return lines
+
+
+def main(arguments: list[str]) -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--cars", type=int, default=8, help="how many (default: 8)")
+    parser.add_argument("--first", type=int, default=501, help="the first seed (default: 501)")
+    parser.add_argument("--minutes", type=float, default=4.0, help="length of each log (default: 4)")
+    parser.add_argument("--jobs", type=int, default=2, help="processes (default: 2)")
+    parser.add_argument("--keep", type=Path, help="keep the logs in this directory; those of an earlier run are used again")
+    parser.add_argument("--out", type=Path, default=RESULTS / "cars.md", help="the table")
+    given = parser.parse_args(arguments)
+    scores, latencies = [], []
+    with tempfile.TemporaryDirectory() as scratch, multiprocessing.Pool(given.jobs) as pool:
+        folder = given.keep or Path(scratch)
+        cars = make_cars(given.cars, given.first)
+        if not (folder / "car0").exists():
+            drive(folder, cars, given.minutes, given.first)
+        jobs = [folder / f"car{k}" for k in range(given.cars)]
+        for rows, late in tqdm(pool.imap(one, jobs), total=len(jobs), unit="car", file=sys.stderr):
+            scores += rows
+            latencies += late
+            print("", *table(pd.DataFrame(rows)), *latency_table(pd.DataFrame(late)), sep="\n", file=sys.stderr)
+    runs, late = pd.DataFrame(scores), pd.DataFrame(latencies)
+    converged = int(runs.groupby("car")["converged"].first().sum())
+    head = f"""# Ordinary cars with 14 degrees of freedom, calibrated
+
+`python -m tests.cars.study --cars {given.cars} --first {given.first} --minutes {given.minutes:g}`: {given.cars} cars, each
+calibrated on one drive of {given.minutes:g} minutes on each of {", ".join(ROADS)} ({converged} of {given.cars} searches
+converged) and estimated on another of each; cars, drives and sensors of tests/cars. Front longitudinal / front cornering / rear
+cornering; after {SETTLED:g} s. *Valid*: share of the rows that have a truth; *off*: share of these that are more than
+{100 * OFF:.0f} % wrong; *band holds*: share of these whose 95 % band holds the truth; *median error*: size of the median error
+of a log, median over the cars. *landed*: the default before the bank of hypotheses. Latencies are those behind the gyro.
+
+"""
+    text = head + "\n".join(table(runs.assign(road="all"))) + "\n\nBy road:\n\n" + "\n".join(table(runs))
+    given.out.write_text(text + "\n\nLatencies:\n\n" + "\n".join(latency_table(late)) + "\n", encoding="utf-8")
+    print(f"{given.out}: {given.cars} cars")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
