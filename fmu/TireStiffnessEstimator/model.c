@@ -38,6 +38,9 @@ const fmu_variable fmu_variables[] = {
 #include "tse/sensors.def"
 #undef REAL
 #undef INT
+#define REAL(name, def, lo, hi, unit, text) PARAMETER("latency", 'r', name, def, lo, hi, unit, text)
+#include "tse/latency.def"
+#undef REAL
 #define EFFECT_PARAMETER(id, parameter, role, unit, def, lo, hi, typical_lo, typical_hi, negligible, sign, text) \
   { "effects." #id "." #parameter, 'r', 'p', (int32_t)offsetof(model, config.id##_##parameter), FMU_NO_RATE, def, lo, hi, unit, text },
 #include "tse/effects.def"
@@ -115,6 +118,7 @@ fmu_result model_start(model *m, double start, char text[FMU_TEXT])
   m->y.stiffness[1] = m->config.initial_cy_front;
   m->y.stiffness[2] = m->config.initial_cy_rear;
   m->y.status = TSE_W_STARTING;
+  m->y.estimate_age = m->params.latency;
   m->y.regime[TSE_REGIME_STEADY] = 1.0;
   for (int a = 0; a < 3; a++) {
     m->y.stiffness_sd[a] = m->config.initial_mean_sd;
@@ -161,7 +165,7 @@ fmu_result model_step(model *m, double time, double step, char text[FMU_TEXT])
   derive_outputs(m);
   /* `status` is the gravest only: a channel can be missing behind it. A channel's text is the same whatever the car does, so
    * that it is said once while it lasts. */
-  if (first || status == TSE_W_MISSING_CHANNEL || status >= TSE_W_PREDICTED) {
+  if (first || status == TSE_W_MISSING_CHANNEL || (status >= TSE_W_PREDICTED && status != TSE_W_WAITING)) {
     (void)snprintf(text, FMU_TEXT, "%s", first && status < TSE_W_GAP ? first : tse_status_text(status));
     return FMU_WARNING;
   }

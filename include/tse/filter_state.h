@@ -87,6 +87,9 @@ typedef struct tse_params {
   tse_real vel_x0, x_sd0[3];
   tse_real mean_var0;                 /* [1] variance of the mean at the start             */
   tse_real spread_max_var;            /* [1]    */
+  tse_real latency, latency_span;     /* [s] of the latest channel; from the earliest to the latest; 0: nothing waits */
+  tse_real latency_least;             /* [s] rows that come closer are not kept          */
+  tse_real latency_age[6];            /* [s] how old the value of each channel is that is true at the time estimated of */
   tse_real learnt_floor, learnt_walk; /* [1], [1/day] variance of a mean from an earlier drive: at least, growth */
   tse_real w_min, w_max, valid_var, hold_var;
   tse_real watchdog_drop;             /* [log2] per row                                    */
@@ -174,6 +177,17 @@ typedef struct tse_bank {
   tse_hypothesis h[TSE_HYPOTHESES];
 } tse_bank;
 
+/* Rows that wait for channels which are logged later, in a ring: before them stands an older one. */
+typedef struct tse_alignment {
+  int32_t count, newest;                    /* rows kept; place of the newest                             */
+  tse_real since, unkept;                   /* [s] from the row of the last step, and from the newest row kept, to the last one given */
+  tse_real before[TSE_LATENCY_ROWS];        /* [s] since the row kept before it; 0 where there is none      */
+  tse_real value[TSE_LATENCY_ROWS][6];      /* channels as logged; 0 where missing                        */
+  uint8_t missing[TSE_LATENCY_ROWS];        /* bits of tse_input.missing                                  */
+  tse_real lost[3];                         /* [1] what interpolation took of the noise variance of accel_x, accel_y, yaw rate */
+  int32_t reason[3];                        /* of the last step, while rows wait                          */
+} tse_alignment;
+
 /* A filter of the default form, and what every form needs. */
 typedef struct tse_filter {
   uint32_t magic, fingerprint;
@@ -189,6 +203,7 @@ typedef struct tse_filter {
   tse_effect_memory effects;          /* of the effects that have one                                 */
   tse_real effect_level[4];           /* what the stiffness effects leave of kx_front, kx_rear, ky_front, ky_rear */
   tse_bank bank;                      /* form 0: the hypotheses                                       */
+  tse_alignment waiting;              /* rows that wait for channels which are logged later           */
 } tse_filter;
 
 /* A filter of the paper's form or the sampled one, with its particles. A pointer to its first member is one to all of it. */

@@ -95,6 +95,7 @@ typedef struct tse_output {
   tse_real change_age, change_probability, change_ratio[3]; /* the last change of the likeliest history */
   tse_real discrepancy[3];      /* sd of what the model does not explain                  */
   tse_real lag_steer, lag_steer_sd; /* how late the steering acts behind the IMU          */
+  tse_real estimate_age;        /* how long before this row the time lies that the estimates speak of */
   tse_real n_eff, log_evidence; /* of hypotheses or particles; of this row                */
   int32_t spread_seen[3];       /* 1: the spread is learnt; 0: below what sensors and excitation can show */
   int32_t change_kind, fault_channel; /* TSE_CHANGE_*; 0 none, else 1 + place in tse/input.def */
@@ -113,7 +114,7 @@ void tse_config_sampled(tse_config *c);
 /* The same as tse_config_sampled(), without limits: the filter as printed. */
 void tse_config_paper(tse_config *c);
 
-/* Check every setting against its range.
+/* Check every setting against its range, and that the latencies (tse/latency.def) fit TSE_LATENCY_ROWS rows of sample_time.
  *   Returned:  TSE_OK, TSE_E_NULL or TSE_E_CONFIG; then *wrong (if not NULL) points to the name of the first
  *              wrong field, a string constant. */
 tse_status tse_config_check(const tse_config *c, const char **wrong);
@@ -145,6 +146,11 @@ tse_status tse_input_check(const tse_input *u, const char **wrong);
  *     steering angle or wheel speed missing      last value held up to max_gap, then states frozen; predicts only
  *     measurement missing or out of range        the other measurements are used; all missing: predicts only
  *     dt up to max_gap                           bridged in steps no longer than 1.5 sample_time (default form: at most 8 of them)
+ *     a channel logged late (tse/latency.def)    rows wait, with the cautions of the last step and the status TSE_W_WAITING, until all
+ *                                                channels are known; then a step to that time, estimate_age before the row. A time
+ *                                                above max_gap between rows: what waits is given up, and the next step, when the
+ *                                                channels are known again, has the whole time. Rows that come faster than the memory
+ *                                                can hold (TSE_LATENCY_ROWS) are left out, their time is not
  *     dt above max_gap                           states restarted from wheel speeds and gyro, what was learnt is kept
  *     |wheel speed| below hold_speed, reverse,   motion goes on, nothing is learnt; gyro bias learnt at standstill
  *     steering angle beyond max_steer

@@ -48,7 +48,7 @@ def est_fields() -> list[Field]:
 
 
 def _generation(name: str) -> int:
-    if name.startswith(("p_", "change_", "discrepancy_", "lag_")) or name == "fault_channel":
+    if name.startswith(("p_", "change_", "discrepancy_", "lag_")) or name in ("fault_channel", "estimate_age"):
         return 2
     return int(name.endswith("_spread_seen") or name.startswith("noise_"))
 

@@ -6,7 +6,7 @@ from tselab.config import filter_text
 from tselab.core import Config, library
 from tselab.estimate import Estimate
 from tselab.log import Log
-from tselab.vehicle import Vehicle
+from tselab.vehicle import Vehicle, latency_settings
 
 
 def run_facts(est: Estimate, log: Log, vehicle: Vehicle, config: Config, stride: int = 1) -> list[tuple[str, str]]:
@@ -19,6 +19,11 @@ def run_facts(est: Estimate, log: Log, vehicle: Vehicle, config: Config, stride:
         ("Vehicle", f"{vehicle.name}" + (f" ({vehicle.path.name})" if vehicle.path else "")),
         ("Filter", filter_text(config)),
     ]
+    late = {channel: 1000 * getattr(config, name) for channel, name in latency_settings().items() if getattr(config, name)}
+    if late:
+        told = ", ".join(f"{channel} {ms:g} ms" for channel, ms in late.items())
+        age = max(0.0, *late.values())
+        facts.append(("Latency", f"{told} behind yaw_rate; estimates are of {age:g} ms before the row"))
     if est.interrupted:
         facts.append(("Stopped", f"by Ctrl-C after {len(est)} of {len(log)} rows"))
     recovered = int((est.table["status"] == library().status("TSE_W_RECOVERED")).sum()) if len(est) else 0

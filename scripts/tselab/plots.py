@@ -12,7 +12,7 @@ import pandas as pd
 from tselab.core import NOMINAL, STATUS, STIFFNESS, Config, library
 from tselab.estimate import BLOCK, Block
 from tselab.log import MEASURES, Log
-from tselab.regimes import REGIMES, Change, Spell
+from tselab.regimes import REGIMES, Change, Spell, spoken_of
 from tselab.verdict import NAMES, UNITS
 
 INK, BLUE, ORANGE, GREEN, PURPLE, GREY = "#1f2933", "#0b5fa5", "#c4570a", "#1a7f5a", "#7b4fa3", "#8a94a0"
@@ -108,8 +108,16 @@ class Data:
         self.rows += count
 
     @property
-    def time(self) -> np.ndarray:
+    def logged_time(self) -> np.ndarray:
+        """Of what the log says: references, measurements."""
         return self._log.time[picks(self.rows, self.stride)]
+
+    @property
+    def time(self) -> np.ndarray:
+        """That the estimates speak of: where channels are logged late, before the row."""
+        time = self.logged_time
+        age = np.nan_to_num(self.line("estimate_age")) if "estimate_age" in self else np.zeros(0)
+        return time - age if np.any(age > 0) else time
 
     def line(self, name: str) -> np.ndarray:
         """A line of drawn()."""
@@ -133,7 +141,7 @@ class Data:
 
 FACTOR = {**dict.fromkeys(STIFFNESS, 1e-3), "sideslip": 180 / np.pi}  # drawn in other units than EST.csv has
 WITH_BAND = (*STIFFNESS, "vel_x", "vel_y", "yaw_rate", "bias_accel_x", "bias_accel_y", "bias_yaw_rate")
-OPTIONAL = ("discrepancy_accel_x", "discrepancy_accel_y", "discrepancy_yaw_rate", "lag_steer")  # drawn where they are
+OPTIONAL = (*(f"discrepancy_{c}" for c in MEASURES), "lag_steer", "estimate_age")  # where they are
 PLAIN = ("sideslip", "log_evidence", "n_eff", "status", *(f"noise_{c}" for c in MEASURES))
 
 
@@ -269,7 +277,7 @@ def stiffness_figure(
     told = "p_steady" in d
     titles = [f"{NAMES[s]} [{UNITS[s]}]" for s in STIFFNESS] + ["What happened: probability"] * told
     figure = Figure(titles, [230] * 3 + [130] * told)
-    time = table["time"].to_numpy()
+    time = spoken_of(table)
     for row, key in enumerate(STIFFNESS, 1):
         first = row == 1
         nominal = getattr(config, NOMINAL[key]) / 1000
@@ -283,7 +291,7 @@ def stiffness_figure(
         _line(figure, row, ends, level, "nominal", GREY, first, dash="dot", width=1, hoverinfo="skip")
         for i, c in enumerate(d.references(key)):
             y = d.logged(c) / 1000
-            _line(figure, row, d.time, y, "reference", ORANGE, first and i == 0, width=1.8, dash="dash")
+            _line(figure, row, d.logged_time, y, "reference", ORANGE, first and i == 0, width=1.8, dash="dash")
         shade(figure, row, time, table[f"{key}_valid"].to_numpy() != 1)
         mean = table[key].to_numpy() / 1000
         top = np.nanmax([1.5 * nominal, 1.25 * np.nanquantile(mean, 0.99)]) if np.isfinite(mean).any() else 2 * nominal
@@ -331,12 +339,12 @@ def states_figure(d: Data) -> Figure:
     for row, (key, _title) in enumerate(rows, 1):
         first = row == 1
         if key == "yaw_rate":
-            _line(figure, row, d.time, d.logged("yaw_rate"), "measured", GREY, True, width=1)
+            _line(figure, row, d.logged_time, d.logged("yaw_rate"), "measured", GREY, True, width=1)
         if key in WITH_BAND:
             _band(figure, row, d.time, d.line(f"{key}_low"), d.line(f"{key}_high"), "95 % band", BAND, first)
         _line(figure, row, d.time, d.line(key), "estimate", BLUE, first, width=2)
         for c in d.references(key):
-            _line(figure, row, d.time, d.logged(c) * FACTOR.get(key, 1.0), c, ORANGE, True, dash="dash", width=1.4)
+            _line(figure, row, d.logged_time, d.logged(c) * FACTOR.get(key, 1.0), c, ORANGE, True, dash="dash", width=1.4)
     return figure
 
 
@@ -347,9 +355,9 @@ def inputs_figure(d: Data) -> Figure:
     figure = Figure([title for title, _ in rows], [180] * len(rows))
     for row, (_, names) in enumerate(rows, 1):
         for name, colour in zip(names, (BLUE, GREEN), strict=False):
-            _line(figure, row, d.time, d.logged(name), name, colour, width=1.2)
+            _line(figure, row, d.logged_time, d.logged(name), name, colour, width=1.2)
             for c in d.references(name):
-                _line(figure, row, d.time, d.logged(c), c, ORANGE, width=1, dash="dot", visible="legendonly")
+                _line(figure, row, d.logged_time, d.logged(c), c, ORANGE, width=1, dash="dot", visible="legendonly")
     return figure
 
 
@@ -401,5 +409,5 @@ def others_figure(d: Data) -> Figure | None:
         return None
     figure = Figure(names, [130] * len(names))
     for row, name in enumerate(names, 1):
-        _line(figure, row, d.time, d.logged(name), name, ORANGE, False, width=1.2)
+        _line(figure, row, d.logged_time, d.logged(name), name, ORANGE, False, width=1.2)
     return figure

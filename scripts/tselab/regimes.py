@@ -27,6 +27,7 @@ TOUCHED = {1: STIFFNESS, 2: ("cx_front", "cy_front"), 3: ("cy_rear",), 4: ()}  #
 SPELLS = {"p_fault": "fault", "p_sliding": "sliding", "p_drifting": "drifting"}
 COLUMNS: dict[str, type] = {  # what is needed of a table, as small as it can be
     **dict.fromkeys(SPELLS, np.float32),
+    "estimate_age": np.float32,
     "fault_channel": np.int8,
     "change_age": np.float32,
     "change_probability": np.float32,
@@ -102,6 +103,13 @@ class Stretch:
         return f"{self.start:.1f} .. {self.end:.1f} s"
 
 
+def spoken_of(table: pd.DataFrame) -> np.ndarray:
+    """The times that the rows' estimates speak of: where channels are logged late, they are older than the row."""
+    time = table["time"].to_numpy()
+    age = table["estimate_age"].to_numpy() if "estimate_age" in table else np.zeros(1)
+    return time - np.nan_to_num(age) if np.any(age > 0) else time
+
+
 def changes(table: pd.DataFrame) -> list[Change]:
     """The changes of a drive, in order of time.
 
@@ -109,7 +117,7 @@ def changes(table: pd.DataFrame) -> list[Change]:
     probability of LIKELY, and not when that history gave way to one without it within STOOD, nor when it did nothing (SMALL)."""
     if not {"change_age", "change_kind"} <= set(table) or table.empty:
         return []
-    time, kind = table["time"].to_numpy(), table["change_kind"].to_numpy()
+    time, kind = spoken_of(table), table["change_kind"].to_numpy()
     at = np.where(kind > 0, time - table["change_age"].to_numpy(), np.nan)
     with np.errstate(invalid="ignore"):
         new = np.isnan(at[1:]) != np.isnan(at[:-1])
@@ -153,7 +161,7 @@ def spells(table: pd.DataFrame) -> list[Spell]:
     """The times at which a channel was at fault, wheels slid or stiffness drifted, in order of their start."""
     if table.empty:
         return []
-    time = table["time"].to_numpy()
+    time = spoken_of(table)
     found: list[Spell] = []
     for column, what in SPELLS.items():
         if column not in table:
@@ -191,7 +199,7 @@ def stretches(table: pd.DataFrame, found: Sequence[Change]) -> list[Stretch]:
     """The drive between changes. A stretch shorter than SHORT joins the one after it, the last one the one before it."""
     if table.empty:
         return []
-    time = table["time"].to_numpy()
+    time = spoken_of(table)
     inside = [c.time for c in found if time[0] < c.time <= time[-1]]
     ends = [float(time[0]), *inside, float(time[-1])]
     rows = [0, *np.searchsorted(time, inside).tolist(), len(time)]

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 from tselab.core import CONFIG, REASON, SIM_CONFIG, STATUS, STIFFNESS, Field, library
 from tselab.estimate import est_columns, est_fields
-from tselab.vehicle import sensor_settings, uncertainty_settings, vehicle_settings
+from tselab.vehicle import latency_settings, sensor_settings, uncertainty_settings, vehicle_settings
 
 
 def text_table(rows: Iterable[Iterable[str]], right: tuple[int, ...] = ()) -> str:
@@ -72,6 +72,10 @@ def example_vehicle() -> str:
         "[sensors]",
         *(_toml_line(fields[name]) for name in sensor_settings()),
         "",
+        "# How much later than the gyro each channel is logged, as far as it is known; negative: earlier.",
+        "[latency]",
+        *(_toml_line(fields[name], key) for key, name in latency_settings().items()),
+        "",
         "# What the single-track model leaves out, as far as it is known of this car: [effects.<id>] with the parameters of",
         "# include/tse/effects.def ('tselab settings' has them as <id>_<parameter>). Left out: none.",
         "# [effects.body_roll]",
@@ -80,9 +84,9 @@ def example_vehicle() -> str:
     return "\n".join(lines) + "\n"
 
 
-def _toml_line(f: Field) -> str:
+def _toml_line(f: Field, key: str = "") -> str:
     value = repr(float(f.default))
-    return f"{f.name} = {value}  # {f.unit}, {f.low:g} .. {f.high:g}: {f.text}"
+    return f"{key or f.name} = {value}  # {f.unit}, {f.low:g} .. {f.high:g}: {f.text}"
 
 
 def _si(f: Field) -> str:

@@ -64,6 +64,7 @@ class Vehicle:
     facts: dict[str, Any]
     filled: list[str] = field(default_factory=list)
     told_uncertainty: list[str] = field(default_factory=list)
+    told_latency: list[str] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     calibration: dict[str, Any] = field(default_factory=dict)  # what an earlier `tselab calibrate` left: names, mean, covariance
 
@@ -91,8 +92,15 @@ def uncertainty_settings() -> list[str]:
 def sensor_settings() -> list[str]:
     """Names of the settings that belong in its [sensors] table."""
     names = [f.name for f in library().fields(CONFIG)]
-    effects = {p.setting for e in library().effects.values() for p in e.parameters}  # they have tables of their own
-    return [n for n in names[names.index("accel_x_sd") : names.index("sample_time")] if n not in effects]
+    others = {p.setting for e in library().effects.values() for p in e.parameters}  # they have tables of their own
+    others |= set(latency_settings().values())
+    return [n for n in names[names.index("accel_x_sd") : names.index("sample_time")] if n not in others]
+
+
+def latency_settings() -> dict[str, str]:
+    """Settings that belong in its [latency] table, rows of include/tse/latency.def, by their keys there: the channels."""
+    settings = {f"{c.name}_latency": c.name for c in library().channels}
+    return {settings[f.name]: f.name for f in library().fields(CONFIG) if f.name in settings}
 
 
 def default_vehicle() -> Vehicle:
@@ -106,20 +114,22 @@ def read_vehicle(path: Path) -> Vehicle:
     data = read_toml(path)
     sensors, uncertainty = _table(path, data, "sensors"), _table(path, data, "uncertainty")
     calibration = _calibration(path, _table(path, data, "calibration"))
+    latency, latencies = _table(path, data, "latency"), latency_settings()
     values: dict[str, float] = {}
     facts: dict[str, Any] = {}
     unknown: list[str] = []
     check = Config()
     _read_effects(path, data.pop("effects", {}), check, values, unknown)
     for table, prefix, known in (
-        (data, "", vehicle_settings()),
-        (uncertainty, "uncertainty.", uncertainty_settings()),
-        (sensors, "sensors.", sensor_settings()),
+        (data, "", {key: key for key in vehicle_settings()}),
+        (uncertainty, "uncertainty.", {key: key for key in uncertainty_settings()}),
+        (sensors, "sensors.", {key: key for key in sensor_settings()}),
+        (latency, "latency.", latencies),
     ):
         for key, value in table.items():
             if key in known:
-                _set(check, key, value, f"{path}: key {prefix}{key}")
-                values[key] = float(value)
+                _set(check, known[key], value, f"{path}: key {prefix}{key}")
+                values[known[key]] = float(value)
             elif not prefix and key in DESCRIPTIVE + HINT_ONLY:
                 facts[key] = value
             else:
@@ -134,6 +144,7 @@ def read_vehicle(path: Path) -> Vehicle:
     _check_facts(path, vehicle)
     _fill_vehicle(vehicle)
     vehicle.told_uncertainty = [key for key in uncertainty_settings() if key in uncertainty]
+    vehicle.told_latency = [key for key in latencies if key in latency]
     if any(k in facts for k in HINT_ONLY):
         vehicle.notes.append(
             f"{path.name}: author_stiffness_* are somebody's guess and not used; to start from them, name them "

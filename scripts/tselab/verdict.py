@@ -10,7 +10,7 @@ import pandas as pd
 
 from tselab.core import NOMINAL, STIFFNESS, Config, library
 from tselab.log import MEASURES
-from tselab.regimes import Change, Stretch, percent, stretches
+from tselab.regimes import Change, Stretch, percent, spoken_of, stretches
 
 NAMES = {
     "cx_front": "Front longitudinal stiffness",
@@ -182,7 +182,7 @@ def _verdict(table: pd.DataFrame, config: Config, key: str, whole: bool = True) 
         parts.append(
             f"it changed during {of}, from {mean[0]:.0f} to {mean[-1]:.0f} (90 % within {low:.0f} .. {high:.0f})"
         )
-    if not whole and (end := _last_valid(table["time"].to_numpy(), valid)) is not None:
+    if not whole and (end := _last_valid(spoken_of(table), valid)) is not None:
         parts.append(f"last valid at {end:.1f} s")
     if reason and share < 0.8:
         why = QUIET[key] if reason == "not excited" else WHY.get(reason, reason)

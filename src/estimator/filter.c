@@ -4,8 +4,10 @@
  *   0  hypotheses of what happened      step.c, regimes.c, hypothesis.c
  *   1  the paper's particle filter      paper/algorithm.c and the files it calls, one for each stage of Algorithm 1
  *   2  the same, with limits            likewise
- * Common to them: input.c (a row becomes a checked sample), told.c (effects that the plain model leaves out), start.c. */
-#include "estimator/stages.h"
+ * Common to them: align.c (channels that are logged late), input.c (a row becomes a checked sample), told.c (effects that the
+ * plain model leaves out), start.c. */
+#include "estimator/hypotheses/report.h"
+#include "estimator/paper/particles.h"
 
 tse_status tse_reset(const tse_params *p, tse_filter *f, size_t filter_bytes)
 {
@@ -19,11 +21,54 @@ tse_status tse_reset(const tse_params *p, tse_filter *f, size_t filter_bytes)
   return TSE_OK;
 }
 
+static tse_status step_form(const tse_params *p, tse_filter *f, const tse_input *u, tse_output *out)
+{
+  return p->form == 0 ? step_hypotheses(p, f, u, out) : step_particles(p, f, u, out);
+}
+
+/* What is believed since the last step, where a row makes none. */
+static void report_waiting(const tse_params *p, const tse_filter *f, tse_output *now)
+{
+  tse_real lam[6], nu;
+  now->estimate_age = f->step > 0 ? r_add_sat(p->latency, f->waiting.since) : p->latency;
+  for (int a = 0; a < 3; a++) now->reason[a] = f->waiting.reason[a];
+  now->status = (int32_t)TSE_W_WAITING;
+  if (!f->started) {
+    report_start(p, f, now);
+    return;
+  }
+  if (p->form == 0) {
+    bank_report(p, &f->bank, now);
+    return;
+  }
+  report_particles(p, f, now, lam, &nu);
+  now->n_eff = effective_size(p, (const tse_filter_paper *)f);
+  for (int a = 0; a < 3; a++) now->noise[a] = now->change_ratio[a] = TSE_R(1);
+}
+
+/* A row where channels are logged late: the step is that of an earlier time, when there is one. */
+static tse_status step_late(const tse_params *p, tse_filter *f, const tse_input *u, tse_output *out)
+{
+  tse_input row;
+  tse_output now;
+  tse_status status = align_row(p, f, u, &row);
+  if (status < 0) return status; /* nothing has changed yet */
+  memset(&now, 0, sizeof now);
+  if (status == TSE_W_WAITING) report_waiting(p, f, &now);
+  else {
+    status = step_form(p, f, &row, &now); /* never negative: of rows that were accepted */
+    now.estimate_age = p->latency;
+    for (int a = 0; a < 3; a++) f->waiting.reason[a] = now.reason[a];
+  }
+  if (out) *out = now;
+  return status;
+}
+
 tse_status tse_step(const tse_params *p, tse_filter *f, const tse_input *u, tse_output *out)
 {
   if (!p || !f || !u) return TSE_E_NULL;
   if (p->magic != TSE_PARAMS_MAGIC || f->magic != TSE_FILTER_MAGIC || f->fingerprint != p->fingerprint) return TSE_E_STATE;
-  return p->form == 0 ? step_hypotheses(p, f, u, out) : step_particles(p, f, u, out);
+  return p->latency_span > TSE_R(0) ? step_late(p, f, u, out) : step_form(p, f, u, out);
 }
 
 const char *tse_status_text(int32_t status)

@@ -1,12 +1,6 @@
 /* estimator/input.c - a log row becomes a checked sample. Every refusal of a row happens here, before anything changes. */
 #include "estimator/stages.h"
 
-#define LONGEST_DT TSE_R(3600)
-#if defined(TSE_REAL_Q20)
-#undef LONGEST_DT
-#define LONGEST_DT TSE_R(2047) /* what Q11.20 can say */
-#endif
-
 static int missing(const tse_input *u, uint32_t bit, tse_real value)
 {
   return (u->missing & bit) != 0 || r_is_nan(value);
@@ -53,6 +47,7 @@ tse_status input_decode(const tse_params *p, const tse_filter *f, const tse_inpu
   {                                                                                                               \
     const int i = (int)TSE_CHANNEL_##name - (int)TSE_CHANNEL_accel_x;                                             \
     const int ok = !missing(&row, TSE_MISSING(name), row.name) && row.name >= TSE_R(lo) && row.name <= TSE_R(hi); \
+    y->lost[i] = f->waiting.lost[i];                                                                              \
     y->use[i] = ok ? TSE_R(1) : TSE_R(0);                                                                         \
     y->y[i] = ok ? r_mul(row.name, p->inv_sd[i]) : TSE_R(0);                                                      \
     y->used += ok;                                                                                                \

@@ -4,6 +4,12 @@
 #include "model/effects_constant.h"
 #include "tse/constants.h"
 
+/* Rows kept beyond the span of the latencies: one on either side of it, and two for rows that come up to 7 % closer than told before
+ * any is left out (28 of 30 rows at their most). */
+#define ROWS_TO_SPARE 4
+
+static tse_real real_of(tse_setting x) { return r_from_setting(x); }
+
 static void as_in_the_tables(tse_config *c)
 {
 #define REAL(name, def, lo, hi, unit, text) c->name = (tse_setting)(def);
@@ -71,6 +77,54 @@ static tse_status effects_fit(const tse_config *c, const char **wrong)
 }
 #endif
 
+/* Latency of each channel, in the order of tse/input.def. */
+static void latencies_of(const tse_config *c, tse_setting latency[TSE_CHANNELS])
+{
+  for (int k = 0; k < (int)TSE_CHANNELS; k++) latency[k] = 0; /* of the yaw rate, which is the clock */
+#define LATENCY(channel, text) latency[TSE_CHANNEL_##channel] = c->channel##_latency;
+#include "tse/latency.def"
+}
+
+/* Of the earliest and of the latest channel. */
+static void extremes(const tse_setting latency[TSE_CHANNELS], int *earliest, int *latest)
+{
+  *earliest = *latest = (int)TSE_CHANNEL_yaw_rate;
+  for (int k = 0; k < (int)TSE_CHANNELS; k++) {
+    if (latency[k] < latency[*earliest]) *earliest = k;
+    if (latency[k] > latency[*latest]) *latest = k;
+  }
+}
+
+/* Does the filter keep enough rows for the channels to wait for each other? Names the channel that is furthest from the gyro. */
+static tse_status latencies_fit(const tse_config *c, const char **wrong)
+{
+  static const char *const names[] = { /* in the order of tse/input.def, as the rows of tse/latency.def are */
+#define LATENCY(channel, text) #channel "_latency",
+#include "tse/latency.def"
+  };
+  const tse_setting most = (tse_setting)(TSE_LATENCY_ROWS - ROWS_TO_SPARE) * c->sample_time;
+  tse_setting latency[TSE_CHANNELS];
+  int earliest, latest;
+  latencies_of(c, latency);
+  extremes(latency, &earliest, &latest);
+  if (!(latency[latest] - latency[earliest] > most * (tse_setting)1.0001)) return TSE_OK; /* 28 times 0.01 is rounded */
+  if (wrong) *wrong = names[latency[latest] > -latency[earliest] ? latest : earliest];
+  return TSE_E_CONFIG;
+}
+
+static void prepare_latencies(const tse_config *c, tse_params *p)
+{
+  tse_setting latency[TSE_CHANNELS];
+  int earliest, latest;
+  latencies_of(c, latency);
+  extremes(latency, &earliest, &latest);
+  const tse_setting span = latency[latest] - latency[earliest];
+  p->latency = real_of(latency[latest]);
+  p->latency_span = real_of(span);
+  p->latency_least = real_of(span / (tse_setting)(TSE_LATENCY_ROWS - 2));
+  for (int k = 0; k < (int)TSE_CHANNELS; k++) p->latency_age[k] = real_of(latency[latest] - latency[k]);
+}
+
 tse_status tse_config_check(const tse_config *c, const char **wrong)
 {
   if (!c) return TSE_E_NULL;
@@ -83,10 +137,10 @@ tse_status tse_config_check(const tse_config *c, const char **wrong)
 #undef REAL
 #undef INT
 #if defined(TSE_NO_EFFECTS)
-  return effects_fit(c, wrong);
-#else
-  return TSE_OK;
+  const tse_status status = effects_fit(c, wrong);
+  if (status < 0) return status;
 #endif
+  return latencies_fit(c, wrong);
 }
 
 /* FNV-1a over the 32-bit halves of every setting: tells filters and parameters that do not belong together. */
@@ -153,7 +207,6 @@ static uint32_t vehicle_fingerprint(const tse_config *c)
 }
 
 static tse_setting square(tse_setting x) { return x * x; }
-static tse_real real_of(tse_setting x) { return r_from_setting(x); }
 
 /* The car that the filter's constants are of: CONSTANT effects act on its settings. */
 static tse_config car_of(const tse_config *c, uint64_t mask)
@@ -298,6 +351,7 @@ tse_status tse_prepare(const tse_config *settings, tse_params *p, const char **w
   p->recovery_count = (int32_t)(c->recovery_share * (tse_setting)c->particles);
   p->initial_spread_var = real_of(square(c->initial_spread));
   p->steady_walk = real_of(square(c->steady_walk));
+  prepare_latencies(c, p);
   prepare_effects(c, mask, p);
   return TSE_OK;
 }

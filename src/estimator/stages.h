@@ -6,6 +6,8 @@
 #include "model/vehicle.h"
 
 #define input_decode      TSE_NAME(tse_input_decode)
+#define align_row         TSE_NAME(tse_align_row)
+#define report_start      TSE_NAME(tse_report_start)
 #define start_of_settings TSE_NAME(tse_start_of_settings)
 #define told_inputs       TSE_NAME(tse_told_inputs)
 #define told_motion       TSE_NAME(tse_told_motion)
@@ -15,6 +17,11 @@
 #define report_particles  TSE_NAME(tse_report_particles)
 #define crc32_of          TSE_NAME(tse_crc32_of)
 
+#if defined(TSE_REAL_Q20)
+#define LONGEST_DT TSE_R(2047) /* s: what Q11.20 can say */
+#else
+#define LONGEST_DT TSE_R(3600) /* s */
+#endif
 #define STATE_VAR TSE_R(1e-18) /* (1e-9 m/s)^2: no state is known better; and no denormal numbers */
 
 #ifdef __cplusplus
@@ -28,6 +35,7 @@ typedef struct sample {
   tse_real dt;      /* [s]                                                            */
   tse_real y[3];    /* [sigma]  accel_x, accel_y, yaw rate over their sd; 0 if unused */
   tse_real use[3];  /* 1 used, 0 missing                                              */
+  tse_real lost[3]; /* [1] share of the noise's variance that is not in this row, but in what it has in common with its neighbours */
   int32_t used;     /* how many of the three                                          */
   int32_t has_inputs;
   int32_t has_steer;
@@ -39,8 +47,14 @@ typedef struct course { inputs now; tse_real late_steer; } course;
 /* input.c     row -> sample; the filter supplies held inputs for missing ones. Nothing is changed. */
 tse_status input_decode(const tse_params *p, const tse_filter *f, const tse_input *u, sample *y);
 
-/* start.c     where the first row starts when nothing was loaded */
+/* align.c     with channels that are logged late: the row of the newest time at which all are known
+ *             Updated:   f->waiting; nothing when the result is negative      row  when the result is TSE_OK
+ *             Returned:  TSE_OK, TSE_W_WAITING (there is no such row yet), or why u is refused; row never is.   O(TSE_LATENCY_ROWS) */
+tse_status align_row(const tse_params *p, tse_filter *f, const tse_input *u, tse_input *row);
+
+/* start.c     where the first row starts when nothing was loaded; estimates before that row, into an output that is 0 */
 void start_of_settings(const tse_params *p, tse_start *s);
+void report_start(const tse_params *p, const tse_filter *f, tse_output *now);
 
 /* told.c      what the effects of tse/effects.def change in a row, when any is on; in the order of a step.
  *             at: mean of vel_x, vel_y, yaw rate and of the deviations of the stiffness, before the row and at its end

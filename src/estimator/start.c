@@ -1,4 +1,4 @@
-/* estimator/start.c - where a filter starts that was loaded with nothing. */
+/* estimator/start.c - where a filter starts that was loaded with nothing, and what it says before the first step. */
 #include "estimator/stages.h"
 
 void start_of_settings(const tse_params *p, tse_start *s)
@@ -13,5 +13,27 @@ void start_of_settings(const tse_params *p, tse_start *s)
     s->bias_var[a] = p->bias_var0[a];
     s->spread_var[a] = p->initial_spread_var;
     s->noise_var[a] = TSE_R(1);
+  }
+}
+
+void report_start(const tse_params *p, const tse_filter *f, tse_output *now)
+{
+  static const int diagonal[3] = { 0, 3, 5 }; /* of lam */
+  tse_real *const state_sd[3] = { &now->vel_x_sd, &now->vel_y_sd, &now->yaw_rate_sd };
+  tse_start s = f->start;
+  if (!s.loaded) start_of_settings(p, &s);
+  now->vel_x = p->vel_x0;
+  now->n_eff = p->form == 0 ? TSE_R(1) : r_from_int(p->particles);
+  now->regime[TSE_REGIME_STEADY] = p->form == 0 ? TSE_R(1) : TSE_R(0);
+  for (int a = 0; a < 3; a++) {
+    const tse_real sigma = r_mul(s.lam[diagonal[a]], r_div(s.nu, s.nu - TSE_R(4)));
+    now->stiffness[a] = TSE_R(1) + s.mu[a];
+    now->stiffness_sd[a] = r_sqrt(s.mean_var[a]);
+    now->stiffness_spread[a] = p->form == 0 ? r_mul(r_sqrt(s.spread_var[a]), now->stiffness[a]) : r_sqrt(sigma);
+    now->bias[a] = r_mul(p->sd[a], s.bias[a]);
+    now->bias_sd[a] = r_mul(p->sd[a], r_sqrt(s.bias_var[a]));
+    now->noise[a] = p->form == 0 ? r_sqrt(s.noise_var[a]) : TSE_R(1);
+    now->change_ratio[a] = TSE_R(1);
+    *state_sd[a] = p->x_sd0[a];
   }
 }

@@ -260,7 +260,7 @@ static void load_car(const tse_params *p, const content *c, tse_start *s)
 tse_status tse_learnt_load(const tse_params *p, tse_filter *f, const uint8_t *in, size_t bytes, uint32_t age_s)
 {
   if (!p || !f || !in) return TSE_E_NULL;
-  if (!belong(p, f) || f->step > 0) return TSE_E_STATE;
+  if (!belong(p, f) || f->step > 0 || f->waiting.count > 0) return TSE_E_STATE;
   content c;
   const tse_status refused = decode(in, bytes, p->vehicle, &c);
   if (refused < 0) return refused; /* nothing has changed yet */

@@ -1,6 +1,7 @@
 /* host/sound.c - tse_filter_check(): a filter that came from a file, a network, another program. Every whole number in its range,
  * because places in arrays and loops depend on them; every real a number of moderate size, variances not negative. */
 #include "host/sound.h"
+#include "estimator/stages.h"
 #include "tse/constants.h"
 
 #define LONGEST_RUN 1000000000
@@ -15,6 +16,24 @@ static int sound_start(const tse_start *s)
   fine = fine && sound_reals(s->spread_var, 3, TSE_R(0), MOST_REAL) && sound_reals(s->noise_var, 3, TSE_R(0), MOST_REAL);
   fine = fine && sound_reals(&s->gamma, 1, TSE_R(0), MOST_REAL);
   return fine && sound_reals(&s->nu, 1, s->loaded ? TSE_R(5) : TSE_R(0), MOST_REAL);
+}
+
+/* Rows between two kept are at most a gap apart, and no dt in all is longer than LONGEST_DT. */
+static int sound_waiting(const tse_params *p, const tse_alignment *m)
+{
+  const tse_real most = p->max_gap + p->latency_least;
+  int fine = sound_int(m->count, 0, p->latency_span > TSE_R(0) ? TSE_LATENCY_ROWS : 0) && sound_int(m->newest, 0, TSE_LATENCY_ROWS - 1);
+  fine = fine && sound_reals(&m->since, 1, TSE_R(0), LONGEST_DT) && sound_reals(&m->unkept, 1, TSE_R(0), LONGEST_DT);
+  fine = fine && sound_reals(m->before, TSE_LATENCY_ROWS, TSE_R(0), most);
+  for (int i = 0; i < TSE_LATENCY_ROWS; i++) {
+    fine = fine && m->missing[i] < 1 << TSE_CHANNELS;
+#define INPUT(name, lo, hi, unit, kind, text) fine = fine && sound_reals(&m->value[i][TSE_CHANNEL_##name], 1, TSE_R(lo), TSE_R(hi));
+#include "tse/input.def"
+#undef INPUT
+  }
+  for (int a = 0; a < 3; a++) fine = fine && sound_int(m->reason[a], TSE_VALID, TSE_MISFIT);
+  fine = fine && sound_reals(m->lost, 3, TSE_R(0), TSE_R(0.5001));
+  return fine;
 }
 
 static int sound_hypothesis(const tse_params *p, const tse_hypothesis *h)
@@ -93,6 +112,7 @@ tse_status tse_filter_check(const tse_params *p, const tse_filter *f, size_t fil
   for (int i = 0; i < (int)(sizeof one / sizeof one[0]); i++) fine = fine && sound_reals(one[i], 1, i < 4 ? -MOST_REAL : TSE_R(0), MOST_REAL);
   for (int a = 0; a < 3; a++) fine = fine && sound_int(f->known[a], TSE_UNKNOWN, TSE_KNOWN_BEFORE);
   fine = fine && sound_start(&f->start) && sound_memory(&f->effects) && sound_reals(f->effect_level, 4, -MOST_REAL, MOST_REAL);
+  fine = fine && sound_waiting(p, &f->waiting);
   if (p->form == 0) fine = fine && sound_bank(p, &f->bank, f->started);
   else fine = fine && sound_particles(p, (const tse_filter_paper *)f);
   return fine ? TSE_OK : TSE_E_STATE;

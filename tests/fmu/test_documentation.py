@@ -94,7 +94,7 @@ def test_every_variable_is_listed_and_what_the_text_names_exists(built, model):
     listed = re.findall(r"<tr><td><code>([\w.<>]+)</code></td><td>(?:Real|Integer|Boolean)</td>", text)
     assert {name.replace("<wbr>", "") for name in listed} == variables(built, model)
     names = set().union(*(variables(built, m) for m in MODELS))
-    groups = "vehicle|uncertainty|sensors|filter|simulation|estimate|sensor|true|drawn"
+    groups = "vehicle|uncertainty|sensors|latency|filter|simulation|estimate|sensor|true|drawn"
     for name in re.findall(rf"<code>((?:{groups})\.[\w.]+)</code>", text):
         pattern = re.sub(r"\.{3,}", ".*", name) + r"(\..*)?"  # sensors..._walk; and groups: true.relative
         assert any(re.fullmatch(pattern, n) for n in names), name

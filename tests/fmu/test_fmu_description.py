@@ -19,7 +19,7 @@ NAMESPACE = uuid.UUID("7d1b2f04-6f52-4e0b-9d0d-2f1b1d6c0e57")  # of fmu/stage.cm
 UNITS = {"kg m2": "kg.m2", "Nm": "N.m", "rad s2/m": "rad.s2/m", "rad/(N m)": "rad/(N.m)"}  # the core's spelling -> FMI's
 GROUPS = {
     VEHICLE: ("vehicle", "sensors", "effects", "simulation"),
-    ESTIMATOR: ("vehicle", "uncertainty", "sensors", "effects", "filter"),
+    ESTIMATOR: ("vehicle", "uncertainty", "sensors", "latency", "effects", "filter"),
 }
 
 

@@ -32,7 +32,9 @@ def test_settings_are_the_rows_of_the_table():
         if part == "effects.def":
             names += effect_settings()
         else:
-            names += re.findall(r"^(?:REAL|INT|CONSIDER)\((?:[A-Z_]+,\s+)?(\w+),", (HEADERS / part).read_text(), re.M)
+            text = (HEADERS / part).read_text()
+            names += [f"{c}_latency" for c in re.findall(r"^LATENCY\((\w+),", text, re.M)]
+            names += re.findall(r"^(?:REAL|INT|CONSIDER)\((?:[A-Z_]+,\s+)?(\w+),", text, re.M)
     assert list(Config().fields) == names
 
 

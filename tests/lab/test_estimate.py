@@ -27,7 +27,7 @@ LATER_COLUMNS = [
     *(f"{s}_reason" for s in STIFFNESS),
     *(f"p_{p}" for p in ("steady", "changed", "axle", "drifting", "fault", "sliding", "restarted")),
     "change_age", "change_probability", "change_kind", *(f"change_{s}" for s in STIFFNESS), "fault_channel",
-    "discrepancy_accel_x", "discrepancy_accel_y", "discrepancy_yaw_rate", "lag_steer", "lag_steer_sd",
+    "discrepancy_accel_x", "discrepancy_accel_y", "discrepancy_yaw_rate", "lag_steer", "lag_steer_sd", "estimate_age",
 ]  # fmt: skip
 
 

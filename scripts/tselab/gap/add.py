@@ -18,7 +18,7 @@ from tselab.gap.fit import Fit, covariance
 from tselab.gap.name import Named
 from tselab.gap.problem import PROFILES, Problem
 from tselab.gap.workflow import Result
-from tselab.vehicle import HINT_ONLY, Vehicle, read_vehicle, sensor_settings, uncertainty_settings, vehicle_settings
+from tselab.vehicle import HINT_ONLY, Vehicle, latency_settings, read_vehicle, sensor_settings, uncertainty_settings, vehicle_settings
 
 VEHICLE, HEADER = "vehicle_improved.toml", "effects.h"
 
@@ -44,6 +44,8 @@ def _group(key: str) -> str:
     """What a setting is of: a heading of effects.h."""
     if key in uncertainty_settings():
         return "how uncertain that is"
+    if key in latency_settings().values():
+        return "how late channels are logged"
     return "vehicle" if key in vehicle_settings() else "sensors"
 
 
@@ -64,6 +66,9 @@ def improved(vehicle: Vehicle, problem: Problem, result: Result) -> str:
             lines.append(f"{key} = {values[key]!r}  # {fields[key].unit}{band.get(key, '')}")
     if vehicle.told_uncertainty:
         lines += ["", "[uncertainty]", *(f"{k} = {values[k]!r}  # {fields[k].unit}" for k in vehicle.told_uncertainty)]
+    if vehicle.told_latency:
+        late = latency_settings()
+        lines += ["", "[latency]", *(f"{k} = {values[late[k]]!r}  # {fields[late[k]].unit}" for k in vehicle.told_latency)]
     sensors = [k for k in sensor_settings() if k in values]
     if sensors:
         lines += ["", "[sensors]", *(f"{k} = {values[k]!r}  # {fields[k].unit}" for k in sensors)]

@@ -43,6 +43,15 @@ static void slopes_of_evidence(const tse_hypothesis *h, const sample *y, const i
     }
 }
 
+/* E q_i^2: g_ii, but where interpolation took of the noise of a channel (align.c) the covariance of e is less than S by that. */
+static tse_real expected_square(const sample *y, tse_real g[6][6], const tse_real var[6], int i)
+{
+  tse_real square = g[i][i];
+  for (int c = 0; c < 3; c++)
+    if (y->lost[c] > TSE_R(0)) square -= r_mul(r_mul(y->lost[c], var[3 + c]), r_sqr(g[i][3 + c]));
+  return square;
+}
+
 /* var times exp(step), in a bounded step. */
 static tse_real moved(tse_real var, tse_real by, tse_real least, tse_real most)
 {
@@ -59,7 +68,7 @@ void learn(const tse_params *p, tse_hypothesis *h, const sample *y, const innova
   }
   slopes_of_evidence(h, y, o, g, q);
   for (int i = 0; i < 6; i++) {
-    step[i] = r_mul(r_mul(TSE_R(0.5), var[i]), r_mul(trust, r_sqr(q[i])) - g[i][i]);
+    step[i] = r_mul(r_mul(TSE_R(0.5), var[i]), r_mul(trust, r_sqr(q[i])) - expected_square(y, g, var, i));
     for (int j = 0; j <= i; j++)
       A[i][j] = A[j][i] = r_mul(keep, h->info[i][j]) + r_mul(r_mul(TSE_R(0.5), r_sqr(g[i][j])), r_mul(var[i], var[j]));
     /* what is forgotten gives way to the prior: 2 (a - b)/(a + b) is log a - log b, near enough */

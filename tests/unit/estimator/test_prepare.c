@@ -48,6 +48,11 @@ static tse_config other_car(void)
 #define CONSIDER(id, name, most, unit, text) c.name = (tse_setting)((most) / (4 + TSE_CONSIDER_##id));
 #include "tse/told.def"
 #undef REAL
+  c.steer_angle_latency = (tse_setting)0.006;
+  c.wheel_speed_front_latency = (tse_setting)0.012;
+  c.wheel_speed_rear_latency = (tse_setting)0.015;
+  c.accel_x_latency = (tse_setting)-0.003;
+  c.accel_y_latency = (tse_setting)-0.009;
   c.accel_x_bias_sd = (tse_setting)0.02;
   c.accel_y_bias_sd = (tse_setting)0.04;
   c.yaw_rate_bias_sd = (tse_setting)0.003;
@@ -289,6 +294,21 @@ static void test_sensor_constants_are_normalised_by_the_sensors_sd(void)
   TEST_ASSERT_EQUAL_INT(1, p.considers);
 }
 
+static void test_channels_are_read_as_long_before_the_row_as_the_latest_one_needs(void)
+{
+  static const double age[6] = { 0.015 - 0.006, 0.015 - 0.012, 0, 0.015 + 0.003, 0.015 + 0.009, 0.015 }; /* in the order of a row */
+  const tse_config c = other_car();
+  const tse_params p = prepared(&c);
+  expect_relative(0.015, p.latency, "latency");
+  expect_relative(0.015 + 0.009, p.latency_span, "latency_span");
+  expect_relative(0.024 / (TSE_LATENCY_ROWS - 2), p.latency_least, "latency_least");
+  for (int k = 0; k < 6; k++) expect_near(age[k], number(p.latency_age[k]), BY_FORMAT(1e-16, 1e-8), "latency_age", k);
+  const tse_config d = defaults();
+  const tse_params q = prepared(&d);
+  for (int k = 0; k < 6; k++) expect_near(0, number(q.latency_age[k]), 0, "latency_age", k);
+  expect_near(0, number(q.latency_span), 0, "latency_span", 0);
+}
+
 static void test_filter_constants_follow_their_formulas(void)
 {
   const tse_config c = other_car();
@@ -360,10 +380,12 @@ static void test_both_meanings_of_the_initial_sd_come_out_of_the_statistics(void
   expect_near(0.4, sqrt(number(p.gamma0) * sigma), BY_FORMAT(1e-15, 2e-7), "sd of the mean", 0);
 }
 
-static void expect_finite_constants(const tse_config *c, const char *name)
+static void expect_finite_constants(const tse_config *settings, const char *name)
 {
   const size_t first = offsetof(tse_params, kx_front), end = offsetof(tse_params, recovery_count);
-  const tse_params p = prepared(c);
+  tse_config c = *settings;
+  fit_latencies(&c);
+  const tse_params p = prepared(&c);
   TEST_ASSERT_TRUE((end - first) % sizeof(tse_real) == 0); /* nothing but tse_real between the two */
   for (size_t at = first; at < end; at += sizeof(tse_real)) {
     tse_real x;
@@ -544,6 +566,7 @@ int main(void)
   RUN_TEST(test_settings_of_the_tests_below_are_none_of_the_defaults);
   RUN_TEST(test_vehicle_constants_are_normalised_by_mass);
   RUN_TEST(test_sensor_constants_are_normalised_by_the_sensors_sd);
+  RUN_TEST(test_channels_are_read_as_long_before_the_row_as_the_latest_one_needs);
   RUN_TEST(test_filter_constants_follow_their_formulas);
   RUN_TEST(test_damping_is_that_of_the_stiffest_direction);
   RUN_TEST(test_both_meanings_of_the_initial_sd_come_out_of_the_statistics);

@@ -118,7 +118,7 @@ static void test_outputs_are_the_columns_of_the_estimates_file(void)
     "noise_accel_x", "noise_accel_y", "noise_yaw_rate",
     "p_steady", "p_changed", "p_axle", "p_drifting", "p_fault", "p_sliding", "p_restarted",
     "change_age", "change_probability", "change_kind", "change_cx_front", "change_cy_front", "change_cy_rear", "fault_channel",
-    "discrepancy_accel_x", "discrepancy_accel_y", "discrepancy_yaw_rate", "lag_steer", "lag_steer_sd",
+    "discrepancy_accel_x", "discrepancy_accel_y", "discrepancy_yaw_rate", "lag_steer", "lag_steer_sd", "estimate_age",
     "n_eff", "log_evidence", "status",
   };
   expect_names(TSE_STRUCT_OUTPUT, names, ROWS(names));
@@ -168,6 +168,7 @@ static void test_output_names_lead_to_their_members(void)
   EXPECT_AT(&y, TSE_STRUCT_OUTPUT, "yaw_rate", yaw_rate);
   EXPECT_AT(&y, TSE_STRUCT_OUTPUT, "yaw_rate_sd", yaw_rate_sd);
   EXPECT_AT(&y, TSE_STRUCT_OUTPUT, "sideslip", sideslip);
+  EXPECT_AT(&y, TSE_STRUCT_OUTPUT, "estimate_age", estimate_age);
   EXPECT_AT(&y, TSE_STRUCT_OUTPUT, "n_eff", n_eff);
   EXPECT_AT(&y, TSE_STRUCT_OUTPUT, "log_evidence", log_evidence);
   EXPECT_AT(&y, TSE_STRUCT_OUTPUT, "status", status);
@@ -385,6 +386,7 @@ static void test_statuses_are_complete_and_tell_the_sentence_of_tse_status_text(
     { "TSE_E_SIZE", -6 }, { "TSE_E_STATE", -5 }, { "TSE_E_TIME", -4 }, { "TSE_E_INPUT", -3 }, { "TSE_E_CONFIG", -2 },
     { "TSE_E_NULL", -1 }, { "TSE_OK", 0 }, { "TSE_W_NOT_VALID", 1 }, { "TSE_W_STARTING", 2 }, { "TSE_W_MISSING_CHANNEL", 3 },
     { "TSE_W_HELD", 4 }, { "TSE_W_PREDICTED", 5 }, { "TSE_W_GAP", 6 }, { "TSE_W_RECOVERED", 7 },
+    { "TSE_W_WAITING", 8 },
   };
   int32_t count, size;
   const tse_field *const f = rows_of(TSE_STRUCT_STATUS, &count, &size);

@@ -8,13 +8,14 @@ static tse_params p;
 
 static size_t bytes_of_form(int32_t form) { return form ? sizeof f : sizeof f.filter; }
 
-/* A filter of a form after some rows. */
-static void drive(int32_t form)
+/* A filter of a form after some rows; late: its channels wait for the steering angle. */
+static void drive(int32_t form, int late)
 {
   tse_config c;
   tse_config_default(&c);
   c.form = form;
   c.particles = 60;
+  if (late) c.steer_angle_latency = (tse_setting)0.123;
   p = prepared(&c);
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, bytes_of_form(form)));
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_filter_check(&p, &f.filter, bytes_of_form(form)));
@@ -36,7 +37,8 @@ static void drive(int32_t form)
 
 static void test_a_filter_that_was_stepped_is_sound_at_every_row(void)
 {
-  for (int32_t form = 0; form <= 2; form++) drive(form);
+  for (int32_t form = 0; form <= 2; form++)
+    for (int late = 0; late < 2; late++) drive(form, late);
 }
 
 static void expect_forged(const char *what)
@@ -54,7 +56,8 @@ static void expect_forged(const char *what)
 static void test_what_no_filter_holds_is_refused(void)
 {
   const tse_real zero = TSE_R(0), none = zero / zero, endless = TSE_R(1) / zero;
-  drive(0);
+  drive(0, 0);
+  FORGED(filter.waiting.count, 1); /* where none is late */
   FORGED(filter.magic, 0);
   FORGED(filter.fingerprint, p.fingerprint + 1);
   FORGED(filter.started, 2);
@@ -73,7 +76,19 @@ static void test_what_no_filter_holds_is_refused(void)
   FORGED(filter.bank.h[0].log_weight, endless);
   FORGED(filter.effects.steered, 7);
   FORGED(filter.effects.steer.count, TSE_DELAY_ROWS + 1);
-  drive(2);
+  drive(0, 1);
+  FORGED(filter.waiting.count, TSE_LATENCY_ROWS + 1);
+  FORGED(filter.waiting.newest, TSE_LATENCY_ROWS);
+  FORGED(filter.waiting.newest, -1);
+  FORGED(filter.waiting.since, none);
+  FORGED(filter.waiting.unkept, TSE_R(-1));
+  FORGED(filter.waiting.before[3], TSE_R(0.2));
+  FORGED(filter.waiting.value[7][0], TSE_R(1.3));
+  FORGED(filter.waiting.value[7][5], none);
+  FORGED(filter.waiting.missing[5], 64);
+  FORGED(filter.waiting.reason[2], 9);
+  FORGED(filter.waiting.lost[1], TSE_R(0.6));
+  drive(2, 0);
   FORGED(nu, TSE_R(4));
   FORGED(p.mu[1][3], none);
   FORGED(p.logw[0][3], TSE_R(1e4));

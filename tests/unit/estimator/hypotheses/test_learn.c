@@ -93,6 +93,46 @@ static void test_each_step_is_along_the_score_of_the_evidence(void)
   }
 }
 
+/* Where rows lost some of their noise by interpolation, innovations are smaller than S says, and on average nothing moves: over the
+ * columns of a root of their covariance, times sqrt(3), squares have the mean that they have over all innovations. */
+static void test_noise_that_interpolation_took_is_not_missed(void)
+{
+  const tse_params p = a_car();
+  uint32_t seed = 37;
+  for (int k = 0; k < 60; k++) {
+    tse_hypothesis h = told_hypothesis(&p, &seed);
+    sample y = some_sample(&seed, &h, 1, 7);
+    innovation o;
+    double C[3][3], root[3][3] = { { 0 } }, moved[6] = { 0 }, size[6] = { 0 };
+    for (int i = 0; i < 6; i++) h.info[i][i] = real(1e4);
+    for (int a = 0; a < 3; a++) y.lost[a] = real(k % 4 == a ? 0 : next_between(&seed, 0.1, 0.5));
+    innovate(&p, &h, &y, &o);
+    for (int a = 0; a < 3; a++)
+      for (int b = 0; b < 3; b++) C[a][b] = number(o.s[a][b]) - (a == b ? number(y.lost[a]) * number(h.noise_var[a]) : 0);
+    for (int j = 0; j < 3; j++)
+      for (int i = j; i < 3; i++) {
+        double x = C[i][j];
+        for (int l = 0; l < j; l++) x -= root[i][l] * root[j][l];
+        root[i][j] = i == j ? sqrt(x) : x / root[j][j];
+      }
+    for (int j = 0; j < 3; j++) {
+      tse_hypothesis other = h;
+      for (int a = 0; a < 3; a++) {
+        double se = 0;
+        for (int b = 0; b < 3; b++) se += number(o.inv[a][b]) * sqrt(3) * root[b][j];
+        o.se[a] = real(se);
+      }
+      learn(&p, &other, &y, &o, real(1));
+      for (int i = 0; i < 6; i++) {
+        const double by = number(*variance(&other, i)) / number(*variance(&h, i)) - 1;
+        moved[i] += by;
+        size[i] += fabs(by);
+      }
+    }
+    for (int i = 0; i < 6; i++) expect_near(0, moved[i], 0.005 * size[i] + BY_FORMAT(1e-9, 2e-6), "moved", i);
+  }
+}
+
 static void test_information_is_that_of_a_gaussian_and_is_forgotten(void)
 {
   const tse_params p = a_car();
@@ -224,6 +264,7 @@ int main(void)
 {
   UNITY_BEGIN();
   RUN_TEST(test_each_step_is_along_the_score_of_the_evidence);
+  RUN_TEST(test_noise_that_interpolation_took_is_not_missed);
   RUN_TEST(test_information_is_that_of_a_gaussian_and_is_forgotten);
   RUN_TEST(test_the_step_solves_for_all_six_at_once);
   RUN_TEST(test_no_sample_moves_a_variance_far_or_out_of_its_bounds);

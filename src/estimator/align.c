@@ -1,0 +1,117 @@
+/* estimator/align.c - channels that are logged at different times become one row of one time (tse/latency.def).
+ *
+ * With L the latest channel's latency, 0 if none is late, the newest time at which all channels are known is now - L. Channel c is
+ * then read from the rows kept, L - latency_c before now, by linear interpolation; steps are as long as the rows are apart.
+ *
+ * White noise that is interpolated between two rows, w and 1 - w, has the variance w^2 + (1 - w)^2, and what the rows lose of it,
+ * 2 w (1 - w), they have in common with their neighbours: at low frequencies, of which stiffness and biases are learnt, it is as loud
+ * as before. So the sd of a channel stays what it is without: with the smaller variance a filter that takes rows for independent is
+ * too sure, and takes what they have in common for a disturbance. The default form, which finds the noise of a channel from its
+ * rows, is told what they lost (learn.c). */
+#include "estimator/stages.h"
+
+#define SAME_TIME TSE_R(2e-5) /* s: rows that lie so near to the time looked for are of that time: sums of dt are rounded, clocks too;
+                                 at 50 m/s3, the jerk of an emergency manoeuvre, a channel moves by 0.001 m/s2 in it */
+
+static int32_t older(int32_t at) { return at > 0 ? at - 1 : TSE_LATENCY_ROWS - 1; }
+
+/* The newest row, `before` seconds after the one kept last. What is out of range was refused, or is missing. */
+static void keep(tse_alignment *m, const tse_input *u, tse_real before)
+{
+  const int32_t at = m->count > 0 && m->newest + 1 < TSE_LATENCY_ROWS ? m->newest + 1 : 0;
+  uint32_t missing = 0;
+  tse_real *value = m->value[at];
+#define INPUT(name, lo, hi, unit, kind, text)                                                                     \
+  {                                                                                                               \
+    const int ok = (u->missing & TSE_MISSING(name)) == 0 && u->name >= TSE_R(lo) && u->name <= TSE_R(hi);         \
+    *value++ = ok ? u->name : TSE_R(0);                                                                           \
+    missing |= ok ? 0u : TSE_MISSING(name);                                                                       \
+  }
+#include "tse/input.def"
+#undef INPUT
+  m->missing[at] = (uint8_t)missing;
+  m->before[at] = m->count > 0 ? before : TSE_R(0);
+  m->newest = at;
+  if (m->count < TSE_LATENCY_ROWS) m->count++;
+}
+
+/* Do the rows kept reach back as far as from the earliest to the latest channel?   Updated: m  rows beyond are given up */
+static int reaches(const tse_params *p, tse_alignment *m)
+{
+  tse_real age = TSE_R(0);
+  int32_t at = m->newest;
+  for (int32_t n = 1; n <= m->count; n++) {
+    if (!(age + SAME_TIME < p->latency_span)) {
+      m->count = n;
+      return 1;
+    }
+    age += m->before[at];
+    at = older(at);
+  }
+  return 0;
+}
+
+/* Channel c as it was logged `age` before the newest row, and the share of its noise's variance that interpolation takes.
+ * Returned: 1 known, 0 missing, *value is then 0 */
+static int logged(const tse_alignment *m, int c, tse_real age, tse_real *value, tse_real *lost)
+{
+  const uint32_t bit = 1u << c;
+  tse_real newer = TSE_R(0);
+  int32_t at = m->newest;
+  *lost = TSE_R(0);
+  for (int32_t n = 1; n < m->count && newer + SAME_TIME < age; n++) {
+    const tse_real next = newer + m->before[at];
+    const int32_t from = older(at);
+    if (age + SAME_TIME < next) { /* between the two */
+      const tse_real a = m->value[from][c], b = m->value[at][c], share = r_div(next - age, m->before[at]);
+      *lost = r_mul(r_mul(TSE_R(2), share), TSE_R(1) - share);
+      const int known = ((m->missing[from] | m->missing[at]) & bit) == 0;
+      *value = known ? r_clamp(a + r_mul(share, b - a), r_min(a, b), r_max(a, b)) : TSE_R(0);
+      return known;
+    }
+    newer = next;
+    at = from;
+  }
+  *value = m->value[at][c];
+  return (m->missing[at] & bit) == 0;
+}
+
+/* The row of the newest time at which all channels are known.   Updated: m->lost */
+static void compose(const tse_params *p, tse_alignment *m, tse_input *row)
+{
+  tse_real lost[TSE_CHANNELS];
+  row->dt = m->since > TSE_R(0) ? m->since : p->sample_time; /* the latter in the first row, where it does not count */
+  row->missing = 0;
+#define INPUT(name, lo, hi, unit, kind, text)                                                                             \
+  if (!logged(m, (int)TSE_CHANNEL_##name, p->latency_age[TSE_CHANNEL_##name], &row->name, &lost[TSE_CHANNEL_##name]))     \
+    row->missing |= TSE_MISSING(name);
+#include "tse/input.def"
+#undef INPUT
+  for (int a = 0; a < 3; a++) m->lost[a] = lost[(int)TSE_CHANNEL_accel_x + a];
+}
+
+tse_status align_row(const tse_params *p, tse_filter *f, const tse_input *u, tse_input *row)
+{
+  tse_alignment *const m = &f->waiting;
+  const int first = m->count == 0;
+  tse_input given = *u;
+  if (first) given.dt = p->sample_time; /* the first row has no predecessor */
+  const tse_status status = tse_input_check(&given, NULL);
+  if (status < 0) return status;
+  if (first) {
+    for (int a = 0; a < 3; a++) m->reason[a] = (int32_t)TSE_STARTING;
+  } else {
+    m->since = r_min(r_add_sat(m->since, given.dt), LONGEST_DT);
+    m->unkept = r_min(r_add_sat(m->unkept, given.dt), LONGEST_DT);
+    if (given.dt > p->max_gap) { /* nothing is read across a gap: what waited before it is given up */
+      m->count = 0;
+      for (int a = 0; a < 3 && f->step > 0; a++) m->reason[a] = (int32_t)TSE_INPUT_INVALID;
+    } else if (m->unkept < p->latency_least) return TSE_W_WAITING;
+  }
+  keep(m, &given, m->unkept);
+  m->unkept = TSE_R(0);
+  if (!reaches(p, m)) return TSE_W_WAITING;
+  compose(p, m, row);
+  m->since = TSE_R(0);
+  return TSE_OK;
+}

@@ -1,0 +1,193 @@
+"""Channels that are logged late by known times: told to the filter, they cost nothing; and what `tselab estimate` says of it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from conftest import tselab
+from tselab import plots, regimes
+from tselab.core import NOMINAL, STATUS, STIFFNESS, Config, Filter, SimConfig, Simulator, library
+from tselab.report import figures_of
+from tselab.vehicle import latency_settings
+
+ROWS, DT = 6000, 0.01
+WHEELS = ("wheel_speed_front", "wheel_speed_rear")
+STRICT = {"steer_lag_sd": 0.0}  # nothing is found out that is not told
+
+
+@pytest.fixture(scope="module")
+def driven() -> np.ndarray:
+    """Rows of the simulator at 1 ms, nothing late: steering sweeps to 1.5 Hz, torque steps smoothed over 0.1 s."""
+    n = 10
+    simulator = Simulator(Config({"sample_time": DT / n}), SimConfig({"seed": 3, "speed": 20.0, "noise": 0.0}))
+    inputs, outputs = simulator.inputs(ROWS * n), simulator.outputs(ROWS * n)
+    t = DT / n * np.arange(ROWS * n)
+    inputs["dt"], inputs["road_level"] = DT / n, 1.0
+    inputs["steer_angle"] = 0.03 * np.sin(2 * np.pi * 0.9 * t + 8 * np.sin(0.25 * t))
+    inputs["wheel_torque_front"] = inputs["wheel_torque_rear"] = 500 * np.tanh(6 * np.sin(1.3 * t))
+    for i in range(ROWS * n):
+        simulator.step_into(inputs, outputs, i)
+    return outputs
+
+
+def logged(driven: np.ndarray, late: dict[str, float], seed: int = 1) -> np.ndarray:
+    """The log every 10 ms with the sensors' noise, in which columns are late by so many seconds."""
+    config, random = Config(), np.random.default_rng(seed)
+    rows = np.zeros(ROWS, Filter(config).inputs(1).dtype)
+    fine, t = DT / 10 * np.arange(len(driven)), DT * np.arange(ROWS)
+    for channel in library().channels:
+        name = channel.name
+        rows[name] = np.interp(t - late.get(name, 0.0), fine, driven[name])
+        if f"{name}_sd" in config:
+            rows[name] += random.normal(0, getattr(config, f"{name}_sd"), ROWS)
+    rows["dt"] = DT
+    return rows
+
+
+def estimated(rows: np.ndarray, late: dict[str, float], **settings: float) -> np.ndarray:
+    filter_ = Filter(Config(STRICT | settings | {f"{name}_latency": by for name, by in late.items()}))
+    out = filter_.outputs(len(rows))
+    filter_.step_into(rows, out)
+    return out
+
+
+def drawn(seed: int) -> dict[str, float]:
+    """A latency of each channel; the wheels, which are of one controller, come together."""
+    random = np.random.default_rng(seed)
+    steer, wheels, x, y = random.uniform(0.0, 0.06, 4)
+    return {"steer_angle": steer, **dict.fromkeys(WHEELS, wheels), "accel_x": x, "accel_y": y}
+
+
+def normalised(row: np.void) -> list[float]:
+    """Errors of the stiffness in sd; the simulated tyres are the nominal ones."""
+    return [float((row[key] - 1) / row[f"{key}_sd"]) for key in STIFFNESS]
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_told_latencies_cost_nothing(driven: np.ndarray, seed: int) -> None:
+    """Within 4 sd, as the log without latencies is; valid, and no more than 1.3 times as uncertain."""
+    late = drawn(seed)
+    plain, told = estimated(logged(driven, {}, seed), {}), estimated(logged(driven, late, seed), late)
+    assert max(map(abs, normalised(plain[-1]))) < 4 and max(map(abs, normalised(told[-1]))) < 4
+    for key in STIFFNESS:
+        assert told[-1][key] == pytest.approx(1.0, abs=0.02)
+        assert told[-1][f"{key}_valid"] == plain[-1][f"{key}_valid"] == 0
+        assert told[-1][f"{key}_sd"] < 1.3 * plain[-1][f"{key}_sd"]
+    assert told[-1]["estimate_age"] == pytest.approx(max(late.values()))
+    for channel in ("accel_x", "accel_y", "yaw_rate"):  # interpolation makes rows quieter, and that is known
+        assert told[-1][f"noise_{channel}"] == pytest.approx(1.0, abs=0.15)
+        assert told[-1][f"discrepancy_{channel}"] == 0
+
+
+def test_untold_they_are_read_as_another_stiffness(driven: np.ndarray) -> None:
+    """So that the test above shows what telling does."""
+    worst = [max(abs(estimated(logged(driven, drawn(seed), seed), {})[-1][key] - 1) for key in STIFFNESS) for seed in range(6)]
+    assert min(worst) > 0.05, worst
+
+
+def test_channels_that_are_early_are_as_good(driven: np.ndarray) -> None:
+    late = {name: -by for name, by in drawn(7).items()}
+    last = estimated(logged(driven, late), late)[-1]
+    assert last["estimate_age"] == 0 and max(map(abs, normalised(last))) < 4
+    assert all(last[key] == pytest.approx(1.0, abs=0.02) for key in STIFFNESS)
+
+
+# ------------------------------------------------------------------------------------------- tselab estimate
+
+CAR = """mass = 1900.0
+yaw_inertia = 3000.0
+lf = 1.25
+lr = 1.5
+wheel_radius_front = 0.33
+wheel_radius_rear = 0.33
+cornering_stiffness_front = 1.2e5
+cornering_stiffness_rear = 1.4e5
+longitudinal_stiffness_front = 1.6e5
+longitudinal_stiffness_rear = 1.6e5
+[sensors]
+accel_x_sd = 0.15
+accel_y_sd = 0.15
+yaw_rate_sd = 0.0035
+wheel_noise_sd = 0.0
+[latency]
+steer_angle = 0.034
+accel_y = -0.011
+"""
+LATE = {"steer_angle": 0.034, "accel_y": -0.011}
+
+
+@pytest.fixture(scope="module")
+def run(driven: np.ndarray, tmp_path_factory: pytest.TempPathFactory) -> tuple:
+    folder = tmp_path_factory.mktemp("latency")
+    rows = logged(driven, LATE)
+    table = pd.DataFrame({"time": DT * np.arange(ROWS)} | {c.name: rows[c.name] for c in library().channels})
+    table["ref_vel_y"] = driven["true_vel_y"][::10]
+    table.to_csv(folder / "log.csv", index=False)
+    (folder / "car.toml").write_text(CAR)
+    done = tselab("estimate", folder / "log.csv", "--vehicle", folder / "car.toml", "--report", folder / "r.html", cwd=folder)
+    assert done.code == 0, done.err
+    return done, pd.read_csv(folder / "log.est.csv"), table, (folder / "r.html").read_text(encoding="utf-8")
+
+
+def test_the_run_and_the_report_say_how_old_the_estimates_are(run: tuple) -> None:
+    done, est, table, page = run
+    words = "steer_angle 34 ms, accel_y -11 ms behind yaw_rate; estimates are of 34 ms before the row"
+    assert words in done.out and words in page
+    assert np.array_equal(est["time"], table["time"])
+    waiting = est["status"] == library().status("TSE_W_WAITING")
+    assert waiting.sum() == 5 and waiting[:5].all()  # from -11 to 34 ms: 4.5 rows
+    assert est["estimate_age"].to_numpy() == pytest.approx(0.034)
+
+
+def test_reference_and_estimate_are_drawn_at_the_times_that_they_are_of(run: tuple) -> None:
+    """vel_y agrees with the reference where the plot draws it, and less where the row stands."""
+    _, est, table, page = run
+    traces = {t["name"]: t for figure in figures_of(page) for t in figure["data"] if t["name"] in ("ref_vel_y", "estimate")}
+    assert np.asarray(traces["ref_vel_y"]["x"]) == pytest.approx(table["time"])
+    spoken = regimes.spoken_of(est)
+    assert spoken == pytest.approx(table["time"] - 0.034)
+    for figure in figures_of(page):
+        for trace in figure["data"]:
+            if trace["name"] == "estimate":
+                assert np.asarray(trace["x"]) == pytest.approx(spoken)
+    late = slice(2000, None)
+    true = np.interp(spoken[late], table["time"], table["ref_vel_y"])
+    at_its_time = np.sqrt(np.mean((est["vel_y"][late] - true) ** 2))
+    at_its_row = np.sqrt(np.mean((est["vel_y"][late] - table["ref_vel_y"][late]) ** 2))
+    assert at_its_time < 0.5 * at_its_row
+
+
+def test_where_nothing_is_late_nothing_is_drawn_otherwise(driven: np.ndarray) -> None:
+    table = pd.DataFrame({"time": [0.0, 0.01], "estimate_age": [0.0, np.nan]})  # NaN: a row that was refused
+    assert np.array_equal(regimes.spoken_of(table), table["time"])
+    assert np.array_equal(regimes.spoken_of(table[["time"]]), table["time"])
+    assert "estimate_age" in plots.OPTIONAL
+
+
+def test_keys_of_the_vehicle_file_are_the_channels(tmp_path) -> None:
+    from tselab.errors import UserError
+    from tselab.vehicle import read_vehicle
+
+    path = tmp_path / "car.toml"
+    path.write_text(CAR + "yaw_rate = 0.01\n")
+    car = read_vehicle(path)
+    assert car.values["steer_angle_latency"] == 0.034 and car.values["accel_y_latency"] == -0.011
+    assert car.told_latency == ["steer_angle", "accel_y"]
+    assert any("latency.yaw_rate is not known" in note for note in car.notes)  # it is the clock
+    assert list(latency_settings()) == [c.name for c in library().channels if c.name != "yaw_rate"]
+    path.write_text(CAR.replace("0.034", "0.5"))
+    with pytest.raises(UserError, match=r"latency.steer_angle.*-0\.2 \.\. 0\.2"):
+        read_vehicle(path)
+    path.write_text("latency = 0.1\n" + CAR.split("[latency]")[0])
+    with pytest.raises(UserError, match="must be a table"):
+        read_vehicle(path)
+
+
+def test_latencies_that_the_filter_cannot_keep_are_refused_with_their_name() -> None:
+    from tselab.core import SettingError
+
+    with pytest.raises(SettingError, match="wheel_speed_rear_latency = 0.2 is refused"):
+        Filter(Config({"sample_time": 0.005, "wheel_speed_rear_latency": 0.2}))
+    assert "TSE_W_WAITING" in [f.name for f in library().codes(STATUS).values()] and set(NOMINAL) == set(STIFFNESS)

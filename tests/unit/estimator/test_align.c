@@ -1,0 +1,503 @@
+/* tests/unit/estimator/test_align.c <-> src/estimator/align.c, and what tse_step() makes of it.
+ * Expected rows are read from a whole log with absolute times, in double; expected estimates are those of a log without delays. */
+#include "unit_support.h"
+#include "tse/learnt.h"
+
+enum { LOG = 1200 };
+
+static tse_filter_paper late_one, plain_one;
+static tse_params p;
+
+static size_t bytes_of_form(int32_t form) { return form ? sizeof late_one : sizeof late_one.filter; }
+
+static tse_config settings(int32_t form)
+{
+  tse_config c;
+  if (form == 2) tse_config_sampled(&c);
+  else if (form == 1) tse_config_paper(&c);
+  else tse_config_default(&c);
+  c.particles = 60;
+  return c;
+}
+
+/* Latencies of steering angle, wheels and accelerometers, in seconds. */
+static void tell(tse_config *c, const double late[5])
+{
+  c->steer_angle_latency = (tse_setting)late[0];
+  c->wheel_speed_front_latency = (tse_setting)late[1];
+  c->wheel_speed_rear_latency = (tse_setting)late[2];
+  c->accel_x_latency = (tse_setting)late[3];
+  c->accel_y_latency = (tse_setting)late[4];
+}
+
+static tse_real *channel(tse_input *u, int k)
+{
+  tse_real *const at[6] = { &u->steer_angle, &u->wheel_speed_front, &u->wheel_speed_rear, &u->accel_x, &u->accel_y, &u->yaw_rate };
+  return at[k];
+}
+
+/* What a channel truly is at a time: smooth, so that interpolation can be told from the neighbours. */
+static double truth(int k, double t)
+{
+  switch (k) {
+    case 0: return 0.02 * sin(5 * t) + 0.01 * sin(2.1 * t);
+    case 1: return 61 + 2 * sin(0.9 * t);
+    case 2: return 60 + 2 * sin(0.9 * t - 0.01);
+    case 3: return 0.8 * cos(0.9 * t);
+    case 4: return 2 * sin(5 * t - 0.3) + sin(2.1 * t);
+    default: return 0.1 * sin(5 * t - 0.2) + 0.05 * sin(2.1 * t);
+  }
+}
+
+/* A row of a noisy drive; some of its channels are missing now and then. */
+static tse_input noisy_row(int k)
+{
+  static const double sd[6] = { 0, 0.01, 0.01, 0.15, 0.15, 0.0035 };
+  uint32_t seed = 77u + 7919u * (uint32_t)k;
+  tse_input u;
+  memset(&u, 0, sizeof u);
+  u.dt = real(0.01);
+  for (int c = 0; c < 6; c++) {
+    *channel(&u, c) = real(truth(c, 0.01 * k) + sd[c] * (next_uniform(&seed) + next_uniform(&seed) + next_uniform(&seed) - 1.5) * 2);
+    if (next_uniform(&seed) < 0.02) u.missing |= 1u << c;
+  }
+  return u;
+}
+
+static void start(const tse_config *c, tse_filter_paper *f)
+{
+  p = prepared(c);
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f->filter, bytes_of_form(c->form)));
+}
+
+/* ------------------------------------------------------------------------------------------- whole rows */
+
+/* Each channel `rows[c]` rows late. Returned: how many rows were compared. */
+static int compare_shifted(int32_t form, const int rows[6], double sample_time)
+{
+  tse_config c = settings(form);
+  double late[5];
+  int latest = 0, earliest = 0, compared = 0;
+  for (int k = 0; k < 5; k++) {
+    late[k] = sample_time * rows[k];
+    latest = rows[k] > latest ? rows[k] : latest;
+    earliest = rows[k] < earliest ? rows[k] : earliest;
+  }
+  c.sample_time = (tse_setting)sample_time;
+  start(&c, &plain_one);
+  const tse_params plain = p;
+  tell(&c, late);
+  start(&c, &late_one);
+  for (int k = 0; k < LOG; k++) {
+    tse_input u, v = noisy_row(k - latest); /* what the filter without delays sees */
+    tse_output y, x;
+    memset(&u, 0, sizeof u);
+    u.dt = v.dt = real(sample_time);
+    for (int i = 0; i < 6; i++) {
+      tse_input was = noisy_row(k - rows[i]);
+      *channel(&u, i) = *channel(&was, i);
+      u.missing |= was.missing & 1u << i;
+    }
+    memset(&y, 0, sizeof y);
+    memset(&x, 0, sizeof x);
+    const tse_status got = tse_step(&p, &late_one.filter, &u, &y);
+    if (k < latest - earliest) {
+      TEST_ASSERT_EQUAL_INT(TSE_W_WAITING, got);
+      continue;
+    }
+    TEST_ASSERT_EQUAL_INT(tse_step(&plain, &plain_one.filter, &v, &x), got);
+    expect_near(sample_time * latest, number(y.estimate_age), 1e-6, "age in row", k);
+    x.estimate_age = y.estimate_age;
+    TEST_ASSERT_EQUAL_MEMORY_MESSAGE(&x, &y, sizeof x, "estimates of the same rows");
+    compared++;
+  }
+  return compared;
+}
+
+static void test_channels_late_by_whole_rows_give_the_same_bits_later(void)
+{
+  static const int cases[][6] = { { 3, 0, 0, 0, 0, 0 }, { 0, 6, 6, 0, 0, 0 }, { -2, -2, -2, -2, -2, 0 }, { 5, -4, 1, 2, -1, 0 },
+                                  { 20, -8, -8, 0, 3, 0 }, { 0, 0, 0, -7, 0, 0 }, { 1, 2, 3, 4, 5, 0 } };
+  for (int i = 0; i < ROWS(cases); i++)
+    for (int32_t form = i < 4 ? 2 : 0; form >= 0; form--) TEST_ASSERT_TRUE(compare_shifted(form, cases[i], 0.01) > LOG - 40);
+  TEST_ASSERT_TRUE(compare_shifted(0, cases[3], 0.007) > LOG - 40);
+}
+
+/* ------------------------------------------------------------------------------------------- any time */
+
+typedef struct book { double t[LOG], value[LOG][6]; int missing[LOG][6], rows; } book; /* what was logged when */
+
+/* A channel at a time, from the whole log, and by how much interpolation lowers the variance of white noise.
+ * Returned: 1 known, 0 missing, -1: so near to a row that both are right */
+static int read_book(const book *b, int k, double t, double *value, double *lost)
+{
+  const int from = 0;
+  int i = b->rows - 1;
+  while (i > from && b->t[i - 1] > t) i--;
+  if (i == from || fabs(b->t[i] - t) < 3e-5 || fabs(b->t[i - 1] - t) < 3e-5) {
+    const int at = i > from && fabs(b->t[i - 1] - t) < fabs(b->t[i] - t) ? i - 1 : i;
+    *value = b->value[at][k];
+    return -1;
+  }
+  const double share = (t - b->t[i - 1]) / (b->t[i] - b->t[i - 1]);
+  *lost = 1 - share * share - (1 - share) * (1 - share);
+  *value = b->value[i - 1][k] + share * (b->value[i][k] - b->value[i - 1][k]);
+  return !b->missing[i][k] && !b->missing[i - 1][k];
+}
+
+/* Irregular rows of 0.6 .. 1.6 sample times with these latencies, of which none comes so close that it is left out. */
+static void compare_interpolated(const double late[5], uint32_t seed)
+{
+  static book b;
+  tse_config c = settings(0);
+  double latest = 0, tau_before = -1;
+  int steps = 0;
+  for (int k = 0; k < 5; k++) latest = late[k] > latest ? late[k] : latest;
+  tell(&c, late);
+  start(&c, &late_one);
+  b.rows = 0;
+  double t = 0;
+  for (int n = 0; n < 400; n++) {
+    tse_input u, row;
+    memset(&u, 0, sizeof u);
+    u.dt = real(next_between(&seed, 0.006, 0.016));
+    t += n > 0 ? number(u.dt) : 0;
+    b.t[n] = t;
+    b.rows = n + 1;
+    for (int k = 0; k < 6; k++) {
+      *channel(&u, k) = real(truth(k, t));
+      b.value[n][k] = number(*channel(&u, k));
+      b.missing[n][k] = next_uniform(&seed) < 0.05;
+      if (b.missing[n][k]) u.missing |= 1u << k;
+    }
+    const tse_status got = align_row(&p, &late_one.filter, &u, &row);
+    TEST_ASSERT_TRUE(got == TSE_OK || (got == TSE_W_WAITING && steps == 0));
+    if (got != TSE_OK) continue;
+    if (steps++ > 0) expect_near(t - latest - tau_before, number(row.dt), BY_FORMAT(1e-12, 1e-6), "dt of step", n);
+    tau_before = t - latest;
+    for (int k = 0; k < 6; k++) {
+      double expected, lost = 0;
+      const int known = read_book(&b, k, tau_before + (k < 5 ? late[k] : 0), &expected, &lost);
+      const int has = (row.missing >> k & 1u) == 0;
+      if (known >= 0) TEST_ASSERT_EQUAL_INT(known, has);
+      if (known >= 0 && k >= 3) expect_near(lost, number(late_one.filter.waiting.lost[k - 3]), BY_FORMAT(1e-9, 5e-4), "lost", k);
+      if (known && has) expect_near(expected, number(*channel(&row, k)), known < 0 ? 6e-4 : BY_FORMAT(1e-11, 2e-4), "channel", k);
+    }
+  }
+  TEST_ASSERT_TRUE(steps > 340);
+}
+
+static void test_fractions_of_rows_are_interpolated(void)
+{
+  static const double cases[][5] = { { 0.013, 0, 0, 0, 0 }, { 0.0371, 0.0212, 0.0212, -0.0137, 0.0049 },
+                                     { -0.052, -0.011, -0.0123, -0.031, -0.0009 }, { 0.09, -0.06, 0.03, 0.1, 0 } };
+  for (int i = 0; i < ROWS(cases); i++) compare_interpolated(cases[i], 5u + (uint32_t)i);
+}
+
+static void test_random_latencies_are_interpolated(void)
+{
+  uint32_t seed = 99;
+  for (int i = 0; i < 40; i++) {
+    double late[5];
+    for (int k = 0; k < 5; k++) late[k] = next_between(&seed, -0.07, 0.07);
+    compare_interpolated(late, next_word(&seed));
+  }
+}
+
+static void test_a_value_missing_on_either_side_is_missing_and_on_neither_where_a_row_is_met(void)
+{
+  static const double half[5] = { 0.005, 0, 0, 0, 0 }, whole[5] = { 0.01, 0, 0, 0, 0 };
+  for (int whole_rows = 0; whole_rows < 2; whole_rows++) {
+    tse_config c = settings(0);
+    tse_input u, row;
+    tell(&c, whole_rows ? whole : half);
+    start(&c, &late_one);
+    for (int k = 0; k < 20; k++) {
+      memset(&u, 0, sizeof u);
+      u.dt = real(0.01);
+      u.yaw_rate = k == 10 ? real(7) : real(0.1); /* out of range */
+      u.missing = k == 15 ? TSE_MISSING(wheel_speed_rear) : 0;
+      if (align_row(&p, &late_one.filter, &u, &row) != TSE_OK) continue;
+      const int gyro = (row.missing & TSE_MISSING(yaw_rate)) == 0, wheel = (row.missing & TSE_MISSING(wheel_speed_rear)) == 0;
+      TEST_ASSERT_EQUAL_INT(whole_rows ? k != 11 : k != 10 && k != 11, gyro);
+      TEST_ASSERT_EQUAL_INT(whole_rows ? k != 16 : k != 15 && k != 16, wheel);
+    }
+  }
+}
+
+static void test_a_value_that_repeats_itself_does_so_when_interpolated(void)
+{
+  static const double late[5] = { 0.0033, 0.0177, 0.0177, 0.0041, -0.0129 };
+  tse_config c = settings(0);
+  tse_input u, row;
+  tell(&c, late);
+  start(&c, &late_one);
+  memset(&u, 0, sizeof u);
+  for (int k = 0; k < 200; k++) {
+    u.dt = real(k % 3 ? 0.0091 : 0.0113);
+    for (int i = 0; i < 6; i++) *channel(&u, i) = real(truth(i, 0.77));
+    if (align_row(&p, &late_one.filter, &u, &row) != TSE_OK) continue;
+    for (int i = 0; i < 6; i++) TEST_ASSERT_EQUAL_MEMORY(channel(&u, i), channel(&row, i), sizeof(tse_real));
+  }
+}
+
+/* ------------------------------------------------------------------------------------------- odd rows */
+
+static void test_until_all_channels_are_known_the_start_is_told(void)
+{
+  static const double late[5] = { 0.04, 0.04, 0, 0, -0.02 };
+  for (int32_t form = 0; form <= 2; form++) {
+    tse_config c = settings(form);
+    uint8_t bytes[TSE_LEARNT_BYTES];
+    tse_output y;
+    c.initial_cy_front = (tse_setting)0.8;
+    tell(&c, late);
+    start(&c, &late_one);
+    for (int k = 0; k < 8; k++) {
+      const tse_input u = noisy_row(k);
+      const tse_status got = tse_step(&p, &late_one.filter, &u, &y);
+      TEST_ASSERT_EQUAL_INT(y.status, got);
+      expect_near(0.04, number(y.estimate_age), 1e-6, "age", k);
+      TEST_ASSERT_EQUAL_INT(k < 6, got == TSE_W_WAITING);
+      for (int a = 0; a < 3; a++) TEST_ASSERT_TRUE(y.reason[a] == TSE_STARTING || y.reason[a] == TSE_INPUT_INVALID);
+      if (k >= 6) continue;
+      expect_near(0.8, number(y.stiffness[TSE_CY_FRONT]), 1e-6, "stiffness", k);
+      expect_near(number(p.mean_sd), number(y.stiffness_sd[TSE_CY_FRONT]), 1e-6, "its sd", k);
+      expect_near((double)c.initial_spread * (form == 0 ? 0.8 : 1), number(y.stiffness_spread[TSE_CY_FRONT]), 1e-6, "its spread", k);
+      expect_near((double)c.accel_y_bias_sd, number(y.bias_sd[1]), 1e-6, "sd of a bias", k);
+      expect_near(form == 0, number(y.regime[TSE_REGIME_STEADY]), 0, "steady", k);
+      TEST_ASSERT_EQUAL_INT(TSE_E_STATE, tse_learnt_save(&p, &late_one.filter, bytes));
+      TEST_ASSERT_EQUAL_INT(TSE_E_STATE, tse_learnt_load(&p, &late_one.filter, bytes, sizeof bytes, 0)); /* after the first row */
+    }
+  }
+}
+
+static void test_nothing_is_read_across_a_gap(void)
+{
+  static const double late[5] = { 0.035, 0, 0, 0, -0.01 };
+  enum { GAP = 600 };
+  for (int32_t form = 0; form <= 2; form += 2) {
+    tse_config c = settings(form);
+    tse_output y;
+    double waited = 0.035;
+    tse_real last = TSE_R(0);
+    tell(&c, late);
+    start(&c, &late_one);
+    for (int k = 0; k < GAP + 20; k++) {
+      tse_input u = noisy_row(k);
+      u.missing = 0;
+      u.dt = real(k == GAP ? 0.5 : 0.01);
+      const tse_status got = tse_step(&p, &late_one.filter, &u, &y);
+      if (k < GAP) { last = y.stiffness[1]; continue; }
+      waited += number(u.dt);
+      if (k < GAP + 5) { /* from -0.01 to 0.035: 5 rows */
+        TEST_ASSERT_EQUAL_INT(TSE_W_WAITING, got);
+        TEST_ASSERT_EQUAL_INT(TSE_INPUT_INVALID, y.reason[1]);
+        expect_near(waited, number(y.estimate_age), 1e-5, "age", k - GAP);
+        expect_near(number(last), number(y.stiffness[1]), 0.02, "stiffness", k - GAP);
+      } else {
+        TEST_ASSERT_EQUAL_INT(k == GAP + 5, got == TSE_W_GAP);
+        TEST_ASSERT_TRUE(got != TSE_W_WAITING);
+        expect_near(0.035, number(y.estimate_age), 1e-6, "age", k - GAP);
+      }
+    }
+  }
+}
+
+static void test_a_step_takes_the_whole_time_since_the_last_one(void)
+{
+  static const double late[5] = { 0.03, 0, 0, 0, 0 };
+  tse_config c = settings(0);
+  tse_input u = noisy_row(0), row;
+  double given = 0, taken = 0;
+  uint32_t seed = 3;
+  int steps = 0;
+  tell(&c, late);
+  start(&c, &late_one);
+  for (int k = 0; k < 3000; k++) {
+    u.dt = real(next_uniform(&seed) < 0.02 ? next_between(&seed, 0.1, 2) : next_between(&seed, 0.001, 0.03));
+    const tse_status got = align_row(&p, &late_one.filter, &u, &row);
+    given += k > 0 ? number(u.dt) : 0;
+    if (got == TSE_OK) taken += number(row.dt);
+    if (got == TSE_OK) expect_near(given, taken, 1e-9 + BY_FORMAT(0, 2e-3), "time", k);
+    steps += got == TSE_OK;
+  }
+  TEST_ASSERT_TRUE(steps > 1500);
+  for (int k = 0; k < 8; k++) { /* more than a dt may be: what is refused elsewhere is cut */
+    u.dt = real(3600);
+    TEST_ASSERT_EQUAL_INT(TSE_W_WAITING, align_row(&p, &late_one.filter, &u, &row));
+  }
+  for (int k = 0; k < 5; k++) {
+    u.dt = real(0.01);
+    if (align_row(&p, &late_one.filter, &u, &row) == TSE_OK) break;
+  }
+  expect_near(3600, number(row.dt), 0, "longest dt", 0);
+}
+
+static void test_refused_rows_change_nothing(void)
+{
+  static const double late[5] = { 0.033, 0.02, 0.02, -0.01, 0 };
+  tse_config c = settings(0);
+  const tse_real none = TSE_R(0) / number(TSE_R(0)), bad_dt[4] = { TSE_R(0), TSE_R(-0.01), TSE_R(3601), none };
+  tell(&c, late);
+  start(&c, &late_one);
+  for (int k = 0; k < 60; k++) {
+    const tse_input fine = noisy_row(k);
+    tse_output y, before;
+    memset(&y, 17, sizeof y);
+    memcpy(&before, &y, sizeof y);
+    memcpy(&plain_one, &late_one, sizeof plain_one);
+    for (int i = 0; i < 4 && k > 0; i++) {
+      tse_input u = fine;
+      u.dt = bad_dt[i];
+      TEST_ASSERT_EQUAL_INT(TSE_E_TIME, tse_step(&p, &late_one.filter, &u, &y));
+    }
+    tse_input u = fine;
+    u.missing = 0;
+    u.steer_angle = TSE_R(2);
+    TEST_ASSERT_EQUAL_INT(TSE_E_INPUT, tse_step(&p, &late_one.filter, &u, &y));
+    TEST_ASSERT_EQUAL_MEMORY(&plain_one, &late_one, sizeof late_one);
+    TEST_ASSERT_EQUAL_MEMORY(&before, &y, sizeof y);
+    TEST_ASSERT_TRUE(tse_step(&p, &late_one.filter, &fine, &y) >= 0);
+    TEST_ASSERT_TRUE(tse_step(&p, &late_one.filter, &fine, NULL) >= 0);
+  }
+}
+
+/* ------------------------------------------------------------------------------------------- memory */
+
+static void test_latencies_that_do_not_fit_the_memory_are_refused_by_name(void)
+{
+  const double most = 0.01 * (TSE_LATENCY_ROWS - 4);
+  tse_config c = settings(0);
+  const char *wrong = NULL;
+  c.steer_angle_latency = (tse_setting)(most - 0.1);
+  c.accel_x_latency = (tse_setting)-0.1;
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_prepare(&c, &p, &wrong));
+  c.accel_x_latency = (tse_setting)-0.101;
+  TEST_ASSERT_EQUAL_INT(TSE_E_CONFIG, tse_prepare(&c, &p, &wrong));
+  TEST_ASSERT_EQUAL_STRING("steer_angle_latency", wrong);
+  TEST_ASSERT_EQUAL_INT(TSE_E_CONFIG, tse_config_check(&c, NULL));
+  c.sample_time = (tse_setting)0.001;
+  c.steer_angle_latency = 0;
+  TEST_ASSERT_EQUAL_INT(TSE_E_CONFIG, tse_config_check(&c, &wrong));
+  TEST_ASSERT_EQUAL_STRING("accel_x_latency", wrong);
+  c.sample_time = (tse_setting)0.01;
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_prepare(&c, &p, NULL));
+  c.wheel_speed_rear_latency = (tse_setting)0.21;
+  TEST_ASSERT_EQUAL_INT(TSE_E_CONFIG, tse_config_check(&c, &wrong));
+  TEST_ASSERT_EQUAL_STRING("wheel_speed_rear_latency", wrong);
+}
+
+/* Seven rows where the settings say one, with all the span that fits: some are left out, and the time is right. */
+static void test_rows_that_come_faster_than_told_are_left_out(void)
+{
+  static const double late[5] = { 0.2, 0, 0, -0.08, 0 };
+  tse_config c = settings(0);
+  tse_input u, row;
+  double t = 0, tau = -1, taken = 0;
+  int steps = 0, longest = 0, since = 0;
+  tell(&c, late);
+  start(&c, &late_one);
+  for (int k = 0; k < 4000; k++) {
+    memset(&u, 0, sizeof u);
+    u.dt = real(0.01 / 7);
+    t += k > 0 ? number(u.dt) : 0;
+    for (int i = 0; i < 6; i++) *channel(&u, i) = real(truth(i, t));
+    const tse_status got = align_row(&p, &late_one.filter, &u, &row);
+    TEST_ASSERT_TRUE(late_one.filter.waiting.count <= TSE_LATENCY_ROWS);
+    since++;
+    if (got != TSE_OK) continue;
+    longest = steps > 0 && since > longest ? since : longest;
+    since = 0;
+    if (steps++ > 0) taken += number(row.dt);
+    else tau = t - 0.2;
+    expect_near(t - 0.2, tau + taken, BY_FORMAT(1e-9, 1e-3), "time", k);
+    for (int i = 0; i < 6; i++) /* curved between rows that are 0.01 s apart: h^2/8 of the second derivative */
+      expect_near(truth(i, t - 0.2 + (i < 5 ? late[i] : 0)), number(*channel(&row, i)), BY_FORMAT(1e-3, 3e-3), "channel", i);
+  }
+  TEST_ASSERT_TRUE(steps > 450);
+  TEST_ASSERT_EQUAL_INT(7, longest);
+}
+
+static void test_any_latencies_and_rows_leave_numbers_and_a_sound_filter(void)
+{
+  uint32_t seed = 11;
+  for (int run = 0; run < 60; run++) {
+    const int32_t form = run % 4 ? 0 : 2;
+    tse_config c = settings(form);
+    c.sample_time = (tse_setting)next_between(&seed, 0.002, 0.05);
+    c.max_gap = (tse_setting)next_between(&seed, 0.05, 0.5);
+    const double reach = fmin(0.2, (double)c.sample_time * (TSE_LATENCY_ROWS - 4) / 2.01);
+    double late[5];
+    for (int k = 0; k < 5; k++) late[k] = next_uniform(&seed) < 0.3 ? 0 : next_between(&seed, -reach, reach);
+    tell(&c, late);
+    start(&c, &late_one);
+    for (int k = 0; k < 300; k++) {
+      const double kind = next_uniform(&seed);
+      tse_input u = noisy_row(k);
+      tse_output y;
+      u.dt = real(kind < 0.02 ? next_between(&seed, 0.1, 3600) : kind < 0.3 ? next_between(&seed, 1e-6, 0.02)
+                                                                            : next_between(&seed, 0.5, 1.5) * (double)c.sample_time);
+      if (kind > 0.95) *channel(&u, (int)(6 * next_uniform(&seed))) = real(next_between(&seed, -60, 60));
+      const tse_status got = tse_step(&p, &late_one.filter, &u, &y);
+      TEST_ASSERT_EQUAL_INT(TSE_OK, tse_filter_check(&p, &late_one.filter, bytes_of_form(form)));
+      if (got < 0) continue;
+#define OUT_REAL(name, member, unit, text) TEST_ASSERT_TRUE_MESSAGE(r_is_finite(y.member), #name);
+#define OUT_INT(name, member, text)
+#include "tse/output.def"
+#undef OUT_REAL
+#undef OUT_INT
+      TEST_ASSERT_TRUE(y.estimate_age >= TSE_R(0) && y.estimate_age <= TSE_R(3601));
+    }
+  }
+}
+
+/* A filter with effects, too: rows are put in order before they see them. */
+static void test_effects_act_on_the_row_that_was_put_together(void)
+{
+  static const int rows[6] = { 3, -1, -1, 0, 1, 0 };
+  tse_config c = settings(0);
+  double late[5];
+  for (int k = 0; k < 5; k++) late[k] = 0.01 * rows[k];
+  c.steering_delay_time = (tse_setting)0.02;
+  c.imu_delay_time = (tse_setting)0.01;
+  start(&c, &plain_one);
+  const tse_params plain = p;
+  tell(&c, late);
+  start(&c, &late_one);
+  for (int k = 0; k < 300; k++) {
+    tse_input u = noisy_row(k), v = noisy_row(k - 3);
+    tse_output y, x;
+    u.missing = 0;
+    for (int i = 0; i < 6; i++) {
+      tse_input was = noisy_row(k - rows[i]);
+      *channel(&u, i) = *channel(&was, i);
+      u.missing |= was.missing & 1u << i;
+    }
+    memset(&y, 0, sizeof y);
+    memset(&x, 0, sizeof x);
+    if (tse_step(&p, &late_one.filter, &u, &y) == TSE_W_WAITING) continue;
+    TEST_ASSERT_TRUE(tse_step(&plain, &plain_one.filter, &v, &x) >= 0);
+    x.estimate_age = y.estimate_age;
+    TEST_ASSERT_EQUAL_MEMORY(&x, &y, sizeof x);
+  }
+}
+
+int main(void)
+{
+  UNITY_BEGIN();
+  RUN_TEST(test_channels_late_by_whole_rows_give_the_same_bits_later);
+  RUN_TEST(test_fractions_of_rows_are_interpolated);
+  RUN_TEST(test_random_latencies_are_interpolated);
+  RUN_TEST(test_a_value_missing_on_either_side_is_missing_and_on_neither_where_a_row_is_met);
+  RUN_TEST(test_a_value_that_repeats_itself_does_so_when_interpolated);
+  RUN_TEST(test_until_all_channels_are_known_the_start_is_told);
+  RUN_TEST(test_nothing_is_read_across_a_gap);
+  RUN_TEST(test_a_step_takes_the_whole_time_since_the_last_one);
+  RUN_TEST(test_refused_rows_change_nothing);
+  RUN_TEST(test_latencies_that_do_not_fit_the_memory_are_refused_by_name);
+  RUN_TEST(test_rows_that_come_faster_than_told_are_left_out);
+  RUN_TEST(test_any_latencies_and_rows_leave_numbers_and_a_sound_filter);
+  RUN_TEST(test_effects_act_on_the_row_that_was_put_together);
+  return UNITY_END();
+}
