@@ -87,7 +87,7 @@ typedef struct tse_params {
   tse_real vel_x0, x_sd0[3];
   tse_real mean_var0;                 /* [1] variance of the mean at the start             */
   tse_real spread_max_var;            /* [1]    */
-  tse_real latency, latency_span;     /* [s] of the latest channel; from the earliest to the latest; 0: nothing waits */
+  tse_real latency, latency_span;     /* [s] how old a row is when it is read, and its earliest channel; 0: nothing waits */
   tse_real latency_least;             /* [s] rows that come closer are not kept          */
   tse_real latency_age[6];            /* [s] how old the value of each channel is that is true at the time estimated of */
   tse_real learnt_floor, learnt_walk; /* [1], [1/day] variance of a mean from an earlier drive: at least, growth */

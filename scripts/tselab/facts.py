@@ -22,7 +22,7 @@ def run_facts(est: Estimate, log: Log, vehicle: Vehicle, config: Config, stride:
     late = {channel: 1000 * getattr(config, name) for channel, name in latency_settings().items() if getattr(config, name)}
     if late:
         told = ", ".join(f"{channel} {ms:g} ms" for channel, ms in late.items())
-        age = max(0.0, *late.values())
+        age = 1000 * float(est.table["estimate_age"].min()) if len(est) else 0.0
         facts.append(("Latency", f"{told} behind yaw_rate; estimates are of {age:g} ms before the row"))
     if est.interrupted:
         facts.append(("Stopped", f"by Ctrl-C after {len(est)} of {len(log)} rows"))

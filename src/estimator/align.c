@@ -1,7 +1,8 @@
 /* estimator/align.c - channels that are logged at different times become one row of one time (tse/latency.def).
  *
- * With L the latest channel's latency, 0 if none is late, the newest time at which all channels are known is now - L. Channel c is
- * then read from the rows kept, L - latency_c before now, by linear interpolation; steps are as long as the rows are apart.
+ * With L the latest channel's latency, 0 if none is late, the newest time at which all channels are known is now - L; a row is of that
+ * time, or of that of the row of accel_x before it (prepare.c). Channel c is then read from the rows kept, latency_age_c before now,
+ * by linear interpolation; steps are as long as the rows are apart.
  *
  * White noise that is interpolated between two rows, w and 1 - w, has the variance w^2 + (1 - w)^2, and what the rows lose of it,
  * 2 w (1 - w), they have in common with their neighbours: at low frequencies, of which stiffness and biases are learnt, it is as loud

@@ -85,14 +85,26 @@ static void latencies_of(const tse_config *c, tse_setting latency[TSE_CHANNELS])
 #include "tse/latency.def"
 }
 
-/* Of the earliest and of the latest channel. */
-static void extremes(const tse_setting latency[TSE_CHANNELS], int *earliest, int *latest)
+/* When a row is read: its time is `age` before the newest row, the earliest channel `span` before it. */
+typedef struct reading_time { tse_setting age, span; int earliest, latest; } reading_time;
+
+/* Not before all channels are known, and then at a row of accel_x, if rows are sample_time apart: interpolated noise is in neighbours,
+ * too, vel_x follows it, and half a row of it moved the longitudinal stiffness by 8 % and was taken for a disturbance. Noise of
+ * accel_y and gyro does neither (tests/lab/test_latency.py). Where accelerometers and gyro are one IMU none is interpolated then. */
+static reading_time reading_time_of(const tse_config *c, const tse_setting latency[TSE_CHANNELS])
 {
-  *earliest = *latest = (int)TSE_CHANNEL_yaw_rate;
+  reading_time r = { 0, 0, (int)TSE_CHANNEL_yaw_rate, (int)TSE_CHANNEL_yaw_rate };
   for (int k = 0; k < (int)TSE_CHANNELS; k++) {
-    if (latency[k] < latency[*earliest]) *earliest = k;
-    if (latency[k] > latency[*latest]) *latest = k;
+    if (latency[k] < latency[r.earliest]) r.earliest = k;
+    if (latency[k] > latency[r.latest]) r.latest = k;
   }
+  if (r.earliest == r.latest) return r;
+  const tse_setting rows = (latency[r.latest] - latency[TSE_CHANNEL_accel_x]) / c->sample_time;
+  const int32_t whole = (int32_t)(rows + (tse_setting)0.999); /* 3.001 are 3: as little as decimals are rounded by */
+  r.age = latency[TSE_CHANNEL_accel_x] + (tse_setting)whole * c->sample_time;
+  if (r.age < latency[r.latest]) r.age = latency[r.latest];
+  r.span = r.age - latency[r.earliest];
+  return r;
 }
 
 /* Does the filter keep enough rows for the channels to wait for each other? Names the channel that is furthest from the gyro. */
@@ -104,25 +116,22 @@ static tse_status latencies_fit(const tse_config *c, const char **wrong)
   };
   const tse_setting most = (tse_setting)(TSE_LATENCY_ROWS - ROWS_TO_SPARE) * c->sample_time;
   tse_setting latency[TSE_CHANNELS];
-  int earliest, latest;
   latencies_of(c, latency);
-  extremes(latency, &earliest, &latest);
-  if (!(latency[latest] - latency[earliest] > most * (tse_setting)1.0001)) return TSE_OK; /* 28 times 0.01 is rounded */
-  if (wrong) *wrong = names[latency[latest] > -latency[earliest] ? latest : earliest];
+  const reading_time r = reading_time_of(c, latency);
+  if (!(r.span > most * (tse_setting)1.0001)) return TSE_OK; /* 28 times 0.01 is rounded */
+  if (wrong) *wrong = names[latency[r.latest] > -latency[r.earliest] ? r.latest : r.earliest];
   return TSE_E_CONFIG;
 }
 
 static void prepare_latencies(const tse_config *c, tse_params *p)
 {
   tse_setting latency[TSE_CHANNELS];
-  int earliest, latest;
   latencies_of(c, latency);
-  extremes(latency, &earliest, &latest);
-  const tse_setting span = latency[latest] - latency[earliest];
-  p->latency = real_of(latency[latest]);
-  p->latency_span = real_of(span);
-  p->latency_least = real_of(span / (tse_setting)(TSE_LATENCY_ROWS - 2));
-  for (int k = 0; k < (int)TSE_CHANNELS; k++) p->latency_age[k] = real_of(latency[latest] - latency[k]);
+  const reading_time r = reading_time_of(c, latency);
+  p->latency = real_of(r.age);
+  p->latency_span = real_of(r.span);
+  p->latency_least = real_of(r.span / (tse_setting)(TSE_LATENCY_ROWS - 2));
+  for (int k = 0; k < (int)TSE_CHANNELS; k++) p->latency_age[k] = real_of(r.age - latency[k]);
 }
 
 tse_status tse_config_check(const tse_config *c, const char **wrong)

@@ -13,6 +13,7 @@ from tselab.report import figures_of
 from tselab.vehicle import latency_settings
 
 ROWS, DT = 6000, 0.01
+LAST = slice(-1500, None)
 WHEELS = ("wheel_speed_front", "wheel_speed_rear")
 STRICT = {"steer_lag_sd": 0.0}  # nothing is found out that is not told
 
@@ -74,8 +75,9 @@ def test_told_latencies_cost_nothing(driven: np.ndarray, seed: int) -> None:
     for key in STIFFNESS:
         assert told[-1][key] == pytest.approx(1.0, abs=0.02)
         assert told[-1][f"{key}_valid"] == plain[-1][f"{key}_valid"] == 0
-        assert told[-1][f"{key}_sd"] < 1.3 * plain[-1][f"{key}_sd"]
-    assert told[-1]["estimate_age"] == pytest.approx(max(late.values()))
+        assert np.median(told[f"{key}_sd"][LAST]) < 1.3 * np.median(plain[f"{key}_sd"][LAST])
+    age = told[-1]["estimate_age"]  # whole rows more than accel_x is late
+    assert -1e-9 < age - max(late.values()) < DT and (age - late["accel_x"]) / DT == pytest.approx(round((age - late["accel_x"]) / DT))
     for channel in ("accel_x", "accel_y", "yaw_rate"):  # interpolation makes rows quieter, and that is known
         assert told[-1][f"noise_{channel}"] == pytest.approx(1.0, abs=0.15)
         assert told[-1][f"discrepancy_{channel}"] == 0
@@ -90,7 +92,7 @@ def test_untold_they_are_read_as_another_stiffness(driven: np.ndarray) -> None:
 def test_channels_that_are_early_are_as_good(driven: np.ndarray) -> None:
     late = {name: -by for name, by in drawn(7).items()}
     last = estimated(logged(driven, late), late)[-1]
-    assert last["estimate_age"] == 0 and max(map(abs, normalised(last))) < 4
+    assert last["estimate_age"] < DT and max(map(abs, normalised(last))) < 4
     assert all(last[key] == pytest.approx(1.0, abs=0.02) for key in STIFFNESS)
 
 
@@ -133,25 +135,25 @@ def run(driven: np.ndarray, tmp_path_factory: pytest.TempPathFactory) -> tuple:
 
 def test_the_run_and_the_report_say_how_old_the_estimates_are(run: tuple) -> None:
     done, est, table, page = run
-    words = "steer_angle 34 ms, accel_y -11 ms behind yaw_rate; estimates are of 34 ms before the row"
+    words = "steer_angle 34 ms, accel_y -11 ms behind yaw_rate; estimates are of 40 ms before the row"
     assert words in done.out and words in page
     assert np.array_equal(est["time"], table["time"])
     waiting = est["status"] == library().status("TSE_W_WAITING")
-    assert waiting.sum() == 5 and waiting[:5].all()  # from -11 to 34 ms: 4.5 rows
-    assert est["estimate_age"].to_numpy() == pytest.approx(0.034)
+    assert waiting.sum() == 6 and waiting[:6].all()  # from -11 to 40 ms: 5.1 rows
+    assert est["estimate_age"].to_numpy() == pytest.approx(0.04)
 
 
 def test_reference_and_estimate_are_drawn_at_the_times_that_they_are_of(run: tuple) -> None:
     """vel_y agrees with the reference where the plot draws it, and less where the row stands."""
     _, est, table, page = run
     traces = {t["name"]: t for figure in figures_of(page) for t in figure["data"] if t["name"] in ("ref_vel_y", "estimate")}
-    assert np.asarray(traces["ref_vel_y"]["x"]) == pytest.approx(table["time"])
+    assert np.asarray(traces["ref_vel_y"]["x"]) == pytest.approx(table["time"].to_numpy())
     spoken = regimes.spoken_of(est)
-    assert spoken == pytest.approx(table["time"] - 0.034)
+    assert spoken == pytest.approx(table["time"].to_numpy() - 0.04, abs=1e-6)
     for figure in figures_of(page):
         for trace in figure["data"]:
             if trace["name"] == "estimate":
-                assert np.asarray(trace["x"]) == pytest.approx(spoken)
+                assert np.asarray(trace["x"]) == pytest.approx(spoken, abs=1e-6)
     late = slice(2000, None)
     true = np.interp(spoken[late], table["time"], table["ref_vel_y"])
     at_its_time = np.sqrt(np.mean((est["vel_y"][late] - true) ** 2))

@@ -69,7 +69,7 @@ static inline int kind_of_effect_setting(size_t offset)
 /* For settings anywhere in their ranges: latencies as large as the memory of a filter holds of its sample_time. */
 static inline void fit_latencies(tse_config *c)
 {
-  const tse_setting most = (tse_setting)((TSE_LATENCY_ROWS - 4) * (double)c->sample_time / 2.001);
+  const tse_setting most = (tse_setting)((TSE_LATENCY_ROWS - 5) * (double)c->sample_time / 2.001);
 #define LATENCY(channel, text)                                            \
   if (c->channel##_latency > most) c->channel##_latency = most;           \
   if (c->channel##_latency < -most) c->channel##_latency = -most;

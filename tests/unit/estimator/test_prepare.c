@@ -296,13 +296,13 @@ static void test_sensor_constants_are_normalised_by_the_sensors_sd(void)
 
 static void test_channels_are_read_as_long_before_the_row_as_the_latest_one_needs(void)
 {
-  static const double age[6] = { 0.015 - 0.006, 0.015 - 0.012, 0, 0.015 + 0.003, 0.015 + 0.009, 0.015 }; /* in the order of a row */
+  static const double age[6] = { 0.017 - 0.006, 0.017 - 0.012, 0.002, 0.02, 0.017 + 0.009, 0.017 }; /* in the order of a row */
   const tse_config c = other_car();
   const tse_params p = prepared(&c);
-  expect_relative(0.015, p.latency, "latency");
-  expect_relative(0.015 + 0.009, p.latency_span, "latency_span");
-  expect_relative(0.024 / (TSE_LATENCY_ROWS - 2), p.latency_least, "latency_least");
-  for (int k = 0; k < 6; k++) expect_near(age[k], number(p.latency_age[k]), BY_FORMAT(1e-16, 1e-8), "latency_age", k);
+  expect_relative(0.017, p.latency, "latency");
+  expect_relative(0.017 + 0.009, p.latency_span, "latency_span");
+  expect_relative(0.026 / (TSE_LATENCY_ROWS - 2), p.latency_least, "latency_least");
+  for (int k = 0; k < 6; k++) expect_near(age[k], number(p.latency_age[k]), BY_FORMAT(1e-16, 1e-8), "latency_age, whole rows of accel_x", k);
   const tse_config d = defaults();
   const tse_params q = prepared(&d);
   for (int k = 0; k < 6; k++) expect_near(0, number(q.latency_age[k]), 0, "latency_age", k);
