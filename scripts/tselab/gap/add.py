@@ -18,7 +18,15 @@ from tselab.gap.fit import Fit, covariance
 from tselab.gap.name import Named
 from tselab.gap.problem import PROFILES, Problem
 from tselab.gap.workflow import Result
-from tselab.vehicle import HINT_ONLY, Vehicle, latency_settings, read_vehicle, sensor_settings, uncertainty_settings, vehicle_settings
+from tselab.vehicle import (
+    HINT_ONLY,
+    Vehicle,
+    latency_settings,
+    read_vehicle,
+    sensor_settings,
+    uncertainty_settings,
+    vehicle_settings,
+)
 
 VEHICLE, HEADER = "vehicle_improved.toml", "effects.h"
 
