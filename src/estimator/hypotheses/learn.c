@@ -43,13 +43,16 @@ static void slopes_of_evidence(const tse_hypothesis *h, const sample *y, const i
     }
 }
 
-/* E q_i^2: g_ii, but where interpolation took of the noise of a channel (align.c) the covariance of e is less than S by that. */
-static tse_real expected_square(const sample *y, tse_real g[6][6], const tse_real var[6], int i)
+/* E q_i^2 is g_ii, but where interpolation took of the noise of a channel (align.c) the covariance of e is less than S by that.
+ * Updated: step  the score of what is not missed then */
+static void add_lost(const sample *y, tse_real g[6][6], const tse_real var[6], tse_real step[6])
 {
-  tse_real square = g[i][i];
-  for (int c = 0; c < 3; c++)
-    if (y->lost[c] > TSE_R(0)) square -= r_mul(r_mul(y->lost[c], var[3 + c]), r_sqr(g[i][3 + c]));
-  return square;
+  if (!(r_max(r_max(y->lost[0], y->lost[1]), y->lost[2]) > TSE_R(0))) return;
+  for (int i = 0; i < 6; i++) {
+    tse_real square = TSE_R(0);
+    for (int c = 0; c < 3; c++) square += r_mul(r_mul(y->lost[c], var[3 + c]), r_sqr(g[i][3 + c]));
+    step[i] += r_mul(r_mul(TSE_R(0.5), var[i]), square);
+  }
 }
 
 /* var times exp(step), in a bounded step. */
@@ -68,7 +71,7 @@ void learn(const tse_params *p, tse_hypothesis *h, const sample *y, const innova
   }
   slopes_of_evidence(h, y, o, g, q);
   for (int i = 0; i < 6; i++) {
-    step[i] = r_mul(r_mul(TSE_R(0.5), var[i]), r_mul(trust, r_sqr(q[i])) - expected_square(y, g, var, i));
+    step[i] = r_mul(r_mul(TSE_R(0.5), var[i]), r_mul(trust, r_sqr(q[i])) - g[i][i]);
     for (int j = 0; j <= i; j++)
       A[i][j] = A[j][i] = r_mul(keep, h->info[i][j]) + r_mul(r_mul(TSE_R(0.5), r_sqr(g[i][j])), r_mul(var[i], var[j]));
     /* what is forgotten gives way to the prior: 2 (a - b)/(a + b) is log a - log b, near enough */
@@ -77,6 +80,7 @@ void learn(const tse_params *p, tse_hypothesis *h, const sample *y, const innova
     A[i][i] += prior;
     step[i] += r_mul(prior, r_div(r_mul(TSE_R(2), told - var[i]), told + var[i]));
   }
+  add_lost(y, g, var, step);
   memcpy(h->info, A, sizeof h->info);
   solve(A, step);
   for (int a = 0; a < 3; a++) {
