@@ -180,7 +180,7 @@ typedef struct tse_bank {
 /* Rows that wait for channels which are logged later, in a ring: before them stands an older one. */
 typedef struct tse_alignment {
   int32_t count, newest;                    /* rows kept; place of the newest                             */
-  tse_real since, unkept;                   /* [s] from the row of the last step, and from the newest row kept, to the last one given */
+  tse_real since, unkept;                   /* [s] from the last step's row, from the newest row kept, to the last one given */
   tse_real before[TSE_LATENCY_ROWS];        /* [s] since the row kept before it; 0 where there is none      */
   tse_real value[TSE_LATENCY_ROWS][6];      /* channels as logged; 0 where missing                        */
   uint8_t missing[TSE_LATENCY_ROWS];        /* bits of tse_input.missing                                  */

@@ -146,11 +146,11 @@ tse_status tse_input_check(const tse_input *u, const char **wrong);
  *     steering angle or wheel speed missing      last value held up to max_gap, then states frozen; predicts only
  *     measurement missing or out of range        the other measurements are used; all missing: predicts only
  *     dt up to max_gap                           bridged in steps no longer than 1.5 sample_time (default form: at most 8 of them)
- *     a channel logged late (tse/latency.def)    rows wait, with the cautions of the last step and the status TSE_W_WAITING, until all
- *                                                channels are known; then a step to that time, estimate_age before the row. A time
- *                                                above max_gap between rows: what waits is given up, and the next step, when the
- *                                                channels are known again, has the whole time. Rows that come faster than the memory
- *                                                can hold (TSE_LATENCY_ROWS) are left out, their time is not
+ *     a channel logged late (tse/latency.def)    rows wait, with the reasons of the last step and the status TSE_W_WAITING, until
+ *                                                all channels are known; then a step to that time, estimate_age before the row.
+ *                                                dt above max_gap: what waits is given up, and the next step, when the channels
+ *                                                are known again, has the whole time. Rows that come faster than the memory can
+ *                                                hold (TSE_LATENCY_ROWS) are left out, their time is not
  *     dt above max_gap                           states restarted from wheel speeds and gyro, what was learnt is kept
  *     |wheel speed| below hold_speed, reverse,   motion goes on, nothing is learnt; gyro bias learnt at standstill
  *     steering angle beyond max_steer

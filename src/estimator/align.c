@@ -1,18 +1,18 @@
 /* estimator/align.c - channels that are logged at different times become one row of one time (tse/latency.def).
  *
- * With L the latest channel's latency, 0 if none is late, the newest time at which all channels are known is now - L; a row is of that
- * time, or of that of the row of accel_x before it (prepare.c). Channel c is then read from the rows kept, latency_age_c before now,
- * by linear interpolation; steps are as long as the rows are apart.
+ * With L the latest channel's latency, 0 if none is late, the newest time at which all channels are known is now - L; a row is of
+ * that time, or of that of the row of accel_x before it (prepare.c). Channel c is then read from the rows kept, latency_age_c
+ * before now, by linear interpolation; steps are as long as the rows are apart.
  *
  * White noise that is interpolated between two rows, w and 1 - w, has the variance w^2 + (1 - w)^2, and what the rows lose of it,
- * 2 w (1 - w), they have in common with their neighbours: at low frequencies, of which stiffness and biases are learnt, it is as loud
- * as before. So the sd of a channel stays what it is without: with the smaller variance a filter that takes rows for independent is
- * too sure, and takes what they have in common for a disturbance. The default form, which finds the noise of a channel from its
- * rows, is told what they lost (learn.c). */
+ * 2 w (1 - w), they have in common with their neighbours: at low frequencies, of which stiffness and biases are learnt, it is as
+ * loud as before. So the sd of a channel stays what it is without: with the smaller variance a filter that takes rows for
+ * independent is too sure, and takes what they have in common for a disturbance. The default form, which finds the noise of a
+ * channel from its rows, is told what they lost (learn.c). */
 #include "estimator/stages.h"
 
-#define SAME_TIME TSE_R(2e-5) /* s: rows that lie so near to the time looked for are of that time: sums of dt are rounded, clocks too;
-                                 at 50 m/s3, the jerk of an emergency manoeuvre, a channel moves by 0.001 m/s2 in it */
+#define SAME_TIME TSE_R(2e-5) /* s: rows so near to the time looked for are of that time: sums of dt are rounded, clocks too; at
+                                 50 m/s3, the jerk of an emergency manoeuvre, a channel moves by 0.001 m/s2 in it */
 
 static int32_t older(int32_t at) { return at > 0 ? at - 1 : TSE_LATENCY_ROWS - 1; }
 

@@ -4,8 +4,8 @@
 #include "model/effects_constant.h"
 #include "tse/constants.h"
 
-/* Rows kept beyond the span of the latencies: one on either side of it, and two for rows that come up to 7 % closer than told before
- * any is left out (28 of 30 rows at their most). */
+/* Rows kept beyond the span of the latencies: one on either side of it, and two for rows that come up to 7 % closer than told
+ * before any is left out (28 of 30 rows at their most). */
 #define ROWS_TO_SPARE 4
 
 static tse_real real_of(tse_setting x) { return r_from_setting(x); }
@@ -88,9 +88,9 @@ static void latencies_of(const tse_config *c, tse_setting latency[TSE_CHANNELS])
 /* When a row is read: its time is `age` before the newest row, the earliest channel `span` before it. */
 typedef struct reading_time { tse_setting age, span; int earliest, latest; } reading_time;
 
-/* Not before all channels are known, and then at a row of accel_x, if rows are sample_time apart: interpolated noise is in neighbours,
- * too, vel_x follows it, and half a row of it moved the longitudinal stiffness by 8 % and was taken for a disturbance. Noise of
- * accel_y and gyro does neither (tests/lab/test_latency.py). Where accelerometers and gyro are one IMU none is interpolated then. */
+/* Not before all channels are known, and then at a row of accel_x, if rows are sample_time apart: interpolated noise is in
+ * neighbours, too, vel_x follows it, and half a row of it moved the longitudinal stiffness by 8 % and was taken for a disturbance.
+ * Noise of accel_y and gyro does neither (tests/lab/test_latency.py). Where all three are one IMU none is interpolated then. */
 static reading_time reading_time_of(const tse_config *c, const tse_setting latency[TSE_CHANNELS])
 {
   reading_time r = { 0, 0, (int)TSE_CHANNEL_yaw_rate, (int)TSE_CHANNEL_yaw_rate };

@@ -35,7 +35,7 @@ typedef struct sample {
   tse_real dt;      /* [s]                                                            */
   tse_real y[3];    /* [sigma]  accel_x, accel_y, yaw rate over their sd; 0 if unused */
   tse_real use[3];  /* 1 used, 0 missing                                              */
-  tse_real lost[3]; /* [1] share of the noise's variance that is not in this row, but in what it has in common with its neighbours */
+  tse_real lost[3]; /* [1] share of the noise's variance that interpolation took: align.c              */
   int32_t used;     /* how many of the three                                          */
   int32_t has_inputs;
   int32_t has_steer;
@@ -49,7 +49,8 @@ tse_status input_decode(const tse_params *p, const tse_filter *f, const tse_inpu
 
 /* align.c     with channels that are logged late: the row of the newest time at which all are known
  *             Updated:   f->waiting; nothing when the result is negative      row  when the result is TSE_OK
- *             Returned:  TSE_OK, TSE_W_WAITING (there is no such row yet), or why u is refused; row never is.   O(TSE_LATENCY_ROWS) */
+ *             Returned:  TSE_OK, TSE_W_WAITING (there is no such row yet), or why u is refused; row never is.
+ *             O(TSE_LATENCY_ROWS) time. */
 tse_status align_row(const tse_params *p, tse_filter *f, const tse_input *u, tse_input *row);
 
 /* start.c     where the first row starts when nothing was loaded; estimates before that row, into an output that is 0 */

@@ -22,7 +22,8 @@ static int sound_start(const tse_start *s)
 static int sound_waiting(const tse_params *p, const tse_alignment *m)
 {
   const tse_real most = p->max_gap + p->latency_least;
-  int fine = sound_int(m->count, 0, p->latency_span > TSE_R(0) ? TSE_LATENCY_ROWS : 0) && sound_int(m->newest, 0, TSE_LATENCY_ROWS - 1);
+  const int32_t rows = p->latency_span > TSE_R(0) ? TSE_LATENCY_ROWS : 0;
+  int fine = sound_int(m->count, 0, rows) && sound_int(m->newest, 0, TSE_LATENCY_ROWS - 1);
   fine = fine && sound_reals(&m->since, 1, TSE_R(0), LONGEST_DT) && sound_reals(&m->unkept, 1, TSE_R(0), LONGEST_DT);
   fine = fine && sound_reals(m->before, TSE_LATENCY_ROWS, TSE_R(0), most);
   for (int i = 0; i < TSE_LATENCY_ROWS; i++) {

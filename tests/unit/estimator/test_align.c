@@ -58,7 +58,8 @@ static tse_input noisy_row(int k)
   memset(&u, 0, sizeof u);
   u.dt = real(0.01);
   for (int c = 0; c < 6; c++) {
-    *channel(&u, c) = real(truth(c, 0.01 * k) + sd[c] * (next_uniform(&seed) + next_uniform(&seed) + next_uniform(&seed) - 1.5) * 2);
+    const double noise = 2 * (next_uniform(&seed) + next_uniform(&seed) + next_uniform(&seed) - 1.5);
+    *channel(&u, c) = real(truth(c, 0.01 * k) + sd[c] * noise);
     if (next_uniform(&seed) < 0.02) u.missing |= 1u << c;
   }
   return u;
@@ -196,10 +197,11 @@ static void compare_interpolated(const double late[5], uint32_t seed)
   TEST_ASSERT_TRUE(steps > 340);
 }
 
-/* Whatever the latencies, where rows are sample_time apart accel_x is as it was logged, and so is all that is late by whole rows more. */
+/* Whatever the latencies, where rows are sample_time apart accel_x is as it was logged. */
 static void test_accel_x_is_not_interpolated_in_even_rows(void)
 {
-  static const double cases[][5] = { { 0.013, 0, 0, 0, 0 }, { 0, 0.0271, 0.02, -0.0037, 0 }, { 0, 0, 0, 0.0041, 0.0141 }, { 0, 0, 0, -0.005, 0 } };
+  static const double cases[][5] = { { 0.013, 0, 0, 0, 0 }, { 0, 0.0271, 0.02, -0.0037, 0 },
+                                     { 0, 0, 0, 0.0041, 0.0141 }, { 0, 0, 0, -0.005, 0 } };
   for (int i = 0; i < ROWS(cases); i++) {
     tse_config c = settings(0);
     const double age = age_of(cases[i], 0.01);
@@ -293,7 +295,8 @@ static void test_until_all_channels_are_known_the_start_is_told(void)
       if (k >= 6) continue;
       expect_near(0.8, number(y.stiffness[TSE_CY_FRONT]), 1e-6, "stiffness", k);
       expect_near(number(p.mean_sd), number(y.stiffness_sd[TSE_CY_FRONT]), 1e-6, "its sd", k);
-      expect_near((double)c.initial_spread * (form == 0 ? 0.8 : 1), number(y.stiffness_spread[TSE_CY_FRONT]), 1e-6, "its spread", k);
+      const double spread = (double)c.initial_spread * (form == 0 ? 0.8 : 1);
+      expect_near(spread, number(y.stiffness_spread[TSE_CY_FRONT]), 1e-6, "its spread", k);
       expect_near((double)c.accel_y_bias_sd, number(y.bias_sd[1]), 1e-6, "sd of a bias", k);
       expect_near(form == 0, number(y.regime[TSE_REGIME_STEADY]), 0, "steady", k);
       TEST_ASSERT_EQUAL_INT(TSE_E_STATE, tse_learnt_save(&p, &late_one.filter, bytes));
@@ -466,8 +469,8 @@ static void test_any_latencies_and_rows_leave_numbers_and_a_sound_filter(void)
       const double kind = next_uniform(&seed);
       tse_input u = noisy_row(k);
       tse_output y;
-      u.dt = real(kind < 0.02 ? next_between(&seed, 0.1, 3600) : kind < 0.3 ? next_between(&seed, 1e-6, 0.02)
-                                                                            : next_between(&seed, 0.5, 1.5) * (double)c.sample_time);
+      const double dt = next_between(&seed, 0.5, 1.5) * (double)c.sample_time;
+      u.dt = real(kind < 0.02 ? next_between(&seed, 0.1, 3600) : kind < 0.3 ? next_between(&seed, 1e-6, 0.02) : dt);
       if (kind > 0.95) *channel(&u, (int)(6 * next_uniform(&seed))) = real(next_between(&seed, -60, 60));
       const tse_status got = tse_step(&p, &late_one.filter, &u, &y);
       TEST_ASSERT_EQUAL_INT(TSE_OK, tse_filter_check(&p, &late_one.filter, bytes_of_form(form)));

@@ -302,7 +302,7 @@ static void test_channels_are_read_as_long_before_the_row_as_the_latest_one_need
   expect_relative(0.017, p.latency, "latency");
   expect_relative(0.017 + 0.009, p.latency_span, "latency_span");
   expect_relative(0.026 / (TSE_LATENCY_ROWS - 2), p.latency_least, "latency_least");
-  for (int k = 0; k < 6; k++) expect_near(age[k], number(p.latency_age[k]), BY_FORMAT(1e-16, 1e-8), "latency_age, whole rows of accel_x", k);
+  for (int k = 0; k < 6; k++) expect_near(age[k], number(p.latency_age[k]), BY_FORMAT(1e-16, 1e-8), "age", k);
   const tse_config d = defaults();
   const tse_params q = prepared(&d);
   for (int k = 0; k < 6; k++) expect_near(0, number(q.latency_age[k]), 0, "latency_age", k);
