@@ -15,7 +15,7 @@ from scipy.interpolate import CubicSpline
 from tselab.core import NOMINAL, Config, Replay
 from tselab.gap.data import BLOCK, Prepared
 from tselab.identify.discrepancy import ACTIVE_TIME, Piece
-from tselab.identify.unknowns import LATENCY, MEASURED, MOST_LATENCY, OWN_SD, STIFFNESS, Prior
+from tselab.identify.unknowns import LATE, LATENCY, MEASURED, MOST_LATENCY, OWN_SD, STIFFNESS, Prior
 from tselab.noise import smooth
 
 STEP = 0.02  # of finite differences, in prior sd
@@ -63,7 +63,7 @@ class Problem:
     def settings(self, x: np.ndarray) -> tuple[Config, dict[str, float], list[dict[str, float]]]:
         """Settings of the simulation, latencies, and stiffness of each log over the vehicle file's."""
         at = dict(zip(self.names, map(float, x), strict=True))
-        values, late = dict(self.nominal), {}
+        values, late = dict(self.nominal), {c: self.nominal.get(c + LATENCY, 0.0) for c in LATE}
         for name, value in (self.fixed | {n: at[n] for n in self.prior.names if n not in NOMINAL}).items():
             if name.endswith(LATENCY):
                 late[name.removesuffix(LATENCY)] = value
