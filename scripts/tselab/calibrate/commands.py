@@ -116,8 +116,10 @@ def words(result: Result) -> list[str]:
             parts = []
             for c in mine[0].before:
                 before, after = (sum(getattr(p, w).get(c, 0.0) ** 2 for p in mine) ** 0.5 for w in ("before", "after"))
-                parts.append(f"{c} -{100 * (1 - after / max(before, 1e-12)):.0f} %")
-            lines.append(f"Misfit on {'held-out' if held else 'fitted'} logs, rms: {', '.join(parts)}.")
+                parts.append(f"{c} {100 * (after / max(before, 1e-12) - 1):+.0f} %")
+            likelier = sum(p.nats_per_second for p in mine) / len(mine)
+            title = "held-out" if held else "fitted"
+            lines.append(f"Misfit on {title} logs, rms, slow parts left out: {', '.join(parts)}; {likelier:+.1f} nat a second.")
     hidden = [f.name for f in result.findings if not f.shown]
     if hidden:
         lines.append(f"These logs could not show: {', '.join(hidden)}.")

@@ -31,8 +31,9 @@ def write(path: Path, result: Result, words: Sequence[str]) -> None:
     sections: list[tuple[str, str, go.Figure]] = [
         ("What is known now, and was before", "Each number with its 95 % band, in units of what was known of it before (0: what "
          "cars usually have; -2 .. 2: their 95 % range). Grey: these logs could not show it.", bands(result)),
-        ("The misfit before and after", "Rms of measured less simulated; nothing of a held-out log is fitted but the bias of its "
-         "sensors. Before: the car as the vehicle file tells it, its stiffness fitted.", misfit(result.proofs)),
+        ("The misfit before and after", "Rms of measured less simulated, without its mean over 4 s (road bank, grade, drift of the "
+         "sensors); nothing of a held-out log is fitted. Before: the car as the vehicle file tells it, its stiffness fitted.",
+         misfit(result.proofs)),
     ]  # fmt: skip
     drawn = [g for g in result.groups if g.nats > LEAST_NATS][:MOST_GROUPS]
     sections += [(g.name[0].upper() + g.name[1:], _text(g), moment(result, g)) for g in drawn]

@@ -15,21 +15,23 @@ from tselab.calibrate.findings import Finding, Group, findings, groups, told_bef
 from tselab.core import Config, library
 from tselab.errors import UserError
 from tselab.files import atomic
-from tselab.gap.data import Prepared, prepare
+from tselab.gap.data import BLOCK, Prepared, prepare
 from tselab.identify.discrepancy import Discrepancy, cost
 from tselab.identify.fit import Fit, State, fit
 from tselab.identify.problem import Problem
 from tselab.identify.unknowns import MEASURED, STIFFNESS, Prior, prior_of
 from tselab.log import DRIVES, Log, read_log
+from tselab.noise import smooth
 from tselab.vehicle import Vehicle, fill_sensors, read_vehicle
 
 Say = Callable[[str], None]
+SLOW = 4.0  # s
 
 
 @dataclass(frozen=True)
 class Proof:
-    """A log against the car as told and as calibrated: rms of measured less simulated, sensor bias taken out; and how much likelier
-    the calibrated car makes it."""
+    """A log against the car as told and as calibrated: rms of measured less simulated without its mean over SLOW, in which are road
+    bank, grade and drift of the sensors; and how much likelier the calibrated car makes it."""
 
     log: str
     held_out: bool
@@ -155,7 +157,9 @@ def _misfit(problem: Problem, result: Fit, log: Prepared, fitted: int | None) ->
     other = Problem([log], problem.config, problem.prior, 1, problem.fixed)
     own = np.zeros(len(STIFFNESS)) if fitted is None else result.x[problem.car + 3 * fitted :][: len(STIFFNESS)]
     residuals = other.residuals(np.append(result.x[: problem.car], own))
-    rms = {c: float(np.std(residuals[g])) for g, (_, c) in enumerate(other.groups) if len(residuals[g])}
+    rows = round(SLOW / BLOCK)
+    fast = [r - smooth(r, rows) if len(r) else r for r in residuals]
+    rms = {c: float(np.std(fast[g])) for g, (_, c) in enumerate(other.groups) if len(fast[g])}
     return rms, sum(cost(result.noise[c], other.pieces(residuals, c)) for c in MEASURED)
 
 
