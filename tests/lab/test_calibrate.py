@@ -26,9 +26,9 @@ def tselab(*arguments: object, cwd: Path | None = None) -> subprocess.CompletedP
 
 @pytest.fixture(scope="module")
 def case(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Two logs and a held-out one of 40 s of a car of the generator."""
+    """Two logs and a held-out one of 25 s of a car of the generator."""
     folder = tmp_path_factory.mktemp("case")
-    next(make_cases([Spec("car", EFFECTS, 411, manoeuvres=DRIVES, hold_out=("sine_sweep",), duration=40)])).write(folder)
+    next(make_cases([Spec("car", EFFECTS, 411, manoeuvres=DRIVES, hold_out=("sine_sweep",), duration=25)])).write(folder)
     return folder
 
 
@@ -91,6 +91,15 @@ def test_the_page_is_whole(calibrated: tuple[Path, subprocess.CompletedProcess[s
     assert page.count('class="plot"') >= 4
     for late in LATE:
         assert f"{late}_latency" in page
+
+
+def test_quantisation_is_found_where_it_is() -> None:
+    rng = np.random.default_rng(6)
+    signal = 3 * np.sin(0.01 * np.arange(6000)) + 0.02 * rng.standard_normal(6000)
+    assert workflow.step_of(signal) == 0
+    assert workflow.step_of(np.round(signal / 0.0123) * 0.0123) == pytest.approx(0.0123, rel=1e-6)
+    assert workflow.step_of(np.full(100, 2.0)) == 0
+    assert workflow.step_of(np.full(100, np.nan)) == 0
 
 
 def test_a_straight_drive_shows_nothing_of_cornering(tmp_path: Path) -> None:

@@ -132,6 +132,8 @@ def as_json(result: Result) -> dict[str, Any]:
         "uncertainty": uncertainty(result),
         "noise": {c: dict(zip(("white", "share", "slow", "fast_time", "slow_time"), d.numbers, strict=True))
                   for c, d in result.fit.noise.items()},
+        "quantisation": result.steps,
+        "sensors": result.sensors,
         "proof": [vars(p) for p in result.proofs],
         "notes": result.notes,
     }  # fmt: skip

@@ -72,6 +72,9 @@ def _facts(result: Result) -> list[tuple[str, str]]:
         d = result.fit.noise[c]
         rows.append((f"Not explained, {c}", f"white {d.white:.3g} {CHANNEL_UNITS[c]} a row; {100 * d.share:.1f} % of its size over "
                      f"{d.time[0]:.2g} s; slow {d.slow:.2g} {CHANNEL_UNITS[c]} over {d.time[1]:.0f} s"))  # fmt: skip
+    steps = ", ".join(f"{c} {step:.3g}" for c, step in result.steps.items() if step > 0)
+    rows.append(("Quantised in steps of", f"{steps} (rad, rad/s, m/s2)" if steps else "none that shows"))
+    rows.append(("Noise of wheel speeds", f"{result.sensors['wheel_noise_sd']:.3g} rad/s"))
     return rows
 
 

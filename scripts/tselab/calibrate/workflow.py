@@ -26,6 +26,7 @@ from tselab.vehicle import Vehicle, fill_sensors, read_vehicle
 
 Say = Callable[[str], None]
 SLOW = 4.0  # s
+FEWEST_STEPS = 10  # between values, to speak of quantisation
 
 
 @dataclass(frozen=True)
@@ -54,6 +55,7 @@ class Result:
     groups: list[Group]
     proofs: list[Proof]
     sensors: dict[str, float]
+    steps: dict[str, float]  # quantisation of each channel as logged; 0: none that shows
     notes: list[str] = field(default_factory=list)
 
     @property
@@ -104,8 +106,20 @@ def run(
     rows = findings(problem, result, told_before(config))
     kept.clear()
     sensors = _sensors(problem, result, list(read.values()))
+    steps = {c: max(step_of(log.data[c].to_numpy(float)) for log in read.values()) for c in (*DRIVES, *MEASURED)}
     return Result(
-        vehicle, config, problem, result, plain, plain_problem, rows, groups(problem, result, rows), proofs, sensors, notes
+        vehicle,
+        config,
+        problem,
+        result,
+        plain,
+        plain_problem,
+        rows,
+        groups(problem, result, rows),
+        proofs,
+        sensors,
+        steps,
+        notes,
     )
 
 
@@ -181,6 +195,17 @@ def _sensors(problem: Problem, result: Fit, logs: Sequence[Log]) -> dict[str, fl
     found["wheel_noise_sd"] = max(noise, default=0.0)
     fields = problem.config.fields
     return {k: float(np.clip(v, fields[k].low, fields[k].high)) for k, v in found.items()}
+
+
+def step_of(x: np.ndarray) -> float:
+    """The step in which a channel is quantised: the least difference between values, if all others are whole multiples of it;
+    0: none that shows."""
+    apart = np.diff(np.unique(x[np.isfinite(x)]))
+    if len(apart) < FEWEST_STEPS or not (least := float(apart.min())) > 0:
+        return 0.0
+    step = float(np.median(apart[apart < 1.5 * least]))
+    off = np.abs(apart / step - np.round(apart / step))
+    return step if float(np.quantile(off, 0.99)) < 0.1 else 0.0
 
 
 # ---- going on

@@ -24,6 +24,7 @@ SHARE = 0.03  # prior median of the share that the model does not have
 SHARE_SD = 0.7  # ln
 SHARES = (0.02, 1.0)
 ACTIVE_TIME = 1.0  # s over which a channel's size is taken
+PRECISION = 1e-7  # relative, of the cost: some thousandths of a nat
 LEAST = 1e-3  # sd of a part over that of the residual: none
 
 
@@ -96,9 +97,7 @@ def found(pieces: Sequence[Piece], start: Discrepancy | None = None) -> Discrepa
 
     bound = (LEAST * size, 10 * size)
     limits = np.log([bound, SHARES, bound, *RANGES])
-    starts = [Discrepancy(size, SHARE, 0.3 * size, TIMES)] + ([start] if start else [])  # a part that is gone stays gone
-    best = None
-    for d in starts:
-        ended = minimize(objective, np.clip(np.log(d.numbers), *limits.T), method="L-BFGS-B", bounds=limits)
-        best = ended if best is None or ended.fun < best.fun else best
-    return Discrepancy.of(np.exp(best.x))
+    first = start.numbers if start else Discrepancy(size, SHARE, 0.3 * size, TIMES).numbers
+    first = np.maximum(first, [0.1 * size, 0.0, 0.1 * size, 0.0, 0.0])  # slopes are nothing where a part is: it would stay gone
+    ended = minimize(objective, np.clip(np.log(first), *limits.T), method="L-BFGS-B", bounds=limits, options={"ftol": PRECISION})
+    return Discrepancy.of(np.exp(ended.x))
