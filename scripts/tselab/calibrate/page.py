@@ -70,8 +70,9 @@ def _facts(result: Result) -> list[tuple[str, str]]:
     rows.append(("Search", f"{result.fit.steps} steps, {'converged' if result.fit.converged else 'not converged'}"))
     for c in MEASURED:
         d = result.fit.noise[c]
-        rows.append((f"Not explained, {c}", f"white {d.white:.3g} {CHANNEL_UNITS[c]} a row; {100 * d.share:.1f} % of its size over "
-                     f"{d.time[0]:.2g} s; slow {d.slow:.2g} {CHANNEL_UNITS[c]} over {d.time[1]:.0f} s"))  # fmt: skip
+        unit = "m/s" if c == "accel_x" else CHANNEL_UNITS[c]  # compared as what it adds to the speed
+        text = f"white {d.white:.3g} {unit} a row; {100 * d.share:.1f} % of its size over {d.time[0]:.2g} s; "
+        rows.append((f"Not explained, {c}", text + f"slow {d.slow:.2g} {unit} over {d.time[1]:.0f} s"))
     steps = ", ".join(f"{c} {step:.3g}" for c, step in result.steps.items() if step > 0)
     rows.append(("Quantised in steps of", f"{steps} (rad, rad/s, m/s2)" if steps else "none that shows"))
     rows.append(("Noise of wheel speeds", f"{result.sensors['wheel_noise_sd']:.3g} rad/s"))
@@ -128,8 +129,7 @@ def moment(result: Result, group: Group) -> go.Figure:
         simulated.append((new, old))
         rows = max(1, round(MOMENT / float(np.median(np.diff(log.time)))))
         for c in MEASURED:
-            noise = result.fit.noise[c]
-            energy = np.nan_to_num(((new[c] - old[c]) / (noise.white + 1e-12)) ** 2)
+            energy = np.nan_to_num(((new[c] - old[c]) / log.noise[c]) ** 2)
             total = np.convolve(energy, np.ones(rows), "valid") if len(energy) >= rows else np.array([energy.sum()])
             k = int(np.argmax(total))
             if total[k] > best[0]:

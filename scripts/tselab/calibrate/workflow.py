@@ -172,7 +172,7 @@ def _misfit(problem: Problem, result: Fit, log: Prepared, fitted: int | None) ->
     own = np.zeros(len(STIFFNESS)) if fitted is None else result.x[problem.car + 3 * fitted :][: len(STIFFNESS)]
     residuals = other.residuals(np.append(result.x[: problem.car], own))
     rows = round(SLOW / BLOCK)
-    fast = [r - smooth(r, rows) if len(r) else r for r in residuals]
+    fast = [r - smooth(r, rows) if len(r) else r for r in other.as_sensed(np.append(result.x[: problem.car], own))]
     rms = {c: float(np.std(fast[g])) for g, (_, c) in enumerate(other.groups) if len(fast[g])}
     return rms, sum(cost(result.noise[c], other.pieces(residuals, c)) for c in MEASURED)
 
@@ -180,7 +180,7 @@ def _misfit(problem: Problem, result: Fit, log: Prepared, fitted: int | None) ->
 def _sensors(problem: Problem, result: Fit, logs: Sequence[Log]) -> dict[str, float]:
     """Noise of the channels as the settings say it. White noise of a row; held values carry what one of them does."""
     found: dict[str, float] = {}
-    for c in MEASURED:
+    for c in MEASURED[1:]:  # that of accel_x is compared as a speed, whose noise is that of the wheels
         d = result.noise[c]
         rows = sum(len(log.time) for log in problem.logs)
         fresh = sum(int(np.isfinite(log.measured[c]).sum()) for log in problem.logs)

@@ -19,7 +19,7 @@ from scipy.optimize import minimize
 
 TIMES = (0.3, 20.0)  # s, prior medians of the two decay times
 TIME_SD = 0.7  # ln, of both
-RANGES = ((0.15, 0.6), (4.0, 200.0))  # s; the fast one is neither the white noise of blocks of 0.04 s nor a bias
+RANGES = ((0.15, 0.6), (1.0, 200.0))  # s; the fast one is neither the white noise of blocks of 0.04 s nor a bias
 SHARE = 0.03  # prior median of the share that the model does not have
 SHARE_SD = 0.7  # ln
 SHARES = (0.02, 1.0)
@@ -35,6 +35,7 @@ class Piece:
     time: np.ndarray  # s
     count: np.ndarray  # rows in each block
     size: np.ndarray  # of the channel at the time
+    bias: np.ndarray  # what a bias of 1 would be in the residual
     residual: np.ndarray
 
 
@@ -72,17 +73,17 @@ class Discrepancy:
         )
 
 
-def without_mean(white: np.ndarray, ones: np.ndarray) -> np.ndarray:
-    """Whitened columns, less what a constant of any size (the sensor's bias) explains."""
-    return white - np.outer(ones, (ones @ white) / (ones @ ones))
+def without_bias(white: np.ndarray, bias: np.ndarray) -> np.ndarray:
+    """Whitened columns, less what a bias of any size explains. `bias`: of 1, whitened."""
+    return white - np.outer(bias, (bias @ white) / (bias @ bias))
 
 
 def cost(d: Discrepancy, pieces: Sequence[Piece]) -> float:
     """Minus the log likelihood of residuals up to a constant of each piece."""
     total = 0.0
     for piece in pieces:
-        white, log_det = d.whiten(piece, np.column_stack([piece.residual, np.ones(len(piece.time))]))
-        left = without_mean(white[:, :1], white[:, 1])[:, 0]
+        white, log_det = d.whiten(piece, np.column_stack([piece.residual, piece.bias]))
+        left = without_bias(white[:, :1], white[:, 1])[:, 0]
         total += 0.5 * float(left @ left) + 0.5 * log_det
     return total
 

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.linalg import cholesky, solve_triangular
 from scipy.optimize import lsq_linear
 
-from tselab.identify.discrepancy import Discrepancy, cost, found, without_mean
+from tselab.identify.discrepancy import Discrepancy, cost, found, without_bias
 from tselab.identify.problem import Problem
 from tselab.identify.unknowns import MEASURED
 
@@ -51,9 +51,10 @@ def whitened(
     """Residuals and slopes of each group in units of their own uncertainty, less what the bias of the group explains."""
     white_r, white_j = [], []
     for g, (_, channel) in enumerate(problem.groups):
-        parts = [residuals[g][:, None], np.ones((len(residuals[g]), 1))] + ([slopes[g]] if slopes is not None else [])
-        z = noise[channel].whiten(problem.piece(g, residuals[g]), np.hstack(parts))[0]
-        z = without_mean(np.delete(z, 1, axis=1), z[:, 1])
+        piece = problem.piece(g, residuals[g])
+        columns = np.column_stack([residuals[g], piece.bias] + ([slopes[g]] if slopes is not None else []))
+        z = noise[channel].whiten(piece, columns)[0]
+        z = without_bias(np.delete(z, 1, axis=1), z[:, 1])
         white_r.append(z[:, 0])
         white_j.append(z[:, 1:])
     return white_r, white_j

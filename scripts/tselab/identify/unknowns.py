@@ -36,8 +36,8 @@ class Unknown:
     worth: float = 0.0  # smallest size that a user should know of; 0: the shape of an effect
 
 
-# s: how late messages are, behind that of the gyro. What is own to a channel is less: axles come from one unit, accelerometers
-# from one chip.
+# s: how late messages are, behind that of the gyro. What is own to a channel is less: axles come from one unit - and how far one is
+# behind the other hardly shows, so that any error of the model would pass for it - accelerometers from one chip.
 COMMON_SD = {"": 0.0, "wheels": 0.025, "accelerometers": 0.02}
 
 
@@ -48,8 +48,8 @@ def _late(name: str, own: float, message: str = "") -> Unknown:
 # Sources of the sizes: include/tse/effects.def (typical sizes), and for the sensors: CAN cycle times of 10 .. 20 ms and filters of
 # 10 .. 30 ms (latencies), 1 to 2 degrees of mounting, 1 % of scale.
 UNKNOWNS: tuple[Unknown, ...] = (
-    _late("steer_angle", 0.025), _late("wheel_speed_front", 0.008, "wheels"), _late("wheel_speed_rear", 0.008, "wheels"),
-    _late("accel_x", 0.005, "accelerometers"), _late("accel_y", 0.005, "accelerometers"),
+    _late("steer_angle", 0.025), _late("wheel_speed_front", 0.0005, "wheels"), _late("wheel_speed_rear", 0.0005, "wheels"),
+    _late("accel_x", 0.01, "accelerometers"), _late("accel_y", 0.01, "accelerometers"),
     Unknown("steering_ratio_change", "steering", 0.0, 0.03, -0.3, 0.3, worth=0.005),
     Unknown("steering_offset_angle", "steering", 0.0, 0.005, -0.05, 0.05, worth=0.0003),
     Unknown("steering_lag_time", "steering lag", 0.02, 0.02, 0.0, 0.5, worth=0.003),
@@ -57,6 +57,8 @@ UNKNOWNS: tuple[Unknown, ...] = (
     Unknown("cg_shift_distance", "centre of gravity", 0.0, 0.03, -0.6, 0.6, worth=0.02),
     Unknown("wheel_radius_front", "wheel radii", 1.0, 0.01, 0.9, 1.1, relative=True, worth=0.002),
     Unknown("wheel_radius_rear", "wheel radii", 1.0, 0.01, 0.9, 1.1, relative=True, worth=0.002),
+    # axles share a force by their stiffness: where it is taken for another share, wheels seem to be late by tens of ms
+    Unknown("longitudinal_stiffness_rear", "rear longitudinal stiffness", 1.0, 0.15, 0.3, 3.0, relative=True, worth=0.05),
     Unknown("relaxation_length", "relaxation", 0.4, 0.25, 0.0, 3.0, worth=0.05),
     Unknown("longitudinal_relaxation_length", "longitudinal relaxation", 0.1, 0.1, 0.0, 2.0, worth=0.02),
     Unknown("body_roll_gain", "roll", 0.007, 0.004, -0.02, 0.04, worth=0.0008),
