@@ -145,7 +145,7 @@ def test_the_prior_is_around_what_the_vehicle_file_tells_and_messages_are_late_t
     front, rear = at("wheel_speed_front_latency"), at("wheel_speed_rear_latency")
     assert prior.covariance[front, rear] == pytest.approx(COMMON_SD["wheels"] ** 2)
     assert prior.covariance[front, front] + prior.covariance[rear, rear] - 2 * prior.covariance[front, rear] == pytest.approx(
-        2 * 0.003**2
+        2 * 0.0005**2
     )
     assert np.linalg.eigvalsh(prior.covariance / np.outer(prior.sd, prior.sd))[0] > 0
 
