@@ -156,6 +156,18 @@ def test_what_has_not_converged_is_written_and_said(case: Path) -> None:
     assert "NOT CONVERGED" in out.read_text()
 
 
+def test_a_log_without_a_channel_is_used_without_it(case: Path, tmp_path: Path) -> None:
+    import pandas as pd
+
+    rows = pd.read_csv(case / "log_slalom.csv")
+    for empty, code in ((["accel_x"], 12), (["accel_x", "accel_y", "yaw_rate"], 2)):
+        rows.loc[30:, empty] = np.nan  # the reader refuses an empty column
+        log = tmp_path / "without.csv"
+        rows.to_csv(log, index=False)
+        run = tselab("calibrate", log, "--vehicle", case / "car.toml", "--out", tmp_path / "o.toml", "--steps", "1")
+        assert run.returncode == code and "Traceback" not in run.stderr, run.stderr
+
+
 def test_a_bad_log_is_left_out_and_said_and_alone_it_is_refused(case: Path, tmp_path: Path) -> None:
     bad = tmp_path / "bad.csv"
     bad.write_text("time,steer_angle\n0,1\n")

@@ -68,8 +68,7 @@ def _text(group: Group) -> str:
 def _facts(result: Result) -> list[tuple[str, str]]:
     rows = [("Logs", "; ".join(f"{log.name} ({log.seconds:.0f} s)" for log in result.problem.logs))]
     rows.append(("Search", f"{result.fit.steps} steps, {'converged' if result.fit.converged else 'not converged'}"))
-    for c in MEASURED:
-        d = result.fit.noise[c]
+    for c, d in result.fit.noise.items():
         unit = "m/s" if c == "accel_x" else CHANNEL_UNITS[c]  # compared as what it adds to the speed
         text = f"white {d.white:.3g} {unit} a row; {100 * d.share:.1f} % of its size over {d.time[0]:.2g} s; "
         rows.append((f"Not explained, {c}", text + f"slow {d.slow:.2g} {unit} over {d.time[1]:.0f} s"))
@@ -122,13 +121,13 @@ def moment(result: Result, group: Group) -> go.Figure:
     without = x.copy()
     for f in (f for f in group.members if not f.shape):
         without[problem.names.index(f.name)] = f.before
-    best = (-1.0, 0, MEASURED[0], 0.0)
+    best = (-1.0, 0, problem.channels[0], 0.0)
     simulated = []
     for i, log in enumerate(problem.logs):
         new, old = problem.simulate(i, x), problem.simulate(i, without)
         simulated.append((new, old))
         rows = max(1, round(MOMENT / float(np.median(np.diff(log.time)))))
-        for c in MEASURED:
+        for c in problem.channels:
             energy = np.nan_to_num(((new[c] - old[c]) / log.noise[c]) ** 2)
             total = np.convolve(energy, np.ones(rows), "valid") if len(energy) >= rows else np.array([energy.sum()])
             k = int(np.argmax(total))

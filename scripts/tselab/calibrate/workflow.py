@@ -88,6 +88,8 @@ def run(
         raise UserError("; ".join(notes) or "no log can be used")
     prior = prior_of(vehicle, config)
     problem = Problem(ready, config, prior, jobs)
+    if not problem.groups:
+        raise UserError(f"no log has enough of {', '.join(MEASURED)} to compare a simulation with")
 
     say("stiffness alone, the car as told")
     plain_problem = Problem(ready, config, _stiffness_of(prior), jobs)
@@ -174,13 +176,14 @@ def _misfit(problem: Problem, result: Fit, log: Prepared, fitted: int | None) ->
     rows = round(SLOW / BLOCK)
     fast = [r - smooth(r, rows) if len(r) else r for r in other.as_sensed(np.append(result.x[: problem.car], own))]
     rms = {c: float(np.std(fast[g])) for g, (_, c) in enumerate(other.groups) if len(fast[g])}
-    return rms, sum(cost(result.noise[c], other.pieces(residuals, c)) for c in MEASURED)
+    return rms, sum(cost(result.noise[c], other.pieces(residuals, c)) for c in other.channels if c in result.noise)
 
 
 def _sensors(problem: Problem, result: Fit, logs: Sequence[Log]) -> dict[str, float]:
     """Noise of the channels as the settings say it. White noise of a row; held values carry what one of them does."""
     found: dict[str, float] = {}
-    for c in MEASURED[1:]:  # that of accel_x is compared as a speed, whose noise is that of the wheels
+    # accel_x is compared as a speed, whose noise is that of the wheels
+    for c in (c for c in problem.channels if c != "accel_x"):
         d = result.noise[c]
         rows = sum(len(log.time) for log in problem.logs)
         fresh = sum(int(np.isfinite(log.measured[c]).sum()) for log in problem.logs)
@@ -238,10 +241,11 @@ class Progress:
             state: dict[str, Any] = json.loads(self.path.read_text(encoding="utf-8"))
             if state["key"] != self.key:
                 return None
-            x, numbers = np.array(state["x"], float), np.array([state["noise"][c] for c in MEASURED], float)
-            if x.shape != (size,) or numbers.shape != (len(MEASURED), 5) or not (np.isfinite(x).all() and (numbers > 0).all()):
+            channels = [c for c in MEASURED if c in state["noise"]]
+            x, numbers = np.array(state["x"], float), np.array([state["noise"][c] for c in channels], float)
+            if x.shape != (size,) or numbers.shape != (len(channels), 5) or not (np.isfinite(x).all() and (numbers > 0).all()):
                 return None
-            noise = {c: Discrepancy.of(n) for c, n in zip(MEASURED, numbers.tolist(), strict=True)}
+            noise = {c: Discrepancy.of(n) for c, n in zip(channels, numbers.tolist(), strict=True)}
             return State(x, noise, int(state["steps"]), int(state["refits"]), float(state["damping"]))
         except (OSError, ValueError, KeyError, TypeError):
             return None

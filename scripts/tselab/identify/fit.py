@@ -12,7 +12,6 @@ from scipy.optimize import lsq_linear
 
 from tselab.identify.discrepancy import Discrepancy, cost, found, without_bias
 from tselab.identify.problem import Problem
-from tselab.identify.unknowns import MEASURED
 
 MOST_STEPS = 40
 SETTLED = 0.1  # posterior sd: a step below it ends the search
@@ -72,11 +71,11 @@ def discrepancies(
     problem: Problem, residuals: list[np.ndarray], before: dict[str, Discrepancy]
 ) -> tuple[dict[str, Discrepancy], float]:
     """Those of all channels, and by how much likelier [nats] they make the residuals than those before."""
-    now = {c: found(problem.pieces(residuals, c), before.get(c)) for c in MEASURED}
+    now = {c: found(problem.pieces(residuals, c), before.get(c)) for c in problem.channels}
     if not before:
         return now, np.inf
-    pieces = {c: problem.pieces(residuals, c) for c in MEASURED}
-    better = sum(cost(before[c], pieces[c]) - cost(now[c], pieces[c]) for c in MEASURED)
+    pieces = {c: problem.pieces(residuals, c) for c in now}
+    better = sum(cost(before[c], pieces[c]) - cost(now[c], pieces[c]) for c in now)
     return now, better
 
 

@@ -25,6 +25,7 @@ from tselab.noise import smooth
 
 STEP = 0.02  # of finite differences, in prior sd
 SPEED_TIME = 1.0  # s
+FEWEST = 25  # blocks of a channel in a log, to compare it
 ENOUGH = 0.5  # rows with a value in a block, over the usual number
 
 
@@ -52,20 +53,24 @@ class Problem:
         self.low = np.append(prior.low, np.full(own, -6 * OWN_SD))
         self.high = np.append(prior.high, np.full(own, 6 * OWN_SD))
         self._inputs = [{n: CubicSpline(log.time, x) for n, x in log.inputs.items()} for log in self.logs]
-        self.groups = [(i, c) for i in range(len(self.logs)) for c in MEASURED]  # of residuals
+        self.groups: list[tuple[int, str]] = []  # of residuals: log and channel
         self._measured, self.used, self.time, self.count, self.size, self._bias = [], [], [], [], [], []
-        for i, c in self.groups:
-            log = self.logs[i]
-            value, count = blocks(log, log.measured[c])
-            usual = float(np.median(count[count > 0])) if count.any() else 1.0
-            self._measured.append(value)
-            self.used.append((count > ENOUGH * usual) & (blocks(log, inside(log))[0] == 1))
-            self.time.append(blocks(log, log.time)[0])
-            self.count.append(count)
+        for i, log in enumerate(self.logs):
+            for c in MEASURED:
+                value, count = blocks(log, log.measured[c])
+                usual = float(np.median(count[count > 0])) if count.any() else 1.0
+                used = (count > ENOUGH * usual) & (blocks(log, inside(log))[0] == 1)
+                if used.sum() >= FEWEST:
+                    self.groups.append((i, c))
+                    self._measured.append(value)
+                    self.used.append(used)
+                    self.time.append(blocks(log, log.time)[0])
+                    self.count.append(count)
         for g in range(len(self.groups)):
             compared, bias = self._compared(g, self._measured[g]), self._compared(g, np.ones(len(self._measured[g])))
             self.size.append(smooth(compared**2, max(1, round(ACTIVE_TIME / BLOCK))) ** 0.5)
             self._bias.append(bias[self.used[g]])
+        self.channels = tuple(c for c in MEASURED if any(c == channel for _, channel in self.groups))
 
     # ---- the model
 
@@ -102,11 +107,11 @@ class Problem:
 
     def predict(self, x: np.ndarray) -> list[np.ndarray]:
         """The same as blocks, a vector per group."""
+        simulated = [self.simulate(i, x) for i in range(len(self.logs))]
         found = []
-        for i, log in enumerate(self.logs):
-            simulated = self.simulate(i, x)
-            for c in MEASURED:
-                found.append(blocks(log, np.where(np.isfinite(log.measured[c]), simulated[c], np.nan))[0])
+        for i, c in self.groups:
+            there = np.isfinite(self.logs[i].measured[c])
+            found.append(blocks(self.logs[i], np.where(there, simulated[i][c], np.nan))[0])
         return found
 
     def residuals(self, x: np.ndarray) -> list[np.ndarray]:
@@ -153,8 +158,8 @@ class Problem:
         return tables
 
     def pieces(self, residuals: list[np.ndarray], channel: str) -> list[Piece]:
-        """The residuals of a channel, of all logs that have enough of it."""
-        return [self.piece(g, residuals[g]) for g, (_, c) in enumerate(self.groups) if c == channel and len(residuals[g]) > 20]
+        """The residuals of a channel, of all logs that have it."""
+        return [self.piece(g, residuals[g]) for g, (_, c) in enumerate(self.groups) if c == channel]
 
     def piece(self, g: int, residual: np.ndarray) -> Piece:
         used = self.used[g]

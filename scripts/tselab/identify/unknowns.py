@@ -23,7 +23,7 @@ OWN_SD = 0.1  # ln: stiffness of one log over that of the car: warmth, load, roa
 
 @dataclass(frozen=True)
 class Unknown:
-    """One number that is found. `name`: the setting that it is; `told`: a prior mean that the vehicle file knows better."""
+    """One number that is found. `name`: the setting that it is."""
 
     name: str
     group: str  # what a person calls it
