@@ -168,6 +168,14 @@ def test_a_log_without_a_channel_is_used_without_it(case: Path, tmp_path: Path) 
         assert run.returncode == code and "Traceback" not in run.stderr, run.stderr
 
 
+def test_a_log_that_is_too_short_is_said_and_not_mixed_up_with_the_next(case: Path, tmp_path: Path) -> None:
+    short = tmp_path / "short.csv"
+    short.write_text("".join((case / "log_highway.csv").read_text().splitlines(keepends=True)[:201]))
+    arguments = ("--vehicle", case / "car.toml", "--out", tmp_path / "o.toml", "--steps", "1")
+    run = tselab("calibrate", short, case / "log_slalom.csv", *arguments)
+    assert run.returncode == 12 and "short.csv" in run.stderr and "Traceback" not in run.stderr, run.stderr
+
+
 def test_a_bad_log_is_left_out_and_said_and_alone_it_is_refused(case: Path, tmp_path: Path) -> None:
     bad = tmp_path / "bad.csv"
     bad.write_text("time,steer_angle\n0,1\n")

@@ -15,9 +15,7 @@ from tselab.core import NOMINAL, Config, library
 from tselab.files import atomic
 from tselab.gap.output import finite
 from tselab.identify.unknowns import LATENCY
-from tselab.vehicle import HINT_ONLY, UNKNOWN_CAR, sensor_settings, vehicle_settings
-
-GRAVITY = 9.81
+from tselab.vehicle import GRAVITY, HINT_ONLY, UNKNOWN_CAR, sensor_settings, vehicle_settings
 
 
 def values(result: Result) -> dict[str, float]:

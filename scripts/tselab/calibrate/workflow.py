@@ -49,8 +49,6 @@ class Result:
     config: Config
     problem: Problem
     fit: Fit
-    plain: Fit  # stiffness alone, with the car as told
-    plain_problem: Problem
     findings: list[Finding]
     groups: list[Group]
     proofs: list[Proof]
@@ -114,8 +112,6 @@ def run(
         config,
         problem,
         result,
-        plain,
-        plain_problem,
         rows,
         groups(problem, result, rows),
         proofs,
@@ -170,7 +166,7 @@ def _proofs(
 
 def _misfit(problem: Problem, result: Fit, log: Prepared, fitted: int | None) -> tuple[dict[str, float], float]:
     """Rms of each channel, and minus the log likelihood. `fitted`: the log's index among those that were fitted."""
-    other = Problem([log], problem.config, problem.prior, 1, problem.fixed)
+    other = Problem([log], problem.config, problem.prior)
     own = np.zeros(len(STIFFNESS)) if fitted is None else result.x[problem.car + 3 * fitted :][: len(STIFFNESS)]
     residuals = other.residuals(np.append(result.x[: problem.car], own))
     rows = round(SLOW / BLOCK)
@@ -190,7 +186,9 @@ def _sensors(problem: Problem, result: Fit, logs: Sequence[Log]) -> dict[str, fl
         found[f"{c}_sd"] = d.white * float(np.sqrt(rows / max(fresh, 1)))
         found[f"{c}_bias_walk"] = d.slow * float(np.sqrt(2.0 / d.time[1]))
     noise = []
-    for log, prepared in zip(logs, problem.logs, strict=False):
+    raw = {log.path: log for log in logs}  # of which some may be too short to be compared
+    for prepared in problem.logs:
+        log = raw[prepared.path]
         for name in DRIVES[1:]:
             off = log.data[name].to_numpy(float) - prepared.inputs[name]
             inside = np.concatenate([off[s.first : s.last] for s in prepared.stretches])

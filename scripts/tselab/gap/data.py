@@ -192,6 +192,18 @@ def _smoothness(time: np.ndarray, y: np.ndarray) -> float:
     return 10.0 ** float(found.x)
 
 
+def blocks(log: Prepared, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Means of the blocks that are compared, and how many values each has."""
+    parts = []
+    for s in log.stretches:
+        piece = x[s.first : s.last][s.used]
+        parts.append(piece[: len(piece) // log.rows_per_block * log.rows_per_block].reshape(-1, log.rows_per_block))
+    table = np.concatenate(parts)
+    good = np.isfinite(table)
+    count = good.sum(axis=1)
+    return np.where(good, table, 0.0).sum(axis=1) / np.maximum(count, 1), count
+
+
 def _hole(time: np.ndarray, x: np.ndarray) -> np.ndarray:
     """Rows further than half of LONGEST_HOLE from a value that is there."""
     good = np.isfinite(x)

@@ -16,7 +16,7 @@ import numpy as np
 from tselab.core import NOMINAL, Config
 from tselab.gap import optional
 from tselab.gap.catalogue import Effect, Parameter
-from tselab.gap.data import CHANNELS, Prepared
+from tselab.gap.data import CHANNELS, Prepared, blocks
 from tselab.gap.simulate import simulate
 from tselab.log import MEASURES, OPTIONAL
 
@@ -98,13 +98,13 @@ class Problem:
     def _layout(self) -> tuple[np.ndarray, np.ndarray, Rows]:
         measured, weight, columns, group, block = [], [], [], 0, 0
         for i, log in enumerate(self.logs):
-            time, _ = self._blocks(log, log.time)
+            time, _ = blocks(log, log.time)
             for channel in log.channels:
-                mean, count = self._blocks(log, log.measured[channel])
+                mean, count = blocks(log, log.measured[channel])
                 measured.append(mean)
                 variance = log.noise[channel] ** 2 / np.maximum(count, 1)
                 if channel in log.blur:
-                    variance = variance + self._blocks(log, log.blur[channel])[0] ** 2  # the same over a block: slow
+                    variance = variance + blocks(log, log.blur[channel])[0] ** 2  # the same over a block: slow
                 usual = float(np.median(count[count > 0])) if count.any() else 1.0  # a slow sensor has fewer rows with a value
                 enough = 0 if channel in OPTIONAL else 0.5 * usual  # and a slow receiver not one in every block
                 weight.append(np.where(count > enough, 1.0 / np.sqrt(variance), 0.0))
@@ -122,18 +122,6 @@ class Problem:
         quiet = [q for log in self.logs for c in log.channels for q in [log.quiet.get(c, 1.0)]]
         return np.where(self.weight > 0, np.array(quiet)[self.rows.group] ** 2, 0.0) if quiet else np.zeros(0)
 
-    @staticmethod
-    def _blocks(log: Prepared, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Means of the blocks that are compared, and how many values each has."""
-        parts = []
-        for s in log.stretches:
-            piece = x[s.first : s.last][s.used]
-            parts.append(piece[: len(piece) // log.rows_per_block * log.rows_per_block].reshape(-1, log.rows_per_block))
-        table = np.concatenate(parts)
-        good = np.isfinite(table)
-        count = good.sum(axis=1)
-        return np.where(good, table, 0.0).sum(axis=1) / np.maximum(count, 1), count
-
     @property
     def measured(self) -> np.ndarray:
         """What was measured, one value per entry of the residual vector; NaN where it is missing."""
@@ -144,7 +132,7 @@ class Problem:
         parts = []
         for log in self.logs:
             x = log.inputs.get(name, log.measured.get(name))
-            mean, count = self._blocks(log, x)
+            mean, count = blocks(log, x)
             parts.extend([np.where(count > 0, mean, np.nan)] * len(log.channels))
         return np.concatenate(parts)
 
@@ -181,7 +169,7 @@ class Problem:
             simulated = simulate(config, log, log.channels, stiffness, self.profiles(values, i))
             for channel, missing in self._missing[i].items():  # means over the same rows as those of what was measured
                 simulated[channel] = np.where(missing, np.nan, simulated[channel])
-            predicted = {channel: self._blocks(log, simulated[channel])[0] for channel in log.channels}
+            predicted = {channel: blocks(log, simulated[channel])[0] for channel in log.channels}
             how: list[optional.Reading] = []
             if any(c in OPTIONAL for c in predicted):
                 mine = {c: (self.rows.log == i) & self.rows.of(c) for c in predicted if c in OPTIONAL}
@@ -200,7 +188,7 @@ class Problem:
         for i, log in enumerate(self.logs):
             predicted = simulate(config, log, names, stiffness, self.profiles(values, i))
             for n in names:
-                parts[n].extend([self._blocks(log, predicted[n])[0]] * len(log.channels))
+                parts[n].extend([blocks(log, predicted[n])[0]] * len(log.channels))
         return {n: np.concatenate(p) for n, p in parts.items()}
 
     def residuals(self, values: Mapping[str, float]) -> np.ndarray:

@@ -5,12 +5,12 @@ of a measured channel is compared L earlier.
 
 accel_x is compared as what it adds to the speed within SPEED_TIME. Driven by wheel speeds, its simulation is their slope, and has
 the slope of their noise in it: compared as an acceleration, whatever makes the simulation smoother fits better - tyres at half
-their stiffness, wheels that are late (car 0 of seed 501 of tests/cars: -45 %, 60 ms). As a speed, that noise is white and small.
+their stiffness, wheels that are late. As a speed, that noise is white and small; what remains of it is in scripts/results/cars.md.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -18,7 +18,7 @@ from scipy.interpolate import CubicSpline
 from scipy.signal import lfilter
 
 from tselab.core import NOMINAL, Config, Replay
-from tselab.gap.data import BLOCK, Prepared
+from tselab.gap.data import BLOCK, Prepared, blocks
 from tselab.identify.discrepancy import ACTIVE_TIME, Piece
 from tselab.identify.unknowns import LATE, LATENCY, MEASURED, MOST_LATENCY, OWN_SD, STIFFNESS, Prior
 from tselab.noise import smooth
@@ -33,12 +33,8 @@ class Problem:
     """All logs. The vector x holds the unknowns of the car, in the order of the prior, and then three of each log: ln of its
     stiffness over the car's."""
 
-    def __init__(
-        self, logs: Sequence[Prepared], config: Config, prior: Prior, jobs: int = 1, fixed: Mapping[str, float] | None = None
-    ):
-        """`fixed`: unknowns that are not looked for, and not what `config` says."""
+    def __init__(self, logs: Sequence[Prepared], config: Config, prior: Prior, jobs: int = 1):
         self.logs = [log for log in logs if log.stretches]
-        self.fixed = dict(fixed or {})
         self.config, self.prior, self.jobs = config, prior, max(1, jobs)
         self.nominal = config.as_dict()
         own = len(self.logs) * len(STIFFNESS)
@@ -78,11 +74,11 @@ class Problem:
         """Settings of the simulation, latencies, and stiffness of each log over the vehicle file's."""
         at = dict(zip(self.names, map(float, x), strict=True))
         values, late = dict(self.nominal), {c: self.nominal.get(c + LATENCY, 0.0) for c in LATE}
-        for name, value in (self.fixed | {n: at[n] for n in self.prior.names if n not in NOMINAL}).items():
+        for name in (n for n in self.prior.names if n not in NOMINAL):
             if name.endswith(LATENCY):
-                late[name.removesuffix(LATENCY)] = value
+                late[name.removesuffix(LATENCY)] = at[name]
             else:
-                values[name] = value
+                values[name] = at[name]
         stiffness = [{s: float(np.exp(at[s] + at[f"{s}@{i}"])) for s in STIFFNESS} for i in range(len(self.logs))]
         return Config(values), late, stiffness
 
@@ -165,10 +161,6 @@ class Problem:
         used = self.used[g]
         return Piece(self.time[g][used], self.count[g][used], self.size[g][used], self._bias[g], residual)
 
-    def of_car(self, x: np.ndarray) -> Mapping[str, float]:
-        """The unknowns of the car by name."""
-        return dict(zip(self.prior.names, map(float, x), strict=False))
-
 
 def inside(log: Prepared) -> np.ndarray:
     """1 for rows whose channels are in the same stretch whatever their latency; at its start BURN_IN sees to that."""
@@ -176,15 +168,3 @@ def inside(log: Prepared) -> np.ndarray:
     for s in log.stretches:
         found[s.first : s.last] = log.time[s.first : s.last] <= log.time[s.last - 1] - MOST_LATENCY
     return found
-
-
-def blocks(log: Prepared, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Means of the blocks that are compared, and how many values each has."""
-    parts = []
-    for s in log.stretches:
-        piece = x[s.first : s.last][s.used]
-        parts.append(piece[: len(piece) // log.rows_per_block * log.rows_per_block].reshape(-1, log.rows_per_block))
-    table = np.concatenate(parts)
-    good = np.isfinite(table)
-    count = good.sum(axis=1)
-    return np.where(good, table, 0.0).sum(axis=1) / np.maximum(count, 1), count
