@@ -7,14 +7,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 from scipy.stats import multivariate_normal
 
 from tselab.core import Config, SimConfig, Simulator
-from tselab.gap.data import Prepared, prepare
+from tselab.gap.data import Prepared, blocks, prepare
 from tselab.identify import discrepancy
+from tselab.identify import ready as ready_rules
 from tselab.identify.discrepancy import Discrepancy, Piece
 from tselab.identify.fit import State, fit, step
-from tselab.identify.problem import Problem
+from tselab.identify.problem import SPEED_TIME, Problem, shapes
+from tselab.identify.ready import calm, curves, speed, together
 from tselab.identify.unknowns import COMMON_SD, STIFFNESS, UNKNOWNS, Prior, prior_of
 from tselab.log import read_log
 from tselab.vehicle import default_vehicle, read_vehicle
@@ -75,7 +78,8 @@ def dense(d: Discrepancy, piece: Piece) -> np.ndarray:
     """Covariance of the residuals, entry by entry."""
     apart = np.abs(piece.time[:, None] - piece.time)
     fast = d.share**2 * np.outer(piece.size, piece.size) * np.exp(-apart / d.time[0])
-    return fast + d.slow**2 * np.exp(-apart / d.time[1]) + np.diag(d.white**2 / piece.count)
+    slow = d.slow**2 * np.exp(-apart / d.time[1]) * (np.cos(apart / d.time[1]) + np.sin(apart / d.time[1]))
+    return fast + slow + np.diag(d.white**2 / piece.count)
 
 
 def piece(seed: int, n: int = 60) -> Piece:
@@ -198,6 +202,102 @@ def test_slopes_are_differences_of_the_residuals(found: tuple[Problem, object]) 
             np.testing.assert_allclose(s[:, k], expected, atol=0.03 * max(float(np.max(np.abs(expected))), 1e-9), err_msg=name)
 
 
+def test_shares_of_shapes_add_to_what_is_simulated(found: tuple[Problem, object]) -> None:
+    problem, first = found
+    g = problem.groups.index((0, "yaw_rate"))
+    x = first.x.copy()
+    x[problem.unlike :] = 0
+    plain = problem.predict(x)[g]
+    x[problem.names.index("yaw_rate~ay^2")] = 0.05
+    log = problem.logs[0]
+    across = blocks(log, problem.simulate(0, x)["accel_y"])[0]
+    np.testing.assert_allclose(problem.predict(x)[g], plain * (1 + 0.05 * across**2 / 16), rtol=1e-9, atol=1e-12)
+    got = shapes(np.array([-3.0]), np.array([4.0]), np.array([30.0]))[0]
+    np.testing.assert_allclose(got, [-1, -0.5, 1, 0.5, 1])
+
+
+def test_late_wheels_are_asked_of_accel_x_alone(found: tuple[Problem, object]) -> None:
+    problem, first = found
+    x = first.x.copy()
+    for name in ("wheel_speed_front_latency", "wheel_speed_rear_latency"):
+        x[problem.names.index(name)] += 0.05
+    before, after = problem.simulate(0, first.x), problem.simulate(0, x)
+    for channel in ("accel_y", "yaw_rate"):
+        np.testing.assert_array_equal(after[channel], before[channel])
+    assert np.nanmax(np.abs(after["accel_x"] - before["accel_x"])) > 0.05
+
+
+def test_accel_x_is_compared_as_the_wheel_speed_it_asks_for() -> None:
+    """A car that follows its wheels with the lag m v/C at constant C and v: what is compared is how far the wheels are from those
+    that its acceleration needs at the stiffness of the simulation. By the differential equation, to second order of the blocks."""
+    config = Config()
+    t = 0.04 * np.arange(500)
+    wheels = 0.3 * np.sin(0.7 * t)  # m/s about 20 m/s
+    problem = Problem.__new__(Problem)
+    problem.groups, problem._time, problem._speed, problem.config = [(0, "accel_x")], [t], [np.full(500, 20.0)], config
+
+    def accelerating(stiffness: float) -> np.ndarray:
+        lag = config.mass * 20 / stiffness
+        fine = np.arange(0, 20, 0.001)
+        speed = np.zeros(len(fine))
+        for k in range(1, len(fine)):
+            speed[k] = speed[k - 1] + 0.001 / lag * (0.3 * np.sin(0.7 * fine[k - 1]) - speed[k - 1])
+        return np.interp(t, fine, np.gradient(speed, 0.001))
+
+    true, wrong = accelerating(4e5), accelerating(2e5)
+    problem._slip_time = lambda i, x: config.mass / 2e5  # the stiffness of the simulation, which is wrong
+    got = problem._compared(0, true - wrong, np.zeros(0))
+    # wheels that the true acceleration needs at the wrong stiffness, less those that were, with the leak of the integral
+    needed = np.cumsum(true) * 0.04 + config.mass * 20 / 2e5 * true - wheels
+    leaking = lfilter([1, -1], [1, -np.exp(-0.04 / SPEED_TIME)], needed)
+    rows = slice(100, 500)
+    a, b = got[rows] - got[rows].mean(), leaking[rows] - leaking[rows].mean()
+    assert np.corrcoef(a, b)[0, 1] > 0.98 and np.std(a) == pytest.approx(np.std(b), rel=0.1)
+
+
+def test_held_values_are_as_old_as_they_are_on_average(tmp_path: Path) -> None:
+    """Every fourth value of the wheels held: 0, 1, 2, 3 rows old, 15 ms on average."""
+    rows = made(1, 20.0)
+    at = np.arange(len(rows)) // 4 * 4
+    for name in ("wheel_speed_front", "wheel_speed_rear"):
+        rows[name] = rows[name][at]
+    log = prepare(read_log(written(tmp_path / "held.csv", rows)), Config(QUIET))
+    assert log.held == pytest.approx({"wheel_speed_front": 0.015, "wheel_speed_rear": 0.015}, abs=1e-4)
+
+
+# ------------------------------------------------------------------------------------------------ before it
+
+
+def test_wheels_and_accel_x_are_smoothed_alike_and_nothing_else(found: tuple[Problem, object], tmp_path: Path) -> None:
+    log = prepare(read_log(written(tmp_path / "log.csv", made(1, 20.0))), Config(QUIET))
+    smooth = calm(log)
+    weight = np.exp(-0.5 * ((log.time[:, None] - log.time[1000]) / ready_rules.CALM) ** 2)[:, 0]
+    weight /= weight.sum()
+    assert smooth.inputs["wheel_speed_front"][1000] == pytest.approx(weight @ log.inputs["wheel_speed_front"], rel=1e-5)
+    assert smooth.measured["accel_x"][1000] == pytest.approx(weight @ log.measured["accel_x"], abs=1e-4)
+    for name in ("accel_y", "yaw_rate"):
+        np.testing.assert_array_equal(smooth.measured[name], log.measured[name])
+
+
+def test_the_curvature_of_the_road_is_that_of_the_path_at_any_speed(tmp_path: Path) -> None:
+    """A clothoid: curvature by distance, whose smoothing by a symmetric kernel leaves it, driven at a changing speed."""
+    log = prepare(read_log(written(tmp_path / "log.csv", made(1, 20.0))), Config(QUIET))
+    v = speed(log, Config())
+    log.measured["yaw_rate"] = 1e-4 * log.distance * v
+    found = curves(log, Config())
+    inner = (log.distance > 60) & (log.distance < log.distance[-1] - 60)
+    np.testing.assert_allclose(found[inner], (1e-4 * log.distance * v**2)[inner], rtol=2e-3)
+
+
+def test_blocks_are_put_together_only_where_none_is_missing() -> None:
+    time = 0.04 * np.arange(12)
+    time[8:] += 1.0
+    used = np.ones(12, bool)
+    used[3] = False
+    assert together(time, used, 2).tolist() == [[0, 1], [4, 5], [6, 7], [8, 9], [10, 11]]
+    assert together(time, used, 5).shape == (0, 5)
+
+
 # ------------------------------------------------------------------------------------------------ search
 
 
@@ -222,7 +322,7 @@ def test_what_was_hidden_is_found(found: tuple[Problem, object]) -> None:
     truth = {f"{k}_latency": v for k, v in LATE.items()} | HIDDEN | {k: np.log(v) for k, v in STIFF.items()}
     for name, value in truth.items():
         assert abs(at[name] - value) < 3.5 * sd[name], (name, at[name], value, sd[name])
-    for name in ("steer_angle_latency", "relaxation_length", "body_roll_gain", "steering_offset_angle"):
+    for name in ("steer_angle_latency", "relaxation_length", "steering_offset_angle"):
         assert sd[name] < 0.7 * problem.sd[problem.names.index(name)], name  # and shown
 
 

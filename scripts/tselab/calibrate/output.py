@@ -14,8 +14,10 @@ from tselab.calibrate.workflow import Result
 from tselab.core import NOMINAL, Config, library
 from tselab.files import atomic
 from tselab.gap.output import finite
-from tselab.identify.unknowns import LATENCY
+from tselab.identify.unknowns import LATENCY, SUPERELEVATION
 from tselab.vehicle import GRAVITY, HINT_ONLY, UNKNOWN_CAR, sensor_settings, vehicle_settings
+
+ROADS_SD = 0.03  # share of accel_y, by which the lean of roads into their curves differs from road to road
 
 
 def values(result: Result) -> dict[str, float]:
@@ -25,9 +27,16 @@ def values(result: Result) -> dict[str, float]:
     for key, setting in NOMINAL.items():
         found[setting] = float(getattr(result.config, setting) * np.exp(at[key]))
     follows = result.config.rear_longitudinal_follows_front
+    found["bank_superelevation"] = float(np.mean(_superelevations(result)))
     found["longitudinal_stiffness_rear"] *= float(1.0 + follows * (np.exp(at["cx_front"]) - 1.0))
     fields = result.config.fields
     return {k: float(np.clip(v, fields[k].low, fields[k].high)) for k, v in found.items()}
+
+
+def _superelevations(result: Result) -> list[float]:
+    """Of each log."""
+    at = dict(zip(result.problem.names, map(float, result.fit.x), strict=True))
+    return [at[f"{SUPERELEVATION}@{i}"] for i in range(len(result.problem.logs))]
 
 
 def latencies(result: Result) -> dict[str, float]:
@@ -63,6 +72,8 @@ def uncertainty(result: Result) -> dict[str, float]:
             wheel_radius_rear=1.0 / at["wheel_radius_rear"], wheel_radius_front=-1.0 / at["wheel_radius_front"]
         ),
     }
+    # the next road leans otherwise, which accel_y says as another scale would
+    found["accel_y_scale_sd"] = float(np.hypot(found["accel_y_scale_sd"], np.hypot(np.std(_superelevations(result)), ROADS_SD)))
     fields = result.config.fields
     return {k: float(np.clip(v, fields[k].low, fields[k].high)) for k, v in found.items()}
 
@@ -129,6 +140,7 @@ def as_json(result: Result) -> dict[str, Any]:
         "evidence": {g.name: g.nats for g in result.groups},
         "stiffness": {k: v for k, v in values(result).items() if "stiffness" in k},
         "uncertainty": uncertainty(result),
+        "superelevation": _superelevations(result),
         "noise": {c: dict(zip(("white", "share", "slow", "fast_time", "slow_time"), d.numbers, strict=True))
                   for c, d in result.fit.noise.items()},
         "quantisation": result.steps,

@@ -19,13 +19,14 @@ from tselab.gap.data import BLOCK, Prepared, prepare
 from tselab.identify.discrepancy import Discrepancy, cost
 from tselab.identify.fit import Fit, State, fit
 from tselab.identify.problem import Problem
-from tselab.identify.unknowns import MEASURED, STIFFNESS, Prior, prior_of
+from tselab.identify.unknowns import MEASURED, OWN, OWN_MEAN, STIFFNESS, Prior, prior_of
 from tselab.log import DRIVES, Log, read_log
 from tselab.noise import smooth
 from tselab.vehicle import Vehicle, fill_sensors, read_vehicle
 
 Say = Callable[[str], None]
 SLOW = 4.0  # s
+LEAST_LAG_SD = 0.003  # s: what relaxation and lags of the model leave
 FEWEST_STEPS = 10  # between values, to speak of quantisation
 
 
@@ -90,7 +91,7 @@ def run(
         raise UserError(f"no log has enough of {', '.join(MEASURED)} to compare a simulation with")
 
     say("stiffness alone, the car as told")
-    plain_problem = Problem(ready, config, _stiffness_of(prior), jobs)
+    plain_problem = Problem(ready, config, _stiffness_of(prior), jobs, unlike=False)
     plain = fit(plain_problem, say=say)
 
     kept = Progress(progress, fingerprint([*logs, vehicle_path], problem))
@@ -166,8 +167,8 @@ def _proofs(
 
 def _misfit(problem: Problem, result: Fit, log: Prepared, fitted: int | None) -> tuple[dict[str, float], float]:
     """Rms of each channel, and minus the log likelihood. `fitted`: the log's index among those that were fitted."""
-    other = Problem([log], problem.config, problem.prior)
-    own = np.zeros(len(STIFFNESS)) if fitted is None else result.x[problem.car + 3 * fitted :][: len(STIFFNESS)]
+    other = Problem([log], problem.config, problem.prior, unlike=False)
+    own = OWN_MEAN if fitted is None else result.x[problem.car + len(OWN) * fitted :][: len(OWN)]
     residuals = other.residuals(np.append(result.x[: problem.car], own))
     rows = round(SLOW / BLOCK)
     fast = [r - smooth(r, rows) if len(r) else r for r in other.as_sensed(np.append(result.x[: problem.car], own))]
@@ -194,6 +195,11 @@ def _sensors(problem: Problem, result: Fit, logs: Sequence[Log]) -> dict[str, fl
             inside = np.concatenate([off[s.first : s.last] for s in prepared.stretches])
             noise.append(float(np.sqrt(np.nanmean(inside**2))))
     found["wheel_noise_sd"] = max(noise, default=0.0)
+    # how late the steering acts in all: what the filter need not find out by itself
+    lag = np.zeros(len(problem.names))
+    for name, sign in (("steering_lag_time", 1.0), ("steer_angle_latency", -1.0)):
+        lag[problem.names.index(name)] = sign
+    found["steer_lag_sd"] = max(float(np.sqrt(lag @ result.covariance @ lag)), LEAST_LAG_SD)
     fields = problem.config.fields
     return {k: float(np.clip(v, fields[k].low, fields[k].high)) for k, v in found.items()}
 

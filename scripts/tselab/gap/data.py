@@ -56,6 +56,7 @@ class Prepared:
     distance: np.ndarray  # m
     notes: list[str] = field(default_factory=list)
     quiet: dict[str, float] = field(default_factory=dict)  # sd that was found over that sd, where a floor raised it
+    held: dict[str, float] = field(default_factory=dict)  # s since the value of a row was new, mean, where a slow signal is held
     blur: dict[str, np.ndarray] = field(default_factory=dict)  # sd, per row, of what noise of the inputs does to a prediction
 
     @property
@@ -106,7 +107,8 @@ def prepare(log: Log, config: Config) -> Prepared:
         notes.append(
             f"{log.path.name}: nowhere {SHORTEST:g} s in one piece above {SLOWEST:g} m/s and below {STEEPEST:g} rad of steering"
         )
-    found = Prepared(log.path, log.time, inputs, measured, noise, stretches, per_block, distance, notes, quiet)
+    held = {name: age for name in (*DRIVES, *MEASURES) if (age := _age(log.time, log.data[name].to_numpy(float))) > 0}
+    found = Prepared(log.path, log.time, inputs, measured, noise, stretches, per_block, distance, notes, quiet, held)
     if stretches and len(log.extra.columns):
         found.blur = _blur(found, raw, smooth, config)
     return found
@@ -174,6 +176,15 @@ def fresh(x: np.ndarray) -> np.ndarray:
         found[start : start + gap : beat] = True
     found[changed[-1] :: beat] = True
     return found
+
+
+def _age(time: np.ndarray, x: np.ndarray) -> float:
+    """s since a value was new, mean over the rows that have one."""
+    there = np.isfinite(x)
+    if not there.any():
+        return 0.0
+    new = np.maximum.accumulate(np.where(fresh(x), np.arange(len(x)), 0))
+    return float(np.mean((time - time[new])[there]))
 
 
 def _smoothness(time: np.ndarray, y: np.ndarray) -> float:

@@ -57,10 +57,15 @@ class Discrepancy:
         return cls(white, share, slow, (fast_time, slow_time))
 
     def _factor(self, piece: Piece) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        n, rates = len(piece.time), 1.0 / np.array(self.time)
-        u = np.column_stack([self.share * piece.size, np.full(n, self.slow)])
-        diagonal = self.white**2 / np.maximum(piece.count, 0.1) + np.square(u).sum(axis=1)
-        d, w = semiseparable.factor(piece.time, rates, diagonal, u, u.copy(), np.empty(n), np.empty((n, 2)))
+        n, slow = len(piece.time), 1.0 / self.time[1]
+        rates = np.array([1.0 / self.time[0], slow, slow])
+        fast = self.share * piece.size
+        phase = slow * (piece.time - piece.time[0])
+        cos, sin = np.cos(phase), np.sin(phase)
+        u = np.column_stack([fast, self.slow**2 * (cos + sin), self.slow**2 * (sin - cos)])
+        v = np.column_stack([fast, cos, sin])
+        diagonal = self.white**2 / np.maximum(piece.count, 0.1) + fast**2 + self.slow**2
+        d, w = semiseparable.factor(piece.time, rates, diagonal, u, v, np.empty(n), np.empty((n, 3)))
         return rates, u, w, d
 
     def whiten(self, piece: Piece, columns: np.ndarray) -> tuple[np.ndarray, float]:

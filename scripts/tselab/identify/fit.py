@@ -140,7 +140,7 @@ def covariance(problem: Problem, information: np.ndarray, r: list[np.ndarray], j
     for i in range(len(problem.logs)):
         scores: dict[int, np.ndarray] = {}
         for g in (g for g, (log, _) in enumerate(problem.groups) if log == i):
-            window = (problem.time[g][problem.used[g]] // WINDOW).astype(int)
+            window = (problem.time[g] // WINDOW).astype(int)
             for w in np.unique(window):
                 rows = window == w
                 scores[w] = scores.get(w, np.zeros(len(bread))) + j[g][rows].T @ r[g][rows]

@@ -18,7 +18,6 @@ MEASURED = ("accel_x", "accel_y", "yaw_rate")
 LATE = ("steer_angle", "wheel_speed_front", "wheel_speed_rear", "accel_x", "accel_y")  # behind the gyro
 LATENCY = "_latency"
 MOST_LATENCY = 0.2  # s
-OWN_SD = 0.1  # ln: stiffness of one log over that of the car: warmth, load, road
 
 
 @dataclass(frozen=True)
@@ -61,7 +60,7 @@ UNKNOWNS: tuple[Unknown, ...] = (
     Unknown("longitudinal_stiffness_rear", "rear longitudinal stiffness", 1.0, 0.15, 0.3, 3.0, relative=True, worth=0.05),
     Unknown("relaxation_length", "relaxation", 0.4, 0.25, 0.0, 3.0, worth=0.05),
     Unknown("longitudinal_relaxation_length", "longitudinal relaxation", 0.1, 0.1, 0.0, 2.0, worth=0.02),
-    Unknown("body_roll_gain", "roll", 0.007, 0.004, -0.02, 0.04, worth=0.0008),
+    Unknown("body_roll_gain", "roll", 0.008, 0.002, -0.02, 0.04, worth=0.0008),
     Unknown("body_roll_frequency", "roll", 1.6, 0.3, 0.3, 6.0),
     Unknown("body_roll_damping", "roll", 0.3, 0.1, 0.05, 2.0),
     Unknown("body_roll_height", "roll", 0.2, 0.3, -1.0, 1.5),
@@ -78,6 +77,9 @@ UNKNOWNS: tuple[Unknown, ...] = (
     Unknown("gyro_scale_error", "IMU scale", 0.0, 0.005, -0.3, 0.3, worth=0.003),
     Unknown("lateral_load_transfer_gain", "tyres", 0.002, 0.002, -0.003, 0.03, worth=0.0004),
     Unknown("longitudinal_load_transfer_gain", "tyres", 0.02, 0.015, -0.08, 0.08, worth=0.004),
+    Unknown("combined_slip_factor", "tyres", 100.0, 100.0, 0.0, 2000.0, worth=20.0),
+    Unknown("aligning_moment_trail", "tyres", 0.025, 0.012, -0.1, 0.1, worth=0.005),
+    Unknown("rear_roll_steer_gain", "rear roll steer", 0.03, 0.03, -0.3, 0.3, worth=0.01),
     Unknown("tyre_saturation_inverse_friction", "tyres", 0.5, 0.5, 0.0, 5.0, worth=0.2),
     Unknown("aero_drag_coefficient", "resistance", 0.4, 0.1, 0.0, 5.0, worth=0.1),
     Unknown("rolling_resistance_coefficient", "resistance", 0.01, 0.004, 0.0, 0.2, worth=0.003),
@@ -85,6 +87,12 @@ UNKNOWNS: tuple[Unknown, ...] = (
 )  # fmt: skip
 STIFFNESS = tuple(NOMINAL)  # of the car, ln over the vehicle file's; and of each log, over the car's: name@log
 STIFFNESS_SD, MOST_STIFFNESS = 0.5, 1.8  # ln
+# Of each log, name@log: stiffness, ln over the car's - warmth, load, road - and how much of the sideways acceleration in its curves
+# the bank of the road takes over: roads are built so, and a bank left out passes for a scale of accel_y and for other tyres.
+SUPERELEVATION = "superelevation"
+OWN = (*STIFFNESS, SUPERELEVATION)
+OWN_MEAN = (0.0, 0.0, 0.0, 0.12)
+OWN_SD = (0.1, 0.1, 0.1, 0.05)
 
 
 def unit_of(name: str) -> str:

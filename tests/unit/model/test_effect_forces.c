@@ -60,6 +60,18 @@ static void test_bank_pulls_the_car_to_its_low_side_and_the_sensor_does_not_see_
   expect_cornering(&c, 20, 0, cornering(&c, 20, 0, 0, -1900 * G * sin(0.03), 0), 3e-3, "bank");
 }
 
+/* In a steady turn the tyres give m (1 - share) v r, no more: the balance is that of a car so much lighter, and accel_y reads it. */
+static void test_superelevation_takes_a_share_of_the_side_force(void)
+{
+  const double share = 0.15;
+  tse_config c = default_car(), light = default_car();
+  c.bank_superelevation = (tse_setting)share;
+  light.mass = (tse_setting)((double)c.mass * (1 - share));
+  steady s = cornering(&light, 20, 0.01, 0, 0, 0);
+  s.ay = (1 - share) * 20 * s.r;
+  expect_cornering(&c, 20, 0.01, s, 3e-3, "superelevation");
+}
+
 static void test_conicity_is_a_side_force_at_each_axle(void)
 {
   tse_config c = default_car();
@@ -517,6 +529,7 @@ int main(void)
   UNITY_BEGIN();
   RUN_TEST(test_steering_offset_turns_the_car_that_is_steered_straight);
   RUN_TEST(test_bank_pulls_the_car_to_its_low_side_and_the_sensor_does_not_see_it);
+  RUN_TEST(test_superelevation_takes_a_share_of_the_side_force);
   RUN_TEST(test_conicity_is_a_side_force_at_each_axle);
   RUN_TEST(test_crosswind_pushes_at_its_arm);
   RUN_TEST(test_crosswind_turns_with_the_heading);
