@@ -9,9 +9,10 @@ which is, for a car that follows its wheels with the lag m v/C, how far the whee
 for. Driven by wheel speeds alone, the simulation has the slope of their noise, and soft tyres and wheels that are late smooth it:
 as an acceleration both fit better than the truth. What is in y does not depend on the tyres.
 
-How late the wheels are is asked of accel_x alone; accel_y and yaw_rate are compared with a car whose wheels are in time (a cut:
-Liu, Bayarri & Berger 2009, Plummer 2015). The speed hardly moves within a latency, but every percent by which braking changes the
-tyres otherwise than the model has it does so at that time: yaw_rate, the most exact of all channels, then says 0.1 s.
+Between wheels and accel_x only the difference of their latencies counts; accel_y and yaw_rate are compared with a car whose wheels
+are in time (a cut: Liu, Bayarri & Berger 2009, Plummer 2015). The speed hardly moves within a latency, but every percent by which
+braking changes the tyres otherwise than the model has it does so at that time: yaw_rate, the most exact of all channels, then says
+0.1 s. How late both are behind the gyro is left to the prior.
 """
 
 from __future__ import annotations
@@ -47,8 +48,8 @@ SPEED_TIME = 1.0  # s: longer lets the grade of the road in, shorter the noise o
 SPEED_BLOCKS = 10  # blocks that are one in the comparison of accel_x: a second holds two or three numbers
 FEWEST = 25  # blocks of a channel in a log, to compare it
 ENOUGH = 0.5  # rows with a value in a block, over the usual number
-# Channels that are simulated together, and the inputs that are read with their latency.
-CUT = ((("accel_x",), ("steer_angle", "wheel_speed_front", "wheel_speed_rear")), (("accel_y", "yaw_rate"), ("steer_angle",)))
+# Channels that are simulated together, and the inputs that are read on the clock of accel_x; else they are in time.
+CUT = ((("accel_x",), ("wheel_speed_front", "wheel_speed_rear")), (("accel_y", "yaw_rate"), ()))
 # How the car is unlike the model, as a function of what it does (Kennedy & O'Hagan 2001): a share of the channel that goes with
 # SHAPES, each about 1 where a driver goes hard.
 UNLIKE = ("accel_y", "yaw_rate")
@@ -149,12 +150,14 @@ class Problem:
             given = {n: x[rows] for n, x in log.inputs.items()}
             gyro = log.measured["yaw_rate"][s.first]
             start = float(gyro) if np.isfinite(gyro) else 0.0
-            for channels, shifted in CUT:
-                moved = {n: inputs[n](np.clip(t + late[n], log.time[0], log.time[-1])) for n in shifted if late.get(n)}
+            for channels, on_its_clock in CUT:
+                shift = {n: late.get(n, 0.0) for n in ("steer_angle",)}
+                shift |= {n: late[n] - late["accel_x"] for n in on_its_clock}
+                moved = {n: inputs[n](np.clip(t + by, log.time[0], log.time[-1])) for n, by in shift.items() if by}
                 replay = Replay(channels, dt=np.diff(t, prepend=t[0] - 0.01), bank=bank[rows], **given | moved)
                 found = replay.run(config, yaw_rate=start, time=float(t[0] - log.time[0]), **stiffness[i])
                 for c in channels:
-                    lag = late.get(c, 0.0)
+                    lag = 0.0 if on_its_clock else late.get(c, 0.0)
                     out[c][rows] = CubicSpline(t, found[c])(np.clip(t - lag, t[0], t[-1])) if lag else found[c]
         return out
 
