@@ -34,6 +34,19 @@ OFF, SETTLED, SMOOTH = 0.1, 20.0, 201  # relative error; s; rows
 SEEN = 0.1  # share of the rows of SMOOTH that must have a truth
 
 
+# What a calibration finds, and what that is in truth.json; sensors' scales and places are told there, too.
+PHYSICAL = {
+    "yaw_inertia": "yaw_inertia", "relaxation_length": "relaxation_y", "wheel_radius_front": "radius_front",
+    "wheel_radius_rear": "radius_rear", "imu_lever_arm_x": "imu_x", "imu_lever_arm_y": "imu_y", "imu_misalignment_angle": "imu_yaw",
+    "imu_scale_ax_error": "accel_x_scale", "imu_scale_ay_error": "accel_y_scale", "gyro_scale_error": "yaw_rate_scale",
+}  # fmt: skip
+RELATIVE = ("yaw_inertia", "relaxation_length", "wheel_radius_front", "wheel_radius_rear")
+STIFF = {  # of an axle; the front's cornering stiffness is softer by the steering's compliance, which depends on nothing told
+    "longitudinal_stiffness_front": "slip_stiffness_front", "longitudinal_stiffness_rear": "slip_stiffness_rear",
+    "cornering_stiffness_rear": "cornering_rear",
+}  # fmt: skip
+
+
 def truth_of(reference: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Secant stiffness of each row; NaN where the axle has no slip to speak of."""
     least = round(SEEN * SMOOTH)
@@ -81,13 +94,30 @@ def drive(folder: Path, cars: list[Car], minutes: float, first: int) -> None:
                 made.write(folder / f"car{k}" / what, road)
 
 
-def one(folder: Path) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+def physical(car: str, result: workflow.Result, truth: dict[str, Any]) -> list[dict[str, Any]]:
+    """What was found of the car itself, less what is true; in units of the truth where that is RELATIVE."""
+    rows, true = [], truth["parameters"] | truth["sensors"]
+    for f in (f for f in result.findings if f.name in PHYSICAL):
+        by = true[PHYSICAL[f.name]] if f.name in RELATIVE else 1.0
+        off = (f.value - true[PHYSICAL[f.name]]) / by
+        before = (f.prior - true[PHYSICAL[f.name]]) / by
+        rows.append({"car": car, "name": f.name, "off": off, "before": before, "sd": f.sd / by, "shown": f.shown})
+    found = output.values(result)
+    for name, key in STIFF.items():
+        both = 2.0 * true[key]
+        before = getattr(result.config, name) / both - 1
+        rows.append({"car": car, "name": name, "off": found[name] / both - 1, "before": before, "sd": np.nan, "shown": True})
+    return rows
+
+
+def one(folder: Path) -> tuple[list[dict[str, Any]], list[dict[str, Any]], list[dict[str, Any]]]:
     """A car: calibrated on its drives in FOLDER/fit, estimated on those in FOLDER/test."""
     logs = sorted((folder / "fit").glob("log_*.csv"))
     told, calibrated = folder / "fit" / "car.toml", folder / "calibrated.toml"
     result = workflow.run(logs, told, [], folder / "progress.json", 1, lambda _: None)
     output.write(calibrated, result, [p.name for p in logs])
-    drives = json.loads((folder / "fit" / "truth.json").read_text(encoding="utf-8"))["logs"].values()
+    truth_of_car = json.loads((folder / "fit" / "truth.json").read_text(encoding="utf-8"))
+    drives = truth_of_car["logs"].values()
     scores, latencies = [], []
     for f in (f for f in result.findings if f.name.endswith(LATENCY)):
         channel = f.name.removesuffix(LATENCY)
@@ -100,7 +130,7 @@ def one(folder: Path) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
         for who, path in (("landed", told), ("tse", told), ("tse, calibrated", calibrated)):
             run = {"car": folder.name, "road": road, "who": who, "converged": result.fit.converged}
             scores.append({**run, **score(path, log, truth, who)})
-    return scores, latencies
+    return scores, latencies, physical(folder.name, result, truth_of_car)
 
 
 def table(runs: pd.DataFrame) -> list[str]:
@@ -133,6 +163,22 @@ def latency_table(found: pd.DataFrame) -> list[str]:
     return lines
 
 
+def physical_table(found: pd.DataFrame) -> list[str]:
+    """How well the car itself is found, a line per number."""
+    lines = ["| number | shown in | off by, before: median, largest | off by, found: median, largest | 95 % band holds [%] |",
+             "|---|---:|---:|---:|---:|"]  # fmt: skip
+    for name, group in found.groupby("name", sort=False):
+        percent = name in RELATIVE or name in STIFF
+        cells = [f"{name}{' [%]' if percent else ''}", f"{int(group['shown'].sum())} of {len(group)}"]
+        for what in ("before", "off"):
+            off = group[what].abs() * (100 if percent else 1)
+            cells.append(f"{off.median():.2g}, {off.max():.2g}")
+        holds = (group["off"].abs() < 1.96 * group["sd"])[group["sd"].notna()]
+        cells.append(f"{100 * float(holds.mean()):.0f}" if len(holds) else "-")
+        lines.append("| " + " | ".join(cells) + " |")
+    return lines
+
+
 def main(arguments: list[str]) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--cars", type=int, default=8, help="how many (default: 8)")
@@ -142,16 +188,17 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--keep", type=Path, help="keep the logs in this directory; those of an earlier run are used again")
     parser.add_argument("--out", type=Path, default=RESULTS / "cars.md", help="the table")
     given = parser.parse_args(arguments)
-    scores, latencies = [], []
+    scores, latencies, cars_found = [], [], []
     with tempfile.TemporaryDirectory() as scratch, multiprocessing.Pool(given.jobs) as pool:
         folder = given.keep or Path(scratch)
         cars = make_cars(given.cars, given.first)
         if not (folder / "car0").exists():
             drive(folder, cars, given.minutes, given.first)
         jobs = [folder / f"car{k}" for k in range(given.cars)]
-        for rows, late in tqdm(pool.imap(one, jobs), total=len(jobs), unit="car", file=sys.stderr):
+        for rows, late, found in tqdm(pool.imap(one, jobs), total=len(jobs), unit="car", file=sys.stderr):
             scores += rows
             latencies += late
+            cars_found += found
             print("", *table(pd.DataFrame(rows)), *latency_table(pd.DataFrame(late)), sep="\n", file=sys.stderr)
     runs, late = pd.DataFrame(scores), pd.DataFrame(latencies)
     converged = int(runs.groupby("car")["converged"].first().sum())
@@ -166,7 +213,12 @@ of a log, median over the cars. *landed*: the default before the bank of hypothe
 
 """
     text = head + "\n".join(table(runs.assign(road="all"))) + "\n\nBy road:\n\n" + "\n".join(table(runs))
-    given.out.write_text(text + "\n\nLatencies:\n\n" + "\n".join(latency_table(late)) + "\n", encoding="utf-8")
+    text += "\n\nLatencies:\n\n" + "\n".join(latency_table(late))
+    text += (
+        "\n\nThe car itself, found less true (before: as told and as cars usually are; largest: of all cars; stiffness of both"
+        "\ntyres of an axle at rest, which slip and load make smaller on the road):\n\n"
+    )
+    given.out.write_text(text + "\n".join(physical_table(pd.DataFrame(cars_found))) + "\n", encoding="utf-8")
     print(f"{given.out}: {given.cars} cars")
     return 0
 
