@@ -22,7 +22,7 @@ from tselab.plots import BLUE, GREY, INK, ORANGE
 from tselab.report import _packed
 
 MOMENT = 6.0  # s that are drawn of a finding
-LEAST_NATS = 5.0  # that must speak for a group before it is drawn
+LEAST_NATS = 2.0  # that must speak for a group before it is drawn: the likelihood counts a quarter (fit.POWER)
 MOST_GROUPS = 12
 
 

@@ -18,7 +18,7 @@ from tselab.files import atomic
 from tselab.gap.data import BLOCK, Prepared, prepare
 from tselab.identify.discrepancy import Discrepancy, cost
 from tselab.identify.fit import Fit, State, fit
-from tselab.identify.problem import Problem
+from tselab.identify.problem import SPEED_TIME, Problem
 from tselab.identify.unknowns import MEASURED, OWN, OWN_MEAN, STIFFNESS, Prior, prior_of
 from tselab.log import DRIVES, Log, read_log
 from tselab.noise import smooth
@@ -179,13 +179,14 @@ def _misfit(problem: Problem, result: Fit, log: Prepared, fitted: int | None) ->
 def _sensors(problem: Problem, result: Fit, logs: Sequence[Log]) -> dict[str, float]:
     """Noise of the channels as the settings say it. White noise of a row; held values carry what one of them does."""
     found: dict[str, float] = {}
-    # accel_x is compared as a speed, whose noise is that of the wheels
-    for c in (c for c in problem.channels if c != "accel_x"):
+    for c in problem.channels:
         d = result.noise[c]
         rows = sum(len(log.time) for log in problem.logs)
         fresh = sum(int(np.isfinite(log.measured[c]).sum()) for log in problem.logs)
-        found[f"{c}_sd"] = d.white * float(np.sqrt(rows / max(fresh, 1)))
-        found[f"{c}_bias_walk"] = d.slow * float(np.sqrt(2.0 / d.time[1]))
+        if c != "accel_x":  # compared as a speed, whose noise is that of the wheels
+            found[f"{c}_sd"] = d.white * float(np.sqrt(rows / max(fresh, 1)))
+        slow = d.slow / SPEED_TIME if c == "accel_x" else d.slow
+        found[f"{c}_bias_walk"] = slow * float(np.sqrt(2.0 / d.time[1]))
     noise = []
     raw = {log.path: log for log in logs}  # of which some may be too short to be compared
     for prepared in problem.logs:
