@@ -202,6 +202,18 @@ def test_slopes_are_differences_of_the_residuals(found: tuple[Problem, object]) 
             np.testing.assert_allclose(s[:, k], expected, atol=0.03 * max(float(np.max(np.abs(expected))), 1e-9), err_msg=name)
 
 
+def test_the_lean_of_roads_that_the_file_tells_is_where_each_log_starts_and_does_not_count_twice(tmp_path: Path) -> None:
+    log = prepare(read_log(written(tmp_path / "log.csv", made(1, 20.0))), Config(QUIET))
+    told = Config(QUIET | {"bank_superelevation": 0.2})
+    other, plain = (Problem([log], c, prior_of(default_vehicle(), c)) for c in (told, Config(QUIET)))
+    at = plain.names.index("superelevation@0")
+    assert other.mean[at] == 0.2 and plain.mean[at] == pytest.approx(0.12)
+    x = plain.mean.copy()
+    x[at] = 0.2
+    for channel, value in plain.simulate(0, x).items():
+        np.testing.assert_array_equal(other.simulate(0, x)[channel], value)
+
+
 def test_shares_of_shapes_add_to_what_is_simulated(found: tuple[Problem, object]) -> None:
     problem, first = found
     g = problem.groups.index((0, "yaw_rate"))

@@ -19,7 +19,7 @@ from tselab.gap.data import BLOCK, Prepared, prepare
 from tselab.identify.discrepancy import Discrepancy, cost
 from tselab.identify.fit import Fit, State, fit
 from tselab.identify.problem import SPEED_TIME, Problem
-from tselab.identify.unknowns import MEASURED, OWN, OWN_MEAN, STIFFNESS, Prior, prior_of
+from tselab.identify.unknowns import MEASURED, OWN, STIFFNESS, Prior, prior_of
 from tselab.log import DRIVES, Log, read_log
 from tselab.noise import smooth
 from tselab.vehicle import Vehicle, fill_sensors, read_vehicle
@@ -168,7 +168,7 @@ def _proofs(
 def _misfit(problem: Problem, result: Fit, log: Prepared, fitted: int | None) -> tuple[dict[str, float], float]:
     """Rms of each channel, and minus the log likelihood. `fitted`: the log's index among those that were fitted."""
     other = Problem([log], problem.config, problem.prior, unlike=False)
-    own = OWN_MEAN if fitted is None else result.x[problem.car + len(OWN) * fitted :][: len(OWN)]
+    own = other.mean[other.car :] if fitted is None else result.x[problem.car + len(OWN) * fitted :][: len(OWN)]
     residuals = other.residuals(np.append(result.x[: problem.car], own))
     rows = round(SLOW / BLOCK)
     fast = [r - smooth(r, rows) if len(r) else r for r in other.as_sensed(np.append(result.x[: problem.car], own))]

@@ -1,9 +1,11 @@
 """What no model explains of a channel: a Gaussian process, white noise and two that decay, a fast and a slow one.
 
-Slow: road bank and grade, drift of the sensor. Fast: what the model does not have, which is the more the more the car does: a
-share of the channel's size at the time. Sizes and times are found from the residuals by maximum likelihood; a channel that the
-model misses badly is believed less. The share has a least: with forty numbers a model of another car fits a log down to the noise
-of its sensors, at numbers that are wrong by many of the sd that noise alone would leave, and foretells other logs badly.
+Slow: road bank and grade, drift of the sensor. It is smooth, as hills are, exp(-t/T) (cos t/T + sin t/T): with a kink at 0 its
+likeliest time is minutes, hills count as what the car does, and tyres come out too stiff along. Fast: what the model does not have,
+which is the more the more the car does: a share of the channel's size at the time. Sizes and times are found from the residuals by
+maximum likelihood; a channel that the model misses badly is believed less. The share has a least: with forty numbers a model of
+another car fits a log down to the noise of its sensors, at numbers that are wrong by many of the sd that noise alone would leave,
+and foretells other logs badly.
 O(n) by the semiseparable Cholesky factor of such processes (Foreman-Mackey et al. 2017, celerite2).
 """
 

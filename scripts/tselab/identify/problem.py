@@ -45,6 +45,7 @@ from tselab.vehicle import GRAVITY
 
 STEP = 0.02  # of finite differences, in prior sd
 SPEED_TIME = 1.0  # s: longer lets the grade of the road in, shorter the noise of accel_x
+LEAN = "bank_superelevation"
 SPEED_BLOCKS = 10  # blocks that are one in the comparison of accel_x: a second holds two or three numbers
 FEWEST = 25  # blocks of a channel in a log, to compare it
 ENOUGH = 0.5  # rows with a value in a block, over the usual number
@@ -71,14 +72,16 @@ class Problem:
     def __init__(self, logs: Sequence[Prepared], config: Config, prior: Prior, jobs: int = 1, unlike: bool = True):
         self.logs = [calm(log) for log in logs if log.stretches]
         self.config, self.prior, self.jobs = config, prior, max(1, jobs)
-        self.nominal = config.as_dict()
+        # how far the roads of the logs lean is found of each, around what the vehicle file says
+        self.nominal = config.as_dict() | {LEAN: 0.0}
+        own_mean = (*OWN_MEAN[:-1], getattr(config, LEAN) or OWN_MEAN[-1])
         count = len(self.logs)
         shares = [f"{c}~{s}" for c in UNLIKE for s in SHAPES] if unlike else []
         self.names = (*prior.names, *(f"{s}@{i}" for i in range(count) for s in OWN), *shares)
         self.car = len(prior.names)
         self.unlike = self.car + len(OWN) * count  # where the shares of SHAPES begin
         sd = np.array([*OWN_SD * count, *[UNLIKE_SD] * len(shares)])
-        other = np.array([*OWN_MEAN * count, *[0.0] * len(shares)])
+        other = np.array([*own_mean * count, *[0.0] * len(shares)])
         self.mean = np.append(prior.mean, other)
         self.covariance = block_diag(prior.covariance, np.diag(sd**2))
         self.information = np.linalg.inv(self.covariance)
@@ -89,15 +92,7 @@ class Problem:
         self._inputs = [{n: CubicSpline(log.time, x) for n, x in log.inputs.items()} for log in self.logs]
         self.groups: list[tuple[int, str]] = []  # of residuals: log and channel
         self.time: list[np.ndarray] = []  # of what is compared, by group
-        self._measured, self._used, self._time, self._count, self._speed, self._together, self._rest = (
-            [],
-            [],
-            [],
-            [],
-            [],
-            [],
-            [],
-        )
+        self._measured, self._used, self._time, self._count, self._speed, self._together, self._rest = ([] for _ in range(7))
         for i, log in enumerate(self.logs):
             time, v = (blocks(log, x)[0] for x in (log.time, speed(log, config)))
             for c in MEASURED:
