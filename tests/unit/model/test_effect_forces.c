@@ -67,9 +67,9 @@ static void test_superelevation_takes_a_share_of_the_side_force(void)
   tse_config c = default_car(), light = default_car();
   c.bank_superelevation = (tse_setting)share;
   light.mass = (tse_setting)((double)c.mass * (1 - share));
-  steady s = cornering(&light, 20, 0.01, 0, 0, 0);
+  steady s = cornering(&light, 20, 0.005, 0, 0, 0);
   s.ay = (1 - share) * 20 * s.r;
-  expect_cornering(&c, 20, 0.01, s, 3e-3, "superelevation");
+  expect_cornering(&c, 20, 0.005, s, 3e-3, "superelevation");
 }
 
 static void test_conicity_is_a_side_force_at_each_axle(void)
