@@ -49,7 +49,7 @@ enum {
 #include "tse/told.def"
 #undef REAL
   TSE_CONSIDERED,
-  TSE_TOLD = TSE_CONSIDERED + 1 /* and the mass, which stands before them */
+  TSE_TOLD = TSE_CONSIDERED + 2 /* and mass_sd, which stands before them, and model_sd behind */
 };
 
 typedef struct tse_params {
@@ -74,7 +74,9 @@ typedef struct tse_params {
   tse_real log_sd[3];                 /* [log2]                                            */
   tse_real wheel_var[2];              /* [m2/s2]     of R omega, front and rear            */
   tse_real consider_sd[TSE_CONSIDERED], mass_var; /* of tse/told.def; [1] of the mass */
+  tse_real model_var;                 /* [1] of what the model does not explain, a share of what is foretold */
   int32_t considers;                  /* 1: any of consider_sd is not 0 */
+  tse_real nod_time;                  /* [s]                                               */
   tse_real lag_var0;                  /* [LAG_TIME^2] of how late the steering acts        */
   /* filter */
   tse_real sample_time, inv_sample_time, max_step, max_gap, max_slip, hold_speed, max_steer;
@@ -195,6 +197,7 @@ typedef struct tse_filter {
   int32_t started;                    /* 0: the next row initialises                                  */
   tse_real steer, v_front, v_rear;    /* inputs of the last row: [rad], R omega [m/s]                 */
   tse_real late_steer;                /* [rad] that followed with a lag of LAG_TIME           */
+  tse_real nod[3][2];                 /* accel_x [sigma], front and rear wheel speed [m/s], followed with one and two lags of nod_time */
   tse_real held_for;                  /* [s] how long inputs have been missing                        */
   tse_real still_for;                 /* [s] how long the wheels have stood still                     */
   tse_real seen;                      /* what was learnt from: [s]; particles: samples, up to five memories */

@@ -294,13 +294,14 @@ tse_status tse_prepare(const tse_config *settings, tse_params *p, const char **w
   p->radius_rear = real_of(c->wheel_radius_rear);
 
   const tse_setting sd[3] = { c->accel_x_sd, c->accel_y_sd, c->yaw_rate_sd };
+  const tse_setting hills[3] = { square((tse_setting)9.81 * c->grade_sd), 0, 0 }; /* felt by accel_x: the car moves without it */
   const tse_setting bias_sd[3] = { c->accel_x_bias_sd, c->accel_y_bias_sd, c->yaw_rate_bias_sd };
   const tse_setting walk[3] = { c->accel_x_bias_walk, c->accel_y_bias_walk, c->yaw_rate_bias_walk };
   for (int i = 0; i < 3; i++) {
     p->sd[i] = real_of(sd[i]);
     p->inv_sd[i] = real_of(one / sd[i]);
-    p->bias_var0[i] = real_of(square(bias_sd[i] / sd[i]));
-    p->bias_walk[i] = real_of(square(walk[i] / sd[i]));
+    p->bias_var0[i] = real_of(square(bias_sd[i] / sd[i]) + hills[i] / square(sd[i]));
+    p->bias_walk[i] = real_of(square(walk[i] / sd[i])) + r_div(real_of(2 * hills[i] / square(sd[i])), GRADE_TIME);
     p->log_sd[i] = r_log2(real_of(sd[i]));
   }
 
@@ -312,7 +313,9 @@ tse_status tse_prepare(const tse_config *settings, tse_params *p, const char **w
   p->considers = p->considers || c->name > 0;
 #include "tse/told.def"
 #undef REAL
+  p->model_var = real_of(square(c->model_sd));
   p->mass_var = real_of(square(c->mass_sd));
+  p->nod_time = real_of(c->nod_time);
   p->lag_var0 = r_sqr(r_div(real_of(c->steer_lag_sd), LAG_TIME));
 
   const tse_setting spread_var = square(c->initial_spread);

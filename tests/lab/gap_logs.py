@@ -35,8 +35,9 @@ accel_y_scale_sd = 0.0
 wheel_delay_sd = 0.0
 accel_delay_sd = 0.0
 relaxation_sd = 0.0
-grade_sd = 0.0
 wheel_radius_sd = 0.0
+model_sd = 0.0
+grade_sd = 0.0
 
 [sensors]
 accel_x_sd = 0.06

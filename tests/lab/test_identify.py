@@ -97,6 +97,16 @@ def test_whitening_is_that_of_the_dense_covariance() -> None:
     np.testing.assert_allclose(log_det, np.linalg.slogdet(c)[1], rtol=1e-10)
 
 
+def test_the_walk_of_the_slow_part_moves_as_far_as_it_does() -> None:
+    """Over 2 s, by draws of the process: a Monte-Carlo mean of 4000 has 2.2 % of sd."""
+    d = Discrepancy(1e-6, 0.0, 0.5, (0.4, 9.0))
+    at = np.array([0.0, 2.0])
+    ends = Piece(at, np.ones(2), np.zeros(2), np.ones(2), np.zeros(2))
+    drawn = np.linalg.cholesky(dense(d, ends)) @ np.random.default_rng(4).standard_normal((2, 4000))
+    np.testing.assert_allclose(d.walk(2.0) ** 2 * 2.0, np.mean((drawn[1] - drawn[0]) ** 2), rtol=0.08)
+    assert d.walk(0.01) < 0.01 * d.walk(9.0) / 0.1  # it is smooth
+
+
 def test_cost_is_the_gaussian_density_with_the_bias_found() -> None:
     p, d = piece(3), Discrepancy(0.3, 0.2, 0.5, (0.4, 9.0))
     c, ones = dense(d, p), p.bias
@@ -257,7 +267,7 @@ def test_accel_x_is_compared_as_the_wheel_speed_it_asks_for() -> None:
         return np.interp(t, fine, np.gradient(speed, 0.001))
 
     true, wrong = accelerating(4e5), accelerating(2e5)
-    problem._slip_time = lambda i, x: config.mass / 2e5  # the stiffness of the simulation, which is wrong
+    problem.slip_time = lambda i, x: config.mass / 2e5  # the stiffness of the simulation, which is wrong
     got = problem._compared(0, true - wrong, np.zeros(0))
     # wheels that the true acceleration needs at the wrong stiffness, less those that were, with the leak of the integral
     needed = np.cumsum(true) * 0.04 + config.mass * 20 / 2e5 * true - wheels

@@ -164,12 +164,15 @@ def test_wheel_noise_is_that_of_the_noisier_axle_and_zero_where_there_is_none(tm
 
 
 def test_stated_noise_is_left_alone(tmp_path):
-    from tselab.vehicle import fill_sensors
+    from tselab.vehicle import NOD_TIME, fill_sensors
 
     car = read(tmp_path, BARE + "[sensors]\naccel_x_sd = 0.5\naccel_y_sd = 0.5\nyaw_rate_sd = 0.02\nwheel_noise_sd = 0.1\n")
     before = dict(car.values)
     fill_sensors(car, log_of(accel_x=np.zeros(500)))
-    assert car.values == before
+    assert car.values == before | {"nod_time": NOD_TIME}
+    exact = read(tmp_path, BARE + "[uncertainty]\nmodel_sd = 0\n")
+    fill_sensors(exact, log_of(accel_x=np.zeros(500)))
+    assert "nod_time" not in exact.values
 
 
 def test_example_file_is_the_default_car(tmp_path):

@@ -14,6 +14,7 @@ from tselab.calibrate.workflow import Result
 from tselab.core import NOMINAL, Config, library
 from tselab.files import atomic
 from tselab.gap.output import finite
+from tselab.identify.problem import UNLIKE_SD
 from tselab.identify.unknowns import LATENCY, SUPERELEVATION
 from tselab.vehicle import GRAVITY, HINT_ONLY, UNKNOWN_CAR, sensor_settings, vehicle_settings
 
@@ -58,6 +59,7 @@ def uncertainty(result: Result) -> dict[str, float]:
     found = {key: result.vehicle.values.get(key, UNKNOWN_CAR[key]) for key in UNKNOWN_CAR}
     wheels = sd(wheel_speed_front_latency=0.5, wheel_speed_rear_latency=0.5, accel_x_latency=-1.0)
     found |= {
+        "model_sd": min(found["model_sd"], UNLIKE_SD),
         "yaw_inertia_sd": sd(yaw_inertia=1.0 / at["yaw_inertia"]),
         "cg_sd": sd(cg_shift_distance=1.0),
         "steer_ratio_sd": sd(steering_ratio_change=1.0),

@@ -18,7 +18,7 @@ from tselab.files import atomic
 from tselab.gap.data import BLOCK, Prepared, prepare
 from tselab.identify.discrepancy import Discrepancy, cost
 from tselab.identify.fit import Fit, State, fit
-from tselab.identify.problem import SPEED_TIME, Problem
+from tselab.identify.problem import SPEED_BLOCKS, SPEED_TIME, Problem
 from tselab.identify.unknowns import MEASURED, OWN, STIFFNESS, Prior, prior_of
 from tselab.log import DRIVES, Log, read_log
 from tselab.noise import smooth
@@ -183,10 +183,11 @@ def _sensors(problem: Problem, result: Fit, logs: Sequence[Log]) -> dict[str, fl
         d = result.noise[c]
         rows = sum(len(log.time) for log in problem.logs)
         fresh = sum(int(np.isfinite(log.measured[c]).sum()) for log in problem.logs)
-        if c != "accel_x":  # compared as a speed, whose noise is that of the wheels
+        if c == "accel_x":
+            found[f"{c}_sd"] = d.white * _as_accel_x(problem, result)
+        else:
             found[f"{c}_sd"] = d.white * float(np.sqrt(rows / max(fresh, 1)))
-        slow = d.slow / SPEED_TIME if c == "accel_x" else d.slow
-        found[f"{c}_bias_walk"] = slow * float(np.sqrt(2.0 / d.time[1]))
+        found[f"{c}_bias_walk"] = d.walk(SLOW) / (SPEED_TIME if c == "accel_x" else 1.0)
     noise = []
     raw = {log.path: log for log in logs}  # of which some may be too short to be compared
     for prepared in problem.logs:
@@ -203,6 +204,15 @@ def _sensors(problem: Problem, result: Fit, logs: Sequence[Log]) -> dict[str, fl
     found["steer_lag_sd"] = max(float(np.sqrt(lag @ result.covariance @ lag)), LEAST_LAG_SD)
     fields = problem.config.fields
     return {k: float(np.clip(v, fields[k].low, fields[k].high)) for k, v in found.items()}
+
+
+def _as_accel_x(problem: Problem, result: Fit) -> float:
+    """m/s2 of a row per m/s of what is compared of accel_x: the filter divides what it sees of slip by m v/C, and sees it more
+    often. So noise tells as little of the stiffness there as it does here."""
+    groups = [(g, i) for g, (i, c) in enumerate(problem.groups) if c == "accel_x"]
+    per_slip = [1.0 / (problem.slip_time(i, result.x) * problem.mean_speed(g)) for g, i in groups]
+    often = SPEED_BLOCKS * BLOCK / problem.config.sample_time
+    return float(np.sqrt(often * np.mean(np.concatenate(per_slip) ** 2)))
 
 
 def step_of(x: np.ndarray) -> float:

@@ -58,6 +58,12 @@ class Discrepancy:
         white, share, slow, fast_time, slow_time = map(float, numbers)
         return cls(white, share, slow, (fast_time, slow_time))
 
+    def walk(self, over: float) -> float:
+        """Unit of the slow part per sqrt(s): of a random walk that moves as far as it does in `over` seconds. It is smooth: within
+        less it moves less than such a walk."""
+        t = over / self.time[1]
+        return float(self.slow * np.sqrt(2.0 * (1.0 - np.exp(-t) * (np.cos(t) + np.sin(t))) / over))
+
     def _factor(self, piece: Piece) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         n, slow = len(piece.time), 1.0 / self.time[1]
         rates = np.array([1.0 / self.time[0], slow, slow])

@@ -47,6 +47,7 @@ STEP = 0.02  # of finite differences, in prior sd
 SPEED_TIME = 1.0  # s: longer lets the grade of the road in, shorter the noise of accel_x
 LEAN = "bank_superelevation"
 SPEED_BLOCKS = 10  # blocks that are one in the comparison of accel_x: a second holds two or three numbers
+LEAST_SPEED = 5.0  # m/s: below, slip is told by nothing
 FEWEST = 25  # blocks of a channel in a log, to compare it
 ENOUGH = 0.5  # rows with a value in a block, over the usual number
 # Channels that are simulated together, and the inputs that are read on the clock of accel_x; else they are in time.
@@ -195,14 +196,18 @@ class Problem:
         keep = float(np.exp(-BLOCK / SPEED_TIME))
         pieces = np.split(difference, np.flatnonzero(np.diff(self._time[g]) > 1.5 * BLOCK) + 1)
         gained = np.concatenate([lfilter([SPEED_TIME * (1 - keep)], [1, -keep], piece) for piece in pieces])
-        return gained + self._slip_time(i, x) * self._speed[g] * difference
+        return gained + self.slip_time(i, x) * self._speed[g] * difference
 
-    def _slip_time(self, i: int, x: np.ndarray) -> float:
+    def slip_time(self, i: int, x: np.ndarray) -> float:
         """s per m/s: how far wheels run ahead of a car at 1 m/s that gains 1 m/s2, with the stiffness of log i."""
         config, _, stiffness = self.settings(x)
         front = stiffness[i]["cx_front"]
         rear = 1.0 + config.rear_longitudinal_follows_front * (front - 1.0)
         return config.mass / (config.longitudinal_stiffness_front * front + config.longitudinal_stiffness_rear * rear)
+
+    def mean_speed(self, g: int) -> np.ndarray:
+        """m/s, of each value that is compared of group g; not below LEAST_SPEED."""
+        return np.maximum(self._speed[g][self._together[g]].mean(axis=1), LEAST_SPEED)
 
     def slopes(self, x: np.ndarray, base: list[np.ndarray]) -> list[np.ndarray]:
         """d(residuals)/dx by differences, a matrix per group. What is of one log acts on it alone, so one simulation serves one

@@ -79,7 +79,6 @@ UNKNOWNS: tuple[Unknown, ...] = (
     Unknown("longitudinal_load_transfer_gain", "tyres", 0.02, 0.015, -0.08, 0.08, worth=0.004),
     Unknown("combined_slip_factor", "tyres", 100.0, 100.0, 0.0, 2000.0, worth=20.0),
     Unknown("aligning_moment_trail", "tyres", 0.025, 0.012, -0.1, 0.1, worth=0.005),
-    Unknown("rear_roll_steer_gain", "rear roll steer", 0.03, 0.03, -0.3, 0.3, worth=0.01),
     Unknown("tyre_saturation_inverse_friction", "tyres", 0.5, 0.5, 0.0, 5.0, worth=0.2),
     Unknown("aero_drag_coefficient", "resistance", 0.4, 0.1, 0.0, 5.0, worth=0.1),
     Unknown("rolling_resistance_coefficient", "resistance", 0.01, 0.004, 0.0, 0.2, worth=0.003),

@@ -1,7 +1,6 @@
 /* estimator/hypotheses/consider.c - errors by what is told, as linear recursions: off+ = F off + B dt, off - K (H off + D). */
 #include "estimator/hypotheses/consider.h"
 
-#define GRAVITY TSE_R(9.81)
 #define MOST_OFF TSE_R(1e6) /* of any part of X: more says no more, and what is no number becomes it */
 
 static tse_real kept(tse_real off) { return r_abs(off) < MOST_OFF ? off : MOST_OFF; }
@@ -50,7 +49,6 @@ static void add(const tse_params *p, const tse_bank *b, int k, inputs u, const i
       a->rear = r_mul(per, b->rate[2]);
       break;
     }
-    case TSE_CONSIDER_GRADE: a->motion[0] = -GRAVITY; break;
     default: by_input(s, BY_REAR_WHEELS, u.v_rear, a); break;
   }
   a->motion[0] += a->x;
@@ -150,7 +148,10 @@ tse_status tse_told_sd(const tse_params *p, const tse_filter *f, int32_t k, tse_
   if (p->magic != TSE_PARAMS_MAGIC || f->magic != TSE_FILTER_MAGIC || f->fingerprint != p->fingerprint || p->form != 0) return TSE_E_STATE;
   for (int a = 0; a < 3; a++) {
     const int c = X_STIFFNESS + a;
-    sd[a] = k == 0 ? r_mul(r_sqrt(p->mass_var), f->bank.h[f->bank.likeliest].x[c]) : r_abs(f->bank.off[k - 1][c]);
+    const tse_real level = f->bank.h[f->bank.likeliest].x[c];
+    if (k == 0) sd[a] = r_mul(r_sqrt(p->mass_var), level);
+    else if (k == TSE_CONSIDERED + 1) sd[a] = r_mul(r_sqrt(p->model_var), level);
+    else sd[a] = r_abs(f->bank.off[k - 1][c]);
   }
   return TSE_OK;
 }

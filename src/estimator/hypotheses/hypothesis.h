@@ -47,11 +47,13 @@ static inline inputs acting(const tse_hypothesis *h, course c)
   return u;
 }
 
-/* What the model does not explain is the larger the more happens: it is taken as a share of what is foretold. [sigma^2] */
-static inline tse_real disturbance_var(const tse_hypothesis *h, int channel, int32_t level)
+/* What the model does not explain is the larger the more happens: a share of what is foretold, of any car that is no model and
+ * beside it by level. [sigma^2] */
+static inline tse_real disturbance_var(const tse_params *p, const tse_hypothesis *h, int channel, int32_t level)
 {
   static const int32_t ninefold[LEVELS] = { 0, 1, 9, 81 };
-  return r_mul(r_sqr(r_mul(DISTURBANCE_SHARE, h->activity[channel])), r_from_int(ninefold[level]));
+  const tse_real known = r_mul(p->model_var, r_sqr(h->activity[channel]));
+  return r_mul(r_sqr(r_mul(DISTURBANCE_SHARE, h->activity[channel])), r_from_int(ninefold[level])) + known;
 }
 
 /* What the model does not explain of the channels that show a stiffness may be what the stiffness is off by: sd of that, relative. */
@@ -59,7 +61,7 @@ static inline tse_real doubt_by_levels(const int32_t level[3], int a)
 {
   static const int32_t threefold[LEVELS] = { 0, 1, 3, 9 };
   const int32_t lateral = level[1] > level[2] ? level[1] : level[2];
-  return r_mul(DISTURBANCE_SHARE, r_from_int(threefold[a == TSE_CX_FRONT ? level[0] : lateral]));
+  return r_mul(DISTURBANCE_DOUBT, r_from_int(threefold[a == TSE_CX_FRONT ? level[0] : lateral]));
 }
 
 #endif

@@ -188,7 +188,8 @@ void walk(const tse_params *p, tse_hypothesis *h, tse_real dt)
     const int c = X_STIFFNESS + a, b = X_BIAS + a;
     h->cov[c][c] = r_min(h->cov[c][c] + r_mul(r_mul(by, dt), r_sqr(h->x[c])), r_max(h->cov[c][c], p->mean_var0));
     h->cov[b][b] = r_max(h->cov[b][b], r_min(h->cov[b][b] + r_mul(p->bias_walk[a], dt), r_max(p->bias_var0[a], TSE_R(1))));
-    if (h->level[a] > 0 || h->cov[X_SLOW + a][X_SLOW + a] > TSE_R(0)) fade(h, X_SLOW + a, keep, disturbance_var(h, a, h->level[a]));
+    if (h->level[a] > 0 || p->model_var > TSE_R(0) || h->cov[X_SLOW + a][X_SLOW + a] > TSE_R(0))
+      fade(h, X_SLOW + a, keep, disturbance_var(p, h, a, h->level[a]));
   }
 }
 

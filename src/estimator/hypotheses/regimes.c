@@ -187,7 +187,7 @@ static tse_real promise_of(const tse_params *p, const tse_bank *b, const tse_hyp
   if (kind >= KIND_LEVEL_UP && kind < KIND_LEVEL_DOWN) {
     const int a = kind - KIND_LEVEL_UP;
     v[a] = TSE_R(1);
-    return gain_of(o, v, disturbance_var(h, a, h->level[a] + 1) - disturbance_var(h, a, h->level[a]));
+    return gain_of(o, v, disturbance_var(p, h, a, h->level[a] + 1) - disturbance_var(p, h, a, h->level[a]));
   }
   /* sliding, a sample tells of the motion alone */
   if (kind == (o->slides ? KIND_LOST : KIND_RESTART)) return promise_of_restart(p, y, o, kind);
@@ -263,7 +263,7 @@ static void bear(const tse_params *p, tse_hypothesis *child, const tse_hypothesi
   else if (kind == KIND_FAULT_END) child->fault = FAULT_NONE;
   else if (kind < KIND_LEVEL_DOWN) {
     const int a = kind - KIND_LEVEL_UP, c = X_SLOW + a;
-    child->cov[c][c] += disturbance_var(child, a, child->level[a] + 1) - disturbance_var(child, a, child->level[a]);
+    child->cov[c][c] += disturbance_var(p, child, a, child->level[a] + 1) - disturbance_var(p, child, a, child->level[a]);
     child->level[a]++;
   } else if (kind < KIND_RESTART) child->level[kind - KIND_LEVEL_DOWN]--;
   else if (kind == KIND_RESTART) start_over(p, child, y);

@@ -53,7 +53,7 @@ void bank_doubts(const tse_params *p, const tse_bank *b, const tse_output *out, 
 {
   tse_real w[TSE_HYPOTHESES];
   weights(b, w);
-  *by_what_is_told = r_mul(p->mass_var, r_sqr(out->stiffness[a])) + (p->considers ? considered_var(p, b, X_STIFFNESS + a) : TSE_R(0));
+  *by_what_is_told = r_mul(p->mass_var + p->model_var, r_sqr(out->stiffness[a])) + (p->considers ? considered_var(p, b, X_STIFFNESS + a) : TSE_R(0));
   *by_misfit = TSE_R(0);
   for (int32_t i = 0; i < b->count; i++) *by_misfit += r_mul(w[i], doubt_of(&b->h[i], a));
 }
@@ -65,12 +65,12 @@ static void report_stiffness(const tse_params *p, const tse_bank *b, const tse_r
     tse_real var;
     out->stiffness[a] = mixture(p, b, w, X_STIFFNESS + a, &var);
     for (int32_t i = 0; i < b->count; i++) var += r_mul(w[i], doubt_of(&b->h[i], a));
-    var += r_mul(p->mass_var, r_sqr(out->stiffness[a]));
+    var += r_mul(p->mass_var + p->model_var, r_sqr(out->stiffness[a]));
     out->stiffness_sd[a] = r_sqrt(var);
     out->stiffness_spread[a] = r_mul(r_sqrt(best->spread_var[a]), out->stiffness[a]);
     out->spread_seen[a] = best->info[a][a] > SPREAD_SEEN;
     out->noise[a] = r_sqrt(best->noise_var[a]);
-    out->discrepancy[a] = r_mul(p->sd[a], r_sqrt(disturbance_var(best, a, best->level[a])));
+    out->discrepancy[a] = r_mul(p->sd[a], r_sqrt(disturbance_var(p, best, a, best->level[a])));
   }
 }
 

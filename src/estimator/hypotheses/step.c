@@ -94,6 +94,28 @@ static void look(const tse_params *p, tse_filter *f, const sample *y, passage *w
   f->still_for = fastest < STILL_SPEED && y->has_inputs ? r_min(f->still_for + y->dt, STILL_TIME) : TSE_R(0);
 }
 
+/* One of the channels that show slip, after both lags. g: share of the way in this row, 1: begin anew. */
+static tse_real follow_twice(tse_real at[2], tse_real g, tse_real value)
+{
+  at[0] += r_mul(g, value - at[0]);
+  at[1] += r_mul(g, at[0] - at[1]);
+  return at[1];
+}
+
+/* accel_x and wheel speeds without the nodding of body and wheels. Slip is what is left between them, and slow: what both lose alike
+ * does not move the stiffness. A channel that is missing waits. */
+static sample without_nods(const tse_params *p, tse_filter *f, const sample *read)
+{
+  sample y = *read;
+  if (!(p->nod_time > TSE_R(0))) return y;
+  tse_real g = !f->started || y.dt > p->max_gap || f->held_for > p->max_gap ? TSE_R(1) : r_div(y.dt, y.dt + p->nod_time);
+  if (y.use[0] > TSE_R(0)) y.y[0] = follow_twice(f->nod[0], g, y.y[0]);
+  if (!y.has_inputs) g = TSE_R(0);
+  y.u.v_front = follow_twice(f->nod[1], g, y.u.v_front);
+  y.u.v_rear = follow_twice(f->nod[2], g, y.u.v_rear);
+  return y;
+}
+
 /* The sample with its steering angle as a lag of LAG_TIME leaves it; it catches up in a gap. */
 static sample followed(const tse_params *p, const tse_filter *f, const sample *read)
 {
@@ -113,6 +135,7 @@ static tse_status step_row(const tse_params *own, tse_params *row, tse_filter *f
   sample read, told;
   const tse_status refused = input_decode(own, f, u, &read);
   if (refused < 0) return refused; /* nothing has changed yet */
+  read = without_nods(own, f, &read);
   told = row ? told_inputs(own, f, &read, row) : read;
   const sample steered = followed(own, f, &told);
   advance(own, p, f, &steered, &w);

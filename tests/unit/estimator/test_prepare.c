@@ -1,4 +1,5 @@
 /* tests/unit/estimator/test_prepare.c <-> src/estimator/prepare.c */
+#include "tse/constants.h"
 #include "unit_support.h"
 
 #include <float.h>
@@ -44,6 +45,9 @@ static tse_config other_car(void)
   c.wheel_noise_sd = (tse_setting)0.06;
   c.steer_lag_sd = (tse_setting)0.05;
   c.mass_sd = (tse_setting)0.03;
+  c.grade_sd = (tse_setting)0.03;
+  c.model_sd = (tse_setting)0.04;
+  c.nod_time = (tse_setting)0.12;
 #define REAL(name, def, lo, hi, unit, text)
 #define CONSIDER(id, name, most, unit, text) c.name = (tse_setting)((most) / (4 + TSE_CONSIDER_##id));
 #include "tse/told.def"
@@ -281,8 +285,9 @@ static void test_sensor_constants_are_normalised_by_the_sensors_sd(void)
   for (int i = 0; i < 3; i++) {
     expect_relative(sd[i], p.sd[i], "sd");
     expect_relative(1 / sd[i], p.inv_sd[i], "inv_sd");
-    expect_relative(bias[i] * bias[i] / sd[i] / sd[i], p.bias_var0[i], "bias_var0");
-    expect_relative(walk[i] * walk[i] / sd[i] / sd[i], p.bias_walk[i], "bias_walk");
+    const double hills = i ? 0 : pow(9.81 * 0.03, 2); /* which accel_x feels */
+    expect_relative((bias[i] * bias[i] + hills) / sd[i] / sd[i], p.bias_var0[i], "bias_var0");
+    expect_relative((walk[i] * walk[i] + 2 * hills / number(GRADE_TIME)) / sd[i] / sd[i], p.bias_walk[i], "bias_walk");
     expect_near(log(sd[i]) / log(2.0), number(p.log_sd[i]), BY_FORMAT(3e-13, 3e-6), "log_sd", i);
   }
   expect_relative(0.06 * 0.06 * 0.29 * 0.29, p.wheel_var[0], "wheel_var, front");
@@ -290,7 +295,9 @@ static void test_sensor_constants_are_normalised_by_the_sensors_sd(void)
   expect_relative(6.25, p.lag_var0, "lag_var0"); /* over LAG_TIME, 0.02 s */
   expect_relative(9e-4, p.mass_var, "mass_var");
   expect_relative(0.5 / 4, p.consider_sd[TSE_CONSIDER_INERTIA], "the first that is considered");
-  expect_relative(0.2 / 13, p.consider_sd[TSE_CONSIDER_RADIUS], "the last");
+  expect_relative(0.2 / (4 + TSE_CONSIDER_RADIUS), p.consider_sd[TSE_CONSIDER_RADIUS], "the last");
+  expect_relative(1.6e-3, p.model_var, "model_var");
+  expect_relative(0.12, p.nod_time, "nod_time");
   TEST_ASSERT_EQUAL_INT(1, p.considers);
 }
 

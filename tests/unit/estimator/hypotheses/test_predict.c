@@ -178,6 +178,26 @@ static void test_a_disturbance_forgets_itself_whatever_the_steps(void)
   for (int j = 0; j < TSE_X; j++) expect_near(number(h.cov[c][j]), number(fine.cov[c][j]), BY_FORMAT(1e-11, 1e-6), "in small steps", j);
 }
 
+/* Of a model that is told not to be exact, there is a disturbance without any level, and beside one. */
+static void test_what_the_model_leaves_out_is_a_disturbance_of_its_own(void)
+{
+  tse_config c;
+  tse_config_default(&c);
+  c.model_sd = (tse_setting)0.03;
+  const tse_params p = prepared(&c);
+  uint32_t seed = 13;
+  double P[JOINT][JOINT];
+  for (int level = 0; level < LEVELS; level++) {
+    tse_hypothesis h = some_hypothesis(&p, &seed, 0, P);
+    h.level[1] = level;
+    h.activity[1] = real(2);
+    h.cov[X_SLOW + 1][X_SLOW + 1] = real(0);
+    for (int i = 0; i < 100; i++) walk(&p, &h, real(0.1));
+    const double share = level ? number(DISTURBANCE_SHARE) * pow(3, level - 1) : 0;
+    expect_near(4 * (share * share + 0.03 * 0.03), number(h.cov[X_SLOW + 1][X_SLOW + 1]), BY_FORMAT(1e-9, 1e-5), "variance", level);
+  }
+}
+
 static void test_a_drift_moves_all_stiffnesses_by_its_rate_and_forgets_itself(void)
 {
   const tse_params p = a_car();
@@ -373,6 +393,7 @@ int main(void)
   RUN_TEST(test_what_a_fault_leaves_unknown_is_in_the_input_and_not_in_the_stiffness);
   RUN_TEST(test_noise_of_the_wheel_speeds_drives_the_motion_by_half_of_each_rows);
   RUN_TEST(test_a_disturbance_forgets_itself_whatever_the_steps);
+  RUN_TEST(test_what_the_model_leaves_out_is_a_disturbance_of_its_own);
   RUN_TEST(test_a_drift_moves_all_stiffnesses_by_its_rate_and_forgets_itself);
   RUN_TEST(test_a_drift_through_a_pause_stays_within_the_bounds_of_a_stiffness);
   RUN_TEST(test_walks_are_rates_times_time_and_end_at_what_was_unknown_at_the_start);

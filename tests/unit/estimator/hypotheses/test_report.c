@@ -6,10 +6,13 @@
 
 static tse_bank b;
 
+static const double model = 0.03; /* model_sd */
+
 static tse_params bank_of_five(void)
 {
   tse_config c;
   tse_config_default(&c);
+  c.model_sd = (tse_setting)model;
   const tse_params p = prepared(&c);
   uint32_t seed = 71;
   double P[JOINT][JOINT];
@@ -38,11 +41,11 @@ static double mixed(int at, double *sd, int of)
     const double x = number(b.h[i].x[at]);
     const int lateral = b.h[i].level[1] > b.h[i].level[2] ? b.h[i].level[1] : b.h[i].level[2];
     const int level = of == TSE_CX_FRONT ? b.h[i].level[0] : lateral;
-    const double doubt = of < 0 || level == 0 ? 0 : x * number(DISTURBANCE_SHARE) * pow(3, level - 1);
+    const double doubt = of < 0 || level == 0 ? 0 : x * number(DISTURBANCE_DOUBT) * pow(3, level - 1);
     first += weight(i) * x;
     second += weight(i) * (x * x + number(b.h[i].cov[at][at]) + doubt * doubt);
   }
-  *sd = sqrt(second - first * first);
+  *sd = sqrt(second - first * first + (of < 0 ? 0 : pow(first * model, 2)));
   return first;
 }
 

@@ -267,6 +267,35 @@ static void test_what_is_told_loosely_and_what_does_not_fit_are_reasons(void)
   }
 }
 
+/* Slips are read without nods: accel_x and wheel speeds both go through the same two lags, whatever is missing on the way. */
+static void test_nods_are_taken_out_of_accel_x_and_wheel_speeds_alike(void)
+{
+  tse_config c = settings();
+  c.nod_time = (tse_setting)0.15;
+  const tse_params p = prepared(&c);
+  const double by[3] = { 1 / number(p.sd[0]), number(p.radius_front), number(p.radius_rear) };
+  double once[3] = { 0 }, twice[3] = { 0 };
+  drive d;
+  set_off(&d, &c, 1, 0);
+  start(&p);
+  for (int i = 0; i < 400; i++) {
+    tse_input u = next_row(&d);
+    const double dt = i == 300 ? 1 : i % 7 ? 0.01 : 0.02, given[3] = { number(u.accel_x), number(u.wheel_speed_front), number(u.wheel_speed_rear) };
+    const int no_accel = i > 5 && i % 11 == 0, no_wheel = i > 5 && i % 13 == 0;
+    u.dt = real(dt);
+    u.missing = (no_accel ? TSE_MISSING(accel_x) : 0u) | (no_wheel ? TSE_MISSING(wheel_speed_rear) : 0u);
+    TEST_ASSERT_TRUE(tse_step(&p, &f, &u, NULL) >= 0);
+    for (int k = 0; k < 3; k++) {
+      const double g = i == 0 || dt > 0.1 ? 1 : dt / (dt + 0.15); /* the first row and a gap begin anew */
+      if (k == 0 ? no_accel : no_wheel) continue;
+      once[k] += g * (by[k] * given[k] - once[k]);
+      twice[k] += g * (once[k] - twice[k]);
+      expect_near(twice[k], number(f.nod[k][1]), BY_FORMAT(1e-12, 1e-4) * (1 + fabs(twice[k])), "followed", 10 * i + k);
+    }
+    expect_near(twice[1], number(f.v_front), BY_FORMAT(1e-12, 1e-4) * (1 + fabs(twice[1])), "the input of the motion", i);
+  }
+}
+
 static void test_forced_nonsense_is_recovered_from(void)
 {
   const tse_config c = settings();
@@ -460,6 +489,7 @@ int main(void)
   RUN_TEST(test_while_wheels_are_locked_the_car_coasts_on_its_accelerometers);
   RUN_TEST(test_how_steering_goes_between_rows_is_found_out);
   RUN_TEST(test_what_is_told_loosely_and_what_does_not_fit_are_reasons);
+  RUN_TEST(test_nods_are_taken_out_of_accel_x_and_wheel_speeds_alike);
   RUN_TEST(test_forced_nonsense_is_recovered_from);
   RUN_TEST(test_a_long_pause_leaves_all_finite_and_what_was_learnt);
   RUN_TEST(test_inputs_lost_for_long_are_a_gap_afterwards);
