@@ -75,6 +75,7 @@ typedef struct tse_params {
   tse_real wheel_var[2];              /* [m2/s2]     of R omega, front and rear            */
   tse_real consider_sd[TSE_CONSIDERED], mass_var; /* of tse/told.def; [1] of the mass */
   tse_real model_var;                 /* [1] of what the model does not explain, a share of what is foretold */
+  tse_real doubt;                     /* [1] of the first level of disturbance: what of it a stiffness may be off by */
   int32_t considers;                  /* 1: any of consider_sd is not 0 */
   tse_real nod_time;                  /* [s]                                               */
   tse_real lag_var0;                  /* [LAG_TIME^2] of how late the steering acts        */

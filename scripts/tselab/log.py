@@ -17,6 +17,7 @@ from tselab.errors import UserError
 
 DRIVES = ("steer_angle", "wheel_speed_front", "wheel_speed_rear")  # out of range: refused
 MEASURES = ("accel_x", "accel_y", "yaw_rate")  # out of range: treated as missing
+SIDES = {axle: (f"{axle}_left", f"{axle}_right") for axle in DRIVES[1:]}  # in place of the axle's mean
 OPTIONAL = {  # columns that a log may have besides: unit, range, text, hint; `tselab gap` compares them, the estimator does not
     "vehicle_speed": ("m/s", -60.0, 120.0, "speed over ground of the centre of gravity: GNSS, optical", "km/h: divide by 3.6"),
     "wheel_torque_front": ("Nm", -20000.0, 20000.0, "drive less brake torque of both front wheels", "kNm: multiply by 1000"),
@@ -81,7 +82,9 @@ def read_log(path: Path) -> Log:
     """Read and check a log."""
     path = Path(path)
     header = _header(path)
-    needed = columns()
+    wanted = columns()
+    sides = {axle: pair for axle, pair in SIDES.items() if axle not in header and all(c in header for c in pair)}
+    needed = [c for name in wanted for c in sides.get(name, (name,))]
     missing = [c for c in needed if c not in header]
     if missing:
         raise UserError(_missing_text(path, header, missing, needed))
@@ -96,7 +99,11 @@ def read_log(path: Path) -> Log:
     _check_time(path, time, line)
     data = pd.DataFrame({name: table.pop(name) for name in needed[1:]})
     for f in library().channels:
-        _check_channel(path, data, line, f, notes)
+        for name in sides.get(f.name, (f.name,)):
+            _check_channel(path, data, line, f, notes, name)
+    for axle, pair in sides.items():
+        data[axle] = _axle(axle, *(data.pop(c).to_numpy(float) for c in pair), data["yaw_rate"].to_numpy(float), notes)
+    data = data[wanted[1:]]
     sample_time = float(np.median(np.diff(time))) if len(time) > 1 else None
     if sample_time is not None and sample_time > SLOWEST:
         hint = _time_hint(sample_time)
@@ -110,6 +117,21 @@ def read_log(path: Path) -> Log:
     ref = pd.DataFrame({c: table.pop(c) for c in list(table) if c.startswith("ref_")}, index=data.index)
     extra = pd.DataFrame({c: x for c in OPTIONAL if c in table and (x := _optional(c, table[c], line, notes)) is not None})
     return Log(path, time, data, ref, line, sample_time, notes, extra=extra)
+
+
+def _axle(axle: str, left: np.ndarray, right: np.ndarray, yaw_rate: np.ndarray, notes: list[str]) -> np.ndarray:
+    """The middle of an axle, rad/s, of its two wheels. Where one is missing, the other less half of what they differ by in a turn:
+    track over radius times the yaw rate, found from the rows that have both."""
+    difference, mean = right - left, 0.5 * (left + right)
+    both = np.isfinite(difference) & np.isfinite(yaw_rate)
+    turned = float(np.sum(yaw_rate[both] ** 2))
+    per_turn = float(np.sum(difference[both] * yaw_rate[both])) / turned if turned > 0 else 0.0
+    alone = np.isnan(mean) & (np.isfinite(left) | np.isfinite(right)) & np.isfinite(yaw_rate) & bool(turned > 0)
+    if alone.any():
+        half = 0.5 * per_turn * yaw_rate
+        mean[alone] = np.where(np.isfinite(left), left + half, right - half)[alone]
+        notes.append(f"{axle}: one of both wheels is missing in {alone.sum()} rows: taken from the other and the yaw rate")
+    return mean
 
 
 def _beside(column: str) -> bool:
@@ -232,6 +254,7 @@ def _missing_text(path: Path, header: list[str], missing: list[str], needed: lis
         lower = {c.lower(): c for c in header}
         if close := [f"{lower[m]} -> {m}" for m in missing if m in lower]:
             text += f"; names are lower case: {', '.join(close)}"
+    text += "; left and right wheel may stand in place of an axle, both" if any(c in SIDES for c in missing) else ""
     return f"{text}\n  needed: {','.join(needed)}\n  found:  {','.join(header)[:300]}"
 
 
@@ -326,10 +349,11 @@ def _check_time(path: Path, time: np.ndarray, line: np.ndarray) -> None:
         )
 
 
-def _check_channel(path: Path, data: pd.DataFrame, line: np.ndarray, f: Field, notes: list[str]) -> None:
-    value = data[f.name].to_numpy(copy=True)
+def _check_channel(path: Path, data: pd.DataFrame, line: np.ndarray, f: Field, notes: list[str], name: str) -> None:
+    """`name`: of the column, which may be one side of the channel f."""
+    value = data[name].to_numpy(copy=True)
     if np.isnan(value).all():
-        raise UserError(f"{path}: column {f.name}: every cell is empty; allowed: {f.range_text}")
+        raise UserError(f"{path}: column {name}: every cell is empty; allowed: {f.range_text}")
     with np.errstate(invalid="ignore"):
         bad = (value < f.low) | (value > f.high)
     if not bad.any():
@@ -338,18 +362,19 @@ def _check_channel(path: Path, data: pd.DataFrame, line: np.ndarray, f: Field, n
     if f.name in DRIVES or bad.mean() > 0.05:
         more = f" ({bad.sum()} such rows)" if bad.sum() > 1 else ""
         raise UserError(
-            f"{path}: line {line[i]}, column {f.name}: {value[i]:g} is outside the allowed range {f.range_text}{more}\n"
+            f"{path}: line {line[i]}, column {name}: {value[i]:g} is outside the allowed range {f.range_text}{more}\n"
             f"  hint: {HINTS.get(f.name, 'the column must be in SI units')}"
         )
     value[bad] = np.nan
-    data[f.name] = value
+    data[name] = value
     notes.append(
-        f"{f.name}: {bad.sum()} values outside {f.range_text} are treated as missing (first in line {line[i]})"
+        f"{name}: {bad.sum()} values outside {f.range_text} are treated as missing (first in line {line[i]})"
     )
 
 
 def _allowed(name: str) -> str:
-    return "seconds, increasing" if name == "time" else library().field(INPUT, name).range_text
+    channel = next((axle for axle, pair in SIDES.items() if name in pair), name)
+    return "seconds, increasing" if name == "time" else library().field(INPUT, channel).range_text
 
 
 def _time_hint(step: float) -> str:

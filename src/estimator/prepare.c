@@ -314,6 +314,7 @@ tse_status tse_prepare(const tse_config *settings, tse_params *p, const char **w
 #include "tse/told.def"
 #undef REAL
   p->model_var = real_of(square(c->model_sd));
+  p->doubt = c->model_sd > 0 ? DISTURBANCE_DOUBT : DISTURBANCE_SHARE;
   p->mass_var = real_of(square(c->mass_sd));
   p->nod_time = real_of(c->nod_time);
   p->lag_var0 = r_sqr(r_div(real_of(c->steer_lag_sd), LAG_TIME));

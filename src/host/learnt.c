@@ -214,7 +214,7 @@ static void load_stiffness(const tse_params *p, const content *c, uint32_t age_s
     s->mu[a] = r_clamp(r_from_q24(c->mean[a]), p->w_min, p->w_max);
     s->mean_var[a] = aged(p, r_from_q24(c->mean_sd[a]), age_s);
     if (p->form == 0) continue;
-    const tse_real doubt = r_mul(TSE_R(1) + s->mu[a], doubt_by_levels(s->level, a)); /* which only hypotheses keep apart */
+    const tse_real doubt = r_mul(TSE_R(1) + s->mu[a], doubt_by_levels(p, s->level, a)); /* which only hypotheses keep apart */
     s->mean_var[a] = r_min(r_add_sat(s->mean_var[a], r_mul(doubt, doubt)), p->mean_var0);
     var[a] = r_min(var[a] + s->mean_var[a], p->spread_max_var);
   }

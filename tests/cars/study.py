@@ -47,17 +47,17 @@ STIFF = {  # of an axle; the front's cornering stiffness is softer by the steeri
 }  # fmt: skip
 
 
-def truth_of(reference: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Secant stiffness of each row; NaN where the axle has no slip to speak of."""
-    least = round(SEEN * SMOOTH)
+def truth_of(reference: dict[str, np.ndarray], smooth: int = SMOOTH) -> dict[str, np.ndarray]:
+    """Secant stiffness of each row, median over so many; NaN where the axle has no slip to speak of."""
+    least = round(SEEN * smooth)
     return {
-        key: pd.Series(reference[column]).rolling(SMOOTH, center=True, min_periods=least).median().to_numpy()
+        key: pd.Series(reference[column]).rolling(smooth, center=True, min_periods=least).median().to_numpy()
         for key, column in TRUTH.items()
     }
 
 
-def score(vehicle_path: Path, log: Log, truth: dict[str, np.ndarray], form: str) -> dict[str, float]:
-    """What an estimator makes of a log: per stiffness rows with a truth, those valid, of these those off and those held."""
+def estimated(vehicle_path: Path, log: Log, form: str) -> tuple[np.ndarray, Config]:
+    """What an estimator makes of a log, a row each, and its settings."""
     vehicle = read_vehicle(vehicle_path)
     fill_sensors(vehicle, log)
     config = landed.configure(vehicle.values) if form == "landed" else Config(vehicle.values)
@@ -67,6 +67,12 @@ def score(vehicle_path: Path, log: Log, truth: dict[str, np.ndarray], form: str)
         rows[column] = given[column]
     out = filter_.outputs(len(rows))
     filter_.step_into(rows, out)
+    return out, config
+
+
+def score(vehicle_path: Path, log: Log, truth: dict[str, np.ndarray], form: str) -> dict[str, float]:
+    """What an estimator makes of a log: per stiffness rows with a truth, those valid, of these those off and those held."""
+    out, config = estimated(vehicle_path, log, form)
     time = log.time - log.time[0]
     age = out["estimate_age"] if "estimate_age" in out.dtype.names else np.zeros(len(time))
     found: dict[str, float] = {}

@@ -97,14 +97,18 @@ def test_whitening_is_that_of_the_dense_covariance() -> None:
     np.testing.assert_allclose(log_det, np.linalg.slogdet(c)[1], rtol=1e-10)
 
 
-def test_the_walk_of_the_slow_part_moves_as_far_as_it_does() -> None:
-    """Over 2 s, by draws of the process: a Monte-Carlo mean of 4000 has 2.2 % of sd."""
-    d = Discrepancy(1e-6, 0.0, 0.5, (0.4, 9.0))
-    at = np.array([0.0, 2.0])
-    ends = Piece(at, np.ones(2), np.zeros(2), np.ones(2), np.zeros(2))
-    drawn = np.linalg.cholesky(dense(d, ends)) @ np.random.default_rng(4).standard_normal((2, 4000))
-    np.testing.assert_allclose(d.walk(2.0) ** 2 * 2.0, np.mean((drawn[1] - drawn[0]) ** 2), rtol=0.08)
-    assert d.walk(0.01) < 0.01 * d.walk(9.0) / 0.1  # it is smooth
+def test_the_walk_of_the_slow_part_is_the_smallest_with_no_less_at_any_frequency() -> None:
+    """Spectra: of the walk, its rate squared over w^2; of the slow part, the transform of its covariance, by a sum."""
+    d, step = Discrepancy(1e-6, 0.0, 0.5, (0.4, 9.0)), 0.1
+    lags = step * np.arange(2000)
+    at = Piece(lags, np.full(2000, 1e12), *[np.zeros(2000)] * 3)
+    covariance = dense(d, at)[0]
+    assert covariance[0] == pytest.approx(0.25)
+    frequency = np.geomspace(0.01, 3.0, 400)
+    slow = step * (2 * np.cos(np.outer(frequency, lags)) @ covariance - covariance[0])
+    over = d.walk**2 / frequency**2 / slow
+    assert over.min() == pytest.approx(1.0, abs=0.01)
+    assert frequency[over.argmin()] == pytest.approx(2**0.5 / 9.0, rel=0.1)
 
 
 def test_cost_is_the_gaussian_density_with_the_bias_found() -> None:

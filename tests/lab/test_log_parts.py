@@ -9,6 +9,7 @@ import pandas as pd
 import pytest
 
 from tselab import log as module
+from tselab.core import library
 from tselab.errors import UserError
 from tselab.log import read_log
 
@@ -81,3 +82,58 @@ def test_rows_of_a_part_are_those_of_the_whole(drive, tmp_path):
     whole = log.rows()
     parts = np.concatenate([log.rows(first, first + 70) for first in range(0, len(log), 70)])
     assert np.array_equal(whole, parts)
+
+
+TRACK, RADIUS = 1.5, 0.3
+
+
+def four_wheels(folder, **columns):
+    """A log with four wheel speeds of a car that turns, and the speeds of the middles of both axles, rad/s."""
+    t = 0.01 * np.arange(400)
+    turn = 0.4 * np.sin(t)
+    middle = {"wheel_speed_front": 60.0 + t, "wheel_speed_rear": 60.2 + t}
+    half = 0.5 * TRACK / RADIUS * turn
+    table = {"time": t, "steer_angle": 0.05 * turn, "accel_x": 0 * t, "accel_y": 18 * turn, "yaw_rate": turn}
+    for axle, speed in middle.items():
+        table |= {f"{axle}_left": speed - half, f"{axle}_right": speed + half}
+    path = folder / "four.csv"
+    pd.DataFrame(table | columns).to_csv(path, index=False)
+    return path, middle, table
+
+
+def test_four_wheels_are_the_middles_of_two_axles(tmp_path):
+    path, middle, _ = four_wheels(tmp_path)
+    log = read_log(path)
+    assert list(log.data) == [f.name for f in library().channels]
+    for axle, speed in middle.items():
+        np.testing.assert_allclose(log.data[axle], speed, atol=1e-12)
+    assert log.notes == []
+
+
+def test_a_wheel_that_is_missing_is_made_up_for_by_the_other_and_the_turn(tmp_path):
+    _, middle, table = four_wheels(tmp_path)
+    left, right = table["wheel_speed_front_left"].copy(), table["wheel_speed_front_right"].copy()
+    left[100:150] = right[300:320] = np.nan
+    left[200] = right[200] = np.nan
+    path, *_ = four_wheels(tmp_path, wheel_speed_front_left=left, wheel_speed_front_right=right)
+    log = read_log(path)
+    expected = np.where(np.arange(400) == 200, np.nan, middle["wheel_speed_front"])
+    np.testing.assert_allclose(log.data["wheel_speed_front"], expected, atol=1e-9)
+    assert "wheel_speed_front: one of both wheels is missing in 70 rows: taken from the other and the yaw rate" in log.notes
+
+
+def test_the_mean_of_an_axle_comes_before_its_sides_and_one_side_is_no_axle(tmp_path):
+    path, *_ = four_wheels(tmp_path, wheel_speed_rear=np.full(400, 50.0))
+    np.testing.assert_allclose(read_log(path).data["wheel_speed_rear"], 50.0)
+    table = pd.read_csv(path).drop(columns="wheel_speed_front_right")
+    table.to_csv(path, index=False)
+    with pytest.raises(UserError, match=r"column wheel_speed_front is missing in the header .* left and right wheel may stand"):
+        read_log(path)
+
+
+def test_a_wheel_out_of_range_is_named_with_its_side(tmp_path):
+    wrong = np.full(400, 60.0)
+    wrong[7] = 900.0
+    path, *_ = four_wheels(tmp_path, wheel_speed_rear_right=wrong)
+    with pytest.raises(UserError, match="line 9, column wheel_speed_rear_right: 900 is outside the allowed range -400"):
+        read_log(path)

@@ -27,6 +27,7 @@ from tselab.vehicle import Vehicle, fill_sensors, read_vehicle
 Say = Callable[[str], None]
 SLOW = 4.0  # s
 LEAST_LAG_SD = 0.003  # s: what relaxation and lags of the model leave
+MOST_GYRO_WALK = 0.001  # rad/s/sqrt(s): no gyro wanders faster, and roads are not in it: it is a model that misses turns
 FEWEST_STEPS = 10  # between values, to speak of quantisation
 
 
@@ -187,7 +188,8 @@ def _sensors(problem: Problem, result: Fit, logs: Sequence[Log]) -> dict[str, fl
             found[f"{c}_sd"] = d.white * _as_accel_x(problem, result)
         else:
             found[f"{c}_sd"] = d.white * float(np.sqrt(rows / max(fresh, 1)))
-        found[f"{c}_bias_walk"] = d.walk(SLOW) / (SPEED_TIME if c == "accel_x" else 1.0)
+        walk = d.walk / (SPEED_TIME if c == "accel_x" else 1.0)
+        found[f"{c}_bias_walk"] = min(walk, MOST_GYRO_WALK) if c == "yaw_rate" else walk
     noise = []
     raw = {log.path: log for log in logs}  # of which some may be too short to be compared
     for prepared in problem.logs:

@@ -58,11 +58,11 @@ class Discrepancy:
         white, share, slow, fast_time, slow_time = map(float, numbers)
         return cls(white, share, slow, (fast_time, slow_time))
 
-    def walk(self, over: float) -> float:
-        """Unit of the slow part per sqrt(s): of a random walk that moves as far as it does in `over` seconds. It is smooth: within
-        less it moves less than such a walk."""
-        t = over / self.time[1]
-        return float(self.slow * np.sqrt(2.0 * (1.0 - np.exp(-t) * (np.cos(t) + np.sin(t))) / over))
+    @property
+    def walk(self) -> float:
+        """Unit of the slow part per sqrt(s): of the smallest random walk whose spectrum is nowhere below that of the slow part,
+        2 T slow^2/(1 + (w T)^4/4); they touch at w = sqrt(2)/T."""
+        return self.slow * float(np.sqrt(2.0 / self.time[1]))
 
     def _factor(self, piece: Piece) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         n, slow = len(piece.time), 1.0 / self.time[1]

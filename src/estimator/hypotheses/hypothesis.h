@@ -57,11 +57,11 @@ static inline tse_real disturbance_var(const tse_params *p, const tse_hypothesis
 }
 
 /* What the model does not explain of the channels that show a stiffness may be what the stiffness is off by: sd of that, relative. */
-static inline tse_real doubt_by_levels(const int32_t level[3], int a)
+static inline tse_real doubt_by_levels(const tse_params *p, const int32_t level[3], int a)
 {
   static const int32_t threefold[LEVELS] = { 0, 1, 3, 9 };
   const int32_t lateral = level[1] > level[2] ? level[1] : level[2];
-  return r_mul(DISTURBANCE_DOUBT, r_from_int(threefold[a == TSE_CX_FRONT ? level[0] : lateral]));
+  return r_mul(p->doubt, r_from_int(threefold[a == TSE_CX_FRONT ? level[0] : lateral]));
 }
 
 #endif

@@ -21,9 +21,17 @@ static tse_real mixture(const tse_params *p, const tse_bank *b, const tse_real *
   return mean;
 }
 
-static tse_real doubt_of(const tse_hypothesis *h, int a)
+static tse_real doubt_of(const tse_params *p, const tse_hypothesis *h, int a)
 {
-  return r_sqr(r_mul(h->x[X_STIFFNESS + a], doubt_by_levels(h->level, a)));
+  return r_sqr(r_mul(h->x[X_STIFFNESS + a], doubt_by_levels(p, h->level, a)));
+}
+
+/* Relative variance of stiffness a that no covariance knows of: mass, model, what it does not explain. */
+static tse_real doubt_beside(const tse_params *p, const tse_bank *b, const tse_real *w, int a)
+{
+  tse_real sum = p->mass_var + p->model_var;
+  for (int32_t i = 0; i < b->count; i++) sum += r_mul(w[i], r_sqr(doubt_by_levels(p, b->h[i].level, a)));
+  return sum;
 }
 
 static void report_states(const tse_params *p, const tse_bank *b, const tse_real *w, tse_output *out)
@@ -37,6 +45,9 @@ static void report_states(const tse_params *p, const tse_bank *b, const tse_real
     out->bias[a] = r_mul(p->sd[a], mixture(p, b, w, X_BIAS + a, &var));
     out->bias_sd[a] = r_mul(p->sd[a], r_sqrt(var));
   }
+  /* the rear axle slips sideways by force over stiffness: lr r - vy is that much, times the doubt of the stiffness */
+  const tse_real across = r_mul(p->lr, out->yaw_rate) - out->vel_y;
+  out->vel_y_sd = r_sqrt(r_sqr(out->vel_y_sd) + r_mul(r_sqr(across), doubt_beside(p, b, w, TSE_CY_REAR)));
   out->lag_steer = r_mul(LAG_TIME, mixture(p, b, w, X_LAG, &var));
   out->lag_steer_sd = r_mul(LAG_TIME, r_sqrt(var));
   out->sideslip = r_max(r_abs(out->vel_x), r_abs(out->vel_y)) < TSE_R(0.01) ? TSE_R(0) : r_atan2(out->vel_y, out->vel_x);
@@ -55,7 +66,7 @@ void bank_doubts(const tse_params *p, const tse_bank *b, const tse_output *out, 
   weights(b, w);
   *by_what_is_told = r_mul(p->mass_var + p->model_var, r_sqr(out->stiffness[a])) + (p->considers ? considered_var(p, b, X_STIFFNESS + a) : TSE_R(0));
   *by_misfit = TSE_R(0);
-  for (int32_t i = 0; i < b->count; i++) *by_misfit += r_mul(w[i], doubt_of(&b->h[i], a));
+  for (int32_t i = 0; i < b->count; i++) *by_misfit += r_mul(w[i], doubt_of(p, &b->h[i], a));
 }
 
 static void report_stiffness(const tse_params *p, const tse_bank *b, const tse_real *w, tse_output *out)
@@ -64,7 +75,7 @@ static void report_stiffness(const tse_params *p, const tse_bank *b, const tse_r
   for (int a = 0; a < 3; a++) {
     tse_real var;
     out->stiffness[a] = mixture(p, b, w, X_STIFFNESS + a, &var);
-    for (int32_t i = 0; i < b->count; i++) var += r_mul(w[i], doubt_of(&b->h[i], a));
+    for (int32_t i = 0; i < b->count; i++) var += r_mul(w[i], doubt_of(p, &b->h[i], a));
     var += r_mul(p->mass_var + p->model_var, r_sqr(out->stiffness[a]));
     out->stiffness_sd[a] = r_sqrt(var);
     out->stiffness_spread[a] = r_mul(r_sqrt(best->spread_var[a]), out->stiffness[a]);

@@ -298,6 +298,7 @@ static void test_sensor_constants_are_normalised_by_the_sensors_sd(void)
   expect_relative(0.2 / (4 + TSE_CONSIDER_RADIUS), p.consider_sd[TSE_CONSIDER_RADIUS], "the last");
   expect_relative(1.6e-3, p.model_var, "model_var");
   expect_relative(0.12, p.nod_time, "nod_time");
+  expect_relative(number(DISTURBANCE_DOUBT), p.doubt, "doubt");
   TEST_ASSERT_EQUAL_INT(1, p.considers);
 }
 

@@ -554,7 +554,7 @@ static void test_a_level_is_doubted_once(void)
       TEST_ASSERT_EQUAL_INT(TSE_OK, load(&p, bytes, sizeof bytes, 0));
       const tse_output y = first_row(&p);
       for (int a = 0; a < 3; a++) {
-        const double doubt = a ? 9 * number(DISTURBANCE_DOUBT) * (1 + learnt_mean[a]) : 0, sd = fmax(learnt_mean_sd[a], c.learnt_floor);
+        const double doubt = a ? 9 * number(DISTURBANCE_SHARE) * (1 + learnt_mean[a]) : 0, sd = fmax(learnt_mean_sd[a], c.learnt_floor);
         const double all = sqrt(sd * sd + doubt * doubt);
         if (form) expect_near(all, sqrt(number(f.filter.start.mean_var[a])), 1e-6, "sd of the mean, particles", a);
         else expect_near(all, number(y.stiffness_sd[a]), 1e-6, "sd of the mean", a);

@@ -6,7 +6,7 @@
 
 static tse_bank b;
 
-static const double model = 0.03; /* model_sd */
+static double model; /* model_sd */
 
 static tse_params bank_of_five(void)
 {
@@ -41,7 +41,7 @@ static double mixed(int at, double *sd, int of)
     const double x = number(b.h[i].x[at]);
     const int lateral = b.h[i].level[1] > b.h[i].level[2] ? b.h[i].level[1] : b.h[i].level[2];
     const int level = of == TSE_CX_FRONT ? b.h[i].level[0] : lateral;
-    const double doubt = of < 0 || level == 0 ? 0 : x * number(DISTURBANCE_DOUBT) * pow(3, level - 1);
+    const double doubt = of < 0 || level == 0 ? 0 : x * number(model > 0 ? DISTURBANCE_DOUBT : DISTURBANCE_SHARE) * pow(3, level - 1);
     first += weight(i) * x;
     second += weight(i) * (x * x + number(b.h[i].cov[at][at]) + doubt * doubt);
   }
@@ -49,7 +49,19 @@ static double mixed(int at, double *sd, int of)
   return first;
 }
 
-static void test_estimates_are_moments_of_the_mixture(void)
+/* Relative: of the model, and of each history's levels. */
+static double doubt_of_the_rear(void)
+{
+  double var = model * model;
+  for (int i = 0; i < b.count; i++) {
+    const int lateral = b.h[i].level[1] > b.h[i].level[2] ? b.h[i].level[1] : b.h[i].level[2];
+    if (lateral) var += weight(i) * pow(number(model > 0 ? DISTURBANCE_DOUBT : DISTURBANCE_SHARE) * pow(3, lateral - 1), 2);
+  }
+  return sqrt(var);
+}
+
+/* Of an exact model, and of one that leaves something out. */
+static void expect_moments(void)
 {
   const tse_params p = bank_of_five();
   tse_output y;
@@ -60,6 +72,7 @@ static void test_estimates_are_moments_of_the_mixture(void)
   const double got_sd[6] = { number(y.vel_x_sd), number(y.vel_y_sd), number(y.yaw_rate_sd), number(y.stiffness_sd[0]), number(y.stiffness_sd[1]), number(y.stiffness_sd[2]) };
   for (int k = 0; k < 6; k++) {
     expect_near(mixed(k, &sd, k - 3), got[k], BY_FORMAT(1e-12, 1e-5), "mean", k);
+    if (k == 1) sd = hypot(sd, (number(p.lr) * got[2] - got[1]) * doubt_of_the_rear()); /* what the rear axle slips by, and its doubt */
     expect_near(sd, got_sd[k], BY_FORMAT(1e-9, 1e-4), "sd", k);
   }
   for (int a = 0; a < 3; a++) {
@@ -71,6 +84,15 @@ static void test_estimates_are_moments_of_the_mixture(void)
   for (int i = 0; i < 5; i++) squares += weight(i) * weight(i);
   expect_near(1 / squares, number(y.n_eff), BY_FORMAT(1e-9, 1e-5), "n_eff", 0);
   expect_near(atan2(number(y.vel_y), number(y.vel_x)), number(y.sideslip), BY_FORMAT(1e-9, 1e-6), "sideslip", 0);
+}
+
+static void test_estimates_are_moments_of_the_mixture(void)
+{
+  for (int told = 0; told < 2; told++) {
+    model = 0.03 * told;
+    expect_moments();
+  }
+  model = 0;
 }
 
 /* A fault hides what else is so; a slide, a change; a change is one for so long; a drift what is steady. */

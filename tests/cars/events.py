@@ -1,0 +1,123 @@
+"""What the estimator makes of a road or a tyre that changes on a calibrated ordinary car (README.md).
+
+    python -m tests.cars.events --calibrated DIR [--first SEED] [--minutes M] [--out FILE]
+
+DIR: what `tests.cars.study --keep DIR --first SEED` has left: car<k>/calibrated.toml. Each scenario of road.py begins at a third of
+a drive on a highway and on a mountain road; counted are the seconds of the minute after in which a stiffness is called valid and
+is more than 20 % off, of the rows that have a truth.
+"""
+
+from __future__ import annotations
+
+import argparse
+import multiprocessing
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from tqdm import tqdm
+
+from tests.cars import SCENARIOS, make_cars, make_logs
+from tests.cars.study import RESULTS, TRUTH, estimated, truth_of
+from tselab.core import NOMINAL, STIFFNESS
+from tselab.log import read_log
+
+EVENTS = [s for s in SCENARIOS if s != "dry"]
+ON = ("highway", "mountain")
+OFF, AFTER, ROW, SMOOTH = 0.2, 60.0, 0.01, 51  # relative error; s; s; rows of the truth: half a second of a new road
+
+
+def share(of: np.ndarray, among: np.ndarray) -> float:
+    """Of those rows; 0 where there are none."""
+    return float(of[among].mean()) if among.any() else 0.0
+
+
+def one(job: tuple[Path, str, str, int, float]) -> list[dict[str, Any]]:
+    """A car on a road with an event."""
+    folder, road, scenario, car, began = job
+    log = read_log(folder / f"{scenario}_{road}" / f"car{car}" / f"log_{road}.csv")
+    reference = pd.read_csv(folder / f"{scenario}_{road}" / f"car{car}" / f"reference_{road}.csv")
+    truth = truth_of({c: reference[c].to_numpy(float) for c in TRUTH.values()}, SMOOTH)
+    out, config = estimated(folder / f"car{car}" / "calibrated.toml", log, "tse")
+    time = log.time - log.time[0]
+    of = time - out["estimate_age"]  # the time of which the estimates are
+    told = (out["p_changed"] + out["p_axle"] + out["p_drifting"] + out["p_sliding"]) > 0.5
+    rows = []
+    for key in STIFFNESS:
+        true = np.interp(of, time, truth[key])
+        error = out[key] * getattr(config, NOMINAL[key]) / true - 1
+        valid, known = out[f"{key}_valid"] == 0, np.isfinite(true)
+        wrong = known & valid & (np.abs(error) > OFF)
+        before, after = (of > began - AFTER / 2) & (of <= began), (of > began) & (of <= began + AFTER)
+        rows.append({"scenario": scenario, "road": road, "car": car, "stiffness": key, "wrong": ROW * float(wrong[after].sum()),
+                     "valid before": share(valid, before & known), "valid after": share(valid, after & known),
+                     "told": float(told[after & (of < began + 5)].any()),
+                     "moved": float(np.nanmedian(true[after]) / np.nanmedian(true[before]))})  # fmt: skip
+    return rows
+
+
+def drive(folder: Path, cars: int, first: int, minutes: float) -> list[tuple[Path, str, str, int, float]]:
+    """Logs of all cars in FOLDER/<scenario>_<road>/car<k>; the jobs that are to be estimated."""
+    jobs = []
+    for n, scenario in enumerate(EVENTS):
+        for m, road in enumerate(ON):
+            print(f"driving: {scenario}, {road}", file=sys.stderr)
+            made = make_logs(road, minutes, cars=make_cars(cars, first), seed=1000 * first + 100 + 10 * n + m, scenario=scenario,
+                             event_time=20 * minutes)  # fmt: skip
+            for k, log in enumerate(made):
+                log.write(folder / f"{scenario}_{road}" / f"car{k}", road)
+                event = log.truth["log"]["event"]
+                if event is not None:  # a driver who is never calm meets none
+                    jobs.append((folder, road, scenario, k, float(event["time"])))
+    return jobs
+
+
+def table(found: pd.DataFrame) -> list[str]:
+    """A line per scenario."""
+    wrong = "valid and 20 % off, of the next 60 s: median, 90 %, most [s]"
+    heads = ("event", "drives", "truth after over before", "valid before [%]", "valid after [%]", wrong, "told within 5 s [%]")
+    lines = ["| " + " | ".join(heads) + " |", "|---" + "|---:" * (len(heads) - 1) + "|"]
+    for scenario, group in found.groupby("scenario", sort=False):
+        by = [group[group["stiffness"] == key] for key in STIFFNESS]
+
+        def three(what: str, scale: float = 100.0, by: list[pd.DataFrame] = by) -> str:
+            return " / ".join(f"{scale * float(g[what].mean()):.0f}" for g in by)
+
+        seconds = "; ".join(" / ".join(f"{float(g['wrong'].quantile(q)):.1f}" for g in by) for q in (0.5, 0.9, 1.0))
+        moved = " / ".join(f"{float(g['moved'].median()):.2f}" for g in by)
+        told = f"{100 * float(by[0]['told'].mean()):.0f}"
+        lines.append(
+            f"| {scenario} | {len(by[0])} | {moved} | {three('valid before')} | {three('valid after')} | {seconds} | {told} |"
+        )
+    return lines
+
+
+def main(arguments: list[str]) -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--calibrated", type=Path, required=True, help="with car<k>/calibrated.toml; the logs go there, too")
+    parser.add_argument("--first", type=int, default=501, help="the first seed of those cars (default: 501)")
+    parser.add_argument("--minutes", type=float, default=3.0, help="length of each log; the event is at a third (default: 3)")
+    parser.add_argument("--jobs", type=int, default=2, help="processes (default: 2)")
+    parser.add_argument("--out", type=Path, default=RESULTS / "cars-events.md", help="the table")
+    given = parser.parse_args(arguments)
+    cars = len(list(given.calibrated.glob("car*/calibrated.toml")))
+    jobs = drive(given.calibrated, cars, given.first, given.minutes)
+    with multiprocessing.Pool(given.jobs) as pool:
+        found = [row for rows in tqdm(pool.imap(one, jobs), total=len(jobs), unit="drive", file=sys.stderr) for row in rows]
+    head = f"""# Roads and tyres that change, on ordinary cars that are calibrated
+
+`python -m tests.cars.events --calibrated DIR --first {given.first} --minutes {given.minutes:g}` after
+`python -m tests.cars.study --cars {cars} --first {given.first} --minutes 3 --keep DIR`: {cars} cars with 14 degrees of freedom on
+{" and ".join(ON)}, the event at a third of each drive or as soon as the car is calm. Front longitudinal / front cornering / rear
+cornering. *told*: a change, a drift or sliding has more than half of the probability.
+
+"""
+    given.out.write_text(head + "\n".join(table(pd.DataFrame(found))) + "\n", encoding="utf-8")
+    print(f"{given.out}: {len(jobs)} drives")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
