@@ -113,8 +113,9 @@ def spoken_of(table: pd.DataFrame) -> np.ndarray:
 def changes(table: pd.DataFrame) -> list[Change]:
     """The changes of a drive, in order of time.
 
-    Every row tells the last change of the history that is likeliest there. A change counts when it was last told with a
-    probability of LIKELY, and not when that history gave way to one without it within STOOD, nor when it did nothing (SMALL)."""
+    Every row tells the last change of the history that is likeliest there. A change counts when it was told with a probability of
+    LIKELY in half of its rows or in the last one - where another history takes over, both are half as likely - and not when that
+    history gave way to one without it within STOOD, nor when it did nothing (SMALL)."""
     if not {"change_age", "change_kind"} <= set(table) or table.empty:
         return []
     time, kind = spoken_of(table), table["change_kind"].to_numpy()
@@ -136,13 +137,22 @@ def changes(table: pd.DataFrame) -> list[Change]:
             told.append((when, first, after - 1))
     columns = {name: table[name].to_numpy() for name in table if name in COLUMNS or name in SDS}
     probability = columns.get("change_probability", np.full(len(time), np.nan))
-    found = [_change(columns, time, *each) for each in told if not probability[each[2]] < LIKELY]
+    likely = [max(float(np.median(probability[rows])), float(probability[last]))
+              for when, first, last in told for rows in (_telling(at, when, first, last),)]  # fmt: skip
+    found = [_change(columns, time, *each, p) for each, p in zip(told, likely, strict=True) if not p < LIKELY]
     return [c for c in found if not c.ratio or any(abs(ratio - 1) > SMALL for ratio, _ in c.ratio.values())]
 
 
-def _change(columns: Mapping[str, np.ndarray], times: np.ndarray, time: float, first: int, last: int) -> Change:
+def _telling(at: np.ndarray, when: float, first: int, last: int) -> np.ndarray:
+    """The rows that tell a change, between the first and the last one."""
+    with np.errstate(invalid="ignore"):
+        return first + np.flatnonzero(np.abs(at[first : last + 1] - when) <= TOGETHER)
+
+
+def _change(
+    columns: Mapping[str, np.ndarray], times: np.ndarray, time: float, first: int, last: int, probability: float
+) -> Change:
     kind = int(columns["change_kind"][last])
-    probability = float(columns["change_probability"][last]) if "change_probability" in columns else float("nan")
     before = max(0, min(first, int(np.searchsorted(times, time))) - 1)
     ratio = {}
     for key in TOUCHED.get(kind, ()):

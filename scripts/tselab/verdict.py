@@ -142,7 +142,7 @@ def of_what_is_told(table: pd.DataFrame, config: Config, told: Mapping[str, np.n
         band, names = percent(1.96 * sd / mean), ", ".join(f"{name} {percent(1.96 * parts[name] / mean)}" for name in most)
         found.append(
             f"{NAMES[key].lower()}: of the band at the end, ± {band}, most comes of what is told of the car: {names} "
-            "(known better, say so in [uncertainty])"
+            "(tselab calibrate finds most of it; known better, say so in [uncertainty])"
         )
     return found
 

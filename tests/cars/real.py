@@ -27,6 +27,7 @@ from tselab.log import read_log
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
 SAME_CAR = (("genesis_cpg_fast", "genesis_rfs"),)
+ALIGNED = SAME_CAR[0]  # whose ref_vel_y is that of the car: the RAV4's is a phone's, as it was mounted
 SETTLED, FAST = 20.0, 8.0  # s, m/s: rows that count
 CORNERING = ("cy_front", "cy_rear")
 
@@ -63,7 +64,7 @@ def row(name: str, told: str, vehicle: Path, converged: str) -> dict[str, Any]:
         found[key] = f"{nominal * np.median(out[key][counts]):.0f} +- {nominal * np.median(out[f'{key}_sd'][counts]):.0f}"
         found[f"{key} valid"] = f"{100 * np.mean(out[f'{key}_valid'][counts] == 0):.0f}"
     found["sideslip"] = found["band"] = "-"
-    if "ref_vel_y" in log.ref:
+    if name in ALIGNED:
         true = np.interp(time - out["estimate_age"], time, log.ref["ref_vel_y"].to_numpy(float))
         off = out["vel_y"] - true
         counts &= np.isfinite(true)

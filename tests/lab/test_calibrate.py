@@ -6,6 +6,7 @@ import json
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,6 +14,9 @@ import pytest
 from tests.gap.generator import Spec, make_cases
 from tests.lab.test_identify import made, written
 from tselab.calibrate import workflow
+from tselab.core import Config
+from tselab.gap.data import BLOCK
+from tselab.identify.problem import SPEED_BLOCKS, UNLIKE_SD
 from tselab.identify.unknowns import LATE, UNKNOWNS
 from tselab.vehicle import read_vehicle
 
@@ -74,6 +78,7 @@ def test_the_calibrated_car_reads_back_and_starts_the_next(
     assert not [n for n in vehicle.notes if "not known" in n and "latency" not in n]
     assert set(vehicle.told_uncertainty) >= {"yaw_inertia_sd", "relaxation_sd", "wheel_delay_sd"}
     assert len(vehicle.calibration["names"]) == len(UNKNOWNS) + 3
+    assert vehicle.values["model_sd"] == UNLIKE_SD and vehicle.values["yaw_rate_bias_walk"] <= workflow.MOST_GYRO_WALK
     out = case / "again.toml"
     run = tselab("calibrate", *case.glob("hold_out_*.csv"), "--vehicle", calibrated[0], "--out", out)
     assert run.returncode == 0, run.stderr
@@ -89,6 +94,26 @@ def test_the_page_is_whole(calibrated: tuple[Path, subprocess.CompletedProcess[s
     assert page.count('class="plot"') >= 4
     for late in LATE:
         assert f"{late}_latency" in page
+
+
+def test_noise_of_accel_x_is_what_noise_of_a_wheel_makes_of_it_in_the_filter() -> None:
+    """A car at 20 m/s with m/C of 0.007 s2/m, rows of 10 ms: white noise of 0.02 m/s in the wheel speed of each row leaves that
+    over the root of the rows in what is compared; the filter sees it as a force over mass, divided by m v/C."""
+
+    class AtOneSpeed:
+        groups = ((0, "accel_y"), (0, "accel_x"))
+        config = Config({"sample_time": 0.01})
+
+        def slip_time(self, i: int, x: np.ndarray) -> float:
+            return 0.007
+
+        def mean_speed(self, g: int) -> np.ndarray:
+            return np.full(9, 20.0)
+
+    rows = SPEED_BLOCKS * BLOCK / 0.01
+    compared = 0.02 / np.sqrt(rows)
+    found = compared * workflow._as_accel_x(AtOneSpeed(), SimpleNamespace(x=np.zeros(1)))
+    assert found == pytest.approx(0.02 / (0.007 * 20.0))
 
 
 def test_quantisation_is_found_where_it_is() -> None:

@@ -104,6 +104,14 @@ def test_a_change_that_stood_long_stays_when_the_filter_starts_from_none_again()
     assert [round(c.time, 2) for c in changes(table_of(told))] == [10, 40]
 
 
+def test_a_change_that_another_history_takes_over_from_stays_told():
+    """At that moment both are about as likely; it had been sure for 20 s."""
+    told = [(0, 20, None), (20, 39.9, (20.0, 1, 0.99, 0.5)), (39.9, 40, (20.0, 1, 0.6, 0.5)), (40, 60, (39.7, 3, 0.97, 0.8))]
+    found = changes(table_of(told))
+    assert [(round(c.time, 2), c.kind) for c in found] == [(20.0, 1), (39.7, 3)]
+    assert found[0].probability == pytest.approx(0.99)
+
+
 def test_what_is_not_likely_is_no_change():
     assert changes(table_of([(36.1, 60, (36.03, 1, 0.85, 0.7))])) == []
 

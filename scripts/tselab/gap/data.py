@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-from scipy.interpolate import make_smoothing_spline
+from scipy.interpolate import CubicSpline, make_smoothing_spline
 from scipy.optimize import minimize_scalar
 
 from tselab.core import NOMINAL, Config
@@ -57,6 +57,7 @@ class Prepared:
     notes: list[str] = field(default_factory=list)
     quiet: dict[str, float] = field(default_factory=dict)  # sd that was found over that sd, where a floor raised it
     held: dict[str, float] = field(default_factory=dict)  # s since the value of a row was new, mean, where a slow signal is held
+    late: dict[str, float] = field(default_factory=dict)  # s behind the gyro, of what is measured; inputs are in time
     blur: dict[str, np.ndarray] = field(default_factory=dict)  # sd, per row, of what noise of the inputs does to a prediction
 
     @property
@@ -112,6 +113,17 @@ def prepare(log: Log, config: Config) -> Prepared:
     if stretches and len(log.extra.columns):
         found.blur = _blur(found, raw, smooth, config)
     return found
+
+
+def in_time(log: Prepared, config: Config) -> Prepared:
+    """The log as the latencies of the vehicle file say: inputs are read as much later as they are late; what is measured stays, and
+    is compared with what was simulated as much earlier."""
+    late = {c: by for c in (*DRIVES, *MEASURES) if (by := getattr(config, f"{c}_latency", 0.0))}
+    if not late:
+        return log
+    ends = log.time[0], log.time[-1]
+    inputs = {n: CubicSpline(log.time, x)(np.clip(log.time + late.get(n, 0.0), *ends)) for n, x in log.inputs.items()}
+    return replace(log, inputs=inputs, late={c: by for c, by in late.items() if c in log.measured})
 
 
 class Smoother:

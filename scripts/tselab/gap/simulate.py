@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from tselab.core import Config, Replay
 
@@ -18,7 +19,7 @@ OF = {"vehicle_speed": "vel_x"}  # channels of a log by another name than the mo
 def simulate(
     config: Config, log: Prepared, channels: Sequence[str], stiffness: dict[str, float], profiles: dict[str, np.ndarray]
 ) -> dict[str, np.ndarray]:
-    """Predicted channels, one value per row; NaN between stretches. Biases are not in it."""
+    """Predicted channels, one value per row, as late as the log has them; NaN between stretches. Biases are not in it."""
     wanted = {c: OF.get(c, c) for c in channels}
     out = {c: np.full(len(log.time), np.nan) for c in channels}
     for s in log.stretches:
@@ -30,5 +31,6 @@ def simulate(
             config, yaw_rate=float(gyro) if np.isfinite(gyro) else 0.0, time=float(log.time[s.first] - log.time[0]), **stiffness
         )
         for c, name in wanted.items():
-            out[c][rows] = found[name]
+            late, t = log.late.get(c, 0.0), log.time[rows]
+            out[c][rows] = CubicSpline(t, found[name])(np.clip(t - late, t[0], t[-1])) if late else found[name]
     return out

@@ -14,7 +14,7 @@ import numpy as np
 from tselab.core import Config
 from tselab.errors import UserError
 from tselab.gap.catalogue import Parameter
-from tselab.gap.data import Prepared, prepare
+from tselab.gap.data import Prepared, in_time, prepare
 from tselab.gap.problem import Problem
 from tselab.log import Log
 
@@ -29,7 +29,7 @@ class Workers:
         self.jobs = max(1, jobs)
 
     def prepare(self, logs: Sequence[Log], config: Config) -> list[Prepared]:
-        return [prepare(log, config) for log in logs]
+        return [in_time(prepare(log, config), config) for log in logs]
 
     def problem(self, logs: Sequence[Prepared], config: Config) -> Problem:
         return Problem(logs, config, self.jobs)
@@ -101,7 +101,8 @@ class _Answering(_Recorder):
 
 
 def _prepare(log: Log, values: Mapping[str, float]) -> Prepared:
-    return prepare(log, Config(values))
+    config = Config(values)
+    return in_time(prepare(log, config), config)
 
 
 def _residuals(values: Iterable[tuple[str, float]], data: tuple) -> np.ndarray:

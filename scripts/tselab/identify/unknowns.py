@@ -31,13 +31,14 @@ class Unknown:
     low: float
     high: float
     relative: bool = False  # mean, sd and range times what the vehicle file says
-    message: str = ""  # late together with others of this message, by COMMON_SD of it
+    message: str = ""  # off together with others of this message, by COMMON_SD of it: late, or relative
     worth: float = 0.0  # smallest size that a user should know of; 0: the shape of an effect
 
 
-# s: how late messages are, behind that of the gyro. What is own to a channel is less: axles come from one unit - and how far one is
-# behind the other hardly shows, so that any error of the model would pass for it - accelerometers from one chip.
-COMMON_SD = {"": 0.0, "wheels": 0.025, "accelerometers": 0.02}
+# s: how late messages are, behind that of the gyro; relative: how far off radii as told are. What is own to a channel is less:
+# axles come from one unit - and how far one is behind the other hardly shows, so that any error of the model would pass for it -
+# accelerometers from one chip, tyres from one shop.
+COMMON_SD = {"": 0.0, "wheels": 0.025, "accelerometers": 0.02, "radii": 0.007}
 
 
 def _late(name: str, own: float, message: str = "") -> Unknown:
@@ -54,8 +55,9 @@ UNKNOWNS: tuple[Unknown, ...] = (
     Unknown("steering_lag_time", "steering lag", 0.02, 0.02, 0.0, 0.5, worth=0.003),
     Unknown("yaw_inertia", "yaw inertia", 1.0, 0.1, 0.5, 2.0, relative=True, worth=0.03),
     Unknown("cg_shift_distance", "centre of gravity", 0.0, 0.03, -0.6, 0.6, worth=0.02),
-    Unknown("wheel_radius_front", "wheel radii", 1.0, 0.01, 0.9, 1.1, relative=True, worth=0.002),
-    Unknown("wheel_radius_rear", "wheel radii", 1.0, 0.01, 0.9, 1.1, relative=True, worth=0.002),
+    # one axle's over the other's goes with longitudinal stiffness and hardly shows: wear and pressure
+    Unknown("wheel_radius_front", "wheel radii", 1.0, 0.003, 0.9, 1.1, relative=True, message="radii", worth=0.002),
+    Unknown("wheel_radius_rear", "wheel radii", 1.0, 0.003, 0.9, 1.1, relative=True, message="radii", worth=0.002),
     # axles share a force by their stiffness: where it is taken for another share, wheels seem to be late by tens of ms
     Unknown("longitudinal_stiffness_rear", "rear longitudinal stiffness", 1.0, 0.15, 0.3, 3.0, relative=True, worth=0.05),
     Unknown("relaxation_length", "relaxation", 0.4, 0.25, 0.0, 3.0, worth=0.05),
@@ -122,8 +124,8 @@ def prior_of(vehicle: Vehicle, config: Config) -> Prior:
     calibration, if the file holds one."""
     names = tuple(u.name for u in UNKNOWNS) + STIFFNESS
     mean, sd, low, high = (np.zeros(len(names)) for _ in range(4))
-    for k, u in enumerate(UNKNOWNS):
-        by = float(getattr(config, u.name)) if u.relative else 1.0
+    scale = [float(getattr(config, u.name)) if u.relative else 1.0 for u in UNKNOWNS]
+    for k, (u, by) in enumerate(zip(UNKNOWNS, scale, strict=True)):
         mean[k], sd[k], low[k], high[k] = u.mean * by, u.sd * by, u.low * by, u.high * by
         if not u.relative and u.name in vehicle.values:
             mean[k] = vehicle.values[u.name]
@@ -132,7 +134,8 @@ def prior_of(vehicle: Vehicle, config: Config) -> Prior:
     covariance = np.diag(sd**2)
     for i, u in enumerate(UNKNOWNS):
         for k, v in enumerate(UNKNOWNS):
-            covariance[i, k] += COMMON_SD[u.message] ** 2 if u.message == v.message else 0.0
+            both = scale[i] * scale[k] * COMMON_SD[u.message] ** 2
+            covariance[i, k] += both if u.message == v.message else 0.0
     earlier: Mapping = vehicle.calibration
     if earlier:
         place = [names.index(name) for name in earlier["names"] if name in names]

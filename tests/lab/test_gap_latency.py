@@ -1,0 +1,64 @@
+"""The gap workflow on logs whose channels are late, and a vehicle file that says so."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from gap_logs import car, write_log
+from tselab.gap import workflow
+from tselab.gap.data import in_time, prepare
+from tselab.vehicle import read_vehicle
+
+LATE = {
+    "steer_angle": 0.03,
+    "wheel_speed_front": 0.02,
+    "wheel_speed_rear": 0.02,
+    "accel_x": 0.01,
+    "accel_y": -0.02,
+}  # whole rows
+HIDDEN = {"body_roll_gain": 0.009}
+
+
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[Path, Path]]:
+    """Log and vehicle file: in time; late and told; late and not told."""
+    folder = tmp_path_factory.mktemp("late")
+    vehicle = car(folder)
+    log = write_log(folder / "in_time.csv", vehicle, "sweep", HIDDEN, 5)
+    table = pd.read_csv(log)
+    for name, by in LATE.items():
+        table[name] = table[name].shift(round(by / 0.01))
+    table.dropna().to_csv(folder / "late.csv", index=False, float_format="%.9g")
+    told = folder / "told.toml"
+    told.write_text(vehicle.read_text() + "\n[latency]\n" + "".join(f"{k} = {v}\n" for k, v in LATE.items()))
+    return {"in time": (log, vehicle), "told": (folder / "late.csv", told), "not told": (folder / "late.csv", vehicle)}
+
+
+def test_a_late_log_is_read_as_one_in_time(logs: dict[str, tuple[Path, Path]]) -> None:
+    """Latencies of whole rows: the smoothed steering agrees but for what the ends change of the smoothing."""
+    found = {}
+    for name, (log, vehicle) in logs.items():
+        read, config = workflow.read([log], read_vehicle(vehicle))
+        found[name] = in_time(prepare(read[0], config), config)
+    there = np.searchsorted(found["in time"].time, found["told"].time - 1e-6)
+    steer = {who: log.inputs["steer_angle"] for who, log in found.items()}
+    off = {who: float(np.std((steer[who] - steer["in time"][there])[200:-200])) for who in ("told", "not told")}
+    assert off["told"] < 0.05 * off["not told"]
+    assert all(np.isfinite(x).all() for x in found["told"].inputs.values())
+    assert found["told"].late == {k: v for k, v in LATE.items() if k.startswith("accel")}
+    assert found["in time"].late == {}
+
+
+def test_an_effect_is_named_with_its_size_when_latencies_are_told(logs: dict[str, tuple[Path, Path]], tmp_path: Path) -> None:
+    """As in the log that is in time; not told of them, other names come of it."""
+    results = {name: workflow.run([log], vehicle, tmp_path / name.replace(" ", "_")) for name, (log, vehicle) in logs.items()}
+    named = {name: {n.effect.id: n for n in r.naming.named} if r.verdict == "named" else {} for name, r in results.items()}
+    assert list(named["in time"]) == list(named["told"]) == ["body_roll"]
+    sizes = [named[name]["body_roll"].values["body_roll_gain"] for name in ("in time", "told")]
+    assert sizes[1] == pytest.approx(sizes[0], rel=0.05)
+    assert sizes[0] == pytest.approx(HIDDEN["body_roll_gain"], rel=0.15)
+    assert list(named["not told"]) != ["body_roll"]
