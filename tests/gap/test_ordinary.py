@@ -17,8 +17,8 @@ def runs() -> pd.DataFrame:
 
 def test_a_car_whose_steering_is_late_keeps_its_cornering_stiffness(runs: pd.DataFrame) -> None:
     """Told of no lag, the default before said valid with 8 .. 45 % less (scripts/results/ordinary.md). What is uncertain of a car
-    that nobody has calibrated makes half of the rows not valid. Where the driver steers, all is within 5 %; half a minute of highway
-    leaves an sd of 8 % and more, in which the truth is."""
+    that nobody has calibrated makes half of the rows not valid. Where the driver steers, all is within 5 %; half a minute of
+    highway leaves an sd of 8 % and more, in which the truth is."""
     brisk = runs[runs["road"].isin(["slalom", "sine_sweep", "steps_fast", "highway"])]
     assert len(brisk) == 4
     for key in ("cy_front", "cy_rear"):
