@@ -13,7 +13,6 @@ import argparse
 import multiprocessing
 import sys
 import tempfile
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -45,8 +44,7 @@ def halves(path: Path, folder: Path) -> dict[str, Path]:
 def calibrated(job: tuple[str, Path, str, Path]) -> tuple[str, str, Path, bool]:
     """A log, or half of it: the calibrated vehicle file, and whether the search converged."""
     name, log, part, folder = job
-    result = workflow.run([log], log.parent / "vehicle.toml" if part == "whole" else DATA / name / "vehicle.toml", [],
-                          folder / f"{name}_{part}.json", 1, lambda _: None)  # fmt: skip
+    result = workflow.run([log], DATA / name / "vehicle.toml", [], folder / f"{name}_{part}.json", 1, lambda _: None)
     path = folder / f"{name}_{part.replace(' ', '_')}.toml"
     output.write(path, result, [log.name])
     return name, part, path, result.fit.converged
@@ -92,24 +90,18 @@ def main(arguments: list[str]) -> int:
         for n in names:
             rows.append(row(n, "as told", DATA / n / "vehicle.toml", "-"))
             others = [other for pair in SAME_CAR if n in pair for other in pair if other != n and other in names]
-            parts: list[tuple[str, str, str]] = [("the log itself", n, "whole"), ("its first half", n, "first half"),
-                                                 ("its second half", n, "second half")]  # fmt: skip
-            for told, of, part in [*parts, *((f"{other}", other, "whole") for other in others)]:
+            parts = [(n, "whole", "the log itself"), (n, "first half", "its first half"), (n, "second half", "its second half")]
+            for of, part, told in [*parts, *((other, "whole", other) for other in others)]:
                 path, done = files[of, part]
                 rows.append(row(n, told, path, "yes" if done else "no"))
-    heads: dict[str, Callable[[dict[str, Any]], str]] = {
-        "log": lambda r: r["log"],
-        "calibrated on": lambda r: r["told"],
-        "converged": lambda r: r["converged"],
-        "front [kN/rad]": lambda r: r["cy_front"],
-        "valid [%]": lambda r: r["cy_front valid"],
-        "rear [kN/rad]": lambda r: r["cy_rear"],
-        "rear valid [%]": lambda r: r["cy_rear valid"],
-        "sideslip off by, rms [deg]": lambda r: r["sideslip"],
-        "95 % band of vel_y holds [%]": lambda r: r["band"],
-    }
-    lines = ["| " + " | ".join(heads) + " |", "|---|---|---" + "|---:" * (len(heads) - 3) + "|"]
-    lines += ["| " + " | ".join(cell(r) for cell in heads.values()) + " |" for r in rows]
+    heads = {
+        "log": "log", "told": "calibrated on", "converged": "converged",
+        "cy_front": "front [kN/rad]", "cy_front valid": "valid [%]",
+        "cy_rear": "rear [kN/rad]", "cy_rear valid": "rear valid [%]", "sideslip": "sideslip off by, rms [deg]",
+        "band": "95 % band of vel_y holds [%]",
+    }  # fmt: skip
+    lines = ["| " + " | ".join(heads.values()) + " |", "|---|---|---" + "|---:" * (len(heads) - 3) + "|"]
+    lines += ["| " + " | ".join(r[key] for key in heads) + " |" for r in rows]
     text = f"""# Real logs
 
 `python -m tests.cars.real`: the logs in ../shared/data, each calibrated whole and by halves, then estimated. Medians of the rows
