@@ -52,7 +52,7 @@ def run(spec_json: str) -> dict:
         "name": spec.name, "seed": spec.seed, "optional": spec.optional, "size": spec.size,
         "truth": case.truth["effects"], "outside": case.truth["outside"],
         "verdict": verdict["verdict"], "exit": result.exit_code, "named": verdict["effects"],
-        "closest": [e["id"] for e in verdict["closest"]], "varies": verdict["varies"], "closed": verdict["closed"],
+        "sensors": [s["id"] for s in verdict["sensors"]], "possible": verdict["possible"], "closed": verdict["closed"],
         "gap": verdict["gap"], "undetectable": [d["id"] for d in verdict["undetectable"]], "seconds": seconds,
     }  # fmt: skip
 
@@ -158,8 +158,8 @@ def tables(cases: list[dict]) -> dict[str, str]:
     each = ["| hidden | named, by seed | size error | gap before -> after (fit) | held out |", "|---|---|---:|---|---|"]
     for c in sorted(cases, key=lambda c: (group(c), c["name"])):
         named = "; ".join(n["id"] + (f" ({', '.join(n['look_alikes'])}?)" if n["look_alikes"] else "") for n in c["named"]) or "-"
-        if c["closest"]:
-            named = f"closest {c['closest'][0]}"
+        if c["sensors"]:
+            named = "; ".join([*([] if named == "-" else [named]), *c["sensors"]])
         error = size_error(c)
         fit = c["gap"]["fit"]
         change = f"{max(fit['before'].values()):.2f} -> {max(fit['after'].values()):.2f}"

@@ -220,13 +220,13 @@ def test_ctrl_c_keeps_the_stages_that_are_done(case, tmp_path):
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
     end = time.monotonic() + 60
-    while not (out / "stages" / "where.pickle").exists() and time.monotonic() < end and run.poll() is None:
+    while not (out / "stages" / "where.npz").exists() and time.monotonic() < end and run.poll() is None:
         time.sleep(0.02)
     run.send_signal(signal.SIGINT)
     _, err = run.communicate(timeout=60)
     assert run.returncode == 130, err
     assert "baseline" in err and "goes on from there" in err and "Traceback" not in err
-    assert (out / "stages" / "baseline.pickle").exists() and not (out / "verdict.json").exists()
+    assert (out / "stages" / "baseline.npz").exists() and not (out / "verdict.json").exists()
 
 
 @pytest.mark.parametrize(("args", "text"), [

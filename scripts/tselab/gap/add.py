@@ -15,7 +15,7 @@ from tselab import __version__
 from tselab.core import NOMINAL, Config, EffectParameter, library
 from tselab.files import atomic
 from tselab.gap.fit import Fit, covariance
-from tselab.gap.name import Named
+from tselab.gap.infer.naming import Named, settings
 from tselab.gap.problem import PROFILES, Problem
 from tselab.gap.workflow import Result
 from tselab.vehicle import (
@@ -61,7 +61,8 @@ def improved(vehicle: Vehicle, problem: Problem, result: Result) -> str:
     """The vehicle file with fitted stiffness and effects. `vehicle`: as the user wrote it, sensors not filled in."""
     fit, named = asserted(result)
     values = {**vehicle.values, **stiffness(problem.config, fit.values)}
-    config = Config(values | {k: v for k, v in fit.values.items() if k in problem.config and "@" not in k})
+    found = settings(problem, fit.values)
+    config = Config(values | found)
     source = vehicle.path.name if vehicle.path else "the built-in car"
     logs = ", ".join(log.path.name for log in problem.logs)
     fields = Config().fields
@@ -74,9 +75,10 @@ def improved(vehicle: Vehicle, problem: Problem, result: Result) -> str:
             lines.append(f"{key} = {values[key]!r}  # {fields[key].unit}{band.get(key, '')}")
     if vehicle.told_uncertainty:
         lines += ["", "[uncertainty]", *(f"{k} = {values[k]!r}  # {fields[k].unit}" for k in vehicle.told_uncertainty)]
-    if vehicle.told_latency:
-        late = latency_settings()
-        lines += ["", "[latency]", *(f"{k} = {values[late[k]]!r}  # {fields[late[k]].unit}" for k in vehicle.told_latency)]
+    late = latency_settings()
+    logged = {k: found.get(late[k], values.get(late[k], 0.0)) for k in late if late[k] in found or k in vehicle.told_latency}
+    if logged:
+        lines += ["", "[latency]", *(f"{k} = {v!r}  # {fields[late[k]].unit}" for k, v in logged.items())]
     sensors = [k for k in sensor_settings() if k in values]
     if sensors:
         lines += ["", "[sensors]", *(f"{k} = {values[k]!r}  # {fields[k].unit}" for k in sensors)]

@@ -13,7 +13,7 @@ from tselab.gap import detect, workflow
 from tselab.gap.catalogue import catalogue
 from tselab.gap.excitation import Excitation, excitation
 from tselab.gap.fit import fit, gap
-from tselab.gap.name import threshold
+from tselab.gap.infer.hypotheses import threshold
 from tselab.gap.problem import STIFFNESS
 from tselab.gap.workers import Workers
 from tselab.log import OPTIONAL

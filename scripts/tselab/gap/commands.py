@@ -99,9 +99,9 @@ def run(
     tselab gap check log_*.csv --vehicle car.toml
 
     The single-track model is driven by the logged steering angle and wheel speeds; what it says of accel_x, accel_y and
-    yaw_rate is compared with what was measured. Stiffness is one value over all logs, sensor biases are those of each log. Then
-    every effect of the catalogue is fitted together with the stiffness; a name needs evidence that chance gives fewer than 1
-    log in 100.
+    yaw_rate is compared with what was measured. Stiffness is the car's and a little each log's own, sensor biases are those of
+    each log. Sets of effects of the catalogue, and how late messages are, are judged by their evidence beside what no model
+    explains; a name needs a probability of 90 %. Held-out logs inform it.
 
     \b
     DIR/verdict.json           what was found, for programs
@@ -144,14 +144,13 @@ def run(
 def changes(result: Any) -> list[str]:
     """The gap before and after, in words."""
     lines = []
-    closest = " with the closest, which is not claimed," if result.verdict == "not_in_catalogue" and result.naming.named else ""
     for title, before, after in (
         ("fitted logs", result.fit_before, result.fit_after),
         ("held-out logs", *({k: getattr(c, w) for k, c in result.held_out.items()} for w in ("before", "after"))),
     ):
         if before:
             parts = [f"{c} {before[c]:.2f} -> {after[c]:.2f}" for c in before]
-            lines.append(f"Gap on {title},{closest} residual over sensor noise: {', '.join(parts)}.")
+            lines.append(f"Gap on {title}, residual over sensor noise: {', '.join(parts)}.")
     return lines
 
 
@@ -284,7 +283,7 @@ def _stages_kept(out: Path) -> Iterator[None]:
     try:
         yield
     except KeyboardInterrupt:
-        done = sorted(p.stem for p in (out / "stages").glob("*.pickle"))
+        done = sorted(p.stem for p in (out / "stages").glob("*.npz"))
         kept = f"{out / 'stages'} keeps what is done ({', '.join(done)})" if done else "no stage was finished"
         click.echo(f"tselab: stopped by Ctrl-C; {kept}, the same command goes on from there", err=True)
         sys.exit(130)

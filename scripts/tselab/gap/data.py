@@ -59,6 +59,7 @@ class Prepared:
     held: dict[str, float] = field(default_factory=dict)  # s since the value of a row was new, mean, where a slow signal is held
     late: dict[str, float] = field(default_factory=dict)  # s behind the gyro, of what is measured; inputs are in time
     blur: dict[str, np.ndarray] = field(default_factory=dict)  # sd, per row, of what noise of the inputs does to a prediction
+    _splines: dict[str, CubicSpline] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     @property
     def name(self) -> str:
@@ -73,6 +74,13 @@ class Prepared:
         """Time that is compared."""
         step = float(np.median(np.diff(self.time)))
         return step * sum(int(s.used.sum()) for s in self.stretches)
+
+    def later(self, name: str, by: float) -> np.ndarray:
+        """An input as it was read `by` later, s: what it was when its row says, if it is logged so late."""
+        spline = self._splines.get(name)
+        if spline is None:
+            spline = self._splines[name] = CubicSpline(self.time, self.inputs[name])
+        return spline(np.clip(self.time + by, self.time[0], self.time[-1]))
 
     def louder(self, factors: Mapping[str, float]) -> Prepared:
         """The same with more noise than was found."""

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares
 
-from tselab.gap.catalogue import Parameter
+from tselab.gap.catalogue import Effect, Parameter
 from tselab.gap.data import CHANNELS
-from tselab.gap.problem import Problem
+from tselab.gap.problem import PROFILES, STIFFNESS, Problem
 
 MOST_LAG = 4.0  # s of autocorrelation that are looked at
 TOLERANCE = 1e-4  # relative change of the sum of squares at which a fit ends
@@ -68,6 +68,25 @@ def fit(problem: Problem, parameters: Sequence[Parameter], start: Mapping[str, f
     )
     rows = len(result.fun) - int(known.sum())
     return Fit(parameters, values(result.x), result.fun[:rows], result.jac[:rows])
+
+
+def fit_with(problem: Problem, effects: Sequence[Effect], start: Mapping[str, float]) -> Fit:
+    """Stiffness and these effects together. A shape says nothing while its strength is near zero, so strengths come first."""
+    strengths = [*STIFFNESS, *(p for e in effects for p in problem.strengths(e))]
+    shapes = [p for e in effects for p in e.shapes]
+    kick = dict(start)
+    for e in effects:
+        for p in problem.strengths(e):
+            kick.setdefault(p.name, p.default if e.id in PROFILES else p.default + 0.25 * (p.sign or 1) * p.scale)
+    first = fit(problem, strengths, kick, most=8)
+    if not shapes:
+        return first
+    return fit(problem, [*strengths, *(_typical(p) for p in shapes)], kick | first.values)
+
+
+def _typical(p: Parameter) -> Parameter:
+    """A shape is only searched where it is plausible: it is there to let a form give, not to make another effect of it."""
+    return p if p.typical_high <= p.typical_low else Parameter(**(vars(p) | {"low": p.typical_low, "high": p.typical_high}))
 
 
 def lengths(problem: Problem, residuals: np.ndarray) -> dict[int, float]:

@@ -29,6 +29,10 @@ WITH_BIAS = MEASURES  # the other channels have none: optional.py says what they
 # Of the road, not of the car: not one number, but a profile over the distance of each log, smooth over KNOT. Columns of a replay.
 PRIOR = {"grade": 0.03, "bank": 0.02}  # rad, sd of roads
 PROFILES = tuple(PRIOR)
+# What is not a setting of the simulation, or is in it with a sign only: how late channels are beyond what the vehicle file says.
+LATENT = frozenset(("wheel_speed_latency", "accel_x_latency", "accel_y_latency"))
+SIGNED_DELAYS = frozenset(("steering_delay_time", "imu_delay_time"))
+NOT_SETTINGS = frozenset(NOMINAL) | LATENT | SIGNED_DELAYS
 KNOT = 40.0  # m between two values of a profile
 
 
@@ -64,6 +68,7 @@ class Problem:
         self.jobs = max(1, jobs)
         self.fixed: dict[str, float] = {}  # values that are not fitted, and not those of the settings
         self.nominal = config.as_dict()
+        self.told = {name: self.nominal[name] for name in SIGNED_DELAYS}
         if self.logs:  # a drift is one over the time of the longest log
             self.nominal["stiffness_drift_time"] = max(float(log.time[-1] - log.time[0]) for log in self.logs)
         missing = [{c: ~np.isfinite(log.measured[c]) for c in MEASURES if c in log.measured} for log in self.logs]
@@ -141,8 +146,23 @@ class Problem:
     def model(self, values: Mapping[str, float]) -> tuple[Config, dict[str, float]]:
         """Settings of the effects, and stiffness relative to the vehicle file's."""
         values = self.fixed | dict(values)
-        config = Config(self.nominal | {k: v for k, v in values.items() if k not in NOMINAL and "@" not in k})
+        config = Config(self.nominal | {k: v for k, v in values.items() if k not in NOT_SETTINGS and "@" not in k})
         return config, {k: v for k, v in values.items() if k in NOMINAL}
+
+    def stiffness(self, values: Mapping[str, float], i: int) -> dict[str, float]:
+        """Of a log, over the vehicle file's: the car's, and what is own to the log (name@log)."""
+        return {k: values.get(k, 1.0) + values.get(f"{k}@{i}", 0.0) for k in NOMINAL}
+
+    def later(self, values: Mapping[str, float]) -> dict[str, float]:
+        """How much later than the vehicle file says channels are logged, s. Delays are latencies of either sign: the wheels turn
+        after the logged angle, or the whole IMU is behind what drives the model."""
+        if LATENT.isdisjoint(values) and SIGNED_DELAYS.isdisjoint(values):
+            return {}
+        imu = values.get("imu_delay_time", self.told["imu_delay_time"]) - self.told["imu_delay_time"]
+        steering = values.get("steering_delay_time", self.told["steering_delay_time"]) - self.told["steering_delay_time"]
+        wheels = values.get("wheel_speed_latency", 0.0)
+        found = {"steer_angle": -imu - steering, "wheel_speed_front": wheels - imu, "wheel_speed_rear": wheels - imu}
+        return found | {c: values.get(f"{c}_latency", 0.0) for c in ("accel_x", "accel_y")}
 
     def profiles(self, values: Mapping[str, float], i: int) -> dict[str, np.ndarray]:
         """Profiles of the road along a log, linear between their values."""
@@ -158,15 +178,23 @@ class Problem:
         self.simulations += 1
         return self._predict(values)[0]
 
+    def predict_all(self, asked: Sequence[Mapping[str, float]]) -> list[np.ndarray]:
+        """The same for many values, as many at once as there are jobs."""
+        if self.jobs == 1 or len(asked) < 2:
+            return [self.predict(values) for values in asked]
+        with ThreadPoolExecutor(self.jobs) as pool:  # the library runs without Python's lock
+            return list(pool.map(self.predict, asked))
+
     def readings(self, values: Mapping[str, float]) -> list[list[optional.Reading]]:
         """How the optional channels read, of each log."""
         return self._predict(values)[1]
 
     def _predict(self, values: Mapping[str, float]) -> tuple[np.ndarray, list[list[optional.Reading]]]:
-        config, stiffness = self.model(values)
+        config, _ = self.model(values)
+        later = self.later(values)
         parts, readings = [], []
         for i, log in enumerate(self.logs):
-            simulated = simulate(config, log, log.channels, stiffness, self.profiles(values, i))
+            simulated = simulate(config, log, log.channels, self.stiffness(values, i), self.profiles(values, i), later)
             for channel, missing in self._missing[i].items():  # means over the same rows as those of what was measured
                 simulated[channel] = np.where(missing, np.nan, simulated[channel])
             predicted = {channel: blocks(log, simulated[channel])[0] for channel in log.channels}
@@ -183,10 +211,11 @@ class Problem:
 
     def channels(self, values: Mapping[str, float], names: Sequence[str]) -> dict[str, np.ndarray]:
         """Quantities of the simulation, one value per entry of the residual vector."""
-        config, stiffness = self.model(values)
+        config, _ = self.model(values)
+        later = self.later(values)
         parts: dict[str, list[np.ndarray]] = {n: [] for n in names}
         for i, log in enumerate(self.logs):
-            predicted = simulate(config, log, names, stiffness, self.profiles(values, i))
+            predicted = simulate(config, log, names, self.stiffness(values, i), self.profiles(values, i), later)
             for n in names:
                 parts[n].extend([blocks(log, predicted[n])[0]] * len(log.channels))
         return {n: np.concatenate(p) for n, p in parts.items()}
@@ -230,20 +259,15 @@ class Problem:
             key = p.name.split("@")[0] + ":" + p.name.split(":")[1] if p.prior else p.name
             runs.setdefault(key, []).append(j)
         slopes = np.zeros((len(base), len(parameters)))
-
-        def run(members: list[int]) -> None:
-            steps = {j: shifted(parameters[j]) for j in members}
-            moved = {parameters[j].name: values.get(parameters[j].name, parameters[j].default) + h for j, h in steps.items()}
-            change = self.residuals(dict(values) | moved) - base
-            for j, h in steps.items():
+        steps = [{j: shifted(parameters[j]) for j in members} for members in runs.values()]
+        asked = [
+            dict(values) | {parameters[j].name: values.get(parameters[j].name, parameters[j].default) + h for j, h in step.items()}
+            for step in steps
+        ]
+        for step, predicted in zip(steps, self.predict_all(asked), strict=True):
+            change = self.whiten(self._measured - predicted) - base
+            for j, h in step.items():
                 p = parameters[j]
                 mine = self.rows.log == int(p.name.split("@")[1].split(":")[0]) if p.prior else slice(None)
                 slopes[mine, j] = change[mine] / h
-
-        if self.jobs == 1 or len(runs) == 1:
-            for members in runs.values():
-                run(members)
-        else:
-            with ThreadPoolExecutor(self.jobs) as pool:  # the library runs without Python's lock
-                list(pool.map(run, runs.values()))
         return slopes

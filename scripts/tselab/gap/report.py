@@ -20,7 +20,7 @@ from tselab.gap.catalogue import catalogue
 from tselab.gap.cross import SOURCES, Blocks
 from tselab.gap.data import CHANNELS
 from tselab.gap.gain import Gain
-from tselab.gap.name import threshold
+from tselab.gap.infer.hypotheses import threshold
 from tselab.gap.show import Change
 from tselab.gap.workflow import Result
 from tselab.report import _packed as packed
@@ -51,11 +51,7 @@ def write_report(path: Path, shown: Shown) -> None:
     blocks = log_blocks(shown)
     wheelbase = problem.config.lf + problem.config.lr
     response = pictures.response_figure(blocks)
-    claim = ""
-    if not naming.named:
-        claim = " Nothing was added: after is as before."
-    elif result.verdict == "not_in_catalogue":
-        claim = " After: with the closest of the catalogue, which is not claimed to be there."
+    claim = "" if naming.named else " Nothing was added: after is as before."
     ranked = pictures.ranking(naming.ranking, [n.effect.id for n in naming.named], threshold(len(catalogue())))
     sections: list[tuple[str, str, go.Figure | None]] = [
         ("The gap before and after", "1 is what the sensors' noise alone leaves. Bars: rms over the whole of the logs; "
@@ -66,8 +62,8 @@ def write_report(path: Path, shown: Shown) -> None:
         ("Where they disagree: driving state", "Rms of the residual over the noise, by speed and lateral acceleration; empty: "
          "not driven.", pictures.maps(table, state)),
         ("Where they disagree: time", "Second by second; * marks held-out logs.", pictures.over_time(table)),
-        ("Which effect", "Every effect alone, stiffness refitted with it. Blue: fitted in the end. A decoy can rank high here and "
-         "be superfluous once the right one is in.", ranked if naming.ranking else None),
+        ("Which effect", "Every effect alone, in a linearisation before any is named, with its prior. Blue: named in the end. A "
+         "decoy can rank high here and be superfluous once the right one is in.", ranked if naming.ranking else None),
         ("Where it enters", "A drifting disturbance is put at each place in turn; the place that explains accel_y and yaw_rate "
          "best is where something acts that the plain model does not have.", pictures.entry_points(result.entries)),
         ("Handling, quasi-steady", "Yaw-rate gain, and steering angle beyond what a slow car needs, over lateral acceleration; "
@@ -95,7 +91,9 @@ def write_report(path: Path, shown: Shown) -> None:
         remains=[r.words for r in result.remainders],
         undetectable=[_detectable(d) for d in sorted(result.undetectable, key=lambda d: d.smallest / d.typical)],
         detectable=[_detectable(d) for d in sorted(result.detectable, key=lambda d: d.smallest / d.typical) if d.visible],
-        rejected=naming.rejected,
+        possible=[{"id": p["id"], "probability": f"{100 * p['probability']:.0f} %"} for p in naming.possible],
+        sets=[{"ids": " + ".join(s["ids"]) or "nothing", "probability": f"{100 * s['probability']:.1f} %"} for s in naming.sets],
+        besides=[n.effect.title for n in naming.besides],
         gain=gain_rows(shown.gain) if shown.gain else [],
         proof=shown.proof,
         held=bool(result.held_out),
@@ -134,8 +132,8 @@ def log_blocks(shown: Shown) -> list[Blocks]:
 
 def effect_rows(result: Result) -> list[dict]:
     """Named effects as rows of a table, one per parameter."""
-    rows = []
-    for n in result.naming.named:
+    rows: list[dict] = []
+    for n in result.naming.named if result.verdict == "named" else []:
         units = {p.name: p for p in n.effect.parameters}
         for k, (key, value) in enumerate(n.values.items()):
             p = units[key]
@@ -156,6 +154,7 @@ def effect_rows(result: Result) -> list[dict]:
                     "share": f"{100 * n.share:.0f} %",
                     "evidence": f"{n.evidence:.0f}",
                     "look_alikes": ", ".join(n.look_alikes) or "none left",
+                    "probability": "> 99 %" if n.probability > 0.99 else f"{100 * n.probability:.0f} %",
                 }
             )
     return rows

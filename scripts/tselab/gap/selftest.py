@@ -88,7 +88,7 @@ def _why(result: workflow.Result, effect: str) -> list[str]:
         if d.id == effect and not d.visible:
             size = f"from {d.parameter} = {d.smallest:.2g} {d.unit} on" if np.isfinite(d.smallest) else "at no size that there is"
             words.append(f"These logs would show it {size}.")
-    words += [f"It was refused: {r['why']}." for r in result.naming.rejected if r["id"] == effect][:1]
+    words += [f"Its probability is {100 * p['probability']:.0f} %." for p in result.naming.possible if p["id"] == effect]
     return words
 
 
@@ -114,7 +114,7 @@ def measurements(
     """What the sensors would read."""
     config: Config
     config, stiffness = problem.model(values)
-    simulated = simulate(config, log, log.channels, stiffness, problem.profiles(values, i))
+    simulated = simulate(config, log, log.channels, stiffness, problem.profiles(values, i), problem.later(values))
     found = {}
     for c, x in simulated.items():
         sd = getattr(config, f"{c}_sd") if c in MEASURES else log.noise[c]

@@ -53,20 +53,23 @@ def compare(problem: Problem, before: np.ndarray, after: np.ndarray) -> dict[str
     return found
 
 
-def held_out(problem: Problem, before: Mapping[str, float], after: Mapping[str, float]) -> dict[str, Change]:
-    """The same on logs that were held out: parameters as fitted elsewhere; only biases are theirs, and profiles of a road that was
-    named, because it is another road."""
+def of_the_car(problem: Problem, after: Mapping[str, float]) -> dict[str, float]:
+    """What was fitted elsewhere, for other logs: what is own to a log is left out, and profiles of a road that was named are found
+    anew, because it is another road."""
     car = {k: v for k, v in after.items() if "@" not in k}
     road = [e for e in catalogue().values() if any(k.startswith(e.id + "@") for k in after)]
-    plain = problem.residuals(before)
     if not road:
-        return compare(problem, plain, problem.residuals(car))
-    problem.fixed = car
+        return car
+    before, problem.fixed = problem.fixed, car
     try:
-        profiles = fit(problem, [p for e in road for p in problem.strengths(e)], {})
-        return compare(problem, plain, profiles.residuals)
+        return car | fit(problem, [p for e in road for p in problem.strengths(e)], {}).values
     finally:
-        problem.fixed = {}
+        problem.fixed = before
+
+
+def held_out(problem: Problem, before: Mapping[str, float], after: Mapping[str, float]) -> dict[str, Change]:
+    """The same on logs that were held out: parameters as fitted elsewhere."""
+    return compare(problem, problem.residuals(before), problem.residuals(of_the_car(problem, after)))
 
 
 def closed(changes: Mapping[str, Change]) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,20 +17,29 @@ OF = {"vehicle_speed": "vel_x"}  # channels of a log by another name than the mo
 
 
 def simulate(
-    config: Config, log: Prepared, channels: Sequence[str], stiffness: dict[str, float], profiles: dict[str, np.ndarray]
+    config: Config,
+    log: Prepared,
+    channels: Sequence[str],
+    stiffness: dict[str, float],
+    profiles: dict[str, np.ndarray],
+    later: Mapping[str, float] | None = None,
 ) -> dict[str, np.ndarray]:
-    """Predicted channels, one value per row, as late as the log has them; NaN between stretches. Biases are not in it."""
+    """Predicted channels, one value per row, as late as the log has them; NaN between stretches. Biases are not in it.
+
+    `later`: s, by channel: how much later it is than the vehicle file says."""
     wanted = {c: OF.get(c, c) for c in channels}
+    later = later or {}
+    inputs = log.inputs | {n: log.later(n, by) for n, by in later.items() if by and n in log.inputs}
     out = {c: np.full(len(log.time), np.nan) for c in channels}
     for s in log.stretches:
         rows = slice(s.first, s.last)
         dt = np.diff(log.time[rows], prepend=log.time[s.first] - 0.01)
-        replay = Replay(tuple(dict.fromkeys(wanted.values())), dt=dt, **{n: x[rows] for n, x in (log.inputs | profiles).items()})
+        replay = Replay(tuple(dict.fromkeys(wanted.values())), dt=dt, **{n: x[rows] for n, x in (inputs | profiles).items()})
         gyro = log.measured["yaw_rate"][s.first]
         found = replay.run(
             config, yaw_rate=float(gyro) if np.isfinite(gyro) else 0.0, time=float(log.time[s.first] - log.time[0]), **stiffness
         )
         for c, name in wanted.items():
-            late, t = log.late.get(c, 0.0), log.time[rows]
+            late, t = log.late.get(c, 0.0) + later.get(c, 0.0), log.time[rows]
             out[c][rows] = CubicSpline(t, found[name])(np.clip(t - late, t[0], t[-1])) if late else found[name]
     return out

@@ -11,6 +11,7 @@ import pandas as pd
 from tselab.files import atomic
 from tselab.gap.data import CHANNELS
 from tselab.gap.problem import Problem
+from tselab.gap.show import of_the_car
 
 FIT, HELD_OUT = "fit", "held_out"
 COLUMNS = (
@@ -33,7 +34,8 @@ def table(parts: Mapping[str, Problem], before: Mapping[str, float], after: Mapp
             "block": rows.block.astype(np.int64),
             "measured": problem.measured,
         }
-        for when, values in (("before", before), ("after", after)):
+        mine = after if part == FIT else of_the_car(problem, after)
+        for when, values in (("before", before), ("after", mine)):
             predicted = problem.predict(values)
             whitened = problem.whiten(np.nan_to_num(problem.measured) - predicted)
             bias = problem.biases(values)

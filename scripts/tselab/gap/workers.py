@@ -13,7 +13,6 @@ import numpy as np
 
 from tselab.core import Config
 from tselab.errors import UserError
-from tselab.gap.catalogue import Parameter
 from tselab.gap.data import Prepared, in_time, prepare
 from tselab.gap.problem import Problem
 from tselab.log import Log
@@ -36,7 +35,7 @@ class Workers:
 
 
 class Cluster(Workers):
-    """A Dask cluster: logs are prepared, and the columns of every Jacobian simulated, there."""
+    """A Dask cluster: logs are prepared, and all slopes simulated, there."""
 
     def __init__(self, client: Any, jobs: int):
         super().__init__(jobs)
@@ -50,7 +49,7 @@ class Cluster(Workers):
 
 
 class ClusterProblem(Problem):
-    """A problem whose residuals are computed by a cluster, many at once."""
+    """A problem whose simulations are made by a cluster, many at once."""
 
     def __init__(self, client: Any, logs: Sequence[Prepared], config: Config, jobs: int):
         super().__init__(logs, config, jobs)
@@ -58,46 +57,14 @@ class ClusterProblem(Problem):
         data = (tuple(self.logs), tuple(config.as_dict().items()))
         self._data = client.scatter([data], broadcast=True, hash=False)[0]
 
-    def jacobian(
-        self, values: Mapping[str, float], base: np.ndarray, parameters: Sequence[Parameter], reach: float = 1.0
-    ) -> np.ndarray:
-        """Slopes as Problem has them, from residuals that were computed beforehand."""
-        asked: list[dict[str, float]] = []
-        probe = _Recorder(self, asked)
-        Problem.jacobian(probe, values, base, parameters, reach)
-        futures = self._client.map(_residuals, [tuple(a.items()) for a in asked], data=self._data, pure=False)
-        answers = dict(zip((tuple(a.items()) for a in asked), self._client.gather(futures), strict=True))
+    def predict_all(self, asked: Sequence[Mapping[str, float]]) -> list[np.ndarray]:
+        """Every one of them somewhere in the cluster."""
+        futures = self._client.map(_predict, [tuple(a.items()) for a in asked], data=self._data, pure=False)
         self.simulations += len(asked)
-        return Problem.jacobian(_Answering(self, answers), values, base, parameters, reach)
+        return self._client.gather(futures)
 
     def __getstate__(self) -> dict[str, Any]:
         raise TypeError("a problem of a cluster stays here")
-
-
-class _Recorder:
-    """Stands in for a problem to learn what residuals it would ask for."""
-
-    jobs = 1
-
-    def __init__(self, problem: Problem, asked: list[dict[str, float]]):
-        self._problem, self._asked = problem, asked
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._problem, name)
-
-    def residuals(self, values: Mapping[str, float]) -> np.ndarray:
-        self._asked.append(dict(values))
-        return np.zeros(len(self._problem.rows.log))
-
-
-class _Answering(_Recorder):
-    """And then to give them."""
-
-    def __init__(self, problem: Problem, answers: Mapping[tuple, np.ndarray]):
-        self._problem, self._answers = problem, answers
-
-    def residuals(self, values: Mapping[str, float]) -> np.ndarray:
-        return self._answers[tuple(dict(values).items())]
 
 
 def _prepare(log: Log, values: Mapping[str, float]) -> Prepared:
@@ -105,9 +72,9 @@ def _prepare(log: Log, values: Mapping[str, float]) -> Prepared:
     return in_time(prepare(log, config), config)
 
 
-def _residuals(values: Iterable[tuple[str, float]], data: tuple) -> np.ndarray:
+def _predict(values: Iterable[tuple[str, float]], data: tuple) -> np.ndarray:
     logs, settings = data
-    return _problem(settings, _Held(logs)).residuals(dict(values))
+    return _problem(settings, _Held(logs)).predict(dict(values))
 
 
 class _Held:

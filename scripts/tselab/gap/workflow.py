@@ -1,4 +1,5 @@
-"""`tselab gap`: where, name, add, show. Each stage is a file of its own; this one runs them, keeps what is done, and judges.
+"""`tselab gap`: where, name, add, show. Each stage is a file of its own; this one runs them, keeps what is done, and says what came
+of it.
 
 A run leaves its stages in DIR/stages; one that was interrupted goes on from there when nothing it depends on has changed.
 """
@@ -7,7 +8,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import pickle
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -16,19 +16,24 @@ from typing import Any
 from tselab import __version__
 from tselab.core import Config, library_path
 from tselab.errors import UserError
-from tselab.files import atomic
-from tselab.gap import constancy, detect, name, optional, remainder, show, where
+from tselab.gap import detect, optional, remainder, show, where
 from tselab.gap.catalogue import catalogue
 from tselab.gap.data import Prepared
 from tselab.gap.fit import Fit, fit, gap
-from tselab.gap.problem import PROFILES, STIFFNESS, Problem
+from tselab.gap.infer import naming as name
+from tselab.gap.infer.naming import Named
+from tselab.gap.problem import STIFFNESS, Problem
+from tselab.gap.stages import stage
 from tselab.gap.workers import Workers
 from tselab.log import Log, read_log
 from tselab.units import check_units
 from tselab.vehicle import Vehicle, fill_sensors, read_vehicle
 
 NOISE_LIMIT = 1.2  # rms over noise up to which nothing is left to explain: noise is known to some percent, inputs are smoothed
-MOST_HELD_OUT = 1.3  # rms over noise in held-out logs above which names must close as much there as where they were fitted
+EARLY = {  # delays below zero
+    "steering_delay": "steering angle logged late, so the wheels turn before it",
+    "imu_delay": "steering angle and wheel speeds logged late behind the IMU",
+}
 EXIT = {"none": 0, "named": 10, "look-alikes": 11, "not_in_catalogue": 20}
 
 
@@ -46,7 +51,6 @@ class Result:
     fit_before: dict[str, float]
     fit_after: dict[str, float]
     held_out: dict[str, show.Change]
-    variations: list[constancy.Variation]  # that contradict the names
     undetectable: list[detect.Detectable]
     detectable: list[detect.Detectable]
     notes: list[str] = field(default_factory=list)
@@ -55,25 +59,14 @@ class Result:
 
     def as_json(self) -> dict[str, Any]:
         """DIR/verdict.json."""
-        units = {p.name: p for e in catalogue().values() for p in e.parameters}
-        fitted = [
-            {
-                "id": n.effect.id,
-                "parameters": {
-                    units[k].key: {"value": v, "ci95": list(n.ci95[k]), "unit": units[k].unit} for k, v in n.values.items()
-                },
-                "share_of_gap_closed": n.share,
-                "evidence": n.evidence,
-                "look_alikes": n.look_alikes,
-                "remarks": n.remarks,
-            }
-            for n in self.naming.named
-        ]
         asserted = self.verdict == "named"
         return {
             "verdict": self.verdict,
-            "effects": fitted if asserted else [],
-            "closest": [] if asserted or self.verdict == "none" else fitted or _closest(self.naming),
+            "effects": [_as_json(n) for n in self.naming.named if asserted and not _message(n)],
+            "sensors": sensors(self.problem, self.naming),
+            "besides": [_as_json(n) for n in self.naming.besides],
+            "possible": self.naming.possible,
+            "sets": self.naming.sets,
             "where": [
                 {"channel": c.channel, "condition": c.condition, "entry_point": self._entry(c.channel), "strength": c.strength}
                 for c in self.conditions
@@ -88,7 +81,6 @@ class Result:
                 },
             },
             "closed": self.naming.closed,
-            "varies": [asdict(v) for v in self.variations],
             "remainder": [asdict(r) for r in self.remainders],
             "undetectable": [
                 {"id": d.id, "parameter": d.parameter, "smallest_detectable": d.smallest, "typical": d.typical, "unit": d.unit}
@@ -113,28 +105,11 @@ def read(paths: Sequence[Path], vehicle: Vehicle) -> tuple[list[Log], Config]:
     return logs, Config(vehicle.values)
 
 
-def stage(folder: Path, key: str, title: str, compute: Callable[[], Any]) -> Any:
-    """What was computed before from the same things, or now."""
-    path = folder / f"{title}.pickle"
-    if path.exists():
-        try:
-            with open(path, "rb") as file:
-                saved, value = pickle.load(file)
-            if saved == key:
-                return value
-        except Exception:  # damaged, or of another version: made again
-            pass
-    value = compute()
-    folder.mkdir(parents=True, exist_ok=True)
-    with atomic(path, "wb") as file:
-        pickle.dump((key, value), file)
-    return value
-
-
 def fingerprint(paths: Sequence[Path], config: Config) -> str:
     """Of everything that a result depends on: logs, settings, this code, the library."""
     h = hashlib.sha256(__version__.encode())
-    for code in (*sorted(Path(__file__).parent.glob("*.py")), library_path()):
+    here = Path(__file__).parent
+    for code in (*sorted(here.rglob("*.py")), *sorted((here.parent / "identify").glob("*.py")), library_path()):
         h.update(code.read_bytes())
     for p in paths:
         h.update(p.read_bytes())
@@ -165,43 +140,41 @@ def run(
         raise UserError("; ".join(n for p in prepared for n in p.notes) or "no log can be compared")
     effects = list(catalogue().values())
 
-    def look(title: str) -> tuple[list[where.Condition], list[where.Entry], name.Naming]:
-        say("fitting stiffness and biases")
-        baseline: Fit = stage(folder, key, f"baseline{title}", lambda: fit(problem, STIFFNESS, {}))
-        say("where do they disagree?")
-        conditions, entries = stage(
-            folder, key, f"where{title}",
-            lambda: (
-                where.conditions(problem, baseline.residuals, baseline.values),
-                where.entries(problem, baseline),
-            ),
-        )  # fmt: skip
-        return conditions, entries, stage(folder, key, f"naming{title}", lambda: name.name(problem, effects, say, baseline))
-
-    conditions, entries, naming = look("")
-    notes = [n for p in prepared for n in p.notes]
-    notes += [f"{log.path.name}: {w}" for log in (*read_logs, *held) for w in disagreements(log, vehicle)]
-    louder = remainder.louder(problem, naming.final.residuals, NOISE_LIMIT)
-    if louder:  # what names close is a share of what is not noise, so it counts: once more
-        notes += [f"{c}: its noise is {f:.2f} times what its differences from row to row say" for c, f in louder.items()]
-        problem = workers.problem([p.louder(louder) for p in prepared], config)
-        conditions, entries, naming = look("_louder")
-    say("what is left?")
-    features = {k: x for k, x in where.features(problem, naming.final.values).items() if k != "time"}
-    left = remainder.remainder(problem, naming.final.residuals, features, NOISE_LIMIT)
-    seen = detect.detectable(problem, naming.final, [e for e in effects if e.id not in {n.effect.id for n in naming.named}])
-    varying = constancy.variations(problem, naming.final, [n.effect for n in naming.named])
-    changes: dict[str, show.Change] = {}
+    say("fitting stiffness and biases")
+    baseline: Fit = stage(folder, key, "baseline", lambda: fit(problem, STIFFNESS, {}))
+    say("where do they disagree?")
+    conditions, entries = stage(
+        folder, key, "where",
+        lambda: (where.conditions(problem, baseline.residuals, baseline.values), where.entries(problem, baseline)),
+    )  # fmt: skip
     other: Problem | None = None
+    prepared_held: list[Prepared] = []
     if held:
-        say("held-out logs")
         prepared_held = stage(folder, key, "held_out", lambda: workers.prepare(held, config))
-        other = workers.problem([p.louder(louder) for p in prepared_held], config)
-        if other.logs:
-            changes = show.held_out(other, naming.baseline.values, naming.final.values)
+        other = workers.problem(prepared_held, config)
+        other = other if other.logs else None
+    together = workers.problem([*prepared, *prepared_held], config) if other is not None else None
+    naming = stage(folder, key, "naming", lambda: name.name(problem, effects, say, baseline, together))
+    notes = [n for p in (*prepared, *prepared_held) for n in p.notes]
+    notes += [f"{log.path.name}: {w}" for log in (*read_logs, *held) for w in disagreements(log, vehicle)]
+    say("what is left?")
+    louder = remainder.louder(problem, naming.final.residuals, NOISE_LIMIT)
+    notes += [f"{c}: its noise is {f:.2f} times what its differences from row to row say" for c, f in louder.items()]
+    features = {k: x for k, x in where.features(problem, naming.final.values).items() if k != "time"}
+    left = [
+        r if r.channel not in louder else remainder.Remainder(r.channel, r.gap, "noise", 0.0, (), None, f"{r.channel}: noise only")
+        for r in remainder.remainder(problem, naming.final.residuals, features, NOISE_LIMIT)
+    ]
+    seen = detect.detectable(problem, naming.final, [e for e in effects if e.id not in {n.effect.id for n in naming.named}])
+    changes: dict[str, show.Change] = {}
+    if other is not None:
+        say("held-out logs")
+        changes = show.held_out(other, naming.baseline.values, naming.final.values)
     notes += optional.words(problem.readings(naming.final.values))
-    result = judge(problem, naming, conditions, entries, left, varying, seen, changes, notes)
-    result.problem, result.held = problem, other if other is not None and other.logs else None
+    if not naming.converged:
+        notes.append("the last fit has not converged: sizes may still move")
+    result = judge(problem, naming, conditions, entries, left, seen, changes, notes)
+    result.problem, result.held = problem, other
     return result
 
 
@@ -217,7 +190,6 @@ def judge(
     conditions: list[where.Condition],
     entries: list[where.Entry],
     left: list[remainder.Remainder],
-    varying: list[constancy.Variation],
     seen: list[detect.Detectable],
     changes: dict[str, show.Change],
     notes: list[str],
@@ -225,74 +197,84 @@ def judge(
     """From what was found to a verdict."""
     before, after = gap(problem, naming.baseline.residuals), gap(problem, naming.final.residuals)
     remains = [r for r in left if r.kind != "noise"]
-    contradicting = [v for v in varying if v.contradicts] if remains else []
-    enough = naming.closed >= (name.LEAST_CLOSED if len(naming.named) < name.PATCHWORK else name.LEAST_CLOSED_PATCHWORK)
     words: list[str] = []
-    if not naming.named and not remains:
-        verdict = "none"
-        words.append("The model explains these logs down to the sensors' noise: nothing is missing that they could show.")
-    elif naming.named and (enough or not remains) and not (contradicting or _only_fits(changes) or _cancels(naming.named)):
+    if naming.named:
         verdict = "named"
-        for n in naming.named:
-            words.append(_sentence(n))
-    else:
+        words += [_sentence(n) for n in naming.named]
+        if remains:
+            closed = f"{100 * naming.closed:.0f} % of the gap"
+            words.append(f"All names together close {closed}; something else is missing that is not in the catalogue.")
+    elif remains:
         verdict = "not_in_catalogue"
         words.append("Something is missing, and it is none of the effects of the catalogue.")
-        if contradicting:
-            words.append(f"What comes closest is not one number: {contradicting[0].words()}.")
-        if naming.named and _only_fits(changes):
-            words.append("What fits the logs best does not hold on the held-out ones.")
-        if _cancels(naming.named):
-            words.append("What fits the logs best is a patchwork of effects, some of a size that no car has.")
-        if naming.named:
-            most = max(naming.named, key=lambda n: n.share)
-            words.append(f"Closest is {most.effect.title} ({most.effect.id}), which closes {100 * most.share:.0f} % of the gap.")
-        elif closest := _closest(naming):
-            best = closest[0]
-            words.append(f"Closest, and not close enough: {best['id']}, which closes {100 * best['share']:.0f} % of the gap.")
-        else:
-            words.append("No effect of the catalogue closes any of the gap to speak of.")
+        if naming.possible:
+            best = naming.possible[0]
+            words.append(f"The most probable of them is {best['id']}, with {100 * best['probability']:.0f} %.")
         if entries and entries[0].nats > 0:
             words.append(f"It acts like a disturbance at: {entries[0].place}.")
+    else:
+        verdict = "none"
+        words.append("The model explains these logs down to the sensors' noise: nothing is missing that they could show.")
     words += [r.words for r in remains]
-    if len(naming.named) >= name.PATCHWORK:
-        notes = [*notes, f"{len(naming.named)} effects together are more likely a patchwork than the truth"]
+    for n in naming.besides:
+        words.append(f"The held-out logs show besides, what the fitted ones do not: {_sentence(n)} It is not added.")
     exit_code = EXIT[verdict]
     if verdict == "named" and all(n.look_alikes for n in naming.named):
         exit_code = EXIT["look-alikes"]
     alike = {i for n in naming.named for i in n.look_alikes}  # of these the logs show one, and do not say which
     undetectable = [d for d in seen if not d.visible and d.id not in alike]
     return Result(
-        verdict, exit_code, words, naming, conditions, entries, left, before, after, changes, contradicting, undetectable, seen,
-        notes,
+        verdict, exit_code, words, naming, conditions, entries, left, before, after, changes, undetectable, seen, notes,
     )  # fmt: skip
 
 
-def _closest(naming: name.Naming) -> list[dict[str, Any]]:
-    """Where nothing came near a name: the first of the ranking, if it closes anything."""
-    return [r for r in naming.ranking[:1] if r.get("share", 0.0) > name.LEAST_SHARE]
+def _message(n: Named) -> bool:
+    """A message that is late, which is no effect of the catalogue: how late steering and inputs are behind the IMU either way."""
+    return n.effect.id not in catalogue() or any(n.values[p.name] < p.low for p in catalogue()[n.effect.id].strengths)
 
 
-def _only_fits(changes: dict[str, show.Change]) -> bool:
-    """Held-out logs, of which the names explain too little."""
-    return bool(changes) and max(c.after for c in changes.values()) > MOST_HELD_OUT and show.closed(changes) < name.LEAST_CLOSED
+def _as_json(n: Named) -> dict[str, Any]:
+    units = {p.name: p for p in n.effect.parameters}
+    return {
+        "id": n.effect.id,
+        "probability": n.probability,
+        "parameters": {
+            units[k].key: {"value": v, "ci95": list(n.ci95[k]), "unit": units[k].unit} for k, v in n.values.items()
+        },
+        "share_of_gap_closed": n.share,
+        "evidence": n.evidence,
+        "look_alikes": n.look_alikes,
+        "remarks": n.remarks,
+    }
 
 
-def _cancels(named: Sequence[name.Named]) -> bool:
-    """Many effects, and one far beyond what is typical: they undo what of each other does not fit."""
-    return len(named) >= name.PATCHWORK and any(
-        abs(n.values[p.name]) > 2.0 * p.typical_high for n in named for p in n.effect.strengths if n.effect.id not in PROFILES
-    )
+def sensors(problem: Problem | None, naming: name.Naming) -> list[dict[str, Any]]:
+    """How late channels are logged beyond what the vehicle file says, of names that are no effects of the catalogue."""
+    if problem is None or not any(_message(n) for n in naming.named):
+        return []
+    found = name.settings(problem, naming.final.values)
+    told = problem.config
+    return [
+        {"id": k, "value": v, "unit": "s"}
+        for k, v in found.items()
+        if k.endswith("_latency") and v != getattr(told, k)
+    ]
 
 
-def _sentence(n: name.Named) -> str:
+def _sentence(n: Named) -> str:
     units = {p.name: p for p in n.effect.parameters}
     sizes = ", ".join(
         f"{units[k].key} {v:.3g}{'' if units[k].unit == '1' else ' ' + units[k].unit} ({n.ci95[k][0]:.3g} .. {n.ci95[k][1]:.3g})"
         for k, v in n.values.items()
         if units[k].strength
     )
-    text = f"{n.effect.title} ({n.effect.id}): {sizes}; it closes {100 * n.share:.0f} % of the gap."
+    title = EARLY.get(n.effect.id, n.effect.title) if _message(n) else n.effect.title
+    text = f"{title} ({n.effect.id}): {sizes}; probability {_percent(n.probability)}"
+    text += f", it closes {100 * n.share:.0f} % of the gap." if n.share else "."
     if n.look_alikes:
         text += f" These logs cannot exclude {', '.join(n.look_alikes)} in its place."
     return text
+
+
+def _percent(p: float) -> str:
+    return "above 99 %" if p > 0.99 else f"{100 * p:.0f} %"

@@ -86,8 +86,8 @@ class Discrepancy:
 
 
 def without_bias(white: np.ndarray, bias: np.ndarray) -> np.ndarray:
-    """Whitened columns, less what a bias of any size explains. `bias`: of 1, whitened."""
-    return white - np.outer(bias, (bias @ white) / (bias @ bias))
+    """Whitened columns, less what a bias of any size explains. `bias`: of 1, whitened; zeros: there is none."""
+    return white - np.outer(bias, (bias @ white) / max(float(bias @ bias), 1e-300))
 
 
 def cost(d: Discrepancy, pieces: Sequence[Piece]) -> float:

@@ -3,25 +3,49 @@ their covariance is, from the information of the logs and from how far pieces of
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular
 from scipy.optimize import lsq_linear
 
-from tselab.identify.discrepancy import Discrepancy, cost, found, without_bias
-from tselab.identify.problem import Problem
+from tselab.identify.discrepancy import Discrepancy, Piece, without_bias
 
 MOST_STEPS = 40
 SETTLED = 0.1  # posterior sd: a step below it ends the search
 SAME = 1.0  # nats: discrepancies that are no more likely than those before are kept, so that the search can end
 MOST_REFITS = 12  # of the discrepancies
-# The likelihood counts so much (a power posterior: Miller & Dunson 2019): where a model of another car is wrong it is so for
-# hours, and no length of log makes it right. On four cars with 14 degrees of freedom bands with 1 held relaxation in two, inertia
-# in three.
-POWER = 0.25
 WINDOW = 15.0  # s: pieces that are asked separately
+
+
+class Problem(Protocol):
+    """What is fitted: unknowns with a normal prior and bounds, residuals by group (log, channel) with their slopes, and what is
+    known of discrepancies."""
+
+    power: Mapping[str, float]  # by channel: how much the likelihood counts
+    names: Sequence[str]
+    mean: np.ndarray
+    information: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+    logs: Sequence
+    groups: list[tuple[int, str]]
+    time: list[np.ndarray]
+    channels: Sequence[str]
+
+    def residuals(self, x: np.ndarray) -> list[np.ndarray]: ...
+
+    def slopes(self, x: np.ndarray, base: list[np.ndarray]) -> list[np.ndarray]: ...
+
+    def piece(self, g: int, residual: np.ndarray) -> Piece: ...
+
+    def pieces(self, residuals: list[np.ndarray], channel: str) -> list[Piece]: ...
+
+    def found(self, pieces: Sequence[Piece], start: Discrepancy | None) -> Discrepancy: ...
+
+    def cost(self, d: Discrepancy, pieces: Sequence[Piece]) -> float: ...
 
 
 @dataclass
@@ -57,7 +81,7 @@ def whitened(
         piece = problem.piece(g, residuals[g])
         columns = np.column_stack([residuals[g], piece.bias] + ([slopes[g]] if slopes is not None else []))
         z = noise[channel].whiten(piece, columns)[0]
-        z = POWER**0.5 * without_bias(np.delete(z, 1, axis=1), z[:, 1])
+        z = problem.power[channel] ** 0.5 * without_bias(np.delete(z, 1, axis=1), z[:, 1])
         white_r.append(z[:, 0])
         white_j.append(z[:, 1:])
     return white_r, white_j
@@ -75,11 +99,11 @@ def discrepancies(
     problem: Problem, residuals: list[np.ndarray], before: dict[str, Discrepancy]
 ) -> tuple[dict[str, Discrepancy], float]:
     """Those of all channels, and by how much likelier [nats] they make the residuals than those before."""
-    now = {c: found(problem.pieces(residuals, c), before.get(c)) for c in problem.channels}
+    now = {c: problem.found(problem.pieces(residuals, c), before.get(c)) for c in problem.channels}
     if not before:
         return now, np.inf
     pieces = {c: problem.pieces(residuals, c) for c in now}
-    better = sum(cost(before[c], pieces[c]) - cost(now[c], pieces[c]) for c in now)
+    better = sum(problem.cost(before[c], pieces[c]) - problem.cost(now[c], pieces[c]) for c in now)
     return now, better
 
 

@@ -1,0 +1,251 @@
+"""From sets of effects and their probabilities to names: what the logs show, how sure that is, and what could stand in its place.
+
+The sets are searched on the fitted logs. Held-out logs inform: the search goes on from there with all logs together, and that is
+where the probabilities are from; sizes and the improved vehicle are of the fitted logs alone. What only the held-out logs show is a
+gap of its own, named besides and not added.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy.stats import norm
+
+from tselab.gap.catalogue import Effect, catalogue
+from tselab.gap.fit import Fit, excess, fit
+from tselab.gap.infer import noise
+from tselab.gap.infer.hypotheses import NAME_AT, Hypothesis, hypotheses
+from tselab.gap.infer.search import Judged, Search, judge
+from tselab.gap.infer.space import Layout
+from tselab.gap.optional import TORQUES
+from tselab.gap.problem import PROFILES, STIFFNESS, Problem, profile_size
+from tselab.log import DRIVES
+from tselab.vehicle import GRAVITY
+
+ALIKE_AT = 0.05  # share of that probability from which what stands in its place is a look-alike
+POSSIBLE_AT = 0.1
+ROAD_CHANNEL = {"grade": "accel_x", "bank": "accel_y"}
+ROAD_ODDS = np.log(0.1 / 0.9)  # prior, that a road's profile shows
+ROAD_SHARE = 0.5  # of what is slow in its channel that a road must explain
+MOST_KNOTS = 600  # of a road's profile
+
+
+@dataclass
+class Named:
+    """One named effect and what speaks for it."""
+
+    effect: Effect
+    values: dict[str, float]
+    ci95: dict[str, tuple[float, float]]
+    share: float  # of the gap that it closes
+    evidence: float  # nats
+    probability: float = 1.0
+    look_alikes: list[str] = field(default_factory=list)
+    remarks: list[str] = field(default_factory=list)
+    sensor: bool = False
+
+
+@dataclass
+class Naming:
+    """What the search came to."""
+
+    baseline: Fit
+    final: Fit
+    named: list[Named]
+    besides: list[Named]  # shown by the held-out logs alone
+    closed: float  # share of the gap
+    ranking: list[dict]  # every effect alone, before any is named: id, nats
+    possible: list[dict]  # not named: id, probability
+    sets: list[dict]  # the most probable ones: ids, probability
+    left: dict[str, float]  # by channel: variance that is not explained over the noise's; 1: noise alone
+    converged: bool
+
+
+def name(
+    problem: Problem,
+    effects: Sequence[Effect],
+    say: Callable[[str], None] = lambda _: None,
+    baseline: Fit | None = None,
+    together: Problem | None = None,
+) -> Naming:
+    """`together`: the same logs and the held-out ones."""
+    baseline = baseline or fit(problem, STIFFNESS, {})
+    asked = hypotheses(effects)
+    first = Search(Layout(problem), asked, problem.jobs, say)
+    best = first.run()
+    search = first
+    if together is not None:
+        say("the same with the held-out logs")
+        search = Search(Layout(together), asked, problem.jobs, say)
+        search.run(best)
+    probability = Probability(search)
+    names = {h.id for h in best.effects if probability.of_class(h.id) >= NAME_AT and not negligible(h, best.values)}
+    final = best if names == best.ids else first.judge(names, best.values, best)
+    # sizes are what the catalogue's forms alone make of the logs; what forms are not known to is in the intervals
+    plain = judge(Layout(problem), final.effects, final.values, None)
+    last = as_fit(problem, plain)
+    full = excess(problem, baseline.residuals)
+    named = [_named(problem, first, final, plain, last, h, probability, full) for h in final.effects]
+    named += _roads(problem, final, last, [e for e in effects if e.id in PROFILES], full)
+    profiles = [n.effect for n in named if n.effect.id in PROFILES and n.effect.id not in final.ids]
+    if profiles:
+        last = _with_roads(problem, last, profiles)
+    besides = []
+    if together is not None:
+        best_of_all = probability.best
+        for h in best_of_all.effects:
+            sure = probability.of_class(h.id) >= NAME_AT and not negligible(h, best_of_all.values)
+            if h.id not in best.ids and sure:
+                besides.append(_sized(h, best_of_all, probability))
+    told = {n.effect.id for n in (*named, *besides)}
+    possible = [
+        {"id": i, "probability": p}
+        for i, p in sorted(probability.effects.items(), key=lambda x: -x[1])
+        if p >= POSSIBLE_AT and i not in told and not any(i in n.look_alikes for n in named)
+    ]
+    closed = 1.0 - excess(problem, last.residuals) / full if full > 0 else 0.0
+    return Naming(
+        baseline, last, named, besides, closed,
+        [{"id": h.id, "nats": g} for g, h in first.screened], possible, probability.sets(),
+        {c: x.energy for c, x in final.left.items()}, final.converged,
+    )  # fmt: skip
+
+
+def negligible(h: Hypothesis, values: Mapping[str, float]) -> bool:
+    """Too small to matter, however sure: what any car has that is not quite the model's is no missing effect."""
+    return all(abs(values[p.name] - p.default) < p.negligible for p in h.effect.strengths)
+
+
+class Probability:
+    """Of effects, from the sets that a search looked at."""
+
+    def __init__(self, search: Search):
+        self._sets = search.probabilities()
+        self.best = max(search.known.values(), key=lambda j: j.evidence)
+        self.effects: dict[str, float] = {}
+        for ids, p in self._sets.items():
+            for i in ids:
+                self.effects[i] = self.effects.get(i, 0.0) + p
+
+    def in_place(self, effect: str) -> dict[str, float]:
+        """What sets have that lack this effect of the best one, and the best one has not: by that, the probability of these sets."""
+        found: dict[str, float] = {}
+        for ids, p in self._sets.items():
+            if effect not in ids:
+                for i in ids - self.best.ids:
+                    found[i] = found.get(i, 0.0) + p
+        return found
+
+    def of_class(self, effect: str) -> float:
+        """That it or something in its place is missing."""
+        stand_in = sum(p for ids, p in self._sets.items() if effect not in ids and ids - self.best.ids)
+        return self.effects.get(effect, 0.0) + stand_in
+
+    def sets(self, most: int = 8) -> list[dict]:
+        top = sorted(self._sets.items(), key=lambda x: -x[1])[:most]
+        return [{"ids": sorted(ids), "probability": p} for ids, p in top if p >= 0.001]
+
+
+def _named(
+    problem: Problem, search: Search, final: Judged, plain: Judged, last: Fit, h: Hypothesis, probability: Probability, full: float
+) -> Named:
+    found = _sized(h, plain, probability, final)
+    without = search.judge(final.ids - {h.id}, final.values, final)
+    found.evidence = final.evidence - without.evidence
+    left = excess(problem, as_fit(problem, without, slopes=False).residuals)
+    found.share = (left - excess(problem, last.residuals)) / max(full, 1e-300)
+    if h.id == "rolling_resistance" and any(c in TORQUES for log in problem.logs for c in log.channels):
+        c = problem.config
+        torque = found.values["rolling_resistance_coefficient"] * c.mass * GRAVITY * c.wheel_radius_front
+        found.remarks.append(f"wheel torques that together are a constant {torque:.0f} Nm too high would look the same")
+    return found
+
+
+def _sized(h: Hypothesis, judged: Judged, probability: Probability, rough: Judged | None = None) -> Named:
+    """`rough`: the set as it was fitted with forms that may be off, whose sd stands."""
+    sd, z = (rough or judged).sd(), float(norm.ppf(0.975))
+    values = {p.name: judged.values[p.name] for p in h.effect.fitted}
+    item = Named(h.effect, values, {k: (v - z * sd[k], v + z * sd[k]) for k, v in values.items()}, 0.0, 0.0, sensor=h.sensor)
+    item.probability = probability.effects.get(h.id, 0.0)
+    whole = probability.of_class(h.id)
+    instead = probability.in_place(h.id)
+    item.look_alikes = sorted((i for i, p in instead.items() if p >= ALIKE_AT * whole), key=lambda i: -instead[i])
+    for p in h.effect.strengths:
+        if not p.typical_low <= abs(values[p.name]) <= p.typical_high and h.id in catalogue():
+            item.remarks.append(
+                f"{p.name} = {values[p.name]:.3g} {p.unit} is outside the typical {p.typical_low:g} .. {p.typical_high:g}"
+            )
+    return item
+
+
+def as_fit(problem: Problem, judged: Judged, slopes: bool = True) -> Fit:
+    """Values and residuals as the rest of the workflow takes them."""
+    values = judged.values
+    parameters = list(judged.space.parameters)
+    residuals = problem.residuals(values)
+    jacobian = problem.jacobian(values, residuals, parameters) if slopes else np.zeros((len(residuals), 0))
+    return Fit(parameters, values, residuals, jacobian)
+
+
+# ---- the road
+
+
+def _roads(problem: Problem, final: Judged, last: Fit, roads: Sequence[Effect], full: float) -> list[Named]:
+    """Profiles of the road: where something slow is left in a channel, and a road explains it."""
+    found: list[Named] = []
+    for e in roads:
+        channel = ROAD_CHANNEL[e.id]
+        if channel not in final.noise or e.id in final.ids:
+            continue
+        pieces = final.space.pieces(final.residuals, channel)
+        gain = slow_nats(final, channel, pieces)
+        if gain + ROAD_ODDS < 0 or len(problem.strengths(e)) > MOST_KNOTS:
+            continue
+        with_it = _with_roads(problem, last, [e])
+        size = profile_size(e, with_it.values)
+        mine = problem.rows.of(channel) & (problem.weight > 0)
+        before, after = (float(f.residuals[mine] @ f.residuals[mine]) - int(mine.sum()) for f in (last, with_it))
+        if size < e.strengths[0].negligible or before - after < ROAD_SHARE * before:
+            continue
+        p = e.strengths[0].name
+        share = (excess(problem, last.residuals) - excess(problem, with_it.residuals)) / max(full, 1e-300)
+        spread = size / np.sqrt(2.0 * max(len(problem.strengths(e)), 1))
+        z = float(norm.ppf(0.975))
+        odds = float(np.exp(min(gain + ROAD_ODDS, 50.0)))
+        found.append(Named(e, {p: size}, {p: (max(0.0, size - z * spread), size + z * spread)}, share, gain, odds / (1 + odds)))
+    return found
+
+
+def slow_nats(judged: Judged, channel: str, pieces: Sequence) -> float:
+    """Nats by which something slow in a channel is likelier than nothing but the walk of its bias."""
+    d = judged.noise[channel]
+    return noise.worth(d, pieces).total - noise.worth(replace(d, slow=min(d.slow, noise.MEDIAN[2])), pieces).total
+
+
+def _with_roads(problem: Problem, last: Fit, roads: Sequence[Effect]) -> Fit:
+    """The same car on roads with profiles, which alone are fitted."""
+    before, problem.fixed = problem.fixed, dict(last.values)
+    try:
+        found = fit(problem, [p for e in roads for p in problem.strengths(e)], {})
+    finally:
+        problem.fixed = before
+    return Fit(last.parameters, dict(last.values) | found.values, found.residuals, last.jacobian)
+
+
+def settings(problem: Problem, values: Mapping[str, float]) -> dict[str, float]:
+    """Fitted values as settings of a vehicle file: delays that are negative, and what is late, as latencies of channels. What is of
+    the road is not of the car."""
+    told = problem.config.as_dict()
+    found = {k: v for k, v in values.items() if k in problem.config and k not in ("steering_delay_time", "imu_delay_time")}
+    found = {k: v for k, v in found.items() if not k.endswith("_latency") and "@" not in k and not k.startswith(PROFILES)}
+    later = dict.fromkeys((*DRIVES, "accel_x", "accel_y"), 0.0) | problem.later(values)
+    for key, channels in (("steering_delay_time", ("steer_angle",)), ("imu_delay_time", DRIVES)):
+        change = max(values.get(key, told[key]), 0.0) - told[key]
+        if key in values:
+            found[key] = max(values[key], 0.0)
+        for c in channels:
+            later[c] += change
+    found |= {f"{c}_latency": told[f"{c}_latency"] + by for c, by in later.items() if abs(by) > 1e-9}
+    return found

@@ -1,0 +1,165 @@
+"""The numbers that are fitted for one set of effects, and what they do to the residuals: what tselab.identify.fit searches.
+
+Stiffness is the car's, and a little each log's own; effects of the set have wide priors for the search (their sizes are judged
+after), shapes the typical ones. What the effects that are named so far do is known to their forms only (forms.py).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from tselab.gap.catalogue import Parameter
+from tselab.gap.data import BLOCK, CHANNELS
+from tselab.gap.infer import forms, noise
+from tselab.gap.infer.hypotheses import Hypothesis, fit_prior
+from tselab.gap.problem import STIFFNESS, WITH_BIAS, Problem
+from tselab.identify.discrepancy import Discrepancy, Piece
+from tselab.noise import smooth
+
+STIFFNESS_SD = 0.5  # of the car's over the vehicle file's
+OWN_SD = 0.02  # of a log's over the car's: warmth, load, road of one day
+LEAST_SIZE = 1.0  # units of noise: a channel that stands still is not known to a share of nothing
+ACTIVE_TIME = 1.0  # s over which a channel's size is taken
+MOST_SHARE = 5.0  # of shapes, in prior sd
+SEEN = 3.0  # a channel that the model does not explain says as much as so many independent values: it is wrong for hours
+REACH = 15.0  # steps: a chord over a third of the typical size says more of an effect than its tangent at zero
+
+
+class Layout:
+    """Residuals by log and channel, in units of the noise of a block; the same for every set of effects."""
+
+    def __init__(self, problem: Problem):
+        self.problem = problem
+        rows, window = problem.rows, max(1, round(ACTIVE_TIME / BLOCK))
+        self.groups: list[tuple[int, str]] = []
+        self.rows: list[np.ndarray] = []  # indices into the residual vector of the problem
+        self.time: list[np.ndarray] = []
+        self.size: list[np.ndarray] = []
+        self.bias: list[np.ndarray] = []
+        for g in range(int(rows.group.max()) + 1 if len(rows.group) else 0):
+            mine = np.flatnonzero(rows.group == g)
+            used = mine[problem.weight[mine] > 0]
+            if len(used) < 2:
+                continue
+            channel = CHANNELS[rows.channel[used[0]]]
+            w, y = problem.weight[used], problem.measured[used]
+            away = y - (np.median(y) if channel in WITH_BIAS else 0.0)
+            self.groups.append((int(rows.log[used[0]]), channel))
+            self.rows.append(used)
+            self.time.append(rows.time[used].astype(float))
+            self.size.append(np.maximum(np.sqrt(smooth(away**2, window)) * w, LEAST_SIZE))
+            self.bias.append(w / np.median(w) if channel in WITH_BIAS else np.zeros(len(w)))
+        self.channels = tuple(dict.fromkeys(c for _, c in self.groups))
+        self.one = [np.ones(len(t)) for t in self.time]
+        self.power = dict.fromkeys(self.channels, 1.0)
+        shapes = [(c, name) for c in self.channels for name in forms.names(c)]
+        self.shape_of = np.array([c for c, _ in shapes])
+        self.shape_sd = np.array([forms.sd(name) for _, name in shapes])
+        self.shapes: list[np.ndarray] = [np.zeros((len(t), len(shapes))) for t in self.time]
+        self.by = forms.modulators(problem, {})
+
+    def explains(self, before: list[np.ndarray], after: list[np.ndarray]) -> None:
+        """What effects do, from residuals without and with them, has these forms only roughly."""
+        whole = np.zeros(len(self.problem.rows.log))
+        for rows, b, a, bias in zip(self.rows, before, after, self.bias, strict=True):
+            change = b - a
+            whole[rows] = change - (np.median(change) if bias.any() else 0.0)
+        tables = {c: forms.of(self.problem, whole, self.by, c) for c in self.channels if forms.names(c)}
+        for g, (rows, (_, channel)) in enumerate(zip(self.rows, self.groups, strict=True)):
+            if channel in tables:
+                self.shapes[g][:, self.shape_of == channel] = tables[channel][rows]
+
+    def trust(self, left: Mapping[str, noise.Left]) -> None:
+        """How much the likelihood of each channel counts, when the best model leaves this: in full while it is noise, as SEEN
+        values when it is the model's error (a coarsened posterior: Miller & Dunson 2019)."""
+        for c, x in left.items():
+            self.power[c] = 1.0 / max(1.0, x.wrong / SEEN)
+
+    def split(self, vector: np.ndarray) -> list[np.ndarray]:
+        return [vector[r] for r in self.rows]
+
+
+class Space:
+    """One set of effects."""
+
+    def __init__(self, layout: Layout, effects: Sequence[Hypothesis], start: Mapping[str, float] | None = None):
+        self.layout, self.effects = layout, tuple(effects)
+        problem = self.problem = layout.problem
+        self.parameters: tuple[Parameter, ...] = (*STIFFNESS, *(p for h in effects for p in h.effect.fitted))
+        self.logs = problem.logs
+        self.own = [f"{p.name}@{i}" for i in range(len(self.logs)) for p in STIFFNESS] if len(self.logs) > 1 else []
+        self.shares = len(self.parameters) + len(self.own)  # where they begin
+        self.names = (*(p.name for p in self.parameters), *self.own, *(f"share {k}" for k in range(len(layout.shape_sd))))
+        priors = [(1.0, STIFFNESS_SD) if p in STIFFNESS else fit_prior(p) for p in self.parameters]
+        priors += [(0.0, OWN_SD)] * len(self.own) + [(0.0, s) for s in layout.shape_sd]
+        self.mean, self.sd = (np.array(x) for x in zip(*priors, strict=True))
+        self.information = np.diag(self.sd**-2)
+        limits = [(p.low, p.high) for p in self.parameters] + [(-5 * OWN_SD, 5 * OWN_SD)] * len(self.own)
+        limits += [(-MOST_SHARE * s, MOST_SHARE * s) for s in layout.shape_sd]
+        self.low, self.high = (np.array(x, float) for x in zip(*limits, strict=True))
+        self.first = np.clip([(start or {}).get(n, m) for n, m in zip(self.names, self.mean, strict=True)], self.low, self.high)
+        self.groups, self.time, self.channels, self.power = layout.groups, layout.time, layout.channels, layout.power
+
+    def values(self, x: np.ndarray) -> dict[str, float]:
+        """What the simulation takes."""
+        return dict(zip(self.names[: self.shares], map(float, x), strict=False))
+
+    def piece(self, g: int, residual: np.ndarray) -> Piece:
+        layout = self.layout
+        return Piece(self.time[g], layout.one[g], layout.size[g], layout.bias[g], residual)
+
+    def pieces(self, residuals: list[np.ndarray], channel: str) -> list[Piece]:
+        return [self.piece(g, residuals[g]) for g, (_, c) in enumerate(self.groups) if c == channel]
+
+    def found(self, pieces: Sequence[Piece], start: Discrepancy | None) -> Discrepancy:
+        return noise.found(pieces, start)
+
+    def cost(self, d: Discrepancy, pieces: Sequence[Piece]) -> float:
+        return -noise.worth(d, pieces).total
+
+    def physical(self, x: np.ndarray) -> list[np.ndarray]:
+        """Residuals without what shapes of forms explain."""
+        return self.layout.split(raw(self.problem, self.values(x)))
+
+    def residuals(self, x: np.ndarray) -> list[np.ndarray]:
+        return [r - u @ x[self.shares :] for r, u in zip(self.physical(x), self.layout.shapes, strict=True)]
+
+    def slopes(self, x: np.ndarray, base: list[np.ndarray]) -> list[np.ndarray]:
+        """d(residuals)/dx, a matrix per group. The stiffness of a log acts as the car's does, there alone."""
+        without = [r + u @ x[self.shares :] for r, u in zip(base, self.layout.shapes, strict=True)]
+        car = slopes(self.layout, self.values(x), without, self.parameters)
+        found = []
+        for table, (i, _), add in zip(car, self.groups, self.layout.shapes, strict=True):
+            wide = np.zeros((len(table), len(self.names)))
+            wide[:, : table.shape[1]] = table
+            if self.own:
+                first = len(self.parameters) + len(STIFFNESS) * i
+                wide[:, first : first + len(STIFFNESS)] = table[:, : len(STIFFNESS)]
+            wide[:, self.shares :] = -add
+            found.append(wide)
+        return found
+
+
+def raw(problem: Problem, values: Mapping[str, float]) -> np.ndarray:
+    """Measured less predicted in units of the noise; biases are in it."""
+    return problem.weight * np.nan_to_num(problem.measured - problem.predict(values))
+
+
+def slopes(
+    layout: Layout, values: Mapping[str, float], base: list[np.ndarray], parameters: Sequence[Parameter], reach: float = 1.0
+) -> list[np.ndarray]:
+    """Slopes of raw() over parameters by differences of `reach` times their steps."""
+    problem, steps, asked = layout.problem, [], []
+    for p in parameters:
+        at = values.get(p.name, p.default)
+        h = reach * p.step
+        steps.append(h if p.low <= at + h <= p.high else -h)
+        asked.append(dict(values) | {p.name: at + steps[-1]})
+    found = [np.zeros((len(b), len(parameters))) for b in base]
+    for k, (h, predicted) in enumerate(zip(steps, problem.predict_all(asked), strict=True)):
+        moved = layout.split(problem.weight * np.nan_to_num(problem.measured - predicted))
+        for table, m, b in zip(found, moved, base, strict=True):
+            table[:, k] = (m - b) / h
+    return found

@@ -1,0 +1,273 @@
+"""The inference of the gap workflow against what is computed another way: dense covariances, quadrature, counted cases."""
+
+from __future__ import annotations
+
+import pickle
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+from scipy.stats import multivariate_normal, norm
+
+from gap_logs import car, write_log
+from tselab.core import Config
+from tselab.gap import workflow
+from tselab.gap.catalogue import Parameter, catalogue
+from tselab.gap.data import BLOCK, CHANNELS, prepare
+from tselab.gap.fit import Fit
+from tselab.gap.infer import forms, noise
+from tselab.gap.infer.hypotheses import LATENCIES, Hypothesis, hypotheses, ln_size
+from tselab.gap.infer.naming import Probability, settings
+from tselab.gap.infer.search import Search, judge
+from tselab.gap.infer.space import SEEN, Layout
+from tselab.gap.problem import STIFFNESS, Problem, Rows
+from tselab.gap.stages import load, save, stage
+from tselab.identify.discrepancy import Discrepancy, Piece
+from tselab.log import read_log
+from tselab.vehicle import read_vehicle
+
+N = 240
+
+
+def dense(d: Discrepancy, piece: Piece) -> np.ndarray:
+    """The covariance of residuals, entry by entry, biases in it."""
+    apart = np.abs(piece.time[:, None] - piece.time[None, :])
+    fast = d.share**2 * np.outer(piece.size, piece.size) * np.exp(-apart / d.time[0])
+    phase = apart / d.time[1]
+    slow = d.slow**2 * np.exp(-phase) * (np.cos(phase) + np.sin(phase))
+    return np.diag(d.white**2 / piece.count) + fast + slow + noise.BIAS_SD**2 * np.outer(piece.bias, piece.bias)
+
+
+def piece(seed: int, size: float = 1.0) -> Piece:
+    rng = np.random.default_rng(seed)
+    time = BLOCK * np.arange(N) + 3.0
+    return Piece(time, np.ones(N), 2.0 + rng.random(N), np.ones(N), size * rng.standard_normal(N))
+
+
+def test_likelihood_of_two_logs_is_that_of_their_dense_covariances() -> None:
+    """1e-6 nats: rounding of a bias whose variance is 1e5 times the noise's."""
+    d = Discrepancy(0.9, 0.1, 0.7, (0.4, 12.0))
+    pieces = [piece(1), piece(2)]
+    exact = sum(multivariate_normal.logpdf(p.residual, np.zeros(N), dense(d, p)) for p in pieces)
+    ours = noise.likelihood(d, noise.Series.of(pieces)) - N * np.log(2 * np.pi)
+    assert ours == pytest.approx(exact, abs=1e-6)
+
+
+def test_the_discrepancy_of_noise_is_noise_and_of_a_misfit_a_misfit() -> None:
+    quiet = noise.found([piece(k) for k in range(4)])
+    assert quiet.white == pytest.approx(1.0, abs=0.05) and noise.Left.of(quiet, [piece(0)]).energy < 1.1
+    rng = np.random.default_rng(5)
+    wrong = [
+        replace(p, residual=p.residual + 0.8 * p.size * np.repeat(rng.standard_normal(N // 8), 8)) for p in map(piece, range(4))
+    ]
+    found = noise.Left.of(noise.found(wrong), wrong)
+    assert found.energy > 3.0
+    assert found.wrong < found.values < len(wrong) * N  # neighbours say the same
+
+
+@dataclass
+class Linear:
+    """What a Layout asks of a problem: one log of accel_y, linear in front and rear stiffness and in an effect."""
+
+    effect: Parameter
+    size: float
+    jobs: int = 1
+
+    def __post_init__(self) -> None:
+        rng = np.random.default_rng(8)
+        self.logs = [SimpleNamespace(channels=["accel_y"])]
+        self.time = BLOCK * np.arange(N)
+        self.columns = {"cy_front": 30 * np.sin(self.time), "cy_rear": 20 * np.cos(1.7 * self.time)}
+        self.columns[self.effect.name] = 8.0 / self.effect.scale * np.sin(4.1 * self.time)
+        self.weight = np.ones(N)
+        zeros = np.zeros(N, int)
+        self.rows = Rows(zeros, zeros + CHANNELS.index("accel_y"), self.time, np.arange(N), zeros)
+        truth = {"cy_front": 1.1, "cy_rear": 0.9, self.effect.name: self.size}
+        self.measured = self.predict(truth) + 0.4 + rng.standard_normal(N)
+
+    def predict(self, values: dict[str, float]) -> np.ndarray:
+        default = {"cy_front": 1.0, "cy_rear": 1.0}
+        return sum(values.get(k, default.get(k, 0.0)) * c for k, c in self.columns.items())
+
+    def predict_all(self, asked: list[dict[str, float]]) -> list[np.ndarray]:
+        return [self.predict(a) for a in asked]
+
+    def channels(self, values: dict[str, float], names: tuple[str, ...]) -> dict[str, np.ndarray]:
+        return {n: np.zeros(N) for n in names}
+
+    def quantity(self, name: str) -> np.ndarray:
+        return np.zeros(N)
+
+
+def conicity(of: float = 1.0) -> tuple[Hypothesis, Linear]:
+    """An effect of one strength and no shape, `of` times its typical size."""
+    h = next(h for h in hypotheses() if h.id == "mass")
+    (p,) = h.effect.fitted
+    return h, Linear(p, of * p.scale)
+
+
+def test_evidence_of_a_linear_problem_is_the_integral() -> None:
+    """Laplace's method is exact for what is linear and normal; 0.05 nats: slopes are differences, and the search ends at a tenth of
+    a sd. With and without the effect."""
+    h, problem = conicity()
+    layout = Layout(problem)
+    for effects in ((), (h,)):
+        j = judge(layout, effects, {}, None)
+        d = j.noise["accel_y"]
+        p = j.space.piece(0, problem.measured)
+        names = list(j.space.names[: j.space.shares])
+        a = np.column_stack([problem.columns.get(n, np.zeros(N)) for n in names])
+        prior = np.diag(j.space.sd[: j.space.shares] ** 2)
+        mean = a @ j.space.mean[: j.space.shares]
+        exact = multivariate_normal.logpdf(problem.measured, mean, dense(d, p) + a @ prior @ a.T) + noise.ln_prior(d)
+        ours = j.evidence - 0.5 * N * np.log(2 * np.pi)
+        for e in effects:  # a normal stands for the size's prior while it is fitted
+            value = j.values[problem.effect.name]
+            ours -= e.odds + e.ln_prior(j.values) - norm.logpdf(value, 0.0, j.space.sd[names.index(problem.effect.name)])
+        assert ours == pytest.approx(exact, abs=0.05)
+
+
+def test_a_search_names_what_is_there_and_nothing_else() -> None:
+    for of, expected in ((1.0, {"mass"}), (0.0, set())):
+        h, problem = conicity(of)
+        search = Search(Layout(problem), [h])
+        assert search.run().ids == expected
+        assert Probability(search).of_class("mass") == pytest.approx(1.0 if expected else 0.0, abs=0.05)
+
+
+def test_a_channel_that_is_wrong_counts_as_few_values() -> None:
+    _, problem = conicity()
+    layout = Layout(problem)
+    layout.trust({"accel_y": noise.Left(1.0, 200.0)})
+    assert layout.power["accel_y"] == 1.0
+    layout.trust({"accel_y": noise.Left(1e9, 200.0)})
+    assert layout.power["accel_y"] * 200.0 == pytest.approx(SEEN)
+
+
+@pytest.mark.parametrize("effect", sorted({h.id for h in hypotheses()} - {"exact_kinematics"}))
+def test_the_prior_of_a_size_is_a_density(effect: str) -> None:
+    """1 %: what lies beyond a hundred times the typical sizes."""
+    h = next(h for h in hypotheses() if h.id == effect)
+    for p in h.effect.strengths:
+        top = max(abs(p.typical_low - p.default), abs(p.typical_high - p.default))
+        edges = np.geomspace(1e-4 * top, 100 * top, 60)
+        mass = sum(quad(lambda x, p=p, s=s: np.exp(ln_size(p, s * x)), a, b)[0] for s in (-1, 1) for a, b in pairwise(edges))
+        assert mass == pytest.approx(1.0, abs=0.01), p.name
+        assert ln_size(p, p.scale * (p.sign or 1)) > ln_size(p, 10 * p.scale * (p.sign or 1)) + 5.0  # no car has that
+
+
+def test_forms_of_a_lagging_effect_are_lags() -> None:
+    """A delay of a sine is, to first order, minus the delay times its rate; 2 %: differences over 0.08 s at 0.5 Hz."""
+    _, problem = conicity()
+    signal = np.sin(np.pi * problem.time)
+    columns = forms.of(problem, signal, forms.modulators(problem, {}), "accel_y")
+    rate = columns[:, forms.names("accel_y").index("'")] / forms.RATE_TIME
+    assert rate[2:-2] == pytest.approx(np.pi * np.cos(np.pi * problem.time)[2:-2], abs=0.02 * np.pi)
+
+
+@pytest.fixture(scope="module")
+def late(tmp_path_factory: pytest.TempPathFactory) -> Problem:
+    folder = tmp_path_factory.mktemp("infer")
+    vehicle = car(folder)
+    log = write_log(folder / "steps.csv", vehicle, "steps", {}, 3, seconds=12.0)
+    config = Config(read_vehicle(vehicle).values)
+    return Problem([prepare(read_log(log), config)], config)
+
+
+def test_a_delay_is_the_same_as_the_settings_that_are_written_of_it(late: Problem) -> None:
+    """Positive: what the C library simulates as a delay. Negative: as latencies. The same numbers to 2 % of the change."""
+    plain = late.predict({})
+    for values in (
+        {"imu_delay_time": 0.02},
+        {"steering_delay_time": 0.015},
+        {"imu_delay_time": -0.02, "accel_y_latency": 0.01},
+    ):
+        told = settings(late, values)
+        assert all(v >= 0 for k, v in told.items() if not k.endswith("_latency"))
+        shifted = late.predict(values)
+        if any(v < 0 for v in values.values()):
+            moved = {k: v for k, v in told.items() if k.endswith("_latency")}
+            assert moved == pytest.approx({"steer_angle_latency": 0.02, "wheel_speed_front_latency": 0.02,
+                                           "wheel_speed_rear_latency": 0.02, "accel_y_latency": 0.01})  # fmt: skip
+            continue
+        other = Problem(late.logs, Config(late.config.as_dict() | told))
+        assert np.std(other.predict({}) - shifted) < 0.02 * np.std(shifted - plain)
+
+
+def test_latencies_that_are_asked_for_are_no_settings(late: Problem) -> None:
+    names = {p.name for e in LATENCIES for p in e.parameters} | {"steering_delay_time"}
+    assert late.model(dict.fromkeys(names, 0.01))[0].as_dict() == late.config.as_dict() | {
+        "stiffness_drift_time": late.nominal["stiffness_drift_time"]
+    }
+
+
+# ---- stages
+
+
+def test_a_stage_comes_back_as_it_was(tmp_path: Path, late: Problem) -> None:
+    value = [
+        late.logs[0],
+        Fit(list(STIFFNESS), {"a": np.inf}, np.arange(3.0), np.zeros((3, 0))),
+        (catalogue()["mass"], None, "x"),
+    ]
+    save(tmp_path / "s.npz", "key", value)
+    (found,) = load(tmp_path / "s.npz", "key")
+    assert found[2] == value[2] and found[1].values == {"a": np.inf}
+    assert found[0].path == late.logs[0].path and np.array_equal(
+        found[0].inputs["steer_angle"], late.logs[0].inputs["steer_angle"]
+    )
+    assert found[0].later("steer_angle", 0.01) == pytest.approx(late.logs[0].later("steer_angle", 0.01))
+    assert load(tmp_path / "s.npz", "another key") is None
+
+
+class Hostile:
+    ran = False
+
+    def __reduce__(self):
+        return (setattr, (Hostile, "ran", True))
+
+
+def test_a_strangers_stage_is_made_again(tmp_path: Path) -> None:
+    """Nothing in it runs: a pickle, an array of objects, a class that is none of ours, a damaged file."""
+    path = tmp_path / "s.npz"
+    save(path, "key", 1)
+    whole = path.read_bytes()
+    head = b'{"key": "key", "value": {"class": ["subprocess", "Popen"], "fields": {"args": "true"}}}'
+
+    def array(value: np.ndarray) -> bytes:
+        np.savez(path, head=value)
+        return path.read_bytes()
+
+    bad = [
+        pickle.dumps(Hostile()),
+        array(np.array([Hostile()], object)),
+        array(np.frombuffer(head, np.uint8)),
+        whole[:-30],
+        b"",
+    ]
+    for content in bad:
+        path.write_bytes(content)
+        assert load(path, "key") is None
+        assert stage(tmp_path, "key", "s", lambda: 7) == 7
+    assert not Hostile.ran and stage(tmp_path, "key", "s", lambda: 8) == 7
+
+
+def test_late_messages_are_found_beside_the_effect(tmp_path: Path) -> None:
+    """Steering logged 20 ms late and a car that rolls: both, and the improved vehicle says so."""
+    import pandas as pd
+
+    vehicle = car(tmp_path)
+    log = write_log(tmp_path / "log.csv", vehicle, "sweep", {"body_roll_gain": 0.009}, 5)
+    table = pd.read_csv(log)
+    table["steer_angle"] = table["steer_angle"].shift(2)
+    table.dropna().to_csv(log, index=False, float_format="%.9g")
+    result = workflow.run([log], vehicle, tmp_path / "out", jobs=2)
+    verdict = result.as_json()
+    assert [e["id"] for e in verdict["effects"]] == ["body_roll"], result.words
+    assert verdict["effects"][0]["probability"] > 0.9
+    late = {s["id"]: s["value"] for s in verdict["sensors"]}
+    assert late["steer_angle_latency"] == pytest.approx(0.02, abs=0.002)
