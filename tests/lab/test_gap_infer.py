@@ -198,6 +198,18 @@ def test_a_delay_is_the_same_as_the_settings_that_are_written_of_it(late: Proble
         assert np.std(other.predict({}) - shifted) < 0.02 * np.std(shifted - plain)
 
 
+def test_values_that_are_held_act_as_if_they_were_given(late: Problem) -> None:
+    """All of them: settings, stiffness of the car and of a log, latencies. A road's profile is fitted to what they leave."""
+    values = {"cy_front": 0.9, "cy_rear@0": 0.05, "body_roll_gain": 0.01, "imu_delay_time": -0.01, "accel_y_latency": 0.02}
+    given = late.residuals(values)
+    late.fixed = values
+    try:
+        assert np.array_equal(late.residuals({}), given)
+    finally:
+        late.fixed = {}
+    assert not np.allclose(late.residuals({}), given)
+
+
 def test_latencies_that_are_asked_for_are_no_settings(late: Problem) -> None:
     names = {p.name for e in LATENCIES for p in e.parameters} | {"steering_delay_time"}
     assert late.model(dict.fromkeys(names, 0.01))[0].as_dict() == late.config.as_dict() | {

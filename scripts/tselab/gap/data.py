@@ -7,7 +7,6 @@ slope is a random walk; its smoothness is found by cross-validation, every secon
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -81,11 +80,6 @@ class Prepared:
         if spline is None:
             spline = self._splines[name] = CubicSpline(self.time, self.inputs[name])
         return spline(np.clip(self.time + by, self.time[0], self.time[-1]))
-
-    def louder(self, factors: Mapping[str, float]) -> Prepared:
-        """The same with more noise than was found."""
-        quiet = {c: q for c, q in self.quiet.items() if c not in factors}
-        return replace(self, noise={c: sd * factors.get(c, 1.0) for c, sd in self.noise.items()}, quiet=quiet)
 
 
 def prepare(log: Log, config: Config) -> Prepared:

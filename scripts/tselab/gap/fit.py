@@ -109,17 +109,6 @@ def lengths(problem: Problem, residuals: np.ndarray) -> dict[int, float]:
     return found
 
 
-def gain(problem: Problem, before: np.ndarray, after: np.ndarray, length: Mapping[int, float] | None = None) -> float:
-    """Nats by which `after` is the better explanation: sum over channels of N_eff/2 ln(RSS before/RSS after)."""
-    length = length or lengths(problem, after)
-    total = 0.0
-    for channel, t in length.items():
-        rows = problem.rows.channel == channel
-        rss0, rss1 = float(before[rows] @ before[rows]), float(after[rows] @ after[rows])
-        total += 0.5 * np.count_nonzero(problem.weight[rows]) / t * np.log(max(rss0, 1e-300) / max(rss1, 1e-300))
-    return total
-
-
 def gap(problem: Problem, residuals: np.ndarray) -> dict[str, float]:
     """Per channel: rms of the residual over what the sensor's noise would leave; 1: nothing but noise."""
     found = {}

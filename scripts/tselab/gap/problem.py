@@ -151,11 +151,13 @@ class Problem:
 
     def stiffness(self, values: Mapping[str, float], i: int) -> dict[str, float]:
         """Of a log, over the vehicle file's: the car's, and what is own to the log (name@log)."""
+        values = self.fixed | dict(values)
         return {k: values.get(k, 1.0) + values.get(f"{k}@{i}", 0.0) for k in NOMINAL}
 
     def later(self, values: Mapping[str, float]) -> dict[str, float]:
         """How much later than the vehicle file says channels are logged, s. Delays are latencies of either sign: the wheels turn
         after the logged angle, or the whole IMU is behind what drives the model."""
+        values = self.fixed | dict(values)
         if LATENT.isdisjoint(values) and SIGNED_DELAYS.isdisjoint(values):
             return {}
         imu = values.get("imu_delay_time", self.told["imu_delay_time"]) - self.told["imu_delay_time"]

@@ -70,10 +70,3 @@ def of_the_car(problem: Problem, after: Mapping[str, float]) -> dict[str, float]
 def held_out(problem: Problem, before: Mapping[str, float], after: Mapping[str, float]) -> dict[str, Change]:
     """The same on logs that were held out: parameters as fitted elsewhere."""
     return compare(problem, problem.residuals(before), problem.residuals(of_the_car(problem, after)))
-
-
-def closed(changes: Mapping[str, Change]) -> float:
-    """Share of the energy above the noise that the change takes away, all channels."""
-    over = [(max(c.before**2 - 1.0, 0.0), max(c.after**2 - 1.0, 0.0)) for c in changes.values()]
-    total = sum(b for b, _ in over)
-    return 1.0 - sum(a for _, a in over) / total if total > 0 else 0.0

@@ -15,8 +15,6 @@ from tselab.gap.catalogue import Effect, Parameter, catalogue
 
 SENSORS = ("steering_offset", "steering_delay", "imu_delay", "imu_lever_arm", "imu_misalignment", "imu_scale_ax", "imu_scale_ay",
            "gyro_scale")  # fmt: skip
-# A road that leans one way all along is asked for as bank; a grade of that kind is a bias of accel_x. Profiles: naming.py.
-ROAD = ("grade", "bank")
 # What every car has, more or less: that it shows is no surprise.
 EVERY_CAR = ("body_roll", "pitch_leak", "relaxation", "longitudinal_relaxation", "tyre_saturation", "combined_slip",
              "lateral_load_transfer", "longitudinal_load_transfer", "exact_kinematics")  # fmt: skip
@@ -94,6 +92,7 @@ def hypotheses(effects: Iterable[Effect] | None = None) -> list[Hypothesis]:
     asked = [replace(e, parameters=e.strengths[:1]) if e.id == "bank" else e for e in known if e.id not in ("grade", *ABSORBED)]
     physics = [e for e in asked if e.id not in (*SENSORS, *EVERY_CAR)]
     share = EXPECTED / max(len(physics), 1)
+    # a road that leans one way all along is asked for as bank; a grade of that kind is a bias of accel_x. Profiles: naming.py.
     found = []
     for e in (*asked, *LATENCIES):
         sensor = e.id in SENSORS or e in LATENCIES

@@ -130,7 +130,7 @@ class Probability:
                 self.effects[i] = self.effects.get(i, 0.0) + p
 
     def in_place(self, effect: str) -> dict[str, float]:
-        """What sets have that lack this effect of the best one, and the best one has not: by that, the probability of these sets."""
+        """What sets that lack this effect have, and the best set has not: by that, the probability of these sets."""
         found: dict[str, float] = {}
         for ids, p in self._sets.items():
             if effect not in ids:
