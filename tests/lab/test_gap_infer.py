@@ -136,7 +136,18 @@ def test_a_search_names_what_is_there_and_nothing_else() -> None:
         h, problem = conicity(of)
         search = Search(Layout(problem), [h])
         assert search.run().ids == expected
-        assert Probability(search).of_class("mass") == pytest.approx(1.0 if expected else 0.0, abs=0.05)
+        assert Probability(search, frozenset(expected)).of_class("mass") == pytest.approx(1.0 if expected else 0.0, abs=0.05)
+
+
+def test_effects_that_share_the_probability_are_each_others_look_alikes() -> None:
+    """Two of which the logs of all drives prefer the one that the fitted ones do not: one class, surely missing."""
+    sets = {("yaw_inertia",): 0.3, ("mass",): 0.6, ("mass", "grade"): 0.06, (): 0.04}
+    judged = SimpleNamespace(evidence=0.0)
+    search = SimpleNamespace(probabilities=lambda: {frozenset(k): p for k, p in sets.items()}, known={"": judged})
+    found = Probability(search, frozenset(("yaw_inertia",)))
+    assert found.of_class("yaw_inertia") == pytest.approx(0.96)
+    assert found.in_place("yaw_inertia") == pytest.approx({"mass": 0.66, "grade": 0.06})
+    assert found.effects["yaw_inertia"] == pytest.approx(0.3)
 
 
 def test_a_channel_that_is_wrong_counts_as_few_values() -> None:

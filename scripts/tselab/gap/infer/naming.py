@@ -80,12 +80,12 @@ def name(
         say("the same with the held-out logs")
         search = Search(Layout(together), asked, problem.jobs, say)
         search.run(best)
-    probability = Probability(search)
+    probability = Probability(search, best.ids)
     names = {h.id for h in best.effects if probability.of_class(h.id) >= NAME_AT and not negligible(h, best.values)}
     final = best if names == best.ids else first.judge(names, best.values, best)
     # sizes are what the catalogue's forms alone make of the logs; what forms are not known to is in the intervals
     plain = judge(Layout(problem), final.effects, final.values, None)
-    last = as_fit(problem, plain)
+    last = as_fit(problem, plain) if final.effects else baseline
     full = excess(problem, baseline.residuals)
     named = [_named(problem, first, final, plain, last, h, probability, full) for h in final.effects]
     named += _roads(problem, final, last, [e for e in effects if e.id in PROFILES], full)
@@ -95,9 +95,10 @@ def name(
     besides = []
     if together is not None:
         best_of_all = probability.best
+        stand_in = {i for n in named for i in n.look_alikes}
         for h in best_of_all.effects:
-            sure = probability.of_class(h.id) >= NAME_AT and not negligible(h, best_of_all.values)
-            if h.id not in best.ids and sure:
+            sure = probability.effects[h.id] >= NAME_AT and not negligible(h, best_of_all.values)
+            if sure and h.id not in best.ids and h.id not in stand_in:
                 besides.append(_sized(h, best_of_all, probability))
     told = {n.effect.id for n in (*named, *besides)}
     possible = [
@@ -121,8 +122,10 @@ def negligible(h: Hypothesis, values: Mapping[str, float]) -> bool:
 class Probability:
     """Of effects, from the sets that a search looked at."""
 
-    def __init__(self, search: Search):
+    def __init__(self, search: Search, found: frozenset[str]):
+        """`found`: the set that is to be named."""
         self._sets = search.probabilities()
+        self._found = found
         self.best = max(search.known.values(), key=lambda j: j.evidence)
         self.effects: dict[str, float] = {}
         for ids, p in self._sets.items():
@@ -130,17 +133,17 @@ class Probability:
                 self.effects[i] = self.effects.get(i, 0.0) + p
 
     def in_place(self, effect: str) -> dict[str, float]:
-        """What sets that lack this effect have, and the best set has not: by that, the probability of these sets."""
+        """What sets that lack this effect have, and the set that is to be named has not: by that, the probability of these sets."""
         found: dict[str, float] = {}
         for ids, p in self._sets.items():
             if effect not in ids:
-                for i in ids - self.best.ids:
+                for i in ids - self._found:
                     found[i] = found.get(i, 0.0) + p
         return found
 
     def of_class(self, effect: str) -> float:
         """That it or something in its place is missing."""
-        stand_in = sum(p for ids, p in self._sets.items() if effect not in ids and ids - self.best.ids)
+        stand_in = sum(p for ids, p in self._sets.items() if effect not in ids and ids - self._found)
         return self.effects.get(effect, 0.0) + stand_in
 
     def sets(self, most: int = 8) -> list[dict]:
