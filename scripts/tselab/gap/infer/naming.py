@@ -81,10 +81,15 @@ def name(
         search = Search(Layout(together), asked, problem.jobs, say)
         search.run(best)
     probability = Probability(search, best.ids)
-    names = {h.id for h in best.effects if probability.of_class(h.id) >= NAME_AT and not negligible(h, best.values)}
-    final = best if names == best.ids else first.judge(names, best.values, best)
-    # sizes are what the catalogue's forms alone make of the logs; what forms are not known to is in the intervals
-    plain = judge(Layout(problem), final.effects, final.values, None)
+    names = {h.id for h in best.effects if probability.of_class(h.id) >= NAME_AT}
+    while True:
+        final = best if names == best.ids else first.judge(names, best.values, best)
+        # sizes are what the catalogue's forms alone make of the logs; what forms are not known to is in the intervals
+        plain = judge(Layout(problem), final.effects, final.values, None)
+        small = {h.id for h in final.effects if negligible(h, plain.values)}
+        if not small:
+            break
+        names = final.ids - small
     last = as_fit(problem, plain) if final.effects else baseline
     full = excess(problem, baseline.residuals)
     named = [_named(problem, first, final, plain, last, h, probability, full) for h in final.effects]
