@@ -21,7 +21,7 @@ from tselab.gap.data import BLOCK, CHANNELS, prepare
 from tselab.gap.fit import Fit
 from tselab.gap.infer import forms, noise
 from tselab.gap.infer.hypotheses import LATENCIES, Hypothesis, hypotheses, ln_size
-from tselab.gap.infer.naming import Probability, settings
+from tselab.gap.infer.naming import Named, Probability, settings
 from tselab.gap.infer.search import Search, judge
 from tselab.gap.infer.space import SEEN, Layout
 from tselab.gap.problem import STIFFNESS, Problem, Rows
@@ -294,3 +294,13 @@ def test_late_messages_are_found_beside_the_effect(tmp_path: Path) -> None:
     assert verdict["effects"][0]["probability"] > 0.9
     late = {s["id"]: s["value"] for s in verdict["sensors"]}
     assert late["steer_angle_latency"] == pytest.approx(0.02, abs=0.002)
+
+
+def test_a_road_is_told_by_the_size_of_its_profile() -> None:
+    """Which has one number, where the effect has two strengths; and a delay below zero is a message that is late."""
+    bank = Named(catalogue()["bank"], {"bank_angle": 0.012}, {"bank_angle": (0.01, 0.014)}, 0.5, 40.0, 0.99)
+    assert not workflow._message(bank)
+    assert "angle 0.012 rad (0.01 .. 0.014); probability 99 %" in workflow._sentence(bank)
+    assert workflow._as_json(bank)["parameters"].keys() == {"angle"}
+    delay = Named(catalogue()["imu_delay"], {"imu_delay_time": -0.02}, {"imu_delay_time": (-0.021, -0.019)}, 0.5, 40.0)
+    assert workflow._message(delay) and "logged late" in workflow._sentence(delay)

@@ -230,7 +230,9 @@ def judge(
 
 def _message(n: Named) -> bool:
     """A message that is late, which is no effect of the catalogue: how late steering and inputs are behind the IMU either way."""
-    return n.effect.id not in catalogue() or any(n.values[p.name] < p.low for p in catalogue()[n.effect.id].strengths)
+    return n.effect.id not in catalogue() or any(
+        n.values.get(p.name, p.default) < p.low for p in catalogue()[n.effect.id].strengths
+    )
 
 
 def _as_json(n: Named) -> dict[str, Any]:
