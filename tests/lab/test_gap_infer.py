@@ -9,6 +9,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
+import pandas as pd
 import pytest
 from scipy.integrate import quad
 from scipy.stats import multivariate_normal, norm
@@ -103,7 +104,7 @@ class Linear:
         return np.zeros(N)
 
 
-def conicity(of: float = 1.0) -> tuple[Hypothesis, Linear]:
+def one_effect(of: float = 1.0) -> tuple[Hypothesis, Linear]:
     """An effect of one strength and no shape, `of` times its typical size."""
     h = next(h for h in hypotheses() if h.id == "mass")
     (p,) = h.effect.fitted
@@ -113,7 +114,7 @@ def conicity(of: float = 1.0) -> tuple[Hypothesis, Linear]:
 def test_evidence_of_a_linear_problem_is_the_integral() -> None:
     """Laplace's method is exact for what is linear and normal; 0.05 nats: slopes are differences, and the search ends at a tenth of
     a sd. With and without the effect."""
-    h, problem = conicity()
+    h, problem = one_effect()
     layout = Layout(problem)
     for effects in ((), (h,)):
         j = judge(layout, effects, {}, None)
@@ -133,7 +134,7 @@ def test_evidence_of_a_linear_problem_is_the_integral() -> None:
 
 def test_a_search_names_what_is_there_and_nothing_else() -> None:
     for of, expected in ((1.0, {"mass"}), (0.0, set())):
-        h, problem = conicity(of)
+        h, problem = one_effect(of)
         search = Search(Layout(problem), [h])
         assert search.run().ids == expected
         assert Probability(search, frozenset(expected)).of_class("mass") == pytest.approx(1.0 if expected else 0.0, abs=0.05)
@@ -151,7 +152,7 @@ def test_effects_that_share_the_probability_are_each_others_look_alikes() -> Non
 
 
 def test_a_channel_that_is_wrong_counts_as_few_values() -> None:
-    _, problem = conicity()
+    _, problem = one_effect()
     layout = Layout(problem)
     layout.trust({"accel_y": noise.Left(1.0, 200.0)})
     assert layout.power["accel_y"] == 1.0
@@ -173,7 +174,7 @@ def test_the_prior_of_a_size_is_a_density(effect: str) -> None:
 
 def test_forms_of_a_lagging_effect_are_lags() -> None:
     """A delay of a sine is, to first order, minus the delay times its rate; 2 %: differences over 0.08 s at 0.5 Hz."""
-    _, problem = conicity()
+    _, problem = one_effect()
     signal = np.sin(np.pi * problem.time)
     columns = forms.of(problem, signal, forms.modulators(problem, {}), "accel_y")
     rate = columns[:, forms.names("accel_y").index("'")] / forms.RATE_TIME
@@ -281,8 +282,6 @@ def test_a_strangers_stage_is_made_again(tmp_path: Path) -> None:
 
 def test_late_messages_are_found_beside_the_effect(tmp_path: Path) -> None:
     """Steering logged 20 ms late and a car that rolls: both, and the improved vehicle says so."""
-    import pandas as pd
-
     vehicle = car(tmp_path)
     log = write_log(tmp_path / "log.csv", vehicle, "sweep", {"body_roll_gain": 0.009}, 5)
     table = pd.read_csv(log)
@@ -299,8 +298,8 @@ def test_late_messages_are_found_beside_the_effect(tmp_path: Path) -> None:
 def test_a_road_is_told_by_the_size_of_its_profile() -> None:
     """Which has one number, where the effect has two strengths; and a delay below zero is a message that is late."""
     bank = Named(catalogue()["bank"], {"bank_angle": 0.012}, {"bank_angle": (0.01, 0.014)}, 0.5, 40.0, 0.99)
-    assert not workflow._message(bank)
+    assert not bank.message
     assert "angle 0.012 rad (0.01 .. 0.014); probability 99 %" in workflow._sentence(bank)
     assert workflow._as_json(bank)["parameters"].keys() == {"angle"}
     delay = Named(catalogue()["imu_delay"], {"imu_delay_time": -0.02}, {"imu_delay_time": (-0.021, -0.019)}, 0.5, 40.0)
-    assert workflow._message(delay) and "logged late" in workflow._sentence(delay)
+    assert delay.message and "logged late" in workflow._sentence(delay)

@@ -13,7 +13,7 @@ import numpy as np
 from tselab.gap.catalogue import Effect, Parameter
 from tselab.gap.fit import Fit, lengths
 from tselab.gap.infer.hypotheses import threshold
-from tselab.gap.infer.search import REACH
+from tselab.gap.infer.space import REACH
 from tselab.gap.problem import KNOT, PROFILES, Problem
 
 WAVE = 400.0  # m

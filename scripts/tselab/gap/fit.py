@@ -29,15 +29,6 @@ class Fit:
     def energy(self) -> float:
         return float(self.residuals @ self.residuals)
 
-    def columns(self, parameters: Sequence[Parameter]) -> np.ndarray:
-        """The slopes over these of the parameters."""
-        names = [p.name for p in self.parameters]
-        return self.jacobian[:, [names.index(p.name) for p in parameters]]
-
-    def at_bound(self, p: Parameter) -> bool:
-        span = p.high - p.low
-        return min(self.values[p.name] - p.low, p.high - self.values[p.name]) < 1e-3 * span
-
 
 def fit(problem: Problem, parameters: Sequence[Parameter], start: Mapping[str, float], most: int = 12) -> Fit:
     """Fit the parameters from `start`; what it does not name starts at its default."""

@@ -30,10 +30,6 @@ from tselab.units import check_units
 from tselab.vehicle import Vehicle, fill_sensors, read_vehicle
 
 NOISE_LIMIT = 1.2  # rms over noise up to which nothing is left to explain: noise is known to some percent, inputs are smoothed
-EARLY = {  # delays below zero
-    "steering_delay": "steering angle logged late, so the wheels turn before it",
-    "imu_delay": "steering angle and wheel speeds logged late behind the IMU",
-}
 EXIT = {"none": 0, "named": 10, "look-alikes": 11, "not_in_catalogue": 20}
 
 
@@ -62,7 +58,7 @@ class Result:
         asserted = self.verdict == "named"
         return {
             "verdict": self.verdict,
-            "effects": [_as_json(n) for n in self.naming.named if asserted and not _message(n)],
+            "effects": [_as_json(n) for n in self.naming.named if asserted and not n.message],
             "sensors": sensors(self.problem, self.naming),
             "besides": [_as_json(n) for n in self.naming.besides],
             "possible": self.naming.possible,
@@ -228,13 +224,6 @@ def judge(
     )  # fmt: skip
 
 
-def _message(n: Named) -> bool:
-    """A message that is late, which is no effect of the catalogue: how late steering and inputs are behind the IMU either way."""
-    return n.effect.id not in catalogue() or any(
-        n.values.get(p.name, p.default) < p.low for p in catalogue()[n.effect.id].strengths
-    )
-
-
 def _as_json(n: Named) -> dict[str, Any]:
     units = {p.name: p for p in n.effect.parameters}
     return {
@@ -252,7 +241,7 @@ def _as_json(n: Named) -> dict[str, Any]:
 
 def sensors(problem: Problem | None, naming: name.Naming) -> list[dict[str, Any]]:
     """How late channels are logged beyond what the vehicle file says, of names that are no effects of the catalogue."""
-    if problem is None or not any(_message(n) for n in naming.named):
+    if problem is None or not any(n.message for n in naming.named):
         return []
     found = name.settings(problem, naming.final.values)
     told = problem.config
@@ -270,8 +259,7 @@ def _sentence(n: Named) -> str:
         for k, v in n.values.items()
         if units[k].strength
     )
-    title = EARLY.get(n.effect.id, n.effect.title) if _message(n) else n.effect.title
-    text = f"{title} ({n.effect.id}): {sizes}; probability {_percent(n.probability)}"
+    text = f"{n.title} ({n.effect.id}): {sizes}; probability {_percent(n.probability)}"
     text += f", it closes {100 * n.share:.0f} % of the gap." if n.share else "."
     if n.look_alikes:
         text += f" These logs cannot exclude {', '.join(n.look_alikes)} in its place."

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tselab.gap.catalogue import Effect, Parameter, catalogue
+from tselab.gap.problem import SIGNED_DELAYS
 
 SENSORS = ("steering_offset", "steering_delay", "imu_delay", "imu_lever_arm", "imu_misalignment", "imu_scale_ax", "imu_scale_ay",
            "gyro_scale")  # fmt: skip
@@ -20,8 +21,7 @@ EVERY_CAR = ("body_roll", "pitch_leak", "relaxation", "longitudinal_relaxation",
              "lateral_load_transfer", "longitudinal_load_transfer", "exact_kinematics")  # fmt: skip
 # Not asked: what a stiffness takes up altogether, at any size.
 ABSORBED = ("steering_compliance",)
-# How many effects a car lacks before anybody has looked: one of the whole catalogue; sensors are late or out of scale more often.
-EXPECTED = 1.0
+EXPECTED = 1.0  # how many of all other effects a car lacks before anybody has looked
 SENSOR_SHARE = 0.1  # of cars, that a given sensor error is there
 EVERY_SHARE = 0.15  # that what every car has is large enough to matter, and not told
 WRONG_SIGN = 0.01  # probability that an effect has the sign that its physics does not
@@ -46,7 +46,6 @@ LATENCIES = (
     _late("accel_x_latency", "accel_x late behind the gyro", "accel_x"),
     _late("accel_y_latency", "accel_y late behind the gyro", "accel_y"),
 )
-SIGNED = {"steering_delay": "steering_delay_time", "imu_delay": "imu_delay_time"}  # either way: problem.py
 
 
 @dataclass(frozen=True)
@@ -96,7 +95,7 @@ def hypotheses(effects: Iterable[Effect] | None = None) -> list[Hypothesis]:
     found = []
     for e in (*asked, *LATENCIES):
         sensor = e.id in SENSORS or e in LATENCIES
-        if e.id in SIGNED:
+        if any(p.name in SIGNED_DELAYS for p in e.parameters):
             e = replace(e, parameters=tuple(replace(p, low=-MOST_LATE, high=MOST_LATE, sign=0) for p in e.parameters))
         p = SENSOR_SHARE if sensor else EVERY_SHARE if e.id in EVERY_CAR else share
         found.append(Hypothesis(e, math.log(p / (1 - p)), sensor))

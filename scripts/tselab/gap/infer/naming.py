@@ -20,10 +20,14 @@ from tselab.gap.infer.hypotheses import NAME_AT, Hypothesis, hypotheses
 from tselab.gap.infer.search import Judged, Search, judge
 from tselab.gap.infer.space import Layout
 from tselab.gap.optional import TORQUES
-from tselab.gap.problem import PROFILES, STIFFNESS, Problem, profile_size
+from tselab.gap.problem import PROFILES, SIGNED_DELAYS, STIFFNESS, Problem, profile_size
 from tselab.log import DRIVES
 from tselab.vehicle import GRAVITY
 
+EARLY = {  # delays below zero
+    "steering_delay": "steering angle logged late, so the wheels turn before it",
+    "imu_delay": "steering angle and wheel speeds logged late behind the IMU",
+}
 ALIKE_AT = 0.05  # share of that probability from which what stands in its place is a look-alike
 POSSIBLE_AT = 0.1
 ROAD_CHANNEL = {"grade": "accel_x", "bank": "accel_y"}
@@ -46,6 +50,17 @@ class Named:
     remarks: list[str] = field(default_factory=list)
     sensor: bool = False
 
+    @property
+    def message(self) -> bool:
+        """That a message is late, which is no effect of the catalogue: how late steering and inputs are behind the IMU goes either
+        way."""
+        known = catalogue().get(self.effect.id)
+        return known is None or any(self.values.get(p.name, p.default) < p.low for p in known.strengths)
+
+    @property
+    def title(self) -> str:
+        return EARLY.get(self.effect.id, self.effect.title) if self.message else self.effect.title
+
 
 @dataclass
 class Naming:
@@ -59,7 +74,6 @@ class Naming:
     ranking: list[dict]  # every effect alone, before any is named: id, nats
     possible: list[dict]  # not named: id, probability
     sets: list[dict]  # the most probable ones: ids, probability
-    left: dict[str, float]  # by channel: variance that is not explained over the noise's; 1: noise alone
     converged: bool
 
 
@@ -114,8 +128,7 @@ def name(
     closed = 1.0 - excess(problem, last.residuals) / full if full > 0 else 0.0
     return Naming(
         baseline, last, named, besides, closed,
-        [{"id": h.id, "nats": g} for g, h in first.screened], possible, probability.sets(),
-        {c: x.energy for c, x in final.left.items()}, final.converged,
+        [{"id": h.id, "nats": g} for g, h in first.screened], possible, probability.sets(), final.converged,
     )  # fmt: skip
 
 
@@ -207,8 +220,7 @@ def _roads(problem: Problem, final: Judged, last: Fit, roads: Sequence[Effect], 
         channel = ROAD_CHANNEL[e.id]
         if channel not in final.noise or e.id in final.ids:
             continue
-        pieces = final.space.pieces(final.residuals, channel)
-        gain = slow_nats(final, channel, pieces)
+        gain = slow_nats(final, channel)
         if gain + ROAD_ODDS < 0 or len(problem.strengths(e)) > MOST_KNOTS:
             continue
         with_it = _with_roads(problem, last, [e])
@@ -226,10 +238,10 @@ def _roads(problem: Problem, final: Judged, last: Fit, roads: Sequence[Effect], 
     return found
 
 
-def slow_nats(judged: Judged, channel: str, pieces: Sequence) -> float:
+def slow_nats(judged: Judged, channel: str) -> float:
     """Nats by which something slow in a channel is likelier than nothing but the walk of its bias."""
-    d = judged.noise[channel]
-    return noise.worth(d, pieces).total - noise.worth(replace(d, slow=min(d.slow, noise.MEDIAN[2])), pieces).total
+    d, series = judged.noise[channel], noise.Series.of(judged.space.pieces(judged.residuals, channel))
+    return noise.worth(d, series) - noise.worth(replace(d, slow=min(d.slow, noise.MEDIAN[2])), series)
 
 
 def _with_roads(problem: Problem, last: Fit, roads: Sequence[Effect]) -> Fit:
@@ -246,7 +258,7 @@ def settings(problem: Problem, values: Mapping[str, float]) -> dict[str, float]:
     """Fitted values as settings of a vehicle file: delays that are negative, and what is late, as latencies of channels. What is of
     the road is not of the car."""
     told = problem.config.as_dict()
-    found = {k: v for k, v in values.items() if k in problem.config and k not in ("steering_delay_time", "imu_delay_time")}
+    found = {k: v for k, v in values.items() if k in problem.config and k not in SIGNED_DELAYS}
     found = {k: v for k, v in found.items() if not k.endswith("_latency") and "@" not in k and not k.startswith(PROFILES)}
     later = dict.fromkeys((*DRIVES, "accel_x", "accel_y"), 0.0) | problem.later(values)
     for key, channels in (("steering_delay_time", ("steer_angle",)), ("imu_delay_time", DRIVES)):

@@ -24,18 +24,6 @@ PRECISION = 1e-5  # relative, of the cost: a tenth of a nat
 APART = 1e6  # s
 
 
-@dataclass(frozen=True)
-class Worth:
-    """Of residuals under a discrepancy: ln likelihood with the biases integrated, and of the discrepancy itself."""
-
-    likelihood: float
-    prior: float
-
-    @property
-    def total(self) -> float:
-        return self.likelihood + self.prior
-
-
 def ln_prior(d: Discrepancy) -> float:
     z = (np.log(d.numbers) - np.log(MEDIAN)) / SD
     return -0.5 * float(z @ z)
@@ -65,8 +53,9 @@ def likelihood(d: Discrepancy, series: Series) -> float:
     return -0.5 * (float(r @ r) + log_det) + 0.5 * biases
 
 
-def worth(d: Discrepancy, pieces: Sequence[Piece]) -> Worth:
-    return Worth(likelihood(d, Series.of(pieces)), ln_prior(d))
+def worth(d: Discrepancy, series: Series) -> float:
+    """ln probability of residuals and of the discrepancy, up to a constant."""
+    return likelihood(d, series) + ln_prior(d)
 
 
 @dataclass(frozen=True)
@@ -94,8 +83,7 @@ def found(pieces: Sequence[Piece], start: Discrepancy | None = None) -> Discrepa
     limits, series = np.log(RANGES), Series.of(pieces)
 
     def cost(h: np.ndarray) -> float:
-        d = Discrepancy.of(np.exp(h))
-        return -likelihood(d, series) - ln_prior(d)
+        return -worth(Discrepancy.of(np.exp(h)), series)
 
     size = float(np.sqrt(np.mean(np.concatenate([p.residual for p in pieces]) ** 2)))
     guesses = [start] if start else []

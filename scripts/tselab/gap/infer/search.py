@@ -85,8 +85,7 @@ class Search:
     screened: list[tuple[float, Hypothesis]] = field(default_factory=list)  # alone, best first
 
     def __post_init__(self) -> None:
-        self.order = {h.id: k for k, h in enumerate(self.asked)}
-        self.of = {h.id: h for h in self.asked}
+        self.nothing: list[np.ndarray] = []  # residuals without any effect
 
     # ---- one set
 
@@ -94,11 +93,8 @@ class Search:
         """The set, fitted from `start` unless it was before."""
         key = frozenset(ids)
         if key not in self.known:
-            self.known[key] = judge(self.layout, self._effects(key), start, parent)
+            self.known[key] = judge(self.layout, [h for h in self.asked if h.id in key], start, parent)
         return self.known[key]
-
-    def _effects(self, ids: Iterable[str]) -> list[Hypothesis]:
-        return [self.of[i] for i in sorted(ids, key=self.order.__getitem__)]
 
     def judge_all(self, asked: Sequence[tuple[frozenset[str], Mapping[str, float], Judged]]) -> list[Judged]:
         """Many sets, each from what another one had."""
@@ -209,7 +205,7 @@ def judge(layout: Layout, effects: Sequence[Hypothesis], start: Mapping[str, flo
     prior = -0.5 * float(away @ away)
     for h in space.effects:
         prior += h.odds + h.ln_prior(values) - sum(ln_normal(values[p.name], *fit_prior(p)) for p in h.effect.strengths)
-    likelihood = {c: noise.worth(found.noise[c], space.pieces(residuals, c)).total for c in space.channels}
+    likelihood = {c: noise.worth(found.noise[c], noise.Series.of(space.pieces(residuals, c))) for c in space.channels}
     left = {c: noise.Left.of(found.noise[c], space.pieces(residuals, c)) for c in space.channels}
     return Judged(space.effects, space, found.x, found.noise, residuals, likelihood, gram, prior, left, found.converged)
 

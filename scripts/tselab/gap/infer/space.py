@@ -117,7 +117,7 @@ class Space:
         return noise.found(pieces, start)
 
     def cost(self, d: Discrepancy, pieces: Sequence[Piece]) -> float:
-        return -noise.worth(d, pieces).total
+        return -noise.worth(d, noise.Series.of(pieces))
 
     def physical(self, x: np.ndarray) -> list[np.ndarray]:
         """Residuals without what shapes of forms explain."""
