@@ -27,6 +27,7 @@ from tselab.gap.infer.search import Search, judge
 from tselab.gap.infer.space import SEEN, Layout
 from tselab.gap.problem import STIFFNESS, Problem, Rows
 from tselab.gap.stages import load, save, stage
+from tselab.gap.workers import ClusterProblem
 from tselab.identify.discrepancy import Discrepancy, Piece
 from tselab.log import read_log
 from tselab.vehicle import read_vehicle
@@ -214,17 +215,26 @@ def test_values_that_are_held_act_as_if_they_were_given(late: Problem) -> None:
     """All of them: settings, stiffness of the car and of a log, latencies. A road's profile is fitted to what they leave."""
     values = {"cy_front": 0.9, "cy_rear@0": 0.05, "body_roll_gain": 0.01, "imu_delay_time": -0.01, "accel_y_latency": 0.02}
     given = late.residuals(values)
-    late.fixed = values
-    try:
-        assert np.array_equal(late.residuals({}), given)
-    finally:
-        late.fixed = {}
+    here = SimpleNamespace(  # a cluster that is this process
+        scatter=lambda data, **_: data,
+        map=lambda function, asked, data, pure: [function(a, data=data) for a in asked],
+        gather=lambda done: done,
+    )
+    far = ClusterProblem(here, late.logs, late.config, 1)
+    for problem in (late, far):
+        problem.fixed = values
+        try:
+            assert np.array_equal(problem.residuals({}), given)
+            (moved,) = problem.predict_all([{"cy_front": 0.8}])
+        finally:
+            problem.fixed = {}
+        assert np.array_equal(moved, late.predict(values | {"cy_front": 0.8}))
     assert not np.allclose(late.residuals({}), given)
 
 
 def test_latencies_that_are_asked_for_are_no_settings(late: Problem) -> None:
     names = {p.name for e in LATENCIES for p in e.parameters} | {"steering_delay_time"}
-    assert late.model(dict.fromkeys(names, 0.01))[0].as_dict() == late.config.as_dict() | {
+    assert late.model(dict.fromkeys(names, 0.01)).as_dict() == late.config.as_dict() | {
         "stiffness_drift_time": late.nominal["stiffness_drift_time"]
     }
 

@@ -171,9 +171,9 @@ def typical(problem: Problem, e: Effect, size: float = 1.0) -> dict[str, float]:
 
 def hide(problem: Problem, e: Effect, values: Mapping[str, float]) -> None:
     """Put what a car with the effect would measure into the logs, without noise; the layout is made again."""
-    model, stiffness = problem.model(values)
+    model = problem.model(values)
     for i, log in enumerate(problem.logs):
-        clean = simulate(model, log, log.channels, stiffness, problem.profiles(values, i), problem.later(values))
+        clean = simulate(model, log, log.channels, problem.stiffness(values, i), problem.profiles(values, i), problem.later(values))
         rng = np.random.default_rng(i)
         log.measured |= {c: x + TINY * log.noise[c] * rng.standard_normal(len(x)) for c, x in clean.items()}
     problem.__init__(problem.logs, problem.config, problem.jobs)  # type: ignore[misc]

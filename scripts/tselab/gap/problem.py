@@ -143,14 +143,13 @@ class Problem:
 
     # ---- residuals
 
-    def model(self, values: Mapping[str, float]) -> tuple[Config, dict[str, float]]:
-        """Settings of the effects, and stiffness relative to the vehicle file's."""
+    def model(self, values: Mapping[str, float]) -> Config:
+        """Settings of the effects."""
         values = self.fixed | dict(values)
-        config = Config(self.nominal | {k: v for k, v in values.items() if k not in NOT_SETTINGS and "@" not in k})
-        return config, {k: v for k, v in values.items() if k in NOMINAL}
+        return Config(self.nominal | {k: v for k, v in values.items() if k not in NOT_SETTINGS and "@" not in k})
 
     def stiffness(self, values: Mapping[str, float], i: int) -> dict[str, float]:
-        """Of a log, over the vehicle file's: the car's, and what is own to the log (name@log)."""
+        """Of log i, over the vehicle file's: the car's, and what is own to the log (name@log)."""
         values = self.fixed | dict(values)
         return {k: values.get(k, 1.0) + values.get(f"{k}@{i}", 0.0) for k in NOMINAL}
 
@@ -192,7 +191,7 @@ class Problem:
         return self._predict(values)[1]
 
     def _predict(self, values: Mapping[str, float]) -> tuple[np.ndarray, list[list[optional.Reading]]]:
-        config, _ = self.model(values)
+        config = self.model(values)
         later = self.later(values)
         parts, readings = [], []
         for i, log in enumerate(self.logs):
@@ -213,7 +212,7 @@ class Problem:
 
     def channels(self, values: Mapping[str, float], names: Sequence[str]) -> dict[str, np.ndarray]:
         """Quantities of the simulation, one value per entry of the residual vector."""
-        config, _ = self.model(values)
+        config = self.model(values)
         later = self.later(values)
         parts: dict[str, list[np.ndarray]] = {n: [] for n in names}
         for i, log in enumerate(self.logs):

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from tselab.core import Config, similar
+from tselab.core import similar
 from tselab.errors import UserError
 from tselab.estimate import write_table
 from tselab.gap import workflow
@@ -112,9 +112,9 @@ def measurements(
     problem: Problem, i: int, log: Prepared, values: dict[str, float], rng: np.random.Generator
 ) -> dict[str, np.ndarray]:
     """What the sensors would read."""
-    config: Config
-    config, stiffness = problem.model(values)
-    simulated = simulate(config, log, log.channels, stiffness, problem.profiles(values, i), problem.later(values))
+    config = problem.model(values)
+    stiffness, profiles = problem.stiffness(values, i), problem.profiles(values, i)
+    simulated = simulate(config, log, log.channels, stiffness, profiles, problem.later(values))
     found = {}
     for c, x in simulated.items():
         sd = getattr(config, f"{c}_sd") if c in MEASURES else log.noise[c]

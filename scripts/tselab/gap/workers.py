@@ -58,8 +58,9 @@ class ClusterProblem(Problem):
         self._data = client.scatter([data], broadcast=True, hash=False)[0]
 
     def predict_all(self, asked: Sequence[Mapping[str, float]]) -> list[np.ndarray]:
-        """Every one of them somewhere in the cluster."""
-        futures = self._client.map(_predict, [tuple(a.items()) for a in asked], data=self._data, pure=False)
+        """Every one of them somewhere in the cluster, which knows nothing of what is held here."""
+        whole = [tuple((self.fixed | dict(a)).items()) for a in asked]
+        futures = self._client.map(_predict, whole, data=self._data, pure=False)
         self.simulations += len(asked)
         return self._client.gather(futures)
 
