@@ -175,7 +175,8 @@ def _named(
     found = _sized(h, plain, probability, final)
     without = search.judge(final.ids - {h.id}, final.values, final)
     found.evidence = final.evidence - without.evidence
-    left = excess(problem, as_fit(problem, without, slopes=False).residuals)
+    # no set leaves more than nothing does; a fit that believes in discrepancies is no least squares, and may
+    left = min(excess(problem, as_fit(problem, without, slopes=False).residuals), full)
     found.share = (left - excess(problem, last.residuals)) / max(full, 1e-300)
     if h.id == "rolling_resistance" and any(c in TORQUES for log in problem.logs for c in log.channels):
         c = problem.config
