@@ -16,6 +16,7 @@ KNOWS = {  # which folders' files those of a folder may include; in order
     "estimator": {"number", "model", "estimator"},
     "host": {"number", "model", "estimator", "host"},
 }
+WRITTEN = {"tse_formula.h"}  # by tselab, for a build that has a formula of the user compiled in
 GLUE = SRC.parent / "fmu" / "glue"
 OF_THE_GLUE = {"fmi2Functions.h", "fmu_guid.h", "fmu_model.h", "model.h", "tse/version.h"}
 
@@ -27,7 +28,7 @@ def folder(path):
 def test_no_file_includes_one_of_a_folder_that_its_own_must_not_know():
     wrong = []
     for name in ORDER:
-        for included in INCLUDE.findall((SRC / name).read_text()):
+        for included in set(INCLUDE.findall((SRC / name).read_text())) - WRITTEN:
             if not included.startswith("tse/") and folder(included) not in KNOWS[folder(name)]:
                 wrong.append(f"{name} includes {included}, which {folder(name)} must not know")
     assert not wrong, "\n".join(wrong)
@@ -37,7 +38,7 @@ def test_files_are_included_by_their_path_in_src():
     """A path relative to the file's own folder would pass the other tests unseen."""
     for name in ORDER:
         own = [x for x in INCLUDE.findall((SRC / name).read_text()) if not x.startswith("tse/")]
-        assert set(own) <= set(ORDER), f"{name} includes {set(own) - set(ORDER)}"
+        assert set(own) - WRITTEN <= set(ORDER), f"{name} includes {set(own) - set(ORDER)}"
 
 
 def test_the_folders_stand_in_order():

@@ -44,6 +44,11 @@ const fmu_variable fmu_variables[] = {
 #define EFFECT_PARAMETER(id, parameter, role, unit, def, lo, hi, typical_lo, typical_hi, negligible, sign, text) \
   { "effects." #id "." #parameter, 'r', 'p', (int32_t)offsetof(model, config.id##_##parameter), FMU_NO_RATE, def, lo, hi, unit, text },
 #include "tse/effects.def"
+#define REAL(name, def, lo, hi, unit, text) PARAMETER("effects", 'r', name, def, lo, hi, unit, text)
+#define INT(name, def, lo, hi, text) PARAMETER("effects", 'i', name, def, lo, hi, "", text)
+#include "tse/formula.def"
+#undef REAL
+#undef INT
 #define REAL(name, def, lo, hi, unit, text) PARAMETER("filter", 'r', name, def, lo, hi, unit, text)
 #define INT(name, def, lo, hi, text) PARAMETER("filter", 'i', name, (def) < (hi) ? (def) : (hi), lo, hi, "", text)
 #include "tse/filter.def"

@@ -17,6 +17,11 @@ enum { /* TSE_EFFECT_<id>: bit of an effect in tse_effects.mask */
   TSE_EFFECTS
 };
 
+#define TSE_BIT_FORMULA 62  /* of the mask: a formula of the user, tse/formula.def */
+#define TSE_FORMULA_NUMBERS 8
+#define TSE_FORMULA_OPS 33
+#define TSE_FORMULA_MEMORIES 3
+
 /* Constants, made by tse_prepare(). mask: bit TSE_EFFECT_<id> set when a strength of that effect is not zero. */
 typedef struct tse_effects {
   uint64_t mask;
@@ -25,6 +30,9 @@ typedef struct tse_effects {
 #include "tse/effects.def"
   tse_real mass, inv_mass, inv_inertia; /* [kg] [1/kg] [1/(kg m2)]                             */
   tse_real load_front, load_rear;       /* [m/s2] axle load over mass: g lr/L, g lf/L          */
+  tse_real formula_gain, formula[TSE_FORMULA_NUMBERS];
+  int32_t formula_place;
+  uint8_t formula_code[TSE_FORMULA_OPS];
 #endif
 } tse_effects;
 
@@ -46,6 +54,9 @@ typedef struct tse_effect_memory {
   tse_real steer_lost;                  /* [s] since then, when angles were missing                        */
   tse_delay steer, imu;
   tse_real steer_was[1][TSE_DELAY_ROWS], imu_was[3][TSE_DELAY_ROWS];
+  tse_real formula[TSE_FORMULA_MEMORIES][3], formula_accel[2]; /* of a formula: its own; accel_x, accel_y [m/s2] at this time */
+  tse_delay formula_late;
+  tse_real formula_was[1][TSE_DELAY_ROWS];
 #endif
 } tse_effect_memory;
 

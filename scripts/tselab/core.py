@@ -19,7 +19,8 @@ from tselab.errors import UserError
 
 CONFIG, INPUT, OUTPUT, SIM_CONFIG, SIM_INPUT, SIM_OUTPUT, STATUS, REASON = range(8)  # enum tse_struct
 REPLAY_LOG, REPLAY_START, REPLAY_OUT = range(8, 11)
-STRUCTS = 11
+FORMULA_PLACE, FORMULA_OP = range(11, 13)
+STRUCTS = 13
 STIFFNESS = ("cx_front", "cy_front", "cy_rear")  # order of TSE_CX_FRONT ... everywhere
 NOMINAL = {  # the setting that is 1 of a relative stiffness
     "cx_front": "longitudinal_stiffness_front",
@@ -99,6 +100,28 @@ class Effect:
     @property
     def shapes(self) -> tuple[EffectParameter, ...]:
         return tuple(p for p in self.parameters if not p.strength)
+
+
+@dataclass(frozen=True)
+class FormulaPlace:
+    """One FORMULA_PLACE of include/tse/formula.def: where a formula of the user acts."""
+
+    name: str
+    code: int
+    unit: str
+    text: str
+
+
+@dataclass(frozen=True)
+class FormulaOp:
+    """One FORMULA_OP of include/tse/formula.def."""
+
+    name: str
+    code: int
+    takes: int  # operands
+    kind: str  # NUMBER, SIGNAL, PLAIN, MEMORY
+    unit: str  # of what it leaves: a unit, or same, product, quotient, root, first, rate of those of its operands
+    text: str
 
 
 class _CEffect(ctypes.Structure):
@@ -200,6 +223,11 @@ class Library:
             ]
 
         self.effects = self._read_effects()
+        kinds = {"n": "NUMBER", "s": "SIGNAL", "p": "PLAIN", "m": "MEMORY"}
+        self.formula_places = {f.name: FormulaPlace(f.name, f.offset, f.unit, f.text) for f in self.fields(FORMULA_PLACE)}
+        self.formula_ops = {
+            f.name: FormulaOp(f.name, f.offset, int(f.default), kinds[f.kind], f.unit, f.text) for f in self.fields(FORMULA_OP)
+        }
         names = [f.name for f in self.fields(CONFIG)]  # rows of told.def: between the vehicle's and the sensors'
         self.told = tuple(names[names.index("rear_longitudinal_follows_front") + 1 : names.index("accel_x_sd")])
 

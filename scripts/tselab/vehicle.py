@@ -10,6 +10,7 @@ import numpy as np
 
 from tselab.core import CONFIG, Config, Field, SettingError, library, similar
 from tselab.errors import UserError
+from tselab.formula import Formula, read_formula
 from tselab.log import MEASURES, Log
 from tselab.noise import channel_noise, kinematic_misfit
 from tselab.toml import read_toml
@@ -68,6 +69,7 @@ class Vehicle:
     told_uncertainty: list[str] = field(default_factory=list)
     told_latency: list[str] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
+    formula: Formula | None = None  # of the user: [formula] names its file
     calibration: dict[str, Any] = field(default_factory=dict)  # what an earlier `tselab calibrate` left: names, mean, covariance
 
     @property
@@ -95,7 +97,7 @@ def sensor_settings() -> list[str]:
     """Names of the settings that belong in its [sensors] table."""
     names = [f.name for f in library().fields(CONFIG)]
     others = {p.setting for e in library().effects.values() for p in e.parameters}  # they have tables of their own
-    others |= set(latency_settings().values())
+    others |= set(latency_settings().values()) | set(formula_settings())
     return [n for n in names[names.index("accel_x_sd") : names.index("sample_time")] if n not in others]
 
 
@@ -103,6 +105,11 @@ def latency_settings() -> dict[str, str]:
     """Settings that belong in its [latency] table, rows of include/tse/latency.def, by their keys there: the channels."""
     settings = {f"{c.name}_latency": c.name for c in library().channels}
     return {settings[f.name]: f.name for f in library().fields(CONFIG) if f.name in settings}
+
+
+def formula_settings() -> list[str]:
+    """Names of the settings of a formula of the user, rows of include/tse/formula.def."""
+    return [f.name for f in library().fields(CONFIG) if f.name.startswith("formula_")]
 
 
 def default_vehicle() -> Vehicle:
@@ -117,7 +124,8 @@ def read_vehicle(path: Path) -> Vehicle:
     sensors, uncertainty = _table(path, data, "sensors"), _table(path, data, "uncertainty")
     calibration = _calibration(path, _table(path, data, "calibration"))
     latency, latencies = _table(path, data, "latency"), latency_settings()
-    values: dict[str, float] = {}
+    formula = _formula(path, _table(path, data, "formula"))
+    values: dict[str, float] = dict(formula.settings()) if formula else {}
     facts: dict[str, Any] = {}
     unknown: list[str] = []
     check = Config()
@@ -140,7 +148,7 @@ def read_vehicle(path: Path) -> Vehicle:
     if missing:
         ranges = "; ".join(f"{k}: {check.fields[k].range_text}" for k in missing)
         raise UserError(f"{path}: key {', '.join(missing)} is missing (allowed: {ranges})")
-    vehicle = Vehicle(path, str(facts.get("name", path.stem)), values, facts, calibration=calibration)
+    vehicle = Vehicle(path, str(facts.get("name", path.stem)), values, facts, formula=formula, calibration=calibration)
     if unknown:
         vehicle.notes.append(f"{path.name}: key {', '.join(unknown)} is not known and not used")
     _check_facts(path, vehicle)
@@ -161,6 +169,16 @@ def _table(path: Path, data: dict[str, Any], name: str) -> dict[str, Any]:
     if not isinstance(table, dict):
         raise UserError(f"{path}: {name} must be a table: [{name}]")
     return table
+
+
+def _formula(path: Path, table: dict[str, Any]) -> Formula | None:
+    """The formula that [formula] names, a file beside this one; None when there is none."""
+    if not table:
+        return None
+    name = table.get("file")
+    if set(table) != {"file"} or not isinstance(name, str) or Path(name).name != name:
+        raise UserError(f"{path}: [formula] needs one key, file: the name of a formula beside this file, and nothing else")
+    return read_formula(path.parent / name)
 
 
 def _calibration(path: Path, table: dict[str, Any]) -> dict[str, Any]:

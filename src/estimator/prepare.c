@@ -52,6 +52,17 @@ void tse_config_paper(tse_config *c)
 #define SHAPE 0
 #define GIVEN 0
 
+/* A formula of the user that does something: no program, no formula. */
+static int formula_on(const tse_config *c)
+{
+#if defined(TSE_FORMULA)
+  const int there = 1;
+#else
+  const int there = (c->formula_code_1 & 0xff) != 0;
+#endif
+  return there && (c->formula_gain < 0 || c->formula_gain > 0);
+}
+
 /* Bits of the effects with a strength that is not zero. */
 static uint64_t effects_on(const tse_config *c)
 {
@@ -59,8 +70,19 @@ static uint64_t effects_on(const tse_config *c)
 #define EFFECT_PARAMETER(id, parameter, role, unit, def, lo, hi, typical_lo, typical_hi, negligible, sign, text) \
   if (role && (c->id##_##parameter < 0 || c->id##_##parameter > 0)) mask |= (uint64_t)1 << TSE_EFFECT_##id;
 #include "tse/effects.def"
+  if (formula_on(c)) mask |= (uint64_t)1 << TSE_BIT_FORMULA;
   return mask;
 }
+
+#if !defined(TSE_NO_EFFECTS)
+/* The operations of a formula of the user, a byte each. */
+static void formula_of(const tse_config *c, uint8_t code[TSE_FORMULA_OPS])
+{
+  const int32_t packed[] = { c->formula_code_1, c->formula_code_2, c->formula_code_3, c->formula_code_4, c->formula_code_5,
+                             c->formula_code_6, c->formula_code_7, c->formula_code_8, c->formula_code_9, c->formula_code_10, c->formula_code_11 };
+  for (int k = 0; k < TSE_FORMULA_OPS; k++) code[k] = (uint8_t)(((uint32_t)packed[k / 3] >> (8 * (k % 3))) & 0xffu);
+}
+#endif
 
 #if defined(TSE_NO_EFFECTS)
 /* Such a build knows only the effects that are gone when the constants are made. */
@@ -74,6 +96,34 @@ static tse_status effects_fit(const tse_config *c, const char **wrong)
   }
 #include "tse/effects.def"
   return TSE_OK;
+}
+#endif
+
+#if !defined(TSE_NO_EFFECTS)
+/* A formula that is on must end with one value, and never take more than there is or hold more than there is room for. */
+static int formula_fits(const tse_config *c)
+{
+#if defined(TSE_FORMULA) /* compiled in: there is no other */
+  return !(c->formula_code_1 || c->formula_place);
+#else
+  enum { NUMBER, SIGNAL, PLAIN, MEMORY };
+  uint8_t code[TSE_FORMULA_OPS];
+  int depth = 0, memories = 0, late = 0;
+  formula_of(c, code);
+  for (int k = 0; k < TSE_FORMULA_OPS && code[k]; k++) {
+    int takes = -1;
+    switch (code[k]) {
+#define FORMULA_OP(name, value, operands, kind, unit, text) case value: takes = operands; memories += kind == MEMORY; break;
+#include "tse/formula.def"
+    default: break;
+    }
+    late += code[k] == FORMULA_OP_late;
+    if (takes < 0 || takes > depth) return 0;
+    depth += 1 - takes;
+    if (depth > FORMULA_STACK) return 0;
+  }
+  return depth == 1 && memories <= TSE_FORMULA_MEMORIES && late <= 1;
+#endif
 }
 #endif
 
@@ -148,7 +198,14 @@ tse_status tse_config_check(const tse_config *c, const char **wrong)
 #if defined(TSE_NO_EFFECTS)
   const tse_status status = effects_fit(c, wrong);
   if (status < 0) return status;
+  const int formula_fine = !(effects_on(c) >> TSE_BIT_FORMULA & 1u); /* such a build knows none */
+#else
+  const int formula_fine = !(effects_on(c) >> TSE_BIT_FORMULA & 1u) || formula_fits(c);
 #endif
+  if (!formula_fine) {
+    if (wrong) *wrong = "formula_code_1";
+    return TSE_E_CONFIG;
+  }
   return latencies_fit(c, wrong);
 }
 
@@ -212,6 +269,11 @@ static uint32_t vehicle_fingerprint(const tse_config *c)
 #define EFFECT_PARAMETER(id, parameter, role, unit, def, lo, hi, typical_lo, typical_hi, negligible, sign, text) \
   h = mix_effect(h, (int)(on >> TSE_EFFECT_##id & 1u), #id "_" #parameter, c->id##_##parameter);
 #include "tse/effects.def"
+#define REAL(name, def, lo, hi, unit, text) h = mix_effect(h, (int)(on >> TSE_BIT_FORMULA & 1u), #name, c->name);
+#define INT(name, def, lo, hi, text) h = mix_effect(h, (int)(on >> TSE_BIT_FORMULA & 1u), #name, (tse_setting)c->name);
+#include "tse/formula.def"
+#undef REAL
+#undef INT
   return h;
 }
 
@@ -250,6 +312,12 @@ static void prepare_effects(const tse_config *c, uint64_t mask, tse_params *p)
   e->inv_inertia = real_of(one / c->yaw_inertia);
   e->load_front = real_of(g * c->lr / (c->lf + c->lr));
   e->load_rear = real_of(g * c->lf / (c->lf + c->lr));
+  const tse_setting number[TSE_FORMULA_NUMBERS] = { c->formula_a, c->formula_b, c->formula_c, c->formula_d,
+                                                    c->formula_e, c->formula_f, c->formula_g, c->formula_h };
+  e->formula_gain = real_of(c->formula_gain);
+  for (int k = 0; k < TSE_FORMULA_NUMBERS; k++) e->formula[k] = real_of(number[k]);
+  e->formula_place = c->formula_place;
+  formula_of(c, e->formula_code);
   /* what the accelerometers read per tyre force: their slope over the stiffness, exact but for what lags */
   const tse_setting x = (one + c->imu_scale_ax_error) * (one + g * c->pitch_leak_gain);
   const tse_setting y = (one + c->imu_scale_ay_error) * (one + g * c->body_roll_gain);

@@ -88,6 +88,24 @@ static const tse_field replay_out_fields[] = {
 };
 #endif
 
+static const tse_field formula_places[] = {
+#define FORMULA_PLACE(name, code, unit, text) { #name, 'c', code, NO_RANGE, unit, text },
+#include "tse/formula.def"
+};
+
+#define NUMBER 'n'
+#define SIGNAL 's'
+#define PLAIN 'p'
+#define MEMORY 'm'
+static const tse_field formula_ops[] = {
+#define FORMULA_OP(name, code, takes, kind, unit, text) { #name, kind, code, takes, 1.0, -1.0, unit, text },
+#include "tse/formula.def"
+};
+#undef NUMBER
+#undef SIGNAL
+#undef PLAIN
+#undef MEMORY
+
 static const tse_effect_row effect_rows[] = {
 #define EFFECT(id, hook, title, entry, channels, alike, estimator) { #id, #hook, title, entry, channels, alike, estimator, TSE_EFFECT_##id },
 #include "tse/effects.def"
@@ -128,6 +146,8 @@ const tse_field *tse_describe(tse_struct which, int32_t *count, int32_t *size)
     ROWS(TSE_STRUCT_OUTPUT, output_fields, sizeof(tse_output))
     ROWS(TSE_STRUCT_STATUS, status_fields, 0)
     ROWS(TSE_STRUCT_REASON, reason_fields, 0)
+    ROWS(TSE_STRUCT_FORMULA_PLACE, formula_places, 0)
+    ROWS(TSE_STRUCT_FORMULA_OP, formula_ops, 0)
 #if !defined(TSE_NO_EFFECTS)
     ROWS(TSE_STRUCT_SIM_CONFIG, sim_config_fields, sizeof(tse_sim_config))
     ROWS(TSE_STRUCT_SIM_INPUT, sim_input_fields, sizeof(tse_sim_input))

@@ -47,6 +47,9 @@ static inline int sound_memory(const tse_effect_memory *m)
   fine = fine && sound_reals(m->steer_was[0], TSE_DELAY_ROWS, -MOST_REAL, MOST_REAL);
   fine = fine && sound_reals(m->imu_was[0], 3 * TSE_DELAY_ROWS, -MOST_REAL, MOST_REAL);
   for (int i = 0; i < (int)(sizeof one / sizeof one[0]); i++) fine = fine && sound_reals(one[i], 1, -MOST_REAL, MOST_REAL);
+  fine = fine && sound_delay(&m->formula_late) && sound_reals(m->formula_was[0], TSE_DELAY_ROWS, -MOST_REAL, MOST_REAL);
+  fine = fine && sound_reals(m->formula[0], 3 * TSE_FORMULA_MEMORIES, -MOST_REAL, MOST_REAL) &&
+         sound_reals(m->formula_accel, 2, -MOST_REAL, MOST_REAL);
 #endif
   return fine;
 }

@@ -45,6 +45,7 @@ typedef struct point {
   tse_real sin_steer, cos_steer;       /* delta and 1 in the plain model                                               */
   tse_real fx_front, fx_rear, fy_front, fy_rear; /* [m/s2] tyre forces, in the axes of their wheels                    */
   accels force;                        /* [m/s2] specific force at the centre of gravity, [rad/s2] yaw acceleration    */
+  tse_real free_angle[2];              /* [rad] slip angles before a formula of the user and before LAG                */
   tse_real gravity_x, gravity_y;       /* [m/s2] accelerates the car, no sensor                                        */
 } point;
 
@@ -107,6 +108,7 @@ static inline tse_real effects_delay_get(const tse_delay *d, const tse_real v[TS
 enum { MODE_ROLL, MODE_PITCH, MODE_ROLL_STEER };
 
 #include "model/effects_acting.h"
+#include "model/formula.h"
 
 /* CALL(hook, arguments): every effect of that hook that is on, in the order of the table. */
 #define CALL_IF_ON(id, call) if (effect_is_on(e, TSE_EFFECT_##id)) call;
@@ -146,6 +148,7 @@ static inline void effects_slips(const tse_params *p, const tse_effect_memory *m
 #include "tse/effects.def"
 #undef CALL_SLIP
 #define CALL_SLIP(id)
+  if (formula_is_on(e)) formula_slip(e, m, pt);
   pt->s.a_front += pt->g.slip_front;
   pt->s.a_rear += pt->g.slip_rear;
   pt->target[0] = pt->s.a_front;
@@ -164,13 +167,14 @@ static inline void effects_slips(const tse_params *p, const tse_effect_memory *m
 static inline void effects_stiffness(const tse_params *p, const tse_effect_memory *m, point *pt)
 {
   const tse_effects *const e = &p->effects;
-  if (!(e->mask & effects_with(HOOK_STIFFNESS))) return;
+  if (!(e->mask & (effects_with(HOOK_STIFFNESS) | (uint64_t)1 << TSE_BIT_FORMULA))) return;
 #undef CALL_STIFFNESS
 #define CALL_STIFFNESS(id) CALL_IF_ON(id, id##_stiffness(p, m, pt))
 #define EFFECT(id, hook, title, entry, channels, alike, estimator) CALL_##hook(id)
 #include "tse/effects.def"
 #undef CALL_STIFFNESS
 #define CALL_STIFFNESS(id)
+  if (formula_is_on(e)) formula_stiffness(e, m, pt);
 }
 
 /* BODY: (1) with what acts besides.   Updated: forces, pt->force, gravity */
@@ -197,6 +201,7 @@ static inline void effects_forces(const tse_params *p, const tse_effect_memory *
 #undef CALL_BODY
 #define CALL_BODY(id)
   if (effect_is_on(e, TSE_EFFECT_body_roll)) body_roll_body(p, m, pt); /* acts here, too */
+  if (formula_is_on(e)) formula_body(e, m, pt);
 }
 
 /* What effects with memory take from the step of h seconds that led from point a to point b. */
@@ -208,6 +213,7 @@ static inline void effects_remember(const tse_effects *e, tse_effect_memory *m, 
   if (effect_is_on(e, TSE_EFFECT_body_roll)) body_roll_remember(e, m, a, b, h);
   if (effect_is_on(e, TSE_EFFECT_pitch_leak)) pitch_leak_remember(e, m, a, b, h);
   if (effect_is_on(e, TSE_EFFECT_rear_roll_steer)) rear_roll_steer_remember(e, m, a, b, h);
+  if (formula_is_on(e)) formula_remember(e, m, b, 0);
 }
 
 /* SENSOR: what accelerometers and gyro read at this point, which is that of the memory. Once a row, dt since the last one.
@@ -217,11 +223,12 @@ static inline void effects_sense(const tse_effects *e, tse_effect_memory *m, con
   y[0] = pt->force.x;
   y[1] = pt->force.y;
   y[2] = pt->r;
-  if (!(e->mask & effects_with(HOOK_SENSOR))) return;
+  if (!(e->mask & (effects_with(HOOK_SENSOR) | (uint64_t)1 << TSE_BIT_FORMULA))) return;
 #undef CALL_SENSOR
 #define CALL_SENSOR(id) CALL_IF_ON(id, id##_sensor(e, m, pt, dt, y))
 #define EFFECT(id, hook, title, entry, channels, alike, estimator) CALL_##hook(id)
 #include "tse/effects.def"
+  if (formula_is_on(e)) formula_sensor(e, m, pt, y);
 }
 
 /* All of a point but the sensors, with the stiffness k of no effects. */

@@ -136,7 +136,8 @@ static void step(const tse_params *p, tse_effect_memory *m, stiffness k, inputs 
   effects_at(p, m, m->lag, k, &b);
   effects_remember(e, m, at, &b, h);
   b.ahead = TSE_R(0);
-  if (effect_is_on(e, TSE_EFFECT_rear_roll_steer)) effects_at(p, m, m->lag, k, &b); /* the roll was foretold so far */
+  /* the roll, and the accelerations that a formula knows, were foretold so far */
+  if (effect_is_on(e, TSE_EFFECT_rear_roll_steer) || formula_is_on(e)) effects_at(p, m, m->lag, k, &b);
   *at = b;
 }
 
@@ -149,6 +150,7 @@ void effects_settle(const tse_params *p, tse_effect_memory *m, stiffness k, poin
     for (int i = 0; i < 4 && p->effects.mask; i++) m->lag[i] = pt->target[i];
     m->mode[MODE_ROLL][0] = m->mode[MODE_ROLL_STEER][0] = pass ? pt->force.y : TSE_R(0);
     m->mode[MODE_PITCH][0] = pt->force.x;
+    if (formula_is_on(&p->effects)) formula_remember(&p->effects, m, pt, 1);
   }
   effects_at(p, m, m->lag, k, pt);
   m->settled = 1;

@@ -67,13 +67,18 @@ static inline int kind_of_effect_setting(size_t offset)
 }
 
 /* For settings anywhere in their ranges: latencies as large as the memory of a filter holds of its sample_time. */
-static inline void fit_latencies(tse_config *c)
+static inline void fit_together(tse_config *c)
 {
   const tse_setting most = (tse_setting)((TSE_LATENCY_ROWS - 5) * (double)c->sample_time / 2.001);
 #define LATENCY(channel, text)                                            \
   if (c->channel##_latency > most) c->channel##_latency = most;           \
   if (c->channel##_latency < -most) c->channel##_latency = -most;
 #include "tse/latency.def"
+  int32_t *const codes[] = { &c->formula_code_1, &c->formula_code_2, &c->formula_code_3, &c->formula_code_4, &c->formula_code_5,
+                             &c->formula_code_6, &c->formula_code_7, &c->formula_code_8, &c->formula_code_9, &c->formula_code_10,
+                             &c->formula_code_11 };
+  for (int k = 0; k < 11; k++) *codes[k] = 0;
+  *codes[0] = 1 | 16 << 8 | 34 << 16; /* a steer_angle mul */
 }
 
 /* Parameters from settings that must be right. */

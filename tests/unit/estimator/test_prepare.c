@@ -107,6 +107,12 @@ static tse_config other_config(void)
 #define EFFECT_PARAMETER(id, parameter, role, unit, def, lo, hi, typical_lo, typical_hi, negligible, sign, text) \
   c.id##_##parameter = (tse_setting)(0.9 * (def) + 0.1 * (hi));
 #include "tse/effects.def"
+#define REAL(name, def, lo, hi, unit, text) c.name = (tse_setting)0.25;
+#define INT(name, def, lo, hi, text) c.name = (hi) < 10 ? 4 : 0x242424; /* neg */
+#include "tse/formula.def"
+#undef REAL
+#undef INT
+  c.formula_code_1 = 0x242401; /* of a */
   return c;
 }
 
@@ -392,7 +398,7 @@ static void expect_finite_constants(const tse_config *settings, const char *name
 {
   const size_t first = offsetof(tse_params, kx_front), end = offsetof(tse_params, recovery_count);
   tse_config c = *settings;
-  fit_latencies(&c);
+  fit_together(&c);
   const tse_params p = prepared(&c);
   TEST_ASSERT_TRUE((end - first) % sizeof(tse_real) == 0); /* nothing but tse_real between the two */
   for (size_t at = first; at < end; at += sizeof(tse_real)) {

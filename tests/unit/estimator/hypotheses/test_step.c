@@ -393,7 +393,7 @@ static void test_odd_settings_and_rows_give_numbers(void)
 #include "tse/config.def"
 #undef REAL
 #undef INT
-    fit_latencies(&c);
+    fit_together(&c);
     c.form = 0;
     c.hypotheses = 2 + (int32_t)(next_uniform(&seed) * (TSE_HYPOTHESES - 1.01));
     c.inputs_held = (int32_t)(next_uniform(&seed) * 2.99);

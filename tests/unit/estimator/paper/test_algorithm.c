@@ -720,7 +720,7 @@ static void test_no_mixture_of_extreme_settings_makes_an_output_that_is_no_numbe
 #undef INT
 #define EFFECT_PARAMETER(id, parameter, role, unit, def, lo, hi, typical_lo, typical_hi, negligible, sign, text) c.id##_##parameter = (tse_setting)(def);
 #include "tse/effects.def"
-    fit_latencies(&c);
+    fit_together(&c);
     c.form = kept;
     c.particles = 16;
     fuzz(&c, 60, 1000u + (uint32_t)k);

@@ -1,0 +1,236 @@
+/* model/formula.h - a formula of the user, tse/formula.def: what its program makes of a point, and what it remembers of it.
+ *
+ * A program is interpreted, or, with TSE_FORMULA, compiled in from tse_formula.h, which tselab wrote; both call the functions below in the
+ * same order, so both give the same bits. A point lies `ahead` of the memory: operations with memory say what they will be by then,
+ * and formula_remember() keeps it when the step has been made. Includes nothing, as effects/<id>.h. */
+
+#define FORMULA_MOST TSE_R(1e6) /* no value is larger; what is no number is 0 */
+#define FORMULA_STACK 8
+
+enum {
+#define FORMULA_PLACE(name, code, unit, text) PLACE_##name = code,
+#include "tse/formula.def"
+  PLACES
+};
+
+enum { /* FORMULA_OP_<name> */
+#define FORMULA_OP(name, code, takes, kind, unit, text) FORMULA_OP_##name = code,
+#include "tse/formula.def"
+  FORMULA_OP_END = 0
+};
+
+typedef struct formula_run {
+  const tse_effects *e;
+  const tse_effect_memory *m;
+  const point *pt;
+  tse_effect_memory *next; /* NULL, or the memory, where what is remembered at this point goes    */
+  int rest;                /* 1: everything has been as it is at this point for a long time       */
+  int used;                /* operations with memory so far                                       */
+} formula_run;
+
+static inline int formula_is_on(const tse_effects *e) { return (int)((e->mask >> TSE_BIT_FORMULA) & 1u); }
+
+static inline tse_real formula_kept(tse_real x) { return x > -FORMULA_MOST && x < FORMULA_MOST ? x : TSE_R(0); }
+
+static inline tse_real formula_clamp(tse_real x, tse_real lo, tse_real hi) { return x < lo ? lo : x > hi ? hi : x; }
+
+/* ---- numbers and signals */
+static inline tse_real formula_number(formula_run *f, int slot) { return f->e->formula[slot]; }
+static inline tse_real formula_one(formula_run *f) { (void)f; return TSE_R(1); }
+static inline tse_real formula_two(formula_run *f) { (void)f; return TSE_R(2); }
+static inline tse_real formula_steer_angle(formula_run *f) { return f->pt->u.steer; }
+static inline tse_real formula_vel_x(formula_run *f) { return f->pt->vx; }
+static inline tse_real formula_vel_y(formula_run *f) { return f->pt->vy; }
+static inline tse_real formula_yaw_rate(formula_run *f) { return f->pt->r; }
+static inline tse_real formula_accel_x(formula_run *f) { return f->m->formula_accel[0]; }
+static inline tse_real formula_accel_y(formula_run *f) { return f->m->formula_accel[1]; }
+static inline tse_real formula_slip_angle_front(formula_run *f) { return f->pt->free_angle[0]; }
+static inline tse_real formula_slip_angle_rear(formula_run *f) { return f->pt->free_angle[1]; }
+static inline tse_real formula_slip_front(formula_run *f) { return f->pt->s.s_front; }
+static inline tse_real formula_slip_rear(formula_run *f) { return f->pt->s.s_rear; }
+static inline tse_real formula_time(formula_run *f) { return f->m->time + f->pt->ahead; }
+
+/* ---- functions */
+static inline tse_real formula_add(formula_run *f, tse_real x, tse_real y) { (void)f; return x + y; }
+static inline tse_real formula_sub(formula_run *f, tse_real x, tse_real y) { (void)f; return x - y; }
+static inline tse_real formula_mul(formula_run *f, tse_real x, tse_real y) { (void)f; return r_mul(x, y); }
+static inline tse_real formula_div(formula_run *f, tse_real x, tse_real y) { (void)f; return y < TSE_R(0) || y > TSE_R(0) ? r_div(x, y) : TSE_R(0); }
+static inline tse_real formula_neg(formula_run *f, tse_real x) { (void)f; return -x; }
+static inline tse_real formula_abs(formula_run *f, tse_real x) { (void)f; return r_abs(x); }
+static inline tse_real formula_max(formula_run *f, tse_real x, tse_real y) { (void)f; return x > y ? x : y; }
+static inline tse_real formula_min(formula_run *f, tse_real x, tse_real y) { (void)f; return x < y ? x : y; }
+static inline tse_real formula_sqrt(formula_run *f, tse_real x) { (void)f; return x > TSE_R(0) ? r_sqrt(x) : TSE_R(0); }
+static inline tse_real formula_soft(formula_run *f, tse_real x)
+{
+  (void)f;
+  return r_div(x, r_sqrt(TSE_R(1) + r_mul(x, x)));
+}
+
+/* ---- functions with memory: f->m->formula[f->used] is theirs */
+static inline tse_real formula_remembers(formula_run *f, tse_real a, tse_real b, tse_real c)
+{
+  if (f->next) {
+    tse_real *const kept = f->next->formula[f->used];
+    kept[0] = formula_kept(a);
+    kept[1] = formula_kept(b);
+    kept[2] = formula_kept(c);
+  }
+  f->used++;
+  return a;
+}
+
+/* T y' = x - y, by the trapezoidal rule; a T below half a step is none. */
+static inline tse_real formula_lag(formula_run *f, tse_real x, tse_real time)
+{
+  const tse_real *const was = f->m->formula[f->used];
+  const tse_real half = r_mul(TSE_R(0.5), f->pt->ahead);
+  tse_real y = was[0];
+  if (f->rest) y = x;
+  else if (half > TSE_R(0)) {
+    const tse_real share = time > half ? r_div(half, time) : TSE_R(1);
+    y = r_div(r_mul(was[0], TSE_R(1) - share) + r_mul(share, was[1] + x), TSE_R(1) + share);
+  }
+  return formula_remembers(f, y, x, TSE_R(0));
+}
+
+static inline tse_real formula_second(formula_run *f, tse_real x, tse_real frequency, tse_real damping)
+{
+  const tse_real *const was = f->m->formula[f->used];
+  tse_real mode[2] = { was[0], was[1] };
+  if (f->rest) {
+    mode[0] = x;
+    mode[1] = TSE_R(0);
+  } else if (f->pt->ahead > TSE_R(0)) {
+    effects_mode(mode, formula_max(f, frequency, TSE_R(0)), formula_max(f, damping, TSE_R(0)), was[2], x, f->pt->ahead);
+  }
+  return formula_remembers(f, mode[0], mode[1], x);
+}
+
+/* The value of `time` ago; the oldest that is known where there is none. */
+static inline tse_real formula_late(formula_run *f, tse_real x, tse_real time)
+{
+  const tse_real late = formula_max(f, time, TSE_R(0)), ahead = f->pt->ahead, back = late - ahead;
+  const tse_real *const was = f->m->formula_was[0];
+  tse_real y = x;
+  if (!f->rest && f->m->formula_late.count > 0) {
+    if (back >= TSE_R(0)) y = effects_delay_get(&f->m->formula_late, was, back);
+    else y = was[0] + r_mul(x - was[0], r_div(-back, ahead));
+  }
+  if (f->next) {
+    const tse_real now = formula_kept(x);
+    if (f->rest) f->next->formula_late.count = 0;
+    effects_delay_put(&f->next->formula_late, f->next->formula_was, late, ahead, &now, 1);
+  }
+  return formula_remembers(f, y, TSE_R(0), TSE_R(0));
+}
+
+static inline tse_real formula_play(formula_run *f, tse_real x, tse_real half)
+{
+  const tse_real wide = r_abs(half), was = f->m->formula[f->used][0];
+  return formula_remembers(f, f->rest ? x : formula_clamp(was, x - wide, x + wide), TSE_R(0), TSE_R(0));
+}
+
+static inline tse_real formula_limit(formula_run *f, tse_real x, tse_real rate)
+{
+  const tse_real most = r_mul(r_abs(rate), f->pt->ahead), was = f->m->formula[f->used][0];
+  return formula_remembers(f, f->rest ? x : formula_clamp(x, was - most, was + most), TSE_R(0), TSE_R(0));
+}
+
+static inline tse_real formula_rate(formula_run *f, tse_real x)
+{
+  const tse_real *const was = f->m->formula[f->used];
+  tse_real y = f->rest ? TSE_R(0) : was[0];
+  if (!f->rest && f->pt->ahead > TSE_R(0)) y = r_div(x - was[1], f->pt->ahead);
+  return formula_remembers(f, y, x, TSE_R(0));
+}
+
+/* ---- the program */
+#if defined(TSE_FORMULA)
+
+#include "tse_formula.h"
+static inline int formula_place_of(const tse_effects *e) { (void)e; return TSE_FORMULA_PLACE; }
+
+#else
+
+static inline int formula_place_of(const tse_effects *e) { return e->formula_place; }
+
+/* tse_config_check() has seen that the program fits its stack and its memory. */
+static inline tse_real formula_program(formula_run *f)
+{
+  tse_real s[FORMULA_STACK] = { TSE_R(0) };
+  int n = 0;
+#define FORMULA_TAKES_0(name) s[n++] = formula_##name(f)
+#define FORMULA_TAKES_1(name) s[n - 1] = formula_##name(f, s[n - 1])
+#define FORMULA_TAKES_2(name) (n -= 1, s[n - 1] = formula_##name(f, s[n - 1], s[n]))
+#define FORMULA_TAKES_3(name) (n -= 2, s[n - 1] = formula_##name(f, s[n - 1], s[n], s[n + 1]))
+#define FORMULA_NUMBER(name, code, takes) s[n++] = formula_number(f, code - 1)
+#define FORMULA_SIGNAL(name, code, takes) FORMULA_TAKES_##takes(name)
+#define FORMULA_PLAIN(name, code, takes) FORMULA_TAKES_##takes(name)
+#define FORMULA_MEMORY(name, code, takes) FORMULA_TAKES_##takes(name)
+  for (int k = 0; k < TSE_FORMULA_OPS && f->e->formula_code[k]; k++) {
+    switch (f->e->formula_code[k]) {
+#define FORMULA_OP(name, code, takes, kind, unit, text) case code: FORMULA_##kind(name, code, takes); break;
+#include "tse/formula.def"
+    default: break;
+    }
+  }
+#undef FORMULA_TAKES_0
+#undef FORMULA_TAKES_1
+#undef FORMULA_TAKES_2
+#undef FORMULA_TAKES_3
+#undef FORMULA_NUMBER
+#undef FORMULA_SIGNAL
+#undef FORMULA_PLAIN
+#undef FORMULA_MEMORY
+  return s[0];
+}
+
+#endif
+
+/* What the formula says at a point, in the unit of its place. */
+static inline tse_real formula_at(const tse_effects *e, const tse_effect_memory *m, const point *pt)
+{
+  formula_run f = { e, m, pt, NULL, 0, 0 };
+  return r_mul(e->formula_gain, formula_kept(formula_program(&f)));
+}
+
+/* The four places in an evaluation of the model where it may act. */
+static inline void formula_slip(const tse_effects *e, const tse_effect_memory *m, point *pt)
+{
+  pt->free_angle[0] = pt->s.a_front;
+  pt->free_angle[1] = pt->s.a_rear;
+  if (formula_place_of(e) == PLACE_front_angle) pt->s.a_front += formula_at(e, m, pt);
+  if (formula_place_of(e) == PLACE_rear_angle) pt->s.a_rear += formula_at(e, m, pt);
+}
+
+static inline void formula_stiffness(const tse_effects *e, const tse_effect_memory *m, point *pt)
+{
+  const int place = formula_place_of(e);
+  if (place != PLACE_stiffness_front && place != PLACE_stiffness_rear) return;
+  const tse_real level = formula_max(NULL, TSE_R(1) + formula_at(e, m, pt), TSE_R(0.02));
+  if (place == PLACE_stiffness_front) pt->k.y_front = r_mul(pt->k.y_front, level);
+  else pt->k.y_rear = r_mul(pt->k.y_rear, level);
+}
+
+static inline void formula_body(const tse_effects *e, const tse_effect_memory *m, point *pt)
+{
+  const int place = formula_place_of(e);
+  if (place == PLACE_force_x) pt->force.x += formula_at(e, m, pt);
+  if (place == PLACE_force_y) pt->force.y += formula_at(e, m, pt);
+  if (place == PLACE_yaw_moment) pt->force.yaw += formula_at(e, m, pt);
+}
+
+static inline void formula_sensor(const tse_effects *e, const tse_effect_memory *m, const point *pt, tse_real y[3])
+{
+  const int place = formula_place_of(e);
+  if (place >= PLACE_accel_x) y[place - PLACE_accel_x] += formula_at(e, m, pt);
+}
+
+/* The step that ended at this point, or, at rest, the point itself, becomes memory. */
+static inline void formula_remember(const tse_effects *e, tse_effect_memory *m, const point *pt, int rest)
+{
+  formula_run f = { e, m, pt, m, rest, 0 };
+  (void)formula_program(&f);
+  m->formula_accel[0] = pt->force.x;
+  m->formula_accel[1] = pt->force.y;
+}

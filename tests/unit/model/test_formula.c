@@ -1,0 +1,300 @@
+/* tests/unit/model/test_formula.c <-> src/model/formula.h, tse/formula.def: every place against the disturbance that replay takes
+ * from a column there, every function with memory against a recurrence or a closed form written out here. */
+#include "unit_support.h"
+#include "effect_support.h"
+
+#define PI 3.14159265358979323846
+
+enum { ROWS = 400 };
+
+enum { /* operations by their codes in the table: a change of them would give saved formulas another meaning */
+  NUMBER_A = 1, NUMBER_B = 2, ONE = 9, TWO = 10, STEER = 16, VEL_X = 17, YAW_RATE = 19, ACCEL_Y = 21, ANGLE_FRONT = 22, TIME = 26,
+  ADD = 32, SUB = 33, MUL = 34, DIV = 35, SQRT = 40, SOFT = 41, LAG = 48, SECOND = 49, LATE = 50, PLAY = 51, LIMIT = 52, RATE = 53
+};
+
+static tse_real reference_x[ROWS], reference_y[ROWS], reference_r[ROWS], column[ROWS];
+
+static void set_program(tse_config *c, int place, const int *ops, int n)
+{
+  int32_t *const packed[] = { &c->formula_code_1, &c->formula_code_2, &c->formula_code_3, &c->formula_code_4, &c->formula_code_5,
+                              &c->formula_code_6, &c->formula_code_7, &c->formula_code_8, &c->formula_code_9, &c->formula_code_10,
+                              &c->formula_code_11 };
+  for (int k = 0; k < 11; k++) *packed[k] = 0;
+  for (int k = 0; k < n; k++) *packed[k / 3] |= (int32_t)((unsigned)ops[k] << (8 * (k % 3)));
+  c->formula_gain = 1;
+  c->formula_place = place;
+}
+
+#define PROGRAM(c, place, ...) \
+  do { const int ops[] = { __VA_ARGS__ }; set_program(c, place, ops, (int)(sizeof ops / sizeof ops[0])); } while (0)
+
+static tse_status status_of(const tse_config *c)
+{
+  const char *wrong = "";
+  const tse_status status = tse_config_check(c, &wrong);
+  if (status < 0) TEST_ASSERT_EQUAL_STRING("formula_code_1", wrong);
+  return status;
+}
+
+static void weave(const tse_config *c)
+{
+  straight(c, 18, 0.01, ROWS);
+  for (int i = 0; i < ROWS; i++) log_steer[i] = real(0.03 * sin(2 * PI * (0.3 + 0.002 * i) * 0.01 * i));
+}
+
+static void keep_reference(void)
+{
+  memcpy(reference_x, got_x, sizeof reference_x);
+  memcpy(reference_y, got_y, sizeof reference_y);
+  memcpy(reference_r, got_r, sizeof reference_r);
+}
+
+/* `within`: rounding only */
+static void expect_reference(double within, const char *what)
+{
+  for (int i = 0; i < ROWS; i++) {
+    expect_near(number(reference_x[i]), number(got_x[i]), within, what, i);
+    expect_near(number(reference_y[i]), number(got_y[i]), within, what, i);
+    expect_near(number(reference_r[i]), number(got_r[i]), within, what, i);
+  }
+}
+
+static void test_a_number_at_a_place_is_the_disturbance_there(void)
+{
+  for (int place = 0; place < 5; place++) {
+    tse_config c = default_car();
+    weave(&c);
+    tse_replay_log log = the_log();
+    const tse_replay_start s = the_start();
+    const tse_real **const columns[] = { &log.slip_front, &log.slip_rear, &log.force_x, &log.force_y, &log.yaw_accel };
+    for (int i = 0; i < ROWS; i++) column[i] = real(0.004);
+    *columns[place] = column;
+    replay_with(&c, &log, ROWS, &s);
+    keep_reference();
+    PROGRAM(&c, place, NUMBER_A);
+    c.formula_a = (tse_setting)0.004;
+    replay(&c, ROWS);
+    expect_reference(sizeof(tse_real) == 4 ? 1e-4 : 1e-11, "place");
+  }
+}
+
+static void test_a_share_of_the_stiffness_is_another_stiffness(void)
+{
+  for (int place = 5; place < 7; place++) {
+    tse_config c = default_car();
+    weave(&c);
+    const tse_replay_log log = the_log();
+    tse_replay_start s = the_start();
+    *(place == 5 ? &s.cy_front : &s.cy_rear) = real(1.2);
+    replay_with(&c, &log, ROWS, &s);
+    keep_reference();
+    PROGRAM(&c, place, NUMBER_A);
+    c.formula_a = (tse_setting)0.2;
+    replay(&c, ROWS);
+    expect_reference(sizeof(tse_real) == 4 ? 1e-4 : 1e-11, "stiffness");
+  }
+}
+
+static void test_a_reading_is_off_and_the_car_is_not(void)
+{
+  for (int place = 7; place < 10; place++) {
+    tse_config c = default_car();
+    weave(&c);
+    replay(&c, ROWS);
+    keep_reference();
+    PROGRAM(&c, place, NUMBER_A);
+    c.formula_a = (tse_setting)0.5;
+    c.formula_gain = (tse_setting)-0.5;
+    tse_real *const read[] = { reference_x, reference_y, reference_r };
+    for (int i = 0; i < ROWS; i++) read[place - 7][i] -= real(0.25);
+    replay(&c, ROWS);
+    expect_reference(sizeof(tse_real) == 4 ? 1e-5 : 1e-14, "reading");
+  }
+}
+
+static void test_switched_off_it_changes_no_bit(void)
+{
+  tse_config c = default_car();
+  weave(&c);
+  replay(&c, ROWS);
+  keep_reference();
+  PROGRAM(&c, 4, NUMBER_A, STEER, MUL);
+  c.formula_a = 3;
+  c.formula_gain = 0;
+  replay(&c, ROWS);
+  TEST_ASSERT_EQUAL_MEMORY(reference_x, got_x, sizeof reference_x);
+  TEST_ASSERT_EQUAL_MEMORY(reference_y, got_y, sizeof reference_y);
+  TEST_ASSERT_EQUAL_MEMORY(reference_r, got_r, sizeof reference_r);
+}
+
+/* What the gyro reads if it reads the yaw rate through the function: f(yaw_rate, a, b) - yaw_rate at the gyro. */
+static void read_through(tse_config *c, int function, double a, double b)
+{
+  if (function == SECOND) PROGRAM(c, 9, YAW_RATE, NUMBER_A, NUMBER_B, SECOND, YAW_RATE, SUB);
+  else if (function == RATE) PROGRAM(c, 9, YAW_RATE, RATE, YAW_RATE, SUB);
+  else PROGRAM(c, 9, YAW_RATE, NUMBER_A, function, YAW_RATE, SUB);
+  c->formula_a = (tse_setting)a;
+  c->formula_b = (tse_setting)b;
+  replay(c, ROWS);
+}
+
+static double clamp(double x, double lo, double hi) { return x < lo ? lo : x > hi ? hi : x; }
+
+static void test_functions_with_memory_are_their_recurrences(void)
+{
+  const double eps = sizeof(tse_real) == 4 ? 2e-5 : 1e-12;
+  tse_config c = default_car();
+  weave(&c);
+  read_through(&c, PLAY, 0.05, 0);
+  for (double y = number(got_yaw[0]), i = 0; i < ROWS; i++) {
+    y = clamp(y, number(got_yaw[(int)i]) - 0.05, number(got_yaw[(int)i]) + 0.05);
+    expect_near(y, number(got_r[(int)i]), eps, "play", (int)i);
+  }
+  read_through(&c, LIMIT, 0.4, 0);
+  for (double y = number(got_yaw[0]), i = 0; i < ROWS; i++) {
+    y = i > 0 ? clamp(number(got_yaw[(int)i]), y - 0.004, y + 0.004) : y;
+    expect_near(y, number(got_r[(int)i]), eps, "limit", (int)i);
+  }
+  read_through(&c, RATE, 0, 0);
+  for (int i = 1; i < ROWS; i++)
+    expect_near((number(got_yaw[i]) - number(got_yaw[i - 1])) / 0.01, number(got_r[i]), 1e3 * eps, "rate", i);
+  read_through(&c, LATE, 0.035, 0);
+  for (int i = 4; i < ROWS; i++) /* halfway between two rows */
+    expect_near(0.5 * (number(got_yaw[i - 3]) + number(got_yaw[i - 4])), number(got_r[i]), eps, "late", i);
+  read_through(&c, LATE, 0.004, 0);
+  for (int i = 1; i < ROWS; i++) /* within a row */
+    expect_near(0.6 * number(got_yaw[i]) + 0.4 * number(got_yaw[i - 1]), number(got_r[i]), eps, "late, little", i);
+}
+
+/* A lag of T answers a sine of w by 1/sqrt(1 + (w T)^2), a mode by 1/|1 - u^2 + 2 i d u|, u = w/w0. The trapezoidal rule at 0.01 s
+ * turns w into 2/h tan(w h/2), 0.03 % at 1 Hz. */
+static void test_lags_and_modes_have_their_gain(void)
+{
+  tse_config c = default_car();
+  straight(&c, 18, 0.01, ROWS);
+  for (int i = 0; i < ROWS; i++) log_steer[i] = real(0.02 * sin(2 * PI * 0.01 * i));
+  const double w = 2 * PI;
+  for (int k = 0; k < 2; k++) {
+    double most_in = 0, most_out = 0;
+    read_through(&c, k ? SECOND : LAG, k ? 1.5 : 0.1, 0.3);
+    for (int i = ROWS - 100; i < ROWS; i++) {
+      most_in = fmax(most_in, fabs(number(got_yaw[i])));
+      most_out = fmax(most_out, fabs(number(got_r[i])));
+    }
+    const double u = w / (2 * PI * 1.5), gain = k ? 1 / hypot(1 - u * u, 2 * 0.3 * u) : 1 / hypot(1, 0.1 * w);
+    expect_near(gain, most_out / most_in, 3e-3 * gain, "gain", k); /* a hundredth of a period from peak to row: 2e-3 */
+  }
+}
+
+static void test_at_rest_a_memory_holds_what_is(void)
+{
+  const int functions[] = { LAG, LATE, PLAY, LIMIT, SECOND };
+  for (int k = 0; k < 5; k++) {
+    tse_config c = default_car();
+    straight(&c, 18, 0.01, ROWS);
+    tse_replay_log log = the_log();
+    tse_replay_start s = the_start();
+    s.yaw_rate = real(0.2);
+    tse_real first;
+    read_through(&c, functions[k], 0.3, 0.5);
+    replay_with(&c, &log, ROWS, &s);
+    first = got_r[0];
+    expect_near(0.2, number(first), 1e-6, "the first row is at rest", functions[k]);
+  }
+}
+
+static void test_what_is_no_number_is_nothing(void)
+{
+  tse_config c = default_car();
+  weave(&c);
+  replay(&c, ROWS);
+  keep_reference();
+  PROGRAM(&c, 4, ONE, NUMBER_A, DIV, NUMBER_B, SQRT, ADD); /* 1/0 + sqrt(-1) */
+  c.formula_b = -1;
+  replay(&c, ROWS);
+  expect_reference(sizeof(tse_real) == 4 ? 1e-5 : 1e-11, "0");
+  PROGRAM(&c, 4, NUMBER_A, NUMBER_A, MUL, NUMBER_A, MUL, RATE, SOFT); /* 1e18 */
+  c.formula_a = 1000000;
+  replay(&c, ROWS);
+  for (int i = 0; i < ROWS; i++) TEST_ASSERT_TRUE(r_is_finite(got_r[i]));
+}
+
+static void test_programs_that_do_not_fit_are_refused(void)
+{
+  tse_config c = default_car();
+  PROGRAM(&c, 0, NUMBER_A, STEER, MUL);
+  TEST_ASSERT_EQUAL_INT(TSE_OK, status_of(&c));
+  PROGRAM(&c, 0, NUMBER_A, MUL);
+  TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_E_CONFIG, status_of(&c), "takes more than there is");
+  PROGRAM(&c, 0, NUMBER_A, NUMBER_B);
+  TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_E_CONFIG, status_of(&c), "leaves two values");
+  set_program(&c, 0, NULL, 0);
+  TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_OK, status_of(&c), "no program is no formula");
+  PROGRAM(&c, 0, 200);
+  TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_E_CONFIG, status_of(&c), "no operation");
+  PROGRAM(&c, 0, STEER, RATE, RATE, RATE, RATE);
+  TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_E_CONFIG, status_of(&c), "four memories");
+  PROGRAM(&c, 0, STEER, NUMBER_A, LATE, NUMBER_A, LATE);
+  TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_E_CONFIG, status_of(&c), "two delays");
+  PROGRAM(&c, 0, ONE, ONE, ONE, ONE, ONE, ONE, ONE, ONE, ONE, ADD, ADD, ADD, ADD, ADD, ADD, ADD, ADD);
+  TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_E_CONFIG, status_of(&c), "nine values deep");
+  PROGRAM(&c, 0, ONE, ONE, ONE, ONE, ONE, ONE, ONE, ONE, ADD, ADD, ADD, ADD, ADD, ADD, ADD);
+  TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_OK, status_of(&c), "eight values deep");
+  c.formula_gain = 0;
+  PROGRAM(&c, 0, NUMBER_A, MUL);
+  c.formula_gain = 0;
+  TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_OK, status_of(&c), "switched off, nobody runs it");
+}
+
+/* The simulator's car, whose rear wheels steer with the speed, and an estimator that is told so, or not. */
+static void test_an_estimator_that_is_told_knows_its_stiffness(void)
+{
+  static tse_sim sim;
+  static tse_filter f;
+  tse_config car = default_car();
+  tse_sim_config s = still_sim(20);
+  double off[2];
+  PROGRAM(&car, 1, NUMBER_A, STEER, MUL);
+  car.formula_a = (tse_setting)-0.3;
+  s.noise = 1;
+  for (int told = 0; told < 2; told++) {
+    tse_config c = car;
+    tse_sim_input u;
+    tse_sim_output y;
+    tse_output estimate;
+    if (!told) c.formula_gain = 0;
+    const tse_params p = prepared(&c);
+    TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_reset(&sim, &car, &s, NULL));
+    TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f, sizeof f));
+    memset(&u, 0, sizeof u);
+    u.dt = real(0.01);
+    u.road_level = real(1);
+    for (int i = 0; i < 4000; i++) {
+      u.steer_angle = real(0.03 * sin(2 * PI * 0.4 * 0.01 * i));
+      TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_step(&sim, &u, &y));
+      tse_input row = y.row;
+      row.dt = real(0.01);
+      TEST_ASSERT_TRUE(tse_step(&p, &f, &row, &estimate) >= 0);
+      if (i == 2000) TEST_ASSERT_EQUAL_INT(TSE_OK, tse_filter_check(&p, &f, sizeof f));
+    }
+    off[told] = fmax(fabs(number(estimate.stiffness[1]) - 1), fabs(number(estimate.stiffness[2]) - 1));
+  }
+  TEST_ASSERT_TRUE_MESSAGE(off[1] < 0.05, "told: within 5 %, two sd of 40 s at this noise");
+  TEST_ASSERT_TRUE_MESSAGE(off[0] > 3 * off[1], "not told, stiffness makes up for it");
+}
+
+int main(void)
+{
+  UNITY_BEGIN();
+  RUN_TEST(test_a_number_at_a_place_is_the_disturbance_there);
+  RUN_TEST(test_a_share_of_the_stiffness_is_another_stiffness);
+  RUN_TEST(test_a_reading_is_off_and_the_car_is_not);
+  RUN_TEST(test_switched_off_it_changes_no_bit);
+  RUN_TEST(test_functions_with_memory_are_their_recurrences);
+  RUN_TEST(test_lags_and_modes_have_their_gain);
+  RUN_TEST(test_at_rest_a_memory_holds_what_is);
+  RUN_TEST(test_what_is_no_number_is_nothing);
+  RUN_TEST(test_programs_that_do_not_fit_are_refused);
+  RUN_TEST(test_an_estimator_that_is_told_knows_its_stiffness);
+  return UNITY_END();
+}
