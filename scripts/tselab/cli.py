@@ -374,6 +374,67 @@ def simulate(
     click.echo(f"Log written to {out}" + (f", truth to {truth}" if truth else ""))
 
 
+def _short(x: float) -> str:
+    return f"{x:.0f}" if x == int(x) else f"{x:.9g}"
+
+
+class FormulaCommand(click.Command):
+    """Lists what a formula is made of."""
+
+    def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        from tselab.core import library
+
+        kinds = {"SIGNAL": "Signals", "PLAIN": "Functions, beside + - * / and whole powers", "MEMORY": "Functions that remember"}
+        with formatter.section("Places"):
+            formatter.write_dl([(p.name, f"{p.unit}: {p.text}") for p in library().formula_places.values()])
+        hidden = {"add", "sub", "mul", "div", "neg", "one", "two"}  # written as operators and digits
+        for kind, title in kinds.items():
+            with formatter.section(title):
+                ops = [o for o in library().formula_ops.values() if o.kind == kind and o.name not in hidden]
+                formatter.write_dl([(o.name, f"{o.unit}: {o.text}" if kind == "SIGNAL" else o.text) for o in ops])
+
+
+@cli.command(cls=FormulaCommand)
+@click.argument("path", metavar="FORMULA.toml", type=FILE)
+@click.option("--c", "header", metavar="OUT.h", type=FILE, help="Also write it as C, for a build with -DTSE_FORMULA=OUT.h.")
+def formula(path: Path, header: Path | None) -> None:
+    """Check a formula of the user, an effect that no catalogue has; also as C.
+
+    \b
+    tselab formula gap/formula.toml
+    tselab formula play.toml --c play.h
+
+    'tselab gap' writes such files; by hand:
+
+    \b
+    id = "play"
+    title = "play in the steering"
+    place = "front_angle"
+    formula = "play(steer_angle, w) - steer_angle"
+    [numbers.w]
+    value = 0.003
+    unit = "rad"
+
+    A vehicle file beside it runs it everywhere with
+    [formula] file = "play.toml". Places, signals and functions are listed below; x, y, z are what stands in the brackets.
+    """
+    from tselab.core import library
+    from tselab.files import atomic
+    from tselab.formula import c_header, read_formula
+    from tselab.tables import text_table
+
+    found = read_formula(path)
+    place = library().formula_places[found.place]
+    click.echo(f"{path}: {found.title}\n{found.place} [{place.unit}] + {found.gain:g} * ({found.text})")
+    click.echo(text_table([[n.name, f"{n.value:.6g}", n.unit, n.text] for n in found.numbers], right=(1,)))
+    count = len(found.operations)
+    click.echo(f"{count} operations; settings: {', '.join(f'{k} = {_short(v)}' for k, v in found.settings().items() if v)}")
+    if header is not None:
+        with atomic(header) as file:
+            file.write(c_header(found))
+        click.echo(f"Written to {header}")
+
+
 @cli.command()
 @click.argument("path", metavar="[CAR.toml]", type=FILE, required=False)
 @click.option("--example", is_flag=True, help="Print a commented vehicle file.")

@@ -14,6 +14,7 @@ import numpy as np
 from tselab import __version__
 from tselab.core import NOMINAL, Config, EffectParameter, library
 from tselab.files import atomic
+from tselab.formula import c_header, write_formula
 from tselab.gap.fit import Fit, covariance
 from tselab.gap.infer.naming import Named, settings
 from tselab.gap.problem import PROFILES, Problem
@@ -21,6 +22,7 @@ from tselab.gap.workflow import Result
 from tselab.vehicle import (
     HINT_ONLY,
     Vehicle,
+    formula_settings,
     latency_settings,
     read_vehicle,
     sensor_settings,
@@ -29,29 +31,46 @@ from tselab.vehicle import (
 )
 
 VEHICLE, HEADER = "vehicle_improved.toml", "effects.h"
+FORMULA, FORMULA_HEADER = "formula.toml", "tse_formula.h"
 
 
 def asserted(result: Result) -> tuple[Fit, list[Named]]:
     """The fit that stands, and its effects: those of a verdict that names them, else none."""
-    if result.verdict == "named":
-        return result.naming.final, result.naming.named
-    return result.naming.baseline, []
+    named = result.naming.named if result.verdict == "named" else []
+    if result.formula is not None:
+        return result.final, named
+    return (result.naming.final if named else result.naming.baseline), named
 
 
 def write(out: Path, vehicle_path: Path, problem: Problem, result: Result) -> tuple[Path, Path]:
     """Both files; the header is made from the vehicle file as it reads back."""
     path = out / VEHICLE
+    vehicle = read_vehicle(vehicle_path)
+    formula = result.formula or vehicle.formula
+    for name in (FORMULA, FORMULA_HEADER):
+        (out / name).unlink(missing_ok=True)  # of an earlier run
+    if formula is not None:
+        write_formula(out / FORMULA, formula)
+        with atomic(out / FORMULA_HEADER) as file:
+            file.write(c_header(formula))
     with atomic(path) as file:
-        file.write(improved(read_vehicle(vehicle_path), problem, result))
+        file.write(improved(vehicle, problem, result))
     with atomic(out / HEADER) as file:
         file.write(header(read_vehicle(path)))
     return path, out / HEADER
+
+
+def formula_files(out: Path, improved: Path) -> list[Path]:
+    """What was written of a formula."""
+    return [out / FORMULA, out / FORMULA_HEADER] if read_vehicle(improved).formula is not None else []
 
 
 def _group(key: str) -> str:
     """What a setting is of: a heading of effects.h."""
     if key in uncertainty_settings():
         return "how uncertain that is"
+    if key in formula_settings():
+        return "a formula of the user"
     if key in latency_settings().values():
         return "how late channels are logged"
     return "vehicle" if key in vehicle_settings() else "sensors"
@@ -82,6 +101,9 @@ def improved(vehicle: Vehicle, problem: Problem, result: Result) -> str:
     sensors = [k for k in sensor_settings() if k in values]
     if sensors:
         lines += ["", "[sensors]", *(f"{k} = {values[k]!r}  # {fields[k].unit}" for k in sensors)]
+    formula = result.formula or vehicle.formula
+    if formula is not None:
+        lines += ["", f"[formula]  # {formula.text}, at {formula.place}", f"file = {json.dumps(FORMULA)}"]
     mine = {n.effect.id: n for n in named}
     for effect in library().effects.values():
         n = mine.get(effect.id)
@@ -104,6 +126,8 @@ def _verdict(result: Result) -> list[str]:
         return ["# Nothing is missing that these logs could show: stiffness fitted, nothing added."]
     if result.verdict == "named":
         return ["# Stiffness and the effects below were fitted together: they belong together."]
+    if result.formula is not None:
+        return ["# Something is missing that is not in the catalogue: stiffness and a formula for it were fitted together."]
     return ["# Something is missing that is not in the catalogue: stiffness fitted without it, nothing added."]
 
 

@@ -23,6 +23,9 @@ JOBS = click.option("--jobs", type=click.IntRange(1, 256), default=os.cpu_count(
                     help="Simulations at once.")  # fmt: skip
 SCHEDULER = click.option("--scheduler", metavar="ADDRESS", help="Simulate on a Dask cluster instead, for instance tcp://host:8786.")
 HOLD_OUT = "--hold-out"
+OUT = click.option("--out", metavar="DIR", type=FILE, required=True, help="Directory; made if needed; stages are used again.")
+HELD = click.option(HOLD_OUT, "hold_out", metavar="LOG.csv ...", type=FILE, multiple=True,
+                    help="Logs that are not fitted: they prove what was found. All files up to the next option.")  # fmt: skip
 
 
 class Gap(click.Group):
@@ -74,9 +77,8 @@ def gap() -> None:
 @gap.command(cls=Run, hidden=True)
 @LOGS
 @VEHICLE
-@click.option("--out", metavar="DIR", type=FILE, required=True, help="Directory; made if needed. Its stages are used again.")
-@click.option(HOLD_OUT, "hold_out", metavar="LOG.csv ...", type=FILE, multiple=True,
-              help="Logs that are not fitted: what was found is proved on them. All files up to the next option.")  # fmt: skip
+@OUT
+@HELD
 @click.option("--fmu", metavar="FILE.fmu", type=FILE, help="Also prove it with the estimator FMU, through FMPy.")
 @JOBS
 @SCHEDULER
@@ -108,13 +110,28 @@ def run(
     DIR/report.html            the same for people
     DIR/vehicle_improved.toml  stiffness and effects: for tselab estimate and simulate
     DIR/effects.h              the same for C: sets a tse_config
-    DIR/residuals.parquet      before and after, every block of 40 ms
+    DIR/formula.toml           a formula for what no effect of the catalogue explains, if one was found; tse_formula.h: in C
+    DIR/residuals.parquet      before and after, every block of 40 ms; what is left as a disturbance
     DIR/gap.png                the picture (with matplotlib)
 
     \b
     Exit code: 0 nothing is missing that these logs could show, 10 named, 11 named, but look-alikes cannot be excluded,
     20 something is missing that is not in the catalogue, 2 bad input, 130 Ctrl-C. The same command goes on after Ctrl-C.
     """
+    return _run(logs, vehicle_path, out, hold_out, fmu, jobs, scheduler, progress)
+
+
+def _run(
+    logs: tuple[Path, ...],
+    vehicle_path: Path,
+    out: Path,
+    hold_out: tuple[Path, ...],
+    fmu: Path | None,
+    jobs: int,
+    scheduler: str | None,
+    progress: bool | None,
+    formula: bool = False,
+) -> int:
     from tselab.gap import workflow
     from tselab.gap.output import write_all
     from tselab.gap.workers import workers
@@ -122,7 +139,7 @@ def run(
     make_directory(out)
     _distinct(logs, hold_out)
     with workers(jobs, scheduler) as pool, _stages_kept(out), _saying(progress) as say:
-        result = workflow.run(logs, vehicle_path, out, hold_out, jobs, say, pool)
+        result = workflow.run(logs, vehicle_path, out, hold_out, jobs, say, pool, formula)
         written = write_all(out, result, logs, vehicle_path, hold_out, jobs, fmu, say)
     for line in result.words:
         click.echo(line)
@@ -139,6 +156,38 @@ def run(
         click.echo(written.proof)
     click.echo(f"Written to {out}: {', '.join(f.name for f in written.files)}")
     return result.exit_code
+
+
+@gap.command(cls=Run, short_help="A formula for what no effect of the catalogue explains.")
+@LOGS
+@VEHICLE
+@OUT
+@HELD
+@JOBS
+@SCHEDULER
+@PROGRESS
+def discover(
+    logs: tuple[Path, ...],
+    vehicle_path: Path,
+    out: Path,
+    hold_out: tuple[Path, ...],
+    jobs: int,
+    scheduler: str | None,
+    progress: bool | None,
+) -> int:
+    """A formula for what no effect of the catalogue explains.
+
+    \b
+    tselab gap discover log_*.csv --vehicle car.toml --out gap --hold-out hold_out_*.csv
+
+    As 'tselab gap', which seeks one where its names leave something; this command always does. Forms of a library, and what
+    evolves from them, are put at the axles, on the body and into the sensors; those that promise most are simulated with the
+    stiffness fitted beside them, length has a price, and a held-out log that they make worse forbids them.
+
+    DIR/formula.toml can be edited, and written by hand: 'tselab formula' checks it, [formula] file = "formula.toml" in a vehicle
+    file runs it in simulator, estimator and this workflow.
+    """
+    return _run(logs, vehicle_path, out, hold_out, None, jobs, scheduler, progress, formula=True)
 
 
 def changes(result: Any) -> list[str]:

@@ -41,14 +41,14 @@ def write_all(
     """Add and Show."""
     problem, naming = result.problem, result.naming
     assert problem is not None
-    before, after = naming.baseline.values, naming.final.values
+    before, after = naming.baseline.values, result.after
     parts = {table.FIT: problem} | ({table.HELD_OUT: result.held} if result.held is not None else {})
     say("writing the improved vehicle")
     improved, header = add.write(out, vehicle_path, problem, result)
     say("residuals before and after")
-    rows = table.table(parts, before, after)
+    rows = table.table(parts, before, after, {table.FIT: result.latent} if result.latent is not None else {})
     table.write(out / RESIDUALS, rows)
-    changes = {table.FIT: show.compare(problem, naming.baseline.residuals, naming.final.residuals)}
+    changes = {table.FIT: show.compare(problem, naming.baseline.residuals, result.final.residuals)}
     if result.held_out:
         changes[table.HELD_OUT] = result.held_out
 
@@ -70,7 +70,7 @@ def write_all(
     with atomic(out / VERDICT) as file:
         json.dump(finite(result.as_json() | {"estimator": finite(estimator(gained))}), file, indent=1, allow_nan=False)
         file.write("\n")
-    files = [out / VERDICT, improved, header, out / REPORT, out / RESIDUALS]
+    files = [out / VERDICT, improved, header, *add.formula_files(out, improved), out / REPORT, out / RESIDUALS]
     if importlib.util.find_spec("matplotlib") is not None:
         pictures.picture(out / PICTURE, rows, changes, headline(result))
         files.append(out / PICTURE)
@@ -82,7 +82,7 @@ def headline(result: Result) -> str:
     if result.verdict == "none":
         return "Nothing is missing that these logs could show"
     if result.verdict == "not_in_catalogue":
-        return "Something is missing that is not in the catalogue"
+        return "Not in the catalogue" + (f": {result.formula.text} at {result.formula.place}" if result.formula else "")
     return "Missing: " + " + ".join(n.effect.id for n in result.naming.named)
 
 

@@ -15,7 +15,7 @@ import plotly.offline
 from tselab import __version__
 from tselab.core import STIFFNESS, library
 from tselab.files import atomic
-from tselab.gap import pictures
+from tselab.gap import latent, pictures
 from tselab.gap.catalogue import catalogue
 from tselab.gap.cross import SOURCES, Blocks
 from tselab.gap.data import CHANNELS
@@ -66,6 +66,9 @@ def write_report(path: Path, shown: Shown) -> None:
          "decoy can rank high here and be superfluous once the right one is in.", ranked if naming.ranking else None),
         ("Where it enters", "A drifting disturbance is put at each place in turn; the place that explains accel_y and yaw_rate "
          "best is where something acts that the plain model does not have.", pictures.entry_points(result.entries)),
+        ("What is left, as a disturbance", "What the names do not explain, put where it explains accel_y and yaw_rate best (or "
+         "into accel_x), and the signed quantity that it follows in logs that were left out.",
+         latent.figure(problem, result.latent, result.follows) if result.latent is not None else None),
         ("Handling, quasi-steady", "Yaw-rate gain, and steering angle beyond what a slow car needs, over lateral acceleration; "
          "medians of calm samples, one line style and symbol per 5 m/s of speed.", pictures.handling_figure(blocks, wheelbase)),
         ("Response to the steering" + (f": {response[1]}" if response else ""), "Gain and phase at the frequencies that the "
@@ -84,6 +87,10 @@ def write_report(path: Path, shown: Shown) -> None:
         words=result.words,
         notes=[*result.notes, *shown.notes],
         effects=effect_rows(result),
+        formula=result.formula,
+        place=library().formula_places[result.formula.place].text if result.formula else "",
+        numbers=number_rows(result),
+        tried=tried_rows(result),
         conditions=[
             {"words": c.words, "strength": f"{c.strength:+.2f}", "p": f"{c.p:.1g}"} for c in result.conditions[:MOST_CONDITIONS]
         ],
@@ -159,6 +166,29 @@ def effect_rows(result: Result) -> list[dict]:
     return rows
 
 
+def number_rows(result: Result) -> list[dict]:
+    """The numbers of a proposed formula."""
+    rows = []
+    for n in result.formula.numbers if result.formula else ():
+        unit = "" if n.unit in ("", "1") else f" {n.unit}"
+        rows.append({"name": n.name, "text": n.text, "value": f"{n.value:.4g}{unit}", "sd": "-" if n.sd is None else f"{n.sd:.2g}"})
+    return rows
+
+
+def tried_rows(result: Result) -> list[dict]:
+    """All formulas that were simulated."""
+    tried = result.discovery.tried if result.discovery else []
+    return [
+        {
+            **t,
+            "nats": f"{t['nats']:.0f}",
+            "share": f"{100 * max(0.0, t['share']):.0f} %",
+            "held_out": "yes" if t["held_out"] else "no",
+        }
+        for t in tried
+    ]
+
+
 def _detectable(d: object) -> dict:
     smallest = "never" if not np.isfinite(d.smallest) else f"{d.smallest:.2g} {'' if d.unit == '1' else d.unit}".strip()
     return {
@@ -188,7 +218,7 @@ def gain_rows(gain: Gain) -> list[tuple[str, str, str]]:
 
 def facts(shown: Shown) -> list[tuple[str, str]]:
     problem, held = shown.result.problem, shown.result.held
-    final, baseline = shown.result.naming.final.values, shown.result.naming.baseline.values
+    final, baseline = shown.result.final.values, shown.result.naming.baseline.values
     rows = [("Logs fitted", "; ".join(f"{x.name} ({x.seconds:.0f} s)" for x in problem.logs))]
     if held is not None:
         rows.append(("Logs held out", "; ".join(f"{x.name} ({x.seconds:.0f} s)" for x in held.logs)))

@@ -18,6 +18,7 @@ from tselab.files import atomic
 # Modules whose dataclasses may be in a stage; nothing else is ever made from a file.
 MODULES = (
     "tselab.core", "tselab.gap.catalogue", "tselab.gap.data", "tselab.gap.fit", "tselab.gap.where", "tselab.gap.infer.naming",
+    "tselab.gap.discover.search", "tselab.gap.show", "tselab.gap.latent", "tselab.formula",
 )  # fmt: skip
 MOST_BYTES = 4 << 30  # of a stage, unpacked
 

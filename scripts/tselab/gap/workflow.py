@@ -13,12 +13,16 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from tselab import __version__
 from tselab.core import Config, library_path
 from tselab.errors import UserError
-from tselab.gap import detect, optional, remainder, show, where
+from tselab.formula import Formula
+from tselab.gap import detect, latent, optional, remainder, show, where
 from tselab.gap.catalogue import catalogue
 from tselab.gap.data import Prepared
+from tselab.gap.discover.search import PRICE, Discovery, discover, total
 from tselab.gap.fit import Fit, fit, gap
 from tselab.gap.infer import naming as name
 from tselab.gap.infer.naming import Named
@@ -29,6 +33,7 @@ from tselab.log import Log, read_log
 from tselab.units import check_units
 from tselab.vehicle import Vehicle, fill_sensors, read_vehicle
 
+ENOUGH = 0.9  # of the gap: names that close more are no patchwork
 NOISE_LIMIT = 1.2  # rms over noise up to which nothing is left to explain: noise is known to some percent, inputs are smoothed
 EXIT = {"none": 0, "named": 10, "look-alikes": 11, "not_in_catalogue": 20}
 
@@ -50,8 +55,28 @@ class Result:
     undetectable: list[detect.Detectable]
     detectable: list[detect.Detectable]
     notes: list[str] = field(default_factory=list)
+    discovery: Discovery | None = None  # a formula for what the names leave; None: nothing is left, or nobody asked
+    latent: latent.Latent | None = None  # what the names leave, as a disturbance
+    follows: list[latent.Explained] = field(default_factory=list)  # and what it follows
     problem: Problem | None = None  # what was fitted
     held: Problem | None = None  # what was not
+
+    @property
+    def formula(self) -> Formula | None:
+        """The one that is proposed."""
+        return self.discovery.formula if self.discovery else None
+
+    @property
+    def final(self) -> Fit:
+        """What stands in the end: names and the formula."""
+        if self.discovery and self.discovery.fit:
+            return self.discovery.fit
+        return self.naming.final
+
+    @property
+    def after(self) -> dict[str, float]:
+        """The same as what a simulation takes."""
+        return dict(self.final.values) | (self.formula.settings() if self.formula else {})
 
     def as_json(self) -> dict[str, Any]:
         """DIR/verdict.json."""
@@ -63,6 +88,8 @@ class Result:
             "besides": [_as_json(n) for n in self.naming.besides],
             "possible": self.naming.possible,
             "sets": self.naming.sets,
+            "formula": self._formula_as_json(),
+            "follows": [{"quantity": e.name, "share": e.share, "chance": e.chance} for e in self.follows],
             "where": [
                 {"channel": c.channel, "condition": c.condition, "entry_point": self._entry(c.channel), "strength": c.strength}
                 for c in self.conditions
@@ -82,11 +109,20 @@ class Result:
                 {"id": d.id, "parameter": d.parameter, "smallest_detectable": d.smallest, "typical": d.typical, "unit": d.unit}
                 for d in self.undetectable
             ],
-            "stiffness": {p.name: self.naming.final.values[p.name] for p in STIFFNESS},
+            "stiffness": {p.name: self.final.values[p.name] for p in STIFFNESS},
             "words": self.words,
             "notes": self.notes,
             "version": __version__,
         }
+
+    def _formula_as_json(self) -> dict[str, Any] | None:
+        if self.discovery is None:
+            return None
+        f, d, proposed = self.formula, self.discovery, None
+        if f is not None:
+            numbers = {n.name: {"value": n.value, "sd": n.sd, "unit": n.unit} for n in f.numbers}
+            proposed = {"id": f.id, "place": f.place, "formula": f.text, "numbers": numbers, "share": d.share, "nats": d.nats}
+        return {"proposed": proposed, "tried": d.tried}
 
     def _entry(self, channel: str) -> str:
         if channel == "accel_x":
@@ -105,7 +141,8 @@ def fingerprint(paths: Sequence[Path], config: Config) -> str:
     """Of everything that a result depends on: logs, settings, this code, the library."""
     h = hashlib.sha256(__version__.encode())
     here = Path(__file__).parent
-    for code in (*sorted(here.rglob("*.py")), *sorted((here.parent / "identify").glob("*.py")), library_path()):
+    engine = sorted((here.parent / "identify").glob("*.py"))
+    for code in (*sorted(here.rglob("*.py")), *engine, here.parent / "formula.py", library_path()):
         h.update(code.read_bytes())
     for p in paths:
         h.update(p.read_bytes())
@@ -121,8 +158,10 @@ def run(
     jobs: int = 1,
     say: Callable[[str], None] = lambda _: None,
     workers: Workers | None = None,
+    formula: bool = False,
 ) -> Result:
-    """All stages. Without held-out logs nothing is shown beyond the logs that were fitted."""
+    """All stages. Without held-out logs nothing is shown beyond the logs that were fitted. `formula`: one is sought even when the
+    names leave nothing; else where they leave something."""
     workers = workers or Workers(jobs)
     vehicle = read_vehicle(vehicle_path)
     say("reading the logs")
@@ -157,21 +196,80 @@ def run(
     louder = remainder.louder(problem, naming.final.residuals, NOISE_LIMIT)
     notes += [f"{c}: its noise is {f:.2f} times what its differences from row to row say" for c, f in louder.items()]
     features = {k: x for k, x in where.features(problem, naming.final.values).items() if k != "time"}
-    left = [
-        r if r.channel not in louder else remainder.Remainder(r.channel, r.gap, "noise", 0.0, (), None, f"{r.channel}: noise only")
-        for r in remainder.remainder(problem, naming.final.residuals, features, NOISE_LIMIT)
-    ]
+    left = what_is_left(problem, naming.final, louder, features)
     seen = detect.detectable(problem, naming.final, [e for e in effects if e.id not in {n.effect.id for n in naming.named}])
+    remains = [r for r in left if r.kind != "noise"]
+    discovery: Discovery | None = None
+    if vehicle.formula is not None:
+        notes.append(f"the vehicle file has a formula ({vehicle.formula.id}), which was kept: no other is sought")
+    elif remains or formula:
+        discovery, naming = stage(folder, key, "formula", lambda: explained(problem, other, naming, say))
+    missing, follows = None, []
+    if remains:
+        missing, follows = stage(folder, key, "latent", lambda: disturbance(problem, naming, entries, remains))
+    if discovery and discovery.formula and discovery.fit:
+        left = what_is_left(problem, discovery.fit, louder, features)
     changes: dict[str, show.Change] = {}
     if other is not None:
         say("held-out logs")
-        changes = show.held_out(other, naming.baseline.values, naming.final.values)
+        last = discovery.fit.values | discovery.formula.settings() if discovery and discovery.formula else naming.final.values
+        changes = show.held_out(other, naming.baseline.values, last)
     notes += optional.words(problem.readings(naming.final.values))
     if not naming.converged:
         notes.append("the last fit has not converged: sizes may still move")
-    result = judge(problem, naming, conditions, entries, left, seen, changes, notes)
-    result.problem, result.held = problem, other
+    result = judge(problem, naming, conditions, entries, left, seen, changes, notes, discovery, follows)
+    result.problem, result.held, result.latent = problem, other, missing
     return result
+
+
+def explained(
+    problem: Problem, held: Problem | None, naming: name.Naming, say: Callable[[str], None]
+) -> tuple[Discovery, name.Naming]:
+    """A formula for what the names leave; or, where it is worth more, one in their place: names that leave most of a gap may be a
+    patchwork for something that the catalogue does not have. Names of sensors may stay without the others."""
+    best = discover(problem, naming.final, held, say)
+    if not naming.named or naming.closed > ENOUGH:
+        return best, naming
+    names = [n.effect for n in naming.named]
+    known = {n.effect.id for n in naming.named if n.sensor}
+
+    def value(found: Discovery, after: name.Naming) -> float:
+        last = found.fit or after.final
+        values = found.values if found.formula else after.final.values
+        names = sum(PRICE * (2 + len(n.effect.fitted)) for n in after.named)
+        return total(problem, held, naming.baseline, last, values) - found.price - names
+
+    chosen, most = (best, naming), value(best, naming)
+    for kept in dict.fromkeys((frozenset[str](), frozenset(known))):
+        if kept == {e.id for e in names}:
+            continue
+        say(f"a formula in place of {', '.join(e.id for e in names if e.id not in kept)}")
+        less = name.without(problem, naming, kept)
+        rival = discover(problem, less.final, held, say)
+        if rival.formula is not None and value(rival, less) > most:
+            chosen, most = (rival, less), value(rival, less)
+    return chosen
+
+
+def what_is_left(
+    problem: Problem, last: Fit, louder: dict[str, float], features: dict[str, np.ndarray]
+) -> list[remainder.Remainder]:
+    """Of every channel, after a fit."""
+    return [
+        r if r.channel not in louder else remainder.Remainder(r.channel, r.gap, "noise", 0.0, (), None, f"{r.channel}: noise only")
+        for r in remainder.remainder(problem, last.residuals, features, NOISE_LIMIT)
+    ]
+
+
+def disturbance(
+    problem: Problem, naming: name.Naming, entries: list[where.Entry], remains: list[remainder.Remainder]
+) -> tuple[latent.Latent, list[latent.Explained]]:
+    """What the names leave, as a disturbance where it acts, and the signed quantities that it follows."""
+    lateral = any(r.channel in ("accel_y", "yaw_rate") for r in remains)
+    found = (where.entries(problem, naming.final) if naming.named else entries) if lateral else []
+    entry = found[0] if found else where.Entry(latent.LONGITUDINAL, 0.0, 0.0, 1.0, "m/s2", 1.0, 0.0)
+    one = latent.latent(problem, naming.final.residuals, naming.final.values, entry)
+    return one, latent.best_explaining(problem, one, latent.signals(problem, naming.final.values))
 
 
 def disagreements(log: Log, vehicle: Vehicle) -> list[str]:
@@ -189,29 +287,36 @@ def judge(
     seen: list[detect.Detectable],
     changes: dict[str, show.Change],
     notes: list[str],
+    discovery: Discovery | None = None,
+    follows: Sequence[latent.Explained] = (),
 ) -> Result:
-    """From what was found to a verdict."""
-    before, after = gap(problem, naming.baseline.residuals), gap(problem, naming.final.residuals)
+    """From what was found to a verdict. `left`: after names and formula."""
+    formula = discovery.formula if discovery else None
+    last = discovery.fit if discovery and discovery.fit else naming.final
+    before, after = gap(problem, naming.baseline.residuals), gap(problem, last.residuals)
     remains = [r for r in left if r.kind != "noise"]
     words: list[str] = []
     if naming.named:
         verdict = "named"
         words += [_sentence(n) for n in naming.named]
-        if remains:
+        if remains or formula:
             closed = f"{100 * naming.closed:.0f} % of the gap"
             words.append(f"All names together close {closed}; something else is missing that is not in the catalogue.")
-    elif remains:
+    elif remains or formula:
         verdict = "not_in_catalogue"
         words.append("Something is missing, and it is none of the effects of the catalogue.")
-        if naming.possible:
+        if naming.possible and not formula:
             best = naming.possible[0]
             words.append(f"The most probable of them is {best['id']}, with {100 * best['probability']:.0f} %.")
         if entries and entries[0].nats > 0:
             words.append(f"It acts like a disturbance at: {entries[0].place}.")
+        if follows:
+            words.append(f"It follows {follows[0].name}, which explains {100 * follows[0].share:.0f} % of it in logs left out.")
     else:
         verdict = "none"
         words.append("The model explains these logs down to the sensors' noise: nothing is missing that they could show.")
-    words += [r.words for r in remains]
+    words += discovery.words if discovery else []
+    words += [f"{'Still left: ' if formula else ''}{r.words}" for r in remains]
     for n in naming.besides:
         words.append(f"The held-out logs show besides, what the fitted ones do not: {_sentence(n)} It is not added.")
     exit_code = EXIT[verdict]
@@ -221,6 +326,7 @@ def judge(
     undetectable = [d for d in seen if not d.visible and d.id not in alike]
     return Result(
         verdict, exit_code, words, naming, conditions, entries, left, before, after, changes, undetectable, seen, notes,
+        discovery, None, list(follows),
     )  # fmt: skip
 
 

@@ -33,6 +33,7 @@ POSSIBLE_AT = 0.1
 ROAD_CHANNEL = {"grade": "accel_x", "bank": "accel_y"}
 ROAD_ODDS = np.log(0.1 / 0.9)  # prior, that a road's profile shows
 ROAD_SHARE = 0.5  # of what is slow in its channel that a road must explain
+ROAD_HARM = 3.0  # nats by which a road may make another channel worse: a road moves the car, and what moves it shows there, too
 MOST_KNOTS = 600  # of a road's profile
 
 
@@ -132,6 +133,24 @@ def name(
     )  # fmt: skip
 
 
+def without(problem: Problem, naming: Naming, kept: frozenset[str]) -> Naming:
+    """The same with no names but these: the others are possible, no more."""
+    effects = [h for h in hypotheses() if h.id in kept]
+    final = naming.baseline
+    if effects:
+        final = as_fit(problem, judge(Layout(problem), effects, naming.final.values, None))
+    named = [
+        replace(n, values={k: final.values[k] for k in n.values}, remarks=list(n.remarks))
+        for n in naming.named
+        if n.effect.id in kept and not all(abs(final.values[p.name] - p.default) < p.negligible for p in n.effect.strengths)
+    ]
+    full = excess(problem, naming.baseline.residuals)
+    closed = 1.0 - excess(problem, final.residuals) / full if full > 0 else 0.0
+    stay = {n.effect.id for n in named}
+    dropped = [{"id": n.effect.id, "probability": n.probability} for n in naming.named if n.effect.id not in stay]
+    return replace(naming, final=final, named=named, besides=[], closed=closed, possible=[*dropped, *naming.possible])
+
+
 def negligible(h: Hypothesis, values: Mapping[str, float]) -> bool:
     """Too small to matter, however sure: what any car has that is not quite the model's is no missing effect."""
     return all(abs(values[p.name] - p.default) < p.negligible for p in h.effect.strengths)
@@ -228,7 +247,7 @@ def _roads(problem: Problem, final: Judged, last: Fit, roads: Sequence[Effect], 
         size = profile_size(e, with_it.values)
         mine = problem.rows.of(channel) & (problem.weight > 0)
         before, after = (float(f.residuals[mine] @ f.residuals[mine]) - int(mine.sum()) for f in (last, with_it))
-        if size < e.strengths[0].negligible or before - after < ROAD_SHARE * before:
+        if size < e.strengths[0].negligible or before - after < ROAD_SHARE * before or _harms(problem, last, with_it, channel):
             continue
         p = e.strengths[0].name
         share = (excess(problem, last.residuals) - excess(problem, with_it.residuals)) / max(full, 1e-300)
@@ -237,6 +256,17 @@ def _roads(problem: Problem, final: Judged, last: Fit, roads: Sequence[Effect], 
         odds = float(np.exp(min(gain + ROAD_ODDS, 50.0)))
         found.append(Named(e, {p: size}, {p: (max(0.0, size - z * spread), size + z * spread)}, share, gain, odds / (1 + odds)))
     return found
+
+
+def _harms(problem: Problem, before: Fit, after: Fit, but: str) -> bool:
+    """Whether a channel other than this one is explained worse than before."""
+    for c in {c for log in problem.logs for c in log.channels} - {but}:
+        mine = problem.rows.of(c) & (problem.weight > 0)
+        one, two = (float(f.residuals[mine] @ f.residuals[mine]) for f in (before, after))
+        scale = max(1.0, one / max(int(mine.sum()), 1))  # in units of what is left, where that is more than noise
+        if 0.5 * (two - one) / scale > ROAD_HARM:
+            return True
+    return False
 
 
 def slow_nats(judged: Judged, channel: str) -> float:

@@ -1,0 +1,317 @@
+"""Which formula, at which place: forms are chosen in a linearisation, those that promise most are simulated with the stiffness and
+everything named fitted beside them, complexity has a price, and logs that were held out have the last word.
+
+Worth of a formula, nats: sum over channels of half the independent values of its residual x ln of how much it falls, so that no
+channel drowns another; less PRICE for every operation and number.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from tselab.formula import Formula, FormulaError
+from tselab.gap import show
+from tselab.gap.catalogue import Parameter
+from tselab.gap.data import CHANNELS
+from tselab.gap.discover import symbolic, terms
+from tselab.gap.discover.respond import responses, signals
+from tselab.gap.discover.terms import Term
+from tselab.gap.fit import Fit, covariance, excess, fit, lengths
+from tselab.gap.problem import Problem
+
+PRICE = 2.0  # nats, of an operation or a number: a library of some hundred forms times places times sizes is some 12 nats
+FITTED = 8  # candidates that are simulated
+PER_PLACE = 3
+SEARCHED = 2  # places where a symbolic search goes on
+LEAST_SHARE = 0.15  # of the gap, that a formula must close to be worth reading
+MOST_STEPS = 15  # of a fit
+CHUNK = 64  # forms that are looked at together: memory
+HALF = 0.5  # quantiles between which a signal has been are those of HALF % and 100 - HALF %
+
+
+@dataclass
+class Candidate:
+    """A formula, fitted."""
+
+    formula: Formula
+    parts: tuple[Term, ...]
+    fit: Fit  # residuals and slopes of the problem as it is
+    nats: float  # worth, less its price
+    share: float  # of what was left that it closes
+    changes: dict[str, show.Change] = field(default_factory=dict)  # on held-out logs
+
+    @property
+    def values(self) -> dict[str, float]:
+        """All that a simulation takes."""
+        return self.fit.values | self.formula.settings()
+
+
+@dataclass
+class Discovery:
+    """What a search came to. `formula` None: nothing that is worth proposing."""
+
+    formula: Formula | None
+    fit: Fit | None
+    nats: float
+    share: float
+    changes: dict[str, show.Change]
+    tried: list[dict]  # place, formula, nats, share, and whether held-out logs bear it out
+    words: list[str]
+    price: float = 0.0  # nats, of its length
+
+    @property
+    def values(self) -> dict[str, float]:
+        """All that a simulation takes."""
+        assert self.fit is not None and self.formula is not None
+        return self.fit.values | self.formula.settings()
+
+
+@dataclass
+class Frame:
+    """What all candidates have in common."""
+
+    problem: Problem
+    balanced: Problem  # each channel's residual is of size one before: none drowns another
+    last: Fit
+    values: dict[str, float]
+    length: dict[int, float]
+    at: list[dict[str, np.ndarray]]
+    full: float  # energy above the noise, of all channels
+
+    @classmethod
+    def of(cls, problem: Problem, last: Fit) -> Frame:
+        balanced = copy.copy(problem)
+        balanced.weight = problem.weight.copy()
+        for c in np.unique(problem.rows.channel):
+            mine = (problem.rows.channel == c) & (problem.weight > 0)
+            balanced.weight[mine] /= max(1.0, float(np.sqrt(np.mean(last.residuals[mine] ** 2))))
+        values = dict(last.values)
+        return cls(
+            problem,
+            balanced,
+            last,
+            values,
+            lengths(problem, last.residuals),
+            signals(problem, values),
+            excess(problem, last.residuals),
+        )
+
+    def nats(self, residuals: np.ndarray) -> float:
+        return worth(self.problem, self.last.residuals, residuals, self.length)
+
+
+def worth(problem: Problem, before: np.ndarray, after: np.ndarray, length: Mapping[int, float]) -> float:
+    """Nats by which residuals have fallen. `length`: of each channel, blocks that say as much as one independent one."""
+    total = 0.0
+    for c, blocks in length.items():
+        mine = (problem.rows.channel == c) & (problem.weight > 0)
+        one, two = (float(r[mine] @ r[mine]) for r in (before, after))
+        total += 0.5 * mine.sum() / blocks * np.log(max(one, 1e-300) / max(two, 1e-300))
+    return float(total)
+
+
+def price(parts: Sequence[Term]) -> float:
+    return PRICE * sum(t.price + len(t.sizes) + 1 for t in parts)
+
+
+def discover(
+    problem: Problem, last: Fit, held: Problem | None = None, say: Callable[[str], None] = lambda _: None, seed: int = 1
+) -> Discovery:
+    """The formula that explains most of what a fit leaves. `last`: of `problem`, with all that is named; `held`: logs that judge.
+
+    Cost: some ten simulations in full for each of about ten candidates; on the order of a minute for minutes of log. Seeded."""
+    frame = Frame.of(problem, last)
+    places = _places(problem)
+    say(f"a formula: {sum(len(terms.forms(p)) for p in places)} forms at {len(places)} places")
+    listed = sorted((x for p in places for x in screened(frame, p, last)), key=lambda x: -x[0])
+    chosen = _diverse(listed)
+    for place in list(dict.fromkeys(p for _, p, _, _ in listed))[:SEARCHED]:
+        say(f"a formula: symbolic search at {place}")
+        chosen += symbolic.search(frame, place, [t for _, p, t, _ in listed if p == place], seed)
+    tried: list[Candidate] = []
+    for k, (_, place, term, coefficient) in enumerate(chosen):
+        say(f"a formula: {k + 1} of {len(chosen)}, {term.text} at {place}")
+        tried += _fitted(frame, place, (term,), ({},), (coefficient,))
+    tried.sort(key=lambda c: -c.nats)
+    for first in tried[:2]:
+        tried += _extended(frame, first, say)
+    tried.sort(key=lambda c: -c.nats)
+    return _chosen(frame, tried, held)
+
+
+def _places(problem: Problem) -> list[str]:
+    there = {c for log in problem.logs for c in log.channels}
+    lateral = terms.LATERAL if {"accel_y", "yaw_rate"} <= there else ()
+    return [p for p in (*lateral, *terms.LONGITUDINAL) if p not in CHANNELS or p in there]
+
+
+def _diverse(listed: list[tuple[float, str, Term, float]]) -> list[tuple[float, str, Term, float]]:
+    """The most promising, but of one form one size, and not all at one place."""
+    found: list[tuple[float, str, Term, float]] = []
+    for one in listed:
+        _, place, term, _ = one
+        same = sum(p == place for _, p, _, _ in found)
+        if one[0] > 0 and same < PER_PLACE and not any(p == place and t.text == term.text for _, p, t, _ in found):
+            found.append(one)
+        if len(found) == FITTED:
+            break
+    return found
+
+
+def total(problem: Problem, held: Problem | None, before: Fit, last: Fit, values: Mapping[str, float]) -> float:
+    """Nats by which a model is better than another one, over the fitted logs and those that were held out, with the numbers of the
+    fitted ones. `values`: all that a simulation of it takes."""
+    nats = worth(problem, before.residuals, last.residuals, lengths(problem, before.residuals))
+    if held is not None:
+        one, two = (held.residuals(show.of_the_car(held, v)) for v in (before.values, values))
+        nats += worth(held, one, two, lengths(held, one))
+    return nats
+
+
+# ---- in the linearisation
+
+
+def screened(frame: Frame, place: str, last: Fit, more: Sequence[Term] | None = None) -> list[tuple[float, str, Term, float]]:
+    """(nats less price, place, form, coefficient) of every form at a place, beside everything that `last` has fitted."""
+    known = list(more if more is not None else terms.forms(place))
+    found = []
+    for k in range(0, len(known), CHUNK):
+        part = known[k : k + CHUNK]
+        logs = [np.column_stack([terms.values_of(t, s, s["dt"]) for t in part]) for s in frame.at]
+        for t, (nats, coefficient) in zip(part, promise(frame, place, logs, last), strict=True):
+            found.append((nats - price((t,)), place, t, coefficient))
+    return found
+
+
+def promise(frame: Frame, place: str, logs: list[np.ndarray], last: Fit) -> list[tuple[float, float]]:
+    """(nats, coefficient) of forms given by their values, of each log shape (blocks, forms)."""
+    problem, balanced = frame.problem, frame.balanced
+    size = np.sqrt(sum(np.sum(x**2, axis=0) for x in logs) / max(sum(len(x) for x in logs), 1))
+    size = np.where(np.isfinite(size) & (size > 1e-12), size, np.inf)
+    a = responses(balanced, frame.values, frame.at, place, [np.nan_to_num(x / size) for x in logs])
+    scale = np.where(problem.weight > 0, balanced.weight / np.where(problem.weight > 0, problem.weight, 1.0), 0.0)
+    target = scale * last.residuals
+    q = np.linalg.qr(scale[:, None] * last.jacobian)[0]
+    a, target = a - q @ (q.T @ a), target - q @ (q.T @ target)
+    power = np.sum(a * a, axis=0)
+    x = np.where(power > 1e-9, -(a.T @ target) / np.maximum(power, 1e-9), 0.0)
+    nats = np.zeros(a.shape[1])
+    for c, length in frame.length.items():
+        mine = (problem.rows.channel == c) & (problem.weight > 0)
+        before = float(target[mine] @ target[mine])
+        after = np.sum((target[mine, None] + a[mine] * x) ** 2, axis=0)
+        nats += 0.5 * mine.sum() / length * np.log(max(before, 1e-300) / np.maximum(after, 1e-300))
+    return [(float(n), float(v)) for n, v in zip(nats, x / size, strict=True)]
+
+
+# ---- in full
+
+
+def _fitted(
+    frame: Frame, place: str, parts: tuple[Term, ...], sizes: tuple[Mapping[str, float], ...], coefficients: tuple[float, ...]
+) -> list[Candidate]:
+    """The formula with everything fitted; nothing where it does not fit in a program."""
+    try:
+        formula = terms.formula(place, list(parts), list(sizes), list(coefficients))
+    except FormulaError:
+        return []
+    limits = {n.name: (-100.0 * abs(n.value) - 1e-9, 100.0 * abs(n.value) + 1e-9) for n in formula.numbers}
+    for i, t in enumerate(parts):
+        limits |= {s.name + ("" if i == 0 else str(i + 1)): (s.low, s.high) for s in t.sizes}
+    return [refit(frame, formula, limits, parts)]
+
+
+def refit(frame: Frame, formula: Formula, limits: Mapping[str, tuple[float, float]], parts: tuple[Term, ...]) -> Candidate:
+    """Stiffness, all that is named, and the numbers of a formula, together."""
+    slots = formula.slots
+    own = [_parameter(slots[n.name], n.name, n.value, *limits[n.name], n.unit, n.text) for n in formula.numbers]
+    problem = frame.balanced
+    before, problem.fixed = problem.fixed, problem.fixed | frame.values | formula.settings()
+    try:
+        found = fit(problem, [*frame.last.parameters, *own], frame.values | {p.name: p.default for p in own}, most=MOST_STEPS)
+    finally:
+        problem.fixed = before
+    formula = formula.with_values({p.key: found.values[p.name] for p in own})
+    values = frame.values | found.values
+    whole = frame.problem.residuals(values | formula.settings())
+    back = np.where(problem.weight > 0, frame.problem.weight / np.where(problem.weight > 0, problem.weight, 1.0), 0.0)
+    one = Fit(found.parameters, values, whole, back[:, None] * found.jacobian)
+    left = excess(frame.problem, whole)
+    share = 1.0 - left / frame.full if frame.full > 0 else 0.0
+    return Candidate(formula, parts, one, frame.nats(whole) - price(parts), share)
+
+
+def _parameter(name: str, key: str, value: float, low: float, high: float, unit: str, text: str) -> Parameter:
+    size = max(abs(value), 1e-9)
+    return Parameter(name, key, True, unit, float(np.clip(value, low, high)), low, high, size, size, 0.0, 0, text)
+
+
+def _extended(frame: Frame, first: Candidate, say: Callable[[str], None]) -> list[Candidate]:
+    """The same with another form beside it."""
+    place = first.formula.place
+    listed = sorted(screened(frame, place, first.fit), key=lambda x: -x[0])
+    found: list[Candidate] = []
+    numbers = {n.name: n.value for n in first.formula.numbers}
+    for nats, _, term, coefficient in listed[:2]:
+        if nats > 0 and len(first.parts) == 1:
+            say(f"a formula: {first.formula.text} and {term.text}")
+            found += _fitted(frame, place, (*first.parts, term), (numbers, {}), (numbers["k"], coefficient))
+    return [c for c in found if c.nats > first.nats and 1.0 - c.share < (1.0 - LEAST_SHARE) * (1.0 - first.share)]
+
+
+# ---- which one
+
+
+def _chosen(frame: Frame, tried: list[Candidate], held: Problem | None) -> Discovery:
+    """The worthiest over all logs, with the numbers of the fitted ones, that the held-out logs bear out: there no channel is worse,
+    and some are better."""
+    shown, chosen, best = [], None, 0.0
+    if held is not None:
+        before = held.residuals(show.of_the_car(held, frame.values))
+        length = lengths(held, before)
+    for c in tried:
+        bears, total = c.nats > 0 and c.share >= LEAST_SHARE, c.nats
+        if bears and held is not None:
+            after = held.residuals(show.of_the_car(held, c.values))
+            c.changes = show.compare(held, before, after)
+            total += worth(held, before, after, length)
+            bears = all(x.ci95[0] <= 0 for x in c.changes.values()) and any(x.better for x in c.changes.values())
+        shown.append({"place": c.formula.place, "formula": c.formula.text, "nats": c.nats, "share": c.share, "held_out": bears})
+        if bears and total > best:
+            chosen, best = c, total
+    if chosen is None:
+        why = (
+            "they do not hold on the logs that were held out"
+            if any(c.changes for c in tried)
+            else "none closes enough of the gap"
+        )
+        return Discovery(None, None, 0.0, 0.0, {}, shown, [f"No formula is proposed: {len(tried)} were simulated, {why}."])
+    formula = _described(frame, chosen)
+    words = [
+        f"A formula closes {100 * chosen.share:.0f} % of what is left: {formula.text}, at {formula.place}. It is a formula, not a "
+        "cause; where it was never driven it says nothing."
+    ]
+    return Discovery(formula, chosen.fit, chosen.nats, chosen.share, chosen.changes, shown, words, price(chosen.parts))
+
+
+def _described(frame: Frame, c: Candidate) -> Formula:
+    """With how well its numbers are known, and where its signals have been."""
+    slots = c.formula.slots
+    sd = dict(
+        zip(
+            (p.name for p in c.fit.parameters), np.sqrt(np.maximum(np.diag(covariance(frame.problem, c.fit)), 0.0)), strict=True
+        )
+    )
+    numbers = tuple(replace(n, sd=float(sd[slots[n.name]])) for n in c.formula.numbers)
+    driven = {}
+    for name in frame.at[0]:
+        if name != "dt" and name in c.formula.text:
+            x = np.concatenate([s[name] for s in frame.at])
+            driven[name] = [float(np.percentile(x, q)) for q in (HALF, 100.0 - HALF)]
+    found: dict = {f"driven_{k}": v for k, v in driven.items()}
+    found |= {"share_of_gap_closed": c.share, "logs": [log.name for log in frame.problem.logs]}
+    return replace(c.formula, numbers=numbers, found=found)

@@ -1,0 +1,202 @@
+"""A formula for what the catalogue does not have: the linearisation against the replay, what is found against what was hidden, and
+what the user gets."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from conftest import tselab
+from gap_logs import car, write_log
+from tselab.core import Config
+from tselab.formula import Number, parse, read_formula, write_formula
+from tselab.gap.data import prepare
+from tselab.gap.discover import search, symbolic, terms
+from tselab.gap.discover.respond import responses, signals
+from tselab.gap.fit import fit, gap
+from tselab.gap.problem import STIFFNESS, Problem
+from tselab.log import read_log
+from tselab.vehicle import read_vehicle
+
+# A yaw damping that sets in beyond a yaw rate: as a stability control does.
+HIDDEN = parse(
+    "damper",
+    "hidden",
+    "yaw_moment",
+    "k*(yaw_rate - max(-w, min(w, yaw_rate)))",
+    [Number("k", -3.0, "1/s"), Number("w", 0.1, "rad/s")],
+)
+
+
+def problem(folder: Path, effects: dict[str, float], drives: tuple[str, ...], seed: int) -> Problem:
+    vehicle = car(folder)
+    paths = [write_log(folder / f"{d}_{seed}.csv", vehicle, d, effects, seed + i) for i, d in enumerate(drives)]
+    config = Config(read_vehicle(vehicle).values)
+    return Problem([prepare(read_log(p), config) for p in paths], config)
+
+
+@pytest.fixture(scope="module")
+def damped(tmp_path_factory) -> tuple[Problem, Problem]:
+    """A car with the damper: fitted logs, and one that is held out."""
+    folder = tmp_path_factory.mktemp("damped")
+    return problem(folder, HIDDEN.settings(), ("sweep", "brakes"), 1), problem(folder, HIDDEN.settings(), ("steps",), 7)
+
+
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory) -> Problem:
+    return problem(tmp_path_factory.mktemp("plain"), {}, ("sweep", "brakes"), 1)
+
+
+@pytest.mark.parametrize("place", [*terms.LATERAL, *terms.LONGITUDINAL])
+def test_the_linearisation_answers_as_the_replay_does(plain, place):
+    """Within a fifth: one step a block, straight driving, no coupling of both directions; it only chooses what is simulated."""
+    values = fit(plain, STIFFNESS, {}).values
+    term = terms.Term("accel_x", terms.PULL.unit) if place in terms.LONGITUDINAL else terms.Term("steer_angle", (0, 0))
+    size = {"force_x": 0.1, "accel_x": 0.1, "force_y": 5.0, "yaw_moment": 3.0, "accel_y": 5.0, "yaw_rate": 1.0}.get(place, 0.05)
+    formula = terms.formula(place, [term], [{}], [size])
+    base = plain.residuals(values)
+    exact = plain.residuals(values | formula.settings()) - base
+    at = signals(plain, values)
+    found = responses(plain, values, at, place, [size * terms.values_of(term, s, s["dt"])[:, None] for s in at])[:, 0]
+    for c in ("accel_x",) if place in terms.LONGITUDINAL else ("accel_y", "yaw_rate"):
+        mine = plain.rows.of(c)
+        if np.linalg.norm(exact[mine]) > 0.05 * np.linalg.norm(exact):
+            assert np.linalg.norm(found[mine] - exact[mine]) < 0.2 * np.linalg.norm(exact[mine])
+
+
+@pytest.mark.parametrize("place", [*terms.LATERAL, *terms.LONGITUDINAL])
+def test_every_form_of_the_library_is_a_formula_of_its_place(place):
+    for term in terms.forms(place):
+        assert terms.formula(place, [term], [{}], [0.1]).place == place  # units agree, and it fits in a program
+
+
+def test_units_of_coefficients():
+    assert [terms.unit_text(e) for e in ((0, 0), (1, -2), (-1, 2), (0, -1), (2, 0), (-2, 2))] == [
+        "1", "m/s2", "s2/m", "1/s", "m2", "s2/m2",
+    ]  # fmt: skip
+    for unit in ("m/s2", "rad/s", "rad", "m/s3", "rad/s2"):
+        assert terms.exponents(terms.unit_text(terms.exponents(unit))) == terms.exponents(unit)
+
+
+def test_a_hidden_formula_is_found_and_holds_on_the_other_log(damped):
+    """Form and place are in the library, so both must be right; k and w within 10 %: several sd of 48 s."""
+    fitted, held = damped
+    last = fit(fitted, STIFFNESS, {})
+    found = search.discover(fitted, last, held)
+    formula = found.formula
+    assert formula is not None and formula.place == "yaw_moment"
+    numbers = {n.name: n for n in formula.numbers}
+    assert formula.text == "k*(yaw_rate - max(-w, min(w, yaw_rate)))"
+    assert numbers["k"].value == pytest.approx(-3.0, rel=0.1) and numbers["w"].value == pytest.approx(0.1, rel=0.1)
+    assert abs(numbers["k"].value + 3.0) < 4 * numbers["k"].sd and abs(numbers["w"].value - 0.1) < 4 * numbers["w"].sd
+    assert found.share > 0.9
+    before, after = gap(held, held.residuals(last.values)), gap(held, held.residuals(found.values))
+    assert before["yaw_rate"] > 2.0 and after["yaw_rate"] < 1.3
+    low, high = formula.found["driven_yaw_rate"]
+    assert low < -0.1 and high > 0.1  # it says where it was excited
+    again = search.discover(fitted, last, held)
+    assert again.formula == formula  # seeded
+
+
+def test_where_nothing_is_missing_no_formula_is_proposed(plain):
+    found = search.discover(plain, fit(plain, STIFFNESS, {}))
+    assert found.formula is None and "No formula is proposed" in found.words[0]
+
+
+def test_what_a_held_out_log_does_not_bear_out_is_not_proposed(damped, plain):
+    """The other log is of a car without the damper."""
+    found = search.discover(damped[0], fit(damped[0], STIFFNESS, {}), plain)
+    assert found.formula is None and found.tried and not any(t["held_out"] for t in found.tried)
+
+
+def test_evolution_goes_beyond_the_library(tmp_path):
+    """Yaw moment = k vel_x |yaw_rate| steer_angle is no form of the library; what evolves must promise nearly as much."""
+    hidden = parse("odd", "hidden", "yaw_moment", "k*vel_x*abs(yaw_rate)*steer_angle", [Number("k", 12.0, "1/m")])
+    found = problem(tmp_path, hidden.settings(), ("sweep", "steps"), 3)
+    frame = search.Frame.of(found, fit(found, STIFFNESS, {}))
+    truth = terms.Term("vel_x*abs(yaw_rate)*steer_angle", (1, -2))
+    exact = search.screened(frame, "yaw_moment", frame.last, [truth])[0][0]
+    library = sorted(search.screened(frame, "yaw_moment", frame.last), key=lambda x: -x[0])
+    evolved = symbolic.search(frame, "yaw_moment", [x[2] for x in library], 1)
+    assert evolved[0][0] > 0.8 * exact
+    assert [x[2].text for x in evolved] == [x[2].text for x in symbolic.search(frame, "yaw_moment", [x[2] for x in library], 1)]
+
+
+# ---- as a user
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("run")
+    vehicle = car(folder)
+    logs = [write_log(folder / f"{d}.csv", vehicle, d, HIDDEN.settings(), i) for i, d in enumerate(("sweep", "brakes"), 1)]
+    held = write_log(folder / "held.csv", vehicle, "steps", HIDDEN.settings(), 3)
+    done = tselab("gap", *logs, "--vehicle", vehicle, "--out", folder / "out", "--hold-out", held, "--jobs", 2)
+    return folder, logs, done
+
+
+def test_the_workflow_proposes_it_and_writes_what_runs_it(run):
+    folder, _, done = run
+    assert done.code == 20, done.out + done.err
+    assert "A formula closes" in done.out and "not a cause" in done.out
+    verdict = json.loads((folder / "out" / "verdict.json").read_text())
+    assert verdict["formula"]["proposed"]["place"] == "yaw_moment"
+    assert verdict["gap"]["held_out"]["after"]["yaw_rate"] < 1.3 < 2.0 < verdict["gap"]["held_out"]["before"]["yaw_rate"]
+    formula = read_formula(folder / "out" / "formula.toml")
+    improved = read_vehicle(folder / "out" / "vehicle_improved.toml")
+    assert improved.formula == formula
+    assert formula.settings().items() <= improved.values.items()
+    header = (folder / "out" / "effects.h").read_text()
+    assert "formula_code_1" in header and formula.id in (folder / "out" / "tse_formula.h").read_text()
+    report = (folder / "out" / "report.html").read_text()
+    assert formula.text in report.replace("&lt;", "<") and "not a cause" in report
+
+
+def test_the_improved_vehicle_runs_in_estimator_and_simulator(run):
+    folder, logs, _ = run
+    vehicle = folder / "out" / "vehicle_improved.toml"
+    for car_file in (vehicle, folder / "car.toml"):
+        assert tselab("estimate", logs[0], "--vehicle", car_file, "--out", folder / f"{car_file.stem}.csv").code == 0
+        done = tselab("simulate", "--maneuver", "sine-sweep", "--vehicle", car_file, "--out", folder / f"{car_file.stem}_sim.csv")
+        assert done.code == 0, done.out + done.err
+    with_it, without = (read_log(folder / f"{n}_sim.csv").data["yaw_rate"] for n in ("vehicle_improved", "car"))
+    assert np.abs(with_it - without).max() > 0.005  # of one seed: noise is the same
+
+
+def test_a_vehicle_file_keeps_the_formula_that_it_has(run):
+    """Who has one is not given another, and loses none."""
+    folder, logs, _ = run
+    out = folder / "again"
+    done = tselab("gap", logs[0], "--vehicle", folder / "out" / "vehicle_improved.toml", "--out", out, "--jobs", 2)
+    assert done.code in (0, 10, 11), done.out + done.err
+    assert read_vehicle(out / "vehicle_improved.toml").formula == read_formula(folder / "out" / "formula.toml")
+
+
+def test_vehicle_files_that_name_a_formula_wrongly_are_refused(tmp_path):
+    path = car(tmp_path)
+    text = path.read_text()
+    write_formula(tmp_path / "damper.toml", HIDDEN)
+    for table, words in (
+        ('[formula]\nfile = "none.toml"\n', "none.toml"),
+        ('[formula]\nfile = "../damper.toml"\n', "beside this file"),
+        ("[formula]\nfile = 3\n", "beside this file"),
+        ('[formula]\nfile = "damper.toml"\ngain = 2\n', "nothing else"),
+    ):
+        path.write_text(text + "\n" + table)
+        done = tselab("vehicle", path)
+        assert done.code == 2 and words in done.err, done.err
+    path.write_text(text + '\n[formula]\nfile = "damper.toml"\n')
+    assert tselab("vehicle", path).code == 0
+
+
+def test_the_command_checks_a_formula_and_writes_it_as_c(tmp_path):
+    write_formula(tmp_path / "damper.toml", HIDDEN)
+    done = tselab("formula", tmp_path / "damper.toml", "--c", tmp_path / "damper.h")
+    assert done.code == 0 and HIDDEN.text in done.out
+    assert "TSE_FORMULA_PLACE 4" in (tmp_path / "damper.h").read_text()
+    (tmp_path / "damper.toml").write_text((tmp_path / "damper.toml").read_text().replace("yaw_rate", "yaw"))
+    done = tselab("formula", tmp_path / "damper.toml")
+    assert done.code == 2 and "yaw" in done.err and "Traceback" not in done.err
