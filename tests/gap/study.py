@@ -16,6 +16,7 @@ import shutil
 import sys
 import tempfile
 import time
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -53,6 +54,7 @@ def run(spec_json: str) -> dict:
         "truth": case.truth["effects"], "outside": case.truth["outside"],
         "verdict": verdict["verdict"], "exit": result.exit_code, "named": verdict["effects"],
         "sensors": [s["id"] for s in verdict["sensors"]], "possible": verdict["possible"], "closed": verdict["closed"],
+        "formula": (verdict["formula"] or {}).get("proposed"),
         "gap": verdict["gap"], "undetectable": [d["id"] for d in verdict["undetectable"]], "seconds": seconds,
     }  # fmt: skip
 
@@ -123,6 +125,31 @@ def worst_held_out(case: dict) -> float:
     return max(case["gap"]["held_out"]["after"].values(), default=math.nan)
 
 
+def closed_held_out(case: dict) -> float:
+    """Share of the energy above the noise, of all channels of the held-out logs, that what was named or proposed closes."""
+    before, after = (sum(max(0.0, x * x - 1.0) for x in case["gap"]["held_out"][k].values()) for k in ("before", "after"))
+    return 1.0 - after / before if before > 0 else 0.0
+
+
+BINS = (0.1, 0.5, 0.9, 0.99, 1.0)  # of stated probabilities
+
+
+def reliability(cases: list[dict]) -> list[str]:
+    """Rows of a table: probability that was stated of an effect, named or possible, and how often it was there."""
+    stated: list[tuple[float, bool]] = []
+    for c in cases:
+        truth = truth_ids(c)
+        stated += [(e["probability"], any(same(t, e["id"]) for t in truth)) for e in (*c["named"], *c["possible"])]
+    lines = ["| stated probability | effects | mean stated | there |", "|---|---:|---:|---|"]
+    for low, high in pairwise(BINS):
+        mine = [(p, there) for p, there in stated if low <= p < high or (high == 1.0 and p == 1.0)]
+        if mine:
+            k, n = sum(there for _, there in mine), len(mine)
+            mean = np.mean([p for p, _ in mine])
+            lines.append(f"| {low:g} .. {high:g} | {n} | {100 * mean:.0f} % | {100 * k / n:.0f} % ({interval(k, n)}) |")
+    return lines
+
+
 def tables(cases: list[dict]) -> dict[str, str]:
     """Name of the file -> Markdown."""
     columns = ("right", "extra", "look-alike", "wrong", "outside", "none")
@@ -155,11 +182,20 @@ def tables(cases: list[dict]) -> dict[str, str]:
     if outside:
         k = sum(c["verdict"] == "named" and c["closed"] > 0.5 for c in outside)
         lines.append(f"\nOutside effects that a name explains by more than half: {k} of {len(outside)}.")
+        proposed = [c for c in outside if c.get("formula")]
+        half = sum(closed_held_out(c) > 0.5 for c in proposed)
+        lines.append(
+            f"\nOf {len(outside)} outside effects {len(proposed)} get a formula; with it more than half of the gap on held-out "
+            f"logs is closed in {half}."
+        )
+    lines += ["", *reliability([c for c in cases if not c["outside"]])]
     each = ["| hidden | named, by seed | size error | gap before -> after (fit) | held out |", "|---|---|---:|---|---|"]
     for c in sorted(cases, key=lambda c: (group(c), c["name"])):
         named = "; ".join(n["id"] + (f" ({', '.join(n['look_alikes'])}?)" if n["look_alikes"] else "") for n in c["named"]) or "-"
         if c["sensors"]:
             named = "; ".join([*([] if named == "-" else [named]), *c["sensors"]])
+        if c.get("formula"):
+            named += f"; `{c['formula']['formula']}` at {c['formula']['place']}"
         error = size_error(c)
         fit = c["gap"]["fit"]
         change = f"{max(fit['before'].values()):.2f} -> {max(fit['after'].values()):.2f}"

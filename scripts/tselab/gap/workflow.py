@@ -23,7 +23,7 @@ from tselab.gap import detect, latent, optional, remainder, show, where
 from tselab.gap.catalogue import catalogue
 from tselab.gap.data import Prepared
 from tselab.gap.discover.search import PRICE, Discovery, discover, total
-from tselab.gap.fit import Fit, fit, gap
+from tselab.gap.fit import Fit, excess, fit, gap
 from tselab.gap.infer import naming as name
 from tselab.gap.infer.naming import Named
 from tselab.gap.problem import STIFFNESS, Problem
@@ -33,7 +33,9 @@ from tselab.log import Log, read_log
 from tselab.units import check_units
 from tselab.vehicle import Vehicle, fill_sensors, read_vehicle
 
-ENOUGH = 0.9  # of the gap: names that close more are no patchwork
+ENOUGH = 0.7  # of the gap: names that close more are no patchwork
+WORTHWHILE = 0.5  # of what is left, that an effect which was only possible must close to be named
+MOST_POSSIBLE = 3
 NOISE_LIMIT = 1.2  # rms over noise up to which nothing is left to explain: noise is known to some percent, inputs are smoothed
 EXIT = {"none": 0, "named": 10, "look-alikes": 11, "not_in_catalogue": 20}
 
@@ -227,28 +229,56 @@ def explained(
 ) -> tuple[Discovery, name.Naming]:
     """A formula for what the names leave; or, where it is worth more, one in their place: names that leave most of a gap may be a
     patchwork for something that the catalogue does not have. Names of sensors may stay without the others."""
-    best = discover(problem, naming.final, held, say)
-    if not naming.named or naming.closed > ENOUGH:
-        return best, naming
-    names = [n.effect for n in naming.named]
-    known = {n.effect.id for n in naming.named if n.sensor}
 
-    def value(found: Discovery, after: name.Naming) -> float:
-        last = found.fit or after.final
-        values = found.values if found.formula else after.final.values
+    def value(found: Discovery | None, after: name.Naming) -> float:
+        """Nats over the plain model, of names and formula, less the price of both."""
+        with_formula = found is not None and found.formula is not None
+        last, values = (found.fit, found.values) if with_formula else (after.final, after.final.values)
         names = sum(PRICE * (2 + len(n.effect.fitted)) for n in after.named)
-        return total(problem, held, naming.baseline, last, values) - found.price - names
+        return total(problem, held, naming.baseline, last, values) - names - (found.price if with_formula else 0.0)
 
+    best = discover(problem, naming.final, held, say)
     chosen, most = (best, naming), value(best, naming)
-    for kept in dict.fromkeys((frozenset[str](), frozenset(known))):
-        if kept == {e.id for e in names}:
+    more = _with_possible(problem, naming, lambda n: value(None, n), say)
+    if more is not naming:
+        found = discover(problem, more.final, held, say)
+        if value(found, more) > most:
+            chosen, most = (found, more), value(found, more)
+    if not naming.named or chosen[1].closed > ENOUGH:
+        return chosen
+    for kept in dict.fromkeys((frozenset[str](), frozenset(n.effect.id for n in naming.named if n.sensor))):
+        dropped = [n.effect.id for n in naming.named if n.effect.id not in kept]
+        if not dropped:
             continue
-        say(f"a formula in place of {', '.join(e.id for e in names if e.id not in kept)}")
+        say(f"a formula in place of {', '.join(dropped)}")
         less = name.without(problem, naming, kept)
         rival = discover(problem, less.final, held, say)
         if rival.formula is not None and value(rival, less) > most:
             chosen, most = (rival, less), value(rival, less)
     return chosen
+
+
+def _with_possible(
+    problem: Problem, naming: name.Naming, value: Callable[[name.Naming], float], say: Callable[[str], None]
+) -> name.Naming:
+    """The names, and those that the search called possible as long as one closes much of what the others leave: a catalogue's
+    effect is a cause, which a formula is not."""
+    there, most = naming, value(naming)
+    for _ in range(MOST_POSSIBLE):
+        left = excess(problem, there.final.residuals)
+        tried = []
+        for p in there.possible[:MOST_POSSIBLE]:
+            if p["id"] not in catalogue():
+                continue
+            say(f"what if it is {p['id']}")
+            one = name.with_one_more(problem, there, p["id"], p["probability"])
+            if excess(problem, one.final.residuals) < (1.0 - WORTHWHILE) * left:
+                tried.append((value(one), one))
+        worth, best = max(tried, key=lambda t: t[0], default=(-np.inf, there))
+        if worth <= most:
+            break
+        there, most = best, worth
+    return there
 
 
 def what_is_left(

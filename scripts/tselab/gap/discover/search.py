@@ -24,7 +24,7 @@ from tselab.gap.fit import Fit, covariance, excess, fit, lengths
 from tselab.gap.problem import Problem
 
 PRICE = 2.0  # nats, of an operation or a number: a library of some hundred forms times places times sizes is some 12 nats
-FITTED = 8  # candidates that are simulated
+FITTED = 6  # candidates that are simulated
 PER_PLACE = 3
 SEARCHED = 2  # places where a symbolic search goes on
 LEAST_SHARE = 0.15  # of the gap, that a formula must close to be worth reading

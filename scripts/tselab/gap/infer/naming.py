@@ -18,7 +18,7 @@ from tselab.gap.fit import Fit, excess, fit
 from tselab.gap.infer import noise
 from tselab.gap.infer.hypotheses import NAME_AT, Hypothesis, hypotheses
 from tselab.gap.infer.search import Judged, Search, judge
-from tselab.gap.infer.space import Layout
+from tselab.gap.infer.space import Layout, raw
 from tselab.gap.optional import TORQUES
 from tselab.gap.problem import PROFILES, SIGNED_DELAYS, STIFFNESS, Problem, profile_size
 from tselab.log import DRIVES
@@ -149,6 +149,36 @@ def without(problem: Problem, naming: Naming, kept: frozenset[str]) -> Naming:
     stay = {n.effect.id for n in named}
     dropped = [{"id": n.effect.id, "probability": n.probability} for n in naming.named if n.effect.id not in stay]
     return replace(naming, final=final, named=named, besides=[], closed=closed, possible=[*dropped, *naming.possible])
+
+
+def with_one_more(problem: Problem, naming: Naming, effect: str, probability: float) -> Naming:
+    """The same with one effect more, that the search called possible; everything fitted anew."""
+    ids = {n.effect.id for n in naming.named if n.effect.id not in PROFILES or n.effect.strengths[0].name in naming.final.values}
+    effects = [h for h in hypotheses() if h.id in ids | {effect}]
+    layout = Layout(problem)
+    judged = judge(layout, effects, naming.final.values, None)
+    final = as_fit(problem, judged)
+    nothing = raw(problem, naming.baseline.values)
+    layout.explains(layout.split(nothing), judged.space.physical(judged.x))  # forms are known roughly, and so are sizes
+    sd, z = judge(layout, effects, judged.values, judged).sd(), float(norm.ppf(0.975))
+    full = excess(problem, naming.baseline.residuals)
+    named = []
+    for h in judged.effects:
+        values = {p.name: judged.values[p.name] for p in h.effect.fitted}
+        ci95 = {k: (v - z * sd[k], v + z * sd[k]) for k, v in values.items()}
+        before = next((n for n in naming.named if n.effect.id == h.id), None)
+        if before is not None:
+            named.append(replace(before, values=values, ci95=ci95))
+            continue
+        share = (excess(problem, naming.final.residuals) - excess(problem, final.residuals)) / max(full, 1e-300)
+        one = Named(h.effect, values, ci95, share, 0.0, probability, sensor=h.sensor)
+        one.remarks.append(
+            f"named for what it closes, and no formula closes more; by its evidence alone its probability is {probability:.0%}"
+        )
+        named.append(one)
+    closed = 1.0 - excess(problem, final.residuals) / full if full > 0 else 0.0
+    possible = [p for p in naming.possible if p["id"] != effect]
+    return replace(naming, final=final, named=named, closed=closed, possible=possible)
 
 
 def negligible(h: Hypothesis, values: Mapping[str, float]) -> bool:
