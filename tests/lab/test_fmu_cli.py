@@ -21,6 +21,7 @@ if importlib.util.find_spec("fmpy") is None or shutil.which("cmake") is None:
     pytest.skip("FMPy or cmake is not installed", allow_module_level=True)
 
 from tselab.fmu import archive, build, checks, clients, platforms, validate
+from tselab.formula import Number, parse, write_formula
 
 FMUS = ("SingleTrackVehicle", "TireStiffnessEstimator")
 
@@ -340,6 +341,19 @@ def test_the_estimator_fmu_writes_the_bytes_of_tselab_estimate(options, built, o
     assert done.code == 0, done.err
     assert (tmp_path / "fmu.csv").read_bytes() == (tmp_path / "est.csv").read_bytes()
     assert len(pd.read_csv(tmp_path / "fmu.csv")) > 400
+
+
+def test_the_estimator_fmu_runs_a_formula_as_tselab_estimate_does(built, drive, tmp_path):
+    write_formula(tmp_path / "play.toml", parse("play", "play", "front_angle", "play(steer_angle, w) - steer_angle",
+                                                [Number("w", 0.004, "rad")]))  # fmt: skip
+    vehicle = tmp_path / "car.toml"
+    vehicle.write_text(drive.vehicle.read_text() + '\n[formula]\nfile = "play.toml"\n')
+    assert tselab("estimate", drive.log, "--vehicle", vehicle, "--out", tmp_path / "est.csv").code == 0
+    assert tselab("estimate", drive.log, "--vehicle", drive.vehicle, "--out", tmp_path / "plain.csv").code == 0
+    fmu = built / "TireStiffnessEstimator.fmu"
+    done = tselab("fmu", "run", fmu, drive.log, "--vehicle", vehicle, "--out", tmp_path / "fmu.csv")
+    assert done.code == 0, done.err
+    assert (tmp_path / "fmu.csv").read_bytes() == (tmp_path / "est.csv").read_bytes() != (tmp_path / "plain.csv").read_bytes()
 
 
 def test_a_setting_that_the_fmu_does_not_have_is_said(built, drive, tmp_path):

@@ -84,18 +84,18 @@ def newtons(problem: Problem, column: str) -> float:
 
 
 def test_known_disturbance_comes_out_within_its_band(tmp_path):
-    """Four pairs of logs for each of four places, pooled: most of the band is each log's mean, which the free biases hide, so
+    """Two pairs of logs for each of four places, pooled: most of the band is each log's mean, which the free biases hide, so
     that of one pair 52 to 100 % of the values are inside.
 
     Measured over 16 pairs a place, as fitted and as found by where.entries(): correlation 0.93 or more; inside +-1.96 sd: side
     force 92 %, front axle 93 %, yaw moment 89 % (91 % with the true stiffness), longitudinal 95 %. The sd of one pair's share
-    is 0.13, of 16 pairs' 0.03: 90 .. 98 % is what a band of 95 % may give here, and one of half the width (70 %) not."""
+    is 0.13, of 8 pairs' 0.05: 85 .. 99 % is what a band of 95 % may give here, and one of half the width (70 %) not."""
     inside = []
     for k, (column, size, place) in enumerate([
         ("force_y", 0.3, "side force"), ("yaw_accel", 0.3, "yaw moment"), ("slip_front", 0.004, "front axle"),
         ("accel_x", 0.2, lt.LONGITUDINAL),
     ]):  # fmt: skip
-        for seed in range(4):
+        for seed in range(2):
             rng = np.random.default_rng([k, seed])
             problem, known = made(tmp_path, PAIR, column, lambda inputs, n, own, rng=rng, size=size: size * drift(n, 0.6, rng))
             truth, rows = newtons(problem, column) * per_row(problem, known), first_rows(problem)
@@ -107,7 +107,7 @@ def test_known_disturbance_comes_out_within_its_band(tmp_path):
             assert found.unit == where.PLACES.get(place, "m/s2")
             assert np.corrcoef(found.value[rows], truth[rows])[0, 1] > 0.9
             inside.append(np.mean(np.abs(found.value - truth)[rows] < 1.96 * found.sd[rows]))
-    assert 0.90 < np.mean(inside) < 0.98
+    assert 0.85 < np.mean(inside) < 0.99
 
 
 def test_smoother_is_the_conditional_gaussian(tmp_path):
