@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -78,13 +78,14 @@ def columns() -> list[str]:
     return ["time", *(f.name for f in library().channels)]
 
 
-def read_log(path: Path) -> Log:
-    """Read and check a log."""
+def read_log(path: Path, spare: Collection[str] = ()) -> Log:
+    """Read and check a log. `spare`: channels that may be missing altogether; they are NaN then, and a note says so."""
     path = Path(path)
     header = _header(path)
     wanted = columns()
     sides = {axle: pair for axle, pair in SIDES.items() if axle not in header and all(c in header for c in pair)}
-    needed = [c for name in wanted for c in sides.get(name, (name,))]
+    absent = [c for c in wanted if c in spare and c not in header]
+    needed = [c for name in wanted if name not in absent for c in sides.get(name, (name,))]
     missing = [c for c in needed if c not in header]
     if missing:
         raise UserError(_missing_text(path, header, missing, needed))
@@ -99,6 +100,10 @@ def read_log(path: Path) -> Log:
     _check_time(path, time, line)
     data = pd.DataFrame({name: table.pop(name) for name in needed[1:]})
     for f in library().channels:
+        if f.name in absent or (f.name in spare and data[f.name].isna().all()):
+            data[f.name] = np.nan
+            notes.append(f"{f.name} is not in the log")
+            continue
         for name in sides.get(f.name, (f.name,)):
             _check_channel(path, data, line, f, notes, name)
     for axle, pair in sides.items():
@@ -111,7 +116,7 @@ def read_log(path: Path) -> Log:
             f"{path}: column time: rows are {sample_time:g} s apart (median); allowed: up to {SLOWEST:g} s{hint}"
         )
     for name in data:
-        if count := int(data[name].isna().sum()):
+        if 0 < (count := int(data[name].isna().sum())) < len(data):
             where = f"first in line {line[data[name].isna().to_numpy().argmax()]}"
             notes.append(f"{name}: {count} of {len(data)} cells are missing or not usable ({where})")
     ref = pd.DataFrame({c: table.pop(c) for c in list(table) if c.startswith("ref_")}, index=data.index)

@@ -1,9 +1,16 @@
 """Logs as the gap workflow takes them: which rows hold something new."""
 
 import numpy as np
+import pandas as pd
 import pytest
 
-from tselab.gap.data import Smoother, fresh
+from gap_logs import car, write_log
+from tselab.core import Config
+from tselab.errors import UserError
+from tselab.gap import workflow
+from tselab.gap.data import Smoother, fresh, prepare
+from tselab.gap.problem import Problem
+from tselab.vehicle import read_vehicle
 
 TIME = 0.005 * np.arange(4000)
 SIGNAL = np.sin(1.7 * TIME) + 0.3 * np.sin(11.0 * TIME)
@@ -36,3 +43,34 @@ def test_a_sensor_that_stands_still_is_no_slow_one() -> None:
     stuck[1000:1300] = stuck[1000]
     assert fresh(stuck).all()
     assert fresh(np.zeros(100)).all()
+
+
+def test_a_log_that_cannot_be_read_is_left_out_and_said(tmp_path):
+    vehicle = car(tmp_path)
+    good = write_log(tmp_path / "good.csv", vehicle, "sweep", {}, 1)
+    (tmp_path / "bad.csv").write_text("no log\n")
+    notes: list[str] = []
+    found = workflow.read_logs_of([tmp_path / "bad.csv", good], notes)
+    assert [x.path.name for x in found] == ["good.csv"]
+    assert len(notes) == 1 and "bad.csv is left out" in notes[0] and "missing in the header" in notes[0]
+    with pytest.raises(UserError, match="missing in the header"):
+        workflow.read_logs_of([tmp_path / "bad.csv"], [])
+
+
+def test_a_sensor_that_a_log_does_not_have_is_not_asked(tmp_path):
+    """The rest of it is compared as it was."""
+    vehicle = car(tmp_path)
+    whole = write_log(tmp_path / "whole.csv", vehicle, "sweep", {}, 1)
+    table = pd.read_csv(whole)
+    table.drop(columns="accel_x").to_csv(tmp_path / "without.csv", index=False, float_format="%.9g")
+    table.assign(accel_x="").to_csv(tmp_path / "empty.csv", index=False, float_format="%.9g")
+    config = Config(read_vehicle(vehicle).values)
+    paths = [whole, tmp_path / "without.csv", tmp_path / "empty.csv"]
+    logs = [prepare(x, config) for x in workflow.read_logs_of(paths, [])]
+    assert [log.channels for log in logs] == [["accel_x", "accel_y", "yaw_rate"], ["accel_y", "yaw_rate"], ["accel_y", "yaw_rate"]]
+    assert "without accel_x" in logs[1].notes[0] and "without accel_x" in logs[2].notes[0]
+    values = {"cx_front": 1.1, "cy_front": 0.92, "cy_rear": 1.06}
+    of_all, of_some = (Problem([log], config) for log in logs[:2])
+    for channel in ("accel_y", "yaw_rate"):
+        both = (p.residuals(values)[p.rows.of(channel)] for p in (of_all, of_some))
+        np.testing.assert_allclose(*both, rtol=1e-6, atol=1e-6)

@@ -140,7 +140,7 @@ def _run(
     _distinct(logs, hold_out)
     with workers(jobs, scheduler) as pool, _stages_kept(out), _saying(progress) as say:
         result = workflow.run(logs, vehicle_path, out, hold_out, jobs, say, pool, formula)
-        written = write_all(out, result, logs, vehicle_path, hold_out, jobs, fmu, say)
+        written = write_all(out, result, vehicle_path, jobs, fmu, say)
     for line in result.words:
         click.echo(line)
     for line in changes(result):

@@ -89,6 +89,7 @@ def prepare(log: Log, config: Config) -> Prepared:
     raw = {name: log.data[name].to_numpy(float) for name in DRIVES}
     measured = {name: np.where(fresh(x), x, np.nan) for name in MEASURES for x in (log.data[name].to_numpy(float),)}
     measured |= {name: renewed(log.extra[name].to_numpy(float)) for name in log.extra}
+    measured = {name: x for name, x in measured.items() if np.isfinite(x).any()}
     moving = np.abs(0.5 * (raw["wheel_speed_front"] + raw["wheel_speed_rear"])) * config.wheel_radius_front > SLOWEST
     smooth = {name: Smoother(log.time, x) for name, x in raw.items()}
     inputs = {name: s.of(raw[name]) for name, s in smooth.items()}
@@ -105,7 +106,8 @@ def prepare(log: Log, config: Config) -> Prepared:
     per_block = max(1, round(BLOCK / log.sample_time))
     stretches = _stretches(log.time, good, per_block)
     distance = np.append(0.0, np.cumsum(np.maximum(speed[1:], 0.0) * np.minimum(np.diff(log.time), 1.0)))
-    notes = []
+    absent = [name for name in MEASURES if name not in measured]
+    notes = [f"{log.path.name}: without {', '.join(absent)}: what only that shows is not asked of it"] if absent else []
     if not stretches:
         notes.append(
             f"{log.path.name}: nowhere {SHORTEST:g} s in one piece above {SLOWEST:g} m/s and below {STEEPEST:g} rad of steering"

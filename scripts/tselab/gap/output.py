@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib.util
 import json
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,6 @@ from typing import Any
 from tselab.files import atomic
 from tselab.gap import add, gain, pictures, report, show, table
 from tselab.gap.workflow import Result
-from tselab.log import read_log
 from tselab.vehicle import fill_sensors, read_vehicle
 
 VERDICT, RESIDUALS, REPORT, PICTURE = "verdict.json", "residuals.parquet", "report.html", "gap.png"
@@ -31,9 +30,7 @@ class Written:
 def write_all(
     out: Path,
     result: Result,
-    logs: Sequence[Path],
     vehicle_path: Path,
-    hold_out: Sequence[Path] = (),
     jobs: int = 1,
     fmu: Path | None = None,
     say: Callable[[str], None] = lambda _: None,
@@ -53,8 +50,7 @@ def write_all(
         changes[table.HELD_OUT] = result.held_out
 
     old, new = read_vehicle(vehicle_path), read_vehicle(improved)
-    checked = [(part, p) for part, paths in ((table.FIT, logs), (table.HELD_OUT, hold_out)) for p in paths]
-    read = [(part, p.stem, read_log(p)) for part, p in checked]
+    read = [(part, log.path.stem, log) for part, log in result.read]
     for vehicle in (old, new):  # the same sensors on both sides: those of the first log where the file is silent
         fill_sensors(vehicle, read[0][2])
     gained = gain.gain(read, old, new, jobs, say)

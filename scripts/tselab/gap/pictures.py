@@ -73,7 +73,7 @@ def overlay(table: pd.DataFrame) -> go.Figure:
             t = mine[mine["channel"] == channel].sort_values("time")
             t = t.iloc[:: max(1, -(-len(t) // MOST_POINTS))]
             time = t["time"].to_numpy()
-            holes = np.append(np.diff(time) > 1.0, False)
+            holes = np.append(np.diff(time) > 1.0, False)[: len(time)]  # a log may not have the channel
             for source, colour in SOURCE.items():
                 y = t["measured" if source == "measured" else f"predicted_{source}"].to_numpy(np.float32).copy()
                 y[holes] = np.nan

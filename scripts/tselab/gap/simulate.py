@@ -35,7 +35,7 @@ def simulate(
         rows = slice(s.first, s.last)
         dt = np.diff(log.time[rows], prepend=log.time[s.first] - 0.01)
         replay = Replay(tuple(dict.fromkeys(wanted.values())), dt=dt, **{n: x[rows] for n, x in (inputs | profiles).items()})
-        gyro = log.measured["yaw_rate"][s.first]
+        gyro = log.measured["yaw_rate"][s.first] if "yaw_rate" in log.measured else np.nan
         found = replay.run(
             config, yaw_rate=float(gyro) if np.isfinite(gyro) else 0.0, time=float(log.time[s.first] - log.time[0]), **stiffness
         )

@@ -29,11 +29,12 @@ from tselab.gap.infer.naming import Named
 from tselab.gap.problem import STIFFNESS, Problem
 from tselab.gap.stages import stage
 from tselab.gap.workers import Workers
-from tselab.log import Log, read_log
+from tselab.log import MEASURES, Log, read_log
 from tselab.units import check_units
 from tselab.vehicle import Vehicle, fill_sensors, read_vehicle
 
-ENOUGH = 0.7  # of the gap: names that close more are no patchwork
+ENOUGH = 0.95  # of the gap: names that close more are no patchwork
+LEAST_CLOSED = 0.05  # of the gap: names that together close less explain nothing of it
 WORTHWHILE = 0.5  # of what is left, that an effect which was only possible must close to be named
 MOST_POSSIBLE = 3
 NOISE_LIMIT = 1.2  # rms over noise up to which nothing is left to explain: noise is known to some percent, inputs are smoothed
@@ -62,6 +63,7 @@ class Result:
     follows: list[latent.Explained] = field(default_factory=list)  # and what it follows
     problem: Problem | None = None  # what was fitted
     held: Problem | None = None  # what was not
+    read: list[tuple[str, Log]] = field(default_factory=list)  # part (table.py), log
 
     @property
     def formula(self) -> Formula | None:
@@ -132,9 +134,25 @@ class Result:
         return self.entries[0].place if self.entries and self.entries[0].nats > 0 else "unknown"
 
 
+def read_logs_of(paths: Sequence[Path], notes: list[str]) -> list[Log]:
+    """The logs that can be read; of several, one that cannot is left out, and a note says why. A sensor that a log does not have is
+    not asked. UserError: there is none."""
+    found: list[Log] = []
+    refused: list[UserError] = []
+    for path in paths:
+        try:
+            found.append(read_log(path, MEASURES))
+        except UserError as error:
+            refused.append(error)
+            notes.append(f"{path.name} is left out: {str(error).splitlines()[0]}")
+    if refused and not found:
+        raise refused[0]
+    return found
+
+
 def read(paths: Sequence[Path], vehicle: Vehicle) -> tuple[list[Log], Config]:
     """Logs, and the settings of the vehicle with sensors filled in from the first."""
-    logs = [read_log(p) for p in paths]
+    logs = read_logs_of(paths, [])
     fill_sensors(vehicle, logs[0])
     return logs, Config(vehicle.values)
 
@@ -167,8 +185,10 @@ def run(
     workers = workers or Workers(jobs)
     vehicle = read_vehicle(vehicle_path)
     say("reading the logs")
-    read_logs, config = read(logs, vehicle)
-    held = [read_log(p) for p in hold_out]
+    notes: list[str] = []
+    read_logs, held = read_logs_of(logs, notes), read_logs_of(hold_out, notes) if hold_out else []
+    fill_sensors(vehicle, read_logs[0])
+    config = Config(vehicle.values)
     key = fingerprint([*logs, *hold_out], config)
     folder = out / "stages"
     prepared: list[Prepared] = stage(folder, key, "prepared", lambda: workers.prepare(read_logs, config))
@@ -192,7 +212,7 @@ def run(
         other = other if other.logs else None
     together = workers.problem([*prepared, *prepared_held], config) if other is not None else None
     naming = stage(folder, key, "naming", lambda: name.name(problem, effects, say, baseline, together))
-    notes = [n for p in (*prepared, *prepared_held) for n in p.notes]
+    notes += [n for p in (*prepared, *prepared_held) for n in p.notes]
     notes += [f"{log.path.name}: {w}" for log in (*read_logs, *held) for w in disagreements(log, vehicle)]
     say("what is left?")
     louder = remainder.louder(problem, naming.final.residuals, NOISE_LIMIT)
@@ -221,6 +241,7 @@ def run(
         notes.append("the last fit has not converged: sizes may still move")
     result = judge(problem, naming, conditions, entries, left, seen, changes, notes, discovery, follows)
     result.problem, result.held, result.latent = problem, other, missing
+    result.read = [("fit", x) for x in read_logs] + [("held_out", x) for x in held]
     return result
 
 
@@ -237,6 +258,8 @@ def explained(
         names = sum(PRICE * (2 + len(n.effect.fitted)) for n in after.named)
         return total(problem, held, naming.baseline, last, values) - names - (found.price if with_formula else 0.0)
 
+    if naming.named and naming.closed < LEAST_CLOSED:
+        naming = name.without(problem, naming, frozenset())
     best = discover(problem, naming.final, held, say)
     chosen, most = (best, naming), value(best, naming)
     more = _with_possible(problem, naming, lambda n: value(None, n), say)
