@@ -33,7 +33,7 @@ from tselab.log import MEASURES, Log, read_log
 from tselab.units import check_units
 from tselab.vehicle import Vehicle, fill_sensors, read_vehicle
 
-ENOUGH = 0.95  # of the gap: names that close more are no patchwork
+ENOUGH = 0.7  # of the gap: names that close more are no patchwork
 LEAST_CLOSED = 0.05  # of the gap: names that together close less explain nothing of it
 WORTHWHILE = 0.5  # of what is left, that an effect which was only possible must close to be named
 MOST_POSSIBLE = 3
@@ -229,8 +229,8 @@ def run(
     missing, follows = None, []
     if remains:
         missing, follows = stage(folder, key, "latent", lambda: disturbance(problem, naming, entries, remains))
-    if discovery and discovery.formula and discovery.fit:
-        left = what_is_left(problem, discovery.fit, louder, features)
+    if discovery:  # which may have changed the names, too
+        left = what_is_left(problem, discovery.fit or naming.final, louder, features)
     changes: dict[str, show.Change] = {}
     if other is not None:
         say("held-out logs")
@@ -255,8 +255,8 @@ def explained(
         """Nats over the plain model, of names and formula, less the price of both."""
         with_formula = found is not None and found.formula is not None
         last, values = (found.fit, found.values) if with_formula else (after.final, after.final.values)
-        names = sum(PRICE * (2 + len(n.effect.fitted)) for n in after.named)
-        return total(problem, held, naming.baseline, last, values) - names - (found.price if with_formula else 0.0)
+        length = PRICE * len(after.named) + (found.price if with_formula else 0.0)  # a cause that is known has no length
+        return total(problem, held, naming.baseline, last, values) - length
 
     if naming.named and naming.closed < LEAST_CLOSED:
         naming = name.without(problem, naming, frozenset())

@@ -20,7 +20,7 @@ MEDIAN = (1.0, 0.002, 0.1, 0.3, 20.0)
 SD = (0.3, 1.5, 1.5, 0.7, 0.7)
 RANGES = ((0.5, 20.0), (1e-4, 2.0), (1e-3, 15.0), (0.1, 2.0), (3.0, 200.0))
 BIAS_SD = 300.0  # of a sensor in a log, units of the noise of one block: any
-PRECISION = 2e-5  # relative, of the cost: a tenth of a nat
+PRECISION = 1e-5  # relative, of the cost: a tenth of a nat
 APART = 1e6  # s
 
 
@@ -91,5 +91,5 @@ def found(pieces: Sequence[Piece], start: Discrepancy | None = None) -> Discrepa
     best = min((np.clip(np.log(g.numbers), *limits.T) for g in guesses), key=cost)
     # slopes are nothing where a part is nothing: it would stay gone
     best[1], best[2] = max(best[1], np.log(1e-3)), max(best[2], np.log(0.03))
-    ended = minimize(cost, best, method="L-BFGS-B", bounds=limits, options={"ftol": PRECISION, "maxiter": 25})
+    ended = minimize(cost, best, method="L-BFGS-B", bounds=limits, options={"ftol": PRECISION, "maxiter": 60})
     return Discrepancy.of(np.exp(ended.x))

@@ -24,7 +24,7 @@ from tselab.gap.infer.space import REACH, Layout, Space, raw, slopes
 from tselab.identify import fit as engine
 from tselab.identify.discrepancy import Discrepancy, without_bias
 
-REFIT = 4  # candidates of a screening that are fitted in full
+REFIT = 5  # candidates of a screening that are fitted in full
 SWAPS = 3  # that are asked to stand in for an effect
 MOST_EFFECTS = 8
 PASSES = 2  # of adding, leaving out and exchanging
