@@ -152,7 +152,7 @@ def read_logs_of(paths: Sequence[Path], notes: list[str]) -> list[Log]:
 
 def read(paths: Sequence[Path], vehicle: Vehicle) -> tuple[list[Log], Config]:
     """Logs, and the settings of the vehicle with sensors filled in from the first."""
-    logs = read_logs_of(paths, [])
+    logs = [read_log(p, MEASURES) for p in paths]
     fill_sensors(vehicle, logs[0])
     return logs, Config(vehicle.values)
 

@@ -53,7 +53,7 @@ def search(frame: Frame, place: str, library: Sequence[Term], seed: int) -> list
     primitives.addTerminal(2.0, name="two")
     box = base.Toolbox()
     box.register("grown", gp.genHalfAndHalf, pset=primitives, min_=1, max_=3)
-    signals = [np.concatenate([s[_raw(x)] for s in frame.at]) / x.sizes[1] for x in used]
+    signals = [np.concatenate([s[x.text] for s in frame.at]) / x.sizes[1] for x in used]
     lengths = np.cumsum([len(s["dt"]) for s in frame.at])[:-1]
 
     def values(tree: Any) -> np.ndarray:
@@ -96,10 +96,6 @@ def search(frame: Frame, place: str, library: Sequence[Term], seed: int) -> list
 
 def _winner(scores: list[float], rivals: int = 4) -> int:
     return max((random.randrange(len(scores)) for _ in range(rivals)), key=lambda i: scores[i])
-
-
-def _raw(s: Signal) -> str:
-    return s.text
 
 
 def _form(tree: Any, used: Sequence[Signal]) -> Term | None:

@@ -46,9 +46,6 @@ class Term:
         """How much there is to it: numbers, signals and operations."""
         return sum(self.text.count(c) for c in "+-*/(") + 1
 
-    def at(self, values: Mapping[str, float]) -> dict[str, float]:
-        return {s.name: values.get(s.name, s.value) for s in self.sizes}
-
 
 @dataclass(frozen=True)
 class Signal:

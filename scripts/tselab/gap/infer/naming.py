@@ -173,7 +173,7 @@ def with_one_more(problem: Problem, naming: Naming, effect: str, probability: fl
         share = (excess(problem, naming.final.residuals) - excess(problem, final.residuals)) / max(full, 1e-300)
         one = Named(h.effect, values, ci95, share, 0.0, probability, sensor=h.sensor)
         one.remarks.append(
-            f"named for what it closes, and no formula closes more; by its evidence alone its probability is {probability:.0%}"
+            f"named for what it closes, and no formula closes more; by its evidence its probability is {100 * probability:.0f} %"
         )
         named.append(one)
     closed = 1.0 - excess(problem, final.residuals) / full if full > 0 else 0.0
