@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-from scipy.interpolate import CubicSpline, make_smoothing_spline
+from scipy.interpolate import CubicSpline
 from scipy.optimize import minimize_scalar
 
 from tselab.core import NOMINAL, Config
@@ -19,6 +19,7 @@ from tselab.errors import UserError
 from tselab.gap.simulate import simulate
 from tselab.log import DRIVES, MEASURES, OPTIONAL, Log
 from tselab.noise import channel_noise, filled
+from tselab.spline import smoothing_spline
 
 CHANNELS = MEASURES + tuple(OPTIONAL)
 SLOWEST = 3.0  # m/s: below it the tyre model is another one, and wheel speeds are counted too coarsely
@@ -143,7 +144,7 @@ class Smoother:
         """Smoothed by as much as the signal that this was made for."""
         if self.penalty is None:
             return filled(x)
-        return make_smoothing_spline(self.time[self.good], x[self.good], lam=self.penalty)(self.time)
+        return smoothing_spline(self.time[self.good], x[self.good], self.penalty)(self.time)
 
 
 def renewed(x: np.ndarray) -> np.ndarray:
@@ -208,7 +209,7 @@ def _smoothness(time: np.ndarray, y: np.ndarray) -> float:
     to signal that it stands for does not depend on how many rows there are."""
 
     def error(exponent: float) -> float:
-        spline = make_smoothing_spline(time[::2], y[::2], lam=10.0**exponent)
+        spline = smoothing_spline(time[::2], y[::2], 10.0**exponent)
         return float(np.mean((spline(time[1::2]) - y[1::2]) ** 2))
 
     step = float(np.median(np.diff(time)))

@@ -12,7 +12,7 @@ O(n) by the semiseparable Cholesky factor of such processes (Foreman-Mackey et a
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import celerite2.driver as semiseparable
 import numpy as np
@@ -38,6 +38,14 @@ class Piece:
     size: np.ndarray  # of the channel at the time
     bias: np.ndarray  # what a bias of 1 would be in the residual
     residual: np.ndarray
+    _waves: tuple[float, np.ndarray, np.ndarray] | None = field(default=None, init=False, repr=False, compare=False)
+
+    def waves(self, rate: float) -> tuple[np.ndarray, np.ndarray]:
+        """cos and sin of rate x time: most of what is asked one after the other has the same rate."""
+        if self._waves is None or self._waves[0] != rate:
+            phase = rate * (self.time - self.time[0])
+            self._waves = rate, np.cos(phase), np.sin(phase)
+        return self._waves[1:]
 
 
 @dataclass(frozen=True)
@@ -68,8 +76,7 @@ class Discrepancy:
         n, slow = len(piece.time), 1.0 / self.time[1]
         rates = np.array([1.0 / self.time[0], slow, slow])
         fast = self.share * piece.size
-        phase = slow * (piece.time - piece.time[0])
-        cos, sin = np.cos(phase), np.sin(phase)
+        cos, sin = piece.waves(slow)
         u = np.column_stack([fast, self.slow**2 * (cos + sin), self.slow**2 * (sin - cos)])
         v = np.column_stack([fast, cos, sin])
         diagonal = self.white**2 / np.maximum(piece.count, 0.1) + fast**2 + self.slow**2

@@ -4,7 +4,7 @@ their covariance is, from the information of the logs and from how far pieces of
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
@@ -27,6 +27,7 @@ class Problem(Protocol):
     power: Mapping[str, float]  # by channel: how much the likelihood counts
     names: Sequence[str]
     mean: np.ndarray
+    sd: np.ndarray
     information: np.ndarray
     low: np.ndarray
     high: np.ndarray
@@ -59,6 +60,8 @@ class Fit:
     steps: int = 0
     moved: float = np.inf  # posterior sd, in the last step
     refits: int = 0
+    residuals: list[np.ndarray] = field(default_factory=list)  # at x
+    slopes: list[np.ndarray] = field(default_factory=list)  # whitened, at x
 
 
 @dataclass
@@ -122,18 +125,25 @@ def fit(
     say: Callable[[str], None] = lambda _: None,
     keep: Callable[[State], None] = lambda _: None,
     most: int = MOST_STEPS,
+    chords: bool = False,
 ) -> Fit:
-    """Search from the prior, or from where an earlier one stood. `keep` is called after every step with what it takes to go on."""
+    """Search from the prior, or from where an earlier one stood. `keep` is called after every step with what it takes to go on.
+    `chords`: slopes are simulated at the start and at the end, or where a step fails, and follow what the steps between have shown
+    (Broyden 1965); else at every step."""
     s = start or State(np.clip(problem.mean, problem.low, problem.high), {}, 0, 0, 1e-3)
     residuals = problem.residuals(s.x)
     converged, moved, changed = False, np.inf, np.inf
+    steep, exact = problem.slopes(s.x, residuals), True
     while True:
         if s.refits < MOST_REFITS and changed > SAME:
             s.noise, changed = discrepancies(problem, residuals, s.noise)
             s.refits += 1
-        r, j = whitened(problem, s.noise, residuals, problem.slopes(s.x, residuals))
+        ends = converged or s.steps >= most
+        if not exact and (ends or not chords):
+            steep, exact = problem.slopes(s.x, residuals), True
+        r, j = whitened(problem, s.noise, residuals, steep)
         information = sum(a.T @ a for a in j) + problem.information
-        if converged or s.steps >= most:
+        if ends:
             break
         gradient = sum(a.T @ b for a, b in zip(j, r, strict=True)) + problem.information @ (s.x - problem.mean)
         here = half_square(problem, s.noise, s.x, residuals)
@@ -145,11 +155,18 @@ def fit(
                 break
             s.damping = max(10 * s.damping, 1e-3)
         else:  # nowhere to go
+            if not exact:
+                steep, exact = problem.slopes(s.x, residuals), True
+                s.damping = 1e-3
+                continue
             converged = changed <= SAME or s.refits >= MOST_REFITS
             changed = SAME if converged else np.inf
             s.steps += 1
             continue
         moved = float(np.max(np.abs(there - s.x) / sd))
+        if chords:
+            steep = _followed(steep, residuals, new, (there - s.x) / problem.sd, problem.sd)
+        exact = False
         s = State(there, s.noise, s.steps + 1, s.refits, max(s.damping / 10, 1e-6))
         residuals = new
         converged = moved < SETTLED and (changed <= SAME or s.refits >= MOST_REFITS)
@@ -157,7 +174,17 @@ def fit(
             changed = np.inf
         keep(s)
         say(f"step {s.steps}: the largest change is {moved:.2g} sd")
-    return Fit(s.x, s.noise, covariance(problem, information, r, j), converged, s.steps, moved, s.refits)
+    return Fit(s.x, s.noise, covariance(problem, information, r, j), converged, s.steps, moved, s.refits, residuals, j)
+
+
+def _followed(
+    slopes: list[np.ndarray], before: list[np.ndarray], after: list[np.ndarray], by: np.ndarray, unit: np.ndarray
+) -> list[np.ndarray]:
+    """Slopes that agree with what a step did: the least change of them in units of the unknowns. `by`: the step in these."""
+    along = by / max(float(by @ by), 1e-300)
+    return [
+        t + np.outer(b - a - t @ (by * unit), along / unit) for t, a, b in zip(slopes, before, after, strict=True)
+    ]
 
 
 def covariance(problem: Problem, information: np.ndarray, r: list[np.ndarray], j: list[np.ndarray]) -> np.ndarray:

@@ -194,11 +194,13 @@ def judge(layout: Layout, effects: Sequence[Hypothesis], start: Mapping[str, flo
     """Fit a set of effects and say what it is worth."""
     kick = {p.name: start_of(p) for h in effects for p in h.effect.fitted}
     space = Space(layout, effects, kick | dict(start))
-    found = engine.fit(space, engine.State(space.first, dict(parent.noise) if parent else {}, 0, 0, 1e-3), most=MOST_STEPS)
-    residuals = space.residuals(found.x)
-    _, j = engine.whitened(space, found.noise, residuals, space.slopes(found.x, residuals))
+    if parent:
+        space.knows(parent.noise, parent.residuals)
+    begin = engine.State(space.first, dict(parent.noise) if parent else {}, 0, 0, 1e-3)
+    found = engine.fit(space, begin, most=MOST_STEPS, chords=True)
+    residuals = found.residuals
     gram = {c: np.zeros((len(found.x), len(found.x))) for c in space.channels}
-    for table, (_, c) in zip(j, space.groups, strict=True):
+    for table, (_, c) in zip(found.slopes, space.groups, strict=True):
         gram[c] += table.T @ table / space.power[c]
     away = (found.x - space.mean) / space.sd
     values = space.values(found.x)

@@ -7,6 +7,7 @@ after), shapes the typical ones. What the effects that are named so far do is kn
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -24,6 +25,7 @@ LEAST_SIZE = 1.0  # units of noise: a channel that stands still is not known to 
 ACTIVE_TIME = 1.0  # s over which a channel's size is taken
 MOST_SHARE = 5.0  # of shapes, in prior sd
 SEEN = 3.0  # a channel that the model does not explain says as much as so many independent values: it is wrong for hours
+UNMOVED = 1.0  # sum of squares in sd, by which residuals may change before their discrepancy is found anew
 REACH = 15.0  # steps: a chord over a third of the typical size says more of an effect than its tangent at zero
 
 
@@ -101,6 +103,7 @@ class Space:
         self.low, self.high = (np.array(x, float) for x in zip(*limits, strict=True))
         self.first = np.clip([(start or {}).get(n, m) for n, m in zip(self.names, self.mean, strict=True)], self.low, self.high)
         self.groups, self.time, self.channels, self.power = layout.groups, layout.time, layout.channels, layout.power
+        self._found: dict[str, tuple[list[np.ndarray], Discrepancy]] = {}
 
     def values(self, x: np.ndarray) -> dict[str, float]:
         """What the simulation takes."""
@@ -113,8 +116,23 @@ class Space:
     def pieces(self, residuals: list[np.ndarray], channel: str) -> list[Piece]:
         return [self.piece(g, residuals[g]) for g, (_, c) in enumerate(self.groups) if c == channel]
 
+    def knows(self, found: Mapping[str, Discrepancy], residuals: list[np.ndarray]) -> None:
+        """Discrepancies that are the most probable ones of such residuals."""
+        for c, d in found.items():
+            self._found[c] = [r for r, (_, own) in zip(residuals, self.groups, strict=True) if own == c], d
+
     def found(self, pieces: Sequence[Piece], start: Discrepancy | None) -> Discrepancy:
-        return noise.found(pieces, start)
+        """The most probable discrepancy of a channel; as it was, while its residuals have hardly moved."""
+        channel = next((c for c, (_, d) in self._found.items() if d is start), None)
+        if channel is None:
+            return noise.found(pieces, start)
+        before, d = self._found[channel]
+        moved = [replace(p, residual=p.residual - r) for p, r in zip(pieces, before, strict=True)]
+        if sum(float(np.sum(d.whiten(m, m.residual[:, None])[0] ** 2)) for m in moved) < UNMOVED:
+            return d
+        d = noise.found(pieces, start)
+        self._found[channel] = [p.residual for p in pieces], d
+        return d
 
     def cost(self, d: Discrepancy, pieces: Sequence[Piece]) -> float:
         return -noise.worth(d, noise.Series.of(pieces))
