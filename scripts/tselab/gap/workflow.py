@@ -22,10 +22,11 @@ from tselab.formula import Formula
 from tselab.gap import detect, latent, optional, remainder, show, where
 from tselab.gap.catalogue import catalogue
 from tselab.gap.data import Prepared
-from tselab.gap.discover.search import PRICE, Discovery, discover, total
-from tselab.gap.fit import Fit, excess, fit, gap
+from tselab.gap.discover.search import Discovery
+from tselab.gap.fit import Fit, fit, gap
 from tselab.gap.infer import naming as name
 from tselab.gap.infer.naming import Named
+from tselab.gap.infer.rivals import NOISE_LIMIT, explained
 from tselab.gap.problem import STIFFNESS, Problem
 from tselab.gap.stages import stage
 from tselab.gap.workers import Workers
@@ -33,11 +34,6 @@ from tselab.log import MEASURES, Log, read_log
 from tselab.units import check_units
 from tselab.vehicle import Vehicle, fill_sensors, read_vehicle
 
-ENOUGH = 0.7  # of the gap: names that close more are no patchwork
-LEAST_CLOSED = 0.05  # of the gap: names that together close less explain nothing of it
-WORTHWHILE = 0.5  # of what is left, that an effect which was only possible must close to be named
-MOST_POSSIBLE = 3
-NOISE_LIMIT = 1.2  # rms over noise up to which nothing is left to explain: noise is known to some percent, inputs are smoothed
 EXIT = {"none": 0, "named": 10, "look-alikes": 11, "not_in_catalogue": 20}
 
 
@@ -61,6 +57,7 @@ class Result:
     discovery: Discovery | None = None  # a formula for what the names leave; None: nothing is left, or nobody asked
     latent: latent.Latent | None = None  # what the names leave, as a disturbance
     follows: list[latent.Explained] = field(default_factory=list)  # and what it follows
+    rivals: list[dict[str, Any]] = field(default_factory=list)  # names, formulas, both: how likely
     problem: Problem | None = None  # what was fitted
     held: Problem | None = None  # what was not
     read: list[tuple[str, Log]] = field(default_factory=list)  # part (table.py), log
@@ -93,6 +90,7 @@ class Result:
             "possible": self.naming.possible,
             "sets": self.naming.sets,
             "formula": self._formula_as_json(),
+            "rivals": self.rivals,
             "follows": [{"quantity": e.name, "share": e.share, "chance": e.chance} for e in self.follows],
             "where": [
                 {"channel": c.channel, "condition": c.condition, "entry_point": self._entry(c.channel), "strength": c.strength}
@@ -222,10 +220,11 @@ def run(
     seen = detect.detectable(problem, naming.final, [e for e in effects if e.id not in {n.effect.id for n in naming.named}])
     remains = [r for r in left if r.kind != "noise"]
     discovery: Discovery | None = None
+    rivals: list[dict[str, Any]] = []
     if vehicle.formula is not None:
         notes.append(f"the vehicle file has a formula ({vehicle.formula.id}), which was kept: no other is sought")
     elif remains or formula:
-        discovery, naming = stage(folder, key, "formula", lambda: explained(problem, other, naming, say))
+        discovery, naming, rivals = stage(folder, key, "formula", lambda: explained(problem, other, naming, say))
     missing, follows = None, []
     if remains:
         missing, follows = stage(folder, key, "latent", lambda: disturbance(problem, naming, entries, remains))
@@ -240,68 +239,9 @@ def run(
     if not naming.converged:
         notes.append("the last fit has not converged: sizes may still move")
     result = judge(problem, naming, conditions, entries, left, seen, changes, notes, discovery, follows)
-    result.problem, result.held, result.latent = problem, other, missing
+    result.problem, result.held, result.latent, result.rivals = problem, other, missing, rivals
     result.read = [("fit", x) for x in read_logs] + [("held_out", x) for x in held]
     return result
-
-
-def explained(
-    problem: Problem, held: Problem | None, naming: name.Naming, say: Callable[[str], None]
-) -> tuple[Discovery, name.Naming]:
-    """A formula for what the names leave; or, where it is worth more, one in their place: names that leave most of a gap may be a
-    patchwork for something that the catalogue does not have. Names of sensors may stay without the others."""
-
-    def value(found: Discovery | None, after: name.Naming) -> float:
-        """Nats over the plain model, of names and formula, less the price of both."""
-        with_formula = found is not None and found.formula is not None
-        last, values = (found.fit, found.values) if with_formula else (after.final, after.final.values)
-        length = PRICE * len(after.named) + (found.price if with_formula else 0.0)  # a cause that is known has no length
-        return total(problem, held, naming.baseline, last, values) - length
-
-    if naming.named and naming.closed < LEAST_CLOSED:
-        naming = name.without(problem, naming, frozenset())
-    best = discover(problem, naming.final, held, say)
-    chosen, most = (best, naming), value(best, naming)
-    more = _with_possible(problem, naming, lambda n: value(None, n), say)
-    if more is not naming:
-        found = discover(problem, more.final, held, say)
-        if value(found, more) > most:
-            chosen, most = (found, more), value(found, more)
-    if not naming.named or chosen[1].closed > ENOUGH:
-        return chosen
-    for kept in dict.fromkeys((frozenset[str](), frozenset(n.effect.id for n in naming.named if n.sensor))):
-        dropped = [n.effect.id for n in naming.named if n.effect.id not in kept]
-        if not dropped:
-            continue
-        say(f"a formula in place of {', '.join(dropped)}")
-        less = name.without(problem, naming, kept)
-        rival = discover(problem, less.final, held, say)
-        if rival.formula is not None and value(rival, less) > most:
-            chosen, most = (rival, less), value(rival, less)
-    return chosen
-
-
-def _with_possible(
-    problem: Problem, naming: name.Naming, value: Callable[[name.Naming], float], say: Callable[[str], None]
-) -> name.Naming:
-    """The names, and those that the search called possible as long as one closes much of what the others leave: a catalogue's
-    effect is a cause, which a formula is not."""
-    there, most = naming, value(naming)
-    for _ in range(MOST_POSSIBLE):
-        left = excess(problem, there.final.residuals)
-        tried = []
-        for p in there.possible[:MOST_POSSIBLE]:
-            if p["id"] not in catalogue():
-                continue
-            say(f"what if it is {p['id']}")
-            one = name.with_one_more(problem, there, p["id"], p["probability"])
-            if excess(problem, one.final.residuals) < (1.0 - WORTHWHILE) * left:
-                tried.append((value(one), one))
-        worth, best = max(tried, key=lambda t: t[0], default=(-np.inf, there))
-        if worth <= most:
-            break
-        there, most = best, worth
-    return there
 
 
 def what_is_left(

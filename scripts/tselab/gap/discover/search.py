@@ -162,16 +162,6 @@ def _diverse(listed: list[tuple[float, str, Term, float]]) -> list[tuple[float, 
     return found
 
 
-def total(problem: Problem, held: Problem | None, before: Fit, last: Fit, values: Mapping[str, float]) -> float:
-    """Nats by which a model is better than another one, over the fitted logs and those that were held out, with the numbers of the
-    fitted ones. `values`: all that a simulation of it takes."""
-    nats = worth(problem, before.residuals, last.residuals, lengths(problem, before.residuals))
-    if held is not None:
-        one, two = (held.residuals(show.of_the_car(held, v)) for v in (before.values, values))
-        nats += worth(held, one, two, lengths(held, one))
-    return nats
-
-
 # ---- in the linearisation
 
 

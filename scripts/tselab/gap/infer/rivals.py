@@ -1,0 +1,187 @@
+"""Names, a formula, or both: what explains most for what it costs to say.
+
+Names that leave most of a gap, or close it by being many, may be a patchwork for something that the catalogue does not have. So
+what the search named stands beside the same with what it held for possible, and beside formulas for what these, fewer or none
+leave. Each of these worlds is worth
+
+    sum over channels of power x half its independent values x ln of how much its residuals fall  -  what it costs to say,
+
+a name its prior odds and size (hypotheses.py), a formula its length (discover/search.py) and the odds that the catalogue lacks
+something. The powers are those of the world that leaves least: a model that is wrong is wrong in the same way all through a
+manoeuvre, so that its residuals say one value in an EPISODE. Held-out logs count as those that were fitted, with the numbers of
+these. A name stands if the worlds that have it are likely enough together. Fewer names without a formula are no world of their own:
+whether a name is worth having beside nothing is what the search has judged, in a model of what is left that is finer than this one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from tselab.gap import show
+from tselab.gap.catalogue import catalogue
+from tselab.gap.data import BLOCK, CHANNELS
+from tselab.gap.discover.search import Discovery, discover
+from tselab.gap.fit import Fit, excess, lengths
+from tselab.gap.infer import naming as name
+from tselab.gap.infer.hypotheses import NAME_AT, SIZE_COST, hypotheses
+from tselab.gap.infer.naming import ROAD_ODDS, Naming
+from tselab.gap.problem import Problem
+
+LEAST_CLOSED = 0.05  # of the gap: names that together close less explain nothing of it
+WORTHWHILE = 0.5  # of what is left, that an effect which was only possible must close to be named
+MOST_POSSIBLE = 3  # effects that were only possible
+NOISE_LIMIT = 1.2  # rms over noise up to which nothing is left to explain: noise is known to some percent, inputs are smoothed
+EPISODE = 30.0  # s, of a manoeuvre
+OUTSIDE_ODDS = float(np.log(0.2 / 0.8))  # prior, that what is missing is in no catalogue
+FEWER = 3  # sets of fewer names that a formula is sought for, besides none
+
+
+@dataclass
+class World:
+    """Names, with a formula for what they leave or without."""
+
+    naming: Naming
+    discovery: Discovery | None
+    price: float  # nats
+    residuals: list[np.ndarray]  # of the fitted logs, and of those that were held out
+    probability: float = 0.0
+
+    @property
+    def names(self) -> frozenset[str]:
+        return frozenset(n.effect.id for n in self.naming.named)
+
+    @property
+    def text(self) -> str | None:
+        """Of the formula."""
+        return self.discovery.formula.text if self.discovery and self.discovery.formula else None
+
+
+class Worlds:
+    """All that are compared."""
+
+    def __init__(self, baseline: Fit, problem: Problem, held: Problem | None):
+        """`baseline`: of `problem`, without names."""
+        self.problem, self.held = problem, held
+        self.known: list[World] = []
+        self.plain = self._residuals(baseline, baseline.values)
+        # independent values are counted in what the plain model leaves
+        self._lengths = [lengths(p, r) for p, r in self._parts(self.plain)]
+
+    def add(self, naming: Naming, discovery: Discovery | None = None) -> None:
+        """One more. `discovery`: with a formula."""
+        price = sum(price_of(n.effect.id) for n in naming.named)
+        if discovery is None:
+            residuals = self._residuals(naming.final, naming.final.values)
+        else:
+            assert discovery.fit is not None
+            price += discovery.price - OUTSIDE_ODDS
+            residuals = self._residuals(discovery.fit, discovery.values)
+        self.known.append(World(naming, discovery, price, residuals))
+
+    def weigh(self) -> None:
+        """The probability of each."""
+        value = np.array([-w.price for w in self.known])
+        for c in range(len(CHANNELS)):
+            before, count, episodes = self._energy(self.plain, c)
+            if not count:
+                continue
+            after = np.array([self._energy(w.residuals, c)[0] for w in self.known])
+            least = max(1.0, float(after.min()) / NOISE_LIMIT**2)
+            power = 1.0 / max(1.0, count * (1.0 - 1.0 / least) / episodes)
+            value += power * 0.5 * count * np.log(before / np.maximum(after, 1e-300))
+        weight = np.exp(value - value.max())
+        for w, p in zip(self.known, weight / weight.sum(), strict=True):
+            w.probability = float(p)
+
+    def with_name(self, effect: str) -> float:
+        """Probability of the worlds that have it."""
+        return sum(w.probability for w in self.known if effect in w.names)
+
+    def best(self) -> World:
+        """The likeliest of those whose names all stand."""
+        return max((w for w in self.known if all(self.with_name(i) >= NAME_AT for i in w.names)), key=lambda w: w.probability)
+
+    def _residuals(self, last: Fit, values: Mapping[str, float]) -> list[np.ndarray]:
+        if self.held is None:
+            return [last.residuals]
+        return [last.residuals, self.held.residuals(show.of_the_car(self.held, values))]
+
+    def _parts(self, residuals: Sequence[np.ndarray]) -> list[tuple[Problem, np.ndarray]]:
+        return list(zip((p for p in (self.problem, self.held) if p is not None), residuals, strict=True))
+
+    def _energy(self, residuals: Sequence[np.ndarray], channel: int) -> tuple[float, float, float]:
+        """Mean square in units of the noise, as how many independent values it counts, and how many episodes long it is."""
+        total = rows = count = 0.0
+        for (p, r), length in zip(self._parts(residuals), self._lengths, strict=True):
+            mine = (p.rows.channel == channel) & (p.weight > 0)
+            total, rows = total + float(r[mine] @ r[mine]), rows + int(mine.sum())
+            count += int(mine.sum()) / length.get(channel, 1.0)
+        return total / max(rows, 1.0), count, rows * BLOCK / EPISODE
+
+
+def price_of(effect: str) -> float:
+    """Nats that a name costs."""
+    return SIZE_COST - next((h.odds for h in hypotheses() if h.id == effect), ROAD_ODDS)
+
+
+def explained(
+    problem: Problem, held: Problem | None, naming: Naming, say: Callable[[str], None]
+) -> tuple[Discovery, Naming, list[dict[str, Any]]]:
+    """A formula or none, the names, and all that were compared: the likeliest world whose names all stand."""
+    if naming.named and naming.closed < LEAST_CLOSED:
+        naming = name.without(problem, naming, frozenset())
+    worlds, sought = Worlds(naming.baseline, problem, held), []
+    whole = [naming, *_with_possible(problem, naming, say)]
+    for n in (*whole, *_with_fewer(problem, naming)):
+        beside = ", ".join(m.effect.id for m in n.named)
+        found = discover(problem, n.final, held, lambda text, b=beside: say(f"{text}{b and f', beside {b}'}"))
+        sought.append((n, found))
+        if any(n is w for w in whole):
+            worlds.add(n)
+        if found.formula is not None:
+            worlds.add(n, found)
+    worlds.weigh()
+    best = worlds.best()
+    shown = [
+        {"ids": sorted(w.names), "formula": w.text, "probability": w.probability}
+        for w in sorted(worlds.known, key=lambda w: -w.probability)
+    ]
+    named = [replace(n, probability=n.probability * worlds.with_name(n.effect.id)) for n in best.naming.named]
+    last = best.discovery or next(replace(d, formula=None, fit=None) for n, d in sought if n is best.naming)
+    return last, replace(best.naming, named=named), shown
+
+
+def _with_fewer(problem: Problem, naming: Naming) -> list[Naming]:
+    """The same without names: none, those of sensors, and the strongest ones, one, two, three of them."""
+    strong = sorted(naming.named, key=lambda n: -n.evidence)
+    asked = [frozenset[str](), frozenset(n.effect.id for n in naming.named if n.sensor)]
+    asked += [frozenset(n.effect.id for n in strong[: k + 1]) for k in range(FEWER)]
+    whole = frozenset(n.effect.id for n in naming.named)
+    return [name.without(problem, naming, kept) for kept in dict.fromkeys(asked) if kept != whole]
+
+
+def _with_possible(problem: Problem, naming: Naming, say: Callable[[str], None]) -> list[Naming]:
+    """The names, and those that the search called possible as long as one closes much of what the others leave: a catalogue's
+    effect is a cause, which a formula is not."""
+    found: list[Naming] = []
+    there = naming
+    for _ in range(MOST_POSSIBLE):
+        left = excess(problem, there.final.residuals)
+        tried = []
+        for p in there.possible[:MOST_POSSIBLE]:
+            if p["id"] not in catalogue():
+                continue
+            say(f"what if it is {p['id']}")
+            one = name.with_one_more(problem, there, p["id"], p["probability"])
+            now = excess(problem, one.final.residuals)
+            if now < (1.0 - WORTHWHILE) * left:
+                tried.append((now, one))
+        if not tried:
+            break
+        there = min(tried, key=lambda t: t[0])[1]
+        found.append(there)
+    return found

@@ -1,0 +1,104 @@
+"""Names against formulas: what a world is worth, on residuals that are drawn, and on a log whose steering ratio goes with speed."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from tselab.gap.infer import rivals
+from tselab.gap.infer.hypotheses import NAME_AT, SIZE_COST, hypotheses
+from tselab.gap.infer.naming import ROAD_ODDS
+from tselab.gap.infer.rivals import OUTSIDE_ODDS, Worlds, price_of
+
+ROWS = 3000
+
+
+def problem():
+    """One log, accel_y alone."""
+    rows = SimpleNamespace(channel=np.ones(ROWS, int), group=np.zeros(ROWS, int))
+    return SimpleNamespace(rows=rows, weight=np.ones(ROWS))
+
+
+def fit(rms):
+    return SimpleNamespace(residuals=rms * np.random.default_rng(1).standard_normal(ROWS), values={})
+
+
+def naming(rms, *names):
+    named = [SimpleNamespace(effect=SimpleNamespace(id=n)) for n in names]
+    return SimpleNamespace(final=fit(rms), named=named)
+
+
+def formula(rms, length):
+    return SimpleNamespace(fit=fit(rms), values={}, price=2.0 * length, formula=SimpleNamespace(text="k*x"))
+
+
+def worlds(*known):
+    w = Worlds(fit(10.0), problem(), None)
+    for one in known:
+        w.add(*one)
+    w.weigh()
+    return w
+
+
+def test_a_name_costs_its_prior_odds_and_its_size():
+    known = {h.id: h for h in hypotheses()}
+    assert price_of("mass") == pytest.approx(SIZE_COST - known["mass"].odds)
+    assert price_of("mass") > price_of("body_roll") > SIZE_COST  # every car rolls
+    assert price_of("grade") == pytest.approx(SIZE_COST - ROAD_ODDS)  # a road is no hypothesis of the search
+
+
+def test_alike_in_residuals_the_shorter_is_likelier_by_its_price():
+    w = worlds((naming(1.0, "mass"),), (naming(1.0, "mass", "body_roll"),))
+    assert w.known[0].probability / w.known[1].probability == pytest.approx(np.exp(price_of("body_roll")))
+    assert w.with_name("mass") == pytest.approx(1.0)
+    assert w.best() is w.known[0]
+
+
+def test_down_to_the_noise_all_values_count():
+    # 3000 independent values: ln(1.1/1.0) of each half is 143 nats, more than three names cost
+    w = worlds((naming(1.1, "mass"),), (naming(1.0, "mass", "body_roll", "relaxation", "cg_shift"),))
+    ratio = np.log(w.known[1].probability) - np.log(max(w.known[0].probability, 1e-300))
+    assert ratio == pytest.approx(0.5 * ROWS * np.log(1.21) - sum(map(price_of, ("body_roll", "relaxation", "cg_shift"))), rel=1e-6)
+
+
+def test_a_patchwork_of_names_does_not_stand_beside_a_formula_that_is_shorter():
+    """Both leave more than noise, so that what the names close besides says little; a formula is what stands."""
+    names = ("mass", "yaw_inertia", "cg_shift", "rear_roll_steer", "combined_slip", "body_roll")
+    empty = naming(10.0)
+    w = worlds((naming(2.0, *names),), (empty, formula(2.5, 5)))
+    assert w.with_name("mass") < NAME_AT
+    assert w.best() is w.known[1]
+    assert w.best().text == "k*x"
+
+
+def test_one_name_that_closes_as_much_as_a_formula_stands():
+    empty = naming(10.0)
+    w = worlds((naming(2.0, "mass"),), (empty, formula(2.0, 5)))
+    assert w.with_name("mass") > NAME_AT
+    assert w.known[1].probability / w.known[0].probability == pytest.approx(np.exp(price_of("mass") - 10.0 + OUTSIDE_ODDS))
+
+
+def test_a_formula_beside_a_name_is_asked_with_both_prices():
+    one = naming(3.0, "body_roll")
+    w = worlds((one,), (one, formula(1.0, 5)), (naming(10.0),), (naming(10.0), formula(3.0, 5)))
+    assert w.best() is w.known[1]
+    assert w.with_name("body_roll") > 0.99
+
+
+def test_held_out_logs_count_as_much_as_those_that_were_fitted(monkeypatch):
+    """A formula that does nothing for other logs is worth half the nats."""
+    other = problem()
+    other.residuals = lambda values: values["rms"] * np.random.default_rng(2).standard_normal(ROWS)
+    monkeypatch.setattr(rivals.show, "of_the_car", lambda held, values: values)
+    base = fit(1.3)
+    base.values = {"rms": 1.3}
+    nothing = naming(1.3)
+    nothing.final.values = {"rms": 1.3}
+    works, fails = formula(1.0, 5), formula(1.0, 5)
+    works.values, fails.values = {"rms": 1.0}, {"rms": 1.3}
+    w = Worlds(base, problem(), other)
+    for d in (None, works, fails):
+        w.add(nothing, d)
+    w.weigh()
+    assert w.best() is w.known[1]
+    assert w.known[2].probability < 1e-6
