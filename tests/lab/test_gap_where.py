@@ -11,9 +11,9 @@ from scipy.linalg import expm
 
 from gap_logs import STIFFNESS, car, write_log
 from tselab.core import Config
-from tselab.gap import where
 from tselab.gap.data import prepare
 from tselab.gap.fit import fit
+from tselab.gap.localise import where
 from tselab.gap.problem import STIFFNESS as PARAMETERS
 from tselab.gap.problem import Problem
 from tselab.log import read_log

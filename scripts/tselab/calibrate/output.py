@@ -13,7 +13,7 @@ from tselab.calibrate.findings import Finding
 from tselab.calibrate.workflow import Result
 from tselab.core import NOMINAL, Config, library
 from tselab.files import atomic
-from tselab.gap.output import finite
+from tselab.gap.export.output import finite
 from tselab.identify.problem import UNLIKE_SD
 from tselab.identify.unknowns import LATENCY, SUPERELEVATION
 from tselab.vehicle import GRAVITY, HINT_ONLY, UNKNOWN_CAR, sensor_settings, vehicle_settings

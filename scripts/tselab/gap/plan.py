@@ -15,9 +15,9 @@ import numpy as np
 from tselab.core import Config, similar
 from tselab.errors import UserError
 from tselab.gap.catalogue import Effect, catalogue
-from tselab.gap.detect import WAVE
 from tselab.gap.drives import Candidate, library, prepared
 from tselab.gap.fit import Fit, fit, fit_with
+from tselab.gap.infer.detect import WAVE
 from tselab.gap.problem import KNOT, PROFILES, STIFFNESS, Problem
 from tselab.gap.simulate import simulate
 from tselab.tables import text_table

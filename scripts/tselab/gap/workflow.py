@@ -19,13 +19,15 @@ from tselab import __version__
 from tselab.core import Config, library_path
 from tselab.errors import UserError
 from tselab.formula import Formula
-from tselab.gap import detect, latent, optional, remainder, show, where
+from tselab.gap import optional
 from tselab.gap.catalogue import catalogue
 from tselab.gap.data import Prepared
-from tselab.gap.discover.search import PRICE, Discovery, discover, total
 from tselab.gap.fit import Fit, excess, fit, gap
+from tselab.gap.infer import detect, show
 from tselab.gap.infer import naming as name
+from tselab.gap.infer.formula.search import PRICE, Discovery, discover, total
 from tselab.gap.infer.naming import Named
+from tselab.gap.localise import latent, remainder, where
 from tselab.gap.problem import STIFFNESS, Problem
 from tselab.gap.stages import stage
 from tselab.gap.workers import Workers

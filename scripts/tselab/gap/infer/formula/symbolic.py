@@ -13,10 +13,23 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tselab.formula import FormulaError
-from tselab.gap.discover.terms import FRONT, LATERAL, PULL, REAR, SIDE, SPEED, STEER, YAW, Signal, Size, Term, formula
+from tselab.gap.infer.formula.terms import (
+    FRONT,
+    LATERAL,
+    PULL,
+    REAR,
+    SIDE,
+    SPEED,
+    STEER,
+    YAW,
+    Signal,
+    Size,
+    Term,
+    formula,
+)
 
 if TYPE_CHECKING:
-    from tselab.gap.discover.search import Frame
+    from tselab.gap.infer.formula.search import Frame
 
 POPULATION = 120
 GENERATIONS = 10
@@ -42,7 +55,7 @@ def search(frame: Frame, place: str, library: Sequence[Term], seed: int) -> list
     """The best forms that evolution finds at a place, as search.screened() lists them. Seeded."""
     from deap import base, gp
 
-    from tselab.gap.discover.search import promise, screened
+    from tselab.gap.infer.formula.search import promise, screened
 
     rng = random.Random(seed)
     used: tuple[Signal, ...] = ACROSS if place in LATERAL else ALONG

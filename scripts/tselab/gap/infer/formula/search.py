@@ -14,13 +14,13 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from tselab.formula import Formula, FormulaError
-from tselab.gap import show
 from tselab.gap.catalogue import Parameter
 from tselab.gap.data import CHANNELS
-from tselab.gap.discover import symbolic, terms
-from tselab.gap.discover.respond import responses, signals
-from tselab.gap.discover.terms import Term
 from tselab.gap.fit import Fit, covariance, excess, fit, lengths
+from tselab.gap.infer import show
+from tselab.gap.infer.formula import symbolic, terms
+from tselab.gap.infer.formula.respond import responses, signals
+from tselab.gap.infer.formula.terms import Term
 from tselab.gap.problem import Problem
 
 PRICE = 2.0  # nats, of an operation or a number: a library of some hundred forms times places times sizes is some 12 nats
