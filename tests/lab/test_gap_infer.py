@@ -21,7 +21,7 @@ from tselab.gap.catalogue import Parameter, catalogue
 from tselab.gap.data import BLOCK, CHANNELS, prepare
 from tselab.gap.fit import Fit
 from tselab.gap.infer import forms, noise
-from tselab.gap.infer.hypotheses import LATENCIES, Hypothesis, hypotheses, ln_size
+from tselab.gap.infer.hypotheses import Hypothesis, hypotheses, latencies, ln_size
 from tselab.gap.infer.naming import Named, Probability, settings
 from tselab.gap.infer.search import Search, judge
 from tselab.gap.infer.space import SEEN, Layout
@@ -233,7 +233,7 @@ def test_values_that_are_held_act_as_if_they_were_given(late: Problem) -> None:
 
 
 def test_latencies_that_are_asked_for_are_no_settings(late: Problem) -> None:
-    names = {p.name for e in LATENCIES for p in e.parameters} | {"steering_delay_time"}
+    names = {p.name for e in latencies() for p in e.parameters} | {"steering_delay_time"}
     assert late.model(dict.fromkeys(names, 0.01)).as_dict() == late.config.as_dict() | {
         "stiffness_drift_time": late.nominal["stiffness_drift_time"]
     }

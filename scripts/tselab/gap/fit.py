@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares
 
+from tselab.gap import constants
 from tselab.gap.catalogue import Effect, Parameter
-from tselab.gap.data import CHANNELS
+from tselab.gap.data import BLOCK, CHANNELS
 from tselab.gap.problem import PROFILES, STIFFNESS, Problem
 
-MOST_LAG = 4.0  # s of autocorrelation that are looked at
-TOLERANCE = 1e-4  # relative change of the sum of squares at which a fit ends
+MOST_LAG, TOLERANCE = constants.of(__name__, "MOST_LAG", "TOLERANCE")
 
 
 @dataclass
@@ -87,10 +87,10 @@ def lengths(problem: Problem, residuals: np.ndarray) -> dict[int, float]:
         top = bottom = None
         for group in np.unique(problem.rows.group[problem.rows.channel == channel]):
             x = residuals[problem.rows.group == group]
-            n = min(len(x) - 1, int(MOST_LAG / 0.04))
+            n = min(len(x) - 1, int(MOST_LAG / BLOCK))
             size = 1 << (2 * len(x) - 1).bit_length()
             c = np.fft.irfft(np.abs(np.fft.rfft(x, size)) ** 2, size)[: n + 1]
-            c = np.pad(c, (0, int(MOST_LAG / 0.04) + 1 - len(c)))
+            c = np.pad(c, (0, int(MOST_LAG / BLOCK) + 1 - len(c)))
             top = c if top is None else top + c
             bottom = c[0] if bottom is None else bottom + c[0]
         rho = top[1:] / max(bottom, 1e-300)

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tselab.core import NOMINAL, Config
-from tselab.gap import optional
+from tselab.gap import constants, optional
 from tselab.gap.catalogue import Effect, Parameter
 from tselab.gap.data import CHANNELS, Prepared, blocks
 from tselab.gap.simulate import simulate
@@ -27,13 +27,12 @@ WITH_BIAS = MEASURES  # the other channels have none: optional.py says what they
 
 
 # Of the road, not of the car: not one number, but a profile over the distance of each log, smooth over KNOT. Columns of a replay.
-PRIOR = {"grade": 0.03, "bank": 0.02}  # rad, sd of roads
+PRIOR, KNOT = constants.of(__name__, "PRIOR", "KNOT")
 PROFILES = tuple(PRIOR)
 # What is not a setting of the simulation, or is in it with a sign only: how late channels are beyond what the vehicle file says.
 LATENT = frozenset(("wheel_speed_latency", "accel_x_latency", "accel_y_latency"))
 SIGNED_DELAYS = frozenset(("steering_delay_time", "imu_delay_time"))
 NOT_SETTINGS = frozenset(NOMINAL) | LATENT | SIGNED_DELAYS
-KNOT = 40.0  # m between two values of a profile
 
 
 def profile_size(effect: Effect, values: Mapping[str, float]) -> float:

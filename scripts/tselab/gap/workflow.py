@@ -19,7 +19,7 @@ from tselab import __version__
 from tselab.core import Config, library_path
 from tselab.errors import UserError
 from tselab.formula import Formula
-from tselab.gap import optional
+from tselab.gap import constants, optional
 from tselab.gap.catalogue import catalogue
 from tselab.gap.data import Prepared
 from tselab.gap.fit import Fit, excess, fit, gap
@@ -35,11 +35,9 @@ from tselab.log import MEASURES, Log, read_log
 from tselab.units import check_units
 from tselab.vehicle import Vehicle, fill_sensors, read_vehicle
 
-ENOUGH = 0.7  # of the gap: names that close more are no patchwork
-LEAST_CLOSED = 0.05  # of the gap: names that together close less explain nothing of it
-WORTHWHILE = 0.5  # of what is left, that an effect which was only possible must close to be named
-MOST_POSSIBLE = 3
-NOISE_LIMIT = 1.2  # rms over noise up to which nothing is left to explain: noise is known to some percent, inputs are smoothed
+ENOUGH, LEAST_CLOSED, WORTHWHILE, MOST_POSSIBLE, NOISE_LIMIT = constants.of(
+    __name__, "ENOUGH", "LEAST_CLOSED", "WORTHWHILE", "MOST_POSSIBLE", "NOISE_LIMIT"
+)  # fmt: skip
 EXIT = {"none": 0, "named": 10, "look-alikes": 11, "not_in_catalogue": 20}
 
 
@@ -160,7 +158,7 @@ def read(paths: Sequence[Path], vehicle: Vehicle) -> tuple[list[Log], Config]:
 
 
 def fingerprint(paths: Sequence[Path], config: Config) -> str:
-    """Of everything that a result depends on: logs, settings, this code, the library."""
+    """Of everything that a result depends on: logs, settings, this code and what it has for constants now, the library."""
     h = hashlib.sha256(__version__.encode())
     here = Path(__file__).parent
     engine = sorted((here.parent / "identify").glob("*.py"))
@@ -169,6 +167,7 @@ def fingerprint(paths: Sequence[Path], config: Config) -> str:
     for p in paths:
         h.update(p.read_bytes())
     h.update(json.dumps(config.as_dict(), sort_keys=True).encode())
+    h.update(constants.fingerprint())
     return h.hexdigest()
 
 

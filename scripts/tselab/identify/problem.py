@@ -26,6 +26,7 @@ from scipy.linalg import block_diag
 from scipy.signal import lfilter
 
 from tselab.core import NOMINAL, Config, Replay
+from tselab.gap import constants
 from tselab.gap.data import BLOCK, Prepared, blocks
 from tselab.identify.discrepancy import ACTIVE_TIME, Discrepancy, Piece, cost, found
 from tselab.identify.ready import calm, curves, inside, speed, together
@@ -43,25 +44,16 @@ from tselab.identify.unknowns import (
 from tselab.noise import smooth
 from tselab.vehicle import GRAVITY
 
-STEP = 0.02  # of finite differences, in prior sd
-SPEED_TIME = 1.0  # s: longer lets the grade of the road in, shorter the noise of accel_x
+STEP, SPEED_TIME, SPEED_BLOCKS, LEAST_SPEED, FEWEST, ENOUGH, UNLIKE_SD, POWER, HARD = constants.of(
+    __name__, "STEP", "SPEED_TIME", "SPEED_BLOCKS", "LEAST_SPEED", "FEWEST", "ENOUGH", "UNLIKE_SD", "POWER", "HARD"
+)  # fmt: skip
 LEAN = "bank_superelevation"
-SPEED_BLOCKS = 10  # blocks that are one in the comparison of accel_x: a second holds two or three numbers
-LEAST_SPEED = 5.0  # m/s: below, slip is told by nothing
-FEWEST = 25  # blocks of a channel in a log, to compare it
-ENOUGH = 0.5  # rows with a value in a block, over the usual number
 # Channels that are simulated together, and the inputs that are read on the clock of accel_x; else they are in time.
 CUT = ((("accel_x",), ("wheel_speed_front", "wheel_speed_rear")), (("accel_y", "yaw_rate"), ()))
 # How the car is unlike the model, as a function of what it does (Kennedy & O'Hagan 2001): a share of the channel that goes with
 # SHAPES, each about 1 where a driver goes hard.
 UNLIKE = ("accel_y", "yaw_rate")
 SHAPES = ("ax", "ax v", "ax^2", "v", "ay^2")
-UNLIKE_SD = 0.03  # share
-# The likelihood counts so much (a power posterior: Miller & Dunson 2019): where a model of another car is wrong it is so for
-# hours, and no length of log makes it right. On four cars with 14 degrees of freedom bands with 1 held relaxation in two, inertia
-# in three.
-POWER = 0.25
-HARD = (3.0, 4.0, 20.0)  # m/s2 along, m/s2 across, m/s
 
 
 def shapes(along: np.ndarray, across: np.ndarray, v: np.ndarray) -> np.ndarray:
@@ -74,9 +66,8 @@ class Problem:
     """All logs. The vector x holds the unknowns of the car, in the order of the prior; those of each log (OWN); and, unless
     `unlike` is False, how much of SHAPES there is in each channel of UNLIKE."""
 
-    power = dict.fromkeys(MEASURED, POWER)
-
     def __init__(self, logs: Sequence[Prepared], config: Config, prior: Prior, jobs: int = 1, unlike: bool = True):
+        self.power = dict.fromkeys(MEASURED, POWER)
         self.logs = [calm(log) for log in logs if log.stretches]
         self.config, self.prior, self.jobs = config, prior, max(1, jobs)
         # how far the roads of the logs lean is found of each, around what the vehicle file says

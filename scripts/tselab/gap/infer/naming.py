@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.stats import norm
 
+from tselab.gap import constants
 from tselab.gap.catalogue import Effect, catalogue
 from tselab.gap.fit import Fit, excess, fit
 from tselab.gap.infer import noise
@@ -28,13 +29,10 @@ EARLY = {  # delays below zero
     "steering_delay": "steering angle logged late, so the wheels turn before it",
     "imu_delay": "steering angle and wheel speeds logged late behind the IMU",
 }
-ALIKE_AT = 0.05  # share of that probability from which what stands in its place is a look-alike
-POSSIBLE_AT = 0.1
+ALIKE_AT, POSSIBLE_AT, ROAD_PROBABILITY, ROAD_SHARE, ROAD_HARM, MOST_KNOTS = constants.of(
+    __name__, "ALIKE_AT", "POSSIBLE_AT", "ROAD_PROBABILITY", "ROAD_SHARE", "ROAD_HARM", "MOST_KNOTS"
+)  # fmt: skip
 ROAD_CHANNEL = {"grade": "accel_x", "bank": "accel_y"}
-ROAD_ODDS = np.log(0.1 / 0.9)  # prior, that a road's profile shows
-ROAD_SHARE = 0.5  # of what is slow in its channel that a road must explain
-ROAD_HARM = 3.0  # nats by which a road may make another channel worse: a road moves the car, and what moves it shows there, too
-MOST_KNOTS = 600  # of a road's profile
 
 
 @dataclass
@@ -266,12 +264,13 @@ def as_fit(problem: Problem, judged: Judged, slopes: bool = True) -> Fit:
 def _roads(problem: Problem, final: Judged, last: Fit, roads: Sequence[Effect], full: float) -> list[Named]:
     """Profiles of the road: where something slow is left in a channel, and a road explains it."""
     found: list[Named] = []
+    prior = np.log(ROAD_PROBABILITY / (1.0 - ROAD_PROBABILITY))
     for e in roads:
         channel = ROAD_CHANNEL[e.id]
         if channel not in final.noise or e.id in final.ids:
             continue
         gain = slow_nats(final, channel)
-        if gain + ROAD_ODDS < 0 or len(problem.strengths(e)) > MOST_KNOTS:
+        if gain + prior < 0 or len(problem.strengths(e)) > MOST_KNOTS:
             continue
         with_it = _with_roads(problem, last, [e])
         size = profile_size(e, with_it.values)
@@ -283,7 +282,7 @@ def _roads(problem: Problem, final: Judged, last: Fit, roads: Sequence[Effect], 
         share = (excess(problem, last.residuals) - excess(problem, with_it.residuals)) / max(full, 1e-300)
         spread = size / np.sqrt(2.0 * max(len(problem.strengths(e)), 1))
         z = float(norm.ppf(0.975))
-        odds = float(np.exp(min(gain + ROAD_ODDS, 50.0)))
+        odds = float(np.exp(min(gain + prior, 50.0)))
         found.append(Named(e, {p: size}, {p: (max(0.0, size - z * spread), size + z * spread)}, share, gain, odds / (1 + odds)))
     return found
 

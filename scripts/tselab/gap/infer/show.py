@@ -7,14 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tselab.gap import constants
 from tselab.gap.catalogue import catalogue
 from tselab.gap.data import CHANNELS
 from tselab.gap.fit import fit
 from tselab.gap.problem import Problem
 
-BLOCK = 2.0  # s: resampled together
-DRAWS = 1000
-SEED = 1
+BLOCK, DRAWS, SEED = constants.of(__name__, "BLOCK", "DRAWS", "SEED")
 
 
 @dataclass(frozen=True)

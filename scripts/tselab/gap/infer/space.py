@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from tselab.gap import constants
 from tselab.gap.catalogue import Parameter
 from tselab.gap.data import BLOCK, CHANNELS
 from tselab.gap.infer import forms, noise
@@ -18,13 +19,9 @@ from tselab.gap.problem import STIFFNESS, WITH_BIAS, Problem
 from tselab.identify.discrepancy import Discrepancy, Piece
 from tselab.noise import smooth
 
-STIFFNESS_SD = 0.5  # of the car's over the vehicle file's
-OWN_SD = 0.02  # of a log's over the car's: warmth, load, road of one day
-LEAST_SIZE = 1.0  # units of noise: a channel that stands still is not known to a share of nothing
-ACTIVE_TIME = 1.0  # s over which a channel's size is taken
-MOST_SHARE = 5.0  # of shapes, in prior sd
-SEEN = 3.0  # a channel that the model does not explain says as much as so many independent values: it is wrong for hours
-REACH = 15.0  # steps: a chord over a third of the typical size says more of an effect than its tangent at zero
+STIFFNESS_SD, OWN_SD, LEAST_SIZE, ACTIVE_TIME, MOST_SHARE, SEEN, REACH = constants.of(
+    __name__, "STIFFNESS_SD", "OWN_SD", "LEAST_SIZE", "ACTIVE_TIME", "MOST_SHARE", "SEEN", "REACH"
+)  # fmt: skip
 
 
 class Layout:

@@ -15,16 +15,14 @@ from scipy.linalg import expm
 from scipy.sparse import csr_matrix
 
 from tselab.core import Config
+from tselab.gap import constants
 from tselab.gap.data import BLOCK, BURN_IN, blocks
 from tselab.gap.localise.remainder import FOLDS, SHIFTS
 from tselab.gap.localise.where import PLACES, ROAD, SIZES, TIMES, Entry
 from tselab.gap.problem import Problem
 
 LONGITUDINAL = "longitudinal"
-BIAS = 100.0  # sd of a sensor's bias in units of a block's noise: as good as unknown
-FACTORS = (0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0)  # of an entry's size
-BINS = 12
-MOST = 8  # explanations
+BIAS, FACTORS, BINS, MOST = constants.of(__name__, "BIAS", "FACTORS", "BINS", "MOST")
 UNITS = {"speed": "m/s", "steer": "rad", "steer_rate": "rad/s", "accel_x": "m/s2", "accel_y": "m/s2", "yaw_rate": "rad/s",
          "slip_front": "1", "time": "s"}  # fmt: skip
 

@@ -13,14 +13,14 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import false_discovery_control, kruskal, spearmanr
 
-from tselab.gap.data import CHANNELS
+from tselab.gap import constants
+from tselab.gap.data import BLOCK, CHANNELS
 from tselab.gap.fit import Fit
 from tselab.gap.problem import Problem
 
-WINDOW = 1.0  # s
-FALSE_DISCOVERIES = 0.01
-LEAST_CORRELATION = 0.15
-FEWEST_WINDOWS = 20
+WINDOW, FALSE_DISCOVERIES, LEAST_CORRELATION, FEWEST_WINDOWS, MOST_FOLLOWED, TIMES, SIZES = constants.of(
+    __name__, "WINDOW", "FALSE_DISCOVERIES", "LEAST_CORRELATION", "FEWEST_WINDOWS", "MOST_FOLLOWED", "TIMES", "SIZES"
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ def features(problem: Problem, values: dict[str, float]) -> dict[str, np.ndarray
     predicted = problem.channels(values, ("accel_x", "accel_y", "vel_x"))
     steer = problem.quantity("steer_angle")
     front = problem.quantity("wheel_speed_front") * problem.config.wheel_radius_front
-    rate = np.gradient(steer) / 0.04
+    rate = np.gradient(steer) / BLOCK
     return {
         "speed": predicted["vel_x"],
         "|accel_y|": np.abs(predicted["accel_y"]),
@@ -120,7 +120,6 @@ def conditions(problem: Problem, residuals: np.ndarray, values: dict[str, float]
 
 
 ROAD = "road (bank)"
-MOST_FOLLOWED = 0.5
 # place: force at a distance before the centre of gravity (front, rear, side), moment, gravity, or a sensor's error
 PLACES = {
     "front axle": "N",
@@ -131,8 +130,6 @@ PLACES = {
     "sensor accel_y": "m/s2",
     "sensor yaw_rate": "rad/s",
 }
-TIMES = (0.1, 0.6, 4.0)  # s
-SIZES = (0.5, 2.0, 8.0, 32.0)  # in units that alone would make a residual of one
 
 
 def entries(problem: Problem, baseline: Fit) -> list[Entry]:

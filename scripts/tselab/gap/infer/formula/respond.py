@@ -8,10 +8,9 @@ from collections.abc import Mapping
 import numpy as np
 from scipy.linalg import expm
 
-from tselab.gap.data import BLOCK
+from tselab.gap.data import BLOCK, SLOWEST
 from tselab.gap.problem import Problem
 
-SLOWEST = 3.0  # m/s
 SIMULATED = ("vel_x", "vel_y", "true_yaw_rate", "accel_x", "accel_y")
 
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tselab.formula import FormulaError
+from tselab.gap import constants
 from tselab.gap.infer.formula.terms import (
     FRONT,
     LATERAL,
@@ -31,12 +32,9 @@ from tselab.gap.infer.formula.terms import (
 if TYPE_CHECKING:
     from tselab.gap.infer.formula.search import Frame
 
-POPULATION = 120
-GENERATIONS = 10
-CROSSING, MUTATING = 0.6, 0.3
-TALLEST = 4
-KEPT = 2  # of a search
-NODE_PRICE = 4.0  # nats: twice that of the library, for so many more are tried
+POPULATION, GENERATIONS, CROSSING, MUTATING, TALLEST, KEPT, NODE_PRICE = constants.of(
+    __name__, "POPULATION", "GENERATIONS", "CROSSING", "MUTATING", "TALLEST", "KEPT", "NODE_PRICE"
+)  # fmt: skip
 ACROSS = (STEER, YAW, SIDE, FRONT, REAR, SPEED, PULL)
 ALONG = (PULL, SPEED, SIDE, STEER, YAW)
 
