@@ -32,6 +32,7 @@ from tselab.identify.discrepancy import ACTIVE_TIME, Discrepancy, Piece, cost, f
 from tselab.identify.ready import calm, curves, inside, speed, together
 from tselab.identify.unknowns import (
     LATE,
+    LATENCIES,
     LATENCY,
     MEASURED,
     OWN,
@@ -40,6 +41,7 @@ from tselab.identify.unknowns import (
     STIFFNESS,
     SUPERELEVATION,
     Prior,
+    of_log,
 )
 from tselab.noise import smooth
 from tselab.vehicle import GRAVITY
@@ -75,7 +77,7 @@ class Problem:
         own_mean = (*OWN_MEAN[:-1], getattr(config, LEAN) or OWN_MEAN[-1])
         count = len(self.logs)
         shares = [f"{c}~{s}" for c in UNLIKE for s in SHAPES] if unlike else []
-        self.names = (*prior.names, *(f"{s}@{i}" for i in range(count) for s in OWN), *shares)
+        self.names = (*prior.names, *(of_log(s, i) for i in range(count) for s in OWN), *shares)
         self.car = len(prior.names)
         self.unlike = self.car + len(OWN) * count  # where the shares of SHAPES begin
         sd = np.array([*OWN_SD * count, *[UNLIKE_SD] * len(shares)])
@@ -122,11 +124,11 @@ class Problem:
         at = dict(zip(self.names, map(float, x), strict=True))
         values, late = dict(self.nominal), {c: self.nominal.get(c + LATENCY, 0.0) for c in LATE}
         for name in (n for n in self.prior.names if n not in NOMINAL):
-            if name.endswith(LATENCY):
-                late[name.removesuffix(LATENCY)] = at[name]
+            if name in LATENCIES:
+                late[LATENCIES[name]] = at[name]
             else:
                 values[name] = at[name]
-        stiffness = [{s: float(np.exp(at[s] + at[f"{s}@{i}"])) for s in STIFFNESS} for i in range(len(self.logs))]
+        stiffness = [{s: float(np.exp(at[s] + at[of_log(s, i)])) for s in STIFFNESS} for i in range(len(self.logs))]
         return Config(values), late, stiffness
 
     def simulate(self, i: int, x: np.ndarray) -> dict[str, np.ndarray]:
@@ -135,7 +137,7 @@ class Problem:
         log, inputs = self.logs[i], self._inputs[i]
         clock = log.held.get("yaw_rate", 0.0)
         late = {c: by - log.held.get(c, 0.0) + clock for c, by in late.items()}
-        bank = -x[self.names.index(f"{SUPERELEVATION}@{i}")] / GRAVITY * self._curves[i]
+        bank = -x[self.names.index(of_log(SUPERELEVATION, i))] / GRAVITY * self._curves[i]
         out = {c: np.full(len(log.time), np.nan) for c in MEASURED}
         for s in log.stretches:
             rows = slice(s.first, s.last)

@@ -18,6 +18,7 @@ from tselab.vehicle import Vehicle
 MEASURED = ("accel_x", "accel_y", "yaw_rate")
 LATE = ("steer_angle", "wheel_speed_front", "wheel_speed_rear", "accel_x", "accel_y")  # behind the gyro
 LATENCY = "_latency"
+LATENCIES = {c + LATENCY: c for c in LATE}  # unknowns, and the channels that are late
 MOST_LATENCY, COMMON_SD, STIFFNESS_SD, MOST_STIFFNESS, OWN_MEAN, OWN_SD = constants.of(
     __name__, "MOST_LATENCY", "COMMON_SD", "STIFFNESS_SD", "MOST_STIFFNESS", "OWN_MEAN", "OWN_SD"
 )  # fmt: skip
@@ -83,14 +84,19 @@ UNKNOWNS: tuple[Unknown, ...] = (
     Unknown("rolling_resistance_coefficient", "resistance", 0.01, 0.004, 0.0, 0.2, worth=0.003),
     Unknown("exact_kinematics_share", "kinematics", 1.0, 0.3, 0.0, 1.0, worth=0.2),
 )  # fmt: skip
-STIFFNESS = tuple(NOMINAL)  # of the car, ln over the vehicle file's; and of each log, over the car's: name@log
+STIFFNESS = tuple(NOMINAL)  # of the car, ln over the vehicle file's; and of each log, over the car's
 SUPERELEVATION = "superelevation"
-OWN = (*STIFFNESS, SUPERELEVATION)  # of each log, name@log; OWN_MEAN, OWN_SD
+OWN = (*STIFFNESS, SUPERELEVATION)  # of each log, of_log(); OWN_MEAN, OWN_SD
+
+
+def of_log(name: str, log: int) -> str:
+    """What a number of OWN goes by that is of one log."""
+    return f"{name}@{log}"
 
 
 def unit_of(name: str) -> str:
     """Unit of an unknown."""
-    if name.endswith(LATENCY):
+    if name in LATENCIES:
         return "s"
     fields = Config().fields
     return fields[name].unit if name in fields else "ln"

@@ -74,5 +74,5 @@ def detectable(problem: Problem, current: Fit, effects: Sequence[Effect], need: 
 
 def _wave(slopes: np.ndarray, parameters: Sequence[Parameter]) -> np.ndarray:
     """A profile of rms one that goes up and down every WAVE metres, in place of any."""
-    place = np.array([float(p.name.split(":")[1]) for p in parameters])
+    place = np.array([float(p.name.knot) for p in parameters])
     return (slopes @ (np.sqrt(2.0) * np.sin(2 * np.pi * place * KNOT / WAVE)))[:, None]

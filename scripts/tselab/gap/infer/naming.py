@@ -14,7 +14,7 @@ import numpy as np
 from scipy.stats import norm
 
 from tselab.gap import constants
-from tselab.gap.catalogue import Effect, catalogue
+from tselab.gap.catalogue import Effect, Key, catalogue, of_the_car
 from tselab.gap.fit import Fit, excess, fit
 from tselab.gap.infer import noise
 from tselab.gap.infer.hypotheses import NAME_AT, Hypothesis, hypotheses
@@ -23,7 +23,7 @@ from tselab.gap.infer.space import Layout, raw
 from tselab.gap.optional import TORQUES
 from tselab.gap.problem import PROFILES, SIGNED_DELAYS, STIFFNESS, Problem, profile_size
 from tselab.log import DRIVES
-from tselab.vehicle import GRAVITY
+from tselab.vehicle import GRAVITY, latency_settings
 
 EARLY = {  # delays below zero
     "steering_delay": "steering angle logged late, so the wheels turn before it",
@@ -314,12 +314,12 @@ def _with_roads(problem: Problem, last: Fit, roads: Sequence[Effect]) -> Fit:
     return Fit(last.parameters, dict(last.values) | found.values, found.residuals, last.jacobian)
 
 
-def settings(problem: Problem, values: Mapping[str, float]) -> dict[str, float]:
+def settings(problem: Problem, values: Mapping[Key, float]) -> dict[str, float]:
     """Fitted values as settings of a vehicle file: delays that are negative, and what is late, as latencies of channels. What is of
     the road is not of the car."""
     told = problem.config.as_dict()
-    found = {k: v for k, v in values.items() if k in problem.config and k not in SIGNED_DELAYS}
-    found = {k: v for k, v in found.items() if not k.endswith("_latency") and "@" not in k and not k.startswith(PROFILES)}
+    others = {*SIGNED_DELAYS, *latency_settings().values(), *(p.name for e in PROFILES for p in catalogue()[e].parameters)}
+    found = {k: v for k, v in of_the_car(values).items() if k in problem.config and k not in others}
     later = dict.fromkeys((*DRIVES, "accel_x", "accel_y"), 0.0) | problem.later(values)
     for key, channels in (("steering_delay_time", ("steer_angle",)), ("imu_delay_time", DRIVES)):
         change = max(values.get(key, told[key]), 0.0) - told[key]

@@ -18,7 +18,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from tselab.gap import constants
-from tselab.gap.catalogue import Parameter
+from tselab.gap.catalogue import Parameter, of_the_car
 from tselab.gap.infer import noise
 from tselab.gap.infer.hypotheses import Hypothesis, fit_prior, ln_normal, start_of
 from tselab.gap.infer.space import REACH, Layout, Space, raw, slopes
@@ -107,7 +107,7 @@ class Search:
         self.nothing = best.space.physical(best.x)
         passes = 1 if begin is not None else PASSES
         if begin is not None and begin.effects:
-            start = {k: v for k, v in begin.values.items() if "@" not in k}
+            start = of_the_car(begin.values)
             best = self._explained(self.judge(begin.ids, start, best))
         while best.ids not in seen and len(seen) < passes:
             seen.add(best.ids)

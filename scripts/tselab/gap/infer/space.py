@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from tselab.gap import constants
-from tselab.gap.catalogue import Parameter
+from tselab.gap.catalogue import Key, Own, Parameter
 from tselab.gap.data import BLOCK, CHANNELS
 from tselab.gap.infer import forms, noise
 from tselab.gap.infer.hypotheses import Hypothesis, fit_prior
@@ -86,7 +86,7 @@ class Space:
         problem = self.problem = layout.problem
         self.parameters: tuple[Parameter, ...] = (*STIFFNESS, *(p for h in effects for p in h.effect.fitted))
         self.logs = problem.logs
-        self.own = [f"{p.name}@{i}" for i in range(len(self.logs)) for p in STIFFNESS] if len(self.logs) > 1 else []
+        self.own = [Own(p.name, i) for i in range(len(self.logs)) for p in STIFFNESS] if len(self.logs) > 1 else []
         self.shares = len(self.parameters) + len(self.own)  # where they begin
         self.names = (*(p.name for p in self.parameters), *self.own, *(f"share {k}" for k in range(len(layout.shape_sd))))
         priors = [(1.0, STIFFNESS_SD) if p in STIFFNESS else fit_prior(p) for p in self.parameters]
@@ -99,7 +99,7 @@ class Space:
         self.first = np.clip([(start or {}).get(n, m) for n, m in zip(self.names, self.mean, strict=True)], self.low, self.high)
         self.groups, self.time, self.channels, self.power = layout.groups, layout.time, layout.channels, layout.power
 
-    def values(self, x: np.ndarray) -> dict[str, float]:
+    def values(self, x: np.ndarray) -> dict[Key, float]:
         """What the simulation takes."""
         return dict(zip(self.names[: self.shares], map(float, x), strict=False))
 
