@@ -18,8 +18,9 @@ from tselab.core import Config
 from tselab.gap import constants
 from tselab.gap.data import BLOCK, BURN_IN, blocks
 from tselab.gap.localise.remainder import FOLDS, SHIFTS
-from tselab.gap.localise.where import PLACES, ROAD, SIZES, TIMES, Entry
+from tselab.gap.localise.where import PLACES, SIZES, TIMES, Entry, enters
 from tselab.gap.problem import Problem
+from tselab.gap.singletrack import SingleTrack
 
 LONGITUDINAL = "longitudinal"
 BIAS, FACTORS, BINS, MOST = constants.of(__name__, "BIAS", "FACTORS", "BINS", "MOST")
@@ -104,19 +105,13 @@ def _lateral(
     """Transitions, their noise, readings and start of the model of where._filter(): states vel_y, yaw rate, disturbance over
     its size; and, which it does not need, the biases of both sensors over their noise, constant: residuals are without their
     mean over the log, and so the disturbance's own mean is only as certain as what else shows it."""
-    place = entry.place
-    m, inertia, lf, lr = c.mass, c.yaw_inertia, c.lf, c.lr
-    cf, cr = c.cornering_stiffness_front * stiffness["cy_front"], c.cornering_stiffness_rear * stiffness["cy_rear"]
-    lever = {"front axle": lf, "rear axle": -lr, "side force": 0.0}
-    force = entry.size / m if place in lever else 0.0
-    moment = entry.size * lever.get(place, 1.0 if place == "yaw moment" else 0.0) / inertia
-    n, tau, v = len(time), entry.time_constant, np.maximum(speed, 3.0)
+    car = SingleTrack.of(c, stiffness)
+    across, turning, to_ay, to_r = enters(car, entry.place, entry.size)
+    n, tau = len(time), entry.time_constant
     step = np.clip(np.diff(time, prepend=time[0] - BLOCK), 0.01, 0.2)
-    yv, yr = -(cf + cr) / (m * v), -(lf * cf - lr * cr) / (m * v)
     a = np.zeros((n, 3, 3))
-    a[:, 0, 0], a[:, 0, 1], a[:, 0, 2] = yv, yr - v, force + (entry.size if place == ROAD else 0.0)
-    a[:, 1, 0], a[:, 1, 1] = -(lf * cf - lr * cr) / (inertia * v), -(lf**2 * cf + lr**2 * cr) / (inertia * v)
-    a[:, 1, 2], a[:, 2, 2] = moment, -1.0 / tau
+    car.fill(a, speed, across, turning)
+    a[:, 2, 2] = -1.0 / tau
     # Van Loan: what drives the disturbance within a step moves the car within it, too; left out, a moment comes half a step
     # late and the band of it is half as wide as its error
     whole = np.zeros((n, 6, 6))
@@ -126,8 +121,8 @@ def _lateral(
     f[:, :3, :3] = np.swapaxes(whole[:, 3:, 3:], -1, -2)
     q[:, :3, :3] = f[:, :3, :3] @ whole[:, :3, 3:]
     h = np.zeros((n, 2, 5))
-    h[:, 0, 0], h[:, 0, 1], h[:, 0, 2] = yv, yr, force + (entry.size if place == "sensor accel_y" else 0.0)
-    h[:, 1, 1], h[:, 1, 2] = 1.0, entry.size if place == "sensor yaw_rate" else 0.0
+    (h[:, 0, 0], h[:, 0, 1]), h[:, 0, 2] = car.side(speed), to_ay
+    h[:, 1, 1], h[:, 1, 2] = 1.0, to_r
     h[:, [0, 1], [3, 4]] = noise
     p = np.diag([0.0, 0.0, 1.0, BIAS**2, BIAS**2])
     for _ in range(round(BURN_IN / BLOCK)):  # a stretch has been simulated so long before it is compared: the car has answered
