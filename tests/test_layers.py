@@ -1,6 +1,7 @@
 """src/ flows in one direction: no file includes one that stands later in src/CMakeLists.txt, or in a folder that its own must not
-know. fmu/glue knows nothing of tyres."""
+know. fmu/glue knows nothing of tyres. The rooms of tselab.gap are kept apart in the same way."""
 
+import ast
 import re
 from pathlib import Path
 
@@ -18,6 +19,14 @@ KNOWS = {  # which folders' files those of a folder may include; in order
 }
 WRITTEN = {"tse_formula.h"}  # by tselab, for a build that has a formula of the user compiled in
 GLUE = SRC.parent / "fmu" / "glue"
+GAP = SRC.parent / "scripts" / "tselab" / "gap"
+ROOMS = {  # which rooms' modules those of a room may import; "": what all of them share
+    "": {""},
+    "localise": {"", "localise"},
+    "infer": {"", "infer"},
+    "export": {"", "localise", "infer", "export", "workflow"},
+}
+THROUGH = {"workflow", "commands", "check", "plan", "selftest"}  # modules that lead through the rooms
 OF_THE_GLUE = {"fmi2Functions.h", "fmu_guid.h", "fmu_model.h", "model.h", "tse/version.h"}
 
 
@@ -68,6 +77,40 @@ def test_the_glue_of_the_fmus_knows_no_model():
         assert not names, f"{path.name} names {names}"
 
 
+def room(parts):
+    """Of a module, by its name below tselab.gap."""
+    return parts[0] if parts and parts[0] in ROOMS.keys() | THROUGH else ""
+
+
+def imported(path):
+    """Names below tselab.gap that a file imports anywhere, in functions and for types, too."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            names = [a.name for a in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            assert not node.level, f"{path.name} has a relative import"
+            names = [f"{node.module}.{a.name}" for a in node.names]
+        else:
+            continue
+        yield from (n.split(".")[2:] for n in names if n.startswith("tselab.gap."))
+
+
+def test_the_rooms_of_the_gap_workflow_do_not_know_what_they_need_not():
+    wrong = []
+    for path in sorted(GAP.rglob("*.py")):
+        own = room(path.relative_to(GAP).with_suffix("").parts)
+        for parts in imported(path):
+            if own not in THROUGH and room(parts) not in ROOMS[own]:
+                wrong.append(f"{path.relative_to(GAP)} imports {'.'.join(parts)}, which {own or 'what is shared'} must not know")
+    assert not wrong, "\n".join(wrong)
+
+
+def test_every_room_is_in_the_package():
+    listed = (GAP.parents[1] / "pyproject.toml").read_text(encoding="utf-8")
+    rooms = {".".join(p.parent.relative_to(GAP.parents[1]).parts) for p in GAP.rglob("__init__.py")}
+    assert not [r for r in rooms if f'"{r}"' not in listed]
+
+
 if __name__ == "__main__":
     test_no_file_includes_one_of_a_folder_that_its_own_must_not_know()
     test_files_are_included_by_their_path_in_src()
@@ -75,4 +118,5 @@ if __name__ == "__main__":
     test_no_file_includes_a_later_one()
     test_every_source_file_stands_in_the_list_once()
     test_the_glue_of_the_fmus_knows_no_model()
+    test_the_rooms_of_the_gap_workflow_do_not_know_what_they_need_not()
     print("in order:", " -> ".join(ORDER))

@@ -89,7 +89,7 @@ def run_demo(out: Path, seed: int = 1, progress: bool = False) -> Demo:
 
 def run_gap(out: Path, seed: int = 1, say: Callable[[str], None] = lambda _: None, jobs: int = 1) -> Result:
     """Logs of a car with a hidden effect, and the gap workflow over them: everything in `out`."""
-    from tselab.gap.output import write_all
+    from tselab.gap.export.output import write_all
     from tselab.gap.workflow import run
 
     out.mkdir(parents=True, exist_ok=True)

@@ -25,7 +25,7 @@ TABLE = ROOT / "scripts" / "results" / "gap-multibody.md"
 def run(car: int) -> dict:
     """One car: its logs, the workflow, what counts."""
     from tests.gap import multibody
-    from tselab.gap.output import finite
+    from tselab.gap.export.output import finite
     from tselab.gap.workflow import run as gap
 
     folder = FOLDER / f"car{car}"

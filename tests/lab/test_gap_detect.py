@@ -11,8 +11,8 @@ import pytest
 from gap_logs import car, write_log
 from tselab.gap import workflow
 from tselab.gap.catalogue import catalogue
+from tselab.gap.export.output import finite
 from tselab.gap.infer.naming import Named, name
-from tselab.gap.output import finite
 from tselab.gap.problem import Problem
 from tselab.gap.selftest import make
 from tselab.gap.workers import Workers

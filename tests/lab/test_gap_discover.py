@@ -14,9 +14,9 @@ from gap_logs import car, write_log
 from tselab.core import Config
 from tselab.formula import Number, parse, read_formula, write_formula
 from tselab.gap.data import prepare
-from tselab.gap.discover import search, symbolic, terms
-from tselab.gap.discover.respond import responses, signals
 from tselab.gap.fit import fit, gap
+from tselab.gap.infer.formula import search, symbolic, terms
+from tselab.gap.infer.formula.respond import responses, signals
 from tselab.gap.problem import STIFFNESS, Problem
 from tselab.log import read_log
 from tselab.vehicle import read_vehicle

@@ -17,15 +17,15 @@ from scipy.stats import multivariate_normal, norm
 from gap_logs import car, write_log
 from tselab.core import Config
 from tselab.gap import workflow
-from tselab.gap.catalogue import Parameter, catalogue
+from tselab.gap.catalogue import Own, Parameter, catalogue, of_the_car, profiles
 from tselab.gap.data import BLOCK, CHANNELS, prepare
 from tselab.gap.fit import Fit
 from tselab.gap.infer import forms, noise
-from tselab.gap.infer.hypotheses import LATENCIES, Hypothesis, hypotheses, ln_size
+from tselab.gap.infer.hypotheses import Hypothesis, hypotheses, latencies, ln_size
 from tselab.gap.infer.naming import Named, Probability, settings
 from tselab.gap.infer.search import Search, judge
 from tselab.gap.infer.space import SEEN, Layout
-from tselab.gap.problem import STIFFNESS, Problem, Rows
+from tselab.gap.problem import STIFFNESS, Problem, Rows, profile_size
 from tselab.gap.stages import load, save, stage
 from tselab.gap.workers import ClusterProblem
 from tselab.identify.discrepancy import Discrepancy, Piece
@@ -213,7 +213,7 @@ def test_a_delay_is_the_same_as_the_settings_that_are_written_of_it(late: Proble
 
 def test_values_that_are_held_act_as_if_they_were_given(late: Problem) -> None:
     """All of them: settings, stiffness of the car and of a log, latencies. A road's profile is fitted to what they leave."""
-    values = {"cy_front": 0.9, "cy_rear@0": 0.05, "body_roll_gain": 0.01, "imu_delay_time": -0.01, "accel_y_latency": 0.02}
+    values = {"cy_front": 0.9, Own("cy_rear", 0): 0.05, "body_roll_gain": 0.01, "imu_delay_time": -0.01, "accel_y_latency": 0.02}
     given = late.residuals(values)
     here = SimpleNamespace(  # a cluster that is this process
         scatter=lambda data, **_: data,
@@ -232,8 +232,18 @@ def test_values_that_are_held_act_as_if_they_were_given(late: Problem) -> None:
     assert not np.allclose(late.residuals({}), given)
 
 
+def test_what_is_one_logs_own_is_told_from_what_is_the_cars(tmp_path):
+    values = {"cy_rear": 0.9, Own("cy_rear", 1): 0.05, Own("bank", 0, 0): 0.01, Own("bank", 0, 1): -0.01, Own("grade", 0, 0): 0.02}
+    assert of_the_car(values) == {"cy_rear": 0.9}
+    assert profiles(values, "bank") == {Own("bank", 0, 0): 0.01, Own("bank", 0, 1): -0.01}
+    assert profile_size(catalogue()["bank"], values) == pytest.approx(0.01)
+    assert [str(k) for k in values] == ["cy_rear", "cy_rear@1", "bank@0:0", "bank@0:1", "grade@0:0"]
+    save(tmp_path / "values.npz", "key", values)
+    assert load(tmp_path / "values.npz", "key") == (values,)
+
+
 def test_latencies_that_are_asked_for_are_no_settings(late: Problem) -> None:
-    names = {p.name for e in LATENCIES for p in e.parameters} | {"steering_delay_time"}
+    names = {p.name for e in latencies() for p in e.parameters} | {"steering_delay_time"}
     assert late.model(dict.fromkeys(names, 0.01)).as_dict() == late.config.as_dict() | {
         "stiffness_drift_time": late.nominal["stiffness_drift_time"]
     }

@@ -11,11 +11,12 @@ import pytest
 
 from gap_logs import DRIVES, STIFFNESS, candidate, car
 from tselab.core import Config, Replay
-from tselab.gap import latent as lt
-from tselab.gap import where
 from tselab.gap.data import BLOCK, blocks, prepare
 from tselab.gap.drives import prepared
+from tselab.gap.export import pictures
 from tselab.gap.fit import fit
+from tselab.gap.localise import latent as lt
+from tselab.gap.localise import where
 from tselab.gap.problem import STIFFNESS as PARAMETERS
 from tselab.gap.problem import Problem
 from tselab.log import MEASURES, read_log
@@ -277,7 +278,7 @@ def test_signals_know_nothing_of_what_was_measured(steered):
 def test_figure_says_what_is_missing_with_units(steered):
     problem, found, signals, _ = steered
     explained = lt.best_explaining(problem, found, signals)
-    figure = lt.figure(problem, found, explained)
+    figure = pictures.disturbance_figure(problem, found, explained)
     assert figure.layout.yaxis.title.text == "front axle [N]"
     assert figure.layout.xaxis.title.text == "time [s]"
     assert figure.layout.xaxis2.title.text == f"{explained[0].name} [m/s rad]"
@@ -286,5 +287,5 @@ def test_figure_says_what_is_missing_with_units(steered):
     band, line = figure.data[0], figure.data[1]
     n = len(line.y)
     np.testing.assert_allclose(0.5 * (band.y[:n] + band.y[n:][::-1]), line.y)
-    assert lt.figure(problem, found, []).layout.annotations[1].text == "follows no quantity more than chance does"
-    assert lt.figure(problem, replace(found, value=np.full_like(found.value, np.nan)), []) is None
+    assert pictures.disturbance_figure(problem, found, []).layout.annotations[1].text == "follows no quantity more than chance does"
+    assert pictures.disturbance_figure(problem, replace(found, value=np.full_like(found.value, np.nan)), []) is None

@@ -21,7 +21,7 @@ from conftest import COMMAND, Result, tselab
 from gap_logs import STIFFNESS, car, write_log
 from tselab.cli import main
 from tselab.core import Config, library
-from tselab.gap.table import COLUMNS
+from tselab.gap.export.table import COLUMNS
 from tselab.log import MEASURES
 from tselab.report import figures_of
 from tselab.vehicle import read_vehicle

@@ -11,13 +11,13 @@ import pytest
 from conftest import tselab
 from gap_logs import DRIVES, car, write_log
 from tselab.core import Config
-from tselab.gap import gain
 from tselab.gap import plan as planning
 from tselab.gap.catalogue import catalogue
 from tselab.gap.check import check
-from tselab.gap.cross import SOURCES, Blocks, responses
 from tselab.gap.data import prepare
 from tselab.gap.drives import library, prepared
+from tselab.gap.export import gain
+from tselab.gap.localise.cross import SOURCES, Blocks, responses
 from tselab.gap.problem import STIFFNESS, Problem
 from tselab.gap.selftest import selftest
 from tselab.gap.workers import workers

@@ -5,7 +5,7 @@ import pytest
 from scipy.signal import lfilter
 
 from tselab.gap.data import BLOCK
-from tselab.gap.remainder import is_noise, without_spikes, without_walk
+from tselab.gap.localise.remainder import is_noise, without_spikes, without_walk
 
 LOG = np.repeat(np.arange(4), 750)  # four logs of 30 s
 

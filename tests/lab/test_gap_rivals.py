@@ -7,8 +7,7 @@ import pytest
 
 from tselab.gap.infer import rivals
 from tselab.gap.infer.hypotheses import NAME_AT, SIZE_COST, hypotheses
-from tselab.gap.infer.naming import ROAD_ODDS
-from tselab.gap.infer.rivals import OUTSIDE_ODDS, Worlds, price_of
+from tselab.gap.infer.rivals import Worlds, price_of
 
 ROWS = 3000
 
@@ -44,7 +43,7 @@ def test_a_name_costs_its_prior_odds_and_its_size():
     known = {h.id: h for h in hypotheses()}
     assert price_of("mass") == pytest.approx(SIZE_COST - known["mass"].odds)
     assert price_of("mass") > price_of("body_roll") > SIZE_COST  # every car rolls
-    assert price_of("grade") == pytest.approx(SIZE_COST - ROAD_ODDS)  # a road is no hypothesis of the search
+    assert price_of("grade") == pytest.approx(SIZE_COST + np.log(9.0))  # a road is no hypothesis of the search
 
 
 def test_alike_in_residuals_the_shorter_is_likelier_by_its_price():
@@ -75,7 +74,7 @@ def test_one_name_that_closes_as_much_as_a_formula_stands():
     empty = naming(10.0)
     w = worlds((naming(2.0, "mass"),), (empty, formula(2.0, 5)))
     assert w.with_name("mass") > NAME_AT
-    assert w.known[1].probability / w.known[0].probability == pytest.approx(np.exp(price_of("mass") - 10.0 + OUTSIDE_ODDS))
+    assert w.known[1].probability / w.known[0].probability == pytest.approx(np.exp(price_of("mass") - 10.0 - np.log(4.0)))
 
 
 def test_a_formula_beside_a_name_is_asked_with_both_prices():

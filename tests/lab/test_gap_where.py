@@ -11,11 +11,12 @@ from scipy.linalg import expm
 
 from gap_logs import STIFFNESS, car, write_log
 from tselab.core import Config
-from tselab.gap import where
-from tselab.gap.data import prepare
+from tselab.gap.data import SLOWEST, prepare
 from tselab.gap.fit import fit
+from tselab.gap.localise import where
 from tselab.gap.problem import STIFFNESS as PARAMETERS
 from tselab.gap.problem import Problem
+from tselab.gap.singletrack import SingleTrack
 from tselab.log import read_log
 from tselab.vehicle import read_vehicle
 
@@ -117,3 +118,19 @@ def test_what_follows_the_steering_is_not_the_road(clean):
 def test_nothing_gives_no_entry_evidence(clean):
     problem, baseline = clean
     assert max(e.nats for e in where.entries(problem, baseline)) < 8
+
+
+def test_the_single_track_model_corners_as_its_understeer_gradient_says():
+    """Steady: yaw rate over steering angle is v/(l + K v^2), and accel_y is what the axles push. Below SLOWEST it is that car."""
+    config = Config()
+    track = SingleTrack.of(config, {"cy_front": 0.9})
+    for speed in (5.0, 20.0, 35.0):
+        a = np.zeros((3, 3))
+        track.fill(a, speed, *track.pushed(track.front, track.lf))
+        side, turn = np.linalg.solve(a[:2, :2], -a[:2, 2])
+        length = track.lf + track.lr
+        understeer = track.mass / length * (track.lr / track.front - track.lf / track.rear)
+        assert turn == pytest.approx(speed / (length + understeer * speed**2))
+        yv, yr = track.side(speed)
+        assert yv * side + yr * turn + a[0, 2] == pytest.approx(speed * turn)
+    assert track.side(0.1) == track.side(SLOWEST) and track.front == 0.9 * config.cornering_stiffness_front

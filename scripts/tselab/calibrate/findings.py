@@ -11,7 +11,7 @@ import numpy as np
 from tselab.core import Config
 from tselab.identify.fit import Fit
 from tselab.identify.problem import Problem
-from tselab.identify.unknowns import LATENCY, UNKNOWNS, Unknown, unit_of
+from tselab.identify.unknowns import LATENCIES, UNKNOWNS, Unknown, unit_of
 
 SHOWN = 0.7  # posterior over prior sd below which the logs have said something of a number
 SURE = 3.0  # sd from nothing at which a size is called one
@@ -67,8 +67,8 @@ def findings(problem: Problem, fit: Fit, before: Mapping[str, float]) -> list[Fi
 
 
 def _words(u: Unknown, value: float, sd: float, shown: bool, before: float, by: float) -> str:
-    if u.name.endswith(LATENCY):
-        what = CHANNEL_WORDS[u.name.removesuffix(LATENCY)]
+    if u.name in LATENCIES:
+        what = CHANNEL_WORDS[LATENCIES[u.name]]
         if not shown:
             return f"{what}: these logs could not show how late it is behind the gyro"
         if abs(value) < max(SURE * sd, u.worth):

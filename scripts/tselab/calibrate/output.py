@@ -13,9 +13,9 @@ from tselab.calibrate.findings import Finding
 from tselab.calibrate.workflow import Result
 from tselab.core import NOMINAL, Config, library
 from tselab.files import atomic
-from tselab.gap.output import finite
+from tselab.gap.export.output import finite
 from tselab.identify.problem import UNLIKE_SD
-from tselab.identify.unknowns import LATENCY, SUPERELEVATION
+from tselab.identify.unknowns import LATENCIES, LATENCY, SUPERELEVATION, of_log
 from tselab.vehicle import GRAVITY, HINT_ONLY, UNKNOWN_CAR, sensor_settings, vehicle_settings
 
 ROADS_SD = 0.03  # share of accel_y, by which the lean of roads into their curves differs from road to road
@@ -23,7 +23,7 @@ ROADS_SD = 0.03  # share of accel_y, by which the lean of roads into their curve
 
 def values(result: Result) -> dict[str, float]:
     """Settings of the calibrated car. What these logs could not show keeps its prior, which is where the posterior is then."""
-    found = {f.name: f.value for f in result.findings if not f.name.endswith(LATENCY)}
+    found = {f.name: f.value for f in result.findings if f.name not in LATENCIES}
     at = dict(zip(result.problem.names, result.fit.x, strict=True))
     for key, setting in NOMINAL.items():
         found[setting] = float(getattr(result.config, setting) * np.exp(at[key]))
@@ -37,12 +37,12 @@ def values(result: Result) -> dict[str, float]:
 def _superelevations(result: Result) -> list[float]:
     """Of each log."""
     at = dict(zip(result.problem.names, map(float, result.fit.x), strict=True))
-    return [at[f"{SUPERELEVATION}@{i}"] for i in range(len(result.problem.logs))]
+    return [at[of_log(SUPERELEVATION, i)] for i in range(len(result.problem.logs))]
 
 
 def latencies(result: Result) -> dict[str, float]:
     """s behind the gyro, by channel."""
-    return {f.name.removesuffix(LATENCY): f.value for f in result.findings if f.name.endswith(LATENCY)}
+    return {LATENCIES[f.name]: f.value for f in result.findings if f.name in LATENCIES}
 
 
 def uncertainty(result: Result) -> dict[str, float]:

@@ -16,7 +16,7 @@ from tselab.calibrate.findings import SHOWN, Group
 from tselab.calibrate.workflow import Proof, Result
 from tselab.core import library
 from tselab.files import atomic
-from tselab.gap.pictures import CHANNEL_UNITS, _layout
+from tselab.gap.export.pictures import CHANNEL_UNITS, _layout
 from tselab.identify.unknowns import MEASURED
 from tselab.plots import BLUE, GREY, INK, ORANGE
 from tselab.report import _packed

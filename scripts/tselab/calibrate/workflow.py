@@ -15,6 +15,7 @@ from tselab.calibrate.findings import Finding, Group, findings, groups, told_bef
 from tselab.core import Config, library
 from tselab.errors import UserError
 from tselab.files import atomic
+from tselab.gap import constants
 from tselab.gap.data import BLOCK, Prepared, prepare
 from tselab.identify.discrepancy import Discrepancy, cost
 from tselab.identify.fit import Fit, State, fit
@@ -237,6 +238,7 @@ def fingerprint(paths: Sequence[Path], problem: Problem) -> str:
     for path in paths:
         digest.update(hashlib.sha256(Path(path).read_bytes()).digest())
     digest.update(json.dumps([library().version, problem.names, problem.nominal], sort_keys=True).encode())
+    digest.update(constants.fingerprint())
     return digest.hexdigest()
 
 

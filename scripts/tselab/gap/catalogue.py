@@ -3,16 +3,43 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from tselab.core import library
 
 
 @dataclass(frozen=True)
+class Own:
+    """What a fitted number that is one log's own goes by: its stiffness over the car's, or a value of the profile of its road.
+    Numbers of the car go by the name of their setting."""
+
+    of: str  # a stiffness, or an effect of the road
+    log: int
+    knot: int | None = None  # of a profile: which of its values
+
+    def __str__(self) -> str:
+        return f"{self.of}@{self.log}" + ("" if self.knot is None else f":{self.knot}")
+
+
+Key = str | Own
+
+
+def of_the_car(values: Mapping[Key, float]) -> dict[Key, float]:
+    """Fitted values without what is one log's own."""
+    return {k: v for k, v in values.items() if not isinstance(k, Own)}
+
+
+def profiles(values: Mapping[Key, float], effect: str) -> dict[Own, float]:
+    """Of fitted values those that make the profiles of an effect of the road."""
+    return {k: v for k, v in values.items() if isinstance(k, Own) and k.of == effect and k.knot is not None}
+
+
+@dataclass(frozen=True)
 class Parameter:
     """One number that is fitted: a stiffness, or a parameter of an effect."""
 
-    name: str  # of the setting
+    name: Key  # of the setting, or of what is one log's own
     key: str  # within its effect
     strength: bool  # else a shape
     unit: str

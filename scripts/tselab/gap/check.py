@@ -9,11 +9,12 @@ from pathlib import Path
 import numpy as np
 
 from tselab.errors import UserError
-from tselab.gap import detect, workflow
+from tselab.gap import workflow
 from tselab.gap.catalogue import catalogue
-from tselab.gap.excitation import Excitation, excitation
 from tselab.gap.fit import fit, gap
+from tselab.gap.infer import detect
 from tselab.gap.infer.hypotheses import threshold
+from tselab.gap.localise.excitation import Excitation, excitation
 from tselab.gap.problem import STIFFNESS
 from tselab.gap.workers import Workers
 from tselab.log import OPTIONAL

@@ -133,7 +133,7 @@ def _run(
     formula: bool = False,
 ) -> int:
     from tselab.gap import workflow
-    from tselab.gap.output import write_all
+    from tselab.gap.export.output import write_all
     from tselab.gap.workers import workers
 
     make_directory(out)

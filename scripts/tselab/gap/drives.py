@@ -13,13 +13,12 @@ from scipy.integrate import cumulative_trapezoid
 from scipy.ndimage import gaussian_filter1d
 
 from tselab.core import Config
+from tselab.gap import constants
 from tselab.gap.data import BLOCK, BURN_IN, Prepared, Stretch
 from tselab.log import DRIVES, MEASURES
 from tselab.maneuvers import square, understeer_gradient
 
-STEP = 0.01  # s
-DURATION = 30.0  # s
-HAND = 0.06  # s: sd of the smoothing that makes a step one of a driver's hand
+STEP, DURATION, HAND = constants.of(__name__, "STEP", "DURATION", "HAND")
 
 
 @dataclass(frozen=True)

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares
 
-from tselab.gap.catalogue import Effect, Parameter
-from tselab.gap.data import CHANNELS
+from tselab.gap import constants
+from tselab.gap.catalogue import Effect, Key, Parameter
+from tselab.gap.data import BLOCK, CHANNELS
 from tselab.gap.problem import PROFILES, STIFFNESS, Problem
 
-MOST_LAG = 4.0  # s of autocorrelation that are looked at
-TOLERANCE = 1e-4  # relative change of the sum of squares at which a fit ends
+MOST_LAG, TOLERANCE = constants.of(__name__, "MOST_LAG", "TOLERANCE")
 
 
 @dataclass
@@ -21,7 +21,7 @@ class Fit:
     """A fitted model."""
 
     parameters: list[Parameter]
-    values: dict[str, float]
+    values: dict[Key, float]
     residuals: np.ndarray
     jacobian: np.ndarray
 
@@ -30,14 +30,14 @@ class Fit:
         return float(self.residuals @ self.residuals)
 
 
-def fit(problem: Problem, parameters: Sequence[Parameter], start: Mapping[str, float], most: int = 12) -> Fit:
+def fit(problem: Problem, parameters: Sequence[Parameter], start: Mapping[Key, float], most: int = 12) -> Fit:
     """Fit the parameters from `start`; what it does not name starts at its default."""
     parameters = list(parameters)
     low, high = np.array([p.low for p in parameters]), np.array([p.high for p in parameters])
     scale = np.array([p.scale for p in parameters])
     x0 = np.clip([start.get(p.name, p.default) for p in parameters], low + 1e-6 * scale, high - 1e-6 * scale)
 
-    def values(x: np.ndarray) -> dict[str, float]:
+    def values(x: np.ndarray) -> dict[Key, float]:
         return {p.name: float(v) for p, v in zip(parameters, x, strict=True)}
 
     prior = np.array([1.0 / p.prior if p.prior else 0.0 for p in parameters])
@@ -61,7 +61,7 @@ def fit(problem: Problem, parameters: Sequence[Parameter], start: Mapping[str, f
     return Fit(parameters, values(result.x), result.fun[:rows], result.jac[:rows])
 
 
-def fit_with(problem: Problem, effects: Sequence[Effect], start: Mapping[str, float]) -> Fit:
+def fit_with(problem: Problem, effects: Sequence[Effect], start: Mapping[Key, float]) -> Fit:
     """Stiffness and these effects together. A shape says nothing while its strength is near zero, so strengths come first."""
     strengths = [*STIFFNESS, *(p for e in effects for p in problem.strengths(e))]
     shapes = [p for e in effects for p in e.shapes]
@@ -87,10 +87,10 @@ def lengths(problem: Problem, residuals: np.ndarray) -> dict[int, float]:
         top = bottom = None
         for group in np.unique(problem.rows.group[problem.rows.channel == channel]):
             x = residuals[problem.rows.group == group]
-            n = min(len(x) - 1, int(MOST_LAG / 0.04))
+            n = min(len(x) - 1, int(MOST_LAG / BLOCK))
             size = 1 << (2 * len(x) - 1).bit_length()
             c = np.fft.irfft(np.abs(np.fft.rfft(x, size)) ** 2, size)[: n + 1]
-            c = np.pad(c, (0, int(MOST_LAG / 0.04) + 1 - len(c)))
+            c = np.pad(c, (0, int(MOST_LAG / BLOCK) + 1 - len(c)))
             top = c if top is None else top + c
             bottom = c[0] if bottom is None else bottom + c[0]
         rho = top[1:] / max(bottom, 1e-300)

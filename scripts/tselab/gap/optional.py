@@ -14,15 +14,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tselab.gap import constants
 from tselab.log import OPTIONAL
 
-SCALE = {"vehicle_speed": 0.05, "wheel_torque_front": 0.15, "wheel_torque_rear": 0.15}
-LATENCY = 0.3  # s
+SCALE, LATENCY, BRACED, ROUNDS, GAP, WORTH = constants.of(
+    __name__, "SCALE", "LATENCY", "BRACED", "ROUNDS", "GAP", "WORTH"
+)  # fmt: skip
 TORQUES = ("wheel_torque_front", "wheel_torque_rear")
-BRACED = 1000.0  # N m: sd that is known beforehand of the torque that axles brace with
-ROUNDS = 4  # of the search for the latency: always as many, so that what is read is smooth in the parameters
-GAP = 0.06  # s: blocks further apart are of two pieces
-WORTH = {"vehicle_speed": 0.01, "wheel_torque_front": 0.05, "wheel_torque_rear": 0.05, "latency": 0.03}  # a user should know
 
 
 @dataclass(frozen=True)

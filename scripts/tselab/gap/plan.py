@@ -14,22 +14,19 @@ import numpy as np
 
 from tselab.core import Config, similar
 from tselab.errors import UserError
-from tselab.gap.catalogue import Effect, catalogue
-from tselab.gap.detect import WAVE
+from tselab.gap import constants
+from tselab.gap.catalogue import Effect, Key, catalogue
 from tselab.gap.drives import Candidate, library, prepared
 from tselab.gap.fit import Fit, fit, fit_with
+from tselab.gap.infer.detect import WAVE
 from tselab.gap.problem import KNOT, PROFILES, STIFFNESS, Problem
 from tselab.gap.simulate import simulate
 from tselab.tables import text_table
 from tselab.vehicle import read_vehicle
 
-NEED = 8.0  # nats
-RIVAL_SHARE = 0.1  # of the nats by which an effect shows: the forms of a real car are not known better
-NOTHING = 0.1  # nats
-ROUNDS = 4
-SAME = 0.02  # of the nats by which an effect shows: less is the integration's steps, and no model is that good
-TINY = 1e-3  # of the noise, so that a perfect fit has an end
-LONGEST = 3600.0  # s: what takes longer cannot be separated by driving
+NEED, RIVAL_SHARE, NOTHING, ROUNDS, SAME, TINY, LONGEST = constants.of(
+    __name__, "NEED", "RIVAL_SHARE", "NOTHING", "ROUNDS", "SAME", "TINY", "LONGEST"
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -157,19 +154,19 @@ def nats(problem: Problem, residuals: np.ndarray) -> float:
     return total
 
 
-def typical(problem: Problem, e: Effect, size: float = 1.0) -> dict[str, float]:
+def typical(problem: Problem, e: Effect, size: float = 1.0) -> dict[Key, float]:
     """An effect at `size` times its typical size; a road goes up and down every WAVE metres."""
     if e.id in PROFILES:
         p = e.strengths[0]
         amplitude = size * np.sqrt(2.0) * p.scale
         return {
-            k.name: amplitude * float(np.sin(2 * np.pi * int(k.name.split(":")[1]) * KNOT / WAVE)) for k in problem.strengths(e)
+            k.name: amplitude * float(np.sin(2 * np.pi * k.name.knot * KNOT / WAVE)) for k in problem.strengths(e)
         }
     values = {p.name: p.default for p in e.shapes}
     return values | {p.name: float(np.clip(p.default + size * (p.sign or 1) * p.scale, p.low, p.high)) for p in e.strengths}
 
 
-def hide(problem: Problem, e: Effect, values: Mapping[str, float]) -> None:
+def hide(problem: Problem, e: Effect, values: Mapping[Key, float]) -> None:
     """Put what a car with the effect would measure into the logs, without noise; the layout is made again."""
     model = problem.model(values)
     for i, log in enumerate(problem.logs):

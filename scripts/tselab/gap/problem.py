@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from tselab.core import NOMINAL, Config
-from tselab.gap import optional
-from tselab.gap.catalogue import Effect, Parameter
+from tselab.gap import constants, optional
+from tselab.gap.catalogue import Effect, Key, Own, Parameter, of_the_car, profiles
 from tselab.gap.data import CHANNELS, Prepared, blocks
 from tselab.gap.simulate import simulate
 from tselab.log import MEASURES, OPTIONAL
@@ -27,21 +27,19 @@ WITH_BIAS = MEASURES  # the other channels have none: optional.py says what they
 
 
 # Of the road, not of the car: not one number, but a profile over the distance of each log, smooth over KNOT. Columns of a replay.
-PRIOR = {"grade": 0.03, "bank": 0.02}  # rad, sd of roads
+PRIOR, KNOT = constants.of(__name__, "PRIOR", "KNOT")
 PROFILES = tuple(PRIOR)
 # What is not a setting of the simulation, or is in it with a sign only: how late channels are beyond what the vehicle file says.
 LATENT = frozenset(("wheel_speed_latency", "accel_x_latency", "accel_y_latency"))
 SIGNED_DELAYS = frozenset(("steering_delay_time", "imu_delay_time"))
 NOT_SETTINGS = frozenset(NOMINAL) | LATENT | SIGNED_DELAYS
-KNOT = 40.0  # m between two values of a profile
 
 
-def profile_size(effect: Effect, values: Mapping[str, float]) -> float:
+def profile_size(effect: Effect, values: Mapping[Key, float]) -> float:
     """Rms of a profile about its mean of each log (the mean is the sensor's bias), rad."""
-    logs: dict[str, list[float]] = {}
-    for name, value in values.items():
-        if name.startswith(effect.id + "@"):
-            logs.setdefault(name.split(":")[0], []).append(value)
+    logs: dict[int, list[float]] = {}
+    for key, value in profiles(values, effect.id).items():
+        logs.setdefault(key.log, []).append(value)
     return float(np.sqrt(np.mean([np.var(v) for v in logs.values()]))) if logs else 0.0
 
 
@@ -66,7 +64,7 @@ class Problem:
         self.logs = [log for log in logs if log.stretches]
         self.config = config
         self.jobs = max(1, jobs)
-        self.fixed: dict[str, float] = {}  # values that are not fitted, and not those of the settings
+        self.fixed: dict[Key, float] = {}  # values that are not fitted, and not those of the settings
         self.nominal = config.as_dict()
         self.told = {name: self.nominal[name] for name in SIGNED_DELAYS}
         if self.logs:  # a drift is one over the time of the longest log
@@ -88,7 +86,7 @@ class Problem:
         p, prior = effect.strengths[0], PRIOR[effect.id]
         return tuple(
             Parameter(
-                f"{effect.id}@{i}:{k}", "profile", True, p.unit, 0.0, p.low, p.high, 0.0, prior, p.negligible, 0,
+                Own(effect.id, i, k), "profile", True, p.unit, 0.0, p.low, p.high, 0.0, prior, p.negligible, 0,
                 f"{p.text}, {self.logs[i].name} at {KNOT * k:g} m", prior,
             )
             for i in range(len(self.logs))
@@ -143,17 +141,17 @@ class Problem:
 
     # ---- residuals
 
-    def model(self, values: Mapping[str, float]) -> Config:
+    def model(self, values: Mapping[Key, float]) -> Config:
         """Settings of the effects."""
-        values = self.fixed | dict(values)
-        return Config(self.nominal | {k: v for k, v in values.items() if k not in NOT_SETTINGS and "@" not in k})
+        values = of_the_car(self.fixed | dict(values))
+        return Config(self.nominal | {k: v for k, v in values.items() if k not in NOT_SETTINGS})
 
-    def stiffness(self, values: Mapping[str, float], i: int) -> dict[str, float]:
-        """Of log i, over the vehicle file's: the car's, and what is own to the log (name@log)."""
+    def stiffness(self, values: Mapping[Key, float], i: int) -> dict[str, float]:
+        """Of log i, over the vehicle file's: the car's, and what is own to the log."""
         values = self.fixed | dict(values)
-        return {k: values.get(k, 1.0) + values.get(f"{k}@{i}", 0.0) for k in NOMINAL}
+        return {k: values.get(k, 1.0) + values.get(Own(k, i), 0.0) for k in NOMINAL}
 
-    def later(self, values: Mapping[str, float]) -> dict[str, float]:
+    def later(self, values: Mapping[Key, float]) -> dict[str, float]:
         """How much later than the vehicle file says channels are logged, s. Delays are latencies of either sign: the wheels turn
         after the logged angle, or the whole IMU is behind what drives the model."""
         values = self.fixed | dict(values)
@@ -165,32 +163,32 @@ class Problem:
         found = {"steer_angle": -imu - steering, "wheel_speed_front": wheels - imu, "wheel_speed_rear": wheels - imu}
         return found | {c: values.get(f"{c}_latency", 0.0) for c in ("accel_x", "accel_y")}
 
-    def profiles(self, values: Mapping[str, float], i: int) -> dict[str, np.ndarray]:
+    def profiles(self, values: Mapping[Key, float], i: int) -> dict[str, np.ndarray]:
         """Profiles of the road along a log, linear between their values."""
         found = {}
         for effect in PROFILES:
-            knots = [values.get(f"{effect}@{i}:{k}", 0.0) for k in range(self._knots(i))]
+            knots = [values.get(Own(effect, i, k), 0.0) for k in range(self._knots(i))]
             if any(knots):
                 found[effect] = np.interp(self.logs[i].distance, KNOT * np.arange(len(knots)), knots)
         return found
 
-    def predict(self, values: Mapping[str, float]) -> np.ndarray:
+    def predict(self, values: Mapping[Key, float]) -> np.ndarray:
         """What the model says, one value per entry of the residual vector, without bias; the optional channels as they read."""
         self.simulations += 1
         return self._predict(values)[0]
 
-    def predict_all(self, asked: Sequence[Mapping[str, float]]) -> list[np.ndarray]:
+    def predict_all(self, asked: Sequence[Mapping[Key, float]]) -> list[np.ndarray]:
         """The same for many values, as many at once as there are jobs."""
         if self.jobs == 1 or len(asked) < 2:
             return [self.predict(values) for values in asked]
         with ThreadPoolExecutor(self.jobs) as pool:  # the library runs without Python's lock
             return list(pool.map(self.predict, asked))
 
-    def readings(self, values: Mapping[str, float]) -> list[list[optional.Reading]]:
+    def readings(self, values: Mapping[Key, float]) -> list[list[optional.Reading]]:
         """How the optional channels read, of each log."""
         return self._predict(values)[1]
 
-    def _predict(self, values: Mapping[str, float]) -> tuple[np.ndarray, list[list[optional.Reading]]]:
+    def _predict(self, values: Mapping[Key, float]) -> tuple[np.ndarray, list[list[optional.Reading]]]:
         config = self.model(values)
         later = self.later(values)
         parts, readings = [], []
@@ -210,7 +208,7 @@ class Problem:
             parts.extend(predicted[channel] for channel in log.channels)
         return np.concatenate(parts), readings
 
-    def channels(self, values: Mapping[str, float], names: Sequence[str]) -> dict[str, np.ndarray]:
+    def channels(self, values: Mapping[Key, float], names: Sequence[str]) -> dict[str, np.ndarray]:
         """Quantities of the simulation, one value per entry of the residual vector."""
         config = self.model(values)
         later = self.later(values)
@@ -221,7 +219,7 @@ class Problem:
                 parts[n].extend([blocks(log, predicted[n])[0]] * len(log.channels))
         return {n: np.concatenate(p) for n, p in parts.items()}
 
-    def residuals(self, values: Mapping[str, float]) -> np.ndarray:
+    def residuals(self, values: Mapping[Key, float]) -> np.ndarray:
         """Measured less predicted less bias, in units of the noise that a block has left."""
         return self.whiten(self._measured - self.predict(values))
 
@@ -232,7 +230,7 @@ class Problem:
         mean = np.bincount(self.rows.group, w2 * difference, self._groups) / np.maximum(total, 1e-300)
         return self.weight * (difference - mean[self.rows.group])
 
-    def biases(self, values: Mapping[str, float]) -> dict[tuple[int, str], float]:
+    def biases(self, values: Mapping[Key, float]) -> dict[tuple[int, str], float]:
         """The bias of each log and sensor."""
         difference = self._measured - self.predict(values)
         w2 = self.weight**2
@@ -246,7 +244,7 @@ class Problem:
         }
 
     def jacobian(
-        self, values: Mapping[str, float], base: np.ndarray, parameters: Sequence[Parameter], reach: float = 1.0
+        self, values: Mapping[Key, float], base: np.ndarray, parameters: Sequence[Parameter], reach: float = 1.0
     ) -> np.ndarray:
         """Slopes of the whitened residuals, by finite differences of `reach` times the parameters' steps."""
 
@@ -255,10 +253,9 @@ class Problem:
             return h if p.low <= x + h <= p.high else -h
 
         # Profile values of different logs act on different residuals: one simulation serves one of each log.
-        runs: dict[str, list[int]] = {}
+        runs: dict[Key | tuple[str, int | None], list[int]] = {}
         for j, p in enumerate(parameters):
-            key = p.name.split("@")[0] + ":" + p.name.split(":")[1] if p.prior else p.name
-            runs.setdefault(key, []).append(j)
+            runs.setdefault((p.name.of, p.name.knot) if isinstance(p.name, Own) else p.name, []).append(j)
         slopes = np.zeros((len(base), len(parameters)))
         steps = [{j: shifted(parameters[j]) for j in members} for members in runs.values()]
         asked = [
@@ -268,7 +265,7 @@ class Problem:
         for step, predicted in zip(steps, self.predict_all(asked), strict=True):
             change = self.whiten(self._measured - predicted) - base
             for j, h in step.items():
-                p = parameters[j]
-                mine = self.rows.log == int(p.name.split("@")[1].split(":")[0]) if p.prior else slice(None)
+                name = parameters[j].name
+                mine = self.rows.log == name.log if isinstance(name, Own) else slice(None)
                 slopes[mine, j] = change[mine] / h
         return slopes

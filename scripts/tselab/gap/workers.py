@@ -13,6 +13,7 @@ import numpy as np
 
 from tselab.core import Config
 from tselab.errors import UserError
+from tselab.gap import constants
 from tselab.gap.data import Prepared, in_time, prepare
 from tselab.gap.problem import Problem
 from tselab.log import Log
@@ -39,6 +40,8 @@ class Cluster(Workers):
 
     def __init__(self, client: Any, jobs: int):
         super().__init__(jobs)
+        if changed := constants.overridden():  # its processes would not know
+            raise UserError(f"option --scheduler: {', '.join(changed)} cannot be another on a cluster")
         self.client = client
 
     def prepare(self, logs: Sequence[Log], config: Config) -> list[Prepared]:

@@ -19,14 +19,16 @@ from tselab import __version__
 from tselab.core import Config, library_path
 from tselab.errors import UserError
 from tselab.formula import Formula
-from tselab.gap import detect, latent, optional, remainder, show, where
+from tselab.gap import constants, optional
 from tselab.gap.catalogue import catalogue
 from tselab.gap.data import Prepared
-from tselab.gap.discover.search import Discovery
 from tselab.gap.fit import Fit, fit, gap
+from tselab.gap.infer import detect, show
 from tselab.gap.infer import naming as name
+from tselab.gap.infer.formula.search import Discovery
 from tselab.gap.infer.naming import Named
 from tselab.gap.infer.rivals import NOISE_LIMIT, explained
+from tselab.gap.localise import latent, remainder, where
 from tselab.gap.problem import STIFFNESS, Problem
 from tselab.gap.stages import stage
 from tselab.gap.workers import Workers
@@ -156,7 +158,7 @@ def read(paths: Sequence[Path], vehicle: Vehicle) -> tuple[list[Log], Config]:
 
 
 def fingerprint(paths: Sequence[Path], config: Config) -> str:
-    """Of everything that a result depends on: logs, settings, this code, the library."""
+    """Of everything that a result depends on: logs, settings, this code and what it has for constants now, the library."""
     h = hashlib.sha256(__version__.encode())
     here = Path(__file__).parent
     engine = sorted((here.parent / "identify").glob("*.py"))
@@ -165,6 +167,7 @@ def fingerprint(paths: Sequence[Path], config: Config) -> str:
     for p in paths:
         h.update(p.read_bytes())
     h.update(json.dumps(config.as_dict(), sort_keys=True).encode())
+    h.update(constants.fingerprint())
     return h.hexdigest()
 
 

@@ -11,13 +11,12 @@ import numpy as np
 from scipy.linalg import cholesky, solve_triangular
 from scipy.optimize import lsq_linear
 
+from tselab.gap import constants
 from tselab.identify.discrepancy import Discrepancy, Piece, without_bias
 
-MOST_STEPS = 40
-SETTLED = 0.1  # posterior sd: a step below it ends the search
-SAME = 1.0  # nats: discrepancies that are no more likely than those before are kept, so that the search can end
-MOST_REFITS = 12  # of the discrepancies
-WINDOW = 15.0  # s: pieces that are asked separately
+MOST_STEPS, SETTLED, SAME, MOST_REFITS, WINDOW = constants.of(
+    __name__, "MOST_STEPS", "SETTLED", "SAME", "MOST_REFITS", "WINDOW"
+)  # fmt: skip
 
 
 class Problem(Protocol):
@@ -124,12 +123,13 @@ def fit(
     start: State | None = None,
     say: Callable[[str], None] = lambda _: None,
     keep: Callable[[State], None] = lambda _: None,
-    most: int = MOST_STEPS,
+    most: int | None = None,
     chords: bool = False,
 ) -> Fit:
     """Search from the prior, or from where an earlier one stood. `keep` is called after every step with what it takes to go on.
-    `chords`: slopes are simulated at the start and at the end, or where a step fails, and follow what the steps between have shown
-    (Broyden 1965); else at every step."""
+    `most`: steps; None: MOST_STEPS. `chords`: slopes are simulated at the start and at the end, or where a step fails, and follow
+    what the steps between have shown (Broyden 1965); else at every step."""
+    most = MOST_STEPS if most is None else most
     s = start or State(np.clip(problem.mean, problem.low, problem.high), {}, 0, 0, 1e-3)
     residuals = problem.residuals(s.x)
     converged, moved, changed = False, np.inf, np.inf

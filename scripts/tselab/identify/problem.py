@@ -26,11 +26,13 @@ from scipy.linalg import block_diag
 from scipy.signal import lfilter
 
 from tselab.core import NOMINAL, Config, Replay
+from tselab.gap import constants
 from tselab.gap.data import BLOCK, Prepared, blocks
 from tselab.identify.discrepancy import ACTIVE_TIME, Discrepancy, Piece, cost, found
 from tselab.identify.ready import calm, curves, inside, speed, together
 from tselab.identify.unknowns import (
     LATE,
+    LATENCIES,
     LATENCY,
     MEASURED,
     OWN,
@@ -39,29 +41,21 @@ from tselab.identify.unknowns import (
     STIFFNESS,
     SUPERELEVATION,
     Prior,
+    of_log,
 )
 from tselab.noise import smooth
 from tselab.vehicle import GRAVITY
 
-STEP = 0.02  # of finite differences, in prior sd
-SPEED_TIME = 1.0  # s: longer lets the grade of the road in, shorter the noise of accel_x
+STEP, SPEED_TIME, SPEED_BLOCKS, LEAST_SPEED, FEWEST, ENOUGH, UNLIKE_SD, POWER, HARD = constants.of(
+    __name__, "STEP", "SPEED_TIME", "SPEED_BLOCKS", "LEAST_SPEED", "FEWEST", "ENOUGH", "UNLIKE_SD", "POWER", "HARD"
+)  # fmt: skip
 LEAN = "bank_superelevation"
-SPEED_BLOCKS = 10  # blocks that are one in the comparison of accel_x: a second holds two or three numbers
-LEAST_SPEED = 5.0  # m/s: below, slip is told by nothing
-FEWEST = 25  # blocks of a channel in a log, to compare it
-ENOUGH = 0.5  # rows with a value in a block, over the usual number
 # Channels that are simulated together, and the inputs that are read on the clock of accel_x; else they are in time.
 CUT = ((("accel_x",), ("wheel_speed_front", "wheel_speed_rear")), (("accel_y", "yaw_rate"), ()))
 # How the car is unlike the model, as a function of what it does (Kennedy & O'Hagan 2001): a share of the channel that goes with
 # SHAPES, each about 1 where a driver goes hard.
 UNLIKE = ("accel_y", "yaw_rate")
 SHAPES = ("ax", "ax v", "ax^2", "v", "ay^2")
-UNLIKE_SD = 0.03  # share
-# The likelihood counts so much (a power posterior: Miller & Dunson 2019): where a model of another car is wrong it is so for
-# hours, and no length of log makes it right. On four cars with 14 degrees of freedom bands with 1 held relaxation in two, inertia
-# in three.
-POWER = 0.25
-HARD = (3.0, 4.0, 20.0)  # m/s2 along, m/s2 across, m/s
 
 
 def shapes(along: np.ndarray, across: np.ndarray, v: np.ndarray) -> np.ndarray:
@@ -74,9 +68,8 @@ class Problem:
     """All logs. The vector x holds the unknowns of the car, in the order of the prior; those of each log (OWN); and, unless
     `unlike` is False, how much of SHAPES there is in each channel of UNLIKE."""
 
-    power = dict.fromkeys(MEASURED, POWER)
-
     def __init__(self, logs: Sequence[Prepared], config: Config, prior: Prior, jobs: int = 1, unlike: bool = True):
+        self.power = dict.fromkeys(MEASURED, POWER)
         self.logs = [calm(log) for log in logs if log.stretches]
         self.config, self.prior, self.jobs = config, prior, max(1, jobs)
         # how far the roads of the logs lean is found of each, around what the vehicle file says
@@ -84,7 +77,7 @@ class Problem:
         own_mean = (*OWN_MEAN[:-1], getattr(config, LEAN) or OWN_MEAN[-1])
         count = len(self.logs)
         shares = [f"{c}~{s}" for c in UNLIKE for s in SHAPES] if unlike else []
-        self.names = (*prior.names, *(f"{s}@{i}" for i in range(count) for s in OWN), *shares)
+        self.names = (*prior.names, *(of_log(s, i) for i in range(count) for s in OWN), *shares)
         self.car = len(prior.names)
         self.unlike = self.car + len(OWN) * count  # where the shares of SHAPES begin
         sd = np.array([*OWN_SD * count, *[UNLIKE_SD] * len(shares)])
@@ -131,11 +124,11 @@ class Problem:
         at = dict(zip(self.names, map(float, x), strict=True))
         values, late = dict(self.nominal), {c: self.nominal.get(c + LATENCY, 0.0) for c in LATE}
         for name in (n for n in self.prior.names if n not in NOMINAL):
-            if name.endswith(LATENCY):
-                late[name.removesuffix(LATENCY)] = at[name]
+            if name in LATENCIES:
+                late[LATENCIES[name]] = at[name]
             else:
                 values[name] = at[name]
-        stiffness = [{s: float(np.exp(at[s] + at[f"{s}@{i}"])) for s in STIFFNESS} for i in range(len(self.logs))]
+        stiffness = [{s: float(np.exp(at[s] + at[of_log(s, i)])) for s in STIFFNESS} for i in range(len(self.logs))]
         return Config(values), late, stiffness
 
     def simulate(self, i: int, x: np.ndarray) -> dict[str, np.ndarray]:
@@ -144,7 +137,7 @@ class Problem:
         log, inputs = self.logs[i], self._inputs[i]
         clock = log.held.get("yaw_rate", 0.0)
         late = {c: by - log.held.get(c, 0.0) + clock for c, by in late.items()}
-        bank = -x[self.names.index(f"{SUPERELEVATION}@{i}")] / GRAVITY * self._curves[i]
+        bank = -x[self.names.index(of_log(SUPERELEVATION, i))] / GRAVITY * self._curves[i]
         out = {c: np.full(len(log.time), np.nan) for c in MEASURED}
         for s in log.stretches:
             rows = slice(s.first, s.last)

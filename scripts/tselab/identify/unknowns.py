@@ -12,12 +12,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from tselab.core import NOMINAL, Config
+from tselab.gap import constants
 from tselab.vehicle import Vehicle
 
 MEASURED = ("accel_x", "accel_y", "yaw_rate")
 LATE = ("steer_angle", "wheel_speed_front", "wheel_speed_rear", "accel_x", "accel_y")  # behind the gyro
 LATENCY = "_latency"
-MOST_LATENCY = 0.2  # s
+LATENCIES = {c + LATENCY: c for c in LATE}  # unknowns, and the channels that are late
+MOST_LATENCY, COMMON_SD, STIFFNESS_SD, MOST_STIFFNESS, OWN_MEAN, OWN_SD = constants.of(
+    __name__, "MOST_LATENCY", "COMMON_SD", "STIFFNESS_SD", "MOST_STIFFNESS", "OWN_MEAN", "OWN_SD"
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -33,12 +37,6 @@ class Unknown:
     relative: bool = False  # mean, sd and range times what the vehicle file says
     message: str = ""  # off together with others of this message, by COMMON_SD of it: late, or relative
     worth: float = 0.0  # smallest size that a user should know of; 0: the shape of an effect
-
-
-# s: how late messages are, behind that of the gyro; relative: how far off radii as told are. What is own to a channel is less:
-# axles come from one unit - and how far one is behind the other hardly shows, so that any error of the model would pass for it -
-# accelerometers from one chip, tyres from one shop.
-COMMON_SD = {"": 0.0, "wheels": 0.025, "accelerometers": 0.02, "radii": 0.007}
 
 
 def _late(name: str, own: float, message: str = "") -> Unknown:
@@ -86,19 +84,19 @@ UNKNOWNS: tuple[Unknown, ...] = (
     Unknown("rolling_resistance_coefficient", "resistance", 0.01, 0.004, 0.0, 0.2, worth=0.003),
     Unknown("exact_kinematics_share", "kinematics", 1.0, 0.3, 0.0, 1.0, worth=0.2),
 )  # fmt: skip
-STIFFNESS = tuple(NOMINAL)  # of the car, ln over the vehicle file's; and of each log, over the car's: name@log
-STIFFNESS_SD, MOST_STIFFNESS = 0.5, 1.8  # ln
-# Of each log, name@log: stiffness, ln over the car's - warmth, load, road - and how much of the sideways acceleration in its curves
-# the bank of the road takes over: roads are built so, and a bank left out passes for a scale of accel_y and for other tyres.
+STIFFNESS = tuple(NOMINAL)  # of the car, ln over the vehicle file's; and of each log, over the car's
 SUPERELEVATION = "superelevation"
-OWN = (*STIFFNESS, SUPERELEVATION)
-OWN_MEAN = (0.0, 0.0, 0.0, 0.12)
-OWN_SD = (0.1, 0.1, 0.1, 0.05)
+OWN = (*STIFFNESS, SUPERELEVATION)  # of each log, of_log(); OWN_MEAN, OWN_SD
+
+
+def of_log(name: str, log: int) -> str:
+    """What a number of OWN goes by that is of one log."""
+    return f"{name}@{log}"
 
 
 def unit_of(name: str) -> str:
     """Unit of an unknown."""
-    if name.endswith(LATENCY):
+    if name in LATENCIES:
         return "s"
     fields = Config().fields
     return fields[name].unit if name in fields else "ln"

@@ -1,1 +1,2 @@
-"""Which effects the logs show: every set of them judged by its evidence, what no model explains among what is weighed."""
+"""What is missing: sets of effects judged by their evidence, a formula where the catalogue has none. Logs that were held out judge
+both."""

@@ -9,14 +9,13 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from tselab.gap import constants
 from tselab.gap.data import BLOCK
 from tselab.gap.problem import Problem
 
-SD = 0.05  # shares: so well forms are known
-LAG = 0.03  # s, sd: so well is known how late an effect acts
-RATE_TIME = 0.1  # s: by which rates are multiplied: of motions of 1.6 Hz as large as what they are rates of
-# About 1 where a driver goes hard: m/s, m/s2, m/s2, rad
-FAST, ALONG, ACROSS, STEERED = 20.0, 3.0, 4.0, 0.05
+SD, LAG, RATE_TIME, FAST, ALONG, ACROSS, STEERED = constants.of(
+    __name__, "SD", "LAG", "RATE_TIME", "FAST", "ALONG", "ACROSS", "STEERED"
+)  # fmt: skip
 RATES = ("", "'", "''")
 LATERAL = ("", " v", " |ay|", " ax", " |steer|")
 LONGITUDINAL = ("", " v", " |ax|", " ax", " |ay|")

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from tselab.gap import constants
 from tselab.gap.catalogue import Effect, Parameter, catalogue
 from tselab.gap.problem import SIGNED_DELAYS
 
@@ -21,17 +22,13 @@ EVERY_CAR = ("body_roll", "pitch_leak", "relaxation", "longitudinal_relaxation",
              "lateral_load_transfer", "longitudinal_load_transfer", "exact_kinematics")  # fmt: skip
 # Not asked: what a stiffness takes up altogether, at any size.
 ABSORBED = ("steering_compliance",)
-EXPECTED = 1.0  # how many of all other effects a car lacks before anybody has looked
-SENSOR_SHARE = 0.1  # of cars, that a given sensor error is there
-EVERY_SHARE = 0.15  # that what every car has is large enough to matter, and not told
-WRONG_SIGN = 0.01  # probability that an effect has the sign that its physics does not
-SMALLER_SD, LARGER_SD = 0.7, 0.35  # ln, beyond the typical range: half and less is as good as nothing, twice has hardly a car
-SWITCH_SD = 0.15  # ln, of what is there or not
-NAME_AT = 0.9  # probability from which an effect gets a name: of 10 such names less than one is wrong
-SIZE_COST = 3.0  # nats, of a size that logs know to a percent of what is typical
-MOST_LATE = 0.1  # s
-LATE = (0.003, 0.02)  # s, typical lateness of a message behind another one: bus cycles of 5 .. 20 ms, filters of 10 .. 30 Hz
-OTHER_SD = 1.0  # typical sizes: sd of the strengths besides the largest one of an effect
+(
+    EXPECTED, SENSOR_SHARE, EVERY_SHARE, WRONG_SIGN, SMALLER_SD, LARGER_SD, SWITCH_SD, NAME_AT, SIZE_COST,
+    MOST_LATE, LATE, OTHER_SD,
+) = constants.of(
+    __name__, "EXPECTED", "SENSOR_SHARE", "EVERY_SHARE", "WRONG_SIGN", "SMALLER_SD", "LARGER_SD", "SWITCH_SD", "NAME_AT",
+    "SIZE_COST", "MOST_LATE", "LATE", "OTHER_SD"
+)  # fmt: skip
 
 
 def _late(name: str, title: str, channels: str) -> Effect:
@@ -41,11 +38,13 @@ def _late(name: str, title: str, channels: str) -> Effect:
     return Effect(name, "SENSOR", title, ("sensors",), channels, (), "works", (parameter,))
 
 
-LATENCIES = (
-    _late("wheel_speed_latency", "wheel speeds late", "accel_x"),
-    _late("accel_x_latency", "accel_x late behind the gyro", "accel_x"),
-    _late("accel_y_latency", "accel_y late behind the gyro", "accel_y"),
-)
+def latencies() -> tuple[Effect, ...]:
+    """How late messages are, in the form of effects."""
+    return (
+        _late("wheel_speed_latency", "wheel speeds late", "accel_x"),
+        _late("accel_x_latency", "accel_x late behind the gyro", "accel_x"),
+        _late("accel_y_latency", "accel_y late behind the gyro", "accel_y"),
+    )
 
 
 @dataclass(frozen=True)
@@ -92,9 +91,9 @@ def hypotheses(effects: Iterable[Effect] | None = None) -> list[Hypothesis]:
     physics = [e for e in asked if e.id not in (*SENSORS, *EVERY_CAR)]
     share = EXPECTED / max(len(physics), 1)
     # a road that leans one way all along is asked for as bank; a grade of that kind is a bias of accel_x. Profiles: naming.py.
-    found = []
-    for e in (*asked, *LATENCIES):
-        sensor = e.id in SENSORS or e in LATENCIES
+    found, late = [], latencies()
+    for e in (*asked, *late):
+        sensor = e.id in SENSORS or e in late
         if any(p.name in SIGNED_DELAYS for p in e.parameters):
             e = replace(e, parameters=tuple(replace(p, low=-MOST_LATE, high=MOST_LATE, sign=0) for p in e.parameters))
         p = SENSOR_SHARE if sensor else EVERY_SHARE if e.id in EVERY_CAR else share

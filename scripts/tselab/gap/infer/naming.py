@@ -13,7 +13,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.stats import norm
 
-from tselab.gap.catalogue import Effect, catalogue
+from tselab.gap import constants
+from tselab.gap.catalogue import Effect, Key, catalogue, of_the_car
 from tselab.gap.fit import Fit, excess, fit
 from tselab.gap.infer import noise
 from tselab.gap.infer.hypotheses import NAME_AT, Hypothesis, hypotheses
@@ -22,19 +23,16 @@ from tselab.gap.infer.space import Layout, raw
 from tselab.gap.optional import TORQUES
 from tselab.gap.problem import PROFILES, SIGNED_DELAYS, STIFFNESS, Problem, profile_size
 from tselab.log import DRIVES
-from tselab.vehicle import GRAVITY
+from tselab.vehicle import GRAVITY, latency_settings
 
 EARLY = {  # delays below zero
     "steering_delay": "steering angle logged late, so the wheels turn before it",
     "imu_delay": "steering angle and wheel speeds logged late behind the IMU",
 }
-ALIKE_AT = 0.05  # share of that probability from which what stands in its place is a look-alike
-POSSIBLE_AT = 0.1
+ALIKE_AT, POSSIBLE_AT, ROAD_PROBABILITY, ROAD_SHARE, ROAD_HARM, MOST_KNOTS = constants.of(
+    __name__, "ALIKE_AT", "POSSIBLE_AT", "ROAD_PROBABILITY", "ROAD_SHARE", "ROAD_HARM", "MOST_KNOTS"
+)  # fmt: skip
 ROAD_CHANNEL = {"grade": "accel_x", "bank": "accel_y"}
-ROAD_ODDS = np.log(0.1 / 0.9)  # prior, that a road's profile shows
-ROAD_SHARE = 0.5  # of what is slow in its channel that a road must explain
-ROAD_HARM = 3.0  # nats by which a road may make another channel worse: a road moves the car, and what moves it shows there, too
-MOST_KNOTS = 600  # of a road's profile
 
 
 @dataclass
@@ -266,12 +264,13 @@ def as_fit(problem: Problem, judged: Judged, slopes: bool = True) -> Fit:
 def _roads(problem: Problem, final: Judged, last: Fit, roads: Sequence[Effect], full: float) -> list[Named]:
     """Profiles of the road: where something slow is left in a channel, and a road explains it."""
     found: list[Named] = []
+    prior = np.log(ROAD_PROBABILITY / (1.0 - ROAD_PROBABILITY))
     for e in roads:
         channel = ROAD_CHANNEL[e.id]
         if channel not in final.noise or e.id in final.ids:
             continue
         gain = slow_nats(final, channel)
-        if gain + ROAD_ODDS < 0 or len(problem.strengths(e)) > MOST_KNOTS:
+        if gain + prior < 0 or len(problem.strengths(e)) > MOST_KNOTS:
             continue
         with_it = _with_roads(problem, last, [e])
         size = profile_size(e, with_it.values)
@@ -283,7 +282,7 @@ def _roads(problem: Problem, final: Judged, last: Fit, roads: Sequence[Effect], 
         share = (excess(problem, last.residuals) - excess(problem, with_it.residuals)) / max(full, 1e-300)
         spread = size / np.sqrt(2.0 * max(len(problem.strengths(e)), 1))
         z = float(norm.ppf(0.975))
-        odds = float(np.exp(min(gain + ROAD_ODDS, 50.0)))
+        odds = float(np.exp(min(gain + prior, 50.0)))
         found.append(Named(e, {p: size}, {p: (max(0.0, size - z * spread), size + z * spread)}, share, gain, odds / (1 + odds)))
     return found
 
@@ -315,12 +314,12 @@ def _with_roads(problem: Problem, last: Fit, roads: Sequence[Effect]) -> Fit:
     return Fit(last.parameters, dict(last.values) | found.values, found.residuals, last.jacobian)
 
 
-def settings(problem: Problem, values: Mapping[str, float]) -> dict[str, float]:
+def settings(problem: Problem, values: Mapping[Key, float]) -> dict[str, float]:
     """Fitted values as settings of a vehicle file: delays that are negative, and what is late, as latencies of channels. What is of
     the road is not of the car."""
     told = problem.config.as_dict()
-    found = {k: v for k, v in values.items() if k in problem.config and k not in SIGNED_DELAYS}
-    found = {k: v for k, v in found.items() if not k.endswith("_latency") and "@" not in k and not k.startswith(PROFILES)}
+    others = {*SIGNED_DELAYS, *latency_settings().values(), *(p.name for e in PROFILES for p in catalogue()[e].parameters)}
+    found = {k: v for k, v in of_the_car(values).items() if k in problem.config and k not in others}
     later = dict.fromkeys((*DRIVES, "accel_x", "accel_y"), 0.0) | problem.later(values)
     for key, channels in (("steering_delay_time", ("steer_angle",)), ("imu_delay_time", DRIVES)):
         change = max(values.get(key, told[key]), 0.0) - told[key]

@@ -12,16 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import minimize
 
+from tselab.gap import constants
 from tselab.gap.data import BLOCK
 from tselab.identify.discrepancy import Discrepancy, Piece
 
-# ln of white, share, slow, fast time, slow time: prior medians and sd, ranges. White and slow in units of the noise of one block.
-MEDIAN = (1.0, 0.002, 0.1, 0.3, 20.0)
-SD = (0.3, 1.5, 1.5, 0.7, 0.7)
-RANGES = ((0.5, 20.0), (1e-4, 2.0), (1e-3, 15.0), (0.1, 2.0), (3.0, 200.0))
-BIAS_SD = 300.0  # of a sensor in a log, units of the noise of one block: any
-PRECISION = 1e-5  # relative, of the cost: a tenth of a nat
-APART = 1e6  # s
+MEDIAN, SD, RANGES, BIAS_SD, PRECISION, APART = constants.of(
+    __name__, "MEDIAN", "SD", "RANGES", "BIAS_SD", "PRECISION", "APART"
+)  # fmt: skip
 
 
 def ln_prior(d: Discrepancy) -> float:

@@ -6,7 +6,7 @@ leave. Each of these worlds is worth
 
     sum over channels of power x half its independent values x ln of how much its residuals fall  -  what it costs to say,
 
-a name its prior odds and size (hypotheses.py), a formula its length (discover/search.py) and the odds that the catalogue lacks
+a name its prior odds and size (hypotheses.py), a formula its length (formula/search.py) and the odds that the catalogue lacks
 something. The powers are those of the world that leaves least: a model that is wrong is wrong in the same way all through a
 manoeuvre, so that its residuals say one value in an EPISODE. Held-out logs count as those that were fitted, with the numbers of
 these. A name stands if the worlds that have it are likely enough together. Fewer names without a formula are no world of their own:
@@ -21,23 +21,20 @@ from typing import Any
 
 import numpy as np
 
-from tselab.gap import show
+from tselab.gap import constants
 from tselab.gap.catalogue import catalogue
 from tselab.gap.data import BLOCK, CHANNELS
-from tselab.gap.discover.search import Discovery, discover
 from tselab.gap.fit import Fit, excess, lengths
 from tselab.gap.infer import naming as name
+from tselab.gap.infer import show
+from tselab.gap.infer.formula.search import Discovery, discover
 from tselab.gap.infer.hypotheses import NAME_AT, SIZE_COST, hypotheses
-from tselab.gap.infer.naming import ROAD_ODDS, Naming
+from tselab.gap.infer.naming import ROAD_PROBABILITY, Naming
 from tselab.gap.problem import Problem
 
-LEAST_CLOSED = 0.05  # of the gap: names that together close less explain nothing of it
-WORTHWHILE = 0.5  # of what is left, that an effect which was only possible must close to be named
-MOST_POSSIBLE = 3  # effects that were only possible
-NOISE_LIMIT = 1.2  # rms over noise up to which nothing is left to explain: noise is known to some percent, inputs are smoothed
-EPISODE = 30.0  # s, of a manoeuvre
-OUTSIDE_ODDS = float(np.log(0.2 / 0.8))  # prior, that what is missing is in no catalogue
-FEWER = 3  # sets of fewer names that a formula is sought for, besides none
+LEAST_CLOSED, WORTHWHILE, MOST_POSSIBLE, NOISE_LIMIT, EPISODE, OUTSIDE, FEWER = constants.of(
+    __name__, "LEAST_CLOSED", "WORTHWHILE", "MOST_POSSIBLE", "NOISE_LIMIT", "EPISODE", "OUTSIDE", "FEWER"
+)  # fmt: skip
 
 
 @dataclass
@@ -78,7 +75,7 @@ class Worlds:
             residuals = self._residuals(naming.final, naming.final.values)
         else:
             assert discovery.fit is not None
-            price += discovery.price - OUTSIDE_ODDS
+            price += discovery.price - ln_odds(OUTSIDE)
             residuals = self._residuals(discovery.fit, discovery.values)
         self.known.append(World(naming, discovery, price, residuals))
 
@@ -123,9 +120,13 @@ class Worlds:
         return total / max(rows, 1.0), count, rows * BLOCK / EPISODE
 
 
+def ln_odds(probability: float) -> float:
+    return float(np.log(probability / (1.0 - probability)))
+
+
 def price_of(effect: str) -> float:
     """Nats that a name costs."""
-    return SIZE_COST - next((h.odds for h in hypotheses() if h.id == effect), ROAD_ODDS)
+    return SIZE_COST - next((h.odds for h in hypotheses() if h.id == effect), ln_odds(ROAD_PROBABILITY))
 
 
 def explained(

@@ -17,22 +17,17 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from tselab.gap.catalogue import Parameter
+from tselab.gap import constants
+from tselab.gap.catalogue import Parameter, of_the_car
 from tselab.gap.infer import noise
 from tselab.gap.infer.hypotheses import Hypothesis, fit_prior, ln_normal, start_of
 from tselab.gap.infer.space import REACH, Layout, Space, raw, slopes
 from tselab.identify import fit as engine
 from tselab.identify.discrepancy import Discrepancy, without_bias
 
-REFIT = 5  # candidates of a screening that are fitted in full
-SWAPS = 3  # that are asked to stand in for an effect
-MOST_EFFECTS = 8
-PASSES = 2  # of adding, leaving out and exchanging
-MOST_STEPS = 12  # of a fit while sets are compared
-AHEAD = 1  # effects that may come to no good before the next one does
-WORTH = 0.5  # nats: a set that is better by less is no reason to go on
-FAR = 12.0  # nats: candidates that a screening puts further behind nothing are not fitted
-SHARE = 0.5  # of what an effect is worth by the screening: what is worth less is not asked to stand in for it
+REFIT, SWAPS, MOST_EFFECTS, PASSES, MOST_STEPS, AHEAD, WORTH, FAR, SHARE = constants.of(
+    __name__, "REFIT", "SWAPS", "MOST_EFFECTS", "PASSES", "MOST_STEPS", "AHEAD", "WORTH", "FAR", "SHARE"
+)  # fmt: skip
 
 
 @dataclass
@@ -112,7 +107,7 @@ class Search:
         self.nothing = best.space.physical(best.x)
         passes = 1 if begin is not None else PASSES
         if begin is not None and begin.effects:
-            start = {k: v for k, v in begin.values.items() if "@" not in k}
+            start = of_the_car(begin.values)
             best = self._explained(self.judge(begin.ids, start, best))
         while best.ids not in seen and len(seen) < passes:
             seen.add(best.ids)

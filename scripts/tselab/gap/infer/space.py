@@ -11,7 +11,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from tselab.gap.catalogue import Parameter
+from tselab.gap import constants
+from tselab.gap.catalogue import Key, Own, Parameter
 from tselab.gap.data import BLOCK, CHANNELS
 from tselab.gap.infer import forms, noise
 from tselab.gap.infer.hypotheses import Hypothesis, fit_prior
@@ -19,14 +20,9 @@ from tselab.gap.problem import STIFFNESS, WITH_BIAS, Problem
 from tselab.identify.discrepancy import Discrepancy, Piece
 from tselab.noise import smooth
 
-STIFFNESS_SD = 0.5  # of the car's over the vehicle file's
-OWN_SD = 0.02  # of a log's over the car's: warmth, load, road of one day
-LEAST_SIZE = 1.0  # units of noise: a channel that stands still is not known to a share of nothing
-ACTIVE_TIME = 1.0  # s over which a channel's size is taken
-MOST_SHARE = 5.0  # of shapes, in prior sd
-SEEN = 3.0  # a channel that the model does not explain says as much as so many independent values: it is wrong for hours
-UNMOVED = 1.0  # sum of squares in sd, by which residuals may change before their discrepancy is found anew
-REACH = 15.0  # steps: a chord over a third of the typical size says more of an effect than its tangent at zero
+STIFFNESS_SD, OWN_SD, LEAST_SIZE, ACTIVE_TIME, MOST_SHARE, SEEN, UNMOVED, REACH = constants.of(
+    __name__, "STIFFNESS_SD", "OWN_SD", "LEAST_SIZE", "ACTIVE_TIME", "MOST_SHARE", "SEEN", "UNMOVED", "REACH"
+)  # fmt: skip
 
 
 class Layout:
@@ -91,7 +87,7 @@ class Space:
         problem = self.problem = layout.problem
         self.parameters: tuple[Parameter, ...] = (*STIFFNESS, *(p for h in effects for p in h.effect.fitted))
         self.logs = problem.logs
-        self.own = [f"{p.name}@{i}" for i in range(len(self.logs)) for p in STIFFNESS] if len(self.logs) > 1 else []
+        self.own = [Own(p.name, i) for i in range(len(self.logs)) for p in STIFFNESS] if len(self.logs) > 1 else []
         self.shares = len(self.parameters) + len(self.own)  # where they begin
         self.names = (*(p.name for p in self.parameters), *self.own, *(f"share {k}" for k in range(len(layout.shape_sd))))
         priors = [(1.0, STIFFNESS_SD) if p in STIFFNESS else fit_prior(p) for p in self.parameters]
@@ -105,7 +101,7 @@ class Space:
         self.groups, self.time, self.channels, self.power = layout.groups, layout.time, layout.channels, layout.power
         self._found: dict[str, tuple[list[np.ndarray], Discrepancy]] = {}
 
-    def values(self, x: np.ndarray) -> dict[str, float]:
+    def values(self, x: np.ndarray) -> dict[Key, float]:
         """What the simulation takes."""
         return dict(zip(self.names[: self.shares], map(float, x), strict=False))
 

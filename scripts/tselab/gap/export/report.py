@@ -15,13 +15,13 @@ import plotly.offline
 from tselab import __version__
 from tselab.core import STIFFNESS, library
 from tselab.files import atomic
-from tselab.gap import latent, pictures
 from tselab.gap.catalogue import catalogue
-from tselab.gap.cross import SOURCES, Blocks
 from tselab.gap.data import CHANNELS
-from tselab.gap.gain import Gain
+from tselab.gap.export import pictures
+from tselab.gap.export.gain import Gain
 from tselab.gap.infer.hypotheses import threshold
-from tselab.gap.show import Change
+from tselab.gap.infer.show import Change
+from tselab.gap.localise.cross import SOURCES, Blocks
 from tselab.gap.workflow import Result
 from tselab.report import _packed as packed
 from tselab.verdict import NAMES
@@ -68,7 +68,7 @@ def write_report(path: Path, shown: Shown) -> None:
          "best is where something acts that the plain model does not have.", pictures.entry_points(result.entries)),
         ("What is left, as a disturbance", "What the names do not explain, put where it explains accel_y and yaw_rate best (or "
          "into accel_x), and the signed quantity that it follows in logs that were left out.",
-         latent.figure(problem, result.latent, result.follows) if result.latent is not None else None),
+         pictures.disturbance_figure(problem, result.latent, result.follows) if result.latent is not None else None),
         ("Handling, quasi-steady", "Yaw-rate gain, and steering angle beyond what a slow car needs, over lateral acceleration; "
          "medians of calm samples, one line style and symbol per 5 m/s of speed.", pictures.handling_figure(blocks, wheelbase)),
         ("Response to the steering" + (f": {response[1]}" if response else ""), "Gain and phase at the frequencies that the "

@@ -14,23 +14,19 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from tselab.formula import Formula, FormulaError
-from tselab.gap import show
+from tselab.gap import constants
 from tselab.gap.catalogue import Parameter
 from tselab.gap.data import CHANNELS
-from tselab.gap.discover import symbolic, terms
-from tselab.gap.discover.respond import responses, signals
-from tselab.gap.discover.terms import Term
 from tselab.gap.fit import Fit, covariance, excess, fit, lengths
+from tselab.gap.infer import show
+from tselab.gap.infer.formula import symbolic, terms
+from tselab.gap.infer.formula.respond import responses, signals
+from tselab.gap.infer.formula.terms import Term
 from tselab.gap.problem import Problem
 
-PRICE = 2.0  # nats, of an operation or a number: a library of some hundred forms times places times sizes is some 12 nats
-FITTED = 6  # candidates that are simulated
-PER_PLACE = 3
-SEARCHED = 2  # places where a symbolic search goes on
-LEAST_SHARE = 0.15  # of the gap, that a formula must close to be worth reading
-MOST_STEPS = 15  # of a fit
-CHUNK = 64  # forms that are looked at together: memory
-HALF = 0.5  # quantiles between which a signal has been are those of HALF % and 100 - HALF %
+PRICE, FITTED, PER_PLACE, SEARCHED, LEAST_SHARE, MOST_STEPS, CHUNK, HALF = constants.of(
+    __name__, "PRICE", "FITTED", "PER_PLACE", "SEARCHED", "LEAST_SHARE", "MOST_STEPS", "CHUNK", "HALF"
+)  # fmt: skip
 
 
 @dataclass

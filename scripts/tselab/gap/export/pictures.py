@@ -13,10 +13,13 @@ from plotly.subplots import make_subplots
 from tselab.core import NOMINAL, STIFFNESS, Config
 from tselab.errors import UserError
 from tselab.files import atomic
-from tselab.gap.cross import Blocks, Curve, Response, handling, responses
-from tselab.gap.gain import Gain
-from tselab.gap.show import Change
-from tselab.gap.where import MOST_FOLLOWED, ROAD, Entry
+from tselab.gap.export.gain import Gain
+from tselab.gap.export.table import log_names
+from tselab.gap.infer.show import Change
+from tselab.gap.localise.cross import Blocks, Curve, Response, handling, responses
+from tselab.gap.localise.latent import Explained, Latent
+from tselab.gap.localise.where import MOST_FOLLOWED, ROAD, Entry
+from tselab.gap.problem import Problem
 from tselab.plots import BLUE, GREEN, GREY, INK, ORANGE, PURPLE
 from tselab.verdict import NAMES, UNITS
 
@@ -28,6 +31,7 @@ MOST_LOGS = 12  # that can be chosen; of a fleet, the worst
 WORST = 5.0  # rms over noise at which the colours of a map end
 MOST_EFFECTS = 16  # in the ranking
 PICTURE_SECONDS = 8.0
+SHADE = "rgba(123,79,163,0.22)"  # PURPLE
 SPEED_BIN, ACCEL_BIN = 2.5, 0.75  # m/s, m/s2, of the maps
 FEWEST = 10  # blocks in a cell
 
@@ -390,3 +394,53 @@ def _draw_bars(axis: object, parts: Mapping[str, Mapping[str, Change]]) -> None:
     axis.set_ylim(0, 1.22 * top)
     axis.set_title("Residual over noise (rms)", loc="left", fontsize=11, fontweight="bold")
     axis.set_xlabel("dashed: the sensors' noise alone", fontsize=9.5, color="#52606d")
+
+
+def disturbance_figure(problem: Problem, latent: Latent, explained: list[Explained]) -> go.Figure | None:
+    """The disturbance over the time of the log where it is largest, and over what explains it best; None: there is none."""
+    _, moments = np.unique(problem.rows.block, return_index=True)
+    moments = moments[np.isfinite(latent.value[moments])]
+    if not len(moments):
+        return None
+    log = problem.rows.log[moments]
+    worst = max(np.unique(log), key=lambda i: float(np.mean(latent.value[moments[log == i]] ** 2)))
+    best = explained[0] if explained else None
+    over = f"over {best.name}: explains {100 * best.share:.0f} %" if best else "follows no quantity more than chance does"
+    titles = [f"{latent.place} in {log_names(problem)[worst]}", over]
+    result = make_subplots(1, 2, column_widths=[0.6, 0.4], horizontal_spacing=0.1, subplot_titles=titles)
+    mine = moments[log == worst]
+    time = problem.rows.time[mine]
+    for n, part in enumerate(np.split(mine, 1 + np.flatnonzero(np.diff(time) > 1.0))):
+        part = part[:: max(1, -(-len(mine) // MOST_POINTS))]
+        t, y, sd = problem.rows.time[part], latent.value[part], latent.sd[part]
+        band = np.append(y + 2 * sd, (y - 2 * sd)[::-1])
+        result.add_trace(
+            go.Scatter(x=np.round(np.append(t, t[::-1]), 3), y=band, name="± 2 sd", legendgroup="band", showlegend=n == 0,
+                       mode="lines", fill="toself", fillcolor=SHADE, line={"width": 0}, hoverinfo="skip"),
+            row=1, col=1,
+        )  # fmt: skip
+        result.add_trace(
+            go.Scatter(x=np.round(t, 3), y=y, name="what is missing", legendgroup="value", showlegend=n == 0, mode="lines",
+                       line={"color": PURPLE, "width": 1.6}),
+            row=1, col=1,
+        )  # fmt: skip
+    result.add_hline(y=0.0, line={"color": GREY, "width": 1.0}, row=1, col=1)
+    if best:
+        shown = moments[:: max(1, -(-len(moments) // MOST_POINTS))]
+        middle, mean, low, high = best.shape.T
+        result.add_trace(
+            go.Scatter(x=best.quantity[shown], y=latent.value[shown], name="blocks of 40 ms, all logs", mode="markers",
+                       marker={"color": GREY, "size": 3}, opacity=0.35),
+            row=1, col=2,
+        )  # fmt: skip
+        spread = {"symmetric": False, "array": high - mean, "arrayminus": mean - low, "color": INK, "thickness": 1.2}
+        result.add_trace(
+            go.Scatter(x=middle, y=mean, name="mean and quartiles", mode="lines+markers", line={"color": BLUE, "width": 2},
+                       marker={"size": 6}, error_y=spread),
+            row=1, col=2,
+        )  # fmt: skip
+        result.update_xaxes(title_text=f"{best.name} [{best.unit}]", row=1, col=2)
+    result.update_xaxes(title_text="time [s]", row=1, col=1)
+    result.update_yaxes(title_text=f"{latent.place} [{latent.unit}]", row=1, col=1)
+    result.update_yaxes(title_text=f"[{latent.unit}]", row=1, col=2)
+    return _layout(result, 420)

@@ -13,14 +13,15 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import false_discovery_control, kruskal, spearmanr
 
-from tselab.gap.data import CHANNELS
+from tselab.gap import constants
+from tselab.gap.data import BLOCK, CHANNELS
 from tselab.gap.fit import Fit
 from tselab.gap.problem import Problem
+from tselab.gap.singletrack import SingleTrack
 
-WINDOW = 1.0  # s
-FALSE_DISCOVERIES = 0.01
-LEAST_CORRELATION = 0.15
-FEWEST_WINDOWS = 20
+WINDOW, FALSE_DISCOVERIES, LEAST_CORRELATION, FEWEST_WINDOWS, MOST_FOLLOWED, TIMES, SIZES = constants.of(
+    __name__, "WINDOW", "FALSE_DISCOVERIES", "LEAST_CORRELATION", "FEWEST_WINDOWS", "MOST_FOLLOWED", "TIMES", "SIZES"
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -71,7 +72,7 @@ def features(problem: Problem, values: dict[str, float]) -> dict[str, np.ndarray
     predicted = problem.channels(values, ("accel_x", "accel_y", "vel_x"))
     steer = problem.quantity("steer_angle")
     front = problem.quantity("wheel_speed_front") * problem.config.wheel_radius_front
-    rate = np.gradient(steer) / 0.04
+    rate = np.gradient(steer) / BLOCK
     return {
         "speed": predicted["vel_x"],
         "|accel_y|": np.abs(predicted["accel_y"]),
@@ -120,7 +121,6 @@ def conditions(problem: Problem, residuals: np.ndarray, values: dict[str, float]
 
 
 ROAD = "road (bank)"
-MOST_FOLLOWED = 0.5
 # place: force at a distance before the centre of gravity (front, rear, side), moment, gravity, or a sensor's error
 PLACES = {
     "front axle": "N",
@@ -131,8 +131,15 @@ PLACES = {
     "sensor accel_y": "m/s2",
     "sensor yaw_rate": "rad/s",
 }
-TIMES = (0.1, 0.6, 4.0)  # s
-SIZES = (0.5, 2.0, 8.0, 32.0)  # in units that alone would make a residual of one
+
+
+def enters(car: SingleTrack, place: str, size: float = 1.0) -> tuple[float, float, float, float]:
+    """What a disturbance of this size at a place does to vel_y [m/s2] and yaw rate [rad/s2], and at once to the readings of accel_y
+    and yaw_rate: an accelerometer feels forces and not gravity."""
+    lever = {"front axle": car.lf, "rear axle": -car.lr, "side force": 0.0}
+    across, turning = car.pushed(size if place in lever else 0.0, lever.get(place, 0.0), size if place == "yaw moment" else 0.0)
+    felt = across + (size if place == "sensor accel_y" else 0.0)
+    return across + (size if place == ROAD else 0.0), turning, felt, size if place == "sensor yaw_rate" else 0.0
 
 
 def entries(problem: Problem, baseline: Fit) -> list[Entry]:
@@ -217,24 +224,13 @@ def _filter(problem: Problem, values: dict[str, float], piece: tuple, places: li
     Returned, sums over the log: products of whitened innovations, products of what is left, log det of the innovations, the
     sizes (sd), products of the signals themselves; and the disturbance in each block, per signal."""
     signals, w_ay, w_r, speed, time = piece
-    c = problem.config
-    m, inertia, lf, lr = c.mass, c.yaw_inertia, c.lf, c.lr
-    cf = c.cornering_stiffness_front * values.get("cy_front", 1.0)
-    cr = c.cornering_stiffness_rear * values.get("cy_rear", 1.0)
-    lever = {"front axle": lf, "rear axle": -lr, "side force": 0.0}
-    force = np.array([1.0 if p in lever else 0.0 for p in places])
-    moment = np.array([lever.get(p, 1.0 if p == "yaw moment" else 0.0) for p in places])
-    gravity = np.array([1.0 if p == ROAD else 0.0 for p in places])
-    to_ay = np.array([1.0 if p == "sensor accel_y" else 0.0 for p in places])
-    to_r = np.array([1.0 if p == "sensor yaw_rate" else 0.0 for p in places])
+    car = SingleTrack.of(problem.config, values)
+    across, turning, to_ay, to_r = (np.array(x)[:, None] for x in zip(*(enters(car, p) for p in places), strict=True))
     sd_ay, sd_r = 1.0 / np.median(w_ay[w_ay > 0]), 1.0 / np.median(w_r[w_r > 0])
-    unit = np.select(
-        [force > 0, moment > 0, gravity > 0, to_ay > 0, to_r > 0], [m * sd_ay, inertia * sd_r / 0.3, sd_ay, sd_ay, sd_r], 1.0
-    )
+    size_of = {"N": car.mass * sd_ay, "N m": car.inertia * sd_r / 0.3, "m/s2": sd_ay, "rad/s": sd_r}
+    unit = np.array([size_of[PLACES[p]] for p in places])
     tau = np.repeat(TIMES, len(SIZES))[None, :]
     size = unit[:, None] * np.tile(SIZES, len(TIMES))[None, :]
-    b_vy = (force / m + gravity)[:, None]
-    b_r = (moment / inertia)[:, None]
     shape = (len(places), tau.shape[1])
     n = signals.shape[2]
     x = np.zeros((*shape, 3, n))
@@ -243,15 +239,12 @@ def _filter(problem: Problem, values: dict[str, float], piece: tuple, places: li
     products, left, spread, plain = np.zeros((*shape, n, n)), np.zeros((*shape, n, n)), np.zeros(shape), np.zeros((n, n))
     disturbance = np.zeros((len(signals), *shape, n))
     a = np.zeros((*shape, 3, 3))
+    a[..., 2, 2] = -1.0 / tau
     h = np.zeros((*shape, 2, 3))
     for k in range(len(signals)):
-        v = max(float(speed[k]), 3.0)
-        step = float(np.clip(time[k] - time[k - 1], 0.01, 0.2)) if k else 0.04
-        yv, yr = -(cf + cr) / (m * v), -(lf * cf - lr * cr) / (m * v)
-        nv, nr = -(lf * cf - lr * cr) / (inertia * v), -(lf**2 * cf + lr**2 * cr) / (inertia * v)
-        a[..., 0, 0], a[..., 0, 1], a[..., 0, 2] = yv, yr - v, b_vy
-        a[..., 1, 0], a[..., 1, 1], a[..., 1, 2] = nv, nr, b_r
-        a[..., 2, 2] = -1.0 / tau
+        step = float(np.clip(time[k] - time[k - 1], 0.01, 0.2)) if k else BLOCK
+        yv, yr = car.side(speed[k])
+        car.fill(a, speed[k], across, turning)
         ah = a * step
         f = np.eye(3) + ah + ah @ ah / 2 + ah @ ah @ ah / 6 + ah @ ah @ ah @ ah / 24
         f[..., 2, 2] = np.exp(-step / tau)
@@ -259,9 +252,9 @@ def _filter(problem: Problem, values: dict[str, float], piece: tuple, places: li
         p = f @ p @ np.swapaxes(f, -1, -2)
         p[..., 2, 2] += size**2 * (1.0 - np.exp(-2.0 * step / tau))
         h[..., 0, 0], h[..., 0, 1] = yv * w_ay[k], yr * w_ay[k]
-        h[..., 0, 2] = w_ay[k] * (force / m + to_ay)[:, None]
+        h[..., 0, 2] = w_ay[k] * to_ay
         h[..., 1, 1] = w_r[k]
-        h[..., 1, 2] = w_r[k] * to_r[:, None]
+        h[..., 1, 2] = w_r[k] * to_r
         z = signals[k] - h @ x
         ph = p @ np.swapaxes(h, -1, -2)
         s = h @ ph + np.eye(2)

@@ -11,11 +11,11 @@ import pandas as pd
 
 from tselab.files import atomic
 from tselab.gap.data import CHANNELS
+from tselab.gap.infer.show import of_the_car
 from tselab.gap.problem import Problem
-from tselab.gap.show import of_the_car
 
 if TYPE_CHECKING:
-    from tselab.gap.latent import Latent
+    from tselab.gap.localise.latent import Latent
 
 FIT, HELD_OUT = "fit", "held_out"
 COLUMNS = (

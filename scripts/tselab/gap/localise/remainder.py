@@ -13,17 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import lfilter
 
+from tselab.gap import constants
 from tselab.gap.data import BLOCK, CHANNELS
 from tselab.gap.problem import Problem
 
-LAGS = (0, 2, 5, 10)  # blocks of 0.04 s
-FOLDS = 5
-SHIFTS = 39  # 1 in 40: a p value of 0.025
-RIDGE = 30.0
-PREDICTABLE = 0.15  # of the energy above the noise that must be predicted to be worth words
-LOCAL = 0.15  # of the time: half of the energy in less is localised
-WALK = {"accel_x": 0.005, "accel_y": 0.005, "yaw_rate": 0.0003}  # m/s2, rad/s per root s: how far MEMS biases walk
-MEMORY = 0.12  # s: cars and roads remember longer than the low pass of a sensor
+LAGS, FOLDS, SHIFTS, RIDGE, PREDICTABLE, LOCAL, WALK, MEMORY = constants.of(
+    __name__, "LAGS", "FOLDS", "SHIFTS", "RIDGE", "PREDICTABLE", "LOCAL", "WALK", "MEMORY"
+)  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -7,14 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tselab.gap.catalogue import catalogue
+from tselab.gap import catalogue, constants
 from tselab.gap.data import CHANNELS
 from tselab.gap.fit import fit
 from tselab.gap.problem import Problem
 
-BLOCK = 2.0  # s: resampled together
-DRAWS = 1000
-SEED = 1
+BLOCK, DRAWS, SEED = constants.of(__name__, "BLOCK", "DRAWS", "SEED")
 
 
 @dataclass(frozen=True)
@@ -56,8 +54,8 @@ def compare(problem: Problem, before: np.ndarray, after: np.ndarray) -> dict[str
 def of_the_car(problem: Problem, after: Mapping[str, float]) -> dict[str, float]:
     """What was fitted elsewhere, for other logs: what is own to a log is left out, and profiles of a road that was named are found
     anew, because it is another road."""
-    car = {k: v for k, v in after.items() if "@" not in k}
-    road = [e for e in catalogue().values() if any(k.startswith(e.id + "@") for k in after)]
+    car = catalogue.of_the_car(after)
+    road = [e for e in catalogue.catalogue().values() if catalogue.profiles(after, e.id)]
     if not road:
         return car
     before, problem.fixed = problem.fixed, car

@@ -13,17 +13,28 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tselab.formula import FormulaError
-from tselab.gap.discover.terms import FRONT, LATERAL, PULL, REAR, SIDE, SPEED, STEER, YAW, Signal, Size, Term, formula
+from tselab.gap import constants
+from tselab.gap.infer.formula.terms import (
+    FRONT,
+    LATERAL,
+    PULL,
+    REAR,
+    SIDE,
+    SPEED,
+    STEER,
+    YAW,
+    Signal,
+    Size,
+    Term,
+    formula,
+)
 
 if TYPE_CHECKING:
-    from tselab.gap.discover.search import Frame
+    from tselab.gap.infer.formula.search import Frame
 
-POPULATION = 120
-GENERATIONS = 10
-CROSSING, MUTATING = 0.6, 0.3
-TALLEST = 4
-KEPT = 2  # of a search
-NODE_PRICE = 4.0  # nats: twice that of the library, for so many more are tried
+POPULATION, GENERATIONS, CROSSING, MUTATING, TALLEST, KEPT, NODE_PRICE = constants.of(
+    __name__, "POPULATION", "GENERATIONS", "CROSSING", "MUTATING", "TALLEST", "KEPT", "NODE_PRICE"
+)  # fmt: skip
 ACROSS = (STEER, YAW, SIDE, FRONT, REAR, SPEED, PULL)
 ALONG = (PULL, SPEED, SIDE, STEER, YAW)
 
@@ -42,7 +53,7 @@ def search(frame: Frame, place: str, library: Sequence[Term], seed: int) -> list
     """The best forms that evolution finds at a place, as search.screened() lists them. Seeded."""
     from deap import base, gp
 
-    from tselab.gap.discover.search import promise, screened
+    from tselab.gap.infer.formula.search import promise, screened
 
     rng = random.Random(seed)
     used: tuple[Signal, ...] = ACROSS if place in LATERAL else ALONG

@@ -10,13 +10,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tselab.gap import constants
 from tselab.gap.catalogue import Effect, Parameter
 from tselab.gap.fit import Fit, lengths
 from tselab.gap.infer.hypotheses import threshold
 from tselab.gap.infer.space import REACH
 from tselab.gap.problem import KNOT, PROFILES, Problem
 
-WAVE = 400.0  # m
+(WAVE,) = constants.of(__name__, "WAVE")
 
 
 @dataclass(frozen=True)
@@ -73,5 +74,5 @@ def detectable(problem: Problem, current: Fit, effects: Sequence[Effect], need: 
 
 def _wave(slopes: np.ndarray, parameters: Sequence[Parameter]) -> np.ndarray:
     """A profile of rms one that goes up and down every WAVE metres, in place of any."""
-    place = np.array([float(p.name.split(":")[1]) for p in parameters])
+    place = np.array([float(p.name.knot) for p in parameters])
     return (slopes @ (np.sqrt(2.0) * np.sin(2 * np.pi * place * KNOT / WAVE)))[:, None]

@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from tselab.files import atomic
-from tselab.gap import add, gain, pictures, report, show, table
+from tselab.gap.export import add, gain, pictures, report, table
+from tselab.gap.infer import show
 from tselab.gap.workflow import Result
 from tselab.vehicle import fill_sensors, read_vehicle
 

@@ -12,19 +12,16 @@ from scipy.ndimage import uniform_filter1d
 from scipy.signal import csd, welch
 
 from tselab.core import Config
-from tselab.gap.data import Prepared
+from tselab.gap import constants
+from tselab.gap.data import BLOCK, Prepared
 from tselab.gap.problem import Problem
 
-STEP = 0.04  # s, a block
-QUIET = 0.4  # s: quasi-steady for so long
-STEER_RATE, ACCEL_RATE = 0.03, 1.5  # rad/s, m/s3: slower is quasi-steady
-LEAST_ACCEL = 0.4  # m/s2: below it the gain is noise over noise
-SPEED_BAND, ACCEL_BIN = 5.0, 0.5  # m/s, m/s2
-FEWEST = 8  # blocks in a bin
-SEGMENT = 128  # blocks: 5.12 s, a line every 0.2 Hz
-HIGHEST = 4.0  # Hz
-COHERENT = 0.7  # of measured yaw rate and steering; below it nothing is excited
-EXCITED = 0.003  # of the steering's strongest line; weaker ones are what the window leaks
+(
+    QUIET, STEER_RATE, ACCEL_RATE, LEAST_ACCEL, SPEED_BAND, ACCEL_BIN, FEWEST, SEGMENT, HIGHEST, COHERENT, EXCITED,
+) = constants.of(
+    __name__, "QUIET", "STEER_RATE", "ACCEL_RATE", "LEAST_ACCEL", "SPEED_BAND", "ACCEL_BIN", "FEWEST", "SEGMENT", "HIGHEST",
+    "COHERENT", "EXCITED"
+)  # fmt: skip
 SOURCES = ("measured", "before", "after")
 
 
@@ -69,7 +66,7 @@ class Blocks:
 
     def pieces(self) -> list[slice]:
         """Without a hole in time."""
-        cut = np.flatnonzero(np.diff(self.time) > 1.5 * STEP) + 1
+        cut = np.flatnonzero(np.diff(self.time) > 1.5 * BLOCK) + 1
         edges = [0, *cut, len(self.time)]
         return [slice(a, b) for a, b in pairwise(edges)]
 
@@ -79,12 +76,12 @@ def handling(blocks: list[Blocks], wheelbase: float) -> tuple[list[Curve], list[
     found: dict[str, list[np.ndarray]] = {s: [] for s in SOURCES}
     for b in blocks:
         for piece in b.pieces():
-            n = max(3, round(QUIET / STEP))
+            n = max(3, round(QUIET / BLOCK))
             if piece.stop - piece.start < 3 * n:
                 continue
             steer, speed = b.steer[piece], b.speed[piece]
-            calm = np.abs(np.gradient(uniform_filter1d(steer, 3)) / STEP) < STEER_RATE
-            calm &= np.abs(np.gradient(uniform_filter1d(b.signals["accel_y"]["after"][piece], 5)) / STEP) < ACCEL_RATE
+            calm = np.abs(np.gradient(uniform_filter1d(steer, 3)) / BLOCK) < STEER_RATE
+            calm &= np.abs(np.gradient(uniform_filter1d(b.signals["accel_y"]["after"][piece], 5)) / BLOCK) < ACCEL_RATE
             steady = uniform_filter1d(calm.astype(float), n) > 1 - 0.5 / n
             for s in SOURCES:
                 ay, r = b.signals["accel_y"][s][piece], b.signals["yaw_rate"][s][piece]
@@ -133,7 +130,7 @@ def responses(blocks: list[Blocks]) -> list[Response]:
             continue
         steer = _filled(b.steer[piece])
         own = {c: {s: _filled(x[piece]) for s, x in sources.items()} for c, sources in b.signals.items()}
-        options = {"fs": 1 / STEP, "nperseg": SEGMENT, "detrend": "linear"}
+        options = {"fs": 1 / BLOCK, "nperseg": SEGMENT, "detrend": "linear"}
         frequency, power = welch(steer, **options)
         cross = {c: {s: csd(steer, x, **options)[1] for s, x in sources.items()} for c, sources in own.items()}
         r = welch(own["yaw_rate"]["measured"], **options)[1]

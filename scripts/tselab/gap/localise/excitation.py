@@ -8,17 +8,16 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
+from tselab.gap import constants
+from tselab.gap.data import BLOCK
 from tselab.gap.problem import Problem
 
-STEP = 0.04  # s, a block
-FAST = 1.5  # Hz: steering above it is the upper part of a sweep
-FAST_STEER = 0.003  # rad rms
-HIGH_ACCEL = 4.5  # m/s2
-BRAKING, TURNING = 1.5, 1.5  # m/s2
-STEERED, APART = 1.0, 1.5  # m/s2; ratio of the faster to the slower speed at which it is steered
-JUMP = 2.0  # m/s2 within JUMP_TIME
-JUMP_TIME = 0.6  # s
-LEAST_SECONDS, LEAST_JUMPS = 2.0, 3
+(
+    FAST, FAST_STEER, HIGH_ACCEL, BRAKING, TURNING, STEERED, APART, JUMP, JUMP_TIME, LEAST_SECONDS, LEAST_JUMPS,
+) = constants.of(
+    __name__, "FAST", "FAST_STEER", "HIGH_ACCEL", "BRAKING", "TURNING", "STEERED", "APART", "JUMP", "JUMP_TIME",
+    "LEAST_SECONDS", "LEAST_JUMPS"
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -40,19 +39,19 @@ def excitation(problem: Problem, values: dict[str, float]) -> list[Excitation]:
         mine = (problem.rows.log == i) & problem.rows.of("yaw_rate")
         x = {k: v[mine] for k, v in state.items()}
         s = angle[mine]
-        band = butter(2, FAST, "highpass", fs=1 / STEP, output="sos")
+        band = butter(2, FAST, "highpass", fs=1 / BLOCK, output="sos")
         high = sosfiltfilt(band, s) if len(s) > 30 else np.zeros_like(s)
         fast.append(np.sqrt(np.convolve(high**2, np.ones(25) / 25, mode="same")))
-        n = round(JUMP_TIME / STEP)
+        n = round(JUMP_TIME / BLOCK)
         rise = np.abs(x["accel_x"][n:] - x["accel_x"][:-n]) > JUMP if len(s) > n else np.zeros(0, bool)
         jumps += int((np.diff(rise.astype(int), prepend=0) == 1).sum())
         speed.append(x["vel_x"])
         ax.append(x["accel_x"])
         ay.append(x["accel_y"])
     v, long, lat, quick = (np.concatenate(p) for p in (speed, ax, ay, fast))
-    sweep = STEP * float((quick > FAST_STEER).sum())
+    sweep = BLOCK * float((quick > FAST_STEER).sum())
     top = float(np.quantile(np.abs(lat), 0.99))
-    both = STEP * float(((long < -BRAKING) & (np.abs(lat) > TURNING)).sum())
+    both = BLOCK * float(((long < -BRAKING) & (np.abs(lat) > TURNING)).sum())
     active = np.abs(lat) > STEERED
     slow, quickest = (float(q) for q in np.quantile(v[active], [0.1, 0.9])) if active.any() else (0.0, 0.0)
     return [

@@ -11,28 +11,21 @@ from dataclasses import dataclass, replace
 from itertools import combinations, permutations
 
 import numpy as np
-import plotly.graph_objects as go
-from plotly.subplots import make_subplots
 from scipy.linalg import expm
 from scipy.sparse import csr_matrix
 
 from tselab.core import Config
+from tselab.gap import constants
 from tselab.gap.data import BLOCK, BURN_IN, blocks
-from tselab.gap.pictures import MOST_POINTS, _layout
+from tselab.gap.localise.remainder import FOLDS, SHIFTS
+from tselab.gap.localise.where import PLACES, SIZES, TIMES, Entry, enters
 from tselab.gap.problem import Problem
-from tselab.gap.remainder import FOLDS, SHIFTS
-from tselab.gap.table import log_names
-from tselab.gap.where import PLACES, ROAD, SIZES, TIMES, Entry
-from tselab.plots import BLUE, GREY, INK, PURPLE
+from tselab.gap.singletrack import SingleTrack
 
 LONGITUDINAL = "longitudinal"
-BIAS = 100.0  # sd of a sensor's bias in units of a block's noise: as good as unknown
-FACTORS = (0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0)  # of an entry's size
-BINS = 12
-MOST = 8  # explanations
+BIAS, FACTORS, BINS, MOST = constants.of(__name__, "BIAS", "FACTORS", "BINS", "MOST")
 UNITS = {"speed": "m/s", "steer": "rad", "steer_rate": "rad/s", "accel_x": "m/s2", "accel_y": "m/s2", "yaw_rate": "rad/s",
          "slip_front": "1", "time": "s"}  # fmt: skip
-SHADE = "rgba(123,79,163,0.22)"  # PURPLE
 
 
 @dataclass(frozen=True)
@@ -112,19 +105,13 @@ def _lateral(
     """Transitions, their noise, readings and start of the model of where._filter(): states vel_y, yaw rate, disturbance over
     its size; and, which it does not need, the biases of both sensors over their noise, constant: residuals are without their
     mean over the log, and so the disturbance's own mean is only as certain as what else shows it."""
-    place = entry.place
-    m, inertia, lf, lr = c.mass, c.yaw_inertia, c.lf, c.lr
-    cf, cr = c.cornering_stiffness_front * stiffness["cy_front"], c.cornering_stiffness_rear * stiffness["cy_rear"]
-    lever = {"front axle": lf, "rear axle": -lr, "side force": 0.0}
-    force = entry.size / m if place in lever else 0.0
-    moment = entry.size * lever.get(place, 1.0 if place == "yaw moment" else 0.0) / inertia
-    n, tau, v = len(time), entry.time_constant, np.maximum(speed, 3.0)
+    car = SingleTrack.of(c, stiffness)
+    across, turning, to_ay, to_r = enters(car, entry.place, entry.size)
+    n, tau = len(time), entry.time_constant
     step = np.clip(np.diff(time, prepend=time[0] - BLOCK), 0.01, 0.2)
-    yv, yr = -(cf + cr) / (m * v), -(lf * cf - lr * cr) / (m * v)
     a = np.zeros((n, 3, 3))
-    a[:, 0, 0], a[:, 0, 1], a[:, 0, 2] = yv, yr - v, force + (entry.size if place == ROAD else 0.0)
-    a[:, 1, 0], a[:, 1, 1] = -(lf * cf - lr * cr) / (inertia * v), -(lf**2 * cf + lr**2 * cr) / (inertia * v)
-    a[:, 1, 2], a[:, 2, 2] = moment, -1.0 / tau
+    car.fill(a, speed, across, turning)
+    a[:, 2, 2] = -1.0 / tau
     # Van Loan: what drives the disturbance within a step moves the car within it, too; left out, a moment comes half a step
     # late and the band of it is half as wide as its error
     whole = np.zeros((n, 6, 6))
@@ -134,8 +121,8 @@ def _lateral(
     f[:, :3, :3] = np.swapaxes(whole[:, 3:, 3:], -1, -2)
     q[:, :3, :3] = f[:, :3, :3] @ whole[:, :3, 3:]
     h = np.zeros((n, 2, 5))
-    h[:, 0, 0], h[:, 0, 1], h[:, 0, 2] = yv, yr, force + (entry.size if place == "sensor accel_y" else 0.0)
-    h[:, 1, 1], h[:, 1, 2] = 1.0, entry.size if place == "sensor yaw_rate" else 0.0
+    (h[:, 0, 0], h[:, 0, 1]), h[:, 0, 2] = car.side(speed), to_ay
+    h[:, 1, 1], h[:, 1, 2] = 1.0, to_r
     h[:, [0, 1], [3, 4]] = noise
     p = np.diag([0.0, 0.0, 1.0, BIAS**2, BIAS**2])
     for _ in range(round(BURN_IN / BLOCK)):  # a stretch has been simulated so long before it is compared: the car has answered
@@ -313,56 +300,3 @@ def _shape(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     bins = _bins(x)
     parts = [(x[bins == b], y[bins == b]) for b in np.unique(bins)]
     return np.array([[np.median(u), v.mean(), *np.quantile(v, [0.25, 0.75])] for u, v in parts])
-
-
-# ---- the picture
-
-
-def figure(problem: Problem, latent: Latent, explained: list[Explained]) -> go.Figure | None:
-    """The disturbance over the time of the log where it is largest, and over what explains it best; None: there is none."""
-    _, moments = np.unique(problem.rows.block, return_index=True)
-    moments = moments[np.isfinite(latent.value[moments])]
-    if not len(moments):
-        return None
-    log = problem.rows.log[moments]
-    worst = max(np.unique(log), key=lambda i: float(np.mean(latent.value[moments[log == i]] ** 2)))
-    best = explained[0] if explained else None
-    over = f"over {best.name}: explains {100 * best.share:.0f} %" if best else "follows no quantity more than chance does"
-    titles = [f"{latent.place} in {log_names(problem)[worst]}", over]
-    result = make_subplots(1, 2, column_widths=[0.6, 0.4], horizontal_spacing=0.1, subplot_titles=titles)
-    mine = moments[log == worst]
-    time = problem.rows.time[mine]
-    for n, part in enumerate(np.split(mine, 1 + np.flatnonzero(np.diff(time) > 1.0))):
-        part = part[:: max(1, -(-len(mine) // MOST_POINTS))]
-        t, y, sd = problem.rows.time[part], latent.value[part], latent.sd[part]
-        band = np.append(y + 2 * sd, (y - 2 * sd)[::-1])
-        result.add_trace(
-            go.Scatter(x=np.round(np.append(t, t[::-1]), 3), y=band, name="± 2 sd", legendgroup="band", showlegend=n == 0,
-                       mode="lines", fill="toself", fillcolor=SHADE, line={"width": 0}, hoverinfo="skip"),
-            row=1, col=1,
-        )  # fmt: skip
-        result.add_trace(
-            go.Scatter(x=np.round(t, 3), y=y, name="what is missing", legendgroup="value", showlegend=n == 0, mode="lines",
-                       line={"color": PURPLE, "width": 1.6}),
-            row=1, col=1,
-        )  # fmt: skip
-    result.add_hline(y=0.0, line={"color": GREY, "width": 1.0}, row=1, col=1)
-    if best:
-        shown = moments[:: max(1, -(-len(moments) // MOST_POINTS))]
-        middle, mean, low, high = best.shape.T
-        result.add_trace(
-            go.Scatter(x=best.quantity[shown], y=latent.value[shown], name="blocks of 40 ms, all logs", mode="markers",
-                       marker={"color": GREY, "size": 3}, opacity=0.35),
-            row=1, col=2,
-        )  # fmt: skip
-        spread = {"symmetric": False, "array": high - mean, "arrayminus": mean - low, "color": INK, "thickness": 1.2}
-        result.add_trace(
-            go.Scatter(x=middle, y=mean, name="mean and quartiles", mode="lines+markers", line={"color": BLUE, "width": 2},
-                       marker={"size": 6}, error_y=spread),
-            row=1, col=2,
-        )  # fmt: skip
-        result.update_xaxes(title_text=f"{best.name} [{best.unit}]", row=1, col=2)
-    result.update_xaxes(title_text="time [s]", row=1, col=1)
-    result.update_yaxes(title_text=f"{latent.place} [{latent.unit}]", row=1, col=1)
-    result.update_yaxes(title_text=f"[{latent.unit}]", row=1, col=2)
-    return _layout(result, 420)

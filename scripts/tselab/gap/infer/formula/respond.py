@@ -8,10 +8,10 @@ from collections.abc import Mapping
 import numpy as np
 from scipy.linalg import expm
 
-from tselab.gap.data import BLOCK
+from tselab.gap.data import BLOCK, SLOWEST
 from tselab.gap.problem import Problem
+from tselab.gap.singletrack import SingleTrack
 
-SLOWEST = 3.0  # m/s
 SIMULATED = ("vel_x", "vel_y", "true_yaw_rate", "accel_x", "accel_y")
 
 
@@ -59,10 +59,8 @@ def responses(
     change = np.zeros((len(rows.log), forms[0].shape[1]))
     for i, (s, u) in enumerate(zip(at, forms, strict=True)):
         k = problem.stiffness(values, i)
-        front = c.cornering_stiffness_front * k["cy_front"]
-        rear = c.cornering_stiffness_rear * k["cy_rear"]
         along = (c.longitudinal_stiffness_front + c.longitudinal_stiffness_rear) * k["cx_front"]
-        moved = _moved(c, front, rear, along, s, place, u)
+        moved = _moved(SingleTrack.of(c, k), along, s, place, u)
         for channel, x in moved.items():
             mine = (rows.log == i) & rows.of(channel)
             if mine.any():
@@ -73,11 +71,10 @@ def responses(
     return white
 
 
-def _moved(c, front: float, rear: float, along: float, s: Mapping[str, np.ndarray], place: str, u: np.ndarray) -> dict:
+def _moved(car: SingleTrack, along: float, s: Mapping[str, np.ndarray], place: str, u: np.ndarray) -> dict[str, np.ndarray]:
     if place in ("accel_x", "accel_y", "yaw_rate"):
         return {place: u}
-    v = np.maximum(s["vel_x"], SLOWEST)
-    m, inertia = c.mass, c.yaw_inertia
+    v, m = np.maximum(s["vel_x"], SLOWEST), car.mass
     if place == "force_x":  # the wheels hold the speed: v' = u - along v/(m v)
         x, out = np.zeros(u.shape[1]), np.empty_like(u)
         keep = np.exp(-along / (m * v) * s["dt"])
@@ -85,21 +82,19 @@ def _moved(c, front: float, rear: float, along: float, s: Mapping[str, np.ndarra
             x = keep[n] * x + (1.0 - keep[n]) * (m * v[n] / along) * 0.5 * (u[n] + u[n - 1] if n else u[n])
             out[n] = u[n] - along / (m * v[n]) * x
         return {"accel_x": out}
-    force, moment, direct = {
-        "front_angle": (front / m, c.lf * front / inertia, front / m),
-        "rear_angle": (rear / m, -c.lr * rear / inertia, rear / m),
-        "force_y": (1.0, 0.0, 1.0),
-        "yaw_moment": (0.0, 1.0, 0.0),
+    across, turning = {
+        "front_angle": car.pushed(car.front, car.lf),
+        "rear_angle": car.pushed(car.rear, -car.lr),
+        "force_y": (1.0, 0.0),
+        "yaw_moment": (0.0, 1.0),
     }[place]
-    yv, yr = -(front + rear) / (m * v), -(c.lf * front - c.lr * rear) / (m * v)
+    yv, yr = car.side(v)
     a = np.zeros((len(v), 3, 3))
-    a[:, 0, 0], a[:, 0, 1], a[:, 0, 2] = yv, yr - v, force
-    a[:, 1, 0], a[:, 1, 1] = -(c.lf * front - c.lr * rear) / (inertia * v), -(c.lf**2 * front + c.lr**2 * rear) / (inertia * v)
-    a[:, 1, 2] = moment
+    car.fill(a, v, across, turning)
     f = expm(a * s["dt"][:, None, None])  # the input is its mean over the step
     x, y, r = np.zeros((2, u.shape[1])), np.empty_like(u), np.empty_like(u)
     for n in range(len(u)):
         x = f[n, :2, :2] @ x + f[n, :2, 2:] * (0.5 * (u[n] + u[n - 1]) if n else u[n])
-        y[n] = yv[n] * x[0] + yr[n] * x[1] + direct * u[n]
+        y[n] = yv[n] * x[0] + yr[n] * x[1] + across * u[n]
         r[n] = x[1]
     return {"accel_y": y, "yaw_rate": r}

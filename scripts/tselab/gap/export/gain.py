@@ -19,12 +19,12 @@ from tselab.config import make_config
 from tselab.core import STIFFNESS, Config
 from tselab.errors import UserError
 from tselab.estimate import estimate
+from tselab.gap import constants
 from tselab.log import MEASURES, Log
 from tselab.vehicle import Vehicle, fill_sensors
 from tselab.verdict import NAMES
 
-FEWEST_VALID = 50  # rows; fewer say nothing about a log's stiffness
-LEAST_VALID = 0.5  # of the rows, with the improved vehicle: a log that knows a stiffness for less was not driven to show it
+FEWEST_VALID, LEAST_VALID = constants.of(__name__, "FEWEST_VALID", "LEAST_VALID")
 
 
 @dataclass(frozen=True)
