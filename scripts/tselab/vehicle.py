@@ -195,8 +195,10 @@ def _calibration(path: Path, table: dict[str, Any]) -> dict[str, Any]:
         raise UserError(f"{path}: [calibration]: {n} different names need {n} means and {n} rows of {n} covariances")
     sd = np.sqrt(np.abs(np.diag(covariance))) + 1e-300
     finite = np.isfinite(mean).all() and np.isfinite(covariance).all()
-    symmetric = finite and np.allclose(covariance, covariance.T, 1e-6, 0)
-    if not symmetric or np.linalg.eigvalsh(covariance / np.outer(sd, sd))[0] <= 0:
+    # in the correlation rounding is that of 1, also where two hardly go together
+    correlation = covariance / np.outer(sd, sd) if finite else covariance
+    symmetric = finite and np.allclose(correlation, correlation.T, 0, 1e-6)
+    if not symmetric or np.linalg.eigvalsh(correlation)[0] <= 0:
         raise UserError(f"{path}: [calibration]: covariance is not one: it must be finite, symmetric and positive definite")
     return {"names": names, "mean": mean.tolist(), "covariance": covariance.tolist()}
 
