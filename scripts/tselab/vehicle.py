@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -70,6 +71,7 @@ class Vehicle:
     told_latency: list[str] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     formula: Formula | None = None  # of the user: [formula] names its file
+    formula_path: Path | None = None
     calibration: dict[str, Any] = field(default_factory=dict)  # what an earlier `tselab calibrate` left: names, mean, covariance
 
     @property
@@ -124,7 +126,8 @@ def read_vehicle(path: Path) -> Vehicle:
     sensors, uncertainty = _table(path, data, "sensors"), _table(path, data, "uncertainty")
     calibration = _calibration(path, _table(path, data, "calibration"))
     latency, latencies = _table(path, data, "latency"), latency_settings()
-    formula = _formula(path, _table(path, data, "formula"))
+    formula_path = _formula_path(path, _table(path, data, "formula"))
+    formula = read_formula(formula_path) if formula_path else None
     values: dict[str, float] = dict(formula.settings()) if formula else {}
     facts: dict[str, Any] = {}
     unknown: list[str] = []
@@ -148,7 +151,8 @@ def read_vehicle(path: Path) -> Vehicle:
     if missing:
         ranges = "; ".join(f"{k}: {check.fields[k].range_text}" for k in missing)
         raise UserError(f"{path}: key {', '.join(missing)} is missing (allowed: {ranges})")
-    vehicle = Vehicle(path, str(facts.get("name", path.stem)), values, facts, formula=formula, calibration=calibration)
+    vehicle = Vehicle(path, str(facts.get("name", path.stem)), values, facts, formula=formula, formula_path=formula_path)
+    vehicle.calibration = calibration
     if unknown:
         vehicle.notes.append(f"{path.name}: key {', '.join(unknown)} is not known and not used")
     _check_facts(path, vehicle)
@@ -171,14 +175,19 @@ def _table(path: Path, data: dict[str, Any], name: str) -> dict[str, Any]:
     return table
 
 
-def _formula(path: Path, table: dict[str, Any]) -> Formula | None:
-    """The formula that [formula] names, a file beside this one; None when there is none."""
+def _formula_path(path: Path, table: dict[str, Any]) -> Path | None:
+    """The file of a formula that [formula] names, beside this one; None when there is none."""
     if not table:
         return None
     name = table.get("file")
     if set(table) != {"file"} or not isinstance(name, str) or Path(name).name != name:
         raise UserError(f"{path}: [formula] needs one key, file: the name of a formula beside this file, and nothing else")
-    return read_formula(path.parent / name)
+    return path.parent / name
+
+
+def formula_toml(formula: Formula, file: Path) -> str:
+    """The table [formula] of a vehicle file beside `file`, which holds the formula."""
+    return f"\n[formula]  # {formula.text}, at {formula.place}\nfile = {json.dumps(file.name, ensure_ascii=False)}\n"
 
 
 def _calibration(path: Path, table: dict[str, Any]) -> dict[str, Any]:
