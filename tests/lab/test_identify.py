@@ -393,6 +393,7 @@ def test_a_vehicle_file_with_a_broken_calibration_is_refused(tmp_path: Path) -> 
         "names = ['a', 'b']\nmean = [1]\ncovariance = [[1, 0], [0, 1]]",
         "names = ['a']\nmean = [nan]\ncovariance = [[1]]",
         "names = ['a', 'b']\nmean = [1, 2]\ncovariance = [[1, 2], [2, 1]]",
+        "names = ['a', 'b']\nmean = [1, 2]\ncovariance = [[1, 0.5], [0.6, 1]]",
         "names = 3\nmean = 4\ncovariance = 5",
         "names = ['a']\nmean = ['x']\ncovariance = [[1]]",
     ):  # fmt: skip
@@ -400,3 +401,6 @@ def test_a_vehicle_file_with_a_broken_calibration_is_refused(tmp_path: Path) -> 
         path.write_text(car + text, encoding="utf-8")
         with pytest.raises(UserError, match=r"\[calibration\]"):
             read_vehicle(path)
+    # what is left of nothing by rounding is no contradiction: `tselab calibrate` writes such files
+    path.write_text(car + "names = ['a', 'b']\nmean = [1, 2]\ncovariance = [[1, 1e-12], [2e-12, 1e-3]]", encoding="utf-8")
+    assert read_vehicle(path).calibration["names"] == ["a", "b"]

@@ -58,20 +58,25 @@ def calibrate(
     and other logs, starts from the first.
 
     \b
-    CALIBRATED.toml    for tselab estimate, simulate, gap and fmu
-    CALIBRATED.json    all numbers, for programs
-    CALIBRATED.html    the same for people: before and after for each finding
+    CALIBRATED.toml            for tselab estimate, simulate, gap and fmu
+    CALIBRATED.formula.toml    the formula of the vehicle file, if it has one: simulated as it is, not fitted
+    CALIBRATED.json            all numbers, for programs
+    CALIBRATED.html            the same for people: before and after for each finding
 
     Exit code: 0 converged, 12 not converged (written all the same, and said), 2 bad input, 130 Ctrl-C. The same command goes on
     after Ctrl-C.
     """
     from tselab.calibrate import output, page, workflow
     from tselab.files import check_distinct, check_writable
+    from tselab.vehicle import read_vehicle
 
     _distinct(logs, hold_out)
+    formula = read_vehicle(vehicle_path).formula_path
     numbers, html, kept = out.with_suffix(".json"), out.with_suffix(".html"), out.with_suffix(".progress.json")
+    kept_formula = output.formula_beside(out) if formula else None
     check_distinct(
-        {"--out": out, "the page": html, "the numbers": numbers}, {"--vehicle": vehicle_path} | {str(p): p for p in logs}
+        {"--out": out, "the page": html, "the numbers": numbers, "the formula": kept_formula},
+        {"--vehicle": vehicle_path, "the formula of --vehicle": formula} | {str(p): p for p in logs},
     )
     check_writable(out)
     try:
@@ -96,7 +101,7 @@ def calibrate(
                 click.echo(f"  {finding.words}")
     for line in result.notes:
         click.echo(f"note: {line}", err=True)
-    click.echo(f"Written: {out}, {numbers.name}, {html.name}")
+    click.echo(f"Written: {', '.join([str(out), *(p.name for p in (kept_formula, numbers, html) if p)])}")
     return 0 if result.fit.converged else NOT_CONVERGED
 
 

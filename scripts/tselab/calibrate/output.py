@@ -1,4 +1,4 @@
-"""What a calibration leaves: the calibrated vehicle file, and all numbers as JSON."""
+"""What a calibration leaves: the calibrated vehicle file, its formula if it has one, and all numbers as JSON."""
 
 from __future__ import annotations
 
@@ -13,10 +13,11 @@ from tselab.calibrate.findings import Finding
 from tselab.calibrate.workflow import Result
 from tselab.core import NOMINAL, Config, library
 from tselab.files import atomic
+from tselab.formula import write_formula
 from tselab.gap.export.output import finite
 from tselab.identify.problem import UNLIKE_SD
 from tselab.identify.unknowns import LATENCIES, LATENCY, SUPERELEVATION, of_log
-from tselab.vehicle import GRAVITY, HINT_ONLY, UNKNOWN_CAR, sensor_settings, vehicle_settings
+from tselab.vehicle import GRAVITY, HINT_ONLY, UNKNOWN_CAR, formula_toml, sensor_settings, vehicle_settings
 
 ROADS_SD = 0.03  # share of accel_y, by which the lean of roads into their curves differs from road to road
 
@@ -80,8 +81,14 @@ def uncertainty(result: Result) -> dict[str, float]:
     return {k: float(np.clip(v, fields[k].low, fields[k].high)) for k, v in found.items()}
 
 
-def toml(result: Result, logs: list[str]) -> str:
-    """The calibrated vehicle file."""
+def formula_beside(path: Path) -> Path:
+    """Where the formula of the calibrated vehicle file goes: its own copy, for what was found holds with this formula only, and
+    [formula] names a file beside the vehicle's."""
+    return path.with_suffix(".formula.toml")
+
+
+def toml(result: Result, logs: list[str], formula: Path) -> str:
+    """The calibrated vehicle file. `formula`: where its formula is, if it has one."""
     vehicle, fields = result.vehicle, result.config.fields
     found, told = values(result), {f.name: f for f in result.findings}
     source = vehicle.path.name if vehicle.path else "the built-in car"
@@ -99,6 +106,8 @@ def toml(result: Result, logs: list[str]) -> str:
     sensors = result.sensors | {k: v for k, v in vehicle.values.items() if k in sensor_settings()}
     lines += ["", "[sensors]"]
     lines += [f"{k} = {sensors[k]!r}  # {fields[k].unit}" for k in sensor_settings() if k in sensors]
+    if vehicle.formula is not None:
+        lines += formula_toml(vehicle.formula, formula).splitlines()
     config = Config(everything)
     for effect in library().effects.values():
         if all(getattr(config, p.setting) == 0 for p in effect.strengths):
@@ -122,9 +131,12 @@ def _band(f: Finding | None) -> str:
 
 
 def write(path: Path, result: Result, logs: list[str]) -> Path:
-    """The vehicle file, and beside it all numbers as JSON."""
+    """The vehicle file, and beside it its formula and all numbers as JSON."""
+    formula = formula_beside(path)
+    if result.vehicle.formula is not None:
+        write_formula(formula, result.vehicle.formula)
     with atomic(path) as file:
-        file.write(toml(result, logs))
+        file.write(toml(result, logs, formula))
     numbers = path.with_suffix(".json")
     with atomic(numbers) as file:
         json.dump(finite(as_json(result)), file, indent=1, allow_nan=False)

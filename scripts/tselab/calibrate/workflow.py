@@ -109,6 +109,8 @@ def run(
     rows = findings(problem, result, told_before(config))
     kept.clear()
     sensors = _sensors(problem, result, list(read.values()))
+    if vehicle.formula is not None:
+        notes.append(f"the vehicle file has a formula ({vehicle.formula.id}): it was simulated as it is, and is kept")
     steps = {c: max(step_of(log.data[c].to_numpy(float)) for log in read.values()) for c in (*DRIVES, *MEASURED)}
     return Result(
         vehicle,

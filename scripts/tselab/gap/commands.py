@@ -28,6 +28,13 @@ HELD = click.option(HOLD_OUT, "hold_out", metavar="LOG.csv ...", type=FILE, mult
                     help="Logs that are not fitted: they prove what was found. All files up to the next option.")  # fmt: skip
 
 
+def of_a_run(command: Callable[..., int]) -> Callable[..., int]:
+    """What every command takes that runs the whole workflow: the arguments of _run(), by name."""
+    for take in (PROGRESS, SCHEDULER, JOBS, HELD, OUT, VEHICLE, LOGS):  # click lists the last one first
+        command = take(command)
+    return command
+
+
 class Gap(click.Group):
     """A group whose command without a name is `run`: `tselab gap LOG.csv ...`."""
 
@@ -75,24 +82,9 @@ def gap() -> None:
 
 
 @gap.command(cls=Run, hidden=True)
-@LOGS
-@VEHICLE
-@OUT
-@HELD
+@of_a_run
 @click.option("--fmu", metavar="FILE.fmu", type=FILE, help="Also prove it with the estimator FMU, through FMPy.")
-@JOBS
-@SCHEDULER
-@PROGRESS
-def run(
-    logs: tuple[Path, ...],
-    vehicle_path: Path,
-    out: Path,
-    hold_out: tuple[Path, ...],
-    fmu: Path | None,
-    jobs: int,
-    scheduler: str | None,
-    progress: bool | None,
-) -> int:
+def run(**given: Any) -> int:
     """Find where simulation and measurement disagree, name the missing effect, add it, show the gap shrink.
 
     \b
@@ -118,7 +110,7 @@ def run(
     Exit code: 0 nothing is missing that these logs could show, 10 named, 11 named, but look-alikes cannot be excluded,
     20 something is missing that is not in the catalogue, 2 bad input, 130 Ctrl-C. The same command goes on after Ctrl-C.
     """
-    return _run(logs, vehicle_path, out, hold_out, fmu, jobs, scheduler, progress)
+    return _run(**given)
 
 
 def _run(
@@ -126,12 +118,13 @@ def _run(
     vehicle_path: Path,
     out: Path,
     hold_out: tuple[Path, ...],
-    fmu: Path | None,
     jobs: int,
     scheduler: str | None,
     progress: bool | None,
+    fmu: Path | None = None,
     formula: bool = False,
 ) -> int:
+    """The whole workflow, and what a person should know of it. `formula`: one is sought whatever the names leave."""
     from tselab.gap import workflow
     from tselab.gap.export.output import write_all
     from tselab.gap.workers import workers
@@ -159,22 +152,8 @@ def _run(
 
 
 @gap.command(cls=Run, short_help="A formula for what no effect of the catalogue explains.")
-@LOGS
-@VEHICLE
-@OUT
-@HELD
-@JOBS
-@SCHEDULER
-@PROGRESS
-def discover(
-    logs: tuple[Path, ...],
-    vehicle_path: Path,
-    out: Path,
-    hold_out: tuple[Path, ...],
-    jobs: int,
-    scheduler: str | None,
-    progress: bool | None,
-) -> int:
+@of_a_run
+def discover(**given: Any) -> int:
     """A formula for what no effect of the catalogue explains.
 
     \b
@@ -187,7 +166,7 @@ def discover(
     DIR/formula.toml can be edited, and written by hand: 'tselab formula' checks it, [formula] file = "formula.toml" in a vehicle
     file runs it in simulator, estimator and this workflow.
     """
-    return _run(logs, vehicle_path, out, hold_out, None, jobs, scheduler, progress, formula=True)
+    return _run(**given, formula=True)
 
 
 def changes(result: Any) -> list[str]:

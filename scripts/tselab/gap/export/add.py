@@ -23,6 +23,7 @@ from tselab.vehicle import (
     HINT_ONLY,
     Vehicle,
     formula_settings,
+    formula_toml,
     latency_settings,
     read_vehicle,
     sensor_settings,
@@ -103,7 +104,7 @@ def improved(vehicle: Vehicle, problem: Problem, result: Result) -> str:
         lines += ["", "[sensors]", *(f"{k} = {values[k]!r}  # {fields[k].unit}" for k in sensors)]
     formula = result.formula or vehicle.formula
     if formula is not None:
-        lines += ["", f"[formula]  # {formula.text}, at {formula.place}", f"file = {json.dumps(FORMULA)}"]
+        lines += formula_toml(formula, Path(FORMULA)).splitlines()
     mine = {n.effect.id: n for n in named}
     for effect in library().effects.values():
         n = mine.get(effect.id)
