@@ -221,6 +221,13 @@ TABLE: tuple[Constant, ...] = (
     ),
     # ---- infer: the search, and names
     *_rows(
+        "gap.infer.excerpt",
+        ("MOST_SECONDS", 180.0, "s", "of logs, in which effects are searched: what is found is fitted to all of them"),
+        ("PIECE", 15.0, "s", "of a log that is chosen or not: a manoeuvre or two, of which BURN_IN is lost"),
+        ("ENTRY_SD", 30.0, "noise of a block", "that a piece's information counts with: models are no better known than that, and "
+         "with less the first pieces are sure of everything"),
+    ),
+    *_rows(
         "gap.infer.rivals",
         ("LEAST_CLOSED", 0.05, "1", "of the gap: names that together close less explain nothing of it"),
         ("WORTHWHILE", 0.5, "1", "of what is left, that an effect which was only possible must close to be named"),

@@ -77,6 +77,10 @@ class Problem:
         self._groups = int(self.rows.group.max()) + 1 if len(self.rows.group) else 0
         self.simulations = 0
 
+    def of(self, logs: Sequence[Prepared]) -> Problem:
+        """The same of other logs."""
+        return Problem(logs, self.config, self.jobs)
+
     # ---- parameters
 
     def strengths(self, effect: Effect) -> tuple[Parameter, ...]:

@@ -60,6 +60,9 @@ class ClusterProblem(Problem):
         data = (tuple(self.logs), tuple(config.as_dict().items()))
         self._data = client.scatter([data], broadcast=True, hash=False)[0]
 
+    def of(self, logs: Sequence[Prepared]) -> Problem:
+        return ClusterProblem(self._client, logs, self.config, self.jobs)
+
     def predict_all(self, asked: Sequence[Mapping[str, float]]) -> list[np.ndarray]:
         """Every one of them somewhere in the cluster, which knows nothing of what is held here."""
         whole = [tuple((self.fixed | dict(a)).items()) for a in asked]

@@ -13,8 +13,6 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from tselab import __version__
 from tselab.core import Config, library_path
 from tselab.errors import UserError
@@ -25,6 +23,8 @@ from tselab.gap.data import Prepared
 from tselab.gap.fit import Fit, fit, gap
 from tselab.gap.infer import detect, show
 from tselab.gap.infer import naming as name
+from tselab.gap.infer.excerpt import excerpt, is_long
+from tselab.gap.infer.formula import search
 from tselab.gap.infer.formula.search import Discovery
 from tselab.gap.infer.naming import Named
 from tselab.gap.infer.rivals import NOISE_LIMIT, explained
@@ -211,28 +211,41 @@ def run(
         prepared_held = stage(folder, key, "held_out", lambda: workers.prepare(held, config))
         other = workers.problem(prepared_held, config)
         other = other if other.logs else None
-    together = workers.problem([*prepared, *prepared_held], config) if other is not None else None
-    naming = stage(folder, key, "naming", lambda: name.name(problem, effects, say, baseline, together))
+    # of long logs the part that says most is searched, and what is found is fitted to all
+    few, few_baseline = problem, baseline
+    if is_long(problem):
+        say("which stretches say most?")
+        pieces = stage(folder, key, "excerpt", lambda: excerpt(problem, baseline).logs)
+        few = problem.of(pieces)
+        few_baseline = stage(folder, key, "baseline_excerpt", lambda: fit(few, STIFFNESS, {}))
+        notes.append(f"effects are searched in the {_seconds(few):.0f} s of {_seconds(problem):.0f} s that say most")
+    few_held = other
+    if other is not None and is_long(other):
+        pieces = stage(folder, key, "excerpt_held_out", lambda: excerpt(other, fit(other, STIFFNESS, {})).logs)
+        few_held = other.of(pieces)
+    together = few.of([*few.logs, *few_held.logs]) if few_held is not None else None
+    naming = stage(folder, key, "naming", lambda: name.name(few, effects, say, few_baseline, together))
     notes += [n for p in (*prepared, *prepared_held) for n in p.notes]
     notes += [f"{log.path.name}: {w}" for log in (*read_logs, *held) for w in disagreements(log, vehicle)]
     say("what is left?")
-    louder = remainder.louder(problem, naming.final.residuals, NOISE_LIMIT)
+    louder = remainder.louder(few, naming.final.residuals, NOISE_LIMIT)
     notes += [f"{c}: its noise is {f:.2f} times what its differences from row to row say" for c, f in louder.items()]
-    features = {k: x for k, x in where.features(problem, naming.final.values).items() if k != "time"}
-    left = what_is_left(problem, naming.final, louder, features)
-    seen = detect.detectable(problem, naming.final, [e for e in effects if e.id not in {n.effect.id for n in naming.named}])
-    remains = [r for r in left if r.kind != "noise"]
+    remains = [r for r in what_is_left(few, naming.final, louder) if r.kind != "noise"]
     discovery: Discovery | None = None
     rivals: list[dict[str, Any]] = []
     if vehicle.formula is not None:
         notes.append(f"the vehicle file has a formula ({vehicle.formula.id}), which was kept: no other is sought")
     elif remains or formula:
-        discovery, naming, rivals = stage(folder, key, "formula", lambda: explained(problem, other, naming, say))
+        discovery, naming, rivals = stage(folder, key, "formula", lambda: explained(few, few_held, naming, say))
+    if few is not problem:
+        say("all logs")
+        discovery, naming = stage(folder, key, "all", lambda: on_all(problem, baseline, naming, discovery))
+    last = discovery.fit if discovery and discovery.fit else naming.final
+    left = what_is_left(problem, last, louder)
+    seen = detect.detectable(problem, naming.final, [e for e in effects if e.id not in {n.effect.id for n in naming.named}])
     missing, follows = None, []
     if remains:
         missing, follows = stage(folder, key, "latent", lambda: disturbance(problem, naming, entries, remains))
-    if discovery:  # which may have changed the names, too
-        left = what_is_left(problem, discovery.fit or naming.final, louder, features)
     changes: dict[str, show.Change] = {}
     if other is not None:
         say("held-out logs")
@@ -247,10 +260,21 @@ def run(
     return result
 
 
-def what_is_left(
-    problem: Problem, last: Fit, louder: dict[str, float], features: dict[str, np.ndarray]
-) -> list[remainder.Remainder]:
+def on_all(
+    problem: Problem, baseline: Fit, naming: name.Naming, discovery: Discovery | None
+) -> tuple[Discovery | None, name.Naming]:
+    """What was found in an excerpt, fitted to all logs."""
+    naming = name.on_all(problem, baseline, naming)
+    return (search.on_all(problem, naming.final, discovery) if discovery else None), naming
+
+
+def _seconds(problem: Problem) -> float:
+    return sum(log.seconds for log in problem.logs)
+
+
+def what_is_left(problem: Problem, last: Fit, louder: dict[str, float]) -> list[remainder.Remainder]:
     """Of every channel, after a fit."""
+    features = {k: x for k, x in where.features(problem, last.values).items() if k != "time"}
     return [
         r if r.channel not in louder else remainder.Remainder(r.channel, r.gap, "noise", 0.0, (), None, f"{r.channel}: noise only")
         for r in remainder.remainder(problem, last.residuals, features, NOISE_LIMIT)

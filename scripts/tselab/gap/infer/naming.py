@@ -14,7 +14,7 @@ import numpy as np
 from scipy.stats import norm
 
 from tselab.gap import constants
-from tselab.gap.catalogue import Effect, Key, catalogue, of_the_car
+from tselab.gap.catalogue import Effect, Key, catalogue, of_the_car, profiles
 from tselab.gap.fit import Fit, excess, fit
 from tselab.gap.infer import noise
 from tselab.gap.infer.hypotheses import NAME_AT, Hypothesis, hypotheses
@@ -107,9 +107,9 @@ def name(
     full = excess(problem, baseline.residuals)
     named = [_named(problem, first, final, plain, last, h, probability, full) for h in final.effects]
     named += _roads(problem, final, last, [e for e in effects if e.id in PROFILES], full)
-    profiles = [n.effect for n in named if n.effect.id in PROFILES and n.effect.id not in final.ids]
-    if profiles:
-        last = _with_roads(problem, last, profiles)
+    roads = [n.effect for n in named if n.effect.id in PROFILES and n.effect.id not in final.ids]
+    if roads:
+        last = _with_roads(problem, last, roads)
     besides = []
     if together is not None:
         best_of_all = probability.best
@@ -177,6 +177,28 @@ def with_one_more(problem: Problem, naming: Naming, effect: str, probability: fl
     closed = 1.0 - excess(problem, final.residuals) / full if full > 0 else 0.0
     possible = [p for p in naming.possible if p["id"] != effect]
     return replace(naming, final=final, named=named, closed=closed, possible=possible)
+
+
+def on_all(problem: Problem, baseline: Fit, naming: Naming) -> Naming:
+    """The same names, fitted to more logs than they were found in. `baseline`: of these."""
+    ids = {n.effect.id for n in naming.named if profiles(naming.final.values, n.effect.id) == {}}
+    effects = [h for h in hypotheses() if h.id in ids]
+    final, named, converged = baseline, [n for n in naming.named if n.effect.id not in ids], naming.converged
+    if effects:
+        layout = Layout(problem)
+        plain = judge(layout, effects, of_the_car(naming.final.values), None)
+        layout.explains(layout.split(raw(problem, baseline.values)), plain.space.physical(plain.x))
+        sd, z = judge(layout, effects, plain.values, plain).sd(), float(norm.ppf(0.975))
+        final, converged = as_fit(problem, plain), plain.converged
+        for n in (n for n in naming.named if n.effect.id in ids):
+            values = {p.name: plain.values[p.name] for p in n.effect.fitted}
+            named.append(replace(n, values=values, ci95={k: (v - z * sd[k], v + z * sd[k]) for k, v in values.items()}))
+    roads = [n.effect for n in naming.named if n.effect.id not in ids and len(problem.strengths(n.effect)) <= MOST_KNOTS]
+    if roads:
+        final = _with_roads(problem, final, roads)
+    full = excess(problem, baseline.residuals)
+    closed = 1.0 - excess(problem, final.residuals) / full if full > 0 else 0.0
+    return replace(naming, baseline=baseline, final=final, named=named, closed=closed, converged=converged)
 
 
 def negligible(h: Hypothesis, values: Mapping[str, float]) -> bool:

@@ -38,6 +38,7 @@ class Candidate:
     fit: Fit  # residuals and slopes of the problem as it is
     nats: float  # worth, less its price
     share: float  # of what was left that it closes
+    limits: dict[str, tuple[float, float]]  # of its numbers
     changes: dict[str, show.Change] = field(default_factory=dict)  # on held-out logs
 
     @property
@@ -58,6 +59,7 @@ class Discovery:
     tried: list[dict]  # place, formula, nats, share, and whether held-out logs bear it out
     words: list[str]
     price: float = 0.0  # nats, of its length
+    candidate: Candidate | None = None  # as it was chosen
 
     @property
     def values(self) -> dict[str, float]:
@@ -228,7 +230,7 @@ def refit(frame: Frame, formula: Formula, limits: Mapping[str, tuple[float, floa
     one = Fit(found.parameters, values, whole, back[:, None] * found.jacobian)
     left = excess(frame.problem, whole)
     share = 1.0 - left / frame.full if frame.full > 0 else 0.0
-    return Candidate(formula, parts, one, frame.nats(whole) - price(parts), share)
+    return Candidate(formula, parts, one, frame.nats(whole) - price(parts), share, dict(limits))
 
 
 def _parameter(name: str, key: str, value: float, low: float, high: float, unit: str, text: str) -> Parameter:
@@ -281,7 +283,16 @@ def _chosen(frame: Frame, tried: list[Candidate], held: Problem | None) -> Disco
         f"A formula closes {100 * chosen.share:.0f} % of what is left: {formula.text}, at {formula.place}. It is a formula, not a "
         "cause; where it was never driven it says nothing."
     ]
-    return Discovery(formula, chosen.fit, chosen.nats, chosen.share, chosen.changes, shown, words, price(chosen.parts))
+    return Discovery(formula, chosen.fit, chosen.nats, chosen.share, chosen.changes, shown, words, price(chosen.parts), chosen)
+
+
+def on_all(problem: Problem, last: Fit, found: Discovery) -> Discovery:
+    """The same formula, fitted to more logs than it was found in. `last`: of these, with all that is named."""
+    if found.candidate is None:
+        return found
+    frame = Frame.of(problem, last)
+    again = refit(frame, found.candidate.formula, found.candidate.limits, found.candidate.parts)
+    return replace(found, formula=_described(frame, again), fit=again.fit, share=again.share, candidate=again)
 
 
 def _described(frame: Frame, c: Candidate) -> Formula:
