@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +31,9 @@ DESCRIPTIVE = (
     "driven_axle",
     "source",
 )
+TABLES = ("uncertainty", "sensors", "latency", "effects", "formula", "calibration")
+ALIKE = 0.75  # of difflib: a table that is named so much like one of TABLES is thought to be misspelt
+MOST_UNKNOWN = 3  # keys that one message lists
 HINT_ONLY = ("author_stiffness_front", "author_stiffness_rear")
 
 # Stiffness per axle load, of the order of passenger-car tyres on a dry road: cornering about 0.1 .. 0.3 of the load per degree
@@ -120,7 +125,10 @@ def default_vehicle() -> Vehicle:
 
 
 def read_vehicle(path: Path) -> Vehicle:
-    """Read a vehicle file and check it; stiffness that is left out is filled in by rule."""
+    """Read a vehicle file and check it; stiffness that is left out is filled in by rule.
+
+    UserError: also a key that nobody knows. A misspelt one would be filled in by a rule, and the numbers would be of another car. A
+    table of which nobody knows the name is a note: it may be another program's."""
     path = Path(path)
     data = read_toml(path)
     sensors, uncertainty = _table(path, data, "sensors"), _table(path, data, "uncertainty")
@@ -130,31 +138,40 @@ def read_vehicle(path: Path) -> Vehicle:
     formula = read_formula(formula_path) if formula_path else None
     values: dict[str, float] = dict(formula.settings()) if formula else {}
     facts: dict[str, Any] = {}
-    unknown: list[str] = []
     check = Config()
-    _read_effects(path, data.pop("effects", {}), check, values, unknown)
-    for table, prefix, known in (
-        (data, "", {key: key for key in vehicle_settings()}),
-        (uncertainty, "uncertainty.", {key: key for key in uncertainty_settings()}),
-        (sensors, "sensors.", {key: key for key in sensor_settings()}),
-        (latency, "latency.", latencies),
-    ):
+    unknown = _read_effects(path, data.pop("effects", {}), check, values)
+    tables = {
+        "": (data, {key: key for key in vehicle_settings()}),
+        "uncertainty": (uncertainty, {key: key for key in uncertainty_settings()}),
+        "sensors": (sensors, {key: key for key in sensor_settings()}),
+        "latency": (latency, latencies),
+    }
+    others: list[str] = []  # tables
+    for name, (table, known) in tables.items():
+        prefix = f"{name}." if name else ""
         for key, value in table.items():
             if key in known:
                 _set(check, known[key], value, f"{path}: key {prefix}{key}")
                 values[known[key]] = float(value)
-            elif not prefix and key in DESCRIPTIVE + HINT_ONLY:
+            elif not name and key in DESCRIPTIVE + HINT_ONLY:
                 facts[key] = value
+            elif not name and _is_table(value):
+                if near := get_close_matches(key, TABLES, 1, ALIKE):
+                    raise UserError(f"{path}: table [{key}] is not known (did you mean [{near[0]}]?)")
+                others.append(key)
             else:
-                unknown.append(prefix + key)
+                unknown.append(f"key {prefix}{key} is not known{_advice(name, key, {n: t[1] for n, t in tables.items()})}")
+    if unknown:
+        more = len(unknown) - MOST_UNKNOWN
+        raise UserError(f"{path}: {'; '.join(unknown[:MOST_UNKNOWN])}{f'; and {more} more' if more > 0 else ''}")
     missing = [key for key in REQUIRED if key not in values]
     if missing:
         ranges = "; ".join(f"{k}: {check.fields[k].range_text}" for k in missing)
         raise UserError(f"{path}: key {', '.join(missing)} is missing (allowed: {ranges})")
     vehicle = Vehicle(path, str(facts.get("name", path.stem)), values, facts, formula=formula, formula_path=formula_path)
     vehicle.calibration = calibration
-    if unknown:
-        vehicle.notes.append(f"{path.name}: key {', '.join(unknown)} is not known and not used")
+    if others:
+        vehicle.notes.append(f"{path.name}: [{'], ['.join(others)}] is not known and not used")
     _check_facts(path, vehicle)
     _fill_vehicle(vehicle)
     vehicle.told_uncertainty = [key for key in uncertainty_settings() if key in uncertainty]
@@ -165,6 +182,30 @@ def read_vehicle(path: Path) -> Vehicle:
             "cornering_stiffness_*"
         )
     return vehicle
+
+
+def _is_table(value: Any) -> bool:
+    """A table, or several under one name."""
+    return isinstance(value, dict) or (isinstance(value, list) and bool(value) and all(isinstance(v, dict) for v in value))
+
+
+def _advice(table: str, key: str, known: Mapping[str, Iterable[str]]) -> str:
+    """What may have been meant by a key that is not known in a table; `known`: the keys of all tables by name, "": the top."""
+    if (table, key) == ("latency", "yaw_rate"):
+        return ": it is the clock, behind which the others are late"
+    known = {name: [*keys] if name else [*keys, *DESCRIPTIVE] for name, keys in known.items()}
+    where = {name: f"[{name}]" if name else "at the top, before the first [table]" for name in known}
+    if there := [where[name] for name, keys in known.items() if key in keys]:
+        return f" here, but {' and '.join(there)}"
+    if near := get_close_matches(key, known[table], 2):
+        return f" (did you mean {' or '.join(near)}?)"
+    if key in Config().fields:
+        return ": a setting of the filter goes into its own file, --config FILTER.toml"
+    elsewhere = {k: where[name] for name, keys in known.items() for k in keys}
+    if near := get_close_matches(key, elsewhere, 1):
+        return f" (did you mean {near[0]}, {elsewhere[near[0]]}?)"
+    own = "" if table else ", and facts of your own go into a table, for instance [notes]"
+    return f"; 'tselab vehicle --example' shows what is{own}"
 
 
 def _table(path: Path, data: dict[str, Any], name: str) -> dict[str, Any]:
@@ -212,8 +253,9 @@ def _calibration(path: Path, table: dict[str, Any]) -> dict[str, Any]:
     return {"names": names, "mean": mean.tolist(), "covariance": covariance.tolist()}
 
 
-def _read_effects(path: Path, effects: Any, check: Config, values: dict[str, float], unknown: list[str]) -> None:
-    """The tables [effects.<id>]: parameters by their names in include/tse/effects.def."""
+def _read_effects(path: Path, effects: Any, check: Config, values: dict[str, float]) -> list[str]:
+    """The tables [effects.<id>]: parameters by their names in include/tse/effects.def. Returned: unknown keys, a text each."""
+    unknown: list[str] = []
     if not isinstance(effects, dict):
         raise UserError(f"{path}: effects must be tables: [effects.body_roll]")
     catalogue = library().effects
@@ -225,10 +267,13 @@ def _read_effects(path: Path, effects: Any, check: Config, values: dict[str, flo
         settings = {p.name: p.setting for p in catalogue[effect].parameters}
         for key, value in parameters.items():
             if key not in settings:
-                unknown.append(f"effects.{effect}.{key}")
+                near = get_close_matches(key, settings, 1)
+                hint = f"did you mean {near[0]}?" if near else f"allowed: {', '.join(settings)}"
+                unknown.append(f"key effects.{effect}.{key} is not known ({hint})")
                 continue
             _set(check, settings[key], value, f"{path}: key effects.{effect}.{key}")
             values[settings[key]] = float(value)
+    return unknown
 
 
 def effects_toml(config: Config) -> str:

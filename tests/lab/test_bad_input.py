@@ -117,6 +117,22 @@ VEHICLES: dict[str, tuple[str, list[str]]] = {
 }  # fmt: skip
 
 
+WHOLE = "mass = 1500.0\nlf = 1.2\nlr = 1.5\nwheel_radius_front = 0.3\nwheel_radius_rear = 0.3\n"
+VEHICLES |= {  # a rule would take the place of what a misspelt key says
+    "misspelt": (WHOLE + "yaw_inertai = 2500.0\n", ["key yaw_inertai is not known", "did you mean yaw_inertia?"]),
+    "misspelt and missing": (WHOLE.replace("mass", "mas"), ["key mas is not known", "did you mean mass?"]),
+    "misspelt sensor": (WHOLE + "[sensors]\naccel_x_ds = 0.1\n", ["key sensors.accel_x_ds", "did you mean accel_x_sd"]),
+    "in another table": (WHOLE + "[sensors]\nmass_sd = 0.1\n", ["key sensors.mass_sd is not known here", "[uncertainty]"]),
+    "below a table": (WHOLE + "[sensors]\nyaw_inertia = 2500.0\n", ["key sensors.yaw_inertia", "at the top"]),
+    "in no table": (WHOLE + "accel_x_ds = 0.1\n", ["key accel_x_ds", "did you mean accel_x_sd, [sensors]?"]),
+    "of the filter": (WHOLE + "particles = 100\n", ["key particles", "--config FILTER.toml"]),
+    "of nobody": (WHOLE + "colour = 3\n", ["key colour", "tselab vehicle --example", "table"]),
+    "misspelt table": (WHOLE + "[sensor]\naccel_x_sd = 0.1\n", ["table [sensor] is not known", "did you mean [sensors]?"]),
+    "misspelt effect": (WHOLE + "[effects.relaxation]\nlenght = 1\n", ["key effects.relaxation.lenght", "did you mean length?"]),
+    "many": (WHOLE + "one = 1\ntwo = 2\nthree = 3\nfour = 4\nfive = 5\n", ["key one", "key three", "and 2 more"]),
+}
+
+
 @pytest.mark.parametrize("name", VEHICLES)
 def test_vehicle_is_refused_with_file_and_key(name, tmp_path):
     text, words = VEHICLES[name]

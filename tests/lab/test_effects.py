@@ -84,8 +84,10 @@ def test_wrong_effects_are_refused_with_file_and_key(tmp_path):
         read(tmp_path, "[effects]\nrelaxation = 0.4\n")
     with pytest.raises(UserError, match="effects must be tables"):
         read(tmp_path, "effects = 3\n")
-    car = read(tmp_path, "[effects.relaxation]\nlength = 0.3\ncolour = 1\n")
-    assert any("effects.relaxation.colour is not known" in note for note in car.notes)
+    with pytest.raises(UserError, match=r"key effects.relaxation.lenght is not known \(did you mean length\?\)"):
+        read(tmp_path, "[effects.relaxation]\nlenght = 0.3\n")
+    with pytest.raises(UserError, match=r"key effects.relaxation.colour is not known \(allowed: length"):
+        read(tmp_path, "[effects.relaxation]\nlength = 0.3\ncolour = 1\n")
 
 
 def test_simulate_and_estimate_take_effects_from_the_vehicle_file(tmp_path):

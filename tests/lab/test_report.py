@@ -17,7 +17,7 @@ def page(drive, tmp_path_factory):
     vehicle = folder / "bare.toml"
     text = drive.vehicle.read_text().split("[sensors]")[0]
     vehicle.write_text(
-        "\n".join(line for line in text.splitlines() if "stiffness_" not in line) + '\ncolour = "<b>red</b>"\n'
+        "\n".join(line for line in text.splitlines() if "stiffness_" not in line) + '\n["<b>red</b>"]\nshade = 1\n'
     )
     done = tselab("estimate", drive.log, "--vehicle", vehicle, "--particles", 100, "--report", "r.html", cwd=folder)
     assert done.code == 0, done.err
@@ -59,7 +59,7 @@ def test_says_verdict_rules_and_settings(page):
 
 
 def test_text_of_the_user_is_escaped(page):
-    assert "<b>red</b>" not in page[0]
+    assert "<b>red</b>" not in page[0] and "&lt;b&gt;red&lt;/b&gt;" in page[0]
 
 
 @pytest.mark.parametrize(
