@@ -32,7 +32,8 @@ def tselab(*args: object, cwd: Path | None = None) -> Result:
 
 
 def tselab_here(*args: object, cwd: Path | None = None) -> Result:
-    """The same in this process: for the many commands that end at once, of which a start of Python is nearly all the time."""
+    """The same in this process: of most commands a start of Python and its packages, a second, is most of the time. Each command
+    that works for long is run as a process somewhere, too: as a user does."""
     out, err = io.StringIO(), io.StringIO()
     argv, folder = sys.argv, Path.cwd()
     try:

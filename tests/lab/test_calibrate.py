@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from conftest import Result, tselab, tselab_here
 from gap_logs import car, write_log
 from tests.gap.generator import Spec, make_cases
 from tests.lab.test_identify import made, written
@@ -26,10 +25,6 @@ DRIVES = ("highway", "slalom")
 EFFECTS = {"body_roll": 1.0, "relaxation": 1.0, "steering_lag": 1.0, "imu_delay": 1.0}
 
 
-def tselab(*arguments: object, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([sys.executable, "-m", "tselab", *map(str, arguments)], capture_output=True, text=True, cwd=cwd)
-
-
 @pytest.fixture(scope="module")
 def case(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two logs and a held-out one of 25 s of a car of the generator."""
@@ -39,7 +34,7 @@ def case(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def calibrated(case: Path) -> tuple[Path, subprocess.CompletedProcess[str]]:
+def calibrated(case: Path) -> tuple[Path, Result]:
     logs = sorted(case.glob("log_*.csv"))
     out = case / "calibrated.toml"
     return out, tselab(
@@ -47,10 +42,10 @@ def calibrated(case: Path) -> tuple[Path, subprocess.CompletedProcess[str]]:
     )
 
 
-def test_another_simulators_car_is_found(case: Path, calibrated: tuple[Path, subprocess.CompletedProcess[str]]) -> None:
+def test_another_simulators_car_is_found(case: Path, calibrated: tuple[Path, Result]) -> None:
     """Within 3.5 sd, or 2 ms and a tenth: of a model that has these effects in other forms."""
     out, run = calibrated
-    assert run.returncode == 0, run.stderr
+    assert run.code == 0, run.err
     truth = json.loads((case / "truth.json").read_text())["changed"]
     found = {f["name"]: f for f in json.loads(out.with_suffix(".json").read_text())["findings"]}
     relaxation = found["relaxation_length"]
@@ -66,7 +61,7 @@ def test_another_simulators_car_is_found(case: Path, calibrated: tuple[Path, sub
     assert abs(roll["value"] - truth["roll_gain"]) < 3.5 * roll["sd"]
 
 
-def test_held_out_logs_are_explained_far_better(calibrated: tuple[Path, subprocess.CompletedProcess[str]]) -> None:
+def test_held_out_logs_are_explained_far_better(calibrated: tuple[Path, Result]) -> None:
     proof = [p for p in json.loads(calibrated[0].with_suffix(".json").read_text())["proof"] if p["held_out"]]
     assert len(proof) == 1
     for channel in ("accel_y", "yaw_rate"):
@@ -74,7 +69,7 @@ def test_held_out_logs_are_explained_far_better(calibrated: tuple[Path, subproce
 
 
 def test_the_calibrated_car_reads_back_and_starts_the_next(
-    case: Path, calibrated: tuple[Path, subprocess.CompletedProcess[str]]
+    case: Path, calibrated: tuple[Path, Result]
 ) -> None:
     vehicle = read_vehicle(calibrated[0])
     assert not [n for n in vehicle.notes if "not known" in n]
@@ -82,15 +77,15 @@ def test_the_calibrated_car_reads_back_and_starts_the_next(
     assert len(vehicle.calibration["names"]) == len(UNKNOWNS) + 3
     assert vehicle.values["model_sd"] == UNLIKE_SD and vehicle.values["yaw_rate_bias_walk"] <= workflow.MOST_GYRO_WALK
     out = case / "again.toml"
-    run = tselab("calibrate", *case.glob("hold_out_*.csv"), "--vehicle", calibrated[0], "--out", out)
-    assert run.returncode == 0, run.stderr
+    run = tselab_here("calibrate", *case.glob("hold_out_*.csv"), "--vehicle", calibrated[0], "--out", out)
+    assert run.code == 0, run.err
     first, second = (json.loads(p.with_suffix(".json").read_text())["findings"] for p in (calibrated[0], out))
     for a, b in zip(first, second, strict=True):
         assert b["prior_sd"] == pytest.approx(a["sd"], rel=1e-6), a["name"]
         assert b["prior"] == pytest.approx(a["value"], rel=1e-6, abs=1e-9), a["name"]
 
 
-def test_the_page_is_whole(calibrated: tuple[Path, subprocess.CompletedProcess[str]]) -> None:
+def test_the_page_is_whole(calibrated: tuple[Path, Result]) -> None:
     page = calibrated[0].with_suffix(".html").read_text(encoding="utf-8")
     assert "converged after" in page and "relaxation length" in page
     assert page.count('class="plot"') >= 4
@@ -134,8 +129,8 @@ def test_a_straight_drive_shows_nothing_of_cornering(tmp_path: Path) -> None:
         rows[name] = 1e-3 * (still[name] - still[name].mean()) + 1e-3 * np.random.default_rng(5).standard_normal(len(rows))
     log = written(tmp_path / "straight.csv", rows)
     (tmp_path / "car.toml").write_text("mass = 1500\nlf = 1.2\nlr = 1.4\nwheel_radius_front = 0.3\nwheel_radius_rear = 0.3\n")
-    run = tselab("calibrate", log, "--vehicle", tmp_path / "car.toml", "--out", tmp_path / "out.toml")
-    assert run.returncode in (0, 12), run.stderr
+    run = tselab_here("calibrate", log, "--vehicle", tmp_path / "car.toml", "--out", tmp_path / "out.toml")
+    assert run.code in (0, 12), run.err
     found = {f["name"]: f for f in json.loads((tmp_path / "out.json").read_text())["findings"]}
     for name in ("relaxation_length", "body_roll_gain", "yaw_inertia", "steer_angle_latency", "imu_lever_arm_x"):
         assert not found[name]["shown"], name
@@ -186,24 +181,24 @@ def test_a_formula_of_the_vehicle_file_is_simulated_and_kept(tmp_path: Path) -> 
     proof, outs = {}, {}
     for vehicle in (plain, told):
         outs[vehicle] = tmp_path / "else where" / f"{vehicle.stem} calibrated.toml"
-        run = tselab("calibrate", log, "--vehicle", vehicle, "--out", outs[vehicle], "--steps", "1")
-        assert run.returncode == 12, run.stderr
-        assert ("has a formula (lopsided)" in run.stderr) == (vehicle == told)
+        run = tselab_here("calibrate", log, "--vehicle", vehicle, "--out", outs[vehicle], "--steps", "1")
+        assert run.code == 12, run.err
+        assert ("has a formula (lopsided)" in run.err) == (vehicle == told)
         proof[vehicle] = json.loads(outs[vehicle].with_suffix(".json").read_text())["proof"][0]["before"]["yaw_rate"]
     assert proof[told] < 0.5 * proof[plain]
     assert read_vehicle(outs[plain]).formula is None and not outs[plain].with_suffix(".formula.toml").exists()
     found = read_vehicle(outs[told])
     assert found.formula == lopsided and lopsided.settings().items() <= found.values.items()
     again = tmp_path / "again.toml"
-    assert tselab("calibrate", log, "--vehicle", outs[told], "--out", again, "--steps", "1").returncode == 12
+    assert tselab_here("calibrate", log, "--vehicle", outs[told], "--out", again, "--steps", "1").code == 12
     assert read_vehicle(again).formula == lopsided
-    assert tselab("calibrate", log, "--vehicle", told, "--out", tmp_path / "mine.toml").returncode == 2  # not over the formula
+    assert tselab_here("calibrate", log, "--vehicle", told, "--out", tmp_path / "mine.toml").code == 2  # not over the formula
 
 
 def test_what_has_not_converged_is_written_and_said(case: Path) -> None:
     out = case / "short.toml"
-    run = tselab("calibrate", *case.glob("log_highway.csv"), "--vehicle", case / "car.toml", "--out", out, "--steps", "1")
-    assert run.returncode == 12 and "NOT converged" in run.stdout
+    run = tselab_here("calibrate", *case.glob("log_highway.csv"), "--vehicle", case / "car.toml", "--out", out, "--steps", "1")
+    assert run.code == 12 and "NOT converged" in run.out
     assert "NOT CONVERGED" in out.read_text()
 
 
@@ -215,27 +210,27 @@ def test_a_log_without_a_channel_is_used_without_it(case: Path, tmp_path: Path) 
         rows.loc[30:, empty] = np.nan  # the reader refuses an empty column
         log = tmp_path / "without.csv"
         rows.to_csv(log, index=False)
-        run = tselab("calibrate", log, "--vehicle", case / "car.toml", "--out", tmp_path / "o.toml", "--steps", "1")
-        assert run.returncode == code and "Traceback" not in run.stderr, run.stderr
+        run = tselab_here("calibrate", log, "--vehicle", case / "car.toml", "--out", tmp_path / "o.toml", "--steps", "1")
+        assert run.code == code and "Traceback" not in run.err, run.err
 
 
 def test_a_log_that_is_too_short_is_said_and_not_mixed_up_with_the_next(case: Path, tmp_path: Path) -> None:
     short = tmp_path / "short.csv"
     short.write_text("".join((case / "log_highway.csv").read_text().splitlines(keepends=True)[:201]))
     arguments = ("--vehicle", case / "car.toml", "--out", tmp_path / "o.toml", "--steps", "1")
-    run = tselab("calibrate", short, case / "log_slalom.csv", *arguments)
-    assert run.returncode == 12 and "short.csv" in run.stderr and "Traceback" not in run.stderr, run.stderr
+    run = tselab_here("calibrate", short, case / "log_slalom.csv", *arguments)
+    assert run.code == 12 and "short.csv" in run.err and "Traceback" not in run.err, run.err
 
 
 def test_a_bad_log_is_left_out_and_said_and_alone_it_is_refused(case: Path, tmp_path: Path) -> None:
     bad = tmp_path / "bad.csv"
     bad.write_text("time,steer_angle\n0,1\n")
-    run = tselab(
+    run = tselab_here(
         "calibrate", case / "log_highway.csv", bad, "--vehicle", case / "car.toml", "--out", tmp_path / "o.toml", "--steps", "1"
     )
-    assert run.returncode == 12 and "left out" in run.stderr and "bad.csv" in run.stderr
-    alone = tselab("calibrate", bad, "--vehicle", case / "car.toml", "--out", tmp_path / "p.toml")
-    assert alone.returncode == 2 and "bad.csv" in alone.stderr and "Traceback" not in alone.stderr
+    assert run.code == 12 and "left out" in run.err and "bad.csv" in run.err
+    alone = tselab_here("calibrate", bad, "--vehicle", case / "car.toml", "--out", tmp_path / "p.toml")
+    assert alone.code == 2 and "bad.csv" in alone.err and "Traceback" not in alone.err
     assert not (tmp_path / "p.toml").exists()
 
 
@@ -249,5 +244,5 @@ def test_a_bad_log_is_left_out_and_said_and_alone_it_is_refused(case: Path, tmp_
     ],
 )
 def test_bad_arguments_end_in_a_sentence(case: Path, arguments: list[str], said: str) -> None:
-    run = tselab("calibrate", *arguments, "--vehicle", "car.toml", cwd=case)
-    assert run.returncode == 2 and said in run.stderr and "Traceback" not in run.stderr
+    run = tselab_here("calibrate", *arguments, "--vehicle", "car.toml", cwd=case)
+    assert run.code == 2 and said in run.err and "Traceback" not in run.err

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from conftest import tselab
+from conftest import tselab_here
 from tselab.core import REPLAY_LOG, Config, Replay, SettingError, SimConfig, Simulator, library
 from tselab.errors import UserError
 from tselab.vehicle import effects_toml, read_vehicle
@@ -96,12 +96,12 @@ def test_simulate_and_estimate_take_effects_from_the_vehicle_file(tmp_path):
     plain = tmp_path / "plain.toml"
     plain.write_text(BARE)
     log = tmp_path / "log.csv"
-    done = tselab("simulate", "--maneuver", "square-waves", "--duration", 20, "--vehicle", car, "--out", log)
+    done = tselab_here("simulate", "--maneuver", "square-waves", "--duration", 20, "--vehicle", car, "--out", log)
     assert done.code == 0, done.err
     stiffness = {}
     for name in (car, plain):
         out = tmp_path / f"{name.stem}.csv"
-        done = tselab("estimate", log, "--vehicle", name, "--out", out, "--particles", 64)
+        done = tselab_here("estimate", log, "--vehicle", name, "--out", out, "--particles", 64)
         assert done.code == 0, done.err
         stiffness[name.stem] = pd.read_csv(out)["cy_front"].iloc[-1]
     assert stiffness["plain"] > 1.05 * stiffness["car"]  # 10 % more steering looks like a stiffer front axle

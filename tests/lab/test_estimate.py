@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from conftest import COMMAND, tselab
+from conftest import COMMAND, tselab, tselab_here
 
 STIFFNESS = ("cx_front", "cy_front", "cy_rear")
 ISSUE_COLUMNS = [
@@ -193,7 +193,7 @@ def test_missing_cells_are_counted_and_bridged(drive, tmp_path):
     table.loc[500:504, "steer_angle"] = ""
     table.loc[700, "accel_x"] = "99"
     table.to_csv(tmp_path / "log.csv", index=False)
-    done = tselab("estimate", "log.csv", "--vehicle", drive.vehicle, "--particles", 64, cwd=tmp_path)
+    done = tselab_here("estimate", "log.csv", "--vehicle", drive.vehicle, "--particles", 64, cwd=tmp_path)
     assert done.code == 0, done.err
     assert "accel_y: 20 of 2001 cells are missing" in done.err and "line 102" in done.err
     assert "yaw_rate: 10 of 2001" in done.err
@@ -210,7 +210,7 @@ def test_irregular_sampling_is_followed_and_reported(drive, tmp_path):
     keep = rng.random(len(table)) > 0.3
     keep[1000:1100] = False
     table[keep].to_csv(tmp_path / "log.csv", index=False)
-    done = tselab("estimate", "log.csv", "--vehicle", drive.vehicle, "--particles", 200, cwd=tmp_path)
+    done = tselab_here("estimate", "log.csv", "--vehicle", drive.vehicle, "--particles", 200, cwd=tmp_path)
     assert done.code == 0, done.err
     assert "irregular sampling" in done.err and "1 gap longer than" in done.err
     est = pd.read_csv(tmp_path / "log.est.csv")
@@ -220,7 +220,7 @@ def test_irregular_sampling_is_followed_and_reported(drive, tmp_path):
 
 def test_slow_log_of_20_hz_is_handled(drive, tmp_path):
     drive.table().iloc[::5].to_csv(tmp_path / "log.csv", index=False)
-    done = tselab(
+    done = tselab_here(
         "estimate", "log.csv", "--vehicle", drive.vehicle, "--particles", 200, "--forgetting", 0.97, cwd=tmp_path
     )
     assert done.code == 0, done.err
@@ -229,7 +229,7 @@ def test_slow_log_of_20_hz_is_handled(drive, tmp_path):
 
 
 def test_average_over_blocks_finds_the_same_tyres(drive, tmp_path):
-    done = tselab("estimate", drive.log, "--vehicle", drive.vehicle, "--average", 0.04, "--report", "r.html", cwd=tmp_path)
+    done = tselab_here("estimate", drive.log, "--vehicle", drive.vehicle, "--average", 0.04, "--report", "r.html", cwd=tmp_path)
     assert done.code == 0, done.err
     assert "500 rows, 20.0 s, every 40 ms (means of 4 rows)" in done.out
     assert "averaged over 0.04 s: 2001 rows became 500, of 4 rows each" in done.err
@@ -243,7 +243,7 @@ def test_average_over_blocks_finds_the_same_tyres(drive, tmp_path):
     [(0.2, "0.2 is outside its range 0.001 .. 0.1 s"), (0.012, "the rows of the log are 0.01 s apart"), ("nan", "outside")],
 )
 def test_average_that_cannot_be_is_refused(drive, tmp_path, seconds, text):
-    done = tselab("estimate", drive.log, "--vehicle", drive.vehicle, "--average", seconds, cwd=tmp_path)
+    done = tselab_here("estimate", drive.log, "--vehicle", drive.vehicle, "--average", seconds, cwd=tmp_path)
     assert done.code == 2 and "option --average: " in done.err and text in done.err
 
 
@@ -274,7 +274,7 @@ def test_extra_columns_blank_lines_and_a_byte_order_mark_do_no_harm(drive, tmp_p
     table["ref_note"] = "text"
     text = table[table.columns[::-1]].to_csv(index=False)
     (tmp_path / "log.csv").write_text("\ufeff" + text + "\n\n", encoding="utf-8")
-    done = tselab("estimate", "log.csv", "--vehicle", drive.vehicle, "--particles", 64, cwd=tmp_path)
+    done = tselab_here("estimate", "log.csv", "--vehicle", drive.vehicle, "--particles", 64, cwd=tmp_path)
     assert done.code == 0, done.err
     assert "ref_note is not numeric" in done.err
     assert len(pd.read_csv(tmp_path / "log.est.csv")) == 300
@@ -282,14 +282,14 @@ def test_extra_columns_blank_lines_and_a_byte_order_mark_do_no_harm(drive, tmp_p
 
 def test_a_single_row_is_enough(drive, tmp_path):
     drive.table().iloc[:1].to_csv(tmp_path / "log.csv", index=False)
-    done = tselab("estimate", "log.csv", "--vehicle", drive.vehicle, "--report", "r.html", cwd=tmp_path)
+    done = tselab_here("estimate", "log.csv", "--vehicle", drive.vehicle, "--report", "r.html", cwd=tmp_path)
     assert done.code == 0, done.err
     assert len(pd.read_csv(tmp_path / "log.est.csv")) == 1
 
 
 def test_settings_come_from_file_and_options_win(drive, tmp_path):
     (tmp_path / "filter.toml").write_text("forgetting = 0.98\n[filter]\nparticles = 64\ninitial_cx_front = 0.7\n")
-    done = tselab("estimate", "--form", "sampled", drive.log, "--vehicle", drive.vehicle, "--config", "filter.toml",
+    done = tselab_here("estimate", "--form", "sampled", drive.log, "--vehicle", drive.vehicle, "--config", "filter.toml",
                   "--particles", 48,
                   "--set", "initial_cy_front=0.8", cwd=tmp_path)  # fmt: skip
     assert done.code == 0, done.err
@@ -303,7 +303,7 @@ def test_at_large_steering_angles_statistics_are_held(drive, tmp_path):
     table = drive.table()
     table.loc[50:59, "steer_angle"] = "0.5"
     table.to_csv(tmp_path / "log.csv", index=False)
-    done = tselab("estimate", "log.csv", "--vehicle", drive.vehicle, "--particles", 64, cwd=tmp_path)
+    done = tselab_here("estimate", "log.csv", "--vehicle", drive.vehicle, "--particles", 64, cwd=tmp_path)
     assert "steering beyond 0.3 rad in 10 rows (first in line 52)" in done.err
     est = pd.read_csv(tmp_path / "log.est.csv")
     assert (est["log_evidence"].iloc[50:60] == 0).all()

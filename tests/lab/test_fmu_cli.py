@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from conftest import Drive, tselab
+from conftest import Drive, tselab, tselab_here
 from tselab.errors import UserError
 
 if importlib.util.find_spec("fmpy") is None or shutil.which("cmake") is None:
@@ -57,7 +57,7 @@ def refused(done, words: list[str]) -> None:
 
 @pytest.mark.parametrize("command", ["build", "validate", "run"])
 def test_help_teaches(command):
-    done = tselab("fmu", command, "--help")
+    done = tselab_here("fmu", command, "--help")
     assert done.code == 0 and f"tselab fmu {command} " in done.out.split("Usage", 1)[1].split("\n", 1)[1]
 
 
@@ -102,8 +102,8 @@ def test_a_missing_compiler_is_said_before_anything_is_built(tmp_path, monkeypat
 
 def test_build_refuses_a_file_and_a_platform_that_nobody_knows(tmp_path):
     (tmp_path / "taken").write_text("")
-    refused(tselab("fmu", "build", "--out", tmp_path / "taken"), ["taken", "a directory is needed"])
-    refused(tselab("fmu", "build", "--platform", "vax"), ["vax", "linux64"])
+    refused(tselab_here("fmu", "build", "--out", tmp_path / "taken"), ["taken", "a directory is needed"])
+    refused(tselab_here("fmu", "build", "--platform", "vax"), ["vax", "linux64"])
 
 
 def test_slices_are_joined_as_the_loader_of_macos_wants_them():
@@ -166,9 +166,9 @@ def test_findings_are_exit_1_and_no_fmu_is_exit_2(built, tmp_path):
     assert done.code == 1, done.out + done.err
     assert 'FMPy validate_fmu: The variable name "ramp"' in done.out and "fmutool -check: " in done.out
     (tmp_path / "text.fmu").write_text("no zip file")
-    refused(tselab("fmu", "validate", tmp_path / "text.fmu"), ["text.fmu", "is not an FMU"])
-    refused(tselab("fmu", "validate", tmp_path / "none.fmu"), ["none.fmu", "no such file"])
-    refused(tselab("fmu", "validate", built / "StiffnessStudy.ssp"), ["there is no modelDescription.xml in it"])
+    refused(tselab_here("fmu", "validate", tmp_path / "text.fmu"), ["text.fmu", "is not an FMU"])
+    refused(tselab_here("fmu", "validate", tmp_path / "none.fmu"), ["none.fmu", "no such file"])
+    refused(tselab_here("fmu", "validate", built / "StiffnessStudy.ssp"), ["there is no modelDescription.xml in it"])
 
 
 Files = dict[str, bytes]
@@ -454,5 +454,5 @@ REFUSED: dict[str, tuple[list[str], list[str]]] = {
 def test_run_refuses_with_a_reason(name, bad):
     arguments, words = REFUSED[name]
     before = {p.name: p.stat().st_mtime_ns for p in bad.iterdir()}
-    refused(tselab("fmu", "run", *arguments, cwd=bad), words)
+    refused(tselab_here("fmu", "run", *arguments, cwd=bad), words)
     assert {p.name: p.stat().st_mtime_ns for p in bad.iterdir()} == before

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from conftest import tselab
+from conftest import tselab_here
 from tselab.core import Config
 
 CHANGE, LIMIT = 20.0, 0.1  # s; share of the truth
@@ -18,14 +18,14 @@ SENSORS = ("accel_x", "accel_y", "yaw_rate")
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("forms")
-    (folder / "car.toml").write_text(tselab("vehicle", "--example").out)
+    (folder / "car.toml").write_text(tselab_here("vehicle", "--example").out)
     drives = {
         "road": ("--road-change", f"{CHANGE}:0.7"),
         "noisy": ("--noise", 3),
         "wheels": ("--set", "wheel_speed_sd=0.05"),
     }
     for name, options in drives.items():
-        done = tselab("simulate", "--maneuver", "square-waves", "--vehicle", "car.toml", "--seed", 1, *options,
+        done = tselab_here("simulate", "--maneuver", "square-waves", "--vehicle", "car.toml", "--seed", 1, *options,
                       "--out", f"{name}.csv", "--truth", f"{name}.truth.csv", cwd=folder)  # fmt: skip
         assert done.code == 0, done.err
     return folder
@@ -33,7 +33,7 @@ def folder(tmp_path_factory):
 
 class Run:
     def __init__(self, folder, name: str, *options: object):
-        done = tselab("estimate", f"{name}.csv", "--vehicle", "car.toml", *options, "--out", "est.csv", cwd=folder)
+        done = tselab_here("estimate", f"{name}.csv", "--vehicle", "car.toml", *options, "--out", "est.csv", cwd=folder)
         assert done.code == 0, done.err
         self.est, truth = pd.read_csv(folder / "est.csv"), pd.read_csv(folder / f"{name}.truth.csv")
         self.late = self.est["time"] >= CHANGE

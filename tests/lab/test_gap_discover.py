@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from conftest import tselab
+from conftest import tselab, tselab_here
 from gap_logs import car, write_log
 from tselab.core import Config
 from tselab.formula import Number, parse, read_formula, write_formula
@@ -159,8 +159,9 @@ def test_the_improved_vehicle_runs_in_estimator_and_simulator(run):
     folder, logs, _ = run
     vehicle = folder / "out" / "vehicle_improved.toml"
     for car_file in (vehicle, folder / "car.toml"):
-        assert tselab("estimate", logs[0], "--vehicle", car_file, "--out", folder / f"{car_file.stem}.csv").code == 0
-        done = tselab("simulate", "--maneuver", "sine-sweep", "--vehicle", car_file, "--out", folder / f"{car_file.stem}_sim.csv")
+        estimated, simulated = (folder / f"{car_file.stem}{end}.csv" for end in ("", "_sim"))
+        assert tselab_here("estimate", logs[0], "--vehicle", car_file, "--out", estimated).code == 0
+        done = tselab_here("simulate", "--maneuver", "sine-sweep", "--vehicle", car_file, "--out", simulated)
         assert done.code == 0, done.out + done.err
     with_it, without = (read_log(folder / f"{n}_sim.csv").data["yaw_rate"] for n in ("vehicle_improved", "car"))
     assert np.abs(with_it - without).max() > 0.005  # of one seed: noise is the same
@@ -170,7 +171,7 @@ def test_a_vehicle_file_keeps_the_formula_that_it_has(run):
     """Who has one is not given another, and loses none."""
     folder, logs, _ = run
     out = folder / "again"
-    done = tselab("gap", logs[0], "--vehicle", folder / "out" / "vehicle_improved.toml", "--out", out, "--jobs", 2)
+    done = tselab_here("gap", logs[0], "--vehicle", folder / "out" / "vehicle_improved.toml", "--out", out, "--jobs", 2)
     assert done.code in (0, 10, 11), done.out + done.err
     assert read_vehicle(out / "vehicle_improved.toml").formula == read_formula(folder / "out" / "formula.toml")
 
@@ -186,17 +187,17 @@ def test_vehicle_files_that_name_a_formula_wrongly_are_refused(tmp_path):
         ('[formula]\nfile = "damper.toml"\ngain = 2\n', "nothing else"),
     ):
         path.write_text(text + "\n" + table)
-        done = tselab("vehicle", path)
+        done = tselab_here("vehicle", path)
         assert done.code == 2 and words in done.err, done.err
     path.write_text(text + '\n[formula]\nfile = "damper.toml"\n')
-    assert tselab("vehicle", path).code == 0
+    assert tselab_here("vehicle", path).code == 0
 
 
 def test_the_command_checks_a_formula_and_writes_it_as_c(tmp_path):
     write_formula(tmp_path / "damper.toml", HIDDEN)
-    done = tselab("formula", tmp_path / "damper.toml", "--c", tmp_path / "damper.h")
+    done = tselab_here("formula", tmp_path / "damper.toml", "--c", tmp_path / "damper.h")
     assert done.code == 0 and HIDDEN.text in done.out
     assert "TSE_FORMULA_PLACE 4" in (tmp_path / "damper.h").read_text()
     (tmp_path / "damper.toml").write_text((tmp_path / "damper.toml").read_text().replace("yaw_rate", "yaw"))
-    done = tselab("formula", tmp_path / "damper.toml")
+    done = tselab_here("formula", tmp_path / "damper.toml")
     assert done.code == 2 and "yaw" in done.err and "Traceback" not in done.err

@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from conftest import COMMAND, tselab
+from conftest import COMMAND, tselab_here
 
 KEYS = ("cx_front", "cy_front", "cy_rear")
 TYRES = ("--set", "true_cx_front=0.75", "--set", "true_cy_front=0.8", "--set", "true_cy_rear=1.2")
@@ -20,13 +20,13 @@ FORMS = ("default", "sampled")
 
 
 def simulate(folder, name, seed, *options, maneuver="square-waves"):
-    done = tselab("simulate", "--maneuver", maneuver, "--vehicle", "car.toml", "--out", f"{name}.csv",
+    done = tselab_here("simulate", "--maneuver", maneuver, "--vehicle", "car.toml", "--out", f"{name}.csv",
                   "--truth", f"{name}.truth.csv", "--seed", seed, *TYRES, *options, cwd=folder)  # fmt: skip
     assert done.code == 0, done.err
 
 
 def estimate(folder, name, *options, code=0):
-    done = tselab("estimate", f"{name}.csv", "--vehicle", "car.toml", *options, cwd=folder)
+    done = tselab_here("estimate", f"{name}.csv", "--vehicle", "car.toml", *options, cwd=folder)
     assert done.code == code, done.err
     return done
 
@@ -44,7 +44,7 @@ def errors(folder, name, first, last):
 def first(tmp_path_factory):
     """A drive on tyres unlike the settings', learnt in two forms: default.tse, sampled.tse."""
     folder = tmp_path_factory.mktemp("learnt")
-    (folder / "car.toml").write_text(tselab("vehicle", "--example").out)
+    (folder / "car.toml").write_text(tselab_here("vehicle", "--example").out)
     simulate(folder, "first", 1)
     for form in FORMS:
         done = estimate(folder, "first", "--form", form, "--save-learnt", f"{form}.tse")
@@ -106,7 +106,7 @@ def test_one_file_may_be_loaded_and_replaced(first):
 def test_sensors_filled_in_from_another_log_and_other_filter_settings_do_not_matter(first):
     lines = (first / "car.toml").read_text().split("[sensors]")[0]
     (first / "bare.toml").write_text(lines)
-    done = tselab("estimate", "second.csv", "--vehicle", "bare.toml", "--particles", 64, "--seed", 9, "--load-learnt",
+    done = tselab_here("estimate", "second.csv", "--vehicle", "bare.toml", "--particles", 64, "--seed", 9, "--load-learnt",
                   "default.tse", "--age", 1, cwd=first)  # fmt: skip
     assert done.code == 0, done.err
 
@@ -139,7 +139,7 @@ def test_another_vehicle_and_a_newer_format_are_told_apart(first):
 
     car = (first / "car.toml").read_text()
     (first / "other.toml").write_text(re.sub(r"(?m)^mass\s*=.*$", "mass = 1555", car))
-    done = tselab("estimate", "second.csv", "--vehicle", "other.toml", "--load-learnt", "default.tse", cwd=first)
+    done = tselab_here("estimate", "second.csv", "--vehicle", "other.toml", "--load-learnt", "default.tse", cwd=first)
     assert done.code == 2 and "default.tse: the learnt state belongs to another vehicle" in done.err
     data = (first / "default.tse").read_bytes()
     newer = data[:4] + struct.pack("<H", 3) + data[6:-4]
@@ -157,7 +157,7 @@ def test_what_the_model_does_not_explain_of_a_car_is_known_at_once_in_the_next_d
     (tmp_path / "car.toml").write_text((first / "car.toml").read_text())
     (tmp_path / "rolls.toml").write_text((first / "car.toml").read_text() + "\n[effects.body_roll]\ngain = 0.012\n")
     for name, seed in (("one", 1), ("two", 2)):
-        done = tselab("simulate", "--maneuver", "square-waves", "--vehicle", "rolls.toml", "--out", f"{name}.csv",
+        done = tselab_here("simulate", "--maneuver", "square-waves", "--vehicle", "rolls.toml", "--out", f"{name}.csv",
                       "--truth", f"{name}.truth.csv", "--seed", seed, cwd=tmp_path)  # fmt: skip
         assert done.code == 0, done.err
     estimate(tmp_path, "one", "--save-learnt", "rolls.tse")

@@ -6,14 +6,14 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from conftest import tselab
+from conftest import tselab, tselab_here
 from tselab.maneuvers import KINDS
 
 LOG = ["time", "steer_angle", "wheel_speed_front", "wheel_speed_rear", "accel_x", "accel_y", "yaw_rate"]
 
 
-def simulate(folder, *options):
-    done = tselab("simulate", "--out", folder / "log.csv", "--truth", folder / "truth.csv", *options)
+def simulate(folder, *options, run=tselab_here):
+    done = run("simulate", "--out", folder / "log.csv", "--truth", folder / "truth.csv", *options)
     assert done.code == 0, done.err
     return pd.read_csv(folder / "log.csv"), pd.read_csv(folder / "truth.csv")
 
@@ -34,7 +34,7 @@ def test_same_seed_same_bytes_other_seed_other_bytes(tmp_path):
     contents = []
     for i, seed in enumerate((7, 7, 8)):
         (tmp_path / str(i)).mkdir()
-        simulate(tmp_path / str(i), "--maneuver", "straight", "--duration", 3, "--seed", seed)
+        simulate(tmp_path / str(i), "--maneuver", "straight", "--duration", 3, "--seed", seed, run=tselab)
         contents.append((tmp_path / str(i) / "log.csv").read_bytes())
     assert contents[0] == contents[1] != contents[2]
 

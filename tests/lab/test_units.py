@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import pytest
 
-from conftest import tselab
+from conftest import tselab_here
 
 
 @pytest.fixture(scope="module")
 def lively(tmp_path_factory):
     """A log that turns, brakes and accelerates enough for the channels to be compared."""
     path = tmp_path_factory.mktemp("units") / "log.csv"
-    assert tselab("simulate", "--maneuver", "double-lane-change", "--duration", 36, "--out", path).code == 0
+    assert tselab_here("simulate", "--maneuver", "double-lane-change", "--duration", 36, "--out", path).code == 0
     return path
 
 
@@ -55,5 +55,5 @@ def test_the_warning_reaches_the_terminal(lively, drive, tmp_path):
     table = pd.read_csv(lively)
     table["accel_y"] /= 9.81
     table.to_csv(tmp_path / "log.csv", index=False)
-    done = tselab("estimate", "log.csv", "--vehicle", drive.vehicle, "--particles", 32, cwd=tmp_path)
+    done = tselab_here("estimate", "log.csv", "--vehicle", drive.vehicle, "--particles", 32, cwd=tmp_path)
     assert done.code == 0 and "warning: check the units: accel_y is" in done.err
