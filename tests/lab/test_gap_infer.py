@@ -213,7 +213,13 @@ def test_a_delay_is_the_same_as_the_settings_that_are_written_of_it(late: Proble
 
 def test_values_that_are_held_act_as_if_they_were_given(late: Problem) -> None:
     """All of them: settings, stiffness of the car and of a log, latencies. A road's profile is fitted to what they leave."""
-    values = {"cy_front": 0.9, Own("cy_rear", 0): 0.05, "body_roll_gain": 0.01, "imu_delay_time": -0.01, "accel_y_latency": 0.02}
+    values = {
+        "cy_front": 0.9,
+        Own("cy_rear", 0): 0.05,
+        "body_roll_gain": 0.01,
+        "imu_delay_time": -0.01,
+        "accel_y_latency": 0.02,
+    }
     given = late.residuals(values)
     here = SimpleNamespace(  # a cluster that is this process
         scatter=lambda data, **_: data,
@@ -233,7 +239,13 @@ def test_values_that_are_held_act_as_if_they_were_given(late: Problem) -> None:
 
 
 def test_what_is_one_logs_own_is_told_from_what_is_the_cars(tmp_path):
-    values = {"cy_rear": 0.9, Own("cy_rear", 1): 0.05, Own("bank", 0, 0): 0.01, Own("bank", 0, 1): -0.01, Own("grade", 0, 0): 0.02}
+    values = {
+        "cy_rear": 0.9,
+        Own("cy_rear", 1): 0.05,
+        Own("bank", 0, 0): 0.01,
+        Own("bank", 0, 1): -0.01,
+        Own("grade", 0, 0): 0.02,
+    }
     assert of_the_car(values) == {"cy_rear": 0.9}
     assert profiles(values, "bank") == {Own("bank", 0, 0): 0.01, Own("bank", 0, 1): -0.01}
     assert profile_size(catalogue()["bank"], values) == pytest.approx(0.01)
@@ -323,3 +335,13 @@ def test_a_road_is_told_by_the_size_of_its_profile() -> None:
     assert workflow._as_json(bank)["parameters"].keys() == {"angle"}
     delay = Named(catalogue()["imu_delay"], {"imu_delay_time": -0.02}, {"imu_delay_time": (-0.021, -0.019)}, 0.5, 40.0)
     assert delay.message and "logged late" in workflow._sentence(delay)
+
+
+def test_a_lag_that_no_steering_is_quick_enough_for_is_a_low_pass() -> None:
+    """Of the IMU, as far as a log can say; a lag of a steering is one."""
+    lag = {
+        t: Named(catalogue()["steering_lag"], {"steer_lag_time": t}, {"steer_lag_time": (t - 0.002, t + 0.002)}, 0.5, 40.0)
+        for t in (0.012, 0.03)
+    }
+    assert lag[0.012].message and "low pass" in lag[0.012].title
+    assert not lag[0.03].message

@@ -34,7 +34,7 @@ from tselab.gap.stages import stage
 from tselab.gap.workers import Workers
 from tselab.log import MEASURES, Log, read_log
 from tselab.units import check_units
-from tselab.vehicle import Vehicle, fill_sensors, read_vehicle
+from tselab.vehicle import Vehicle, fill_sensors, latency_settings, read_vehicle
 
 EXIT = {"none": 0, "named": 10, "look-alikes": 11, "not_in_catalogue": 20}
 
@@ -366,15 +366,15 @@ def _as_json(n: Named) -> dict[str, Any]:
 
 
 def sensors(problem: Problem | None, naming: name.Naming) -> list[dict[str, Any]]:
-    """How late channels are logged beyond what the vehicle file says, of names that are no effects of the catalogue."""
-    if problem is None or not any(n.message for n in naming.named):
+    """How late channels are logged beyond what the vehicle file says, and a low pass that is none of the steering's: of names that
+    are no effects of the catalogue."""
+    late = [n for n in naming.named if n.message]
+    if problem is None or not late:
         return []
-    found = name.settings(problem, naming.final.values)
-    told = problem.config
-    return [
-        {"id": k, "value": v, "unit": "s"}
-        for k, v in found.items()
-        if k.endswith("_latency") and v != getattr(told, k)
+    found, told = name.settings(problem, naming.final.values), problem.config
+    settings = [k for k in latency_settings().values() if k in found and found[k] != getattr(told, k)]
+    return [{"id": k, "value": found[k], "unit": "s"} for k in settings] + [
+        {"id": "low_pass", "value": n.values[n.effect.strengths[0].name], "unit": "s"} for n in late if n.effect.id == name.LOW_PASS
     ]
 
 

@@ -28,7 +28,9 @@ from tselab.vehicle import GRAVITY, latency_settings
 EARLY = {  # delays below zero
     "steering_delay": "steering angle logged late, so the wheels turn before it",
     "imu_delay": "steering angle and wheel speeds logged late behind the IMU",
+    "steering_lag": "a low pass between steering angle and IMU: that of the IMU, or a quick steering",
 }
+LOW_PASS = "steering_lag"  # which a low pass of the whole IMU is, but for accel_x
 ALIKE_AT, POSSIBLE_AT, ROAD_PROBABILITY, ROAD_SHARE, ROAD_HARM, MOST_KNOTS = constants.of(
     __name__, "ALIKE_AT", "POSSIBLE_AT", "ROAD_PROBABILITY", "ROAD_SHARE", "ROAD_HARM", "MOST_KNOTS"
 )  # fmt: skip
@@ -52,9 +54,12 @@ class Named:
     @property
     def message(self) -> bool:
         """That a message is late, which is no effect of the catalogue: how late steering and inputs are behind the IMU goes either
-        way."""
+        way, and a lag that is shorter than those of steerings is what the low pass of any IMU does."""
         known = catalogue().get(self.effect.id)
-        return known is None or any(self.values.get(p.name, p.default) < p.low for p in known.strengths)
+        if known is None:
+            return True
+        least = {p.name: p.typical_low if self.effect.id == LOW_PASS else p.low for p in known.strengths}
+        return any(self.values.get(p.name, p.default) < least[p.name] for p in known.strengths)
 
     @property
     def title(self) -> str:
