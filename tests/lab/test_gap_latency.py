@@ -28,7 +28,7 @@ def logs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[Path, Path
     """Log and vehicle file: in time; late and told; late and not told."""
     folder = tmp_path_factory.mktemp("late")
     vehicle = car(folder)
-    log = write_log(folder / "in_time.csv", vehicle, "sweep", HIDDEN, 5)
+    log = write_log(folder / "in_time.csv", vehicle, "sweep", HIDDEN, 5, 12.0)
     table = pd.read_csv(log)
     for name, by in LATE.items():
         table[name] = table[name].shift(round(by / 0.01))

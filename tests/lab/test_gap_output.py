@@ -51,8 +51,8 @@ def case(tmp_path_factory):
     """An IMU that is 20 ms late, in two logs and one that is held out."""
     folder = tmp_path_factory.mktemp("gap")
     vehicle = car(folder)
-    logs = [write_log(folder / f"{d}.csv", vehicle, d, DELAY, seed) for seed, d in enumerate(("sweep", "brakes"), 1)]
-    held = write_log(folder / "held.csv", vehicle, "steps", DELAY, 3)
+    logs = [write_log(folder / f"{d}.csv", vehicle, d, DELAY, seed, 16.0) for seed, d in enumerate(("sweep", "brakes"), 1)]
+    held = write_log(folder / "held.csv", vehicle, "steps", DELAY, 3, 16.0)
     out = folder / "out"
     done = tselab("gap", *logs, "--vehicle", vehicle, "--out", out, "--hold-out", held, "--jobs", 2)
     return Case(folder, vehicle, logs, held, out, done)
