@@ -11,14 +11,15 @@ import pytest
 FIRST = [
     ["tests/fmu/test_fmu_platforms.py", "tests/lab/test_fmu_cli.py"],
     ["tests/gap/test_study.py"],
-    ["tests/lab/test_calibrate.py"],
-    ["tests/lab/test_montecarlo.py"],
     ["tests/lab/test_cli.py"],
+    ["tests/lab/test_montecarlo.py"],
+    ["tests/lab/test_gap_discover.py"],
     ["tests/lab/test_peers.py"],
+    ["tests/lab/test_calibrate.py"],
     ["tests/lab/test_gap_output.py"],
-    ["tests/lab/test_learnt.py"],
     ["tests/gap/test_generator.py"],
-    ["tests/cars/test_cars.py"],
+    ["tests/fmu/test_fmu_memory.py"],
+    ["tests/lab/test_gap_latency.py"],
 ]
 RANK = {file: rank for rank, row in enumerate(FIRST) for file in row}
 
