@@ -222,7 +222,8 @@ TABLE: tuple[Constant, ...] = (
     # ---- infer: the search, and names
     *_rows(
         "gap.infer.excerpt",
-        ("MOST_SECONDS", 180.0, "s", "of logs, in which effects are searched: what is found is fitted to all of them"),
+        ("MOST_SECONDS", 120.0, "s", "of logs, in which effects are searched: what is found is fitted to all of them"),
+        ("HELD_SHARE", 0.5, "1", "of that, of held-out logs: they confirm"),
         ("PIECE", 15.0, "s", "of a log that is chosen or not: a manoeuvre or two, of which BURN_IN is lost"),
         ("ENTRY_SD", 30.0, "noise of a block", "that a piece's information counts with: models are no better known than that, and "
          "with less the first pieces are sure of everything"),
@@ -236,7 +237,7 @@ TABLE: tuple[Constant, ...] = (
          "rms over noise up to which nothing is left to explain: noise is known to some percent, inputs are smoothed"),
         ("EPISODE", 30.0, "s", "of a manoeuvre, all through which a wrong model is wrong in the same way"),
         ("OUTSIDE", 0.2, "1", "prior, that what is missing is in no catalogue"),
-        ("FEWER", 3, "1", "sets of the strongest names that a formula is sought beside: every one is a search"),
+        ("FEWER", 1, "1", "sets of the strongest names that a formula is sought beside: every one is a search"),
     ),
     *_rows(
         "gap.infer.search",

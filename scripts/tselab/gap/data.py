@@ -70,12 +70,12 @@ class Prepared:
         step = float(np.median(np.diff(self.time)))
         return step * sum(int(s.used.sum()) for s in self.stretches)
 
-    def later(self, name: str, by: float) -> np.ndarray:
+    def later(self, name: str, by: float, rows: slice = slice(None)) -> np.ndarray:
         """An input as it was read `by` later, s: what it was when its row says, if it is logged so late."""
         spline = self._splines.get(name)
         if spline is None:
             spline = self._splines[name] = CubicSpline(self.time, self.inputs[name])
-        return spline(np.clip(self.time + by, self.time[0], self.time[-1]))
+        return spline(np.clip(self.time[rows] + by, self.time[0], self.time[-1]))
 
 
 def prepare(log: Log, config: Config) -> Prepared:

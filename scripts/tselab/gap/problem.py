@@ -170,7 +170,8 @@ class Problem:
     def profiles(self, values: Mapping[Key, float], i: int) -> dict[str, np.ndarray]:
         """Profiles of the road along a log, linear between their values."""
         found = {}
-        for effect in PROFILES:
+        own = [k for k in values if isinstance(k, Own) and k.knot is not None and k.log == i]  # mostly none: this is asked often
+        for effect in PROFILES if own else ():
             knots = [values.get(Own(effect, i, k), 0.0) for k in range(self._knots(i))]
             if any(knots):
                 found[effect] = np.interp(self.logs[i].distance, KNOT * np.arange(len(knots)), knots)

@@ -29,12 +29,13 @@ def simulate(
     `later`: s, by channel: how much later it is than the vehicle file says."""
     wanted = {c: OF.get(c, c) for c in channels}
     later = later or {}
-    inputs = log.inputs | {n: log.later(n, by) for n, by in later.items() if by and n in log.inputs}
     out = {c: np.full(len(log.time), np.nan) for c in channels}
     for s in log.stretches:
         rows = slice(s.first, s.last)
         dt = np.diff(log.time[rows], prepend=log.time[s.first] - 0.01)
-        replay = Replay(tuple(dict.fromkeys(wanted.values())), dt=dt, **{n: x[rows] for n, x in (inputs | profiles).items()})
+        inputs = {n: x[rows] for n, x in (log.inputs | profiles).items()}
+        inputs |= {n: log.later(n, by, rows) for n, by in later.items() if by and n in log.inputs}
+        replay = Replay(tuple(dict.fromkeys(wanted.values())), dt=dt, **inputs)
         gyro = log.measured["yaw_rate"][s.first] if "yaw_rate" in log.measured else np.nan
         found = replay.run(
             config, yaw_rate=float(gyro) if np.isfinite(gyro) else 0.0, time=float(log.time[s.first] - log.time[0]), **stiffness

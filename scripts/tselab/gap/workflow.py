@@ -23,7 +23,7 @@ from tselab.gap.data import Prepared
 from tselab.gap.fit import Fit, fit, gap
 from tselab.gap.infer import detect, show
 from tselab.gap.infer import naming as name
-from tselab.gap.infer.excerpt import excerpt, is_long
+from tselab.gap.infer.excerpt import HELD_SHARE, excerpt, is_long
 from tselab.gap.infer.formula import search
 from tselab.gap.infer.formula.search import Discovery
 from tselab.gap.infer.naming import Named
@@ -220,8 +220,8 @@ def run(
         few_baseline = stage(folder, key, "baseline_excerpt", lambda: fit(few, STIFFNESS, {}))
         notes.append(f"effects are searched in the {_seconds(few):.0f} s of {_seconds(problem):.0f} s that say most")
     few_held = other
-    if other is not None and is_long(other):
-        pieces = stage(folder, key, "excerpt_held_out", lambda: excerpt(other, fit(other, STIFFNESS, {})).logs)
+    if other is not None and is_long(other, HELD_SHARE):
+        pieces = stage(folder, key, "excerpt_held_out", lambda: excerpt(other, fit(other, STIFFNESS, {}), HELD_SHARE).logs)
         few_held = other.of(pieces)
     together = few.of([*few.logs, *few_held.logs]) if few_held is not None else None
     naming = stage(folder, key, "naming", lambda: name.name(few, effects, say, few_baseline, together))

@@ -21,19 +21,20 @@ from tselab.gap.infer.hypotheses import Hypothesis, fit_prior, hypotheses, start
 from tselab.gap.infer.space import REACH, Layout, slopes
 from tselab.gap.problem import STIFFNESS, Problem
 
-MOST_SECONDS, PIECE, ENTRY_SD = constants.of(__name__, "MOST_SECONDS", "PIECE", "ENTRY_SD")
+MOST_SECONDS, HELD_SHARE, PIECE, ENTRY_SD = constants.of(__name__, "MOST_SECONDS", "HELD_SHARE", "PIECE", "ENTRY_SD")
 
 
-def is_long(problem: Problem) -> bool:
-    """Whether its search is worth an excerpt."""
-    return sum(log.seconds for log in problem.logs) > 1.5 * MOST_SECONDS
+def is_long(problem: Problem, share: float = 1.0) -> bool:
+    """Whether it is so long that a share of MOST_SECONDS is worth being chosen."""
+    return sum(log.seconds for log in problem.logs) > 1.5 * share * MOST_SECONDS
 
 
-def excerpt(problem: Problem, baseline: Fit) -> Problem:
-    """The MOST_SECONDS of the logs that say most; the problem as it is, where it is no longer. `baseline`: of this problem.
+def excerpt(problem: Problem, baseline: Fit, share: float = 1.0) -> Problem:
+    """The stretches that say most, a share of MOST_SECONDS; the problem as it is, where it is hardly longer. `baseline`: of this
+    problem.
 
     Cost: as many simulations of everything as the catalogue has parameters."""
-    if not is_long(problem):
+    if not is_long(problem, share):
         return problem
     layout = Layout(problem)
     residuals = layout.split(baseline.residuals)
@@ -51,7 +52,7 @@ def excerpt(problem: Problem, baseline: Fit) -> Problem:
                     information += rows.T @ rows
             pieces.append((i, piece))
             says.append(information / ENTRY_SD**2)
-    chosen = best(says, [piece.used.sum() * _step(problem.logs[i]) for i, piece in pieces], MOST_SECONDS)
+    chosen = best(says, [piece.used.sum() * _step(problem.logs[i]) for i, piece in pieces], share * MOST_SECONDS)
     logs = []
     for i, log in enumerate(problem.logs):
         mine = [pieces[k][1] for k in sorted(chosen) if pieces[k][0] == i]
