@@ -237,12 +237,14 @@ def run(
         notes.append(f"the vehicle file has a formula ({vehicle.formula.id}), which was kept: no other is sought")
     elif remains or formula:
         discovery, naming, rivals = stage(folder, key, "formula", lambda: explained(few, few_held, naming, say))
+    # of an excerpt: more of the same shows no less
+    asked = [e for e in effects if e.id not in {n.effect.id for n in naming.named}]
+    seen = detect.detectable(few, naming.final, asked)
     if few is not problem:
         say("all logs")
         discovery, naming = stage(folder, key, "all", lambda: on_all(problem, baseline, naming, discovery))
     last = discovery.fit if discovery and discovery.fit else naming.final
     left = what_is_left(problem, last, louder)
-    seen = detect.detectable(problem, naming.final, [e for e in effects if e.id not in {n.effect.id for n in naming.named}])
     missing, follows = None, []
     if remains:
         missing, follows = stage(folder, key, "latent", lambda: disturbance(problem, naming, entries, remains))

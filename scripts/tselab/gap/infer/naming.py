@@ -190,14 +190,13 @@ def on_all(problem: Problem, baseline: Fit, naming: Naming) -> Naming:
     effects = [h for h in hypotheses() if h.id in ids]
     final, named, converged = baseline, [n for n in naming.named if n.effect.id not in ids], naming.converged
     if effects:
-        layout = Layout(problem)
-        plain = judge(layout, effects, of_the_car(naming.final.values), None)
-        layout.explains(layout.split(raw(problem, baseline.values)), plain.space.physical(plain.x))
-        sd, z = judge(layout, effects, plain.values, plain).sd(), float(norm.ppf(0.975))
+        plain = judge(Layout(problem), effects, of_the_car(naming.final.values), None)
         final, converged = as_fit(problem, plain), plain.converged
         for n in (n for n in naming.named if n.effect.id in ids):
             values = {p.name: plain.values[p.name] for p in n.effect.fitted}
-            named.append(replace(n, values=values, ci95={k: (v - z * sd[k], v + z * sd[k]) for k, v in values.items()}))
+            # intervals stay as wide: what forms are not known to is in them, and more of the same log does not tell
+            ci95 = {k: (low + v - n.values[k], high + v - n.values[k]) for k, v in values.items() for low, high in [n.ci95[k]]}
+            named.append(replace(n, values=values, ci95=ci95))
     roads = [n.effect for n in naming.named if n.effect.id not in ids and len(problem.strengths(n.effect)) <= MOST_KNOTS]
     if roads:
         final = _with_roads(problem, final, roads)

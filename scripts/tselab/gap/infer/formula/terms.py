@@ -204,8 +204,13 @@ def longitudinal() -> list[Term]:
     return found
 
 
+# What the catalogue has: imu_scale_ax, imu_scale_ay, gyro_scale, steering_ratio. Their evidence was asked for by these names.
+KNOWN = {"accel_x": "accel_x", "accel_y": "accel_y", "yaw_rate": "yaw_rate", "front_angle": "steer_angle"}
+
+
 def forms(place: str) -> list[Term]:
-    return lateral() if place in LATERAL else longitudinal()
+    """The library at a place, without what is an effect of the catalogue there."""
+    return [t for t in (lateral() if place in LATERAL else longitudinal()) if t.text != KNOWN.get(place)]
 
 
 def formula(place: str, terms: list[Term], values: list[Mapping[str, float]], coefficients: list[float]) -> Formula:
