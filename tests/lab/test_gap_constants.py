@@ -147,3 +147,8 @@ def test_the_table_for_readers_has_every_constant_once():
     rows = constants.markdown().splitlines()[2:]
     assert [r for r in rows if r.startswith("| **")] and all(r.count(" | ") == 4 for r in rows if r.startswith("| `"))
     assert sorted(r.split("`")[1] for r in rows if r.startswith("| `")) == sorted(constants.BY_NAME)
+
+
+def test_the_committed_table_is_this_one():
+    path = Path(constants.__file__).parents[2] / "results" / "gap-constants.md"
+    assert path.read_text(encoding="utf-8") == constants.markdown(), f"python -m tselab.gap.constants > {path}"

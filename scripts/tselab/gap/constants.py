@@ -465,3 +465,7 @@ def _shown(value: Any) -> str:
     if isinstance(value, Sequence):
         return ", ".join(f"({_shown(v)})" if isinstance(v, Sequence) else _shown(v) for v in value)
     return f"{value:g}"
+
+
+if __name__ == "__main__":
+    print(markdown(), end="")

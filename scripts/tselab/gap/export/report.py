@@ -99,6 +99,10 @@ def write_report(path: Path, shown: Shown) -> None:
         undetectable=[_detectable(d) for d in sorted(result.undetectable, key=lambda d: d.smallest / d.typical)],
         detectable=[_detectable(d) for d in sorted(result.detectable, key=lambda d: d.smallest / d.typical) if d.visible],
         possible=[{"id": p["id"], "probability": f"{100 * p['probability']:.0f} %"} for p in naming.possible],
+        rivals=[
+            {"names": " + ".join(r["ids"]) or "no name", "formula": r["formula"] or "-", "probability": _percent(r["probability"])}
+            for r in result.rivals
+        ],
         sets=[{"ids": " + ".join(s["ids"]) or "nothing", "probability": f"{100 * s['probability']:.1f} %"} for s in naming.sets],
         gain=gain_rows(shown.gain) if shown.gain else [],
         proof=shown.proof,
@@ -231,3 +235,7 @@ def facts(shown: Shown) -> list[tuple[str, str]]:
     for key in STIFFNESS:
         rows.append((f"{NAMES[key]}, over the vehicle file's", f"{baseline[key]:.3f} before, {final[key]:.3f} after"))
     return rows
+
+
+def _percent(probability: float) -> str:
+    return f"{100 * probability:.1f} %"
