@@ -101,3 +101,10 @@ def test_held_out_logs_count_as_much_as_those_that_were_fitted(monkeypatch):
     w.weigh()
     assert w.best() is w.known[1]
     assert w.known[2].probability < 1e-6
+
+
+def test_nothing_is_a_world_too():
+    """Where the names closed nothing, and no formula does: nothing else is there to be weighed."""
+    w = worlds((naming(9.0),))
+    assert w.best() is w.known[0]
+    assert w.best().probability == 1.0

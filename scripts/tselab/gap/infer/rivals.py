@@ -70,7 +70,7 @@ class Worlds:
 
     def add(self, naming: Naming, discovery: Discovery | None = None) -> None:
         """One more. `discovery`: with a formula."""
-        price = sum(price_of(n.effect.id) for n in naming.named)
+        price = sum((price_of(n.effect.id) for n in naming.named), 0.0)
         if discovery is None:
             residuals = self._residuals(naming.final, naming.final.values)
         else:
@@ -81,7 +81,7 @@ class Worlds:
 
     def weigh(self) -> None:
         """The probability of each."""
-        value = np.array([-w.price for w in self.known])
+        value = np.array([-w.price for w in self.known], float)
         for c in range(len(CHANNELS)):
             before, count, episodes = self._energy(self.plain, c)
             if not count:
