@@ -108,3 +108,17 @@ def test_nothing_is_a_world_too():
     w = worlds((naming(9.0),))
     assert w.best() is w.known[0]
     assert w.best().probability == 1.0
+
+
+def test_what_is_said_of_a_formula_is_what_is_proposed(monkeypatch):
+    """A log so short that a formula is hardly worth its length: beside the names that stand it is proposed as its own search has
+    judged, with its words, or it is not, and there are none."""
+    short = naming(2.0)
+    short.baseline, short.closed, short.possible = fit(2.0), 0.0, []
+    found = SimpleNamespace(fit=fit(1.8), values={}, price=20.0, formula=SimpleNamespace(text="k*x"), words=["A formula"])
+    monkeypatch.setattr(rivals, "discover", lambda *_: found)
+    monkeypatch.setattr(rivals, "replace", lambda n, **changes: SimpleNamespace(**(vars(n) | changes)))
+    last, names, shown = rivals.explained(problem(), None, short, lambda _: None)
+    assert last is found and not names.named
+    assert [r["formula"] for r in shown] == [None, "k*x"]  # the likelier first
+    assert sum(r["probability"] for r in shown) == pytest.approx(1.0)

@@ -132,7 +132,7 @@ def price_of(effect: str) -> float:
 def explained(
     problem: Problem, held: Problem | None, naming: Naming, say: Callable[[str], None]
 ) -> tuple[Discovery, Naming, list[dict[str, Any]]]:
-    """A formula or none, the names, and all that were compared: the likeliest world whose names all stand."""
+    """A formula or none, the names, and all that were compared: the names of the likeliest world whose names all stand."""
     if naming.named and naming.closed < LEAST_CLOSED:
         naming = name.without(problem, naming, frozenset())
     worlds, sought = Worlds(naming.baseline, problem, held), []
@@ -152,7 +152,8 @@ def explained(
         for w in sorted(worlds.known, key=lambda w: -w.probability)
     ]
     named = [replace(n, probability=n.probability * worlds.with_name(n.effect.id)) for n in best.naming.named]
-    last = best.discovery or next(replace(d, formula=None, fit=None) for n, d in sought if n is best.naming)
+    # whether a formula is worth reading beside these names is what its own search has judged, on the held-out logs, too
+    last = next(d for n, d in sought if n is best.naming)
     return last, replace(best.naming, named=named), shown
 
 

@@ -64,7 +64,7 @@ def remainder(problem: Problem, residuals: np.ndarray, features: dict[str, np.nd
             words = f"{channel}: half of what is left is in {name} between {first:.1f} and {last:.1f} s"
             found.append(Remainder(channel, size, "localised", share, (), (first, last, name), words))
             continue
-        words = f"{channel}: a disturbance, {size:.2f} times the noise, that follows none of the logged signals"
+        words = f"{channel}: a disturbance, {size:.2f} times the noise, that follows no logged signal by itself"
         found.append(Remainder(channel, size, "disturbance", share, (), None, words))
     return found
 
