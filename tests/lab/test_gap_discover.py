@@ -13,6 +13,7 @@ from conftest import tselab, tselab_here
 from gap_logs import car, write_log
 from tselab.core import Config
 from tselab.formula import Number, parse, read_formula, write_formula
+from tselab.gap import stages
 from tselab.gap.data import prepare
 from tselab.gap.fit import fit, gap
 from tselab.gap.infer.formula import search, symbolic, terms
@@ -136,6 +137,17 @@ def run(tmp_path_factory):
     held = write_log(folder / "held.csv", vehicle, "steps", HIDDEN.settings(), 3)
     done = tselab("gap", *logs, "--vehicle", vehicle, "--out", folder / "out", "--hold-out", held, "--jobs", 2)
     return folder, logs, done
+
+
+def test_every_stage_of_a_run_can_be_read_again(run):
+    """Else a command that goes on after Ctrl-C would do it anew."""
+    folder, _, _ = run
+    there = sorted((folder / "out" / "stages").glob("*.npz"))
+    assert {"prepared", "naming", "formula", "latent"} <= {p.stem for p in there}
+    for path in there:
+        with np.load(path) as file:
+            key = json.loads(file["head"].tobytes())["key"]
+        assert stages.load(path, key) is not None, path.stem
 
 
 def test_the_workflow_proposes_it_and_writes_what_runs_it(run):

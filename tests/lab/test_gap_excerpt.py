@@ -6,8 +6,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from gap_logs import car, write_log
 from tselab.core import Config, Replay
-from tselab.gap import constants
+from tselab.gap import constants, workflow
 from tselab.gap.data import BURN_IN, prepare
 from tselab.gap.fit import fit
 from tselab.gap.infer import excerpt as ex
@@ -70,7 +71,24 @@ def test_the_part_with_the_bends_is_chosen(long_log):
         assert not s.used[: int(BURN_IN / 0.01)].any()
 
 
-def test_a_short_log_is_taken_as_it_is(long_log):
+def test_a_log_that_is_hardly_longer_is_taken_as_it_is(long_log):
     problem = Problem([prepare(long_log, Config())], Config())
-    assert not ex.is_long(problem)
-    assert ex.excerpt(problem, fit(problem, STIFFNESS, {})) is problem
+    with constants.changed("excerpt.MOST_SECONDS", 200.0):
+        assert not ex.is_long(problem)
+        assert ex.excerpt(problem, fit(problem, STIFFNESS, {})) is problem
+
+
+def test_what_is_found_in_an_excerpt_is_fitted_to_all(tmp_path):
+    """A car that rolls, in 48 s of log, of which 20 are searched: its size is that of all logs, and so is what is left."""
+    vehicle = car(tmp_path)
+    logs = [write_log(tmp_path / f"{d}.csv", vehicle, d, {"body_roll_gain": 0.009}, k) for k, d in enumerate(("sweep", "brakes"))]
+    with constants.changed("excerpt.MOST_SECONDS", 20.0):
+        result = workflow.run(logs, vehicle, tmp_path / "out", jobs=2)
+    assert any("s that say most" in n for n in result.notes)
+    (named,) = result.as_json()["effects"]
+    assert named["id"] == "body_roll"
+    gain = named["parameters"]["gain"]
+    assert gain["ci95"][0] < gain["value"] < gain["ci95"][1]
+    assert gain["value"] == pytest.approx(0.009, rel=0.05)  # 44 s of log know it to a percent; forms are the same
+    assert len(result.problem.logs) == 2 and sum(log.seconds for log in result.problem.logs) > 40.0
+    assert all(after < 1.15 for after in result.fit_after.values())

@@ -59,7 +59,7 @@ class Discovery:
     tried: list[dict]  # place, formula, nats, share, and whether held-out logs bear it out
     words: list[str]
     price: float = 0.0  # nats, of its length
-    candidate: Candidate | None = None  # as it was chosen
+    limits: dict[str, tuple[float, float]] = field(default_factory=dict)  # of its numbers
 
     @property
     def values(self) -> dict[str, float]:
@@ -283,16 +283,16 @@ def _chosen(frame: Frame, tried: list[Candidate], held: Problem | None) -> Disco
         f"A formula closes {100 * chosen.share:.0f} % of what is left: {formula.text}, at {formula.place}. It is a formula, not a "
         "cause; where it was never driven it says nothing."
     ]
-    return Discovery(formula, chosen.fit, chosen.nats, chosen.share, chosen.changes, shown, words, price(chosen.parts), chosen)
+    return Discovery(formula, chosen.fit, chosen.nats, chosen.share, chosen.changes, shown, words, price(chosen.parts), chosen.limits)
 
 
 def on_all(problem: Problem, last: Fit, found: Discovery) -> Discovery:
     """The same formula, fitted to more logs than it was found in. `last`: of these, with all that is named."""
-    if found.candidate is None:
+    if found.formula is None:
         return found
     frame = Frame.of(problem, last)
-    again = refit(frame, found.candidate.formula, found.candidate.limits, found.candidate.parts)
-    return replace(found, formula=_described(frame, again), fit=again.fit, share=again.share, candidate=again)
+    again = refit(frame, found.formula, found.limits, ())
+    return replace(found, formula=_described(frame, again), fit=again.fit, share=again.share)
 
 
 def _described(frame: Frame, c: Candidate) -> Formula:
