@@ -340,7 +340,9 @@ def test_a_road_is_told_by_the_size_of_its_profile() -> None:
 def test_a_lag_that_no_steering_is_quick_enough_for_is_a_low_pass() -> None:
     """Of the IMU, as far as a log can say; a lag of a steering is one."""
     lag = {
-        t: Named(catalogue()["steering_lag"], {"steer_lag_time": t}, {"steer_lag_time": (t - 0.002, t + 0.002)}, 0.5, 40.0)
+        t: Named(
+            catalogue()["steering_lag"], {"steering_lag_time": t}, {"steering_lag_time": (t - 0.002, t + 0.002)}, 0.5, 40.0
+        )
         for t in (0.012, 0.03)
     }
     assert lag[0.012].message and "low pass" in lag[0.012].title

@@ -283,7 +283,8 @@ def _chosen(frame: Frame, tried: list[Candidate], held: Problem | None) -> Disco
         f"A formula closes {100 * chosen.share:.0f} % of what is left: {formula.text}, at {formula.place}. It is a formula, not a "
         "cause; where it was never driven it says nothing."
     ]
-    return Discovery(formula, chosen.fit, chosen.nats, chosen.share, chosen.changes, shown, words, price(chosen.parts), chosen.limits)
+    cost = price(chosen.parts)
+    return Discovery(formula, chosen.fit, chosen.nats, chosen.share, chosen.changes, shown, words, cost, chosen.limits)
 
 
 def on_all(problem: Problem, last: Fit, found: Discovery) -> Discovery:
