@@ -22,7 +22,7 @@ from tselab.gap.infer.search import Judged, Search, judge
 from tselab.gap.infer.space import Layout, raw
 from tselab.gap.optional import TORQUES
 from tselab.gap.problem import PROFILES, SIGNED_DELAYS, STIFFNESS, Problem, profile_size
-from tselab.log import DRIVES
+from tselab.log import DRIVES, OPTIONAL
 from tselab.vehicle import GRAVITY, latency_settings
 
 EARLY = {  # delays below zero
@@ -30,6 +30,9 @@ EARLY = {  # delays below zero
     "imu_delay": "steering angle and wheel speeds logged late behind the IMU",
     "steering_lag": "a low pass between steering angle and IMU: that of the IMU, or a quick steering",
 }
+# What slows a car shows in torque or speed alone: wheel speeds drive the model, and what is left of it in accel_x is what any road
+# is, too.
+BY_TORQUE = ("aero_drag", "rolling_resistance")
 LOW_PASS = "steering_lag"  # which a low pass of the whole IMU is, but for accel_x
 ALIKE_AT, POSSIBLE_AT, ROAD_PROBABILITY, ROAD_SHARE, ROAD_HARM, MOST_KNOTS = constants.of(
     __name__, "ALIKE_AT", "POSSIBLE_AT", "ROAD_PROBABILITY", "ROAD_SHARE", "ROAD_HARM", "MOST_KNOTS"
@@ -90,7 +93,7 @@ def name(
 ) -> Naming:
     """`together`: the same logs and the held-out ones."""
     baseline = baseline or fit(problem, STIFFNESS, {})
-    asked = hypotheses(effects)
+    asked = [h for h in hypotheses(effects) if h.id not in BY_TORQUE or _has_torque(problem)]
     first = Search(Layout(problem), asked, problem.jobs, say)
     best = first.run()
     search = first
@@ -134,6 +137,11 @@ def name(
         baseline, last, named, besides, closed,
         [{"id": h.id, "nats": g} for g, h in first.screened], possible, probability.sets(), final.converged,
     )  # fmt: skip
+
+
+def _has_torque(problem: Problem) -> bool:
+    """Or speed."""
+    return any(c in OPTIONAL for log in problem.logs for c in log.channels)
 
 
 def without(problem: Problem, naming: Naming, kept: frozenset[str]) -> Naming:
