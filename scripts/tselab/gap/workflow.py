@@ -235,7 +235,7 @@ def run(
     rivals: list[dict[str, Any]] = []
     if vehicle.formula is not None:
         notes.append(f"the vehicle file has a formula ({vehicle.formula.id}), which was kept: no other is sought")
-    elif remains or formula:
+    elif remains or formula or leaves_something(few_held, naming):
         discovery, naming, rivals = stage(folder, key, "formula", lambda: explained(few, few_held, naming, say))
     # of an excerpt: more of the same shows no less
     asked = [e for e in effects if e.id not in {n.effect.id for n in naming.named}]
@@ -260,6 +260,13 @@ def run(
     result.problem, result.held, result.latent, result.rivals = problem, other, missing, rivals
     result.read = [("fit", x) for x in read_logs] + [("held_out", x) for x in held]
     return result
+
+
+def leaves_something(held: Problem | None, naming: name.Naming) -> bool:
+    """Whether names that explain the fitted logs leave more than noise of those that were held out: a patchwork may."""
+    if held is None or not naming.named:
+        return False
+    return max(gap(held, held.residuals(show.of_the_car(held, naming.final.values))).values()) > NOISE_LIMIT
 
 
 def on_all(
