@@ -29,14 +29,14 @@ def module_of(path):
 
 def early(tree):
     """Nodes that are evaluated when a module is loaded."""
-    todo = list(tree.body)
-    while todo:
-        node = todo.pop()
+    waiting = list(tree.body)
+    while waiting:
+        node = waiting.pop()
         if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda)):
-            todo += [*getattr(node, "decorator_list", ()), *node.args.defaults, *(d for d in node.args.kw_defaults if d)]
+            waiting += [*getattr(node, "decorator_list", ()), *node.args.defaults, *(d for d in node.args.kw_defaults if d)]
             continue
         yield node
-        todo += ast.iter_child_nodes(node)
+        waiting += ast.iter_child_nodes(node)
 
 
 def numbers(node):

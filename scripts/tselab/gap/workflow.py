@@ -245,6 +245,7 @@ def run(
         discovery, naming = stage(folder, key, "all", lambda: on_all(problem, baseline, naming, discovery))
     last = discovery.fit if discovery and discovery.fit else naming.final
     left = what_is_left(problem, last, louder)
+    remains = [r for r in what_is_left(problem, naming.final, louder) if r.kind != "noise"]  # of the names that stand
     missing, follows = None, []
     if remains:
         missing, follows = stage(folder, key, "latent", lambda: disturbance(problem, naming, entries, remains))

@@ -18,7 +18,7 @@ from tselab.gap.catalogue import Parameter
 from tselab.gap.data import BURN_IN, Prepared, Stretch
 from tselab.gap.fit import Fit
 from tselab.gap.infer.hypotheses import Hypothesis, fit_prior, hypotheses, start_of
-from tselab.gap.infer.space import REACH, Layout, slopes
+from tselab.gap.infer.space import REACH, STIFFNESS_SD, Layout, slopes
 from tselab.gap.problem import STIFFNESS, Problem
 
 MOST_SECONDS, HELD_SHARE, PIECE, ENTRY_SD = constants.of(__name__, "MOST_SECONDS", "HELD_SHARE", "PIECE", "ENTRY_SD")
@@ -98,14 +98,13 @@ def _slopes(layout: Layout, baseline: Fit, asked: Sequence[Hypothesis], residual
     parameters: list[Parameter] = [*STIFFNESS, *(p for h in asked for p in h.effect.strengths)]
     shapes = {p.name: start_of(p) for h in asked for p in h.effect.shapes}
     problem, before = layout.problem, layout.problem.fixed
-    found = [np.zeros((len(r), 0)) for r in residuals]
     try:
         problem.fixed = before | shapes
         raw = layout.split(problem.weight * np.nan_to_num(problem.measured - problem.predict(baseline.values)))
         found = slopes(layout, baseline.values, raw, parameters, REACH)
     finally:
         problem.fixed = before
-    unit = np.array([fit_prior(p)[1] if p not in STIFFNESS else 0.5 for p in parameters])
+    unit = np.array([STIFFNESS_SD if p in STIFFNESS else fit_prior(p)[1] for p in parameters])
     tables = []
     for table, r, bias in zip(found, residuals, layout.bias, strict=True):
         whole = np.column_stack([np.nan_to_num(table) * unit, r])

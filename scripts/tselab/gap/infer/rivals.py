@@ -158,7 +158,7 @@ def explained(
 
 
 def _with_fewer(problem: Problem, naming: Naming) -> list[Naming]:
-    """The same without names: none, those of sensors, and the strongest ones, one, two, three of them."""
+    """The same without names: none, those of sensors, and the FEWER strongest."""
     strong = sorted(naming.named, key=lambda n: -n.evidence)
     asked = [frozenset[str](), frozenset(n.effect.id for n in naming.named if n.sensor)]
     asked += [frozenset(n.effect.id for n in strong[: k + 1]) for k in range(FEWER)]
