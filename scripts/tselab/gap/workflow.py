@@ -18,7 +18,7 @@ from tselab.core import Config, library_path
 from tselab.errors import UserError
 from tselab.formula import Formula
 from tselab.gap import constants, optional
-from tselab.gap.catalogue import catalogue
+from tselab.gap.catalogue import Key, catalogue
 from tselab.gap.data import Prepared
 from tselab.gap.fit import Fit, fit, gap
 from tselab.gap.infer import detect, show
@@ -171,6 +171,87 @@ def fingerprint(paths: Sequence[Path], config: Config) -> str:
     return h.hexdigest()
 
 
+@dataclass
+class Run:
+    """What the steps of a run share: who it is of, what was read, where it keeps what is done, what it notes besides."""
+
+    vehicle: Vehicle
+    config: Config
+    logs: list[Log]  # fitted
+    held: list[Log]
+    folder: Path  # of the stages
+    key: str
+    workers: Workers
+    say: Callable[[str], None]
+    notes: list[str]
+    prepared: list[Prepared] = field(default_factory=list)  # fitted and held out, in the order in which they were
+
+    @classmethod
+    def begin(
+        cls,
+        logs: Sequence[Path],
+        vehicle_path: Path,
+        out: Path,
+        hold_out: Sequence[Path],
+        workers: Workers,
+        say: Callable[[str], None],
+    ) -> Run:
+        """Everything is read, nothing is computed."""
+        vehicle = read_vehicle(vehicle_path)
+        say("reading the logs")
+        notes: list[str] = []
+        read_logs, held = read_logs_of(logs, notes), read_logs_of(hold_out, notes) if hold_out else []
+        fill_sensors(vehicle, read_logs[0])
+        config = Config(vehicle.values)
+        key = fingerprint([*logs, *hold_out], config)
+        return cls(vehicle, config, read_logs, held, out / "stages", key, workers, say, notes)
+
+    def stage(self, title: str, compute: Callable[[], Any]) -> Any:
+        """What an earlier run has kept of the same things, or what is computed now."""
+        return stage(self.folder, self.key, title, compute)
+
+    def problem(self, title: str, logs: Sequence[Log]) -> Problem:
+        """Logs, smoothed and against the model. `title`: of the stage."""
+        found: list[Prepared] = self.stage(title, lambda: self.workers.prepare(logs, self.config))
+        self.prepared += found
+        return self.workers.problem(found, self.config)
+
+
+@dataclass
+class Searched:
+    """What sets of effects and formulas are searched in: all logs, or of long ones the part that says most."""
+
+    problem: Problem
+    baseline: Fit
+    held: Problem | None
+
+    @property
+    def together(self) -> Problem | None:
+        """Fitted and held-out logs as one."""
+        return self.problem.of([*self.problem.logs, *self.held.logs]) if self.held is not None else None
+
+
+@dataclass
+class Weighed:
+    """Names beside formulas."""
+
+    naming: name.Naming
+    discovery: Discovery | None = None
+    rivals: list[dict[str, Any]] = field(default_factory=list)
+
+    @property
+    def last(self) -> Fit:
+        """Names and the formula, fitted."""
+        return self.discovery.fit if self.discovery and self.discovery.fit else self.naming.final
+
+    @property
+    def values(self) -> dict[Key, float]:
+        """The same as what a simulation takes."""
+        if self.discovery and self.discovery.formula:
+            return self.discovery.fit.values | self.discovery.formula.settings()
+        return self.naming.final.values
+
+
 def run(
     logs: Sequence[Path],
     vehicle_path: Path,
@@ -183,84 +264,103 @@ def run(
 ) -> Result:
     """All stages. Without held-out logs nothing is shown beyond the logs that were fitted. `formula`: one is sought even when the
     names leave nothing; else where they leave something."""
-    workers = workers or Workers(jobs)
-    vehicle = read_vehicle(vehicle_path)
-    say("reading the logs")
-    notes: list[str] = []
-    read_logs, held = read_logs_of(logs, notes), read_logs_of(hold_out, notes) if hold_out else []
-    fill_sensors(vehicle, read_logs[0])
-    config = Config(vehicle.values)
-    key = fingerprint([*logs, *hold_out], config)
-    folder = out / "stages"
-    prepared: list[Prepared] = stage(folder, key, "prepared", lambda: workers.prepare(read_logs, config))
-    problem = workers.problem(prepared, config)
+    this = Run.begin(logs, vehicle_path, out, hold_out, workers or Workers(jobs), say)
+    problem = this.problem("prepared", this.logs)
     if not problem.logs:
-        raise UserError("; ".join(n for p in prepared for n in p.notes) or "no log can be compared")
-    effects = list(catalogue().values())
-
+        raise UserError("; ".join(n for p in this.prepared for n in p.notes) or "no log can be compared")
     say("fitting stiffness and biases")
-    baseline: Fit = stage(folder, key, "baseline", lambda: fit(problem, STIFFNESS, {}))
+    baseline: Fit = this.stage("baseline", lambda: fit(problem, STIFFNESS, {}))
     say("where do they disagree?")
-    conditions, entries = stage(
-        folder, key, "where",
-        lambda: (where.conditions(problem, baseline.residuals, baseline.values), where.entries(problem, baseline)),
-    )  # fmt: skip
-    other: Problem | None = None
-    prepared_held: list[Prepared] = []
-    if held:
-        prepared_held = stage(folder, key, "held_out", lambda: workers.prepare(held, config))
-        other = workers.problem(prepared_held, config)
-        other = other if other.logs else None
-    # of long logs the part that says most is searched, and what is found is fitted to all
-    few, few_baseline = problem, baseline
-    if is_long(problem):
-        say("which stretches say most?")
-        pieces = stage(folder, key, "excerpt", lambda: excerpt(problem, baseline).logs)
-        few = problem.of(pieces)
-        few_baseline = stage(folder, key, "baseline_excerpt", lambda: fit(few, STIFFNESS, {}))
-        notes.append(f"effects are searched in the {_seconds(few):.0f} s of {_seconds(problem):.0f} s that say most")
-    few_held = other
-    if other is not None and is_long(other, HELD_SHARE):
-        pieces = stage(folder, key, "excerpt_held_out", lambda: excerpt(other, fit(other, STIFFNESS, {}), HELD_SHARE).logs)
-        few_held = other.of(pieces)
-    together = few.of([*few.logs, *few_held.logs]) if few_held is not None else None
-    naming = stage(folder, key, "naming", lambda: name.name(few, effects, say, few_baseline, together))
-    notes += [n for p in (*prepared, *prepared_held) for n in p.notes]
-    notes += [f"{log.path.name}: {w}" for log in (*read_logs, *held) for w in disagreements(log, vehicle)]
+    conditions, entries = this.stage(
+        "where", lambda: (where.conditions(problem, baseline.residuals, baseline.values), where.entries(problem, baseline))
+    )
+    held = this.problem("held_out", this.held) if this.held else None
+    held = held if held is not None and held.logs else None
+
+    part = _searched(this, problem, baseline, held)
+    naming = _named(this, part)
     say("what is left?")
-    louder = remainder.louder(few, naming.final.residuals, NOISE_LIMIT)
-    notes += [f"{c}: its noise is {f:.2f} times what its differences from row to row say" for c, f in louder.items()]
-    remains = [r for r in what_is_left(few, naming.final, louder) if r.kind != "noise"]
-    discovery: Discovery | None = None
-    rivals: list[dict[str, Any]] = []
-    if vehicle.formula is not None:
-        notes.append(f"the vehicle file has a formula ({vehicle.formula.id}), which was kept: no other is sought")
-    elif remains or formula or leaves_something(few_held, naming):
-        discovery, naming, rivals = stage(folder, key, "formula", lambda: explained(few, few_held, naming, say))
-    # of an excerpt: more of the same shows no less
-    asked = [e for e in effects if e.id not in {n.effect.id for n in naming.named}]
-    seen = detect.detectable(few, naming.final, asked)
-    if few is not problem:
-        say("all logs")
-        discovery, naming = stage(folder, key, "all", lambda: on_all(problem, baseline, naming, discovery))
-    last = discovery.fit if discovery and discovery.fit else naming.final
-    left = what_is_left(problem, last, louder)
-    remains = [r for r in what_is_left(problem, naming.final, louder) if r.kind != "noise"]  # of the names that stand
-    missing, follows = None, []
-    if remains:
-        missing, follows = stage(folder, key, "latent", lambda: disturbance(problem, naming, entries, remains))
+    louder = remainder.louder(part.problem, naming.final.residuals, NOISE_LIMIT)
+    this.notes += [f"{c}: its noise is {f:.2f} times what its differences from row to row say" for c, f in louder.items()]
+    weighed = _weighed(this, part, naming, louder, formula)
+    seen = _detectable(part, weighed.naming)
+    if part.problem is not problem:
+        weighed = _on_all(this, problem, baseline, weighed)
+
+    left = what_is_left(problem, weighed.last, louder)
+    missing, follows = _disturbance(this, problem, weighed.naming, entries, louder)
     changes: dict[str, show.Change] = {}
-    if other is not None:
+    if held is not None:
         say("held-out logs")
-        last = discovery.fit.values | discovery.formula.settings() if discovery and discovery.formula else naming.final.values
-        changes = show.held_out(other, naming.baseline.values, last)
-    notes += optional.words(problem.readings(naming.final.values))
-    if not naming.converged:
-        notes.append("the last fit has not converged: sizes may still move")
-    result = judge(problem, naming, conditions, entries, left, seen, changes, notes, discovery, follows)
-    result.problem, result.held, result.latent, result.rivals = problem, other, missing, rivals
-    result.read = [("fit", x) for x in read_logs] + [("held_out", x) for x in held]
+        changes = show.held_out(held, weighed.naming.baseline.values, weighed.values)
+    this.notes += optional.words(problem.readings(weighed.naming.final.values))
+    if not weighed.naming.converged:
+        this.notes.append("the last fit has not converged: sizes may still move")
+    result = judge(problem, weighed.naming, conditions, entries, left, seen, changes, this.notes, weighed.discovery, follows)
+    result.problem, result.held, result.latent, result.rivals = problem, held, missing, weighed.rivals
+    result.read = [("fit", x) for x in this.logs] + [("held_out", x) for x in this.held]
     return result
+
+
+# ---- the steps of a run
+
+
+def _searched(this: Run, problem: Problem, baseline: Fit, held: Problem | None) -> Searched:
+    """Of long logs the part that says most: what is found there is fitted to all."""
+    few, few_baseline, few_held = problem, baseline, held
+    if is_long(problem):
+        this.say("which stretches say most?")
+        few = problem.of(this.stage("excerpt", lambda: excerpt(problem, baseline).logs))
+        few_baseline = this.stage("baseline_excerpt", lambda: fit(few, STIFFNESS, {}))
+        this.notes.append(f"effects are searched in the {_seconds(few):.0f} s of {_seconds(problem):.0f} s that say most")
+    if held is not None and is_long(held, HELD_SHARE):
+        few_held = held.of(this.stage("excerpt_held_out", lambda: excerpt(held, fit(held, STIFFNESS, {}), HELD_SHARE).logs))
+    return Searched(few, few_baseline, few_held)
+
+
+def _named(this: Run, part: Searched) -> name.Naming:
+    """Names, and what is to be noted of the logs they are from."""
+    effects, together = list(catalogue().values()), part.together
+    naming = this.stage("naming", lambda: name.name(part.problem, effects, this.say, part.baseline, together))
+    this.notes += [n for p in this.prepared for n in p.notes]
+    this.notes += [f"{log.path.name}: {w}" for log in (*this.logs, *this.held) for w in disagreements(log, this.vehicle)]
+    return naming
+
+
+def _weighed(this: Run, part: Searched, naming: name.Naming, louder: dict[str, float], formula: bool) -> Weighed:
+    """Names against formulas, where the names leave something or one is asked for."""
+    own = this.vehicle.formula
+    if own is not None:
+        this.notes.append(f"the vehicle file has a formula ({own.id}), which was kept: no other is sought")
+        return Weighed(naming)
+    remains = more_than_noise(what_is_left(part.problem, naming.final, louder))
+    if remains or formula or leaves_something(part.held, naming):
+        discovery, naming, rivals = this.stage("formula", lambda: explained(part.problem, part.held, naming, this.say))
+        return Weighed(naming, discovery, rivals)
+    return Weighed(naming)
+
+
+def _detectable(part: Searched, naming: name.Naming) -> list[detect.Detectable]:
+    """What these logs would show of the effects that have no name. Of an excerpt: more of the same shows no less."""
+    named = {n.effect.id for n in naming.named}
+    return detect.detectable(part.problem, naming.final, [e for e in catalogue().values() if e.id not in named])
+
+
+def _on_all(this: Run, problem: Problem, baseline: Fit, found: Weighed) -> Weighed:
+    """What was found in an excerpt, fitted to all logs."""
+    this.say("all logs")
+    discovery, naming = this.stage("all", lambda: on_all(problem, baseline, found.naming, found.discovery))
+    return Weighed(naming, discovery, found.rivals)
+
+
+def _disturbance(
+    this: Run, problem: Problem, naming: name.Naming, entries: list[where.Entry], louder: dict[str, float]
+) -> tuple[latent.Latent | None, list[latent.Explained]]:
+    """What the names that stand leave, if it is more than noise."""
+    remains = more_than_noise(what_is_left(problem, naming.final, louder))
+    if not remains:
+        return None, []
+    return this.stage("latent", lambda: disturbance(problem, naming, entries, remains))
 
 
 def leaves_something(held: Problem | None, naming: name.Naming) -> bool:
@@ -289,6 +389,11 @@ def what_is_left(problem: Problem, last: Fit, louder: dict[str, float]) -> list[
         r if r.channel not in louder else remainder.Remainder(r.channel, r.gap, "noise", 0.0, (), None, f"{r.channel}: noise only")
         for r in remainder.remainder(problem, last.residuals, features, NOISE_LIMIT)
     ]
+
+
+def more_than_noise(left: list[remainder.Remainder]) -> list[remainder.Remainder]:
+    """Of what is left what is more than the sensors' own."""
+    return [r for r in left if r.kind != "noise"]
 
 
 def disturbance(
@@ -324,7 +429,7 @@ def judge(
     formula = discovery.formula if discovery else None
     last = discovery.fit if discovery and discovery.fit else naming.final
     before, after = gap(problem, naming.baseline.residuals), gap(problem, last.residuals)
-    remains = [r for r in left if r.kind != "noise"]
+    remains = more_than_noise(left)
     words: list[str] = []
     if naming.named:
         verdict = "named"
