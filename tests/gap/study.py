@@ -1,9 +1,10 @@
 """The study of the gap workflow on logs in which the effect is hidden: every case of generator/study.py, judged against its truth.
 
-    python -m tests.gap.study [--seeds N] [--sizes N] [--only PART ...] [--jobs N]     from the root of the repository
+    python -m tests.gap.study [--seeds N] [--sizes N] [--only PART ...] [--jobs N] [--out DIR]     from the root of the repository
 
 Cases that are done are kept in build/gap-study/*.json, so that it can be interrupted and goes on; what the code of the
-workflow has become since is not looked at: --again starts anew. The tables go to scripts/results/gap-*.md.
+workflow has become since is not looked at: --again starts anew. The tables go to scripts/results/gap.md and gap-cases.md. Those of
+a part of the study (--only, fewer seeds or sizes) are printed and not written, unless --out says where.
 """
 
 from __future__ import annotations
@@ -32,6 +33,7 @@ RESULTS = ROOT / "scripts" / "results"
 CLASSES = [{"mass", "yaw_inertia"}, {"imu_scale_ax", "pitch_leak"}, {"conicity", "steering_offset"}]
 # Not expected: what a log cannot show without speed or torque, what a stiffness or a bias takes up. Listed with the result.
 INVISIBLE = {"aero_drag", "rolling_resistance", "steering_compliance", "aligning_moment", "conicity"}
+SEEDS = 3  # of the whole study
 LOGGED = "with speed and torque logged"
 
 
@@ -223,6 +225,17 @@ def chosen(seeds: int, only: list[str], sizes: int | None = None) -> list:
     return sorted(specs, key=lambda s: s.size != 1.0)
 
 
+def write(found: dict[str, str], whole: bool, out: Path | None) -> list[Path]:
+    """Write the tables where they were asked for; else those of the whole study to RESULTS, and those of a part of it nowhere."""
+    folder = out or (RESULTS if whole else None)
+    if folder is None:
+        return []
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, text in found.items():
+        (folder / name).write_text(text, encoding="utf-8")
+    return [folder / name for name in found]
+
+
 def _job(spec_json: str) -> str:
     name = json.loads(spec_json)["name"]
     path = FOLDER / f"{name}.json"
@@ -235,11 +248,12 @@ def _job(spec_json: str) -> str:
 
 def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.gap.study", description=__doc__.split("\n")[0])
-    parser.add_argument("--seeds", type=int, default=3)
+    parser.add_argument("--seeds", type=int, default=SEEDS, help=f"of each case; default: {SEEDS}, the whole study")
     parser.add_argument("--sizes", type=int, help="seeds of half and double size; default: as many")
-    parser.add_argument("--only", nargs="*", default=[])
+    parser.add_argument("--only", nargs="*", default=[], metavar="PART", help="cases with this in their names")
     parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--again", action="store_true")
+    parser.add_argument("--again", action="store_true", help="forget the cases that are done")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="where tables go; default: the whole study's to scripts/results")
     options = parser.parse_args()
     if options.again:
         shutil.rmtree(FOLDER, ignore_errors=True)
@@ -256,9 +270,11 @@ def main() -> int:
             print("stopped; what is done is kept", file=sys.stderr)
             return 130
     cases = [json.loads((FOLDER / f"{s.name}.json").read_text()) for s in specs]
-    for name, text in tables(cases).items():
-        (RESULTS / name).write_text(text)
-        print(text)
+    found = tables(cases)
+    print("\n".join(found.values()))
+    whole = {s.name for s in specs} >= {s.name for s in chosen(SEEDS, [])}
+    written = [str(p) for p in write(found, whole, options.out)]
+    print(f"written: {', '.join(written)}" if written else "a part of the study: not written (--out DIR)", file=sys.stderr)
     return 0
 
 

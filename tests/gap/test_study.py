@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from generator import Spec, make_cases
 
+from tests.gap import study
 from tselab.gap.workflow import run
 
 MANOEUVRES = ("sine_sweep", "steps_slow", "brake_in_turn", "brake_throttle")
@@ -52,3 +53,13 @@ def test_a_patch_of_low_grip_is_none_of_the_catalogue(tmp_path: Path) -> None:
     verdict, _, code = found(tmp_path, {"low_grip_patch": 2.0}, 1, FEW, ())
     assert verdict["verdict"] != "named" or verdict["closed"] < 0.5, verdict["words"]
     assert code in (0, 20)
+
+
+def test_a_part_of_the_study_does_not_take_the_place_of_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(study, "RESULTS", tmp_path / "results")
+    found = {"gap.md": "a table\n", "gap-cases.md": "cases\n"}
+    assert study.write(found, False, None) == [] and not any(tmp_path.iterdir())
+    assert study.write(found, False, tmp_path / "mine") == [tmp_path / "mine" / name for name in found]
+    assert not (tmp_path / "results").exists()
+    study.write(found, True, None)
+    assert {p.name: p.read_text() for p in (tmp_path / "results").iterdir()} == found
