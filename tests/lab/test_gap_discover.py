@@ -154,8 +154,9 @@ def test_the_workflow_proposes_it_and_writes_what_runs_it(run):
     folder, _, done = run
     assert done.code == 20, done.out + done.err
     assert "A formula closes" in done.out and "not a cause" in done.out
-    verdict = json.loads((folder / "out" / "verdict.json").read_text())
+    verdict, report = json.loads((folder / "out" / "verdict.json").read_text()), (folder / "out" / "report.html").read_text()
     assert verdict["formula"]["proposed"]["place"] == "yaw_moment"
+    assert all(p["why"] and f"{p['id']} ({100 * p['probability']:.0f} %: {p['why']})" in report for p in verdict["possible"])
     assert verdict["gap"]["held_out"]["after"]["yaw_rate"] < 1.3 < 2.0 < verdict["gap"]["held_out"]["before"]["yaw_rate"]
     formula = read_formula(folder / "out" / "formula.toml")
     improved = read_vehicle(folder / "out" / "vehicle_improved.toml")
@@ -163,7 +164,6 @@ def test_the_workflow_proposes_it_and_writes_what_runs_it(run):
     assert formula.settings().items() <= improved.values.items()
     header = (folder / "out" / "effects.h").read_text()
     assert "formula_code_1" in header and formula.id in (folder / "out" / "tse_formula.h").read_text()
-    report = (folder / "out" / "report.html").read_text()
     assert formula.text in report.replace("&lt;", "<") and "not a cause" in report
 
 

@@ -20,7 +20,7 @@ from tselab.gap import workflow
 from tselab.gap.catalogue import Own, Parameter, catalogue, of_the_car, profiles
 from tselab.gap.data import BLOCK, CHANNELS, prepare
 from tselab.gap.fit import Fit
-from tselab.gap.infer import forms, noise
+from tselab.gap.infer import forms, naming, noise
 from tselab.gap.infer.hypotheses import Hypothesis, hypotheses, latencies, ln_size
 from tselab.gap.infer.naming import Named, Probability, settings
 from tselab.gap.infer.search import Search, judge
@@ -325,6 +325,21 @@ def test_late_messages_are_found_beside_the_effect(tmp_path: Path) -> None:
     assert verdict["effects"][0]["probability"] > 0.9
     late = {s["id"]: s["value"] for s in verdict["sensors"]}
     assert late["steer_angle_latency"] == pytest.approx(0.02, abs=0.002)
+
+
+def test_what_is_possible_says_why_it_has_no_name(tmp_path: Path) -> None:
+    """A delay just below what counts is negligible, something else is unlikely; a name that does not stand has the reason given."""
+    vehicle = car(tmp_path)
+    log = write_log(tmp_path / "log.csv", vehicle, "sweep", {"body_roll_gain": 0.009, "imu_delay_time": 0.0019}, 3)
+    config = Config(read_vehicle(vehicle).values)
+    problem = Problem([prepare(read_log(log), config)], config)
+    found = naming.name(problem, [catalogue()[e] for e in ("body_roll", "steering_offset", "gyro_scale", "imu_delay")])
+    assert [n.effect.id for n in found.named] == ["body_roll"]
+    why = {p["id"]: p["why"] for p in found.possible}
+    assert why["imu_delay"] == "its size is negligible"
+    assert {w for i, w in why.items() if i != "imu_delay"} == {"below 90 %"}
+    less = naming.without(problem, found, frozenset(), "a reason")
+    assert {p["id"]: p["why"] for p in less.possible} == {"body_roll": "a reason"} | why
 
 
 def test_a_road_is_told_by_the_size_of_its_profile() -> None:

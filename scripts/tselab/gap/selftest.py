@@ -88,7 +88,8 @@ def _why(result: workflow.Result, effect: str) -> list[str]:
         if d.id == effect and not d.visible:
             size = f"from {d.parameter} = {d.smallest:.2g} {d.unit} on" if np.isfinite(d.smallest) else "at no size that there is"
             words.append(f"These logs would show it {size}.")
-    words += [f"Its probability is {100 * p['probability']:.0f} %." for p in result.naming.possible if p["id"] == effect]
+    mine = [p for p in result.naming.possible if p["id"] == effect]
+    words += [f"Its probability is {100 * p['probability']:.0f} %: {p['why']}." for p in mine]
     return words
 
 

@@ -98,7 +98,7 @@ def write_report(path: Path, shown: Shown) -> None:
         remains=[r.words for r in result.remainders],
         undetectable=[_detectable(d) for d in sorted(result.undetectable, key=lambda d: d.smallest / d.typical)],
         detectable=[_detectable(d) for d in sorted(result.detectable, key=lambda d: d.smallest / d.typical) if d.visible],
-        possible=[{"id": p["id"], "probability": f"{100 * p['probability']:.0f} %"} for p in naming.possible],
+        possible=[{"id": p["id"], "probability": f"{100 * p['probability']:.0f} %", "why": p["why"]} for p in naming.possible],
         rivals=[
             {"names": " + ".join(r["ids"]) or "no name", "formula": r["formula"] or "-", "probability": _percent(r["probability"])}
             for r in result.rivals

@@ -38,6 +38,7 @@ ALIKE_AT, POSSIBLE_AT, ROAD_PROBABILITY, ROAD_SHARE, ROAD_HARM, MOST_KNOTS = con
     __name__, "ALIKE_AT", "POSSIBLE_AT", "ROAD_PROBABILITY", "ROAD_SHARE", "ROAD_HARM", "MOST_KNOTS"
 )  # fmt: skip
 ROAD_CHANNEL = {"grade": "accel_x", "bank": "accel_y"}
+SMALL = "its size is negligible"  # why an effect is possible and has no name
 
 
 @dataclass
@@ -79,7 +80,7 @@ class Naming:
     besides: list[Named]  # shown by the held-out logs alone
     closed: float  # share of the gap
     ranking: list[dict]  # every effect alone, before any is named: id, nats
-    possible: list[dict]  # not named: id, probability
+    possible: list[dict]  # not named: id, probability, why it is not
     sets: list[dict]  # the most probable ones: ids, probability
     converged: bool
 
@@ -103,6 +104,7 @@ def name(
         search.run(best)
     probability = Probability(search, best.ids)
     names = {h.id for h in best.effects if probability.of_class(h.id) >= NAME_AT}
+    dropped: set[str] = set()
     while True:
         final = best if names == best.ids else first.judge(names, best.values, best)
         # sizes are what the catalogue's forms alone make of the logs; what forms are not known to is in the intervals
@@ -111,6 +113,7 @@ def name(
         if not small:
             break
         names = final.ids - small
+        dropped |= small
     last = as_fit(problem, plain) if final.effects else baseline
     full = excess(problem, baseline.residuals)
     named = [_named(problem, first, final, plain, last, h, probability, full) for h in final.effects]
@@ -119,16 +122,18 @@ def name(
     if roads:
         last = _with_roads(problem, last, roads)
     besides = []
+    best_of_all = probability.best
+    dropped |= {h.id for h in best_of_all.effects if negligible(h, best_of_all.values)}
     if together is not None:
-        best_of_all = probability.best
         stand_in = {i for n in named for i in n.look_alikes}
         for h in best_of_all.effects:
             sure = probability.effects[h.id] >= NAME_AT and not negligible(h, best_of_all.values)
             if sure and h.id not in best.ids and h.id not in stand_in:
                 besides.append(_sized(h, best_of_all, probability))
     told = {n.effect.id for n in (*named, *besides)}
+    unsure, not_best = f"below {100 * NAME_AT:.0f} %", "the most probable set explains these logs without it"
     possible = [
-        {"id": i, "probability": p}
+        {"id": i, "probability": p, "why": SMALL if i in dropped else unsure if p < NAME_AT else not_best}
         for i, p in sorted(probability.effects.items(), key=lambda x: -x[1])
         if p >= POSSIBLE_AT and i not in told and not any(i in n.look_alikes for n in named)
     ]
@@ -144,8 +149,8 @@ def _has_torque(problem: Problem) -> bool:
     return any(c in OPTIONAL for log in problem.logs for c in log.channels)
 
 
-def without(problem: Problem, naming: Naming, kept: frozenset[str]) -> Naming:
-    """The same with no names but these: the others are possible, no more."""
+def without(problem: Problem, naming: Naming, kept: frozenset[str], why: str) -> Naming:
+    """The same with no names but these: the others are possible, no more. `why`: they are not kept."""
     effects = [h for h in hypotheses() if h.id in kept]
     final = naming.baseline
     if effects:
@@ -158,7 +163,11 @@ def without(problem: Problem, naming: Naming, kept: frozenset[str]) -> Naming:
     full = excess(problem, naming.baseline.residuals)
     closed = 1.0 - excess(problem, final.residuals) / full if full > 0 else 0.0
     stay = {n.effect.id for n in named}
-    dropped = [{"id": n.effect.id, "probability": n.probability} for n in naming.named if n.effect.id not in stay]
+    dropped = [
+        {"id": n.effect.id, "probability": n.probability, "why": SMALL if n.effect.id in kept else why}
+        for n in naming.named
+        if n.effect.id not in stay
+    ]
     return replace(naming, final=final, named=named, besides=[], closed=closed, possible=[*dropped, *naming.possible])
 
 

@@ -35,6 +35,7 @@ from tselab.gap.problem import Problem
 LEAST_CLOSED, WORTHWHILE, MOST_POSSIBLE, NOISE_LIMIT, EPISODE, OUTSIDE, FEWER = constants.of(
     __name__, "LEAST_CLOSED", "WORTHWHILE", "MOST_POSSIBLE", "NOISE_LIMIT", "EPISODE", "OUTSIDE", "FEWER"
 )  # fmt: skip
+INSTEAD = "a formula explains about as much or more for what it costs"  # why what the search named has no name in the end
 
 
 @dataclass
@@ -134,7 +135,8 @@ def explained(
 ) -> tuple[Discovery, Naming, list[dict[str, Any]]]:
     """A formula or none, the names, and all that were compared: the names of the likeliest world whose names all stand."""
     if naming.named and naming.closed < LEAST_CLOSED:
-        naming = name.without(problem, naming, frozenset())
+        little = f"the names together close less than {100 * LEAST_CLOSED:.0f} % of the gap"
+        naming = name.without(problem, naming, frozenset(), little)
     worlds, sought = Worlds(naming.baseline, problem, held), []
     whole = [naming, *_with_possible(problem, naming, say)]
     for n in (*whole, *_with_fewer(problem, naming)):
@@ -163,7 +165,7 @@ def _with_fewer(problem: Problem, naming: Naming) -> list[Naming]:
     asked = [frozenset[str](), frozenset(n.effect.id for n in naming.named if n.sensor)]
     asked += [frozenset(n.effect.id for n in strong[: k + 1]) for k in range(FEWER)]
     whole = frozenset(n.effect.id for n in naming.named)
-    return [name.without(problem, naming, kept) for kept in dict.fromkeys(asked) if kept != whole]
+    return [name.without(problem, naming, kept, INSTEAD) for kept in dict.fromkeys(asked) if kept != whole]
 
 
 def _with_possible(problem: Problem, naming: Naming, say: Callable[[str], None]) -> list[Naming]:
