@@ -352,6 +352,14 @@ def test_a_road_is_told_by_the_size_of_its_profile() -> None:
     assert delay.message and "logged late" in workflow._sentence(delay)
 
 
+def test_a_name_without_which_as_much_is_closed_is_not_said_to_close_less_than_nothing() -> None:
+    roll = Named(catalogue()["body_roll"], {"body_roll_gain": 0.009}, {"body_roll_gain": (0.008, 0.01)}, 0.4, 40.0)
+    assert "it closes 40 % of the gap." in workflow._sentence(roll)
+    text = workflow._sentence(replace(roll, share=-0.03))
+    assert "closes -" not in text and "without it as much of the gap is closed" in text
+    assert workflow._sentence(replace(roll, share=0.0)).endswith("probability above 99 %.")  # of held-out logs: nobody knows
+
+
 def test_a_lag_that_no_steering_is_quick_enough_for_is_a_low_pass() -> None:
     """Of the IMU, as far as a log can say; a lag of a steering is one."""
     lag = {

@@ -501,7 +501,10 @@ def _sentence(n: Named) -> str:
         if units[k].strength
     )
     text = f"{n.title} ({n.effect.id}): {sizes}; probability {_percent(n.probability)}"
-    text += f", it closes {100 * n.share:.0f} % of the gap." if n.share else "."
+    if n.share < 0:  # without it the others close as much of the fitted logs' gap, at sizes that are less likely
+        text += ", without it as much of the gap is closed: it is named since these logs are likelier with it."
+    else:
+        text += f", it closes {100 * n.share:.0f} % of the gap." if n.share else "."
     if n.look_alikes:
         text += f" These logs cannot exclude {', '.join(n.look_alikes)} in its place."
     return text

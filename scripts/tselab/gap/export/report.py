@@ -161,7 +161,7 @@ def effect_rows(result: Result) -> list[dict]:
                     "ci": f"{low:.3g} .. {high:.3g}",
                     "typical": f"{p.typical_low:g} .. {p.typical_high:g}",
                     "plausible": "typical" if inside else "not typical",
-                    "share": f"{100 * n.share:.0f} %",
+                    "share": f"{100 * max(0.0, n.share):.0f} %",
                     "evidence": f"{n.evidence:.0f}",
                     "look_alikes": ", ".join(n.look_alikes) or "none left",
                     "probability": "> 99 %" if n.probability > 0.99 else f"{100 * n.probability:.0f} %",
