@@ -323,8 +323,30 @@ def test_late_messages_are_found_beside_the_effect(tmp_path: Path) -> None:
     verdict = result.as_json()
     assert [e["id"] for e in verdict["effects"]] == ["body_roll"], result.words
     assert verdict["effects"][0]["probability"] > 0.9
-    late = {s["id"]: s["value"] for s in verdict["sensors"]}
-    assert late["steer_angle_latency"] == pytest.approx(0.02, abs=0.002)
+    late = {s["id"]: s for s in verdict["sensors"]}["steer_angle_latency"]
+    assert late["value"] == pytest.approx(0.02, abs=0.002)
+    assert late["ci95"][0] < 0.02 < late["ci95"][1]
+
+
+def test_latencies_have_the_intervals_of_the_names_that_they_are_sums_of(late: Problem) -> None:
+    """The steering's: its own and the IMU's; the wheels': the IMU's; an effect of the car has no share. Of a low pass its own."""
+    sizes = {"imu_delay": (-0.02, 0.002), "steering_delay": (-0.01, 0.001), "steering_lag": (0.012, 0.003), "mass": (0.1, 0.02)}
+    named = []
+    for effect, (x, half) in sizes.items():
+        key = catalogue()[effect].strengths[0].name
+        named.append(Named(catalogue()[effect], {key: x}, {key: (x - half, x + half)}, 0.5, 40.0))
+    values = {k: v for n in named for k, v in n.values.items()}
+    found = {s["id"]: s for s in workflow.sensors(late, SimpleNamespace(named=named, final=SimpleNamespace(values=values)))}
+    expected = {
+        "steer_angle_latency": (0.03, np.hypot(0.002, 0.001)),
+        "wheel_speed_front_latency": (0.02, 0.002),
+        "wheel_speed_rear_latency": (0.02, 0.002),
+        "low_pass": (0.012, 0.003),
+    }
+    assert found.keys() == expected.keys()
+    for k, (value, half) in expected.items():
+        assert found[k]["value"] == pytest.approx(value)
+        assert found[k]["ci95"] == pytest.approx([value - half, value + half], abs=1e-9)
 
 
 def test_what_is_possible_says_why_it_has_no_name(tmp_path: Path) -> None:

@@ -13,6 +13,8 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from tselab import __version__
 from tselab.core import Config, library_path
 from tselab.errors import UserError
@@ -488,9 +490,28 @@ def sensors(problem: Problem | None, naming: name.Naming) -> list[dict[str, Any]
         return []
     found, told = name.settings(problem, naming.final.values), problem.config
     settings = [k for k in latency_settings().values() if k in found and found[k] != getattr(told, k)]
-    return [{"id": k, "value": found[k], "unit": "s"} for k in settings] + [
-        {"id": "low_pass", "value": n.values[n.effect.strengths[0].name], "unit": "s"} for n in late if n.effect.id == name.LOW_PASS
+    half = _half_widths(problem, naming, settings)
+    return [{"id": k, "value": found[k], "ci95": [found[k] - half[k], found[k] + half[k]], "unit": "s"} for k in settings] + [
+        {"id": "low_pass", "value": n.values[p.name], "ci95": list(n.ci95[p.name]), "unit": "s"}
+        for n in late
+        if n.effect.id == name.LOW_PASS
+        for p in n.effect.strengths[:1]
     ]
+
+
+def _half_widths(problem: Problem, naming: name.Naming, settings: Sequence[str]) -> dict[str, float]:
+    """Of the 95 % intervals of latencies, from those of the names that they are sums of, as if these were independent: a latency of
+    the steering may be that of the IMU and its own. Linear: a delay is far from changing its sign."""
+    values, squares = naming.final.values, dict.fromkeys(settings, 0.0)
+    step = 1e-6  # s
+    for n in naming.named:
+        for key, (low, high) in ((k, c) for k, c in n.ci95.items() if k in values):
+            more, less = (name.settings(problem, dict(values) | {key: values[key] + by}) for by in (step, -step))
+            for k in settings:
+                told = getattr(problem.config, k)
+                slope = (more.get(k, told) - less.get(k, told)) / (2.0 * step)
+                squares[k] += (0.5 * slope * (high - low)) ** 2
+    return {k: float(np.sqrt(x)) for k, x in squares.items()}
 
 
 def _sentence(n: Named) -> str:
