@@ -142,6 +142,9 @@ class Smoother:
         return smoothing_spline(self.time[self.good], x[self.good], self.penalty)(self.time)
 
 
+# There are two rules for values that are held, this one and fresh(). A receiver of speed or torque has no steady beat: fresh()
+# would take all of its rows. A coarse accelerometer repeats itself more often than not: renewed() would drop rows that are
+# measured, and keep those in which the noise jumps.
 def renewed(x: np.ndarray) -> np.ndarray:
     """Of a receiver that is slower than the rows only the rows where it has a new value: a held one is old, and by a time that
     goes up and down."""

@@ -75,6 +75,9 @@ class Left:
         return self.values * (1.0 - 1.0 / self.energy)
 
 
+# There is another in tselab.identify.discrepancy, of which the calibration's numbers are: noise and drift have no prior there,
+# limits go with the size of the residuals, and a bias may be anything. Here sets of effects are compared by it, so that all priors
+# are proper and sizes are in units of the noise. What both could share is the call of the minimiser.
 def found(pieces: Sequence[Piece], start: Discrepancy | None = None) -> Discrepancy:
     """The most probable discrepancy of a channel."""
     limits, series = np.log(RANGES), Series.of(pieces)
