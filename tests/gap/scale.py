@@ -1,0 +1,159 @@
+"""How long `tselab gap run` takes, and how much memory, on many minutes of log.
+
+    python -m tests.gap.scale [--duration SECONDS] [--only CASE ...] [--jobs N] [--out FILE]     from the root of the repository
+
+Logs of the generator, of a car that rolls and whose tyres relax: the six of a case as half an hour, with its two that are held out
+as ten minutes; and twenty of 90 s, two of every manoeuvre. The table goes to scripts/results/gap-scale.md; that of other
+durations, or of one case, is printed and not written, unless --out says where.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import multiprocessing
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+TABLE = ROOT / "scripts" / "results" / "gap-scale.md"
+HIDDEN = {"body_roll": 1.0, "relaxation": 1.0}
+SEED = 3
+LONG, SHORT = 300.0, 90.0  # s of each log
+VERDICTS = (0, 10, 11, 20)  # exit codes
+
+
+@dataclass
+class Row:
+    """What was measured of one case."""
+
+    case: str
+    logs: str
+    minutes: float  # of the logs that are fitted
+    held_out: float  # minutes
+    seconds: float
+    gigabytes: float
+    verdict: str
+
+
+def long_logs(folder: Path, duration: float) -> None:
+    """The case as the study has it, longer."""
+    from tests.gap.generator import Spec, make_cases
+
+    next(make_cases([Spec("scale", HIDDEN, SEED, duration=duration)])).write(folder)
+
+
+def many_logs(folder: Path, duration: float) -> None:
+    """Every manoeuvre twice: a seed drives each once, so that it is driven for twice as long and cut."""
+    import pandas as pd
+
+    from tests.gap.generator import MANOEUVRES, Spec, make_cases
+
+    each = min(SHORT, duration)
+    spec = Spec("scale", HIDDEN, SEED, manoeuvres=tuple(MANOEUVRES), hold_out=(), duration=2.0 * each)
+    next(make_cases([spec])).write(folder)
+    for path in sorted(folder.glob("log_*.csv")):
+        table = pd.read_csv(path)
+        for k, part in enumerate((table[table["time"] < each], table[table["time"] >= each]), 1):
+            part.to_csv(path.with_name(f"{path.stem}_{k}.csv"), index=False, float_format="%.9g")
+        path.unlink()
+
+
+CASES: dict[str, Callable[[Path, float], None]] = {"long": long_logs, "many": many_logs}
+
+
+def measured(command: Sequence[str | Path]) -> tuple[int, float, float]:
+    """Exit code, seconds and the most memory of a process, GB. RuntimeError: it was stopped."""
+    start = time.perf_counter()
+    process = subprocess.Popen([str(c) for c in command], cwd=ROOT, stdout=subprocess.DEVNULL)
+    # of this process alone: getrusage() has the largest of all that ever ended
+    _, status, usage = os.wait4(process.pid, 0)
+    seconds = time.perf_counter() - start
+    process.returncode = code = os.waitstatus_to_exitcode(status)
+    if code < 0:
+        raise RuntimeError(f"stopped by signal {-code}")
+    return code, seconds, usage.ru_maxrss * (1 if sys.platform == "darwin" else 1024) / 1e9
+
+
+def run(case: str, duration: float, jobs: int) -> Row:
+    """Make the logs of a case and run the command on them."""
+    with tempfile.TemporaryDirectory() as name:
+        folder, out = Path(name) / "logs", Path(name) / "out"
+        # in a process of its own: what this one has in memory when it starts the command counts as the command's
+        maker = multiprocessing.get_context("spawn").Process(target=CASES[case], args=(folder, duration))
+        maker.start()
+        maker.join()
+        if maker.exitcode:
+            raise RuntimeError(f"{case}: no logs were made")
+        logs, held = sorted(folder.glob("log_*.csv")), sorted(folder.glob("hold_out_*.csv"))
+        command = [sys.executable, "-m", "tselab", "gap", "run", *logs, "--vehicle", folder / "car.toml", "--out", out]
+        for path in held:
+            command += ["--hold-out", path]
+        code, seconds, gigabytes = measured([*command, "--jobs", str(jobs)])
+        if code not in VERDICTS:
+            raise RuntimeError(f"{case}: exit code {code}")
+        verdict = json.loads((out / "verdict.json").read_text(encoding="utf-8"))
+        names = ", ".join(e["id"] for e in verdict["effects"])
+        of = f"{len(logs)}, and {len(held)} held out" if held else f"{len(logs)}"
+        fitted, held_out = (sum(map(minutes, paths)) for paths in (logs, held))
+    return Row(case, of, fitted, held_out, seconds, gigabytes, verdict["verdict"] + (f": {names}" if names else ""))
+
+
+def minutes(path: Path) -> float:
+    """Of a log, from the first and the last time in it."""
+    lines = path.read_text(encoding="utf-8").splitlines()
+    column = lines[0].split(",").index("time")
+    first, last = (float(lines[k].split(",")[column]) for k in (1, -1))
+    return (last - first) / 60.0
+
+
+def table(rows: Sequence[Row], jobs: int) -> str:
+    """Markdown."""
+    lines = [
+        f"`python -m tests.gap.scale`: `tselab gap run --jobs {jobs}`, {cores()} cores; hidden: {' and '.join(HIDDEN)}.",
+        "",
+        "| case | logs | minutes of log | held out | seconds | GB | verdict |",
+        "|---|---|---:|---:|---:|---:|---|",
+    ]
+    for r in rows:
+        held_out = f"{r.held_out:.1f}" if r.held_out else "-"
+        lines.append(
+            f"| {r.case} | {r.logs} | {r.minutes:.1f} | {held_out} | {r.seconds:.0f} | {r.gigabytes:.2f} | {r.verdict} |"
+        )
+    return "\n".join(lines) + "\n"
+
+
+def cores() -> int:
+    """That this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(
+        prog="python -m tests.gap.scale", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--duration", type=float, default=LONG, help=f"s of a log (%(default)g); of the many at most {SHORT:g}")
+    parser.add_argument("--only", nargs="+", choices=CASES, default=list(CASES), help="these cases")
+    parser.add_argument("--jobs", type=int, default=2, help="threads of the command (%(default)s)")
+    parser.add_argument("--out", type=Path, metavar="FILE", help="for the table; default: the whole one's to scripts/results")
+    options = parser.parse_args(arguments)
+    rows = []
+    for case in dict.fromkeys(options.only):
+        print(f"{case} ...", file=sys.stderr, flush=True)
+        rows.append(run(case, options.duration, options.jobs))
+    text = table(rows, options.jobs)
+    print(text)
+    whole = options.duration == LONG and set(options.only) == set(CASES)
+    if path := options.out or (TABLE if whole else None):
+        path.write_text(text, encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
