@@ -89,13 +89,13 @@ def test_nothing_is_read_for_good_when_modules_are_loaded():
 
 
 def test_one_is_another_for_a_while_wherever_it_is_read():
-    assert space.SEEN == 3.0
-    with constants.changed("space.SEEN", 6.0):
-        assert space.SEEN == 6.0 and constants.overridden() == {"infer.space.SEEN": 6.0}
+    assert space.EPISODE == 30.0
+    with constants.changed("space.EPISODE", 60.0):
+        assert space.EPISODE == 60.0 and constants.overridden() == {"infer.space.EPISODE": 60.0}
         with constants.changed("data.BLOCK", 0.08):
             assert fit.BLOCK == where.BLOCK == space.BLOCK == 0.08
-        assert fit.BLOCK == where.BLOCK == space.BLOCK == 0.04 and space.SEEN == 6.0
-    assert space.SEEN == 3.0 and not constants.overridden()
+        assert fit.BLOCK == where.BLOCK == space.BLOCK == 0.04 and space.EPISODE == 60.0
+    assert space.EPISODE == 30.0 and not constants.overridden()
 
 
 def test_the_same_name_elsewhere_stays():
@@ -123,7 +123,7 @@ def test_a_changed_prior_is_the_prior_that_is_used():
 
 
 @pytest.mark.parametrize(("name", "value", "error"), [
-    ("space.SEEN", "6", ValueError), ("search.MOST_STEPS", 2, KeyError), ("infer.search.REFIT", 2.5, ValueError),
+    ("space.EPISODE", "6", ValueError), ("search.MOST_STEPS", 2, KeyError), ("infer.search.REFIT", 2.5, ValueError),
     ("noise.MEDIAN", (1.0, 2.0), ValueError), ("problem.PRIOR", {"grade": 0.1}, ValueError), ("SEEM", 1.0, KeyError),
     ("BLOCK", 1.0, KeyError), ("MOST_LATENCY", 0.1, ValueError),
 ])  # fmt: skip
@@ -136,9 +136,9 @@ def test_what_is_no_constant_or_no_value_of_it_is_refused(name, value, error):
 def test_a_run_with_another_constant_is_another_run():
     config = workflow.Config()
     before = workflow.fingerprint([], config)
-    with constants.changed("space.SEEN", 6.0):
+    with constants.changed("space.EPISODE", 60.0):
         other = workflow.fingerprint([], config)
-    with constants.changed("space.SEEN", 7.0):
+    with constants.changed("space.EPISODE", 70.0):
         assert len({before, other, workflow.fingerprint([], config)}) == 3
     assert workflow.fingerprint([], config) == before
 

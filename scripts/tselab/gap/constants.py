@@ -5,11 +5,11 @@ columns and sizes of pictures.
 
 A module takes its own from here, under the name that it has in the table:
 
-    SEEN, REACH = constants.of(__name__, "SEEN", "REACH")
+    EPISODE, REACH = constants.of(__name__, "EPISODE", "REACH")
 
 and others import them from that module. For a study one of them can be another for a while:
 
-    with constants.changed("space.SEEN", 6.0):
+    with constants.changed("space.EPISODE", 60.0):
         run(...)
 """
 
@@ -194,15 +194,18 @@ TABLE: tuple[Constant, ...] = (
         ("LEAST_SIZE", 1.0, "1", "in units of noise: a channel that stands still is not known to a share of nothing"),
         ("ACTIVE_TIME", 1.0, "s", "over which a channel's size is taken"),
         ("MOST_SHARE", 5.0, "1", "of shapes, in prior sd"),
-        ("SEEN", 3.0, "1",
-         "a channel that the model does not explain says as much as so many independent values: it is wrong for hours"),
+        ("EPISODE", 30.0, "s",
+         "of a manoeuvre, all through which a wrong model is wrong in the same way: its residuals say one value of a channel"),
+        ("FEWEST", 3.0, "1", "such values, also of one short log: it has its manoeuvres, too"),
         ("UNMOVED", 1.0, "1", "sum of squares in sd, by which residuals may change before their discrepancy is found anew"),
+        ("TINY", 1e-6, "1", "sd of a share that is as good as none"),
         ("REACH", 15.0, "steps", "a chord over a third of the typical size says more of an effect than its tangent at zero"),
     ),
     *_rows(
         "gap.infer.forms",
         ("SD", 0.05, "1", "shares: so well forms are known"),
         ("LAG", 0.03, "s", "sd: so well is known how late an effect acts"),
+        ("APART", 0.15, "1", "sd: of how late an effect makes tyres act, so much those of one axle differ"),
         ("RATE_TIME", 0.1, "s", "by which rates are multiplied: of motions of 1.6 Hz as large as what they are rates of"),
         ("FAST", 20.0, "m/s", "of a modulator that is about 1 where a driver goes hard"),
         ("ALONG", 3.0, "m/s2", "the same"),
@@ -235,7 +238,6 @@ TABLE: tuple[Constant, ...] = (
         ("MOST_POSSIBLE", 3, "1", "effects that were only possible and are tried, and rounds of that: every one is a fit"),
         ("NOISE_LIMIT", 1.2, "1",
          "rms over noise up to which nothing is left to explain: noise is known to some percent, inputs are smoothed"),
-        ("EPISODE", 30.0, "s", "of a manoeuvre, all through which a wrong model is wrong in the same way"),
         ("OUTSIDE", 0.2, "1", "prior, that what is missing is in no catalogue"),
         ("FEWER", 1, "1", "sets of the strongest names that a formula is sought beside: every one is a search"),
     ),

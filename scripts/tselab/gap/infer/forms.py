@@ -1,6 +1,7 @@
 """How what an effect does may differ from its form in the catalogue: to first order, a share of it, of its rate and of the rate of
-that, each also in proportion to what the car does (Kennedy & O'Hagan 2001). A filler that repairs the form of another effect is one
-way among these, and explains no more than they do.
+that, each also in proportion to what the car does (Kennedy & O'Hagan 2001); and where it makes tyres act later, those of one axle
+may do so more than those of the other. A filler that repairs the form of another effect is one way among these, and explains no
+more than they do.
 """
 
 from __future__ import annotations
@@ -13,12 +14,13 @@ from tselab.gap import constants
 from tselab.gap.data import BLOCK
 from tselab.gap.problem import Problem
 
-SD, LAG, RATE_TIME, FAST, ALONG, ACROSS, STEERED = constants.of(
-    __name__, "SD", "LAG", "RATE_TIME", "FAST", "ALONG", "ACROSS", "STEERED"
+SD, LAG, APART, RATE_TIME, FAST, ALONG, ACROSS, STEERED = constants.of(
+    __name__, "SD", "LAG", "APART", "RATE_TIME", "FAST", "ALONG", "ACROSS", "STEERED"
 )  # fmt: skip
 RATES = ("", "'", "''")
 LATERAL = ("", " v", " |ay|", " ax", " |steer|")
 LONGITUDINAL = ("", " v", " |ax|", " ax", " |ay|")
+AXLES = "axles"  # shapes of all channels at once, one for each stiffness (space.py)
 BY = {"accel_y": LATERAL, "yaw_rate": LATERAL, "accel_x": LONGITUDINAL}
 
 
@@ -44,11 +46,11 @@ def of(problem: Problem, signal: np.ndarray, by: Mapping[str, np.ndarray | float
     """The shapes of a signal, a value per entry of the residual vector, a column for each of names()."""
     bases = [signal]
     for _ in RATES[1:]:
-        bases.append(RATE_TIME * _rate(problem, bases[-1]))
+        bases.append(RATE_TIME * rate(problem, bases[-1]))
     return np.nan_to_num(np.column_stack([b * by[k] for b in bases for k in BY[channel]]))
 
 
-def _rate(problem: Problem, x: np.ndarray) -> np.ndarray:
+def rate(problem: Problem, x: np.ndarray) -> np.ndarray:
     """Per s, of a quantity that is given for every entry of the residual vector; 0 where blocks do not follow each other."""
     rows = problem.rows
     follows = (np.diff(rows.group) == 0) & (np.diff(rows.time.astype(float)) < 1.5 * BLOCK)

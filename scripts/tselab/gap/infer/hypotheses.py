@@ -90,7 +90,7 @@ def hypotheses(effects: Iterable[Effect] | None = None) -> list[Hypothesis]:
     known = list(catalogue().values() if effects is None else effects)
     asked = [replace(e, parameters=e.strengths[:1]) if e.id == "bank" else e for e in known if e.id not in ("grade", *ABSORBED)]
     physics = [e for e in asked if e.id not in (*SENSORS, *EVERY_CAR)]
-    share = EXPECTED / max(len(physics), 1)
+    share = EXPECTED / max(len(physics), 2)  # of a list of one, too, it may not be there
     # a road that leans one way all along is asked for as bank; a grade of that kind is a bias of accel_x. Profiles: naming.py.
     found, late = [], latencies()
     for e in (*asked, *late):

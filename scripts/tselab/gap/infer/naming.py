@@ -1,8 +1,8 @@
 """From sets of effects and their probabilities to names: what the logs show, how sure that is, and what could stand in its place.
 
 The sets are searched on the fitted logs. Held-out logs inform: the search goes on from there with all logs together, and that is
-where the probabilities are from; sizes and the improved vehicle are of the fitted logs alone. What only the held-out logs show is a
-gap of its own, named besides and not added.
+where the probabilities are from. What the fitted logs need of the most probable set is named; sizes and the improved vehicle are of
+these logs alone. What only the held-out logs show is a gap of its own, named besides and not added.
 """
 
 from __future__ import annotations
@@ -101,7 +101,7 @@ def name(
     if together is not None:
         say("the same with the held-out logs")
         search = Search(Layout(together), asked, problem.jobs, say)
-        search.run(best)
+        best = first.needed(search.run(best))
     probability = Probability(search, best.ids)
     names = {h.id for h in best.effects if probability.of_class(h.id) >= NAME_AT}
     dropped: set[str] = set()
@@ -156,7 +156,7 @@ def without(problem: Problem, naming: Naming, kept: frozenset[str], why: str) ->
     if effects:
         final = as_fit(problem, judge(Layout(problem), effects, naming.final.values, None))
     named = [
-        replace(n, values={k: final.values[k] for k in n.values}, remarks=list(n.remarks))
+        _moved(n, {k: final.values[k] for k in n.values})
         for n in naming.named
         if n.effect.id in kept and not all(abs(final.values[p.name] - p.default) < p.negligible for p in n.effect.strengths)
     ]
@@ -165,10 +165,17 @@ def without(problem: Problem, naming: Naming, kept: frozenset[str], why: str) ->
     stay = {n.effect.id for n in named}
     dropped = [
         {"id": n.effect.id, "probability": n.probability, "why": SMALL if n.effect.id in kept else why}
-        for n in naming.named
-        if n.effect.id not in stay
+        for n in (*naming.named, *naming.besides)
+        if n.effect.id not in stay and n.probability >= POSSIBLE_AT
     ]
-    return replace(naming, final=final, named=named, besides=[], closed=closed, possible=[*dropped, *naming.possible])
+    possible = sorted([*dropped, *naming.possible], key=lambda p: -p["probability"])
+    return replace(naming, final=final, named=named, besides=[], closed=closed, possible=possible)
+
+
+def _moved(n: Named, values: dict[Key, float]) -> Named:
+    """The same with other values. Intervals stay as wide: what forms are not known to is in them, and that has not changed."""
+    ci95 = {k: (low + v - n.values[k], high + v - n.values[k]) for k, v in values.items() for low, high in [n.ci95[k]]}
+    return replace(n, values=values, ci95=ci95, remarks=list(n.remarks))
 
 
 def with_one_more(problem: Problem, naming: Naming, effect: str, probability: float) -> Naming:
@@ -179,7 +186,8 @@ def with_one_more(problem: Problem, naming: Naming, effect: str, probability: fl
     judged = judge(layout, effects, naming.final.values, None)
     final = as_fit(problem, judged)
     nothing = raw(problem, naming.baseline.values)
-    layout.explains(layout.split(nothing), judged.space.physical(judged.x))  # forms are known roughly, and so are sizes
+    # forms are known roughly, and so are sizes
+    layout.explains(layout.split(nothing), judged.space.physical(judged.x), judged.values)
     sd, z = judge(layout, effects, judged.values, judged).sd(), float(norm.ppf(0.975))
     full = excess(problem, naming.baseline.residuals)
     named = []
@@ -210,10 +218,7 @@ def on_all(problem: Problem, baseline: Fit, naming: Naming) -> Naming:
         plain = judge(Layout(problem), effects, of_the_car(naming.final.values), None)
         final, converged = as_fit(problem, plain), plain.converged
         for n in (n for n in naming.named if n.effect.id in ids):
-            values = {p.name: plain.values[p.name] for p in n.effect.fitted}
-            # intervals stay as wide: what forms are not known to is in them, and more of the same log does not tell
-            ci95 = {k: (low + v - n.values[k], high + v - n.values[k]) for k, v in values.items() for low, high in [n.ci95[k]]}
-            named.append(replace(n, values=values, ci95=ci95))
+            named.append(_moved(n, {p.name: plain.values[p.name] for p in n.effect.fitted}))
     roads = [n.effect for n in naming.named if n.effect.id not in ids and len(problem.strengths(n.effect)) <= MOST_KNOTS]
     if roads:
         final = _with_roads(problem, final, roads)

@@ -30,10 +30,11 @@ from tselab.gap.infer import show
 from tselab.gap.infer.formula.search import Discovery, discover
 from tselab.gap.infer.hypotheses import NAME_AT, SIZE_COST, hypotheses
 from tselab.gap.infer.naming import ROAD_PROBABILITY, Naming
+from tselab.gap.infer.space import EPISODE
 from tselab.gap.problem import Problem
 
-LEAST_CLOSED, WORTHWHILE, MOST_POSSIBLE, NOISE_LIMIT, EPISODE, OUTSIDE, FEWER = constants.of(
-    __name__, "LEAST_CLOSED", "WORTHWHILE", "MOST_POSSIBLE", "NOISE_LIMIT", "EPISODE", "OUTSIDE", "FEWER"
+LEAST_CLOSED, WORTHWHILE, MOST_POSSIBLE, NOISE_LIMIT, OUTSIDE, FEWER = constants.of(
+    __name__, "LEAST_CLOSED", "WORTHWHILE", "MOST_POSSIBLE", "NOISE_LIMIT", "OUTSIDE", "FEWER"
 )  # fmt: skip
 INSTEAD = "a formula explains about as much or more for what it costs"  # why what the search named has no name in the end
 

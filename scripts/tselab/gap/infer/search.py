@@ -145,7 +145,7 @@ class Search:
 
     def _explained(self, best: Judged) -> Judged:
         """From here on what the set does is known to the catalogue's forms only: all sets are judged anew."""
-        self.layout.explains(self.nothing, best.space.physical(best.x))
+        self.layout.explains(self.nothing, best.space.physical(best.x), best.values)
         least = self._least()
         self.known.clear()
         again = self.judge(best.ids, best.values, best)
@@ -174,6 +174,10 @@ class Search:
             tried = self.judge_all([(without.ids | {o.id}, without.values | start, without) for _, o, start in ask])
             there = max([there, *tried], key=lambda j: j.evidence)
         return there
+
+    def needed(self, found: Judged) -> Judged:
+        """Of a set that was found in more logs than these: what these need of it."""
+        return self._pruned(self.judge(found.ids, of_the_car(found.values)))
 
     # ---- what came of it
 

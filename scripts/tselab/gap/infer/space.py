@@ -15,13 +15,14 @@ from tselab.gap import constants
 from tselab.gap.catalogue import Key, Own, Parameter
 from tselab.gap.data import BLOCK, CHANNELS
 from tselab.gap.infer import forms, noise
+from tselab.gap.infer.forms import AXLES
 from tselab.gap.infer.hypotheses import Hypothesis, fit_prior
 from tselab.gap.problem import STIFFNESS, WITH_BIAS, Problem
 from tselab.identify.discrepancy import Discrepancy, Piece
 from tselab.noise import smooth
 
-STIFFNESS_SD, OWN_SD, LEAST_SIZE, ACTIVE_TIME, MOST_SHARE, SEEN, UNMOVED, REACH = constants.of(
-    __name__, "STIFFNESS_SD", "OWN_SD", "LEAST_SIZE", "ACTIVE_TIME", "MOST_SHARE", "SEEN", "UNMOVED", "REACH"
+STIFFNESS_SD, OWN_SD, LEAST_SIZE, ACTIVE_TIME, MOST_SHARE, EPISODE, FEWEST, UNMOVED, REACH, TINY = constants.of(
+    __name__, "STIFFNESS_SD", "OWN_SD", "LEAST_SIZE", "ACTIVE_TIME", "MOST_SHARE", "EPISODE", "FEWEST", "UNMOVED", "REACH", "TINY"
 )  # fmt: skip
 
 
@@ -53,13 +54,14 @@ class Layout:
         self.one = [np.ones(len(t)) for t in self.time]
         self.power = dict.fromkeys(self.channels, 1.0)
         shapes = [(c, name) for c in self.channels for name in forms.names(c)]
-        self.shape_of = np.array([c for c, _ in shapes])
-        self.shape_sd = np.array([forms.sd(name) for _, name in shapes])
-        self.shapes: list[np.ndarray] = [np.zeros((len(t), len(shapes))) for t in self.time]
+        self.shape_of = np.array([c for c, _ in shapes] + [AXLES] * len(STIFFNESS))
+        self.shape_sd = np.array([forms.sd(name) for _, name in shapes] + [TINY] * len(STIFFNESS))
+        self.shapes: list[np.ndarray] = [np.zeros((len(t), len(self.shape_sd))) for t in self.time]
         self.by = forms.modulators(problem, {})
 
-    def explains(self, before: list[np.ndarray], after: list[np.ndarray]) -> None:
-        """What effects do, from residuals without and with them, has these forms only roughly."""
+    def explains(self, before: list[np.ndarray], after: list[np.ndarray], values: Mapping[str, float]) -> None:
+        """What effects do, from residuals without and with them, has these forms only roughly; and where they make tyres act late,
+        those of one axle may be later. `values`: with the effects."""
         whole = np.zeros(len(self.problem.rows.log))
         for rows, b, a, bias in zip(self.rows, before, after, self.bias, strict=True):
             change = b - a
@@ -68,12 +70,23 @@ class Layout:
         for g, (rows, (_, channel)) in enumerate(zip(self.rows, self.groups, strict=True)):
             if channel in tables:
                 self.shapes[g][:, self.shape_of == channel] = tables[channel][rows]
+        rates = np.zeros((len(whole), len(STIFFNESS)))
+        for rows, table in zip(self.rows, slopes(self, values, after, STIFFNESS), strict=True):
+            rates[rows] = table
+        rates = np.column_stack([forms.RATE_TIME * forms.rate(self.problem, x) for x in rates.T])
+        for mine, rows in zip(self.shapes, self.rows, strict=True):
+            mine[:, self.shape_of == AXLES] = rates[rows]
+        used = np.concatenate(self.rows)
+        both = rates[used].sum(axis=1)
+        late = abs(float(both @ whole[used])) / max(float(both @ both), 1e-300)  # of all tyres, that is most like what effects do
+        self.shape_sd[self.shape_of == AXLES] = max(forms.APART * late, TINY)
 
     def trust(self, left: Mapping[str, noise.Left]) -> None:
-        """How much the likelihood of each channel counts, when the best model leaves this: in full while it is noise, as SEEN
-        values when it is the model's error (a coarsened posterior: Miller & Dunson 2019)."""
+        """How much the likelihood of each channel counts, when the best model leaves this: in full while it is noise, as a
+        value in an EPISODE when it is the model's error (a coarsened posterior: Miller & Dunson 2019)."""
         for c, x in left.items():
-            self.power[c] = 1.0 / max(1.0, x.wrong / SEEN)
+            blocks = sum(len(t) for t, (_, own) in zip(self.time, self.groups, strict=True) if own == c)
+            self.power[c] = 1.0 / max(1.0, x.wrong / max(FEWEST, blocks * BLOCK / EPISODE))
 
     def split(self, vector: np.ndarray) -> list[np.ndarray]:
         return [vector[r] for r in self.rows]
