@@ -105,17 +105,18 @@ def name(
     probability = Probability(search, best.ids)
     names = {h.id for h in best.effects if probability.of_class(h.id) >= NAME_AT}
     dropped: set[str] = set()
+    full = excess(problem, baseline.residuals)
     while True:
         final = best if names == best.ids else first.judge(names, best.values, best)
         # sizes are what the catalogue's forms alone make of the logs; what forms are not known to is in the intervals
         plain = judge(Layout(problem), final.effects, final.values, None)
         small = {h.id for h in final.effects if negligible(h, plain.values)}
-        if not small:
+        wander = _wander(problem, first, final, baseline, full)
+        if not small | wander:
             break
-        names = final.ids - small
+        names = final.ids - small - wander
         dropped |= small
     last = as_fit(problem, plain) if final.effects else baseline
-    full = excess(problem, baseline.residuals)
     named = [_named(problem, first, final, plain, last, h, probability, full) for h in final.effects]
     named += _roads(problem, final, last, [e for e in effects if e.id in PROFILES], full)
     roads = [n.effect for n in named if n.effect.id in PROFILES and n.effect.id not in final.ids]
@@ -333,6 +334,16 @@ def _roads(problem: Problem, final: Judged, last: Fit, roads: Sequence[Effect], 
         odds = float(np.exp(min(gain + prior, 50.0)))
         found.append(Named(e, {p: size}, {p: (max(0.0, size - z * spread), size + z * spread)}, share, gain, odds / (1 + odds)))
     return found
+
+
+def _wander(problem: Problem, search: Search, final: Judged, baseline: Fit, full: float) -> set[str]:
+    """Of roads that lean one way all along (which a bias takes up) those that rather wander: named by their profile."""
+    level = {h.id for h in final.effects if h.id in PROFILES}
+    if not level:
+        return set()
+    flat = search.judge(final.ids - level, final.values, final)
+    last = as_fit(problem, judge(Layout(problem), flat.effects, flat.values, None)) if flat.effects else baseline
+    return {n.effect.id for n in _roads(problem, flat, last, [catalogue()[i] for i in sorted(level)], full)}
 
 
 def _harms(problem: Problem, before: Fit, after: Fit, but: str) -> bool:

@@ -149,6 +149,7 @@ class Search:
         least = self._least()
         self.known.clear()
         again = self.judge(best.ids, best.values, best)
+        self.judge((), best.values, again)  # nothing is missing: always one of the answers, also where taking one away is worse
         self.layout.trust({c: min(least[c], again.left[c], key=lambda x: x.wrong) for c in least})
         return again
 

@@ -1,0 +1,137 @@
+"""What other values of the constants that matter do to names: a few cases of the generator, one constant at a time.
+
+    python -m tests.gap.sweep [--only CONSTANT ...] [--jobs N] [--again]     from the root of the repository; half an hour
+
+Names are those of the search (infer/naming.py), before formulas compete with them, so that a case that is in no catalogue (a patch
+of low grip) shows what a constant does to names that are not there. What is done is kept in build/gap-sweep; the table goes to
+scripts/results/gap-sweep.md when all constants were asked.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import multiprocessing
+import shutil
+import sys
+import tempfile
+from collections.abc import Sequence
+from contextlib import ExitStack
+from pathlib import Path
+
+from tqdm import tqdm
+
+from tests.gap.study import same
+
+ROOT = Path(__file__).resolve().parents[2]
+FOLDER = ROOT / "build" / "gap-sweep"
+TABLE = ROOT / "scripts" / "results" / "gap-sweep.md"
+CASES = ("clean-108", "relaxation-1x-1", "lateral_load_transfer-1x-1", "body_roll+steering_ratio-1x-2", "low_grip_patch-1x-1")
+# Half and twice, or what is half and twice as probable.
+VALUES: dict[str, tuple[float, float]] = {
+    "infer.hypotheses.EXPECTED": (0.5, 2.0),
+    "infer.hypotheses.SENSOR_SHARE": (0.05, 0.2),
+    "infer.hypotheses.EVERY_SHARE": (0.08, 0.3),
+    "infer.hypotheses.LARGER_SD": (0.2, 0.7),
+    "infer.space.EPISODE": (15.0, 60.0),
+    "infer.space.OWN_SD": (0.01, 0.04),
+    "infer.forms.SD": (0.025, 0.1),
+    "infer.forms.LAG": (0.015, 0.06),
+    "infer.forms.APART": (0.08, 0.3),
+    "infer.excerpt.MOST_SECONDS": (60.0, 240.0),
+}
+
+
+def run(asked: tuple[str, str, float | None]) -> None:
+    """One case with one constant changed (None: none): the names, and how probable what is there is."""
+    from tests.gap.generator import make_cases
+    from tests.gap.generator.study import study
+    from tselab.gap import constants
+    from tselab.gap.catalogue import catalogue
+    from tselab.gap.fit import fit
+    from tselab.gap.infer.excerpt import HELD_SHARE, excerpt
+    from tselab.gap.infer.naming import name
+    from tselab.gap.problem import STIFFNESS, Problem
+    from tselab.gap.workers import Workers
+    from tselab.gap.workflow import read
+    from tselab.vehicle import read_vehicle
+
+    case, constant, value = asked
+    path = file_of(case, constant, value)
+    if path.exists():
+        return
+    made = next(make_cases([s for s in study() if s.name == case]))
+    workers = Workers(1)
+
+    def problem(folder: Path, pattern: str, share: float) -> Problem:
+        logs, config = read(sorted(folder.glob(pattern)), read_vehicle(folder / "car.toml"))
+        found = workers.problem(workers.prepare(logs, config), config)
+        return found.of(excerpt(found, fit(found, STIFFNESS, {}), share).logs)
+
+    with tempfile.TemporaryDirectory() as temporary, ExitStack() as stack:
+        if value is not None:
+            stack.enter_context(constants.changed(constant, value))
+        folder = made.write(Path(temporary) / "case")
+        fitted, held = problem(folder, "log_*.csv", 1.0), problem(folder, "hold_out_*.csv", HELD_SHARE)
+        found = name(fitted, list(catalogue().values()), together=fitted.of([*fitted.logs, *held.logs]))
+    truth = [e["id"] for e in made.truth["effects"]]
+    named = {n.effect.id: (n.probability, n.look_alikes) for n in found.named}
+    right = [t for t in truth if any(same(t, n) or t in alike for n, (_, alike) in named.items())]
+    more = [n for n, (_, alike) in named.items() if not any(same(t, n) or t in alike for t in truth)]
+    result = {"truth": truth, "right": right, "more": {n: named[n][0] for n in more}}
+    path.with_suffix(".part").write_text(json.dumps(result))
+    path.with_suffix(".part").replace(path)
+
+
+def file_of(case: str, constant: str, value: float | None) -> Path:
+    return FOLDER / f"{case}_{'as_it_is' if value is None else f'{constant}_{value:g}'}.json"
+
+
+def row(label: str, constant: str, value: float | None, cases: Sequence[str] = CASES) -> str:
+    found = [json.loads(file_of(c, constant, value).read_text()) for c in cases]
+    there, right = (sum(len(f[k]) for f in found) for k in ("truth", "right"))
+    more = [f"{n} {100 * p:.0f} % ({c})" for c, f in zip(cases, found, strict=True) for n, p in f["more"].items()]
+    return f"| {label} | {right} of {there} | {', '.join(more) or '-'} |"
+
+
+def table(constants_asked: dict[str, tuple[float, float]]) -> str:
+    from tselab.gap import constants
+
+    lines = ["| constant | right or admitted | superfluous names, their probability, the case |", "|---|---|---|"]
+    lines.append(row("all as they are", "", None))
+    for name, values in constants_asked.items():
+        lines += [row(f"`{name}` {v:g} in place of {constants.BY_NAME[name].value:g}", name, v) for v in values]
+    return "\n".join(lines) + "\n"
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(prog="python -m tests.gap.sweep", description=__doc__.split("\n")[0])
+    parser.add_argument(
+        "--only", nargs="*", default=[], help="parts of names of constants; the table is printed, and not written"
+    )
+    parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--again", action="store_true")
+    options = parser.parse_args()
+    if options.again:
+        shutil.rmtree(FOLDER, ignore_errors=True)
+    FOLDER.mkdir(parents=True, exist_ok=True)
+    wanted = {k: v for k, v in VALUES.items() if not options.only or any(o in k for o in options.only)}
+    asked: list[tuple[str, str, float | None]] = [(c, "", None) for c in CASES]
+    asked += [(c, k, v) for k, values in wanted.items() for v in values for c in CASES]
+    with multiprocessing.get_context("spawn").Pool(options.jobs) as pool:
+        try:
+            for _ in tqdm(pool.imap_unordered(run, asked), total=len(asked), unit="run", file=sys.stderr):
+                pass
+        except KeyboardInterrupt:
+            pool.terminate()
+            print("stopped; what is done is kept", file=sys.stderr)
+            return 130
+    text = table(wanted)
+    if len(wanted) == len(VALUES):
+        TABLE.write_text(text)
+    print(text)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
