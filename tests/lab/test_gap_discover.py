@@ -139,6 +139,13 @@ def run(tmp_path_factory):
     return folder, logs, done
 
 
+def test_a_line_over_what_the_catalogue_has_at_a_place_is_no_evolved_form() -> None:
+    x = np.linspace(-3.0, 4.0, 200)
+    assert symbolic._alike(2.0 - 0.1 * x, x)
+    assert not symbolic._alike(np.abs(x), x)
+    assert not symbolic._alike(np.ones(200), x) and not symbolic._alike(x, np.zeros(0))  # a place that the catalogue has nothing at
+
+
 def test_every_stage_of_a_run_can_be_read_again(run):
     """Else a command that goes on after Ctrl-C would do it anew."""
     folder, _, _ = run

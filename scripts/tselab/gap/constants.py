@@ -234,7 +234,7 @@ TABLE: tuple[Constant, ...] = (
     *_rows(
         "gap.infer.rivals",
         ("LEAST_CLOSED", 0.05, "1", "of the gap: names that together close less explain nothing of it"),
-        ("WORTHWHILE", 0.5, "1", "of what is left, that an effect which was only possible must close to be named"),
+        ("WORTHWHILE", 0.3, "1", "of what is left, that an effect which was only possible must close to be named"),
         ("MOST_POSSIBLE", 3, "1", "effects that were only possible and are tried, and rounds of that: every one is a fit"),
         ("NOISE_LIMIT", 1.2, "1",
          "rms over noise up to which nothing is left to explain: noise is known to some percent, inputs are smoothed"),
@@ -293,6 +293,7 @@ TABLE: tuple[Constant, ...] = (
         ("TALLEST", 4, "1", "height of a tree: what fits in a program, and can be read"),
         ("KEPT", 2, "1", "forms of a search that are simulated"),
         ("NODE_PRICE", 4.0, "nats", "of a node: twice that of the library, for so many more are tried"),
+        ("ALIKE", 0.999, "1", "correlation with what the catalogue has at a place, from which a form is that"),
     ),
     *_rows("gap.infer.formula.terms", ("PLAYS", (0.001, 0.003, 0.01), "rad", "halves of plays of the steering that are tried")),
     # ---- export

@@ -170,18 +170,16 @@ def _with_fewer(problem: Problem, naming: Naming) -> list[Naming]:
 
 
 def _with_possible(problem: Problem, naming: Naming, say: Callable[[str], None]) -> list[Naming]:
-    """The names, and those that the search called possible as long as one closes much of what the others leave: a catalogue's
-    effect is a cause, which a formula is not."""
+    """The names, and those that the search called possible, or what looks like a name, as long as one closes much of what the
+    others leave: a catalogue's effect is a cause, which a formula is not."""
     found: list[Naming] = []
     there = naming
     for _ in range(MOST_POSSIBLE):
         left = excess(problem, there.final.residuals)
         tried = []
-        for p in there.possible[:MOST_POSSIBLE]:
-            if p["id"] not in catalogue():
-                continue
-            say(f"what if it is {p['id']}")
-            one = name.with_one_more(problem, there, p["id"], p["probability"])
+        for effect, probability in _candidates(there):
+            say(f"what if it is {effect}")
+            one = name.with_one_more(problem, there, effect, probability)
             now = excess(problem, one.final.residuals)
             if now < (1.0 - WORTHWHILE) * left:
                 tried.append((now, one))
@@ -190,3 +188,14 @@ def _with_possible(problem: Problem, naming: Naming, say: Callable[[str], None])
         there = min(tried, key=lambda t: t[0])[1]
         found.append(there)
     return found
+
+
+def _candidates(naming: Naming) -> list[tuple[str, float]]:
+    """Effects that were not named and may be tried beside the names, with the probability that the search gave them: what looks
+    like a name shares that one's."""
+    named = {n.effect.id for n in naming.named}
+    found = {p["id"]: p["probability"] for p in naming.possible}
+    for n in naming.named:
+        found |= {i: max(found.get(i, 0.0), 1.0 - n.probability) for i in n.look_alikes}
+    asked = [(i, p) for i, p in found.items() if i in catalogue() and i not in named]
+    return sorted(asked, key=lambda c: -c[1])[:MOST_POSSIBLE]

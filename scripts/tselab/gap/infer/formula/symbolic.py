@@ -16,6 +16,7 @@ from tselab.formula import FormulaError
 from tselab.gap import constants
 from tselab.gap.infer.formula.terms import (
     FRONT,
+    KNOWN,
     LATERAL,
     PULL,
     REAR,
@@ -32,8 +33,8 @@ from tselab.gap.infer.formula.terms import (
 if TYPE_CHECKING:
     from tselab.gap.infer.formula.search import Frame
 
-POPULATION, GENERATIONS, CROSSING, MUTATING, TALLEST, KEPT, NODE_PRICE = constants.of(
-    __name__, "POPULATION", "GENERATIONS", "CROSSING", "MUTATING", "TALLEST", "KEPT", "NODE_PRICE"
+POPULATION, GENERATIONS, CROSSING, MUTATING, TALLEST, KEPT, NODE_PRICE, ALIKE = constants.of(
+    __name__, "POPULATION", "GENERATIONS", "CROSSING", "MUTATING", "TALLEST", "KEPT", "NODE_PRICE", "ALIKE"
 )  # fmt: skip
 ACROSS = (STEER, YAW, SIDE, FRONT, REAR, SPEED, PULL)
 ALONG = (PULL, SPEED, SIDE, STEER, YAW)
@@ -93,16 +94,24 @@ def search(frame: Frame, place: str, library: Sequence[Term], seed: int) -> list
             young = [t for t in young if t.height <= TALLEST]
             both = list({str(t): t for t in (*trees, *young)}.values())
             fresh = [t for t in both if not any(t is o for o in trees)]
-            known = dict(zip(map(str, trees), scores, strict=True))
-            known |= dict(zip(map(str, fresh), judge(fresh), strict=True)) if fresh else {}
-            trees = sorted(both, key=lambda t: -known[str(t)])[:POPULATION]
-            scores = [known[str(t)] for t in trees]
+            worth = dict(zip(map(str, trees), scores, strict=True))
+            worth |= dict(zip(map(str, fresh), judge(fresh), strict=True)) if fresh else {}
+            trees = sorted(both, key=lambda t: -worth[str(t)])[:POPULATION]
+            scores = [worth[str(t)] for t in trees]
     finally:
         random.setstate(state)
-    forms = [f for t in trees[: 4 * KEPT] if (f := _form(t, used)) is not None]
+    known = np.concatenate([s[KNOWN[place]] for s in frame.at]) if place in KNOWN else np.zeros(0)
+    forms = [f for t in trees[: 4 * KEPT] if not _alike(values(t), known) and (f := _form(t, used)) is not None]
     seen = {t.text for t in library}
     listed = [x for x in screened(frame, place, frame.last, forms) if x[2].text not in seen] if forms else []
     return sorted(listed, key=lambda x: -x[0])[:KEPT]
+
+
+def _alike(x: np.ndarray, known: np.ndarray) -> bool:
+    """Whether a form is a line over what the catalogue has at the place: that was asked for by its name."""
+    if not known.size or np.ptp(x) == 0.0 or np.ptp(known) == 0.0:
+        return False
+    return abs(float(np.corrcoef(x, known)[0, 1])) > ALIKE
 
 
 def _winner(scores: list[float], rivals: int = 4) -> int:
