@@ -78,6 +78,7 @@ class Linear:
     effect: Parameter
     size: float
     jobs: int = 1
+    is_here: bool = True
 
     def __post_init__(self) -> None:
         rng = np.random.default_rng(8)
@@ -139,6 +140,19 @@ def test_a_search_names_what_is_there_and_nothing_else() -> None:
         search = Search(Layout(problem), [h])
         assert search.run().ids == expected
         assert Probability(search, frozenset(expected)).of_class("mass") == pytest.approx(1.0 if expected else 0.0, abs=0.05)
+
+
+def test_sets_that_copies_of_the_process_judge_are_worth_the_same() -> None:
+    h, problem = one_effect()
+    found = []
+    for jobs in (1, 2):
+        search = Search(Layout(problem), [h], jobs)
+        nothing = search.judge((), {})
+        both = search.judge_all([(frozenset({h.id}), nothing.values, nothing), (frozenset(), nothing.values, nothing)])
+        again = search.judge_all([(frozenset({h.id}), {}, nothing)] * 2)  # known by now
+        assert again[0] is both[0] and both[0].effects[0] is h and both[0].space.layout is search.layout
+        found.append((both[0].evidence, list(both[0].x), search.run().ids))
+    assert found[0] == found[1]
 
 
 def test_effects_that_share_the_probability_are_each_others_look_alikes() -> None:

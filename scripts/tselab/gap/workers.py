@@ -54,6 +54,8 @@ class Cluster(Workers):
 class ClusterProblem(Problem):
     """A problem whose simulations are made by a cluster, many at once."""
 
+    is_here = False
+
     def __init__(self, client: Any, logs: Sequence[Prepared], config: Config, jobs: int):
         super().__init__(logs, config, jobs)
         self._client = client

@@ -31,6 +31,7 @@ from tselab.gap.infer.formula.search import Discovery, discover
 from tselab.gap.infer.hypotheses import NAME_AT, SIZE_COST, hypotheses
 from tselab.gap.infer.naming import ROAD_PROBABILITY, Naming
 from tselab.gap.infer.space import EPISODE
+from tselab.gap.parallel import apart
 from tselab.gap.problem import Problem
 
 LEAST_CLOSED, WORTHWHILE, MOST_POSSIBLE, NOISE_LIMIT, OUTSIDE, FEWER = constants.of(
@@ -140,9 +141,13 @@ def explained(
         naming = name.without(problem, naming, frozenset(), little)
     worlds, sought = Worlds(naming.baseline, problem, held), []
     whole = [naming, *_with_possible(problem, naming, say)]
-    for n in (*whole, *_with_fewer(problem, naming)):
+    asked = [*whole, *_with_fewer(problem, naming)]
+
+    def formula(n: Naming) -> Discovery:
         beside = ", ".join(m.effect.id for m in n.named)
-        found = discover(problem, n.final, held, lambda text, b=beside: say(f"{text}{b and f', beside {b}'}"))
+        return discover(problem, n.final, held, lambda text: say(f"{text}{beside and f', beside {beside}'}"))
+
+    for n, found in zip(asked, apart(problem.jobs if problem.is_here else 1, formula, asked), strict=True):
         sought.append((n, found))
         if any(n is w for w in whole):
             worlds.add(n)

@@ -12,7 +12,6 @@ powers (Layout.trust) are those of the set that leaves least, the same for all.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -22,6 +21,7 @@ from tselab.gap.catalogue import Parameter, of_the_car
 from tselab.gap.infer import noise
 from tselab.gap.infer.hypotheses import Hypothesis, fit_prior, ln_normal, start_of
 from tselab.gap.infer.space import REACH, Layout, Space, raw, slopes
+from tselab.gap.parallel import apart
 from tselab.identify import fit as engine
 from tselab.identify.discrepancy import Discrepancy, without_bias
 
@@ -88,15 +88,23 @@ class Search:
         """The set, fitted from `start` unless it was before."""
         key = frozenset(ids)
         if key not in self.known:
-            self.known[key] = judge(self.layout, [h for h in self.asked if h.id in key], start, parent)
+            self.known[key] = self._judged((key, start, parent))
         return self.known[key]
 
     def judge_all(self, asked: Sequence[tuple[frozenset[str], Mapping[str, float], Judged]]) -> list[Judged]:
         """Many sets, each from what another one had."""
-        if self.jobs == 1 or len(asked) < 2:
-            return [self.judge(*a) for a in asked]
-        with ThreadPoolExecutor(self.jobs) as pool:
-            return list(pool.map(lambda a: self.judge(*a), asked))
+        new = list({ids: (ids, start, parent) for ids, start, parent in asked if ids not in self.known}.values())
+        jobs = self.jobs if self.jobs == 1 or self.layout.problem.is_here else 1  # a cluster's slopes are many at once as it is
+        for (ids, start, _), j in zip(new, apart(jobs, self._judged, new, _light), strict=True):
+            if j.space is None:
+                j.effects = tuple(h for h in self.asked if h.id in ids)
+                j.space = Space(self.layout, j.effects, start)
+            self.known[ids] = j
+        return [self.known[ids] for ids, _, _ in asked]
+
+    def _judged(self, asked: tuple[frozenset[str], Mapping[str, float], Judged | None]) -> Judged:
+        ids, start, parent = asked
+        return judge(self.layout, [h for h in self.asked if h.id in ids], start, parent)
 
     # ---- the search
 
@@ -188,6 +196,11 @@ class Search:
         ln = np.array([j.evidence for j in sets])
         weight = np.exp(ln - ln.max())
         return {j.ids: float(w) for j, w in zip(sets, weight / weight.sum(), strict=True)}
+
+
+def _light(judged: Judged) -> Judged:
+    """Without what the process that asked has, too."""
+    return replace(judged, effects=(), space=None)
 
 
 def judge(layout: Layout, effects: Sequence[Hypothesis], start: Mapping[str, float], parent: Judged | None) -> Judged:
