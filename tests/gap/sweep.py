@@ -4,7 +4,7 @@
 
 Names are those of the search (infer/naming.py), before formulas compete with them, so that a case that is in no catalogue (a patch
 of low grip) shows what a constant does to names that are not there. What is done is kept in build/gap-sweep; the table goes to
-scripts/results/gap-sweep.md when all constants were asked.
+scripts/results/gap-sweep.md when all constants were asked, also of a run that was interrupted.
 """
 
 from __future__ import annotations
@@ -87,6 +87,10 @@ def file_of(case: str, constant: str, value: float | None) -> Path:
     return FOLDER / f"{case}_{'as_it_is' if value is None else f'{constant}_{value:g}'}.json"
 
 
+def is_done(constant: str, value: float | None) -> bool:
+    return all(file_of(c, constant, value).exists() for c in CASES)
+
+
 def row(label: str, constant: str, value: float | None, cases: Sequence[str] = CASES) -> str:
     found = [json.loads(file_of(c, constant, value).read_text()) for c in cases]
     there, right = (sum(len(f[k]) for f in found) for k in ("truth", "right"))
@@ -100,7 +104,9 @@ def table(constants_asked: dict[str, tuple[float, float]]) -> str:
     lines = ["| constant | right or admitted | superfluous names, their probability, the case |", "|---|---|---|"]
     lines.append(row("all as they are", "", None))
     for name, values in constants_asked.items():
-        lines += [row(f"`{name}` {v:g} in place of {constants.BY_NAME[name].value:g}", name, v) for v in values]
+        for v in values:
+            label = f"`{name}` {v:g} in place of {constants.BY_NAME[name].value:g}"
+            lines.append(row(label, name, v) if is_done(name, v) else f"| {label} | not run | |")
     return "\n".join(lines) + "\n"
 
 
@@ -124,13 +130,14 @@ def main() -> int:
                 pass
         except KeyboardInterrupt:
             pool.terminate()
-            print("stopped; what is done is kept", file=sys.stderr)
-            return 130
+            print("stopped; what is done is kept, and the table says what was not run", file=sys.stderr)
+    if not is_done("", None):
+        return 130
     text = table(wanted)
     if len(wanted) == len(VALUES):
         TABLE.write_text(text)
     print(text)
-    return 0
+    return 0 if all(is_done(k, v) for k, values in wanted.items() for v in values) else 130
 
 
 if __name__ == "__main__":
