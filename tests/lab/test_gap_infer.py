@@ -381,6 +381,19 @@ def test_what_is_possible_says_why_it_has_no_name(tmp_path: Path) -> None:
     assert {p["id"]: p["why"] for p in less.possible} == {"body_roll": "a reason"} | why
 
 
+def test_a_road_alone_is_kept_with_its_profile(tmp_path: Path) -> None:
+    vehicle = car(tmp_path)
+    log = write_log(tmp_path / "log.csv", vehicle, "sweep", {}, 3)
+    config = Config(read_vehicle(vehicle).values)
+    problem = Problem([prepare(read_log(log), config)], config)
+    baseline, grade = naming.fit(problem, naming.STIFFNESS, {}), catalogue()["grade"]
+    road = Named(grade, {"grade_angle": 0.01}, {"grade_angle": (0.005, 0.015)}, 0.5, 40.0, 0.99)
+    found = naming.Naming(baseline, naming._with_roads(problem, baseline, [grade]), [road], [], 0.5, [], [], [], True)
+    kept = naming.without(problem, found, frozenset({"grade"}), "a reason")
+    assert kept.named == [road] and kept.possible == []
+    assert kept.final.values == found.final.values
+
+
 def test_a_road_is_told_by_the_size_of_its_profile() -> None:
     """Which has one number, where the effect has two strengths; and a delay below zero is a message that is late."""
     bank = Named(catalogue()["bank"], {"bank_angle": 0.012}, {"bank_angle": (0.01, 0.014)}, 0.5, 40.0, 0.99)

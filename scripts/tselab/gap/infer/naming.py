@@ -152,15 +152,20 @@ def _has_torque(problem: Problem) -> bool:
 
 def without(problem: Problem, naming: Naming, kept: frozenset[str], why: str) -> Naming:
     """The same with no names but these: the others are possible, no more. `why`: they are not kept."""
-    effects = [h for h in hypotheses() if h.id in kept]
+    roads = [n for n in naming.named if n.effect.id in kept and profiles(naming.final.values, n.effect.id)]
+    flat = kept - {n.effect.id for n in roads}
+    effects = [h for h in hypotheses() if h.id in flat]
     final = naming.baseline
     if effects:
-        final = as_fit(problem, judge(Layout(problem), effects, naming.final.values, None))
+        final = as_fit(problem, judge(Layout(problem), effects, of_the_car(naming.final.values), None))
     named = [
         _moved(n, {k: final.values[k] for k in n.values})
         for n in naming.named
-        if n.effect.id in kept and not all(abs(final.values[p.name] - p.default) < p.negligible for p in n.effect.strengths)
+        if n.effect.id in flat and not all(abs(final.values[p.name] - p.default) < p.negligible for p in n.effect.strengths)
     ]
+    if roads:
+        final = _with_roads(problem, final, [n.effect for n in roads])
+        named += roads
     full = excess(problem, naming.baseline.residuals)
     closed = 1.0 - excess(problem, final.residuals) / full if full > 0 else 0.0
     stay = {n.effect.id for n in named}
