@@ -117,12 +117,22 @@ def check_writable(path: Path) -> None:
 
 
 def check_distinct(outputs: dict[str, Path | None], inputs: dict[str, Path | None]) -> None:
-    """No output may overwrite an input or another output."""
-    seen = {Path(p).resolve(): what for what, p in inputs.items() if p is not None}
+    """No output may overwrite an input or another output, under whatever name: links are looked through, hard ones, too."""
+    seen = {key: what for what, p in inputs.items() if p is not None for key in _identities(Path(p))}
     for what, path in outputs.items():
         if path is None:
             continue
-        resolved = Path(path).resolve()
-        if resolved in seen:
-            raise UserError(f"{path}: {what} is the same file as {seen[resolved]}")
-        seen[resolved] = what
+        keys = _identities(Path(path))
+        if same := next((seen[key] for key in keys if key in seen), None):
+            raise UserError(f"{path}: {what} is the same file as {same}")
+        seen.update(dict.fromkeys(keys, what))
+
+
+def _identities(path: Path) -> list[object]:
+    """Under what a file is known: its path, and where it is there its place on the disk."""
+    keys: list[object] = [path.resolve()]
+    try:
+        found = path.stat()
+    except OSError:
+        return keys
+    return [*keys, (found.st_dev, found.st_ino)] if found.st_ino else keys

@@ -94,3 +94,19 @@ def test_the_content_is_on_the_disk_before_it_has_the_name(tmp_path, monkeypatch
     with files.atomic(path) as file:
         file.write("new\n")
     assert order == [4, "name", "folder"]
+
+
+def test_a_link_to_an_input_is_that_input(drive, tmp_path):
+    hard, soft = tmp_path / "hard.csv", tmp_path / "soft.csv"
+    log = tmp_path / "log.csv"
+    log.write_bytes(drive.log.read_bytes())
+    os.link(log, hard)
+    soft.symlink_to(log)
+    for link in (hard, soft):
+        done = tselab_here("estimate", log, "--vehicle", drive.vehicle, "--out", link)
+        assert done.code == 2, done.out
+        assert f"{link}: --out is the same file as the log" in done.err
+        assert link.read_bytes() == drive.log.read_bytes()
+    done = tselab_here("estimate", drive.log, "--vehicle", drive.vehicle, "--out", log, "--report", hard)
+    assert done.code == 2
+    assert "--report is the same file as --out" in done.err
