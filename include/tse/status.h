@@ -8,6 +8,7 @@
 #define TSE_STATUS_H
 
 #define TSE_STATUS_TABLE(X) \
+  X(TSE_E_BUILD,           -12, "this build rounds otherwise than the library is tested for: compile with -ffp-contract=off, without -ffast-math") \
   X(TSE_E_FORMAT,          -11, "the filter does not work in the number format that this library was built for; double and float do") \
   X(TSE_E_OLD,             -10, "the learnt state was written by an older version of this library; learn anew") \
   X(TSE_E_VEHICLE,          -9, "the learnt state belongs to another vehicle") \
