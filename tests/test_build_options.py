@@ -10,7 +10,8 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-COMPILERS = [c for c in dict.fromkeys([shlex.split(os.environ.get("CC", "cc"))[0], "gcc", "clang"]) if shutil.which(c)]
+ASKED = shlex.split(os.environ.get("CC", "cc"))[0], "gcc", "clang"
+COMPILERS = list({os.path.realpath(path): c for c in reversed(ASKED) if (path := shutil.which(c))}.values())  # cc is one of them
 X86 = platform.machine() in ("x86_64", "AMD64")
 CPU = Path("/proc/cpuinfo")
 FUSES = X86 and CPU.exists() and " fma " in CPU.read_text()
