@@ -633,8 +633,8 @@ fmi2Status fmi2SerializeFMUstate(fmi2Component c, fmi2FMUstate state, fmi2Byte b
 }
 
 /* Whoever made the bytes, and their checksum: is this a state that this FMU could have been in? Outputs are not looked at, nothing
- * depends on them. */
-static int sound(content *c)
+ * depends on them.   Returned: wrong  the variable outside its range, if it is one */
+static int sound(content *c, const fmu_variable **wrong)
 {
   const int ready = (c->phase & (STEPPING | TERMINATED)) != 0;
   if (c->phase != INSTANTIATED && c->phase != INITIALIZING && !ready) return 0;
@@ -644,7 +644,10 @@ static int sound(content *c)
     const fmu_variable *const v = &fmu_variables[i];
     const double value = get_number(c, v);
     if (v->kind == 'b' && !(value == 0.0 || value == 1.0)) return 0;
-    if (v->role == 'p' && v->hi >= v->lo && !(value >= v->lo && value <= v->hi)) return 0;
+    if (v->role == 'p' && v->hi >= v->lo && !(value >= v->lo && value <= v->hi)) {
+      *wrong = v;
+      return 0;
+    }
   }
   return model_sound(&c->m, !c->stale);
 }
@@ -666,9 +669,14 @@ fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte bytes[], size
   snapshot *const t = free_snapshot(s, function);
   if (!t) return fmi2Error;
   memcpy(&t->c, bytes + sizeof f, sizeof(content));
-  if (!sound(&t->c)) {
+  const fmu_variable *wrong = NULL;
+  if (!sound(&t->c, &wrong)) {
+    char text[FMU_TEXT] = "the state is not one that this FMU can be in: something in it is outside its range", range[FMU_RANGE];
+    if (wrong)
+      (void)snprintf(text, sizeof text, "the state is not one that this FMU can be in: %s = %.10g is outside its range %s", wrong->name,
+                     get_number(&t->c, wrong), fmu_range(wrong, range));
     give_back(&t->taken);
-    return refuse(s, function, "the state is not one that this FMU can be in: something in it is outside its range");
+    return refuse(s, function, text);
   }
   *state = t;
   return fmi2OK;

@@ -43,6 +43,7 @@
 #define tse_input_check    TSE_NAME(tse_input_check)
 #define tse_step           TSE_NAME(tse_step)
 #define tse_filter_check   TSE_NAME(tse_filter_check)
+#define tse_self_test      TSE_NAME(tse_self_test)
 #define tse_stiffness_si   TSE_NAME(tse_stiffness_si)
 #define tse_told_sd        TSE_NAME(tse_told_sd)
 #define tse_status_text    TSE_NAME(tse_status_text)
@@ -108,7 +109,7 @@ void tse_config_default(tse_config *c);
 
 /* Another form of the filter: states and mean stiffness are sampled by particles, as in the paper, with the limits that keep it
  * from diverging: statistics are held where nothing is excited, the spread is limited. Not as safe as the default, see README.
- * Needs a tse_filter_paper. In q20 builds the only form beside the paper's, and the default. */
+ * Needs a tse_filter_paper. In q20 builds, which have no filter yet (tse_prepare()), the default. */
 void tse_config_sampled(tse_config *c);
 
 /* The same as tse_config_sampled(), without limits: the filter as printed. */
@@ -121,7 +122,8 @@ tse_status tse_config_check(const tse_config *c, const char **wrong);
 
 /* Check the settings and turn them into the constants of the filter (normalised by mass and sensor noise).
  *   Updated:   p  constants; unchanged when the result is negative
- *   Returned:  as tse_config_check()
+ *   Returned:  as tse_config_check(); TSE_E_FORMAT in a q20 build, whose filter is not finished: its sums overflow and its
+ *              estimates are wrong
  * The only function that computes in tse_setting; a fixed-point target may run it on the host and link the result. */
 tse_status tse_prepare(const tse_config *c, tse_params *p, const char **wrong);
 
@@ -186,6 +188,12 @@ tse_status tse_told_sd(const tse_params *p, const tse_filter *f, int32_t k, tse_
 /* Stiffness of y in N (longitudinal) and N/rad (cornering) per axle: nominal value times relative one.
  *   Returned:  mean[3], sd[3], spread[3] in the order TSE_CX_FRONT, TSE_CY_FRONT, TSE_CY_REAR; each may be NULL. */
 void tse_stiffness_si(const tse_config *c, const tse_output *y, tse_setting mean[3], tse_setting sd[3], tse_setting spread[3]);
+
+/* Does this build round as IEEE 754 says and as the library is tested? What can be seen when it is compiled is an error there
+ * (-ffast-math, sums that are wider than a number); contraction, -mrecip and the like cannot. Once, before the first filter.
+ *   Returned:  TSE_OK, or TSE_E_BUILD: estimates will have other bits than elsewhere, or wrong ones; then *wrong (if not NULL)
+ *              says what is found and the option that cures it, a string constant */
+tse_status tse_self_test(const char **wrong);
 
 /* The sentence of a status or reason code from tse/status.h; never NULL. */
 const char *tse_status_text(int32_t status);

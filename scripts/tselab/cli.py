@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import sys
 import textwrap
@@ -14,6 +15,7 @@ import click
 from tselab import __version__, maneuvers
 from tselab.calibrate.commands import calibrate
 from tselab.errors import UserError
+from tselab.files import no_room
 from tselab.fmu.commands import fmu
 from tselab.gap.commands import gap
 from tselab.montecarlo import STUDIES
@@ -665,6 +667,12 @@ cli.add_command(gap)
 cli.add_command(calibrate)
 
 
+def _give_up_stdout() -> None:
+    """What is left for a terminal that takes no more goes nowhere: else Python complains of it at its end."""
+    with contextlib.suppress(OSError, ValueError):  # in place of a terminal there may be no file
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
 def main() -> None:
     """Run; turn every failure into a short message and an exit code: 2 the user's, 1 ours, 130 Ctrl-C."""
     debug = "--debug" in sys.argv[1:]
@@ -683,9 +691,14 @@ def main() -> None:
         click.echo("tselab: stopped by Ctrl-C", err=True)
         sys.exit(130)
     except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _give_up_stdout()
         sys.exit(141)
     except Exception as error:
+        if reason := no_room(error):  # files.atomic says it of results: this is the terminal, or a temporary file
+            _give_up_stdout()
+            where = getattr(error, "filename", None) or "the output"
+            click.echo(f"tselab: error: {where}: cannot be written: {reason}", err=True)
+            sys.exit(2)
         if debug:
             traceback.print_exc()
         else:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import warnings
 from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -81,7 +82,7 @@ def columns() -> list[str]:
 def read_log(path: Path, spare: Collection[str] = ()) -> Log:
     """Read and check a log. `spare`: channels that may be missing altogether; they are NaN then, and a note says so."""
     path = Path(path)
-    header = _header(path)
+    header, whole = _header(path)
     wanted = columns()
     sides = {axle: pair for axle, pair in SIDES.items() if axle not in header and all(c in header for c in pair)}
     absent = [c for c in wanted if c in spare and c not in header]
@@ -93,7 +94,9 @@ def read_log(path: Path, spare: Collection[str] = ()) -> Log:
     if twice:
         raise UserError(f"{path}: column {_list(twice)} appears more than once in the header (line 1)")
     notes: list[str] = []
-    table, line, skipped = _numbers(path, header, needed)
+    table, line, skipped = _numbers(path, header, needed, whole)
+    if whole is not None:
+        notes.append(f"line {whole + 2}, the last, does not end: it may be cut inside a number and is left out")
     if skipped:
         notes.append(f"column {_list(skipped)} is not numeric: not used")
     time = table.pop("time")
@@ -225,14 +228,18 @@ def steering_notes(log: Log, max_steer: float) -> list[str]:
     ]
 
 
-def _header(path: Path) -> list[str]:
+def _header(path: Path) -> tuple[list[str], int | None]:
+    """The names of the columns; and where the last line does not end, how many rows do. Who wrote it was perhaps stopped there,
+    and a number that is cut is a number still."""
     if path.is_dir():
         raise UserError(f"{path}: is a directory, not a log")
     try:
         with open(path, encoding="utf-8-sig", newline="") as file:
-            head = file.read(65536)
-            while file.read(1 << 20):  # the whole file must be text
-                pass
+            head = last = file.read(65536)
+            ends = head.count("\n")
+            while part := file.read(1 << 20):  # the whole file must be text
+                ends += part.count("\n")
+                last = part
     except FileNotFoundError:
         raise UserError(f"{path}: no such file") from None
     except UnicodeDecodeError as error:
@@ -246,7 +253,7 @@ def _header(path: Path) -> list[str]:
     if not head.strip():
         raise UserError(f"{path}: is empty")
     first = next(csv.reader(head.splitlines()[:1]), [])
-    return [c.strip() for c in first]
+    return [c.strip() for c in first], ends - 1 if ends and not last.endswith(("\n", "\r")) else None
 
 
 def _missing_text(path: Path, header: list[str], missing: list[str], needed: list[str]) -> str:
@@ -286,7 +293,12 @@ def _arguments(header: list[str]) -> dict[str, Any]:
 def _parsing(path: Path) -> Iterator[None]:
     """Errors of the parser in our words."""
     try:
-        yield
+        with warnings.catch_warnings():
+            # the first row of each part may have more cells than there are columns, and pandas only warns of it
+            warnings.simplefilter("error", pd.errors.ParserWarning)
+            yield
+    except pd.errors.ParserWarning:
+        raise UserError(f"{path}: {_too_wide(path)}") from None
     except pd.errors.EmptyDataError:
         raise UserError(f"{path}: has a header but no rows") from None
     except pd.errors.ParserError as error:
@@ -294,15 +306,28 @@ def _parsing(path: Path) -> Iterator[None]:
         raise UserError(f"{path}: is not a well-formed CSV: {detail}") from None
 
 
-def _numbers(path: Path, header: list[str], needed: list[str]) -> tuple[dict[str, np.ndarray], np.ndarray, list[str]]:
+def _too_wide(path: Path) -> str:
+    """The first line with more cells than the header."""
+    with open(path, encoding="utf-8-sig", newline="") as file:
+        lines = iter(file)
+        most = next(lines, "").count(",") + 1
+        line, cells = next(((i, n) for i, text in enumerate(lines, 2) if (n := text.count(",") + 1) > most), (0, 0))
+    return f"line {line}: {cells} cells, but the header (line 1) names {most} columns"
+
+
+def _numbers(
+    path: Path, header: list[str], needed: list[str], whole: int | None
+) -> tuple[dict[str, np.ndarray], np.ndarray, list[str]]:
     """Every column that is read as numbers, in the file's order; the lines in the file; columns that are left out. A cell that
     is not a number is an error, or in a column that is not needed the end of that column. Rows without any of what is needed
-    are blank."""
+    are blank. `whole`: rows to read, where not all."""
+    if whole == 0:
+        raise UserError(f"{path}: has one row, and its line does not end: it may be cut inside a number")
     wanted = [c for c in header if c in needed or _beside(c)]
     columns: dict[str, list[np.ndarray]] = {name: [] for name in wanted}
     lines: list[np.ndarray] = []
     wrong: dict[str, tuple[int, str]] = {}  # column -> line and text of its first cell that is not a number
-    with _parsing(path), pd.read_csv(path, **_arguments(header), chunksize=PART) as parts:
+    with _parsing(path), pd.read_csv(path, **_arguments(header), nrows=whole, chunksize=PART) as parts:
         for part in parts:
             line = part.index.to_numpy() + 2
             filled = part[needed].notna().any(axis=1).to_numpy()

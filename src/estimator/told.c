@@ -124,6 +124,7 @@ sample told_sample(const tse_params *p, tse_params *row, tse_filter *f, const sa
   for (int a = 0; a < 3; a++) {
     const tse_real more = r_mul(read[a], p->inv_sd[a]) - plain[a];
     if (r_is_finite(more)) corrected.y[a] = r_mul(y->use[a], y->y[a] - more);
+    else effects_unsettle(&f->effects);
   }
   return corrected;
 }

@@ -44,17 +44,17 @@ static int sound_hypothesis(const tse_params *p, const tse_hypothesis *h)
   int fine = sound_int(h->change_kind, TSE_CHANGE_NONE, TSE_CHANGE_RESTART) && sound_int(h->kind, 0, TSE_KINDS - 1) &&
              sound_int(h->drift, 0, 2) && sound_int(h->fault, 0, TSE_CHANNELS) && sound_flags(&h->slides, 1) && sound_flags(&h->held, 1);
   for (int a = 0; a < 3; a++) fine = fine && sound_int(h->level[a], 0, 3);
-  fine = fine && sound_reals(h->x, TSE_X, -MOST_REAL, MOST_REAL) && sound_reals(h->cov[0], TSE_X * TSE_X, -MOST_REAL, MOST_REAL);
+  fine = fine && sound_reals(h->x, TSE_X, -MOST_REAL, MOST_REAL) && sound_reals(h->cov[0], TSE_X * TSE_X, -MOST_SQUARE, MOST_SQUARE);
   fine = fine && sound_reals(&h->x[3], 3, w_least, w_most);
   for (int i = 0; i < TSE_X; i++) fine = fine && h->cov[i][i] >= TSE_R(0);
-  fine = fine && sound_reals(h->eps, 3, -MOST_REAL, MOST_REAL) && sound_reals(h->eps_cov[0], 9, -MOST_REAL, MOST_REAL);
-  fine = fine && sound_reals(h->eps_x[0], 3 * TSE_X, -MOST_REAL, MOST_REAL) && sound_reals(h->info[0], 36, -MOST_REAL, MOST_REAL);
+  fine = fine && sound_reals(h->eps, 3, -MOST_REAL, MOST_REAL) && sound_reals(h->eps_cov[0], 9, -MOST_SQUARE, MOST_SQUARE);
+  fine = fine && sound_reals(h->eps_x[0], 3 * TSE_X, -MOST_SQUARE, MOST_SQUARE) && sound_reals(h->info[0], 36, -MOST_REAL, MOST_REAL);
   fine = fine && sound_reals(h->spread_var, 3, TSE_R(1e-12), MOST_REAL) && sound_reals(h->noise_var, 3, TSE_R(1e-12), MOST_REAL);
   fine = fine && sound_reals(h->smooth, 2, -MOST_REAL, MOST_REAL) && sound_reals(&h->shaken, 1, TSE_R(0), MOST_REAL);
   fine = fine && sound_reals(h->with_slip, 2, -MOST_REAL, MOST_REAL) && sound_reals(h->with_past, 2, -MOST_REAL, MOST_REAL);
   fine = fine && sound_reals(h->pull, 2, -MOST_REAL, MOST_REAL);
-  fine = fine && sound_reals(h->slip, 2, -MOST_REAL, MOST_REAL) && sound_reals(h->foretold, 3, -MOST_REAL, MOST_REAL);
-  fine = fine && sound_reals(h->activity, 3, -MOST_REAL, MOST_REAL) && sound_reals(h->before, 3, TSE_R(0), MOST_REAL);
+  fine = fine && sound_reals(h->slip, 2, -MOST_REAL, MOST_REAL) && sound_reals(h->foretold, 3, -MOST_SQUARE, MOST_SQUARE);
+  fine = fine && sound_reals(h->activity, 3, -MOST_SQUARE, MOST_SQUARE) && sound_reals(h->before, 3, TSE_R(0), MOST_REAL);
   if (h->change_kind != TSE_CHANGE_NONE) fine = fine && sound_reals(h->before, 3, w_least, w_most);
   for (int i = 0; i < (int)(sizeof one / sizeof one[0]); i++) fine = fine && sound_reals(one[i], 1, -MOST_REAL, MOST_REAL);
   return fine && h->log_weight >= LEAST_WEIGHT && h->log_weight <= TSE_R(64);
@@ -67,7 +67,7 @@ static int sound_bank(const tse_params *p, const tse_bank *b, int started)
   fine = fine && sound_reals(&b->seen, 1, TSE_R(0), MOST_REAL) && sound_reals(b->gained, 3, TSE_R(0), TSE_R(1e18));
   fine = fine && sound_reals(b->score, TSE_KINDS, TSE_R(0), MOST_REAL) && sound_reals(b->waited, TSE_KINDS, TSE_R(0), MOST_REAL);
   fine = fine && sound_reals(b->off[0], TSE_CONSIDERED * TSE_X, -MOST_REAL, MOST_REAL);
-  fine = fine && sound_reals(b->rate, 5, -MOST_REAL, MOST_REAL);
+  fine = fine && sound_reals(b->rate, 5, -MOST_SQUARE, MOST_SQUARE);
   fine = fine && sound_reals(r->last, 6, -MOST_REAL, MOST_REAL) && sound_reals(r->repeats[0], 12, TSE_R(0), MOST_REAL);
   fine = fine && sound_reals(r->rows[0], 12, TSE_R(0), MOST_REAL) && sound_reals(r->evidence, 6, -MOST_REAL, MOST_REAL);
   for (int c = 0; c < 6; c++) fine = fine && sound_int(r->run[c], 0, LONGEST_RUN);
@@ -85,8 +85,8 @@ static int sound_common(const tse_filter_paper *f)
   for (int i = 0; i < (int)(sizeof not_negative / sizeof not_negative[0]); i++)
     fine = fine && sound_reals(not_negative[i], 1, TSE_R(0), MOST_REAL);
   if (f->filter.started) fine = fine && f->nu > TSE_R(4);
-  fine = fine && sound_reals(f->bias_var, 3, TSE_R(0), MOST_REAL) && sound_reals(f->excite, 3, -MOST_REAL, MOST_REAL);
-  fine = fine && sound_reals(f->excite_mean, 3, -MOST_REAL, MOST_REAL) && sound_reals(f->excite_sq, 3, TSE_R(0), MOST_REAL);
+  fine = fine && sound_reals(f->bias_var, 3, TSE_R(0), MOST_SQUARE) && sound_reals(f->excite, 3, -MOST_REAL, MOST_REAL);
+  fine = fine && sound_reals(f->excite_mean, 3, -MOST_REAL, MOST_REAL) && sound_reals(f->excite_sq, 3, TSE_R(0), MOST_SQUARE);
   return fine && sound_reals(f->learn, 3, TSE_R(0), TSE_R(1));
 }
 
@@ -112,7 +112,7 @@ tse_status tse_filter_check(const tse_params *p, const tse_filter *f, size_t fil
   int fine = f->magic == TSE_FILTER_MAGIC && f->fingerprint == p->fingerprint && sound_flags(&f->started, 1);
   for (int i = 0; i < (int)(sizeof one / sizeof one[0]); i++) fine = fine && sound_reals(one[i], 1, i < 4 ? -MOST_REAL : TSE_R(0), MOST_REAL);
   for (int a = 0; a < 3; a++) fine = fine && sound_int(f->known[a], TSE_UNKNOWN, TSE_KNOWN_BEFORE);
-  fine = fine && sound_start(&f->start) && sound_memory(&f->effects) && sound_reals(f->effect_level, 4, -MOST_REAL, MOST_REAL) &&
+  fine = fine && sound_start(&f->start) && sound_memory(&f->effects) && sound_reals(f->effect_level, 4, -MOST_SQUARE, MOST_SQUARE) &&
          sound_reals(f->nod[0], 6, -MOST_REAL, MOST_REAL);
   fine = fine && sound_waiting(p, &f->waiting);
   if (p->form == 0) fine = fine && sound_bank(p, &f->bank, f->started);

@@ -5,11 +5,14 @@
 #include "tse/tse.h"
 #include "number/real_ops.h"
 
-/* No number of a state that has come about by itself is as large; and what is computed of such numbers stays a number. */
+/* No number of a state that has come about by itself is as large; and what is computed of such numbers stays a number. MOST_SQUARE: of
+ * covariances and forecasts, in units of the sensors' sd, which may be a hundred thousandth of what the car does; of effects. */
 #if defined(TSE_REAL_Q20)
 #define MOST_REAL TSE_R(2047)
+#define MOST_SQUARE MOST_REAL
 #else
 #define MOST_REAL TSE_R(1e9)
+#define MOST_SQUARE TSE_R(1e18)
 #endif
 
 static inline int sound_int(int32_t x, int32_t lo, int32_t hi) { return x >= lo && x <= hi; }
@@ -43,9 +46,9 @@ static inline int sound_memory(const tse_effect_memory *m)
 #if !defined(TSE_NO_EFFECTS)
   const tse_real *const one[] = { &m->time, &m->heading, &m->steer_in, &m->steer_half, &m->steer_out, &m->steer_lost };
   fine = fine && sound_flags(&m->steered, 1) && sound_delay(&m->steer) && sound_delay(&m->imu);
-  fine = fine && sound_reals(m->lag, 4, -MOST_REAL, MOST_REAL) && sound_reals(m->mode[0], 6, -MOST_REAL, MOST_REAL);
+  fine = fine && sound_reals(m->lag, 4, -MOST_REAL, MOST_REAL) && sound_reals(m->mode[0], 6, -MOST_SQUARE, MOST_SQUARE);
   fine = fine && sound_reals(m->steer_was[0], TSE_DELAY_ROWS, -MOST_REAL, MOST_REAL);
-  fine = fine && sound_reals(m->imu_was[0], 3 * TSE_DELAY_ROWS, -MOST_REAL, MOST_REAL);
+  fine = fine && sound_reals(m->imu_was[0], 3 * TSE_DELAY_ROWS, -MOST_SQUARE, MOST_SQUARE);
   for (int i = 0; i < (int)(sizeof one / sizeof one[0]); i++) fine = fine && sound_reals(one[i], 1, -MOST_REAL, MOST_REAL);
   fine = fine && sound_delay(&m->formula_late) && sound_reals(m->formula_was[0], TSE_DELAY_ROWS, -MOST_REAL, MOST_REAL);
   fine = fine && sound_reals(m->formula[0], 3 * TSE_FORMULA_MEMORIES, -MOST_REAL, MOST_REAL) &&

@@ -4,7 +4,8 @@
  *
  * double, float   Only + - * /, sqrt and integer operations, so the same bits on every IEEE machine:
  *                 build with -ffp-contract=off and never with -ffast-math (adding and subtracting
- *                 1.5*2^52 has to round). Free of branches, so that loops over particles vectorise with
+ *                 1.5*2^52 has to round); what of it can be seen below is an error, tse_self_test()
+ *                 sees the rest. Free of branches, so that loops over particles vectorise with
  *                 -O3 -fno-math-errno -fno-trapping-math on plain SSE2.
  * q20             Integers only. Every result lies in [-(2^31-1), 2^31-1], so negating one cannot
  *                 overflow; native + and - can, r_add_sat and r_sub_sat cannot.
@@ -32,16 +33,31 @@
 #ifndef TSE_REAL_OPS_H
 #define TSE_REAL_OPS_H
 
+#include <float.h>
 #include <math.h>
 #include <stdint.h>
 #include <string.h>
 
 #include "tse/real.h"
 
-#if !defined(TSE_REAL_Q20) && defined(__FLT_EVAL_METHOD__)
-#if __FLT_EVAL_METHOD__ == 2
-#error "x87 arithmetic rounds differently: compile with -msse2 -mfpmath=sse"
+#if !defined(TSE_REAL_Q20)
+/* What a sum is computed in: 0 (16, 32: of narrower types) its own type, 1 (64) double, 2 and more wider, -1 nobody knows. */
+#if defined(FLT_EVAL_METHOD)
+#if !(FLT_EVAL_METHOD == 0 || FLT_EVAL_METHOD == 1 || FLT_EVAL_METHOD == 16 || FLT_EVAL_METHOD == 32 || FLT_EVAL_METHOD == 64)
+#error "sums are wider than double, as x87 makes them, and round differently: compile with -msse2 -mfpmath=sse"
+#elif defined(TSE_REAL_FLOAT) && (FLT_EVAL_METHOD == 1 || FLT_EVAL_METHOD == 64)
+#error "sums of float are made in double, as on s390x, and round differently: compile with -fexcess-precision=fast"
 #endif
+#endif
+#if defined(__FAST_MATH__) || defined(__ASSOCIATIVE_MATH__) || defined(__RECIPROCAL_MATH__) || defined(__NO_SIGNED_ZEROS__) || \
+  defined(_M_FP_FAST) || (defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__ > 0)
+#error "-ffast-math and what belongs to it change results: compile without, with -ffp-contract=off"
+#endif
+#if defined(__clang__)
+#pragma STDC FP_CONTRACT OFF
+#elif defined(_MSC_VER)
+#pragma fp_contract(off)
+#endif /* gcc knows no such pragma: tse_self_test() */
 #endif
 
 #if !defined(TSE_REAL_Q20)

@@ -8,6 +8,7 @@ import pandas as pd
 import pytest
 
 from conftest import tselab, tselab_here
+from tselab import log
 from tselab.core import Config
 
 FORGETTING = Config().fields["forgetting"].range_text
@@ -80,6 +81,9 @@ FILES: dict[str, tuple[bytes, list[str]]] = {
                               ["column accel_x appears more than once"]),
     "too many cells": (HEADER + b"\n0,0,0,0,0,0,0\n0.01,0,0,0,0,0,0,5,5\n",
                        ["line 3"]),
+    "too many in the first row": (HEADER + b"\n0,0,0,0,0,0,0" + b"," * 200000 + b"\n0.01,0,0,0,0,0,0\n",
+                                  ["line 2: 200007 cells", "names 7 columns"]),
+    "cut in its only row": (HEADER + b"\n0,0,0,0,0,0,0.12", ["one row", "does not end", "cut"]),
 }  # fmt: skip
 
 
@@ -89,6 +93,27 @@ def test_file_that_is_no_log_is_refused(name, drive, tmp_path):
     (tmp_path / "bad.csv").write_bytes(content)
     refused(tselab_here("estimate", "bad.csv", "--vehicle", drive.vehicle, cwd=tmp_path), ["bad.csv", *words])
     assert not (tmp_path / "bad.est.csv").exists()
+
+
+def test_too_many_cells_are_seen_wherever_the_reader_starts_anew(drive, tmp_path, monkeypatch):
+    monkeypatch.setattr(log, "PART", 100)
+    lines = drive.log.read_text().splitlines()
+    lines[301] += ",1,1"
+    (tmp_path / "bad.csv").write_text("\n".join(lines) + "\n")
+    refused(tselab_here("estimate", "bad.csv", "--vehicle", drive.vehicle, cwd=tmp_path), ["bad.csv", "line 302"])
+
+
+@pytest.mark.parametrize("cut", [1, 4, 30, 70])
+def test_a_line_that_does_not_end_is_not_believed(cut, drive, tmp_path):
+    """A number without its last digits is a number: only the end of the line says that it is all."""
+    whole = tmp_path / "whole.csv"
+    lines = drive.log.read_text().splitlines(keepends=True)[:401]
+    whole.write_text("".join(lines))
+    (tmp_path / "cut.csv").write_text("".join(lines) + lines[5][:-cut].replace(lines[5].split(",")[0], "4.5", 1))
+    a, b = log.read_log(whole), log.read_log(tmp_path / "cut.csv")
+    assert len(a) == len(b) == 400
+    pd.testing.assert_frame_equal(a.data, b.data)
+    assert b.notes == [*a.notes, "line 402, the last, does not end: it may be cut inside a number and is left out"]
 
 
 def test_missing_files_and_directories_are_named(drive, tmp_path):

@@ -419,6 +419,7 @@ def bad(built: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "notime.csv").write_text("steer_angle\n0\n")
     (folder / "text.csv").write_text("time,steer_angle\n0,0\n0.01,left\n")
     (folder / "back.csv").write_text("time,steer_angle\n0.1,0\n0.0,0\n")
+    (folder / "cut.csv").write_text("time,steer_angle\n0,0\n0.01,0.1")
     (folder / "large.csv").write_text("time,steer_angle\n0,0\n0.01,1.5\n0.02,1.5\n")
     (folder / "text.fmu").write_text("no zip file")
     shutil.copy(built / "SingleTrackVehicle.fmu", folder / "car.fmu")
@@ -442,6 +443,7 @@ REFUSED: dict[str, tuple[list[str], list[str]]] = {
     "unknown column": (["car.fmu", "column.csv"], ["column steering is no input", "steer_angle, wheel_torque_front"]),
     "no column time": (["car.fmu", "notime.csv"], ["column time is missing"]),
     "text": (["car.fmu", "text.csv"], ["line 3", "column steer_angle", "'left'"]),
+    "a line that does not end": (["car.fmu", "cut.csv"], ["line 3", "does not end", "cut"]),
     "time goes back": (["car.fmu", "back.csv"], ["line 3", "column time", "earlier than"]),
     "input out of range": (["car.fmu", "large.csv"], ["fmi2DoStep", "steer_angle", "-1.2 .. 1.2"]),
     "parameter out of range": (["car.fmu", "good.csv", "--set", "mass=3"], ["vehicle.mass = 3", "50 .. 50000 kg"]),

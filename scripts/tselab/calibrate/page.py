@@ -167,5 +167,6 @@ def picture(path: Path, result: Result) -> None:
         axes.errorbar((f.value - f.prior) / f.prior_sd, k, xerr=1.96 * f.sd / f.prior_sd, fmt="o", color=colour, ms=4)
     axes.set_yticks(range(len(rows)), [f.name for f in rows], fontsize=8, color=INK)
     axes.set_xlabel(f"found less known before, in its sd (grey: sd above {SHOWN:g} of it)")
-    figure.savefig(path, dpi=110)
+    with atomic(path, "wb") as file:
+        figure.savefig(file, dpi=110, format="png")
     plt.close(figure)

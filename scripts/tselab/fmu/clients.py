@@ -6,9 +6,10 @@ has a process of its own: one that crashes is a finding, no more."""
 from __future__ import annotations
 
 import csv
+import dataclasses
 import io
+import json
 import os
-import pickle
 import re
 import shutil
 import subprocess
@@ -48,6 +49,17 @@ class Plan:
     @property
     def steps(self) -> int:
         return len(next(iter(self.inputs.values()))) if self.inputs else STEPS
+
+    def as_json(self) -> str:
+        """For a process of its own: nothing runs when it is read."""
+        inputs = {name: values.tolist() for name, values in self.inputs.items()}
+        return json.dumps({f.name: getattr(self, f.name) for f in dataclasses.fields(self)} | {"inputs": inputs})
+
+    @classmethod
+    def from_json(cls, text: str) -> Plan:
+        found = json.loads(text)
+        inputs = {name: np.array(values, float) for name, values in found["inputs"].items()}
+        return cls(**(found | {"inputs": inputs, "outputs": tuple(found["outputs"])}))
 
 
 def make_plan(path: Path) -> Plan:
@@ -165,14 +177,13 @@ PYTHON_CLIENTS = {"FMPy": ("fmpy", run_fmpy), "ecos": ("ecospy", run_ecos), "lib
 def main() -> None:
     """What the process of a client does: NAME PLAN RESULT."""
     name, plan, result = sys.argv[1:]
-    with open(plan, "rb") as file:
-        np.save(result, PYTHON_CLIENTS[name][1](pickle.load(file)))
+    np.save(result, PYTHON_CLIENTS[name][1](Plan.from_json(Path(plan).read_text(encoding="utf-8"))))
 
 
 def _in_process(name: str, plan: Plan) -> np.ndarray:
     with tempfile.TemporaryDirectory(prefix="tselab-client-", ignore_cleanup_errors=True) as folder:
         order, result = Path(folder) / "plan", Path(folder) / "result.npy"
-        order.write_bytes(pickle.dumps(plan))
+        order.write_text(plan.as_json(), encoding="utf-8")
         command = [sys.executable, "-m", "tselab.fmu.clients", name, str(order), str(result)]
         done = subprocess.run(command, cwd=folder, capture_output=True, text=True, errors="replace", timeout=300)
         if not result.is_file():

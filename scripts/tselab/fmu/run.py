@@ -150,7 +150,7 @@ def resolve(fmu: Slave, parameters: Mapping[str, float]) -> dict[str, float]:
 
 def read_inputs(path: Path, fmu: Slave) -> tuple[np.ndarray, pd.DataFrame]:
     """A table with a column time, and inputs by their names. An empty cell is not a number, for the FMU to judge."""
-    header = _header(path)
+    header, whole = _header(path)
     inputs = fmu.names("input")
     if "time" not in header:
         raise UserError(f"{path}: column time is missing in the header (line 1)")
@@ -162,6 +162,8 @@ def read_inputs(path: Path, fmu: Slave) -> tuple[np.ndarray, pd.DataFrame]:
     twice = sorted({c for c in header if header.count(c) > 1})
     if twice:
         raise UserError(f"{path}: column {', '.join(twice)} appears more than once in the header (line 1)")
+    if whole is not None:
+        raise UserError(f"{path}: line {whole + 2}, the last, does not end: it may be cut inside a number; if not, end it")
     table = _table(path, header)[[c for c in header if not c.startswith("ref_")]]
     line = np.arange(len(table)) + 2
     if table.empty:

@@ -300,7 +300,8 @@ class Store:
     def read(self) -> set[tuple[str, int]]:
         """The runs that are there in full. What a stop has cut is dropped from the file."""
         if not self.path.exists():
-            self.path.write_text(",".join(self.columns) + "\n", encoding="utf-8")
+            with atomic(self.path) as file:
+                file.write(",".join(self.columns) + "\n")
             return set()
         text = self.path.read_text(encoding="utf-8")
         lines = text.split("\n")

@@ -221,6 +221,17 @@ tse_real bank_learn(const tse_params *p, tse_bank *b, const sample *y, const tse
   return evidence + log2_constant(p, y);
 }
 
+/* Rows that teach drop what is not proper. Through others variances of the states could grow beyond all numbers (1e71 m2/s2 behind a
+ * wild steering angle), and the next row that taught took all for lost, stiffness with it. */
+void bank_mend(const tse_params *p, tse_bank *b, const sample *y)
+{
+  if (!is_proper(&b->h[b->likeliest])) {
+    place_states(p, &b->h[b->likeliest], y);
+    consider_restart(b, 0);
+  }
+  drop_nonsense(b);
+}
+
 void bank_still(tse_bank *b, const sample *y)
 {
   const int c = X_BIAS + 2;

@@ -9,6 +9,7 @@
 #define bank_predict        TSE_NAME(tse_bank_predict)
 #define bank_pass           TSE_NAME(tse_bank_pass)
 #define bank_learn          TSE_NAME(tse_bank_learn)
+#define bank_mend           TSE_NAME(tse_bank_mend)
 #define bank_still          TSE_NAME(tse_bank_still)
 #define bank_mean           TSE_NAME(tse_bank_mean)
 
@@ -24,6 +25,9 @@ void bank_restart_states(const tse_params *p, tse_bank *b, const sample *y);
 
 /* Births, weights and what every hypothesis learns. raw: channels as logged.  Returned: log2 evidence of the row in SI units. */
 tse_real bank_learn(const tse_params *p, tse_bank *b, const sample *y, const tse_real raw[6]);
+
+/* After a row of which nothing is learnt: states of which nothing is known any more are placed anew. */
+void bank_mend(const tse_params *p, tse_bank *b, const sample *y);
 
 /* While the wheels stand still the yaw rate is zero, so the gyro reads its bias. */
 void bank_still(tse_bank *b, const sample *y);

@@ -173,6 +173,7 @@ static void drift(const tse_params *p, tse_hypothesis *h, tse_real dt)
     h->x[a] = r_clamp(h->x[a] + r_mul(by, h->x[X_RATE]), TSE_R(1) + p->w_min, TSE_R(1) + p->w_max); /* through a pause, too */
     for (int j = 0; j < TSE_X; j++) h->cov[a][j] += r_mul(by, h->cov[X_RATE][j]);
     for (int j = 0; j < TSE_X; j++) h->cov[j][a] += r_mul(by, h->cov[j][X_RATE]);
+    if (h->cov[a][a] < TSE_R(0)) h->cov[a][a] = TSE_R(0); /* rounding, through a long pause */
   }
   fade(h, X_RATE, r_exp2(-r_mul(LOG2_E, r_div(dt, time))), r_sqr(rate));
 }

@@ -152,7 +152,10 @@ static tse_status step_row(const tse_params *own, tse_params *row, tse_filter *f
   if (!w.held && !w.predicted) {
     evidence = bank_learn(p, &f->bank, &y, raw);
     f->seen = f->bank.seen;
-  } else if (!(f->still_for < STILL_TIME)) bank_still(&f->bank, &y);
+  } else {
+    if (!(f->still_for < STILL_TIME)) bank_still(&f->bank, &y);
+    bank_mend(p, &f->bank, &y);
+  }
   memset(&now, 0, sizeof now);
   bank_report(p, &f->bank, &now);
   now.log_evidence = r_mul(LN_2, evidence);

@@ -95,5 +95,6 @@ int is_proper(const tse_hypothesis *h)
     sum += r_abs(h->x[a]) + r_abs(h->cov[a][a]);
     proper = proper && h->cov[a][a] >= TSE_R(0);
   }
-  return proper && r_is_finite(sum) && h->cov[0][0] < MOST_VAR && h->cov[1][1] < MOST_VAR;
+  return proper && r_is_finite(sum) && h->cov[0][0] < MOST_VAR && h->cov[1][1] < MOST_VAR &&
+         r_abs(h->cov[0][1]) < MOST_VAR;
 }

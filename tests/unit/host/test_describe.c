@@ -382,7 +382,7 @@ static void test_described_ranges_of_the_simulators_input_are_the_enforced_ones(
 static void test_statuses_are_complete_and_tell_the_sentence_of_tse_status_text(void)
 {
   static const struct { const char *name; int code; } expected[] = {
-    { "TSE_E_OLD", -10 }, { "TSE_E_VEHICLE", -9 }, { "TSE_E_VERSION", -8 }, { "TSE_E_LEARNT", -7 },
+    { "TSE_E_BUILD", -12 }, { "TSE_E_FORMAT", -11 }, { "TSE_E_OLD", -10 }, { "TSE_E_VEHICLE", -9 }, { "TSE_E_VERSION", -8 }, { "TSE_E_LEARNT", -7 },
     { "TSE_E_SIZE", -6 }, { "TSE_E_STATE", -5 }, { "TSE_E_TIME", -4 }, { "TSE_E_INPUT", -3 }, { "TSE_E_CONFIG", -2 },
     { "TSE_E_NULL", -1 }, { "TSE_OK", 0 }, { "TSE_W_NOT_VALID", 1 }, { "TSE_W_STARTING", 2 }, { "TSE_W_MISSING_CHANNEL", 3 },
     { "TSE_W_HELD", 4 }, { "TSE_W_PREDICTED", 5 }, { "TSE_W_GAP", 6 }, { "TSE_W_RECOVERED", 7 },

@@ -12,6 +12,10 @@
 #include "tse/simulate.h"
 #endif
 #include "learnt_table.h"
+#if defined(TSE_REAL_Q20) /* learnt states are finished in this format, the filter is not: constants to stand on, in place of the library's */
+#define TSE_Q20_UNFINISHED 1
+#include "estimator/prepare.c"
+#endif
 
 #if defined(TSE_REAL_Q20)
 #define BY_BITS(in_double, in_float, in_q20) (in_q20)

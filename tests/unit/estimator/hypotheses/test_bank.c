@@ -237,6 +237,27 @@ static void test_when_nothing_makes_sense_all_starts_over(void)
   }
 }
 
+/* Rows that teach nothing may still lose the states. */
+static void test_lost_states_are_placed_anew_and_the_stiffness_stays(void)
+{
+  const tse_config c = settings();
+  const tse_params p = prepared(&c);
+  bank_of(&p, 3);
+  const sample y = some_sample(&seed, &b.h[0], 3, 7);
+  const tse_bank was = b;
+  bank_mend(&p, &b, &y);
+  TEST_ASSERT_EQUAL_MEMORY(&was, &b, sizeof b); /* nothing is lost */
+  b.likeliest = 1;
+  b.h[1].cov[0][0] = b.h[2].cov[1][1] = real(1e6);
+  const tse_hypothesis lost = b.h[1];
+  bank_mend(&p, &b, &y);
+  TEST_ASSERT_EQUAL_INT32(2, b.count);
+  TEST_ASSERT_TRUE(is_proper(&b.h[b.likeliest]));
+  TEST_ASSERT_EQUAL_MEMORY(&lost.x[3], &b.h[b.likeliest].x[3], (TSE_X - 3) * sizeof lost.x[0]);
+  for (int a = 3; a < TSE_X; a++) TEST_ASSERT_EQUAL_MEMORY(&lost.cov[a][3], &b.h[b.likeliest].cov[a][3], (TSE_X - 3) * sizeof lost.x[0]);
+  TEST_ASSERT_EQUAL_INT32(lost.change_kind, b.h[b.likeliest].change_kind);
+}
+
 static void test_a_start_doubts_the_noise_and_how_steering_goes_between_rows(void)
 {
   tse_config c = settings();
@@ -312,6 +333,7 @@ int main(void)
   RUN_TEST(test_weights_are_relative_to_the_largest_and_nonsense_weighs_nothing);
   RUN_TEST(test_a_hypothesis_that_is_no_longer_made_of_numbers_goes);
   RUN_TEST(test_when_nothing_makes_sense_all_starts_over);
+  RUN_TEST(test_lost_states_are_placed_anew_and_the_stiffness_stays);
   RUN_TEST(test_a_start_doubts_the_noise_and_how_steering_goes_between_rows);
   RUN_TEST(test_at_rest_the_gyro_shows_its_bias);
   return UNITY_END();

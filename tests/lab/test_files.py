@@ -1,0 +1,112 @@
+"""What is written is written whole or not at all, also where a disk is full; and nothing is written over an input."""
+
+from __future__ import annotations
+
+import errno
+import os
+import resource
+import signal
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from conftest import COMMAND, tselab_here
+from tselab import files
+from tselab.errors import UserError
+
+KB = 40  # of room: less than any result of a drive
+
+
+def with_little_room(*args: object, room: int = KB) -> subprocess.CompletedProcess[str]:
+    """The command with a limit to the size of a file, which says what a full disk says: not one byte more."""
+
+    def limit() -> None:
+        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (room * 1024, room * 1024))
+
+    return subprocess.run([*COMMAND, *map(str, args)], capture_output=True, text=True, timeout=120, preexec_fn=limit)
+
+
+def test_a_full_disk_is_said_and_leaves_what_was_there(drive, tmp_path):
+    out, report = tmp_path / "est.csv", tmp_path / "report.html"
+    out.write_text("as before\n")
+    done = with_little_room("estimate", drive.log, "--vehicle", drive.vehicle, "--out", out, "--report", report)
+    assert done.returncode == 2, done.stderr
+    assert f"{out}: cannot be written: " in done.stderr
+    assert "internal error" not in done.stderr and "Traceback" not in done.stderr
+    assert out.read_text() == "as before\n"
+    assert [p.name for p in tmp_path.iterdir()] == ["est.csv"]
+
+
+def test_of_two_results_the_one_that_does_not_fit_is_named(drive, tmp_path):
+    out, report = tmp_path / "est.csv", tmp_path / "report.html"
+    done = with_little_room("estimate", drive.log, "--vehicle", drive.vehicle, "--out", out, "--report", report, room=2000)
+    assert done.returncode == 2
+    assert f"{report}: cannot be written: " in done.stderr
+    assert [p.name for p in tmp_path.iterdir()] == ["est.csv"]
+    assert out.read_text().endswith("\n")
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")
+@pytest.mark.parametrize("command", [["settings"], ["vehicle", "--example"]])
+def test_a_terminal_that_takes_no_more_is_no_fault_of_ours(command):
+    with open("/dev/full", "w") as full:
+        done = subprocess.run([*COMMAND, *command], stdout=full, stderr=subprocess.PIPE, text=True, timeout=120)
+    assert done.returncode == 2
+    assert done.stderr.startswith("tselab: error: the output: cannot be written: ")
+    assert len(done.stderr.splitlines()) == 1
+
+
+@pytest.mark.parametrize("where", ["block", "fsync", "replace"])
+def test_whatever_fails_the_old_file_stays_and_no_other(where, tmp_path, monkeypatch):
+    path = tmp_path / "result.csv"
+    path.write_text("as before\n")
+
+    def fail(*_: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    if where != "block":
+        monkeypatch.setattr(files.os, where, fail)
+    with pytest.raises(UserError, match=f"{path}: cannot be written: No space left"), files.atomic(path) as file:
+        file.write("new\n")
+        if where == "block":
+            fail()
+    assert path.read_text() == "as before\n"
+    assert [p.name for p in tmp_path.iterdir()] == ["result.csv"]
+
+
+def test_the_content_is_on_the_disk_before_it_has_the_name(tmp_path, monkeypatch):
+    path = tmp_path / "result.csv"
+    order = []
+    sync, replace = os.fsync, os.replace
+
+    def synced(handle: int) -> None:
+        order.append("folder" if os.path.isdir(f"/proc/self/fd/{handle}") else os.fstat(handle).st_size)
+        sync(handle)
+
+    def replaced(*names: object) -> None:
+        order.append("name")
+        replace(*names)
+
+    monkeypatch.setattr(files.os, "fsync", synced)
+    monkeypatch.setattr(files.os, "replace", replaced)
+    with files.atomic(path) as file:
+        file.write("new\n")
+    assert order == [4, "name", "folder"]
+
+
+def test_a_link_to_an_input_is_that_input(drive, tmp_path):
+    hard, soft = tmp_path / "hard.csv", tmp_path / "soft.csv"
+    log = tmp_path / "log.csv"
+    log.write_bytes(drive.log.read_bytes())
+    os.link(log, hard)
+    soft.symlink_to(log)
+    for link in (hard, soft):
+        done = tselab_here("estimate", log, "--vehicle", drive.vehicle, "--out", link)
+        assert done.code == 2, done.out
+        assert f"{link}: --out is the same file as the log" in done.err
+        assert link.read_bytes() == drive.log.read_bytes()
+    done = tselab_here("estimate", drive.log, "--vehicle", drive.vehicle, "--out", log, "--report", hard)
+    assert done.code == 2
+    assert "--report is the same file as --out" in done.err
