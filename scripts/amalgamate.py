@@ -352,7 +352,13 @@ class Package:
 
 
 PACKAGES = {
+    "arduino": Package("src/tse.h", "src/tse.c", needs_page=True),
+    "conan": Package(whole=".", example="test_package/minimal.c"),
+    "esp-idf": Package("include/tse.h", "src/tse.c"),
     "make": Package("tse.h", "tse.c", example="minimal.c"),
+    "platformio": Package("src/tse.h", "src/tse.c"),
+    "vcpkg": Package(whole="source"),
+    "zephyr": Package("include/tse.h", "src/tse.c"),
 }
 WHOLE = ("CMakeLists.txt", "cmake", "include", "src")
 LICENCE = ("LICENSE", "NOTICE")
