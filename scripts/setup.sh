@@ -2,7 +2,8 @@
 # Everything the other scripts need, inside this checkout: the Python environment .venv with the command `tselab`,
 # Unity for the C tests, the FMI headers, and the shared library that tselab calls. Fast when nothing has changed; needs no root.
 #   scripts/setup.sh [EXTRA ...]      and these extras of scripts/pyproject.toml: clients (more programs that import FMUs, for the
-#                                     tests), platforms (a compiler for FMUs of all platforms); left out where they do not install
+#                                     tests), platforms (a compiler for FMUs of all platforms); left out where they do not install.
+#                                     dropin: tools that build packages of the library (scripts/dropin), for the tests, too
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 root=$PWD
@@ -96,7 +97,15 @@ fi
 for extra in "$@"; do
   [ -f ".venv/tse-extra-$extra" ] && continue
   say "Python packages for $extra"
-  if .venv/bin/python -m pip install --quiet --disable-pip-version-check --editable "./scripts[$extra]" >"$root/.venv/tse-extra.log" 2>&1; then
+  if [ "$extra" = dropin ]; then                  # in an environment of their own: they ask for other versions than tselab
+    if { .venv/bin/python -m venv .venv/share/dropin 2>/dev/null || "$python" -m virtualenv -q .venv/share/dropin; } \
+        && .venv/share/dropin/bin/python -m pip install --quiet --disable-pip-version-check \
+          "conan>=2" "platformio>=6" "idf-component-manager>=2" "kconfiglib>=14" >"$root/.venv/tse-extra.log" 2>&1; then
+      mv .venv/tse-extra.log .venv/tse-extra-dropin
+    else
+      say "left out: conan, platformio, idf-component-manager or kconfiglib could not be installed"
+    fi
+  elif .venv/bin/python -m pip install --quiet --disable-pip-version-check --editable "./scripts[$extra]" >"$root/.venv/tse-extra.log" 2>&1; then
     mv .venv/tse-extra.log ".venv/tse-extra-$extra"
   else
     say "left out, pip could not install them: $(tail -n 1 .venv/tse-extra.log)"

@@ -20,6 +20,8 @@ FIRST = [
     ["tests/gap/test_generator.py"],
     ["tests/fmu/test_fmu_memory.py"],
     ["tests/lab/test_gap_latency.py"],
+    ["tests/dropin/test_amalgamation.py"],
+    ["tests/dropin/test_packages.py"],
 ]
 RANK = {file: rank for rank, row in enumerate(FIRST) for file in row}
 

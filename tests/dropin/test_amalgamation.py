@@ -1,0 +1,138 @@
+"""The two files of scripts/amalgamate.py are the library: alone, without a warning, the same numbers, no name more."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from dropin_support import DRIVE, FORMATS, ROOT, amalgamated, run, tool
+
+from tselab.formula import Number, c_header, parse
+
+WARNINGS = ("-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror")
+WITHOUT_EFFECTS = ("model/integrator.c", "host/simulate.c", "host/replay.c")  # what src/CMakeLists.txt leaves out then
+SAME = ROOT / "tests" / "dropin" / "same.c"
+
+
+@pytest.fixture(scope="module")
+def two(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return amalgamated(tmp_path_factory.mktemp("two"))
+
+
+@pytest.fixture(scope="module", params=FORMATS)
+def both(request: pytest.FixtureRequest, two: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Path, Path]:
+    """Number format; the library from its sources as an archive; the two files as another."""
+    cc, ar, folder = tool("cc"), tool("ar"), tmp_path_factory.mktemp(request.param)
+    left_out = WITHOUT_EFFECTS if request.param == "q20" else ()
+    sources = [p for p in sorted((ROOT / "src").rglob("*.c")) if p.relative_to(ROOT / "src").as_posix() not in left_out]
+    flags = ["-std=c99", "-O1", "-ffp-contract=off", f"-DTSE_REAL_{request.param.upper()}=1"]
+    objects = []
+    for source in sources:
+        objects.append(folder / f"{'_'.join(source.relative_to(ROOT / 'src').parts)}.o")
+        run(cc, *flags, "-I", ROOT / "include", "-I", ROOT / "src", "-c", source, "-o", objects[-1])
+    run(ar, "rcs", folder / "library.a", *objects)
+    run(cc, *flags, "-c", two / "tse.c", "-o", folder / "tse.o")
+    run(ar, "rcs", folder / "two.a", folder / "tse.o")
+    return request.param, folder / "library.a", folder / "two.a"
+
+
+def numbers(folder: Path, real: str, *with_what: str | Path) -> str:
+    program = folder / f"same_{real}"
+    run(tool("cc"), *WARNINGS, f"-DTSE_REAL_{real.upper()}=1", SAME, *with_what, "-o", program, "-lm")
+    return run(program, DRIVE)
+
+
+def test_the_same_sources_give_the_same_bytes(two: Path, tmp_path: Path) -> None:
+    again = amalgamated(tmp_path / "elsewhere")
+    for name in ("tse.h", "tse.c", "LICENSE", "NOTICE"):
+        assert (two / name).read_bytes() == (again / name).read_bytes()
+
+
+def test_the_two_files_stand_alone_and_say_what_they_are(two: Path) -> None:
+    header, source = (two / "tse.h").read_text(), (two / "tse.c").read_text()
+    assert set(re.findall(r'#\s*include\s+"([^"]+)"', header)) == set()
+    assert set(re.findall(r'#\s*include\s+"([^"]+)"', source)) == {"tse.h", "tse_formula.h"}  # the latter with TSE_FORMULA only
+    version = re.search(r'TSE_VERSION "(.+)"', (ROOT / "include/tse/version.h").read_text())
+    for text in (header, source):
+        assert f"tse {version[1]}," in text.partition("*/")[0]
+        assert "SPDX-License-Identifier: Apache-2.0" in text.partition("*/")[0]
+        assert str(ROOT) not in text
+
+
+@pytest.mark.parametrize("compiler", ["gcc", "clang"])
+@pytest.mark.parametrize("real", FORMATS)
+@pytest.mark.parametrize("effects", ["with effects", "without"])
+def test_no_compiler_warns(two: Path, tmp_path: Path, compiler: str, real: str, effects: str) -> None:
+    """-O1: gcc warns of more when it looks at the flow."""
+    flags = ["-DTSE_NO_EFFECTS=1"] if effects == "without" else []
+    run(tool(compiler), *WARNINGS, "-O1", f"-DTSE_REAL_{real.upper()}=1", *flags, "-c", two / "tse.c", "-o", tmp_path / "tse.o")
+
+
+def test_header_and_source_are_cxx_too(two: Path) -> None:
+    run(tool("g++"), "-std=c++17", "-Wall", "-Wextra", "-Werror", "-fsyntax-only", "-x", "c++", two / "tse.c")
+
+
+def test_the_two_files_compute_what_the_library_computes(both: tuple[str, Path, Path], two: Path, tmp_path: Path) -> None:
+    real, library, archive = both
+    expected = numbers(tmp_path, real, "-I", ROOT / "include", library)
+    assert expected.count("\n") > 30
+    assert "-" not in re.sub(r"-?0 |learnt", "", expected.partition("table")[0]), "no setting of same.c is refused"
+    assert numbers(tmp_path, real, "-DONE_FILE", "-I", two, archive) == expected
+
+
+@pytest.mark.parametrize("compiler", ["gcc", "clang"])
+def test_a_compiler_that_may_fuse_gives_the_same_bits(two: Path, tmp_path: Path, compiler: str) -> None:
+    """Without -std=c99 and -ffp-contract=off, as in builds whose flags are somebody else's."""
+    cc = tool(compiler)
+    if " fma " not in (Path("/proc/cpuinfo").read_text() if Path("/proc/cpuinfo").exists() else ""):
+        pytest.skip("this processor has no fused multiply-add")
+    golden = (ROOT / "tests/replay/golden_float.csv").read_text()
+    program = tmp_path / "update"
+    run(cc, "-std=gnu11", "-O2", "-mfma", "-DTSE_REAL_FLOAT=1", "-I", two, "-include", "tse.h", "-I", ROOT / "include",
+        ROOT / "tests/replay/update.c", two / "tse.c", "-o", program, "-lm")  # fmt: skip
+    assert run(program, "golden", DRIVE) == golden
+
+
+def exported(archive: Path) -> set[str]:
+    rows = [line.split() for line in run(tool("nm"), "-g", "--defined-only", archive).splitlines()]
+    return {row[2] for row in rows if len(row) == 3}
+
+
+def test_only_what_the_public_headers_declare_is_visible(both: tuple[str, Path, Path]) -> None:
+    real, library, archive = both
+    suffix = {"double": "f64", "float": "f32", "q20": "q20"}[real]
+    names = exported(archive)
+    headers = "\n".join(p.read_text() for p in (ROOT / "include/tse").glob("*.h"))
+    declared = re.findall(r"^#define \w+ +TSE_NAME\((\w+)\)", headers, re.M)
+    assert names <= exported(library)
+    assert names <= {f"{name}_{suffix}" for name in declared}
+    assert f"tse_step_{suffix}" in names
+    if real != "q20":  # whose settings are computed in double, which the check knows by the file's name
+        run(sys.executable, ROOT / "tests/check_symbols.py", "--nm", tool("nm"), "--real", real, archive)
+
+
+def test_fast_math_is_refused(two: Path) -> None:
+    command = [str(tool("cc")), "-ffast-math", "-fsyntax-only", str(two / "tse.c")]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode != 0
+    assert "NaN" in done.stderr
+
+
+def test_options_are_defaults_that_a_macro_overrides(tmp_path: Path) -> None:
+    cc, folder = tool("cc"), amalgamated(tmp_path / "two", "--real", "float", "--max-particles", "64", "--no-effects")
+    (tmp_path / "say.c").write_text(
+        '#include <stdio.h>\n#include "tse.h"\nint main(void) { tse_build b; tse_describe_build(&b);\n'
+        'printf("%s %d %d", b.format, (int)b.capacity, (int)b.sim_bytes); return 0; }\n'
+    )
+    for flags, expected in ((), "float 64 0"), (("-DTSE_REAL_DOUBLE=1", "-DTSE_MAX_PARTICLES=32"), "double 32 0"):
+        run(cc, *flags, "-I", folder, tmp_path / "say.c", folder / "tse.c", "-o", tmp_path / "say", "-lm")
+        assert run(tmp_path / "say") == expected
+
+
+def test_a_formula_is_compiled_in(two: Path, tmp_path: Path) -> None:
+    formula = parse("offset", "an offset of the angle", "front_angle", "k*steer_angle", [Number("k", 0.1, "1")])
+    (tmp_path / "tse_formula.h").write_text(c_header(formula))
+    run(tool("cc"), *WARNINGS, "-DTSE_FORMULA=1", "-I", tmp_path, "-c", two / "tse.c", "-o", tmp_path / "tse.o")
