@@ -174,6 +174,18 @@ static tse_real log2_constant(const tse_params *p, const sample *y)
   return of[y->used] - sum;
 }
 
+/* Nothing is left that makes sense. */
+static void start_over(const tse_params *p, tse_bank *b, const sample *y)
+{
+  tse_start s;
+  start_of_settings(p, &s);
+  bank_start(p, b, &s, y);
+  for (int32_t i = 0; i < b->count; i++) {
+    b->h[i].change_kind = TSE_CHANGE_RESTART;
+    for (int a = 0; a < 3; a++) b->h[i].before[a] = b->h[i].x[X_STIFFNESS + a]; /* what was before is not known any more */
+  }
+}
+
 tse_real bank_learn(const tse_params *p, tse_bank *b, const sample *y, const tse_real raw[6])
 {
   /* steering may rest, and so do wheels that are locked, or all of them at constant speed */
@@ -203,14 +215,8 @@ tse_real bank_learn(const tse_params *p, tse_bank *b, const sample *y, const tse
     }
   }
   const tse_real evidence = normalise(b) - r_log2(was);
-  if (!is_proper(&b->h[b->likeliest])) { /* nothing is left that makes sense */
-    tse_start s;
-    start_of_settings(p, &s);
-    bank_start(p, b, &s, y);
-    for (int32_t i = 0; i < b->count; i++) {
-      b->h[i].change_kind = TSE_CHANGE_RESTART;
-      for (int a = 0; a < 3; a++) b->h[i].before[a] = b->h[i].x[X_STIFFNESS + a]; /* what was before is not known any more */
-    }
+  if (!is_proper(&b->h[b->likeliest])) {
+    start_over(p, b, y);
     return TSE_R(0);
   }
   if (b->likeliest == parent) learn_gained(b, before, y->dt);
@@ -228,6 +234,7 @@ void bank_mend(const tse_params *p, tse_bank *b, const sample *y)
   if (!is_proper(&b->h[b->likeliest])) {
     place_states(p, &b->h[b->likeliest], y);
     consider_restart(b, 0);
+    if (!is_proper(&b->h[b->likeliest])) start_over(p, b, y); /* it was not the states alone */
   }
   drop_nonsense(b);
 }
