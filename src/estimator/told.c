@@ -45,7 +45,6 @@ sample told_sample(const tse_params *p, tse_params *row, tse_filter *f, const sa
 #include "model/effects.h"
 
 #define MOST_PUSH TSE_R(2)     /* m/s, rad/s in a row: more is no effect but a state that is lost */
-#define LEAST_LEVEL TSE_R(0.02)
 #define LONGEST_LOSS TSE_R(3600) /* s: an angle that was lost for longer is a new one */
 
 static void scale(const tse_params *p, const tse_real level[4], tse_params *row)
@@ -55,6 +54,9 @@ static void scale(const tse_params *p, const tse_real level[4], tse_params *row)
   row->ky_front = r_mul(p->ky_front, level[2]);
   row->ky_rear = r_mul(p->ky_rear, level[3]);
 }
+
+/* NaN becomes LEAST_LEVEL. */
+static tse_real level_of(tse_real with, tse_real without) { return r_min(r_max(r_div(with, without), LEAST_LEVEL), MOST_LEVEL); }
 
 static void begin_at(point *pt, const tse_real at[6], inputs u)
 {
@@ -110,10 +112,10 @@ sample told_sample(const tse_params *p, tse_params *row, tse_filter *f, const sa
   else effects_settle(p, &f->effects, k, &pt);
   effects_sense(&p->effects, &f->effects, &pt, y->dt, read);
 
-  f->effect_level[0] = r_max(r_div(pt.k.x_front, k.x_front), LEAST_LEVEL);
-  f->effect_level[1] = r_max(r_div(pt.k.x_rear, k.x_rear), LEAST_LEVEL);
-  f->effect_level[2] = r_max(r_div(pt.k.y_front, k.y_front), LEAST_LEVEL);
-  f->effect_level[3] = r_max(r_div(pt.k.y_rear, k.y_rear), LEAST_LEVEL);
+  f->effect_level[0] = level_of(pt.k.x_front, k.x_front);
+  f->effect_level[1] = level_of(pt.k.x_rear, k.x_rear);
+  f->effect_level[2] = level_of(pt.k.y_front, k.y_front);
+  f->effect_level[3] = level_of(pt.k.y_rear, k.y_rear);
   scale(p, f->effect_level, row);
 
   const observation o = vehicle_observation(vehicle_observation_gains(row, TSE_R(1), TSE_R(1)),

@@ -112,7 +112,7 @@ tse_status tse_filter_check(const tse_params *p, const tse_filter *f, size_t fil
   int fine = f->magic == TSE_FILTER_MAGIC && f->fingerprint == p->fingerprint && sound_flags(&f->started, 1);
   for (int i = 0; i < (int)(sizeof one / sizeof one[0]); i++) fine = fine && sound_reals(one[i], 1, i < 4 ? -MOST_REAL : TSE_R(0), MOST_REAL);
   for (int a = 0; a < 3; a++) fine = fine && sound_int(f->known[a], TSE_UNKNOWN, TSE_KNOWN_BEFORE);
-  fine = fine && sound_start(&f->start) && sound_memory(&f->effects) && sound_reals(f->effect_level, 4, -MOST_SQUARE, MOST_SQUARE) &&
+  fine = fine && sound_start(&f->start) && sound_memory(&f->effects) && sound_reals(f->effect_level, 4, f->effects.settled ? LEAST_LEVEL : TSE_R(0), MOST_LEVEL) &&
          sound_reals(f->nod[0], 6, -MOST_REAL, MOST_REAL);
   fine = fine && sound_waiting(p, &f->waiting);
   if (p->form == 0) fine = fine && sound_bank(p, &f->bank, f->started);
