@@ -42,6 +42,7 @@
 
 #define tse_learnt_save TSE_NAME(tse_learnt_save)
 #define tse_learnt_load TSE_NAME(tse_learnt_load)
+#define tse_learnt_check TSE_NAME(tse_learnt_check)
 
 #ifdef __cplusplus
 extern "C" {
@@ -68,6 +69,11 @@ tse_status tse_learnt_save(const tse_params *p, const tse_filter *f, uint8_t out
  *              noise, level, held     as learnt, a start as good as another: form 0 finds out when they have changed
  *   A stiffness that has never been learnt starts as the settings say. After a recovery everything does. */
 tse_status tse_learnt_load(const tse_params *p, tse_filter *f, const uint8_t *in, size_t bytes, uint32_t age_s);
+
+/* Say what tse_learnt_load() would refuse of these bytes, without a filter.
+ *   Returned:  TSE_OK, TSE_E_NULL, TSE_E_STATE (p not prepared), TSE_E_LEARNT, TSE_E_VERSION, TSE_E_OLD or TSE_E_VEHICLE;
+ *              with the last four *wrong (if not NULL) says what of them: "its checksum", "mean of cy_rear"; a string constant */
+tse_status tse_learnt_check(const tse_params *p, const uint8_t *in, size_t bytes, const char **wrong);
 
 #ifdef __cplusplus
 }

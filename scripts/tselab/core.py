@@ -506,7 +506,12 @@ class Filter:
         load = self.lib.function("tse_learnt_load", argtypes=types)
         status = load(*self._pointers, data.ctypes.data, len(learnt), int(min(max(age, 0), 2**32 - 1)))
         if status < 0:
-            raise LearntError(self.lib.codes(STATUS)[status].text)
+            wrong = ctypes.c_char_p()
+            types = [ctypes.c_void_p] * 2 + [ctypes.c_size_t, ctypes.c_void_p]
+            check = self.lib.function("tse_learnt_check", argtypes=types)
+            check(self._pointers[0], data.ctypes.data, len(learnt), ctypes.addressof(wrong))
+            detail = f" ({wrong.value.decode()})" if wrong.value else ""
+            raise LearntError(self.lib.codes(STATUS)[status].text + detail)
 
     def restore(self, snapshot: bytes) -> None:
         if len(snapshot) != self._bytes:

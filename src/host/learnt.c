@@ -90,24 +90,46 @@ static int none_negative(const int32_t x[3]) { return x[0] >= 0 && x[1] >= 0 && 
 
 static int within(int32_t x, int32_t lo, int32_t hi) { return x >= lo && x <= hi; }
 
-/* Whoever wrote it: nothing but what a drive may have taught. */
-static int plausible(const content *c)
+/* Whoever wrote it: nothing but what a drive may have taught.   Returned: what cannot be, NULL where all can */
+static const char *implausible(const content *c)
 {
-  int fine = c->known <= 7 && c->nu <= MOST_NU && c->of_car >> 7 == 0;
-  for (int a = 0; a < 3; a++)
-    fine = fine && within(c->mean[a], LEAST_MEAN, MOST_MEAN) && within(c->correlation[a], -MOST_ONE, MOST_ONE) &&
-           within(c->bias[a], -most_bias[a], most_bias[a]);
-  return fine && none_negative(c->mean_sd) && none_negative(c->spread) && none_negative(c->bias_sd) && none_negative(c->noise);
+  static const char *const of_mean[3] = { "mean of cx_front", "mean of cy_front", "mean of cy_rear" };
+  static const char *const of_sd[3] = { "sd of cx_front", "sd of cy_front", "sd of cy_rear" };
+  static const char *const of_spread[3] = { "spread of cx_front", "spread of cy_front", "spread of cy_rear" };
+  static const char *const of_pair[3] = { "correlation of cx_front and cy_front", "correlation of cx_front and cy_rear",
+                                          "correlation of cy_front and cy_rear" };
+  static const char *const of_bias[3] = { "bias of accel_x", "bias of accel_y", "bias of yaw_rate" };
+  static const char *const of_bias_sd[3] = { "sd of the bias of accel_x", "sd of the bias of accel_y", "sd of the bias of yaw_rate" };
+  static const char *const of_noise[3] = { "noise of accel_x", "noise of accel_y", "noise of yaw_rate" };
+  if (c->known > 7) return "which stiffnesses are learnt";
+  if (c->nu > MOST_NU) return "trust in the spread";
+  for (int a = 0; a < 3; a++) {
+    if (!within(c->mean[a], LEAST_MEAN, MOST_MEAN)) return of_mean[a];
+    if (c->mean_sd[a] < 0) return of_sd[a];
+    if (c->spread[a] < 0) return of_spread[a];
+    if (!within(c->correlation[a], -MOST_ONE, MOST_ONE)) return of_pair[a];
+    if (!within(c->bias[a], -most_bias[a], most_bias[a])) return of_bias[a];
+    if (c->bias_sd[a] < 0) return of_bias_sd[a];
+    if (c->noise[a] < 0) return of_noise[a];
+  }
+  return c->of_car >> 7 ? "levels of disturbances" : NULL;
 }
 
-static tse_status decode(const uint8_t *in, size_t bytes, uint32_t vehicle, content *c)
+static tse_status refuse(tse_status status, const char *what, const char **wrong)
 {
-  if (bytes < FRAME || get(in) != MAGIC || get(in + 4) >> 16 != bytes) return TSE_E_LEARNT;
-  if (get(in + bytes - 4) != crc32_of(in, bytes - 4)) return TSE_E_LEARNT;
+  if (wrong) *wrong = what;
+  return status;
+}
+
+static tse_status decode(const uint8_t *in, size_t bytes, uint32_t vehicle, content *c, const char **wrong)
+{
+  if (bytes < FRAME || get(in) != MAGIC) return refuse(TSE_E_LEARNT, "its mark", wrong);
+  if (get(in + 4) >> 16 != bytes) return refuse(TSE_E_LEARNT, "its length", wrong);
+  if (get(in + bytes - 4) != crc32_of(in, bytes - 4)) return refuse(TSE_E_LEARNT, "its checksum", wrong);
   const uint32_t format = get(in + 4) & 0xffffu;
-  if (format > TSE_LEARNT_FORMAT) return TSE_E_VERSION;
-  if (format == 1 && bytes == BYTES_OF_1) return TSE_E_OLD;
-  if (format != TSE_LEARNT_FORMAT || bytes != TSE_LEARNT_BYTES) return TSE_E_LEARNT;
+  if (format > TSE_LEARNT_FORMAT) return refuse(TSE_E_VERSION, "its format", wrong);
+  if (format == 1 && bytes == BYTES_OF_1) return refuse(TSE_E_OLD, "its format", wrong);
+  if (format != TSE_LEARNT_FORMAT || bytes != TSE_LEARNT_BYTES) return refuse(TSE_E_LEARNT, "its format", wrong);
   c->vehicle = get(in + 8);
   c->known = get(in + 12);
   c->nu = get(in + 16);
@@ -119,7 +141,16 @@ static tse_status decode(const uint8_t *in, size_t bytes, uint32_t vehicle, cont
   at = get3(at, c->bias_sd);
   at = get3(at, c->noise);
   c->of_car = get(at);
-  return c->vehicle != vehicle ? TSE_E_VEHICLE : plausible(c) ? TSE_OK : TSE_E_LEARNT;
+  if (c->vehicle != vehicle) return refuse(TSE_E_VEHICLE, "its vehicle", wrong);
+  const char *const what = implausible(c);
+  return what ? refuse(TSE_E_LEARNT, what, wrong) : TSE_OK;
+}
+
+tse_status tse_learnt_check(const tse_params *p, const uint8_t *in, size_t bytes, const char **wrong)
+{
+  content c;
+  if (!p || !in) return TSE_E_NULL;
+  return p->magic == TSE_PARAMS_MAGIC ? decode(in, bytes, p->vehicle, &c, wrong) : TSE_E_STATE;
 }
 
 /* ------------------------------------------------------------------------------------------- save */
@@ -262,7 +293,7 @@ tse_status tse_learnt_load(const tse_params *p, tse_filter *f, const uint8_t *in
   if (!p || !f || !in) return TSE_E_NULL;
   if (!belong(p, f) || f->step > 0 || f->waiting.count > 0) return TSE_E_STATE;
   content c;
-  const tse_status refused = decode(in, bytes, p->vehicle, &c);
+  const tse_status refused = decode(in, bytes, p->vehicle, &c, NULL);
   if (refused < 0) return refused; /* nothing has changed yet */
   start_of_settings(p, &f->start);
   f->start.loaded = 1;

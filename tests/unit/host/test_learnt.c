@@ -182,14 +182,16 @@ static void test_the_format_before_is_told_from_damage(void)
 }
 
 /* Whoever made them, the CRC fits. */
-static void test_numbers_that_cannot_be_are_refused(void)
+static void test_numbers_that_cannot_be_are_refused_by_name(void)
 {
-  static const struct { int at; uint32_t value; const char *what; } bad[] = {
-    { 12, 8, "a fourth stiffness" }, { 32, 0xffffffffu, "sd of a mean" }, { 48, 0x80000000u, "spread" }, { 88, 0xffffffffu, "sd of a bias" },
-    { 16, 1000001, "trust" }, { 20, 0xff051eb7u, "stiffness below 0.02" }, { 28, 0x13000001u, "stiffness above 20" },
-    { 24, 0xff000000u, "no stiffness at all" }, { 56, 0x01000001u, "correlation above 1" }, { 64, 0xfeffffffu, "correlation below -1" },
+  static const struct { int at; uint32_t value; const char *what; } bad[] = { /* below and above what may be; what is said of it */
+    { 12, 8, "which stiffnesses are learnt" }, { 32, 0xffffffffu, "sd of cx_front" }, { 48, 0x80000000u, "spread of cy_front" },
+    { 88, 0xffffffffu, "sd of the bias of yaw_rate" }, { 16, 1000001, "trust in the spread" }, { 20, 0xff051eb7u, "mean of cx_front" },
+    { 28, 0x13000001u, "mean of cy_rear" }, { 24, 0xff000000u, "mean of cy_front" },
+    { 56, 0x01000001u, "correlation of cx_front and cy_front" }, { 64, 0xfeffffffu, "correlation of cy_front and cy_rear" },
     { 68, 0x32000001u, "bias of accel_x" }, { 72, 0xcdffffffu, "bias of accel_y" }, { 76, 0x06000001u, "bias of yaw_rate" },
-    { 92, 0xffffffffu, "noise" }, { 100, 0x80000000u, "noise" }, { 104, 0x80u, "a seventh bit" }, { 104, 0xffffffffu, "all bits" },
+    { 92, 0xffffffffu, "noise of accel_x" }, { 100, 0x80000000u, "noise of yaw_rate" }, { 104, 0x80u, "levels of disturbances" },
+    { 104, 0xffffffffu, "levels of disturbances" },
   };
   static const struct { int at; uint32_t value; } good[] = {
     { 16, 1000000 }, { 20, 0xff051eb8u }, { 28, 0x13000000u }, { 56, 0x01000000u }, { 64, 0xff000000u }, { 68, 0x32000000u }, { 72, 0xce000000u },
@@ -203,6 +205,10 @@ static void test_numbers_that_cannot_be_are_refused(void)
     memcpy(bytes, learnt_bytes, sizeof bytes);
     set_word(bytes, bad[i].at, bad[i].value);
     expect_refused(&p, bytes, sizeof bytes, TSE_E_LEARNT, bad[i].what);
+    const char *wrong = "";
+    TEST_ASSERT_EQUAL_INT(TSE_E_LEARNT, tse_learnt_check(&p, bytes, sizeof bytes, &wrong));
+    TEST_ASSERT_EQUAL_STRING(bad[i].what, wrong);
+    TEST_ASSERT_EQUAL_INT(TSE_E_LEARNT, tse_learnt_check(&p, bytes, sizeof bytes, NULL));
   }
   for (int i = 0; i < ROWS(good); i++) {
     uint8_t bytes[TSE_LEARNT_BYTES];
@@ -210,6 +216,34 @@ static void test_numbers_that_cannot_be_are_refused(void)
     set_word(bytes, good[i].at, good[i].value);
     expect_near(TSE_OK, load(&p, bytes, sizeof bytes, 0), 0, "inside the bounds, byte", good[i].at);
   }
+}
+
+static void test_what_is_wrong_with_the_frame_is_said(void)
+{
+  const tse_config c = settings(2);
+  const tse_params p = prepared(&c);
+  tse_params other = p;
+  const char *wrong = "";
+  uint8_t bytes[TSE_LEARNT_BYTES];
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_learnt_check(&p, learnt_bytes, sizeof learnt_bytes, &wrong));
+  TEST_ASSERT_EQUAL_STRING("", wrong);
+#define SAID(status, p, at, count, text)                                            \
+  TEST_ASSERT_EQUAL_INT(status, tse_learnt_check(p, at, count, &wrong));            \
+  TEST_ASSERT_EQUAL_STRING(text, wrong)
+  SAID(TSE_E_LEARNT, &p, learnt_bytes, 3, "its mark");
+  SAID(TSE_E_LEARNT, &p, learnt_bytes, sizeof learnt_bytes - 1, "its length");
+  memcpy(bytes, learnt_bytes, sizeof bytes);
+  bytes[40] ^= 1;
+  SAID(TSE_E_LEARNT, &p, bytes, sizeof bytes, "its checksum");
+  memcpy(bytes, learnt_bytes, sizeof bytes);
+  set_word(bytes, 4, (TSE_LEARNT_FORMAT + 1) | (uint32_t)TSE_LEARNT_BYTES << 16);
+  SAID(TSE_E_VERSION, &p, bytes, sizeof bytes, "its format");
+  other.vehicle ^= 1;
+  SAID(TSE_E_VEHICLE, &other, learnt_bytes, sizeof learnt_bytes, "its vehicle");
+  other.magic = 0;
+  TEST_ASSERT_EQUAL_INT(TSE_E_STATE, tse_learnt_check(&other, learnt_bytes, sizeof learnt_bytes, &wrong));
+  TEST_ASSERT_EQUAL_INT(TSE_E_NULL, tse_learnt_check(NULL, learnt_bytes, sizeof learnt_bytes, &wrong));
+  TEST_ASSERT_EQUAL_INT(TSE_E_NULL, tse_learnt_check(&p, NULL, sizeof learnt_bytes, &wrong));
 }
 
 /* The extremes of every number: the start stays made of numbers, inside the bounds. */
@@ -779,7 +813,8 @@ int main(void)
   RUN_TEST(test_what_is_too_short_too_long_or_something_else_is_refused);
   RUN_TEST(test_a_newer_format_is_told_from_damage);
   RUN_TEST(test_the_format_before_is_told_from_damage);
-  RUN_TEST(test_numbers_that_cannot_be_are_refused);
+  RUN_TEST(test_numbers_that_cannot_be_are_refused_by_name);
+  RUN_TEST(test_what_is_wrong_with_the_frame_is_said);
   RUN_TEST(test_extreme_numbers_make_a_start_of_numbers);
   RUN_TEST(test_another_vehicle_is_refused_and_other_sensors_or_filters_are_not);
 #if defined(TSE_REAL_Q20)
