@@ -15,6 +15,7 @@ from scipy.integrate import quad
 from scipy.stats import multivariate_normal, norm
 
 from gap_logs import car, write_log
+from tselab import seal
 from tselab.core import Config
 from tselab.gap import workflow
 from tselab.gap.catalogue import Own, Parameter, catalogue, of_the_car, profiles
@@ -26,7 +27,7 @@ from tselab.gap.infer.naming import Named, Probability, settings
 from tselab.gap.infer.search import Search, judge
 from tselab.gap.infer.space import EPISODE, FEWEST, Layout
 from tselab.gap.problem import STIFFNESS, Problem, Rows, profile_size
-from tselab.gap.stages import load, save, stage
+from tselab.gap.stages import _seal, load, save, stage
 from tselab.gap.workers import ClusterProblem
 from tselab.identify.discrepancy import Discrepancy, Piece
 from tselab.log import read_log
@@ -307,10 +308,10 @@ def test_a_strangers_stage_is_made_again(tmp_path: Path) -> None:
     path = tmp_path / "s.npz"
     save(path, "key", 1)
     whole = path.read_bytes()
-    head = b'{"key": "key", "value": {"class": ["subprocess", "Popen"], "fields": {"args": "true"}}}'
+    head = b'{"key": "key", "arrays": 0, "value": {"class": ["subprocess", "Popen"], "fields": {"args": "true"}}}'
 
-    def array(value: np.ndarray) -> bytes:
-        np.savez(path, head=value)
+    def array(value: np.ndarray) -> bytes:  # signed as if it were ours
+        np.savez(path, head=value, seal=_seal(value, []) if value.dtype != object else value)
         return path.read_bytes()
 
     bad = [
@@ -325,6 +326,27 @@ def test_a_strangers_stage_is_made_again(tmp_path: Path) -> None:
         assert load(path, "key") is None
         assert stage(tmp_path, "key", "s", lambda: 7) == 7
     assert not Hostile.ran and stage(tmp_path, "key", "s", lambda: 8) == 7
+
+
+def test_a_stage_of_the_right_key_with_another_content_is_made_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whatever is replaced, and if all of it is: only who has the secret makes what is believed."""
+    path = tmp_path / "s.npz"
+    save(path, "key", {"mean": np.arange(3.0), "text": "one"})
+    with np.load(path) as file:
+        parts = dict(file)
+    changes = {
+        "a0": [np.array([0.0, 1.0, 3.0]), np.arange(4.0), np.arange(3.0, dtype=np.float32), parts["a0"].reshape(3, 1)],
+        "head": [np.frombuffer(parts["head"].tobytes().replace(b"one", b"two"), np.uint8)],
+        "seal": [parts["seal"][:5], parts["seal"][::-1], np.zeros(0, np.uint8)],
+    }
+    for name, values in changes.items():
+        for value in values:
+            np.savez(path, **parts | {name: value})
+            assert load(path, "key") is None, (name, value)
+    np.savez(path, **parts)
+    assert load(path, "key")[0]["text"] == "one"
+    monkeypatch.setattr(seal, "secret", lambda: bytes(32))  # of another user
+    assert load(path, "key") is None
 
 
 def test_late_messages_are_found_beside_the_effect(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import hmac
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -23,6 +24,7 @@ from tselab.identify.problem import SPEED_BLOCKS, SPEED_TIME, Problem
 from tselab.identify.unknowns import MEASURED, OWN, STIFFNESS, Prior, prior_of
 from tselab.log import DRIVES, Log, read_log
 from tselab.noise import smooth
+from tselab.seal import seal
 from tselab.vehicle import Vehicle, fill_sensors, read_vehicle
 
 Say = Callable[[str], None]
@@ -254,13 +256,14 @@ class Progress:
         noise = {c: d.numbers for c, d in s.noise.items()}
         state = {"key": self.key, "x": s.x.tolist(), "noise": noise, "steps": s.steps, "refits": s.refits, "damping": s.damping}
         with atomic(self.path) as file:
-            json.dump(state, file)
+            json.dump({"state": state, "seal": _sealed(state)}, file)
 
     def load(self, size: int) -> State | None:
-        """None where there is nothing, or what is there is of another search or broken."""
+        """None where there is nothing, or what is there is of another search, of somebody else, or broken."""
         try:
-            state: dict[str, Any] = json.loads(self.path.read_text(encoding="utf-8"))
-            if state["key"] != self.key:
+            found: dict[str, Any] = json.loads(self.path.read_text(encoding="utf-8"))
+            state = found["state"]
+            if not hmac.compare_digest(str(found["seal"]).encode(), _sealed(state).encode()) or state["key"] != self.key:
                 return None
             channels = [c for c in MEASURED if c in state["noise"]]
             x, numbers = np.array(state["x"], float), np.array([state["noise"][c] for c in channels], float)
@@ -268,8 +271,12 @@ class Progress:
                 return None
             noise = {c: Discrepancy.of(n) for c, n in zip(channels, numbers.tolist(), strict=True)}
             return State(x, noise, int(state["steps"]), int(state["refits"]), float(state["damping"]))
-        except (OSError, ValueError, KeyError, TypeError):
+        except (OSError, ValueError, LookupError, TypeError, RecursionError):
             return None
 
     def clear(self) -> None:
         self.path.unlink(missing_ok=True)
+
+
+def _sealed(state: Any) -> str:
+    return seal([json.dumps(state, sort_keys=True).encode()]).hex()

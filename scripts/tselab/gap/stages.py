@@ -1,9 +1,11 @@
 """What a run has done, kept in DIR/stages so that it can go on: arrays and plain data in NumPy's archive, which runs no code when
-it is read. A file that is damaged, of another version or of other inputs is made again."""
+it is read. A file that is damaged, of another version or of other inputs is made again; so is one that somebody else has
+made: its content is sealed (tselab/seal.py)."""
 
 from __future__ import annotations
 
 import dataclasses
+import hmac
 import importlib
 import json
 import zipfile
@@ -14,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from tselab.files import atomic
+from tselab.seal import seal
 
 # Modules whose dataclasses may be in a stage; nothing else is ever made from a file.
 MODULES = (
@@ -37,10 +40,10 @@ def stage(folder: Path, key: str, title: str, compute: Callable[[], Any]) -> Any
 def save(path: Path, key: str, value: Any) -> None:
     arrays: list[np.ndarray] = []
     tree = _packed(value, arrays)
-    head = np.frombuffer(json.dumps({"key": key, "value": tree}).encode(), np.uint8)
+    head = np.frombuffer(json.dumps({"key": key, "arrays": len(arrays), "value": tree}).encode(), np.uint8)
     path.parent.mkdir(parents=True, exist_ok=True)
     with atomic(path, "wb") as file:
-        np.savez(file, head=head, **{f"a{k}": a for k, a in enumerate(arrays)})
+        np.savez(file, head=head, seal=_seal(head, arrays), **{f"a{k}": a for k, a in enumerate(arrays)})
 
 
 def load(path: Path, key: str) -> tuple[Any] | None:
@@ -52,12 +55,22 @@ def load(path: Path, key: str) -> tuple[Any] | None:
             if sum(i.file_size for i in archive.infolist()) > MOST_BYTES:
                 return None
         with np.load(path, allow_pickle=False) as file:
-            head = json.loads(file["head"].tobytes().decode())
+            raw = file["head"]
+            head = json.loads(raw.tobytes().decode())
             if head["key"] != key:
                 return None
-            return (_unpacked(head["value"], lambda k: file[f"a{k}"]),)
+            arrays = [file[f"a{k}"] for k in range(int(head["arrays"]))]
+            if not hmac.compare_digest(file["seal"].tobytes(), _seal(raw, arrays).tobytes()):
+                return None
+            return (_unpacked(head["value"], arrays.__getitem__),)
     except Exception:  # whatever is wrong with a file that anybody may have made: it is made again
         return None
+
+
+def _seal(head: np.ndarray, arrays: list[np.ndarray]) -> np.ndarray:
+    """Of all that a stage holds."""
+    whole = [head, *arrays]
+    return np.frombuffer(seal(part for a in whole for part in (f"{a.dtype.str} {a.shape} ".encode(), a.tobytes())), np.uint8)
 
 
 def _packed(value: Any, arrays: list[np.ndarray]) -> Any:
