@@ -334,7 +334,7 @@ def _numbers(
             lines.append(line[filled])
             for name in wanted:
                 column = part[name] if filled.all() else part[name][filled]
-                numbers = pd.to_numeric(column, errors="coerce")
+                numbers = to_numbers(column)
                 if column.dtype == bool:
                     numbers = pd.Series(np.nan, index=column.index)
                 bad = (numbers.isna() & column.notna()).to_numpy()
@@ -353,6 +353,21 @@ def _numbers(
             )
     skipped = [name for name in wanted if name in wrong]
     return {c: np.concatenate(columns.pop(c)) for c in wanted if c not in wrong}, np.concatenate(lines), skipped
+
+
+def to_numbers(column: pd.Series) -> pd.Series:
+    """Cells as numbers, NaN where they are none."""
+    try:
+        return pd.to_numeric(column, errors="coerce")
+    except OverflowError:  # a whole number of more digits than a float has, beside text
+        return pd.Series([_number(cell) for cell in column], column.index, float)
+
+
+def _number(cell: object) -> float:
+    try:
+        return float(str(cell))
+    except ValueError:
+        return np.nan
 
 
 def _check_time(path: Path, time: np.ndarray, line: np.ndarray) -> None:

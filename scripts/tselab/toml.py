@@ -14,16 +14,30 @@ else:
     import tomli as tomllib
 
 
+MOST_INTEGER = 1 << 63  # what TOML asks of a reader; Python's integers go on, and are no settings then
+
+
 def read_toml(path: Path) -> dict[str, Any]:
     try:
-        return tomllib.loads(Path(path).read_text(encoding="utf-8-sig"))
+        data = tomllib.loads(Path(path).read_text(encoding="utf-8-sig"))
     except FileNotFoundError:
         raise UserError(f"{path}: no such file") from None
     except IsADirectoryError:
         raise UserError(f"{path}: is a directory, a TOML file is needed") from None
     except UnicodeDecodeError:
         raise UserError(f"{path}: is not a text file in UTF-8; a TOML file is needed") from None
-    except tomllib.TOMLDecodeError as error:
+    except ValueError as error:  # TOMLDecodeError is one; so are Python's limits on digits and dates
         raise UserError(f"{path}: is not valid TOML: {error}") from None
+    except RecursionError:
+        raise UserError(f"{path}: is not valid TOML: nested too deeply") from None
     except OSError as error:
         raise UserError(f"{path}: cannot be read: {error.strerror}") from None
+    _check_integers(path, data, "")
+    return data
+
+
+def _check_integers(path: Path, value: Any, key: str) -> None:
+    if isinstance(value, int) and not -MOST_INTEGER <= value < MOST_INTEGER:
+        raise UserError(f"{path}: is not valid TOML: key {key}: an integer has at most 64 bits")
+    for name, part in value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ():
+        _check_integers(path, part, f"{key}.{name}" if key else str(name))

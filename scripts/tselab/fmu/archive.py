@@ -123,7 +123,10 @@ def unpacked(path: Path) -> Iterator[Path]:
     with tempfile.TemporaryDirectory(prefix="tselab-fmu-", ignore_cleanup_errors=True) as folder:
         with zipfile.ZipFile(path) as file:
             _check_contents(path, file.infolist())  # again: who made it may have changed it
-            file.extractall(folder)
+            try:
+                file.extractall(folder)
+            except OSError as error:  # a name that no file can have here, a folder where a file is, a full disk
+                raise UserError(f"{path}: cannot be unpacked: {error.strerror}") from None
         yield Path(folder)
 
 

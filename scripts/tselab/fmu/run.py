@@ -16,7 +16,7 @@ from tselab.errors import UserError
 from tselab.estimate import _stop_flag as stop_flag
 from tselab.estimate import to_table
 from tselab.fmu.slave import Slave, slave
-from tselab.log import Log, _check_time, _header, _table, columns
+from tselab.log import Log, _check_time, _header, _table, columns, to_numbers
 
 
 @dataclass
@@ -170,7 +170,7 @@ def read_inputs(path: Path, fmu: Slave) -> tuple[np.ndarray, pd.DataFrame]:
         raise UserError(f"{path}: has a header but no rows")
     numbers = {}
     for name in table:
-        column = pd.to_numeric(table[name], errors="coerce")
+        column = to_numbers(table[name])
         bad = (column.isna() & (table[name].notna() | (name != "time" and fmu.variables[name].type != "Real"))).to_numpy()
         if bad.any():
             i = int(bad.argmax())

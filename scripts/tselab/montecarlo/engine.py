@@ -273,8 +273,9 @@ class Store:
         else:
             try:
                 before = json.loads(file.read_text(encoding="utf-8"))
-                dict(before["cases"])
-            except (OSError, ValueError, LookupError, AttributeError, TypeError):
+                if not all(isinstance(h, str) for h in before["cases"].values()):
+                    raise TypeError("cases are told by their hashes")
+            except (OSError, ValueError, LookupError, AttributeError, TypeError, RecursionError):
                 raise UserError(
                     f"{self.path}: no readable {SETTINGS} beside it says what made it; {_WAY_OUT}"
                 ) from None
@@ -303,20 +304,14 @@ class Store:
             with atomic(self.path) as file:
                 file.write(",".join(self.columns) + "\n")
             return set()
-        text = self.path.read_text(encoding="utf-8")
-        lines = text.split("\n")
-        cut = lines.pop()  # '' after a whole line
-        if not lines or lines[0] != ",".join(self.columns):
-            raise UserError(f"{self.path}: is not a table of study {self.plan.study.name}; {_WAY_OUT}")
-        rows, units = [], {}
-        for line in lines[1:]:
-            cells = next(csv.reader([line]), [])
-            if len(cells) != len(self.columns) or not cells[2].isdigit():
-                continue
-            case, estimator, seed, mark = cells[:4]
-            if mark != self.marks.get(case):
-                raise UserError(f"{self.path}: holds runs of another study (case {case}, seed {seed}); {_WAY_OUT}")
-            units.setdefault((case, int(seed)), {})[estimator] = line
+        try:
+            lines = self.path.read_text(encoding="utf-8").split("\n")
+            cut = lines.pop()  # '' after a whole line
+            if not lines or lines[0] != ",".join(self.columns):
+                raise UserError(f"{self.path}: is not a table of study {self.plan.study.name}; {_WAY_OUT}")
+            units = self._units_of(lines[1:])
+        except (ValueError, csv.Error) as error:  # not UTF-8; a cell that no reader takes
+            raise UserError(f"{self.path}: is damaged: {error}; {_WAY_OUT}") from None
         complete = {}
         for (case, seed), found in units.items():
             if set(found) == set(_study(self.plan.study.name).case(case).estimators):
@@ -326,6 +321,19 @@ class Store:
             with atomic(self.path) as file:
                 file.write("\n".join([lines[0], *rows]) + "\n")
         return set(complete)
+
+    def _units_of(self, lines: list[str]) -> dict[tuple[str, int], dict[str, str]]:
+        """The lines of each unit, by their estimator; without those that a stop has cut."""
+        units: dict[tuple[str, int], dict[str, str]] = {}
+        for line in lines:
+            cells = next(csv.reader([line]), [])
+            if len(cells) != len(self.columns) or not cells[2].isdigit():
+                continue
+            case, estimator, seed, mark = cells[:4]
+            if mark != self.marks.get(case):
+                raise UserError(f"{self.path}: holds runs of another study (case {case}, seed {seed}); {_WAY_OUT}")
+            units.setdefault((case, int(seed)), {})[estimator] = line
+        return units
 
     @contextlib.contextmanager
     def writer(self) -> Iterator[Any]:
@@ -345,7 +353,11 @@ class Store:
 
     def table(self) -> pd.DataFrame:
         """The rows of the plan, in the order of its cases, estimators and seeds."""
-        table = pd.read_csv(self.path, dtype={"fingerprint": str, **{c: float for c in self.columns if c not in KEYS}})
+        kinds = {"fingerprint": str, **{c: float for c in self.columns if c not in KEYS}}
+        try:
+            table = pd.read_csv(self.path, dtype=kinds)
+        except (ValueError, OverflowError) as error:  # of pandas, also its parser's
+            raise UserError(f"{self.path}: is damaged: {error}; {_WAY_OUT}") from None
         cases = [c.name for c in self.plan.study.cases]
         table = table[table["case"].isin(cases) & table["seed"].isin(self.plan.seeds)]
         order = {(c.name, e): i for i, (c, e) in enumerate((c, e) for c in self.plan.study.cases for e in c.estimators)}
