@@ -1,0 +1,558 @@
+"""Files of strangers through what reads them: python tests/fuzz/readers.py [TARGET ...] [--runs N] [--seconds S].
+
+A target is a reader, a few good files, and what must be true whatever a file holds: done or refused (exit code 0 or 2), a
+refusal in a few lines without a traceback or a warning of a package, and nothing half-written. Files are changed at random
+(--engine loop), or by Atheris where it is installed (--engine atheris), which sees what a change makes the reader do. What
+breaks something is kept in build/fuzz/found/TARGET; with a name that says what was wrong it belongs into
+tests/fuzz/found/reader_TARGET, which the tests go through."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import functools
+import hashlib
+import io
+import json
+import os
+import random
+import re
+import shutil
+import sys
+import tempfile
+import time
+import traceback
+import warnings
+import zipfile
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pandas as pd
+
+from tselab.cli import main
+from tselab.errors import UserError
+
+ROOT = Path(__file__).resolve().parents[2]
+ROWS = 60  # of a log: enough for every check that a log goes through, few enough for thousands a minute
+MOST_LINES = 6  # of a refusal: its sentence, its hints, notes of what was read before
+MOST_BYTES = 1 << 18  # of a changed file
+KEY = "of these inputs"
+
+
+class Broken(Exception):
+    """What must not be."""
+
+
+# ---- a command, as a user runs it
+
+
+def command(folder: Path, *args: str, made: tuple[str, ...] = ()) -> int:
+    """Run tselab in `folder`. `made`: files that it may make; when it refuses those that are there stay as they are."""
+    for name in made:
+        (folder / name).write_text("as before\n")
+    before = {p.name for p in folder.iterdir()}
+    out, err = io.StringIO(), io.StringIO()
+    argv, here = sys.argv, Path.cwd()
+    code: object = None
+    try:
+        sys.argv = ["tselab", *args]
+        os.chdir(folder)
+        with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err), warnings.catch_warnings():
+            warnings.simplefilter("always")
+            main()
+    except SystemExit as end:
+        code = end.code
+    finally:
+        sys.argv = argv
+        os.chdir(here)
+    said = err.getvalue()
+    if code not in (0, 2):
+        raise Broken(f"exit code {code}: {said[:500]}")
+    if "Traceback" in said or re.search(r"\bWarning\b|Warning:", said):
+        raise Broken(f"a package speaks: {said[:500]}")
+    if code == 2 and not (0 < len(said.splitlines()) <= MOST_LINES and "error" in said.lower()):
+        raise Broken(f"a refusal of {len(said.splitlines())} lines: {said[:500]}")
+    if left := {p.name for p in folder.iterdir()} ^ before:
+        raise Broken(f"left behind: {sorted(left)}")
+    if code == 2 and (touched := [n for n in made if (folder / n).read_text() != "as before\n"]):
+        raise Broken(f"refused, and {touched} is changed")
+    return int(code)
+
+
+# ---- targets
+
+
+@dataclass(frozen=True)
+class Target:
+    """`once` puts the bytes into a file of the folder and has it read; `words`: what such files are made of."""
+
+    seeds: Callable[[], list[bytes]]
+    once: Callable[[bytes, Path], None]
+    words: tuple[bytes, ...] = ()
+    change: Callable[[random.Random, bytes], bytes] | None = None  # one more way of changing a file
+
+
+def table_of(log: bytes = b"") -> pd.DataFrame:
+    t = np.arange(ROWS) * 0.01
+    steer = 0.02 * np.sin(3.0 * t)
+    columns = {"time": t, "steer_angle": steer, "wheel_speed_front": 60 + 0.2 * t, "wheel_speed_rear": 60 + 0.2 * t,
+               "accel_x": 0.1 * np.cos(9 * t), "accel_y": 60 * steer, "yaw_rate": 3 * steer}  # fmt: skip
+    return pd.DataFrame(columns).round(6)
+
+
+@functools.cache
+def good_log() -> bytes:
+    return table_of().to_csv(index=False).encode()
+
+
+@functools.cache
+def good_car() -> bytes:
+    from tselab.tables import example_vehicle
+
+    return example_vehicle().encode()
+
+
+SMALL_CAR = b"mass = 1500.0\nlf = 1.2\nlr = 1.5\nwheel_radius_front = 0.3\nwheel_radius_rear = 0.3\n"
+
+
+def logs() -> list[bytes]:
+    more = table_of().assign(vehicle_speed=20.0, note="x", ref_cy_front=1.0)
+    sides = table_of().rename(columns={"wheel_speed_front": "wheel_speed_front_left"})
+    sides.insert(3, "wheel_speed_front_right", 60.0)
+    holes = table_of()
+    holes.loc[5:9, "accel_y"] = np.nan
+    holes.loc[20, "steer_angle"] = np.nan
+    return [good_log(), *(t.to_csv(index=False).encode() for t in (more, sides, holes)), good_log().replace(b"\n", b"\r\n")]
+
+
+def read_log(data: bytes, folder: Path) -> None:
+    (folder / "in.csv").write_bytes(data)
+    (folder / "car.toml").write_bytes(SMALL_CAR)
+    if command(folder, "estimate", "in.csv", "--vehicle", "car.toml", "--out", "est.csv", made=("est.csv",)) == 0:
+        est = pd.read_csv(folder / "est.csv")
+        numbers = est.select_dtypes("number").drop(columns="time")
+        if np.isinf(numbers.to_numpy(float)).any() or (est["yaw_rate"].abs() > 20.001).any():
+            raise Broken("estimates that are none")
+
+
+def cars() -> list[bytes]:
+    told = SMALL_CAR + b"[uncertainty]\nmass_sd = 0.05\n[sensors]\naccel_x_sd = 0.1\n[latency]\naccel_y = 0.02\n"
+    told += b"[effects.body_roll]\ngain = 0.01\n"
+    found = SMALL_CAR + b'[calibration]\nnames = ["a", "b"]\nmean = [1.0, 2.0]\ncovariance = [[1.0, 0.1], [0.1, 1.0]]\n'
+    return [good_car(), SMALL_CAR, told, found]
+
+
+def read_car(data: bytes, folder: Path) -> None:
+    (folder / "car.toml").write_bytes(data)
+    command(folder, "vehicle", "car.toml")
+
+
+def filters() -> list[bytes]:
+    return [b"forgetting = 0.98\nmax_gap = 0.2\nform = 2\nparticles = 32\n", b"[filter]\nform = 0\nhypotheses = 4\nseed = 7\n"]
+
+
+def read_filter(data: bytes, folder: Path) -> None:
+    (folder / "in.csv").write_bytes(good_log())
+    (folder / "car.toml").write_bytes(SMALL_CAR)
+    (folder / "filter.toml").write_bytes(data)
+    command(folder, "estimate", "in.csv", "--vehicle", "car.toml", "--config", "filter.toml", "--out", "est.csv", made=("est.csv",))
+
+
+def formulas() -> list[bytes]:
+    play = b'id = "play"\ntitle = "play in the steering"\nplace = "front_angle"\nformula = "play(steer_angle, w) - steer_angle"\n'
+    drag = b'id = "drag"\ntitle = "d"\nplace = "force_x"\nformula = "-a * vel_x * abs(vel_x)"\ngain = 0.5\n'
+    drag += b'[numbers.a]\nvalue = 0.0003\nsd = 0.1\nunit = "1/m"\n'
+    return [play + b'[numbers.w]\nvalue = 0.003\nunit = "rad"\ntext = "half of it"\n[found]\ngain = 3\n', drag]
+
+
+def read_formula(data: bytes, folder: Path) -> None:
+    (folder / "f.toml").write_bytes(data)
+    command(folder, "formula", "f.toml", "--c", "f.h", made=("f.h",))
+
+
+@functools.cache
+def good_learnt() -> bytes:
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        (folder / "in.csv").write_bytes(good_log())
+        (folder / "car.toml").write_bytes(SMALL_CAR)
+        command(folder, "estimate", "in.csv", "--vehicle", "car.toml", "--out", "e.csv", "--save-learnt", "l", made=("e.csv", "l"))
+        return (folder / "l").read_bytes()
+
+
+def read_learnt(data: bytes, folder: Path) -> None:
+    (folder / "in.csv").write_bytes(good_log())
+    (folder / "car.toml").write_bytes(SMALL_CAR)
+    (folder / "learnt").write_bytes(data)
+    command(folder, "estimate", "in.csv", "--vehicle", "car.toml", "--load-learnt", "learnt", "--out", "e.csv", made=("e.csv",))
+
+
+# What a search of `tselab gap` and of `tselab calibrate` leaves: never believed unless it is what was written.
+
+
+def stage_value() -> object:
+    return {"names": ["a", "b"], "mean": np.arange(4.0), "pairs": [(1, 2.5), ("x", None)], "flags": np.array([True, False])}
+
+
+@functools.cache
+def good_stage() -> bytes:
+    from tselab.gap.stages import save
+
+    with tempfile.TemporaryDirectory() as name:
+        save(Path(name) / "s.npz", KEY, stage_value())
+        return (Path(name) / "s.npz").read_bytes()
+
+
+def read_stage(data: bytes, folder: Path) -> None:
+    from tselab.gap.stages import load
+
+    (folder / "s.npz").write_bytes(data)
+    found = load(folder / "s.npz", KEY)
+    if found is not None and repr(found[0]) != repr(stage_value()):
+        raise Broken(f"a stage that nobody wrote is believed: {found[0]!r}"[:500])
+
+
+@functools.cache
+def good_progress() -> bytes:
+    from tselab.calibrate.workflow import Progress
+    from tselab.identify.discrepancy import Discrepancy
+    from tselab.identify.fit import State
+
+    with tempfile.TemporaryDirectory() as name:
+        noise = {"accel_y": Discrepancy.of([0.1, 0.2, 0.3, 0.4, 0.5])}
+        Progress(Path(name) / "p.json", KEY).save(State(np.array([1.0, 2.0]), noise, 3, 1, 0.01))
+        return (Path(name) / "p.json").read_bytes()
+
+
+def read_progress(data: bytes, folder: Path) -> None:
+    from tselab.calibrate.workflow import Progress
+
+    (folder / "p.json").write_bytes(data)
+    found = Progress(folder / "p.json", KEY).load(2)
+    if found is not None and (found.x.tolist(), found.steps, found.refits, found.damping) != ([1.0, 2.0], 3, 1, 0.01):
+        raise Broken("a search that nobody made is gone on with")
+
+
+# Runs of a study: text that grows by a row, and what made them.
+
+
+@functools.cache
+def good_runs() -> bytes:
+    from tselab.montecarlo import engine
+
+    with tempfile.TemporaryDirectory() as name:
+        store = engine.Store(plan(), Path(name), False)
+        case = store.plan.study.cases[0]
+        rows = [dict.fromkeys(store.columns, 1.5) | {"case": case.name, "estimator": e, "seed": 1} for e in case.estimators]
+        store.read()
+        with store.writer() as write:
+            write(rows)
+        return (Path(name) / engine.SETTINGS).read_bytes() + b"\0" + (Path(name) / engine.RUNS).read_bytes()
+
+
+@functools.cache
+def plan() -> object:
+    from tselab.montecarlo import engine, studies
+
+    study = studies.study("particles", ())
+    return engine.Plan(study, 1, 1, "default", {}, {}, ())
+
+
+def read_runs(data: bytes, folder: Path) -> None:
+    from tselab.montecarlo import engine
+
+    settings, _, runs = data.partition(b"\0")
+    (folder / engine.SETTINGS).write_bytes(settings)
+    (folder / engine.RUNS).write_bytes(runs)
+    with contextlib.suppress(UserError):
+        store = engine.Store(plan(), folder, False)
+        store.read()
+        store.table()
+    if left := {p.name for p in folder.iterdir()} - {engine.SETTINGS, engine.RUNS}:
+        raise Broken(f"left behind: {sorted(left)}")
+
+
+# Archives, and the tables of inputs beside them. None here has a binary of this machine: what an FMU does is its own.
+
+
+def archives() -> list[bytes]:
+    variables = b"".join(
+        b'<ScalarVariable name="%s" valueReference="%d" causality="%s" variability="continuous"><Real start="0"/></ScalarVariable>'
+        % (name, k, kind)
+        for k, (name, kind) in enumerate([(b"u", b"input"), (b"gain", b"parameter"), (b"y", b"output")])
+    )
+    description = (
+        b'<?xml version="1.0" encoding="UTF-8"?><fmiModelDescription fmiVersion="2.0" modelName="m" guid="{1}">'
+        b'<CoSimulation modelIdentifier="m" canGetAndSetFMUstate="true"/><ModelVariables>' + variables + b"</ModelVariables>"
+        b'<ModelStructure><Outputs><Unknown index="3"/></Outputs></ModelStructure></fmiModelDescription>'
+    )
+    made = []
+    for method in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+        file = io.BytesIO()
+        with zipfile.ZipFile(file, "w", method) as archive:
+            archive.writestr(zipfile.ZipInfo("modelDescription.xml"), description, method)
+            archive.writestr(zipfile.ZipInfo("binaries/other-machine/m.so"), b"\x7fELF" + bytes(100), method)
+            archive.writestr(zipfile.ZipInfo("resources/a.txt"), b"1,2,3\n" * 20, method)
+        made.append(file.getvalue())
+    return made
+
+
+def read_archive(data: bytes, folder: Path) -> None:
+    from tselab.fmu.archive import open_archive, unpacked
+
+    (folder / "m.fmu").write_bytes(data)
+    (folder / "in.csv").write_text("time,u\n0,0\n0.1,1\n")
+    if command(folder, "fmu", "run", "m.fmu", "in.csv", "--out", "out.csv", made=("out.csv",)) == 0:
+        raise Broken("an FMU without a binary has run")
+    with contextlib.suppress(UserError):
+        open_archive(folder / "m.fmu")
+        with unpacked(folder / "m.fmu") as inside:
+            outside = [p for p in inside.rglob("*") if p.is_symlink() or inside not in p.resolve().parents]
+            if outside:
+                raise Broken(f"unpacked to {outside}")
+
+
+def repacked(dice: random.Random, data: bytes) -> bytes:
+    """Another content or name of a member, its checksum in order."""
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            members = [(i, archive.read(i)) for i in archive.infolist()]
+    except Exception:  # no archive any more
+        return data
+    file = io.BytesIO()
+    with warnings.catch_warnings(), zipfile.ZipFile(file, "w") as archive:
+        warnings.simplefilter("ignore")  # a name twice, on purpose
+        which = dice.randrange(len(members)) if members else 0
+        for k, (info, content) in enumerate(members):
+            name = info.filename
+            if k == which and dice.random() < 0.3:
+                odd = ["../" + name, "/" + name, name.upper(), "modelDescription.xml", "a" * 300, "C:" + name, ".", name + "/"]
+                name = dice.choice(odd)
+            elif k == which:
+                content = changed(dice, content, [content], XML_WORDS)
+            with contextlib.suppress(Exception):  # what zipfile does not write nobody can make with it
+                archive.writestr(zipfile.ZipInfo(name), content, dice.choice([zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED]))
+    return file.getvalue()
+
+
+def restaged(dice: random.Random, data: bytes) -> bytes:
+    """A stage whose arrays are others, the archive in order."""
+    try:
+        with np.load(io.BytesIO(data), allow_pickle=False) as file:
+            parts = dict(file)
+        name = dice.choice(sorted(parts))
+        parts[name] = np.frombuffer(changed(dice, parts[name].tobytes(), [parts[name].tobytes()], ()), np.uint8)
+        file = io.BytesIO()
+        np.savez(file, **parts)
+        return file.getvalue()
+    except Exception:  # no stage any more
+        return data
+
+
+def read_table(data: bytes, folder: Path) -> None:
+    from tselab.fmu.run import read_inputs
+
+    (folder / "in.csv").write_bytes(data)
+    kinds = {"u": "Real", "on": "Boolean", "n": "Integer"}
+    variables = {n: SimpleNamespace(type=t) for n, t in kinds.items()}
+    fmu = SimpleNamespace(path=Path("m.fmu"), names=lambda _: list(kinds), variables=variables)
+    with contextlib.suppress(UserError), warnings.catch_warnings():
+        warnings.simplefilter("error")
+        time_, table = read_inputs(folder / "in.csv", fmu)
+        if not (np.isfinite(time_).all() and (np.diff(time_) > 0).all() and len(time_) == len(table)):
+            raise Broken("times that are none")
+
+
+ODD = (b"nan", b"inf", b"-inf", b"1e400", b"-0", b"1e-400", b"9" * 400, b"0x10", b"1_000", b"NaN", b"None", b"\0", b"\xff",
+       b"\xef\xbb\xbf", b'"', b"'", b",", b";", b"\n", b"\r", b"\r\n", b"\t", b" ", b"\xc2\xb2",
+       b"\xe2\x80\xa8", b"=", b"#")  # fmt: skip
+TOML_WORDS = (b"[", b"]", b"[[", b"{", b"}", b"[" * 3000, b"x = " + b"[" * 3000 + b"\n", b"a." * 2000, b'"""', b"true",
+              b"1979-05-27", b"= [1, 2]", b"= {}", b"inf", b"\\u0000", b"mass = 1", b"[effects]", b"[effects.grade]",
+              b"[formula]\nfile = 'x.toml'\n", b"[sensors]", b"[latency]")  # fmt: skip
+JSON_WORDS = (b"[" * 3000, b"{", b"null", b"true", b"NaN", b"Infinity", b"1e999", b'{"cases": 3}', b'"cases"', b"\\ud800")
+XML_WORDS = (b"<", b">", b"&amp;", b"&x;", b"<!DOCTYPE x [<!ENTITY x SYSTEM 'file:///etc/hostname'>]>", b"<a>" * 500,
+             b'fmiVersion="3.0"', b'index="0"', b'valueReference="-1"', b"<Real/>", b"<Enumeration/>", b"<!--", b"<ModelExchange/>",
+             b'modelIdentifier=""')  # fmt: skip
+
+FILTER_WORDS = (*TOML_WORDS, b"sample_time = 0.001", b"form = 1", b"max_gap = 1.0", b"noise_max = 1000.0")
+FORMULA_WORDS = (*TOML_WORDS, b"lag(", b"late(", b"**", b"(" * 100, b"sqrt(", b"__import__", b"place")
+
+TARGETS = {
+    "log": Target(logs, read_log, (b"time", b"accel_x", b"wheel_speed_rear", b"yaw_rate", b"0.01", b"," * 5000)),
+    "vehicle": Target(cars, read_car, TOML_WORDS),
+    "filter": Target(filters, read_filter, FILTER_WORDS),
+    "formula": Target(formulas, read_formula, FORMULA_WORDS),
+    "learnt": Target(lambda: [good_learnt()], read_learnt),
+    "stage": Target(lambda: [good_stage()], read_stage, JSON_WORDS, restaged),
+    "progress": Target(lambda: [good_progress()], read_progress, JSON_WORDS),
+    "runs": Target(lambda: [good_runs()], read_runs, JSON_WORDS),
+    "archive": Target(archives, read_archive, XML_WORDS, repacked),
+    "table": Target(lambda: [b"time,u,on\n0,0,1\n0.1,1,0\n", b"time,u,n,ref_x\n0,,1,2\n1,2,3,4\n"], read_table),
+}
+
+
+# ---- changes
+
+
+def changed(dice: random.Random, data: bytes, others: list[bytes], words: tuple[bytes, ...]) -> bytes:
+    """One change, or a few."""
+    b = bytearray(data)
+    for _ in range(dice.choice([1, 1, 1, 2, 3, 6])):
+        at = dice.randrange(len(b) + 1)
+        to = min(len(b), at + int(2 ** dice.uniform(0, 7)))
+        match dice.randrange(9):
+            case 0 if b:
+                b[at % len(b)] ^= 1 << dice.randrange(8)
+            case 1 if b:
+                b[at % len(b)] = dice.randrange(256)
+            case 2:
+                del b[at:to]
+            case 3:
+                b[at:at] = b[dice.randrange(len(b) + 1) :][: to - at]
+            case 4:
+                b[at:at] = dice.choice([*ODD, *words])
+            case 5:
+                b[at:to] = dice.choice([*ODD, *words])
+            case 6:  # another number
+                found = list(re.finditer(rb"-?\d+\.?\d*", bytes(b)))
+                if found:
+                    m = dice.choice(found)
+                    b[m.start() : m.end()] = dice.choice([*ODD[:10], b"0", b"-1", b"1e9", str(dice.uniform(-1e3, 1e3)).encode()])
+            case 7:  # lines in another order, or twice
+                lines = bytes(b).split(b"\n")
+                i, k = dice.randrange(len(lines)), dice.randrange(len(lines))
+                lines[i] = lines[k]
+                b = bytearray(b"\n".join(lines))
+            case _:  # the head of one, the tail of another
+                other = dice.choice(others)
+                b[at:] = other[dice.randrange(len(other) + 1) :]
+    return bytes(b[:MOST_BYTES])
+
+
+# ---- searching
+
+
+@contextlib.contextmanager
+def fresh_folder(parent: Path) -> Iterator[Path]:
+    folder = parent / "one"
+    folder.mkdir()
+    try:
+        yield folder
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def check(name: str, data: bytes, parent: Path) -> str:
+    """What is wrong when these bytes are read; "" if nothing is."""
+    with fresh_folder(parent) as folder:
+        try:
+            TARGETS[name].once(data, folder)
+        except Broken as error:
+            return str(error)
+        except UserError as error:
+            return f"refused where nobody says it: {error}"
+        except Exception:  # whatever a reader forgot
+            return traceback.format_exc()
+    return ""
+
+
+def keep(name: str, data: bytes, what: str, found: Path) -> Path:
+    place = found / f"reader_{name}"
+    place.mkdir(parents=True, exist_ok=True)
+    path = place / hashlib.sha256(data).hexdigest()[:16]
+    path.write_bytes(data)
+    print(f"{name}: {what.strip()}\n  kept as {path}", flush=True)
+    return path
+
+
+def search(name: str, runs: int, seconds: float, seed: int, found: Path) -> tuple[int, int]:
+    """Changed files, until there were `runs` or `seconds` are over; each way of breaking is kept once.  Returned: runs, findings"""
+    target, dice, end, ways = TARGETS[name], random.Random(f"{name} {seed}"), time.monotonic() + seconds, set[str]()
+    seeds = target.seeds() + [p.read_bytes() for p in kept(name)]
+    pool, done = list(seeds), 0
+    with tempfile.TemporaryDirectory(prefix="tse-fuzz-") as parent:
+        for data in seeds:
+            if what := check(name, data, Path(parent)):
+                keep(name, data, f"a good file: {what}", found)
+                return done, 1
+        while done < runs and time.monotonic() < end:
+            data = dice.choice(pool)
+            data = target.change(dice, data) if target.change and dice.random() < 0.5 else changed(dice, data, pool, target.words)
+            done += 1
+            if what := check(name, data, Path(parent)):
+                way = way_of(what)
+                if way not in ways:
+                    ways.add(way)
+                    keep(name, data, what, found)
+            elif dice.random() < 0.05:  # changes on changes
+                pool[len(seeds) :] = [*pool[len(seeds) :], data][-50:]
+    return done, len(ways)
+
+
+def way_of(what: str) -> str:
+    """Where it broke and with which exception; else what was said, without numbers and names."""
+    lines = what.strip().splitlines()
+    places = [line for line in lines if re.match(r' *File ".*tselab', line)]
+    return " ".join([*places[-1:], lines[-1].partition(":")[0]]) if places else re.sub(r"\d+|'[^']*'", "", lines[0])[:80]
+
+
+def kept(name: str) -> list[Path]:
+    """Files that once broke something."""
+    return sorted((ROOT / "tests/fuzz/found" / f"reader_{name}").glob("*"))
+
+
+def with_atheris(name: str, runs: int, seconds: float, seed: int, found: Path) -> None:
+    """Does not come back: libFuzzer ends the process."""
+    import atheris
+
+    parent = Path(tempfile.mkdtemp(prefix="tse-fuzz-"))
+
+    def one(data: bytes) -> None:
+        if what := check(name, data, parent):
+            keep(name, data, what, found)
+            raise Broken(what)
+
+    corpus = ROOT / "build/fuzz/corpus" / f"reader_{name}"
+    corpus.mkdir(parents=True, exist_ok=True)
+    for data in TARGETS[name].seeds():
+        (corpus / hashlib.sha256(data).hexdigest()[:16]).write_bytes(data)
+    atheris.instrument_all()
+    limits = [f"-runs={runs}", f"-max_total_time={max(1, round(seconds))}", f"-seed={seed}", f"-max_len={MOST_BYTES}"]
+    atheris.Setup([sys.argv[0], *limits, str(corpus)], one)
+    atheris.Fuzz()
+
+
+def options() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("targets", nargs="*", metavar="TARGET", help=f"of {', '.join(TARGETS)}; default: all")
+    parser.add_argument("--runs", type=int, default=1 << 62, help="files of each target; default: as many as --seconds allow")
+    parser.add_argument("--seconds", type=float, default=float("inf"), help="for each target; default: 2 without --runs")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--engine", choices=["loop", "atheris"], default="loop")
+    parser.add_argument("--found", type=Path, default=ROOT / "build/fuzz/found", help="where what breaks something is kept")
+    given = parser.parse_args()
+    if wrong := [t for t in given.targets if t not in TARGETS]:
+        parser.error(f"no target {wrong[0]}; there are {', '.join(TARGETS)}")
+    if given.runs == 1 << 62 and given.seconds == float("inf"):
+        given.seconds = 2.0
+    return given
+
+
+def run() -> int:
+    given, findings = options(), 0
+    for name in given.targets or TARGETS:
+        if given.engine == "atheris":
+            with_atheris(name, given.runs, given.seconds, given.seed, given.found)
+        start = time.monotonic()
+        done, wrong = search(name, given.runs, given.seconds, given.seed, given.found)
+        findings += wrong
+        seconds = round(time.monotonic() - start, 1)
+        print(json.dumps({"target": f"reader_{name}", "inputs": done, "findings": wrong, "seconds": seconds}), flush=True)
+    return int(findings > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(run())
