@@ -1,0 +1,212 @@
+/* tests/fuzz/fuzz.h - what the fuzz targets share: bytes become settings and rows, and what must be true of every estimate.
+ *
+ * A target is a function of bytes (LLVMFuzzerTestOneInput). With libFuzzer it looks for bytes that break something; with run.c it
+ * goes through those that are kept, in every preset. It stops at the first thing that is not as it must be. */
+#ifndef FUZZ_H
+#define FUZZ_H
+
+#include <math.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "tse/learnt.h"
+#include "tse/tse.h"
+
+int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
+
+#define MUST(what, ...)                       \
+  do {                                        \
+    if (!(what)) {                            \
+      (void)fprintf(stderr, "fuzz: " __VA_ARGS__); \
+      (void)fprintf(stderr, " (" #what ")\n");     \
+      abort();                                \
+    }                                         \
+  } while (0)
+
+/* ---- bytes; behind the last all are 0 */
+
+typedef struct bytes { const uint8_t *at; size_t left; } bytes;
+
+static inline uint32_t take(bytes *b, int count)
+{
+  uint32_t word = 0;
+  for (int i = 0; i < count && b->left > 0; i++, b->at++, b->left--) word |= (uint32_t)*b->at << (8 * i);
+  return word;
+}
+
+static inline double take_share(bytes *b) { return take(b, 2) / 65535.0; } /* 0 .. 1 */
+
+static inline double take_between(bytes *b, double lo, double hi) { return lo + (hi - lo) * take_share(b); }
+
+/* What nobody sends on purpose. */
+static inline double take_odd(bytes *b)
+{
+  const double zero = 0, odd[] = { zero / zero, 1 / zero, -1 / zero, 0.0, -0.0, 1e-320, 1e-30, -1e-30, 1e30, -1e30, 1e300, -1e300,
+                                   1.7976931348623157e308, 3.4028234e38, 2147483648.0, -1.0 };
+  return odd[take(b, 1) & 15u];
+}
+
+static inline tse_real real_of(double x) { return (tse_real)x; } /* double and float; what is too large for float is infinite */
+
+/* ---- settings */
+
+typedef struct setting { const char *name; size_t offset; int whole; double lo, hi, def; } setting;
+
+static const setting settings[] = {
+#define REAL(name, def, lo, hi, unit, text) { #name, offsetof(tse_config, name), 0, lo, hi, def },
+#define INT(name, def, lo, hi, text) { #name, offsetof(tse_config, name), 1, lo, hi, def },
+#include "tse/config.def"
+#undef REAL
+#undef INT
+};
+#define SETTINGS ((uint32_t)(sizeof settings / sizeof settings[0]))
+
+static inline void put_setting(tse_config *c, const setting *s, double x)
+{
+  tse_setting value = (tse_setting)x;
+  const int32_t whole = x >= -2147483648.0 && x <= 2147483647.0 ? (int32_t)x : INT32_MIN;
+  if (s->whole) memcpy((char *)c + s->offset, &whole, sizeof whole);
+  else memcpy((char *)c + s->offset, &value, sizeof value);
+}
+
+static inline double get_setting(const tse_config *c, const setting *s)
+{
+  tse_setting value;
+  int32_t whole;
+  memcpy(&whole, (const char *)c + s->offset, sizeof whole);
+  if (s->whole) return whole;
+  memcpy(&value, (const char *)c + s->offset, sizeof value);
+  return (double)value;
+}
+
+/* Up to 15 settings other than the default; hostile: also out of range. */
+static inline void take_settings(bytes *b, tse_config *c, int hostile)
+{
+  tse_config_default(c);
+  for (uint32_t left = take(b, 1) & 15u; left > 0; left--) {
+    const setting *const s = &settings[take(b, 2) % SETTINGS];
+    switch (take(b, 1) & 7u) {
+      case 0: put_setting(c, s, s->lo); break;
+      case 1: put_setting(c, s, s->hi); break;
+      case 2: put_setting(c, s, s->def); break;
+      case 3: put_setting(c, s, hostile ? take_odd(b) : take_between(b, s->lo, s->hi)); break;
+      case 4: put_setting(c, s, hostile ? s->hi + (s->hi - s->lo) * 1e-3 * (1 + take_share(b)) : take_between(b, s->lo, s->hi)); break;
+      case 5: {
+        const double share = take_share(b);
+        put_setting(c, s, s->def + (s->hi - s->def) * share * share * share);
+        break;
+      }
+      case 6: {
+        const double share = take_share(b);
+        put_setting(c, s, s->def - (s->def - s->lo) * share * share * share);
+        break;
+      }
+      default: put_setting(c, s, take_between(b, s->lo, s->hi)); break;
+    }
+  }
+}
+
+/* ---- rows: a plausible drive, and what may happen to it */
+
+typedef struct road { double time, speed, steer, pace, slip, yaw_offset, noise; uint32_t word; } road;
+
+static inline road road_of(bytes *b)
+{
+  road r;
+  r.time = 0;
+  r.speed = take_between(b, -5, 60);
+  r.steer = take_between(b, 0, 0.2);
+  r.pace = take_between(b, 0.2, 8);
+  r.slip = take_between(b, 0, 0.04);
+  r.yaw_offset = 0;
+  r.noise = take_between(b, 0, 3);
+  r.word = take(b, 2);
+  return r;
+}
+
+static inline double road_noise(road *r)
+{
+  r->word = r->word * 1664525u + 1013904223u;
+  return r->noise * (((r->word ^ (r->word >> 15)) & 0xffffu) / 32768.0 - 1);
+}
+
+static inline tse_input road_row(road *r, double dt)
+{
+  tse_input u;
+  memset(&u, 0, sizeof u);
+  r->time += dt < 1 ? dt : 1;
+  const double steer = r->steer * sin(r->pace * r->time), turn = r->speed * steer / (2.75 + 0.0025 * r->speed * r->speed);
+  u.dt = real_of(dt);
+  u.steer_angle = real_of(steer);
+  u.wheel_speed_front = real_of(r->speed / 0.33 * (1 + r->slip * cos(0.7 * r->time)));
+  u.wheel_speed_rear = real_of(r->speed / 0.33);
+  u.accel_x = real_of(9 * r->slip * cos(0.7 * r->time) + 0.15 * road_noise(r));
+  u.accel_y = real_of(turn * r->speed + 0.15 * road_noise(r));
+  u.yaw_rate = real_of(turn + r->yaw_offset + 0.0035 * road_noise(r));
+  return u;
+}
+
+static inline tse_real *channel_of(tse_input *u, uint32_t k)
+{
+  tse_real *const at[] = {
+#define INPUT(name, lo, hi, unit, kind, text) &u->name,
+#include "tse/input.def"
+#undef INPUT
+  };
+  return at[k % TSE_CHANNELS];
+}
+
+/* Every channel anywhere in its range, and a little beyond. */
+static inline tse_input wild_row(bytes *b, double beyond)
+{
+  tse_input u;
+  memset(&u, 0, sizeof u);
+  u.dt = real_of(0.01);
+#define INPUT(name, lo, hi, unit, kind, text) u.name = real_of(take_between(b, (lo) * beyond, (hi) * beyond));
+#include "tse/input.def"
+#undef INPUT
+  return u;
+}
+
+/* ---- what must be true */
+
+static inline int is_number(tse_real x) { return x - x == 0; }
+
+#define FASTEST 200.0001       /* m/s: no car is faster (src/model/vehicle.h); a mean is rounded   */
+#define FASTEST_TURN 20.00001  /* rad/s                                                             */
+
+static inline void must_be_estimates(const tse_config *c, const tse_output *y, int status)
+{
+  const tse_real *const all = &y->vel_x; /* of one type up to the first whole number */
+  const tse_real *const positive[] = { y->stiffness_sd, y->stiffness_spread, y->bias_sd, y->noise, y->discrepancy };
+  const double least = 0.999 * c->stiffness_min, most = 1.001 * c->stiffness_max;
+  for (size_t i = 0; i < offsetof(tse_output, spread_seen) / sizeof *all; i++)
+    MUST(is_number(all[i]), "real %u of the estimates is %g, status %d", (unsigned)i, (double)all[i], status);
+  MUST(fabs((double)y->yaw_rate) <= FASTEST_TURN, "yaw rate %g, status %d", (double)y->yaw_rate, status);
+  MUST(fabs((double)y->vel_x) <= FASTEST && fabs((double)y->vel_y) <= FASTEST, "speed %g, %g", (double)y->vel_x, (double)y->vel_y);
+  MUST(y->vel_x_sd >= 0 && y->vel_y_sd >= 0 && y->yaw_rate_sd >= 0 && y->lag_steer_sd >= 0 && y->estimate_age >= 0, "sd of a state");
+  for (int a = 0; a < 3; a++) {
+    MUST(y->stiffness[a] >= least && y->stiffness[a] <= most, "stiffness %d is %g, status %d", a, (double)y->stiffness[a], status);
+    for (int k = 0; k < 5; k++) MUST(positive[k][a] >= 0, "sd %d of %d is %g", k, a, (double)positive[k][a]);
+    MUST(y->reason[a] >= TSE_VALID && y->reason[a] <= TSE_MISFIT, "reason %d", (int)y->reason[a]);
+    MUST(y->spread_seen[a] == 0 || y->spread_seen[a] == 1, "spread_seen %d", (int)y->spread_seen[a]);
+  }
+  for (int k = 0; k < TSE_REGIMES; k++) MUST(y->regime[k] >= 0 && y->regime[k] <= 1.00001, "regime %d: %g", k, (double)y->regime[k]);
+  MUST(y->change_probability >= 0 && y->change_probability <= 1.00001, "p of a change %g", (double)y->change_probability);
+  MUST(y->change_kind >= TSE_CHANGE_NONE && y->change_kind <= TSE_CHANGE_RESTART, "change_kind %d", (int)y->change_kind);
+  MUST(y->fault_channel >= 0 && y->fault_channel <= (int)TSE_CHANNELS, "fault_channel %d", (int)y->fault_channel);
+  MUST(y->status == status && status <= TSE_W_WAITING, "status %d in the estimates, %d returned", (int)y->status, status);
+}
+
+/* FNV-1a: two runs with the same rows have the same. */
+static inline uint64_t mixed(uint64_t h, const void *at, size_t count)
+{
+  for (size_t i = 0; i < count; i++) h = (h ^ ((const uint8_t *)at)[i]) * 1099511628211u;
+  return h;
+}
+#define FRESH 14695981039346656037u
+
+#endif

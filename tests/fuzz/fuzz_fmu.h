@@ -1,0 +1,86 @@
+/* tests/fuzz/fuzz_fmu.h - what the targets of the FMI functions share: an importer that listens. Linked with the glue and one model. */
+#ifndef FUZZ_FMU_H
+#define FUZZ_FMU_H
+
+#include "fmi2Functions.h"
+#include "fmu_guid.h"
+#include "fmu_model.h"
+#include "fuzz.h"
+
+static int said, odd_lines;
+static char last_text[600];
+
+static inline void listen(fmi2ComponentEnvironment environment, fmi2String name, fmi2Status status, fmi2String category, fmi2String text, ...)
+{
+  (void)environment;
+  (void)name;
+  (void)status;
+  (void)category;
+  if (strpbrk(text, "%#")) odd_lines++; /* an importer may take it for a format */
+  (void)snprintf(last_text, sizeof last_text, "%s", text);
+  said++;
+}
+static const fmi2CallbackFunctions callbacks = { listen, NULL, NULL, NULL, NULL };
+
+static inline fmi2Component made(void)
+{
+  fmi2Component const c = fmi2Instantiate("fuzz", fmi2CoSimulation, FMU_GUID, "file:///nowhere", &callbacks, fmi2False, fmi2False);
+  MUST(c, "no instance");
+  return c;
+}
+
+/* All that an instance holds, as bytes of a buffer of the caller.   Returned: how many */
+static inline size_t bytes_of(fmi2Component c, fmi2Byte *at, size_t most)
+{
+  fmi2FMUstate state = NULL;
+  size_t count = 0;
+  MUST(fmi2GetFMUstate(c, &state) == fmi2OK && fmi2SerializedFMUstateSize(c, state, &count) == fmi2OK, "no state: %s", last_text);
+  MUST(count <= most, "%lu bytes", (unsigned long)count);
+  MUST(fmi2SerializeFMUstate(c, state, at, count) == fmi2OK && fmi2FreeFMUstate(c, &state) == fmi2OK, "no bytes: %s", last_text);
+  return count;
+}
+enum { MOST_BYTES = 1 << 18 };
+
+static inline void must_put_out_numbers(fmi2Component c, const char *when)
+{
+  for (int32_t i = 0; i < fmu_variable_count; i++) {
+    const fmi2ValueReference vr = (fmi2ValueReference)i;
+    fmi2Real x = 0;
+    if (fmu_variables[i].role != 'o' || fmu_variables[i].kind != 'r') continue;
+    MUST(fmi2GetReal(c, &vr, 1, &x) == fmi2OK && x - x == 0, "%s is %g %s", fmu_variables[i].name, x, when);
+  }
+}
+
+/* Usually inside its range. */
+static inline double take_value(bytes *b, const fmu_variable *v)
+{
+  const double lo = v->hi >= v->lo ? v->lo : -100.0, hi = v->hi >= v->lo ? v->hi : 100.0;
+  switch (take(b, 1) & 7u) {
+    case 0: return lo;
+    case 1: return hi;
+    case 2: return v->kind == 'r' ? take_odd(b) : v->start;
+    case 3:
+    case 4: return take_between(b, lo, hi);
+    case 5: return v->start;
+    default: return v->start + 0.01 * (hi - lo) * take_between(b, -0.5, 0.5);
+  }
+}
+
+static inline fmi2Status set_one(fmi2Component c, bytes *b, uint32_t which)
+{
+  const fmu_variable *const v = &fmu_variables[which % (uint32_t)fmu_variable_count];
+  const fmi2ValueReference vr = (fmi2ValueReference)(which % (uint32_t)fmu_variable_count);
+  const double x = take_value(b, v);
+  const fmi2Integer k = x > -2147483648.0 && x < 2147483647.0 ? (fmi2Integer)x : 0;
+  const fmi2Boolean flag = k > 0;
+  return v->kind == 'r' ? fmi2SetReal(c, &vr, 1, &x) : v->kind == 'i' ? fmi2SetInteger(c, &vr, 1, &k) : fmi2SetBoolean(c, &vr, 1, &flag);
+}
+
+static inline double clock_of(fmi2Component c)
+{
+  fmi2Real time = 0;
+  MUST(fmi2GetRealStatus(c, fmi2LastSuccessfulTime, &time) == fmi2OK, "no clock: %s", last_text);
+  return time;
+}
+
+#endif

@@ -1,0 +1,61 @@
+/* tests/fuzz/fuzz_settings.c - any settings: refused with the name of one that is wrong, and nothing is changed; or accepted, and
+ * then a drive gives estimates. */
+#include "fuzz.h"
+
+static tse_filter_paper f;
+
+static const setting *named(const char *name)
+{
+  for (uint32_t i = 0; i < SETTINGS; i++)
+    if (strcmp(settings[i].name, name) == 0) return &settings[i];
+  return NULL;
+}
+
+/* Is it said rightly? The first that is outside its range; else what depends on several: latencies, a formula. */
+static void must_be_wrong(const tse_config *c, const char *wrong)
+{
+  const setting *const s = named(wrong);
+  MUST(s, "'%s' is no setting", wrong);
+  for (uint32_t i = 0; i < SETTINGS; i++) {
+    const double x = get_setting(c, &settings[i]);
+    if (x >= (double)(tse_setting)settings[i].lo && x <= (double)(tse_setting)settings[i].hi) continue;
+    MUST(&settings[i] == s, "%s = %g is outside its range, and %s is named", settings[i].name, x, wrong);
+    return;
+  }
+  MUST(strstr(wrong, "_latency") || strcmp(wrong, "formula_code_1") == 0, "%s is inside its range", wrong);
+}
+
+int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
+{
+  bytes b = { data, size };
+  tse_config c;
+  tse_params p, untouched;
+  const char *wrong = "";
+  const uint32_t first = take(&b, 1);
+  take_settings(&b, &c, 1);
+  if (first & 1u) take_settings(&b, &c, 0); /* all inside: the more go on */
+  memset(&p, 0x5a, sizeof p);
+  untouched = p;
+  const tse_status status = tse_prepare(&c, &p, &wrong);
+  MUST(tse_config_check(&c, NULL) == status, "checked and prepared differ");
+  if (status < 0) {
+    MUST(status == TSE_E_CONFIG, "status %d", (int)status);
+    MUST(memcmp(&p, &untouched, sizeof p) == 0, "refused settings changed the parameters");
+    must_be_wrong(&c, wrong);
+    return 0;
+  }
+  if (p.particles > 64) return 0; /* the same, slower */
+  MUST(tse_reset(&p, &f.filter, sizeof f) == TSE_OK, "reset");
+  road r = road_of(&b);
+  for (int k = 0; k < 40; k++) {
+    tse_input u = road_row(&r, (double)c.sample_time);
+    tse_output y;
+    if (k == 30) u.dt = real_of(take_between(&b, 0.01, 3600));
+    if (k % 8 == 5) u = wild_row(&b, 1.0);
+    const tse_status done = tse_step(&p, &f.filter, &u, &y);
+    if (done < 0) continue; /* a wheel that is faster than a row may say */
+    must_be_estimates(&c, &y, (int)done);
+    MUST(tse_filter_check(&p, &f.filter, sizeof f) == TSE_OK, "its own state is refused, row %d", k);
+  }
+  return 0;
+}
