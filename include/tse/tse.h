@@ -66,7 +66,7 @@ typedef struct tse_config {
 } tse_config;
 
 /* One log row. Rows, ranges, units: tse/input.def. A channel is missing when it is NaN or its bit is set in `missing`.
- * dt: time since the previous row [s], (0, 3600]; ignored at the first row after tse_reset(). */
+ * dt: time since the previous row [s], (0, 3600]; ignored after tse_reset() up to the first row with all inputs. */
 typedef struct tse_input {
   tse_real dt;
 #define INPUT(name, lo, hi, unit, kind, text) tse_real name;

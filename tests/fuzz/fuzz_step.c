@@ -30,7 +30,7 @@ static void step(const tse_input *u)
     MUST(memcmp(&untouched, &y, sizeof y) == 0, "a refused row changed the estimates");
     return;
   }
-  MUST(tse_input_check(u, NULL) == TSE_OK || d.before.filter.step == 0, "a row that is not to be accepted was");
+  MUST(tse_input_check(u, NULL) == TSE_OK || !d.before.filter.started, "a row that is not to be accepted was");
   must_be_estimates(&d.c, &y, (int)status);
   d.digest = mixed(d.digest, &y, offsetof(tse_output, spread_seen));
   d.digest = mixed(d.digest, y.reason, sizeof y.reason);

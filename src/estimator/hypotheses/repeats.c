@@ -5,6 +5,7 @@
 #include "estimator/hypotheses/repeats.h"
 
 #define LONGEST_RUN 20         /* rows: a channel that was stuck for long counts as so many repeats            */
+#define MOST_READING TSE_R(400) /* of any channel (tse/input.def): beyond, it is missing                        */
 #define FITTING TSE_R(0.72)    /* log2 of what a reading that fits costs: half of a squared sigma, on average  */
 
 void watch_repeats(tse_repeats *r, const tse_real now[6], const int32_t there[6])
@@ -25,7 +26,7 @@ void watch_repeats(tse_repeats *r, const tse_real now[6], const int32_t there[6]
         r->repeats[c][k] = r_mul(TSE_R(0.5), r->repeats[c][k]);
       }
     r->evidence[c] = same ? r_max(-r_log2(usual), TSE_R(1e-6)) : TSE_R(0);
-    r->last[c] = r_is_nan(now[c]) ? TSE_R(0) : now[c];
+    r->last[c] = r_abs(now[c]) <= MOST_READING ? now[c] : TSE_R(0); /* NaN, too */
     r->run[c] = !same ? 0 : r->run[c] < LONGEST_RUN ? r->run[c] + 1 : LONGEST_RUN;
   }
 }

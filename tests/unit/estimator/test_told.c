@@ -238,6 +238,29 @@ static void test_the_constants_of_a_row_are_scaled_axle_by_axle(void)
   }
 }
 
+/* A formula may make anything of a stiffness; what the filter takes over of it is bounded, and is a state that is accepted back. */
+static void test_what_effects_make_of_a_stiffness_is_bounded(void)
+{
+  static const double shares[] = { 1e5, -1e5 };
+  tse_output y;
+  for (int k = 0; k < 2; k++) {
+    tse_config c;
+    tse_config_default(&c);
+    c.formula_gain = 1;
+    c.formula_a = (tse_setting)shares[k];
+    c.formula_place = 5; /* the share that the front cornering stiffness gains */
+    c.formula_code_1 = 1;
+    const tse_params p = prepared(&c);
+    TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &filter.filter, sizeof filter));
+    for (int i = 0; i < 50; i++) {
+      TEST_ASSERT_TRUE(tse_step(&p, &filter.filter, &rows[i], &y) >= TSE_OK);
+      TEST_ASSERT_EQUAL_INT(TSE_OK, tse_filter_check(&p, &filter.filter, sizeof filter));
+    }
+    expect_near(k ? number(LEAST_LEVEL) : number(MOST_LEVEL), number(filter.filter.effect_level[2]), 0, "level", k);
+    expect_near(1, number(filter.filter.effect_level[3]), 1e-5, "rear", k);
+  }
+}
+
 /* ------------------------------------------------------------------------------------------------- off */
 
 static void expect_same_bytes(const tse_config *a, const tse_config *b)
@@ -347,6 +370,7 @@ int main(void)
   RUN_TEST(test_told_of_the_sensors_the_readings_are_right);
   RUN_TEST(test_without_measurements_the_mean_follows_the_replay);
   RUN_TEST(test_the_constants_of_a_row_are_scaled_axle_by_axle);
+  RUN_TEST(test_what_effects_make_of_a_stiffness_is_bounded);
   RUN_TEST(test_shapes_of_effects_that_are_off_change_no_bit_of_the_estimate);
   RUN_TEST(test_estimates_stay_numbers_at_both_ends_of_every_effect);
   RUN_TEST(test_a_gap_starts_the_memory_anew);

@@ -222,7 +222,7 @@ static void test_what_is_wrong_with_the_frame_is_said(void)
 {
   const tse_config c = settings(2);
   const tse_params p = prepared(&c);
-  tse_params other = p;
+  tse_params strange = p;
   const char *wrong = "";
   uint8_t bytes[TSE_LEARNT_BYTES];
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_learnt_check(&p, learnt_bytes, sizeof learnt_bytes, &wrong));
@@ -238,10 +238,10 @@ static void test_what_is_wrong_with_the_frame_is_said(void)
   memcpy(bytes, learnt_bytes, sizeof bytes);
   set_word(bytes, 4, (TSE_LEARNT_FORMAT + 1) | (uint32_t)TSE_LEARNT_BYTES << 16);
   SAID(TSE_E_VERSION, &p, bytes, sizeof bytes, "its format");
-  other.vehicle ^= 1;
-  SAID(TSE_E_VEHICLE, &other, learnt_bytes, sizeof learnt_bytes, "its vehicle");
-  other.magic = 0;
-  TEST_ASSERT_EQUAL_INT(TSE_E_STATE, tse_learnt_check(&other, learnt_bytes, sizeof learnt_bytes, &wrong));
+  strange.vehicle ^= 1;
+  SAID(TSE_E_VEHICLE, &strange, learnt_bytes, sizeof learnt_bytes, "its vehicle");
+  strange.magic = 0;
+  TEST_ASSERT_EQUAL_INT(TSE_E_STATE, tse_learnt_check(&strange, learnt_bytes, sizeof learnt_bytes, &wrong));
   TEST_ASSERT_EQUAL_INT(TSE_E_NULL, tse_learnt_check(NULL, learnt_bytes, sizeof learnt_bytes, &wrong));
   TEST_ASSERT_EQUAL_INT(TSE_E_NULL, tse_learnt_check(&p, NULL, sizeof learnt_bytes, &wrong));
 }

@@ -138,6 +138,9 @@ static void test_what_no_filter_holds_is_refused(void)
   FORGED(filter.bank.h[0].log_weight, endless);
   FORGED(filter.effects.steered, 7);
   FORGED(filter.effects.steer.count, TSE_DELAY_ROWS + 1);
+  FORGED(filter.effect_level[0], MOST_LEVEL + TSE_R(1));
+  FORGED(filter.effect_level[3], TSE_R(-0.1));
+  FORGED(filter.effects.settled, 1); /* of levels that are 0 */
   drive(0, 1);
   FORGED(filter.waiting.count, TSE_LATENCY_ROWS + 1);
   FORGED(filter.waiting.newest, TSE_LATENCY_ROWS);

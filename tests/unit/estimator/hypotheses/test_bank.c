@@ -258,6 +258,30 @@ static void test_lost_states_are_placed_anew_and_the_stiffness_stays(void)
   TEST_ASSERT_EQUAL_INT32(lost.change_kind, b.h[b.likeliest].change_kind);
 }
 
+/* It was not the states: then nothing of it can be gone on with. */
+static void test_what_is_no_number_beside_the_states_starts_over_on_any_row(void)
+{
+  const tse_config c = settings();
+  const tse_params p = prepared(&c);
+  const tse_real none = r_div(TSE_R(0), TSE_R(0));
+  const int places[] = { 3, 5, 6, 11, TSE_X - 1 };
+  for (int k = 0; k < ROWS(places); k++)
+    for (int of_cov = 0; of_cov < 2; of_cov++) {
+      bank_of(&p, 3);
+      const sample y = some_sample(&seed, &b.h[0], 3, 7);
+      b.likeliest = 2;
+      if (of_cov) b.h[2].cov[places[k]][places[k]] = none;
+      else b.h[2].x[places[k]] = none;
+      bank_mend(&p, &b, &y);
+      TEST_ASSERT_TRUE(b.count > 0);
+      for (int32_t i = 0; i < b.count; i++) {
+        TEST_ASSERT_TRUE(is_proper(&b.h[i]));
+        TEST_ASSERT_EQUAL_INT32(TSE_CHANGE_RESTART, b.h[i].change_kind);
+        for (int a = 0; a < 3; a++) expect_near(number(b.h[i].x[3 + a]), number(b.h[i].before[a]), 0, "before", a);
+      }
+    }
+}
+
 static void test_a_start_doubts_the_noise_and_how_steering_goes_between_rows(void)
 {
   tse_config c = settings();
@@ -334,6 +358,7 @@ int main(void)
   RUN_TEST(test_a_hypothesis_that_is_no_longer_made_of_numbers_goes);
   RUN_TEST(test_when_nothing_makes_sense_all_starts_over);
   RUN_TEST(test_lost_states_are_placed_anew_and_the_stiffness_stays);
+  RUN_TEST(test_what_is_no_number_beside_the_states_starts_over_on_any_row);
   RUN_TEST(test_a_start_doubts_the_noise_and_how_steering_goes_between_rows);
   RUN_TEST(test_at_rest_the_gyro_shows_its_bias);
   return UNITY_END();

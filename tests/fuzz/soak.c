@@ -1,0 +1,206 @@
+/* tests/fuzz/soak.c - millions of rows of simulated drives through the default filter, with what happens to cars and sensors, and what
+ * should not: how often an estimate is no number, and how often the filter says that all was lost when nothing had happened.
+ *
+ *   soak ROWS [FIRST_DRIVE]     prints a Markdown table; exit code 1 when anything is counted that must not be */
+#include "fuzz.h"
+#include "tse/simulate.h"
+
+enum { DRIVE_ROWS = 6000 };  /* a minute                                                                              */
+#define DT 0.01
+#define AFTERMATH 15.0       /* s behind the end of an event in which a recovery is of it: births need samples to show  */
+#define SETTLED 5.0          /* s from the start of a drive: before, stiffness and noise are the settings'              */
+
+#define EVENTS(X)                                                                         \
+  X(calm,       "nothing: 0.6 .. 1.2 of nominal stiffness, up to 6 m/s2 sideways")         \
+  X(road,       "another road: all tyres at once to 0.4 .. 1.4")                           \
+  X(slide,      "a patch of friction 0.15 .. 0.4: wheels lock or spin")                    \
+  X(offset,     "a channel is off by up to its range")                                     \
+  X(stuck,      "a channel repeats its last value")                                        \
+  X(loud,       "noise of a channel times 3 .. 30")                                        \
+  X(missing,    "NaN in channels, each row anew")                                          \
+  X(blackout,   "all channels missing for up to 10 s")                                     \
+  X(gap,        "a pause of 0.2 s .. an hour")                                             \
+  X(jitter,     "dt of 0.2 .. 3 sample times")                                             \
+  X(standstill, "brakes to a stop, and on")                                                \
+  X(nonsense,   "rows of anything inside the ranges, and of what is no number")
+enum {
+#define X(name, text) EVENT_##name,
+  EVENTS(X)
+#undef X
+  KINDS
+};
+static const char *const names[] = {
+#define X(name, text) #name,
+  EVENTS(X)
+#undef X
+};
+static const char *const texts[] = {
+#define X(name, text) text,
+  EVENTS(X)
+#undef X
+};
+
+static uint32_t word;
+static double uniform(void)
+{
+  word = word * 1664525u + 1013904223u;
+  return ((word ^ (word >> 15)) + 0.5) / 4294967296.0;
+}
+static double between(double lo, double hi) { return lo + (hi - lo) * uniform(); }
+
+typedef struct tally { uint64_t rows, refused, valid, no_number, unsound, recoveries, false_recoveries; } tally;
+static tally all[KINDS];
+
+typedef struct event { int kind; double from, to, size; uint32_t channel; } event;
+
+static event any_event(uint32_t drive)
+{
+  event e;
+  e.kind = (int)(drive % KINDS);
+  e.from = between(15, 30);
+  e.to = e.from + between(0.5, 10);
+  e.size = uniform();
+  e.channel = (uint32_t)(uniform() * TSE_CHANNELS) % TSE_CHANNELS;
+  return e;
+}
+
+/* The driver: a speed to hold, and a sum of sines whose lateral acceleration is bounded. */
+static tse_sim_input drive_on(const event *e, double t, double speed, const double pace[3], double sideways, double now)
+{
+  tse_sim_input u;
+  memset(&u, 0, sizeof u);
+  const int active = t >= e->from && t < e->to, stops = e->kind == EVENT_standstill && active;
+  const double wanted = stops ? 0 : speed * (1 + 0.15 * sin(0.2 * t)), torque = 1500 * (wanted - now);
+  const double most = sideways * 2.75 / fmax(now * now, 25.0);
+  u.dt = real_of(DT);
+  u.steer_angle = real_of(fmin(fmax(most * (sin(pace[0] * t) + 0.5 * sin(pace[1] * t) + 0.3 * sin(pace[2] * t)) / 1.8, -0.25), 0.25));
+  if (torque > 0) u.wheel_torque_front = real_of(fmin(torque, 2500));
+  else u.brake_torque_front = u.brake_torque_rear = real_of(fmin(-0.5 * torque, 2500));
+  u.road_level = real_of(e->kind == EVENT_road && t >= e->from ? 0.4 + e->size : 1);
+  u.road_friction = real_of(e->kind == EVENT_slide && active ? 0.15 + 0.25 * e->size : 0);
+  return u;
+}
+
+/* What happens to the row on its way.   hold: values of the row before the event */
+static void spoil(const event *e, double t, tse_input *u, const tse_input *hold)
+{
+  static const double ranges[] = { 0.2, 20, 20, 5, 5, 1 }, noise[] = { 0.002, 0.1, 0.1, 0.15, 0.15, 0.0035 };
+  tse_input held = *hold;
+  tse_real *const x = channel_of(u, e->channel);
+  if (t < e->from || t >= e->to) return;
+  switch (e->kind) {
+    case EVENT_offset: *x += real_of((e->size - 0.5) * ranges[e->channel]); break;
+    case EVENT_stuck: *x = *channel_of(&held, e->channel); break;
+    case EVENT_loud: *x += real_of(noise[e->channel] * (3 + 27 * e->size) * (uniform() + uniform() + uniform() - 1.5) * 2); break;
+    case EVENT_missing: u->missing = (uint32_t)(uniform() * 64) & (uint32_t)(uniform() * 64); break;
+    case EVENT_blackout: u->missing = 63; break;
+    case EVENT_nonsense:
+      if (uniform() < 0.3) *channel_of(u, (uint32_t)(uniform() * 6)) = real_of(uniform() < 0.5 ? NAN : INFINITY);
+#define INPUT(name, lo, hi, unit, kind, text) if (uniform() < 0.3) u->name = real_of(between(lo, hi));
+#include "tse/input.def"
+#undef INPUT
+      break;
+    default: break;
+  }
+}
+
+static int is_whole(const tse_output *y)
+{
+  const tse_real *const at = &y->vel_x;
+  for (size_t i = 0; i < offsetof(tse_output, spread_seen) / sizeof *at; i++)
+    if (!is_number(at[i])) return 0;
+  return fabs((double)y->yaw_rate) <= FASTEST_TURN;
+}
+
+static void drive_once(uint32_t drive)
+{
+  static tse_filter f;
+  static tse_sim sim;
+  tse_config c;
+  tse_sim_config s;
+  tse_params p;
+  tse_sim_output now;
+  tse_input hold;
+  word = 2654435761u * (drive + 1);
+  tse_config_default(&c);
+  tse_sim_config_default(&s);
+  const event e = any_event(drive);
+  const double speed = between(8, 40), sideways = between(1, 6), pace[3] = { between(0.3, 1.5), between(1.5, 4), between(4, 9) };
+  s.speed = (tse_setting)speed;
+  s.seed = (int32_t)(drive + 1);
+  s.substep = (tse_setting)0.002;
+  s.true_cx_front = (tse_setting)between(0.6, 1.2);
+  s.true_cy_front = (tse_setting)between(0.6, 1.2);
+  s.true_cy_rear = (tse_setting)between(0.6, 1.2);
+  MUST(tse_sim_reset(&sim, &c, &s, NULL) == TSE_OK && tse_prepare(&c, &p, NULL) == TSE_OK, "settings");
+  MUST(tse_reset(&p, &f, sizeof f) == TSE_OK, "reset");
+  memset(&now, 0, sizeof now);
+  memset(&hold, 0, sizeof hold);
+  now.vel_x = real_of(speed);
+  tally *const n = &all[e.kind];
+  int was = 0;
+  double pause = 0;
+  for (int k = 0; k < DRIVE_ROWS; k++) {
+    const double t = k * DT;
+    const tse_sim_input u = drive_on(&e, t, speed, pace, sideways, (double)now.vel_x);
+    if (tse_sim_step(&sim, &u, &now) < 0) continue; /* a car that has turned over is no drive any more */
+    tse_input row = now.row;
+    if (e.kind == EVENT_jitter && t >= e.from && t < e.to) row.dt = real_of(DT * between(0.2, 3));
+    if (e.kind == EVENT_gap && t >= e.from && pause < 1) {
+      pause = 1;
+      row.dt = real_of(pow(10, -0.7 + 4.25 * e.size));
+    }
+    spoil(&e, t, &row, &hold);
+    if (t < e.from) hold = now.row;
+    tse_output y;
+    const tse_status status = tse_step(&p, &f, &row, &y);
+    n->rows++;
+    if (status < 0) {
+      n->refused++;
+      continue;
+    }
+    if (!is_whole(&y)) n->no_number++;
+    if (k % 16 == 0 && tse_filter_check(&p, &f, sizeof f) != TSE_OK) n->unsound++;
+    for (int a = 0; a < 3; a++) n->valid += y.reason[a] == TSE_VALID;
+    const int recovered = status == TSE_W_RECOVERED;
+    if (recovered && !was) {
+      const int of_the_event = e.kind != EVENT_calm && t >= e.from && t < e.to + AFTERMATH;
+      n->recoveries++;
+      if (!of_the_event && t > SETTLED) {
+        n->false_recoveries++;
+        (void)fprintf(stderr, "false recovery: drive %u (%s) at %.2f s, event %.2f .. %.2f s\n", (unsigned)drive, names[e.kind], t, e.from, e.to);
+      }
+    }
+    was = recovered;
+  }
+}
+
+int main(int argc, char **argv)
+{
+  const uint64_t rows = argc > 1 ? strtoull(argv[1], NULL, 10) : 600000;
+  const uint32_t first = argc > 2 ? (uint32_t)strtoul(argv[2], NULL, 10) : 0;
+  tally sum;
+  memset(&sum, 0, sizeof sum);
+  for (uint32_t d = 0; d < (rows + DRIVE_ROWS - 1) / DRIVE_ROWS; d++) drive_once(first + d);
+  (void)printf("| happens | rows | refused | stiffnesses valid | no number | state refused | recoveries | of them false |\n"
+               "|---|---:|---:|---:|---:|---:|---:|---:|\n");
+  for (int k = 0; k < KINDS; k++) {
+    const tally *const n = &all[k];
+    (void)printf("| %s: %s | %llu | %llu | %.1f %% | %llu | %llu | %llu | %llu |\n", names[k], texts[k], (unsigned long long)n->rows,
+                 (unsigned long long)n->refused, n->rows ? 100.0 * (double)n->valid / (3.0 * (double)n->rows) : 0.0,
+                 (unsigned long long)n->no_number, (unsigned long long)n->unsound, (unsigned long long)n->recoveries,
+                 (unsigned long long)n->false_recoveries);
+    sum.rows += n->rows;
+    sum.refused += n->refused;
+    sum.valid += n->valid;
+    sum.no_number += n->no_number;
+    sum.unsound += n->unsound;
+    sum.recoveries += n->recoveries;
+    sum.false_recoveries += n->false_recoveries;
+  }
+  (void)printf("| all | %llu | %llu | %.1f %% | %llu | %llu | %llu | %llu |\n", (unsigned long long)sum.rows,
+               (unsigned long long)sum.refused, 100.0 * (double)sum.valid / (3.0 * (double)(sum.rows ? sum.rows : 1)),
+               (unsigned long long)sum.no_number, (unsigned long long)sum.unsound, (unsigned long long)sum.recoveries,
+               (unsigned long long)sum.false_recoveries);
+  return sum.rows == 0 || sum.no_number > 0 || sum.unsound > 0 || sum.false_recoveries > 0;
+}
