@@ -1,0 +1,22 @@
+#!/usr/bin/env bash
+# Millions of rows of simulated drives, with all that happens to cars and sensors, through the default filter (tests/fuzz/soak.c):
+# estimates that are no number, states that are refused, recoveries where nothing was lost. Fails when there is one.
+#   scripts/soak.sh [ROWS]        default 10,000,000: about two minutes of one core; writes scripts/results/soak.md
+set -euo pipefail
+cd "$(dirname "${BASH_SOURCE[0]}")/.."
+
+rows=${1:-10000000}
+dir=build/soak
+cmake -S . -B $dir -DCMAKE_BUILD_TYPE=Release -DTSE_MAX_PARTICLES=64 -DTSE_BUILD_TESTS=OFF -DTSE_BUILD_FMU=OFF -DTSE_BUILD_FUZZ=ON >/dev/null
+cmake --build $dir --target soak >/dev/null
+table=$(mktemp)
+trap 'rm -f "$table"' EXIT
+code=0
+$dir/tests/fuzz/soak "$rows" >"$table" || code=$?
+cat "$table"
+{
+  printf '`scripts/soak.sh %s`: drives of a minute each, one event in each, the default settings in double; cars with 0.6 .. 1.2 of the\n' "$rows"
+  printf 'nominal stiffness, 8 .. 40 m/s. False: a recovery (status 7) more than 5 s from the start and not within 15 s of the event.\n\n'
+  cat "$table"
+} >scripts/results/soak.md
+exit $code

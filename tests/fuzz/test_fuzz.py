@@ -1,0 +1,51 @@
+"""A few seconds of each fuzz target; scripts/fuzz.sh --runs 1000000 on demand. The readers of files have tests of their own."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+TARGETS = ["step", "settings", "learnt", "replay", "state", "fmu_calls_estimator", "fmu_calls_vehicle", "fmu_state_estimator",
+           "fmu_state_vehicle"]  # fmt: skip
+SECONDS = "3"
+
+
+def fuzz(*args: str, path: str | None = None) -> subprocess.CompletedProcess[str]:
+    env = dict(os.environ) if path is None else {**os.environ, "PATH": path}
+    return subprocess.run(["bash", "scripts/fuzz.sh", *args], cwd=ROOT, env=env, capture_output=True, text=True, timeout=900)
+
+
+def test_nothing_is_found_in_a_few_seconds():
+    done = fuzz(*TARGETS, "--seconds", SECONDS)
+    if done.returncode == 77:
+        pytest.skip("clang with libFuzzer and sanitizers is not installed")
+    assert done.returncode == 0, done.stdout + done.stderr
+    for name in TARGETS:
+        (row,) = [line.split() for line in done.stdout.splitlines() if line.startswith(f"{name} ")]
+        assert int(row[1]) > 0, row
+
+
+def test_without_clang_that_is_said(tmp_path):
+    for tool in ("bash", "dirname", "sed", "mkdir", "ls", "head", "grep", "env"):  # all but clang
+        where = next(Path(p) / tool for p in os.environ["PATH"].split(os.pathsep) if (Path(p) / tool).exists())
+        (tmp_path / tool).symlink_to(where)
+    done = fuzz("step", "--seconds", "1", path=str(tmp_path))
+    assert done.returncode == 77, done.stdout + done.stderr
+    assert "skipped: clang with libFuzzer" in done.stdout
+
+
+@pytest.mark.parametrize("args", [["nothing"], ["--runs"], ["--runs", "0"], ["--seconds", "x"], ["--fast"]])
+def test_wrong_options_are_refused(args):
+    done = fuzz(*args)
+    assert done.returncode == 2 and done.stderr.startswith("fuzz: ")
+
+
+def test_every_target_has_a_corpus():
+    for name in TARGETS:
+        assert any((ROOT / "tests/fuzz/corpus" / name).iterdir())
+    size = sum(p.stat().st_size for p in (ROOT / "tests/fuzz/corpus").rglob("*") if p.is_file())
+    assert size < 400_000
