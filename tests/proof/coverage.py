@@ -1,9 +1,8 @@
 """What of src/ the unit tests run: lines, branches, and MC/DC of every decision of several conditions.   scripts/coverage.sh
 
-Measured by clang (19 or later, -fcoverage-mcdc) in the double build: every test program is run, and
-what a function in a header does counts where any of them runs it. A condition in a macro is counted once for each place that the macro
-is used at. What is not covered must stand in coverage.toml with the reason why it cannot be; a new one, or one there that is covered
-by now, is a failure.
+Measured by clang (19 or later, -fcoverage-mcdc) in the double build: every test program is run, and what a function in a header
+does counts where any of them runs it. A condition in a macro is counted once for each place that the macro is used at. What is not
+covered must stand in coverage.toml with the reason why it cannot be; a new one, or one there that is covered by now, is a failure.
 """
 
 from __future__ import annotations
@@ -15,9 +14,10 @@ import re
 import shutil
 import subprocess
 import sys
-import tomllib
 from collections import Counter, defaultdict
 from pathlib import Path
+
+import tomllib
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
@@ -34,7 +34,9 @@ def compiler() -> str | None:
     for name in filter(None, names):
         if not shutil.which(name):
             continue
-        version = re.search(r"version (\d+)", subprocess.run([name, "--version"], capture_output=True, text=True).stdout)
+        version = re.search(
+            r"version (\d+)", subprocess.run([name, "--version"], capture_output=True, text=True).stdout
+        )
         if version and int(version.group(1)) >= 19 and shutil.which(tool(name, "llvm-profdata")):
             return name
     return None
@@ -53,9 +55,22 @@ def run(*command: object, **more: object) -> subprocess.CompletedProcess:
 
 
 def measured(clang: str) -> tuple[dict, int]:
-    run("cmake", "-S", ROOT, "-B", BUILD, f"-DCMAKE_C_COMPILER={clang}", "-DCMAKE_BUILD_TYPE=None", f"-DCMAKE_C_FLAGS={FLAGS}",
-        "-DTSE_BUILD_TESTS=ON", "-DTSE_BUILD_FMU=OFF", "-DTSE_TEST_COMPILES=OFF", "-DTSE_TEST_EVERY_WAY=OFF",
-        f"-DFETCHCONTENT_SOURCE_DIR_UNITY={SHARE / 'unity'}", f"-DPython3_EXECUTABLE={sys.executable}")
+    run(
+        "cmake",
+        "-S",
+        ROOT,
+        "-B",
+        BUILD,
+        f"-DCMAKE_C_COMPILER={clang}",
+        "-DCMAKE_BUILD_TYPE=None",
+        f"-DCMAKE_C_FLAGS={FLAGS}",
+        "-DTSE_BUILD_TESTS=ON",
+        "-DTSE_BUILD_FMU=OFF",
+        "-DTSE_TEST_COMPILES=OFF",
+        "-DTSE_TEST_EVERY_WAY=OFF",
+        f"-DFETCHCONTENT_SOURCE_DIR_UNITY={SHARE / 'unity'}",
+        f"-DPython3_EXECUTABLE={sys.executable}",
+    )
     run("cmake", "--build", BUILD)
     programs = sorted(p for p in (BUILD / "tests").glob("test_*") if p.is_file() and os.access(p, os.X_OK))
     profiles = BUILD / "profiles"
@@ -126,9 +141,9 @@ def gaps(branches: dict, decisions: dict) -> dict[tuple, int]:
     sources: dict[str, Source] = {}
     found: Counter = Counter()
     inside: dict[tuple, list] = defaultdict(list)
-    for (file, function, place, use) in branches:
+    for file, function, place, use in branches:
         inside[(file, function, use)].append(place)
-    for (file, function, place, use), (true, false) in branches.items():
+    for (file, function, place, _), (true, false) in branches.items():
         source = sources.setdefault(file, Source(ROOT / file))
         for was, what in ((true, "never true"), (false, "never false")):
             if not was:
@@ -162,7 +177,14 @@ def page(data: dict, branches: dict, decisions: dict, found: dict, known: dict, 
         outcomes = [o for (f, *_), pair in branches.items() if f == file for o in pair]
         pairs = [o for (f, *_), seen in decisions.items() if f == file for o in seen]
         excused = [(k, n) for k, n in found.items() if k[0] == file and k in known]
-        row = Counter(lines=lines["count"], covered=lines["covered"], outcomes=len(outcomes), taken=sum(outcomes), pairs=len(pairs), independent=sum(pairs))
+        row = Counter(
+            lines=lines["count"],
+            covered=lines["covered"],
+            outcomes=len(outcomes),
+            taken=sum(outcomes),
+            pairs=len(pairs),
+            independent=sum(pairs),
+        )
         row["no_branch"] = sum(n for k, n in excused if k[3] != "never decides alone")
         row["no_pair"] = sum(n for k, n in excused if k[3] == "never decides alone")
         total.update(row)
@@ -170,25 +192,37 @@ def page(data: dict, branches: dict, decisions: dict, found: dict, known: dict, 
     rows.append(("**all**", total))
     version = run(clang, "--version").stdout.splitlines()[0]
     out = [
-        "# What the unit tests run", "",
+        "# What the unit tests run",
+        "",
         f"`scripts/coverage.sh --write`; {version}, `{FLAGS}`, double; {programs} test programs.",
-        "Branches: both outcomes of every condition. MC/DC: conditions of decisions with more than one that were seen to decide it alone.",
-        "A condition in a macro counts once for each of its uses. *Reachable* leaves out what tests/proof/coverage.toml says cannot be", "reached, with the reason (below).", "",
-        "| file | lines | | branches | | reachable | MC/DC | | reachable |", "|---|---|---|---|---|---|---|---|---|",
+        "Branches: both outcomes of every condition. MC/DC: conditions of decisions with more than one that were seen to decide",
+        "it alone. A condition in a macro counts once for each of its uses. *Reachable* leaves out what tests/proof/coverage.toml",
+        "says cannot be reached, with the reason (below).",
+        "",
+        "| file | lines | | branches | | reachable | MC/DC | | reachable |",
+        "|---|---|---|---|---|---|---|---|---|",
     ]
     for file, r in rows:
-        out.append(
-            f"| {file.removeprefix('src/')} | {r['covered']}/{r['lines']} | {share(r['covered'], r['lines'])} | {r['taken']}/{r['outcomes']} | "
-            f"{share(r['taken'], r['outcomes'])} | {share(r['taken'], r['outcomes'] - r['no_branch'])} | {r['independent']}/{r['pairs']} | "
-            f"{share(r['independent'], r['pairs'])} | {share(r['independent'], r['pairs'] - r['no_pair'])} |")
+        cells = [file.removeprefix("src/"), f"{r['covered']}/{r['lines']}", share(r["covered"], r["lines"])]
+        for part, of, excused in ("taken", "outcomes", "no_branch"), ("independent", "pairs", "no_pair"):
+            cells += [f"{r[part]}/{r[of]}", share(r[part], r[of]), share(r[part], r[of] - r[excused])]
+        out.append(f"| {' | '.join(cells)} |")
     unlisted = sorted(k for k in found if k not in known)
     if unlisted:
         out += ["", "## Not covered, without a reason", ""] + [f"- {f}, {fn}: `{c}` {w}" for f, fn, c, w in unlisted]
-    out += ["", "## What cannot be reached, and why", "", "| file | function | condition | never | why |", "|---|---|---|---|---|"]
+    out += [
+        "",
+        "## What cannot be reached, and why",
+        "",
+        "| file | function | condition | never | why |",
+        "|---|---|---|---|---|",
+    ]
     grouped: dict[tuple, list] = defaultdict(list)
     for k in sorted(found):
         if k in known:
-            grouped[(*k[:3], known[k])].append(k[3].removeprefix("never ") + (f" ({found[k]} uses)" if found[k] > 1 else ""))
+            grouped[(*k[:3], known[k])].append(
+                k[3].removeprefix("never ") + (f" ({found[k]} uses)" if found[k] > 1 else "")
+            )
     for (file, function, condition, why), never in grouped.items():
         shown = condition.replace("|", "\\|")
         out.append(f"| {file.removeprefix('src/')} | {function} | `{shown}` | {', '.join(never)} | {why} |")
@@ -216,13 +250,28 @@ def main() -> int:
         for key in unlisted:
             rows[key[:3]].append(key[3])
         for (file, function, condition), never in rows.items():
-            print(f"[[unreachable]]\nfile = {json.dumps(file)}\nfunction = {json.dumps(function)}\ncondition = {json.dumps(condition)}\nnever = {json.dumps(never)}\nwhy = \"\"\n")
+            print("[[unreachable]]")
+            for name, value in (
+                ("file", file),
+                ("function", function),
+                ("condition", condition),
+                ("never", never),
+                ("why", ""),
+            ):
+                print(f"{name} = {json.dumps(value)}")
+            print()
     else:
         print(next(line for line in text.splitlines() if line.startswith("| **all**")))
     for file, function, condition, what in unlisted:
-        print(f"coverage: {file}: {function}: `{condition}` {what}: write a test, or the reason into tests/proof/coverage.toml", file=sys.stderr)
+        print(
+            f"coverage: {file}: {function}: `{condition}` {what}: write a test, or the reason into tests/proof/coverage.toml",
+            file=sys.stderr,
+        )
     for file, function, condition, what in gone:
-        print(f"coverage: {file}: {function}: `{condition}` {what} stands in tests/proof/coverage.toml and is not so", file=sys.stderr)
+        print(
+            f"coverage: {file}: {function}: `{condition}` {what} stands in tests/proof/coverage.toml and is not so",
+            file=sys.stderr,
+        )
     return 1 if unlisted or gone else 0
 
 

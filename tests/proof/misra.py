@@ -1,7 +1,8 @@
 """MISRA C:2012 as cppcheck's addon sees it: hits by rule, and whether each stands in a deviation.   scripts/misra.sh
 
-Rules are named by number; their texts are not ours to print. A deviation in misra.toml says which rule, in which files, on which lines
-(a pattern), and why. A hit of a mandatory or required rule outside of them is a failure, and so is a deviation that nothing needs.
+Rules are named by number; their texts are not ours to print. A deviation in misra.toml says which rule, in which files, on which
+lines (a pattern), and why. A hit of a mandatory or required rule outside of them is a failure, and so is a deviation that nothing
+needs.
 """
 
 from __future__ import annotations
@@ -11,21 +12,76 @@ import re
 import shutil
 import subprocess
 import sys
-import tomllib
 from collections import Counter, defaultdict
 from fnmatch import fnmatch
 from pathlib import Path
+
+import tomllib
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
 REPORT = ROOT / "scripts" / "results" / "misra.md"
 DEVIATIONS = HERE / "misra.toml"
 # Categories of the rules that are not "required" (MISRA C:2012 with amendment 1).
-MANDATORY = {"9.1", "12.5", "13.6", "17.3", "17.4", "17.6", "19.1", "21.13", "21.17", "21.18", "21.19", "21.20", "22.2", "22.4", "22.5", "22.6"}
-ADVISORY = {"1.2", "2.3", "2.4", "2.5", "2.6", "2.7", "4.2", "5.9", "8.7", "8.9", "8.11", "8.13", "10.5", "11.4", "11.5", "12.1", "12.3",
-            "12.4", "13.3", "13.4", "15.1", "15.4", "15.5", "17.5", "17.8", "18.4", "18.5", "19.2", "20.1", "20.5", "20.10", "21.12"}
+MANDATORY = {
+    "9.1",
+    "12.5",
+    "13.6",
+    "17.3",
+    "17.4",
+    "17.6",
+    "19.1",
+    "21.13",
+    "21.17",
+    "21.18",
+    "21.19",
+    "21.20",
+    "22.2",
+    "22.4",
+    "22.5",
+    "22.6",
+}
+ADVISORY = {
+    "1.2",
+    "2.3",
+    "2.4",
+    "2.5",
+    "2.6",
+    "2.7",
+    "4.2",
+    "5.9",
+    "8.7",
+    "8.9",
+    "8.11",
+    "8.13",
+    "10.5",
+    "11.4",
+    "11.5",
+    "12.1",
+    "12.3",
+    "12.4",
+    "13.3",
+    "13.4",
+    "15.1",
+    "15.4",
+    "15.5",
+    "17.5",
+    "17.8",
+    "18.4",
+    "18.5",
+    "19.2",
+    "20.1",
+    "20.5",
+    "20.10",
+    "21.12",
+}
 DEFINES = ["-DTSE_REAL_DOUBLE=1", "-DTSE_MAX_PARTICLES=512"]
-SHORT = ["src/estimator/input.c", "src/estimator/hypotheses/step.c", "src/estimator/paper/resample.c", "src/host/learnt.c"]  # for the tests
+SHORT = [
+    "src/estimator/input.c",
+    "src/estimator/hypotheses/step.c",
+    "src/estimator/paper/resample.c",
+    "src/host/learnt.c",
+]  # for the tests
 
 
 def category(rule: str) -> str:
@@ -34,8 +90,19 @@ def category(rule: str) -> str:
 
 def hits(files: list[str]) -> set[tuple[str, str, int]]:
     """(rule, file, line) of each."""
-    command = ["cppcheck", "--addon=misra", "--std=c99", "--enable=style", "--inconclusive", "-q", "-Iinclude", "-Isrc", *DEFINES,
-               "--template={file}:{line}:{id}", *files]
+    command = [
+        "cppcheck",
+        "--addon=misra",
+        "--std=c99",
+        "--enable=style",
+        "--inconclusive",
+        "-q",
+        "-Iinclude",
+        "-Isrc",
+        *DEFINES,
+        "--template={file}:{line}:{id}",
+        *files,
+    ]
     said = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
     found = set()
     for line in said.stderr.splitlines() + said.stdout.splitlines():
@@ -55,7 +122,11 @@ def excused(hit: tuple[str, str, int], rows: list[dict], lines: dict[str, list[s
     text = lines.setdefault(file, (ROOT / file).read_text().splitlines())
     shown = text[line - 1] if 0 < line <= len(text) else ""
     for k, row in enumerate(rows):
-        if rule in row["rules"] and any(fnmatch(file, f) for f in row.get("files", ["*"])) and re.search(row.get("line", ""), shown):
+        if (
+            rule in row["rules"]
+            and any(fnmatch(file, f) for f in row.get("files", ["*"]))
+            and re.search(row.get("line", ""), shown)
+        ):
             return k
     return None
 
@@ -77,17 +148,34 @@ def judged(files: list[str]) -> tuple[list, Counter, dict, set]:
 
 def page(without: list, used: Counter, by_rule: dict) -> str:
     version = subprocess.run(["cppcheck", "--version"], capture_output=True, text=True).stdout.strip()
-    sums = {c: [sum(n[k] for r, n in by_rule.items() if category(r) == c) for k in ("all", "without")] for c in ("mandatory", "required", "advisory")}
-    out = ["# MISRA C:2012", "", f"`scripts/misra.sh --write`; {version} with its addon, double, src/ and include/. A line that breaks a rule counts once.", "",
-           "| category | hits | without a deviation |", "|---|---|---|"]
+    sums = {
+        c: [sum(n[k] for r, n in by_rule.items() if category(r) == c) for k in ("all", "without")]
+        for c in ("mandatory", "required", "advisory")
+    }
+    out = [
+        "# MISRA C:2012",
+        "",
+        f"`scripts/misra.sh --write`; {version} with its addon, double, src/ and include/. A line that breaks a rule counts once.",
+        "",
+        "| category | hits | without a deviation |",
+        "|---|---|---|",
+    ]
     out += [f"| {c} | {a} | {w} |" for c, (a, w) in sums.items()]
     out += ["", "| rule | category | hits | without a deviation |", "|---|---|---|---|"]
     out += [f"| {r} | {category(r)} | {n['all']} | {n['without']} |" for r, n in by_rule.items()]
-    out += ["", "## Deviations (tests/proof/misra.toml)", "", "| rules | where | on lines with | hits | why |", "|---|---|---|---|---|"]
+    out += [
+        "",
+        "## Deviations (tests/proof/misra.toml)",
+        "",
+        "| rules | where | on lines with | hits | why |",
+        "|---|---|---|---|---|",
+    ]
     for k, row in enumerate(deviations()):
         line = row.get("line", "")
         shown = f"`{line}`".replace("|", "\\|") if line else "any"
-        out.append(f"| {', '.join(row['rules'])} | {', '.join(row.get('files', ['all']))} | {shown} | {used[k]} | {row['why']} |")
+        out.append(
+            f"| {', '.join(row['rules'])} | {', '.join(row.get('files', ['all']))} | {shown} | {used[k]} | {row['why']} |"
+        )
     left = [h for h in without if category(h[0]) == "advisory"]
     if left:
         out += ["", f"## Advisory, neither followed nor deviated from: {len(left)}", ""]
@@ -97,7 +185,11 @@ def page(without: list, used: Counter, by_rule: dict) -> str:
 
 
 def failures(without: list) -> list[str]:
-    return [f"{file}:{line}: rule {rule} ({category(rule)}), in no deviation" for rule, file, line in without if category(rule) != "advisory"]
+    return [
+        f"{file}:{line}: rule {rule} ({category(rule)}), in no deviation"
+        for rule, file, line in without
+        if category(rule) != "advisory"
+    ]
 
 
 def main() -> int:
@@ -114,10 +206,16 @@ def main() -> int:
         REPORT.write_text(page(without, used, by_rule))
     wrong = failures(without)
     if not given.files:
-        wrong += [f"deviation {row['rules']} in {row.get('files', ['all'])} is of no use" for k, row in enumerate(deviations()) if not used[k]]
+        wrong += [
+            f"deviation {row['rules']} in {row.get('files', ['all'])} is of no use"
+            for k, row in enumerate(deviations())
+            if not used[k]
+        ]
     for line in wrong:
         print(f"misra: {line}", file=sys.stderr)
-    print(f"misra: {len(found)} hits of {len(by_rule)} rules; {len(wrong)} of mandatory or required rules without a deviation")
+    print(
+        f"misra: {len(found)} hits of {len(by_rule)} rules; {len(wrong)} of mandatory or required rules without a deviation"
+    )
     return 1 if wrong else 0
 
 

@@ -1,9 +1,9 @@
 """How many small faults in the core do the unit tests and the golden replay find?   scripts/mutation.sh
 
-A fault is one token changed, or one statement left out (KINDS), in src/estimator, src/model or src/number. Each is compiled, and the
-tests are run until one fails: the file's own first, then the others, quickest first. Not counted: faults that do not compile, and those
-that a compiler translates to the very bytes of the original (Papadakis et al., ICSE 2015). What survives stands in the report by file
-and line; a survivor that no test could find stands in mutation.toml with the reason.
+A fault is one token changed, or one statement left out (KINDS), in src/estimator, src/model or src/number. Each is compiled, and
+the tests are run until one fails: the file's own first, then the others, quickest first. Not counted: faults that do not compile,
+and those that a compiler translates to the very bytes of the original (Papadakis et al., ICSE 2015). What survives stands in the
+report by file and line; a survivor that no test could find stands in mutation.toml with the reason.
 """
 
 from __future__ import annotations
@@ -17,9 +17,10 @@ import shutil
 import subprocess
 import sys
 import time
-import tomllib
 from dataclasses import dataclass
 from pathlib import Path
+
+import tomllib
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
@@ -28,16 +29,54 @@ REPORT = ROOT / "scripts" / "results" / "mutation.md"
 EQUIVALENT = HERE / "mutation.toml"
 UNITY = Path(os.environ.get("TSE_UNITY", ROOT / ".venv" / "share" / "unity")) / "src"
 FOLDERS = ("estimator", "model", "number")
-FLAGS = ["-std=c99", "-O1", "-w", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math", "-DTSE_MAX_PARTICLES=512"]
+FLAGS = [
+    "-std=c99",
+    "-O1",
+    "-w",
+    "-ffp-contract=off",
+    "-fno-math-errno",
+    "-fno-trapping-math",
+    "-DTSE_MAX_PARTICLES=512",
+]
 LEAST_TIME = 10.0  # s: a test that takes longer, and ten times longer than without the fault, runs for ever
 
 SWAPS = {  # operator: what takes its place
     "relation": {"<": ["<=", ">="], ">": [">=", "<="], "<=": ["<", ">"], ">=": [">", "<"], "==": ["!="], "!=": ["=="]},
     "logic": {"&&": ["||"], "||": ["&&"]},
-    "arithmetic": {"+": ["-"], "-": ["+"], "*": ["/"], "/": ["*"], "%": ["*"], "<<": [">>"], ">>": ["<<"], "&": ["|"], "|": ["&"], "^": ["|"]},
-    "assignment": {"+=": ["-="], "-=": ["+="], "++": ["--"], "--": ["++"], "|=": ["&="], "&=": ["|="], "^=": ["|="], "*=": ["/="]},
-    "call": {"r_mul": ["r_div"], "r_div": ["r_mul"], "r_min": ["r_max"], "r_max": ["r_min"], "r_add_sat": ["r_sub_sat"],
-             "r_abs": [""], "r_sqrt": [""], "r_sqr": [""], "r_exp2": ["r_log2"], "r_log2": ["r_exp2"]},
+    "arithmetic": {
+        "+": ["-"],
+        "-": ["+"],
+        "*": ["/"],
+        "/": ["*"],
+        "%": ["*"],
+        "<<": [">>"],
+        ">>": ["<<"],
+        "&": ["|"],
+        "|": ["&"],
+        "^": ["|"],
+    },
+    "assignment": {
+        "+=": ["-="],
+        "-=": ["+="],
+        "++": ["--"],
+        "--": ["++"],
+        "|=": ["&="],
+        "&=": ["|="],
+        "^=": ["|="],
+        "*=": ["/="],
+    },
+    "call": {
+        "r_mul": ["r_div"],
+        "r_div": ["r_mul"],
+        "r_min": ["r_max"],
+        "r_max": ["r_min"],
+        "r_add_sat": ["r_sub_sat"],
+        "r_abs": [""],
+        "r_sqrt": [""],
+        "r_sqr": [""],
+        "r_exp2": ["r_log2"],
+        "r_log2": ["r_exp2"],
+    },
 }
 KINDS = [*SWAPS, "number", "negation", "condition", "statement"]
 TOKEN = re.compile(
@@ -71,7 +110,9 @@ def directives_blanked(text: str) -> str:
         constant = re.match(r"#define [A-Z_0-9]+ +(TSE_R\([-0-9.e]+\)|[0-9]+)\s", line)
         directive = more or (re.match(r"\s*#", line) and not constant)
         more = bool(directive) and line.rstrip().endswith("\\")
-        out.append(re.sub(r"[^\n]", " ", line) if directive else re.sub(r"^#define \w+", lambda m: " " * len(m.group()), line))
+        out.append(
+            re.sub(r"[^\n]", " ", line) if directive else re.sub(r"^#define \w+", lambda m: " " * len(m.group()), line)
+        )
     return "".join(out)
 
 
@@ -97,10 +138,13 @@ def faults_of(name: str) -> list[Fault]:
     for i, (group, token, at, end) in enumerate(tokens):
         before = tokens[i - 1] if i else ("op", ";", 0, 0)
         depth += (token == "{") - (token == "}")
-        operand = before[0] in ("number", "name") and before[1] not in ("return", "const", "case") or before[1] in (")", "]")
+        operand = (before[0] in ("number", "name") and before[1] not in ("return", "const", "case")) or before[1] in (
+            ")",
+            "]",
+        )
         for kind, swaps in SWAPS.items():
             if token in swaps and (kind in ("call", "logic") or group == "op"):
-                if kind in ("relation", "arithmetic") and not operand or not depth:
+                if (kind in ("relation", "arithmetic") and not operand) or not depth:
                     continue
                 if kind == "call" and not (i + 1 < len(tokens) and tokens[i + 1][1] == "("):
                     continue
@@ -108,7 +152,7 @@ def faults_of(name: str) -> list[Fault]:
                     add(kind, at, end, new)
         if group == "number" and before[1] != "[" and not re.match(r"0[xX]", token):
             value = re.match(r"[0-9.]+(?:[eE][-+]?\d+)?", token).group()
-            rest = token[len(value):]
+            rest = token[len(value) :]
             if re.fullmatch(r"\d+", value):
                 add("number", at, end, f"{int(value) + 1}{rest}")
                 if int(value) > 0:
@@ -119,7 +163,7 @@ def faults_of(name: str) -> list[Fault]:
             add("negation", at, end, "")
         if group == "name" and token in ("if", "while") and depth and tokens[i + 1][1] == "(":
             close = closing(tokens, i + 1)
-            inner = whole[tokens[i + 1][3]:tokens[close][2]]
+            inner = whole[tokens[i + 1][3] : tokens[close][2]]
             add("condition", tokens[i + 1][3], tokens[close][2], f"!({inner})")
             if token == "if":
                 add("condition", tokens[i + 1][3], tokens[close][2], "0")
@@ -130,8 +174,35 @@ def faults_of(name: str) -> list[Fault]:
     return found
 
 
-WORDS = {"if", "for", "while", "do", "switch", "case", "default", "return", "break", "continue", "const", "static", "enum", "struct",
-         "typedef", "int", "int32_t", "uint32_t", "uint64_t", "uint8_t", "tse_real", "tse_acc", "tse_setting", "else", "char", "double", "float"}
+WORDS = {
+    "if",
+    "for",
+    "while",
+    "do",
+    "switch",
+    "case",
+    "default",
+    "return",
+    "break",
+    "continue",
+    "const",
+    "static",
+    "enum",
+    "struct",
+    "typedef",
+    "int",
+    "int32_t",
+    "uint32_t",
+    "uint64_t",
+    "uint8_t",
+    "tse_real",
+    "tse_acc",
+    "tse_setting",
+    "else",
+    "char",
+    "double",
+    "float",
+}
 
 
 def statement(name: str, whole: str, tokens: list, start: int) -> list[Fault]:
@@ -144,10 +215,20 @@ def statement(name: str, whole: str, tokens: list, start: int) -> list[Fault]:
         if depth < 0 or token in ("{", "}", "?"):
             return []
         if token == ";" and not depth:
-            old = whole[tokens[start][2]:tokens[i][2]]
+            old = whole[tokens[start][2] : tokens[i][2]]
             if not re.search(r"[^=!<>]=[^=]|\(|\+\+|--", old) or (tokens[start + 1][1] == "*"):
                 return []
-            return [Fault(name, tokens[start][2], tokens[i][2], "", "statement", whole.count("\n", 0, tokens[start][2]) + 1, old)]
+            return [
+                Fault(
+                    name,
+                    tokens[start][2],
+                    tokens[i][2],
+                    "",
+                    "statement",
+                    whole.count("\n", 0, tokens[start][2]) + 1,
+                    old,
+                )
+            ]
     return []
 
 
@@ -157,7 +238,9 @@ def sources() -> list[str]:
 
 
 def core_files() -> list[str]:
-    files = sorted(p.relative_to(SRC).as_posix() for d in FOLDERS for p in (SRC / d).rglob("*") if p.suffix in {".c", ".h"})
+    files = sorted(
+        p.relative_to(SRC).as_posix() for d in FOLDERS for p in (SRC / d).rglob("*") if p.suffix in {".c", ".h"}
+    )
     return [f for f in files if not f.startswith("host/")]
 
 
@@ -169,20 +252,35 @@ class Bench:
         for part in ("obj", "test", "run", "over"):
             (work / part).mkdir(parents=True, exist_ok=True)
         self.include = [f"-I{ROOT}/include", f"-I{SRC}"]
-        self.for_tests = [f"-I{ROOT}/tests/{d}" for d in ("unit", "reference", "replay")] + [f"-I{UNITY}", "-DUNITY_INCLUDE_DOUBLE"]
+        self.for_tests = [f"-I{ROOT}/tests/{d}" for d in ("unit", "reference", "replay")] + [
+            f"-I{UNITY}",
+            "-DUNITY_INCLUDE_DOUBLE",
+        ]
         self.tests = {}
         for path in sorted((ROOT / "tests" / "unit").rglob("test_*.c")):
             if path.stem in ("test_ekf", "test_describe", "test_simulate", "test_replay_log"):
                 continue  # not of the core
             name = path.stem.replace("test_", "test_hypotheses_") if "hypotheses" in path.parts else path.stem
             self.tests[name] = path
-        self.includes = {name: set(re.findall(r'#include "([^"]+\.c)"', path.read_text())) for name, path in self.tests.items()}
+        self.includes = {
+            name: set(re.findall(r'#include "([^"]+\.c)"', path.read_text())) for name, path in self.tests.items()
+        }
         self.seconds: dict[str, float] = {}
         self.library = work / "obj" / "libtse.a"
 
     def compile(self, source: Path, out: Path, over: Path | None = None, test: bool = False) -> bool:
         first = [f"-I{over}"] if over else []
-        command = [self.cc, *FLAGS, *first, *self.include, *(self.for_tests if test else []), "-c", str(source), "-o", str(out)]
+        command = [
+            self.cc,
+            *FLAGS,
+            *first,
+            *self.include,
+            *(self.for_tests if test else []),
+            "-c",
+            str(source),
+            "-o",
+            str(out),
+        ]
         return subprocess.run(command, capture_output=True).returncode == 0
 
     def objects(self) -> dict[str, Path]:
@@ -297,7 +395,11 @@ def key_of(fault: Fault) -> str:
 
 
 def equivalent() -> dict[str, str]:
-    return {row["fault"]: row["why"] for row in tomllib.loads(EQUIVALENT.read_text()).get("equivalent", [])} if EQUIVALENT.exists() else {}
+    return (
+        {row["fault"]: row["why"] for row in tomllib.loads(EQUIVALENT.read_text()).get("equivalent", [])}
+        if EQUIVALENT.exists()
+        else {}
+    )
 
 
 def main() -> int:
@@ -309,7 +411,9 @@ def main() -> int:
     parser.add_argument("--compiler", default="gcc")
     parser.add_argument("--write", action="store_true", help=f"make {REPORT.relative_to(ROOT)} anew")
     parser.add_argument("--list", action="store_true", help="say the faults and stop")
-    parser.add_argument("--seconds", type=float, default=math.inf, help="stop after so long; the report says how many were judged")
+    parser.add_argument(
+        "--seconds", type=float, default=math.inf, help="stop after so long; the report says how many were judged"
+    )
     given = parser.parse_args()
 
     faults = [f for name in core_files() if not given.only or given.only in name for f in faults_of(name)]
@@ -321,7 +425,10 @@ def main() -> int:
         return 0
     bench = Bench(ROOT / "build" / "mutation", given.compiler)
     bench.prepare()
-    print(f"mutation: {len(chosen)} of {len(faults)} faults; all tests take {sum(bench.seconds.values()):.0f} s", flush=True)
+    print(
+        f"mutation: {len(chosen)} of {len(faults)} faults; all tests take {sum(bench.seconds.values()):.0f} s",
+        flush=True,
+    )
     known, began, verdicts = equivalent(), time.monotonic(), []
     for fault in chosen:
         if time.monotonic() - began > given.seconds:
@@ -337,7 +444,9 @@ def main() -> int:
     return 0 if share >= 0.9 else 1
 
 
-def report(given, total: int, verdicts: list[tuple[Fault, str]], known: dict[str, str], bench: Bench) -> tuple[str, float]:
+def report(
+    given, total: int, verdicts: list[tuple[Fault, str]], known: dict[str, str], bench: Bench
+) -> tuple[str, float]:
     def count(verdict: str, chosen=verdicts) -> int:
         return sum(v == verdict for _, v in chosen)
 
@@ -347,20 +456,39 @@ def report(given, total: int, verdicts: list[tuple[Fault, str]], known: dict[str
     version = subprocess.run([given.compiler, "--version"], capture_output=True, text=True).stdout.splitlines()[0]
     command = "scripts/mutation.sh --write" + (" --all" if given.all else f" --count {given.count} --seed {given.seed}")
     lines = [
-        "# Mutation score of the core", "",
-        f"`{command}`; {version}, {' '.join(FLAGS[1:2])}, double. {len(verdicts)} of {total} faults in src/estimator, src/model and",
-        f"src/number, drawn with a seed; {len(bench.tests)} test programs, the golden replay among them.", "",
-        f"**{found} of {found + survived} found: {100 * share:.1f} %, 95 % interval {100 * low:.1f} .. {100 * high:.1f} %.** Not counted: "
-        f"{count('stillborn')} that do not compile, {count('same')} that compile to the same bytes,", f"{count('known')} that no test could find (below).", "",
-        "| kind | found | survived |", "|---|---|---|",
+        "# Mutation score of the core",
+        "",
+        f"`{command}`; {version}, -O1, double. {len(verdicts)} of {total} faults in src/estimator, src/model and src/number,",
+        f"drawn with a seed; {len(bench.tests)} test programs, the golden replay among them.",
+        "",
+        f"**{found} of {found + survived} found: {100 * share:.1f} %, 95 % interval {100 * low:.1f} .. {100 * high:.1f} %.**",
+        f"Not counted: {count('stillborn')} that do not compile, {count('same')} that compile to the same bytes,",
+        f"{count('known')} that no test could find (below).",
+        "",
+        "| kind | found | survived |",
+        "|---|---|---|",
     ]
     for kind in KINDS:
         own = [x for x in verdicts if x[0].kind == kind]
         lines.append(f"| {kind} | {count('found', own)} | {count('survived', own)} |")
     lines += ["", "## Survivors", "", "| file and line | kind | fault |", "|---|---|---|"]
-    lines += [f"| src/{f.file}:{f.line} | {f.kind} | {f.text.replace('|', chr(92) + '|')} |" for f, v in sorted(verdicts, key=lambda x: (x[0].file, x[0].at)) if v == "survived"]
-    lines += ["", "## Drawn, and found by no test that there could be (tests/proof/mutation.toml)", "", "| file and line | fault | why |", "|---|---|---|"]
-    lines += [f"| src/{f.file}:{f.line} | {f.text.replace('|', chr(92) + '|')} | {known[key_of(f)]} |" for f, v in sorted(verdicts, key=lambda x: (x[0].file, x[0].at)) if v == "known"]
+    lines += [
+        f"| src/{f.file}:{f.line} | {f.kind} | {f.text.replace('|', chr(92) + '|')} |"
+        for f, v in sorted(verdicts, key=lambda x: (x[0].file, x[0].at))
+        if v == "survived"
+    ]
+    lines += [
+        "",
+        "## Drawn, and found by no test that there could be (tests/proof/mutation.toml)",
+        "",
+        "| file and line | fault | why |",
+        "|---|---|---|",
+    ]
+    lines += [
+        f"| src/{f.file}:{f.line} | {f.text.replace('|', chr(92) + '|')} | {known[key_of(f)]} |"
+        for f, v in sorted(verdicts, key=lambda x: (x[0].file, x[0].at))
+        if v == "known"
+    ]
     return "\n".join(lines) + "\n", share
 
 
