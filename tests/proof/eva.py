@@ -33,6 +33,11 @@ TARGETS = {  # name: what it asks
     "particles": "tse_step, forms 1 and 2, without effects: the same",
 }
 SHORT = ["prepare", "learnt"]  # for the tests
+REFUSE = ["tse_input_check", "tse_input_decode", "tse_align_row", "tse_config_check", "tse_prepare"]  # what they refuse is told apart
+FOLLOWED = {  # functions in which so many cases are kept apart: refused or not, each early return
+    "step_row": 8, "step_row_0": 8, "step_late": 8, "tse_step_*": 8, "tse_input_decode_*": 8, "tse_align_row_*": 8,
+    "tse_config_check_*": 2000, "tse_prepare_*": 8, "prove_prepare": 8, "tse_learnt_load_*": 60, "decode": 60, "load_stiffness": 60,
+}  # fmt: skip
 UNROLLED = 40  # loops of a fixed number of turns up to this are followed turn by turn
 
 
@@ -48,8 +53,8 @@ def alarms(target: str, form: str) -> tuple[Counter, list[tuple[str, str, str, s
     name, end = f"{target}-{form}", SUFFIX[form]
     csv_file, log = WORK / f"{name}.csv", WORK / f"{name}.log"
     csv_file.unlink(missing_ok=True)
-    split = ",".join(f"{f}_{end}:0" for f in ("tse_input_decode", "tse_align_row"))
-    callers = ",".join(f"{f}:8" for f in ("step_row", "step_row_0", "step_late", f"tse_step_{end}"))
+    split = ",".join(f"{f}_{end}:0" for f in REFUSE)
+    callers = ",".join(f"{f.replace('*', end)}:{n}" for f, n in FOLLOWED.items())
     command = [
         "frama-c",
         "-machdep",
