@@ -33,7 +33,8 @@ TARGETS = {  # name: what it asks
     "particles": "tse_step, forms 1 and 2, without effects: the same",
 }
 SHORT = ["prepare", "learnt"]  # for the tests
-REFUSE = ["tse_input_check", "tse_input_decode", "tse_align_row", "tse_config_check", "tse_prepare"]  # what they refuse is told apart
+# What these refuse is told apart.
+REFUSE = ["tse_input_check", "tse_input_decode", "tse_align_row", "tse_config_check", "tse_prepare"]
 FOLLOWED = {  # functions in which so many cases are kept apart: refused or not, each early return
     "step_row": 8, "step_row_0": 8, "step_late": 8, "tse_step_*": 8, "tse_input_decode_*": 8, "tse_align_row_*": 8,
     "tse_config_check_*": 2000, "tse_prepare_*": 8, "prove_prepare": 8, "tse_learnt_load_*": 60, "decode": 60, "load_stiffness": 60,
@@ -125,8 +126,8 @@ def page(results: list, rows: list[dict], used: dict[int, set]) -> str:
         "",
         f"`scripts/eva.sh --write`; Frama-C {version}, EVA, 64-bit x86. Every real number of settings, parameters, filter and row",
         "may be any bits, NaN and infinite, too; whole numbers of parameters and filter are in the ranges that tse_prepare() and",
-        "tse_filter_check() hold them to, and are asserted to be there after the row. No alarm: no access outside an object or of",
-        "what was never written, no overflow or shift that C does not define, no division of whole numbers by 0, no real made a whole",
+        "tse_filter_check() hold them to, and are asserted to be there after the row. No alarm: no access outside an object or",
+        "of what was never written, no overflow or shift that C does not define, no division of whole numbers by 0, no real made a whole",
         "number that cannot hold it.",
         "",
         "| asked | format | functions | statements reached | alarms | of them explained | still in range, proven |",
