@@ -6,9 +6,9 @@
  *   PROVE_TOLD        tse_step(), default form, any effects but a formula of the user
  *   PROVE_PARTICLES   tse_step(), forms 1 and 2, without effects
  *
- * Settings, rows and every real number of parameters and filter may be any bits, NaN and infinite ones, too. Whole numbers lie
- * where tse_prepare() and tse_filter_check() want them, and it is asserted that they do so after the row: so what holds for one
- * row holds for every row after it. */
+ * Settings, rows and every real number of parameters and filter may be any bits, NaN and infinite ones, too (fixed: any number that
+ * an operation of number/fixed.h may give). Whole numbers lie where tse_prepare() and tse_filter_check() want them, and it is asserted
+ * that they do so after the row: so what holds for one row holds for every row after it. */
 #include "tse/learnt.h"
 #include "tse/tse.h"
 #include <string.h>
@@ -19,7 +19,18 @@
 double sqrt(double x) { (void)x; return Frama_C_double_interval(0.0, 1e308); }
 float sqrtf(float x) { (void)x; return Frama_C_float_interval(0.0f, 1e38f); }
 
+#if defined(TSE_REAL_FIXED) /* any number that an operation may give: `+` is native, and says nothing when it overflows */
+#include "number/real_ops.h"
+static void any_numbers(void *at, size_t bytes)
+{
+  tse_real *const x = at;
+  for (size_t i = 0; i < bytes / sizeof *x; i++) x[i] = Frama_C_long_long_interval(-FIXED_MOST, FIXED_MOST);
+}
+#define ANY(object) any_numbers(&(object), sizeof(object))
+#else
 #define ANY(object) Frama_C_make_unknown((char *)&(object), sizeof(object))
+#endif
+#define ANY_BYTES(object) Frama_C_make_unknown((char *)&(object), sizeof(object))
 
 static tse_params p;
 static tse_filter_paper all;
@@ -104,7 +115,7 @@ static void prove_learnt(void)
   static uint8_t bytes[2 * TSE_LEARNT_BYTES];
   any_params(in(0, 2));
   any_filter();
-  ANY(bytes);
+  ANY_BYTES(bytes);
   (void)tse_learnt_load(&p, f, bytes, (size_t)in(0, 2 * TSE_LEARNT_BYTES), Frama_C_unsigned_int_interval(0, UINT32_MAX));
   //@ assert whole: \forall integer a; 0 <= a < 3 ==> 0 <= f->start.level[a] <= 3;
 }

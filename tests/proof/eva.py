@@ -24,7 +24,7 @@ ROOT = HERE.parents[1]
 WORK = ROOT / "build" / "eva"
 REPORT = ROOT / "scripts" / "results" / "proof.md"
 EXPLAINED = HERE / "eva.toml"
-SUFFIX = {"double": "f64", "float": "f32", "fixed": "fixed"}
+SUFFIX = {"double": "f64", "float": "f32", "fixed": "fix"}
 TARGETS = {  # name: what it asks
     "prepare": "tse_prepare, then tse_reset: any bits as settings",
     "learnt": "tse_learnt_load: any bytes, 0 .. 224 of them, any age, any form",
@@ -99,9 +99,9 @@ def alarms(target: str, form: str) -> tuple[Counter, list[tuple[str, str, str, s
             open_.add(
                 (
                     row["file"],
-                    re.sub(r"(_f64|_f32|_fixed)?(_\d+)?$", "", row["function"]),
+                    re.sub(r"(_f64|_f32|_fix)?(_\d+)?$", "", row["function"]),
                     row["property kind"],
-                    re.sub(r"_f(64|32)|_fixed", "", row["property"]),
+                    re.sub(r"_f(64|32|ix)\b", "", row["property"]),
                 )
             )
     return numbers, sorted(open_), time.monotonic() - began
