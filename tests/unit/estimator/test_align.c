@@ -420,6 +420,27 @@ static void test_a_channel_that_is_no_number_is_missing(void)
 }
 #endif
 
+/* Less than what clocks are rounded by: no row waits, not even the first. */
+static void test_channels_late_by_a_microsecond_wait_for_nothing(void)
+{
+  static const double late[5] = { 1e-6, 1e-6, 1e-6, 1e-6, 1e-6 };
+  tse_config c = settings(0), d = c;
+  tell(&c, late);
+  const tse_params plain = prepared(&d);
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&plain, &plain_one.filter, bytes_of_form(0)));
+  start(&c, &late_one);
+  for (int k = 0; k < 50; k++) {
+    const tse_input u = noisy_row(k);
+    tse_output y, z;
+    memset(&y, 0, sizeof y);
+    memset(&z, 0, sizeof z);
+    TEST_ASSERT_EQUAL_INT(tse_step(&plain, &plain_one.filter, &u, &z), tse_step(&p, &late_one.filter, &u, &y));
+    expect_near(1e-6, number(y.estimate_age), 1e-9, "age", k);
+    y.estimate_age = z.estimate_age;
+    TEST_ASSERT_EQUAL_MEMORY(&z, &y, sizeof y);
+  }
+}
+
 /* A state that was loaded may hold as many rows as there are places, which no rows of its own fill. */
 static void test_a_full_memory_goes_on(void)
 {
@@ -578,6 +599,7 @@ int main(void)
 #if defined(TSE_REAL_DOUBLE) || defined(TSE_REAL_FLOAT)
   RUN_TEST(test_a_channel_that_is_no_number_is_missing);
 #endif
+  RUN_TEST(test_channels_late_by_a_microsecond_wait_for_nothing);
   RUN_TEST(test_a_full_memory_goes_on);
   RUN_TEST(test_latencies_that_do_not_fit_the_memory_are_refused_by_name);
   RUN_TEST(test_rows_that_come_faster_than_told_are_left_out);

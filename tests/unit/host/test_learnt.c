@@ -403,7 +403,7 @@ static void test_what_is_no_number_is_not_saved(void)
   uint8_t out[TSE_LEARNT_BYTES], untouched[TSE_LEARNT_BYTES];
   memset(out, 0x5a, sizeof out);
   memcpy(untouched, out, sizeof out);
-  for (int what = 0; what < 5; what++) {
+  for (int what = 0; what < 6; what++) {
     const tse_config c = settings(what < 4 ? 2 : 0);
     const tse_params p = prepared(&c);
     know(&p, &f);
@@ -413,12 +413,12 @@ static void test_what_is_no_number_is_not_saved(void)
       if (what == 2) f.p.lam[3][i] = none;
     }
     if (what == 3) f.bias_var[2] = none;
-    if (what == 4) { /* a bank of one that has never learnt, with a noise that is none */
+    if (what >= 4) { /* a bank of one that has never learnt, with a noise or a spread that is none */
       f.filter.bank.count = 1;
       for (int a = 3; a < 6; a++) f.filter.bank.h[0].x[a] = TSE_R(1);
-      f.filter.bank.h[0].noise_var[1] = none;
+      (what == 4 ? f.filter.bank.h[0].noise_var : f.filter.bank.h[0].spread_var)[1] = none;
     }
-    TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_E_STATE, tse_learnt_save(&p, &f.filter, out), what < 4 ? "particles" : "noise of a hypothesis");
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_E_STATE, tse_learnt_save(&p, &f.filter, out), what < 4 ? "particles" : "hypothesis");
     TEST_ASSERT_EQUAL_MEMORY(untouched, out, sizeof out);
   }
 }
