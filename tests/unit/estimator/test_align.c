@@ -441,6 +441,16 @@ static void test_channels_late_by_a_microsecond_wait_for_nothing(void)
   }
 }
 
+/* Later than accel_x by less than a thousandth of a row is by no row: read when the later one is known. */
+static void test_a_row_is_read_when_its_latest_channel_is_known(void)
+{
+  static const double late[5] = { 5e-6, 0, 0, 0, 0 };
+  tse_config c = settings(0);
+  tell(&c, late);
+  const tse_params q = prepared(&c);
+  expect_near(5e-6, number(q.latency), 1e-10, "latency", 0);
+}
+
 /* A state that was loaded may hold as many rows as there are places, which no rows of its own fill. */
 static void test_a_full_memory_goes_on(void)
 {
@@ -600,6 +610,7 @@ int main(void)
   RUN_TEST(test_a_channel_that_is_no_number_is_missing);
 #endif
   RUN_TEST(test_channels_late_by_a_microsecond_wait_for_nothing);
+  RUN_TEST(test_a_row_is_read_when_its_latest_channel_is_known);
   RUN_TEST(test_a_full_memory_goes_on);
   RUN_TEST(test_latencies_that_do_not_fit_the_memory_are_refused_by_name);
   RUN_TEST(test_rows_that_come_faster_than_told_are_left_out);

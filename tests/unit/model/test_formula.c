@@ -296,6 +296,34 @@ static void test_programs_that_do_not_fit_are_refused(void)
 }
 
 /* The simulator's car, whose rear wheels steer with the speed, and an estimator that is told so, or not. */
+static void test_every_operation_is_known_and_a_program_may_fill_its_room(void)
+{
+  static const struct { int code, takes; } op[] = {
+#define FORMULA_OP(name, code, takes, kind, unit, text) { code, takes },
+#include "tse/formula.def"
+  };
+  for (int i = 0; i < (int)(sizeof op / sizeof op[0]); i++)
+    for (int n = 0; n <= 3; n++) { /* as many values as it takes, or another number of them */
+      tse_config c = default_car();
+      int ops[4] = { ONE, ONE, ONE, ONE };
+      ops[n] = op[i].code;
+      set_program(&c, 2, ops, n + 1);
+      TEST_ASSERT_EQUAL_INT(n == op[i].takes ? TSE_OK : TSE_E_CONFIG, status_of(&c));
+    }
+  tse_config c = default_car();
+  int full[TSE_FORMULA_OPS] = { ONE };
+  for (int k = 1; k < TSE_FORMULA_OPS; k += 2) {
+    full[k] = ONE;
+    full[k + 1] = ADD;
+  }
+  set_program(&c, 2, full, TSE_FORMULA_OPS);
+  TEST_ASSERT_EQUAL_INT(TSE_OK, status_of(&c));
+  expect_near(2 * (TSE_FORMULA_OPS + 1) / 2, value_of(full, TSE_FORMULA_OPS), 1e-6, "as many ones as there is room for", 0);
+  full[TSE_FORMULA_OPS - 1] = ONE; /* ends with two values; nobody asks which setting is wrong */
+  set_program(&c, 2, full, TSE_FORMULA_OPS);
+  TEST_ASSERT_EQUAL_INT(TSE_E_CONFIG, tse_config_check(&c, NULL));
+}
+
 static void test_an_estimator_that_is_told_knows_its_stiffness(void)
 {
   static tse_sim sim;
@@ -345,6 +373,7 @@ int main(void)
   RUN_TEST(test_at_rest_a_memory_holds_what_is);
   RUN_TEST(test_what_is_no_number_is_nothing);
   RUN_TEST(test_programs_that_do_not_fit_are_refused);
+  RUN_TEST(test_every_operation_is_known_and_a_program_may_fill_its_room);
   RUN_TEST(test_an_estimator_that_is_told_knows_its_stiffness);
   return UNITY_END();
 }
