@@ -124,7 +124,8 @@ def page(results: list, rows: list[dict], used: dict[int, set], targets: list[st
     out = [
         "# What is proven of memory and whole numbers",
         "",
-        f"`{' '.join(['scripts/eva.sh --write', *targets])}`; Frama-C {version}, EVA, 64-bit x86. Every real number of settings, parameters, filter and",
+        f"`{' '.join(['scripts/eva.sh --write', *targets])}`; Frama-C {version}, EVA, 64-bit x86.",
+        "Every real number of settings, parameters, filter and",
         "row may be any bits, NaN and infinite, too; whole numbers of parameters and filter are in the ranges that tse_prepare()",
         "and tse_filter_check() hold them to, and are asserted to be there after the row. No alarm: no access outside an object",
         "or of what was never written, no overflow or shift that C does not define, no division of whole numbers by 0, no real",
