@@ -4,6 +4,8 @@
 #   scripts/setup.sh [EXTRA ...]      and these extras of scripts/pyproject.toml: clients (more programs that import FMUs, for the
 #                                     tests), platforms (a compiler for FMUs of all platforms); left out where they do not install.
 #                                     dropin: tools that build packages of the library (scripts/dropin), for the tests, too
+#                                     proof: what measures and proves (scripts/coverage.sh, misra.sh, mutation.sh, eva.sh): packages of
+#                                     the system, installed where that may be done, else named
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 root=$PWD
@@ -94,7 +96,27 @@ fi
 
 # ---- extras
 
+proof_tools() {                                   # clang 19 (MC/DC), cppcheck (MISRA), frama-c
+  local packages=() version clang=
+  for version in 19 20 21 22; do
+    if command -v "clang-$version" >/dev/null && command -v "llvm-profdata-$version" >/dev/null; then clang=$version; fi
+  done
+  [ -n "$clang" ] || packages+=(clang-19 llvm-19 libclang-rt-19-dev)
+  command -v cppcheck >/dev/null || packages+=(cppcheck)
+  command -v frama-c >/dev/null || packages+=(frama-c-base)
+  [ ${#packages[@]} -gt 0 ] || return 0
+  if [ "$(id -u)" = 0 ] && command -v apt-get >/dev/null; then
+    say "packages of the system: ${packages[*]}"
+    for package in "${packages[@]}"; do           # one by one: a system may have some of them only
+      apt-get install -y --no-install-recommends "$package" >.venv/tse-extra.log 2>&1 || say "left out: $package (apt-get update first?)"
+    done
+  else
+    say "not installed, what needs them is skipped: ${packages[*]}"
+  fi
+}
+
 for extra in "$@"; do
+  if [ "$extra" = proof ]; then proof_tools; continue; fi
   [ -f ".venv/tse-extra-$extra" ] && continue
   say "Python packages for $extra"
   if [ "$extra" = dropin ]; then                  # in an environment of their own: they ask for other versions than tselab

@@ -396,6 +396,83 @@ static void test_refused_rows_change_nothing(void)
   }
 }
 
+#if defined(TSE_REAL_DOUBLE) || defined(TSE_REAL_FLOAT)
+/* A channel may be missing by its bit or by being none: the same rows. */
+static void test_a_channel_that_is_no_number_is_missing(void)
+{
+  static const double late[5] = { 0.033, 0.02, 0.02, -0.01, 0 };
+  tse_config c = settings(0);
+  tell(&c, late);
+  start(&c, &late_one);
+  memcpy(&plain_one, &late_one, sizeof plain_one);
+  for (int k = 0; k < 100; k++) {
+    const tse_input by_bit = noisy_row(k);
+    tse_input by_value = by_bit;
+    tse_output y, z;
+    for (int i = 0; i < 6; i++)
+      if (by_bit.missing >> i & 1u) *channel(&by_value, i) = TSE_R(0) / number(TSE_R(0));
+    by_value.missing = 0;
+    memset(&y, 0, sizeof y);
+    memset(&z, 0, sizeof z);
+    TEST_ASSERT_EQUAL_INT(tse_step(&p, &late_one.filter, &by_bit, &y), tse_step(&p, &plain_one.filter, &by_value, &z));
+    TEST_ASSERT_EQUAL_MEMORY(&y, &z, sizeof y);
+  }
+}
+#endif
+
+/* Less than what clocks are rounded by: no row waits, not even the first. */
+static void test_channels_late_by_a_microsecond_wait_for_nothing(void)
+{
+  static const double late[5] = { 1e-6, 1e-6, 1e-6, 1e-6, 1e-6 };
+  tse_config c = settings(0), d = c;
+  tell(&c, late);
+  const tse_params plain = prepared(&d);
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&plain, &plain_one.filter, bytes_of_form(0)));
+  start(&c, &late_one);
+  for (int k = 0; k < 50; k++) {
+    const tse_input u = noisy_row(k);
+    tse_output y, z;
+    memset(&y, 0, sizeof y);
+    memset(&z, 0, sizeof z);
+    TEST_ASSERT_EQUAL_INT(tse_step(&plain, &plain_one.filter, &u, &z), tse_step(&p, &late_one.filter, &u, &y));
+    expect_near(1e-6, number(y.estimate_age), 1e-9, "age", k);
+    y.estimate_age = z.estimate_age;
+    TEST_ASSERT_EQUAL_MEMORY(&z, &y, sizeof y);
+  }
+}
+
+/* Later than accel_x by less than a thousandth of a row is by no row: read when the later one is known. */
+static void test_a_row_is_read_when_its_latest_channel_is_known(void)
+{
+  static const double late[5] = { 5e-6, 0, 0, 0, 0 };
+  tse_config c = settings(0);
+  tell(&c, late);
+  const tse_params q = prepared(&c);
+  expect_near(5e-6, number(q.latency), 1e-10, "latency", 0);
+}
+
+/* A state that was loaded may hold as many rows as there are places, which no rows of its own fill. */
+static void test_a_full_memory_goes_on(void)
+{
+  static const double late[5] = { 0.033, 0.02, 0.02, -0.01, 0 };
+  tse_config c = settings(0);
+  tell(&c, late);
+  start(&c, &late_one);
+  for (int k = 0; k < 40; k++) {
+    const tse_input u = noisy_row(k);
+    TEST_ASSERT_TRUE(tse_step(&p, &late_one.filter, &u, NULL) >= 0);
+  }
+  late_one.filter.waiting.count = TSE_LATENCY_ROWS;
+  for (int i = 0; i < TSE_LATENCY_ROWS; i++) late_one.filter.waiting.before[i] = TSE_R(0);
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_filter_check(&p, &late_one.filter, sizeof late_one.filter));
+  for (int k = 40; k < 80; k++) {
+    const tse_input u = noisy_row(k);
+    TEST_ASSERT_TRUE(tse_step(&p, &late_one.filter, &u, NULL) >= 0);
+    TEST_ASSERT_TRUE(late_one.filter.waiting.count <= TSE_LATENCY_ROWS);
+  }
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_filter_check(&p, &late_one.filter, sizeof late_one.filter));
+}
+
 /* ------------------------------------------------------------------------------------------- memory */
 
 static void test_latencies_that_do_not_fit_the_memory_are_refused_by_name(void)
@@ -529,6 +606,12 @@ int main(void)
   RUN_TEST(test_nothing_is_read_across_a_gap);
   RUN_TEST(test_a_step_takes_the_whole_time_since_the_last_one);
   RUN_TEST(test_refused_rows_change_nothing);
+#if defined(TSE_REAL_DOUBLE) || defined(TSE_REAL_FLOAT)
+  RUN_TEST(test_a_channel_that_is_no_number_is_missing);
+#endif
+  RUN_TEST(test_channels_late_by_a_microsecond_wait_for_nothing);
+  RUN_TEST(test_a_row_is_read_when_its_latest_channel_is_known);
+  RUN_TEST(test_a_full_memory_goes_on);
   RUN_TEST(test_latencies_that_do_not_fit_the_memory_are_refused_by_name);
   RUN_TEST(test_rows_that_come_faster_than_told_are_left_out);
   RUN_TEST(test_any_latencies_and_rows_leave_numbers_and_a_sound_filter);

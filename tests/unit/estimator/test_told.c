@@ -260,6 +260,40 @@ static void test_what_effects_make_of_a_stiffness_is_bounded(void)
     expect_near(1, number(filter.filter.effect_level[3]), 1e-5, "rear", k);
   }
 }
+#if defined(TSE_REAL_DOUBLE) || defined(TSE_REAL_FLOAT)
+/* No row leads here, but a state that was loaded may: what is no number corrects nothing, and the memory starts anew. */
+static void test_what_is_no_number_corrects_nothing(void)
+{
+  const tse_config c = all_effects(1);
+  const tse_params p = prepared(&c);
+  const tse_real none = TSE_R(0) / number(TSE_R(0));
+  tse_real at[6] = { TSE_R(20), TSE_R(0.1), TSE_R(0.05), TSE_R(0), TSE_R(0), TSE_R(0) }, push[3];
+  tse_params row = p;
+  sample y, corrected;
+  memset(&y, 0, sizeof y);
+  y.dt = TSE_R(0.01);
+  y.u.v_front = y.u.v_rear = TSE_R(20);
+  for (int a = 0; a < 3; a++) y.use[a] = y.y[a] = TSE_R(1);
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &filter.filter, sizeof filter));
+  filter.filter.v_front = filter.filter.v_rear = TSE_R(20);
+
+  told_motion(&p, &row, &filter.filter, &y, at, push); /* not settled yet: it settles first */
+  TEST_ASSERT_EQUAL_INT32(1, filter.filter.effects.settled);
+  for (int a = 0; a < 3; a++) TEST_ASSERT_TRUE(r_is_finite(push[a]));
+
+  corrected = told_sample(&p, &row, &filter.filter, &y, at, 1, 0); /* wheels that nobody hears of: no correction */
+  TEST_ASSERT_EQUAL_INT32(0, filter.filter.effects.settled);
+  for (int a = 0; a < 3; a++) TEST_ASSERT_TRUE(!(corrected.y[a] < y.y[a]) && !(corrected.y[a] > y.y[a]));
+
+  at[1] = none;
+  corrected = told_sample(&p, &row, &filter.filter, &y, at, 1, 1);
+  TEST_ASSERT_EQUAL_INT32(0, filter.filter.effects.settled);
+  for (int a = 0; a < 3; a++) TEST_ASSERT_TRUE(r_is_finite(corrected.y[a]));
+  told_motion(&p, &row, &filter.filter, &y, at, push);
+  TEST_ASSERT_EQUAL_INT32(0, filter.filter.effects.settled);
+  for (int a = 0; a < 3; a++) expect_near(0, number(push[a]), 0, "push", a);
+}
+#endif
 
 /* ------------------------------------------------------------------------------------------------- off */
 
@@ -371,6 +405,9 @@ int main(void)
   RUN_TEST(test_without_measurements_the_mean_follows_the_replay);
   RUN_TEST(test_the_constants_of_a_row_are_scaled_axle_by_axle);
   RUN_TEST(test_what_effects_make_of_a_stiffness_is_bounded);
+#if defined(TSE_REAL_DOUBLE) || defined(TSE_REAL_FLOAT)
+  RUN_TEST(test_what_is_no_number_corrects_nothing);
+#endif
   RUN_TEST(test_shapes_of_effects_that_are_off_change_no_bit_of_the_estimate);
   RUN_TEST(test_estimates_stay_numbers_at_both_ends_of_every_effect);
   RUN_TEST(test_a_gap_starts_the_memory_anew);

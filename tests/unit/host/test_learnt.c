@@ -381,6 +381,83 @@ static void test_calls_out_of_order_are_refused_and_change_nothing(void)
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_learnt_save(&p, &f.filter, out));
 }
 
+static void test_a_filter_without_a_mark_or_with_rows_that_wait_is_refused(void)
+{
+  const tse_config c = settings(2);
+  const tse_params p = prepared(&c);
+  tse_params unmarked = p;
+  uint8_t out[TSE_LEARNT_BYTES];
+  unmarked.magic = 0;
+  know(&p, &f);
+  TEST_ASSERT_EQUAL_INT(TSE_E_STATE, tse_learnt_save(&unmarked, &f.filter, out));
+  reset(&p, &f);
+  f.filter.waiting.count = 1;
+  expect_refused(&p, learnt_bytes, sizeof learnt_bytes, TSE_E_STATE, "rows wait");
+}
+
+static void test_bytes_that_say_format_1_and_are_longer_are_damaged(void)
+{
+  const tse_config c = settings(2);
+  const tse_params p = prepared(&c);
+  uint8_t bytes[TSE_LEARNT_BYTES];
+  memcpy(bytes, learnt_bytes, sizeof bytes);
+  set_word(bytes, 4, 1u | (uint32_t)TSE_LEARNT_BYTES << 16);
+  reset(&p, &f);
+  expect_refused(&p, bytes, sizeof bytes, TSE_E_LEARNT, "format 1, as long as format 2");
+}
+
+#if defined(TSE_REAL_DOUBLE) || defined(TSE_REAL_FLOAT)
+/* The paper's form knows no bounds, and a filter may be anything that its caller has made of it. */
+static void test_what_is_saved_lies_inside_what_may_be_loaded(void)
+{
+  const tse_config c = settings(2);
+  const tse_params p = prepared(&c);
+  uint8_t out[TSE_LEARNT_BYTES];
+  know(&p, &f);
+  for (int i = 0; i < 64; i++) {
+    f.p.mu[0][i] = real(50);
+    f.p.mu[1][i] = real(-3);
+    f.p.bias[0][i] = real(60 / number(p.sd[0]));
+    f.p.bias[1][i] = real(-60 / number(p.sd[1]));
+    f.p.lam[0][i] = f.p.lam[1][i] = TSE_R(0); /* no spread: no correlation */
+  }
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_learnt_save(&p, &f.filter, out));
+  TEST_ASSERT_EQUAL_INT32(318767104, (int32_t)word(out + 20));
+  TEST_ASSERT_EQUAL_INT32(-16441672, (int32_t)word(out + 24));
+  TEST_ASSERT_EQUAL_INT32(0, (int32_t)word(out + 56)); /* correlation of the first two */
+  TEST_ASSERT_EQUAL_INT32(50 * 16777216, (int32_t)word(out + 68));
+  TEST_ASSERT_EQUAL_INT32(-50 * 16777216, (int32_t)word(out + 72));
+  reset(&p, &f);
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_learnt_load(&p, &f.filter, out, sizeof out, 0));
+}
+
+static void test_what_is_no_number_is_not_saved(void)
+{
+  const tse_real none = TSE_R(0) / number(TSE_R(0));
+  uint8_t out[TSE_LEARNT_BYTES], untouched[TSE_LEARNT_BYTES];
+  memset(out, 0x5a, sizeof out);
+  memcpy(untouched, out, sizeof out);
+  for (int what = 0; what < 6; what++) {
+    const tse_config c = settings(what < 4 ? 2 : 0);
+    const tse_params p = prepared(&c);
+    know(&p, &f);
+    for (int i = 0; i < 64; i++) {
+      if (what == 0) f.p.mu[1][i] = none;
+      if (what == 1) f.p.bias[1][i] = none;
+      if (what == 2) f.p.lam[3][i] = none;
+    }
+    if (what == 3) f.bias_var[2] = none;
+    if (what >= 4) { /* a bank of one that has never learnt, with a noise or a spread that is none */
+      f.filter.bank.count = 1;
+      for (int a = 3; a < 6; a++) f.filter.bank.h[0].x[a] = TSE_R(1);
+      (what == 4 ? f.filter.bank.h[0].noise_var : f.filter.bank.h[0].spread_var)[1] = none;
+    }
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_E_STATE, tse_learnt_save(&p, &f.filter, out), what < 4 ? "particles" : "hypothesis");
+    TEST_ASSERT_EQUAL_MEMORY(untouched, out, sizeof out);
+  }
+}
+#endif
+
 static void test_reset_forgets_what_was_loaded(void)
 {
   const tse_config c = settings(2);
@@ -824,6 +901,12 @@ int main(void)
   RUN_TEST(test_fixed_point_refuses_the_form_of_hypotheses);
 #endif
   RUN_TEST(test_calls_out_of_order_are_refused_and_change_nothing);
+  RUN_TEST(test_a_filter_without_a_mark_or_with_rows_that_wait_is_refused);
+  RUN_TEST(test_bytes_that_say_format_1_and_are_longer_are_damaged);
+#if defined(TSE_REAL_DOUBLE) || defined(TSE_REAL_FLOAT)
+  RUN_TEST(test_what_is_saved_lies_inside_what_may_be_loaded);
+  RUN_TEST(test_what_is_no_number_is_not_saved);
+#endif
   RUN_TEST(test_reset_forgets_what_was_loaded);
   RUN_TEST(test_variances_grow_with_age_as_the_settings_say);
   RUN_TEST(test_of_unknown_age_nothing_is_trusted_more_than_the_settings_start);

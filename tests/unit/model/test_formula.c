@@ -112,6 +112,55 @@ static void test_a_reading_is_off_and_the_car_is_not(void)
   }
 }
 
+/* A program's value at a point whose every member is another number. */
+static double value_of(const int *ops, int n)
+{
+  tse_effects e;
+  tse_effect_memory m;
+  point pt;
+  memset(&e, 0, sizeof e);
+  memset(&m, 0, sizeof m);
+  memset(&pt, 0, sizeof pt);
+  for (int k = 0; k < n; k++) e.formula_code[k] = (uint8_t)ops[k];
+  for (int k = 0; k < TSE_FORMULA_NUMBERS; k++) e.formula[k] = real(k - 2.5);
+  e.formula_gain = real(2);
+  pt.u.steer = real(0.5);
+  pt.vx = real(20);
+  pt.vy = real(-1.5);
+  pt.r = real(0.25);
+  m.formula_accel[0] = real(-3);
+  m.formula_accel[1] = real(4);
+  pt.free_angle[0] = real(0.0625);
+  pt.free_angle[1] = real(-0.125);
+  pt.s.s_front = real(0.03125);
+  pt.s.s_rear = real(-0.015625);
+  m.time = real(10);
+  pt.ahead = real(0.5);
+  return number(formula_at(&e, &m, &pt));
+}
+
+static void test_every_operation_without_memory_has_its_value(void)
+{
+  static const struct { int ops[3]; double value; } row[] = { /* doubled by the gain */
+    { { 1 }, -5 },         { { 2 }, -3 },          { { 3 }, -1 },         { { 4 }, 1 },           { { 5 }, 3 },
+    { { 6 }, 5 },          { { 7 }, 7 },           { { 8 }, 9 },          { { 9 }, 2 },           { { 10 }, 4 },
+    { { 16 }, 1 },         { { 17 }, 40 },         { { 18 }, -3 },        { { 19 }, 0.5 },        { { 20 }, -6 },
+    { { 21 }, 8 },         { { 22 }, 0.125 },      { { 23 }, -0.25 },     { { 24 }, 0.0625 },     { { 25 }, -0.03125 },
+    { { 26 }, 21 },        { { 17, 8, 32 }, 49 },  { { 17, 8, 33 }, 31 }, { { 17, 8, 34 }, 180 }, { { 17, 10, 35 }, 20 },
+    { { 17, 1, 35 }, -16 },{ { 8, 36 }, -9 },      { { 1, 37 }, 5 },      { { 8, 37 }, 9 },       { { 1, 8, 38 }, 9 },
+    { { 8, 1, 38 }, 9 },   { { 1, 8, 39 }, -5 },   { { 8, 1, 39 }, -5 },  { { 21, 40 }, 4 },      { { 1, 40 }, 0 },
+  };
+  for (int i = 0; i < (int)(sizeof row / sizeof row[0]); i++) {
+    int n = 0;
+    while (n < 3 && row[i].ops[n]) n++;
+    expect_near(row[i].value, value_of(row[i].ops, n), 1e-6, "operation", i);
+  }
+  static const int by_nothing[] = { 8, 9, 9, 33, 35 }, soft[] = { 21, 41 }, none[] = { 0 };
+  expect_near(0, value_of(by_nothing, 5), 0, "x/0", 0);
+  expect_near(2 * 4 / sqrt(17.0), value_of(soft, 2), 1e-6, "soft", 0);
+  expect_near(0, value_of(none, 1), 0, "no program", 0);
+}
+
 static void test_switched_off_it_changes_no_bit(void)
 {
   tse_config c = default_car();
@@ -247,6 +296,34 @@ static void test_programs_that_do_not_fit_are_refused(void)
 }
 
 /* The simulator's car, whose rear wheels steer with the speed, and an estimator that is told so, or not. */
+static void test_every_operation_is_known_and_a_program_may_fill_its_room(void)
+{
+  static const struct { int code, takes; } op[] = {
+#define FORMULA_OP(name, code, takes, kind, unit, text) { code, takes },
+#include "tse/formula.def"
+  };
+  for (int i = 0; i < (int)(sizeof op / sizeof op[0]); i++)
+    for (int n = 0; n <= 3; n++) { /* as many values as it takes, or another number of them */
+      tse_config c = default_car();
+      int ops[4] = { ONE, ONE, ONE, ONE };
+      ops[n] = op[i].code;
+      set_program(&c, 2, ops, n + 1);
+      TEST_ASSERT_EQUAL_INT(n == op[i].takes ? TSE_OK : TSE_E_CONFIG, status_of(&c));
+    }
+  tse_config c = default_car();
+  int full[TSE_FORMULA_OPS] = { ONE };
+  for (int k = 1; k < TSE_FORMULA_OPS; k += 2) {
+    full[k] = ONE;
+    full[k + 1] = ADD;
+  }
+  set_program(&c, 2, full, TSE_FORMULA_OPS);
+  TEST_ASSERT_EQUAL_INT(TSE_OK, status_of(&c));
+  expect_near(2 * (TSE_FORMULA_OPS + 1) / 2, value_of(full, TSE_FORMULA_OPS), 1e-6, "as many ones as there is room for", 0);
+  full[TSE_FORMULA_OPS - 1] = ONE; /* ends with two values; nobody asks which setting is wrong */
+  set_program(&c, 2, full, TSE_FORMULA_OPS);
+  TEST_ASSERT_EQUAL_INT(TSE_E_CONFIG, tse_config_check(&c, NULL));
+}
+
 static void test_an_estimator_that_is_told_knows_its_stiffness(void)
 {
   static tse_sim sim;
@@ -289,12 +366,14 @@ int main(void)
   RUN_TEST(test_a_number_at_a_place_is_the_disturbance_there);
   RUN_TEST(test_a_share_of_the_stiffness_is_another_stiffness);
   RUN_TEST(test_a_reading_is_off_and_the_car_is_not);
+  RUN_TEST(test_every_operation_without_memory_has_its_value);
   RUN_TEST(test_switched_off_it_changes_no_bit);
   RUN_TEST(test_functions_with_memory_are_their_recurrences);
   RUN_TEST(test_lags_and_modes_have_their_gain);
   RUN_TEST(test_at_rest_a_memory_holds_what_is);
   RUN_TEST(test_what_is_no_number_is_nothing);
   RUN_TEST(test_programs_that_do_not_fit_are_refused);
+  RUN_TEST(test_every_operation_is_known_and_a_program_may_fill_its_room);
   RUN_TEST(test_an_estimator_that_is_told_knows_its_stiffness);
   return UNITY_END();
 }

@@ -276,6 +276,16 @@ static void test_what_to_tell_better_first(void)
   TEST_ASSERT_EQUAL_INT(TSE_E_NULL, tse_told_sd(&p, &f, 0, NULL));
   f.fingerprint++;
   TEST_ASSERT_EQUAL_INT(TSE_E_STATE, tse_told_sd(&p, &f, 0, sd));
+  f.fingerprint--;
+  f.magic++;
+  TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_E_STATE, tse_told_sd(&p, &f, 0, sd), "a filter without its mark");
+  f.magic--;
+  tse_params other = p;
+  other.magic++;
+  TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_E_STATE, tse_told_sd(&other, &f, 0, sd), "parameters without their mark");
+  other = p;
+  other.form = 2;
+  TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_E_STATE, tse_told_sd(&other, &f, 0, sd), "of another form");
   expect_near(7, number(sd[0]), 0, "untouched", 0);
 }
 

@@ -312,9 +312,28 @@ static void test_copying_moves_every_field_of_a_particle_and_leaves_the_padding(
   TEST_ASSERT_EQUAL_UINT64(sizeof q, (size_t)sizeof(tse_real) * TSE_STRIDE * 19u); /* the list is the struct */
 }
 
+#if defined(TSE_REAL_DOUBLE) || defined(TSE_REAL_FLOAT)
+/* Weights so small that shares of them round up: positions beyond the sum of all weights, whose places the last ancestor takes. */
+static void test_positions_that_rounding_leaves_beyond_all_weights_take_the_last_ancestor(void)
+{
+  const tse_real least = (tse_real)(sizeof(tse_real) == 4 ? 1.401298464324817e-45 : 4.9406564584124654e-324);
+  for (int32_t scheme = 0; scheme < SCHEMES; scheme++)
+    for (uint32_t step = 0; step < 40; step++) {
+      weight[0] = least;
+      weight[1] = least + least;
+      draw(scheme, 2, step);
+      weight[1] = weight[2] = least;
+      draw(scheme, 3, step);
+    }
+}
+#endif
+
 int main(void)
 {
   UNITY_BEGIN();
+#if defined(TSE_REAL_DOUBLE) || defined(TSE_REAL_FLOAT)
+  RUN_TEST(test_positions_that_rounding_leaves_beyond_all_weights_take_the_last_ancestor);
+#endif
   RUN_TEST(test_ancestors_ascend_and_lie_in_range_for_every_scheme_and_number_of_particles);
   RUN_TEST(test_every_scheme_gives_n_q_copies_on_average);
   RUN_TEST(test_copies_keep_within_the_bounds_of_each_scheme);

@@ -1,0 +1,294 @@
+"""What of src/ the unit tests run: lines, branches, and MC/DC of every decision of several conditions.   scripts/coverage.sh
+
+Measured by clang (19 or later, -fcoverage-mcdc) in the double build: every test program is run, and what a function in a header
+does counts where any of them runs it. A condition in a macro is counted once for each place that the macro is used at. What is not
+covered must stand in coverage.toml: as unreachable, with the reason, or as open, which counts as not covered. What stands there in
+neither, or is covered by now, is a failure.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from collections import Counter, defaultdict
+from pathlib import Path
+
+import tomllib
+
+HERE = Path(__file__).resolve().parent
+ROOT = HERE.parents[1]
+BUILD = ROOT / "build" / "coverage"
+REPORT = ROOT / "scripts" / "results" / "coverage.md"
+REASONS = HERE / "coverage.toml"
+SHARE = ROOT / ".venv" / "share"
+FLAGS = "-O1 -g0 -fprofile-instr-generate -fcoverage-mapping -fcoverage-mcdc"
+
+
+def compiler() -> str | None:
+    """A clang that measures MC/DC: CLANG, clang-19 and later, or clang if it is one."""
+    names = [os.environ.get("CLANG", ""), *(f"clang-{v}" for v in range(19, 30)), "clang"]
+    for name in filter(None, names):
+        if not shutil.which(name):
+            continue
+        version = re.search(
+            r"version (\d+)", subprocess.run([name, "--version"], capture_output=True, text=True).stdout
+        )
+        if version and int(version.group(1)) >= 19 and shutil.which(tool(name, "llvm-profdata")):
+            return name
+    return None
+
+
+def tool(clang: str, name: str) -> str:
+    suffix = re.search(r"-\d+$", clang)
+    return name + (suffix.group() if suffix else "")
+
+
+def run(*command: object, **more: object) -> subprocess.CompletedProcess:
+    done = subprocess.run([str(c) for c in command], capture_output=True, text=True, **more)
+    if done.returncode:
+        raise SystemExit(f"coverage: {command[0]} failed\n{(done.stdout + done.stderr)[-4000:]}")
+    return done
+
+
+def measured(clang: str) -> tuple[dict, int, list[str]]:
+    """(what llvm-cov exports, number of test programs, decisions whose MC/DC this clang cannot measure)"""
+    run(
+        "cmake",
+        "-S",
+        ROOT,
+        "-B",
+        BUILD,
+        f"-DCMAKE_C_COMPILER={clang}",
+        "-DCMAKE_BUILD_TYPE=None",
+        f"-DCMAKE_C_FLAGS={FLAGS}",
+        "-DTSE_BUILD_TESTS=ON",
+        "-DTSE_BUILD_FMU=OFF",
+        "-DTSE_TEST_COMPILES=OFF",
+        "-DTSE_TEST_EVERY_WAY=OFF",
+        f"-DFETCHCONTENT_SOURCE_DIR_UNITY={SHARE / 'unity'}",
+        f"-DPython3_EXECUTABLE={sys.executable}",
+    )
+    said = run("cmake", "--build", BUILD, "--clean-first")  # warnings of what is not measured come with each object
+    unmeasured = set(re.findall(r"^(\S+:\d+):\d+: warning: unsupported MC/DC", said.stdout + said.stderr, re.M))
+    programs = sorted(p for p in (BUILD / "tests").glob("test_*") if p.is_file() and os.access(p, os.X_OK))
+    profiles = BUILD / "profiles"
+    shutil.rmtree(profiles, ignore_errors=True)
+    profiles.mkdir()
+    for program in programs:
+        environment = os.environ | {"LLVM_PROFILE_FILE": str(profiles / f"{program.name}.profraw")}
+        run(program, cwd=ROOT / "tests", env=environment)
+    merged = BUILD / "all.profdata"
+    run(tool(clang, "llvm-profdata"), "merge", "-o", merged, *sorted(profiles.glob("*.profraw")))
+    objects = [x for p in programs[1:] for x in ("-object", p)]
+    exported = run(tool(clang, "llvm-cov"), "export", programs[0], *objects, f"-instr-profile={merged}").stdout
+    return json.loads(exported)["data"][0], len(programs), sorted(u.removeprefix(f"{ROOT}/") for u in unmeasured)
+
+
+class Source:
+    def __init__(self, path: Path) -> None:
+        self.lines = path.read_text().splitlines()
+
+    def text(self, place: tuple[int, int, int, int]) -> str:
+        l0, c0, l1, c1 = place
+        if l0 == l1:
+            return self.lines[l0 - 1][c0 - 1 : c1 - 1]
+        part = [self.lines[l0 - 1][c0 - 1 :], *self.lines[l0 : l1 - 1], self.lines[l1 - 1][: c1 - 1]]
+        return " ".join(" ".join(p.rstrip("\\").split()) for p in part)
+
+
+def in_src(name: str) -> str | None:
+    path = Path(name)
+    return path.relative_to(ROOT).as_posix() if path.is_relative_to(ROOT / "src") else None
+
+
+def collected(data: dict) -> tuple[dict, dict]:
+    """(branches, decisions): by file, function, place and use of it; whether each outcome, each condition's pair, was seen."""
+    branches: dict[tuple, list[bool]] = {}
+    decisions: dict[tuple, list[bool]] = {}
+    for function in data["functions"]:
+        names = function["filenames"]
+        own = in_src(names[0])
+        if not own:
+            continue
+        name = function["name"].rpartition(":")[2]
+        seen: Counter = Counter()
+        for *place, true, false, file_id, _, _ in function["branches"]:
+            file = in_src(names[file_id]) or own
+            use = seen[(file, *place)]
+            seen[(file, *place)] += 1
+            was = branches.setdefault((file, name, tuple(place), use), [False, False])
+            was[0] |= true > 0
+            was[1] |= false > 0
+        seen = Counter()
+        for record in function["mcdc_records"]:
+            place, conditions = tuple(record[:4]), record[-1]
+            use = seen[place]
+            seen[place] += 1
+            was = decisions.setdefault((own, name, place, use), [False] * len(conditions))
+            for k, independent in enumerate(conditions):
+                was[k] |= independent
+    return branches, decisions
+
+
+def named(function: str) -> str:
+    return re.sub(r"_f64$", "", function)
+
+
+def gaps(branches: dict, decisions: dict) -> dict[tuple, int]:
+    """(file, function, condition, what was never seen): at how many uses of it."""
+    sources: dict[str, Source] = {}
+    found: Counter = Counter()
+    inside: dict[tuple, list] = defaultdict(list)
+    for file, function, place, use in branches:
+        inside[(file, function, use)].append(place)
+    for (file, function, place, _), (true, false) in branches.items():
+        source = sources.setdefault(file, Source(ROOT / file))
+        for was, what in ((true, "never true"), (false, "never false")):
+            if not was:
+                found[(file, named(function), source.text(place), what)] += 1
+    for (file, function, place, use), seen in decisions.items():
+        source = sources.setdefault(file, Source(ROOT / file))
+        own = sorted(p for p in set(inside[(file, function, use)]) if place[:2] <= p[:2] and p[2:] <= place[2:])
+        for k, independent in enumerate(seen):
+            if not independent:
+                text = source.text(own[k]) if len(own) == len(seen) else f"condition {k + 1} of {source.text(place)}"
+                found[(file, named(function), text, "never decides alone")] += 1
+    return dict(found)
+
+
+def listed(table: str) -> dict[tuple, tuple[int, str]]:
+    """(file, function, condition, what was never seen): at how many uses, why. `open`: neither a test yet nor a reason."""
+    rows = tomllib.loads(REASONS.read_text()).get(table, [])
+    return {
+        (r["file"], r["function"], r["condition"], what): (n, r.get("why", "")) for r in rows for what, n in r["never"].items()
+    }
+
+
+def reasons() -> dict[tuple, str]:
+    return {key: why for key, (_, why) in listed("unreachable").items()}
+
+
+def page(
+    data: dict,
+    branches: dict,
+    decisions: dict,
+    found: dict,
+    known: dict,
+    clang: str,
+    programs: int,
+    unmeasured: list[str],
+) -> str:
+    files = {in_src(f["filename"]): f["summary"] for f in data["files"] if in_src(f["filename"])}
+    rows, total = [], Counter()
+
+    def share(part: int, of: int) -> str:
+        return f"{100 * part / of:.1f} %" if of else "-"
+
+    for file in sorted(files):
+        lines = files[file]["lines"]
+        outcomes = [o for (f, *_), pair in branches.items() if f == file for o in pair]
+        pairs = [o for (f, *_), seen in decisions.items() if f == file for o in seen]
+        excused = [(k, n) for k, n in found.items() if k[0] == file and k in known]
+        row = Counter(
+            lines=lines["count"],
+            covered=lines["covered"],
+            outcomes=len(outcomes),
+            taken=sum(outcomes),
+            pairs=len(pairs),
+            independent=sum(pairs),
+        )
+        row["no_branch"] = sum(n for k, n in excused if k[3] != "never decides alone")
+        row["no_pair"] = sum(n for k, n in excused if k[3] == "never decides alone")
+        total.update(row)
+        rows.append((file, row))
+    rows.append(("**all**", total))
+    version = run(clang, "--version").stdout.splitlines()[0]
+    out = [
+        "# What the unit tests run",
+        "",
+        f"`scripts/coverage.sh --write`; {version}, `{FLAGS}`, double; {programs} test programs.",
+        "Branches: both outcomes of every condition. MC/DC: conditions of decisions with more than one that were seen to decide",
+        "it alone. A condition in a macro counts once for each of its uses. *Reachable* leaves out what tests/proof/coverage.toml",
+        "says cannot be reached, with the reason (below).",
+        "",
+        "| file | lines | | branches | | reachable | MC/DC | | reachable |",
+        "|---|---|---|---|---|---|---|---|---|",
+    ]
+    for file, r in rows:
+        cells = [file.removeprefix("src/"), f"{r['covered']}/{r['lines']}", share(r["covered"], r["lines"])]
+        for part, of, excused in ("taken", "outcomes", "no_branch"), ("independent", "pairs", "no_pair"):
+            cells += [f"{r[part]}/{r[of]}", share(r[part], r[of]), share(r[part], r[of] - r[excused])]
+        out.append(f"| {' | '.join(cells)} |")
+    if unmeasured:
+        out += ["", f"Of these decisions clang measures branches only: {', '.join(unmeasured)}."]
+    unlisted = sorted(k for k in found if k not in known)
+    if unlisted:
+        out += ["", "## Not covered, without a reason", ""] + [f"- {f}, {fn}: `{c}` {w}" for f, fn, c, w in unlisted]
+    out += [
+        "",
+        "## What cannot be reached, and why",
+        "",
+        "| file | function | condition | never | why |",
+        "|---|---|---|---|---|",
+    ]
+    grouped: dict[tuple, list] = defaultdict(list)
+    for k in sorted(found):
+        if k in known:
+            grouped[(*k[:3], known[k])].append(
+                k[3].removeprefix("never ") + (f" ({found[k]} uses)" if found[k] > 1 else "")
+            )
+    for (file, function, condition, why), never in grouped.items():
+        shown = condition.replace("|", "\\|")
+        out.append(f"| {file.removeprefix('src/')} | {function} | `{shown}` | {', '.join(never)} | {why} |")
+    return "\n".join(out) + "\n"
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--write", action="store_true", help=f"make {REPORT.relative_to(ROOT)} anew")
+    parser.add_argument("--toml", action="store_true", help="print what is missing as rows for coverage.toml")
+    given = parser.parse_args()
+    clang = compiler()
+    if not clang:
+        print("coverage: skipped, no clang of 19 or later with its llvm-profdata is installed (scripts/setup.sh proof)")
+        return 0
+    data, programs, unmeasured = measured(clang)
+    branches, decisions = collected(data)
+    found, known = gaps(branches, decisions), reasons()
+    expected = {k: n for table in ("unreachable", "open") for k, (n, _) in listed(table).items()}
+    unlisted = sorted(k for k in found if found[k] > expected.get(k, 0))
+    gone = sorted(k for k in expected if found.get(k, 0) < expected[k])
+    text = page(data, branches, decisions, found, known, clang, programs, unmeasured)
+    if given.write:
+        REPORT.write_text(text)
+    if given.toml:
+        rows: dict[tuple, list[str]] = defaultdict(list)
+        for key in unlisted:
+            rows[key[:3]].append(f"{json.dumps(key[3])} = {found[key]}")
+        for (file, function, condition), never in rows.items():
+            print("[[open]]")
+            for name, value in (("file", file), ("function", function), ("condition", condition)):
+                print(f"{name} = {json.dumps(value)}")
+            print(f"never = {{ {', '.join(never)} }}\n")
+    else:
+        print(next(line for line in text.splitlines() if line.startswith("| **all**")))
+    for file, function, condition, what in [] if given.toml else unlisted:
+        print(
+            f"coverage: {file}: {function}: `{condition}` {what}: write a test, or the reason into tests/proof/coverage.toml",
+            file=sys.stderr,
+        )
+    for file, function, condition, what in gone:
+        print(
+            f"coverage: {file}: {function}: `{condition}` {what} stands in tests/proof/coverage.toml and is not so",
+            file=sys.stderr,
+        )
+    return 1 if unlisted or gone else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,223 @@
+"""MISRA C:2012 as cppcheck's addon sees it: hits by rule, and whether each stands in a deviation.   scripts/misra.sh
+
+Rules are named by number; their texts are not ours to print. A deviation in misra.toml says which rule, in which files, on which
+lines (a pattern), and why. A hit of a mandatory or required rule outside of them is a failure, and so is a deviation that nothing
+needs.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+import shutil
+import subprocess
+import sys
+from collections import Counter, defaultdict
+from fnmatch import fnmatch
+from pathlib import Path
+
+import tomllib
+
+HERE = Path(__file__).resolve().parent
+ROOT = HERE.parents[1]
+REPORT = ROOT / "scripts" / "results" / "misra.md"
+DEVIATIONS = HERE / "misra.toml"
+# Categories of the rules that are not "required" (MISRA C:2012 with amendment 1).
+MANDATORY = {
+    "9.1",
+    "12.5",
+    "13.6",
+    "17.3",
+    "17.4",
+    "17.6",
+    "19.1",
+    "21.13",
+    "21.17",
+    "21.18",
+    "21.19",
+    "21.20",
+    "22.2",
+    "22.4",
+    "22.5",
+    "22.6",
+}
+ADVISORY = {
+    "1.2",
+    "2.3",
+    "2.4",
+    "2.5",
+    "2.6",
+    "2.7",
+    "4.2",
+    "5.9",
+    "8.7",
+    "8.9",
+    "8.11",
+    "8.13",
+    "10.5",
+    "11.4",
+    "11.5",
+    "12.1",
+    "12.3",
+    "12.4",
+    "13.3",
+    "13.4",
+    "15.1",
+    "15.4",
+    "15.5",
+    "17.5",
+    "17.8",
+    "18.4",
+    "18.5",
+    "19.2",
+    "20.1",
+    "20.5",
+    "20.10",
+    "21.12",
+}
+DEFINES = ["-DTSE_REAL_DOUBLE=1", "-DTSE_MAX_PARTICLES=512"]
+SHORT = [
+    "src/estimator/input.c",
+    "src/estimator/hypotheses/step.c",
+    "src/estimator/paper/resample.c",
+    "src/host/learnt.c",
+]  # for the tests
+
+
+def category(rule: str) -> str:
+    return "mandatory" if rule in MANDATORY else "advisory" if rule in ADVISORY else "required"
+
+
+def hits(files: list[str]) -> set[tuple[str, str, int]]:
+    """(rule, file, line) of each."""
+    command = [
+        "cppcheck",
+        "--addon=misra",
+        "--std=c99",
+        "--enable=style",
+        "--inconclusive",
+        "-q",
+        "-Iinclude",
+        "-Isrc",
+        *DEFINES,
+        "--template={file}:{line}:{id}",
+        *files,
+    ]
+    said = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    found = set()
+    for line in said.stderr.splitlines() + said.stdout.splitlines():
+        if m := re.fullmatch(r"(.+):(\d+):misra-c2012-(\d+\.\d+)", line):
+            found.add((m.group(3), m.group(1), int(m.group(2))))
+    if not found:
+        raise SystemExit(f"misra: cppcheck and its addon said nothing at all\n{said.stderr[-2000:]}")
+    return found
+
+
+def deviations() -> list[dict]:
+    return tomllib.loads(DEVIATIONS.read_text())["deviation"]
+
+
+def excused(hit: tuple[str, str, int], rows: list[dict], lines: dict[str, list[str]]) -> int | None:
+    rule, file, line = hit
+    text = lines.setdefault(file, (ROOT / file).read_text().splitlines())
+    shown = text[line - 1] if 0 < line <= len(text) else ""
+    for k, row in enumerate(rows):
+        if (
+            rule in row["rules"]
+            and any(fnmatch(file, f) for f in row.get("files", ["*"]))
+            and re.search(row.get("line", ""), shown)
+        ):
+            return k
+    return None
+
+
+def judged(files: list[str]) -> tuple[list, Counter, dict, set]:
+    """(hits without a deviation, hits by deviation, counts by rule, hits)"""
+    rows, lines, found = deviations(), {}, hits(files)
+    without, used, by_rule = [], Counter(), defaultdict(Counter)
+    for hit in sorted(found, key=lambda h: ([int(x) for x in h[0].split(".")], h[1:])):
+        row = excused(hit, rows, lines)
+        by_rule[hit[0]]["all"] += 1
+        if row is None:
+            without.append(hit)
+            by_rule[hit[0]]["without"] += 1
+        else:
+            used[row] += 1
+    return without, used, by_rule, found
+
+
+def page(without: list, used: Counter, by_rule: dict) -> str:
+    version = subprocess.run(["cppcheck", "--version"], capture_output=True, text=True).stdout.strip()
+    sums = {
+        c: [sum(n[k] for r, n in by_rule.items() if category(r) == c) for k in ("all", "without")]
+        for c in ("mandatory", "required", "advisory")
+    }
+    out = [
+        "# MISRA C:2012",
+        "",
+        f"`scripts/misra.sh --write`; {version} with its addon, double, src/ and include/. A line that breaks a rule counts once.",
+        "",
+        "| category | hits | without a deviation |",
+        "|---|---|---|",
+    ]
+    out += [f"| {c} | {a} | {w} |" for c, (a, w) in sums.items()]
+    out += ["", "| rule | category | hits | without a deviation |", "|---|---|---|---|"]
+    out += [f"| {r} | {category(r)} | {n['all']} | {n['without']} |" for r, n in by_rule.items()]
+    out += [
+        "",
+        "## Deviations (tests/proof/misra.toml)",
+        "",
+        "| rules | where | on lines with | hits | why |",
+        "|---|---|---|---|---|",
+    ]
+    for k, row in enumerate(deviations()):
+        line = row.get("line", "")
+        shown = f"`{line}`".replace("|", "\\|") if line else "any"
+        out.append(
+            f"| {', '.join(row['rules'])} | {', '.join(row.get('files', ['all']))} | {shown} | {used[k]} | {row['why']} |"
+        )
+    left = [h for h in without if category(h[0]) == "advisory"]
+    if left:
+        out += ["", f"## Advisory, neither followed nor deviated from: {len(left)}", ""]
+        by = Counter(h[0] for h in left)
+        out.append(", ".join(f"{r} ({n})" for r, n in by.items()))
+    return "\n".join(out) + "\n"
+
+
+def failures(without: list) -> list[str]:
+    return [
+        f"{file}:{line}: rule {rule} ({category(rule)}), in no deviation"
+        for rule, file, line in without
+        if category(rule) != "advisory"
+    ]
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--write", action="store_true", help=f"make {REPORT.relative_to(ROOT)} anew")
+    parser.add_argument("files", nargs="*", help="default: all of src/")
+    given = parser.parse_args()
+    if not shutil.which("cppcheck"):
+        print("misra: skipped, cppcheck is not installed (scripts/setup.sh proof)")
+        return 0
+    every = sorted(p.relative_to(ROOT).as_posix() for p in (ROOT / "src").rglob("*.c"))
+    without, used, by_rule, found = judged(given.files or every)
+    if given.write:
+        REPORT.write_text(page(without, used, by_rule))
+    wrong = failures(without)
+    if not given.files:
+        wrong += [
+            f"deviation {row['rules']} in {row.get('files', ['all'])} is of no use"
+            for k, row in enumerate(deviations())
+            if not used[k]
+        ]
+    for line in wrong:
+        print(f"misra: {line}", file=sys.stderr)
+    print(
+        f"misra: {len(found)} hits of {len(by_rule)} rules; {len(wrong)} of mandatory or required rules without a deviation"
+    )
+    return 1 if wrong else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,496 @@
+"""How many small faults in the core do the unit tests and the golden replay find?   scripts/mutation.sh
+
+A fault is one token changed, or one statement left out (KINDS), in src/estimator, src/model or src/number. Each is compiled, and
+the tests are run until one fails: the file's own first, then the others, quickest first. Not counted: faults that do not compile,
+and those that a compiler translates to the very bytes of the original (Papadakis et al., ICSE 2015). What survives stands in the
+report by file and line; a survivor that no test could find stands in mutation.toml with the reason.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import os
+import random
+import re
+import shutil
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import tomllib
+
+HERE = Path(__file__).resolve().parent
+ROOT = HERE.parents[1]
+SRC = ROOT / "src"
+REPORT = ROOT / "scripts" / "results" / "mutation.md"
+EQUIVALENT = HERE / "mutation.toml"
+UNITY = Path(os.environ.get("TSE_UNITY", ROOT / ".venv" / "share" / "unity")) / "src"
+FOLDERS = ("estimator", "model", "number")
+FLAGS = [
+    "-std=c99",
+    "-O1",
+    "-w",
+    "-ffp-contract=off",
+    "-fno-math-errno",
+    "-fno-trapping-math",
+    "-DTSE_MAX_PARTICLES=512",
+]
+LEAST_TIME = 10.0  # s: a test that takes longer, and ten times longer than without the fault, runs for ever
+
+SWAPS = {  # operator: what takes its place
+    "relation": {"<": ["<=", ">="], ">": [">=", "<="], "<=": ["<", ">"], ">=": [">", "<"], "==": ["!="], "!=": ["=="]},
+    "logic": {"&&": ["||"], "||": ["&&"]},
+    "arithmetic": {
+        "+": ["-"],
+        "-": ["+"],
+        "*": ["/"],
+        "/": ["*"],
+        "%": ["*"],
+        "<<": [">>"],
+        ">>": ["<<"],
+        "&": ["|"],
+        "|": ["&"],
+        "^": ["|"],
+    },
+    "assignment": {
+        "+=": ["-="],
+        "-=": ["+="],
+        "++": ["--"],
+        "--": ["++"],
+        "|=": ["&="],
+        "&=": ["|="],
+        "^=": ["|="],
+        "*=": ["/="],
+    },
+    "call": {
+        "r_mul": ["r_div"],
+        "r_div": ["r_mul"],
+        "r_min": ["r_max"],
+        "r_max": ["r_min"],
+        "r_add_sat": ["r_sub_sat"],
+        "r_abs": [""],
+        "r_sqrt": [""],
+        "r_sqr": [""],
+        "r_exp2": ["r_log2"],
+        "r_log2": ["r_exp2"],
+    },
+}
+KINDS = [*SWAPS, "number", "negation", "condition", "statement"]
+TOKEN = re.compile(
+    r"(?P<skip>/\*.*?\*/|//[^\n]*|\"(?:\\.|[^\"\\])*\"|'(?:\\.|[^'\\])*'|\s+)"
+    r"|(?P<number>0[xX][0-9a-fA-F]+[uUlL]*|(?:\d+\.\d*|\.\d+|\d+)(?:[eE][-+]?\d+)?[uUlLfF]*)"
+    r"|(?P<name>[A-Za-z_]\w*)"
+    r"|(?P<op><<=|>>=|\+\+|--|->|<=|>=|==|!=|&&|\|\||<<|>>|[-+*/%&|^]=|.)",
+    re.S,
+)
+
+
+@dataclass(frozen=True)
+class Fault:
+    file: str  # below src
+    at: int  # first character that is replaced
+    end: int
+    new: str
+    kind: str
+    line: int
+    old: str
+
+    @property
+    def text(self) -> str:
+        return f"`{' '.join(self.old.split())}` becomes `{' '.join(self.new.split()) or 'nothing'}`"
+
+
+def directives_blanked(text: str) -> str:
+    """Preprocessor lines as blanks: a fault in one would be a fault of another program. Constants of one line are kept."""
+    out, more = [], False
+    for line in text.splitlines(keepends=True):
+        constant = re.match(r"#define [A-Z_0-9]+ +(TSE_R\([-0-9.e]+\)|[0-9]+)\s", line)
+        directive = more or (re.match(r"\s*#", line) and not constant)
+        more = bool(directive) and line.rstrip().endswith("\\")
+        out.append(
+            re.sub(r"[^\n]", " ", line) if directive else re.sub(r"^#define \w+", lambda m: " " * len(m.group()), line)
+        )
+    return "".join(out)
+
+
+def closing(tokens: list, start: int) -> int:
+    depth = 0
+    for i in range(start, len(tokens)):
+        depth += (tokens[i][1] == "(") - (tokens[i][1] == ")")
+        if not depth:
+            return i
+    return -1
+
+
+def faults_of(name: str) -> list[Fault]:
+    whole = (SRC / name).read_text()
+    text = directives_blanked(whole)
+    tokens = [(m.lastgroup, m.group(), m.start(), m.end()) for m in TOKEN.finditer(text) if m.lastgroup != "skip"]
+    found: list[Fault] = []
+
+    def add(kind: str, at: int, end: int, new: str) -> None:
+        found.append(Fault(name, at, end, new, kind, whole.count("\n", 0, at) + 1, whole[at:end]))
+
+    depth = 0
+    for i, (group, token, at, end) in enumerate(tokens):
+        before = tokens[i - 1] if i else ("op", ";", 0, 0)
+        depth += (token == "{") - (token == "}")
+        operand = (before[0] in ("number", "name") and before[1] not in ("return", "const", "case")) or before[1] in (
+            ")",
+            "]",
+        )
+        for kind, swaps in SWAPS.items():
+            if token in swaps and (kind in ("call", "logic") or group == "op"):
+                if (kind in ("relation", "arithmetic") and not operand) or not depth:
+                    continue
+                if kind == "call" and not (i + 1 < len(tokens) and tokens[i + 1][1] == "("):
+                    continue
+                for new in swaps[token]:
+                    add(kind, at, end, new)
+        if group == "number" and before[1] != "[" and not re.match(r"0[xX]", token):
+            value = re.match(r"[0-9.]+(?:[eE][-+]?\d+)?", token).group()
+            rest = token[len(value) :]
+            if re.fullmatch(r"\d+", value):
+                add("number", at, end, f"{int(value) + 1}{rest}")
+                if int(value) > 0:
+                    add("number", at, end, f"{int(value) - 1}{rest}")
+            else:
+                add("number", at, end, f"{float(value) * 1.25:.17g}{rest}")
+        if token == "!" and depth:
+            add("negation", at, end, "")
+        if group == "name" and token in ("if", "while") and depth and tokens[i + 1][1] == "(":
+            close = closing(tokens, i + 1)
+            inner = whole[tokens[i + 1][3] : tokens[close][2]]
+            add("condition", tokens[i + 1][3], tokens[close][2], f"!({inner})")
+            if token == "if":
+                add("condition", tokens[i + 1][3], tokens[close][2], "0")
+                add("condition", tokens[i + 1][3], tokens[close][2], "1")
+        # a statement that is an expression: begins after ; { } ) else, is no declaration, ends with ;
+        if depth and (group == "name" or token in ("++", "--")) and before[1] in (";", "{", "}", ")", "else"):
+            found.extend(statement(name, whole, tokens, i))
+    return found
+
+
+WORDS = {
+    "if",
+    "for",
+    "while",
+    "do",
+    "switch",
+    "case",
+    "default",
+    "return",
+    "break",
+    "continue",
+    "const",
+    "static",
+    "enum",
+    "struct",
+    "typedef",
+    "int",
+    "int32_t",
+    "uint32_t",
+    "uint64_t",
+    "uint8_t",
+    "tse_real",
+    "tse_acc",
+    "tse_setting",
+    "else",
+    "char",
+    "double",
+    "float",
+}
+
+
+def statement(name: str, whole: str, tokens: list, start: int) -> list[Fault]:
+    if tokens[start][1] in WORDS or (tokens[start][0] == "name" and tokens[start + 1][0] == "name"):
+        return []
+    depth = 0
+    for i in range(start, len(tokens)):
+        token = tokens[i][1]
+        depth += (token in "([") - (token in ")]")
+        if depth < 0 or token in ("{", "}", "?"):
+            return []
+        if token == ";" and not depth:
+            old = whole[tokens[start][2] : tokens[i][2]]
+            if not re.search(r"[^=!<>]=[^=]|\(|\+\+|--", old) or (tokens[start + 1][1] == "*"):
+                return []
+            return [
+                Fault(
+                    name,
+                    tokens[start][2],
+                    tokens[i][2],
+                    "",
+                    "statement",
+                    whole.count("\n", 0, tokens[start][2]) + 1,
+                    old,
+                )
+            ]
+    return []
+
+
+def sources() -> list[str]:
+    listed = re.search(r"add_library\(tse\s([^)]*)\)", (SRC / "CMakeLists.txt").read_text()).group(1)
+    return [x for x in re.sub(r"#.*", "", listed).split() if x.endswith(".c")]
+
+
+def core_files() -> list[str]:
+    files = sorted(
+        p.relative_to(SRC).as_posix() for d in FOLDERS for p in (SRC / d).rglob("*") if p.suffix in {".c", ".h"}
+    )
+    return [f for f in files if not f.startswith("host/")]
+
+
+class Bench:
+    """Objects and tests, compiled once; what a fault touches is compiled again."""
+
+    def __init__(self, work: Path, compiler: str) -> None:
+        self.work, self.cc = work, compiler
+        for part in ("obj", "test", "run", "over"):
+            (work / part).mkdir(parents=True, exist_ok=True)
+        self.include = [f"-I{ROOT}/include", f"-I{SRC}"]
+        self.for_tests = [f"-I{ROOT}/tests/{d}" for d in ("unit", "reference", "replay")] + [
+            f"-I{UNITY}",
+            "-DUNITY_INCLUDE_DOUBLE",
+        ]
+        self.tests = {}
+        for path in sorted((ROOT / "tests" / "unit").rglob("test_*.c")):
+            if path.stem in ("test_ekf", "test_describe", "test_simulate", "test_replay_log"):
+                continue  # not of the core
+            name = path.stem.replace("test_", "test_hypotheses_") if "hypotheses" in path.parts else path.stem
+            self.tests[name] = path
+        self.includes = {
+            name: set(re.findall(r'#include "([^"]+\.c)"', path.read_text())) for name, path in self.tests.items()
+        }
+        self.seconds: dict[str, float] = {}
+        self.library = work / "obj" / "libtse.a"
+
+    def compile(self, source: Path, out: Path, over: Path | None = None, test: bool = False) -> bool:
+        first = [f"-I{over}"] if over else []
+        command = [
+            self.cc,
+            *FLAGS,
+            *first,
+            *self.include,
+            *(self.for_tests if test else []),
+            "-c",
+            str(source),
+            "-o",
+            str(out),
+        ]
+        return subprocess.run(command, capture_output=True).returncode == 0
+
+    def objects(self) -> dict[str, Path]:
+        return {s: self.work / "obj" / (s.replace("/", "_") + ".o") for s in sources()}
+
+    def prepare(self) -> None:
+        for source, out in self.objects().items():
+            if not self.compile(SRC / source, out):
+                raise SystemExit(f"mutation: {source} does not compile")
+        self.archive(self.library, list(self.objects().values()))
+        if not self.compile(UNITY / "unity.c", self.work / "test" / "unity.o", test=True):
+            raise SystemExit(f"mutation: no Unity in {UNITY}: run scripts/setup.sh")
+        for name, path in self.tests.items():
+            if not self.compile(path, self.work / "test" / f"{name}.o", test=True):
+                raise SystemExit(f"mutation: {name} does not compile")
+            began = time.monotonic()
+            if self.run(name, self.library, self.work / "test" / f"{name}.o") != "passed":
+                raise SystemExit(f"mutation: {name} fails without any fault")
+            self.seconds[name] = time.monotonic() - began
+
+    def archive(self, out: Path, objects: list[Path]) -> None:
+        """A library, because a test that includes a source must not get its object, too."""
+        subprocess.run(["ar", "rcsD", str(out), *map(str, objects)], check=True)
+
+    def run(self, name: str, library: Path, test: Path) -> str:
+        program = self.work / "run" / name
+        link = [self.cc, str(test), str(self.work / "test" / "unity.o"), str(library), "-lm", "-o", str(program)]
+        if subprocess.run(link, capture_output=True).returncode:
+            return "failed"
+        limit = max(LEAST_TIME, 10 * self.seconds.get(name, 30.0))
+        try:
+            done = subprocess.run([str(program)], cwd=ROOT / "tests", capture_output=True, timeout=limit)
+        except subprocess.TimeoutExpired:
+            return "failed"
+        return "failed" if done.returncode else "passed"
+
+    def order(self, name: str) -> list[str]:
+        stem, hypotheses = Path(name).stem, "hypotheses" in name
+        own = {f"test_{'hypotheses_' if hypotheses else ''}{stem}", f"test_{stem}"}
+        if "effects" in name or stem == "integrator":
+            own |= {"test_effect_forces", "test_effect_linear"}
+        return sorted(self.tests, key=lambda t: (t not in own, t != "test_replay" and self.seconds[t]))
+
+    def users(self, header: str) -> list[str]:
+        """Sources that include it, by way of others too."""
+        wanted, grown = {header}, True
+        texts = {p.relative_to(SRC).as_posix(): p.read_text() for p in SRC.rglob("*") if p.suffix in {".c", ".h"}}
+        while grown:
+            more = {n for n, t in texts.items() if n not in wanted and any(f'"{w}"' in t for w in wanted)}
+            if any(w.startswith("model/effects/") for w in wanted):
+                more |= {"model/effects_acting.h"} - wanted
+            grown, wanted = bool(more), wanted | more
+        return [s for s in sources() if s in wanted]
+
+    def judge(self, fault: Fault) -> str:
+        """stillborn, same (the very bytes), found, or survived."""
+        over = self.work / "over"
+        changed = over / fault.file
+        changed.parent.mkdir(parents=True, exist_ok=True)
+        text = (SRC / fault.file).read_text()
+        changed.write_text(text[: fault.at] + fault.new + text[fault.end :])
+        objects, header, others = self.objects(), fault.file.endswith(".h"), []
+        users = self.users(fault.file) if header else [fault.file]
+        library = over / "libtse.a"
+        shutil.copy(self.library, library)
+        try:
+            for source in users:
+                out = over / objects[source].name
+                if not self.compile(SRC / source if header else changed, out, over):
+                    return "stillborn"
+                if out.read_bytes() != objects[source].read_bytes():
+                    others.append(out)
+            if others:
+                self.archive(library, others)
+            differs = bool(others)
+            for name in self.order(fault.file):
+                test = self.work / "test" / f"{name}.o"
+                if header or self.includes[name] & set(users):
+                    again = over / f"{name}.o"
+                    if not self.compile(self.tests[name], again, over, test=True):
+                        return "stillborn"
+                    if again.read_bytes() == test.read_bytes() and not others:
+                        continue  # this test sees nothing of it
+                    differs, test = True, again
+                elif not others:
+                    continue
+                if self.run(name, library, test) == "failed":
+                    return "found"
+            return "survived" if differs else "same"
+        finally:
+            changed.unlink()
+
+
+def sampled(faults: list[Fault], count: int, seed: int) -> list[Fault]:
+    """Each fault as likely as any other, so that the interval is one of all of them."""
+    return random.Random(seed).sample(faults, min(count, len(faults)))
+
+
+def wilson(k: int, n: int) -> tuple[float, float]:
+    """95 % interval of a share."""
+    if not n:
+        return 0.0, 1.0
+    z, p = 1.959964, k / n
+    middle, half = p + z * z / (2 * n), z * math.sqrt(p * (1 - p) / n + z * z / (4 * n * n))
+    return (middle - half) / (1 + z * z / n), (middle + half) / (1 + z * z / n)
+
+
+def key_of(fault: Fault) -> str:
+    """Of a fault, wherever its line has moved to."""
+    line = (SRC / fault.file).read_text().splitlines()[fault.line - 1].strip()
+    return f"{fault.file} | {line} | {fault.old} -> {fault.new}"
+
+
+def equivalent() -> dict[str, str]:
+    return (
+        {row["fault"]: row["why"] for row in tomllib.loads(EQUIVALENT.read_text()).get("equivalent", [])}
+        if EQUIVALENT.exists()
+        else {}
+    )
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--all", action="store_true", help="every fault there is (hours)")
+    parser.add_argument("--count", type=int, default=300)
+    parser.add_argument("--seed", type=int, default=14)
+    parser.add_argument("--only", help="files of which the path contains this")
+    parser.add_argument("--compiler", default="gcc")
+    parser.add_argument("--write", action="store_true", help=f"make {REPORT.relative_to(ROOT)} anew")
+    parser.add_argument("--list", action="store_true", help="say the faults and stop")
+    parser.add_argument(
+        "--seconds", type=float, default=math.inf, help="stop after so long; the report says how many were judged"
+    )
+    given = parser.parse_args()
+
+    faults = [f for name in core_files() if not given.only or given.only in name for f in faults_of(name)]
+    chosen = faults if given.all else sampled(faults, given.count, given.seed)
+    if given.list:
+        for f in chosen:
+            print(f"{f.file}:{f.line}: {f.kind}: {f.text}")
+        print(f"{len(chosen)} of {len(faults)}")
+        return 0
+    bench = Bench(ROOT / "build" / "mutation", given.compiler)
+    bench.prepare()
+    print(
+        f"mutation: {len(chosen)} of {len(faults)} faults; all tests take {sum(bench.seconds.values()):.0f} s",
+        flush=True,
+    )
+    known, began, verdicts = equivalent(), time.monotonic(), []
+    for fault in chosen:
+        if time.monotonic() - began > given.seconds:
+            break
+        verdict = "known" if key_of(fault) in known else bench.judge(fault)
+        verdicts.append((fault, verdict))
+        if verdict == "survived":
+            print(f"survived: {fault.file}:{fault.line}: {fault.kind}: {fault.text}", flush=True)
+    page, share = report(given, len(faults), verdicts, known, bench)
+    print(page)
+    if given.write:
+        REPORT.write_text(page)
+    return 0 if share >= 0.9 else 1
+
+
+def report(
+    given, total: int, verdicts: list[tuple[Fault, str]], known: dict[str, str], bench: Bench
+) -> tuple[str, float]:
+    def count(verdict: str, chosen=verdicts) -> int:
+        return sum(v == verdict for _, v in chosen)
+
+    found, survived = count("found"), count("survived")
+    low, high = wilson(found, found + survived)
+    share = found / max(1, found + survived)
+    version = subprocess.run([given.compiler, "--version"], capture_output=True, text=True).stdout.splitlines()[0]
+    command = "scripts/mutation.sh --write" + (" --all" if given.all else f" --count {given.count} --seed {given.seed}")
+    lines = [
+        "# Mutation score of the core",
+        "",
+        f"`{command}`; {version}, -O1, double. {len(verdicts)} of {total} faults in src/estimator, src/model and src/number,",
+        f"drawn with a seed; {len(bench.tests)} test programs, the golden replay among them.",
+        "",
+        f"**{found} of {found + survived} found: {100 * share:.1f} %, 95 % interval {100 * low:.1f} .. {100 * high:.1f} %.**",
+        f"Not counted: {count('stillborn')} that do not compile, {count('same')} that compile to the same bytes,",
+        f"{count('known')} that no test could find (below).",
+        "",
+        "| kind | found | survived |",
+        "|---|---|---|",
+    ]
+    for kind in KINDS:
+        own = [x for x in verdicts if x[0].kind == kind]
+        lines.append(f"| {kind} | {count('found', own)} | {count('survived', own)} |")
+    lines += ["", "## Survivors", "", "| file and line | kind | fault |", "|---|---|---|"]
+    lines += [
+        f"| src/{f.file}:{f.line} | {f.kind} | {f.text.replace('|', chr(92) + '|')} |"
+        for f, v in sorted(verdicts, key=lambda x: (x[0].file, x[0].at))
+        if v == "survived"
+    ]
+    lines += [
+        "",
+        "## Drawn, and found by no test that there could be (tests/proof/mutation.toml)",
+        "",
+        "| file and line | fault | why |",
+        "|---|---|---|",
+    ]
+    lines += [
+        f"| src/{f.file}:{f.line} | {f.text.replace('|', chr(92) + '|')} | {known[key_of(f)]} |"
+        for f, v in sorted(verdicts, key=lambda x: (x[0].file, x[0].at))
+        if v == "known"
+    ]
+    return "\n".join(lines) + "\n", share
+
+
+if __name__ == "__main__":
+    sys.exit(main())

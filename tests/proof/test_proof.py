@@ -1,0 +1,83 @@
+"""The short parts of scripts/misra.sh, eva.sh, coverage.sh and mutation.sh; skipped where a tool is not installed."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+from pathlib import Path
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+
+import coverage
+import eva
+import misra
+import mutation
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.mark.skipif(not shutil.which("cppcheck"), reason="cppcheck is not installed (scripts/setup.sh proof)")
+def test_no_required_misra_rule_is_broken_outside_the_deviations():
+    """Of a file of each folder, and the headers they include; scripts/misra.sh looks at all."""
+    without, _, _, found = misra.judged(misra.SHORT)
+    assert len(found) > 100
+    assert not misra.failures(without)
+
+
+@pytest.mark.skipif(not shutil.which("cppcheck"), reason="cppcheck is not installed (scripts/setup.sh proof)")
+def test_a_new_misra_hit_is_seen(tmp_path):
+    broken = tmp_path / "broken.c"
+    broken.write_text("extern int octal;\nint octal = 017;\n")
+    hit = {h for h in misra.hits([str(broken)]) if h[0] == "7.1"}
+    assert len(hit) == 1 and misra.category("7.1") == "required"
+    rule, _, line = hit.pop()
+    assert misra.failures([(rule, "src/broken.c", line)])
+
+
+def test_deviations_explanations_and_reasons_say_why():
+    said = [row["why"] for row in (*misra.deviations(), *eva.explanations())]
+    said += [*coverage.reasons().values(), *mutation.equivalent().values()]
+    assert said and all(len(why) > 20 for why in said)
+
+
+def test_what_cannot_be_covered_is_still_in_the_source():
+    """A reason for a condition that is gone is of no use."""
+    for file, function, condition, _ in coverage.reasons():
+        text = " ".join((ROOT / file).read_text().replace("\\\n", " ").split())
+        assert function.removeprefix("tse_") in text, (file, function)
+        assert " ".join(condition.split()) in text or condition.startswith("condition "), (file, condition)
+
+
+def test_faults_without_a_test_are_still_in_the_source():
+    for fault in mutation.equivalent():
+        file, rest = fault.split(" | ", 1)
+        line = rest.rsplit(" | ", 1)[0]
+        assert line in (mutation.SRC / file).read_text(), fault
+
+
+@pytest.mark.skipif(
+    not shutil.which("gcc") or not (mutation.UNITY / "unity.c").exists(),
+    reason="no gcc, or no Unity (scripts/setup.sh)",
+)
+def test_a_fault_is_found_and_one_that_changes_nothing_is_not(tmp_path):
+    """The machine of the mutation score, on one small file."""
+    bench = mutation.Bench(tmp_path, "gcc")
+    bench.tests = {"test_start": bench.tests["test_start"]}
+    bench.prepare()
+    file = "estimator/paper/start.c"
+    text = (mutation.SRC / file).read_text()
+    at = text.index("TSE_R(0.5)")
+    wrong = mutation.Fault(file, at, at + len("TSE_R(0.5)"), "TSE_R(0.25)", "number", 0, "TSE_R(0.5)")
+    same = mutation.Fault(file, at, at + len("TSE_R(0.5)"), "TSE_R(0.50)", "number", 0, "TSE_R(0.5)")
+    stillborn = mutation.Fault(file, at, at + len("TSE_R(0.5)"), "nonsense", "number", 0, "TSE_R(0.5)")
+    assert [bench.judge(f) for f in (wrong, same, stillborn)] == ["found", "same", "stillborn"]
+
+
+@pytest.mark.skipif(not shutil.which("frama-c"), reason="frama-c is not installed (scripts/setup.sh proof)")
+@pytest.mark.parametrize("target", eva.SHORT)
+def test_no_alarm_without_an_explanation(target):
+    _, found, _ = eva.alarms(target, "double")
+    rows = eva.explanations()
+    assert not [a for a in found if eva.explained(a, rows) is None]
