@@ -22,14 +22,9 @@
   X(w,    3, "1",             "stiffness deviation drawn for the interval ahead")           \
   X(logw, 1, "log2",          "log-weight relative to the largest")
 
-/* The forms that a build knows: that of hypotheses does not fit Q11.20. */
-#if defined(TSE_REAL_Q20)
-#define TSE_FIRST_FORM 1
-#define TSE_DEFAULT_FORM 2
-#else
+/* The forms that a build knows, and the default. */
 #define TSE_FIRST_FORM 0
 #define TSE_DEFAULT_FORM 0
-#endif
 
 #define TSE_PARAMS_MAGIC 0x74736570u /* "tsep" */
 #define TSE_FILTER_MAGIC 0x74736566u /* "tsef" */

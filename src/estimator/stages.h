@@ -17,11 +17,7 @@
 #define report_particles  TSE_NAME(tse_report_particles)
 #define crc32_of          TSE_NAME(tse_crc32_of)
 
-#if defined(TSE_REAL_Q20)
-#define LONGEST_DT TSE_R(2047) /* s: what Q11.20 can say */
-#else
 #define LONGEST_DT TSE_R(3600) /* s */
-#endif
 #define STATE_VAR TSE_R(1e-18) /* (1e-9 m/s)^2: no state is known better; and no denormal numbers */
 
 #ifdef __cplusplus
