@@ -62,7 +62,8 @@ const tse_effect_parameter *tse_describe_effect_parameters(int32_t *count);
 typedef struct tse_build {
   const char *version, *format;
   int32_t capacity, filter_bytes, params_bytes, sim_bytes, learnt_bytes;
-  int32_t filter_paper_bytes; /* last, so that a host reads older libraries, too */
+  int32_t filter_paper_bytes;
+  int32_t fraction_bits; /* of a fixed-point number, behind the point; 0 else. Last, so that a host reads older libraries, too */
 } tse_build;
 void tse_describe_build(tse_build *b);
 
