@@ -166,6 +166,7 @@ typedef struct tse_repeats {
 
 typedef struct tse_bank {
   int32_t count, likeliest;             /* hypotheses alive: the first so many */
+  uint32_t saturated;                   /* times that a hypothesis, or a sample as it foretold it, left the range of the number format */
   tse_real seen;                        /* [s] of samples learnt from */
   tse_real score[TSE_KINDS], waited[TSE_KINDS]; /* [log2] evidence of late for a birth of each kind; [s] since the last try */
   tse_real gained[3];                   /* [1/s] what samples of late tell of each stiffness: inverse variance, relative */

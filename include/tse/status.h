@@ -28,7 +28,8 @@
   X(TSE_W_PREDICTED,         5, "no measurement, or inputs missing: predicted only") \
   X(TSE_W_GAP,               6, "time step too long to bridge: states restarted from the sensors, what was learnt is kept") \
   X(TSE_W_RECOVERED,         7, "what was believed explains the samples no more: started over (particles: part of them drawn anew)")\
-  X(TSE_W_WAITING,           8, "no step: channels that are logged later are awaited; estimates of the last step, or of the start")
+  X(TSE_W_WAITING,           8, "no step: channels that are logged later are awaited; estimates of the last step, or of the start") \
+  X(TSE_W_RANGE,             9, "a number left the range of the number format: the sample was not used by the hypothesis that held it, or it was dropped")
 
 typedef enum tse_status {
 #define X(name, code, text) name = code,

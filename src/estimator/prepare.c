@@ -319,12 +319,61 @@ static void prepare_effects(const tse_config *c, uint64_t mask, tse_params *p)
 #endif
 }
 
+#if defined(TSE_REAL_FIXED)
+/* What follows from the settings must leave the filter room: a covariance in sigma squared holds squares of these, up to
+ * FIXED_MOST, 2^27 (1.3e8). Steps of the format are 2e-10: what a row adds must be one at least. */
+#define MOST_GAIN TSE_R(131072)        /* sigma per unit of slip, 230 times the default car's: 10 % of slip and a stiffness off by 30 % */
+#define MOST_START TSE_R(4096)         /* sigma that a state may be off by at the start */
+#define MOST_BIAS_VAR TSE_R(16777216)  /* sigma^2, the same */
+#define MOST_NOISE TSE_R(65536)        /* noise_max squared: times FAULT_NOISE it is still a number */
+
+static int vanishes(tse_real rate, tse_real dt) { return rate > 0 && r_mul(rate, dt) == 0; }
+
+static tse_status fits(const tse_params *p, const tse_config *c, const char **wrong)
+{
+  const struct { tse_real value, most; const char *name; } row[] = {
+    { r_mul(p->kx_front + p->kx_rear, p->inv_sd[0]), MOST_GAIN, "accel_x_sd" },
+    { r_mul(r_max(p->ky_front, p->ky_rear), p->inv_sd[1]), MOST_GAIN, "accel_y_sd" },
+    { r_mul(p->x_sd0[2], p->inv_sd[2]), MOST_START, "yaw_rate_sd" },
+    { p->bias_var0[0], MOST_BIAS_VAR, "accel_x_bias_sd" }, { p->bias_var0[1], MOST_BIAS_VAR, "accel_y_bias_sd" },
+    { p->bias_var0[2], MOST_BIAS_VAR, "yaw_rate_bias_sd" }, { p->bias_walk[0], MOST_BIAS_VAR, "accel_x_bias_walk" },
+    { p->bias_walk[1], MOST_BIAS_VAR, "accel_y_bias_walk" }, { p->bias_walk[2], MOST_BIAS_VAR, "yaw_rate_bias_walk" },
+    { p->noise_max_var, MOST_NOISE, "noise_max" }, { r_mul(p->damping, p->max_step), MOST_GAIN, "yaw_inertia" },
+    { r_max(p->jf, p->jr), MOST_START, "yaw_inertia" },
+    { vanishes(p->steady_walk, c->sample_time) ? FIXED_MOST : 0, TSE_R(1), "steady_walk" },
+    { p->spread_var < (tse_real)64 ? FIXED_MOST : 0, TSE_R(1), "initial_spread" },
+  };
+  for (size_t i = 0; i < sizeof row / sizeof row[0]; i++)
+    if (row[i].value > row[i].most) {
+      if (wrong) *wrong = row[i].name;
+      return TSE_E_FORMAT;
+    }
+  return TSE_OK;
+}
+#endif
+
+static void constants_of(const tse_config *settings, tse_params *p);
+
 tse_status tse_prepare(const tse_config *settings, tse_params *p, const char **wrong)
 {
-  const tse_setting one = TSE_S(1);
   const tse_status status = tse_config_check(settings, wrong);
   if (status < 0) return status;
   if (!p) return TSE_E_NULL;
+#if defined(TSE_REAL_FIXED)
+  tse_params made;
+  constants_of(settings, &made);
+  const tse_status fit = fits(&made, settings, wrong);
+  if (fit < 0) return fit; /* p is unchanged */
+  *p = made;
+#else
+  constants_of(settings, p);
+#endif
+  return TSE_OK;
+}
+
+static void constants_of(const tse_config *settings, tse_params *p)
+{
+  const tse_setting one = TSE_S(1);
   const uint64_t mask = effects_on(settings);
   const tse_config car = car_of(settings, mask), *const c = &car;
 
@@ -427,7 +476,6 @@ tse_status tse_prepare(const tse_config *settings, tse_params *p, const char **w
   p->steady_walk = real_of(square(c->steady_walk));
   prepare_latencies(c, p);
   prepare_effects(c, mask, p);
-  return TSE_OK;
 }
 
 void tse_stiffness_si(const tse_config *c, const tse_output *y, tse_setting mean[3], tse_setting sd[3], tse_setting spread[3])

@@ -18,7 +18,11 @@
 #define crc32_of          TSE_NAME(tse_crc32_of)
 
 #define LONGEST_DT TSE_R(3600) /* s */
+#if defined(TSE_REAL_FIXED)
+#define STATE_VAR ((tse_real)4) /* steps of the format, (3e-5 m/s)^2: rounding must not leave a variance below 0 */
+#else
 #define STATE_VAR TSE_R(1e-18) /* (1e-9 m/s)^2: no state is known better; and no denormal numbers */
+#endif
 
 #ifdef __cplusplus
 extern "C" {
