@@ -8,7 +8,7 @@
 
 The files and the order in which they stand are those of src/CMakeLists.txt. The rows of a `.def` table are put where it is
 included. What another file of the library calls, and no user, becomes static: only the public API is visible. The options of
-CMakeLists.txt are macros: TSE_REAL_FLOAT, TSE_REAL_Q20, TSE_MAX_PARTICLES, TSE_LATENCY_ROWS, TSE_NO_EFFECTS, TSE_NO_PARTICLES,
+CMakeLists.txt are macros: TSE_REAL_FLOAT, TSE_REAL_FIXED, TSE_MAX_PARTICLES, TSE_LATENCY_ROWS, TSE_NO_EFFECTS, TSE_NO_PARTICLES,
 TSE_FORMULA; and TSE_NO_DESCRIBE, because in one file no linker leaves out what nobody asks for.
 The same sources and options give the same bytes. Needs Python only.
 """
@@ -26,7 +26,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 DROPIN = ROOT / "scripts" / "dropin"
-FORMATS = ("double", "float", "q20")
+FORMATS = ("double", "float", "fixed")
 INCLUDE = re.compile(r'^[ \t]*#[ \t]*include[ \t]+"([^"]+)"[^\n]*\n', re.M)
 C_PLUS_PLUS = re.compile(r'^#ifdef __cplusplus\n(?:extern "C" \{|\})\n#endif\n', re.M)
 ALIAS = re.compile(r"^#define (\w+) +TSE_NAME\(\w+\)\n", re.M)
@@ -312,7 +312,7 @@ HOW_TO_USE = """\
  *
  * Compile tse.c as C99 along with your program, with optimisation, and link sqrt (-lm). Options are macros; tse.c and whoever
  * includes tse.h need the same ones, because they change the layout of the structs:
- *   TSE_REAL_DOUBLE (default), TSE_REAL_FLOAT, TSE_REAL_Q20   number format; names of another format do not link
+ *   TSE_REAL_DOUBLE (default), TSE_REAL_FLOAT, TSE_REAL_FIXED   number format; names of another format do not link
  *   TSE_MAX_PARTICLES=512, TSE_LATENCY_ROWS=32                capacities
  *   TSE_NO_EFFECTS                                            without effects beyond the plain model, simulator and replay
  *   TSE_NO_PARTICLES                                          without the paper's and the sampled form, 16 kB of flash

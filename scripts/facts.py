@@ -21,7 +21,7 @@ ROOT = Path(__file__).resolve().parent.parent
 RESULTS = ROOT / "scripts" / "results"
 README = ROOT / "README.md"
 FMUS = ROOT / "build" / "fmu" / "fmu"
-FORMATS = ("double", "float", "q20")
+FORMATS = ("double", "float", "fixed")
 
 # Of the variables of each FMU: what a table in README lists one by one. Of the others it names the groups.
 MAIN = {
@@ -38,14 +38,13 @@ def output(*command: str | Path) -> str:
 def sizes() -> str:
     """Bytes that a caller provides, from tests/sizes.c compiled per format and capacity."""
     found: dict[int, dict[str, int]] = {}
-    for preset, real in zip(("release", "float", "q20"), FORMATS, strict=True):
+    for preset, real in zip(("release", "float", "fixed"), FORMATS, strict=True):
         output("cmake", "--preset", preset, f"-DFETCHCONTENT_SOURCE_DIR_UNITY={ROOT / '.venv/share/unity'}")
         text = output("cmake", "--build", "--preset", preset, "--target", "sizes")
         for capacity, size, large in re.findall(r"(\d+) particles: tse_filter +(\d+), tse_filter_paper +(\d+)", text):
             found.setdefault(0, {})[real] = int(size)
             found.setdefault(int(capacity), {})[real] = int(large)
-    found[0].pop("q20", None)  # has no form without particles
-    lines = ["| | double | float | q20 |", "|---|---:|---:|---:|"]
+    lines = ["| | double | float | fixed |", "|---|---:|---:|---:|"]
     for n, sizes in sorted(found.items()):
         name = f"`tse_filter_paper`, {n} particles" if n else "`tse_filter`: the default form"
         lines.append(f"| {name} | {' | '.join(f'{sizes[r]:,} B' if r in sizes else '-' for r in FORMATS)} |")

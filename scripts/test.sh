@@ -44,7 +44,7 @@ python_tests() {                     # in several processes; tests/conftest.py s
 }
 
 step ruff ruff
-for name in ${@:-dev release avx2 float q20 clang-dev clang-release clang-float clang-q20}; do
+for name in ${@:-dev release avx2 float fixed clang-dev clang-release clang-float clang-fixed}; do
   case $name in
     clang-*) command -v clang >/dev/null && command -v clang++ >/dev/null || { skip "$name" "clang and clang++ are not installed"; continue; } ;;
     avx2) grep -qs '^flags.* avx2 .*' /proc/cpuinfo || { skip "$name" "this processor has no AVX2"; continue; } ;;

@@ -1,6 +1,6 @@
 """What the static library refers to: no heap, no stdio, no mutable globals, of libm only its format's sqrt.
 
-    python3 check_symbols.py --nm NM [--objdump OBJDUMP] --real double|float|q20 libtse.a
+    python3 check_symbols.py --nm NM [--objdump OBJDUMP] --real double|float|fixed libtse.a
 
 Undefined symbols are compared with a list of what is allowed, so whatever is new shows up. On x86-64 the
 instructions are looked at too: a float library must not compute in double, a fixed-point one not in floating
@@ -14,8 +14,7 @@ import sys
 # The compiler may call the first five on its own (clang takes bcmp for a memcmp that asks for equality only, where the system has
 # it); some distributions switch on stack protection.
 ALLOWED = {"memcpy", "memmove", "memset", "memcmp", "bcmp", "__stack_chk_fail", "_GLOBAL_OFFSET_TABLE_"}
-LIBM = {"double": {"sqrt"}, "float": {"sqrtf"}, "q20": set()}
-PREPARE_Q20 = {"sqrt", "log", "log2", "exp", "exp2"}      # of the one file that computes in double
+LIBM = {"double": {"sqrt"}, "float": {"sqrtf"}, "fixed": set()}
 # How nm and objdump introduce an object file: 'a.c.o:', 'libtse.a[a.c.o]:', 'libtse.a(a.c.o):'
 MEMBER = re.compile(r"([^\s/()\[\]]+\.o(?:bj)?)[)\]]?:(?:$|\s+file format)")
 READ_ONLY = (".text", ".rodata", ".data.rel.ro", "__TEXT")
@@ -39,19 +38,12 @@ def symbols(nm, library):
             yield where, cells[0], cells[2], cells[6]
 
 
-def on_host(where, real):
-    """Fixed-point settings are turned into constants in double; that file may run on the host."""
-    return real == "q20" and where.startswith("prepare.")
-
-
 def wrong_symbols(rows, real):
     rows = list(rows)
     defined = {name for _, name, kind, _ in rows if kind not in "UwN"}
     for where, name, kind, section in rows:
         plain = name.removeprefix("_") if name.removeprefix("_") in LIBM[real] else name
         allowed = ALLOWED | LIBM[real]
-        if on_host(where, real):
-            allowed = allowed | PREPARE_Q20
         if kind == "U" and name not in defined and plain not in allowed:
             yield f"{where}: refers to {name}"
         if kind in "dDbBCsSgGcu" and not section.startswith(READ_ONLY):
@@ -59,7 +51,7 @@ def wrong_symbols(rows, real):
 
 
 def wrong_instructions(objdump, library, real):
-    pattern = {"float": DOUBLE, "q20": FLOATING}[real]
+    pattern = {"float": DOUBLE, "fixed": FLOATING}[real]
     where = function = ""
     seen = set()
     for line in run(objdump, "-d", "--no-show-raw-insn", library).splitlines():
@@ -67,7 +59,7 @@ def wrong_instructions(objdump, library, real):
             where = m.group(1)
         elif m := re.match(r"[0-9a-f]+ <(.+)>:", line):
             function = m.group(1)
-        elif (m := pattern.search(line)) and (where, function) not in seen and not on_host(where, real):
+        elif (m := pattern.search(line)) and (where, function) not in seen:
             seen.add((where, function))
             yield f"{where}: {function} computes in another format ({m.group(0)})"
 

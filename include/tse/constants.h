@@ -4,13 +4,6 @@
 
 #include "tse/real.h"
 
-/* Q11.20 has the table too, for what the host says of it: what does not fit is the largest that does. */
-#if defined(TSE_REAL_Q20)
-#define TSE_FITTING(x) TSE_R((x) > 2047.0 ? 2047.0 : (x) < -2047.0 ? -2047.0 : (x))
-#else
-#define TSE_FITTING(x) TSE_R(x)
-#endif
-
 /* A build that sweeps one constant says which, and by what factor: -DTSE_SWEEP=RATE_ROAD -DTSE_SWEEP_BY=2 (scripts/sweep.py). */
 #if defined(TSE_SWEEP)
 enum { TSE_ROW_NONE_
@@ -21,9 +14,9 @@ enum { TSE_ROW_NONE_
 #define TSE_PASTE_(a, b) a##b
 #define TSE_PASTE(a, b) TSE_PASTE_(a, b)
 #define CONSTANT(name, value, unit, why, test) \
-  static const tse_real name = TSE_FITTING((value) * ((int)TSE_ROW_##name == (int)TSE_PASTE(TSE_ROW_, TSE_SWEEP) ? (TSE_SWEEP_BY) : 1.0));
+  static const tse_real name = TSE_R((value) * ((int)TSE_ROW_##name == (int)TSE_PASTE(TSE_ROW_, TSE_SWEEP) ? (TSE_SWEEP_BY) : 1.0));
 #else
-#define CONSTANT(name, value, unit, why, test) static const tse_real name = TSE_FITTING(value);
+#define CONSTANT(name, value, unit, why, test) static const tse_real name = TSE_R(value);
 #endif
 #include "tse/constants.def"
 #undef CONSTANT

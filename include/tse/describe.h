@@ -16,9 +16,9 @@ extern "C" {
 
 typedef enum tse_struct {
   TSE_STRUCT_CONFIG, TSE_STRUCT_INPUT, TSE_STRUCT_OUTPUT,
-  TSE_STRUCT_SIM_CONFIG, TSE_STRUCT_SIM_INPUT, TSE_STRUCT_SIM_OUTPUT, /* simulator: absent (NULL) in q20 builds */
+  TSE_STRUCT_SIM_CONFIG, TSE_STRUCT_SIM_INPUT, TSE_STRUCT_SIM_OUTPUT, /* simulator: absent (NULL) in builds without effects */
   TSE_STRUCT_STATUS, TSE_STRUCT_REASON,  /* not structs: name, text, and the code in `offset` */
-  TSE_STRUCT_REPLAY_LOG, TSE_STRUCT_REPLAY_START, TSE_STRUCT_REPLAY_OUT, /* absent in q20 builds, as the simulator */
+  TSE_STRUCT_REPLAY_LOG, TSE_STRUCT_REPLAY_START, TSE_STRUCT_REPLAY_OUT, /* absent there, as the simulator */
   TSE_STRUCT_FORMULA_PLACE, TSE_STRUCT_FORMULA_OP, /* not structs: tse/formula.def, the code in `offset`; of an operation how many
                                                       operands it takes in `def`, and its kind as a letter n, s, p, m           */
   TSE_STRUCTS
@@ -62,7 +62,8 @@ const tse_effect_parameter *tse_describe_effect_parameters(int32_t *count);
 typedef struct tse_build {
   const char *version, *format;
   int32_t capacity, filter_bytes, params_bytes, sim_bytes, learnt_bytes;
-  int32_t filter_paper_bytes; /* last, so that a host reads older libraries, too */
+  int32_t filter_paper_bytes;
+  int32_t fraction_bits; /* of a fixed-point number, behind the point; 0 else. Last, so that a host reads older libraries, too */
 } tse_build;
 void tse_describe_build(tse_build *b);
 

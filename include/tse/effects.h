@@ -5,12 +5,8 @@
 
 #include "tse/real.h"
 
-/* Built without effects: fixed point, or a controller that wants the flash (CMake option TSE_EFFECTS). CONSTANT effects remain;
+/* Built without effects: a controller that wants the flash (CMake option TSE_EFFECTS). CONSTANT effects remain;
  * the others are refused by tse_config_check(). Then there is no simulator and no replay either. */
-#if defined(TSE_REAL_Q20) && !defined(TSE_NO_EFFECTS)
-#define TSE_NO_EFFECTS 1
-#endif
-
 enum { /* TSE_EFFECT_<id>: bit of an effect in tse_effects.mask */
 #define EFFECT(id, hook, title, entry, channels, alike, estimator) TSE_EFFECT_##id,
 #include "tse/effects.def"

@@ -22,14 +22,9 @@
   X(w,    3, "1",             "stiffness deviation drawn for the interval ahead")           \
   X(logw, 1, "log2",          "log-weight relative to the largest")
 
-/* The forms that a build knows: that of hypotheses does not fit Q11.20. */
-#if defined(TSE_REAL_Q20)
-#define TSE_FIRST_FORM 1
-#define TSE_DEFAULT_FORM 2
-#else
+/* The forms that a build knows, and the default. */
 #define TSE_FIRST_FORM 0
 #define TSE_DEFAULT_FORM 0
-#endif
 
 /* A build without the forms with particles is 16 kB smaller on a Cortex-M; their settings are refused there. */
 #if defined(TSE_NO_PARTICLES)
@@ -181,6 +176,7 @@ typedef struct tse_repeats {
 
 typedef struct tse_bank {
   int32_t count, likeliest;             /* hypotheses alive: the first so many */
+  uint32_t saturated;                   /* times that a hypothesis, or a sample as it foretold it, left the range of the number format */
   tse_real seen;                        /* [s] of samples learnt from */
   tse_real score[TSE_KINDS], waited[TSE_KINDS]; /* [log2] evidence of late for a birth of each kind; [s] since the last try */
   tse_real gained[3];                   /* [1/s] what samples of late tell of each stiffness: inverse variance, relative */

@@ -2,22 +2,24 @@
  *
  *   TSE_REAL_DOUBLE   IEEE 754 binary64 (default)
  *   TSE_REAL_FLOAT    IEEE 754 binary32
- *   TSE_REAL_Q20      Q11.20 fixed point in int32_t: range [-2048, 2048), resolution 2^-20
+ *   TSE_REAL_FIXED    fixed point in int64_t: 2^-TSE_FRACTION_BITS (32) resolution, results up to 2^27; no floating point anywhere
  *
  * The CMake target and the pkg-config file hand the choice to every consumer; a program that is
  * compiled with another choice than the library does not link, because public names carry the
  * format as a suffix (TSE_NAME below).
  *
  * tse_real    what the filter computes with, every step
- * tse_setting what a human writes into the settings (SI units, kg m2 and N do not fit Q11.20);
- *             used once, in tse_prepare(), never in a step
+ * tse_setting what a human writes into the settings; used once, in tse_prepare(), never in a step
+ *
+ * Numbers go in and out by TSE_R(1.5), a literal, and TSE_S(1650), a literal for a setting; tse/convert.h turns doubles into them
+ * and back where a program has doubles.
  */
 #ifndef TSE_REAL_H
 #define TSE_REAL_H
 
 #include <stdint.h>
 
-#if !defined(TSE_REAL_DOUBLE) && !defined(TSE_REAL_FLOAT) && !defined(TSE_REAL_Q20)
+#if !defined(TSE_REAL_DOUBLE) && !defined(TSE_REAL_FLOAT) && !defined(TSE_REAL_FIXED)
 #define TSE_REAL_DOUBLE 1
 #endif
 
@@ -28,27 +30,36 @@
 typedef double tse_setting;
 #define TSE_FORMAT_NAME "strong"
 #define TSE_NAME(name) name##_strong
+#define TSE_S(x) ((tse_setting)(x))
 
 #elif defined(TSE_REAL_FLOAT)
 typedef float tse_real;
 typedef float tse_setting;
 #define TSE_FORMAT_NAME "float"
 #define TSE_NAME(name) name##_f32
+#define TSE_S(x) ((tse_setting)(x))
 #define TSE_R(x) ((tse_real)(x))
 
-#elif defined(TSE_REAL_Q20)
-typedef int32_t tse_real;
-typedef double tse_setting;
-#define TSE_FORMAT_NAME "q20"
-#define TSE_NAME(name) name##_q20
+#elif defined(TSE_REAL_FIXED)
+typedef int64_t tse_real;
+typedef int64_t tse_setting;
+#define TSE_FORMAT_NAME "fixed"
+#define TSE_NAME(name) name##_fix
+/* Bits behind the point. 32 is what the library is tested with (scripts/results/fixed.md has the others). */
+#ifndef TSE_FRACTION_BITS
+#define TSE_FRACTION_BITS 32
+#endif
 /* For literals only: the compiler folds it, no floating-point code remains. Rounds to nearest. */
-#define TSE_R(x) ((tse_real)((x) * 1048576.0 + ((x) < 0 ? -0.5 : 0.5)))
+#define TSE_R(x) ((tse_real)((x) * (double)((int64_t)1 << TSE_FRACTION_BITS) + ((x) < 0 ? -0.5 : 0.5)))
+/* Settings are of single precision: what the fingerprint of a vehicle is made of (tse/learnt.h), so that every build has the same. */
+#define TSE_S(x) TSE_R((double)(float)(x))
 
 #else
 typedef double tse_real;
 typedef double tse_setting;
 #define TSE_FORMAT_NAME "double"
 #define TSE_NAME(name) name##_f64
+#define TSE_S(x) ((tse_setting)(x))
 #define TSE_R(x) ((tse_real)(x))
 #endif
 

@@ -1,7 +1,7 @@
 /* tse/replay.h - the single-track model driven by what a log says of steering and wheels: what the other channels should read.
  *
  * Deterministic: constant stiffness, constant biases, no noise; with all effects of tse/effects.def that the settings switch on.
- * For fits, which call it thousands of times. Same rules as tse/tse.h. Not built for q20. */
+ * For fits, which call it thousands of times. Same rules as tse/tse.h. */
 #ifndef TSE_REPLAY_H
 #define TSE_REPLAY_H
 

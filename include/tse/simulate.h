@@ -2,7 +2,7 @@
  * dynamics at 1 ms or finer, a stiffness that is redrawn every row, sensor noise and drifting biases; with `friction`
  * tyre forces saturate, so that wheels lock and spin.
  * With every effect that the settings of its vehicle switch on (tse/effects.def); an estimator may be told of them or not.
- * Same rules as tse/tse.h: the caller owns the memory, no globals, one pointer-free state. Not built for q20. */
+ * Same rules as tse/tse.h: the caller owns the memory, no globals, one pointer-free state. */
 #ifndef TSE_SIMULATE_H
 #define TSE_SIMULATE_H
 

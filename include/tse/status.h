@@ -9,7 +9,7 @@
 
 #define TSE_STATUS_TABLE(X) \
   X(TSE_E_BUILD,           -12, "this build rounds otherwise than the library is tested for: compile with -ffp-contract=off, without -ffast-math") \
-  X(TSE_E_FORMAT,          -11, "the filter does not work in the number format that this library was built for; double and float do") \
+  X(TSE_E_FORMAT,          -11, "a setting leads to numbers that do not fit the fixed-point format of this build; double and float hold them") \
   X(TSE_E_OLD,             -10, "the learnt state was written by an older version of this library; learn anew") \
   X(TSE_E_VEHICLE,          -9, "the learnt state belongs to another vehicle") \
   X(TSE_E_VERSION,          -8, "the learnt state was written by a newer version of this library") \
@@ -28,7 +28,8 @@
   X(TSE_W_PREDICTED,         5, "no measurement, or inputs missing: predicted only") \
   X(TSE_W_GAP,               6, "time step too long to bridge: states restarted from the sensors, what was learnt is kept") \
   X(TSE_W_RECOVERED,         7, "what was believed explains the samples no more: started over (particles: part of them drawn anew)")\
-  X(TSE_W_WAITING,           8, "no step: channels that are logged later are awaited; estimates of the last step, or of the start")
+  X(TSE_W_WAITING,           8, "no step: channels that are logged later are awaited; estimates of the last step, or of the start") \
+  X(TSE_W_RANGE,             9, "a number left the range of the number format: the sample was not used by the hypothesis that held it, or it was dropped")
 
 typedef enum tse_status {
 #define X(name, code, text) name = code,

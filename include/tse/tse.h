@@ -109,7 +109,7 @@ void tse_config_default(tse_config *c);
 
 /* Another form of the filter: states and mean stiffness are sampled by particles, as in the paper, with the limits that keep it
  * from diverging: statistics are held where nothing is excited, the spread is limited. Not as safe as the default, see README.
- * Needs a tse_filter_paper. In q20 builds, which have no filter yet (tse_prepare()), the default. */
+ * Needs a tse_filter_paper. */
 void tse_config_sampled(tse_config *c);
 
 /* The same as tse_config_sampled(), without limits: the filter as printed. */
@@ -122,9 +122,8 @@ tse_status tse_config_check(const tse_config *c, const char **wrong);
 
 /* Check the settings and turn them into the constants of the filter (normalised by mass and sensor noise).
  *   Updated:   p  constants; unchanged when the result is negative
- *   Returned:  as tse_config_check(); TSE_E_FORMAT in a q20 build, whose filter is not finished: its sums overflow and its
- *              estimates are wrong
- * The only function that computes in tse_setting; a fixed-point target may run it on the host and link the result. */
+ *   Returned:  as tse_config_check(); TSE_E_FORMAT when a number that follows from the settings does not fit the number format of
+ *              this build (fixed point); then *wrong names the setting */
 tse_status tse_prepare(const tse_config *c, tse_params *p, const char **wrong);
 
 /* Start, or start again: the next row given to tse_step() is the first.

@@ -163,6 +163,7 @@ class _CBuild(ctypes.Structure):
         ("sim_bytes", ctypes.c_int32),
         ("learnt_bytes", ctypes.c_int32),
         ("filter_paper_bytes", ctypes.c_int32),  # a library that knows one size only leaves it 0
+        ("fraction_bits", ctypes.c_int32),  # of a fixed-point number; 0 else
     ]
 
 
@@ -187,12 +188,12 @@ class Library:
         except OSError as error:
             raise UserError(f"{path}: cannot be loaded as a library: {error}") from None
         self.path = path
-        for suffix, real in (("_f64", np.float64), ("_f32", np.float32)):
+        for suffix, real in (("_f64", np.float64), ("_f32", np.float32), ("_fix", np.float64)):
             if hasattr(self._dll, "tse_step" + suffix):
-                self._suffix, self.real = suffix, np.dtype(real)
+                self._suffix, self.real = suffix, np.dtype(real)  # fixed point goes in and out as double: native(), from_native()
                 break
         else:
-            raise UserError(f"{path}: is not a double or float build of the tse library")
+            raise UserError(f"{path}: is not a double, float or fixed-point build of the tse library")
 
         build = _CBuild()
         self.function("tse_describe_build", None)(ctypes.addressof(build))
@@ -200,6 +201,7 @@ class Library:
         self.capacity = build.capacity
         self.filter_bytes, self.filter_paper_bytes = build.filter_bytes, build.filter_paper_bytes
         self.params_bytes, self.sim_bytes, self.learnt_bytes = build.params_bytes, build.sim_bytes, build.learnt_bytes
+        self.fraction_bits = build.fraction_bits
 
         describe = self.function("tse_describe", ctypes.POINTER(_CField), [ctypes.c_int] + [ctypes.c_void_p] * 2)
         self._fields: dict[int, list[Field]] = {}
@@ -288,6 +290,44 @@ class Library:
             }
         )
 
+    def native(self, values: np.ndarray, which: int | None = None) -> np.ndarray:
+        """Numbers, or records of a struct, as the library reads them: in fixed point another array, else the same one. NaN stays
+        none; what does not fit is the largest that does. Settings go through single precision (TSE_S in tse/real.h)."""
+        if not self.fraction_bits:
+            return values
+        if which is None:
+            return _fixed(values, self.fraction_bits)
+        records = np.ascontiguousarray(values).copy()
+        words, raw = records.view(np.float64), records.view(np.int64)
+        for kind in "sr":
+            at = self._columns(which, kind)
+            numbers = words.reshape(len(records), -1)[:, at]
+            raw.reshape(len(records), -1)[:, at] = _fixed(
+                numbers.astype(np.float32).astype(float) if kind == "s" else numbers, self.fraction_bits
+            )
+        return records
+
+    def from_native(self, native: np.ndarray, values: np.ndarray, which: int | None = None) -> None:
+        """What the library has written into native(values), into `values`."""
+        if not self.fraction_bits:  # values themselves were written
+            return
+        if which is None:
+            values[:] = _plain(native, self.fraction_bits)
+            return
+        values[:] = native
+        raw = np.ascontiguousarray(native).view(np.int64).reshape(len(native), -1)
+        names = [f.name for f in self._fields[which]]
+        kinds = [f.kind for f in self._fields[which]]
+        for name, kind in zip(names, kinds, strict=True):
+            if kind in "sr":
+                numbers = _plain(raw[:, self.dtype(which).fields[name][1] // 8], self.fraction_bits)
+                values[name] = [float(str(x)) for x in numbers.astype(np.float32)] if kind == "s" else numbers
+
+    @functools.cache  # noqa: B019  (few libraries per process)
+    def _columns(self, which: int, kind: str) -> list[int]:
+        """Places of the settings or reals of a struct, in words of eight bytes."""
+        return [f.offset // 8 for f in self._fields[which] if f.kind == kind]
+
     def codes(self, which: int) -> dict[int, Field]:
         """STATUS or REASON: code -> row."""
         return {f.offset: f for f in self._fields[which]}
@@ -300,6 +340,21 @@ class Library:
     def channels(self) -> list[Field]:
         """The channels of a log row, in order."""
         return [f for f in self._fields[INPUT] if f.name not in ("dt", "missing")]
+
+
+NO_NUMBER = np.iinfo(np.int64).min  # of fixed point, number/fixed.h
+MOST = 2.0**60  # beyond every result
+
+
+def _fixed(values: np.ndarray, bits: int) -> np.ndarray:
+    numbers = np.asarray(values, float)
+    with np.errstate(invalid="ignore", over="ignore"):
+        scaled = np.clip(np.rint(numbers * 2.0**bits), -MOST, MOST)
+        return np.where(np.isnan(numbers), NO_NUMBER, np.nan_to_num(scaled).astype(np.int64))
+
+
+def _plain(raw: np.ndarray, bits: int) -> np.ndarray:
+    return np.where(raw == NO_NUMBER, np.nan, raw / 2.0**bits)
 
 
 @functools.lru_cache(maxsize=1)
@@ -318,8 +373,8 @@ class Settings:
         object.__setattr__(self, "_lib", lib)
         lib = self.lib
         record = np.zeros(1, lib.dtype(self._which))
-        lib.function(self._defaults, None)(record.ctypes.data)
         object.__setattr__(self, "_record", record)
+        self.fill(self._defaults)
         object.__setattr__(self, "_table", {f.name: f for f in lib.fields(self._which)})
         for name, value in (values or {}).items():
             self.set(name, value)
@@ -332,9 +387,17 @@ class Settings:
     def fields(self) -> dict[str, Field]:
         return self._table
 
+    def fill(self, function: str) -> None:
+        """Let a function of the library write the settings."""
+        native = self.lib.native(self._record, self._which)
+        self.lib.function(function, None)(native.ctypes.data)
+        self.lib.from_native(native, self._record, self._which)
+
     @property
     def address(self) -> int:
-        return self._record.ctypes.data
+        """Where the library may read them, until the next time this is asked."""
+        object.__setattr__(self, "_native", self.lib.native(self._record, self._which))
+        return self._native.ctypes.data
 
     def __getattr__(self, name: str) -> float | int:
         if name.startswith("_") or name not in self._table:
@@ -387,7 +450,7 @@ class Config(Settings):
     def settings_of(cls, name: str) -> dict[str, float | int]:
         """The settings in which a form of the filter (tse_config_paper(), ...) differs from the defaults."""
         config = cls()
-        library().function(f"tse_config_{name}", None)(config.address)
+        config.fill(f"tse_config_{name}")
         return config.changed()
 
 
@@ -451,12 +514,14 @@ class Filter:
         """Feed rows[first:last], write outputs[first:last]. A refused row leaves its output untouched but for `status`."""
         last = len(rows) if last is None else last
         step, (params, state) = self._step, self._pointers
-        u, du = rows.ctypes.data, rows.strides[0]
-        y, dy = outputs.ctypes.data, outputs.strides[0]
-        for i in range(first, last):
+        given, made = self.lib.native(rows[first:last], INPUT), self.lib.native(outputs[first:last], OUTPUT)
+        u, du = given.ctypes.data, given.strides[0]
+        y, dy = made.ctypes.data, made.strides[0]
+        for i in range(last - first):
             status = step(params, state, u + i * du, y + i * dy)
             if status < 0:
-                outputs["status"][i] = status
+                made["status"][i] = status
+        self.lib.from_native(made, outputs[first:last], OUTPUT)
 
     def run(self, rows: np.ndarray) -> Iterator[np.void]:
         """Feed rows one by one and yield each output."""
@@ -489,7 +554,9 @@ class Filter:
         for k, name in enumerate(self.lib.told):
             told = self.lib.function("tse_told_sd", argtypes=types)
             out = np.zeros(3, self.lib.real)
-            if told(*self._pointers, k, out.ctypes.data) >= 0:
+            made = self.lib.native(out)
+            if told(*self._pointers, k, made.ctypes.data) >= 0:
+                self.lib.from_native(made, out)
                 sd[name] = out.astype(float)
         return sd
 
@@ -536,13 +603,11 @@ class Simulator:
 
     def step_into(self, inputs: np.ndarray, outputs: np.ndarray, i: int) -> None:
         """One row: from inputs[i] to outputs[i]."""
-        status = self._step(
-            self._sim.ctypes.data,
-            inputs.ctypes.data + i * inputs.strides[0],
-            outputs.ctypes.data + i * outputs.strides[0],
-        )
+        given, made = self.lib.native(inputs[i : i + 1], SIM_INPUT), self.lib.native(outputs[i : i + 1], SIM_OUTPUT)
+        status = self._step(self._sim.ctypes.data, given.ctypes.data, made.ctypes.data)
         if status < 0:
             raise UserError(f"the simulator refused row {i + 1}: {self.lib.codes(STATUS)[status].text}")
+        self.lib.from_native(made, outputs[i : i + 1], SIM_OUTPUT)
 
     def inputs(self, n: int) -> np.ndarray:
         return np.zeros(n, self.lib.dtype(SIM_INPUT))
@@ -568,7 +633,8 @@ class Replay:
         self._out = np.zeros(1, lib.dtype(REPLAY_OUT))
         self._start = np.zeros(1, lib.dtype(REPLAY_START))
         self.outputs = {name: np.zeros(self.rows, lib.real) for name in outputs}
-        for name, array in self.outputs.items():
+        self._made = {name: lib.native(array) for name, array in self.outputs.items()}
+        for name, array in self._made.items():
             self._out[name] = array.ctypes.data
         for name, values in log.items():
             self.set(name, values)
@@ -587,7 +653,7 @@ class Replay:
         if values is None:
             self._log[name] = 0
             return
-        array = np.ascontiguousarray(values, self.lib.real)
+        array = self.lib.native(np.ascontiguousarray(values, self.lib.real))
         if array.shape != (self.rows,):
             raise ValueError(f"{name} has shape {array.shape}, not ({self.rows},)")
         self._arrays[name] = array
@@ -599,25 +665,33 @@ class Replay:
         wrong = ctypes.c_char_p()
         status = self._prepare(config.address, self._params.ctypes.data, ctypes.addressof(wrong))
         _refuse(status, wrong, (config,))
-        self._defaults(self._start.ctypes.data)
+        begin = self.lib.native(self._start, REPLAY_START)
+        self._defaults(begin.ctypes.data)
+        self.lib.from_native(begin, self._start, REPLAY_START)
         for name, value in start.items():
             self._start[name] = value
+        begin = self.lib.native(self._start, REPLAY_START)
         row = ctypes.c_int32()
         status = self._replay(
-            self._params.ctypes.data, self._log.ctypes.data, self.rows, self._start.ctypes.data, self._out.ctypes.data,
+            self._params.ctypes.data, self._log.ctypes.data, self.rows, begin.ctypes.data, self._out.ctypes.data,
             ctypes.addressof(row),
         )  # fmt: skip
         if status < 0:
             raise UserError(f"replay refused row {row.value + 1}: {self.lib.codes(STATUS)[status].text}")
+        for name, array in self.outputs.items():
+            self.lib.from_native(self._made[name], array)
         return self.outputs
 
 
 def stiffness_si(config: Config, output: np.void) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Mean, sd and spread in N and N/rad of one output, by the library's own function."""
     lib = library()
-    record = np.array([output], lib.dtype(OUTPUT))
+    record = lib.native(np.array([output], lib.dtype(OUTPUT)), OUTPUT)
     si = [np.zeros(3, lib.real) for _ in range(3)]
+    made = [lib.native(a) for a in si]
     lib.function("tse_stiffness_si", None, [ctypes.c_void_p] * 5)(
-        config.address, record.ctypes.data, *(a.ctypes.data for a in si)
+        config.address, record.ctypes.data, *(a.ctypes.data for a in made)
     )
+    for native, values in zip(made, si, strict=True):
+        lib.from_native(native, values)
     return si[0], si[1], si[2]

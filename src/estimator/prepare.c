@@ -1,4 +1,4 @@
-/* estimator/prepare.c - settings: defaults, check, and the constants of the filter. The only arithmetic in tse_setting. */
+/* estimator/prepare.c - settings: defaults, check, and the constants of the filter. */
 #include "tse/tse.h"
 #include "model/effects.h"
 #include "model/effects_constant.h"
@@ -12,7 +12,7 @@ static tse_real real_of(tse_setting x) { return r_from_setting(x); }
 
 static void as_in_the_tables(tse_config *c)
 {
-#define REAL(name, def, lo, hi, unit, text) c->name = (tse_setting)(def);
+#define REAL(name, def, lo, hi, unit, text) c->name = TSE_S(def);
 #define INT(name, def, lo, hi, text) c->name = (def) < (hi) ? (def) : (hi);
 #include "tse/config.def"
 #undef REAL
@@ -34,8 +34,8 @@ void tse_config_sampled(tse_config *c)
   if (!c) return;
   as_in_the_tables(c);
   c->form = 2;
-  c->initial_spread = (tse_setting)0.3; /* doubt about the mean and spread from sample to sample share one start */
-  c->spread_max = (tse_setting)0.4;
+  c->initial_spread = TSE_S(0.3); /* doubt about the mean and spread from sample to sample share one start */
+  c->spread_max = TSE_S(0.4);
 }
 
 void tse_config_paper(tse_config *c)
@@ -43,9 +43,9 @@ void tse_config_paper(tse_config *c)
   tse_config_sampled(c);
   if (!c) return;
   c->form = 1;
-  c->spread_max = (tse_setting)2;
-  c->hold_sd = (tse_setting)0;
-  c->max_slip = (tse_setting)1;
+  c->spread_max = TSE_S(2);
+  c->hold_sd = TSE_S(0);
+  c->max_slip = TSE_S(1);
 }
 
 #define STRENGTH 1
@@ -149,9 +149,9 @@ static reading_time reading_time_of(const tse_config *c, const tse_setting laten
     if (latency[k] > latency[r.latest]) r.latest = k;
   }
   if (r.earliest == r.latest) return r;
-  const tse_setting rows = (latency[r.latest] - latency[TSE_CHANNEL_accel_x]) / c->sample_time;
-  const int32_t whole = (int32_t)(rows + (tse_setting)0.999); /* 3.001 are 3: as little as decimals are rounded by */
-  r.age = latency[TSE_CHANNEL_accel_x] + (tse_setting)whole * c->sample_time;
+  const tse_setting rows = r_div(latency[r.latest] - latency[TSE_CHANNEL_accel_x], c->sample_time);
+  const int32_t whole = r_floor_to_int(rows + TSE_S(0.999)); /* 3.001 are 3: as little as decimals are rounded by */
+  r.age = latency[TSE_CHANNEL_accel_x] + r_mul(r_from_int(whole), c->sample_time);
   if (r.age < latency[r.latest]) r.age = latency[r.latest];
   r.span = r.age - latency[r.earliest];
   return r;
@@ -164,11 +164,11 @@ static tse_status latencies_fit(const tse_config *c, const char **wrong)
 #define LATENCY(channel, text) #channel "_latency",
 #include "tse/latency.def"
   };
-  const tse_setting most = (tse_setting)(TSE_LATENCY_ROWS - ROWS_TO_SPARE) * c->sample_time;
+  const tse_setting most = r_mul(r_from_int(TSE_LATENCY_ROWS - ROWS_TO_SPARE), c->sample_time);
   tse_setting latency[TSE_CHANNELS];
   latencies_of(c, latency);
   const reading_time r = reading_time_of(c, latency);
-  if (!(r.span > most * (tse_setting)1.0001)) return TSE_OK; /* 28 times 0.01 is rounded */
+  if (!(r.span > r_mul(most, TSE_S(1.0001)))) return TSE_OK; /* 28 times 0.01 is rounded */
   if (wrong) *wrong = names[latency[r.latest] > -latency[r.earliest] ? r.latest : r.earliest];
   return TSE_E_CONFIG;
 }
@@ -180,7 +180,7 @@ static void prepare_latencies(const tse_config *c, tse_params *p)
   const reading_time r = reading_time_of(c, latency);
   p->latency = real_of(r.age);
   p->latency_span = real_of(r.span);
-  p->latency_least = real_of(r.span / (tse_setting)(TSE_LATENCY_ROWS - 2));
+  p->latency_least = real_of(r_div(r.span, r_from_int(TSE_LATENCY_ROWS - 2)));
   for (int k = 0; k < (int)TSE_CHANNELS; k++) p->latency_age[k] = real_of(r.age - latency[k]);
 }
 
@@ -189,7 +189,7 @@ tse_status tse_config_check(const tse_config *c, const char **wrong)
   if (!c) return TSE_E_NULL;
   /* written so that NaN fails */
 #define REAL(name, def, lo, hi, unit, text) \
-  if (!(c->name >= (tse_setting)(lo) && c->name <= (tse_setting)(hi))) { if (wrong) *wrong = #name; return TSE_E_CONFIG; }
+  if (!(c->name >= TSE_S(lo) && c->name <= TSE_S(hi))) { if (wrong) *wrong = #name; return TSE_E_CONFIG; }
 #define INT(name, def, lo, hi, text) \
   if (c->name < (lo) || c->name > (hi)) { if (wrong) *wrong = #name; return TSE_E_CONFIG; }
 #include "tse/config.def"
@@ -240,23 +240,14 @@ static uint32_t fingerprint(const tse_config *c)
 
 /* What gives relative stiffness its meaning. In single precision, so that builds of every format agree; only there both
  * differ in nothing but how a decimal number is rounded. */
-static uint32_t mix_vehicle(uint32_t h, tse_setting value)
-{
-  const float x = (float)value;
-  uint32_t word;
-  memcpy(&word, &x, sizeof word);
-  return mix(h, word);
-}
+static uint32_t mix_vehicle(uint32_t h, tse_setting value) { return mix(h, r_single_bits(value)); }
 
 /* An effect changes what a stiffness means; one that is off leaves the fingerprint as it was before there were effects. */
 static uint32_t mix_effect(uint32_t h, int on, const char *name, tse_setting value)
 {
-  const float x = (float)value;
-  uint32_t word;
   if (!on) return h;
   for (; *name; name++) h = mix(h, (uint32_t)(unsigned char)*name);
-  memcpy(&word, &x, sizeof word);
-  return mix(h, word);
+  return mix(h, r_single_bits(value));
 }
 
 static uint32_t vehicle_fingerprint(const tse_config *c)
@@ -270,14 +261,14 @@ static uint32_t vehicle_fingerprint(const tse_config *c)
   h = mix_effect(h, (int)(on >> TSE_EFFECT_##id & 1u), #id "_" #parameter, c->id##_##parameter);
 #include "tse/effects.def"
 #define REAL(name, def, lo, hi, unit, text) h = mix_effect(h, (int)(on >> TSE_BIT_FORMULA & 1u), #name, c->name);
-#define INT(name, def, lo, hi, text) h = mix_effect(h, (int)(on >> TSE_BIT_FORMULA & 1u), #name, (tse_setting)c->name);
+#define INT(name, def, lo, hi, text) h = mix_effect(h, (int)(on >> TSE_BIT_FORMULA & 1u), #name, r_from_int(c->name));
 #include "tse/formula.def"
 #undef REAL
 #undef INT
   return h;
 }
 
-static tse_setting square(tse_setting x) { return x * x; }
+static tse_setting square(tse_setting x) { return r_mul(x, x); }
 
 /* The car that the filter's constants are of: CONSTANT effects act on its settings. */
 static tse_config car_of(const tse_config *c, uint64_t mask)
@@ -306,12 +297,12 @@ static void prepare_effects(const tse_config *c, uint64_t mask, tse_params *p)
 #define EFFECT_PARAMETER(id, parameter, role, unit, def, lo, hi, typical_lo, typical_hi, negligible, sign, text) \
   e->id##_##parameter = real_of(c->id##_##parameter);
 #include "tse/effects.def"
-  const tse_setting one = 1, g = (tse_setting)9.81;
+  const tse_setting one = TSE_S(1), g = TSE_S(9.81), span = c->lf + c->lr;
   e->mass = real_of(c->mass);
-  e->inv_mass = real_of(one / c->mass);
-  e->inv_inertia = real_of(one / c->yaw_inertia);
-  e->load_front = real_of(g * c->lr / (c->lf + c->lr));
-  e->load_rear = real_of(g * c->lf / (c->lf + c->lr));
+  e->inv_mass = real_of(r_div(one, c->mass));
+  e->inv_inertia = real_of(r_div(one, c->yaw_inertia));
+  e->load_front = real_of(r_div(r_mul(g, c->lr), span));
+  e->load_rear = real_of(r_div(r_mul(g, c->lf), span));
   const tse_setting number[TSE_FORMULA_NUMBERS] = { c->formula_a, c->formula_b, c->formula_c, c->formula_d,
                                                     c->formula_e, c->formula_f, c->formula_g, c->formula_h };
   e->formula_gain = real_of(c->formula_gain);
@@ -319,32 +310,70 @@ static void prepare_effects(const tse_config *c, uint64_t mask, tse_params *p)
   e->formula_place = c->formula_place;
   formula_of(c, e->formula_code);
   /* what the accelerometers read per tyre force: their slope over the stiffness, exact but for what lags */
-  const tse_setting x = (one + c->imu_scale_ax_error) * (one + g * c->pitch_leak_gain);
-  const tse_setting y = (one + c->imu_scale_ay_error) * (one + g * c->body_roll_gain);
+  const tse_setting x = r_mul(one + c->imu_scale_ax_error, one + r_mul(g, c->pitch_leak_gain));
+  const tse_setting y = r_mul(one + c->imu_scale_ay_error, one + r_mul(g, c->body_roll_gain));
+  const tse_setting arm = r_mul(r_mul(y, c->imu_lever_arm_x), c->mass);
   p->read_x = real_of(x);
-  p->read_y_front = real_of(y + y * c->imu_lever_arm_x * c->mass * c->lf / c->yaw_inertia);
-  p->read_y_rear = real_of(y - y * c->imu_lever_arm_x * c->mass * c->lr / c->yaw_inertia);
+  p->read_y_front = real_of(y + r_div(r_mul(arm, c->lf), c->yaw_inertia));
+  p->read_y_rear = real_of(y - r_div(r_mul(arm, c->lr), c->yaw_inertia));
 #endif
 }
 
-/* In Q11.20 squares overflow and small products vanish: garbage, and signed overflow, with the status TSE_OK. Who works on that
- * filter, or tests parts of it, says so. */
-static int format_works(void)
+#if defined(TSE_REAL_FIXED)
+/* What follows from the settings must leave the filter room: a covariance in sigma squared holds squares of these, up to
+ * FIXED_MOST, 2^27 (1.3e8). Steps of the format are 2e-10: what a row adds must be one at least. */
+#define MOST_GAIN TSE_R(131072)        /* sigma per unit of slip, 230 times the default car's: 10 % of slip and a stiffness off by 30 % */
+#define MOST_START TSE_R(4096)         /* sigma that a state may be off by at the start */
+#define MOST_BIAS_VAR TSE_R(16777216)  /* sigma^2, the same */
+#define MOST_NOISE TSE_R(65536)        /* noise_max squared: times FAULT_NOISE it is still a number */
+
+static int vanishes(tse_real rate, tse_real dt) { return rate > 0 && r_mul(rate, dt) == 0; }
+
+static tse_status fits(const tse_params *p, const tse_config *c, const char **wrong)
 {
-#if defined(TSE_REAL_Q20) && !defined(TSE_Q20_UNFINISHED)
-  return 0;
-#else
-  return 1;
-#endif
+  const struct { tse_real value, most; const char *name; } row[] = {
+    { r_mul(p->kx_front + p->kx_rear, p->inv_sd[0]), MOST_GAIN, "accel_x_sd" },
+    { r_mul(r_max(p->ky_front, p->ky_rear), p->inv_sd[1]), MOST_GAIN, "accel_y_sd" },
+    { r_mul(p->x_sd0[2], p->inv_sd[2]), MOST_START, "yaw_rate_sd" },
+    { p->bias_var0[0], MOST_BIAS_VAR, "accel_x_bias_sd" }, { p->bias_var0[1], MOST_BIAS_VAR, "accel_y_bias_sd" },
+    { p->bias_var0[2], MOST_BIAS_VAR, "yaw_rate_bias_sd" }, { p->bias_walk[0], MOST_BIAS_VAR, "accel_x_bias_walk" },
+    { p->bias_walk[1], MOST_BIAS_VAR, "accel_y_bias_walk" }, { p->bias_walk[2], MOST_BIAS_VAR, "yaw_rate_bias_walk" },
+    { p->noise_max_var, MOST_NOISE, "noise_max" }, { r_mul(p->damping, p->max_step), MOST_GAIN, "yaw_inertia" },
+    { r_max(p->jf, p->jr), MOST_START, "yaw_inertia" },
+    { vanishes(p->steady_walk, c->sample_time) ? FIXED_MOST : 0, TSE_R(1), "steady_walk" },
+    { p->spread_var < (tse_real)64 ? FIXED_MOST : 0, TSE_R(1), "initial_spread" },
+  };
+  for (size_t i = 0; i < sizeof row / sizeof row[0]; i++)
+    if (row[i].value > row[i].most) {
+      if (wrong) *wrong = row[i].name;
+      return TSE_E_FORMAT;
+    }
+  return TSE_OK;
 }
+#endif
+
+static void constants_of(const tse_config *settings, tse_params *p);
 
 tse_status tse_prepare(const tse_config *settings, tse_params *p, const char **wrong)
 {
-  const tse_setting one = 1;
   const tse_status status = tse_config_check(settings, wrong);
   if (status < 0) return status;
   if (!p) return TSE_E_NULL;
-  if (!format_works()) return TSE_E_FORMAT;
+#if defined(TSE_REAL_FIXED)
+  tse_params made;
+  constants_of(settings, &made);
+  const tse_status fit = fits(&made, settings, wrong);
+  if (fit < 0) return fit; /* p is unchanged */
+  *p = made;
+#else
+  constants_of(settings, p);
+#endif
+  return TSE_OK;
+}
+
+static void constants_of(const tse_config *settings, tse_params *p)
+{
+  const tse_setting one = TSE_S(1);
   const uint64_t mask = effects_on(settings);
   const tse_config car = car_of(settings, mask), *const c = &car;
 
@@ -361,32 +390,32 @@ tse_status tse_prepare(const tse_config *settings, tse_params *p, const char **w
   p->seed[0] = (uint32_t)c->seed;
   p->seed[1] = 0x7473650au; /* no seed gives the all-zero key */
 
-  p->kx_front = real_of(c->longitudinal_stiffness_front / c->mass);
-  p->kx_rear = real_of(c->longitudinal_stiffness_rear / c->mass);
-  p->ky_front = real_of(c->cornering_stiffness_front / c->mass);
-  p->ky_rear = real_of(c->cornering_stiffness_rear / c->mass);
+  p->kx_front = real_of(r_div(c->longitudinal_stiffness_front, c->mass));
+  p->kx_rear = real_of(r_div(c->longitudinal_stiffness_rear, c->mass));
+  p->ky_front = real_of(r_div(c->cornering_stiffness_front, c->mass));
+  p->ky_rear = real_of(r_div(c->cornering_stiffness_rear, c->mass));
   p->follow = real_of(c->rear_longitudinal_follows_front);
   p->lf = real_of(c->lf);
   p->lr = real_of(c->lr);
-  p->jf = real_of(c->mass * c->lf / c->yaw_inertia);
-  p->jr = real_of(c->mass * c->lr / c->yaw_inertia);
+  p->jf = real_of(r_div(r_mul(c->mass, c->lf), c->yaw_inertia));
+  p->jr = real_of(r_div(r_mul(c->mass, c->lr), c->yaw_inertia));
   p->radius_front = real_of(c->wheel_radius_front);
   p->radius_rear = real_of(c->wheel_radius_rear);
 
   const tse_setting sd[3] = { c->accel_x_sd, c->accel_y_sd, c->yaw_rate_sd };
-  const tse_setting hills[3] = { square((tse_setting)9.81 * c->grade_sd), 0, 0 }; /* felt by accel_x: the car moves without it */
+  const tse_setting hills[3] = { square(r_mul(TSE_S(9.81), c->grade_sd)), 0, 0 }; /* felt by accel_x: the car moves without it */
   const tse_setting bias_sd[3] = { c->accel_x_bias_sd, c->accel_y_bias_sd, c->yaw_rate_bias_sd };
   const tse_setting walk[3] = { c->accel_x_bias_walk, c->accel_y_bias_walk, c->yaw_rate_bias_walk };
   for (int i = 0; i < 3; i++) {
     p->sd[i] = real_of(sd[i]);
-    p->inv_sd[i] = real_of(one / sd[i]);
-    p->bias_var0[i] = real_of(square(bias_sd[i] / sd[i]) + hills[i] / square(sd[i]));
-    p->bias_walk[i] = real_of(square(walk[i] / sd[i])) + r_div(real_of(2 * hills[i] / square(sd[i])), GRADE_TIME);
+    p->inv_sd[i] = real_of(r_div(one, sd[i]));
+    p->bias_var0[i] = real_of(square(r_div(bias_sd[i], sd[i])) + r_div(hills[i], square(sd[i])));
+    p->bias_walk[i] = real_of(square(r_div(walk[i], sd[i]))) + r_div(real_of(r_div(r_mul(TSE_S(2), hills[i]), square(sd[i]))), GRADE_TIME);
     p->log_sd[i] = r_log2(real_of(sd[i]));
   }
 
-  p->wheel_var[0] = real_of(square(c->wheel_noise_sd * c->wheel_radius_front));
-  p->wheel_var[1] = real_of(square(c->wheel_noise_sd * c->wheel_radius_rear));
+  p->wheel_var[0] = real_of(square(r_mul(c->wheel_noise_sd, c->wheel_radius_front)));
+  p->wheel_var[1] = real_of(square(r_mul(c->wheel_noise_sd, c->wheel_radius_rear)));
 #define REAL(name, def, lo, hi, unit, text)
 #define CONSIDER(id, name, most, unit, text) \
   p->consider_sd[TSE_CONSIDER_##id] = real_of(c->name); \
@@ -403,32 +432,33 @@ tse_status tse_prepare(const tse_config *settings, tse_params *p, const char **w
   const tse_setting w0[3] = { c->initial_cx_front - one, c->initial_cy_front - one, c->initial_cy_rear - one };
   const tse_setting x_sd[3] = { c->initial_vel_x_sd, c->initial_vel_y_sd, c->initial_yaw_rate_sd };
   p->sample_time = real_of(c->sample_time);
-  p->inv_sample_time = real_of(one / c->sample_time);
-  p->max_step = real_of(c->sample_time * (tse_setting)1.5);
+  p->inv_sample_time = real_of(r_div(one, c->sample_time));
+  p->max_step = real_of(r_mul(c->sample_time, TSE_S(1.5)));
   /* dampings times speed: of vx by the longitudinal, of vy and of the yaw rate by the cornering stiffnesses */
   const tse_setting cy_f = c->cornering_stiffness_front, cy_r = c->cornering_stiffness_rear;
-  tse_setting damping = (c->longitudinal_stiffness_front + c->longitudinal_stiffness_rear) / c->mass;
-  const tse_setting lateral = (cy_f + cy_r) / c->mass, yaw = (square(c->lf) * cy_f + square(c->lr) * cy_r) / c->yaw_inertia;
+  tse_setting damping = r_div(c->longitudinal_stiffness_front + c->longitudinal_stiffness_rear, c->mass);
+  const tse_setting lateral = r_div(cy_f + cy_r, c->mass);
+  const tse_setting yaw = r_div(r_mul(square(c->lf), cy_f) + r_mul(square(c->lr), cy_r), c->yaw_inertia);
   damping = lateral > damping ? lateral : damping;
   damping = yaw > damping ? yaw : damping;
-  p->damping = real_of((tse_setting)4 * damping);
-  p->least_step = r_max(real_of(c->hold_speed / ((tse_setting)4 * damping)), r_mul(TSE_R(0.125), p->max_step));
+  p->damping = real_of(r_mul(TSE_S(4), damping));
+  p->least_step = r_max(real_of(r_div(c->hold_speed, r_mul(TSE_S(4), damping))), r_mul(TSE_R(0.125), p->max_step));
   p->max_gap = real_of(c->max_gap);
   p->max_slip = real_of(c->max_slip);
   p->noise_max_var = real_of(square(c->noise_max));
   p->hold_speed = real_of(c->hold_speed);
   p->max_steer = real_of(c->max_steer);
   p->log2_forgetting = r_log2(real_of(c->forgetting));
-  p->memory = real_of(one / (one - c->forgetting));
-  p->resample_at = real_of(c->resample_threshold * (tse_setting)c->particles);
+  p->memory = real_of(r_div(one, one - c->forgetting));
+  p->resample_at = real_of(r_mul(c->resample_threshold, r_from_int(c->particles)));
   for (int i = 0; i < 3; i++) {
     p->mu0[i] = real_of(w0[i]);
     p->x_sd0[i] = real_of(x_sd[i]);
   }
   /* Sigma = Lambda/(nu - d_w - 1) is the spread squared; gamma Sigma is the variance of the mean */
   p->nu0 = real_of(c->initial_dof);
-  p->lam0 = real_of(spread_var * (c->initial_dof - (tse_setting)4) / c->initial_dof);
-  p->gamma0 = real_of(square(c->initial_mean_sd) / spread_var);
+  p->lam0 = real_of(r_div(r_mul(spread_var, c->initial_dof - TSE_S(4)), c->initial_dof));
+  p->gamma0 = real_of(r_div(square(c->initial_mean_sd), spread_var));
   p->mean_var0 = real_of(square(c->initial_mean_sd));
   p->mean_sd = real_of(c->initial_mean_sd);
   p->spread_var = real_of(spread_var);
@@ -440,13 +470,12 @@ tse_status tse_prepare(const tse_config *settings, tse_params *p, const char **w
   p->w_max = real_of(c->stiffness_max - one);
   p->valid_var = real_of(square(c->valid_sd));
   p->hold_var = real_of(square(c->hold_sd));
-  p->watchdog_drop = real_of(c->watchdog_drop * (tse_setting)1.4426950408889634);
-  p->recovery_count = (int32_t)(c->recovery_share * (tse_setting)c->particles);
+  p->watchdog_drop = real_of(r_mul(c->watchdog_drop, TSE_S(1.4426950408889634)));
+  p->recovery_count = r_floor_to_int(r_mul(c->recovery_share, r_from_int(c->particles)));
   p->initial_spread_var = real_of(square(c->initial_spread));
   p->steady_walk = real_of(square(c->steady_walk));
   prepare_latencies(c, p);
   prepare_effects(c, mask, p);
-  return TSE_OK;
 }
 
 void tse_stiffness_si(const tse_config *c, const tse_output *y, tse_setting mean[3], tse_setting sd[3], tse_setting spread[3])
@@ -454,8 +483,8 @@ void tse_stiffness_si(const tse_config *c, const tse_output *y, tse_setting mean
   if (!c || !y) return;
   const tse_setting nominal[3] = { c->longitudinal_stiffness_front, c->cornering_stiffness_front, c->cornering_stiffness_rear };
   for (int i = 0; i < 3; i++) {
-    if (mean) mean[i] = nominal[i] * r_to_setting(y->stiffness[i]);
-    if (sd) sd[i] = nominal[i] * r_to_setting(y->stiffness_sd[i]);
-    if (spread) spread[i] = nominal[i] * r_to_setting(y->stiffness_spread[i]);
+    if (mean) mean[i] = r_mul(nominal[i], r_to_setting(y->stiffness[i]));
+    if (sd) sd[i] = r_mul(nominal[i], r_to_setting(y->stiffness_sd[i]));
+    if (spread) spread[i] = r_mul(nominal[i], r_to_setting(y->stiffness_spread[i]));
   }
 }

@@ -173,6 +173,11 @@ void tse_describe_build(tse_build *b)
   b->filter_paper_bytes = (int32_t)sizeof(tse_filter_paper);
   b->params_bytes = (int32_t)sizeof(tse_params);
   b->learnt_bytes = TSE_LEARNT_BYTES;
+#if defined(TSE_REAL_FIXED)
+  b->fraction_bits = TSE_FRACTION_BITS;
+#else
+  b->fraction_bits = 0;
+#endif
 #if defined(TSE_NO_EFFECTS)
   b->sim_bytes = 0;
 #else

@@ -213,7 +213,7 @@ tse_status tse_learnt_save(const tse_params *p, const tse_filter *f, uint8_t out
 
 /* ------------------------------------------------------------------------------------------- load */
 
-/* rate times n in any format: digit by digit to the base of 1024, so that no factor leaves the range of q20. */
+/* rate times n in any format: digit by digit to the base of 1024, so that no factor leaves the range of a fixed-point number. */
 static tse_real grown(tse_real rate, uint32_t n)
 {
   tse_real sum = TSE_R(0);
@@ -276,8 +276,7 @@ static void load_biases(const tse_params *p, const content *c, uint32_t age_s, t
   }
 }
 
-/* What start_hypothesis() reads: spread and noise as of a hypothesis, relative; the settings' where nothing is known. Fixed point has
- * no hypotheses, and could not hold the squares. */
+/* What start_hypothesis() reads: spread and noise as of a hypothesis, relative; the settings' where nothing is known. */
 static void load_car(const tse_params *p, const content *c, tse_start *s)
 {
   for (int a = 0; a < 3; a++) {

@@ -3,7 +3,7 @@
 #include "tse/tse.h"
 #include "number/real_ops.h"
 
-#if defined(TSE_REAL_Q20)
+#if defined(TSE_REAL_FIXED)
 
 static const char *fault(void) { return NULL; } /* of integers all is said when they are compiled */
 

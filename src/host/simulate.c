@@ -13,7 +13,7 @@
 void tse_sim_config_default(tse_sim_config *s)
 {
   if (!s) return;
-#define REAL(name, def, lo, hi, unit, text) s->name = (tse_setting)(def);
+#define REAL(name, def, lo, hi, unit, text) s->name = TSE_S(def);
 #define INT(name, def, lo, hi, text) s->name = (def);
 #include "tse/sim.def"
 #undef REAL
@@ -24,7 +24,7 @@ tse_status tse_sim_config_check(const tse_sim_config *s, const char **wrong)
 {
   if (!s) return TSE_E_NULL;
 #define REAL(name, def, lo, hi, unit, text) \
-  if (!(s->name >= (tse_setting)(lo) && s->name <= (tse_setting)(hi))) { if (wrong) *wrong = #name; return TSE_E_CONFIG; }
+  if (!(s->name >= TSE_S(lo) && s->name <= TSE_S(hi))) { if (wrong) *wrong = #name; return TSE_E_CONFIG; }
 #define INT(name, def, lo, hi, text) \
   if (s->name < (lo) || s->name > (hi)) { if (wrong) *wrong = #name; return TSE_E_CONFIG; }
 #include "tse/sim.def"

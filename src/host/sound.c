@@ -64,7 +64,7 @@ static int sound_bank(const tse_params *p, const tse_bank *b, int started)
 {
   const tse_repeats *const r = &b->repeats;
   int fine = sound_int(b->count, started, p->hypotheses) && sound_int(b->likeliest, 0, b->count > 0 ? b->count - 1 : 0);
-  fine = fine && sound_reals(&b->seen, 1, TSE_R(0), MOST_REAL) && sound_reals(b->gained, 3, TSE_R(0), TSE_R(1e18));
+  fine = fine && sound_reals(&b->seen, 1, TSE_R(0), MOST_REAL) && sound_reals(b->gained, 3, TSE_R(0), MOST_SQUARE);
   fine = fine && sound_reals(b->score, TSE_KINDS, TSE_R(0), MOST_REAL) && sound_reals(b->waited, TSE_KINDS, TSE_R(0), MOST_REAL);
   fine = fine && sound_reals(b->off[0], TSE_CONSIDERED * TSE_X, -MOST_REAL, MOST_REAL);
   fine = fine && sound_reals(b->rate, 5, -MOST_SQUARE, MOST_SQUARE);

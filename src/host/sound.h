@@ -7,8 +7,8 @@
 
 /* No number of a state that has come about by itself is as large; and what is computed of such numbers stays a number. MOST_SQUARE: of
  * covariances and forecasts, in units of the sensors' sd, which may be a hundred thousandth of what the car does; of effects. */
-#if defined(TSE_REAL_Q20)
-#define MOST_REAL TSE_R(2047)
+#if defined(TSE_REAL_FIXED)
+#define MOST_REAL FIXED_MOST
 #define MOST_SQUARE MOST_REAL
 #else
 #define MOST_REAL TSE_R(1e9)

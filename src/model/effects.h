@@ -2,7 +2,7 @@
  *
  * Each effect is a file effects/<id>.h with one function <id>_<hook>(); the table says when it is called. The functions
  * work on a `point`; they include nothing, because this file includes them where everything they need stands above.
- * With no effect on, every sum and product is that of vehicle.h: the same bits. Not built for q20, or with TSE_NO_EFFECTS. */
+ * With no effect on, every sum and product is that of vehicle.h: the same bits. Not built with TSE_NO_EFFECTS. */
 #ifndef TSE_SRC_EFFECTS_H
 #define TSE_SRC_EFFECTS_H
 

@@ -7,26 +7,27 @@
  *                 1.5*2^52 has to round); what of it can be seen below is an error, tse_self_test()
  *                 sees the rest. Free of branches, so that loops over particles vectorise with
  *                 -O3 -fno-math-errno -fno-trapping-math on plain SSE2.
- * q20             Integers only. Every result lies in [-(2^31-1), 2^31-1], so negating one cannot
- *                 overflow; native + and - can, r_add_sat and r_sub_sat cannot.
+ * fixed           Integers only, 64 bits with TSE_FRACTION_BITS of them behind the point: number/fixed.h. Every result
+ *                 leaves room for fifteen of them in a native sum; r_add_sat and r_sub_sat stop instead.
  *
  * What each function promises, and the largest error measured (tests/unit/number/test_real_ops.c holds them;
- * LSB = 2^-20; coefficients and their bounds: tests/reference/fit_elementary.py):
+ * LSB = 2^-32; coefficients and their bounds: tests/reference/fit_elementary.py):
  *
- *                  double            float             q20
+ *                  double            float             fixed
  *   r_mul r_div    IEEE              IEEE              nearest, saturates; x/0 = +-max, 0/0 = 0
  *   r_sqrt         IEEE              IEEE              nearest; 0 for x < 0
- *   r_log2         2.7e-14 relative  2.3e-7 relative   0.56 LSB
- *   r_exp2         1.5e-14 relative  2.0e-7 relative   0.6 LSB for x < 5; 0.5 LSB + 3.3e-9 relative above
- *   r_sincos_turn  8.4e-14           3.4e-7            0.51 LSB
- *   r_atan2        2.7e-14 relative  2.0e-7 relative   0.52 LSB
+ *   r_log2         2.7e-14 relative  2.3e-7 relative   1.6e-9
+ *   r_exp2         1.5e-14 relative  2.0e-7 relative   0.5 LSB + 1.6e-9 relative
+ *   r_sincos_turn  8.4e-14           3.4e-7            2.0e-9
+ *   r_atan2        2.7e-14 relative  2.0e-7 relative   1.8e-9
  *
  *   r_log2(x)      x > 0, normal. log2(1) = 0 and whole results are exact. Other x: see the function.
- *   r_exp2(x)      any finite x, clamped to +-120 (q20: 0 below -21, the largest number from 11 on).
+ *   r_exp2(x)      any finite x, clamped to +-120 (fixed: 0 below -33, the largest number from 27 on).
  *                  Exact for whole x, never infinite. NaN stays NaN.
  *   r_sincos_turn  sine and cosine of 2 pi t, t in [0, 1]; t is in turns. sin(0) = sin(1/2) = sin(1) = 0.
  *   r_atan2(y, x)  radians in [-pi, pi], atan2(0, 0) = 0; once a step, not in loops over particles.
  *   r_uniform(w)   a random word as a number in the open interval (0, 1), exact.
+ *   r_single_bits(x)  a setting as the bits of an IEEE single.
  *   r_to_q24(x)    int32 in units of 2^-24, in which numbers leave the machine: nearest, saturates at +-127; NaN gives
  *                  INT32_MIN. r_from_q24(n): back, nearest.
  */
@@ -38,9 +39,9 @@
 #include <stdint.h>
 #include <string.h>
 
-#include "tse/real.h"
+#include "number/fixed.h"
 
-#if !defined(TSE_REAL_Q20)
+#if !defined(TSE_REAL_FIXED)
 /* What a sum is computed in: 0 (16, 32: of narrower types) its own type, 1 (64) double, 2 and more wider, -1 nobody knows. */
 #if defined(FLT_EVAL_METHOD)
 #if !(FLT_EVAL_METHOD == 0 || FLT_EVAL_METHOD == 1 || FLT_EVAL_METHOD == 16 || FLT_EVAL_METHOD == 32 || FLT_EVAL_METHOD == 64)
@@ -60,7 +61,7 @@
 #endif /* gcc knows no such pragma: tse_self_test() */
 #endif
 
-#if !defined(TSE_REAL_Q20)
+#if !defined(TSE_REAL_FIXED)
 
 #if defined(TSE_REAL_STRONG)
 namespace plain {                    /* the double functions; the class of strong_real.hpp wraps them below */
@@ -76,6 +77,14 @@ static inline tse_real r_sub_sat(tse_real a, tse_real b) { return a - b; }
 static inline tse_real r_from_int(int32_t n) { return (tse_real)n; }
 static inline tse_real r_from_setting(tse_setting x) { return x; }
 static inline tse_setting r_to_setting(tse_real x) { return x; }
+
+static inline uint32_t r_single_bits(tse_setting x)
+{
+  const float single = (float)x;
+  uint32_t word;
+  memcpy(&word, &single, sizeof word);
+  return word;
+}
 
 typedef tse_real tse_acc;
 static inline tse_acc acc_zero(void) { return 0; }
@@ -362,29 +371,22 @@ static inline tse_acc acc_scale(tse_acc s, tse_real u)
 }
 #endif /* strong */
 
-#else /* TSE_REAL_Q20 */
+#else /* TSE_REAL_FIXED */
 
-/* --------------------------------------------------------------------------------------- q20 ---- */
+/* ------------------------------------------------------------------------------------- fixed ---- */
 
-#define Q_MAX INT32_MAX
-
-/* Right shifts of negative numbers below must be arithmetic; C leaves that to the compiler. */
-typedef char q_needs_arithmetic_shift[((int64_t)-3 >> 1) == -2 ? 1 : -1];
-
-static inline tse_real q_saturate(int64_t x)
+/* Nearest, ties to even, as a conversion rounds; exact for what TSE_S() makes of numbers of 2^-8 and more. */
+static inline uint32_t r_single_bits(tse_setting x)
 {
-  return (tse_real)(x > Q_MAX ? Q_MAX : x < -Q_MAX ? -Q_MAX : x);
-}
-
-static inline uint32_t q_magnitude(tse_real x)
-{
-  return x < 0 ? 0u - (uint32_t)x : (uint32_t)x;
-}
-
-static inline tse_real q_signed(uint64_t magnitude, int negative)
-{
-  const tse_real x = magnitude > (uint64_t)Q_MAX ? Q_MAX : (tse_real)magnitude;
-  return negative ? -x : x;
+  const uint64_t m = fixed_magnitude(x);
+  if (m == 0) return 0;
+  const int zeros = fixed_zeros(m);
+  const uint64_t left = m << zeros;                         /* 24 digits above 40 */
+  const uint32_t digits = (uint32_t)(left >> 40), odd = digits & 1u;
+  const uint64_t rest = left & (((uint64_t)1 << 40) - 1), half = (uint64_t)1 << 39;
+  const uint32_t up = rest > half || (rest == half && odd) ? 1u : 0u;
+  const uint32_t exponent = (uint32_t)(127 + 63 - zeros - FIXED_BITS);
+  return (x < 0 ? 0x80000000u : 0u) | ((exponent << 23) + (digits - 0x800000u) + up);
 }
 
 /* One step of a polynomial in Q30: c + p x. */
@@ -393,217 +395,181 @@ static inline int32_t q30_step(int32_t c, int32_t p, int32_t x)
   return (int32_t)(c + (((int64_t)p * x + (1 << 29)) >> 30));
 }
 
-static inline int q_leading_zeros(uint32_t x)               /* x > 0 */
+static inline tse_real r_from_int(int32_t n) { return fixed_saturate((int64_t)n * FIXED_ONE); }
+static inline tse_real r_from_setting(tse_setting x) { return x; }
+static inline tse_setting r_to_setting(tse_real x) { return x; }
+static inline int r_is_finite(tse_real x) { return x < FIXED_MOST && x > -FIXED_MOST; }
+static inline int r_is_nan(tse_real x) { return x == FIXED_NAN; }
+static inline tse_real r_abs(tse_real x) { return x == FIXED_NAN ? INT64_MAX : x < 0 ? -x : x; }
+
+/* Of numbers of any size: what `+` cannot. */
+static inline tse_real r_add_sat(tse_real a, tse_real b)
 {
-  int n = 0;
-  if (x < (uint32_t)1 << 16) { n += 16; x <<= 16; }
-  if (x < (uint32_t)1 << 24) { n += 8;  x <<= 8; }
-  if (x < (uint32_t)1 << 28) { n += 4;  x <<= 4; }
-  if (x < (uint32_t)1 << 30) { n += 2;  x <<= 2; }
-  return n + (x < (uint32_t)1 << 31 ? 1 : 0);
+  if (b > 0) return a > FIXED_MOST - b ? FIXED_MOST : fixed_saturate(a + b);
+  return a < -FIXED_MOST - b ? -FIXED_MOST : fixed_saturate(a + b);
 }
 
-static inline tse_real r_add_sat(tse_real a, tse_real b) { return q_saturate((int64_t)a + b); }
-static inline tse_real r_sub_sat(tse_real a, tse_real b) { return q_saturate((int64_t)a - b); }
-static inline tse_real r_abs(tse_real x) { return q_signed(q_magnitude(x), 0); }
-static inline int r_is_finite(tse_real x) { (void)x; return 1; }
-static inline int r_is_nan(tse_real x) { (void)x; return 0; }
-static inline tse_real r_from_int(int32_t n) { return q_saturate((int64_t)n * 1048576); }
-static inline int32_t r_floor_to_int(tse_real x) { return x >> 20; }
+static inline tse_real r_sub_sat(tse_real a, tse_real b) { return r_add_sat(a, b == FIXED_NAN ? INT64_MAX : -b); }
+
+static inline int32_t r_floor_to_int(tse_real x)
+{
+  const int64_t n = x >> FIXED_BITS;
+  return n > INT32_MAX ? INT32_MAX : n < INT32_MIN ? INT32_MIN : (int32_t)n;
+}
+
+/* Odd multiples of 2^-33 (or of what there is): never 0 or 1. */
+static inline tse_real r_uniform(uint32_t word)
+{
+#if FIXED_BITS > 32
+  return (tse_real)(2 * (uint64_t)word + 1) * ((tse_real)1 << (FIXED_BITS - 33));
+#else
+  return (tse_real)((word >> (32 - FIXED_BITS)) | 1u);
+#endif
+}
 
 static inline int32_t r_to_q24(tse_real x)
 {
-  const tse_real most = 127 * 1048576;
-  return (x < -most ? -most : most < x ? most : x) * 16;
+  const tse_real most = 127 * FIXED_ONE;
+  if (x == FIXED_NAN) return INT32_MIN;
+  const tse_real inside = x < -most ? -most : most < x ? most : x;
+#if FIXED_BITS > 24
+  return (int32_t)(((inside >> (FIXED_BITS - 25)) + 1) >> 1);
+#else
+  return (int32_t)inside;
+#endif
 }
-static inline tse_real r_from_q24(int32_t n) { return ((n >> 3) + 1) >> 1; }
+static inline tse_real r_from_q24(int32_t n) { return (tse_real)n * ((tse_real)1 << (FIXED_BITS - 24)); }
 
-/* Odd multiples of 2^-20: never 0 or 1. */
-static inline tse_real r_uniform(uint32_t word) { return (tse_real)((word >> 12) | 1u); }
-
-/* Nearest, saturates; NaN gives 0. The only floating point here; not for a step. */
-static inline tse_real r_from_setting(tse_setting x)
-{
-  const double scaled = x * 1048576.0;
-  if (scaled >= 2147483647.0) { return Q_MAX; }
-  if (scaled <= -2147483647.0) { return -Q_MAX; }
-  return scaled < 0 ? (tse_real)(scaled - 0.5) : scaled > 0 ? (tse_real)(scaled + 0.5) : 0;
-}
-
-static inline tse_setting r_to_setting(tse_real x) { return (tse_setting)x * (1.0 / 1048576.0); }
-
-static inline tse_real r_mul(tse_real a, tse_real b)        /* ties towards +infinity */
-{
-  return q_saturate(((int64_t)a * b + (1 << 19)) >> 20);
-}
-
-static inline tse_real r_div(tse_real a, tse_real b)        /* ties away from zero */
-{
-  const uint32_t n = q_magnitude(a), d = q_magnitude(b);
-  if (d == 0) {
-    return q_signed(n == 0 ? 0u : (uint64_t)Q_MAX, a < 0);
-  }
-  return q_signed((((uint64_t)n << 20) + (d >> 1)) / d, (a < 0) != (b < 0));
-}
-
-static inline tse_real r_sqrt(tse_real x)                   /* a binary digit a turn, all in 32 bits */
-{
-  uint32_t digits = x < 0 ? 0u : (uint32_t)x, root = 0, rest = 0;
-  for (int i = 0; i < 26; i++) {                            /* 26 pairs of binary digits of x * 2^20 */
-    rest = (rest << 2) | (digits >> 30);
-    digits <<= 2;
-    root <<= 1;
-    if (rest > root << 1) {
-      rest -= (root << 1) + 1;
-      root++;
-    }
-  }
-  return (tse_real)(root + (rest > root ? 1u : 0u));
-}
-
-/* x = 2^k (1 + f), sqrt(1/2) <= 1 + f <= sqrt(2);  log2(1 + f) = f P(f).  Never decreasing.
- * x <= 0 gives -20, the value of the smallest positive number. */
+/* x = 2^k (1 + f), sqrt(1/2) <= 1 + f <= sqrt(2);  log2(1 + f) = f P(f).  x <= 0 gives the value of the smallest positive number. */
 static inline tse_real r_log2(tse_real x)
 {
-  const uint32_t u = x > 0 ? (uint32_t)x : 1u;
-  const int zeros = q_leading_zeros(u);
-  const uint32_t m = u << zeros;                            /* Q31 in [1, 2) */
+  const uint64_t u = x > 0 ? (uint64_t)x : 1u;
+  const int zeros = fixed_zeros(u);
+  const uint32_t m = (uint32_t)((u << zeros) >> 32);        /* Q31 in [1, 2) */
   const int halve = m > 3037000499u;                        /* sqrt(2) */
-  const int32_t k = 11 - zeros + halve;
+  const int32_t k = 63 - FIXED_BITS - zeros + halve;
   const int32_t f = (int32_t)(m >> (1 + halve)) - 1073741824;
-  int32_t p = -156505071;
-  p = q30_step(254350357, p, f);
-  p = q30_step(-268501393, p, f);
-  p = q30_step(307851017, p, f);
-  p = q30_step(-386641655, p, f);
-  p = q30_step(516404735, p, f);
-  p = q30_step(-774551312, p, f);
-  p = q30_step(1549081718, p, f);
-  return (tse_real)(k * 1048576 + (((int64_t)p * f + ((int64_t)1 << 39)) >> 40));
+  int32_t p = 104075279;
+  p = q30_step(-184201811, p, f);
+  p = q30_step(186422404, p, f);
+  p = q30_step(-191715534, p, f);
+  p = q30_step(219823290, p, f);
+  p = q30_step(-258211884, p, f);
+  p = q30_step(309879893, p, f);
+  p = q30_step(-387271120, p, f);
+  p = q30_step(516359561, p, f);
+  p = q30_step(-774540990, p, f);
+  p = q30_step(1549082010, p, f);
+  return k * FIXED_ONE + (((int64_t)p * f + ((int64_t)1 << (59 - FIXED_BITS))) >> (60 - FIXED_BITS));
 }
 
-/* x = k + f, 0 <= f < 1;  2^f = 1 + f P(f).  Never decreasing; 0 below -21, the largest number from 11. */
+/* x = k + f, 0 <= f < 1;  2^f = 1 + f P(f). 0 far below, the largest number far above. */
 static inline tse_real r_exp2(tse_real x)
 {
-  const int32_t k = x >> 20, f = (x & 0xfffff) * 1024;
-  int32_t p = 232067;
-  uint32_t y;
-  p = q30_step(1338725, p, f);
-  p = q30_step(10388937, p, f);
-  p = q30_step(59576866, p, f);
-  p = q30_step(257944253, p, f);
-  p = q30_step(744260972, p, f);
-  y = (uint32_t)q30_step(1073741824, p, f);                 /* Q30 in [1, 2) */
-  if (k > 10)  { return Q_MAX; }
-  if (k == 10) { return (tse_real)y; }
-  if (k < -21) { return 0; }
-  return (tse_real)((y + ((uint32_t)1 << (9 - k))) >> (10 - k));
+  const int64_t k = x >> FIXED_BITS, part = x - k * FIXED_ONE;
+#if FIXED_BITS > 30
+  const int32_t f = (int32_t)(part >> (FIXED_BITS - 30));
+#else
+  const int32_t f = (int32_t)(part << (30 - FIXED_BITS));
+#endif
+  const int up = FIXED_BITS - 30;                           /* 1 is 2^30 in y, 2^FIXED_BITS in the result */
+  int32_t p = 23011;
+  int64_t y;
+  if (k >= 63 - FIXED_ROOM - FIXED_BITS) return FIXED_MOST;
+  if (k < -FIXED_BITS - 1) return 0;
+  p = q30_step(154374, p, f);
+  p = q30_step(1440856, p, f);
+  p = q30_step(10323258, p, f);
+  p = q30_step(59598065, p, f);
+  p = q30_step(257941138, p, f);
+  p = q30_step(744261122, p, f);
+  y = (int64_t)1073741824 + (((int64_t)p * f + (1 << 29)) >> 30); /* Q30 in [1, 2] */
+  return k + up >= 0 ? y * ((int64_t)1 << (k + up)) : (y + ((int64_t)1 << (-k - up - 1))) >> (-k - up);
 }
 
 /* t = quarter/4 + x/8, |x| <= 1;  sin(pi/4 x) = x P(x^2),  cos(pi/4 x) = 1 + x^2 Q(x^2).
  * Any t: whole turns drop out. */
 static inline void r_sincos_turn(tse_real t, tse_real *s, tse_real *c)
 {
-  const int32_t turn = t & 0xfffff, quarter = (turn + (1 << 17)) >> 18;
-  const int32_t x = (turn - quarter * (1 << 18)) * 8192, w = q30_step(0, x, x);
-  int32_t p = -38523, q = 3792;
-  p = q30_step(2673480, p, w);
-  p = q30_step(-86699678, p, w);
-  p = q30_step(843314845, p, w);
+  const int64_t turn = t & (FIXED_ONE - 1), quarter = (turn + FIXED_ONE / 8) >> (FIXED_BITS - 2);
+  const int64_t off = turn - quarter * (FIXED_ONE / 4);     /* 1/8 of a turn is 1 */
+#if FIXED_BITS > 33
+  const int32_t x = (int32_t)(off >> (FIXED_BITS - 33));
+#else
+  const int32_t x = (int32_t)(off * ((int64_t)1 << (33 - FIXED_BITS)));
+#endif
+  const int32_t w = q30_step(0, x, x);
+  int32_t p = 331, q = 3792;
+  p = q30_step(-39268, p, w);
+  p = q30_step(2674039, p, w);
+  p = q30_step(-86699833, p, w);
+  p = q30_step(843314857, p, w);
   q = q30_step(-349978, q, w);
   q = q30_step(17023455, q, w);
   q = q30_step(-331168968, q, w);
-  p = (q30_step(0, p, x) + 512) >> 10;
-  q = (q30_step(1073741824, q, w) + 512) >> 10;
-  *s = (quarter & 1) != 0 ? q : p;
-  *c = (quarter & 1) != 0 ? p : q;
+  const int64_t sine = ((int64_t)p * x + ((int64_t)1 << (59 - FIXED_BITS))) >> (60 - FIXED_BITS);
+  const int64_t cosine = FIXED_ONE + (((int64_t)q * w + ((int64_t)1 << (59 - FIXED_BITS))) >> (60 - FIXED_BITS));
+  *s = (quarter & 1) != 0 ? cosine : sine;
+  *c = (quarter & 1) != 0 ? sine : cosine;
   if ((quarter & 2) != 0)       { *s = -*s; }
   if (((quarter + 1) & 2) != 0) { *c = -*c; }
 }
 
-/* The quotient is reduced to tan(pi/8); angles in Q28. */
+/* The quotient is reduced to tan(pi/8); angles in Q32. */
 static inline tse_real r_atan2(tse_real y, tse_real x)
 {
-  const uint32_t ax = q_magnitude(x), ay = q_magnitude(y);
-  const uint64_t big = ax < ay ? ay : ax, small = ax < ay ? ax : ay;
+  const uint64_t ax = fixed_magnitude(x), ay = fixed_magnitude(y);
+  uint64_t big = ax < ay ? ay : ax, small = ax < ay ? ax : ay;
+  if (big == 0) return 0;
+  const int zeros = fixed_zeros(big);
+  const int shift = zeros < 32 ? 32 - zeros : 0;            /* 32 digits of the quotient's 30 */
+  big >>= shift;
+  small >>= shift;
   const int beyond = (small << 30) > 444758319u * big;      /* tan(pi/8) */
-  int32_t q, w, p = 85756924, a;
-  if (big == 0) {
-    return 0;
-  }
-  q = beyond ? -(int32_t)(((big - small) << 30) / (big + small)) : (int32_t)((small << 30) / big);
-  w = q30_step(0, q, q);
-  p = q30_step(-148735664, p, w);
-  p = q30_step(214474242, p, w);
-  p = q30_step(-357908206, p, w);
-  p = q30_step(1073741805, p, w);
-  a = (q30_step(0, p, q) + 2) >> 2;
-  if (beyond)  { a += 210828714; }
-  if (ax < ay) { a = 421657428 - a; }
-  if (x < 0)   { a = 843314857 - a; }
-  a = (a + 128) >> 8;
+  const int32_t q = beyond ? -(int32_t)(((big - small) << 30) / (big + small)) : (int32_t)((small << 30) / big);
+  const int32_t w = q30_step(0, q, q);
+  int32_t p = 50619838;
+  p = q30_step(-90836426, p, w);
+  p = q30_step(118553854, p, w);
+  p = q30_step(-153348062, p, w);
+  p = q30_step(214747145, p, w);
+  p = q30_step(-357913928, p, w);
+  int64_t a = ((int64_t)1073741824 * q + (int64_t)q30_step(0, p, w) * q + ((int64_t)1 << 27)) >> 28;
+  if (beyond)  { a += 3373259426; }
+  if (ax < ay) { a = 6746518852 - a; }
+  if (x < 0)   { a = 13493037705 - a; }
+#if FIXED_BITS > 32
+  a *= (int64_t)1 << (FIXED_BITS - 32);
+#elif FIXED_BITS < 32
+  a = (a + ((int64_t)1 << (31 - FIXED_BITS))) >> (32 - FIXED_BITS);
+#endif
   return y < 0 ? -a : a;
 }
 
-/* Sums over particles: 2^-40 units, so products go in unshifted; range +- 2^23, saturates. */
+/* Sums over particles: as the numbers themselves, at most 2^16 weights of 1 and less; saturates. */
 typedef int64_t tse_acc;
 
 static inline tse_acc acc_zero(void) { return 0; }
+static inline tse_acc acc_merge(tse_acc s, tse_acc t) { return r_add_sat(s, t); }
+static inline tse_acc acc_add(tse_acc s, tse_real a) { return r_add_sat(s, a); }
+static inline tse_acc acc_add_mul(tse_acc s, tse_real a, tse_real b) { return r_add_sat(s, r_mul(a, b)); }
+static inline tse_real acc_to_real(tse_acc s) { return s; }
+static inline tse_real acc_div(tse_acc num, tse_acc den) { return r_div(num, den); }
 
-static inline tse_acc acc_merge(tse_acc s, tse_acc t)
-{
-  if (t > 0) {
-    return s > INT64_MAX - t ? INT64_MAX : s + t;
-  }
-  return s < -INT64_MAX - t ? -INT64_MAX : s + t;
-}
-
-static inline tse_acc acc_add(tse_acc s, tse_real a) { return acc_merge(s, (int64_t)a * 1048576); }
-static inline tse_acc acc_add_mul(tse_acc s, tse_real a, tse_real b) { return acc_merge(s, (int64_t)a * b); }
-
-/* For positions along a cumulative sum of at most 2^16: s - t, s n, s/n, s u (u in [0, 1], 20 digits of s used). */
+/* For positions along a cumulative sum of at most 2^16: s - t, s n, s/n, s u. */
 static inline tse_acc acc_minus(tse_acc s, tse_acc t) { return s - t; }
-static inline tse_acc acc_times(tse_acc s, int32_t n) { return s * n; }
+static inline tse_acc acc_times(tse_acc s, int32_t n) { return r_mul(s, r_from_int(n)); }
 static inline tse_acc acc_share(tse_acc s, int32_t n) { return s / n; }
-static inline tse_acc acc_scale(tse_acc s, tse_real u) { return s / 1048576 * u; }
+static inline tse_acc acc_scale(tse_acc s, tse_real u) { return r_mul(s, u); }
 
-static inline tse_real acc_to_real(tse_acc s)               /* nearest, ties towards +infinity; saturates */
-{
-  return q_saturate((s >> 20) + ((s >> 19) & 1));
-}
-
-/* Nearest, saturates, x/0 as in r_div. The quotient needs 20 digits more than the operands: those that do
- * not fit above the numerator are dropped below the denominator, which then still has 32 (or saturates). */
-static inline tse_real acc_div(tse_acc num, tse_acc den)
-{
-  const int negative = (num < 0) != (den < 0);
-  uint64_t n = num < 0 ? 0u - (uint64_t)num : (uint64_t)num;
-  uint64_t d = den < 0 ? 0u - (uint64_t)den : (uint64_t)den, quotient;
-  int room = 0;
-  if (n == 0) {
-    return 0;
-  }
-  while (room < 20 && (n >> 63) == 0) {
-    n <<= 1;
-    room++;
-  }
-  d >>= 20 - room;
-  if (d == 0) {
-    return q_signed((uint64_t)Q_MAX, negative);
-  }
-  quotient = n / d;
-  return q_signed(quotient + (n % d >= d - n % d ? 1u : 0u), negative);
-}
-
-#undef Q_MAX
 #endif /* format */
 
 /* ------------------------------------------------------------------------------- all formats ---- */
 
-/* log2(a b c) of positive numbers whose product does not overflow (q20: any). */
+/* log2(a b c) of positive numbers whose product does not overflow (fixed: any). */
 static inline tse_real r_log2_of_product(tse_real a, tse_real b, tse_real c)
 {
-#if defined(TSE_REAL_Q20)
+#if defined(TSE_REAL_FIXED)
   return r_log2(a) + r_log2(b) + r_log2(c);
 #else
   return r_log2(r_mul(a, r_mul(b, c)));

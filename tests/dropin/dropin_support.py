@@ -12,7 +12,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 DRIVE = ROOT / "tests" / "replay" / "drive.csv"
-FORMATS = ("double", "float", "q20")
+FORMATS = ("double", "float", "fixed")
 
 
 def run(*command: str | Path, cwd: Path | None = None, env: dict[str, str] | None = None) -> str:

@@ -10,7 +10,7 @@
 #else
 #include "tse/describe.h"
 #include "tse/learnt.h"
-#if !defined(TSE_NO_EFFECTS) /* tse/effects.h sets it in q20 */
+#if !defined(TSE_NO_EFFECTS)
 #include "tse/simulate.h"
 #endif
 #endif

@@ -103,7 +103,7 @@ def exported(archive: Path) -> set[str]:
 
 def test_only_what_the_public_headers_declare_is_visible(both: tuple[str, Path, Path]) -> None:
     real, library, archive = both
-    suffix = {"double": "f64", "float": "f32", "q20": "q20"}[real]
+    suffix = {"double": "f64", "float": "f32", "fixed": "fix"}[real]
     names = exported(archive)
     headers = "\n".join(p.read_text() for p in (ROOT / "include/tse").glob("*.h"))
     declared = re.findall(r"^#define \w+ +TSE_NAME\((\w+)\)", headers, re.M)

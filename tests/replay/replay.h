@@ -11,6 +11,7 @@
 
 #include "replay_hash.h"
 #include "tse/tse.h"
+#include "tse/convert.h"
 
 enum { REPLAY_ROWS_MOST = 4000, REPLAY_EVERY = 25, REPLAY_PARTICLES = 150, REPLAY_SCHEMES = 4 };
 
@@ -48,7 +49,7 @@ static inline int replay_read(const char *path, tse_input *rows)
     for (int k = 0; k < 1 + TSE_CHANNELS; k++) {
       char *end;
       const double x = strtod(at, &end);
-      value[k] = end == at ? (tse_real)NAN : (tse_real)x;
+      value[k] = tse_real_of(end == at ? (double)NAN : x);
       at = *end == ',' ? end + 1 : end;
     }
     memset(&rows[n], 0, sizeof rows[n]);
@@ -66,7 +67,7 @@ static inline int replay_read(const char *path, tse_input *rows)
 static inline void replay_columns(const tse_output *y, double column[])
 {
   int k = 0;
-#define OUT_REAL(name, member, unit, text) column[k++] = (double)y->member;
+#define OUT_REAL(name, member, unit, text) column[k++] = tse_double_of(y->member);
 #define OUT_INT(name, member, text) column[k++] = (double)y->member;
 #define OUT_AGE(name, member, unit, text)
 #include "tse/output.def"

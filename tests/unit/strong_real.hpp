@@ -33,7 +33,7 @@ private:
 
 #define TSE_R(x) (tse_real::wrap((double)(x)))
 
-// A sum over particles. Of another type than tse_real, because in q20 it has another scale.
+// A sum over particles. Of another type than tse_real, because it may have another scale.
 class tse_acc {
 public:
   tse_acc() = default;

@@ -16,7 +16,7 @@ class Tse(ConanFile):
     options = {  # noqa: RUF012 - Conan reads them from the class
         "shared": [True, False],
         "fPIC": [True, False],
-        "real": ["double", "float", "q20"],
+        "real": ["double", "float", "fixed"],
         "max_particles": ["ANY"],
         "latency_rows": ["ANY"],
         "effects": [True, False],

@@ -11,7 +11,9 @@ void bank_start(const tse_params *p, tse_bank *b, const tse_start *s, const samp
 {
   static const int32_t held_of[6] = { 0, 0, 0, 1, 1, 1 };
   const tse_real noise_of[3] = { TSE_R(1), START_LOUD, r_div(TSE_R(1), START_LOUD) }; /* as told, louder, quieter */
+  const uint32_t saturated = b->saturated;
   memset(b, 0, sizeof *b);
+  b->saturated = saturated;
   start_hypothesis(p, &b->h[0], s, y);
   const tse_hypothesis first = b->h[0];
   for (int k = 0; k < 6; k++) {
@@ -79,7 +81,12 @@ static int are_one(const tse_hypothesis *g, const tse_hypothesis *h)
 /* Moments of both; what is discrete, and the statistics, are those of g, the likelier. */
 static void merge(tse_hypothesis *g, const tse_hypothesis *h)
 {
-  const tse_real wg = r_exp2(g->log_weight), wh = r_exp2(h->log_weight), total = wg + wh;
+#if defined(TSE_REAL_FIXED) /* in which both may be 0 */
+  const tse_real most = r_max(g->log_weight, h->log_weight);
+#else
+  const tse_real most = TSE_R(0);
+#endif
+  const tse_real wg = r_exp2(g->log_weight - most), wh = r_exp2(h->log_weight - most), total = wg + wh;
   if (!(total > TSE_R(0))) return;
   const tse_real share = r_div(wh, total), rest = TSE_R(1) - share, both = r_mul(share, rest);
   tse_real off[TSE_X];
@@ -89,7 +96,7 @@ static void merge(tse_hypothesis *g, const tse_hypothesis *h)
     for (int j = 0; j < TSE_X; j++)
       g->cov[i][j] = r_mul(rest, g->cov[i][j]) + r_mul(share, h->cov[i][j]) + r_mul(both, r_mul(off[i], off[j]));
   }
-  g->log_weight = r_log2(total);
+  g->log_weight = most + r_log2(total);
   g->age = r_max(g->age, h->age);
 }
 
@@ -134,7 +141,10 @@ static tse_real normalise(tse_bank *b)
   tse_real sum = TSE_R(0);
   b->likeliest = 0;
   for (int32_t i = 0; i < b->count; i++) {
-    if (!is_proper(&b->h[i]) || !r_is_finite(b->h[i].log_weight)) b->h[i].log_weight = IMPOSSIBLE;
+    if (!is_proper(&b->h[i]) || !r_is_finite(b->h[i].log_weight)) {
+      b->h[i].log_weight = IMPOSSIBLE;
+      b->saturated++;
+    }
     if (b->h[i].log_weight > b->h[b->likeliest].log_weight) b->likeliest = i;
   }
   if (b->likeliest != was) b->h[was].age = -COME_BACK_TIME; /* it may be right after all */
@@ -150,7 +160,7 @@ static tse_real normalise(tse_bank *b)
 static void drop_nonsense(tse_bank *b)
 {
   for (int32_t i = b->count - 1; i >= 0; i--)
-    if (i != b->likeliest && !is_proper(&b->h[i])) drop(b, i);
+    if (i != b->likeliest && !is_proper(&b->h[i])) drop(b, i); /* counted where its weight was taken, or below */
 }
 
 /* What this sample has told the likeliest about each stiffness: inverse variance, relative, a second. */
@@ -209,9 +219,11 @@ tse_real bank_learn(const tse_params *p, tse_bank *b, const sample *y, const tse
       innovate(p, h, y, &own);
       h->log_weight += log2_density(&own) + evidence_of_repeat(&b->repeats, h, &own);
       update(p, h, y, &own);
+      b->saturated += own.saturated ? 1u : 0u;
     } else {
       h->log_weight += log2_density(&o) + evidence_of_repeat(&b->repeats, h, &o);
       update(p, h, y, &o);
+      b->saturated += o.saturated ? 1u : 0u;
     }
   }
   const tse_real evidence = normalise(b) - r_log2(was);
@@ -234,6 +246,7 @@ void bank_mend(const tse_params *p, tse_bank *b, const sample *y)
   if (!is_proper(&b->h[b->likeliest])) {
     place_states(p, &b->h[b->likeliest], y);
     consider_restart(b, 0);
+    b->saturated++;
     if (!is_proper(&b->h[b->likeliest])) start_over(p, b, y); /* it was not the states alone */
   }
   drop_nonsense(b);

@@ -88,8 +88,28 @@ static void covariance(const tse_hypothesis *h, const sample *y, innovation *o)
     }
 }
 
-/* Inverse of S by cofactors (well conditioned: noise on its diagonal), its determinant, and what follows from them. */
-static void solve(innovation *o)
+#if defined(TSE_REAL_FIXED)
+/* S = L D L': its elements are at most S and at least the noise, where a determinant would be the cube of either, and one over it
+ * would have no digits left. */
+static void invert(innovation *o)
+{
+  tse_real(*const s)[3] = o->s;
+  const tse_real i0 = r_div(TSE_R(1), s[0][0]), l10 = r_div(s[0][1], s[0][0]), l20 = r_div(s[0][2], s[0][0]);
+  const tse_real least = (tse_real)16, d1 = r_max(s[1][1] - r_mul(l10, s[0][1]), least), c21 = s[1][2] - r_mul(l10, s[0][2]);
+  const tse_real i1 = r_div(TSE_R(1), d1), l21 = r_div(c21, d1);
+  const tse_real d2 = r_max(s[2][2] - r_mul(l20, s[0][2]) - r_mul(l21, c21), least), i2 = r_div(TSE_R(1), d2);
+  const tse_real m20 = r_mul(l21, l10) - l20; /* L^-1: -l10, m20, -l21 */
+  o->inv[2][2] = i2;
+  o->inv[1][2] = o->inv[2][1] = -r_mul(l21, i2);
+  o->inv[0][2] = o->inv[2][0] = r_mul(m20, i2);
+  o->inv[1][1] = i1 - r_mul(l21, o->inv[1][2]);
+  o->inv[0][1] = o->inv[1][0] = -r_mul(l10, i1) - r_mul(l21, o->inv[0][2]);
+  o->inv[0][0] = i0 + r_mul(r_mul(l10, l10), i1) + r_mul(m20, o->inv[0][2]);
+  o->log2_det = r_log2(s[0][0]) + r_log2(d1) + r_log2(d2);
+}
+#else
+/* By cofactors: well conditioned, noise on its diagonal. */
+static void invert(innovation *o)
 {
   tse_real(*const s)[3] = o->s;
   const tse_real c00 = r_mul(s[1][1], s[2][2]) - r_mul(s[1][2], s[1][2]);
@@ -104,6 +124,17 @@ static void solve(innovation *o)
   o->inv[1][2] = o->inv[2][1] = r_mul(k, r_mul(s[0][1], s[0][2]) - r_mul(s[0][0], s[1][2]));
   o->inv[2][2] = r_mul(k, r_mul(s[0][0], s[1][1]) - r_mul(s[0][1], s[0][1]));
   o->log2_det = r_log2(r_max(det, TSE_R(1e-12)));
+}
+#endif
+
+/* Inverse of S, its determinant, and what follows from them. */
+static void solve(innovation *o)
+{
+  o->saturated = 0;
+#if defined(TSE_REAL_FIXED) /* in which S is no infinity, and nothing that follows from it NaN */
+  for (int a = 0; a < 3; a++) o->saturated = o->saturated || !r_is_finite(o->s[a][a]) || !r_is_finite(o->e[a]);
+#endif
+  invert(o);
   o->m2 = TSE_R(0);
   for (int a = 0; a < 3; a++) {
     o->se[a] = r_mul(o->inv[a][0], o->e[0]) + r_mul(o->inv[a][1], o->e[1]) + r_mul(o->inv[a][2], o->e[2]);

@@ -23,13 +23,15 @@ typedef struct innovation {
   tse_real log2_det;         /* of S                                                   */
   tse_real half_dof;         /* (dof + channels)/2 of the evidence                     */
   int slides;                /* slip beyond what the model knows                       */
+  int saturated;             /* S has left the range of the number format              */
 } innovation;
 
 void innovate(const tse_params *p, const tse_hypothesis *h, const sample *y, innovation *o);
 
-/* How much of its gain a sample keeps: the less the further off it is. */
+/* How much of its gain a sample keeps: the less the further off it is; nothing where S is not one. */
 static inline tse_real trust_of(const innovation *o)
 {
+  if (o->saturated) return TSE_R(0);
   return o->m2 > TRUST_FROM ? r_div(EVIDENCE_DOF + TRUST_FROM, EVIDENCE_DOF + o->m2) : TSE_R(1);
 }
 

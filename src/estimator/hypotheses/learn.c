@@ -55,6 +55,16 @@ static void add_lost(const sample *y, tse_real g[6][6], const tse_real var[6], t
   }
 }
 
+/* g^2 a b/2. In fixed point g a, a share of the evidence, fits, and g^2 does not. */
+static tse_real information(tse_real g, tse_real a, tse_real b)
+{
+#if defined(TSE_REAL_FIXED)
+  return r_mul(r_mul(TSE_R(0.5), r_mul(g, a)), r_mul(g, b));
+#else
+  return r_mul(r_mul(TSE_R(0.5), r_sqr(g)), r_mul(a, b));
+#endif
+}
+
 /* var times exp(step), in a bounded step. */
 static tse_real moved(tse_real var, tse_real by, tse_real least, tse_real most)
 {
@@ -73,7 +83,7 @@ void learn(const tse_params *p, tse_hypothesis *h, const sample *y, const innova
   for (int i = 0; i < 6; i++) {
     step[i] = r_mul(r_mul(TSE_R(0.5), var[i]), r_mul(trust, r_sqr(q[i])) - g[i][i]);
     for (int j = 0; j <= i; j++)
-      A[i][j] = A[j][i] = r_mul(keep, h->info[i][j]) + r_mul(r_mul(TSE_R(0.5), r_sqr(g[i][j])), r_mul(var[i], var[j]));
+      A[i][j] = A[j][i] = r_mul(keep, h->info[i][j]) + information(g[i][j], var[i], var[j]);
     /* what is forgotten gives way to the prior: 2 (a - b)/(a + b) is log a - log b, near enough */
     const tse_real told = i < 3 ? p->initial_spread_var : TSE_R(1);
     const tse_real prior = r_div(TSE_R(1) - keep, r_sqr(i < 3 ? SPREAD_PRIOR_SD : NOISE_PRIOR_SD));

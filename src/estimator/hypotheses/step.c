@@ -145,6 +145,7 @@ static tse_status step_row(const tse_params *own, tse_params *row, tse_filter *f
   sample read, told;
   const tse_status refused = input_decode(own, f, u, &read);
   if (refused < 0) return refused; /* nothing has changed yet */
+  const uint32_t saturated = f->bank.saturated;
   read = without_nods(own, f, &read);
   told = row ? told_inputs(own, f, &read, row) : read;
   const sample steered = followed(own, f, &told);
@@ -174,6 +175,7 @@ static tse_status step_row(const tse_params *own, tse_params *row, tse_filter *f
     if (now.reason[a] == TSE_VALID) f->known[a] = TSE_KNOWN;
   f->step++;
   now.status = (int32_t)status_of(f, &y, &w, &now);
+  if (f->bank.saturated != saturated) now.status = (int32_t)worse((tse_status)now.status, TSE_W_RANGE);
   if (out) *out = now;
   return (tse_status)now.status;
 }

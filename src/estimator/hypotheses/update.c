@@ -87,8 +87,25 @@ void update(const tse_params *p, tse_hypothesis *h, const sample *y, const innov
   if (!o->slides && h->fault == FAULT_NONE) learn(p, h, y, o, trust);
 }
 
+/* All of X and P inside the range of the number format. */
+static int is_finite(const tse_hypothesis *h)
+{
+#if defined(TSE_REAL_FIXED)
+  int fine = 1;
+  for (int a = 0; a < TSE_X; a++) {
+    fine = fine && r_is_finite(h->x[a]);
+    for (int b = a; b < TSE_X; b++) fine = fine && r_is_finite(h->cov[a][b]);
+  }
+  return fine;
+#else /* what is no number spreads to the diagonal */
+  (void)h;
+  return 1;
+#endif
+}
+
 int is_proper(const tse_hypothesis *h)
 {
+  if (!is_finite(h)) return 0; /* before sums are made of them */
   tse_real sum = TSE_R(0);
   int proper = 1;
   for (int a = 0; a < TSE_X; a++) {

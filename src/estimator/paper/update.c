@@ -9,9 +9,9 @@
 #define ALL_FORGOTTEN TSE_R(-20) /* log2 of the share that is left */
 #define MOST_BIAS TSE_R(2000) /* sigma: stays a number whatever is measured */
 #define TINY TSE_R(1e-6 * 1e-6) /* smallest pivot: rounding may leave a zero or negative one */
-#if defined(TSE_REAL_Q20)
+#if defined(TSE_REAL_FIXED)
 #undef TINY
-#define TINY TSE_R(1.0 / 1048576.0)
+#define TINY ((tse_real)16)   /* steps of the format: less has no digit that means anything */
 #endif
 
 /* Stiffness stays positive by construction: a draw below w_min is reflected at it, one above w_max cut. */

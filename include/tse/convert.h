@@ -1,0 +1,43 @@
+/* tse/convert.h - double to the numbers of the library and back, in every format. For the programs around it: nothing in the library
+ * includes this. What is no number stays none; what does not fit a fixed-point number is the largest that does, which tse_prepare()
+ * and tse_step() refuse or take for missing. */
+#ifndef TSE_CONVERT_H
+#define TSE_CONVERT_H
+
+#include <math.h>
+
+#include "tse/real.h"
+
+#if defined(TSE_REAL_FIXED)
+
+static inline tse_real tse_real_of(double x)
+{
+  const double one = (double)((int64_t)1 << TSE_FRACTION_BITS), most = 1152921504606846976.0; /* 2^60, beyond every result */
+  const double scaled = x * one;
+  if (x != x) return INT64_MIN;
+  if (scaled >= most) return (tse_real)1 << 60;
+  if (scaled <= -most) return -((tse_real)1 << 60);
+  const tse_real whole = (tse_real)scaled;
+  const double rest = scaled - (double)whole;
+  return whole + (rest >= 0.5 ? 1 : rest <= -0.5 ? -1 : 0);
+}
+
+static inline double tse_double_of(tse_real x)
+{
+  if (x == INT64_MIN) return (double)NAN;
+  return (double)x / (double)((int64_t)1 << TSE_FRACTION_BITS);
+}
+
+/* A setting: through single precision, as TSE_S(). */
+static inline tse_setting tse_setting_of(double x) { return tse_real_of((double)(float)x); }
+static inline double tse_double_of_setting(tse_setting x) { return tse_double_of(x); }
+
+#else
+
+static inline tse_real tse_real_of(double x) { return (tse_real)x; }
+static inline double tse_double_of(tse_real x) { return (double)x; }
+static inline tse_setting tse_setting_of(double x) { return (tse_setting)x; }
+static inline double tse_double_of_setting(tse_setting x) { return (double)x; }
+
+#endif
+#endif

@@ -1,0 +1,143 @@
+#!/usr/bin/env python3
+"""The fixed-point build beside double, on the same drives: writes scripts/results/fixed.md.
+
+    .venv/bin/python scripts/fixed.py [--runs R] [--bits 28,30,34,36]
+
+Every drive is simulated once, in double; both builds read the same log. Libraries are made in build/fixed (cmake, a C compiler).
+Half an hour for 20 runs on one free core. What counts, and when a run has diverged, is as in every study (tselab montecarlo).
+"""
+
+from __future__ import annotations
+
+import argparse
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+ROOT = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(ROOT / "scripts"))
+
+from tselab.core import INPUT, STIFFNESS, Config, Filter, Library  # noqa: E402
+from tselab.montecarlo import scores, studies  # noqa: E402
+from tselab.montecarlo.case import Case, Drive, drive  # noqa: E402
+from tselab.study import START  # noqa: E402
+
+OUT = ROOT / "scripts" / "results" / "fixed.md"
+CASES = (studies.NOMINAL, studies.NOISE_3X, studies.LOW, studies.ROAD)
+FORMS = {"default": CASES, "paper": (studies.NOMINAL,)}
+LIMIT = {"rms": 10.0, "valid": 3.0}  # % of double's, points: what issue 14 asks
+
+
+def library(real: str, bits: int | None = None) -> Library:
+    """A shared library of this tree, made where it is missing or older than its sources."""
+    folder = ROOT / "build" / "fixed" / (real if bits is None else f"{real}-{bits}")
+    flags = [f"-DCMAKE_C_FLAGS=-DTSE_FRACTION_BITS={bits}"] if bits is not None else []
+    options = ["-DCMAKE_BUILD_TYPE=Release", f"-DTSE_REAL={real}", "-DBUILD_SHARED_LIBS=ON", "-DTSE_MAX_PARTICLES=512",
+               "-DTSE_BUILD_TESTS=OFF", "-DTSE_BUILD_FMU=OFF", *flags]  # fmt: skip
+    for command in (["cmake", "-S", ROOT, "-B", folder, *options], ["cmake", "--build", folder, "--config", "Release"]):
+        subprocess.run([str(c) for c in command], check=True, stdout=subprocess.DEVNULL)
+    return Library(next(f for f in folder.rglob("*tse.*") if f.suffix in (".so", ".dylib", ".dll")))
+
+
+def estimated(d: Drive, config: Config) -> np.ndarray:
+    filter_ = Filter(config)
+    rows, out = filter_.inputs(len(d.rows)), filter_.outputs(len(d.rows))
+    for name in config.lib.dtype(INPUT).names:
+        rows[name] = d.rows[name]
+    filter_.step_into(rows, out)
+    return out
+
+
+def told(lib: Library, form: str, about: dict[str, float]) -> Config:
+    config = Config({**START, **about}, lib=lib)
+    if form != "default":
+        config.fill(f"tse_config_{form}")
+        for name, value in {**START, **about}.items():
+            config.set(name, value)
+    return config
+
+
+def simulated(case: Case, seed: int) -> Drive:
+    return drive(case, seed, lambda about: Config({**START, **about}), {})
+
+
+def study(builds: dict[str, Library], runs: int) -> pd.DataFrame:
+    """One row a case, form, build and seed."""
+    rows = []
+    for form, cases in FORMS.items():
+        for case in cases:
+            for seed in range(1, runs + 1):
+                d = simulated(case, seed)
+                known = scores.knowable(d, case)
+                for build, lib in builds.items():
+                    if form != "default" and build not in ("double", "fixed"):
+                        continue
+                    estimate = estimated(d, told(lib, form, d.about))
+                    row = {"case": case.name, "form": form, "build": build, "seed": seed}
+                    row["out_of_range"] = int((estimate["status"] == lib.status("TSE_W_RANGE")).sum())
+                    rows.append(row | scores.score(d, case, known, estimate) | validity(d, estimate))
+                print(f"{form} {case.name} {seed}", file=sys.stderr, flush=True)
+    return pd.DataFrame(rows)
+
+
+def validity(d: Drive, estimate: np.ndarray) -> dict[str, float]:
+    """Share of rows after 5 s that are called valid, of each stiffness [%]."""
+    later = d.time >= scores.VALID_AFTER - 1e-9
+    return {f"{s}_valid": 100 * float(np.mean(estimate[f"{s}_valid"][later] == 0)) for s in STIFFNESS}
+
+
+def compared(runs: pd.DataFrame, fixed: str) -> list[str]:
+    """Lines of a table: fixed against double."""
+    lines = []
+    for (case, form), part in runs.groupby(["case", "form"], sort=False):
+        a, b = (part[part.build == name] for name in ("double", fixed))
+        if b.empty:
+            continue
+        rms = [[float(np.sqrt(x[f"{s}_mean_square"].mean())) for s in STIFFNESS] for x in (a, b)]
+        ratio = max(100 * (y / x - 1) for x, y in zip(*rms, strict=True))
+        valid = [[float(x[f"{s}_valid"].mean()) for s in STIFFNESS] for x in (a, b)]
+        moved = max((abs(y - x) for x, y in zip(*valid, strict=True)))
+        three = [", ".join(f"{v:.2f}" for v in x) for x in rms] + [", ".join(f"{v:.1f}" for v in x) for x in valid]
+        diverged = f"{int(a.diverged.sum())} / {int(b.diverged.sum())}"
+        kept = "yes" if ratio <= LIMIT["rms"] and moved <= LIMIT["valid"] and b.diverged.sum() <= a.diverged.sum() else "no"
+        lines.append(f"| {case} | {form} | {three[0]} | {three[1]} | {ratio:+.2f} % | {three[2]} | {three[3]} | {moved:.2f} | {diverged} | {int(b.out_of_range.sum())} | {kept} |")
+    return lines
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--runs", type=int, default=20, help="of each case, one seed each")
+    parser.add_argument("--bits", default="", help="other numbers of fraction bits to show beside 32")
+    parser.add_argument("--use", nargs=2, metavar=("DOUBLE", "FIXED"), help="shared libraries that are there already")
+    options = parser.parse_args()
+    if options.use:
+        builds = dict(zip(("double", "fixed"), (Library(Path(p)) for p in options.use), strict=True))
+    else:
+        builds = {"double": library("double"), "fixed": library("fixed")}
+    for bits in filter(None, options.bits.split(",")):
+        builds[f"fixed-{bits}"] = library("fixed", int(bits))
+    runs = study(builds, options.runs)
+    head = ["| case | form | RMS %, double | RMS %, fixed | worst change of RMS | valid %, double | valid %, fixed | points | diverged | rows out of range | within limits |",
+            "|---|---|---|---|---:|---|---|---:|---|---:|---|"]  # fmt: skip
+    text = [
+        "# Fixed point beside double",
+        "",
+        f"Written by `.venv/bin/python scripts/fixed.py --runs {options.runs}`: {options.runs} drives of each case, seeds 1 .. "
+        f"{options.runs}, every drive simulated once (in double) and read by both builds. RMS of the relative errors of cx_front, "
+        "cy_front, cy_rear over 15 .. 30 s (as every study); valid: rows after 5 s so called; points: largest difference of these "
+        "shares. Limits: RMS at most 10 % above double's, validity within 3 points, no more divergences.",
+        "",
+    ]
+    for build in builds:
+        if build != "double":
+            text += [f"## {build}: {builds[build].fraction_bits} bits behind the point", "", *head, *compared(runs, build), ""]
+    OUT.write_text("\n".join(text), encoding="utf-8")
+    print("\n".join(text))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
