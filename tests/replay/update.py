@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Write the golden estimates anew: golden_double.csv, golden_float.csv and golden_fixed.csv, from drive.csv and the core as it is now.
+"""Write the golden estimates anew, golden_double.csv, golden_float.csv, golden_fixed.csv, from drive.csv and the core as it is now.
 
 python3 tests/replay/update.py            says what moved, and by how much
 python3 tests/replay/update.py --drive    also records a new drive with the simulator (rarely wanted)

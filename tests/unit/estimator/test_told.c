@@ -100,11 +100,11 @@ static void expect_told_is_better(const tse_config *with, const drive *d, measur
   }
 }
 
-#define TELL(setting, value, how, what)                          \
+#define TELL(name, value, how, what)                          \
   do {                                                           \
     tse_config c = told_car();                                \
-    c.setting = setting(value);                            \
-    expect_told_is_better(&c, &how, what, #setting);             \
+    c.name = setting(value);                            \
+    expect_told_is_better(&c, &how, what, #name);             \
   } while (0)
 
 static void test_told_of_nothing_the_estimator_is_as_good_as_these_tests_ask_for(void)
