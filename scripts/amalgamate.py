@@ -391,9 +391,9 @@ def filled(text: str, words: dict[str, str]) -> str:
 def make(out: Path, package: str | None, page: str, defaults: dict[str, str]) -> None:
     """Write tse.h and tse.c, or a package, into the folder `out`, which is made where it is missing. What else is in it stays."""
     layout = PACKAGES[package] if package else Package("tse.h", "tse.c")
-    simulates = defaults.get("real") != "q20" and "TSE_NO_EFFECTS" not in defaults
+    simulates = "TSE_NO_EFFECTS" not in defaults
     if package == "make" and not simulates:
-        raise Wrong("the program of make drives a simulated car, which is no part of q20 and of --no-effects")
+        raise Wrong("the program of make drives a simulated car, which is no part of --no-effects")
     if layout.needs_page and not page:
         raise Wrong(f"{package} asks for a page where the package is described: --url")
     if layout.whole is not None and defaults:

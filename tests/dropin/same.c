@@ -70,7 +70,7 @@ static void drive(const char *name, void (*settings)(tse_config *c), const tse_i
   settings(&c);
   c.particles = 50;
 #if !defined(TSE_NO_EFFECTS)
-  if (told) { c.body_roll_gain = (tse_setting)0.01; c.relaxation_length = (tse_setting)0.3; }
+  if (told) { c.body_roll_gain = TSE_S(0.01); c.relaxation_length = TSE_S(0.3); }
 #else
   (void)told;
 #endif
@@ -130,7 +130,7 @@ int main(int argc, char **argv)
   memset(&u, 0, sizeof u);
   tse_config_default(&c);
   tse_sim_config_default(&truth);
-  c.body_roll_gain = (tse_setting)0.01;
+  c.body_roll_gain = TSE_S(0.01);
   if (tse_sim_reset(&car, &c, &truth, NULL) < 0) return 1;
   u.dt = TSE_R(0.01);
   u.road_level = TSE_R(1);

@@ -13,7 +13,6 @@ from dropin_support import DRIVE, FORMATS, ROOT, amalgamated, run, tool
 from tselab.formula import Number, c_header, parse
 
 WARNINGS = ("-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror")
-WITHOUT_EFFECTS = ("model/integrator.c", "host/simulate.c", "host/replay.c")  # what src/CMakeLists.txt leaves out then
 SAME = ROOT / "tests" / "dropin" / "same.c"
 
 
@@ -26,8 +25,7 @@ def two(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def both(request: pytest.FixtureRequest, two: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Path, Path]:
     """Number format; the library from its sources as an archive; the two files as another."""
     cc, ar, folder = tool("cc"), tool("ar"), tmp_path_factory.mktemp(request.param)
-    left_out = WITHOUT_EFFECTS if request.param == "q20" else ()
-    sources = [p for p in sorted((ROOT / "src").rglob("*.c")) if p.relative_to(ROOT / "src").as_posix() not in left_out]
+    sources = sorted((ROOT / "src").rglob("*.c"))
     flags = ["-std=c99", "-O1", "-ffp-contract=off", f"-DTSE_REAL_{request.param.upper()}=1"]
     objects = []
     for source in sources:
@@ -110,8 +108,7 @@ def test_only_what_the_public_headers_declare_is_visible(both: tuple[str, Path, 
     assert names <= exported(library)
     assert names <= {f"{name}_{suffix}" for name in declared}
     assert f"tse_step_{suffix}" in names
-    if real != "q20":  # whose settings are computed in double, which the check knows by the file's name
-        run(sys.executable, ROOT / "tests/check_symbols.py", "--nm", tool("nm"), "--real", real, archive)
+    run(sys.executable, ROOT / "tests/check_symbols.py", "--nm", tool("nm"), "--real", real, archive)
 
 
 def test_fast_math_is_refused(two: Path) -> None:

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Write the golden estimates anew: golden_double.csv and golden_float.csv, from drive.csv and the core as it is now.
+"""Write the golden estimates anew, golden_double.csv, golden_float.csv, golden_fixed.csv, from drive.csv and the core as it is now.
 
 python3 tests/replay/update.py            says what moved, and by how much
 python3 tests/replay/update.py --drive    also records a new drive with the simulator (rarely wanted)
@@ -61,7 +61,7 @@ def main():
     parser.add_argument("--drive", action="store_true", help="record a new drive.csv first")
     args = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        programs = {real: compiled(real, folder) for real in ("double", "float")}
+        programs = {real: compiled(real, folder) for real in ("double", "float", "fixed")}
         if args.drive:
             (HERE / "drive.csv").write_text(output_of(programs["double"], "drive"))
         for real, program in programs.items():

@@ -70,8 +70,8 @@ static inline void straight(const tse_config *c, double speed, double dt, int ro
   for (int i = 0; i < rows; i++) {
     log_dt[i] = real(dt);
     log_steer[i] = real(0);
-    log_front[i] = real(speed / (double)c->wheel_radius_front);
-    log_rear[i] = real(speed / (double)c->wheel_radius_rear);
+    log_front[i] = real(speed / number(c->wheel_radius_front));
+    log_rear[i] = real(speed / number(c->wheel_radius_rear));
   }
 }
 
@@ -86,9 +86,9 @@ static inline tse_sim_config still_sim(double speed) /* no noise, no spread */
 {
   tse_sim_config s;
   tse_sim_config_default(&s);
-  s.noise = 0;
-  s.spread_cx_front = s.spread_cy_front = s.spread_cy_rear = 0;
-  s.speed = (tse_setting)speed;
+  s.noise = setting(0);
+  s.spread_cx_front = s.spread_cy_front = s.spread_cy_rear = setting(0);
+  s.speed = setting(speed);
   return s;
 }
 

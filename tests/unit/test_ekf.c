@@ -12,7 +12,7 @@ static void test_estimates_are_those_of_a_kalman_filter_in_another_form(void)
   tse_config c;
   ekf f;
   tse_config_default(&c);
-#define X(name, value) c.name = (tse_setting)(value);
+#define X(name, value) c.name = setting(value);
   EKF_SETTINGS(X)
 #undef X
   for (int k = 0; k < EKF_ROWS; k++) {

@@ -9,6 +9,7 @@
 #include <string.h>
 
 #include "estimator/stages.h"
+#include "tse/convert.h"
 #include "unity.h"
 
 void setUp(void);
@@ -19,14 +20,16 @@ void tearDown(void) {}
 #define ROWS(table) ((int)(sizeof(table) / sizeof((table)[0])))
 
 /* A figure for each number format. */
-#if defined(TSE_REAL_FLOAT)
+#if defined(TSE_REAL_FLOAT) || defined(TSE_REAL_FIXED) /* whose absolute resolution is a thousandth of float's at 1 */
 #define BY_FORMAT(in_double, in_float) (in_float)
 #else
 #define BY_FORMAT(in_double, in_float) (in_double)
 #endif
 
-static inline tse_real real(double x) { return r_from_setting((tse_setting)x); }
-static inline double number(tse_real x) { return (double)r_to_setting(x); }
+static inline tse_real real(double x) { return tse_real_of(x); }
+static inline double number(tse_real x) { return tse_double_of(x); }
+static inline tse_setting setting(double x) { return tse_setting_of(x); }
+static inline double of_setting(tse_setting x) { return tse_double_of_setting(x); }
 
 static inline void expect_near(double expected, double actual, double tolerance, const char *what, int index)
 {
@@ -69,7 +72,7 @@ static inline int kind_of_effect_setting(size_t offset)
 /* For settings anywhere in their ranges: latencies as large as the memory of a filter holds of its sample_time. */
 static inline void fit_together(tse_config *c)
 {
-  const tse_setting most = (tse_setting)((TSE_LATENCY_ROWS - 5) * (double)c->sample_time / 2.001);
+  const tse_setting most = setting((TSE_LATENCY_ROWS - 5) * of_setting(c->sample_time) / 2.001);
 #define LATENCY(channel, text)                                            \
   if (c->channel##_latency > most) c->channel##_latency = most;           \
   if (c->channel##_latency < -most) c->channel##_latency = -most;

@@ -142,8 +142,8 @@ static tse_real normalise(tse_bank *b)
   b->likeliest = 0;
   for (int32_t i = 0; i < b->count; i++) {
     if (!is_proper(&b->h[i]) || !r_is_finite(b->h[i].log_weight)) {
+      b->saturated += in_range(&b->h[i]) ? 0u : 1u;
       b->h[i].log_weight = IMPOSSIBLE;
-      b->saturated++;
     }
     if (b->h[i].log_weight > b->h[b->likeliest].log_weight) b->likeliest = i;
   }
@@ -244,9 +244,9 @@ tse_real bank_learn(const tse_params *p, tse_bank *b, const sample *y, const tse
 void bank_mend(const tse_params *p, tse_bank *b, const sample *y)
 {
   if (!is_proper(&b->h[b->likeliest])) {
+    b->saturated += in_range(&b->h[b->likeliest]) ? 0u : 1u;
     place_states(p, &b->h[b->likeliest], y);
     consider_restart(b, 0);
-    b->saturated++;
     if (!is_proper(&b->h[b->likeliest])) start_over(p, b, y); /* it was not the states alone */
   }
   drop_nonsense(b);

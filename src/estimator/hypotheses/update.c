@@ -87,8 +87,7 @@ void update(const tse_params *p, tse_hypothesis *h, const sample *y, const innov
   if (!o->slides && h->fault == FAULT_NONE) learn(p, h, y, o, trust);
 }
 
-/* All of X and P inside the range of the number format. */
-static int is_finite(const tse_hypothesis *h)
+int in_range(const tse_hypothesis *h)
 {
 #if defined(TSE_REAL_FIXED)
   int fine = 1;
@@ -97,7 +96,7 @@ static int is_finite(const tse_hypothesis *h)
     for (int b = a; b < TSE_X; b++) fine = fine && r_is_finite(h->cov[a][b]);
   }
   return fine;
-#else /* what is no number spreads to the diagonal */
+#else /* what is no number spreads to the diagonal, where is_proper() sees it */
   (void)h;
   return 1;
 #endif
@@ -105,7 +104,7 @@ static int is_finite(const tse_hypothesis *h)
 
 int is_proper(const tse_hypothesis *h)
 {
-  if (!is_finite(h)) return 0; /* before sums are made of them */
+  if (!in_range(h)) return 0; /* before sums are made of them */
   tse_real sum = TSE_R(0);
   int proper = 1;
   for (int a = 0; a < TSE_X; a++) {

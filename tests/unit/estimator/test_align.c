@@ -23,11 +23,11 @@ static tse_config settings(int32_t form)
 /* Latencies of steering angle, wheels and accelerometers, in seconds. */
 static void tell(tse_config *c, const double late[5])
 {
-  c->steer_angle_latency = (tse_setting)late[0];
-  c->wheel_speed_front_latency = (tse_setting)late[1];
-  c->wheel_speed_rear_latency = (tse_setting)late[2];
-  c->accel_x_latency = (tse_setting)late[3];
-  c->accel_y_latency = (tse_setting)late[4];
+  c->steer_angle_latency = setting(late[0]);
+  c->wheel_speed_front_latency = setting(late[1]);
+  c->wheel_speed_rear_latency = setting(late[2]);
+  c->accel_x_latency = setting(late[3]);
+  c->accel_y_latency = setting(late[4]);
 }
 
 static tse_real *channel(tse_input *u, int k)
@@ -84,7 +84,7 @@ static int compare_shifted(int32_t form, const int rows[6], double sample_time)
     latest = rows[k] > latest ? rows[k] : latest;
     earliest = rows[k] < earliest ? rows[k] : earliest;
   }
-  c.sample_time = (tse_setting)sample_time;
+  c.sample_time = setting(sample_time);
   start(&c, &plain_one);
   const tse_params plain = p;
   tell(&c, late);
@@ -282,7 +282,7 @@ static void test_until_all_channels_are_known_the_start_is_told(void)
     tse_config c = settings(form);
     uint8_t bytes[TSE_LEARNT_BYTES];
     tse_output y;
-    c.initial_cy_front = (tse_setting)0.8;
+    c.initial_cy_front = setting(0.8);
     tell(&c, late);
     start(&c, &late_one);
     for (int k = 0; k < 8; k++) {
@@ -295,9 +295,9 @@ static void test_until_all_channels_are_known_the_start_is_told(void)
       if (k >= 6) continue;
       expect_near(0.8, number(y.stiffness[TSE_CY_FRONT]), 1e-6, "stiffness", k);
       expect_near(number(p.mean_sd), number(y.stiffness_sd[TSE_CY_FRONT]), 1e-6, "its sd", k);
-      const double spread = (double)c.initial_spread * (form == 0 ? 0.8 : 1);
+      const double spread = number(c.initial_spread) * (form == 0 ? 0.8 : 1);
       expect_near(spread, number(y.stiffness_spread[TSE_CY_FRONT]), 1e-6, "its spread", k);
-      expect_near((double)c.accel_y_bias_sd, number(y.bias_sd[1]), 1e-6, "sd of a bias", k);
+      expect_near(number(c.accel_y_bias_sd), number(y.bias_sd[1]), 1e-6, "sd of a bias", k);
       expect_near(form == 0, number(y.regime[TSE_REGIME_STEADY]), 0, "steady", k);
       TEST_ASSERT_EQUAL_INT(TSE_E_STATE, tse_learnt_save(&p, &late_one.filter, bytes));
       TEST_ASSERT_EQUAL_INT(TSE_E_STATE, tse_learnt_load(&p, &late_one.filter, bytes, sizeof bytes, 0)); /* after the first row */
@@ -480,20 +480,20 @@ static void test_latencies_that_do_not_fit_the_memory_are_refused_by_name(void)
   const double most = 0.01 * (TSE_LATENCY_ROWS - 4);
   tse_config c = settings(0);
   const char *wrong = NULL;
-  c.steer_angle_latency = (tse_setting)(most - 0.1);
-  c.accel_x_latency = (tse_setting)-0.1;
+  c.steer_angle_latency = setting(most - 0.1);
+  c.accel_x_latency = setting(-0.1);
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_prepare(&c, &p, &wrong));
-  c.accel_x_latency = (tse_setting)-0.101;
+  c.accel_x_latency = setting(-0.101);
   TEST_ASSERT_EQUAL_INT(TSE_E_CONFIG, tse_prepare(&c, &p, &wrong));
   TEST_ASSERT_EQUAL_STRING("steer_angle_latency", wrong);
   TEST_ASSERT_EQUAL_INT(TSE_E_CONFIG, tse_config_check(&c, NULL));
-  c.sample_time = (tse_setting)0.001;
-  c.steer_angle_latency = 0;
+  c.sample_time = setting(0.001);
+  c.steer_angle_latency = setting(0);
   TEST_ASSERT_EQUAL_INT(TSE_E_CONFIG, tse_config_check(&c, &wrong));
   TEST_ASSERT_EQUAL_STRING("accel_x_latency", wrong);
-  c.sample_time = (tse_setting)0.01;
+  c.sample_time = setting(0.01);
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_prepare(&c, &p, NULL));
-  c.wheel_speed_rear_latency = (tse_setting)0.21;
+  c.wheel_speed_rear_latency = setting(0.21);
   TEST_ASSERT_EQUAL_INT(TSE_E_CONFIG, tse_config_check(&c, &wrong));
   TEST_ASSERT_EQUAL_STRING("wheel_speed_rear_latency", wrong);
 }
@@ -535,9 +535,9 @@ static void test_any_latencies_and_rows_leave_numbers_and_a_sound_filter(void)
   for (int run = 0; run < 60; run++) {
     const int32_t form = run % 4 ? 0 : 2;
     tse_config c = settings(form);
-    c.sample_time = (tse_setting)next_between(&seed, 0.002, 0.05);
-    c.max_gap = (tse_setting)next_between(&seed, 0.05, 0.5);
-    const double reach = fmin(0.2, (double)c.sample_time * (TSE_LATENCY_ROWS - 5) / 2.01);
+    c.sample_time = setting(next_between(&seed, 0.002, 0.05));
+    c.max_gap = setting(next_between(&seed, 0.05, 0.5));
+    const double reach = fmin(0.2, number(c.sample_time) * (TSE_LATENCY_ROWS - 5) / 2.01);
     double late[5];
     for (int k = 0; k < 5; k++) late[k] = next_uniform(&seed) < 0.3 ? 0 : next_between(&seed, -reach, reach);
     tell(&c, late);
@@ -546,7 +546,7 @@ static void test_any_latencies_and_rows_leave_numbers_and_a_sound_filter(void)
       const double kind = next_uniform(&seed);
       tse_input u = noisy_row(k);
       tse_output y;
-      const double dt = next_between(&seed, 0.5, 1.5) * (double)c.sample_time;
+      const double dt = next_between(&seed, 0.5, 1.5) * number(c.sample_time);
       u.dt = real(kind < 0.02 ? next_between(&seed, 0.1, 3600) : kind < 0.3 ? next_between(&seed, 1e-6, 0.02) : dt);
       if (kind > 0.95) *channel(&u, (int)(6 * next_uniform(&seed))) = real(next_between(&seed, -60, 60));
       const tse_status got = tse_step(&p, &late_one.filter, &u, &y);
@@ -569,8 +569,8 @@ static void test_effects_act_on_the_row_that_was_put_together(void)
   tse_config c = settings(0);
   double late[5];
   for (int k = 0; k < 5; k++) late[k] = 0.01 * rows[k];
-  c.steering_delay_time = (tse_setting)0.02;
-  c.imu_delay_time = (tse_setting)0.01;
+  c.steering_delay_time = setting(0.02);
+  c.imu_delay_time = setting(0.01);
   start(&c, &plain_one);
   const tse_params plain = p;
   tell(&c, late);

@@ -25,7 +25,7 @@ static void set_off(drive *d, const tse_config *c, double speed)
 {
   tse_sim_config s;
   tse_sim_config_default(&s);
-  s.speed = (tse_setting)speed;
+  s.speed = setting(speed);
   s.seed = 5;
   d->t = 0.0;
   d->dt = 0.01;
@@ -96,20 +96,20 @@ static void test_refused_input_leaves_the_filter_bit_for_bit_unchanged(void)
   tse_input u;
   for (int k = 0; k < ROWS(bad_dt); k++) {
     u = good;
-    u.dt = (tse_real)bad_dt[k];
+    u.dt = real(bad_dt[k]);
     expect_refused(TSE_E_TIME, &p, &u);
   }
   for (int k = 0; k < ROWS(bad_steer); k++) {
     u = good;
-    u.steer_angle = (tse_real)bad_steer[k];
+    u.steer_angle = real(bad_steer[k]);
     expect_refused(TSE_E_INPUT, &p, &u);
   }
   for (int k = 0; k < ROWS(bad_wheel); k++) {
     u = good;
-    u.wheel_speed_front = (tse_real)bad_wheel[k];
+    u.wheel_speed_front = real(bad_wheel[k]);
     expect_refused(TSE_E_INPUT, &p, &u);
     u = good;
-    u.wheel_speed_rear = (tse_real)bad_wheel[k];
+    u.wheel_speed_rear = real(bad_wheel[k]);
     expect_refused(TSE_E_INPUT, &p, &u);
   }
   expect_refused(TSE_E_NULL, NULL, &good);
@@ -119,7 +119,7 @@ static void test_refused_input_leaves_the_filter_bit_for_bit_unchanged(void)
   tse_params wrong = p;                       /* parameters that were never prepared */
   wrong.magic ^= 1u;
   expect_refused(TSE_E_STATE, &wrong, &good);
-  c.mass = 1901;                              /* parameters of another car */
+  c.mass = setting(1901);                              /* parameters of another car */
   wrong = prepared(&c);
   expect_refused(TSE_E_STATE, &wrong, &good);
   f.filter.magic ^= 1u;                              /* not a filter */
@@ -155,7 +155,7 @@ static void test_a_refused_row_leaves_no_trace_in_what_follows(void)
   for (int i = 0; i < 200; i++) {
     const tse_input u = next_row(&d);
     tse_input bad = u;
-    bad.wheel_speed_rear = (tse_real)INFINITY;
+    bad.wheel_speed_rear = real((double)INFINITY);
     TEST_ASSERT_TRUE(tse_step(&p, &f.filter, &bad, &y) < 0);
     TEST_ASSERT_TRUE(tse_step(&p, &f.filter, &u, &y) >= 0);
     TEST_ASSERT_TRUE(tse_step(&p, &other.filter, &u, &y) >= 0);
@@ -186,7 +186,7 @@ static void test_two_filters_in_turn_do_not_influence_each_other(void)
   tse_config c[2] = { some_settings(50), some_settings(64) };
   tse_params p[2];
   drive d[2];
-  c[1].mass = 1400;
+  c[1].mass = setting(1400);
   c[1].seed = 9;
   c[1].resampling = 3;
   for (int k = 0; k < 2; k++) {
@@ -231,7 +231,7 @@ static void test_the_time_step_of_the_first_row_does_not_count(void)
   tse_input u = next_row(&d);
   for (int k = 0; k < ROWS(dt); k++) {
     TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, sizeof f));
-    u.dt = (tse_real)dt[k];
+    u.dt = real(dt[k]);
     TEST_ASSERT_TRUE(tse_step(&p, &f.filter, &u, NULL) >= 0);
     if (k == 0) memcpy(&other, &f, sizeof f);
     TEST_ASSERT_EQUAL_MEMORY(&other, &f, sizeof f);

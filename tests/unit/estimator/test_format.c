@@ -1,30 +1,20 @@
-/* tests/unit/estimator/test_format.c <-> src/estimator/prepare.c: a format whose filter is not finished has none. */
+/* tests/unit/estimator/test_format.c <-> src/estimator/prepare.c: every form in every format; what fixed point cannot hold is refused. */
 #include "unit_support.h"
-
-#if defined(TSE_REAL_Q20)
-#define EXPECTED TSE_E_FORMAT
-#else
-#define EXPECTED TSE_OK
-#endif
 
 static tse_filter_paper f;
 
-static void test_every_form_works_or_is_refused(void)
+static void test_every_form_works_in_every_format(void)
 {
   static void (*const fill[])(tse_config *) = { tse_config_default, tse_config_sampled, tse_config_paper };
   for (int i = 0; i < ROWS(fill); i++) {
     tse_config c;
-    tse_params p, before;
+    tse_params p;
     const char *wrong = "untouched";
     fill[i](&c);
-    memset(&p, 0x5a, sizeof p);
-    before = p;
     TEST_ASSERT_EQUAL_INT(TSE_OK, tse_config_check(&c, NULL));
-    TEST_ASSERT_EQUAL_INT(EXPECTED, tse_prepare(&c, &p, &wrong));
+    TEST_ASSERT_EQUAL_INT(TSE_OK, tse_prepare(&c, &p, &wrong));
     TEST_ASSERT_EQUAL_STRING("untouched", wrong);
-    if (EXPECTED == TSE_OK) continue;
-    TEST_ASSERT_EQUAL_MEMORY(&before, &p, sizeof p);
-    TEST_ASSERT_EQUAL_INT(TSE_E_STATE, tse_reset(&p, &f.filter, sizeof f)); /* so that nothing goes on from there */
+    TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, sizeof f));
   }
 }
 
@@ -39,10 +29,63 @@ static void test_a_wrong_setting_is_named_in_every_format(void)
   TEST_ASSERT_EQUAL_STRING("mass", wrong);
 }
 
+#if defined(TSE_REAL_FIXED)
+static void expect_not_fitting(const tse_config *c, const char *name)
+{
+  tse_params p, before;
+  const char *wrong = "";
+  memset(&p, 0x5a, sizeof p);
+  before = p;
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_config_check(c, NULL)); /* inside its range */
+  TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_E_FORMAT, tse_prepare(c, &p, &wrong), name);
+  TEST_ASSERT_EQUAL_STRING(name, wrong);
+  TEST_ASSERT_EQUAL_MEMORY(&before, &p, sizeof p);
+}
+
+static void test_what_does_not_fit_is_refused_by_name(void)
+{
+#define TRY(name, value) { tse_config c; tse_config_default(&c); c.name = setting(value); expect_not_fitting(&c, #name); }
+  TRY(accel_x_sd, 0.001)
+  TRY(noise_max, 300)
+  TRY(steady_walk, 0.0001)
+#undef TRY
+}
+
+/* A state that has left the range is not gone on with, and the row says so. */
+static void test_what_leaves_the_range_is_counted_and_told(void)
+{
+  static tse_filter one;
+  tse_config c;
+  tse_params p;
+  tse_input u;
+  tse_output y;
+  tse_config_default(&c);
+  p = prepared(&c);
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &one, sizeof one));
+  memset(&u, 0, sizeof u);
+  u.dt = real(0.01);
+  u.wheel_speed_front = u.wheel_speed_rear = real(60);
+  for (int i = 0; i < 50; i++) TEST_ASSERT_TRUE(tse_step(&p, &one, &u, &y) < TSE_W_RANGE);
+  TEST_ASSERT_EQUAL_UINT32(0, one.bank.saturated);
+  one.bank.h[one.bank.likeliest].cov[4][4] = FIXED_MOST;
+  one.bank.h[one.bank.likeliest].cov[4][7] = one.bank.h[one.bank.likeliest].cov[7][4] = FIXED_MOST;
+  u.steer_angle = real(0.05);
+  TEST_ASSERT_EQUAL_INT(TSE_W_RANGE, tse_step(&p, &one, &u, &y));
+  TEST_ASSERT_TRUE(one.bank.saturated > 0);
+  for (int i = 0; i < 50; i++) TEST_ASSERT_TRUE(tse_step(&p, &one, &u, &y) >= 0);
+  TEST_ASSERT_TRUE(tse_step(&p, &one, &u, &y) < TSE_W_RANGE);
+  TEST_ASSERT_TRUE(number(y.stiffness_sd[1]) < 1);
+}
+#endif
+
 int main(void)
 {
   UNITY_BEGIN();
-  RUN_TEST(test_every_form_works_or_is_refused);
+  RUN_TEST(test_every_form_works_in_every_format);
   RUN_TEST(test_a_wrong_setting_is_named_in_every_format);
+#if defined(TSE_REAL_FIXED)
+  RUN_TEST(test_what_does_not_fit_is_refused_by_name);
+  RUN_TEST(test_what_leaves_the_range_is_counted_and_told);
+#endif
   return UNITY_END();
 }

@@ -10,11 +10,11 @@ static tse_params params(void)
 {
   tse_config c;
   tse_config_default(&c);
-  c.wheel_radius_front = (tse_setting)0.25;
-  c.wheel_radius_rear = (tse_setting)0.5;
-  c.accel_x_sd = (tse_setting)0.125;
-  c.accel_y_sd = (tse_setting)0.25;
-  c.yaw_rate_sd = (tse_setting)0.0078125;
+  c.wheel_radius_front = setting(0.25);
+  c.wheel_radius_rear = setting(0.5);
+  c.accel_x_sd = setting(0.125);
+  c.accel_y_sd = setting(0.25);
+  c.yaw_rate_sd = setting(0.0078125);
   return prepared(&c);
 }
 
@@ -45,6 +45,8 @@ static tse_real neighbour(double x, double direction) /* of the limit as the for
 {
 #if defined(TSE_REAL_FLOAT)
   return nextafterf((float)x, (float)direction);
+#elif defined(TSE_REAL_FIXED)
+  return real(x) + (direction > x ? 1 : -1);
 #else
   return nextafter(x, direction);
 #endif
@@ -149,7 +151,7 @@ static void test_channel_that_is_not_a_number_is_missing_and_the_others_are_kept
 #define INPUT(name, lo, hi, unit, kind, text)                                         \
   {                                                                                   \
     tse_input u = good_row();                                                         \
-    u.name = (tse_real)NAN;                                                           \
+    u.name = real((double)NAN);                                                           \
     const sample y = expect_row_accepted(&u, #name);                                  \
     expect_missing(&y, TSE_CHANNEL_##name);                                           \
   }
@@ -165,7 +167,7 @@ static void test_channel_whose_bit_is_set_is_missing_whatever_its_value(void)
 #define INPUT(name, lo, hi, unit, kind, text)                                         \
     {                                                                                 \
       tse_input u = good_row();                                                       \
-      u.name = (tse_real)values[i];                                                   \
+      u.name = real(values[i]);                                                   \
       u.missing = TSE_MISSING(name);                                                  \
       const sample y = expect_row_accepted(&u, #name);                                \
       expect_missing(&y, TSE_CHANNEL_##name);                                         \
@@ -212,8 +214,8 @@ static void test_driving_channel_out_of_range_or_infinite_is_refused_by_name(voi
     tse_input u = good_row();                                                                       \
     u.name = neighbour(hi, INFINITY); expect_row_refused(&u, TSE_E_INPUT, #name);                   \
     u.name = neighbour(lo, -INFINITY); expect_row_refused(&u, TSE_E_INPUT, #name);                  \
-    u.name = (tse_real)INFINITY; expect_row_refused(&u, TSE_E_INPUT, #name);                        \
-    u.name = (tse_real)-INFINITY; expect_row_refused(&u, TSE_E_INPUT, #name);                       \
+    u.name = real((double)INFINITY); expect_row_refused(&u, TSE_E_INPUT, #name);                        \
+    u.name = real((double)-INFINITY); expect_row_refused(&u, TSE_E_INPUT, #name);                       \
     driving++;                                                                                      \
   }
 #include "tse/input.def"
@@ -227,7 +229,7 @@ static void test_measured_channel_out_of_range_or_infinite_is_missing_and_the_ot
   start_filter();
 #define INPUT(name, lo, hi, unit, kind, text)                                                       \
   if (kind == M) {                                                                                  \
-    const tse_real bad[4] = { neighbour(hi, INFINITY), neighbour(lo, -INFINITY), (tse_real)INFINITY, (tse_real)-INFINITY }; \
+    const tse_real bad[4] = { neighbour(hi, INFINITY), neighbour(lo, -INFINITY), real((double)INFINITY), real((double)-INFINITY) }; \
     for (int i = 0; i < 4; i++) {                                                                   \
       tse_input u = good_row();                                                                     \
       u.name = bad[i];                                                                              \
@@ -267,7 +269,7 @@ static void test_time_step_must_be_positive_finite_and_at_most_an_hour(void)
   }
   for (int i = 0; i < ROWS(bad); i++) {
     tse_input u = good_row();
-    u.dt = (tse_real)bad[i];
+    u.dt = real(bad[i]);
     expect_row_refused(&u, TSE_E_TIME, "dt");
   }
   tse_input u = good_row();
@@ -284,7 +286,7 @@ static void test_first_row_ignores_its_time_step(void)
   for (int i = 0; i < ROWS(any); i++) {
     tse_input u = good_row();
     sample y;
-    u.dt = (tse_real)any[i];
+    u.dt = real(any[i]);
     TEST_ASSERT_EQUAL_INT(TSE_OK, input_decode(&p, &filter, &u, &y));
     expect_near(0.01, number(y.dt), BY_FORMAT(0, 1e-9), "dt of the first row: the sample time", i);
     expect_missing(&y, -1);

@@ -12,6 +12,8 @@ static tse_setting towards(tse_setting x, double direction)
 {
 #if defined(TSE_REAL_FLOAT)
   return nextafterf(x, (float)direction);
+#elif defined(TSE_REAL_FIXED)
+  return x + (direction > 0 ? 1 : -1);
 #else
   return nextafter(x, direction);
 #endif
@@ -28,73 +30,73 @@ static tse_config defaults(void)
 static tse_config other_car(void)
 {
   tse_config c = defaults();
-  c.mass = 1250;
-  c.yaw_inertia = 1700;
-  c.lf = (tse_setting)1.1;
-  c.lr = (tse_setting)1.6;
-  c.wheel_radius_front = (tse_setting)0.29;
-  c.wheel_radius_rear = (tse_setting)0.31;
-  c.longitudinal_stiffness_front = 110000;
-  c.longitudinal_stiffness_rear = 95000;
-  c.cornering_stiffness_front = 70000;
-  c.cornering_stiffness_rear = 85000;
-  c.rear_longitudinal_follows_front = (tse_setting)0.25;
-  c.accel_x_sd = (tse_setting)0.11;
-  c.accel_y_sd = (tse_setting)0.23;
-  c.yaw_rate_sd = (tse_setting)0.007;
-  c.wheel_noise_sd = (tse_setting)0.06;
-  c.steer_lag_sd = (tse_setting)0.05;
-  c.mass_sd = (tse_setting)0.03;
-  c.grade_sd = (tse_setting)0.03;
-  c.model_sd = (tse_setting)0.04;
-  c.nod_time = (tse_setting)0.12;
+  c.mass = setting(1250);
+  c.yaw_inertia = setting(1700);
+  c.lf = setting(1.1);
+  c.lr = setting(1.6);
+  c.wheel_radius_front = setting(0.29);
+  c.wheel_radius_rear = setting(0.31);
+  c.longitudinal_stiffness_front = setting(110000);
+  c.longitudinal_stiffness_rear = setting(95000);
+  c.cornering_stiffness_front = setting(70000);
+  c.cornering_stiffness_rear = setting(85000);
+  c.rear_longitudinal_follows_front = setting(0.25);
+  c.accel_x_sd = setting(0.11);
+  c.accel_y_sd = setting(0.23);
+  c.yaw_rate_sd = setting(0.007);
+  c.wheel_noise_sd = setting(0.06);
+  c.steer_lag_sd = setting(0.05);
+  c.mass_sd = setting(0.03);
+  c.grade_sd = setting(0.03);
+  c.model_sd = setting(0.04);
+  c.nod_time = setting(0.12);
 #define REAL(name, def, lo, hi, unit, text)
-#define CONSIDER(id, name, most, unit, text) c.name = (tse_setting)((most) / (4 + TSE_CONSIDER_##id));
+#define CONSIDER(id, name, most, unit, text) c.name = setting((most) / (4 + TSE_CONSIDER_##id));
 #include "tse/told.def"
 #undef REAL
-  c.steer_angle_latency = (tse_setting)0.006;
-  c.wheel_speed_front_latency = (tse_setting)0.012;
-  c.wheel_speed_rear_latency = (tse_setting)0.015;
-  c.accel_x_latency = (tse_setting)-0.003;
-  c.accel_y_latency = (tse_setting)-0.009;
-  c.accel_x_bias_sd = (tse_setting)0.02;
-  c.accel_y_bias_sd = (tse_setting)0.04;
-  c.yaw_rate_bias_sd = (tse_setting)0.003;
-  c.accel_x_bias_walk = (tse_setting)0.005;
-  c.accel_y_bias_walk = (tse_setting)0.006;
-  c.yaw_rate_bias_walk = (tse_setting)0.0007;
-  c.sample_time = (tse_setting)0.02;
-  c.forgetting = (tse_setting)0.995;
-  c.resample_threshold = (tse_setting)0.75;
-  c.initial_cx_front = (tse_setting)0.7;
-  c.initial_cy_front = (tse_setting)0.8;
-  c.initial_cy_rear = (tse_setting)1.3;
-  c.initial_mean_sd = (tse_setting)0.4;
-  c.initial_spread = (tse_setting)0.2;
-  c.spread_max = (tse_setting)0.7;
-  c.initial_dof = 12;
-  c.learnt_floor = (tse_setting)0.08;
-  c.learnt_walk_day = (tse_setting)0.04;
-  c.initial_vel_x = 17;
-  c.initial_vel_x_sd = (tse_setting)0.3;
-  c.initial_vel_y_sd = (tse_setting)0.2;
-  c.initial_yaw_rate_sd = (tse_setting)0.05;
-  c.stiffness_min = (tse_setting)0.2;
-  c.stiffness_max = 3;
-  c.hold_speed = 3;
-  c.max_steer = (tse_setting)0.6;
-  c.max_slip = (tse_setting)0.08;
-  c.noise_max = 12;
-  c.max_gap = (tse_setting)0.2;
-  c.valid_sd = (tse_setting)0.05;
-  c.hold_sd = (tse_setting)0.25;
-  c.watchdog_drop = 9;
-  c.recovery_share = (tse_setting)0.3;
+  c.steer_angle_latency = setting(0.006);
+  c.wheel_speed_front_latency = setting(0.012);
+  c.wheel_speed_rear_latency = setting(0.015);
+  c.accel_x_latency = setting(-0.003);
+  c.accel_y_latency = setting(-0.009);
+  c.accel_x_bias_sd = setting(0.02);
+  c.accel_y_bias_sd = setting(0.04);
+  c.yaw_rate_bias_sd = setting(0.003);
+  c.accel_x_bias_walk = setting(0.005);
+  c.accel_y_bias_walk = setting(0.006);
+  c.yaw_rate_bias_walk = setting(0.0007);
+  c.sample_time = setting(0.02);
+  c.forgetting = setting(0.995);
+  c.resample_threshold = setting(0.75);
+  c.initial_cx_front = setting(0.7);
+  c.initial_cy_front = setting(0.8);
+  c.initial_cy_rear = setting(1.3);
+  c.initial_mean_sd = setting(0.4);
+  c.initial_spread = setting(0.2);
+  c.spread_max = setting(0.7);
+  c.initial_dof = setting(12);
+  c.learnt_floor = setting(0.08);
+  c.learnt_walk_day = setting(0.04);
+  c.initial_vel_x = setting(17);
+  c.initial_vel_x_sd = setting(0.3);
+  c.initial_vel_y_sd = setting(0.2);
+  c.initial_yaw_rate_sd = setting(0.05);
+  c.stiffness_min = setting(0.2);
+  c.stiffness_max = setting(3);
+  c.hold_speed = setting(3);
+  c.max_steer = setting(0.6);
+  c.max_slip = setting(0.08);
+  c.noise_max = setting(12);
+  c.max_gap = setting(0.2);
+  c.valid_sd = setting(0.05);
+  c.hold_sd = setting(0.25);
+  c.watchdog_drop = setting(9);
+  c.recovery_share = setting(0.3);
   c.particles = 120;
   c.form = 1;
   c.hypotheses = 4;
   c.inputs_held = 1;
-  c.steady_walk = (tse_setting)0.002;
+  c.steady_walk = setting(0.002);
   c.resampling = 2;
   c.initial_vel_x_from_wheels = 0;
   c.seed = 12345;
@@ -105,9 +107,9 @@ static tse_config other_config(void)
 {
   tse_config c = other_car();
 #define EFFECT_PARAMETER(id, parameter, role, unit, def, lo, hi, typical_lo, typical_hi, negligible, sign, text) \
-  c.id##_##parameter = (tse_setting)(0.9 * (def) + 0.1 * (hi));
+  c.id##_##parameter = setting(0.9 * (def) + 0.1 * (hi));
 #include "tse/effects.def"
-#define REAL(name, def, lo, hi, unit, text) c.name = (tse_setting)0.25;
+#define REAL(name, def, lo, hi, unit, text) c.name = setting(0.25);
 #define INT(name, def, lo, hi, text) c.name = (hi) < 10 ? 4 : 0x242424; /* neg */
 #include "tse/formula.def"
 #undef REAL
@@ -148,7 +150,7 @@ static void test_defaults_are_those_of_the_table_and_pass_the_check(void)
   memset(&c, 0xff, sizeof c);
   tse_config_default(&c);
   expect_config_accepted(&c, "defaults");
-#define REAL(name, def, lo, hi, unit, text) TEST_ASSERT_TRUE_MESSAGE(!(c.name != (tse_setting)(def)), #name);
+#define REAL(name, def, lo, hi, unit, text) TEST_ASSERT_TRUE_MESSAGE(!(c.name != setting(def)), #name);
 #define INT(name, def, lo, hi, text) TEST_ASSERT_EQUAL_INT32_MESSAGE((def) < (hi) ? (def) : (hi), c.name, #name);
 #include "tse/config.def"
 #undef REAL
@@ -174,15 +176,15 @@ static void test_other_forms_are_the_defaults_but_for_a_few_settings(void)
   memset(&c, 0xff, sizeof c);
   tse_config_sampled(&c);
   expected.form = 2;
-  expected.initial_spread = (tse_setting)0.3;
-  expected.spread_max = (tse_setting)0.4;
+  expected.initial_spread = setting(0.3);
+  expected.spread_max = setting(0.4);
   expect_same_settings(&expected, &c);
   memset(&c, 0xff, sizeof c);
   tse_config_paper(&c);
   expected.form = 1;
-  expected.spread_max = 2;
-  expected.hold_sd = 0;
-  expected.max_slip = 1;
+  expected.spread_max = setting(2);
+  expected.hold_sd = setting(0);
+  expected.max_slip = setting(1);
   expect_same_settings(&expected, &c);
   tse_config_sampled(NULL);
   tse_config_paper(NULL);
@@ -193,10 +195,10 @@ static void test_each_setting_is_accepted_at_its_limits_and_refused_by_name_beyo
 #define REAL(name, def, lo, hi, unit, text)                                                            \
   {                                                                                                    \
     tse_config c = defaults();                                                                         \
-    c.name = (tse_setting)(lo); expect_config_accepted(&c, #name);                                     \
-    c.name = (tse_setting)(hi); expect_config_accepted(&c, #name);                                     \
-    c.name = towards((tse_setting)(lo), -INFINITY); expect_config_refused(&c, #name);                  \
-    c.name = towards((tse_setting)(hi), INFINITY); expect_config_refused(&c, #name);                   \
+    c.name = setting(lo); expect_config_accepted(&c, #name);                                     \
+    c.name = setting(hi); expect_config_accepted(&c, #name);                                     \
+    c.name = towards(setting(lo), -INFINITY); expect_config_refused(&c, #name);                  \
+    c.name = towards(setting(hi), INFINITY); expect_config_refused(&c, #name);                   \
   }
 #define INT(name, def, lo, hi, text)                                                                   \
   {                                                                                                    \
@@ -217,9 +219,9 @@ static void test_each_setting_that_is_not_finite_is_refused_by_name(void)
 #define REAL(name, def, lo, hi, unit, text)                             \
   {                                                                     \
     tse_config c = defaults();                                          \
-    c.name = (tse_setting)NAN; expect_config_refused(&c, #name);        \
-    c.name = (tse_setting)INFINITY; expect_config_refused(&c, #name);   \
-    c.name = (tse_setting)-INFINITY; expect_config_refused(&c, #name);  \
+    c.name = setting((double)NAN); expect_config_refused(&c, #name);        \
+    c.name = setting((double)INFINITY); expect_config_refused(&c, #name);   \
+    c.name = setting((double)-INFINITY); expect_config_refused(&c, #name);  \
   }
 #define INT(name, def, lo, hi, text)
 #include "tse/config.def"
@@ -231,8 +233,8 @@ static void test_of_two_wrong_settings_the_first_is_named(void)
 {
   tse_config c = defaults();
   c.particles = 0;
-  c.lf = -1;
-  c.lr = -1;
+  c.lf = setting(-1);
+  c.lr = setting(-1);
   expect_config_refused(&c, "lf");
 }
 
@@ -254,7 +256,7 @@ static void test_null_arguments_are_refused_and_change_nothing(void)
 static void test_settings_of_the_tests_below_are_none_of_the_defaults(void)
 {
   const tse_config c = other_config();
-#define REAL(name, def, lo, hi, unit, text) TEST_ASSERT_TRUE_MESSAGE(c.name != (tse_setting)(def), #name);
+#define REAL(name, def, lo, hi, unit, text) TEST_ASSERT_TRUE_MESSAGE(c.name != setting(def), #name);
 #define INT(name, def, lo, hi, text) TEST_ASSERT_TRUE_MESSAGE(c.name != (def), #name);
 #include "tse/config.def"
 #undef REAL
@@ -376,11 +378,11 @@ static void test_filter_constants_follow_their_formulas(void)
 static void test_damping_is_that_of_the_stiffest_direction(void)
 {
   tse_config c = other_car();
-  c.yaw_inertia = 17000;
+  c.yaw_inertia = setting(17000);
   expect_relative(4 * 205000.0 / 1250, prepared(&c).damping, "longitudinal");
-  c.cornering_stiffness_front = 500000;
+  c.cornering_stiffness_front = setting(500000);
   expect_relative(4 * 585000.0 / 1250, prepared(&c).damping, "lateral");
-  c.longitudinal_stiffness_front = (tse_setting)1e7;
+  c.longitudinal_stiffness_front = setting(1e7);
   expect_relative(0.03 / 8, prepared(&c).least_step, "least_step");
 }
 
@@ -412,12 +414,12 @@ static void expect_finite_constants(const tse_config *settings, const char *name
 static void test_constants_are_finite_at_both_ends_of_every_range(void)
 {
   tse_config c = defaults();
-#define REAL(name, def, lo, hi, unit, text) c.name = (tse_setting)(lo); expect_finite_constants(&c, #name);
+#define REAL(name, def, lo, hi, unit, text) c.name = setting(lo); expect_finite_constants(&c, #name);
 #define INT(name, def, lo, hi, text) c.name = (lo); expect_finite_constants(&c, #name);
 #include "tse/config.def"
 #undef REAL
 #undef INT
-#define REAL(name, def, lo, hi, unit, text) c.name = (tse_setting)(hi); expect_finite_constants(&c, #name);
+#define REAL(name, def, lo, hi, unit, text) c.name = setting(hi); expect_finite_constants(&c, #name);
 #define INT(name, def, lo, hi, text) c.name = (hi); expect_finite_constants(&c, #name);
 #include "tse/config.def"
 #undef REAL
@@ -453,7 +455,7 @@ static void test_fingerprint_changes_with_every_setting(void)
     tse_config c = other_config();                                                        \
     c.name = towards(c.name, INFINITY);                                                   \
     TEST_ASSERT_TRUE_MESSAGE(prepared(&c).fingerprint != before, #name);                  \
-    c.name = (tse_setting)(lo);                                                           \
+    c.name = setting(lo);                                                           \
     TEST_ASSERT_TRUE_MESSAGE(prepared(&c).fingerprint != before, #name);                  \
   }
 #define INT(name, def, lo, hi, text)                                                      \
@@ -476,17 +478,17 @@ static void test_fingerprint_changes_with_every_bit_of_a_setting(void)
     a.seed = 0;
     TEST_ASSERT_TRUE(prepared(&a).fingerprint != prepared(&b).fingerprint);
   }
-  a.initial_vel_x = 17;
+  a.initial_vel_x = setting(17);
   b = a;
-  b.initial_vel_x = -17; /* the sign bit only */
+  b.initial_vel_x = setting(-17); /* the sign bit only */
   TEST_ASSERT_TRUE(prepared(&a).fingerprint != prepared(&b).fingerprint);
 }
 
 static void test_fingerprint_tells_settings_that_were_exchanged(void)
 {
   tse_config a = defaults(), b = defaults();
-  a.accel_x_sd = b.accel_y_sd = (tse_setting)0.2;
-  a.accel_y_sd = b.accel_x_sd = (tse_setting)0.3;
+  a.accel_x_sd = b.accel_y_sd = setting(0.2);
+  a.accel_y_sd = b.accel_x_sd = setting(0.3);
   TEST_ASSERT_TRUE(prepared(&a).fingerprint != prepared(&b).fingerprint);
 }
 
@@ -497,7 +499,7 @@ static void test_fingerprint_of_the_vehicle_tells_the_shapes_of_effects_that_are
   const uint32_t before = prepared(&c).vehicle;
 #define EFFECT_PARAMETER(id, parameter, role, unit, def, lo, hi, typical_lo, typical_hi, negligible, sign, text) \
   c = other_config();                                                                                          \
-  c.id##_##parameter = (tse_setting)(0.8 * (def) + 0.2 * (hi));                                                \
+  c.id##_##parameter = setting(0.8 * (def) + 0.2 * (hi));                                                \
   TEST_ASSERT_TRUE_MESSAGE(prepared(&c).vehicle != before, #id " " #parameter);
 #include "tse/effects.def"
 }

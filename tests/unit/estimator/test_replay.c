@@ -5,6 +5,8 @@
 
 #if defined(TSE_REAL_FLOAT)
 #define GOLDEN "replay/golden_float.csv"
+#elif defined(TSE_REAL_FIXED)
+#define GOLDEN "replay/golden_fixed.csv"
 #else
 #define GOLDEN "replay/golden_double.csv"
 #endif
@@ -41,10 +43,10 @@ static void test_the_drive_holds_what_it_should(void)
   int lost[TSE_CHANNELS] = { 0 };
   for (int i = 0; i < row_count; i++) {
     const tse_input *const u = &rows[i];
-    const double channel[TSE_CHANNELS] = { (double)u->steer_angle, (double)u->wheel_speed_front, (double)u->wheel_speed_rear,
-                                           (double)u->accel_x, (double)u->accel_y, (double)u->yaw_rate };
-    seconds += (double)u->dt;
-    longest = fmax(longest, (double)u->dt);
+    const double channel[TSE_CHANNELS] = { number(u->steer_angle), number(u->wheel_speed_front), number(u->wheel_speed_rear),
+                                           number(u->accel_x), number(u->accel_y), number(u->yaw_rate) };
+    seconds += number(u->dt);
+    longest = fmax(longest, number(u->dt));
     for (int k = 0; k < TSE_CHANNELS; k++) lost[k] += isnan(channel[k]) != 0;
   }
   TEST_ASSERT_TRUE(seconds > 29.0 && longest > 0.3);

@@ -8,7 +8,7 @@ enum { ROWS_RUN = 1500 };
 static tse_config told_car(void)
 {
   tse_config c = default_car();
-  c.steer_lag_sd = 0; /* which would find out some of what is told */
+  c.steer_lag_sd = setting(0); /* which would find out some of what is told */
   return c;
 }
 
@@ -30,7 +30,7 @@ static void simulate(const tse_config *c, const drive *d)
   tse_sim_input u;
   tse_sim_output y;
   tse_sim_config_default(&s);
-  s.speed = (tse_setting)d->speed;
+  s.speed = setting(d->speed);
   s.seed = 11;
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_reset(&sim, c, &s, NULL));
   memset(&u, 0, sizeof u);
@@ -100,11 +100,11 @@ static void expect_told_is_better(const tse_config *with, const drive *d, measur
   }
 }
 
-#define TELL(setting, value, how, what)                          \
+#define TELL(name, value, how, what)                          \
   do {                                                           \
     tse_config c = told_car();                                \
-    c.setting = (tse_setting)(value);                            \
-    expect_told_is_better(&c, &how, what, #setting);             \
+    c.name = setting(value);                            \
+    expect_told_is_better(&c, &how, what, #name);             \
   } while (0)
 
 static void test_told_of_nothing_the_estimator_is_as_good_as_these_tests_ask_for(void)
@@ -143,9 +143,9 @@ static void test_told_of_the_axles_the_stiffness_is_right(void)
   TELL(lateral_load_transfer_gain, 0.01, hard, STIFF);
   TELL(longitudinal_load_transfer_gain, 0.06, hard, STIFF);
   tse_config c = told_car();
-  c.stiffness_drift_change = (tse_setting)-0.3; /* then 1 is the drifting nominal */
-  c.stiffness_drift_time = 8;
-  c.stiffness_drift_start = 2;
+  c.stiffness_drift_change = setting(-0.3); /* then 1 is the drifting nominal */
+  c.stiffness_drift_time = setting(8);
+  c.stiffness_drift_start = setting(2);
   expect_told_is_better(&c, &lively, STIFF, "stiffness_drift");
 }
 
@@ -181,7 +181,7 @@ static tse_config all_effects(double share)
 {
   tse_config c = told_car();
 #define EFFECT_PARAMETER(id, parameter, role, unit, def, lo, hi, typical_lo, typical_hi, negligible, sign, text) \
-  if (role) c.id##_##parameter = (tse_setting)(share * (typical_hi));
+  if (role) c.id##_##parameter = setting(share * (typical_hi));
 #include "tse/effects.def"
   return c;
 }
@@ -191,7 +191,7 @@ static void test_without_measurements_the_mean_follows_the_replay(void)
 {
   tse_config c = all_effects(1);
   c.inputs_held = 0; /* as the replay has it */
-  c.initial_mean_sd = c.initial_vel_x_sd = c.initial_vel_y_sd = c.initial_yaw_rate_sd = 0;
+  c.initial_mean_sd = c.initial_vel_x_sd = c.initial_vel_y_sd = c.initial_yaw_rate_sd = setting(0);
   const tse_params p = prepared(&c);
   const int n = 1000;
   const tse_replay_log log = the_log();
@@ -322,7 +322,7 @@ static void test_shapes_of_effects_that_are_off_change_no_bit_of_the_estimate(vo
   tse_config shaped = plain;
   simulate(&plain, &lively);
 #define EFFECT_PARAMETER(id, parameter, role, unit, def, lo, hi, typical_lo, typical_hi, negligible, sign, text) \
-  if (!role) shaped.id##_##parameter = (tse_setting)(0.5 * (def) + 0.5 * (hi));
+  if (!role) shaped.id##_##parameter = setting(0.5 * (def) + 0.5 * (hi));
 #include "tse/effects.def"
   expect_same_bytes(&plain, &shaped);
 }
@@ -365,10 +365,10 @@ static void test_estimates_stay_numbers_at_both_ends_of_every_effect(void)
 #define EFFECT_PARAMETER(id, parameter, role, unit, def, lo, hi, typical_lo, typical_hi, negligible, sign, text)       \
   {                                                                                                                    \
     tse_config c = told_car();                                                                                      \
-    c.id##_##parameter = (tse_setting)(lo); expect_numbers(c, #id " " #parameter " low");                              \
-    c.id##_##parameter = (tse_setting)(hi); expect_numbers(c, #id " " #parameter " high");                             \
-    if (role) { c.id##_##parameter = (tse_setting)1e-30; expect_numbers(c, #id " " #parameter " next to nothing"); }   \
-    all.id##_##parameter = (tse_setting)(hi);                                                                          \
+    c.id##_##parameter = setting(lo); expect_numbers(c, #id " " #parameter " low");                              \
+    c.id##_##parameter = setting(hi); expect_numbers(c, #id " " #parameter " high");                             \
+    if (role) { c.id##_##parameter = setting(1e-30); expect_numbers(c, #id " " #parameter " next to nothing"); }   \
+    all.id##_##parameter = setting(hi);                                                                          \
   }
 #include "tse/effects.def"
   expect_numbers(all, "all high");

@@ -155,7 +155,7 @@ static double at(const void *object, tse_struct which, const char *name)
 }
 
 #define EXPECT_AT(object, which, name, value) \
-  do { (object)->value = 41; expect_near(41, at(object, which, name), 0, name, 0); (object)->value = 0; } while (0)
+  do { (object)->value = real(41); expect_near(41, at(object, which, name), 0, name, 0); (object)->value = real(0); } while (0)
 
 static void test_output_names_lead_to_their_members(void)
 {
@@ -249,8 +249,8 @@ static void test_simulator_names_lead_to_their_members(void)
 static void put(void *object, const tse_field *f, double value)
 {
   char *const where = (char *)object + f->offset;
-  const tse_setting s = (tse_setting)value;
-  const tse_real r = (tse_real)value;
+  const tse_setting s = setting(value);
+  const tse_real r = real(value);
   const int32_t i = f->kind == 'i' ? (int32_t)value : 0;
   if (f->kind == 's') memcpy(where, &s, sizeof s);
   else if (f->kind == 'r') memcpy(where, &r, sizeof r);
@@ -386,7 +386,7 @@ static void test_statuses_are_complete_and_tell_the_sentence_of_tse_status_text(
     { "TSE_E_SIZE", -6 }, { "TSE_E_STATE", -5 }, { "TSE_E_TIME", -4 }, { "TSE_E_INPUT", -3 }, { "TSE_E_CONFIG", -2 },
     { "TSE_E_NULL", -1 }, { "TSE_OK", 0 }, { "TSE_W_NOT_VALID", 1 }, { "TSE_W_STARTING", 2 }, { "TSE_W_MISSING_CHANNEL", 3 },
     { "TSE_W_HELD", 4 }, { "TSE_W_PREDICTED", 5 }, { "TSE_W_GAP", 6 }, { "TSE_W_RECOVERED", 7 },
-    { "TSE_W_WAITING", 8 },
+    { "TSE_W_WAITING", 8 }, { "TSE_W_RANGE", 9 },
   };
   int32_t count, size;
   const tse_field *const f = rows_of(TSE_STRUCT_STATUS, &count, &size);
@@ -445,7 +445,13 @@ static void test_build_tells_version_format_capacity_and_sizes(void)
   tse_describe_build(&b);
   (void)snprintf(version, sizeof version, "%d.%d.%d", TSE_VERSION_MAJOR, TSE_VERSION_MINOR, TSE_VERSION_PATCH);
   TEST_ASSERT_EQUAL_STRING(version, b.version);
+  #if defined(TSE_REAL_FIXED)
+  TEST_ASSERT_EQUAL_STRING("fixed", b.format);
+  TEST_ASSERT_EQUAL_INT32(TSE_FRACTION_BITS, b.fraction_bits);
+#else
   TEST_ASSERT_EQUAL_STRING(BY_FORMAT("double", "float"), b.format);
+  TEST_ASSERT_EQUAL_INT32(0, b.fraction_bits);
+#endif
   TEST_ASSERT_EQUAL_INT32(TSE_MAX_PARTICLES, b.capacity);
   TEST_ASSERT_EQUAL_INT32((int32_t)sizeof(tse_filter), b.filter_bytes);
   TEST_ASSERT_EQUAL_INT32((int32_t)sizeof(tse_filter_paper), b.filter_paper_bytes);
@@ -520,7 +526,7 @@ static void test_a_strength_sets_the_bit_of_its_effect(void)
     tse_config c;
     int32_t bit = -1;
     tse_config_default(&c);
-    const tse_setting value = (tse_setting)(0.5 * (p[i].def + p[i].hi));
+    const tse_setting value = setting(0.5 * (p[i].def + p[i].hi));
     memcpy((char *)&c + row_named(TSE_STRUCT_CONFIG, p[i].setting)->offset, &value, sizeof value);
     for (int32_t k = 0; k < effects; k++)
       if (strcmp(e[k].id, p[i].effect) == 0) bit = e[k].bit;

@@ -1,6 +1,6 @@
 /* tests/unit/host/test_learnt.c <-> src/host/learnt.c and what start.c, filter.c do for it.
  *
- * Reference bytes: tests/reference/learnt_table.h, by Python's struct and zlib. All but the drives runs in q20, too. */
+ * Reference bytes: tests/reference/learnt_table.h, by Python's struct and zlib. */
 #define LEARNT_WITH_BYTES
 #include "estimator/paper/particles.h"
 #include "unit_support.h"
@@ -8,19 +8,13 @@
 #include "tse/constants.h"
 #include "estimator/paper/particles.h"
 #include "tse/learnt.h"
-#if !defined(TSE_REAL_Q20)
 #include "tse/simulate.h"
-#endif
 #include "learnt_table.h"
-#if defined(TSE_REAL_Q20) /* learnt states are finished in this format, the filter is not: constants to stand on, in place of the library's */
-#define TSE_Q20_UNFINISHED 1
-#include "estimator/prepare.c"
-#endif
 
-#if defined(TSE_REAL_Q20)
-#define BY_BITS(in_double, in_float, in_q20) (in_q20)
+#if defined(TSE_REAL_FIXED)
+#define BY_BITS(in_double, in_float, in_fixed) (in_fixed)
 #else
-#define BY_BITS(in_double, in_float, in_q20) BY_FORMAT(in_double, in_float)
+#define BY_BITS(in_double, in_float, in_fixed) BY_FORMAT(in_double, in_float)
 #endif
 
 #define DAY 86400u
@@ -33,8 +27,8 @@ static tse_config settings(int32_t form) /* 0, where there is such a form, or 2 
   tse_config c;
   if (form) tse_config_sampled(&c);
   else tse_config_default(&c);
-  c.initial_spread = (tse_setting)0.3;
-  c.spread_max = (tse_setting)0.4;
+  c.initial_spread = setting(0.3);
+  c.spread_max = setting(0.4);
   c.particles = 64;
   return c;
 }
@@ -119,7 +113,7 @@ static void test_saved_bytes_are_those_that_struct_and_zlib_make(void)
     expect_near(expected * unit, actual * unit, BY_BITS(0, 2 * unit, i < 56 || i >= 68 ? 1e-4 : 5e-3), "number at byte", i);
   }
   TEST_ASSERT_EQUAL_HEX32(crc32_of(out, TSE_LEARNT_BYTES - 4), word(out + TSE_LEARNT_BYTES - 4));
-#if !defined(TSE_REAL_FLOAT) && !defined(TSE_REAL_Q20)
+#if !defined(TSE_REAL_FLOAT) && !defined(TSE_REAL_FIXED)
   TEST_ASSERT_EQUAL_MEMORY(learnt_by_particles, out, sizeof out);
 #endif
 }
@@ -274,11 +268,7 @@ static void test_extreme_numbers_make_a_start_of_numbers(void)
 
 /* --------------------------------------------------------------------------------- vehicle and calls */
 
-#if defined(TSE_REAL_Q20)
-#define SETTABLE(offset) (kind_of_effect_setting(offset) == 0) /* fixed point refuses most effects */
-#else
 #define SETTABLE(offset) 1
-#endif
 
 static void test_another_vehicle_is_refused_and_other_sensors_or_filters_are_not(void)
 {
@@ -286,7 +276,7 @@ static void test_another_vehicle_is_refused_and_other_sensors_or_filters_are_not
 #define REAL(name, def, lo, hi, unit, text)                                                                            \
   if (SETTABLE(offsetof(tse_config, name))) {                                                                          \
     tse_config c = settings(2);                                                                                        \
-    c.name = c.name < (tse_setting)(hi) ? (tse_setting)(c.name + ((tse_setting)(hi) - c.name) / 16) : (tse_setting)(lo); \
+    c.name = c.name < setting(hi) ? setting(c.name + ((tse_setting)(hi) - c.name) / 16) : setting(lo); \
     p = prepared(&c);                                                                                                  \
     if (offsetof(tse_config, name) < offsetof(tse_config, mass_sd) || kind_of_effect_setting(offsetof(tse_config, name)) == 2) { \
       reset(&p, &f);                                                                                                   \
@@ -307,46 +297,7 @@ static void test_another_vehicle_is_refused_and_other_sensors_or_filters_are_not
 #undef INT
 }
 
-#if defined(TSE_REAL_Q20)
-/* Here, because it is the test of settings that runs in fixed point: what acts only on the constants is known, the rest is not. */
-static void test_effects_that_fixed_point_does_not_know_are_refused_by_name(void)
-{
-  int refused = 0, known = 0;
-#define EFFECT_PARAMETER(id, parameter, role, unit, def, lo, hi, typical_lo, typical_hi, negligible, sign, text) \
-  {                                                                                                              \
-    tse_config c = settings(2);                                                                                  \
-    tse_params p;                                                                                                \
-    const char *wrong = "";                                                                                      \
-    c.id##_##parameter = (tse_setting)(typical_hi);                                                              \
-    const tse_status status = tse_prepare(&c, &p, &wrong);                                                       \
-    if (status == TSE_OK) known += role;                                                                         \
-    else TEST_ASSERT_EQUAL_STRING(#id "_" #parameter, wrong);                                                    \
-    refused += status == TSE_E_CONFIG;                                                                           \
-  }
-#include "tse/effects.def"
-  TEST_ASSERT_EQUAL_INT(4, known); /* mass, yaw inertia, centre of gravity, radius */
-  TEST_ASSERT_TRUE(refused >= 29);
-  tse_config c = settings(2);
-  const double plain = number(prepared(&c).kx_front);
-  c.mass_change = 1;
-  expect_near(plain / 2, number(prepared(&c).kx_front), 1e-6, "twice the mass, half of C/m", 0); /* one LSB of rounding */
-}
-#endif
 
-#if defined(TSE_REAL_Q20)
-static void test_fixed_point_refuses_the_form_of_hypotheses(void)
-{
-  tse_config c;
-  tse_params p;
-  const char *wrong = "";
-  tse_config_default(&c);
-  TEST_ASSERT_EQUAL_INT32(2, c.form);
-  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_prepare(&c, &p, &wrong));
-  c.form = 0;
-  TEST_ASSERT_EQUAL_INT(TSE_E_CONFIG, tse_prepare(&c, &p, &wrong));
-  TEST_ASSERT_EQUAL_STRING("form", wrong);
-}
-#endif
 
 static void test_calls_out_of_order_are_refused_and_change_nothing(void)
 {
@@ -488,7 +439,7 @@ static void expect_aged(const tse_config *c, const tse_params *p, uint32_t age_s
 
     const double from = learnt_bias_sd[a] * learnt_bias_sd[a], to = bias_sd[a] * bias_sd[a], sd = number(p->sd[a]);
     const double exact = bias_walk[a] * bias_walk[a], rate = BY_BITS(exact, exact, fmin(number(p->bias_walk[a]) * sd * sd, 2 * exact));
-    const double now = from < to ? fmin(from + rate * age_s, to) : to; /* q20 has few digits for the rate */
+    const double now = from < to ? fmin(from + rate * age_s, to) : to;
     const double kept = from < to ? sqrt((to - now) / (to - from)) : 0;
     expect_near(now / sd / sd, number(s->bias_var[a]), BY_BITS(1e-13, 1e-6, 2e-3), "variance of the bias", a);
     expect_near(kept * learnt_bias[a] / sd, number(s->bias[a]), BY_BITS(1e-7, 1e-3, 0.05), "bias", a); /* sqrt of what cancels */
@@ -500,12 +451,12 @@ static void test_variances_grow_with_age_as_the_settings_say(void)
   const uint32_t ages[] = { 0, 60, 100, 3600, 10000, DAY, 36 * 3600u, 4 * DAY, 100 * DAY, 3000 * DAY, UINT32_MAX };
   for (int32_t form = TSE_DEFAULT_FORM; form <= 2; form += 2) {
     tse_config c = settings(form);
-    c.accel_y_bias_sd = (tse_setting)0.01; /* the table knows less */
+    c.accel_y_bias_sd = setting(0.01); /* the table knows less */
     const tse_params p = prepared(&c);
     for (int i = 0; i < ROWS(ages); i++) expect_aged(&c, &p, ages[i]);
-    c.learnt_floor = (tse_setting)0.02;
-    c.learnt_walk_day = (tse_setting)0.05;
-    c.accel_x_bias_walk = (tse_setting)0.0001;
+    c.learnt_floor = setting(0.02);
+    c.learnt_walk_day = setting(0.05);
+    c.accel_x_bias_walk = setting(0.0001);
     const tse_params q = prepared(&c);
     for (int i = 0; i < ROWS(ages); i++) expect_aged(&c, &q, ages[i]);
   }
@@ -543,8 +494,8 @@ static void test_the_filter_starts_at_the_learnt_means_as_uncertain_as_they_are(
   for (int32_t form = TSE_DEFAULT_FORM; form <= 2; form += 2) {
     tse_config c = settings(form);
     c.particles = TSE_MAX_PARTICLES < 500 ? TSE_MAX_PARTICLES : 500;
-    c.accel_x_bias_sd = c.accel_y_bias_sd = (tse_setting)0.1;
-    c.yaw_rate_bias_sd = (tse_setting)0.01;
+    c.accel_x_bias_sd = c.accel_y_bias_sd = setting(0.1);
+    c.yaw_rate_bias_sd = setting(0.01);
     const double chance = form == 0 ? 0 : 4.42 / sqrt(2.0 * c.particles);
     const tse_params p = prepared(&c);
     TEST_ASSERT_EQUAL_INT(TSE_OK, load(&p, learnt_bytes, sizeof learnt_bytes, 0));
@@ -613,7 +564,6 @@ static void test_nothing_learnt_starts_as_the_settings_say_bit_for_bit(void)
   }
 }
 
-#if !defined(TSE_REAL_Q20)
 /* Noise, what the model does not explain, whether steering is held: in the likeliest hypothesis, inside the settings' bounds. */
 static void test_what_was_learnt_of_the_car_starts_the_hypotheses(void)
 {
@@ -635,9 +585,9 @@ static void test_what_was_learnt_of_the_car_starts_the_hypotheses(void)
   expect_near(LEARNT_HELD, best->held, 0, "held", 0);
 
   c.inputs_held = 0; /* what is told counts more */
-  c.noise_max = (tse_setting)1.5;
-  c.spread_max = (tse_setting)0.05;
-  c.initial_spread = (tse_setting)0.04;
+  c.noise_max = setting(1.5);
+  c.spread_max = setting(0.05);
+  c.initial_spread = setting(0.04);
   const tse_params q = prepared(&c);
   TEST_ASSERT_EQUAL_INT(TSE_OK, load(&q, learnt_bytes, sizeof learnt_bytes, 0));
   const tse_output z = first_row(&q);
@@ -659,7 +609,7 @@ static void test_a_level_is_doubted_once(void)
 {
   for (int32_t form = 0; form <= 2; form += 2) {
     tse_config c = settings(form);
-    c.initial_mean_sd = 2;
+    c.initial_mean_sd = setting(2);
     const tse_params p = prepared(&c);
     uint8_t bytes[TSE_LEARNT_BYTES];
     memcpy(bytes, learnt_bytes, sizeof bytes);
@@ -684,9 +634,9 @@ static void test_a_level_is_doubted_once(void)
 static void test_saved_and_loaded_and_saved_again_is_the_same_knowledge(void)
 {
   tse_config c = settings(0);
-  c.accel_x_bias_sd = c.accel_y_bias_sd = (tse_setting)0.1;
-  c.yaw_rate_bias_sd = (tse_setting)0.01;
-  c.learnt_floor = 0;
+  c.accel_x_bias_sd = c.accel_y_bias_sd = setting(0.1);
+  c.yaw_rate_bias_sd = setting(0.01);
+  c.learnt_floor = setting(0);
   c.inputs_held = 2;
   c.initial_dof = LEARNT_NU;
   const tse_params p = prepared(&c);
@@ -710,11 +660,9 @@ static void test_saved_and_loaded_and_saved_again_is_the_same_knowledge(void)
     expect_near((int32_t)word(learnt_bytes + at), (int32_t)word(out + at), BY_BITS(1, 4, 0), "noise at byte", at);
   TEST_ASSERT_EQUAL_HEX32(CAR, word(out + 104));
 }
-#endif
 
 /* -------------------------------------------------------------------------------------------- drives */
 
-#if !defined(TSE_REAL_Q20)
 
 /* As saved after 40 s of square waves, of the drive below (true stiffness 0.75, 0.8, 1.2) with the double and the float library:
  * either loads in both, whatever the filter has become since. */
@@ -758,9 +706,9 @@ static void set_off(drive *d, const tse_config *c, int32_t seed, double steer, d
 {
   tse_sim_config s;
   tse_sim_config_default(&s);
-  s.true_cx_front = (tse_setting)0.75;
-  s.true_cy_front = (tse_setting)0.8;
-  s.true_cy_rear = (tse_setting)1.2;
+  s.true_cx_front = setting(0.75);
+  s.true_cy_front = setting(0.8);
+  s.true_cy_rear = setting(1.2);
   s.seed = seed;
   d->t = 0;
   d->steer = steer;
@@ -879,7 +827,6 @@ static void test_after_a_recovery_nothing_loaded_is_believed_any_more(void)
     TEST_ASSERT_EQUAL_HEX32(7, known_of(out));
   }
 }
-#endif
 
 int main(void)
 {
@@ -894,12 +841,6 @@ int main(void)
   RUN_TEST(test_what_is_wrong_with_the_frame_is_said);
   RUN_TEST(test_extreme_numbers_make_a_start_of_numbers);
   RUN_TEST(test_another_vehicle_is_refused_and_other_sensors_or_filters_are_not);
-#if defined(TSE_REAL_Q20)
-  RUN_TEST(test_effects_that_fixed_point_does_not_know_are_refused_by_name);
-#endif
-#if defined(TSE_REAL_Q20)
-  RUN_TEST(test_fixed_point_refuses_the_form_of_hypotheses);
-#endif
   RUN_TEST(test_calls_out_of_order_are_refused_and_change_nothing);
   RUN_TEST(test_a_filter_without_a_mark_or_with_rows_that_wait_is_refused);
   RUN_TEST(test_bytes_that_say_format_1_and_are_longer_are_damaged);
@@ -914,7 +855,6 @@ int main(void)
   RUN_TEST(test_a_filter_that_breaks_later_starts_over_from_the_settings);
   RUN_TEST(test_spread_is_as_correlated_as_it_was_and_trusted_as_little_as_at_the_start);
   RUN_TEST(test_nothing_learnt_starts_as_the_settings_say_bit_for_bit);
-#if !defined(TSE_REAL_Q20)
   RUN_TEST(test_what_was_learnt_of_the_car_starts_the_hypotheses);
   RUN_TEST(test_a_level_is_doubted_once);
   RUN_TEST(test_saved_and_loaded_and_saved_again_is_the_same_knowledge);
@@ -922,6 +862,5 @@ int main(void)
   RUN_TEST(test_only_what_was_once_valid_counts_as_learnt_and_what_was_loaded_stays);
   RUN_TEST(test_the_next_drive_starts_where_the_last_one_ended);
   RUN_TEST(test_after_a_recovery_nothing_loaded_is_believed_any_more);
-#endif
   return UNITY_END();
 }

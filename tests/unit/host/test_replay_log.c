@@ -20,7 +20,7 @@ static tse_config all_effects(void)
 {
   tse_config c = default_car();
 #define EFFECT_PARAMETER(id, parameter, role, unit, def, lo, hi, typical_lo, typical_hi, negligible, sign, text) \
-  if (role) c.id##_##parameter = (tse_setting)(typical_hi);
+  if (role) c.id##_##parameter = setting(typical_hi);
 #include "tse/effects.def"
   return c;
 }
@@ -33,7 +33,7 @@ static void test_without_effects_a_replay_is_the_plain_vehicle_bit_for_bit(void)
   const tse_config plain = default_car();
   tse_config c = plain;
 #define EFFECT_PARAMETER(id, parameter, role, unit, def, lo, hi, typical_lo, typical_hi, negligible, sign, text) \
-  if (!role) c.id##_##parameter = (tse_setting)(0.5 * (def) + 0.5 * (hi));
+  if (!role) c.id##_##parameter = setting(0.5 * (def) + 0.5 * (hi));
 #include "tse/effects.def"
   const tse_params p = prepared(&plain);
   const int rows = 2000;
@@ -76,10 +76,10 @@ static void test_shapes_of_effects_that_are_off_change_no_bit_of_the_simulator(v
   tse_sim_input u;
   tse_sim_output y, z;
 #define EFFECT_PARAMETER(id, parameter, role, unit, def, lo, hi, typical_lo, typical_hi, negligible, sign, text) \
-  if (!role) shaped.id##_##parameter = (tse_setting)(0.5 * (def) + 0.5 * (hi));
+  if (!role) shaped.id##_##parameter = setting(0.5 * (def) + 0.5 * (hi));
 #include "tse/effects.def"
   tse_sim_config_default(&s);
-  s.friction = 1;
+  s.friction = setting(1);
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_reset(&a, &plain, &s, NULL));
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_reset(&b, &shaped, &s, NULL));
   memset(&u, 0, sizeof u);
@@ -103,7 +103,7 @@ static void test_an_angle_set_between_rows_is_a_jump_also_with_effects(void)
   for (int k = 0; k < 2; k++) {
     tse_config c = default_car();
     tse_sim_input u;
-    c.steering_ratio_change = (tse_setting)(k ? 0.25 : 0);
+    c.steering_ratio_change = setting(k ? 0.25 : 0);
     TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_reset(&sim[k], &c, &s, NULL));
     memset(&u, 0, sizeof u);
     u.dt = real(0.01);
@@ -139,11 +139,11 @@ static void test_every_effect_is_continuous_at_zero(void)
   if (role) {                                                                                                          \
     double small = 0, large = 0;                                                                                       \
     c = default_car();                                                                                                 \
-    c.stiffness_drift_time = 5;                                                                                        \
-    c.id##_##parameter = (tse_setting)(1e-4 * (typical_hi));                                                           \
+    c.stiffness_drift_time = setting(5);                                                                                        \
+    c.id##_##parameter = setting(1e-4 * (typical_hi));                                                           \
     replay(&c, rows);                                                                                                  \
     for (int i = 0; i < rows; i++) small = fmax(small, fabs(number(got_x[i]) - plain[0][i]) + fabs(number(got_y[i]) - plain[1][i]) + fabs(number(got_r[i]) - plain[2][i])); \
-    c.id##_##parameter = (tse_setting)(typical_hi);                                                                    \
+    c.id##_##parameter = setting(typical_hi);                                                                    \
     replay(&c, rows);                                                                                                  \
     for (int i = 0; i < rows; i++) large = fmax(large, fabs(number(got_x[i]) - plain[0][i]) + fabs(number(got_y[i]) - plain[1][i]) + fabs(number(got_r[i]) - plain[2][i])); \
     TEST_ASSERT_TRUE_MESSAGE(large > BY_FORMAT(1e-4, 1e-3), #id " does something");                                    \
@@ -161,8 +161,8 @@ static void test_integration_is_of_second_order_with_all_effects(void)
   tse_config c = all_effects();
   static double end[4][3];
   const int steps[4] = { 100, 200, 400, 3200 };
-  c.steering_delay_time = c.imu_delay_time = 0; /* linear between rows, so of second order only on average */
-  c.sample_time = (tse_setting)0.05;
+  c.steering_delay_time = c.imu_delay_time = setting(0); /* linear between rows, so of second order only on average */
+  c.sample_time = setting(0.05);
   for (int k = 0; k < 4; k++) {
     const double dt = 2.0 / steps[k];
     straight(&c, 20, dt, steps[k] + 1);
@@ -191,7 +191,7 @@ static void test_the_shortest_lags_change_nothing_and_stay_stable(void)
   lively(&c, rows);
   replay(&c, rows);
   for (int i = 0; i < rows; i++) plain[i] = number(got_y[i]);
-  c.relaxation_length = c.longitudinal_relaxation_length = (tse_setting)1e-5;
+  c.relaxation_length = c.longitudinal_relaxation_length = setting(1e-5);
   replay(&c, rows);
   for (int i = 0; i < rows; i++) expect_near(plain[i], number(got_y[i]), 2e-2, "accel_y", i); /* the same motion, otherwise discretised: 0.5 % */
 }
@@ -201,8 +201,8 @@ static void test_with_lags_the_car_settles_at_walking_pace(void)
 {
   tse_config c = default_car();
   const int rows = 3000;
-  c.relaxation_length = (tse_setting)0.5;
-  c.longitudinal_relaxation_length = (tse_setting)0.3;
+  c.relaxation_length = setting(0.5);
+  c.longitudinal_relaxation_length = setting(0.3);
   straight(&c, 0, 0.01, rows);
   for (int i = 0; i < rows; i++) {
     log_front[i] = log_rear[i] = real(fmax(5 - 0.01 * i, -1) / 0.33);
@@ -282,7 +282,7 @@ static void test_profiles_of_the_road_act_as_slopes_do(void)
     expect_near(9.81 * sin(number(grade[i])), number(got_x[i]), 0.01, "accel_x shows the grade", i);
   }
   const double seen = number(got_x[1500]);
-  c.grade_angle = (tse_setting)0.01;
+  c.grade_angle = setting(0.01);
   replay_with(&c, &log, 2000, &s);
   expect_near(9.81 * (sin(0.01 + number(grade[1500])) - sin(number(grade[1500]))), number(got_x[1500]) - seen, BY_FORMAT(1e-5, 1e-4), "both", 0);
 }

@@ -31,8 +31,8 @@ static tse_sim_config quiet(void) /* no noise, no spread */
 {
   tse_sim_config s;
   tse_sim_config_default(&s);
-  s.noise = 0;
-  s.spread_cx_front = s.spread_cy_front = s.spread_cy_rear = 0;
+  s.noise = setting(0);
+  s.spread_cx_front = s.spread_cy_front = s.spread_cy_rear = setting(0);
   return s;
 }
 
@@ -95,17 +95,17 @@ static tse_config table_car(void)
 {
   const double *const t = simulated_car;
   tse_config c = car();
-  c.mass = (tse_setting)t[0];
-  c.yaw_inertia = (tse_setting)t[1];
-  c.lf = (tse_setting)t[2];
-  c.lr = (tse_setting)t[3];
-  c.longitudinal_stiffness_front = (tse_setting)t[4];
-  c.longitudinal_stiffness_rear = (tse_setting)t[5];
-  c.cornering_stiffness_front = (tse_setting)t[6];
-  c.cornering_stiffness_rear = (tse_setting)t[7];
-  c.rear_longitudinal_follows_front = (tse_setting)t[8];
-  c.wheel_radius_front = (tse_setting)t[9];
-  c.wheel_radius_rear = (tse_setting)t[10];
+  c.mass = setting(t[0]);
+  c.yaw_inertia = setting(t[1]);
+  c.lf = setting(t[2]);
+  c.lr = setting(t[3]);
+  c.longitudinal_stiffness_front = setting(t[4]);
+  c.longitudinal_stiffness_rear = setting(t[5]);
+  c.cornering_stiffness_front = setting(t[6]);
+  c.cornering_stiffness_rear = setting(t[7]);
+  c.rear_longitudinal_follows_front = setting(t[8]);
+  c.wheel_radius_front = setting(t[9]);
+  c.wheel_radius_rear = setting(t[10]);
   return c;
 }
 
@@ -113,12 +113,12 @@ static tse_sim_config table_sim(double speed)
 {
   const double *const t = simulated_car;
   tse_sim_config s = quiet();
-  s.wheel_inertia_front = (tse_setting)t[11];
-  s.wheel_inertia_rear = (tse_setting)t[12];
-  s.true_cx_front = (tse_setting)t[13];
-  s.true_cy_front = (tse_setting)t[14];
-  s.true_cy_rear = (tse_setting)t[15];
-  s.speed = (tse_setting)speed;
+  s.wheel_inertia_front = setting(t[11]);
+  s.wheel_inertia_rear = setting(t[12]);
+  s.true_cx_front = setting(t[13]);
+  s.true_cy_front = setting(t[14]);
+  s.true_cy_rear = setting(t[15]);
+  s.speed = setting(speed);
   return s;
 }
 
@@ -141,7 +141,7 @@ static void table_run(int j, double substep, double *state, double *accel)
 {
   const tse_config c = table_car();
   tse_sim_config s = table_sim(simulated_speed[j]);
-  s.substep = (tse_setting)substep;
+  s.substep = setting(substep);
   start(&c, &s);
   *state = *accel = 0;
   for (int k = 0; k < SIMULATED_ROWS; k++) {
@@ -192,8 +192,8 @@ static void test_longest_substep_is_stable_from_standstill_to_70_ms(void)
   for (int i = 0; i < ROWS(speeds); i++) {
     tse_sim_config s = quiet();
     tse_sim_output y;
-    s.substep = (tse_setting)0.005;
-    s.speed = (tse_setting)speeds[i];
+    s.substep = setting(0.005);
+    s.speed = setting(speeds[i]);
     start(&c, &s);
     for (int k = 0; k < 1000; k++) {
       const tse_sim_input u = driver(0.01, k < 50 ? 300 : 0, k < 50 ? 0.02 : 0);
@@ -216,8 +216,8 @@ static void test_time_step_is_divided_into_the_fewest_substeps(void)
   memset(y, 0, sizeof y);
   for (int j = 0; j < 3; j++) {
     tse_sim_config s = quiet();
-    s.substep = (tse_setting)substeps[j];
-    s.speed = 3; /* slow: truncation well above float's rounding */
+    s.substep = setting(substeps[j]);
+    s.speed = setting(3); /* slow: truncation well above float's rounding */
     start(&c, &s);
     for (int k = 0; k < 10; k++) {
       const tse_sim_input u = driver(0.01, 100 * k, 0.02 * k);
@@ -239,8 +239,8 @@ static void test_rounding_of_the_time_step_costs_no_substep(void)
       tse_sim_input u1 = driver(0, 1000, 0.1);
       u1.dt = neighbour(number(real(ms * 0.001)), INFINITY);
       tse_sim_config s = quiet();
-      s.substep = (tse_setting)(0.001 + j * 5e-9); /* 0.0005 % longer */
-      s.speed = 3;
+      s.substep = setting(0.001 + j * 5e-9); /* 0.0005 % longer */
+      s.speed = setting(3);
       start(&c, &s);
       step(&u0, &y[j]);
       step(&u1, &y[j]);
@@ -257,7 +257,7 @@ static void test_tyres_pass_the_impulse_of_the_wheels_to_the_car_without_loss(vo
   tse_sim_config s = table_sim(10);
   tse_sim_output first, y;
   double impulse = 0, last = 0;
-  s.spread_cx_front = (tse_setting)0.2;
+  s.spread_cx_front = setting(0.2);
   start(&c, &s);
   for (int k = 0; k <= 400; k++) {
     const tse_sim_input u = driver(0.01, 400 * sin(0.05 * k) + 100, 0);
@@ -320,7 +320,7 @@ static void test_brakes_hold_a_standing_car_against_less_torque_than_theirs(void
   const tse_config c = car();
   tse_sim_config s = quiet();
   tse_sim_output y;
-  s.speed = 0;
+  s.speed = setting(0);
   start(&c, &s);
   for (int k = 0; k < 500; k++) {
     tse_sim_input u = driver(0.01, k < 100 ? 0 : 500, 0.3);
@@ -341,7 +341,7 @@ static void test_braked_car_stops_and_does_not_roll_back(void)
   tse_sim_config s = quiet();
   tse_sim_output y;
   double slowest = 1;
-  s.speed = 5;
+  s.speed = setting(5);
   start(&c, &s);
   for (int k = 0; k < 400; k++) {
     tse_sim_input u = driver(0.01, 0, 0.1);
@@ -359,7 +359,7 @@ static void test_negative_torque_drives_backwards(void)
   const tse_config c = car();
   tse_sim_config s = quiet();
   tse_sim_output y;
-  s.speed = 0;
+  s.speed = setting(0);
   start(&c, &s);
   for (int k = 0; k < 200; k++) {
     const tse_sim_input u = driver(0.01, -400, 0);
@@ -423,8 +423,8 @@ static void test_saturated_forces_are_those_of_the_brush_model(void)
   for (int i = 0; i < ROWS(mus); i++)
     for (int j = 0; j < 4; j++) {
       tse_sim_config s = quiet();
-      s.friction = (tse_setting)mus[i];
-      s.vel_y = (tse_setting)(0.02 * j * j);
+      s.friction = setting(mus[i]);
+      s.vel_y = setting(0.02 * j * j);
       start(&c, &s);
       for (int k = 0; k < 60; k++) {
         tse_sim_input u = driver(0.01, k < 30 ? 20 * k : 0, 0.01 * j);
@@ -449,7 +449,7 @@ static void test_small_slips_feel_linear_tyres_less_the_terms_of_the_series(void
   tse_sim_config s = quiet();
   tse_sim_output y;
   double a[2], lin[2], z, rear;
-  s.friction = 1;
+  s.friction = setting(1);
   start(&c, &s);
   for (int k = 0; k < 50; k++) {
     tse_sim_input u = driver(0.01, 0, 0);
@@ -489,8 +489,8 @@ static void test_friction_of_the_road_takes_the_place_of_the_settings(void)
   tse_sim other;
   for (int named = 0; named < 2; named++) {
     tse_sim_config s = quiet(), t = quiet();
-    s.friction = (tse_setting)0.9;
-    t.friction = (tse_setting)(named ? 0.2 : 0.9);
+    s.friction = setting(0.9);
+    t.friction = setting(named ? 0.2 : 0.9);
     start(&c, &t);
     other = sim;
     start(&c, &s);
@@ -498,7 +498,7 @@ static void test_friction_of_the_road_takes_the_place_of_the_settings(void)
       tse_sim_input u = driver(0.01, 900 * sin(0.1 * k), 0.03 * sin(0.07 * k));
       tse_sim_output y, z;
       TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_step(&other, &u, &z));
-      u.road_friction = real(named ? (double)t.friction : 0);
+      u.road_friction = real(named ? number(t.friction) : 0);
       step(&u, &y);
       TEST_ASSERT_EQUAL_MEMORY(&z, &y, sizeof y);
     }
@@ -531,7 +531,7 @@ static void test_held_inputs_act_from_their_row_to_the_next(void)
     tse_config c = car();
     tse_sim_config s = quiet();
     tse_sim_input last = driver(0.01, 0, 0);
-    c.steering_lag_time = (tse_setting)(lag ? 0.05 : 0);
+    c.steering_lag_time = setting(lag ? 0.05 : 0);
     start(&c, &s);
     ramped = sim;
     s.hold_inputs = 1;
@@ -565,7 +565,7 @@ static void test_a_held_step_of_the_steering_is_felt_in_its_row(void)
   tse_sim_config s = quiet();
   s.hold_inputs = 1;
   for (int effect = 0; effect < 2; effect++) {
-    c.steering_offset_angle = (tse_setting)(effect ? 0.001 : 0);
+    c.steering_offset_angle = setting(effect ? 0.001 : 0);
     start(&c, &s);
     for (int k = 0; k < 3; k++) {
       const double steer = (k == 2 ? 0.02 : 0) - (effect ? 0.001 : 0);
@@ -586,8 +586,8 @@ static void test_locked_axles_decelerate_with_friction_times_their_load(void)
   for (int i = 0; i < ROWS(torques); i++)
     for (int both = 0; both < 2; both++) {
       tse_sim_config s = quiet();
-      s.friction = (tse_setting)0.8;
-      s.speed = 30;
+      s.friction = setting(0.8);
+      s.speed = setting(30);
       start(&c, &s);
       for (int k = 0; k < 250; k++) {
         tse_sim_input u = driver(0.01, 0, 0);
@@ -610,8 +610,8 @@ static void test_a_spinning_axle_pushes_with_friction_times_its_load_and_grips_a
   tse_sim_config s = quiet();
   tse_sim_output y;
   double fastest = 0;
-  s.friction = (tse_setting)0.3;
-  s.speed = 0;
+  s.friction = setting(0.3);
+  s.speed = setting(0);
   start(&c, &s);
   for (int k = 0; k < 1500; k++) {
     tse_sim_input u = driver(0.01, 0, 0);
@@ -630,9 +630,9 @@ static void test_a_car_that_slides_sideways_stops_by_friction_alone(void)
   const tse_config c = car();
   tse_sim_config s = quiet();
   tse_sim_output y;
-  s.friction = (tse_setting)0.5;
-  s.speed = 20;
-  s.vel_y = 10;
+  s.friction = setting(0.5);
+  s.speed = setting(20);
+  s.vel_y = setting(10);
   start(&c, &s);
   for (int k = 0; k < 300; k++) {
     const tse_sim_input u = driver(0.01, 0, 0);
@@ -661,9 +661,9 @@ static void test_locking_and_spinning_wheels_stay_stable_at_a_millisecond(void)
       tse_sim_config s = quiet();
       tse_sim_input u = driver(0.01, 0, 0);
       tse_sim_output y;
-      s.friction = (tse_setting)mu;
-      s.substep = (tse_setting)(fine ? 0.0001 : 0.001);
-      s.speed = (tse_setting)speed;
+      s.friction = setting(mu);
+      s.substep = setting(fine ? 0.0001 : 0.001);
+      s.speed = setting(speed);
       start(&c, &s);
       for (int k = 0; k < COUNT; k++) {
         if (k % 20 == 0) {
@@ -737,12 +737,12 @@ static void test_drawn_stiffness_has_the_mean_and_the_spread_of_the_settings(voi
   const tse_config c = car();
   tse_sim_config s = quiet();
   const double mean[3] = { 0.8, 1.1, 0.9 }, spread[3] = { 0.05, 0.02, 0.15 };
-  s.true_cx_front = (tse_setting)mean[0];
-  s.true_cy_front = (tse_setting)mean[1];
-  s.true_cy_rear = (tse_setting)mean[2];
-  s.spread_cx_front = (tse_setting)spread[0];
-  s.spread_cy_front = (tse_setting)spread[1];
-  s.spread_cy_rear = (tse_setting)spread[2];
+  s.true_cx_front = setting(mean[0]);
+  s.true_cy_front = setting(mean[1]);
+  s.true_cy_rear = setting(mean[2]);
+  s.spread_cx_front = setting(spread[0]);
+  s.spread_cy_front = setting(spread[1]);
+  s.spread_cy_rear = setting(spread[2]);
   record(&c, &s, 0.5, DRAWN);
   for (int a = 0; a < 3; a++) {
     expect_moments(sample_of[a], 0.5 * mean[a], 0.5 * mean[a] * spread[a], "drawn stiffness");
@@ -758,8 +758,8 @@ static void test_drawn_stiffness_never_falls_below_a_tenth_of_its_mean(void)
   const tse_config c = car();
   tse_sim_config s = quiet();
   int cut = 0;
-  s.spread_cx_front = s.spread_cy_front = s.spread_cy_rear = (tse_setting)0.3;
-  s.true_cx_front = 2;
+  s.spread_cx_front = s.spread_cy_front = s.spread_cy_rear = setting(0.3);
+  s.true_cx_front = setting(2);
   record(&c, &s, 1.0, DRAWN);
   for (int k = 0; k < SAMPLES; k++) {
     TEST_ASSERT_TRUE(sample_of[0][k] >= 0.2 * (1 - 1e-6) && sample_of[1][k] >= 0.1 * (1 - 1e-6));
@@ -774,9 +774,9 @@ static void test_told_mean_stiffness_is_the_setting_times_the_road(void)
   const tse_config c = car();
   tse_sim_config s = quiet();
   const double mean[3] = { 0.75, 1.25, 0.875 }, road[] = { 1, 0.5, 10, 0.02 };
-  s.true_cx_front = (tse_setting)mean[0];
-  s.true_cy_front = (tse_setting)mean[1];
-  s.true_cy_rear = (tse_setting)mean[2];
+  s.true_cx_front = setting(mean[0]);
+  s.true_cy_front = setting(mean[1]);
+  s.true_cy_rear = setting(mean[2]);
   start(&c, &s);
   for (int k = 0; k < ROWS(road); k++) {
     tse_sim_input u = driver(0.01, 0, 0);
@@ -795,7 +795,7 @@ static void test_accelerometer_feels_the_stiffness_drawn_for_its_row(void)
 {
   const tse_config c = car();
   tse_sim_config s = quiet();
-  s.spread_cx_front = s.spread_cy_front = s.spread_cy_rear = (tse_setting)0.2;
+  s.spread_cx_front = s.spread_cy_front = s.spread_cy_rear = setting(0.2);
   start(&c, &s);
   for (int k = 0; k < 200; k++) {
     const tse_sim_input u = driver(0.01, 300, 0.03);
@@ -818,13 +818,13 @@ static void test_sensor_noise_is_white_normal_and_of_the_size_asked_for(void)
   tse_config c = car();
   tse_sim_config s = quiet();
   const double sd[6] = { 3 * 0.1, 3 * 0.2, 3 * 0.004, 0.002, 0.5, 0.5 };
-  c.accel_x_sd = (tse_setting)0.1;
-  c.accel_y_sd = (tse_setting)0.2;
-  c.yaw_rate_sd = (tse_setting)0.004;
-  s.noise = 3;
-  s.steer_angle_sd = (tse_setting)0.002;
-  s.wheel_speed_sd = (tse_setting)0.5;
-  s.spread_cx_front = s.spread_cy_front = (tse_setting)0.05;
+  c.accel_x_sd = setting(0.1);
+  c.accel_y_sd = setting(0.2);
+  c.yaw_rate_sd = setting(0.004);
+  s.noise = setting(3);
+  s.steer_angle_sd = setting(0.002);
+  s.wheel_speed_sd = setting(0.5);
+  s.spread_cx_front = s.spread_cy_front = setting(0.05);
   record(&c, &s, 1.0, NOISE);
   for (int a = 0; a < 8; a++)
     for (int b = 0; b < a; b++) expect_uncorrelated(sample_of[a], sample_of[b], SAMPLES, "channels and stiffness");
@@ -859,9 +859,9 @@ static void test_constant_biases_are_added_to_the_log(void)
   const tse_config c = car();
   tse_sim_config s = quiet();
   tse_sim_output y;
-  s.true_bias_accel_x = (tse_setting)0.25;
-  s.true_bias_accel_y = (tse_setting)-0.5;
-  s.true_bias_yaw_rate = (tse_setting)0.0625;
+  s.true_bias_accel_x = setting(0.25);
+  s.true_bias_accel_y = setting(-0.5);
+  s.true_bias_yaw_rate = setting(0.0625);
   start(&c, &s);
   for (int k = 0; k < 20; k++) {
     const tse_sim_input u = driver(0.01, 300, 0.03);
@@ -885,11 +885,11 @@ static void test_variance_of_the_bias_grows_with_time(void)
   const double walk[3] = { 3 * 0.01, 3 * 0.03, 3 * 0.0005 };
   tse_config c = car();
   tse_sim_config s = quiet();
-  c.accel_x_bias_walk = (tse_setting)0.01;
-  c.accel_y_bias_walk = (tse_setting)0.03;
-  c.yaw_rate_bias_walk = (tse_setting)0.0005;
-  s.bias_walk = 3;
-  s.substep = (tse_setting)0.005;
+  c.accel_x_bias_walk = setting(0.01);
+  c.accel_y_bias_walk = setting(0.03);
+  c.yaw_rate_bias_walk = setting(0.0005);
+  s.bias_walk = setting(3);
+  s.substep = setting(0.005);
   static double end[3][3][CARS];
   double time[3] = { 0, 0, 0 };
   for (int i = 0; i < CARS; i++) {
@@ -923,9 +923,9 @@ static tse_sim_config noisy(int32_t seed)
 {
   tse_sim_config s;
   tse_sim_config_default(&s);
-  s.bias_walk = 1;
-  s.wheel_speed_sd = (tse_setting)0.1;
-  s.steer_angle_sd = (tse_setting)0.001;
+  s.bias_walk = setting(1);
+  s.wheel_speed_sd = setting(0.1);
+  s.steer_angle_sd = setting(0.001);
   s.seed = seed;
   return s;
 }
@@ -1024,8 +1024,8 @@ static void test_refused_input_leaves_the_simulator_bit_for_bit_unchanged(void)
       step(&u, &y);
     }
     for (int i = 0; i < ROWS(field); i++) {
-      const tse_real bad[5] = { neighbour(field[i].lo, -INFINITY), neighbour(field[i].hi, INFINITY), (tse_real)NAN,
-                                (tse_real)INFINITY, (tse_real)-INFINITY };
+      const tse_real bad[5] = { neighbour(field[i].lo, -INFINITY), neighbour(field[i].hi, INFINITY), real((double)NAN),
+                                real((double)INFINITY), real((double)-INFINITY) };
       const tse_real good[2] = { real(field[i].lo), real(field[i].hi) };
       for (int j = 0; j < 5; j++) {
         tse_sim_input u = driver(0.01, 300, 0.03);
@@ -1050,12 +1050,12 @@ static void test_time_step_must_lie_between_zero_and_a_second_except_at_the_firs
   tse_sim_output y;
   start(&c, &s);
   for (int j = 0; j < ROWS(bad); j++) {
-    u.dt = (tse_real)bad[j];
+    u.dt = real(bad[j]);
     expect_accepted(&u, "first row");
   }
   step(&u, &y);
   for (int j = 0; j < ROWS(bad); j++) {
-    u.dt = (tse_real)bad[j];
+    u.dt = real(bad[j]);
     expect_refused(&u, TSE_E_TIME, "later row");
   }
   u.dt = real(1);
@@ -1123,15 +1123,15 @@ static void test_each_setting_is_accepted_at_its_limits_and_refused_by_name_beyo
   {                                                                                                     \
     tse_sim_config s;                                                                                   \
     tse_sim_config_default(&s);                                                                         \
-    TEST_ASSERT_TRUE_MESSAGE(!(s.name != (tse_setting)(def)), #name);                                   \
-    s.name = (tse_setting)(lo);                                                                         \
+    TEST_ASSERT_TRUE_MESSAGE(!(s.name != setting(def)), #name);                                   \
+    s.name = setting(lo);                                                                         \
     TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_OK, tse_sim_config_check(&s, NULL), #name);                       \
-    s.name = (tse_setting)(hi);                                                                         \
+    s.name = setting(hi);                                                                         \
     TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_OK, tse_sim_config_check(&s, NULL), #name);                       \
-    s.name = towards((tse_setting)(lo), -INFINITY); expect_config_refused(&s, #name);                   \
-    s.name = towards((tse_setting)(hi), INFINITY); expect_config_refused(&s, #name);                    \
-    s.name = (tse_setting)NAN; expect_config_refused(&s, #name);                                        \
-    s.name = (tse_setting)INFINITY; expect_config_refused(&s, #name);                                   \
+    s.name = towards(setting(lo), -INFINITY); expect_config_refused(&s, #name);                   \
+    s.name = towards(setting(hi), INFINITY); expect_config_refused(&s, #name);                    \
+    s.name = setting((double)NAN); expect_config_refused(&s, #name);                                        \
+    s.name = setting((double)INFINITY); expect_config_refused(&s, #name);                                   \
   }
 #define INT(name, def, lo, hi, text)                                                                    \
   {                                                                                                     \
@@ -1150,7 +1150,7 @@ static void test_wrong_setting_of_the_vehicle_is_named_and_the_simulator_unchang
   tse_config c = car();
   const tse_sim_config s = quiet();
   const char *wrong = "";
-  c.yaw_inertia = -1;
+  c.yaw_inertia = setting(-1);
   memset(&sim, 0xa5, sizeof sim);
   before = sim;
   TEST_ASSERT_EQUAL_INT(TSE_E_CONFIG, tse_sim_reset(&sim, &c, &s, &wrong));

@@ -15,7 +15,7 @@ static void drive(int32_t form, int late)
   tse_config_default(&c);
   c.form = form;
   c.particles = 60;
-  if (late) c.steer_angle_latency = (tse_setting)0.123;
+  if (late) c.steer_angle_latency = setting(0.123);
   p = prepared(&c);
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, bytes_of_form(form)));
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_filter_check(&p, &f.filter, bytes_of_form(form)));
@@ -96,7 +96,7 @@ static void test_a_filter_is_sound_at_both_ends_of_every_setting(void)
   tse_config_default(&c);                                                      \
   c.name = (end);                                                              \
   if (tse_config_check(&c, NULL) == TSE_OK) go_through_wild_rows(&c, #name, 100, &seed);
-#define REAL(name, def, lo, hi, unit, text) END_OF(name, (tse_setting)(lo)) END_OF(name, (tse_setting)(hi))
+#define REAL(name, def, lo, hi, unit, text) END_OF(name, setting(lo)) END_OF(name, setting(hi))
 #define INT(name, def, lo, hi, text) END_OF(name, lo) END_OF(name, hi)
 #include "tse/config.def"
 #undef REAL
@@ -200,7 +200,7 @@ static void test_a_simulation_is_of_its_settings_or_refused(void)
   TEST_ASSERT_EQUAL_INT(TSE_E_STATE, tse_sim_check(&other, &c, &s));
   c.mass += 1;
   TEST_ASSERT_EQUAL_INT(TSE_E_STATE, tse_sim_check(&sim, &c, &s));
-  c.mass = -1;
+  c.mass = setting(-1);
   TEST_ASSERT_EQUAL_INT(TSE_E_CONFIG, tse_sim_check(&sim, &c, &s));
   TEST_ASSERT_EQUAL_INT(TSE_E_NULL, tse_sim_check(NULL, &c, &s));
 }

@@ -12,8 +12,8 @@ typedef struct steady { double r, ay; } steady;
  * and the geometry d - Ff/Cf + Fr/Cr = L r/v. */
 static steady cornering(const tse_config *c, double v, double d, double push, double pull, double moment)
 {
-  const double m = (double)c->mass, lf = (double)c->lf, lr = (double)c->lr, length = lf + lr, side = push + pull;
-  const double cf = (double)c->cornering_stiffness_front, cr = (double)c->cornering_stiffness_rear;
+  const double m = number(c->mass), lf = number(c->lf), lr = number(c->lr), length = lf + lr, side = push + pull;
+  const double cf = number(c->cornering_stiffness_front), cr = number(c->cornering_stiffness_rear);
   steady s;
   s.r = v * (d + (lr * side + moment) / (length * cf) - (lf * side - moment) / (length * cr)) /
         (length + m * v * v / length * (lr / cf - lf / cr));
@@ -48,7 +48,7 @@ static void expect_cornering(const tse_config *c, double v, double d, steady s, 
 static void test_steering_offset_turns_the_car_that_is_steered_straight(void)
 {
   tse_config c = default_car();
-  c.steering_offset_angle = (tse_setting)0.004;
+  c.steering_offset_angle = setting(0.004);
   expect_cornering(&c, 20, 0, cornering(&c, 20, 0.004, 0, 0, 0), 2e-3, "steering_offset");
   expect_cornering(&c, 8, 0, cornering(&c, 8, 0.004, 0, 0, 0), 2e-3, "steering_offset, slow");
 }
@@ -56,7 +56,7 @@ static void test_steering_offset_turns_the_car_that_is_steered_straight(void)
 static void test_bank_pulls_the_car_to_its_low_side_and_the_sensor_does_not_see_it(void)
 {
   tse_config c = default_car();
-  c.bank_angle = (tse_setting)0.03; /* left side high: to the right */
+  c.bank_angle = setting(0.03); /* left side high: to the right */
   expect_cornering(&c, 20, 0, cornering(&c, 20, 0, 0, -1900 * G * sin(0.03), 0), 3e-3, "bank");
 }
 
@@ -65,8 +65,8 @@ static void test_superelevation_takes_a_share_of_the_side_force(void)
 {
   const double share = 0.15;
   tse_config c = default_car(), light = default_car();
-  c.bank_superelevation = (tse_setting)share;
-  light.mass = (tse_setting)((double)c.mass * (1 - share));
+  c.bank_superelevation = setting(share);
+  light.mass = setting(number(c.mass) * (1 - share));
   steady s = cornering(&light, 20, 0.005, 0, 0, 0);
   s.ay = (1 - share) * 20 * s.r;
   expect_cornering(&c, 20, 0.005, s, 3e-3, "superelevation");
@@ -75,22 +75,22 @@ static void test_superelevation_takes_a_share_of_the_side_force(void)
 static void test_conicity_is_a_side_force_at_each_axle(void)
 {
   tse_config c = default_car();
-  c.conicity_front = 150;
+  c.conicity_front = setting(150);
   expect_cornering(&c, 20, 0, cornering(&c, 20, 0, 150, 0, 1.25 * 150), 2e-3, "conicity, front");
-  c.conicity_rear = -100;
+  c.conicity_rear = setting(-100);
   expect_cornering(&c, 20, 0, cornering(&c, 20, 0, 50, 0, 1.25 * 150 + 1.5 * 100), 2e-3, "conicity, rear");
 }
 
 static void test_crosswind_pushes_at_its_arm(void)
 {
   tse_config c = default_car();
-  c.crosswind_speed = 6;
-  c.crosswind_coefficient = 3;
-  c.crosswind_arm = (tse_setting)0.4;
+  c.crosswind_speed = setting(6);
+  c.crosswind_coefficient = setting(3);
+  c.crosswind_arm = setting(0.4);
   const double force = 3 * 6 * sqrt(400 + 36.0);
   /* after 6 s the heading has changed by up to 0.13 rad: 0.8 % of the cosine */
   expect_cornering(&c, 20, 0, cornering(&c, 20, 0, force, 0, 0.4 * force), 1.5e-2, "crosswind");
-  c.crosswind_heading = (tse_setting)2.0943951023931953;
+  c.crosswind_heading = setting(2.0943951023931953);
   expect_cornering(&c, 20, 0, cornering(&c, 20, 0, -force / 2, 0, -0.2 * force), 8e-2, "crosswind from behind"); /* d cos/cos = 0.06 */
 }
 
@@ -107,7 +107,7 @@ static void test_crosswind_turns_with_the_heading(void)
   for (int i = 0; i < rows; i++) log_steer[i] = real(0.03);
   replay(&c, rows);
   for (int i = 0; i < rows; i++) calm[i] = number(got_y[i]);
-  c.crosswind_speed = 3;
+  c.crosswind_speed = setting(3);
   s.heading = real(0.5);
   replay_with(&c, &log, rows, &s);
   const double force = 2.8 * 3 * sqrt(100 + 9.0), gain = cornering(&c, 10, 0, force, 0, 0.45 * force).ay;
@@ -125,7 +125,7 @@ static void test_crosswind_turns_with_the_heading(void)
 static void test_aligning_moment_in_steady_cornering(void)
 {
   tse_config c = default_car();
-  c.aligning_moment_trail = (tse_setting)0.04;
+  c.aligning_moment_trail = setting(0.04);
   /* forces balance as if both axles stood further back by the trail; the wheels' paths are those of the axles */
   const double m = 1900, v = 20, k = m / 2.75 * (1.54 / 1.2e5 - 1.21 / 1.4e5);
   steady s;
@@ -139,10 +139,10 @@ static void test_a_point_ahead_of_the_memory_is_where_time_has_brought_it(void)
 {
   for (int k = 0; k < 3; k++) {
     tse_config c = default_car();
-    c.crosswind_speed = (tse_setting)(k == 0 ? 8 : 0);
-    c.stiffness_drift_change = (tse_setting)(k == 1 ? 0.5 : 0);
-    c.stiffness_drift_time = 2;
-    c.rear_roll_steer_gain = (tse_setting)(k == 2 ? 0.2 : 0);
+    c.crosswind_speed = setting(k == 0 ? 8 : 0);
+    c.stiffness_drift_change = setting(k == 1 ? 0.5 : 0);
+    c.stiffness_drift_time = setting(2);
+    c.rear_roll_steer_gain = setting(k == 2 ? 0.2 : 0);
     const tse_params p = prepared(&c);
     tse_effect_memory now, then;
     point ahead, at;
@@ -241,12 +241,12 @@ static double drifted(double c, double a, double s, double load, double ax, doub
 static void test_saturation_is_the_brush_model(void)
 {
   tse_config c = default_car();
-  c.tyre_saturation_inverse_friction = (tse_setting)(1 / 1.05);
+  c.tyre_saturation_inverse_friction = setting(1 / 1.05);
   expect_balance(&c, 0.045, 0, brush, "brush");
   expect_balance(&c, -0.045, 0, brush, "brush, to the right");
-  c.tyre_saturation_shape = 1;
+  c.tyre_saturation_shape = setting(1);
   expect_balance(&c, 0.05, 0, root, "root");
-  c.tyre_saturation_shape = (tse_setting)0.5;
+  c.tyre_saturation_shape = setting(0.5);
   expect_balance(&c, 0.05, 0, half_root, "half of each");
 }
 
@@ -255,9 +255,9 @@ static void test_saturation_ends_at_friction_times_load(void)
 {
   tse_config c = default_car();
   const double load[2] = { 1900 * G * 1.5 / 2.75, 1900 * G * 1.25 / 2.75 };
-  c.tyre_saturation_inverse_friction = (tse_setting)(1 / 1.05);
+  c.tyre_saturation_inverse_friction = setting(1 / 1.05);
   for (int shape = 0; shape <= 1; shape++) {
-    c.tyre_saturation_shape = (tse_setting)shape;
+    c.tyre_saturation_shape = setting(shape);
     const tse_params p = prepared(&c);
     const law of_shape = shape ? root : brush;
     for (int i = -60; i <= 60; i++) {
@@ -278,7 +278,7 @@ static void test_saturation_ends_at_friction_times_load(void)
 static void test_combined_slip_takes_from_the_lateral_force(void)
 {
   tse_config c = default_car();
-  c.combined_slip_factor = 300;
+  c.combined_slip_factor = setting(300);
   expect_balance(&c, 0.04, 0.05, combined, "combined_slip, driven");
   expect_balance(&c, 0.04, -0.05, combined, "combined_slip, braked");
 }
@@ -286,10 +286,10 @@ static void test_combined_slip_takes_from_the_lateral_force(void)
 static void test_lateral_load_transfer_takes_with_the_square_of_the_acceleration_that_remains(void)
 {
   tse_config c = default_car();
-  c.lateral_load_transfer_gain = (tse_setting)0.005;
+  c.lateral_load_transfer_gain = setting(0.005);
   expect_balance(&c, 0.05, 0, leaning, "lateral_load_transfer");
   const double even = number(got_yaw[1499]);
-  c.lateral_load_transfer_balance = (tse_setting)0.5; /* the front carries the roll: understeer */
+  c.lateral_load_transfer_balance = setting(0.5); /* the front carries the roll: understeer */
   straight(&c, 20, 0.01, 1500);
   for (int i = 0; i < 1500; i++) log_steer[i] = real(0.05 * fmin(i / 500.0, 1));
   replay(&c, 1500);
@@ -304,7 +304,7 @@ static void test_lateral_load_transfer_takes_with_the_square_of_the_acceleration
 static void test_longitudinal_load_transfer_takes_in_front_what_it_gives_behind(void)
 {
   tse_config c = default_car();
-  c.longitudinal_load_transfer_gain = (tse_setting)0.04;
+  c.longitudinal_load_transfer_gain = setting(0.04);
   expect_balance(&c, 0.04, 0.05, nodding, "longitudinal_load_transfer, driven");
   expect_balance(&c, 0.04, -0.05, nodding, "longitudinal_load_transfer, braked");
 }
@@ -312,9 +312,9 @@ static void test_longitudinal_load_transfer_takes_in_front_what_it_gives_behind(
 static void test_stiffness_drifts_between_two_times(void)
 {
   tse_config c = default_car();
-  c.stiffness_drift_change = (tse_setting)0.2;
-  c.stiffness_drift_start = 4;
-  c.stiffness_drift_time = 22;
+  c.stiffness_drift_change = setting(0.2);
+  c.stiffness_drift_start = setting(4);
+  c.stiffness_drift_time = setting(22);
   const int rows = 1500, last = rows - 1;
   straight(&c, 20, 0.01, rows);
   for (int i = 0; i < rows; i++) log_steer[i] = real(0.04 * fmin(i / 500.0, 1));
@@ -326,7 +326,7 @@ static void test_stiffness_drifts_between_two_times(void)
   expect_near(0.33 * fxf, number(got_tf[last]), BY_FORMAT(1e-2, 8), "longitudinal, front", 0);
   expect_near(0.33 * fxf, number(got_tr[last]), BY_FORMAT(1e-2, 8), "longitudinal, rear", 0);
   const tse_real before[2] = { got_y[400], got_y[410] };
-  c.stiffness_drift_change = 0;
+  c.stiffness_drift_change = setting(0);
   replay(&c, rows);
   TEST_ASSERT_TRUE(!(before[0] != got_y[400]) && before[1] != got_y[410]); /* nothing has happened before 4 s */
 }
@@ -354,23 +354,23 @@ static void test_drag_slows_a_coasting_car_by_its_square(void)
 {
   tse_config c = default_car();
   expect_near(30, coasted(&c), BY_FORMAT(1e-9, 1e-3), "without", 0);
-  c.aero_drag_coefficient = (tse_setting)0.45;
+  c.aero_drag_coefficient = setting(0.45);
   expect_near(30 / (1 + 0.45 * 30 * 20 / EFFECTIVE_MASS), coasted(&c), BY_FORMAT(2e-3, 0.03), "aero_drag", 0); /* the wheels start rolling freely */
 }
 
 static void test_rolling_resistance_slows_a_coasting_car_evenly_and_stops_with_it(void)
 {
   tse_config c = default_car();
-  c.rolling_resistance_coefficient = (tse_setting)0.015;
+  c.rolling_resistance_coefficient = setting(0.015);
   expect_near(30 - 0.015 * G * 1900 * 20 / EFFECTIVE_MASS, coasted(&c), BY_FORMAT(2e-3, 0.03), "rolling_resistance", 0);
-  c.rolling_resistance_coefficient = (tse_setting)0.2;
+  c.rolling_resistance_coefficient = setting(0.2);
   expect_near(0, coasted(&c), 0.02, "standing", 0); /* below 0.5 m/s it fades with the speed */
 }
 
 static void test_grade_slows_a_coasting_car_and_the_sensor_does_not_see_it(void)
 {
   tse_config c = default_car();
-  c.grade_angle = (tse_setting)0.06;
+  c.grade_angle = setting(0.06);
   expect_near(30 - sin(0.06) * G * 1900 * 20 / EFFECTIVE_MASS, coasted(&c), BY_FORMAT(2e-3, 0.03), "grade", 0);
   straight(&c, 20, 0.01, 600); /* driven at constant speed the tyres carry it, and that is seen */
   replay(&c, 600);
@@ -381,8 +381,8 @@ static void test_grade_slows_a_coasting_car_and_the_sensor_does_not_see_it(void)
 static void test_drag_and_rolling_resistance_show_in_slip_and_torque(void)
 {
   tse_config c = default_car();
-  c.aero_drag_coefficient = (tse_setting)0.4;
-  c.rolling_resistance_coefficient = (tse_setting)0.012;
+  c.aero_drag_coefficient = setting(0.4);
+  c.rolling_resistance_coefficient = setting(0.012);
   straight(&c, 30, 0.01, 800);
   replay(&c, 800);
   const double vx = number(got_vx[799]), force = 0.4 * vx * vx + 0.012 * 1900 * G;
@@ -416,9 +416,9 @@ static void test_exact_kinematics_roll_about_the_turning_centre(void)
   tse_config c = default_car();
   const double d = 0.5, w = 3, length = 2.75;
   c.longitudinal_stiffness_front = c.longitudinal_stiffness_rear = c.cornering_stiffness_front = c.cornering_stiffness_rear =
-      (tse_setting)1e7;
-  c.max_steer = (tse_setting)0.6;
-  c.exact_kinematics_share = 1;
+      setting(1e7);
+  c.max_steer = setting(0.6);
+  c.exact_kinematics_share = setting(1);
   straight(&c, w, 0.01, 600);
   for (int i = 0; i < 600; i++) {
     const double now = d * fmin(i / 200.0, 1);
@@ -439,7 +439,7 @@ static void test_exact_kinematics_are_those_of_vectors(void)
   for (int i = 0; i < 200; i++) {
     const double share = i % 2 ? 1 : 0.25, d = next_between(&seed, -0.6, 0.6), vx = next_between(&seed, 3, 40);
     const double vy = next_between(&seed, -3, 3), r = next_between(&seed, -0.8, 0.8), wf = next_between(&seed, 0.9, 1.1) * vx;
-    c.exact_kinematics_share = (tse_setting)share;
+    c.exact_kinematics_share = setting(share);
     const tse_params p = prepared(&c);
     tse_effect_memory m;
     point pt;
@@ -487,8 +487,8 @@ static void test_lever_arm_is_the_acceleration_of_its_place_on_a_rigid_body(void
     x0[i] = number(got_x[i]);
     y0[i] = number(got_y[i]);
   }
-  c.imu_lever_arm_x = (tse_setting)ax;
-  c.imu_lever_arm_y = (tse_setting)ay;
+  c.imu_lever_arm_x = setting(ax);
+  c.imu_lever_arm_y = setting(ay);
   replay(&c, rows);
   for (int i = 200; i < rows - 1; i++) {
     const double r = number(got_yaw[i]), turn = (number(got_yaw[i + 1]) - number(got_yaw[i - 1])) / (2 * dt);
@@ -513,7 +513,7 @@ static void test_misalignment_turns_the_acceleration_and_keeps_its_length(void)
     x0[i] = number(got_x[i]);
     y0[i] = number(got_y[i]);
   }
-  c.imu_misalignment_angle = (tse_setting)0.1;
+  c.imu_misalignment_angle = setting(0.1);
   replay(&c, 500);
   for (int i = 50; i < 500; i++) {
     const double length = hypot(x0[i], y0[i]);

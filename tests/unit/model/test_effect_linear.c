@@ -44,12 +44,12 @@ static linear linear_of(const tse_config *c, double v)
 {
   linear l;
   memset(&l, 0, sizeof l);
-  l.m = (double)c->mass;
-  l.inertia = (double)c->yaw_inertia;
-  l.lf = (double)c->lf;
-  l.lr = (double)c->lr;
-  l.cf = (double)c->cornering_stiffness_front;
-  l.cr = (double)c->cornering_stiffness_rear;
+  l.m = number(c->mass);
+  l.inertia = number(c->yaw_inertia);
+  l.lf = number(c->lf);
+  l.lr = number(c->lr);
+  l.cf = number(c->cornering_stiffness_front);
+  l.cr = number(c->cornering_stiffness_rear);
   l.v = v;
   l.roll_f = l.leak_f = 1.5;
   l.roll_d = l.leak_d = 0.3;
@@ -128,7 +128,7 @@ static void simulate_log(const tse_config *c, double v, int rows)
   tse_sim_config s = still_sim(v);
   tse_sim_input u;
   tse_sim_output y;
-  s.substep = (tse_setting)DT;
+  s.substep = setting(DT);
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_reset(&sim, c, &s, NULL));
   memset(&u, 0, sizeof u);
   u.dt = real(DT);
@@ -156,8 +156,8 @@ static void expect_linear(const tse_config *c, const linear *l, const char *what
     const double most_y = hypot(ay0.re, ay0.im), most_r = hypot(r0.re, r0.im);
     straight(&plain, l->v, DT, rows);
     for (int i = 0; i < rows; i++) log_steer[i] = real(AMPLITUDE * sin(w * i * DT));
-    if ((double)c->wheel_radius_change > 0) /* the log is the same; the car is faster than it says */
-      for (int i = 0; i < rows; i++) log_front[i] = log_rear[i] = real(20 / (double)plain.wheel_radius_front);
+    if (number(c->wheel_radius_change) > 0) /* the log is the same; the car is faster than it says */
+      for (int i = 0; i < rows; i++) log_front[i] = log_rear[i] = real(20 / number(plain.wheel_radius_front));
     replay(c, rows);
     expect_response(ay, times(1 / AMPLITUDE, projected(got_y, rows, w, n, periods)), most_y, what, 10 * k);
     expect_response(r, times(1 / AMPLITUDE, projected(got_r, rows, w, n, periods)), most_r, what, 10 * k + 1);
@@ -178,7 +178,7 @@ static void test_without_effects_the_car_is_the_linear_one(void)
 static void test_mass_changes_the_car_but_not_its_yaw_inertia(void)
 {
   CAR;
-  c.mass_change = (tse_setting)0.2;
+  c.mass_change = setting(0.2);
   l.m *= 1.2;
   expect_linear(&c, &l, "mass");
 }
@@ -186,7 +186,7 @@ static void test_mass_changes_the_car_but_not_its_yaw_inertia(void)
 static void test_yaw_inertia_changes_as_told(void)
 {
   CAR;
-  c.yaw_inertia_change = (tse_setting)-0.15;
+  c.yaw_inertia_change = setting(-0.15);
   l.inertia *= 0.85;
   expect_linear(&c, &l, "yaw_inertia");
 }
@@ -194,7 +194,7 @@ static void test_yaw_inertia_changes_as_told(void)
 static void test_cg_shift_moves_the_centre_back(void)
 {
   CAR;
-  c.cg_shift_distance = (tse_setting)0.12;
+  c.cg_shift_distance = setting(0.12);
   l.lf += 0.12;
   l.lr -= 0.12;
   expect_linear(&c, &l, "cg_shift");
@@ -203,7 +203,7 @@ static void test_cg_shift_moves_the_centre_back(void)
 static void test_wheel_radius_makes_the_car_faster_than_its_log(void)
 {
   CAR;
-  c.wheel_radius_change = (tse_setting)0.025;
+  c.wheel_radius_change = setting(0.025);
   l.v = 20 * 1.025;
   expect_linear(&c, &l, "wheel_radius");
 }
@@ -211,7 +211,7 @@ static void test_wheel_radius_makes_the_car_faster_than_its_log(void)
 static void test_steering_ratio_scales_the_angle(void)
 {
   CAR;
-  c.steering_ratio_change = (tse_setting)-0.06;
+  c.steering_ratio_change = setting(-0.06);
   l.ratio = -0.06;
   expect_linear(&c, &l, "steering_ratio");
 }
@@ -219,10 +219,10 @@ static void test_steering_ratio_scales_the_angle(void)
 static void test_steering_delay_turns_the_phase_only(void)
 {
   CAR;
-  c.steering_delay_time = (tse_setting)0.035; /* more than 9 rows: samples thin out */
+  c.steering_delay_time = setting(0.035); /* more than 9 rows: samples thin out */
   l.delay = 0.035;
   expect_linear(&c, &l, "steering_delay");
-  c.steering_delay_time = (tse_setting)0.0111; /* between rows */
+  c.steering_delay_time = setting(0.0111); /* between rows */
   l.delay = 0.0111;
   expect_linear(&c, &l, "steering_delay between rows");
 }
@@ -230,10 +230,10 @@ static void test_steering_delay_turns_the_phase_only(void)
 static void test_steering_lag_is_of_first_or_second_order(void)
 {
   CAR;
-  c.steering_lag_time = (tse_setting)0.05;
+  c.steering_lag_time = setting(0.05);
   l.lag = 0.05;
   expect_linear(&c, &l, "steering_lag");
-  c.steering_lag_second = (tse_setting)0.6; /* 0.05 is the sum of both */
+  c.steering_lag_second = setting(0.6); /* 0.05 is the sum of both */
   l.lag = 0.05 / 1.6;
   l.lag2 = 0.6 * l.lag;
   expect_linear(&c, &l, "steering_lag, second");
@@ -242,8 +242,8 @@ static void test_steering_lag_is_of_first_or_second_order(void)
 static void test_steering_compliance_is_a_softer_front_axle(void)
 {
   CAR;
-  c.steering_compliance_angle_per_moment = (tse_setting)6e-5;
-  c.steering_compliance_trail = (tse_setting)0.04;
+  c.steering_compliance_angle_per_moment = setting(6e-5);
+  c.steering_compliance_trail = setting(0.04);
   l.cf = 1 / (1 / l.cf + 6e-5 * 0.04); /* two springs in series */
   expect_linear(&c, &l, "steering_compliance");
 }
@@ -251,10 +251,10 @@ static void test_steering_compliance_is_a_softer_front_axle(void)
 static void test_rear_roll_steer_follows_the_roll_mode(void)
 {
   CAR;
-  c.rear_roll_steer_gain = (tse_setting)0.1;
-  c.rear_roll_steer_roll = (tse_setting)0.01;
-  c.rear_roll_steer_frequency = (tse_setting)1.7;
-  c.rear_roll_steer_damping = (tse_setting)0.25;
+  c.rear_roll_steer_gain = setting(0.1);
+  c.rear_roll_steer_roll = setting(0.01);
+  c.rear_roll_steer_frequency = setting(1.7);
+  c.rear_roll_steer_damping = setting(0.25);
   l.rear_steer = 0.1 * 0.01;
   l.roll_f = 1.7;
   l.roll_d = 0.25;
@@ -264,7 +264,7 @@ static void test_rear_roll_steer_follows_the_roll_mode(void)
 static void test_relaxation_is_of_first_order_over_the_way(void)
 {
   CAR;
-  c.relaxation_length = (tse_setting)0.6;
+  c.relaxation_length = setting(0.6);
   l.sigma = 0.6;
   expect_linear(&c, &l, "relaxation");
   l = linear_of(&c, 9);
@@ -275,9 +275,9 @@ static void test_relaxation_is_of_first_order_over_the_way(void)
 static void test_stiffness_that_has_drifted_is_another_stiffness(void)
 {
   CAR;
-  c.stiffness_drift_change = (tse_setting)-0.15;
-  c.stiffness_drift_time = 1;
-  c.stiffness_drift_start = (tse_setting)0.5;
+  c.stiffness_drift_change = setting(-0.15);
+  c.stiffness_drift_time = setting(1);
+  c.stiffness_drift_start = setting(0.5);
   l.cf *= 0.85;
   l.cr *= 0.85;
   expect_linear(&c, &l, "stiffness_drift");
@@ -286,7 +286,7 @@ static void test_stiffness_that_has_drifted_is_another_stiffness(void)
 static void test_aligning_moment_shifts_where_lateral_forces_act(void)
 {
   CAR;
-  c.aligning_moment_trail = (tse_setting)0.04;
+  c.aligning_moment_trail = setting(0.04);
   l.trail = 0.04;
   expect_linear(&c, &l, "aligning_moment");
 }
@@ -294,7 +294,7 @@ static void test_aligning_moment_shifts_where_lateral_forces_act(void)
 static void test_lever_arm_reads_the_yaw_acceleration(void)
 {
   CAR;
-  c.imu_lever_arm_x = (tse_setting)-0.7;
+  c.imu_lever_arm_x = setting(-0.7);
   l.arm_x = -0.7;
   expect_linear(&c, &l, "imu_lever_arm");
 }
@@ -302,17 +302,17 @@ static void test_lever_arm_reads_the_yaw_acceleration(void)
 static void test_body_roll_is_a_mode_of_the_lateral_acceleration(void)
 {
   CAR;
-  c.body_roll_gain = (tse_setting)0.0107;
-  c.body_roll_frequency = (tse_setting)1.4;
-  c.body_roll_damping = (tse_setting)0.22;
+  c.body_roll_gain = setting(0.0107);
+  c.body_roll_frequency = setting(1.4);
+  c.body_roll_damping = setting(0.22);
   l.leak = 0.0107;
   l.leak_f = 1.4;
   l.leak_d = 0.22;
   expect_linear(&c, &l, "body_roll");
-  c.body_roll_height = (tse_setting)0.45;
+  c.body_roll_height = setting(0.45);
   l.leak_height = 0.45;
   expect_linear(&c, &l, "body_roll, IMU above the roll axis");
-  c.body_roll_coupling = (tse_setting)0.35;
+  c.body_roll_coupling = setting(0.35);
   l.coupling = 0.35;
   expect_linear(&c, &l, "body_roll, mass above the roll axis");
 }
@@ -320,9 +320,9 @@ static void test_body_roll_is_a_mode_of_the_lateral_acceleration(void)
 static void test_scales_and_misalignment_scale_what_is_read(void)
 {
   CAR;
-  c.imu_scale_ay_error = (tse_setting)0.05;
-  c.gyro_scale_error = (tse_setting)-0.03;
-  c.imu_misalignment_angle = (tse_setting)0.15;
+  c.imu_scale_ay_error = setting(0.05);
+  c.gyro_scale_error = setting(-0.03);
+  c.imu_misalignment_angle = setting(0.15);
   l.scale_y = 0.05;
   l.scale_r = -0.03;
   l.turned = 0.15;
@@ -332,7 +332,7 @@ static void test_scales_and_misalignment_scale_what_is_read(void)
 static void test_imu_delay_turns_the_phase_of_what_is_read(void)
 {
   CAR;
-  c.imu_delay_time = (tse_setting)0.03;
+  c.imu_delay_time = setting(0.03);
   l.imu_delay = 0.03;
   expect_linear(&c, &l, "imu_delay");
 }
@@ -340,12 +340,12 @@ static void test_imu_delay_turns_the_phase_of_what_is_read(void)
 static void test_effects_of_different_places_add_up(void)
 {
   CAR;
-  c.relaxation_length = (tse_setting)0.4;
-  c.steering_lag_time = (tse_setting)0.03;
-  c.body_roll_gain = (tse_setting)0.008;
-  c.imu_lever_arm_x = (tse_setting)0.5;
-  c.imu_delay_time = (tse_setting)0.02;
-  c.aligning_moment_trail = (tse_setting)0.03;
+  c.relaxation_length = setting(0.4);
+  c.steering_lag_time = setting(0.03);
+  c.body_roll_gain = setting(0.008);
+  c.imu_lever_arm_x = setting(0.5);
+  c.imu_delay_time = setting(0.02);
+  c.aligning_moment_trail = setting(0.03);
   l.sigma = 0.4;
   l.lag = 0.03;
   l.leak = 0.008;
@@ -373,7 +373,7 @@ static void expect_along(const tse_config *c, double sigma, double leak, double 
     const tse_config plain = default_car();
     straight(&plain, v, DT, rows);
     for (int i = 0; i < rows; i++)
-      log_front[i] = log_rear[i] = real((v + amplitude * sin(w * i * DT)) / (double)plain.wheel_radius_front);
+      log_front[i] = log_rear[i] = real((v + amplitude * sin(w * i * DT)) / number(plain.wheel_radius_front));
     replay(c, rows);
     expect_response(read, times(1 / amplitude, projected(got_x, rows, w, n, periods)), w, what, j);
   }
@@ -383,18 +383,18 @@ static void test_effects_along_the_car_have_their_transfer_functions(void)
 {
   tse_config c = default_car();
   expect_along(&c, 0, 0, 1, 1, 0, 0, 0, "plain");
-  c.longitudinal_relaxation_length = (tse_setting)0.4;
+  c.longitudinal_relaxation_length = setting(0.4);
   expect_along(&c, 0.4, 0, 1, 1, 0, 0, 0, "longitudinal_relaxation");
   c = default_car();
-  c.pitch_leak_gain = (tse_setting)0.005;
-  c.pitch_leak_frequency = (tse_setting)2.2;
-  c.pitch_leak_damping = (tse_setting)0.35;
+  c.pitch_leak_gain = setting(0.005);
+  c.pitch_leak_frequency = setting(2.2);
+  c.pitch_leak_damping = setting(0.35);
   expect_along(&c, 0, 0.005, 2.2, 0.35, 0, 0, 0, "pitch_leak");
-  c.pitch_leak_height = (tse_setting)0.5;
+  c.pitch_leak_height = setting(0.5);
   expect_along(&c, 0, 0.005, 2.2, 0.35, 0.5, 0, 0, "pitch_leak, IMU above the pitch axis");
   c = default_car();
-  c.imu_scale_ax_error = (tse_setting)0.05;
-  c.imu_delay_time = (tse_setting)0.02;
+  c.imu_scale_ax_error = setting(0.05);
+  c.imu_delay_time = setting(0.02);
   expect_along(&c, 0, 0, 1, 1, 0, 0.05, 0.02, "imu_scale_ax, imu_delay");
 }
 

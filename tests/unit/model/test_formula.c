@@ -21,7 +21,7 @@ static void set_program(tse_config *c, int place, const int *ops, int n)
                               &c->formula_code_11 };
   for (int k = 0; k < 11; k++) *packed[k] = 0;
   for (int k = 0; k < n; k++) *packed[k / 3] |= (int32_t)((unsigned)ops[k] << (8 * (k % 3)));
-  c->formula_gain = 1;
+  c->formula_gain = setting(1);
   c->formula_place = place;
 }
 
@@ -72,7 +72,7 @@ static void test_a_number_at_a_place_is_the_disturbance_there(void)
     replay_with(&c, &log, ROWS, &s);
     keep_reference();
     PROGRAM(&c, place, NUMBER_A);
-    c.formula_a = (tse_setting)0.004;
+    c.formula_a = setting(0.004);
     replay(&c, ROWS);
     expect_reference(sizeof(tse_real) == 4 ? 1e-4 : 1e-11, "place");
   }
@@ -89,7 +89,7 @@ static void test_a_share_of_the_stiffness_is_another_stiffness(void)
     replay_with(&c, &log, ROWS, &s);
     keep_reference();
     PROGRAM(&c, place, NUMBER_A);
-    c.formula_a = (tse_setting)0.2;
+    c.formula_a = setting(0.2);
     replay(&c, ROWS);
     expect_reference(sizeof(tse_real) == 4 ? 1e-4 : 1e-11, "stiffness");
   }
@@ -103,8 +103,8 @@ static void test_a_reading_is_off_and_the_car_is_not(void)
     replay(&c, ROWS);
     keep_reference();
     PROGRAM(&c, place, NUMBER_A);
-    c.formula_a = (tse_setting)0.5;
-    c.formula_gain = (tse_setting)-0.5;
+    c.formula_a = setting(0.5);
+    c.formula_gain = setting(-0.5);
     tse_real *const read[] = { reference_x, reference_y, reference_r };
     for (int i = 0; i < ROWS; i++) read[place - 7][i] -= real(0.25);
     replay(&c, ROWS);
@@ -168,8 +168,8 @@ static void test_switched_off_it_changes_no_bit(void)
   replay(&c, ROWS);
   keep_reference();
   PROGRAM(&c, 4, NUMBER_A, STEER, MUL);
-  c.formula_a = 3;
-  c.formula_gain = 0;
+  c.formula_a = setting(3);
+  c.formula_gain = setting(0);
   replay(&c, ROWS);
   TEST_ASSERT_EQUAL_MEMORY(reference_x, got_x, sizeof reference_x);
   TEST_ASSERT_EQUAL_MEMORY(reference_y, got_y, sizeof reference_y);
@@ -182,8 +182,8 @@ static void read_through(tse_config *c, int function, double a, double b)
   if (function == SECOND) PROGRAM(c, 9, YAW_RATE, NUMBER_A, NUMBER_B, SECOND, YAW_RATE, SUB);
   else if (function == RATE) PROGRAM(c, 9, YAW_RATE, RATE, YAW_RATE, SUB);
   else PROGRAM(c, 9, YAW_RATE, NUMBER_A, function, YAW_RATE, SUB);
-  c->formula_a = (tse_setting)a;
-  c->formula_b = (tse_setting)b;
+  c->formula_a = setting(a);
+  c->formula_b = setting(b);
   replay(c, ROWS);
 }
 
@@ -259,11 +259,11 @@ static void test_what_is_no_number_is_nothing(void)
   replay(&c, ROWS);
   keep_reference();
   PROGRAM(&c, 4, ONE, NUMBER_A, DIV, NUMBER_B, SQRT, ADD); /* 1/0 + sqrt(-1) */
-  c.formula_b = -1;
+  c.formula_b = setting(-1);
   replay(&c, ROWS);
   expect_reference(sizeof(tse_real) == 4 ? 1e-5 : 1e-11, "0");
   PROGRAM(&c, 4, NUMBER_A, NUMBER_A, MUL, NUMBER_A, MUL, RATE, SOFT); /* 1e18 */
-  c.formula_a = 1000000;
+  c.formula_a = setting(1000000);
   replay(&c, ROWS);
   for (int i = 0; i < ROWS; i++) TEST_ASSERT_TRUE(r_is_finite(got_r[i]));
 }
@@ -289,9 +289,9 @@ static void test_programs_that_do_not_fit_are_refused(void)
   TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_E_CONFIG, status_of(&c), "nine values deep");
   PROGRAM(&c, 0, ONE, ONE, ONE, ONE, ONE, ONE, ONE, ONE, ADD, ADD, ADD, ADD, ADD, ADD, ADD);
   TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_OK, status_of(&c), "eight values deep");
-  c.formula_gain = 0;
+  c.formula_gain = setting(0);
   PROGRAM(&c, 0, NUMBER_A, MUL);
-  c.formula_gain = 0;
+  c.formula_gain = setting(0);
   TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_OK, status_of(&c), "switched off, nobody runs it");
 }
 
@@ -332,14 +332,14 @@ static void test_an_estimator_that_is_told_knows_its_stiffness(void)
   tse_sim_config s = still_sim(20);
   double off[2];
   PROGRAM(&car, 1, NUMBER_A, STEER, MUL);
-  car.formula_a = (tse_setting)-0.3;
-  s.noise = 1;
+  car.formula_a = setting(-0.3);
+  s.noise = setting(1);
   for (int told = 0; told < 2; told++) {
     tse_config c = car;
     tse_sim_input u;
     tse_sim_output y;
     tse_output estimate;
-    if (!told) c.formula_gain = 0;
+    if (!told) c.formula_gain = setting(0);
     const tse_params p = prepared(&c);
     TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_reset(&sim, &car, &s, NULL));
     TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f, sizeof f));

@@ -6,10 +6,10 @@ static tse_params a_car(double follows)
 {
   tse_config c;
   tse_config_default(&c);
-  c.mass = 1500;
-  c.lf = (tse_setting)1.1;
-  c.longitudinal_stiffness_rear = (tse_setting)1.2e5;
-  c.rear_longitudinal_follows_front = (tse_setting)follows;
+  c.mass = setting(1500);
+  c.lf = setting(1.1);
+  c.longitudinal_stiffness_rear = setting(1.2e5);
+  c.rear_longitudinal_follows_front = setting(follows);
   return prepared(&c);
 }
 

@@ -11,15 +11,15 @@ static tse_config car_config(int k)
 {
   tse_config c;
   tse_config_default(&c);
-  c.mass = (tse_setting)car_table[k][0];
-  c.yaw_inertia = (tse_setting)car_table[k][1];
-  c.lf = (tse_setting)car_table[k][2];
-  c.lr = (tse_setting)car_table[k][3];
-  c.longitudinal_stiffness_front = (tse_setting)car_table[k][4];
-  c.longitudinal_stiffness_rear = (tse_setting)car_table[k][5];
-  c.cornering_stiffness_front = (tse_setting)car_table[k][6];
-  c.cornering_stiffness_rear = (tse_setting)car_table[k][7];
-  c.rear_longitudinal_follows_front = (tse_setting)car_table[k][8];
+  c.mass = setting(car_table[k][0]);
+  c.yaw_inertia = setting(car_table[k][1]);
+  c.lf = setting(car_table[k][2]);
+  c.lr = setting(car_table[k][3]);
+  c.longitudinal_stiffness_front = setting(car_table[k][4]);
+  c.longitudinal_stiffness_rear = setting(car_table[k][5]);
+  c.cornering_stiffness_front = setting(car_table[k][6]);
+  c.cornering_stiffness_rear = setting(car_table[k][7]);
+  c.rear_longitudinal_follows_front = setting(car_table[k][8]);
   return c;
 }
 
@@ -220,7 +220,7 @@ static void test_observation_rows_are_the_derivatives_of_the_accelerations(void)
     const slips l = slips_of(&p, s);
     const observation o = vehicle_observation(vehicle_observation_gains(&p, TSE_R(1), TSE_R(1)), l, s.u.steer);
     const accels at0 = vehicle_accels(&p, stiffness_at(&p, 0, 0, 0), l, s.u.steer);
-    const double sd[2] = { (double)c.accel_x_sd, (double)c.accel_y_sd };
+    const double sd[2] = { number(c.accel_x_sd), number(c.accel_y_sd) };
     const double d[2][3] = { { number(o.d11), number(o.d12), 0.0 }, { number(o.d21), number(o.d22), number(o.d23) } };
     const double scale = 400.0 / 0.15;
     for (int b = 0; b < 3; b++) {

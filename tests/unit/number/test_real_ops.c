@@ -1,13 +1,14 @@
 /* tests/unit/number/test_real_ops.c <-> src/number/real_ops.h, in the format it is compiled for.
  *
  * Reference values: tests/reference/real_ops_table.h (mpmath, 40 digits). Its arguments are exact in every
- * format, except that q20 skips those it cannot hold. */
+ * format, except that fixed skips those it cannot hold. */
 #include <math.h>
 #include <stdint.h>
 #include <stdio.h>
 #include <string.h>
 
 #include "number/real_ops.h"
+#include "tse/convert.h"
 #include "unity.h"
 #include "real_ops_table.h"
 
@@ -17,6 +18,12 @@ void setUp(void) {}
 void tearDown(void) {}
 
 #define ROWS(table) (sizeof(table) / sizeof((table)[0]))
+
+#if defined(TSE_REAL_FIXED)
+#define TSE_BITS TSE_FRACTION_BITS
+#else
+#define TSE_BITS 32
+#endif
 
 /* Tolerance of an elementary function: fixed + relative * |expected|. The figures are the errors documented
  * in real_ops.h, which are bounds of the polynomials plus the rounding of their evaluation. */
@@ -29,13 +36,13 @@ void tearDown(void) {}
 #define REL_ATAN2    2.0e-7
 #define REL_SQRT     6.0e-8          /* half an ulp: 2^-24 */
 #define FIXED_HALF   0.0
-#elif defined(TSE_REAL_Q20)
-#define LSB          (1.0 / 1048576.0)
-#define FIXED_LOG2   (0.56 * LSB)
+#elif defined(TSE_REAL_FIXED)
+#define LSB          ldexp(1.0, -TSE_FRACTION_BITS)
+#define FIXED_LOG2   (2.5e-9 + 0.5 * LSB)
 #define REL_LOG2     0.0
-#define REL_EXP2     3.3e-9
-#define FIXED_SINCOS (0.51 * LSB)
-#define FIXED_ATAN2  (0.52 * LSB)
+#define REL_EXP2     1.6e-9
+#define FIXED_SINCOS (3.0e-9 + 0.5 * LSB)
+#define FIXED_ATAN2  (1.8e-9 + 0.5 * LSB)
 #define REL_ATAN2    0.0
 #define REL_SQRT     0.0
 #define FIXED_HALF   (0.5 * LSB)     /* nearest */
@@ -50,8 +57,8 @@ void tearDown(void) {}
 #define FIXED_HALF   0.0
 #endif
 
-static tse_real real(double x) { return r_from_setting((tse_setting)x); }
-static double number(tse_real x) { return (double)r_to_setting(x); }
+static tse_real real(double x) { return tse_real_of(x); }
+static double number(tse_real x) { return tse_double_of(x); }
 static int held_exactly(double x) { return number(real(x)) - x == 0.0; }
 
 static void expect_near(double expected, tse_real actual, double tolerance, const char *what, double argument)
@@ -92,8 +99,8 @@ static void test_log2_matches_the_reference(void)
 
 static void test_log2_of_a_power_of_two_is_exact(void)
 {
-#if defined(TSE_REAL_Q20)
-  const int lowest = -20, highest = 10;
+#if defined(TSE_REAL_FIXED)
+  const int lowest = -TSE_FRACTION_BITS, highest = 58 - TSE_FRACTION_BITS;
 #else
   const int lowest = -126, highest = 127;         /* the normal numbers of float */
 #endif
@@ -118,10 +125,10 @@ static void test_log2_never_decreases_over_the_seams_of_its_octaves(void)
 
 static void test_log2_of_a_broken_argument_is_defined(void)
 {
-#if defined(TSE_REAL_Q20)
-  expect_same(-20.0, r_log2(0), "log2(0)");
-  expect_same(-20.0, r_log2(-1), "log2(-LSB)");
-  expect_same(-20.0, r_log2(INT32_MIN), "log2(min)");
+#if defined(TSE_REAL_FIXED)
+  expect_same(-TSE_FRACTION_BITS, r_log2(0), "log2(0)");
+  expect_same(-TSE_FRACTION_BITS, r_log2(-1), "log2(-LSB)");
+  expect_same(-TSE_FRACTION_BITS, r_log2(FIXED_NAN), "log2(NaN)");
 #else
   const double huge = sizeof(tse_real) == 4 ? 128.0 : 1024.0;
   expect_same(1.0 - huge, r_log2(real(0.0)), "log2(0)");
@@ -137,12 +144,12 @@ static void test_exp2_matches_the_reference(void)
 {
   for (size_t i = 0; i < ROWS(exp2_table); i++) {
     const double x = exp2_table[i][0], expected = exp2_table[i][1];
-#if defined(TSE_REAL_Q20)
-    if (x >= 11.0) {
+#if defined(TSE_REAL_FIXED)
+    if (x >= 59 - TSE_FRACTION_BITS) {
       continue;
     }
     if (held_exactly(x)) {
-      expect_near(expected, r_exp2(real(x)), (x < 5.0 ? 0.6 : 0.5) * LSB + REL_EXP2 * expected, "exp2", x);
+      expect_near(expected, r_exp2(real(x)), 0.6 * LSB + REL_EXP2 * expected, "exp2", x);
     }
 #else
     expect_near(expected, r_exp2(real(x)), REL_EXP2 * expected, "exp2", x);
@@ -152,8 +159,8 @@ static void test_exp2_matches_the_reference(void)
 
 static void test_exp2_of_a_whole_number_is_exact(void)
 {
-#if defined(TSE_REAL_Q20)
-  const int lowest = -20, highest = 10;
+#if defined(TSE_REAL_FIXED)
+  const int lowest = -TSE_FRACTION_BITS, highest = 58 - TSE_FRACTION_BITS;
 #else
   const int lowest = -120, highest = 120;
 #endif
@@ -164,13 +171,14 @@ static void test_exp2_of_a_whole_number_is_exact(void)
 
 static void test_exp2_saturates_instead_of_overflowing(void)
 {
-#if defined(TSE_REAL_Q20)
-  TEST_ASSERT_EQUAL_INT32(INT32_MAX, r_exp2(TSE_R(11)));
-  TEST_ASSERT_EQUAL_INT32(INT32_MAX, r_exp2(INT32_MAX));
-  TEST_ASSERT_TRUE(r_exp2(TSE_R(11) - 1) < INT32_MAX);
-  TEST_ASSERT_EQUAL_INT32(1, r_exp2(TSE_R(-21)));
-  TEST_ASSERT_EQUAL_INT32(0, r_exp2(TSE_R(-21) - 1));
-  TEST_ASSERT_EQUAL_INT32(0, r_exp2(INT32_MIN));
+#if defined(TSE_REAL_FIXED)
+  const tse_real above = r_from_int(59 - TSE_FRACTION_BITS), below = r_from_int(-TSE_FRACTION_BITS - 1);
+  TEST_ASSERT_EQUAL_INT64(FIXED_MOST, r_exp2(above));
+  TEST_ASSERT_EQUAL_INT64(FIXED_MOST, r_exp2(INT64_MAX));
+  TEST_ASSERT_TRUE(r_exp2(above - 8) < FIXED_MOST);
+  TEST_ASSERT_EQUAL_INT64(1, r_exp2(below));
+  TEST_ASSERT_EQUAL_INT64(0, r_exp2(below - 1));
+  TEST_ASSERT_EQUAL_INT64(0, r_exp2(INT64_MIN));
 #else
   const double far[] = { 120.0, 121.0, 1e4, 1e10, 1e38 };
   for (size_t i = 0; i < ROWS(far); i++) {
@@ -271,9 +279,8 @@ static void test_uniform_follows_the_upper_bits_of_the_word(void)
   uint32_t state = 4;
   for (int i = 0; i < 20000; i++) {
     const uint32_t word = next_word(&state);
-    /* The middle of the cell of 2^-19 (q20), 2^-23 or 2^-31 into which word / 2^32 falls. */
-    const double cell = sizeof(tse_real) == 8 ? ldexp(1.0, -31) : held_exactly(ldexp(1.0, -23)) ? ldexp(1.0, -23)
-                                                                                               : ldexp(1.0, -19);
+    /* The middle of the cell of 2^-31 (of fixed, whatever it can hold) or 2^-23 into which word / 2^32 falls. */
+    const double cell = sizeof(tse_real) == 8 ? (held_exactly(ldexp(1.0, -33)) && !held_exactly(ldexp(1.0, -50)) ? ldexp(1.0, -32) : ldexp(1.0, held_exactly(ldexp(1.0, -50)) ? -31 : 1 - TSE_BITS)) : ldexp(1.0, -23);
     const double expected = (floor(word * ldexp(1.0, -32) / cell) + 0.5) * cell;
     expect_same(expected, r_uniform(word), "uniform");
   }
@@ -285,9 +292,9 @@ static void test_floor_rounds_down_on_both_sides_of_zero(void)
   for (size_t i = 0; i < ROWS(x); i++) {
     TEST_ASSERT_EQUAL_INT32((int32_t)floor(x[i]), r_floor_to_int(real(x[i])));
   }
-#if defined(TSE_REAL_Q20)
-  TEST_ASSERT_EQUAL_INT32(-2048, r_floor_to_int(INT32_MIN));
-  TEST_ASSERT_EQUAL_INT32(2047, r_floor_to_int(INT32_MAX));
+#if defined(TSE_REAL_FIXED)
+  TEST_ASSERT_EQUAL_INT32(INT64_MIN >> TSE_FRACTION_BITS < INT32_MIN ? INT32_MIN : INT64_MIN >> TSE_FRACTION_BITS, r_floor_to_int(INT64_MIN));
+  TEST_ASSERT_EQUAL_INT32(INT64_MAX >> TSE_FRACTION_BITS > INT32_MAX ? INT32_MAX : INT64_MAX >> TSE_FRACTION_BITS, r_floor_to_int(INT64_MAX));
 #else
   TEST_ASSERT_EQUAL_INT32(INT32_MIN, r_floor_to_int(real(-1e30)));
   TEST_ASSERT_TRUE(r_floor_to_int(real(1e30)) >= 2147483520);
@@ -305,7 +312,7 @@ static void test_min_max_abs_and_clamp_select_values(void)
   expect_same(2.0, r_clamp(TSE_R(3), TSE_R(0.5), TSE_R(2)), "clamp");
   expect_same(1.0, r_clamp(TSE_R(1), TSE_R(0.5), TSE_R(2)), "clamp");
   expect_same(6.25, r_sqr(TSE_R(-2.5)), "sqr");
-#if !defined(TSE_REAL_Q20)
+#if !defined(TSE_REAL_FIXED)
   TEST_ASSERT_TRUE(r_is_nan(r_clamp((tse_real)NAN, 0, 1)));
 #endif
 }
@@ -314,7 +321,7 @@ static void test_broken_numbers_are_recognised_by_their_bits(void)
 {
   TEST_ASSERT_TRUE(r_is_finite(TSE_R(0)) && r_is_finite(TSE_R(-1000)));
   TEST_ASSERT_FALSE(r_is_nan(TSE_R(1)));
-#if !defined(TSE_REAL_Q20)
+#if !defined(TSE_REAL_FIXED)
   TEST_ASSERT_TRUE(r_is_nan((tse_real)NAN) && r_is_nan(-(tse_real)NAN));
   TEST_ASSERT_FALSE(r_is_nan((tse_real)INFINITY) || r_is_nan((tse_real)-INFINITY));
   TEST_ASSERT_FALSE(r_is_finite((tse_real)NAN) || r_is_finite((tse_real)-INFINITY));
@@ -352,11 +359,9 @@ static void test_numbers_leave_the_machine_in_units_of_2_to_the_minus_24(void)
     TEST_ASSERT_TRUE(fabs(n - number(x) * 16777216) <= 0.5);
     expect_near(n / 16777216, r_from_q24((int32_t)n), FIXED_HALF + 6.0e-8 * fabs(n / 16777216), "back", n);
   }
-#if !defined(TSE_REAL_Q20)
-  TEST_ASSERT_EQUAL_INT32(INT32_MIN, r_to_q24((tse_real)NAN));
+  TEST_ASSERT_EQUAL_INT32(INT32_MIN, r_to_q24(real((double)NAN)));
   TEST_ASSERT_EQUAL_INT32(1, r_to_q24(real(0.6 / 16777216)));
   TEST_ASSERT_EQUAL_INT32(-1, r_to_q24(real(-0.6 / 16777216)));
-#endif
 }
 
 static void test_sums_over_particles_equal_the_sum_in_double(void)
@@ -375,9 +380,9 @@ static void test_sums_over_particles_equal_the_sum_in_double(void)
     expected_products += number(w) * number(x);
     magnitude += fabs(number(w) * number(x));
   }
-  /* n roundings, each half an ulp of a partial sum. q20 sums exactly and rounds once. */
-#if defined(TSE_REAL_Q20)
-  const double ulp = 0.0, round_once = 0.5 * LSB;
+  /* n roundings, each half an ulp of a partial sum; of fixed, of each product. */
+#if defined(TSE_REAL_FIXED)
+  const double ulp = 0.0, round_once = 0.51 * LSB * COUNT;
 #else
   const double ulp = (sizeof(tse_real) == 4 ? ldexp(1.0, -24) : ldexp(1.0, -53)) * COUNT, round_once = 0.0;
 #endif
@@ -390,42 +395,48 @@ static void test_sums_over_particles_equal_the_sum_in_double(void)
   TEST_ASSERT_TRUE(acc_zero() < sum);
 }
 
-/* ------------------------------------------------------------------------------------------ q20 */
-#if defined(TSE_REAL_Q20)
+/* ---------------------------------------------------------------------------------------- fixed */
+#if defined(TSE_REAL_FIXED)
 
-static const int32_t extreme[] = { INT32_MIN, INT32_MIN + 1, -1073741824, -1048577, -1048576, -3, -2, -1, 0, 1, 2, 3,
-                                   524287, 524288, 1048575, 1048576, 1048577, 1073741824, INT32_MAX - 1, INT32_MAX };
+static const int64_t extreme[] = { INT64_MIN, INT64_MIN + 1, -INT64_MAX / 2, -FIXED_MOST - 1, -FIXED_MOST, -FIXED_ONE - 1, -FIXED_ONE,
+                                   -((int64_t)1 << 32), -3, -2, -1, 0, 1, 2, 3, FIXED_ONE / 2, FIXED_ONE - 1, FIXED_ONE, FIXED_ONE + 1,
+                                   ((int64_t)1 << 32) - 1, (int64_t)1 << 32, FIXED_MOST - 1, FIXED_MOST, INT64_MAX / 2, INT64_MAX - 1, INT64_MAX };
 
-/* Products and quotients of two int32 in long-hand: floor((2 n + d) / (2 d)) for d > 0, from 128 bits. */
+/* Products and quotients in long-hand, from 128 bits. */
 __extension__ typedef __int128 wide;
 
-static wide floor_div(wide n, wide d) { return n / d - (n % d < 0 ? 1 : 0); }
+static int64_t limited(wide x) { return (int64_t)(x > FIXED_MOST ? FIXED_MOST : x < -FIXED_MOST ? -FIXED_MOST : x); }
 
-static int32_t limited(wide x) { return (int32_t)(x > INT32_MAX ? INT32_MAX : x < -INT32_MAX ? -INT32_MAX : x); }
+static int64_t nearest_up(wide n)                /* n / FIXED_ONE, ties towards +infinity */
+{
+  const wide x = n + FIXED_ONE / 2;
+  return limited(x / FIXED_ONE - (x % FIXED_ONE < 0 ? 1 : 0));
+}
 
-static int32_t nearest_away(wide n, wide d)      /* n / d, ties away from zero, d != 0 */
+static int64_t nearest_away(wide n, wide d)      /* n / d, ties away from zero, d != 0 */
 {
   const wide an = n < 0 ? -n : n, ad = d < 0 ? -d : d, q = (2 * an + ad) / (2 * ad);
   return limited((n < 0) != (d < 0) ? -q : q);
 }
 
-static int32_t any_size(uint32_t *state)         /* words of all magnitudes */
+static int64_t any_size(uint32_t *state)         /* words of all magnitudes */
 {
-  const int32_t word = (int32_t)(next_word(state) - 2147483648u);
-  return word / ((int32_t)1 << (next_word(state) >> 27 & 30u));
+  const uint64_t word = (uint64_t)next_word(state) << 32 | next_word(state);
+  return (int64_t)(word - ((uint64_t)1 << 63)) / ((int64_t)1 << (next_word(state) >> 26 & 62u));
 }
 
-static void expect_product_and_quotient(int32_t a, int32_t b)
+static void expect_product_and_quotient(int64_t a, int64_t b)
 {
-  TEST_ASSERT_EQUAL_INT32(limited(floor_div((wide)a * b + 524288, 1048576)), r_mul(a, b));
+  TEST_ASSERT_EQUAL_INT64(nearest_up((wide)a * b), r_mul(a, b));
+  TEST_ASSERT_EQUAL_INT64(nearest_up((wide)a * b), fixed_mul_halves(a, b)); /* what processors without 128 bits run */
   if (b != 0) {
-    TEST_ASSERT_EQUAL_INT32(nearest_away((wide)a * 1048576, b), r_div(a, b));
+    TEST_ASSERT_EQUAL_INT64(nearest_away((wide)a * FIXED_ONE, b), r_div(a, b));
   }
-  TEST_ASSERT_EQUAL_INT32(limited((wide)a + b), r_add_sat(a, b));
-  TEST_ASSERT_EQUAL_INT32(limited((wide)a - b), r_sub_sat(a, b));
+  TEST_ASSERT_EQUAL_INT64(limited((wide)a + b), r_add_sat(a, b));
+  TEST_ASSERT_EQUAL_INT64(limited((wide)a - b), r_sub_sat(a, b));
 }
 
-static void test_q20_products_and_quotients_round_to_nearest_and_saturate(void)
+static void test_fixed_products_and_quotients_round_to_nearest_and_saturate(void)
 {
   uint32_t state = 6;
   for (size_t i = 0; i < ROWS(extreme); i++) {
@@ -434,187 +445,128 @@ static void test_q20_products_and_quotients_round_to_nearest_and_saturate(void)
     }
   }
   for (int i = 0; i < 300000; i++) {
-    const int32_t a = any_size(&state);
+    const int64_t a = any_size(&state);
     expect_product_and_quotient(a, any_size(&state));
   }
-  TEST_ASSERT_EQUAL_INT32(1, r_mul(1, TSE_R(0.5)));            /* a tie goes up ... */
-  TEST_ASSERT_EQUAL_INT32(0, r_mul(-1, TSE_R(0.5)));           /* ... also below zero */
+  TEST_ASSERT_EQUAL_INT64(1, r_mul(1, TSE_R(0.5)));            /* a tie goes up ... */
+  TEST_ASSERT_EQUAL_INT64(0, r_mul(-1, TSE_R(0.5)));           /* ... also below zero */
 }
 
-static void test_q20_division_by_zero_saturates_with_the_sign_of_the_numerator(void)
+static void test_fixed_division_by_zero_saturates_with_the_sign_of_the_numerator(void)
 {
-  TEST_ASSERT_EQUAL_INT32(INT32_MAX, r_div(1, 0));
-  TEST_ASSERT_EQUAL_INT32(-INT32_MAX, r_div(-1, 0));
-  TEST_ASSERT_EQUAL_INT32(-INT32_MAX, r_div(INT32_MIN, 0));
-  TEST_ASSERT_EQUAL_INT32(0, r_div(0, 0));
-  TEST_ASSERT_EQUAL_INT32(0, acc_div(0, 0));
-  TEST_ASSERT_EQUAL_INT32(INT32_MAX, acc_div(1, 0));
-  TEST_ASSERT_EQUAL_INT32(-INT32_MAX, acc_div(-1, 0));
+  TEST_ASSERT_EQUAL_INT64(FIXED_MOST, r_div(1, 0));
+  TEST_ASSERT_EQUAL_INT64(-FIXED_MOST, r_div(-1, 0));
+  TEST_ASSERT_EQUAL_INT64(-FIXED_MOST, r_div(INT64_MIN, 0));
+  TEST_ASSERT_EQUAL_INT64(0, r_div(0, 0));
+  TEST_ASSERT_EQUAL_INT64(FIXED_MOST, acc_div(1, 0));
 }
 
-static void test_q20_results_can_always_be_negated(void)
+/* Fifteen results of any operation may be added natively. */
+static void test_fixed_results_leave_room_for_sums(void)
 {
   for (size_t i = 0; i < ROWS(extreme); i++) {
     for (size_t j = 0; j < ROWS(extreme); j++) {
-      const int32_t a = extreme[i], b = extreme[j];
+      const int64_t a = extreme[i], b = extreme[j];
       tse_real s, c;
       r_sincos_turn(a, &s, &c);                              /* also: no undefined behaviour anywhere */
-      const tse_real result[] = { r_mul(a, b), r_div(a, b), r_add_sat(a, b), r_sub_sat(a, b), r_atan2(a, b), r_abs(a),
-                                  r_sqrt(a), r_log2(a), r_exp2(a), s, c, r_sqr(a), r_from_int(a),
-                                  acc_to_real(acc_add_mul(acc_zero(), a, b)), acc_div(a, b) };
+      const tse_real result[] = { r_mul(a, b), r_div(a, b), r_add_sat(a, b), r_sub_sat(a, b), r_atan2(a, b), r_sqrt(a), r_log2(a),
+                                  r_exp2(a), s, c, r_sqr(a), acc_add_mul(acc_zero(), a, b), acc_div(a, b),
+                                  r_from_int(r_floor_to_int(a)), r_from_q24(r_to_q24(a)) };
       for (size_t k = 0; k < ROWS(result); k++) {
-        TEST_ASSERT_TRUE(result[k] > INT32_MIN);
+        TEST_ASSERT_TRUE(result[k] <= INT64_MAX / 15 && result[k] >= -(INT64_MAX / 15));
       }
     }
   }
 }
 
-static void test_q20_square_root_is_nearest_for_every_kind_of_argument(void)
+static void test_fixed_square_root_is_nearest_for_every_kind_of_argument(void)
 {
   uint32_t state = 7;
   for (int i = 0; i < 300000; i++) {
-    const int32_t x = i < 100000 ? i : any_size(&state);
-    const int64_t root = r_sqrt(x), square = (int64_t)(x < 0 ? 0 : x) * 1048576;
+    const int64_t x = i < 100000 ? i : any_size(&state);
+    const wide root = r_sqrt(x), square = (wide)(x < 0 ? 0 : x) * FIXED_ONE;
     /* root - 1/2 <= sqrt(square) <= root + 1/2, squared, without the quarter that integers cannot reach */
     TEST_ASSERT_TRUE(square <= root * root + root);
     TEST_ASSERT_TRUE(root == 0 || square > root * root - root);
   }
-  TEST_ASSERT_EQUAL_INT32(0, r_sqrt(INT32_MIN));
+  TEST_ASSERT_EQUAL_INT64(0, r_sqrt(INT64_MIN));
 }
 
-static void test_q20_log2_never_decreases(void)
+static void test_fixed_log2_and_exp2_stay_near_double_everywhere(void)
 {
-  int32_t last = r_log2(1);
-  for (int64_t x = 1; x < 4194304; x++) {                     /* every number below 4 */
-    const int32_t value = r_log2((int32_t)x);
-    TEST_ASSERT_TRUE(last <= value);
-    last = value;
-  }
-  for (int64_t x = 4194304; x <= INT32_MAX; x += 997) {
-    const int32_t value = r_log2((int32_t)x);
-    TEST_ASSERT_TRUE(last <= value);
-    last = value;
-  }
-}
-
-static void test_q20_log2_stays_near_double_everywhere(void)
-{
-  for (int64_t x = 1; x <= INT32_MAX; x += 1 + x / 100000) {
-    expect_near(log2((double)x) - 20.0, r_log2((int32_t)x), FIXED_LOG2, "log2", (double)x * LSB);
-  }
-}
-
-static void test_q20_exp2_never_decreases(void)
-{
-  int32_t last = 0;
-  for (int32_t x = TSE_R(-22); x <= TSE_R(11); x += 7) {      /* 7 is odd: all residues of the octave occur */
-    const int32_t value = r_exp2(x);
-    TEST_ASSERT_TRUE(last <= value);
-    last = value;
-  }
-  for (int32_t k = -22; k <= 10; k++) {
-    for (int32_t j = -300; j < 300; j++) {
-      TEST_ASSERT_TRUE(r_exp2(r_from_int(k) + j) <= r_exp2(r_from_int(k) + j + 1));
+  uint32_t state = 12;
+  for (int i = 0; i < 300000; i++) {
+    const int64_t x = any_size(&state);
+    if (x > 0) {
+      expect_near(log2((double)x) - TSE_FRACTION_BITS, r_log2(x), FIXED_LOG2, "log2", number(x));
     }
   }
-}
-
-static void test_q20_exp2_stays_near_double_everywhere(void)
-{
-  for (int32_t x = TSE_R(-22); x < TSE_R(11); x += 101) {
-    const double expected = exp2(x * LSB);
-    expect_near(expected, r_exp2(x), 0.5 * LSB + REL_EXP2 * expected, "exp2", x * LSB);
+  for (int i = 0; i < 300000; i++) {
+    const tse_real x = r_mul(TSE_R(60), r_uniform(next_word(&state))) - TSE_R(34);
+    const double expected = exp2(number(x));
+    expect_near(expected, r_exp2(x), 0.5 * LSB + REL_EXP2 * expected, "exp2", number(x));
   }
 }
 
-static void test_q20_sine_and_cosine_repeat_every_turn(void)
+/* By steps that a Q30 polynomial resolves; and by single ones no further down than its error. */
+static void test_fixed_log2_and_exp2_do_not_decrease(void)
 {
-  for (int32_t t = 0; t < 1048576; t += 4099) {
-    tse_real s0, c0, s1, c1;
-    r_sincos_turn(t, &s0, &c0);
-    r_sincos_turn(t - TSE_R(3), &s1, &c1);
-    TEST_ASSERT_EQUAL_INT32(s0, s1);
-    TEST_ASSERT_EQUAL_INT32(c0, c1);
+  int64_t last = r_log2(1);
+  for (int64_t x = 1; x < FIXED_MOST / 2; x += 1 + x / 10000) {
+    const int64_t value = r_log2(x);
+    TEST_ASSERT_TRUE(last <= value);
+    last = value;
+  }
+  last = 0;
+  for (int64_t x = TSE_R(-34); x <= TSE_R(26); x += FIXED_ONE / 7919) {
+    const int64_t value = r_exp2(x);
+    TEST_ASSERT_TRUE(last <= value);
+    last = value;
   }
 }
 
-static void test_q20_sine_and_cosine_stay_near_double_everywhere(void)
+static void test_fixed_sine_cosine_and_arc_stay_near_double_everywhere(void)
 {
   const double pi = 3.14159265358979323846;
-  for (int32_t t = 0; t <= 1048576; t += 3) {
-    tse_real s, c;
-    r_sincos_turn(t, &s, &c);
-    expect_near(sin(2 * pi * t * LSB), s, FIXED_SINCOS, "sin", t * LSB);
-    expect_near(cos(2 * pi * t * LSB), c, FIXED_SINCOS, "cos", t * LSB);
-  }
-}
-
-static void test_q20_atan2_stays_near_double_everywhere(void)
-{
   uint32_t state = 8;
   for (int i = 0; i < 300000; i++) {
-    const int32_t y = any_size(&state), x = any_size(&state);
+    const tse_real t = r_uniform(next_word(&state));
+    tse_real s, c, s1, c1;
+    r_sincos_turn(t, &s, &c);
+    expect_near(sin(2 * pi * number(t)), s, FIXED_SINCOS, "sin", number(t));
+    expect_near(cos(2 * pi * number(t)), c, FIXED_SINCOS, "cos", number(t));
+    r_sincos_turn(t - TSE_R(3), &s1, &c1);
+    TEST_ASSERT_TRUE(s == s1 && c == c1);                     /* whole turns drop out */
+    const int64_t y = any_size(&state), x = any_size(&state);
     if (y != 0 || x != 0) {
-      expect_near(atan2(y, x), r_atan2(y, x), FIXED_ATAN2, "atan2", y);
+      expect_near(atan2((double)y, (double)x), r_atan2(y, x), FIXED_ATAN2, "atan2", number(y));
     }
   }
 }
 
-static void test_q20_settings_round_saturate_and_refuse_nan(void)
+static void test_fixed_numbers_go_in_and_out_by_the_nearest(void)
 {
-  TEST_ASSERT_EQUAL_INT32(1, r_from_setting(0.5 * LSB));
-  TEST_ASSERT_EQUAL_INT32(-1, r_from_setting(-0.5 * LSB));
-  TEST_ASSERT_EQUAL_INT32(0, r_from_setting(0.49 * LSB));
-  TEST_ASSERT_EQUAL_INT32(INT32_MAX, r_from_setting(1e300));
-  TEST_ASSERT_EQUAL_INT32(-INT32_MAX, r_from_setting(-1e300));
-  TEST_ASSERT_EQUAL_INT32(0, r_from_setting((double)NAN));
-  TEST_ASSERT_EQUAL_INT32(INT32_MAX, r_from_int(2048));
-  TEST_ASSERT_EQUAL_INT32(-INT32_MAX, r_from_int(-2048));
+  TEST_ASSERT_EQUAL_INT64(1, tse_real_of(0.5 * LSB));
+  TEST_ASSERT_EQUAL_INT64(-1, tse_real_of(-0.5 * LSB));
+  TEST_ASSERT_EQUAL_INT64(0, tse_real_of(0.49 * LSB));
+  TEST_ASSERT_FALSE(r_is_finite(tse_real_of(1e300)) || r_is_finite(tse_real_of((double)-INFINITY)));
+  TEST_ASSERT_TRUE(r_is_nan(tse_real_of((double)NAN)) && isnan(tse_double_of(FIXED_NAN)));
+  TEST_ASSERT_FALSE(r_is_finite(FIXED_NAN) || r_abs(FIXED_NAN) < FIXED_MOST);
+  TEST_ASSERT_EQUAL_INT64(FIXED_MOST, r_from_int(INT32_MAX));
+  TEST_ASSERT_EQUAL_INT64(TSE_S(0.1), tse_setting_of(0.1));
 }
 
-static void test_q20_sums_are_exact_until_they_saturate(void)
+/* Of every size, and of what only just rounds: the same bits as a conversion to float makes. */
+static void test_fixed_settings_have_the_single_precision_bits_of_other_formats(void)
 {
-  uint32_t state = 9;
-  for (int round = 0; round < 2000; round++) {
-    tse_acc sum = acc_zero();
-    wide expected = 0;
-    for (int i = 0; i < 20; i++) {
-      const int32_t a = any_size(&state), b = any_size(&state);
-      if (i % 3 == 0) {
-        sum = acc_add(sum, a);
-        expected += (wide)a * 1048576;
-      } else {
-        sum = acc_add_mul(sum, a, b);
-        expected += (wide)a * b;
-      }
-      expected = expected > INT64_MAX ? INT64_MAX : expected < -INT64_MAX ? -INT64_MAX : expected;
-    }
-    TEST_ASSERT_EQUAL_INT64((int64_t)expected, sum);
-    TEST_ASSERT_EQUAL_INT32(limited(floor_div(expected + 524288, 1048576)), acc_to_real(sum));
-  }
-  TEST_ASSERT_EQUAL_INT64(INT64_MAX, acc_merge(INT64_MAX, 1));
-  TEST_ASSERT_EQUAL_INT64(-INT64_MAX, acc_merge(-INT64_MAX, -1));
-  TEST_ASSERT_EQUAL_INT64(-INT64_MAX, acc_merge(INT64_MIN, INT64_MIN));
-}
-
-static void test_q20_quotient_of_sums_is_within_one_bit_of_nearest_at_any_size(void)
-{
-  uint32_t state = 10;
+  uint32_t state = 13;
   for (int i = 0; i < 300000; i++) {
-    const int64_t num = (int64_t)any_size(&state) * any_size(&state) * 2;
-    const int64_t den = (int64_t)any_size(&state) * any_size(&state);
-    const int32_t got = acc_div(num, den);
-    if (den != 0) {
-      const int32_t expected = nearest_away((wide)num * 1048576, den);
-      /* The dropped digits of the denominator move the quotient by less than a quarter LSB. */
-      TEST_ASSERT_TRUE(got - (int64_t)expected <= 1 && (int64_t)expected - got <= 1);
-    }
+    const int64_t x = any_size(&state);
+    const float single = (float)x;                            /* rounds once; the scale is exact */
+    uint32_t bits;
+    memcpy(&bits, &single, sizeof bits);
+    TEST_ASSERT_EQUAL_HEX32(x == 0 ? 0 : bits - ((uint32_t)TSE_FRACTION_BITS << 23), r_single_bits(x));
   }
-  TEST_ASSERT_EQUAL_INT32(TSE_R(1), acc_div(INT64_MAX, INT64_MAX));
-  TEST_ASSERT_EQUAL_INT32(TSE_R(-1), acc_div(INT64_MIN, INT64_MAX));
-  TEST_ASSERT_EQUAL_INT32(TSE_R(0.5), acc_div(1, 2));
-  TEST_ASSERT_EQUAL_INT32(1, acc_div(1, 2097152));            /* a tie goes away from zero */
-  TEST_ASSERT_EQUAL_INT32(-1, acc_div(-1, 2097152));
 }
 #endif
 
@@ -624,8 +576,8 @@ static void test_q20_quotient_of_sums_is_within_one_bit_of_nearest_at_any_size(v
 static uint32_t digest(uint32_t hash, tse_real x)
 {
   uint64_t bits = 0;
-#if defined(TSE_REAL_Q20)
-  bits = (uint32_t)x;
+#if defined(TSE_REAL_FIXED)
+  bits = (uint64_t)x;
 #elif defined(TSE_REAL_FLOAT)
   bits = f32_bits(x);
 #else
@@ -639,8 +591,8 @@ static uint32_t digest(uint32_t hash, tse_real x)
 
 static void test_every_machine_and_compiler_gives_the_same_bits(void)
 {
-#if defined(TSE_REAL_Q20)
-  const uint32_t recorded = 0xa5fdfd18u;
+#if defined(TSE_REAL_FIXED)
+  const uint32_t recorded = 0xa1cf33d5u;
 #elif defined(TSE_REAL_FLOAT)
   const uint32_t recorded = 0x4f89ae71u;
 #else
@@ -683,21 +635,16 @@ int main(void)
   RUN_TEST(test_settings_survive_the_way_there_and_back);
   RUN_TEST(test_numbers_leave_the_machine_in_units_of_2_to_the_minus_24);
   RUN_TEST(test_sums_over_particles_equal_the_sum_in_double);
-#if defined(TSE_REAL_Q20)
-  RUN_TEST(test_q20_products_and_quotients_round_to_nearest_and_saturate);
-  RUN_TEST(test_q20_division_by_zero_saturates_with_the_sign_of_the_numerator);
-  RUN_TEST(test_q20_results_can_always_be_negated);
-  RUN_TEST(test_q20_square_root_is_nearest_for_every_kind_of_argument);
-  RUN_TEST(test_q20_log2_never_decreases);
-  RUN_TEST(test_q20_log2_stays_near_double_everywhere);
-  RUN_TEST(test_q20_exp2_never_decreases);
-  RUN_TEST(test_q20_exp2_stays_near_double_everywhere);
-  RUN_TEST(test_q20_sine_and_cosine_repeat_every_turn);
-  RUN_TEST(test_q20_sine_and_cosine_stay_near_double_everywhere);
-  RUN_TEST(test_q20_atan2_stays_near_double_everywhere);
-  RUN_TEST(test_q20_settings_round_saturate_and_refuse_nan);
-  RUN_TEST(test_q20_sums_are_exact_until_they_saturate);
-  RUN_TEST(test_q20_quotient_of_sums_is_within_one_bit_of_nearest_at_any_size);
+#if defined(TSE_REAL_FIXED)
+  RUN_TEST(test_fixed_products_and_quotients_round_to_nearest_and_saturate);
+  RUN_TEST(test_fixed_division_by_zero_saturates_with_the_sign_of_the_numerator);
+  RUN_TEST(test_fixed_results_leave_room_for_sums);
+  RUN_TEST(test_fixed_square_root_is_nearest_for_every_kind_of_argument);
+  RUN_TEST(test_fixed_log2_and_exp2_stay_near_double_everywhere);
+  RUN_TEST(test_fixed_log2_and_exp2_do_not_decrease);
+  RUN_TEST(test_fixed_sine_cosine_and_arc_stay_near_double_everywhere);
+  RUN_TEST(test_fixed_numbers_go_in_and_out_by_the_nearest);
+  RUN_TEST(test_fixed_settings_have_the_single_precision_bits_of_other_formats);
 #endif
   RUN_TEST(test_every_machine_and_compiler_gives_the_same_bits);
   return UNITY_END();

@@ -14,7 +14,7 @@ static tse_config settings(double sd)
   tse_config c;
   tse_config_default(&c);
 #define REAL(name, def, lo, hi, unit, text)
-#define CONSIDER(id, name, most, unit, text) c.name = (tse_setting)sd;
+#define CONSIDER(id, name, most, unit, text) c.name = setting(sd);
 #include "tse/told.def"
 #undef REAL
   return c;
@@ -37,10 +37,10 @@ static void forces_when_off(const tse_config *c, int k, const double x[6], const
 {
   tse_config wrong = *c;
   double u[3] = { in[0], in[1], in[2] };
-  if (k == TSE_CONSIDER_INERTIA) wrong.yaw_inertia = (tse_setting)(c->yaw_inertia * (1 + q));
+  if (k == TSE_CONSIDER_INERTIA) wrong.yaw_inertia = setting(c->yaw_inertia * (1 + q));
   if (k == TSE_CONSIDER_CENTRE) {
-    wrong.lf = (tse_setting)(c->lf - q);
-    wrong.lr = (tse_setting)(c->lr + q);
+    wrong.lf = setting(c->lf - q);
+    wrong.lr = setting(c->lr + q);
   }
   if (k == TSE_CONSIDER_RATIO) u[0] *= 1 + q;
   if (k == TSE_CONSIDER_OFFSET) u[0] += q;
@@ -222,10 +222,10 @@ static void test_errors_stay_numbers(void)
   const sample y = some_sample(&seed, &b.h[0], 5, 7);
   innovate(&p, &b.h[0], &y, &o);
   memset(&t, 0, sizeof t);
-  t.F[0][0] = (tse_real)1e30;
-  t.F[1][1] = (tse_real)INFINITY;
+  t.F[0][0] = real(1e30);
+  t.F[1][1] = real((double)INFINITY);
   consider_passage(&p, &b, &t, y.u, real(0.01));
-  o.ph[0][5] = (tse_real)INFINITY;
+  o.ph[0][5] = real((double)INFINITY);
   consider_sample(&p, &b, &y, &o);
   for (int k = 0; k < TSE_CONSIDERED; k++)
     for (int i = 0; i < TSE_X; i++) TEST_ASSERT_TRUE(fabs(number(b.off[k][i])) <= 1e6);
@@ -254,8 +254,8 @@ static void test_what_to_tell_better_first(void)
   static tse_filter f;
   tse_real sd[3] = { real(7), real(7), real(7) };
   tse_config c = settings(0.02);
-  c.mass_sd = (tse_setting)0.25;
-  c.model_sd = (tse_setting)0.125;
+  c.mass_sd = setting(0.25);
+  c.model_sd = setting(0.125);
   const tse_params p = prepared(&c);
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f, sizeof f));
   bank_of_one(&p);

@@ -206,7 +206,7 @@ static void test_noise_of_the_wheel_speeds_is_in_the_reading_as_drawn(void)
 {
   tse_config c;
   tse_config_default(&c);
-  c.wheel_noise_sd = (tse_setting)0.1;
+  c.wheel_noise_sd = setting(0.1);
   const tse_params p = prepared(&c), quiet = a_car();
   uint32_t seed = 7;
   double P[JOINT][JOINT], z[JOINT], mean = 0, square = 0, read[3];
@@ -236,7 +236,7 @@ static void test_where_wheel_speeds_are_noisy_slopes_are_of_the_smoothed_slip(vo
 {
   tse_config c;
   tse_config_default(&c);
-  c.wheel_noise_sd = (tse_setting)0.1;
+  c.wheel_noise_sd = setting(0.1);
   const tse_params p = prepared(&c);
   uint32_t seed = 8;
   double P[JOINT][JOINT];

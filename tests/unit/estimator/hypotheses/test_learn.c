@@ -9,7 +9,7 @@ static tse_params a_car(void)
 {
   tse_config c;
   tse_config_default(&c);
-  c.spread_max = 1;
+  c.spread_max = setting(1);
   return prepared(&c);
 }
 
@@ -213,7 +213,7 @@ static void test_where_the_settings_are_believed_the_noise_is_as_told(void)
 {
   tse_config c;
   tse_config_default(&c);
-  c.noise_max = 1;
+  c.noise_max = setting(1);
   const tse_params p = prepared(&c);
   uint32_t seed = 35;
   tse_hypothesis h = told_hypothesis(&p, &seed);

@@ -13,8 +13,8 @@ static tse_params a_car(void)
 {
   tse_config c;
   tse_config_default(&c);
-  c.steady_walk = 0;
-  c.accel_x_bias_walk = c.accel_y_bias_walk = c.yaw_rate_bias_walk = 0;
+  c.steady_walk = setting(0);
+  c.accel_x_bias_walk = c.accel_y_bias_walk = c.yaw_rate_bias_walk = setting(0);
   return prepared(&c);
 }
 
@@ -133,7 +133,7 @@ static void test_noise_of_the_wheel_speeds_drives_the_motion_by_half_of_each_row
 {
   tse_config c;
   tse_config_default(&c);
-  c.wheel_noise_sd = (tse_setting)0.5;
+  c.wheel_noise_sd = setting(0.5);
   const tse_params noisy = prepared(&c), quiet = a_car();
   uint32_t seed = 9;
   double P[JOINT][JOINT];
@@ -183,7 +183,7 @@ static void test_what_the_model_leaves_out_is_a_disturbance_of_its_own(void)
 {
   tse_config c;
   tse_config_default(&c);
-  c.model_sd = (tse_setting)0.03;
+  c.model_sd = setting(0.03);
   const tse_params p = prepared(&c);
   uint32_t seed = 13;
   double P[JOINT][JOINT];
@@ -272,7 +272,7 @@ static void test_a_lag_that_is_told_stays(void)
 {
   tse_config c;
   tse_config_default(&c);
-  c.steer_lag_sd = 0;
+  c.steer_lag_sd = setting(0);
   const tse_params p = prepared(&c);
   tse_hypothesis h;
   memset(&h, 0, sizeof h);
@@ -285,7 +285,7 @@ static void test_slips_are_smoothed_and_shrunk_where_wheel_speeds_are_noisy(void
 {
   tse_config c;
   tse_config_default(&c);
-  c.wheel_noise_sd = (tse_setting)0.1;
+  c.wheel_noise_sd = setting(0.1);
   const tse_params p = prepared(&c);
   uint32_t seed = 16;
   double P[JOINT][JOINT];
@@ -306,7 +306,7 @@ static void test_noise_in_slip_and_speed_has_in_common_what_it_has_when_drawn(vo
 {
   tse_config c;
   tse_config_default(&c);
-  c.wheel_noise_sd = (tse_setting)0.02;
+  c.wheel_noise_sd = setting(0.02);
   const tse_params p = prepared(&c);
   uint32_t seed = 17;
   tse_hypothesis h;

@@ -460,7 +460,7 @@ static void test_a_start_is_promised_what_the_sensors_are_foretold_by_it(void)
 static void test_a_hypothesis_starts_at_the_settings_and_its_states_at_the_sensors(void)
 {
   tse_config c = settings();
-  c.initial_cy_front = (tse_setting)0.8;
+  c.initial_cy_front = setting(0.8);
   const tse_params p = prepared(&c);
   double P[JOINT][JOINT];
   tse_hypothesis h = some_hypothesis(&p, &seed, 0, P);

@@ -12,7 +12,7 @@ static tse_params bank_of_five(void)
 {
   tse_config c;
   tse_config_default(&c);
-  c.model_sd = (tse_setting)model;
+  c.model_sd = setting(model);
   const tse_params p = prepared(&c);
   uint32_t seed = 71;
   double P[JOINT][JOINT];

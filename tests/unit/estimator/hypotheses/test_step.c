@@ -24,7 +24,7 @@ static void set_off(drive *d, const tse_config *c, double noise, int held)
   tse_sim_config s;
   tse_sim_config_default(&s);
   memset(d, 0, sizeof *d);
-  s.noise = (tse_setting)noise;
+  s.noise = setting(noise);
   s.hold_inputs = held;
   s.seed = 3;
   d->dt = 0.01;
@@ -209,7 +209,7 @@ static void test_while_wheels_are_locked_the_car_coasts_on_its_accelerometers(vo
   tse_output y;
   for (int i = 0; i < 100; i++) {
     d.brake = 6000;
-    d.friction = 0.5;
+    d.friction = setting(0.5);
     y = run(&p, &d, 1);
     if (number(d.y.row.wheel_speed_front) > 1 || i < 30) continue;
     locked++;
@@ -224,8 +224,8 @@ static void test_while_wheels_are_locked_the_car_coasts_on_its_accelerometers(vo
 static void test_how_steering_goes_between_rows_is_found_out(void)
 {
   tse_config c = settings();
-  c.sample_time = (tse_setting)0.05;
-  c.max_gap = (tse_setting)0.2;
+  c.sample_time = setting(0.05);
+  c.max_gap = setting(0.2);
   c.inputs_held = 2;
   const tse_params p = prepared(&c);
   for (int held = 0; held < 2; held++) {
@@ -250,7 +250,7 @@ static void test_what_is_told_loosely_and_what_does_not_fit_are_reasons(void)
 {
   tse_config c = settings();
   for (int loose = 0; loose < 2; loose++) {
-    c.mass_sd = (tse_setting)(loose ? 0.15 : 0.05);
+    c.mass_sd = setting(loose ? 0.15 : 0.05);
     const tse_params p = prepared(&c);
     drive d;
     set_off(&d, &c, 1, 0);
@@ -271,7 +271,7 @@ static void test_what_is_told_loosely_and_what_does_not_fit_are_reasons(void)
 static void test_nods_are_taken_out_of_accel_x_and_wheel_speeds_alike(void)
 {
   tse_config c = settings();
-  c.nod_time = (tse_setting)0.15;
+  c.nod_time = setting(0.15);
   const tse_params p = prepared(&c);
   const double by[3] = { 1 / number(p.sd[0]), number(p.radius_front), number(p.radius_rear) };
   double once[3] = { 0 }, twice[3] = { 0 };
@@ -307,7 +307,7 @@ static void test_forced_nonsense_is_recovered_from(void)
     (void)run(&p, &d, 1000);
     for (int i = 0; i < f.bank.count; i++) {
       tse_hypothesis *const h = &f.bank.h[i];
-      if (what == 0) h->x[0] = h->x[4] = h->cov[4][4] = (tse_real)NAN;
+      if (what == 0) h->x[0] = h->x[4] = h->cov[4][4] = real((double)NAN);
       if (what == 1) h->x[1] = real(150);
       if (what == 2) h->x[4] = real(4);
       if (what == 3) h->x[1] = real(5);
@@ -387,7 +387,7 @@ static void test_odd_settings_and_rows_give_numbers(void)
 #define REAL(name, def, lo, hi, unit, text)                                                                                     \
     if (!kind_of_effect_setting(offsetof(tse_config, name)) && next_uniform(&seed) < odds) {                                    \
       const double u = next_uniform(&seed);                                                                                     \
-      c.name = (tse_setting)(u < 0.25 ? (lo) : u < 0.5 ? (hi) : (lo) + ((hi) - (lo)) * next_uniform(&seed));                   \
+      c.name = setting(u < 0.25 ? (lo) : u < 0.5 ? (hi) : (lo) + ((hi) - (lo)) * next_uniform(&seed));                   \
     }
 #define INT(name, def, lo, hi, text)
 #include "tse/config.def"
@@ -408,12 +408,12 @@ static void test_odd_settings_and_rows_give_numbers(void)
       v = wild ? next_between(&seed, -400, 400) : v + next_between(&seed, -1, 1);
       u.dt = real(wild ? pow(10, next_between(&seed, -7, 3.55)) : 0.01);
       u.steer_angle = real(wild ? next_between(&seed, -1.2, 1.2) : next_between(&seed, -0.05, 0.05));
-      u.wheel_speed_front = real(fmax(-400, fmin(400, v / (double)c.wheel_radius_front)));
-      u.wheel_speed_rear = real(fmax(-400, fmin(400, v / (double)c.wheel_radius_rear)));
+      u.wheel_speed_front = real(fmax(-400, fmin(400, v / number(c.wheel_radius_front))));
+      u.wheel_speed_rear = real(fmax(-400, fmin(400, v / number(c.wheel_radius_rear))));
       u.accel_x = real(wild ? next_between(&seed, -60, 60) : next_between(&seed, -1, 1));
       u.accel_y = real(wild ? next_between(&seed, -60, 60) : next_between(&seed, -1, 1));
       u.yaw_rate = real(wild ? next_between(&seed, -7, 7) : next_between(&seed, -0.1, 0.1));
-      if (wild && i % 3 == 0) u.accel_y = (tse_real)NAN;
+      if (wild && i % 3 == 0) u.accel_y = real((double)NAN);
       if (wild && i % 5 == 0) u.missing = TSE_MISSING(steer_angle);
       const tse_status status = tse_step(&p, &f, &u, &y);
       if (status < 0) continue;
@@ -458,7 +458,7 @@ static void test_the_same_rows_give_the_same_bits_and_a_refused_row_none_others(
 static void test_standing_still_the_gyros_bias_is_learnt_and_nothing_else(void)
 {
   tse_config c = settings();
-  c.yaw_rate_bias_sd = (tse_setting)0.01;
+  c.yaw_rate_bias_sd = setting(0.01);
   const tse_params p = prepared(&c);
   tse_output y;
   uint32_t seed = 82;

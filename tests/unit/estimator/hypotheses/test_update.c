@@ -185,8 +185,8 @@ static void test_a_stiffness_stays_within_its_bounds(void)
 {
   tse_config c;
   tse_config_default(&c);
-  c.stiffness_min = (tse_setting)0.5;
-  c.stiffness_max = (tse_setting)1.5;
+  c.stiffness_min = setting(0.5);
+  c.stiffness_max = setting(1.5);
   const tse_params p = prepared(&c);
   uint32_t seed = 24;
   double P[JOINT][JOINT];
@@ -217,12 +217,12 @@ static void test_what_is_not_made_of_numbers_is_not_proper(void)
   TEST_ASSERT_TRUE(is_proper(&fine));
   for (int a = 0; a < TSE_X; a++) {
     tse_hypothesis h = fine;
-    h.x[a] = (tse_real)NAN;
+    h.x[a] = real((double)NAN);
     TEST_ASSERT_TRUE(!is_proper(&h));
-    h.x[a] = (tse_real)INFINITY;
+    h.x[a] = real((double)INFINITY);
     TEST_ASSERT_TRUE(!is_proper(&h));
     h = fine;
-    h.cov[a][a] = (tse_real)NAN;
+    h.cov[a][a] = real((double)NAN);
     TEST_ASSERT_TRUE(!is_proper(&h));
     h.cov[a][a] = real(-1e-6);
     TEST_ASSERT_TRUE(!is_proper(&h));

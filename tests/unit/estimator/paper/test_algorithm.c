@@ -24,7 +24,7 @@ static void set_off(drive *d, const tse_config *c, double speed)
 {
   tse_sim_config s;
   tse_sim_config_default(&s);
-  s.speed = (tse_setting)speed;
+  s.speed = setting(speed);
   s.seed = 5;
   d->t = 0.0;
   d->dt = 0.01;
@@ -60,7 +60,7 @@ static tse_config some_settings(int32_t particles)
 static tse_config believing_wheels(int32_t particles)
 {
   tse_config c = some_settings(particles);
-  c.max_slip = 1;
+  c.max_slip = setting(1);
   return c;
 }
 
@@ -132,7 +132,7 @@ static void lose(tse_input *u, int channel, int how)
   tse_real *const value[3] = { &u->accel_x, &u->accel_y, &u->yaw_rate };
   static const uint32_t bit[3] = { TSE_MISSING(accel_x), TSE_MISSING(accel_y), TSE_MISSING(yaw_rate) };
   if (how == 0) u->missing |= bit[channel];
-  else *value[channel] = (tse_real)(how == 1 ? (double)NAN : how == 2 ? (double)INFINITY : how == 3 ? -50.1 : 1e30);
+  else *value[channel] = real(how == 1 ? (double)NAN : how == 2 ? (double)INFINITY : how == 3 ? -50.1 : 1e30);
 }
 
 static void test_a_missing_channel_is_the_same_however_it_is_said_and_the_others_are_used(void)
@@ -185,9 +185,9 @@ static void test_a_row_without_measurements_predicts_only(void)
     expect_near(walked, number(f.bias_var[a]), BY_FORMAT(1e-14, 1e-6), "bias variance", a);
   }
   /* the car has gone on: the states follow the inputs, so the truth is still met without a single measurement */
-  expect_near((double)d.sim.x[0], number(y.vel_x), 0.2, "vel_x", 0);
-  expect_near((double)d.sim.x[1], number(y.vel_y), 0.1, "vel_y", 0);
-  expect_near((double)d.sim.x[2], number(y.yaw_rate), 0.05, "yaw_rate", 0);
+  expect_near(number(d.sim.x[0]), number(y.vel_x), 0.2, "vel_x", 0);
+  expect_near(number(d.sim.x[1]), number(y.vel_y), 0.1, "vel_y", 0);
+  expect_near(number(d.sim.x[2]), number(y.yaw_rate), 0.05, "yaw_rate", 0);
 }
 
 static void test_missing_inputs_hold_the_last_ones_then_freeze_then_restart(void)
@@ -203,7 +203,7 @@ static void test_missing_inputs_hold_the_last_ones_then_freeze_then_restart(void
   memcpy(&before, &f, sizeof f);
   for (int i = 0; i < 30; i++) {
     tse_input u = next_row(&d);
-    if (i % 2) u.steer_angle = (tse_real)NAN;
+    if (i % 2) u.steer_angle = real((double)NAN);
     else u.missing = TSE_MISSING(wheel_speed_rear);
     TEST_ASSERT_EQUAL_INT(TSE_W_PREDICTED, tse_step(&p, &f.filter, &u, &y));
     expect_same_statistics(&before, &f);
@@ -292,12 +292,12 @@ static void test_large_steering_angles_hold_the_statistics(void)
   for (int side = -1; side <= 1; side += 2) {
     tse_input u = next_row(&d);
     u.wheel_speed_front = u.wheel_speed_rear = real(5.0 / 0.33);
-    u.steer_angle = real(side * ((double)c.max_steer + 1e-4));
+    u.steer_angle = real(side * (number(c.max_steer) + 1e-4));
     TEST_ASSERT_EQUAL_INT(TSE_W_HELD, tse_step(&p, &f.filter, &u, &y));
     expect_same_statistics(&before, &f);
     for (int a = 0; a < 3; a++) TEST_ASSERT_EQUAL_INT(TSE_HELD, y.reason[a]);
     memcpy(&f, &before, sizeof f);
-    u.steer_angle = real(side * ((double)c.max_steer - 1e-4));
+    u.steer_angle = real(side * (number(c.max_steer) - 1e-4));
     TEST_ASSERT_TRUE(tse_step(&p, &f.filter, &u, &y) != TSE_W_HELD);
     memcpy(&f, &before, sizeof f);
   }
@@ -324,8 +324,8 @@ static void test_the_gyros_bias_is_learnt_at_standstill_as_by_a_kalman_filter(vo
 {
   const tse_config c = some_settings(20);
   const tse_params p = prepared(&c);
-  const double sd = (double)c.yaw_rate_sd, r = sd * sd, q = 0.01 * (double)c.yaw_rate_bias_walk * (double)c.yaw_rate_bias_walk;
-  double mean = 0.0, var = (double)c.yaw_rate_bias_sd * (double)c.yaw_rate_bias_sd;
+  const double sd = number(c.yaw_rate_sd), r = sd * sd, q = 0.01 * number(c.yaw_rate_bias_walk) * number(c.yaw_rate_bias_walk);
+  double mean = 0.0, var = number(c.yaw_rate_bias_sd) * number(c.yaw_rate_bias_sd);
   uint32_t state = 8;
   int believed = 0;
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, sizeof f));
@@ -377,7 +377,7 @@ static void test_forgetting_goes_by_time_not_by_rows(void)
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, sizeof f));
   (void)run(&p, &f, &d, 50);
   for (int k = 0; k < ROWS(dt); k++) {
-    const double lambda = pow((double)c.forgetting, dt[k] / 0.01);
+    const double lambda = pow(number(c.forgetting), dt[k] / 0.01);
     const double nu = (number(f.nu) + 1.0) * lambda, gamma = number(f.gamma) / (1.0 + number(f.gamma)) / lambda;
     d.dt = dt[k];
     (void)run(&p, &f, &d, 1);
@@ -391,7 +391,7 @@ static void learn_from_seventy_percent(double dt, int32_t particles, double seco
 {
   tse_config c = some_settings(particles);
   drive d;
-  c.initial_cx_front = c.initial_cy_front = c.initial_cy_rear = (tse_setting)0.7;
+  c.initial_cx_front = c.initial_cy_front = c.initial_cy_rear = setting(0.7);
   const tse_params p = prepared(&c);
   const int rows = (int)(seconds / dt), last = rows / 2;
   set_off(&d, &c, 20.0);
@@ -516,8 +516,8 @@ static void test_an_absurd_state_is_noticed_at_once_and_states_start_again(void)
     TEST_ASSERT_TRUE(tse_step(&p, &f.filter, &u, &y) >= 0);
     TEST_ASSERT_EQUAL_INT(TSE_W_RECOVERED, y.status);
     TEST_ASSERT_TRUE(all_finite(&y));
-    expect_near((double)d.sim.x[0], number(y.vel_x), 0.4, "vel_x", k); /* 0.1 m/s and slip */
-    expect_near((double)d.sim.x[1], number(y.vel_y), 0.6, "vel_y", k); /* starts at zero */
+    expect_near(number(d.sim.x[0]), number(y.vel_x), 0.4, "vel_x", k); /* 0.1 m/s and slip */
+    expect_near(number(d.sim.x[1]), number(y.vel_y), 0.6, "vel_y", k); /* starts at zero */
     for (int a = 0; a < 3; a++) TEST_ASSERT_EQUAL_INT(TSE_DIVERGING, y.reason[a]);
     y = run(&p, &f, &d, 1);
     TEST_ASSERT_TRUE(y.status != TSE_W_RECOVERED);
@@ -637,13 +637,13 @@ static void fuzz(const tse_config *c, int rows, uint32_t seed)
     v = fmin(fmax(v + next_between(&state, -0.3, 0.3), -3.0), 45.0);
     steer = 0.9 * steer + next_between(&state, -0.01, 0.01);
     tse_input u;
-    u.dt = (tse_real)fuzzed(&state, 0.01, 0.2, wildness / 4);
-    u.steer_angle = (tse_real)fuzzed(&state, steer, 1.3, wildness);
-    u.wheel_speed_front = (tse_real)fuzzed(&state, v / 0.33, 420.0, wildness);
-    u.wheel_speed_rear = (tse_real)fuzzed(&state, v / 0.33, 420.0, wildness);
-    u.accel_x = (tse_real)fuzzed(&state, next_between(&state, -1.0, 1.0), 60.0, wildness);
-    u.accel_y = (tse_real)fuzzed(&state, 2.0 * v * steer, 60.0, wildness);
-    u.yaw_rate = (tse_real)fuzzed(&state, 0.3 * v * steer, 7.0, wildness);
+    u.dt = real(fuzzed(&state, 0.01, 0.2, wildness / 4));
+    u.steer_angle = real(fuzzed(&state, steer, 1.3, wildness));
+    u.wheel_speed_front = real(fuzzed(&state, v / 0.33, 420.0, wildness));
+    u.wheel_speed_rear = real(fuzzed(&state, v / 0.33, 420.0, wildness));
+    u.accel_x = real(fuzzed(&state, next_between(&state, -1.0, 1.0), 60.0, wildness));
+    u.accel_y = real(fuzzed(&state, 2.0 * v * steer, 60.0, wildness));
+    u.yaw_rate = real(fuzzed(&state, 0.3 * v * steer, 7.0, wildness));
     u.missing = wildness && next_word(&state) % 8u == 0 ? next_word(&state) >> 24 : 0u;
     tse_output y;
     memset(&y, 0x55, sizeof y);
@@ -679,28 +679,28 @@ static void test_no_row_of_numbers_whatever_makes_an_output_that_is_none(void)
 static void test_no_row_breaks_a_filter_whose_settings_are_extreme(void)
 {
   tse_config c = some_settings(17);
-  c.mass = 50;
-  c.yaw_inertia = 10;
-  c.longitudinal_stiffness_front = c.longitudinal_stiffness_rear = (tse_setting)1e7;
-  c.cornering_stiffness_front = c.cornering_stiffness_rear = (tse_setting)1e7;
-  c.accel_x_sd = c.accel_y_sd = (tse_setting)0.001;
-  c.yaw_rate_sd = (tse_setting)1e-5;
-  c.stiffness_min = (tse_setting)0.02;
-  c.stiffness_max = 20;
+  c.mass = setting(50);
+  c.yaw_inertia = setting(10);
+  c.longitudinal_stiffness_front = c.longitudinal_stiffness_rear = setting(1e7);
+  c.cornering_stiffness_front = c.cornering_stiffness_rear = setting(1e7);
+  c.accel_x_sd = c.accel_y_sd = setting(0.001);
+  c.yaw_rate_sd = setting(1e-5);
+  c.stiffness_min = setting(0.02);
+  c.stiffness_max = setting(20);
   fuzz(&c, 4000, 77);
   c = some_settings(16);
-  c.mass = 50000;
-  c.forgetting = (tse_setting)0.9;
-  c.initial_dof = 6;
-  c.initial_mean_sd = c.initial_spread = 2;
-  c.max_gap = 1;
-  c.sample_time = (tse_setting)0.1;
-  c.resample_threshold = 0;
+  c.mass = setting(50000);
+  c.forgetting = setting(0.9);
+  c.initial_dof = setting(6);
+  c.initial_mean_sd = c.initial_spread = setting(2);
+  c.max_gap = setting(1);
+  c.sample_time = setting(0.1);
+  c.resample_threshold = setting(0);
   fuzz(&c, 4000, 78);
   c = some_settings(18);
-  c.wheel_noise_sd = 5;
-  c.stiffness_max = 20;
-  c.initial_spread = 2;
+  c.wheel_noise_sd = setting(5);
+  c.stiffness_max = setting(20);
+  c.initial_spread = setting(2);
   fuzz(&c, 4000, 79);
 }
 
@@ -718,7 +718,7 @@ static void test_no_mixture_of_extreme_settings_makes_an_output_that_is_no_numbe
 #include "tse/config.def"
 #undef REAL
 #undef INT
-#define EFFECT_PARAMETER(id, parameter, role, unit, def, lo, hi, typical_lo, typical_hi, negligible, sign, text) c.id##_##parameter = (tse_setting)(def);
+#define EFFECT_PARAMETER(id, parameter, role, unit, def, lo, hi, typical_lo, typical_hi, negligible, sign, text) c.id##_##parameter = setting(def);
 #include "tse/effects.def"
     fit_together(&c);
     c.form = kept;
@@ -765,11 +765,11 @@ static void test_a_filter_whose_particles_were_broken_gives_finite_outputs_and_r
     set_off(&d, &c, 20.0);
     TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, sizeof f));
     (void)run(&p, &f, &d, 100);
-    for (int32_t i = 0; i < 64; i += share) f.p.x[1][i] = (tse_real)NAN;
+    for (int32_t i = 0; i < 64; i += share) f.p.x[1][i] = real((double)NAN);
     for (int i = 0; i < 1000; i++) {
       const tse_output y = run(&p, &f, &d, 1);
       TEST_ASSERT_TRUE(all_finite(&y));
-      if (i == 999) expect_near((double)d.sim.x[0], number(y.vel_x), 0.5, "vel_x", share);
+      if (i == 999) expect_near(number(d.sim.x[0]), number(y.vel_x), 0.5, "vel_x", share);
     }
   }
 }

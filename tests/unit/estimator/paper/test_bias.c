@@ -12,8 +12,8 @@ static tse_config settings(void)
   tse_config c;
   tse_config_paper(&c);
   c.particles = 21; /* padded to 24 */
-  c.forgetting = (tse_setting)0.98;
-  c.sample_time = (tse_setting)0.01;
+  c.forgetting = setting(0.98);
+  c.sample_time = setting(0.01);
   return c;
 }
 
@@ -113,7 +113,7 @@ static void test_what_is_forgotten_is_not_forgotten_further(void)
   for (int i = 0; i < ROWS(dt); i++)
     for (int k = 0; k < ROWS(lambda); k++) {
       tse_config c = settings();
-      c.forgetting = (tse_setting)lambda[k];
+      c.forgetting = setting(lambda[k]);
       const tse_params p = prepared(&c);
       memset(&filter, 0, sizeof filter);
       filter.gamma = real(0.05);
@@ -148,12 +148,12 @@ static void test_learning_and_forgetting_settle_at_the_memory_of_lambda(void)
 static void test_bias_variance_grows_with_time_by_the_squared_walk(void)
 {
   tse_config c = settings();
-  c.accel_x_sd = (tse_setting)0.1;
-  c.accel_y_sd = (tse_setting)0.2;
-  c.yaw_rate_sd = (tse_setting)0.004;
-  c.accel_x_bias_walk = (tse_setting)0.01;
-  c.accel_y_bias_walk = (tse_setting)0.03;
-  c.yaw_rate_bias_walk = (tse_setting)0.0002;
+  c.accel_x_sd = setting(0.1);
+  c.accel_y_sd = setting(0.2);
+  c.yaw_rate_sd = setting(0.004);
+  c.accel_x_bias_walk = setting(0.01);
+  c.accel_y_bias_walk = setting(0.03);
+  c.yaw_rate_bias_walk = setting(0.0002);
   const tse_params p = prepared(&c);
   const double q[3] = { 0.1 * 0.1, 0.15 * 0.15, 0.05 * 0.05 }, start[3] = { 0.1, 0.2, 0.3 };
   memset(&filter, 0x3c, sizeof filter);
@@ -171,11 +171,11 @@ static void test_bias_variance_grows_with_time_by_the_squared_walk(void)
 static void test_bias_variance_stops_at_the_larger_of_its_start_and_one_sigma(void)
 {
   tse_config c = settings();
-  c.accel_x_sd = c.accel_y_sd = (tse_setting)0.1;
-  c.accel_x_bias_sd = (tse_setting)0.05; /* a quarter of sigma^2: the limit is one */
-  c.accel_y_bias_sd = (tse_setting)0.2;  /* four sigma^2 */
-  c.accel_x_bias_walk = c.accel_y_bias_walk = 1;
-  c.yaw_rate_bias_walk = 0;
+  c.accel_x_sd = c.accel_y_sd = setting(0.1);
+  c.accel_x_bias_sd = setting(0.05); /* a quarter of sigma^2: the limit is one */
+  c.accel_y_bias_sd = setting(0.2);  /* four sigma^2 */
+  c.accel_x_bias_walk = c.accel_y_bias_walk = setting(1);
+  c.yaw_rate_bias_walk = setting(0);
   const tse_params p = prepared(&c);
   memset(&filter, 0, sizeof filter);
   filter.bias_var[2] = real(0.25);
@@ -223,8 +223,8 @@ static void test_gyro_bias_becomes_the_weighted_mean_of_its_start_and_all_readin
 static void test_walk_and_readings_balance_at_the_riccati_solution(void)
 {
   tse_config c = settings();
-  c.yaw_rate_sd = (tse_setting)0.004;
-  c.yaw_rate_bias_walk = (tse_setting)0.004; /* Q = dt in sigma^2 */
+  c.yaw_rate_sd = setting(0.004);
+  c.yaw_rate_bias_walk = setting(0.004); /* Q = dt in sigma^2 */
   const tse_params p = prepared(&c);
   const double q = 0.01, steady = (q + sqrt(q * q + 4 * q)) / 2;
   const sample y = gyro(1.0, 1);

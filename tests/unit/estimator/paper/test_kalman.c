@@ -10,7 +10,7 @@ static tse_config settings(void)
 {
   tse_config c;
   tse_config_paper(&c);
-#define X(name, value) c.name = (tse_setting)(value);
+#define X(name, value) c.name = setting(value);
   KALMAN_SETTINGS(X)
 #undef X
   return c;
@@ -23,9 +23,9 @@ static tse_input row(double steer, const double y[3], int mask)
   u.dt = real(0.01);
   u.steer_angle = real(steer);
   u.wheel_speed_front = u.wheel_speed_rear = real(KALMAN_OMEGA);
-  u.accel_x = mask & 1 ? real(y[0]) : (tse_real)NAN;
-  u.accel_y = mask & 2 ? real(y[1]) : (tse_real)NAN;
-  u.yaw_rate = mask & 4 ? real(y[2]) : (tse_real)NAN;
+  u.accel_x = mask & 1 ? real(y[0]) : real((double)NAN);
+  u.accel_y = mask & 2 ? real(y[1]) : real((double)NAN);
+  u.yaw_rate = mask & 4 ? real(y[2]) : real((double)NAN);
   return u;
 }
 
@@ -57,10 +57,10 @@ static void run_turning(int32_t scheme)
   for (int s = 0; s < SEEDS; s++) {
     tse_config c = settings();
     c.particles = TSE_MAX_PARTICLES;
-    c.initial_mean_sd = 0;
-    c.initial_dof = 1000;
-    c.forgetting = (tse_setting)0.9999;
-    c.resample_threshold = (tse_setting)0.5;
+    c.initial_mean_sd = setting(0);
+    c.initial_dof = setting(1000);
+    c.forgetting = setting(0.9999);
+    c.resample_threshold = setting(0.5);
     c.resampling = scheme;
     c.seed = 100 + s;
     const tse_params p = prepared(&c);
@@ -167,8 +167,8 @@ static void test_straight_on_the_evidence_is_that_of_a_kalman_filter(void)
   tse_config c = settings();
   c.particles = 16;
   c.initial_dof = STRAIGHT_DOF;
-  c.forgetting = (tse_setting)STRAIGHT_FORGETTING;
-  c.initial_vel_y_sd = c.initial_yaw_rate_sd = 0;
+  c.forgetting = setting(STRAIGHT_FORGETTING);
+  c.initial_vel_y_sd = c.initial_yaw_rate_sd = setting(0);
   const tse_params p = prepared(&c);
   double total = 0.0, expected_total = 0.0;
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, sizeof f));

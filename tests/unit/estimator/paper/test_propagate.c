@@ -15,8 +15,8 @@ static tse_params params(double sample_time)
   tse_config c;
   tse_config_default(&c);
   c.particles = COUNT;
-  c.sample_time = (tse_setting)sample_time;
-  c.max_gap = 1;
+  c.sample_time = setting(sample_time);
+  c.max_gap = setting(1);
   return prepared(&c);
 }
 
@@ -121,9 +121,9 @@ static void test_steps_shorten_with_the_speed_down_to_hold_speed(void)
   for (int j = 0; j < ROWS(row); j++) {
     tse_config c;
     tse_config_default(&c);
-    c.sample_time = (tse_setting)row[j].sample_time;
-    c.longitudinal_stiffness_front *= (tse_setting)row[j].stiffer;
-    c.longitudinal_stiffness_rear *= (tse_setting)row[j].stiffer;
+    c.sample_time = setting(row[j].sample_time);
+    c.longitudinal_stiffness_front *= setting(row[j].stiffer);
+    c.longitudinal_stiffness_rear *= setting(row[j].stiffer);
     const tse_params p = prepared(&c);
     const inputs u0 = inputs_of(0.0, row[j].front, row[j].rear - 0.25), u1 = inputs_of(0.0, row[j].front, row[j].rear + 0.25);
     TEST_ASSERT_EQUAL_INT32(row[j].steps, vehicle_steps(&p, real(row[j].dt), u0, u1));
@@ -182,16 +182,16 @@ static void test_bridging_a_second_matches_a_fine_integration(void)
     tse_config c;
     tse_config_default(&c);
     c.particles = COUNT;
-    c.sample_time = (tse_setting)0.001;
-    c.mass = (tse_setting)k[0];
-    c.yaw_inertia = (tse_setting)k[1];
-    c.lf = (tse_setting)k[2];
-    c.lr = (tse_setting)k[3];
-    c.longitudinal_stiffness_front = (tse_setting)k[4];
-    c.longitudinal_stiffness_rear = (tse_setting)k[5];
-    c.cornering_stiffness_front = (tse_setting)k[6];
-    c.cornering_stiffness_rear = (tse_setting)k[7];
-    c.rear_longitudinal_follows_front = (tse_setting)k[8];
+    c.sample_time = setting(0.001);
+    c.mass = setting(k[0]);
+    c.yaw_inertia = setting(k[1]);
+    c.lf = setting(k[2]);
+    c.lr = setting(k[3]);
+    c.longitudinal_stiffness_front = setting(k[4]);
+    c.longitudinal_stiffness_rear = setting(k[5]);
+    c.cornering_stiffness_front = setting(k[6]);
+    c.cornering_stiffness_rear = setting(k[7]);
+    c.rear_longitudinal_follows_front = setting(k[8]);
     const tse_params p = prepared(&c);
     memset(&filter, 0, sizeof filter);
     set_inputs(&filter, inputs_of(t[5], t[6], t[7]));
@@ -277,7 +277,7 @@ static void test_no_particle_leaves_the_speeds_of_a_car(void)
   set_inputs(&filter, inputs_of(0.5, 130, -130));
   for (int i = 0; i < PADDED; i++)
     for (int a = 0; a < 3; a++) {
-      filter.p.x[a][i] = (tse_real)start[i % ROWS(start)][a];
+      filter.p.x[a][i] = real(start[i % ROWS(start)][a]);
       filter.p.w[a][i] = real(19);
     }
   propagate(&p, &filter, inputs_of(-0.5, -130, 130), real(0.1));

@@ -14,9 +14,9 @@ static tse_config settings(void)
   tse_config c;
   tse_config_sampled(&c);
   c.particles = PARTICLES;
-  c.max_slip = (tse_setting)0.05;
-  c.hold_speed = 2;
-  c.initial_vel_x_sd = c.initial_vel_y_sd = c.initial_yaw_rate_sd = 0;
+  c.max_slip = setting(0.05);
+  c.hold_speed = setting(2);
+  c.initial_vel_x_sd = c.initial_vel_y_sd = c.initial_yaw_rate_sd = setting(0);
   return c;
 }
 
@@ -125,7 +125,7 @@ static void test_without_inputs_a_slide_neither_begins_nor_ends_and_without_a_li
   before = f;
   TEST_ASSERT_TRUE(wheels_slide(&p, &f, &y));
   TEST_ASSERT_EQUAL_MEMORY(&before, &f, sizeof f);
-  c.max_slip = 1;
+  c.max_slip = setting(1);
   p = prepared(&c);
   y.has_inputs = 1;
   start(20.0);

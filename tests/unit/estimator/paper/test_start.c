@@ -20,18 +20,18 @@ static tse_config settings(void)
   tse_config c;
   tse_config_paper(&c);
   c.particles = COUNT;
-  c.initial_vel_x_sd = (tse_setting)0.3;
-  c.initial_vel_y_sd = (tse_setting)0.2;
-  c.initial_yaw_rate_sd = (tse_setting)0.05;
-  c.yaw_rate_sd = (tse_setting)0.005;
-  c.initial_cx_front = (tse_setting)0.7;
-  c.initial_cy_front = (tse_setting)0.8;
-  c.initial_cy_rear = (tse_setting)1.25;
-  c.initial_mean_sd = (tse_setting)0.125;
-  c.initial_spread = (tse_setting)0.2;
-  c.initial_dof = 12;
-  c.stiffness_max = 20;
-  c.stiffness_min = (tse_setting)0.02;
+  c.initial_vel_x_sd = setting(0.3);
+  c.initial_vel_y_sd = setting(0.2);
+  c.initial_yaw_rate_sd = setting(0.05);
+  c.yaw_rate_sd = setting(0.005);
+  c.initial_cx_front = setting(0.7);
+  c.initial_cy_front = setting(0.8);
+  c.initial_cy_rear = setting(1.25);
+  c.initial_mean_sd = setting(0.125);
+  c.initial_spread = setting(0.2);
+  c.initial_dof = setting(12);
+  c.stiffness_max = setting(20);
+  c.stiffness_min = setting(0.02);
   return c;
 }
 
@@ -107,7 +107,7 @@ static void test_states_start_around_wheel_speed_and_gyro_with_the_sd_of_the_set
 static void expect_start(const tse_config *c, const sample *y, double vel_x, double yaw_rate, const char *what)
 {
   tse_config certain = *c;
-  certain.initial_vel_x_sd = certain.initial_vel_y_sd = certain.initial_yaw_rate_sd = 0;
+  certain.initial_vel_x_sd = certain.initial_vel_y_sd = certain.initial_yaw_rate_sd = setting(0);
   const tse_params p = prepared(&certain);
   memset(&filter, 0, sizeof filter);
   initialise(&p, &filter, y);
@@ -121,7 +121,7 @@ static void expect_start(const tse_config *c, const sample *y, double vel_x, dou
 static void test_velocity_starts_at_the_wheels_or_at_the_setting_and_yaw_rate_at_the_gyro_or_zero(void)
 {
   tse_config c = settings();
-  c.initial_vel_x = 17;
+  c.initial_vel_x = setting(17);
   const sample with_gyro = row(20.5, 19.5, 0.25, 1), without = row(20.5, 19.5, 0.25, 0), backwards = row(-3, -3, 0, 1);
   expect_start(&c, &with_gyro, 20, 0.25, "from the wheels");
   expect_start(&c, &without, 20, 0, "no gyro");
@@ -157,10 +157,10 @@ static void test_statistics_start_as_the_settings_say_and_are_common_to_all_part
 static void test_biases_start_with_the_variance_of_the_settings(void)
 {
   tse_config c = settings();
-  c.accel_x_sd = (tse_setting)0.1;
-  c.accel_y_sd = (tse_setting)0.2;
-  c.accel_x_bias_sd = c.accel_y_bias_sd = (tse_setting)0.05;
-  c.yaw_rate_bias_sd = (tse_setting)0.01;
+  c.accel_x_sd = setting(0.1);
+  c.accel_y_sd = setting(0.2);
+  c.accel_x_bias_sd = c.accel_y_bias_sd = setting(0.05);
+  c.yaw_rate_bias_sd = setting(0.01);
   const tse_params p = prepared(&c);
   const sample y = row(20, 20, 0, 1);
   const double expected[3] = { 0.25, 0.0625, 4 };
@@ -186,11 +186,11 @@ static void test_all_particles_in_use_start_with_the_same_weight_and_the_padding
 static void test_start_outside_the_bounds_of_the_stiffness_is_moved_to_the_bound(void)
 {
   tse_config c = settings();
-  c.initial_cx_front = (tse_setting)0.25;
-  c.initial_cy_front = 4;
-  c.initial_cy_rear = 1;
-  c.stiffness_min = (tse_setting)0.5;
-  c.stiffness_max = 2;
+  c.initial_cx_front = setting(0.25);
+  c.initial_cy_front = setting(4);
+  c.initial_cy_rear = setting(1);
+  c.stiffness_min = setting(0.5);
+  c.stiffness_max = setting(2);
   const tse_params p = prepared(&c);
   const sample y = row(20, 20, 0, 1);
   memset(&filter, 0, sizeof filter);
@@ -293,7 +293,7 @@ static void test_restart_moves_states_to_wheels_and_gyro_less_its_bias(void)
 static void test_restart_subtracts_each_particles_own_gyro_bias(void)
 {
   tse_config c = settings();
-  c.initial_yaw_rate_sd = 0;
+  c.initial_yaw_rate_sd = setting(0);
   const tse_params p = prepared(&c);
   const sample y = row(30, 30, 0.25, 1), none = row(30, 30, 0.25, 0);
   experienced();
@@ -308,7 +308,7 @@ static void test_restart_subtracts_each_particles_own_gyro_bias(void)
 static void test_states_start_within_what_a_car_can_do(void)
 {
   tse_config c = settings();
-  c.initial_yaw_rate_sd = 2;
+  c.initial_yaw_rate_sd = setting(2);
   const tse_params p = prepared(&c);
   const sample y = row(250, 250, 88, 1);
   for (int how = 0; how < 3; how++) {
@@ -402,7 +402,7 @@ static void test_redrawn_means_spread_as_the_settings_call_possible(void)
 static void test_redrawn_means_spread_by_a_tenth_at_least(void)
 {
   tse_config c = settings();
-  c.initial_mean_sd = (tse_setting)0.01;
+  c.initial_mean_sd = setting(0.01);
   redrawn_means(&c);
   for (int a = 0; a < 3; a++) expect_normal(sample_of[3 + a], (const double[]){ -0.3, -0.2, 0.25 }[a], 0.1, "mean");
 }
@@ -410,9 +410,9 @@ static void test_redrawn_means_spread_by_a_tenth_at_least(void)
 static void test_redrawn_means_stay_inside_the_bounds_of_the_stiffness(void)
 {
   tse_config c = settings();
-  c.initial_mean_sd = 1;
-  c.stiffness_min = (tse_setting)0.5;
-  c.stiffness_max = (tse_setting)1.5;
+  c.initial_mean_sd = setting(1);
+  c.stiffness_min = setting(0.5);
+  c.stiffness_max = setting(1.5);
   redrawn_means(&c);
   int low = 0, high = 0;
   for (int a = 3; a < 6; a++)

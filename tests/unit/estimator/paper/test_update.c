@@ -14,7 +14,7 @@ static tse_params params_of(const update_case *c)
   tse_config config;
   int k = 0;
   tse_config_paper(&config);
-#define X(name) config.name = (tse_setting)c->settings[k++];
+#define X(name) config.name = setting(c->settings[k++]);
   UPDATE_SETTINGS(X)
 #undef X
   config.particles = TSE_MAX_PARTICLES;
@@ -357,7 +357,7 @@ static void test_stiffness_stays_within_its_bounds_whatever_the_input(void)
         f.p.x[1][i] = real(next_between(&state, -30.0, 30.0));
         f.p.x[2][i] = real(next_between(&state, -6.0, 6.0));
       }
-      if (step % 100 == 99) f.p.x[1][5] = (tse_real)NAN; /* even a broken particle keeps a stiffness */
+      if (step % 100 == 99) f.p.x[1][5] = real((double)NAN); /* even a broken particle keeps a stiffness */
       learn(&p, &s);
       f.filter.step++;
       for (int a = 0; a < 3; a++)

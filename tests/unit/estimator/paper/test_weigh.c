@@ -24,7 +24,7 @@ static tse_params params_of(const weigh_case *c)
   tse_config config;
   int k = 0;
   tse_config_paper(&config);
-#define X(name) config.name = (tse_setting)c->settings[k++];
+#define X(name) config.name = setting(c->settings[k++]);
   WEIGH_SETTINGS(X)
 #undef X
   config.particles = WEIGH_PARTICLES;
@@ -150,7 +150,7 @@ static void test_evidence_holds_from_six_to_two_thousand_degrees_of_freedom(void
   tse_config config;
   tse_config_paper(&config);
   config.particles = 16;
-  config.accel_x_sd = config.accel_y_sd = config.yaw_rate_sd = 1;
+  config.accel_x_sd = config.accel_y_sd = config.yaw_rate_sd = setting(1);
   const tse_params p = prepared(&config);
   for (int k = 0; k < ROWS(weigh_gamma_ratio); k++)
     for (int mask = 1; mask < 8; mask++) {
@@ -212,10 +212,10 @@ static void test_extreme_innovations_stay_finite(void)
   tse_config config;
   tse_config_paper(&config);
   config.particles = 16;
-  config.accel_x_sd = config.accel_y_sd = (tse_setting)0.001; /* the settings' limits: 50 000 and 600 000 sigma away */
-  config.yaw_rate_sd = (tse_setting)1e-5;
-  config.longitudinal_stiffness_front = config.cornering_stiffness_rear = (tse_setting)1e7;
-  config.mass = 50;
+  config.accel_x_sd = config.accel_y_sd = setting(0.001); /* the settings' limits: 50 000 and 600 000 sigma away */
+  config.yaw_rate_sd = setting(1e-5);
+  config.longitudinal_stiffness_front = config.cornering_stiffness_rear = setting(1e7);
+  config.mass = setting(50);
   const tse_params p = prepared(&config);
   for (int k = 0; k < ROWS(far); k++)
     for (int mask = 1; mask < 8; mask++) {
@@ -263,9 +263,9 @@ static void test_weights_that_are_no_numbers_are_reported(void)
   const tse_params p = params_of(c);
   tse_real largest = TSE_R(7);
   fill(&p, c);
-  for (int32_t i = 0; i < 16; i++) f.p.logw[0][i] = (tse_real)-INFINITY;
+  for (int32_t i = 0; i < 16; i++) f.p.logw[0][i] = real((double)-INFINITY);
   TEST_ASSERT_EQUAL_INT(0, normalise(&p, &f, &largest));
-  for (int32_t i = 0; i < 16; i++) f.p.logw[0][i] = (tse_real)NAN;
+  for (int32_t i = 0; i < 16; i++) f.p.logw[0][i] = real((double)NAN);
   TEST_ASSERT_EQUAL_INT(0, normalise(&p, &f, &largest));
 }
 
@@ -277,7 +277,7 @@ static void test_one_broken_particle_does_not_take_the_others_along(void)
   for (int32_t broken = 0; broken < 16; broken++) {
     tse_real evidence;
     fill(&p, c);
-    f.p.x[1][broken] = (tse_real)NAN;
+    f.p.x[1][broken] = real((double)NAN);
     TEST_ASSERT_EQUAL_INT(1, weighed(&p, &y, &evidence));
     double sum = 0.0;
     for (int32_t i = 0; i < 16; i++) sum += exp(c->log_density[6][i]) * (i != broken) / 16.0;
