@@ -9,6 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "replay_hash.h"
 #include "tse/tse.h"
 
 enum { REPLAY_ROWS_MOST = 4000, REPLAY_EVERY = 25, REPLAY_PARTICLES = 150, REPLAY_SCHEMES = 4 };
@@ -62,25 +63,6 @@ static inline int replay_read(const char *path, tse_input *rows)
   return n;
 }
 
-/* FNV-1a, 64 bits, over the values' bytes, low one first whatever the machine's order. */
-static inline uint64_t replay_mix(uint64_t hash, uint64_t bits, int bytes)
-{
-  for (int i = 0; i < bytes; i++) hash = (hash ^ (bits >> (8 * i) & 255u)) * 1099511628211u;
-  return hash;
-}
-
-static inline uint64_t replay_mix_real(uint64_t hash, tse_real x)
-{
-  uint64_t wide = 0;
-  uint32_t narrow = 0;
-  if (sizeof x == sizeof wide) {
-    memcpy(&wide, &x, sizeof x);
-    return replay_mix(hash, wide, 8);
-  }
-  memcpy(&narrow, &x, sizeof narrow);
-  return replay_mix(hash, narrow, 4);
-}
-
 static inline void replay_columns(const tse_output *y, double column[])
 {
   int k = 0;
@@ -109,7 +91,7 @@ static inline uint64_t replay_run(const tse_input *rows, int n, int form, int32_
   static tse_params p;
   tse_config config;
   tse_output y;
-  uint64_t hash = 14695981039346656037u;
+  uint64_t hash = REPLAY_HASH_EMPTY;
   replay_forms[form].settings(&config);
   config.particles = REPLAY_PARTICLES;
   config.resampling = scheme;
@@ -117,12 +99,7 @@ static inline uint64_t replay_run(const tse_input *rows, int n, int form, int32_
   for (int i = 0; i < n; i++) {
     if (tse_step(&p, &memory.filter, &rows[i], &y) < 0) return 0;
     if (met && y.status < REPLAY_STATUSES) met[y.status]++;
-#define OUT_REAL(name, member, unit, text) hash = replay_mix_real(hash, y.member);
-#define OUT_INT(name, member, text) hash = replay_mix(hash, (uint32_t)y.member, 4);
-#define OUT_AGE(name, member, unit, text)
-#include "tse/output.def"
-#undef OUT_REAL
-#undef OUT_INT
+    hash = replay_mix_output(hash, &y);
     if (table && i % REPLAY_EVERY == 0) replay_columns(&y, table[i / REPLAY_EVERY]);
   }
   return hash;

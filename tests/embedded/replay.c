@@ -1,0 +1,84 @@
+/* tests/embedded/replay.c - the recorded drive of tests/replay through the filter, on any machine: tse.h and tse.c of
+ * scripts/amalgamate.py, rows.h of scripts/machines.py, and one port.
+ *
+ * Says what identifies the result: the hash of every bit of every output after each PART rows, so that two machines that differ
+ * show where, and that of the whole drive, which is the one of the golden replay.
+ *   ALL_FORMS   also the forms with particles, with each way of resampling; else the default form alone, in a tse_filter, which is what
+ *               a microcontroller has room for */
+#include "drive.h"
+#include "port.h"
+#include "replay_hash.h"
+
+enum { PART = 200, PARTICLES = 150, SCHEMES = 4 };
+
+#if defined(ALL_FORMS)
+static tse_filter_paper memory;
+#define FILTER memory.filter
+#else
+static tse_filter memory;
+#define FILTER memory
+#endif
+
+static int refused(const char *what, tse_status status, const char *wrong)
+{
+  port_say("refused ");
+  port_say(what);
+  port_say(": ");
+  port_say(tse_status_text(status));
+  if (wrong) {
+    port_say(": ");
+    port_say(wrong);
+  }
+  port_say("\n");
+  return 1;
+}
+
+static int run(const char *form, void (*settings)(tse_config *c), int32_t scheme)
+{
+  static tse_params p;
+  tse_config c;
+  tse_input u;
+  tse_output y;
+  uint64_t hash = REPLAY_HASH_EMPTY;
+  const char *wrong = NULL;
+  settings(&c);
+  c.particles = PARTICLES <= TSE_MAX_PARTICLES ? PARTICLES : TSE_MAX_PARTICLES;
+  c.resampling = scheme;
+  tse_status status = tse_prepare(&c, &p, &wrong);
+  if (status < 0) return refused("tse_prepare", status, wrong);
+  status = tse_reset(&p, &FILTER, sizeof memory);
+  if (status < 0) return refused("tse_reset", status, NULL);
+  for (int i = 0; i < DRIVE_ROWS; i++) {
+    drive_at(i, &u);
+    status = tse_step(&p, &FILTER, &u, &y);
+    if (status < 0) {
+      say_number("row ", (uint32_t)i);
+      return refused(" tse_step", status, NULL);
+    }
+    hash = replay_mix_output(hash, &y);
+    if ((i + 1) % PART == 0) {
+      say_hash("part ", hash);
+      say_number(" ", (uint32_t)i + 1);
+      port_say("\n");
+    }
+  }
+  say_hash("hash ", hash);
+  port_say(" ");
+  port_say(form);
+  say_number(", scheme ", (uint32_t)scheme);
+  port_say("\n");
+  return 0;
+}
+
+int program(void)
+{
+  const char *wrong = NULL;
+  const tse_status status = tse_self_test(&wrong);
+  if (status < 0) return refused("tse_self_test", status, wrong);
+  if (run("default", tse_config_default, 0)) return 1;
+#if defined(ALL_FORMS)
+  for (int32_t scheme = 0; scheme < SCHEMES; scheme++)
+    if (run("sampled", tse_config_sampled, scheme) || run("paper", tse_config_paper, scheme)) return 1;
+#endif
+  return 0;
+}
