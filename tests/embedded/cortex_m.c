@@ -58,6 +58,14 @@ uint32_t port_stack(void)
   return used;
 }
 
+/* newlib's sqrt says here that its argument was negative; its own place for that would bring 1 kB of other things along. */
+int *__errno(void);
+int *__errno(void)
+{
+  static int nobody_asks;
+  return &nobody_asks;
+}
+
 /* ---- start */
 
 static void failed(void)

@@ -3,21 +3,28 @@
 
 #define MOST_STEPS 6 /* of a row: bounded time. The integrator is stable at any step */
 
+/* In registers what is used three times: a row of few samples multiplies thirty times for each hypothesis. */
 static void multiply(tse_real a[3][3], tse_real b[3][3], tse_real c[3][3])
 {
-  for (int i = 0; i < 3; i++)
-    for (int j = 0; j < 3; j++) c[i][j] = r_mul(a[i][0], b[0][j]) + r_mul(a[i][1], b[1][j]) + r_mul(a[i][2], b[2][j]);
+  const tse_real b00 = b[0][0], b01 = b[0][1], b02 = b[0][2], b10 = b[1][0], b11 = b[1][1], b12 = b[1][2];
+  const tse_real b20 = b[2][0], b21 = b[2][1], b22 = b[2][2];
+  for (int i = 0; i < 3; i++) {
+    const tse_real a0 = a[i][0], a1 = a[i][1], a2 = a[i][2];
+    c[i][0] = r_mul(a0, b00) + r_mul(a1, b10) + r_mul(a2, b20);
+    c[i][1] = r_mul(a0, b01) + r_mul(a1, b11) + r_mul(a2, b21);
+    c[i][2] = r_mul(a0, b02) + r_mul(a1, b12) + r_mul(a2, b22);
+  }
 }
 
 /* F = (1 - hJ + h^2 J^2/2)^-1: exp(hJ) to second order, and never unstable. S: what a constant rate adds, h F (1 - hJ/2). */
 static void exponential(tse_real hJ[3][3], tse_real h, tse_real F[3][3], tse_real S[3][3])
 {
-  tse_real q[3][3], half[3][3];
+  tse_real q[3][3], half[3][3], jj[3][3];
+  multiply(hJ, hJ, jj);
   for (int a = 0; a < 3; a++)
     for (int b = 0; b < 3; b++) {
-      const tse_real jj = r_mul(hJ[a][0], hJ[0][b]) + r_mul(hJ[a][1], hJ[1][b]) + r_mul(hJ[a][2], hJ[2][b]);
       const tse_real one = a == b ? TSE_R(1) : TSE_R(0);
-      q[a][b] = one - hJ[a][b] + r_mul(TSE_R(0.5), jj);
+      q[a][b] = one - hJ[a][b] + r_mul(TSE_R(0.5), jj[a][b]);
       half[a][b] = r_mul(h, one - r_mul(TSE_R(0.5), hJ[a][b]));
     }
   const tse_real c00 = r_mul(q[1][1], q[2][2]) - r_mul(q[1][2], q[2][1]);
@@ -47,7 +54,11 @@ static void acceleration_column(const tse_params *p, const slopes *s, int c, tse
 /* Inputs at both ends of a step or a row; what a lag of LAG_TIME moves the steering by there. */
 typedef struct passage { inputs from, to; tse_real later, later_to; } passage;
 
-/* One step of h seconds: x moves, with the stiffness deviations w; t: what it does to small changes, at its middle. */
+/* Whether eps stands for an input that is not known, and not for the spread of a stiffness: then E is not G. */
+static int has_unknown_input(const tse_hypothesis *h) { return h->fault > FAULT_NONE && h->fault < FAULT_MEASURED; }
+
+/* One step of h seconds: x moves, with the stiffness deviations w; t: what it does to small changes, at its middle; E where it is
+ * not G. */
 static void step(const tse_params *p, tse_hypothesis *hyp, const tse_real w[3], passage u, tse_real h, transition *t)
 {
   tse_real middle[6], hJ[3][3], S[3][3], B[3][3];
@@ -75,27 +86,30 @@ static void step(const tse_params *p, tse_hypothesis *hyp, const tse_real w[3], 
   const tse_real later = r_mul(TSE_R(0.5), u.later + u.later_to), front = r_mul(later, s.dfront[BY_STEER]);
   const tse_real by[3] = { r_mul(later, s.dx[BY_STEER]), front, r_mul(p->jf, front) };
   for (int i = 0; i < 3; i++) t->L[i] = r_mul(S[i][0], by[0]) + r_mul(S[i][1], by[1]) + r_mul(S[i][2], by[2]);
+  if (!has_unknown_input(hyp)) return;
   for (int i = 0; i < 3; i++)
     if (unknown_in_place_of(hyp, i) >= 0) acceleration_column(p, &s, unknown_in_place_of(hyp, i), B, i);
-  if (hyp->fault > FAULT_NONE && hyp->fault < FAULT_MEASURED) multiply(S, B, t->E);
-  else memcpy(t->E, t->G, sizeof t->E);
+  multiply(S, B, t->E);
 }
 
-static void chain(transition *all, transition *next)
+static void chain(transition *all, transition *next, int with_E)
 {
-  transition r;
-  multiply(next->F, all->F, r.F);
-  multiply(next->F, all->G, r.G);
-  multiply(next->F, all->E, r.E);
+  tse_real F[3][3], G[3][3], E[3][3], L[3];
   for (int i = 0; i < 3; i++) {
-    const tse_real *const F = next->F[i];
-    r.L[i] = next->L[i] + r_mul(F[0], all->L[0]) + r_mul(F[1], all->L[1]) + r_mul(F[2], all->L[2]);
+    const tse_real *const f = next->F[i];
+    L[i] = next->L[i] + r_mul(f[0], all->L[0]) + r_mul(f[1], all->L[1]) + r_mul(f[2], all->L[2]);
+  }
+  multiply(next->F, all->F, F);
+  multiply(next->F, all->G, G);
+  if (with_E) multiply(next->F, all->E, E);
+  for (int i = 0; i < 3; i++) {
+    all->L[i] = L[i];
     for (int j = 0; j < 3; j++) {
-      r.G[i][j] += next->G[i][j];
-      r.E[i][j] += next->E[i][j];
+      all->F[i][j] = F[i][j];
+      all->G[i][j] = G[i][j] + next->G[i][j];
+      if (with_E) all->E[i][j] = E[i][j] + next->E[i][j];
     }
   }
-  *all = r;
 }
 
 /* The mean through the row, with this row's eps as its sample has it, and what the row does to small changes. */
@@ -117,12 +131,12 @@ static void advance(const tse_params *p, tse_hypothesis *h, passage u, tse_real 
     transition next;
     part.to = vehicle_between(first, last, i, steps);
     part.later_to = part.later + grows;
-    step(p, h, w, part, length, &next);
-    if (i == 1) *all = next;
-    else chain(all, &next);
+    step(p, h, w, part, length, i == 1 ? all : &next);
+    if (i > 1) chain(all, &next, has_unknown_input(h));
     part.from = part.to;
     part.later = part.later_to;
   }
+  if (!has_unknown_input(h)) memcpy(all->E, all->G, sizeof all->E);
 }
 
 /* P through the row: states move with states, stiffness, eps and lag; eps, which is that of this row alone, then goes. */
