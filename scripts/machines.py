@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import csv
 import importlib.util
-import os
 import re
 import shutil
 import subprocess
@@ -79,18 +78,19 @@ class Machine:
     run: tuple[str, ...] = ()
     board: Board | None = None
     only: tuple[str, ...] = ()
+    leaves: tuple[str, ...] = ()  # formats that are not asked of it
     port: str = "host.c"
     link: tuple[str, ...] = ("-lm",)
     refused: bool = False  # it is an error to compile with these flags, and has to be one
     known: tuple[str, ...] = FLAGS
-    note: str = ""
+    short: tuple[str, ...] = ()  # formats for which the short run takes it, too: different in byte order, width, compiler
 
     def missing(self) -> str:
         """Why it cannot be had here; empty: it can."""
         for program in (self.cc[0], *self.run[:1]):
             if not shutil.which(program):
                 return f"{program} is not installed"
-        if self.cc[1:2] == ("-m", "ziglang")[:1] and importlib.util.find_spec("ziglang") is None:
+        if "ziglang" in self.cc and importlib.util.find_spec("ziglang") is None:
             return "ziglang is not installed (scripts/setup.sh platforms)"
         if "-mavx2" in self.flags and not re.search(r"^flags.* avx2 ", Path("/proc/cpuinfo").read_text(), re.M):
             return "this processor has no AVX2"
@@ -99,8 +99,14 @@ class Machine:
     def version(self) -> str:
         return version_of(self.cc)
 
+    def compiler(self) -> str:
+        return "zig cc" if "ziglang" in self.cc else self.cc[0]
+
     def emulator(self) -> str:
-        return version_of(self.run[:1]) if self.run else "this machine"
+        if not self.run:
+            return "-"
+        board = f" {self.board.machine}" if self.board else ""
+        return f"{self.run[0]} {version_of(self.run[:1])}{board}"
 
 
 @cache
@@ -111,16 +117,20 @@ def version_of(command: tuple[str, ...]) -> str:
     return number[0] if number else "?"
 
 
-def cortex(name: str, board: Board, cpu: str, *fpu: str) -> Machine:
+def cortex(name: str, board: Board, cpu: str, *fpu: str, short: tuple[str, ...] = ()) -> Machine:
     qemu = ("qemu-system-arm", "-M", board.machine, "-display", "none", "-monitor", "none", "-serial", "none",
             "-semihosting-config", "enable=on,target=native")  # fmt: skip
     flags = (f"-mcpu={cpu}", "-mthumb", *(fpu or ("-mfloat-abi=soft",)), "-ffunction-sections", "-fdata-sections", "-O2")
     link = ("-nostartfiles", "-Wl,--gc-sections", "--specs=nosys.specs", "-lm", "-Wl,--no-warn-rwx-segments")
-    return Machine(name, ("arm-none-eabi-gcc",), flags, qemu, board, port="cortex_m.c", link=link)
+    leaves = ("double",) if "-mfpu=fpv4-sp-d16" in fpu or "-mfpu=fpv5-sp-d16" in fpu else ()  # by software, which is the M3's
+    return Machine(name, ("arm-none-eabi-gcc",), flags, qemu, board, leaves=leaves, port="cortex_m.c", link=link, short=short)
 
 
-def user(name: str, triple: str, qemu: str, *flags: str, only: tuple[str, ...] = (), refused: bool = False) -> Machine:
-    return Machine(name, (f"{triple}-gcc",), ("-O2", *flags), (qemu,), only=only, link=("-lm", "-static"), refused=refused)
+def user(
+    name: str, triple: str, qemu: str, *flags: str, only: tuple[str, ...] = (), refused: bool = False, short: tuple[str, ...] = ()
+) -> Machine:
+    compiler, link = (f"{triple}-gcc",), ("-lm", "-static")
+    return Machine(name, compiler, ("-O2", *flags), (qemu,), only=only, link=link, refused=refused, short=short)
 
 
 def zig(name: str, target: str, qemu: str, *flags: str) -> Machine:
@@ -135,18 +145,18 @@ def machines() -> list[Machine]:
         for flags in (("-O0",), ("-O2",), ("-O3",), ("-O3", "-mavx2", "-mfma"), ("-Os",))
     ]
     wasm = ("-O2", "-nostdlib", f"-I{HERE / 'wasm'}", "-fno-builtin-memset", "-fno-builtin-memcpy")
-    wasm_link = ("-Wl,--no-entry", "-Wl,--export-memory")
+    wasm_link = ("-Wl,--no-entry",)
     return [
         *native,
         Machine("x86-64, denormals flushed", ("gcc",), ("-O2", "-DFLUSH_DENORMALS")),
         Machine("x86-64", ("tcc",), (), known=()),
         user("i686, SSE2", "i686-linux-gnu", "qemu-i386", "-msse2", "-mfpmath=sse"),
         user("i686, x87", "i686-linux-gnu", "qemu-i386", "-mno-sse", only=("double", "float"), refused=True),
-        user("aarch64", "aarch64-linux-gnu", "qemu-aarch64"),
+        user("aarch64", "aarch64-linux-gnu", "qemu-aarch64", short=("double",)),
         user("armhf", "arm-linux-gnueabihf", "qemu-arm"),
         user("riscv64", "riscv64-linux-gnu", "qemu-riscv64"),
-        user("s390x, big-endian", "s390x-linux-gnu", "qemu-s390x", "-fexcess-precision=fast"),
-        user("s390x, big-endian", "s390x-linux-gnu", "qemu-s390x", only=("float",), refused=True),
+        user("s390x, big-endian", "s390x-linux-gnu", "qemu-s390x", "-fexcess-precision=fast", short=("float",)),
+        user("s390x, big-endian", "s390x-linux-gnu", "qemu-s390x", only=("float",), refused=True, short=("float",)),
         user("ppc64, big-endian", "powerpc64-linux-gnu", "qemu-ppc64"),
         zig("ppc64le", "powerpc64le-linux-musl", "qemu-ppc64le"),
         user("mips, big-endian", "mips-linux-gnu", "qemu-mips"),
@@ -154,12 +164,13 @@ def machines() -> list[Machine]:
         cortex("Cortex-M0", M0, "cortex-m0"),
         cortex("Cortex-M0's code on an M3", M3, "cortex-m0"),
         cortex("Cortex-M3", M3, "cortex-m3"),
-        cortex("Cortex-M4F", M4, "cortex-m4", "-mfpu=fpv4-sp-d16", "-mfloat-abi=hard"),
+        cortex("Cortex-M4F", M4, "cortex-m4", "-mfpu=fpv4-sp-d16", "-mfloat-abi=hard", short=("float",)),
         cortex("Cortex-M7", M7, "cortex-m7", "-mfpu=fpv5-d16", "-mfloat-abi=hard"),
         cortex("Cortex-M33", M33, "cortex-m33", "-mfpu=fpv5-sp-d16", "-mfloat-abi=hard"),
-        Machine("WebAssembly", ("clang", "--target=wasm32"), wasm, ("node", str(HERE / "wasm.js")), port="wasm.c", link=wasm_link),
+        Machine("WebAssembly", ("clang", "--target=wasm32"), wasm, ("node", str(HERE / "wasm.js")), port="wasm.c", link=wasm_link,
+                short=("double",)),
         Machine("WebAssembly", (sys.executable, "-m", "ziglang", "cc", "-target", "wasm32-freestanding"), wasm,
-                ("node", str(HERE / "wasm.js")), port="wasm.c", link=wasm_link),
+                ("node", str(HERE / "wasm.js")), port="wasm.c", link=(*wasm_link, "-Wl,--export-memory")),
     ]  # fmt: skip
 
 
@@ -210,7 +221,8 @@ def call(command: list[str], timeout: float = LONGEST) -> str:
 
 def layout(board: Board, folder: Path, stack: int) -> Path:
     text = (HERE / "cortex_m.ld").read_text()
-    sizes = {"FLASH": board.flash, "FLASH_BYTES": board.flash_bytes, "RAM": board.ram, "RAM_BYTES": board.ram_bytes, "STACK_BYTES": stack}
+    sizes = {"FLASH": board.flash, "FLASH_BYTES": board.flash_bytes, "RAM": board.ram, "RAM_BYTES": board.ram_bytes}
+    sizes["STACK_BYTES"] = stack
     for name, value in sizes.items():
         text = text.replace(f"@{name}@", str(value))
     path = folder / "board.ld"
@@ -241,7 +253,3 @@ def run(machine: Machine, program: Path, *options: str) -> str:
     return call([*machine.run, str(program)])
 
 
-def jobs_low() -> None:
-    """Long runs give way to whoever works on this machine."""
-    if hasattr(os, "nice"):
-        os.nice(10)

@@ -1,9 +1,19 @@
 /* tests/embedded/budgets.c - instructions that every row of the recorded drive takes, and those of rows which no drive has: the longest
  * that are accepted. And stack. On a port that counts: cortex_m.c.
  *
- *   HYPOTHESES   in use; else as the settings come */
+ *   HYPOTHESES   in use; else as the settings come
+ *   ROWS         of the drive; else all */
+#include <string.h>
+
 #include "drive.h"
 #include "port.h"
+
+#if !defined(ROWS)
+#define ROWS DRIVE_ROWS
+#endif
+enum { ROWS_LATE = 600 };
+
+#define TSE_SETTING(x) ((tse_setting)(x))
 
 static tse_filter filter;
 static tse_params params;
@@ -35,8 +45,10 @@ static int step(const tse_input *u, tally *t)
   const tse_status status = tse_step(&params, &filter, u, &y);
   const uint32_t took = since(start);
   if (status < 0) {
-    port_say("refused: ");
+    say_number("row ", t->rows);
+    port_say(" is refused: ");
     port_say(tse_status_text(status));
+    port_say("\n");
     return 1;
   }
   if (took > t->longest) {
@@ -64,39 +76,106 @@ static void say_tally(const char *name, const tally *t)
   port_say("\n");
 }
 
-static int start_over(void)
+static int start_over(int is_late)
 {
   tse_config c;
   tse_config_default(&c);
 #if defined(HYPOTHESES)
   c.hypotheses = HYPOTHESES;
 #endif
+  if (is_late) {
+    c.steer_angle_latency = TSE_SETTING(0.02);
+    c.accel_x_latency = TSE_SETTING(0.015);
+  }
   return tse_prepare(&c, &params, NULL) < 0 || tse_reset(&params, &filter, sizeof filter) < 0;
+}
+
+/* ---- rows that the recorded drive has not */
+
+static uint32_t state = 1;
+
+/* -n .. n, evenly: Numerical Recipes' generator */
+static int32_t noise(int32_t n)
+{
+  state = state * 1664525u + 1013904223u;
+  return (int32_t)(state >> 16) % (2 * n + 1) - n;
+}
+
+static tse_real thousandths(int32_t n) { return (tse_real)(n * TSE_R(0.001)); }
+
+enum { LONG, SLOW, ABSURD, BREAKS, MISSING, KINDS };
+static const char *const kind_names[KINDS] = { "long", "slow", "absurd", "breaks", "missing" };
+enum { OF_EACH = 250 };
+
+/* Walking pace or town, 0.1 s or 0.01 s to a row; what the sensors say fits, but for what the kind of row is about. */
+static void odd_row(int kind, int k, tse_input *u)
+{
+  const int32_t speed = kind == SLOW || (kind == LONG && k % 100 < 50) ? 2200 : 9000;        /* mm/s */
+  const int32_t steer = k % 40 < 20 ? 60 : -60, ms = kind == LONG || kind == ABSURD ? 100 : 10;
+  memset(u, 0, sizeof *u);
+  u->dt = thousandths(ms);
+  u->steer_angle = thousandths(steer);
+  u->wheel_speed_front = thousandths(speed / 300 * 1000 + noise(90));
+  u->wheel_speed_rear = thousandths(speed / 300 * 1000 + noise(90));
+  u->accel_x = thousandths(noise(200));
+  u->accel_y = thousandths(speed / 1000 * (speed / 1000) * steer / 3 + noise(200));
+  u->yaw_rate = thousandths(speed * steer / 3000 + noise(5));
+  if (kind == ABSURD) {
+    if (k % 30 > 20) u->steer_angle = thousandths(250);                                   /* faults that leave an input unknown */
+    if (k % 50 > 40) u->wheel_speed_front = thousandths(90000);
+    if (k % 70 > 60) u->accel_y = thousandths(noise(30000));
+  }
+  if (kind == BREAKS) u->dt = k % 9 == 0 ? TSE_R(100) : k % 5 == 0 ? TSE_R(0.11) : thousandths(100);
+  if (kind == MISSING) u->missing = (uint32_t)(noise(31) + 31) & 63u;
+}
+
+static int odd_rows(void)
+{
+  tse_input u;
+  for (int kind = 0; kind < KINDS; kind++) {
+    tally t = { 0, 0, 0, 0, 0 };
+    for (int k = 0; k < OF_EACH; k++) {
+      odd_row(kind, k, &u);
+      if (step(&u, &t)) return 1;
+    }
+    say_tally(kind_names[kind], &t);
+  }
+  return 0;
+}
+
+/* From .. to of the recorded drive. */
+static int rows_of_drive(const char *name, int from, int to)
+{
+  tally t = { 0, 0, 0, 0, 0 };
+  for (int i = from; i < to; i++) {
+    tse_input u;
+    drive_at(i, &u);
+    if (step(&u, &t)) return 1;
+  }
+  say_tally(name, &t);
+  return 0;
+}
+
+static void say_bytes(const char *what, size_t bytes)
+{
+  port_say("bytes ");
+  say_number(what, (uint32_t)bytes);
+  port_say("\n");
 }
 
 int program(void)
 {
-  tse_input u;
-  tally drive = { 0, 0, 0, 0, 0 };
   calibrate();
   say_number("calibration ", calibration);
-  say_number("\nbytes filter ", sizeof filter);
-  say_number("\nbytes params ", sizeof params);
-  say_number("\nbytes output ", sizeof(tse_output));
   port_say("\n");
+  say_bytes("filter ", sizeof(tse_filter));
+  say_bytes("params ", sizeof(tse_params));
   (void)port_stack();
-  if (start_over()) {
-    port_say("refused: the settings\n");
-    return 1;
-  }
-  say_number("stack prepare ", port_stack());
-  port_say("\n");
-  for (int i = 0; i < DRIVE_ROWS; i++) {
-    drive_at(i, &u);
-    if (step(&u, &drive)) return 1;
-  }
-  say_number("stack step ", port_stack());
-  port_say("\n");
-  say_tally("drive", &drive);
-  return 0;
+  int failed = start_over(0);
+  say_bytes("stack_prepare ", port_stack());
+  failed = failed || rows_of_drive("drive", 0, ROWS) || odd_rows();
+  say_bytes("stack_step ", port_stack());
+  failed = failed || start_over(1) || rows_of_drive("late", 0, ROWS_LATE < ROWS ? ROWS_LATE : ROWS);
+  if (failed) port_say("failed: settings or rows are refused\n");
+  return failed;
 }

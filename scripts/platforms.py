@@ -1,0 +1,151 @@
+#!/usr/bin/env python3
+"""The same bits everywhere: the recorded drive on every machine and with every compiler that is installed, in every number format.
+
+    python3 scripts/platforms.py              all; writes scripts/results/platforms.md
+    python3 scripts/platforms.py --short      those that differ most, half a minute: in the tests
+    python3 scripts/platforms.py --only TEXT  those with this in their name; prints, writes nothing
+
+A machine agrees when the hash of every bit of every output of every row is that of tests/replay/golden_<format>.csv: of the default
+form everywhere, and of the forms with particles, in each way of resampling, where nothing is emulated. Fails when one does not, and
+when a build that would lose bits compiles. Tools: `scripts/setup.sh machines` says which are missing.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+import sys
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import machines as m
+
+RESULTS = m.ROOT / "scripts" / "results" / "platforms.md"
+SAME, REFUSED = "yes", "refused, as it must be"
+HEAD = """\
+<!-- Written by `python3 scripts/platforms.py`. -->
+
+Does the recorded drive (tests/replay, {rows} rows) have the same bits? Hash of every bit of every output of every row against the
+golden one, by machine, compiler and number format. All with `-std=c99 {flags}`, of the two
+files of `scripts/amalgamate.py` without effects. Nothing emulated: default, sampled and paper's form with all ways of resampling;
+emulated: the default form. -: not asked of it.
+
+"""
+
+
+@dataclass
+class Result:
+    machine: m.Machine
+    real: str
+    says: str
+    seconds: float = 0
+
+    @property
+    def is_fine(self) -> bool:
+        return self.says in (SAME, REFUSED) or self.says.startswith("skipped")
+
+
+def capacities(machine: m.Machine) -> list[str]:
+    """Options of the library: a microcontroller holds the default form and the fewest rows for channels that are logged late."""
+    if machine.board:
+        return ["-DTSE_NO_EFFECTS", "-DTSE_MAX_PARTICLES=16", "-DTSE_LATENCY_ROWS=8"]
+    return ["-DTSE_NO_EFFECTS"] if machine.run else ["-DTSE_NO_EFFECTS", "-DALL_FORMS"]
+
+
+def reason(text: str) -> str:
+    """One line of what a compiler or a program said."""
+    overflow = re.search(r"region `(\w+)' overflowed by (\d+) bytes", text)
+    if overflow:
+        return f"skipped: {int(overflow[2]):,} B more than its {overflow[1]}"
+    if "no room for the stack" in text:
+        return "skipped: no RAM left for the stack"
+    lines = [x for x in text.splitlines() if "error" in x or "refused" in x or "fault" in x] or text.splitlines()
+    return lines[0][:200] if lines else "it says nothing"
+
+
+def replay(work: m.Work, machine: m.Machine, real: str) -> str:
+    if why := machine.missing():
+        return f"skipped: {why}"
+    name = "-".join((machine.name, machine.compiler(), *machine.flags))
+    try:
+        program = m.build(work, machine, real, "replay.c", name, *capacities(machine))
+    except m.Failed as error:
+        if machine.refused and "#error" in str(error):
+            return REFUSED
+        return reason(str(error))
+    if machine.refused:
+        return "it compiles, and loses bits"
+    try:
+        text = m.run(machine, program)
+    except m.Failed as error:
+        return f"no: {reason(str(error))}"
+    found = {form: hash_ for hash_, form in re.findall(r"^hash (\w+) (.+)$", text, re.M)}
+    expected = m.golden(real)
+    if "default, scheme 0" not in found:
+        return f"no: {reason(text)}"
+    wrong = [form for form, hash_ in found.items() if expected.get(form) != hash_]
+    return f"no: other bits of {', '.join(wrong)}" if wrong else SAME
+
+
+def all_of(work: m.Work, only: str, short: bool) -> list[Result]:
+    out = []
+    for real in m.formats():
+        for machine in m.machines():
+            asked = real not in machine.leaves and (not machine.only or real in machine.only) and only in machine.name
+            if not asked or (short and real not in machine.short):
+                continue
+            start = time.monotonic()
+            says = replay(work, machine, real) if m.is_finished(real) else "skipped: this format has no golden estimates"
+            out.append(Result(machine, real, says, time.monotonic() - start))
+            flags = " ".join(shown(machine))
+            print(f"{machine.name:28s} {machine.compiler():24s} {flags:42s} {real:6s} {says} ({out[-1].seconds:.0f} s)", flush=True)
+    return out
+
+
+def shown(machine: m.Machine) -> list[str]:
+    """The flags that matter to a reader."""
+    return [f for f in machine.flags if not f.startswith(("-I", "-ffunction", "-fdata", "-fno-builtin", "-D", "-nostd", "-mthumb"))]
+
+
+def table(results: list[Result]) -> str:
+    finished = [real for real in m.formats() if m.is_finished(real)]
+    rows: dict[tuple[str, ...], dict[str, str]] = {}
+    for r in results:
+        x = r.machine
+        version = f"{x.compiler()} {x.version()}" if not x.missing() else x.compiler()
+        key = (x.name, version, f"`{' '.join(shown(x)) or '-'}`", x.emulator() if not x.missing() else "-")
+        rows.setdefault(key, {})[r.real] = r.says
+    lines = [f"| machine | compiler | flags | run by | {' | '.join(finished)} |", f"|---|---|---|---|{'---|' * len(finished)}"]
+    lines += [f"| {' | '.join(key)} | {' | '.join(of.get(real, '-') for real in finished)} |" for key, of in rows.items()]
+    asked = [r for r in results if m.is_finished(r.real) and not r.says.startswith("skipped")]
+    same, ran, refused = (sum(x) for x in zip(*((r.says == SAME, not r.machine.refused, r.says == REFUSED) for r in asked), strict=True))
+    lines += ["", f"{same} of {ran} builds that ran have the same bits; {refused} that would lose some do not compile."]
+    unfinished = [real for real in m.formats() if not m.is_finished(real)]
+    if unfinished:
+        lines += ["", f"Without golden estimates, hence not run: {', '.join(unfinished)}."]
+    return "\n".join(lines) + "\n"
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--short", action="store_true", help="the machines that differ most, in the format that each is for")
+    parser.add_argument("--only", default="", metavar="TEXT", help="machines with this in their name; no table is written")
+    args = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        work = m.Work(Path(folder))
+        results = all_of(work, args.only, args.short)
+        rows = m.rows().count("\n")
+    text = HEAD.format(rows=rows, flags=" ".join(m.FLAGS)) + table(results)
+    if not args.short and not args.only:
+        RESULTS.write_text(text)
+        print(f"written: {RESULTS.relative_to(m.ROOT)}")
+    wrong = [r for r in results if not r.is_fine]
+    for r in wrong:
+        print(f"FAILED: {r.machine.name}, {r.machine.compiler()}, {' '.join(r.machine.flags)}, {r.real}: {r.says}")
+    return 1 if wrong else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
