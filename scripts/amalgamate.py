@@ -239,6 +239,8 @@ class Amalgamation:
                 whole += "".join(f"#undef {macro}\n" for macro in defined_macros(own))
             if name in self.sources.with_effects:
                 whole = f"\n#if !defined(TSE_NO_EFFECTS)\n{whole}\n#endif /* TSE_NO_EFFECTS */\n"
+            if name == "host/describe.c":  # in one file with the rest no linker can drop its texts
+                whole = f"\n#if !defined(TSE_NO_DESCRIBE)\n{whole}\n#endif /* TSE_NO_DESCRIBE */\n"
             text += whole
         return self.about("tse.c", "") + PROLOGUE + text
 
@@ -310,6 +312,7 @@ HOW_TO_USE = """\
  *   TSE_REAL_DOUBLE (default), TSE_REAL_FLOAT, TSE_REAL_Q20   number format; names of another format do not link
  *   TSE_MAX_PARTICLES=512, TSE_LATENCY_ROWS=32                capacities
  *   TSE_NO_EFFECTS                                            without effects beyond the plain model, simulator and replay
+ *   TSE_NO_DESCRIBE                                           without tse_describe(): names, units and texts, 36 kB of flash
  *   TSE_FORMULA                                               tse.c includes tse_formula.h, which `tselab formula` writes
  * Not with -ffast-math: what is missing is NaN.
 """

@@ -4,15 +4,19 @@
     python3 scripts/platforms.py              all; writes scripts/results/platforms.md
     python3 scripts/platforms.py --short      those that differ most, half a minute: in the tests
     python3 scripts/platforms.py --only TEXT  those with this in their name; prints, writes nothing
+    python3 scripts/platforms.py --again      also what was run before with the same sources, compiler and flags
 
 A machine agrees when the hash of every bit of every output of every row is that of tests/replay/golden_<format>.csv: of the default
 form everywhere, and of the forms with particles, in each way of resampling, where nothing is emulated. Fails when one does not, and
-when a build that would lose bits compiles. Tools: `scripts/setup.sh machines` says which are missing.
+when a build that would lose bits compiles. Tools: `scripts/setup.sh machines` says which are missing. What has run is kept in
+build/platforms.json: a run that was interrupted goes on.
 """
 
 from __future__ import annotations
 
 import argparse
+import hashlib
+import json
 import re
 import sys
 import tempfile
@@ -23,6 +27,7 @@ from pathlib import Path
 import machines as m
 
 RESULTS = m.ROOT / "scripts" / "results" / "platforms.md"
+KEPT = m.ROOT / "build" / "platforms.json"
 SAME, REFUSED = "yes", "refused, as it must be"
 HEAD = """\
 <!-- Written by `python3 scripts/platforms.py`. -->
@@ -66,8 +71,6 @@ def reason(text: str) -> str:
 
 
 def replay(work: m.Work, machine: m.Machine, real: str) -> str:
-    if why := machine.missing():
-        return f"skipped: {why}"
     name = "-".join((machine.name, machine.compiler(), *machine.flags))
     try:
         program = m.build(work, machine, real, "replay.c", name, *capacities(machine))
@@ -89,15 +92,32 @@ def replay(work: m.Work, machine: m.Machine, real: str) -> str:
     return f"no: other bits of {', '.join(wrong)}" if wrong else SAME
 
 
-def all_of(work: m.Work, only: str, short: bool) -> list[Result]:
+def name_of(work: m.Work, machine: m.Machine, real: str) -> str:
+    """Of all that decides a result: sources, drive, golden hashes, compiler, flags."""
+    files = [work.sources() / "tse.c", work.sources() / "tse.h", work.sources() / "rows.h", m.HERE / "replay.c", m.HERE / machine.port]
+    files += [m.HERE / "drive.h", m.HERE / "port.h", m.ROOT / "tests" / "replay" / "replay_hash.h", m.golden_file(real)]
+    told = repr((machine, real, machine.version(), machine.emulator(), capacities(machine))).replace(str(m.ROOT), "")
+    return hashlib.sha256(b"".join(f.read_bytes() for f in files) + told.encode()).hexdigest()
+
+
+def all_of(work: m.Work, only: str, short: bool, again: bool) -> list[Result]:
     out = []
+    kept: dict[str, str] = json.loads(KEPT.read_text()) if KEPT.exists() and not again else {}
     for real in m.formats():
         for machine in m.machines():
             asked = real not in machine.leaves and (not machine.only or real in machine.only) and only in machine.name
             if not asked or (short and real not in machine.short):
                 continue
             start = time.monotonic()
-            says = replay(work, machine, real) if m.is_finished(real) else "skipped: this format has no golden estimates"
+            if not m.is_finished(real):
+                says = "skipped: this format has no golden estimates"
+            elif why := machine.missing():
+                says = f"skipped: {why}"
+            else:
+                name = name_of(work, machine, real)
+                says = kept[name] = kept.get(name) or replay(work, machine, real)
+                KEPT.parent.mkdir(exist_ok=True)
+                KEPT.write_text(json.dumps(kept))
             out.append(Result(machine, real, says, time.monotonic() - start))
             flags = " ".join(shown(machine))
             print(f"{machine.name:28s} {machine.compiler():24s} {flags:42s} {real:6s} {says} ({out[-1].seconds:.0f} s)", flush=True)
@@ -120,7 +140,8 @@ def table(results: list[Result]) -> str:
     lines = [f"| machine | compiler | flags | run by | {' | '.join(finished)} |", f"|---|---|---|---|{'---|' * len(finished)}"]
     lines += [f"| {' | '.join(key)} | {' | '.join(of.get(real, '-') for real in finished)} |" for key, of in rows.items()]
     asked = [r for r in results if m.is_finished(r.real) and not r.says.startswith("skipped")]
-    same, ran, refused = (sum(x) for x in zip(*((r.says == SAME, not r.machine.refused, r.says == REFUSED) for r in asked), strict=True))
+    same, ran = sum(r.says == SAME for r in asked), sum(not r.machine.refused for r in asked)
+    refused = sum(r.says == REFUSED for r in asked)
     lines += ["", f"{same} of {ran} builds that ran have the same bits; {refused} that would lose some do not compile."]
     unfinished = [real for real in m.formats() if not m.is_finished(real)]
     if unfinished:
@@ -132,10 +153,11 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--short", action="store_true", help="the machines that differ most, in the format that each is for")
     parser.add_argument("--only", default="", metavar="TEXT", help="machines with this in their name; no table is written")
+    parser.add_argument("--again", action="store_true", help="also what was run before")
     args = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         work = m.Work(Path(folder))
-        results = all_of(work, args.only, args.short)
+        results = all_of(work, args.only, args.short, args.again or args.short)
         rows = m.rows().count("\n")
     text = HEAD.format(rows=rows, flags=" ".join(m.FLAGS)) + table(results)
     if not args.short and not args.only:

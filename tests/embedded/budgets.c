@@ -13,7 +13,9 @@
 #endif
 enum { ROWS_LATE = 600 };
 
-#define TSE_SETTING(x) ((tse_setting)(x))
+#if !defined(TSE_S)
+#define TSE_S(x) ((tse_setting)(x))
+#endif
 
 static tse_filter filter;
 static tse_params params;
@@ -84,8 +86,8 @@ static int start_over(int is_late)
   c.hypotheses = HYPOTHESES;
 #endif
   if (is_late) {
-    c.steer_angle_latency = TSE_SETTING(0.02);
-    c.accel_x_latency = TSE_SETTING(0.015);
+    c.steer_angle_latency = TSE_S(0.02);
+    c.accel_x_latency = TSE_S(0.015);
   }
   return tse_prepare(&c, &params, NULL) < 0 || tse_reset(&params, &filter, sizeof filter) < 0;
 }

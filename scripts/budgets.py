@@ -1,0 +1,226 @@
+#!/usr/bin/env python3
+"""What a row costs on microcontrollers: instructions, flash, RAM and stack, against the limits of tests/budgets.toml.
+
+    python3 scripts/budgets.py                     all; writes scripts/results/budgets.md; fails where a limit is passed
+    python3 scripts/budgets.py --short             the targets that are marked so: in the tests
+    python3 scripts/budgets.py --profile FROM TO   instructions by function over these rows of the drive, of the first target
+
+Instructions are those that qemu executes: with -icount shift=6 each takes 64 ns of the machine's time, which SysTick counts; a loop
+of a known length checks it in every run. So they are the same in each run and on each host. They are no clock cycles.
+"""
+
+from __future__ import annotations
+
+import argparse
+import bisect
+import collections
+import re
+import sys
+import tempfile
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import machines as m
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+LIMITS = m.ROOT / "tests" / "budgets.toml"
+RESULTS = m.ROOT / "scripts" / "results" / "budgets.md"
+OPTIONS = ("-DTSE_NO_EFFECTS", "-DTSE_NO_DESCRIBE", "-DTSE_MAX_PARTICLES=16", "-DTSE_LATENCY_ROWS=8")
+QUANTITIES = ("mean", "longest", "ratio", "text", "ram", "stack")
+COUNTED = ("-icount", "shift=6")
+CALIBRATION = 200_000  # instructions of the loop, and some to come and go
+EXTERNAL = 64  # bytes of stack of a function of libc or libgcc, of which the compiler does not say: memcpy, sqrt take less
+
+
+@dataclass
+class Measured:
+    name: str
+    limits: dict[str, dict[str, float]]
+    skipped: str = ""
+    values: dict[str, float] = field(default_factory=dict)
+    tallies: dict[str, tuple[int, int, int]] = field(default_factory=dict)  # rows, mean, longest
+    stacks: dict[str, int] = field(default_factory=dict)
+
+    def passed(self) -> list[str]:
+        """The limits that are passed, in words."""
+        over = [q for q in QUANTITIES if q in self.values and q in self.limits and self.values[q] > self.limits[q]["limit"]]
+        return [f"{self.name}: {q} {shown(self.values[q])}, the limit is {shown(self.limits[q]['limit'])}" for q in over]
+
+
+def shown(x: float) -> str:
+    return f"{x:.2f}" if x < 100 else f"{x:,.0f}"
+
+
+# ---- measuring
+
+
+def measure(work: m.Work, target: dict[str, Any]) -> Measured:
+    out = Measured(target["name"], {q: target[q] for q in QUANTITIES if q in target})
+    machine = next(x for x in m.machines() if x.name == target["machine"])
+    if target["real"] not in m.formats():
+        out.skipped = f"there is no format {target['real']} in this checkout"
+    elif why := machine.missing():
+        out.skipped = why
+    if out.skipped:
+        return out
+    flags = [f"-D{name}={value}" for name, value in target.get("define", {}).items()]
+    folder = f"budgets-{target['name']}"
+    try:
+        program = m.build(work, machine, target["real"], "budgets.c", folder, *OPTIONS, *flags, "-fcallgraph-info=su", stack=3072)
+        text = m.run(machine, program, *COUNTED)
+        small = replace(machine, flags=tuple("-Os" if f == "-O2" else f for f in machine.flags))
+        smallest = m.build(work, small, target["real"], "smallest.c", f"{folder}-Os", *OPTIONS, stack=3072)
+    except m.Failed as error:
+        raise SystemExit(f"{target['name']}: {error}") from error
+    calibration = number(text, "calibration")
+    if not 0 <= calibration - CALIBRATION < 10:
+        raise SystemExit(f"{target['name']}: a loop of {CALIBRATION} instructions is counted as {calibration}")
+    for name, rows, mean, longest in re.findall(r"^tally (\w+) rows (\d+) mean (\d+) longest (\d+)", text, re.M):
+        out.tallies[name] = int(rows), int(mean), int(longest)
+    mean, longest = out.tallies["drive"][1], max(x[2] for x in out.tallies.values())
+    out.stacks = {"written": number(text, "bytes stack_step"), "prepare": number(text, "bytes stack_prepare")}
+    out.stacks["deepest path"] = deepest(program.parent, "tse_step")
+    out.values = {
+        "mean": mean,
+        "longest": longest,
+        "ratio": longest / mean,
+        "text": flash_of(smallest),
+        "ram": number(text, "bytes filter") + number(text, "bytes params"),
+        "stack": max(out.stacks["written"], out.stacks["deepest path"]),
+    }
+    return out
+
+
+def number(text: str, name: str) -> int:
+    return int(re.search(rf"^{name} (\d+)$", text, re.M)[1])
+
+
+def flash_of(program: Path) -> int:
+    told = m.call(["arm-none-eabi-size", "-A", str(program)])
+    return sum(int(size) for size in re.findall(r"^\.(?:text|data|ARM\.exidx)\s+(\d+)", told, re.M))
+
+
+def deepest(folder: Path, name: str) -> int:
+    """Bytes of stack on the deepest path from a function, as gcc writes frames and calls to .ci files. There is no recursion, and no
+    call by pointer."""
+    frames: dict[str, int] = {}
+    calls: dict[str, set[str]] = collections.defaultdict(set)
+    for path in folder.glob("*.ci"):
+        text = path.read_text()
+        for title, size in re.findall(r'node: \{ title: "([^"]+)" label: "[^"]*?\\n(\d+) bytes \(static', text):
+            frames[title] = int(size)
+        for source, to in re.findall(r'edge: \{ sourcename: "([^"]+)" targetname: "([^"]+)"', text):
+            calls[source].add(to)
+    depth: dict[str, int] = {}
+
+    def of(title: str) -> int:
+        if title not in depth:
+            depth[title] = frames.get(title, EXTERNAL) + max((of(x) for x in calls[title]), default=0)
+        return depth[title]
+
+    start = [title for title in frames if re.fullmatch(rf"(.*:)?{name}(_\w+)?", title)]
+    if len(start) != 1:
+        raise SystemExit(f"{folder}: the compiler wrote no stack usage of {name}")
+    return of(start[0])
+
+
+# ---- where instructions go
+
+
+def profile(work: m.Work, target: dict[str, Any], from_: int, to: int) -> None:
+    machine = next(x for x in m.machines() if x.name == target["machine"])
+    program = m.build(work, machine, target["real"], "budgets.c", "profile", *OPTIONS)
+    plugin, out = work.folder / "profile.so", work.folder / "profile.txt"
+    m.call(["cc", "-O2", "-shared", "-fPIC", str(m.HERE / "profile.c"), "-o", str(plugin)])
+    symbols = [line.split() for line in m.call(["arm-none-eabi-nm", "-n", str(program)]).splitlines()]
+    functions = [(int(x[0], 16) & ~1, x[2]) for x in symbols if len(x) == 3 and x[1] in "tTwW" and x[2][0] != "$"]
+    mark = next(at for at, name in functions if re.fullmatch(r"tse_step(_\w+)?", name))
+    m.run(machine, program, *COUNTED, "-plugin", f"{plugin},mark={mark},from={from_},to={to},out={out}")
+    count: collections.Counter[str] = collections.Counter()
+    starts = [at for at, _ in functions]
+    for line in out.read_text().splitlines():
+        at, instructions, times = map(int, line.split())
+        count[functions[bisect.bisect(starts, at) - 1][1]] += instructions * times
+    rows = to - from_
+    print(f"{target['name']}, rows {from_} .. {to - 1} of the drive: {sum(count.values()) / rows:,.0f} instructions a row")
+    for name, of in count.most_common(30):
+        print(f"{name:32s} {of / rows:10,.0f} {100 * of / sum(count.values()):5.1f} %")
+
+
+# ---- the table
+
+HEAD = """\
+<!-- Written by `python3 scripts/budgets.py`. -->
+
+Cost of the default form, {compiler}: instructions of a row (-O2; mean over the recorded drive, longest of that and of rows
+which no drive has), flash at -Os without effects, RAM, stack. Limits: tests/budgets.toml. Bold: the goal is not met.
+
+"""
+KINDS = """\
+Instructions by kind of row, mean / longest: the drive; 0.1 s to a row at 2.2 m/s and 9 m/s; 2.2 m/s at 10 ms; channels that lie;
+pauses of 0.11 s and 100 s; channels missing at random; the drive with steering and accel_x logged late."""
+STACKS = "Stack below `tse_step`: written on these rows, and along the deepest path of calls; of `tse_prepare`: written."
+
+
+def table(measured: list[Measured]) -> str:
+    lines = ["| | mean | longest | longest / mean | flash [B] | RAM [B] | stack [B] |", "|---|---:|---:|---:|---:|---:|---:|"]
+    for x in measured:
+        cells = []
+        for q in QUANTITIES:
+            limit = x.limits.get(q, {})
+            goal = limit.get("goal")
+            if q not in x.values:
+                cells.append(f"- (goal {shown(goal)})" if goal else "-")
+                continue
+            bold = "**" if goal and x.values[q] > goal else ""
+            told = f"goal {shown(goal)}, limit {shown(limit['limit'])}" if goal else f"limit {shown(limit['limit'])}"
+            cells.append(f"{bold}{shown(x.values[q])}{bold} ({told})")
+        lines.append(f"| {x.name} | {' | '.join(cells)} |")
+    if skipped := [f"{x.name}: {x.skipped}" for x in measured if x.skipped]:
+        lines += ["", f"Not measured: {'; '.join(skipped)}."]
+    lines += ["", KINDS, ""]
+    kinds = ["drive", "long", "slow", "absurd", "breaks", "missing", "late"]
+    lines += [f"| | {' | '.join(kinds)} |", f"|---|{'---:|' * len(kinds)}"]
+    for x in measured:
+        if x.tallies:
+            lines.append(f"| {x.name} | {' | '.join(f'{x.tallies[k][1]:,} / {x.tallies[k][2]:,}' for k in kinds)} |")
+    lines += ["", STACKS, ""]
+    lines += ["| | written | deepest path | `tse_prepare` |", "|---|---:|---:|---:|"]
+    for x in measured:
+        if x.stacks:
+            lines.append(f"| {x.name} | {x.stacks['written']:,} | {x.stacks['deepest path']:,} | {x.stacks['prepare']:,} |")
+    return "\n".join(lines) + "\n"
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--short", action="store_true", help="the targets that the tests measure; no table is written")
+    parser.add_argument("--only", default="", metavar="TEXT", help="targets with this in their name; no table is written")
+    parser.add_argument("--profile", nargs=2, type=int, metavar=("FROM", "TO"), help="instructions by function over these rows")
+    args = parser.parse_args()
+    targets = tomllib.loads(LIMITS.read_text())["target"]
+    targets = [t for t in targets if args.only in t["name"] and (t.get("short") or not args.short)]
+    with tempfile.TemporaryDirectory() as folder:
+        work = m.Work(Path(folder))
+        if args.profile:
+            profile(work, targets[0], *args.profile)
+            return 0
+        measured = [measure(work, t) for t in targets]
+    text = HEAD.format(compiler=f"arm-none-eabi-gcc {m.version_of(('arm-none-eabi-gcc',))}") + table(measured)
+    print(text)
+    if not args.short and not args.only:
+        RESULTS.write_text(text)
+        print(f"written: {RESULTS.relative_to(m.ROOT)}")
+    passed = [line for x in measured for line in x.passed()]
+    for line in passed:
+        print(f"FAILED: {line}")
+    return 1 if passed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
