@@ -106,8 +106,8 @@ def flash_of(program: Path) -> int:
 
 
 def deepest(folder: Path, name: str) -> int:
-    """Bytes of stack on the deepest path from a function, as gcc writes frames and calls to .ci files. There is no recursion, and no
-    call by pointer."""
+    """Bytes of stack on the deepest path from a function, as gcc writes frames and calls to .ci files. There is no recursion,
+    and no call by pointer."""
     frames: dict[str, int] = {}
     calls: dict[str, set[str]] = collections.defaultdict(set)
     for path in folder.glob("*.ci"):

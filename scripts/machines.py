@@ -13,6 +13,7 @@ import re
 import shutil
 import subprocess
 import sys
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -187,6 +188,32 @@ def rows() -> str:
     return "\n".join(out) + "\n"
 
 
+def frames() -> str:
+    """The recorded drive as frames.h: what a CAN bus brings in each period of 10 ms (scripts/dropin/can/control_loop.h). A row that was
+    lost brings nothing."""
+    out, period, count = [], 0, 0
+    scales = ((0x0C1, (1, 100_000)), (0x0C2, (2, 1000), (3, 1000)), (0x0C3, (4, 1000), (5, 1000)), (0x0C4, (6, 100_000)))
+    with DRIVE.open() as file:
+        for row in csv.reader(x for x in file if x[0].isdigit()):
+            period += round(100 * float(row[0]))
+            if not any(row[1:]):
+                raise SystemExit(f"{DRIVE}: a row without any channel would be no frame")
+            for id_, *numbers in scales:
+                if not any(row[at] for at, _ in numbers):
+                    continue
+                data = [0] * 8
+                for k, (at, per) in enumerate(numbers):
+                    raw = round(per * float(row[at] or 0))
+                    if row[at] and abs(raw / per - float(row[at])) > 1e-12:
+                        raise SystemExit(f"{DRIVE}: {row[at]} is finer than the bus")
+                    data[3 * k : 3 * k + 3] = (raw & 0xFFFFFF).to_bytes(3, "little")
+                    data[6] |= (not row[at]) << k
+                count += 1
+                data[7] = count & 0xFF
+                out.append(f"FRAME({period}, {id_}, {', '.join(map(str, data))})")
+    return "\n".join(out) + "\n"
+
+
 @dataclass
 class Work:
     """A folder with what all builds share."""
@@ -201,6 +228,7 @@ class Work:
             command = [sys.executable, str(ROOT / "scripts" / "amalgamate.py"), "--out", str(folder)]
             subprocess.run(command, check=True, capture_output=True)
             (folder / "rows.h").write_text(rows())
+            (folder / "frames.h").write_text(frames())
             self.made.add("sources")
         return folder
 
@@ -230,14 +258,16 @@ def layout(board: Board, folder: Path, stack: int) -> Path:
     return path
 
 
-def build(work: Work, machine: Machine, real: str, main: str, name: str, *more: str, stack: int = 2048) -> Path:
-    """Compile and link one program.   more: further flags, such as -DTSE_NO_EFFECTS"""
+def build(
+    work: Work, machine: Machine, real: str, main: str, name: str, *more: str, stack: int = 2048, beside: Iterable[Path] = ()
+) -> Path:
+    """Compile and link one program.   more: further flags, such as -DTSE_NO_EFFECTS; beside: more files of it"""
     sources = work.sources()
     folder = work.folder / re.sub(r"[^\w]+", "-", f"{name}-{real}")
     folder.mkdir(parents=True, exist_ok=True)
     program = folder / (f"{Path(main).stem}.wasm" if machine.port == "wasm.c" else f"{Path(main).stem}.elf")
     places = [f"-I{sources}", f"-I{HERE}", f"-I{ROOT / 'tests' / 'replay'}", f"-I{ROOT / 'include'}"]
-    files = [str(sources / "tse.c"), str(HERE / main), str(HERE / machine.port)]
+    files = [str(sources / "tse.c"), str(HERE / main), str(HERE / machine.port), *(str(x) for x in beside)]
     command = [*machine.cc, "-std=c99", *machine.flags, *machine.known, f"-DTSE_REAL_{real.upper()}", *more, *places]
     link = list(machine.link)
     if machine.board:

@@ -94,7 +94,8 @@ def replay(work: m.Work, machine: m.Machine, real: str) -> str:
 
 def name_of(work: m.Work, machine: m.Machine, real: str) -> str:
     """Of all that decides a result: sources, drive, golden hashes, compiler, flags."""
-    files = [work.sources() / "tse.c", work.sources() / "tse.h", work.sources() / "rows.h", m.HERE / "replay.c", m.HERE / machine.port]
+    files = [work.sources() / name for name in ("tse.c", "tse.h", "rows.h")]
+    files += [m.HERE / "replay.c", m.HERE / machine.port]
     files += [m.HERE / "drive.h", m.HERE / "port.h", m.ROOT / "tests" / "replay" / "replay_hash.h", m.golden_file(real)]
     told = repr((machine, real, machine.version(), machine.emulator(), capacities(machine))).replace(str(m.ROOT), "")
     return hashlib.sha256(b"".join(f.read_bytes() for f in files) + told.encode()).hexdigest()

@@ -24,15 +24,30 @@ void port_say(const char *text) { semihost(SYS_WRITE0, (uint32_t)text); }
 #define SYST_CSR (*(volatile uint32_t *)0xe000e010u)
 #define SYST_RVR (*(volatile uint32_t *)0xe000e014u)
 #define SYST_CVR (*(volatile uint32_t *)0xe000e018u)
-#define SYST_FULL 0xffffffu
-#define NS_OF_INSTRUCTION 64u
+#define NS_OF_INSTRUCTION (1u << ICOUNT_SHIFT)
+#ifndef ICOUNT_SHIFT
+#define ICOUNT_SHIFT 6
+#endif
 #ifndef NS_OF_TICK /* in quarters of a nanosecond: 25 MHz are 160 */
 #define NS_OF_TICK 160u
 #endif
 
+#if defined(PERIOD_MS) /* a program that works by the clock; its period is no more than SysTick can count */
+#define SYST_FULL (PERIOD_MS * 4000000u / NS_OF_TICK - 1u)
+#else
+#define SYST_FULL 0xffffffu
+void port_period(void) {}
+#endif
+
 static volatile uint32_t wraps;
 
-static void on_systick(void) { wraps++; }
+static void on_systick(void)
+{
+  wraps++;
+  port_period();
+}
+
+uint32_t port_period_instructions(void) { return (SYST_FULL + 1u) / 4u * NS_OF_TICK / NS_OF_INSTRUCTION; }
 
 uint32_t port_instructions(void)
 {

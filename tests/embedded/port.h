@@ -13,6 +13,10 @@ uint32_t port_instructions(void);
 /* Bytes of stack that have been written since the last call, below the caller; 0 where it cannot be seen. */
 uint32_t port_stack(void);
 
+/* Only cortex_m.c with PERIOD_MS: who is called in the timer's interrupt, and how many instructions there are between two. */
+void port_period(void);
+uint32_t port_period_instructions(void);
+
 /* What the program is.   Returned: 0 when it went well */
 int program(void);
 

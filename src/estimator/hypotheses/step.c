@@ -125,11 +125,21 @@ static sample followed(const tse_params *p, const tse_filter *f, const sample *r
   return y;
 }
 
+/* As logged; 0 where missing, whatever stands there: of that nothing is known. */
+static tse_real logged(const tse_input *u, uint32_t bit, tse_real value)
+{
+  return (u->missing & bit) != 0 || r_is_nan(value) ? TSE_R(0) : value;
+}
+
 /* row: NULL, or where the parameters with this row's effects go. */
 static tse_status step_row(const tse_params *own, tse_params *row, tse_filter *f, const tse_input *u, tse_output *out)
 {
   const tse_params *const p = row ? row : own;
-  const tse_real raw[6] = { u->steer_angle, u->wheel_speed_front, u->wheel_speed_rear, u->accel_x, u->accel_y, u->yaw_rate };
+  const tse_real raw[6] = {
+#define INPUT(name, lo, hi, unit, kind, text) logged(u, TSE_MISSING(name), u->name),
+#include "tse/input.def"
+#undef INPUT
+  };
   passage w = { 0, 0, 0, 0, 0 };
   tse_output now;
   sample read, told;

@@ -81,6 +81,27 @@ static void test_every_warning_but_recovery_is_met_on_the_way(void)
   }
 }
 
+/* ... and what stands in a field whose bit says that it is missing is nothing: the value before it, as a bus leaves it. */
+static void test_a_bit_says_missing_as_well_as_nan(void)
+{
+  static tse_input told[REPLAY_ROWS_MOST];
+  tse_input last = { 0 };
+  for (int i = 0; i < row_count; i++) {
+    told[i] = rows[i];
+#define INPUT(name, lo, hi, unit, kind, text)                                            \
+  if (!(rows[i].name == rows[i].name)) {                                                 \
+    told[i].name = last.name;                                                            \
+    told[i].missing |= TSE_MISSING(name);                                                \
+  }
+#include "tse/input.def"
+#undef INPUT
+    last = told[i];
+  }
+  for (int form = 0; form < REPLAY_FORMS; form++)
+    TEST_ASSERT_EQUAL_HEX64_MESSAGE(golden_hash[form * REPLAY_SCHEMES], replay_run(told, row_count, form, 0, NULL, NULL),
+                                    replay_forms[form].name);
+}
+
 int main(void)
 {
   row_count = replay_read("replay/drive.csv", rows);
@@ -90,5 +111,6 @@ int main(void)
   RUN_TEST(test_estimates_are_the_golden_ones_in_all_printed_digits);
   RUN_TEST(test_all_outputs_have_the_golden_bits_with_every_resampling_scheme);
   RUN_TEST(test_every_warning_but_recovery_is_met_on_the_way);
+  RUN_TEST(test_a_bit_says_missing_as_well_as_nan);
   return UNITY_END();
 }
