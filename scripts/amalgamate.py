@@ -8,7 +8,8 @@
 
 The files and the order in which they stand are those of src/CMakeLists.txt. The rows of a `.def` table are put where it is
 included. What another file of the library calls, and no user, becomes static: only the public API is visible. The options of
-CMakeLists.txt are macros: TSE_REAL_FLOAT, TSE_REAL_Q20, TSE_MAX_PARTICLES, TSE_LATENCY_ROWS, TSE_NO_EFFECTS, TSE_FORMULA.
+CMakeLists.txt are macros: TSE_REAL_FLOAT, TSE_REAL_Q20, TSE_MAX_PARTICLES, TSE_LATENCY_ROWS, TSE_NO_EFFECTS, TSE_NO_PARTICLES,
+TSE_FORMULA; and TSE_NO_DESCRIBE, because in one file no linker leaves out what nobody asks for.
 The same sources and options give the same bytes. Needs Python only.
 """
 
@@ -239,6 +240,8 @@ class Amalgamation:
                 whole += "".join(f"#undef {macro}\n" for macro in defined_macros(own))
             if name in self.sources.with_effects:
                 whole = f"\n#if !defined(TSE_NO_EFFECTS)\n{whole}\n#endif /* TSE_NO_EFFECTS */\n"
+            if re.fullmatch(r"estimator/paper/.*\.c", name):
+                whole = f"\n#if !defined(TSE_NO_PARTICLES)\n{whole}\n#endif /* TSE_NO_PARTICLES */\n"
             if name == "host/describe.c":  # in one file with the rest no linker can drop its texts
                 whole = f"\n#if !defined(TSE_NO_DESCRIBE)\n{whole}\n#endif /* TSE_NO_DESCRIBE */\n"
             text += whole
@@ -312,6 +315,7 @@ HOW_TO_USE = """\
  *   TSE_REAL_DOUBLE (default), TSE_REAL_FLOAT, TSE_REAL_Q20   number format; names of another format do not link
  *   TSE_MAX_PARTICLES=512, TSE_LATENCY_ROWS=32                capacities
  *   TSE_NO_EFFECTS                                            without effects beyond the plain model, simulator and replay
+ *   TSE_NO_PARTICLES                                          without the paper's and the sampled form, 16 kB of flash
  *   TSE_NO_DESCRIBE                                           without tse_describe(): names, units and texts, 36 kB of flash
  *   TSE_FORMULA                                               tse.c includes tse_formula.h, which `tselab formula` writes
  * Not with -ffast-math: what is missing is NaN.

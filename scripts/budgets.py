@@ -14,6 +14,7 @@ from __future__ import annotations
 import argparse
 import bisect
 import collections
+import math
 import re
 import sys
 import tempfile
@@ -30,8 +31,8 @@ else:
 
 LIMITS = m.ROOT / "tests" / "budgets.toml"
 RESULTS = m.ROOT / "scripts" / "results" / "budgets.md"
-OPTIONS = ("-DTSE_NO_EFFECTS", "-DTSE_NO_DESCRIBE", "-DTSE_MAX_PARTICLES=16", "-DTSE_LATENCY_ROWS=8")
-QUANTITIES = ("mean", "longest", "ratio", "text", "ram", "stack")
+OPTIONS = ("-DTSE_NO_EFFECTS", "-DTSE_NO_PARTICLES", "-DTSE_NO_DESCRIBE", "-DTSE_MAX_PARTICLES=16", "-DTSE_LATENCY_ROWS=8")
+QUANTITIES = ("mean", "longest", "ratio", "text", "all_forms", "ram", "stack")
 COUNTED = ("-icount", "shift=6")
 CALIBRATION = 200_000  # instructions of the loop, and some to come and go
 EXTERNAL = 64  # bytes of stack of a function of libc or libgcc, of which the compiler does not say: memcpy, sqrt take less
@@ -48,7 +49,7 @@ class Measured:
 
     def passed(self) -> list[str]:
         """The limits that are passed, in words."""
-        over = [q for q in QUANTITIES if q in self.values and q in self.limits and self.values[q] > self.limits[q]["limit"]]
+        over = [q for q in QUANTITIES if self.values.get(q, 0) > self.limits.get(q, {}).get("limit", math.inf)]
         return [f"{self.name}: {q} {shown(self.values[q])}, the limit is {shown(self.limits[q]['limit'])}" for q in over]
 
 
@@ -74,7 +75,9 @@ def measure(work: m.Work, target: dict[str, Any]) -> Measured:
         program = m.build(work, machine, target["real"], "budgets.c", folder, *OPTIONS, *flags, "-fcallgraph-info=su", stack=3072)
         text = m.run(machine, program, *COUNTED)
         small = replace(machine, flags=tuple("-Os" if f == "-O2" else f for f in machine.flags))
-        smallest = m.build(work, small, target["real"], "smallest.c", f"{folder}-Os", *OPTIONS, stack=3072)
+        flash = {}
+        for name, options in (("text", OPTIONS), ("all_forms", [x for x in OPTIONS if x != "-DTSE_NO_PARTICLES"])):
+            flash[name] = flash_of(m.build(work, small, target["real"], "smallest.c", f"{folder}-{name}", *options, stack=1024))
     except m.Failed as error:
         raise SystemExit(f"{target['name']}: {error}") from error
     calibration = number(text, "calibration")
@@ -89,7 +92,7 @@ def measure(work: m.Work, target: dict[str, Any]) -> Measured:
         "mean": mean,
         "longest": longest,
         "ratio": longest / mean,
-        "text": flash_of(smallest),
+        **flash,
         "ram": number(text, "bytes filter") + number(text, "bytes params"),
         "stack": max(out.stacks["written"], out.stacks["deepest path"]),
     }
@@ -158,7 +161,8 @@ HEAD = """\
 <!-- Written by `python3 scripts/budgets.py`. -->
 
 Cost of the default form, {compiler}: instructions of a row (-O2; mean over the recorded drive, longest of that and of rows
-which no drive has), flash at -Os without effects, RAM, stack. Limits: tests/budgets.toml. Bold: the goal is not met.
+which no drive has), flash at -Os without effects and without, or with, the forms with particles, RAM, stack. Limits:
+tests/budgets.toml. Bold: the goal is not met.
 
 """
 KINDS = """\
@@ -168,7 +172,7 @@ STACKS = "Stack below `tse_step`: written on these rows, and along the deepest p
 
 
 def table(measured: list[Measured]) -> str:
-    lines = ["| | mean | longest | longest / mean | flash [B] | RAM [B] | stack [B] |", "|---|---:|---:|---:|---:|---:|---:|"]
+    lines = ["| | mean | longest | longest / mean | flash [B] | with particles | RAM [B] | stack [B] |", f"|---|{7 * '---:|'}"]
     for x in measured:
         cells = []
         for q in QUANTITIES:
@@ -178,8 +182,8 @@ def table(measured: list[Measured]) -> str:
                 cells.append(f"- (goal {shown(goal)})" if goal else "-")
                 continue
             bold = "**" if goal and x.values[q] > goal else ""
-            told = f"goal {shown(goal)}, limit {shown(limit['limit'])}" if goal else f"limit {shown(limit['limit'])}"
-            cells.append(f"{bold}{shown(x.values[q])}{bold} ({told})")
+            told = ", ".join(f"{name} {shown(limit[name])}" for name in ("goal", "limit") if name in limit)
+            cells.append(f"{bold}{shown(x.values[q])}{bold}{f' ({told})' if told else ''}")
         lines.append(f"| {x.name} | {' | '.join(cells)} |")
     if skipped := [f"{x.name}: {x.skipped}" for x in measured if x.skipped]:
         lines += ["", f"Not measured: {'; '.join(skipped)}."]

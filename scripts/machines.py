@@ -189,8 +189,8 @@ def rows() -> str:
 
 
 def frames() -> str:
-    """The recorded drive as frames.h: what a CAN bus brings in each period of 10 ms (scripts/dropin/can/control_loop.h). A row that was
-    lost brings nothing."""
+    """The recorded drive as frames.h: what a CAN bus brings in each period of 10 ms (scripts/dropin/can/control_loop.h). A row that
+    was lost brings nothing."""
     out, period, count = [], 0, 0
     scales = ((0x0C1, (1, 100_000)), (0x0C2, (2, 1000), (3, 1000)), (0x0C3, (4, 1000), (5, 1000)), (0x0C4, (6, 100_000)))
     with DRIVE.open() as file:

@@ -55,7 +55,7 @@ class Result:
 def capacities(machine: m.Machine) -> list[str]:
     """Options of the library: a microcontroller holds the default form and the fewest rows for channels that are logged late."""
     if machine.board:
-        return ["-DTSE_NO_EFFECTS", "-DTSE_MAX_PARTICLES=16", "-DTSE_LATENCY_ROWS=8"]
+        return ["-DTSE_NO_EFFECTS", "-DTSE_NO_PARTICLES", "-DTSE_NO_DESCRIBE", "-DTSE_MAX_PARTICLES=16", "-DTSE_LATENCY_ROWS=8"]
     return ["-DTSE_NO_EFFECTS"] if machine.run else ["-DTSE_NO_EFFECTS", "-DALL_FORMS"]
 
 

@@ -23,13 +23,15 @@ tse_status tse_reset(const tse_params *p, tse_filter *f, size_t filter_bytes)
 
 static tse_status step_form(const tse_params *p, tse_filter *f, const tse_input *u, tse_output *out)
 {
-  return p->form == 0 ? step_hypotheses(p, f, u, out) : step_particles(p, f, u, out);
+#if !defined(TSE_NO_PARTICLES) /* else tse_prepare() accepts form 0 alone */
+  if (p->form != 0) return step_particles(p, f, u, out);
+#endif
+  return step_hypotheses(p, f, u, out);
 }
 
 /* What is believed since the last step, where a row makes none. */
 static void report_waiting(const tse_params *p, const tse_filter *f, tse_output *now)
 {
-  tse_real lam[6], nu;
   now->estimate_age = f->step > 0 ? r_add_sat(p->latency, f->waiting.since) : p->latency;
   for (int a = 0; a < 3; a++) now->reason[a] = f->waiting.reason[a];
   now->status = (int32_t)TSE_W_WAITING;
@@ -37,13 +39,16 @@ static void report_waiting(const tse_params *p, const tse_filter *f, tse_output 
     report_start(p, f, now);
     return;
   }
-  if (p->form == 0) {
-    bank_report(p, &f->bank, now);
+#if !defined(TSE_NO_PARTICLES)
+  if (p->form != 0) {
+    tse_real lam[6], nu;
+    report_particles(p, f, now, lam, &nu);
+    now->n_eff = effective_size(p, (const tse_filter_paper *)f);
+    for (int a = 0; a < 3; a++) now->noise[a] = now->change_ratio[a] = TSE_R(1);
     return;
   }
-  report_particles(p, f, now, lam, &nu);
-  now->n_eff = effective_size(p, (const tse_filter_paper *)f);
-  for (int a = 0; a < 3; a++) now->noise[a] = now->change_ratio[a] = TSE_R(1);
+#endif
+  bank_report(p, &f->bank, now);
 }
 
 /* A row where channels are logged late: the step is that of an earlier time, when there is one. */

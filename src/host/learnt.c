@@ -151,8 +151,10 @@ tse_status tse_learnt_save(const tse_params *p, const tse_filter *f, uint8_t out
   content c;
   memset(&now, 0, sizeof now);
   memset(&c, 0, sizeof c);
+#if !defined(TSE_NO_PARTICLES)
+  if (p->form != 0) report_particles(p, f, &now, lam, &nu);
+#endif
   if (p->form == 0) bank_report(p, &f->bank, &now); /* it knows no correlation of spreads, and counts no samples */
-  else report_particles(p, f, &now, lam, &nu);
   if (p->form == 0) write_car(&f->bank, &c);
   c.vehicle = p->vehicle;
   c.nu = (uint32_t)r_floor_to_int(nu + TSE_R(0.5));
