@@ -3,6 +3,8 @@
 # Unity for the C tests, the FMI headers, and the shared library that tselab calls. Fast when nothing has changed; needs no root.
 #   scripts/setup.sh [EXTRA ...]      and these extras of scripts/pyproject.toml: clients (more programs that import FMUs, for the
 #                                     tests), platforms (a compiler for FMUs of all platforms); left out where they do not install.
+#                                     machines: says which compilers and emulators of other machines are missing, and installs
+#                                     them where apt-get and root are there (scripts/platforms.py, scripts/budgets.py);
 #                                     dropin: tools that build packages of the library (scripts/dropin), for the tests, too
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
@@ -94,7 +96,27 @@ fi
 
 # ---- extras
 
+machines() {                                      # command:package of Debian and Ubuntu; a test that misses one is skipped
+  local missing=() packages=() pair
+  for pair in clang:clang wasm-ld:lld tcc:tcc node:nodejs qemu-aarch64:qemu-user qemu-system-arm:qemu-system-arm \
+      arm-none-eabi-gcc:gcc-arm-none-eabi i686-linux-gnu-gcc:gcc-i686-linux-gnu aarch64-linux-gnu-gcc:gcc-aarch64-linux-gnu \
+      arm-linux-gnueabihf-gcc:gcc-arm-linux-gnueabihf riscv64-linux-gnu-gcc:gcc-riscv64-linux-gnu s390x-linux-gnu-gcc:gcc-s390x-linux-gnu \
+      powerpc64-linux-gnu-gcc:gcc-powerpc64-linux-gnu mips-linux-gnu-gcc:gcc-mips-linux-gnu sparc64-linux-gnu-gcc:gcc-sparc64-linux-gnu; do
+    command -v "${pair%%:*}" >/dev/null || { missing+=("${pair%%:*}"); packages+=("${pair#*:}"); }
+  done
+  # the C library is a package of its own, which comes with the compiler where recommended packages do
+  case " ${packages[*]} " in *" gcc-arm-none-eabi "*) packages+=(libnewlib-arm-none-eabi) ;; esac
+  [ "${#missing[@]}" -gt 0 ] || return 0
+  if command -v apt-get >/dev/null && [ "$(id -u)" -eq 0 ]; then
+    say "compilers and emulators: ${missing[*]}"
+    { DEBIAN_FRONTEND=noninteractive apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq "${packages[@]}"; } \
+      >"$root/.venv/tse-extra.log" 2>&1 && return 0
+  fi
+  say "left out, their tests are skipped: ${missing[*]}; packages of Debian and Ubuntu: ${packages[*]}"
+}
+
 for extra in "$@"; do
+  if [ "$extra" = machines ]; then machines; continue; fi
   [ -f ".venv/tse-extra-$extra" ] && continue
   say "Python packages for $extra"
   if [ "$extra" = dropin ]; then                  # in an environment of their own: they ask for other versions than tselab

@@ -11,6 +11,7 @@ import pytest
 FIRST = [
     ["tests/fmu/test_fmu_platforms.py", "tests/lab/test_fmu_cli.py"],
     ["tests/gap/test_study.py"],
+    ["tests/embedded/test_machines.py"],
     ["tests/lab/test_cli.py"],
     ["tests/lab/test_montecarlo.py"],
     ["tests/lab/test_gap_discover.py"],
