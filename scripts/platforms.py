@@ -21,6 +21,7 @@ import re
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -45,7 +46,6 @@ class Result:
     machine: m.Machine
     real: str
     says: str
-    seconds: float = 0
 
     @property
     def is_fine(self) -> bool:
@@ -101,28 +101,32 @@ def name_of(work: m.Work, machine: m.Machine, real: str) -> str:
     return hashlib.sha256(b"".join(f.read_bytes() for f in files) + told.encode()).hexdigest()
 
 
-def all_of(work: m.Work, only: str, short: bool, again: bool) -> list[Result]:
+def asked(only: str, short: bool) -> list[Result]:
+    """What is to be found out; what no preset of CMake runs, because it is emulated, comes first."""
     out = []
-    kept: dict[str, str] = json.loads(KEPT.read_text()) if KEPT.exists() and not again else {}
-    for real in m.formats():
-        for machine in m.machines():
-            asked = real not in machine.leaves and (not machine.only or real in machine.only) and only in machine.name
-            if not asked or (short and real not in machine.short):
-                continue
-            start = time.monotonic()
-            if not m.is_finished(real):
-                says = "skipped: this format has no golden estimates"
-            elif why := machine.missing():
-                says = f"skipped: {why}"
-            else:
-                name = name_of(work, machine, real)
-                says = kept[name] = kept.get(name) or replay(work, machine, real)
-                KEPT.parent.mkdir(exist_ok=True)
-                KEPT.write_text(json.dumps(kept))
-            out.append(Result(machine, real, says, time.monotonic() - start))
-            flags = " ".join(shown(machine))
-            print(f"{machine.name:28s} {machine.compiler():24s} {flags:42s} {real:6s} {says} ({out[-1].seconds:.0f} s)", flush=True)
+    for machine in sorted(m.machines(), key=lambda x: not x.run):
+        for real in m.formats():
+            is_asked = real not in machine.leaves and (not machine.only or real in machine.only) and only in machine.name
+            if is_asked and (real in machine.short or not short):
+                out.append(Result(machine, real, "" if m.is_finished(real) else "skipped: this format has no golden estimates"))
     return out
+
+
+def find_out(work: m.Work, results: list[Result], again: bool) -> Iterator[Result]:
+    """Fill in what each says."""
+    kept: dict[str, str] = json.loads(KEPT.read_text()) if KEPT.exists() and not again else {}
+    for r in results:
+        start, machine, real = time.monotonic(), r.machine, r.real
+        if not r.says and (why := machine.missing()):
+            r.says = f"skipped: {why}"
+        elif not r.says:
+            name = name_of(work, machine, real)
+            r.says = kept[name] = kept.get(name) or replay(work, machine, real)
+            KEPT.parent.mkdir(exist_ok=True)
+            KEPT.write_text(json.dumps(kept))
+        yield r
+        flags, seconds = " ".join(shown(machine)), time.monotonic() - start
+        print(f"{machine.name:28s} {machine.compiler():24s} {flags:42s} {real:6s} {r.says} ({seconds:.0f} s)", flush=True)
 
 
 def shown(machine: m.Machine) -> list[str]:
@@ -137,13 +141,15 @@ def table(results: list[Result]) -> str:
         x = r.machine
         version = f"{x.compiler()} {x.version()}" if not x.missing() else x.compiler()
         key = (x.name, version, f"`{' '.join(shown(x)) or '-'}`", x.emulator() if not x.missing() else "-")
-        rows.setdefault(key, {})[r.real] = r.says
+        rows.setdefault(key, {})[r.real] = r.says or "not run"
     lines = [f"| machine | compiler | flags | run by | {' | '.join(finished)} |", f"|---|---|---|---|{'---|' * len(finished)}"]
     lines += [f"| {' | '.join(key)} | {' | '.join(of.get(real, '-') for real in finished)} |" for key, of in rows.items()]
-    asked = [r for r in results if m.is_finished(r.real) and not r.says.startswith("skipped")]
-    same, ran = sum(r.says == SAME for r in asked), sum(not r.machine.refused for r in asked)
-    refused = sum(r.says == REFUSED for r in asked)
-    lines += ["", f"{same} of {ran} builds that ran have the same bits; {refused} that would lose some do not compile."]
+    ran = [r for r in results if r.says and not r.says.startswith("skipped")]
+    same, all_ = sum(r.says == SAME for r in ran), sum(not r.machine.refused for r in ran)
+    refused, left = sum(r.says == REFUSED for r in ran), sum(not r.says for r in results)
+    lines += ["", f"{same} of {all_} builds that ran have the same bits; {refused} that would lose some do not compile."]
+    if left:
+        lines += [f"The run was interrupted: {left} are left."]
     unfinished = [real for real in m.formats() if not m.is_finished(real)]
     if unfinished:
         lines += ["", f"Without golden estimates, hence not run: {', '.join(unfinished)}."]
@@ -158,12 +164,11 @@ def main() -> int:
     args = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         work = m.Work(Path(folder))
-        results = all_of(work, args.only, args.short, args.again or args.short)
-        rows = m.rows().count("\n")
-    text = HEAD.format(rows=rows, flags=" ".join(m.FLAGS)) + table(results)
-    if not args.short and not args.only:
-        RESULTS.write_text(text)
-        print(f"written: {RESULTS.relative_to(m.ROOT)}")
+        results = asked(args.only, args.short)
+        head = HEAD.format(rows=m.rows().count("\n"), flags=" ".join(m.FLAGS))
+        for _ in find_out(work, results, args.again or args.short):
+            if not args.short and not args.only:
+                RESULTS.write_text(head + table(results))
     wrong = [r for r in results if not r.is_fine]
     for r in wrong:
         print(f"FAILED: {r.machine.name}, {r.machine.compiler()}, {' '.join(r.machine.flags)}, {r.real}: {r.says}")
