@@ -114,14 +114,14 @@ def asked(only: str, short: bool) -> list[Result]:
 
 def find_out(work: m.Work, results: list[Result], again: bool) -> Iterator[Result]:
     """Fill in what each says."""
-    kept: dict[str, str] = json.loads(KEPT.read_text()) if KEPT.exists() and not again else {}
+    kept: dict[str, str] = json.loads(KEPT.read_text()) if KEPT.exists() else {}
     for r in results:
         start, machine, real = time.monotonic(), r.machine, r.real
         if not r.says and (why := machine.missing()):
             r.says = f"skipped: {why}"
         elif not r.says:
             name = name_of(work, machine, real)
-            r.says = kept[name] = kept.get(name) or replay(work, machine, real)
+            r.says = kept[name] = (not again and kept.get(name)) or replay(work, machine, real)
             KEPT.parent.mkdir(exist_ok=True)
             KEPT.write_text(json.dumps(kept))
         yield r
