@@ -35,7 +35,7 @@ VALUES: dict[str, tuple[float, float]] = {
     "infer.space.OWN_SD": (0.01, 0.04),
     "infer.forms.SD": (0.025, 0.1),
     "infer.forms.LAG": (0.015, 0.06),
-    "infer.forms.APART": (0.08, 0.3),
+    "infer.forms.APART": (0.15, 0.6),
     "infer.excerpt.MOST_SECONDS": (45.0, 180.0),
 }
 
