@@ -206,8 +206,8 @@ TABLE: tuple[Constant, ...] = (
         ("SD", 0.05, "1", "shares: so well forms are known"),
         ("LAG", 0.03, "s", "sd: so well is known how late an effect acts"),
         ("APART", 0.3, "1",
-         "sd: of how late an effect makes tyres act, so much those of one axle differ: a relaxation length is the tread's stiffness "
-         "over the carcass's, and axles differ in load, pressure and tyres as their stiffness does"),
+         "sd: of how late an effect makes tyres act, so much those of one axle differ: a relaxation length is stiffness of tread "
+         "over carcass, and axles differ in load, pressure and tyres as their stiffness does"),
         ("RATE_TIME", 0.1, "s", "by which rates are multiplied: of motions of 1.6 Hz as large as what they are rates of"),
         ("FAST", 20.0, "m/s", "of a modulator that is about 1 where a driver goes hard"),
         ("ALONG", 3.0, "m/s2", "the same"),
