@@ -10,16 +10,15 @@ the road was told that was none, beside the default of an earlier commit (montec
 from __future__ import annotations
 
 import argparse
-import multiprocessing
 import sys
 import tempfile
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from tqdm import tqdm
 
 from tests.gap.generator import Spec, make_cases
+from tests.gap.runs import in_processes
 from tselab import regimes
 from tselab.core import STIFFNESS, Config, Filter
 from tselab.identify.problem import UNLIKE_SD
@@ -128,14 +127,13 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--only", nargs="+", choices=CARS, default=list(CARS), help="these cars")
     parser.add_argument("--no-landed", action="store_true", help="without the default of an earlier commit")
     parser.add_argument("--jobs", type=int, default=2, help="processes (default: 2)")
-    parser.add_argument("--out", type=Path, default=RESULTS / "ordinary.md", help="the table")
+    parser.add_argument("--out", type=Path, help="the table; default: the committed one, if no car is left out")
     given = parser.parse_args(arguments)
     jobs = [(car, given.first + i, given.minutes, not given.no_landed) for car in given.only for i in range(given.seeds)]
-    runs: list[dict] = []
-    with multiprocessing.Pool(given.jobs) as pool:
-        for rows in tqdm(pool.imap(one, jobs), total=len(jobs), unit="car", file=sys.stderr):
-            runs += rows
-    data = pd.DataFrame(runs).assign(minutes=given.minutes)
+    found = in_processes(one, jobs, given.jobs, "car")
+    if found is None:
+        return 130
+    data = pd.DataFrame([row for rows in found for row in rows]).assign(minutes=given.minutes)
     head = f"""# Ordinary cars
 
 `python -m tests.gap.ordinary`: {given.seeds} cars of each kind (seeds from {given.first}), {given.minutes:g} minutes on each road
@@ -146,8 +144,13 @@ changes. The error is the mean over the runs. model_sd and
 accel_x_sd are those of a calibrated car, all else of one that nobody has calibrated.
 
 """
-    given.out.write_text(head + table(data.assign(road="all")) + "\nBy road:\n\n" + table(data), encoding="utf-8")
-    print(f"{given.out}: {len(data)} runs")
+    text = head + table(data.assign(road="all")) + "\nBy road:\n\n" + table(data)
+    out = given.out or (None if len(given.only) < len(CARS) else RESULTS / "ordinary.md")
+    if out is None:
+        print(text)
+        return 0
+    out.write_text(text, encoding="utf-8")
+    print(f"{out}: {len(data)} runs")
     return 0
 
 

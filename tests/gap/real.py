@@ -46,7 +46,7 @@ def row(folder: Path) -> str:
 def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.gap.real", description=__doc__.split("\n")[0])
     parser.add_argument("--data", type=Path, default=DATA)
-    parser.add_argument("--out", type=Path, default=RESULTS / "gap-real.md")
+    parser.add_argument("--out", type=Path, help="default: the table, if no log is left out")
     parser.add_argument("--only", nargs="*", default=[])
     options = parser.parse_args()
     folders = [f for f in sorted(options.data.glob("*")) if (f / "data.csv").exists()]
@@ -59,7 +59,9 @@ def main() -> int:
     for k, folder in enumerate(folders, 1):
         print(f"{k} of {len(folders)}: {folder.name}", flush=True)
         lines.append(row(folder))
-        options.out.write_text("\n".join(lines) + "\n", encoding="utf-8")
+        out = options.out or (None if options.only else RESULTS / "gap-real.md")
+        if out:
+            out.write_text("\n".join(lines) + "\n", encoding="utf-8")
     print("\n".join(lines))
     return 0
 

@@ -12,7 +12,6 @@ from __future__ import annotations
 import argparse
 import json
 import math
-import multiprocessing
 import shutil
 import sys
 import tempfile
@@ -22,8 +21,8 @@ from pathlib import Path
 
 import numpy as np
 from scipy.stats import beta
-from tqdm import tqdm
 
+from tests.gap.runs import in_processes
 from tselab.core import Config
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -261,14 +260,8 @@ def main() -> int:
     specs = chosen(options.seeds, options.only, options.sizes)
     kept = ("name", "effects", "seed", "size", "optional", "misread")
     texts = [json.dumps({k: getattr(s, k) for k in kept}) for s in specs]
-    with multiprocessing.get_context("spawn").Pool(options.jobs) as pool:
-        try:
-            for _ in tqdm(pool.imap_unordered(_job, texts), total=len(texts), unit="case", file=sys.stderr):
-                pass
-        except KeyboardInterrupt:
-            pool.terminate()
-            print("stopped; what is done is kept", file=sys.stderr)
-            return 130
+    if in_processes(_job, texts, options.jobs, "case") is None:
+        return 130
     cases = [json.loads((FOLDER / f"{s.name}.json").read_text()) for s in specs]
     found = tables(cases)
     print("\n".join(found.values()))

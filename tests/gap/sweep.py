@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import multiprocessing
 import shutil
 import sys
 import tempfile
@@ -19,8 +18,7 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
-from tqdm import tqdm
-
+from tests.gap.runs import in_processes
 from tests.gap.study import same
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -37,8 +35,8 @@ VALUES: dict[str, tuple[float, float]] = {
     "infer.space.OWN_SD": (0.01, 0.04),
     "infer.forms.SD": (0.025, 0.1),
     "infer.forms.LAG": (0.015, 0.06),
-    "infer.forms.APART": (0.08, 0.3),
-    "infer.excerpt.MOST_SECONDS": (60.0, 240.0),
+    "infer.forms.APART": (0.15, 0.6),
+    "infer.excerpt.MOST_SECONDS": (45.0, 180.0),
 }
 
 
@@ -124,13 +122,7 @@ def main() -> int:
     wanted = {k: v for k, v in VALUES.items() if not options.only or any(o in k for o in options.only)}
     asked: list[tuple[str, str, float | None]] = [(c, "", None) for c in CASES]
     asked += [(c, k, v) for k, values in wanted.items() for v in values for c in CASES]
-    with multiprocessing.get_context("spawn").Pool(options.jobs) as pool:
-        try:
-            for _ in tqdm(pool.imap_unordered(run, asked), total=len(asked), unit="run", file=sys.stderr):
-                pass
-        except KeyboardInterrupt:
-            pool.terminate()
-            print("stopped; what is done is kept, and the table says what was not run", file=sys.stderr)
+    in_processes(run, asked, options.jobs, "run")  # of what was stopped the table says what was not run
     if not is_done("", None):
         return 130
     text = table(wanted)

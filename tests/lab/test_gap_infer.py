@@ -389,11 +389,11 @@ def test_latencies_have_the_intervals_of_the_names_that_they_are_sums_of(late: P
 def test_what_is_possible_says_why_it_has_no_name(tmp_path: Path) -> None:
     """A scale that is sure and below what counts is negligible; a name that does not stand has the reason given."""
     vehicle = car(tmp_path)
-    log = write_log(tmp_path / "log.csv", vehicle, "sweep", {"body_roll_gain": 0.009, "gyro_scale_error": 0.025}, 3)
+    log = write_log(tmp_path / "log.csv", vehicle, "sweep", {"body_roll_gain": 0.009, "gyro_scale_error": 0.08}, 3)
     config = Config(read_vehicle(vehicle).values)
     problem = Problem([prepare(read_log(log), config)], config)
     asked = [catalogue()[e] for e in ("body_roll", "steering_offset", "gyro_scale", "imu_delay")]
-    asked[2] = replace(asked[2], parameters=tuple(replace(p, negligible=0.05) for p in asked[2].parameters))
+    asked[2] = replace(asked[2], parameters=tuple(replace(p, negligible=0.15) for p in asked[2].parameters))
     found = naming.name(problem, asked)
     assert [n.effect.id for n in found.named] == ["body_roll"]
     why = {p["id"]: p["why"] for p in found.possible}
@@ -414,6 +414,10 @@ def test_a_road_alone_is_kept_with_its_profile(tmp_path: Path) -> None:
     kept = naming.without(problem, found, frozenset({"grade"}), "a reason")
     assert kept.named == [road] and kept.possible == []
     assert kept.final.values == found.final.values
+    more = naming.with_one_more(problem, found, "gyro_scale", 0.3)
+    assert more.named[1:] == [road] and more.named[0].effect.id == "gyro_scale"
+    assert set(more.final.values) == {*found.final.values, "gyro_scale_error"}  # the profile's knots among them
+    assert more.closed > kept.closed - 0.05
 
 
 def test_a_road_is_told_by_the_size_of_its_profile() -> None:

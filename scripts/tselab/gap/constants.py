@@ -205,7 +205,9 @@ TABLE: tuple[Constant, ...] = (
         "gap.infer.forms",
         ("SD", 0.05, "1", "shares: so well forms are known"),
         ("LAG", 0.03, "s", "sd: so well is known how late an effect acts"),
-        ("APART", 0.15, "1", "sd: of how late an effect makes tyres act, so much those of one axle differ"),
+        ("APART", 0.3, "1",
+         "sd: of how late an effect makes tyres act, so much those of one axle differ: a relaxation length is stiffness of tread "
+         "over carcass, and axles differ in load, pressure and tyres as their stiffness does"),
         ("RATE_TIME", 0.1, "s", "by which rates are multiplied: of motions of 1.6 Hz as large as what they are rates of"),
         ("FAST", 20.0, "m/s", "of a modulator that is about 1 where a driver goes hard"),
         ("ALONG", 3.0, "m/s2", "the same"),
@@ -225,7 +227,7 @@ TABLE: tuple[Constant, ...] = (
     # ---- infer: the search, and names
     *_rows(
         "gap.infer.excerpt",
-        ("MOST_SECONDS", 120.0, "s", "of logs, in which effects are searched: what is found is fitted to all of them"),
+        ("MOST_SECONDS", 90.0, "s", "of logs, in which effects are searched: what is found is fitted to all of them"),
         ("HELD_SHARE", 0.5, "1", "of that, of held-out logs: they confirm"),
         ("PIECE", 15.0, "s", "of a log that is chosen or not: a manoeuvre or two, of which BURN_IN is lost"),
         ("ENTRY_SD", 30.0, "noise of a block", "that a piece's information counts with: models are no better known than that, and "
@@ -234,7 +236,9 @@ TABLE: tuple[Constant, ...] = (
     *_rows(
         "gap.infer.rivals",
         ("LEAST_CLOSED", 0.05, "1", "of the gap: names that together close less explain nothing of it"),
-        ("WORTHWHILE", 0.3, "1", "of what is left, that an effect which was only possible must close to be named"),
+        ("WORTHWHILE", 0.3, "1",
+         "of what is left, that an effect which was only possible must close to be named: about what pays for a name (5 nats) over "
+         "five minutes whose three channels count one value in an EPISODE each"),
         ("MOST_POSSIBLE", 3, "1", "effects that were only possible and are tried, and rounds of that: every one is a fit"),
         ("NOISE_LIMIT", 1.2, "1",
          "rms over noise up to which nothing is left to explain: noise is known to some percent, inputs are smoothed"),

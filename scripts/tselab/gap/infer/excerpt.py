@@ -26,7 +26,7 @@ MOST_SECONDS, HELD_SHARE, PIECE, ENTRY_SD = constants.of(__name__, "MOST_SECONDS
 
 def is_long(problem: Problem, share: float = 1.0) -> bool:
     """Whether it is so long that a share of MOST_SECONDS is worth being chosen."""
-    return sum(log.seconds for log in problem.logs) > 1.5 * share * MOST_SECONDS
+    return sum(log.seconds for log in problem.logs) > 2.0 * share * MOST_SECONDS
 
 
 def excerpt(problem: Problem, baseline: Fit, share: float = 1.0) -> Problem:

@@ -186,15 +186,18 @@ def _moved(n: Named, values: dict[Key, float]) -> Named:
 
 def with_one_more(problem: Problem, naming: Naming, effect: str, probability: float) -> Naming:
     """The same with one effect more, that the search called possible; everything fitted anew."""
-    ids = {n.effect.id for n in naming.named if n.effect.id not in PROFILES or n.effect.strengths[0].name in naming.final.values}
+    roads = [n for n in naming.named if profiles(naming.final.values, n.effect.id)]
+    ids = {n.effect.id for n in naming.named} - {n.effect.id for n in roads}
     effects = [h for h in hypotheses() if h.id in ids | {effect}]
     layout = Layout(problem)
-    judged = judge(layout, effects, naming.final.values, None)
+    judged = judge(layout, effects, of_the_car(naming.final.values), None)
     final = as_fit(problem, judged)
     nothing = raw(problem, naming.baseline.values)
     # forms are known roughly, and so are sizes
     layout.explains(layout.split(nothing), judged.space.physical(judged.x), judged.values)
     sd, z = judge(layout, effects, judged.values, judged).sd(), float(norm.ppf(0.975))
+    if roads:
+        final = _with_roads(problem, final, [n.effect for n in roads])
     full = excess(problem, naming.baseline.residuals)
     named = []
     for h in judged.effects:
@@ -211,6 +214,7 @@ def with_one_more(problem: Problem, naming: Naming, effect: str, probability: fl
         )
         named.append(one)
     closed = 1.0 - excess(problem, final.residuals) / full if full > 0 else 0.0
+    named += roads
     possible = [p for p in naming.possible if p["id"] != effect]
     return replace(naming, final=final, named=named, closed=closed, possible=possible)
 
