@@ -1,6 +1,6 @@
 """What other values of the constants that matter do to names: a few cases of the generator, one constant at a time.
 
-    python -m tests.gap.sweep [--only CONSTANT ...] [--jobs N] [--again]     from the root of the repository; half an hour
+    python -m tests.gap.sweep [--only CONSTANT ...] [--jobs N] [--again]     from the root of the repository; two hours on two cores
 
 Names are those of the search (infer/naming.py), before formulas compete with them, so that a case that is in no catalogue (a patch
 of low grip) shows what a constant does to names that are not there. What is done is kept in build/gap-sweep; the table goes to
