@@ -10,7 +10,9 @@ from __future__ import annotations
 import csv
 import importlib.util
 import re
+import resource
 import shutil
+import signal
 import subprocess
 import sys
 from collections.abc import Iterable
@@ -24,7 +26,7 @@ DRIVE = ROOT / "tests" / "replay" / "drive.csv"
 
 # As CMakeLists.txt compiles the library; tcc and the like know none of it, and need none.
 FLAGS = ("-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math")
-LONGEST = 900  # s: a replay that takes longer has got stuck (the slowest, double in software on an emulated M3, takes one minute)
+LONGEST = 600  # s of processor time: what takes longer has got stuck (the slowest, double in software on an M3: one minute)
 
 
 def formats() -> list[str]:
@@ -237,11 +239,15 @@ class Failed(Exception):
     """A command that ended badly; its text."""
 
 
-def call(command: list[str], timeout: float = LONGEST) -> str:
-    try:
-        done = subprocess.run(command, capture_output=True, text=True, timeout=timeout, check=False, stdin=subprocess.DEVNULL)
-    except subprocess.TimeoutExpired as error:
-        raise Failed(f"longer than {timeout:.0f} s") from error
+def limited() -> None:
+    """Of the processor's time, because on a busy machine everything takes long."""
+    resource.setrlimit(resource.RLIMIT_CPU, (LONGEST, LONGEST))
+
+
+def call(command: list[str]) -> str:
+    done = subprocess.run(command, capture_output=True, text=True, check=False, stdin=subprocess.DEVNULL, preexec_fn=limited)
+    if done.returncode in (-signal.SIGXCPU, -signal.SIGKILL):
+        raise Failed(f"it was ended after {LONGEST} s of processor time, or by somebody")
     if done.returncode:
         raise Failed((done.stdout + done.stderr).strip() or f"ended with {done.returncode}")
     return done.stdout + done.stderr

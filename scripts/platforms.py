@@ -116,14 +116,18 @@ def find_out(work: m.Work, results: list[Result], again: bool) -> Iterator[Resul
     """Fill in what each says."""
     kept: dict[str, str] = json.loads(KEPT.read_text()) if KEPT.exists() else {}
     for r in results:
-        start, machine, real = time.monotonic(), r.machine, r.real
-        if not r.says and (why := machine.missing()):
+        if not r.says and (why := r.machine.missing()):
             r.says = f"skipped: {why}"
-        elif not r.says:
-            name = name_of(work, machine, real)
-            r.says = kept[name] = (not again and kept.get(name)) or replay(work, machine, real)
-            KEPT.parent.mkdir(exist_ok=True)
-            KEPT.write_text(json.dumps(kept))
+        elif not r.says and not again:
+            r.says = kept.get(name_of(work, r.machine, r.real), "")
+    for r in sorted(results, key=lambda x: not x.says):
+        start, machine, real = time.monotonic(), r.machine, r.real
+        if not r.says:
+            r.says = replay(work, machine, real)
+            if r.is_fine:  # what is not is asked again
+                kept[name_of(work, machine, real)] = r.says
+                KEPT.parent.mkdir(exist_ok=True)
+                KEPT.write_text(json.dumps(kept))
         yield r
         flags, seconds = " ".join(shown(machine)), time.monotonic() - start
         print(f"{machine.name:28s} {machine.compiler():24s} {flags:42s} {real:6s} {r.says} ({seconds:.0f} s)", flush=True)
