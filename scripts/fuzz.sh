@@ -1,9 +1,10 @@
 #!/usr/bin/env bash
 # Looks for inputs that break something: the C targets of tests/fuzz with libFuzzer, address and undefined-behaviour sanitizers, and the
 # readers of files (tests/fuzz/readers.py). A table at the end; fails when anything was found, which is then in build/fuzz/found/TARGET.
-#   scripts/fuzz.sh [TARGET ...] [--runs N | --seconds S] [--minimise]
+#   scripts/fuzz.sh [TARGET ...] [--runs N | --seconds S] [--seed N] [--minimise]
 #     TARGET        step, settings, learnt, replay, state, fmu_calls_estimator ...; reader_log, reader_vehicle ...; default: all
 #     --runs N      inputs of each target, for instance 1000000; default: --seconds 3, about a minute in all
+#     --seed N      of libFuzzer's choices, so that --runs does the same again; default: another each time
 #     --minimise    then keeps in tests/fuzz/corpus only inputs that reach what no smaller one does, at most 40 of a target
 # Without clang and its libFuzzer the C targets are skipped; exit code 77 when nothing could run.
 set -uo pipefail
@@ -13,12 +14,16 @@ longest=600                                   # bytes of an input: some 160 rows
 kept=40                                       # inputs of a corpus in the repository: all targets together some 100 kB
 readers=(log vehicle filter formula learnt stage progress runs archive table)
 c_targets=(step settings learnt replay state fmu_calls_estimator fmu_calls_vehicle fmu_state_estimator fmu_state_vehicle)
-chosen=() runs="" seconds=3 minimise=""
+chosen=() runs="" seconds=3 seed="" minimise=""
 while [ $# -gt 0 ]; do
   case $1 in
     --runs | --seconds)
       [[ ${2:-} =~ ^[1-9][0-9]*$ ]] || { echo "fuzz: $1 needs a whole number" >&2; exit 2; }
       if [ "$1" = --runs ]; then runs=$2 seconds=""; else seconds=$2; fi
+      shift ;;
+    --seed)
+      [[ ${2:-} =~ ^[1-9][0-9]*$ ]] || { echo "fuzz: $1 needs a whole number" >&2; exit 2; }
+      seed=$2
       shift ;;
     --minimise) minimise=1 ;;
     -*) echo "fuzz: no option $1" >&2; exit 2 ;;
@@ -57,6 +62,7 @@ fuzz() {                                      # one C target
   mkdir -p "$found" "$grown"
   [ -n "$runs" ] && limits+=("-runs=$runs")
   [ -n "$seconds" ] && limits+=("-max_total_time=$seconds")
+  [ -n "$seed" ] && limits+=("-seed=$seed")
   local folders=("$grown")
   [ -d "$given" ] && folders+=("$given")
   [ -d "tests/fuzz/found/$name" ] && folders+=("tests/fuzz/found/$name")

@@ -171,7 +171,8 @@ static void learn_gained(tse_bank *b, const tse_real before[3], tse_real dt)
   for (int a = 0; a < 3; a++) {
     const tse_real var = r_max(h->cov[X_STIFFNESS + a][X_STIFFNESS + a], TSE_R(1e-10));
     const tse_real more = r_mul(r_sqr(h->x[X_STIFFNESS + a]), r_div(TSE_R(1), var) - r_div(TSE_R(1), r_max(before[a], var)));
-    b->gained[a] += r_mul(g, r_div(more, dt) - b->gained[a]);
+    const tse_real gained = b->gained[a] + r_mul(g, r_div(more, dt) - b->gained[a]);
+    if (r_is_finite(gained)) b->gained[a] = gained; /* a dt of almost nothing */
   }
 }
 
