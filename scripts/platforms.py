@@ -29,7 +29,7 @@ import machines as m
 
 RESULTS = m.ROOT / "scripts" / "results" / "platforms.md"
 KEPT = m.ROOT / "build" / "platforms.json"
-STACK = 5_500  # bytes below main(): 4 476 of tse_step() in float at -O2 (scripts/budgets.py), settings and outputs; 64-bit numbers: more
+STACK = 5_500  # bytes below main(): 4 476 of tse_step() in float at -O2, then settings and outputs; of double more
 SAME, REFUSED = "yes", "refused, as it must be"
 HEAD = """\
 <!-- Written by `python3 scripts/platforms.py`. -->
