@@ -32,9 +32,6 @@
 #else
 #define TSE_LAST_FORM 2
 #endif
-#if TSE_LAST_FORM < TSE_FIRST_FORM
-#error "TSE_NO_PARTICLES leaves no form that this number format knows"
-#endif
 
 #define TSE_PARAMS_MAGIC 0x74736570u /* "tsep" */
 #define TSE_FILTER_MAGIC 0x74736566u /* "tsef" */

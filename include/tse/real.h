@@ -45,7 +45,7 @@ typedef int64_t tse_real;
 typedef int64_t tse_setting;
 #define TSE_FORMAT_NAME "fixed"
 #define TSE_NAME(name) name##_fix
-/* Bits behind the point. 32 is what the library is tested with (scripts/results/fixed.md has the others). */
+/* Bits behind the point. 32 is what the library is tested with (scripts/results/fixed.md). */
 #ifndef TSE_FRACTION_BITS
 #define TSE_FRACTION_BITS 32
 #endif

@@ -11,7 +11,7 @@ from pathlib import Path
 
 ROWS = (Path(__file__).resolve().parents[2] / "include" / "tse" / "vehicle.def").read_text()
 
-# Binary fractions, so that double, float and q20 hold them exactly.
+# Binary fractions, so that double, float and fixed hold them exactly.
 KNOWN, NU = 0b101, 64
 MEAN, MEAN_SD = (-0.25, 0.125, 0.5), (0.03125, 0.25, 0.0625)
 SPREAD, CORRELATION = (0.0625, 0.25, 0.125), (0.0, -0.5, 0.25)

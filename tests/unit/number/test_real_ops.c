@@ -112,7 +112,7 @@ static void test_log2_of_a_power_of_two_is_exact(void)
 static void test_log2_never_decreases_over_the_seams_of_its_octaves(void)
 {
   /* Each octave ends at sqrt(2) 2^k. A relative step of 2^-19 raises log2 by 2.8e-6, far more than the error of
-   * double and float; q20 rounds it to 2 or 3 LSB at most, hence "never decreases". */
+   * double and float; fixed point rounds it to 2 or 3 LSB at most, hence "never decreases". */
   for (int k = -8; k < 10; k++) {
     const double seam = ldexp(sqrt(2.0), k);
     for (int j = -200; j < 200; j++) {
