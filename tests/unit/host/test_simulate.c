@@ -1046,7 +1046,7 @@ static void test_refused_input_leaves_the_simulator_bit_for_bit_unchanged(void)
 static void test_a_row_after_which_there_is_no_car_any_more_is_refused(void)
 {
   tse_config c = car();
-  const tse_sim_config s = quiet();
+  tse_sim_config s = quiet();
   tse_sim_output y;
   c.rear_roll_steer_gain = setting(-0.5);
   c.lateral_load_transfer_gain = setting(-0.003);
@@ -1054,10 +1054,11 @@ static void test_a_row_after_which_there_is_no_car_any_more_is_refused(void)
   tse_sim_input u = driver(0.01, 0, -1.2);
   expect_refused(&u, TSE_E_INPUT, "no car at the start");
   c = car();
+  s.speed = setting(70);
   start(&c, &s);
-  u = driver(1.0, 1e5, 0); /* 163 m/s2: after seven rows faster than anything on tyres */
-  for (int k = 0; k < 7; k++) step(&u, &y);
-  TEST_ASSERT_TRUE(number(y.vel_x) > 900 && number(y.vel_x) <= 1000);
+  u = driver(1.0, 1e5, 0); /* 163 m/s2: after six rows nearly as fast as anything on tyres may be */
+  for (int k = 0; k < 6; k++) step(&u, &y);
+  TEST_ASSERT_TRUE(number(y.vel_x) > 850 && number(y.vel_x) <= 1000);
   for (int k = 0; k < 2; k++) expect_refused(&u, TSE_E_INPUT, "no car");
   u = driver(0.01, 0, 0);
   step(&u, &y); /* and on without the torque */
