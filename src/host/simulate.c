@@ -12,7 +12,7 @@
  * soon to numbers that are none. Far above what torques within their range do in a minute to a car that can be built. */
 #define LOST_SPEED TSE_R(1000)     /* m/s */
 #define LOST_YAW_RATE TSE_R(200)   /* rad/s */
-#define LOST_WHEEL TSE_R(1e5)      /* rad/s: on ice the largest drive torque spins wheels to a few thousand within a second */
+#define LOST_WHEEL TSE_R(1e7)      /* rad/s: on ice the largest torque spins the lightest wheels up by 2e6 within a second */
 #define JUMP TSE_R(1e-6) /* s in which a steering angle that was set anew since the last row is reached */
 
 void tse_sim_config_default(tse_sim_config *s)
