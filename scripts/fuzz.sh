@@ -1,84 +1,97 @@
 #!/usr/bin/env bash
-# Looks for inputs that break something: the C targets of tests/fuzz with libFuzzer, address and undefined-behaviour sanitizers, and the
-# readers of files (tests/fuzz/readers.py). A table at the end; fails when anything was found, which is then in build/fuzz/found/TARGET.
-#   scripts/fuzz.sh [TARGET ...] [--runs N | --seconds S] [--seed N] [--minimise]
-#     TARGET        step, settings, learnt, replay, state, fmu_calls_estimator ...; reader_log, reader_vehicle ...; default: all
-#     --runs N      inputs of each target, for instance 1000000; default: --seconds 3, about a minute in all
+# Looks for inputs that break something: the C targets of tests/fuzz with libFuzzer, address and undefined-behaviour sanitizers, in
+# double and in fixed point, and the readers of files (tests/fuzz/readers.py). A table at the end; fails when anything was found, which
+# is then in build/fuzz/found/TARGET.
+#   scripts/fuzz.sh [TARGET ...] [--runs N] [--seconds S] [--seed N] [--minimise] [--table FILE]
+#     TARGET        step, settings, learnt, replay, state, fmu_calls_estimator ...; fixed_step ...; reader_log, reader_vehicle ...;
+#                   default: all
+#     --runs N      inputs of each target, for instance 1000000; with --seconds whichever comes first; default: --seconds 3, about
+#                   a minute in all
 #     --seed N      of libFuzzer's choices, so that --runs does the same again; default: another each time
 #     --minimise    then keeps in tests/fuzz/corpus only inputs that reach what no smaller one does, at most 40 of a target
+#     --table FILE  writes what was run there too, in Markdown: scripts/results/fuzz.md
 # Without clang and its libFuzzer the C targets are skipped; exit code 77 when nothing could run.
 set -uo pipefail
+asked="$*"
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
 longest=600                                   # bytes of an input: some 160 rows
 kept=40                                       # inputs of a corpus in the repository: all targets together some 100 kB
 readers=(log vehicle filter formula learnt stage progress runs archive table)
-c_targets=(step settings learnt replay state fmu_calls_estimator fmu_calls_vehicle fmu_state_estimator fmu_state_vehicle)
-chosen=() runs="" seconds=3 seed="" minimise=""
+core_targets=(step settings learnt replay state)
+c_targets=("${core_targets[@]}" fmu_calls_estimator fmu_calls_vehicle fmu_state_estimator fmu_state_vehicle "${core_targets[@]/#/fixed_}")
+chosen=() runs="" seconds="" seed="" minimise="" page=""
 while [ $# -gt 0 ]; do
   case $1 in
-    --runs | --seconds)
+    --runs | --seconds | --seed)
       [[ ${2:-} =~ ^[1-9][0-9]*$ ]] || { echo "fuzz: $1 needs a whole number" >&2; exit 2; }
-      if [ "$1" = --runs ]; then runs=$2 seconds=""; else seconds=$2; fi
-      shift ;;
-    --seed)
-      [[ ${2:-} =~ ^[1-9][0-9]*$ ]] || { echo "fuzz: $1 needs a whole number" >&2; exit 2; }
-      seed=$2
+      printf -v "${1#--}" '%s' "$2"
       shift ;;
     --minimise) minimise=1 ;;
+    --table)
+      [ -n "${2:-}" ] || { echo "fuzz: --table needs a file" >&2; exit 2; }
+      page=$2
+      shift ;;
     -*) echo "fuzz: no option $1" >&2; exit 2 ;;
     *) chosen+=("$1") ;;
   esac
   shift
 done
+[ -n "$runs$seconds" ] || seconds=3
 [ ${#chosen[@]} -gt 0 ] || chosen=("${c_targets[@]}" "${readers[@]/#/reader_}")
 for name in "${chosen[@]}"; do
   [[ " ${c_targets[*]} ${readers[*]/#/reader_} " == *" $name "* ]] || { echo "fuzz: no target $name" >&2; exit 2; }
 done
 
-table=() failed=0 ran=0
-row() { table+=("$(printf '%-22s %10s %10s  %s' "$@")"); }
-binaries=build/fuzz/tests/fuzz
-built=""
+table=() lines=() failed=0 ran=0
+row() {                                       # row TARGET INPUTS RATE REACHED CORPUS WORD
+  table+=("$(printf '%-22s %10s %10s %10s %8s  %s' "$@")")
+  lines+=("$(printf '| %s | %s | %s | %s | %s | %s |' "$@")")
+}
+declare -A built=()
 
-build() {                                     # once, when the first C target is asked for
+build() {                                     # once of each preset, when its first target is asked for
   if ! echo 'int LLVMFuzzerTestOneInput(const char *d, long n); int LLVMFuzzerTestOneInput(const char *d, long n) { return n > 0 && !d; }' \
       | clang -fsanitize=fuzzer,address,undefined -x c - -o /dev/null 2>/dev/null; then
-    built=no
+    built[$1]=no
     return
   fi
   local options=()
   [ -d .venv/share/fmi2 ] && options+=("-DFETCHCONTENT_SOURCE_DIR_FMI2=$PWD/.venv/share/fmi2")
   if [ -z "${CMAKE_GENERATOR:-}" ] && command -v ninja >/dev/null; then export CMAKE_GENERATOR=Ninja; fi
-  mkdir -p build/fuzz
-  if { cmake --preset fuzz "${options[@]}" && cmake --build --preset fuzz; } >build/fuzz/build.log 2>&1; then built=yes; else
-    tail -n 20 build/fuzz/build.log >&2
-    built=failed
+  mkdir -p "build/$1"
+  if { cmake --preset "$1" "${options[@]}" && cmake --build --preset "$1"; } >"build/$1/build.log" 2>&1; then built[$1]=yes; else
+    tail -n 20 "build/$1/build.log" >&2
+    built[$1]=failed
   fi
 }
 
-fuzz() {                                      # one C target
-  local name=$1 found=build/fuzz/found/$1 grown=build/fuzz/corpus/$1 given=tests/fuzz/corpus/$1 log=build/fuzz/$1.log limits=()
+fuzz() {                                      # one C target of a preset
+  local name=$1 preset=$2 target=${1#fixed_} limits=()
+  local found=build/fuzz/found/$name grown=build/fuzz/corpus/$name given=tests/fuzz/corpus/$target log=build/fuzz/$name.log
+  local program=build/$preset/tests/fuzz/fuzz_$target
   mkdir -p "$found" "$grown"
   [ -n "$runs" ] && limits+=("-runs=$runs")
   [ -n "$seconds" ] && limits+=("-max_total_time=$seconds")
   [ -n "$seed" ] && limits+=("-seed=$seed")
   local folders=("$grown")
   [ -d "$given" ] && folders+=("$given")
-  [ -d "tests/fuzz/found/$name" ] && folders+=("tests/fuzz/found/$name")
-  if "$binaries/fuzz_$name" "${limits[@]}" -max_len=$longest -timeout=20 -rss_limit_mb=2048 -print_final_stats=1 \
+  [ -d "tests/fuzz/found/$target" ] && folders+=("tests/fuzz/found/$target")
+  if "$program" "${limits[@]}" -max_len=$longest -timeout=20 -rss_limit_mb=2048 -print_final_stats=1 \
       "-artifact_prefix=$found/" "${folders[@]}" >"$log" 2>&1; then
-    row "$name" "$(sed -n 's/^stat::number_of_executed_units: *//p' "$log")" "$(ls "$grown" | wc -l)" "nothing found"
+    row "$name" "$(sed -n 's/^stat::number_of_executed_units: *//p' "$log")" "$(sed -n 's/^stat::average_exec_per_sec: *//p' "$log")" \
+      "$(sed -n 's/.* DONE *cov: \([0-9]*\).*/\1/p' "$log")" "$(ls "$grown" | wc -l)" "nothing found"
   else
     grep -E 'fuzz:|ERROR|runtime error' "$log" | head -n 3
-    row "$name" "-" "$(ls "$grown" | wc -l)" "FOUND: $(ls -t "$found" | head -n 1)"
+    row "$name" "-" "-" "-" "$(ls "$grown" | wc -l)" "FOUND: $(ls -t "$found" | head -n 1)"
     failed=1
+    return
   fi
-  if [ -n "$minimise" ] && [ "$failed" = 0 ]; then
+  if [ -n "$minimise" ] && [ "$name" = "$target" ]; then
     local small="build/fuzz/small/$name"
     rm -rf "$small"
     mkdir -p "$small" "$given"
-    "$binaries/fuzz_$name" -merge=1 -max_len=200 "$small" "$grown" "$given" >/dev/null 2>&1
+    "$program" -merge=1 -max_len=200 "$small" "$grown" "$given" >/dev/null 2>&1
     rm -f "$given"/*
     # those that libFuzzer took first reach the most
     ls -S -r "$small" | awk -v kept=$kept '{ name[NR] = $0 } END { for (i = 1; i <= kept && i <= NR; i++) print name[int((i - 1) * NR / (NR < kept ? NR : kept)) + 1] }' \
@@ -86,31 +99,49 @@ fuzz() {                                      # one C target
   fi
 }
 
+read_files() {                                # one reader
+  local name=$1 limits=() log=build/fuzz/$1.log done_ took
+  [ -n "$runs" ] && limits+=(--runs "$runs")
+  [ -n "$seconds" ] && limits+=(--seconds "$seconds")
+  [ -n "$seed" ] && limits+=(--seed "$seed")
+  mkdir -p build/fuzz
+  if PYTHONPATH=$PWD/scripts .venv/bin/python tests/fuzz/readers.py "${name#reader_}" "${limits[@]}" >"$log" 2>&1; then
+    done_=$(sed -n 's/.*"inputs": \([0-9]*\).*/\1/p' "$log")
+    took=$(sed -n 's/.*"seconds": \([0-9]*\).*/\1/p' "$log")
+    row "$name" "$done_" "$((done_ / (took > 0 ? took : 1)))" "-" "-" "nothing found"
+  else
+    cat "$log"
+    row "$name" "-" "-" "-" "-" "FOUND"
+    failed=1
+  fi
+}
+
 for name in "${chosen[@]}"; do
   if [[ $name == reader_* ]]; then
-    limits=()
-    [ -n "$runs" ] && limits+=(--runs "$runs")
-    [ -n "$seconds" ] && limits+=(--seconds "$seconds")
-    log=build/fuzz/$name.log
-    mkdir -p build/fuzz
-    if PYTHONPATH=$PWD/scripts .venv/bin/python tests/fuzz/readers.py "${name#reader_}" "${limits[@]}" >"$log" 2>&1; then
-      row "$name" "$(sed -n 's/.*"inputs": \([0-9]*\).*/\1/p' "$log")" "-" "nothing found"
-    else
-      cat "$log"
-      row "$name" "-" "-" "FOUND"
-      failed=1
-    fi
+    read_files "$name"
     ran=1
     continue
   fi
-  [ -n "$built" ] || build
-  case $built in
-    yes) fuzz "$name"; ran=1 ;;
-    no) row "$name" "-" "-" "skipped: clang with libFuzzer and sanitizers is not installed" ;;
-    *) row "$name" "-" "-" "FAILED to build"; failed=1 ;;
+  preset=fuzz
+  [[ $name == fixed_* ]] && preset=fuzz-fixed
+  [ -n "${built[$preset]:-}" ] || build $preset
+  case ${built[$preset]} in
+    yes) fuzz "$name" $preset; ran=1 ;;
+    no) row "$name" "-" "-" "-" "-" "skipped: clang with libFuzzer and sanitizers is not installed" ;;
+    *) row "$name" "-" "-" "-" "-" "FAILED to build"; failed=1 ;;
   esac
 done
-printf '%-22s %10s %10s\n' target inputs corpus
+printf '%-22s %10s %10s %10s %8s\n' target inputs inputs/s edges corpus
 printf '%s\n' "${table[@]}"
+if [ -n "$page" ]; then
+  {
+    printf '`scripts/fuzz.sh %s`: each target until its inputs or its seconds are over, whichever comes first. An input is up to %d bytes,\n' "$asked" "$longest"
+    printf 'which are a drive of up to 160 rows, a sequence of calls, or a file; a C target runs with the sanitizers for addresses and undefined\n'
+    printf 'behaviour. Inputs a second, of a shared machine. Edges: places in the program that libFuzzer saw reached; corpus: inputs that each\n'
+    printf 'reach something of their own; the readers of files are in Python, where neither is counted.\n\n'
+    printf '| target | inputs | inputs/s | edges | corpus | found |\n|---|---:|---:|---:|---:|---|\n'
+    printf '%s\n' "${lines[@]}"
+  } >"$page"
+fi
 [ "$failed" = 0 ] || exit 1
 [ "$ran" = 1 ] || exit 77

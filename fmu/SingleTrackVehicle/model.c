@@ -103,18 +103,28 @@ static fmu_result refuse_input(const fmu_variable *v, char text[FMU_TEXT])
   return FMU_ERROR;
 }
 
+/* Every input is in its range, and still. */
+static fmu_result refuse_motion(char text[FMU_TEXT])
+{
+  (void)snprintf(text, FMU_TEXT, "parameters and inputs lead to what is no car any more: faster than 1000 m/s, turning faster than 200 rad/s, "
+                                 "or a sensor whose value is no number");
+  return FMU_ERROR;
+}
+
 fmu_result model_start(model *m, double start, char text[FMU_TEXT])
 {
   const fmu_variable *const wrong_one = wrong_input(&m->u);
   const char *wrong = NULL;
   (void)start;
   if (wrong_one) return refuse_input(wrong_one, text);
-  const tse_status status = tse_sim_reset(&m->sim, &m->config, &m->sim_config, &wrong);
+  tse_sim begun;
+  const tse_status status = tse_sim_reset(&begun, &m->config, &m->sim_config, &wrong);
   if (status < 0) {
     (void)snprintf(text, FMU_TEXT, "%s: %s", fmu_name_of(wrong ? wrong : ""), tse_status_text(status));
     return FMU_ERROR;
   }
-  (void)tse_sim_step(&m->sim, &m->u, &m->y); /* logs the start */
+  if (tse_sim_step(&begun, &m->u, &m->y) < 0) return refuse_motion(text); /* logs the start */
+  memcpy(&m->sim, &begun, sizeof begun);
   derive_outputs(m);
   return FMU_OK;
 }
@@ -135,12 +145,16 @@ fmu_result model_step(model *m, double time, double step, char text[FMU_TEXT])
     (void)snprintf(text, FMU_TEXT, "communicationStepSize = %.10g is longer than 1 s", step);
     return FMU_ERROR;
   }
+  const tse_sim_input last = m->sim.last;
   if (!m->ramp) {
     from.road_level = m->sim.last.road_level; /* that of the stiffness drawn for this step */
     from.road_friction = m->sim.last.road_friction;
     m->sim.last = from;
   }
-  (void)tse_sim_step(&m->sim, &to, &m->y);
+  if (tse_sim_step(&m->sim, &to, &m->y) < 0) {
+    m->sim.last = last;
+    return refuse_motion(text);
+  }
   derive_outputs(m);
   return FMU_OK;
 }

@@ -68,8 +68,8 @@ tse_status tse_sim_config_check(const tse_sim_config *s, const char **wrong);
 tse_status tse_sim_reset(tse_sim *sim, const tse_config *c, const tse_sim_config *s, const char **wrong);
 
 /* Advance to the next row and log it; the first call logs the start without advancing.
- *   Returned:  y  TSE_OK, TSE_E_NULL, TSE_E_TIME or TSE_E_INPUT (outside the range of tse/sim_input.def, or not finite):
- *              nothing has changed then
+ *   Returned:  y  TSE_OK, TSE_E_NULL, TSE_E_TIME or TSE_E_INPUT (outside the range of tse/sim_input.def, or not finite; or what
+ *              they do to this car leaves what a car can do: 1000 m/s, 200 rad/s): nothing has changed then
  *   Cost:      dt/substep right-hand sides times two. */
 tse_status tse_sim_step(tse_sim *sim, const tse_sim_input *u, tse_sim_output *y);
 

@@ -110,9 +110,6 @@ tse_status tse_replay(const tse_params *p, const tse_replay_log *log, int32_t ro
   memset(&m, 0, sizeof m);
   memset(&at, 0, sizeof at);
   car.effects.mask = mask_of(p, log);
-  m.time = s->time;
-  m.heading = r_mul(TSE_R(0.15915494309189535), s->heading);
-  const stiffness k = vehicle_stiffness(&car, s->cx_front - TSE_R(1), s->cy_front - TSE_R(1), s->cy_rear - TSE_R(1));
   const tse_effects *const e = &car.effects;
   for (int32_t i = 0; i < rows; i++) { /* all before the first: a wheel torque needs the rows on both sides */
     const tse_status status = i == 0 && !finite_start(s) ? TSE_E_INPUT : check(log, i);
@@ -121,6 +118,10 @@ tse_status tse_replay(const tse_params *p, const tse_replay_log *log, int32_t ro
       return status;
     }
   }
+  if (rows <= 0) return TSE_OK;
+  m.time = s->time;
+  m.heading = r_mul(TSE_R(0.15915494309189535), s->heading);
+  const stiffness k = vehicle_stiffness(&car, s->cx_front - TSE_R(1), s->cy_front - TSE_R(1), s->cy_rear - TSE_R(1));
   for (int32_t i = 0; i < rows; i++) {
     const tse_real dt = i > 0 ? log->dt[i] : TSE_R(1);
     inputs u;

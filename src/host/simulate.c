@@ -8,6 +8,11 @@
 /* Brakes oppose rotation; between -BRAKE_GRIP and BRAKE_GRIP rad/s their torque rises linearly, so that they hold a
  * standing wheel without a discontinuity. */
 #define BRAKE_GRIP TSE_R(0.2)
+/* Beyond these there is no car any more: the settings and what the driver does have led out of what the model is good for, and
+ * soon to numbers that are none. Far above what torques within their range do in a minute to a car that can be built. */
+#define LOST_SPEED TSE_R(1000)     /* m/s */
+#define LOST_YAW_RATE TSE_R(200)   /* rad/s */
+#define LOST_WHEEL TSE_R(1e7)      /* rad/s: on ice the largest torque spins the lightest wheels up by 2e6 within a second */
 #define JUMP TSE_R(1e-6) /* s in which a steering angle that was set anew since the last row is reached */
 
 void tse_sim_config_default(tse_sim_config *s)
@@ -433,11 +438,8 @@ static void observe(tse_sim *sim, stiffness k, tse_real dt, accels *a, tse_real 
   clean[2] = sim->x[2];
 }
 
-tse_status tse_sim_step(tse_sim *sim, const tse_sim_input *u, tse_sim_output *y)
+static void log_next(tse_sim *sim, const tse_sim_input *u, tse_sim_output *y)
 {
-  if (!sim || !u || !y) return TSE_E_NULL;
-  const tse_status refused = check(sim, u);
-  if (refused < 0) return refused;
   if (sim->step > 0) advance(sim, u);
   else sim->last = *u;
 
@@ -475,5 +477,34 @@ tse_status tse_sim_step(tse_sim *sim, const tse_sim_input *u, tse_sim_output *y)
     y->bias[i] = sim->bias[i];
   }
   sim->step++;
+}
+
+/* Is this still a car? NaN is none. What it leaves is what tse_sim_check() takes. */
+static int is_car(const tse_sim *sim, const tse_sim_output *y)
+{
+  int fine = sound_reals(sim->x, 2, -LOST_SPEED, LOST_SPEED) && sound_reals(&sim->x[2], 1, -LOST_YAW_RATE, LOST_YAW_RATE);
+  fine = fine && sound_reals(&sim->x[3], 2, -LOST_WHEEL, LOST_WHEEL) && sound_reals(&sim->x[5], 4, -MOST_REAL, MOST_REAL);
+  fine = fine && sound_reals(sim->bias, 3, -MOST_REAL, MOST_REAL) && sound_reals(&sim->steer, 1, -MOST_REAL, MOST_REAL);
+  fine = fine && sound_memory(&sim->effects);
+#define INPUT(name, lo, hi, unit, kind, text) fine = fine && sound_reals(&y->row.name, 1, -MOST_REAL, MOST_REAL);
+#include "tse/input.def"
+#undef INPUT
+  return fine && sound_reals(&y->accel_x, 1, -MOST_REAL, MOST_REAL) && sound_reals(&y->accel_y, 1, -MOST_REAL, MOST_REAL);
+}
+
+tse_status tse_sim_step(tse_sim *sim, const tse_sim_input *u, tse_sim_output *y)
+{
+  if (!sim || !u || !y) return TSE_E_NULL;
+  const tse_status refused = check(sim, u);
+  if (refused < 0) return refused;
+  tse_sim before;
+  tse_sim_output made;
+  memcpy(&before, sim, sizeof before); /* bytes between members too */
+  log_next(sim, u, &made);
+  if (!is_car(sim, &made)) {
+    memcpy(sim, &before, sizeof before);
+    return TSE_E_INPUT;
+  }
+  memcpy(y, &made, sizeof made);
   return TSE_OK;
 }

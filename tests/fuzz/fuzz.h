@@ -12,6 +12,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "tse/convert.h"
 #include "tse/learnt.h"
 #include "tse/tse.h"
 
@@ -49,7 +50,9 @@ static inline double take_odd(bytes *b)
   return odd[take(b, 1) & 15u];
 }
 
-static inline tse_real real_of(double x) { return (tse_real)x; } /* double and float; what is too large for float is infinite */
+/* What is too large is infinite in float, and in fixed point the largest that there is. */
+static inline tse_real real_of(double x) { return tse_real_of(x); }
+static inline double number(tse_real x) { return tse_double_of(x); }
 
 /* ---- settings */
 
@@ -66,7 +69,7 @@ static const setting settings[] = {
 
 static inline void put_setting(tse_config *c, const setting *s, double x)
 {
-  tse_setting value = (tse_setting)x;
+  const tse_setting value = tse_setting_of(x);
   const int32_t whole = x >= -2147483648.0 && x <= 2147483647.0 ? (int32_t)x : INT32_MIN;
   if (s->whole) memcpy((char *)c + s->offset, &whole, sizeof whole);
   else memcpy((char *)c + s->offset, &value, sizeof value);
@@ -79,7 +82,7 @@ static inline double get_setting(const tse_config *c, const setting *s)
   memcpy(&whole, (const char *)c + s->offset, sizeof whole);
   if (s->whole) return whole;
   memcpy(&value, (const char *)c + s->offset, sizeof value);
-  return (double)value;
+  return tse_double_of_setting(value);
 }
 
 /* Up to 15 settings other than the default; hostile: also out of range. */
@@ -173,7 +176,13 @@ static inline tse_input wild_row(bytes *b, double beyond)
 
 /* ---- what must be true */
 
+/* In fixed point a result that has stopped at the end of its range is what an infinity is (src/number/fixed.h). */
+#if defined(TSE_REAL_FIXED)
+#define END_OF_RANGE ((tse_real)1 << 59)
+static inline int is_number(tse_real x) { return x < END_OF_RANGE && x > -END_OF_RANGE; }
+#else
 static inline int is_number(tse_real x) { return x - x == 0; }
+#endif
 
 #define FASTEST 200.0001       /* m/s: no car is faster (src/model/vehicle.h); a mean is rounded   */
 #define FASTEST_TURN 20.00001  /* rad/s                                                             */
@@ -182,23 +191,23 @@ static inline void must_be_estimates(const tse_config *c, const tse_output *y, i
 {
   const tse_real *const all = &y->vel_x; /* of one type up to the first whole number */
   const tse_real *const positive[] = { y->stiffness_sd, y->stiffness_spread, y->bias_sd, y->noise, y->discrepancy };
-  const double least = 0.999 * c->stiffness_min, most = 1.001 * c->stiffness_max;
+  const double least = 0.999 * tse_double_of_setting(c->stiffness_min), most = 1.001 * tse_double_of_setting(c->stiffness_max);
   for (size_t i = 0; i < offsetof(tse_output, spread_seen) / sizeof *all; i++)
-    MUST(is_number(all[i]), "real %u of the estimates is %g, status %d", (unsigned)i, (double)all[i], status);
-  MUST(fabs((double)y->yaw_rate) <= FASTEST_TURN, "yaw rate %g, status %d", (double)y->yaw_rate, status);
-  MUST(fabs((double)y->vel_x) <= FASTEST && fabs((double)y->vel_y) <= FASTEST, "speed %g, %g", (double)y->vel_x, (double)y->vel_y);
+    MUST(is_number(all[i]), "real %u of the estimates is %g, status %d", (unsigned)i, number(all[i]), status);
+  MUST(fabs(number(y->yaw_rate)) <= FASTEST_TURN, "yaw rate %g, status %d", number(y->yaw_rate), status);
+  MUST(fabs(number(y->vel_x)) <= FASTEST && fabs(number(y->vel_y)) <= FASTEST, "speed %g, %g", number(y->vel_x), number(y->vel_y));
   MUST(y->vel_x_sd >= 0 && y->vel_y_sd >= 0 && y->yaw_rate_sd >= 0 && y->lag_steer_sd >= 0 && y->estimate_age >= 0, "sd of a state");
   for (int a = 0; a < 3; a++) {
-    MUST(y->stiffness[a] >= least && y->stiffness[a] <= most, "stiffness %d is %g, status %d", a, (double)y->stiffness[a], status);
-    for (int k = 0; k < 5; k++) MUST(positive[k][a] >= 0, "sd %d of %d is %g", k, a, (double)positive[k][a]);
+    MUST(number(y->stiffness[a]) >= least && number(y->stiffness[a]) <= most, "stiffness %d is %g, status %d", a, number(y->stiffness[a]), status);
+    for (int k = 0; k < 5; k++) MUST(positive[k][a] >= 0, "sd %d of %d is %g", k, a, number(positive[k][a]));
     MUST(y->reason[a] >= TSE_VALID && y->reason[a] <= TSE_MISFIT, "reason %d", (int)y->reason[a]);
     MUST(y->spread_seen[a] == 0 || y->spread_seen[a] == 1, "spread_seen %d", (int)y->spread_seen[a]);
   }
-  for (int k = 0; k < TSE_REGIMES; k++) MUST(y->regime[k] >= 0 && y->regime[k] <= 1.00001, "regime %d: %g", k, (double)y->regime[k]);
-  MUST(y->change_probability >= 0 && y->change_probability <= 1.00001, "p of a change %g", (double)y->change_probability);
+  for (int k = 0; k < TSE_REGIMES; k++) MUST(y->regime[k] >= 0 && number(y->regime[k]) <= 1.00001, "regime %d: %g", k, number(y->regime[k]));
+  MUST(y->change_probability >= 0 && number(y->change_probability) <= 1.00001, "p of a change %g", number(y->change_probability));
   MUST(y->change_kind >= TSE_CHANGE_NONE && y->change_kind <= TSE_CHANGE_RESTART, "change_kind %d", (int)y->change_kind);
   MUST(y->fault_channel >= 0 && y->fault_channel <= (int)TSE_CHANNELS, "fault_channel %d", (int)y->fault_channel);
-  MUST(y->status == status && status <= TSE_W_WAITING, "status %d in the estimates, %d returned", (int)y->status, status);
+  MUST(y->status == status && status <= TSE_W_RANGE, "status %d in the estimates, %d returned", (int)y->status, status);
 }
 
 /* FNV-1a: two runs with the same rows have the same. */

@@ -68,7 +68,7 @@ static fmi2Status call(bytes *b, slot *s, slot *other)
       const fmi2Real x[2] = { take_share(b), take_odd(b) };
       return fmi2SetReal(c, vr, 2, x);
     }
-    case 14: kept_count = bytes_of(c, kept_bytes, sizeof kept_bytes); return fmi2OK;
+    case 14: kept_count = serialized(c, kept_bytes, sizeof kept_bytes); return fmi2OK;
     case 15: { /* back from bytes, some of which are others now */
       fmi2FMUstate state = NULL;
       if (!kept_count) return fmi2OK;

@@ -69,7 +69,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
   MUST(tse_filter_check(&p, &f.filter, sizeof f) == TSE_OK, "refused after loading");
   road r = road_of(&b);
   for (int k = 0; k < 30; k++) {
-    const tse_input u = road_row(&r, (double)c.sample_time);
+    const tse_input u = road_row(&r, tse_double_of_setting(c.sample_time));
     tse_output y;
     const tse_status done = tse_step(&p, &f.filter, &u, &y);
     if (done < 0) continue;

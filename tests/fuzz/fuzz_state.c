@@ -18,9 +18,9 @@ static void forge(bytes *b, uint8_t *at, size_t count)
       case 0: memcpy(where, &whole, sizeof whole); break;
       case 1: whole = -whole; memcpy(where + (how & 8u ? sizeof(tse_real) - 4 : 0), &whole, sizeof whole); break;
       case 2: x = real_of(take_odd(b)); memcpy(where, &x, sizeof x); break;
-      case 3: x = -x; memcpy(where, &x, sizeof x); break;
+      case 3: x = real_of(-number(x)); memcpy(where, &x, sizeof x); break;
       case 4: x = real_of((how & 8u ? -1 : 1) * pow(10, take_between(b, -20, 20))); memcpy(where, &x, sizeof x); break;
-      case 5: x = real_of((double)x * pow(10, take_between(b, -9, 9))); memcpy(where, &x, sizeof x); break;
+      case 5: x = real_of(number(x) * pow(10, take_between(b, -9, 9))); memcpy(where, &x, sizeof x); break;
       case 6: for (size_t i = 0; i < sizeof x; i++) where[i] = (uint8_t)take(b, 1); break;
       default: x = real_of(take_between(b, -3, 3)); memcpy(where, &x, sizeof x); break;
     }
@@ -41,13 +41,13 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
   MUST(tse_reset(&p, &f.filter, count) == TSE_OK, "reset");
   road r = road_of(&b);
   for (uint32_t k = 0; k < first >> 3; k++) {
-    const tse_input u = road_row(&r, (double)c.sample_time);
+    const tse_input u = road_row(&r, tse_double_of_setting(c.sample_time));
     (void)tse_step(&p, &f.filter, &u, NULL);
   }
   forge(&b, (uint8_t *)&f, count);
   if (tse_filter_check(&p, &f.filter, count) != TSE_OK) return 0;
   for (int k = 0; k < 25; k++) {
-    tse_input u = road_row(&r, (double)c.sample_time);
+    tse_input u = road_row(&r, tse_double_of_setting(c.sample_time));
     tse_output y;
     if (k % 8 == 7) u.missing = take(&b, 1);
     const tse_status status = tse_step(&p, &f.filter, &u, &y);

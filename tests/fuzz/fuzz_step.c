@@ -32,6 +32,7 @@ static void step(const tse_input *u)
   }
   MUST(tse_input_check(u, NULL) == TSE_OK || !d.before.filter.started, "a row that is not to be accepted was");
   must_be_estimates(&d.c, &y, (int)status);
+  if (d.c.form == 0 && d.before.filter.bank.saturated != d.f.filter.bank.saturated) MUST(status == TSE_W_RANGE, "%d, and a number has left its range", (int)status);
   d.digest = mixed(d.digest, &y, offsetof(tse_output, spread_seen));
   d.digest = mixed(d.digest, y.reason, sizeof y.reason);
   MUST(tse_filter_check(&d.p, &d.f.filter, d.bytes) == TSE_OK, "its own state is refused, step %u", (unsigned)d.f.filter.step);
@@ -79,11 +80,11 @@ static uint64_t run(const uint8_t *data, size_t size)
   last = road_row(&r, 0.01);
   while (b.left > 0 && d.rows < MOST_ROWS) {
     const uint32_t what = take(&b, 1);
-    tse_input u = road_row(&r, (double)d.c.sample_time);
+    tse_input u = road_row(&r, tse_double_of_setting(d.c.sample_time));
     switch (what & 15u) {
       case 0: case 1: case 2: /* on and on */
         for (uint32_t k = 0; k < 1 + (what >> 3); k++) {
-          u = road_row(&r, (double)d.c.sample_time);
+          u = road_row(&r, tse_double_of_setting(d.c.sample_time));
           step(&u);
         }
         break;
@@ -94,7 +95,7 @@ static uint64_t run(const uint8_t *data, size_t size)
       case 7: u.dt = real_of(what & 16u ? take_odd(&b) : pow(10, take_between(&b, -4, 3.6))); step(&u); break;
       case 8: /* stuck: one channel, or all */
         for (uint32_t k = 0, which = take(&b, 1); k < 1 + (what >> 4); k++) {
-          u = road_row(&r, (double)d.c.sample_time);
+          u = road_row(&r, tse_double_of_setting(d.c.sample_time));
           if (which & 8u) u = last;
           else *channel_of(&u, which) = *channel_of(&last, which);
           step(&u);
@@ -107,14 +108,14 @@ static uint64_t run(const uint8_t *data, size_t size)
       case 13: to_the_next_drive(what & 16u ? 0xffffffffu : take(&b, 4)); break;
       case 14: /* a channel that jumps from one end to the other */
         for (uint32_t k = 0, which = take(&b, 1); k < 1 + (what >> 5); k++) {
-          u = road_row(&r, (double)d.c.sample_time);
+          u = road_row(&r, tse_double_of_setting(d.c.sample_time));
           *channel_of(&u, which) = real_of((k & 1u ? -1 : 1) * (which % TSE_CHANNELS == 0 ? 1.2 : which % TSE_CHANNELS < 3 ? 400 : which % TSE_CHANNELS < 5 ? 50 : 6));
           step(&u);
         }
         break;
       default: /* without any measurement, or standing */
         for (uint32_t k = 0; k < 1 + (what >> 3); k++) {
-          u = road_row(&r, (double)d.c.sample_time);
+          u = road_row(&r, tse_double_of_setting(d.c.sample_time));
           if (what & 16u) u.missing = 56;
           else u.wheel_speed_front = u.wheel_speed_rear = 0;
           step(&u);

@@ -1041,6 +1041,29 @@ static void test_refused_input_leaves_the_simulator_bit_for_bit_unchanged(void)
   }
 }
 
+/* Everything inside its range, and no car: tyres that grip the better the harder it turns, an axle that steers with the roll. The
+ * settings are a fuzzer's (tests/fuzz/found/fmu_calls_vehicle). */
+static void test_a_row_after_which_there_is_no_car_any_more_is_refused(void)
+{
+  tse_config c = car();
+  tse_sim_config s = quiet();
+  tse_sim_output y;
+  c.rear_roll_steer_gain = setting(-0.5);
+  c.lateral_load_transfer_gain = setting(-0.003);
+  start(&c, &s);
+  tse_sim_input u = driver(0.01, 0, -1.2);
+  expect_refused(&u, TSE_E_INPUT, "no car at the start");
+  c = car();
+  s.speed = setting(70);
+  start(&c, &s);
+  u = driver(1.0, 1e5, 0); /* 163 m/s2: after six rows nearly as fast as anything on tyres may be */
+  for (int k = 0; k < 6; k++) step(&u, &y);
+  TEST_ASSERT_TRUE(number(y.vel_x) > 850 && number(y.vel_x) <= 1000);
+  for (int k = 0; k < 2; k++) expect_refused(&u, TSE_E_INPUT, "no car");
+  u = driver(0.01, 0, 0);
+  step(&u, &y); /* and on without the torque */
+}
+
 static void test_time_step_must_lie_between_zero_and_a_second_except_at_the_first_row(void)
 {
   const double bad[] = { 0, -0.01, 1.0001, INFINITY, -INFINITY, NAN };
@@ -1196,6 +1219,7 @@ int main(void)
   RUN_TEST(test_estimators_seed_plays_no_part);
   RUN_TEST(test_copy_of_the_simulator_continues_with_the_same_bits);
   RUN_TEST(test_refused_input_leaves_the_simulator_bit_for_bit_unchanged);
+  RUN_TEST(test_a_row_after_which_there_is_no_car_any_more_is_refused);
   RUN_TEST(test_time_step_must_lie_between_zero_and_a_second_except_at_the_first_row);
   RUN_TEST(test_first_row_logs_the_start_without_advancing);
   RUN_TEST(test_null_arguments_are_refused);
