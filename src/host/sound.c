@@ -50,7 +50,7 @@ static int sound_hypothesis(const tse_params *p, const tse_hypothesis *h)
   const tse_real sum = MOST_SUM(MOST_REAL), square = MOST_SUM(MOST_SQUARE);
   fine = fine && sound_reals(h->eps, 3, -sum, sum) && sound_reals(h->eps_cov[0], 9, -square, square);
   fine = fine && sound_reals(h->eps_x[0], 3 * TSE_X, -square, square) && sound_reals(h->info[0], 36, -sum, sum);
-  fine = fine && sound_reals(h->spread_var, 3, TSE_R(1e-12), MOST_REAL) && sound_reals(h->noise_var, 3, TSE_R(1e-12), MOST_REAL);
+  fine = fine && sound_reals(h->spread_var, 3, LEAST_VAR, MOST_REAL) && sound_reals(h->noise_var, 3, LEAST_VAR, MOST_REAL);
   fine = fine && sound_reals(h->smooth, 2, -MOST_REAL, MOST_REAL) && sound_reals(&h->shaken, 1, TSE_R(0), MOST_REAL);
   fine = fine && sound_reals(h->with_slip, 2, -MOST_REAL, MOST_REAL) && sound_reals(h->with_past, 2, -MOST_REAL, MOST_REAL);
   fine = fine && sound_reals(h->pull, 2, -MOST_REAL, MOST_REAL);
