@@ -39,6 +39,9 @@ static inline int64_t fixed_signed(uint64_t magnitude, int negative)
 
 static inline int64_t fixed_saturate(int64_t x) { return x > FIXED_MOST ? FIXED_MOST : x < -FIXED_MOST ? -FIXED_MOST : x; }
 
+/* x 2^-by, nearest. */
+static inline int64_t fixed_coarser(int64_t x, int by) { return by > 0 ? ((x >> (by - 1)) + 1) >> 1 : x; }
+
 /* a b from halves, nearest, ties towards +infinity. hi, lo: the 128 bits of the exact product. */
 static inline int64_t fixed_mul_halves(int64_t a, int64_t b)
 {

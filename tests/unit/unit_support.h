@@ -25,11 +25,21 @@ void tearDown(void) {}
 #else
 #define BY_FORMAT(in_double, in_float) (in_double)
 #endif
+#if defined(TSE_REAL_FIXED)
+#define BY_NUMBER(in_double, in_float, in_fixed) (in_fixed)
+#define QUANTUM ldexp(1, -TSE_FRACTION_BITS) /* a number's resolution, whatever its size */
+#else
+#define BY_NUMBER(in_double, in_float, in_fixed) BY_FORMAT(in_double, in_float)
+#define QUANTUM 0.0 /* in place of it there is the relative tolerance */
+#endif
 
 static inline tse_real real(double x) { return tse_real_of(x); }
 static inline double number(tse_real x) { return tse_double_of(x); }
 static inline tse_setting setting(double x) { return tse_setting_of(x); }
 static inline double of_setting(tse_setting x) { return tse_double_of_setting(x); }
+
+/* What a computation that went wrong leaves behind: NaN; in fixed point, which has none, the number at which results stop. */
+static inline tse_real broken(void) { return BY_NUMBER(real((double)NAN), real((double)NAN), real(1e30)); }
 
 static inline void expect_near(double expected, double actual, double tolerance, const char *what, int index)
 {
@@ -39,6 +49,14 @@ static inline void expect_near(double expected, double actual, double tolerance,
   (void)snprintf(text, sizeof text, "%s [%d] is %.17g, expected %.17g, error %.3g > %.3g", what, index, actual, expected, error,
                  tolerance);
   TEST_FAIL_MESSAGE(text);
+}
+
+/* Bit for bit; in fixed point, where a product that lies halfway goes up on both sides, but for the rounding of some hundred steps, whose
+ * errors forces make larger. */
+static inline void expect_mirrored(tse_real left, tse_real right, const char *what)
+{
+  if (BY_NUMBER(0, 0, 1)) expect_near(number(left), number(right), 4096 * QUANTUM, what, 0);
+  else TEST_ASSERT_EQUAL_MEMORY_MESSAGE(&left, &right, sizeof left, what);
 }
 
 /* Full-period generator of test words; the library's own is tested elsewhere. */
@@ -93,6 +111,21 @@ static inline tse_params prepared(const tse_config *c)
     TEST_FAIL_MESSAGE(wrong);
   }
   return p;
+}
+
+/* Parameters, where the number format of the build holds them. Returned: 0 when tse_prepare() says that it does not, and only that. */
+static inline int prepared_if_held(const tse_config *c, tse_params *p)
+{
+  const char *wrong = NULL;
+  const tse_status status = tse_prepare(c, p, &wrong);
+#if defined(TSE_REAL_FIXED)
+  if (status == TSE_E_FORMAT) {
+    TEST_ASSERT_NOT_NULL(wrong);
+    return 0;
+  }
+#endif
+  TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_OK, status, wrong ? wrong : "");
+  return 1;
 }
 
 #endif

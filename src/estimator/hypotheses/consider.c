@@ -101,8 +101,8 @@ void consider_sample(const tse_params *p, tse_bank *b, const sample *y, const in
 {
   const tse_hypothesis *const h = &b->h[b->likeliest];
   const tse_real trust = trust_of(o);
-  const tse_real gain[3] = { r_mul(y->use[0], r_mul(p->inv_sd[0], p->read_x)), r_mul(y->use[1], r_mul(p->inv_sd[1], p->read_y_front)),
-                             r_mul(y->use[1], r_mul(p->inv_sd[1], p->read_y_rear)) };
+  const tse_real gain[3] = { r_mul(o->use[0], r_mul(p->inv_sd[0], p->read_x)), r_mul(o->use[1], r_mul(p->inv_sd[1], p->read_y_front)),
+                             r_mul(o->use[1], r_mul(p->inv_sd[1], p->read_y_rear)) };
   const int learns = !(h->fault > FAULT_NONE && h->fault < FAULT_MEASURED);
   const course c = { y->u, y->late_steer };
   const inputs u = acting(h, c);
@@ -115,9 +115,9 @@ void consider_sample(const tse_params *p, tse_bank *b, const sample *y, const in
     if (!(p->consider_sd[k] > TSE_R(0))) continue;
     add(p, b, k, u, o, &s, &a);
     const tse_real read[3] = { r_mul(gain[0], a.x + a.late[0]),
-                               r_mul(gain[1], a.front + a.late[1]) + r_mul(gain[2], a.rear + a.late[2]) + a.scale, TSE_R(0) };
+                               r_mul(gain[1], a.front + a.late[1]) + r_mul(gain[2], a.rear + a.late[2]) + in_units(o, 1, a.scale), TSE_R(0) };
     for (int i = 0; i < 3; i++) {
-      e[i] = r_mul(y->use[i], off[X_BIAS + i] + off[X_SLOW + i]) + r_mul(o->lag[i], off[X_LAG]) + r_mul(p->consider_sd[k], read[i]);
+      e[i] = r_mul(o->use[i], off[X_BIAS + i] + off[X_SLOW + i]) + r_mul(o->lag[i], off[X_LAG]) + r_mul(p->consider_sd[k], read[i]);
       for (int j = 0; j < 6; j++) e[i] += r_mul(o->h[i][j], off[j]);
     }
     for (int i = 0; i < 3; i++) se[i] = r_mul(trust, r_mul(o->inv[i][0], e[0]) + r_mul(o->inv[i][1], e[1]) + r_mul(o->inv[i][2], e[2]));

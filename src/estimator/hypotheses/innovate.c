@@ -29,6 +29,10 @@ static void foretell(const tse_params *p, const tse_hypothesis *h, const sample 
   }
   o->h[2][2] = gyro;
   for (int a = 0; a < 3; a++) {
+#if defined(TSE_REAL_FIXED)
+    o->coarser[a] = 0;
+#endif
+    o->use[a] = y->use[a];
     o->e[a] = r_mul(y->use[a], y->y[a] - h->x[X_BIAS + a] - h->x[X_SLOW + a]) - o->forecast[a];
     reading_column(g, s, BY_STEER + a, &o->unknown[0][a], &o->unknown[1][a]);
     o->unknown[2][a] = o->d[2][a] = TSE_R(0);
@@ -67,21 +71,25 @@ static void foretell_wheel_noise(const tse_params *p, innovation *o)
   o->noise[0] += r_mul(r_sqr(o->unknown[0][1]), p->wheel_var[0]) + r_mul(r_sqr(o->unknown[0][2]), p->wheel_var[1]);
 }
 
-static void covariance(const tse_hypothesis *h, const sample *y, innovation *o)
+static void covariance_with_state(const tse_hypothesis *h, innovation *o)
 {
   for (int i = 0; i < TSE_X; i++) {
     const tse_real *const row = h->cov[i];
-    o->ph[0][i] = r_mul(y->use[0], row[X_BIAS] + row[X_SLOW]) + r_mul(o->h[0][0], row[0]) + r_mul(o->h[0][1], row[1]) +
+    o->ph[0][i] = r_mul(o->use[0], row[X_BIAS] + row[X_SLOW]) + r_mul(o->h[0][0], row[0]) + r_mul(o->h[0][1], row[1]) +
                   r_mul(o->h[0][2], row[2]) + r_mul(o->h[0][3], row[3]) + r_mul(o->h[0][4], row[4]) +
                   r_mul(o->lag[0], row[X_LAG]);
-    o->ph[1][i] = r_mul(y->use[1], row[X_BIAS + 1] + row[X_SLOW + 1]) + r_mul(o->h[1][0], row[0]) + r_mul(o->h[1][1], row[1]) +
+    o->ph[1][i] = r_mul(o->use[1], row[X_BIAS + 1] + row[X_SLOW + 1]) + r_mul(o->h[1][0], row[0]) + r_mul(o->h[1][1], row[1]) +
                   r_mul(o->h[1][2], row[2]) + r_mul(o->h[1][3], row[3]) + r_mul(o->h[1][4], row[4]) + r_mul(o->h[1][5], row[5]) +
                   r_mul(o->lag[1], row[X_LAG]);
-    o->ph[2][i] = r_mul(y->use[2], row[X_BIAS + 2] + row[X_SLOW + 2]) + r_mul(o->h[2][2], row[2]);
+    o->ph[2][i] = r_mul(o->use[2], row[X_BIAS + 2] + row[X_SLOW + 2]) + r_mul(o->h[2][2], row[2]);
   }
+}
+
+static void covariance(innovation *o)
+{
   for (int a = 0; a < 3; a++)
     for (int b = a; b < 3; b++) {
-      tse_real sum = r_mul(y->use[a], o->ph[b][X_BIAS + a] + o->ph[b][X_SLOW + a]) + r_mul(o->lag[a], o->ph[b][X_LAG]);
+      tse_real sum = r_mul(o->use[a], o->ph[b][X_BIAS + a] + o->ph[b][X_SLOW + a]) + r_mul(o->lag[a], o->ph[b][X_LAG]);
       for (int k = 0; k < 6; k++) sum += r_mul(o->h[a][k], o->ph[b][k]);
       for (int k = 0; k < 3; k++) sum += r_mul(o->eps_var[k], r_mul(o->d[a][k], o->d[b][k]));
       o->s[a][b] = o->s[b][a] = a == b ? sum + o->noise[a] : sum;
@@ -89,6 +97,36 @@ static void covariance(const tse_hypothesis *h, const sample *y, innovation *o)
 }
 
 #if defined(TSE_REAL_FIXED)
+#define MOST_S TSE_R(4096)  /* its inverse has 20 digits left, and what a sample leaves of eps is known to 0.4 % of the noise */
+#define MOST_COARSER 13     /* a noise of one sigma squared keeps six digits                                              */
+
+/* Wheels that slide by 100 % leave forces unknown by 1e4 sigma: S beyond the format, or with an inverse of no digits, where the speed
+ * followed tyres that push no more. So channel a is measured in coarser units, where S is small; twice, if S had left the format. */
+static void fit_units(innovation *o)
+{
+  for (int pass = 0; pass < 2; pass++) {
+    int again = 0;
+    for (int a = 0; a < 3; a++) {
+      const int digits = 63 - FIXED_BITS - fixed_zeros((uint64_t)r_max(o->s[a][a], (tse_real)1)); /* before the point, less one */
+      const int by = o->s[a][a] > MOST_S ? (digits - 2) / 2 : 0, most = MOST_COARSER - o->coarser[a];
+      const int more = by < most ? by : most;
+      if (more <= 0) continue;
+      again = 1;
+      o->coarser[a] += more;
+      for (int k = 0; k < 6; k++) o->h[a][k] = fixed_coarser(o->h[a][k], more);
+      for (int k = 0; k < 3; k++) o->d[a][k] = fixed_coarser(o->d[a][k], more);
+      for (int k = 0; k < 3; k++) o->unknown[a][k] = fixed_coarser(o->unknown[a][k], more);
+      for (int k = 0; k < TSE_X; k++) o->ph[a][k] = fixed_coarser(o->ph[a][k], more);
+      o->lag[a] = fixed_coarser(o->lag[a], more);
+      o->use[a] = fixed_coarser(o->use[a], more);
+      o->e[a] = fixed_coarser(o->e[a], more);
+      o->noise[a] = fixed_coarser(o->noise[a], 2 * more);
+    }
+    if (!again) return;
+    covariance(o);
+  }
+}
+
 /* S = L D L': its elements are at most S and at least the noise, where a determinant would be the cube of either, and one over it
  * would have no digits left. */
 static void invert(innovation *o)
@@ -105,7 +143,7 @@ static void invert(innovation *o)
   o->inv[1][1] = i1 - r_mul(l21, o->inv[1][2]);
   o->inv[0][1] = o->inv[1][0] = -r_mul(l10, i1) - r_mul(l21, o->inv[0][2]);
   o->inv[0][0] = i0 + r_mul(r_mul(l10, l10), i1) + r_mul(m20, o->inv[0][2]);
-  o->log2_det = r_log2(s[0][0]) + r_log2(d1) + r_log2(d2);
+  o->log2_det = r_log2(s[0][0]) + r_log2(d1) + r_log2(d2) + r_from_int(2 * (o->coarser[0] + o->coarser[1] + o->coarser[2]));
 }
 #else
 /* By cofactors: well conditioned, noise on its diagonal. */
@@ -131,8 +169,14 @@ static void invert(innovation *o)
 static void solve(innovation *o)
 {
   o->saturated = 0;
+  covariance(o);
 #if defined(TSE_REAL_FIXED) /* in which S is no infinity, and nothing that follows from it NaN */
-  for (int a = 0; a < 3; a++) o->saturated = o->saturated || !r_is_finite(o->s[a][a]) || !r_is_finite(o->e[a]);
+  for (int a = 0; a < 3; a++) {
+    o->saturated = o->saturated || !r_is_finite(o->e[a]);
+    for (int i = 0; i < TSE_X; i++) o->saturated = o->saturated || !r_is_finite(o->ph[a][i]);
+  }
+  fit_units(o);
+  for (int a = 0; a < 3; a++) o->saturated = o->saturated || !r_is_finite(o->s[a][a]);
 #endif
   invert(o);
   o->m2 = TSE_R(0);
@@ -154,7 +198,7 @@ void innovate(const tse_params *p, const tse_hypothesis *h, const sample *y, inn
   foretell_noise(p, h, y, &s, o);
   foretell_product(h, o);
   if (p->wheel_var[0] > TSE_R(0)) foretell_wheel_noise(p, o);
-  covariance(h, y, o);
+  covariance_with_state(h, o);
   solve(o);
   o->half_dof = r_mul(TSE_R(0.5), EVIDENCE_DOF + r_from_int(y->used));
 }

@@ -6,9 +6,15 @@
 
 #define innovate TSE_NAME(tse_hypothesis_innovate)
 
-/* Everything in sigma of the sensors. A channel that is missing has zero rows and an innovation of zero. */
+/* Everything in sigma of the sensors, but in fixed point: there S may need more digits than there are, by wheels that lock, or a speed
+ * that is not known, and what comes after the forecast is in units of 2^coarser sigma. A channel that is missing has zero rows and an
+ * innovation of zero. */
 typedef struct innovation {
-  tse_real forecast[3];      /* without biases and disturbances                        */
+  tse_real forecast[3];      /* without biases and disturbances, always in sigma       */
+#if defined(TSE_REAL_FIXED)
+  int32_t coarser[3];
+#endif
+  tse_real use[3];           /* one sigma, 0 where the channel is missing              */
   tse_real e[3];             /* sample less forecast                                   */
   tse_real h[3][6];          /* d(forecast)/d(states, stiffness)                       */
   tse_real lag[3];           /* d(forecast)/d(lag of the steering)                     */
@@ -25,6 +31,29 @@ typedef struct innovation {
   int slides;                /* slip beyond what the model knows                       */
   int saturated;             /* S has left the range of the number format              */
 } innovation;
+
+/* A number of channel a in sigma as one in the units of the innovation, and back. */
+static inline tse_real in_units(const innovation *o, int a, tse_real x)
+{
+#if defined(TSE_REAL_FIXED)
+  return fixed_coarser(x, o->coarser[a]);
+#else
+  (void)o;
+  (void)a;
+  return x;
+#endif
+}
+
+static inline tse_real in_sigma(const innovation *o, int a, tse_real x)
+{
+#if defined(TSE_REAL_FIXED)
+  return r_mul(x, (tse_real)1 << (FIXED_BITS + o->coarser[a]));
+#else
+  (void)o;
+  (void)a;
+  return x;
+#endif
+}
 
 void innovate(const tse_params *p, const tse_hypothesis *h, const sample *y, innovation *o);
 

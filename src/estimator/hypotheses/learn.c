@@ -25,7 +25,7 @@ static void solve(tse_real A[6][6], tse_real b[6])
 }
 
 /* g_ij = v_i' S^-1 v_j and q_i = v_i' S^-1 e, v: spread of a relative stiffness of one (0..2), noise of a channel (3..5). */
-static void slopes_of_evidence(const tse_hypothesis *h, const sample *y, const innovation *o, tse_real g[6][6], tse_real q[6])
+static void slopes_of_evidence(const tse_hypothesis *h, const innovation *o, tse_real g[6][6], tse_real q[6])
 {
   tse_real v[3][2], w[3][3];
   for (int i = 0; i < 3; i++) {
@@ -33,13 +33,13 @@ static void slopes_of_evidence(const tse_hypothesis *h, const sample *y, const i
     v[i][1] = r_mul(o->d[1][i], h->x[X_STIFFNESS + i]);
     for (int a = 0; a < 3; a++) w[i][a] = r_mul(v[i][0], o->inv[0][a]) + r_mul(v[i][1], o->inv[1][a]);
     q[i] = r_mul(v[i][0], o->se[0]) + r_mul(v[i][1], o->se[1]);
-    q[3 + i] = r_mul(y->use[i], o->se[i]);
+    q[3 + i] = r_mul(o->use[i], o->se[i]);
   }
   for (int i = 0; i < 3; i++)
     for (int j = 0; j < 3; j++) {
       g[i][j] = r_mul(w[i][0], v[j][0]) + r_mul(w[i][1], v[j][1]);
-      g[i][3 + j] = g[3 + j][i] = r_mul(w[i][j], y->use[j]);
-      g[3 + i][3 + j] = r_mul(r_mul(y->use[i], y->use[j]), o->inv[i][j]);
+      g[i][3 + j] = g[3 + j][i] = r_mul(w[i][j], o->use[j]);
+      g[3 + i][3 + j] = r_mul(r_mul(o->use[i], o->use[j]), o->inv[i][j]);
     }
 }
 
@@ -79,7 +79,7 @@ void learn(const tse_params *p, tse_hypothesis *h, const sample *y, const innova
     var[a] = h->spread_var[a];
     var[3 + a] = h->noise_var[a];
   }
-  slopes_of_evidence(h, y, o, g, q);
+  slopes_of_evidence(h, o, g, q);
   for (int i = 0; i < 6; i++) {
     step[i] = r_mul(r_mul(TSE_R(0.5), var[i]), r_mul(trust, r_sqr(q[i])) - g[i][i]);
     for (int j = 0; j <= i; j++)

@@ -104,14 +104,14 @@ static void move(tse_real ax, tse_real ay, tse_real j, tse_real time, shift *u)
 static void add_change(const tse_params *p, const innovation *o, int a, tse_real by, tse_real time, shift *u)
 {
   const int c = X_STIFFNESS + a;
-  move(r_mul(p->sd[0], o->h[0][c]), r_mul(p->sd[1], o->h[1][c]), a == TSE_CY_REAR ? -p->jr : p->jf, r_mul(by, time), u);
+  move(r_mul(p->sd[0], in_sigma(o, 0, o->h[0][c])), r_mul(p->sd[1], in_sigma(o, 1, o->h[1][c])), a == TSE_CY_REAR ? -p->jr : p->jf, r_mul(by, time), u);
   u->of[c] += by;
 }
 
 /* What a steering angle that is off by `by` has moved. */
 static void add_steer(const tse_params *p, const innovation *o, tse_real by, tse_real time, shift *u)
 {
-  move(r_mul(p->sd[0], o->unknown[0][0]), r_mul(p->sd[1], o->unknown[1][0]), p->jf, r_mul(by, time), u);
+  move(r_mul(p->sd[0], in_sigma(o, 0, o->unknown[0][0])), r_mul(p->sd[1], in_sigma(o, 1, o->unknown[1][0])), p->jf, r_mul(by, time), u);
 }
 
 /* log2 of how much likelier a variance q along u would make the sample. */
@@ -136,7 +136,7 @@ static tse_real promise_of_fault(const tse_params *p, const tse_bank *b, const t
     }
     q = r_sqr(channel == 0 ? FAULT_STEER_SD : FAULT_WHEEL_SD);
   } else {
-    v[channel - 3] = TSE_R(1);
+    v[channel - 3] = in_units(o, channel - 3, TSE_R(1));
     q = r_mul(FAULT_NOISE, h->noise_var[channel - 3]);
   }
   return gain_of(o, v, q) + promise_of_repeat(&b->repeats, o, v, q, channel);
@@ -149,7 +149,7 @@ static tse_real promise_of_fault_end(const tse_hypothesis *h, const innovation *
   if (h->fault >= FAULT_MEASURED) {
     const int c = h->fault - FAULT_MEASURED;
     v[c] = TSE_R(1);
-    return gain_of(o, v, h->noise_var[c] - o->noise[c]);
+    return gain_of(o, v, in_units(o, c, in_units(o, c, h->noise_var[c])) - o->noise[c]);
   }
   for (int i = 0; i < 3; i++) v[i] = o->d[i][a];
   return gain_of(o, v, -o->eps_var[a]);
@@ -159,15 +159,15 @@ static tse_real promise_of_fault_end(const tse_hypothesis *h, const innovation *
  * is off by as much as it says. What explains the same by less must have had the time to show that it does. */
 static tse_real promise_of_restart(const tse_params *p, const sample *y, const innovation *o, int kind)
 {
-  tse_real det = TSE_R(1), off = TSE_R(0);
+  tse_real of[3], off = TSE_R(0);
   for (int a = 0; a < 3; a++) {
     tse_real var = TSE_R(1);
-    for (int b = 0; b < 3; b++) var += r_sqr(r_mul(o->h[a][b], p->x_sd0[b]));
+    for (int b = 0; b < 3; b++) var += r_sqr(r_mul(in_sigma(o, a, o->h[a][b]), p->x_sd0[b]));
     if (kind == KIND_RESTART) var += r_mul(p->mean_var0, r_sqr(r_mul(y->use[a], y->y[a])));
-    det = r_mul(det, var);
+    of[a] = var;
     off += y->use[a];
   }
-  const tse_real better = student_cost(o, o->m2) - student_cost(o, off) + r_mul(TSE_R(0.5), o->log2_det - r_log2(det));
+  const tse_real better = student_cost(o, o->m2) - student_cost(o, off) + r_mul(TSE_R(0.5), o->log2_det - r_log2_of_product(of[2], of[1], of[0]));
   return r_mul(r_div(y->dt, y->dt + PROTECTED_TIME), better);
 }
 

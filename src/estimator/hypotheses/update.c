@@ -60,9 +60,9 @@ static void move_eps(tse_hypothesis *h, const innovation *o, tse_real trust)
 
 /* The noise that smoothed slip and vel_x have in common is in gain and innovation: each sample would move the longitudinal
  * stiffness by that much on average. */
-static void undo_pull(const tse_params *p, tse_hypothesis *h, const sample *y, const innovation *o, tse_real trust)
+static void undo_pull(const tse_params *p, tse_hypothesis *h, const innovation *o, tse_real trust)
 {
-  const tse_real gx = r_mul(r_mul(y->use[0], p->inv_sd[0]), p->read_x);
+  const tse_real gx = r_mul(r_mul(o->use[0], p->inv_sd[0]), p->read_x);
   const tse_real common = r_mul(p->kx_front, h->pull[0]) + r_mul(r_mul(p->kx_rear, p->follow), h->pull[1]);
   const tse_real by = r_mul(trust, r_div(r_mul(r_mul(o->h[0][0], gx), common), o->s[0][0]));
   for (int a = 0; a < TSE_X; a++) h->x[a] += r_mul(h->cov[a][X_STIFFNESS], by);
@@ -74,7 +74,7 @@ void update(const tse_params *p, tse_hypothesis *h, const sample *y, const innov
   const tse_real before[3] = { h->x[3], h->x[4], h->x[5] }, fresh = r_div(DISTURBANCE_TIME, y->dt + DISTURBANCE_TIME);
   move(h, o, trust, h->fault > FAULT_NONE && h->fault < FAULT_MEASURED);
   move_eps(h, o, trust);
-  if (p->wheel_var[0] > TSE_R(0)) undo_pull(p, h, y, o, trust);
+  if (p->wheel_var[0] > TSE_R(0)) undo_pull(p, h, o, trust);
   follow_level(p, h, before);
   h->x[0] = vehicle_kept(h->x[0], MOST_SPEED);
   h->x[1] = vehicle_kept(h->x[1], MOST_SPEED);

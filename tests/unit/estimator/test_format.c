@@ -67,8 +67,7 @@ static void test_what_leaves_the_range_is_counted_and_told(void)
   u.wheel_speed_front = u.wheel_speed_rear = real(60);
   for (int i = 0; i < 50; i++) TEST_ASSERT_TRUE(tse_step(&p, &one, &u, &y) < TSE_W_RANGE);
   TEST_ASSERT_EQUAL_UINT32(0, one.bank.saturated);
-  one.bank.h[one.bank.likeliest].cov[4][4] = FIXED_MOST;
-  one.bank.h[one.bank.likeliest].cov[4][7] = one.bank.h[one.bank.likeliest].cov[7][4] = FIXED_MOST;
+  one.bank.h[one.bank.likeliest].x[7] = one.bank.h[one.bank.likeliest].cov[7][7] = FIXED_MOST;
   u.steer_angle = real(0.05);
   TEST_ASSERT_EQUAL_INT(TSE_W_RANGE, tse_step(&p, &one, &u, &y));
   TEST_ASSERT_TRUE(one.bank.saturated > 0);

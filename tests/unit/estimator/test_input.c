@@ -258,7 +258,7 @@ static void test_of_two_wrong_channels_the_first_is_named_and_dt_before_both(voi
 
 static void test_time_step_must_be_positive_finite_and_at_most_an_hour(void)
 {
-  const double good[] = { 1e-30, 1e-6, 0.01, 3599.5, 3600 };
+  const double good[] = { BY_NUMBER(1e-30, 1e-30, QUANTUM), 1e-6, 0.01, 3599.5, 3600 };
   const double bad[] = { 0, -0.0, -0.01, -INFINITY, INFINITY, NAN, 3601 };
   start_filter();
   for (int i = 0; i < ROWS(good); i++) {

@@ -246,8 +246,8 @@ static void test_what_effects_make_of_a_stiffness_is_bounded(void)
   for (int k = 0; k < 2; k++) {
     tse_config c;
     tse_config_default(&c);
-    c.formula_gain = 1;
-    c.formula_a = (tse_setting)shares[k];
+    c.formula_gain = setting(1);
+    c.formula_a = setting(shares[k]);
     c.formula_place = 5; /* the share that the front cornering stiffness gains */
     c.formula_code_1 = 1;
     const tse_params p = prepared(&c);

@@ -148,7 +148,7 @@ static double at(const void *object, tse_struct which, const char *name)
   tse_real r;
   int32_t i;
   switch (f->kind) {
-    case 's': memcpy(&s, where, sizeof s); return (double)s;
+    case 's': memcpy(&s, where, sizeof s); return of_setting(s);
     case 'r': memcpy(&r, where, sizeof r); return number(r);
     default: memcpy(&i, where, sizeof i); return (double)i;
   }
@@ -156,6 +156,8 @@ static double at(const void *object, tse_struct which, const char *name)
 
 #define EXPECT_AT(object, which, name, value) \
   do { (object)->value = real(41); expect_near(41, at(object, which, name), 0, name, 0); (object)->value = real(0); } while (0)
+#define EXPECT_WHOLE_AT(object, which, name, value) \
+  do { (object)->value = 41; expect_near(41, at(object, which, name), 0, name, 0); (object)->value = 0; } while (0)
 
 static void test_output_names_lead_to_their_members(void)
 {
@@ -171,7 +173,7 @@ static void test_output_names_lead_to_their_members(void)
   EXPECT_AT(&y, TSE_STRUCT_OUTPUT, "estimate_age", estimate_age);
   EXPECT_AT(&y, TSE_STRUCT_OUTPUT, "n_eff", n_eff);
   EXPECT_AT(&y, TSE_STRUCT_OUTPUT, "log_evidence", log_evidence);
-  EXPECT_AT(&y, TSE_STRUCT_OUTPUT, "status", status);
+  EXPECT_WHOLE_AT(&y, TSE_STRUCT_OUTPUT, "status", status);
   static const struct { const char *name, *sd, *spread, *seen, *valid; int index; } stiffness_rows[] = {
     { "cx_front", "cx_front_sd", "cx_front_spread", "cx_front_spread_seen", "cx_front_valid", TSE_CX_FRONT },
     { "cy_front", "cy_front_sd", "cy_front_spread", "cy_front_spread_seen", "cy_front_valid", TSE_CY_FRONT },
@@ -184,9 +186,9 @@ static void test_output_names_lead_to_their_members(void)
     EXPECT_AT(&y, TSE_STRUCT_OUTPUT, stiffness_rows[i].name, stiffness[stiffness_rows[i].index]);
     EXPECT_AT(&y, TSE_STRUCT_OUTPUT, stiffness_rows[i].sd, stiffness_sd[stiffness_rows[i].index]);
     EXPECT_AT(&y, TSE_STRUCT_OUTPUT, stiffness_rows[i].spread, stiffness_spread[stiffness_rows[i].index]);
-    EXPECT_AT(&y, TSE_STRUCT_OUTPUT, stiffness_rows[i].seen, spread_seen[stiffness_rows[i].index]);
+    EXPECT_WHOLE_AT(&y, TSE_STRUCT_OUTPUT, stiffness_rows[i].seen, spread_seen[stiffness_rows[i].index]);
     EXPECT_AT(&y, TSE_STRUCT_OUTPUT, noise[i], noise[i]);
-    EXPECT_AT(&y, TSE_STRUCT_OUTPUT, stiffness_rows[i].valid, reason[stiffness_rows[i].index]);
+    EXPECT_WHOLE_AT(&y, TSE_STRUCT_OUTPUT, stiffness_rows[i].valid, reason[stiffness_rows[i].index]);
     EXPECT_AT(&y, TSE_STRUCT_OUTPUT, bias[i][0], bias[i]);
     EXPECT_AT(&y, TSE_STRUCT_OUTPUT, bias[i][1], bias_sd[i]);
   }
@@ -203,7 +205,7 @@ static void test_input_names_lead_to_their_members(void)
   EXPECT_AT(&u, TSE_STRUCT_INPUT, "accel_x", accel_x);
   EXPECT_AT(&u, TSE_STRUCT_INPUT, "accel_y", accel_y);
   EXPECT_AT(&u, TSE_STRUCT_INPUT, "yaw_rate", yaw_rate);
-  EXPECT_AT(&u, TSE_STRUCT_INPUT, "missing", missing);
+  EXPECT_WHOLE_AT(&u, TSE_STRUCT_INPUT, "missing", missing);
 }
 
 static void test_simulator_names_lead_to_their_members(void)
@@ -314,12 +316,12 @@ static void test_described_defaults_of_the_settings_are_those_that_are_filled_in
   tse_sim_config_default(&s);
   const tse_field *f = rows_of(TSE_STRUCT_CONFIG, &count, &size);
   for (int32_t i = 0; i < count; i++) {
-    expect_near(f[i].def, at(&c, TSE_STRUCT_CONFIG, f[i].name), BY_FORMAT(0, 6e-8) * fabs(f[i].def), f[i].name, i);
+    expect_near(f[i].def, at(&c, TSE_STRUCT_CONFIG, f[i].name), BY_FORMAT(0, 6e-8) * fabs(f[i].def) + QUANTUM, f[i].name, i);
     TEST_ASSERT_TRUE_MESSAGE(f[i].lo < f[i].hi && f[i].def >= f[i].lo && f[i].def <= f[i].hi, f[i].name);
   }
   f = rows_of(TSE_STRUCT_SIM_CONFIG, &count, &size);
   for (int32_t i = 0; i < count; i++) {
-    expect_near(f[i].def, at(&s, TSE_STRUCT_SIM_CONFIG, f[i].name), BY_FORMAT(0, 6e-8) * fabs(f[i].def), f[i].name, i);
+    expect_near(f[i].def, at(&s, TSE_STRUCT_SIM_CONFIG, f[i].name), BY_FORMAT(0, 6e-8) * fabs(f[i].def) + QUANTUM, f[i].name, i);
     TEST_ASSERT_TRUE_MESSAGE(f[i].lo < f[i].hi && f[i].def >= f[i].lo && f[i].def <= f[i].hi, f[i].name);
   }
 }

@@ -11,12 +11,6 @@
 #include "tse/simulate.h"
 #include "learnt_table.h"
 
-#if defined(TSE_REAL_FIXED)
-#define BY_BITS(in_double, in_float, in_fixed) (in_fixed)
-#else
-#define BY_BITS(in_double, in_float, in_fixed) BY_FORMAT(in_double, in_float)
-#endif
-
 #define DAY 86400u
 #define CAR (3u << 2 | 2u << 4 | 1u << 6) /* levels 0, 3, 2; steering is held */
 
@@ -110,7 +104,7 @@ static void test_saved_bytes_are_those_that_struct_and_zlib_make(void)
   TEST_ASSERT_EQUAL_MEMORY(learnt_by_particles, out, 20);
   for (int i = 20; i < TSE_LEARNT_BYTES - 4; i += 4) {
     const double unit = 1.0 / 16777216, expected = (int32_t)word(learnt_by_particles + i), actual = (int32_t)word(out + i);
-    expect_near(expected * unit, actual * unit, BY_BITS(0, 2 * unit, i < 56 || i >= 68 ? 1e-4 : 5e-3), "number at byte", i);
+    expect_near(expected * unit, actual * unit, BY_NUMBER(0, 2 * unit, i < 56 || i >= 68 ? 1e-4 : 5e-3), "number at byte", i);
   }
   TEST_ASSERT_EQUAL_HEX32(crc32_of(out, TSE_LEARNT_BYTES - 4), word(out + TSE_LEARNT_BYTES - 4));
 #if !defined(TSE_REAL_FLOAT) && !defined(TSE_REAL_FIXED)
@@ -276,7 +270,7 @@ static void test_another_vehicle_is_refused_and_other_sensors_or_filters_are_not
 #define REAL(name, def, lo, hi, unit, text)                                                                            \
   if (SETTABLE(offsetof(tse_config, name))) {                                                                          \
     tse_config c = settings(2);                                                                                        \
-    c.name = c.name < setting(hi) ? setting(c.name + ((tse_setting)(hi) - c.name) / 16) : setting(lo); \
+    c.name = c.name < setting(hi) ? setting(of_setting(c.name) + ((hi) - of_setting(c.name)) / 16) : setting(lo); \
     p = prepared(&c);                                                                                                  \
     if (offsetof(tse_config, name) < offsetof(tse_config, mass_sd) || kind_of_effect_setting(offsetof(tse_config, name)) == 2) { \
       reset(&p, &f);                                                                                                   \
@@ -425,24 +419,24 @@ static void test_reset_forgets_what_was_loaded(void)
 /* What the table's stiffnesses 0 and 2 and its biases have become after `age_s`. */
 static void expect_aged(const tse_config *c, const tse_params *p, uint32_t age_s)
 {
-  const double prior = c->initial_mean_sd, floor = c->learnt_floor, walk = c->learnt_walk_day;
-  const double bias_sd[3] = { c->accel_x_bias_sd, c->accel_y_bias_sd, c->yaw_rate_bias_sd };
-  const double bias_walk[3] = { c->accel_x_bias_walk, c->accel_y_bias_walk, c->yaw_rate_bias_walk };
+  const double prior = of_setting(c->initial_mean_sd), floor = of_setting(c->learnt_floor), walk = of_setting(c->learnt_walk_day);
+  const double bias_sd[3] = { of_setting(c->accel_x_bias_sd), of_setting(c->accel_y_bias_sd), of_setting(c->yaw_rate_bias_sd) };
+  const double bias_walk[3] = { of_setting(c->accel_x_bias_walk), of_setting(c->accel_y_bias_walk), of_setting(c->yaw_rate_bias_walk) };
   const double minute = 60 * walk * walk / DAY; /* younger than a minute is new */
   const tse_start *const s = &f.filter.start;
   TEST_ASSERT_EQUAL_INT(TSE_OK, load(p, learnt_bytes, sizeof learnt_bytes, age_s));
   for (int a = 0; a < 3; a++) {
     double var = fmax(learnt_mean_sd[a], floor) * fmax(learnt_mean_sd[a], floor) + walk * walk * age_s / DAY;
     if (a == 1 || var > prior * prior) var = prior * prior;
-    expect_near(a == 1 ? 0 : learnt_mean[a], number(s->mu[a]), BY_BITS(1e-15, 1e-7, 1e-6), "mean", a);
-    expect_near(var, number(s->mean_var[a]), minute + BY_BITS(1e-14, 1e-7, 3e-6 + 2e-3 * var), "variance of the mean", (int)age_s);
+    expect_near(a == 1 ? 0 : learnt_mean[a], number(s->mu[a]), BY_NUMBER(1e-15, 1e-7, 1e-6), "mean", a);
+    expect_near(var, number(s->mean_var[a]), minute + BY_NUMBER(1e-14, 1e-7, 3e-6 + 2e-3 * var), "variance of the mean", (int)age_s);
 
     const double from = learnt_bias_sd[a] * learnt_bias_sd[a], to = bias_sd[a] * bias_sd[a], sd = number(p->sd[a]);
-    const double exact = bias_walk[a] * bias_walk[a], rate = BY_BITS(exact, exact, fmin(number(p->bias_walk[a]) * sd * sd, 2 * exact));
+    const double exact = bias_walk[a] * bias_walk[a], rate = BY_NUMBER(exact, exact, fmin(number(p->bias_walk[a]) * sd * sd, 2 * exact));
     const double now = from < to ? fmin(from + rate * age_s, to) : to;
     const double kept = from < to ? sqrt((to - now) / (to - from)) : 0;
-    expect_near(now / sd / sd, number(s->bias_var[a]), BY_BITS(1e-13, 1e-6, 2e-3), "variance of the bias", a);
-    expect_near(kept * learnt_bias[a] / sd, number(s->bias[a]), BY_BITS(1e-7, 1e-3, 0.05), "bias", a); /* sqrt of what cancels */
+    expect_near(now / sd / sd, number(s->bias_var[a]), BY_NUMBER(1e-13, 1e-6, 2e-3), "variance of the bias", a);
+    expect_near(kept * learnt_bias[a] / sd, number(s->bias[a]), BY_NUMBER(1e-7, 1e-3, 0.05), "bias", a); /* sqrt of what cancels */
   }
 }
 
@@ -502,14 +496,14 @@ static void test_the_filter_starts_at_the_learnt_means_as_uncertain_as_they_are(
     const tse_output y = first_row(&p);
     for (int a = 0; a < 3; a++) {
       const int known = a != 1;
-      const double mean = known ? learnt_mean[a] : 0, sd = known ? fmax(learnt_mean_sd[a], c.learnt_floor) : c.initial_mean_sd;
-      double spread = known ? learnt_spread[a] : c.initial_spread;
+      const double mean = known ? learnt_mean[a] : 0, sd = known ? fmax(learnt_mean_sd[a], of_setting(c.learnt_floor)) : of_setting(c.initial_mean_sd);
+      double spread = known ? learnt_spread[a] : of_setting(c.initial_spread);
       if (known && form) spread = sqrt(spread * spread + sd * sd); /* doubt about the mean has no other place */
-      expect_near(1 + mean, number(y.stiffness[a]), chance * sd * 1.5 + BY_BITS(1e-14, 1e-6, 1e-4), "mean", a);
-      expect_near(sd, number(y.stiffness_sd[a]), chance * sd + BY_BITS(1e-14, 1e-6, 1e-3), "sd", a);
-      if (form) expect_near(spread, number(y.stiffness_spread[a]), BY_BITS(1e-14, 1e-6, 1e-3), "spread", a);
-      expect_near(learnt_bias[a], number(y.bias[a]), BY_BITS(1e-13, 1e-6, 2e-3), "bias", a);
-      expect_near(learnt_bias_sd[a], number(y.bias_sd[a]), BY_BITS(1e-13, 1e-6, 2e-3), "sd of the bias", a);
+      expect_near(1 + mean, number(y.stiffness[a]), chance * sd * 1.5 + BY_NUMBER(1e-14, 1e-6, 1e-4), "mean", a);
+      expect_near(sd, number(y.stiffness_sd[a]), chance * sd + BY_NUMBER(1e-14, 1e-6, 1e-3), "sd", a);
+      if (form) expect_near(spread, number(y.stiffness_spread[a]), BY_NUMBER(1e-14, 1e-6, 1e-3), "spread", a);
+      expect_near(learnt_bias[a], number(y.bias[a]), BY_NUMBER(1e-13, 1e-6, 2e-3), "bias", a);
+      expect_near(learnt_bias_sd[a], number(y.bias_sd[a]), BY_NUMBER(1e-13, 1e-6, 2e-3), "sd of the bias", a);
     }
   }
 }
@@ -543,8 +537,8 @@ static void test_spread_is_as_correlated_as_it_was_and_trusted_as_little_as_at_t
   set_word(bytes, 12, 7);
   TEST_ASSERT_EQUAL_INT(TSE_OK, load(&p, bytes, sizeof bytes, 0));
   expect_near(number(p.nu0), number(f.filter.start.nu), 0, "nu", 0);
-  expect_near(-0.5 * 0.0625 * 0.125 * per_nu, number(f.filter.start.lam[2]), BY_BITS(1e-15, 1e-9, 5e-6), "02", 0);
-  expect_near(0.25 * 0.25 * 0.125 * per_nu, number(f.filter.start.lam[4]), BY_BITS(1e-15, 1e-9, 5e-6), "12", 0);
+  expect_near(-0.5 * 0.0625 * 0.125 * per_nu, number(f.filter.start.lam[2]), BY_NUMBER(1e-15, 1e-9, 5e-6), "02", 0);
+  expect_near(0.25 * 0.25 * 0.125 * per_nu, number(f.filter.start.lam[4]), BY_NUMBER(1e-15, 1e-9, 5e-6), "12", 0);
 }
 
 static void test_nothing_learnt_starts_as_the_settings_say_bit_for_bit(void)
@@ -578,8 +572,8 @@ static void test_what_was_learnt_of_the_car_starts_the_hypotheses(void)
   const tse_output y = first_row(&p);
   const tse_hypothesis *const best = &f.filter.bank.h[f.filter.bank.likeliest];
   for (int a = 0; a < 3; a++) {
-    expect_near(learnt_noise[a], number(y.noise[a]), BY_BITS(1e-14, 1e-6, 0), "noise", a);
-    expect_near(a == 1 ? c.initial_spread : learnt_spread[a], number(y.stiffness_spread[a]), BY_BITS(1e-14, 1e-6, 0), "spread", a);
+    expect_near(learnt_noise[a], number(y.noise[a]), BY_NUMBER(1e-14, 1e-6, 1e-6), "noise", a);
+    expect_near(a == 1 ? of_setting(c.initial_spread) : learnt_spread[a], number(y.stiffness_spread[a]), BY_NUMBER(1e-14, 1e-6, 1e-6), "spread", a);
     expect_near(level[a], best->level[a], 0, "level", a);
   }
   expect_near(LEARNT_HELD, best->held, 0, "held", 0);
@@ -592,8 +586,8 @@ static void test_what_was_learnt_of_the_car_starts_the_hypotheses(void)
   TEST_ASSERT_EQUAL_INT(TSE_OK, load(&q, learnt_bytes, sizeof learnt_bytes, 0));
   const tse_output z = first_row(&q);
   expect_near(0, f.filter.bank.h[f.filter.bank.likeliest].held, 0, "not held", 0);
-  expect_near(1.5, number(z.noise[1]), BY_BITS(1e-14, 1e-6, 0), "noise as far as it may be", 1);
-  expect_near(0.05 * 1.5, number(z.stiffness_spread[2]), BY_BITS(1e-14, 1e-6, 0), "spread as far as it may be", 2);
+  expect_near(1.5, number(z.noise[1]), BY_NUMBER(1e-14, 1e-6, 1e-6), "noise as far as it may be", 1);
+  expect_near(0.05 * 1.5, number(z.stiffness_spread[2]), BY_NUMBER(1e-14, 1e-6, 1e-6), "spread as far as it may be", 2);
 
   TEST_ASSERT_EQUAL_INT(TSE_OK, load(&p, learnt_by_particles, sizeof learnt_by_particles, 0));
   const tse_output w = first_row(&p);
@@ -619,7 +613,7 @@ static void test_a_level_is_doubted_once(void)
       TEST_ASSERT_EQUAL_INT(TSE_OK, load(&p, bytes, sizeof bytes, 0));
       const tse_output y = first_row(&p);
       for (int a = 0; a < 3; a++) {
-        const double doubt = a ? 9 * number(DISTURBANCE_SHARE) * (1 + learnt_mean[a]) : 0, sd = fmax(learnt_mean_sd[a], c.learnt_floor);
+        const double doubt = a ? 9 * number(DISTURBANCE_SHARE) * (1 + learnt_mean[a]) : 0, sd = fmax(learnt_mean_sd[a], of_setting(c.learnt_floor));
         const double all = sqrt(sd * sd + doubt * doubt);
         if (form) expect_near(all, sqrt(number(f.filter.start.mean_var[a])), 1e-6, "sd of the mean, particles", a);
         else expect_near(all, number(y.stiffness_sd[a]), 1e-6, "sd of the mean", a);
@@ -638,7 +632,7 @@ static void test_saved_and_loaded_and_saved_again_is_the_same_knowledge(void)
   c.yaw_rate_bias_sd = setting(0.01);
   c.learnt_floor = setting(0);
   c.inputs_held = 2;
-  c.initial_dof = LEARNT_NU;
+  c.initial_dof = setting(LEARNT_NU);
   const tse_params p = prepared(&c);
   uint8_t out[TSE_LEARNT_BYTES];
   uint8_t in[TSE_LEARNT_BYTES];
@@ -654,10 +648,10 @@ static void test_saved_and_loaded_and_saved_again_is_the_same_knowledge(void)
       const double unit = 1.0 / 16777216, expected = (int32_t)word(learnt_bytes + at), actual = (int32_t)word(out + at);
       if (k < 3 && a == 1) continue; /* was not known */
       if (k == 3) continue; /* this form knows no correlation of spreads */
-      expect_near(expected * unit, actual * unit, BY_BITS(1.01 * unit, 4 * unit, 2e-3), "number at byte", at);
+      expect_near(expected * unit, actual * unit, BY_NUMBER(1.01 * unit, 4 * unit, 2e-3), "number at byte", at);
     }
   for (int at = 92; at < 104; at += 4)
-    expect_near((int32_t)word(learnt_bytes + at), (int32_t)word(out + at), BY_BITS(1, 4, 0), "noise at byte", at);
+    expect_near((int32_t)word(learnt_bytes + at), (int32_t)word(out + at), BY_NUMBER(1, 4, 0), "noise at byte", at);
   TEST_ASSERT_EQUAL_HEX32(CAR, word(out + 104));
 }
 

@@ -454,7 +454,7 @@ static void test_what_is_no_number_is_refused_and_never_put_out(void)
   const tse_config c = all_effects();
   const tse_params p = prepared(&c);
   const tse_replay_out out = the_out();
-  const tse_real zero = TSE_R(0), bad[2] = { zero / zero, TSE_R(1) / zero };
+  const tse_real bad[2] = { real((double)NAN), real((double)INFINITY) };
   static tse_real profile[20];
   lively(&c, 20);
   for (int k = 0; k < 2; k++) {

@@ -58,6 +58,8 @@ static tse_real neighbour(double x, double direction)
 {
 #if defined(TSE_REAL_FLOAT)
   return nextafterf((float)x, (float)direction);
+#elif defined(TSE_REAL_FIXED)
+  return real(x) + (direction > x ? 1 : -1);
 #else
   return nextafter(x, direction);
 #endif
@@ -382,9 +384,9 @@ static void test_turning_right_is_turning_left_mirrored_bit_for_bit(void)
       step(&u, side == 0 ? &left[k] : &right);
       if (side == 0) continue;
       const tse_real mirrored[2] = { -right.vel_y, -right.accel_y };
-      TEST_ASSERT_EQUAL_MEMORY(&left[k].vel_x, &right.vel_x, sizeof(tse_real));
-      if (k > 0) TEST_ASSERT_EQUAL_MEMORY(&left[k].vel_y, &mirrored[0], sizeof(tse_real));
-      if (k > 0) TEST_ASSERT_EQUAL_MEMORY(&left[k].accel_y, &mirrored[1], sizeof(tse_real));
+      expect_mirrored(left[k].vel_x, right.vel_x, "vel_x");
+      if (k > 0) expect_mirrored(left[k].vel_y, mirrored[0], "vel_y");
+      if (k > 0) expect_mirrored(left[k].accel_y, mirrored[1], "accel_y");
     }
   }
 }
@@ -1121,6 +1123,8 @@ static tse_setting towards(tse_setting x, double direction)
 {
 #if defined(TSE_REAL_FLOAT)
   return nextafterf(x, (float)direction);
+#elif defined(TSE_REAL_FIXED)
+  return x + (direction > 0 ? 1 : -1);
 #else
   return nextafter(x, direction);
 #endif

@@ -49,7 +49,7 @@ static void keep_reference(void)
   memcpy(reference_r, got_r, sizeof reference_r);
 }
 
-/* `within`: rounding only */
+/* `within`: rounding only; in fixed point of the numbers of a formula, too, which are of single precision as all settings are */
 static void expect_reference(double within, const char *what)
 {
   for (int i = 0; i < ROWS; i++) {
@@ -74,7 +74,7 @@ static void test_a_number_at_a_place_is_the_disturbance_there(void)
     PROGRAM(&c, place, NUMBER_A);
     c.formula_a = setting(0.004);
     replay(&c, ROWS);
-    expect_reference(sizeof(tse_real) == 4 ? 1e-4 : 1e-11, "place");
+    expect_reference(BY_NUMBER(1e-11, 1e-4, 1e-6), "place");
   }
 }
 
@@ -91,7 +91,7 @@ static void test_a_share_of_the_stiffness_is_another_stiffness(void)
     PROGRAM(&c, place, NUMBER_A);
     c.formula_a = setting(0.2);
     replay(&c, ROWS);
-    expect_reference(sizeof(tse_real) == 4 ? 1e-4 : 1e-11, "stiffness");
+    expect_reference(BY_NUMBER(1e-11, 1e-4, 1e-6), "stiffness");
   }
 }
 
@@ -191,7 +191,7 @@ static double clamp(double x, double lo, double hi) { return x < lo ? lo : x > h
 
 static void test_functions_with_memory_are_their_recurrences(void)
 {
-  const double eps = sizeof(tse_real) == 4 ? 2e-5 : 1e-12;
+  const double eps = BY_NUMBER(1e-12, 2e-5, 1e-8);
   tse_config c = default_car();
   weave(&c);
   read_through(&c, PLAY, 0.05, 0);

@@ -188,8 +188,8 @@ static void test_weights_are_relative_to_the_largest_and_nonsense_weighs_nothing
   b.h[0].log_weight = real(-5);
   b.h[1].log_weight = real(-2);
   b.h[2].log_weight = real(3);
-  b.h[2].x[0] = real((double)NAN); /* is not proper */
-  b.h[3].log_weight = real((double)NAN);
+  b.h[2].x[0] = broken(); /* is not proper */
+  b.h[3].log_weight = broken();
   const double sum = number(normalise(&b));
   TEST_ASSERT_EQUAL_INT32(1, b.likeliest);
   expect_near(-2 + log2(1 + 0.125), sum, BY_FORMAT(1e-9, 1e-5), "log2 of the sum", 0);
@@ -209,7 +209,7 @@ static void test_a_hypothesis_that_is_no_longer_made_of_numbers_goes(void)
     bank_of(&p, TSE_HYPOTHESES);
     const sample y = some_sample(&seed, &b.h[0], 3, 7);
     for (int i = 1; i < TSE_HYPOTHESES; i++) b.h[i].log_weight = real(-2);
-    b.h[bad].x[4] = b.h[bad].cov[4][4] = real((double)NAN);
+    b.h[bad].x[4] = b.h[bad].cov[4][4] = broken();
     (void)bank_learn(&p, &b, &y, raw);
     TEST_ASSERT_TRUE(b.count > 1 && b.likeliest < b.count);
     for (int i = 0; i < b.count; i++) TEST_ASSERT_TRUE(is_proper(&b.h[i]));
@@ -224,7 +224,7 @@ static void test_when_nothing_makes_sense_all_starts_over(void)
   static const tse_real raw[6] = { 0, 0, 0, 0, 0, 0 };
   bank_of(&p, 3);
   const sample y = some_sample(&seed, &b.h[0], 3, 7);
-  for (int i = 0; i < 3; i++) b.h[i].x[4] = b.h[i].cov[4][4] = real((double)NAN);
+  for (int i = 0; i < 3; i++) b.h[i].x[7] = b.h[i].cov[7][7] = broken(); /* of a bias, which nothing bounds */
   TEST_ASSERT_TRUE(isfinite(number(bank_learn(&p, &b, &y, raw))));
   TEST_ASSERT_TRUE(b.count >= 1 && b.likeliest == 0);
   for (int i = 0; i < b.count; i++) {
@@ -263,7 +263,7 @@ static void test_what_is_no_number_beside_the_states_starts_over_on_any_row(void
 {
   const tse_config c = settings();
   const tse_params p = prepared(&c);
-  const tse_real none = r_div(TSE_R(0), TSE_R(0));
+  const tse_real none = broken();
   const int places[] = { 3, 5, 6, 11, TSE_X - 1 };
   for (int k = 0; k < ROWS(places); k++)
     for (int of_cov = 0; of_cov < 2; of_cov++) {

@@ -37,10 +37,10 @@ static void forces_when_off(const tse_config *c, int k, const double x[6], const
 {
   tse_config wrong = *c;
   double u[3] = { in[0], in[1], in[2] };
-  if (k == TSE_CONSIDER_INERTIA) wrong.yaw_inertia = setting(c->yaw_inertia * (1 + q));
+  if (k == TSE_CONSIDER_INERTIA) wrong.yaw_inertia = setting(of_setting(c->yaw_inertia) * (1 + q));
   if (k == TSE_CONSIDER_CENTRE) {
-    wrong.lf = setting(c->lf - q);
-    wrong.lr = setting(c->lr + q);
+    wrong.lf = setting(of_setting(c->lf) - q);
+    wrong.lr = setting(of_setting(c->lr) + q);
   }
   if (k == TSE_CONSIDER_RATIO) u[0] *= 1 + q;
   if (k == TSE_CONSIDER_OFFSET) u[0] += q;

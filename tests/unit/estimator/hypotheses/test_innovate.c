@@ -196,7 +196,7 @@ static void test_a_fault_takes_the_reading_out_or_the_input(void)
     ref_forecast(&p, &y, z, u, lo);
     u[off] += 2e-6;
     ref_forecast(&p, &y, z, u, hi);
-    for (int i = 0; i < 3; i++) expect_near((hi[i] - lo[i]) / 2e-6, number(o.d[i][a]), BY_FORMAT(1e-4, 1e-2) + 1e-4 * fabs(number(o.d[i][a])), "slope", i);
+    for (int i = 0; i < 3; i++) expect_near((hi[i] - lo[i]) / 2e-6, number(in_sigma(&o, i, o.d[i][a])), BY_FORMAT(1e-4, 1e-2) + 1e-4 * fabs(hi[i] - lo[i]) / 2e-6, "slope", i);
     expect_near(pow(number(off ? FAULT_WHEEL_SD : FAULT_STEER_SD), 2), number(o.eps_var[a]), 1e-6, "variance", off);
   }
 }

@@ -256,7 +256,7 @@ static void test_walks_are_rates_times_time_and_end_at_what_was_unknown_at_the_s
   for (int a = 0; a < 3; a++) h.x[3 + a] = real(1.2);
   walk(&p, &h, real(4));
   for (int a = 0; a < 3; a++) {
-    expect_near(pow(0.0005 * 1.2, 2) * 4, number(h.cov[3 + a][3 + a]), BY_FORMAT(1e-16, 1e-11), "stiffness", a);
+    expect_near(pow(0.0005 * 1.2, 2) * 4, number(h.cov[3 + a][3 + a]), BY_FORMAT(1e-16, 1e-11) + 2 * QUANTUM, "stiffness", a);
     expect_near(4 * number(p.bias_walk[a]), number(h.cov[6 + a][6 + a]), BY_FORMAT(1e-15, 1e-8), "bias", a);
   }
   expect_near(4 * pow(number(LAG_WALK), 2), number(h.cov[X_LAG][X_LAG]), BY_FORMAT(1e-15, 1e-8), "lag", 0);

@@ -76,7 +76,7 @@ static void test_a_birth_weighs_its_rate_times_the_time_since_the_last_try_and_n
         }
         TEST_ASSERT_TRUE(at > 0);
         const double weight = exp2(number(b.h[at].log_weight));
-        expect_near(fmin(rate(kind, 20) * (waits[k] + dts[i]), 0.5), weight, BY_FORMAT(1e-9, 1e-4) * weight, "weight", kind);
+        expect_near(fmin(rate(kind, 20) * (waits[k] + dts[i]), 0.5), weight, BY_FORMAT(1e-9, 1e-4) * weight + QUANTUM, "weight", kind);
         expect_near(0, number(b.waited[kind]), 0, "waits anew", kind);
         expect_near(0, number(b.score[kind]), 0, "scores anew", kind);
       }

@@ -166,7 +166,7 @@ static void test_straight_on_the_evidence_is_that_of_a_kalman_filter(void)
 {
   tse_config c = settings();
   c.particles = 16;
-  c.initial_dof = STRAIGHT_DOF;
+  c.initial_dof = setting(STRAIGHT_DOF);
   c.forgetting = setting(STRAIGHT_FORGETTING);
   c.initial_vel_y_sd = c.initial_yaw_rate_sd = setting(0);
   const tse_params p = prepared(&c);
