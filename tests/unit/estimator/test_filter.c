@@ -13,6 +13,13 @@ static const struct { const char *name; void (*settings)(tse_config *c); } forms
 };
 static int form;
 
+static void test_of_two_warnings_the_worse_is_told(void)
+{
+  TEST_ASSERT_EQUAL_INT(TSE_W_RECOVERED, worse(TSE_W_RECOVERED, TSE_W_NOT_VALID));
+  TEST_ASSERT_EQUAL_INT(TSE_W_RECOVERED, worse(TSE_W_NOT_VALID, TSE_W_RECOVERED));
+  TEST_ASSERT_EQUAL_INT(TSE_OK, worse(TSE_OK, TSE_OK));
+}
+
 /* ------------------------------------------------------------------------------- a car that is driven */
 
 typedef struct drive {
@@ -295,6 +302,7 @@ static void run_all(void)
 int main(void)
 {
   UNITY_BEGIN();
+  RUN_TEST(test_of_two_warnings_the_worse_is_told);
   for (form = 0; form < ROWS(forms); form++) {
     printf("%s:\n", forms[form].name);
     run_all();

@@ -285,6 +285,23 @@ static void test_vehicle_constants_are_normalised_by_mass(void)
   expect_relative(0.31, p.radius_rear, "radius_rear");
 }
 
+/* The centre of gravity stays between the axles, nine tenths of the way at most. */
+static void test_a_centre_of_gravity_is_shifted_no_further_than_between_the_axles(void)
+{
+  static const double row[][5] = { /* lf, lr, shift; lf, lr then */
+    { 1.1, 0.4, 0.6, 1.46, 0.04 }, { 0.4, 1.1, -0.6, 0.04, 1.46 }, { 1.1, 0.4, 0.3, 1.4, 0.1 }, { 0.4, 1.1, -0.3, 0.1, 1.4 }
+  };
+  for (int k = 0; k < ROWS(row); k++) {
+    tse_config c = defaults();
+    c.lf = setting(row[k][0]);
+    c.lr = setting(row[k][1]);
+    c.cg_shift_distance = setting(row[k][2]);
+    const tse_params p = prepared(&c);
+    expect_near(row[k][3], number(p.lf), 1e-6, "lf", k);
+    expect_near(row[k][4], number(p.lr), 1e-6, "lr", k);
+  }
+}
+
 static void test_sensor_constants_are_normalised_by_the_sensors_sd(void)
 {
   const tse_config c = other_car();
@@ -595,6 +612,7 @@ int main(void)
   RUN_TEST(test_null_arguments_are_refused_and_change_nothing);
   RUN_TEST(test_settings_of_the_tests_below_are_none_of_the_defaults);
   RUN_TEST(test_vehicle_constants_are_normalised_by_mass);
+  RUN_TEST(test_a_centre_of_gravity_is_shifted_no_further_than_between_the_axles);
   RUN_TEST(test_sensor_constants_are_normalised_by_the_sensors_sd);
   RUN_TEST(test_channels_are_read_as_long_before_the_row_as_the_latest_one_needs);
   RUN_TEST(test_filter_constants_follow_their_formulas);

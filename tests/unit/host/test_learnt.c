@@ -508,6 +508,30 @@ static void test_the_filter_starts_at_the_learnt_means_as_uncertain_as_they_are(
   }
 }
 
+/* While the first rows wait for a channel that comes late. */
+static void test_before_the_first_step_what_was_learnt_is_told(void)
+{
+  for (int32_t form = TSE_DEFAULT_FORM; form <= 2; form += 2) {
+    tse_config c = settings(form);
+    c.accel_x_bias_sd = c.accel_y_bias_sd = setting(0.1);
+    c.yaw_rate_bias_sd = setting(0.01);
+    c.steer_angle_latency = setting(0.05);
+    const tse_params p = prepared(&c);
+    tse_input u;
+    tse_output y;
+    memset(&u, 0, sizeof u);
+    u.dt = real(0.01);
+    TEST_ASSERT_EQUAL_INT(TSE_OK, load(&p, learnt_bytes, sizeof learnt_bytes, 0));
+    TEST_ASSERT_EQUAL_INT(TSE_W_WAITING, tse_step(&p, &f.filter, &u, &y));
+    for (int a = 0; a < 3; a++) {
+      const int known = a != 1;
+      expect_near(known ? 1 + learnt_mean[a] : 1, number(y.stiffness[a]), BY_BITS(1e-14, 1e-6, 1e-4), "mean", a);
+      expect_near(known ? fmax(learnt_mean_sd[a], c.learnt_floor) : c.initial_mean_sd, number(y.stiffness_sd[a]), BY_BITS(1e-14, 1e-6, 1e-3), "sd", a);
+      expect_near(learnt_bias[a], number(y.bias[a]), BY_BITS(1e-13, 1e-6, 2e-3), "bias", a);
+    }
+  }
+}
+
 /* A filter whose covariance or weights are no numbers any more starts over, and must not do so from what may have done it. */
 static void test_a_filter_that_breaks_later_starts_over_from_the_settings(void)
 {
@@ -845,6 +869,7 @@ int main(void)
   RUN_TEST(test_reset_forgets_what_was_loaded);
   RUN_TEST(test_variances_grow_with_age_as_the_settings_say);
   RUN_TEST(test_of_unknown_age_nothing_is_trusted_more_than_the_settings_start);
+  RUN_TEST(test_before_the_first_step_what_was_learnt_is_told);
   RUN_TEST(test_the_filter_starts_at_the_learnt_means_as_uncertain_as_they_are);
   RUN_TEST(test_a_filter_that_breaks_later_starts_over_from_the_settings);
   RUN_TEST(test_spread_is_as_correlated_as_it_was_and_trusted_as_little_as_at_the_start);

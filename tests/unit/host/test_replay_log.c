@@ -495,6 +495,67 @@ static void test_what_is_no_number_is_refused_and_never_put_out(void)
                      r_is_finite(got_vy[i]) && r_is_finite(got_yaw[i]) && r_is_finite(got_tf[i]) && r_is_finite(got_tr[i]));
 }
 
+/* Of a log that is one row long nothing is known of how the wheels spin up, and their inertia has no say. */
+static void test_one_row_has_the_torque_of_its_slip_alone(void)
+{
+  const tse_config c = default_car();
+  const tse_params p = prepared(&c);
+  const tse_replay_log log = the_log();
+  const tse_replay_out out = the_out();
+  tse_replay_start s = the_start();
+  straight(&c, 20, 0.01, 1);
+  s.vel_x_from_wheels = TSE_R(0);
+  s.vel_x = real(19.9);
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_replay(&p, &log, 1, &s, &out, NULL));
+  const double light[2] = { number(got_tf[0]), number(got_tr[0]) };
+  TEST_ASSERT_TRUE(light[0] > 100 && light[1] > 100);
+  s.wheel_inertia_front = s.wheel_inertia_rear = TSE_R(100);
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_replay(&p, &log, 1, &s, &out, NULL));
+  expect_near(light[0], number(got_tf[0]), 0, "front", 0);
+  expect_near(light[1], number(got_tr[0]), 0, "rear", 0);
+}
+
+static void test_any_number_but_zero_says_that_the_wheels_know_the_speed(void)
+{
+  const tse_config c = default_car();
+  const tse_replay_log log = the_log();
+  tse_replay_start s = the_start();
+  straight(&c, 20, 0.01, 5);
+  s.vel_x = TSE_R(7);
+  static const double said[3] = { -1, 0, 1 };
+  for (int k = 0; k < 3; k++) {
+    s.vel_x_from_wheels = real(said[k]);
+    replay_with(&c, &log, 5, &s);
+    expect_near(k == 1 ? 7 : 20, number(got_vx[0]), BY_FORMAT(1e-12, 1e-5), "vel_x", k);
+  }
+}
+
+/* Each reading for itself; and nobody need ask which row it was. */
+static void test_a_reading_that_overflows_alone_is_refused_too(void)
+{
+  const tse_config c = default_car();
+  const tse_params p = prepared(&c);
+  const tse_real huge = real(BY_FORMAT(1.7e308, 3.4e38));
+  static tse_real profile[20];
+  tse_replay_log log;
+  lively(&c, 20);
+  for (int i = 0; i < 20; i++) profile[i] = i < 5 ? TSE_R(0) : huge;
+  for (int k = 0; k < 3; k++) {
+    const tse_replay_out all = the_out();
+    tse_replay_out out;
+    tse_replay_start s = the_start();
+    int32_t wrong = -1;
+    memset(&out, 0, sizeof out);
+    log = the_log();
+    if (k == 0) { log.force_x = profile; s.bias_accel_x = huge; out.accel_x = all.accel_x; }
+    if (k == 1) { log.force_y = profile; s.bias_accel_y = huge; out.accel_y = all.accel_y; }
+    if (k == 2) { log.force_y = profile; s.bias_accel_y = huge; out = all; }
+    TEST_ASSERT_EQUAL_INT(TSE_E_INPUT, tse_replay(&p, &log, 20, &s, &out, &wrong));
+    TEST_ASSERT_EQUAL_INT32(5, wrong);
+    TEST_ASSERT_EQUAL_INT(TSE_E_INPUT, tse_replay(&p, &log, 20, &s, &out, NULL));
+  }
+}
+
 int main(void)
 {
   UNITY_BEGIN();
@@ -514,5 +575,8 @@ int main(void)
   RUN_TEST(test_odd_calls_are_refused_and_the_row_is_named);
   RUN_TEST(test_what_is_no_number_is_refused_and_never_put_out);
   RUN_TEST(test_outputs_that_are_not_wanted_are_left_out);
+  RUN_TEST(test_one_row_has_the_torque_of_its_slip_alone);
+  RUN_TEST(test_any_number_but_zero_says_that_the_wheels_know_the_speed);
+  RUN_TEST(test_a_reading_that_overflows_alone_is_refused_too);
   return UNITY_END();
 }

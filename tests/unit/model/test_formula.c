@@ -215,6 +215,37 @@ static void test_functions_with_memory_are_their_recurrences(void)
     expect_near(0.6 * number(got_yaw[i]) + 0.4 * number(got_yaw[i - 1]), number(got_r[i]), eps, "late, little", i);
 }
 
+/* Of a value that a step begins and ends with, a lag of nothing leaves their mean: the trapezoidal rule. */
+static void test_a_lag_of_less_than_half_a_step_is_none(void)
+{
+  tse_config c = default_car();
+  weave(&c);
+  static const double time[2] = { 0, 0.0004 }; /* s; the shortest step is a millisecond and more */
+  for (int k = 0; k < 2; k++) {
+    read_through(&c, LAG, time[k], 0);
+    for (int i = 1; i < ROWS; i++)
+      expect_near(0.5 * (number(got_yaw[i]) + number(got_yaw[i - 1])), number(got_r[i]), 0.1 * fabs(number(got_yaw[i]) - number(got_yaw[i - 1])) + 1e-6,
+                  "lag", i);
+  }
+}
+
+/* Of a memory that says that it has settled, and holds no sample: as one that came from somewhere may (tse_filter_check()). */
+static void test_late_of_nothing_is_now(void)
+{
+  tse_effect_memory m;
+  point at;
+  formula_run f;
+  memset(&m, 0, sizeof m);
+  memset(&at, 0, sizeof at);
+  memset(&f, 0, sizeof f);
+  m.settled = 1;
+  at.ahead = real(0.01);
+  f.m = f.next = &m;
+  f.pt = &at;
+  expect_near(0.3, number(formula_late(&f, real(0.3), real(0.05))), 1e-7, "late", 0);
+  TEST_ASSERT_EQUAL_INT32(1, m.formula_late.count);
+}
+
 /* A lag of T answers a sine of w by 1/sqrt(1 + (w T)^2), a mode by 1/|1 - u^2 + 2 i d u|, u = w/w0. The trapezoidal rule at 0.01 s
  * turns w into 2/h tan(w h/2), 0.03 % at 1 Hz. */
 static void test_lags_and_modes_have_their_gain(void)
@@ -369,6 +400,8 @@ int main(void)
   RUN_TEST(test_every_operation_without_memory_has_its_value);
   RUN_TEST(test_switched_off_it_changes_no_bit);
   RUN_TEST(test_functions_with_memory_are_their_recurrences);
+  RUN_TEST(test_a_lag_of_less_than_half_a_step_is_none);
+  RUN_TEST(test_late_of_nothing_is_now);
   RUN_TEST(test_lags_and_modes_have_their_gain);
   RUN_TEST(test_at_rest_a_memory_holds_what_is);
   RUN_TEST(test_what_is_no_number_is_nothing);

@@ -100,6 +100,31 @@ static void test_mean_and_covariance_are_those_of_the_integrator_and_its_differe
   }
 }
 
+/* However long the row and slow the car: six steps, whose sizes are the same. */
+static void test_a_row_takes_no_more_than_six_steps(void)
+{
+  const tse_params p = a_car();
+  uint32_t seed = 15;
+  double P[JOINT][JOINT];
+  static const struct { double dt; int steps; } row[] = { { 0.11, 6 }, { 0.4, 6 } };
+  for (int k = 0; k < ROWS(row); k++) {
+    tse_hypothesis h = some_hypothesis(&p, &seed, 0, P);
+    memset(h.eps, 0, sizeof h.eps);
+    const inputs from = inputs_of(0.01, 20, 20), to = inputs_of(0.02, 20.1, 20.05);
+    TEST_ASSERT_TRUE(vehicle_steps(&p, real(row[k].dt), from, to) > row[k].steps);
+    tse_real x[3] = { h.x[0], h.x[1], h.x[2] };
+    inputs at = from;
+    for (int i = 1; i <= row[k].steps; i++) {
+      const inputs next = vehicle_between(from, to, i, row[k].steps);
+      vehicle_step(&p, &x[0], &x[1], &x[2], vehicle_stiffness(&p, h.x[3] - TSE_R(1), h.x[4] - TSE_R(1), h.x[5] - TSE_R(1)), at, next,
+                   r_div(real(row[k].dt), r_from_int(row[k].steps)));
+      at = next;
+    }
+    predict(&p, &h, steadily(from), steadily(to), no_push, real(row[k].dt), NULL);
+    for (int a = 0; a < 3; a++) expect_near(number(x[a]), number(h.x[a]), BY_FORMAT(1e-13, 2e-6) * (1 + fabs(number(x[a]))), "state", a);
+  }
+}
+
 static void test_held_steering_is_that_of_the_row_before_until_the_next(void)
 {
   const tse_params p = a_car();
@@ -389,6 +414,7 @@ int main(void)
 {
   UNITY_BEGIN();
   RUN_TEST(test_mean_and_covariance_are_those_of_the_integrator_and_its_differences);
+  RUN_TEST(test_a_row_takes_no_more_than_six_steps);
   RUN_TEST(test_held_steering_is_that_of_the_row_before_until_the_next);
   RUN_TEST(test_what_a_fault_leaves_unknown_is_in_the_input_and_not_in_the_stiffness);
   RUN_TEST(test_noise_of_the_wheel_speeds_drives_the_motion_by_half_of_each_rows);

@@ -774,8 +774,36 @@ static void test_a_filter_whose_particles_were_broken_gives_finite_outputs_and_r
   }
 }
 
+/* What no row can do (a bit that flipped may): variance or weights that are no numbers. All is as at the start then, and said. */
+static void test_variances_or_weights_that_are_no_numbers_start_all_over(void)
+{
+  for (int how = 0; how < 2; how++) {
+    tse_config c = some_settings(200);
+    c.initial_cy_front = setting(0.6);
+    const tse_params p = prepared(&c);
+    drive d;
+    set_off(&d, &c, 20.0);
+    TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, sizeof f));
+    const tse_output learnt = run(&p, &f, &d, 1000);
+    TEST_ASSERT_TRUE(number(learnt.stiffness[TSE_CY_FRONT]) > 0.8);
+    const int32_t recoveries = f.recoveries;
+    if (how == 0) f.bias_var[1] = real(-5);
+    else
+      for (int32_t i = 0; i < padded(c.particles); i++) f.p.logw[0][i] = real((double)NAN);
+    const tse_output y = run(&p, &f, &d, 1);
+    TEST_ASSERT_EQUAL_INT(TSE_W_RECOVERED, y.status);
+    TEST_ASSERT_TRUE(all_finite(&y));
+    TEST_ASSERT_EQUAL_INT32(recoveries + 1, f.recoveries);
+    expect_near(0.6, number(y.stiffness[TSE_CY_FRONT]), 0.06, "stiffness as at the start", how);
+    expect_near(number(f.evidence_slow), number(f.evidence_fast), 0, "evidence of late is that of always", how);
+    for (int a = 0; a < 3; a++) TEST_ASSERT_TRUE(number(f.bias_var[a]) >= 0 && f.filter.known[a] == TSE_UNKNOWN);
+    TEST_ASSERT_EQUAL_INT(TSE_OK, tse_filter_check(&p, &f.filter, sizeof f));
+  }
+}
+
 static void run_all(void)
 {
+  RUN_TEST(test_variances_or_weights_that_are_no_numbers_start_all_over);
   RUN_TEST(test_asking_for_no_output_changes_nothing_in_the_filter);
   RUN_TEST(test_a_missing_channel_is_the_same_however_it_is_said_and_the_others_are_used);
   RUN_TEST(test_a_row_without_measurements_predicts_only);

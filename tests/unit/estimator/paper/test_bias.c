@@ -266,6 +266,27 @@ static void test_known_bias_is_not_learnt(void)
   TEST_ASSERT_EQUAL_MEMORY(&before, &filter, sizeof filter);
 }
 
+/* (19): P - gain^2, no less than 0, of three channels and of nothing that stands behind them. */
+static void test_the_update_takes_what_the_sample_told_and_touches_nothing_else(void)
+{
+  static const double var[3] = { 4, 0.25, 1 }, gain[3] = { 0.5, 2, 0 }, expected[3] = { 3.75, 0, 1 };
+  bias_gains c;
+  for (size_t i = 0; i < sizeof c / sizeof(tse_real); i++) ((tse_real *)(void *)&c)[i] = TSE_R(1);
+  memset(&filter, 0, sizeof filter);
+  filter.log_total = filter.nu = TSE_R(-8); /* on both sides of them */
+  for (int a = 0; a < 3; a++) {
+    filter.bias_var[a] = real(var[a]);
+    c.gain[a] = real(gain[a]);
+  }
+  before = filter;
+  bias_update(&filter, &c);
+  for (int a = 0; a < 3; a++) {
+    expect_near(expected[a], number(filter.bias_var[a]), 0, "variance", a);
+    before.bias_var[a] = filter.bias_var[a];
+  }
+  TEST_ASSERT_EQUAL_MEMORY(&before, &filter, sizeof filter);
+}
+
 int main(void)
 {
   UNITY_BEGIN();
@@ -283,5 +304,6 @@ int main(void)
   RUN_TEST(test_standstill_teaches_nothing_but_the_gyro_bias);
   RUN_TEST(test_standstill_without_a_gyro_sample_teaches_nothing);
   RUN_TEST(test_known_bias_is_not_learnt);
+  RUN_TEST(test_the_update_takes_what_the_sample_told_and_touches_nothing_else);
   return UNITY_END();
 }

@@ -1,0 +1,397 @@
+/* tests/unit/host/test_sound_members.c <-> src/host/sound.c and sound.h, tse_sim_check(): every member that they hold to a range is
+ * held to it, at both ends and at every place of an array. (test_sound.c: what has come about by itself is not refused.) */
+#include "unit_support.h"
+#include "host/sound.h"
+#include "tse/constants.h"
+#include "tse/simulate.h"
+
+static tse_filter_paper f, forged;
+static tse_sim sim, other;
+static tse_config c;
+static tse_sim_config s;
+static tse_params p;
+
+static tse_status look_at_filter(void)
+{
+  return tse_filter_check(&p, &forged.filter, p.form ? sizeof forged : sizeof forged.filter);
+}
+
+static tse_status look_at_simulation(void) { return tse_sim_check(&other, &c, &s); }
+
+static tse_real none(void)
+{
+#if defined(TSE_REAL_FIXED)
+  return FIXED_NAN;
+#else
+  return r_div(TSE_R(0), TSE_R(0));
+#endif
+}
+
+typedef struct place { unsigned char *at; size_t bytes; tse_status (*look)(void); const char *what; } place;
+
+static void expect(const place *a, size_t k, tse_real value, tse_status status)
+{
+  tse_real was;
+  char text[120];
+  memcpy(&was, a->at + k * sizeof was, sizeof was);
+  memcpy(a->at + k * sizeof was, &value, sizeof value);
+  (void)snprintf(text, sizeof text, "%s, number %d: %g", a->what, (int)k, number(value));
+  TEST_ASSERT_EQUAL_INT_MESSAGE(status, a->look(), text);
+  memcpy(a->at + k * sizeof was, &was, sizeof was);
+}
+
+/* What is no number, and what is beyond lo .. hi; of the rows of particles every twentieth. ends: lo and hi themselves are taken. */
+static void held_to(place a, tse_real lo, tse_real hi, int ends)
+{
+  const size_t n = a.bytes / sizeof lo;
+  TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_OK, a.look(), a.what);
+  for (size_t k = 0; k < n; k += n > 500 ? 20 : 1) {
+    expect(&a, k, none(), TSE_E_STATE);
+#if !defined(TSE_REAL_FIXED)
+    expect(&a, k, lo - r_mul(TSE_R(0.001), r_abs(lo)) - TSE_R(1e-3), TSE_E_STATE);
+    expect(&a, k, hi + r_mul(TSE_R(0.001), r_abs(hi)) + TSE_R(1e-3), TSE_E_STATE);
+#else /* nothing is beyond FIXED_MOST but what is no number */
+    if (lo > -FIXED_MOST) expect(&a, k, lo - r_mul(TSE_R(0.001), r_abs(lo)) - TSE_R(1e-3), TSE_E_STATE);
+    if (hi < FIXED_MOST) expect(&a, k, hi + r_mul(TSE_R(0.001), r_abs(hi)) + TSE_R(1e-3), TSE_E_STATE);
+#endif
+    if (ends) {
+      expect(&a, k, lo, TSE_OK);
+      expect(&a, k, hi, TSE_OK);
+    }
+  }
+}
+
+static place of_filter(void *at, size_t bytes, const char *what)
+{
+  const place a = { at, bytes, look_at_filter, what };
+  return a;
+}
+
+static place of_simulation(void *at, size_t bytes, const char *what)
+{
+  const place a = { at, bytes, look_at_simulation, what };
+  return a;
+}
+
+#define HELD(member, lo, hi) held_to(of_filter(&forged.member, sizeof forged.member, #member), lo, hi, 1)
+#define HELD_AMONG_OTHERS(member, lo, hi) held_to(of_filter(&forged.member, sizeof forged.member, #member), lo, hi, 0)
+#define ANY_SIGN(member) HELD(member, -MOST_REAL, MOST_REAL)
+#define NOT_NEGATIVE(member) HELD(member, TSE_R(0), MOST_REAL)
+
+static void whole_number(int32_t *at, int32_t lo, int32_t hi, tse_status (*look)(void), const char *what)
+{
+  const int32_t was = *at;
+  const struct { int32_t value; tse_status status; } row[] = {
+    { lo, TSE_OK }, { hi, TSE_OK }, { lo - 1, TSE_E_STATE }, { hi + 1, TSE_E_STATE }
+  };
+  for (int k = 0; k < ROWS(row); k++) {
+    *at = row[k].value;
+    TEST_ASSERT_EQUAL_INT_MESSAGE(row[k].status, look(), what);
+  }
+  *at = was;
+}
+
+#define WHOLE(member, lo, hi) whole_number(&forged.member, lo, hi, look_at_filter, #member)
+
+/* A filter after some rows, its channels waiting for the steering angle. */
+static void driven(int32_t form)
+{
+  tse_config_default(&c);
+  c.form = form;
+  c.particles = 60;
+  c.steer_angle_latency = setting(0.05);
+  p = prepared(&c);
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, form ? sizeof f : sizeof f.filter));
+  for (int k = 0; k < 200; k++) {
+    tse_input u;
+    memset(&u, 0, sizeof u);
+    u.dt = real(0.01);
+    u.steer_angle = real(0.02 * sin(0.13 * k));
+    u.wheel_speed_front = real(60 + 0.3 * sin(0.2 * k));
+    u.wheel_speed_rear = real(60);
+    u.accel_y = real(1.9 * sin(0.13 * k) + 0.1 * sin(5.3 * k));
+    u.yaw_rate = real(0.1 * sin(0.13 * k) + 0.003 * sin(9.7 * k));
+    TEST_ASSERT_TRUE(tse_step(&p, &f.filter, &u, NULL) >= 0);
+  }
+  memcpy(&forged, &f, sizeof f);
+}
+
+static void test_what_every_filter_has_is_held_to_its_range(void)
+{
+  driven(0);
+  ANY_SIGN(filter.steer);
+  ANY_SIGN(filter.v_front);
+  ANY_SIGN(filter.v_rear);
+  ANY_SIGN(filter.late_steer);
+  ANY_SIGN(filter.nod);
+  NOT_NEGATIVE(filter.held_for);
+  NOT_NEGATIVE(filter.still_for);
+  NOT_NEGATIVE(filter.seen);
+  WHOLE(filter.known[0], TSE_UNKNOWN, TSE_KNOWN_BEFORE);
+  WHOLE(filter.known[1], TSE_UNKNOWN, TSE_KNOWN_BEFORE);
+  WHOLE(filter.known[2], TSE_UNKNOWN, TSE_KNOWN_BEFORE);
+  HELD(filter.effect_level, TSE_R(0), MOST_LEVEL);
+  for (int k = 0; k < 4; k++) forged.filter.effect_level[k] = TSE_R(1);
+  forged.filter.effects.settled = 1;
+  HELD(filter.effect_level, LEAST_LEVEL, MOST_LEVEL);
+}
+
+static void test_where_a_filter_starts_is_held_to_its_range(void)
+{
+  driven(0);
+  WHOLE(filter.start.held, 0, 1);
+  for (int a = 0; a < 3; a++) WHOLE(filter.start.level[a], 0, 3);
+  ANY_SIGN(filter.start.mu);
+  NOT_NEGATIVE(filter.start.mu_sd);
+  NOT_NEGATIVE(filter.start.mean_var);
+  ANY_SIGN(filter.start.lam);
+  NOT_NEGATIVE(filter.start.gamma);
+  NOT_NEGATIVE(filter.start.nu);
+  ANY_SIGN(filter.start.bias);
+  NOT_NEGATIVE(filter.start.bias_var);
+  NOT_NEGATIVE(filter.start.spread_var);
+  NOT_NEGATIVE(filter.start.noise_var);
+  forged.filter.start.nu = TSE_R(5);
+  WHOLE(filter.start.loaded, 0, 1);
+  forged.filter.start.loaded = 1;
+  HELD(filter.start.nu, TSE_R(5), MOST_REAL);
+}
+
+static void test_what_effects_remember_is_held_to_its_range(void)
+{
+  driven(0);
+  WHOLE(filter.effects.steered, 0, 1);
+  ANY_SIGN(filter.effects.lag);
+  HELD(filter.effects.mode, -MOST_SQUARE, MOST_SQUARE);
+  ANY_SIGN(filter.effects.time);
+  ANY_SIGN(filter.effects.heading);
+  ANY_SIGN(filter.effects.steer_in);
+  ANY_SIGN(filter.effects.steer_half);
+  ANY_SIGN(filter.effects.steer_out);
+  ANY_SIGN(filter.effects.steer_lost);
+  ANY_SIGN(filter.effects.steer_was);
+  HELD(filter.effects.imu_was, -MOST_SQUARE, MOST_SQUARE);
+  ANY_SIGN(filter.effects.formula);
+  ANY_SIGN(filter.effects.formula_accel);
+  ANY_SIGN(filter.effects.formula_was);
+  tse_delay *const delays[] = { &forged.filter.effects.steer, &forged.filter.effects.imu, &forged.filter.effects.formula_late };
+  for (int d = 0; d < ROWS(delays); d++) {
+    for (int i = 0; i < TSE_DELAY_ROWS; i++) delays[d]->age[i] = real(0.01 * i);
+    whole_number(&delays[d]->count, 0, TSE_DELAY_ROWS, look_at_filter, "samples kept");
+    delays[d]->count = 3;
+    held_to(of_filter(&delays[d]->age[5], sizeof(tse_real), "an age that nobody asks for"), TSE_R(0), MOST_REAL, 1);
+    delays[d]->age[2] = delays[d]->age[1];
+    TEST_ASSERT_EQUAL_INT(TSE_E_STATE, look_at_filter()); /* two samples of one time */
+    delays[d]->age[2] = TSE_R(1);
+    TEST_ASSERT_EQUAL_INT(TSE_OK, look_at_filter());
+  }
+}
+
+static void test_rows_that_wait_are_held_to_their_ranges(void)
+{
+  driven(0);
+  TEST_ASSERT_TRUE(forged.filter.waiting.count > 3);
+  WHOLE(filter.waiting.count, 0, TSE_LATENCY_ROWS);
+  WHOLE(filter.waiting.newest, 0, TSE_LATENCY_ROWS - 1);
+  HELD(filter.waiting.since, TSE_R(0), LONGEST_DT);
+  HELD(filter.waiting.unkept, TSE_R(0), LONGEST_DT);
+  HELD(filter.waiting.before, TSE_R(0), p.max_gap + p.latency_least);
+  for (int i = 0; i < TSE_LATENCY_ROWS; i++) {
+#define INPUT(name, lo, hi, unit, kind, text) HELD(filter.waiting.value[i][TSE_CHANNEL_##name], TSE_R(lo), TSE_R(hi));
+#include "tse/input.def"
+#undef INPUT
+  }
+  HELD(filter.waiting.lost, TSE_R(0), TSE_R(0.5001));
+  for (int a = 0; a < 3; a++) WHOLE(filter.waiting.reason[a], TSE_VALID, TSE_MISFIT);
+}
+
+static void test_hypotheses_are_held_to_their_ranges(void)
+{
+  driven(0);
+  const int last = forged.filter.bank.count - 1;
+  const tse_real least = TSE_R(1) + p.w_min, most = TSE_R(1) + p.w_max;
+  TEST_ASSERT_TRUE(last > 0);
+#define OF_ALL(member) filter.bank.h[i].member
+  for (int i = 0; i <= last; i += last) {
+    forged.filter.bank.h[i].change_kind = TSE_CHANGE_NONE;
+    HELD(OF_ALL(before), TSE_R(0), MOST_REAL);
+    for (int a = 0; a < 3; a++) forged.filter.bank.h[i].before[a] = TSE_R(1);
+    WHOLE(OF_ALL(change_kind), TSE_CHANGE_NONE, TSE_CHANGE_RESTART);
+    forged.filter.bank.h[i].change_kind = TSE_CHANGE_ROAD;
+    HELD(OF_ALL(before), least, most);
+    WHOLE(OF_ALL(kind), 0, TSE_KINDS - 1);
+    WHOLE(OF_ALL(drift), 0, 2);
+    WHOLE(OF_ALL(fault), 0, TSE_CHANNELS);
+    WHOLE(OF_ALL(slides), 0, 1);
+    WHOLE(OF_ALL(held), 0, 1);
+    for (int a = 0; a < 3; a++) {
+      WHOLE(OF_ALL(level[a]), 0, 3);
+      HELD(OF_ALL(x[3 + a]), least, most);
+      ANY_SIGN(OF_ALL(x[a]));
+    }
+    for (int k = 6; k < TSE_X; k++) ANY_SIGN(OF_ALL(x[k]));
+    for (int k = 0; k < TSE_X; k++) {
+      HELD(OF_ALL(cov[k][k]), TSE_R(0), MOST_SQUARE);
+      HELD(OF_ALL(cov[k][(k + 1) % TSE_X]), -MOST_SQUARE, MOST_SQUARE);
+    }
+    ANY_SIGN(OF_ALL(eps));
+    HELD(OF_ALL(eps_cov), -MOST_SQUARE, MOST_SQUARE);
+    HELD(OF_ALL(eps_x), -MOST_SQUARE, MOST_SQUARE);
+    ANY_SIGN(OF_ALL(info));
+    HELD(OF_ALL(spread_var), TSE_R(1e-12), MOST_REAL);
+    HELD(OF_ALL(noise_var), TSE_R(1e-12), MOST_REAL);
+    ANY_SIGN(OF_ALL(smooth));
+    NOT_NEGATIVE(OF_ALL(shaken));
+    ANY_SIGN(OF_ALL(with_slip));
+    ANY_SIGN(OF_ALL(with_past));
+    ANY_SIGN(OF_ALL(pull));
+    ANY_SIGN(OF_ALL(slip));
+    HELD(OF_ALL(foretold), -MOST_SQUARE, MOST_SQUARE);
+    HELD(OF_ALL(activity), -MOST_SQUARE, MOST_SQUARE);
+    ANY_SIGN(OF_ALL(promise));
+    ANY_SIGN(OF_ALL(age));
+    ANY_SIGN(OF_ALL(change_age));
+    HELD(OF_ALL(log_weight), LEAST_WEIGHT, TSE_R(64));
+  }
+}
+
+static void test_the_bank_is_held_to_its_ranges(void)
+{
+  driven(0);
+  forged.filter.bank.likeliest = 0;
+  WHOLE(filter.bank.likeliest, 0, forged.filter.bank.count - 1);
+  NOT_NEGATIVE(filter.bank.seen);
+  NOT_NEGATIVE(filter.bank.score);
+  NOT_NEGATIVE(filter.bank.waited);
+  HELD(filter.bank.gained, TSE_R(0), MOST_SQUARE);
+  ANY_SIGN(filter.bank.off);
+  HELD(filter.bank.rate, -MOST_SQUARE, MOST_SQUARE);
+  ANY_SIGN(filter.bank.repeats.last);
+  NOT_NEGATIVE(filter.bank.repeats.repeats);
+  NOT_NEGATIVE(filter.bank.repeats.rows);
+  ANY_SIGN(filter.bank.repeats.evidence);
+  for (int a = 0; a < 6; a++) WHOLE(filter.bank.repeats.run[a], 0, 1000000000);
+  for (int i = forged.filter.bank.count; i < TSE_HYPOTHESES; i++) forged.filter.bank.h[i] = forged.filter.bank.h[0];
+  WHOLE(filter.bank.count, 1, p.hypotheses);
+  forged.filter.started = 0; /* then there need not be one, and nothing is likeliest */
+  WHOLE(filter.bank.count, 0, p.hypotheses);
+  forged.filter.bank.count = 0;
+  WHOLE(filter.bank.likeliest, 0, 0);
+}
+
+static void test_particles_are_held_to_their_ranges(void)
+{
+  driven(2);
+  WHOLE(recoveries, 0, INT32_MAX - 1);
+  ANY_SIGN(log_total);
+  ANY_SIGN(vel_x);
+  ANY_SIGN(evidence_slow);
+  ANY_SIGN(evidence_fast);
+  NOT_NEGATIVE(gamma);
+  NOT_NEGATIVE(sliding);
+  NOT_NEGATIVE(sliding_for);
+  NOT_NEGATIVE(evidence_age);
+  NOT_NEGATIVE(settle);
+  HELD(bias_var, TSE_R(0), MOST_SQUARE);
+  ANY_SIGN(excite);
+  ANY_SIGN(excite_mean);
+  HELD(excite_sq, TSE_R(0), MOST_SQUARE);
+  HELD(learn, TSE_R(0), TSE_R(1));
+  HELD(weight, TSE_R(0), TSE_R(1));
+  ANY_SIGN(p.x);
+  ANY_SIGN(p.mu);
+  ANY_SIGN(p.bias);
+  ANY_SIGN(p.w);
+  HELD_AMONG_OTHERS(p.lam, -MOST_REAL, MOST_REAL);
+  for (int d = 0; d < 6; d += d ? 2 : 3) NOT_NEGATIVE(p.lam[d][p.particles - 1]);
+  HELD(p.logw[0][p.particles - 1], -MOST_REAL, TSE_R(64));
+  HELD(p.logw[0][TSE_STRIDE - 1], -MOST_REAL, MOST_REAL);
+  HELD_AMONG_OTHERS(nu, TSE_R(4), MOST_REAL);
+  HELD(nu, TSE_R(4.001), MOST_REAL);
+  forged.filter.started = 0;
+  NOT_NEGATIVE(nu);
+  for (int d = 0; d < 6; d += d ? 2 : 3) ANY_SIGN(p.lam[d][0]);
+}
+
+/* The default form does not look at particles: the filter with them is one without. The others must have them. */
+static void test_a_filter_may_be_larger_than_its_form_needs_and_not_smaller(void)
+{
+  driven(0);
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_filter_check(&p, &forged.filter, sizeof forged.filter));
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_filter_check(&p, &forged.filter, sizeof forged));
+  TEST_ASSERT_EQUAL_INT(TSE_E_SIZE, tse_filter_check(&p, &forged.filter, sizeof forged - 1));
+  TEST_ASSERT_EQUAL_INT(TSE_E_SIZE, tse_filter_check(&p, &forged.filter, sizeof forged.filter - 1));
+  driven(1);
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_filter_check(&p, &forged.filter, sizeof forged));
+  TEST_ASSERT_EQUAL_INT(TSE_E_SIZE, tse_filter_check(&p, &forged.filter, sizeof forged.filter));
+}
+
+static void simulated(void)
+{
+  tse_sim_input u;
+  tse_sim_output y;
+  tse_config_default(&c);
+  tse_sim_config_default(&s);
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_reset(&sim, &c, &s, NULL));
+  memset(&u, 0, sizeof u);
+  u.dt = real(0.01);
+  u.road_level = real(1);
+  for (int k = 0; k < 5; k++) TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_step(&sim, &u, &y));
+  other = sim;
+}
+
+static void test_a_simulation_is_held_to_its_ranges(void)
+{
+  simulated();
+#define SIMULATED(member, lo, hi) held_to(of_simulation(&other.member, sizeof other.member, #member), lo, hi, 1)
+  SIMULATED(x, -MOST_REAL, MOST_REAL);
+  SIMULATED(bias, -MOST_REAL, MOST_REAL);
+  SIMULATED(drawn, -MOST_REAL, MOST_REAL);
+  SIMULATED(steer, -MOST_REAL, MOST_REAL);
+  SIMULATED(steer_logged, -MOST_REAL, MOST_REAL);
+  SIMULATED(last.dt, TSE_R(0), MOST_REAL);
+  whole_number(&other.effects.settled, 0, 1, look_at_simulation, "effects.settled");
+#define SIM_INPUT(name, def, lo, hi, unit, text) SIMULATED(last.name, TSE_R(lo), TSE_R(hi));
+#include "tse/sim_input.def"
+#undef SIM_INPUT
+}
+
+/* Each of the car's and of the simulator's settings, a little off. */
+static void test_a_simulation_of_other_settings_is_refused_whichever_it_is(void)
+{
+  simulated();
+#define OFF(what, group, by)                                                          \
+  other = sim;                                                                        \
+  other.group += (by);                                                                \
+  TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_E_STATE, look_at_simulation(), what);
+#define REAL(name, def, lo, hi, unit, text) OFF("vehicle." #name, vehicle.name, setting(0.01))
+#define INT(name, def, lo, hi, text) OFF("vehicle." #name, vehicle.name, 1)
+#include "tse/config.def"
+#undef REAL
+#undef INT
+#define REAL(name, def, lo, hi, unit, text) OFF("config." #name, config.name, setting(0.01))
+#define INT(name, def, lo, hi, text) OFF("config." #name, config.name, 1)
+#include "tse/sim.def"
+#undef REAL
+#undef INT
+  other = sim;
+  TEST_ASSERT_EQUAL_INT(TSE_OK, look_at_simulation());
+  TEST_ASSERT_EQUAL_INT(TSE_E_NULL, tse_sim_check(&sim, NULL, &s));
+  TEST_ASSERT_EQUAL_INT(TSE_E_NULL, tse_sim_check(&sim, &c, NULL));
+}
+
+int main(void)
+{
+  UNITY_BEGIN();
+  RUN_TEST(test_what_every_filter_has_is_held_to_its_range);
+  RUN_TEST(test_where_a_filter_starts_is_held_to_its_range);
+  RUN_TEST(test_what_effects_remember_is_held_to_its_range);
+  RUN_TEST(test_rows_that_wait_are_held_to_their_ranges);
+  RUN_TEST(test_hypotheses_are_held_to_their_ranges);
+  RUN_TEST(test_the_bank_is_held_to_its_ranges);
+  RUN_TEST(test_particles_are_held_to_their_ranges);
+  RUN_TEST(test_a_filter_may_be_larger_than_its_form_needs_and_not_smaller);
+  RUN_TEST(test_a_simulation_is_held_to_its_ranges);
+  RUN_TEST(test_a_simulation_of_other_settings_is_refused_whichever_it_is);
+  return UNITY_END();
+}
