@@ -253,10 +253,10 @@ static void open_fault(const tse_params *p, const innovation *o, tse_hypothesis 
   open_along(h, &u);
 }
 
-/* The child of `parent` that says that what `kind` stands for has just happened. */
+/* The child of `parent` that says that what `kind` stands for has just happened. It may take the place of its parent. */
 static void bear(const tse_params *p, tse_hypothesis *child, const tse_hypothesis *parent, int kind, const sample *y, const innovation *o)
 {
-  *child = *parent;
+  if (child != parent) *child = *parent;
   if (kind <= KIND_REAR) open_change(p, o, child, kind, y->dt);
   else if (kind <= KIND_DRIFT_END) set_drift(child, kind == KIND_DRIFT_END ? STEADY : kind - KIND_DRIFT_SLOW + DRIFTS_SLOWLY);
   else if (kind < KIND_FAULT_END) open_fault(p, o, child, kind - KIND_FAULT, y->dt);
@@ -354,9 +354,10 @@ void births(const tse_params *p, tse_bank *b, const sample *y, const innovation 
     const int32_t at = place_for(p, b, kind, worth[kind]);
     worth[kind] = LEAST_WEIGHT;
     if (at < 0) continue;
-    const tse_hypothesis mother = *mother_of(b, kind); /* whose place it may be */
-    bear(p, &b->h[at], &mother, kind, y, o);
-    b->h[at].log_weight = r_max(mother.log_weight + prior[kind], LEAST_WEIGHT);
+    const tse_hypothesis *const mother = mother_of(b, kind);
+    const tse_real log_weight = mother->log_weight; /* it may be her place */
+    bear(p, &b->h[at], mother, kind, y, o);
+    b->h[at].log_weight = r_max(log_weight + prior[kind], LEAST_WEIGHT);
     b->h[at].promise = b->score[kind];
     b->score[kind] = b->waited[kind] = TSE_R(0);
     if (at == b->count) b->count++;
