@@ -270,11 +270,10 @@ static uint32_t vehicle_fingerprint(const tse_config *c)
 
 static tse_setting square(tse_setting x) { return r_mul(x, x); }
 
-/* The car that the filter's constants are of: CONSTANT effects act on its settings. */
-static tse_config car_of(const tse_config *c, uint64_t mask)
+/* To the car that the filter's constants are of: CONSTANT effects act on its settings. */
+static void change_car(uint64_t mask, tse_config *car)
 {
-  tse_config car = *c;
-#define CALL_CONSTANT(id) if (mask >> TSE_EFFECT_##id & 1u) id##_constant(&car);
+#define CALL_CONSTANT(id) if (mask >> TSE_EFFECT_##id & 1u) id##_constant(car);
 #define CALL_INPUT(id)
 #define CALL_SLIP(id)
 #define CALL_LAG(id)
@@ -283,7 +282,6 @@ static tse_config car_of(const tse_config *c, uint64_t mask)
 #define CALL_SENSOR(id)
 #define EFFECT(id, hook, title, entry, channels, alike, estimator) CALL_##hook(id)
 #include "tse/effects.def"
-  return car;
 }
 
 static void prepare_effects(const tse_config *c, uint64_t mask, tse_params *p)
@@ -375,8 +373,10 @@ static void constants_of(const tse_config *settings, tse_params *p)
 {
   const tse_setting one = TSE_S(1);
   const uint64_t mask = effects_on(settings);
-  const tse_config car = car_of(settings, mask), *const c = &car;
+  tse_config car = *settings;
+  const tse_config *const c = &car;
 
+  change_car(mask, &car);
   memset(p, 0, sizeof *p);
   p->magic = TSE_PARAMS_MAGIC;
   p->fingerprint = fingerprint(settings);
