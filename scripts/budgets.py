@@ -101,7 +101,7 @@ def measure(work: m.Work, target: dict[str, Any]) -> Measured:
 
 
 def at_level(machine: m.Machine, level: str) -> m.Machine:
-    return replace(machine, flags=tuple(level if f == "-O2" else f for f in machine.flags))
+    return replace(machine, flags=tuple(level if f in ("-O2", "-Os") else f for f in machine.flags))
 
 
 def number(text: str, name: str) -> int:

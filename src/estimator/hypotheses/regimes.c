@@ -293,10 +293,12 @@ static tse_real time_to_show(int kind)
   return sort_of(kind) == SORT_DISTURBANCE ? LEVEL_TIME : PROTECTED_TIME;
 }
 
-/* A free place, or that of the least likely of a sort that has more than its share. -1: none that is worth less. */
+/* A free place, or that of the least likely of a sort that has more than its share; a sort that has no place of its own, because
+ * there are few, may take any. -1: none that is worth less. */
 static int32_t place_for(const tse_params *p, const tse_bank *b, int kind, tse_real worth)
 {
-  const int32_t others = p->hypotheses - 1, share[SORTS] = { others - others / 5 - 2 * others / 5, others / 5, 2 * others / 5 };
+  const int32_t others = p->hypotheses - 1, drifts = (others + 2) / 5, disturbances = 2 * others / 5;
+  const int32_t share[SORTS] = { others - drifts - disturbances, drifts, disturbances };
   const int sort = sort_of(kind);
   int32_t at = -1, have[SORTS] = { 0, 0, 0 };
   tse_real least = TSE_R(0);
@@ -305,7 +307,8 @@ static int32_t place_for(const tse_params *p, const tse_bank *b, int kind, tse_r
   for (int32_t i = 0; i < b->count; i++) {
     const tse_hypothesis *const h = &b->h[i];
     const int theirs = sort_of(h->kind);
-    if (i == b->likeliest || (theirs != sort && (have[theirs] <= share[theirs] || have[sort] >= share[sort]))) continue;
+    if (i == b->likeliest) continue;
+    if (theirs != sort && share[sort] > 0 && (have[theirs] <= share[theirs] || have[sort] >= share[sort])) continue;
     const tse_real value = h->log_weight + (h->age < time_to_show(h->kind) ? YOUTH + h->promise : TSE_R(0));
     if (at < 0 || value < least) {
       least = value;
