@@ -240,6 +240,14 @@ class Failed(Exception):
     """A command that ended badly; its text."""
 
 
+def does_not_fit(text: str) -> str:
+    """What the linker said, when a program is larger than a board's memories; empty: something else was wrong."""
+    overflow = re.search(r"region `(\w+)' overflowed by (\d+) bytes", text)
+    if overflow:
+        return f"{int(overflow[2]):,} B more than its {overflow[1]}"
+    return "too little of its RAM is left for the stack" if "no room for the stack" in text else ""
+
+
 def limited() -> None:
     """Of the processor's time, because on a busy machine everything takes long."""
     resource.setrlimit(resource.RLIMIT_CPU, (LONGEST, LONGEST))

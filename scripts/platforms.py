@@ -63,11 +63,8 @@ def capacities(machine: m.Machine) -> list[str]:
 
 def reason(text: str) -> str:
     """One line of what a compiler or a program said."""
-    overflow = re.search(r"region `(\w+)' overflowed by (\d+) bytes", text)
-    if overflow:
-        return f"skipped: {int(overflow[2]):,} B more than its {overflow[1]}"
-    if "no room for the stack" in text:
-        return f"skipped: less than {STACK:,} B of its RAM left for the stack"
+    if why := m.does_not_fit(text):
+        return f"skipped: {why} ({STACK:,} B)" if "stack" in why else f"skipped: {why}"
     lines = [x for x in text.splitlines() if "error" in x or "refused" in x or "fault" in x] or text.splitlines()
     return lines[0][:200] if lines else "it says nothing"
 
