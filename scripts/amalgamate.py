@@ -8,8 +8,8 @@
 
 The files and the order in which they stand are those of src/CMakeLists.txt. The rows of a `.def` table are put where it is
 included. What another file of the library calls, and no user, becomes static: only the public API is visible. The options of
-CMakeLists.txt are macros: TSE_REAL_FLOAT, TSE_REAL_FIXED, TSE_MAX_PARTICLES, TSE_LATENCY_ROWS, TSE_NO_EFFECTS, TSE_NO_PARTICLES,
-TSE_FORMULA; and TSE_NO_DESCRIBE, because in one file no linker leaves out what nobody asks for.
+CMakeLists.txt are macros: TSE_REAL_FLOAT, TSE_REAL_FIXED, TSE_MAX_PARTICLES, TSE_LATENCY_ROWS, TSE_HYPOTHESES, TSE_NO_EFFECTS,
+TSE_NO_PARTICLES, TSE_FORMULA; and TSE_NO_DESCRIBE, because in one file no linker leaves out what nobody asks for.
 The same sources and options give the same bytes. Needs Python only.
 """
 
@@ -313,7 +313,7 @@ HOW_TO_USE = """\
  * Compile tse.c as C99 along with your program, with optimisation, and link sqrt (-lm). Options are macros; tse.c and whoever
  * includes tse.h need the same ones, because they change the layout of the structs:
  *   TSE_REAL_DOUBLE (default), TSE_REAL_FLOAT, TSE_REAL_FIXED   number format; names of another format do not link
- *   TSE_MAX_PARTICLES=512, TSE_LATENCY_ROWS=32                capacities
+ *   TSE_MAX_PARTICLES=512, TSE_LATENCY_ROWS=32, TSE_HYPOTHESES=7   capacities; RAM grows with each
  *   TSE_NO_EFFECTS                                            without effects beyond the plain model, simulator and replay
  *   TSE_NO_PARTICLES                                          without the paper's and the sampled form, 12 kB of flash
  *   TSE_NO_DESCRIBE                                           without tse_describe(): names, units and texts, 36 kB of flash
@@ -438,13 +438,15 @@ def main() -> int:
     parser.add_argument("--real", choices=FORMATS, help="number format where no macro says another (double)")
     parser.add_argument("--max-particles", type=int, help="16 .. 65535 (512)")
     parser.add_argument("--latency-rows", type=int, help="8 .. 1024 (32)")
+    parser.add_argument("--hypotheses", type=int, help="2 .. 16 (7)")
     parser.add_argument("--no-effects", action="store_true", help="no effects beyond the plain model, no simulator, no replay")
     a = parser.parse_args()
-    for name, lo, hi in (("max_particles", 16, 65535), ("latency_rows", 8, 1024)):
+    for name, lo, hi in (("max_particles", 16, 65535), ("latency_rows", 8, 1024), ("hypotheses", 2, 16)):
         value = getattr(a, name)
         if value is not None and not lo <= value <= hi:
             parser.error(f"--{name.replace('_', '-')} must lie in {lo} .. {hi}")
-    defaults = {"real": a.real, "TSE_MAX_PARTICLES": a.max_particles, "TSE_LATENCY_ROWS": a.latency_rows}
+    capacities = {"TSE_MAX_PARTICLES": a.max_particles, "TSE_LATENCY_ROWS": a.latency_rows, "TSE_HYPOTHESES": a.hypotheses}
+    defaults = {"real": a.real, **capacities}
     defaults = {name: str(value) for name, value in defaults.items() if value is not None}
     if a.no_effects:
         defaults["TSE_NO_EFFECTS"] = "1"

@@ -43,12 +43,15 @@ class Measured:
     name: str
     limits: dict[str, dict[str, float]]
     skipped: str = ""
+    unfit: str = ""  # why the machine cannot hold the program
     values: dict[str, float] = field(default_factory=dict)
     tallies: dict[str, tuple[int, int, int]] = field(default_factory=dict)  # rows, mean, longest
     stacks: dict[str, int] = field(default_factory=dict)
 
     def passed(self) -> list[str]:
         """The limits that are passed, in words."""
+        if self.unfit and any("limit" in x for x in self.limits.values()):
+            return [f"{self.name}: {self.unfit}"]
         over = [q for q in QUANTITIES if self.values.get(q, 0) > self.limits.get(q, {}).get("limit", math.inf)]
         return [f"{self.name}: {q} {shown(self.values[q])}, the limit is {shown(self.limits[q]['limit'])}" for q in over]
 
@@ -69,17 +72,22 @@ def measure(work: m.Work, target: dict[str, Any]) -> Measured:
         out.skipped = why
     if out.skipped:
         return out
-    flags = [f"-D{name}={value}" for name, value in target.get("define", {}).items()]
+    defines = [f"-D{name}={value}" for name, value in target.get("define", {}).items()]
+    flags = [*defines, *OPTIONS, "-fcallgraph-info=su"]
     folder = f"budgets-{target['name']}"
     try:
-        flags += [*OPTIONS, "-fcallgraph-info=su"]
-        program = m.build(work, at_level(machine, "-O3"), target["real"], "budgets.c", folder, *flags, stack=3072)
+        fast = at_level(machine, target.get("level", "-O3"))
+        program = m.build(work, fast, target["real"], "budgets.c", folder, *flags, stack=target.get("least_stack", 3072))
         text = m.run(machine, program, *COUNTED)
         small = at_level(machine, "-Os")
         flash = {}
         for name, options in (("text", OPTIONS), ("all_forms", [x for x in OPTIONS if x != "-DTSE_NO_PARTICLES"])):
+            options = [*options, *defines]
             flash[name] = flash_of(m.build(work, small, target["real"], "smallest.c", f"{folder}-{name}", *options, stack=1024))
     except m.Failed as error:
+        if why := m.does_not_fit(str(error)):
+            out.unfit = why
+            return out
         raise SystemExit(f"{target['name']}: {error}") from error
     calibration = number(text, "calibration")
     if not 0 <= calibration - CALIBRATION < 10:
@@ -101,7 +109,7 @@ def measure(work: m.Work, target: dict[str, Any]) -> Measured:
 
 
 def at_level(machine: m.Machine, level: str) -> m.Machine:
-    return replace(machine, flags=tuple(level if f == "-O2" else f for f in machine.flags))
+    return replace(machine, flags=tuple(level if f in ("-O2", "-Os") else f for f in machine.flags))
 
 
 def number(text: str, name: str) -> int:
@@ -142,7 +150,9 @@ def deepest(folder: Path, name: str) -> int:
 
 def profile(work: m.Work, target: dict[str, Any], from_: int, to: int) -> None:
     machine = next(x for x in m.machines() if x.name == target["machine"])
-    program = m.build(work, at_level(machine, "-O3"), target["real"], "budgets.c", "profile", *OPTIONS)
+    flags = [f"-D{name}={value}" for name, value in target.get("define", {}).items()]
+    fast = at_level(machine, target.get("level", "-O3"))
+    program = m.build(work, fast, target["real"], "budgets.c", "profile", *OPTIONS, *flags)
     plugin, out = work.folder / "profile.so", work.folder / "profile.txt"
     m.call(["cc", "-O2", "-shared", "-fPIC", str(m.HERE / "profile.c"), "-o", str(plugin)])
     symbols = [line.split() for line in m.call(["arm-none-eabi-nm", "-n", str(program)]).splitlines()]
@@ -165,8 +175,8 @@ def profile(work: m.Work, target: dict[str, Any], from_: int, to: int) -> None:
 HEAD = """\
 <!-- Written by `python3 scripts/budgets.py`. -->
 
-Cost of the default form, {compiler}: instructions of a row (-O3, as CMakeLists.txt does; mean over the recorded drive,
-longest of that and of rows which no drive has), flash at -Os without effects and without, or with, the forms with particles, RAM,
+Cost of the default form, {compiler}: instructions of a row (-O3, as CMakeLists.txt does, where a row says no other; mean over the
+recorded drive, longest of that and of rows which no drive has), flash at -Os without effects and without, or with, the forms with particles, RAM,
 stack. Limits: tests/budgets.toml. Bold: the goal is not met.
 
 """
@@ -192,6 +202,8 @@ def table(measured: list[Measured]) -> str:
         lines.append(f"| {x.name} | {' | '.join(cells)} |")
     if skipped := [f"{x.name}: {x.skipped}" for x in measured if x.skipped]:
         lines += ["", f"Not measured: {'; '.join(skipped)}."]
+    if unfit := [f"{x.name}: {x.unfit}" for x in measured if x.unfit]:
+        lines += ["", f"Does not fit: {'; '.join(unfit)}."]
     lines += ["", KINDS, ""]
     kinds = ["drive", "long", "slow", "absurd", "breaks", "missing", "late"]
     lines += [f"| | {' | '.join(kinds)} |", f"|---|{'---:|' * len(kinds)}"]

@@ -61,10 +61,11 @@ class Board:
     ram: int
     ram_bytes: int
     tick: int  # quarters of a nanosecond
+    hypotheses: int = 0  # that its RAM has room for; 0: as many as the library has
 
 
 MB = 1 << 20
-M0 = Board("microbit", 0, 256 << 10, 0x20000000, 16 << 10, 250)  # nRF51822 at 16 MHz
+M0 = Board("microbit", 0, 256 << 10, 0x20000000, 16 << 10, 250, hypotheses=2)  # nRF51822 at 16 MHz
 M3 = Board("mps2-an385", 0, 4 * MB, 0x20000000, 4 * MB, 160)  # 25 MHz, as the next two
 M4 = Board("mps2-an386", 0, 4 * MB, 0x20000000, 4 * MB, 160)
 M7 = Board("mps2-an500", 0, 4 * MB, 0x20000000, 4 * MB, 160)
@@ -120,10 +121,10 @@ def version_of(command: tuple[str, ...]) -> str:
     return number[0] if number else "?"
 
 
-def cortex(name: str, board: Board, cpu: str, *fpu: str, short: tuple[str, ...] = ()) -> Machine:
+def cortex(name: str, board: Board, cpu: str, *fpu: str, level: str = "-O2", short: tuple[str, ...] = ()) -> Machine:
     qemu = ("qemu-system-arm", "-M", board.machine, "-display", "none", "-monitor", "none", "-serial", "none",
             "-semihosting-config", "enable=on,target=native")  # fmt: skip
-    flags = (f"-mcpu={cpu}", "-mthumb", *(fpu or ("-mfloat-abi=soft",)), "-ffunction-sections", "-fdata-sections", "-O2")
+    flags = (f"-mcpu={cpu}", "-mthumb", *(fpu or ("-mfloat-abi=soft",)), "-ffunction-sections", "-fdata-sections", level)
     link = ("-nostartfiles", "-Wl,--gc-sections", "--specs=nosys.specs", "-lm", "-Wl,--no-warn-rwx-segments")
     leaves = ("double",) if "-mfpu=fpv4-sp-d16" in fpu or "-mfpu=fpv5-sp-d16" in fpu else ()  # by software, which is the M3's
     return Machine(name, ("arm-none-eabi-gcc",), flags, qemu, board, leaves=leaves, port="cortex_m.c", link=link, short=short)
@@ -164,7 +165,7 @@ def machines() -> list[Machine]:
         zig("ppc64le", "powerpc64le-linux-musl", "qemu-ppc64le"),
         user("mips, big-endian", "mips-linux-gnu", "qemu-mips"),
         user("sparc64, big-endian", "sparc64-linux-gnu", "qemu-sparc64"),
-        cortex("Cortex-M0", M0, "cortex-m0"),
+        cortex("Cortex-M0", M0, "cortex-m0", level="-Os", short=("fixed",)),
         cortex("Cortex-M0's code on an M3", M3, "cortex-m0"),
         cortex("Cortex-M3", M3, "cortex-m3"),
         cortex("Cortex-M4F", M4, "cortex-m4", "-mfpu=fpv4-sp-d16", "-mfloat-abi=hard", short=("float",)),
@@ -237,6 +238,14 @@ class Work:
 
 class Failed(Exception):
     """A command that ended badly; its text."""
+
+
+def does_not_fit(text: str) -> str:
+    """What the linker said, when a program is larger than a board's memories; empty: something else was wrong."""
+    overflow = re.search(r"region `(\w+)' overflowed by (\d+) bytes", text)
+    if overflow:
+        return f"{int(overflow[2]):,} B more than its {overflow[1]}"
+    return "too little of its RAM is left for the stack" if "no room for the stack" in text else ""
 
 
 def limited() -> None:

@@ -135,7 +135,6 @@ enum {
 /* X of a hypothesis: states 0..2, stiffness over nominal 3..5, biases 6..8, slow disturbances 9..11 (these in sigma), the rate 12
  * at which all stiffnesses drift together [1/s], and how late the steering acts, behind the IMU, 13 [LAG_TIME]. */
 #define TSE_X 14
-#define TSE_HYPOTHESES 7
 #define TSE_KINDS 22 /* ways in which a hypothesis may be born, src/estimator/hypotheses/hypothesis.h */
 
 enum { TSE_CHANGE_NONE, TSE_CHANGE_ROAD, TSE_CHANGE_FRONT, TSE_CHANGE_REAR, TSE_CHANGE_RESTART };

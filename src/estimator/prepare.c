@@ -1,4 +1,6 @@
 /* estimator/prepare.c - settings: defaults, check, and the constants of the filter. */
+#include <stddef.h>
+
 #include "tse/tse.h"
 #include "model/effects.h"
 #include "model/effects_constant.h"
@@ -184,17 +186,51 @@ static void prepare_latencies(const tse_config *c, tse_params *p)
   for (int k = 0; k < (int)TSE_CHANNELS; k++) p->latency_age[k] = real_of(r.age - latency[k]);
 }
 
+/* The first setting outside its range, in the order of tse/config.def, which is that of the members; NULL: none. By tables: a
+ * comparison written out for each row is 6 kB more of a microcontroller's flash. */
+static const char *outside(const tse_config *c)
+{
+#define REAL(name, def, lo, hi, unit, text) { #name, TSE_S(lo), TSE_S(hi), (uint16_t)offsetof(tse_config, name) },
+#define INT(name, def, lo, hi, text)
+  static const struct { const char *name; tse_setting lo, hi; uint16_t at; } reals[] = {
+#include "tse/config.def"
+  };
+#undef REAL
+#undef INT
+#define REAL(name, def, lo, hi, unit, text)
+#define INT(name, def, lo, hi, text) { #name, lo, hi, (uint16_t)offsetof(tse_config, name) },
+  static const struct { const char *name; int32_t lo, hi; uint16_t at; } ints[] = {
+#include "tse/config.def"
+  };
+#undef REAL
+#undef INT
+  const uint8_t *const bytes = (const uint8_t *)c;
+  const char *wrong = NULL;
+  size_t first = sizeof *c;
+  for (size_t i = 0; i < sizeof reals / sizeof reals[0] && !wrong; i++) {
+    tse_setting x;
+    memcpy(&x, bytes + reals[i].at, sizeof x);
+    if (!(x >= reals[i].lo && x <= reals[i].hi)) { /* so that NaN is */
+      wrong = reals[i].name;
+      first = reals[i].at;
+    }
+  }
+  for (size_t i = 0; i < sizeof ints / sizeof ints[0] && ints[i].at < first; i++) {
+    int32_t x;
+    memcpy(&x, bytes + ints[i].at, sizeof x);
+    if (x < ints[i].lo || x > ints[i].hi) return ints[i].name;
+  }
+  return wrong;
+}
+
 tse_status tse_config_check(const tse_config *c, const char **wrong)
 {
   if (!c) return TSE_E_NULL;
-  /* written so that NaN fails */
-#define REAL(name, def, lo, hi, unit, text) \
-  if (!(c->name >= TSE_S(lo) && c->name <= TSE_S(hi))) { if (wrong) *wrong = #name; return TSE_E_CONFIG; }
-#define INT(name, def, lo, hi, text) \
-  if (c->name < (lo) || c->name > (hi)) { if (wrong) *wrong = #name; return TSE_E_CONFIG; }
-#include "tse/config.def"
-#undef REAL
-#undef INT
+  const char *const named = outside(c);
+  if (named) {
+    if (wrong) *wrong = named;
+    return TSE_E_CONFIG;
+  }
 #if defined(TSE_NO_EFFECTS)
   const tse_status status = effects_fit(c, wrong);
   if (status < 0) return status;
@@ -270,11 +306,10 @@ static uint32_t vehicle_fingerprint(const tse_config *c)
 
 static tse_setting square(tse_setting x) { return r_mul(x, x); }
 
-/* The car that the filter's constants are of: CONSTANT effects act on its settings. */
-static tse_config car_of(const tse_config *c, uint64_t mask)
+/* To the car that the filter's constants are of: CONSTANT effects act on its settings. */
+static void change_car(uint64_t mask, tse_config *car)
 {
-  tse_config car = *c;
-#define CALL_CONSTANT(id) if (mask >> TSE_EFFECT_##id & 1u) id##_constant(&car);
+#define CALL_CONSTANT(id) if (mask >> TSE_EFFECT_##id & 1u) id##_constant(car);
 #define CALL_INPUT(id)
 #define CALL_SLIP(id)
 #define CALL_LAG(id)
@@ -283,7 +318,6 @@ static tse_config car_of(const tse_config *c, uint64_t mask)
 #define CALL_SENSOR(id)
 #define EFFECT(id, hook, title, entry, channels, alike, estimator) CALL_##hook(id)
 #include "tse/effects.def"
-  return car;
 }
 
 static void prepare_effects(const tse_config *c, uint64_t mask, tse_params *p)
@@ -375,8 +409,10 @@ static void constants_of(const tse_config *settings, tse_params *p)
 {
   const tse_setting one = TSE_S(1);
   const uint64_t mask = effects_on(settings);
-  const tse_config car = car_of(settings, mask), *const c = &car;
+  tse_config car = *settings;
+  const tse_config *const c = &car;
 
+  change_car(mask, &car);
   memset(p, 0, sizeof *p);
   p->magic = TSE_PARAMS_MAGIC;
   p->fingerprint = fingerprint(settings);

@@ -4,11 +4,27 @@
 
 #include "tse.h"
 
-typedef struct drive_row { tse_real of[7]; uint8_t missing; } drive_row;
+/* In fixed point, which the smallest flash is for, in 1e-5, which is exact: no number of the drive has more decimals. */
+#if defined(TSE_REAL_FIXED)
+typedef int32_t drive_number;
+#define NUMBER(x) ((drive_number)((x) * 1e5 + ((x) < 0 ? -0.5 : 0.5)))
+static tse_real drive_real(drive_number n)
+{
+  const uint64_t most = (uint64_t)(n < 0 ? -(int64_t)n : n) << TSE_FRACTION_BITS; /* 100 and more have room */
+  const tse_real x = (tse_real)((most + 50000u) / 100000u);
+  return n < 0 ? -x : x;
+}
+#else
+typedef tse_real drive_number;
+#define NUMBER(x) TSE_R(x)
+static tse_real drive_real(drive_number n) { return n; }
+#endif
+
+typedef struct drive_row { drive_number of[7]; uint8_t missing; } drive_row;
 
 static const drive_row drive_table[] = {
 #define ROW(dt, steer, front, rear, ax, ay, r, missing) \
-  { { TSE_R(dt), TSE_R(steer), TSE_R(front), TSE_R(rear), TSE_R(ax), TSE_R(ay), TSE_R(r) }, missing },
+  { { NUMBER(dt), NUMBER(steer), NUMBER(front), NUMBER(rear), NUMBER(ax), NUMBER(ay), NUMBER(r) }, missing },
 #include "rows.h"
 #undef ROW
 };
@@ -21,7 +37,7 @@ static void drive_at(int i, tse_input *u)
   const drive_row *const from = &drive_table[i];
   const int is_integer = (tse_real)0.5 == 0;
   tse_real channel[7];
-  for (int k = 0; k < 7; k++) channel[k] = from->of[k];
+  for (int k = 0; k < 7; k++) channel[k] = drive_real(from->of[k]);
   u->missing = is_integer ? from->missing : 0;
   if (!is_integer)
     for (int k = 0; k < 6; k++)

@@ -15,14 +15,16 @@ void bank_start(const tse_params *p, tse_bank *b, const tse_start *s, const samp
   memset(b, 0, sizeof *b);
   b->saturated = saturated;
   start_hypothesis(p, &b->h[0], s, y);
-  const tse_hypothesis first = b->h[0];
+  const tse_hypothesis *const first = &b->h[0];
+  const tse_real noise[3] = { first->noise_var[0], first->noise_var[1], first->noise_var[2] };
+  const int32_t held = first->held;
   for (int k = 0; k < 6; k++) {
     const int told = k % 3 == 0;
     if (b->count == p->hypotheses || (p->inputs_held < 2 && held_of[k]) || (!told && !(p->noise_max_var > START_LOUD))) continue;
     tse_hypothesis *const h = &b->h[b->count++];
-    *h = first;
-    for (int a = 0; a < 3; a++) h->noise_var[a] = r_clamp(r_mul(first.noise_var[a], noise_of[k % 3]), LEAST_NOISE_VAR, p->noise_max_var);
-    if (p->inputs_held == 2) h->held = held_of[k] != first.held;
+    if (h != first) *h = *first;
+    for (int a = 0; a < 3; a++) h->noise_var[a] = r_clamp(r_mul(noise[a], noise_of[k % 3]), LEAST_NOISE_VAR, p->noise_max_var);
+    if (p->inputs_held == 2) h->held = held_of[k] != held;
     h->log_weight = k ? TSE_R(-2) : TSE_R(0);
     h->kind = held_of[k] ? KIND_HOLD : KIND_RESTART;
   }
@@ -197,13 +199,22 @@ static void start_over(const tse_params *p, tse_bank *b, const sample *y)
   }
 }
 
+/* Hypothesis i, of a sample whose innovation is o. */
+static void learn_sample(const tse_params *p, tse_bank *b, int32_t i, const sample *y, const innovation *o)
+{
+  tse_hypothesis *const h = &b->h[i];
+  h->log_weight += log2_density(o) + evidence_of_repeat(&b->repeats, h, o);
+  update(p, h, y, o);
+  b->saturated += o->saturated ? 1u : 0u;
+}
+
 tse_real bank_learn(const tse_params *p, tse_bank *b, const sample *y, const tse_real raw[6])
 {
   /* steering may rest, and so do wheels that are locked, or all of them at constant speed */
   const tse_real *const last = b->repeats.last;
   const int32_t there[6] = { 0, r_abs(y->u.v_front) > p->hold_speed && raw[2] != last[2], r_abs(y->u.v_rear) > p->hold_speed && raw[1] != last[1],
                              y->use[0] > TSE_R(0), y->use[1] > TSE_R(0), y->use[2] > TSE_R(0) };
-  innovation o;
+  innovation o; /* of one hypothesis at a time: it is large */
   tse_real before[3], was = TSE_R(0);
   watch_repeats(&b->repeats, raw, there);
   grow_older(b, y->dt);
@@ -212,20 +223,12 @@ tse_real bank_learn(const tse_params *p, tse_bank *b, const sample *y, const tse
   const int32_t parent = b->likeliest;
   if (p->considers) consider_sample(p, b, y, &o);
   for (int a = 0; a < 3; a++) before[a] = b->h[parent].cov[X_STIFFNESS + a][X_STIFFNESS + a];
+  for (int32_t i = 0; i < b->count; i++) was += r_exp2(b->h[i].log_weight);
+  learn_sample(p, b, parent, y, &o);
   for (int32_t i = 0; i < b->count; i++) {
-    tse_hypothesis *const h = &b->h[i];
-    was += r_exp2(h->log_weight);
-    if (i != parent) {
-      innovation own;
-      innovate(p, h, y, &own);
-      h->log_weight += log2_density(&own) + evidence_of_repeat(&b->repeats, h, &own);
-      update(p, h, y, &own);
-      b->saturated += own.saturated ? 1u : 0u;
-    } else {
-      h->log_weight += log2_density(&o) + evidence_of_repeat(&b->repeats, h, &o);
-      update(p, h, y, &o);
-      b->saturated += o.saturated ? 1u : 0u;
-    }
+    if (i == parent) continue;
+    innovate(p, &b->h[i], y, &o);
+    learn_sample(p, b, i, y, &o);
   }
   const tse_real evidence = normalise(b) - r_log2(was);
   if (!is_proper(&b->h[b->likeliest])) {

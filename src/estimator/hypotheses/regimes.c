@@ -253,10 +253,10 @@ static void open_fault(const tse_params *p, const innovation *o, tse_hypothesis 
   open_along(h, &u);
 }
 
-/* The child of `parent` that says that what `kind` stands for has just happened. */
+/* The child of `parent` that says that what `kind` stands for has just happened. It may take the place of its parent. */
 static void bear(const tse_params *p, tse_hypothesis *child, const tse_hypothesis *parent, int kind, const sample *y, const innovation *o)
 {
-  *child = *parent;
+  if (child != parent) *child = *parent;
   if (kind <= KIND_REAR) open_change(p, o, child, kind, y->dt);
   else if (kind <= KIND_DRIFT_END) set_drift(child, kind == KIND_DRIFT_END ? STEADY : kind - KIND_DRIFT_SLOW + DRIFTS_SLOWLY);
   else if (kind < KIND_FAULT_END) open_fault(p, o, child, kind - KIND_FAULT, y->dt);
@@ -293,10 +293,12 @@ static tse_real time_to_show(int kind)
   return sort_of(kind) == SORT_DISTURBANCE ? LEVEL_TIME : PROTECTED_TIME;
 }
 
-/* A free place, or that of the least likely of a sort that has more than its share. -1: none that is worth less. */
+/* A free place, or that of the least likely of a sort that has more than its share; a sort that has no place of its own, because
+ * there are few, may take any. -1: none that is worth less. */
 static int32_t place_for(const tse_params *p, const tse_bank *b, int kind, tse_real worth)
 {
-  const int32_t others = p->hypotheses - 1, share[SORTS] = { others - others / 5 - 2 * others / 5, others / 5, 2 * others / 5 };
+  const int32_t others = p->hypotheses - 1, drifts = (others + 2) / 5, disturbances = 2 * others / 5;
+  const int32_t share[SORTS] = { others - drifts - disturbances, drifts, disturbances };
   const int sort = sort_of(kind);
   int32_t at = -1, have[SORTS] = { 0, 0, 0 };
   tse_real least = TSE_R(0);
@@ -305,7 +307,8 @@ static int32_t place_for(const tse_params *p, const tse_bank *b, int kind, tse_r
   for (int32_t i = 0; i < b->count; i++) {
     const tse_hypothesis *const h = &b->h[i];
     const int theirs = sort_of(h->kind);
-    if (i == b->likeliest || (theirs != sort && (have[theirs] <= share[theirs] || have[sort] >= share[sort]))) continue;
+    if (i == b->likeliest) continue;
+    if (theirs != sort && share[sort] > 0 && (have[theirs] <= share[theirs] || have[sort] >= share[sort])) continue;
     const tse_real value = h->log_weight + (h->age < time_to_show(h->kind) ? YOUTH + h->promise : TSE_R(0));
     if (at < 0 || value < least) {
       least = value;
@@ -354,9 +357,10 @@ void births(const tse_params *p, tse_bank *b, const sample *y, const innovation 
     const int32_t at = place_for(p, b, kind, worth[kind]);
     worth[kind] = LEAST_WEIGHT;
     if (at < 0) continue;
-    const tse_hypothesis mother = *mother_of(b, kind); /* whose place it may be */
-    bear(p, &b->h[at], &mother, kind, y, o);
-    b->h[at].log_weight = r_max(mother.log_weight + prior[kind], LEAST_WEIGHT);
+    const tse_hypothesis *const mother = mother_of(b, kind);
+    const tse_real log_weight = mother->log_weight; /* it may be her place */
+    bear(p, &b->h[at], mother, kind, y, o);
+    b->h[at].log_weight = r_max(log_weight + prior[kind], LEAST_WEIGHT);
     b->h[at].promise = b->score[kind];
     b->score[kind] = b->waited[kind] = TSE_R(0);
     if (at == b->count) b->count++;

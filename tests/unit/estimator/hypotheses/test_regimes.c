@@ -169,6 +169,30 @@ static void test_each_sort_has_places_of_its_own(void)
   TEST_ASSERT_TRUE(born(KIND_FAULT) > 1);
 }
 
+/* With one place beside the likeliest a drift may take it from what happens at once; with three each sort has its own. */
+static void test_where_places_are_few_a_sort_without_its_own_may_take_any(void)
+{
+  const int32_t kinds[4] = { 0, KIND_ROAD, KIND_DRIFT_SLOW, KIND_LEVEL_UP };
+  tse_config c = settings();
+  for (int n = 2; n <= 4; n += 2) {
+    c.hypotheses = n;
+    const tse_params p = prepared(&c);
+    innovation o;
+    const sample y = bank_of_one(&p, &o, 0.1);
+    b.count = n;
+    for (int i = 1; i < n; i++) {
+      b.h[i] = b.h[0];
+      b.h[i].kind = kinds[i];
+      b.h[i].age = real(1000);
+      b.h[i].log_weight = real(-2); /* more than a birth for which nothing speaks */
+    }
+    for (int k = 0; k < TSE_KINDS; k++) b.waited[k] = real(1), b.score[k] = real(0);
+    b.score[KIND_DRIFT_FAST] = real(60);
+    births(&p, &b, &y, &o);
+    for (int i = 1; i < n; i++) TEST_ASSERT_EQUAL_INT(kinds[i] == KIND_DRIFT_SLOW || n == 2 ? KIND_DRIFT_FAST : kinds[i], b.h[i].kind);
+  }
+}
+
 /* ------------------------------------------------------------------------------------- what a birth opens */
 
 /* What a unit of each stiffness, changed two rows of 10 ms ago, has moved by its forces, by differences: states, stiffness. */
@@ -500,6 +524,7 @@ int main(void)
   RUN_TEST(test_a_young_hypothesis_keeps_its_place_until_it_could_show_anything);
   RUN_TEST(test_what_is_born_for_good_reasons_gives_way_to_better_ones_alone);
   RUN_TEST(test_each_sort_has_places_of_its_own);
+  RUN_TEST(test_where_places_are_few_a_sort_without_its_own_may_take_any);
   RUN_TEST(test_a_new_road_opens_all_stiffnesses_together_and_each_a_little);
   RUN_TEST(test_a_change_of_one_axle_opens_its_stiffnesses_alone);
   RUN_TEST(test_a_change_is_promised_what_it_has_moved_by_now);
