@@ -219,12 +219,12 @@ tse_real bank_learn(const tse_params *p, tse_bank *b, const sample *y, const tse
       innovation own;
       innovate(p, h, y, &own);
       h->log_weight += log2_density(&own) + evidence_of_repeat(&b->repeats, h, &own);
-      update(p, h, y, &own);
-      b->saturated += own.saturated ? 1u : 0u;
+      const int learnt = update(p, h, y, &own);
+      b->saturated += own.saturated || !learnt ? 1u : 0u;
     } else {
       h->log_weight += log2_density(&o) + evidence_of_repeat(&b->repeats, h, &o);
-      update(p, h, y, &o);
-      b->saturated += o.saturated ? 1u : 0u;
+      const int learnt = update(p, h, y, &o);
+      b->saturated += o.saturated || !learnt ? 1u : 0u;
     }
   }
   const tse_real evidence = normalise(b) - r_log2(was);
