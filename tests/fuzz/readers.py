@@ -32,6 +32,11 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 
+try:
+    import resource
+except ImportError:  # Windows knows no limits
+    resource = None
+
 from tselab.cli import main
 from tselab.errors import UserError
 
@@ -39,6 +44,7 @@ ROOT = Path(__file__).resolve().parents[2]
 ROWS = 60  # of a log: enough for every check that a log goes through, few enough for thousands a minute
 MOST_LINES = 6  # of a refusal: its sentence, its hints, notes of what was read before
 MOST_BYTES = 1 << 18  # of a changed file
+MOST_MEMORY = 3 << 30  # bytes of addresses of the whole process: twice what it takes with its packages loaded
 KEY = "of these inputs"
 
 
@@ -163,8 +169,8 @@ def read_filter(data: bytes, folder: Path) -> None:
 
 def formulas() -> list[bytes]:
     play = b'id = "play"\ntitle = "play in the steering"\nplace = "front_angle"\nformula = "play(steer_angle, w) - steer_angle"\n'
-    drag = b'id = "drag"\ntitle = "d"\nplace = "force_x"\nformula = "-a * vel_x * abs(vel_x)"\ngain = 0.5\n'
-    drag += b'[numbers.a]\nvalue = 0.0003\nsd = 0.1\nunit = "1/m"\n'
+    drag = b'id = "drag"\ntitle = "d"\nplace = "force_x"\nformula = "-drag * vel_x * abs(vel_x)"\ngain = 0.5\n'
+    drag += b'[numbers.drag]\nvalue = 0.0003\nsd = 0.1\nunit = "1/m"\n'
     return [play + b'[numbers.w]\nvalue = 0.003\nunit = "rad"\ntext = "half of it"\n[found]\ngain = 3\n', drag]
 
 
@@ -541,8 +547,15 @@ def options() -> argparse.Namespace:
     return given
 
 
+def limit_memory() -> None:
+    """A file that makes a reader take more than this is one that breaks it: MemoryError then."""
+    if resource is not None:
+        resource.setrlimit(resource.RLIMIT_AS, (MOST_MEMORY, resource.getrlimit(resource.RLIMIT_AS)[1]))
+
+
 def run() -> int:
     given, findings = options(), 0
+    limit_memory()
     for name in given.targets or TARGETS:
         if given.engine == "atheris":
             with_atheris(name, given.runs, given.seconds, given.seed, given.found)

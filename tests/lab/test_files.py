@@ -48,6 +48,33 @@ def test_of_two_results_the_one_that_does_not_fit_is_named(drive, tmp_path):
     assert out.read_text().endswith("\n")
 
 
+FORMULA = 'id = "drag"\ntitle = "d"\nplace = "force_x"\nformula = "-drag * vel_x * abs(vel_x)"\ngain = 0.5\n[numbers.drag]\nvalue = 0.0003\nunit = "1/m"\n'
+
+
+@pytest.mark.parametrize(
+    ("result", "args"),
+    [
+        ("est.csv", ["estimate", "LOG", "--vehicle", "CAR", "--out", "est.csv"]),
+        ("learnt", ["estimate", "LOG", "--vehicle", "CAR", "--out", "/dev/null", "--save-learnt", "learnt"]),
+        ("log.csv", ["simulate", "--maneuver", "step-steer", "--duration", "2", "--out", "log.csv"]),
+        ("truth.csv", ["simulate", "--maneuver", "step-steer", "--duration", "2", "--out", "/dev/null", "--truth", "truth.csv"]),
+        ("drag.h", ["formula", "drag.toml", "--c", "drag.h"]),
+        ("studies", ["montecarlo", "--study", "particles", "--runs", "1", "--jobs", "1", "--out", "studies"]),
+    ],
+    ids=lambda x: x if isinstance(x, str) else x[0],
+)
+def test_not_a_byte_of_room_is_said_by_every_command(result, args, drive, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("drag.toml").write_text(FORMULA)
+    before = {p.name for p in tmp_path.iterdir()}
+    done = with_little_room(*[{"LOG": drive.log, "CAR": drive.vehicle}.get(a, a) for a in args], room=0)
+    assert done.returncode == 2, done.stdout + done.stderr
+    assert f"{result}" in done.stderr and "cannot be written" in done.stderr
+    assert "internal error" not in done.stderr and "Traceback" not in done.stderr
+    left = [p for p in tmp_path.rglob("*") if p.is_file() and p.name not in before and p.stat().st_size > 0]
+    assert not left
+
+
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")
 @pytest.mark.parametrize("command", [["settings"], ["vehicle", "--example"]])
 def test_a_terminal_that_takes_no_more_is_no_fault_of_ours(command):

@@ -204,8 +204,8 @@ static void learn_sample(const tse_params *p, tse_bank *b, int32_t i, const samp
 {
   tse_hypothesis *const h = &b->h[i];
   h->log_weight += log2_density(o) + evidence_of_repeat(&b->repeats, h, o);
-  update(p, h, y, o);
-  b->saturated += o->saturated ? 1u : 0u;
+  const int learnt = update(p, h, y, o);
+  b->saturated += o->saturated || !learnt ? 1u : 0u;
 }
 
 tse_real bank_learn(const tse_params *p, tse_bank *b, const sample *y, const tse_real raw[6])

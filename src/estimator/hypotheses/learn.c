@@ -71,7 +71,21 @@ static tse_real moved(tse_real var, tse_real by, tse_real least, tse_real most)
   return r_clamp(r_mul(var, TSE_R(1) + r_clamp(by, TSE_R(-0.2), TSE_R(0.5))), least, most);
 }
 
-void learn(const tse_params *p, tse_hypothesis *h, const sample *y, const innovation *o, tse_real trust)
+/* In fixed point: is all that has been learnt still a number? Elsewhere it is far from the end of the range. */
+static int fits(tse_real A[6][6])
+{
+#if defined(TSE_REAL_FIXED)
+  int fine = 1;
+  for (int i = 0; i < 6; i++)
+    for (int j = 0; j <= i; j++) fine = fine && r_is_finite(A[i][j]);
+  return fine;
+#else
+  (void)A;
+  return 1;
+#endif
+}
+
+int learn(const tse_params *p, tse_hypothesis *h, const sample *y, const innovation *o, tse_real trust)
 {
   tse_real g[6][6], q[6], A[6][6], step[6], var[6];
   const tse_real keep = r_div(STATISTICS_TIME, STATISTICS_TIME + y->dt);
@@ -90,6 +104,7 @@ void learn(const tse_params *p, tse_hypothesis *h, const sample *y, const innova
     A[i][i] += prior;
     step[i] += r_mul(prior, r_div(r_mul(TSE_R(2), told - var[i]), told + var[i]));
   }
+  if (!fits(A)) return 0;
   add_lost(y, g, var, step);
   memcpy(h->info, A, sizeof h->info);
   solve(A, step);
@@ -97,4 +112,5 @@ void learn(const tse_params *p, tse_hypothesis *h, const sample *y, const innova
     h->spread_var[a] = moved(h->spread_var[a], step[a], LEAST_SPREAD_VAR, p->spread_max_var);
     if (p->noise_max_var > TSE_R(1)) h->noise_var[a] = moved(h->noise_var[a], step[3 + a], LEAST_NOISE_VAR, p->noise_max_var);
   }
+  return 1;
 }

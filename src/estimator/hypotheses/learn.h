@@ -6,7 +6,8 @@
 
 #define learn TSE_NAME(tse_hypothesis_learn)
 
-/* One step of spread_var and noise_var along the score of the evidence of this sample. trust: share of it that counts. */
-void learn(const tse_params *p, tse_hypothesis *h, const sample *y, const innovation *o, tse_real trust);
+/* One step of spread_var and noise_var along the score of the evidence of this sample. trust: share of it that counts.
+ *   Returned:  0: in fixed point, what has been learnt of them all would leave the range of the format; nothing has changed */
+int learn(const tse_params *p, tse_hypothesis *h, const sample *y, const innovation *o, tse_real trust);
 
 #endif

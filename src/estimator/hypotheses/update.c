@@ -68,7 +68,7 @@ static void undo_pull(const tse_params *p, tse_hypothesis *h, const innovation *
   for (int a = 0; a < TSE_X; a++) h->x[a] += r_mul(h->cov[a][X_STIFFNESS], by);
 }
 
-void update(const tse_params *p, tse_hypothesis *h, const sample *y, const innovation *o)
+int update(const tse_params *p, tse_hypothesis *h, const sample *y, const innovation *o)
 {
   const tse_real trust = trust_of(o);
   const tse_real before[3] = { h->x[3], h->x[4], h->x[5] }, fresh = r_div(DISTURBANCE_TIME, y->dt + DISTURBANCE_TIME);
@@ -84,7 +84,8 @@ void update(const tse_params *p, tse_hypothesis *h, const sample *y, const innov
     h->activity[a] = r_mul(fresh, h->activity[a]) + r_abs(o->forecast[a] - h->foretold[a]);
     h->foretold[a] = o->forecast[a];
   }
-  if (!o->slides && h->fault == FAULT_NONE) learn(p, h, y, o, trust);
+  if (o->slides || h->fault != FAULT_NONE) return 1;
+  return learn(p, h, y, o, trust);
 }
 
 int in_range(const tse_hypothesis *h)

@@ -8,8 +8,8 @@
 #define is_proper TSE_NAME(tse_hypothesis_is_proper)
 #define in_range  TSE_NAME(tse_hypothesis_in_range)
 
-/* X, P, this row's eps, spread and noise given the sample whose innovation is o. */
-void update(const tse_params *p, tse_hypothesis *h, const sample *y, const innovation *o);
+/* X, P, this row's eps, spread and noise given the sample whose innovation is o.   Returned: 0: as learn() */
+int update(const tse_params *p, tse_hypothesis *h, const sample *y, const innovation *o);
 
 /* 0: not made of numbers any more, or of a covariance, or linear in nothing. */
 int is_proper(const tse_hypothesis *h);
