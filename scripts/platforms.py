@@ -4,6 +4,7 @@
     python3 scripts/platforms.py              all; writes scripts/results/platforms.md
     python3 scripts/platforms.py --short      those that differ most, half a minute: in the tests
     python3 scripts/platforms.py --only TEXT  those with this in their name; prints, writes nothing
+    python3 scripts/platforms.py --format F   this number format; what the table says of the others stays, marked as of before
     python3 scripts/platforms.py --again      also what was run before with the same sources, compiler and flags
 
 A machine agrees when the hash of every bit of every output of every row is that of tests/replay/golden_<format>.csv: of the default
@@ -31,6 +32,7 @@ RESULTS = m.ROOT / "scripts" / "results" / "platforms.md"
 KEPT = m.ROOT / "build" / "platforms.json"
 STACK = 5_500  # bytes below main(): 4 476 of tse_step() in float at -O2, then settings and outputs; of double more
 SAME, SAME_OF_TWO, REFUSED = "yes", "yes, with two hypotheses", "refused, as it must be"
+BEFORE = " (before)"
 HEAD = """\
 <!-- Written by `python3 scripts/platforms.py`. -->
 
@@ -57,7 +59,8 @@ def capacities(machine: m.Machine) -> list[str]:
     """Options of the library: a microcontroller holds the default form and the fewest rows for channels that are logged late."""
     if machine.board:
         few = [f"-DTSE_HYPOTHESES={machine.board.hypotheses}"] if machine.board.hypotheses else []
-        return ["-DTSE_NO_EFFECTS", "-DTSE_NO_PARTICLES", "-DTSE_NO_DESCRIBE", "-DTSE_MAX_PARTICLES=16", "-DTSE_LATENCY_ROWS=8", *few]
+        few += ["-DTSE_NO_EFFECTS", "-DTSE_NO_PARTICLES", "-DTSE_NO_DESCRIBE"]
+        return [*few, "-DTSE_MAX_PARTICLES=16", "-DTSE_LATENCY_ROWS=8"]
     return ["-DTSE_NO_EFFECTS"] if machine.run else ["-DTSE_NO_EFFECTS", "-DALL_FORMS"]
 
 
@@ -101,11 +104,11 @@ def name_of(work: m.Work, machine: m.Machine, real: str) -> str:
     return hashlib.sha256(b"".join(f.read_bytes() for f in files) + told.encode()).hexdigest()
 
 
-def asked(only: str, short: bool) -> list[Result]:
+def asked(only: str, short: bool, formats: list[str]) -> list[Result]:
     """What is to be found out; what no preset of CMake runs, because it is emulated, comes first."""
     out = []
     for machine in sorted(m.machines(), key=lambda x: not x.run):
-        for real in m.formats():
+        for real in formats:
             is_asked = real not in machine.leaves and (not machine.only or real in machine.only) and only in machine.name
             if is_asked and (real in machine.short or not short):
                 out.append(Result(machine, real, "" if m.is_finished(real) else "skipped: this format has no golden estimates"))
@@ -138,7 +141,21 @@ def shown(machine: m.Machine) -> list[str]:
     return [f for f in machine.flags if not f.startswith(("-I", "-ffunction", "-fdata", "-fno-builtin", "-D", "-nostd", "-mthumb"))]
 
 
-def table(results: list[Result]) -> str:
+def said_before(formats: list[str]) -> dict[tuple[str, ...], dict[str, str]]:
+    """What the table as it is says in the columns of these formats, by machine, compiler, flags, emulator."""
+    out: dict[tuple[str, ...], dict[str, str]] = {}
+    names: list[str] = []
+    for line in RESULTS.read_text().splitlines() if RESULTS.exists() else []:
+        cells = [x.strip() for x in line.strip("|").split("|")]
+        if line.startswith("| machine |"):
+            names = cells[4:]
+        elif names and line.startswith("| ") and len(cells) == 4 + len(names):
+            told = dict(zip(names, cells[4:], strict=True))
+            out[tuple(cells[:4])] = {real: told[real].removesuffix(BEFORE) for real in formats if told.get(real, "-") != "-"}
+    return out
+
+
+def table(results: list[Result], before: dict[tuple[str, ...], dict[str, str]]) -> str:
     finished = [real for real in m.formats() if m.is_finished(real)]
     rows: dict[tuple[str, ...], dict[str, str]] = {}
     for r in results:
@@ -146,6 +163,9 @@ def table(results: list[Result]) -> str:
         version = f"{x.compiler()} {x.version()}" if not x.missing() else x.compiler()
         key = (x.name, version, f"`{' '.join(shown(x)) or '-'}`", x.emulator() if not x.missing() else "-")
         rows.setdefault(key, {})[r.real] = r.says or "not run"
+    for key, told in before.items():
+        if key in rows or not all(says.startswith("skipped") for says in told.values()):
+            rows[key] = {real: says + BEFORE for real, says in told.items()} | rows.get(key, {})
     lines = [f"| machine | compiler | flags | run by | {' | '.join(finished)} |", f"|---|---|---|---|{'---|' * len(finished)}"]
     lines += [f"| {' | '.join(key)} | {' | '.join(of.get(real, '-') for real in finished)} |" for key, of in rows.items()]
     ran = [r for r in results if r.says and not r.says.startswith("skipped")]
@@ -154,6 +174,8 @@ def table(results: list[Result]) -> str:
     lines += ["", f"{same} of {all_} builds that ran have the same bits; {refused} that would lose some do not compile."]
     if left:
         lines += [f"The run was interrupted: {left} are left."]
+    if before:
+        lines += ["", f"{BEFORE.strip()}: as an earlier version of the library was found; not run again with this one."]
     unfinished = [real for real in m.formats() if not m.is_finished(real)]
     if unfinished:
         lines += ["", f"Without golden estimates, hence not run: {', '.join(unfinished)}."]
@@ -164,15 +186,18 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--short", action="store_true", help="the machines that differ most, in the format that each is for")
     parser.add_argument("--only", default="", metavar="TEXT", help="machines with this in their name; no table is written")
+    parser.add_argument("--format", choices=m.formats(), help="this number format alone")
     parser.add_argument("--again", action="store_true", help="also what was run before")
     args = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         work = m.Work(Path(folder))
-        results = asked(args.only, args.short)
+        formats = [args.format] if args.format else m.formats()
+        results = asked(args.only, args.short, formats)
+        before = said_before([x for x in m.formats() if x not in formats])
         head = HEAD.format(rows=m.rows().count("\n"), flags=" ".join(m.FLAGS))
         for _ in find_out(work, results, args.again or args.short):
             if not args.short and not args.only:
-                RESULTS.write_text(head + table(results))
+                RESULTS.write_text(head + table(results, before))
     wrong = [r for r in results if not r.is_fine]
     for r in wrong:
         print(f"FAILED: {r.machine.name}, {r.machine.compiler()}, {' '.join(r.machine.flags)}, {r.real}: {r.says}")

@@ -15,6 +15,7 @@ import sys
 import fixed
 import numpy as np
 import pandas as pd
+
 from tselab.core import STIFFNESS, Config, Library
 from tselab.montecarlo import scores, studies
 from tselab.montecarlo.case import Case
@@ -66,11 +67,11 @@ def table(runs: pd.DataFrame) -> list[str]:
 HEAD = """\
 # The default form with few hypotheses, in fixed point
 
-Written by `.venv/bin/python scripts/small.py --runs {runs}`: seeds 1 .. {runs} of each case, every drive simulated once (in double) and
-read by the fixed-point build with each number of hypotheses (setting `hypotheses`; a build with TSE_HYPOTHESES=2 has room for
-two). RMS of the relative errors of cx_front, cy_front, cy_rear in the window of the case; settled: median time from the change of
-road, else from the start, until all errors stay below 10 % for 1 s; valid: rows after 5 s so called; false valid: of these, with an
-error above 20 %, of the worst stiffness.
+Written by `.venv/bin/python scripts/small.py --runs {runs}`: seeds 1 .. {runs} of each case, every drive simulated once (in
+double) and read by the fixed-point build with each number of hypotheses (setting `hypotheses`; a build with TSE_HYPOTHESES=2 has
+room for two). RMS of the relative errors of cx_front, cy_front, cy_rear in the window of the case; settled: median time from the
+change of road, else from the start, until all errors stay below 10 % for 1 s; valid: rows after 5 s so called; false valid: of
+these, with an error above 20 %, of the worst stiffness.
 
 """
 

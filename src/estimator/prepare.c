@@ -186,49 +186,46 @@ static void prepare_latencies(const tse_config *c, tse_params *p)
   for (int k = 0; k < (int)TSE_CHANNELS; k++) p->latency_age[k] = real_of(r.age - latency[k]);
 }
 
-/* The first setting outside its range, in the order of tse/config.def, which is that of the members; NULL: none. By tables: a
- * comparison written out for each row is 6 kB more of a microcontroller's flash. */
-static const char *outside(const tse_config *c)
+/* The first real setting that is outside its range, in the order of tse/config.def, which is that of the members; NULL: none. By a
+ * table: a comparison written out for each row is 4 kB more of a microcontroller's flash.   Returned in *at: where it stands, or the
+ * size of all */
+static const char *real_outside(const tse_config *c, size_t *at)
 {
 #define REAL(name, def, lo, hi, unit, text) { #name, TSE_S(lo), TSE_S(hi), (uint16_t)offsetof(tse_config, name) },
 #define INT(name, def, lo, hi, text)
-  static const struct { const char *name; tse_setting lo, hi; uint16_t at; } reals[] = {
+  static const struct { const char *name; tse_setting lo, hi; uint16_t at; } rows[] = {
 #include "tse/config.def"
   };
 #undef REAL
 #undef INT
-#define REAL(name, def, lo, hi, unit, text)
-#define INT(name, def, lo, hi, text) { #name, lo, hi, (uint16_t)offsetof(tse_config, name) },
-  static const struct { const char *name; int32_t lo, hi; uint16_t at; } ints[] = {
-#include "tse/config.def"
-  };
-#undef REAL
-#undef INT
-  const uint8_t *const bytes = (const uint8_t *)c;
-  const char *wrong = NULL;
-  size_t first = sizeof *c;
-  for (size_t i = 0; i < sizeof reals / sizeof reals[0] && !wrong; i++) {
+  *at = sizeof *c;
+  for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++) {
     tse_setting x;
-    memcpy(&x, bytes + reals[i].at, sizeof x);
-    if (!(x >= reals[i].lo && x <= reals[i].hi)) { /* so that NaN is */
-      wrong = reals[i].name;
-      first = reals[i].at;
+    memcpy(&x, (const uint8_t *)c + rows[i].at, sizeof x);
+    if (!(x >= rows[i].lo && x <= rows[i].hi)) { /* so that NaN is */
+      *at = rows[i].at;
+      return rows[i].name;
     }
   }
-  for (size_t i = 0; i < sizeof ints / sizeof ints[0] && ints[i].at < first; i++) {
-    int32_t x;
-    memcpy(&x, bytes + ints[i].at, sizeof x);
-    if (x < ints[i].lo || x > ints[i].hi) return ints[i].name;
-  }
-  return wrong;
+  return NULL;
 }
 
 tse_status tse_config_check(const tse_config *c, const char **wrong)
 {
   if (!c) return TSE_E_NULL;
-  const char *const named = outside(c);
-  if (named) {
-    if (wrong) *wrong = named;
+  size_t at;
+  const char *const real = real_outside(c, &at);
+#define REAL(name, def, lo, hi, unit, text)
+#define INT(name, def, lo, hi, text)                                      \
+  if (c->name < (lo) || c->name > (hi)) {                                 \
+    if (wrong) *wrong = at < offsetof(tse_config, name) ? real : #name;   \
+    return TSE_E_CONFIG;                                                  \
+  }
+#include "tse/config.def"
+#undef REAL
+#undef INT
+  if (real) {
+    if (wrong) *wrong = real;
     return TSE_E_CONFIG;
   }
 #if defined(TSE_NO_EFFECTS)

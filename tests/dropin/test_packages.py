@@ -49,7 +49,8 @@ def test_conan_builds_and_uses_its_package(tmp_path: Path) -> None:
     conan, out = tool("conan"), made(tmp_path, "conan")
     env = {"CONAN_HOME": str(tmp_path / "home")}
     run(conan, "profile", "detect", env=env)
-    run(conan, "create", ".", "-o", "&:real=float", "-o", "&:max_particles=64", "-o", "&:latency_rows=16", "-o", "&:hypotheses=3", cwd=out, env=env)
+    chosen = ("real=float", "max_particles=64", "latency_rows=16", "hypotheses=3")
+    run(conan, "create", ".", *(word for x in chosen for word in ("-o", f"&:{x}")), cwd=out, env=env)
 
 
 def test_platformio_packs_its_package(tmp_path: Path) -> None:

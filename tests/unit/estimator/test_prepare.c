@@ -236,6 +236,10 @@ static void test_of_two_wrong_settings_the_first_is_named(void)
   c.lf = setting(-1);
   c.lr = setting(-1);
   expect_config_refused(&c, "lf");
+  c = defaults();
+  c.formula_code_1 = -1; /* whole numbers stand between the real ones */
+  c.sample_time = setting(-1);
+  expect_config_refused(&c, "formula_code_1");
 }
 
 static void test_null_arguments_are_refused_and_change_nothing(void)
