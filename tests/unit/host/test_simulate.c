@@ -258,6 +258,7 @@ static void test_tyres_pass_the_impulse_of_the_wheels_to_the_car_without_loss(vo
   const tse_config c = table_car();
   tse_sim_config s = table_sim(10);
   tse_sim_output first, y;
+  memset(&first, 0, sizeof first);
   double impulse = 0, last = 0;
   s.spread_cx_front = setting(0.2);
   start(&c, &s);
@@ -283,6 +284,7 @@ static void test_logged_accelerations_add_up_to_the_change_of_velocity(void)
   const tse_sim_config s = quiet();
   double dvx = 0, dvy = 0;
   tse_sim_output first, last, y;
+  memset(&first, 0, sizeof first);
   memset(&last, 0, sizeof last);
   start(&c, &s);
   for (int k = 0; k <= 2000; k++) {
