@@ -4,7 +4,7 @@
     .venv/bin/python scripts/fixed.py [--runs R] [--bits 28,30,34,36]
 
 Every drive is simulated once, in double; both builds read the same log. Libraries are made in build/fixed (cmake, a C compiler).
-Half an hour for 20 runs on one free core. What counts, and when a run has diverged, is as in every study (tselab montecarlo).
+Six minutes for 20 runs on one free core, nearly all of it the form with particles. What counts, and when a run has diverged, is as in every study (tselab montecarlo).
 """
 
 from __future__ import annotations
@@ -28,6 +28,9 @@ from tselab.study import START  # noqa: E402
 OUT = ROOT / "scripts" / "results" / "fixed.md"
 CASES = (studies.NOMINAL, studies.NOISE_3X, studies.LOW, studies.ROAD)
 FORMS = {"default": CASES, "paper": (studies.NOMINAL,)}
+# Seeds of the filter with which a drive is read. Estimates by particles scatter with theirs: in double RMS over the same 20 drives is
+# 3.35 .. 4.10 % of cx_front and 0.76 .. 0.92 % of cy_rear, by seeds 1, 11, 12, 13; other products are like another seed.
+FILTER_SEEDS = {"default": (1,), "paper": (1, 11, 12, 13)}
 LIMIT = {"rms": 10.0, "valid": 3.0}  # % of double's, points: what issue 14 asks
 
 
@@ -75,10 +78,13 @@ def study(builds: dict[str, Library], runs: dict[str, int]) -> pd.DataFrame:
                 for build, lib in builds.items():
                     if form != "default" and build not in ("double", "fixed"):
                         continue
-                    estimate = estimated(d, told(lib, form, d.about))
-                    row = {"case": case.name, "form": form, "build": build, "seed": seed}
-                    row["out_of_range"] = int((estimate["status"] == lib.status("TSE_W_RANGE")).sum())
-                    rows.append(row | scores.score(d, case, known, estimate) | validity(d, estimate))
+                    for filter_seed in FILTER_SEEDS[form]:
+                        config = told(lib, form, d.about)
+                        config.set("seed", filter_seed)
+                        estimate = estimated(d, config)
+                        row = {"case": case.name, "form": form, "build": build, "seed": seed}
+                        row["out_of_range"] = int((estimate["status"] == lib.status("TSE_W_RANGE")).sum())
+                        rows.append(row | scores.score(d, case, known, estimate) | validity(d, estimate))
                 print(f"{form} {case.name} {seed}", file=sys.stderr, flush=True)
     return pd.DataFrame(rows)
 
@@ -103,7 +109,8 @@ def compared(runs: pd.DataFrame, fixed: str) -> list[str]:
         three = [", ".join(f"{v:.2f}" for v in x) for x in rms] + [", ".join(f"{v:.1f}" for v in x) for x in valid]
         diverged = f"{int(a.diverged.sum())} / {int(b.diverged.sum())}"
         kept = "yes" if ratio <= LIMIT["rms"] and moved <= LIMIT["valid"] and b.diverged.sum() <= a.diverged.sum() else "no"
-        cells = [case, form, str(len(b)), *three[:2], f"{ratio:+.2f} %", *three[2:], f"{moved:.2f}", diverged]
+        seeds = len(FILTER_SEEDS[form])
+        cells = [case, form, str(len(b)) if seeds == 1 else f"{len(b) // seeds} x {seeds} seeds", *three[:2], f"{ratio:+.2f} %", *three[2:], f"{moved:.2f}", diverged]
         lines.append("| " + " | ".join([*cells, str(int(b.out_of_range.sum())), kept]) + " |")
     return lines
 
@@ -135,7 +142,7 @@ def page(runs: pd.DataFrame, builds: dict[str, Library], many: int, few: int) ->
         "# Fixed point beside double",
         "",
         f"Written by `.venv/bin/python scripts/fixed.py --runs {many} --paper-runs {few}`: seeds 1, 2, ... of each case, every "
-        "drive simulated once (in double) and read by both builds. RMS of the relative errors of cx_front, cy_front, cy_rear over "
+        "drive simulated once (in double) and read by both builds; by the form with particles with four seeds of its own each. RMS of the relative errors of cx_front, cy_front, cy_rear over "
         "15 .. 30 s (as every study); valid: rows after 5 s so called; points: largest difference of these shares. Limits: RMS at "
         "most 10 % above double's, validity within 3 points, no more divergences.",
         "",

@@ -2,7 +2,7 @@
 """Write real_ops_table.h: elementary functions from mpmath, 40 digits, for tests/unit/number/test_real_ops.c.
 
 Arguments have at most 24 significant bits, so double and float hold them exactly; those that are multiples
-of 2^-20 below 2048 are exact in q20 too (the test skips the others there).
+of 2^-20 below 2048 are exact in fixed point too (the test skips the others there).
 
     python3 generate_real_ops.py > real_ops_table.h        needs mpmath; deterministic
 """

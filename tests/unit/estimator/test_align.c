@@ -371,7 +371,7 @@ static void test_refused_rows_change_nothing(void)
 {
   static const double late[5] = { 0.033, 0.02, 0.02, -0.01, 0 };
   tse_config c = settings(0);
-  const tse_real none = TSE_R(0) / number(TSE_R(0)), bad_dt[4] = { TSE_R(0), TSE_R(-0.01), TSE_R(3601), none };
+  const tse_real none = real((double)NAN), bad_dt[4] = { TSE_R(0), TSE_R(-0.01), TSE_R(3601), none };
   tell(&c, late);
   start(&c, &late_one);
   for (int k = 0; k < 60; k++) {

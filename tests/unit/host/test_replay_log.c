@@ -47,8 +47,8 @@ static void test_without_effects_a_replay_is_the_plain_vehicle_bit_for_bit(void)
   lively(&c, rows);
   replay_with(&c, &log, rows, &s);
   const stiffness k = vehicle_stiffness(&p, s.cx_front - TSE_R(1), s.cy_front - TSE_R(1), s.cy_rear - TSE_R(1));
-  inputs from, to;
-  tse_real x[3];
+  inputs from = { TSE_R(0), TSE_R(0), TSE_R(0) }, to;
+  tse_real x[3] = { TSE_R(0), TSE_R(0), TSE_R(0) };
   for (int i = 0; i < rows; i++) {
     to.steer = log_steer[i];
     to.v_front = r_mul(p.radius_front, log_front[i]);

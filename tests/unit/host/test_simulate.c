@@ -284,6 +284,7 @@ static void test_logged_accelerations_add_up_to_the_change_of_velocity(void)
   const tse_sim_config s = quiet();
   double dvx = 0, dvy = 0;
   tse_sim_output first, last, y;
+  memset(&first, 0, sizeof first);
   memset(&last, 0, sizeof last);
   start(&c, &s);
   for (int k = 0; k <= 2000; k++) {
