@@ -512,18 +512,26 @@ static void test_a_lag_of_the_side_force_leaves_the_drive_force_as_it_is(void)
   }
 }
 
-/* A row of two steps is what two rows of one are, inputs in between being those of the straight line. */
+/* A row of two steps is what two rows of one are: inputs, and all that is given, being those of the straight line in between. */
 static void test_a_row_of_two_steps_is_two_rows(void)
 {
   tse_config c = default_car();
   c.relaxation_length = setting(0.5);
   const double dt = 0.0145;
+  static tse_real given_then[7][41];
   double whole[3];
   for (int halves = 1; halves <= 2; halves++) {
     const int rows = 20 * halves + 1;
     straight(&c, 20, dt * 2 / halves, rows);
-    for (int i = 0; i < rows; i++) log_steer[i] = real(0.002 * i / halves);
-    replay(&c, rows);
+    tse_replay_log log = the_log();
+    const tse_replay_start s = the_start();
+    const tse_real **const profile[7] = { &log.grade, &log.bank, &log.slip_front, &log.slip_rear, &log.force_x, &log.force_y, &log.yaw_accel };
+    for (int i = 0; i < rows; i++) {
+      log_steer[i] = real(0.002 * i / halves);
+      for (int k = 0; k < 7; k++) given_then[k][i] = real((k < 4 ? 0.001 : 0.02) * (k + 1) * i / halves);
+    }
+    for (int k = 0; k < 7; k++) *profile[k] = given_then[k];
+    replay_with(&c, &log, rows, &s);
     const double end[3] = { number(got_vx[rows - 1]), number(got_vy[rows - 1]), number(got_yaw[rows - 1]) };
     for (int a = 0; a < 3; a++) {
       if (halves == 1) whole[a] = end[a];
