@@ -39,8 +39,9 @@ FOLLOWED = {  # functions in which so many cases are kept apart: refused or not,
     "step_row": 8, "step_row_0": 8, "step_late": 8, "tse_step_*": 8, "tse_input_decode_*": 8, "tse_align_row_*": 8,
     "tse_config_check_*": 2000, "latencies_fit": 8, "tse_prepare_*": 8, "prove_prepare": 8,
 }  # fmt: skip
-# TSE_FIXED_HALVES: products of 32-bit halves, for Frama-C knows no type of 128 bits; test_real_ops.c holds both to the same results.
+# TSE_FIXED_HALVES: products of 32-bit halves, for Frama-C knows no type of 128 bits; test_real_ops.c holds both to the same result.
 UNROLLED = 40  # loops of a fixed number of turns up to this are followed turn by turn
+APART = 8  # turns of any loop that are followed one by one: of hypotheses, so that each stays apart from the others
 
 
 def sources() -> list[str]:
@@ -71,6 +72,8 @@ def alarms(target: str, form: str) -> tuple[Counter, list[tuple[str, str, str, s
         "-eva",
         "-warn-special-float",
         "none",
+        "-eva-min-loop-unroll",
+        str(APART),
         "-eva-auto-loop-unroll",
         str(UNROLLED),
         *apart,
@@ -129,7 +132,8 @@ def page(results: list, rows: list[dict], used: dict[int, set], targets: list[st
         f"`{' '.join(['scripts/eva.sh --write', *targets])}`; Frama-C {version}, EVA, 64-bit x86.",
         "Every real number of settings, parameters, filter and",
         "row may be any bits, NaN and infinite, too; whole numbers of parameters and filter are in the ranges that tse_prepare()",
-        "and tse_filter_check() hold them to, and are asserted to be there after the row. No alarm: no access outside an object",
+        "and tse_filter_check() hold them to, and are asserted to be there after the row; in fixed point a number is any that an",
+        "operation gives (FIXED_MOST and below), which is_proper() holds hypotheses to. No alarm: no access outside an object",
         "or of what was never written, no overflow or shift that C does not define, no division of whole numbers by 0, no real",
         "made a whole number that cannot hold it.",
         "",
@@ -157,14 +161,14 @@ def page(results: list, rows: list[dict], used: dict[int, set], targets: list[st
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--write", action="store_true", help=f"make {REPORT.relative_to(ROOT)} anew")
-    parser.add_argument("--format", action="append", choices=list(SUFFIX), help="default: double and float")
+    parser.add_argument("--format", action="append", choices=list(SUFFIX), help="default: all three")
     parser.add_argument("target", nargs="*", help=f"default: {' '.join(TARGETS)}")
     given = parser.parse_args()
     if not shutil.which("frama-c"):
         print("eva: skipped, frama-c is not installed (scripts/setup.sh proof)")
         return 0
     rows, used, results, wrong = explanations(), defaultdict(set), [], 0
-    for form in given.format or ["double", "float"]:
+    for form in given.format or SUFFIX:
         for target in given.target or TARGETS:
             numbers, found, seconds = alarms(target, form)
             open_ = []

@@ -2,8 +2,9 @@
 
 A fault is one token changed, or one statement left out (KINDS), in src/estimator, src/model or src/number. Each is compiled, and
 the tests are run until one fails: the file's own first, then the others, quickest first. Not counted: faults that do not compile,
-and those that a compiler translates to the very bytes of the original (Papadakis et al., ICSE 2015). What survives stands in the
-report by file and line; a survivor that no test could find stands in mutation.toml with the reason.
+and those that a compiler translates to the very bytes of the original (Papadakis et al., ICSE 2015). What survives is tried once
+more by the file's own tests with sanitizers, as preset dev compiles them: a loop that runs one place too far shows nowhere else.
+What survives that stands in the report by file and line; one that no test could find stands in mutation.toml with the reason.
 """
 
 from __future__ import annotations
@@ -38,6 +39,7 @@ FLAGS = [
     "-fno-trapping-math",
     "-DTSE_MAX_PARTICLES=512",
 ]
+SANITIZERS = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-fno-omit-frame-pointer"]  # of CMakePresets.json
 LEAST_TIME = 10.0  # s: a test that takes longer, and ten times longer than without the fault, runs for ever
 
 SWAPS = {  # operator: what takes its place
@@ -247,8 +249,8 @@ def core_files() -> list[str]:
 class Bench:
     """Objects and tests, compiled once; what a fault touches is compiled again."""
 
-    def __init__(self, work: Path, compiler: str) -> None:
-        self.work, self.cc = work, compiler
+    def __init__(self, work: Path, compiler: str, more: list[str] | None = None) -> None:
+        self.work, self.cc, self.more = work, compiler, more or []
         for part in ("obj", "test", "run", "over"):
             (work / part).mkdir(parents=True, exist_ok=True)
         self.include = [f"-I{ROOT}/include", f"-I{SRC}"]
@@ -273,6 +275,7 @@ class Bench:
         command = [
             self.cc,
             *FLAGS,
+            *self.more,
             *first,
             *self.include,
             *(self.for_tests if test else []),
@@ -286,14 +289,15 @@ class Bench:
     def objects(self) -> dict[str, Path]:
         return {s: self.work / "obj" / (s.replace("/", "_") + ".o") for s in sources()}
 
-    def prepare(self) -> None:
+    def prepare(self, quick: bool = False) -> None:
+        """quick: tests are compiled when they are needed, and not run without a fault (they have been, by another bench)."""
         for source, out in self.objects().items():
             if not self.compile(SRC / source, out):
                 raise SystemExit(f"mutation: {source} does not compile")
         self.archive(self.library, list(self.objects().values()))
         if not self.compile(UNITY / "unity.c", self.work / "test" / "unity.o", test=True):
             raise SystemExit(f"mutation: no Unity in {UNITY}: run scripts/setup.sh")
-        for name, path in self.tests.items():
+        for name, path in ({} if quick else self.tests).items():
             if not self.compile(path, self.work / "test" / f"{name}.o", test=True):
                 raise SystemExit(f"mutation: {name} does not compile")
             began = time.monotonic()
@@ -307,7 +311,7 @@ class Bench:
 
     def run(self, name: str, library: Path, test: Path) -> str:
         program = self.work / "run" / name
-        link = [self.cc, str(test), str(self.work / "test" / "unity.o"), str(library), "-lm", "-o", str(program)]
+        link = [self.cc, *self.more, str(test), str(self.work / "test" / "unity.o"), str(library), "-lm", "-o", str(program)]
         if subprocess.run(link, capture_output=True).returncode:
             return "failed"
         limit = max(LEAST_TIME, 10 * self.seconds.get(name, 30.0))
@@ -317,12 +321,16 @@ class Bench:
             return "failed"
         return "failed" if done.returncode else "passed"
 
-    def order(self, name: str) -> list[str]:
+    def own(self, name: str) -> set[str]:
         stem, hypotheses = Path(name).stem, "hypotheses" in name
         own = {f"test_{'hypotheses_' if hypotheses else ''}{stem}", f"test_{stem}"}
         if "effects" in name or stem == "integrator":
             own |= {"test_effect_forces", "test_effect_linear"}
-        return sorted(self.tests, key=lambda t: (t not in own, t != "test_replay" and self.seconds[t]))
+        return own & set(self.tests)
+
+    def order(self, name: str) -> list[str]:
+        own = self.own(name)
+        return sorted(self.tests, key=lambda t: (t not in own, t != "test_replay" and self.seconds.get(t, 0)))
 
     def users(self, header: str) -> list[str]:
         """Sources that include it, by way of others too."""
@@ -335,7 +343,7 @@ class Bench:
             grown, wanted = bool(more), wanted | more
         return [s for s in sources() if s in wanted]
 
-    def judge(self, fault: Fault) -> str:
+    def judge(self, fault: Fault, own_only: bool = False) -> str:
         """stillborn, same (the very bytes), found, or survived."""
         over = self.work / "over"
         changed = over / fault.file
@@ -356,8 +364,10 @@ class Bench:
             if others:
                 self.archive(library, others)
             differs = bool(others)
-            for name in self.order(fault.file):
+            for name in sorted(self.own(fault.file)) if own_only else self.order(fault.file):
                 test = self.work / "test" / f"{name}.o"
+                if not test.exists():
+                    self.compile(self.tests[name], test, test=True)
                 if header or self.includes[name] & set(users):
                     again = over / f"{name}.o"
                     if not self.compile(self.tests[name], again, over, test=True):
@@ -425,6 +435,8 @@ def main() -> int:
         return 0
     bench = Bench(ROOT / "build" / "mutation", given.compiler)
     bench.prepare()
+    sanitized = Bench(ROOT / "build" / "mutation" / "sanitized", given.compiler, SANITIZERS)
+    sanitized.library.unlink(missing_ok=True)
     print(
         f"mutation: {len(chosen)} of {len(faults)} faults; all tests take {sum(bench.seconds.values()):.0f} s",
         flush=True,
@@ -434,6 +446,11 @@ def main() -> int:
         if time.monotonic() - began > given.seconds:
             break
         verdict = "known" if key_of(fault) in known else bench.judge(fault)
+        if verdict == "survived":
+            if not sanitized.library.exists():
+                sanitized.prepare(quick=True)
+            verdict = sanitized.judge(fault, own_only=True)
+            verdict = "found by sanitizers" if verdict == "found" else "survived"
         verdicts.append((fault, verdict))
         if verdict == "survived":
             print(f"survived: {fault.file}:{fault.line}: {fault.kind}: {fault.text}", flush=True)
@@ -450,11 +467,13 @@ def report(
     def count(verdict: str, chosen=verdicts) -> int:
         return sum(v == verdict for _, v in chosen)
 
-    found, survived = count("found"), count("survived")
+    found, survived = count("found") + count("found by sanitizers"), count("survived")
     low, high = wilson(found, found + survived)
     share = found / max(1, found + survived)
     version = subprocess.run([given.compiler, "--version"], capture_output=True, text=True).stdout.splitlines()[0]
     command = "scripts/mutation.sh --write" + (" --all" if given.all else f" --count {given.count} --seed {given.seed}")
+    if len(verdicts) < min(given.count, total) and not given.all:
+        command += f" --seconds {given.seconds:.0f}"
     lines = [
         "# Mutation score of the core",
         "",
@@ -462,6 +481,7 @@ def report(
         f"drawn with a seed; {len(bench.tests)} test programs, the golden replay among them.",
         "",
         f"**{found} of {found + survived} found: {100 * share:.1f} %, 95 % interval {100 * low:.1f} .. {100 * high:.1f} %.**",
+        f"{count('found by sanitizers')} of them by nothing but the file's own tests with sanitizers, as preset dev compiles them.",
         f"Not counted: {count('stillborn')} that do not compile, {count('same')} that compile to the same bytes,",
         f"{count('known')} that no test could find (below).",
         "",
@@ -470,7 +490,7 @@ def report(
     ]
     for kind in KINDS:
         own = [x for x in verdicts if x[0].kind == kind]
-        lines.append(f"| {kind} | {count('found', own)} | {count('survived', own)} |")
+        lines.append(f"| {kind} | {count('found', own) + count('found by sanitizers', own)} | {count('survived', own)} |")
     lines += ["", "## Survivors", "", "| file and line | kind | fault |", "|---|---|---|"]
     lines += [
         f"| src/{f.file}:{f.line} | {f.kind} | {f.text.replace('|', chr(92) + '|')} |"

@@ -137,7 +137,7 @@ void consider_restart(tse_bank *b, int with_tyres)
 tse_real considered_var(const tse_params *p, const tse_bank *b, int i)
 {
   tse_real sum = TSE_R(0);
-  for (int k = 0; k < TSE_CONSIDERED; k++) sum += p->consider_sd[k] > TSE_R(0) ? r_sqr(b->off[k][i]) : TSE_R(0);
+  for (int k = 0; k < TSE_CONSIDERED; k++) sum = r_add_sat(sum, p->consider_sd[k] > TSE_R(0) ? r_sqr(b->off[k][i]) : TSE_R(0));
   return sum;
 }
 

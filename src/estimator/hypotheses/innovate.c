@@ -89,7 +89,7 @@ static void covariance(innovation *o)
 {
   for (int a = 0; a < 3; a++)
     for (int b = a; b < 3; b++) {
-      tse_real sum = r_mul(o->use[a], o->ph[b][X_BIAS + a] + o->ph[b][X_SLOW + a]) + r_mul(o->lag[a], o->ph[b][X_LAG]);
+      tse_real sum = r_mul(o->use[a], r_add_sat(o->ph[b][X_BIAS + a], o->ph[b][X_SLOW + a])) + r_mul(o->lag[a], o->ph[b][X_LAG]);
       for (int k = 0; k < 6; k++) sum += r_mul(o->h[a][k], o->ph[b][k]);
       for (int k = 0; k < 3; k++) sum += r_mul(o->eps_var[k], r_mul(o->d[a][k], o->d[b][k]));
       o->s[a][b] = o->s[b][a] = a == b ? sum + o->noise[a] : sum;

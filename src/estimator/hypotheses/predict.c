@@ -139,16 +139,17 @@ static void advance(const tse_params *p, tse_hypothesis *h, passage u, tse_real 
   if (!has_unknown_input(h)) memcpy(all->E, all->G, sizeof all->E);
 }
 
-/* P through the row: states move with states, stiffness, eps and lag; eps, which is that of this row alone, then goes. */
+/* P through the row: states move with states, stiffness, eps and lag; eps, which is that of this row alone, then goes. What is
+ * added to P before is_proper() looks at it must find room in a fixed-point number: sums end saturated. */
 static void carry(tse_hypothesis *h, transition *t)
 {
   tse_real row[3][TSE_X], with_eps[3][3];
   for (int a = 0; a < 3; a++) {
     const tse_real *const F = t->F[a], *const G = t->G[a], *const E = t->E[a];
     for (int j = 0; j < TSE_X; j++)
-      row[a][j] = r_mul(F[0], h->cov[0][j]) + r_mul(F[1], h->cov[1][j]) + r_mul(F[2], h->cov[2][j]) + r_mul(G[0], h->cov[3][j]) +
-                  r_mul(G[1], h->cov[4][j]) + r_mul(G[2], h->cov[5][j]) + r_mul(E[0], h->eps_x[0][j]) + r_mul(E[1], h->eps_x[1][j]) +
-                  r_mul(E[2], h->eps_x[2][j]) + r_mul(t->L[a], h->cov[X_LAG][j]);
+      row[a][j] = r_add_sat(r_mul(F[0], h->cov[0][j]) + r_mul(F[1], h->cov[1][j]) + r_mul(F[2], h->cov[2][j]) + r_mul(G[0], h->cov[3][j]) +
+                            r_mul(G[1], h->cov[4][j]) + r_mul(G[2], h->cov[5][j]) + r_mul(E[0], h->eps_x[0][j]) +
+                            r_mul(E[1], h->eps_x[1][j]) + r_mul(E[2], h->eps_x[2][j]), r_mul(t->L[a], h->cov[X_LAG][j]));
     for (int j = 0; j < 3; j++) {
       with_eps[a][j] = r_mul(t->L[a], h->eps_x[j][X_LAG]);
       for (int k = 0; k < 3; k++)
@@ -158,7 +159,8 @@ static void carry(tse_hypothesis *h, transition *t)
   for (int a = 0; a < 3; a++)
     for (int b = a; b < 3; b++) {
       tse_real sum = r_mul(row[a][X_LAG], t->L[b]);
-      for (int k = 0; k < 3; k++) sum += r_mul(row[a][k], t->F[b][k]) + r_mul(row[a][3 + k], t->G[b][k]) + r_mul(with_eps[a][k], t->E[b][k]);
+      for (int k = 0; k < 3; k++)
+        sum = r_add_sat(sum, r_mul(row[a][k], t->F[b][k]) + r_mul(row[a][3 + k], t->G[b][k]) + r_mul(with_eps[a][k], t->E[b][k]));
       h->cov[a][b] = h->cov[b][a] = a == b && sum < STATE_VAR ? STATE_VAR : sum; /* no r_max, which would hide a NaN from is_proper */
     }
   for (int a = 0; a < 3; a++)

@@ -109,7 +109,7 @@ int is_proper(const tse_hypothesis *h)
   tse_real sum = TSE_R(0);
   int proper = 1;
   for (int a = 0; a < TSE_X; a++) {
-    sum += r_abs(h->x[a]) + r_abs(h->cov[a][a]);
+    sum = r_add_sat(sum, r_abs(h->x[a]) + r_abs(h->cov[a][a]));
     proper = proper && h->cov[a][a] >= TSE_R(0);
   }
   return proper && r_is_finite(sum) && h->cov[0][0] < MOST_VAR && h->cov[1][1] < MOST_VAR &&

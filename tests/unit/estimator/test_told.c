@@ -16,6 +16,36 @@ static tse_filter_paper filter;
 static tse_input rows[ROWS_RUN];
 static double true_vx[ROWS_RUN], true_vy[ROWS_RUN];
 
+/* ------------------------------------------------------------------------- inputs */
+
+/* What lags behind the steering angle goes on for as long as that was missing, and no longer than the lags remember. */
+static void test_time_without_a_steering_angle_is_made_up_for(void)
+{
+  tse_config c = told_car();
+  c.steering_lag_time = setting(0.1);
+  const tse_params p = prepared(&c);
+  tse_filter a, b;
+  tse_params row;
+  sample y;
+  memset(&a, 0, sizeof a);
+  memset(&y, 0, sizeof y);
+  y.has_inputs = y.has_steer = 1;
+  y.dt = real(0.01);
+  (void)told_inputs(&p, &a, &y, &row); /* at rest: straight ahead */
+  b = a;
+  y.u.steer = real(0.1);
+  y.has_steer = 0;
+  for (int i = 0; i < 3; i++) (void)told_inputs(&p, &a, &y, &row);
+  expect_near(0.03, number(a.effects.steer_lost), 1e-7, "time lost", 0);
+  y.has_steer = 1;
+  const sample after = told_inputs(&p, &a, &y, &row);
+  expect_near(0, number(a.effects.steer_lost), 0, "time lost", 1);
+  y.dt = real(0.04);
+  const sample at_once = told_inputs(&p, &b, &y, &row);
+  expect_near(number(at_once.u.steer), number(after.u.steer), BY_FORMAT(1e-14, 1e-7), "steering angle", 0);
+  TEST_ASSERT_TRUE(number(after.u.steer) > 0.005 && number(after.u.steer) < 0.09);
+}
+
 /* ------------------------------------------------------------------------- told against untold */
 
 typedef struct drive { double speed, steer, torque; } drive;
@@ -396,6 +426,7 @@ static void test_a_gap_starts_the_memory_anew(void)
 int main(void)
 {
   UNITY_BEGIN();
+  RUN_TEST(test_time_without_a_steering_angle_is_made_up_for);
   RUN_TEST(test_told_of_nothing_the_estimator_is_as_good_as_these_tests_ask_for);
   RUN_TEST(test_told_of_the_cars_constants_the_stiffness_is_right);
   RUN_TEST(test_told_of_the_steering_the_stiffness_is_right);

@@ -400,6 +400,16 @@ static void test_what_is_no_number_is_not_saved(void)
     TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_E_STATE, tse_learnt_save(&p, &f.filter, out), what < 4 ? "particles" : "hypothesis");
     TEST_ASSERT_EQUAL_MEMORY(untouched, out, sizeof out);
   }
+  for (int a = 0; a < 3; a++) { /* of each channel, each stiffness */
+    const tse_config c = settings(2);
+    const tse_params p = prepared(&c);
+    know(&p, &f);
+    f.bias_var[a] = none;
+    TEST_ASSERT_EQUAL_INT(TSE_E_STATE, tse_learnt_save(&p, &f.filter, out));
+    know(&p, &f);
+    for (int i = 0; i < 64; i++) f.p.lam[a == 0 ? 0 : a == 1 ? 3 : 5][i] = none;
+    TEST_ASSERT_EQUAL_INT(TSE_E_STATE, tse_learnt_save(&p, &f.filter, out));
+  }
 }
 #endif
 

@@ -495,6 +495,52 @@ static void test_what_is_no_number_is_refused_and_never_put_out(void)
                      r_is_finite(got_vy[i]) && r_is_finite(got_yaw[i]) && r_is_finite(got_tf[i]) && r_is_finite(got_tr[i]));
 }
 
+/* A lag of the side force is none of the drive force: what has no relaxation follows at once beside what has. */
+static void test_a_lag_of_the_side_force_leaves_the_drive_force_as_it_is(void)
+{
+  static double plain[60];
+  tse_config c = default_car();
+  for (int lags = 0; lags < 2; lags++) {
+    c.relaxation_length = setting(lags ? 0.5 : 0);
+    straight(&c, 20, 0.01, 60);
+    for (int i = 0; i < 60; i++) log_front[i] = real(number(log_front[i]) * (1 + 0.004 * sin(0.3 * i))); /* drive and brake */
+    replay(&c, 60);
+    for (int i = 0; i < 60; i++) {
+      if (lags) expect_near(plain[i], number(got_x[i]), BY_FORMAT(1e-9, 2e-3), "accel_x", i);
+      else plain[i] = number(got_x[i]);
+    }
+  }
+}
+
+/* A row of two steps is what two rows of one are: inputs, and all that is given, being those of the straight line in between. */
+static void test_a_row_of_two_steps_is_two_rows(void)
+{
+  tse_config c = default_car();
+  c.relaxation_length = setting(0.5);
+  const double dt = 0.0145;
+  static tse_real given_then[7][41];
+  double whole[3];
+  for (int halves = 1; halves <= 2; halves++) {
+    const int rows = 20 * halves + 1;
+    straight(&c, 20, dt * 2 / halves, rows);
+    tse_replay_log log = the_log();
+    const tse_replay_start s = the_start();
+    const tse_real **const profile[7] = { &log.grade, &log.bank, &log.slip_front, &log.slip_rear, &log.force_x, &log.force_y, &log.yaw_accel };
+    for (int i = 0; i < rows; i++) {
+      log_steer[i] = real(0.002 * i / halves);
+      for (int k = 0; k < 7; k++) given_then[k][i] = real((k < 4 ? 0.001 : 0.02) * (k + 1) * i / halves);
+    }
+    for (int k = 0; k < 7; k++) *profile[k] = given_then[k];
+    replay_with(&c, &log, rows, &s);
+    const double end[3] = { number(got_vx[rows - 1]), number(got_vy[rows - 1]), number(got_yaw[rows - 1]) };
+    for (int a = 0; a < 3; a++) {
+      if (halves == 1) whole[a] = end[a];
+      else expect_near(end[a], whole[a], BY_FORMAT(1e-12, 1e-5), "state", a);
+    }
+  }
+  TEST_ASSERT_TRUE(fabs(whole[2]) > 0.1);
+}
+
 /* Of a log that is one row long nothing is known of how the wheels spin up, and their inertia has no say. */
 static void test_one_row_has_the_torque_of_its_slip_alone(void)
 {
@@ -575,6 +621,8 @@ int main(void)
   RUN_TEST(test_odd_calls_are_refused_and_the_row_is_named);
   RUN_TEST(test_what_is_no_number_is_refused_and_never_put_out);
   RUN_TEST(test_outputs_that_are_not_wanted_are_left_out);
+  RUN_TEST(test_a_lag_of_the_side_force_leaves_the_drive_force_as_it_is);
+  RUN_TEST(test_a_row_of_two_steps_is_two_rows);
   RUN_TEST(test_one_row_has_the_torque_of_its_slip_alone);
   RUN_TEST(test_any_number_but_zero_says_that_the_wheels_know_the_speed);
   RUN_TEST(test_a_reading_that_overflows_alone_is_refused_too);

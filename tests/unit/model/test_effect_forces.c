@@ -358,6 +358,23 @@ static void test_drag_slows_a_coasting_car_by_its_square(void)
   expect_near(30 / (1 + 0.45 * 30 * 20 / EFFECTIVE_MASS), coasted(&c), BY_FORMAT(2e-3, 0.03), "aero_drag", 0); /* the wheels start rolling freely */
 }
 
+static void test_drag_acts_against_the_motion_backwards_too(void)
+{
+  tse_config c = default_car();
+  c.aero_drag_coefficient = setting(0.45);
+  const tse_params p = prepared(&c);
+  tse_effect_memory m;
+  point at;
+  memset(&m, 0, sizeof m);
+  memset(&at, 0, sizeof at);
+  for (int way = -1; way <= 1; way += 2) {
+    at.vx = real(30 * way);
+    at.force.x = real(0.1);
+    aero_drag_body(&p, &m, &at);
+    expect_near(0.1 - 0.45 * 900 * way / of_setting(c.mass), number(at.force.x), 1e-6, "force over mass", way);
+  }
+}
+
 static void test_rolling_resistance_slows_a_coasting_car_evenly_and_stops_with_it(void)
 {
   tse_config c = default_car();
@@ -542,6 +559,7 @@ int main(void)
   RUN_TEST(test_longitudinal_load_transfer_takes_in_front_what_it_gives_behind);
   RUN_TEST(test_stiffness_drifts_between_two_times);
   RUN_TEST(test_drag_slows_a_coasting_car_by_its_square);
+  RUN_TEST(test_drag_acts_against_the_motion_backwards_too);
   RUN_TEST(test_rolling_resistance_slows_a_coasting_car_evenly_and_stops_with_it);
   RUN_TEST(test_grade_slows_a_coasting_car_and_the_sensor_does_not_see_it);
   RUN_TEST(test_drag_and_rolling_resistance_show_in_slip_and_torque);

@@ -244,6 +244,19 @@ static void test_late_of_nothing_is_now(void)
   f.pt = &at;
   expect_near(0.3, number(formula_late(&f, real(0.3), real(0.05))), 1e-7, "late", 0);
   TEST_ASSERT_EQUAL_INT32(1, m.formula_late.count);
+  f.next = NULL; /* between two samples: 4 ms behind the end of a step of 10 ms from 0.3 to 0.5 */
+  expect_near(0.42, number(formula_late(&f, real(0.5), real(0.004))), 1e-7, "late within the step", 0);
+  expect_near(0.3, number(formula_late(&f, real(0.5), real(0.01))), 1e-7, "late by the step", 0);
+}
+
+static void test_a_quotient_is_one_but_by_nothing(void)
+{
+  static const double by[] = { -2, -0.25, 0.25, 2 };
+  formula_run f;
+  memset(&f, 0, sizeof f);
+  for (int k = 0; k < 4; k++) expect_near(3 / by[k], number(formula_div(&f, real(3), real(by[k]))), 1e-7, "quotient", k);
+  expect_near(0, number(formula_div(&f, real(3), real(0))), 0, "by nothing", 0);
+  for (int k = -1; k < 5; k++) expect_near(k > 0 ? 0.5 * k : 0, number(formula_sqrt(&f, real(0.25 * k * abs(k)))), 1e-7, "root", k);
 }
 
 /* A lag of T answers a sine of w by 1/sqrt(1 + (w T)^2), a mode by 1/|1 - u^2 + 2 i d u|, u = w/w0. The trapezoidal rule at 0.01 s
@@ -402,6 +415,7 @@ int main(void)
   RUN_TEST(test_functions_with_memory_are_their_recurrences);
   RUN_TEST(test_a_lag_of_less_than_half_a_step_is_none);
   RUN_TEST(test_late_of_nothing_is_now);
+  RUN_TEST(test_a_quotient_is_one_but_by_nothing);
   RUN_TEST(test_lags_and_modes_have_their_gain);
   RUN_TEST(test_at_rest_a_memory_holds_what_is);
   RUN_TEST(test_what_is_no_number_is_nothing);

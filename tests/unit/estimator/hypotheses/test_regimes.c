@@ -149,6 +149,48 @@ static void test_what_is_born_for_good_reasons_gives_way_to_better_ones_alone(vo
   }
 }
 
+/* Where the likeliest has just changed, a channel is at fault of one that has not, for long or never, the likeliest of these. */
+static void test_a_fault_is_born_of_who_has_not_just_changed(void)
+{
+  tse_config c = settings();
+  const tse_params p = prepared(&c);
+  for (int never = 0; never < 2; never++) {
+    innovation o;
+    const sample y = bank_of_one(&p, &o, 0.1);
+    b.count = 5;
+    for (int i = 1; i < b.count; i++) b.h[i] = b.h[0];
+    for (int i = 0; i < b.count; i++) {
+      b.h[i].x[X_BIAS] = real(0.01 * (i + 1)); /* by which a child is told */
+      b.h[i].change_kind = TSE_CHANGE_ROAD;
+      b.h[i].change_age = real(0.01);
+      b.h[i].log_weight = real(-i);
+    }
+    b.h[2].change_kind = never ? TSE_CHANGE_NONE : TSE_CHANGE_ROAD;
+    b.h[2].change_age = real(never ? 0 : number(PROTECTED_TIME) + 1);
+    b.h[3].change_kind = TSE_CHANGE_NONE; /* less likely than that */
+    b.h[4].change_age = PROTECTED_TIME; /* just old enough, and least likely */
+    b.score[KIND_FAULT + 3] = real(60);
+    b.waited[KIND_FAULT + 3] = real(1);
+    births(&p, &b, &y, &o);
+    const int child = born(KIND_FAULT + 3);
+    TEST_ASSERT_TRUE(child > 0);
+    expect_near(0.03, number(b.h[child].x[X_BIAS]), 1e-7, "mother", never);
+  }
+}
+
+/* After next to no time nothing can have happened. */
+static void test_a_row_of_almost_no_time_bears_nothing(void)
+{
+  const tse_config c = settings();
+  const tse_params p = prepared(&c);
+  innovation o;
+  sample y = bank_of_one(&p, &o, 0.1);
+  for (int k = 0; k < TSE_KINDS; k++) b.waited[k] = real(0);
+  y.dt = real(1e-30);
+  births(&p, &b, &y, &o);
+  TEST_ASSERT_EQUAL_INT32(1, b.count);
+}
+
 /* Every place of another sort is kept for it: a drift is not starved by what happens at once. */
 static void test_each_sort_has_places_of_its_own(void)
 {
@@ -523,6 +565,8 @@ int main(void)
   RUN_TEST(test_no_more_than_three_are_born_in_a_row_nor_than_the_settings_allow);
   RUN_TEST(test_a_young_hypothesis_keeps_its_place_until_it_could_show_anything);
   RUN_TEST(test_what_is_born_for_good_reasons_gives_way_to_better_ones_alone);
+  RUN_TEST(test_a_fault_is_born_of_who_has_not_just_changed);
+  RUN_TEST(test_a_row_of_almost_no_time_bears_nothing);
   RUN_TEST(test_each_sort_has_places_of_its_own);
   RUN_TEST(test_where_places_are_few_a_sort_without_its_own_may_take_any);
   RUN_TEST(test_a_new_road_opens_all_stiffnesses_together_and_each_a_little);

@@ -227,6 +227,12 @@ static void test_what_is_not_made_of_numbers_is_not_proper(void)
     h.cov[a][a] = real(-1e-6);
     TEST_ASSERT_TRUE(!is_proper(&h));
   }
+#if !defined(TSE_REAL_FIXED)
+  tse_hypothesis huge = fine; /* finite, and together nothing: sizes count, and are beyond all numbers */
+  huge.x[X_BIAS] = real(BY_FORMAT(1.7e308, 3.4e38));
+  huge.x[X_BIAS + 1] = -huge.x[X_BIAS];
+  TEST_ASSERT_TRUE(!is_proper(&huge));
+#endif
   tse_hypothesis lost = fine;
   lost.cov[1][1] = real(401);
   TEST_ASSERT_TRUE(!is_proper(&lost));
