@@ -80,7 +80,7 @@ fuzz() {                                      # one C target of a preset
   if "$program" "${limits[@]}" -max_len=$longest -timeout=20 -rss_limit_mb=2048 -print_final_stats=1 \
       "-artifact_prefix=$found/" "${folders[@]}" >"$log" 2>&1; then
     row "$name" "$(sed -n 's/^stat::number_of_executed_units: *//p' "$log")" "$(sed -n 's/^stat::average_exec_per_sec: *//p' "$log")" \
-      "$(sed -n 's/.* DONE *cov: \([0-9]*\).*/\1/p' "$log")" "$(ls "$grown" | wc -l)" "nothing found"
+      "$(sed -n 's/.*DONE *cov: \([0-9]*\).*/\1/p' "$log")" "$(ls "$grown" | wc -l)" "nothing found"
   else
     grep -E 'fuzz:|ERROR|runtime error' "$log" | head -n 3
     row "$name" "-" "-" "-" "$(ls "$grown" | wc -l)" "FOUND: $(ls -t "$found" | head -n 1)"

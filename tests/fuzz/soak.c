@@ -48,6 +48,17 @@ static double uniform(void)
 }
 static double between(double lo, double hi) { return lo + (hi - lo) * uniform(); }
 
+static uint64_t regimes[TSE_REGIMES], out_of_range; /* rows in which each was the likeliest; rows in which a number left its range */
+
+static void count_regime(const tse_output *y, tse_status status)
+{
+  int most = 0;
+  for (int k = 1; k < TSE_REGIMES; k++)
+    if (y->regime[k] > y->regime[most]) most = k;
+  regimes[most]++;
+  out_of_range += status == TSE_W_RANGE;
+}
+
 typedef struct tally { uint64_t rows, refused, valid, no_number, unsound, recoveries, false_recoveries; } tally;
 static tally all[KINDS];
 
@@ -109,7 +120,7 @@ static int is_whole(const tse_output *y)
   const tse_real *const at = &y->vel_x;
   for (size_t i = 0; i < offsetof(tse_output, spread_seen) / sizeof *at; i++)
     if (!is_number(at[i])) return 0;
-  return fabs((double)y->yaw_rate) <= FASTEST_TURN;
+  return fabs(number(y->yaw_rate)) <= FASTEST_TURN;
 }
 
 static void drive_once(uint32_t drive)
@@ -126,12 +137,12 @@ static void drive_once(uint32_t drive)
   tse_sim_config_default(&s);
   const event e = any_event(drive);
   const double speed = between(8, 40), sideways = between(1, 6), pace[3] = { between(0.3, 1.5), between(1.5, 4), between(4, 9) };
-  s.speed = (tse_setting)speed;
+  s.speed = tse_setting_of(speed);
   s.seed = (int32_t)(drive + 1);
-  s.substep = (tse_setting)0.002;
-  s.true_cx_front = (tse_setting)between(0.6, 1.2);
-  s.true_cy_front = (tse_setting)between(0.6, 1.2);
-  s.true_cy_rear = (tse_setting)between(0.6, 1.2);
+  s.substep = tse_setting_of(0.002);
+  s.true_cx_front = tse_setting_of(between(0.6, 1.2));
+  s.true_cy_front = tse_setting_of(between(0.6, 1.2));
+  s.true_cy_rear = tse_setting_of(between(0.6, 1.2));
   MUST(tse_sim_reset(&sim, &c, &s, NULL) == TSE_OK && tse_prepare(&c, &p, NULL) == TSE_OK, "settings");
   MUST(tse_reset(&p, &f, sizeof f) == TSE_OK, "reset");
   memset(&now, 0, sizeof now);
@@ -142,7 +153,7 @@ static void drive_once(uint32_t drive)
   double pause = 0;
   for (int k = 0; k < DRIVE_ROWS; k++) {
     const double t = k * DT;
-    const tse_sim_input u = drive_on(&e, t, speed, pace, sideways, (double)now.vel_x);
+    const tse_sim_input u = drive_on(&e, t, speed, pace, sideways, number(now.vel_x));
     if (tse_sim_step(&sim, &u, &now) < 0) continue; /* a car that has turned over is no drive any more */
     tse_input row = now.row;
     if (e.kind == EVENT_jitter && t >= e.from && t < e.to) row.dt = real_of(DT * between(0.2, 3));
@@ -159,6 +170,7 @@ static void drive_once(uint32_t drive)
       n->refused++;
       continue;
     }
+    count_regime(&y, status);
     if (!is_whole(&y)) n->no_number++;
     if (k % 16 == 0 && tse_filter_check(&p, &f, sizeof f) != TSE_OK) n->unsound++;
     for (int a = 0; a < 3; a++) n->valid += y.reason[a] == TSE_VALID;
@@ -202,5 +214,12 @@ int main(int argc, char **argv)
                (unsigned long long)sum.refused, 100.0 * (double)sum.valid / (3.0 * (double)(sum.rows ? sum.rows : 1)),
                (unsigned long long)sum.no_number, (unsigned long long)sum.unsound, (unsigned long long)sum.recoveries,
                (unsigned long long)sum.false_recoveries);
+  (void)printf("\n| likeliest | rows | share |\n|---|---:|---:|\n");
+#define X(id, name, text) \
+  (void)printf("| %s: %s | %llu | %.3f %% |\n", name, text, (unsigned long long)regimes[TSE_REGIME_##id], \
+               100.0 * (double)regimes[TSE_REGIME_##id] / (double)(sum.rows ? sum.rows : 1));
+  TSE_REGIME_TABLE(X)
+#undef X
+  (void)printf("\nRows whose status says that a number left the range of the format: %llu.\n", (unsigned long long)out_of_range);
   return sum.rows == 0 || sum.no_number > 0 || sum.unsound > 0 || sum.false_recoveries > 0;
 }

@@ -48,7 +48,15 @@ def test_of_two_results_the_one_that_does_not_fit_is_named(drive, tmp_path):
     assert out.read_text().endswith("\n")
 
 
-FORMULA = 'id = "drag"\ntitle = "d"\nplace = "force_x"\nformula = "-drag * vel_x * abs(vel_x)"\ngain = 0.5\n[numbers.drag]\nvalue = 0.0003\nunit = "1/m"\n'
+FORMULA = """id = "drag"
+title = "d"
+place = "force_x"
+formula = "-drag * vel_x * abs(vel_x)"
+gain = 0.5
+[numbers.drag]
+value = 0.0003
+unit = "1/m"
+"""
 
 
 @pytest.mark.parametrize(
