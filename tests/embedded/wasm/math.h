@@ -3,3 +3,4 @@ double sqrt(double x);
 float sqrtf(float x);
 #define sqrt(x) __builtin_sqrt(x)
 #define sqrtf(x) __builtin_sqrtf(x)
+#define NAN __builtin_nanf("")
