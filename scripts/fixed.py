@@ -30,8 +30,8 @@ OUT = ROOT / "scripts" / "results" / "fixed.md"
 CASES = (studies.NOMINAL, studies.NOISE_3X, studies.LOW, studies.ROAD)
 FORMS = {"default": CASES, "paper": (studies.NOMINAL,)}
 # Seeds of the filter with which a drive is read. Estimates by particles scatter with theirs: in double RMS over the same 20 drives
-# is 3.35 .. 4.10 % of cx_front and 0.76 .. 0.92 % of cy_rear by seeds 11, 12, 13 and that of the drive; other products are like another
-# seed.
+# is 3.35 .. 4.10 % of cx_front and 0.76 .. 0.92 % of cy_rear by seeds 11, 12, 13 and that of the drive; other products are like
+# another seed.
 FILTER_SEEDS = {"default": (1,), "paper": (1, 11, 12, 13)}
 LIMIT = {"rms": 10.0, "valid": 3.0}  # % of double's, points: what issue 14 asks
 

@@ -112,7 +112,8 @@ tse_status tse_replay(const tse_params *p, const tse_replay_log *log, int32_t ro
   car.effects.mask = mask_of(p, log);
   m.time = s->time;
   m.heading = r_mul(TSE_R(0.15915494309189535), s->heading);
-  const stiffness k = vehicle_stiffness(&car, s->cx_front - TSE_R(1), s->cy_front - TSE_R(1), s->cy_rear - TSE_R(1));
+  const tse_real one = TSE_R(1); /* what is no number is refused below */
+  const stiffness k = vehicle_stiffness(&car, r_sub_sat(s->cx_front, one), r_sub_sat(s->cy_front, one), r_sub_sat(s->cy_rear, one));
   const tse_effects *const e = &car.effects;
   for (int32_t i = 0; i < rows; i++) { /* all before the first: a wheel torque needs the rows on both sides */
     const tse_status status = i == 0 && !finite_start(s) ? TSE_E_INPUT : check(log, i);
