@@ -4,7 +4,8 @@
     .venv/bin/python scripts/fixed.py [--runs R] [--bits 28,30,34,36]
 
 Every drive is simulated once, in double; both builds read the same log. Libraries are made in build/fixed (cmake, a C compiler).
-Six minutes for 20 runs on one free core, nearly all of it the form with particles. What counts, and when a run has diverged, is as in every study (tselab montecarlo).
+Six minutes for 20 runs on one free core, nearly all of it the form with particles. What counts, and when a run has
+diverged, is as in every study (tselab montecarlo).
 """
 
 from __future__ import annotations
@@ -28,8 +29,9 @@ from tselab.study import START  # noqa: E402
 OUT = ROOT / "scripts" / "results" / "fixed.md"
 CASES = (studies.NOMINAL, studies.NOISE_3X, studies.LOW, studies.ROAD)
 FORMS = {"default": CASES, "paper": (studies.NOMINAL,)}
-# Seeds of the filter with which a drive is read. Estimates by particles scatter with theirs: in double RMS over the same 20 drives is
-# 3.35 .. 4.10 % of cx_front and 0.76 .. 0.92 % of cy_rear, by seeds 1, 11, 12, 13; other products are like another seed.
+# Seeds of the filter with which a drive is read. Estimates by particles scatter with theirs: in double RMS over the same 20 drives
+# is 3.35 .. 4.10 % of cx_front and 0.76 .. 0.92 % of cy_rear by seeds 11, 12, 13 and that of the drive; other products are like
+# another seed.
 FILTER_SEEDS = {"default": (1,), "paper": (1, 11, 12, 13)}
 LIMIT = {"rms": 10.0, "valid": 3.0}  # % of double's, points: what issue 14 asks
 
@@ -110,7 +112,8 @@ def compared(runs: pd.DataFrame, fixed: str) -> list[str]:
         diverged = f"{int(a.diverged.sum())} / {int(b.diverged.sum())}"
         kept = "yes" if ratio <= LIMIT["rms"] and moved <= LIMIT["valid"] and b.diverged.sum() <= a.diverged.sum() else "no"
         seeds = len(FILTER_SEEDS[form])
-        cells = [case, form, str(len(b)) if seeds == 1 else f"{len(b) // seeds} x {seeds} seeds", *three[:2], f"{ratio:+.2f} %", *three[2:], f"{moved:.2f}", diverged]
+        drives = str(len(b)) if seeds == 1 else f"{len(b) // seeds} x {seeds} seeds"
+        cells = [case, form, drives, *three[:2], f"{ratio:+.2f} %", *three[2:], f"{moved:.2f}", diverged]
         lines.append("| " + " | ".join([*cells, str(int(b.out_of_range.sum())), kept]) + " |")
     return lines
 
@@ -142,7 +145,8 @@ def page(runs: pd.DataFrame, builds: dict[str, Library], many: int, few: int) ->
         "# Fixed point beside double",
         "",
         f"Written by `.venv/bin/python scripts/fixed.py --runs {many} --paper-runs {few}`: seeds 1, 2, ... of each case, every "
-        "drive simulated once (in double) and read by both builds; by the form with particles with four seeds of its own each. RMS of the relative errors of cx_front, cy_front, cy_rear over "
+        "drive simulated once (in double) and read by both builds; by the form with particles with four seeds of its own each. "
+        "RMS of the relative errors of cx_front, cy_front, cy_rear over "
         "15 .. 30 s (as every study); valid: rows after 5 s so called; points: largest difference of these shares. Limits: RMS at "
         "most 10 % above double's, validity within 3 points, no more divergences.",
         "",

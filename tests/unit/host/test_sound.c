@@ -193,7 +193,7 @@ static void test_a_simulation_is_of_its_settings_or_refused(void)
   other.last.steer_angle = TSE_R(10);
   TEST_ASSERT_EQUAL_INT(TSE_E_STATE, tse_sim_check(&other, &c, &s));
   other = sim;
-  other.x[4] = TSE_R(1e20);
+  other.x[4] = real(1e20);
   TEST_ASSERT_EQUAL_INT(TSE_E_STATE, tse_sim_check(&other, &c, &s));
   other = sim;
   other.effects.settled = 5;
