@@ -13,6 +13,30 @@ static const struct { const char *name; void (*settings)(tse_config *c); } forms
 };
 static int form;
 
+/* The shortest that a format knows: what a row of it has taught each second is no number, and is not kept. */
+static void test_rows_of_almost_no_time_leave_a_sound_filter(void)
+{
+  tse_config c;
+  tse_input u;
+  tse_config_default(&c);
+  const tse_params p = prepared(&c);
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, sizeof f.filter));
+  memset(&u, 0, sizeof u);
+  u.wheel_speed_front = u.wheel_speed_rear = real(60);
+  for (int k = 0; k < 300; k++) {
+    u.dt = real(k % 3 ? 0.01 : BY_FORMAT(5e-324, 2e-45));
+#if defined(TSE_REAL_FIXED)
+    if (k % 3 == 0) u.dt = (tse_real)1;
+#endif
+    u.steer_angle = real(0.02 * sin(0.13 * k));
+    u.accel_y = real(1.9 * sin(0.13 * k));
+    u.yaw_rate = real(0.1 * sin(0.13 * k));
+    TEST_ASSERT_TRUE(tse_step(&p, &f.filter, &u, NULL) >= 0);
+    for (int a = 0; a < 3; a++) TEST_ASSERT_TRUE(r_is_finite(f.filter.bank.gained[a]));
+    TEST_ASSERT_EQUAL_INT(TSE_OK, tse_filter_check(&p, &f.filter, sizeof f.filter));
+  }
+}
+
 static void test_of_two_warnings_the_worse_is_told(void)
 {
   TEST_ASSERT_EQUAL_INT(TSE_W_RECOVERED, worse(TSE_W_RECOVERED, TSE_W_NOT_VALID));
@@ -302,6 +326,7 @@ static void run_all(void)
 int main(void)
 {
   UNITY_BEGIN();
+  RUN_TEST(test_rows_of_almost_no_time_leave_a_sound_filter);
   RUN_TEST(test_of_two_warnings_the_worse_is_told);
   for (form = 0; form < ROWS(forms); form++) {
     printf("%s:\n", forms[form].name);
