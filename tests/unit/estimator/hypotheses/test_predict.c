@@ -116,8 +116,8 @@ static void test_a_row_takes_no_more_than_six_steps(void)
     inputs at = from;
     for (int i = 1; i <= row[k].steps; i++) {
       const inputs next = vehicle_between(from, to, i, row[k].steps);
-      const stiffness k = vehicle_stiffness(&p, h.x[3] - TSE_R(1), h.x[4] - TSE_R(1), h.x[5] - TSE_R(1));
-      vehicle_step(&p, &x[0], &x[1], &x[2], k, at, next,
+      const stiffness as_is = vehicle_stiffness(&p, h.x[3] - TSE_R(1), h.x[4] - TSE_R(1), h.x[5] - TSE_R(1));
+      vehicle_step(&p, &x[0], &x[1], &x[2], as_is, at, next,
                    r_div(real(row[k].dt), r_from_int(row[k].steps)));
       at = next;
     }
