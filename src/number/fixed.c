@@ -1,12 +1,14 @@
 /* number/fixed.c - what number/fixed.h declares where a product is a call. */
 #include "number/real_ops.h"
 
-#if defined(TSE_REAL_FIXED) && TSE_FIXED_CALLS
+typedef int tse_fixed_is_inline; /* where it is none: C knows no empty file */
+
+#if defined(TSE_REAL_FIXED)
+#if TSE_FIXED_CALLS
 
 tse_real r_mul(tse_real a, tse_real b) { return fixed_mul_halves(a, b); }
 tse_real r_div(tse_real a, tse_real b) { return fixed_div_halves(a, b); }
 tse_real r_sqrt(tse_real x) { return fixed_sqrt_digits(x); }
 
-#else
-typedef int tse_fixed_is_inline; /* C knows no empty file */
+#endif
 #endif

@@ -147,9 +147,10 @@ static void carry(tse_hypothesis *h, transition *t)
   for (int a = 0; a < 3; a++) {
     const tse_real *const F = t->F[a], *const G = t->G[a], *const E = t->E[a];
     for (int j = 0; j < TSE_X; j++)
-      row[a][j] = r_add_sat(r_mul(F[0], h->cov[0][j]) + r_mul(F[1], h->cov[1][j]) + r_mul(F[2], h->cov[2][j]) + r_mul(G[0], h->cov[3][j]) +
-                            r_mul(G[1], h->cov[4][j]) + r_mul(G[2], h->cov[5][j]) + r_mul(E[0], h->eps_x[0][j]) +
-                            r_mul(E[1], h->eps_x[1][j]) + r_mul(E[2], h->eps_x[2][j]), r_mul(t->L[a], h->cov[X_LAG][j]));
+      row[a][j] = r_add_sat(r_mul(F[0], h->cov[0][j]) + r_mul(F[1], h->cov[1][j]) + r_mul(F[2], h->cov[2][j]) +
+                              r_mul(G[0], h->cov[3][j]) + r_mul(G[1], h->cov[4][j]) + r_mul(G[2], h->cov[5][j]) +
+                              r_mul(E[0], h->eps_x[0][j]) + r_mul(E[1], h->eps_x[1][j]) + r_mul(E[2], h->eps_x[2][j]),
+                            r_mul(t->L[a], h->cov[X_LAG][j]));
     for (int j = 0; j < 3; j++) {
       with_eps[a][j] = r_mul(t->L[a], h->eps_x[j][X_LAG]);
       for (int k = 0; k < 3; k++)

@@ -525,7 +525,8 @@ static void test_a_row_of_two_steps_is_two_rows(void)
     straight(&c, 20, dt * 2 / halves, rows);
     tse_replay_log log = the_log();
     const tse_replay_start s = the_start();
-    const tse_real **const profile[7] = { &log.grade, &log.bank, &log.slip_front, &log.slip_rear, &log.force_x, &log.force_y, &log.yaw_accel };
+    const tse_real **const profile[7] = { &log.grade,   &log.bank,    &log.slip_front, &log.slip_rear,
+                                          &log.force_x, &log.force_y, &log.yaw_accel };
     for (int i = 0; i < rows; i++) {
       log_steer[i] = real(0.002 * i / halves);
       for (int k = 0; k < 7; k++) given_then[k][i] = real((k < 4 ? 0.001 : 0.02) * (k + 1) * i / halves);

@@ -40,7 +40,7 @@ static void expect(const place *a, size_t k, tse_real value, tse_status status)
   memcpy(a->at + k * sizeof was, &was, sizeof was);
 }
 
-/* What is no number, and what is beyond lo .. hi; of the rows of particles every twentieth. ends: lo and hi themselves are taken. */
+/* What is no number, and what is beyond lo .. hi; of particles every twentieth. ends: lo and hi themselves are taken. */
 static void held_to(place a, tse_real lo, tse_real hi, int ends)
 {
   const size_t n = a.bytes / sizeof lo;

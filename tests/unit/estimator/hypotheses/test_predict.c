@@ -116,12 +116,14 @@ static void test_a_row_takes_no_more_than_six_steps(void)
     inputs at = from;
     for (int i = 1; i <= row[k].steps; i++) {
       const inputs next = vehicle_between(from, to, i, row[k].steps);
-      vehicle_step(&p, &x[0], &x[1], &x[2], vehicle_stiffness(&p, h.x[3] - TSE_R(1), h.x[4] - TSE_R(1), h.x[5] - TSE_R(1)), at, next,
+      const stiffness as_is = vehicle_stiffness(&p, h.x[3] - TSE_R(1), h.x[4] - TSE_R(1), h.x[5] - TSE_R(1));
+      vehicle_step(&p, &x[0], &x[1], &x[2], as_is, at, next,
                    r_div(real(row[k].dt), r_from_int(row[k].steps)));
       at = next;
     }
     predict(&p, &h, steadily(from), steadily(to), no_push, real(row[k].dt), NULL);
-    for (int a = 0; a < 3; a++) expect_near(number(x[a]), number(h.x[a]), BY_FORMAT(1e-13, 2e-6) * (1 + fabs(number(x[a]))), "state", a);
+    for (int a = 0; a < 3; a++)
+      expect_near(number(x[a]), number(h.x[a]), BY_FORMAT(1e-13, 2e-6) * (1 + fabs(number(x[a]))), "state", a);
   }
 }
 
