@@ -582,7 +582,7 @@ static void test_a_reading_that_overflows_alone_is_refused_too(void)
 {
   const tse_config c = default_car();
   const tse_params p = prepared(&c);
-  const tse_real huge = real(BY_FORMAT(1.7e308, 3.4e38));
+  const tse_real huge = real(BY_NUMBER(1.7e308, 3.4e38, 1e8)); /* the largest alone, and the sum of two is none */
   static tse_real profile[20];
   tse_replay_log log;
   lively(&c, 20);

@@ -238,8 +238,8 @@ static void test_hypotheses_are_held_to_their_ranges(void)
     HELD(OF_ALL(eps_cov), -MOST_SQUARE, MOST_SQUARE);
     HELD(OF_ALL(eps_x), -MOST_SQUARE, MOST_SQUARE);
     ANY_SIGN(OF_ALL(info));
-    HELD(OF_ALL(spread_var), TSE_R(1e-12), MOST_REAL);
-    HELD(OF_ALL(noise_var), TSE_R(1e-12), MOST_REAL);
+    HELD(OF_ALL(spread_var), LEAST_VAR, MOST_REAL);
+    HELD(OF_ALL(noise_var), LEAST_VAR, MOST_REAL);
     ANY_SIGN(OF_ALL(smooth));
     NOT_NEGATIVE(OF_ALL(shaken));
     ANY_SIGN(OF_ALL(with_slip));

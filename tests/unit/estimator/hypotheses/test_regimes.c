@@ -188,7 +188,11 @@ static void test_a_row_of_almost_no_time_bears_nothing(void)
   for (int k = 0; k < TSE_KINDS; k++) b.waited[k] = real(0);
   y.dt = real(1e-30);
   births(&p, &b, &y, &o);
+#if defined(TSE_REAL_FIXED) /* in which 1e-30 is 0, and the logarithm of 0 that of a number below the smallest */
+  for (int i = 1; i < b.count; i++) TEST_ASSERT_TRUE(b.h[i].log_weight <= real(-TSE_FRACTION_BITS));
+#else
   TEST_ASSERT_EQUAL_INT32(1, b.count);
+#endif
 }
 
 /* Every place of another sort is kept for it: a drift is not starved by what happens at once. */
@@ -220,7 +224,7 @@ static void test_where_places_are_few_a_sort_without_its_own_may_take_any(void)
     c.hypotheses = n;
     const tse_params p = prepared(&c);
     innovation o;
-    const sample y = bank_of_one(&p, &o, 0.1);
+    const sample y = bank_of_one(&p, &o, 0);
     b.count = n;
     for (int i = 1; i < n; i++) {
       b.h[i] = b.h[0];
