@@ -232,7 +232,7 @@ static void test_where_places_are_few_a_sort_without_its_own_may_take_any(void)
       b.h[i].age = real(1000);
       b.h[i].log_weight = real(-2); /* more than a birth for which nothing speaks */
     }
-    for (int k = 0; k < TSE_KINDS; k++) b.waited[k] = real(1), b.score[k] = real(0);
+    for (int k = 0; k < TSE_KINDS; k++) b.waited[k] = real(1), b.score[k] = real(-60); /* nothing speaks for it, whatever the sample */
     b.score[KIND_DRIFT_FAST] = real(60);
     births(&p, &b, &y, &o);
     for (int i = 1; i < n; i++) TEST_ASSERT_EQUAL_INT(kinds[i] == KIND_DRIFT_SLOW || n == 2 ? KIND_DRIFT_FAST : kinds[i], b.h[i].kind);
