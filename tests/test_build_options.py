@@ -62,6 +62,14 @@ def test_fast_math_does_not_compile(compiler, options, real, tmp_path):
     assert said is None and "change results: compile without" in errors
 
 
+@pytest.mark.parametrize("real", REALS)
+@pytest.mark.parametrize("compiler", [c for c in COMPILERS if is_clang(c)])
+def test_a_reciprocal_that_quotients_share_is_found(compiler, real, tmp_path):
+    """clang says nothing of it to the preprocessor; with it the bits differ."""
+    said, _ = build(compiler, tmp_path, real, ["-std=c99", "-O2", "-freciprocal-math"])
+    assert said.startswith("-12 quotients")
+
+
 @pytest.mark.parametrize("option", ["-funsafe-math-optimizations", "-freciprocal-math", "-fno-signed-zeros"])
 @pytest.mark.parametrize("compiler", [c for c in COMPILERS if not is_clang(c)])
 def test_parts_of_fast_math_do_not_compile_where_the_compiler_says_so(compiler, option, tmp_path):

@@ -6,7 +6,7 @@
  * one is computed and tested, tse/constants.def what every threshold and rate of the default form is.
  *
  *   tse_config c;  tse_params p;  static tse_filter f;  tse_input u;  tse_output y;
- *   tse_config_default(&c);   c.mass = 1650;
+ *   tse_config_default(&c);   tse_config_uncalibrated(&c);   c.mass = TSE_S(1650);
  *   if (tse_prepare(&c, &p, NULL) < 0) ...                        settings -> constants, once
  *   tse_reset(&p, &f, sizeof f);                                  reset is also init
  *   while (next_row(&u)) tse_step(&p, &f, &u, &y);                one sample at a time
@@ -35,6 +35,7 @@
 #include "tse/filter_state.h"
 
 #define tse_config_default TSE_NAME(tse_config_default)
+#define tse_config_uncalibrated TSE_NAME(tse_config_uncalibrated)
 #define tse_config_paper   TSE_NAME(tse_config_paper)
 #define tse_config_sampled TSE_NAME(tse_config_sampled)
 #define tse_config_check   TSE_NAME(tse_config_check)
@@ -106,6 +107,11 @@ typedef struct tse_output {
 
 /* Fill c with the defaults of tse/config.def. c NULL: nothing happens. */
 void tse_config_default(tse_config *c);
+
+/* How uncertain what is told of the car is (tse/told.def), for a car that nobody has calibrated: tse/uncalibrated.def; all else stays.
+ * The defaults are of a car that is known exactly, which none is: a filter that believes them calls values valid that are not. It is
+ * hardly ever valid with these; `tselab calibrate` finds smaller ones from ordinary driving. c NULL: nothing happens. */
+void tse_config_uncalibrated(tse_config *c);
 
 /* Another form of the filter: states and mean stiffness are sampled by particles, as in the paper, with the limits that keep it
  * from diverging: statistics are held where nothing is excited, the spread is limited. Not as safe as the default, see README.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -42,23 +43,6 @@ CORNERING_PER_LOAD = 12.0  # 1/rad
 LONGITUDINAL_PER_LOAD = 20.0  # 1
 # Biases of sensors nobody has described: mounting angle and slope of about 1 degree, an uncalibrated gyro.
 UNKNOWN_BIAS = {"accel_x_bias_sd": 0.2, "accel_y_bias_sd": 0.2, "yaw_rate_bias_sd": 0.01}
-# What a car that nobody has calibrated may be off by (sd, in the units of include/tse/told.def): a passenger and luggage; a data
-# sheet's inertia and centre of gravity; a steering ratio with its compliance, a rack's zero; roll of 5 deg/g with an IMU that feels
-# it; bus latencies, wheels up to 40 ms behind the IMU; tyres that relax over 0.2 .. 0.6 m; roads of up to 6 %; worn tyres.
-UNKNOWN_CAR = {
-    "mass_sd": 0.05,
-    "yaw_inertia_sd": 0.05,
-    "cg_sd": 0.03,
-    "steer_ratio_sd": 0.03,
-    "steer_offset_sd": 0.003,
-    "accel_y_scale_sd": 0.05,
-    "wheel_delay_sd": 0.02,
-    "accel_delay_sd": 0.003,
-    "relaxation_sd": 0.3,
-    "wheel_radius_sd": 0.002,
-    "model_sd": 0.08,  # with it no such car of tests/cars is called valid and more than 10 % off; a calibrated one: output.py
-    "grade_sd": 0.02,
-}
 NOD_TIME = 0.15  # s: body and wheels of cars nod and swing by 1 .. 2 Hz; the calibration smooths as much (identify/ready.py)
 GUESSED_INERTIA_SD = 0.15  # of the rule mass lf lr: real cars have 0.8 .. 1.2 of it
 
@@ -89,6 +73,15 @@ class Vehicle:
         return str(self.facts.get("driven_axle", "front"))
 
 
+@functools.cache
+def unknown_car() -> dict[str, float]:
+    """What a car that nobody has calibrated may be off by, sd in units of include/tse/told.def: include/tse/uncalibrated.def."""
+    plain, told = Config(), Config()
+    told.fill("tse_config_uncalibrated")
+    before = plain.as_dict()
+    return {name: float(value) for name, value in told.as_dict().items() if value != before[name]}
+
+
 def vehicle_settings() -> list[str]:
     """Names of the settings that belong in a vehicle file."""
     names = [f.name for f in library().fields(CONFIG)]
@@ -97,7 +90,7 @@ def vehicle_settings() -> list[str]:
 
 def uncertainty_settings() -> list[str]:
     """Names of the settings that belong in its [uncertainty] table: rows of include/tse/told.def."""
-    return list(UNKNOWN_CAR)
+    return list(unknown_car())
 
 
 def sensor_settings() -> list[str]:
@@ -340,7 +333,7 @@ def _fill_vehicle(vehicle: Vehicle) -> None:
 def _fill_uncertainty(vehicle: Vehicle, guessed_inertia: bool) -> None:
     """What the file does not say how well it knows, as of a car that nobody has calibrated; in one line."""
     fields = Config().fields
-    sds = UNKNOWN_CAR | ({"yaw_inertia_sd": GUESSED_INERTIA_SD} if guessed_inertia else {})
+    sds = unknown_car() | ({"yaw_inertia_sd": GUESSED_INERTIA_SD} if guessed_inertia else {})
     missing = {key: sd for key, sd in sds.items() if key not in vehicle.values}
     vehicle.values |= missing
     if missing:

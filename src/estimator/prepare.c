@@ -21,6 +21,14 @@ static void as_in_the_tables(tse_config *c)
 #undef INT
 }
 
+void tse_config_uncalibrated(tse_config *c)
+{
+  if (!c) return;
+#define UNCALIBRATED(setting, sd, why) c->setting = TSE_S(sd);
+#include "tse/uncalibrated.def"
+#undef UNCALIBRATED
+}
+
 void tse_config_default(tse_config *c)
 {
   if (!c) return;

@@ -18,7 +18,7 @@ static const char *fault(void) { return NULL; } /* of integers all is said when 
 /* Of numbers that the compiler does not know, and results that it has to make: x - 1 == 0 may become x == 1. */
 static const char *fault(void)
 {
-  volatile tse_real given[] = { TSE_R(0), TSE_R(1), TSE_R(3), TSE_R(5), TSE_R(7), TSE_R(49), EPSILON };
+  volatile tse_real given[] = { TSE_R(0), TSE_R(1), TSE_R(3), TSE_R(5), TSE_R(7), TSE_R(49), EPSILON, TSE_R(23), TSE_R(41) };
   const tse_real zero = given[0], one = given[1], three = given[2], five = given[3], seven = given[4], many = given[5];
   const tse_real e = given[6];
   const tse_real most = TSE_R(0.75) * e, little = TSE_R(0.25) * e, large = r_div(TSE_R(4), e);
@@ -37,12 +37,18 @@ static const char *fault(void)
   const tse_real none = r_div(zero, zero);
   if (none >= zero || none < zero || !r_is_nan(none) || !(r_div(one, zero) > large))
     return "what is no number is taken for one: no -ffast-math, no -ffinite-math-only";
-  made[0] = r_div(five, many); /* times the rounded reciprocal, both would be others */
+  made[0] = r_div(five, many); /* times the rounded reciprocal, all would be others */
   made[1] = r_div(seven, three);
   made[2] = r_sqrt(five);
   if (!(made[0] == TSE_R(0.10204081632653061224) && made[1] == TSE_R(2.33333333333333333333) &&
         made[2] == TSE_R(2.23606797749978969641)))
     return "quotients or roots are not rounded to nearest: no -ffast-math, no -mrecip";
+  made[0] = r_div(five, many); /* several by one number: a reciprocal that they share is cheaper */
+  made[1] = r_div(given[7], many);
+  made[2] = r_div(given[8], many);
+  if (!(made[0] == TSE_R(0.10204081632653061224) && made[1] == TSE_R(0.46938775510204081633) &&
+        made[2] == TSE_R(0.83673469387755102041)))
+    return "quotients share a reciprocal: no -ffast-math, no -freciprocal-math";
   return NULL;
 }
 

@@ -211,3 +211,17 @@ def test_the_parts_of_a_band_are_told_and_add_up_to_it(driven: np.ndarray) -> No
     assert "mass_sd 8 %" in words[1] and "steer_ratio_sd" in words[1]
     assert of_what_is_told(table, filter_.config, {name: 0 * sd for name, sd in parts.items()}) == []
     assert of_what_is_told(table[:0], filter_.config, parts) == [] == of_what_is_told(table, filter_.config, {})
+
+
+def test_a_row_after_next_to_no_time_says_no_more_than_any(driven: np.ndarray) -> None:
+    """Two frames that are stamped within a microsecond: what differs between them is noise, and no rate of anything."""
+    config = Config({"model_sd": 0.03, "relaxation_sd": 0.3, "mass_sd": 0.02, "accel_y_scale_sd": 0.02})
+    largest = []
+    for dt in (DT, 1e-5, 1e-6):
+        rows = logged(driven)
+        rows["dt"][2000:2002] = dt, 2 * DT - dt
+        filter_ = Filter(config)
+        outputs = filter_.outputs(ROWS)
+        filter_.step_into(rows, outputs)
+        largest.append(outputs["cy_front_sd"][2000:].max())
+    assert largest[1:] == pytest.approx(largest[:1] * 2, rel=0.1)

@@ -43,11 +43,11 @@ def test_stated_stiffness_is_kept_and_the_authors_guess_is_not_used(tmp_path):
 
 def test_what_is_not_told_exactly_is_considered_and_a_guess_more(tmp_path):
     from tselab.core import Config
-    from tselab.vehicle import GUESSED_INERTIA_SD, UNKNOWN_CAR, uncertainty_settings
+    from tselab.vehicle import GUESSED_INERTIA_SD, uncertainty_settings, unknown_car
 
     bare, told = read(tmp_path, BARE), read(tmp_path, BARE + "yaw_inertia = 2500.0\n[uncertainty]\ncg_sd = 0.0\nmass_sd = 0.01\n")
-    assert {k: bare.values[k] for k in UNKNOWN_CAR} == UNKNOWN_CAR | {"yaw_inertia_sd": GUESSED_INERTIA_SD}
-    assert {k: told.values[k] for k in UNKNOWN_CAR} == UNKNOWN_CAR | {"cg_sd": 0.0, "mass_sd": 0.01}
+    assert {k: bare.values[k] for k in unknown_car()} == unknown_car() | {"yaw_inertia_sd": GUESSED_INERTIA_SD}
+    assert {k: told.values[k] for k in unknown_car()} == unknown_car() | {"cg_sd": 0.0, "mass_sd": 0.01}
     assert told.told_uncertainty == ["mass_sd", "cg_sd"]
     line = next(line for line in told.filled if line.startswith("[uncertainty]"))
     assert "relaxation_sd = 0.3 m" in line and "cg_sd" not in line and "mass_sd" not in line

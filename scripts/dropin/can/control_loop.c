@@ -16,14 +16,24 @@ tse_status loop_start(control_loop *loop, const tse_config *c, const char **wron
   return status;
 }
 
-/* Number k of a frame, in `per` to the unit. A quotient of two whole numbers is the number nearest to what the sensor meant, which a
- * product with 1e-5 is not always; in fixed point TSE_R() of the scale and shifts take its place. */
-static void decode(tse_input *u, const can_frame *f, int k, tse_real per, uint32_t bit, tse_real *to)
+/* of / per: the number nearest to what the sensor meant, which a product with 1e-5 is not always. |of| < 2^31. */
+static tse_real quotient(int32_t of, int32_t per)
+{
+#if defined(TSE_REAL_FIXED)
+  const int64_t twice = (int64_t)of * ((int64_t)1 << TSE_FRACTION_BITS) / (per / 2), half = twice < 0 ? -1 : 1; /* rounded to nearest */
+  return (twice + half) / 2;
+#else
+  return (tse_real)of / (tse_real)per;
+#endif
+}
+
+/* Number k of a frame, in `per` to the unit. */
+static void decode(tse_input *u, const can_frame *f, int k, int32_t per, uint32_t bit, tse_real *to)
 {
   const uint8_t *const b = &f->data[3 * k];
   const int32_t raw = (int32_t)((uint32_t)b[0] | (uint32_t)b[1] << 8 | (uint32_t)b[2] << 16);
   if (f->data[6] >> k & 1u) return;
-  *to = (tse_real)(raw >= 1 << 23 ? raw - (1 << 24) : raw) / per;
+  *to = quotient(raw >= 1 << 23 ? raw - (1 << 24) : raw, per);
   u->missing &= ~bit;
 }
 
@@ -31,16 +41,16 @@ void loop_received(control_loop *loop, const can_frame *f)
 {
   tse_input *const u = &loop->coming;
   switch (f->id) {
-    case CAN_STEERING: decode(u, f, 0, TSE_R(100000), TSE_MISSING(steer_angle), &u->steer_angle); break;
+    case CAN_STEERING: decode(u, f, 0, 100000, TSE_MISSING(steer_angle), &u->steer_angle); break;
     case CAN_WHEELS:
-      decode(u, f, 0, TSE_R(1000), TSE_MISSING(wheel_speed_front), &u->wheel_speed_front);
-      decode(u, f, 1, TSE_R(1000), TSE_MISSING(wheel_speed_rear), &u->wheel_speed_rear);
+      decode(u, f, 0, 1000, TSE_MISSING(wheel_speed_front), &u->wheel_speed_front);
+      decode(u, f, 1, 1000, TSE_MISSING(wheel_speed_rear), &u->wheel_speed_rear);
       break;
     case CAN_ACCEL:
-      decode(u, f, 0, TSE_R(1000), TSE_MISSING(accel_x), &u->accel_x);
-      decode(u, f, 1, TSE_R(1000), TSE_MISSING(accel_y), &u->accel_y);
+      decode(u, f, 0, 1000, TSE_MISSING(accel_x), &u->accel_x);
+      decode(u, f, 1, 1000, TSE_MISSING(accel_y), &u->accel_y);
       break;
-    case CAN_GYRO: decode(u, f, 0, TSE_R(100000), TSE_MISSING(yaw_rate), &u->yaw_rate); break;
+    case CAN_GYRO: decode(u, f, 0, 100000, TSE_MISSING(yaw_rate), &u->yaw_rate); break;
     default: break; /* others talk on this bus, too */
   }
 }
@@ -54,7 +64,7 @@ void loop_period(control_loop *loop)
     loop->overruns++; /* what came is kept, and time goes on: the filter sees a longer step */
     return;
   }
-  loop->coming.dt = (tse_real)(int32_t)(loop->periods * LOOP_MS) / TSE_R(1000);
+  loop->coming.dt = quotient((int32_t)(loop->periods * LOOP_MS), 1000);
   loop->row = loop->coming;
   loop->coming.missing = NOTHING;
   loop->periods = 0;
@@ -64,7 +74,10 @@ void loop_period(control_loop *loop)
 int loop_work(control_loop *loop)
 {
   if (!loop->is_ready) return 0;
-  if (tse_step(&loop->params, &loop->filter, &loop->row, &loop->estimate) < 0) loop->refused++; /* the estimate stays */
+  loop->row.dt += loop->lost;
+  const tse_status status = tse_step(&loop->params, &loop->filter, &loop->row, &loop->estimate);
+  if (status < 0) loop->refused++; /* the estimate stays */
+  loop->lost = status == TSE_E_INPUT ? loop->row.dt : quotient(0, 1000); /* time that the filter has not seen belongs to the next row */
   loop->rows++;
   loop->is_ready = 0;
   return 1;

@@ -28,6 +28,7 @@ typedef struct control_loop {
   tse_output estimate;        /* after the last row                                                     */
   tse_input coming, row;      /* what has come in this period; what the filter is given                 */
   uint32_t periods;           /* since the last row                                                     */
+  tse_real lost;              /* [s] of a row that was refused: it belongs to the next                  */
   uint32_t rows, refused;     /* rows that went through the filter; that it refused                     */
   uint32_t overruns;          /* rows that were lost because the one before was not done: never, if the processor is fast enough */
   volatile uint32_t is_ready; /* row is complete: the timer sets it, loop_work() takes it away          */

@@ -17,7 +17,7 @@ from tselab.formula import write_formula
 from tselab.gap.export.output import finite
 from tselab.identify.problem import UNLIKE_SD
 from tselab.identify.unknowns import LATENCIES, LATENCY, SUPERELEVATION, of_log
-from tselab.vehicle import GRAVITY, HINT_ONLY, UNKNOWN_CAR, formula_toml, sensor_settings, vehicle_settings
+from tselab.vehicle import GRAVITY, HINT_ONLY, formula_toml, sensor_settings, unknown_car, vehicle_settings
 
 ROADS_SD = 0.03  # share of accel_y, by which the lean of roads into their curves differs from road to road
 
@@ -57,7 +57,7 @@ def uncertainty(result: Result) -> dict[str, float]:
             w[names.index(name)] = weight
         return float(np.sqrt(w @ cov @ w))
 
-    found = {key: result.vehicle.values.get(key, UNKNOWN_CAR[key]) for key in UNKNOWN_CAR}
+    found = {key: result.vehicle.values.get(key, sd) for key, sd in unknown_car().items()}
     wheels = sd(wheel_speed_front_latency=0.5, wheel_speed_rear_latency=0.5, accel_x_latency=-1.0)
     found |= {
         "model_sd": min(found["model_sd"], UNLIKE_SD),

@@ -75,7 +75,8 @@ void consider_passage(const tse_params *p, tse_bank *b, const transition *t, inp
   slopes s;
   slopes_of(p, b, u, &s);
   const tse_real at[5] = { s.x, s.front, s.rear, u.v_front, u.v_rear };
-  for (int i = 0; i < 5; i++) b->rate[i] = r_div(at[i] - b->rate[i], dt);
+  const tse_real time = r_max(dt, p->least_step); /* over next to no time a difference is noise */
+  for (int i = 0; i < 5; i++) b->rate[i] = r_div(at[i] - b->rate[i], time);
   const tse_real half = r_mul(TSE_R(0.5), dt), keep = r_exp2(-r_mul(LOG2_E, r_div(dt, DISTURBANCE_TIME)));
   for (int k = 0; k < TSE_CONSIDERED; k++) {
     tse_real *const off = b->off[k];

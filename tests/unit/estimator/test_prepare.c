@@ -240,6 +240,32 @@ static void test_of_two_wrong_settings_the_first_is_named(void)
   c.formula_code_1 = -1; /* whole numbers stand between the real ones */
   c.sample_time = setting(-1);
   expect_config_refused(&c, "formula_code_1");
+#define REAL(name, def, lo, hi, unit, text)
+#define INT(name, def, lo, hi, text) \
+  c = defaults();                    \
+  c.lf = setting(-1);                \
+  c.name = (lo) - 1;                 \
+  expect_config_refused(&c, "lf"); /* of the real ones the third */
+#include "tse/config.def"
+#undef REAL
+#undef INT
+}
+
+static void test_a_car_that_nobody_has_calibrated_is_told_as_such_and_nothing_else_changes(void)
+{
+  tse_config c = defaults(), as_told = defaults();
+  c.mass = setting(1234);
+  as_told.mass = setting(1234);
+#define UNCALIBRATED(name, sd, why) \
+  TEST_ASSERT_EQUAL_DOUBLE(0, of_setting(as_told.name)); \
+  as_told.name = setting(sd);       \
+  TEST_ASSERT_TRUE(of_setting(as_told.name) > 0);
+#include "tse/uncalibrated.def"
+#undef UNCALIBRATED
+  tse_config_uncalibrated(&c);
+  TEST_ASSERT_EQUAL_MEMORY(&as_told, &c, sizeof c);
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_config_check(&c, NULL));
+  tse_config_uncalibrated(NULL);
 }
 
 static void test_null_arguments_are_refused_and_change_nothing(void)
@@ -613,6 +639,7 @@ int main(void)
   RUN_TEST(test_each_setting_is_accepted_at_its_limits_and_refused_by_name_beyond);
   RUN_TEST(test_each_setting_that_is_not_finite_is_refused_by_name);
   RUN_TEST(test_of_two_wrong_settings_the_first_is_named);
+  RUN_TEST(test_a_car_that_nobody_has_calibrated_is_told_as_such_and_nothing_else_changes);
   RUN_TEST(test_null_arguments_are_refused_and_change_nothing);
   RUN_TEST(test_settings_of_the_tests_below_are_none_of_the_defaults);
   RUN_TEST(test_vehicle_constants_are_normalised_by_mass);

@@ -1068,6 +1068,31 @@ static void test_a_row_after_which_there_is_no_car_any_more_is_refused(void)
   step(&u, &y); /* and on without the torque */
 }
 
+/* Whatever of it is no number, or more than a car can do. */
+static void test_what_is_no_car_before_a_row_is_none_after_it(void)
+{
+  const tse_config c = car();
+  const tse_sim_config s = noisy(1);
+  const tse_sim_input u = driver(0.01, 300, 0.03);
+  tse_sim_output y;
+  start(&c, &s);
+  for (int k = 0; k < 10; k++) step(&u, &y);
+  const tse_sim good = sim;
+  tse_real *const part[] = { &sim.x[0], &sim.x[1], &sim.x[2], &sim.x[3], &sim.x[4], &sim.bias[0], &sim.bias[1], &sim.bias[2] };
+  for (int i = 0; i < ROWS(part); i++) {
+    *part[i] = broken();
+    expect_refused(&u, TSE_E_INPUT, "a part that is no number");
+    sim = good;
+  }
+  const double most[] = { 1000, 1000, 200, 1e7, 1e7 };
+  for (int i = 0; i < ROWS(most); i++) {
+    sim.x[i] = real(2.0 * most[i]);
+    expect_refused(&u, TSE_E_INPUT, "more than a car can do");
+    sim = good;
+  }
+  step(&u, &y);
+}
+
 static void test_time_step_must_lie_between_zero_and_a_second_except_at_the_first_row(void)
 {
   const double bad[] = { 0, -0.01, 1.0001, INFINITY, -INFINITY, NAN };
@@ -1226,6 +1251,7 @@ int main(void)
   RUN_TEST(test_copy_of_the_simulator_continues_with_the_same_bits);
   RUN_TEST(test_refused_input_leaves_the_simulator_bit_for_bit_unchanged);
   RUN_TEST(test_a_row_after_which_there_is_no_car_any_more_is_refused);
+  RUN_TEST(test_what_is_no_car_before_a_row_is_none_after_it);
   RUN_TEST(test_time_step_must_lie_between_zero_and_a_second_except_at_the_first_row);
   RUN_TEST(test_first_row_logs_the_start_without_advancing);
   RUN_TEST(test_null_arguments_are_refused);

@@ -1,0 +1,64 @@
+"""scripts/dropin/can, the example of a control loop, in every number format; on a microcontroller: tests/embedded."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from dropin_support import ROOT, run
+
+PROGRAM = r"""
+#include <stdio.h>
+#include "control_loop.h"
+#include "tse/convert.h"
+
+static void send(control_loop *loop, uint16_t id, int32_t first, int32_t second)
+{
+  const can_frame f = { id, { first & 255, first >> 8 & 255, first >> 16 & 255,
+                              second & 255, second >> 8 & 255, second >> 16 & 255, 0, 0 } };
+  loop_received(loop, &f);
+}
+
+int main(void)
+{
+  static control_loop loop;
+  tse_config c;
+  const char *wrong = "";
+  tse_config_default(&c);
+  tse_config_uncalibrated(&c);
+  printf("start %d\n", (int)loop_start(&loop, &c, &wrong));
+  for (int k = 0; k < 500; k++) {
+    send(&loop, CAN_STEERING, k == 200 ? 400000 : k % 100 < 50 ? 1000 : -1000, 0); /* once far out of range: that row is refused */
+    send(&loop, CAN_WHEELS, 60606, 60606);
+    send(&loop, CAN_ACCEL, 12, -1500);
+    send(&loop, CAN_GYRO, -7500, 0);
+    loop_period(&loop);
+    if (k % 7 == 3) loop_period(&loop); /* a period in which nothing came */
+    loop_work(&loop);
+    if (k == 200) printf("lost %.9f\n", tse_double_of(loop.lost));
+    if (k == 201) printf("dt %.9f\n", tse_double_of(loop.row.dt));
+  }
+  printf("rows %u refused %u overruns %u\n", (unsigned)loop.rows, (unsigned)loop.refused, (unsigned)loop.overruns);
+  printf("read %.6f %.6f %.6f %.6f\n", tse_double_of(loop.row.steer_angle), tse_double_of(loop.row.wheel_speed_front),
+         tse_double_of(loop.row.accel_y), tse_double_of(loop.row.yaw_rate));
+  printf("speed %.2f\n", tse_double_of(loop.estimate.vel_x));
+  return 0;
+}
+"""
+
+
+@pytest.mark.parametrize("real", ["DOUBLE", "FLOAT", "FIXED"])
+def test_readings_and_times_are_those_of_the_bus(real: str, tmp_path: Path) -> None:
+    (tmp_path / "main.c").write_text(PROGRAM)
+    (tmp_path / "tse.h").write_text('#include "tse/tse.h"\n')
+    sources = [ROOT / "scripts/dropin/can/control_loop.c", *sorted((ROOT / "src").rglob("*.c"))]
+    folders = (tmp_path, ROOT / "include", ROOT / "src", ROOT / "scripts/dropin/can")
+    command = ["cc", "-std=c99", "-O1", "-ffp-contract=off", f"-DTSE_REAL_{real}=1", *(f"-I{f}" for f in folders)]
+    run(*command, tmp_path / "main.c", *sources, "-o", tmp_path / "loop", "-lm")
+    said = dict(line.split(" ", 1) for line in run(tmp_path / "loop").splitlines())
+    assert said["start"] == "0"
+    assert said["rows"] == "500 refused 1 overruns 0"
+    assert float(said["lost"]) == pytest.approx(0.02, abs=1e-8)  # row 200 came a period late
+    assert float(said["dt"]) == pytest.approx(0.03, abs=1e-8)
+    assert [float(x) for x in said["read"].split()] == pytest.approx([-0.01, 60.606, -1.5, -0.075], abs=1e-5)
+    assert float(said["speed"]) == pytest.approx(60.606 * 0.33, rel=0.01)
