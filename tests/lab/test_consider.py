@@ -224,4 +224,4 @@ def test_a_row_after_next_to_no_time_says_no_more_than_any(driven: np.ndarray) -
         outputs = filter_.outputs(ROWS)
         filter_.step_into(rows, outputs)
         largest.append(outputs["cy_front_sd"][2000:].max())
-    assert largest[1:] == pytest.approx(largest[:1] * 2, rel=0.1)
+    assert max(largest[1:]) < 1.5 * largest[0]  # 9.7 times as large when the difference was divided by that time
