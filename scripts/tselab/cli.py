@@ -7,7 +7,7 @@ import sys
 import textwrap
 import traceback
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -17,7 +17,10 @@ from tselab.errors import UserError
 from tselab.fmu.commands import fmu
 from tselab.gap.commands import gap
 from tselab.montecarlo import STUDIES
-from tselab.options import FILE, FORM, PROGRESS, key_values, show_progress
+from tselab.options import FILE, FORM, PROGRESS, key_values, reading, show_progress
+
+if TYPE_CHECKING:
+    from tselab.log import Reading
 
 MOST_FINDINGS = 12  # stretches of road in the terminal
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 110}
@@ -112,7 +115,7 @@ def cli(debug: bool) -> None:
         ("Codes", "codes_table"),
     ),
 )
-@click.argument("log_path", metavar="LOG.csv", type=FILE)
+@click.argument("log_path", metavar="LOG", type=FILE)
 @click.option("--vehicle", "vehicle_path", metavar="CAR.toml", type=FILE, required=True,
               help="Vehicle file; 'tselab vehicle --example' prints one.")  # fmt: skip
 @click.option(
@@ -133,6 +136,7 @@ def cli(debug: bool) -> None:
 @click.option("--age", metavar="DAYS", type=float, help="How long ago that was; default: the age of the file.")
 @click.option("--save-learnt", metavar="FILE", type=FILE, help="Write what this drive teaches; may be the same file.")
 @click.option("--average", metavar="SECONDS", type=float, help="Average the log over blocks of so long first, at most 0.1 s.")
+@reading
 @click.option("--seed", type=int, help="Seed of the random numbers; --form paper or sampled.")
 @click.option("--particles", type=int, help="Particles in use; --form paper or sampled.")
 @click.option("--forgetting", type=float, help="Forgetting factor per sample; --form paper or sampled.")
@@ -152,9 +156,10 @@ def estimate(
     form: str,
     pairs: tuple[str, ...],
     progress: bool | None,
+    reading: Reading,
     **options: Any,
 ) -> None:
-    """Estimate tyre stiffness from LOG.csv.
+    """Estimate tyre stiffness from LOG.
 
     \b
     tselab estimate log.csv --vehicle car.toml
@@ -190,7 +195,7 @@ def estimate(
     from tselab.verdict import findings, of_what_is_told, remarks
 
     out = out or Path(log_path.stem + ".est.csv")
-    inputs = {"the log": log_path, "--vehicle": vehicle_path, "--config": config_path}
+    inputs = {"the log": log_path, "--vehicle": vehicle_path, "--config": config_path, "--signals": reading.signals}
     check_distinct({"--out": out, "--report": report, "--save-learnt": save_learnt}, inputs)
     # a file that is loaded may be replaced by what is learnt now, and by nothing else
     check_distinct({"--out": out, "--report": report}, {"--load-learnt": load_learnt})
@@ -201,7 +206,7 @@ def estimate(
         raise UserError("option --age: is that of the file of --load-learnt, which is not given")
     _positive("age", age, 0.0, 40000.0, "days")
     learnt = read_learnt(load_learnt, age) if load_learnt else None
-    prepared = prepare(log_path, vehicle_path, config_path, average, options, form, key_values(pairs))
+    prepared = prepare(log_path, vehicle_path, config_path, average, options, form, key_values(pairs), reading)
     vehicle, log, config, warnings = prepared.vehicle, prepared.log, prepared.config, prepared.warnings
     notes = prepared.notes
 
