@@ -16,6 +16,7 @@ from tselab.calibrate.commands import calibrate
 from tselab.errors import UserError
 from tselab.fmu.commands import fmu
 from tselab.gap.commands import gap
+from tselab.logs.commands import signals
 from tselab.montecarlo import STUDIES
 from tselab.options import FILE, FORM, PROGRESS, key_values, reading, show_progress
 
@@ -94,6 +95,7 @@ def cli(debug: bool) -> None:
     \b
     tselab vehicle --example > car.toml          a vehicle file to edit
     tselab estimate log.csv --vehicle car.toml --report report.html
+    tselab signals drive.mf4 --write signals.toml      a log with names of its own
     tselab simulate --maneuver square-waves --vehicle car.toml --out log.csv
     tselab demo --out demo                       all of it, without a log of your own
 
@@ -668,6 +670,7 @@ def montecarlo(
 cli.add_command(fmu)
 cli.add_command(gap)
 cli.add_command(calibrate)
+cli.add_command(signals)
 
 
 def main() -> None:

@@ -20,4 +20,5 @@ def fresh(x: np.ndarray) -> np.ndarray:
     for gap, start in zip(gaps[gaps > beat], changed[1:-1][gaps > beat], strict=True):  # the same again is new, too
         found[start : start + gap : beat] = True
     found[changed[-1] :: beat] = True
+    found[changed[1] :: -beat] = True  # and before it changed for the first time
     return found

@@ -131,7 +131,8 @@ def mdf3(folder: Path, parts: list[Message]) -> Path:
     with MDF(version="3.30") as mdf:
         for m in parts:
             mdf.append([Signal(x, m.time, unit=m.units[n], name=n) for n, x in m.columns.items()])
-        mdf.save(path, overwrite=True)
+        saved = mdf.save(folder / "drive.mdf", overwrite=True)
+    Path(saved).replace(path)
     (folder / "signals.toml").write_text(signals_toml({}, units=False))
     return path
 
@@ -218,7 +219,7 @@ def mf4_bus(folder: Path, parts: list[Message]) -> Path:
     return path
 
 
-WHEELS_MSG = "std_msgs/Header header\nfloat64 RadVL\nfloat64 RadVR\nfloat64 RadHL\nfloat64 RadHR"
+WHEELS_MSG = "std_msgs/Header header\nfloat64 rad_vl\nfloat64 rad_vr\nfloat64 rad_hl\nfloat64 rad_hr"
 STEER_MSG = "std_msgs/Header header\nfloat64 angle"
 
 
@@ -243,7 +244,7 @@ def _ros(store: object, parts: list[Message], write: Callable[[str, str, float, 
             header=head(t), angle=float(steer.columns["LenkradWinkel"][i]))))  # fmt: skip
     for i, t in enumerate(wheels.time):
         made.append((t, "/wheels", "car_msgs/msg/Wheels", lambda i=i, t=t: kinds["car_msgs/msg/Wheels"](
-            header=head(t), **{n: float(x[i]) for n, x in wheels.columns.items()})))  # fmt: skip
+            header=head(t), **{f"rad_{n[3:].lower()}": float(x[i]) for n, x in wheels.columns.items()})))  # fmt: skip
     for i, t in enumerate(imu.time):
         c = imu.columns
         made.append((t, "/imu", "sensor_msgs/msg/Imu", lambda i=i, t=t, c=c: kinds["sensor_msgs/msg/Imu"](
@@ -257,6 +258,8 @@ def _ros(store: object, parts: list[Message], write: Callable[[str, str, float, 
 
 def _ros_signals(folder: Path) -> None:
     text = signals_toml({"steer": "/steer.", "wheels": "/wheels."}).replace("LenkradWinkel", "angle")
+    for place in ("VL", "VR", "HL", "HR"):
+        text = text.replace(f"Rad{place}", f"rad_{place.lower()}")
     for german, field, unit in (
         ("Gierrate", "/imu.angular_velocity.z", "deg/s"),
         ("Querbeschl", "/imu.linear_acceleration.y", "g"),

@@ -12,13 +12,13 @@ LONGEST_GAP = 3600.0  # s: the library's limit; a clock that jumps further was s
 BRIDGED = 60.0  # s: what is left of such a jump: longer than any state of a car lasts
 
 
-def straight(time: np.ndarray, what: str = "") -> tuple[np.ndarray, np.ndarray, list[str]]:
+def straight(time: np.ndarray, together: bool = False) -> tuple[np.ndarray, np.ndarray, list[str]]:
     """A time that increases: the times that are kept, which entries those are, and what was done.
 
     An entry without a time is dropped. Of entries that share a time the last is kept, unless that would be most of them: then the
     clock is too coarse, and they are spread over its ticks. Single entries that come late are put where they belong by dropping
     them. A clock that goes back and on from there was set or has wrapped: the rest follows one usual step later. A jump ahead
-    by more than LONGEST_GAP becomes a gap of BRIDGED.
+    by more than LONGEST_GAP becomes a gap of BRIDGED. `together`: entries may share a time, as messages of a bus do.
     """
     notes: list[str] = []
     keep = np.isfinite(time)
@@ -29,7 +29,7 @@ def straight(time: np.ndarray, what: str = "") -> tuple[np.ndarray, np.ndarray, 
     if len(t) < 2:
         return t, keep, notes
     step = np.diff(t)
-    if (step > 0).all() and step.max() <= LONGEST_GAP:
+    if ((step > 0) | (together & (step == 0))).all() and step.max() <= LONGEST_GAP:
         return t, keep, notes
     ahead = step[step > 0]
     usual = float(np.median(ahead)) if len(ahead) else 0.01
@@ -44,7 +44,7 @@ def straight(time: np.ndarray, what: str = "") -> tuple[np.ndarray, np.ndarray, 
         notes.append(f"{late.sum()} entries are out of order: left out")
     at, t = at[~late], t[~late]
     same = np.append(np.diff(t) == 0, False)
-    if same.any():
+    if same.any() and not together:
         if same.mean() > 0.2:
             t = _spread(t)
             notes.append(
