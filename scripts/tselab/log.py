@@ -80,6 +80,7 @@ class Log:
     place: str = "line"  # what `line` counts, for people: lines of the file, or rows of the raster
     stand_in: str | None = None  # an axle without wheel speeds: it has the other's, and no slip can be told
     slower: dict[str, Slower] = field(default_factory=dict)  # channels whose entries are further apart than the rows
+    turn: dict[str, float] = field(default_factory=dict)  # of an axle with two wheels: right less left over the yaw rate, track/radius
     warnings: list[str] = field(default_factory=list)  # of `notes` those that --strict refuses
 
     def __len__(self) -> int:
@@ -219,9 +220,10 @@ def checked(
     if all(data[c].isna().all() for c in ("accel_y", "yaw_rate")):
         raise UserError(f"{path}: accel_y and yaw_rate are missing: without either nothing can be said about the tyres")
     turn = data["yaw_rate"].to_numpy(float)
+    per_turn: dict[str, float] = {}
     for axle, pair in sides.items():
         if axle not in absent:
-            data[axle] = _axle(axle, *(data.pop(c).to_numpy(float) for c in pair), turn, notes)
+            data[axle], per_turn[axle] = _axle(axle, *(data.pop(c).to_numpy(float) for c in pair), turn, notes)
     stand_in = next((c for c in absent if c in SIDES), None)
     if stand_in:
         other = next(c for c in SIDES if c != stand_in)
@@ -240,7 +242,7 @@ def checked(
             notes.append(f"{name}: {count} of {len(data)} cells are missing or not usable ({where})")
     ref = pd.DataFrame({c: table.pop(c) for c in list(table) if c.startswith("ref_")}, index=data.index)
     extra = pd.DataFrame({c: x for c in OPTIONAL if c in table and (x := _optional(c, table[c], line, notes, place)) is not None})
-    return Log(path, time, data, ref, line, sample_time, notes, extra=extra, place=place, stand_in=stand_in)
+    return Log(path, time, data, ref, line, sample_time, notes, extra=extra, place=place, stand_in=stand_in, turn=per_turn)
 
 
 def _remedy(missing: Collection[str]) -> str:
@@ -251,9 +253,9 @@ def _remedy(missing: Collection[str]) -> str:
     return ": name its signal in signals.toml"
 
 
-def _axle(axle: str, left: np.ndarray, right: np.ndarray, yaw_rate: np.ndarray, notes: list[str]) -> np.ndarray:
+def _axle(axle: str, left: np.ndarray, right: np.ndarray, yaw_rate: np.ndarray, notes: list[str]) -> tuple[np.ndarray, float]:
     """The middle of an axle, rad/s, of its two wheels. Where one is missing, the other less half of what they differ by in a turn:
-    track over radius times the yaw rate, found from the rows that have both."""
+    track over radius times the yaw rate, found from the rows that have both, which is returned, too."""
     difference, mean = right - left, 0.5 * (left + right)
     both = np.isfinite(difference) & np.isfinite(yaw_rate)
     turned = float(np.sum(yaw_rate[both] ** 2))
@@ -263,7 +265,7 @@ def _axle(axle: str, left: np.ndarray, right: np.ndarray, yaw_rate: np.ndarray, 
         half = 0.5 * per_turn * yaw_rate
         mean[alone] = np.where(np.isfinite(left), left + half, right - half)[alone]
         notes.append(f"{axle}: one of both wheels is missing in {alone.sum()} rows: taken from the other and the yaw rate")
-    return mean
+    return mean, per_turn
 
 
 def _beside(column: str) -> bool:

@@ -53,6 +53,7 @@ def prepare(
         config.wheel_radius_front,
         config.wheel_radius_rear,
         vehicle.steering_ratio,
+        {a: float(t) for a in ("front", "rear") if (t := vehicle.facts.get(f"track_{a}"))},
     )
     if reading.strict and warnings:
         raise UserError(f"{log_path}: option --strict: {'; '.join(warnings)}")

@@ -193,8 +193,8 @@ def bus(folder: Path, parts: list[Message], name: str) -> Path:
 def mf4_bus(folder: Path, parts: list[Message]) -> Path:
     """Frames of a bus in MF4, as loggers write them."""
     from asammdf import MDF, Signal
-    from asammdf.blocks.v4_constants import BUS_TYPE_CAN
     from asammdf.blocks.v4_blocks import SourceInformation
+    from asammdf.blocks.v4_constants import BUS_TYPE_CAN
 
     found = frames(parts)
     data = np.zeros((len(found), 8), np.uint8)

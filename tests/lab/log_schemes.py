@@ -96,7 +96,7 @@ def draw(seed: int, clean: pd.DataFrame, radius: float, track: float, ratio: flo
     return Scheme(names, sign, si, ratio, {k: columns[k] for k in order}, {k: units[k] for k in order})
 
 
-def _others(rng, clean, columns, units, prefix, told, n, radius, ratio) -> None:  # noqa: ANN001
+def _others(rng, clean, columns, units, prefix, told, n, radius, ratio) -> None:
     """What else is on a bus, some of it much like what is sought."""
     v = clean.wheel_speed_rear.to_numpy() * radius
     slow = np.cumsum(rng.standard_normal(n)) * 0.01
@@ -116,7 +116,7 @@ def _others(rng, clean, columns, units, prefix, told, n, radius, ratio) -> None:
             columns[prefix + str(name)], units[prefix + str(name)] = value, unit if told else ""
 
 
-def wrong(scheme: Scheme, proposal, radius: float) -> list[str]:  # noqa: ANN001
+def wrong(scheme: Scheme, proposal, radius: float) -> list[str]:
     """What a proposal has wrong: names, units by more than 1 %, signs, the ratio by more than 15 %."""
     from tselab.logs.units import factor
 

@@ -56,4 +56,4 @@ def test_the_warning_reaches_the_terminal(lively, drive, tmp_path):
     table["accel_y"] /= 9.81
     table.to_csv(tmp_path / "log.csv", index=False)
     done = tselab_here("estimate", "log.csv", "--vehicle", drive.vehicle, "--particles", 32, cwd=tmp_path)
-    assert done.code == 0 and "warning: check the units: accel_y is" in done.err
+    assert done.code == 0 and "warning: check the units: accel_y is in g" in done.err

@@ -35,12 +35,20 @@ class Line:
 @click.command(short_help="What a log holds, and a proposal of signals.toml.")
 @click.argument("log_path", metavar="LOG", type=FILE)
 @click.option("--write", "out", metavar="SIGNALS.toml", type=FILE, help="Write the proposal there.")
-@click.option("--vehicle", "vehicle_path", metavar="CAR.toml", type=FILE, help="Radii, wheelbase and steering ratio make the guesses sharper.")
+@click.option(
+    "--vehicle",
+    "vehicle_path",
+    metavar="CAR.toml",
+    type=FILE,
+    help="Radii, wheelbase and steering ratio make the guesses sharper.",
+)
 @click.option("--database", "databases", metavar="FILE", type=FILE, multiple=True, help="What the frames of a bus mean: DBC, ARXML, KCD, SYM; "
               "default: those beside the log. May be repeated.")  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="For programs.")
 @click.option("--all", "every", is_flag=True, help="List all signals, however many.")
-def signals(log_path: Path, out: Path | None, vehicle_path: Path | None, databases: tuple[Path, ...], as_json: bool, every: bool) -> int:
+def signals(
+    log_path: Path, out: Path | None, vehicle_path: Path | None, databases: tuple[Path, ...], as_json: bool, every: bool
+) -> int:
     """What a log holds, and which signal is probably which channel.
 
     \b
@@ -86,7 +94,9 @@ def signals(log_path: Path, out: Path | None, vehicle_path: Path | None, databas
         click.echo(_text(recording, proposal, lines, every))
     if out is not None:
         if not proposal.guesses:
-            raise UserError(f"{log_path}: nothing could be guessed, so {out} is not written: write it by hand, see 'tselab estimate --help'")
+            raise UserError(
+                f"{log_path}: nothing could be guessed, so {out} is not written: write it by hand, see 'tselab estimate --help'"
+            )
         with atomic(out) as file:
             file.write(toml_text(recording, proposal, databases, out.parent))
         click.echo(f"Written to {out}", err=as_json)
@@ -115,8 +125,15 @@ def _text(recording: Recording, proposal: Proposal, lines: list[Line], every: bo
     from tselab.tables import text_table
 
     rows = [["signal", "unit", "Hz", "least", "most", "missing", "proposed for"]]
-    shown = lines if every or len(lines) <= MOST_ROWS else [x for x in lines if x.used] + [x for x in lines if not x.used][:MOST_ROWS]
-    rows += [[x.name, x.unit, f"{x.rate:.3g}", f"{x.low:.4g}", f"{x.high:.4g}", f"{100 * x.missing:.0f} %", x.used] for x in shown]
+    shown = (
+        lines
+        if every or len(lines) <= MOST_ROWS
+        else [x for x in lines if x.used] + [x for x in lines if not x.used][:MOST_ROWS]
+    )
+    rows += [
+        [x.name, x.unit, f"{x.rate:.3g}", f"{x.low:.4g}", f"{x.high:.4g}", f"{100 * x.missing:.0f} %", x.used]
+        for x in shown
+    ]
     parts = [f"{recording.path}: {recording.format}, {len(lines)} signals", "", text_table(rows, right=(2, 3, 4, 5))]
     if len(shown) < len(lines):
         parts.append(f"and {len(lines) - len(shown)} more, which --all lists")
@@ -131,7 +148,11 @@ def _text(recording: Recording, proposal: Proposal, lines: list[Line], every: bo
 
 
 def _headline(g: Guess) -> str:
-    more = [f"{g.unit} ({g.unit_from})"] + (["sign -1"] if g.sign < 0 else []) + ([f"ratio {g.ratio:g}"] if g.ratio else [])
+    more = (
+        [f"{g.unit} ({g.unit_from})"]
+        + (["sign -1"] if g.sign < 0 else [])
+        + ([f"ratio {g.ratio:g}"] if g.ratio else [])
+    )
     more += [f"latency {1e3 * g.latency:.0f} ms"] if g.latency else []
     return f"{g.channel} = {' and '.join(g.name)}: {', '.join(more)}; {g.confidence}"
 
@@ -144,7 +165,9 @@ def _as_json(recording: Recording, proposal: Proposal, lines: list[Line]) -> dic
         "log": str(recording.path),
         "format": recording.format,
         "signals": [{k: plain(v) for k, v in asdict(x).items()} for x in lines],
-        "proposal": {g.channel: {k: plain(v) for k, v in asdict(g).items() if k != "channel"} for g in proposal.guesses},
+        "proposal": {
+            g.channel: {k: plain(v) for k, v in asdict(g).items() if k != "channel"} for g in proposal.guesses
+        },
         "missing": proposal.missing,
         "warnings": proposal.warnings,
         "notes": recording.notes,
@@ -153,10 +176,16 @@ def _as_json(recording: Recording, proposal: Proposal, lines: list[Line]) -> dic
 
 def toml_text(recording: Recording, proposal: Proposal, databases: tuple[Path, ...] = (), folder: Path = Path()) -> str:
     """signals.toml, with what speaks for each guess as comments."""
-    lines = [f"# Proposed by tselab signals for {recording.path.name}: guesses, each with what speaks for it. Look through, and edit."]
+    lines = [
+        f"# Proposed by tselab signals for {recording.path.name}: guesses, each with what speaks for it. Look through, and edit."
+    ]
     lines += [f"# warning: {w}" for w in proposal.warnings]
     if databases:
-        lines += ["", "[log]", f"databases = {json.dumps([_relative(p, folder) for p in databases], ensure_ascii=False)}"]
+        lines += [
+            "",
+            "[log]",
+            f"databases = {json.dumps([_relative(p, folder) for p in databases], ensure_ascii=False)}",
+        ]
     for g in proposal.guesses:
         name = json.dumps(list(g.name) if len(g.name) > 1 else g.name[0], ensure_ascii=False)
         lines += ["", f"[signals.{g.channel}]  # {g.confidence}", *(f"# {f}" for f in g.figures), f"name = {name}"]

@@ -29,12 +29,17 @@ UNITS = {"wheel": ("rad/s", "km/h", "m/s", "rpm", "mph"), "yaw_rate": ("rad/s", 
          "steer_angle": ("deg", "rad")}  # fmt: skip
 WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
 AXLES = ("front", "rear")
+USUAL_RATIO, USUAL_RATIO_SD = 15.5, 0.12  # and 12 .. 20, of its logarithm
 LONGEST = 1500.0  # s of a log that are looked at
 PASSES = 3
 USUAL_RADIUS, RADIUS_SD = 0.32, 0.06  # m; of its logarithm: passenger cars, when no vehicle file says
 USUAL_WHEELBASE = 2.7  # m, likewise
 NAMED, TURNED = 1.0, 0.9  # a name that says something; a correlation that proves something
-CONTRADICTED, SUFFIX, UNSAID = 6.0, 3.0, 0.5  # cost, in squared sd, of a unit that is not the log's, not the name's, and of any other than SI
+CONTRADICTED, SUFFIX, UNSAID = (
+    6.0,
+    3.0,
+    0.5,
+)  # cost, in squared sd, of a unit that is not the log's, not the name's, and of any other than SI
 CLIP = 16.0  # most that one equation says against a set of units
 LEAST_LATENCY = 0.004  # s
 FOUND = 4.0  # sd by which a latency is not 0
@@ -110,7 +115,15 @@ def propose(recording: Recording, car: Any | None = None) -> Proposal:
     scale = _units(look, wheels, chosen, car, warnings)
     guesses = _guesses(look, wheels, chosen, worth, scale, car, warnings)
     have = {g.channel for g in guesses}
-    return Proposal(guesses, warnings, [c for c in ("steer_angle", "wheel_speed_front", "wheel_speed_rear", "accel_x", "accel_y", "yaw_rate") if c not in have])
+    return Proposal(
+        guesses,
+        warnings,
+        [
+            c
+            for c in ("steer_angle", "wheel_speed_front", "wheel_speed_rear", "accel_x", "accel_y", "yaw_rate")
+            if c not in have
+        ],
+    )
 
 
 # ---- which signals are wheels
@@ -125,7 +138,10 @@ def _wheels(look: Look) -> dict[str, str]:
             continue
         worth += kind(look.unit(name)) in KINDS["wheel"]
         stem = name.replace("/", ".").rpartition(".")[0]
-        for key in (f"{len(text_of(name).split())} {look.unit(name)} {_stem(name, place)}", f"message {stem} {look.unit(name)}"):
+        for key in (
+            f"{len(text_of(name).split())} {look.unit(name)} {_stem(name, place)}",
+            f"message {stem} {look.unit(name)}",
+        ):
             best = groups.setdefault(key, {}).get(place)
             if best is None or worth > best[0]:
                 groups[key][place] = worth, name
@@ -134,7 +150,12 @@ def _wheels(look: Look) -> dict[str, str]:
         for places in (WHEELS, AXLES):
             mine = {p: group[p] for p in places if p in group}
             pairs = len(mine) == len(places) or any(all(f"{a}_{s}" in mine for s in ("left", "right")) for a in AXLES)
-            value = len(mine) * 2.0 + sum(w for w, _ in mine.values()) / max(len(mine), 1) + 3.0 * (len(mine) == 4) + _alike(look, [n for _, n in mine.values()])
+            value = (
+                len(mine) * 2.0
+                + sum(w for w, _ in mine.values()) / max(len(mine), 1)
+                + 3.0 * (len(mine) == 4)
+                + _alike(look, [n for _, n in mine.values()])
+            )
             if pairs and len({n for _, n in mine.values()}) == len(mine) and value > best:
                 found, best = {p: n for p, (_, n) in mine.items()}, value
     if "front_left" in found or "rear_left" in found:
@@ -147,7 +168,11 @@ def _wheels(look: Look) -> dict[str, str]:
 def _stem(name: str, place: str) -> str:
     """A name without what says where."""
     text = text_of(re.split(r"[./]", name)[-1])
-    return re.sub(r"\b(fl|fr|rl|rr|vl|vr|hl|hr|lf|rf|lr|front|rear|left|right|vorne?|hinten|links|rechts|[a-z]?[fvhrl]{2})\b", "*", text).replace("* *", "*")
+    return re.sub(
+        r"\b(fl|fr|rl|rr|vl|vr|hl|hr|lf|rf|lr|front|rear|left|right|vorne?|hinten|links|rechts|[a-z]?[fvhrl]{2})\b",
+        "*",
+        text,
+    ).replace("* *", "*")
 
 
 def _rolls(x: np.ndarray) -> bool:
@@ -206,7 +231,9 @@ def _turn(look: Look, wheels: Mapping[str, str]) -> np.ndarray | None:
 # ---- which are the others
 
 
-def _roles(look: Look, wheels: Mapping[str, str], v: np.ndarray | None, before: Mapping[str, str]) -> tuple[dict[str, str], dict[str, dict[str, float]]]:
+def _roles(
+    look: Look, wheels: Mapping[str, str], v: np.ndarray | None, before: Mapping[str, str]
+) -> tuple[dict[str, str], dict[str, dict[str, float]]]:
     """Role -> name, and what every candidate was worth: by name and unit, and by physics."""
     taken = set(wheels.values())
     said = {role: {n: _said(look, role, n) for n in look.x if n not in taken} for role in LATERAL}
@@ -226,9 +253,16 @@ def _roles(look: Look, wheels: Mapping[str, str], v: np.ndarray | None, before: 
     found: dict[str, str] = {}
     pairs = sorted(((w, role, n) for role in LATERAL for n, w in total[role].items()), reverse=True)
     for w, role, n in pairs:  # the best first; one signal has one role
-        if role not in found and n not in found.values() and w >= NAMED and (said[role][n] >= 0.8 or shown[role][n] >= 2.5):
+        if (
+            role not in found
+            and n not in found.values()
+            and w >= NAMED
+            and (said[role][n] >= 0.8 or shown[role][n] >= 2.5)
+        ):
             found[role] = n
-    return found, {role: {"said": said[role].get(n, 0.0), "shown": shown[role].get(n, 0.0)} for role, n in found.items()}
+    return found, {
+        role: {"said": said[role].get(n, 0.0), "shown": shown[role].get(n, 0.0)} for role, n in found.items()
+    }
 
 
 def _said(look: Look, role: str, name: str) -> float:
@@ -237,7 +271,9 @@ def _said(look: Look, role: str, name: str) -> float:
     return score(role, name) + of_kind + 0.001 * min(look.rate[name], 100.0)
 
 
-def _shown(look: Look, role: str, name: str, v: np.ndarray | None, turn: np.ndarray | None, ref: Mapping[str, str]) -> float:
+def _shown(
+    look: Look, role: str, name: str, v: np.ndarray | None, turn: np.ndarray | None, ref: Mapping[str, str]
+) -> float:
     """-4 .. 4: how well it agrees with the others; 0: nothing to compare with."""
     x = look.x[name]
     said = []
@@ -263,7 +299,9 @@ def _shown(look: Look, role: str, name: str, v: np.ndarray | None, turn: np.ndar
     return float(np.clip(16.0 * (np.mean(said) - 0.75), -4.0, 4.0)) if said else 0.0
 
 
-def _pair(look: Look, v: np.ndarray, taken: set[str], said: Mapping[str, Mapping[str, float]], ref: Mapping[str, str]) -> dict[str, str]:
+def _pair(
+    look: Look, v: np.ndarray, taken: set[str], said: Mapping[str, Mapping[str, float]], ref: Mapping[str, str]
+) -> dict[str, str]:
     """Yaw rate and lateral acceleration without a name that says so: the two for which a_y = v r holds best."""
     free = [n for n in look.x if n not in taken and not _rolls(look.x[n])]
     rates = [ref["yaw_rate"]] if "yaw_rate" in ref else [n for n in free if said["yaw_rate"][n] > -1]
@@ -300,14 +338,18 @@ class Scale:
 
     unit: dict[str, str]  # of wheel, yaw_rate, accel_y, accel_x
     per: dict[str, float]  # SI per unit
-    figures: dict[str, float]  # accel_y: a_y over v r; accel_x: a_x over dv/dt; track: m; speed: over the log's own speed
+    figures: dict[
+        str, float
+    ]  # accel_y: a_y over v r; accel_x: a_x over dv/dt; track: m; speed: over the log's own speed
 
 
 def _radius(car: Any | None, axle: str = "front") -> float:
     return float(car.values[f"wheel_radius_{axle}"]) if car is not None else USUAL_RADIUS
 
 
-def _units(look: Look, wheels: Mapping[str, str], chosen: Mapping[str, str], car: Any | None, warnings: list[str]) -> Scale:
+def _units(
+    look: Look, wheels: Mapping[str, str], chosen: Mapping[str, str], car: Any | None, warnings: list[str]
+) -> Scale:
     """The set of units that agrees best with physics and with what log and names say."""
     names = {role: chosen[role] for role in ("yaw_rate", "accel_y", "accel_x") if role in chosen}
     if wheels:
@@ -391,7 +433,11 @@ def _facts(look: Look, wheels: Mapping[str, str], chosen: Mapping[str, str], v: 
 
 def _ground(look: Look, wheels: Mapping[str, str]) -> np.ndarray | None:
     """Speed over ground that the log has besides, m/s, in a known unit; of a receiver of GNSS before others."""
-    named = [n for n in look.x if kind(look.channels[n].unit) == "speed" and score("speed", n) >= NAMED and n not in wheels.values()]
+    named = [
+        n
+        for n in look.x
+        if kind(look.channels[n].unit) == "speed" and score("speed", n) >= NAMED and n not in wheels.values()
+    ]
     named.sort(key=lambda n: (bool(re.search(r"gps|gnss|ground", text_of(n))), score("speed", n)))
     if named:
         return look.x[named[-1]] * float(factor(look.channels[named[-1]].unit, "m/s") or 1.0)
@@ -403,7 +449,9 @@ def _ground(look: Look, wheels: Mapping[str, str]) -> np.ndarray | None:
     return None
 
 
-def _cost(facts: Mapping[str, float], unit: Mapping[str, str], per: Mapping[str, float], car: Any | None) -> tuple[float, dict[str, float]]:
+def _cost(
+    facts: Mapping[str, float], unit: Mapping[str, str], per: Mapping[str, float], car: Any | None
+) -> tuple[float, dict[str, float]]:
     """How far a set of units is from what physics wants, in squared sd, and the figures themselves."""
     v, r, ay, ax = (per.get(k, 1.0) for k in ("wheel", "yaw_rate", "accel_y", "accel_x"))
     rolling = unit.get("wheel", "") and factor(unit["wheel"], "m/s") is None
@@ -429,7 +477,13 @@ def _cost(facts: Mapping[str, float], unit: Mapping[str, str], per: Mapping[str,
 
 
 def _guesses(
-    look: Look, wheels: Mapping[str, str], chosen: Mapping[str, str], worth: Mapping[str, Mapping[str, float]], scale: Scale, car: Any | None, warnings: list[str]
+    look: Look,
+    wheels: Mapping[str, str],
+    chosen: Mapping[str, str],
+    worth: Mapping[str, Mapping[str, float]],
+    scale: Scale,
+    car: Any | None,
+    warnings: list[str],
 ) -> list[Guess]:
     found: dict[str, Guess] = {}
     facts = _facts(look, wheels, chosen, _speed(look, wheels, chosen))
@@ -437,9 +491,13 @@ def _guesses(
     if wheels:
         v = mean_of([look.x[n] for n in wheels.values()]) * scale.per["wheel"]
     # the sign of the yaw rate is told by the wheels, where it is told; the others follow it
-    sign = {"yaw_rate": float(np.sign(facts.get("track_corr", 0.0))) if abs(facts.get("track_corr", 0.0)) > 0.7 else 1.0}
+    sign = {
+        "yaw_rate": float(np.sign(facts.get("track_corr", 0.0))) if abs(facts.get("track_corr", 0.0)) > 0.7 else 1.0
+    }
     sided = abs(facts.get("track_corr", 0.0)) > 0.7
-    sign["accel_y"] = sign["yaw_rate"] * (float(np.sign(facts["accel_y_corr"])) if abs(facts.get("accel_y_corr", 0.0)) > 0.7 else 1.0)
+    sign["accel_y"] = sign["yaw_rate"] * (
+        float(np.sign(facts["accel_y_corr"])) if abs(facts.get("accel_y_corr", 0.0)) > 0.7 else 1.0
+    )
     sign["accel_x"] = float(np.sign(facts["accel_x_corr"])) if abs(facts.get("accel_x_corr", 0.0)) > 0.5 else 1.0
     for role in ("yaw_rate", "accel_y", "accel_x"):
         if role in chosen:
@@ -448,7 +506,9 @@ def _guesses(
         r = look.x[chosen["yaw_rate"]] * scale.per["yaw_rate"] * sign["yaw_rate"] if "yaw_rate" in chosen else None
         found["steer_angle"] = _steer(look, chosen["steer_angle"], worth["steer_angle"], v, r, car, warnings)
     for axle in AXLES:
-        mine = [wheels[f"{axle}_{s}"] for s in ("left", "right") if f"{axle}_{s}" in wheels] or ([wheels[axle]] if axle in wheels else [])
+        mine = [wheels[f"{axle}_{s}"] for s in ("left", "right") if f"{axle}_{s}" in wheels] or (
+            [wheels[axle]] if axle in wheels else []
+        )
         if mine:
             found[f"wheel_speed_{axle}"] = _wheel(look, axle, mine, wheels, scale, facts)
     _latencies(look, found, wheels, scale, sign)
@@ -469,24 +529,38 @@ def _confidence(said: float, shown: float) -> str:
     """Sure: name and physics agree. Likely: one of them is clear."""
     if said >= NAMED and shown >= 2.5:
         return "sure"
-    return "likely" if said >= 2.5 and shown > -1.0 or shown >= 3.0 else "unsure"
+    return "likely" if (said >= 2.5 and shown > -1.0) or shown >= 3.0 else "unsure"
 
 
 def _guess(
-    look: Look, role: str, name: str, worth: Mapping[str, float], scale: Scale, sign: float, facts: Mapping[str, float], sided: bool, warnings: list[str]
+    look: Look,
+    role: str,
+    name: str,
+    worth: Mapping[str, float],
+    scale: Scale,
+    sign: float,
+    facts: Mapping[str, float],
+    sided: bool,
+    warnings: list[str],
 ) -> Guess:
     unit = scale.unit[role]
     figures = []
     what = {"accel_y": "a_y over v r", "accel_x": "a_x over dv/dt of the wheels"}
     if role in what and role in scale.figures:
-        figures.append(f"{what[role]}: {sign * abs(scale.figures[role]) if role == 'accel_x' else scale.figures[role]:.2f}, correlation {abs(facts[f'{role}_corr']):.3f}")
+        figures.append(
+            f"{what[role]}: {sign * abs(scale.figures[role]) if role == 'accel_x' else scale.figures[role]:.2f}, correlation {abs(facts[f'{role}_corr']):.3f}"
+        )
     elif role in what:
         figures.append(f"{what[role]}: the log shows too little (correlation {facts.get(f'{role}_corr', 0.0):.2f})")
     if role == "yaw_rate":
         if "track" in scale.figures:
-            figures.append(f"right less left wheels: {scale.figures['track']:.2f} m of track, correlation {facts['track_corr']:.3f}")
+            figures.append(
+                f"right less left wheels: {scale.figures['track']:.2f} m of track, correlation {facts['track_corr']:.3f}"
+            )
         if "accel_y" in scale.figures:
-            figures.append(f"a_y over v r: {scale.figures['accel_y']:.2f}, correlation {abs(facts['accel_y_corr']):.3f}")
+            figures.append(
+                f"a_y over v r: {scale.figures['accel_y']:.2f}, correlation {abs(facts['accel_y_corr']):.3f}"
+            )
         if not sided:
             figures.append("which way is positive shows in no wheel: ISO 8855 is taken, positive to the left")
     confidence = _confidence(worth["said"], worth["shown"])
@@ -500,7 +574,15 @@ def _guess(
     return guess
 
 
-def _steer(look: Look, name: str, worth: Mapping[str, float], v: np.ndarray | None, r: np.ndarray | None, car: Any | None, warnings: list[str]) -> Guess:
+def _steer(
+    look: Look,
+    name: str,
+    worth: Mapping[str, float],
+    v: np.ndarray | None,
+    r: np.ndarray | None,
+    car: Any | None,
+    warnings: list[str],
+) -> Guess:
     wheelbase = float(car.values["lf"] + car.values["lr"]) if car is not None else USUAL_WHEELBASE
     unit = look.channels[name].unit or unit_at_end(look.channels[name].short)
     unit = unit if kind(unit) == "angle" else ""
@@ -516,24 +598,42 @@ def _steer(look: Look, name: str, worth: Mapping[str, float], v: np.ndarray | No
     guess.sign = float(np.sign(found.per_curvature))
     raw = abs(found.per_curvature) / wheelbase  # of the signal's unit per rad of the road wheels
     options = [(u, raw * float(factor(u, "rad") or 1.0)) for u in ([unit] if unit else UNITS["steer_angle"])]
-    spread = float(np.hypot(found.sd, 0.1 if car is not None else 0.15))
+    spread = float(np.hypot(found.sd, 0.05 if car is not None else 0.08))
     likely = [
-        (min(abs(np.log(q)) / spread, abs(np.log(q / (told or 15.5))) / np.hypot(spread, 0.02 if told else 0.15)), u, q) for u, q in options
+        (
+            min(
+                abs(np.log(q)) / spread,
+                abs(np.log(q / (told or USUAL_RATIO))) / np.hypot(spread, 0.02 if told else 0.15),
+            ),
+            u,
+            q,
+        )
+        for u, q in options
     ]
     off, guess.unit, ratio = min(likely)
     guess.unit_from = _from(look, name, guess.unit, "steer_angle")
     if unit and off > 3.0:  # the unit that is said makes no sense
         other = "rad" if _same(unit, "deg", "steer_angle") else "deg"
         q = raw * float(factor(other, "rad") or 1.0)
-        if min(abs(np.log(q)), abs(np.log(q / (told or 15.5)))) / spread < 1.5:
-            warnings.append(f"{name!r} is in {unit}, the log says, but its size is that of {other}: {other} is proposed")
+        if min(abs(np.log(q)), abs(np.log(q / (told or USUAL_RATIO)))) / spread < 1.5:
+            warnings.append(
+                f"{name!r} is in {unit}, the log says, but its size is that of {other}: {other} is proposed"
+            )
             guess.unit, ratio, guess.unit_from = other, q, "its size says so"
-    guess.ratio = None if abs(np.log(ratio)) < abs(np.log(ratio / 15.5)) else round(ratio, 2)
+    guess.ratio = None if abs(np.log(ratio)) < abs(np.log(ratio / USUAL_RATIO)) else ratio
     if guess.ratio is None:
-        guess.figures.append(f"angle over r L/v: {ratio:.2f}, so it is that of the road wheels ({100 * found.share:.0f} % of its variance)")
+        guess.figures.append(
+            f"angle over r L/v: {ratio:.2f}, so it is that of the road wheels ({100 * found.share:.0f} % of its variance)"
+        )
     else:
         base = f"a wheelbase of {wheelbase:g} m{'' if car is not None else ' (a guess: give --vehicle)'}"
-        guess.figures.append(f"angle over r L/v: ratio {ratio:.1f} (sd {ratio * spread:.1f}) with {base}, {100 * found.share:.0f} % of its variance")
+        guess.figures.append(
+            f"angle over r L/v: ratio {ratio:.1f} (sd {ratio * spread:.1f}) with {base}, {100 * found.share:.0f} % of its variance"
+        )
+        if told is None:  # what cars have counts as much as it is sure
+            weight = USUAL_RATIO_SD**-2 / (USUAL_RATIO_SD**-2 + spread**-2)
+            guess.ratio = float(np.exp((1 - weight) * np.log(ratio) + weight * np.log(USUAL_RATIO)))
+        guess.ratio = round(guess.ratio, 2)
         if told is not None and abs(np.log(ratio / told)) < 2.5 * spread:
             guess.figures.append(f"the vehicle file says {told:g}, which is taken")
             guess.ratio = told
@@ -549,7 +649,9 @@ def _steer(look: Look, name: str, worth: Mapping[str, float], v: np.ndarray | No
     return guess
 
 
-def _wheel(look: Look, axle: str, mine: list[str], wheels: Mapping[str, str], scale: Scale, facts: Mapping[str, float]) -> Guess:
+def _wheel(
+    look: Look, axle: str, mine: list[str], wheels: Mapping[str, str], scale: Scale, facts: Mapping[str, float]
+) -> Guess:
     unit = scale.unit["wheel"]
     figures = []
     others = [n for n in wheels.values() if n not in mine]
@@ -567,12 +669,23 @@ def _wheel(look: Look, axle: str, mine: list[str], wheels: Mapping[str, str], sc
     named = all(place_of(n)[0].startswith(axle) for n in mine)
     agree = not others or "track" in scale.figures or "speed" in scale.figures or "accel_y" in scale.figures
     if not named:
-        figures.append("no name says which wheel it is: left and right are by the yaw rate, front and rear by their order")
+        figures.append(
+            "no name says which wheel it is: left and right are by the yaw rate, front and rear by their order"
+        )
     confidence = "sure" if named and agree and len(wheels) > 1 else "likely" if named else "unsure"
-    return Guess(f"wheel_speed_{axle}", tuple(mine), unit, _from(look, mine[0], unit, "wheel"), confidence=confidence, figures=figures)
+    return Guess(
+        f"wheel_speed_{axle}",
+        tuple(mine),
+        unit,
+        _from(look, mine[0], unit, "wheel"),
+        confidence=confidence,
+        figures=figures,
+    )
 
 
-def _latencies(look: Look, found: dict[str, Guess], wheels: Mapping[str, str], scale: Scale, sign: Mapping[str, float]) -> None:
+def _latencies(
+    look: Look, found: dict[str, Guess], wheels: Mapping[str, str], scale: Scale, sign: Mapping[str, float]
+) -> None:
     """How much later than the gyro wheels and accelerometers are logged. The steering's shows only beside a model of the car: calibrate."""
     if "yaw_rate" not in found:
         return
@@ -593,7 +706,16 @@ def _latencies(look: Look, found: dict[str, Guess], wheels: Mapping[str, str], s
         _late(look, found["accel_y"], clock, late, sd, "a_y against v r, the body's own part taken out")
 
 
-def _lag_of_accel(look: Look, g: Guess, v: np.ndarray, r: np.ndarray, slope: np.ndarray, scale: Scale, sign: Mapping[str, float], keep: np.ndarray) -> tuple[float, float]:
+def _lag_of_accel(
+    look: Look,
+    g: Guess,
+    v: np.ndarray,
+    r: np.ndarray,
+    slope: np.ndarray,
+    scale: Scale,
+    sign: Mapping[str, float],
+    keep: np.ndarray,
+) -> tuple[float, float]:
     y = look.x[g.name[0]] * scale.per["accel_y"] * sign["accel_y"]
     return physics.lag(v * r, y, keep & (v > MOVING), (slope, v**2 * slope))
 
@@ -608,7 +730,15 @@ def _late(look: Look, guess: Guess | None, clock: str, late: float, sd: float, h
             guess.latency = round(late, 4)
 
 
-def _odd(look: Look, found: Mapping[str, Guess], chosen: Mapping[str, str], scale: Scale, sign: Mapping[str, float], v: np.ndarray | None, warnings: list[str]) -> None:
+def _odd(
+    look: Look,
+    found: Mapping[str, Guess],
+    chosen: Mapping[str, str],
+    scale: Scale,
+    sign: Mapping[str, float],
+    v: np.ndarray | None,
+    warnings: list[str],
+) -> None:
     """What is right perhaps, and should be looked at."""
     if v is None:
         return
@@ -619,12 +749,20 @@ def _odd(look: Look, found: Mapping[str, Guess], chosen: Mapping[str, str], scal
         left = look.x[found[role].name[0]] * scale.per[role] * sign[role] - kinematic
         offset = float(np.nanmedian(left)) if np.isfinite(left).any() else 0.0
         if 8.5 < abs(offset) < 11:
-            warnings.append(f"{found[role].name[0]!r} holds gravity ({offset:.2f} m/s2 more than {role} should): it is the vertical axis, or the IMU stands on edge")
+            warnings.append(
+                f"{found[role].name[0]!r} holds gravity ({offset:.2f} m/s2 more than {role} should): it is the vertical axis, or the IMU stands on edge"
+            )
         elif abs(offset) > 0.7:
-            warnings.append(f"{role}: {offset:+.2f} m/s2 more than the kinematics say, on average: mounting or a road that leans; the estimator finds it")
+            warnings.append(
+                f"{role}: {offset:+.2f} m/s2 more than the kinematics say, on average: mounting or a road that leans; the estimator finds it"
+            )
         else:
             found[role].figures.append(f"offset {offset:+.2f} m/s2")
     if "accel_y" in scale.figures and not 0.8 < scale.figures["accel_y"] < 1.25:
-        warnings.append(f"a_y is {scale.figures['accel_y']:.2f} times v r in the units that fit best: one of the three is not what it is taken for")
+        warnings.append(
+            f"a_y is {scale.figures['accel_y']:.2f} times v r in the units that fit best: one of the three is not what it is taken for"
+        )
     if "track" in scale.figures and not 1.1 < scale.figures["track"] < 2.1:
-        warnings.append(f"right less left wheels say a track of {scale.figures['track']:.2f} m: radius, unit of the wheels or of the yaw rate are off")
+        warnings.append(
+            f"right less left wheels say a track of {scale.figures['track']:.2f} m: radius, unit of the wheels or of the yaw rate are off"
+        )

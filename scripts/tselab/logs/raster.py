@@ -148,7 +148,7 @@ def _as_it_is(found: Mapping[str, Series], rate: float | None) -> Rows | None:
     if not all(s.time is first.time or np.array_equal(s.time, first.time) for s in found.values()):
         return None
     own = rate_of(first.time)
-    if (rate is not None and abs(rate - own) > 0.01 * own) or own > 1.5 * FASTEST and rate is None:
+    if (rate is not None and abs(rate - own) > 0.01 * own) or (own > 1.5 * FASTEST and rate is None):
         return None
     sparse = [s for s in found.values() if np.isfinite(s.value).any() and np.isfinite(s.value).mean() < SPARSE]
     if any(

@@ -48,7 +48,7 @@ def read_any(path: Path, spare: Collection[str], reading: Reading) -> Log:
     return log
 
 
-def _wanted(signals: Signals):  # noqa: ANN202
+def _wanted(signals: Signals):
     return signals.wants
 
 

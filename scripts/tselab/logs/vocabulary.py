@@ -70,7 +70,7 @@ PLACES = {  # where a wheel is, as a word or the end of one
     "front": r"front|vorne?|va|avant|fa|frnt|delantero|anteriore",
     "rear": r"rear|hinten|ha|arriere|ra|trasero|posteriore",
 }  # fmt: skip
-WHEEL = re.compile(r"wheel|whl|\brad\b|\brad(?=[vh][lr])|raddreh|radgeschw|wss|wsp|\bws\b|\bnrad|roue|rueda|ruota|omega|\bwheels?\b|abs|\bn\b|\bv\b|drehzahl|"
+WHEEL = re.compile(r"wheel|whl|\brad\b|\brad(?=[vh][lr])|raddreh|radgeschw|wss|wsp|\bws\b|\bws(?=[fvrhl][lr]\b)|\bnrad|roue|rueda|ruota|omega|\bwheels?\b|abs|\bn\b|\bv\b|drehzahl|"
                    r"\bspeed\b|\bspd\b|\brw\b|\bvrad|wspd|whlspd|wheelspeed|\bvel")  # fmt: skip
 NO_WHEEL = re.compile(r"torque|trq|\btq\b|moment|press\w*|druck|temp\w*|brake|brems|slip|schlupf|accel|beschl|qual\w*|valid|status|stat\b|counter|puls\w*|impuls\w*|"
                       r"ticks?|dir\w*|richtung|height|susp\w*|tpms|tire|tyre|reifen|susp|damper|\bfx\b|\bfy\b|\bfz\b|force|target|soll|qbit|seat|door|window|mirror|"
@@ -115,6 +115,13 @@ def _place(end: str, wheel: bool) -> tuple[str, float]:
         worth = 3.0 if wheel else 1.0
         if re.search(rf"\b({pattern})\b", end):
             return place, worth if len(place) > 5 or wheel else 0.0
-        if len(place) > 5 and wheel and re.search(rf"(rad|wheel|whl|speed|spd|ws|wss|wsp|n|v|vel|roue|vrad|nrad)_?({pattern})(kmh|rpm|rads|mps|ms)?$", joined):
+        if (
+            len(place) > 5
+            and wheel
+            and re.search(
+                rf"(rad|wheel|whl|speed|spd|ws|wss|wsp|n|v|vel|roue|vrad|nrad)_?({pattern})(kmh|rpm|rads|mps|ms)?$",
+                joined,
+            )
+        ):
             return place, worth - 0.3
     return "", 0.0

@@ -46,7 +46,9 @@ def read(path: Path, how: How) -> Recording:
         raise UserError(f"{path}: has no frames")
     if errors:
         notes.append(f"{errors} error frames on the bus")
-    clock, keep, said = straight(np.array(time), together=True)  # one clock for all messages: before they are told apart
+    clock, keep, said = straight(
+        np.array(time), together=True
+    )  # one clock for all messages: before they are told apart
     notes += [f"frames: {s}" for s in said]
     kept = np.flatnonzero(keep)
     channels = decode(path, clock, np.array(ids, np.int64)[kept], [data[i] for i in kept], databases, how, notes)

@@ -77,7 +77,7 @@ def _tidy(name: str) -> str:
 
 def _is_time(name: str, v: np.ndarray, units: dict[str, str]) -> bool:
     w = words(name.rpartition(".")[2])
-    if not (w and w[-1] in TIME_WORDS or (w and w[0] in TIME_WORDS) or kind(units.get(name, "")) == "time"):
+    if not ((w and w[-1] in TIME_WORDS) or (w and w[0] in TIME_WORDS) or kind(units.get(name, "")) == "time"):
         return False
     step = np.diff(v)
     return bool(np.isfinite(v).any() and (step >= 0).mean() > 0.9 and (step > 0).any())
