@@ -1,5 +1,5 @@
-"""Reading a log: checked arrays out. A CSV with the names of the library is read here; all others by tselab.logs, whose channels are
-checked here, too. Every refusal names file, row, column and allowed range; a few bad cells are missing, and a note says so."""
+"""Reading a log: checked arrays out. A CSV with the names of the library is read here; all others by tselab.logs, whose channels
+are checked here, too. Every refusal names file, row, column and allowed range; a few bad cells are missing, and a note says so."""
 
 from __future__ import annotations
 
@@ -80,7 +80,8 @@ class Log:
     place: str = "line"  # what `line` counts, for people: lines of the file, or rows of the raster
     stand_in: str | None = None  # an axle without wheel speeds: it has the other's, and no slip can be told
     slower: dict[str, Slower] = field(default_factory=dict)  # channels whose entries are further apart than the rows
-    turn: dict[str, float] = field(default_factory=dict)  # of an axle with two wheels: right less left over the yaw rate, track/radius
+    # of an axle with two wheels: right less left over the yaw rate, track/radius
+    turn: dict[str, float] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)  # of `notes` those that --strict refuses
 
     def __len__(self) -> int:
@@ -197,8 +198,8 @@ def checked(
     spare: Collection[str] = MEASURES,
     place: str = "line",
 ) -> Log:
-    """A log from columns in SI units, (rows,), with the library's names; wheels also by their side. `line`: of each row, in the file
-    (`place`: what it counts). UserError: a column that cannot be what it is called."""
+    """A log from columns in SI units, (rows,), with the library's names; wheels also by their side. `line`: of each row, in the
+    file (`place`: what it counts). UserError: a column that cannot be what it is called."""
     wanted = columns()[1:]
     sides = {axle: pair for axle, pair in SIDES.items() if axle not in table and all(c in table for c in pair)}
     parts = {name: sides.get(name, (name,)) for name in wanted}
@@ -228,7 +229,8 @@ def checked(
     if stand_in:
         other = next(c for c in SIDES if c != stand_in)
         data[stand_in], data["accel_x"] = data[other], np.nan  # what accel_x tells is a force at a slip that nobody knows
-        notes.append(f"{stand_in} is not in the log: {other} stands in for it; slip is not known, so accel_x is not used and cx_front not told")
+        notes.append(f"{stand_in} is not in the log: {other} stands in for it; slip is not known, so accel_x is not used and "
+                     f"cx_front not told")
     data = data[wanted]
     sample_time = float(np.median(np.diff(time))) if len(time) > 1 else None
     if sample_time is not None and sample_time > SLOWEST:
@@ -339,7 +341,8 @@ def sampling_notes(log: Log, max_gap: float) -> list[str]:
     gaps = np.flatnonzero(dt > max_gap)
     if len(gaps):
         notes.append(
-            f"{len(gaps)} gap{'s' if len(gaps) > 1 else ''} longer than {max_gap:g} s (the longest {dt.max():.3g} s, before {log.place} "
+            f"{len(gaps)} gap{'s' if len(gaps) > 1 else ''} longer than {max_gap:g} s (the longest {dt.max():.3g} s, before "
+            f"{log.place} "
             f"{log.line[1 + int(dt.argmax())]}): states restarted there, stiffness kept"
         )
     return notes
@@ -351,7 +354,8 @@ def steering_notes(log: Log, max_steer: float) -> list[str]:
     if not large.any():
         return []
     return [
-        f"steering beyond {max_steer:g} rad in {large.sum()} rows (first in {log.place} {log.line[large.argmax()]}): the model is made "
+        f"steering beyond {max_steer:g} rad in {large.sum()} rows (first in {log.place} {log.line[large.argmax()]}): the model is "
+        f"made "
         "for small angles, so statistics are held there (max_steer)"
     ]
 
@@ -429,8 +433,8 @@ def _numbers(
     path: Path, header: list[str], needed: list[str], notes: list[str]
 ) -> tuple[dict[str, np.ndarray], np.ndarray, list[str]]:
     """Every column that is read as numbers, in the file's order; the lines in the file; columns that are left out. A few cells that
-    are no numbers are missing, and a note says so; many are an error, or in a column that is not needed the end of that column. Rows
-    without any of what is needed are blank."""
+    are no numbers are missing, and a note says so; many are an error, or in a column that is not needed the end of that column.
+    Rows without any of what is needed are blank."""
     wanted = [c for c in header if c in needed or _beside(c)]
     columns: dict[str, list[np.ndarray]] = {name: [] for name in wanted}
     lines: list[np.ndarray] = []

@@ -52,7 +52,9 @@ def reading(command: Callable[..., Any]) -> Callable[..., Any]:
     import functools
 
     @functools.wraps(command)
-    def with_reading(*args: Any, signals: Path | None, rate: float | None, strict: bool, databases: tuple[Path, ...], **kw: Any) -> Any:
+    def with_reading(
+        *args: Any, signals: Path | None, rate: float | None, strict: bool, databases: tuple[Path, ...], **kw: Any
+    ) -> Any:
         from tselab.log import Reading
 
         if signals is not None and not signals.is_file():
@@ -63,9 +65,11 @@ def reading(command: Callable[..., Any]) -> Callable[..., Any]:
         click.option("--strict", is_flag=True, help="Refuse a log whose channels contradict each other, instead of warning."),
         click.option("--rate", metavar="HZ", type=float, help="Rows per second to which the log is resampled; default: the fastest "
                      "channel's, up to 100, or as it is when that is even."),
-        click.option("--database", "databases", metavar="FILE", type=FILE, multiple=True, help="What the frames of a bus mean: DBC, "
+        click.option("--database", "databases", metavar="FILE", type=FILE, multiple=True, help="What the frames of a bus mean: "
+                                                            "DBC, "
                      "ARXML, KCD, SYM; default: those beside the log. May be repeated."),
-        click.option("--signals", metavar="SIGNALS.toml", type=FILE, help="Which signal of the log is which channel ('tselab signals' "
+        click.option("--signals", metavar="SIGNALS.toml", type=FILE, help="Which signal of the log is which channel ('tselab "
+                                                            "signals' "
                      "proposes it); default: signals.toml beside the log."),
     ):  # fmt: skip
         with_reading = option(with_reading)

@@ -1,5 +1,5 @@
-"""Do the channels of a log agree with each other? What physics wants of them, under every unit that may have been taken for another:
-where a wrong unit, sign or axis explains the log better than none, the run says so, with the factor."""
+"""Do the channels of a log agree with each other? What physics wants of them, under every unit that may have been taken for
+another: where a wrong unit, sign or axis explains the log better than none, the run says so, with the factor."""
 
 from __future__ import annotations
 
@@ -13,13 +13,16 @@ from tselab.log import Log
 from tselab.logs import physics
 from tselab.logs.raster import resample
 
-# sd of the logarithm of what is left when all is right: a_y feels roll and roads that lean into their bends (0.91 .. 1.10 on the cars of
+# sd of the logarithm of what is left when all is right: a_y feels roll and roads that lean into their bends (0.91 .. 1.10 on the
+# cars of
 # tests/cars and the real logs); a_x pitch and grade; the steering compliance and a ratio that is not quite known
 SD = {"accel_y": 0.10, "accel_x": 0.10, "steer_angle": 0.08, "track": 0.04, "speed": 0.02}
 UNKNOWN_TRACK, UNKNOWN_TRACK_SD = 1.53, 0.09  # m: passenger cars, when the vehicle file does not say
 PRICE = 6.0  # squared sd that a cause must explain, before it is spoken of: right logs are the rule
 WRONG_SIGN = 60.0  # squared sd of a sign that is wrong
-VANISHED = 30.0  # squared sd of a figure that one unit shows and another does not: at another speed the car would not move
+VANISHED = (
+    30.0  # squared sd of a figure that one unit shows and another does not: at another speed the car would not move
+)
 ENOUGH = {"accel_y": 0.9, "accel_x": 0.8, "steer_angle": 0.85}  # correlation, or its square, from which a figure counts
 WELL = 0.10  # what a cause leaves, to be said to explain
 FAR = 0.35  # of a logarithm: what is further off is said even when nothing explains it
@@ -51,7 +54,8 @@ def check_units(
     ratio: float | None,
     tracks: Mapping[str, float] | None = None,
 ) -> list[str]:
-    """Warnings in plain words; empty when the channels agree or the log moves too little to tell. `tracks`: m, by "front", "rear"."""
+    """Warnings in plain words; empty when the channels agree or the log moves too little to tell. `tracks`: m, by "front",
+    "rear"."""
     if len(log) < 50 or not log.sample_time:
         return []
     d = _smooth(log)
@@ -66,7 +70,9 @@ def check_units(
     tried = []
     for wheels in (None, *_of_wheels(radius)):
         per = wheels.factor if wheels else 1.0
-        tried.append((wheels, _figures(log, d, 0.5 * (front + rear) / per, wheelbase, tracks, per, (radius_front, radius_rear))))
+        tried.append(
+            (wheels, _figures(log, d, 0.5 * (front + rear) / per, wheelbase, tracks, per, (radius_front, radius_rear)))
+        )
     most = max(len(f.value) for _, f in tried)
     for wheels, figures in tried:
         for causes in _sets(ratio or 15.0):
@@ -103,9 +109,15 @@ def _smooth(log: Log) -> dict[str, np.ndarray]:
 
 
 def _axles(front: np.ndarray, rear: np.ndarray) -> list[str]:
-    a, b = (float(np.nanmedian(np.abs(x[np.abs(x) > physics.MOVING]))) if (np.abs(x) > physics.MOVING).any() else 0.0 for x in (front, rear))
+    a, b = (
+        float(np.nanmedian(np.abs(x[np.abs(x) > physics.MOVING]))) if (np.abs(x) > physics.MOVING).any() else 0.0
+        for x in (front, rear)
+    )
     if min(a, b) > 0 and not 0.8 < a / b < 1.25:
-        return [f"check the units: front and rear wheels roll at {a:.3g} and {b:.3g} m/s; wheel_radius_* or one wheel speed is wrong"]
+        return [
+            f"check the units: front and rear wheels roll at {a:.3g} and {b:.3g} m/s; wheel_radius_* or one wheel speed is "
+            f"wrong"
+        ]
     return []
 
 
@@ -115,9 +127,14 @@ def _swapped(d: Mapping[str, np.ndarray], v: np.ndarray) -> list[str]:
     turn = v * d["yaw_rate"]
     x, y = (physics.fit(turn, d[c], moving) for c in ("accel_x", "accel_y"))
     along = physics.fit(physics.derivative(v), d["accel_y"], moving)
-    if abs(x.corr) > ENOUGH["accel_y"] and abs(y.corr) < 0.5 and (abs(along.corr) > 0.5 or y.rows == 0 or abs(y.corr) < 0.2):
+    if (
+        abs(x.corr) > ENOUGH["accel_y"]
+        and abs(y.corr) < 0.5
+        and (abs(along.corr) > 0.5 or y.rows == 0 or abs(y.corr) < 0.2)
+    ):
         return [
-            f"check the axes: accel_x goes with speed x yaw_rate (correlation {x.corr:.2f}, factor {x.slope:.3g}) and accel_y does not "
+            f"check the axes: accel_x goes with speed x yaw_rate (correlation {x.corr:.2f}, factor {x.slope:.3g}) and accel_y does "
+            f"not "
             f"({y.corr:.2f}): accel_x and accel_y are swapped"
         ]
     return []
@@ -128,7 +145,11 @@ def _of_wheels(radius: float) -> list[Cause]:
         Cause("wheel_speed", 3.6 * radius, "the wheel speeds are in km/h (divide by 3.6 and the wheel radius)"),
         Cause("wheel_speed", radius, "the wheel speeds are in m/s (divide by the wheel radius)"),
         Cause("wheel_speed", 60 / (2 * np.pi), "the wheel speeds are in rpm (multiply by 2 pi/60)"),
-        Cause("wheel_speed", 2.23694 * radius, "the wheel speeds are in mph (multiply by 0.447, divide by the wheel radius)"),
+        Cause(
+            "wheel_speed",
+            2.23694 * radius,
+            "the wheel speeds are in mph (multiply by 0.447, divide by the wheel radius)",
+        ),
     ]
 
 
@@ -190,7 +211,11 @@ def _left(figures: Figures, causes: tuple[Cause, ...]) -> dict[str, float]:
         if cause.channel in by:
             by[cause.channel] *= cause.factor
     # accel_y over v r; steer_angle v/r; wheels over r
-    expected = {"accel_y": by["accel_y"] / by["yaw_rate"], "accel_x": by["accel_x"], "steer_angle": by["steer_angle"] / by["yaw_rate"]}
+    expected = {
+        "accel_y": by["accel_y"] / by["yaw_rate"],
+        "accel_x": by["accel_x"],
+        "steer_angle": by["steer_angle"] / by["yaw_rate"],
+    }
     expected |= {f"track_{a}": 1.0 / by["yaw_rate"] for a in ("front", "rear")} | {"speed": 1.0}
     return {name: x / expected[name] for name, x in figures.value.items()}
 
@@ -202,15 +227,23 @@ def _cost(figures: Figures, causes: tuple[Cause, ...]) -> float:
 
 def _names(name: str) -> str:
     return {"accel_y": "accel_y over speed x yaw_rate", "accel_x": "accel_x over the change of wheel speed x wheel radius",
-            "steer_angle": "steer_angle over wheelbase x yaw_rate / speed, understeer taken out", "speed": "wheel speed x radius over vehicle_speed",
+            "steer_angle": "steer_angle over wheelbase x yaw_rate / speed, understeer taken out", "speed": "wheel speed x radius "
+                                                            "over vehicle_speed",
             "track_front": "right less left front wheel over yaw_rate x track",
             "track_rear": "right less left rear wheel over yaw_rate x track"}[name]  # fmt: skip
 
 
 def _words(causes: tuple[Cause, ...], before: Figures, after: Mapping[str, float]) -> str:
     """The figures that speak, before and after."""
-    moved = [n for n in before.value if (n in after and abs(np.log(abs(before.value[n] / after[n]))) > 0.02) or before.value[n] * after.get(n, 1) < 0]
+    moved = [
+        n
+        for n in before.value
+        if (n in after and abs(np.log(abs(before.value[n] / after[n]))) > 0.02) or before.value[n] * after.get(n, 1) < 0
+    ]
     parts = [f"{_names(n)} is {before.value[n]:.3g}, {after[n]:.3g} after" for n in moved if n in after]
     fits = all(abs(np.log(abs(after[n]))) < WELL + 0.05 for n in moved if n in after)
     text = " and ".join(c.text for c in causes)
-    return f"check the units: {'' if fits else 'perhaps '}{text}; factor {', '.join(f'{c.factor:.3g}' for c in causes)}: {'; '.join(parts)} (about 1 is expected)"
+    return (
+        f"check the units: {'' if fits else 'perhaps '}{text}; factor {', '.join(f'{c.factor:.3g}' for c in causes)}: "
+        f"{'; '.join(parts)} (about 1 is expected)"
+    )

@@ -107,7 +107,8 @@ def run(
     say("proof")
     proofs = _proofs(problem, result, plain_problem, plain, problem.logs, False)
     if held_out:
-        proofs += _proofs(problem, result, plain_problem, plain, _prepare(_read(held_out, notes, reading), config, notes, say), True)
+        held = _prepare(_read(held_out, notes, reading), config, notes, say)
+        proofs += _proofs(problem, result, plain_problem, plain, held, True)
     rows = findings(problem, result, told_before(config))
     kept.clear()
     sensors = _sensors(problem, result, list(read.values()))

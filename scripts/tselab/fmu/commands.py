@@ -184,7 +184,8 @@ def run(
             click.echo(f"{'warning' if line in prepared.warnings else 'note'}: {line}", err=True)
         done = runs.estimate(path, prepared.log, prepared.config, show_progress(progress))
     else:
-        given = {"config": config_path, "average": average, "signals": reading.signals, "rate": reading.rate, **options, "form": None if form == "default" else form}
+        given = {"config": config_path, "average": average, "signals": reading.signals, "rate": reading.rate, **options}
+        given["form"] = None if form == "default" else form
         if wrong := [k for k, v in given.items() if v is not None]:
             raise UserError(
                 f"option --{wrong[0]}: is for the estimator with --vehicle; parameters of an FMU are set by --set"

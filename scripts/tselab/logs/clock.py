@@ -37,7 +37,8 @@ def straight(time: np.ndarray, together: bool = False) -> tuple[np.ndarray, np.n
     if sets:
         first = sets[0]
         notes.append(
-            f"the clock goes back {len(sets)} time{'s' if len(sets) > 1 else ''} (first by {first[1]:.3g} s at {first[0]:.3f} s): what "
+            f"the clock goes back {len(sets)} time{'s' if len(sets) > 1 else ''} (first by {first[1]:.3g} s at {first[0]:.3f} s): "
+            f"what "
             "follows is bridged, one usual step later"
         )
     if late.any():

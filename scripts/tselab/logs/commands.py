@@ -42,7 +42,8 @@ class Line:
     type=FILE,
     help="Radii, wheelbase and steering ratio make the guesses sharper.",
 )
-@click.option("--database", "databases", metavar="FILE", type=FILE, multiple=True, help="What the frames of a bus mean: DBC, ARXML, KCD, SYM; "
+@click.option("--database", "databases", metavar="FILE", type=FILE, multiple=True, help="What the frames of a bus mean: DBC, "
+                                                            "ARXML, KCD, SYM; "
               "default: those beside the log. May be repeated.")  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="For programs.")
 @click.option("--all", "every", is_flag=True, help="List all signals, however many.")
@@ -58,11 +59,11 @@ def signals(
 
     Guesses are by names (makers', ISO 8855, openpilot, ROS; English, German, French, Spanish, Italian), units, and physics: lateral
     acceleration against speed times yaw rate, wheels against each other and the yaw rate, acceleration against the change of the
-    wheels' speed, steering angle against curvature. Each comes with the figure that speaks for it: look through the file and edit it.
-    A file that is there is not overwritten without being asked: remove it first.
+    wheels' speed, steering angle against curvature. Each comes with the figure that speaks for it: look through the file and edit
+    it. A file that is there is not overwritten without being asked: remove it first.
 
-    Formats: CSV of any dialect, Parquet, Feather, MF4 and MDF 3 (extra mf4), BLF, ASC, TRC with a database (extra can), MCAP and ROS bags
-    (extra ros), MAT (7.3: extra mat), openpilot's rlog (extra openpilot).
+    Formats: CSV of any dialect, Parquet, Feather, MF4 and MDF 3 (extra mf4), BLF, ASC, TRC with a database (extra can), MCAP and
+    ROS bags (extra ros), MAT (7.3: extra mat), openpilot's rlog (extra openpilot).
 
     Exit code: 0 all channels found, 3 some are missing, 2 bad input.
     """

@@ -27,7 +27,8 @@ def databases_for(path: Path, how: How, required: bool) -> list[Path]:
     found = sorted(p for p in path.parent.iterdir() if p.suffix.lower() in SUFFIXES)
     if not found and required:
         raise UserError(
-            f"{path}: holds frames of a bus, and there is no database ({', '.join(SUFFIXES)}) beside it that says what they mean: name it "
+            f"{path}: holds frames of a bus, and there is no database ({', '.join(SUFFIXES)}) beside it that says what they mean: "
+            f"name it "
             'with --database FILE, or in signals.toml: [log] databases = ["car.dbc"]'
         )
     return found
@@ -58,7 +59,7 @@ def decode(
         return {}
     channels: dict[str, Channel] = {}
     seen, order = np.unique(ids & EXTENDED), np.argsort(ids & EXTENDED, kind="stable")
-    bounds = np.searchsorted((ids & EXTENDED)[order], seen, side="left").tolist() + [len(ids)]
+    bounds = [*np.searchsorted((ids & EXTENDED)[order], seen).tolist(), len(ids)]
     unknown = []
     for k, identifier in enumerate(seen):
         rows = order[bounds[k] : bounds[k + 1]]
@@ -74,7 +75,8 @@ def decode(
                 channels[f"{message.name}.{name}"] = Channel(f"{message.name}.{name}", at, value, unit, text)
     if not channels and not how.wanted:
         raise UserError(
-            f"{path}: none of its {len(seen)} identifiers ({listed(unknown)}) is in {', '.join(p.name for p in databases)}: it is the "
+            f"{path}: none of its {len(seen)} identifiers ({listed(unknown)}) is in {', '.join(p.name for p in databases)}: it is "
+            f"the "
             "database of another bus"
         )
     if unknown and not how.wanted:

@@ -1,5 +1,5 @@
-"""Channels of the library from the signals of a log: found by name, in SI units, with signs, ratio and latency put right. Each keeps
-its own time."""
+"""Channels of the library from the signals of a log: found by name, in SI units, with signs, ratio and latency put right. Each
+keeps its own time."""
 
 from __future__ import annotations
 
@@ -116,7 +116,8 @@ def _factor(signal: Signal, channel: Channel, part: str, car: Any | None, source
         where = "" if signal.unit is not None else f" (of {channel.name!r} in the log)"
         if "wheel_speed" in part and factor(unit, wanted, 1.0) is not None:
             raise UserError(
-                f"{source}: {unit}{where} needs the radius of the wheel: a vehicle file (--vehicle), or radius = 0.31 beside the unit"
+                f"{source}: {unit}{where} needs the radius of the wheel: a vehicle file (--vehicle), or radius = 0.31 beside the "
+                f"unit"
             )
         raise UserError(
             f'{source}: unit {unit!r}{where} cannot be turned into {wanted}; if the log is wrong, say the right one: unit = "..."'
@@ -156,7 +157,8 @@ def _drop_invalid(
     if bad.mean() > MOST_LOST:
         is_now = ", ".join(f"{v:g}" for v in np.unique(state[np.isfinite(state)])[:5])
         raise UserError(
-            f"{source.replace('] name', '] valid')}: {flag.name!r} calls {100 * bad.mean():.0f} % of {part} invalid; it has the values {is_now}: "
+            f"{source.replace('] name', '] valid')}: {flag.name!r} calls {100 * bad.mean():.0f} % of {part} invalid; it has the "
+            f"values {is_now}: "
             'say which of them are valid: {name = "...", is = [0]}'
         )
     value[bad] = np.nan

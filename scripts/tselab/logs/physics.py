@@ -1,5 +1,5 @@
-"""What the channels of a car must have to do with each other, whatever they are called: a_y = v r, a_x = dv/dt, the wheels of an axle
-and the yaw rate, the steering angle and the curvature. Figures from these, for guesses and for checks.
+"""What the channels of a car must have to do with each other, whatever they are called: a_y = v r, a_x = dv/dt, the wheels of an
+axle and the yaw rate, the steering angle and the curvature. Figures from these, for guesses and for checks.
 
 Arrays are (rows,) on one even raster; NaN: missing."""
 
@@ -71,8 +71,8 @@ def derivative(x: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Steering:
-    """angle = per_curvature (r/v) (1 + understeer v^2) + offset. per_curvature: wheelbase times ratio, `sd`: of its logarithm; `share`: of
-    the angle's variance."""
+    """angle = per_curvature (r/v) (1 + understeer v^2) + offset. per_curvature: wheelbase times ratio, `sd`: of its logarithm;
+    `share`: of the angle's variance."""
 
     per_curvature: float
     sd: float

@@ -1,7 +1,8 @@
 """A guess of signals.toml: names by words, units and physics together; every guess with the figure that speaks for it.
 
-A candidate of a role is worth what its name sounds like (vocabulary.py), plus whether its unit is of the kind, plus how well it agrees
-with the others (physics.py). The references of the physics are the best candidates themselves, so it is done a few times over."""
+A candidate of a role is worth what its name sounds like (vocabulary.py), plus whether its unit is of the kind, plus how well it
+agrees with the others (physics.py). The references of the physics are the best candidates themselves, so it is done a few times
+over."""
 
 from __future__ import annotations
 
@@ -23,9 +24,11 @@ from tselab.logs.units import factor, kind
 from tselab.logs.vocabulary import place_of, score, text_of
 
 LATERAL = ("yaw_rate", "accel_y", "accel_x", "steer_angle")
-KINDS = {"yaw_rate": ("rate",), "accel_y": ("acceleration",), "accel_x": ("acceleration",), "steer_angle": ("angle",), "wheel": ("speed", "rate"),
+KINDS = {"yaw_rate": ("rate",), "accel_y": ("acceleration",), "accel_x": ("acceleration",), "steer_angle": ("angle",),
+    "wheel": ("speed", "rate"),
          "speed": ("speed",)}  # fmt: skip
-UNITS = {"wheel": ("rad/s", "km/h", "m/s", "rpm", "mph"), "yaw_rate": ("rad/s", "deg/s"), "accel_y": ("m/s2", "g"), "accel_x": ("m/s2", "g"),
+UNITS = {"wheel": ("rad/s", "km/h", "m/s", "rpm", "mph"), "yaw_rate": ("rad/s", "deg/s"), "accel_y": ("m/s2", "g"),
+    "accel_x": ("m/s2", "g"),
          "steer_angle": ("deg", "rad")}  # fmt: skip
 WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
 AXLES = ("front", "rear")
@@ -548,7 +551,8 @@ def _guess(
     what = {"accel_y": "a_y over v r", "accel_x": "a_x over dv/dt of the wheels"}
     if role in what and role in scale.figures:
         figures.append(
-            f"{what[role]}: {sign * abs(scale.figures[role]) if role == 'accel_x' else scale.figures[role]:.2f}, correlation {abs(facts[f'{role}_corr']):.3f}"
+            f"{what[role]}: {sign * abs(scale.figures[role]) if role == 'accel_x' else scale.figures[role]:.2f}, correlation "
+            f"{abs(facts[f'{role}_corr']):.3f}"
         )
     elif role in what:
         figures.append(f"{what[role]}: the log shows too little (correlation {facts.get(f'{role}_corr', 0.0):.2f})")
@@ -686,7 +690,8 @@ def _wheel(
 def _latencies(
     look: Look, found: dict[str, Guess], wheels: Mapping[str, str], scale: Scale, sign: Mapping[str, float]
 ) -> None:
-    """How much later than the gyro wheels and accelerometers are logged. The steering's shows only beside a model of the car: calibrate."""
+    """How much later than the gyro wheels and accelerometers are logged. The steering's shows only beside a model of the car:
+    calibrate."""
     if "yaw_rate" not in found:
         return
     clock = found["yaw_rate"].name[0]
@@ -750,19 +755,23 @@ def _odd(
         offset = float(np.nanmedian(left)) if np.isfinite(left).any() else 0.0
         if 8.5 < abs(offset) < 11:
             warnings.append(
-                f"{found[role].name[0]!r} holds gravity ({offset:.2f} m/s2 more than {role} should): it is the vertical axis, or the IMU stands on edge"
+                f"{found[role].name[0]!r} holds gravity ({offset:.2f} m/s2 more than {role} should): it is the vertical axis, or "
+                f"the IMU stands on edge"
             )
         elif abs(offset) > 0.7:
             warnings.append(
-                f"{role}: {offset:+.2f} m/s2 more than the kinematics say, on average: mounting or a road that leans; the estimator finds it"
+                f"{role}: {offset:+.2f} m/s2 more than the kinematics say, on average: mounting or a road that leans; the "
+                f"estimator finds it"
             )
         else:
             found[role].figures.append(f"offset {offset:+.2f} m/s2")
     if "accel_y" in scale.figures and not 0.8 < scale.figures["accel_y"] < 1.25:
         warnings.append(
-            f"a_y is {scale.figures['accel_y']:.2f} times v r in the units that fit best: one of the three is not what it is taken for"
+            f"a_y is {scale.figures['accel_y']:.2f} times v r in the units that fit best: one of the three is not what it is taken "
+            f"for"
         )
     if "track" in scale.figures and not 1.1 < scale.figures["track"] < 2.1:
         warnings.append(
-            f"right less left wheels say a track of {scale.figures['track']:.2f} m: radius, unit of the wheels or of the yaw rate are off"
+            f"right less left wheels say a track of {scale.figures['track']:.2f} m: radius, unit of the wheels or of the yaw rate "
+            f"are off"
         )

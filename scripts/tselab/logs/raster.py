@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -67,8 +68,8 @@ def rate_of(time: np.ndarray) -> float:
 
 
 def on_raster(found: Mapping[str, Series], rate: float | None) -> Rows:
-    """All channels on rows at `rate`, Hz; None: the fastest channel's, up to FASTEST. A table whose columns share an even, full time is
-    left as it is."""
+    """All channels on rows at `rate`, Hz; None: the fastest channel's, up to FASTEST. A table whose columns share an even, full
+    time is left as it is."""
     plain = _as_it_is(found, rate)
     if plain is not None:
         return plain
@@ -102,7 +103,7 @@ def resample(t: np.ndarray, x: np.ndarray, time: np.ndarray, rate: float) -> np.
     longest = min(max(GAP_STEPS * usual, SHORTEST_GAP), max(LONGEST_GAP, 2.5 * usual))
     cuts = np.append(0, np.append(1 + np.flatnonzero(np.diff(t) > longest), len(t)))
     margin = 0.5 * usual
-    for first, last in zip(cuts[:-1], cuts[1:], strict=True):
+    for first, last in pairwise(cuts):
         part, value = t[first:last], x[first:last]
         rows = slice(*np.searchsorted(time, [part[0] - margin, part[-1] + margin + 1e-9]))
         at = np.clip(time[rows], part[0], part[-1])
@@ -161,7 +162,8 @@ def _as_it_is(found: Mapping[str, Series], rate: float | None) -> Rows | None:
 def _times(
     own: Mapping[str, tuple[np.ndarray, np.ndarray]], rates: Mapping[str, float], core: list[str], rate: float
 ) -> np.ndarray:
-    """Rows from where the driver's channels begin to where the first of them ends, on the beat of the clock: the gyro, if it can."""
+    """Rows from where the driver's channels begin to where the first of them ends, on the beat of the clock: the gyro, if it
+    can."""
     spans = {n: (own[n][0][0], own[n][0][-1]) for n in core if len(own[n][0])}
     drives = {n: s for n, s in spans.items() if _axle(n) in DRIVES} or spans
     first, last = max(s[0] for s in drives.values()), min(s[1] for s in drives.values())

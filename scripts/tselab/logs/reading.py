@@ -83,6 +83,7 @@ def _unnamed(path: Path, recording: Recording) -> str:
     missing = [n for n in NEEDED if n not in own and not all(s in own for s in SIDES.get(n, ("-",)))]
     has = f"; of tse's names it has {listed(own)}, not {listed(missing)}" if own else ""
     return (
-        f"{path}: a file must say which of its {len(recording.channels)} signals are which ({listed(c.name for c in recording)}){has}\n"
+        f"{path}: a file must say which of its {len(recording.channels)} signals are which "
+        f"({listed(c.name for c in recording)}){has}\n"
         f"  'tselab signals {path.name} --write signals.toml' proposes one; beside the log, or with --signals, it is used"
     )

@@ -122,7 +122,8 @@ def read_signals(path: Path) -> Signals:
         raise UserError(f"{path}: log and signals must be tables: [log], [signals.CHANNEL]")
     if not signals:
         raise UserError(
-            f"{path}: names no channel: [signals.yaw_rate] and the like are needed; 'tselab signals LOG --write {path.name}' proposes them"
+            f"{path}: names no channel: [signals.yaw_rate] and the like are needed; 'tselab signals LOG --write {path.name}' "
+            f"proposes them"
         )
     how, rate = _log(path, log, refuse)
     known = known_channels()

@@ -15,7 +15,8 @@ from tselab.logs.names import unit_at_end, with_unit, words
 from tselab.logs.recording import Channel, How, Recording, listed, near
 from tselab.logs.units import factor, kind
 
-TIME_WORDS = ("time", "t", "timestamp", "timestamps", "zeit", "zeitstempel", "temps", "tiempo", "tempo", "datetime", "date", "stamp",
+TIME_WORDS = ("time", "t", "timestamp", "timestamps", "zeit", "zeitstempel", "temps", "tiempo", "tempo", "datetime", "date",
+    "stamp",
               "uhrzeit", "index", "clock", "sec", "secs", "seconds", "elapsed", "logmonotime", "utc")  # fmt: skip
 FEW_WRONG = 0.05  # share of cells that are no number, above which a column is none
 # A clock's ticks: by how far rows are apart, median. Logs have 1 ms .. 1 s between rows; whoever counts otherwise is off by 1000.
@@ -98,7 +99,8 @@ def numbers(values: pd.Series | np.ndarray) -> tuple[np.ndarray | None, str]:
     return found.to_numpy(dtype=float, na_value=np.nan), note
 
 
-BLANKS = {"nan", "na", "n/a", "null", "none", "-", "--", "---", "#n/a", "#nv", "nan(ind)", "-nan(ind)", "1.#qnan", "-1.#ind", "inval",
+BLANKS = {"nan", "na", "n/a", "null", "none", "-", "--", "---", "#n/a", "#nv", "nan(ind)", "-nan(ind)", "1.#qnan", "-1.#ind",
+    "inval",
           "invalid", "sna", "init", "missing", "nil", "."}  # fmt: skip
 
 
@@ -129,7 +131,8 @@ def _time_column(path: Path, columns: Sequence[Column], how: How) -> int | None:
     if columns and _increases(columns[0], strictly=True):
         return 0
     raise UserError(
-        f'{path}: no column is a time; its columns: {listed(names)}. Say which in signals.toml: [log] time = "NAME", or, where rows '
+        f'{path}: no column is a time; its columns: {listed(names)}. Say which in signals.toml: [log] time = "NAME", or, where '
+        f"rows "
         "are at a steady beat, [log] step = 0.01 (seconds)"
     )
 
@@ -184,7 +187,8 @@ def _seconds(path: Path, c: Column, how: How, notes: list[str]) -> np.ndarray:
 def _unit_of_name(name: str) -> str:
     last = (words(name) or [""])[-1]
     return {"ms": "ms", "us": "us", "ns": "ns", "millis": "ms", "micros": "us", "nanos": "ns", "msec": "ms", "usec": "us",
-            "nsec": "ns", "logmonotime": "ns", "nanoseconds": "ns", "milliseconds": "ms", "microseconds": "us"}.get(last, "")  # fmt: skip
+            "nsec": "ns", "logmonotime": "ns", "nanoseconds": "ns", "milliseconds": "ms",
+            "microseconds": "us"}.get(last, "")  # fmt: skip
 
 
 def _of_dates(x: pd.Series) -> np.ndarray:

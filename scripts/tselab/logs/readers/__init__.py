@@ -21,9 +21,11 @@ READERS: dict[str, tuple[tuple[str, ...], tuple[bytes, ...]]] = {
 }
 OTHERS = {  # what people have, that nobody reads here, and what to do
     ".xlsx": "save the sheet as CSV", ".xls": "save the sheet as CSV", ".ods": "save the sheet as CSV",
-    ".zip": "unpack it first", ".gz": "unpack it first", ".7z": "unpack it first", ".rar": "unpack it first", ".tar": "unpack it first",
+    ".zip": "unpack it first", ".gz": "unpack it first", ".7z": "unpack it first", ".rar": "unpack it first", ".tar": "unpack it "
+                                                            "first",
     ".pcap": "record the bus as BLF, ASC or MF4", ".pcapng": "record the bus as BLF, ASC or MF4",
-    ".dbc": "this is the database, not the log: name it with --database", ".arxml": "this is the database, not the log: name it with "
+    ".dbc": "this is the database, not the log: name it with --database", ".arxml": "this is the database, not the log: name it "
+                                                            "with "
     "--database", ".a2l": "this describes an ECU, it is not a log", ".toml": "a log is needed here",
     ".pkl": "save the table as Parquet", ".pickle": "save the table as Parquet", ".npz": "save the arrays as MAT or Parquet",
     ".npy": "save the arrays as MAT or Parquet", ".tdms": "export it as MF4 or CSV", ".d97": "export it as MF4",

@@ -61,7 +61,8 @@ def read(path: Path, how: How) -> Recording:
         channels[plain] = Channel(plain, clocks[own], v, unit if kind(unit) != "time" else "")
     if not channels:
         raise UserError(
-            f"{path}: no vector has a time of its length; vectors: {listed(f'{n} ({len(v)})' for n, v in vectors.items())}. Say which "
+            f"{path}: no vector has a time of its length; vectors: {listed(f'{n} ({len(v)})' for n, v in vectors.items())}. Say "
+            f"which "
             'is the time in signals.toml: [log] time = "NAME"'
         )
     return Recording(path, "MAT", channels, notes)

@@ -40,7 +40,8 @@ def read(path: Path, how: How) -> Recording:
         )
     if strange and not count:
         raise UserError(
-            f"{path}: its messages cannot be read: {listed(f'{t} ({e})' for t, e in strange.items())}; ROS 1, ROS 2, JSON, protobuf can"
+            f"{path}: its messages cannot be read: {listed(f'{t} ({e})' for t, e in strange.items())}; ROS 1, ROS 2, JSON, "
+            f"protobuf can"
         )
     if strange:
         notes.append(f"topics that cannot be read: {listed(f'{t} ({e})' for t, e in strange.items())}")
