@@ -12,7 +12,7 @@ import pandas as pd
 
 RATIO, RADIUS, TRACK = 15.3, {"front": 0.33, "rear": 0.33}, 1.55
 LATENCY = {"steer": 0.03, "wheels": 0.04, "imu": 0.02}  # s
-EVERY = {"steer": 5, "wheels": 2, "imu": 1}  # rows of the clean log per entry
+EVERY = {"steer": 5, "wheels": 1, "imu": 2}  # rows of the clean log per entry: 20, 100, 50 Hz
 DEG = 180 / np.pi
 
 
