@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 from conftest import tselab, tselab_here
-from log_formats import DEG, FORMATS, LATENCY, RATIO, messages
+from log_formats import DEG, FORMATS, LATENCY, RATIO, drive, messages
 from tselab.core import STIFFNESS
 
 TOLERANCE = 0.01  # of the estimate from the clean CSV
@@ -23,9 +23,7 @@ def clean(tmp_path_factory):
     folder = tmp_path_factory.mktemp("formats")
     car, log = folder / "car.toml", folder / "log.csv"
     car.write_text(tselab("vehicle", "--example").out, encoding="utf-8")
-    done = tselab_here("simulate", "--maneuver", "double-lane-change", "--duration", 60, "--seed", 3, "--spread", 0, "--vehicle", car,
-                       "--out", log)  # fmt: skip
-    assert done.code == 0, done.err
+    drive(car).to_csv(log, index=False)
     return pd.read_csv(log), car, estimates(log, car, folder)
 
 
@@ -56,16 +54,14 @@ def test_the_rows_are_those_of_the_clean_log(clean, tmp_path):
     path = FORMATS["Parquet"][1](tmp_path, messages(table))
     log = read_log(path, reading=Reading(car=read_vehicle(car)))
     assert abs(len(log) - len(table)) < 12 and log.sample_time == pytest.approx(0.01)
-    entry = np.arange(len(log)) % 2 == int(round(log.time[0] * 100)) % 2  # rows that the IMU was logged for
-    for name, share, rows in (
-        ("steer_angle", 0.01, slice(None)), ("wheel_speed_rear", 1e-6, slice(None)), ("wheel_speed_front", 1e-6, slice(None)),
-        ("accel_x", 1e-6, entry), ("accel_y", 1e-6, entry), ("yaw_rate", 1e-6, entry),
+    for name, share in (
+        ("steer_angle", 0.01), ("wheel_speed_rear", 0.001), ("wheel_speed_front", 0.002), ("accel_x", 1e-6), ("accel_y", 1e-6), ("yaw_rate", 1e-6)
     ):  # fmt: skip
         true = np.interp(log.time, table.time, table[name])
-        assert np.nanstd((log.data[name] - true)[rows]) < share * np.std(true), name
+        assert np.nanstd(log.data[name] - true) < share * np.std(true), name
     # an entry for two and for five rows: their noise is that of so many
-    assert log.slower["accel_y"].rows == pytest.approx(2, rel=0.01)
-    assert "wheel_speed_rear" not in log.slower
+    assert log.slower["wheel_speed_rear"].rows == pytest.approx(2, rel=0.01)
+    assert "accel_y" not in log.slower
     assert log.slower["steer_angle"].rows == pytest.approx(5, rel=0.01)
 
 
@@ -114,16 +110,16 @@ def test_signals_lists_what_a_log_holds(clean, tmp_path):
     signals = {s["name"]: s for s in found["signals"]}
     assert done.code == 0 and len(signals) == 8
     wheel = signals["RadVL"]
-    assert wheel["rate"] == pytest.approx(100, rel=0.02) and wheel["used"] == "wheel_speed_front" and wheel["missing"] < 0.7
-    assert signals["Gierrate"]["rate"] == pytest.approx(50, rel=0.02) and signals["Gierrate"]["missing"] > 0.4
+    assert wheel["rate"] == pytest.approx(50, rel=0.02) and wheel["used"] == "wheel_speed_front" and wheel["missing"] > 0.4
+    assert signals["Gierrate"]["rate"] == pytest.approx(100, rel=0.02)
     assert signals["LenkradWinkel"]["high"] == pytest.approx(DEG * RATIO * table.steer_angle[::5].max(), rel=1e-6)
     assert found["proposal"]["yaw_rate"]["figures"] and found["proposal"]["yaw_rate"]["unit"] == "deg/s"
 
 
 def test_what_is_not_installed_is_named_with_the_command(monkeypatch, tmp_path):
-    import builtins
+    import importlib
 
-    real = builtins.__import__
+    real = importlib.import_module
     path = tmp_path / "x.mf4"
     path.write_bytes(b"MDF     4.10    test".ljust(200, b"\0"))
 
@@ -132,7 +128,7 @@ def test_what_is_not_installed_is_named_with_the_command(monkeypatch, tmp_path):
             raise ModuleNotFoundError(name, name="asammdf")
         return real(name, *args, **kw)
 
-    monkeypatch.setattr("tselab.logs.extras.importlib.import_module", lambda name: without(name))
+    monkeypatch.setattr("tselab.logs.extras.importlib.import_module", without)
     done = tselab_here("signals", path)
     assert done.code == 2 and "pip install 'tselab[mf4]'" in done.err and "scripts/setup.sh logs" in done.err
 
@@ -151,7 +147,7 @@ def test_rlog_of_openpilot_is_read_by_its_schema(tmp_path):
     for i in range(300):
         event = log.Event.new_message(logMonoTime=int(1e15 + 1e7 * i))
         state = event.init("carState")
-        state.steeringAngleDeg, state.vEgo = 10 * np.sin(0.1 * i), 20.0 + 0.01 * i
+        state.steeringAngleDeg, state.vEgo = float(10 * np.sin(0.1 * i)), 20.0 + 0.01 * i
         state.wheelSpeeds.fl = 20.0 + 0.01 * i
         raw += event.to_bytes()
     (tmp_path / "a.rlog").write_bytes(raw)

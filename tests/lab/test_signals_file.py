@@ -41,7 +41,7 @@ FILES: dict[str, tuple[str, str, list[str]]] = {  # what is replaced, by what, w
     "three wheels": ('["vl", "vr"]', '["vl", "vr", "hl"]', ["line 6", "two of them: left and right"]),
     "same wheel": ('["vl", "vr"]', '["vl", "vl"]', ["line 6", "cannot be both wheels"]),
     "two yaw rates": ('"gier"', '["gier", "aq"]', ["line 17", "two names are for wheels"]),
-    "unit": ('unit = "deg/s"', 'unit = "degs"', ["line 18", "'degs' is no unit", "rad/s, deg/s"]),
+    "unit": ('unit = "deg/s"', 'unit = "degz"', ["line 18", "'degz' is no unit", "rad/s, deg/s"]),
     "unit of another kind": ('unit = "deg/s"', 'unit = "Nm"', ["line 18", "cannot be turned into rad/s", "deg/s"]),
     "sign": ("ratio = 15.0", "ratio = 15.0\nsign = 2", ["line 5", "sign: 2 is not allowed; 1 and -1"]),
     "ratio": ("ratio = 15.0", "ratio = 0.1", ["line 4", "ratio: 0.1 is out of range; allowed: 0.5 .. 100"]),
@@ -66,14 +66,14 @@ FILES: dict[str, tuple[str, str, list[str]]] = {  # what is replaced, by what, w
 }  # fmt: skip
 
 
-def table() -> pd.DataFrame:
-    """A drive in odd names and units, 10 s."""
-    t = np.arange(1000) * 0.01
+def table(rows: int = 1000) -> pd.DataFrame:
+    """A drive in odd names and units."""
+    t = np.arange(rows) * 0.01
     turn = 0.2 * np.sin(t)
     v = 20 + np.sin(0.5 * t)
     wheels = {n: 3.6 * (v + s * 0.75 * turn) for n, s in (("vl", -1), ("vr", 1), ("hl", -1), ("hr", 1))}
     return pd.DataFrame({"zeit": t, "lrw": np.degrees(15 * 2.7 * turn / v * 1.6), **wheels, "aq": v * turn / 9.80665, "gier": np.degrees(turn),
-                         "q": 1.0, "bz": np.arange(1000) % 16})  # fmt: skip
+                         "q": 1.0, "bz": np.arange(rows) % 16})  # fmt: skip
 
 
 @pytest.mark.parametrize("name", FILES)
@@ -159,7 +159,7 @@ BROKEN: dict[str, tuple[str, bytes, list[str]]] = {  # file name, what is in it,
     "names missing": ("x.csv", b"1;2;3\n2;3;4\n3;4;5\n", ["first line must name the columns"]),
     "too few names": ("x.csv", b"zeit;lrw\n1;2;3\n2;3;4\n3;4;5\n", ["line 1 has 2 names, the rows have 3 cells"]),
     "a row too long": ("x.csv", b"zeit;lrw\n" + b"0,1;2\n" * 20 + b"0,2;3;4;5\n" + b"0,3;4\n" * 5, ["not a well-formed CSV", "line 22"]),
-    "words": ("x.txt", b"Dear all,\nplease find the log attached.\n", ["no table"]),
+    "words": ("x.txt", b"Dear colleague\nplease find the log attached\nbest regards\n", ["no table"]),
     "time of words": ("x.csv", b"zeit;lrw\nheute;1\ngestern;2\nmorgen;3\n", ["zeit", "is no time"]),
     "only header": ("x.csv", b"zeit;lrw;vl\n", ["header but no rows"]),
     "JSON": ("x.json", b"{}", ["save the table as Parquet or CSV"]),
@@ -184,7 +184,7 @@ def test_there_are_forty_kinds_of_them():
 
 
 def test_a_file_that_is_written_is_read_again_and_none_is_overwritten(tmp_path):
-    table().drop(columns=["q", "bz"]).to_csv(tmp_path / "log.csv", index=False)
+    table(4000).drop(columns=["q", "bz"]).to_csv(tmp_path / "log.csv", index=False)
     done = tselab_here("signals", "log.csv", "--write", "signals.toml", cwd=tmp_path)
     assert done.code == 3 and "not found: accel_x" in done.out
     found = read_signals(tmp_path / "signals.toml")

@@ -10,7 +10,7 @@ import numpy as np
 
 from tselab.errors import UserError
 from tselab.log import MEASURES, OPTIONAL, SIDES, Log, Reading, Slower, beside_of, checked, columns
-from tselab.logs.mapping import series
+from tselab.logs.mapping import Series, series
 from tselab.logs.raster import on_raster
 from tselab.logs.readers import read_recording
 from tselab.logs.recording import How, Recording, listed
@@ -28,11 +28,11 @@ def read_any(path: Path, spare: Collection[str], reading: Reading) -> Log:
     how = signals.how if signals is not None else How()
     how = replace(how, databases=(*reading.databases, *how.databases))
     recording = read_recording(path, replace(how, wanted=_wanted(signals)) if signals is not None else how)
+    if signals is not None and not all(recording.has(n) for s in signals.signals.values() for n in s.name):
+        recording = read_recording(path, how)  # with all names, to say which is meant
     if reading.signals is None and (
         signals is None or not any(recording.has(n) for s in signals.signals.values() for n in s.name)
     ):
-        if signals is not None:  # beside the log, but of others
-            recording = read_recording(path, how)
         own = by_own_names(recording)
         if own is None and signals is None:
             raise UserError(_unnamed(path, recording))
@@ -41,11 +41,25 @@ def read_any(path: Path, spare: Collection[str], reading: Reading) -> Log:
     if signals.path is not None:
         notes.append(f"signals by {signals.path}")
     found = series(recording, signals, reading.car, notes)
+    _speed_for_wheels(path, found, reading, notes)
     rows = on_raster(found, reading.rate or signals.rate)
     notes += rows.notes
     log = checked(path, rows.time, dict(rows.value), np.arange(1, len(rows.time) + 1), notes, spare, place="row")
     log.slower = _slower(rows.native, rows.rate)
     return log
+
+
+def _speed_for_wheels(path: Path, found: dict[str, Series], reading: Reading, notes: list[str]) -> None:
+    """A log without any wheel speed: they roll as the car goes, and tell no slip."""
+    if "vehicle_speed" not in found or any(c.startswith("wheel_speed") for c in found):
+        return
+    if reading.car is None:
+        raise UserError(f"{path}: has no wheel speeds; for vehicle_speed to stand in, the radius of the wheels is needed: --vehicle CAR.toml")
+    speed = found["vehicle_speed"]
+    found["wheel_speed_front"] = replace(
+        speed, channel="wheel_speed_front", value=speed.value / reading.car.values["wheel_radius_front"]
+    )
+    notes.append("no wheel speed is in the log: vehicle_speed stands in for them")
 
 
 def _wanted(signals: Signals):

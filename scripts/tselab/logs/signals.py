@@ -114,8 +114,8 @@ def read_signals(path: Path) -> Signals:
     log, signals = data.pop("log", {}), data.pop("signals", {})
     if data:
         raise refuse(
-            "",
             next(iter(data)),
+            "",
             f"is not known{_meant(next(iter(data)), ('log', 'signals'))}; tables are [log] and [signals.CHANNEL]",
         )
     if not isinstance(log, dict) or not isinstance(signals, dict):
@@ -303,13 +303,16 @@ def _meant(key: str, known: Any) -> str:
 
 def _line(text: str, table: str, key: str) -> str:
     """Where a key stands, for people; "" if it cannot be told."""
-    inside, key = not table, key.partition(",")[0]
+    inside, key, found = not table, key.partition(",")[0], ""
     for i, line in enumerate(text.splitlines(), 1):
         head = re.match(r"\s*\[\[?\s*([^\]#]+?)\s*\]", line)
         if head and "=" not in line.partition("[")[0]:
-            inside = head[1].replace('"', "").replace(" ", "") == table
-            if inside and not key:
-                return f"line {i}, "
+            name = head[1].replace('"', "").replace(" ", "")
+            inside = name == table
+            if inside or (not key and name.startswith(f"{table}.")):
+                found = found or f"line {i}, "
+                if not key:
+                    return found
         elif inside and key and re.match(rf'\s*"?{re.escape(key)}"?\s*=', line):
             return f"line {i}, "
-    return ""
+    return found

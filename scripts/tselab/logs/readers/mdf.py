@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import gc
 import logging
+import sys
 from collections import Counter
 from pathlib import Path
 from typing import Any
@@ -22,6 +24,8 @@ def read(path: Path, how: How) -> Recording:
     asammdf = need("asammdf", "mf4", str(path))
     logging.getLogger("asammdf").setLevel(logging.CRITICAL)
     notes: list[str] = []
+    hook = sys.unraisablehook
+    sys.unraisablehook = lambda _: None  # what asammdf drops of a damaged file complains on its way out
     try:
         with asammdf.MDF(str(path)) as mdf:
             channels = _plain(mdf, how)
@@ -33,6 +37,9 @@ def read(path: Path, how: How) -> Recording:
         raise
     except Exception as error:  # asammdf's parsers stumble over damage in many ways
         raise UserError(f"{path}: is damaged or cut off: {type(error).__name__}: {str(error)[:120]}") from None
+    finally:
+        gc.collect()
+        sys.unraisablehook = hook
     return Recording(path, f"MDF {version}", channels, notes)
 
 

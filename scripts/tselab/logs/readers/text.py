@@ -11,6 +11,7 @@ from pathlib import Path
 import pandas as pd
 
 from tselab.errors import UserError
+from tselab.logs.readers import FORMATS
 from tselab.logs.recording import How, Recording
 from tselab.logs.table import Column, recording_of
 from tselab.logs.units import known
@@ -32,7 +33,7 @@ def read(path: Path, how: How) -> Recording:
         raise UserError(f"{path}: is empty")
     separator = _separator(path, lines, how)
     cells = [_cells(x, separator) for x in lines]
-    header, units, first = _layout(path, cells, how)
+    header, units, first = _layout(path, cells, how, separator)
     width = len(cells[first]) if first < len(cells) else 0
     names = _names(path, cells[header] if header is not None else None, width, lines, header)
     decimal = how.decimal or _decimal(cells[first:], separator)
@@ -127,23 +128,18 @@ def _is_data(cell: str) -> bool:
     return bool(NUMBER.fullmatch(cell) or CLOCK.fullmatch(cell)) or cell.lower() in EMPTY
 
 
-def _layout(path: Path, cells: list[list[str]], how: How) -> tuple[int | None, list[str] | None, int]:
+def _layout(path: Path, cells: list[list[str]], how: How, separator: str) -> tuple[int | None, list[str] | None, int]:
     """Line of the names, the units of the row below it if there is one, first line of data; all from 0."""
     widths = Counter(
         len(c) for c in cells if sum(_is_data(x) for x in c) >= 0.5 * len(c) and any(NUMBER.fullmatch(x) for x in c)
     )
     if not widths:
-        if len(cells) > 1 or how.header:
-            detail = "no line of it is numbers"
-            raise UserError(
-                f"{path}: has a header but no rows"
-                if len([c for c in cells if c]) <= 2
-                else f"{path}: is no table: {detail}"
-            )
-        raise UserError(f"{path}: has a header but no rows")
+        if max((len(c) for c in cells), default=0) > 1 and sum(bool(c) for c in cells) <= 2 and separator != " ":
+            raise UserError(f"{path}: has a header but no rows")
+        raise UserError(f"{path}: is no table: no line of it is numbers; read are {FORMATS}")
     width = widths.most_common(1)[0][0]
     good = [
-        len(c) == width and sum(_is_data(x) for x in c) > 0.5 * width and any(NUMBER.fullmatch(x) for x in c)
+        len(c) == width and sum(_is_data(x) for x in c) >= 0.5 * width and any(NUMBER.fullmatch(x) for x in c)
         for c in cells
     ]
     first = next(
