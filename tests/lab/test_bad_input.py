@@ -40,14 +40,16 @@ LOGS: dict[str, tuple[Change, list[str]]] = {
     "steering infinite": (lambda t: t.assign(steer_angle="inf"), ["line 2", "column steer_angle", "-1.2 .. 1.2 rad"]),
     "wheel speed in rpm": (scaled("wheel_speed_front", 9.5493), ["line 2", "wheel_speed_front", "-400 .. 400 rad/s", "rpm"]),
     "yaw rate in deg/s": (lambda t: scaled("yaw_rate", 573)(t), ["column yaw_rate", "-6 .. 6 rad/s", "deg/s"]),
-    "column all empty": (lambda t: t.assign(steer_angle=""), ["steer_angle is missing", "without the steering angle nothing"]),
+    "column all empty": (lambda t: t.assign(steer_angle=""), ["column steer_angle", "every cell is empty", "-1.2 .. 1.2 rad"]),
     "no lateral sensor": (lambda t: t.drop(columns=["accel_y", "yaw_rate"]), ["accel_y and yaw_rate are missing"]),
 }  # fmt: skip
 # What a few bad rows or a sensor that is not there cost: these, no more. What is said of them.
 REPAIRED: dict[str, tuple[Change, list[str]]] = {
-    "a cell that is no number": (cell(7, "accel_x", "abc"), ["accel_x: a cell that is no number is treated as missing", "line 7: 'abc'"]),
+    "a cell that is no number": (cell(7, "accel_x", "abc"), ["accel_x: a cell that is no number is treated as "
+                                                            "missing", "line 7: 'abc'"]),
     "a cell with a decimal comma": (cell(9, "yaw_rate", "0,5"), ["yaw_rate: a cell that is no number", "line 9"]),
-    "a wheel that spins": (cell(8, "wheel_speed_rear", "401"), ["wheel_speed_rear: 1 values outside", "-400 .. 400 rad/s", "line 8"]),
+    "a wheel that spins": (cell(8, "wheel_speed_rear", "401"), ["wheel_speed_rear: 1 values outside", "-400 .. 400 "
+                                                            "rad/s", "line 8"]),
     "an infinite angle": (cell(30, "steer_angle", "inf"), ["steer_angle: 1 values outside", "line 30"]),
     "a row late": (cell(12, "time", "0.05"), ["time: 1 entries are out of order: left out"]),
     "a row twice": (cell(12, "time", "0.09"), ["time: 1 entries have the time of the next one", "0.090 s"]),
@@ -107,7 +109,8 @@ FILES: dict[str, tuple[bytes, list[str]]] = {
     "binary": (bytes(range(256)) * 40, ["binary file of no format", "MF4"]),
     "zero bytes": (b"time\0,a\n" * 5, ["binary"]),
     "latin-1": ("time,steer_angle,°\n0,0,é\n".encode("latin-1"), ["signals.toml"]),
-    "semicolons": (b"time;steer_angle;accel_x\n0;0;0\n", ["of tse's names it has steer_angle, accel_x, not wheel_speed_front", "tselab signals bad.csv --write"]),
+    "semicolons": (b"time;steer_angle;accel_x\n0;0;0\n", ["of tse's names it has steer_angle, accel_x, not "
+                                                          "wheel_speed_front", "tselab signals bad.csv --write"]),
     "no header": (b"0.0,0,60,60,0,0,0\n0.01,0,60,60,0,0,0\n", ["the first line must name the columns"]),
     "twice the same column": (HEADER + b",accel_x\n" + b"0,0,0,0,0,0,0,0\n",
                               ["column accel_x appears more than once"]),

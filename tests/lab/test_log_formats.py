@@ -55,7 +55,8 @@ def test_the_rows_are_those_of_the_clean_log(clean, tmp_path):
     log = read_log(path, reading=Reading(car=read_vehicle(car)))
     assert abs(len(log) - len(table)) < 12 and log.sample_time == pytest.approx(0.01)
     for name, share in (
-        ("steer_angle", 0.01), ("wheel_speed_rear", 0.001), ("wheel_speed_front", 0.002), ("accel_x", 1e-6), ("accel_y", 1e-6), ("yaw_rate", 1e-6)
+        ("steer_angle", 0.01), ("wheel_speed_rear", 0.001), ("wheel_speed_front", 0.002), ("accel_x", 1e-6), ("accel_y", 1e-6),
+        ("yaw_rate", 1e-6)
     ):  # fmt: skip
         true = np.interp(log.time, table.time, table[name])
         assert np.nanstd(log.data[name] - true) < share * np.std(true), name
@@ -97,7 +98,9 @@ def test_signals_proposes_the_file_that_was_written_by_hand(clean, tmp_path):
     # behind the gyro, which is late itself
     late = proposed.signals["wheel_speed_rear"].latency
     assert late == pytest.approx(LATENCY["wheels"] - LATENCY["imu"], abs=0.005)
-    np.testing.assert_allclose(estimates(path, car, tmp_path)[["cy_front", "cy_rear"]] / wanted[["cy_front", "cy_rear"]], 1.0, atol=0.1)
+    np.testing.assert_allclose(
+        estimates(path, car, tmp_path)[["cy_front", "cy_rear"]] / wanted[["cy_front", "cy_rear"]], 1.0, atol=0.1
+    )
 
 
 def test_signals_lists_what_a_log_holds(clean, tmp_path):
@@ -110,7 +113,9 @@ def test_signals_lists_what_a_log_holds(clean, tmp_path):
     signals = {s["name"]: s for s in found["signals"]}
     assert done.code == 0 and len(signals) == 8
     wheel = signals["RadVL"]
-    assert wheel["rate"] == pytest.approx(50, rel=0.02) and wheel["used"] == "wheel_speed_front" and wheel["missing"] > 0.4
+    assert (
+        wheel["rate"] == pytest.approx(50, rel=0.02) and wheel["used"] == "wheel_speed_front" and wheel["missing"] > 0.4
+    )
     assert signals["Gierrate"]["rate"] == pytest.approx(100, rel=0.02)
     assert signals["LenkradWinkel"]["high"] == pytest.approx(DEG * RATIO * table.steer_angle[::5].max(), rel=1e-6)
     assert found["proposal"]["yaw_rate"]["figures"] and found["proposal"]["yaw_rate"]["unit"] == "deg/s"
@@ -153,4 +158,8 @@ def test_rlog_of_openpilot_is_read_by_its_schema(tmp_path):
     (tmp_path / "a.rlog").write_bytes(raw)
     found = read_recording(tmp_path / "a.rlog")
     c = found.channels["carState.wheelSpeeds.fl"]
-    assert len(c) == 300 and c.value[-1] == pytest.approx(22.99, rel=1e-5) and np.diff(c.time) == pytest.approx(0.01, abs=1e-6)
+    assert (
+        len(c) == 300
+        and c.value[-1] == pytest.approx(22.99, rel=1e-5)
+        and np.diff(c.time) == pytest.approx(0.01, abs=1e-6)
+    )

@@ -1,5 +1,5 @@
-"""`tselab signals` finds the right mapping in drawn naming schemes. Seeds below 1000 were looked at while it was made; those here were
-not, and if one fails, nothing is tuned to it: other ones are taken, and the rate is said anew."""
+"""`tselab signals` finds the right mapping in drawn naming schemes. Seeds below 1000 were looked at while it was made; those here
+were not, and if one fails, nothing is tuned to it: other ones are taken, and the rate is said anew."""
 
 from __future__ import annotations
 

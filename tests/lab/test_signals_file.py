@@ -1,4 +1,5 @@
-"""signals.toml and logs that are wrong: each ends in a sentence that names the place and the remedy, or goes on and says what is missing."""
+"""signals.toml and logs that are wrong: each ends in a sentence that names the place and the remedy, or goes on and says what is
+missing."""
 
 from __future__ import annotations
 
@@ -52,9 +53,11 @@ FILES: dict[str, tuple[str, str, list[str]]] = {  # what is replaced, by what, w
     "ratio of a wheel": ("[signals.accel_y]", "[signals.accel_y]\nratio = 15", ["ratio", "of steer_angle"]),
     "latency in ms": ('unit = "g"', 'unit = "g"\nlatency = 20', ["line 16", "latency: 20 is out of range; allowed: -1 .. 1 s"]),
     "scale": ('unit = "g"', 'unit = "g"\nscale = 0', ["scale", "0 leaves nothing"]),
-    "radius": ("radius = 0.3\n[signals.wheel_speed_rear]", "radius = 33\n[signals.wheel_speed_rear]", ["line 8", "allowed: 0.05 .. 5 m"]),
+    "radius": ("radius = 0.3\n[signals.wheel_speed_rear]", "radius = 33\n[signals.wheel_speed_rear]", ["line 8", "allowed: 0.05 .. "
+                                                            "5 m"]),
     "flag": ('unit = "g"', 'unit = "g"\nvalid = 1', ["valid", "the name of a signal"]),
-    "flag says all is wrong": ('unit = "g"', 'unit = "g"\nvalid = {name = "q", is = [5]}', ["100 %", "it has the values 1", "is = [0]"]),
+    "flag says all is wrong": ('unit = "g"', 'unit = "g"\nvalid = {name = "q", is = [5]}', ["100 %", "it has the values "
+                                                            "1", "is = [0]"]),
     "counter": ('unit = "g"', 'unit = "g"\ncounter = {name = "bz", modulo = 1}', ["counter", "modulo = 16"]),
     "one wheel": ('[signals.wheel_speed_front]\nname = ["vl", "vr"]', '[signals.wheel_speed_front_left]\nname = "vl"',
                   ["wheel_speed_front_right is needed, too"]),
@@ -72,7 +75,8 @@ def table(rows: int = 1000) -> pd.DataFrame:
     turn = 0.2 * np.sin(t)
     v = 20 + np.sin(0.5 * t)
     wheels = {n: 3.6 * (v + s * 0.75 * turn) for n, s in (("vl", -1), ("vr", 1), ("hl", -1), ("hr", 1))}
-    return pd.DataFrame({"zeit": t, "lrw": np.degrees(15 * 2.7 * turn / v * 1.6), **wheels, "aq": v * turn / 9.80665, "gier": np.degrees(turn),
+    return pd.DataFrame({"zeit": t, "lrw": np.degrees(15 * 2.7 * turn / v * 1.6),
+    **wheels, "aq": v * turn / 9.80665, "gier": np.degrees(turn),
                          "q": 1.0, "bz": np.arange(rows) % 16})  # fmt: skip
 
 
@@ -111,7 +115,8 @@ def test_ratio_table_sign_bit_flag_counter_and_offset(tmp_path):
     x["gier"] += 3.0
     x.to_csv(tmp_path / "log.csv", index=False)
     text = GOOD.replace("ratio = 15.0", 'ratio = [[-400, 10.0], [0, 15.0], [400, 20.0]]\nsign_bit = "vz"').replace(
-        'unit = "g"', 'unit = "g"\nvalid = "q"\ncounter = "bz"').replace('unit = "deg/s"', 'unit = "deg/s"\noffset = 3.0')  # fmt: skip
+        'unit = "g"', 'unit = "g"\nvalid = "q"\ncounter = "bz"').replace('unit = "deg/s"', 'unit = "deg/s"\noffset = '
+                                                            '3.0')  # fmt: skip
     (tmp_path / "signals.toml").write_text(text)
     log = read_log(tmp_path / "log.csv")
     angle = np.where(x.vz > 0, -x.lrw, x.lrw)
@@ -133,7 +138,7 @@ def test_a_file_beside_the_log_is_taken_unless_it_is_of_other_logs(name, drive, 
     (tmp_path / "log.csv").write_text(drive.log.read_text())
     (tmp_path / "signals.toml").write_text(GOOD)
     if name == "--signals":
-        with pytest.raises(UserError, match="there is no 'lrw' in log.csv"):
+        with pytest.raises(UserError, match=r"there is no 'lrw' in log\.csv"):
             read_log(tmp_path / "log.csv", reading=Reading(signals=tmp_path / "signals.toml"))
     else:
         assert len(read_log(tmp_path / "log.csv")) == 2001
@@ -158,7 +163,8 @@ BROKEN: dict[str, tuple[str, bytes, list[str]]] = {  # file name, what is in it,
     "no time": ("x.csv", b"lrw;vl\n1,5;2\n1,4;3\n1,3;3\n1,5;4\n", ["no column is a time", "[log] time", "step = 0.01"]),
     "names missing": ("x.csv", b"1;2;3\n2;3;4\n3;4;5\n", ["first line must name the columns"]),
     "too few names": ("x.csv", b"zeit;lrw\n1;2;3\n2;3;4\n3;4;5\n", ["line 1 has 2 names, the rows have 3 cells"]),
-    "a row too long": ("x.csv", b"zeit;lrw\n" + b"0,1;2\n" * 20 + b"0,2;3;4;5\n" + b"0,3;4\n" * 5, ["not a well-formed CSV", "line 22"]),
+    "a row too long": ("x.csv", b"zeit;lrw\n" + b"0,1;2\n" * 20 + b"0,2;3;4;5\n" + b"0,3;4\n" * 5, ["not a well-formed "
+                                                            "CSV", "line 22"]),
     "words": ("x.txt", b"Dear colleague\nplease find the log attached\nbest regards\n", ["no table"]),
     "time of words": ("x.csv", b"zeit;lrw\nheute;1\ngestern;2\nmorgen;3\n", ["zeit", "is no time"]),
     "only header": ("x.csv", b"zeit;lrw;vl\n", ["header but no rows"]),

@@ -54,7 +54,9 @@ def _speed_for_wheels(path: Path, found: dict[str, Series], reading: Reading, no
     if "vehicle_speed" not in found or any(c.startswith("wheel_speed") for c in found):
         return
     if reading.car is None:
-        raise UserError(f"{path}: has no wheel speeds; for vehicle_speed to stand in, the radius of the wheels is needed: --vehicle CAR.toml")
+        raise UserError(
+            f"{path}: has no wheel speeds; for vehicle_speed to stand in, the radius of the wheels is needed: --vehicle CAR.toml"
+        )
     speed = found["vehicle_speed"]
     found["wheel_speed_front"] = replace(
         speed, channel="wheel_speed_front", value=speed.value / reading.car.values["wheel_radius_front"]
