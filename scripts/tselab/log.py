@@ -154,6 +154,9 @@ def _is_plain(path: Path, reading: Reading) -> bool:
         return False
     names = [c.strip() for c in next(csv.reader(head.splitlines()[:1]), [])] if "\0" not in head else []
     wanted = {*columns(), *(c for pair in SIDES.values() for c in pair)}
+    beside = beside_of(path)
+    if beside is not None and any(f'"{n}"' in beside.read_text(encoding="utf-8", errors="replace") for n in names if n):
+        return False  # a file that speaks of these columns
     return "time" in names and len(wanted & {n.lower() for n in names}) > 3
 
 

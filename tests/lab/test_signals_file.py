@@ -144,6 +144,19 @@ def test_a_file_beside_the_log_is_taken_unless_it_is_of_other_logs(name, drive, 
         assert len(read_log(tmp_path / "log.csv")) == 2001
 
 
+def test_a_file_beside_a_log_in_tse_s_names_is_taken_when_it_speaks_of_them(drive, tmp_path):
+    table = drive.table().astype(float)
+    table["yaw_rate"] = np.degrees(table.yaw_rate)
+    table.to_csv(tmp_path / "log.csv", index=False)
+    names = ["steer_angle", "wheel_speed_front", "wheel_speed_rear", "accel_x", "accel_y", "yaw_rate"]
+    units = {"yaw_rate": "deg/s"}
+    text = [f'[signals.{n}]\nname = "{n}"\n' + (f'unit = "{units[n]}"\n' if n in units else "") for n in names]
+    (tmp_path / "log.signals.toml").write_text("".join(text))
+    log = read_log(tmp_path / "log.csv")
+    np.testing.assert_allclose(log.data["yaw_rate"], drive.table().yaw_rate.astype(float), atol=1e-12)
+    assert any("signals by" in n for n in log.notes)
+
+
 BROKEN: dict[str, tuple[str, bytes, list[str]]] = {  # file name, what is in it, what must be said
     "empty MF4": ("x.mf4", b"", ["is empty"]),
     "MF4 that is none": ("x.mf4", b"hello " * 100, ["does not begin as .mf4 files do", "cut off"]),
