@@ -170,8 +170,9 @@ def estimate(
     tselab estimate monday.csv --vehicle car.toml --save-learnt car.tse
     tselab estimate friday.csv --vehicle car.toml --load-learnt car.tse --age 4 --save-learnt car.tse
 
-    LOG is a CSV with the columns below, or any format that 'tselab signals --help' lists, with names, units, rates and latencies of its
-    own: signals.toml beside it, or --signals, says which signal is which, and 'tselab signals LOG --write signals.toml' proposes it.
+    LOG is a CSV with the columns below, or any format that 'tselab signals --help' lists, with names, units, rates and latencies
+    of its own: signals.toml beside it, or --signals, says which signal is which, and 'tselab signals LOG --write signals.toml'
+    proposes it.
 
     \b
     [signals.steer_angle]            [signals.wheel_speed_front]       [signals.accel_y]
@@ -179,9 +180,9 @@ def estimate(
     unit = "deg"                     unit = "km/h"                     unit = "g"
     ratio = 15.3                     latency = 0.02                    sign = -1
 
-    Further keys: scale, offset, sign_bit, radius (of a wheel, m), valid and counter (signals of the message that say so), hold (sent only
-    when it changes); ratio may be a table [[angle, ratio], ...]. [log]: time, time_unit, step, rate, databases, separator, decimal,
-    encoding, header. Channels that the log does not have are missing: what can still be told is.
+    Further keys: scale, offset, sign_bit, radius (of a wheel, m), valid and counter (signals of the message that say so), hold
+    (sent only when it changes); ratio may be a table [[angle, ratio], ...]. [log]: time, time_unit, step, rate, databases,
+    separator, decimal, encoding, header. Channels that the log does not have are missing: what can still be told is.
 
     The vehicle file may leave out stiffness and what the sensors are like; a rule fills it in and the run says so:
 

@@ -147,12 +147,18 @@ def _prepare(logs: dict[Path, Log], config: Config, notes: list[str], say: Say) 
     for path, log in logs.items():
         say(f"smoothing {path.name}")
         try:
-            ready.append(prepare(log, config))
+            ready.append(_with_all(prepare(log, config)))
         except UserError as error:
             notes.append(f"left out: {error}")
             continue
         notes += ready[-1].notes
     return ready
+
+
+def _with_all(log: Prepared) -> Prepared:
+    """A sensor that the log does not have has nothing to say anywhere: a column of NaN."""
+    nothing = np.full(len(log.time), np.nan)
+    return replace(log, measured={c: log.measured.get(c, nothing) for c in (*MEASURED, *log.measured)})
 
 
 def _stiffness_of(prior: Prior) -> Prior:
