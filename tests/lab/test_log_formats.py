@@ -163,3 +163,19 @@ def test_rlog_of_openpilot_is_read_by_its_schema(tmp_path):
         and c.value[-1] == pytest.approx(22.99, rel=1e-5)
         and np.diff(c.time) == pytest.approx(0.01, abs=1e-6)
     )
+
+
+@pytest.mark.parametrize("command", ["calibrate", "gap check"])
+def test_calibrate_and_gap_take_any_log_also_without_accel_x(command, clean, tmp_path):
+    table, car, _ = clean
+    path = FORMATS["Parquet"][1](tmp_path, messages(table))
+    text = (tmp_path / "signals.toml").read_text()
+    before, after = text.index("[signals.accel_x]"), text.index("[signals.accel_y]")
+    (tmp_path / "signals.toml").write_text(text[:before] + text[after:])
+    options = ["--out", tmp_path / "c.toml", "--steps", 1] if command == "calibrate" else []
+    done = tselab_here(*command.split(), path, "--vehicle", car, "--jobs", 1, *options)
+    assert done.code in (0, 12) and "accel_x" in done.err, done.err
+    if options:
+        assert (tmp_path / "c.toml").exists()
+    else:
+        assert "accel_y" in done.out and "Gap with fitted stiffness" in done.out

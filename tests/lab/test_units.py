@@ -108,8 +108,8 @@ def test_kmh_taken_for_rad_per_s_is_noticed_by_the_track(cars, tmp_path):
     ("columns", "hint"),
     [
         ({"accel_y": lambda x: x / 9.81}, "accel_y is in g"),
-        ({"yaw_rate": np.degrees}, "yaw_rate is in deg/s"),
-        ({"steer_angle": lambda x: -np.degrees(x)}, "steer_angle is in degrees"),
+        ({"steer_angle": lambda x: -x}, "steer_angle is positive to the right"),
+        ({"accel_x": lambda x: -x}, "accel_x is positive to the rear"),
         ({"wheel_speed": lambda x: 0.447 * x}, "the wheel speeds are in m"),
     ],
 )
