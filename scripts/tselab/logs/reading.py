@@ -27,7 +27,7 @@ def read_any(path: Path, spare: Collection[str], reading: Reading) -> Log:
     signals = read_signals(file) if file is not None else None
     how = signals.how if signals is not None else How()
     how = replace(how, databases=(*reading.databases, *how.databases))
-    recording = read_recording(path, replace(how, wanted=_wanted(signals)) if signals is not None else how)
+    recording = read_recording(path, replace(how, wanted=signals.wants) if signals is not None else how)
     if signals is not None and not all(recording.has(n) for s in signals.signals.values() for n in s.name):
         recording = read_recording(path, how)  # with all names, to say which is meant
     if reading.signals is None and (
@@ -62,10 +62,6 @@ def _speed_for_wheels(path: Path, found: dict[str, Series], reading: Reading, no
         speed, channel="wheel_speed_front", value=speed.value / reading.car.values["wheel_radius_front"]
     )
     notes.append("no wheel speed is in the log: vehicle_speed stands in for them")
-
-
-def _wanted(signals: Signals):
-    return signals.wants
 
 
 def by_own_names(recording: Recording) -> Signals | None:
