@@ -8,7 +8,7 @@ import sys
 import textwrap
 import traceback
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -18,8 +18,12 @@ from tselab.errors import UserError
 from tselab.files import no_room
 from tselab.fmu.commands import fmu
 from tselab.gap.commands import gap
+from tselab.logs.commands import signals
 from tselab.montecarlo import STUDIES
-from tselab.options import FILE, FORM, PROGRESS, key_values, show_progress
+from tselab.options import FILE, FORM, PROGRESS, key_values, reading, show_progress
+
+if TYPE_CHECKING:
+    from tselab.log import Reading
 
 MOST_FINDINGS = 12  # stretches of road in the terminal
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 110}
@@ -93,6 +97,7 @@ def cli(debug: bool) -> None:
     \b
     tselab vehicle --example > car.toml          a vehicle file to edit
     tselab estimate log.csv --vehicle car.toml --report report.html
+    tselab signals drive.mf4 --write signals.toml      a log with names of its own
     tselab simulate --maneuver square-waves --vehicle car.toml --out log.csv
     tselab demo --out demo                       all of it, without a log of your own
 
@@ -114,7 +119,7 @@ def cli(debug: bool) -> None:
         ("Codes", "codes_table"),
     ),
 )
-@click.argument("log_path", metavar="LOG.csv", type=FILE)
+@click.argument("log_path", metavar="LOG", type=FILE)
 @click.option("--vehicle", "vehicle_path", metavar="CAR.toml", type=FILE, required=True,
               help="Vehicle file; 'tselab vehicle --example' prints one.")  # fmt: skip
 @click.option(
@@ -135,6 +140,7 @@ def cli(debug: bool) -> None:
 @click.option("--age", metavar="DAYS", type=float, help="How long ago that was; default: the age of the file.")
 @click.option("--save-learnt", metavar="FILE", type=FILE, help="Write what this drive teaches; may be the same file.")
 @click.option("--average", metavar="SECONDS", type=float, help="Average the log over blocks of so long first, at most 0.1 s.")
+@reading
 @click.option("--seed", type=int, help="Seed of the random numbers; --form paper or sampled.")
 @click.option("--particles", type=int, help="Particles in use; --form paper or sampled.")
 @click.option("--forgetting", type=float, help="Forgetting factor per sample; --form paper or sampled.")
@@ -154,9 +160,10 @@ def estimate(
     form: str,
     pairs: tuple[str, ...],
     progress: bool | None,
+    reading: Reading,
     **options: Any,
 ) -> None:
-    """Estimate tyre stiffness from LOG.csv.
+    """Estimate tyre stiffness from LOG.
 
     \b
     tselab estimate log.csv --vehicle car.toml
@@ -164,6 +171,20 @@ def estimate(
     tselab estimate log.csv --vehicle car.toml --form paper --particles 200 --forgetting 0.995
     tselab estimate monday.csv --vehicle car.toml --save-learnt car.tse
     tselab estimate friday.csv --vehicle car.toml --load-learnt car.tse --age 4 --save-learnt car.tse
+
+    LOG is a CSV with the columns below, or any format that 'tselab signals --help' lists, with names, units, rates and latencies
+    of its own: signals.toml beside it, or --signals, says which signal is which, and 'tselab signals LOG --write signals.toml'
+    proposes it.
+
+    \b
+    [signals.steer_angle]            [signals.wheel_speed_front]       [signals.accel_y]
+    name = "LWI_Lenkradwinkel"       name = ["ESP_VL", "ESP_VR"]       name = "ESP_Querbeschl"
+    unit = "deg"                     unit = "km/h"                     unit = "g"
+    ratio = 15.3                     latency = 0.02                    sign = -1
+
+    Further keys: scale, offset, sign_bit, radius (of a wheel, m), valid and counter (signals of the message that say so), hold
+    (sent only when it changes); ratio may be a table [[angle, ratio], ...]. [log]: time, time_unit, step, rate, databases,
+    separator, decimal, encoding, header. Channels that the log does not have are missing: what can still be told is.
 
     The vehicle file may leave out stiffness and what the sensors are like; a rule fills it in and the run says so:
 
@@ -192,7 +213,7 @@ def estimate(
     from tselab.verdict import findings, of_what_is_told, remarks
 
     out = out or Path(log_path.stem + ".est.csv")
-    inputs = {"the log": log_path, "--vehicle": vehicle_path, "--config": config_path}
+    inputs = {"the log": log_path, "--vehicle": vehicle_path, "--config": config_path, "--signals": reading.signals}
     check_distinct({"--out": out, "--report": report, "--save-learnt": save_learnt}, inputs)
     # a file that is loaded may be replaced by what is learnt now, and by nothing else
     check_distinct({"--out": out, "--report": report}, {"--load-learnt": load_learnt})
@@ -203,7 +224,7 @@ def estimate(
         raise UserError("option --age: is that of the file of --load-learnt, which is not given")
     _positive("age", age, 0.0, 40000.0, "days")
     learnt = read_learnt(load_learnt, age) if load_learnt else None
-    prepared = prepare(log_path, vehicle_path, config_path, average, options, form, key_values(pairs))
+    prepared = prepare(log_path, vehicle_path, config_path, average, options, form, key_values(pairs), reading)
     vehicle, log, config, warnings = prepared.vehicle, prepared.log, prepared.config, prepared.warnings
     notes = prepared.notes
 
@@ -665,6 +686,7 @@ def montecarlo(
 cli.add_command(fmu)
 cli.add_command(gap)
 cli.add_command(calibrate)
+cli.add_command(signals)
 
 
 def _give_up_stdout() -> None:

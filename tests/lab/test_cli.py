@@ -42,7 +42,7 @@ def test_help_teaches(command):
 
 def test_wrong_usage_exits_with_2_and_says_what_is_missing():
     done = tselab("estimate")
-    assert done.code == 2 and "Missing argument 'LOG.csv'" in done.err
+    assert done.code == 2 and "Missing argument 'LOG'" in done.err
     done = tselab("estimat", "x.csv")
     assert done.code == 2 and "No such command" in done.err
 

@@ -230,7 +230,7 @@ def test_ctrl_c_keeps_the_stages_that_are_done(case, tmp_path):
 
 
 @pytest.mark.parametrize(("args", "text"), [
-    (("gap",), "LOG.csv"),
+    (("gap",), "LOG ..."),
     (("gap", "nowhere.csv", "--vehicle", "car.toml", "--out", "o"), "no such file"),
     (("gap", "log.csv", "--vehicle", "car.toml"), "--out"),
     (("gap", "log.csv", "log.csv", "--vehicle", "car.toml", "--out", "o"), "given twice"),

@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING
 import click
 
 from tselab.gap.commands import HOLD_OUT, JOBS, LOGS, VEHICLE, Run, _distinct, _saying
-from tselab.options import FILE, PROGRESS
+from tselab.options import FILE, PROGRESS, reading
 
 if TYPE_CHECKING:
     from tselab.calibrate.workflow import Result
+    from tselab.log import Reading
 
 NOT_CONVERGED = 12  # exit code
 
@@ -33,6 +34,7 @@ class Calibrate(Run):
     "--out", metavar="CALIBRATED.toml", type=FILE, required=True, help="The calibrated vehicle file; .json and .html beside it."
 )
 @click.option("--steps", type=click.IntRange(1, 1000), help="Most steps of the search.  [default: 40]")
+@reading
 @JOBS
 @PROGRESS
 def calibrate(
@@ -43,6 +45,7 @@ def calibrate(
     steps: int | None,
     jobs: int,
     progress: bool | None,
+    reading: Reading,
 ) -> int:
     """Find what the car and the sensors of a log are, from ordinary driving.
 
@@ -81,7 +84,7 @@ def calibrate(
     check_writable(out)
     try:
         with _saying(progress) as say:
-            result = workflow.run(logs, vehicle_path, hold_out, kept, jobs, say, steps)
+            result = workflow.run(logs, vehicle_path, hold_out, kept, jobs, say, steps, reading)
             output.write(out, result, [p.name for p in logs])
             say("the page")
             page.write(html, result, words(result))

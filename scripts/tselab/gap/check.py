@@ -17,7 +17,7 @@ from tselab.gap.infer.hypotheses import threshold
 from tselab.gap.localise.excitation import Excitation, excitation
 from tselab.gap.problem import STIFFNESS
 from tselab.gap.workers import Workers
-from tselab.log import OPTIONAL
+from tselab.log import OPTIONAL, Reading
 from tselab.tables import text_table
 from tselab.vehicle import read_vehicle
 
@@ -60,12 +60,16 @@ class Check:
 
 
 def check(
-    logs: Sequence[Path], vehicle_path: Path, jobs: int = 1, say: Callable[[str], None] = lambda _: None
+    logs: Sequence[Path],
+    vehicle_path: Path,
+    jobs: int = 1,
+    say: Callable[[str], None] = lambda _: None,
+    reading: Reading | None = None,
 ) -> Check:
     """Fit stiffness and biases, and look around."""
     say("reading the logs")
     workers = Workers(jobs)
-    read, config = workflow.read(logs, read_vehicle(vehicle_path))
+    read, config = workflow.read(logs, read_vehicle(vehicle_path), reading)
     prepared = workers.prepare(read, config)
     problem = workers.problem(prepared, config)
     notes = [n for p in prepared for n in p.notes]
