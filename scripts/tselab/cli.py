@@ -20,12 +20,13 @@ from tselab.fmu.commands import fmu
 from tselab.gap.commands import gap
 from tselab.logs.commands import signals
 from tselab.montecarlo import STUDIES
-from tselab.options import FILE, FORM, PROGRESS, key_values, reading, show_progress
+from tselab.options import FILE, FORM, PROGRESS, for_programs, key_values, reading, show_progress
 
 if TYPE_CHECKING:
     from tselab.log import Reading
 
 MOST_FINDINGS = 12  # stretches of road in the terminal
+WRITTEN = {"estimates": "Estimates", "report": "Report", "table": "Table", "learnt": "Learnt state"}
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 110}
 
 
@@ -133,7 +134,7 @@ def cli(debug: bool) -> None:
     "--out",
     metavar="EST.csv",
     type=FILE,
-    help="Estimates; default: the log's name with .est.csv, in the current directory.",
+    help="Estimates, .csv or .parquet; default: the log's name with .est.csv, in the current directory.",
 )
 @click.option("--report", metavar="REPORT.html", type=FILE, help="Also write a report with interactive plots.")
 @click.option("--load-learnt", metavar="FILE", type=FILE, help="Start from what an earlier drive taught.")
@@ -141,6 +142,7 @@ def cli(debug: bool) -> None:
 @click.option("--save-learnt", metavar="FILE", type=FILE, help="Write what this drive teaches; may be the same file.")
 @click.option("--average", metavar="SECONDS", type=float, help="Average the log over blocks of so long first, at most 0.1 s.")
 @reading
+@for_programs
 @click.option("--seed", type=int, help="Seed of the random numbers; --form paper or sampled.")
 @click.option("--particles", type=int, help="Particles in use; --form paper or sampled.")
 @click.option("--forgetting", type=float, help="Forgetting factor per sample; --form paper or sampled.")
@@ -161,8 +163,10 @@ def estimate(
     pairs: tuple[str, ...],
     progress: bool | None,
     reading: Reading,
+    as_json: bool,
+    table: Path | None,
     **options: Any,
-) -> None:
+) -> int:
     """Estimate tyre stiffness from LOG.
 
     \b
@@ -203,8 +207,12 @@ def estimate(
 
     A learnt state holds stiffness, spread and sensor biases. It fits the vehicle it was learnt with, and is trusted the
     less the older it is (settings learnt_floor, learnt_walk_day).
+
+    Exit code: 0 usable: the log tells every stiffness; 3 usable in part; 4 nothing usable: the estimates are written, and no
+    stiffness is known from them; 2 bad input; 130 Ctrl-C. --json says what was found as JSON on standard output, in place of
+    words; --table writes it as a row per stretch of road and stiffness.
     """
-    from tselab import regimes
+    from tselab import regimes, results
     from tselab.estimate import estimate_to
     from tselab.facts import run_facts
     from tselab.files import check_distinct, check_writable
@@ -214,10 +222,11 @@ def estimate(
 
     out = out or Path(log_path.stem + ".est.csv")
     inputs = {"the log": log_path, "--vehicle": vehicle_path, "--config": config_path, "--signals": reading.signals}
-    check_distinct({"--out": out, "--report": report, "--save-learnt": save_learnt}, inputs)
+    check_distinct({"--out": out, "--report": report, "--save-learnt": save_learnt, "--table": table}, inputs)
     # a file that is loaded may be replaced by what is learnt now, and by nothing else
-    check_distinct({"--out": out, "--report": report}, {"--load-learnt": load_learnt})
-    for path in (out, report, save_learnt):
+    check_distinct({"--out": out, "--report": report, "--table": table}, {"--load-learnt": load_learnt})
+    results.check_table(table)
+    for path in (out, report, save_learnt, table):
         if path is not None:
             check_writable(path)
     if age is not None and load_learnt is None:
@@ -248,33 +257,42 @@ def estimate(
 
         write_report(report, est, log, vehicle, config, notes, drawn)
 
-    if learnt is not None:
-        click.echo(f"started from: {learnt.note}")
-    for name, value in run_facts(est, log, vehicle, config):
-        click.echo(f"{name + ':':<11}{value}")
-    for line in vehicle.filled:
-        click.echo(f"filled in: {line}")
-    for line in notes:
-        click.echo(f"{'warning' if line in warnings else 'note'}: {line}", err=True)
     changes = regimes.changes(est.table)
-    for line in regimes.words(changes, regimes.spells(est.table)):
-        click.echo(line)
     found = findings(est.table, config, changes)
-    for finding in found[:MOST_FINDINGS]:
-        click.echo("\n".join(finding.lines()))
-    if len(found) > MOST_FINDINGS:
-        click.echo(f"and {len(found) - MOST_FINDINGS} more stretches, which --report lists")
-    click.echo(f"Estimates written to {out}")
-    if save_learnt is not None and est.learnt is not None:
-        click.echo(f"Learnt state written to {save_learnt}")
-    if report is not None and len(est):
-        click.echo(f"Report written to {report}")
+    if table is not None:
+        results.write_rows(table, results.rows(log_path, est, found, changes, warnings), results.COLUMNS)
+    written = {"estimates": out, "report": report if len(est) else None, "table": table}
+    written["learnt"] = save_learnt if est.learnt is not None else None
+    if as_json:
+        said = {"vehicle": vehicle.path, "started_from": learnt.note if learnt is not None else None, "filled": vehicle.filled,
+                "notes": [n for n in notes if n not in warnings], "warnings": warnings, "interrupted": est.interrupted,
+                "written": written}  # fmt: skip
+        results.say_json(results.document(log_path, est, found, config, said))
+    else:
+        if learnt is not None:
+            click.echo(f"started from: {learnt.note}")
+        for name, value in run_facts(est, log, vehicle, config):
+            click.echo(f"{name + ':':<11}{value}")
+        for line in vehicle.filled:
+            click.echo(f"filled in: {line}")
+        for line in notes:
+            click.echo(f"{'warning' if line in warnings else 'note'}: {line}", err=True)
+        for line in regimes.words(changes, regimes.spells(est.table)):
+            click.echo(line)
+        for finding in found[:MOST_FINDINGS]:
+            click.echo("\n".join(finding.lines()))
+        if len(found) > MOST_FINDINGS:
+            click.echo(f"and {len(found) - MOST_FINDINGS} more stretches, which --report lists")
+        for what, path in written.items():
+            if path is not None:
+                click.echo(f"{WRITTEN[what]} written to {path}")
     if est.interrupted:
         click.echo(
             f"tselab: stopped by Ctrl-C after {len(est)} of {len(log)} rows; {out} holds the rows done",
             err=True,
         )
         sys.exit(130)
+    return results.exit_code(found)
 
 
 MANEUVERS = "\n".join(

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 import pandas as pd
@@ -25,6 +25,7 @@ from tselab.log import MEASURES, Log
 
 CHUNK = 64  # rows between two looks at Ctrl-C and the progress bar
 BLOCK = 2048  # rows that are in memory with all their columns at a time
+GROUP = 16 * BLOCK  # ... where they are written as Parquet: rows of a group
 Block = dict[str, Any]  # rows of EST.csv: column -> array, reasons as pd.Categorical
 REFUSED = "row refused"  # the reason of a row with a negative status
 
@@ -76,21 +77,66 @@ def estimate_to(
     learnt: Learnt | None = None,
     watch: Sequence[Callable[[Block], None]] = (),
 ) -> Estimate:
-    """The same, written to EST.csv on the way, so that memory does not grow by what is written; the table of the result has the
-    columns of SUMMARY. `watch`: shown every block of rows, for what else becomes of them."""
+    """The same, written to EST.csv or .parquet on the way, so that memory does not grow by what is written; the table of the
+    result has the columns of SUMMARY. `watch`: shown every block of rows, for what else becomes of them."""
     head = _head(config)
     summary = Summary(head, len(log))
-    with atomic(path, "wb") as file:
-        file.write(csv_header(head))
+    with atomic(path, "wb") as file, writer(path, file, head) as write:
 
         def take(block: Block) -> None:
-            file.write(csv_rows(block))
+            write(block)
             for each in (summary.add, *watch):
                 each(block)
 
         teaches, told = _run(log, config, take, progress, learnt)
     table = summary.table()
     return Estimate(table, interrupted=len(table) < len(log), learnt=teaches, told_sd=told)
+
+
+@contextmanager
+def writer(path: Path, file: IO[bytes], head: Block) -> Iterator[Callable[[Block], object]]:
+    """Who writes blocks of rows: as CSV, or as Parquet where the name says so. `head`: the table without rows."""
+    if path.suffix.lower() in (".parquet", ".pq"):
+        with _Parquet(file, head) as rows:
+            yield rows.add
+        return
+    file.write(csv_header(head))
+    yield lambda block: file.write(csv_rows(block))
+
+
+class _Parquet:
+    """Blocks of rows, several in one group of the file."""
+
+    def __init__(self, file: IO[bytes], head: Block):
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
+        self._pa = pa
+        self._waiting: list[Any] = []
+        self._schema = pa.schema([(name, self._array(column).type) for name, column in head.items()])
+        self._file = pq.ParquetWriter(file, self._schema)
+
+    def __enter__(self) -> _Parquet:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._flush()
+        self._file.close()
+
+    def add(self, block: Block) -> None:
+        self._waiting.append(self._pa.table([self._array(x) for x in block.values()], schema=self._schema))
+        if len(self._waiting) >= GROUP // BLOCK:
+            self._flush()
+
+    def _array(self, column: Any) -> Any:
+        if isinstance(column, pd.Categorical):
+            return self._pa.DictionaryArray.from_arrays(self._pa.array(column.codes), self._pa.array(list(column.categories)))
+        return self._pa.array(column)
+
+    def _flush(self) -> None:
+        if self._waiting:
+            self._file.write_table(self._pa.concat_tables(self._waiting))
+            self._waiting.clear()
 
 
 def _run(

@@ -46,6 +46,15 @@ PROGRESS = click.option(
 )
 
 
+TABLE_HELP = "Also write what was found as a table, .parquet or .csv."
+
+
+def for_programs(command: Callable[..., Any]) -> Callable[..., Any]:
+    """What every command takes whose findings a program may want: as JSON instead of words, and as a table."""
+    command = click.option("--table", metavar="TABLE.parquet", type=FILE, help=TABLE_HELP)(command)
+    return click.option("--json", "as_json", is_flag=True, help="What was found as JSON, instead of words.")(command)
+
+
 def reading(command: Callable[..., Any]) -> Callable[..., Any]:
     """What every command takes that reads a log of a car; it comes as one argument `reading`, a log.Reading, which the command
     completes with the car."""

@@ -174,7 +174,7 @@ def test_calibrate_and_gap_take_any_log_also_without_accel_x(command, clean, tmp
     (tmp_path / "signals.toml").write_text(text[:before] + text[after:])
     options = ["--out", tmp_path / "c.toml", "--steps", 1] if command == "calibrate" else []
     done = tselab_here(*command.split(), path, "--vehicle", car, "--jobs", 1, *options)
-    assert done.code in (0, 12) and "accel_x" in done.out + done.err, done.err
+    assert done.code in (0, 3, 12) and "accel_x" in done.out + done.err, done.err
     if options:
         assert (tmp_path / "c.toml").exists()
     else:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from tselab.errors import UserError
-from tselab.options import FILE, PROGRESS, reading, show_progress
+from tselab.options import FILE, PROGRESS, for_programs, reading, show_progress
 
 if TYPE_CHECKING:
     from tselab.log import Reading
@@ -190,9 +190,18 @@ def changes(result: Any) -> list[str]:
 @LOGS
 @VEHICLE
 @reading
+@for_programs
 @JOBS
 @PROGRESS
-def check(logs: tuple[Path, ...], vehicle_path: Path, jobs: int, progress: bool | None, reading: Reading) -> None:
+def check(
+    logs: tuple[Path, ...],
+    vehicle_path: Path,
+    jobs: int,
+    progress: bool | None,
+    reading: Reading,
+    as_json: bool,
+    table: Path | None,
+) -> int:
     """What these logs can and cannot show, before any effect is fitted.
 
     \b
@@ -200,12 +209,28 @@ def check(logs: tuple[Path, ...], vehicle_path: Path, jobs: int, progress: bool 
 
     For every effect the smallest size that would be named, its typical size, and how much of it the fitted stiffness takes up;
     then which manoeuvres are missing.
+
+    Exit code: 0 usable: every manoeuvre is there that naming an effect wants; 3 usable in part; 4 nothing usable: no effect would
+    be named at its typical size; 2 bad input. --json says it for programs, --table writes a row for each effect.
     """
+    from tselab import results
+    from tselab.files import check_distinct, check_writable
     from tselab.gap.check import check as look
+
+    check_distinct({"--table": table}, {"--vehicle": vehicle_path} | {str(p): p for p in logs})
+    results.check_table(table)
+    if table is not None:
+        check_writable(table)
 
     with _saying(progress) as say:
         found = look(logs, vehicle_path, jobs, say, reading)
-    click.echo(found.text())
+    if table is not None:
+        results.write_rows(table, [{"logs": " ".join(map(str, logs)), **e} for e in found.as_json()["effects"]])
+    if as_json:
+        results.say_json({"logs": logs, "vehicle": vehicle_path, **found.as_json(), "exit_code": found.code})
+    else:
+        click.echo(found.text())
+    return found.code
 
 
 @gap.command(short_help="Which manoeuvre tells two effects apart.")
