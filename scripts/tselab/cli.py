@@ -16,6 +16,7 @@ from tselab import __version__, maneuvers
 from tselab.calibrate.commands import calibrate
 from tselab.errors import UserError
 from tselab.files import no_room
+from tselab.fleet.commands import fleet
 from tselab.fmu.commands import fmu
 from tselab.gap.commands import gap
 from tselab.logs.commands import signals
@@ -212,13 +213,11 @@ def estimate(
     stiffness is known from them; 2 bad input; 130 Ctrl-C. --json says what was found as JSON on standard output, in place of
     words; --table writes it as a row per stretch of road and stiffness.
     """
-    from tselab import regimes, results
-    from tselab.estimate import estimate_to
+    from tselab import regimes, results, single
     from tselab.facts import run_facts
     from tselab.files import check_distinct, check_writable
     from tselab.learnt import read_learnt, write_learnt
     from tselab.prepare import prepare
-    from tselab.verdict import findings, of_what_is_told, remarks
 
     out = out or Path(log_path.stem + ".est.csv")
     inputs = {"the log": log_path, "--vehicle": vehicle_path, "--config": config_path, "--signals": reading.signals}
@@ -235,33 +234,16 @@ def estimate(
     learnt = read_learnt(load_learnt, age) if load_learnt else None
     prepared = prepare(log_path, vehicle_path, config_path, average, options, form, key_values(pairs), reading)
     vehicle, log, config, warnings = prepared.vehicle, prepared.log, prepared.config, prepared.warnings
-    notes = prepared.notes
-
-    drawn = None
-    if report is not None:
-        from tselab.plots import Data
-
-        drawn = Data(log)
-    est = estimate_to(out, log, config, show_progress(progress), learnt, [drawn.add] if drawn else [])
-    refused = int((est.table["status"] < 0).sum())
-    if refused:
-        notes.append(f"{refused} rows were refused by the library; their estimates are empty, the status says why")
-    notes += [*remarks(est.table), *of_what_is_told(est.table, config, est.told_sd)]
+    ran = single.run(prepared, out, report, learnt, show_progress(progress))
+    est, notes, changes, found = ran.estimate, ran.notes, ran.changes, ran.findings
     if save_learnt is not None:
         if est.learnt is not None:
             write_learnt(save_learnt, est.learnt)
         else:
             notes.append(f"no row was used, so nothing was learnt: {save_learnt} is not written")
-    if report is not None and len(est):
-        from tselab.report import write_report
-
-        write_report(report, est, log, vehicle, config, notes, drawn)
-
-    changes = regimes.changes(est.table)
-    found = findings(est.table, config, changes)
     if table is not None:
         results.write_rows(table, results.rows(log_path, est, found, changes, warnings), results.COLUMNS)
-    written = {"estimates": out, "report": report if len(est) else None, "table": table}
+    written = {"estimates": out, "report": report if ran.reported else None, "table": table}
     written["learnt"] = save_learnt if est.learnt is not None else None
     if as_json:
         said = {"vehicle": vehicle.path, "started_from": learnt.note if learnt is not None else None, "filled": vehicle.filled,
@@ -705,6 +687,7 @@ cli.add_command(fmu)
 cli.add_command(gap)
 cli.add_command(calibrate)
 cli.add_command(signals)
+cli.add_command(fleet)
 
 
 def _give_up_stdout() -> None:

@@ -70,7 +70,7 @@ def estimate(log: Log, config: Config, progress: bool = False, learnt: Learnt | 
 
 
 def estimate_to(
-    path: Path,
+    path: Path | None,
     log: Log,
     config: Config,
     progress: bool = False,
@@ -78,10 +78,11 @@ def estimate_to(
     watch: Sequence[Callable[[Block], None]] = (),
 ) -> Estimate:
     """The same, written to EST.csv or .parquet on the way, so that memory does not grow by what is written; the table of the
-    result has the columns of SUMMARY. `watch`: shown every block of rows, for what else becomes of them."""
+    result has the columns of SUMMARY. `path`: None: they are not written. `watch`: shown every block of rows, for what else
+    becomes of them."""
     head = _head(config)
     summary = Summary(head, len(log))
-    with atomic(path, "wb") as file, writer(path, file, head) as write:
+    with _writing(path, head) as write:
 
         def take(block: Block) -> None:
             write(block)
@@ -94,14 +95,17 @@ def estimate_to(
 
 
 @contextmanager
-def writer(path: Path, file: IO[bytes], head: Block) -> Iterator[Callable[[Block], object]]:
+def _writing(path: Path | None, head: Block) -> Iterator[Callable[[Block], object]]:
     """Who writes blocks of rows: as CSV, or as Parquet where the name says so. `head`: the table without rows."""
-    if path.suffix.lower() in (".parquet", ".pq"):
-        with _Parquet(file, head) as rows:
+    if path is None:
+        yield lambda block: None
+    elif path.suffix.lower() in (".parquet", ".pq"):
+        with atomic(path, "wb") as file, _Parquet(file, head) as rows:
             yield rows.add
-        return
-    file.write(csv_header(head))
-    yield lambda block: file.write(csv_rows(block))
+    else:
+        with atomic(path, "wb") as file:
+            file.write(csv_header(head))
+            yield lambda block: file.write(csv_rows(block))
 
 
 class _Parquet:

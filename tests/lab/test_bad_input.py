@@ -7,7 +7,7 @@ from collections.abc import Callable
 import pandas as pd
 import pytest
 
-from conftest import tselab, tselab_here
+from conftest import RAN, tselab, tselab_here
 from tselab import log
 from tselab.core import Config
 
@@ -72,7 +72,7 @@ def test_a_log_with_a_few_bad_rows_is_used_and_they_are_named(name, drive, tmp_p
     change, words = REPAIRED[name]
     change(drive.table()).to_csv(tmp_path / "log.csv", index=False)
     done = tselab_here("estimate", "log.csv", "--vehicle", drive.vehicle, cwd=tmp_path)
-    assert done.code == 0, done.err
+    assert done.code in RAN, done.err
     for word in words:
         assert word in done.err, done.err
     est = pd.read_csv(tmp_path / "log.est.csv")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Collection
 from dataclasses import replace
 from pathlib import Path
@@ -97,5 +98,5 @@ def _unnamed(path: Path, recording: Recording) -> str:
     return (
         f"{path}: a file must say which of its {len(recording.channels)} signals are which "
         f"({listed(c.name for c in recording)}){has}\n"
-        f"  'tselab signals {path.name} --write signals.toml' proposes one; beside the log, or with --signals, it is used"
+        f"  'tselab signals {shlex.quote(path.name)} --write signals.toml' proposes one; beside the log, or with --signals, it is used"
     )
