@@ -16,6 +16,7 @@ import pandas as pd
 
 from tselab.core import CONFIG, INPUT, Field, library
 from tselab.errors import UserError
+from tselab.room import Room
 
 DRIVES = ("steer_angle", "wheel_speed_front", "wheel_speed_rear")  # drive the model
 MEASURES = ("accel_x", "accel_y", "yaw_rate")  # are compared with it
@@ -84,6 +85,7 @@ class Log:
     # of an axle with two wheels: right less left over the yaw rate, track/radius
     turn: dict[str, float] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)  # of `notes` those that --strict refuses
+    room: Room | None = None  # where the columns of a very long log are
 
     def __len__(self) -> int:
         return len(self.time)
@@ -102,6 +104,11 @@ class Log:
         for name in self.data:
             rows[name] = self.data[name].to_numpy()[part]
         return rows
+
+    def let_go(self) -> None:
+        """What was read so far need not stay in memory."""
+        if self.room is not None:
+            self.room.let_go()
 
     def steers_beyond(self, limit: float) -> np.ndarray:
         with np.errstate(invalid="ignore"):
@@ -162,7 +169,7 @@ def _is_plain(path: Path, reading: Reading) -> bool:
 
 
 def _read_plain(path: Path, spare: Collection[str]) -> Log:
-    header, whole = _header(path)
+    header, whole, lines = _header(path)
     wanted = columns()
     sides = {axle: pair for axle, pair in SIDES.items() if axle not in header and all(c in header for c in pair)}
     absent = _absent(header, sides, spare)
@@ -174,7 +181,7 @@ def _read_plain(path: Path, spare: Collection[str]) -> Log:
     if twice:
         raise UserError(f"{path}: column {_list(twice)} appears more than once in the header (line 1)")
     notes: list[str] = []
-    table, line, skipped = _numbers(path, header, needed, whole, notes)
+    table, line, skipped, room = _numbers(path, header, needed, whole, lines, notes)
     if whole is not None:
         notes.append(f"line {whole + 2}, the last, does not end: it may be cut inside a number and is left out")
     if skipped:
@@ -182,7 +189,9 @@ def _read_plain(path: Path, spare: Collection[str]) -> Log:
     time, keep = _straight(path, table.pop("time"), line, notes)
     if not keep.all():
         table, line = {c: x[keep] for c, x in table.items()}, line[keep]
-    return checked(path, time, table, line, notes, spare)
+    log = checked(path, time, table, line, notes, spare)
+    log.room = room
+    return log
 
 
 def _absent(names: Collection[str], sides: Collection[str], spare: Collection[str]) -> list[str]:
@@ -215,7 +224,7 @@ def checked(
     missing = [c for c in needed if c not in table]
     if missing:
         raise UserError(f"{path}: {_list(missing)} is missing{_remedy(missing)}")
-    data = pd.DataFrame({name: table.pop(name) for name in needed}, index=range(len(time)))
+    data = _frame({name: table.pop(name) for name in needed}, len(time))
     for f in library().channels:
         if f.name in absent:
             data[f.name] = np.nan
@@ -237,7 +246,7 @@ def checked(
         data[stand_in], data["accel_x"] = data[other], np.nan  # what accel_x tells is a force at a slip that nobody knows
         notes.append(f"{stand_in} is not in the log: {other} stands in for it; slip is not known, so accel_x is not used and "
                      f"cx_front not told")
-    data = data[wanted]
+    data = _frame({name: data.pop(name).to_numpy() for name in wanted}, len(time))
     sample_time = float(np.median(np.diff(time))) if len(time) > 1 else None
     if sample_time is not None and sample_time > SLOWEST:
         hint = _time_hint(sample_time)
@@ -251,6 +260,32 @@ def checked(
     ref = pd.DataFrame({c: table.pop(c) for c in list(table) if c.startswith("ref_")}, index=data.index)
     extra = pd.DataFrame({c: x for c in OPTIONAL if c in table and (x := _optional(c, table[c], line, notes, place)) is not None})
     return Log(path, time, data, ref, line, sample_time, notes, extra=extra, place=place, stand_in=stand_in, turn=per_turn)
+
+
+def _frame(columns: dict[str, np.ndarray], rows: int) -> pd.DataFrame:
+    """The columns as they are: a copy of ten hours is another 200 MB."""
+    return pd.DataFrame(columns, index=range(rows), copy=False)
+
+
+def liveliest(log: Log, rows: int) -> Log:
+    """Of a log that is longer the part of so many rows in which the car turns most: enough to say what its sensors are like."""
+    if len(log) <= rows:
+        return log
+    turn = np.nan_to_num(np.abs(log.data["yaw_rate"].to_numpy(float)))
+    if not turn.any():
+        turn = np.nan_to_num(np.abs(log.data["steer_angle"].to_numpy(float)))
+    starts = np.arange(0, len(log) - rows + 1, max(1, rows // 4))
+    total = np.append(0.0, np.cumsum(turn))
+    first = int(starts[np.argmax(total[starts + rows] - total[starts])])
+    part = slice(first, first + rows)
+    begin, end = log.time[first], log.time[first + rows - 1]
+    slower = {
+        name: Slower(s.time[inside], s.value[inside], s.rows)
+        for name, s in log.slower.items()
+        for inside in ((s.time >= begin) & (s.time <= end),)
+    }
+    data, ref, extra = (t.iloc[part].reset_index(drop=True) for t in (log.data, log.ref, log.extra))
+    return replace(log, time=log.time[part], data=data, ref=ref, extra=extra, line=log.line[part], slower=slower)
 
 
 def _remedy(missing: Collection[str]) -> str:
@@ -366,17 +401,18 @@ def steering_notes(log: Log, max_steer: float) -> list[str]:
     ]
 
 
-def _header(path: Path) -> tuple[list[str], int | None]:
-    """The names of the columns; and where the last line does not end, how many rows do. Who wrote it was perhaps stopped there,
-    and a number that is cut is a number still."""
+def _header(path: Path) -> tuple[list[str], int | None, int]:
+    """The names of the columns; where the last line does not end, how many rows do: who wrote it was perhaps stopped there, and a
+    number that is cut is a number still; and how many rows there are at most."""
     if path.is_dir():
         raise UserError(f"{path}: is a directory, not a log")
     try:
         with open(path, encoding="utf-8-sig", newline="") as file:
             head = last = file.read(65536)
-            ends = head.count("\n")
+            ends, lone = head.count("\n"), head.count("\r")
             while part := file.read(1 << 20):  # the whole file must be text
                 ends += part.count("\n")
+                lone += part.count("\r")
                 last = part
     except FileNotFoundError:
         raise UserError(f"{path}: no such file") from None
@@ -391,7 +427,7 @@ def _header(path: Path) -> tuple[list[str], int | None]:
     if not head.strip():
         raise UserError(f"{path}: is empty")
     first = next(csv.reader(head.splitlines()[:1]), [])
-    return [c.strip() for c in first], ends - 1 if ends and not last.endswith(("\n", "\r")) else None
+    return [c.strip() for c in first], ends - 1 if ends and not last.endswith(("\n", "\r")) else None, ends + lone
 
 
 def _missing_text(path: Path, header: list[str], missing: list[str], needed: list[str]) -> str:
@@ -454,23 +490,26 @@ def _too_wide(path: Path) -> str:
 
 
 def _numbers(
-    path: Path, header: list[str], needed: list[str], whole: int | None, notes: list[str]
-) -> tuple[dict[str, np.ndarray], np.ndarray, list[str]]:
+    path: Path, header: list[str], needed: list[str], whole: int | None, most: int, notes: list[str]
+) -> tuple[dict[str, np.ndarray], np.ndarray, list[str], Room]:
     """Every column that is read as numbers, in the file's order; the lines in the file; columns that are left out. A few cells that
     are no numbers are missing, and a note says so; many are an error, or in a column that is not needed the end of that column.
-    Rows without any of what is needed are blank. `whole`: rows to read, where not all."""
+    Rows without any of what is needed are blank. `whole`: rows to read, where not all; `most`: rows that there may be."""
     if whole == 0:
         raise UserError(f"{path}: has one row, and its line does not end: it may be cut inside a number")
     wanted = [c for c in header if c in needed or _beside(c)]
-    columns: dict[str, list[np.ndarray]] = {name: [] for name in wanted}
-    lines: list[np.ndarray] = []
+    room = Room(wanted, most + 1)  # as long as ever needed: to put parts together takes twice the memory
+    columns = room.column
+    lines = np.empty(most + 1, np.int32)
+    rows = 0
     wrong: dict[str, tuple[int, str]] = {}  # column -> line and text of its first cell that is not a number
     count = dict.fromkeys(wanted, 0)
     with _parsing(path), pd.read_csv(path, **_arguments(header), nrows=whole, chunksize=PART) as parts:
         for part in parts:
             line = part.index.to_numpy() + 2
             filled = part[needed].notna().any(axis=1).to_numpy()
-            lines.append(line[filled])
+            place = slice(rows, rows + int(filled.sum()))
+            lines[place] = line[filled]
             for name in wanted:
                 column = part[name] if filled.all() else part[name][filled]
                 numbers = to_numbers(column)
@@ -479,11 +518,12 @@ def _numbers(
                 bad = (numbers.isna() & column.notna()).to_numpy()
                 count[name] += int(bad.sum())
                 if bad.any() and name not in wrong:
-                    wrong[name] = int(lines[-1][bad.argmax()]), str(column.iloc[int(bad.argmax())])
-                columns[name].append(numbers.to_numpy(float))
-    if not sum(map(len, lines)):
+                    wrong[name] = int(lines[place][bad.argmax()]), str(column.iloc[int(bad.argmax())])
+                columns[name][place] = numbers.to_numpy(float)
+            rows = place.stop
+            room.let_go()
+    if not rows:
         raise UserError(f"{path}: has a header but no rows")
-    rows = sum(map(len, lines))
     for name in wanted:
         if name in needed and name in wrong:
             at, text = wrong[name]
@@ -498,7 +538,7 @@ def _numbers(
                 f"missing{hint}"
             )
     skipped = [name for name in wanted if name in wrong]
-    return {c: np.concatenate(columns.pop(c)) for c in wanted if c not in wrong}, np.concatenate(lines), skipped
+    return {c: columns[c][:rows] for c in wanted if c not in wrong}, lines[:rows], skipped, room
 
 
 def to_numbers(column: pd.Series) -> pd.Series:

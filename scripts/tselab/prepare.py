@@ -10,10 +10,12 @@ from typing import Any
 from tselab.config import make_config
 from tselab.core import Config
 from tselab.errors import UserError
-from tselab.log import Log, Reading, read_log, sampling_notes, steering_notes
+from tselab.log import Log, Reading, liveliest, read_log, sampling_notes, steering_notes
 from tselab.log import average as average_log
 from tselab.units import check_units
 from tselab.vehicle import Vehicle, fill_sensors, read_vehicle
+
+MOST_ROWS = 1 << 19  # from which noise and units are told: 87 minutes at 100 Hz; a longer log is as its liveliest so many rows
 
 
 @dataclass
@@ -43,12 +45,14 @@ def prepare(
     log = read_log(log_path, reading=reading)
     if average is not None:
         log = average_log(log, average)
-    fill_sensors(vehicle, log)
+    lively = liveliest(log, MOST_ROWS)
+    log.let_go()
+    fill_sensors(vehicle, lively)
     config, notes = make_config(vehicle, log, config_path, options, form)
     for key, value in settings.items():
         config.set(key, value, source="option --set")
     warnings = check_units(
-        log,
+        lively,
         config.lf + config.lr,
         config.wheel_radius_front,
         config.wheel_radius_rear,
@@ -65,4 +69,5 @@ def prepare(
         *notes,
         *vehicle.notes,
     ]
+    log.let_go()
     return Prepared(vehicle, log, config, notes, warnings)

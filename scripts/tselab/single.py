@@ -35,7 +35,7 @@ def run(
         drawn = Data(prepared.log)
     est = estimate_to(out, prepared.log, prepared.config, progress, learnt, [drawn.add] if drawn else [])
     notes = list(prepared.notes)
-    refused = int((est.table["status"] < 0).sum())
+    refused = sum(rows for status, rows in est.statuses.items() if status < 0)
     if refused:
         notes.append(f"{refused} rows were refused by the library; their estimates are empty, the status says why")
     notes += [*remarks(est.table), *of_what_is_told(est.table, prepared.config, est.told_sd)]

@@ -85,7 +85,10 @@ def _one(
     channel = recording.find(name, source)
     time, value = clocks.of(channel)
     per = _factor(signal, channel, part, car, source, notes)
-    value = (value - signal.offset) * per * signal.scale * signal.sign
+    if signal.offset:
+        value = value - signal.offset
+    if (gain := per * signal.scale * signal.sign) != 1.0:
+        value = value * gain
     if signal.sign_bit is not None:
         bit = recording.find(signal.sign_bit, source.replace("] name", "] sign_bit"))
         value = np.where(_standing(clocks, bit, time) > 0.5, -value, value)
@@ -97,7 +100,7 @@ def _one(
     if signal.counter is not None:
         _drop_repeated(recording, clocks, signal.counter, time, value, source, part, notes)
     value[~np.isfinite(value)] = np.nan
-    return Series(part, time - signal.latency, value, signal.latency, signal.hold)
+    return Series(part, time - signal.latency if signal.latency else time, value, signal.latency, signal.hold)
 
 
 def _factor(signal: Signal, channel: Channel, part: str, car: Any | None, source: str, notes: list[str]) -> float:

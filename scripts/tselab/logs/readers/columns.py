@@ -16,7 +16,9 @@ def read(path: Path, how: How) -> Recording:
     """All columns that are numbers or times; a struct's fields by their path."""
     pa = need("pyarrow", "all", str(path))
     try:
-        if path.read_bytes()[:4] == b"PAR1":
+        with open(path, "rb") as file:
+            parquet = file.read(4) == b"PAR1"
+        if parquet:
             import pyarrow.parquet as pq
 
             table = pq.read_table(path)
@@ -38,7 +40,7 @@ def read(path: Path, how: How) -> Recording:
             column = column.combine_chunks().dictionary_decode() if hasattr(column, "combine_chunks") else column
         values = column.to_pandas()
         columns.append(Column(f.name, values, meta.get("unit", meta.get("units", "")), meta.get("description", "")))
-    found = recording_of(path, "Parquet" if path.read_bytes()[:4] == b"PAR1" else "Feather", columns, how)
+    found = recording_of(path, "Parquet" if parquet else "Feather", columns, how)
     if not np.isfinite(next(iter(found)).time).any():
         raise UserError(f"{path}: the time is empty")
     return found
