@@ -24,6 +24,7 @@ def read(path: Path, how: How) -> Recording:
     asammdf = need("asammdf", "mf4", str(path))
     logging.getLogger("asammdf").setLevel(logging.CRITICAL)
     notes: list[str] = []
+    damage = ""
     hook = sys.unraisablehook
     sys.unraisablehook = lambda _: None  # what asammdf drops of a damaged file complains on its way out
     try:
@@ -36,10 +37,12 @@ def read(path: Path, how: How) -> Recording:
     except UserError:
         raise
     except Exception as error:  # asammdf's parsers stumble over damage in many ways
-        raise UserError(f"{path}: is damaged or cut off: {type(error).__name__}: {str(error)[:120]}") from None
+        damage = f"{type(error).__name__}: {str(error)[:120]}"
     finally:
         gc.collect()
         sys.unraisablehook = hook
+    if damage:  # outside of the above, for an error keeps alive what it was raised beside
+        raise UserError(f"{path}: is damaged or cut off: {damage}")
     return Recording(path, f"MDF {version}", channels, notes)
 
 
