@@ -512,16 +512,26 @@ def settings(simulator: bool) -> None:
 @click.option("--seed", type=int, default=1, show_default=True, help="Seed of the random numbers.")
 @PROGRESS
 def demo(out: Path, seed: int, progress: bool | None) -> None:
-    """Simulate double lane changes with a road change, estimate, compare; then find a hidden effect.
+    """Simulate double lane changes with a road change, estimate, compare; do it again from an MF4 of other names, units, rates
+    and latencies; then find a hidden effect.
 
-    Writes vehicle.toml, filter.toml, log.csv, truth.csv, est.csv, report.html and, with matplotlib, demo.png; and in
-    the folder gap the logs of a car with an effect that nobody told, and all that 'tselab gap' makes of them.
+    Writes vehicle.toml, filter.toml, log.csv, truth.csv, est.csv, report.html and, with matplotlib, demo.png; in
+    the folder logger the same drive as an MF4, where the library for it is, and the proposed signals.toml; and in the folder gap
+    the logs of a car with an effect that nobody told, and all that 'tselab gap' makes of them.
     """
     from tselab.demo import gap_summary, run_demo, run_gap, summary
+    from tselab.logs.demo import logger_summary, run_logger
+    from tselab.tables import example_vehicle
 
     if out.exists() and not out.is_dir():
         raise UserError(f"{out}: is a file, a directory is needed")
-    click.echo(summary(run_demo(out, seed, show_progress(progress)), out))
+    made = run_demo(out, seed, show_progress(progress))
+    click.echo(summary(made, out))
+    try:
+        logged = run_logger(out / "logger", made.log, example_vehicle(), made.est.table)
+        click.echo("\n" + logger_summary(logged, out / "logger"))
+    except UserError as error:
+        click.echo(f"\nleft out: {error}")
     say = (lambda text: click.echo(f"gap: {text}", err=True)) if show_progress(progress) else (lambda _: None)
     click.echo("\n" + gap_summary(run_gap(out / "gap", seed, say, os.cpu_count() or 1), out / "gap"))
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import csv
 import warnings
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -189,7 +189,8 @@ def _read_plain(path: Path, spare: Collection[str]) -> Log:
     time, keep = _straight(path, table.pop("time"), line, notes)
     if not keep.all():
         table, line = {c: x[keep] for c, x in table.items()}, line[keep]
-    log = checked(path, time, table, line, notes, spare)
+    room.let_go()
+    log = checked(path, time, table, line, notes, spare, let_go=room.let_go)
     log.room = room
     return log
 
@@ -212,9 +213,11 @@ def checked(
     notes: list[str],
     spare: Collection[str] = MEASURES,
     place: str = "line",
+    let_go: Callable[[], None] = lambda: None,
 ) -> Log:
     """A log from columns in SI units, (rows,), with the library's names; wheels also by their side. `line`: of each row, in the
-    file (`place`: what it counts). UserError: a column that cannot be what it is called."""
+    file (`place`: what it counts). `let_go`: called when a column is done with. UserError: a column that cannot be what it is
+    called."""
     wanted = columns()[1:]
     sides = {axle: pair for axle, pair in SIDES.items() if axle not in table and all(c in table for c in pair)}
     parts = {name: sides.get(name, (name,)) for name in wanted}
@@ -233,6 +236,7 @@ def checked(
             continue
         for name in parts[f.name]:
             _check_channel(path, data, line, f, notes, name, place)
+            let_go()
     if all(data[c].isna().all() for c in ("accel_y", "yaw_rate")):
         raise UserError(f"{path}: accel_y and yaw_rate are missing: without either nothing can be said about the tyres")
     turn = data["yaw_rate"].to_numpy(float)
@@ -257,6 +261,7 @@ def checked(
         if 0 < (count := int(data[name].isna().sum())) < len(data):
             where = f"first in {place} {line[data[name].isna().to_numpy().argmax()]}"
             notes.append(f"{name}: {count} of {len(data)} cells are missing or not usable ({where})")
+        let_go()
     ref = pd.DataFrame({c: table.pop(c) for c in list(table) if c.startswith("ref_")}, index=data.index)
     extra = pd.DataFrame({c: x for c in OPTIONAL if c in table and (x := _optional(c, table[c], line, notes, place)) is not None})
     return Log(path, time, data, ref, line, sample_time, notes, extra=extra, place=place, stand_in=stand_in, turn=per_turn)
@@ -271,12 +276,11 @@ def liveliest(log: Log, rows: int) -> Log:
     """Of a log that is longer the part of so many rows in which the car turns most: enough to say what its sensors are like."""
     if len(log) <= rows:
         return log
-    turn = np.nan_to_num(np.abs(log.data["yaw_rate"].to_numpy(float)))
-    if not turn.any():
-        turn = np.nan_to_num(np.abs(log.data["steer_angle"].to_numpy(float)))
-    starts = np.arange(0, len(log) - rows + 1, max(1, rows // 4))
-    total = np.append(0.0, np.cumsum(turn))
-    first = int(starts[np.argmax(total[starts + rows] - total[starts])])
+    step = max(1, rows // 4)
+    channel = "yaw_rate" if log.data["yaw_rate"].notna().any() else "steer_angle"
+    turned = [float(np.nansum(np.abs(log.data[channel].to_numpy()[i : i + step]))) for i in range(0, len(log), step)]
+    starts = range(0, len(log) - rows + 1, step)
+    first = max(starts, key=lambda i: sum(turned[i // step : (i + rows) // step]))
     part = slice(first, first + rows)
     begin, end = log.time[first], log.time[first + rows - 1]
     slower = {
