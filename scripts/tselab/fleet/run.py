@@ -4,6 +4,7 @@ taught. In processes of this machine or on a Dask cluster; the numbers are the s
 from __future__ import annotations
 
 import contextlib
+import logging
 import multiprocessing
 import os
 import sys
@@ -240,6 +241,7 @@ class Cluster:
         check_workers(self._client, scheduler)
         import distributed
 
+        logging.getLogger("distributed").setLevel(logging.CRITICAL)  # of a worker that died, which is borne
         self._finished: Any = distributed.as_completed([], loop=self._client.loop)
         self._tasks: dict[str, Task] = {}
         self._futures: dict[str, Any] = {}
