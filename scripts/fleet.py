@@ -146,8 +146,8 @@ def measure(folder: Path, asked: argparse.Namespace) -> list[str]:
         f"--hours {asked.hours:g} --jobs {asked.jobs}`. -->",
         "",
         f"Logs of {asked.minutes:g} min at 100 Hz of {asked.cars} cars, each with its report and its estimates as Parquet; "
-        f"{os.cpu_count()} cores, load {load:.1f} at the end: above {asked.jobs} others worked there, too, and times by the clock are "
-        "longer than alone.",
+        f"{os.cpu_count()} cores, load {load:.1f} at the end: above {asked.jobs} others worked there, too, and times by the clock "
+        "are longer than alone.",
         "",
         "| What | clock | processor |",
         "|---|---:|---:|",
