@@ -196,6 +196,14 @@ def test_which_car_a_log_is_of(logs, tmp_path):
     table.write_text(f"log,vehicle,car\n{logs}/logs/golf,{car},GO 1\n{logs}/logs/up/*.csv,{car},\n")
     mine = drives([str(logs / "logs")], None, table, None, tmp_path)
     assert {d.car for d in mine if not d.error} == {"GO 1", "car"}
+    # one name of many files: what one car teaches is nothing to the other
+    for name in CARS:
+        (tmp_path / name).mkdir()
+        shutil.copy(car, tmp_path / name / "vehicle.toml")
+    rows = "".join(f"{logs}/logs/{name},{name}/vehicle.toml\n" for name in CARS)
+    (tmp_path / "two.csv").write_text(f"log,vehicle\n{rows}")
+    two = drives([str(logs / "logs")], None, tmp_path / "two.csv", None, tmp_path)
+    assert {d.car for d in two} == {"golf/vehicle", "up/vehicle"}
     (lost,) = (d for d in mine if d.error)
     assert lost.log.suffix == ".mf4" and "no row of cars.csv is for this log" in lost.error
 
@@ -206,6 +214,7 @@ def test_which_car_a_log_is_of(logs, tmp_path):
         ("log,car\n", "column vehicle is missing"),
         ("log,vehicle\nx,\n", "line 2, column vehicle: is empty"),
         ("log,vehicle\nx,nowhere.toml\n", "nowhere.toml: no such file"),
+        ("log,vehicle,car\nx,a.toml,golf\ny,b.toml,golf\n", "line 3, column vehicle: golf has a.toml above"),
         ("", "cannot be read as a CSV"),
     ],
 )

@@ -131,8 +131,8 @@ def fleet(
     usable, in_part, nothing = counts.values()
     hours = sum(d.outcome.seconds for d in done) / 3600
     click.echo(
-        f"{len(done)} logs of {len(found)} cars, {hours:.1f} h: {usable} usable, {in_part} in part, {nothing} that tell nothing, "
-        f"{len(bad)} that cannot be read"
+        f"{len(done)} logs of {len(found)} car{'s' if len(found) != 1 else ''}, {hours:.1f} h: {usable} usable, {in_part} in part, "
+        f"{nothing} that tell nothing, {len(bad)} that cannot be read"
     )
     for d in bad[:MOST_ERRORS]:
         click.echo(f"error: {d.outcome.error}", err=True)

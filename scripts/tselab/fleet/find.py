@@ -118,14 +118,16 @@ def _of_table(logs: Sequence[tuple[Path, Path]], table: Path) -> list[Drive]:
     """The first row whose pattern is that of a log says its car."""
     rows = _read_table(table)
     base = table.resolve().parent
+    vehicles = sorted({(base / r["vehicle"]).resolve().with_suffix("") for r in rows})
     found = []
     for path, _ in logs:
         row = next((r for r in rows if _fits(path.resolve(), base, r["log"])), None)
         if row is None:
             found.append(Drive("", path, error=f"{path}: no row of {table.name} is for this log"))
             continue
-        vehicle = base / row["vehicle"]
-        found.append(Drive(row["car"] or vehicle.stem, path, vehicle, base / row["signals"] if row["signals"] else None))
+        vehicle = (base / row["vehicle"]).resolve()
+        name = row["car"] or _name(vehicle.with_suffix(""), vehicles)
+        found.append(Drive(name, path, vehicle, base / row["signals"] if row["signals"] else None))
     return found
 
 
@@ -149,6 +151,11 @@ def _read_table(table: Path) -> list[dict[str, str]]:
             "vehicle (its vehicle file), car and signals if wanted; all relative to the table"
         )
     rows = [{c: str(r.get(c, "")).strip() for c in TABLE_COLUMNS} for r in read.to_dict("records")]
+    of: dict[str, str] = {}
+    for line, row in enumerate(rows, 2):
+        if row["car"] and of.setdefault(row["car"], row["vehicle"]) != row["vehicle"]:
+            before = of[row["car"]]
+            raise UserError(f"{table}: line {line}, column vehicle: {row['car']} has {before} above: a car has one vehicle file")
     for line, row in enumerate(rows, 2):
         for column in TABLE_COLUMNS[:2]:
             if not row[column]:
