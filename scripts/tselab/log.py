@@ -503,7 +503,7 @@ def _numbers(
         raise UserError(f"{path}: has one row, and its line does not end: it may be cut inside a number")
     wanted = [c for c in header if c in needed or _beside(c)]
     room = Room(wanted, most + 1)  # as long as ever needed: to put parts together takes twice the memory
-    columns = room.column
+    columns = room.take()
     lines = np.empty(most + 1, np.int32)
     rows = 0
     wrong: dict[str, tuple[int, str]] = {}  # column -> line and text of its first cell that is not a number

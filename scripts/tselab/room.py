@@ -13,7 +13,7 @@ MOST_ROWS = 1 << 20  # that are kept in memory: 3 hours at 100 Hz, 60 MB
 
 
 class Room:
-    """Columns of numbers, (rows,), all 0. `column[name]` is an array like any other; let_go() takes none of its values."""
+    """Columns of numbers, (rows,), to be filled. They are arrays like any other; let_go() takes none of their values."""
 
     def __init__(self, names: Sequence[str], rows: int):
         self._map: mmap.mmap | None = None
@@ -25,6 +25,15 @@ class Room:
             self._map = mmap.mmap(file.fileno(), 0)
         whole = np.frombuffer(self._map, np.float64).reshape(len(names), rows)
         self.column = dict(zip(names, whole, strict=True))
+
+    def __reduce__(self) -> tuple[type[Room], tuple[tuple[()], int]]:
+        """In another process the columns are in memory: they are sent as such."""
+        return Room, ((), 0)
+
+    def take(self) -> dict[str, np.ndarray]:
+        """The columns, which are the caller's from now on."""
+        column, self.column = self.column, {}
+        return column
 
     def let_go(self) -> None:
         """What was read or written so far need not stay in memory: it is in the file."""
