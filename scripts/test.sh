@@ -40,7 +40,7 @@ ruff() { .venv/bin/ruff check --config scripts/pyproject.toml scripts tests; }
 python_tests() {                     # in several processes; tests/conftest.py says what stays together, and in which order
   # a process that crashes is not started again: pytest-xdist would run the test that crashes again and again
   .venv/bin/python -m pytest -c scripts/pyproject.toml --rootdir . \
-    -n "$((jobs < 4 ? jobs : 4))" --dist loadfile --no-loadscope-reorder --max-worker-restart 0 tests
+    -n "$((jobs < 4 ? jobs : 4))" --dist loadfile --no-loadscope-reorder --max-worker-restart 0 --durations 25 tests
 }
 
 step ruff ruff

@@ -5,7 +5,7 @@
 #include "tse/simulate.h"
 
 #if !defined(TSE_REAL_DOUBLE)
-#error "FMI variables are double: build the FMU with TSE_REAL=double"
+#error "the car is the truth for studies: it is built with TSE_REAL=double"
 #endif
 
 typedef struct model {

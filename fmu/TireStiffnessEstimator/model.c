@@ -77,11 +77,17 @@ const fmu_variable fmu_variables[] = {
 #undef X
 const int32_t fmu_variable_count = (int32_t)(sizeof fmu_variables / sizeof fmu_variables[0]);
 
+#if defined(TSE_REAL_DOUBLE)
+#define IN_FORMAT ""
+#else
+#define IN_FORMAT "; computes in " TSE_FORMAT_NAME ", as a controller with that build"
+#endif
+
 const fmu_info fmu_about = {
   "TireStiffnessEstimator", "Tyre stiffness estimator",
   "Estimates longitudinal and cornering stiffness of a car's tyres, their spread and the sensors' biases from steering angle, wheel "
   "speeds, accelerometers and gyro, and tells changes of the road, faults of a channel and sliding wheels: weighted hypotheses of what "
-  "happened on a single-track model, or the marginalized adaptive particle filter of Berntorp and Di Cairano",
+  "happened on a single-track model, or the marginalized adaptive particle filter of Berntorp and Di Cairano" IN_FORMAT,
   10.0, 0.01, 1e-4
 };
 
@@ -119,16 +125,16 @@ fmu_result model_start(model *m, double start, char text[FMU_TEXT])
   (void)tse_reset(&m->params, &m->memory.filter, sizeof m->memory);
   m->rows = 0;
   memset(&m->y, 0, sizeof m->y); /* before the first row: what the settings say */
-  m->y.stiffness[0] = m->config.initial_cx_front;
-  m->y.stiffness[1] = m->config.initial_cy_front;
-  m->y.stiffness[2] = m->config.initial_cy_rear;
+  m->y.stiffness[0] = (tse_real)m->config.initial_cx_front;
+  m->y.stiffness[1] = (tse_real)m->config.initial_cy_front;
+  m->y.stiffness[2] = (tse_real)m->config.initial_cy_rear;
   m->y.status = TSE_W_STARTING;
   m->y.estimate_age = m->params.latency;
-  m->y.regime[TSE_REGIME_STEADY] = 1.0;
+  m->y.regime[TSE_REGIME_STEADY] = TSE_R(1.0);
   for (int a = 0; a < 3; a++) {
-    m->y.stiffness_sd[a] = m->config.initial_mean_sd;
-    m->y.stiffness_spread[a] = m->config.initial_spread;
-    m->y.noise[a] = m->y.change_ratio[a] = 1.0;
+    m->y.stiffness_sd[a] = (tse_real)m->config.initial_mean_sd;
+    m->y.stiffness_spread[a] = (tse_real)m->config.initial_spread;
+    m->y.noise[a] = m->y.change_ratio[a] = TSE_R(1.0);
     m->y.reason[a] = TSE_STARTING;
   }
   derive_outputs(m);
@@ -143,8 +149,8 @@ static tse_input usable(const model *m, const char **first)
   u.missing &= (1u << TSE_CHANNELS) - 1u;
   *first = NULL;
 #define INPUT(name, lo, hi, unit, kind, text)                                                                     \
-  if (!(u.name >= (lo) && u.name <= (hi))) {                                                                      \
-    u.name = 0.0;                                                                                                 \
+  if (!(u.name >= TSE_R(lo) && u.name <= TSE_R(hi))) {                                                            \
+    u.name = TSE_R(0.0);                                                                                          \
     u.missing |= TSE_MISSING(name);                                                                               \
   }                                                                                                               \
   if (!*first && (u.missing & TSE_MISSING(name))) *first = #name " is missing or outside its range " #lo " .. " #hi " " unit;
@@ -158,10 +164,11 @@ fmu_result model_step(model *m, double time, double step, char text[FMU_TEXT])
   const char *first;
   tse_input u = usable(m, &first);
   (void)step;
-  u.dt = m->rows > 0 ? time - m->time : 0.0;
+  u.dt = tse_real_of(m->rows > 0 ? time - m->time : 0.0);
   const tse_status status = tse_step(&m->params, &m->memory.filter, &u, &m->y);
   if (status < 0) {
-    (void)snprintf(text, FMU_TEXT, "%s (dt %.10g s since the last sample)", tse_status_text(status), u.dt);
+    (void)snprintf(text, FMU_TEXT, "%s (dt %.10g s since the last sample)", tse_status_text(status),
+                   tse_double_of(u.dt));
     return FMU_ERROR;
   }
   memset(&m->y.status + 1, 0, sizeof m->y - offsetof(tse_output, status) - sizeof m->y.status); /* padding is part of a saved state */

@@ -4,10 +4,6 @@
 
 #include "tse/tse.h"
 
-#if !defined(TSE_REAL_DOUBLE)
-#error "FMI variables are double: build the FMU with TSE_REAL=double"
-#endif
-
 typedef struct model {
   tse_config config;
   tse_input row;                       /* inputs as set                                             */

@@ -172,15 +172,20 @@ static int settable(const instance *s, const fmu_variable *v, double value, cons
 
 static void *place(content *c, int32_t offset) { return (unsigned char *)&c->m + offset; }
 
+/* Real variables of FMI are double; a model keeps parameters as tse_setting, all others as tse_real, of which fixed point has less. */
 static double get_number(content *c, const fmu_variable *v)
 {
-  return v->kind == 'r' ? *(double *)place(c, v->offset) : (double)*(int32_t *)place(c, v->offset);
+  if (v->kind != 'r') return (double)*(int32_t *)place(c, v->offset);
+  return v->role == 'p' ? tse_double_of_setting(*(tse_setting *)place(c, v->offset)) : tse_double_of(*(tse_real *)place(c, v->offset));
 }
+
+static void set_real(content *c, int32_t offset, double value) { *(tse_real *)place(c, offset) = tse_real_of(value); }
 
 static void set_number(content *c, const fmu_variable *v, double value)
 {
-  if (v->kind == 'r') *(double *)place(c, v->offset) = value;
-  else *(int32_t *)place(c, v->offset) = (int32_t)value;
+  if (v->kind != 'r') *(int32_t *)place(c, v->offset) = (int32_t)value;
+  else if (v->role == 'p') *(tse_setting *)place(c, v->offset) = tse_setting_of(value);
+  else set_real(c, v->offset, value);
 }
 
 /* -------------------------------------------------------------------------------------- life cycle */
@@ -401,7 +406,7 @@ fmi2Status fmi2SetRealInputDerivatives(fmi2Component c, const fmi2ValueReference
     (void)snprintf(text, sizeof text, "%s takes no derivative of order %d and value %.10g", v->name, order[i], value[i]);
     return refuse(s, function, text);
   }
-  for (size_t i = 0; i < nvr; i++) *(double *)place(&s->c, fmu_variables[vr[i]].rate) = value[i];
+  for (size_t i = 0; i < nvr; i++) set_real(&s->c, fmu_variables[vr[i]].rate, value[i]);
   return fmi2OK;
 }
 
@@ -440,8 +445,7 @@ fmi2Status fmi2DoStep(fmi2Component c, fmi2Real time, fmi2Real step, fmi2Boolean
   if (result == FMU_ERROR) return refuse(s, function, reason);
   s->c.now = time + step;
   for (int32_t i = 0; i < fmu_variable_count; i++)
-    if (fmu_variables[i].rate != FMU_NO_RATE)
-      *(double *)place(&s->c, fmu_variables[i].rate) = 0.0; /* it was that of this point */
+    if (fmu_variables[i].rate != FMU_NO_RATE) set_real(&s->c, fmu_variables[i].rate, 0.0); /* it was that of this point */
   if (result == FMU_WARNING && strcmp(reason, s->warned) != 0) {
     (void)snprintf(text, sizeof text, "at %.6g s: %.200s", time, reason);
     say(s, fmi2Warning, LOG_WARNING, text);
@@ -632,6 +636,12 @@ fmi2Status fmi2SerializeFMUstate(fmi2Component c, fmi2FMUstate state, fmi2Byte b
   return fmi2OK;
 }
 
+/* The edge of a parameter's range as a model that keeps less than double has it. */
+static double kept(const fmu_variable *v, double edge)
+{
+  return v->kind == 'r' ? tse_double_of_setting(tse_setting_of(edge)) : edge;
+}
+
 /* Whoever made the bytes, and their checksum: is this a state that this FMU could have been in? Outputs are not looked at, nothing
  * depends on them.   Returned: wrong  the variable outside its range, if it is one */
 static int sound(content *c, const fmu_variable **wrong)
@@ -644,7 +654,7 @@ static int sound(content *c, const fmu_variable **wrong)
     const fmu_variable *const v = &fmu_variables[i];
     const double value = get_number(c, v);
     if (v->kind == 'b' && !(value == 0.0 || value == 1.0)) return 0;
-    if (v->role == 'p' && v->hi >= v->lo && !(value >= v->lo && value <= v->hi)) {
+    if (v->role == 'p' && v->hi >= v->lo && !(value >= kept(v, v->lo) && value <= kept(v, v->hi))) {
       *wrong = v;
       return 0;
     }

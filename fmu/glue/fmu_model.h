@@ -10,13 +10,14 @@
 #include <stdint.h>
 
 #include "model.h"
+#include "tse/convert.h"
 
 #define FMU_NO_RATE (-1)
 
 /* One variable. Its value reference is its place in the table. */
 typedef struct fmu_variable {
   const char *name;    /* structured, unique: vehicle.mass                                                                */
-  char kind;           /* 'r' Real (double), 'i' Integer, 'b' Boolean (both int32_t)                                      */
+  char kind;           /* 'r' Real (tse_setting if a parameter, else tse_real), 'i' Integer, 'b' Boolean (both int32_t)   */
   char role;           /* 'p' parameter, 'i' input, 'o' output                                                            */
   int32_t offset;      /* of its place in `model` [bytes]                                                                 */
   int32_t rate;        /* of the place for its time derivative, which interpolates a Real input; FMU_NO_RATE: none        */

@@ -35,12 +35,12 @@ def checkout() -> Path:
     return root
 
 
-def build(out: Path, wanted: Sequence[str], max_particles: int | None, say: Say) -> list[Built]:
+def build(out: Path, wanted: Sequence[str], max_particles: int | None, real: str, say: Say) -> list[Built]:
     """Build, and write the FMUs and systems to `out` once all of it has gone well."""
     root = checkout()
     if wanted:
         platforms.check_compiler()
-    stage = build_native(root, max_particles, say)
+    stage = build_native(root, max_particles, real, say)
     fmus = {p.parent.name: p.parent for p in sorted(stage.glob("*/modelDescription.xml"))}
     files = {name: content(folder) for name, folder in fmus.items()}
     for name, folder in fmus.items():
@@ -62,13 +62,14 @@ def build(out: Path, wanted: Sequence[str], max_particles: int | None, say: Say)
     return built
 
 
-def build_native(root: Path, max_particles: int | None, say: Say) -> Path:
+def build_native(root: Path, max_particles: int | None, real: str, say: Say) -> Path:
     """Run the preset `fmu`; the folder in which the FMUs are laid out."""
     if shutil.which("cmake") is None:
         raise UserError("cmake is not installed: version 3.21 or later is needed")
-    folder = root / "build" / ("fmu" if max_particles is None else f"fmu-{max_particles}")
+    kind = ["fmu", *([str(max_particles)] if max_particles is not None else []), *([real] if real != "double" else [])]
+    folder = root / "build" / "-".join(kind)
     with alone(lock_of(folder)):
-        _build_native(root, folder, max_particles, say)
+        _build_native(root, folder, max_particles, real, say)
     return folder / "fmu"
 
 
@@ -77,9 +78,9 @@ def lock_of(folder: Path) -> Path:
     return folder.with_name(f"{folder.name}.lock")
 
 
-def _build_native(root: Path, folder: Path, max_particles: int | None, say: Say) -> None:
+def _build_native(root: Path, folder: Path, max_particles: int | None, real: str, say: Say) -> None:
     _forget_foreign(folder, root)
-    command = ["cmake", "--preset", "fmu", "-B", str(folder)]
+    command = ["cmake", "--preset", "fmu", "-B", str(folder), f"-DTSE_REAL={real}"]
     if not (folder / "CMakeCache.txt").is_file() and "CMAKE_GENERATOR" not in os.environ and shutil.which("ninja"):
         command += ["-G", "Ninja"]
     if (headers := root / ".venv" / "share" / "fmi2").is_dir():

@@ -15,6 +15,7 @@ from tselab.options import FILE, FORM, PROGRESS, key_values, reading, show_progr
 if TYPE_CHECKING:
     from tselab.log import Reading
 
+REALS = ("double", "float", "fixed")
 PLATFORM_NAMES = ("linux64", "win64", "darwin64", "aarch64-linux", "aarch64-darwin")
 
 
@@ -35,12 +36,15 @@ def fmu() -> None:
 @click.option("--platform", "chosen", multiple=True, type=click.Choice(PLATFORM_NAMES),
               help="With the binary of this platform; may be repeated.")  # fmt: skip
 @click.option("--max-particles", type=click.IntRange(16, 65535), help="Particles that an estimator can hold.  [default: 512]")
-def build(out: Path, all_platforms: bool, chosen: tuple[str, ...], max_particles: int | None) -> None:
+@click.option("--real", type=click.Choice(REALS), default=REALS[0], show_default=True,
+              help="Numbers in which the estimator computes, as in your controller; the vehicle always in double.")  # fmt: skip
+def build(out: Path, all_platforms: bool, chosen: tuple[str, ...], max_particles: int | None, real: str) -> None:
     """Build the FMUs of this checkout, and the system that connects them.
 
     \b
     tselab fmu build
     tselab fmu build --all-platforms --out fmus
+    tselab fmu build --real fixed --out fmus-fixed
 
     Without platforms: the binary of this machine, by its C compiler. The others, and then this one too, are compiled from the
     sources/ that each FMU carries by the Python package ziglang (extra 'platforms'), and run on old systems: linux64 needs
@@ -51,7 +55,7 @@ def build(out: Path, all_platforms: bool, chosen: tuple[str, ...], max_particles
     if out.exists() and not out.is_dir():
         raise UserError(f"{out}: is a file, a directory is needed")
     wanted = PLATFORM_NAMES if all_platforms else tuple(dict.fromkeys(chosen))
-    for file in run(out, wanted, max_particles, lambda text: click.echo(text, err=True)):
+    for file in run(out, wanted, max_particles, real, lambda text: click.echo(text, err=True)):
         inside = ", ".join(file.binaries)
         click.echo(f"{file.path}: {file.path.stat().st_size:,} bytes{f' ({inside})' if inside else ''}")
 
