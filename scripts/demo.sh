@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
-# Simulate a drive, estimate its tyre stiffness, draw the result: demo-output/.
+# Simulate a drive, estimate its tyre stiffness, draw the result; the same from an MF4 with four wheels and latencies: demo-output/.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
-scripts/setup.sh
+scripts/setup.sh mf4
 .venv/bin/tselab demo --out demo-output
 printf '\nLook at:\n'
 find "$PWD/demo-output" -name '*.png' -o -name '*.html' | sort

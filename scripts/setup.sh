@@ -2,7 +2,8 @@
 # Everything the other scripts need, inside this checkout: the Python environment .venv with the command `tselab`,
 # Unity for the C tests, the FMI headers, and the shared library that tselab calls. Fast when nothing has changed; needs no root.
 #   scripts/setup.sh [EXTRA ...]      and these extras of scripts/pyproject.toml: clients (more programs that import FMUs, for the
-#                                     tests), platforms (a compiler for FMUs of all platforms); left out where they do not install.
+#                                     tests), platforms (a compiler for FMUs of all platforms), logs (MF4, buses, ROS, MAT 7.3),
+#                                     openpilot (its logs, too); left out where they do not install.
 #                                     machines: says which compilers and emulators of other machines are missing, and installs
 #                                     them where apt-get and root are there (scripts/platforms.py, scripts/budgets.py);
 #                                     dropin: tools that build packages of the library (scripts/dropin), for the tests, too

@@ -3,7 +3,7 @@
 #   scripts/test.sh [PRESET ...]      only these CMake presets (default: all), then the Python tests
 set -uo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
-scripts/setup.sh clients || exit 1
+scripts/setup.sh clients logs || exit 1
 
 jobs=$(getconf _NPROCESSORS_ONLN 2>/dev/null || echo 2)
 if [ -z "${CMAKE_GENERATOR:-}" ] && command -v ninja >/dev/null; then export CMAKE_GENERATOR=Ninja; fi

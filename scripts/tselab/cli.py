@@ -8,7 +8,7 @@ import sys
 import textwrap
 import traceback
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -16,12 +16,18 @@ from tselab import __version__, maneuvers
 from tselab.calibrate.commands import calibrate
 from tselab.errors import UserError
 from tselab.files import no_room
+from tselab.fleet.commands import fleet
 from tselab.fmu.commands import fmu
 from tselab.gap.commands import gap
+from tselab.logs.commands import signals
 from tselab.montecarlo import STUDIES
-from tselab.options import FILE, FORM, PROGRESS, key_values, show_progress
+from tselab.options import FILE, FORM, PROGRESS, for_programs, key_values, reading, show_progress
+
+if TYPE_CHECKING:
+    from tselab.log import Reading
 
 MOST_FINDINGS = 12  # stretches of road in the terminal
+WRITTEN = {"estimates": "Estimates", "report": "Report", "table": "Table", "learnt": "Learnt state"}
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 110}
 
 
@@ -93,6 +99,7 @@ def cli(debug: bool) -> None:
     \b
     tselab vehicle --example > car.toml          a vehicle file to edit
     tselab estimate log.csv --vehicle car.toml --report report.html
+    tselab signals drive.mf4 --write signals.toml      a log with names of its own
     tselab simulate --maneuver square-waves --vehicle car.toml --out log.csv
     tselab demo --out demo                       all of it, without a log of your own
 
@@ -114,7 +121,7 @@ def cli(debug: bool) -> None:
         ("Codes", "codes_table"),
     ),
 )
-@click.argument("log_path", metavar="LOG.csv", type=FILE)
+@click.argument("log_path", metavar="LOG", type=FILE)
 @click.option("--vehicle", "vehicle_path", metavar="CAR.toml", type=FILE, required=True,
               help="Vehicle file; 'tselab vehicle --example' prints one.")  # fmt: skip
 @click.option(
@@ -128,13 +135,15 @@ def cli(debug: bool) -> None:
     "--out",
     metavar="EST.csv",
     type=FILE,
-    help="Estimates; default: the log's name with .est.csv, in the current directory.",
+    help="Estimates, .csv or .parquet; default: the log's name with .est.csv, in the current directory.",
 )
 @click.option("--report", metavar="REPORT.html", type=FILE, help="Also write a report with interactive plots.")
 @click.option("--load-learnt", metavar="FILE", type=FILE, help="Start from what an earlier drive taught.")
 @click.option("--age", metavar="DAYS", type=float, help="How long ago that was; default: the age of the file.")
 @click.option("--save-learnt", metavar="FILE", type=FILE, help="Write what this drive teaches; may be the same file.")
 @click.option("--average", metavar="SECONDS", type=float, help="Average the log over blocks of so long first, at most 0.1 s.")
+@reading
+@for_programs
 @click.option("--seed", type=int, help="Seed of the random numbers; --form paper or sampled.")
 @click.option("--particles", type=int, help="Particles in use; --form paper or sampled.")
 @click.option("--forgetting", type=float, help="Forgetting factor per sample; --form paper or sampled.")
@@ -154,9 +163,12 @@ def estimate(
     form: str,
     pairs: tuple[str, ...],
     progress: bool | None,
+    reading: Reading,
+    as_json: bool,
+    table: Path | None,
     **options: Any,
-) -> None:
-    """Estimate tyre stiffness from LOG.csv.
+) -> int:
+    """Estimate tyre stiffness from LOG.
 
     \b
     tselab estimate log.csv --vehicle car.toml
@@ -164,6 +176,20 @@ def estimate(
     tselab estimate log.csv --vehicle car.toml --form paper --particles 200 --forgetting 0.995
     tselab estimate monday.csv --vehicle car.toml --save-learnt car.tse
     tselab estimate friday.csv --vehicle car.toml --load-learnt car.tse --age 4 --save-learnt car.tse
+
+    LOG is a CSV with the columns below, or any format that 'tselab signals --help' lists, with names, units, rates and latencies
+    of its own: signals.toml beside it, or --signals, says which signal is which, and 'tselab signals LOG --write signals.toml'
+    proposes it.
+
+    \b
+    [signals.steer_angle]            [signals.wheel_speed_front]       [signals.accel_y]
+    name = "LWI_Lenkradwinkel"       name = ["ESP_VL", "ESP_VR"]       name = "ESP_Querbeschl"
+    unit = "deg"                     unit = "km/h"                     unit = "g"
+    ratio = 15.3                     latency = 0.02                    sign = -1
+
+    Further keys: scale, offset, sign_bit, radius (of a wheel, m), valid and counter (signals of the message that say so), hold
+    (sent only when it changes); ratio may be a table [[angle, ratio], ...]. [log]: time, time_unit, step, rate, databases,
+    separator, decimal, encoding, header. Channels that the log does not have are missing: what can still be told is.
 
     The vehicle file may leave out stiffness and what the sensors are like; a rule fills it in and the run says so:
 
@@ -182,78 +208,73 @@ def estimate(
 
     A learnt state holds stiffness, spread and sensor biases. It fits the vehicle it was learnt with, and is trusted the
     less the older it is (settings learnt_floor, learnt_walk_day).
+
+    Exit code: 0 usable: the log tells every stiffness; 3 usable in part; 4 nothing usable: the estimates are written, and no
+    stiffness is known from them; 2 bad input; 130 Ctrl-C. --json says what was found as JSON on standard output, in place of
+    words; --table writes it as a row per stretch of road and stiffness.
     """
-    from tselab import regimes
-    from tselab.estimate import estimate_to
+    from tselab import regimes, results, single
     from tselab.facts import run_facts
     from tselab.files import check_distinct, check_writable
     from tselab.learnt import read_learnt, write_learnt
     from tselab.prepare import prepare
-    from tselab.verdict import findings, of_what_is_told, remarks
 
     out = out or Path(log_path.stem + ".est.csv")
-    inputs = {"the log": log_path, "--vehicle": vehicle_path, "--config": config_path}
-    check_distinct({"--out": out, "--report": report, "--save-learnt": save_learnt}, inputs)
+    inputs = {"the log": log_path, "--vehicle": vehicle_path, "--config": config_path, "--signals": reading.signals}
+    check_distinct({"--out": out, "--report": report, "--save-learnt": save_learnt, "--table": table}, inputs)
     # a file that is loaded may be replaced by what is learnt now, and by nothing else
-    check_distinct({"--out": out, "--report": report}, {"--load-learnt": load_learnt})
-    for path in (out, report, save_learnt):
+    check_distinct({"--out": out, "--report": report, "--table": table}, {"--load-learnt": load_learnt})
+    results.check_table(table)
+    for path in (out, report, save_learnt, table):
         if path is not None:
             check_writable(path)
     if age is not None and load_learnt is None:
         raise UserError("option --age: is that of the file of --load-learnt, which is not given")
     _positive("age", age, 0.0, 40000.0, "days")
     learnt = read_learnt(load_learnt, age) if load_learnt else None
-    prepared = prepare(log_path, vehicle_path, config_path, average, options, form, key_values(pairs))
+    prepared = prepare(log_path, vehicle_path, config_path, average, options, form, key_values(pairs), reading)
     vehicle, log, config, warnings = prepared.vehicle, prepared.log, prepared.config, prepared.warnings
-    notes = prepared.notes
-
-    drawn = None
-    if report is not None:
-        from tselab.plots import Data
-
-        drawn = Data(log)
-    est = estimate_to(out, log, config, show_progress(progress), learnt, [drawn.add] if drawn else [])
-    refused = int((est.table["status"] < 0).sum())
-    if refused:
-        notes.append(f"{refused} rows were refused by the library; their estimates are empty, the status says why")
-    notes += [*remarks(est.table), *of_what_is_told(est.table, config, est.told_sd)]
+    ran = single.run(prepared, out, report, learnt, show_progress(progress))
+    est, notes, changes, found = ran.estimate, ran.notes, ran.changes, ran.findings
     if save_learnt is not None:
         if est.learnt is not None:
             write_learnt(save_learnt, est.learnt)
         else:
             notes.append(f"no row was used, so nothing was learnt: {save_learnt} is not written")
-    if report is not None and len(est):
-        from tselab.report import write_report
-
-        write_report(report, est, log, vehicle, config, notes, drawn)
-
-    if learnt is not None:
-        click.echo(f"started from: {learnt.note}")
-    for name, value in run_facts(est, log, vehicle, config):
-        click.echo(f"{name + ':':<11}{value}")
-    for line in vehicle.filled:
-        click.echo(f"filled in: {line}")
-    for line in notes:
-        click.echo(f"{'warning' if line in warnings else 'note'}: {line}", err=True)
-    changes = regimes.changes(est.table)
-    for line in regimes.words(changes, regimes.spells(est.table)):
-        click.echo(line)
-    found = findings(est.table, config, changes)
-    for finding in found[:MOST_FINDINGS]:
-        click.echo("\n".join(finding.lines()))
-    if len(found) > MOST_FINDINGS:
-        click.echo(f"and {len(found) - MOST_FINDINGS} more stretches, which --report lists")
-    click.echo(f"Estimates written to {out}")
-    if save_learnt is not None and est.learnt is not None:
-        click.echo(f"Learnt state written to {save_learnt}")
-    if report is not None and len(est):
-        click.echo(f"Report written to {report}")
+    if table is not None:
+        results.write_rows(table, results.rows(log_path, est, found, changes, warnings), results.COLUMNS)
+    written = {"estimates": out, "report": report if ran.reported else None, "table": table}
+    written["learnt"] = save_learnt if est.learnt is not None else None
+    if as_json:
+        said = {"vehicle": vehicle.path, "started_from": learnt.note if learnt is not None else None, "filled": vehicle.filled,
+                "notes": [n for n in notes if n not in warnings], "warnings": warnings, "interrupted": est.interrupted,
+                "written": written}  # fmt: skip
+        results.say_json(results.document(log_path, est, found, config, said))
+    else:
+        if learnt is not None:
+            click.echo(f"started from: {learnt.note}")
+        for name, value in run_facts(est, log, vehicle, config):
+            click.echo(f"{name + ':':<11}{value}")
+        for line in vehicle.filled:
+            click.echo(f"filled in: {line}")
+        for line in notes:
+            click.echo(f"{'warning' if line in warnings else 'note'}: {line}", err=True)
+        for line in regimes.words(changes, regimes.spells(est.table)):
+            click.echo(line)
+        for finding in found[:MOST_FINDINGS]:
+            click.echo("\n".join(finding.lines()))
+        if len(found) > MOST_FINDINGS:
+            click.echo(f"and {len(found) - MOST_FINDINGS} more stretches, which --report lists")
+        for what, path in written.items():
+            if path is not None:
+                click.echo(f"{WRITTEN[what]} written to {path}")
     if est.interrupted:
         click.echo(
             f"tselab: stopped by Ctrl-C after {len(est)} of {len(log)} rows; {out} holds the rows done",
             err=True,
         )
         sys.exit(130)
+    return results.exit_code(found)
 
 
 MANEUVERS = "\n".join(
@@ -491,16 +512,26 @@ def settings(simulator: bool) -> None:
 @click.option("--seed", type=int, default=1, show_default=True, help="Seed of the random numbers.")
 @PROGRESS
 def demo(out: Path, seed: int, progress: bool | None) -> None:
-    """Simulate double lane changes with a road change, estimate, compare; then find a hidden effect.
+    """Simulate double lane changes with a road change, estimate, compare; do it again from an MF4 of other names, units, rates
+    and latencies; then find a hidden effect.
 
-    Writes vehicle.toml, filter.toml, log.csv, truth.csv, est.csv, report.html and, with matplotlib, demo.png; and in
-    the folder gap the logs of a car with an effect that nobody told, and all that 'tselab gap' makes of them.
+    Writes vehicle.toml, filter.toml, log.csv, truth.csv, est.csv, report.html and, with matplotlib, demo.png; in
+    the folder logger the same drive as an MF4, where the library for it is, and the proposed signals.toml; and in the folder gap
+    the logs of a car with an effect that nobody told, and all that 'tselab gap' makes of them.
     """
     from tselab.demo import gap_summary, run_demo, run_gap, summary
+    from tselab.logs.demo import logger_summary, run_logger
+    from tselab.tables import example_vehicle
 
     if out.exists() and not out.is_dir():
         raise UserError(f"{out}: is a file, a directory is needed")
-    click.echo(summary(run_demo(out, seed, show_progress(progress)), out))
+    made = run_demo(out, seed, show_progress(progress))
+    click.echo(summary(made, out))
+    try:
+        logged = run_logger(out / "logger", made.log, example_vehicle(), made.est.table)
+        click.echo("\n" + logger_summary(logged, out / "logger"))
+    except UserError as error:
+        click.echo(f"\nleft out: {error}")
     say = (lambda text: click.echo(f"gap: {text}", err=True)) if show_progress(progress) else (lambda _: None)
     click.echo("\n" + gap_summary(run_gap(out / "gap", seed, say, os.cpu_count() or 1), out / "gap"))
 
@@ -665,6 +696,8 @@ def montecarlo(
 cli.add_command(fmu)
 cli.add_command(gap)
 cli.add_command(calibrate)
+cli.add_command(signals)
+cli.add_command(fleet)
 
 
 def _give_up_stdout() -> None:

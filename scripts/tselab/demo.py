@@ -54,6 +54,7 @@ class Demo:
     est: Estimate
     truth: pd.DataFrame
     files: list[str]
+    log: pd.DataFrame
     gap: Result | None = None
 
 
@@ -84,7 +85,7 @@ def run_demo(out: Path, seed: int = 1, progress: bool = False) -> Demo:
 
         demo_picture(out / "demo.png", est.table, simulation.truth, simulation.log)
         files.append("demo.png")
-    return Demo(est, simulation.truth, files)
+    return Demo(est, simulation.truth, files, simulation.log)
 
 
 def run_gap(out: Path, seed: int = 1, say: Callable[[str], None] = lambda _: None, jobs: int = 1) -> Result:

@@ -6,11 +6,12 @@ import functools
 import signal
 import sys
 import threading
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 import pandas as pd
@@ -25,21 +26,29 @@ from tselab.log import MEASURES, Log
 
 CHUNK = 64  # rows between two looks at Ctrl-C and the progress bar
 BLOCK = 2048  # rows that are in memory with all their columns at a time
+MOST_KEPT = 1 << 19  # rows of a summary: 87 minutes at 100 Hz; of longer logs so many, spread evenly
+GROUP = 16 * BLOCK  # ... where they are written as Parquet: rows of a group
 Block = dict[str, Any]  # rows of EST.csv: column -> array, reasons as pd.Categorical
 REFUSED = "row refused"  # the reason of a row with a negative status
 
 
 @dataclass
 class Estimate:
-    """Estimates row by row, and how the run ended. The table has all columns of EST.csv, or those of SUMMARY."""
+    """Estimates row by row, and how the run ended. The table has all columns of EST.csv, or those of SUMMARY, of a very long log
+    every so-manieth row."""
 
     table: pd.DataFrame
     interrupted: bool
     learnt: bytes | None = None  # what it taught, for Filter.load_learnt(); None without a row
     told_sd: dict[str, np.ndarray] = field(default_factory=dict)  # Filter.told_sd() at the end
+    statuses: dict[int, int] = field(default_factory=dict)  # rows with each status, all of them
+
+    def __post_init__(self) -> None:
+        if not self.statuses:
+            self.statuses = dict(Counter(self.table["status"].tolist()))
 
     def __len__(self) -> int:
-        return len(self.table)
+        return sum(self.statuses.values())
 
 
 def est_fields() -> list[Field]:
@@ -69,28 +78,76 @@ def estimate(log: Log, config: Config, progress: bool = False, learnt: Learnt | 
 
 
 def estimate_to(
-    path: Path,
+    path: Path | None,
     log: Log,
     config: Config,
     progress: bool = False,
     learnt: Learnt | None = None,
     watch: Sequence[Callable[[Block], None]] = (),
 ) -> Estimate:
-    """The same, written to EST.csv on the way, so that memory does not grow by what is written; the table of the result has the
-    columns of SUMMARY. `watch`: shown every block of rows, for what else becomes of them."""
+    """The same, written to EST.csv or .parquet on the way, so that memory does not grow by what is written; the table of the
+    result has the columns of SUMMARY. `path`: None: they are not written. `watch`: shown every block of rows, for what else
+    becomes of them."""
     head = _head(config)
     summary = Summary(head, len(log))
-    with atomic(path, "wb") as file:
-        file.write(csv_header(head))
+    with _writing(path, head) as write:
 
         def take(block: Block) -> None:
-            file.write(csv_rows(block))
+            write(block)
             for each in (summary.add, *watch):
                 each(block)
 
         teaches, told = _run(log, config, take, progress, learnt)
-    table = summary.table()
-    return Estimate(table, interrupted=len(table) < len(log), learnt=teaches, told_sd=told)
+    return Estimate(summary.table(), interrupted=summary.rows < len(log), learnt=teaches, told_sd=told, statuses=summary.statuses)
+
+
+@contextmanager
+def _writing(path: Path | None, head: Block) -> Iterator[Callable[[Block], object]]:
+    """Who writes blocks of rows: as CSV, or as Parquet where the name says so. `head`: the table without rows."""
+    if path is None:
+        yield lambda block: None
+    elif path.suffix.lower() in (".parquet", ".pq"):
+        with atomic(path, "wb") as file, _Parquet(file, head) as rows:
+            yield rows.add
+    else:
+        with atomic(path, "wb") as file:
+            file.write(csv_header(head))
+            yield lambda block: file.write(csv_rows(block))
+
+
+class _Parquet:
+    """Blocks of rows, several in one group of the file."""
+
+    def __init__(self, file: IO[bytes], head: Block):
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
+        self._pa = pa
+        self._waiting: list[Any] = []
+        self._schema = pa.schema([(name, self._array(column).type) for name, column in head.items()])
+        self._file = pq.ParquetWriter(file, self._schema)
+
+    def __enter__(self) -> _Parquet:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._flush()
+        self._file.close()
+
+    def add(self, block: Block) -> None:
+        self._waiting.append(self._pa.table([self._array(x) for x in block.values()], schema=self._schema))
+        if len(self._waiting) >= GROUP // BLOCK:
+            self._flush()
+
+    def _array(self, column: Any) -> Any:
+        if isinstance(column, pd.Categorical):
+            return self._pa.DictionaryArray.from_arrays(self._pa.array(column.codes), self._pa.array(list(column.categories)))
+        return self._pa.array(column)
+
+    def _flush(self) -> None:
+        if self._waiting:
+            self._file.write_table(self._pa.concat_tables(self._waiting))
+            self._waiting.clear()
 
 
 def _run(
@@ -124,6 +181,8 @@ def _run(
             if first:
                 take(_block(log.time[done : done + first], outputs[:first], config))
             done += first
+            if done % GROUP == 0:
+                log.let_go()
     return filter_.save_learnt(), filter_.told_sd()
 
 
@@ -188,19 +247,27 @@ SUMMARY: dict[str, type | None] = {
 
 
 class Summary:
-    """The columns of SUMMARY of a table that comes block by block. `head`: the table without rows; `rows`: how many may come."""
+    """The columns of SUMMARY of a table that comes block by block. `head`: the table without rows; `rows`: how many may come. Of
+    more than MOST_KEPT every second, third ... is kept."""
 
     def __init__(self, head: Block, rows: int):
         kinds = {name: kind for name, kind in SUMMARY.items() if name in head}
+        self._stride = max(1, -(-rows // MOST_KEPT))
         self._words = {name: head[name].dtype for name, kind in kinds.items() if kind is None}
-        self._columns = {name: np.empty(rows, kind or np.int8) for name, kind in kinds.items()}
+        self._columns = {name: np.empty(-(-rows // self._stride), kind or np.int8) for name, kind in kinds.items()}
         self._done = 0
+        self.rows = 0
+        self.statuses: dict[int, int] = {}
 
     def add(self, block: Block) -> None:
-        part = slice(self._done, self._done + len(block["time"]))
+        count = len(block["time"])
+        rows = slice(-self.rows % self._stride, count, self._stride)
+        part = slice(self._done, self._done + len(range(*rows.indices(count))))
         for name, column in self._columns.items():
-            column[part] = block[name].codes if name in self._words else block[name]
-        self._done = part.stop
+            column[part] = (block[name].codes if name in self._words else block[name])[rows]
+        self._done, self.rows = part.stop, self.rows + count
+        for status, often in Counter(np.asarray(block["status"]).tolist()).items():
+            self.statuses[status] = self.statuses.get(status, 0) + often
 
     def table(self) -> pd.DataFrame:
         columns: dict[str, Any] = {name: column[: self._done] for name, column in self._columns.items()}

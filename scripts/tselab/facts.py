@@ -26,7 +26,7 @@ def run_facts(est: Estimate, log: Log, vehicle: Vehicle, config: Config, stride:
         facts.append(("Latency", f"{told} behind yaw_rate; estimates are of {age:g} ms before the row"))
     if est.interrupted:
         facts.append(("Stopped", f"by Ctrl-C after {len(est)} of {len(log)} rows"))
-    recovered = int((est.table["status"] == library().status("TSE_W_RECOVERED")).sum()) if len(est) else 0
+    recovered = est.statuses.get(library().status("TSE_W_RECOVERED"), 0)
     if recovered:
         facts.append(("Recoveries", f"{recovered} (what was believed was given up)"))
     if stride > 1:

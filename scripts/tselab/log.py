@@ -1,12 +1,13 @@
-"""Reading a log: CSV in, checked arrays out. Every refusal names file, row, column and allowed range."""
+"""Reading a log: checked arrays out. A CSV with the names of the library is read here; all others by tselab.logs, whose channels
+are checked here, too. Every refusal names file, row, column and allowed range; a few bad cells are missing, and a note says so."""
 
 from __future__ import annotations
 
 import csv
 import warnings
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,15 +16,17 @@ import pandas as pd
 
 from tselab.core import CONFIG, INPUT, Field, library
 from tselab.errors import UserError
+from tselab.room import Room
 
-DRIVES = ("steer_angle", "wheel_speed_front", "wheel_speed_rear")  # out of range: refused
-MEASURES = ("accel_x", "accel_y", "yaw_rate")  # out of range: treated as missing
+DRIVES = ("steer_angle", "wheel_speed_front", "wheel_speed_rear")  # drive the model
+MEASURES = ("accel_x", "accel_y", "yaw_rate")  # are compared with it
 SIDES = {axle: (f"{axle}_left", f"{axle}_right") for axle in DRIVES[1:]}  # in place of the axle's mean
 OPTIONAL = {  # columns that a log may have besides: unit, range, text, hint; `tselab gap` compares them, the estimator does not
     "vehicle_speed": ("m/s", -60.0, 120.0, "speed over ground of the centre of gravity: GNSS, optical", "km/h: divide by 3.6"),
     "wheel_torque_front": ("Nm", -20000.0, 20000.0, "drive less brake torque of both front wheels", "kNm: multiply by 1000"),
     "wheel_torque_rear": ("Nm", -20000.0, 20000.0, "drive less brake torque of both rear wheels", "kNm: multiply by 1000"),
 }
+MOST_BACK = 0.5  # share of rows that are not later than the one before, above which the column is no time
 FEW_OUTSIDE = 0.05  # share of values outside the range above which it is the column that is wrong
 HINTS = {
     "steer_angle": "if the column holds degrees, multiply by pi/180; if it is the steering-wheel angle, divide by the "
@@ -36,6 +39,31 @@ HINTS["wheel_speed_rear"] = HINTS["wheel_speed_front"]
 LONGEST_STEP = 3600.0  # s, the library's limit
 PART = 1 << 15  # rows of the file read at a time, so that its text is never all in memory
 SLOWEST = 1.0  # s: median step above this is refused
+
+
+@dataclass(frozen=True)
+class Reading:
+    """How a log is to be read: the options of every command that takes one."""
+
+    signals: Path | None = None  # signals.toml; None: the one beside the log, if there is one
+    rate: float | None = None  # Hz of the rows; None: as they are, or as signals.toml says
+    strict: bool = False  # refuse what otherwise is a warning
+    databases: tuple[Path, ...] = ()  # of the bus
+    car: Any | None = None  # vehicle.Vehicle: radii of the wheels, steering ratio
+
+    def files(self, log: Path) -> list[Path]:
+        """The files beside the log on which its rows depend."""
+        beside = beside_of(log) if self.signals is None else self.signals
+        return [p for p in (beside, *self.databases) if p is not None and p.is_file()]
+
+
+@dataclass(frozen=True)
+class Slower:
+    """The entries of a channel that was interpolated: their time, s, and values; and rows per entry."""
+
+    time: np.ndarray
+    value: np.ndarray
+    rows: float
 
 
 @dataclass
@@ -51,6 +79,13 @@ class Log:
     notes: list[str] = field(default_factory=list)
     averaged: int = 1  # rows of the file in one of these, usually
     extra: pd.DataFrame = field(default_factory=pd.DataFrame)  # of OPTIONAL those that are there; NaN = missing
+    place: str = "line"  # what `line` counts, for people: lines of the file, or rows of the raster
+    stand_in: str | None = None  # an axle without wheel speeds: it has the other's, and no slip can be told
+    slower: dict[str, Slower] = field(default_factory=dict)  # channels whose entries are further apart than the rows
+    # of an axle with two wheels: right less left over the yaw rate, track/radius
+    turn: dict[str, float] = field(default_factory=dict)
+    warnings: list[str] = field(default_factory=list)  # of `notes` those that --strict refuses
+    room: Room | None = None  # where the columns of a very long log are
 
     def __len__(self) -> int:
         return len(self.time)
@@ -70,6 +105,11 @@ class Log:
             rows[name] = self.data[name].to_numpy()[part]
         return rows
 
+    def let_go(self) -> None:
+        """What was read so far need not stay in memory."""
+        if self.room is not None:
+            self.room.let_go()
+
     def steers_beyond(self, limit: float) -> np.ndarray:
         with np.errstate(invalid="ignore"):
             return np.abs(self.data["steer_angle"].to_numpy()) > limit
@@ -79,13 +119,60 @@ def columns() -> list[str]:
     return ["time", *(f.name for f in library().channels)]
 
 
-def read_log(path: Path, spare: Collection[str] = ()) -> Log:
-    """Read and check a log. `spare`: channels that may be missing altogether; they are NaN then, and a note says so."""
+def files_of(path: Path) -> list[Path]:
+    """The files of a log: itself, or those of the folder that it is."""
     path = Path(path)
-    header, whole = _header(path)
+    return sorted(p for p in path.rglob("*") if p.is_file()) if path.is_dir() else [path]
+
+
+def beside_of(path: Path) -> Path | None:
+    """The signals.toml that stands beside a log: of its own name, or of its folder."""
+    path = Path(path)
+    for name in (f"{path.stem}.signals.toml", "signals.toml"):
+        if (path.parent / name).is_file():
+            return path.parent / name
+    return None
+
+
+def read_log(path: Path, spare: Collection[str] = MEASURES, reading: Reading | None = None) -> Log:
+    """Read and check a log. `spare`: channels that may be missing altogether; they are NaN then, and a note says so."""
+    path, reading = Path(path), reading or Reading()
+    if _is_plain(path, reading):
+        log = _read_plain(path, spare)
+    else:
+        from tselab.logs.reading import read_any
+
+        log = read_any(path, spare, reading)
+    if log.stand_in is not None and reading.car is not None:
+        front, rear = (reading.car.values[f"wheel_radius_{a}"] for a in ("front", "rear"))
+        log.data[log.stand_in] *= rear / front if log.stand_in.endswith("front") else front / rear
+    if reading.strict and log.warnings:
+        raise UserError(f"{path}: option --strict: {log.warnings[0]}")
+    return log
+
+
+def _is_plain(path: Path, reading: Reading) -> bool:
+    """A CSV with commas and the library's names, of which nobody says that it is to be read otherwise."""
+    if reading.signals is not None or reading.rate is not None or path.is_dir():
+        return False
+    try:
+        with open(path, encoding="utf-8-sig", newline="") as file:
+            head = file.read(65536)
+    except (OSError, UnicodeDecodeError):
+        return False
+    names = [c.strip() for c in next(csv.reader(head.splitlines()[:1]), [])] if "\0" not in head else []
+    wanted = {*columns(), *(c for pair in SIDES.values() for c in pair)}
+    beside = beside_of(path)
+    if beside is not None and any(f'"{n}"' in beside.read_text(encoding="utf-8", errors="replace") for n in names if n):
+        return False  # a file that speaks of these columns
+    return "time" in names and len(wanted & {n.lower() for n in names}) > 3
+
+
+def _read_plain(path: Path, spare: Collection[str]) -> Log:
+    header, whole, lines = _header(path)
     wanted = columns()
     sides = {axle: pair for axle, pair in SIDES.items() if axle not in header and all(c in header for c in pair)}
-    absent = [c for c in wanted if c in spare and c not in header]
+    absent = _absent(header, sides, spare)
     needed = [c for name in wanted if name not in absent for c in sides.get(name, (name,))]
     missing = [c for c in needed if c not in header]
     if missing:
@@ -94,24 +181,76 @@ def read_log(path: Path, spare: Collection[str] = ()) -> Log:
     if twice:
         raise UserError(f"{path}: column {_list(twice)} appears more than once in the header (line 1)")
     notes: list[str] = []
-    table, line, skipped = _numbers(path, header, needed, whole)
+    table, line, skipped, room = _numbers(path, header, needed, whole, lines, notes)
     if whole is not None:
         notes.append(f"line {whole + 2}, the last, does not end: it may be cut inside a number and is left out")
     if skipped:
         notes.append(f"column {_list(skipped)} is not numeric: not used")
-    time = table.pop("time")
-    _check_time(path, time, line)
-    data = pd.DataFrame({name: table.pop(name) for name in needed[1:]})
+    time, keep = _straight(path, table.pop("time"), line, notes)
+    if not keep.all():
+        table, line = {c: x[keep] for c, x in table.items()}, line[keep]
+    room.let_go()
+    log = checked(path, time, table, line, notes, spare, let_go=room.let_go)
+    log.room = room
+    return log
+
+
+def _absent(names: Collection[str], sides: Collection[str], spare: Collection[str]) -> list[str]:
+    """Channels that the log does not have and that may be missing: `spare`, and one of both axles."""
+    other = {n.lower() for n in names} - {*names}  # written otherwise: not missing, misspelt
+    gone = [c for c in columns() if c not in names and c not in sides and c not in other]
+    axles = [c for c in gone if c in SIDES]
+    # one wheel of an axle that is there is an oversight, and refused
+    alone = axles if len(axles) == 1 and not any(s in names for s in SIDES[axles[0]]) else []
+    return [c for c in gone if c in spare or c in alone]
+
+
+def checked(
+    path: Path,
+    time: np.ndarray,
+    table: dict[str, np.ndarray],
+    line: np.ndarray,
+    notes: list[str],
+    spare: Collection[str] = MEASURES,
+    place: str = "line",
+    let_go: Callable[[], None] = lambda: None,
+) -> Log:
+    """A log from columns in SI units, (rows,), with the library's names; wheels also by their side. `line`: of each row, in the
+    file (`place`: what it counts). `let_go`: called when a column is done with. UserError: a column that cannot be what it is
+    called."""
+    wanted = columns()[1:]
+    sides = {axle: pair for axle, pair in SIDES.items() if axle not in table and all(c in table for c in pair)}
+    parts = {name: sides.get(name, (name,)) for name in wanted}
+    empty = [c for c, mine in parts.items() if not any(s in table and np.isfinite(table[s]).any() for s in mine)]
+    absent = _absent([c for c in wanted if c not in empty], [], spare)
+    needed = [c for name in wanted if name not in absent for c in parts[name]]
+    missing = [c for c in needed if c not in table]
+    if missing:
+        raise UserError(f"{path}: {_list(missing)} is missing{_remedy(missing)}")
+    data = _frame({name: table.pop(name) for name in needed}, len(time))
     for f in library().channels:
-        if f.name in absent or (f.name in spare and data[f.name].isna().all()):
+        if f.name in absent:
             data[f.name] = np.nan
-            notes.append(f"{f.name} is not in the log")
+            if f.name not in SIDES:
+                notes.append(f"{f.name} is not in the log: what only it shows is not known")
             continue
-        for name in sides.get(f.name, (f.name,)):
-            _check_channel(path, data, line, f, notes, name)
+        for name in parts[f.name]:
+            _check_channel(path, data, line, f, notes, name, place)
+            let_go()
+    if all(data[c].isna().all() for c in ("accel_y", "yaw_rate")):
+        raise UserError(f"{path}: accel_y and yaw_rate are missing: without either nothing can be said about the tyres")
+    turn = data["yaw_rate"].to_numpy(float)
+    per_turn: dict[str, float] = {}
     for axle, pair in sides.items():
-        data[axle] = _axle(axle, *(data.pop(c).to_numpy(float) for c in pair), data["yaw_rate"].to_numpy(float), notes)
-    data = data[wanted[1:]]
+        if axle not in absent:
+            data[axle], per_turn[axle] = _axle(axle, *(data.pop(c).to_numpy(float) for c in pair), turn, notes)
+    stand_in = next((c for c in absent if c in SIDES), None)
+    if stand_in:
+        other = next(c for c in SIDES if c != stand_in)
+        data[stand_in], data["accel_x"] = data[other], np.nan  # what accel_x tells is a force at a slip that nobody knows
+        notes.append(f"{stand_in} is not in the log: {other} stands in for it; slip is not known, so accel_x is not used and "
+                     f"cx_front not told")
+    data = _frame({name: data.pop(name).to_numpy() for name in wanted}, len(time))
     sample_time = float(np.median(np.diff(time))) if len(time) > 1 else None
     if sample_time is not None and sample_time > SLOWEST:
         hint = _time_hint(sample_time)
@@ -120,16 +259,50 @@ def read_log(path: Path, spare: Collection[str] = ()) -> Log:
         )
     for name in data:
         if 0 < (count := int(data[name].isna().sum())) < len(data):
-            where = f"first in line {line[data[name].isna().to_numpy().argmax()]}"
+            where = f"first in {place} {line[data[name].isna().to_numpy().argmax()]}"
             notes.append(f"{name}: {count} of {len(data)} cells are missing or not usable ({where})")
+        let_go()
     ref = pd.DataFrame({c: table.pop(c) for c in list(table) if c.startswith("ref_")}, index=data.index)
-    extra = pd.DataFrame({c: x for c in OPTIONAL if c in table and (x := _optional(c, table[c], line, notes)) is not None})
-    return Log(path, time, data, ref, line, sample_time, notes, extra=extra)
+    extra = pd.DataFrame({c: x for c in OPTIONAL if c in table and (x := _optional(c, table[c], line, notes, place)) is not None})
+    return Log(path, time, data, ref, line, sample_time, notes, extra=extra, place=place, stand_in=stand_in, turn=per_turn)
 
 
-def _axle(axle: str, left: np.ndarray, right: np.ndarray, yaw_rate: np.ndarray, notes: list[str]) -> np.ndarray:
+def _frame(columns: dict[str, np.ndarray], rows: int) -> pd.DataFrame:
+    """The columns as they are: a copy of ten hours is another 200 MB."""
+    return pd.DataFrame(columns, index=range(rows), copy=False)
+
+
+def liveliest(log: Log, rows: int) -> Log:
+    """Of a log that is longer the part of so many rows in which the car turns most: enough to say what its sensors are like."""
+    if len(log) <= rows:
+        return log
+    step = max(1, rows // 4)
+    channel = "yaw_rate" if log.data["yaw_rate"].notna().any() else "steer_angle"
+    turned = [float(np.nansum(np.abs(log.data[channel].to_numpy()[i : i + step]))) for i in range(0, len(log), step)]
+    starts = range(0, len(log) - rows + 1, step)
+    first = max(starts, key=lambda i: sum(turned[i // step : (i + rows) // step]))
+    part = slice(first, first + rows)
+    begin, end = log.time[first], log.time[first + rows - 1]
+    slower = {
+        name: Slower(s.time[inside], s.value[inside], s.rows)
+        for name, s in log.slower.items()
+        for inside in ((s.time >= begin) & (s.time <= end),)
+    }
+    data, ref, extra = (t.iloc[part].reset_index(drop=True) for t in (log.data, log.ref, log.extra))
+    return replace(log, time=log.time[part], data=data, ref=ref, extra=extra, line=log.line[part], slower=slower)
+
+
+def _remedy(missing: Collection[str]) -> str:
+    if any(c.endswith(("_left", "_right")) for c in missing):
+        return ": both wheels of an axle are needed, or the axle's mean"
+    if "steer_angle" in missing:
+        return ": without the steering angle nothing can be said about the tyres; name its signal in signals.toml"
+    return ": name its signal in signals.toml"
+
+
+def _axle(axle: str, left: np.ndarray, right: np.ndarray, yaw_rate: np.ndarray, notes: list[str]) -> tuple[np.ndarray, float]:
     """The middle of an axle, rad/s, of its two wheels. Where one is missing, the other less half of what they differ by in a turn:
-    track over radius times the yaw rate, found from the rows that have both."""
+    track over radius times the yaw rate, found from the rows that have both, which is returned, too."""
     difference, mean = right - left, 0.5 * (left + right)
     both = np.isfinite(difference) & np.isfinite(yaw_rate)
     turned = float(np.sum(yaw_rate[both] ** 2))
@@ -139,7 +312,7 @@ def _axle(axle: str, left: np.ndarray, right: np.ndarray, yaw_rate: np.ndarray, 
         half = 0.5 * per_turn * yaw_rate
         mean[alone] = np.where(np.isfinite(left), left + half, right - half)[alone]
         notes.append(f"{axle}: one of both wheels is missing in {alone.sum()} rows: taken from the other and the yaw rate")
-    return mean
+    return mean, per_turn
 
 
 def _beside(column: str) -> bool:
@@ -147,7 +320,7 @@ def _beside(column: str) -> bool:
     return column.startswith("ref_") or column in OPTIONAL
 
 
-def _optional(name: str, column: np.ndarray, line: np.ndarray, notes: list[str]) -> np.ndarray | None:
+def _optional(name: str, column: np.ndarray, line: np.ndarray, notes: list[str], place: str = "line") -> np.ndarray | None:
     """One of OPTIONAL, checked; None, and a note why, if it cannot be used. It refuses no log: the estimator needs none."""
     unit, low, high, _, hint = OPTIONAL[name]
     value = column.copy()
@@ -155,7 +328,7 @@ def _optional(name: str, column: np.ndarray, line: np.ndarray, notes: list[str])
         bad = (value < low) | (value > high)
     there = int(np.isfinite(value).sum())
     if not there or bad.sum() > FEW_OUTSIDE * there:
-        where = f"; {value[bad.argmax()]:g} in line {line[bad.argmax()]} is outside; hint: {hint}" if there else "; it is empty"
+        where = f"; {value[bad.argmax()]:g} in {place} {line[bad.argmax()]} is outside; hint: {hint}" if there else "; it is empty"
         notes.append(f"column {name} is not used: allowed are {low:g} .. {high:g} {unit}{where}")
         return None
     if bad.any():
@@ -194,7 +367,9 @@ def average(log: Log, seconds: float) -> Log:
     extra = pd.DataFrame({name: means(log.extra[name].to_numpy(float)) for name in log.extra}, index=data.index)
     step = float(np.median(np.diff(time))) if len(time) > 1 else None
     notes = [*log.notes, f"averaged over {seconds:g} s: {len(log)} rows became {len(time)}, of {usual:g} rows each"]
-    return Log(log.path, time, data, ref, log.line[starts[keep]], step, notes, max(1, round(usual)), extra)
+    slower = {name: Slower(x.time, x.value, x.rows / usual) for name, x in log.slower.items() if x.rows > usual}
+    return replace(log, time=time, data=data, ref=ref, line=log.line[starts[keep]], sample_time=step, notes=notes,
+                   averaged=max(1, round(usual)), extra=extra, slower=slower)  # fmt: skip
 
 
 def sampling_notes(log: Log, max_gap: float) -> list[str]:
@@ -211,7 +386,8 @@ def sampling_notes(log: Log, max_gap: float) -> list[str]:
     gaps = np.flatnonzero(dt > max_gap)
     if len(gaps):
         notes.append(
-            f"{len(gaps)} gap{'s' if len(gaps) > 1 else ''} longer than {max_gap:g} s (the longest {dt.max():.3g} s, before line "
+            f"{len(gaps)} gap{'s' if len(gaps) > 1 else ''} longer than {max_gap:g} s (the longest {dt.max():.3g} s, before "
+            f"{log.place} "
             f"{log.line[1 + int(dt.argmax())]}): states restarted there, stiffness kept"
         )
     return notes
@@ -223,22 +399,24 @@ def steering_notes(log: Log, max_steer: float) -> list[str]:
     if not large.any():
         return []
     return [
-        f"steering beyond {max_steer:g} rad in {large.sum()} rows (first in line {log.line[large.argmax()]}): the model is made "
+        f"steering beyond {max_steer:g} rad in {large.sum()} rows (first in {log.place} {log.line[large.argmax()]}): the model is "
+        f"made "
         "for small angles, so statistics are held there (max_steer)"
     ]
 
 
-def _header(path: Path) -> tuple[list[str], int | None]:
-    """The names of the columns; and where the last line does not end, how many rows do. Who wrote it was perhaps stopped there,
-    and a number that is cut is a number still."""
+def _header(path: Path) -> tuple[list[str], int | None, int]:
+    """The names of the columns; where the last line does not end, how many rows do: who wrote it was perhaps stopped there, and a
+    number that is cut is a number still; and how many rows there are at most."""
     if path.is_dir():
         raise UserError(f"{path}: is a directory, not a log")
     try:
         with open(path, encoding="utf-8-sig", newline="") as file:
             head = last = file.read(65536)
-            ends = head.count("\n")
+            ends, lone = head.count("\n"), head.count("\r")
             while part := file.read(1 << 20):  # the whole file must be text
                 ends += part.count("\n")
+                lone += part.count("\r")
                 last = part
     except FileNotFoundError:
         raise UserError(f"{path}: no such file") from None
@@ -253,7 +431,7 @@ def _header(path: Path) -> tuple[list[str], int | None]:
     if not head.strip():
         raise UserError(f"{path}: is empty")
     first = next(csv.reader(head.splitlines()[:1]), [])
-    return [c.strip() for c in first], ends - 1 if ends and not last.endswith(("\n", "\r")) else None
+    return [c.strip() for c in first], ends - 1 if ends and not last.endswith(("\n", "\r")) else None, ends + lone
 
 
 def _missing_text(path: Path, header: list[str], missing: list[str], needed: list[str]) -> str:
@@ -316,43 +494,55 @@ def _too_wide(path: Path) -> str:
 
 
 def _numbers(
-    path: Path, header: list[str], needed: list[str], whole: int | None
-) -> tuple[dict[str, np.ndarray], np.ndarray, list[str]]:
-    """Every column that is read as numbers, in the file's order; the lines in the file; columns that are left out. A cell that
-    is not a number is an error, or in a column that is not needed the end of that column. Rows without any of what is needed
-    are blank. `whole`: rows to read, where not all."""
+    path: Path, header: list[str], needed: list[str], whole: int | None, most: int, notes: list[str]
+) -> tuple[dict[str, np.ndarray], np.ndarray, list[str], Room]:
+    """Every column that is read as numbers, in the file's order; the lines in the file; columns that are left out. A few cells that
+    are no numbers are missing, and a note says so; many are an error, or in a column that is not needed the end of that column.
+    Rows without any of what is needed are blank. `whole`: rows to read, where not all; `most`: rows that there may be."""
     if whole == 0:
         raise UserError(f"{path}: has one row, and its line does not end: it may be cut inside a number")
     wanted = [c for c in header if c in needed or _beside(c)]
-    columns: dict[str, list[np.ndarray]] = {name: [] for name in wanted}
-    lines: list[np.ndarray] = []
+    room = Room(wanted, most + 1)  # as long as ever needed: to put parts together takes twice the memory
+    columns = room.take()
+    lines = np.empty(most + 1, np.int32)
+    rows = 0
     wrong: dict[str, tuple[int, str]] = {}  # column -> line and text of its first cell that is not a number
+    count = dict.fromkeys(wanted, 0)
     with _parsing(path), pd.read_csv(path, **_arguments(header), nrows=whole, chunksize=PART) as parts:
         for part in parts:
             line = part.index.to_numpy() + 2
             filled = part[needed].notna().any(axis=1).to_numpy()
-            lines.append(line[filled])
+            place = slice(rows, rows + int(filled.sum()))
+            lines[place] = line[filled]
             for name in wanted:
                 column = part[name] if filled.all() else part[name][filled]
                 numbers = to_numbers(column)
                 if column.dtype == bool:
                     numbers = pd.Series(np.nan, index=column.index)
                 bad = (numbers.isna() & column.notna()).to_numpy()
+                count[name] += int(bad.sum())
                 if bad.any() and name not in wrong:
-                    wrong[name] = int(lines[-1][bad.argmax()]), str(column.iloc[int(bad.argmax())])
-                columns[name].append(numbers.to_numpy(float))
-    if not sum(map(len, lines)):
+                    wrong[name] = int(lines[place][bad.argmax()]), str(column.iloc[int(bad.argmax())])
+                columns[name][place] = numbers.to_numpy(float)
+            rows = place.stop
+            room.let_go()
+    if not rows:
         raise UserError(f"{path}: has a header but no rows")
     for name in wanted:
         if name in needed and name in wrong:
             at, text = wrong[name]
+            if count[name] <= FEW_OUTSIDE * rows:
+                cells = f"{count[name]} cells that are no numbers are" if count[name] > 1 else "a cell that is no number is"
+                notes.append(f"{name}: {cells} treated as missing (first in line {at}: {text[:20]!r})")
+                del wrong[name]
+                continue
             hint = "; decimals are written with a point" if "," in text else ""
             raise UserError(
                 f"{path}: line {at}, column {name}: {text[:40]!r} is not a number; allowed: {_allowed(name)}, or empty for "
                 f"missing{hint}"
             )
     skipped = [name for name in wanted if name in wrong]
-    return {c: np.concatenate(columns.pop(c)) for c in wanted if c not in wrong}, np.concatenate(lines), skipped
+    return {c: columns[c][:rows] for c in wanted if c not in wrong}, lines[:rows], skipped, room
 
 
 def to_numbers(column: pd.Series) -> pd.Series:
@@ -368,6 +558,19 @@ def _number(cell: object) -> float:
         return float(str(cell))
     except ValueError:
         return np.nan
+
+
+def _straight(path: Path, time: np.ndarray, line: np.ndarray, notes: list[str]) -> tuple[np.ndarray, np.ndarray]:
+    """A time that increases, and which rows are kept. UserError: it is no time."""
+    from tselab.logs.clock import straight
+
+    if np.isfinite(time).sum() > 1 and (np.diff(time[np.isfinite(time)]) <= 0).mean() > MOST_BACK:
+        _check_time(path, time, line)
+    fixed, keep, said = straight(time)
+    if keep.sum() < MOST_BACK * len(time):
+        _check_time(path, time, line)
+    notes += [f"time: {text}" for text in said]
+    return fixed, keep
 
 
 def _check_time(path: Path, time: np.ndarray, line: np.ndarray) -> None:
@@ -394,9 +597,11 @@ def _check_time(path: Path, time: np.ndarray, line: np.ndarray) -> None:
         )
 
 
-def _check_channel(path: Path, data: pd.DataFrame, line: np.ndarray, f: Field, notes: list[str], name: str) -> None:
-    """`name`: of the column, which may be one side of the channel f."""
-    value = data[name].to_numpy(copy=True)
+def _check_channel(
+    path: Path, data: pd.DataFrame, line: np.ndarray, f: Field, notes: list[str], name: str, place: str = "line"
+) -> None:
+    """`name`: of the column, which may be one side of the channel f. A few values that nothing can have are missing."""
+    value = data[name].to_numpy(dtype=float, copy=True)
     if np.isnan(value).all():
         raise UserError(f"{path}: column {name}: every cell is empty; allowed: {f.range_text}")
     with np.errstate(invalid="ignore"):
@@ -404,16 +609,16 @@ def _check_channel(path: Path, data: pd.DataFrame, line: np.ndarray, f: Field, n
     if not bad.any():
         return
     i = int(bad.argmax())
-    if f.name in DRIVES or bad.mean() > 0.05:
+    if bad.mean() > FEW_OUTSIDE:
         more = f" ({bad.sum()} such rows)" if bad.sum() > 1 else ""
         raise UserError(
-            f"{path}: line {line[i]}, column {name}: {value[i]:g} is outside the allowed range {f.range_text}{more}\n"
+            f"{path}: {place} {line[i]}, column {name}: {value[i]:g} is outside the allowed range {f.range_text}{more}\n"
             f"  hint: {HINTS.get(f.name, 'the column must be in SI units')}"
         )
     value[bad] = np.nan
     data[name] = value
     notes.append(
-        f"{name}: {bad.sum()} values outside {f.range_text} are treated as missing (first in line {line[i]})"
+        f"{name}: {bad.sum()} values outside {f.range_text} are treated as missing (first in {place} {line[i]})"
     )
 
 

@@ -76,6 +76,21 @@ def channel_noise(name: str, x: np.ndarray, moving: np.ndarray) -> Noise | None:
     return Noise(float(sd), hold, step, ", ".join(parts), unraised)
 
 
+def noise_of(log: Log, name: str, moving: np.ndarray) -> Noise | None:
+    """The noise of a channel of a log. Of one that was interpolated: that of its own entries, spread over the rows between them."""
+    if name not in log.slower:
+        return channel_noise(name, log.data[name].to_numpy(float), moving)
+    own = log.slower[name]
+    there = np.isfinite(own.value)
+    at = np.clip(np.searchsorted(log.time, own.time), 0, len(log) - 1)
+    found = channel_noise(name, own.value, moving[at] & there)
+    if found is None:
+        return None
+    often = np.sqrt(own.rows)
+    text = f"{found.text}, an entry in {own.rows:.3g} rows: x {often:.2g}"
+    return Noise(found.sd * often, found.hold, found.step, text, found.unraised * often)
+
+
 def _size(x: np.ndarray) -> float:
     return float(np.median(np.abs(x - np.median(x))) or np.std(x) or 1.0)
 
@@ -108,13 +123,15 @@ def kinematic_misfit(log: Log, radius_front: float, radius_rear: float) -> dict[
     moving = np.abs(speed) > MOVING
     misfits = {}
     for name, kinematic in (("accel_x", np.gradient(speed, log.time)), ("accel_y", speed * d["yaw_rate"])):
+        if not np.isfinite(d[name]).any() or not np.isfinite(kinematic).any():
+            continue
         residual = smooth(d[name] - kinematic, rows["average"])
         slow = smooth(residual, rows["window"])
         fast, n = residual - slow, rows["window"]
         windows = [fast[i : i + n].std() for i in range(0, len(fast) - n + 1, n) if moving[i : i + n].all()]
         both = moving[rows["change"] :] & moving[: -rows["change"]]
         if len(windows) < 5 or not both.any():
-            return {}
+            continue
         change = (slow[rows["change"] :] - slow[: -rows["change"]])[both]
         misfits[name] = Misfit(
             sd=float(np.quantile(windows, QUIET) * np.sqrt(rows["average"])),

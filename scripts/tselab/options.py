@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -42,3 +44,42 @@ FORM = click.option(
 PROGRESS = click.option(
     "--progress/--no-progress", default=None, help="Progress bar; default: when stderr is a terminal."
 )
+
+
+TABLE_HELP = "Also write what was found as a table, .parquet or .csv."
+
+
+def for_programs(command: Callable[..., Any]) -> Callable[..., Any]:
+    """What every command takes whose findings a program may want: as JSON instead of words, and as a table."""
+    command = click.option("--table", metavar="TABLE.parquet", type=FILE, help=TABLE_HELP)(command)
+    return click.option("--json", "as_json", is_flag=True, help="What was found as JSON, instead of words.")(command)
+
+
+def reading(command: Callable[..., Any]) -> Callable[..., Any]:
+    """What every command takes that reads a log of a car; it comes as one argument `reading`, a log.Reading, which the command
+    completes with the car."""
+    import functools
+
+    @functools.wraps(command)
+    def with_reading(
+        *args: Any, signals: Path | None, rate: float | None, strict: bool, databases: tuple[Path, ...], **kw: Any
+    ) -> Any:
+        from tselab.log import Reading
+
+        if signals is not None and not signals.is_file():
+            raise UserError(f"{signals}: no such file (option --signals); 'tselab signals LOG --write {signals.name}' proposes one")
+        return command(*args, reading=Reading(signals, rate, strict, databases), **kw)
+
+    for option in (
+        click.option("--strict", is_flag=True, help="Refuse a log whose channels contradict each other, instead of warning."),
+        click.option("--rate", metavar="HZ", type=float, help="Rows per second to which the log is resampled; default: the fastest "
+                     "channel's, up to 100, or as it is when that is even."),
+        click.option("--database", "databases", metavar="FILE", type=FILE, multiple=True, help="What the frames of a bus mean: "
+                                                            "DBC, "
+                     "ARXML, KCD, SYM; default: those beside the log. May be repeated."),
+        click.option("--signals", metavar="SIGNALS.toml", type=FILE, help="Which signal of the log is which channel ('tselab "
+                                                            "signals' "
+                     "proposes it); default: signals.toml beside the log."),
+    ):  # fmt: skip
+        with_reading = option(with_reading)
+    return with_reading

@@ -17,6 +17,7 @@ from tselab.verdict import NAMES, UNITS
 
 INK, BLUE, ORANGE, GREEN, PURPLE, GREY = "#1f2933", "#0b5fa5", "#c4570a", "#1a7f5a", "#7b4fa3", "#8a94a0"
 BAND, SPREAD, SHADE = "rgba(11,95,165,0.28)", "rgba(11,95,165,0.10)", "rgba(90,100,110,0.13)"
+PART = 1 << 18  # rows that are thinned at a time, whole strides
 MOST_POINTS = 8000  # per line; longer logs are thinned
 QUIET = 1.15  # noise found over the setting's up to which there is nothing to see
 FINDING = 2.0  # s at the start in which the noise is still being found
@@ -133,7 +134,10 @@ class Data:
     def logged(self, name: str) -> np.ndarray:
         """A column of the log, with the references."""
         column = self._log.data[name] if name in self._log.data else self._log.ref[name]
-        return thin(column.to_numpy()[: self.rows], self.stride)
+        y = column.to_numpy()[: self.rows]
+        line = np.concatenate([thin(y[i : i + PART], self.stride) for i in range(0, max(len(y), 1), PART)])
+        self._log.let_go()
+        return line
 
     def references(self, quantity: str | None) -> list[str]:
         return [c for c in self._log.ref if match_reference(c) == quantity]

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from tselab.config import make_config
 from tselab.core import Config
-from tselab.log import Log, read_log, sampling_notes, steering_notes
+from tselab.errors import UserError
+from tselab.log import Log, Reading, liveliest, read_log, sampling_notes, steering_notes
 from tselab.log import average as average_log
 from tselab.units import check_units
 from tselab.vehicle import Vehicle, fill_sensors, read_vehicle
+
+MOST_ROWS = 1 << 19  # from which noise and units are told: 87 minutes at 100 Hz; a longer log is as its liveliest so many rows
 
 
 @dataclass
@@ -34,23 +37,30 @@ def prepare(
     options: Mapping[str, Any],
     form: str,
     settings: Mapping[str, float],
+    reading: Reading | None = None,
 ) -> Prepared:
     """Read and check everything that a run of the estimator over a log needs."""
     vehicle = read_vehicle(vehicle_path)
-    log = read_log(log_path)
+    reading = replace(reading or Reading(), car=vehicle)
+    log = read_log(log_path, reading=reading)
     if average is not None:
         log = average_log(log, average)
-    fill_sensors(vehicle, log)
+    lively = liveliest(log, MOST_ROWS)
+    log.let_go()
+    fill_sensors(vehicle, lively)
     config, notes = make_config(vehicle, log, config_path, options, form)
     for key, value in settings.items():
         config.set(key, value, source="option --set")
     warnings = check_units(
-        log,
+        lively,
         config.lf + config.lr,
         config.wheel_radius_front,
         config.wheel_radius_rear,
         vehicle.steering_ratio,
+        {a: float(t) for a in ("front", "rear") if (t := vehicle.facts.get(f"track_{a}"))},
     )
+    if reading.strict and warnings:
+        raise UserError(f"{log_path}: option --strict: {'; '.join(warnings)}")
     notes = [
         *warnings,
         *log.notes,
@@ -59,4 +69,5 @@ def prepare(
         *notes,
         *vehicle.notes,
     ]
+    log.let_go()
     return Prepared(vehicle, log, config, notes, warnings)

@@ -65,8 +65,8 @@ def write_report(
         sections=[
             {"id": f"plot{i}", "title": t, "text": x, "height": f.height} for i, (t, x, f) in enumerate(shown)
         ],
-        figures=_packed(orjson.dumps([f.as_dict() for _, _, f in shown], option=orjson.OPT_SERIALIZE_NUMPY)),
-        plotly=_packed(get_plotlyjs()),
+        figures=packed(orjson.dumps([f.as_dict() for _, _, f in shown], option=orjson.OPT_SERIALIZE_NUMPY)),
+        plotly=packed(get_plotlyjs()),
         facts=run_facts(est, log, vehicle, config, data.stride),
         changed=[(config.fields[name], value) for name, value in config.changed().items()],
         notes=notes,
@@ -85,7 +85,7 @@ def events(changes: Sequence[regimes.Change], spells: Sequence[regimes.Spell]) -
     return [(when, what, regimes.percent(p), effect) for _, when, what, p, effect in sorted(likeliest)]
 
 
-def _packed(text: str | bytes) -> Markup:
+def packed(text: str | bytes) -> Markup:
     """Compressed and in letters that need no escaping."""
     data = text.encode() if isinstance(text, str) else text
     return Markup(base64.b64encode(gzip.compress(data, LEVEL, mtime=0)).decode())

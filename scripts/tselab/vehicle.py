@@ -16,7 +16,7 @@ from tselab.core import CONFIG, Config, Field, SettingError, library, similar
 from tselab.errors import UserError
 from tselab.formula import Formula, read_formula
 from tselab.log import MEASURES, Log
-from tselab.noise import channel_noise, kinematic_misfit
+from tselab.noise import kinematic_misfit, noise_of
 from tselab.toml import read_toml
 
 GRAVITY = 9.81
@@ -361,7 +361,9 @@ def fill_sensors(vehicle: Vehicle, log: Log) -> None:
         if key in v:
             _average_noise(vehicle, f, log)
             continue
-        noise, misfit = channel_noise(channel, log.data[channel].to_numpy(), moving), misfits.get(channel)
+        if log.data[channel].isna().all():
+            continue  # not in the log: it is not asked
+        noise, misfit = noise_of(log, channel, moving), misfits.get(channel)
         if noise is None:
             vehicle.filled.append(f"{key} = {f.default:.3g} {f.unit} (default: the log is too short to tell)")
             continue
@@ -379,7 +381,7 @@ def fill_sensors(vehicle: Vehicle, log: Log) -> None:
 
 
 def _fill_wheel_noise(vehicle: Vehicle, config: Config, log: Log, moving: np.ndarray) -> None:
-    found = {a: channel_noise(f"wheel_speed_{a}", log.data[f"wheel_speed_{a}"].to_numpy(), moving) for a in ("front", "rear")}
+    found = {a: noise_of(log, f"wheel_speed_{a}", moving) for a in ("front", "rear")}
     found = {axle: noise for axle, noise in found.items() if noise is not None}
     if found:
         axle = max(found, key=lambda a: found[a].sd)

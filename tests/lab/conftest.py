@@ -16,6 +16,7 @@ import pytest
 from tselab.cli import main
 
 COMMAND = [sys.executable, "-m", "tselab"]
+RAN = (0, 3, 4)  # exit codes of an estimate that is written: usable, in part, nothing usable
 
 
 @dataclass

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from conftest import tselab_here
+from conftest import RAN, tselab_here
 from tselab.core import REPLAY_LOG, Config, Replay, SettingError, SimConfig, Simulator, library
 from tselab.errors import UserError
 from tselab.vehicle import effects_toml, read_vehicle
@@ -102,7 +102,7 @@ def test_simulate_and_estimate_take_effects_from_the_vehicle_file(tmp_path):
     for name in (car, plain):
         out = tmp_path / f"{name.stem}.csv"
         done = tselab_here("estimate", log, "--vehicle", name, "--out", out, "--particles", 64)
-        assert done.code == 0, done.err
+        assert done.code in RAN, done.err
         stiffness[name.stem] = pd.read_csv(out)["cy_front"].iloc[-1]
     assert stiffness["plain"] > 1.05 * stiffness["car"]  # 10 % more steering looks like a stiffer front axle
 

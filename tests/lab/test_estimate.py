@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from conftest import COMMAND, tselab, tselab_here
+from conftest import COMMAND, RAN, tselab, tselab_here
 
 STIFFNESS = ("cx_front", "cy_front", "cy_rear")
 ISSUE_COLUMNS = [
@@ -275,7 +275,7 @@ def test_extra_columns_blank_lines_and_a_byte_order_mark_do_no_harm(drive, tmp_p
     text = table[table.columns[::-1]].to_csv(index=False)
     (tmp_path / "log.csv").write_text("\ufeff" + text + "\n\n", encoding="utf-8")
     done = tselab_here("estimate", "log.csv", "--vehicle", drive.vehicle, "--particles", 64, cwd=tmp_path)
-    assert done.code == 0, done.err
+    assert done.code in RAN, done.err
     assert "ref_note is not numeric" in done.err
     assert len(pd.read_csv(tmp_path / "log.est.csv")) == 300
 
@@ -283,7 +283,7 @@ def test_extra_columns_blank_lines_and_a_byte_order_mark_do_no_harm(drive, tmp_p
 def test_a_single_row_is_enough(drive, tmp_path):
     drive.table().iloc[:1].to_csv(tmp_path / "log.csv", index=False)
     done = tselab_here("estimate", "log.csv", "--vehicle", drive.vehicle, "--report", "r.html", cwd=tmp_path)
-    assert done.code == 0, done.err
+    assert done.code in RAN, done.err
     assert len(pd.read_csv(tmp_path / "log.est.csv")) == 1
 
 

@@ -15,6 +15,7 @@ import pandas as pd
 import pytest
 
 from conftest import Drive, tselab, tselab_here
+from log_formats import FORMATS, messages
 from tselab.errors import UserError
 
 if importlib.util.find_spec("fmpy") is None or shutil.which("cmake") is None:
@@ -343,6 +344,16 @@ def test_the_estimator_fmu_writes_the_bytes_of_tselab_estimate(options, built, o
     assert done.code == 0, done.err
     assert (tmp_path / "fmu.csv").read_bytes() == (tmp_path / "est.csv").read_bytes()
     assert len(pd.read_csv(tmp_path / "fmu.csv")) > 400
+
+
+def test_the_estimator_fmu_reads_any_log_as_tselab_estimate_does(built, drive, tmp_path):
+    path = FORMATS["Parquet"][1](tmp_path, messages(pd.read_csv(drive.log)))
+    same = [path, "--vehicle", drive.vehicle, "--rate", 50, "--out"]
+    assert tselab("estimate", *same, tmp_path / "est.csv").code == 0
+    done = tselab("fmu", "run", built / "TireStiffnessEstimator.fmu", *same, tmp_path / "fmu.csv")
+    assert done.code == 0 and "signals by" in done.err, done.err
+    assert (tmp_path / "fmu.csv").read_bytes() == (tmp_path / "est.csv").read_bytes()
+    assert len(pd.read_csv(tmp_path / "fmu.csv")) == pytest.approx(1000, abs=10)
 
 
 def test_the_estimator_fmu_runs_a_formula_as_tselab_estimate_does(built, drive, tmp_path):

@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import socket
-import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -15,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from conftest import Result, tselab
+from dask_cluster import Start, free_port, scheduler, starting, until, worker
 from gap_logs import car, write_log
 from tselab.cli import main
 
@@ -63,41 +61,11 @@ def test_named_but_not_told_from_others_is_exit_11_in_so_many_words(gentle):
 
 
 @pytest.fixture
-def start() -> Iterator[Callable[..., subprocess.Popen]]:
+def start() -> Iterator[Start]:
     """Starts `dask ARGS`; ends all of them, whatever happens."""
     pytest.importorskip("distributed", reason="dask.distributed is missing: there is no cluster to test with")
-    processes: list[subprocess.Popen] = []
-
-    def one(*args: object, path: Path | None = None) -> subprocess.Popen:
-        env = os.environ | {"OMP_NUM_THREADS": "1"} | ({"PYTHONPATH": str(path)} if path else {})
-        command = [sys.executable, "-m", "dask", *map(str, args)]
-        processes.append(subprocess.Popen(command, env=env, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL))
-        return processes[-1]
-
-    yield one
-    for process in processes:  # without a word: nobody waits for what they would still do
-        process.kill()
-    for process in processes:
-        process.wait()
-
-
-def free_port() -> int:
-    with socket.socket() as s:
-        s.bind(("127.0.0.1", 0))
-        return s.getsockname()[1]
-
-
-def until(what: Callable[[], object], seconds: float = 120.0) -> None:
-    end = time.monotonic() + seconds
-    while not what():
-        assert time.monotonic() < end, "the cluster does not start"
-        time.sleep(0.1)
-
-
-def listens(port: int) -> bool:
-    with socket.socket() as s:
-        s.settimeout(1.0)
-        return s.connect_ex(("127.0.0.1", port)) == 0
+    with starting() as one:
+        yield one
 
 
 @pytest.fixture
@@ -121,16 +89,12 @@ def refused(gentle, tmp_path, monkeypatch, capsys) -> Callable[[str], str]:
 def test_cluster_of_processes_gives_the_same_verdict_and_says_what_it_lacks(gentle, start, refused, tmp_path):
     import distributed
 
-    port = free_port()
-    address = f"tcp://127.0.0.1:{port}"
-    start("scheduler", "--host", "127.0.0.1", "--port", port, "--no-dashboard")
-    until(lambda: listens(port))
-
+    address = scheduler(start)
     assert f"the Dask cluster at {address} has no workers" in refused(address)
 
-    worker = ("worker", address, "--no-nanny", "--nthreads", 1, "--no-dashboard", "--local-directory", tmp_path / "dask")
+    one = worker(address, tmp_path / "dask")
     with distributed.Client(address, set_as_default=False) as client:
-        start(*worker)
+        start(*one)
         until(lambda: len(client.scheduler_info()["workers"]) == 1)
         far = gentle.run(tmp_path / "far", "--scheduler", address)
         assert far.code == gentle.done.code and "Traceback" not in far.err, far.err
@@ -139,7 +103,7 @@ def test_cluster_of_processes_gives_the_same_verdict_and_says_what_it_lacks(gent
 
         (tmp_path / "old" / "tselab").mkdir(parents=True)
         (tmp_path / "old" / "tselab" / "__init__.py").write_text('__version__ = "0.0.1"\n')
-        start(*worker, path=tmp_path / "old")
+        start(*one, path=tmp_path / "old")
         until(lambda: len(client.scheduler_info()["workers"]) == 2)
         said = refused(address)
         assert address in said and "has tselab 0.0.1, this is tselab" in said, said

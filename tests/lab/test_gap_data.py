@@ -52,8 +52,8 @@ def test_a_log_that_cannot_be_read_is_left_out_and_said(tmp_path):
     notes: list[str] = []
     found = workflow.read_logs_of([tmp_path / "bad.csv", good], notes)
     assert [x.path.name for x in found] == ["good.csv"]
-    assert len(notes) == 1 and "bad.csv is left out" in notes[0] and "missing in the header" in notes[0]
-    with pytest.raises(UserError, match="missing in the header"):
+    assert len(notes) == 1 and "bad.csv is left out" in notes[0] and "is no table" in notes[0]
+    with pytest.raises(UserError, match="is no table"):
         workflow.read_logs_of([tmp_path / "bad.csv"], [])
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from conftest import tselab, tselab_here
+from conftest import RAN, tselab, tselab_here
 from gap_logs import car, write_log
 from tselab.core import Config
 from tselab.formula import Number, parse, read_formula, write_formula
@@ -179,7 +179,7 @@ def test_the_improved_vehicle_runs_in_estimator_and_simulator(run):
     vehicle = folder / "out" / "vehicle_improved.toml"
     for car_file in (vehicle, folder / "car.toml"):
         estimated, simulated = (folder / f"{car_file.stem}{end}.csv" for end in ("", "_sim"))
-        assert tselab_here("estimate", logs[0], "--vehicle", car_file, "--out", estimated).code == 0
+        assert tselab_here("estimate", logs[0], "--vehicle", car_file, "--out", estimated).code in RAN
         done = tselab_here("simulate", "--maneuver", "sine-sweep", "--vehicle", car_file, "--out", simulated)
         assert done.code == 0, done.out + done.err
     with_it, without = (read_log(folder / f"{n}_sim.csv").data["yaw_rate"] for n in ("vehicle_improved", "car"))

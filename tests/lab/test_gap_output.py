@@ -17,7 +17,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from conftest import COMMAND, Result, tselab
+from conftest import COMMAND, RAN, Result, tselab
 from gap_logs import STIFFNESS, car, write_log
 from tselab.cli import main
 from tselab.core import Config, library
@@ -105,7 +105,7 @@ def test_improved_vehicle_is_the_users_with_stiffness_and_effect(case):
 def test_improved_vehicle_estimates_and_simulates(case):
     improved = case.out / "vehicle_improved.toml"
     est = tselab("estimate", case.held, "--vehicle", improved, "--particles", 50, "--out", case.folder / "e.csv")
-    assert est.code == 0, est.err
+    assert est.code in RAN, est.err
     sim = tselab("simulate", "--maneuver", "step-steer", "--duration", 1, "--vehicle", improved, "--out", case.folder / "s.csv")
     assert sim.code == 0, sim.err
 
@@ -230,7 +230,7 @@ def test_ctrl_c_keeps_the_stages_that_are_done(case, tmp_path):
 
 
 @pytest.mark.parametrize(("args", "text"), [
-    (("gap",), "LOG.csv"),
+    (("gap",), "LOG ..."),
     (("gap", "nowhere.csv", "--vehicle", "car.toml", "--out", "o"), "no such file"),
     (("gap", "log.csv", "--vehicle", "car.toml"), "--out"),
     (("gap", "log.csv", "log.csv", "--vehicle", "car.toml", "--out", "o"), "given twice"),

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from conftest import tselab_here
+from conftest import RAN, tselab_here
 from gap_logs import DRIVES, car, write_log
 from tselab.core import Config
 from tselab.gap import plan as planning
@@ -119,7 +119,7 @@ def test_torque_channel_makes_drag_visible(folder, vehicle):
 def test_check_prints_a_table(folder, vehicle):
     log = write_log(folder / "print.csv", vehicle, "sweep", {}, 1, seconds=12.0)
     done = tselab_here("gap", "check", log, "--vehicle", vehicle)
-    assert done.code == 0 and "smallest that shows" in done.out and "Drive also: braking" in done.out, done.err
+    assert done.code == 3 and "smallest that shows" in done.out and "Drive also: braking" in done.out, done.err
 
 
 # ---- selftest
@@ -168,7 +168,7 @@ def test_column_in_other_units_is_not_used_and_the_log_is_not_refused(folder, ve
     table.to_csv(path, index=False)
     log = read_log(path)
     assert log.extra.empty and any("divide by 3.6" in n for n in log.notes)
-    assert tselab_here("estimate", path, "--vehicle", vehicle, "--particles", 50, "--out", folder / "kmh.est.csv").code == 0
+    assert tselab_here("estimate", path, "--vehicle", vehicle, "--particles", 50, "--out", folder / "kmh.est.csv").code in RAN
 
 
 # ---- the estimator FMU

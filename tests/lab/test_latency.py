@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from conftest import tselab_here
+from conftest import RAN, tselab_here
 from tselab import plots, regimes
 from tselab.core import STIFFNESS, Config, Filter, SimConfig, Simulator, library
 from tselab.report import figures_of
@@ -130,7 +130,7 @@ def run(driven: np.ndarray, tmp_path_factory: pytest.TempPathFactory) -> tuple:
     table.to_csv(folder / "log.csv", index=False)
     (folder / "car.toml").write_text(CAR)
     done = tselab_here("estimate", folder / "log.csv", "--vehicle", folder / "car.toml", "--report", folder / "r.html", cwd=folder)
-    assert done.code == 0, done.err
+    assert done.code in RAN, done.err
     return done, pd.read_csv(folder / "log.est.csv"), table, (folder / "r.html").read_text(encoding="utf-8")
 
 

@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from conftest import COMMAND, tselab_here
+from conftest import COMMAND, RAN, tselab_here
 
 KEYS = ("cx_front", "cy_front", "cy_rear")
 TYRES = ("--set", "true_cx_front=0.75", "--set", "true_cy_front=0.8", "--set", "true_cy_rear=1.2")
@@ -25,9 +25,9 @@ def simulate(folder, name, seed, *options, maneuver="square-waves"):
     assert done.code == 0, done.err
 
 
-def estimate(folder, name, *options, code=0):
+def estimate(folder, name, *options, codes=RAN):
     done = tselab_here("estimate", f"{name}.csv", "--vehicle", "car.toml", *options, cwd=folder)
-    assert done.code == code, done.err
+    assert done.code in codes, done.err
     return done
 
 
@@ -127,7 +127,7 @@ def test_a_file_that_is_wrong_is_named_with_what_is_wrong_and_nothing_is_written
     (first / "second.est.csv").unlink(missing_ok=True)
     for name, (data, text) in files_that_are_wrong(first).items():
         (first / name).write_bytes(data)
-        done = estimate(first, "second", "--load-learnt", name, "--save-learnt", "new.tse", code=2)
+        done = estimate(first, "second", "--load-learnt", name, "--save-learnt", "new.tse", codes=(2,))
         assert done.err.startswith(f"tselab: error: {name}: ") and text in done.err, done.err
         assert "Traceback" not in done.err
         assert not (first / "second.est.csv").exists() and not (first / "new.tse").exists()
@@ -144,11 +144,11 @@ def test_another_vehicle_and_a_newer_format_are_told_apart(first):
     data = (first / "default.tse").read_bytes()
     newer = data[:4] + struct.pack("<H", 3) + data[6:-4]
     (first / "newer.tse").write_bytes(newer + struct.pack("<I", zlib.crc32(newer)))
-    done = estimate(first, "second", "--load-learnt", "newer.tse", code=2)
+    done = estimate(first, "second", "--load-learnt", "newer.tse", codes=(2,))
     assert "newer.tse: the learnt state was written by a newer version of this library" in done.err
     older = data[:4] + struct.pack("<HH", 1, 96) + data[8:92]
     (first / "older.tse").write_bytes(older + struct.pack("<I", zlib.crc32(older)))
-    done = estimate(first, "second", "--load-learnt", "older.tse", code=2)
+    done = estimate(first, "second", "--load-learnt", "older.tse", codes=(2,))
     assert "older.tse: the learnt state was written by an older version of this library; learn anew" in done.err
 
 
@@ -186,7 +186,7 @@ def test_what_the_model_does_not_explain_of_a_car_is_known_at_once_in_the_next_d
     ],
 )
 def test_options_that_cannot_be_are_refused(first, options, text):
-    done = estimate(first, "second", *options, code=2)
+    done = estimate(first, "second", *options, codes=(2,))
     assert text in done.err and "Traceback" not in done.err
 
 

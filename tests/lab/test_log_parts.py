@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import pickle
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 
+from tselab import estimate, room
 from tselab import log as module
-from tselab.core import library
+from tselab.core import Config, library
 from tselab.errors import UserError
 from tselab.log import read_log
+from tselab.vehicle import read_vehicle
 
 HERE = 100  # rows of a part in these tests
 
@@ -47,16 +50,29 @@ def test_a_log_in_parts_is_the_log_as_a_whole(drive, tmp_path, monkeypatch):
 def test_a_cell_that_is_no_number_is_named_wherever_it_is(drive, tmp_path, short_parts, row):
     lines = lines_of(drive)
     lines[row + 1] = lines[row + 1].replace(",", ",oops,", 1).rsplit(",", 1)[0]
-    with pytest.raises(UserError, match=f"line {row + 2}, column steer_angle: 'oops' is not a number"):
-        read(tmp_path, lines)
+    log = read(tmp_path, lines)
+    assert f"steer_angle: a cell that is no number is treated as missing (first in line {row + 2}: 'oops')" in log.notes
+    assert list(np.flatnonzero(log.data["steer_angle"].isna())) == [row]
 
 
-def test_the_first_column_with_a_wrong_cell_is_named_not_the_first_part(drive, tmp_path, short_parts):
+def test_each_column_with_a_wrong_cell_is_named_with_its_first(drive, tmp_path, short_parts):
     lines = lines_of(drive)
     name = lines[0].split(",")
     for row, column in ((20, "yaw_rate"), (300, "accel_x"), (310, "accel_x")):
         cells = lines[row].split(",")
         cells[name.index(column)] = "x"
+        lines[row] = ",".join(cells)
+    notes = read(tmp_path, lines).notes
+    assert "yaw_rate: a cell that is no number is treated as missing (first in line 21: 'x')" in notes
+    assert "accel_x: 2 cells that are no numbers are treated as missing (first in line 301: 'x')" in notes
+
+
+def test_a_column_of_wrong_cells_is_refused_with_the_first(drive, tmp_path, short_parts):
+    lines = lines_of(drive)
+    name = lines[0].split(",").index("accel_x")
+    for row in range(300, 340):
+        cells = lines[row].split(",")
+        cells[name] = "x"
         lines[row] = ",".join(cells)
     with pytest.raises(UserError, match="line 301, column accel_x"):
         read(tmp_path, lines)
@@ -131,9 +147,49 @@ def test_the_mean_of_an_axle_comes_before_its_sides_and_one_side_is_no_axle(tmp_
         read_log(path)
 
 
-def test_a_wheel_out_of_range_is_named_with_its_side(tmp_path):
+def test_a_wheel_out_of_range_is_missing_and_named_with_its_side(tmp_path):
     wrong = np.full(400, 60.0)
     wrong[7] = 900.0
     path, *_ = four_wheels(tmp_path, wheel_speed_rear_right=wrong)
-    with pytest.raises(UserError, match="line 9, column wheel_speed_rear_right: 900 is outside the allowed range -400"):
-        read_log(path)
+    log = read_log(path)
+    assert "wheel_speed_rear_right: 1 values outside -400 .. 400 rad/s are treated as missing (first in line 9)" in log.notes
+    assert log.data["wheel_speed_rear"].notna().all()  # the other wheel stands in
+
+
+# ---- very long logs, here those of more than a few rows
+
+
+def test_a_very_long_log_is_the_same_from_a_file_of_the_system(drive, tmp_path, short_parts, monkeypatch):
+    lines = lines_of(drive)
+    lines[200] = lines[200].replace(",", ",oops,", 1).rsplit(",", 1)[0]
+    whole = read(tmp_path, lines)
+    monkeypatch.setattr(room, "MOST_ROWS", HERE)
+    long = read(tmp_path, lines)
+    assert long.room._map is not None and whole.room._map is None
+    long.let_go()
+    pd.testing.assert_frame_equal(whole.data, long.data)
+    assert np.array_equal(whole.time, long.time) and np.array_equal(whole.line, long.line) and whole.notes == long.notes
+    sent = pickle.loads(pickle.dumps(long))  # as to a worker of a cluster
+    pd.testing.assert_frame_equal(whole.data, sent.data)
+    sent.let_go()
+
+
+def test_of_a_very_long_log_a_part_of_the_rows_is_kept_for_the_verdict_and_all_are_counted(drive, monkeypatch):
+    log = read_log(drive.log)
+    config = Config(read_vehicle(drive.vehicle).values)
+    whole = estimate.estimate_to(None, log, config)
+    monkeypatch.setattr(estimate, "MOST_KEPT", 700)
+    part = estimate.estimate_to(None, log, config)
+    assert len(part) == len(whole) == len(log) == 2001 and not part.interrupted
+    assert part.statuses == whole.statuses and sum(part.statuses.values()) == 2001
+    pd.testing.assert_frame_equal(part.table, whole.table.iloc[::3].reset_index(drop=True))
+
+
+def test_noise_and_units_of_a_very_long_log_are_those_of_its_liveliest_part(drive):
+    log = read_log(drive.log)
+    log.data["yaw_rate"] *= 0.01
+    log.data.loc[1200:1599, "yaw_rate"] *= 100.0
+    part = module.liveliest(log, 400)
+    assert len(part) == 400 and part.time[0] == log.time[1200] and part.line[0] == log.line[1200]
+    assert np.array_equal(part.data["accel_y"], log.data["accel_y"][1200:1600])
+    assert module.liveliest(log, 2001) is log

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from conftest import tselab_here
+from conftest import RAN, tselab_here
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
 RANGE = {"cx_front": (30e3, 300e3), "cy_front": (40e3, 200e3), "cy_rear": (40e3, 200e3)}
@@ -27,7 +27,7 @@ def test_real_log_gives_finite_positive_plausible_stiffness(name, average, tmp_p
     for seed in (1, 2):
         done = tselab_here("estimate", folder / "data.csv", "--vehicle", folder / "vehicle.toml", "--seed", seed, "--report",
                            "r.html", *options, cwd=tmp_path)  # fmt: skip
-        assert done.code == 0, done.err
+        assert done.code in RAN, done.err
         assert "filled in: cornering_stiffness_front" in done.out and "filled in: yaw_rate_sd" in done.out
         assert "filled in: wheel_noise_sd" in done.out
         est = pd.read_csv(tmp_path / "data.est.csv")

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import numpy as np
+import pandas as pd
 import pytest
 
 from conftest import tselab_here
+from tests.cars.logs import make_logs
 
 
 @pytest.fixture(scope="module")
@@ -50,10 +53,75 @@ def test_wrong_units_and_signs_are_named(lively, scale, hint):
 
 
 def test_the_warning_reaches_the_terminal(lively, drive, tmp_path):
-    import pandas as pd
-
     table = pd.read_csv(lively)
     table["accel_y"] /= 9.81
     table.to_csv(tmp_path / "log.csv", index=False)
     done = tselab_here("estimate", "log.csv", "--vehicle", drive.vehicle, "--particles", 32, cwd=tmp_path)
-    assert done.code == 0 and "warning: check the units: accel_y is" in done.err
+    assert done.code == 0 and "warning: check the units: accel_y is in g" in done.err
+    strict = tselab_here("estimate", "log.csv", "--vehicle", drive.vehicle, "--strict", "--out", "strict.csv", cwd=tmp_path)
+    assert strict.code == 2 and "option --strict: check the units: accel_y is in g" in strict.err
+    assert not (tmp_path / "strict.csv").exists()
+
+
+@pytest.fixture(scope="module")
+def cars(tmp_path_factory):
+    """Cars that tse's model did not make, on roads that lean, climb and bend: road -> logs as tables, and the vehicle's facts."""
+    return {road: make_logs(road, minutes=1.5, cars=2, seed=5) for road in ("highway", "mountain")}
+
+
+def notes_of(car, folder, **columns) -> list[str]:
+    from tselab.log import read_log
+    from tselab.units import check_units
+
+    v = car.vehicle
+    log = pd.DataFrame(car.log)
+    for axle in ("front", "rear"):  # four wheels
+        mean, half = log.pop(f"wheel_speed_{axle}"), 0.5 * v[f"track_{axle}"] / v[f"wheel_radius_{axle}"] * log.yaw_rate
+        log[f"wheel_speed_{axle}_left"], log[f"wheel_speed_{axle}_right"] = mean - half, mean + half
+    for name, change in columns.items():
+        for c in [c for c in log if c.startswith(name)]:
+            log[c] = change(log[c])
+    log.to_csv(folder / "log.csv", index=False)
+    tracks = {a: v[f"track_{a}"] for a in ("front", "rear")}
+    return check_units(read_log(folder / "log.csv"), v["lf"] + v["lr"], v["wheel_radius_front"], v["wheel_radius_rear"],
+                       v["steering_ratio"], tracks)  # fmt: skip
+
+
+@pytest.mark.parametrize("road", ["highway", "mountain"])
+def test_right_logs_of_cars_that_nobody_made_here_get_no_note(road, cars, tmp_path):
+    """A car that understeers turns at 130 km/h by a third of what its angle says: no reason to ask about units."""
+    for car in cars[road]:
+        assert notes_of(car, tmp_path) == []
+
+
+def test_kmh_taken_for_rad_per_s_is_noticed_by_the_track(cars, tmp_path):
+    """It is a factor of 1.05 .. 1.15 only: the wheels of an axle, against the yaw rate, tell."""
+    for car in cars["mountain"]:
+        radius = car.vehicle["wheel_radius_front"]
+        found = notes_of(car, tmp_path, wheel_speed=lambda x, radius=radius: 3.6 * radius * x)
+        if abs(np.log(3.6 * radius)) > 0.08:
+            assert len(found) == 1 and "the wheel speeds are in km/h" in found[0], found
+            assert f"factor {3.6 * radius:.3g}" in found[0]
+
+
+@pytest.mark.parametrize(
+    ("columns", "hint"),
+    [
+        ({"accel_y": lambda x: x / 9.81}, "accel_y is in g"),
+        ({"steer_angle": lambda x: -x}, "steer_angle is positive to the right"),
+        ({"accel_x": lambda x: -x}, "accel_x is positive to the rear"),
+        ({"wheel_speed": lambda x: 0.447 * x}, "the wheel speeds are in m"),
+    ],
+)
+def test_units_of_such_cars(columns, hint, cars, tmp_path):
+    for car in cars["mountain"]:
+        found = notes_of(car, tmp_path, **columns)
+        assert len(found) == 1 and hint in found[0], found
+
+
+def test_swapped_axes_are_named(cars, tmp_path):
+    car = cars["mountain"][0]
+    swapped = dict(car.log)
+    swapped["accel_x"], swapped["accel_y"] = swapped["accel_y"], swapped["accel_x"]
+    car = type(car)(car.car, swapped, car.reference, car.truth)
+    assert any("accel_x and accel_y are swapped" in n for n in notes_of(car, tmp_path))

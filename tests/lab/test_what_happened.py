@@ -192,9 +192,10 @@ def test_shares_say_neither_none_nor_all_of_what_is_neither(share, text):
 
 
 def test_the_terminal_tells_what_happened_and_speaks_of_every_stretch(drive, tmp_path, monkeypatch):
-    from tselab import estimate as module
+    from tselab import single
+    from tselab.estimate import Estimate
 
-    monkeypatch.setattr(module, "estimate_to", lambda *_, **__: module.Estimate(table_of(ROAD), False))
+    monkeypatch.setattr(single, "estimate_to", lambda *_, **__: Estimate(table_of(ROAD), False))
     done = tselab_here("estimate", drive.log, "--vehicle", drive.vehicle, cwd=tmp_path)
     assert done.code == 0, done.err
     lines = done.out.splitlines()
@@ -203,6 +204,6 @@ def test_the_terminal_tells_what_happened_and_speaks_of_every_stretch(drive, tmp
     assert lines[at + 2].startswith("  Front cornering stiffness: 120 kN/rad ± 2 (95 %)")
     assert lines[at + 4] == "From 36.0 .. 60.0 s:" and "84 kN/rad ± 2 (95 %)" in lines[at + 6]
     every_5_s = [(5 * i + 0.1, 5 * i + 5.1, (5.0 * i, 1, 0.9, 0.9)) for i in range(1, 40)]
-    monkeypatch.setattr(module, "estimate_to", lambda *_, **__: module.Estimate(table_of(every_5_s, 200), False))
+    monkeypatch.setattr(single, "estimate_to", lambda *_, **__: Estimate(table_of(every_5_s, 200), False))
     done = tselab_here("estimate", drive.log, "--vehicle", drive.vehicle, cwd=tmp_path)
     assert done.out.count("From ") == 12 and "and 28 more stretches, which --report lists" in done.out

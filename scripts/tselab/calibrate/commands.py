@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING
 import click
 
 from tselab.gap.commands import HOLD_OUT, JOBS, LOGS, VEHICLE, Run, _distinct, _saying
-from tselab.options import FILE, PROGRESS
+from tselab.options import FILE, PROGRESS, for_programs, reading
 
 if TYPE_CHECKING:
     from tselab.calibrate.workflow import Result
+    from tselab.log import Reading
 
 NOT_CONVERGED = 12  # exit code
 
@@ -33,6 +34,8 @@ class Calibrate(Run):
     "--out", metavar="CALIBRATED.toml", type=FILE, required=True, help="The calibrated vehicle file; .json and .html beside it."
 )
 @click.option("--steps", type=click.IntRange(1, 1000), help="Most steps of the search.  [default: 40]")
+@reading
+@for_programs
 @JOBS
 @PROGRESS
 def calibrate(
@@ -43,6 +46,9 @@ def calibrate(
     steps: int | None,
     jobs: int,
     progress: bool | None,
+    reading: Reading,
+    as_json: bool,
+    table: Path | None,
 ) -> int:
     """Find what the car and the sensors of a log are, from ordinary driving.
 
@@ -63,9 +69,12 @@ def calibrate(
     CALIBRATED.json            all numbers, for programs
     CALIBRATED.html            the same for people: before and after for each finding
 
-    Exit code: 0 converged, 12 not converged (written all the same, and said), 2 bad input, 130 Ctrl-C. The same command goes on
-    after Ctrl-C.
+    --json says the same numbers on standard output, --table writes a row for each finding.
+
+    Exit code: 0 usable: converged, and these logs show something of the car; 4 converged, and they show nothing of it; 12 not
+    converged (written all the same, and said); 2 bad input; 130 Ctrl-C. The same command goes on after Ctrl-C.
     """
+    from tselab import results
     from tselab.calibrate import output, page, workflow
     from tselab.files import check_distinct, check_writable
     from tselab.vehicle import read_vehicle
@@ -75,13 +84,16 @@ def calibrate(
     numbers, html, kept = out.with_suffix(".json"), out.with_suffix(".html"), out.with_suffix(".progress.json")
     kept_formula = output.formula_beside(out) if formula else None
     check_distinct(
-        {"--out": out, "the page": html, "the numbers": numbers, "the formula": kept_formula},
+        {"--out": out, "the page": html, "the numbers": numbers, "the formula": kept_formula, "--table": table},
         {"--vehicle": vehicle_path, "the formula of --vehicle": formula} | {str(p): p for p in logs},
     )
     check_writable(out)
+    results.check_table(table)
+    if table is not None:
+        check_writable(table)
     try:
         with _saying(progress) as say:
-            result = workflow.run(logs, vehicle_path, hold_out, kept, jobs, say, steps)
+            result = workflow.run(logs, vehicle_path, hold_out, kept, jobs, say, steps, reading)
             output.write(out, result, [p.name for p in logs])
             say("the page")
             page.write(html, result, words(result))
@@ -93,6 +105,15 @@ def calibrate(
         )
         click.echo(f"tselab: stopped by Ctrl-C; {where}", err=True)
         sys.exit(130)
+    written = [str(out), *(p.name for p in (kept_formula, numbers, html) if p), *([str(table)] if table else [])]
+    if table is not None:
+        results.write_rows(table, [{"logs": " ".join(map(str, logs)), **f.as_json()} for f in result.findings])
+    code = _code(result)
+    if as_json:
+        results.say_json(
+            {"logs": logs, "vehicle": vehicle_path, **output.as_json(result), "exit_code": code, "written": written}
+        )
+        return code
     for line in words(result):
         click.echo(line)
     for group in result.groups:
@@ -101,8 +122,16 @@ def calibrate(
                 click.echo(f"  {finding.words}")
     for line in result.notes:
         click.echo(f"note: {line}", err=True)
-    click.echo(f"Written: {', '.join([str(out), *(p.name for p in (kept_formula, numbers, html) if p)])}")
-    return 0 if result.fit.converged else NOT_CONVERGED
+    click.echo(f"Written: {', '.join(written)}")
+    return code
+
+
+def _code(result: Result) -> int:
+    from tselab.results import NOTHING, USABLE
+
+    if not result.fit.converged:
+        return NOT_CONVERGED
+    return USABLE if any(f.shown for f in result.findings) else NOTHING
 
 
 def words(result: Result) -> list[str]:

@@ -19,7 +19,7 @@ from tselab.files import atomic
 from tselab.gap.export.pictures import CHANNEL_UNITS, _layout
 from tselab.identify.unknowns import MEASURED
 from tselab.plots import BLUE, GREY, INK, ORANGE
-from tselab.report import _packed
+from tselab.report import packed
 
 MOMENT = 6.0  # s that are drawn of a finding
 LEAST_NATS = 2.0  # that must speak for a group before it is drawn: the likelihood counts a quarter (fit.POWER)
@@ -48,8 +48,8 @@ def write(path: Path, result: Result, words: Sequence[str]) -> None:
         notes=result.notes,
         groups=result.groups,
         sections=[{"id": f"plot{i}", "title": t, "text": x, "height": f.layout.height} for i, (t, x, f) in enumerate(sections)],
-        figures=_packed("[" + ",".join(f.to_json() for _, _, f in sections) + "]"),
-        plotly=_packed(plotly.offline.get_plotlyjs()),
+        figures=packed("[" + ",".join(f.to_json() for _, _, f in sections) + "]"),
+        plotly=packed(plotly.offline.get_plotlyjs()),
         facts=_facts(result),
         library=library(),
         version=__version__,

@@ -6,7 +6,7 @@ import hashlib
 import hmac
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +22,7 @@ from tselab.identify.discrepancy import Discrepancy, cost
 from tselab.identify.fit import Fit, State, fit
 from tselab.identify.problem import SPEED_BLOCKS, SPEED_TIME, Problem
 from tselab.identify.unknowns import MEASURED, OWN, STIFFNESS, Prior, prior_of
-from tselab.log import DRIVES, Log, read_log
+from tselab.log import DRIVES, Log, Reading, files_of, read_log
 from tselab.noise import smooth
 from tselab.seal import seal
 from tselab.vehicle import Vehicle, fill_sensors, read_vehicle
@@ -74,11 +74,13 @@ def run(
     jobs: int,
     say: Say,
     most: int | None = None,
+    reading: Reading | None = None,
 ) -> Result:
     """Calibrate. `progress`: a file that is written on the way and taken up again when it is of the same logs and vehicle."""
     vehicle = read_vehicle(vehicle_path)
     notes: list[str] = []
-    read = _read(logs, notes)
+    reading = replace(reading or Reading(), car=vehicle)
+    read = _read(logs, notes, reading)
     first = next(iter(read.values()), None)
     if first is None:
         raise UserError("; ".join(notes))
@@ -98,7 +100,7 @@ def run(
     plain_problem = Problem(ready, config, _stiffness_of(prior), jobs, unlike=False)
     plain = fit(plain_problem, say=say)
 
-    kept = Progress(progress, fingerprint([*logs, vehicle_path], problem))
+    kept = Progress(progress, fingerprint([*logs, vehicle_path], problem, reading))
     start = kept.load(len(problem.names))
     if start:
         say(f"going on from step {start.steps} of {progress}")
@@ -107,7 +109,8 @@ def run(
     say("proof")
     proofs = _proofs(problem, result, plain_problem, plain, problem.logs, False)
     if held_out:
-        proofs += _proofs(problem, result, plain_problem, plain, _prepare(_read(held_out, notes), config, notes, say), True)
+        held = _prepare(_read(held_out, notes, reading), config, notes, say)
+        proofs += _proofs(problem, result, plain_problem, plain, held, True)
     rows = findings(problem, result, told_before(config))
     kept.clear()
     sensors = _sensors(problem, result, list(read.values()))
@@ -128,12 +131,12 @@ def run(
     )
 
 
-def _read(paths: Sequence[Path], notes: list[str]) -> dict[Path, Log]:
+def _read(paths: Sequence[Path], notes: list[str], reading: Reading) -> dict[Path, Log]:
     """The logs that can be read; one that cannot is a note, unless it is the only one."""
     found: dict[Path, Log] = {}
     for path in paths:
         try:
-            found[path] = read_log(path)
+            found[path] = read_log(path, reading=reading)
         except UserError as error:
             if len(paths) == 1:
                 raise
@@ -146,12 +149,18 @@ def _prepare(logs: dict[Path, Log], config: Config, notes: list[str], say: Say) 
     for path, log in logs.items():
         say(f"smoothing {path.name}")
         try:
-            ready.append(prepare(log, config))
+            ready.append(_with_all(prepare(log, config)))
         except UserError as error:
             notes.append(f"left out: {error}")
             continue
         notes += ready[-1].notes
     return ready
+
+
+def _with_all(log: Prepared) -> Prepared:
+    """A sensor that the log does not have has nothing to say anywhere: a column of NaN."""
+    nothing = np.full(len(log.time), np.nan)
+    return replace(log, measured={c: log.measured.get(c, nothing) for c in (*MEASURED, *log.measured)})
 
 
 def _stiffness_of(prior: Prior) -> Prior:
@@ -236,10 +245,10 @@ def step_of(x: np.ndarray) -> float:
 # ---- going on
 
 
-def fingerprint(paths: Sequence[Path], problem: Problem) -> str:
+def fingerprint(paths: Sequence[Path], problem: Problem, reading: Reading) -> str:
     """Of all that the search depends on."""
-    digest = hashlib.sha256()
-    for path in paths:
+    digest = hashlib.sha256(repr(reading.rate).encode())
+    for path in dict.fromkeys(f for p in paths for f in (*files_of(p), *reading.files(p))):
         digest.update(hashlib.sha256(Path(path).read_bytes()).digest())
     digest.update(json.dumps([library().version, problem.names, problem.nominal], sort_keys=True).encode())
     digest.update(constants.fingerprint())

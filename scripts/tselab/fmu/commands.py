@@ -5,12 +5,15 @@ from __future__ import annotations
 import sys
 import textwrap
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from tselab.errors import UserError
-from tselab.options import FILE, FORM, PROGRESS, key_values, show_progress
+from tselab.options import FILE, FORM, PROGRESS, key_values, reading, show_progress
+
+if TYPE_CHECKING:
+    from tselab.log import Reading
 
 REALS = ("double", "float", "fixed")
 PLATFORM_NAMES = ("linux64", "win64", "darwin64", "aarch64-linux", "aarch64-darwin")
@@ -120,12 +123,13 @@ def validate(paths: tuple[Path, ...], clients: bool, results: Path | None) -> No
 
 @fmu.command(short_help="Run an FMU over a table of inputs.")
 @click.argument("path", metavar="FMU", type=FILE)
-@click.argument("table_path", metavar="INPUT.csv", type=FILE)
+@click.argument("table_path", metavar="INPUT", type=FILE)
 @click.option("--vehicle", "vehicle_path", metavar="CAR.toml", type=FILE, help="Vehicle file; the estimator needs it.")
 @click.option("--config", "config_path", metavar="FILTER.toml", type=FILE, help="Filter settings, as for 'tselab estimate'.")
 @click.option("--out", metavar="OUT.csv", type=FILE, help="Default: the table's name with .est.csv or .out.csv, in the current "
               "directory.")  # fmt: skip
 @click.option("--average", metavar="SECONDS", type=float, help="Average the log over blocks of so long first, at most 0.1 s.")
+@reading
 @click.option("--seed", type=int, help="Seed of the random numbers.")
 @click.option("--particles", type=int, help="Particles in use.")
 @click.option("--forgetting", type=float, help="Forgetting factor per sample.")
@@ -145,6 +149,7 @@ def run(
     pairs: tuple[str, ...],
     hold: bool,
     progress: bool | None,
+    reading: Reading,
     **options: Any,
 ) -> None:
     """Run an FMU over a table of inputs.
@@ -178,12 +183,13 @@ def run(
     settings = key_values(pairs)
     if estimates:
         settings = {k.rpartition(".")[2]: v for k, v in settings.items()}
-        prepared = prepare(table_path, vehicle_path, config_path, average, options, form, settings)
+        prepared = prepare(table_path, vehicle_path, config_path, average, options, form, settings, reading)
         for line in prepared.notes:
             click.echo(f"{'warning' if line in prepared.warnings else 'note'}: {line}", err=True)
         done = runs.estimate(path, prepared.log, prepared.config, show_progress(progress))
     else:
-        given = {"config": config_path, "average": average, **options, "form": None if form == "default" else form}
+        given = {"config": config_path, "average": average, "signals": reading.signals, "rate": reading.rate, **options}
+        given["form"] = None if form == "default" else form
         if wrong := [k for k, v in given.items() if v is not None]:
             raise UserError(
                 f"option --{wrong[0]}: is for the estimator with --vehicle; parameters of an FMU are set by --set"

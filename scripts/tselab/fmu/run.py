@@ -150,7 +150,7 @@ def resolve(fmu: Slave, parameters: Mapping[str, float]) -> dict[str, float]:
 
 def read_inputs(path: Path, fmu: Slave) -> tuple[np.ndarray, pd.DataFrame]:
     """A table with a column time, and inputs by their names. An empty cell is not a number, for the FMU to judge."""
-    header, whole = _header(path)
+    header, whole, _ = _header(path)
     inputs = fmu.names("input")
     if "time" not in header:
         raise UserError(f"{path}: column time is missing in the header (line 1)")

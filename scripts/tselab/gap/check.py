@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -17,7 +18,8 @@ from tselab.gap.infer.hypotheses import threshold
 from tselab.gap.localise.excitation import Excitation, excitation
 from tselab.gap.problem import STIFFNESS
 from tselab.gap.workers import Workers
-from tselab.log import OPTIONAL
+from tselab.log import OPTIONAL, Reading
+from tselab.results import CODES, IN_PART, NOTHING, USABLE
 from tselab.tables import text_table
 from tselab.vehicle import read_vehicle
 
@@ -31,6 +33,24 @@ class Check:
     gap: dict[str, float]
     without: list[str]  # optional columns that no log has
     notes: list[str]
+
+    @property
+    def code(self) -> int:
+        """Of the command: can what is in these logs be named?"""
+        if not any(d.visible for d in self.effects):
+            return NOTHING
+        return USABLE if all(e.enough for e in self.excitation) else IN_PART
+
+    def as_json(self) -> dict[str, Any]:
+        """For programs."""
+        return {
+            "effects": [asdict(d) | {"visible": d.visible} for d in self.effects],
+            "manoeuvres": [asdict(e) for e in self.excitation],
+            "gap": self.gap,
+            "columns_not_logged": self.without,
+            "usable": CODES[self.code],
+            "notes": self.notes,
+        }
 
     def text(self) -> str:
         """For people."""
@@ -60,12 +80,16 @@ class Check:
 
 
 def check(
-    logs: Sequence[Path], vehicle_path: Path, jobs: int = 1, say: Callable[[str], None] = lambda _: None
+    logs: Sequence[Path],
+    vehicle_path: Path,
+    jobs: int = 1,
+    say: Callable[[str], None] = lambda _: None,
+    reading: Reading | None = None,
 ) -> Check:
     """Fit stiffness and biases, and look around."""
     say("reading the logs")
     workers = Workers(jobs)
-    read, config = workflow.read(logs, read_vehicle(vehicle_path))
+    read, config = workflow.read(logs, read_vehicle(vehicle_path), reading)
     prepared = workers.prepare(read, config)
     problem = workers.problem(prepared, config)
     notes = [n for p in prepared for n in p.notes]

@@ -9,14 +9,17 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from tselab.errors import UserError
-from tselab.options import FILE, PROGRESS, show_progress
+from tselab.options import FILE, PROGRESS, for_programs, reading, show_progress
 
-LOGS = click.argument("logs", metavar="LOG.csv ...", type=FILE, nargs=-1, required=True)
+if TYPE_CHECKING:
+    from tselab.log import Reading
+
+LOGS = click.argument("logs", metavar="LOG ...", type=FILE, nargs=-1, required=True)
 VEHICLE = click.option("--vehicle", "vehicle_path", metavar="CAR.toml", type=FILE, required=True,
                        help="Vehicle file; 'tselab vehicle --example' prints one.")  # fmt: skip
 JOBS = click.option("--jobs", type=click.IntRange(1, 256), default=os.cpu_count() or 1, show_default="all cores",
@@ -24,13 +27,13 @@ JOBS = click.option("--jobs", type=click.IntRange(1, 256), default=os.cpu_count(
 SCHEDULER = click.option("--scheduler", metavar="ADDRESS", help="Simulate on a Dask cluster instead, for instance tcp://host:8786.")
 HOLD_OUT = "--hold-out"
 OUT = click.option("--out", metavar="DIR", type=FILE, required=True, help="Directory; made if needed; stages are used again.")
-HELD = click.option(HOLD_OUT, "hold_out", metavar="LOG.csv ...", type=FILE, multiple=True,
+HELD = click.option(HOLD_OUT, "hold_out", metavar="LOG ...", type=FILE, multiple=True,
                     help="Logs that are not fitted: they prove what was found. All files up to the next option.")  # fmt: skip
 
 
 def of_a_run(command: Callable[..., int]) -> Callable[..., int]:
     """What every command takes that runs the whole workflow: the arguments of _run(), by name."""
-    for take in (PROGRESS, SCHEDULER, JOBS, HELD, OUT, VEHICLE, LOGS):  # click lists the last one first
+    for take in (PROGRESS, SCHEDULER, JOBS, reading, HELD, OUT, VEHICLE, LOGS):  # click lists the last one first
         command = take(command)
     return command
 
@@ -121,6 +124,7 @@ def _run(
     jobs: int,
     scheduler: str | None,
     progress: bool | None,
+    reading: Reading,
     fmu: Path | None = None,
     formula: bool = False,
 ) -> int:
@@ -132,7 +136,7 @@ def _run(
     make_directory(out)
     _distinct(logs, hold_out)
     with workers(jobs, scheduler) as pool, _stages_kept(out), _saying(progress) as say:
-        result = workflow.run(logs, vehicle_path, out, hold_out, jobs, say, pool, formula)
+        result = workflow.run(logs, vehicle_path, out, hold_out, jobs, say, pool, formula, reading)
         written = write_all(out, result, vehicle_path, jobs, fmu, say)
     for line in result.words:
         click.echo(line)
@@ -185,9 +189,19 @@ def changes(result: Any) -> list[str]:
 @gap.command(short_help="What these logs can and cannot show, before any fit.")
 @LOGS
 @VEHICLE
+@reading
+@for_programs
 @JOBS
 @PROGRESS
-def check(logs: tuple[Path, ...], vehicle_path: Path, jobs: int, progress: bool | None) -> None:
+def check(
+    logs: tuple[Path, ...],
+    vehicle_path: Path,
+    jobs: int,
+    progress: bool | None,
+    reading: Reading,
+    as_json: bool,
+    table: Path | None,
+) -> int:
     """What these logs can and cannot show, before any effect is fitted.
 
     \b
@@ -195,12 +209,28 @@ def check(logs: tuple[Path, ...], vehicle_path: Path, jobs: int, progress: bool 
 
     For every effect the smallest size that would be named, its typical size, and how much of it the fitted stiffness takes up;
     then which manoeuvres are missing.
+
+    Exit code: 0 usable: every manoeuvre is there that naming an effect wants; 3 usable in part; 4 nothing usable: no effect would
+    be named at its typical size; 2 bad input. --json says it for programs, --table writes a row for each effect.
     """
+    from tselab import results
+    from tselab.files import check_distinct, check_writable
     from tselab.gap.check import check as look
 
+    check_distinct({"--table": table}, {"--vehicle": vehicle_path} | {str(p): p for p in logs})
+    results.check_table(table)
+    if table is not None:
+        check_writable(table)
+
     with _saying(progress) as say:
-        found = look(logs, vehicle_path, jobs, say)
-    click.echo(found.text())
+        found = look(logs, vehicle_path, jobs, say, reading)
+    if table is not None:
+        results.write_rows(table, [{"logs": " ".join(map(str, logs)), **e} for e in found.as_json()["effects"]])
+    if as_json:
+        results.say_json({"logs": logs, "vehicle": vehicle_path, **found.as_json(), "exit_code": found.code})
+    else:
+        click.echo(found.text())
+    return found.code
 
 
 @gap.command(short_help="Which manoeuvre tells two effects apart.")
@@ -231,6 +261,7 @@ def plan(separate: str, vehicle_path: Path, top: int, jobs: int, progress: bool 
 @click.option("--hide", "effect", metavar="ID", required=True, help="The effect.")
 @click.option("--size", type=click.FloatRange(-100.0, 100.0), default=1.0, show_default=True, help="Times its typical size.")
 @VEHICLE
+@reading
 @click.option("--out", metavar="DIR", type=FILE, help="Keep the made logs and the verdict there.")
 @click.option("--seed", type=click.IntRange(0), default=1, show_default=True, help="Seed of noise and biases.")
 @JOBS
@@ -244,6 +275,7 @@ def selftest(
     seed: int,
     jobs: int,
     progress: bool | None,
+    reading: Reading,
 ) -> int:
     """Hide an effect in your own inputs, and find it again.
 
@@ -259,7 +291,7 @@ def selftest(
     with tempfile.TemporaryDirectory() as scratch, _saying(progress) as say:
         if out is not None:
             make_directory(out)
-        found = make(logs, vehicle_path, effect, size, out or Path(scratch), seed, jobs, say)
+        found = make(logs, vehicle_path, effect, size, out or Path(scratch), seed, jobs, say, reading)
     for line in found.words:
         click.echo(line)
     return 0 if found.found else 1

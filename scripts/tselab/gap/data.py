@@ -18,8 +18,9 @@ from tselab.core import NOMINAL, Config
 from tselab.errors import UserError
 from tselab.gap import constants
 from tselab.gap.simulate import simulate
+from tselab.held import fresh
 from tselab.log import DRIVES, MEASURES, OPTIONAL, Log
-from tselab.noise import channel_noise, filled
+from tselab.noise import Noise, channel_noise, filled, noise_of
 from tselab.spline import smoothing_spline
 
 CHANNELS = MEASURES + tuple(OPTIONAL)
@@ -95,7 +96,7 @@ def prepare(log: Log, config: Config) -> Prepared:
         good &= ~_hole(log.time, x)
     noise, quiet = {}, {}
     for name, x in measured.items():
-        found = channel_noise(name, x, moving) if name in MEASURES else None
+        found = _noise(log, name, x, moving) if name in MEASURES else None
         noise[name] = found.sd if found else _plain_noise(x, FLOOR.get(name, 0.0))
         if found and found.unraised < found.sd:
             quiet[name] = found.unraised / found.sd
@@ -175,24 +176,6 @@ def _blur(log: Prepared, raw: dict[str, np.ndarray], smooth: dict[str, Smoother]
     return found
 
 
-def fresh(x: np.ndarray) -> np.ndarray:
-    """Rows with a new value, where a slow signal is held in a fast log: held values are old ones, and half a hold late on average.
-    All rows, unless new values come every k-th row: a quantised signal repeats itself, too, but at no beat."""
-    changed = np.append(0, 1 + np.flatnonzero((np.diff(x) != 0) & np.isfinite(x[1:])))
-    gaps = np.diff(changed[1:])
-    if len(gaps) < 50:
-        return np.ones(len(x), bool)
-    beat = int(np.median(gaps[gaps <= np.quantile(gaps, 0.5)]))
-    if beat < 2 or np.mean(gaps % beat == 0) < 0.9:
-        return np.ones(len(x), bool)
-    found = np.zeros(len(x), bool)
-    found[changed] = True
-    for gap, start in zip(gaps[gaps > beat], changed[1:-1][gaps > beat], strict=True):  # the same again is new, too
-        found[start : start + gap : beat] = True
-    found[changed[-1] :: beat] = True
-    return found
-
-
 def _age(time: np.ndarray, x: np.ndarray) -> float:
     """s since a value was new, mean over the rows that have one."""
     there = np.isfinite(x)
@@ -238,6 +221,10 @@ def _hole(time: np.ndarray, x: np.ndarray) -> np.ndarray:
     left = time - there[np.clip(after - 1, 0, len(there) - 1)]
     right = there[np.clip(after, 0, len(there) - 1)] - time
     return np.minimum(np.abs(left), np.abs(right)) > 0.5 * LONGEST_HOLE
+
+
+def _noise(log: Log, name: str, x: np.ndarray, moving: np.ndarray) -> Noise | None:
+    return noise_of(log, name, moving) if name in log.slower else channel_noise(name, x, moving)
 
 
 def _plain_noise(x: np.ndarray, floor: float) -> float:

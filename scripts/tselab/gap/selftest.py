@@ -19,7 +19,7 @@ from tselab.gap.plan import typical
 from tselab.gap.problem import Problem
 from tselab.gap.simulate import simulate
 from tselab.gap.workers import Workers
-from tselab.log import MEASURES, Log
+from tselab.log import MEASURES, Log, Reading
 from tselab.vehicle import read_vehicle
 
 
@@ -42,6 +42,7 @@ def selftest(
     seed: int = 1,
     jobs: int = 1,
     say: Callable[[str], None] = lambda _: None,
+    reading: Reading | None = None,
 ) -> Selftest:
     """Make logs, run the workflow on them, compare."""
     known = catalogue()
@@ -51,7 +52,7 @@ def selftest(
         raise UserError("option --size: 0 hides nothing")
     e = known[effect]
     say("reading the logs")
-    read, config = workflow.read(logs, read_vehicle(vehicle_path))
+    read, config = workflow.read(logs, read_vehicle(vehicle_path), reading)
     workers = Workers(jobs)
     prepared = workers.prepare(read, config)
     problem = workers.problem(prepared, config)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import socket
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -17,8 +16,8 @@ from tselab.gap import constants
 from tselab.gap.data import Prepared, in_time, prepare
 from tselab.gap.problem import Problem
 from tselab.log import Log
+from tselab.processes import dask
 
-CONNECT = 5  # s, for an answer
 WORKERS = 3  # s, for the first worker: those that start with the scheduler come a moment later
 
 
@@ -111,25 +110,12 @@ def workers(jobs: int, scheduler: str | None, connect: Callable[[str], Any] | No
     if scheduler is None:
         yield Workers(jobs)
         return
-    with (connect or _connect)(scheduler) as client:
-        _check_workers(client, scheduler)
+    with (connect or dask)(scheduler) as client:
+        check_workers(client, scheduler)
         yield Cluster(client, jobs)
 
 
-def _connect(scheduler: str) -> Any:
-    try:
-        import distributed
-    except ImportError:
-        raise UserError("option --scheduler needs Dask: pip install 'tselab[cluster]'") from None
-    try:
-        if not scheduler.startswith("inproc://"):  # a client that finds nobody makes much noise
-            socket.create_connection(distributed.comm.get_address_host_port(scheduler), CONNECT).close()
-        return distributed.Client(scheduler, timeout=CONNECT, set_as_default=False)
-    except (OSError, ValueError) as error:
-        raise UserError(f"option --scheduler: no Dask scheduler answers at {scheduler}: {error}") from None
-
-
-def _check_workers(client: Any, scheduler: str) -> None:
+def check_workers(client: Any, scheduler: str) -> None:
     """There are workers, and they compute what this process would: else the run would wait for ever, or give other numbers."""
 
     def theirs() -> tuple[str, str]:  # within a function, so that it is sent as code: a worker may have no tselab to find it in

@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -34,7 +34,7 @@ from tselab.gap.localise import latent, remainder, where
 from tselab.gap.problem import STIFFNESS, Problem
 from tselab.gap.stages import stage
 from tselab.gap.workers import Workers
-from tselab.log import MEASURES, Log, read_log
+from tselab.log import MEASURES, Log, Reading, files_of, read_log
 from tselab.units import check_units
 from tselab.vehicle import Vehicle, fill_sensors, latency_settings, read_vehicle
 
@@ -136,14 +136,14 @@ class Result:
         return self.entries[0].place if self.entries and self.entries[0].nats > 0 else "unknown"
 
 
-def read_logs_of(paths: Sequence[Path], notes: list[str]) -> list[Log]:
+def read_logs_of(paths: Sequence[Path], notes: list[str], reading: Reading | None = None) -> list[Log]:
     """The logs that can be read; of several, one that cannot is left out, and a note says why. A sensor that a log does not have is
     not asked. UserError: there is none."""
     found: list[Log] = []
     refused: list[UserError] = []
     for path in paths:
         try:
-            found.append(read_log(path, MEASURES))
+            found.append(read_log(path, MEASURES, reading))
         except UserError as error:
             refused.append(error)
             notes.append(f"{path.name} is left out: {str(error).splitlines()[0]}")
@@ -152,21 +152,24 @@ def read_logs_of(paths: Sequence[Path], notes: list[str]) -> list[Log]:
     return found
 
 
-def read(paths: Sequence[Path], vehicle: Vehicle) -> tuple[list[Log], Config]:
+def read(paths: Sequence[Path], vehicle: Vehicle, reading: Reading | None = None) -> tuple[list[Log], Config]:
     """Logs, and the settings of the vehicle with sensors filled in from the first."""
-    logs = [read_log(p, MEASURES) for p in paths]
+    reading = replace(reading or Reading(), car=vehicle)
+    logs = [read_log(p, MEASURES, reading) for p in paths]
     fill_sensors(vehicle, logs[0])
     return logs, Config(vehicle.values)
 
 
-def fingerprint(paths: Sequence[Path], config: Config) -> str:
+def fingerprint(paths: Sequence[Path], config: Config, reading: Reading | None = None) -> str:
     """Of everything that a result depends on: logs, settings, this code and what it has for constants now, the library."""
     h = hashlib.sha256(__version__.encode())
     here = Path(__file__).parent
     engine = sorted((here.parent / "identify").glob("*.py"))
     for code in (*sorted(here.rglob("*.py")), *engine, here.parent / "formula.py", library_path()):
         h.update(code.read_bytes())
-    for p in paths:
+    reading = reading or Reading()
+    h.update(repr(reading.rate).encode())
+    for p in dict.fromkeys(f for log in paths for f in (*files_of(log), *reading.files(log))):
         h.update(p.read_bytes())
     h.update(json.dumps(config.as_dict(), sort_keys=True).encode())
     h.update(constants.fingerprint())
@@ -197,15 +200,18 @@ class Run:
         hold_out: Sequence[Path],
         workers: Workers,
         say: Callable[[str], None],
+        reading: Reading | None = None,
     ) -> Run:
         """Everything is read, nothing is computed."""
         vehicle = read_vehicle(vehicle_path)
         say("reading the logs")
         notes: list[str] = []
-        read_logs, held = read_logs_of(logs, notes), read_logs_of(hold_out, notes) if hold_out else []
+        reading = replace(reading or Reading(), car=vehicle)
+        read_logs = read_logs_of(logs, notes, reading)
+        held = read_logs_of(hold_out, notes, reading) if hold_out else []
         fill_sensors(vehicle, read_logs[0])
         config = Config(vehicle.values)
-        key = fingerprint([*logs, *hold_out], config)
+        key = fingerprint([*logs, *hold_out], config, reading)
         return cls(vehicle, config, read_logs, held, out / "stages", key, workers, say, notes)
 
     def stage(self, title: str, compute: Callable[[], Any]) -> Any:
@@ -263,10 +269,11 @@ def run(
     say: Callable[[str], None] = lambda _: None,
     workers: Workers | None = None,
     formula: bool = False,
+    reading: Reading | None = None,
 ) -> Result:
     """All stages. Without held-out logs nothing is shown beyond the logs that were fitted. `formula`: one is sought even when the
     names leave nothing; else where they leave something."""
-    this = Run.begin(logs, vehicle_path, out, hold_out, workers or Workers(jobs), say)
+    this = Run.begin(logs, vehicle_path, out, hold_out, workers or Workers(jobs), say, reading)
     problem = this.problem("prepared", this.logs)
     if not problem.logs:
         raise UserError("; ".join(n for p in this.prepared for n in p.notes) or "no log can be compared")

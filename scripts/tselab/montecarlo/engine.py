@@ -14,10 +14,7 @@ import importlib.util
 import io
 import json
 import multiprocessing
-import signal
-import socket
 import sys
-import threading
 import time
 from collections.abc import Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor, as_completed
@@ -37,13 +34,13 @@ from tselab.log import MEASURES
 from tselab.montecarlo import estimators, scores, studies
 from tselab.montecarlo.case import Case, Drive, drive
 from tselab.montecarlo.studies import Study
+from tselab.processes import dask, killed_as_interrupted, without_interrupts
 from tselab.study import START
 
 RUNS, SETTINGS = "runs.csv", "settings.json"
 KEYS = ["case", "estimator", "seed", "fingerprint"]
 NOISES = [f"noise_{channel}" for channel in MEASURES]
 TIMES = ["simulate_s", "estimate_s"]  # differ from run to run
-CONNECT = 10  # s
 
 
 class Interrupted(Exception):
@@ -143,7 +140,7 @@ def run(
         store.writer() as write,
     ):
         try:
-            with _killed_as_interrupted(), contextlib.closing(_results(todo, jobs, scheduler)) as results:
+            with killed_as_interrupted(), contextlib.closing(_results(todo, jobs, scheduler)) as results:
                 for unit, rows in results:
                     write(rows)
                     done.add((unit.case, unit.seed))
@@ -159,23 +156,6 @@ def run(
     return store.table()
 
 
-@contextlib.contextmanager
-def _killed_as_interrupted() -> Iterator[None]:
-    """A plain kill ends as Ctrl-C does: the workers go, too."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-
-    def stop(*_: object) -> None:
-        raise KeyboardInterrupt
-
-    before = signal.signal(signal.SIGTERM, stop)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
-
-
 def _results(todo: list[Unit], jobs: int, scheduler: str | None) -> Iterator[tuple[Unit, list[dict[str, Any]]]]:
     if not todo:
         return
@@ -187,7 +167,7 @@ def _results(todo: list[Unit], jobs: int, scheduler: str | None) -> Iterator[tup
     else:
         context = multiprocessing.get_context("spawn")
         with ProcessPoolExecutor(min(jobs, len(todo)), mp_context=context) as pool:
-            with _without_interrupts():
+            with without_interrupts():
                 futures = {pool.submit(run_unit, unit): unit for unit in todo}
             try:
                 for future in as_completed(futures):
@@ -198,16 +178,9 @@ def _results(todo: list[Unit], jobs: int, scheduler: str | None) -> Iterator[tup
 
 
 def _on_dask(todo: list[Unit], scheduler: str) -> Iterator[tuple[Unit, list[dict[str, Any]]]]:
-    try:
-        import distributed
-    except ImportError:
-        raise UserError("option --scheduler needs Dask: pip install 'tselab[cluster]'") from None
-    try:
-        if not scheduler.startswith("inproc://"):  # a client that finds nobody makes much noise
-            socket.create_connection(distributed.comm.get_address_host_port(scheduler), CONNECT).close()
-        client = distributed.Client(scheduler, timeout=CONNECT, set_as_default=False)
-    except (OSError, ValueError) as error:
-        raise UserError(f"option --scheduler: no Dask scheduler answers at {scheduler}: {error}") from None
+    client = dask(scheduler)
+    import distributed
+
     with client:
         futures = client.map(run_unit, todo, pure=False)
         units = {f.key: unit for f, unit in zip(futures, todo, strict=True)}
@@ -228,20 +201,6 @@ def _told_where(unit: Unit, result: Any) -> list[dict[str, Any]]:
         raise
     except Exception as error:
         raise RuntimeError(f"case {unit.case}, seed {unit.seed}: {type(error).__name__}: {error}") from error
-
-
-@contextlib.contextmanager
-def _without_interrupts() -> Iterator[None]:
-    """Ctrl-C goes to all processes of a terminal; what it means is decided by the first. Processes that are started in
-    here take no notice of it."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
 
 
 # ---- what is kept

@@ -15,7 +15,7 @@ from tselab.files import atomic
 from tselab.montecarlo import findings, panels, pictures, summary
 from tselab.montecarlo.engine import Plan
 from tselab.montecarlo.summary import Table
-from tselab.report import _packed as packed
+from tselab.report import packed
 
 
 def write(plan: Plan, runs: pd.DataFrame, out: Path) -> tuple[str, list[Path]]:

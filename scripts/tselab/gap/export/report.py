@@ -23,7 +23,7 @@ from tselab.gap.infer.hypotheses import threshold
 from tselab.gap.infer.show import Change
 from tselab.gap.localise.cross import SOURCES, Blocks
 from tselab.gap.workflow import Result
-from tselab.report import _packed as packed
+from tselab.report import packed
 from tselab.verdict import NAMES
 
 HEADLINE = {"none": "Nothing is missing", "named": "Named", "not_in_catalogue": "Not in the catalogue"}

@@ -1,0 +1,160 @@
+"""What is done of a fleet, a file for each log, so that the same command goes on where it was stopped; and the table of all."""
+
+from __future__ import annotations
+
+import base64
+import contextlib
+import functools
+import hashlib
+import hmac
+import json
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from tselab import results
+from tselab.errors import UserError
+from tselab.files import atomic
+from tselab.fleet.find import Drive
+from tselab.fleet.work import Outcome, Task
+from tselab.learnt import write_learnt
+from tselab.log import Reading, files_of
+from tselab.seal import seal
+from tselab.vehicle import read_vehicle
+
+TABLE, PAGE = "fleet.parquet", "fleet.html"
+DONE, REPORTS, LEARNT, ESTIMATES = "logs", "reports", "learnt", "estimates"
+COLUMNS: dict[str, str] = {  # of the table: those of an estimate, and of which drive they are
+    "car": "string", **{"log": "string", "start_time": "datetime64[us, UTC]", "start_from": "string", "seconds": "Float64"},
+    **{k: v for k, v in results.COLUMNS.items() if k != "log"}, "error": "string", "report": "string", "vehicle": "string",
+}  # fmt: skip
+
+
+@dataclass
+class Done:
+    """A log and what became of it. `report`: relative to the folder of the results."""
+
+    drive: Drive
+    outcome: Outcome
+    report: str = ""
+
+
+class Store:
+    """The folder of the results."""
+
+    def __init__(self, out: Path, restart: bool):
+        self.out = out
+        if out.exists() and not out.is_dir():
+            raise UserError(f"{out}: is a file, a directory is needed")
+        for name in (DONE, REPORTS, LEARNT):
+            try:
+                (out / name).mkdir(parents=True, exist_ok=True)
+            except OSError as error:
+                raise UserError(f"{out / name}: cannot be made: {error.strerror}") from None
+        if restart:
+            for old in (out / DONE).glob("*.json"):
+                old.unlink()
+
+    def name(self, drive: Drive) -> str:
+        """Of its files: for people, and of no other log."""
+        same = hashlib.sha256(str(drive.log.resolve()).encode()).hexdigest()[:8]
+        return f"{_plain(drive.car)}-{_plain(drive.log.stem)}-{same}"
+
+    def estimates(self, drive: Drive) -> Path:
+        (self.out / ESTIMATES).mkdir(exist_ok=True)
+        return (self.out / ESTIMATES / f"{self.name(drive)}.parquet").resolve()
+
+    def load(self, drive: Drive, task: Task) -> Done | None:
+        """What was kept of this log, if it was made of the same files and settings, by this user, and all of it is there."""
+        try:
+            text = (self.out / DONE / f"{self.name(drive)}.json").read_text(encoding="utf-8")
+            kept = json.loads(text)
+            mark = kept.pop("seal")
+            if not hmac.compare_digest(mark, _mark(kept)) or kept["key"] != key_of(task):
+                return None
+            if kept["report"] and not (self.out / kept["report"]).is_file():
+                return None
+            if task.estimates is not None and not kept["outcome"]["error"] and not task.estimates.is_file():
+                return None
+            told = kept["outcome"]
+            learnt = base64.b64decode(told.pop("learnt")) if told["learnt"] else told.pop("learnt")
+            return Done(drive, Outcome(**told, learnt=learnt), kept["report"])
+        except (OSError, ValueError, LookupError, TypeError, AttributeError, RecursionError):
+            return None
+
+    def save(self, drive: Drive, task: Task, outcome: Outcome) -> Done:
+        """Keep what is done: first the report, then the word that it is done."""
+        report = ""
+        if outcome.report is not None:
+            report = f"{REPORTS}/{self.name(drive)}.html"
+            with atomic(self.out / report, "wb") as file:
+                file.write(outcome.report)
+            outcome.report = None
+        told = {k: v for k, v in vars(outcome).items() if k != "report"}
+        told["learnt"] = base64.b64encode(outcome.learnt).decode() if outcome.learnt else None
+        kept = results.plain({"key": key_of(task), "report": report, "outcome": told})
+        with atomic(self.out / DONE / f"{self.name(drive)}.json") as file:
+            json.dump(kept | {"seal": _mark(kept)}, file, ensure_ascii=False)
+        return Done(drive, outcome, report)
+
+    def write(self, done: Sequence[Done]) -> pd.DataFrame:
+        """The table of all logs, and each car's learnt state."""
+        for car in {d.drive.car for d in done}:
+            mine = [d for d in done if d.drive.car == car and d.outcome.learnt]
+            if mine:
+                write_learnt(self.out / LEARNT / f"{_plain(car)}.tse", mine[-1].outcome.learnt or b"")
+        frame = table(done)
+        with atomic(self.out / TABLE, "wb") as file:
+            frame.to_parquet(file, index=False)
+        return frame
+
+
+def table(done: Sequence[Done]) -> pd.DataFrame:
+    """A row per log, stretch of road and stiffness; a log that cannot be used is one row with its error."""
+    rows: list[dict[str, Any]] = []
+    for d in done:
+        about: Mapping[str, Any] = {
+            "car": d.drive.car, "log": str(d.drive.log), "start_time": pd.Timestamp(d.drive.start, unit="s", tz="UTC"),
+            "start_from": d.drive.start_from, "seconds": d.outcome.seconds, "report": d.report or None,
+            "vehicle": str(d.drive.vehicle) if d.drive.vehicle else None,
+        }  # fmt: skip
+        if d.outcome.error or not d.outcome.rows:
+            rows.append({**about, "error": d.outcome.error or "no row could be used", "usable": "no"})
+        rows += [{**row, **about} for row in d.outcome.rows]
+    return pd.DataFrame(rows, columns=list(COLUMNS)).astype(dict(COLUMNS))
+
+
+def key_of(task: Task) -> str:
+    """Of all that an outcome depends on. Logs by size and time, for to read them all takes as long as to run them."""
+    digest = hashlib.sha256()
+    reading = Reading(task.signals, task.rate, task.strict, task.databases)
+    for path in sorted({*files_of(task.log), *reading.files(task.log)}):
+        with contextlib.suppress(OSError):
+            found = path.stat()
+            digest.update(f"{path} {found.st_size} {found.st_mtime_ns}\n".encode())
+    for path in [task.vehicle, *_formula(task.vehicle), *([task.config] if task.config else [])]:
+        with contextlib.suppress(OSError):
+            digest.update(hashlib.sha256(path.read_bytes()).digest())
+    told = [task.rate, task.strict, task.average, task.form, sorted(task.settings.items()), task.report, task.code]
+    digest.update(json.dumps([*told, str(task.estimates), round(task.age, 3)]).encode())
+    digest.update(task.learnt or b"")
+    return digest.hexdigest()
+
+
+@functools.cache
+def _formula(vehicle: Path) -> list[Path]:
+    path = read_vehicle(vehicle).formula_path
+    return [path] if path else []
+
+
+def _mark(kept: Mapping[str, Any]) -> str:
+    return seal([json.dumps(kept, sort_keys=True, ensure_ascii=False).encode()]).hex()
+
+
+def _plain(name: str) -> str:
+    """A name that any file system takes."""
+    return re.sub(r"[^\w.-]+", "_", name).strip("._")[:60] or "log"

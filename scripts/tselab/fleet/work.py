@@ -1,0 +1,108 @@
+"""One log of a fleet: what a process, here or elsewhere, is told, does and gives back."""
+
+from __future__ import annotations
+
+import tempfile
+import traceback
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from tselab import __version__
+from tselab.errors import UserError
+
+
+class Mismatch(UserError):
+    """This process has another tselab or library than the one that asks: all numbers would be in doubt."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """One log, and all that is needed to run it. `learnt`: what the drive before it taught, `age` s before."""
+
+    log: Path
+    vehicle: Path
+    signals: Path | None
+    rate: float | None
+    strict: bool
+    databases: tuple[Path, ...]
+    config: Path | None
+    average: float | None
+    form: str
+    settings: Mapping[str, float]
+    learnt: bytes | None
+    age: float
+    report: bool
+    estimates: Path | None
+    code: tuple[str, str]  # code_of() of who asks
+
+
+@dataclass
+class Outcome:
+    """What became of it."""
+
+    error: str = ""
+    rows: list[dict[str, Any]] = field(default_factory=list)  # results.COLUMNS
+    learnt: bytes | None = None
+    report: bytes | None = None
+    seconds: float = 0.0  # that the log lasts
+    code: int = 4  # results.exit_code()
+    notes: list[str] = field(default_factory=list)
+
+
+def code_of() -> tuple[str, str]:
+    """tselab and the library of this process."""
+    from tselab.montecarlo.engine import library_hash
+
+    return __version__, library_hash()
+
+
+def work(task: Task) -> Outcome:
+    """Run one log. A log that cannot be used is an outcome, not an error."""
+    if code_of() != task.code:
+        raise Mismatch(f"a worker has tselab {code_of()[0]}, library {code_of()[1][:8]}; asked is {task.code[0]}, "
+                       f"{task.code[1][:8]}: install the same on all")  # fmt: skip
+    try:
+        return _work(task)
+    except UserError as error:
+        return Outcome(error=str(error))
+    except MemoryError:
+        return Outcome(error=f"{task.log}: is too long for the memory of this machine: cut it, or run it where there is more")
+    except Exception as error:
+        where = traceback.extract_tb(error.__traceback__)[-1]
+        return Outcome(
+            error=f"{task.log}: internal error: {type(error).__name__}: {error} ({Path(where.filename).name}:{where.lineno}); "
+            "a fault of tselab, please report it"
+        )
+
+
+def _work(task: Task) -> Outcome:
+    from tselab import results, single
+    from tselab.core import Filter
+    from tselab.learnt import Learnt
+    from tselab.log import Reading
+    from tselab.prepare import prepare
+
+    reading = Reading(task.signals, task.rate, task.strict, task.databases)
+    prepared = prepare(task.log, task.vehicle, task.config, task.average, {}, task.form, task.settings, reading)
+    learnt = Learnt(Path("the drive before"), task.learnt, task.age, True) if task.learnt is not None else None
+    if learnt is not None:
+        try:
+            learnt.load(Filter(prepared.config))
+        except UserError as error:
+            prepared.notes.append(f"what the drive before taught is not used: {error}")
+            learnt = None
+    with tempfile.TemporaryDirectory() as scratch:
+        report = Path(scratch) / "report.html" if task.report else None
+        ran = single.run(prepared, task.estimates, report, learnt)
+        page = report.read_bytes() if report is not None and ran.reported else None
+    time = ran.estimate.table["time"]
+    return Outcome(
+        rows=results.rows(task.log, ran.estimate, ran.findings, ran.changes, prepared.warnings),
+        learnt=ran.estimate.learnt,
+        report=page,
+        seconds=float(time.iloc[-1] - time.iloc[0]) if len(time) else 0.0,
+        code=results.exit_code(ran.findings),
+        notes=ran.notes,
+    )

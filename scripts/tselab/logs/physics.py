@@ -1,0 +1,142 @@
+"""What the channels of a car must have to do with each other, whatever they are called: a_y = v r, a_x = dv/dt, the wheels of an
+axle and the yaw rate, the steering angle and the curvature. Figures from these, for guesses and for checks.
+
+Arrays are (rows,) on one even raster; NaN: missing."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+RATE = 20.0  # Hz of the raster on which channels are compared
+SMOOTH = 0.4  # s: means over that are compared
+MOVING = 5.0  # m/s
+FEWEST = 200  # rows that have both, to say anything
+TRACK = 1.53  # m, usual; cars have 1.3 .. 1.7
+TRACK_SD = 0.08  # of its logarithm
+
+
+@dataclass(frozen=True)
+class Fit:
+    """One channel by another: y = slope x + offset. `corr`: of both without their means; 0: too little to tell."""
+
+    slope: float = 0.0
+    offset: float = 0.0
+    corr: float = 0.0
+    rows: int = 0
+
+
+def smoothed(x: np.ndarray) -> np.ndarray:
+    """Means over SMOOTH, NaN where more than half is missing."""
+    n = max(1, round(SMOOTH * RATE))
+    good = np.isfinite(x)
+    kernel = np.ones(n)
+    count = np.convolve(good, kernel, "same")
+    total = np.convolve(np.where(good, x, 0.0), kernel, "same")
+    return np.where(count > 0.5 * n, total / np.maximum(count, 1), np.nan)
+
+
+def fit(x: np.ndarray, y: np.ndarray, keep: np.ndarray | None = None) -> Fit:
+    """y by x in the rows `keep`: the slope between the two regressions, as both have noise."""
+    both = np.isfinite(x) & np.isfinite(y)
+    if keep is not None:
+        both &= keep
+    n = int(both.sum())
+    if n < FEWEST:
+        return Fit(rows=n)
+    a, b = x[both], y[both]
+    a0, b0 = a.mean(), b.mean()
+    sa, sb = a.std(), b.std()
+    if sa < 1e-12 or sb < 1e-12:
+        return Fit(rows=n)
+    corr = float(np.mean((a - a0) * (b - b0)) / (sa * sb))
+    slope = float(np.sign(corr) * sb / sa)
+    return Fit(slope, float(b0 - slope * a0), corr, n)
+
+
+def mean_of(parts: Sequence[np.ndarray]) -> np.ndarray:
+    """Mean of those that are there, row by row."""
+    table = np.array(parts)
+    good = np.isfinite(table)
+    count = good.sum(axis=0)
+    return np.where(count > 0, np.where(good, table, 0.0).sum(axis=0) / np.maximum(count, 1), np.nan)
+
+
+def derivative(x: np.ndarray) -> np.ndarray:
+    """Per second."""
+    return np.gradient(x) * RATE
+
+
+@dataclass(frozen=True)
+class Steering:
+    """angle = per_curvature (r/v) (1 + understeer v^2) + offset. per_curvature: wheelbase times ratio, `sd`: of its logarithm;
+    `share`: of the angle's variance."""
+
+    per_curvature: float
+    sd: float
+    understeer: float
+    offset: float
+    share: float
+
+
+UNDERSTEER, UNDERSTEER_SD = 0.002, 0.0012  # s2/m2, 1/(characteristic speed)^2: passenger cars, 18 .. 35 m/s
+
+
+def steering(angle: np.ndarray, v: np.ndarray, r: np.ndarray) -> Steering | None:
+    """The steering angle by curvature; v: m/s, r: rad/s. At one speed the understeer does not show, and is that of cars. None: too
+    little to tell."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        curvature = r / v
+    keep = (v > MOVING) & np.isfinite(angle) & np.isfinite(curvature)
+    if keep.sum() < FEWEST or np.std(curvature[keep]) < 1e-5 or np.std(angle[keep]) < 1e-9:
+        return None
+    y, c, v2 = angle[keep], curvature[keep], v[keep] ** 2
+    independent = max(len(y) / (2.0 * SMOOTH * RATE), 1.0)
+    grid = np.linspace(UNDERSTEER - 3 * UNDERSTEER_SD, UNDERSTEER + 5 * UNDERSTEER_SD, 41)
+    tried = []
+    for k in grid:
+        x = c * (1 + k * v2)
+        if x.std() < 1e-12:
+            return None
+        slope = float(np.mean((x - x.mean()) * (y - y.mean())) / x.var())
+        left = y - y.mean() - slope * (x - x.mean())
+        share = 1.0 - float(left.var() / y.var())
+        tried.append((slope, float(y.mean() - slope * x.mean()), share))
+    slopes, offsets, shares = np.array(tried).T
+    worth = -0.5 * independent * np.log(np.maximum(1 - shares, 1e-4)) - 0.5 * ((grid - UNDERSTEER) / UNDERSTEER_SD) ** 2
+    weight = np.exp(worth - worth.max())
+    weight /= weight.sum()
+    best = int(worth.argmax())
+    size = np.log(np.maximum(np.abs(slopes), 1e-12))
+    sd = float(np.sqrt(max(weight @ size**2 - (weight @ size) ** 2, 0.0)))
+    return Steering(float(slopes[best]), sd, float(grid[best]), float(offsets[best]), float(shares[best]))
+
+
+def lag(x: np.ndarray, y: np.ndarray, keep: np.ndarray, more: tuple[np.ndarray, ...] = ()) -> tuple[float, float]:
+    """By how much later than x, s, y comes, and its sd: y = a (x - lag x') + what else is given. (0, inf): too little to tell."""
+    slope = derivative(x)
+    table = np.column_stack([x, slope, *more, np.ones(len(x))])
+    rows = keep & np.isfinite(table).all(axis=1) & np.isfinite(y)
+    n = int(rows.sum())
+    if n < FEWEST or np.std(x[rows]) < 1e-9:
+        return 0.0, np.inf
+    t, target = table[rows], y[rows]
+    scale = np.maximum(np.sqrt(np.mean(t**2, axis=0)), 1e-12)
+    found, *_ = np.linalg.lstsq(t / scale, target, rcond=None)
+    left = target - (t / scale) @ found
+    independent = max(n / (2.0 * SMOOTH * RATE), 1.0)
+    inverse = np.linalg.pinv((t / scale).T @ (t / scale) / n)
+    sd = np.sqrt(np.mean(left**2) * np.diag(inverse) / independent) / scale
+    a, b = (found / scale)[:2]
+    if abs(a) < 1e-12:
+        return 0.0, np.inf
+    return float(-b / a), float(np.hypot(sd[1] / a, b * sd[0] / a**2))
+
+
+def haversine(latitude: np.ndarray, longitude: np.ndarray) -> np.ndarray:
+    """Speed over ground, m/s, from degrees."""
+    north = np.gradient(np.radians(latitude)) * 6371e3 * RATE
+    east = np.gradient(np.unwrap(np.radians(longitude))) * 6371e3 * RATE * np.cos(np.radians(np.nanmean(latitude)))
+    return np.hypot(north, east)

@@ -1,0 +1,46 @@
+"""A guess of signals.toml: names by words, units and physics together; every guess with the figure that speaks for it.
+
+A candidate of a role is worth what its name sounds like (vocabulary.py), plus whether its unit is of the kind, plus how well it
+agrees with the others (physics.py). The references of the physics are the best candidates themselves, so it is done a few times
+over."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from tselab.logs.propose.guesses import make_guesses
+from tselab.logs.propose.look import Guess, Look, Proposal
+from tselab.logs.propose.roles import find_roles
+from tselab.logs.propose.scales import find_units
+from tselab.logs.propose.wheels import find_sides, find_wheels, speed_of
+from tselab.logs.recording import Recording
+
+__all__ = ["Guess", "Proposal", "propose"]
+PASSES = 3
+
+
+def propose(recording: Recording, car: Any | None = None) -> Proposal:
+    """Guess which signal is which. `car`: a vehicle.Vehicle; its radii, wheelbase and ratio make the figures sharper."""
+    look = Look(recording)
+    warnings: list[str] = []
+    wheels = find_wheels(look)
+    chosen: dict[str, str] = {}
+    worth: dict[str, dict[str, float]] = {}
+    for _ in range(PASSES):
+        raw = speed_of(look, wheels, chosen)
+        chosen, worth = find_roles(look, wheels, raw, chosen)
+        if raw is None:
+            break
+    wheels = find_sides(look, wheels, chosen)
+    scale = find_units(look, wheels, chosen, car, warnings)
+    guesses = make_guesses(look, wheels, chosen, worth, scale, car, warnings)
+    have = {g.channel for g in guesses}
+    return Proposal(
+        guesses,
+        warnings,
+        [
+            c
+            for c in ("steer_angle", "wheel_speed_front", "wheel_speed_rear", "accel_x", "accel_y", "yaw_rate")
+            if c not in have
+        ],
+    )

@@ -1,0 +1,76 @@
+"""What is known of a log while its signals are guessed, and the guesses."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from tselab.logs.mapping import Clocks, Series
+from tselab.logs.names import unit_at_end
+from tselab.logs.physics import RATE, smoothed
+from tselab.logs.raster import entries, rate_of, resample
+from tselab.logs.recording import Channel, Recording
+from tselab.logs.units import kind
+
+KINDS = {"yaw_rate": ("rate",), "accel_y": ("acceleration",), "accel_x": ("acceleration",), "steer_angle": ("angle",),
+    "wheel": ("speed", "rate"),
+         "speed": ("speed",)}  # fmt: skip
+WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
+AXLES = ("front", "rear")
+LONGEST = 1500.0  # s of a log that are looked at
+NAMED, TURNED = 1.0, 0.9  # a name that says something; a correlation that proves something
+
+
+@dataclass
+class Guess:
+    """One channel of the library. `figures`: what speaks for it, in words."""
+
+    channel: str
+    name: tuple[str, ...]
+    unit: str
+    unit_from: str
+    sign: float = 1.0
+    ratio: float | None = None
+    latency: float = 0.0
+    confidence: str = "unsure"  # sure, likely, unsure
+    figures: list[str] = field(default_factory=list)
+
+
+@dataclass
+class Proposal:
+    """The guesses, in the order of the library, and what contradicts them or is odd."""
+
+    guesses: list[Guess]
+    warnings: list[str]
+    missing: list[str]
+
+    def __getitem__(self, channel: str) -> Guess | None:
+        return next((g for g in self.guesses if g.channel == channel), None)
+
+
+class Look:
+    """A recording on one even raster, smoothed, for comparisons. `x`: by name, (rows,)."""
+
+    def __init__(self, recording: Recording):
+        clocks = Clocks()
+        own: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+        for c in recording:
+            time, value = clocks.of(c)
+            if np.isfinite(value).sum() > 3 and np.nanstd(value) > 0 and len(time):
+                own[c.name] = entries(Series(c.name, time, value))
+        self.channels: dict[str, Channel] = {c.name: c for c in recording if c.name in own}
+        self.rate = {n: rate_of(t) for n, (t, _) in own.items()}
+        if not own:
+            self.x, self.time = {}, np.zeros(0)
+            return
+        first = float(np.median([t[0] for t, _ in own.values()]))
+        last = min(float(np.median([t[-1] for t, _ in own.values()])), first + LONGEST)
+        self.time = np.arange(first, max(last, first + 1.0), 1.0 / RATE)
+        self.fine = {n: resample(t, v, self.time, RATE) for n, (t, v) in own.items()}
+        self.x = {n: smoothed(v) for n, v in self.fine.items()}
+
+    def unit(self, name: str) -> str:
+        """As the log says, or the end of the name."""
+        c = self.channels[name]
+        return c.unit if kind(c.unit) not in ("",) else unit_at_end(c.short)

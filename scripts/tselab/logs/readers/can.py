@@ -1,0 +1,55 @@
+"""Logs of a CAN bus by python-can: BLF, ASC, TRC, candump; their frames by the databases."""
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+
+import numpy as np
+
+from tselab.errors import UserError
+from tselab.logs.clock import straight
+from tselab.logs.extras import need
+from tselab.logs.frames import databases_for, decode
+from tselab.logs.recording import How, Recording
+
+TITLES = {".blf": "BLF", ".asc": "ASC", ".trc": "TRC"}
+
+
+def read(path: Path, how: How) -> Recording:
+    """Signals of all messages that the databases know, named message.signal."""
+    can = need("can", "can", str(path))
+    logging.getLogger("can").setLevel(logging.CRITICAL)
+    databases = databases_for(path, how, required=True)
+    time, ids, data = [], [], []
+    notes: list[str] = []
+    errors = 0
+    suffix = path.suffix.lower()
+    try:
+        with open(path, "rb") as file:
+            blf = file.read(4) == b"LOGG"
+        reader = can.BLFReader(str(path)) if blf else can.LogReader(str(path))
+        for message in reader:
+            if message.is_error_frame or message.is_remote_frame:
+                errors += message.is_error_frame
+                continue
+            time.append(message.timestamp)
+            ids.append(message.arbitration_id)
+            data.append(bytes(message.data))
+    except Exception as error:  # its parsers stumble over damage in many ways
+        if not time:
+            raise UserError(
+                f"{path}: is damaged, or not {TITLES.get(suffix, 'a log of a bus')}: {str(error)[:120]}"
+            ) from None
+        notes.append(f"the file is damaged after {len(time)} frames ({str(error)[:80]}): what is before is used")
+    if not time:
+        raise UserError(f"{path}: has no frames")
+    if errors:
+        notes.append(f"{errors} error frames on the bus")
+    clock, keep, said = straight(
+        np.array(time), together=True
+    )  # one clock for all messages: before they are told apart
+    notes += [f"frames: {s}" for s in said]
+    kept = np.flatnonzero(keep)
+    channels = decode(path, clock, np.array(ids, np.int64)[kept], [data[i] for i in kept], databases, how, notes)
+    return Recording(path, TITLES.get(suffix, "CAN log"), channels, notes)

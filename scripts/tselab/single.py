@@ -1,0 +1,47 @@
+"""One run of the estimator over one log: what the command `tselab estimate` does, and `tselab fleet` with each of many."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from tselab import regimes
+from tselab.estimate import Estimate, estimate_to
+from tselab.learnt import Learnt
+from tselab.prepare import Prepared
+from tselab.regimes import Change
+from tselab.verdict import Finding, findings, of_what_is_told, remarks
+
+
+@dataclass
+class Run:
+    """A run, and what it found. `notes` are those of the preparation, too; `reported`: the report is written."""
+
+    estimate: Estimate
+    changes: list[Change]
+    findings: list[Finding]
+    notes: list[str]
+    reported: bool
+
+
+def run(
+    prepared: Prepared, out: Path | None, report: Path | None, learnt: Learnt | None = None, progress: bool = False
+) -> Run:
+    """Estimate, and write what is asked for: the estimates to `out`, the report."""
+    drawn = None
+    if report is not None:
+        from tselab.plots import Data
+
+        drawn = Data(prepared.log)
+    est = estimate_to(out, prepared.log, prepared.config, progress, learnt, [drawn.add] if drawn else [])
+    notes = list(prepared.notes)
+    refused = sum(rows for status, rows in est.statuses.items() if status < 0)
+    if refused:
+        notes.append(f"{refused} rows were refused by the library; their estimates are empty, the status says why")
+    notes += [*remarks(est.table), *of_what_is_told(est.table, prepared.config, est.told_sd)]
+    if report is not None and len(est):
+        from tselab.report import write_report
+
+        write_report(report, est, prepared.log, prepared.vehicle, prepared.config, notes, drawn)
+    changes = regimes.changes(est.table)
+    return Run(est, changes, findings(est.table, prepared.config, changes), notes, report is not None and len(est) > 0)

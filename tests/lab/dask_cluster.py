@@ -1,0 +1,66 @@
+"""A Dask cluster of processes of this machine, for tests."""
+
+from __future__ import annotations
+
+import os
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+Start = Callable[..., subprocess.Popen]
+
+
+@contextmanager
+def starting() -> Iterator[Start]:
+    """Starts `dask ARGS`; ends all of them, whatever happens."""
+    processes: list[subprocess.Popen] = []
+
+    def one(*args: object, path: Path | None = None) -> subprocess.Popen:
+        env = os.environ | {"OMP_NUM_THREADS": "1"} | ({"PYTHONPATH": str(path)} if path else {})
+        command = [sys.executable, "-m", "dask", *map(str, args)]
+        processes.append(subprocess.Popen(command, env=env, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL))
+        return processes[-1]
+
+    try:
+        yield one
+    finally:
+        for process in processes:  # without a word: nobody waits for what they would still do
+            process.kill()
+        for process in processes:
+            process.wait()
+
+
+def scheduler(start: Start) -> str:
+    """Start one; its address."""
+    port = free_port()
+    start("scheduler", "--host", "127.0.0.1", "--port", port, "--no-dashboard")
+    until(lambda: listens(port))
+    return f"tcp://127.0.0.1:{port}"
+
+
+def worker(address: str, folder: Path) -> tuple[object, ...]:
+    """The words that start one."""
+    return ("worker", address, "--no-nanny", "--nthreads", 1, "--no-dashboard", "--local-directory", folder)
+
+
+def free_port() -> int:
+    with socket.socket() as s:
+        s.bind(("127.0.0.1", 0))
+        return s.getsockname()[1]
+
+
+def until(what: Callable[[], object], seconds: float = 120.0) -> None:
+    end = time.monotonic() + seconds
+    while not what():
+        assert time.monotonic() < end, "the cluster does not start"
+        time.sleep(0.1)
+
+
+def listens(port: int) -> bool:
+    with socket.socket() as s:
+        s.settimeout(1.0)
+        return s.connect_ex(("127.0.0.1", port)) == 0

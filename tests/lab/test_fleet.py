@@ -1,0 +1,311 @@
+"""tselab fleet: many logs of many cars, in any state, one table and one page; killed and started again; on a cluster."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from conftest import COMMAND, tselab, tselab_here
+from dask_cluster import scheduler, starting, until, worker
+from tselab import maneuvers
+from tselab.core import STIFFNESS, Config, SimConfig
+from tselab.errors import UserError
+from tselab.estimate import write_table
+from tselab.fleet.find import drives, started
+from tselab.fleet.run import Interrupted, Local, Plan, run
+from tselab.fleet.work import Task, code_of
+from tselab.log import Reading
+from tselab.simulate import simulate
+from tselab.vehicle import read_vehicle
+
+CARS = {"golf": 1.0, "up": 0.7}  # level of the road under the tyres, which is how soft the car looks
+DAYS = 3
+
+
+def write_drive(path: Path, car: Path, seed: int, level: float, seconds: float = 20.0) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    config = Config(read_vehicle(car).values)
+    plan = maneuvers.build("double-lane-change", config, sample_time=0.02, duration=seconds, road=[(0.0, level)])
+    write_table(simulate(plan, config, SimConfig({"seed": seed})).log, path)
+
+
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory) -> Path:
+    """Two cars on three days, and three logs that are none."""
+    folder = tmp_path_factory.mktemp("fleet")
+    car = folder / "car.toml"
+    car.write_text(tselab("vehicle", "--example").out, encoding="utf-8")
+    for i, (name, level) in enumerate(CARS.items()):
+        for day in range(1, DAYS + 1):
+            write_drive(folder / "logs" / name / f"2024-05-{day:02d}.csv", car, 10 * i + day, level)
+    (folder / "logs" / "golf" / "2024-05-02 empty.csv").write_text("")
+    (folder / "logs" / "up" / "2024-05-09.mf4").write_bytes(b"MDF     4.10 and no more")
+    (folder / "logs" / "up" / "2024-05-09.csv").write_text("time,speed\n0,1\n0.01,1\n0.02,1\n")
+    return folder
+
+
+def fleet(folder: Path, out: Path, *more: object):
+    return tselab_here("fleet", folder / "logs", "--vehicle", folder / "car.toml", "--out", out, "--jobs", 2, *more)
+
+
+@pytest.fixture(scope="module")
+def done(logs):
+    """The whole of it once, in two processes."""
+    out = logs / "out"
+    return fleet(logs, out, "--estimates"), out, pd.read_parquet(out / "fleet.parquet")
+
+
+def test_a_row_per_log_stretch_and_stiffness_and_a_bad_log_is_a_row_with_its_error(done):
+    ran, _, table = done
+    assert ran.code == 3 and "9 logs of 2 cars" in ran.out and "3 that cannot be read" in ran.out, ran.err
+    bad = table[table.error.notna()]
+    assert set(bad.log.map(lambda p: Path(p).name)) == {"2024-05-02 empty.csv", "2024-05-09.mf4", "2024-05-09.csv"}
+    assert bad.value.isna().all() and bad.error.str.contains("is empty").any() and bad.error.str.contains("tselab signals").any()
+    good = table[table.error.isna()]
+    assert sorted(good.groupby(["car", "log"]).stiffness.unique().map(len)) == [3] * 6
+    last = good.groupby(["car", "stiffness"]).value.last() / good.groupby(["car", "stiffness"]).nominal.last()
+    for name, level in CARS.items():
+        np.testing.assert_allclose(last[name].to_numpy(), level, rtol=0.05)
+    assert (good.sd > 0).all() and (good.start_from == "name").all()
+    assert good.start_time.dt.day.tolist() == sorted(good[good.car == "golf"].start_time.dt.day) * 2
+
+
+def test_a_drive_starts_from_what_the_one_before_it_taught(done, logs, tmp_path):
+    """As by hand with --load-learnt, --age and --save-learnt, to the last bit; the first is late, the others valid at once."""
+    _, out, table = done
+    up = [logs / "logs" / "up" / f"2024-05-{day:02d}.csv" for day in (1, 2)]
+    car = ["--vehicle", logs / "car.toml"]
+    assert tselab_here("estimate", up[0], *car, "--out", tmp_path / "1.parquet", "--save-learnt", tmp_path / "l").code == 0
+    age = (86400 - table.seconds[table.log == str(up[0])].iloc[0]) / 86400
+    again = tselab_here("estimate", up[1], *car, "--out", tmp_path / "2.parquet", "--load-learnt", tmp_path / "l", "--age", age)
+    assert again.code == 0, again.err
+    for day in (1, 2):
+        (kept,) = (out / "estimates").glob(f"up-2024-05-{day:02d}-*.parquet")
+        pd.testing.assert_frame_equal(pd.read_parquet(kept), pd.read_parquet(tmp_path / f"{day}.parquet"))
+    (kept,) = (out / "learnt").glob("up.tse")
+    assert kept.stat().st_size > 100
+    alone = fleet(logs, tmp_path / "alone", "--no-learn", "--no-reports", "--jobs", 1)
+    assert alone.code == 3
+    by_itself = pd.read_parquet(tmp_path / "alone" / "fleet.parquet")
+    second = [t[(t.log == str(up[1])) & (t.stiffness == "cy_front")].valid.iloc[0] for t in (table, by_itself)]
+    assert second[0] > second[1]
+
+
+def test_the_page_links_to_every_report_and_names_the_softest_car_first(done):
+    _, out, table = done
+    page = (out / "fleet.html").read_text(encoding="utf-8")
+    reports = table.report.dropna().unique()
+    assert len(reports) == 6
+    for report in reports:
+        assert f'href="{report}"' in page and (out / report).stat().st_size > 10_000
+    assert page.index('href="#car1">up<') < page.index('href="#car2">golf<')
+    assert "Logs that could not be used" in page and "2024-05-02 empty.csv" in page
+    from tselab.report import figures_of
+
+    assert [len(f["data"]) for f in figures_of(page)] == [3, 3, 3]  # all cars, and the trend of each
+
+
+def test_what_is_done_is_used_again_and_what_has_changed_is_not(logs, done, tmp_path):
+    _, out, table = done
+    shutil.copytree(out, tmp_path / "out")
+    before = {p: p.stat().st_mtime_ns for p in (tmp_path / "out" / "logs").iterdir()}
+    start = time.monotonic()
+    again = fleet(logs, tmp_path / "out")  # without --estimates: those of before are not asked for
+    assert again.code == 3
+    changed = {p.name for p, t in before.items() if p.stat().st_mtime_ns != t}
+    assert len(changed) == 9  # they are part of what was asked
+    before = {p: p.stat().st_mtime_ns for p in (tmp_path / "out" / "logs").iterdir()}
+    again = fleet(logs, tmp_path / "out", "--json")
+    assert again.code == 3 and time.monotonic() - start < 60
+    assert all(p.stat().st_mtime_ns == t for p, t in before.items())
+    said = json.loads(again.out)
+    assert len(said["logs"]) == 9 and [c["car"] for c in said["cars"]] == ["up", "golf"]
+    pd.testing.assert_frame_equal(pd.read_parquet(tmp_path / "out" / "fleet.parquet"), table)
+    # of a stranger's hand, or cut off: made again
+    one = next(p for p in before if p.name.startswith("golf-2024-05-03"))
+    kept = json.loads(one.read_text())
+    kept["outcome"]["rows"][0]["value"] = 1.0
+    one.write_text(json.dumps(kept))
+    other = next(p for p in before if p.name.startswith("up-2024-05-03"))
+    other.write_text(other.read_text()[:100])
+    assert fleet(logs, tmp_path / "out").code == 3
+    assert {p for p, t in before.items() if p.stat().st_mtime_ns != t} == {one, other}
+    pd.testing.assert_frame_equal(pd.read_parquet(tmp_path / "out" / "fleet.parquet"), table)
+
+
+def test_killed_and_started_again_it_loses_no_log_that_was_done(logs, done, tmp_path):
+    command = [*COMMAND, "fleet", logs / "logs", "--vehicle", logs / "car.toml", "--out", tmp_path / "out", "--jobs", 1,
+               "--no-reports"]  # fmt: skip
+    process = subprocess.Popen([*map(str, command)], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    kept = tmp_path / "out" / "logs"
+    end = time.monotonic() + 90
+    while len(list(kept.glob("*.json"))) < 2 and time.monotonic() < end:
+        time.sleep(0.02)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    before = {p: p.stat().st_mtime_ns for p in kept.glob("*.json")}
+    assert 2 <= len(before) < 9 and not (tmp_path / "out" / "fleet.parquet").exists()
+    assert fleet(logs, tmp_path / "out", "--no-reports").code == 3
+    assert all(p.stat().st_mtime_ns == t for p, t in before.items())
+    table = pd.read_parquet(tmp_path / "out" / "fleet.parquet")
+    pd.testing.assert_frame_equal(table.drop(columns="report"), done[2].drop(columns="report"))
+
+
+def kill_this_process(task: Task) -> None:
+    """A log that costs its process the life, as one that is too long for the memory."""
+    if "deadly" in task.log.name:
+        os.kill(os.getpid(), signal.SIGKILL)
+    from tselab.fleet.work import Outcome
+
+    return Outcome(seconds=1.0)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no SIGKILL")
+def test_a_log_that_kills_its_process_is_the_one_that_is_blamed(monkeypatch, tmp_path):
+    monkeypatch.setattr("tselab.fleet.run.work", kill_this_process)
+
+    def task(name: str) -> Task:
+        return Task(tmp_path / name, tmp_path, None, None, False, (), None, None, "default", {}, None, 0.0, False, None, code_of())
+
+    with Local(2) as workers:
+        for name in ("a", "deadly", "b"):
+            workers.submit(task(name))
+        found = {t.log.name: o for t, o in (workers.next() for _ in range(3))}
+    assert {name for name, o in found.items() if o.error} == {"deadly"} and "memory" in found["deadly"].error
+
+
+def test_which_car_a_log_is_of(logs, tmp_path):
+    """By the folder, by the table, by a word."""
+    car = logs / "car.toml"
+    mine = drives([str(logs / "logs")], car, None, None, tmp_path)
+    assert [d.car for d in mine] == ["golf"] * 4 + ["up"] * 5
+    assert {d.car for d in drives([str(logs / "logs" / "up")], car, None, None, tmp_path)} == {"up"}
+    assert {d.car for d in drives([str(logs / "logs")], car, None, "mine", tmp_path)} == {"mine"}
+    assert len(drives([str(logs / "logs" / "*" / "*-01.csv")], car, None, None, tmp_path)) == 2
+    table = tmp_path / "cars.csv"
+    table.write_text(f"log,vehicle,car\n{logs}/logs/golf,{car},GO 1\n{logs}/logs/up/*.csv,{car},\n")
+    mine = drives([str(logs / "logs")], None, table, None, tmp_path)
+    assert {d.car for d in mine if not d.error} == {"GO 1", "car"}
+    # one name of many files: what one car teaches is nothing to the other
+    for name in CARS:
+        (tmp_path / name).mkdir()
+        shutil.copy(car, tmp_path / name / "vehicle.toml")
+    rows = "".join(f"{logs}/logs/{name},{name}/vehicle.toml\n" for name in CARS)
+    (tmp_path / "two.csv").write_text(f"log,vehicle\n{rows}")
+    two = drives([str(logs / "logs")], None, tmp_path / "two.csv", None, tmp_path)
+    assert {d.car for d in two} == {"golf/vehicle", "up/vehicle"}
+    (lost,) = (d for d in mine if d.error)
+    assert lost.log.suffix == ".mf4" and "no row of cars.csv is for this log" in lost.error
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("log,car\n", "column vehicle is missing"),
+        ("log,vehicle\nx,\n", "line 2, column vehicle: is empty"),
+        ("log,vehicle\nx,nowhere.toml\n", "nowhere.toml: no such file"),
+        ("log,vehicle,car\nx,a.toml,golf\ny,b.toml,golf\n", "line 3, column vehicle: golf has a.toml above"),
+        ("", "cannot be read as a CSV"),
+    ],
+)
+def test_a_table_that_is_wrong_is_refused_with_its_place(text, said, logs, tmp_path):
+    (tmp_path / "cars.csv").write_text(text)
+    done = tselab_here("fleet", logs / "logs", "--vehicles", tmp_path / "cars.csv", "--out", tmp_path / "out")
+    assert done.code == 2 and said in done.err, done.err
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (("nowhere/", "--vehicle", "car.toml"), "nowhere/: no such file or folder"),
+        (("logs",), "either --vehicle is needed"),
+        (("logs", "--vehicle", "car.toml", "--scheduler", "tcp://127.0.0.1:1"), "no Dask scheduler answers"),
+        (("empty", "--vehicle", "car.toml"), "no log is in this folder"),
+    ],
+)
+def test_what_cannot_be_run_is_refused(options, said, logs, tmp_path):
+    (logs / "empty").mkdir(exist_ok=True)
+    done = tselab_here("fleet", *options, "--out", tmp_path / "out", cwd=logs)
+    assert done.code == 2 and said in done.err, done.err
+
+
+def test_when_a_drive_began(tmp_path):
+    def at(name: str, content: bytes = b"") -> tuple[float, str]:
+        path = tmp_path / name
+        path.parent.mkdir(exist_ok=True, parents=True)
+        path.write_bytes(content)
+        when, source = started(path)
+        return pd.Timestamp(when, unit="s").isoformat(), source
+
+    assert at("drive_20240501-081502.csv") == ("2024-05-01T08:15:02", "name")
+    assert at("2024-05-01T08.15.csv") == ("2024-05-01T08:15:00", "name")
+    assert at("2023_12_31/part 3.csv") == ("2023-12-31T00:00:00", "name")
+    assert at("4711_12345678.csv")[1] == "file"
+    mf4 = b"MDF     4.10    ".ljust(64, b"\0") + b"##HD".ljust(72, b"\0") + int(1.7e18).to_bytes(8, "little")
+    assert at("a.mf4", mf4.ljust(300, b"\0")) == ("2023-11-14T22:13:20", "log")
+    blf = b"LOGG".ljust(40, b"\0") + b"".join(x.to_bytes(2, "little") for x in (2022, 2, 1, 28, 23, 59, 58, 0))
+    assert at("2024-01-01.blf", blf.ljust(200, b"\0")) == ("2022-02-28T23:59:58", "log")
+
+
+def test_ctrl_c_says_how_to_go_on(logs, tmp_path, monkeypatch):
+    from tselab.fleet.keep import Store
+
+    def stop(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Local, "next", stop)
+    found = drives([str(logs / "logs")], logs / "car.toml", None, None, tmp_path)
+    with pytest.raises(Interrupted, match=r"keeps the 0 of 9 logs .* the same command goes on"):
+        run(found, Plan(Reading(), reports=False), Store(tmp_path, False), 1)
+
+
+def test_on_a_cluster_a_worker_that_is_killed_costs_nothing(logs, done, tmp_path):
+    distributed = pytest.importorskip("distributed", reason="dask.distributed is missing: there is no cluster to test with")
+    with starting() as start:
+        address = scheduler(start)
+        with distributed.Client(address, set_as_default=False) as client:
+            first = start(*worker(address, tmp_path / "dask"))
+            until(lambda: len(client.scheduler_info()["workers"]) == 1)
+            command = [*COMMAND, "fleet", logs / "logs", "--vehicle", logs / "car.toml", "--out", tmp_path / "out", "--no-reports",
+                       "--scheduler", address]  # fmt: skip
+            process = subprocess.Popen([*map(str, command)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+            kept = tmp_path / "out" / "logs"
+            until(lambda: len(list(kept.glob("*.json"))) >= 2)
+            start(*worker(address, tmp_path / "dask"))
+            first.kill()  # in the middle of a log
+            _, said = process.communicate(timeout=120)
+    assert process.returncode == 3, said
+    table = pd.read_parquet(tmp_path / "out" / "fleet.parquet")
+    pd.testing.assert_frame_equal(table.drop(columns="report"), done[2].drop(columns="report"))
+
+
+def test_the_table_is_read_by_others_as_the_help_says(done):
+    """What the help says of reading it works."""
+    _, out, table = done
+    assert set(table.usable.unique()) <= {"yes", "in part", "no"} and list(STIFFNESS) == table.stiffness.dropna().unique().tolist()
+    duckdb = pytest.importorskip("duckdb", reason="duckdb is not installed")
+    text = f"select car, stiffness, arg_max(value, start_time) from '{out}/fleet.parquet' where usable <> 'no' group by all"
+    assert len(duckdb.sql(text).fetchall()) == 6
+
+
+def test_no_word_is_lost_of_an_error_that_is_a_fault_of_ours(monkeypatch, tmp_path):
+    from tselab.fleet import work as module
+
+    def fail(_: object) -> None:
+        raise ZeroDivisionError("of ours")
+
+    monkeypatch.setattr(module, "_work", fail)
+    task = Task(tmp_path / "a", tmp_path, None, None, False, (), None, None, "default", {}, None, 0.0, False, None, code_of())
+    assert "internal error: ZeroDivisionError: of ours" in module.work(task).error
+    with pytest.raises(UserError, match="install the same on all"):
+        module.work(Task(*[*vars(task).values()][:-1], ("0", "0")))
