@@ -35,12 +35,12 @@ def checkout() -> Path:
     return root
 
 
-def build(out: Path, wanted: Sequence[str], max_particles: int | None, real: str, say: Say) -> list[Built]:
+def build(out: Path, wanted: Sequence[str], max_particles: int | None, say: Say, real: str = "double") -> list[Built]:
     """Build, and write the FMUs and systems to `out` once all of it has gone well."""
     root = checkout()
     if wanted:
         platforms.check_compiler()
-    stage = build_native(root, max_particles, real, say)
+    stage = build_native(root, max_particles, say, real)
     fmus = {p.parent.name: p.parent for p in sorted(stage.glob("*/modelDescription.xml"))}
     files = {name: content(folder) for name, folder in fmus.items()}
     for name, folder in fmus.items():
@@ -62,7 +62,7 @@ def build(out: Path, wanted: Sequence[str], max_particles: int | None, real: str
     return built
 
 
-def build_native(root: Path, max_particles: int | None, real: str, say: Say) -> Path:
+def build_native(root: Path, max_particles: int | None, say: Say, real: str = "double") -> Path:
     """Run the preset `fmu`; the folder in which the FMUs are laid out."""
     if shutil.which("cmake") is None:
         raise UserError("cmake is not installed: version 3.21 or later is needed")

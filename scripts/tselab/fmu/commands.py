@@ -55,7 +55,7 @@ def build(out: Path, all_platforms: bool, chosen: tuple[str, ...], max_particles
     if out.exists() and not out.is_dir():
         raise UserError(f"{out}: is a file, a directory is needed")
     wanted = PLATFORM_NAMES if all_platforms else tuple(dict.fromkeys(chosen))
-    for file in run(out, wanted, max_particles, real, lambda text: click.echo(text, err=True)):
+    for file in run(out, wanted, max_particles, lambda text: click.echo(text, err=True), real):
         inside = ", ".join(file.binaries)
         click.echo(f"{file.path}: {file.path.stat().st_size:,} bytes{f' ({inside})' if inside else ''}")
 

@@ -519,7 +519,7 @@ static void test_a_row_of_two_steps_is_two_rows(void)
   c.relaxation_length = setting(0.5);
   const double dt = 0.0145;
   static tse_real given_then[7][41];
-  double whole[3];
+  double whole[3] = { 0, 0, 0 };
   for (int halves = 1; halves <= 2; halves++) {
     const int rows = 20 * halves + 1;
     straight(&c, 20, dt * 2 / halves, rows);
