@@ -77,7 +77,7 @@ int loop_work(control_loop *loop)
   loop->row.dt += loop->lost;
   const tse_status status = tse_step(&loop->params, &loop->filter, &loop->row, &loop->estimate);
   if (status < 0) loop->refused++; /* the estimate stays */
-  loop->lost = status == TSE_E_INPUT ? loop->row.dt : quotient(0, 1000); /* time that the filter has not seen belongs to the next row */
+  loop->lost = status == TSE_E_INPUT ? loop->row.dt : TSE_R(0); /* time that the filter has not seen belongs to the next row */
   loop->rows++;
   loop->is_ready = 0;
   return 1;
