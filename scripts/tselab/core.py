@@ -458,6 +458,10 @@ class Filter:
             if status < 0:
                 outputs["status"][i] = status
 
+    def step_one(self, rows: np.ndarray, outputs: np.ndarray) -> int:
+        """Feed rows[0], write outputs[0]; the status. Negative: the row is refused, and the output is as it was."""
+        return int(self._step(*self._pointers, rows.ctypes.data, outputs.ctypes.data))
+
     def run(self, rows: np.ndarray) -> Iterator[np.void]:
         """Feed rows one by one and yield each output."""
         out = self.outputs(1)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -39,7 +39,7 @@ SLOWEST = 1.0  # s: median step above this is refused
 
 @dataclass
 class Log:
-    """A checked log. `data` has the channels of the library, NaN = missing; `line` is the line in the file."""
+    """A checked log. `data` has the channels of the library, NaN = missing; `line` is the line in the file, or the row (`word`)."""
 
     path: Path
     time: np.ndarray
@@ -50,6 +50,7 @@ class Log:
     notes: list[str] = field(default_factory=list)
     averaged: int = 1  # rows of the file in one of these, usually
     extra: pd.DataFrame = field(default_factory=pd.DataFrame)  # of OPTIONAL those that are there; NaN = missing
+    word: str = "line"  # what `line` counts: lines of a file, or rows of a table
 
     def __len__(self) -> int:
         return len(self.time)
@@ -96,8 +97,57 @@ def read_log(path: Path, spare: Collection[str] = ()) -> Log:
     table, line, skipped = _numbers(path, header, needed)
     if skipped:
         notes.append(f"column {_list(skipped)} is not numeric: not used")
+    return _checked(path, table, line, _Wanted(sides, absent, needed, spare), notes)
+
+
+def read_frame(frame: Mapping[str, Any], name: str = "log") -> Log:
+    """The same of columns in memory: a data frame, or arrays by their names. `name` stands in messages; rows are counted from 0."""
+    header = [str(c) for c in frame]
+    sides = {axle: pair for axle, pair in SIDES.items() if axle not in header and all(c in header for c in pair)}
+    needed = [c for wanted in columns() for c in sides.get(wanted, (wanted,))]
+    if missing := [c for c in needed if c not in header]:
+        also = "; left and right wheel may stand in place of an axle, both" if any(c in SIDES for c in missing) else ""
+        raise UserError(f"{name}: column {_list(missing)} is missing{also}\n  needed: {_list(needed)}\n  found: {_list(header)[:300]}")
+    twice = sorted({c for c in header if header.count(c) > 1})
+    if twice:
+        raise UserError(f"{name}: column {_list(twice)} appears more than once")
+    notes: list[str] = []
+    table: dict[str, np.ndarray] = {}
+    for column in header:
+        if column in needed or _beside(column):
+            try:
+                table[column] = np.array(frame[column], float)
+            except (TypeError, ValueError):
+                if column in needed:
+                    what = _allowed(column)
+                    raise UserError(f"{name}: column {column} is not numeric; allowed: {what}, or NaN for missing") from None
+                notes.append(f"column {column} is not numeric: not used")
+    rows = table["time"].shape
+    for column, values in table.items():
+        if values.shape != rows or values.ndim != 1:
+            raise UserError(f"{name}: column {column} has shape {values.shape}; all need that of time, one number a row: {rows}")
+    if rows == (0,):
+        raise UserError(f"{name}: has no rows")
+    return _checked(Path(name), table, np.arange(rows[0]), _Wanted(sides, [], needed, ()), notes, "row")
+
+
+@dataclass(frozen=True)
+class _Wanted:
+    """Which columns a log is read from."""
+
+    sides: dict[str, tuple[str, str]]  # axles that are given as two wheels
+    absent: list[str]  # channels that may be missing, and are
+    needed: list[str]
+    spare: Collection[str]  # channels that may be missing
+
+
+def _checked(
+    path: Path, table: dict[str, np.ndarray], line: np.ndarray, w: _Wanted, notes: list[str], word: str = "line"
+) -> Log:
+    """A log of columns of numbers; `line` and `word` say where a row is to be found."""
+    wanted, sides, absent, needed, spare = columns(), w.sides, w.absent, w.needed, w.spare
     time = table.pop("time")
-    _check_time(path, time, line)
+    _check_time(path, time, line, word)
     data = pd.DataFrame({name: table.pop(name) for name in needed[1:]})
     for f in library().channels:
         if f.name in absent or (f.name in spare and data[f.name].isna().all()):
@@ -105,7 +155,7 @@ def read_log(path: Path, spare: Collection[str] = ()) -> Log:
             notes.append(f"{f.name} is not in the log")
             continue
         for name in sides.get(f.name, (f.name,)):
-            _check_channel(path, data, line, f, notes, name)
+            _check_channel(path, data, line, f, notes, name, word)
     for axle, pair in sides.items():
         data[axle] = _axle(axle, *(data.pop(c).to_numpy(float) for c in pair), data["yaw_rate"].to_numpy(float), notes)
     data = data[wanted[1:]]
@@ -117,11 +167,11 @@ def read_log(path: Path, spare: Collection[str] = ()) -> Log:
         )
     for name in data:
         if 0 < (count := int(data[name].isna().sum())) < len(data):
-            where = f"first in line {line[data[name].isna().to_numpy().argmax()]}"
+            where = f"first in {word} {line[data[name].isna().to_numpy().argmax()]}"
             notes.append(f"{name}: {count} of {len(data)} cells are missing or not usable ({where})")
     ref = pd.DataFrame({c: table.pop(c) for c in list(table) if c.startswith("ref_")}, index=data.index)
-    extra = pd.DataFrame({c: x for c in OPTIONAL if c in table and (x := _optional(c, table[c], line, notes)) is not None})
-    return Log(path, time, data, ref, line, sample_time, notes, extra=extra)
+    extra = pd.DataFrame({c: x for c in OPTIONAL if c in table and (x := _optional(c, table[c], line, notes, word)) is not None})
+    return Log(path, time, data, ref, line, sample_time, notes, extra=extra, word=word)
 
 
 def _axle(axle: str, left: np.ndarray, right: np.ndarray, yaw_rate: np.ndarray, notes: list[str]) -> np.ndarray:
@@ -144,7 +194,7 @@ def _beside(column: str) -> bool:
     return column.startswith("ref_") or column in OPTIONAL
 
 
-def _optional(name: str, column: np.ndarray, line: np.ndarray, notes: list[str]) -> np.ndarray | None:
+def _optional(name: str, column: np.ndarray, line: np.ndarray, notes: list[str], word: str) -> np.ndarray | None:
     """One of OPTIONAL, checked; None, and a note why, if it cannot be used. It refuses no log: the estimator needs none."""
     unit, low, high, _, hint = OPTIONAL[name]
     value = column.copy()
@@ -152,7 +202,7 @@ def _optional(name: str, column: np.ndarray, line: np.ndarray, notes: list[str])
         bad = (value < low) | (value > high)
     there = int(np.isfinite(value).sum())
     if not there or bad.sum() > FEW_OUTSIDE * there:
-        where = f"; {value[bad.argmax()]:g} in line {line[bad.argmax()]} is outside; hint: {hint}" if there else "; it is empty"
+        where = f"; {value[bad.argmax()]:g} in {word} {line[bad.argmax()]} is outside; hint: {hint}" if there else "; it is empty"
         notes.append(f"column {name} is not used: allowed are {low:g} .. {high:g} {unit}{where}")
         return None
     if bad.any():
@@ -191,7 +241,7 @@ def average(log: Log, seconds: float) -> Log:
     extra = pd.DataFrame({name: means(log.extra[name].to_numpy(float)) for name in log.extra}, index=data.index)
     step = float(np.median(np.diff(time))) if len(time) > 1 else None
     notes = [*log.notes, f"averaged over {seconds:g} s: {len(log)} rows became {len(time)}, of {usual:g} rows each"]
-    return Log(log.path, time, data, ref, log.line[starts[keep]], step, notes, max(1, round(usual)), extra)
+    return Log(log.path, time, data, ref, log.line[starts[keep]], step, notes, max(1, round(usual)), extra, log.word)
 
 
 def sampling_notes(log: Log, max_gap: float) -> list[str]:
@@ -208,7 +258,7 @@ def sampling_notes(log: Log, max_gap: float) -> list[str]:
     gaps = np.flatnonzero(dt > max_gap)
     if len(gaps):
         notes.append(
-            f"{len(gaps)} gap{'s' if len(gaps) > 1 else ''} longer than {max_gap:g} s (the longest {dt.max():.3g} s, before line "
+            f"{len(gaps)} gap{'s' if len(gaps) > 1 else ''} longer than {max_gap:g} s (the longest {dt.max():.3g} s, before {log.word} "
             f"{log.line[1 + int(dt.argmax())]}): states restarted there, stiffness kept"
         )
     return notes
@@ -220,7 +270,7 @@ def steering_notes(log: Log, max_steer: float) -> list[str]:
     if not large.any():
         return []
     return [
-        f"steering beyond {max_steer:g} rad in {large.sum()} rows (first in line {log.line[large.argmax()]}): the model is made "
+        f"steering beyond {max_steer:g} rad in {large.sum()} rows (first in {log.word} {log.line[large.argmax()]}): the model is made "
         "for small angles, so statistics are held there (max_steer)"
     ]
 
@@ -330,11 +380,11 @@ def _numbers(path: Path, header: list[str], needed: list[str]) -> tuple[dict[str
     return {c: np.concatenate(columns.pop(c)) for c in wanted if c not in wrong}, np.concatenate(lines), skipped
 
 
-def _check_time(path: Path, time: np.ndarray, line: np.ndarray) -> None:
+def _check_time(path: Path, time: np.ndarray, line: np.ndarray, word: str) -> None:
     bad = ~np.isfinite(time)
     if bad.any():
         raise UserError(
-            f"{path}: line {line[bad.argmax()]}, column time: empty or not finite; every row needs a time in s"
+            f"{path}: {word} {line[bad.argmax()]}, column time: empty or not finite; every row needs a time in s"
         )
     step = np.diff(time)
     bad = step <= 0
@@ -342,19 +392,19 @@ def _check_time(path: Path, time: np.ndarray, line: np.ndarray) -> None:
         i = int(bad.argmax())
         what = "the same time as" if step[i] == 0 else "earlier than"
         raise UserError(
-            f"{path}: line {line[i + 1]}, column time: {time[i + 1]:.10g} is {what} line {line[i]} ({time[i]:.10g}); time must "
+            f"{path}: {word} {line[i + 1]}, column time: {time[i + 1]:.10g} is {what} {word} {line[i]} ({time[i]:.10g}); time must "
             f"increase from row to row ({bad.sum()} such row{'s' if bad.sum() > 1 else ''})"
         )
     bad = step > LONGEST_STEP
     if bad.any():
         i = int(bad.argmax())
         raise UserError(
-            f"{path}: line {line[i + 1]}, column time: {step[i]:g} s after the row before; allowed: up to {LONGEST_STEP:g} s"
+            f"{path}: {word} {line[i + 1]}, column time: {step[i]:g} s after the row before; allowed: up to {LONGEST_STEP:g} s"
             f"{_time_hint(float(np.median(step)))}"
         )
 
 
-def _check_channel(path: Path, data: pd.DataFrame, line: np.ndarray, f: Field, notes: list[str], name: str) -> None:
+def _check_channel(path: Path, data: pd.DataFrame, line: np.ndarray, f: Field, notes: list[str], name: str, word: str) -> None:
     """`name`: of the column, which may be one side of the channel f."""
     value = data[name].to_numpy(copy=True)
     if np.isnan(value).all():
@@ -367,13 +417,13 @@ def _check_channel(path: Path, data: pd.DataFrame, line: np.ndarray, f: Field, n
     if f.name in DRIVES or bad.mean() > 0.05:
         more = f" ({bad.sum()} such rows)" if bad.sum() > 1 else ""
         raise UserError(
-            f"{path}: line {line[i]}, column {name}: {value[i]:g} is outside the allowed range {f.range_text}{more}\n"
+            f"{path}: {word} {line[i]}, column {name}: {value[i]:g} is outside the allowed range {f.range_text}{more}\n"
             f"  hint: {HINTS.get(f.name, 'the column must be in SI units')}"
         )
     value[bad] = np.nan
     data[name] = value
     notes.append(
-        f"{name}: {bad.sum()} values outside {f.range_text} are treated as missing (first in line {line[i]})"
+        f"{name}: {bad.sum()} values outside {f.range_text} are treated as missing (first in {word} {line[i]})"
     )
 
 

@@ -36,14 +36,26 @@ def prepare(
     settings: Mapping[str, float],
 ) -> Prepared:
     """Read and check everything that a run of the estimator over a log needs."""
-    vehicle = read_vehicle(vehicle_path)
-    log = read_log(log_path)
+    return assemble(read_vehicle(vehicle_path), read_log(log_path), config_path, average, options, form, settings)
+
+
+def assemble(
+    vehicle: Vehicle,
+    log: Log,
+    config_path: Path | None,
+    average: float | None,
+    options: Mapping[str, Any],
+    form: str,
+    settings: Mapping[str, float],
+    source: str = "option --set",
+) -> Prepared:
+    """The same of what is read. `vehicle` is filled in; `source` is where `settings` come from, for messages."""
     if average is not None:
         log = average_log(log, average)
     fill_sensors(vehicle, log)
     config, notes = make_config(vehicle, log, config_path, options, form)
     for key, value in settings.items():
-        config.set(key, value, source="option --set")
+        config.set(key, value, source=source)
     warnings = check_units(
         log,
         config.lf + config.lr,
