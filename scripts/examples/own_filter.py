@@ -1,7 +1,6 @@
 """A filter of one's own beside tse, on the same drives, in the same tables.
 
-    PYTHONPATH=scripts/examples tselab montecarlo --study peers --cases nominal,road-change --runs 20 \
-        --study peers+own_filter.random_walk
+    PYTHONPATH=scripts/examples tselab montecarlo --study peers+own_filter.random_walk --cases nominal,noise-3x --runs 20
 
 A study runs every estimator on the same simulated drives: tse, Kalman filters that are told the truth, and yours, by its name
 in Python. It takes the log and the settings (car and sensors: what tse is told), and returns columns of N and N/rad.
