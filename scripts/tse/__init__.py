@@ -16,9 +16,10 @@ from tse._estimate import Result, estimate
 from tse._filter import UNKNOWN_AGE, Filter, Form
 from tse._simulate import Simulated, simulate
 from tse._tables import CHANNELS, STIFFNESS, Estimate, Reason, Row, Status
-from tse._vehicle import Vehicle, VehicleLike, read_vehicle
+from tse._vehicle import VehicleLike, read_vehicle
 from tse.errors import Error, InputError, LearntError, SettingError
 from tselab import __version__
+from tselab.vehicle import Vehicle
 
 __all__ = [
     "CHANNELS", "STIFFNESS", "UNKNOWN_AGE", "Error", "Estimate", "Filter", "Form", "InputError", "LearntError", "Reason", "Result", "Row",

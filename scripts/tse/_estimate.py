@@ -136,7 +136,7 @@ def estimate(
     done = _run(ready.log, ready.config, learnt=before)
     if done.interrupted:
         raise KeyboardInterrupt
-    flags = [c for c in done.table if c.endswith(("_valid", "_spread_seen"))]
+    flags = [c for c in map(str, done.table) if c.endswith(("_valid", "_spread_seen"))]
     return Result(
         done.table.astype(dict.fromkeys(flags, bool)),
         ready.config.as_dict(),

@@ -100,7 +100,7 @@ def read_log(path: Path, spare: Collection[str] = ()) -> Log:
     return _checked(path, table, line, _Wanted(sides, absent, needed, spare), notes)
 
 
-def read_frame(frame: Mapping[str, Any], name: str = "log") -> Log:
+def read_frame(frame: Mapping[str, Any] | pd.DataFrame, name: str = "log") -> Log:
     """The same of columns in memory: a data frame, or arrays by their names. `name` stands in messages; rows are counted from 0."""
     header = [str(c) for c in frame]
     sides = {axle: pair for axle, pair in SIDES.items() if axle not in header and all(c in header for c in pair)}
