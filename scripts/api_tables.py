@@ -16,7 +16,12 @@ from pathlib import Path
 from tselab.core import INPUT, OUTPUT, REASON, STATUS, STIFFNESS, Field, library
 
 FILE = Path(__file__).resolve().parent / "tse" / "_tables.py"
-UNITS = {"cx_front": "N", "cy_front": "N/rad", "cy_rear": "N/rad"}  # in which the API has what the library has relative to nominal
+UNITS = {
+    "cx_front": "N",
+    "cy_front": "N/rad",
+    "cy_rear": "N/rad",
+}  # in which the API has what the library has relative to nominal
+SPREAD_SEEN = "whether the spread is learnt; else it is below what sensors and excitation can show"
 HEAD = '''\
 """Names, units and ranges of the C library's tables. Written by scripts/api_tables.py, not by hand."""
 
@@ -43,7 +48,10 @@ def row_lines() -> list[str]:
         if f.name == "missing":
             continue
         if f.name == "dt":
-            lines += ["    dt: float", doc("time since the row before; not needed in the first row. Or give `time`", "s, above 0 .. 3600")]
+            lines += [
+                "    dt: float",
+                doc("time since the row before; not needed in the first row. Or give `time`", "s, above 0 .. 3600"),
+            ]
             lines += ["    time: float", doc("on any clock; `dt` is what it has gone on since the row before", "s")]
             continue
         lines += [f"    {f.name}: float", doc(f.text, f.range_text)]
@@ -62,7 +70,10 @@ def estimate_lines() -> list[str]:
             lines += [f"    {f.name}: bool", doc(f"whether {stiffness} may be used; {stiffness}_reason says why not")]
             lines += [f"    {stiffness}_reason: Reason", doc(f"'valid', or why {stiffness} is not")]
         elif f.name.endswith("_spread_seen"):
-            lines += [f"    {f.name}: bool", doc("whether the spread is learnt; else it is below what sensors and excitation can show")]
+            lines += [
+                f"    {f.name}: bool",
+                doc("whether the spread is learnt; else it is below what sensors and excitation can show"),
+            ]
         elif f.name == "status":
             lines += ["    status: Status", doc("how the row was used; `status_text` says it in words")]
         elif f.name == "fault_channel":
@@ -77,7 +88,6 @@ def estimate_lines() -> list[str]:
 
 def text() -> str:
     lib = library()
-    reasons = ", ".join(f'"{f.name}"' for _, f in sorted(lib.codes(REASON).items()))
     status = []
     for code, f in sorted(lib.codes(STATUS).items()):
         status += [f"    {f.name.removeprefix('TSE_').removeprefix('W_')} = {code}", doc(f.text)]
@@ -87,7 +97,9 @@ def text() -> str:
             HEAD,
             f"CHANNELS = ({channels})",
             f"STIFFNESS = ({', '.join(repr(s) for s in STIFFNESS)})".replace("'", '"'),
-            f"Reason = Literal[{reasons}]  # fmt: skip",
+            "Reason = Literal[",
+            *(f'    "{f.name}",' for _, f in sorted(lib.codes(REASON).items())),
+            "]",
             "",
             "",
             "class Status(IntEnum):",
@@ -97,8 +109,8 @@ def text() -> str:
             "",
             "",
             "class Row(TypedDict, total=False):",
-            '    """One sample: SI units, ISO 8855 (x forward, y left, z up; angles and rates positive to the left). What is left out, None',
-            '    or NaN is missing."""',
+            '    """One sample: SI units, ISO 8855 (x forward, y left, z up; angles and rates positive to the left). What is',
+            '    left out, None or NaN is missing."""',
             "",
             *row_lines(),
             "",

@@ -55,7 +55,12 @@ class Release:
         """A command in the export, with its time; what it prints."""
         cache = str(ROOT / "build" / "zig-cache")  # C libraries of other systems take a minute each
         env = {k: v for k, v in os.environ.items() if not k.startswith(("CMAKE_", "SKBUILD_", "CFLAGS", "LDFLAGS"))}
-        env |= {"SOURCE_DATE_EPOCH": str(self.epoch), "ZIG_GLOBAL_CACHE_DIR": cache, "ZIG_LOCAL_CACHE_DIR": cache, "TZ": "UTC"}
+        env |= {
+            "SOURCE_DATE_EPOCH": str(self.epoch),
+            "ZIG_GLOBAL_CACHE_DIR": cache,
+            "ZIG_LOCAL_CACHE_DIR": cache,
+            "TZ": "UTC",
+        }
         done = subprocess.run([str(c) for c in command], cwd=cwd or self.source, env=env | environment, capture_output=True,
                               text=True, errors="replace")  # fmt: skip
         if done.returncode:
@@ -189,7 +194,9 @@ def check_version(folder: Path, version: str) -> None:
             raise Failed(f"{name} says version {found[1] if found else '?'}, not {version}")
 
 
-def make(version: str, out: Path, work: Path, parts: Sequence[str], tags: Sequence[str], say: Callable[[str], None]) -> Release:
+def make(
+    version: str, out: Path, work: Path, parts: Sequence[str], tags: Sequence[str], say: Callable[[str], None]
+) -> Release:
     """One release, of the last commit, in a folder that is made anew."""
     commit = git("rev-parse", "HEAD")
     shutil.rmtree(work, ignore_errors=True)
@@ -212,7 +219,11 @@ def make(version: str, out: Path, work: Path, parts: Sequence[str], tags: Sequen
 def differing(first: Path, second: Path) -> list[str]:
     """Names of the files that two folders do not have alike."""
     names = {p.name for p in first.iterdir()} | {p.name for p in second.iterdir()}
-    return [n for n in sorted(names) if not all((f / n).is_file() for f in (first, second)) or sha256(first / n) != sha256(second / n)]
+    return [
+        n
+        for n in sorted(names)
+        if not all((f / n).is_file() for f in (first, second)) or sha256(first / n) != sha256(second / n)
+    ]
 
 
 def main() -> int:

@@ -74,7 +74,13 @@ def bom(folder: Path, version: str, epoch: int, files: dict[str, str]) -> Bom:
     made.register_dependency(headers)
     packages = needed(folder / "scripts" / "lock.txt", direct)
     components = {
-        n: Component(name=n, version=v, type=ComponentType.LIBRARY, bom_ref=f"{n}@{v}", purl=PackageURL("pypi", name=n, version=v))
+        n: Component(
+            name=n,
+            version=v,
+            type=ComponentType.LIBRARY,
+            bom_ref=f"{n}@{v}",
+            purl=PackageURL("pypi", name=n, version=v),
+        )
         for n, (v, _) in packages.items()
     }
     for component in components.values():
@@ -82,7 +88,8 @@ def bom(folder: Path, version: str, epoch: int, files: dict[str, str]) -> Bom:
     made.register_dependency(tse, [headers, *(components[n] for n in direct if n in components)])
     for n, component in components.items():
         made.register_dependency(component, [components[m] for m, (_, by) in packages.items() if n in by])
-    told = "\n".join([version, str(epoch), *(f"{n} {d}" for n, d in sorted(files.items())), *sorted(c.bom_ref.value for c in components.values())])
+    content = [*(f"{n} {d}" for n, d in sorted(files.items())), *sorted(c.bom_ref.value for c in components.values())]
+    told = "\n".join([version, str(epoch), *content])
     made.serial_number = uuid.uuid5(SPACE, told)
     return made
 

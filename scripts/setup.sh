@@ -2,7 +2,8 @@
 # Everything the other scripts need, inside this checkout: the Python environment .venv with the command `tselab`,
 # Unity for the C tests, the FMI headers, and the shared library that tselab calls. Fast when nothing has changed; needs no root.
 #   scripts/setup.sh [EXTRA ...]      and these extras of pyproject.toml: clients (more programs that import FMUs, for the
-#                                     tests), platforms (a compiler for FMUs of all platforms); left out where they do not install
+#                                     tests), platforms (a compiler for FMUs of all platforms), release (tools of scripts/release.sh); left out where
+#                                     they do not install
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 root=$PWD
@@ -107,6 +108,10 @@ fi
 for extra in "$@"; do
   [ -f ".venv/tse-extra-$extra" ] && continue
   say "Python packages for $extra"
+  if [ "$extra" = release ]; then                 # as a release is to be made again by others
+    .venv/bin/python -m pip install --quiet --disable-pip-version-check --no-deps --requirement scripts/lock-release.txt \
+      >.venv/tse-lock.log 2>&1 || say "not as in scripts/lock-release.txt, but the newest versions: $(tail -n 1 .venv/tse-lock.log)"
+  fi
   if this_checkout ".[$extra]" >"$root/.venv/tse-extra.log" 2>&1; then
     mv .venv/tse-extra.log ".venv/tse-extra-$extra"
   else

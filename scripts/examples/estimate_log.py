@@ -20,7 +20,14 @@ def main(arguments: list[str]) -> tse.Result:
         log, car = pd.read_csv(arguments[0]), arguments[1]
     else:
         # what a car's data sheet says; tyres and sensors are filled in by rules, and result.notes says so
-        car = {"mass": 1900, "lf": 1.25, "lr": 1.5, "yaw_inertia": 3000, "wheel_radius_front": 0.33, "wheel_radius_rear": 0.33}
+        car = {
+            "mass": 1900,
+            "lf": 1.25,
+            "lr": 1.5,
+            "yaw_inertia": 3000,
+            "wheel_radius_front": 0.33,
+            "wheel_radius_rear": 0.33,
+        }
         log, truth = tse.simulate("square-waves", duration=30, road_changes=[(20.0, 0.7)])
     # told exactly: of a car that nobody has calibrated the bands are wide, and little is valid
     told = {} if arguments else {"uncertainty": dict.fromkeys(UNCERTAIN, 0.0)}

@@ -1,6 +1,6 @@
 """Rows that come one at a time: a filter that runs with the car, goes on after a stop, and keeps what it has learnt.
 
-    python scripts/examples/stream.py
+python scripts/examples/stream.py
 """
 
 from __future__ import annotations
@@ -37,7 +37,11 @@ def main() -> tuple[tse.Estimate, bytes]:
         if e.status == tse.Status.RECOVERED:
             print(f"{e.time:.2f} s: {e.status_text}")
     assert e is not None
-    print(f"{e.time:.2f} s, of {e.estimate_age:.3f} s before: cy_front {e.cy_front:.0f} +- {1.96 * e.cy_front_sd:.0f} N/rad, ", end="")
+    print(
+        f"{e.time:.2f} s, of {e.estimate_age:.3f} s before: "
+        f"cy_front {e.cy_front:.0f} +- {1.96 * e.cy_front_sd:.0f} N/rad, ",
+        end="",
+    )
     print("valid" if e.cy_front_valid else f"not valid: {e.cy_front_reason}", f"({refused} row refused)")
 
     learnt = car.save_learnt()  # 112 bytes, for a file or an ECU

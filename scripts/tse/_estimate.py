@@ -114,10 +114,10 @@ def estimate(
         result.stiffness[-1], result.valid[-1], result.words
 
     Given:
-        frame     a data frame, arrays by their names, or a structured array: columns time [s], steer_angle [rad, of the road wheels],
-                  wheel_speed_front, wheel_speed_rear [rad/s, or both wheels of an axle: wheel_speed_front_left, _right], accel_x,
-                  accel_y [m/s2], yaw_rate [rad/s], n values each; NaN is missing; others are passed over. ISO 8855, left is positive;
-                  1 ms .. 1 s from row to row, also irregularly
+        frame     a data frame, arrays by their names, or a structured array: columns time [s], steer_angle [rad, of the road
+                  wheels], wheel_speed_front, wheel_speed_rear [rad/s, or both wheels of an axle: wheel_speed_front_left, _right],
+                  accel_x, accel_y [m/s2], yaw_rate [rad/s], n values each; NaN is missing; other columns are passed over. ISO 8855,
+                  left is positive; 1 ms .. 1 s from row to row, also irregularly
         vehicle   a vehicle file, a mapping with its keys, or what read_vehicle() returned
         settings  any settings by name; they win
         form      "default", or a filter with particles: "sampled", "paper"
@@ -129,7 +129,9 @@ def estimate(
     """
     if isinstance(frame, np.ndarray):
         if frame.dtype.names is None:
-            raise TypeError("an array without names of fields; give a data frame, a dict of arrays or a structured array")
+            raise TypeError(
+                "an array without names of fields; give a data frame, a dict of arrays or a structured array"
+            )
         frame = {name: frame[name] for name in frame.dtype.names}
     ready = assemble(read_vehicle(vehicle), read_frame(frame), None, average, {}, form, settings or {}, "settings")
     before = None if learnt is None else Learnt(Path("learnt"), learnt, age, True)
@@ -148,4 +150,4 @@ def estimate(
 
 def _plain(table: pd.DataFrame) -> pd.DataFrame:
     """As in EST.csv: flags are 0 and 1."""
-    return table.astype({c: "int64" for c, kind in table.dtypes.items() if kind == bool})
+    return table.astype({c: "int64" for c, kind in table.dtypes.items() if kind.kind == "b"})

@@ -10,7 +10,17 @@ from tse._base import EstimateBase
 
 CHANNELS = ("steer_angle", "wheel_speed_front", "wheel_speed_rear", "accel_x", "accel_y", "yaw_rate")
 STIFFNESS = ("cx_front", "cy_front", "cy_rear")
-Reason = Literal["valid", "starting", "not excited", "uncertain", "diverging", "held", "input invalid", "told loosely", "does not fit"]  # fmt: skip
+Reason = Literal[
+    "valid",
+    "starting",
+    "not excited",
+    "uncertain",
+    "diverging",
+    "held",
+    "input invalid",
+    "told loosely",
+    "does not fit",
+]
 
 
 class Status(IntEnum):
@@ -57,8 +67,8 @@ class Status(IntEnum):
 
 
 class Row(TypedDict, total=False):
-    """One sample: SI units, ISO 8855 (x forward, y left, z up; angles and rates positive to the left). What is left out, None
-    or NaN is missing."""
+    """One sample: SI units, ISO 8855 (x forward, y left, z up; angles and rates positive to the left). What is
+    left out, None or NaN is missing."""
 
     dt: float
     """Time since the row before; not needed in the first row. Or give `time` [s, above 0 .. 3600]."""

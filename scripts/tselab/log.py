@@ -107,7 +107,8 @@ def read_frame(frame: Mapping[str, Any] | pd.DataFrame, name: str = "log") -> Lo
     needed = [c for wanted in columns() for c in sides.get(wanted, (wanted,))]
     if missing := [c for c in needed if c not in header]:
         also = "; left and right wheel may stand in place of an axle, both" if any(c in SIDES for c in missing) else ""
-        raise UserError(f"{name}: column {_list(missing)} is missing{also}\n  needed: {_list(needed)}\n  found: {_list(header)[:300]}")
+        there = f"\n  needed: {_list(needed)}\n  found: {_list(header)[:300]}"
+        raise UserError(f"{name}: column {_list(missing)} is missing{also}{there}")
     twice = sorted({c for c in header if header.count(c) > 1})
     if twice:
         raise UserError(f"{name}: column {_list(twice)} appears more than once")
@@ -258,8 +259,8 @@ def sampling_notes(log: Log, max_gap: float) -> list[str]:
     gaps = np.flatnonzero(dt > max_gap)
     if len(gaps):
         notes.append(
-            f"{len(gaps)} gap{'s' if len(gaps) > 1 else ''} longer than {max_gap:g} s (the longest {dt.max():.3g} s, before {log.word} "
-            f"{log.line[1 + int(dt.argmax())]}): states restarted there, stiffness kept"
+            f"{len(gaps)} gap{'s' if len(gaps) > 1 else ''} longer than {max_gap:g} s (the longest {dt.max():.3g} s, before "
+            f"{log.word} {log.line[1 + int(dt.argmax())]}): states restarted there, stiffness kept"
         )
     return notes
 
@@ -270,8 +271,8 @@ def steering_notes(log: Log, max_steer: float) -> list[str]:
     if not large.any():
         return []
     return [
-        f"steering beyond {max_steer:g} rad in {large.sum()} rows (first in {log.word} {log.line[large.argmax()]}): the model is made "
-        "for small angles, so statistics are held there (max_steer)"
+        f"steering beyond {max_steer:g} rad in {large.sum()} rows (first in {log.word} {log.line[large.argmax()]}): the model is "
+        "made for small angles, so statistics are held there (max_steer)"
     ]
 
 

@@ -17,7 +17,9 @@ EXAMPLES = Path(__file__).resolve().parents[2] / "scripts" / "examples"
 
 
 def example(name, *arguments):
-    done = subprocess.run([sys.executable, EXAMPLES / name, *map(str, arguments)], capture_output=True, text=True, timeout=120)
+    done = subprocess.run(
+        [sys.executable, EXAMPLES / name, *map(str, arguments)], capture_output=True, text=True, timeout=120
+    )
     assert done.returncode == 0, done.stderr
     return done.stdout
 
@@ -49,14 +51,18 @@ def test_a_filter_of_ones_own_runs_in_a_study_beside_tse(tmp_path):
     assert done.returncode == 0, done.stderr
     runs = pd.read_csv(tmp_path / "out" / "runs.csv").set_index(["estimator", "seed"])
     assert set(runs.index.get_level_values(0)) == {"tse", "own_filter.random_walk"}
-    errors = runs["cy_front_rms"] if "cy_front_rms" in runs else runs[[c for c in runs if c.startswith("cy_front")]].iloc[:, 0]
+    errors = (
+        runs["cy_front_rms"]
+        if "cy_front_rms" in runs
+        else runs[[c for c in runs if c.startswith("cy_front")]].iloc[:, 0]
+    )
     assert errors.notna().all()
     assert "own_filter.random_walk" in done.stdout
 
 
 @pytest.mark.parametrize(
     ("name", "text"),
-    [("nowhere.kalman", "there is no estimator 'nowhere.kalman': No module named 'nowhere'; is the folder of nowhere.py in PYTHONPATH?"),
+    [("nowhere.kalman", "no estimator 'nowhere.kalman': No module named 'nowhere'; is the folder of nowhere.py in PYTHONPATH?"),
      ("tse.Nothing", "has no attribute 'Nothing'"), ("tse.STIFFNESS", "is not a function")],
 )  # fmt: skip
 def test_an_estimator_that_is_not_there_is_refused(name, text):
