@@ -2,8 +2,8 @@
 # Everything the other scripts need, inside this checkout: the Python environment .venv with the command `tselab`,
 # Unity for the C tests, the FMI headers, and the shared library that tselab calls. Fast when nothing has changed; needs no root.
 #   scripts/setup.sh [EXTRA ...]      and these extras of pyproject.toml: clients (more programs that import FMUs, for the
-#                                     tests), platforms (a compiler for FMUs of all platforms), release (tools of scripts/release.sh); left out where
-#                                     they do not install
+#                                     tests), platforms (a compiler for FMUs of all platforms), release (tools of
+#                                     scripts/release.sh); left out where they do not install
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 root=$PWD
@@ -13,7 +13,10 @@ fail() { printf 'setup: %s\n' "$@" >&2; exit 1; }
 # The package of this checkout, by its path; without a library of its own: that is built below, and again whenever sources change.
 this_checkout() {
   .venv/bin/python -m pip install --quiet --disable-pip-version-check --no-build-isolation --config-settings wheel.cmake=false \
-    --editable "$@"
+    --editable "$@" || return 1
+  # a plain path, without the finder that stands beside it: that would win over PYTHONPATH, and so over the package that a test has
+  # installed, and over another checkout
+  sed -i.bak '/^import /d' .venv/lib/python*/site-packages/_editable*_tse.pth && rm -f .venv/lib/python*/site-packages/_editable*_tse.pth.bak
 }
 sha256() { "$python" -c 'import hashlib, sys; print(hashlib.sha256(open(sys.argv[1], "rb").read()).hexdigest())' "$1"; }
 
