@@ -20,6 +20,7 @@ import shutil
 import subprocess
 import sys
 import tarfile
+import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -194,36 +195,42 @@ def check_version(folder: Path, version: str) -> None:
             raise Failed(f"{name} says version {found[1] if found else '?'}, not {version}")
 
 
-def make(
-    version: str, out: Path, work: Path, parts: Sequence[str], tags: Sequence[str], say: Callable[[str], None]
-) -> Release:
+def make(version: str, out: Path, parts: Sequence[str], tags: Sequence[str], say: Callable[[str], None]) -> Release:
     """One release, of the last commit, in a folder that is made anew."""
     commit = git("rev-parse", "HEAD")
-    shutil.rmtree(work, ignore_errors=True)
-    export = work / "tse"
-    export.mkdir(parents=True)
-    subprocess.run(f"git archive {commit} | tar -x -C '{export}'", shell=True, cwd=ROOT, check=True)
-    check_version(export, version)
-    shutil.rmtree(out, ignore_errors=True)
-    out.mkdir(parents=True)
-    release = Release(version, commit, int(git("log", "-1", "--format=%ct", commit)), export, out.resolve(), tags)
-    for part in parts:
-        say(part)
-        PARTS[part](release)
+    (ROOT / "build").mkdir(exist_ok=True)
+    with tempfile.TemporaryDirectory(
+        prefix="release-", dir=ROOT / "build"
+    ) as work:  # another path each time: it must not matter
+        export = Path(work) / "tse"
+        export.mkdir()
+        subprocess.run(f"git archive {commit} | tar -x -C '{export}'", shell=True, cwd=ROOT, check=True)
+        check_version(export, version)
+        empty(out)
+        release = Release(version, commit, int(git("log", "-1", "--format=%ct", commit)), export, out.resolve(), tags)
+        for part in parts:
+            say(part)
+            PARTS[part](release)
     files = sorted(p for p in out.iterdir() if p.name != SUMS)
     (out / SUMS).write_text("".join(f"{sha256(p)}  {p.name}\n" for p in files), encoding="utf-8")
-    shutil.rmtree(work)
     return release
+
+
+def empty(out: Path) -> None:
+    """A folder without files: a new one, or one that held a release."""
+    if out.exists() and any(out.iterdir()) and not (out / SUMS).is_file():
+        raise Failed(
+            f"{out} holds something that is no release ({SUMS} is not in it): remove it, or name another folder"
+        )
+    shutil.rmtree(out, ignore_errors=True)
+    out.mkdir(parents=True)
 
 
 def differing(first: Path, second: Path) -> list[str]:
     """Names of the files that two folders do not have alike."""
     names = {p.name for p in first.iterdir()} | {p.name for p in second.iterdir()}
-    return [
-        n
-        for n in sorted(names)
-        if not all((f / n).is_file() for f in (first, second)) or sha256(first / n) != sha256(second / n)
-    ]
+    missing = {n for n in names if not ((first / n).is_file() and (second / n).is_file())}
+    return sorted(missing | {n for n in names - missing if sha256(first / n) != sha256(second / n)})
 
 
 def main() -> int:
@@ -248,10 +255,10 @@ def main() -> int:
         print(f"release: {text}", flush=True)
 
     try:
-        release = make(args.version, out, ROOT / "build" / "release", parts, tags, say)
+        release = make(args.version, out, parts, tags, say)
         if args.twice:
             other = out.with_name(f"{out.name}-again")
-            make(args.version, other, ROOT / "build" / "release-again", parts, tags, say)
+            make(args.version, other, parts, tags, say)
             if differs := differing(out, other):
                 raise Failed(f"made twice, not the same bytes: {', '.join(differs)}")
             say("made twice, the same bytes")

@@ -218,3 +218,10 @@ def test_a_release_of_another_version_than_the_sources_say_is_refused(tmp_path):
     )
     assert done.returncode == 1 and f"include/tse/version.h says version {VERSION}, not 99.0.0" in done.stderr
     assert not (tmp_path / "x").exists()
+
+
+def test_a_folder_that_holds_something_else_is_left_alone(tmp_path):
+    (tmp_path / "thesis.txt").write_text("years of work")
+    done = subprocess.run([*RELEASE, VERSION, "--only", "source", "--out", tmp_path], capture_output=True, text=True)
+    assert done.returncode == 1 and "holds something that is no release" in done.stderr
+    assert (tmp_path / "thesis.txt").read_text() == "years of work"
