@@ -11,5 +11,5 @@ uv venv --quiet --python "$python" build/bounds
 uv pip compile --quiet --resolution lowest-direct --python build/bounds/bin/python --no-header --no-annotate pyproject.toml >build/bounds/lowest.txt
 uv pip install --quiet --python build/bounds/bin/python -r build/bounds/lowest.txt pytest pytest-xdist
 cat build/bounds/lowest.txt
-PYTHONPATH=scripts build/bounds/bin/python -m pytest -c scripts/pyproject.toml --rootdir . \
+PYTHONPATH=$PWD/scripts build/bounds/bin/python -m pytest -c scripts/pyproject.toml --rootdir . \
   tests/lab/test_api.py tests/lab/test_estimate.py tests/lab/test_examples.py
