@@ -1,9 +1,10 @@
 #!/usr/bin/env bash
 # Everything the other scripts need, inside this checkout: the Python environment .venv with the command `tselab`,
 # Unity for the C tests, the FMI headers, and the shared library that tselab calls. Fast when nothing has changed; needs no root.
-#   scripts/setup.sh [EXTRA ...]      and these extras of scripts/pyproject.toml: clients (more programs that import FMUs, for the
+#   scripts/setup.sh [EXTRA ...]      and these extras of pyproject.toml: clients (more programs that import FMUs, for the
 #                                     tests), platforms (a compiler for FMUs of all platforms), logs (MF4, buses, ROS, MAT 7.3),
-#                                     openpilot (its logs, too); left out where they do not install.
+#                                     openpilot (its logs, too), release (tools of scripts/release.sh); left out where they
+#                                     do not install.
 #                                     machines: says which compilers and emulators of other machines are missing, and installs
 #                                     them where apt-get and root are there (scripts/platforms.py, scripts/budgets.py);
 #                                     dropin: tools that build packages of the library (scripts/dropin), for the tests, too
@@ -15,6 +16,14 @@ root=$PWD
 
 say() { printf 'setup: %s\n' "$*"; }
 fail() { printf 'setup: %s\n' "$@" >&2; exit 1; }
+# The package of this checkout, by its path; without a library of its own: that is built below, and again whenever sources change.
+this_checkout() {
+  .venv/bin/python -m pip install --quiet --disable-pip-version-check --no-build-isolation --config-settings wheel.cmake=false \
+    --editable "$@" || return 1
+  # a plain path, without the finder that stands beside it: that would win over PYTHONPATH, and so over the package that a test has
+  # installed, and over another checkout
+  sed -i.bak '/^import /d' .venv/lib/python*/site-packages/_editable*_tse.pth && rm -f .venv/lib/python*/site-packages/_editable*_tse.pth.bak
+}
 sha256() { "$python" -c 'import hashlib, sys; print(hashlib.sha256(open(sys.argv[1], "rb").read()).hexdigest())' "$1"; }
 
 # ---- a C compiler, CMake 3.21, Python 3.10
@@ -41,7 +50,7 @@ done
 # ---- .venv with tselab
 
 # What the environment was made from. The path counts: an environment that was copied or moved still points to the old place.
-wanted="$root $("$python" -c 'import sys; print(sys.version)') $(sha256 scripts/pyproject.toml)"
+wanted="$root $("$python" -c 'import sys; print(sys.version)') $(sha256 pyproject.toml) $(sha256 scripts/lock.txt)"
 if [ "$(cat .venv/tse-setup 2>/dev/null)" != "$wanted" ] || ! [ -x .venv/bin/tselab ]; then
   say "Python environment .venv"
   rm -rf .venv
@@ -54,8 +63,14 @@ if [ "$(cat .venv/tse-setup 2>/dev/null)" != "$wanted" ] || ! [ -x .venv/bin/tse
       "Install it (Debian and Ubuntu: the package python3-venv) or the Python package virtualenv, or name another Python in PYTHON."
   fi
   say "Python packages (about a minute)"
-  .venv/bin/python -m pip install --quiet --disable-pip-version-check --editable "./scripts[dev]" \
-    || fail "pip could not install the packages that scripts/pyproject.toml names."
+  # what scripts/lock.txt names, to the hash; where that cannot be had (another Python, another machine), the newest
+  if ! .venv/bin/python -m pip install --quiet --disable-pip-version-check --no-deps --requirement scripts/lock.txt \
+      >.venv/tse-lock.log 2>&1; then
+    say "not as in scripts/lock.txt, but the newest versions: $(tail -n 1 .venv/tse-lock.log)"
+    .venv/bin/python -m pip install --quiet --disable-pip-version-check "scikit-build-core>=0.11" \
+      || fail "pip could not install scikit-build-core."
+  fi
+  this_checkout ".[dev]" || fail "pip could not install the packages that pyproject.toml names."
   printf '%s' "$wanted" >.venv/tse-setup
 fi
 
@@ -150,7 +165,13 @@ for extra in "$@"; do
     else
       say "left out: conan, platformio, idf-component-manager or kconfiglib could not be installed"
     fi
-  elif .venv/bin/python -m pip install --quiet --disable-pip-version-check --editable "./scripts[$extra]" >"$root/.venv/tse-extra.log" 2>&1; then
+    continue
+  fi
+  if [ "$extra" = release ]; then                 # as a release is to be made again by others
+    .venv/bin/python -m pip install --quiet --disable-pip-version-check --no-deps --requirement scripts/lock-release.txt \
+      >.venv/tse-lock.log 2>&1 || say "not as in scripts/lock-release.txt, but the newest versions: $(tail -n 1 .venv/tse-lock.log)"
+  fi
+  if this_checkout ".[$extra]" >"$root/.venv/tse-extra.log" 2>&1; then
     mv .venv/tse-extra.log ".venv/tse-extra-$extra"
   else
     say "left out, pip could not install them: $(tail -n 1 .venv/tse-extra.log)"

@@ -36,7 +36,11 @@ preset() {                           # configure, build and test one preset
   cmake --build --preset "$1" --parallel "$jobs" && ctest --preset "$1" --parallel "$jobs"
 }
 
-ruff() { .venv/bin/ruff check --config scripts/pyproject.toml scripts tests; }
+ruff() {
+  .venv/bin/ruff check --config scripts/pyproject.toml scripts tests \
+    && .venv/bin/ruff format --check --config scripts/pyproject.toml scripts/tse scripts/examples   # of others: not yet
+}
+mypy() { .venv/bin/mypy --config-file scripts/pyproject.toml; }
 python_tests() {                     # in several processes; tests/conftest.py says what stays together, and in which order
   # a process that crashes is not started again: pytest-xdist would run the test that crashes again and again
   .venv/bin/python -m pytest -c scripts/pyproject.toml --rootdir . \
@@ -44,6 +48,7 @@ python_tests() {                     # in several processes; tests/conftest.py s
 }
 
 step ruff ruff
+step mypy mypy
 for name in ${@:-dev release avx2 float fixed clang-dev clang-release clang-float clang-fixed}; do
   case $name in
     clang-*) command -v clang >/dev/null && command -v clang++ >/dev/null || { skip "$name" "clang and clang++ are not installed"; continue; } ;;

@@ -1,8 +1,11 @@
 """Command line of the tse tyre-stiffness estimator: estimate, simulate, report, studies."""
 
 import os
+import sys
 
 # Matrices here are small: threads of the linear algebra cost more than they save, and --jobs are our own. Before NumPy is loaded.
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+# Who imports tse has a program of his own, which decides for itself.
+if "tse" not in sys.modules:
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 __version__ = "0.1.0"  # the same as include/tse/version.h; a test compares

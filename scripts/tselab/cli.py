@@ -661,8 +661,10 @@ def montecarlo(
 
     Every finished run is kept in DIR/runs.csv: the same command goes on after Ctrl-C, more --runs and --cases are added to
     what is there. Other settings or another library are refused. NAME+landed runs the default of an earlier commit beside the
-    study's estimators, on the same data; so does any other estimator after a +. Writes NAME.csv, NAME.md, NAME.html and, with
-    matplotlib, NAME.png.
+    study's estimators, on the same data; so does any other estimator after a +, also a function of yours: NAME+module.function,
+    which takes the log and the settings and returns columns cx_front, cx_front_sd ... (scripts/examples/own_filter.py).
+
+    Writes NAME.csv, NAME.md, NAME.html and, with matplotlib, NAME.png.
     """
     from tselab.core import Config, SimConfig
     from tselab.montecarlo import studies

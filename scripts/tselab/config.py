@@ -46,15 +46,7 @@ def make_config(
     config = Config({**Config.form(form), **vehicle.values})
     notes: list[str] = []
     if log is not None and log.sample_time is not None:
-        f = config.fields["sample_time"]
-        used = min(max(log.sample_time, f.low), f.high)
-        if abs(used - log.sample_time) > 1e-6:
-            notes.append(
-                f"rows are {log.sample_time:.3g} s apart; the nearest sample_time the filter knows is {used:g} s"
-            )
-        config.sample_time = used
-        gap = config.fields["max_gap"]
-        config.max_gap = min(max(config.max_gap, GAP_IN_SAMPLES * log.sample_time), gap.high)
+        notes += set_sampling(config, log.sample_time)
     if filter_file is not None:
         for key, value in read_filter_file(filter_file).items():
             config.set(key, value)
@@ -62,6 +54,18 @@ def make_config(
         if value is not None:
             config.set(key, value, source=f"option --{key.replace('_', '-')}")
     return config, notes
+
+
+def set_sampling(config: Config, sample_time: float) -> list[str]:
+    """Settings for rows that are usually `sample_time` s apart; notes on what that means."""
+    f = config.fields["sample_time"]
+    used = min(max(sample_time, f.low), f.high)
+    config.sample_time = used
+    gap = config.fields["max_gap"]
+    config.max_gap = min(max(config.max_gap, GAP_IN_SAMPLES * sample_time), gap.high)
+    if abs(used - sample_time) > 1e-6:
+        return [f"rows are {sample_time:.3g} s apart; the nearest sample_time the filter knows is {used:g} s"]
+    return []
 
 
 def filter_text(config: Config) -> str:

@@ -523,6 +523,10 @@ class Filter:
                 made["status"][i] = status
         self.lib.from_native(made, outputs[first:last], OUTPUT)
 
+    def step_one(self, rows: np.ndarray, outputs: np.ndarray) -> int:
+        """Feed rows[0], write outputs[0]; the status. Negative: the row is refused, and the output is as it was."""
+        return int(self._step(*self._pointers, rows.ctypes.data, outputs.ctypes.data))
+
     def run(self, rows: np.ndarray) -> Iterator[np.void]:
         """Feed rows one by one and yield each output."""
         out = self.outputs(1)

@@ -21,7 +21,7 @@ def demo_picture(path: Path, est: pd.DataFrame, truth: pd.DataFrame, log: pd.Dat
     try:
         import matplotlib
     except ImportError:
-        raise UserError("the picture needs matplotlib: pip install 'tselab[figures]'") from None
+        raise UserError("the picture needs matplotlib: pip install 'tse[figures]'") from None
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import csv
 import warnings
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -193,6 +193,41 @@ def _read_plain(path: Path, spare: Collection[str]) -> Log:
     log = checked(path, time, table, line, notes, spare, let_go=room.let_go)
     log.room = room
     return log
+
+
+def read_frame(frame: Mapping[str, Any] | pd.DataFrame, name: str = "log") -> Log:
+    """The same of columns in memory: a data frame, or arrays by their names. `name` stands in messages; rows are counted from 0."""
+    header = [str(c) for c in frame]
+    sides = {axle: pair for axle, pair in SIDES.items() if axle not in header and all(c in header for c in pair)}
+    absent = _absent(header, sides, MEASURES)
+    needed = [c for wanted in columns() if wanted not in absent for c in sides.get(wanted, (wanted,))]
+    if missing := [c for c in needed if c not in header]:
+        also = "; left and right wheel may stand in place of an axle, both" if any(c in SIDES for c in missing) else ""
+        there = f"\n  needed: {_list(needed)}\n  found: {_list(header)[:300]}"
+        raise UserError(f"{name}: column {_list(missing)} is missing{also}{there}")
+    twice = sorted({c for c in header if header.count(c) > 1})
+    if twice:
+        raise UserError(f"{name}: column {_list(twice)} appears more than once")
+    notes: list[str] = []
+    table: dict[str, np.ndarray] = {}
+    for column in header:
+        if column in needed or _beside(column):
+            try:
+                table[column] = np.array(frame[column], float)
+            except (TypeError, ValueError):
+                if column in needed:
+                    what = _allowed(column)
+                    raise UserError(f"{name}: column {column} is not numeric; allowed: {what}, or NaN for missing") from None
+                notes.append(f"column {column} is not numeric: not used")
+    rows = table["time"].shape
+    for column, values in table.items():
+        if values.shape != rows or values.ndim != 1:
+            raise UserError(f"{name}: column {column} has shape {values.shape}; all need that of time, one number a row: {rows}")
+    if rows == (0,):
+        raise UserError(f"{name}: has no rows")
+    row = np.arange(rows[0])
+    time, keep = _straight(Path(name), table.pop("time"), row, notes, "row")
+    return checked(Path(name), time, {c: x[keep] for c, x in table.items()}, row[keep], notes, place="row")
 
 
 def _absent(names: Collection[str], sides: Collection[str], spare: Collection[str]) -> list[str]:
@@ -560,24 +595,26 @@ def _number(cell: object) -> float:
         return np.nan
 
 
-def _straight(path: Path, time: np.ndarray, line: np.ndarray, notes: list[str]) -> tuple[np.ndarray, np.ndarray]:
+def _straight(
+    path: Path, time: np.ndarray, line: np.ndarray, notes: list[str], place: str = "line"
+) -> tuple[np.ndarray, np.ndarray]:
     """A time that increases, and which rows are kept. UserError: it is no time."""
     from tselab.logs.clock import straight
 
     if np.isfinite(time).sum() > 1 and (np.diff(time[np.isfinite(time)]) <= 0).mean() > MOST_BACK:
-        _check_time(path, time, line)
+        _check_time(path, time, line, place)
     fixed, keep, said = straight(time)
     if keep.sum() < MOST_BACK * len(time):
-        _check_time(path, time, line)
+        _check_time(path, time, line, place)
     notes += [f"time: {text}" for text in said]
     return fixed, keep
 
 
-def _check_time(path: Path, time: np.ndarray, line: np.ndarray) -> None:
+def _check_time(path: Path, time: np.ndarray, line: np.ndarray, place: str = "line") -> None:
     bad = ~np.isfinite(time)
     if bad.any():
         raise UserError(
-            f"{path}: line {line[bad.argmax()]}, column time: empty or not finite; every row needs a time in s"
+            f"{path}: {place} {line[bad.argmax()]}, column time: empty or not finite; every row needs a time in s"
         )
     step = np.diff(time)
     bad = step <= 0
@@ -585,14 +622,14 @@ def _check_time(path: Path, time: np.ndarray, line: np.ndarray) -> None:
         i = int(bad.argmax())
         what = "the same time as" if step[i] == 0 else "earlier than"
         raise UserError(
-            f"{path}: line {line[i + 1]}, column time: {time[i + 1]:.10g} is {what} line {line[i]} ({time[i]:.10g}); time must "
+            f"{path}: {place} {line[i + 1]}, column time: {time[i + 1]:.10g} is {what} {place} {line[i]} ({time[i]:.10g}); time must "
             f"increase from row to row ({bad.sum()} such row{'s' if bad.sum() > 1 else ''})"
         )
     bad = step > LONGEST_STEP
     if bad.any():
         i = int(bad.argmax())
         raise UserError(
-            f"{path}: line {line[i + 1]}, column time: {step[i]:g} s after the row before; allowed: up to {LONGEST_STEP:g} s"
+            f"{path}: {place} {line[i + 1]}, column time: {step[i]:g} s after the row before; allowed: up to {LONGEST_STEP:g} s"
             f"{_time_hint(float(np.median(step)))}"
         )
 

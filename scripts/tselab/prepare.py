@@ -42,7 +42,22 @@ def prepare(
     """Read and check everything that a run of the estimator over a log needs."""
     vehicle = read_vehicle(vehicle_path)
     reading = replace(reading or Reading(), car=vehicle)
-    log = read_log(log_path, reading=reading)
+    return assemble(vehicle, read_log(log_path, reading=reading), config_path, average, options, form, settings, strict=reading.strict)
+
+
+def assemble(
+    vehicle: Vehicle,
+    log: Log,
+    config_path: Path | None,
+    average: float | None,
+    options: Mapping[str, Any],
+    form: str,
+    settings: Mapping[str, float],
+    source: str = "option --set",
+    strict: bool = False,
+) -> Prepared:
+    """The same of what is read. `vehicle` is filled in; `source` is where `settings` come from, for messages; `strict`: refuse what else
+    is a warning."""
     if average is not None:
         log = average_log(log, average)
     lively = liveliest(log, MOST_ROWS)
@@ -50,7 +65,7 @@ def prepare(
     fill_sensors(vehicle, lively)
     config, notes = make_config(vehicle, log, config_path, options, form)
     for key, value in settings.items():
-        config.set(key, value, source="option --set")
+        config.set(key, value, source=source)
     warnings = check_units(
         lively,
         config.lf + config.lr,
@@ -59,8 +74,8 @@ def prepare(
         vehicle.steering_ratio,
         {a: float(t) for a in ("front", "rear") if (t := vehicle.facts.get(f"track_{a}"))},
     )
-    if reading.strict and warnings:
-        raise UserError(f"{log_path}: option --strict: {'; '.join(warnings)}")
+    if strict and warnings:
+        raise UserError(f"{log.path}: option --strict: {'; '.join(warnings)}")
     notes = [
         *warnings,
         *log.notes,

@@ -19,7 +19,7 @@ def dask(scheduler: str) -> Any:
     try:
         import distributed
     except ImportError:
-        raise UserError("option --scheduler needs Dask: pip install 'tselab[cluster]'") from None
+        raise UserError("option --scheduler needs Dask: pip install 'tse[cluster]'") from None
     try:
         if not scheduler.startswith("inproc://"):  # a client that finds nobody makes much noise
             socket.create_connection(distributed.comm.get_address_host_port(scheduler), CONNECT).close()

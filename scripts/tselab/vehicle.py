@@ -123,7 +123,11 @@ def read_vehicle(path: Path) -> Vehicle:
     UserError: also a key that nobody knows. A misspelt one would be filled in by a rule, and the numbers would be of another car. A
     table of which nobody knows the name is a note: it may be another program's."""
     path = Path(path)
-    data = read_toml(path)
+    return make_vehicle(read_toml(path), path)
+
+
+def make_vehicle(data: dict[str, Any], path: Path) -> Vehicle:
+    """The same of what a vehicle file says, as dictionaries, which are used up. `path` stands in messages."""
     sensors, uncertainty = _table(path, data, "sensors"), _table(path, data, "uncertainty")
     calibration = _calibration(path, _table(path, data, "calibration"))
     latency, latencies = _table(path, data, "latency"), latency_settings()

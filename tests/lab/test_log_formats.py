@@ -135,7 +135,7 @@ def test_what_is_not_installed_is_named_with_the_command(monkeypatch, tmp_path):
 
     monkeypatch.setattr("tselab.logs.extras.importlib.import_module", without)
     done = tselab_here("signals", path)
-    assert done.code == 2 and "pip install 'tselab[mf4]'" in done.err and "scripts/setup.sh logs" in done.err
+    assert done.code == 2 and "pip install 'tse[mf4]'" in done.err and "scripts/setup.sh logs" in done.err
 
 
 def test_rlog_of_openpilot_is_read_by_its_schema(tmp_path):

@@ -463,7 +463,7 @@ def test_two_processes_give_the_same_numbers_and_all_files(alone, tmp_path):
 
 
 def test_a_dask_cluster_gives_the_same_numbers(alone, tmp_path):
-    distributed = pytest.importorskip("distributed", reason="Dask is not installed: pip install 'tselab[cluster]'")
+    distributed = pytest.importorskip("distributed", reason="Dask is not installed: pip install 'tse[cluster]'")
     options = {"processes": False, "protocol": "tcp://", "host": "127.0.0.1", "dashboard_address": None}
     with distributed.LocalCluster(n_workers=1, threads_per_worker=2, **options) as cluster:
         p = plan("stress", "nominal", "paper-prior", runs=2)
@@ -519,7 +519,7 @@ def test_bad_options_are_refused_with_what_is_allowed(tmp_path, options, named):
 
 @pytest.mark.parametrize("address", ["nonsense://x", "tcp://127.0.0.1:9", "tcp://127.0.0.1", "?"])
 def test_a_scheduler_that_is_not_there_is_named(tmp_path, address):
-    pytest.importorskip("distributed", reason="Dask is not installed: pip install 'tselab[cluster]'")
+    pytest.importorskip("distributed", reason="Dask is not installed: pip install 'tse[cluster]'")
     with pytest.raises(UserError, match="option --scheduler: no Dask scheduler answers at " + re.escape(address)):
         engine.run(plan("stress", "nominal"), tmp_path, scheduler=address)
 

@@ -9,7 +9,7 @@ from tselab.errors import UserError
 
 
 def need(module: str, extra: str, what: str) -> ModuleType:
-    """The module, or a sentence how to get it. `extra`: of scripts/pyproject.toml; `what`: that cannot be read without."""
+    """The module, or a sentence how to get it. `extra`: of pyproject.toml; `what`: that cannot be read without."""
     try:
         return importlib.import_module(module)
     except ImportError as error:
@@ -20,6 +20,6 @@ def need(module: str, extra: str, what: str) -> ModuleType:
             else f"cannot be loaded ({error})"
         )
         raise UserError(
-            f"{what}: the Python package {package} is needed and {why}: pip install 'tselab[{extra}]'"
+            f"{what}: the Python package {package} is needed and {why}: pip install 'tse[{extra}]'"
             f" (in a checkout: scripts/setup.sh logs)"
         ) from None

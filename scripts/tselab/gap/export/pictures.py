@@ -321,7 +321,7 @@ def picture(path: Path, table: pd.DataFrame, parts: Mapping[str, Mapping[str, Ch
     try:
         import matplotlib
     except ImportError:
-        raise UserError("the picture needs matplotlib: pip install 'tselab[figures]'") from None
+        raise UserError("the picture needs matplotlib: pip install 'tse[figures]'") from None
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 

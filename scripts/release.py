@@ -1,0 +1,278 @@
+"""Everything that a release holds, in one folder, of the last commit: called by scripts/release.sh, which brings the tools.
+
+    scripts/release.sh 0.2.0                                          all of it, in release/0.2.0
+    scripts/release.sh 0.2.0 --only wheels --platforms win_amd64      a part
+    scripts/release.sh 0.2.0 --twice                                  two times, in two folders, and byte by byte the same
+
+The same commit and the same tools (scripts/lock-release.txt) give the same bytes: all is built from an export of the commit, in a
+folder of its own, archives carry the commit's time and no owner, and every library is compiled by the same compiler, zig's.
+"""
+
+from __future__ import annotations
+
+import argparse
+import gzip
+import hashlib
+import io
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tarfile
+import tempfile
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+WHEELS = {  # tag of the wheel -> target of zig
+    "manylinux_2_17_x86_64.manylinux2014_x86_64": "x86_64-linux-gnu.2.17",
+    "manylinux_2_17_aarch64.manylinux2014_aarch64": "aarch64-linux-gnu.2.17",
+    "win_amd64": "x86_64-windows-gnu",
+    "macosx_11_0_x86_64": "x86_64-macos.11.0",
+    "macosx_11_0_arm64": "aarch64-macos.11.0",
+}
+SUMS = "SHA256SUMS"
+
+
+class Failed(Exception):
+    """In words for who called."""
+
+
+@dataclass
+class Release:
+    """A release while it is made."""
+
+    version: str
+    commit: str
+    epoch: int
+    source: Path  # export of the commit
+    out: Path
+    tags: Sequence[str]
+    skipped: list[str] = field(default_factory=list)
+
+    def run(self, *command: str | Path, cwd: Path | None = None, **environment: str) -> str:
+        """A command in the export, with its time; what it prints."""
+        cache = str(ROOT / "build" / "zig-cache")  # C libraries of other systems take a minute each
+        env = {k: v for k, v in os.environ.items() if not k.startswith(("CMAKE_", "SKBUILD_", "CFLAGS", "LDFLAGS"))}
+        env |= {
+            "SOURCE_DATE_EPOCH": str(self.epoch),
+            "ZIG_GLOBAL_CACHE_DIR": cache,
+            "ZIG_LOCAL_CACHE_DIR": cache,
+            "TZ": "UTC",
+        }
+        done = subprocess.run([str(c) for c in command], cwd=cwd or self.source, env=env | environment, capture_output=True,
+                              text=True, errors="replace")  # fmt: skip
+        if done.returncode:
+            raise Failed(f"{' '.join(str(c) for c in command[:6])} says\n{(done.stdout + done.stderr)[-3000:]}")
+        return done.stdout
+
+    def archive(self, name: str, folder: Path, top: str) -> None:
+        """A .tar.gz with the same bytes for the same content."""
+        packed = io.BytesIO()
+        with tarfile.open(fileobj=packed, mode="w", format=tarfile.PAX_FORMAT) as tar:
+            for path in sorted(p for p in folder.rglob("*") if p.is_file()):
+                info = tarfile.TarInfo(f"{top}/{path.relative_to(folder).as_posix()}")
+                info.size, info.mtime = path.stat().st_size, self.epoch
+                info.mode = 0o755 if os.access(path, os.X_OK) else 0o644
+                with path.open("rb") as file:
+                    tar.addfile(info, file)
+        with (self.out / name).open("wb") as file, gzip.GzipFile("", "wb", 9, file, self.epoch) as zipped:
+            zipped.write(packed.getvalue())
+
+
+# ---- parts
+
+
+def source(r: Release) -> None:
+    """All of the commit: with CMake the C package, the FMUs, and the tests."""
+    r.archive(f"tse-{r.version}-source.tar.gz", r.source, f"tse-{r.version}-source")
+
+
+def sdist(r: Release) -> None:
+    """Source package of Python: what pip compiles where no wheel fits."""
+    r.run(sys.executable, "-m", "build", "--sdist", "--no-isolation", "--outdir", r.out, r.source)
+
+
+def wheels(r: Release) -> None:
+    """Wheels: a library of each system, compiled by zig."""
+    import ziglang
+
+    zig = Path(ziglang.__file__).parent / "zig"
+    for tag in r.tags:
+        made = r.source.parent / "wheel" / tag
+        r.run(
+            sys.executable, "-m", "build", "--wheel", "--no-isolation", "--outdir", made,
+            "-C", f"build-dir={made / 'build'}",
+            "-C", f"cmake.define.CMAKE_TOOLCHAIN_FILE={r.source / 'cmake' / 'zig.cmake'}",
+            "-C", f"cmake.define.TSE_ZIG={zig}",
+            "-C", f"cmake.define.TSE_ZIG_TARGET={WHEELS[tag]}",
+            r.source,
+        )  # fmt: skip
+        (wheel,) = made.glob("*.whl")
+        r.run(sys.executable, "-m", "wheel", "tags", "--remove", "--platform-tag", tag, wheel)
+        (wheel,) = made.glob("*.whl")
+        shutil.move(wheel, r.out / wheel.name)
+
+
+def fmus(r: Release) -> None:
+    """FMUs with binaries of all platforms, and the system that connects them (SSP)."""
+    with_headers(r)
+    r.run(sys.executable, "-m", "tselab", "fmu", "build", "--all-platforms", "--out", r.out,
+          PYTHONPATH=str(r.source / "scripts"))  # fmt: skip
+
+
+def with_headers(r: Release) -> None:
+    """What scripts/setup.sh has fetched for this checkout, for its export."""
+    (r.source / "build").mkdir(exist_ok=True)
+    for name in (".venv", "build/zig-cache"):
+        (ROOT / name).mkdir(parents=True, exist_ok=True)
+        if not (r.source / name).exists():
+            (r.source / name).symlink_to(ROOT / name)
+
+
+def amalgamation(r: Release) -> None:
+    """The library as tse.h and tse.c."""
+    script = r.source / "scripts" / "amalgamate.py"
+    if not script.is_file():
+        r.skipped.append("amalgamation: scripts/amalgamate.py is not there yet")
+        return
+    folder = r.source.parent / "amalgamation"
+    r.run(sys.executable, script, "--out", folder)
+    r.archive(f"tse-{r.version}-amalgamation.tar.gz", folder, f"tse-{r.version}")
+
+
+def site(r: Release) -> None:
+    """The site, for reading offline."""
+    script = r.source / "scripts" / "docs.sh"
+    if not script.is_file():
+        r.skipped.append("site: scripts/docs.sh is not there yet")
+        return
+    with_headers(r)
+    folder = r.source.parent / "site"
+    r.run("bash", script, folder)
+    r.archive(f"tse-{r.version}-site.tar.gz", folder, f"tse-{r.version}-site")
+
+
+def sbom(r: Release) -> None:
+    """What is in it, and what it needs: CycloneDX."""
+    from sbom import bom, validated
+
+    files = {p.name: sha256(p) for p in sorted(r.out.iterdir())}
+    text = validated(bom(r.source, r.version, r.epoch, files))
+    (r.out / f"tse-{r.version}.cdx.json").write_text(text, encoding="utf-8")
+
+
+PARTS: dict[str, Callable[[Release], None]] = {
+    "source": source, "sdist": sdist, "wheels": wheels, "fmus": fmus, "amalgamation": amalgamation, "site": site, "sbom": sbom,
+}  # fmt: skip
+
+
+# ---- all of it
+
+
+def sha256(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def git(*arguments: str) -> str:
+    done = subprocess.run(["git", *arguments], cwd=ROOT, capture_output=True, text=True)
+    if done.returncode:
+        raise Failed(f"git {' '.join(arguments)} says\n{done.stderr.strip()}")
+    return done.stdout.strip()
+
+
+def check_version(folder: Path, version: str) -> None:
+    """What is released is what its sources say."""
+    there = {
+        "include/tse/version.h": r'#define TSE_VERSION "(.+)"',
+        "scripts/tselab/__init__.py": r'__version__ = "(.+?)"',
+    }
+    for name, pattern in there.items():
+        found = re.search(pattern, (folder / name).read_text(encoding="utf-8"))
+        if not found or found[1] != version:
+            raise Failed(f"{name} says version {found[1] if found else '?'}, not {version}")
+
+
+def make(version: str, out: Path, parts: Sequence[str], tags: Sequence[str], say: Callable[[str], None]) -> Release:
+    """One release, of the last commit, in a folder that is made anew."""
+    commit = git("rev-parse", "HEAD")
+    (ROOT / "build").mkdir(exist_ok=True)
+    with tempfile.TemporaryDirectory(
+        prefix="release-", dir=ROOT / "build"
+    ) as work:  # another path each time: it must not matter
+        export = Path(work) / "tse"
+        export.mkdir()
+        subprocess.run(f"git archive {commit} | tar -x -C '{export}'", shell=True, cwd=ROOT, check=True)
+        check_version(export, version)
+        empty(out)
+        release = Release(version, commit, int(git("log", "-1", "--format=%ct", commit)), export, out.resolve(), tags)
+        for part in parts:
+            say(part)
+            PARTS[part](release)
+    files = sorted(p for p in out.iterdir() if p.name != SUMS)
+    (out / SUMS).write_text("".join(f"{sha256(p)}  {p.name}\n" for p in files), encoding="utf-8")
+    return release
+
+
+def empty(out: Path) -> None:
+    """A folder without files: a new one, or one that held a release."""
+    if out.exists() and any(out.iterdir()) and not (out / SUMS).is_file():
+        raise Failed(
+            f"{out} holds something that is no release ({SUMS} is not in it): remove it, or name another folder"
+        )
+    shutil.rmtree(out, ignore_errors=True)
+    out.mkdir(parents=True)
+
+
+def differing(first: Path, second: Path) -> list[str]:
+    """Names of the files that two folders do not have alike."""
+    names = {p.name for p in first.iterdir()} | {p.name for p in second.iterdir()}
+    missing = {n for n in names if not ((first / n).is_file() and (second / n).is_file())}
+    return sorted(missing | {n for n in names - missing if sha256(first / n) != sha256(second / n)})
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("version", nargs="?")
+    parser.add_argument("--out", type=Path, help="folder, made anew; default: release/VERSION")
+    parser.add_argument("--only", default=",".join(PARTS), help="parts, by commas")
+    parser.add_argument("--platforms", default=",".join(WHEELS), help="of the wheels, by commas")
+    parser.add_argument("--twice", action="store_true", help="make it two times and compare")
+    parser.add_argument("--list", action="store_true", help="name parts and platforms")
+    args = parser.parse_args()
+    if args.list:
+        print("\n".join([*(f"{name:<13} {part.__doc__}" for name, part in PARTS.items()), "", *WHEELS]))
+        return 0
+    parts, tags = args.only.split(","), args.platforms.split(",")
+    unknown = [x for x in parts if x not in PARTS] + [x for x in tags if x not in WHEELS]
+    if not args.version or unknown:
+        parser.error(f"not known: {', '.join(unknown)}; --list names what is" if unknown else "VERSION is missing")
+    out = args.out or ROOT / "release" / args.version
+
+    def say(text: str) -> None:
+        print(f"release: {text}", flush=True)
+
+    try:
+        release = make(args.version, out, parts, tags, say)
+        if args.twice:
+            other = out.with_name(f"{out.name}-again")
+            make(args.version, other, parts, tags, say)
+            if differs := differing(out, other):
+                raise Failed(f"made twice, not the same bytes: {', '.join(differs)}")
+            say("made twice, the same bytes")
+    except Failed as error:
+        print(f"release: {error}", file=sys.stderr)
+        return 1
+    for line in release.skipped:
+        say(f"left out: {line}")
+    if git("status", "--porcelain"):
+        say("left out: changes that are not committed")
+    print((out / SUMS).read_text(), end="")
+    say(f"{out}, of commit {release.commit[:12]}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,43 @@
+"""What an Estimate can do beside hold its fields."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from tselab.core import STATUS, STIFFNESS, library
+
+Array = npt.NDArray[np.float64]
+
+
+class EstimateBase:
+    """The three stiffnesses as arrays, and words for codes."""
+
+    __slots__ = ()
+
+    @property
+    def stiffness(self) -> Array:
+        """(3,) means: cx_front [N], cy_front, cy_rear [N/rad]."""
+        return np.array([getattr(self, s) for s in STIFFNESS])
+
+    @property
+    def stiffness_sd(self) -> Array:
+        """(3,) standard deviations of these means, in their units."""
+        return np.array([getattr(self, f"{s}_sd") for s in STIFFNESS])
+
+    @property
+    def valid(self) -> npt.NDArray[np.bool_]:
+        """(3,) True where the stiffness may be used."""
+        return np.array([getattr(self, f"{s}_valid") for s in STIFFNESS])
+
+    @property
+    def status_text(self) -> str:
+        """The status as a sentence."""
+        return str(library().codes(STATUS)[self.as_dict()["status"]].text)
+
+    def as_dict(self) -> dict[str, Any]:
+        """All fields by name."""
+        return {f.name: getattr(self, f.name) for f in fields(self)}  # type: ignore[arg-type]

@@ -1,0 +1,153 @@
+"""A whole log at once."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+
+from tse._base import Array
+from tse._filter import UNKNOWN_AGE, Filter, Form
+from tse._tables import STIFFNESS
+from tse._vehicle import VehicleLike, read_vehicle
+from tselab import regimes
+from tselab.estimate import estimate as _run
+from tselab.estimate import write_table
+from tselab.learnt import Learnt
+from tselab.log import read_frame
+from tselab.prepare import assemble
+from tselab.verdict import findings
+
+
+@dataclass(frozen=True)
+class Result:
+    """Estimates of n rows, and what the run was."""
+
+    table: pd.DataFrame
+    """n rows with the columns of `tselab estimate` (its --help lists units): time, vel_x, cy_front, cy_front_sd, p_changed ...; the
+    columns _valid and _spread_seen are booleans, _reason are words."""
+    settings: dict[str, float | int]
+    """All settings of the run, by name: also those that were found in the log."""
+    notes: tuple[str, ...] = ()
+    """What was odd, or was filled in, in words."""
+    learnt: bytes | None = None
+    """What the log has taught, for the next drive: for the argument `learnt`, Filter.load_learnt() and tse_learnt_load() in C."""
+    told_sd: dict[str, npt.NDArray[np.float64]] = field(default_factory=dict)
+    """What each quantity that is told of the car, and may be off, adds to the sd at the end: (3,), relative to nominal."""
+
+    def __len__(self) -> int:
+        return len(self.table)
+
+    @property
+    def time(self) -> Array:
+        """(n,) s, as in the log."""
+        return self.table["time"].to_numpy(float)
+
+    def _three(self, end: str) -> Array:
+        return self.table[[f"{s}{end}" for s in STIFFNESS]].to_numpy(float)
+
+    @property
+    def stiffness(self) -> Array:
+        """(n, 3) means: cx_front [N], cy_front, cy_rear [N/rad]."""
+        return self._three("")
+
+    @property
+    def stiffness_sd(self) -> Array:
+        """(n, 3) standard deviations of these means, in their units."""
+        return self._three("_sd")
+
+    @property
+    def stiffness_spread(self) -> Array:
+        """(n, 3) standard deviations of the stiffness from sample to sample, in the same units."""
+        return self._three("_spread")
+
+    @property
+    def valid(self) -> npt.NDArray[np.bool_]:
+        """(n, 3) True where the stiffness may be used."""
+        return self.table[[f"{s}_valid" for s in STIFFNESS]].to_numpy(bool)
+
+    @property
+    def reason(self) -> npt.NDArray[np.object_]:
+        """(n, 3) "valid", or why the stiffness is not."""
+        return np.column_stack([self.table[f"{s}_reason"].astype(str).to_numpy(object) for s in STIFFNESS])
+
+    @property
+    def status(self) -> npt.NDArray[np.int64]:
+        """(n,) codes of tse.Status; below 0: the row was refused."""
+        return self.table["status"].to_numpy(np.int64)
+
+    @property
+    def words(self) -> tuple[str, ...]:
+        """What the log says of the tyres, as `tselab estimate` ends."""
+        plain, config = _plain(self.table), Filter(settings=self.settings)._config
+        return tuple(line for f in findings(plain, config, regimes.changes(plain)) for line in f.lines())
+
+    def filter(self) -> Filter:
+        """A filter with the settings of this run, before its first row."""
+        return Filter(settings=self.settings)
+
+    def to_csv(self, path: str | os.PathLike[str]) -> None:
+        """Write what `tselab estimate` writes, byte for byte."""
+        write_table(_plain(self.table), Path(path))
+
+
+def estimate(
+    frame: Mapping[str, Any] | pd.DataFrame | npt.NDArray[np.void],
+    vehicle: VehicleLike,
+    *,
+    settings: Mapping[str, float] | None = None,
+    form: Form = "default",
+    average: float | None = None,
+    learnt: bytes | None = None,
+    age: float = UNKNOWN_AGE,
+) -> Result:
+    """Estimate tyre stiffness from a log.
+
+        result = tse.estimate(pd.read_csv("log.csv"), "car.toml")
+        result.table.plot(x="time", y="cy_front")
+        result.stiffness[-1], result.valid[-1], result.words
+
+    Given:
+        frame     a data frame, arrays by their names, or a structured array: columns time [s], steer_angle [rad, of the road
+                  wheels], wheel_speed_front, wheel_speed_rear [rad/s, or both wheels of an axle: wheel_speed_front_left, _right],
+                  accel_x, accel_y [m/s2], yaw_rate [rad/s], n values each; NaN is missing; other columns are passed over. ISO 8855,
+                  left is positive; 1 ms .. 1 s from row to row, also irregularly
+        vehicle   a vehicle file, a mapping with its keys, or what read_vehicle() returned
+        settings  any settings by name; they win
+        form      "default", or a filter with particles: "sampled", "paper"
+        average   s: means of blocks of so long first, at most 0.1; for noisy sensors
+        learnt    what an earlier drive has taught, `age` s ago (Result.learnt, Filter.save_learnt())
+
+    What the vehicle leaves out of the sensors is found in the log; the same bits as `tselab estimate` on the same numbers.
+    Refused (Error): a column that is missing, not numeric, or out of range; the message names column, row, value and range.
+    """
+    if isinstance(frame, np.ndarray):
+        if frame.dtype.names is None:
+            raise TypeError(
+                "an array without names of fields; give a data frame, a dict of arrays or a structured array"
+            )
+        frame = {name: frame[name] for name in frame.dtype.names}
+    ready = assemble(read_vehicle(vehicle), read_frame(frame), None, average, {}, form, settings or {}, "settings")
+    before = None if learnt is None else Learnt(Path("learnt"), learnt, age, True)
+    done = _run(ready.log, ready.config, learnt=before)
+    if done.interrupted:
+        raise KeyboardInterrupt
+    flags = [c for c in map(str, done.table) if c.endswith(("_valid", "_spread_seen"))]
+    return Result(
+        done.table.astype(dict.fromkeys(flags, bool)),
+        ready.config.as_dict(),
+        (*ready.vehicle.filled, *ready.notes),
+        done.learnt,
+        done.told_sd,
+    )
+
+
+def _plain(table: pd.DataFrame) -> pd.DataFrame:
+    """As in EST.csv: flags are 0 and 1."""
+    return table.astype({c: "int64" for c, kind in table.dtypes.items() if kind.kind == "b"})

@@ -1,0 +1,225 @@
+"""The filter, row by row."""
+
+from __future__ import annotations
+
+import ctypes
+import math
+from collections.abc import Callable, Mapping
+from typing import Any, Literal, TypeAlias
+
+import numpy as np
+
+from tse._tables import CHANNELS, Estimate, Row, Status
+from tse._vehicle import VehicleLike, read_vehicle
+from tse.errors import InputError
+from tselab import core
+from tselab.config import make_config, set_sampling
+from tselab.core import INPUT, NOMINAL, OUTPUT, REASON, STIFFNESS
+from tselab.log import OPTIONAL, SIDES
+
+Form: TypeAlias = Literal["default", "sampled", "paper"]
+UNKNOWN_AGE = math.inf
+
+
+class Filter:
+    """The estimator for rows that come one at a time.
+
+        f = tse.Filter("car.toml", sample_time=0.01)
+        for row in source:
+            e = f.step(row)
+            if e.cy_front_valid:
+                print(e.cy_front, e.cy_front_sd)
+
+    Given:
+        vehicle      a vehicle file, a mapping with its keys, or what read_vehicle() returned; None: `settings` tells all
+        settings     any settings by name (`tselab settings` lists them with default, range and unit); they win over the vehicle's
+        form         "default", or a filter with particles: "sampled", "paper"
+        sample_time  s, usual time between rows; default: that of the settings, 0.01
+
+    What no vehicle file tells of the sensors has the library's default here; estimate() finds it in the log, and a filter for more
+    rows of the same car is `result.filter()`.
+
+    Refused (Error): a setting outside its range, or one that nobody knows. Filters are independent of each other; one is to be
+    used by one thread at a time.
+    """
+
+    def __init__(
+        self,
+        vehicle: VehicleLike | None = None,
+        *,
+        settings: Mapping[str, float] | None = None,
+        form: Form = "default",
+        sample_time: float | None = None,
+    ):
+        if vehicle is None:
+            config = core.Config(core.Config.settings_of(form) if form != "default" else None)
+            self.notes: tuple[str, ...] = ()
+        else:
+            car = read_vehicle(vehicle)
+            config, notes = make_config(car, None, form=form)
+            self.notes = (*car.filled, *car.notes, *notes)  # what was filled in, in words
+        if sample_time is not None:
+            self.notes += tuple(set_sampling(config, sample_time))
+        for name, value in (settings or {}).items():
+            config.set(name, value)
+        self._begin(config)
+
+    def _begin(self, config: core.Config) -> None:
+        self._config = config
+        self._filter = core.Filter(config)
+        self._row, self._out = self._filter.inputs(1), self._filter.outputs(1)
+        self._nothing = self._row.copy()
+        for name in CHANNELS:
+            self._nothing[name] = np.nan
+        self._check = config.lib.function("tse_input_check", argtypes=[ctypes.c_void_p] * 2)
+        self._convert = _conversions(config)
+        self._time: float | None = None
+
+    @property
+    def settings(self) -> dict[str, float | int]:
+        """All settings, by name."""
+        return self._config.as_dict()
+
+    @property
+    def latencies(self) -> dict[str, float]:
+        """Channel -> how much later than yaw_rate it is logged, s. They are settings: `steer_angle_latency` and the like, or
+        `{"latency": {"steer_angle": 0.02}}` of a vehicle. Rows then wait for the late channels: status WAITING, and the estimates
+        are of `estimate_age` before their row."""
+        return {c: float(getattr(self._config, f"{c}_latency")) for c in CHANNELS if f"{c}_latency" in self._config}
+
+    def step(self, row: Row | Mapping[str, Any] | None = None, /, **channels: float | None) -> Estimate:
+        """Use one row.
+
+        Given: `row`, and `channels` that win over it: fields of Row, SI units. A channel that is left out, None or NaN is
+        missing. Times: `dt`, or `time`, from the second row on. Columns ref_... are passed over.
+        Returned: the estimates after it.
+        Refused (InputError, which names field, value and range; the filter is as before): a steering angle or wheel speed outside
+        its range, a time that does not go on, a name that nobody knows. A measurement outside its range counts as missing."""
+        u = self._row
+        u[:] = self._nothing
+        known = u.dtype.names or ()
+        now = step = None
+        for name, value in {**(row or {}), **channels}.items():
+            if name == "time":
+                now = self._number(name, value)
+            elif name == "dt":
+                step = self._number(name, value)
+            elif name in known and name != "missing":
+                u[name] = math.nan if value is None else self._number(name, value)
+            elif not (name.startswith("ref_") or name in OPTIONAL):
+                raise InputError(f"there is no channel {name!r}{_hint(name)}", name)
+        u["dt"] = self._since(now, step)
+        status = self._filter.step_one(u, self._out)
+        if status < 0:
+            raise self._refusal(status)
+        self._time = now if now is not None else (self._time or 0.0) + (step or 0.0)
+        return self._estimate()
+
+    @staticmethod
+    def _number(name: str, value: Any) -> float:
+        try:
+            return float(value)
+        except (TypeError, ValueError):
+            raise InputError(f"{name} = {value!r} is not a number", name) from None
+
+    def _since(self, now: float | None, step: float | None) -> float:
+        """dt of a row; what the first one says is not used."""
+        if now is not None and step is not None:
+            raise InputError("a row has time or dt, not both", "dt")
+        if self._time is None:
+            return float(self._config.sample_time)
+        if now is not None:
+            return now - self._time
+        if step is None:
+            raise InputError("dt is missing: s since the row before; or give time", "dt")
+        return step
+
+    def _refusal(self, status: int) -> InputError:
+        wrong = ctypes.c_char_p()
+        self._check(self._row.ctypes.data, ctypes.addressof(wrong))
+        name = wrong.value.decode() if wrong.value else "row"
+        lib = self._config.lib
+        text = lib.codes(core.STATUS)[status].text
+        if name not in (self._row.dtype.names or ()):
+            return InputError(f"row refused: {text}", name)
+        field, value = lib.field(INPUT, name), float(self._row[name][0])
+        allowed = field.range_text if field.has_range else "above 0 .. 3600 s"
+        return InputError(f"{name} = {value:g} is outside its range {allowed} ({field.text or text})", name)
+
+    def _estimate(self) -> Estimate:
+        raw = self._out[0].item()
+        values: list[Any] = [self._time]
+        for value, convert in zip(raw, self._convert, strict=True):
+            values.extend(convert(value))
+        return Estimate(*values)
+
+    def reset(self) -> None:
+        """Start again: the next row is the first."""
+        self._filter.reset()
+        self._time = None
+
+    def copy(self) -> Filter:
+        """A filter that goes on from here by itself."""
+        other = object.__new__(type(self))
+        other.notes = self.notes
+        other._begin(self._config)
+        other._filter.restore(self._filter.snapshot())
+        other._time = self._time
+        return other
+
+    def save_learnt(self) -> bytes | None:
+        """What was learnt of the car, for the next drive: 112 bytes that an ECU reads, too (tse/learnt.h). None before a row."""
+        return self._filter.save_learnt()
+
+    def load_learnt(self, learnt: bytes, age: float = UNKNOWN_AGE) -> None:
+        """Start from what an earlier drive taught, `age` s ago; when nobody knows the age, nothing of it is trusted more than the
+        settings' start. Before the first row.
+        Refused (LearntError; the filter is as before): bytes that are damaged, of another vehicle, or newer."""
+        self._filter.load_learnt(learnt, age)
+
+    def told_sd(self) -> dict[str, np.ndarray[Any, np.dtype[np.float64]]]:
+        """What each quantity that is told of the car, and may be off (`mass_sd` ...), adds to the sd of the three stiffnesses: (3,)
+        each, relative to nominal. After the last row."""
+        return self._filter.told_sd()
+
+
+Convert: TypeAlias = Callable[[Any], tuple[Any, ...]]
+
+
+def _conversions(config: core.Config) -> list[Convert]:
+    """For each output of the library, in its order: what becomes of it in an Estimate."""
+    lib = config.lib
+    words = {code: f.name for code, f in lib.codes(REASON).items()}
+    channels = {0: None, **{1 + i: f.name for i, f in enumerate(lib.channels)}}
+
+    def scaled(factor: float) -> Convert:
+        if lib.real == np.float32:  # rounded where arrays of the library are
+            return lambda x: (float(np.float32(x) * np.float32(factor)),)
+        return lambda x: (x * factor,)
+
+    found: list[Convert] = []
+    for f in lib.fields(OUTPUT):
+        stiffness = next((s for s in STIFFNESS if f.name == s or f.name.startswith(s + "_")), None)
+        if stiffness and f.name.endswith("_valid"):
+            found.append(lambda x: (x == 0, words.get(x, "unknown")))
+        elif f.name.endswith("_spread_seen"):
+            found.append(lambda x: (x != 0,))
+        elif stiffness and f.unit == "1":
+            found.append(scaled(float(getattr(config, NOMINAL[stiffness]))))
+        elif f.name == "fault_channel":
+            found.append(lambda x: (channels.get(x),))
+        elif f.name == "status":
+            found.append(lambda x: (Status(x),))
+        else:
+            found.append(lambda x: (x,))
+    return found
+
+
+def _hint(name: str) -> str:
+    import difflib
+
+    for axle, pair in SIDES.items():
+        if name in pair:
+            return f": give {axle}, the mean of both wheels"
+    close = difflib.get_close_matches(name, CHANNELS, n=2)
+    return f" (did you mean {' or '.join(close)}?)" if close else f"; known: time, dt, {', '.join(CHANNELS)}"

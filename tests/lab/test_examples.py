@@ -1,0 +1,73 @@
+"""The examples of scripts/examples run, and do what they say."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+import tse
+
+EXAMPLES = Path(__file__).resolve().parents[2] / "scripts" / "examples"
+
+
+def example(name, *arguments):
+    done = subprocess.run(
+        [sys.executable, EXAMPLES / name, *map(str, arguments)], capture_output=True, text=True, timeout=120
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_a_log_becomes_an_estimate():
+    out = example("estimate_log.py")
+    within = re.search(r"within (.+) % of the truth", out)
+    assert within and float(within[1]) < 3.0  # the road changes to 70 %
+    assert "Front cornering stiffness" in out
+
+
+def test_a_log_of_the_users_becomes_an_estimate(drive):
+    assert "cy_front: 1" in example("estimate_log.py", drive.log, drive.vehicle)
+
+
+def test_a_stream_is_followed():
+    out = example("stream.py")
+    assert "row refused: steer_angle = 7 is outside its range -1.2 .. 1.2 rad" in out
+    assert "late channels: {'steer_angle': 0.02} s" in out and "of 0.020 s before" in out
+    now, first = (float(x) for x in re.findall(r"cy_front (\d+)", out))
+    assert first == pytest.approx(now, rel=0.05)
+
+
+def test_a_filter_of_ones_own_runs_in_a_study_beside_tse(tmp_path):
+    command = [sys.executable, "-m", "tselab", "montecarlo", "--study", "fig2+own_filter.random_walk", "--runs", "2", "--jobs", "1",
+               "--out", str(tmp_path / "out")]  # fmt: skip
+    path = os.pathsep.join(filter(None, [str(EXAMPLES), os.environ.get("PYTHONPATH", "")]))
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300, env={**os.environ, "PYTHONPATH": path})
+    assert done.returncode == 0, done.stderr
+    runs = pd.read_csv(tmp_path / "out" / "runs.csv").set_index(["estimator", "seed"])
+    assert set(runs.index.get_level_values(0)) == {"tse", "own_filter.random_walk"}
+    errors = (
+        runs["cy_front_rms"]
+        if "cy_front_rms" in runs
+        else runs[[c for c in runs if c.startswith("cy_front")]].iloc[:, 0]
+    )
+    assert errors.notna().all()
+    assert "own_filter.random_walk" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [("nowhere.kalman", "no estimator 'nowhere.kalman': No module named 'nowhere'; is the folder of nowhere.py in PYTHONPATH?"),
+     ("tse.Nothing", "has no attribute 'Nothing'"), ("tse.STIFFNESS", "is not a function")],
+)  # fmt: skip
+def test_an_estimator_that_is_not_there_is_refused(name, text):
+    from tselab.montecarlo.studies import study
+
+    with pytest.raises(tse.Error) as error:
+        study(f"fig2+{name}")
+    assert text in str(error.value)
