@@ -125,7 +125,9 @@ def estimate(
         learnt    what an earlier drive has taught, `age` s ago (Result.learnt, Filter.save_learnt())
 
     What the vehicle leaves out of the sensors is found in the log; the same bits as `tselab estimate` on the same numbers.
-    Refused (Error): a column that is missing, not numeric, or out of range; the message names column, row, value and range.
+    A channel that is not there, single values that nothing can have, and a clock that jumps are worked around, and Result.notes
+    says so. Refused (Error): a log without steering angle, without both axles' wheel speeds or without accel_y and yaw_rate; a
+    column that is not numeric, or often out of range. The message names column, row, value and range.
     """
     if isinstance(frame, np.ndarray):
         if frame.dtype.names is None:

@@ -26,6 +26,10 @@ Reason = Literal[
 class Status(IntEnum):
     """How a row was used. Below 0: refused, nothing has changed; 0: used; above: used, with this caution."""
 
+    E_BUILD = -12
+    """This build rounds otherwise than the library is tested for: compile with -ffp-contract=off, without -ffast-math."""
+    E_FORMAT = -11
+    """A setting leads to numbers that do not fit the fixed-point format of this build; double and float hold them."""
     E_OLD = -10
     """The learnt state was written by an older version of this library; learn anew."""
     E_VEHICLE = -9
@@ -64,6 +68,9 @@ class Status(IntEnum):
     """What was believed explains the samples no more: started over (particles: part of them drawn anew)."""
     WAITING = 8
     """No step: channels that are logged later are awaited; estimates of the last step, or of the start."""
+    RANGE = 9
+    """A number left the range of the number format: the sample was not used by the hypothesis that held it, or it was
+    dropped."""
 
 
 class Row(TypedDict, total=False):

@@ -622,8 +622,8 @@ def _check_time(path: Path, time: np.ndarray, line: np.ndarray, place: str = "li
         i = int(bad.argmax())
         what = "the same time as" if step[i] == 0 else "earlier than"
         raise UserError(
-            f"{path}: {place} {line[i + 1]}, column time: {time[i + 1]:.10g} is {what} {place} {line[i]} ({time[i]:.10g}); time must "
-            f"increase from row to row ({bad.sum()} such row{'s' if bad.sum() > 1 else ''})"
+            f"{path}: {place} {line[i + 1]}, column time: {time[i + 1]:.10g} is {what} {place} {line[i]} ({time[i]:.10g}); "
+            f"time must increase from row to row ({bad.sum()} such row{'s' if bad.sum() > 1 else ''})"
         )
     bad = step > LONGEST_STEP
     if bad.any():

@@ -42,7 +42,8 @@ def prepare(
     """Read and check everything that a run of the estimator over a log needs."""
     vehicle = read_vehicle(vehicle_path)
     reading = replace(reading or Reading(), car=vehicle)
-    return assemble(vehicle, read_log(log_path, reading=reading), config_path, average, options, form, settings, strict=reading.strict)
+    log = read_log(log_path, reading=reading)
+    return assemble(vehicle, log, config_path, average, options, form, settings, strict=reading.strict)
 
 
 def assemble(
@@ -56,8 +57,8 @@ def assemble(
     source: str = "option --set",
     strict: bool = False,
 ) -> Prepared:
-    """The same of what is read. `vehicle` is filled in; `source` is where `settings` come from, for messages; `strict`: refuse what else
-    is a warning."""
+    """The same of what is read. `vehicle` is filled in; `source` is where `settings` come from, for messages; `strict`: refuse
+    what else is a warning."""
     if average is not None:
         log = average_log(log, average)
     lively = liveliest(log, MOST_ROWS)
