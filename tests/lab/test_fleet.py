@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
 import signal
 import subprocess
@@ -17,6 +16,7 @@ import pytest
 
 from conftest import COMMAND, tselab, tselab_here
 from dask_cluster import scheduler, starting, until, worker
+from deadly import kill_this_process
 from tselab import maneuvers
 from tselab.core import STIFFNESS, Config, SimConfig
 from tselab.errors import UserError
@@ -159,15 +159,6 @@ def test_killed_and_started_again_it_loses_no_log_that_was_done(logs, done, tmp_
     assert all(p.stat().st_mtime_ns == t for p, t in before.items())
     table = pd.read_parquet(tmp_path / "out" / "fleet.parquet")
     pd.testing.assert_frame_equal(table.drop(columns="report"), done[2].drop(columns="report"))
-
-
-def kill_this_process(task: Task) -> None:
-    """A log that costs its process the life, as one that is too long for the memory."""
-    if "deadly" in task.log.name:
-        os.kill(os.getpid(), signal.SIGKILL)
-    from tselab.fleet.work import Outcome
-
-    return Outcome(seconds=1.0)
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no SIGKILL")
