@@ -219,7 +219,11 @@ def checked(
     wanted = columns()[1:]
     sides = {axle: pair for axle, pair in SIDES.items() if axle not in table and all(c in table for c in pair)}
     parts = {name: sides.get(name, (name,)) for name in wanted}
-    empty = [c for c, mine in parts.items() if not any(s in table and np.isfinite(table[s]).any() for s in mine)]
+    empty = []
+    for c, mine in parts.items():
+        if not any(s in table and np.isfinite(table[s]).any() for s in mine):
+            empty.append(c)
+        room.let_go()
     absent = _absent([c for c in wanted if c not in empty], [], spare)
     needed = [c for name in wanted if name not in absent for c in parts[name]]
     missing = [c for c in needed if c not in table]
@@ -304,10 +308,16 @@ def _remedy(missing: Collection[str]) -> str:
 def _axle(axle: str, left: np.ndarray, right: np.ndarray, yaw_rate: np.ndarray, notes: list[str]) -> tuple[np.ndarray, float]:
     """The middle of an axle, rad/s, of its two wheels. Where one is missing, the other less half of what they differ by in a turn:
     track over radius times the yaw rate, found from the rows that have both, which is returned, too."""
-    difference, mean = right - left, 0.5 * (left + right)
+    difference = right - left
     both = np.isfinite(difference) & np.isfinite(yaw_rate)
-    turned = float(np.sum(yaw_rate[both] ** 2))
-    per_turn = float(np.sum(difference[both] * yaw_rate[both])) / turned if turned > 0 else 0.0
+    rate = yaw_rate if both.all() else yaw_rate[both]
+    turned = float(np.sum(rate**2))
+    difference = difference if both.all() else difference[both]
+    difference *= rate  # in place, as the mean below: a column of ten hours is 30 MB
+    per_turn = float(np.sum(difference)) / turned if turned > 0 else 0.0
+    del difference, rate
+    mean = left + right
+    mean *= 0.5
     alone = np.isnan(mean) & (np.isfinite(left) | np.isfinite(right)) & np.isfinite(yaw_rate) & bool(turned > 0)
     if alone.any():
         half = 0.5 * per_turn * yaw_rate

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import mmap
 import os
 import tempfile
@@ -75,7 +76,11 @@ class Room:
             with tempfile.TemporaryFile() as file:  # its name is gone at once, its content when nobody uses it
                 file.truncate(max(size, SEGMENT))
                 if hasattr(os, "posix_fallocate"):  # a disk that is full says so here, not by a signal at the first write
-                    os.posix_fallocate(file.fileno(), 0, max(size, SEGMENT))
+                    try:
+                        os.posix_fallocate(file.fileno(), 0, max(size, SEGMENT))
+                    except OSError as error:  # some file systems cannot
+                        if error.errno not in (errno.EINVAL, errno.EOPNOTSUPP):
+                            raise
                 self._maps.append(mmap.mmap(file.fileno(), 0))
             self._used = 0
         found = np.frombuffer(self._maps[-1], np.uint8, size, self._used)

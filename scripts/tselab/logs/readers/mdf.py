@@ -8,7 +8,7 @@ import sys
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -31,7 +31,7 @@ def read(path: Path, how: How) -> Recording:
     hook = sys.unraisablehook
     sys.unraisablehook = lambda _: None  # what asammdf drops of a damaged file complains on its way out
     try:
-        with asammdf.MDF(str(path)) as mdf:
+        with open(path, "rb") as file, asammdf.MDF(file if _is_finished(file) else str(path)) as mdf:
             channels = _plain(mdf, how, room)
             channels |= _of_frames(path, mdf, how, room, bool(channels), notes)
             version = mdf.version
@@ -45,6 +45,14 @@ def read(path: Path, how: How) -> Recording:
     if damage:  # outside of the above, for an error keeps alive what it was raised beside
         raise UserError(f"{path}: is damaged or cut off: {damage}")
     return Recording(path, f"MDF {version}", channels, notes, room=room)
+
+
+def _is_finished(file: BinaryIO) -> bool:
+    """A file that was closed in order: asammdf reads it as it is. Given its name, it would map it, and all of it stay in memory;
+    of one that was not it makes a copy that it completes, and that needs the name."""
+    finished = file.read(8) == b"MDF     "
+    file.seek(0)
+    return finished
 
 
 def _plain(mdf: Any, how: How, room: Room) -> dict[str, Channel]:
