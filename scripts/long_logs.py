@@ -102,7 +102,7 @@ def parquet(folder: Path, parts: Parts, times: int) -> Path:
 
     path = one.parquet(folder, parts)
     with ExitStack() as stack:
-        table = pa.Table.from_pandas(one.joined(parts), preserve_index=False)
+        table = pa.Table.from_pandas(period(parts), preserve_index=False)
         file = stack.enter_context(pq.ParquetWriter(path, table.schema))
         for k in range(times):
             file.write_table(table.set_column(0, "t", pa.array(table["t"].to_numpy() + PART * k)))
@@ -114,7 +114,7 @@ def feather(folder: Path, parts: Parts, times: int) -> Path:
     import pyarrow as pa
 
     path = one.feather(folder, parts)
-    frame = one.joined(parts)
+    frame = period(parts)
     start = pd.to_datetime("2024-05-01T08:00:00")
     with ExitStack() as stack:
         file = None
@@ -129,6 +129,12 @@ def feather(folder: Path, parts: Parts, times: int) -> Path:
 
 def mat5(folder: Path, parts: Parts, times: int) -> Path:
     return one.mat5(folder, whole(parts, times))
+
+
+def period(parts: Parts) -> pd.DataFrame:
+    """All messages in one table, from one PART to the next: repeated, its times increase."""
+    table = one.joined(whole(parts, 2))
+    return table[(table.t >= PART - 1e-6) & (table.t < 2 * PART - 1e-6)].assign(t=lambda x: x.t - PART)
 
 
 def whole(parts: Parts, times: int) -> Parts:

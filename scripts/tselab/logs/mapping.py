@@ -47,7 +47,9 @@ class Clocks:
             self._done[id(channel.time)] = channel.time, time, keep
             self.notes += [x for x in said if x not in self.notes]
         _, time, keep = self._done[id(channel.time)]
-        return time, channel.value if keep.all() else channel.value[keep]
+        value = channel.value if keep.all() else channel.value[keep]
+        self.room.let_go()
+        return time, value
 
     def earlier(self, time: np.ndarray, latency: float) -> np.ndarray:
         """One of these times less the latency, once for all channels that have both."""

@@ -76,13 +76,13 @@ def on_raster(found: Mapping[str, Series], rate: float | None, room: Room | None
     plain = _as_it_is(found, rate)
     if plain is not None:
         return plain
-    own = {}
+    own, rates = {}, {}
     for name, s in found.items():
         t, x = entries(s)
         own[name] = (s.time if t is s.time else room.keep(t)), (s.value if x is s.value else room.keep(x))
+        rates[name] = rate_of(t)
         del t, x
         room.let_go()
-    rates = {name: rate_of(t) for name, (t, _) in own.items()}
     core = [n for n in found if _axle(n) in (*DRIVES, *MEASURES)]
     if rate is None:
         fast = [rates[n] for n in core if rates[n] >= SLOWEST_OWN]

@@ -28,6 +28,7 @@ def read(path: Path, how: How) -> Recording:
             raise UserError(f"{path}: has columns but no rows")
         columns = [_column(pa, field, steps, rows, batches, room) for field, steps in _leaves(pa, schema)]
         found = recording_of(path, "Parquet" if parquet else "Feather", columns, how, room=room)
+        pa.default_memory_pool().release_unused()
     except (pa.ArrowException, OSError, ValueError) as error:
         raise UserError(f"{path}: is damaged or cut off: {str(error).splitlines()[0][:150]}") from None
     if not found.channels or not np.isfinite(next(iter(found)).time).any():
