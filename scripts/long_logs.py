@@ -84,7 +84,7 @@ def bus(name: str) -> Callable[[Path, Parts, int], Path]:
     def write(folder: Path, parts: Parts, times: int) -> Path:
         import can
 
-        short = one.bus(folder, later(parts, 0.0), name)
+        short = one.bus(folder, parts, name)
         short.unlink()
         frames = one.frames(parts)
         with can.Logger(str(folder / name)) as logger:
@@ -119,7 +119,8 @@ def feather(folder: Path, parts: Parts, times: int) -> Path:
     with ExitStack() as stack:
         file = None
         for k in range(times):
-            table = pa.Table.from_pandas(frame.assign(t=start + pd.to_timedelta(frame.t + PART * k, unit="s")), preserve_index=False)
+            dates = start + pd.to_timedelta(frame.t + PART * k, unit="s")
+            table = pa.Table.from_pandas(frame.assign(t=dates), preserve_index=False)
             if file is None:
                 options = pa.ipc.IpcWriteOptions(compression="lz4")
                 file = stack.enter_context(pa.ipc.new_file(str(path), table.schema, options=options))
@@ -128,20 +129,13 @@ def feather(folder: Path, parts: Parts, times: int) -> Path:
 
 
 def mat5(folder: Path, parts: Parts, times: int) -> Path:
-    return one.mat5(folder, whole(parts, times))
+    return one.mat5(folder, one.repeated(parts, times, PART))
 
 
 def period(parts: Parts) -> pd.DataFrame:
     """All messages in one table, from one PART to the next: repeated, its times increase."""
-    table = one.joined(whole(parts, 2))
+    table = one.joined(one.repeated(parts, 2, PART))
     return table[(table.t >= PART - 1e-6) & (table.t < 2 * PART - 1e-6)].assign(t=lambda x: x.t - PART)
-
-
-def whole(parts: Parts, times: int) -> Parts:
-    return [
-        one.Message(m.name, np.concatenate([m.time + PART * k for k in range(times)]),
-                    {n: np.tile(x, times) for n, x in m.columns.items()}, m.units) for m in parts
-    ]  # fmt: skip
 
 
 def mat73(folder: Path, parts: Parts, times: int) -> Path:
@@ -251,7 +245,8 @@ def measured(folder: Path, log: Path, car: Path) -> tuple[float, float, int]:
         raise SystemExit(f"{log.name}: exit code {code}\n{done.stderr}")
     import pyarrow.parquet as pq
 
-    return float(memory) / (2**20 if sys.platform == "darwin" else 2**10), float(busy), pq.read_metadata(folder / "e.parquet").num_rows
+    unit = 2**20 if sys.platform == "darwin" else 2**10
+    return float(memory) / unit, float(busy), pq.read_metadata(folder / "e.parquet").num_rows
 
 
 def main() -> None:
@@ -266,7 +261,8 @@ def main() -> None:
     rows = {name: row for row, name in rows.items() if name in FORMATS}
     with tempfile.TemporaryDirectory() as scratch:
         car = Path(scratch) / "car.toml"
-        car.write_text(subprocess.run([*TSELAB, "vehicle", "--example"], env=ENV, capture_output=True, text=True, check=True).stdout)
+        example = subprocess.run([*TSELAB, "vehicle", "--example"], env=ENV, capture_output=True, text=True, check=True)
+        car.write_text(example.stdout)
         parts = one.messages(one.drive(car, PART).iloc[: round(100 * PART)])
         for name in asked.formats:
             with tempfile.TemporaryDirectory(dir=scratch) as own:

@@ -251,7 +251,8 @@ def checked(
     stand_in = next((c for c in absent if c in SIDES), None)
     if stand_in:
         other = next(c for c in SIDES if c != stand_in)
-        data[stand_in], data["accel_x"] = data[other].copy(), np.full(len(time), np.nan)  # what accel_x tells is a force at a slip that nobody knows
+        data[stand_in] = data[other].copy()
+        data["accel_x"] = np.full(len(time), np.nan)  # what it tells is a force at a slip that nobody knows
         notes.append(f"{stand_in} is not in the log: {other} stands in for it; slip is not known, so accel_x is not used and "
                      f"cx_front not told")
     sample_time = float(np.median(np.diff(time))) if len(time) > 1 else None
@@ -269,7 +270,8 @@ def checked(
     frame = _frame({name: data[name] for name in wanted}, len(time))
     ref = pd.DataFrame({c: table.pop(c) for c in list(table) if c.startswith("ref_")}, index=frame.index)
     extra = pd.DataFrame({c: x for c in OPTIONAL if c in table and (x := _optional(c, table[c], line, notes, place)) is not None})
-    return Log(path, time, frame, ref, line, sample_time, notes, extra=extra, place=place, stand_in=stand_in, turn=per_turn, room=room)
+    return Log(path, time, frame, ref, line, sample_time, notes, extra=extra, place=place, stand_in=stand_in, turn=per_turn,
+               room=room)  # fmt: skip
 
 
 def _frame(columns: dict[str, np.ndarray], rows: int) -> pd.DataFrame:

@@ -31,7 +31,7 @@ def read(path: Path, how: How) -> Recording:
         pa.default_memory_pool().release_unused()
     except (pa.ArrowException, OSError, ValueError) as error:
         raise UserError(f"{path}: is damaged or cut off: {str(error).splitlines()[0][:150]}") from None
-    if not found.channels or not np.isfinite(next(iter(found)).time).any():
+    if found.channels and not np.isfinite(next(iter(found)).time).any():
         raise UserError(f"{path}: the time is empty")
     return found
 
@@ -46,15 +46,14 @@ def _parquet(path: Path) -> tuple[Any, int, Batches]:
 
     with pq.ParquetFile(path) as file:
         schema, rows = file.schema_arrow, file.metadata.num_rows
-        leaves = [file.schema.column(i).path.split(".")[0] for i in range(len(file.schema))]
-    unique = len(set(schema.names)) == len(schema.names) and not any("." in n for n in schema.names) and {*leaves} == {*schema.names}
+    alone = len(set(schema.names)) == len(schema.names) and not any("." in n for n in schema.names)  # a name says which
 
     def batches(place: int) -> Iterator[Any]:
         with pq.ParquetFile(path) as file:
-            if unique:
+            if alone:
                 for batch in file.iter_batches(PIECE, columns=[schema.names[place]], use_threads=False):
                     yield pa.Table.from_batches([batch])
-            else:  # a name that only all columns together tell
+            else:
                 for batch in file.iter_batches(PIECE, use_threads=False):
                     yield pa.Table.from_batches([batch]).select([place])
 
