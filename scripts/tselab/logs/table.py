@@ -132,6 +132,11 @@ BLANKS = {"nan", "na", "n/a", "null", "none", "-", "--", "---", "#n/a", "#nv", "
           "invalid", "sna", "init", "missing", "nil", "."}  # fmt: skip
 
 
+def may_be_time(place: int, name: str, unit: str) -> bool:
+    """Can a column of this name and unit be the time? The first one can whatever its name."""
+    return place == 0 or any(w in TIME_WORDS for w in words(name)) or kind(unit) == "time"
+
+
 def _time_column(path: Path, columns: Sequence[Column], how: How) -> int | None:
     names = [c.name for c in columns]
     if how.time is not None:
