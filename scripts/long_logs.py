@@ -128,6 +128,19 @@ def feather(folder: Path, parts: Parts, times: int) -> Path:
     return path
 
 
+def german_csv(folder: Path, parts: Parts, times: int) -> Path:
+    path = one.german_csv(folder, parts)
+    head = path.read_bytes().split(b"\r\n")[:5]
+    table = period(parts).ffill().dropna().to_numpy() * [1000.0, *[1.0] * 8]
+    with open(path, "wb") as file:
+        file.write(b"\r\n".join([*head, b""]))
+        for k in range(times):
+            rows = table + [1000.0 * PART * k, *[0.0] * 8]
+            text = "\r\n".join([*(";".join(f"{x:.6f}" for x in row) for row in rows.tolist()), ""])
+            file.write(text.replace(".", ",").encode("cp1252"))
+    return path
+
+
 def mat5(folder: Path, parts: Parts, times: int) -> Path:
     return one.mat5(folder, one.repeated(parts, times, PART))
 
@@ -224,6 +237,7 @@ FORMATS: dict[str, Callable[[Path, Parts, int], Path]] = {
     "ROS 1 bag": rosbag(ros1=True),
     "ASC and DBC": bus("drive.asc"),
     "TRC and DBC": bus("drive.trc"),
+    "German CSV": german_csv,
 }
 
 

@@ -140,10 +140,13 @@ class Growing:
             self._room._held -= min(self._room._held, len(self._last))
         if not self._parts:
             return np.frombuffer(self._last).copy() if self._last else np.zeros(0)
-        found, done = self._room.empty(len(self)), 0
+        found, done, kept = self._room.empty(len(self)), 0, 0
         for part in (*self._parts, np.frombuffer(self._last) if self._last else np.zeros(0)):
             found[done : done + len(part)] = part
             done += len(part)
+            if done - kept > MOST_HELD:
+                self._room.let_go()
+                kept = done
         self._parts, self._last = [], array("d")
         self._room.let_go()
         return found

@@ -103,6 +103,7 @@ class Bus:
                     clocks[key] = self._clock(kept.frames[key].array().astype(np.int64), time, keep, place)
                     same = next((c for c, _ in clocks.values() if np.array_equal(c, clocks[key][0])), clocks[key][0])
                     clocks[key] = same, clocks[key][1]
+                    self._room.let_go()
                 at, chosen = clocks[key]
                 value = kept.value[s.name].array()
                 value = value if isinstance(chosen, slice) else self._room.keep(value[chosen])
