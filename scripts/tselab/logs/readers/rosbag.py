@@ -21,7 +21,7 @@ def read(path: Path, how: How) -> Recording:
             raise UserError(
                 f"{path}: is one file of a ROS 2 bag, whose metadata.yaml is missing beside it: give the folder of the bag"
             )
-    collect, notes = Collector(), []
+    collect, notes = Collector(how.wanted), []
     count, strange = 0, {}
     try:
         store = typesys.get_typestore(typesys.Stores.LATEST)
@@ -46,4 +46,4 @@ def read(path: Path, how: How) -> Recording:
         raise UserError(
             f"{path}: has no message that can be read{f' (types unknown: {listed(strange.values())})' if strange else ''}"
         )
-    return Recording(path, "ROS bag", collect.channels(), notes)
+    return Recording(path, "ROS bag", collect.channels(), notes, room=collect.room)
