@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import csv
 import warnings
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -39,6 +39,15 @@ HINTS["wheel_speed_rear"] = HINTS["wheel_speed_front"]
 LONGEST_STEP = 3600.0  # s, the library's limit
 PART = 1 << 15  # rows of the file read at a time, so that its text is never all in memory
 SLOWEST = 1.0  # s: median step above this is refused
+
+STUCK_ROWS = 200  # rows with one and the same value, from which a channel is said to be stuck
+MOST_WITNESS = 100000  # rows of a longer log that are looked at for it
+# a measurement, what it goes with, and by how much that has to change (5 .. 95 %) for it to change, too
+WITNESSES = (
+    ("accel_x", "wheel_speed_rear", 5.0),  # rad/s: 1.5 m/s of speed
+    ("accel_y", "yaw_rate", 0.05),  # rad/s: 0.5 m/s2 at 10 m/s
+    ("yaw_rate", "accel_y", 0.5),  # m/s2
+)
 
 
 @dataclass(frozen=True)
@@ -153,7 +162,7 @@ def read_log(path: Path, spare: Collection[str] = MEASURES, reading: Reading | N
 
 def _is_plain(path: Path, reading: Reading) -> bool:
     """A CSV with commas and the library's names, of which nobody says that it is to be read otherwise."""
-    if reading.signals is not None or reading.rate is not None or path.is_dir():
+    if reading.signals is not None or reading.rate is not None or (path.exists() and not path.is_file()):
         return False
     try:
         with open(path, encoding="utf-8-sig", newline="") as file:
@@ -239,6 +248,7 @@ def checked(
         for name in parts[f.name]:
             _check_channel(path, data, line, f, notes, name, place, room)
             room.let_go()
+    _not_stuck(data, parts, notes, room)
     if all(np.isnan(data[c]).all() for c in ("accel_y", "yaw_rate")):
         raise UserError(f"{path}: accel_y and yaw_rate are missing: without either nothing can be said about the tyres")
     per_turn: dict[str, float] = {}
@@ -272,6 +282,24 @@ def checked(
     extra = pd.DataFrame({c: x for c in OPTIONAL if c in table and (x := _optional(c, table[c], line, notes, place)) is not None})
     return Log(path, time, frame, ref, line, sample_time, notes, extra=extra, place=place, stand_in=stand_in, turn=per_turn,
                room=room)  # fmt: skip
+
+
+def _not_stuck(data: dict[str, np.ndarray], parts: Mapping[str, Sequence[str]], notes: list[str], room: Room) -> None:
+    """A measurement that has one value all the time, while the car does what it should show, measures nothing: it is missing.
+    The filter would find it at fault, but only row by row, and what it says before that is lost."""
+    for name, witness, least in WITNESSES:
+        value = data[name]
+        first = int(np.isfinite(value).argmax())
+        if np.isfinite(value).sum() < STUCK_ROWS or np.nanmin(value) != np.nanmax(value):
+            continue
+        other = next((data[c] for c in parts.get(witness, ()) if c in data), np.zeros(0))
+        other = other[:: max(1, len(other) // MOST_WITNESS)]
+        other = other[np.isfinite(other)]
+        if len(other) and np.subtract(*np.quantile(other, [0.95, 0.05])) > least:
+            notes.append(
+                f"{name} is {value[first]:g} in every row, while {witness} changes: it measures nothing and is taken as missing"
+            )
+            data[name] = room.keep(np.full(len(value), np.nan))
 
 
 def _frame(columns: dict[str, np.ndarray], rows: int) -> pd.DataFrame:
@@ -413,8 +441,7 @@ def steering_notes(log: Log, max_steer: float) -> list[str]:
         return []
     return [
         f"steering beyond {max_steer:g} rad in {large.sum()} rows (first in {log.place} {log.line[large.argmax()]}): the model is "
-        f"made "
-        "for small angles, so statistics are held there (max_steer)"
+        "made for small angles, so statistics are held there (max_steer)"
     ]
 
 

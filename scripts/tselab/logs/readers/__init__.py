@@ -40,6 +40,8 @@ def reader_of(path: Path) -> str:
         if (path / "metadata.yaml").exists():
             return "rosbag"
         raise UserError(f"{path}: is a directory, not a log (a ROS 2 bag's has a metadata.yaml)")
+    if path.exists() and not path.is_file():  # a pipe or a device may never end
+        raise UserError(f"{path}: is no file; a log is read more than once, so write it to a file first")
     try:
         with open(path, "rb") as file:
             head = file.read(256)
