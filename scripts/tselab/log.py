@@ -39,6 +39,7 @@ HINTS["wheel_speed_rear"] = HINTS["wheel_speed_front"]
 LONGEST_STEP = 3600.0  # s, the library's limit
 PART = 1 << 15  # rows of the file read at a time, so that its text is never all in memory
 SLOWEST = 1.0  # s: median step above this is refused
+TURN_SHOWN = 0.5  # of the variance of right less left wheel: the share that is the yaw rate, from which it says how wide the track is
 
 
 @dataclass(frozen=True)
@@ -305,14 +306,16 @@ def _axle(axle: str, left: np.ndarray, right: np.ndarray, yaw_rate: np.ndarray, 
     track over radius times the yaw rate, found from the rows that have both, which is returned, too."""
     difference, mean = right - left, 0.5 * (left + right)
     both = np.isfinite(difference) & np.isfinite(yaw_rate)
-    turned = float(np.sum(yaw_rate[both] ** 2))
+    turned, differed = float(np.sum(yaw_rate[both] ** 2)), float(np.sum(difference[both] ** 2))
     per_turn = float(np.sum(difference[both] * yaw_rate[both])) / turned if turned > 0 else 0.0
     alone = np.isnan(mean) & (np.isfinite(left) | np.isfinite(right)) & np.isfinite(yaw_rate) & bool(turned > 0)
     if alone.any():
         half = 0.5 * per_turn * yaw_rate
         mean[alone] = np.where(np.isfinite(left), left + half, right - half)[alone]
         notes.append(f"{axle}: one of both wheels is missing in {alone.sum()} rows: taken from the other and the yaw rate")
-    return mean, per_turn
+    # on a straight road both are noise, and say nothing about units
+    shown = bool(per_turn**2 * turned > TURN_SHOWN * differed)
+    return mean, per_turn if shown else 0.0
 
 
 def _beside(column: str) -> bool:
