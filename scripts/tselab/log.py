@@ -39,7 +39,7 @@ HINTS["wheel_speed_rear"] = HINTS["wheel_speed_front"]
 LONGEST_STEP = 3600.0  # s, the library's limit
 PART = 1 << 15  # rows of the file read at a time, so that its text is never all in memory
 SLOWEST = 1.0  # s: median step above this is refused
-TURN_SHOWN = 0.5  # of the variance of right less left wheel: the share that is the yaw rate, from which it says how wide the track is
+TURN_SHOWN = 0.5  # share of right less left wheel that must be the yaw rate for it to say how wide the track is
 
 
 @dataclass(frozen=True)

@@ -46,7 +46,8 @@ def without_wheels(bends) -> dict[str, object]:
 def test_without_wheels_the_speed_stands_for_an_axle_and_says_so(bends):
     found = propose(log_of(bends.time.to_numpy(), **without_wheels(bends)))
     assert {g.channel: g.name for g in found.guesses} == {
-        "steer_angle": ("df",), "wheel_speed_rear": ("vx",), "accel_x": ("a_long",), "accel_y": ("a_lat",), "yaw_rate": ("wz",)}  # fmt: skip
+        "steer_angle": ("df",), "wheel_speed_rear": ("vx",), "accel_x": ("a_long",),
+        "accel_y": ("a_lat",), "yaw_rate": ("wz",)}  # fmt: skip
     assert (found["wheel_speed_rear"].unit, found["steer_angle"].unit, found["steer_angle"].ratio) == ("m/s", "rad", None)
     assert "slip and longitudinal stiffness are not known" in " ".join(found["wheel_speed_rear"].figures)
 
@@ -94,7 +95,7 @@ def test_the_ratio_of_a_straight_drive_is_not_drawn_down_by_the_noise_of_the_gyr
     """Of an angle that hardly moves on a gyro of coarse steps, the slope is the share of the signal in the gyro's variance too
     small: a third here, which said 11.8 of a car of 16.9."""
     rng = np.random.default_rng(3)
-    v = np.full(5000, 25.0)
+    v = np.full(5000, 22.0)
     r, noise = (physics.smoothed(rng.normal(0, 0.02, 6000))[500:-500] for _ in range(2))
     angle = RATIO * 2.7 * r / v * (1 + physics.UNDERSTEER * v**2)
     found = physics.steering(angle, v, r + 0.7 * noise)

@@ -37,7 +37,8 @@ ROLES: dict[str, tuple[tuple[str, float], ...]] = {
          r"lenk ?winkel|\bswa\b|\blrw\b|\blw ?(wi)?\b|"
          r"steer\w* ?(whl|wheel)? ?pos\w*|st ?whl ?ang\w*|sas ?ang\w*|ang\w* ?(volant|volante|sterzo|direccion)|(road ?wheel|front "
          r"?wheel) ?ang\w*|"
-         r"hand ?wheel ?(ang\w*|pos\w*)|eps ?ang\w*|delta ?(h|sw|lrw|f|v|steer)\b|\bdf\b|steer\w* deg|steering wheel|angle steer\w*|ang "
+         r"hand ?wheel ?(ang\w*|pos\w*)|eps ?ang\w*|delta ?(h|sw|lrw|f|v|steer)\b|"
+         r"\bdf\b|steer\w* deg|steering wheel|angle steer\w*|ang "
          r"?steer\w*", 3.0),
         (r"\bdelta\b|steer|lenk|volant|sterzo|strg|\bsteering\b|\bangle\b", 1.5),
     ),
@@ -67,7 +68,8 @@ NOT = {  # what sounds like a role and is another thing
                    r"qual\w*|valid|status|stat\b|"
                    r"ratio|qbit|vz\b|sign|limit|yaw|slip|heading|gps|pinion|motor|temp\w*|counter|rear|current|blink\w*|cal\b|"
                    r"calib\w*",
-    "speed": r"target|cmd|command|req\w*|soll|set|cruise|acc\b|limit|display|eng\w*|motor|rpm|fan|wind|offset|qual\w*|valid|status|std|sd\b|"
+    "speed": r"target|cmd|command|"
+             r"req\w*|soll|set|cruise|acc\b|limit|display|eng\w*|motor|rpm|fan|wind|offset|qual\w*|valid|status|std|sd\b|"
              r"var\b|cov\w*|yaw|angular|"
              r"steer\w*|gear|turbine|wheel|whl|rad\b|wiper|down|east|north|vert\w*|lat\w*|vy\b|vz\b|accuracy|diff\w*",
     "accel_z": r"gyro|rate|offset|std|var|cov",
