@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sqlite3
 from pathlib import Path
 
 import numpy as np
@@ -10,8 +11,10 @@ import pytest
 from conftest import tselab
 from log_formats import RADIUS as RADII
 from log_formats import RATIO, drive
+from tselab.errors import UserError
 from tselab.logs import physics
 from tselab.logs.propose import propose
+from tselab.logs.readers import read_recording, reader_of
 from tselab.logs.recording import Channel, Recording
 
 RADIUS = RADII["rear"]
@@ -101,4 +104,26 @@ def test_the_ratio_of_a_straight_drive_is_not_drawn_down_by_the_noise_of_the_gyr
     found = physics.steering(angle, v, r + 0.7 * noise)
     assert 0.55 < found.share < 0.8
     off = abs(np.log(found.per_curvature / (RATIO * 2.7)))
-    assert off < 2.0 * found.sd and off < 0.25 and found.sd < 0.35
+    assert off < 2.0 * found.sd and off < 0.25 and found.sd < 0.4
+
+
+@pytest.mark.parametrize("name", ["drive.candump", "drive.txt", "drive.log"])
+def test_what_candump_wrote_is_told_by_its_lines(name, tmp_path):
+    path = tmp_path / name
+    path.write_text("(1489113253.313310) can0 083#0FE0000000900000\n")
+    assert reader_of(path) == "can"
+
+
+def test_a_table_may_be_called_log(tmp_path):
+    path = tmp_path / "drive.log"
+    path.write_text("time,speed\n" + "".join(f"{0.1 * i:g},{i}\n" for i in range(9)))
+    assert read_recording(path).channels["speed"].value[-1] == 8
+
+
+def test_a_database_of_frames_is_no_bag(tmp_path):
+    path = tmp_path / "drive.db"
+    with sqlite3.connect(path) as base:
+        base.execute("create table messages (ts real, arbitration_id integer, data blob)")
+    base.close()
+    with pytest.raises(UserError, match="no bag of ROS 2.*logconvert drive.db drive.blf"):
+        read_recording(path)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import logging
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -45,6 +46,7 @@ def decode(
 ) -> dict[str, Channel]:
     """Signals by message.signal, s and physical units. `time`, `ids`: (frames,); values that the database calls invalid stay."""
     cantools = need("cantools", "can", str(path))
+    logging.getLogger("cantools").setLevel(logging.ERROR)  # two messages of one name are no matter: they go by identifier
     messages: dict[int, Any] = {}
     for p in databases:
         try:

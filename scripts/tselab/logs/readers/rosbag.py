@@ -18,6 +18,13 @@ def read(path: Path, how: How) -> Recording:
     if path.is_file() and path.suffix.lower() != ".bag":
         bag = path.parent
         if not (bag / "metadata.yaml").exists():
+            with open(path, "rb") as file:
+                ros = b"topics" in file.read(1 << 16)  # the table that every one of ROS has
+            if not ros:
+                raise UserError(
+                    f"{path}: is a database of SQLite, but no bag of ROS 2; frames of a bus that python-can wrote there: write "
+                    f"them as BLF: python -m can.logconvert {path.name} {path.stem}.blf"
+                )
             raise UserError(
                 f"{path}: is one file of a ROS 2 bag, whose metadata.yaml is missing beside it: give the folder of the bag"
             )
