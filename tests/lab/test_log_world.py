@@ -125,5 +125,5 @@ def test_a_database_of_frames_is_no_bag(tmp_path):
     with sqlite3.connect(path) as base:
         base.execute("create table messages (ts real, arbitration_id integer, data blob)")
     base.close()
-    with pytest.raises(UserError, match="no bag of ROS 2.*logconvert drive.db drive.blf"):
+    with pytest.raises(UserError, match=r"no bag of ROS 2.*logconvert drive.db drive.blf"):
         read_recording(path)

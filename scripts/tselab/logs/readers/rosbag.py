@@ -19,11 +19,11 @@ def read(path: Path, how: How) -> Recording:
         bag = path.parent
         if not (bag / "metadata.yaml").exists():
             with open(path, "rb") as file:
-                ros = b"topics" in file.read(1 << 16)  # the table that every one of ROS has
-            if not ros:
+                frames = b"arbitration_id" in file.read(1 << 16)  # a column of the table that python-can writes
+            if frames:
                 raise UserError(
-                    f"{path}: is a database of SQLite, but no bag of ROS 2; frames of a bus that python-can wrote there: write "
-                    f"them as BLF: python -m can.logconvert {path.name} {path.stem}.blf"
+                    f"{path}: holds frames of a bus that python-can wrote, and is no bag of ROS 2: write them as BLF: "
+                    f"python -m can.logconvert {path.name} {path.stem}.blf"
                 )
             raise UserError(
                 f"{path}: is one file of a ROS 2 bag, whose metadata.yaml is missing beside it: give the folder of the bag"
