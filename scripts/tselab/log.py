@@ -39,6 +39,7 @@ HINTS["wheel_speed_rear"] = HINTS["wheel_speed_front"]
 LONGEST_STEP = 3600.0  # s, the library's limit
 PART = 1 << 15  # rows of the file read at a time, so that its text is never all in memory
 SLOWEST = 1.0  # s: median step above this is refused
+TURN_SHOWN = 0.5  # share of right less left wheel that must be the yaw rate for it to say how wide the track is
 
 STUCK_ROWS = 200  # rows with one and the same value, from which a channel is said to be stuck
 MOST_WITNESS = 100000  # rows of a longer log that are looked at for it
@@ -343,6 +344,7 @@ def _axle(axle: str, left: np.ndarray, right: np.ndarray, yaw_rate: np.ndarray, 
     rate = yaw_rate if both.all() else yaw_rate[both]
     turned = float(np.sum(rate**2))
     difference = difference if both.all() else difference[both]
+    differed = float(np.sum(difference**2))
     difference *= rate  # in place, as the mean below: a column of ten hours is 30 MB
     per_turn = float(np.sum(difference)) / turned if turned > 0 else 0.0
     del difference, rate
@@ -353,7 +355,9 @@ def _axle(axle: str, left: np.ndarray, right: np.ndarray, yaw_rate: np.ndarray, 
         half = 0.5 * per_turn * yaw_rate
         mean[alone] = np.where(np.isfinite(left), left + half, right - half)[alone]
         notes.append(f"{axle}: one of both wheels is missing in {alone.sum()} rows: taken from the other and the yaw rate")
-    return mean, per_turn
+    # on a straight road both are noise, and say nothing about units
+    shown = bool(per_turn**2 * turned > TURN_SHOWN * differed)
+    return mean, per_turn if shown else 0.0
 
 
 def _beside(column: str) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import logging
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -136,6 +137,7 @@ class Bus:
 
 def _messages_of(path: Path, databases: Sequence[Path]) -> dict[int, Any]:
     cantools = need("cantools", "can", str(path))
+    logging.getLogger("cantools").setLevel(logging.ERROR)  # two messages of one name are no matter: they go by identifier
     messages: dict[int, Any] = {}
     for p in databases:
         try:

@@ -12,7 +12,7 @@ from tselab.logs.propose.guesses import make_guesses
 from tselab.logs.propose.look import Guess, Look, Proposal
 from tselab.logs.propose.roles import find_roles
 from tselab.logs.propose.scales import find_units
-from tselab.logs.propose.wheels import find_sides, find_wheels, speed_of
+from tselab.logs.propose.wheels import find_sides, find_speed, find_wheels, speed_of
 from tselab.logs.recording import Recording
 
 __all__ = ["Guess", "Proposal", "propose"]
@@ -23,7 +23,7 @@ def propose(recording: Recording, car: Any | None = None) -> Proposal:
     """Guess which signal is which. `car`: a vehicle.Vehicle; its radii, wheelbase and ratio make the figures sharper."""
     look = Look(recording)
     warnings: list[str] = []
-    wheels = find_wheels(look)
+    wheels = find_wheels(look) or find_speed(look)
     chosen: dict[str, str] = {}
     worth: dict[str, dict[str, float]] = {}
     for _ in range(PASSES):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -19,6 +20,8 @@ KINDS = {"yaw_rate": ("rate",), "accel_y": ("acceleration",), "accel_x": ("accel
 WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
 AXLES = ("front", "rear")
 LONGEST = 1500.0  # s of a log that are looked at
+MOST_STATES = 32  # values that a status has at most; a measured quantity that is called one has more
+_STATUS = re.compile(r"_?(status|stat|state)$", re.IGNORECASE)
 NAMED, TURNED = 1.0, 0.9  # a name that says something; a correlation that proves something
 
 
@@ -57,9 +60,11 @@ class Look:
         own: dict[str, tuple[np.ndarray, np.ndarray]] = {}
         for c in recording:
             time, value = clocks.of(c)
-            if np.isfinite(value).sum() > 3 and np.nanstd(value) > 0 and len(time):
+            there = value[np.isfinite(value)]
+            if len(there) > 3 and np.ptp(there) > 0 and len(time):
                 own[c.name] = entries(Series(c.name, time, value))
         self.channels: dict[str, Channel] = {c.name: c for c in recording if c.name in own}
+        self._called: dict[str, str] = {}
         self.rate = {n: rate_of(t) for n, (t, _) in own.items()}
         if not own:
             self.x, self.time = {}, np.zeros(0)
@@ -69,6 +74,14 @@ class Look:
         self.time = np.arange(first, max(last, first + 1.0), 1.0 / RATE)
         self.fine = {n: resample(t, v, self.time, RATE) for n, (t, v) in own.items()}
         self.x = {n: smoothed(v) for n, v in self.fine.items()}
+
+    def called(self, name: str) -> str:
+        """The name; without a "status" at its end where it has more values than a status has."""
+        if name not in self._called:
+            plain = _STATUS.sub("", name)
+            many = plain != name and len(np.unique(self.channels[name].value[:20000])) > MOST_STATES
+            self._called[name] = plain if many else name
+        return self._called[name]
 
     def unit(self, name: str) -> str:
         """As the log says, or the end of the name."""

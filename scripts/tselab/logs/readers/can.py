@@ -40,7 +40,8 @@ def read(path: Path, how: How) -> Recording:
     try:
         with open(path, "rb") as file:
             blf = file.read(4) == b"LOGG"
-        reader = can.BLFReader(str(path)) if blf else can.LogReader(str(path))
+        named = TITLES.get(suffix)  # all else that comes here is candump's, whatever its suffix
+        reader = can.BLFReader(str(path)) if blf else can.LogReader(str(path)) if named else can.CanutilsLogReader(str(path))
         for message in reader:
             if message.is_error_frame or message.is_remote_frame:
                 errors += message.is_error_frame
@@ -53,7 +54,7 @@ def read(path: Path, how: How) -> Recording:
     except Exception as error:  # its parsers stumble over damage in many ways
         if not time and not len(times):
             raise UserError(
-                f"{path}: is damaged, or not {TITLES.get(suffix, 'a log of a bus')}: {str(error)[:120]}"
+                f"{path}: is damaged, or not {TITLES.get(suffix, 'a log of candump')} as its maker writes it: {str(error)[:120]}"
             ) from None
         notes.append(f"the file is damaged after {len(times) + len(time)} frames ({str(error)[:80]}): what is before is used")
     if time:

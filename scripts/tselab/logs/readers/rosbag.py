@@ -18,6 +18,13 @@ def read(path: Path, how: How) -> Recording:
     if path.is_file() and path.suffix.lower() != ".bag":
         bag = path.parent
         if not (bag / "metadata.yaml").exists():
+            with open(path, "rb") as file:
+                frames = b"arbitration_id" in file.read(1 << 16)  # a column of the table that python-can writes
+            if frames:
+                raise UserError(
+                    f"{path}: holds frames of a bus that python-can wrote, and is no bag of ROS 2: write them as BLF: "
+                    f"python -m can.logconvert {path.name} {path.stem}.blf"
+                )
             raise UserError(
                 f"{path}: is one file of a ROS 2 bag, whose metadata.yaml is missing beside it: give the folder of the bag"
             )
