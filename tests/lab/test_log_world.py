@@ -127,3 +127,26 @@ def test_a_database_of_frames_is_no_bag(tmp_path):
     base.close()
     with pytest.raises(UserError, match=r"no bag of ROS 2.*logconvert drive.db drive.blf"):
         read_recording(path)
+
+
+def test_a_sign_that_is_a_bit_of_its_own_is_proposed_with_its_magnitude(bends):
+    """As Volkswagen's messages have it: |angle| and |yaw rate|, each with a bit; other bits are near, and none is a measurement."""
+    time, data = bends.time.to_numpy(), bends
+    rng = np.random.default_rng(3)
+    found = propose(log_of(
+        time,
+        **{
+            "LWI_Lenkradwinkel": np.abs(RATIO * data.steer_angle.to_numpy()), "LWI_VZ_Lenkradwinkel": 1.0 * (data.steer_angle < 0),
+            "LWI_QBit_Lenkradwinkel": 1.0 * (rng.random(len(time)) < 0.01),
+            "ESP_Gierrate": np.abs(data.yaw_rate.to_numpy()), "ESP_VZ_Gierrate": 1.0 * (data.yaw_rate < 0),
+            "ESP_Querbeschleunigung": data.accel_y.to_numpy(), "ESP_Laengsbeschl": data.accel_x.to_numpy(),
+            **{f"ESP_{side}_Radgeschw": data[f"wheel_speed_{axle}"].to_numpy() * RADIUS
+               for side, axle in (("VL", "front"), ("VR", "front"), ("HL", "rear"), ("HR", "rear"))},
+            "ESP_Stillstand_Radgeschw": 1.0 * (data.wheel_speed_front < 0.1),
+        },
+    ))  # fmt: skip
+    wanted = (("steer_angle", "LWI_Lenkradwinkel", "LWI_VZ_Lenkradwinkel"), ("yaw_rate", "ESP_Gierrate", "ESP_VZ_Gierrate"),
+              ("accel_y", "ESP_Querbeschleunigung", None))  # fmt: skip
+    for channel, name, bit in wanted:
+        guess = found[channel]
+        assert guess is not None and (guess.name, guess.sign_bit) == ((name,), bit), guess

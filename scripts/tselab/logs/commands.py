@@ -198,6 +198,8 @@ def toml_text(recording: Recording, proposal: Proposal, databases: tuple[Path, .
         lines.append(f"unit = {json.dumps(g.unit, ensure_ascii=False)}  # {g.unit_from}")
         if g.sign < 0:
             lines.append("sign = -1")
+        if g.sign_bit:
+            lines.append(f"sign_bit = {json.dumps(g.sign_bit, ensure_ascii=False)}")
         if g.ratio:
             lines.append(f"ratio = {g.ratio:g}")
         if g.latency:

@@ -34,6 +34,10 @@ def propose(recording: Recording, car: Any | None = None) -> Proposal:
     wheels = find_sides(look, wheels, chosen)
     scale = find_units(look, wheels, chosen, car, warnings)
     guesses = make_guesses(look, wheels, chosen, worth, scale, car, warnings)
+    for g in guesses:
+        if len(g.name) == 1 and g.name[0] in look.sign_bit:
+            g.sign_bit = look.sign_bit[g.name[0]]
+            g.figures.append(f"its sign is {g.sign_bit}, which changes where it goes through zero")
     have = {g.channel for g in guesses}
     return Proposal(
         guesses,
