@@ -150,3 +150,14 @@ def test_a_sign_that_is_a_bit_of_its_own_is_proposed_with_its_magnitude(bends):
     for channel, name, bit in wanted:
         guess = found[channel]
         assert guess is not None and (guess.name, guess.sign_bit) == ((name,), bit), guess
+
+
+@pytest.mark.parametrize(("late", "says"), [(0.0, False), (0.12, True)])
+def test_a_steering_angle_that_comes_after_the_yaw_rate_is_late(bends, late, says):
+    """No car turns before its wheels do. With an angle that is in time nothing is said."""
+    time = bends.time.to_numpy()
+    data = {c: bends[c] for c in ("accel_x", "accel_y", "yaw_rate", "wheel_speed_front", "wheel_speed_rear")}
+    found = propose(log_of(time, steer_angle=np.interp(time - late, time, bends.steer_angle), **data))
+    guess = found["steer_angle"]
+    assert guess is not None and any("steer_angle is logged about" in w for w in found.warnings) == says
+    assert guess.latency == pytest.approx(late, abs=0.05 if says else 0.0)

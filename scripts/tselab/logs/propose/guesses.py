@@ -55,7 +55,7 @@ def make_guesses(
         )
         if mine:
             found[f"wheel_speed_{axle}"] = _wheel(look, axle, mine, wheels, scale, facts)
-    find_latencies(look, found, wheels, scale, sign)
+    find_latencies(look, found, wheels, scale, sign, warnings)
     _odd(look, found, chosen, scale, sign, v, warnings)
     order = ("steer_angle", "wheel_speed_front", "wheel_speed_rear", "accel_x", "accel_y", "yaw_rate")
     return [found[c] for c in order if c in found]
