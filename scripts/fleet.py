@@ -4,6 +4,7 @@
     .venv/bin/python scripts/fleet.py [--logs 24] [--minutes 10] [--cars 4] [--hours 10] [--jobs 2]
 
 writes scripts/results/fleet.md. Logs are made in a temporary folder. 24 logs of 10 minutes take some minutes; 600 are 100 hours.
+Very long logs in other formats than tse's CSV: scripts/long_logs.py.
 """
 
 from __future__ import annotations

@@ -237,14 +237,16 @@ def estimate(
     ran = single.run(prepared, out, report, learnt, show_progress(progress))
     est, notes, changes, found = ran.estimate, ran.notes, ran.changes, ran.findings
     if save_learnt is not None:
-        if est.learnt is not None:
+        if est.learnt is not None and not warnings:
             write_learnt(save_learnt, est.learnt)
+        elif warnings:
+            notes.append(f"the channels contradict each other, so nothing was learnt: {save_learnt} is not written")
         else:
             notes.append(f"no row was used, so nothing was learnt: {save_learnt} is not written")
     if table is not None:
         results.write_rows(table, results.rows(log_path, est, found, changes, warnings), results.COLUMNS)
     written = {"estimates": out, "report": report if ran.reported else None, "table": table}
-    written["learnt"] = save_learnt if est.learnt is not None else None
+    written["learnt"] = save_learnt if est.learnt is not None and not warnings else None
     if as_json:
         said = {"vehicle": vehicle.path, "started_from": learnt.note if learnt is not None else None, "filled": vehicle.filled,
                 "notes": [n for n in notes if n not in warnings], "warnings": warnings, "interrupted": est.interrupted,
@@ -728,6 +730,10 @@ def main() -> None:
     except BrokenPipeError:
         _give_up_stdout()
         sys.exit(141)
+    except MemoryError:
+        click.echo("tselab: error: there is not enough memory for this; a log that is too long can be cut, or run on a larger "
+                   "machine (tselab signals --help says which formats are read in pieces)", err=True)  # fmt: skip
+        sys.exit(2)
     except Exception as error:
         if reason := no_room(error):  # files.atomic says it of results: this is the terminal, or a temporary file
             _give_up_stdout()

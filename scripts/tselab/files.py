@@ -23,6 +23,11 @@ def no_room(error: BaseException) -> str:
     return error.strerror or str(error) if isinstance(error, OSError) and error.errno in NO_ROOM else ""
 
 
+def real(path: Path) -> Path:
+    """Where a path leads, as Path.resolve(), but also for links that lead in a circle: opening it says so."""
+    return Path(os.path.realpath(path))
+
+
 @contextmanager
 def atomic(path: Path, mode: str = "w") -> Iterator[IO]:
     """A file that takes the place of `path` when the block ends well and the disk has it; else `path` stays as it was."""
@@ -130,7 +135,7 @@ def check_distinct(outputs: dict[str, Path | None], inputs: dict[str, Path | Non
 
 def _identities(path: Path) -> list[object]:
     """Under what a file is known: its path, and where it is there its place on the disk."""
-    keys: list[object] = [path.resolve()]
+    keys: list[object] = [real(path)]
     try:
         found = path.stat()
     except OSError:

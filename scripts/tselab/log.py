@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import csv
 import warnings
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -39,6 +39,16 @@ HINTS["wheel_speed_rear"] = HINTS["wheel_speed_front"]
 LONGEST_STEP = 3600.0  # s, the library's limit
 PART = 1 << 15  # rows of the file read at a time, so that its text is never all in memory
 SLOWEST = 1.0  # s: median step above this is refused
+TURN_SHOWN = 0.5  # share of right less left wheel that must be the yaw rate for it to say how wide the track is
+
+STUCK_ROWS = 200  # rows with one and the same value, from which a channel is said to be stuck
+MOST_WITNESS = 100000  # rows of a longer log that are looked at for it
+# a measurement, what it goes with, and by how much that has to change (5 .. 95 %) for it to change, too
+WITNESSES = (
+    ("accel_x", "wheel_speed_rear", 5.0),  # rad/s: 1.5 m/s of speed
+    ("accel_y", "yaw_rate", 0.05),  # rad/s: 0.5 m/s2 at 10 m/s
+    ("yaw_rate", "accel_y", 0.5),  # m/s2
+)
 
 
 @dataclass(frozen=True)
@@ -153,7 +163,7 @@ def read_log(path: Path, spare: Collection[str] = MEASURES, reading: Reading | N
 
 def _is_plain(path: Path, reading: Reading) -> bool:
     """A CSV with commas and the library's names, of which nobody says that it is to be read otherwise."""
-    if reading.signals is not None or reading.rate is not None or path.is_dir():
+    if reading.signals is not None or reading.rate is not None or (path.exists() and not path.is_file()):
         return False
     try:
         with open(path, encoding="utf-8-sig", newline="") as file:
@@ -190,9 +200,7 @@ def _read_plain(path: Path, spare: Collection[str]) -> Log:
     if not keep.all():
         table, line = {c: x[keep] for c, x in table.items()}, line[keep]
     room.let_go()
-    log = checked(path, time, table, line, notes, spare, let_go=room.let_go)
-    log.room = room
-    return log
+    return checked(path, time, table, line, notes, spare, room=room)
 
 
 def read_frame(frame: Mapping[str, Any] | pd.DataFrame, name: str = "log") -> Log:
@@ -248,58 +256,86 @@ def checked(
     notes: list[str],
     spare: Collection[str] = MEASURES,
     place: str = "line",
-    let_go: Callable[[], None] = lambda: None,
+    room: Room | None = None,
 ) -> Log:
     """A log from columns in SI units, (rows,), with the library's names; wheels also by their side. `line`: of each row, in the
-    file (`place`: what it counts). `let_go`: called when a column is done with. UserError: a column that cannot be what it is
-    called."""
+    file (`place`: what it counts). `room`: where the columns are. UserError: a column that cannot be what it is called."""
+    room = room or Room()
     wanted = columns()[1:]
     sides = {axle: pair for axle, pair in SIDES.items() if axle not in table and all(c in table for c in pair)}
     parts = {name: sides.get(name, (name,)) for name in wanted}
-    empty = [c for c, mine in parts.items() if not any(s in table and np.isfinite(table[s]).any() for s in mine)]
+    empty = []
+    for c, mine in parts.items():
+        if not any(s in table and np.isfinite(table[s]).any() for s in mine):
+            empty.append(c)
+        room.let_go()
     absent = _absent([c for c in wanted if c not in empty], [], spare)
     needed = [c for name in wanted if name not in absent for c in parts[name]]
     missing = [c for c in needed if c not in table]
     if missing:
         raise UserError(f"{path}: {_list(missing)} is missing{_remedy(missing)}")
-    data = _frame({name: table.pop(name) for name in needed}, len(time))
+    data = {name: table.pop(name) for name in needed}
     for f in library().channels:
         if f.name in absent:
-            data[f.name] = np.nan
+            data[f.name] = room.keep(np.full(len(time), np.nan))
             if f.name not in SIDES:
                 notes.append(f"{f.name} is not in the log: what only it shows is not known")
             continue
         for name in parts[f.name]:
-            _check_channel(path, data, line, f, notes, name, place)
-            let_go()
-    if all(data[c].isna().all() for c in ("accel_y", "yaw_rate")):
+            _check_channel(path, data, line, f, notes, name, place, room)
+            room.let_go()
+    _not_stuck(data, parts, notes, room)
+    if all(np.isnan(data[c]).all() for c in ("accel_y", "yaw_rate")):
         raise UserError(f"{path}: accel_y and yaw_rate are missing: without either nothing can be said about the tyres")
-    turn = data["yaw_rate"].to_numpy(float)
     per_turn: dict[str, float] = {}
     for axle, pair in sides.items():
         if axle not in absent:
-            data[axle], per_turn[axle] = _axle(axle, *(data.pop(c).to_numpy(float) for c in pair), turn, notes)
+            mean, per_turn[axle] = _axle(axle, *(data.pop(c) for c in pair), data["yaw_rate"], notes)
+            data[axle] = room.keep(mean)
+            del mean
+            room.let_go()
     stand_in = next((c for c in absent if c in SIDES), None)
     if stand_in:
         other = next(c for c in SIDES if c != stand_in)
-        data[stand_in], data["accel_x"] = data[other], np.nan  # what accel_x tells is a force at a slip that nobody knows
+        data[stand_in] = data[other].copy()
+        data["accel_x"] = np.full(len(time), np.nan)  # what it tells is a force at a slip that nobody knows
         notes.append(f"{stand_in} is not in the log: {other} stands in for it; slip is not known, so accel_x is not used and "
                      f"cx_front not told")
-    data = _frame({name: data.pop(name).to_numpy() for name in wanted}, len(time))
     sample_time = float(np.median(np.diff(time))) if len(time) > 1 else None
     if sample_time is not None and sample_time > SLOWEST:
         hint = _time_hint(sample_time)
         raise UserError(
             f"{path}: column time: rows are {sample_time:g} s apart (median); allowed: up to {SLOWEST:g} s{hint}"
         )
-    for name in data:
-        if 0 < (count := int(data[name].isna().sum())) < len(data):
-            where = f"first in {place} {line[data[name].isna().to_numpy().argmax()]}"
-            notes.append(f"{name}: {count} of {len(data)} cells are missing or not usable ({where})")
-        let_go()
-    ref = pd.DataFrame({c: table.pop(c) for c in list(table) if c.startswith("ref_")}, index=data.index)
+    for name in wanted:
+        gone = np.isnan(data[name])
+        if 0 < (count := int(gone.sum())) < len(time):
+            where = f"first in {place} {line[gone.argmax()]}"
+            notes.append(f"{name}: {count} of {len(time)} cells are missing or not usable ({where})")
+        room.let_go()
+    frame = _frame({name: data[name] for name in wanted}, len(time))
+    ref = pd.DataFrame({c: table.pop(c) for c in list(table) if c.startswith("ref_")}, index=frame.index)
     extra = pd.DataFrame({c: x for c in OPTIONAL if c in table and (x := _optional(c, table[c], line, notes, place)) is not None})
-    return Log(path, time, data, ref, line, sample_time, notes, extra=extra, place=place, stand_in=stand_in, turn=per_turn)
+    return Log(path, time, frame, ref, line, sample_time, notes, extra=extra, place=place, stand_in=stand_in, turn=per_turn,
+               room=room)  # fmt: skip
+
+
+def _not_stuck(data: dict[str, np.ndarray], parts: Mapping[str, Sequence[str]], notes: list[str], room: Room) -> None:
+    """A measurement that has one value all the time, while the car does what it should show, measures nothing: it is missing.
+    The filter would find it at fault, but only row by row, and what it says before that is lost."""
+    for name, witness, least in WITNESSES:
+        value = data[name]
+        first = int(np.isfinite(value).argmax())
+        if np.isfinite(value).sum() < STUCK_ROWS or np.nanmin(value) != np.nanmax(value):
+            continue
+        other = next((data[c] for c in parts.get(witness, ()) if c in data), np.zeros(0))
+        other = other[:: max(1, len(other) // MOST_WITNESS)]
+        other = other[np.isfinite(other)]
+        if len(other) and np.subtract(*np.quantile(other, [0.95, 0.05])) > least:
+            notes.append(
+                f"{name} is {value[first]:g} in every row, while {witness} changes: it measures nothing and is taken as missing"
+            )
+            data[name] = room.keep(np.full(len(value), np.nan))
 
 
 def _frame(columns: dict[str, np.ndarray], rows: int) -> pd.DataFrame:
@@ -338,16 +374,25 @@ def _remedy(missing: Collection[str]) -> str:
 def _axle(axle: str, left: np.ndarray, right: np.ndarray, yaw_rate: np.ndarray, notes: list[str]) -> tuple[np.ndarray, float]:
     """The middle of an axle, rad/s, of its two wheels. Where one is missing, the other less half of what they differ by in a turn:
     track over radius times the yaw rate, found from the rows that have both, which is returned, too."""
-    difference, mean = right - left, 0.5 * (left + right)
+    difference = right - left
     both = np.isfinite(difference) & np.isfinite(yaw_rate)
-    turned = float(np.sum(yaw_rate[both] ** 2))
-    per_turn = float(np.sum(difference[both] * yaw_rate[both])) / turned if turned > 0 else 0.0
+    rate = yaw_rate if both.all() else yaw_rate[both]
+    turned = float(np.sum(rate**2))
+    difference = difference if both.all() else difference[both]
+    differed = float(np.sum(difference**2))
+    difference *= rate  # in place, as the mean below: a column of ten hours is 30 MB
+    per_turn = float(np.sum(difference)) / turned if turned > 0 else 0.0
+    del difference, rate
+    mean = left + right
+    mean *= 0.5
     alone = np.isnan(mean) & (np.isfinite(left) | np.isfinite(right)) & np.isfinite(yaw_rate) & bool(turned > 0)
     if alone.any():
         half = 0.5 * per_turn * yaw_rate
         mean[alone] = np.where(np.isfinite(left), left + half, right - half)[alone]
         notes.append(f"{axle}: one of both wheels is missing in {alone.sum()} rows: taken from the other and the yaw rate")
-    return mean, per_turn
+    # on a straight road both are noise, and say nothing about units
+    shown = bool(per_turn**2 * turned > TURN_SHOWN * differed)
+    return mean, per_turn if shown else 0.0
 
 
 def _beside(column: str) -> bool:
@@ -435,8 +480,7 @@ def steering_notes(log: Log, max_steer: float) -> list[str]:
         return []
     return [
         f"steering beyond {max_steer:g} rad in {large.sum()} rows (first in {log.place} {log.line[large.argmax()]}): the model is "
-        f"made "
-        "for small angles, so statistics are held there (max_steer)"
+        "made for small angles, so statistics are held there (max_steer)"
     ]
 
 
@@ -537,8 +581,8 @@ def _numbers(
     if whole == 0:
         raise UserError(f"{path}: has one row, and its line does not end: it may be cut inside a number")
     wanted = [c for c in header if c in needed or _beside(c)]
-    room = Room(wanted, most + 1)  # as long as ever needed: to put parts together takes twice the memory
-    columns = room.take()
+    room = Room()
+    columns = {name: room.empty(most + 1) for name in wanted}  # as long as ever needed: to put parts together takes twice the room
     lines = np.empty(most + 1, np.int32)
     rows = 0
     wrong: dict[str, tuple[int, str]] = {}  # column -> line and text of its first cell that is not a number
@@ -635,10 +679,10 @@ def _check_time(path: Path, time: np.ndarray, line: np.ndarray, place: str = "li
 
 
 def _check_channel(
-    path: Path, data: pd.DataFrame, line: np.ndarray, f: Field, notes: list[str], name: str, place: str = "line"
+    path: Path, data: dict[str, np.ndarray], line: np.ndarray, f: Field, notes: list[str], name: str, place: str, room: Room
 ) -> None:
     """`name`: of the column, which may be one side of the channel f. A few values that nothing can have are missing."""
-    value = data[name].to_numpy(dtype=float, copy=True)
+    value = data[name]
     if np.isnan(value).all():
         raise UserError(f"{path}: column {name}: every cell is empty; allowed: {f.range_text}")
     with np.errstate(invalid="ignore"):
@@ -652,8 +696,7 @@ def _check_channel(
             f"{path}: {place} {line[i]}, column {name}: {value[i]:g} is outside the allowed range {f.range_text}{more}\n"
             f"  hint: {HINTS.get(f.name, 'the column must be in SI units')}"
         )
-    value[bad] = np.nan
-    data[name] = value
+    data[name] = room.keep(np.where(bad, np.nan, value))
     notes.append(
         f"{name}: {bad.sum()} values outside {f.range_text} are treated as missing (first in {place} {line[i]})"
     )

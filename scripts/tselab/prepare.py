@@ -20,7 +20,7 @@ MOST_ROWS = 1 << 19  # from which noise and units are told: 87 minutes at 100 Hz
 
 @dataclass
 class Prepared:
-    """A run that may begin. `warnings` are among the notes."""
+    """A run that may begin. `warnings` are among the notes: in what the channels contradict each other."""
 
     vehicle: Vehicle
     log: Log
@@ -67,6 +67,7 @@ def assemble(
     config, notes = make_config(vehicle, log, config_path, options, form)
     for key, value in settings.items():
         config.set(key, value, source=source)
+    odd: list[str] = []
     warnings = check_units(
         lively,
         config.lf + config.lr,
@@ -74,11 +75,13 @@ def assemble(
         config.wheel_radius_rear,
         vehicle.steering_ratio,
         {a: float(t) for a in ("front", "rear") if (t := vehicle.facts.get(f"track_{a}"))},
+        odd,
     )
     if strict and warnings:
         raise UserError(f"{log.path}: option --strict: {'; '.join(warnings)}")
     notes = [
         *warnings,
+        *odd,
         *log.notes,
         *sampling_notes(log, config.max_gap),
         *steering_notes(log, config.max_steer),

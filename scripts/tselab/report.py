@@ -35,13 +35,15 @@ def write_report(
     config: Config,
     notes: list[str],
     data: plots.Data | None = None,
+    contradictions: Sequence[str] = (),
 ) -> None:
-    """Write the report of a run. `data`: what was drawn of it on the way; else it is drawn from the table of `est`."""
+    """Write the report of a run. `contradictions`: see verdict.findings. `data`: what was drawn of it on the way; else it is drawn
+    from the table of `est`."""
     if data is None:
         data = plots.Data(log)
         data.add(est.table)
     changes, spells = regimes.changes(est.table), regimes.spells(est.table)
-    found = findings(est.table, config, changes)
+    found = findings(est.table, config, changes, contradictions)
     sections = [
         ("Stiffness", "Grey background: not valid; the reason is shown on hover. Drag to zoom, double-click to reset; all plots "
          "share the time axis.", plots.stiffness_figure(data, est.table, config, changes, spells)),

@@ -42,6 +42,7 @@ def run(
     if report is not None and len(est):
         from tselab.report import write_report
 
-        write_report(report, est, prepared.log, prepared.vehicle, prepared.config, notes, drawn)
+        write_report(report, est, prepared.log, prepared.vehicle, prepared.config, notes, drawn, prepared.warnings)
     changes = regimes.changes(est.table)
-    return Run(est, changes, findings(est.table, prepared.config, changes), notes, report is not None and len(est) > 0)
+    found = findings(est.table, prepared.config, changes, prepared.warnings)
+    return Run(est, changes, found, notes, report is not None and len(est) > 0)

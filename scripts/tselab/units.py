@@ -27,6 +27,9 @@ ENOUGH = {"accel_y": 0.9, "accel_x": 0.8, "steer_angle": 0.85}  # correlation, o
 WELL = 0.10  # what a cause leaves, to be said to explain
 FAR = 0.35  # of a logarithm: what is further off is said even when nothing explains it
 G = 9.80665
+# A wheel radius, or km/h taken for rad/s where 3.6 radii are near 1: every figure is off by the same factor of the speed, and none
+# of them alone says more than roll, roads and compliance do. Said as a note where it is this much of the speed and this many sd.
+SPEED_OFF, SPEED_SURE = 0.08, 1.4
 
 
 @dataclass(frozen=True)
@@ -53,18 +56,19 @@ def check_units(
     radius_rear: float,
     ratio: float | None,
     tracks: Mapping[str, float] | None = None,
+    notes: list[str] | None = None,
 ) -> list[str]:
     """Warnings in plain words; empty when the channels agree or the log moves too little to tell. `tracks`: m, by "front",
-    "rear"."""
+    "rear". `notes`: what is odd, and may be so, is added to it."""
     if len(log) < 50 or not log.sample_time:
         return []
     d = _smooth(log)
     radius = 0.5 * (radius_front + radius_rear)
     front, rear = radius_front * d["wheel_speed_front"], radius_rear * d["wheel_speed_rear"]
-    notes = _axles(front, rear)
+    apart = _axles(front, rear)
     swapped = _swapped(d, 0.5 * (front + rear))
-    if swapped or notes:
-        return [*notes, *swapped]
+    if swapped or apart:
+        return [*apart, *swapped]
     best: tuple[float, tuple[Cause, ...], Figures] | None = None
     plain: tuple[float, Figures] | None = None
     tried = []
@@ -87,11 +91,32 @@ def check_units(
     _, causes, after = best
     if causes:
         return [_words(causes, plain[1], _left(after, causes))]
+    if notes is not None:
+        notes += _speed_off(plain[1], radius)
     return [
         f"check the units: {_names(name)} is {x:.3g} times what is expected, about 1 is; no unit that is often mixed up explains it"
         for name, x in plain[1].value.items()
         if abs(np.log(abs(x))) > FAR + 2 * plain[1].sd[name]
     ]
+
+
+POWERS = {"accel_y": -1, "accel_x": -1, "steer_angle": 1, "track_front": 1, "track_rear": 1, "speed": 1}  # of v in a figure
+
+
+def _speed_off(figures: Figures, radius: float) -> list[str]:
+    """By which one factor of the wheels' speed all figures together would be 1, if that is far from 1: a weighted mean."""
+    weight = {n: 1.0 / figures.sd[n] ** 2 for n in figures.value if figures.value[n] > 0}
+    if len(weight) < 2:
+        return []
+    total = sum(weight.values())
+    off = sum(w * POWERS[n] * np.log(figures.value[n]) for n, w in weight.items()) / total
+    if abs(off) < SPEED_OFF or abs(off) * np.sqrt(total) < SPEED_SURE:
+        return []
+    names = ", ".join(f"{_names(n)} is {figures.value[n]:.3g}" for n in weight)
+    likely = [c for c in _of_wheels(radius) if abs(off - np.log(c.factor)) < 1.0 / np.sqrt(total)]
+    also = "".join(f"; or {c.text}, factor {c.factor:.3g}" for c in likely)
+    return [f"the speed by the wheels may be {100 * abs(np.expm1(off)):.0f} % too {'high' if off > 0 else 'low'} (± "
+            f"{196 / np.sqrt(total):.0f}): {names} (about 1 is expected): check wheel_radius_*{also}"]  # fmt: skip
 
 
 def _smooth(log: Log) -> dict[str, np.ndarray]:

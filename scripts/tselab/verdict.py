@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
@@ -23,6 +23,7 @@ QUIET = {
     "cy_front": "the steering was too quiet",
     "cy_rear": "the steering was too quiet",
 }
+CONTRADICTED = "contradicted"  # a reason that no row has
 WHY = {
     "starting": "too little was seen since the start",
     "uncertain": "there was excitement, but not enough to bring the uncertainty below the limit",
@@ -32,6 +33,7 @@ WHY = {
     "told loosely": "what is told of the car ([uncertainty] in the vehicle file) is not certain enough: calibrate, or tell it",
     "does not fit": "the sensors say what the model does not explain: calibrate, or look for what is missing (tselab gap)",
     "row refused": "the rows were refused",
+    CONTRADICTED: "the channels contradict each other (see the warning); with that put right the log may tell it",
 }
 UNSEEN = "spread below what this drive can show"
 LOUD = 1.25  # noise found over the setting's: from here on it is remarked
@@ -99,15 +101,29 @@ class Finding:
         return [f"{self.title}: {self.nothing}"] if self.nothing else [f"{self.title}:", *(f"  {line}" for line in found)]
 
 
-def findings(table: pd.DataFrame, config: Config, found: Sequence[Change]) -> list[Finding]:
+def findings(
+    table: pd.DataFrame, config: Config, found: Sequence[Change], contradictions: Sequence[str] = ()
+) -> list[Finding]:
     """The finding on each stretch of road between changes; one on the whole log where nothing changed.
 
     A mean over two roads is true of neither. On a stretch the filter does not forget: what it knows last is what it knows
-    best, and is given with the uncertainty that it has then."""
+    best, and is given with the uncertainty that it has then.
+
+    `contradictions`: what the channels say against each other (units.check_units). The filter takes a channel that is wrong all
+    the time for a car that is otherwise, surely; so of such a log no stiffness is known."""
+    if contradictions:
+        return [Finding(None, [_contradicted(v) for v in verdicts(table, config)])]
     parts = stretches(table, found)
     if len(parts) < 2:
         return [Finding(None, verdicts(table, config))]
     return [Finding(s, [_verdict(table.iloc[s.rows], config, key, whole=False) for key in STIFFNESS]) for s in parts]
+
+
+def _contradicted(v: Verdict) -> Verdict:
+    nan = float("nan")
+    text = f"{CONTRADICTED}: {WHY[CONTRADICTED]}"
+    return replace(v, level="none", value=nan, band=nan, low=nan, high=nan, spread=nan, spread_seen=False, reason=CONTRADICTED,
+                   reason_share=1.0, text=text)  # fmt: skip
 
 
 def remarks(table: pd.DataFrame) -> list[str]:

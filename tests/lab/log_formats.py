@@ -66,6 +66,14 @@ def messages(clean: pd.DataFrame) -> list[Message]:
     ]
 
 
+def repeated(parts: list[Message], times: int, period: float) -> list[Message]:
+    """The drive again and again, every `period` s: messages as long as one likes."""
+    return [
+        Message(m.name, np.concatenate([m.time + period * k for k in range(times)]),
+                {n: np.tile(x, times) for n, x in m.columns.items()}, m.units) for m in parts
+    ]  # fmt: skip
+
+
 def signals_toml(prefix: dict[str, str], units: bool = True, log: str = "", steer_unit: str = "deg") -> str:
     """The file for these names; `prefix`: by message, what stands before a name. `units`: said here, for formats that have none."""
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
 import signal
 import subprocess
@@ -17,6 +16,7 @@ import pytest
 
 from conftest import COMMAND, tselab, tselab_here
 from dask_cluster import scheduler, starting, until, worker
+from deadly import kill_this_process
 from tselab import maneuvers
 from tselab.core import STIFFNESS, Config, SimConfig
 from tselab.errors import UserError
@@ -161,15 +161,6 @@ def test_killed_and_started_again_it_loses_no_log_that_was_done(logs, done, tmp_
     pd.testing.assert_frame_equal(table.drop(columns="report"), done[2].drop(columns="report"))
 
 
-def kill_this_process(task: Task) -> None:
-    """A log that costs its process the life, as one that is too long for the memory."""
-    if "deadly" in task.log.name:
-        os.kill(os.getpid(), signal.SIGKILL)
-    from tselab.fleet.work import Outcome
-
-    return Outcome(seconds=1.0)
-
-
 @pytest.mark.skipif(sys.platform == "win32", reason="no SIGKILL")
 def test_a_log_that_kills_its_process_is_the_one_that_is_blamed(monkeypatch, tmp_path):
     monkeypatch.setattr("tselab.fleet.run.work", kill_this_process)
@@ -309,3 +300,34 @@ def test_no_word_is_lost_of_an_error_that_is_a_fault_of_ours(monkeypatch, tmp_pa
     assert "internal error: ZeroDivisionError: of ours" in module.work(task).error
     with pytest.raises(UserError, match="install the same on all"):
         module.work(Task(*[*vars(task).values()][:-1], ("0", "0")))
+
+
+def test_a_link_in_a_circle_is_a_row_with_its_error(tmp_path):
+    (tmp_path / "loop.csv").symlink_to("loop.csv")
+    assert [d.log.name for d in drives([str(tmp_path)], None, None, None, tmp_path / "out")] == ["loop.csv"]
+
+
+@pytest.mark.parametrize(("text", "says"), [
+    ("log;vehicle\na.csv;car.toml\n", ""),  # as a German spreadsheet writes it
+    ("log,vehicle,singals\na.csv,car.toml,\n", "column singals is not known, did you mean signals"),
+])  # fmt: skip
+def test_a_table_of_cars_of_any_spreadsheet(text, says, tmp_path):
+    for name in ("a.csv", "car.toml"):
+        (tmp_path / name).write_text("x")
+    table = tmp_path / "cars.txt"
+    table.write_text(text)
+    if says:
+        with pytest.raises(UserError, match=says):
+            drives([str(tmp_path)], None, table, None, tmp_path / "out")
+    else:
+        assert drives([str(tmp_path)], None, table, None, tmp_path / "out")[0].vehicle == (tmp_path / "car.toml").resolve()
+
+
+def test_a_log_of_another_car_is_said():
+    from tselab.fleet.keep import unlike
+
+    rows = [{"car": "taxi", "log": f"{i}", "stiffness": "cy_front", "value": 100 * x, "nominal": 100.0, "sd": 2.0, "usable": "yes"}
+            for i, x in enumerate((1.0, 1.05, 0.6, 0.95, 1.9))]  # fmt: skip
+    found = unlike(pd.DataFrame(rows))
+    assert list(found) == ["4"] and "front cornering stiffness 1.9 times theirs" in found["4"]
+    assert unlike(pd.DataFrame(rows[:3])) == {}

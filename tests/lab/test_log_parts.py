@@ -163,9 +163,9 @@ def test_a_very_long_log_is_the_same_from_a_file_of_the_system(drive, tmp_path, 
     lines = lines_of(drive)
     lines[200] = lines[200].replace(",", ",oops,", 1).rsplit(",", 1)[0]
     whole = read(tmp_path, lines)
-    monkeypatch.setattr(room, "MOST_ROWS", HERE)
+    monkeypatch.setattr(room, "MOST_BYTES", HERE)
     long = read(tmp_path, lines)
-    assert long.room._map is not None and whole.room._map is None
+    assert long.room._maps and not whole.room._maps
     long.let_go()
     pd.testing.assert_frame_equal(whole.data, long.data)
     assert np.array_equal(whole.time, long.time) and np.array_equal(whole.line, long.line) and whole.notes == long.notes

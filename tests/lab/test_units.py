@@ -57,7 +57,7 @@ def test_the_warning_reaches_the_terminal(lively, drive, tmp_path):
     table["accel_y"] /= 9.81
     table.to_csv(tmp_path / "log.csv", index=False)
     done = tselab_here("estimate", "log.csv", "--vehicle", drive.vehicle, "--particles", 32, cwd=tmp_path)
-    assert done.code == 0 and "warning: check the units: accel_y is in g" in done.err
+    assert done.code == 4 and "warning: check the units: accel_y is in g" in done.err
     strict = tselab_here("estimate", "log.csv", "--vehicle", drive.vehicle, "--strict", "--out", "strict.csv", cwd=tmp_path)
     assert strict.code == 2 and "option --strict: check the units: accel_y is in g" in strict.err
     assert not (tmp_path / "strict.csv").exists()
@@ -125,3 +125,39 @@ def test_swapped_axes_are_named(cars, tmp_path):
     swapped["accel_x"], swapped["accel_y"] = swapped["accel_y"], swapped["accel_x"]
     car = type(car)(car.car, swapped, car.reference, car.truth)
     assert any("accel_x and accel_y are swapped" in n for n in notes_of(car, tmp_path))
+
+
+def test_a_log_that_contradicts_itself_tells_nothing_and_teaches_nothing(lively, drive, tmp_path):
+    """With the steering turned round the filter finds some other car, and would be sure of it."""
+    table = pd.read_csv(lively)
+    table["steer_angle"] *= -1
+    table.to_csv(tmp_path / "log.csv", index=False)
+    more = ("--table", "t.parquet", "--save-learnt", "l")
+    done = tselab_here("estimate", "log.csv", "--vehicle", drive.vehicle, *more, cwd=tmp_path)
+    assert done.code == 4 and "steer_angle is positive to the right" in done.err
+    told = pd.read_parquet(tmp_path / "t.parquet")
+    assert (told.usable == "no").all() and told.value.isna().all() and (told.reason == "contradicted").all()
+    assert not (tmp_path / "l").exists() and "so nothing was learnt" in done.err
+
+
+def test_a_speed_that_may_be_off_is_a_note(lively):
+    """km/h where 3.6 radii are 1.12: within what roll and compliance do to each figure, but all of them go with it."""
+    from tselab.log import read_log
+    from tselab.units import check_units
+
+    log = read_log(lively)
+    for name in ("wheel_speed_front", "wheel_speed_rear"):
+        log.data[name] *= 3.6 * 0.31
+    odd: list[str] = []
+    assert (check_units(log, 2.75, 0.31, 0.31, 16.0, None, odd) == [] and len(odd) == 0) or "km/h" in odd[0]
+
+
+def test_a_measurement_that_never_changes_is_missing(lively, tmp_path):
+    from tselab.log import read_log
+
+    table = pd.read_csv(lively)
+    table["accel_x"] = 0.03
+    table.to_csv(tmp_path / "log.csv", index=False)
+    log = read_log(tmp_path / "log.csv")
+    assert log.data["accel_x"].isna().all() and log.data["accel_y"].notna().all()
+    assert any("accel_x is 0.03 in every row, while wheel_speed_rear changes" in n for n in log.notes)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import fnmatch
 import glob
 import importlib
@@ -15,6 +16,7 @@ from pathlib import Path
 import pandas as pd
 
 from tselab.errors import UserError
+from tselab.files import real
 from tselab.logs.readers import READERS
 
 # Of what a reader takes these are too common for other things to be taken for logs in a folder; named one by one they are.
@@ -59,7 +61,7 @@ def drives(
 def _logs(words: Sequence[str], out: Path, table: Path | None) -> list[tuple[Path, Path]]:
     """Every log once, with the folder that names its car. UserError: a word that stands for none."""
     found: dict[Path, tuple[Path, Path]] = {}
-    not_logs = {out.resolve(), *([table.resolve()] if table is not None else [])}
+    not_logs = {real(out), *([real(table)] if table is not None else [])}
     for word in words:
         path = Path(word)
         if path.is_dir() and not _is_bag(path):
@@ -74,7 +76,7 @@ def _logs(words: Sequence[str], out: Path, table: Path | None) -> list[tuple[Pat
             if not mine:
                 raise UserError(f"{word}: no such file or folder, and no file has a name of this pattern")
         for p, folder in mine:
-            found.setdefault(p.resolve(), (p, folder.resolve()))
+            found.setdefault(real(p), (p, real(folder)))
     return list(found.values())
 
 
@@ -84,7 +86,7 @@ def _is_bag(path: Path) -> bool:
 
 def _below(folder: Path, not_logs: set[Path]) -> Iterator[Path]:
     for path in sorted(folder.iterdir()):
-        if path.name.startswith(".") or path.resolve() in not_logs:
+        if path.name.startswith(".") or real(path) in not_logs:
             continue
         if path.is_dir() and not _is_bag(path):
             yield from _below(path, not_logs)
@@ -117,15 +119,15 @@ def _name(folder: Path, others: Sequence[Path]) -> str:
 def _of_table(logs: Sequence[tuple[Path, Path]], table: Path) -> list[Drive]:
     """The first row whose pattern is that of a log says its car."""
     rows = _read_table(table)
-    base = table.resolve().parent
-    vehicles = sorted({(base / r["vehicle"]).resolve().with_suffix("") for r in rows})
+    base = real(table).parent
+    vehicles = sorted({real(base / r["vehicle"]).with_suffix("") for r in rows})
     found = []
     for path, _ in logs:
-        row = next((r for r in rows if _fits(path.resolve(), base, r["log"])), None)
+        row = next((r for r in rows if _fits(real(path), base, r["log"])), None)
         if row is None:
             found.append(Drive("", path, error=f"{path}: no row of {table.name} is for this log"))
             continue
-        vehicle = (base / row["vehicle"]).resolve()
+        vehicle = real(base / row["vehicle"])
         name = row["car"] or _name(vehicle.with_suffix(""), vehicles)
         found.append(Drive(name, path, vehicle, base / row["signals"] if row["signals"] else None))
     return found
@@ -139,7 +141,10 @@ def _fits(path: Path, base: Path, pattern: str) -> bool:
 
 def _read_table(table: Path) -> list[dict[str, str]]:
     try:
-        read = pd.read_csv(table, dtype=str, keep_default_na=False, skipinitialspace=True, comment="#")
+        with open(table, encoding="utf-8-sig") as file:
+            head = next((line for line in file if line.strip() and not line.startswith("#")), "")
+        separator = ";" if ";" in head and "," not in head else ","
+        read = pd.read_csv(table, dtype=str, keep_default_na=False, skipinitialspace=True, comment="#", sep=separator)
     except FileNotFoundError:
         raise UserError(f"{table}: no such file (option --vehicles)") from None
     except (OSError, UnicodeDecodeError, pd.errors.ParserError, pd.errors.EmptyDataError) as error:
@@ -150,6 +155,10 @@ def _read_table(table: Path) -> list[dict[str, str]]:
             f"{table}: column {' and '.join(lacks)} is missing; columns: log (a file, a folder or a pattern like cars/7/*.mf4), "
             "vehicle (its vehicle file), car and signals if wanted; all relative to the table"
         )
+    for column in (c for c in read if c not in TABLE_COLUMNS):
+        near = difflib.get_close_matches(str(column), TABLE_COLUMNS, 1)
+        hint = f", did you mean {near[0]}?" if near else ""
+        raise UserError(f"{table}: column {column} is not known{hint}; columns: {', '.join(TABLE_COLUMNS)}")
     rows = [{c: str(r.get(c, "")).strip() for c in TABLE_COLUMNS} for r in read.to_dict("records")]
     of: dict[str, str] = {}
     for line, row in enumerate(rows, 2):
@@ -161,7 +170,7 @@ def _read_table(table: Path) -> list[dict[str, str]]:
             if not row[column]:
                 raise UserError(f"{table}: line {line}, column {column}: is empty")
         for column in ("vehicle", "signals"):
-            if row[column] and not (table.resolve().parent / row[column]).is_file():
+            if row[column] and not (real(table).parent / row[column]).is_file():
                 raise UserError(f"{table}: line {line}, column {column}: {row[column]}: no such file")
     return rows
 

@@ -14,20 +14,24 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from tselab import results
 from tselab.errors import UserError
-from tselab.files import atomic
+from tselab.files import atomic, real
 from tselab.fleet.find import Drive
 from tselab.fleet.work import Outcome, Task
 from tselab.learnt import write_learnt
 from tselab.log import Reading, files_of
 from tselab.seal import seal
 from tselab.vehicle import read_vehicle
+from tselab.verdict import NAMES
 
 TABLE, PAGE = "fleet.parquet", "fleet.html"
 DONE, REPORTS, LEARNT, ESTIMATES = "logs", "reports", "learnt", "estimates"
+LEAST_LOGS = 3  # of a car beside the one that is compared with them
+STIFFER = 1.3  # times the median of the others: dry asphalt is as stiff as it gets, and warm tyres are softer
 COLUMNS: dict[str, str] = {  # of the table: those of an estimate, and of which drive they are
     "car": "string", **{"log": "string", "start_time": "datetime64[us, UTC]", "start_from": "string", "seconds": "Float64"},
     **{k: v for k, v in results.COLUMNS.items() if k != "log"}, "error": "string", "report": "string", "vehicle": "string",
@@ -61,12 +65,12 @@ class Store:
 
     def name(self, drive: Drive) -> str:
         """Of its files: for people, and of no other log."""
-        same = hashlib.sha256(str(drive.log.resolve()).encode()).hexdigest()[:8]
+        same = hashlib.sha256(str(real(drive.log)).encode()).hexdigest()[:8]
         return f"{_plain(drive.car)}-{_plain(drive.log.stem)}-{same}"
 
     def estimates(self, drive: Drive) -> Path:
         (self.out / ESTIMATES).mkdir(exist_ok=True)
-        return (self.out / ESTIMATES / f"{self.name(drive)}.parquet").resolve()
+        return real(self.out / ESTIMATES / f"{self.name(drive)}.parquet")
 
     def load(self, drive: Drive, task: Task) -> Done | None:
         """What was kept of this log, if it was made of the same files and settings, by this user, and all of it is there."""
@@ -125,7 +129,32 @@ def table(done: Sequence[Done]) -> pd.DataFrame:
         if d.outcome.error or not d.outcome.rows:
             rows.append({**about, "error": d.outcome.error or "no row could be used", "usable": "no"})
         rows += [{**row, **about} for row in d.outcome.rows]
-    return pd.DataFrame(rows, columns=list(COLUMNS)).astype(dict(COLUMNS))
+    frame = pd.DataFrame(rows, columns=list(COLUMNS)).astype(dict(COLUMNS))
+    for log, text in unlike(frame).items():
+        mine = frame["log"] == log
+        before = frame.loc[mine, "warnings"]
+        frame.loc[mine, "warnings"] = (before.fillna("") + "\n" + text).str.strip()
+    return frame
+
+
+def unlike(frame: pd.DataFrame) -> dict[str, str]:
+    """By log what makes it unlike the other logs of its car: tyres that are stiffer than any road makes them. It may be of another
+    car, with another load, on other tyres; or all the others were on snow. Softer is what wet roads and snow are."""
+    told = frame[frame["usable"].isin(["yes", "in part"]) & frame["value"].notna()]
+    said: dict[str, str] = {}
+    for (_, key), mine in told.groupby(["car", "stiffness"]):
+        size = np.log((mine["value"] / mine["nominal"]).astype(float)).groupby(mine["log"])
+        most = size.max()
+        if len(most) <= LEAST_LOGS:
+            continue
+        for log, x in most.items():
+            others = float(np.median(most.drop(log)))
+            row = mine.loc[size.idxmax()[log]]
+            sure = float(row["sd"]) / float(row["value"]) if pd.notna(row["sd"]) else np.inf
+            if x - others > np.log(STIFFER) + 2 * sure:
+                text = f"{NAMES[str(key)].lower()} {np.exp(x - others):.1f} times"
+                said[str(log)] = f"{said[str(log)]}, {text}" if str(log) in said else text
+    return {log: f"unlike the other logs of this car, {text} theirs: another car, load or tyres?" for log, text in said.items()}
 
 
 def key_of(task: Task) -> str:

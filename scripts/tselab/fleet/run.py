@@ -20,6 +20,7 @@ from typing import Any, Protocol
 
 from tqdm import tqdm
 
+from tselab.files import real
 from tselab.fleet.find import Drive
 from tselab.fleet.keep import Done, Store
 from tselab.fleet.work import Outcome, Task, code_of, work
@@ -149,7 +150,7 @@ class _Chain:
 
 def _whole(path: Path | None) -> Any:
     """Whoever works on it may stand elsewhere."""
-    return path.resolve() if path is not None else None
+    return real(path) if path is not None else None
 
 
 # ---- who works

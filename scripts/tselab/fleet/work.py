@@ -100,7 +100,7 @@ def _work(task: Task) -> Outcome:
     time = ran.estimate.table["time"]
     return Outcome(
         rows=results.rows(task.log, ran.estimate, ran.findings, ran.changes, prepared.warnings),
-        learnt=ran.estimate.learnt,
+        learnt=None if prepared.warnings else ran.estimate.learnt,  # what contradicts itself teaches the next drive nothing
         report=page,
         seconds=float(time.iloc[-1] - time.iloc[0]) if len(time) else 0.0,
         code=results.exit_code(ran.findings),

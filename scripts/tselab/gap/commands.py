@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from tselab.errors import UserError
+from tselab.files import real
 from tselab.options import FILE, PROGRESS, for_programs, reading, show_progress
 
 if TYPE_CHECKING:
@@ -310,13 +311,13 @@ def _distinct(logs: tuple[Path, ...], hold_out: tuple[Path, ...]) -> None:
     """A log that is fitted proves nothing when it is held out, too; one that is given twice counts twice."""
     seen: set[Path] = set()
     for path in logs:
-        if path.resolve() in seen:
+        if real(path) in seen:
             raise UserError(f"{path}: is given twice")
-        seen.add(path.resolve())
+        seen.add(real(path))
     for path in hold_out:
-        if path.resolve() in seen:
+        if real(path) in seen:
             raise UserError(f"{path}: option --hold-out: is fitted, too, or given twice")
-        seen.add(path.resolve())
+        seen.add(real(path))
 
 
 @contextmanager

@@ -24,7 +24,7 @@ def straight(time: np.ndarray, together: bool = False) -> tuple[np.ndarray, np.n
     keep = np.isfinite(time)
     if len(time) > 1 and keep.all():  # as nearly all are: no copies
         step = np.diff(time)
-        if step.min() > 0 and step.max() <= LONGEST_GAP:
+        if (step.min() > 0 or (together and step.min() == 0)) and step.max() <= LONGEST_GAP:
             return time, keep, notes
     if not keep.all():
         notes.append(f"{(~keep).sum()} entries without a time are left out")

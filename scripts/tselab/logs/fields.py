@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from tselab.logs.recording import Channel
+from tselab.room import Growing, Room
 
 LONGEST = (
     12  # elements of an array that become channels of their own: four wheels, not a camera's picture or a covariance
@@ -54,33 +56,54 @@ def stamp(message: Any) -> float | None:
     return float(sec) + 1e-9 * float(nano) if sec else None
 
 
-class Collector:
-    """Collects messages topic by topic, and makes channels of them."""
+@dataclass
+class _Topic:
+    type: str
+    time: Growing
+    columns: dict[str, Growing | None] = field(default_factory=dict)  # None: not wanted
 
-    def __init__(self) -> None:
-        self._topics: dict[str, tuple[list[float], dict[str, list[tuple[int, float]]], str]] = {}
+
+class Collector:
+    """Collects messages topic by topic, and makes channels of them. `wanted`: which names are needed; None: all."""
+
+    def __init__(self, wanted: Callable[[str], bool] | None = None) -> None:
+        self.room = Room()
+        self._wanted = wanted
+        self._topics: dict[str, _Topic] = {}
 
     def add(self, topic: str, time: float, message: Any, type_: str = "") -> None:
         """One message. Its time is that of its header, where it has one."""
-        times, columns, _ = self._topics.setdefault(topic, ([], {}, type_))
-        row = len(times)
+        own = self._topics.get(topic)
+        if own is None:
+            own = self._topics[topic] = _Topic(type_, self.room.growing())
+        row = len(own.time)
         measured = stamp(message)
-        times.append(time if measured is None else measured)
+        own.time.set(row, time if measured is None else measured)
+        count = 1
         for name, value in flat(message):
-            columns.setdefault(name, []).append((row, value))
+            if name not in own.columns:
+                needed = self._wanted is None or self._wanted(_full(topic, name))
+                own.columns[name] = self.room.growing() if needed else None
+            if (column := own.columns[name]) is not None:
+                column.set(row, value)
+                count += 1
+        self.room.took(count)
 
     def channels(self) -> dict[str, Channel]:
         """By topic and path: /imu.angular_velocity.z."""
         found: dict[str, Channel] = {}
-        for topic, (times, columns, type_) in self._topics.items():
-            time = np.array(times)
-            for name, cells in columns.items():
-                value = np.full(len(time), np.nan)
-                rows, numbers = zip(*cells, strict=True)
-                value[list(rows)] = numbers
-                full = f"{topic}.{name}" if name else topic
-                found[full] = Channel(full, time, value, _unit(type_, name), type_)
+        for topic, own in self._topics.items():
+            time = own.time.array()
+            for name, column in own.columns.items():
+                if column is not None:
+                    column.pad(len(time))
+                    full = _full(topic, name)
+                    found[full] = Channel(full, time, column.array(), _unit(own.type, name), own.type)
         return found
+
+
+def _full(topic: str, name: str) -> str:
+    return f"{topic}.{name}" if name else topic
 
 
 def _unit(type_: str, name: str) -> str:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import logging
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +14,7 @@ import numpy as np
 from tselab.errors import UserError
 from tselab.logs.extras import need
 from tselab.logs.recording import Channel, How, listed
+from tselab.room import Growing, Room
 
 SUFFIXES = (".dbc", ".arxml", ".kcd", ".sym")
 EXTENDED = 0x1FFFFFFF
@@ -34,17 +37,107 @@ def databases_for(path: Path, how: How, required: bool) -> list[Path]:
     return found
 
 
-def decode(
-    path: Path,
-    time: np.ndarray,
-    ids: np.ndarray,
-    data: Sequence[bytes],
-    databases: Sequence[Path],
-    how: How,
-    notes: list[str],
-) -> dict[str, Channel]:
-    """Signals by message.signal, s and physical units. `time`, `ids`: (frames,); values that the database calls invalid stay."""
+@dataclass
+class _Kept:
+    """What was found of one message: of every signal its values, and the frames that have it, which several may share."""
+
+    message: Any
+    signals: list[Any]
+    value: dict[str, Growing] = field(default_factory=dict)
+    frames: dict[tuple[object, ...], Growing] = field(default_factory=dict)
+
+
+class Bus:
+    """Frames, some at a time, into signals: their bits all at once, as the databases say. `how`: which signals are needed."""
+
+    def __init__(self, path: Path, databases: Sequence[Path], how: How, room: Room):
+        self._path, self._databases, self._how, self._room = path, databases, how, room
+        self._messages = _messages_of(path, databases)
+        self._kept: dict[int, _Kept] = {}
+        self._unknown: set[int] = set()
+        self._count = 0
+
+    def add(self, ids: np.ndarray, data: Sequence[bytes]) -> None:
+        """The next frames, in the order of the file. `ids`: (frames,)."""
+        ids = ids & EXTENDED
+        seen, order = np.unique(ids), np.argsort(ids, kind="stable")
+        bounds = [*np.searchsorted(ids[order], seen).tolist(), len(ids)]
+        for k, identifier in enumerate(seen.tolist()):
+            kept = self._kept.get(identifier) or self._new(identifier)
+            if kept is None:
+                continue
+            rows = order[bounds[k] : bounds[k + 1]]
+            for s, have, value in _signals(kept.message, kept.signals, [data[i] for i in rows]):
+                if s.name not in kept.value:
+                    kept.value[s.name] = self._room.growing()
+                frames = kept.frames.get(_pattern(s))
+                if frames is None:
+                    frames = kept.frames[_pattern(s)] = self._room.growing()
+                if len(frames) == len(kept.value[s.name]):  # the first of those that share them
+                    frames.extend(self._count + rows[have])
+                kept.value[s.name].extend(value)
+        self._count += len(ids)
+
+    def _new(self, identifier: int) -> _Kept | None:
+        message = self._messages.get(identifier)
+        if message is None:
+            self._unknown.add(identifier)
+            return None
+        wanted = self._how.wanted
+        signals = [s for s in message.signals if not wanted or wanted(s.name) or wanted(f"{message.name}.{s.name}")]
+        self._kept[identifier] = _Kept(message, signals)
+        return self._kept[identifier]
+
+    def channels(self, time: np.ndarray, keep: np.ndarray | None, notes: list[str]) -> dict[str, Channel]:
+        """Signals by message.signal, s and physical units. Values that the database calls invalid stay. `time`: of the frames that
+        are kept, in the order of the file; `keep`: which those are, (frames,); None: all, and they are put in order of time."""
+        channels: dict[str, Channel] = {}
+        place = None if keep is None or keep.all() else self._room.keep(np.cumsum(keep) - 1)
+        for identifier in sorted(self._kept):
+            kept = self._kept[identifier]
+            clocks: dict[tuple[object, ...], tuple[np.ndarray, np.ndarray | slice]] = {}
+            for s in kept.signals:
+                if s.name not in kept.value:
+                    continue
+                key = _pattern(s)
+                if key not in clocks:
+                    clocks[key] = self._clock(kept.frames[key].array().astype(np.int64), time, keep, place)
+                    same = next((c for c, _ in clocks.values() if np.array_equal(c, clocks[key][0])), clocks[key][0])
+                    clocks[key] = same, clocks[key][1]
+                    self._room.let_go()
+                at, chosen = clocks[key]
+                value = kept.value[s.name].array()
+                value = value if isinstance(chosen, slice) else self._room.keep(value[chosen])
+                name = f"{kept.message.name}.{s.name}"
+                channels[name] = Channel(name, at, value, s.unit or "", (s.comment or "")[:200])
+                self._room.let_go()
+        unknown = [f"{i:#x}" for i in sorted(self._unknown)]
+        if not channels and not self._how.wanted:
+            raise UserError(
+                f"{self._path}: none of its {len(unknown) + len(self._kept)} identifiers ({listed(unknown)}) is in "
+                f"{', '.join(p.name for p in self._databases)}: it is the database of another bus"
+            )
+        if unknown and not self._how.wanted:
+            notes.append(f"{len(unknown)} identifiers are in no database: {listed(unknown)}")
+        return channels
+
+    def _clock(
+        self, frames: np.ndarray, time: np.ndarray, keep: np.ndarray | None, place: np.ndarray | None
+    ) -> tuple[np.ndarray, np.ndarray | slice]:
+        """Times of these frames, and which of them have one, in which order."""
+        if place is not None and keep is not None:
+            chosen = keep[frames]
+            return self._room.keep(time[place[frames[chosen]]]), chosen
+        own = time[frames]
+        if keep is None and (np.diff(own) < 0).any():
+            order = np.argsort(own, kind="stable")
+            return self._room.keep(own[order]), order
+        return self._room.keep(own), slice(None)
+
+
+def _messages_of(path: Path, databases: Sequence[Path]) -> dict[int, Any]:
     cantools = need("cantools", "can", str(path))
+    logging.getLogger("cantools").setLevel(logging.ERROR)  # two messages of one name are no matter: they go by identifier
     messages: dict[int, Any] = {}
     for p in databases:
         try:
@@ -55,44 +148,23 @@ def decode(
             ) from None
         for message in getattr(database, "messages", []):
             messages.setdefault(message.frame_id & EXTENDED, message)
-    if not databases:
-        return {}
-    channels: dict[str, Channel] = {}
-    seen, order = np.unique(ids & EXTENDED), np.argsort(ids & EXTENDED, kind="stable")
-    bounds = [*np.searchsorted((ids & EXTENDED)[order], seen).tolist(), len(ids)]
-    unknown = []
-    for k, identifier in enumerate(seen):
-        rows = order[bounds[k] : bounds[k + 1]]
-        message = messages.get(int(identifier))
-        if message is None:
-            unknown.append(f"{identifier:#x}")
-            continue
-        wanted = [
-            s for s in message.signals if not how.wanted or how.wanted(s.name) or how.wanted(f"{message.name}.{s.name}")
-        ]
-        if wanted:
-            for name, at, value, unit, text in _signals(message, wanted, time[rows], [data[i] for i in rows]):
-                channels[f"{message.name}.{name}"] = Channel(f"{message.name}.{name}", at, value, unit, text)
-    if not channels and not how.wanted:
-        raise UserError(
-            f"{path}: none of its {len(seen)} identifiers ({listed(unknown)}) is in {', '.join(p.name for p in databases)}: it is "
-            f"the "
-            "database of another bus"
-        )
-    if unknown and not how.wanted:
-        notes.append(f"{len(unknown)} identifiers are in no database: {listed(unknown)}")
-    return channels
+    return messages
+
+
+def _pattern(s: Any) -> tuple[object, ...]:
+    """Signals that agree in this are in the same frames."""
+    return _last_bit(s), s.multiplexer_signal, tuple(s.multiplexer_ids or ())
 
 
 def _signals(
-    message: Any, signals: Sequence[Any], time: np.ndarray, data: Sequence[bytes]
-) -> Iterator[tuple[str, np.ndarray, np.ndarray, str, str]]:
+    message: Any, signals: Sequence[Any], data: Sequence[bytes]
+) -> Iterator[tuple[Any, np.ndarray, np.ndarray]]:
+    """Of each signal which frames have it, and its values there."""
     width = max(message.length, 1)
     long = np.array([len(d) for d in data])
     whole = long >= width
     table = np.frombuffer(b"".join(d[:width].ljust(width, b"\0") for d in data), np.uint8).reshape(len(data), width)
     bits = np.unpackbits(table, axis=1, bitorder="little")  # bit 8 b + i: bit i of byte b, counted from its least
-    clocks: dict[bytes, np.ndarray] = {}
     by_name = {s.name: s for s in message.signals}
     for s in signals:
         rows = whole | (long * 8 > _last_bit(s))
@@ -102,8 +174,7 @@ def _signals(
         if not rows.any():
             continue
         with contextlib.suppress(ValueError):
-            value = _number(s, bits[rows])
-            yield s.name, clocks.setdefault(rows.tobytes(), time[rows]), value, s.unit or "", (s.comment or "")[:200]
+            yield s, np.flatnonzero(rows), _number(s, bits if rows.all() else bits[rows])
 
 
 def _positions(s: Any) -> np.ndarray:

@@ -14,6 +14,7 @@ from tselab.logs.clock import straight
 from tselab.logs.recording import Channel, Recording
 from tselab.logs.signals import Counter, Flag, Signal, Signals, unit_of
 from tselab.logs.units import factor
+from tselab.room import Room
 
 MOST_LOST = 0.5  # share of a channel's values that a flag may call invalid before it is the flag that is doubted
 
@@ -34,23 +35,36 @@ class Clocks:
     """Times of a recording, put right once for all channels that share one."""
 
     notes: list[str] = field(default_factory=list)
+    room: Room = field(default_factory=Room)
     _done: dict[int, tuple[np.ndarray, np.ndarray, np.ndarray]] = field(default_factory=dict)
+    _earlier: dict[tuple[int, float], np.ndarray] = field(default_factory=dict)
 
     def of(self, channel: Channel) -> tuple[np.ndarray, np.ndarray]:
         """Increasing time and the values that have one."""
         if id(channel.time) not in self._done:
             time, keep, said = straight(channel.time)
+            time = time if time is channel.time else self.room.keep(time)
             self._done[id(channel.time)] = channel.time, time, keep
             self.notes += [x for x in said if x not in self.notes]
         _, time, keep = self._done[id(channel.time)]
-        return time, channel.value[keep]
+        value = channel.value if keep.all() else channel.value[keep]
+        self.room.let_go()
+        return time, value
+
+    def earlier(self, time: np.ndarray, latency: float) -> np.ndarray:
+        """One of these times less the latency, once for all channels that have both."""
+        if not latency:
+            return time
+        if (id(time), latency) not in self._earlier:
+            self._earlier[id(time), latency] = self.room.keep(time - latency)
+        return self._earlier[id(time), latency]
 
 
 def series(recording: Recording, signals: Signals, car: Any | None, notes: list[str]) -> dict[str, Series]:
     """All channels that the file names, wheels by their side. `car`: a vehicle.Vehicle, for the radii of its wheels.
 
     UserError: a name that the log does not have, a speed without a radius, a unit that is none of the channel."""
-    clocks = Clocks()
+    clocks = Clocks(room=recording.room)
     found: dict[str, Series] = {}
     for channel, signal in signals.signals.items():
         parts = SIDES.get(channel, (channel,)) if len(signal.name) == 2 else (channel,)
@@ -100,7 +114,9 @@ def _one(
     if signal.counter is not None:
         _drop_repeated(recording, clocks, signal.counter, time, value, source, part, notes)
     value[~np.isfinite(value)] = np.nan
-    return Series(part, time - signal.latency if signal.latency else time, value, signal.latency, signal.hold)
+    value, time = clocks.room.keep(value), clocks.earlier(time, signal.latency)
+    clocks.room.let_go()
+    return Series(part, time, value, signal.latency, signal.hold)
 
 
 def _factor(signal: Signal, channel: Channel, part: str, car: Any | None, source: str, notes: list[str]) -> float:

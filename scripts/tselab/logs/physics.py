@@ -111,7 +111,13 @@ def steering(angle: np.ndarray, v: np.ndarray, r: np.ndarray) -> Steering | None
     best = int(worth.argmax())
     size = np.log(np.maximum(np.abs(slopes), 1e-12))
     sd = float(np.sqrt(max(weight @ size**2 - (weight @ size) ** 2, 0.0)))
-    return Steering(float(slopes[best]), sd, float(grid[best]), float(offsets[best]), float(shares[best]))
+    # The curvature has noise as well, which draws the slope towards 0: the true one lies between this regression and that of the
+    # other way round, slope / share. Their middle is taken, as in fit(), and half their distance, as an even spread, into the sd.
+    apart = -0.5 * float(np.log(max(shares[best], 1e-2)))
+    sd = float(np.hypot(sd, apart / np.sqrt(3.0)))
+    return Steering(
+        float(slopes[best] * np.exp(apart)), sd, float(grid[best]), float(offsets[best]), float(shares[best])
+    )
 
 
 def lag(x: np.ndarray, y: np.ndarray, keep: np.ndarray, more: tuple[np.ndarray, ...] = ()) -> tuple[float, float]:

@@ -13,6 +13,7 @@ from scipy.signal import firwin, oaconvolve
 from tselab.held import fresh
 from tselab.log import DRIVES, MEASURES, SIDES
 from tselab.logs.mapping import Series
+from tselab.room import PIECE, Room
 
 FASTEST = (
     100.0  # Hz: of a raster nobody has asked for: the filter is tuned there, and above it rows of a bus are mostly held
@@ -27,6 +28,7 @@ CLOSE = 0.25  # of a usual step: entries that are nearer than that are one, a bu
 STEADY = 0.01  # of a step: times that are off an even beat by less are even
 PASS, TAPS = 0.45, 6  # the low pass ends at so much of the new rate, and is so many new steps long on either side
 SPARSE = 0.8  # share of rows with a value below which a column of a table is of another rate, or an outer join's
+REACH = 600  # entries over which a cubic spline feels another: 0.27 ** 600 is less than the smallest number beside 0
 SAME = 1e-3  # of a step: a raster that meets the entries takes them as they are
 
 
@@ -46,11 +48,11 @@ class Rows:
 def entries(s: Series) -> tuple[np.ndarray, np.ndarray]:
     """Times and values that are new: without what is missing, held, or two in one burst."""
     there = np.isfinite(s.value)
-    time, value = s.time[there], s.value[there]
+    time, value = (s.time, s.value) if there.all() else (s.time[there], s.value[there])
     if s.hold or len(time) < 3:
         return time, value
     new = fresh(value)
-    time, value = time[new], value[new]
+    time, value = (time, value) if new.all() else (time[new], value[new])
     step = np.diff(time)
     if len(step) and (step < CLOSE * np.median(step)).any():
         first = np.append(True, step >= CLOSE * np.median(step))
@@ -67,28 +69,41 @@ def rate_of(time: np.ndarray) -> float:
     return 1.0 / float(np.median(step)) if len(step) else 0.0
 
 
-def on_raster(found: Mapping[str, Series], rate: float | None) -> Rows:
+def on_raster(found: Mapping[str, Series], rate: float | None, room: Room | None = None) -> Rows:
     """All channels on rows at `rate`, Hz; None: the fastest channel's, up to FASTEST. A table whose columns share an even, full
-    time is left as it is."""
+    time is left as it is. `room`: where the rows of a very long log are."""
+    room = room or Room()
     plain = _as_it_is(found, rate)
     if plain is not None:
         return plain
-    own = {name: entries(s) for name, s in found.items()}
-    rates = {name: rate_of(t) for name, (t, _) in own.items()}
+    own, rates = {}, {}
+    for name, s in found.items():
+        t, x = entries(s)
+        own[name] = (s.time if t is s.time else room.keep(t)), (s.value if x is s.value else room.keep(x))
+        rates[name] = rate_of(t)
+        del t, x
+        room.let_go()
     core = [n for n in found if _axle(n) in (*DRIVES, *MEASURES)]
     if rate is None:
         fast = [rates[n] for n in core if rates[n] >= SLOWEST_OWN]
         rate = min(max(fast, default=10.0), FASTEST)
         rate = round(rate) if abs(rate - round(rate)) < 0.02 * rate else rate
-    time = _times(own, rates, core, rate)
+    time = room.keep(_times(own, rates, core, rate))
     rows = Rows(time, {}, rate)
+    keep = np.zeros(len(time), bool) if core else np.ones(len(time), bool)
     for name, s in found.items():
         t, x = own[name]
-        rows.value[name] = _hold(t, x, time) if s.hold else resample(t, x, time, rate)
+        rows.value[name] = room.keep(_hold(t, x, time) if s.hold else resample(t, x, time, rate))
+        if name in core:
+            keep |= np.isfinite(rows.value[name])
         if not s.hold and 0 < rates[name] < 0.9 * rate:
             rows.native[name] = t, x, rates[name]
-    keep = np.isfinite(np.array([rows.value[n] for n in core])).any(axis=0) if core else np.ones(len(time), bool)
-    rows.time, rows.value = time[keep], {n: x[keep] for n, x in rows.value.items()}
+        room.let_go()
+    if not keep.all():
+        rows.time = room.keep(time[keep])
+        for name in rows.value:
+            rows.value[name] = room.keep(rows.value[name][keep])
+            room.let_go()
     _say(rows, found, rates)
     return rows
 
@@ -106,16 +121,25 @@ def resample(t: np.ndarray, x: np.ndarray, time: np.ndarray, rate: float) -> np.
     for first, last in pairwise(cuts):
         part, value = t[first:last], x[first:last]
         rows = slice(*np.searchsorted(time, [part[0] - margin, part[-1] + margin + 1e-9]))
-        at = np.clip(time[rows], part[0], part[-1])
-        if not len(at):
+        if rows.start == rows.stop:
             continue
-        if len(part) < 4:
-            out[rows] = np.interp(at, part, value)
-            continue
-        if 1.0 / usual > 1.2 * rate:
+        if len(part) > 3 and 1.0 / usual > 1.2 * rate:
             part, value = _low_pass(part, value, usual, rate)
-        out[rows] = CubicSpline(part, value)(at) if len(part) > 3 else np.interp(at, part, value)
+        count = max(1, round(PIECE * min(1.0, rate * usual)))  # rows of so many entries
+        for begin in range(rows.start, rows.stop, count):
+            piece = slice(begin, min(begin + count, rows.stop))
+            out[piece] = _between(part, value, np.clip(time[piece], part[0], part[-1]))
     return out
+
+
+def _between(t: np.ndarray, x: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """The cubic spline through x at t, (entries,), where it is asked for, (times,), increasing; of few entries straight lines.
+    Only entries that it feels there are looked at: its coefficients for ten hours are 300 MB."""
+    if len(t) < 4:
+        return np.interp(at, t, x)
+    first, last = np.searchsorted(t, at[[0, -1]])
+    part = slice(max(0, min(int(first) - REACH, len(t) - 4)), int(last) + REACH)
+    return CubicSpline(t[part], x[part])(at)
 
 
 def _low_pass(t: np.ndarray, x: np.ndarray, usual: float, rate: float) -> tuple[np.ndarray, np.ndarray]:
@@ -127,7 +151,10 @@ def _low_pass(t: np.ndarray, x: np.ndarray, usual: float, rate: float) -> tuple[
     kernel = firwin(2 * half + 1, PASS * rate, fs=1.0 / usual)
     # ends go on as they are mirrored about their last value: a straight line stays one
     before, after = 2 * value[0] - value[half:0:-1], 2 * value[-1] - value[-2 : -half - 2 : -1]
-    return even, oaconvolve(np.concatenate([before, value, after]), kernel, mode="valid")
+    longer, found = np.concatenate([before, value, after]), np.empty(n)
+    for begin in range(0, n, PIECE):
+        found[begin : begin + PIECE] = oaconvolve(longer[begin : begin + PIECE + 2 * half], kernel, mode="valid")
+    return even, found
 
 
 def _hold(t: np.ndarray, x: np.ndarray, time: np.ndarray) -> np.ndarray:

@@ -16,6 +16,7 @@ from tselab.logs.raster import on_raster
 from tselab.logs.readers import read_recording
 from tselab.logs.recording import How, Recording, listed
 from tselab.logs.signals import FASTEST, SLOWEST, Signal, Signals, known_channels, read_signals
+from tselab.room import Room
 
 NEEDED = ("steer_angle", "wheel_speed_front", "wheel_speed_rear")
 
@@ -43,10 +44,14 @@ def read_any(path: Path, spare: Collection[str], reading: Reading) -> Log:
         notes.append(f"signals by {signals.path}")
     found = series(recording, signals, reading.car, notes)
     _speed_for_wheels(path, found, reading, notes)
-    rows = on_raster(found, reading.rate or signals.rate)
+    room = recording.room
+    del recording  # what is not asked for need not stay
+    rows = on_raster(found, reading.rate or signals.rate, room)
     notes += rows.notes
-    log = checked(path, rows.time, dict(rows.value), np.arange(1, len(rows.time) + 1), notes, spare, place="row")
-    log.slower = _slower(rows.native, rows.rate)
+    line = room.keep(np.arange(1, len(rows.time) + 1))
+    log = checked(path, rows.time, dict(rows.value), line, notes, spare, place="row", room=room)
+    log.slower = _slower(rows.native, rows.rate, room)
+    log.let_go()
     return log
 
 
@@ -79,15 +84,14 @@ def by_own_names(recording: Recording) -> Signals | None:
     return Signals(None, {s.channel: s for s in whole.values() if s.channel not in sided})
 
 
-def _slower(native: dict[str, tuple[np.ndarray, np.ndarray, float]], rate: float) -> dict[str, Slower]:
+def _slower(native: dict[str, tuple[np.ndarray, np.ndarray, float]], rate: float, room: Room) -> dict[str, Slower]:
     """By channel; of an axle that of its wheels."""
     found = {n: Slower(t, x, rate / own) for n, (t, x, own) in native.items()}
     for axle, pair in SIDES.items():
         if axle not in found and all(s in found for s in pair):
             left, right = (found.pop(s) for s in pair)
-            found[axle] = Slower(
-                left.time, 0.5 * (left.value + np.interp(left.time, right.time, right.value)), left.rows
-            )
+            mean = 0.5 * (left.value + np.interp(left.time, right.time, right.value))
+            found[axle] = Slower(left.time, room.keep(mean), left.rows)
     return {n: s for n, s in found.items() if n in {*columns(), *MEASURES} and n not in OPTIONAL}
 
 

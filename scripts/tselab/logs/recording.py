@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from tselab.errors import UserError
+from tselab.room import Room
 
 MOST_NAMED = 6  # names that one message lists
 
@@ -43,6 +44,7 @@ class Recording:
     channels: dict[str, Channel]
     notes: list[str] = field(default_factory=list)
     start: float = 0.0  # s, what was taken off all times: an epoch, where they are of one
+    room: Room = field(default_factory=Room)  # where the channels of a very long log are
 
     def __iter__(self) -> Iterator[Channel]:
         return iter(self.channels.values())
@@ -70,13 +72,15 @@ class Recording:
 
     def since_start(self) -> Recording:
         """Times counted from the first sample: an epoch in a double leaves less than a microsecond."""
-        first = [float(c.time[np.isfinite(c.time)][0]) for c in self if np.isfinite(c.time).any()]
+        first = [float(c.time[i]) for c in self if len(c) and np.isfinite(c.time[i := int(np.isfinite(c.time).argmax())])]
         if not first or abs(min(first)) < 1e6:
             return self
         start = float(np.floor(min(first)))
         moved: dict[int, np.ndarray] = {}
         for c in self:
-            moved.setdefault(id(c.time), c.time - start)
+            if id(c.time) not in moved:
+                moved[id(c.time)] = self.room.keep(c.time - start)
+                self.room.let_go()
         channels = {c.name: replace(c, time=moved[id(c.time)]) for c in self}
         return replace(self, channels=channels, start=self.start + start)
 

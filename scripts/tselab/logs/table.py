@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +14,7 @@ from tselab.errors import UserError
 from tselab.logs.names import unit_at_end, with_unit, words
 from tselab.logs.recording import Channel, How, Recording, listed, near
 from tselab.logs.units import factor, kind
+from tselab.room import Later, Room
 
 TIME_WORDS = ("time", "t", "timestamp", "timestamps", "zeit", "zeitstempel", "temps", "tiempo", "tempo", "datetime", "date",
     "stamp",
@@ -26,22 +27,44 @@ EPOCH = 1e8  # s: later than 1973, if seconds since 1970
 
 @dataclass
 class Column:
-    """A column of a table, as read: any dtype."""
+    """A column of a table: any dtype, here or read when it is needed, each time anew. `dates`: of what is not here: is it times?"""
 
     name: str
-    values: pd.Series | np.ndarray
+    values: pd.Series | np.ndarray | Later | Callable[[], pd.Series]
     unit: str = ""
     text: str = ""
+    rows: int | None = None
+    dates: bool = False
+
+    def read(self) -> pd.Series | np.ndarray:
+        """All of it."""
+        if isinstance(self.values, Later):
+            return self.values.read()
+        return self.values() if callable(self.values) else self.values
+
+    def __len__(self) -> int:
+        return self.rows if self.rows is not None else len(self.values)  # type: ignore[arg-type]
+
+    def is_dates(self) -> bool:
+        """Times of a calendar, or spans of time."""
+        return self.dates or (isinstance(self.values, pd.Series | np.ndarray) and _are_dates(self.values))
 
 
-def recording_of(path: Path, format_: str, columns: Sequence[Column], how: How, notes: Sequence[str] = ()) -> Recording:
-    """Columns as channels. UserError: none can be the time."""
+def _are_dates(x: pd.Series | np.ndarray) -> bool:
+    return pd.api.types.is_datetime64_any_dtype(x) or pd.api.types.is_timedelta64_dtype(x)
+
+
+def recording_of(
+    path: Path, format_: str, columns: Sequence[Column], how: How, notes: Sequence[str] = (), room: Room | None = None
+) -> Recording:
+    """Columns as channels. `room`: where those of a very long table go. UserError: none can be the time."""
+    room = room or Room()
     said = list(notes)
     named = []
     for c in columns:
         name, unit = with_unit(str(c.name))
-        named.append(Column(name or str(c.name), c.values, c.unit or unit, c.text))
-    rows = max((len(c.values) for c in named), default=0)
+        named.append(replace(c, name=name or str(c.name), unit=c.unit or unit))
+    rows = max((len(c) for c in named), default=0)
     if not rows:
         raise UserError(f"{path}: has a header but no rows")
     at = _time_column(path, named, how)
@@ -49,13 +72,14 @@ def recording_of(path: Path, format_: str, columns: Sequence[Column], how: How, 
         time = np.arange(rows) * float(how.step or 0.0)
         said.append(f"without a time of its own: rows are {how.step:g} s apart, as [log] step says")
     else:
-        time = _seconds(path, named[at], how, said)
+        time = room.keep(_seconds(path, named[at], how, said))
+        room.let_go()
     channels: dict[str, Channel] = {}
     skipped = []
     for i, c in enumerate(named):
         if i == at or (how.wanted and not how.wanted(c.name)):
             continue
-        value, note = numbers(c.values)
+        value, note = numbers(c.read())
         if value is None:
             skipped.append(c.name)
             continue
@@ -68,16 +92,20 @@ def recording_of(path: Path, format_: str, columns: Sequence[Column], how: How, 
                 k += 1
             said.append(f"column {name} appears more than once: the next one is called {name}#{k}")
             name = f"{name}#{k}"
+        value = value if isinstance(c.values, np.ndarray | Later) else room.keep(value)
+        room.let_go()
         channels[name] = Channel(name, time, value, c.unit or unit_at_end(name), c.text)
     if skipped and not how.wanted:
         said.append(f"not numbers, not used: {listed(skipped)}")
-    return Recording(path, format_, channels, said)
+    return Recording(path, format_, channels, said, room=room)
 
 
 def numbers(values: pd.Series | np.ndarray) -> tuple[np.ndarray | None, str]:
     """As floats, NaN: missing, and what is to be said; None where it holds no numbers."""
+    if isinstance(values, np.ndarray) and values.dtype == np.float64:
+        return values, ""
     x = values if isinstance(values, pd.Series) else pd.Series(values)
-    if pd.api.types.is_datetime64_any_dtype(x) or pd.api.types.is_timedelta64_dtype(x):
+    if _are_dates(x):
         return None, ""
     if pd.api.types.is_bool_dtype(x) or pd.api.types.is_numeric_dtype(x):
         return x.to_numpy(dtype=float, na_value=np.nan), ""
@@ -104,6 +132,11 @@ BLANKS = {"nan", "na", "n/a", "null", "none", "-", "--", "---", "#n/a", "#nv", "
           "invalid", "sna", "init", "missing", "nil", "."}  # fmt: skip
 
 
+def may_be_time(place: int, name: str, unit: str) -> bool:
+    """Can a column of this name and unit be the time? The first one can whatever its name."""
+    return place == 0 or any(w in TIME_WORDS for w in words(name)) or kind(unit) == "time"
+
+
 def _time_column(path: Path, columns: Sequence[Column], how: How) -> int | None:
     names = [c.name for c in columns]
     if how.time is not None:
@@ -112,7 +145,7 @@ def _time_column(path: Path, columns: Sequence[Column], how: How) -> int | None:
         return names.index(how.time)
     ranked = []
     for i, c in enumerate(columns):
-        if pd.api.types.is_datetime64_any_dtype(c.values) or pd.api.types.is_timedelta64_dtype(c.values):
+        if c.is_dates():
             ranked.append((0, i))
             continue
         w = words(c.name)
@@ -138,14 +171,15 @@ def _time_column(path: Path, columns: Sequence[Column], how: How) -> int | None:
 
 
 def _increases(c: Column, strictly: bool = False) -> bool:
-    x = c.values if isinstance(c.values, pd.Series) else pd.Series(c.values)
+    if c.is_dates():
+        return True
+    values = c.read()
+    x = values if isinstance(values, pd.Series) else pd.Series(values)
     if x.dtype == object or pd.api.types.is_string_dtype(x):
         x = x.dropna()
         return len(x) > 0 and (
             bool(_CLOCK.search(str(x.iloc[0]))) or pd.to_numeric(x.iloc[:50], errors="coerce").notna().all()
         )
-    if pd.api.types.is_datetime64_any_dtype(x) or pd.api.types.is_timedelta64_dtype(x):
-        return True
     step = np.diff(x.to_numpy(dtype=float, na_value=np.nan))
     step = step[np.isfinite(step)]
     if not len(step):
@@ -157,7 +191,8 @@ _CLOCK = re.compile(r"\d{1,2}:\d{2}(:\d{2})?")
 
 
 def _seconds(path: Path, c: Column, how: How, notes: list[str]) -> np.ndarray:
-    x = c.values if isinstance(c.values, pd.Series) else pd.Series(c.values)
+    values = c.read()
+    x = values if isinstance(values, pd.Series) else pd.Series(values)
     if pd.api.types.is_datetime64_any_dtype(x):
         return _of_dates(x)
     if pd.api.types.is_timedelta64_dtype(x):

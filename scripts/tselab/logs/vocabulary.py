@@ -16,7 +16,7 @@ ROLES: dict[str, tuple[tuple[str, float], ...]] = {
         (r"angular velocity z|angular velocity device z|angular rate z|ang vel z|(gyro\w*|gyr|omega|rate|w|rot\w*) ?z\b|rate ?z|"
          r"imu ?wz|\bwz\b|"
          r"rotation rate z|gyro uncalibrated v 2|lacet|imbardata|guinada|drehrate", 2.5),
-        (r"\byaw\b|\bgier|\bpsi|\br\b|turn rate", 1.2),
+        (r"\byaw\b|\bgier|\br\b|turn rate", 1.2),
     ),
     "accel_y": (
         (r"lat\w* ?acc\w*|acc\w* ?lat\w*|lateral ?g\b|quer ?beschl\w*|beschl\w* ?quer|\ba ?lat\b|\bay\b|\ba y\b|acc\w* ?y\b|"
@@ -37,7 +37,8 @@ ROLES: dict[str, tuple[tuple[str, float], ...]] = {
          r"lenk ?winkel|\bswa\b|\blrw\b|\blw ?(wi)?\b|"
          r"steer\w* ?(whl|wheel)? ?pos\w*|st ?whl ?ang\w*|sas ?ang\w*|ang\w* ?(volant|volante|sterzo|direccion)|(road ?wheel|front "
          r"?wheel) ?ang\w*|"
-         r"hand ?wheel ?(ang\w*|pos\w*)|eps ?ang\w*|delta ?(h|sw|lrw|f|v|steer)\b|steer\w* deg|steering wheel|angle steer\w*|ang "
+         r"hand ?wheel ?(ang\w*|pos\w*)|eps ?ang\w*|delta ?(h|sw|lrw|f|v|steer)\b|"
+         r"\bdf\b|steer\w* deg|steering wheel|angle steer\w*|ang "
          r"?steer\w*", 3.0),
         (r"\bdelta\b|steer|lenk|volant|sterzo|strg|\bsteering\b|\bangle\b", 1.5),
     ),
@@ -51,7 +52,7 @@ ROLES: dict[str, tuple[tuple[str, float], ...]] = {
     "accel_z": ((r"acc\w* ?z\b|\baz\b|\ba z\b|vert\w* ?acc\w*|linear acceleration z|vertikal\w*beschl\w*|\bz ?acc", 3.0),),
     "latitude": ((r"\blatitude\b|\bgps lat\b|\bgnss lat\b|\blat deg\b", 3.0), (r"\blat\b|breitengrad", 2.0)),
     "longitude": ((r"\blongitude\b|\bgps lon\w?\b|\bgnss lon\w?\b|\blon deg\b", 3.0), (r"\blon\b|\blng\b|l(ä|ae)ngengrad", 2.0)),
-    "heading": ((r"\bheading\b|\bcourse\b|\btrack angle\b|\byaw angle\b|\bbearing\b|kurswinkel", 3.0),),
+    "heading": ((r"\bheading\b|\bcourse\b|\btrack angle\b|\byaw angle\b|\bbearing\b|kurswinkel|\bpsi\b", 3.0),),
 }  # fmt: skip
 NOT = {  # what sounds like a role and is another thing
     "yaw_rate": r"acc\w*|angle|ang\b|target|req\w*|soll|ref\b|offset|bias|qual\w*|valid|status|stat\b|conf\w*|std|sd\b|var\b|"
@@ -67,7 +68,8 @@ NOT = {  # what sounds like a role and is another thing
                    r"qual\w*|valid|status|stat\b|"
                    r"ratio|qbit|vz\b|sign|limit|yaw|slip|heading|gps|pinion|motor|temp\w*|counter|rear|current|blink\w*|cal\b|"
                    r"calib\w*",
-    "speed": r"target|req\w*|soll|set|cruise|acc\b|limit|display|eng\w*|motor|rpm|fan|wind|offset|qual\w*|valid|status|std|sd\b|"
+    "speed": r"target|cmd|command|"
+             r"req\w*|soll|set|cruise|acc\b|limit|display|eng\w*|motor|rpm|fan|wind|offset|qual\w*|valid|status|std|sd\b|"
              r"var\b|cov\w*|yaw|angular|"
              r"steer\w*|gear|turbine|wheel|whl|rad\b|wiper|down|east|north|vert\w*|lat\w*|vy\b|vz\b|accuracy|diff\w*",
     "accel_z": r"gyro|rate|offset|std|var|cov",

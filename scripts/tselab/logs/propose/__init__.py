@@ -12,7 +12,7 @@ from tselab.logs.propose.guesses import make_guesses
 from tselab.logs.propose.look import Guess, Look, Proposal
 from tselab.logs.propose.roles import find_roles
 from tselab.logs.propose.scales import find_units
-from tselab.logs.propose.wheels import find_sides, find_wheels, speed_of
+from tselab.logs.propose.wheels import find_sides, find_speed, find_wheels, speed_of
 from tselab.logs.recording import Recording
 
 __all__ = ["Guess", "Proposal", "propose"]
@@ -23,7 +23,7 @@ def propose(recording: Recording, car: Any | None = None) -> Proposal:
     """Guess which signal is which. `car`: a vehicle.Vehicle; its radii, wheelbase and ratio make the figures sharper."""
     look = Look(recording)
     warnings: list[str] = []
-    wheels = find_wheels(look)
+    wheels = find_wheels(look) or find_speed(look)
     chosen: dict[str, str] = {}
     worth: dict[str, dict[str, float]] = {}
     for _ in range(PASSES):
@@ -34,6 +34,10 @@ def propose(recording: Recording, car: Any | None = None) -> Proposal:
     wheels = find_sides(look, wheels, chosen)
     scale = find_units(look, wheels, chosen, car, warnings)
     guesses = make_guesses(look, wheels, chosen, worth, scale, car, warnings)
+    for g in guesses:
+        if len(g.name) == 1 and g.name[0] in look.sign_bit:
+            g.sign_bit = look.sign_bit[g.name[0]]
+            g.figures.append(f"its sign is {g.sign_bit}, which changes where it goes through zero")
     have = {g.channel for g in guesses}
     return Proposal(
         guesses,

@@ -13,7 +13,7 @@ from tselab.logs.physics import mean_of
 from tselab.logs.propose.latencies import find_latencies
 from tselab.logs.propose.look import AXLES, NAMED, Guess, Look
 from tselab.logs.propose.scales import UNITS, USUAL_WHEELBASE, Scale, facts_of, same_unit
-from tselab.logs.propose.wheels import speed_of
+from tselab.logs.propose.wheels import is_speed, speed_of
 from tselab.logs.units import factor, kind
 from tselab.logs.vocabulary import place_of, score
 
@@ -31,9 +31,9 @@ def make_guesses(
 ) -> list[Guess]:
     found: dict[str, Guess] = {}
     facts = facts_of(look, wheels, chosen, speed_of(look, wheels, chosen))
-    v = None
-    if wheels:
-        v = mean_of([look.x[n] for n in wheels.values()]) * scale.per["wheel"]
+    v = speed_of(look, wheels, chosen)
+    if v is not None:
+        v = v * scale.per["wheel"]
     # the sign of the yaw rate is told by the wheels, where it is told; the others follow it
     sign = {
         "yaw_rate": float(np.sign(facts.get("track_corr", 0.0))) if abs(facts.get("track_corr", 0.0)) > 0.7 else 1.0
@@ -55,7 +55,7 @@ def make_guesses(
         )
         if mine:
             found[f"wheel_speed_{axle}"] = _wheel(look, axle, mine, wheels, scale, facts)
-    find_latencies(look, found, wheels, scale, sign)
+    find_latencies(look, found, wheels, scale, sign, warnings)
     _odd(look, found, chosen, scale, sign, v, warnings)
     order = ("steer_angle", "wheel_speed_front", "wheel_speed_rear", "accel_x", "accel_y", "yaw_rate")
     return [found[c] for c in order if c in found]
@@ -211,6 +211,11 @@ def _wheel(
         figures.append(f"a_y over v r: {scale.figures['accel_y']:.2f}")
     if len(mine) == 2 and "track" in scale.figures:
         figures.append(f"right less left over the yaw rate: {scale.figures['track']:.2f} m")
+    if is_speed(wheels):
+        figures.append("no wheel is logged: the speed of the car stands for both axles, so slip and longitudinal stiffness are "
+                       "not known")  # fmt: skip
+        return Guess(f"wheel_speed_{axle}", tuple(mine), unit, _from(look, mine[0], unit, "wheel"), confidence="likely",
+                     figures=figures)  # fmt: skip
     named = all(place_of(n)[0].startswith(axle) for n in mine)
     agree = not others or "track" in scale.figures or "speed" in scale.figures or "accel_y" in scale.figures
     if not named:

@@ -21,7 +21,7 @@ def find_roles(
     look: Look, wheels: Mapping[str, str], v: np.ndarray | None, before: Mapping[str, str]
 ) -> tuple[dict[str, str], dict[str, dict[str, float]]]:
     """Role -> name, and what every candidate was worth: by name and unit, and by physics."""
-    taken = set(wheels.values())
+    taken = set(wheels.values()) | quaternions(look)
     said = {role: {n: _said(look, role, n) for n in look.x if n not in taken} for role in LATERAL}
     ref = dict(before)
     if not ref:
@@ -43,7 +43,7 @@ def find_roles(
             role not in found
             and n not in found.values()
             and w >= NAMED
-            and (said[role][n] >= 0.8 or shown[role][n] >= 2.5)
+            and (score(role, look.called(n)) >= 0.8 or shown[role][n] >= 2.5)  # a unit alone is no name
         ):
             found[role] = n
     return found, {
@@ -51,10 +51,17 @@ def find_roles(
     }
 
 
+def quaternions(look: Look) -> set[str]:
+    """Parts of attitudes: x, y, z beside a w are no rates, though rotation.z sounds like one."""
+    known = set(look.channels)
+    stems = {n[:-1] for n in known if n[-2:] in (".w", "_w") and n[:-1] + "z" in known}
+    return {n for n in known if n[:-1] in stems and n[-1] in "wxyz"}
+
+
 def _said(look: Look, role: str, name: str) -> float:
     unit = kind(look.unit(name))
     of_kind = 1.0 if unit in KINDS[role] else (0.0 if unit == "" else -3.0)
-    return score(role, name) + of_kind + 0.001 * min(look.rate[name], 100.0)
+    return score(role, look.called(name)) + of_kind + 0.001 * min(look.rate[name], 100.0)
 
 
 def _shown(

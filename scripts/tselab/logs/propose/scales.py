@@ -14,7 +14,7 @@ from tselab.logs import physics
 from tselab.logs.names import unit_at_end
 from tselab.logs.physics import TRACK, TRACK_SD, fit, smoothed
 from tselab.logs.propose.look import KINDS, NAMED, TURNED, Look
-from tselab.logs.propose.wheels import speed_of, turn_of
+from tselab.logs.propose.wheels import is_speed, named_speed, speed_of, turn_of
 from tselab.logs.units import factor, kind
 from tselab.logs.vocabulary import score, text_of
 
@@ -28,7 +28,8 @@ CONTRADICTED, SUFFIX, UNSAID = (
     3.0,
     0.5,
 )  # cost, in squared sd, of a unit that is not the log's, not the name's, and of any other than SI
-CLIP = 16.0  # most that one equation says against a set of units
+CLIP = 16.0  # most that one equation says against a set of units,
+FAR = 0.1  # but of two sets that are both far off the nearer one is better: per sd
 
 
 @dataclass(frozen=True)
@@ -51,15 +52,16 @@ def find_units(
 ) -> Scale:
     """The set of units that agrees best with physics and with what log and names say."""
     names = {role: chosen[role] for role in ("yaw_rate", "accel_y", "accel_x") if role in chosen}
-    if wheels:
-        names["wheel"] = next(iter(wheels.values()))
+    car_speed = next(iter(wheels.values())) if is_speed(wheels) else "" if wheels else named_speed(look)
+    if wheels or car_speed:
+        names["wheel"] = car_speed or next(iter(wheels.values()))
     v0 = speed_of(look, wheels, chosen)
     facts = facts_of(look, wheels, chosen, v0)
     options: dict[str, list[tuple[str, float]]] = {}
     for role, name in names.items():
         said, end = look.channels[name].unit, unit_at_end(look.channels[name].short)
         said = said if kind(said) in KINDS.get(role, KINDS["wheel"]) else ""
-        choices = list(UNITS[role])
+        choices = [u for u in UNITS[role] if not (role == "wheel" and car_speed and factor(u, "m/s") is None)]
         if said and factor(said, "rad/s" if role in ("wheel", "yaw_rate") else "m/s2", 1.0) is not None:
             choices = [said] + [u for u in choices if not same_unit(u, said, role)]
         elif said == "" and end and kind(end) in KINDS.get(role, KINDS["wheel"]):
@@ -166,7 +168,7 @@ def _cost(
         if name in facts:
             figures[name] = facts[name] * factor_
             off = np.log(figures[name] / wanted) / np.hypot(sd, loose)
-            cost += float(min(off**2, CLIP))
+            cost += float(min(off**2, CLIP + FAR * abs(off)))
     top = facts.get("top", 20.0 / v) * v
     cost += 4.0 * (top > 75.0) + 4.0 * (top < 3.0)
     return cost, figures

@@ -11,7 +11,9 @@ from tselab.logs import physics
 from tselab.logs.physics import fit, mean_of
 from tselab.logs.propose.look import AXLES, KINDS, NAMED, WHEELS, Look
 from tselab.logs.units import kind
-from tselab.logs.vocabulary import place_of, score, text_of
+from tselab.logs.vocabulary import NO_WHEEL, place_of, score, text_of
+
+SLOWEST = 5.0  # Hz: a receiver of GNSS with one value a second misses what braking does
 
 
 def find_wheels(look: Look) -> dict[str, str]:
@@ -76,7 +78,11 @@ def _alike(look: Look, names: list[str]) -> float:
 
 def _nameless_wheels(look: Look) -> dict[str, str]:
     """Four signals that are the same but for some percent, of one unit: wheels, in the order of the file."""
-    rolling = [n for n in look.x if rolls(look.x[n]) and kind(look.unit(n)) in ("", *KINDS["wheel"])]
+    rolling = [
+        n
+        for n in look.x
+        if rolls(look.x[n]) and kind(look.unit(n)) in ("", *KINDS["wheel"]) and not NO_WHEEL.search(text_of(n))
+    ]
     for first in rolling:
         same = [n for n in rolling if look.unit(n) == look.unit(first) and _same_size(look.x[first], look.x[n])]
         distinct: list[str] = []
@@ -100,8 +106,30 @@ def speed_of(look: Look, wheels: Mapping[str, str], chosen: Mapping[str, str]) -
     """The speed in whatever unit: of the wheels, or what is called one."""
     if wheels:
         return mean_of([look.x[n] for n in wheels.values()]) if len(look.time) else None
-    named = sorted((score("speed", n) + (kind(look.unit(n)) == "speed"), n) for n in look.x if rolls(look.x[n]))
-    return look.x[named[-1][1]] if named and named[-1][0] >= NAMED else None
+    name = named_speed(look)
+    return look.x[name] if name else None
+
+
+def find_speed(look: Look) -> dict[str, str]:
+    """Without wheels: the car's speed in place of the rear axle, which drives or brakes less. The reader has it stand in for the
+    front one as well, as for any axle that is not logged, and knows then that slip is not known."""
+    name = named_speed(look, SLOWEST)
+    return {"rear": name} if name else {}
+
+
+def is_speed(wheels: Mapping[str, str]) -> bool:
+    """Are these wheels the car's speed?"""
+    return len(wheels) == 1
+
+
+def named_speed(look: Look, slowest: float = 0.0) -> str:
+    """What is called the speed of the car, and has at least so many values a second, Hz; "" where nothing is."""
+    named = sorted(
+        (score("speed", look.called(n)) + (kind(look.unit(n)) == "speed"), n)
+        for n in look.x
+        if look.rate[n] >= slowest and kind(look.unit(n)) in ("", "speed") and rolls(look.x[n])
+    )
+    return named[-1][1] if named and named[-1][0] >= NAMED else ""
 
 
 def turn_of(look: Look, wheels: Mapping[str, str]) -> np.ndarray | None:

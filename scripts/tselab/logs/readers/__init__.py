@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import re
 from pathlib import Path
 
 from tselab.errors import UserError
@@ -31,6 +32,7 @@ OTHERS = {  # what people have, that nobody reads here, and what to do
     ".npy": "save the arrays as MAT or Parquet", ".tdms": "export it as MF4 or CSV", ".d97": "export it as MF4",
     ".vbo": "export it as CSV", ".ld": "export it as CSV or MAT", ".json": "save the table as Parquet or CSV",
 }  # fmt: skip
+CANDUMP = re.compile(rb"\(\d+\.\d+\)\s+\w+\s+[0-9A-Fa-f]+#")  # (1489113253.31) can0 083#0FE0, whatever the file is called
 FORMATS = "CSV, MF4/MDF, BLF, ASC, TRC, MCAP, ROS bags, Parquet, Feather, MAT, openpilot's rlog"
 
 
@@ -40,6 +42,8 @@ def reader_of(path: Path) -> str:
         if (path / "metadata.yaml").exists():
             return "rosbag"
         raise UserError(f"{path}: is a directory, not a log (a ROS 2 bag's has a metadata.yaml)")
+    if path.exists() and not path.is_file():  # a pipe or a device may never end
+        raise UserError(f"{path}: is no file; a log is read more than once, so write it to a file first")
     try:
         with open(path, "rb") as file:
             head = file.read(256)
@@ -52,6 +56,8 @@ def reader_of(path: Path) -> str:
     for name, (_, beginnings) in READERS.items():
         if head.startswith(beginnings):
             return name
+    if CANDUMP.match(head.lstrip()):
+        return "can"
     suffix = path.suffix.lower()
     if suffix in OTHERS:
         raise UserError(f"{path}: cannot be read as it is: {OTHERS[suffix]}; read are {FORMATS}")
@@ -61,6 +67,8 @@ def reader_of(path: Path) -> str:
         raise UserError(
             f"{path}: does not begin as {suffix} files do: it is cut off, or of another format; read are {FORMATS}"
         )
+    if found == "can" and suffix in (".log", ".can") and text:
+        return "text"  # .log is the end of many a name
     if found in ("can", "openpilot"):
         return found
     if text:

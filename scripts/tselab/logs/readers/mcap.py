@@ -15,7 +15,7 @@ from tselab.logs.recording import How, Recording, listed
 def read(path: Path, how: How) -> Recording:
     """Fields of all messages by topic and path."""
     mcap = need("mcap.reader", "ros", str(path))
-    collect, notes = Collector(), []
+    collect, notes = Collector(how.wanted), []
     decoders: dict[int, Any] = {}
     strange: dict[str, str] = {}
     count = 0
@@ -45,7 +45,7 @@ def read(path: Path, how: How) -> Recording:
         )
     if strange:
         notes.append(f"topics that cannot be read: {listed(f'{t} ({e})' for t, e in strange.items())}")
-    return Recording(path, "MCAP", collect.channels(), notes)
+    return Recording(path, "MCAP", collect.channels(), notes, room=collect.room)
 
 
 def _decoder(path: Path, encoding: str, schema: Any, strange: dict[str, str], topic: str) -> Any:

@@ -28,7 +28,7 @@ def read(path: Path, how: How) -> Recording:
     folder = Path(next(iter(spec.submodule_search_locations))) / "cereal"
     log = capnp.load(str(folder / "log.capnp"))
     raw = _bytes(path)
-    collect, notes, count = Collector(), [], 0
+    collect, notes, count = Collector(how.wanted), [], 0
     try:
         for event in log.Event.read_multiple_bytes(raw):
             service = event.which()
@@ -42,7 +42,7 @@ def read(path: Path, how: How) -> Recording:
         notes.append(f"the log is cut off after {count} events: what is before is used")
     if not count:
         raise UserError(f"{path}: has none of the services {', '.join(SERVICES)}")
-    return Recording(path, "openpilot", collect.channels(), notes)
+    return Recording(path, "openpilot", collect.channels(), notes, room=collect.room)
 
 
 def _add(collect: Collector, service: str, time: float, message: Any) -> None:

@@ -18,10 +18,17 @@ def read(path: Path, how: How) -> Recording:
     if path.is_file() and path.suffix.lower() != ".bag":
         bag = path.parent
         if not (bag / "metadata.yaml").exists():
+            with open(path, "rb") as file:
+                frames = b"arbitration_id" in file.read(1 << 16)  # a column of the table that python-can writes
+            if frames:
+                raise UserError(
+                    f"{path}: holds frames of a bus that python-can wrote, and is no bag of ROS 2: write them as BLF: "
+                    f"python -m can.logconvert {path.name} {path.stem}.blf"
+                )
             raise UserError(
                 f"{path}: is one file of a ROS 2 bag, whose metadata.yaml is missing beside it: give the folder of the bag"
             )
-    collect, notes = Collector(), []
+    collect, notes = Collector(how.wanted), []
     count, strange = 0, {}
     try:
         store = typesys.get_typestore(typesys.Stores.LATEST)
@@ -46,4 +53,4 @@ def read(path: Path, how: How) -> Recording:
         raise UserError(
             f"{path}: has no message that can be read{f' (types unknown: {listed(strange.values())})' if strange else ''}"
         )
-    return Recording(path, "ROS bag", collect.channels(), notes)
+    return Recording(path, "ROS bag", collect.channels(), notes, room=collect.room)

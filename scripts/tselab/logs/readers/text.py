@@ -3,18 +3,26 @@
 from __future__ import annotations
 
 import csv
-import io
+import functools
 import re
+import warnings
 from collections import Counter
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
+from typing import IO, Any
 
+import numpy as np
 import pandas as pd
 
 from tselab.errors import UserError
+from tselab.logs.names import with_unit
 from tselab.logs.readers import FORMATS
 from tselab.logs.recording import How, Recording
-from tselab.logs.table import Column, recording_of
+from tselab.logs.table import Column, may_be_time, recording_of
 from tselab.logs.units import known
+from tselab.room import PIECE, Room
 
 HEAD = 400  # lines that are looked at
 DELIMITERS = (",", ";", "\t", "|")
@@ -27,8 +35,12 @@ EMPTY = {"", "nan", "na", "n/a", "null", "-", "none", "#n/a", "inf", "-inf", "tr
 
 def read(path: Path, how: How) -> Recording:
     """A table of text."""
-    text = _text(path, how)
-    lines = text[: 1 << 20].splitlines()[:HEAD]
+    encoding, errors = _encoding(path, how)
+    with open(path, encoding=encoding, errors=errors, newline="") as file:
+        head = file.read(1 << 20)
+    if "\0" in head[:65536]:
+        raise UserError(BINARY.format(path))
+    lines = head.splitlines()[:HEAD]
     if not any(x.strip() for x in lines):
         raise UserError(f"{path}: is empty")
     separator = _separator(path, lines, how)
@@ -37,57 +49,116 @@ def read(path: Path, how: How) -> Recording:
     width = len(cells[first]) if first < len(cells) else 0
     names = _names(path, cells[header] if header is not None else None, width, lines, header)
     decimal = how.decimal or _decimal(cells[first:], separator)
-    try:
-        table = pd.read_csv(
-            io.StringIO(text), sep=r"\s+" if separator == " " else separator, decimal=decimal, names=range(len(names)), header=None,
-            skiprows=first, index_col=False, skipinitialspace=True, low_memory=False, skip_blank_lines=True, on_bad_lines="error",
-        )  # fmt: skip
-    except pd.errors.EmptyDataError:
-        raise UserError(f"{path}: has a header but no rows") from None
-    except pd.errors.ParserError as error:
-        detail = str(error).replace("Error tokenizing data. C error: ", "").strip()
-        line = re.sub(r"in line (\d+)", lambda m: f"in line {int(m[1])}", detail)
-        raise UserError(
-            f"{path}: is not a well-formed CSV: {line}; every row needs as many cells as there are names"
-        ) from None
-    except ValueError as error:
-        raise UserError(f"{path}: is not a well-formed CSV: {str(error)[:150]}") from None
-    if table.empty:
-        raise UserError(f"{path}: has a header but no rows")
+    table = _Table(path, encoding, errors, {
+        "sep": r"\s+" if separator == " " else separator, "decimal": decimal, "names": range(len(names)), "header": None,
+        "skiprows": first, "index_col": False, "skipinitialspace": True, "low_memory": False, "skip_blank_lines": True,
+        "on_bad_lines": "error",
+    })  # fmt: skip
     of = dict(zip(names, units or [""] * len(names), strict=False))
-    columns = [Column(name, table[i], of.get(name, "")) for i, name in enumerate(names) if name]
+    room = Room()
+    needed = [i for i, name in enumerate(names) if name and _is_needed(i, name, of.get(name, ""), how)]
+    rows, plain = table.numbers(needed, room)
+    if not rows:
+        raise UserError(f"{path}: has a header but no rows")
+    columns = [
+        Column(name, plain.get(i, functools.partial(table.column, i)), of.get(name, ""), rows=rows)
+        for i, name in enumerate(names)
+        if name
+    ]
     notes = []
     if separator != "," or decimal != "." or (header or 0) > 0 or units:
         parts = [f"separator {separator!r}", f"decimal {decimal!r}"]
         parts += [f"names in line {header + 1}"] if header else []
         notes.append(f"read as CSV with {', '.join(parts)}{', a row of units' if units else ''}")
-    return recording_of(path, "CSV", columns, how, notes)
+    return recording_of(path, "CSV", columns, how, notes, room)
 
 
-def _text(path: Path, how: How) -> str:
-    raw = path.read_bytes()
+def _is_needed(place: int, name: str, unit: str, how: How) -> bool:
+    """Is it a channel that is wanted, or may it be the time? Others are read only when they are asked for."""
+    plain, own = with_unit(name)
+    return how.wanted is None or how.wanted(plain) or plain == how.time or may_be_time(place, plain, unit or own)
+
+
+@dataclass(frozen=True)
+class _Table:
+    """The rows of a text, column by column. `arguments`: of pandas.read_csv."""
+
+    path: Path
+    encoding: str
+    errors: str
+    arguments: dict[str, Any]
+
+    def numbers(self, places: Sequence[int], room: Room) -> tuple[int, dict[int, np.ndarray]]:
+        """How many rows it has, and those of the columns at `places` that hold nothing but numbers, read a piece at a time."""
+        found = {i: room.growing() for i in places}
+        rows = 0
+        with self._reading() as file, pd.read_csv(file, chunksize=PIECE, **self.arguments) as parts:
+            for part in parts:
+                rows += len(part)
+                for i in [i for i in found if not _is_plain(part[i])]:
+                    found.pop(i).array()
+                for i, column in found.items():
+                    column.extend(part[i].to_numpy(float))
+        return rows, {i: column.array() for i, column in found.items()}
+
+    def column(self, place: int) -> pd.Series:
+        """One column as a whole, for what it holds is no number everywhere."""
+        with self._reading() as file:
+            return pd.read_csv(file, usecols=[place], **self.arguments)[place]
+
+    @contextmanager
+    def _reading(self) -> Iterator[IO[str]]:
+        """The text; errors of the parser in our words."""
+        try:
+            with open(self.path, encoding=self.encoding, errors=self.errors, newline="") as file, warnings.catch_warnings():
+                # the first row of each part may have more cells than there are columns, and pandas only warns of it
+                warnings.simplefilter("error", pd.errors.ParserWarning)
+                yield file
+        except pd.errors.EmptyDataError:
+            raise UserError(f"{self.path}: has a header but no rows") from None
+        except (pd.errors.ParserError, pd.errors.ParserWarning) as error:
+            detail = str(error).replace("Error tokenizing data. C error: ", "").strip()
+            raise UserError(
+                f"{self.path}: is not a well-formed CSV: {detail}; every row needs as many cells as there are names"
+            ) from None
+        except ValueError as error:
+            raise UserError(f"{self.path}: is not a well-formed CSV: {str(error)[:150]}") from None
+
+
+def _is_plain(x: pd.Series) -> bool:
+    return pd.api.types.is_numeric_dtype(x) and not pd.api.types.is_bool_dtype(x)
+
+
+BINARY = "{}: is a binary file of no format that is known here; a log as text, MF4, BLF ... is needed"
+
+
+def _encoding(path: Path, how: How) -> tuple[str, str]:
+    """The encoding of a text, and what becomes of bytes that are none of it."""
+    with open(path, "rb") as file:
+        start = file.read(4096)
     if how.encoding:
         try:
-            return raw.decode(how.encoding)
+            _decode(path, how.encoding)
         except (LookupError, UnicodeDecodeError) as error:
             raise UserError(f"{path}: [log] encoding = {how.encoding!r}: {error}") from None
+        return how.encoding, "strict"
     for beginning, encoding in ((b"\xef\xbb\xbf", "utf-8-sig"), (b"\xff\xfe", "utf-16"), (b"\xfe\xff", "utf-16")):
-        if raw.startswith(beginning):
-            return raw.decode(encoding, errors="replace")
+        if start.startswith(beginning):
+            return encoding, "replace"
     try:
-        found = raw.decode("utf-8")
+        _decode(path, "utf-8")
     except UnicodeDecodeError:
-        found = raw.decode("cp1252", errors="replace")
-        control = sum(c < 32 and c not in (9, 10, 13, 12, 26, 27) for c in raw[:4096])
-        if control > 8:
-            raise UserError(
-                f"{path}: is a binary file of no format that is known here; a log as text, MF4, BLF ... is needed"
-            ) from None
-    if "\0" in found[:65536]:
-        raise UserError(
-            f"{path}: is a binary file of no format that is known here; a log as text, MF4, BLF ... is needed"
-        )
-    return found
+        if sum(c < 32 and c not in (9, 10, 13, 12, 26, 27) for c in start) > 8:
+            raise UserError(BINARY.format(path)) from None
+        return "cp1252", "replace"
+    return "utf-8", "strict"
+
+
+def _decode(path: Path, encoding: str) -> None:
+    """The whole file must be text of that encoding. UnicodeDecodeError: it is not; LookupError: there is none of that name."""
+    with open(path, encoding=encoding, newline="") as file:
+        while file.read(1 << 20):
+            pass
 
 
 def _separator(path: Path, lines: list[str], how: How) -> str:
