@@ -25,12 +25,14 @@ import numpy as np
 from tselab.errors import UserError
 from tselab.fmu import platforms
 from tselab.fmu.archive import open_archive, read_description, unpacked
+from tselab.fmu.slave import version_of
 from tselab.fmu.validate import package_version
 
 STEP = 1 / 128  # s
 STEPS = 100
 TOLERANCE = 1e-9  # of the largest value of an output: beyond, a difference is a finding
-KINDS = ("Real", "Integer", "Boolean")  # Enumerations and Strings are not compared
+KINDS = ("Real", "Integer", "Boolean")  # Enumerations, Strings and arrays are not compared
+KIND_OF = {"Float64": "Real", "Int32": "Integer"}  # of FMI 3.0
 
 
 @dataclass(frozen=True)
@@ -45,6 +47,7 @@ class Plan:
     outputs: tuple[str, ...]
     kind: dict[str, str]
     reference: dict[str, int]  # value references
+    fmi: str = "2"
 
     @property
     def steps(self) -> int:
@@ -65,9 +68,11 @@ class Plan:
 def make_plan(path: Path) -> Plan:
     """Inputs that make sense, where we know what they mean; else the start values."""
     description = read_description(path)
-    if description.fmiVersion != "2.0" or description.coSimulation is None:
-        raise UserError(f"{path}: is no co-simulation FMU of FMI 2.0: clients are not compared")
-    variables = {v.name: v for v in description.modelVariables if v.type in KINDS}
+    fmi = version_of(description)
+    if not fmi or description.coSimulation is None:
+        raise UserError(f"{path}: is no co-simulation FMU of FMI 2.0 or 3.0: clients are not compared")
+    kinds = {v.name: KIND_OF.get(v.type, v.type) for v in description.modelVariables}
+    variables = {v.name: v for v in description.modelVariables if kinds[v.name] in KINDS and not v.dimensions}
     names = {c: [v.name for v in variables.values() if v.causality == c] for c in ("input", "output")}
     step = STEP
     if not description.coSimulation.canHandleVariableCommunicationStepSize and description.defaultExperiment is not None:
@@ -83,8 +88,9 @@ def make_plan(path: Path) -> Plan:
         step,
         inputs,
         tuple(names["output"]),
-        {n: variables[n].type for n in used},
+        {n: kinds[n] for n in used},
         {n: variables[n].valueReference for n in used},
+        fmi,
     )
 
 
