@@ -177,6 +177,7 @@ def run_libcosim(plan: Plan) -> np.ndarray:
     return np.array(rows, float)
 
 
+ONLY_2 = {"libcosim"}  # clients that know no FMI 3.0
 PYTHON_CLIENTS = {"FMPy": ("fmpy", run_fmpy), "ecos": ("ecospy", run_ecos), "libcosim": ("libcosimpy", run_libcosim)}
 
 
@@ -227,12 +228,13 @@ def _foreign_client(foreign: Foreign) -> Path:
     from tselab.fmu.build import checkout
 
     root = checkout()
-    source, headers = root / "tests" / "fmu" / "client.c", root / ".venv" / "share" / "fmi2" / "headers"
+    source, share = root / "tests" / "fmu" / "client.c", root / ".venv" / "share"
+    includes = [f"-I{share / f'fmi{v}' / 'headers'}" for v in platforms.FMI]
     program = root / "build" / "fmu-clients" / f"{foreign.platform}{'.exe' if foreign.platform == 'win64' else ''}"
     if not program.is_file() or program.stat().st_mtime < source.stat().st_mtime:
         program.parent.mkdir(parents=True, exist_ok=True)
         target = platforms.PLATFORMS[foreign.platform].targets[0]
-        platforms.zig(["-target", target, "-std=c99", "-O1", f"-I{headers}", str(source), "-o", str(program)],
+        platforms.zig(["-target", target, "-std=c99", "-O1", *includes, "-DCLIENT_FMI3", str(source), "-o", str(program)],
                       program.parent, root / "build" / "zig-cache")  # fmt: skip
     return program
 
@@ -241,7 +243,7 @@ def _foreign_reason(foreign: Foreign, plan: Plan) -> str:
     """Why it cannot be run here; empty when it can."""
     from tselab.fmu.build import checkout
 
-    if foreign.platform not in open_archive(Path(plan.fmu)).binaries:
+    if platforms.PLATFORMS[foreign.platform].folder(plan.fmi) not in open_archive(Path(plan.fmu)).binaries:
         return f"the FMU has no binary for {foreign.platform}"
     if shutil.which(foreign.program) is None:
         return f"{foreign.program} is not installed"
@@ -267,7 +269,7 @@ def run_foreign(foreign: Foreign, plan: Plan) -> np.ndarray:
             out.writerow(["time", *columns])
             for i in range(plan.steps):
                 out.writerow([repr(i * plan.step), *(repr(float(v[i])) for v in columns.values())])
-        binary = Path("binaries") / foreign.platform / f"{plan.identifier}{suffix}"
+        binary = Path("binaries") / platforms.PLATFORMS[foreign.platform].folder(plan.fmi) / f"{plan.identifier}{suffix}"
         command = [*foreign.command, str(client), str(binary), plan.guid, "input.csv", "output.csv", "--outputs", ",".join(wanted)]
         wine = {"WINEPREFIX": str(client.parent / "wine"), "WINEDEBUG": "-all"}  # not the user's own Windows
         done = subprocess.run(command, cwd=folder, env={**wine, **os.environ}, capture_output=True, text=True, errors="replace",
@@ -325,6 +327,9 @@ def compare(path: Path, say: Callable[[str], None] = lambda _: None) -> list[Row
         version = package_version(package)
         if find_spec(package) is None:
             rows.append(Row(name, client, version, what, None, skipped="not installed (scripts/setup.sh clients)"))
+            continue
+        if plan.fmi != "2" and client in ONLY_2:
+            rows.append(Row(name, client, version, what, None, skipped="knows FMI 1.0 and 2.0 only"))
             continue
         say(f"{name}: {client}")
         row, values = _row(name, client, version, what, lambda c=client: _in_process(c, plan), reference)
