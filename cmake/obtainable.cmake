@@ -3,7 +3,7 @@
 set(tse_unity_repository https://github.com/ThrowTheSwitch/Unity.git)
 set(tse_fmi2_repository https://github.com/modelica/fmi-standard.git)
 set(tse_unity_hint "-DFETCHCONTENT_SOURCE_DIR_UNITY=<folder with src/unity.c>, which scripts/setup.sh puts into .venv/share/unity")
-set(tse_fmi2_hint "-DFETCHCONTENT_SOURCE_DIR_FMI2=<folder with headers/fmi2Functions.h>, which scripts/setup.sh puts into .venv/share/fmi2")
+set(tse_fmi2_hint "-DFETCHCONTENT_SOURCE_DIR_FMI2=<folder with headers/fmi2Functions.h>, which scripts/setup.sh puts into .venv/share/fmi2, and those of 3.0 beside it")
 
 # Returned: in `result` whether FetchContent will find `name` (unity, fmi2)
 function(tse_obtainable name result)

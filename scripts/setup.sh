@@ -91,26 +91,33 @@ if ! [ -f $unity/src/unity.c ]; then
   rm -rf "$scratch"
 fi
 
-# ---- FMI 2.0.1 headers, unmodified in the Python package fmu-manipulation-toolbox, pinned by their sha256
+# ---- FMI 2.0.1 and 3.0.2 headers, unmodified in the Python package fmu-manipulation-toolbox, pinned by their sha256
 
-fmi=.venv/share/fmi2/headers
-if ! [ -f $fmi/fmi2TypesPlatform.h ]; then
-  scratch=$(mktemp -d .venv/share/fmi2.XXXXXX)
+fmi_headers() {                                   # fmi_headers VERSION NAME:SHA256 ...   to .venv/share/fmiVERSION/headers
+  local folder=.venv/share/fmi$1/headers package pinned header
+  shift
+  for pinned in "$@"; do [ -f "$folder/${pinned%%:*}" ] || break; done
+  [ -f "$folder/${pinned%%:*}" ] && return 0
+  scratch=$(mktemp -d .venv/share/fmi.XXXXXX)
   trap 'rm -rf "$root/$scratch"' EXIT
   package=$(.venv/bin/python -c 'import importlib.util as u; print(u.find_spec("fmu_manipulation_toolbox").submodule_search_locations[0])')
-  for pinned in fmi2FunctionTypes.h:756da446057a5a6dec47a5938e099ba3a9b1882326672b393c6f7dd8571e3456 \
-      fmi2Functions.h:5315e320046c976b3977bc14eb7e2cb58711fa296e4bdf88ddd2c9c82e2a9958 \
-      fmi2TypesPlatform.h:50a180641623f47f2e48fc445707549ce4ec2e27358e2451a2dad5b6dfc55287; do
+  for pinned in "$@"; do
     header=$package/resources/fmi/${pinned%%:*}
     [ -f "$header" ] && [ "$(sha256 "$header")" = "${pinned##*:}" ] \
       || fail "${pinned%%:*} is not in the Python package fmu-manipulation-toolbox, or its sha256 differs."
     cp "$header" "$scratch/"
   done
-  mkdir -p .venv/share/fmi2
-  rm -rf $fmi
-  mv "$scratch" $fmi
-  chmod 755 $fmi
-fi
+  mkdir -p "${folder%/*}"
+  rm -rf "$folder"
+  mv "$scratch" "$folder"
+  chmod 755 "$folder"
+}
+fmi_headers 2 fmi2FunctionTypes.h:756da446057a5a6dec47a5938e099ba3a9b1882326672b393c6f7dd8571e3456 \
+  fmi2Functions.h:5315e320046c976b3977bc14eb7e2cb58711fa296e4bdf88ddd2c9c82e2a9958 \
+  fmi2TypesPlatform.h:50a180641623f47f2e48fc445707549ce4ec2e27358e2451a2dad5b6dfc55287
+fmi_headers 3 fmi3FunctionTypes.h:d247d1c5fbf58e32379f1d38e7f73990709e0501fc4a9b3901ce3f9638503a0f \
+  fmi3Functions.h:038358fb0209c3547fe8c6f03b80582960c93ce0a7d342b0d9348c8ce6137784 \
+  fmi3PlatformTypes.h:1aa81efddeb84b0d9425f9226969525bd034cb63848c086b6696655179500616
 
 # ---- extras
 

@@ -27,7 +27,8 @@ ROOMS = {  # which rooms' modules those of a room may import; "": what all of th
     "export": {"", "localise", "infer", "export", "workflow"},
 }
 THROUGH = {"workflow", "commands", "check", "plan", "selftest"}  # modules that lead through the rooms
-OF_THE_GLUE = {"fmi2Functions.h", "fmu_guid.h", "fmu_model.h", "model.h", "tse/convert.h", "tse/version.h"}
+OF_THE_GLUE = {"fmi2Functions.h", "fmi3Functions.h", "fmu_guid.h", "fmu_model.h", "glue.h", "model.h"}
+OF_THE_GLUE |= {"tse/convert.h", "tse/version.h"}
 NAME = re.compile(r"\b(?:tse|TSE)_(?!VERSION\b|(?:real|setting)(?:_of)?\b|double_of(?:_setting)?\b)\w+")  # but version, numbers
 
 

@@ -1,6 +1,6 @@
 /* fmu/SingleTrackVehicle/model.c - the simulator as a co-simulation model: the truth for studies.
  *
- * fmi2DoStep(t, h) drives from t to t + h; outputs at t + h are the row that the car logs then, and the truth. Inputs at
+ * A step of h drives from t to t + h; outputs at t + h are the row that the car logs then, and the truth. Inputs at
  * t + h are those set at t plus h times their derivative, where the importer gives one. How they get there is the
  * parameter `ramp`. */
 #include <stdio.h>
@@ -58,6 +58,20 @@ const fmu_variable fmu_variables[] = {
 #undef SIM_OUTPUT
 };
 const int32_t fmu_variable_count = (int32_t)(sizeof fmu_variables / sizeof fmu_variables[0]);
+
+#define ORDER "; order: longitudinal front, cornering front, cornering rear"
+const fmu_array fmu_arrays[] = {
+  { OUTPUT("true.relative.stiffness", 'r', y.stiffness, "1", "mean stiffness, relative to nominal" ORDER) 3 },
+  { OUTPUT("drawn.relative.stiffness", 'r', y.drawn, "1", "stiffness drawn for this row, relative to nominal" ORDER) 3 },
+};
+const int32_t fmu_array_count = (int32_t)(sizeof fmu_arrays / sizeof fmu_arrays[0]);
+
+const fmu_terminal fmu_terminals[] = {
+  { "driver", "_tse_driver", 'i', "", "what the driver does, and the road" },
+  { "sensors", "_tse_sensors", 'o', "sensor.", "what the car logs" },
+  { "truth", "_tse_truth", 'o', "true.", "what an estimator should find" },
+};
+const int32_t fmu_terminal_count = (int32_t)(sizeof fmu_terminals / sizeof fmu_terminals[0]);
 
 const fmu_info fmu_about = {
   "SingleTrackVehicle", "Single-track vehicle with tyres of random stiffness",

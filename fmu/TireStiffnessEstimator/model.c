@@ -1,6 +1,6 @@
 /* fmu/TireStiffnessEstimator/model.c - the estimator as a co-simulation model.
  *
- * fmi2DoStep(t, h) takes the inputs as the sample of time t, as a log row of that time; outputs at t + h are the estimate
+ * A step from t to t + h takes the inputs as the sample of time t, as a log row of that time; outputs at t + h are the estimate
  * after that sample. dt of a sample is the time since the sample before, so that a log that is replayed gives the same bits
  * as through tse_step(). */
 #include <stdio.h>
@@ -76,6 +76,26 @@ const fmu_variable fmu_variables[] = {
 };
 #undef X
 const int32_t fmu_variable_count = (int32_t)(sizeof fmu_variables / sizeof fmu_variables[0]);
+
+#define ORDER "; order: longitudinal front, cornering front, cornering rear"
+#define ARRAY(name, kind, member, unit, text) \
+  { OUTPUT(name, kind, member, unit, text) (int32_t)(sizeof ((model *)0)->member / sizeof ((model *)0)->member[0]) },
+const fmu_array fmu_arrays[] = {
+  ARRAY("estimate.relative.stiffness", 'r', y.stiffness, "1", "mean stiffness, relative to nominal" ORDER)
+  ARRAY("estimate.relative.stiffness_sd", 'r', y.stiffness_sd, "1", "sd of that mean" ORDER)
+  ARRAY("estimate.relative.stiffness_spread", 'r', y.stiffness_spread, "1", "sample-to-sample sd" ORDER)
+  ARRAY("estimate.stiffness_valid", 'b', valid, "", "the stiffness may be used" ORDER)
+  ARRAY("estimate.stiffness_reason", 'i', y.reason, "", "0 valid, else why it may not be used: codes as those of estimate.cx_front_reason" ORDER)
+  ARRAY("estimate.change_stiffness", 'r', y.change_ratio, "1", "stiffness now over that before the last change" ORDER)
+  ARRAY("estimate.probability", 'r', y.regime, "1", "probabilities in the order of estimate.p_steady to estimate.p_restarted")
+};
+const int32_t fmu_array_count = (int32_t)(sizeof fmu_arrays / sizeof fmu_arrays[0]);
+
+const fmu_terminal fmu_terminals[] = {
+  { "sensors", "_tse_sensors", 'i', "", "what the car logs" },
+  { "estimate", "_tse_estimate", 'o', "estimate.", "stiffness, velocities, biases, and what the filter thinks of the road and its sensors" },
+};
+const int32_t fmu_terminal_count = (int32_t)(sizeof fmu_terminals / sizeof fmu_terminals[0]);
 
 #if defined(TSE_REAL_DOUBLE)
 #define IN_FORMAT ""

@@ -1,9 +1,11 @@
 /* fmu/glue/describe.c - prints from a model's table (fmu_model.h), at build time:
  *
- *   describe model FILE.c ...          modelDescription.xml of FMI 2.0, with these source files; @GUID@ where it stands
+ *   describe model 2 FILE.c ...        modelDescription.xml of FMI 2.0, with these source files; @GUID@ where it stands
+ *   describe model 3                   the same of FMI 3.0, where buildDescription.xml names the source files
+ *   describe terminals                 terminalsAndIcons.xml of FMI 3.0
  *   describe build NAME=VALUE,... OPTIONS FILE.c ...   buildDescription.xml, with these definitions, these compiler options
  *                                      of gcc and clang, and these source files
- *   describe variables                 rows of HTML tables for documentation/index.html
+ *   describe variables 2 or 3          rows of HTML tables for documentation/index.html
  */
 #include <stdio.h>
 #include <stdlib.h>
@@ -57,8 +59,9 @@ static const unit *unit_of(const fmu_variable *v)
   exit(1);
 }
 
-static int used(const unit *u)
+static int used(const unit *u, int fmi)
 {
+  if (fmi == 3 && strcmp(u->name, "s") == 0) return 1; /* of the time */
   for (int32_t i = 0; i < fmu_variable_count; i++)
     if (fmu_variables[i].kind == 'r' && unit_of(&fmu_variables[i]) == u) return 1;
   return 0;
@@ -95,12 +98,12 @@ static void attribute(const char *name, const char *value)
 
 /* ---------------------------------------------------------------------------- modelDescription.xml */
 
-static void print_units(void)
+static void print_units(int fmi)
 {
   (void)puts("  <UnitDefinitions>");
   for (size_t i = 0; i < sizeof units / sizeof units[0]; i++) {
     const unit *const u = &units[i];
-    if (!used(u)) continue;
+    if (!used(u, fmi)) continue;
     (void)printf("    <Unit name=\"%s\"", u->fmi);
     if (!u->has_base) {
       (void)puts("/>");
@@ -118,36 +121,65 @@ static void print_units(void)
   (void)puts("  </UnitDefinitions>\n  <TypeDefinitions>");
   for (size_t i = 0; i < sizeof units / sizeof units[0]; i++) {
     const unit *const u = &units[i];
-    if (!used(u)) continue;
-    (void)printf("    <SimpleType name=\"%s\"><Real quantity=\"%s\" unit=\"%s\"", u->type, u->type, u->fmi);
+    if (!used(u, fmi)) continue;
+    (void)printf(fmi == 2 ? "    <SimpleType name=\"%s\"><Real" : "    <Float64Type name=\"%s\"", u->type);
+    (void)printf(" quantity=\"%s\" unit=\"%s\"", u->type, u->fmi);
     if (u->display) (void)printf(" displayUnit=\"%s\"", u->display);
-    (void)puts("/></SimpleType>");
+    (void)puts(fmi == 2 ? "/></SimpleType>" : "/>");
   }
   (void)puts("  </TypeDefinitions>");
 }
 
-static void print_variable(int32_t index)
+static const char *type_name(const fmu_variable *v, int fmi)
 {
-  const fmu_variable *const v = &fmu_variables[index];
-  const int has_range = v->hi >= v->lo && v->kind != 'b';
-  (void)printf("    <ScalarVariable name=\"%s\" valueReference=\"%d\"", v->name, (int)index);
+  return v->kind == 'b' ? "Boolean" : v->kind == 'r' ? (fmi == 2 ? "Real" : "Float64") : fmi == 2 ? "Integer" : "Int32";
+}
+
+/* What FMI 2.0 says of a variable and FMI 3.0 says alike. */
+static void what_it_is(const fmu_variable *v, int32_t reference)
+{
+  (void)printf(" name=\"%s\" valueReference=\"%d\"", v->name, (int)reference);
   attribute("description", v->text);
-  attribute("causality", v->role == 'p' ? "parameter" : v->role == 'i' ? "input" : "output");
+  attribute("causality", v->role == 'p' ? "parameter" : v->role == 'i' ? "input" : v->role == 'o' ? "output" : "independent");
   attribute("variability", v->role == 'p' ? "fixed" : v->kind == 'r' ? "continuous" : "discrete");
-  if (v->role != 'i') attribute("initial", v->role == 'p' ? "exact" : "calculated");
-  (void)printf(">\n      <%s", v->kind == 'r' ? "Real" : v->kind == 'i' ? "Integer" : "Boolean");
+  if (v->role == 'p' || v->role == 'o') attribute("initial", v->role == 'p' ? "exact" : "calculated");
+}
+
+static void what_it_holds(const fmu_variable *v)
+{
   if (v->kind == 'r') {
     const unit *const u = unit_of(v);
     attribute("declaredType", u->type);
     attribute("unit", u->fmi);
     if (u->display) attribute("displayUnit", u->display);
   }
-  if (has_range) {
+  if (v->hi >= v->lo && v->kind != 'b') {
     attribute("min", number(v->lo));
     attribute("max", number(v->hi));
   }
-  if (v->role != 'o') attribute("start", v->kind == 'b' ? (v->start > 0.0 ? "true" : "false") : number(v->start));
+  if (v->role == 'p' || v->role == 'i') attribute("start", v->kind == 'b' ? (v->start > 0.0 ? "true" : "false") : number(v->start));
+}
+
+static void print_variable2(int32_t index)
+{
+  const fmu_variable *const v = &fmu_variables[index];
+  (void)printf("    <ScalarVariable");
+  what_it_is(v, index);
+  (void)printf(">\n      <%s", type_name(v, 2));
+  what_it_holds(v);
   (void)puts("/>\n    </ScalarVariable>");
+}
+
+/* FMI 3.0 has the variables of 2.0 with the same names and references, behind them arrays of some, and the time. */
+static const fmu_variable the_time = { "time", 'r', 't', 0, FMU_NO_RATE, 0.0, 1.0, -1.0, "s", "simulation time" };
+
+static void print_variable3(const fmu_variable *v, int32_t reference, int32_t count)
+{
+  (void)printf("    <%s", type_name(v, 3));
+  what_it_is(v, reference);
+  what_it_holds(v);
+  if (count > 1) (void)printf("><Dimension start=\"%d\"/></%s>\n", (int)count, type_name(v, 3));
+  else (void)puts("/>");
 }
 
 static int takes_rates(void)
@@ -165,12 +197,12 @@ static void print_outputs(const char *element, const char *dependencies)
   (void)printf("    </%s>\n", element);
 }
 
-static void print_model(int files, char **file)
+static void print_head(int fmi)
 {
   (void)puts("<?xml version=\"1.0\" encoding=\"UTF-8\"?>");
-  (void)printf("<fmiModelDescription fmiVersion=\"2.0\"");
+  (void)printf("<fmiModelDescription fmiVersion=\"%d.0\"", fmi);
   attribute("modelName", fmu_about.identifier);
-  (void)printf(" guid=\"@GUID@\"");
+  (void)printf(" %s=\"@GUID@\"", fmi == 2 ? "guid" : "instantiationToken");
   attribute("description", fmu_about.description);
   attribute("author", "the tse authors");
   attribute("version", TSE_VERSION);
@@ -178,14 +210,11 @@ static void print_model(int files, char **file)
   attribute("license", "Apache-2.0, see documentation/licenses");
   attribute("generationTool", "tse " TSE_VERSION);
   (void)puts(" variableNamingConvention=\"structured\">");
-  (void)printf("  <CoSimulation modelIdentifier=\"%s\" needsExecutionTool=\"false\" canHandleVariableCommunicationStepSize=\"true\"\n"
-               "    canInterpolateInputs=\"%s\" maxOutputDerivativeOrder=\"0\" canRunAsynchronuously=\"false\"\n"
-               "    canBeInstantiatedOnlyOncePerProcess=\"false\" canNotUseMemoryManagementFunctions=\"true\"\n"
-               "    canGetAndSetFMUstate=\"true\" canSerializeFMUstate=\"true\" providesDirectionalDerivative=\"false\">\n"
-               "    <SourceFiles>\n", fmu_about.identifier, takes_rates() ? "true" : "false");
-  for (int i = 0; i < files; i++) (void)printf("      <File name=\"%s\"/>\n", file[i]);
-  (void)puts("    </SourceFiles>\n  </CoSimulation>");
-  print_units();
+}
+
+static void print_middle(int fmi)
+{
+  print_units(fmi);
   (void)puts("  <LogCategories>");
 #define X(name, text) (void)puts("    <Category name=\"" name "\" description=\"" text "\"/>");
   FMU_LOG_CATEGORIES(X)
@@ -195,11 +224,80 @@ static void print_model(int files, char **file)
   (void)printf(" tolerance=\"%s\"", number(fmu_about.tolerance));
   (void)printf(" stepSize=\"%s\"/>\n", number(fmu_about.step_size));
   (void)puts("  <ModelVariables>");
-  for (int32_t i = 0; i < fmu_variable_count; i++) print_variable(i);
+}
+
+/* Outputs: what is set at a communication point is seen at the next. At the start they depend on parameters and inputs: on any of them. */
+#define AT_STEPS " dependencies=\"\""
+#define AT_START ""
+
+static void print_model2(int files, char **file)
+{
+  print_head(2);
+  (void)printf("  <CoSimulation modelIdentifier=\"%s\" needsExecutionTool=\"false\" canHandleVariableCommunicationStepSize=\"true\"\n"
+               "    canInterpolateInputs=\"%s\" maxOutputDerivativeOrder=\"0\" canRunAsynchronuously=\"false\"\n"
+               "    canBeInstantiatedOnlyOncePerProcess=\"false\" canNotUseMemoryManagementFunctions=\"true\"\n"
+               "    canGetAndSetFMUstate=\"true\" canSerializeFMUstate=\"true\" providesDirectionalDerivative=\"false\">\n"
+               "    <SourceFiles>\n", fmu_about.identifier, takes_rates() ? "true" : "false");
+  for (int i = 0; i < files; i++) (void)printf("      <File name=\"%s\"/>\n", file[i]);
+  (void)puts("    </SourceFiles>\n  </CoSimulation>");
+  print_middle(2);
+  for (int32_t i = 0; i < fmu_variable_count; i++) print_variable2(i);
   (void)puts("  </ModelVariables>\n  <ModelStructure>");
-  print_outputs("Outputs", " dependencies=\"\""); /* what is set at a communication point is seen at the next */
-  print_outputs("InitialUnknowns", "");           /* at the start on parameters and inputs: on any of them   */
+  print_outputs("Outputs", AT_STEPS);
+  print_outputs("InitialUnknowns", AT_START);
   (void)puts("  </ModelStructure>\n</fmiModelDescription>");
+}
+
+static void print_unknowns(const char *element, const char *dependencies)
+{
+  for (int32_t i = 0; i < fmu_variable_count + fmu_array_count; i++)
+    if (i >= fmu_variable_count || fmu_variables[i].role == 'o')
+      (void)printf("    <%s valueReference=\"%d\"%s/>\n", element, (int)i, dependencies);
+}
+
+static void print_model3(void)
+{
+  print_head(3);
+  (void)printf("  <CoSimulation modelIdentifier=\"%s\" needsExecutionTool=\"false\" canHandleVariableCommunicationStepSize=\"true\"\n"
+               "    canBeInstantiatedOnlyOncePerProcess=\"false\" canGetAndSetFMUState=\"true\" canSerializeFMUState=\"true\"\n"
+               "    providesDirectionalDerivatives=\"false\" providesAdjointDerivatives=\"false\" providesPerElementDependencies=\"false\"\n"
+               "    maxOutputDerivativeOrder=\"0\" providesIntermediateUpdate=\"false\" mightReturnEarlyFromDoStep=\"false\"\n"
+               "    canReturnEarlyAfterIntermediateUpdate=\"false\" hasEventMode=\"false\"/>\n", fmu_about.identifier);
+  print_middle(3);
+  for (int32_t i = 0; i < fmu_variable_count; i++) print_variable3(&fmu_variables[i], i, 1);
+  for (int32_t k = 0; k < fmu_array_count; k++) print_variable3(&fmu_arrays[k].of, fmu_variable_count + k, fmu_arrays[k].count);
+  print_variable3(&the_time, fmu_variable_count + fmu_array_count, 1);
+  (void)puts("  </ModelVariables>\n  <ModelStructure>");
+  print_unknowns("Output", AT_STEPS);
+  print_unknowns("InitialUnknown", AT_START);
+  (void)puts("  </ModelStructure>\n</fmiModelDescription>");
+}
+
+/* --------------------------------------------------------------------------- terminalsAndIcons.xml */
+
+static void print_terminals(void)
+{
+  (void)puts("<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<fmiTerminalsAndIcons fmiVersion=\"3.0\">\n  <GraphicalRepresentation>\n"
+             "    <CoordinateSystem x1=\"-100\" y1=\"-100\" x2=\"100\" y2=\"100\" suggestedScalingFactorTo_mm=\"0.1\"/>\n"
+             "    <Icon x1=\"-100\" y1=\"-100\" x2=\"100\" y2=\"100\"/>\n  </GraphicalRepresentation>\n  <Terminals>");
+  for (int32_t k = 0; k < fmu_terminal_count; k++) {
+    const fmu_terminal *const t = &fmu_terminals[k];
+    const size_t length = strlen(t->prefix);
+    (void)printf("    <Terminal");
+    attribute("name", t->name);
+    attribute("matchingRule", "bus"); /* an importer connects what both have */
+    attribute("terminalKind", t->kind);
+    attribute("description", t->text);
+    (void)puts(">");
+    for (int32_t i = 0; i < fmu_variable_count; i++) {
+      const fmu_variable *const v = &fmu_variables[i];
+      if (v->role != t->role || v->kind != 'r' || strncmp(v->name, t->prefix, length) != 0 || strchr(v->name + length, '.')) continue;
+      (void)printf("      <TerminalMemberVariable variableName=\"%s\" memberName=\"%s\" variableKind=\"signal\"/>\n", v->name,
+                   v->name + length);
+    }
+    (void)puts("    </Terminal>");
+  }
+  (void)puts("  </Terminals>\n</fmiTerminalsAndIcons>");
 }
 
 /* ---------------------------------------------------------------------------- buildDescription.xml */
@@ -263,12 +361,13 @@ static int same_group(const fmu_variable *a, const fmu_variable *b)
   return a->role == b->role && length == group_length(b->name) && strncmp(a->name, b->name, length) == 0;
 }
 
-static void variable_row(const fmu_variable *v)
+static void variable_row(const fmu_variable *v, int fmi, int32_t count)
 {
-  const char *const type = v->kind == 'r' ? "Real" : v->kind == 'i' ? "Integer" : "Boolean";
   const size_t group = group_length(v->name);
-  (void)printf("<tr><td><code>%.*s%s%s</code></td><td>%s</td><td>%s</td>", (int)group, v->name, group ? ".<wbr>" : "",
-               v->name + group + (group > 0), type, v->kind == 'r' ? unit_of(v)->fmi : ""); /* long names may break there */
+  char size[16] = "";
+  if (count > 1) (void)snprintf(size, sizeof size, "[%d]", (int)count);
+  (void)printf("<tr><td><code>%.*s%s%s</code></td><td>%s%s</td><td>%s</td>", (int)group, v->name, group ? ".<wbr>" : "",
+               v->name + group + (group > 0), type_name(v, fmi), size, v->kind == 'r' ? unit_of(v)->fmi : ""); /* long names may break there */
   if (v->role != 'o') {
     const int digits = v->kind == 'r' ? 6 : 10; /* modelDescription.xml has all of them */
     (void)fputs("<td class=\"number\">", stdout);
@@ -283,7 +382,7 @@ static void variable_row(const fmu_variable *v)
 }
 
 /* A table per role; in it groups in the order of their first member. */
-static void print_variables(void)
+static void print_variables(int fmi)
 {
   static const struct { char role; const char *title, *id; } roles[] = {
     { 'i', "Inputs", "inputs" }, { 'o', "Outputs", "outputs" }, { 'p', "Parameters", "parameters" }
@@ -304,10 +403,18 @@ static void print_variables(void)
       if (length > 0)
         (void)printf("<tr class=\"group\"><th colspan=\"%d\"><code>%.*s</code></th></tr>\n", ranges ? 6 : 4, length, head->name);
       for (int32_t i = first; i < fmu_variable_count; i++)
-        if (same_group(&fmu_variables[i], head)) variable_row(&fmu_variables[i]);
+        if (same_group(&fmu_variables[i], head)) variable_row(&fmu_variables[i], fmi, 1);
       (void)puts("</tbody>");
     }
     (void)puts("</table>");
+  }
+  if (fmi == 3) {
+    (void)puts("<h3 id=\"arrays\">Arrays, and the time</h3>\n<table class=\"variables\"><thead><tr><th>name</th><th>type</th><th>unit</th>"
+               "<th>meaning</th></tr></thead>\n<tbody>");
+    for (int32_t k = 0; k < fmu_array_count; k++) variable_row(&fmu_arrays[k].of, fmi, fmu_arrays[k].count);
+    (void)printf("<tr><td><code>time</code></td><td>%s</td><td>s</td>", type_name(&the_time, fmi));
+    cell(the_time.text);
+    (void)puts("</tr></tbody></table>");
   }
   model_codes(code_row, &table);
   if (table) (void)puts("</table>");
@@ -315,12 +422,16 @@ static void print_variables(void)
 
 int main(int count, char **argument)
 {
-  const char *const what = count > 1 ? argument[1] : "";
-  if (strcmp(what, "model") == 0 && count > 2) print_model(count - 2, argument + 2);
+  const char *const what = count > 1 ? argument[1] : "", *const version = count > 2 ? argument[2] : "";
+  const int fmi = strcmp(version, "2") == 0 ? 2 : strcmp(version, "3") == 0 ? 3 : 0;
+  if (strcmp(what, "model") == 0 && fmi == 2 && count > 3) print_model2(count - 3, argument + 3);
+  else if (strcmp(what, "model") == 0 && fmi == 3 && count == 3) print_model3();
+  else if (strcmp(what, "terminals") == 0 && count == 2) print_terminals();
   else if (strcmp(what, "build") == 0 && count > 4) print_build(argument[2], argument[3], count - 4, argument + 4);
-  else if (strcmp(what, "variables") == 0 && count == 2) print_variables();
+  else if (strcmp(what, "variables") == 0 && fmi && count == 3) print_variables(fmi);
   else {
-    (void)fputs("usage: describe model FILE.c ... | describe build NAME=VALUE,... OPTIONS FILE.c ... | describe variables\n", stderr);
+    (void)fputs("usage: describe model 2 FILE.c ... | describe model 3 | describe terminals | describe build NAME=VALUE,... OPTIONS FILE.c ... | "
+                "describe variables 2|3\n", stderr);
     return 2;
   }
   return fflush(stdout) == 0 && !ferror(stdout) ? 0 : 1;

@@ -1,5 +1,5 @@
-/* fmu/glue/fmu_model.h - what a model tells the generic FMI 2.0 glue (fmi2.c) and the generator of its description
- * (describe.c), neither of which knows anything of tyres.
+/* fmu/glue/fmu_model.h - what a model tells the generic glue (glue.c; fmi2.c and fmi3.c, the functions of FMI 2.0 and 3.0) and the
+ * generator of its description (describe.c), none of which knows anything of tyres.
  *
  * A model is a folder with model.h, which defines the complete type `model`, and model.c with the functions and the table
  * below. `model` holds all variables and all state and no pointer: a copy of it is a snapshot. */
@@ -18,7 +18,7 @@
 typedef struct fmu_variable {
   const char *name;    /* structured, unique: vehicle.mass                                                                */
   char kind;           /* 'r' Real (tse_setting if a parameter, else tse_real), 'i' Integer, 'b' Boolean (both int32_t)   */
-  char role;           /* 'p' parameter, 'i' input, 'o' output                                                            */
+  char role;           /* 'p' parameter, 'i' input, 'o' output; 't' time, which the glue has                                */
   int32_t offset;      /* of its place in `model` [bytes]                                                                 */
   int32_t rate;        /* of the place for its time derivative, which interpolates a Real input; FMU_NO_RATE: none        */
   double start;        /* parameters and inputs                                                                           */
@@ -29,6 +29,25 @@ typedef struct fmu_variable {
 
 extern const fmu_variable fmu_variables[];
 extern const int32_t fmu_variable_count;
+
+/* For FMI 3.0: outputs that lie one behind the other, as one variable beside those that name each of them. Their value references follow
+ * those of fmu_variables, and the time follows them. One unit for all: stiffness itself, in N and N/rad, is no array. */
+typedef struct fmu_array {
+  fmu_variable of;     /* the first, and what is said of all; no range, no rate */
+  int32_t count;
+} fmu_array;
+extern const fmu_array fmu_arrays[];
+extern const int32_t fmu_array_count;
+
+/* For FMI 3.0: what is connected by one line. Its members are the Real variables of this role whose names are `prefix` and one more
+ * part, which is the member's name: of two terminals with the same kind, members of the same name belong together. */
+typedef struct fmu_terminal {
+  const char *name, *kind;
+  char role;           /* 'i' or 'o' */
+  const char *prefix, *text;
+} fmu_terminal;
+extern const fmu_terminal fmu_terminals[];
+extern const int32_t fmu_terminal_count;
 
 /* What modelDescription.xml says of the whole. */
 typedef struct fmu_info {

@@ -1,11 +1,11 @@
-/* tests/fmu/client.c - a small FMI 2.0 co-simulation importer, for platforms where nothing else runs (qemu-user, wine).
+/* tests/fmu/client.c - a small importer of co-simulation, FMI 2.0 and 3.0, for platforms where nothing else runs (qemu-user, wine).
  *
  *   client BINARY GUID INPUT.csv OUTPUT.csv [--set r12=0.5]... [--outputs r50,i60,b61] [--save FILE@ROW] [--restore FILE@ROW]
  *
  *   BINARY      the shared library inside the FMU: binaries/linux64/X.so, binaries/win64/X.dll ...
- *   GUID        as in modelDescription.xml
- *   INPUT.csv   header: time,r3,r4,i6 ...    type (r Real, i Integer, b Boolean) and value reference of what each column sets.
- *               One row per step: set, fmi2DoStep(time, to the time of the next row; the last step is as long as the one before).
+ *   GUID        as in modelDescription.xml; of FMI 3.0 the instantiation token
+ *   INPUT.csv   header: time,r3,r4,i6 ...    type (r Real or Float64, i Integer or Int32, b Boolean) and value reference of what each
+ *               column sets. One row per step: set, fmi2DoStep(time, to the time of the next row; the last step is as long as the one before).
  *               An empty cell of a Real is NaN, of others: not set.
  *   OUTPUT.csv  header: time,status,r50,i60 ...    then per row its time, the fmi2Status of its step, the values after it
  *   --set       a parameter, before initialization
@@ -25,6 +25,9 @@
 #include <string.h>
 
 #include "fmi2FunctionTypes.h"
+#if defined(CLIENT_FMI3) /* its headers are there */
+#include "fmi3FunctionTypes.h"
+#endif
 
 #if defined(_WIN32)
 #include <windows.h>
@@ -48,13 +51,23 @@ static const char *why(void) { return dlerror(); }
 
 /* ---- the functions of the FMU */
 
-#define FUNCTIONS(X)                                                                                                              \
+#define FUNCTIONS2(X)                                                                                                             \
   X(Instantiate) X(FreeInstance) X(SetupExperiment) X(EnterInitializationMode) X(ExitInitializationMode) X(Terminate) X(GetReal)  \
   X(GetInteger) X(GetBoolean) X(SetReal) X(SetInteger) X(SetBoolean) X(DoStep) X(GetFMUstate) X(SetFMUstate) X(FreeFMUstate)      \
   X(SerializedFMUstateSize) X(SerializeFMUstate) X(DeSerializeFMUstate)
-#define X(name) static fmi2##name##TYPE *name;
-FUNCTIONS(X)
+#define X(name) static fmi2##name##TYPE *two##name;
+FUNCTIONS2(X)
 #undef X
+#if defined(CLIENT_FMI3)
+#define FUNCTIONS3(X)                                                                                                             \
+  X(InstantiateCoSimulation) X(FreeInstance) X(EnterInitializationMode) X(ExitInitializationMode) X(Terminate) X(GetFloat64)      \
+  X(GetInt32) X(GetBoolean) X(SetFloat64) X(SetInt32) X(SetBoolean) X(DoStep) X(GetFMUState) X(SetFMUState) X(FreeFMUState)       \
+  X(SerializedFMUStateSize) X(SerializeFMUState) X(DeserializeFMUState)
+#define X(name) static fmi3##name##TYPE *three##name;
+FUNCTIONS3(X)
+#undef X
+static int is_3;
+#endif
 
 static void stop(const char *what, const char *which)
 {
@@ -62,16 +75,29 @@ static void stop(const char *what, const char *which)
   exit(1);
 }
 
+#define LOAD(to, name)                        \
+  do {                                        \
+    p = symbol(l, name);                      \
+    if (!p) stop("the binary lacks", name);   \
+    memcpy(&(to), &p, sizeof p);              \
+  } while (0);
+
 static void load(const char *path)
 {
   library const l = open_library(path);
   void *p;
   if (!l) stop(path, why());
-#define X(name)                                   \
-  p = symbol(l, "fmi2" #name);                    \
-  if (!p) stop("the binary lacks", "fmi2" #name); \
-  memcpy(&name, &p, sizeof p);
-  FUNCTIONS(X)
+#if defined(CLIENT_FMI3)
+  is_3 = symbol(l, "fmi3GetVersion") != NULL;
+#define X(name) LOAD(three##name, "fmi3" #name)
+  if (is_3) {
+    FUNCTIONS3(X)
+    return;
+  }
+#undef X
+#endif
+#define X(name) LOAD(two##name, "fmi2" #name)
+  FUNCTIONS2(X)
 #undef X
 }
 
@@ -82,6 +108,93 @@ static void logger(fmi2ComponentEnvironment environment, fmi2String name, fmi2St
 {
   (void)environment;
   if (!quiet) (void)fprintf(stderr, "%s %d %s: %s\n", name, (int)status, category, text);
+}
+
+#if defined(CLIENT_FMI3)
+static void logger3(fmi3InstanceEnvironment environment, fmi3Status status, fmi3String category, fmi3String text)
+{
+  (void)environment;
+  if (!quiet) (void)fprintf(stderr, "client %d %s: %s\n", (int)status, category, text);
+}
+#define BY_VERSION(call3, call2) (is_3 ? (fmi2Status)(call3) : (call2))
+#else
+#define BY_VERSION(call3, call2) (call2)
+#endif
+
+/* The two versions under one name; their statuses have the same numbers. */
+static void *instantiate(const char *guid)
+{
+  static const fmi2CallbackFunctions callbacks = { logger, NULL, NULL, NULL, NULL };
+#if defined(CLIENT_FMI3)
+  if (is_3)
+    return threeInstantiateCoSimulation("client", guid, NULL, fmi3False, fmi3False, fmi3False, fmi3False, NULL, 0, NULL, logger3, NULL);
+#endif
+  return twoInstantiate("client", fmi2CoSimulation, guid, NULL, &callbacks, fmi2False, fmi2False);
+}
+static void free_instance(void *c)
+{
+#if defined(CLIENT_FMI3)
+  if (is_3) {
+    threeFreeInstance(c);
+    return;
+  }
+#endif
+  twoFreeInstance(c);
+}
+static fmi2Status enter(void *c, double start)
+{
+#if defined(CLIENT_FMI3)
+  if (is_3) return (fmi2Status)threeEnterInitializationMode(c, fmi3False, 0.0, start, fmi3False, 0.0);
+#endif
+  return twoSetupExperiment(c, fmi2False, 0.0, start, fmi2False, 0.0) > fmi2Warning ? fmi2Error : twoEnterInitializationMode(c);
+}
+static fmi2Status leave(void *c) { return BY_VERSION(threeExitInitializationMode(c), twoExitInitializationMode(c)); }
+static fmi2Status terminate(void *c) { return BY_VERSION(threeTerminate(c), twoTerminate(c)); }
+static fmi2Status get_real(void *c, unsigned vr, double *value) { return BY_VERSION(threeGetFloat64(c, &vr, 1, value, 1), twoGetReal(c, &vr, 1, value)); }
+static fmi2Status get_integer(void *c, unsigned vr, int *value) { return BY_VERSION(threeGetInt32(c, &vr, 1, value, 1), twoGetInteger(c, &vr, 1, value)); }
+static fmi2Status get_boolean(void *c, unsigned vr, int *value)
+{
+#if defined(CLIENT_FMI3)
+  if (is_3) {
+    fmi3Boolean b = fmi3False;
+    const fmi2Status status = (fmi2Status)threeGetBoolean(c, &vr, 1, &b, 1);
+    *value = b;
+    return status;
+  }
+#endif
+  return twoGetBoolean(c, &vr, 1, value);
+}
+static fmi2Status set_real(void *c, unsigned vr, double value) { return BY_VERSION(threeSetFloat64(c, &vr, 1, &value, 1), twoSetReal(c, &vr, 1, &value)); }
+static fmi2Status set_integer(void *c, unsigned vr, int value) { return BY_VERSION(threeSetInt32(c, &vr, 1, &value, 1), twoSetInteger(c, &vr, 1, &value)); }
+static fmi2Status set_boolean(void *c, unsigned vr, int value)
+{
+#if defined(CLIENT_FMI3)
+  const fmi3Boolean b = value != 0;
+#endif
+  return BY_VERSION(threeSetBoolean(c, &vr, 1, &b, 1), twoSetBoolean(c, &vr, 1, &value));
+}
+static fmi2Status do_step(void *c, double time, double step)
+{
+#if defined(CLIENT_FMI3)
+  fmi3Boolean event, terminated, early;
+  double last;
+#endif
+  return BY_VERSION(threeDoStep(c, time, step, fmi3True, &event, &terminated, &early, &last), twoDoStep(c, time, step, fmi2True));
+}
+static fmi2Status get_state(void *c, void **state) { return BY_VERSION(threeGetFMUState(c, state), twoGetFMUstate(c, state)); }
+static fmi2Status set_state(void *c, void *state) { return BY_VERSION(threeSetFMUState(c, state), twoSetFMUstate(c, state)); }
+static fmi2Status free_state(void *c, void **state) { return BY_VERSION(threeFreeFMUState(c, state), twoFreeFMUstate(c, state)); }
+static fmi2Status state_size(void *c, void *state, size_t *size)
+{
+  return BY_VERSION(threeSerializedFMUStateSize(c, state, size), twoSerializedFMUstateSize(c, state, size));
+}
+static fmi2Status serialize(void *c, void *state, void *bytes, size_t size)
+{
+  return BY_VERSION(threeSerializeFMUState(c, state, bytes, size), twoSerializeFMUstate(c, state, bytes, size));
+}
+static fmi2Status deserialize(void *c, const void *bytes, size_t size, void **state)
+{
+  return BY_VERSION(threeDeserializeFMUState(c, bytes, size, state), twoDeSerializeFMUstate(c, bytes, size, state));
 }
 
 static void need(fmi2Status status, const char *call)
@@ -144,11 +257,10 @@ static const char *number(const char *text, double *value, int *given)
   return *end == ',' ? end + 1 : end;
 }
 
-static fmi2Status put(fmi2Component c, column v, double value)
+static fmi2Status put(void *c, column v, double value)
 {
-  const fmi2Integer i = v.type == 'r' ? 0 : (fmi2Integer)value;
-  const fmi2Boolean b = v.type != 'r' && i != 0;
-  return v.type == 'r' ? SetReal(c, &v.vr, 1, &value) : v.type == 'i' ? SetInteger(c, &v.vr, 1, &i) : SetBoolean(c, &v.vr, 1, &b);
+  const int i = v.type == 'r' ? 0 : (int)value;
+  return v.type == 'r' ? set_real(c, v.vr, value) : v.type == 'i' ? set_integer(c, v.vr, i) : set_boolean(c, v.vr, i != 0);
 }
 
 static void print_bits(FILE *to, double x)
@@ -158,36 +270,34 @@ static void print_bits(FILE *to, double x)
   (void)fprintf(to, "x%08lx%08lx", (unsigned long)(bits >> 32), (unsigned long)(bits & 0xffffffffu));
 }
 
-static void print(FILE *to, fmi2Component c, column v)
+static void print(FILE *to, void *c, column v)
 {
-  fmi2Real r;
-  fmi2Integer i;
-  fmi2Boolean b;
+  double r;
+  int i, b;
   (void)fputc(',', to);
   if (v.type == 'r') {
-    need(GetReal(c, &v.vr, 1, &r), "fmi2GetReal");
+    need(get_real(c, v.vr, &r), "a Real");
     print_bits(to, r);
   } else if (v.type == 'i') {
-    need(GetInteger(c, &v.vr, 1, &i), "fmi2GetInteger");
+    need(get_integer(c, v.vr, &i), "an Integer");
     (void)fprintf(to, "%d", i);
   } else {
-    need(GetBoolean(c, &v.vr, 1, &b), "fmi2GetBoolean");
+    need(get_boolean(c, v.vr, &b), "a Boolean");
     (void)fprintf(to, "%d", b);
   }
 }
 
-/* What there is, when nobody says it. */
-static void try_all(fmi2Component c)
+/* What there is, when nobody says it: of FMI 3.0 up to its first array. */
+static void try_all(void *c)
 {
   quiet = 1;
   for (fmi2ValueReference vr = 0; output_count < MOST; vr++) {
-    fmi2Real r;
-    fmi2Integer i;
-    fmi2Boolean b;
-    const char type = GetReal(c, &vr, 1, &r) == fmi2OK      ? 'r'
-                      : GetInteger(c, &vr, 1, &i) == fmi2OK ? 'i'
-                      : GetBoolean(c, &vr, 1, &b) == fmi2OK ? 'b'
-                                                            : 0;
+    double r;
+    int i, b;
+    const char type = get_real(c, vr, &r) == fmi2OK      ? 'r'
+                      : get_integer(c, vr, &i) == fmi2OK ? 'i'
+                      : get_boolean(c, vr, &b) == fmi2OK ? 'b'
+                                                         : 0;
     if (!type) break;
     outputs[output_count].type = type;
     outputs[output_count++].vr = vr;
@@ -197,33 +307,33 @@ static void try_all(fmi2Component c)
 
 /* ---- states in files */
 
-static void save(fmi2Component c, const char *path)
+static void save(void *c, const char *path)
 {
-  fmi2FMUstate state = NULL;
+  void *state = NULL;
   size_t size = 0;
-  need(GetFMUstate(c, &state), "fmi2GetFMUstate");
-  need(SerializedFMUstateSize(c, state, &size), "fmi2SerializedFMUstateSize");
-  fmi2Byte *const bytes = malloc(size);
+  need(get_state(c, &state), "to save");
+  need(state_size(c, state, &size), "the size of a state");
+  unsigned char *const bytes = malloc(size);
   FILE *const file = fopen(path, "wb");
   if (!bytes || !file) stop("cannot write", path);
-  need(SerializeFMUstate(c, state, bytes, size), "fmi2SerializeFMUstate");
+  need(serialize(c, state, bytes, size), "to serialize");
   if (fwrite(bytes, 1, size, file) != size || fclose(file) != 0) stop("cannot write", path);
-  need(FreeFMUstate(c, &state), "fmi2FreeFMUstate");
+  need(free_state(c, &state), "to free a state");
   free(bytes);
 }
 
-static void restore(fmi2Component c, const char *path)
+static void restore(void *c, const char *path)
 {
-  fmi2FMUstate state = NULL;
+  void *state = NULL;
   FILE *const file = fopen(path, "rb");
   const size_t most = 16u << 20;
-  fmi2Byte *const bytes = malloc(most);
+  unsigned char *const bytes = malloc(most);
   if (!bytes || !file) stop("cannot read", path);
   const size_t size = fread(bytes, 1, most, file);
   (void)fclose(file);
-  need(DeSerializeFMUstate(c, bytes, size, &state), "fmi2DeSerializeFMUstate");
-  need(SetFMUstate(c, state), "fmi2SetFMUstate");
-  need(FreeFMUstate(c, &state), "fmi2FreeFMUstate");
+  need(deserialize(c, bytes, size, &state), "to deserialize");
+  need(set_state(c, state), "to restore");
+  need(free_state(c, &state), "to free a state");
   free(bytes);
 }
 
@@ -239,7 +349,6 @@ static char line[2][1 << 16]; /* this row and the next */
 
 int main(int count, char **argument)
 {
-  static const fmi2CallbackFunctions callbacks = { logger, NULL, NULL, NULL, NULL };
   const char *from = NULL, *to = NULL;
   int save_row = -1, first = 0, given;
   double time, next, step = 0.01, value;
@@ -255,8 +364,8 @@ int main(int count, char **argument)
   if (strncmp(line[0], "time", 4) != 0) stop("the first column must be time", argument[3]);
   input_count = line[0][4] == ',' ? columns_of(line[0] + 5, inputs) : 0;
 
-  fmi2Component const c = Instantiate("client", fmi2CoSimulation, argument[2], NULL, &callbacks, fmi2False, fmi2False);
-  if (!c) stop("refused", "fmi2Instantiate");
+  void *const c = instantiate(argument[2]);
+  if (!c) stop("refused", "to instantiate");
   for (int i = 5; i < count; i += 2) {
     if (i + 1 == count) stop("an option lacks its value", argument[i]);
     if (strcmp(argument[i], "--set") == 0) {
@@ -294,26 +403,23 @@ int main(int count, char **argument)
     }
     if (row < first) continue;
     if (!started && from) restore(c, from);
-    if (!started && !from) {
-      need(SetupExperiment(c, fmi2False, 0.0, time, fmi2False, 0.0), "fmi2SetupExperiment");
-      need(EnterInitializationMode(c), "fmi2EnterInitializationMode");
-    }
+    if (!started && !from) need(enter(c, time), "initialization");
     if (row == save_row && started) save(c, to);
     for (int k = 0; k < input_count; k++) { /* the first row's also before initialization ends, as start values */
       cell = number(cell, &value, &given);
       if (inputs[k].type == 'r' || given) need(put(c, inputs[k], value), "an input");
     }
-    if (!started && !from) need(ExitInitializationMode(c), "fmi2ExitInitializationMode");
+    if (!started && !from) need(leave(c), "the end of initialization");
     started = 1;
-    const fmi2Status status = DoStep(c, time, step, fmi2True);
-    need(status, "fmi2DoStep");
+    const fmi2Status status = do_step(c, time, step);
+    need(status, "a step");
     print_bits(out, time);
     (void)fprintf(out, ",%d", (int)status);
     for (int k = 0; k < output_count; k++) print(out, c, outputs[k]);
     (void)fputc('\n', out);
   }
-  if (started) need(Terminate(c), "fmi2Terminate");
-  FreeInstance(c);
+  if (started) need(terminate(c), "to terminate");
+  free_instance(c);
   if (fclose(out) != 0) stop("cannot write", argument[4]);
   (void)fclose(in);
   return 0;

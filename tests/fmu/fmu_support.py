@@ -20,8 +20,8 @@ from fmpy.fmi2 import FMU2Slave, fmi2CallbackFunctions, fmi2CallbackLoggerTYPE, 
 
 from tselab.core import INPUT, OUTPUT, SIM_INPUT, Config, Filter, library, stiffness_si
 from tselab.files import alone
-from tselab.fmu.build import lock_of
-from tselab.fmu.platforms import PLATFORMS, compile_for, zig
+from tselab.fmu.build import lock_of, version_of
+from tselab.fmu.platforms import FMI, PLATFORMS, compile_for, native, zig
 
 ROOT = Path(__file__).resolve().parents[2]
 GOLDEN = Path(__file__).with_name("golden")
@@ -42,9 +42,9 @@ def run(*command: object, **options: Any) -> subprocess.CompletedProcess:
     return done
 
 
-def headers() -> Path:
+def headers(fmi: str = "2") -> Path:
     """The FMI headers, where scripts/setup.sh puts them."""
-    return ROOT / ".venv" / "share" / "fmi2" / "headers"
+    return ROOT / ".venv" / "share" / f"fmi{fmi}" / "headers"
 
 
 @functools.cache
@@ -62,8 +62,8 @@ def _build(where: Path, *options: str) -> None:
     if cache.is_file() and f"CMAKE_HOME_DIRECTORY:INTERNAL={ROOT}\n" not in cache.read_text():
         shutil.rmtree(where)
     generator = [] if cache.is_file() or not shutil.which("ninja") else ["-G", "Ninja"]
-    run("cmake", "--preset", "fmu", "-B", where, *generator, f"-DFETCHCONTENT_SOURCE_DIR_FMI2={headers().parent}", *options,
-        cwd=ROOT)  # fmt: skip
+    sources = [f"-DFETCHCONTENT_SOURCE_DIR_FMI{v}={headers(v).parent}" for v in FMI if headers(v).is_dir()]
+    run("cmake", "--preset", "fmu", "-B", where, *generator, *sources, *options, cwd=ROOT)
     run("cmake", "--build", where, "--target", "fmus", cwd=ROOT)
 
 
@@ -82,11 +82,11 @@ class Unit:
     def code(self, name: str) -> str:
         """A variable as tests/fmu/client.c takes it: r12."""
         v = self.variables[name]
-        return f"{v.type[0].lower()}{v.valueReference}"
+        return f"{'r' if v.type == 'Float64' else v.type[0].lower()}{v.valueReference}"
 
     @property
     def binary(self) -> Path:
-        return next((self.folder / "binaries" / "linux64").glob("*.*"))
+        return next((self.folder / "binaries" / native("2" if self.description.fmiVersion == "2.0" else "3")).glob("*.*"))
 
 
 @functools.cache
@@ -310,16 +310,18 @@ def library_for(target: str, of: Unit) -> Path:
     """The FMU's shared library for a platform, compiled as `tselab fmu build` does."""
     build()
     platform = PLATFORMS[target]
-    result = scratch() / target / (of.identifier + platform.suffix)
+    result = scratch() / target / of.fmu.stem / (of.identifier + platform.suffix)
     result.parent.mkdir(parents=True, exist_ok=True)
-    result.write_bytes(compile_for(platform, ROOT / "build" / "fmu" / "fmu" / of.identifier / "sources", CACHE))
+    sources = ROOT / "build" / "fmu" / "fmu" / of.fmu.stem / "sources"
+    result.write_bytes(compile_for(platform, sources, CACHE, version_of(of.fmu.stem)))
     return result
 
 
 @functools.cache
 def _client(target: str) -> Path:
     program = scratch() / f"client-{target}{RUNNERS[target][0]}"
-    arguments = ["-target", PLATFORMS[target].targets[0], "-std=c99", "-O1", "-I", str(headers()), "client.c", "-o", str(program)]
+    fmi = ["-DCLIENT_FMI3", *(f"-I{headers(v)}" for v in FMI)] if headers("3").is_dir() else [f"-I{headers()}"]
+    arguments = ["-target", PLATFORMS[target].targets[0], "-std=c99", "-O1", *fmi, "client.c", "-o", str(program)]
     zig([*arguments, *([] if target == "win64" else ["-ldl"])], Path(__file__).parent, CACHE)
     return program
 

@@ -39,7 +39,7 @@ static inline size_t serialized(fmi2Component c, fmi2Byte *at, size_t most)
   MUST(fmi2SerializeFMUstate(c, state, at, count) == fmi2OK && fmi2FreeFMUstate(c, &state) == fmi2OK, "no bytes: %s", last_text);
   return count;
 }
-enum { MOST_BYTES = 1 << 18, FRAME = 32, SUM = 24 }; /* bytes of a state, of the frame before its content, to the sum in it: fmu/glue/fmi2.c */
+enum { MOST_BYTES = 1 << 18, FRAME = 32, SUM = 24 }; /* bytes of a state, of the frame before its content, to the sum in it: fmu/glue/glue.c */
 
 /* The same without frame and checksum, which cost more than all calls together: a saved state holds, a few words behind its beginning,
  * what is serialized. */

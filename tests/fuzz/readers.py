@@ -365,7 +365,8 @@ def read_table(data: bytes, folder: Path) -> None:
     (folder / "in.csv").write_bytes(data)
     kinds = {"u": "Real", "on": "Boolean", "n": "Integer"}
     variables = {n: SimpleNamespace(type=t) for n, t in kinds.items()}
-    fmu = SimpleNamespace(path=Path("m.fmu"), names=lambda _: list(kinds), variables=variables)
+    names, is_real = lambda _: list(kinds), lambda n: kinds[n] == "Real"
+    fmu = SimpleNamespace(path=Path("m.fmu"), names=names, variables=variables, is_real=is_real)
     with contextlib.suppress(UserError), warnings.catch_warnings():
         warnings.simplefilter("error")
         time_, table = read_inputs(folder / "in.csv", fmu)

@@ -25,27 +25,31 @@ from tselab.fmu import archive, build, checks, clients, platforms, validate
 from tselab.formula import Number, parse, write_formula
 
 FMUS = ("SingleTrackVehicle", "TireStiffnessEstimator")
+PLATFORMS3 = ("win64", "darwin64")
+FMUS3 = tuple(f"{name}-fmi3" for name in FMUS)
 
 
 @pytest.fixture(scope="session")
 def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with both FMUs and the system, with the binary of this machine."""
+    """A folder with both FMUs, for FMI 2.0 and 3.0, and the system, with the binary of this machine."""
     folder = tmp_path_factory.mktemp("fmus")
     done = tselab("fmu", "build", "--out", folder)
     assert done.code == 0, done.err
     assert [line.split(":")[0] for line in done.out.splitlines()] == [
-        str(folder / name) for name in ("SingleTrackVehicle.fmu", "TireStiffnessEstimator.fmu", "StiffnessStudy.ssp")
+        str(folder / name)
+        for name in (*(f"{n}{v}.fmu" for n in FMUS for v in ("", "-fmi3")), "StiffnessStudy.ssp")
     ]
     return folder
 
 
 @pytest.fixture(scope="session")
 def everywhere(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The same with binaries of all platforms."""
+    """The same with binaries of all platforms; those of FMI 3.0, which cost as long again, of two besides this one."""
     if importlib.util.find_spec("ziglang") is None:
         pytest.skip("ziglang, which compiles for other platforms, is not installed (scripts/setup.sh platforms)")
     folder = tmp_path_factory.mktemp("everywhere")
-    build.build(folder, tuple(platforms.PLATFORMS), None, lambda _: None)
+    build.build(folder, tuple(platforms.PLATFORMS), None, lambda _: None, fmi=("2",))
+    build.build(folder, PLATFORMS3, None, lambda _: None, fmi=("3",))
     return folder
 
 
@@ -81,6 +85,23 @@ def test_the_system_holds_the_fmus_that_lie_beside_it(built):
     with zipfile.ZipFile(built / "StiffnessStudy.ssp") as file:
         for name in FMUS:
             assert file.read(f"resources/{name}.fmu") == (built / f"{name}.fmu").read_bytes()
+
+
+def test_one_version_of_fmi_can_be_asked_for(built, tmp_path):
+    assert tselab("fmu", "build", "--fmi", "3", "--out", tmp_path).code == 0
+    assert sorted(p.name for p in tmp_path.iterdir()) == [f"{name}.fmu" for name in FMUS3]
+    for name in FMUS3:
+        assert (tmp_path / f"{name}.fmu").read_bytes() == (built / f"{name}.fmu").read_bytes()
+
+
+def test_headers_that_are_not_there_are_named(tmp_path, monkeypatch):
+    for name in FMUS:
+        (tmp_path / "stage" / name).mkdir(parents=True)
+        (tmp_path / "stage" / name / "modelDescription.xml").write_text("")
+    monkeypatch.setattr(build, "build_native", lambda *_: tmp_path / "stage")
+    with pytest.raises(UserError, match=r"FMI 3\.0 headers are not in .*scripts/setup\.sh"):
+        build.build(tmp_path / "out", (), None, lambda _: None)
+    assert not (tmp_path / "out").exists()
 
 
 def test_what_is_interrupted_leaves_nothing(tmp_path, monkeypatch):
@@ -144,9 +165,22 @@ def test_binaries_of_all_platforms_export_fmi_and_need_nothing_new(everywhere):
         assert checks.check(fmu) == []
 
 
+def test_binaries_of_fmi_3_stand_in_folders_of_one_processor(everywhere):
+    from tselab.fmu.binaries import read_binary
+
+    for name in FMUS3:
+        fmu = archive.open_archive(everywhere / f"{name}.fmu")
+        assert set(fmu.binaries) == {platforms.native("3"), *(platforms.PLATFORMS[p].tuple3 for p in PLATFORMS3)}
+        for folder, (path,) in fmu.binaries.items():
+            binary = read_binary(fmu.read(path))
+            assert f"{'-'.join(binary.machines)}-{binary.system}" == folder
+            assert binary.exports == set(checks.FMI3.split())
+        assert checks.check(fmu) == []
+
+
 def test_binaries_of_all_platforms_compute_the_same_bits(everywhere):
-    ran = [r for name in FMUS for r in clients.compare(everywhere / f"{name}.fmu") if not r.skipped]
-    assert len([r for r in ran if r.is_reference]) == 2
+    ran = [r for name in (*FMUS, *FMUS3) for r in clients.compare(everywhere / f"{name}.fmu") if not r.skipped]
+    assert len([r for r in ran if r.is_reference]) == 4
     assert [r for r in ran if not r.same_bits] == []
 
 
@@ -346,6 +380,30 @@ def test_the_estimator_fmu_writes_the_bytes_of_tselab_estimate(options, built, o
     assert len(pd.read_csv(tmp_path / "fmu.csv")) > 400
 
 
+def test_the_estimator_of_fmi_3_writes_the_bytes_of_tselab_estimate(built, odd_log, drive, tmp_path):
+    same = [odd_log, "--vehicle", drive.vehicle, "--seed", 5, "--set", "max_gap=0.3", "--out"]
+    assert tselab("estimate", *same, tmp_path / "est.csv").code == 0
+    done = tselab("fmu", "run", built / "TireStiffnessEstimator-fmi3.fmu", *same, tmp_path / "fmu.csv")
+    assert done.code == 0, done.err
+    assert (tmp_path / "fmu.csv").read_bytes() == (tmp_path / "est.csv").read_bytes()
+
+
+def test_an_fmu_of_fmi_3_writes_what_that_of_2_writes_and_its_arrays(built, tmp_path):
+    pd.DataFrame({"time": [0.0, 0.01, 0.03], "steer_angle": [0.0, 0.01, 0.02]}).to_csv(tmp_path / "in.csv", index=False)
+    for version in ("", "-fmi3"):
+        fmu = built / f"SingleTrackVehicle{version}.fmu"
+        run = ["fmu", "run", fmu, "in.csv", "--set", "mass=1600", "--out", f"out{version}.csv"]
+        assert tselab(*run, "--hold", cwd=tmp_path).code == 0
+    two, three = (pd.read_csv(tmp_path / f"out{version}.csv") for version in ("", "-fmi3"))
+    pd.testing.assert_frame_equal(three[two.columns], two, check_exact=True)
+    for i, name in enumerate(("cx_front", "cy_front", "cy_rear")):
+        assert three[f"true.relative.stiffness[{i + 1}]"].equals(two[f"true.relative.{name}"])
+    held = tselab(*run[:-1], "again.csv", cwd=tmp_path)
+    assert held.code == 0 and "each row holds until the next" in held.err
+    assert (tmp_path / "again.csv").read_bytes() == (tmp_path / "out-fmi3.csv").read_bytes()
+    refused(tselab_here(*run[:3], tmp_path / "in.csv", "--set", "mass=-1"), ["vehicle.mass = -1 is outside its range"])
+
+
 def test_the_estimator_fmu_reads_any_log_as_tselab_estimate_does(built, drive, tmp_path):
     path = FORMATS["Parquet"][1](tmp_path, messages(pd.read_csv(drive.log)))
     same = [path, "--vehicle", drive.vehicle, "--rate", 50, "--out"]
@@ -448,7 +506,7 @@ REFUSED: dict[str, tuple[list[str], list[str]]] = {
     "not an FMU": (["text.fmu", "good.csv"], ["text.fmu", "is not an FMU"]),
     "no FMU": (["none.fmu", "good.csv"], ["none.fmu", "no such file"]),
     "no binary for this machine": (["elsewhere.fmu", "good.csv"], [f"no binary for this machine, {HERE}", "it has: vax"]),
-    "model exchange": (["exchange.fmu", "good.csv"], ["FMI 2.0 for co-simulation is needed"]),
+    "model exchange": (["exchange.fmu", "good.csv"], ["FMI 2.0 or 3.0 for co-simulation is needed"]),
     "another version's description": (["guid.fmu", "good.csv"], ["the FMU refuses", "GUID"]),
     "a binary that is none": (["broken.fmu", "good.csv"], ["cannot be loaded"]),
     "unknown column": (["car.fmu", "column.csv"], ["column steering is no input", "steer_angle, wheel_torque_front"]),

@@ -14,7 +14,7 @@ from tselab.errors import UserError
 from tselab.files import alone
 from tselab.fmu import platforms
 from tselab.fmu.archive import content, pack
-from tselab.fmu.platforms import PLATFORMS
+from tselab.fmu.platforms import FMI, PLATFORMS, read_build
 
 Say = Callable[[str], None]
 
@@ -35,19 +35,31 @@ def checkout() -> Path:
     return root
 
 
-def build(out: Path, wanted: Sequence[str], max_particles: int | None, say: Say, real: str = "double") -> list[Built]:
-    """Build, and write the FMUs and systems to `out` once all of it has gone well."""
+def version_of(name: str) -> str:
+    """The version of FMI that an FMU of this checkout is for, by its name: X is of 2.0, X-fmi3 of 3.0."""
+    return "3" if name.endswith("-fmi3") else "2"
+
+
+def build(
+    out: Path, wanted: Sequence[str], max_particles: int | None, say: Say, real: str = "double", fmi: Sequence[str] = FMI
+) -> list[Built]:
+    """Build, and write the FMUs for these versions of FMI, and for 2.0 the systems, to `out` once all of it has gone well."""
     root = checkout()
     if wanted:
         platforms.check_compiler()
     stage = build_native(root, max_particles, say, real)
-    fmus = {p.parent.name: p.parent for p in sorted(stage.glob("*/modelDescription.xml"))}
+    there = {p.parent.name: p.parent for p in sorted(stage.glob("*/modelDescription.xml"))}
+    fmus = {name: folder for name, folder in there.items() if version_of(name) in fmi}
+    if lacking := [v for v in fmi if not any(version_of(name) == v for name in fmus)]:
+        raise UserError(f"the FMI {lacking[0]}.0 headers are not in .venv/share: run scripts/setup.sh, or ask for --fmi 2")
     files = {name: content(folder) for name, folder in fmus.items()}
     for name, folder in fmus.items():
         for platform in wanted:
             start = time.monotonic()
-            binary = platforms.compile_for(PLATFORMS[platform], folder / "sources", root / "build" / "zig-cache")
-            files[name][f"binaries/{platform}/{name}{PLATFORMS[platform].suffix}"] = binary
+            to = PLATFORMS[platform]
+            binary = platforms.compile_for(to, folder / "sources", root / "build" / "zig-cache", version_of(name))
+            identifier = read_build(folder / "sources").identifier
+            files[name][f"binaries/{to.folder(version_of(name))}/{identifier}{to.suffix}"] = binary
             say(f"{name} for {platform}: {len(binary):,} bytes, {time.monotonic() - start:.0f} s")
     out.mkdir(parents=True, exist_ok=True)
     built = []
@@ -55,8 +67,8 @@ def build(out: Path, wanted: Sequence[str], max_particles: int | None, say: Say,
         pack(out / f"{name}.fmu", inside)
         sizes = {n.split("/")[1]: len(b) for n, b in inside.items() if n.startswith("binaries/")}
         built.append(Built(out / f"{name}.fmu", sizes))
-    for system in sorted(stage.glob("*/SystemStructure.ssd")):
-        parts = {f"resources/{name}.fmu": (out / f"{name}.fmu").read_bytes() for name in files}
+    for system in sorted(stage.glob("*/SystemStructure.ssd")) if "2" in fmi else ():
+        parts = {f"resources/{name}.fmu": (out / f"{name}.fmu").read_bytes() for name in files if version_of(name) == "2"}
         pack(out / f"{system.parent.name}.ssp", {"SystemStructure.ssd": system.read_bytes(), **parts})
         built.append(Built(out / f"{system.parent.name}.ssp", {}))
     return built
@@ -83,8 +95,9 @@ def _build_native(root: Path, folder: Path, max_particles: int | None, real: str
     command = ["cmake", "--preset", "fmu", "-B", str(folder), f"-DTSE_REAL={real}"]
     if not (folder / "CMakeCache.txt").is_file() and "CMAKE_GENERATOR" not in os.environ and shutil.which("ninja"):
         command += ["-G", "Ninja"]
-    if (headers := root / ".venv" / "share" / "fmi2").is_dir():
-        command.append(f"-DFETCHCONTENT_SOURCE_DIR_FMI2={headers}")
+    for version in FMI:
+        if (headers := root / ".venv" / "share" / f"fmi{version}").is_dir():
+            command.append(f"-DFETCHCONTENT_SOURCE_DIR_FMI{version}={headers}")
     if max_particles is not None:
         command.append(f"-DTSE_MAX_PARTICLES={max_particles}")
     say("native build (CMake preset fmu)")

@@ -25,12 +25,14 @@ import numpy as np
 from tselab.errors import UserError
 from tselab.fmu import platforms
 from tselab.fmu.archive import open_archive, read_description, unpacked
+from tselab.fmu.slave import version_of
 from tselab.fmu.validate import package_version
 
 STEP = 1 / 128  # s
 STEPS = 100
 TOLERANCE = 1e-9  # of the largest value of an output: beyond, a difference is a finding
-KINDS = ("Real", "Integer", "Boolean")  # Enumerations and Strings are not compared
+KINDS = ("Real", "Integer", "Boolean")  # Enumerations, Strings and arrays are not compared
+KIND_OF = {"Float64": "Real", "Int32": "Integer"}  # of FMI 3.0
 
 
 @dataclass(frozen=True)
@@ -45,6 +47,7 @@ class Plan:
     outputs: tuple[str, ...]
     kind: dict[str, str]
     reference: dict[str, int]  # value references
+    fmi: str = "2"
 
     @property
     def steps(self) -> int:
@@ -65,9 +68,11 @@ class Plan:
 def make_plan(path: Path) -> Plan:
     """Inputs that make sense, where we know what they mean; else the start values."""
     description = read_description(path)
-    if description.fmiVersion != "2.0" or description.coSimulation is None:
-        raise UserError(f"{path}: is no co-simulation FMU of FMI 2.0: clients are not compared")
-    variables = {v.name: v for v in description.modelVariables if v.type in KINDS}
+    fmi = version_of(description)
+    if not fmi or description.coSimulation is None:
+        raise UserError(f"{path}: is no co-simulation FMU of FMI 2.0 or 3.0: clients are not compared")
+    kinds = {v.name: KIND_OF.get(v.type, v.type) for v in description.modelVariables}
+    variables = {v.name: v for v in description.modelVariables if kinds[v.name] in KINDS and not v.dimensions}
     names = {c: [v.name for v in variables.values() if v.causality == c] for c in ("input", "output")}
     step = STEP
     if not description.coSimulation.canHandleVariableCommunicationStepSize and description.defaultExperiment is not None:
@@ -83,8 +88,9 @@ def make_plan(path: Path) -> Plan:
         step,
         inputs,
         tuple(names["output"]),
-        {n: variables[n].type for n in used},
+        {n: kinds[n] for n in used},
         {n: variables[n].valueReference for n in used},
+        fmi,
     )
 
 
@@ -171,6 +177,7 @@ def run_libcosim(plan: Plan) -> np.ndarray:
     return np.array(rows, float)
 
 
+ONLY_2 = {"libcosim"}  # clients that know no FMI 3.0
 PYTHON_CLIENTS = {"FMPy": ("fmpy", run_fmpy), "ecos": ("ecospy", run_ecos), "libcosim": ("libcosimpy", run_libcosim)}
 
 
@@ -221,12 +228,13 @@ def _foreign_client(foreign: Foreign) -> Path:
     from tselab.fmu.build import checkout
 
     root = checkout()
-    source, headers = root / "tests" / "fmu" / "client.c", root / ".venv" / "share" / "fmi2" / "headers"
+    source, share = root / "tests" / "fmu" / "client.c", root / ".venv" / "share"
+    includes = [f"-I{share / f'fmi{v}' / 'headers'}" for v in platforms.FMI]
     program = root / "build" / "fmu-clients" / f"{foreign.platform}{'.exe' if foreign.platform == 'win64' else ''}"
     if not program.is_file() or program.stat().st_mtime < source.stat().st_mtime:
         program.parent.mkdir(parents=True, exist_ok=True)
         target = platforms.PLATFORMS[foreign.platform].targets[0]
-        platforms.zig(["-target", target, "-std=c99", "-O1", f"-I{headers}", str(source), "-o", str(program)],
+        platforms.zig(["-target", target, "-std=c99", "-O1", *includes, "-DCLIENT_FMI3", str(source), "-o", str(program)],
                       program.parent, root / "build" / "zig-cache")  # fmt: skip
     return program
 
@@ -235,7 +243,7 @@ def _foreign_reason(foreign: Foreign, plan: Plan) -> str:
     """Why it cannot be run here; empty when it can."""
     from tselab.fmu.build import checkout
 
-    if foreign.platform not in open_archive(Path(plan.fmu)).binaries:
+    if platforms.PLATFORMS[foreign.platform].folder(plan.fmi) not in open_archive(Path(plan.fmu)).binaries:
         return f"the FMU has no binary for {foreign.platform}"
     if shutil.which(foreign.program) is None:
         return f"{foreign.program} is not installed"
@@ -261,7 +269,7 @@ def run_foreign(foreign: Foreign, plan: Plan) -> np.ndarray:
             out.writerow(["time", *columns])
             for i in range(plan.steps):
                 out.writerow([repr(i * plan.step), *(repr(float(v[i])) for v in columns.values())])
-        binary = Path("binaries") / foreign.platform / f"{plan.identifier}{suffix}"
+        binary = Path("binaries") / platforms.PLATFORMS[foreign.platform].folder(plan.fmi) / f"{plan.identifier}{suffix}"
         command = [*foreign.command, str(client), str(binary), plan.guid, "input.csv", "output.csv", "--outputs", ",".join(wanted)]
         wine = {"WINEPREFIX": str(client.parent / "wine"), "WINEDEBUG": "-all"}  # not the user's own Windows
         done = subprocess.run(command, cwd=folder, env={**wine, **os.environ}, capture_output=True, text=True, errors="replace",
@@ -319,6 +327,9 @@ def compare(path: Path, say: Callable[[str], None] = lambda _: None) -> list[Row
         version = package_version(package)
         if find_spec(package) is None:
             rows.append(Row(name, client, version, what, None, skipped="not installed (scripts/setup.sh clients)"))
+            continue
+        if plan.fmi != "2" and client in ONLY_2:
+            rows.append(Row(name, client, version, what, None, skipped="knows FMI 1.0 and 2.0 only"))
             continue
         say(f"{name}: {client}")
         row, values = _row(name, client, version, what, lambda c=client: _in_process(c, plan), reference)

@@ -21,7 +21,7 @@ PLATFORM_NAMES = ("linux64", "win64", "darwin64", "aarch64-linux", "aarch64-darw
 
 @click.group(short_help="Build, check and run FMUs.")
 def fmu() -> None:
-    """Build, check and run FMUs (FMI 2.0, co-simulation).
+    """Build, check and run FMUs (FMI 2.0 and 3.0, co-simulation).
 
     \b
     tselab fmu build --all-platforms --out fmus
@@ -38,24 +38,32 @@ def fmu() -> None:
 @click.option("--max-particles", type=click.IntRange(16, 65535), help="Particles that an estimator can hold.  [default: 512]")
 @click.option("--real", type=click.Choice(REALS), default=REALS[0], show_default=True,
               help="Numbers in which the estimator computes, as in your controller; the vehicle always in double.")  # fmt: skip
-def build(out: Path, all_platforms: bool, chosen: tuple[str, ...], max_particles: int | None, real: str) -> None:
+@click.option("--fmi", type=click.Choice(("2", "3", "both")), default="both", show_default=True,
+              help="Version of FMI: 2.0 (X.fmu), 3.0 (X-fmi3.fmu).")  # fmt: skip
+def build(out: Path, all_platforms: bool, chosen: tuple[str, ...], max_particles: int | None, real: str, fmi: str) -> None:
     """Build the FMUs of this checkout, and the system that connects them.
 
     \b
     tselab fmu build
     tselab fmu build --all-platforms --out fmus
+    tselab fmu build --fmi 3
     tselab fmu build --real fixed --out fmus-fixed
 
     Without platforms: the binary of this machine, by its C compiler. The others, and then this one too, are compiled from the
     sources/ that each FMU carries by the Python package ziglang (extra 'platforms'), and run on old systems: linux64 needs
     glibc 2.2.5. The same sources give the same files, byte for byte. Nothing is written before all has been built.
+
+    Each model for FMI 2.0, which most tools read, and for FMI 3.0: an importer reads one modelDescription.xml, which is of one
+    version, so they are two files. Both compute the same bits; the system (SSP) holds those of 2.0.
     """
     from tselab.fmu.build import build as run
+    from tselab.fmu.platforms import FMI
 
     if out.exists() and not out.is_dir():
         raise UserError(f"{out}: is a file, a directory is needed")
     wanted = PLATFORM_NAMES if all_platforms else tuple(dict.fromkeys(chosen))
-    for file in run(out, wanted, max_particles, lambda text: click.echo(text, err=True), real):
+    versions = FMI if fmi == "both" else (fmi,)
+    for file in run(out, wanted, max_particles, lambda text: click.echo(text, err=True), real, versions):
         inside = ", ".join(file.binaries)
         click.echo(f"{file.path}: {file.path.stat().st_size:,} bytes{f' ({inside})' if inside else ''}")
 
@@ -77,7 +85,7 @@ def validate(paths: tuple[Path, ...], clients: bool, results: Path | None) -> No
     XML schema          of the standard, for modelDescription.xml and buildDescription.xml
     tselab              what importers complain about: exported names, libraries and glibc needed, executable stack, platforms,
                         units, descriptions, documentation, licences, and whether sources/ compiles
-    VDMCheck            a formal model of the standard; needs Java, and Maven that fetches it the first time
+    VDMCheck            a formal model of the standard, FMI 2.0 only; needs Java, and Maven that fetches it the first time
 
     --clients: the same run in FMPy, ecos, libcosim (extra 'clients'), and of the binaries for win64 under wine and for
     aarch64-linux under qemu. All values at all steps are compared with FMPy's: more than 1e-9 of an output's largest value is a

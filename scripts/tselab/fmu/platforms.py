@@ -18,26 +18,35 @@ from lxml import etree
 
 from tselab.errors import UserError
 
+FMI = ("2", "3")  # versions that FMUs are built for
+
 
 @dataclass(frozen=True)
 class Platform:
-    """A folder in binaries/, named as FMI 2.0.4 does."""
+    """A folder in binaries/, named as FMI 2.0.4 does; in an FMU of FMI 3.0 it has another name, and one processor."""
 
     name: str
+    tuple3: str
     suffix: str
     targets: tuple[str, ...]  # of zig; several are joined to one universal binary
     run_by: str  # who runs this binary in tests; "" for nobody
+
+    def folder(self, fmi: str) -> str:
+        return self.tuple3 if fmi == "3" else self.name
+
+    def compiled_for(self, fmi: str) -> tuple[str, ...]:
+        return self.targets[:1] if fmi == "3" else self.targets
 
 
 # glibc 2.2.5 is the first for x86_64, 2.17 the first for aarch64: nothing newer is needed, so older systems load it, too.
 PLATFORMS = {
     p.name: p
     for p in (
-        Platform("linux64", ".so", ("x86_64-linux-gnu.2.2.5",), "any importer on Linux"),
-        Platform("win64", ".dll", ("x86_64-windows-gnu",), "wine"),
-        Platform("darwin64", ".dylib", ("x86_64-macos.11.0", "aarch64-macos.11.0"), ""),
-        Platform("aarch64-linux", ".so", ("aarch64-linux-gnu.2.17",), "qemu-aarch64"),
-        Platform("aarch64-darwin", ".dylib", ("aarch64-macos.11.0",), ""),
+        Platform("linux64", "x86_64-linux", ".so", ("x86_64-linux-gnu.2.2.5",), "any importer on Linux"),
+        Platform("win64", "x86_64-windows", ".dll", ("x86_64-windows-gnu",), "wine"),
+        Platform("darwin64", "x86_64-darwin", ".dylib", ("x86_64-macos.11.0", "aarch64-macos.11.0"), ""),
+        Platform("aarch64-linux", "aarch64-linux", ".so", ("aarch64-linux-gnu.2.17",), "qemu-aarch64"),
+        Platform("aarch64-darwin", "aarch64-darwin", ".dylib", ("aarch64-macos.11.0",), ""),
     )
 }
 
@@ -46,15 +55,19 @@ SHARED = ("-fPIC", "-fvisibility=hidden", "-shared", "-s")
 LANGUAGE = {"C99": "-std=c99"}
 
 
-def native() -> str:
+def native(fmi: str = "2") -> str:
     """The name of this machine's platform."""
+    if fmi == "3" and (here := native()) in PLATFORMS:
+        return PLATFORMS[here].tuple3
     arm = machine.machine().lower() in ("aarch64", "arm64")
     system = {"linux": "linux", "win32": "win", "darwin": "darwin"}.get(sys.platform, sys.platform)
     return f"aarch64-{'windows' if system == 'win' else system}" if arm else f"{system}64"
 
 
-def usable_here() -> tuple[str, ...]:
+def usable_here(fmi: str = "2") -> tuple[str, ...]:
     """Folders whose binary this machine loads, the best first."""
+    if fmi == "3":
+        return (native("3"),)
     return (native(), "darwin64") if native() == "aarch64-darwin" else (native(),)
 
 
@@ -87,9 +100,9 @@ def check_compiler() -> None:
         )
 
 
-def compile_for(platform: Platform, sources: Path, cache: Path) -> bytes:
-    """The binary of one platform, from the sources/ of an FMU."""
-    return universal([_compile(target, platform, sources, cache) for target in platform.targets])
+def compile_for(platform: Platform, sources: Path, cache: Path, fmi: str = "2") -> bytes:
+    """The binary of one platform, from the sources/ of an FMU for this version of FMI."""
+    return universal([_compile(target, platform, sources, cache) for target in platform.compiled_for(fmi)])
 
 
 def _compile(target: str, platform: Platform, sources: Path, cache: Path) -> bytes:

@@ -107,13 +107,16 @@ def drive(
     """Run any FMU: inputs from the columns of a table that have their names, all outputs out. Row i of the result is time i, after
     the step that led there. Between rows inputs change linearly where the FMU can interpolate, unless `hold`; else each row holds
     until the next."""
+    notes = []
     with slave(path) as fmu:
         time, data = read_inputs(table_path, fmu)
         values = dict(settings(fmu, config)[0]) if config is not None else {}
         values.update(resolve(fmu, parameters))
         outputs = fmu.names("output")
-        reals = [n for n in data if fmu.variables[n].type == "Real"]
+        reals = [n for n in data if fmu.is_real(n)]
         interpolates = fmu.description.coSimulation.canInterpolateInputs and not hold and bool(reals)
+        if fmu.is_3 and reals and not hold:
+            notes = ["FMI 3.0 has no derivatives of inputs: each row holds until the next, as with --hold"]
         column = {name: data[name].to_numpy() for name in data}
         fmu.initialize(float(time[0]), values, {n: c[0] for n, c in column.items()})
         rows = [fmu.get(outputs)]
@@ -127,10 +130,10 @@ def drive(
                 fmu.step(float(time[i]), float(step))
                 rows.append(fmu.get(outputs))
                 bar.update()
-    table = pd.DataFrame(rows, columns=outputs)
-    table = table.astype({n: int for n in outputs if fmu.variables[n].type == "Boolean"})
+    table = pd.DataFrame(rows, columns=fmu.columns(outputs))
+    table = table.astype(dict.fromkeys(fmu.columns(n for n in outputs if fmu.variables[n].type == "Boolean"), int))
     table.insert(0, "time", time[: len(rows)])
-    return Run(table, len(rows) < len(time), [])
+    return Run(table, len(rows) < len(time), notes)
 
 
 def resolve(fmu: Slave, parameters: Mapping[str, float]) -> dict[str, float]:
@@ -171,7 +174,7 @@ def read_inputs(path: Path, fmu: Slave) -> tuple[np.ndarray, pd.DataFrame]:
     numbers = {}
     for name in table:
         column = to_numbers(table[name])
-        bad = (column.isna() & (table[name].notna() | (name != "time" and fmu.variables[name].type != "Real"))).to_numpy()
+        bad = (column.isna() & (table[name].notna() | (name != "time" and not fmu.is_real(name)))).to_numpy()
         if bad.any():
             i = int(bad.argmax())
             raise UserError(f"{path}: line {line[i]}, column {name}: {str(table[name].iloc[i])[:40]!r} is not a number")

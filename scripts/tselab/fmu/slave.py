@@ -7,6 +7,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from tselab.errors import UserError
 from tselab.fmu.archive import open_archive, read_description, unpacked
 from tselab.fmu.platforms import usable_here
@@ -14,9 +16,12 @@ from tselab.fmu.platforms import usable_here
 if TYPE_CHECKING:
     from fmpy.model_description import ModelDescription, ScalarVariable
 
-READ = {"Real": "getReal", "Integer": "getInteger", "Enumeration": "getInteger", "Boolean": "getBoolean", "String": "getString"}
-WRITE = {"Real": "setReal", "Integer": "setInteger", "Enumeration": "setInteger", "Boolean": "setBoolean"}
-ERROR = 3  # fmi2Status from which on a log line tells of a refusal
+_INTEGERS = tuple(f"{sign}Int{bits}" for sign in ("", "U") for bits in (8, 16, 32, 64))  # of FMI 3.0
+REALS = ("Real", "Float64", "Float32")
+READ = {"Real": "getReal", "Integer": "getInteger", "Boolean": "getBoolean", "String": "getString"}
+READ.update({kind: f"get{kind}" for kind in ("Float64", "Float32", *_INTEGERS)})
+WRITE = {kind: method.replace("get", "set", 1) for kind, method in READ.items() if kind != "String"}
+ERROR = 3  # fmi2Status and fmi3Status from which on a log line tells of a refusal
 
 
 class Slave:
@@ -24,8 +29,10 @@ class Slave:
 
     def __init__(self, path: Path, description: ModelDescription, folder: Path):
         from fmpy.fmi2 import FMU2Slave, fmi2CallbackFunctions, fmi2CallbackLoggerTYPE
+        from fmpy.fmi3 import FMU3Slave
 
         self.path, self.description = path, description
+        self.is_3 = version_of(description) == "3"
         self.variables: dict[str, ScalarVariable] = {v.name: v for v in description.modelVariables}
         self.said: list[str] = []
         identifier = description.coSimulation.modelIdentifier
@@ -33,12 +40,15 @@ class Slave:
         self._logger = fmi2CallbackLoggerTYPE(self._log)
         self._callbacks.logger = self._logger
         try:
-            self._fmu = FMU2Slave(
+            self._fmu = (FMU3Slave if self.is_3 else FMU2Slave)(
                 guid=description.guid, unzipDirectory=str(folder), modelIdentifier=identifier, instanceName=identifier
             )
         except Exception as error:  # the loader's
             raise UserError(f"{path}: its binary cannot be loaded: {error}") from None
-        self._call("instantiate", callbacks=self._callbacks)
+        if self.is_3:
+            self._call("instantiate", logMessage=lambda environment, *said: self._log(environment, b"", *said))
+        else:
+            self._call("instantiate", callbacks=self._callbacks)
 
     def _log(self, _environment: Any, _name: bytes, status: int, _category: bytes, message: bytes) -> None:
         if status >= ERROR:
@@ -52,19 +62,43 @@ class Slave:
             raise UserError(f"{self.path}: the FMU refuses: {'; '.join(self.said) or error}") from None
 
     def names(self, causality: str) -> list[str]:
-        """In the order of the description; without Strings, except among outputs."""
-        return [v.name for v in self.variables.values() if v.causality == causality and (causality == "output" or v.type in WRITE)]
+        """In the order of the description; without Strings and arrays, except among outputs."""
+        output = causality == "output"
+        return [
+            v.name
+            for v in self.variables.values()
+            if v.causality == causality and self._kind(v.name) in (READ if output else WRITE) and (output or not v.dimensions)
+        ]
+
+    def is_real(self, name: str) -> bool:
+        return self.variables[name].type in REALS
+
+    def columns(self, names: Iterable[str]) -> list[str]:
+        """What get() calls the values of these variables: an array x of three is x[1], x[2], x[3]."""
+        return [column for name in names for column in self._columns(name)]
+
+    def _columns(self, name: str) -> list[str]:
+        variable = self.variables[name]
+        if not variable.dimensions:
+            return [name]
+        return [f"{name}[{','.join(str(i + 1) for i in index)}]" for index in np.ndindex(*variable.shape)]
+
+    def _kind(self, name: str) -> str:
+        """The type, as its functions are called: an Enumeration is an integer."""
+        kind = self.variables[name].type
+        return kind if kind != "Enumeration" else "Int64" if self.is_3 else "Integer"
 
     def initialize(self, start: float, parameters: Mapping[str, float], inputs: Mapping[str, float]) -> None:
-        self._call("setupExperiment", startTime=start)
+        if not self.is_3:
+            self._call("setupExperiment", startTime=start)
         self.set(parameters)
-        self._call("enterInitializationMode")
+        self._call("enterInitializationMode", **({"startTime": start} if self.is_3 else {}))
         self.set(inputs)
         self._call("exitInitializationMode")
 
     def set(self, values: Mapping[str, float]) -> None:
         for kind, names in self._by_type(values).items():
-            convert = float if kind == "Real" else int
+            convert = float if kind in REALS else int
             self._call(WRITE[kind], self._references(names), [convert(values[n]) for n in names])
 
     def set_rates(self, rates: Mapping[str, float]) -> None:
@@ -75,9 +109,12 @@ class Slave:
         self._call("doStep", currentCommunicationPoint=time, communicationStepSize=step)
 
     def get(self, names: Iterable[str]) -> dict[str, Any]:
+        """Values by name, those of arrays by columns(); in the order of the types."""
         values: dict[str, Any] = {}
         for kind, group in self._by_type(names).items():
-            values.update(zip(group, self._call(READ[kind], self._references(group)), strict=True))
+            columns = self.columns(group)
+            sized = {"nValues": len(columns)} if self.is_3 else {}
+            values.update(zip(columns, self._call(READ[kind], self._references(group), **sized), strict=True))
         return values
 
     def close(self) -> None:
@@ -94,8 +131,13 @@ class Slave:
     def _by_type(self, names: Iterable[str]) -> dict[str, list[str]]:
         groups: dict[str, list[str]] = {}
         for name in names:
-            groups.setdefault(self.variables[name].type, []).append(name)
+            groups.setdefault(self._kind(name), []).append(name)
         return groups
+
+
+def version_of(description: ModelDescription) -> str:
+    """2 or 3; empty for other versions of FMI."""
+    return "2" if description.fmiVersion == "2.0" else "3" if description.fmiVersion.startswith("3.") else ""
 
 
 @contextmanager
@@ -103,12 +145,13 @@ def slave(path: Path) -> Iterator[Slave]:
     """An instance of the FMU at `path`, for as long as the block lasts."""
     archive = open_archive(path)
     description = read_description(path)
-    if description.fmiVersion != "2.0" or description.coSimulation is None:
+    if not version_of(description) or description.coSimulation is None:
         kind = "co-simulation" if description.coSimulation is not None else "model exchange only"
-        raise UserError(f"{path}: is an FMU of FMI {description.fmiVersion}, {kind}; FMI 2.0 for co-simulation is needed")
-    if not any(p in archive.binaries for p in usable_here()):
+        raise UserError(f"{path}: is an FMU of FMI {description.fmiVersion}, {kind}; FMI 2.0 or 3.0 for co-simulation is needed")
+    here = usable_here(version_of(description))
+    if not any(p in archive.binaries for p in here):
         have = ", ".join(sorted(archive.binaries)) or "none"
-        raise UserError(f"{path}: has no binary for this machine, {usable_here()[0]}; it has: {have}")
+        raise UserError(f"{path}: has no binary for this machine, {here[0]}; it has: {have}")
     with unpacked(path) as folder:
         instance = Slave(path, description, folder)
         try:

@@ -46,6 +46,14 @@ def validate(archive: Archive, say: Callable[[str], None] = lambda _: None) -> l
     ]
 
 
+def fmi_version(archive: Archive) -> str:
+    """As its description says; empty when that says nothing."""
+    try:
+        return etree.fromstring(archive.read("modelDescription.xml")).get("fmiVersion", "")
+    except etree.XMLSyntaxError:
+        return ""
+
+
 def package_version(name: str) -> str:
     try:
         return version(name)
@@ -79,14 +87,16 @@ def _fmutool(archive: Archive) -> Verdict:
 
 
 def _schema(archive: Archive) -> Verdict:
-    """The standard's own XML schemas, which the toolbox carries: of FMI 2.0, and of FMI 3.0 for what FMI 2.0.5 takes from there."""
-    verdict = Verdict("XML schema", "FMI 2.0.4")
+    """The standard's own XML schemas, which the toolbox carries: of FMI 2.0 and 3.0. FMI 2.0.5 takes some of the latter's files."""
+    of_3 = fmi_version(archive).startswith("3.")
+    verdict = Verdict("XML schema", "FMI 3.0.2" if of_3 else "FMI 2.0.4")
     if find_spec(TOOLBOX) is None:
         verdict.skipped = "not installed (extra 'fmu')"
         return verdict
     folder = Path(find_spec(TOOLBOX).submodule_search_locations[0]) / "resources"
     pairs = {
-        "modelDescription.xml": folder / "fmi-2.0" / "fmi2ModelDescription.xsd",
+        "modelDescription.xml": folder / ("fmi-3.0/fmi3ModelDescription.xsd" if of_3 else "fmi-2.0/fmi2ModelDescription.xsd"),
+        "terminalsAndIcons/terminalsAndIcons.xml": folder / "fmi-3.0" / "fmi3TerminalsAndIcons.xsd",
         "sources/buildDescription.xml": folder / "fmi-3.0" / "fmi3BuildDescription.xsd",
     }
     for name, schema in pairs.items():
@@ -154,6 +164,9 @@ def _fetch_vdmcheck(folder: Path, say: Callable[[str], None]) -> str:
 
 def _vdmcheck(archive: Archive, say: Callable[[str], None]) -> Verdict:
     verdict = Verdict("VDMCheck", VDMCHECK)
+    if fmi_version(archive).startswith("3."):
+        verdict.skipped = "VDMCheck of FMI 3.0 is in no registry"
+        return verdict
     if shutil.which("java") is None:
         verdict.skipped = "Java is not installed"
         return verdict

@@ -1,0 +1,514 @@
+/* fmu/glue/glue.c - what the functions of all versions of FMI do (glue.h), around any model of fmu_model.h. */
+#include <stdio.h>
+#include <string.h>
+
+#include "fmu_guid.h"
+#include "glue.h"
+
+#define STATE_MAGIC 0x32657374u /* "tse2" */
+#define STATE_FORMAT 1u
+
+#define PHASE 40
+static const char *phase_name(const instance *s, char text[PHASE])
+{
+  switch (s->c.phase) {
+    case GLUE_INSTANTIATED: return "before initialization";
+    case GLUE_INITIALIZING: return "in initialization mode";
+    case GLUE_STEPPING: return "while stepping";
+    default: (void)snprintf(text, PHASE, "after %s", s->api->terminate); return text;
+  }
+}
+
+typedef struct snapshot {
+  volatile long taken;
+  const instance *owner;
+  glue_content c;
+} snapshot;
+
+static instance instances[FMU_INSTANCES];
+static snapshot snapshots[FMU_STATES];
+
+/* Take a free place, also when another thread looks for one at the same time. */
+#if defined(__GNUC__)
+static int take(volatile long *taken) { return __sync_bool_compare_and_swap(taken, 0L, 1L); }
+static void give_back(volatile long *taken) { __sync_lock_release(taken); }
+#elif defined(_MSC_VER)
+#include <intrin.h>
+static int take(volatile long *taken) { return _InterlockedCompareExchange(taken, 1L, 0L) == 0L; }
+static void give_back(volatile long *taken) { _InterlockedExchange(taken, 0L); }
+#else /* instances are then to be made in one thread at a time */
+static int take(volatile long *taken) { return *taken ? 0 : (*taken = 1, 1); }
+static void give_back(volatile long *taken) { *taken = 0; }
+#endif
+
+/* ------------------------------------------------------------------------------------------- log */
+
+static const char *const categories[] = {
+#define X(name, text) name,
+  FMU_LOG_CATEGORIES(X)
+#undef X
+};
+
+/* The text goes out as it is, without arguments: not every importer formats it, so '%' and '#' must not be in it. */
+static void put(const glue_api *api, glue_function *logger, void *environment, const char *name, glue_status status, int category,
+                const char *text)
+{
+  char clean[FMU_TEXT + 128];
+  size_t i;
+  if (!logger) return;
+  for (i = 0; text[i] && i < sizeof clean - 1; i++) clean[i] = (text[i] == '%' || text[i] == '#') ? '_' : text[i];
+  clean[i] = '\0';
+  api->emit(logger, environment, name, status, categories[category], clean);
+}
+
+void glue_say(const instance *s, glue_status status, int category, const char *text)
+{
+  if (s->wanted >> category & 1u) put(s->api, s->logger, s->environment, s->name, status, category, text);
+}
+
+glue_status glue_refuse(const instance *s, const char *function, const char *text)
+{
+  char line[FMU_TEXT + 64];
+  (void)snprintf(line, sizeof line, "%s: %s", function, text);
+  glue_say(s, GLUE_ERROR, GLUE_LOG_ERROR, line);
+  return GLUE_ERROR;
+}
+
+glue_status glue_debug_logging(instance *s, const char *function, int on, size_t count, const char *const names[])
+{
+  unsigned mask = 0;
+  if (count > 0 && !glue_given(s, names, "categories", function)) return GLUE_ERROR;
+  for (size_t i = 0; i < count; i++) {
+    unsigned k = 0;
+    while (k < GLUE_LOG_CATEGORIES && (!names[i] || strcmp(names[i], categories[k]) != 0)) k++;
+    if (k == GLUE_LOG_CATEGORIES) return glue_refuse(s, function, "unknown log category");
+    mask |= 1u << k;
+  }
+  if (count == 0) mask = on ? (1u << GLUE_LOG_CATEGORIES) - 1u : 1u << GLUE_LOG_EVENT;
+  s->wanted = on ? s->wanted | mask : s->wanted & ~mask;
+  return GLUE_OK;
+}
+
+/* ------------------------------------------------------------------------------------- arguments */
+
+instance *glue_instance_of(const void *c)
+{
+  for (size_t i = 0; i < FMU_INSTANCES; i++)
+    if (c == &instances[i] && instances[i].taken) return &instances[i];
+  return NULL;
+}
+
+int glue_allowed(const instance *s, int phases, const char *function)
+{
+  char text[FMU_TEXT], phase[PHASE];
+  if (s->c.phase & phases) return 1;
+  (void)snprintf(text, sizeof text, "wrong call order: not allowed %s", phase_name(s, phase));
+  (void)glue_refuse(s, function, text);
+  return 0;
+}
+
+int glue_given(const instance *s, const void *argument, const char *name, const char *function)
+{
+  char text[FMU_TEXT];
+  if (argument) return 1;
+  (void)snprintf(text, sizeof text, "the argument %s is NULL", name);
+  (void)glue_refuse(s, function, text);
+  return 0;
+}
+
+static const fmu_variable the_time = { "time", 'r', 't', 0, FMU_NO_RATE, 0.0, 1.0, -1.0, "s", "simulation time" };
+
+const fmu_variable *glue_variable(const instance *s, uint32_t vr)
+{
+  const uint32_t scalars = (uint32_t)fmu_variable_count, arrays = (uint32_t)fmu_array_count;
+  if (vr < scalars) return &fmu_variables[vr];
+  if (!s->api->extended || vr > scalars + arrays) return NULL;
+  return vr < scalars + arrays ? &fmu_arrays[vr - scalars].of : &the_time;
+}
+
+int32_t glue_elements(const instance *s, uint32_t vr)
+{
+  const uint32_t scalars = (uint32_t)fmu_variable_count, arrays = (uint32_t)fmu_array_count;
+  return s->api->extended && vr >= scalars && vr < scalars + arrays ? fmu_arrays[vr - scalars].count : 1;
+}
+
+int glue_counted(const instance *s, size_t values, size_t wanted, const char *function)
+{
+  char text[FMU_TEXT];
+  if (values == wanted) return 1;
+  (void)snprintf(text, sizeof text, "nValues is %lu, and the variables have %lu values", (unsigned long)values, (unsigned long)wanted);
+  (void)glue_refuse(s, function, text);
+  return 0;
+}
+
+static const char *kind_name(const instance *s, char kind)
+{
+  return kind == 'r' ? s->api->real : kind == 'i' ? s->api->integer : s->api->boolean;
+}
+
+int glue_known(const instance *s, const uint32_t vr[], size_t nvr, char kind, const char *type, const char *function, size_t *values)
+{
+  char text[FMU_TEXT];
+  size_t count = 0;
+  for (size_t i = 0; i < nvr; i++) {
+    const fmu_variable *const v = glue_variable(s, vr[i]);
+    if (!v)
+      (void)snprintf(text, sizeof text, "unknown value reference %lu", (unsigned long)vr[i]);
+    else if (v->kind != kind)
+      (void)snprintf(text, sizeof text, "value reference %lu, %s, is of type %s, not %s", (unsigned long)vr[i], v->name,
+                     kind_name(s, v->kind), type);
+    else {
+      count += (size_t)glue_elements(s, vr[i]);
+      continue;
+    }
+    (void)glue_refuse(s, function, text);
+    return 0;
+  }
+  if (values) *values = count;
+  return 1;
+}
+
+/* -------------------------------------------------------------------------------------- values */
+
+static void *place(glue_content *c, int32_t offset) { return (unsigned char *)&c->m + offset; }
+
+/* Real variables of FMI are double; a model keeps parameters as tse_setting, all others as tse_real, of which fixed point has less. */
+static double get_number(glue_content *c, const fmu_variable *v, int32_t element)
+{
+  if (v->role == 't') return c->phase & (GLUE_STEPPING | GLUE_TERMINATED) ? c->now : c->start;
+  if (v->kind != 'r') return (double)((int32_t *)place(c, v->offset))[element];
+  return v->role == 'p' ? tse_double_of_setting(((tse_setting *)place(c, v->offset))[element])
+                        : tse_double_of(((tse_real *)place(c, v->offset))[element]);
+}
+
+static void set_real(glue_content *c, int32_t offset, double value) { *(tse_real *)place(c, offset) = tse_real_of(value); }
+
+static void set_number(glue_content *c, const fmu_variable *v, double value)
+{
+  if (v->kind != 'r') *(int32_t *)place(c, v->offset) = (int32_t)value;
+  else if (v->role == 'p') *(tse_setting *)place(c, v->offset) = tse_setting_of(value);
+  else set_real(c, v->offset, value);
+}
+
+double glue_get(instance *s, const fmu_variable *v, int32_t element) { return get_number(&s->c, v, element); }
+double glue_time(const instance *s) { return s->c.phase & (GLUE_STEPPING | GLUE_TERMINATED) ? s->c.now : s->c.start; }
+void glue_set(instance *s, const fmu_variable *v, double value) { set_number(&s->c, v, value); }
+void glue_set_rate(instance *s, const fmu_variable *v, double rate) { set_real(&s->c, v->rate, rate); }
+
+void glue_was_set(instance *s)
+{
+  if (s->c.phase != GLUE_STEPPING) s->c.stale = 1;
+}
+
+int glue_settable(const instance *s, const fmu_variable *v, double value, const char *function)
+{
+  char text[FMU_TEXT], range[FMU_RANGE], phase[PHASE];
+  if (v->role == 't')
+    (void)snprintf(text, sizeof text, "%s is set by the steps", v->name);
+  else if (v->role == 'o')
+    (void)snprintf(text, sizeof text, "%s is an output and cannot be set", v->name);
+  else if (v->role == 'p' && !(s->c.phase & (GLUE_INSTANTIATED | GLUE_INITIALIZING)))
+    (void)snprintf(text, sizeof text, "%s is a fixed parameter and cannot be set %s", v->name, phase_name(s, phase));
+  else if (v->role == 'p' && v->hi >= v->lo && !(value >= v->lo && value <= v->hi))
+    (void)snprintf(text, sizeof text, "%s = %.10g is outside its range %s", v->name, value, fmu_range(v, range));
+  else
+    return 1;
+  (void)glue_refuse(s, function, text);
+  return 0;
+}
+
+/* -------------------------------------------------------------------------------------- life cycle */
+
+static void restart(glue_content *c)
+{
+  memset(c, 0, sizeof *c);
+  c->phase = GLUE_INSTANTIATED;
+  c->stale = 1;
+  model_init(&c->m);
+  for (int32_t i = 0; i < fmu_variable_count; i++)
+    if (fmu_variables[i].role != 'o') set_number(c, &fmu_variables[i], fmu_variables[i].start);
+}
+
+/* Compute the outputs anew, if something was set before the first step. */
+static int refresh(instance *s, const char *function)
+{
+  char text[FMU_TEXT] = "";
+  if (!s->c.stale) return 1;
+  if (model_start(&s->c.m, s->c.start, text) == FMU_ERROR) {
+    (void)glue_refuse(s, function, text);
+    return 0;
+  }
+  s->c.stale = 0;
+  return 1;
+}
+
+int glue_readable(instance *s, const char *function) { return s->c.phase != GLUE_INITIALIZING || refresh(s, function); }
+
+instance *glue_instantiate(const glue_api *api, const char *name, const char *token, const char *unsupported, glue_function *logger,
+                           void *environment, int logging)
+{
+  const char *wrong = NULL;
+  char text[FMU_TEXT];
+  if (!name || !name[0]) wrong = "the instance name is missing";
+  else if (unsupported) wrong = unsupported;
+  else if (!token || strcmp(token, FMU_GUID) != 0) {
+    (void)snprintf(text, sizeof text, "the %s %.64s is not that of this binary, %s: modelDescription.xml belongs to another version",
+                   api->token, token ? token : "NULL", FMU_GUID);
+    wrong = text;
+  }
+  for (size_t i = 0; !wrong && i < FMU_INSTANCES; i++) {
+    instance *const s = &instances[i];
+    if (!take(&s->taken)) continue;
+    (void)snprintf(s->name, sizeof s->name, "%s", name);
+    s->api = api;
+    s->logger = logger;
+    s->environment = environment;
+    s->wanted = 1u << GLUE_LOG_ERROR | 1u << GLUE_LOG_WARNING | (logging ? 1u << GLUE_LOG_EVENT : 0u);
+    s->warned[0] = '\0';
+    restart(&s->c);
+    glue_say(s, GLUE_OK, GLUE_LOG_EVENT, "instantiated");
+    return s;
+  }
+  if (!wrong) {
+    (void)snprintf(text, sizeof text, "all %d instances are in use: free one, or build the FMU with a larger FMU_INSTANCES",
+                   FMU_INSTANCES);
+    wrong = text;
+  }
+  put(api, logger, environment, name ? name : "", GLUE_ERROR, GLUE_LOG_ERROR, wrong);
+  return NULL;
+}
+
+void glue_free(instance *s)
+{
+  for (size_t i = 0; i < FMU_STATES; i++)
+    if (snapshots[i].taken && snapshots[i].owner == s) give_back(&snapshots[i].taken);
+  give_back(&s->taken);
+}
+
+glue_status glue_setup(instance *s, const char *function, double start, int has_stop, double stop)
+{
+  if (!glue_allowed(s, GLUE_INSTANTIATED, function)) return GLUE_ERROR;
+  if (!(start - start == 0.0)) return glue_refuse(s, function, "startTime is not a finite number");
+  if (has_stop && !(stop >= start)) return glue_refuse(s, function, "stopTime is before startTime");
+  s->c.start = start;
+  return GLUE_OK;
+}
+
+glue_status glue_enter_initialization(instance *s, const char *function)
+{
+  if (!glue_allowed(s, GLUE_INSTANTIATED, function)) return GLUE_ERROR;
+  s->c.phase = GLUE_INITIALIZING;
+  return GLUE_OK;
+}
+
+glue_status glue_exit_initialization(instance *s, const char *function)
+{
+  if (!glue_allowed(s, GLUE_INITIALIZING, function) || !refresh(s, function)) return GLUE_ERROR;
+  s->c.phase = GLUE_STEPPING;
+  s->c.now = s->c.start;
+  glue_say(s, GLUE_OK, GLUE_LOG_EVENT, "initialized");
+  return GLUE_OK;
+}
+
+glue_status glue_terminate(instance *s, const char *function)
+{
+  if (!glue_allowed(s, GLUE_STEPPING, function)) return GLUE_ERROR;
+  s->c.phase = GLUE_TERMINATED;
+  glue_say(s, GLUE_OK, GLUE_LOG_EVENT, "terminated");
+  return GLUE_OK;
+}
+
+glue_status glue_reset(instance *s)
+{
+  restart(&s->c);
+  s->warned[0] = '\0';
+  return GLUE_OK;
+}
+
+/* ------------------------------------------------------------------------------------------- steps */
+
+glue_status glue_step(instance *s, const char *function, double time, double step)
+{
+  char text[FMU_TEXT] = "", reason[FMU_TEXT] = "";
+  if (!glue_allowed(s, GLUE_STEPPING, function)) return GLUE_ERROR;
+  if (!(step > 0.0) || !(step - step == 0.0)) {
+    (void)snprintf(text, sizeof text, "communicationStepSize = %.10g is not a positive number", step);
+    return glue_refuse(s, function, text);
+  }
+  /* Importers sum steps up in different ways: what is off by less than a hundredth of the step, or by
+   * what a double of that size can hold, is the same point. */
+  const double off = time - s->c.now, size = time < 0.0 ? -time : time;
+  const double most = 0.01 * step + 1e-14 * size;
+  if (!(off <= most && off >= -most) || !(time - time == 0.0)) { /* infinity is within any share of itself */
+    (void)snprintf(text, sizeof text, "currentCommunicationPoint = %.17g, but the last step ended at %.17g", time, s->c.now);
+    return glue_refuse(s, function, text);
+  }
+  const fmu_result result = model_step(&s->c.m, time, step, reason);
+  if (result == FMU_ERROR) return glue_refuse(s, function, reason);
+  s->c.now = time + step;
+  for (int32_t i = 0; i < fmu_variable_count; i++)
+    if (fmu_variables[i].rate != FMU_NO_RATE) set_real(&s->c, fmu_variables[i].rate, 0.0); /* it was that of this point */
+  if (result == FMU_WARNING && strcmp(reason, s->warned) != 0) {
+    (void)snprintf(text, sizeof text, "at %.6g s: %.200s", time, reason);
+    glue_say(s, GLUE_WARNING, GLUE_LOG_WARNING, text);
+  }
+  memcpy(s->warned, reason, sizeof s->warned);
+  return result == FMU_WARNING ? GLUE_WARNING : GLUE_OK;
+}
+
+/* ------------------------------------------------------------------------------------------- state */
+
+static snapshot *snapshot_of(const void *state)
+{
+  for (size_t i = 0; i < FMU_STATES; i++)
+    if (state == &snapshots[i] && snapshots[i].taken) return &snapshots[i];
+  return NULL;
+}
+
+static snapshot *free_snapshot(const instance *s, const char *function)
+{
+  char text[FMU_TEXT];
+  for (size_t i = 0; i < FMU_STATES; i++)
+    if (take(&snapshots[i].taken)) {
+      snapshots[i].owner = s;
+      return &snapshots[i];
+    }
+  (void)snprintf(text, sizeof text, "all %d saved states are in use: free one, or build the FMU with a larger FMU_STATES",
+                 FMU_STATES);
+  (void)glue_refuse(s, function, text);
+  return NULL;
+}
+
+static int is_state(const instance *s, const void *state, const char *function)
+{
+  if (snapshot_of(state)) return 1;
+  (void)glue_refuse(s, function, "not a state that this FMU has saved");
+  return 0;
+}
+
+glue_status glue_save(const instance *s, const char *function, void **state)
+{
+  if (!glue_given(s, state, s->api->state, function)) return GLUE_ERROR;
+  if (*state && !is_state(s, *state, function)) return GLUE_ERROR;
+  snapshot *const t = *state ? snapshot_of(*state) : free_snapshot(s, function);
+  if (!t) return GLUE_ERROR;
+  memcpy(&t->c, &s->c, sizeof t->c);
+  *state = t;
+  return GLUE_OK;
+}
+
+glue_status glue_restore(instance *s, const char *function, const void *state)
+{
+  if (!glue_given(s, state, s->api->state, function) || !is_state(s, state, function)) return GLUE_ERROR;
+  memcpy(&s->c, &snapshot_of(state)->c, sizeof s->c);
+  return GLUE_OK;
+}
+
+glue_status glue_drop(const instance *s, const char *function, void **state)
+{
+  if (!state || !*state) return GLUE_OK;
+  if (!is_state(s, *state, function)) return GLUE_ERROR;
+  give_back(&snapshot_of(*state)->taken);
+  *state = NULL;
+  return GLUE_OK;
+}
+
+/* A serialized state: this frame, then the content. Machines with the same layout of `glue_content` and the same byte order
+ * understand each other's. */
+typedef struct frame {
+  uint32_t magic, format; /* the magic number also tells the byte order */
+  uint64_t bytes;         /* of the content                             */
+  uint64_t model;         /* hash of the GUID and of all sources        */
+  uint64_t sum;           /* hash of the content                        */
+} frame;
+#define STATE_BYTES (sizeof(frame) + sizeof(glue_content))
+#define MADE_OF FMU_GUID FMU_SOURCES
+
+/* FNV-1a: a change of any one byte changes it. */
+static uint64_t hash(const void *bytes, size_t count)
+{
+  const unsigned char *const b = (const unsigned char *)bytes;
+  uint64_t h = 14695981039346656037u;
+  for (size_t i = 0; i < count; i++) h = (h ^ b[i]) * 1099511628211u;
+  return h;
+}
+
+glue_status glue_state_size(const instance *s, const char *function, const void *state, size_t *size)
+{
+  if (!glue_given(s, size, "size", function) || !glue_given(s, state, s->api->state, function) || !is_state(s, state, function))
+    return GLUE_ERROR;
+  *size = STATE_BYTES;
+  return GLUE_OK;
+}
+
+glue_status glue_serialize(const instance *s, const char *function, const void *state, unsigned char bytes[], size_t size)
+{
+  frame f;
+  if (!glue_given(s, bytes, "serializedState", function) || !glue_given(s, state, s->api->state, function) ||
+      !is_state(s, state, function))
+    return GLUE_ERROR;
+  if (size < STATE_BYTES) return glue_refuse(s, function, "the buffer is smaller than a saved state");
+  memset(&f, 0, sizeof f);
+  f.magic = STATE_MAGIC;
+  f.format = STATE_FORMAT;
+  f.bytes = sizeof(glue_content);
+  f.model = hash(MADE_OF, sizeof MADE_OF);
+  f.sum = hash(&snapshot_of(state)->c, sizeof(glue_content));
+  memcpy(bytes, &f, sizeof f);
+  memcpy(bytes + sizeof f, &snapshot_of(state)->c, sizeof(glue_content));
+  return GLUE_OK;
+}
+
+/* The edge of a parameter's range as a model that keeps less than double has it. */
+static double kept(const fmu_variable *v, double edge)
+{
+  return v->kind == 'r' ? tse_double_of_setting(tse_setting_of(edge)) : edge;
+}
+
+/* Whoever made the bytes, and their checksum: is this a state that this FMU could have been in? Outputs are not looked at, nothing
+ * depends on them.   Returned: wrong  the variable outside its range, if it is one */
+static int sound(glue_content *c, const fmu_variable **wrong)
+{
+  const int ready = (c->phase & (GLUE_STEPPING | GLUE_TERMINATED)) != 0;
+  if (c->phase != GLUE_INSTANTIATED && c->phase != GLUE_INITIALIZING && !ready) return 0;
+  if ((c->stale != 0 && c->stale != 1) || (ready && c->stale) || (c->phase == GLUE_INSTANTIATED && !c->stale)) return 0;
+  if (!(c->start - c->start == 0.0) || !(c->now - c->now == 0.0)) return 0;
+  for (int32_t i = 0; i < fmu_variable_count; i++) {
+    const fmu_variable *const v = &fmu_variables[i];
+    const double value = get_number(c, v, 0);
+    if (v->kind == 'b' && !(value == 0.0 || value == 1.0)) return 0;
+    if (v->role == 'p' && v->hi >= v->lo && !(value >= kept(v, v->lo) && value <= kept(v, v->hi))) {
+      *wrong = v;
+      return 0;
+    }
+  }
+  return model_sound(&c->m, !c->stale);
+}
+
+glue_status glue_deserialize(const instance *s, const char *function, const unsigned char bytes[], size_t size, void **state)
+{
+  frame f;
+  if (!glue_given(s, bytes, "serializedState", function) || !glue_given(s, state, s->api->state, function)) return GLUE_ERROR;
+  if (size < sizeof f) return glue_refuse(s, function, "too short to be a saved state");
+  memcpy(&f, bytes, sizeof f);
+  if (f.magic != STATE_MAGIC) return glue_refuse(s, function, "not a state of this FMU, or of a machine with another byte order");
+  if (f.format != STATE_FORMAT || f.model != hash(MADE_OF, sizeof MADE_OF))
+    return glue_refuse(s, function, "the state of another FMU, or of another version of this one");
+  if (f.bytes != sizeof(glue_content) || size < STATE_BYTES)
+    return glue_refuse(s, function, "the state has another size than this build's");
+  if (f.sum != hash(bytes + sizeof f, sizeof(glue_content))) return glue_refuse(s, function, "the state is damaged: its checksum differs");
+  snapshot *const t = free_snapshot(s, function);
+  if (!t) return GLUE_ERROR;
+  memcpy(&t->c, bytes + sizeof f, sizeof(glue_content));
+  const fmu_variable *wrong = NULL;
+  if (!sound(&t->c, &wrong)) {
+    char text[FMU_TEXT] = "the state is not one that this FMU can be in: something in it is outside its range", range[FMU_RANGE];
+    if (wrong)
+      (void)snprintf(text, sizeof text, "the state is not one that this FMU can be in: %s = %.10g is outside its range %s", wrong->name,
+                     get_number(&t->c, wrong, 0), fmu_range(wrong, range));
+    give_back(&t->taken);
+    return glue_refuse(s, function, text);
+  }
+  *state = t;
+  return GLUE_OK;
+}

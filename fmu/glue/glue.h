@@ -1,0 +1,113 @@
+/* fmu/glue/glue.h - what all versions of FMI share: instances and their log, values, steps, saved states. fmi2.c and fmi3.c are the
+ * functions of one version each, with its types and names; what they do is here.
+ *
+ * Memory: a fixed pool of instances and of saved states; nothing is allocated. Different instances may be used in different threads at
+ * once. A call that is refused (GLUE_ERROR) changes nothing, says why in the log, and leaves the instance as usable as it was. */
+#ifndef GLUE_H
+#define GLUE_H
+
+#include "fmu_model.h"
+
+#ifndef FMU_INSTANCES
+#define FMU_INSTANCES 32   /* at once in one process */
+#endif
+#ifndef FMU_STATES
+#define FMU_STATES 64      /* saved states, of all instances */
+#endif
+
+/* fmi2Status and fmi3Status have the same numbers. */
+typedef enum glue_status { GLUE_OK, GLUE_WARNING, GLUE_DISCARD, GLUE_ERROR } glue_status;
+
+enum { GLUE_INSTANTIATED = 1, GLUE_INITIALIZING = 2, GLUE_STEPPING = 4, GLUE_TERMINATED = 8 };
+enum { GLUE_LOG_ERROR, GLUE_LOG_WARNING, GLUE_LOG_EVENT, GLUE_LOG_CATEGORIES };
+
+typedef void glue_function(void); /* some logger: its version knows which */
+
+/* What a version of FMI calls things, and what it has. */
+typedef struct glue_api {
+  const char *terminate, *token, *state; /* function that ends a run; identity of a description; argument that is a saved state       */
+  const char *real, *integer, *boolean;  /* types                                                                                      */
+  int extended;                          /* also the variables of fmu_arrays, and the time: value references behind fmu_variable_count */
+  void (*emit)(glue_function *logger, void *environment, const char *name, glue_status status, const char *category, const char *text);
+} glue_api;
+
+typedef struct glue_content { /* what a saved state holds */
+  int32_t phase, stale;       /* stale: outputs are older than what was set since, before the first step */
+  double start, now;          /* [s] start time; next communication point */
+  model m;
+} glue_content;
+
+typedef struct instance {
+  volatile long taken;
+  char name[128];
+  const glue_api *api;
+  glue_function *logger;
+  void *environment;
+  unsigned wanted;       /* bit k: category k is logged */
+  char warned[FMU_TEXT]; /* the last warning: one that lasts is said once */
+  glue_content c;
+} instance;
+
+/* ---- log */
+
+void glue_say(const instance *s, glue_status status, int category, const char *text);
+/* An error line "function: text".   Returned: GLUE_ERROR */
+glue_status glue_refuse(const instance *s, const char *function, const char *text);
+glue_status glue_debug_logging(instance *s, const char *function, int on, size_t count, const char *const names[]);
+
+/* ---- arguments: 1, or 0 when refused */
+
+/* The instance behind a pointer, NULL when it is none (also one that was freed). */
+instance *glue_instance_of(const void *c);
+int glue_allowed(const instance *s, int phases, const char *function);
+int glue_given(const instance *s, const void *argument, const char *name, const char *function);
+
+/* The variable of a value reference; NULL: there is none. */
+const fmu_variable *glue_variable(const instance *s, uint32_t vr);
+
+/* How many values it has, and that a call has room for as many as its variables have. */
+int32_t glue_elements(const instance *s, uint32_t vr);
+int glue_counted(const instance *s, size_t values, size_t wanted, const char *function);
+
+/* All value references of a call exist and are of this kind, which its version calls `type`; kind 0: nothing is.
+ *   Returned:  values  how many values they have in all; may be NULL */
+int glue_known(const instance *s, const uint32_t vr[], size_t nvr, char kind, const char *type, const char *function, size_t *values);
+
+/* ---- life cycle */
+
+/* Refused (NULL) when there is no free place, no name, another token, or `unsupported` says why.
+ *   Given:  logger  may be NULL */
+instance *glue_instantiate(const glue_api *api, const char *name, const char *token, const char *unsupported, glue_function *logger,
+                           void *environment, int logging);
+void glue_free(instance *s);
+glue_status glue_setup(instance *s, const char *function, double start, int has_stop, double stop);
+glue_status glue_enter_initialization(instance *s, const char *function);
+glue_status glue_exit_initialization(instance *s, const char *function);
+glue_status glue_terminate(instance *s, const char *function);
+glue_status glue_reset(instance *s);
+/* The end of the last step, the start time before the first [s]. */
+double glue_time(const instance *s);
+
+/* ---- values; checks of all values come first: a call that is refused sets none */
+
+/* In initialization mode: compute the outputs anew if something was set.   Returned: 0 when refused */
+int glue_readable(instance *s, const char *function);
+/* May this variable be set now, to this value? */
+int glue_settable(const instance *s, const fmu_variable *v, double value, const char *function);
+double glue_get(instance *s, const fmu_variable *v, int32_t element);
+/* Of scalars only: no array can be set. Then glue_was_set(). */
+void glue_set(instance *s, const fmu_variable *v, double value);
+void glue_set_rate(instance *s, const fmu_variable *v, double rate);
+void glue_was_set(instance *s);
+
+/* ---- steps and states */
+
+glue_status glue_step(instance *s, const char *function, double time, double step);
+glue_status glue_save(const instance *s, const char *function, void **state);
+glue_status glue_restore(instance *s, const char *function, const void *state);
+glue_status glue_drop(const instance *s, const char *function, void **state);
+glue_status glue_state_size(const instance *s, const char *function, const void *state, size_t *size);
+glue_status glue_serialize(const instance *s, const char *function, const void *state, unsigned char bytes[], size_t size);
+glue_status glue_deserialize(const instance *s, const char *function, const unsigned char bytes[], size_t size, void **state);
+
+#endif
