@@ -103,23 +103,23 @@ def bank(c: Inks) -> Any:
     for name, colour in (("steady", "grey"), ("changed", "b"), ("drifting", "c")):
         below.plot(t, est[f"p_{name}"], color=c[colour], label=name, lw=1.5)
     below.set(ylabel="probability", xlabel="time [s]", ylim=(-0.05, 1.05), xlim=(19, 23))
-    below.legend(frameon=False, ncols=3, loc="center right")
+    below.legend(frameon=False, ncols=3, loc="center", bbox_to_anchor=(0.5, 0.6))
     return figure
 
 
 def quiet(c: Inks) -> Any:
     """Straight driving shows no cornering stiffness; the band says so."""
-    drive = tse.simulate("straight", duration=12)
+    drive = tse.simulate("straight", duration=12, amplitude=0.0)
     lively = tse.simulate("square-waves", duration=12)
     figure, axes = plt.subplots(1, 2, figsize=(8, 3.0), sharey=True)
-    for axis, sim, title in zip(axes, (drive, lively), ("straight on", "steering to and fro"), strict=True):
+    for axis, sim, title in zip(axes, (drive, lively), ("straight on, the wheel held still", "steering to and fro"), strict=True):
         est = tse.estimate(sim.log, CAR).table
         t, valid = est["time"].to_numpy(), est["cy_front_valid"].to_numpy(bool)
         band(axis, t, est, "cy_front", c)
         axis.plot(t, sim.truth["true_cy_front"] / 1e3, color=c["ink"], lw=1, ls="--", label="truth")
         axis.fill_between(t, 0, 1, where=~valid, transform=axis.get_xaxis_transform(), color=c["grey"], alpha=0.18, lw=0, label="not valid")
         axis.set(title=title, xlabel="time [s]")
-    axes[0].set(ylabel="cornering stiffness,\nfront [kN/rad]", ylim=(20, 220))
+    axes[0].set(ylabel="cornering stiffness,\nfront [kN/rad]", ylim=(0, 260))
     axes[1].legend(frameon=False, ncols=2)
     return figure
 
