@@ -398,3 +398,16 @@ def cli_page() -> str:
 
     walk(cli, ["tselab"], None)
     return "\n".join(text)
+
+
+def symptoms() -> str:
+    from docsite.symptoms import page
+
+    return page()
+
+
+def learnt_layout() -> str:
+    """The layout as tse/learnt.h has it."""
+    text = (TSE / "learnt.h").read_text(encoding="utf-8")
+    layout = text[text.index('     0  "tsel"') - 3 : text.index(" * Later formats")]
+    return "```text\n" + "\n".join(line.removeprefix(" *") for line in layout.splitlines()).rstrip() + "\n```\n"
