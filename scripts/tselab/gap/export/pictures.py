@@ -128,7 +128,7 @@ def gap_bars(parts: Mapping[str, Mapping[str, Change]]) -> go.Figure:
 
 
 def _part_title(part: str) -> str:
-    return {"fit": "logs that were fitted", "held_out": "held-out logs, never fitted"}[part]
+    return {"fit": "fitted logs", "held_out": "held-out logs"}[part]
 
 
 def maps(table: pd.DataFrame, state: pd.DataFrame) -> go.Figure:
