@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+import os
 import re
 import sys
 from pathlib import Path
@@ -16,7 +17,7 @@ sys.path[:0] = [str(ROOT / "scripts")]
 from docsite import pages, tables  # noqa: E402
 
 MATH = re.compile(r'<(span|div) class="arithmatex">(?:\\\(|\\\[)(.*?)(?:\\\)|\\\])</\1>', flags=re.S)
-BUILT = ROOT / "build" / "site-parts"  # pictures and example reports that scripts/docs.sh has made
+BUILT = Path(os.environ.get("TSE_SITE_PARTS", ROOT / "build" / "site-parts"))  # pictures and examples that scripts/docs.sh has made
 
 
 def on_config(config: Any) -> Any:

@@ -51,7 +51,7 @@ def band(axis: Any, t: np.ndarray, table: pd.DataFrame, key: str, c: Inks, colou
 
 def sketch(c: Inks) -> Any:
     """Single-track model: one wheel an axle, slip angle between where it points and where it goes."""
-    figure, axis = plt.subplots(figsize=(8, 2.9))
+    figure, axis = plt.subplots(figsize=(8, 1.9))
     axis.plot([0, 7], [0, 0], color=c["grey"], lw=3, solid_capstyle="round", zorder=1)
     axis.plot(3.3, 0, "o", color=c["ink"], ms=7)
     axis.annotate("centre of gravity", (3.3, 0), (3.3, -0.75), ha="center", color=c["ink"])
@@ -67,7 +67,7 @@ def sketch(c: Inks) -> Any:
     axis.text(9.15, 0.72, "points", color=c["ink"], va="center")
     axis.text(9.15, 0.2, "goes: slip angle between them", color=c["a"], va="center")
     axis.text(6.35, 1.2, "side force", color=c["b"], ha="right", va="center")
-    axis.set(xlim=(-2.1, 12.4), ylim=(-1.6, 1.6), aspect="equal")
+    axis.set(xlim=(-2.1, 12.4), ylim=(-1.15, 1.45), aspect="equal")
     axis.axis("off")
     return figure
 

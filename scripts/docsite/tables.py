@@ -99,7 +99,7 @@ def config_page() -> str:
         f"# tse_config: settings\n\n`tse_config` has {total} members, in SI units; `tse_config_default()` fills in the defaults, "
         "`tse_prepare()` refuses what is outside its range and names it. The same names are keys of a vehicle file "
         "(`[uncertainty]`, `[sensors]`, `[latency]`, `[effects.<id>]` in their tables), of `--set` and of `tse.Filter(settings=...)`, "
-        "and parameters of the FMUs. A setting that is another member's in C has the same name here.\n\n"
+        "and parameters of the FMUs.\n\n"
         "For a car that nobody has calibrated, `tse_config_uncalibrated()` sets these:\n\n" + uncalibrated() + "\n" + "\n".join(text)
     )
 
@@ -283,7 +283,7 @@ def effect_page(e: Effect) -> str:
         equation_of(e.id).replace("*", "\\*").replace("_", "\\_").replace("<", "&lt;"),
         "",
         f"- Acts on: {HOOKS.get(e.hook, e.hook)}",
-        f"- Enters at: {', '.join(e.entry_points)}",
+        f"- Enters at: {cell(', '.join(e.entry_points))}",
         f"- Shows in: {cell(e.channels)}",
         f"- Looks like: {alike}",
         f"- In an estimator that is told of it: {cell(e.estimator)}",
