@@ -1,6 +1,6 @@
 """What a built site must be: every link and anchor leads somewhere, images exist, nothing is taken from the net.
 
-    .venv/bin/python -m docsite.check build/site
+.venv/bin/python -m docsite.check build/site
 """
 
 from __future__ import annotations
@@ -10,7 +10,14 @@ import urllib.parse
 from html.parser import HTMLParser
 from pathlib import Path
 
-LOADS = {"script": "src", "img": "src", "link": "href", "iframe": "src", "source": "src", "object": "data"}  # what a browser fetches by itself
+LOADS = {
+    "script": "src",
+    "img": "src",
+    "link": "href",
+    "iframe": "src",
+    "source": "src",
+    "object": "data",
+}  # what a browser fetches by itself
 
 
 class Page(HTMLParser):
@@ -41,12 +48,15 @@ def wrong(site: Path) -> list[str]:
     found = []
     for path, page in pages.items():
         name = path.relative_to(site).as_posix()
-        if name == "404.html":                       # its addresses are absolute, for servers
+        if name == "404.html":  # its addresses are absolute, for servers
             continue
         for target in page.loads:
             if urllib.parse.urlsplit(target).scheme not in ("", "data") or target.startswith("//"):
                 found.append(f"{name}: loads {target} from the net")
-            elif not target.startswith("data:") and not (path.parent / urllib.parse.unquote(target.partition("#")[0].partition("?")[0])).is_file():
+            elif (
+                not target.startswith("data:")
+                and not (path.parent / urllib.parse.unquote(target.partition("#")[0].partition("?")[0])).is_file()
+            ):
                 found.append(f"{name}: {target} does not exist")
         for target in page.links:
             parts = urllib.parse.urlsplit(target)

@@ -1,4 +1,5 @@
-"""The house's docstrings as Markdown, for the Python reference: what stands below `Given:` becomes a list, Refused and Returned paragraphs."""
+"""The house's docstrings as Markdown, for the Python reference: what stands below `Given:` becomes a list, Refused and
+Returned paragraphs."""
 
 from __future__ import annotations
 

@@ -17,7 +17,9 @@ sys.path[:0] = [str(ROOT / "scripts")]
 from docsite import pages, tables  # noqa: E402
 
 MATH = re.compile(r'<(span|div) class="arithmatex">(?:\\\(|\\\[)(.*?)(?:\\\)|\\\])</\1>', flags=re.S)
-BUILT = Path(os.environ.get("TSE_SITE_PARTS", ROOT / "build" / "site-parts"))  # pictures and examples that scripts/docs.sh has made
+BUILT = Path(
+    os.environ.get("TSE_SITE_PARTS", ROOT / "build" / "site-parts")
+)  # pictures and examples that scripts/docs.sh has made
 
 
 def on_config(config: Any) -> Any:

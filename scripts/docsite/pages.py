@@ -1,10 +1,10 @@
 """Directives of the pages in docs/pages, and the pages that are made.
 
-    <!-- include: scripts/results/stress.md -->                        a Markdown file of the repository, without its title
-    <!-- include: CONTRIBUTING.md section=Add an effect -->            the part below one of its headings
-    <!-- include: scripts/results/peers.md columns=1: case; bias -->   some columns of its first table
-    <!-- code: scripts/examples/stream.py python -->                   a file as a block of code
-    <!-- table: config -->                                             a function of docsite.tables
+<!-- include: scripts/results/stress.md -->                        a Markdown file of the repository, without its title
+<!-- include: CONTRIBUTING.md section=Add an effect -->            the part below one of its headings
+<!-- include: scripts/results/peers.md columns=1: case; bias -->   some columns of its first table
+<!-- code: scripts/examples/stream.py python -->                   a file as a block of code
+<!-- table: config -->                                             a function of docsite.tables
 """
 
 from __future__ import annotations
@@ -120,7 +120,8 @@ def include(words: str, page: str) -> str:
 
 def code(words: str) -> str:
     source, _, language = words.partition(" ")
-    return f"<!-- not run: the file {source}, which a test of its own runs -->\n```{language}\n{(ROOT / source).read_text(encoding='utf-8').rstrip()}\n```"
+    text = (ROOT / source).read_text(encoding="utf-8").rstrip()
+    return f"<!-- not run: the file {source}, which a test of its own runs -->\n```{language}\n{text}\n```"
 
 
 def expanded(text: str, page: str) -> str:
@@ -157,6 +158,10 @@ def made_pages() -> dict[str, str]:
         if not (PAGES / "results" / path.name).exists():
             head = re.search(r"^# (.*)$", path.read_text(encoding="utf-8"), flags=re.M)
             if head is None:
-                raise ValueError(f"{path.name} has no title, and docs/pages/results/{path.name}, which would say what it is, is missing")
-            pages[f"results/{path.name}"] = f"# {head[1]}\n\n<!-- include: scripts/results/{path.name} -->\n\n*This page is `scripts/results/{path.name}`.*\n"
+                raise ValueError(
+                    f"{path.name} has no title, and docs/pages/results/{path.name}, which would say what it is, is missing"
+                )
+            pages[f"results/{path.name}"] = (
+                f"# {head[1]}\n\n<!-- include: scripts/results/{path.name} -->\n\n*This page is `scripts/results/{path.name}`.*\n"
+            )
     return pages

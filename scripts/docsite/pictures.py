@@ -29,12 +29,35 @@ INKS = {
     "dark": {"ink": "#dde3ea", "paper": "none", "grey": "#8a94a0", "a": "#6db3f2", "b": "#f0975a", "c": "#7ccf75"},
 }
 EXACT = dict.fromkeys(
-    ("mass_sd", "yaw_inertia_sd", "cg_sd", "steer_ratio_sd", "steer_offset_sd", "accel_y_scale_sd", "wheel_delay_sd", "accel_delay_sd",
-     "relaxation_sd", "wheel_radius_sd", "model_sd", "grade_sd"), 0.0,
-)  # fmt: skip
-CAR: dict[str, Any] = {"mass": 1900, "yaw_inertia": 3000, "lf": 1.25, "lr": 1.5, "wheel_radius_front": 0.33, "wheel_radius_rear": 0.33,
-                       "cornering_stiffness_front": 1.2e5, "cornering_stiffness_rear": 1.4e5, "longitudinal_stiffness_front": 1.6e5,
-                       "longitudinal_stiffness_rear": 1.6e5, "uncertainty": EXACT}  # fmt: skip
+    (
+        "mass_sd",
+        "yaw_inertia_sd",
+        "cg_sd",
+        "steer_ratio_sd",
+        "steer_offset_sd",
+        "accel_y_scale_sd",
+        "wheel_delay_sd",
+        "accel_delay_sd",
+        "relaxation_sd",
+        "wheel_radius_sd",
+        "model_sd",
+        "grade_sd",
+    ),
+    0.0,
+)
+CAR: dict[str, Any] = {
+    "mass": 1900,
+    "yaw_inertia": 3000,
+    "lf": 1.25,
+    "lr": 1.5,
+    "wheel_radius_front": 0.33,
+    "wheel_radius_rear": 0.33,
+    "cornering_stiffness_front": 1.2e5,
+    "cornering_stiffness_rear": 1.4e5,
+    "longitudinal_stiffness_front": 1.6e5,
+    "longitudinal_stiffness_rear": 1.6e5,
+    "uncertainty": EXACT,
+}
 Inks = dict[str, str]
 
 
@@ -58,12 +81,29 @@ def sketch(c: Inks) -> Any:
     for x, wheel, goes, name in ((0.0, 0.0, -8.0, "rear"), (7.0, 22.0, 7.0, "front")):
         a, g = np.deg2rad(wheel), np.deg2rad(goes)
         u = np.array([np.cos(a), np.sin(a)])
-        axis.plot(*zip(np.array([x, 0]) - 0.55 * u, np.array([x, 0]) + 0.55 * u, strict=True), color=c["ink"], lw=9, solid_capstyle="butt", zorder=2)
+        axis.plot(
+            *zip(np.array([x, 0]) - 0.55 * u, np.array([x, 0]) + 0.55 * u, strict=True),
+            color=c["ink"],
+            lw=9,
+            solid_capstyle="butt",
+            zorder=2,
+        )
         axis.plot([x, x + 2.0 * u[0]], [0, 2.0 * u[1]], color=c["ink"], lw=1, ls=":")
-        axis.annotate("", (x + 2.0 * np.cos(g), 2.0 * np.sin(g)), (x, 0), arrowprops={"arrowstyle": "->", "color": c["a"], "lw": 1.6})
-        axis.annotate("", (x - 1.3 * np.sin(a) * np.sign(wheel - goes), 1.3 * np.cos(a) * np.sign(wheel - goes)), (x, 0),
-                      arrowprops={"arrowstyle": "->", "color": c["b"], "lw": 2})  # fmt: skip
-        axis.text(x - 0.75 if x else x - 0.2, -0.62 if x else 0.5, f"{name} axle", color=c["ink"], ha="right", va="center")
+        axis.annotate(
+            "",
+            (x + 2.0 * np.cos(g), 2.0 * np.sin(g)),
+            (x, 0),
+            arrowprops={"arrowstyle": "->", "color": c["a"], "lw": 1.6},
+        )
+        axis.annotate(
+            "",
+            (x - 1.3 * np.sin(a) * np.sign(wheel - goes), 1.3 * np.cos(a) * np.sign(wheel - goes)),
+            (x, 0),
+            arrowprops={"arrowstyle": "->", "color": c["b"], "lw": 2},
+        )
+        axis.text(
+            x - 0.75 if x else x - 0.2, -0.62 if x else 0.5, f"{name} axle", color=c["ink"], ha="right", va="center"
+        )
     axis.text(9.15, 0.72, "points", color=c["ink"], va="center")
     axis.text(9.15, 0.2, "goes: slip angle between them", color=c["a"], va="center")
     axis.text(6.35, 1.2, "side force", color=c["b"], ha="right", va="center")
@@ -82,10 +122,15 @@ def slope(c: Inks) -> Any:
     force = (CAR["lr"] * CAR["mass"] * log["accel_y"].to_numpy() + CAR["yaw_inertia"] * dr) / (CAR["lf"] + CAR["lr"])
     figure, axis = plt.subplots(figsize=(8, 3.6))
     t = log["time"].to_numpy()
-    for mask, colour, name, factor in ((t < 19.5, "a", "dry", 1.0), (t > 20.5, "b", "another road: half as stiff", 0.5)):
+    for mask, colour, name, factor in (
+        (t < 19.5, "a", "dry", 1.0),
+        (t > 20.5, "b", "another road: half as stiff", 0.5),
+    ):
         axis.plot(np.rad2deg(alpha[mask])[::3], force[mask][::3] / 1e3, ".", ms=2.5, color=c[colour], alpha=0.45)
         x = np.array([np.rad2deg(alpha).min(), np.rad2deg(alpha).max()])
-        axis.plot(x, factor * CAR["cornering_stiffness_front"] * np.deg2rad(x) / 1e3, color=c[colour], lw=1.6, label=name)
+        axis.plot(
+            x, factor * CAR["cornering_stiffness_front"] * np.deg2rad(x) / 1e3, color=c[colour], lw=1.6, label=name
+        )
     axis.set(xlabel="slip angle of the front axle [deg]", ylabel="side force [kN]")
     axis.legend(frameon=False)
     return figure
@@ -112,12 +157,24 @@ def quiet(c: Inks) -> Any:
     drive = tse.simulate("straight", duration=12, amplitude=0.0)
     lively = tse.simulate("square-waves", duration=12)
     figure, axes = plt.subplots(1, 2, figsize=(8, 3.0), sharey=True)
-    for axis, sim, title in zip(axes, (drive, lively), ("straight on, the wheel held still", "steering to and fro"), strict=True):
+    for axis, sim, title in zip(
+        axes, (drive, lively), ("straight on, the wheel held still", "steering to and fro"), strict=True
+    ):
         est = tse.estimate(sim.log, CAR).table
         t, valid = est["time"].to_numpy(), est["cy_front_valid"].to_numpy(bool)
         band(axis, t, est, "cy_front", c)
         axis.plot(t, sim.truth["true_cy_front"] / 1e3, color=c["ink"], lw=1, ls="--", label="truth")
-        axis.fill_between(t, 0, 1, where=~valid, transform=axis.get_xaxis_transform(), color=c["grey"], alpha=0.18, lw=0, label="not valid")
+        axis.fill_between(
+            t,
+            0,
+            1,
+            where=~valid,
+            transform=axis.get_xaxis_transform(),
+            color=c["grey"],
+            alpha=0.18,
+            lw=0,
+            label="not valid",
+        )
         axis.set(title=title, xlabel="time [s]")
     axes[0].set(ylabel="cornering stiffness,\nfront [kN/rad]", ylim=(0, 260))
     axes[1].legend(frameon=False, ncols=2)
@@ -145,7 +202,13 @@ def fault(c: Inks) -> Any:
     return figure
 
 
-PICTURES: dict[str, Callable[[Inks], Any]] = {"sketch": sketch, "slope": slope, "bank": bank, "quiet": quiet, "fault": fault}
+PICTURES: dict[str, Callable[[Inks], Any]] = {
+    "sketch": sketch,
+    "slope": slope,
+    "bank": bank,
+    "quiet": quiet,
+    "fault": fault,
+}
 
 
 def draw(out: Path = OUT) -> list[Path]:
@@ -154,9 +217,20 @@ def draw(out: Path = OUT) -> list[Path]:
     made = []
     for name, make in PICTURES.items():
         for scheme, c in INKS.items():
-            style = {"text.color": c["ink"], "axes.labelcolor": c["ink"], "xtick.color": c["ink"], "ytick.color": c["ink"], "axes.edgecolor": c["grey"],
-                     "axes.spines.top": False, "axes.spines.right": False, "font.size": 10, "svg.hashsalt": "tse", "svg.fonttype": "path",
-                     "figure.constrained_layout.use": True, "axes.titlesize": 10}  # fmt: skip
+            style = {
+                "text.color": c["ink"],
+                "axes.labelcolor": c["ink"],
+                "xtick.color": c["ink"],
+                "ytick.color": c["ink"],
+                "axes.edgecolor": c["grey"],
+                "axes.spines.top": False,
+                "axes.spines.right": False,
+                "font.size": 10,
+                "svg.hashsalt": "tse",
+                "svg.fonttype": "path",
+                "figure.constrained_layout.use": True,
+                "axes.titlesize": 10,
+            }
             with plt.rc_context(style):
                 figure = make(c)
                 path = out / "assets" / f"{name}-{scheme}.svg"
@@ -174,8 +248,24 @@ def reports(out: Path = OUT) -> list[Path]:
     folder.mkdir(parents=True, exist_ok=True)
     drive = tse.simulate("double-lane-change", duration=40, road_changes=[(20.0, 0.7)])
     drive.log.to_csv(folder / "log.csv", index=False)
-    (folder / "car.toml").write_text(subprocess.run([sys.executable, "-m", "tselab", "vehicle", "--example"], capture_output=True, text=True, check=True).stdout)
-    command = [sys.executable, "-m", "tselab", "estimate", "log.csv", "--vehicle", "car.toml", "--out", "log.est.csv", "--report", "report.html"]
+    (folder / "car.toml").write_text(
+        subprocess.run(
+            [sys.executable, "-m", "tselab", "vehicle", "--example"], capture_output=True, text=True, check=True
+        ).stdout
+    )
+    command = [
+        sys.executable,
+        "-m",
+        "tselab",
+        "estimate",
+        "log.csv",
+        "--vehicle",
+        "car.toml",
+        "--out",
+        "log.est.csv",
+        "--report",
+        "report.html",
+    ]
     subprocess.run(command, cwd=folder, check=True, capture_output=True)
     return [folder / "report.html"]
 

@@ -45,7 +45,10 @@ def code(text: object) -> str:
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]], right: tuple[int, ...] = ()) -> str:
     """A table of Markdown; cells are escaped already. `right`: columns that are aligned so."""
-    lines = ["| " + " | ".join(head) + " |", "|" + "|".join("---:" if i in right else "---" for i in range(len(head))) + "|"]
+    lines = [
+        "| " + " | ".join(head) + " |",
+        "|" + "|".join("---:" if i in right else "---" for i in range(len(head))) + "|",
+    ]
     lines += ["| " + " | ".join(row) + " |" for row in rows]
     return "\n".join(lines) + "\n"
 
@@ -81,10 +84,16 @@ def group_of(setting: str) -> str:
 
 def settings(fields: Iterable[Field]) -> str:
     rows = [
-        [f'<span id="{f.name}"></span>{code(f.name)}', code(C_TYPES[f.kind]), number(f.default), _range(f), cell(f.unit if not f.is_integer else "integer"),
-         cell(f.text)]
+        [
+            f'<span id="{f.name}"></span>{code(f.name)}',
+            code(C_TYPES[f.kind]),
+            number(f.default),
+            _range(f),
+            cell(f.unit if not f.is_integer else "integer"),
+            cell(f.text),
+        ]
         for f in fields
-    ]  # fmt: skip
+    ]
     return table(["member", "type", "default", "range", "unit", "meaning"], rows, right=(2,))
 
 
@@ -98,9 +107,13 @@ def config_page() -> str:
     return (
         f"# tse_config: settings\n\n`tse_config` has {total} members, in SI units; `tse_config_default()` fills in the defaults, "
         "`tse_prepare()` refuses what is outside its range and names it. The same names are keys of a vehicle file "
-        "(`[uncertainty]`, `[sensors]`, `[latency]`, `[effects.<id>]` in their tables), of `--set` and of `tse.Filter(settings=...)`, "
+        "(`[uncertainty]`, `[sensors]`, `[latency]`, `[effects.<id>]` in their tables), of `--set` and of "
+        "`tse.Filter(settings=...)`, "
         "and parameters of the FMUs.\n\n"
-        "For a car that nobody has calibrated, `tse_config_uncalibrated()` sets these:\n\n" + uncalibrated() + "\n" + "\n".join(text)
+        "For a car that nobody has calibrated, `tse_config_uncalibrated()` sets these:\n\n"
+        + uncalibrated()
+        + "\n"
+        + "\n".join(text)
     )
 
 
@@ -112,9 +125,15 @@ def uncalibrated() -> str:
 
 def input_fields() -> str:
     rows = []
-    kinds = dict(re.findall(r"^INPUT\((\w+),[^\"]*\"[^\"]*\", *(\w)", (TSE / "input.def").read_text(encoding="utf-8"), flags=re.M))
+    kinds = dict(
+        re.findall(
+            r"^INPUT\((\w+),[^\"]*\"[^\"]*\", *(\w)", (TSE / "input.def").read_text(encoding="utf-8"), flags=re.M
+        )
+    )
     for f in library().fields(INPUT):
-        policy = {"D": "refused", "M": "counts as missing"}.get(kinds.get(f.name, ""), "refused" if f.name == "dt" else "-")
+        policy = {"D": "refused", "M": "counts as missing"}.get(
+            kinds.get(f.name, ""), "refused" if f.name == "dt" else "-"
+        )
         unit, allowed, text = f.unit, _range(f), f.text
         if f.name == "dt":
             unit, allowed, text = "s", "above 0 .. 3600", "time since the previous row; ignored at the first"
@@ -161,15 +180,33 @@ def reason_codes() -> str:
 def regimes() -> str:
     text = (TSE / "filter_state.h").read_text(encoding="utf-8").partition("TSE_REGIME_TABLE")[2].partition("enum")[0]
     rows = re.findall(r'X\((\w+),\s*"(\w+)",\s*"([^"]*)"\)', text)
-    return table(["output", "in C", "meaning"], [[code(f"p_{w}"), code(f"y.regime[TSE_REGIME_{i}]"), cell(t)] for i, w, t in rows])
+    return table(
+        ["output", "in C", "meaning"],
+        [[code(f"p_{w}"), code(f"y.regime[TSE_REGIME_{i}]"), cell(t)] for i, w, t in rows],
+    )
 
 
 def simulator() -> str:
     text = []
-    for title, which in (("tse_sim_config: settings", SIM_CONFIG), ("tse_sim_input: a row of the driver", SIM_INPUT), ("tse_sim_output", SIM_OUTPUT)):
-        rows = [[code(f.name), code(C_TYPES.get(f.kind, f.kind)), number(f.default) if which != SIM_OUTPUT else "-", _range(f),
-                 cell(f.unit), cell(f.text)] for f in library().fields(which)]  # fmt: skip
-        text.append(f"## {title}\n\n" + table(["name", "type", "default", "range", "unit", "meaning"], rows, right=(2,)))
+    for title, which in (
+        ("tse_sim_config: settings", SIM_CONFIG),
+        ("tse_sim_input: a row of the driver", SIM_INPUT),
+        ("tse_sim_output", SIM_OUTPUT),
+    ):
+        rows = [
+            [
+                code(f.name),
+                code(C_TYPES.get(f.kind, f.kind)),
+                number(f.default) if which != SIM_OUTPUT else "-",
+                _range(f),
+                cell(f.unit),
+                cell(f.text),
+            ]
+            for f in library().fields(which)
+        ]
+        text.append(
+            f"## {title}\n\n" + table(["name", "type", "default", "range", "unit", "meaning"], rows, right=(2,))
+        )
     return "\n".join(text)
 
 
@@ -210,12 +247,17 @@ def vehicle_example() -> str:
 
 def formula_places() -> str:
     lib = library()
-    return table(["place", "unit", "where"], [[code(p.name), cell(p.unit), cell(p.text)] for p in lib.formula_places.values()])
+    return table(
+        ["place", "unit", "where"], [[code(p.name), cell(p.unit), cell(p.text)] for p in lib.formula_places.values()]
+    )
 
 
 def formula_operations() -> str:
     kinds = {"NUMBER": "number", "SIGNAL": "signal of the model", "PLAIN": "function", "MEMORY": "function with memory"}
-    rows = [[code(o.name), kinds.get(o.kind, o.kind), str(o.takes), cell(o.unit), cell(o.text)] for o in library().formula_ops.values()]
+    rows = [
+        [code(o.name), kinds.get(o.kind, o.kind), str(o.takes), cell(o.unit), cell(o.text)]
+        for o in library().formula_ops.values()
+    ]
     return table(["name", "kind", "operands", "unit", "meaning"], rows, right=(2,))
 
 
@@ -238,7 +280,9 @@ def constants() -> str:
 def gap_exit_codes() -> str:
     from tselab.gap.workflow import EXIT
 
-    return table(["exit code", "verdict"], [[str(c), cell(name.replace("_", " "))] for name, c in EXIT.items()], right=(0,))
+    return table(
+        ["exit code", "verdict"], [[str(c), cell(name.replace("_", " "))] for name, c in EXIT.items()], right=(0,)
+    )
 
 
 # ---- effects: a page each
@@ -272,8 +316,19 @@ def effect_page(e: Effect) -> str:
     for p in e.parameters:
         role = "strength" if p.strength else "given" if p.given else "shape"
         low, high = p.typical
-        rows.append([code(p.name), role, cell(p.unit), number(p.default), f"{p.low:g} .. {p.high:g}", f"{low:g} .. {high:g}",
-                     f"{p.negligible:g}" if p.negligible else "-", _sign(p), cell(p.text)])  # fmt: skip
+        rows.append(
+            [
+                code(p.name),
+                role,
+                cell(p.unit),
+                number(p.default),
+                f"{p.low:g} .. {p.high:g}",
+                f"{low:g} .. {high:g}",
+                f"{p.negligible:g}" if p.negligible else "-",
+                _sign(p),
+                cell(p.text),
+            ]
+        )
     first = e.strengths[0]
     size = sum(first.typical) / 2
     unit = f"  # {first.unit}" if first.unit != "1" else ""
@@ -290,8 +345,13 @@ def effect_page(e: Effect) -> str:
         "",
         "## Parameters",
         "",
-        table(["parameter", "role", "unit", "default", "range", "typical", "negligible below", "sign", "meaning"], rows, right=(3,)),
-        "A strength is 0 when the effect is off. A shape means nothing while all strengths are 0; of what is *given* no log says anything",
+        table(
+            ["parameter", "role", "unit", "default", "range", "typical", "negligible below", "sign", "meaning"],
+            rows,
+            right=(3,),
+        ),
+        "A strength is 0 when the effect is off. A shape means nothing while all strengths are 0; of what is *given* no log says",
+        "anything",
         "apart from the strength.",
         "",
     ]
@@ -323,9 +383,13 @@ def effect_page(e: Effect) -> str:
 
 
 def effects_page() -> str:
-    rows = [[f"[{e.id}](effects/{e.id}.md)", cell(e.title), ", ".join(e.entry_points), cell(e.channels)] for e in library().effects.values()]
+    rows = [
+        [f"[{e.id}](effects/{e.id}.md)", cell(e.title), ", ".join(e.entry_points), cell(e.channels)]
+        for e in library().effects.values()
+    ]
     return (
-        f"# Effects\n\nWhat the single-track model leaves out and a car may have: {len(rows)} effects, of `include/tse/effects.def`. "
+        f"# Effects\n\nWhat the single-track model leaves out and a car may have: {len(rows)} effects, of "
+        "`include/tse/effects.def`. "
         "Each works in the simulator, in the estimator that is told of it, in `tse_replay()`, and as parameters of the FMUs; "
         "off is the plain model to the last bit.\n\n" + table(["effect", "what", "enters at", "shows in"], rows)
     )
@@ -343,7 +407,13 @@ def functions(header: str) -> list[tuple[str, str, str]]:
         comment = ""
         if before.endswith("*/"):
             comment = before[before.rindex("/*") + 2 : -2]
-        found.append((match[1], match[0], "\n".join(line.strip().removeprefix("*").removeprefix(" ") for line in comment.splitlines()).strip()))
+        found.append(
+            (
+                match[1],
+                match[0],
+                "\n".join(line.strip().removeprefix("*").removeprefix(" ") for line in comment.splitlines()).strip(),
+            )
+        )
     return found
 
 
@@ -357,9 +427,14 @@ def c_page() -> str:
         "describe.h": "The tables at run time, for hosts that bind to them",
         "convert.h": "Numbers of a fixed-point build",
     }
-    text += ["Structs member by member: [tse_config](config.md), [tse_input](input.md), [tse_output](output.md), [status and reasons](status.md), "
-             "[simulator](simulator.md). `tse_setting` and `tse_real` are `double` in the default build; `-DTSE_REAL=float` and `fixed` make them "
-             "float and 64-bit integers. In Python the same functions are called by [the API](python.md).", ""]  # fmt: skip
+    text += [
+        "Structs member by member: [tse_config](config.md), [tse_input](input.md), [tse_output](output.md), "
+        "[status and reasons](status.md), "
+        "[simulator](simulator.md). `tse_setting` and `tse_real` are `double` in the default build; `-DTSE_REAL=float` and "
+        "`fixed` make them "
+        "float and 64-bit integers. In Python the same functions are called by [the API](python.md).",
+        "",
+    ]
     for header, title in about.items():
         own = functions(header)
         if not own:
@@ -368,7 +443,15 @@ def c_page() -> str:
         previous = ""
         for name, declaration, comment in own:
             comment = comment or previous  # functions that share a comment stand below it
-            text += [f"### {name}", "", "<!-- not compiled: a declaration of the header -->", "```c", declaration, "```", ""]
+            text += [
+                f"### {name}",
+                "",
+                "<!-- not compiled: a declaration of the header -->",
+                "```c",
+                declaration,
+                "```",
+                "",
+            ]
             if comment:
                 text += ["```text", comment, "```", ""]
             previous = comment
@@ -387,8 +470,14 @@ def cli_page() -> str:
     text = ["# Command line", "", "What `tselab COMMAND --help` says.", ""]
 
     def walk(command: click.Command, path: list[str], parent: click.Context | None) -> None:
-        ctx = click.Context(command, info_name=path[-1], parent=parent, max_content_width=100, terminal_width=100,
-                            help_option_names=["-h", "--help"])  # fmt: skip
+        ctx = click.Context(
+            command,
+            info_name=path[-1],
+            parent=parent,
+            max_content_width=100,
+            terminal_width=100,
+            help_option_names=["-h", "--help"],
+        )
         said = command.get_help(ctx).replace("```", "'''")
         text.extend([f"{'#' * min(len(path) + 1, 3)} {' '.join(path)}", "", "```text", said, "```", ""])
         if isinstance(command, click.Group):

@@ -37,7 +37,9 @@ void start_as_the_settings_say(void);
 
 
 def written() -> dict[str, str]:
-    return {p.relative_to(pages.PAGES).as_posix(): p.read_text(encoding="utf-8") for p in sorted(pages.PAGES.rglob("*.md"))}
+    return {
+        p.relative_to(pages.PAGES).as_posix(): p.read_text(encoding="utf-8") for p in sorted(pages.PAGES.rglob("*.md"))
+    }
 
 
 def blocks(kind: str) -> list[pytest.param]:
@@ -66,14 +68,34 @@ def site(tmp_path_factory):
     (parts / "examples").mkdir()
     (parts / "examples" / "report.html").write_text("<p>")
     offline = out / "sitecustomize.py"
-    offline.write_text("import socket\ndef no(*_a, **_k):\n    raise OSError('the site is built offline')\n"
-                       "socket.socket.connect = socket.create_connection = socket.getaddrinfo = no\n")  # fmt: skip
-    env = {**os.environ, "PYTHONPATH": os.pathsep.join([str(out), str(ROOT / "scripts"), os.environ.get("PYTHONPATH", "")]),
-           "TSE_SITE_PARTS": str(parts), "NO_MKDOCS_2_WARNING": "1"}  # fmt: skip
+    offline.write_text(
+        "import socket\ndef no(*_a, **_k):\n    raise OSError('the site is built offline')\n"
+        "socket.socket.connect = socket.create_connection = socket.getaddrinfo = no\n"
+    )
+    env = {
+        **os.environ,
+        "PYTHONPATH": os.pathsep.join([str(out), str(ROOT / "scripts"), os.environ.get("PYTHONPATH", "")]),
+        "TSE_SITE_PARTS": str(parts),
+        "NO_MKDOCS_2_WARNING": "1",
+    }
     done = subprocess.run(
-        [sys.executable, "-m", "mkdocs", "build", "--quiet", "--strict", "-f", ROOT / "docs" / "mkdocs.yml", "-d", out / "site"],
-        capture_output=True, text=True, env=env, timeout=300,
-    )  # fmt: skip
+        [
+            sys.executable,
+            "-m",
+            "mkdocs",
+            "build",
+            "--quiet",
+            "--strict",
+            "-f",
+            ROOT / "docs" / "mkdocs.yml",
+            "-d",
+            out / "site",
+        ],
+        capture_output=True,
+        text=True,
+        env=env,
+        timeout=300,
+    )
     assert done.returncode == 0, done.stdout + done.stderr
     assert not done.stderr.strip(), done.stderr
     return out / "site"
@@ -81,22 +103,31 @@ def site(tmp_path_factory):
 
 def test_the_process_that_builds_it_is_offline(tmp_path):
     """What the fixture above relies on."""
-    (tmp_path / "sitecustomize.py").write_text("import socket\ndef no(*_a, **_k):\n    raise OSError('offline')\nsocket.create_connection = no\n")
+    (tmp_path / "sitecustomize.py").write_text(
+        "import socket\ndef no(*_a, **_k):\n    raise OSError('offline')\nsocket.create_connection = no\n"
+    )
     code = "import socket; socket.create_connection(('127.0.0.1', 9))"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env={**os.environ, "PYTHONPATH": str(tmp_path)})
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, env={**os.environ, "PYTHONPATH": str(tmp_path)}
+    )
     assert "OSError: offline" in done.stderr and socket.create_connection is not None
 
 
 def test_every_link_leads_somewhere_and_nothing_comes_from_the_net(site):
     assert check.wrong(site) == []
-    scripts = [x for p in site.rglob("*.html") for x in re.findall(r'(?:src|srcset)="(?:https?:)?//[^"]+"', p.read_text(encoding="utf-8"))]
+    scripts = [
+        x
+        for p in site.rglob("*.html")
+        for x in re.findall(r'(?:src|srcset)="(?:https?:)?//[^"]+"', p.read_text(encoding="utf-8"))
+    ]
     assert scripts == []
     assert "fonts.googleapis" not in (site / "index.html").read_text() + (site / "assets" / "site.css").read_text()
 
 
 def test_what_is_wrong_is_found(tmp_path):
     (tmp_path / "index.html").write_text(
-        '<h1 id="a"></h1><a href="#b"></a><a href="no.html"></a><img src="no.png"><script src="https://cdn.example/x.js"></script><a href="#a"></a>'
+        '<h1 id="a"></h1><a href="#b"></a><a href="no.html"></a><img src="no.png">'
+        '<script src="https://cdn.example/x.js"></script><a href="#a"></a>'
     )
     said = "\n".join(check.wrong(tmp_path))
     assert len(said.splitlines()) == 4
@@ -119,7 +150,11 @@ def test_every_page_is_in_the_navigation_and_every_result_is_a_page(site):
 def test_every_field_is_in_the_c_reference_with_range_and_unit(site, page, which):
     text = (site / "reference" / f"{page}.html").read_text(encoding="utf-8")
     for f in library().fields(which):
-        row = re.search(rf"<tr>\s*<td>(?:<span id=\"{f.name}\"></span>)?<code>{f.name}</code></td>\s*<td><code>.*?</tr>", text, flags=re.S)
+        row = re.search(
+            rf"<tr>\s*<td>(?:<span id=\"{f.name}\"></span>)?<code>{f.name}</code></td>\s*<td><code>.*?</tr>",
+            text,
+            flags=re.S,
+        )
         assert row, f.name
         if f.has_range:
             assert f"{f.low:g} .. {f.high:g}" in row[0], f.name
@@ -138,9 +173,14 @@ def test_every_output_status_and_reason_is_in_the_c_reference(site):
 
 
 def test_every_public_function_of_the_headers_has_its_comment():
-    declared = {n for h in ("tse.h", "learnt.h", "simulate.h", "replay.h", "describe.h")
-                for n in re.findall(r"^#define (tse_\w+) +TSE_NAME", (tables.TSE / h).read_text(), flags=re.M)}  # fmt: skip
-    found = {n: c for h in ("tse.h", "learnt.h", "simulate.h", "replay.h", "describe.h") for n, _, c in tables.functions(h)}
+    declared = {
+        n
+        for h in ("tse.h", "learnt.h", "simulate.h", "replay.h", "describe.h")
+        for n in re.findall(r"^#define (tse_\w+) +TSE_NAME", (tables.TSE / h).read_text(), flags=re.M)
+    }
+    found = {
+        n: c for h in ("tse.h", "learnt.h", "simulate.h", "replay.h", "describe.h") for n, _, c in tables.functions(h)
+    }
     assert declared == set(found)
 
 
@@ -161,8 +201,15 @@ def test_the_python_reference_has_signatures_and_lists(site):
 
 
 def test_docstrings_of_the_house_become_lists():
-    said = docstrings.markdown("Do.\n\nGiven:\n    a     first\n          goes on\n    b, c  two\nRefused (Error): never.")
-    assert "**Given**" in said and "- `a`: first\n    goes on" in said and "- `b, c`: two" in said and "**Refused** (Error): never." in said
+    said = docstrings.markdown(
+        "Do.\n\nGiven:\n    a     first\n          goes on\n    b, c  two\nRefused (Error): never."
+    )
+    assert (
+        "**Given**" in said
+        and "- `a`: first\n    goes on" in said
+        and "- `b, c`: two" in said
+        and "**Refused** (Error): never." in said
+    )
 
 
 def test_tables_that_are_included_have_no_column_that_is_not_there():
@@ -205,8 +252,23 @@ def test_c_compiles(body, tmp_path):
     if (cc := shutil.which("cc")) is None:
         pytest.skip("no C compiler")
     (tmp_path / "page.c").write_text(PRELUDE + body)
-    done = subprocess.run([cc, "-std=c99", "-Wall", "-Wextra", "-Werror", "-Wno-unused-variable", "-fsyntax-only", "-I", ROOT / "include",
-                           "-DTSE_REAL_DOUBLE", tmp_path / "page.c"], capture_output=True, text=True)  # fmt: skip
+    done = subprocess.run(
+        [
+            cc,
+            "-std=c99",
+            "-Wall",
+            "-Wextra",
+            "-Werror",
+            "-Wno-unused-variable",
+            "-fsyntax-only",
+            "-I",
+            ROOT / "include",
+            "-DTSE_REAL_DOUBLE",
+            tmp_path / "page.c",
+        ],
+        capture_output=True,
+        text=True,
+    )
     assert done.returncode == 0, done.stderr
 
 
@@ -248,7 +310,12 @@ def test_commands_are_those_of_the_tools(body):
 
 
 def test_a_command_that_is_not_there_is_found():
-    for words in (["estimat"], ["estimate", "log.csv", "--vehicle", "car.toml", "--repot", "x"], ["estimate", "log.csv"], ["fmu", "buil"]):
+    for words in (
+        ["estimat"],
+        ["estimate", "log.csv", "--vehicle", "car.toml", "--repot", "x"],
+        ["estimate", "log.csv"],
+        ["fmu", "buil"],
+    ):
         with pytest.raises(AssertionError):
             parsed(list(words))
 
@@ -268,7 +335,9 @@ def test_toml_is_read_by_the_tools(body, folder):
     elif "formula" in data and "place" in data:
         read_formula(path)
     else:
-        path.write_text((folder / "car.toml").read_text().partition("[uncertainty]")[0] + body if "mass" not in data else body)
+        path.write_text(
+            (folder / "car.toml").read_text().partition("[uncertainty]")[0] + body if "mass" not in data else body
+        )
         read_vehicle(path)
 
 
@@ -289,5 +358,5 @@ def test_a_browser_shows_the_start_page_on_a_phone_and_in_the_dark(site, tmp_pat
 
     made = {p.stem.rpartition("-")[2]: p for p in look.take(site / "results" / "peers.html", tmp_path, "peers")}
     light, dark, phone = (imread(made[k])[..., :3] for k in ("light", "dark", "phone"))
-    assert light[-200:].mean() > 0.9 > 0.3 > dark[-200:].mean()       # below the header, mostly paper
+    assert light[-200:].mean() > 0.9 > 0.3 > dark[-200:].mean()  # below the header, mostly paper
     assert (phone[300:, look.PHONE + 5 :] > 0.99).all() and made["print"].stat().st_size > 10_000
