@@ -228,7 +228,7 @@ def draw(out: Path = OUT) -> list[Path]:
                 "font.size": 10,
                 "svg.hashsalt": "tse",
                 "svg.fonttype": "path",
-                "figure.constrained_layout.use": True,
+                "figure.autolayout": True,
                 "axes.titlesize": 10,
             }
             with plt.rc_context(style):
