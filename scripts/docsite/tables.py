@@ -293,7 +293,8 @@ def equation_of(effect: str) -> str:
     text = (ROOT / "src" / "model" / "effects" / f"{effect}.h").read_text(encoding="utf-8")
     comment = text.partition("/*")[2].partition("*/")[0]
     words = " ".join(line.strip(" *") for line in comment.splitlines()).strip()
-    return words.partition(" - ")[2].strip() or words
+    words = words.partition(" - ")[2].strip() or words
+    return words[:1].upper() + words[1:]
 
 
 def ledger_row(effect: str) -> tuple[str, str, str] | None:
