@@ -20,11 +20,12 @@ from tselab.core import CONFIG, INPUT, OUTPUT, REASON, SIM_CONFIG, STATUS, libra
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.append(str(ROOT / "scripts"))
-from docsite import check, docstrings, look, pages, tables  # noqa: E402
+from docsite import check, look, pages, tables  # noqa: E402
 
 FENCE = re.compile(r"(?:^<!-- (?P<why>not [^>]+?) -->\n)?^```(?P<kind>\w*)\n(?P<body>.*?)^```$", flags=re.M | re.S)
 RUN = {"python", "c", "console", "sh", "toml", "cmake", "sql", "text", ""}
 NEEDED = ("material", "mkdocstrings_handlers.python", "latex2mathml")
+ABSENT = "scripts/setup.sh docs installs what builds the site"
 PRELUDE = """#include <stdint.h>
 #include <stddef.h>
 #include "tse/tse.h"
@@ -58,7 +59,7 @@ def blocks(kind: str) -> list[pytest.param]:
 def site(tmp_path_factory):
     """Built in a process that cannot reach any other machine."""
     for module in NEEDED:
-        pytest.importorskip(module, reason="scripts/setup.sh docs installs what builds the site")
+        pytest.importorskip(module, reason=ABSENT)
     out = tmp_path_factory.mktemp("site")
     parts = out / "parts"
     for name in ("sketch", "slope", "quiet", "bank", "fault"):  # pictures have a test of their own
@@ -201,6 +202,9 @@ def test_the_python_reference_has_signatures_and_lists(site):
 
 
 def test_docstrings_of_the_house_become_lists():
+    pytest.importorskip("griffe", reason=ABSENT)
+    from docsite import docstrings
+
     said = docstrings.markdown(
         "Do.\n\nGiven:\n    a     first\n          goes on\n    b, c  two\nRefused (Error): never."
     )
