@@ -67,6 +67,24 @@ def picks(rows: int, stride: int) -> np.ndarray:
     return np.minimum(np.stack([first, first + stride // 2], axis=1).ravel(), rows - 1)
 
 
+def stride_for(rows: int, most: int) -> int:
+    """How many rows thin() takes together, so that at most about `most` points are left of a line."""
+    return 1 if rows <= most else -(-2 * rows // most)
+
+
+def thin_line(time: np.ndarray, y: np.ndarray, most: int, hole: float) -> tuple[np.ndarray, np.ndarray]:
+    """A line of about `most` points, with its peaks; broken by NaN where `time` jumps by more than `hole` s."""
+    stride = stride_for(len(y), most)
+    xs, ys = [], []
+    for part in np.split(np.arange(len(y)), 1 + np.flatnonzero(np.diff(time) > hole)):
+        if xs:
+            xs.append(time[part[:1]])
+            ys.append(np.array([np.nan]))
+        xs.append(time[part][picks(len(part), stride)] if len(part) else time[part])
+        ys.append(thin(y[part], stride))
+    return np.concatenate(xs), np.concatenate(ys)
+
+
 def least(y: np.ndarray, stride: int) -> np.ndarray:
     """Of every `stride` rows that in which y is least, twice: for lines that belong together, as thin() has its values."""
     if stride == 1:

@@ -106,3 +106,31 @@ def test_an_interrupted_run_is_drawn_as_far_as_it_came():
     for figure in figures(data, table.iloc[:5000]):
         for trace in figure.data:
             assert len(trace["x"]) == len(trace["y"]) and max(trace["x"]) <= log.time[4999]
+
+
+def test_a_line_keeps_its_peak_and_is_broken_where_nothing_was_logged():
+    time = 0.04 * np.arange(20_000)
+    time[10_000:] += 5.0
+    y = np.zeros(20_000)
+    y[3_001], y[15_002] = 7.0, -9.0
+    x, drawn = plots.thin_line(time, y, 3_000, 1.0)
+    assert len(x) == len(drawn) <= 3_100
+    assert np.nanmax(drawn) == 7.0 and np.nanmin(drawn) == -9.0
+    assert abs(x[np.nanargmax(drawn)] - time[3_001]) < 0.04 * plots.stride_for(20_000, 3_000)
+    assert np.isnan(drawn).sum() == 1 and np.all(np.diff(x) >= 0)
+    same = plots.thin_line(time[:100], y[:100], 3_000, 1.0)
+    assert np.array_equal(same[0], time[:100]) and np.array_equal(same[1], y[:100])
+
+
+def test_a_peak_is_in_the_gap_reports_lines_of_a_long_log():
+    """They were thinned to every n-th row: a spike of one block was gone in six of seven places."""
+    from tselab.gap.export.pictures import overlay
+
+    n = 21_000
+    table = pd.DataFrame({"part": "fit", "log": "long", "channel": pd.Categorical(["accel_y"] * n), "time": 0.04 * np.arange(n)})
+    for column in ("measured", "predicted_before", "predicted_after", "residual_before"):
+        table[column] = 0.0
+    table.loc[12_345, "measured"] = 30.0
+    lines = {trace.name: np.asarray(trace.y, float) for trace in overlay(table).data}
+    assert np.nanmax(lines["measured"]) == 30.0 and len(lines["measured"]) <= 3_100
+    assert np.nanmax(lines["before"]) == 0.0

@@ -20,13 +20,14 @@ from tselab.gap.localise.cross import Blocks, Curve, Response, handling, respons
 from tselab.gap.localise.latent import Explained, Latent
 from tselab.gap.localise.where import MOST_FOLLOWED, ROAD, Entry
 from tselab.gap.problem import Problem
-from tselab.plots import BLUE, GREEN, GREY, INK, ORANGE, PURPLE
+from tselab.plots import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, picks, stride_for, thin, thin_line
 from tselab.verdict import NAMES, UNITS
 
 SOURCE = {"measured": INK, "before": ORANGE, "after": BLUE}
 CHANNEL_UNITS = {"accel_x": "m/s2", "accel_y": "m/s2", "yaw_rate": "rad/s", "vehicle_speed": "m/s",
                  "wheel_torque_front": "Nm", "wheel_torque_rear": "Nm"}  # fmt: skip
-MOST_POINTS = 3000  # per line; longer logs are thinned
+MOST_POINTS = 3000  # per line; longer logs are thinned, to their peaks
+HOLE = 1.0  # s without a value from which a line is broken: a log may not have the channel all the time
 MOST_LOGS = 12  # that can be chosen; of a fleet, the worst
 WORST = 5.0  # rms over noise at which the colours of a map end
 MOST_EFFECTS = 16  # in the ranking
@@ -75,12 +76,9 @@ def overlay(table: pd.DataFrame) -> go.Figure:
         mine = table[(table["part"] == part) & (table["log"] == log)]
         for row, channel in enumerate(channels, 1):
             t = mine[mine["channel"] == channel].sort_values("time")
-            t = t.iloc[:: max(1, -(-len(t) // MOST_POINTS))]
-            time = t["time"].to_numpy()
-            holes = np.append(np.diff(time) > 1.0, False)[: len(time)]  # a log may not have the channel
             for source, colour in SOURCE.items():
-                y = t["measured" if source == "measured" else f"predicted_{source}"].to_numpy(np.float32).copy()
-                y[holes] = np.nan
+                y = t["measured" if source == "measured" else f"predicted_{source}"].to_numpy(np.float32)
+                time, y = thin_line(t["time"].to_numpy(), y, MOST_POINTS, HOLE)
                 figure.add_trace(
                     go.Scatter(
                         x=np.round(time, 3), y=y, name=source, mode="lines", legendgroup=source, showlegend=row == 1,
@@ -128,7 +126,7 @@ def gap_bars(parts: Mapping[str, Mapping[str, Change]]) -> go.Figure:
 
 
 def _part_title(part: str) -> str:
-    return {"fit": "logs that were fitted", "held_out": "held-out logs, never fitted"}[part]
+    return {"fit": "fitted logs", "held_out": "held-out logs"}[part]
 
 
 def maps(table: pd.DataFrame, state: pd.DataFrame) -> go.Figure:
@@ -410,10 +408,11 @@ def disturbance_figure(problem: Problem, latent: Latent, explained: list[Explain
     result = make_subplots(1, 2, column_widths=[0.6, 0.4], horizontal_spacing=0.1, subplot_titles=titles)
     mine = moments[log == worst]
     time = problem.rows.time[mine]
-    for n, part in enumerate(np.split(mine, 1 + np.flatnonzero(np.diff(time) > 1.0))):
-        part = part[:: max(1, -(-len(mine) // MOST_POINTS))]
-        t, y, sd = problem.rows.time[part], latent.value[part], latent.sd[part]
-        band = np.append(y + 2 * sd, (y - 2 * sd)[::-1])
+    for n, part in enumerate(np.split(mine, 1 + np.flatnonzero(np.diff(time) > HOLE))):
+        stride = stride_for(len(mine), MOST_POINTS)
+        t, value, sd = problem.rows.time[part][picks(len(part), stride)], latent.value[part], latent.sd[part]
+        y, high, low = (thin(line, stride) for line in (value, value + 2 * sd, value - 2 * sd))
+        band = np.append(high, low[::-1])
         result.add_trace(
             go.Scatter(x=np.round(np.append(t, t[::-1]), 3), y=band, name="± 2 sd", legendgroup="band", showlegend=n == 0,
                        mode="lines", fill="toself", fillcolor=SHADE, line={"width": 0}, hoverinfo="skip"),

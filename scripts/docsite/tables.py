@@ -1,0 +1,503 @@
+"""Pages and tables that are made from the tables of the library, which are those of include/tse/*.def."""
+
+from __future__ import annotations
+
+import functools
+import math
+import re
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from tselab import core
+from tselab.core import CONFIG, INPUT, OUTPUT, REASON, SIM_CONFIG, SIM_INPUT, SIM_OUTPUT, STATUS, Effect, Field, library
+
+ROOT = Path(__file__).resolve().parents[2]
+TSE = ROOT / "include" / "tse"
+C_TYPES = {"s": "tse_setting", "r": "tse_real", "i": "int32_t", "u": "uint32_t"}
+GROUPS = {  # the files that include/tse/config.def includes, and what a reader calls them
+    "vehicle.def": "Vehicle",
+    "told.def": "How uncertain what is told of the car is",
+    "sensors.def": "Sensors",
+    "latency.def": "Latencies",
+    "filter.def": "Filter",
+    "formula.def": "A formula of the user",
+    "effects.def": "Effects",
+}
+HOOKS = {  # of include/tse/effects.def
+    "CONSTANT": "the settings, once",
+    "INPUT": "the steering angle of a row",
+    "SLIP": "slip and slip angle of an axle",
+    "LAG": "between slip and force: a state",
+    "STIFFNESS": "the secant stiffness of an axle",
+    "BODY": "forces and yaw moment besides the tyres', gravity",
+    "SENSOR": "what accelerometers and gyro read",
+}
+
+
+def cell(text: object) -> str:
+    """Text that may stand in a table of Markdown."""
+    return str(text).replace("|", "\\|").replace("\n", " ").replace("<", "&lt;").replace("*", "\\*").replace("_", "\\_")
+
+
+def code(text: object) -> str:
+    return f"`{text}`"
+
+
+def table(head: Sequence[str], rows: Iterable[Sequence[str]], right: tuple[int, ...] = ()) -> str:
+    """A table of Markdown; cells are escaped already. `right`: columns that are aligned so."""
+    lines = [
+        "| " + " | ".join(head) + " |",
+        "|" + "|".join("---:" if i in right else "---" for i in range(len(head))) + "|",
+    ]
+    lines += ["| " + " | ".join(row) + " |" for row in rows]
+    return "\n".join(lines) + "\n"
+
+
+def number(x: float) -> str:
+    return "-" if math.isnan(x) else f"{x:.10g}"
+
+
+def _range(f: Field) -> str:
+    return f"{f.low:g} .. {f.high:g}" if f.has_range else "any"
+
+
+@functools.cache
+def _names_in(def_file: str) -> frozenset[str]:
+    """Words of a .def file: which settings are its own is asked of the library, this says only where they stand."""
+    return frozenset(re.findall(r"\w+", (TSE / def_file).read_text(encoding="utf-8")))
+
+
+def group_of(setting: str) -> str:
+    """The .def file whose row this setting is."""
+    if any(setting == p.setting for e in library().effects.values() for p in e.parameters):
+        return "effects.def"
+    if setting.startswith("formula_"):
+        return "formula.def"
+    base = setting.removesuffix("_latency")
+    if base != setting and base in _names_in("latency.def"):
+        return "latency.def"
+    for name in ("vehicle.def", "told.def", "sensors.def", "filter.def"):
+        if re.search(rf"\b(?:REAL|INT|CONSIDER)\((?:\w+, *)?{setting}\b", (TSE / name).read_text(encoding="utf-8")):
+            return name
+    raise ValueError(f"setting {setting} stands in no .def file that config.def includes")
+
+
+def settings(fields: Iterable[Field]) -> str:
+    rows = [
+        [
+            f'<span id="{f.name}"></span>{code(f.name)}',
+            code(C_TYPES[f.kind]),
+            number(f.default),
+            _range(f),
+            cell(f.unit if not f.is_integer else "integer"),
+            cell(f.text),
+        ]
+        for f in fields
+    ]
+    return table(["member", "type", "default", "range", "unit", "meaning"], rows, right=(2,))
+
+
+def config_page() -> str:
+    """Every member of tse_config."""
+    fields, text = library().fields(CONFIG), []
+    for name, title in GROUPS.items():
+        own = [f for f in fields if group_of(f.name) == name]
+        text.append(f"## {title}\n\n`include/tse/{name}`, {len(own)} settings.\n\n{settings(own)}")
+    total = sum(1 for _ in fields)
+    return (
+        f"# tse_config: settings\n\n`tse_config` has {total} members, in SI units; `tse_config_default()` fills in the defaults, "
+        "`tse_prepare()` refuses what is outside its range and names it. The same names are keys of a vehicle file "
+        "(`[uncertainty]`, `[sensors]`, `[latency]`, `[effects.<id>]` in their tables), of `--set` and of "
+        "`tse.Filter(settings=...)`, "
+        "and parameters of the FMUs.\n\n"
+        "For a car that nobody has calibrated, `tse_config_uncalibrated()` sets these:\n\n"
+        + uncalibrated()
+        + "\n"
+        + "\n".join(text)
+    )
+
+
+def uncalibrated() -> str:
+    text = (TSE / "uncalibrated.def").read_text(encoding="utf-8")
+    rows = re.findall(r'^UNCALIBRATED\((\w+),\s*([\d.e-]+),\s*"([^"]*)"\)', text, flags=re.M)
+    return table(["setting", "sd", "why"], [[code(a), b, cell(c)] for a, b, c in rows], right=(1,))
+
+
+def input_fields() -> str:
+    rows = []
+    kinds = dict(
+        re.findall(
+            r"^INPUT\((\w+),[^\"]*\"[^\"]*\", *(\w)", (TSE / "input.def").read_text(encoding="utf-8"), flags=re.M
+        )
+    )
+    for f in library().fields(INPUT):
+        policy = {"D": "refused", "M": "counts as missing"}.get(
+            kinds.get(f.name, ""), "refused" if f.name == "dt" else "-"
+        )
+        unit, allowed, text = f.unit, _range(f), f.text
+        if f.name == "dt":
+            unit, allowed, text = "s", "above 0 .. 3600", "time since the previous row; ignored at the first"
+        if f.name == "missing":
+            unit, allowed = "bits", "any"
+            text = "channels that are missing, besides those that are NaN: " + ", ".join(
+                f"{1 << i} {c.name}" for i, c in enumerate(library().channels)
+            )
+        rows.append([code(f.name), code(C_TYPES[f.kind]), allowed, cell(unit), policy, cell(text)])
+    return table(["member", "type", "range", "unit", "outside it", "meaning"], rows)
+
+
+def output_members() -> dict[str, str]:
+    """Name of an output -> member of tse_output, from output.def."""
+    text = (TSE / "output.def").read_text(encoding="utf-8")
+    found = {}
+    for kind, name, member in re.findall(r"^(OUT_\w+) *\((\w+),\s*([\w\[\]]+)", text, flags=re.M):
+        found[name + ("_valid" if kind == "OUT_REASON" else "")] = member
+    return found
+
+
+def output_fields() -> str:
+    members = output_members()
+    rows = []
+    for f in library().fields(OUTPUT):
+        unit = f.unit if not f.is_integer else "integer"
+        rows.append([code(members[f.name]), code(f.name), code(C_TYPES[f.kind]), cell(unit), cell(f.text)])
+    return table(["member of tse_output", "column, FMU output", "type", "unit", "meaning"], rows)
+
+
+def codes(which: int) -> str:
+    rows = [[str(c), code(f.name), cell(f.text)] for c, f in sorted(library().codes(which).items())]
+    return table(["code", "name", "meaning"], rows, right=(0,))
+
+
+def status_codes() -> str:
+    return codes(STATUS)
+
+
+def reason_codes() -> str:
+    return codes(REASON)
+
+
+def regimes() -> str:
+    text = (TSE / "filter_state.h").read_text(encoding="utf-8").partition("TSE_REGIME_TABLE")[2].partition("enum")[0]
+    rows = re.findall(r'X\((\w+),\s*"(\w+)",\s*"([^"]*)"\)', text)
+    return table(
+        ["output", "in C", "meaning"],
+        [[code(f"p_{w}"), code(f"y.regime[TSE_REGIME_{i}]"), cell(t)] for i, w, t in rows],
+    )
+
+
+def simulator() -> str:
+    text = []
+    for title, which in (
+        ("tse_sim_config: settings", SIM_CONFIG),
+        ("tse_sim_input: a row of the driver", SIM_INPUT),
+        ("tse_sim_output", SIM_OUTPUT),
+    ):
+        rows = [
+            [
+                code(f.name),
+                code(C_TYPES.get(f.kind, f.kind)),
+                number(f.default) if which != SIM_OUTPUT else "-",
+                _range(f),
+                cell(f.unit),
+                cell(f.text),
+            ]
+            for f in library().fields(which)
+        ]
+        text.append(
+            f"## {title}\n\n" + table(["name", "type", "default", "range", "unit", "meaning"], rows, right=(2,))
+        )
+    return "\n".join(text)
+
+
+def log_columns() -> str:
+    rows = [[code("time"), "s", "increasing", "time of the row"]]
+    rows += [[code(f.name), cell(f.unit), _range(f), cell(f.text)] for f in library().channels]
+    return table(["column", "unit", "range", "meaning"], rows)
+
+
+def estimate_columns() -> str:
+    from tselab.estimate import est_columns, est_fields
+    from tselab.tables import _si
+
+    fields = {f.name: f for f in est_fields()}
+    rows = []
+    for name in est_columns():
+        f = fields.get(name)
+        if name == "time":
+            rows.append([code(name), "s", "as in the log"])
+        elif name.endswith("_reason"):
+            rows.append([code(name), "", "valid, or in words why not"])
+        elif f is not None:
+            rows.append([code(name), cell(_si(f)), "1 valid, 0 not" if name.endswith("_valid") else cell(f.text)])
+    return table(["column", "unit", "meaning"], rows)
+
+
+def result_columns() -> str:
+    from tselab.results import COLUMNS
+
+    return table(["column", "type in pandas"], [[code(n), t] for n, t in COLUMNS.items()])
+
+
+def vehicle_example() -> str:
+    from tselab.tables import example_vehicle
+
+    return f"```toml\n{example_vehicle()}\n```\n"
+
+
+def formula_places() -> str:
+    lib = library()
+    return table(
+        ["place", "unit", "where"], [[code(p.name), cell(p.unit), cell(p.text)] for p in lib.formula_places.values()]
+    )
+
+
+def formula_operations() -> str:
+    kinds = {"NUMBER": "number", "SIGNAL": "signal of the model", "PLAIN": "function", "MEMORY": "function with memory"}
+    rows = [
+        [code(o.name), kinds.get(o.kind, o.kind), str(o.takes), cell(o.unit), cell(o.text)]
+        for o in library().formula_ops.values()
+    ]
+    return table(["name", "kind", "operands", "unit", "meaning"], rows, right=(2,))
+
+
+def constants() -> str:
+    """include/tse/constants.def by its sections."""
+    text, rows = [], []
+    for line in (TSE / "constants.def").read_text(encoding="utf-8").splitlines():
+        if section := re.match(r"/\* -+ (.*?) -+ \*/", line):
+            if rows:
+                text.append(table(["constant", "value", "unit", "why", "shown by"], rows, right=(1,)))
+            rows = []
+            text.append(f"\n## {section[1][:1].upper()}{section[1][1:]}\n")
+        elif row := re.match(r'CONSTANT\((\w+),\s*([^,]+),\s*"([^"]*)",\s*"([^"]*)",\s*"([^"]*)"\)', line):
+            rows.append([code(row[1]), row[2].strip(), *(cell(x) for x in row.groups()[2:])])
+    if rows:
+        text.append(table(["constant", "value", "unit", "why", "shown by"], rows, right=(1,)))
+    return "\n".join(text)
+
+
+def gap_exit_codes() -> str:
+    from tselab.gap.workflow import EXIT
+
+    return table(
+        ["exit code", "verdict"], [[str(c), cell(name.replace("_", " "))] for name, c in EXIT.items()], right=(0,)
+    )
+
+
+# ---- effects: a page each
+
+
+def equation_of(effect: str) -> str:
+    """What the comment at the top of src/model/effects/<id>.h says."""
+    text = (ROOT / "src" / "model" / "effects" / f"{effect}.h").read_text(encoding="utf-8")
+    comment = text.partition("/*")[2].partition("*/")[0]
+    words = " ".join(line.strip(" *") for line in comment.splitlines()).strip()
+    words = words.partition(" - ")[2].strip() or words
+    return words[:1].upper() + words[1:]
+
+
+def ledger_row(effect: str) -> tuple[str, str, str] | None:
+    """Equation, function and test of the effect in src/EQUATIONS.md."""
+    for line in (ROOT / "src" / "EQUATIONS.md").read_text(encoding="utf-8").splitlines():
+        cells = [c.strip() for c in line.strip("|").split("|")]
+        if line.startswith(f"| {effect} |") and len(cells) == 4:
+            return cells[1], cells[2], cells[3]
+    return None
+
+
+def _sign(p: core.EffectParameter) -> str:
+    return {1: "positive", -1: "negative"}.get(p.sign, "either")
+
+
+def effect_page(e: Effect) -> str:
+    known = library().effects
+    alike = ", ".join(f"[{i}]({i}.md)" if i in known else cell(i) for i in e.look_alikes)
+    rows = []
+    for p in e.parameters:
+        role = "strength" if p.strength else "given" if p.given else "shape"
+        low, high = p.typical
+        rows.append(
+            [
+                code(p.name),
+                role,
+                cell(p.unit),
+                number(p.default),
+                f"{p.low:g} .. {p.high:g}",
+                f"{low:g} .. {high:g}",
+                f"{p.negligible:g}" if p.negligible else "-",
+                _sign(p),
+                cell(p.text),
+            ]
+        )
+    first = e.strengths[0]
+    size = sum(first.typical) / 2
+    unit = f"  # {first.unit}" if first.unit != "1" else ""
+    text = [
+        f"# {e.id}: {e.title}",
+        "",
+        equation_of(e.id).replace("*", "\\*").replace("_", "\\_").replace("<", "&lt;"),
+        "",
+        f"- Acts on: {HOOKS.get(e.hook, e.hook)}",
+        f"- Enters at: {cell(', '.join(e.entry_points))}",
+        f"- Shows in: {cell(e.channels)}",
+        f"- Looks like: {alike}",
+        f"- In an estimator that is told of it: {cell(e.estimator)}",
+        "",
+        "## Parameters",
+        "",
+        table(
+            ["parameter", "role", "unit", "default", "range", "typical", "negligible below", "sign", "meaning"],
+            rows,
+            right=(3,),
+        ),
+        "A strength is 0 when the effect is off. A shape means nothing while all strengths are 0; of what is *given* no log says",
+        "anything",
+        "apart from the strength.",
+        "",
+    ]
+    if row := ledger_row(e.id):
+        text += ["## Equation, code, test", "", table(["equation", "function", "test"], [row])]
+    text += [
+        "## Use",
+        "",
+        "In a vehicle file, at the middle of its typical size:",
+        "",
+        "```toml",
+        f"[effects.{e.id}]",
+        f"{first.name} = {size:g}{unit}",
+        "```",
+        "",
+        "<!-- not compiled: a line of a program, c is its tse_config -->",
+        "```c",
+        f"c.{first.setting} = TSE_S({size:g});",
+        "```",
+        "",
+        f"In both FMUs: `effects.{e.id}.{first.name}`. Would these logs show it:",
+        "",
+        "```console",
+        f"$ tselab gap selftest sweep.csv --hide {e.id} --vehicle car.toml",
+        "```",
+        "",
+    ]
+    return "\n".join(text)
+
+
+def effects_page() -> str:
+    rows = [
+        [f"[{e.id}](effects/{e.id}.md)", cell(e.title), ", ".join(e.entry_points), cell(e.channels)]
+        for e in library().effects.values()
+    ]
+    return (
+        f"# Effects\n\nWhat the single-track model leaves out and a car may have: {len(rows)} effects, of "
+        "`include/tse/effects.def`. "
+        "Each works in the simulator, in the estimator that is told of it, in `tse_replay()`, and as parameters of the FMUs; "
+        "off is the plain model to the last bit.\n\n" + table(["effect", "what", "enters at", "shows in"], rows)
+    )
+
+
+# ---- C headers
+
+
+def functions(header: str) -> list[tuple[str, str, str]]:
+    """Name, declaration and comment of every function that a header declares."""
+    text = (TSE / header).read_text(encoding="utf-8")
+    found = []
+    for match in re.finditer(r"^(?:const )?\w+ \*?(tse_\w+)\([^;{]*?\);", text, flags=re.M | re.S):
+        before = text[: match.start()].rstrip()
+        comment = ""
+        if before.endswith("*/"):
+            comment = before[before.rindex("/*") + 2 : -2]
+        found.append(
+            (
+                match[1],
+                match[0],
+                "\n".join(line.strip().removeprefix("*").removeprefix(" ") for line in comment.splitlines()).strip(),
+            )
+        )
+    return found
+
+
+def c_page() -> str:
+    text = ["# C reference", ""]
+    about = {
+        "tse.h": "The estimator",
+        "learnt.h": "What a drive taught, kept for the next",
+        "simulate.h": "The simulator with truth",
+        "replay.h": "The model driven by a log, for fits",
+        "describe.h": "The tables at run time, for hosts that bind to them",
+        "convert.h": "Numbers of a fixed-point build",
+    }
+    text += [
+        "Structs member by member: [tse_config](config.md), [tse_input](input.md), [tse_output](output.md), "
+        "[status and reasons](status.md), "
+        "[simulator](simulator.md). `tse_setting` and `tse_real` are `double` in the default build; `-DTSE_REAL=float` and "
+        "`fixed` make them "
+        "float and 64-bit integers. In Python the same functions are called by [the API](python.md).",
+        "",
+    ]
+    for header, title in about.items():
+        own = functions(header)
+        if not own:
+            continue
+        text += [f"## {title}: `tse/{header}`", ""]
+        previous = ""
+        for name, declaration, comment in own:
+            comment = comment or previous  # functions that share a comment stand below it
+            text += [
+                f"### {name}",
+                "",
+                "<!-- not compiled: a declaration of the header -->",
+                "```c",
+                declaration,
+                "```",
+                "",
+            ]
+            if comment:
+                text += ["```text", comment, "```", ""]
+            previous = comment
+    return "\n".join(text)
+
+
+# ---- the command line
+
+
+def cli_page() -> str:
+    """Every command's --help: what click prints."""
+    import click
+
+    from tselab.cli import cli
+
+    text = ["# Command line", "", "What `tselab COMMAND --help` says.", ""]
+
+    def walk(command: click.Command, path: list[str], parent: click.Context | None) -> None:
+        ctx = click.Context(
+            command,
+            info_name=path[-1],
+            parent=parent,
+            max_content_width=100,
+            terminal_width=100,
+            help_option_names=["-h", "--help"],
+        )
+        said = command.get_help(ctx).replace("```", "'''")
+        text.extend([f"{'#' * min(len(path) + 1, 3)} {' '.join(path)}", "", "```text", said, "```", ""])
+        if isinstance(command, click.Group):
+            for name in command.list_commands(ctx):
+                if (sub := command.get_command(ctx, name)) is not None and not sub.hidden:
+                    walk(sub, [*path, name], ctx)
+
+    walk(cli, ["tselab"], None)
+    return "\n".join(text)
+
+
+def symptoms() -> str:
+    from docsite.symptoms import page
+
+    return page()
+
+
+def learnt_layout() -> str:
+    """The layout as tse/learnt.h has it."""
+    text = (TSE / "learnt.h").read_text(encoding="utf-8")
+    layout = text[text.index('     0  "tsel"') - 3 : text.index(" * Later formats")]
+    return "```text\n" + "\n".join(line.removeprefix(" *") for line in layout.splitlines()).rstrip() + "\n```\n"
