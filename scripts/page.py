@@ -5,8 +5,8 @@
     .venv/bin/python scripts/page.py --out FILE      somewhere else
     .venv/bin/python scripts/page.py --without-npm   as where there is no npm: it reads CSV only, and says so
 
-The library is compiled to WebAssembly, by clang and wasm-ld where both are there, else by zig (scripts/setup.sh platforms). What the
-page knows of names, units and rules is taken from tselab; of settings, ranges and structs from the library itself, when the page
+The library is compiled to WebAssembly, by clang and wasm-ld where both are there, else by zig (scripts/setup.sh platforms). What
+the page knows of names, units and rules is taken from tselab; of settings, ranges and structs from the library itself, when the page
 opens. What it takes of npm (docs/page/package.json: a reader of Parquet, one of TOML) is fetched to the hash by `npm ci`, and its
 licences stand in the page. The same sources and compiler give the same bytes.
 """
@@ -66,9 +66,16 @@ def wasm(cc: list[str] | None = None) -> bytes:
     """The library as WebAssembly."""
     BUILD.mkdir(parents=True, exist_ok=True)
     call([sys.executable, str(ROOT / "scripts" / "amalgamate.py"), "--out", str(BUILD / "src")])
-    out = BUILD / "tse.wasm"
+    out, mark = BUILD / "tse.wasm", BUILD / "tse.wasm.of"
+    cc = cc or compilers()[0]
+    of = [repr((cc, FLAGS, LINK)).encode(), call([*cc, "--version"]).encode(), (SOURCES / "page.c").read_bytes()]
+    of += [f.read_bytes() for f in sorted((BUILD / "src").iterdir()) if f.is_file()]
+    wanted = hashlib.sha256(b"".join(of)).hexdigest()
+    if out.exists() and mark.exists() and mark.read_text() == wanted:
+        return out.read_bytes()
     places = [f"-I{BUILD / 'src'}", f"-I{ROOT / 'include'}", f"-I{ROOT / 'tests' / 'embedded' / 'wasm'}"]
-    call([*(cc or compilers()[0]), *FLAGS, *places, str(BUILD / "src" / "tse.c"), str(SOURCES / "page.c"), "-o", str(out), *LINK])
+    call([*cc, *FLAGS, *places, str(BUILD / "src" / "tse.c"), str(SOURCES / "page.c"), "-o", str(out), *LINK])
+    mark.write_text(wanted)
     return out.read_bytes()
 
 
@@ -81,8 +88,8 @@ def of_npm() -> tuple[str, str]:
     folder = BUILD / "npm"
     shutil.copy(SOURCES / "vendor.js", folder / "vendor.js")
     call(
-        [str(folder / "node_modules" / ".bin" / "esbuild"), "vendor.js", "--bundle", "--minify", "--format=iife", "--global-name=vendor",
-         "--target=es2022", "--legal-comments=none", "--outfile=bundle.js", "--metafile=bundle.json"],
+        [str(folder / "node_modules" / ".bin" / "esbuild"), "vendor.js", "--bundle", "--minify", "--format=iife", "--target=es2022",
+         "--global-name=vendor", "--legal-comments=none", "--outfile=bundle.js", "--metafile=bundle.json"],
         cwd=folder,
     )  # fmt: skip
     inputs = json.loads((folder / "bundle.json").read_text())["inputs"]
@@ -128,10 +135,11 @@ def example() -> dict[str, Any]:
     if plan.target_speed is not None or plan.wheel_torque_rear.any() or plan.brake_torque_front is not None:
         raise Failed(f"{DRIVE}: docs/page/run.js takes steering and front torque only")
     changes = [0, *(np.flatnonzero(np.diff(plan.road_level)) + 1)]
+    inputs = {name: getattr(plan, name).astype("<f8").tobytes() for name in ("steer_angle", "wheel_torque_front")}
     return {
         "rows": rows, "step": step, "settings": {"speed": plan.speed, "seed": SEED},
         "road": [[int(i), float(plan.road_level[i])] for i in changes],
-        **{name: base64.b64encode(getattr(plan, name).astype("<f8").tobytes()).decode() for name in ("steer_angle", "wheel_torque_front")},
+        **{name: base64.b64encode(values).decode() for name, values in inputs.items()},
     }  # fmt: skip
 
 
@@ -176,7 +184,8 @@ def build(out: Path, npm: bool = True) -> list[str]:
         said.append("without Parquet and vehicle files, as asked")
     facts = {"parquet": npm, "toml": npm, **known(), "example": example(), "wasm": base64.b64encode(wasm()).decode()}
     scripts = "".join(f"\n{(SOURCES / name).read_text()}" for name in SCRIPTS)
-    script = f'{bundle}"use strict";\n(() => {{\nconst {{ parquet, tomlReader }} = vendor;\nconst PAGE = {json.dumps(facts, ensure_ascii=False)};\n{scripts}}})();\n'
+    head = f"const {{ parquet, tomlReader }} = vendor;\nconst PAGE = {json.dumps(facts, ensure_ascii=False)};\n"
+    script = f'{bundle}"use strict";\n(() => {{\n{head}{scripts}}})();\n'
     if "</script" in script or "<!--" in script or "-->" in notices:
         raise Failed("a script holds what ends it in HTML")
     text = (SOURCES / "page.html").read_text()

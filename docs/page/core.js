@@ -168,5 +168,5 @@ class Desk {
 function brief(x, digits = 4) {
   if (!Number.isFinite(x)) return "–";
   const text = Math.abs(x) >= 1e6 || (x !== 0 && Math.abs(x) < 1e-3) ? x.toExponential(Math.max(0, digits - 2)) : String(+x.toPrecision(digits));
-  return text.replace("-", "−").replace(/\.?0+e/, "e");
+  return text.replace("-", "−").replace(/\.?0+e/, "e").replace("e+", "e");
 }

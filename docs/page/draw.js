@@ -162,7 +162,7 @@ class Chart {
   get dense() { return this.shown.high - this.shown.low > 1.5 * this.width; }
 
   panel(p, top) {
-    const { g, ink } = this, { t, low, high } = this.shown, scale = p.scale ?? 1;
+    const { g, ink } = this, { low, high } = this.shown, scale = p.scale ?? 1;
     const box = { top: top + TITLE, height: p.height };
     let min = Infinity, max = -Infinity;
     const widen = (v) => { if (v < min) min = v; if (v > max) max = v; };
@@ -185,7 +185,7 @@ class Chart {
     this.title(p, top, this.readings(p));
     g.fillStyle = ink.panel;
     g.fillRect(this.left, box.top, this.width, box.height);
-    for (const v of ticks(min * scale, max * scale, Math.max(2, box.height / 38))) {
+    for (const v of ticks(min * scale, max * scale, Math.max(2, box.height / 30))) {
       const at = y(v / scale);
       this.stroke(ink.line, 1, [], () => { g.moveTo(this.left, at); g.lineTo(this.left + this.width, at); });
       g.fillStyle = ink.soft;
@@ -196,6 +196,9 @@ class Chart {
     g.beginPath();
     g.rect(this.left, box.top, this.width, box.height);
     g.clip();
+    for (const v of ticks(this.from, this.to, this.width / 90)) {
+      this.stroke(ink.line, 1, [], () => { g.moveTo(this.x(v), box.top); g.lineTo(this.x(v), box.top + box.height); });
+    }
     if (mean) this.area((i) => mean[i] - BAND * sd[i], (i) => mean[i] + BAND * sd[i], y, ink[p.band.color ?? "est"]);
     for (const l of p.lines) {
       const v = l.values();
@@ -203,7 +206,6 @@ class Chart {
     }
     g.restore();
     if (p.strip) this.strip(p.strip, box.top + box.height + 3);
-    if (!t.length || high <= low) return;
   }
 
   line(v, y, color, dash, width) {
@@ -281,9 +283,10 @@ class Chart {
       }
       const text = v && i >= 0 ? `${h.name} ${Math.round(100 * v[i])} %` : h.name;
       g.textAlign = "left";
-      g.lineWidth = 3;
-      g.strokeStyle = ink.panel;
-      g.strokeText(text, this.left + 5, y + HEAT - 6);
+      g.globalAlpha = 0.85;
+      g.fillStyle = ink.panel;
+      g.fillRect(this.left, y, g.measureText(text).width + 10, HEAT - 3);
+      g.globalAlpha = 1;
       g.fillStyle = ink.ink;
       g.fillText(text, this.left + 5, y + HEAT - 6);
     });
@@ -334,9 +337,9 @@ class Chart {
     g.textAlign = "center";
     for (const v of ticks(this.from, this.to, this.width / 90)) {
       const x = this.x(v);
-      this.stroke(ink.line, 1, [], () => { g.moveTo(x, TITLE); g.lineTo(x, top); });
+      this.stroke(ink.line, 1, [], () => { g.moveTo(x, top); g.lineTo(x, top + 4); });
       const text = `${tidy(v, 7)} s`, half = g.measureText(text).width / 2;
-      g.fillText(text, Math.min(x, this.left + this.width - half), top + 15);
+      g.fillText(text, Math.min(x, this.left + this.width - half), top + 17);
     }
   }
 }

@@ -6,7 +6,9 @@ const STEER_RATE = 8;            // degrees/s of the keys
 const FRAME = 0.05;              // s: a page that was slower than this drives slower than life, and does not catch up
 const SHOWN = 25;                // s in the charts
 const LONGEST_DRIVE = 600;       // s: it starts over by itself no more than this; memory is 60 000 rows
-// Stiffness beside a dry road's, and the friction coefficient at which tyres slide: the order of what tyres show.
+// Stiffness beside a dry road's, and the friction coefficient at which tyres slide, for whoever asks for it: the order of what tyres
+// show. Without it tyres are linear, and what the filter looks for is the truth that is shown; with it their force per slip is less
+// than that the more they slip, and the filter finds what there is.
 const ROADS = [["dry", 1.0, 1.0], ["wet", 0.75, 0.7], ["gravel", 0.55, 0.6], ["snow", 0.35, 0.3]];
 
 class DrivePane {
@@ -16,6 +18,7 @@ class DrivePane {
     steer.min = -MOST_STEER;
     steer.max = MOST_STEER;
     steer.value = 0;
+    $("slide").onchange = () => { $("slide-hint").hidden = !$("slide").checked; };
     for (const id of ["steer", "pedal"]) $(id).oninput = () => { $("auto").checked = false; this.outputs(); };
     $("level").oninput = () => { this.road(null); this.outputs(); };
     $("loud").oninput = () => this.outputs();
@@ -143,7 +146,7 @@ class DrivePane {
     set("brake_torque_front", brake * PAGE.rules.brakeFront * desk.get("wheel_radius_front") + stand);
     set("brake_torque_rear", brake * (1 - PAGE.rules.brakeFront) * desk.get("wheel_radius_rear") + stand);
     set("road_level", level);
-    set("road_friction", this.friction);
+    set("road_friction", $("slide").checked ? this.friction : 0);
     desk.simStep();
     desk.step(1);
     this.angle = d.steer;

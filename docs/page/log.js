@@ -15,7 +15,7 @@ const CHANGES = ["", "the road changed (all tyres)", "the front axle changed", "
 
 // The panels of a chart over a table of columns that may still grow. columns(): name -> values; truth(s): or null.
 function panelsOf(lib, columns, truth, reason, height) {
-  const unit = (s) => `k${lib.tables.output.length && s === "cx_front" ? "N" : "N/rad"}`;
+  const unit = (s) => `k${lib.field("config", NOMINAL[s]).unit}`;
   const panels = ["cy_front", "cy_rear", "cx_front"].map((s) => ({
     title: NAMES[s], short: SHORT[s], unit: unit(s), scale: 1e-3, height,
     lines: [{ name: "truth", values: () => truth(s), color: "truth", dash: [5, 4], width: 1.4 }, { name: "estimate", values: () => columns()[s], color: "est", band: true }],
@@ -63,7 +63,7 @@ class LogPane {
     $("told").onchange = () => { this.tell($("told").value === "1"); this.show(); };
     $("rules").onclick = () => { this.byRule(); this.show(); };
     $("noise").onclick = () => this.guarded(() => { this.noise(this.checked()); this.show(); });
-    $("save-est").onclick = () => this.guarded(async () => save(await csvOf(this.table, breather((_, share) => this.say(`writing ${Math.round(100 * share)} %`))), `${this.stem()}.est.csv`));
+    $("save-est").onclick = () => this.guarded(async () => save(await csvOf(this.table, breather()), `${this.stem()}.est.csv`));
     $("save-log").onclick = () => save([logOf(this.rows, lib)], "log.csv");
     $("save-car").onclick = () => save([vehicleOf(this.used, "the car of the page")], "vehicle.toml");
     if (PAGE.toml) {
@@ -71,6 +71,7 @@ class LogPane {
       $("car-file").onchange = () => $("car-file").files[0] && this.openCar($("car-file").files[0]);
     }
     this.settings();
+    if (innerWidth < 760) $("vehicle-more").open = false;      // on a phone the results are far down else
     this.chart = new Chart($("chart"), {
       label: "Stiffness with its 95 % band, validity and the probabilities of what happened, over time",
       time: () => (this.table ? { t: this.table.time, n: this.table.rows } : { t: [], n: 0 }),
@@ -249,15 +250,16 @@ class LogPane {
     if (this.file.own || !this.file.guessed.includes("steer_angle")) return;
     const map = structuredClone(this.file.map);
     map.steer_angle.ratio = 1000;     // whatever it is: in the range
-    let gain;
+    let found;
     try {
-      gain = steeringGain(rowsOf(this.file.table, map, this.car(), this.lib), this.car());
+      found = steeringGain(rowsOf(this.file.table, map, this.car(), this.lib), this.car());
     } catch { return; }               // said when the rows are checked
-    if (gain === null) return;
-    const m = this.file.map.steer_angle, ratio = Math.abs(gain) * 1000;
-    if (gain < 0) m.sign = -1;
-    if (ratio > 5) m.ratio = Number(ratio.toPrecision(3));
-    if (ratio > 5 || gain < 0) $("map-hint").textContent = `Guessed from the rows: ${ratio > 5 ? `the column is the steering wheel's angle, ratio about ${m.ratio}` : "the angle of the road wheels"}${gain < 0 ? "; positive to the right, so its sign is turned" : ""}. Say it better if you know it.`;
+    if (found === null) return;
+    const m = this.file.map.steer_angle, ratio = Math.abs(found.gain) * map.steer_angle.ratio, wheel = ratio > 5;   // no rack is that direct
+    if (found.gain < 0) m.sign = -1;
+    if (wheel) m.ratio = Number(ratio.toPrecision(3));
+    const what = wheel ? `the column is the steering wheel's angle, ratio ${found.rough ? "very roughly" : "about"} ${m.ratio}` : "the column is the road wheels' angle";
+    $("map-hint").textContent = `Guessed from the rows: ${what}${found.gain < 0 ? ", positive to the right: its sign is turned" : ""}.${wheel ? found.rough ? " There are no slow turns, so under- or oversteer is in it: say the ratio, the stiffness follows it." : " Say it if you know it better: the stiffness follows it." : ""}`;
     this.mapping();
   }
 
@@ -334,6 +336,7 @@ class LogPane {
       $("run").disabled = true;
       $("stop").disabled = false;
       for (const id of ["save-est", "save-log", "save-car"]) $(id).disabled = true;
+      if (innerWidth < 760) $("results").scrollIntoView();
       const began = performance.now();
       let drawn = 0;
       const seen = (table) => {

@@ -296,20 +296,24 @@ function forward(time, table, notes) {
   return keep;
 }
 
-// What the rows themselves say of sign and ratio of the steering: on quiet stretches yaw rate times wheelbase over speed is the road
-// wheels' angle, but for under- or oversteer. null where the log does not turn enough to tell.
+const SLOW = 15;         // m/s: above it under- and oversteer are as large as the angle itself
+const FEWEST_SLOW = 200; // rows
+
+// What the rows themselves say of sign and ratio of the steering: in a slow turn the road wheels' angle is yaw rate times wheelbase
+// over speed. {gain: the logged angle over that, rough: there are fast turns only}; null where the log does not turn enough to tell.
 function steeringGain(rows, car) {
-  let xy = 0, xx = 0, yy = 0, n = 0;
-  const { steer_angle: steer, yaw_rate: yaw, wheel_speed_rear: wheel } = rows.data;
-  for (let i = 0; i < steer.length; i++) {
-    const v = wheel[i] * car.wheel_radius_rear;
-    if (!(v > 4 && v < 20) || Number.isNaN(steer[i]) || Number.isNaN(yaw[i])) continue;
-    const angle = (yaw[i] * (car.lf + car.lr)) / v;
-    xy += steer[i] * angle;
-    xx += steer[i] ** 2;
-    yy += angle ** 2;
-    n++;
-  }
-  if (n < 200 || !(xy * xy > 0.7 * xx * yy)) return null;
-  return xy / yy;     // logged angle over the wheels' angle: sign and ratio
+  const fit = (most) => {
+    const { steer_angle: steer, yaw_rate: yaw, wheel_speed_rear: wheel } = rows.data;
+    let ya = 0, yy = 0, aa = 0, n = 0;
+    for (let i = 0; i < steer.length; i++) {
+      const v = wheel[i] * car.wheel_radius_rear, y = steer[i], a = (yaw[i] * (car.lf + car.lr)) / v;
+      if (!(v > 4 && v < most) || Number.isNaN(y) || Number.isNaN(a)) continue;
+      ya += y * a; yy += y * y; aa += a * a; n++;
+    }
+    return n >= FEWEST_SLOW && ya * ya > 0.7 * yy * aa ? ya / aa : null;
+  };
+  const slow = fit(SLOW);
+  if (slow !== null) return { gain: slow, rough: false };
+  const fast = fit(50);
+  return fast === null ? null : { gain: fast, rough: true };
 }

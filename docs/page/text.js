@@ -13,49 +13,12 @@ function shortest(x) {
   return x.toExponential().replace("e+", "e");
 }
 
-// As pandas reads a number (its parser "high", precise_xstrtod), which for more than 15 digits may be the neighbour of the nearest
-// double: so that a file has the same rows here and there. NaN where it is none.
-const TENS = Float64Array.from({ length: 309 }, (_, i) => Number(`1e${i}`));
-function numberOf(text, decimal = 46) {
-  const n = text.length;
-  let i = 0, number = 0, exponent = 0, digits = 0, code = text.charCodeAt(0);
-  const negative = code === 45;
-  if (negative || code === 43) i++;
-  for (; i < n; i++) {
-    code = text.charCodeAt(i) - 48;
-    if (code < 0 || code > 9) break;
-    if (digits < 17) {
-      number = number * 10 + code;
-      digits++;
-    } else exponent++;
-  }
-  if (i < n && text.charCodeAt(i) === decimal) {
-    i++;
-    let decimals = 0;
-    for (; i < n; i++) {
-      code = text.charCodeAt(i) - 48;
-      if (code < 0 || code > 9) break;
-      if (digits < 17) {
-        number = number * 10 + code;
-        digits++;
-        decimals++;
-      }
-    }
-    exponent -= decimals;
-  }
-  if (!digits) return wordOf(text);
-  if (negative) number = -number;
-  if (i < n && (text.charCodeAt(i) | 32) === 101) {
-    const rest = text.slice(i + 1);
-    if (!/^[-+]?\d+$/.test(rest)) return NaN;
-    exponent += Number(rest);
-    i = n;
-  }
-  if (i < n) return NaN;
-  if (exponent > 308) return number === 0 ? 0 : number * Infinity;
-  if (exponent > 0) return number * TENS[exponent];
-  if (exponent < -308) return 0;
-  return number / TENS[-exponent];
+// A cell as a number, NaN where it is none; the nearest double, as pandas 3 reads it, so that a file has the same rows here and there.
+function numberOf(text, comma) {
+  const plain = comma ? text.replace(",", ".") : text;
+  const number = Number(plain);
+  if (!Number.isNaN(number) && !/[xob_]/i.test(plain)) return number;
+  return wordOf(text);
 }
 
 function wordOf(text) {
@@ -158,7 +121,7 @@ async function readText(name, bytes, breathe) {
     notes.push(`line ${lines.length}, the last, does not end: it may be cut inside a number and is left out`);
     lines.pop();
   } else throw new Wrong(`${name}: has one row, and its line does not end: it may be cut inside a number`);
-  const width = d.names.length, most = lines.length - d.first, comma = d.decimal.charCodeAt(0);
+  const width = d.names.length, most = lines.length - d.first, comma = d.decimal === ",";
   const columns = d.names.map((n, i) => ({ name: n, unit: d.units?.[i] ?? "", values: new Float64Array(most), bad: null }));
   const line = new Int32Array(most);
   let rows = 0;

@@ -32,7 +32,7 @@ const shoot = (page, name) => page.screenshot({ path: join(folder, `${name}.png`
 const settle = (page) => page.evaluate(() => new Promise((go) => requestAnimationFrame(() => requestAnimationFrame(go))));
 
 async function finished(page) {
-  await page.waitForFunction(() => /^(Done|Stopped)/.test(document.getElementById("state").textContent) || document.getElementById("log-wrong").textContent || document.getElementById("car-wrong").textContent || /then estimate/.test(document.getElementById("state").textContent), { timeout: 60_000 });
+  await page.waitForFunction(() => /^(Done|Stopped)/.test(document.getElementById("state").textContent) || document.getElementById("log-wrong").textContent || document.getElementById("car-wrong").textContent || /Then estimate/.test(document.getElementById("state").textContent), { timeout: 30_000 });
   await settle(page);
 }
 
@@ -52,7 +52,7 @@ async function drop(page, name) {
   const input = await page.$("#file");
   await page.$eval("#state", (e) => { e.textContent = ""; });
   await input.uploadFile(logs[name]);
-  await finished(page);
+  await finished(page).catch(async (error) => { throw new Error(`${name}: ${error.message}: ${(await text(page, "log-wrong")) + (await text(page, "state"))}`); });
 }
 
 async function files(page) {
@@ -92,7 +92,7 @@ await page.keyboard.press("0");
 for (const name of Object.keys(logs)) {
   await drop(page, name);
   const at = { wrong: await text(page, "log-wrong"), notes: await text(page, "log-notes"), state: await text(page, "state"), hint: await text(page, "map-hint") };
-  if (!at.wrong && /then estimate/.test(at.state)) {
+  if (!at.wrong && /Then estimate/.test(at.state)) {
     at.map = await page.evaluate(() => structuredClone(window.tse.log.file.map));
     if (name === "german") await shoot(page, "mapping-light");
     await page.click("#run");
