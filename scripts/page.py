@@ -6,7 +6,7 @@
     .venv/bin/python scripts/page.py --without-npm   as where there is no npm: it reads CSV only, and says so
 
 The library is compiled to WebAssembly, by clang and wasm-ld where both are there, else by zig (scripts/setup.sh platforms). What
-the page knows of names, units and rules is taken from tselab; of settings, ranges and structs from the library itself, when the page
+the page knows of names, units and rules is taken from tselab; of settings, ranges and structs from the library itself, when it
 opens. What it takes of npm (docs/page/package.json: a reader of Parquet, one of TOML) is fetched to the hash by `npm ci`, and its
 licences stand in the page. The same sources and compiler give the same bytes.
 """
@@ -145,7 +145,7 @@ def example() -> dict[str, Any]:
 
 def known() -> dict[str, Any]:
     """What tselab knows of names, units and rules."""
-    from tselab import config, noise, simulate, vehicle
+    from tselab import config, noise, simulate, vehicle, verdict
     from tselab.logs import names, units, vocabulary
 
     factors: dict[str, dict[str, float]] = {}
@@ -155,7 +155,7 @@ def known() -> dict[str, Any]:
     return {
         "spelt": units.SPELT, "factors": factors, "atEnd": names._AT_END,
         "roles": vocabulary.ROLES, "not": vocabulary.NOT, "places": vocabulary.PLACES,
-        "wheel": vocabulary.WHEEL.pattern, "noWheel": vocabulary.NO_WHEEL.pattern,
+        "names": verdict.NAMES, "wheel": vocabulary.WHEEL.pattern, "noWheel": vocabulary.NO_WHEEL.pattern,
         "rules": {
             "gravity": vehicle.GRAVITY, "corneringPerLoad": vehicle.CORNERING_PER_LOAD,
             "longitudinalPerLoad": vehicle.LONGITUDINAL_PER_LOAD, "guessedInertiaSd": vehicle.GUESSED_INERTIA_SD,

@@ -185,7 +185,7 @@ class Chart {
     this.title(p, top, this.readings(p));
     g.fillStyle = ink.panel;
     g.fillRect(this.left, box.top, this.width, box.height);
-    for (const v of ticks(min * scale, max * scale, Math.max(2, box.height / 30))) {
+    for (const v of ticks(min * scale, max * scale, Math.max(2, box.height / 25))) {
       const at = y(v / scale);
       this.stroke(ink.line, 1, [], () => { g.moveTo(this.left, at); g.lineTo(this.left + this.width, at); });
       g.fillStyle = ink.soft;

@@ -218,7 +218,7 @@ class DrivePane {
       view.height = Math.round(tall * ratio);
     }
     const g = view.getContext("2d"), style = getComputedStyle(view), ink = (n) => style.getPropertyValue(`--${n}`).trim();
-    const scale = Math.max(5.5, tall / 48), p = this.pose, c = this.desk;
+    const scale = Math.max(8, tall / 34), p = this.pose, c = this.desk;
     g.setTransform(ratio, 0, 0, ratio, 0, 0);
     g.clearRect(0, 0, wide, tall);
     g.save();

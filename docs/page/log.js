@@ -7,7 +7,7 @@ const make = (tag, properties = {}, ...children) => {
   return node;
 };
 const capital = (text) => text.charAt(0).toUpperCase() + text.slice(1);
-const NAMES = { cx_front: "Longitudinal stiffness, front axle", cy_front: "Cornering stiffness, front axle", cy_rear: "Cornering stiffness, rear axle" };
+const NAMES = Object.fromEntries(Object.entries(PAGE.names).map(([s, name]) => [s, capital(name)]));
 const SHORT = { cx_front: "Cx front", cy_front: "Cy front", cy_rear: "Cy rear" };
 const REGIMES = [["p_steady", "tyres as before", "good"], ["p_changed", "another road", "est"], ["p_axle", "one axle changed", "est"],
   ["p_drifting", "drifting", "est"], ["p_fault", "a channel at fault", "bad"], ["p_sliding", "wheels lock or spin", "warn"], ["p_restarted", "started over", "warn"]];
@@ -197,6 +197,7 @@ class LogPane {
       if (this.file) this.noise(this.checked());
       for (const [name, value] of Object.entries(values)) this.desk.set(name, value);
       this.show();
+      this.say(`${file.name}: ${Object.keys(values).length} settings${this.rows ? "; estimate again" : ""}.`);
     });
   }
 
@@ -218,6 +219,7 @@ class LogPane {
   async open(file) {
     await this.halt();
     this.file = null;
+    $("found").hidden = true;          // of another log
     for (const id of ["run", "noise"]) $(id).disabled = true;
     $("mapping").hidden = true;
     this.notes([]);

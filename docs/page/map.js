@@ -218,15 +218,12 @@ function rowsOf(table, map, car, lib) {
       picked[channel] = series.map((x, k) => inRange(x, f, parts[k], table, notes));
     }
   }
-  const keep = forward(picked.time[0], table, notes);
-  const time = keep.map((i) => picked.time[0][i]);
+  const { time, keep } = forward(picked.time[0], table, CHANNELS.slice(1).flatMap((c) => picked[c] ?? []), notes);
   const data = {};
   for (const f of lib.channels) {
-    const parts = picked[f.name];
-    const x = new Float64Array(keep.length).fill(NaN);
-    if (parts) keep.forEach((i, k) => { x[k] = parts.length > 1 ? 0.5 * (parts[0][i] + parts[1][i]) : parts[0][i]; });
-    else if (!isAxle(f.name)) notes.push(`${f.name} is not in the log: what only it shows is not known`);
-    data[f.name] = x;
+    const parts = picked[f.name]?.map((x) => Float64Array.from(keep, (i) => x[i]));
+    data[f.name] = !parts ? new Float64Array(keep.length).fill(NaN) : parts.length === 1 ? parts[0] : axleOf(f.name, ...parts, picked.yaw_rate?.[0], keep, notes);
+    if (!parts && !isAxle(f.name)) notes.push(`${f.name} is not in the log: what only it shows is not known`);
   }
   if (["accel_y", "yaw_rate"].every((c) => data[c].every(Number.isNaN))) {
     throw new Wrong(`${name}: accel_y and yaw_rate are missing: without either nothing can be said about the tyres`);
@@ -238,18 +235,14 @@ function rowsOf(table, map, car, lib) {
     data.accel_x = data.accel_x.map(() => NaN);
     notes.push(`${absent} is not in the log: ${there} stands in for it; slip is not known, so accel_x is not used and cx_front not told`);
   }
-  // rows without any channel are blank lines of a table
-  const full = [...keep.keys()].filter((k) => lib.channels.some((f) => !Number.isNaN(data[f.name][k])));
-  const straight = full.length === keep.length;
-  const rows = { name, time: straight ? Float64Array.from(time) : Float64Array.from(full, (k) => time[k]), data: {}, notes };
-  for (const f of lib.channels) rows.data[f.name] = straight ? data[f.name] : Float64Array.from(full, (k) => data[f.name][k]);
+  const rows = { name, time, data, notes };
   rows.sampleTime = rows.time.length > 1 ? median(differences(rows.time)) : null;
   if (rows.sampleTime > SLOWEST) {
     throw new Wrong(`${name}: column ${map.time.column}: rows are ${brief(rows.sampleTime)} s apart (median); allowed: up to ${SLOWEST} s. If the column holds milliseconds, choose ms`);
   }
   rows.truth = Object.fromEntries(STIFFNESS.filter((s) => column(`ref_${s}`)).map((s) => {
     const x = column(`ref_${s}`).values;
-    return [s, Float64Array.from(straight ? keep : full.map((k) => keep[k]), (i) => x[i])];
+    return [s, Float64Array.from(keep, (i) => x[i])];
   }));
   return rows;
 }
@@ -271,29 +264,110 @@ function inRange(values, f, name, table, notes) {
   return values.map((x) => (x < f.lo || x > f.hi ? NaN : x));
 }
 
-// Rows whose time goes on.
-function forward(time, table, notes) {
-  const keep = [];
-  let last = -Infinity, back = 0, without = 0, first = -1;
-  for (let i = 0; i < time.length; i++) {
-    if (!Number.isFinite(time[i])) { without++; continue; }
-    if (time[i] > last) {
-      if (time[i] - last > LONGEST_STEP && keep.length) {
-        throw new Wrong(`${table.name}: ${table.place} ${table.line[i]}, time: ${brief(time[i] - last)} s after the row before; allowed: up to ${LONGEST_STEP} s. If the column holds milli- or microseconds, choose that unit`);
-      }
-      keep.push(i);
-      last = time[i];
-    } else {
-      back++;
-      if (first < 0) first = i;
+// The middle of an axle of its two wheels; where one is missing, the other less half of what they differ by in a turn: track over
+// radius times the yaw rate, found from the rows that have both (tselab/log.py).
+function axleOf(name, left, right, yawRate, keep, notes) {
+  const mean = left.map((x, i) => 0.5 * (x + right[i]));
+  if (!yawRate) return mean;
+  const yaw = keep.map((i) => yawRate[i]);
+  let turned = 0, along = 0, alone = 0;
+  for (let i = 0; i < mean.length; i++) {
+    const difference = right[i] - left[i];
+    if (!Number.isFinite(difference) || !Number.isFinite(yaw[i])) continue;
+    turned += yaw[i] ** 2;
+    along += difference * yaw[i];
+  }
+  for (let i = 0; turned > 0 && i < mean.length; i++) {
+    const there = Number.isFinite(left[i]);
+    if (!Number.isNaN(mean[i]) || !(there || Number.isFinite(right[i])) || !Number.isFinite(yaw[i])) continue;
+    const half = 0.5 * (along / turned) * yaw[i];
+    mean[i] = there ? left[i] + half : right[i] - half;
+    alone++;
+  }
+  if (alone) notes.push(`${name}: one of both wheels is missing in ${alone} rows: taken from the other and the yaw rate`);
+  return mean;
+}
+
+// A time that goes on, and which rows have it. Wrong: it is no time. Rows without a time are left out; without anything, silently.
+function forward(all, table, columns, notes) {
+  const where = (i) => `${table.place} ${table.line[i]}`;
+  const at = [];
+  let without = 0, first = -1;
+  for (let i = 0; i < all.length; i++) {
+    if (Number.isFinite(all[i])) at.push(i);
+    else if (columns.some((c) => !Number.isNaN(c[i]))) {
+      if (!without++) first = i;
     }
   }
-  if (keep.length < MOST_BACK * time.length) {
-    throw new Wrong(`${table.name}: ${first >= 0 ? `${table.place} ${table.line[first]}, time: ${brief(time[first], 10)} is not later than the row before` : "time is empty"}; time must increase from row to row (${back + without} rows do not)`);
+  if (at.length + without === 0) throw new Wrong(`${table.name}: has no rows with numbers`);
+  if (at.length < MOST_BACK * (at.length + without)) throw new Wrong(`${table.name}: ${where(first)}, time: empty or not finite; every row needs a time`);
+  const t = Float64Array.from(at, (i) => all[i]), back = differences(t).map((d) => (d <= 0 ? 1 : 0)), count = back.reduce((n, x) => n + x, 0);
+  if (count > MOST_BACK * back.length) {
+    const k = back.indexOf(1);
+    throw new Wrong(`${table.name}: ${where(at[k + 1])}, time: ${brief(t[k + 1], 10)} is ${t[k + 1] === t[k] ? "the same time as" : "earlier than"} ${where(at[k])} (${brief(t[k], 10)}); time must increase from row to row (${count} such rows)`);
   }
-  if (without) notes.push(`time: ${without} rows without a time are left out`);
-  if (back) notes.push(`time: ${back} rows whose time does not go on are left out (first in ${table.place} ${table.line[first]})`);
-  return keep;
+  const done = straight(t);
+  if (without) notes.push(`time: ${without} entries without a time are left out`);
+  notes.push(...done.notes.map((x) => `time: ${x}`));
+  if (done.kept.length < MOST_BACK * all.length && count) throw new Wrong(`${table.name}: time does not go on in ${count} rows; time must increase from row to row`);
+  return { time: done.time, keep: done.kept.map((k) => at[k]) };
+}
+
+const LATE_ROWS = 8, LATE_TIME = 0.5;   // an entry that is out of order belongs before so many, and so many seconds, at most
+const BRIDGED = 60;                      // s: what is left of a jump ahead
+
+// Times that increase, as scripts/tselab/logs/clock.py puts them right: {time, kept: which entries, notes}.
+function straight(given) {
+  const notes = [], step = differences(given), kept = [...given.keys()];
+  if (given.length < 2 || (step.every((d) => d > 0) && step.every((d) => d <= LONGEST_STEP))) return { time: given, kept, notes };
+  const ahead = step.filter((d) => d > 0), usual = ahead.length ? median(ahead) : 0.01;
+  const t = Float64Array.from(given), late = new Set(), sets = [];
+  let highest = t[0];
+  for (let i = 1; i < t.length; i++) {
+    if (t[i] >= highest) { highest = t[i]; continue; }
+    const back = highest - t[i], again = t.subarray(i + 1, i + 1 + LATE_ROWS).findIndex((x) => x > highest);
+    if (back <= LATE_TIME && again >= 0 && again < Math.floor(LATE_ROWS / 2)) { late.add(i); continue; }
+    sets.push([highest, back]);
+    for (let k = i; k < t.length; k++) t[k] += back + usual;
+    highest = t[i];
+  }
+  if (sets.length) notes.push(`the clock goes back ${sets.length} time${sets.length > 1 ? "s" : ""} (first by ${brief(sets[0][1], 3)} s at ${sets[0][0].toFixed(3)} s): what follows is bridged, one usual step later`);
+  if (late.size) notes.push(`${late.size} entries are out of order: left out`);
+  let at = kept.filter((i) => !late.has(i)), time = Float64Array.from(at, (i) => t[i]);
+  const same = [...time.keys()].filter((i) => i + 1 < time.length && time[i + 1] === time[i]);
+  if (same.length > 0.2 * time.length) {
+    time = spread(time);
+    notes.push(`the clock is coarser than the entries (${Math.round((100 * same.length) / time.length)} % share a time): they are spread over its ticks`);
+  } else if (same.length) {
+    notes.push(`${same.length} entries have the time of the next one (first at ${time[same[0]].toFixed(3)} s): left out`);
+    const gone = new Set(same);
+    at = at.filter((_, i) => !gone.has(i));
+    time = time.filter((_, i) => !gone.has(i));
+  }
+  const jump = differences(time), far = jump.findIndex((d) => d > LONGEST_STEP);
+  if (far >= 0) {
+    notes.push(`the clock jumps ahead by ${brief(jump[far])} s at ${time[far].toFixed(3)} s: bridged, a gap of ${BRIDGED} s is left`);
+    let off = 0;
+    time = time.map((x, i) => {
+      if (i && jump[i - 1] > LONGEST_STEP) off += jump[i - 1] - BRIDGED;
+      return x - off;
+    });
+  }
+  return { time, kept: at, notes };
+}
+
+// Entries that share a tick, spread evenly up to the next one.
+function spread(t) {
+  const ticks = Float64Array.from(new Set(t)).sort(), count = new Map();
+  for (const x of t) count.set(x, (count.get(x) ?? 0) + 1);
+  const usual = ticks.length > 1 ? median(differences(ticks)) : 0.01;
+  const whole = ticks.map((x, i) => (i + 1 < ticks.length ? ticks[i + 1] : x + usual) - x), most = 2 * median(whole);
+  const length = new Map([...ticks].map((x, i) => [x, Math.min(whole[i], most)]));
+  let place = 0;
+  return t.map((x, i) => {
+    place = i && t[i - 1] === x ? place + 1 : 0;
+    return x + place * (length.get(x) / count.get(x));
+  });
 }
 
 const SLOW = 15;         // m/s: above it under- and oversteer are as large as the angle itself

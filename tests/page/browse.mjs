@@ -1,5 +1,5 @@
 // node browse.mjs NODE_MODULES BROWSER PAGE FOLDER LOGS.json - what a person does with the page, in a real browser without a
-// network; says what was seen as JSON. Pictures and what the page hands out are left in FOLDER. LOGS.json: the files to drop, by name.
+// network; says what was seen as JSON. Pictures and what the page hands out are left in FOLDER. LOGS.json: {logs, cars}, the files to drop, by name.
 import { readFileSync, mkdirSync } from "node:fs";
 import { createRequire } from "node:module";
 import { join, resolve } from "node:path";
@@ -7,14 +7,14 @@ import { pathToFileURL } from "node:url";
 
 const [modules, browserPath, page_, folder, logsFile] = process.argv.slice(2);
 const puppeteer = createRequire(resolve(modules, "x.js"))("puppeteer-core");
-const logs = JSON.parse(readFileSync(logsFile, "utf8"));
+const { logs, cars } = JSON.parse(readFileSync(logsFile, "utf8"));
 mkdirSync(folder, { recursive: true });
 
 const browser = await puppeteer.launch({
   executablePath: browserPath, headless: true,
   args: ["--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--force-device-scale-factor=1", "--hide-scrollbars"],
 });
-const seen = { requests: [], errors: [], logs: {} };
+const seen = { requests: [], errors: [], logs: {}, cars: {} };
 
 async function open(scheme, width, height) {
   const page = await browser.newPage();
@@ -102,6 +102,15 @@ for (const name of Object.keys(logs)) {
   seen.logs[name] = at;
 }
 if (logs.broken) { await drop(page, "broken"); await shoot(page, "broken-light"); }
+// what a screen reader is told: every control has a name
+seen.nameless = await page.evaluate(() => [...document.querySelectorAll("button, input, select, canvas, progress")].filter((e) => !(e.labels?.length || e.getAttribute("aria-label") || e.textContent.trim())).map((e) => e.outerHTML.slice(0, 120)));
+// vehicle files
+for (const name of Object.keys(cars)) {
+  await page.$eval("#state", (e) => { e.textContent = "waiting"; });
+  await (await page.$("#car-file")).uploadFile(cars[name]);
+  await page.waitForFunction("document.getElementById('state').textContent !== 'waiting' || document.getElementById('log-wrong').textContent");
+  seen.cars[name] = { wrong: await text(page, "log-wrong"), settings: await page.evaluate(() => window.tse.log.car()) };
+}
 await page.$eval("#set-mass", (e) => { e.value = "5"; e.dispatchEvent(new Event("change")); });
 seen.mass = await text(page, "car-wrong");
 await page.close();

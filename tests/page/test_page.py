@@ -1,5 +1,5 @@
 """The page of scripts/page.py in a real browser, from a file and without a network: the same bytes as `tselab estimate`, logs of
-other dialects, what is wrong is said, the simulator and the filter beside it. The pictures are left beside the page, build/site/shots."""
+other dialects, what is wrong is said, the simulator and the filter beside it. Pictures are left in build/site/shots."""
 
 import json
 import shutil
@@ -76,13 +76,28 @@ def logs(drive, slow, tmp_path_factory):
     for name in CHANNELS:
         rough.loc[rng.random(len(rough)) < 0.02, name] = np.nan
     rough.loc[700, "accel_y"] = 999.0
+    rough.loc[400:420, CHANNELS] = np.nan  # rows with a time and nothing else
     rough = rough.drop(index=[*range(300, 306), *range(900, 960)])
     rough["time"] += 1.7e9  # a clock that counts from 1970
     write_table(drive, folder / "plain.csv")
     write_table(rough, folder / "rough.csv")
+    clock = drive.copy()  # entries that are late, doubled; a clock that is set back, and jumps ahead
+    clock.loc[100, "time"] -= 0.035
+    clock.loc[200, "time"] = clock.loc[201, "time"]
+    clock.loc[500:, "time"] -= 3.0
+    clock.loc[1500:, "time"] += 9000.0
+    side = clock["yaw_rate"] * 0.8 / 0.33  # left and right wheels, some of them missing
+    for axle in ("front", "rear"):
+        for place, sign in (("left", -1), ("right", 1)):
+            clock[f"wheel_speed_{axle}_{place}"] = clock[f"wheel_speed_{axle}"] + sign * side
+        clock.loc[rng.random(len(clock)) < 0.05, f"wheel_speed_{axle}_left"] = np.nan
+    write_table(clock.drop(columns=["wheel_speed_front", "wheel_speed_rear"]), folder / "clock.csv")
+    coarse = drive.assign(time=np.floor(drive["time"] / 0.015) * 0.015)  # a third of the entries share a tick
+    write_table(coarse, folder / "coarse.csv")
     drive.to_parquet(folder / "parquet.parquet", compression="zstd")
     corners = (("VL", "front", -1), ("VR", "front", 1), ("HL", "rear", -1), ("HR", "rear", 1))
-    wheels = {f"v_{place} [km/h]": (slow[f"wheel_speed_{axle}"] * 0.33 + side * 0.8 * slow["yaw_rate"]) * 3.6 for place, axle, side in corners}
+    turn = 0.8 * slow["yaw_rate"]
+    wheels = {f"v_{p} [km/h]": (slow[f"wheel_speed_{axle}"] * 0.33 + side * turn) * 3.6 for p, axle, side in corners}
     german = pd.DataFrame({
         "Zeit [s]": slow["time"], "LW_Lenkradwinkel [°]": -np.degrees(slow["steer_angle"]) * RATIO, **wheels,
         "Gierrate [°/s]": np.degrees(slow["yaw_rate"]), "Querbeschleunigung [g]": slow["accel_y"] / 9.80665,
@@ -100,10 +115,23 @@ def logs(drive, slow, tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def seen(built, browser, logs, tmp_path_factory):
+def cars(tmp_path_factory):
+    """Vehicle files."""
+    folder = tmp_path_factory.mktemp("cars")
+    lines = ["mass = 1500", "lf = 1.1", "lr = 1.6", "wheel_radius_front = 0.3", "wheel_radius_rear = 0.31", 'name = "ours"']
+    (folder / "little.toml").write_text("\n".join([*lines, "[uncertainty]", "cg_sd = 0.01"]))
+    (folder / "misspelt.toml").write_text("\n".join(["masss = 1500", *lines]))
+    (folder / "heavy.toml").write_text("\n".join(["mass = 1e9", *lines[1:]]))
+    (folder / "short.toml").write_text("lf = 1.1")
+    (folder / "broken.toml").write_text("mass = = 2")
+    return {p.stem: str(p) for p in sorted(folder.iterdir())}
+
+
+@pytest.fixture(scope="module")
+def seen(built, browser, logs, cars, tmp_path_factory):
     """What the browser saw."""
     file = tmp_path_factory.mktemp("page") / "logs.json"
-    file.write_text(json.dumps(logs))
+    file.write_text(json.dumps({"logs": logs, "cars": cars}))
     command = ["node", str(Path(__file__).parent / "browse.mjs"), str(page.modules()), browser, str(built), str(SHOTS), str(file)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=240, check=False)
     assert done.returncode == 0, done.stderr[-3000:]
@@ -148,7 +176,7 @@ def test_its_estimates_are_those_of_the_command_line_to_the_byte(seen, name, tmp
     assert of_tselab(tmp_path, tmp_path / "log.csv", given["car"]) == given["est"].encode()
 
 
-@pytest.mark.parametrize("name", ["plain", "rough"])
+@pytest.mark.parametrize("name", ["plain", "rough", "clock", "coarse"])
 def test_a_file_is_the_same_rows_here_and_there(seen, logs, name, tmp_path):
     """What was dropped, not what the page handed out."""
     given = seen["logs"][name]
@@ -224,6 +252,32 @@ def test_what_is_wrong_with_a_file_is_said(seen, name, words):
     wrong = seen["logs"][name]["wrong"].replace("−", "-")
     for word in words:
         assert word in wrong, wrong
+
+
+def test_a_vehicle_file_is_filled_in_as_tselab_fills_it_in(seen, cars):
+    vehicle, page_says = read_vehicle(Path(cars["little"])), seen["cars"]["little"]
+    assert page_says["wrong"] == ""
+    assert vehicle.values["cornering_stiffness_front"] != Config().cornering_stiffness_front
+    for key, value in vehicle.values.items():
+        assert page_says["settings"][key] == pytest.approx(value, rel=1e-12), key
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("misspelt", ["key masss is not known"]),
+        ("heavy", ["key mass", "refused", "50 .. 50000 kg"]),
+        ("short", ["key mass, lr", "is missing"]),
+        ("broken", ["not TOML"]),
+    ],
+)
+def test_what_is_wrong_with_a_vehicle_file_is_said(seen, name, words):
+    for word in words:
+        assert word in seen["cars"][name]["wrong"], seen["cars"][name]["wrong"]
+
+
+def test_every_control_has_a_name(seen):
+    assert seen["nameless"] == []
 
 
 def test_a_setting_outside_its_range_is_refused_with_the_range(seen):
