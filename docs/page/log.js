@@ -49,6 +49,7 @@ function changeText(at, time) {
 class LogPane {
   constructor(lib, desk) {
     Object.assign(this, { lib, desk, file: null, rows: null, table: null, running: null, stopped: false });
+    this.said = new Map();      // settings that somebody said, by hand or by a vehicle file: no rule changes them
     $("formats").textContent = PAGE.parquet ? "CSV or Parquet" : "CSV";
     $("file").accept = PAGE.parquet ? ".csv,.txt,.tsv,.dat,.asc,.parquet,.pq" : ".csv,.txt,.tsv,.dat,.asc";
     $("file").onchange = () => $("file").files[0] && this.open($("file").files[0]);
@@ -60,9 +61,9 @@ class LogPane {
     $("example").onclick = () => this.example();
     $("run").onclick = () => this.run();
     $("stop").onclick = () => { this.stopped = true; };
-    $("told").onchange = () => { this.tell($("told").value === "1"); this.show(); };
-    $("rules").onclick = () => { this.byRule(); this.show(); };
-    $("noise").onclick = () => this.guarded(() => { this.noise(this.checked()); this.show(); });
+    $("told").onchange = () => { this.forget(this.lib.groups[1]); this.tell($("told").value === "1"); this.show(); };
+    $("rules").onclick = () => { this.forget(this.lib.groups[0].filter((n) => /stiffness|inertia/.test(n))); this.byRule(); this.show(); };
+    $("noise").onclick = () => this.guarded(() => { this.forget(this.lib.groups[2]); this.noise(this.checked()); this.show(); });
     $("save-est").onclick = () => this.guarded(async () => save(await csvOf(this.table, breather()), `${this.stem()}.est.csv`));
     $("save-log").onclick = () => save([logOf(this.rows, lib)], "log.csv");
     $("save-car").onclick = () => save([vehicleOf(this.used, "the car of the page")], "vehicle.toml");
@@ -112,7 +113,7 @@ class LogPane {
         const f = this.lib.field("config", name), id = `set-${name}`;
         const input = make("input", { type: "number", id, min: f.lo, max: f.hi, step: "any", required: true });
         input.setAttribute("aria-describedby", `${id}-text`);
-        input.onchange = () => this.read(name);
+        input.onchange = () => this.read(name) && this.said.set(name, this.desk.get(name));
         this.fields.set(name, input);
         host.append(make("label", { htmlFor: id }, make("span", { textContent: name.replaceAll("_", " ") }),
           make("span", { className: "value" }, input, make("i", { textContent: f.unit === "1" ? "" : f.unit })),
@@ -151,6 +152,11 @@ class LogPane {
     for (const name of [...this.lib.groups[0], ...this.lib.groups[2]]) this.desk.set(name, before[name]);
   }
 
+  forget(names) { for (const name of names) this.said.delete(name); }
+
+  // Rules leave alone what somebody said.
+  repeat() { for (const [name, value] of this.said) this.desk.set(name, value); }
+
   // What a vehicle file that leaves it out is given (scripts/tselab/vehicle.py).
   byRule() {
     const c = this.car(), r = PAGE.rules, base = c.lf + c.lr;
@@ -160,10 +166,12 @@ class LogPane {
       this.desk.set(`cornering_stiffness_${axle}`, r.corneringPerLoad * load[axle]);
       this.desk.set(`longitudinal_stiffness_${axle}`, r.longitudinalPerLoad * load[axle]);
     }
+    this.repeat();
   }
 
   noise(rows) {
     for (const [name, value] of Object.entries(sensorsOf(rows, this.car(), this.lib))) this.desk.set(name, value);
+    this.repeat();
   }
 
   openCar(file) {
@@ -191,11 +199,11 @@ class LogPane {
       const heavy = ["latency", "effects", "formula"].filter((n) => Object.keys(said[n] ?? {}).length);
       if (heavy.length) throw new Wrong(`${file.name}: [${heavy[0]}] is not for this page; the program tselab reads it`);
       this.tell(true);
-      for (const n of PAGE.rules.required) this.desk.set(n, values[n]);
+      this.said = new Map(Object.entries(values));
+      if (!("yaw_inertia" in values) && !("yaw_inertia_sd" in values)) this.said.set("yaw_inertia_sd", PAGE.rules.guessedInertiaSd);
+      this.repeat();
       this.byRule();
-      if (!("yaw_inertia" in values)) this.desk.set("yaw_inertia_sd", PAGE.rules.guessedInertiaSd);
       if (this.file) this.noise(this.checked());
-      for (const [name, value] of Object.entries(values)) this.desk.set(name, value);
       this.show();
       this.say(`${file.name}: ${Object.keys(values).length} settings${this.rows ? "; estimate again" : ""}.`);
     });
@@ -209,6 +217,7 @@ class LogPane {
       this.file = null;
       $("mapping").hidden = true;
       $("noise").disabled = true;
+      this.said.clear();
       const rows = exampleOf(this.desk);
       $("told").value = "0";
       this.show();
@@ -230,6 +239,7 @@ class LogPane {
       const table = isParquet ? await readParquet(file.name, bytes, breathe) : await readText(file.name, bytes, breathe);
       this.file = { table, ...propose(table, this.lib) };
       this.tell(true);
+      this.repeat();
       this.byRule();
       this.mapping();
       for (const id of ["run", "noise"]) $(id).disabled = false;
@@ -376,11 +386,7 @@ class LogPane {
   now() {
     const t = this.table, i = t.rows - 1;
     if (i < 0) return;
-    const share = (s) => {
-      let valid = 0;
-      for (let k = 0; k <= i; k++) valid += t.columns[`${s}_valid`][k];
-      return `${Math.round((100 * valid) / t.rows)} %`;
-    };
+    const share = (s) => `${Math.round((100 * t.valid[s]) / t.rows)} %`;
     cardsOf($("cards"), (name) => this.at(name), (s) => this.rows.truth?.[s]?.[i] ?? null, share);
     $("change").textContent = changeText((name) => this.at(name), t.time[i]);
     this.chart.later();
@@ -403,10 +409,10 @@ class LogPane {
     this.file = null;
     $("mapping").hidden = true;
     $("noise").disabled = true;
+    this.said.clear();
     for (const name of this.lib.groups.flat()) this.desk.set(name, settings[name]);
     $("told").value = "0";
     this.show();
-    this.kept = rows;
     await this.run(rows);
   }
 }

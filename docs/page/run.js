@@ -44,12 +44,13 @@ class Table {
     this.time = new Float64Array(rows);
     this.rows = 0;
     this.columns = {};
+    this.valid = Object.fromEntries(STIFFNESS.map((s) => [s, 0]));     // rows in which each is
     this.made = lib.tables.output.map((f) => {
       const stiffness = STIFFNESS.find((s) => f.name === s || f.name.startsWith(`${s}_`));
       const valid = stiffness && f.name.endsWith("_valid");
       this.columns[f.name] = f.kind === "r" ? new Float64Array(rows) : new Int16Array(rows);
       if (valid) this.columns[`${stiffness}_reason`] = new Int8Array(rows);
-      return { name: f.name, scale: stiffness && f.unit === "1" ? nominal[stiffness] : null, reason: valid ? `${stiffness}_reason` : null };
+      return { name: f.name, scale: stiffness && f.unit === "1" ? nominal[stiffness] : null, reason: valid ? `${stiffness}_reason` : null, stiffness };
     });
   }
 
@@ -63,6 +64,7 @@ class Table {
           const refused = desk.output("status", i) < 0;
           this.columns[m.reason][k] = refused ? -1 : value;
           column[k] = value === 0 && !refused ? 1 : 0;
+          this.valid[m.stiffness] += column[k];
         } else column[k] = m.scale === null ? value : value * m.scale;
       }
     }

@@ -111,6 +111,11 @@ for (const name of Object.keys(cars)) {
   await page.waitForFunction("document.getElementById('state').textContent !== 'waiting' || document.getElementById('log-wrong').textContent");
   seen.cars[name] = { wrong: await text(page, "log-wrong"), settings: await page.evaluate(() => window.tse.log.car()) };
 }
+// a log that is opened after its vehicle file keeps what the file said
+await (await page.$("#car-file")).uploadFile(cars.little);
+await page.waitForFunction("/little/.test(document.getElementById('state').textContent)");
+await drop(page, "plain");
+seen.kept = await page.evaluate(() => window.tse.log.car());
 await page.$eval("#set-mass", (e) => { e.value = "5"; e.dispatchEvent(new Event("change")); });
 seen.mass = await text(page, "car-wrong");
 await page.close();

@@ -1,6 +1,7 @@
 """The page of scripts/page.py in a real browser, from a file and without a network: the same bytes as `tselab estimate`, logs of
 other dialects, what is wrong is said, the simulator and the filter beside it. Pictures are left in build/site/shots."""
 
+import io
 import json
 import shutil
 import subprocess
@@ -140,6 +141,9 @@ def seen(built, browser, logs, cars, tmp_path_factory):
 
 def of_tselab(folder, log, car):
     """EST.csv of `tselab estimate`, as bytes; run here, because a process of its own is mostly imports."""
+    numbers = np.random.default_rng(1).standard_normal(1000).tolist()
+    if pd.read_csv(io.StringIO("\n".join(["x", *map(repr, numbers)])))["x"].tolist() != numbers:
+        pytest.skip(f"pandas {pd.__version__} reads some numbers as the neighbour of the nearest double: newer ones do not")
     (folder / "vehicle.toml").write_text(car)
     single.run(prepare(log, folder / "vehicle.toml", None, None, {}, "default", {}), folder / "est.csv", None)
     return (folder / "est.csv").read_bytes()
@@ -189,8 +193,8 @@ def test_the_built_in_example_is_a_drive_of_tselab(seen, tmp_path):
     done = simulate(plan, config, SimConfig({"seed": page.SEED}))
     write_table(done.log, tmp_path / "log.csv")
     (tmp_path / "page.csv").write_text(seen["logs"]["example"]["log"])
-    made = pd.read_csv(tmp_path / "page.csv", float_precision="round_trip")
-    expected = pd.read_csv(tmp_path / "log.csv", float_precision="round_trip")
+    made = pd.read_csv(tmp_path / "page.csv", dtype=str).astype(float)
+    expected = pd.read_csv(tmp_path / "log.csv", dtype=str).astype(float)
     pd.testing.assert_frame_equal(made[list(expected)], expected, check_exact=True)
     assert np.array_equal(made["ref_cy_front"], done.truth["true_cy_front"])
 
@@ -218,7 +222,7 @@ def test_a_german_log_is_understood(seen, slow, tmp_path):
 
 def test_a_parquet_file_has_the_rows_of_its_frame(seen, drive, tmp_path):
     (tmp_path / "log.csv").write_text(seen["logs"]["parquet"]["log"])
-    rows = pd.read_csv(tmp_path / "log.csv", float_precision="round_trip")
+    rows = pd.read_csv(tmp_path / "log.csv", dtype=str).astype(float)
     for name in ["time", *CHANNELS]:
         assert np.array_equal(rows[name], drive[name]), name
 
@@ -260,6 +264,13 @@ def test_a_vehicle_file_is_filled_in_as_tselab_fills_it_in(seen, cars):
     assert vehicle.values["cornering_stiffness_front"] != Config().cornering_stiffness_front
     for key, value in vehicle.values.items():
         assert page_says["settings"][key] == pytest.approx(value, rel=1e-12), key
+
+
+def test_what_a_vehicle_file_says_outlives_the_next_log(seen, cars, logs):
+    vehicle = read_vehicle(Path(cars["little"]))
+    fill_sensors(vehicle, read_log(Path(logs["plain"])))
+    for key, value in vehicle.values.items():
+        assert seen["kept"][key] == pytest.approx(value, rel=1e-9), key
 
 
 @pytest.mark.parametrize(
