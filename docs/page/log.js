@@ -1,0 +1,434 @@
+// log.js - the first pane: a file, its channels, the car, the estimate.
+
+const $ = (id) => document.getElementById(id);
+const make = (tag, properties = {}, ...children) => {
+  const node = Object.assign(document.createElement(tag), properties);
+  node.append(...children);
+  return node;
+};
+const capital = (text) => text.charAt(0).toUpperCase() + text.slice(1);
+const NAMES = Object.fromEntries(Object.entries(PAGE.names).map(([s, name]) => [s, capital(name)]));
+const SHORT = { cx_front: "Cx front", cy_front: "Cy front", cy_rear: "Cy rear" };
+const REGIMES = [["p_steady", "tyres as before", "good"], ["p_changed", "another road", "est"], ["p_axle", "one axle changed", "est"],
+  ["p_drifting", "drifting", "est"], ["p_fault", "a channel at fault", "bad"], ["p_sliding", "wheels lock or spin", "warn"], ["p_restarted", "started over", "warn"]];
+const CHANGES = ["", "the road changed (all tyres)", "the front axle changed", "the rear axle changed", "all was started over"];
+
+// The panels of a chart over a table of columns that may still grow. columns(): name -> values; truth(s): or null.
+function panelsOf(lib, columns, truth, reason, height) {
+  const unit = (s) => `k${lib.field("config", NOMINAL[s]).unit}`;
+  const panels = ["cy_front", "cy_rear", "cx_front"].map((s) => ({
+    title: NAMES[s], short: SHORT[s], unit: unit(s), scale: 1e-3, height,
+    lines: [{ name: "truth", values: () => truth(s), color: "truth", dash: [5, 4], width: 1.4 }, { name: "estimate", values: () => columns()[s], color: "est", band: true }],
+    band: { mean: () => columns()[s] ?? new Float64Array(0), sd: () => columns()[`${s}_sd`] ?? new Float64Array(0) },
+    strip: { valid: () => columns()[`${s}_valid`], reason: (i) => reason(s, i) },
+  }));
+  return [...panels, { title: "Probability of what happened", heat: REGIMES.map(([name, text, color]) => ({ name: text, values: () => columns()[name], color })) }];
+}
+
+// What the estimates of the last row say: a card a stiffness.
+function cardsOf(host, at, truth, share) {
+  host.replaceChildren(...["cy_front", "cy_rear", "cx_front"].map((s) => {
+    const card = make("div", { className: at(`${s}_valid`) ? "valid" : "" });
+    const half = BAND * at(`${s}_sd`), unit = s === "cx_front" ? "kN" : "kN/rad";
+    const known = truth(s);
+    card.append(make("b", { textContent: NAMES[s] }), make("strong", { textContent: `${tidy(at(s) / 1000, 4)} ± ${tidy(half / 1000, 2)} ${unit}` }),
+      make("span", { textContent: `${at(`${s}_valid`) ? "valid" : `not valid: ${at(`${s}_reason`)}`}${share ? `; valid in ${share(s)} of the rows` : ""}` }));
+    if (known !== null) card.append(make("span", { textContent: `truth ${tidy(known / 1000, 4)} ${unit}` }));
+    return card;
+  }));
+}
+
+// The last change, in a sentence; "" while there was none.
+function changeText(at, time) {
+  const kind = at("change_kind");
+  if (!kind) return "No change of the tyres or the road was found so far.";
+  const ratio = ["cx_front", "cy_front", "cy_rear"].map((s) => `${SHORT[s]} × ${tidy(at(`change_${s}`), 3)}`).join(", ");
+  return `Last change: ${CHANGES[kind] ?? `kind ${kind}`} at ${tidy(time - at("change_age"), 5)} s, probability ${Math.round(100 * at("change_probability"))} %: ${ratio}.`;
+}
+
+class LogPane {
+  constructor(lib, desk) {
+    Object.assign(this, { lib, desk, file: null, rows: null, table: null, running: null, stopped: false });
+    this.said = new Map();      // settings that somebody said, by hand or by a vehicle file: no rule changes them
+    $("formats").textContent = PAGE.parquet ? "CSV or Parquet" : "CSV";
+    $("file").accept = PAGE.parquet ? ".csv,.txt,.tsv,.dat,.asc,.parquet,.pq" : ".csv,.txt,.tsv,.dat,.asc";
+    $("file").onchange = () => $("file").files[0] && this.open($("file").files[0]);
+    const drop = $("drop");
+    for (const [event, over] of [["dragenter", true], ["dragover", true], ["dragleave", false], ["drop", false]]) {
+      document.addEventListener(event, (e) => { e.preventDefault(); drop.classList.toggle("over", over); });
+    }
+    document.addEventListener("drop", (e) => { const f = e.dataTransfer?.files[0]; if (f) { choose("log"); if (/\.toml$/i.test(f.name)) this.openCar(f); else this.open(f); } });
+    $("example").onclick = () => this.example();
+    $("run").onclick = () => this.run();
+    $("stop").onclick = () => { this.stopped = true; };
+    $("told").onchange = () => { this.forget(this.lib.groups[1]); this.tell($("told").value === "1"); this.show(); };
+    $("rules").onclick = () => { this.forget(this.lib.groups[0].filter((n) => /stiffness|inertia/.test(n))); this.byRule(); this.show(); };
+    $("noise").onclick = () => this.guarded(() => { this.forget(this.lib.groups[2]); this.noise(this.checked()); this.show(); });
+    $("save-est").onclick = () => this.guarded(async () => save(await csvOf(this.table, breather()), `${this.stem()}.est.csv`));
+    $("save-log").onclick = () => save([logOf(this.rows, lib)], "log.csv");
+    $("save-car").onclick = () => save([vehicleOf(this.used, "the car of the page")], "vehicle.toml");
+    if (PAGE.toml) {
+      $("load-car").hidden = false;
+      $("car-file").onchange = () => $("car-file").files[0] && this.openCar($("car-file").files[0]);
+    }
+    this.settings();
+    if (innerWidth < 760) $("vehicle-more").open = false;      // on a phone the results are far down else
+    this.chart = new Chart($("chart"), {
+      label: "Stiffness with its 95 % band, validity and the probabilities of what happened, over time",
+      time: () => (this.table ? { t: this.table.time, n: this.table.rows } : { t: [], n: 0 }),
+      panels: panelsOf(lib, () => this.table?.columns ?? {}, (s) => this.rows?.truth?.[s] ?? null,
+        (s, i) => this.table.reasonText(this.table.columns[`${s}_reason`][i]), 130),
+    });
+  }
+
+  stem() { return this.rows.name.replace(/\.[^.]*$/, "").replace(/\W+/g, "-"); }
+
+  say(text) { $("state").textContent = text; }
+
+  complain(error, place = "log-wrong") {
+    $(place).textContent = error ? (error instanceof Wrong || error instanceof Refused ? error.message : `this page failed: ${error.message}`) : "";
+    if (error && !(error instanceof Wrong || error instanceof Refused)) console.error(error);
+  }
+
+  async guarded(act) {
+    this.complain(null);
+    this.complain(null, "car-wrong");
+    try {
+      await act();
+      return true;
+    } catch (error) {
+      this.complain(error, error instanceof Refused ? "car-wrong" : "log-wrong");
+      this.say("");
+      return false;
+    }
+  }
+
+  // ---- the car
+
+  settings() {
+    this.fields = new Map();
+    this.lib.groups.forEach((names, k) => {
+      const host = $(["vehicle", "uncertainty", "sensors"][k]);
+      for (const name of names) {
+        const f = this.lib.field("config", name), id = `set-${name}`;
+        const input = make("input", { type: "number", id, min: f.lo, max: f.hi, step: "any", required: true });
+        input.setAttribute("aria-describedby", `${id}-text`);
+        input.onchange = () => this.read(name) && this.said.set(name, this.desk.get(name));
+        this.fields.set(name, input);
+        host.append(make("label", { htmlFor: id }, make("span", { textContent: name.replaceAll("_", " ") }),
+          make("span", { className: "value" }, input, make("i", { textContent: f.unit === "1" ? "" : f.unit })),
+          make("small", { id: `${id}-text`, textContent: `${f.text}; ${rangeText(f)}` })));
+      }
+    });
+    this.show();
+  }
+
+  show() {
+    for (const [name, input] of this.fields) {
+      input.value = String(this.desk.get(name));
+      input.setCustomValidity("");
+    }
+    this.complain(null, "car-wrong");
+  }
+
+  // One setting from its field. false: it cannot be.
+  read(name) {
+    const input = this.fields.get(name), f = this.lib.field("config", name), value = input.value === "" ? NaN : Number(input.value);
+    const fine = value >= f.lo && value <= f.hi;
+    input.setCustomValidity(fine ? "" : `allowed: ${rangeText(f)}`);
+    this.complain(fine ? null : new Refused(`${name.replaceAll("_", " ")}: ${input.value === "" ? "is empty" : brief(value)}; allowed: ${rangeText(f)} (${f.text})`, name), "car-wrong");
+    if (fine) this.desk.set(name, value);
+    else input.closest("details")?.setAttribute("open", "");
+    return fine;
+  }
+
+  car() { return this.desk.settings(); }
+
+  // What is told of the car: exact, or of one that nobody has calibrated (include/tse/uncalibrated.def).
+  tell(uncalibrated) {
+    $("told").value = uncalibrated ? "1" : "0";
+    const before = this.car();
+    this.desk.defaults(uncalibrated);
+    for (const name of [...this.lib.groups[0], ...this.lib.groups[2]]) this.desk.set(name, before[name]);
+  }
+
+  forget(names) { for (const name of names) this.said.delete(name); }
+
+  // Rules leave alone what somebody said.
+  repeat() { for (const [name, value] of this.said) this.desk.set(name, value); }
+
+  // What a vehicle file that leaves it out is given (scripts/tselab/vehicle.py).
+  byRule() {
+    const c = this.car(), r = PAGE.rules, base = c.lf + c.lr;
+    const load = { front: (c.mass * r.gravity * c.lr) / base, rear: (c.mass * r.gravity * c.lf) / base };
+    this.desk.set("yaw_inertia", c.mass * c.lf * c.lr);
+    for (const axle of ["front", "rear"]) {
+      this.desk.set(`cornering_stiffness_${axle}`, r.corneringPerLoad * load[axle]);
+      this.desk.set(`longitudinal_stiffness_${axle}`, r.longitudinalPerLoad * load[axle]);
+    }
+    this.repeat();
+  }
+
+  noise(rows) {
+    for (const [name, value] of Object.entries(sensorsOf(rows, this.car(), this.lib))) this.desk.set(name, value);
+    this.repeat();
+  }
+
+  openCar(file) {
+    return this.guarded(async () => {
+      if (!PAGE.toml) throw new Wrong(`${file.name}: this copy of the page was built without its reader of vehicle files (npm was not there)`);
+      let said;
+      try {
+        said = tomlReader.parse(await file.text());
+      } catch (error) {
+        throw new Wrong(`${file.name}: is not TOML: ${error.message.split("\n")[0]}`);
+      }
+      const [vehicle, told, sensors] = this.lib.groups, missing = PAGE.rules.required.filter((n) => !(n in said));
+      if (missing.length) throw new Wrong(`${file.name}: key ${missing.join(", ")} is missing (allowed: ${missing.map((n) => `${n}: ${rangeText(this.lib.field("config", n))}`).join("; ")})`);
+      const values = {}, unknown = [];
+      for (const [table, names, where] of [[said, vehicle, ""], [said.uncertainty ?? {}, told, "uncertainty."], [said.sensors ?? {}, sensors, "sensors."]]) {
+        for (const [key, value] of Object.entries(table)) {
+          if (names.includes(key)) {
+            const f = this.lib.field("config", key);
+            if (!(Number(value) >= f.lo && Number(value) <= f.hi)) throw new Wrong(`${file.name}: key ${where}${key} = ${value} is refused; allowed: ${rangeText(f)} (${f.text})`);
+            values[key] = Number(value);
+          } else if (where || !(PAGE.rules.descriptive.includes(key) || typeof value === "object")) unknown.push(where + key);
+        }
+      }
+      if (unknown.length) throw new Wrong(`${file.name}: key ${unknown.slice(0, 3).join(", ")} is not known`);
+      const heavy = ["latency", "effects", "formula"].filter((n) => Object.keys(said[n] ?? {}).length);
+      if (heavy.length) throw new Wrong(`${file.name}: [${heavy[0]}] is not for this page; the program tselab reads it`);
+      this.tell(true);
+      this.said = new Map(Object.entries(values));
+      if (!("yaw_inertia" in values) && !("yaw_inertia_sd" in values)) this.said.set("yaw_inertia_sd", PAGE.rules.guessedInertiaSd);
+      this.repeat();
+      this.byRule();
+      if (this.file) this.noise(this.checked());
+      this.show();
+      this.say(`${file.name}: ${Object.keys(values).length} settings${this.rows ? "; estimate again" : ""}.`);
+    });
+  }
+
+  // ---- the log
+
+  example() {
+    return this.guarded(async () => {
+      await this.halt();
+      this.file = null;
+      $("mapping").hidden = true;
+      $("noise").disabled = true;
+      this.said.clear();
+      const rows = exampleOf(this.desk);
+      $("told").value = "0";
+      this.show();
+      await this.run(rows);
+    });
+  }
+
+  async open(file) {
+    await this.halt();
+    this.file = null;
+    $("found").hidden = true;          // of another log
+    for (const id of ["run", "noise"]) $(id).disabled = true;
+    $("mapping").hidden = true;
+    this.notes([]);
+    await this.guarded(async () => {
+      this.say(`reading ${file.name}`);
+      const bytes = new Uint8Array(await file.arrayBuffer()), breathe = breather((what, share) => this.say(`${what}: ${Math.round(100 * share)} %`));
+      const isParquet = bytes.length > 8 && String.fromCharCode(...bytes.subarray(0, 4)) === "PAR1";
+      const table = isParquet ? await readParquet(file.name, bytes, breathe) : await readText(file.name, bytes, breathe);
+      this.file = { table, ...propose(table, this.lib) };
+      this.tell(true);
+      this.repeat();
+      this.byRule();
+      this.mapping();
+      for (const id of ["run", "noise"]) $(id).disabled = false;
+      this.say("");
+      this.guess();
+      const rows = this.checked();
+      this.noise(rows);
+      this.show();
+      this.notes(rows.notes);
+      if (this.file.own) await this.run(rows);
+      else this.say("Are the channels right? Then estimate.");
+    });
+  }
+
+  checked() { return rowsOf(this.file.table, this.file.map, this.car(), this.lib); }
+
+  // Sign and ratio of the steering, where the rows tell them.
+  guess() {
+    $("map-hint").textContent = "";
+    if (this.file.own || !this.file.guessed.includes("steer_angle")) return;
+    const map = structuredClone(this.file.map);
+    map.steer_angle.ratio = 1000;     // whatever it is: in the range
+    let found;
+    try {
+      found = steeringGain(rowsOf(this.file.table, map, this.car(), this.lib), this.car());
+    } catch { return; }               // said when the rows are checked
+    if (found === null) return;
+    const m = this.file.map.steer_angle, ratio = Math.abs(found.gain) * map.steer_angle.ratio, wheel = ratio > 5;   // no rack is that direct
+    if (found.gain < 0) m.sign = -1;
+    if (wheel) m.ratio = Number(ratio.toPrecision(3));
+    const what = wheel ? `the column is the steering wheel's angle, ratio ${found.rough ? "very roughly" : "about"} ${m.ratio}` : "the column is the road wheels' angle";
+    $("map-hint").textContent = `Guessed from the rows: ${what}${found.gain < 0 ? ", positive to the right: its sign is turned" : ""}.${wheel ? found.rough ? " There are no slow turns, so under- or oversteer is in it: say the ratio, the stiffness follows it." : " Say it if you know it better: the stiffness follows it." : ""}`;
+    this.mapping();
+  }
+
+  mapping() {
+    const { table, map } = this.file, host = $("map"), names = table.columns.map((c) => c.name);
+    $("mapping").hidden = false;
+    $("log-name").textContent = `${table.name} (${table.line.length} rows, ${names.length} columns)`;
+    host.replaceChildren(...["channel", "column", "right wheel", "unit", "sign"].map((text) => make("span", { className: "head", textContent: text })));
+    for (const channel of CHANNELS) {
+      const m = map[channel], axle = isAxle(channel), id = `map-${channel}`;
+      const text = channel === "time" ? "of the row" : this.lib.field("input", channel).text;
+      const choice = (label, value, options, act) => {
+        const s = make("select", { onchange: () => { act(s.value); this.remapped(); } }, ...options.map(([v, t]) => make("option", { value: v, textContent: t, selected: v === value })));
+        s.setAttribute("aria-label", `${channel}: ${label}`);
+        return s;
+      };
+      const columns = [["", "(none)"], ...names.map((n) => [n, n])];
+      const column = choice("column", m.column, columns, (v) => {
+        m.column = v;
+        const c = table.columns.find((x) => x.name === v);
+        if (c) m.unit = unitFor(channel, c, this.lib);
+      });
+      column.id = id;
+      column.className = axle ? "" : "wide";
+      host.append(make("label", { htmlFor: id }, make("b", { textContent: channel.replaceAll("_", " ") }), make("span", { textContent: text })), column);
+      if (axle) host.append(choice("right wheel", m.other, [["", "(mean, or both in one)"], ...names.map((n) => [n, n])], (v) => { m.other = v; }));
+      host.append(choice("unit", m.unit, choicesOf(channel).map((u) => [u, u]), (v) => { m.unit = v; }));
+      const extra = make("span", { className: "extra" });
+      if (channel !== "time") extra.append(choice("sign", String(m.sign), [["1", "+"], ["-1", "−"]], (v) => { m.sign = Number(v); }));
+      if (channel === "steer_angle") {
+        const ratio = make("input", { type: "number", min: 0.01, step: "any", value: m.ratio, title: "steering ratio: steering wheel's angle over that of the road wheels; 1: it is the road wheels' angle" });
+        ratio.setAttribute("aria-label", "steering ratio");
+        ratio.onchange = () => { m.ratio = Number(ratio.value); this.remapped(); };
+        extra.append(make("span", { textContent: "ratio", className: "hint" }), ratio);
+      }
+      host.append(extra);
+    }
+  }
+
+  remapped() {
+    this.mapping();
+    this.guarded(() => {
+      const rows = this.checked();
+      this.noise(rows);
+      this.show();
+      this.notes(rows.notes);
+      this.say("Are the channels right? Then estimate.");
+    });
+  }
+
+  notes(notes) { $("log-notes").replaceChildren(...notes.map((n) => make("li", { textContent: n }))); }
+
+  // ---- the estimate
+
+  async halt() {
+    this.stopped = true;
+    await this.running;
+  }
+
+  async run(given = null) {
+    await this.halt();
+    for (const name of this.fields.keys()) if (!this.read(name)) return;
+    const ok = this.guarded(async () => {
+      const rows = given ?? (this.file ? this.checked() : exampleRows(this));
+      const sampling = setSampling(this.desk, rows.sampleTime);
+      this.notes([...rows.notes, ...sampling]);
+      this.rows = rows;
+      this.table = null;
+      this.stopped = false;
+      this.chart.whole = true;
+      $("found").hidden = false;
+      $("truth-key").hidden = !Object.keys(rows.truth ?? {}).length;
+      $("progress").hidden = false;
+      $("run").disabled = true;
+      $("stop").disabled = false;
+      for (const id of ["save-est", "save-log", "save-car"]) $(id).disabled = true;
+      if (innerWidth < 760) $("results").scrollIntoView();
+      const began = performance.now();
+      let drawn = 0;
+      const seen = (table) => {
+        this.table = table;
+        const share = table.rows / rows.time.length;
+        $("progress").value = share;
+        if (performance.now() - drawn < 100 && share < 1) return;
+        drawn = performance.now();
+        this.say(`${table.rows} of ${rows.time.length} rows`);
+        this.now();
+      };
+      try {
+        this.used = this.desk;
+        await estimate(this.desk, rows, seen, () => this.stopped);
+      } finally {
+        $("progress").hidden = true;
+        $("stop").disabled = true;
+        $("run").disabled = false;
+      }
+      const seconds = (performance.now() - began) / 1000, all = this.table.rows === rows.time.length;
+      this.now();
+      this.reasons();
+      for (const id of ["save-est", "save-log", "save-car"]) $(id).disabled = false;
+      this.say(`${all ? "Done" : "Stopped"}: ${this.table.rows} rows of ${rows.name} in ${tidy(seconds, 2)} s.`);
+    });
+    this.running = ok;
+    await ok;
+  }
+
+  at(name, i = this.table.rows - 1) {
+    const value = this.table.columns[name][i];
+    return name.endsWith("_reason") ? this.table.reasonText(value) : value;
+  }
+
+  now() {
+    const t = this.table, i = t.rows - 1;
+    if (i < 0) return;
+    const share = (s) => `${Math.round((100 * t.valid[s]) / t.rows)} %`;
+    cardsOf($("cards"), (name) => this.at(name), (s) => this.rows.truth?.[s]?.[i] ?? null, share);
+    $("change").textContent = changeText((name) => this.at(name), t.time[i]);
+    this.chart.later();
+  }
+
+  reasons() {
+    const t = this.table, codes = [...this.lib.tables.reason.map((f) => f.offset), -1];
+    const text = (c) => (c < 0 ? "the library refused the row" : this.lib.tables.reason.find((f) => f.offset === c).text);
+    const counts = codes.map((c) => [c, ...STIFFNESS.map((s) => { let n = 0; const column = t.columns[`${s}_reason`]; for (let i = 0; i < t.rows; i++) n += column[i] === c; return n; })]);
+    const table = make("table", {}, make("tr", {}, ...["reason", "meaning", ...STIFFNESS.map((s) => SHORT[s])].map((x) => make("th", { textContent: x, style: "text-align:left;padding-right:14px" }))));
+    for (const [code, ...n] of counts.filter((c) => c.slice(1).some(Boolean))) {
+      table.append(make("tr", {}, ...[t.reasonText(code), text(code), ...n.map((x) => `${tidy((100 * x) / t.rows, 3)} %`)].map((x) => make("td", { textContent: x, style: "padding-right:14px" }))));
+    }
+    $("reasons").replaceChildren(table);
+  }
+
+  // Rows from elsewhere in the page: a drive. `settings`: of the car that drove.
+  async adopt(rows, settings) {
+    await this.halt();
+    this.file = null;
+    $("mapping").hidden = true;
+    $("noise").disabled = true;
+    this.said.clear();
+    for (const name of this.lib.groups.flat()) this.desk.set(name, settings[name]);
+    $("told").value = "0";
+    this.show();
+    await this.run(rows);
+  }
+}
+
+// Estimate again, without a file: what was estimated last.
+function exampleRows(pane) {
+  if (!pane.rows) throw new Wrong("drop a log, or press Built-in example");
+  return pane.rows;
+}
+
+// Hand text to whoever looks at the page, as a file.
+function save(parts, name) {
+  const url = URL.createObjectURL(new Blob(parts, { type: "text/plain" }));
+  const link = make("a", { href: url, download: name });
+  document.body.append(link);
+  link.click();
+  link.remove();
+  setTimeout(() => URL.revokeObjectURL(url), 10_000);
+}

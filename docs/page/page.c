@@ -1,0 +1,163 @@
+/* docs/page/page.c - the library as WebAssembly for a page: memory for what the page runs, and where everything lies in it.
+ *
+ * There is no C library here: what it takes of one is in tests/embedded/wasm.c's place below. JavaScript finds every struct by
+ * tse_describe(), so that no offset is typed there; of tse_field itself, and of what is not in its tables, page_layout() says it.
+ *
+ * Two desks: what stands on one - settings, filter, rows, a simulation - knows nothing of the other. The page estimates a log on
+ * one and drives on the other. */
+#include <stddef.h>
+#include <stdint.h>
+#include <string.h>
+
+#include "tse.h"
+
+#define EXPORT(name) __attribute__((export_name(#name))) name
+
+enum { DESKS = 2, ROWS = 256 }; /* rows that go in at a time: few enough that a page answers between them */
+
+typedef struct desk {
+  tse_config config;
+  tse_params params;
+  tse_filter filter;
+  tse_input row[ROWS];
+  tse_output out[ROWS];
+  tse_sim_config sim_config;
+  tse_sim sim;
+  tse_sim_input sim_input;
+  tse_sim_output sim_output;
+} desk;
+
+static desk desks[DESKS];
+static const char *wrong; /* name of the setting that was refused last */
+
+/* ---- tables */
+
+static const char *const vehicle_rows[] = {
+#define REAL(name, def, lo, hi, unit, text) #name,
+#define INT(name, def, lo, hi, text) #name,
+#include "tse/vehicle.def"
+  NULL
+};
+static const char *const told_rows[] = {
+#include "tse/told.def"
+  NULL
+};
+static const char *const sensor_rows[] = {
+#include "tse/sensors.def"
+#undef REAL
+#undef INT
+  NULL
+};
+static const char *const *const groups[] = { vehicle_rows, told_rows, sensor_rows };
+
+/* Names of the settings of one file of include/tse: 0 vehicle.def, 1 told.def, 2 sensors.def; NULL ends them. */
+const char *const *EXPORT(page_group)(int32_t group) { return groups[group]; }
+
+/* Where things lie: a tse_field's name, kind, offset, default, lower and upper end, unit, text, its size; rows that go in at a
+ * time; bytes from one row to the next in and out; a desk's config, row, out, sim_config, sim_input, sim_output. */
+static const int32_t layout[] = {
+  (int32_t)offsetof(tse_field, name), (int32_t)offsetof(tse_field, kind), (int32_t)offsetof(tse_field, offset),
+  (int32_t)offsetof(tse_field, def), (int32_t)offsetof(tse_field, lo), (int32_t)offsetof(tse_field, hi),
+  (int32_t)offsetof(tse_field, unit), (int32_t)offsetof(tse_field, text), (int32_t)sizeof(tse_field),
+  ROWS, (int32_t)sizeof(tse_input), (int32_t)sizeof(tse_output),
+  (int32_t)offsetof(desk, config), (int32_t)offsetof(desk, row), (int32_t)offsetof(desk, out), (int32_t)offsetof(desk, sim_config),
+  (int32_t)offsetof(desk, sim_input), (int32_t)offsetof(desk, sim_output)
+};
+const int32_t *EXPORT(page_layout)(void) { return layout; }
+
+static int32_t count, size;
+const tse_field *EXPORT(page_fields)(int32_t which) { return tse_describe((tse_struct)which, &count, &size); }
+int32_t EXPORT(page_count)(void) { return count; } /* rows of the table asked for last */
+const char *EXPORT(page_version)(void)
+{
+  static tse_build build;
+  tse_describe_build(&build);
+  return build.version;
+}
+const char *EXPORT(page_wrong)(void) { return wrong; }
+int32_t EXPORT(page_self_test)(void) { return tse_self_test(&wrong); }
+
+/* ---- a desk */
+
+desk *EXPORT(page_desk)(int32_t k) { return &desks[k]; }
+
+/* Defaults of all settings; of what is told of the car: exact, or of one that nobody has calibrated. */
+void EXPORT(page_defaults)(desk *d, int32_t uncalibrated)
+{
+  tse_config_default(&d->config);
+  if (uncalibrated) tse_config_uncalibrated(&d->config);
+  tse_sim_config_default(&d->sim_config);
+}
+
+/* Settings -> a filter that waits for its first row.   Returned: a tse_status; negative: page_wrong() */
+int32_t EXPORT(page_start)(desk *d)
+{
+  wrong = NULL;
+  const tse_status prepared = tse_prepare(&d->config, &d->params, &wrong);
+  return prepared < 0 ? prepared : tse_reset(&d->params, &d->filter, sizeof d->filter);
+}
+
+/* Rows 0 .. n - 1 of the desk. Of a row that is refused only the status changes, as `tselab estimate` has it. */
+void EXPORT(page_step)(desk *d, int32_t n)
+{
+  for (int32_t i = 0; i < n; i++) {
+    const tse_status status = tse_step(&d->params, &d->filter, &d->row[i], &d->out[i]);
+    if (status < 0) d->out[i].status = status;
+  }
+}
+
+/* A simulated car of the desk's settings, at its start. */
+int32_t EXPORT(page_sim_start)(desk *d)
+{
+  wrong = NULL;
+  return tse_sim_reset(&d->sim, &d->config, &d->sim_config, &wrong);
+}
+
+/* The car one row on; row 0 of the desk is what it logs. */
+int32_t EXPORT(page_sim_step)(desk *d)
+{
+  const tse_status status = tse_sim_step(&d->sim, &d->sim_input, &d->sim_output);
+  if (status >= 0) {
+    d->row[0] = d->sim_output.row;
+    d->row[0].dt = d->sim_input.dt;
+  }
+  return status;
+}
+
+/* ---- what compilers call, where there is no C library */
+
+void *memset(void *to, int byte, size_t bytes)
+{
+  unsigned char *const at = to;
+  for (size_t i = 0; i < bytes; i++) ((volatile unsigned char *)at)[i] = (unsigned char)byte; /* volatile: not a call of itself */
+  return to;
+}
+
+void *memcpy(void *restrict to, const void *restrict from, size_t bytes)
+{
+  for (size_t i = 0; i < bytes; i++) ((volatile unsigned char *)to)[i] = ((const unsigned char *)from)[i];
+  return to;
+}
+
+void *memmove(void *to, const void *from, size_t bytes)
+{
+  if ((const char *)from >= (char *)to) return memcpy(to, from, bytes);
+  for (size_t i = bytes; i-- > 0;) ((volatile unsigned char *)to)[i] = ((const unsigned char *)from)[i];
+  return to;
+}
+
+int memcmp(const void *a, const void *b, size_t bytes)
+{
+  for (size_t i = 0; i < bytes; i++) {
+    const int less = ((const unsigned char *)a)[i] - ((const unsigned char *)b)[i];
+    if (less) return less;
+  }
+  return 0;
+}
+
+size_t strlen(const char *text)
+{
+  size_t n = 0;
+  while (((const volatile char *)text)[n]) n++;
+  return n;
+}

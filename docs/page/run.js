@@ -1,0 +1,162 @@
+// run.js - the filter over a log, in slices so that the page stays alive, and the table that comes out: the columns, the order and
+// the digits of `tselab estimate --out`.
+
+const SLICE = 14;            // ms of work between two looks at the page
+const MOST_ROWS = 1_000_000; // 2.8 h at 100 Hz: 65 columns of 8 bytes each are 0.5 GB
+
+// Lets the page breathe: returns when it may go on. `said(what, share)` is called now and then.
+function breather(said = () => {}) {
+  let since = performance.now();
+  const channel = new MessageChannel();
+  return async (what = "", share = 0) => {
+    if (performance.now() - since < SLICE) return;
+    said(what, share);
+    await new Promise((go) => { channel.port1.onmessage = go; channel.port2.postMessage(0); });
+    since = performance.now();
+  };
+}
+
+// Settings of a run as `tselab estimate` makes them of a vehicle file that says everything: the sampling is that of the log.
+function setSampling(desk, sampleTime) {
+  if (sampleTime === null) return [];
+  const f = desk.lib.field("config", "sample_time"), gap = desk.lib.field("config", "max_gap");
+  const used = Math.min(Math.max(sampleTime, f.lo), f.hi);
+  desk.set("sample_time", used);
+  desk.set("max_gap", Math.min(Math.max(gap.def, PAGE.rules.gapInSamples * sampleTime), gap.hi));
+  return Math.abs(used - sampleTime) > 1e-6 ? [`rows are ${brief(sampleTime)} s apart; the nearest sample_time the filter knows is ${brief(used)} s`] : [];
+}
+
+// Columns of the table, in order: what came later stands last (scripts/tselab/estimate.py).
+function generationOf(name) {
+  if (/^(p_|change_|discrepancy_|lag_)/.test(name) || name === "fault_channel" || name === "estimate_age") return 2;
+  return name.endsWith("_spread_seen") || name.startsWith("noise_") ? 1 : 0;
+}
+
+function columnsOf(lib) {
+  const fields = lib.tables.output.map((f, i) => [generationOf(f.name), i, f.name]).sort((a, b) => a[0] - b[0] || a[1] - b[1]);
+  return ["time", ...fields.filter((f) => f[0] < 2).map((f) => f[2]), ...STIFFNESS.map((s) => `${s}_reason`), ...fields.filter((f) => f[0] === 2).map((f) => f[2])];
+}
+
+// Estimates of all rows so far: columns as `tselab estimate` has them, reasons as codes (-1: the row was refused).
+class Table {
+  constructor(lib, rows, nominal) {
+    this.lib = lib;
+    this.time = new Float64Array(rows);
+    this.rows = 0;
+    this.columns = {};
+    this.valid = Object.fromEntries(STIFFNESS.map((s) => [s, 0]));     // rows in which each is
+    this.made = lib.tables.output.map((f) => {
+      const stiffness = STIFFNESS.find((s) => f.name === s || f.name.startsWith(`${s}_`));
+      const valid = stiffness && f.name.endsWith("_valid");
+      this.columns[f.name] = f.kind === "r" ? new Float64Array(rows) : new Int16Array(rows);
+      if (valid) this.columns[`${stiffness}_reason`] = new Int8Array(rows);
+      return { name: f.name, scale: stiffness && f.unit === "1" ? nominal[stiffness] : null, reason: valid ? `${stiffness}_reason` : null, stiffness };
+    });
+  }
+
+  // The n rows that a desk has made, at the times from `first` on.
+  take(desk, time, first, n) {
+    for (const m of this.made) {
+      const column = this.columns[m.name];
+      for (let i = 0, k = this.rows; i < n; i++, k++) {
+        const value = desk.output(m.name, i);
+        if (m.reason) {
+          const refused = desk.output("status", i) < 0;
+          this.columns[m.reason][k] = refused ? -1 : value;
+          column[k] = value === 0 && !refused ? 1 : 0;
+          this.valid[m.stiffness] += column[k];
+        } else column[k] = m.scale === null ? value : value * m.scale;
+      }
+    }
+    for (let i = 0; i < n; i++) this.time[this.rows + i] = time[first + i];
+    this.rows += n;
+  }
+
+  reasonText(code) { return code < 0 ? "row refused" : this.lib.tables.reason.find((f) => f.offset === code)?.name ?? "unknown"; }
+}
+
+// Run the filter over checked rows. `seen(table)`: after every slice; `stopped()`: the rows so far are kept.
+async function estimate(desk, rows, seen, stopped) {
+  const nominal = Object.fromEntries(STIFFNESS.map((s) => [s, desk.get(NOMINAL[s])]));
+  if (rows.time.length > MOST_ROWS) throw new Wrong(`${rows.name}: has ${rows.time.length} rows; this page takes ${MOST_ROWS}. The program tselab takes any number`);
+  desk.start();
+  const table = new Table(desk.lib, rows.time.length, nominal), breathe = breather(() => seen(table));
+  const data = desk.lib.channels.map((f) => rows.data[f.name]), values = new Float64Array(data.length);
+  let before = rows.time[0] - (rows.sampleTime || 0.01);
+  while (table.rows < rows.time.length && !stopped()) {
+    const first = table.rows, n = Math.min(desk.rows, rows.time.length - first);
+    for (let i = 0; i < n; i++) {
+      for (let k = 0; k < data.length; k++) values[k] = data[k][first + i];
+      desk.put(i, rows.time[first + i] - before, values);
+      before = rows.time[first + i];
+    }
+    desk.step(n);
+    table.take(desk, rows.time, first, n);
+    await breathe();
+  }
+  seen(table);
+  return table;
+}
+
+// The table as CSV, in parts.
+async function csvOf(table, breathe) {
+  const names = columnsOf(table.lib), parts = [`${names.join(",")}\n`];
+  const cell = names.map((name) => {
+    const column = name === "time" ? table.time : table.columns[name];
+    if (name.endsWith("_reason")) return (i) => table.reasonText(column[i]);
+    return column instanceof Float64Array ? (i) => shortest(column[i]) : (i) => String(column[i]);
+  });
+  for (let i = 0; i < table.rows; i++) {
+    parts.push(`${cell.map((c) => c(i)).join(",")}\n`);
+    if (i % 512 === 511) {
+      parts.push(parts.splice(-512).join(""));
+      await breathe("writing", i / table.rows);
+    }
+  }
+  return parts;
+}
+
+// The rows that went in, as a log for `tselab estimate`.
+function logOf(rows, lib) {
+  const channels = lib.channels.map((f) => f.name), truth = Object.keys(rows.truth ?? {});
+  const lines = [["time", ...channels, ...truth.map((s) => `ref_${s}`)].join(",")];
+  for (let i = 0; i < rows.time.length; i++) {
+    lines.push([rows.time[i], ...channels.map((c) => rows.data[c][i]), ...truth.map((s) => rows.truth[s][i])].map(shortest).join(","));
+  }
+  return `${lines.join("\n")}\n`;
+}
+
+// The settings of the car as a vehicle file that leaves nothing to a rule: with it and the log above the command gives the same bits.
+function vehicleOf(desk, name) {
+  const line = (n) => {
+    const f = desk.lib.field("config", n);
+    return `${n} = ${shortest(desk.get(n))}  # ${f.unit}, ${f.lo} .. ${f.hi}: ${f.text}`;
+  };
+  const [vehicle, told, sensors] = desk.lib.groups.map((g) => g.map(line).join("\n"));
+  return `# A vehicle for tselab, as the page had it. SI units; stiffness per axle (both wheels).\nname = ${JSON.stringify(name)}\n${vehicle}\n\n# How uncertain that is: sd of each, 0 for what is known exactly.\n[uncertainty]\n${told}\n\n[sensors]\n${sensors}\n`;
+}
+
+// The built-in example: a drive of tselab's manoeuvres in the project's simulator, with its truth.
+function exampleOf(desk) {
+  const e = PAGE.example, n = e.rows, { lib } = desk, inputs = { steer_angle: doublesOf(e.steer_angle), wheel_torque_front: doublesOf(e.wheel_torque_front) };
+  desk.defaults(false);
+  for (const [name, value] of Object.entries(e.settings)) desk.set(name, value, "simConfig");
+  desk.simStart();
+  const time = Float64Array.from({ length: n }, (_, i) => Math.round(i * e.step * 1e9) / 1e9);
+  const rows = { name: "built-in example", time, data: {}, truth: {}, notes: [], sampleTime: median(differences(time)) };
+  for (const f of lib.channels) rows.data[f.name] = new Float64Array(n);
+  for (const s of STIFFNESS) rows.truth[s] = new Float64Array(n);
+  for (let i = 0; i < n; i++) {
+    desk.set("dt", i ? time[i] - time[i - 1] : e.step, "simInput");
+    for (const [name, values] of Object.entries(inputs)) desk.set(name, values[i], "simInput");
+    desk.set("road_level", e.road.findLast(([row]) => row <= i)[1], "simInput");
+    desk.simStep();
+    for (const f of lib.channels) rows.data[f.name][i] = desk.sim(f.name);
+    for (const s of STIFFNESS) rows.truth[s][i] = desk.sim(`true_${s}`) * desk.get(NOMINAL[s]);
+  }
+  return rows;
+}
+
+function doublesOf(text) {
+  return new Float64Array(Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer);
+}

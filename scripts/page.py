@@ -1,0 +1,223 @@
+#!/usr/bin/env python3
+"""The page that estimates and drives in a browser: one file with everything in it, build/site/try.html.
+
+    .venv/bin/python scripts/page.py                 build it
+    .venv/bin/python scripts/page.py --out FILE      somewhere else
+    .venv/bin/python scripts/page.py --without-npm   as where there is no npm: it reads CSV only, and says so
+
+The library is compiled to WebAssembly, by clang and wasm-ld where both are there, else by zig (scripts/setup.sh platforms). What
+the page knows of names, units and rules is taken from tselab; of settings, ranges and structs from the library itself, when it
+opens. What it takes of npm (docs/page/package.json: a reader of Parquet, one of TOML) is fetched to the hash by `npm ci`, and its
+licences stand in the page. The same sources and compiler give the same bytes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import base64
+import hashlib
+import importlib.util
+import json
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parent.parent
+SOURCES = ROOT / "docs" / "page"
+BUILD = ROOT / "build" / "page"
+PAGE = ROOT / "build" / "site" / "try.html"
+SCRIPTS = ("core.js", "text.js", "map.js", "noise.js", "run.js", "draw.js", "log.js", "drive.js", "start.js")  # in order
+FLAGS = (
+    "-std=c99", "-O2", "-nostdlib", "-ffp-contract=off", "-mbulk-memory", "-Wall", "-Wextra", "-Werror", "-DTSE_REAL_DOUBLE",
+    "-DTSE_NO_PARTICLES",
+)  # fmt: skip
+LINK = ("-Wl,--no-entry", "-Wl,--strip-all", "-Wl,-z,stack-size=262144")  # bytes; the filter needs 5 kB
+DRIVE, SECONDS, ROAD, SEED = "double-lane-change", 60.0, (30.0, 0.7), 1  # the built-in example: half of it on a wetter road
+
+
+class Failed(Exception):
+    """What could not be built, in a sentence."""
+
+
+def call(command: list[str], **more: Any) -> str:
+    """A program's output.   Failed: it ended badly"""
+    done = subprocess.run(command, capture_output=True, text=True, check=False, **more)
+    if done.returncode:
+        raise Failed(f"{Path(command[0]).name} failed:\n{(done.stderr + done.stdout).strip()[-2000:]}")
+    return done.stdout
+
+
+def compilers() -> list[list[str]]:
+    """What compiles C to WebAssembly here, with what its linker needs to be told."""
+    found = []
+    if shutil.which("clang") and shutil.which("wasm-ld"):
+        found.append(["clang", "--target=wasm32"])
+    if importlib.util.find_spec("ziglang"):
+        found.append([sys.executable, "-m", "ziglang", "cc", "-target", "wasm32-freestanding", "-Wl,--export-memory"])
+    if found:
+        return found
+    raise Failed("nothing here compiles to WebAssembly: install clang and lld, or run scripts/setup.sh platforms (zig)")
+
+
+def wasm(cc: list[str] | None = None) -> bytes:
+    """The library as WebAssembly."""
+    BUILD.mkdir(parents=True, exist_ok=True)
+    call([sys.executable, str(ROOT / "scripts" / "amalgamate.py"), "--out", str(BUILD / "src")])
+    out, mark = BUILD / "tse.wasm", BUILD / "tse.wasm.of"
+    cc = cc or compilers()[0]
+    of = [repr((cc, FLAGS, LINK)).encode(), call([*cc, "--version"]).encode(), (SOURCES / "page.c").read_bytes()]
+    of += [f.read_bytes() for f in sorted((BUILD / "src").iterdir()) if f.is_file()]
+    wanted = hashlib.sha256(b"".join(of)).hexdigest()
+    if out.exists() and mark.exists() and mark.read_text() == wanted:
+        return out.read_bytes()
+    places = [f"-I{BUILD / 'src'}", f"-I{ROOT / 'include'}", f"-I{ROOT / 'tests' / 'embedded' / 'wasm'}"]
+    call([*cc, *FLAGS, *places, str(BUILD / "src" / "tse.c"), str(SOURCES / "page.c"), "-o", str(out), *LINK])
+    mark.write_text(wanted)
+    return out.read_bytes()
+
+
+def of_npm() -> tuple[str, str]:
+    """What the page takes of npm as one script, and the licences of it. Failed: npm is not there, or cannot fetch."""
+    for program in ("node", "npm"):
+        if not shutil.which(program):
+            raise Failed(f"{program} is not installed")
+    modules()
+    folder = BUILD / "npm"
+    shutil.copy(SOURCES / "vendor.js", folder / "vendor.js")
+    call(
+        [str(folder / "node_modules" / ".bin" / "esbuild"), "vendor.js", "--bundle", "--minify", "--format=iife", "--target=es2022",
+         "--global-name=vendor", "--legal-comments=none", "--outfile=bundle.js", "--metafile=bundle.json"],
+        cwd=folder,
+    )  # fmt: skip
+    inputs = json.loads((folder / "bundle.json").read_text())["inputs"]
+    names = sorted({found[1] for x in inputs if (found := re.match(r"node_modules/((?:@[^/]+/)?[^/]+)/", x))})
+    return (folder / "bundle.js").read_text(), "\n".join(licence(folder / "node_modules" / name) for name in names)
+
+
+def modules() -> Path:
+    """node_modules as docs/page/package-lock.json has them, which the page's test uses, too."""
+    folder, files = BUILD / "npm", [SOURCES / "package.json", SOURCES / "package-lock.json"]
+    wanted = hashlib.sha256(b"".join(f.read_bytes() for f in files)).hexdigest()
+    mark = folder / "installed"
+    if not mark.exists() or mark.read_text() != wanted:
+        folder.mkdir(parents=True, exist_ok=True)
+        for file in files:
+            shutil.copy(file, folder)
+        call(["npm", "ci", "--ignore-scripts", "--no-audit", "--no-fund"], cwd=folder)
+        mark.write_text(wanted)
+    return folder / "node_modules"
+
+
+def licence(package: Path) -> str:
+    """Name, version and text of the licence of a package; none: it must not be in the page."""
+    about = json.loads((package / "package.json").read_text())
+    text = next((f.read_text() for f in sorted(package.iterdir()) if f.name.lower().startswith("licen")), None)
+    if text is None:
+        raise Failed(f"{package.name}: no text of its licence is in its package")
+    return f"{about['name']} {about['version']} ({about['license']})\n\n{text.strip()}\n"
+
+
+def example() -> dict[str, Any]:
+    """What the driver of the built-in example does; the page's own simulator makes the log of it."""
+    import numpy as np
+
+    from tselab import maneuvers
+    from tselab.core import Config
+
+    config = Config()
+    plan = maneuvers.build(DRIVE, config, sample_time=config.sample_time, duration=SECONDS, road=[ROAD])
+    rows, step = len(plan.time), config.sample_time
+    if not np.array_equal(plan.time, np.rint(np.arange(rows) * step * 1e9) / 1e9):
+        raise Failed("the manoeuvre's times are not those that docs/page/run.js makes")
+    if plan.target_speed is not None or plan.wheel_torque_rear.any() or plan.brake_torque_front is not None:
+        raise Failed(f"{DRIVE}: docs/page/run.js takes steering and front torque only")
+    changes = [0, *(np.flatnonzero(np.diff(plan.road_level)) + 1)]
+    inputs = {name: getattr(plan, name).astype("<f8").tobytes() for name in ("steer_angle", "wheel_torque_front")}
+    return {
+        "rows": rows, "step": step, "settings": {"speed": plan.speed, "seed": SEED},
+        "road": [[int(i), float(plan.road_level[i])] for i in changes],
+        **{name: base64.b64encode(values).decode() for name, values in inputs.items()},
+    }  # fmt: skip
+
+
+def known() -> dict[str, Any]:
+    """What tselab knows of names, units and rules."""
+    from tselab import config, noise, simulate, vehicle, verdict
+    from tselab.logs import names, units, vocabulary
+
+    factors: dict[str, dict[str, float]] = {}
+    for si in ("s", "rad", "rad/s", "m/s", "m/s2"):
+        found = {spelling: units.factor(spelling, si) for spelling in units.SPELT if spelling}
+        factors[si] = {spelling: value for spelling, value in found.items() if value is not None}
+    return {
+        "spelt": units.SPELT, "factors": factors, "atEnd": names._AT_END,
+        "roles": vocabulary.ROLES, "not": vocabulary.NOT, "places": vocabulary.PLACES,
+        "names": verdict.NAMES, "wheel": vocabulary.WHEEL.pattern, "noWheel": vocabulary.NO_WHEEL.pattern,
+        "rules": {
+            "gravity": vehicle.GRAVITY, "corneringPerLoad": vehicle.CORNERING_PER_LOAD,
+            "longitudinalPerLoad": vehicle.LONGITUDINAL_PER_LOAD, "guessedInertiaSd": vehicle.GUESSED_INERTIA_SD,
+            "required": vehicle.REQUIRED, "descriptive": [*vehicle.DESCRIPTIVE, *vehicle.HINT_ONLY],
+            "gapInSamples": config.GAP_IN_SAMPLES, "speedGain": simulate.SPEED_GAIN, "brakeFront": simulate.BRAKE_FRONT,
+            "holdTorque": simulate.HOLD_TORQUE,
+        },
+        "noise": {
+            "floor": noise.FLOOR, "longestHold": noise.LONGEST_HOLD, "fewestRows": noise.FEWEST_ROWS, "average": noise.AVERAGE,
+            "window": noise.WINDOW, "change": noise.CHANGE, "quiet": noise.QUIET, "normalQuiet": noise.NORMAL_QUIET,
+            "moving": noise.MOVING, "unknownBias": vehicle.UNKNOWN_BIAS, "nodTime": vehicle.NOD_TIME,
+        },
+    }  # fmt: skip
+
+
+def build(out: Path, npm: bool = True) -> list[str]:
+    """Write the page.   Returned: what is to be said of it"""
+    said, bundle, notices = [], "const vendor = { parquet: null, tomlReader: null };\n", ""
+    if npm:
+        try:
+            bundle, notices = of_npm()
+        except Failed as error:
+            npm = False
+            said.append(f"without Parquet and vehicle files: {error}")
+    else:
+        said.append("without Parquet and vehicle files, as asked")
+    facts = {"parquet": npm, "toml": npm, **known(), "example": example(), "wasm": base64.b64encode(wasm()).decode()}
+    scripts = "".join(f"\n{(SOURCES / name).read_text()}" for name in SCRIPTS)
+    head = f"const {{ parquet, tomlReader }} = vendor;\nconst PAGE = {json.dumps(facts, ensure_ascii=False)};\n"
+    script = f'{bundle}"use strict";\n(() => {{\n{head}{scripts}}})();\n'
+    if "</script" in script or "<!--" in script or "-->" in notices:
+        raise Failed("a script holds what ends it in HTML")
+    text = (SOURCES / "page.html").read_text()
+    own = f"tse, {(ROOT / 'LICENSE').read_text().strip().splitlines()[0].strip()}; in this file, too:\n\n" if notices else ""
+    for mark, value in (
+        ("<!-- @notices@ -->", f"<!--\n{own}{notices}-->" if notices else ""),
+        ("/* @style@ */", (SOURCES / "page.css").read_text()),
+        ("/* @script@ */", script),
+    ):
+        if text.count(mark) != 1:
+            raise Failed(f"docs/page/page.html has {mark} {text.count(mark)} times")
+        text = text.replace(mark, value)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    out.write_text(text, encoding="utf-8")
+    said.append(f"{out}: {len(text.encode()) // 1000} kB")
+    return said
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--out", type=Path, default=PAGE)
+    parser.add_argument("--without-npm", action="store_true")
+    options = parser.parse_args()
+    try:
+        for line in build(options.out, not options.without_npm):
+            print(f"page: {line}")
+    except (Failed, ImportError) as error:
+        hint = ": run it with .venv/bin/python, after scripts/setup.sh" if isinstance(error, ImportError) else ""
+        print(f"page: {error}{hint}", file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

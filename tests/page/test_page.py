@@ -1,0 +1,337 @@
+"""The page of scripts/page.py in a real browser, from a file and without a network: the same bytes as `tselab estimate`, logs of
+other dialects, what is wrong is said, the simulator and the filter beside it. Pictures are left in build/site/shots."""
+
+import io
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT / "scripts"))
+import page  # noqa: E402
+
+from tselab import maneuvers, single  # noqa: E402
+from tselab.core import Config, SimConfig  # noqa: E402
+from tselab.estimate import write_table  # noqa: E402
+from tselab.log import read_log  # noqa: E402
+from tselab.prepare import prepare  # noqa: E402
+from tselab.simulate import simulate  # noqa: E402
+from tselab.vehicle import fill_sensors, read_vehicle  # noqa: E402
+
+SHOTS = ROOT / "build" / "site" / "shots"
+RATIO = 15.0
+BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+CHANNELS = ["steer_angle", "wheel_speed_front", "wheel_speed_rear", "accel_x", "accel_y", "yaw_rate"]
+
+
+@pytest.fixture(scope="module")
+def built():
+    for program in ("node", "npm"):
+        if not shutil.which(program):
+            pytest.skip(f"{program} is not installed: the page is tried in a browser that node drives")
+    try:
+        page.compilers()
+        page.modules()
+    except page.Failed as error:
+        pytest.skip(f"the page cannot be built here: {str(error)[:200]}")
+    page.build(page.PAGE)
+    return page.PAGE
+
+
+@pytest.fixture(scope="module")
+def browser():
+    found = next((path for name in BROWSERS if (path := shutil.which(name))), None)
+    if found is None:
+        pytest.skip(f"no browser is installed (looked for {', '.join(BROWSERS)})")
+    return found
+
+
+@pytest.fixture(scope="module")
+def drive():
+    """A drive of 20 s with noise."""
+    config = Config()
+    plan = maneuvers.build("double-lane-change", config, sample_time=0.01, duration=20.0, seed=3)
+    return simulate(plan, config, SimConfig({"seed": 3, "wheel_speed_sd": 0.02, "steer_angle_sd": 2e-4})).log
+
+
+@pytest.fixture(scope="module")
+def slow():
+    """One of 30 s at about 40 km/h."""
+    config = Config()
+    plan = maneuvers.build("double-lane-change", config, sample_time=0.01, duration=30.0, speed=9.0, amplitude=0.06, seed=4)
+    return simulate(plan, config, SimConfig({"seed": 4})).log
+
+
+@pytest.fixture(scope="module")
+def logs(drive, slow, tmp_path_factory):
+    """Files to drop, by name. Those with the names of the library come first."""
+    folder = tmp_path_factory.mktemp("logs")
+    rng = np.random.default_rng(1)
+    rough = drive.copy()  # cells that are missing, rows that are lost, a value that nothing can have, a gap
+    for name in CHANNELS:
+        rough.loc[rng.random(len(rough)) < 0.02, name] = np.nan
+    rough.loc[700, "accel_y"] = 999.0
+    rough.loc[400:420, CHANNELS] = np.nan  # rows with a time and nothing else
+    rough = rough.drop(index=[*range(300, 306), *range(900, 960)])
+    rough["time"] += 1.7e9  # a clock that counts from 1970
+    write_table(drive, folder / "plain.csv")
+    write_table(rough, folder / "rough.csv")
+    clock = drive.copy()  # entries that are late, doubled; a clock that is set back, and jumps ahead
+    clock.loc[100, "time"] -= 0.035
+    clock.loc[200, "time"] = clock.loc[201, "time"]
+    clock.loc[500:, "time"] -= 3.0
+    clock.loc[1500:, "time"] += 9000.0
+    side = clock["yaw_rate"] * 0.8 / 0.33  # left and right wheels, some of them missing
+    for axle in ("front", "rear"):
+        for place, sign in (("left", -1), ("right", 1)):
+            clock[f"wheel_speed_{axle}_{place}"] = clock[f"wheel_speed_{axle}"] + sign * side
+        clock.loc[rng.random(len(clock)) < 0.05, f"wheel_speed_{axle}_left"] = np.nan
+    write_table(clock.drop(columns=["wheel_speed_front", "wheel_speed_rear"]), folder / "clock.csv")
+    coarse = drive.assign(time=np.floor(drive["time"] / 0.015) * 0.015)  # a third of the entries share a tick
+    write_table(coarse, folder / "coarse.csv")
+    drive.to_parquet(folder / "parquet.parquet", compression="zstd")
+    corners = (("VL", "front", -1), ("VR", "front", 1), ("HL", "rear", -1), ("HR", "rear", 1))
+    turn = 0.8 * slow["yaw_rate"]
+    wheels = {f"v_{p} [km/h]": (slow[f"wheel_speed_{axle}"] * 0.33 + side * turn) * 3.6 for p, axle, side in corners}
+    german = pd.DataFrame({
+        "Zeit [s]": slow["time"], "LW_Lenkradwinkel [°]": -np.degrees(slow["steer_angle"]) * RATIO, **wheels,
+        "Gierrate [°/s]": np.degrees(slow["yaw_rate"]), "Querbeschleunigung [g]": slow["accel_y"] / 9.80665,
+        "Laengsbeschleunigung [g]": slow["accel_x"] / 9.80665,
+    })  # fmt: skip
+    german.to_csv(folder / "german.csv", sep=";", decimal=",", index=False, encoding="cp1252")
+    text = (folder / "plain.csv").read_text().splitlines()
+    (folder / "word.csv").write_text("\n".join([text[0], *(",".join(["x", *line.split(",")[1:]]) for line in text[1:50])]) + "\n")
+    (folder / "empty.csv").write_text("")
+    (folder / "broken.csv").write_text("\n".join(text[:40]) + "\n1,2,3,4,5,6,7,8,9,10\n")
+    degrees = drive.assign(steer_angle=np.degrees(drive["steer_angle"]) * RATIO)
+    write_table(degrees, folder / "degrees.csv")
+    (folder / "binary.mf4").write_bytes(b"MDF     4.10\0\0\0\0" + bytes(200))
+    return {p.stem: str(p) for p in sorted(folder.iterdir(), key=lambda p: p.stem)}
+
+
+@pytest.fixture(scope="module")
+def cars(tmp_path_factory):
+    """Vehicle files."""
+    folder = tmp_path_factory.mktemp("cars")
+    lines = ["mass = 1500", "lf = 1.1", "lr = 1.6", "wheel_radius_front = 0.3", "wheel_radius_rear = 0.31", 'name = "ours"']
+    (folder / "little.toml").write_text("\n".join([*lines, "[uncertainty]", "cg_sd = 0.01"]))
+    (folder / "misspelt.toml").write_text("\n".join(["masss = 1500", *lines]))
+    (folder / "heavy.toml").write_text("\n".join(["mass = 1e9", *lines[1:]]))
+    (folder / "short.toml").write_text("lf = 1.1")
+    (folder / "broken.toml").write_text("mass = = 2")
+    return {p.stem: str(p) for p in sorted(folder.iterdir())}
+
+
+@pytest.fixture(scope="module")
+def seen(built, browser, logs, cars, tmp_path_factory):
+    """What the browser saw."""
+    file = tmp_path_factory.mktemp("page") / "logs.json"
+    file.write_text(json.dumps({"logs": logs, "cars": cars}))
+    command = ["node", str(Path(__file__).parent / "browse.mjs"), str(page.modules()), browser, str(built), str(SHOTS), str(file)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=240, check=False)
+    assert done.returncode == 0, done.stderr[-3000:]
+    return json.loads(done.stdout)
+
+
+def of_tselab(folder, log, car):
+    """EST.csv of `tselab estimate`, as bytes; run here, because a process of its own is mostly imports."""
+    numbers = np.random.default_rng(1).standard_normal(1000).tolist()
+    if pd.read_csv(io.StringIO("\n".join(["x", *map(repr, numbers)])))["x"].tolist() != numbers:
+        pytest.skip(f"pandas {pd.__version__} reads some numbers as the neighbour of the nearest double: newer ones do not")
+    (folder / "vehicle.toml").write_text(car)
+    single.run(prepare(log, folder / "vehicle.toml", None, None, {}, "default", {}), folder / "est.csv", None)
+    return (folder / "est.csv").read_bytes()
+
+
+def command_line(folder, log, car):
+    """The same of the command itself."""
+    (folder / "vehicle.toml").write_text(car)
+    out = folder / "est.csv"
+    command = [sys.executable, "-m", "tselab", "estimate", str(log), "--vehicle", str(folder / "vehicle.toml"), "--out", str(out)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode in (0, 3, 4), done.stderr
+    return out.read_bytes()
+
+
+def test_the_page_asks_no_network_and_reports_no_error(seen):
+    assert seen["fatal"] == "" and seen["errors"] == []
+    assert {url.split(":")[0] for url in seen["requests"]} <= {"file", "blob", "data"}
+    assert seen["foot"] == "Reads CSV and Parquet."
+
+
+def test_the_example_is_estimated_as_on_the_command_line_to_the_byte(seen, tmp_path):
+    given = seen["logs"]["example"]
+    (tmp_path / "log.csv").write_text(given["log"])
+    assert command_line(tmp_path, tmp_path / "log.csv", given["car"]) == given["est"].encode()
+
+
+@pytest.mark.parametrize("name", ["example", "drive", "rough", "german", "parquet"])
+def test_its_estimates_are_those_of_the_command_line_to_the_byte(seen, name, tmp_path):
+    given = seen["logs"][name]
+    (tmp_path / "log.csv").write_text(given["log"])
+    assert given["state"].startswith("Done"), given["state"]
+    assert given["est"].count("\n") == given["log"].count("\n")
+    assert of_tselab(tmp_path, tmp_path / "log.csv", given["car"]) == given["est"].encode()
+
+
+@pytest.mark.parametrize("name", ["plain", "rough", "clock", "coarse"])
+def test_a_file_is_the_same_rows_here_and_there(seen, logs, name, tmp_path):
+    """What was dropped, not what the page handed out."""
+    given = seen["logs"][name]
+    assert of_tselab(tmp_path, Path(logs[name]), given["car"]) == given["est"].encode()
+
+
+def test_the_built_in_example_is_a_drive_of_tselab(seen, tmp_path):
+    config = Config()
+    plan = maneuvers.build(page.DRIVE, config, sample_time=config.sample_time, duration=page.SECONDS, road=[page.ROAD])
+    done = simulate(plan, config, SimConfig({"seed": page.SEED}))
+    write_table(done.log, tmp_path / "log.csv")
+    (tmp_path / "page.csv").write_text(seen["logs"]["example"]["log"])
+    made = pd.read_csv(tmp_path / "page.csv", dtype=str).astype(float)
+    expected = pd.read_csv(tmp_path / "log.csv", dtype=str).astype(float)
+    pd.testing.assert_frame_equal(made[list(expected)], expected, check_exact=True)
+    assert np.array_equal(made["ref_cy_front"], done.truth["true_cy_front"])
+
+
+def test_it_finds_the_road_change_of_the_example(seen):
+    assert "the road changed (all tyres) at 30." in seen["logs"]["example"]["change"]
+
+
+def test_a_german_log_is_understood(seen, slow, tmp_path):
+    """Semicolon, decimal comma, four wheels in km/h, degrees, g, a steering wheel that turns the other way."""
+    german = seen["logs"]["german"]
+    found = {channel: (m["unit"], m["sign"]) for channel, m in german["map"].items()}
+    assert found["steer_angle"] == ("deg", -1) and found["yaw_rate"] == ("deg/s", 1) and found["accel_y"] == ("g", 1)
+    assert german["map"]["wheel_speed_front"]["other"] == "v_VR [km/h]" and found["wheel_speed_front"][0] == "km/h"
+    ratio = german["map"]["steer_angle"]["ratio"]
+    assert 0.85 * RATIO < ratio < 1.15 * RATIO  # under- and oversteer are in it
+    assert "ratio about" in german["hint"]
+    (tmp_path / "log.csv").write_text(german["log"])
+    rows = pd.read_csv(tmp_path / "log.csv")
+    assert np.allclose(rows["steer_angle"] * ratio / RATIO, slow["steer_angle"], rtol=1e-12, atol=0)
+    for name in CHANNELS[1:]:
+        assert np.allclose(rows[name], slow[name], rtol=1e-9, atol=1e-12), name
+    assert "semicolon" in german["notes"]
+
+
+def test_a_parquet_file_has_the_rows_of_its_frame(seen, drive, tmp_path):
+    (tmp_path / "log.csv").write_text(seen["logs"]["parquet"]["log"])
+    rows = pd.read_csv(tmp_path / "log.csv", dtype=str).astype(float)
+    for name in ["time", *CHANNELS]:
+        assert np.array_equal(rows[name], drive[name]), name
+
+
+def test_noise_that_nobody_told_is_found_as_tselab_finds_it(seen, logs, tmp_path):
+    """The rules stand in two languages: they must say the same of a log with and without missing cells."""
+    for name in ("plain", "rough"):
+        (tmp_path / "page.toml").write_text(seen["logs"][name]["car"])
+        page_says = read_vehicle(tmp_path / "page.toml").values
+        needed = "\n".join(f"{key} = {page_says[key]}" for key in ("mass", "lf", "lr", "wheel_radius_front", "wheel_radius_rear"))
+        (tmp_path / "plain.toml").write_text(needed)
+        vehicle = read_vehicle(tmp_path / "plain.toml")
+        fill_sensors(vehicle, read_log(Path(logs[name])))
+        assert len([key for key in vehicle.values if key.endswith(("_sd", "_walk"))]) > 15
+        for key, value in vehicle.values.items():
+            if key != "yaw_inertia_sd":  # of a rule for an inertia that the file does not say; here it is a field
+                assert page_says[key] == pytest.approx(value, rel=1e-9), key
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("broken", ["line 41", "10 cells", "7 columns"]),
+        ("word", ["line 2", "column time", '"x" is not a number', "seconds"]),
+        ("empty", ["is empty"]),
+        ("degrees", ["column steer_angle", "outside the allowed range -1.2 .. 1.2 rad", "steering ratio"]),
+        ("binary", ["binary", "tselab"]),
+    ],
+)
+def test_what_is_wrong_with_a_file_is_said(seen, name, words):
+    wrong = seen["logs"][name]["wrong"].replace("−", "-")
+    for word in words:
+        assert word in wrong, wrong
+
+
+def test_a_vehicle_file_is_filled_in_as_tselab_fills_it_in(seen, cars):
+    vehicle, page_says = read_vehicle(Path(cars["little"])), seen["cars"]["little"]
+    assert page_says["wrong"] == ""
+    assert vehicle.values["cornering_stiffness_front"] != Config().cornering_stiffness_front
+    for key, value in vehicle.values.items():
+        assert page_says["settings"][key] == pytest.approx(value, rel=1e-12), key
+
+
+def test_what_a_vehicle_file_says_outlives_the_next_log(seen, cars, logs):
+    vehicle = read_vehicle(Path(cars["little"]))
+    fill_sensors(vehicle, read_log(Path(logs["plain"])))
+    for key, value in vehicle.values.items():
+        assert seen["kept"][key] == pytest.approx(value, rel=1e-9), key
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("misspelt", ["key masss is not known"]),
+        ("heavy", ["key mass", "refused", "50 .. 50000 kg"]),
+        ("short", ["key mass, lr", "is missing"]),
+        ("broken", ["not TOML"]),
+    ],
+)
+def test_what_is_wrong_with_a_vehicle_file_is_said(seen, name, words):
+    for word in words:
+        assert word in seen["cars"][name]["wrong"], seen["cars"][name]["wrong"]
+
+
+def test_every_control_has_a_name(seen):
+    assert seen["nameless"] == []
+
+
+def test_a_setting_outside_its_range_is_refused_with_the_range(seen):
+    assert "mass: 5; allowed: 50 .. 50000 kg" in seen["mass"]
+
+
+def test_the_filter_follows_a_road_change_in_the_drive(seen):
+    dry, wet = seen["drive"]["dry"], seen["drive"]["wet"]
+    assert wet["truth"] == pytest.approx(0.75 * dry["truth"])
+    for at in (dry, wet):
+        assert at["valid"] == 1
+        assert abs(at["est"] - at["truth"]) < 4 * at["sd"] and at["sd"] < 0.1 * at["truth"]
+    assert wet["kind"] == 1 and 18 < wet["age"] < 20  # the road, seen within 2 s
+
+
+def test_keys_steer_and_take_over_from_the_driver(seen):
+    assert seen["steered"]["angle"] > 0.01 and seen["steered"]["yaw"] > 0.01 and not seen["steered"]["auto"]
+
+
+def test_a_peak_of_one_row_is_drawn_from_far(seen):
+    """200 000 rows on 300 pixels."""
+    assert seen["peak"] == 1
+
+
+def test_it_zooms_by_keys(seen):
+    assert seen["zoomed"] == pytest.approx(15.0)
+
+
+def test_a_phone_needs_no_sideways_scrolling(seen):
+    assert seen["overflow"] <= 0
+
+
+def test_pictures_are_left_for_people_to_look_at(seen):
+    light, dark, phone = ("start", "example", "mapping", "broken"), ("drive", "kept"), ("example", "drive")
+    for name in (*(f"{x}-light" for x in light), *(f"{x}-dark" for x in dark), *(f"{x}-phone" for x in phone)):
+        assert (SHOTS / f"{name}.png").stat().st_size > 5000, name
+
+
+def test_without_npm_the_page_is_built_and_says_what_it_lacks(tmp_path):
+    try:
+        page.compilers()
+    except page.Failed as error:
+        pytest.skip(str(error))
+    said = page.build(tmp_path / "try.html", npm=False)
+    assert "without Parquet" in said[0]
+    assert '"parquet": false' in (tmp_path / "try.html").read_text()
