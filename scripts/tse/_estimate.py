@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -16,13 +17,17 @@ from tse._base import Array
 from tse._filter import UNKNOWN_AGE, Filter, Form
 from tse._tables import STIFFNESS
 from tse._vehicle import VehicleLike, read_vehicle
-from tselab import regimes
+from tselab import regimes, results
+from tselab.estimate import Estimate as Estimated
 from tselab.estimate import estimate as _run
 from tselab.estimate import write_table
 from tselab.learnt import Learnt
 from tselab.log import read_frame
 from tselab.prepare import assemble
-from tselab.verdict import findings
+from tselab.verdict import Finding, findings
+
+Usable: TypeAlias = Literal["yes", "in part", "no"]
+USABLE: dict[int, Usable] = {results.USABLE: "yes", results.IN_PART: "in part", results.NOTHING: "no"}
 
 
 @dataclass(frozen=True)
@@ -36,8 +41,12 @@ class Result:
     """All settings of the run, by name: also those that were found in the log."""
     notes: tuple[str, ...] = ()
     """What was odd, or was filled in, in words."""
+    warnings: tuple[str, ...] = ()
+    """In what the channels contradict each other (units, signs, axes), in words. Of such a log no stiffness is usable, whatever the
+    rows say: the filter takes a channel that is wrong all the time for another car."""
     learnt: bytes | None = None
-    """What the log has taught, for the next drive: for the argument `learnt`, Filter.load_learnt() and tse_learnt_load() in C."""
+    """What the log has taught, for the next drive: for the argument `learnt`, Filter.load_learnt() and tse_learnt_load() in C.
+    None: no row was used, or the channels contradict each other."""
     told_sd: dict[str, npt.NDArray[np.float64]] = field(default_factory=dict)
     """What each quantity that is told of the car, and may be off, adds to the sd at the end: (3,), relative to nominal."""
 
@@ -85,8 +94,25 @@ class Result:
     @property
     def words(self) -> tuple[str, ...]:
         """What the log says of the tyres, as `tselab estimate` ends."""
+        return tuple(line for f in self._found()[0] for line in f.lines())
+
+    @property
+    def usable(self) -> Usable:
+        """ "yes": the log tells every stiffness; "in part"; "no": none. The exit code of `tselab estimate` says the same."""
+        return USABLE[results.exit_code(self._found()[0])]
+
+    @property
+    def stretches(self) -> pd.DataFrame:
+        """What is known, as `tselab estimate --table` writes it: a row per stretch of road between changes and stiffness, with
+        start, end [s], value, sd, low, high [N, N/rad], valid (share of the rows), usable, reason, change, ratio, text."""
+        found, changes = self._found()
+        rows = results.rows(Path(), Estimated(_plain(self.table), False), found, changes, self.warnings)
+        return results.as_frame(rows, results.COLUMNS).drop(columns="log")
+
+    def _found(self) -> tuple[list[Finding], list[regimes.Change]]:
         plain, config = _plain(self.table), Filter(settings=self.settings)._config
-        return tuple(line for f in findings(plain, config, regimes.changes(plain)) for line in f.lines())
+        changes = regimes.changes(plain)
+        return findings(plain, config, changes, self.warnings), changes
 
     def filter(self) -> Filter:
         """A filter with the settings of this run, before its first row."""
@@ -126,7 +152,8 @@ def estimate(
 
     What the vehicle leaves out of the sensors is found in the log; the same bits as `tselab estimate` on the same numbers.
     A channel that is not there, single values that nothing can have, and a clock that jumps are worked around, and Result.notes
-    says so. Refused (Error): a log without steering angle, without both axles' wheel speeds or without accel_y and yaw_rate; a
+    says so; channels that contradict each other are warned of (Result.warnings, UserWarning), and leave nothing usable.
+    Refused (Error): a log without steering angle, without both axles' wheel speeds or without accel_y and yaw_rate; a
     column that is not numeric, or often out of range. The message names column, row, value and range.
     """
     if isinstance(frame, np.ndarray):
@@ -140,12 +167,15 @@ def estimate(
     done = _run(ready.log, ready.config, learnt=before)
     if done.interrupted:
         raise KeyboardInterrupt
+    for line in ready.warnings:
+        warnings.warn(line, stacklevel=2)
     flags = [c for c in map(str, done.table) if c.endswith(("_valid", "_spread_seen"))]
     return Result(
         done.table.astype(dict.fromkeys(flags, bool)),
         ready.config.as_dict(),
-        (*ready.vehicle.filled, *ready.notes),
-        done.learnt,
+        (*ready.vehicle.filled, *(n for n in ready.notes if n not in ready.warnings)),
+        tuple(ready.warnings),
+        None if ready.warnings else done.learnt,
         done.told_sd,
     )
 

@@ -134,10 +134,14 @@ def check_table(path: Path | None) -> None:
         raise UserError(f"option --table: {path}: a table is written as .parquet or .csv, by its name")
 
 
+def as_frame(table: Sequence[Mapping[str, Any]], columns: Mapping[str, str]) -> pd.DataFrame:
+    """Rows with these columns, of these types, in this order."""
+    return pd.DataFrame([plain(r) for r in table], columns=list(columns)).astype(dict(columns))
+
+
 def write_rows(path: Path, table: Sequence[Mapping[str, Any]], columns: Mapping[str, str] | None = None) -> None:
     """Rows as Parquet or CSV, by the name. `columns`: their order and types; else those of the first row."""
-    frame = pd.DataFrame([plain(r) for r in table], columns=list(columns) if columns else None)
-    frame = frame.astype(dict(columns)) if columns else frame
+    frame = as_frame(table, columns) if columns else pd.DataFrame([plain(r) for r in table])
     with atomic(path, "wb") as file:
         if is_parquet(path):
             frame.to_parquet(file, index=False)

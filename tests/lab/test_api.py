@@ -46,6 +46,21 @@ def same_bits(a, b):
     return np.array_equal(np.asarray(a, float), np.asarray(b, float), equal_nan=True)
 
 
+def test_what_is_usable_is_what_the_command_says(drive, result, tmp_path):
+    done = tselab("estimate", drive.log, "--vehicle", drive.vehicle, "--out", tmp_path / "e.csv", "--table", tmp_path / "t.parquet")
+    assert {0: "yes", 3: "in part", 4: "no"}[done.code] == result.usable
+    theirs = pd.read_parquet(tmp_path / "t.parquet").drop(columns="log")
+    pd.testing.assert_frame_equal(result.stretches, theirs, check_exact=True)
+
+
+def test_a_frame_that_contradicts_itself_warns_and_leaves_nothing_usable(drive, frame):
+    with pytest.warns(UserWarning, match="yaw_rate is positive to the right"):
+        wrong = tse.estimate(frame.assign(yaw_rate=-frame["yaw_rate"]), drive.vehicle)
+    assert wrong.usable == "no" and wrong.learnt is None and wrong.stretches["value"].isna().all()
+    assert len(wrong.warnings) == 1 and not set(wrong.warnings) & set(wrong.notes)
+    assert all("contradict" in line for line in wrong.words)
+
+
 def as_row(table, i):
     return {name: table[name][i] for name in table.columns}
 
