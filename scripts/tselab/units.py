@@ -24,6 +24,7 @@ VANISHED = (
     30.0  # squared sd of a figure that one unit shows and another does not: at another speed the car would not move
 )
 ENOUGH = {"accel_y": 0.9, "accel_x": 0.8, "steer_angle": 0.85}  # correlation, or its square, from which a figure counts
+ODD = 12.0  # the same of a factor that no unit has: PRICE, and that it could have been any, of 1/20 .. 20 with the accuracy of SD
 WELL = 0.10  # what a cause leaves, to be said to explain
 FAR = 0.35  # of a logarithm: what is further off is said even when nothing explains it
 G = 9.80665
@@ -84,12 +85,14 @@ def check_units(
             cost = _cost(figures, causes) + lost + PRICE * (len(causes) + (wheels is not None))
             if not causes and wheels is None:
                 plain = cost, figures
+            elif plain and len(figures.value) < len(plain[1].value):
+                continue  # at that speed the log says less: no explanation of what it says
             if best is None or cost < best[0]:
                 best = cost, (*((wheels,) if wheels else ()), *causes), figures
     if best is None or plain is None or not plain[1].value:
         return []
     _, causes, after = best
-    if causes:
+    if causes and best[0] < _of_any_factor(plain[1]):
         return [_words(causes, plain[1], _left(after, causes))]
     if notes is not None:
         notes += _speed_off(plain[1], radius)
@@ -98,6 +101,20 @@ def check_units(
         for name, x in plain[1].value.items()
         if abs(np.log(abs(x))) > FAR + 2 * plain[1].sd[name]
     ]
+
+
+def _of_any_factor(figures: Figures) -> float:
+    """What it costs that one channel is off by a factor that no unit has: the best one."""
+    costs = []
+    for channel in ("yaw_rate", "accel_y", "accel_x", "steer_angle"):
+        turned = _left(figures, (Cause(channel, np.e, ""),))  # which figures go with it, and which against it
+        log = {n: np.log(abs(x)) for n, x in figures.value.items() if abs(turned[n] / x - 1) > 1e-9}
+        if log:
+            power = {n: np.log(abs(turned[n] / figures.value[n])) for n in log}
+            weight = {n: 1.0 / figures.sd[n] ** 2 for n in log}
+            best = -sum(weight[n] * power[n] * log[n] for n in log) / sum(weight[n] * power[n] ** 2 for n in log)
+            costs += [_cost(figures, (Cause(channel, sign * float(np.exp(best)), ""),)) for sign in (1, -1)]
+    return ODD + min(costs, default=np.inf)
 
 
 POWERS = {"accel_y": -1, "accel_x": -1, "steer_angle": 1, "track_front": 1, "track_rear": 1, "speed": 1}  # of v in a figure

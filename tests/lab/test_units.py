@@ -52,6 +52,22 @@ def test_wrong_units_and_signs_are_named(lively, scale, hint):
     assert hint in warnings(lively, **scale)
 
 
+def test_a_scale_that_no_unit_has_is_said_without_one(lively):
+    """2.9 is no unit; with the wheels taken for rpm the car would hardly move, so nothing would speak against it."""
+    said = warnings(lively, yaw_rate=2.9)
+    assert "no unit that is often mixed up explains it" in said and "rpm" not in said and "factor" not in said
+
+
+def test_steering_at_one_speed_where_one_understeer_would_leave_nothing():
+    """At 25 m/s an understeer of -0.0016 s2/m2, which is among those tried, would need no steering in any bend."""
+    from tselab.logs import physics
+
+    v = np.full(4000, 25.0)
+    r = 0.1 * np.sin(np.arange(4000) / physics.RATE)
+    seen = physics.steering(16.0 * 2.75 * r / v * (1 + 0.002 * v**2), v, r)
+    assert seen is not None and seen.per_curvature == pytest.approx(16.0 * 2.75, rel=0.05)
+
+
 def test_the_warning_reaches_the_terminal(lively, drive, tmp_path):
     table = pd.read_csv(lively)
     table["accel_y"] /= 9.81

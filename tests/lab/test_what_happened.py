@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -69,6 +72,37 @@ def test_a_change_has_time_kind_probability_and_what_it_did():
     assert change.label == "road changed at 36.03 s, 97 %"
     assert change.ratio["cy_rear"] == pytest.approx((0.7, 0.7 * 0.01 * np.sqrt(2)))
     assert change.effect == "front longitudinal x 0.70 ± 0.01, front cornering x 0.70 ± 0.01, rear cornering x 0.70 ± 0.01"
+
+
+def test_a_moment_that_did_not_fit_is_no_other_road():
+    """The filter opened what it knew, and found the same again: 6 % of 15 % is no change. 30 % of the same car is."""
+    loose = dict.fromkeys((f"{s}_sd" for s in STIFFNESS), 0.15 * 1.2e5)
+    assert changes(table_of([(36.1, 60, (36.03, 1, 0.99, 0.94))]).assign(**loose)) == []
+    (change,) = changes(table_of([(36.1, 60, (36.03, 1, 0.99, 0.6))]).assign(**loose))
+    assert 0.9 < change.probability < 0.99
+
+
+def test_the_probability_of_another_stiffness_is_that_of_the_two_normals():
+    from scipy.stats import multivariate_normal
+
+    from tselab import regimes
+
+    x, sd = np.log([0.85, 0.8, 0.95]), np.array([0.15, 0.2, 0.12])
+    noise = np.diag((1 - regimes.SAME_CAR) * sd**2)
+    ratio = {s: (float(np.exp(a)), float(np.exp(a) * b)) for s, a, b in zip(STIFFNESS, x, sd, strict=True)}
+    density = [multivariate_normal.pdf(x, cov=noise + more) for more in (0.4**2 + 0.1**2 * np.eye(3), 0)]
+    expected = density[0] / (density[0] + regimes.MISFITS * density[1])
+    assert 0.05 < expected < 0.95 and regimes._another(1, ratio) == pytest.approx(expected, rel=1e-9)
+    assert regimes._another(4, ratio) == 1.0 and regimes._another(1, {"cx_front": (0.7, float("nan"))}) == 1.0
+
+
+def test_a_change_is_spread_as_in_the_library():
+    from tselab import regimes
+
+    text = (Path(__file__).resolve().parents[2] / "include" / "tse" / "constants.def").read_text()
+    names = ("ROAD_COMMON", "ROAD_OWN", "AXLE_OPEN")
+    common, own, axle = (float(re.search(rf"CONSTANT\({name}, *([\d.]+)", text)[1]) for name in names)
+    assert {1: (common, own), 2: (0.0, axle), 3: (0.0, axle)} == regimes.OPENED
 
 
 @pytest.mark.parametrize(
@@ -207,3 +241,19 @@ def test_the_terminal_tells_what_happened_and_speaks_of_every_stretch(drive, tmp
     monkeypatch.setattr(single, "estimate_to", lambda *_, **__: Estimate(table_of(every_5_s, 200), False))
     done = tselab_here("estimate", drive.log, "--vehicle", drive.vehicle, cwd=tmp_path)
     assert done.out.count("From ") == 12 and "and 28 more stretches, which --report lists" in done.out
+
+
+CAR = "mass = 1900\nlf = 1.25\nlr = 1.5\nyaw_inertia = 3000\nwheel_radius_front = 0.33\nwheel_radius_rear = 0.33\n"
+CALIBRATED = "[uncertainty]\nmodel_sd = 0.03\nmass_sd = 0.01\nrelaxation_sd = 0.1\nwheel_delay_sd = 0.002\nsteer_ratio_sd = 0.01\n"
+
+
+@pytest.mark.parametrize(("car", "level"), [(CAR, 0.5), (CAR + CALIBRATED, 0.7), (CAR, 1.0)], ids=["unknown", "calibrated", "none"])
+def test_another_road_is_told_of_a_car_that_is_known_loosely(car, level, tmp_path):
+    """A band of 25 % is of the car, and is the same before and after."""
+    (tmp_path / "car.toml").write_text(car)
+    road = ("--road-change", f"40:{level}") if level < 1 else ()
+    done = tselab_here("simulate", "--maneuver", "double-lane-change", "--duration", 60, *road, "--out", "log.csv", cwd=tmp_path)
+    assert done.code == 0, done.err
+    done = tselab_here("estimate", "log.csv", "--vehicle", "car.toml", "--out", "e.csv", cwd=tmp_path)
+    times = [c.time for c in changes(pd.read_csv(tmp_path / "e.csv"))]
+    assert times == [pytest.approx(40.0, abs=1.0)] if level < 1 else times == []
