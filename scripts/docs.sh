@@ -18,6 +18,7 @@ python=${TSE_DOCS_PYTHON:-.venv/bin/python}       # another environment, when .v
   || { echo "docs: mkdocs-material, mkdocstrings, latex2mathml and matplotlib are needed; scripts/setup.sh docs could not install them" >&2; exit 1; }
 export PYTHONPATH="$PWD/scripts${PYTHONPATH:+:$PYTHONPATH}" NO_MKDOCS_2_WARNING=1 OPENBLAS_NUM_THREADS=1
 "$python" -m docsite.pictures
+"$python" scripts/page.py --out "${TSE_SITE_PARTS:-build/site-parts}/try.html"
 "$python" -m mkdocs build --quiet --strict --config-file docs/mkdocs.yml
 "$python" -m docsite.check build/site
 echo "docs: build/site/index.html"

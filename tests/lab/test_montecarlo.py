@@ -526,7 +526,7 @@ def test_a_scheduler_that_is_not_there_is_named(tmp_path, address):
 
 def test_without_dask_the_extra_is_named(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(UserError, match=r"pip install 'tselab\[cluster\]'"):
+    with pytest.raises(UserError, match=r"pip install 'tse\[cluster\]'"):
         engine.run(plan("stress", "nominal"), tmp_path, scheduler="tcp://127.0.0.1:9")
 
 

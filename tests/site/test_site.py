@@ -68,6 +68,7 @@ def site(tmp_path_factory):
             (parts / "assets" / f"{name}-{scheme}.svg").write_text("<svg xmlns='http://www.w3.org/2000/svg'/>")
     (parts / "examples").mkdir()
     (parts / "examples" / "report.html").write_text("<p>")
+    (parts / "try.html").write_text("<p>")  # tests/page has those of the page
     offline = out / "sitecustomize.py"
     offline.write_text(
         "import socket\ndef no(*_a, **_k):\n    raise OSError('the site is built offline')\n"
