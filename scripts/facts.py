@@ -1,11 +1,13 @@
 #!/usr/bin/env python3
-"""Measure what README states, write the tables to scripts/results, and put them into README between their markers.
+"""Measure what README and the site state, and write the tables to scripts/results; put the program into README that it shows.
 
     .venv/bin/python scripts/facts.py            everything: about a minute and a half
     .venv/bin/python scripts/facts.py --fmu      only what the FMUs compute and what their variables are: some seconds
     .venv/bin/python scripts/facts.py --clients  only what validators and clients say of the FMUs: a minute, the first time three;
                                                  needs the extras clients and platforms, Java, Maven, wine and qemu-aarch64
-    .venv/bin/python scripts/facts.py --check    measure nothing; fail when README differs from scripts/results
+    .venv/bin/python scripts/facts.py --check    measure nothing; fail when README shows another program than scripts/examples has
+
+That README's numbers are those of scripts/results: tests/test_readme.py. The site takes the tables in when it is built.
 """
 
 from __future__ import annotations
@@ -23,7 +25,7 @@ README = ROOT / "README.md"
 FMUS = ROOT / "build" / "fmu" / "fmu"
 FORMATS = ("double", "float", "fixed")
 
-# Of the variables of each FMU: what a table in README lists one by one. Of the others it names the groups.
+# Of the variables of each FMU: what the table for readers lists one by one. Of the others it names the groups.
 MAIN = {
     "TireStiffnessEstimator": r"\w+|estimate\.c[xy]_(front|rear)(_sd|_spread|_valid|_reason)?|"
     r"estimate\.relative\.c[xy]_(front|rear)|estimate\.(sideslip|valid|status)",
@@ -112,27 +114,13 @@ def constants() -> None:
     (RESULTS / "gap-constants.md").write_text(output(sys.executable, "-m", "tselab.gap.constants"))
 
 
-def columns(text: str, which: int, names: list[str]) -> str:
-    """Some columns of the which-th table of a Markdown text; the text where it has no table: it has not been measured yet."""
-    tables = re.findall(r"(?:^\|.*\n)+", text + "\n", flags=re.M)
-    if not tables:
-        return text
-    rows = [[cell.strip() for cell in line.strip("| ").split("|")] for line in tables[which - 1].splitlines()]
-    at = [rows[0].index(name) for name in names]
-    return "\n".join("| " + " | ".join(row[i] for i in at) + " |" for row in rows)
-
-
 def updated(text: str) -> str:
-    """README with every block holding scripts/results/NAME.md, or some columns of a table in it:
-    `<!-- facts: NAME -->`, `<!-- facts: NAME 2: column, column -->` ... `<!-- end -->`."""
+    """README with every block below `<!-- code: FILE -->` holding that file."""
 
     def block(match: re.Match[str]) -> str:
-        content = (RESULTS / f"{match[1]}.md").read_text().strip()
-        if match[2]:
-            content = columns(content, int(match[2]), match[3].split("; "))
-        return f"{match[0].splitlines()[0]}\n{content}\n<!-- end -->"
+        return f"{match[1]}{(ROOT / match[2]).read_text(encoding='utf-8').rstrip()}\n```\n"
 
-    return re.sub(r"<!-- facts: ([\w-]+)(?: (\d+): ([^>\n]*?))? -->\n.*?<!-- end -->", block, text, flags=re.S)
+    return re.sub(r"(<!-- code: (\S+) -->\n```\w+\n).*?```\n", block, text, flags=re.S)
 
 
 def main() -> int:
@@ -150,7 +138,7 @@ def main() -> int:
     text = README.read_text()
     if options.check:
         if updated(text) != text:
-            print("README.md differs from scripts/results: run scripts/facts.py", file=sys.stderr)
+            print("README.md shows another program than scripts/examples has: run scripts/facts.py", file=sys.stderr)
             return 1
         return 0
     README.write_text(updated(text))

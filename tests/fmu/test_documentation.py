@@ -1,5 +1,5 @@
-"""The FMUs' documentation/index.html is complete and self-contained; its examples, and those of README, run and say what the text
-says."""
+"""The FMUs' documentation/index.html is complete and self-contained; its examples, and those of the guide, run and say what the
+text says."""
 
 from __future__ import annotations
 
@@ -122,12 +122,12 @@ def test_the_page_needs_neither_network_nor_script_and_nothing_is_left_to_fill_i
     assert open_tags == []
 
 
-def readme_examples() -> list[str]:
-    section = (ROOT / "README.md").read_text(encoding="utf-8").split("\n## FMU\n")[1].split("\n## ")[0]
-    return re.findall(r"```python\n(.*?)```", section, flags=re.S)
+def guide_examples() -> list[str]:
+    guide = (ROOT / "docs" / "pages" / "use" / "fmu.md").read_text(encoding="utf-8")
+    return re.findall(r"```python\n(.*?)```", guide, flags=re.S)
 
 
-def test_the_readmes_example_estimates_from_a_log(built, tmp_path):
+def test_the_guides_example_estimates_from_a_log(built, tmp_path):
     names = ["steer_angle", "wheel_speed_front", "wheel_speed_rear", "accel_x", "accel_y", "yaw_rate"]
     time = np.arange(0.0, 10.0, 0.01)
     driver = np.rec.fromarrays([time, np.where(time % 4 < 2, 0.02, -0.02)], names=["time", "steer_angle"])
@@ -139,17 +139,17 @@ def test_the_readmes_example_estimates_from_a_log(built, tmp_path):
     columns = [car["time"], *(car[name] for name in outputs)]
     header = ",".join(["time", *names])
     np.savetxt(tmp_path / "log.csv", np.column_stack(columns), delimiter=",", header=header, comments="")
-    said = run(readme_examples()[0], tmp_path, built / "TireStiffnessEstimator.fmu").split()
+    said = run(guide_examples()[0], tmp_path, built / "TireStiffnessEstimator.fmu").split()
     assert float(said[-2]) == pytest.approx(0.8, abs=0.03)
     assert said[-1] == "True"
 
 
-def test_the_readmes_system_runs(built, tmp_path):
-    said = run(readme_examples()[1], tmp_path, built / "StiffnessStudy.ssp").split()
+def test_the_guides_system_runs(built, tmp_path):
+    said = run(guide_examples()[1], tmp_path, built / "StiffnessStudy.ssp").split()
     assert float(said[-2]) == pytest.approx(float(said[-1]), rel=0.03)
 
 
-def test_the_readmes_table_is_that_of_the_variables(built):
+def test_the_table_for_readers_is_that_of_the_variables(built):
     spec = importlib.util.spec_from_file_location("facts", ROOT / "scripts" / "facts.py")
     facts = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(facts)
