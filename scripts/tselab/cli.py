@@ -187,9 +187,10 @@ def estimate(
     unit = "deg"                     unit = "km/h"                     unit = "g"
     ratio = 15.3                     latency = 0.02                    sign = -1
 
-    Further keys: scale, offset, sign_bit, radius (of a wheel, m), valid and counter (signals of the message that say so), hold
-    (sent only when it changes); ratio may be a table [[angle, ratio], ...]. [log]: time, time_unit, step, rate, databases,
-    separator, decimal, encoding, header. Channels that the log does not have are missing: what can still be told is.
+    Further keys: scale, offset, sign_bit, add (a signal with the rest of the value), radius (of a wheel, m), valid and counter
+    (signals of the message that say so), hold (sent only when it changes), unsure (what was guessed: every run says so, and
+    --strict refuses, until it is taken out); ratio may be a table [[angle, ratio], ...]. [log]: time, time_unit, step, rate,
+    databases, separator, decimal, encoding, header. Channels that the log does not have are missing: what can still be told is.
 
     The vehicle file may leave out stiffness and what the sensors are like; a rule fills it in and the run says so:
 
@@ -243,13 +244,14 @@ def estimate(
             notes.append(f"the channels contradict each other, so nothing was learnt: {save_learnt} is not written")
         else:
             notes.append(f"no row was used, so nothing was learnt: {save_learnt} is not written")
+    odd = [*warnings, *log.warnings]
     if table is not None:
-        results.write_rows(table, results.rows(log_path, est, found, changes, warnings), results.COLUMNS)
+        results.write_rows(table, results.rows(log_path, est, found, changes, odd), results.COLUMNS)
     written = {"estimates": out, "report": report if ran.reported else None, "table": table}
     written["learnt"] = save_learnt if est.learnt is not None and not warnings else None
     if as_json:
         said = {"vehicle": vehicle.path, "started_from": learnt.note if learnt is not None else None, "filled": vehicle.filled,
-                "notes": [n for n in notes if n not in warnings], "warnings": warnings, "interrupted": est.interrupted,
+                "notes": [n for n in notes if n not in odd], "warnings": odd, "interrupted": est.interrupted,
                 "written": written}  # fmt: skip
         results.say_json(results.document(log_path, est, found, config, said))
     else:
@@ -260,7 +262,7 @@ def estimate(
         for line in vehicle.filled:
             click.echo(f"filled in: {line}")
         for line in notes:
-            click.echo(f"{'warning' if line in warnings else 'note'}: {line}", err=True)
+            click.echo(f"{'warning' if line in odd else 'note'}: {line}", err=True)
         for line in regimes.words(changes, regimes.spells(est.table)):
             click.echo(line)
         for finding in found[:MOST_FINDINGS]:

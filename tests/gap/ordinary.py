@@ -67,7 +67,8 @@ def score(rows: np.ndarray, config: Config, truth: dict[str, float]) -> dict[str
         found[f"{key} held"] = float((valid & (np.abs(error) < 1.96 * sd)).sum())
         found[f"{key} error"] = np.median(error[late])
     if "change_age" in out.dtype.names:
-        events = pd.DataFrame({"time": time, **{name: out[name] for name in regimes.COLUMNS if name in out.dtype.names}})
+        told = [*regimes.COLUMNS, *sorted(regimes.SDS)]
+        events = pd.DataFrame({"time": time, **{name: out[name] for name in told if name in out.dtype.names}})
         found["changes"] = len(regimes.changes(events))
     return found
 

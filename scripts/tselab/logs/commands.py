@@ -160,6 +160,9 @@ def _headline(g: Guess) -> str:
         + ([f"ratio {g.ratio:g}"] if g.ratio else [])
     )
     more += [f"latency {1e3 * g.latency:.0f} ms"] if g.latency else []
+    more += [f"and {g.add}"] if g.add else []
+    more += [f"valid where {g.valid[0]} is {g.valid[1]:g}"] if g.valid else []
+    more += [f"counter {g.counter[0]}"] if g.counter else []
     return f"{g.channel} = {' and '.join(g.name)}: {', '.join(more)}; {g.confidence}"
 
 
@@ -198,12 +201,21 @@ def toml_text(recording: Recording, proposal: Proposal, databases: tuple[Path, .
         lines.append(f"unit = {json.dumps(g.unit, ensure_ascii=False)}  # {g.unit_from}")
         if g.sign < 0:
             lines.append("sign = -1")
+        if g.add:
+            lines.append(f"add = {json.dumps(g.add, ensure_ascii=False)}")
         if g.sign_bit:
             lines.append(f"sign_bit = {json.dumps(g.sign_bit, ensure_ascii=False)}")
         if g.ratio:
             lines.append(f"ratio = {g.ratio:g}")
         if g.latency:
             lines.append(f"latency = {g.latency:g}")
+        if g.valid:
+            lines.append(f"valid = {{name = {json.dumps(g.valid[0], ensure_ascii=False)}, is = [{g.valid[1]:g}]}}")
+        if g.counter:
+            lines.append(f"counter = {{name = {json.dumps(g.counter[0], ensure_ascii=False)}, modulo = {g.counter[1]}}}")
+        if g.unsure:
+            what = json.dumps(", ".join(g.unsure), ensure_ascii=False)
+            lines.append(f"unsure = {what}  # when you have looked, take this line out")
     for channel in proposal.missing:
         lines += ["", f"# [signals.{channel}]", '# name = "..."  # not found; left out, it is used as missing']
     return "\n".join(lines) + "\n"

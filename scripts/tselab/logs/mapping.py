@@ -98,6 +98,8 @@ def _one(
     source = f"{signals.path}: [signals.{signal.channel}] name" if signals.path else f"channel {signal.channel}"
     channel = recording.find(name, source)
     time, value = clocks.of(channel)
+    if signal.add is not None:
+        value = value + _standing(clocks, recording.find(signal.add, source.replace("] name", "] add")), time)
     per = _factor(signal, channel, part, car, source, notes)
     if signal.offset:
         value = value - signal.offset

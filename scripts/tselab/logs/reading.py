@@ -50,6 +50,12 @@ def read_any(path: Path, spare: Collection[str], reading: Reading) -> Log:
     notes += rows.notes
     line = room.keep(np.arange(1, len(rows.time) + 1))
     log = checked(path, rows.time, dict(rows.value), line, notes, spare, place="row", room=room)
+    guessed = [f"{s.channel} ({s.unsure})" for s in signals.signals.values() if s.unsure]
+    if guessed:
+        log.warnings.append(
+            f"guessed, and believed: {'; '.join(guessed)}: look at {signals.path}, and take the key unsure out"
+        )
+        log.notes.insert(0, log.warnings[-1])
     log.slower = _slower(rows.native, rows.rate, room)
     log.let_go()
     return log

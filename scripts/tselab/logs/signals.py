@@ -20,7 +20,10 @@ BESIDE = "signals.toml"
 SLOWEST, FASTEST = 2.0, 1000.0  # Hz: of a raster
 LONGEST_LATENCY = 1.0  # s
 LOG_KEYS = {f.name for f in fields(How)} - {"wanted"} | {"rate"}
-KEYS = ("name", "unit", "sign", "sign_bit", "scale", "offset", "ratio", "radius", "latency", "valid", "counter", "hold")
+KEYS = (
+    "name", "add", "unit", "sign", "sign_bit", "scale", "offset", "ratio", "radius", "latency", "valid", "counter", "hold",
+    "unsure",
+)  # fmt: skip
 RANGES = {  # key -> low, high, unit, what it is
     "scale": (-1e9, 1e9, "", "a factor after the unit, 1 if left out"),
     "offset": (-1e6, 1e6, "", "taken off in the unit of the signal, 0 if left out"),
@@ -65,6 +68,8 @@ class Signal:
     valid: Flag | None = None
     counter: Counter | None = None
     hold: bool = False  # sent only when it changes: a value stands until the next
+    add: str | None = None  # a signal with the rest of the value, in the same unit: the fine part of an angle
+    unsure: str = ""  # what was guessed and could not be tested; every run says so until the key is taken out
 
 
 @dataclass(frozen=True)
@@ -81,7 +86,7 @@ class Signals:
         names = {
             n
             for s in self.signals.values()
-            for n in (*s.name, s.sign_bit, s.valid and s.valid.name, s.counter and s.counter.name)
+            for n in (*s.name, s.add, s.sign_bit, s.valid and s.valid.name, s.counter and s.counter.name)
             if n
         }
         return name in names or any(
@@ -221,11 +226,20 @@ def _signal(channel: str, at: str, table: dict[str, Any], refuse: Any) -> Signal
                 f"{unit!r} cannot be turned into {unit_of(channel)}; {_units_for(channel)} can, for instance",
             )
         values["unit"] = unit
-    for key in ("sign_bit",):
+    for key, what in (
+        ("sign_bit", "the name of a signal that is 1 where the value is negative"),
+        ("add", "the name of a signal with the rest of the value, in the same unit"),
+    ):
         if key in table:
             if not isinstance(table[key], str):
-                raise refuse(at, key, "must be the name of a signal that is 1 where the value is negative")
+                raise refuse(at, key, f"must be {what}")
             values[key] = table[key]
+    if "add" in table and len(names) > 1:
+        raise refuse(at, "add", "goes with one name")
+    if "unsure" in table:
+        if not isinstance(table["unsure"], str) or not table["unsure"].strip():
+            raise refuse(at, "unsure", 'must say what is: unsure = "the sign"; leave it out when you have looked')
+        values["unsure"] = table["unsure"].strip()
     if "ratio" in table:
         if channel != "steer_angle":
             raise refuse(at, "ratio", "is the steering ratio, of steer_angle")

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from tselab.logs.propose.companions import counted, find_companions
 from tselab.logs.propose.guesses import make_guesses
 from tselab.logs.propose.look import Guess, Look, Proposal
 from tselab.logs.propose.roles import find_roles
@@ -31,13 +32,15 @@ def propose(recording: Recording, car: Any | None = None) -> Proposal:
         chosen, worth = find_roles(look, wheels, raw, chosen)
         if raw is None:
             break
-    wheels = find_sides(look, wheels, chosen)
+        wheels = find_sides(look, wheels, chosen)
     scale = find_units(look, wheels, chosen, car, warnings)
     guesses = make_guesses(look, wheels, chosen, worth, scale, car, warnings)
     for g in guesses:
         if len(g.name) == 1 and g.name[0] in look.sign_bit:
             g.sign_bit = look.sign_bit[g.name[0]]
             g.figures.append(f"its sign is {g.sign_bit}, which changes where it goes through zero")
+    find_companions(recording, guesses)
+    warnings += counted(recording) if not wheels else []
     have = {g.channel for g in guesses}
     return Proposal(
         guesses,

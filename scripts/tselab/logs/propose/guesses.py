@@ -17,6 +17,11 @@ from tselab.logs.propose.wheels import is_speed, speed_of
 from tselab.logs.units import factor, kind
 from tselab.logs.vocabulary import place_of, score
 
+SIZE = "its size says so"
+MOUNTED = 0.12  # rad: an IMU that is turned by less costs 1 % of accel_y, and calibrate finds it
+# A steering angle that nobody names the unit of, on a log that does not turn enough to test it: by the size of its larger values
+# (97 % quantile; sd 1 of the logarithm) and by how common each is among logs
+SIZES = {("deg", True): (45.0, 0.6), ("rad", False): (0.05, 0.25), ("rad", True): (0.8, 0.1), ("deg", False): (3.0, 0.05)}
 USUAL_RATIO, USUAL_RATIO_SD = 15.5, 0.12  # and 12 .. 20, of its logarithm
 
 
@@ -57,6 +62,15 @@ def make_guesses(
             found[f"wheel_speed_{axle}"] = _wheel(look, axle, mine, wheels, scale, facts)
     find_latencies(look, found, wheels, scale, sign, warnings)
     _odd(look, found, chosen, scale, sign, v, warnings)
+    _turned(look, found, scale, sign, v, warnings)
+    if all(c in found and found[c].sign < 0 for c in ("yaw_rate", "accel_y", "steer_angle")) and sided:
+        warnings.append(
+            "steering, accel_y and yaw rate are positive to the right by the wheels: axes of SAE, or left and right wheels are "
+            "exchanged; the wheels are believed"
+        )
+        for c in ("yaw_rate", "accel_y", "steer_angle"):
+            found[c].confidence = min(found[c].confidence, "likely", key=("unsure", "likely", "sure").index)
+            found[c].unsure.append("its sign, or which wheels are left")
     order = ("steer_angle", "wheel_speed_front", "wheel_speed_rear", "accel_x", "accel_y", "yaw_rate")
     return [found[c] for c in order if c in found]
 
@@ -66,14 +80,15 @@ def _from(look: Look, name: str, unit: str, role: str) -> str:
     if c.unit and same_unit(c.unit, unit, role):
         return "the log says so"
     end = unit_at_end(c.short)
-    return "the name ends so" if end and same_unit(end, unit, role) else "its size says so"
+    return "the name ends so" if end and same_unit(end, unit, role) else SIZE
 
 
 def _confidence(said: float, shown: float) -> str:
-    """Sure: name and physics agree. Likely: one of them is clear."""
+    """Sure: name and physics agree. Likely: physics is clear alone, or the name, and physics says nothing against it. What was
+    neither tested nor is called so and has a unit is unsure."""
     if said >= NAMED and shown >= 2.5:
         return "sure"
-    return "likely" if (said >= 2.5 and shown > -1.0) or shown >= 3.0 else "unsure"
+    return "likely" if (said >= 2.5 and shown > -1.0) or shown >= 2.5 else "unsure"
 
 
 def _guess(
@@ -95,6 +110,8 @@ def _guess(
             f"{what[role]}: {sign * abs(scale.figures[role]) if role == 'accel_x' else scale.figures[role]:.2f}, correlation "
             f"{abs(facts[f'{role}_corr']):.3f}"
         )
+    elif role == "accel_y" and "accel_y_corr" not in facts and worth["shown"] > 0:
+        figures.append("it goes with v times right less left wheels; there is no yaw rate for a figure")
     elif role in what:
         figures.append(f"{what[role]}: the log shows too little (correlation {facts.get(f'{role}_corr', 0.0):.2f})")
     if role == "yaw_rate":
@@ -109,7 +126,21 @@ def _guess(
         if not sided:
             figures.append("which way is positive shows in no wheel: ISO 8855 is taken, positive to the left")
     confidence = _confidence(worth["said"], worth["shown"])
-    guess = Guess(role, (name,), unit, _from(look, name, unit, role), sign, confidence=confidence, figures=figures)
+    origin = _from(look, name, unit, role)
+    unsure = []
+    if worth["shown"] == 0.0:  # nothing to compare with, or the log moves too little
+        figures.append("not tested: by its name alone" if worth["said"] >= NAMED else "not tested")
+        unsure = ["the signal", "its sign"] if worth["said"] < NAMED else ["its sign"]
+        if origin == SIZE:
+            unsure.append("its unit")
+            confidence = "unsure"
+    elif worth["said"] < NAMED:
+        unsure = ["the signal, by its behaviour alone", *(["its sign"] if role != "accel_x" and not sided else [])]
+    elif role == "yaw_rate" and not sided:
+        unsure = ["its sign"]
+    guess = Guess(role, (name,), unit, origin, sign, confidence=confidence, figures=figures, unsure=unsure)
+    if confidence == "unsure" and not unsure:
+        guess.unsure.append("the signal")
     if sign < 0:
         guess.figures.append({"yaw_rate": "positive to the right in the log", "accel_y": "positive to the right in the log",
                               "accel_x": "positive backwards in the log"}[role])  # fmt: skip
@@ -135,10 +166,17 @@ def _steer(
     found = physics.steering(look.x[name], v, r) if v is not None and r is not None else None
     guess = Guess("steer_angle", (name,), unit or "deg", "", confidence=_confidence(worth["said"], worth["shown"]))
     if found is None or found.share < 0.5 or found.per_curvature == 0:
-        guess.unit_from = "the log says so" if unit else "a guess: the log turns too little to tell"
-        guess.ratio = told
+        why = (
+            "there is no speed to test sign and ratio with" if v is None
+            else "there is no yaw rate to test sign and ratio with" if r is None
+            else "the log turns too little to test sign and ratio"
+        )  # fmt: skip
+        guess.unit, wheel = _by_size(look.x[name], unit)
+        guess.unit_from = "the log says so" if unit else f"a guess by its size: {why}"
+        guess.ratio = (told or USUAL_RATIO) if wheel else None
         guess.confidence = "unsure"
-        guess.figures.append("the log turns too little to test sign and ratio")
+        guess.unsure = ["sign", "ratio", *([] if unit else ["unit"])]
+        guess.figures.append(why)
         return guess
     guess.sign = float(np.sign(found.per_curvature))
     raw = abs(found.per_curvature) / wheelbase  # of the signal's unit per rad of the road wheels
@@ -194,6 +232,14 @@ def _steer(
     return guess
 
 
+def _by_size(x: np.ndarray, unit: str) -> tuple[str, bool]:
+    """Unit, and whether it is the steering wheel's: the likeliest of SIZES."""
+    large = max(float(np.nanquantile(np.abs(x), 0.97)), 1e-9) if np.isfinite(x).any() else 1.0
+    options = {k: s for k, s in SIZES.items() if not unit or same_unit(k[0], unit, "steer_angle")} or SIZES
+    best = max(options, key=lambda k: np.log(options[k][1]) - 0.5 * np.log(large / options[k][0]) ** 2)
+    return unit or best[0], best[1]
+
+
 def _wheel(
     look: Look, axle: str, mine: list[str], wheels: Mapping[str, str], scale: Scale, facts: Mapping[str, float]
 ) -> Guess:
@@ -223,14 +269,57 @@ def _wheel(
             "no name says which wheel it is: left and right are by the yaw rate, front and rear by their order"
         )
     confidence = "sure" if named and agree and len(wheels) > 1 else "likely" if named else "unsure"
+    origin = _from(look, mine[0], unit, "wheel")
+    unsure = [] if named else ["which wheel is which"]
+    unsure += ["its unit"] if origin == SIZE and not ({"accel_y", "accel_x", "track", "speed"} & set(scale.figures)) else []
+    if unsure and confidence == "sure":
+        confidence = "likely"
     return Guess(
         f"wheel_speed_{axle}",
         tuple(mine),
         unit,
-        _from(look, mine[0], unit, "wheel"),
+        origin,
         confidence=confidence,
         figures=figures,
+        unsure=unsure,
     )
+
+
+def _turned(
+    look: Look, found: Mapping[str, Guess], scale: Scale, sign: Mapping[str, float], v: np.ndarray | None, warnings: list[str]
+) -> None:
+    """An IMU that is mounted turned about the vertical axis: accel_y has a part of the acceleration along the car, and its own is
+    less by the cosine. Both follow from one regression on v r and dv/dt, each with its sd."""
+    if v is None or "yaw_rate" not in found or "accel_y" not in found:
+        return
+    r = look.x[found["yaw_rate"].name[0]] * scale.per["yaw_rate"] * sign["yaw_rate"]
+    y = look.x[found["accel_y"].name[0]] * scale.per["accel_y"] * sign["accel_y"]
+    a = np.column_stack([v * r, physics.derivative(v), np.ones(len(v))])
+    keep = np.isfinite(a).all(axis=1) & np.isfinite(y) & (np.abs(v) > physics.MOVING)
+    if keep.sum() < physics.FEWEST:
+        return
+    a, y = a[keep], y[keep]
+    information = a.T @ a
+    if np.linalg.cond(information) > 1e12:
+        return
+    slope = np.linalg.solve(information, a.T @ y)
+    left = y - a @ slope
+    independent = max(len(y) / (2.0 * physics.SMOOTH * physics.RATE), 4.0)
+    covariance = np.linalg.inv(information) * len(y) / independent * float(np.mean(left**2))
+    if slope[0] <= 0:
+        return
+    angle = float(np.arctan2(slope[1], slope[0]))
+    sd = float(np.sqrt(covariance[1, 1]) / np.hypot(slope[0], slope[1]))
+    if abs(angle) < MOUNTED or abs(angle) < 4.0 * sd:
+        return
+    warnings.append(
+        f"the IMU is mounted turned by {np.degrees(-angle):.0f} degrees (sd {np.degrees(sd):.0f}) about the vertical axis: accel_y "
+        f"has {slope[1]:+.2f} of the acceleration along the car in it; turn it back before, or leave accel_x and accel_y out"
+    )
+    for c in ("accel_y", "accel_x"):
+        if c in found:
+            found[c].confidence = "unsure"
+            found[c].unsure.append("how its IMU is mounted")
 
 
 def _odd(

@@ -12,6 +12,7 @@ import numpy as np
 from tselab.logs.mapping import Clocks, Series
 from tselab.logs.names import unit_at_end
 from tselab.logs.physics import RATE, smoothed
+from tselab.logs.propose.companions import flag_of, no_value
 from tselab.logs.raster import entries, rate_of, resample
 from tselab.logs.recording import Channel, Recording
 from tselab.logs.units import kind
@@ -43,6 +44,10 @@ class Guess:
     ratio: float | None = None
     latency: float = 0.0
     sign_bit: str | None = None
+    add: str | None = None
+    valid: tuple[str, float] | None = None  # a flag of its message, and the value of it that means valid
+    counter: tuple[str, int] | None = None  # of its message, and how far it counts
+    unsure: list[str] = field(default_factory=list)  # what of it was not tested
     confidence: str = "unsure"  # sure, likely, unsure
     figures: list[str] = field(default_factory=list)
 
@@ -89,6 +94,15 @@ def _sign_bit(
     return best[1] if best else None
 
 
+def _without_invalid(recording: Recording, c: Channel) -> np.ndarray:
+    """Its values, NaN where a flag of its message calls them invalid or they are the number for "no value"."""
+    bad = no_value(c.value)
+    flag = flag_of(recording, c)
+    if flag is not None:
+        bad = bad | (recording.channels[flag[0]].value != flag[1])
+    return np.where(bad, np.nan, c.value) if bad.any() else c.value
+
+
 class Look:
     """A recording on one even raster, smoothed, for comparisons. `x`: by name, (rows,)."""
 
@@ -98,6 +112,8 @@ class Look:
         bits: dict[str, tuple[np.ndarray, np.ndarray]] = {}  # a signal of two values is no measurement
         for c in recording:
             time, value = clocks.of(c)
+            if len(value) == len(c.value):  # all of them have a time
+                value = _without_invalid(recording, c)
             there = value[np.isfinite(value)]
             if len(there) > 3 and np.ptp(there) > 0 and len(time):
                 two = np.all((there == there.min()) | (there == there.max()))

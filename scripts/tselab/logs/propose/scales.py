@@ -29,6 +29,8 @@ CONTRADICTED, SUFFIX, UNSAID = (
     0.5,
 )  # cost, in squared sd, of a unit that is not the log's, not the name's, and of any other than SI
 CLIP = 16.0  # most that one equation says against a set of units,
+MOST = {"yaw_rate": 3.0, "accel_y": 20.0, "accel_x": 20.0, "wheel": 80.0}  # what road cars do, SI, wheels m/s
+BEYOND = 25.0  # cost of a unit with which a car would do more
 FAR = 0.1  # but of two sets that are both far off the nearer one is better: per sd
 
 
@@ -68,12 +70,14 @@ def find_units(
             choices = [end] + [u for u in choices if not same_unit(u, end, role)]
         cost = CONTRADICTED if said else SUFFIX if end and choices[0] == end else UNSAID
         options[role] = [(u, 0.0 if i == 0 else cost) for i, u in enumerate(choices)]
+    tops = {r: float(np.nanquantile(np.abs(look.x[n]), 0.999)) for r, n in names.items() if np.isfinite(look.x[n]).any()}
     best: tuple[float, Scale] | None = None
     declared: tuple[float, Scale] | None = None
     for picks in product(*options.values()):
         unit = {role: u for role, (u, _) in zip(options, picks, strict=True)}
         per = {role: _per(role, u, car) for role, u in unit.items()}
         cost, figures = _cost(facts, unit, per, car)
+        cost += sum(BEYOND for role, top in tops.items() if role in per and top * per[role] > MOST[role])
         this = cost + sum(c for _, c in picks), Scale(unit, per, figures)
         declared = declared or this
         if best is None or this[0] < best[0]:

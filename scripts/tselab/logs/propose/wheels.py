@@ -132,8 +132,16 @@ def named_speed(look: Look, slowest: float = 0.0) -> str:
     return named[-1][1] if named and named[-1][0] >= NAMED else ""
 
 
+def sided(wheels: Mapping[str, str]) -> bool:
+    """Do the names say which wheel is left?"""
+    return bool(wheels) and bool(place_of(next(iter(wheels.values())))[0])
+
+
 def turn_of(look: Look, wheels: Mapping[str, str]) -> np.ndarray | None:
-    """Right less left, of the axle behind if it is there: the yaw rate but for a factor."""
+    """Right less left, of the axle behind if it is there: the yaw rate but for a factor. None: no pair, or no name says which is
+    left."""
+    if not sided(wheels):
+        return None
     for axle in ("rear", "front"):
         left, right = wheels.get(f"{axle}_left"), wheels.get(f"{axle}_right")
         if left and right:
@@ -143,7 +151,7 @@ def turn_of(look: Look, wheels: Mapping[str, str]) -> np.ndarray | None:
 
 def find_sides(look: Look, wheels: dict[str, str], chosen: Mapping[str, str]) -> dict[str, str]:
     """Nameless wheels: those that are slower in a left turn are left; the first of each side is front."""
-    if not wheels or place_of(next(iter(wheels.values())))[0] or "yaw_rate" not in chosen or "front_left" not in wheels:
+    if not wheels or sided(wheels) or "yaw_rate" not in chosen or "front_left" not in wheels:
         return wheels
     r, mean = look.x[chosen["yaw_rate"]], mean_of([look.x[n] for n in wheels.values()])
     order = sorted(wheels.values(), key=lambda n: fit(r, look.x[n] - mean).corr)
