@@ -207,7 +207,7 @@ def bus(folder: Path, parts: list[Message], name: str) -> Path:
         for t, identifier, extended, data in frames(parts):
             logger.on_message_received(
                 can.Message(
-                    timestamp=1.7e9 + t, arbitration_id=identifier, is_extended_id=extended, data=data, channel=1
+                    timestamp=float(1.7e9 + t), arbitration_id=identifier, is_extended_id=extended, data=data, channel=1
                 )
             )
     (folder / "car.dbc").write_text(DBC)
@@ -215,6 +215,19 @@ def bus(folder: Path, parts: list[Message], name: str) -> Path:
     text = text.replace("ratio =", 'counter = "steer.LenkradBZ"\nratio =').replace(
         '[signals.yaw_rate]\n', '[signals.yaw_rate]\nvalid = {name = "imu.Gueltig", is = [1]}\n')  # fmt: skip
     (folder / "signals.toml").write_text(text)
+    return path
+
+
+def savvycan(folder: Path, parts: list[Message]) -> Path:
+    """A table with a frame per row: whole microseconds, hexadecimal identifiers and bytes."""
+    lines = ["Time Stamp,ID,Extended,Dir,Bus,LEN,D1,D2,D3,D4,D5,D6,D7,D8"]
+    bus(folder, parts, "drive.blf")
+    (folder / "drive.blf").unlink()
+    for t, identifier, extended, data in frames(parts):
+        cells = ",".join(f"{b:02X}" for b in data)
+        lines.append(f"{round(1e6 * t)},{identifier:08X},{str(extended).lower()},Rx,0,{len(data)},{cells}")
+    path = folder / "drive.csv"
+    path.write_text("\n".join(lines) + "\n")
     return path
 
 
@@ -401,6 +414,8 @@ FORMATS: dict[str, tuple[str, Callable[[Path, list[Message]], Path]]] = {  # wha
     "BLF and DBC": ("can", lambda f, p: bus(f, p, "drive.blf")),
     "ASC and DBC": ("can", lambda f, p: bus(f, p, "drive.asc")),
     "TRC and DBC": ("can", lambda f, p: bus(f, p, "drive.trc")),
+    "frames in a CSV of python-can and DBC": ("can", lambda f, p: bus(f, p, "drive.csv")),
+    "frames in a CSV of SavvyCAN and DBC": ("can", savvycan),
     "MCAP, ROS 2": ("mcap_ros2", mcap),
     "ROS 2 bag": ("rosbags", rosbag2),
     "ROS 1 bag": ("rosbags", rosbag1),

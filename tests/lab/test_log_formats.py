@@ -45,6 +45,30 @@ def test_a_drive_in_this_format_gives_the_estimates_of_the_clean_csv(name, clean
     np.testing.assert_allclose(found / wanted, 1.0, atol=TOLERANCE)
 
 
+@pytest.mark.parametrize("name", ["ROS 1 bag", "MCAP, ROS 2", "BLF and DBC", "ASC and DBC", "TRC and DBC", "MF4"])
+def test_of_a_log_that_is_cut_off_what_is_before_is_used(name, clean, tmp_path):
+    """A recorder without power, a copy that broke off."""
+    from tselab.errors import UserError
+    from tselab.log import Reading, read_log
+    from tselab.vehicle import read_vehicle
+
+    needs, write = FORMATS[name]
+    if find_spec(needs) is None:
+        pytest.skip(f"{needs} is not installed: scripts/setup.sh logs")
+    table, car, _ = clean
+    path = write(tmp_path, messages(table))
+    path.write_bytes(path.read_bytes()[: path.stat().st_size * 6 // 10])
+    how = Reading(car=read_vehicle(car))
+    if name == "MF4":  # asammdf writes what it describes behind the data
+        with pytest.raises(UserError, match=r"is damaged or cut off: .*copy it again"):
+            read_log(path, reading=how)
+        return
+    log = read_log(path, reading=how)
+    assert 0.3 * len(table) < len(log) < 0.7 * len(table)
+    assert any("damaged" in n or "its end is missing" in n or "end of the file" in n or "cut" in n for n in log.notes), log.notes
+    np.testing.assert_allclose(np.nanmean(log.data["yaw_rate"]), np.mean(table.yaw_rate[: len(log)]), atol=0.01)
+
+
 def test_the_rows_are_those_of_the_clean_log(clean, tmp_path):
     """Units, sign, ratio, latency, rates: each would show here."""
     from tselab.log import Reading, read_log

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from conftest import tselab
+from conftest import tselab, tselab_here
 from log_formats import RADIUS as RADII
 from log_formats import RATIO, drive
 from tselab.errors import UserError
@@ -161,3 +161,27 @@ def test_a_steering_angle_that_comes_after_the_yaw_rate_is_late(bends, late, say
     guess = found["steer_angle"]
     assert guess is not None and any("steer_angle is logged about" in w for w in found.warnings) == says
     assert guess.latency == pytest.approx(late, abs=0.05 if says else 0.0)
+
+
+def test_a_file_that_unpacks_to_more_than_a_log_is_refused_by_what_it_says(tmp_path):
+    """A kilobyte of MAT 5 that says 4 GB, and a table of more rows than are allowed, of nothing."""
+    import struct
+    import zlib
+
+    head = b"MATLAB 5.0 MAT-file".ljust(124) + struct.pack("<H", 0x0100) + b"IM"
+    packed = zlib.compress(struct.pack("<II", 14, (1 << 32) - 8) + bytes(1 << 20))
+    (tmp_path / "bomb.mat").write_bytes(head + struct.pack("<II", 15, len(packed)) + packed)
+    done = tselab_here("signals", tmp_path / "bomb.mat")
+    assert done.code == 2 and "a variable has 4.0 GB, it says" in done.err and "-v7.3" in done.err
+
+    pa = pytest.importorskip("pyarrow")
+    import pyarrow.parquet as pq
+
+    from tselab.logs import recording
+
+    table = {"time": pa.array(range(50000), pa.float64()), "x": pa.nulls(50000, pa.float64())}
+    pq.write_table(pa.table(table), tmp_path / "t.parquet")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(recording, "MOST_ROWS", 49999)
+        done = tselab_here("signals", tmp_path / "t.parquet")
+    assert done.code == 2 and "the table has 50,000 rows, it says" in done.err and "cut it into drives" in done.err

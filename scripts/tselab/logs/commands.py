@@ -62,8 +62,9 @@ def signals(
     wheels' speed, steering angle against curvature. Each comes with the figure that speaks for it: look through the file and edit
     it. A file that is there is not overwritten without being asked: remove it first.
 
-    Formats: CSV of any dialect, Parquet, Feather, MF4 and MDF 3 (extra mf4), BLF, ASC, TRC with a database (extra can), MCAP and
-    ROS bags (extra ros), MAT (7.3: extra mat), openpilot's rlog (extra openpilot).
+    Formats: CSV of any dialect, Parquet, Feather, MF4 and MDF 3 (extra mf4), BLF, ASC, TRC, candump and CSV with a frame per row
+    (SavvyCAN, python-can), each with a database (extra can), MCAP and ROS bags (extra ros), MAT (7.3: extra mat), openpilot's rlog
+    (extra openpilot).
 
     Logs of any length are read in pieces by tselab estimate, which keeps them in temporary files without a name (1.1 GB for ten
     hours of an MF4 at 100 Hz; TMPDIR says where, and where that is in memory, nothing is won). As a whole are read: of MAT 5 a

@@ -57,6 +57,10 @@ class Bus:
         self._unknown: set[int] = set()
         self._count = 0
 
+    def knows(self, identifier: int) -> bool:
+        """Is there a message of that identifier?"""
+        return identifier & EXTENDED in self._messages
+
     def add(self, ids: np.ndarray, data: Sequence[bytes]) -> None:
         """The next frames, in the order of the file. `ids`: (frames,)."""
         ids = ids & EXTENDED

@@ -85,6 +85,17 @@ class Recording:
         return replace(self, channels=channels, start=self.start + start)
 
 
+MOST_ROWS = 360_000_000  # of a signal: a hundred hours at 1 kHz
+
+
+def check_rows(path: Path, what: str, rows: int) -> None:
+    """Before anything of it is unpacked. UserError: more than a log can have, so it is none, or made to fill the machine."""
+    if rows > MOST_ROWS:
+        raise UserError(
+            f"{path}: {what} has {rows:,} rows, it says; read are up to {MOST_ROWS:,}, a hundred hours at 1 kHz: cut it into drives"
+        )
+
+
 @dataclass(frozen=True)
 class How:
     """What a reader is told: [log] of signals.toml, and options. `wanted`: which names are needed; None: all."""

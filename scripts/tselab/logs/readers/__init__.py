@@ -33,6 +33,11 @@ OTHERS = {  # what people have, that nobody reads here, and what to do
     ".vbo": "export it as CSV", ".ld": "export it as CSV or MAT", ".json": "save the table as Parquet or CSV",
 }  # fmt: skip
 CANDUMP = re.compile(rb"\(\d+\.\d+\)\s+\w+\s+[0-9A-Fa-f]+#")  # (1489113253.31) can0 083#0FE0, whatever the file is called
+# a table with a frame per row: SavvyCAN's, python-can's and others of time, identifier, bytes
+FRAMES = re.compile(
+    rb"[\"']?time[^,;\t\n]*[,;\t][^\n]*\b(id|arbitration_?id|can_?id|identifier)\b[^\n]*[,;\t]\s*[\"']?(data|d0|d1|byte_?[01]|data_?[01])\b",
+    re.IGNORECASE,
+)
 FORMATS = "CSV, MF4/MDF, BLF, ASC, TRC, MCAP, ROS bags, Parquet, Feather, MAT, openpilot's rlog"
 
 
@@ -56,7 +61,7 @@ def reader_of(path: Path) -> str:
     for name, (_, beginnings) in READERS.items():
         if head.startswith(beginnings):
             return name
-    if CANDUMP.match(head.lstrip()):
+    if CANDUMP.match(head.lstrip()) or FRAMES.match(head.lstrip(b"\xef\xbb\xbf \r\n")):
         return "can"
     suffix = path.suffix.lower()
     if suffix in OTHERS:

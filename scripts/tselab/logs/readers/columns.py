@@ -11,7 +11,7 @@ import pandas as pd
 
 from tselab.errors import UserError
 from tselab.logs.extras import need
-from tselab.logs.recording import How, Recording
+from tselab.logs.recording import How, Recording, check_rows
 from tselab.logs.table import Column, recording_of
 from tselab.room import PIECE, Later, Room
 
@@ -24,6 +24,7 @@ def read(path: Path, how: How) -> Recording:
     room = Room()
     try:
         schema, rows, batches = (_parquet if parquet else _feather)(path)
+        check_rows(path, "the table", rows)
         if not rows:
             raise UserError(f"{path}: has columns but no rows")
         columns = [_column(pa, field, steps, rows, batches, room) for field, steps in _leaves(pa, schema)]

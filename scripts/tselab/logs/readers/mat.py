@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import struct
+import zlib
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -11,7 +13,7 @@ import numpy as np
 from tselab.errors import UserError
 from tselab.logs.extras import need
 from tselab.logs.names import unit_at_end, with_unit, words
-from tselab.logs.recording import Channel, How, Recording, listed
+from tselab.logs.recording import Channel, How, Recording, check_rows, listed
 from tselab.logs.table import TIME_WORDS, Column, recording_of
 from tselab.logs.units import factor, kind
 from tselab.room import PIECE, Later, Room
@@ -19,6 +21,8 @@ from tselab.room import PIECE, Later, Room
 MOST_AT_ONCE = 1 << 25  # bytes of a file of version 5 that is read as a whole, and not variable by variable
 WIDEST = 16  # columns of a matrix that are channels of their own
 SHORTEST = 2
+COMPRESSED = 15  # miCOMPRESSED: type of an element of a file of version 5 that zlib packed
+LARGEST = 1 << 30  # bytes of its variable: thirty hours of a signal at 1 kHz
 
 
 def read(path: Path, how: How) -> Recording:
@@ -123,15 +127,39 @@ def _version5(path: Path, opaque: list[str], room: Room) -> Iterator[tuple[str, 
 
     arguments: dict[str, Any] = {"squeeze_me": True, "struct_as_record": False}
     try:
-        one_by_one = path.stat().st_size > MOST_AT_ONCE
+        one_by_one = _unpacked(path) > MOST_AT_ONCE
         for only in [[name] for name, _, _ in scipy.io.whosmat(path)] if one_by_one else [None]:
             for name, value in scipy.io.loadmat(path, variable_names=only, **arguments).items():
                 if not name.startswith("__"):
                     for leaf, found in _walk(name, value, opaque):
                         yield leaf, room.keep(found) if isinstance(found, np.ndarray) else found
             room.let_go()
+    except UserError:
+        raise
     except Exception as error:  # a damaged file: whatever its parser stumbles over
         raise UserError(f"{path}: is damaged or cut off: {str(error)[:120]}") from None
+
+
+def _unpacked(path: Path) -> int:
+    """Bytes of all variables of a file of version 5, which scipy unpacks whole; as their headers say, more is not read of any."""
+    total = 0
+    with open(path, "rb") as file:
+        head = file.read(128)
+        order = ">" if head[126:128] == b"MI" else "<"
+        while len(tag := file.read(8)) == 8:
+            kind_, size = struct.unpack(order + "II", tag)
+            after = file.tell() + size
+            if kind_ == COMPRESSED:
+                inner = zlib.decompressobj().decompress(file.read(min(size, 4096)), 8)
+                size = struct.unpack(order + "II", inner)[1] if len(inner) == 8 else size
+            if size > LARGEST:
+                raise UserError(
+                    f"{path}: a variable has {size / 2**30:.1f} GB, it says; of MAT files of version 5, whose variables are read "
+                    "whole, up to 1 GB are: save it with -v7.3"
+                )
+            total += size
+            file.seek(after)
+    return total
 
 
 def _walk(name: str, value: Any, opaque: list[str], depth: int = 0) -> Iterator[tuple[str, Any]]:
@@ -187,6 +215,7 @@ def _walk_hdf(group: Any, at: str, opaque: list[str], h5py: Any, room: Room) -> 
         elif kind_ == "char":
             yield name, "".join(chr(c) for c in np.asarray(item).ravel() if c)
         elif item.dtype.kind in "biuf":
+            check_rows(Path(item.file.filename), name, int(np.prod(item.shape, dtype=float)))
             yield from _vectors_of(name, item, h5py, room)
             unit = item.attrs.get("unit", item.attrs.get("units"))
             if unit is not None:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from tselab.errors import UserError
 from tselab.logs.extras import need
@@ -21,7 +22,7 @@ def read(path: Path, how: How) -> Recording:
     count = 0
     try:
         with open(path, "rb") as file:
-            for schema, channel, message in mcap.make_reader(file).iter_messages():
+            for schema, channel, message in _messages(mcap, file, notes):
                 if channel.id not in decoders:
                     decoders[channel.id] = _decoder(path, channel.message_encoding, schema, strange, channel.topic)
                 decoder = decoders[channel.id]
@@ -46,6 +47,22 @@ def read(path: Path, how: How) -> Recording:
     if strange:
         notes.append(f"topics that cannot be read: {listed(f'{t} ({e})' for t, e in strange.items())}")
     return Recording(path, "MCAP", collect.channels(), notes, room=collect.room)
+
+
+MAGIC = b"\x89MCAP0\r\n"
+
+
+def _messages(mcap: Any, file: BinaryIO, notes: list[str]) -> Iterator[tuple[Any, Any, Any]]:
+    """All messages. A file whose end is missing has no index: it is read from the front, chunk by chunk."""
+    file.seek(0, 2)
+    file.seek(max(file.tell() - len(MAGIC), 0))
+    whole = file.read() == MAGIC
+    file.seek(0)
+    if whole:
+        yield from mcap.make_reader(file).iter_messages()
+    else:
+        notes.append("the end of the file is missing: what is before is used")
+        yield from mcap.NonSeekingReader(file).iter_messages(log_time_order=False)
 
 
 def _decoder(path: Path, encoding: str, schema: Any, strange: dict[str, str], topic: str) -> Any:

@@ -15,7 +15,7 @@ import numpy as np
 from tselab.errors import UserError
 from tselab.logs.extras import need
 from tselab.logs.frames import Bus, databases_for
-from tselab.logs.recording import Channel, How, Recording
+from tselab.logs.recording import Channel, How, Recording, check_rows
 from tselab.room import PIECE, Room
 
 FRAMES = ("CAN_DataFrame", "CAN_DataFrame.ID", "CAN_DataFrame.DataBytes")
@@ -43,7 +43,10 @@ def read(path: Path, how: How) -> Recording:
         gc.collect()
         sys.unraisablehook = hook
     if damage:  # outside of the above, for an error keeps alive what it was raised beside
-        raise UserError(f"{path}: is damaged or cut off: {damage}")
+        raise UserError(
+            f"{path}: is damaged or cut off: {damage}; what an MDF holds is described in blocks all over the file, and some are "
+            "missing: copy it again, or have the recorder's own tool repair it"
+        )
     return Recording(path, f"MDF {version}", channels, notes, room=room)
 
 
@@ -58,6 +61,7 @@ def _is_finished(file: BinaryIO) -> bool:
 def _plain(mdf: Any, how: How, room: Room) -> dict[str, Channel]:
     found: list[tuple[str, str, Channel]] = []
     for g, group in enumerate(mdf.groups):
+        check_rows(Path(mdf.name), f"channel group {g + 1}", int(getattr(group.channel_group, "cycles_nr", 0)))
         master = mdf.masters_db.get(g)
         time: np.ndarray | None = None
         title = getattr(group.channel_group, "acq_name", None) or getattr(group.channel_group, "comment", "") or ""
