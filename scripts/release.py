@@ -33,6 +33,7 @@ WHEELS = {  # tag of the wheel -> target of zig
     "macosx_11_0_x86_64": "x86_64-macos.11.0",
     "macosx_11_0_arm64": "aarch64-macos.11.0",
 }
+PACKAGES = ("conan", "esp-idf", "make", "platformio", "vcpkg", "zephyr")
 SUMS = "SHA256SUMS"
 
 
@@ -133,26 +134,26 @@ def with_headers(r: Release) -> None:
 
 
 def amalgamation(r: Release) -> None:
-    """The library as tse.h and tse.c."""
+    """The library as tse.h and tse.c, and the packages of them for other builds (scripts/dropin; that for Arduino names a page, so it is not here)."""
     script = r.source / "scripts" / "amalgamate.py"
-    if not script.is_file():
-        r.skipped.append("amalgamation: scripts/amalgamate.py is not there yet")
-        return
     folder = r.source.parent / "amalgamation"
-    r.run(sys.executable, script, "--out", folder)
+    r.run(sys.executable, script, "--out", folder / "tse")
+    for package in PACKAGES:
+        r.run(sys.executable, script, "--out", folder / package, "--package", package)
     r.archive(f"tse-{r.version}-amalgamation.tar.gz", folder, f"tse-{r.version}")
 
 
 def site(r: Release) -> None:
-    """The site, for reading offline."""
-    script = r.source / "scripts" / "docs.sh"
-    if not script.is_file():
-        r.skipped.append("site: scripts/docs.sh is not there yet")
-        return
+    """The site, for reading offline, with the page that runs in a browser."""
     with_headers(r)
-    folder = r.source.parent / "site"
-    r.run("bash", script, folder)
-    r.archive(f"tse-{r.version}-site.tar.gz", folder, f"tse-{r.version}-site")
+    r.run("cmake", "--preset", "lab")
+    r.run("cmake", "--build", "--preset", "lab")
+    (r.source / "scripts" / "tselab" / "lib").mkdir(exist_ok=True)
+    for made in (r.source / "build" / "lab" / "src").glob("libtse.[sd][oy]*"):
+        if made.suffix in (".so", ".dylib"):
+            shutil.copy(made.resolve(), r.source / "scripts" / "tselab" / "lib" / made.name)
+    r.run("bash", r.source / "scripts" / "docs.sh", TSE_DOCS_PYTHON=sys.executable)
+    r.archive(f"tse-{r.version}-site.tar.gz", r.source / "build" / "site", f"tse-{r.version}-site")
 
 
 def sbom(r: Release) -> None:
@@ -188,6 +189,9 @@ def check_version(folder: Path, version: str) -> None:
     there = {
         "include/tse/version.h": r'#define TSE_VERSION "(.+)"',
         "scripts/tselab/__init__.py": r'__version__ = "(.+?)"',
+        "scripts/conda/recipe.yaml": r'version: "(.+?)"',
+        "CITATION.cff": r'(?m)^version: "?([^"\n]+)"?$',
+        "CHANGELOG.md": r"(?m)^## \[([\d.]+)\] - \d{4}-\d\d-\d\d$",
     }
     for name, pattern in there.items():
         found = re.search(pattern, (folder / name).read_text(encoding="utf-8"))

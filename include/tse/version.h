@@ -2,7 +2,7 @@
 #ifndef TSE_VERSION_H
 #define TSE_VERSION_H
 #define TSE_VERSION_MAJOR 0
-#define TSE_VERSION_MINOR 1
+#define TSE_VERSION_MINOR 2
 #define TSE_VERSION_PATCH 0
-#define TSE_VERSION "0.1.0"
+#define TSE_VERSION "0.2.0"
 #endif
