@@ -134,7 +134,7 @@ def with_headers(r: Release) -> None:
 
 
 def amalgamation(r: Release) -> None:
-    """The library as tse.h and tse.c, and the packages of them for other builds (scripts/dropin; that for Arduino names a page, so it is not here)."""
+    """The library as tse.h and tse.c, and its packages for other builds (scripts/dropin); Arduino's names a page: not here."""
     script = r.source / "scripts" / "amalgamate.py"
     folder = r.source.parent / "amalgamation"
     r.run(sys.executable, script, "--out", folder / "tse")
