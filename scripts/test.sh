@@ -1,8 +1,23 @@
 #!/usr/bin/env bash
-# All tests: lint, the C library in every preset, the Python package. Ends with a table; fails when anything failed.
-#   scripts/test.sh [PRESET ...]      only these CMake presets (default: all), then the Python tests
+# Tests: lint, format, the C library in its presets, the Python package. Ends with a table; fails when anything failed.
+#   scripts/test.sh                   all but what takes long, under 15 minutes on two cores
+#   scripts/test.sh --all             as CI does: every preset, and the tests of tests/conftest.py's HEAVY
+#   scripts/test.sh PRESET ...        only these CMake presets, then the Python tests
 set -uo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
+heavy=()
+presets=()
+for word in "$@"; do
+  case $word in
+    --all) heavy=(--all) ;;
+    -*) echo "test: $word is not an option; allowed: --all, names of CMake presets" >&2; exit 2 ;;
+    *) presets+=("$word") ;;
+  esac
+done
+every=(dev release avx2 float fixed clang-dev clang-release clang-float clang-fixed)
+if [ "${#presets[@]}" -eq 0 ]; then
+  if [ "${#heavy[@]}" -gt 0 ]; then presets=("${every[@]}"); else presets=(dev float fixed clang-release); fi
+fi
 scripts/setup.sh clients logs || exit 1
 
 jobs=$(getconf _NPROCESSORS_ONLN 2>/dev/null || echo 2)
@@ -36,20 +51,18 @@ preset() {                           # configure, build and test one preset
   cmake --build --preset "$1" --parallel "$jobs" && ctest --preset "$1" --parallel "$jobs"
 }
 
-ruff() {
-  .venv/bin/ruff check --config scripts/pyproject.toml scripts tests \
-    && .venv/bin/ruff format --check --config scripts/pyproject.toml scripts/tse scripts/examples   # of others: not yet
-}
+ruff() { .venv/bin/ruff check --config scripts/pyproject.toml scripts tests; }
 mypy() { .venv/bin/mypy --config-file scripts/pyproject.toml; }
 python_tests() {                     # in several processes; tests/conftest.py says what stays together, and in which order
   # a process that crashes is not started again: pytest-xdist would run the test that crashes again and again
   .venv/bin/python -m pytest -c scripts/pyproject.toml --rootdir . \
-    -n "$((jobs < 4 ? jobs : 4))" --dist loadfile --no-loadscope-reorder --max-worker-restart 0 --durations 25 tests
+    ${heavy[@]+"${heavy[@]}"} -n "$((jobs < 4 ? jobs : 4))" --dist loadfile --no-loadscope-reorder --max-worker-restart 0 --durations 25 tests
 }
 
 step ruff ruff
+step format scripts/format.sh --check
 step mypy mypy
-for name in ${@:-dev release avx2 float fixed clang-dev clang-release clang-float clang-fixed}; do
+for name in "${presets[@]}"; do
   case $name in
     clang-*) command -v clang >/dev/null && command -v clang++ >/dev/null || { skip "$name" "clang and clang++ are not installed"; continue; } ;;
     avx2) grep -qs '^flags.* avx2 .*' /proc/cpuinfo || { skip "$name" "this processor has no AVX2"; continue; } ;;
@@ -58,6 +71,7 @@ for name in ${@:-dev release avx2 float fixed clang-dev clang-release clang-floa
 done
 command -v pkg-config >/dev/null || command -v pkgconf >/dev/null || skip "pkg-config" "not installed; the other consumer builds ran"
 step pytest python_tests
+[ "${#heavy[@]}" -gt 0 ] || skip "what takes long" "scripts/test.sh --all runs it, as CI does"
 
 printf '\n=== summary\n'
 printf '%s\n' "${table[@]}"

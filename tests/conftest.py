@@ -24,6 +24,12 @@ FIRST = [
     ["tests/dropin/test_amalgamation.py"],
     ["tests/dropin/test_packages.py"],
 ]
+# What takes long, and seldom finds what the others do not: with --all (scripts/test.sh --all, as CI does), or when it is named
+HEAVY = {
+    "tests/dropin/test_amalgamation.py", "tests/dropin/test_packages.py", "tests/embedded/test_machines.py",
+    "tests/fmu/test_fmu_platforms.py", "tests/gap/test_study.py", "tests/lab/test_fmu_cli.py", "tests/lab/test_gap_cluster.py",
+    "tests/lab/test_gap_latency.py", "tests/lab/test_gap_latent.py", "tests/proof/test_proof.py",
+}  # fmt: skip
 RANK = {file: rank for rank, row in enumerate(FIRST) for file in row}
 
 
@@ -31,7 +37,17 @@ def file_of(nodeid: str) -> str:
     return nodeid.partition("::")[0]
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--all", action="store_true", help="also the tests that take long")
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    asked = " ".join(map(str, config.invocation_params.args))
+    if not config.getoption("--all"):
+        left = [i for i in items if (f := file_of(i.nodeid)) in HEAVY and f.rpartition("/")[2] not in asked]
+        if left:
+            config.hook.pytest_deselected(items=left)
+            items[:] = [i for i in items if i not in set(left)]
     if "PYTEST_XDIST_WORKER" in os.environ:
         items.sort(key=lambda item: RANK.get(file_of(item.nodeid), len(FIRST)))
 

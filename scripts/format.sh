@@ -1,0 +1,22 @@
+#!/usr/bin/env bash
+# Format the sources: Python by ruff, C by clang-format (.clang-format; what is laid out by hand: .clang-format-ignore).
+#   scripts/format.sh            in place
+#   scripts/format.sh --check    change nothing; fails, and names the files, where something would be
+# Versions are those of scripts/lock.txt: another clang-format lays out otherwise.
+set -euo pipefail
+cd "$(dirname "${BASH_SOURCE[0]}")/.."
+check=
+case ${1:-} in
+  "") ;;
+  --check) check=1 ;;
+  *) echo "format: $1 is not an option; allowed: --check" >&2; exit 2 ;;
+esac
+[ -x .venv/bin/clang-format ] || { echo "format: clang-format is missing: scripts/setup.sh" >&2; exit 1; }
+status=0
+.venv/bin/ruff format --quiet ${check:+--check} --config scripts/pyproject.toml scripts tests || {
+  status=1
+  .venv/bin/ruff format --check --config scripts/pyproject.toml scripts tests 2>/dev/null | grep -v "already" >&2
+}
+find fmu include src tests scripts/examples \( -name '*.c' -o -name '*.h' \) -print0 \
+  | if [ -n "$check" ]; then xargs -0 .venv/bin/clang-format --dry-run --Werror; else xargs -0 .venv/bin/clang-format -i; fi || status=1
+exit $status
