@@ -3,5 +3,5 @@
 # Of the last commit. The same commit gives the same bytes; --twice makes it two times and compares. Parts and platforms: --list.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
-scripts/setup.sh release
+scripts/setup.sh release docs
 exec .venv/bin/python scripts/release.py "$@"

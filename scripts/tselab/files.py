@@ -6,11 +6,12 @@ import errno
 import os
 import sys
 import tempfile
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import IO
+
+from filelock import FileLock
 
 from tselab.errors import UserError
 
@@ -92,21 +93,7 @@ def alone(path: Path) -> Iterator[None]:
     """One process at a time is in the block that a lock file guards; others wait. A process that is killed lets go, too."""
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    with open(path, "ab") as file:  # stays: who removed it would let two in
-        if sys.platform == "win32":
-            import msvcrt
-
-            while True:
-                try:
-                    file.seek(0)
-                    msvcrt.locking(file.fileno(), msvcrt.LK_NBLCK, 1)
-                    break
-                except OSError:
-                    time.sleep(0.1)
-        else:
-            import fcntl
-
-            fcntl.flock(file, fcntl.LOCK_EX)
+    with FileLock(path):
         yield
 
 

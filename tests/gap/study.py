@@ -20,10 +20,10 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-from scipy.stats import beta
 
 from tests.gap.runs import in_processes
 from tselab.core import Config
+from tselab.study import clopper_pearson
 
 ROOT = Path(__file__).resolve().parents[2]
 FOLDER = ROOT / "build" / "gap-study"
@@ -116,9 +116,8 @@ def size_error(case: dict) -> float:
 
 
 def interval(k: int, n: int) -> str:
-    """Clopper-Pearson, 95 %."""
-    low = beta.ppf(0.025, k, n - k + 1) if k else 0.0
-    high = beta.ppf(0.975, k + 1, n - k) if k < n else 1.0
+    """Exact, 95 %."""
+    low, high = clopper_pearson(k, n)
     return f"{100 * low:.0f} .. {100 * high:.0f} %"
 
 

@@ -22,6 +22,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import tomllib
+from scipy.stats import binomtest
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
@@ -393,9 +394,8 @@ def wilson(k: int, n: int) -> tuple[float, float]:
     """95 % interval of a share."""
     if not n:
         return 0.0, 1.0
-    z, p = 1.959964, k / n
-    middle, half = p + z * z / (2 * n), z * math.sqrt(p * (1 - p) / n + z * z / (4 * n * n))
-    return (middle - half) / (1 + z * z / n), (middle + half) / (1 + z * z / n)
+    found = binomtest(k, n).proportion_ci(method="wilson")
+    return float(found.low), float(found.high)
 
 
 def key_of(fault: Fault) -> str:

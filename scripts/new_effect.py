@@ -1,0 +1,163 @@
+#!/usr/bin/env python3
+"""A contributor's first hour: the skeleton of an effect - its row, its file, its test, its place among the equations.
+
+    python3 scripts/new_effect.py brake_pull --hook BODY --parameter arm --unit m --low -0.5 --high 0.5 --typical 0.01 0.05
+
+Afterwards everything builds, all tests pass but the new one, which says what to write. CONTRIBUTING.md, "Add an effect", explains
+each part. Nothing is written where the name is taken or a value makes no sense; exit code 2, and a sentence says why.
+Needs Python and CMake only.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+# hook -> where it acts, and its function: signature, what it begins with
+HOOKS = {
+    "CONSTANT": ("parameters", "void {id}_constant(tse_config *c)", "  /* c->mass += r_mul(c->mass, {at}); */\n  (void)c;"),
+    "INPUT": (
+        "front axle", "tse_real {id}_input(const tse_effects *e, tse_effect_memory *m, tse_real steer, tse_real dt)",
+        "  (void)e;\n  (void)m;\n  (void)dt;\n  return steer; /* + {at} */",
+    ),
+    "SLIP": ("axles", "void {id}_slip(const tse_params *p, const tse_effect_memory *m, point *pt)",
+             "  (void)p;\n  (void)m;\n  (void)pt; /* pt->s.a_rear += {at} ... */"),
+    "STIFFNESS": ("axles", "void {id}_stiffness(const tse_params *p, const tse_effect_memory *m, point *pt)",
+                  "  (void)p;\n  (void)m;\n  (void)pt; /* pt->k.y_front *= ... {at} */"),
+    "BODY": ("body", "void {id}_body(const tse_params *p, const tse_effect_memory *m, point *pt)",
+             "  (void)p;\n  (void)m;\n  (void)pt; /* pt->force.y += r_mul(..., p->effects.inv_mass), by {at} */"),
+    "SENSOR": (
+        "sensors",
+        "void {id}_sensor(const tse_effects *e, tse_effect_memory *m, const point *pt, tse_real dt, tse_real y[3])",
+        "  (void)e;\n  (void)m;\n  (void)pt;\n  (void)dt;\n  (void)y; /* y[1] += {at} ... */",
+    ),
+}  # fmt: skip
+TEST = """/* tests/unit/model/test_effect_{id}.c <-> src/model/effects/{id}.h, against a formula that is not the code's. */
+#include "unit_support.h"
+#include "effect_support.h"
+
+static void test_{id}_is_off_at_0_to_the_last_bit(void)
+{{
+  tse_config c = default_car();
+  tse_real plain[400], with[400];
+  straight(&c, 20, 0.01, 400);
+  for (int i = 0; i < 400; i++) log_steer[i] = real(0.02 * sin(0.05 * i));
+  replay(&c, 400);
+  memcpy(plain, got_r, sizeof plain);
+  c.{id}_{parameter} = setting(0);
+  replay(&c, 400);
+  memcpy(with, got_r, sizeof with);
+  TEST_ASSERT_EQUAL_MEMORY(plain, with, sizeof plain);
+}}
+
+static void test_{id}_does_what_its_equation_says(void)
+{{
+  tse_config c = default_car();
+  c.{id}_{parameter} = setting({large:g});
+  straight(&c, 20, 0.01, 400);
+  for (int i = 0; i < 400; i++) log_steer[i] = real(0.02);
+  replay(&c, 400);
+  /* Replace: what got_r, got_x, got_y (yaw rate, accel_x, accel_y of every row) are then, computed another way. */
+  TEST_FAIL_MESSAGE("write the formula of {id} in src/model/effects/{id}.h, and here what it does, by another one");
+}}
+
+int main(void)
+{{
+  UNITY_BEGIN();
+  RUN_TEST(test_{id}_is_off_at_0_to_the_last_bit);
+  RUN_TEST(test_{id}_does_what_its_equation_says);
+  return UNITY_END();
+}}
+"""
+
+
+class Refused(Exception):
+    """Why, in a sentence."""
+
+
+def skeleton(asked: argparse.Namespace, root: Path = ROOT) -> dict[Path, str]:
+    """Path -> text of every file that is new or changes.   Refused: the name is taken, or a value makes no sense"""
+    table, equations = root / "include" / "tse" / "effects.def", root / "src" / "EQUATIONS.md"
+    rows = table.read_text(encoding="utf-8")
+    if not re.fullmatch(r"[a-z][a-z0-9_]{2,39}", asked.name):
+        raise Refused(f"{asked.name}: a name has 3 .. 40 small letters, digits and _, a letter first")
+    if not re.fullmatch(r"[a-z][a-z0-9_]{0,29}", asked.parameter):
+        raise Refused(f"--parameter {asked.parameter}: 1 .. 30 small letters, digits and _")
+    if re.search(rf"\bEFFECT\({asked.name},", rows):
+        raise Refused(f"{asked.name}: there is such an effect in include/tse/effects.def")
+    small, large = asked.typical
+    if not asked.low <= 0 <= asked.high or not asked.low < asked.high or not 0 < small <= large <= max(asked.high, -asked.low):
+        raise Refused(f"--low {asked.low:g} --high {asked.high:g} --typical {small:g} {large:g}: 0, which is off, must be in the "
+                      "range, and the typical sizes, the smaller first, above 0 and in it")  # fmt: skip
+    entry, signature, body = (part.format(id=asked.name, at=f"{asked.name}_{asked.parameter}") for part in HOOKS[asked.hook])
+    sign = 0 if asked.low < 0 < asked.high else 1 if asked.high > 0 else -1
+    row = (
+        f'EFFECT({asked.name}, {asked.hook}, "{asked.name.replace("_", " ")}", "{entry}", "accel_y, yaw_rate", "", "works")\n'
+        f'EFFECT_PARAMETER({asked.name}, {asked.parameter}, STRENGTH, "{asked.unit}", 0.0, {asked.low!r}, {asked.high!r}, '
+        f"{small!r}, {large!r}, {small / 3:.3g}, {sign}, "
+        f'"{asked.parameter.replace("_", " ")}: what it is, and which way is positive")\n'
+    )
+    end = "\n#undef EFFECT\n"
+    if end not in rows:
+        raise Refused("include/tse/effects.def does not end as it did: put the row in by hand, see CONTRIBUTING.md")
+    header = (
+        f"/* model/effects/{asked.name}.h - the equation, with units. Typical {asked.parameter} {small:g} .. {large:g} "
+        f"{asked.unit}. */\n"
+        f"static inline {signature}\n{{\n{body}\n}}\n"
+    )
+    function, test = signature.split("(")[0].split()[-1], f"test_{asked.name}_does_what_its_equation_says"
+    line = f"| {asked.name} | write it | `{function}` in src/model/effects/{asked.name}.h | `{test}` |\n"
+    text = equations.read_text(encoding="utf-8")
+    last = list(re.finditer(r"^\| .* in src/model/effects/\w+\.h.*\n", text, re.M))
+    at = last[-1].end() if last else len(text)
+    return {
+        table: rows.replace(end, f"\n{row.rstrip()}{end}"),
+        root / "src" / "model" / "effects" / f"{asked.name}.h": header,
+        root / "tests" / "unit" / "model" / f"test_effect_{asked.name}.c": TEST.format(
+            id=asked.name, parameter=asked.parameter, large=large
+        ),
+        equations: text[:at] + line + text[at:],
+    }
+
+
+def main(arguments: list[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("name", help="the effect's id, for instance brake_pull")
+    parser.add_argument("--hook", choices=HOOKS, required=True, help="where the model calls it: see include/tse/effects.def")
+    parser.add_argument("--parameter", default="strength", help="its strength; 0 is off")
+    parser.add_argument("--unit", default="1")
+    parser.add_argument("--low", type=float, default=-1.0, help="least value of the setting")
+    parser.add_argument("--high", type=float, default=1.0, help="greatest")
+    sizes = {"nargs": 2, "default": (0.05, 0.2), "metavar": ("LOW", "HIGH")}
+    parser.add_argument("--typical", type=float, help="usual sizes on cars", **sizes)
+    asked = parser.parse_args(arguments)
+    cmake = shutil.which("cmake")
+    try:
+        if not cmake:
+            raise Refused("CMake is needed: it writes the includes of all effects")
+        files = skeleton(asked)
+        for path in files:
+            if path.exists() and path.name not in ("effects.def", "EQUATIONS.md"):
+                raise Refused(f"{path.relative_to(ROOT)} is there already")
+    except Refused as error:
+        print(f"new_effect: {error}", file=sys.stderr)
+        return 2
+    for path, text in files.items():
+        path.write_text(text, encoding="utf-8")
+    subprocess.run([cmake, f"-Dtse_source={ROOT}", "-P", ROOT / "cmake" / "effects.cmake"], check=True)
+    print("Written:", *(f"  {p.relative_to(ROOT)}" for p in files), "Next:", sep="\n")
+    print(f"""  1. the equation and the formula, in src/model/effects/{asked.name}.h
+  2. the texts of its row in include/tse/effects.def: title, channels that show it, look-alikes
+  3. the test: tests/unit/model/test_effect_{asked.name}.c; run it with
+     cmake --preset dev && cmake --build --preset dev && ctest --preset dev -R test_effect_{asked.name}
+  4. a line in tests/unit/estimator/test_told.c, the row in src/EQUATIONS.md, python3 tests/fmu/update.py""")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
