@@ -66,7 +66,9 @@ class Sources:
         version = re.search(r'TSE_VERSION "([^"]+)"', (ROOT / "include/tse/version.h").read_text())
         if not (listed and left_out and version):
             raise Wrong("src/CMakeLists.txt or include/tse/version.h: not of the form that is read here")
-        names = re.sub(r"#.*", "", listed[1]).replace("${effect_files}", " ".join(f"model/effects/{x}.h" for x in effects))
+        names = re.sub(r"#.*", "", listed[1]).replace(
+            "${effect_files}", " ".join(f"model/effects/{x}.h" for x in effects)
+        )
         return Sources(names.split(), set(left_out[1].split()), version[1])
 
 
@@ -439,13 +441,19 @@ def main() -> int:
     parser.add_argument("--max-particles", type=int, help="16 .. 65535 (512)")
     parser.add_argument("--latency-rows", type=int, help="8 .. 1024 (32)")
     parser.add_argument("--hypotheses", type=int, help="2 .. 16 (7)")
-    parser.add_argument("--no-effects", action="store_true", help="no effects beyond the plain model, no simulator, no replay")
+    parser.add_argument(
+        "--no-effects", action="store_true", help="no effects beyond the plain model, no simulator, no replay"
+    )
     a = parser.parse_args()
     for name, lo, hi in (("max_particles", 16, 65535), ("latency_rows", 8, 1024), ("hypotheses", 2, 16)):
         value = getattr(a, name)
         if value is not None and not lo <= value <= hi:
             parser.error(f"--{name.replace('_', '-')} must lie in {lo} .. {hi}")
-    capacities = {"TSE_MAX_PARTICLES": a.max_particles, "TSE_LATENCY_ROWS": a.latency_rows, "TSE_HYPOTHESES": a.hypotheses}
+    capacities = {
+        "TSE_MAX_PARTICLES": a.max_particles,
+        "TSE_LATENCY_ROWS": a.latency_rows,
+        "TSE_HYPOTHESES": a.hypotheses,
+    }
     defaults = {"real": a.real, **capacities}
     defaults = {name: str(value) for name, value in defaults.items() if value is not None}
     if a.no_effects:

@@ -110,7 +110,11 @@ def compared(runs: pd.DataFrame, fixed: str) -> list[str]:
         moved = max((abs(y - x) for x, y in zip(*valid, strict=True)))
         three = [", ".join(f"{v:.2f}" for v in x) for x in rms] + [", ".join(f"{v:.1f}" for v in x) for x in valid]
         diverged = f"{int(a.diverged.sum())} / {int(b.diverged.sum())}"
-        kept = "yes" if ratio <= LIMIT["rms"] and moved <= LIMIT["valid"] and b.diverged.sum() <= a.diverged.sum() else "no"
+        kept = (
+            "yes"
+            if ratio <= LIMIT["rms"] and moved <= LIMIT["valid"] and b.diverged.sum() <= a.diverged.sum()
+            else "no"
+        )
         seeds = len(FILTER_SEEDS[form])
         drives = str(len(b)) if seeds == 1 else f"{len(b) // seeds} x {seeds} seeds"
         cells = [case, form, drives, *three[:2], f"{ratio:+.2f} %", *three[2:], f"{moved:.2f}", diverged]
@@ -121,7 +125,9 @@ def compared(runs: pd.DataFrame, fixed: str) -> list[str]:
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--runs", type=int, default=20, help="of each case, one seed each")
-    parser.add_argument("--paper-runs", type=int, default=3, help="of the form with particles, which takes ten times as long")
+    parser.add_argument(
+        "--paper-runs", type=int, default=3, help="of the form with particles, which takes ten times as long"
+    )
     parser.add_argument("--bits", default="", help="other numbers of fraction bits to show beside 32")
     parser.add_argument("--use", nargs=2, metavar=("DOUBLE", "FIXED"), help="shared libraries that are there already")
     options = parser.parse_args()
@@ -131,7 +137,9 @@ def main() -> int:
         builds = {"double": library("double"), "fixed": library("fixed")}
     for bits in filter(None, options.bits.split(",")):
         builds[f"fixed-{bits}"] = library("fixed", int(bits))
-    text = page(study(builds, {"default": options.runs, "paper": options.paper_runs}), builds, options.runs, options.paper_runs)
+    text = page(
+        study(builds, {"default": options.runs, "paper": options.paper_runs}), builds, options.runs, options.paper_runs
+    )
     OUT.write_text(text, encoding="utf-8")
     print(text)
     return 0

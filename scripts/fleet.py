@@ -46,7 +46,9 @@ def write_drive(path: Path, minutes: float, seed: int, rate: float = 100.0) -> N
 def timed(*command: object, codes: tuple[int, ...] = (0, 3)) -> tuple[float, float, float]:
     """Wall s, processor s of it and all its children, and its own greatest memory, MB."""
     before, start = resource.getrusage(resource.RUSAGE_CHILDREN), time.monotonic()
-    process = subprocess.Popen([*map(str, command)], env=ENV, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    process = subprocess.Popen(
+        [*map(str, command)], env=ENV, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+    )
     _, said = process.communicate()
     wall = time.monotonic() - start
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
@@ -77,7 +79,9 @@ def on_cluster(fleet: list[object], out: Path, logs: int) -> tuple[float, int]:
         with distributed.Client(address, timeout=60, set_as_default=False) as client:
             client.wait_for_workers(2, timeout=120)
         start = time.monotonic()
-        run = subprocess.Popen([*map(str, fleet), "--out", str(out), "--scheduler", address], env=ENV, stdout=subprocess.DEVNULL)
+        run = subprocess.Popen(
+            [*map(str, fleet), "--out", str(out), "--scheduler", address], env=ENV, stdout=subprocess.DEVNULL
+        )
         while run.poll() is None and len(list((out / "logs").glob("*.json"))) < logs // 3:
             time.sleep(0.05)
         done = len(list((out / "logs").glob("*.json")))
@@ -108,7 +112,9 @@ def main() -> None:
 
 def measure(folder: Path, asked: argparse.Namespace) -> list[str]:
     car = folder / "car.toml"
-    car.write_text(subprocess.run([*TSELAB, "vehicle", "--example"], env=ENV, capture_output=True, text=True, check=True).stdout)
+    car.write_text(
+        subprocess.run([*TSELAB, "vehicle", "--example"], env=ENV, capture_output=True, text=True, check=True).stdout
+    )
     first = folder / "first.csv"
     write_drive(first, asked.minutes, 1)
     logs = [folder / "logs" / f"car{i % asked.cars}" / f"2024-05-01_{i:04d}.csv" for i in range(asked.logs)]
@@ -118,7 +124,9 @@ def measure(folder: Path, asked: argparse.Namespace) -> list[str]:
     half = asked.logs // 2
     wall = busy = 0.0
     for i in range(half):
-        more = timed(*TSELAB, "estimate", logs[i], "--vehicle", car, "--out", folder / "e.parquet", "--report", folder / "r.html")
+        more = timed(
+            *TSELAB, "estimate", logs[i], "--vehicle", car, "--out", folder / "e.parquet", "--report", folder / "r.html"
+        )
         wall, busy = wall + more[0], busy + more[1]
     fleet = [*TSELAB, "fleet", folder / "logs", "--vehicle", car]
     fleet_wall, fleet_busy, _ = timed(*fleet, "--out", folder / "one", "--jobs", asked.jobs, "--estimates")
@@ -133,8 +141,20 @@ def measure(folder: Path, asked: argparse.Namespace) -> list[str]:
     pieces = max(1, round(60 * asked.hours / asked.minutes))
     with open(long, "w", encoding="utf-8") as file:
         for k in range(pieces):
-            part.assign(time=np.round(part["time"] + k * (part["time"].iloc[-1] + 0.01), 4)).to_csv(file, index=False, header=not k)
-    words = [*TSELAB, "estimate", long, "--vehicle", car, "--out", folder / "long.parquet", "--report", folder / "r.html"]
+            part.assign(time=np.round(part["time"] + k * (part["time"].iloc[-1] + 0.01), 4)).to_csv(
+                file, index=False, header=not k
+            )
+    words = [
+        *TSELAB,
+        "estimate",
+        long,
+        "--vehicle",
+        car,
+        "--out",
+        folder / "long.parquet",
+        "--report",
+        folder / "r.html",
+    ]
     memory = subprocess.run(
         [sys.executable, "-c", "import resource, subprocess, sys; c = subprocess.run(sys.argv[1:], stdout=subprocess.DEVNULL, "
          "stderr=subprocess.DEVNULL).returncode; print(c, resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024)",

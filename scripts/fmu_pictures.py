@@ -105,7 +105,9 @@ def main() -> int:
             error = est[s] / truth[f"true_{s}"] - 1
             parts = (time >= 10) & (time < ROAD_CHANGE[0] - STEP / 2), time >= DURATION - 20
             rms = [100 * np.sqrt((error[part] ** 2).mean()) for part in parts]
-            print(f"| {NAMES[s]} | {rms[0]:.2f} % | {rms[1]:.2f} % | {100 * est[f'{s}_valid'].mean():.0f} % of the time |")
+            print(
+                f"| {NAMES[s]} | {rms[0]:.2f} % | {rms[1]:.2f} % | {100 * est[f'{s}_valid'].mean():.0f} % of the time |"
+            )
     else:
         print(__doc__, file=sys.stderr)
         return 2

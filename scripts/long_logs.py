@@ -161,7 +161,12 @@ def mat73(folder: Path, parts: Parts, times: int) -> Path:
             rows = len(m.time)
             for name, x in ({"time": m.time} | m.columns).items():
                 made = file.create_dataset(
-                    f"{m.name}/{name}", (1, rows * times), float, chunks=(1, 8192), compression="gzip", compression_opts=3
+                    f"{m.name}/{name}",
+                    (1, rows * times),
+                    float,
+                    chunks=(1, 8192),
+                    compression="gzip",
+                    compression_opts=3,
                 )
                 made.attrs["MATLAB_class"] = np.bytes_("double")
                 for k in range(times):
@@ -215,7 +220,9 @@ def mcap(folder: Path, parts: Parts, times: int) -> Path:
         for topic, kind, t, raw in messages(store, parts, False, times):
             if topic not in opened:
                 text, _ = store.generate_msgdef(kind, ros_version=2)
-                opened[topic] = writer.register_channel(topic, "cdr", writer.register_schema(kind, "ros2msg", text.encode()))
+                opened[topic] = writer.register_channel(
+                    topic, "cdr", writer.register_schema(kind, "ros2msg", text.encode())
+                )
             writer.add_message(opened[topic], log_time=t, publish_time=t, data=raw)
         writer.finish()
     one._ros_signals(folder)

@@ -28,7 +28,10 @@ TABLES = (
     ("proof.md", "What is proven", "scripts/eva.sh"),
     ("mutation.md", "Faults that the tests find", "scripts/mutation.sh"),
 )
-LONG = (("coverage.md", "What the unit tests run", "scripts/coverage.sh"), ("misra.md", "MISRA C:2012", "scripts/misra.sh"))
+LONG = (
+    ("coverage.md", "What the unit tests run", "scripts/coverage.sh"),
+    ("misra.md", "MISRA C:2012", "scripts/misra.sh"),
+)
 
 
 def rows_of(table: str) -> list[tuple[str, str, str]]:
@@ -65,7 +68,10 @@ def page() -> str:
         "installed: `scripts/setup.sh machines proof`."
     )
     parts.append("## What happens with a fault\n\n```\n" + comment_before("tse_step", "tse.h") + "\n```")
-    for table, title in (("TSE_STATUS_TABLE", "What a call says"), ("TSE_REASON_TABLE", "Why a stiffness is not valid")):
+    for table, title in (
+        ("TSE_STATUS_TABLE", "What a call says"),
+        ("TSE_REASON_TABLE", "Why a stiffness is not valid"),
+    ):
         lines = [f"| {name} | {code} | {text} |" for name, code, text in rows_of(table)]
         parts.append(f"## {title}\n\n| name | code | meaning |\n|---|---:|---|\n" + "\n".join(lines))
     head = (ROOT / "include" / "tse" / "learnt.h").read_text(encoding="utf-8").split("#ifndef", 1)[0]
@@ -75,7 +81,9 @@ def page() -> str:
         text = f"Not run yet: `{command}`."
         if (RESULTS / name).exists():
             own = (name, title, command) in TABLES
-            text = shifted((RESULTS / name).read_text(encoding="utf-8")) if own else f"[{name}]({name}), by `{command}`."
+            text = (
+                shifted((RESULTS / name).read_text(encoding="utf-8")) if own else f"[{name}]({name}), by `{command}`."
+            )
         parts.append(f"## {title}\n\n{text}")
     return "\n\n".join(parts) + "\n"
 

@@ -47,20 +47,35 @@ def study(lib: Library, runs: int, only: str) -> pd.DataFrame:
 
 
 def table(runs: pd.DataFrame) -> list[str]:
-    columns = ["case", "hypotheses", "RMS %", "worst over that of 6", "settled after s", "valid %", "false valid %", "diverged"]
+    columns = [
+        "case",
+        "hypotheses",
+        "RMS %",
+        "worst over that of 6",
+        "settled after s",
+        "valid %",
+        "false valid %",
+        "diverged",
+    ]
     lines = [f"| {' | '.join(columns)} |", "|---|---:|---|---:|---|---|---:|---:|"]
     for name, of_case in runs.groupby("case", sort=False):
         parts = dict(list(of_case.groupby("hypotheses")))
         rms = {n: [float(np.sqrt(x[f"{s}_mean_square"].mean())) for s in STIFFNESS] for n, x in parts.items()}
-        event = "1" if f"{STIFFNESS[0]}_settle_1" in of_case and of_case[f"{STIFFNESS[0]}_settle_1"].notna().any() else "0"
+        event = (
+            "1" if f"{STIFFNESS[0]}_settle_1" in of_case and of_case[f"{STIFFNESS[0]}_settle_1"].notna().any() else "0"
+        )
         for n, x in parts.items():
             worst = max(100 * (a / b - 1) for a, b in zip(rms[n], rms[MANY], strict=True))
             settled = ", ".join(f"{x[f'{s}_settle_{event}'].median():.1f}" for s in STIFFNESS)
             valid = ", ".join(f"{x[f'{s}_valid'].mean():.1f}" for s in STIFFNESS)
-            false = max(100 * float(x[f"{s}_false_valid"].sum() / max(x[f"{s}_false_valid_of"].sum(), 1)) for s in STIFFNESS)
+            false = max(
+                100 * float(x[f"{s}_false_valid"].sum() / max(x[f"{s}_false_valid_of"].sum(), 1)) for s in STIFFNESS
+            )
             told = ", ".join(f"{v:.2f}" for v in rms[n])
             over = "" if n == MANY else f"{worst:+.1f} %"
-            lines.append(f"| {name} | {n} | {told} | {over} | {settled} | {valid} | {false:.2f} | {int(x.diverged.sum())} |")
+            lines.append(
+                f"| {name} | {n} | {told} | {over} | {settled} | {valid} | {false:.2f} | {int(x.diverged.sum())} |"
+            )
     return lines
 
 

@@ -6,6 +6,7 @@ Undefined symbols are compared with a list of what is allowed, so whatever is ne
 instructions are looked at too: a float library must not compute in double, a fixed-point one not in floating
 point at all (elsewhere the compiler's helper functions, such as __aeabi_dmul, show up as symbols).
 """
+
 import argparse
 import re
 import subprocess

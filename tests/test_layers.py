@@ -29,7 +29,9 @@ ROOMS = {  # which rooms' modules those of a room may import; "": what all of th
 THROUGH = {"workflow", "commands", "check", "plan", "selftest"}  # modules that lead through the rooms
 OF_THE_GLUE = {"fmi2Functions.h", "fmi3Functions.h", "fmu_guid.h", "fmu_model.h", "glue.h", "model.h"}
 OF_THE_GLUE |= {"tse/convert.h", "tse/version.h"}
-NAME = re.compile(r"\b(?:tse|TSE)_(?!VERSION\b|(?:real|setting)(?:_of)?\b|double_of(?:_setting)?\b)\w+")  # but version, numbers
+NAME = re.compile(
+    r"\b(?:tse|TSE)_(?!VERSION\b|(?:real|setting)(?:_of)?\b|double_of(?:_setting)?\b)\w+"
+)  # but version, numbers
 
 
 def folder(path):
@@ -103,7 +105,9 @@ def test_the_rooms_of_the_gap_workflow_do_not_know_what_they_need_not():
         own = room(path.relative_to(GAP).with_suffix("").parts)
         for parts in imported(path):
             if own not in THROUGH and room(parts) not in ROOMS[own]:
-                wrong.append(f"{path.relative_to(GAP)} imports {'.'.join(parts)}, which {own or 'what is shared'} must not know")
+                wrong.append(
+                    f"{path.relative_to(GAP)} imports {'.'.join(parts)}, which {own or 'what is shared'} must not know"
+                )
     assert not wrong, "\n".join(wrong)
 
 

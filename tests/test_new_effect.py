@@ -36,7 +36,9 @@ def test_every_hook_compiles_without_a_warning_beside_the_others(copy):
         assert done.returncode == 0, done.stderr
     flags = ["-std=c99", "-fsyntax-only", "-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Werror", "-DTSE_REAL_DOUBLE=1",
              "-DTSE_MAX_PARTICLES=64", "-Iinclude", "-Isrc"]  # fmt: skip
-    subprocess.run(["cc", *flags, "src/model/integrator.c", "src/estimator/prepare.c", "src/host/replay.c"], cwd=copy, check=True)
+    subprocess.run(
+        ["cc", *flags, "src/model/integrator.c", "src/estimator/prepare.c", "src/host/replay.c"], cwd=copy, check=True
+    )
 
 
 def test_its_test_builds_and_fails_in_one_place_which_says_what_to_write(copy):

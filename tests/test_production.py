@@ -13,7 +13,9 @@ import production  # noqa: E402
 
 
 def test_the_page_is_current() -> None:
-    done = subprocess.run([sys.executable, ROOT / "scripts" / "production.py", "--check"], capture_output=True, text=True)
+    done = subprocess.run(
+        [sys.executable, ROOT / "scripts" / "production.py", "--check"], capture_output=True, text=True
+    )
     assert done.returncode == 0, done.stderr
 
 

@@ -19,7 +19,9 @@ RESULTS = ROOT / "scripts" / "results"
 
 def cells(name: str, row: str) -> list[str]:
     """The first row of a table of scripts/results that begins so."""
-    return [c.strip() for c in re.search(rf"^\| {re.escape(row)}(.*)\|$", (RESULTS / name).read_text(), re.M)[1].split("|")]
+    return [
+        c.strip() for c in re.search(rf"^\| {re.escape(row)}(.*)\|$", (RESULTS / name).read_text(), re.M)[1].split("|")
+    ]
 
 
 def test_it_can_be_read_in_five_minutes():
@@ -30,14 +32,21 @@ def test_its_numbers_are_those_of_scripts_results():
     facts = README.split("| measured |")[1].split("\n\n")[0]
     rms = cells("accuracy.md", "RMS error |")
     assert f"RMS error {', '.join(rms)} %" in facts and "24 runs" in (RESULTS / "accuracy.md").read_text()
-    error, valid, off, band = ([x.strip() for x in c.split("/")][1:] for c in cells("cars-fresh.md", "all | tse, calibrated |"))
+    error, valid, off, band = (
+        [x.strip() for x in c.split("/")][1:] for c in cells("cars-fresh.md", "all | tse, calibrated |")
+    )
     told = "cornering {} and {} % off, {} and {} % of rows valid, of these {} and {} % more than 10 % off; {} and {} % within"
     assert told.format(*error, *valid, *off, *band) in facts
-    noticed, longest = re.match(r"([\d.]+) \(([\d.]+)\)", cells("regimes-road.md", "road-0.7 | tse | 30 s |")[0]).groups()
+    noticed, longest = re.match(
+        r"([\d.]+) \(([\d.]+)\)", cells("regimes-road.md", "road-0.7 | tse | 30 s |")[0]
+    ).groups()
     hours, told, false = cells("as-told.md", "as-told | tse |")[:3]
     assert f"noticed after {noticed} s (longest {longest}); {false} false changes in {float(hours):.0f} hours" in facts
     time, memory = cells("bench.md", "default |")[0], cells("sizes.md", "`tse_filter`: the default form |")[0]
-    assert f"{int(time.split()[0]) / 1000:.0f} us and {int(memory.split()[0].replace(',', '')) / 1000:.0f} kB in double" in facts
+    assert (
+        f"{int(time.split()[0]) / 1000:.0f} us and {int(memory.split()[0].replace(',', '')) / 1000:.0f} kB in double"
+        in facts
+    )
     gap = (RESULTS / "gap.md").read_text()
     of, share = re.search(r"of (\d+) cases.*?right id in (\d+) %", gap).groups()
     assert f"named in {round(int(of) * int(share) / 100)} of {of} cases" in facts

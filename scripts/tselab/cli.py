@@ -141,7 +141,9 @@ def cli(debug: bool) -> None:
 @click.option("--load-learnt", metavar="FILE", type=FILE, help="Start from what an earlier drive taught.")
 @click.option("--age", metavar="DAYS", type=float, help="How long ago that was; default: the age of the file.")
 @click.option("--save-learnt", metavar="FILE", type=FILE, help="Write what this drive teaches; may be the same file.")
-@click.option("--average", metavar="SECONDS", type=float, help="Average the log over blocks of so long first, at most 0.1 s.")
+@click.option(
+    "--average", metavar="SECONDS", type=float, help="Average the log over blocks of so long first, at most 0.1 s."
+)
 @reading
 @for_programs
 @click.option("--seed", type=int, help="Seed of the random numbers; --form paper or sampled.")
@@ -411,7 +413,11 @@ class FormulaCommand(click.Command):
     def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         from tselab.core import library
 
-        kinds = {"SIGNAL": "Signals", "PLAIN": "Functions, beside + - * / and whole powers", "MEMORY": "Functions that remember"}
+        kinds = {
+            "SIGNAL": "Signals",
+            "PLAIN": "Functions, beside + - * / and whole powers",
+            "MEMORY": "Functions that remember",
+        }
         with formatter.section("Places"):
             formatter.write_dl([(p.name, f"{p.unit}: {p.text}") for p in library().formula_places.values()])
         hidden = {"add", "sub", "mul", "div", "neg", "one", "two"}  # written as operators and digits
@@ -423,7 +429,9 @@ class FormulaCommand(click.Command):
 
 @cli.command(cls=FormulaCommand)
 @click.argument("path", metavar="FORMULA.toml", type=FILE)
-@click.option("--c", "header", metavar="OUT.h", type=FILE, help="Also write it as C, for a build with -DTSE_FORMULA=OUT.h.")
+@click.option(
+    "--c", "header", metavar="OUT.h", type=FILE, help="Also write it as C, for a build with -DTSE_FORMULA=OUT.h."
+)
 def formula(path: Path, header: Path | None) -> None:
     """Check a formula of the user, an effect that no catalogue has; also as C.
 
@@ -455,7 +463,9 @@ def formula(path: Path, header: Path | None) -> None:
     click.echo(f"{path}: {found.title}\n{found.place} [{place.unit}] + {found.gain:g} * ({found.text})")
     click.echo(text_table([[n.name, f"{n.value:.6g}", n.unit, n.text] for n in found.numbers], right=(1,)))
     count = len(found.operations)
-    click.echo(f"{count} operations; settings: {', '.join(f'{k} = {_short(v)}' for k, v in found.settings().items() if v)}")
+    click.echo(
+        f"{count} operations; settings: {', '.join(f'{k} = {_short(v)}' for k, v in found.settings().items() if v)}"
+    )
     if header is not None:
         with atomic(header) as file:
             file.write(c_header(found))
@@ -620,7 +630,9 @@ class StudyCommand(click.Command):
 
 @cli.command(cls=StudyCommand, short_help="Monte-Carlo studies: accuracy, bounds, peers, stress.")
 @click.option("--study", "name", metavar="NAME", required=True, help="Which; list below.")
-@click.option("--runs", type=click.IntRange(1, 1000000), help="Runs of each case, one seed each; default: as the study.")
+@click.option(
+    "--runs", type=click.IntRange(1, 1000000), help="Runs of each case, one seed each; default: as the study."
+)
 @click.option(
     "--jobs",
     type=click.IntRange(1, 256),
@@ -631,7 +643,9 @@ class StudyCommand(click.Command):
 @click.option("--scheduler", metavar="ADDRESS", help="Run on a Dask cluster instead, for instance tcp://host:8786.")
 @click.option("--out", metavar="DIR", type=FILE, help="Directory; made if needed.  [default: montecarlo-NAME]")
 @click.option("--cases", metavar="A,B", help="Only these cases of the study.")
-@click.option("--first-seed", type=click.IntRange(0, 2000000000), default=1, show_default=True, help="Seed of the first run.")
+@click.option(
+    "--first-seed", type=click.IntRange(0, 2000000000), default=1, show_default=True, help="Seed of the first run."
+)
 @FORM
 @click.option(
     "--set",

@@ -190,7 +190,10 @@ class Library:
         self.path = path
         for suffix, real in (("_f64", np.float64), ("_f32", np.float32), ("_fix", np.float64)):
             if hasattr(self._dll, "tse_step" + suffix):
-                self._suffix, self.real = suffix, np.dtype(real)  # fixed point goes in and out as double: native(), from_native()
+                self._suffix, self.real = (
+                    suffix,
+                    np.dtype(real),
+                )  # fixed point goes in and out as double: native(), from_native()
                 break
         else:
             raise UserError(f"{path}: is not a double, float or fixed-point build of the tse library")
@@ -226,9 +229,12 @@ class Library:
 
         self.effects = self._read_effects()
         kinds = {"n": "NUMBER", "s": "SIGNAL", "p": "PLAIN", "m": "MEMORY"}
-        self.formula_places = {f.name: FormulaPlace(f.name, f.offset, f.unit, f.text) for f in self.fields(FORMULA_PLACE)}
+        self.formula_places = {
+            f.name: FormulaPlace(f.name, f.offset, f.unit, f.text) for f in self.fields(FORMULA_PLACE)
+        }
         self.formula_ops = {
-            f.name: FormulaOp(f.name, f.offset, int(f.default), kinds[f.kind], f.unit, f.text) for f in self.fields(FORMULA_OP)
+            f.name: FormulaOp(f.name, f.offset, int(f.default), kinds[f.kind], f.unit, f.text)
+            for f in self.fields(FORMULA_OP)
         }
         names = [f.name for f in self.fields(CONFIG)]  # rows of told.def: between the vehicle's and the sensors'
         self.told = tuple(names[names.index("rear_longitudinal_follows_front") + 1 : names.index("accel_x_sd")])

@@ -101,14 +101,21 @@ def run_gap(out: Path, seed: int = 1, say: Callable[[str], None] = lambda _: Non
     car = Config(vehicle.values)
     truth = Config(vehicle.values | HIDDEN_SETTINGS)
     spread = {f"spread_{s}": SPREAD for s in STIFFNESS}
-    noise = {"steer_angle_sd": STEER_NOISE, "wheel_speed_sd": WHEEL_NOISE, "true_bias_accel_y": 0.05, "true_cy_rear": 1.05}
+    noise = {
+        "steer_angle_sd": STEER_NOISE,
+        "wheel_speed_sd": WHEEL_NOISE,
+        "true_bias_accel_y": 0.05,
+        "true_cy_rear": 1.05,
+    }
     paths: dict[bool, list[Path]] = {False: [], True: []}
     say("simulating a car with a hidden effect")
     for i, (name, duration, speed, amplitude, held) in enumerate(GAP_DRIVES):
         maneuver = maneuvers.build(
             name, car, sample_time=car.sample_time, duration=duration, speed=speed, amplitude=amplitude, seed=seed + i
         )
-        log = simulate(maneuver, truth, SimConfig(spread | noise | {"seed": seed + i, "speed": speed}), vehicle.driven_axle).log
+        log = simulate(
+            maneuver, truth, SimConfig(spread | noise | {"seed": seed + i, "speed": speed}), vehicle.driven_axle
+        ).log
         paths[held].append(out / f"{'held_out' if held else 'log'}_{i + 1}_{name.replace('-', '_')}.csv")
         write_table(log, paths[held][-1])
     result = run(paths[False], path, out, paths[True], jobs, say)

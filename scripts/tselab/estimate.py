@@ -98,7 +98,9 @@ def estimate_to(
                 each(block)
 
         teaches, told = _run(log, config, take, progress, learnt)
-    return Estimate(summary.table(), interrupted=summary.rows < len(log), learnt=teaches, told_sd=told, statuses=summary.statuses)
+    return Estimate(
+        summary.table(), interrupted=summary.rows < len(log), learnt=teaches, told_sd=told, statuses=summary.statuses
+    )
 
 
 @contextmanager
@@ -141,7 +143,9 @@ class _Parquet:
 
     def _array(self, column: Any) -> Any:
         if isinstance(column, pd.Categorical):
-            return self._pa.DictionaryArray.from_arrays(self._pa.array(column.codes), self._pa.array(list(column.categories)))
+            return self._pa.DictionaryArray.from_arrays(
+                self._pa.array(column.codes), self._pa.array(list(column.categories))
+            )
         return self._pa.array(column)
 
     def _flush(self) -> None:

@@ -19,7 +19,9 @@ def run_facts(est: Estimate, log: Log, vehicle: Vehicle, config: Config, stride:
         ("Vehicle", f"{vehicle.name}" + (f" ({vehicle.path.name})" if vehicle.path else "")),
         ("Filter", filter_text(config)),
     ]
-    late = {channel: 1000 * getattr(config, name) for channel, name in latency_settings().items() if getattr(config, name)}
+    late = {
+        channel: 1000 * getattr(config, name) for channel, name in latency_settings().items() if getattr(config, name)
+    }
     if late:
         told = ", ".join(f"{channel} {ms:g} ms" for channel, ms in late.items())
         age = 1000 * float(est.table["estimate_age"].min()) if len(est) else 0.0

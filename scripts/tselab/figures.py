@@ -117,7 +117,9 @@ def vehicle_icon(path: Path) -> None:
 
     axis.plot(*zip(rear, front, strict=True), color=INK, lw=9, solid_capstyle="round", zorder=1)
     for (x, y), angle in ((rear, 0.0), (front, steer)):
-        wheel = FancyBboxPatch((-0.36, -0.13), 0.72, 0.26, boxstyle="round,pad=0,rounding_size=0.09", fc="#cbd2d9", ec=INK, lw=4)
+        wheel = FancyBboxPatch(
+            (-0.36, -0.13), 0.72, 0.26, boxstyle="round,pad=0,rounding_size=0.09", fc="#cbd2d9", ec=INK, lw=4
+        )
         wheel.set_transform(Affine2D().rotate(angle).translate(x, y) + axis.transData)
         axis.add_patch(wheel)
     arrow(front, np.radians(115), 1.1, "#1a7f5a")

@@ -38,7 +38,9 @@ def atomic(path: Path, mode: str = "w") -> Iterator[IO]:
             yield file
     except OSError as error:
         reason = no_room(error)
-        if error.errno is None and not isinstance(error, ValueError):  # packages that write pictures keep no number of it
+        if error.errno is None and not isinstance(
+            error, ValueError
+        ):  # packages that write pictures keep no number of it
             reason = str(error)
         if reason:
             raise UserError(f"{path}: cannot be written: {reason}; nothing of it is kept") from error

@@ -8,7 +8,9 @@ import numpy as np
 def fresh(x: np.ndarray) -> np.ndarray:
     """Rows with a new value, where a slow signal is held in a fast log: held values are old ones, and half a hold late on average.
     All rows, unless new values come every k-th row: a quantised signal repeats itself, too, but at no beat."""
-    changed = np.flatnonzero(np.append(True, (np.diff(x) != 0) & np.isfinite(x[1:]))).astype(np.int32)  # half the memory
+    changed = np.flatnonzero(np.append(True, (np.diff(x) != 0) & np.isfinite(x[1:]))).astype(
+        np.int32
+    )  # half the memory
     gaps = np.diff(changed[1:])
     if len(gaps) < 50:
         return np.ones(len(x), bool)

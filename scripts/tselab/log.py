@@ -22,9 +22,27 @@ DRIVES = ("steer_angle", "wheel_speed_front", "wheel_speed_rear")  # drive the m
 MEASURES = ("accel_x", "accel_y", "yaw_rate")  # are compared with it
 SIDES = {axle: (f"{axle}_left", f"{axle}_right") for axle in DRIVES[1:]}  # in place of the axle's mean
 OPTIONAL = {  # columns that a log may have besides: unit, range, text, hint; `tselab gap` compares them, the estimator does not
-    "vehicle_speed": ("m/s", -60.0, 120.0, "speed over ground of the centre of gravity: GNSS, optical", "km/h: divide by 3.6"),
-    "wheel_torque_front": ("Nm", -20000.0, 20000.0, "drive less brake torque of both front wheels", "kNm: multiply by 1000"),
-    "wheel_torque_rear": ("Nm", -20000.0, 20000.0, "drive less brake torque of both rear wheels", "kNm: multiply by 1000"),
+    "vehicle_speed": (
+        "m/s",
+        -60.0,
+        120.0,
+        "speed over ground of the centre of gravity: GNSS, optical",
+        "km/h: divide by 3.6",
+    ),
+    "wheel_torque_front": (
+        "Nm",
+        -20000.0,
+        20000.0,
+        "drive less brake torque of both front wheels",
+        "kNm: multiply by 1000",
+    ),
+    "wheel_torque_rear": (
+        "Nm",
+        -20000.0,
+        20000.0,
+        "drive less brake torque of both rear wheels",
+        "kNm: multiply by 1000",
+    ),
 }
 MOST_BACK = 0.5  # share of rows that are not later than the one before, above which the column is no time
 FEW_OUTSIDE = 0.05  # share of values outside the range above which it is the column that is wrong
@@ -225,12 +243,16 @@ def read_frame(frame: Mapping[str, Any] | pd.DataFrame, name: str = "log") -> Lo
             except (TypeError, ValueError):
                 if column in needed:
                     what = _allowed(column)
-                    raise UserError(f"{name}: column {column} is not numeric; allowed: {what}, or NaN for missing") from None
+                    raise UserError(
+                        f"{name}: column {column} is not numeric; allowed: {what}, or NaN for missing"
+                    ) from None
                 notes.append(f"column {column} is not numeric: not used")
     rows = table["time"].shape
     for column, values in table.items():
         if values.shape != rows or values.ndim != 1:
-            raise UserError(f"{name}: column {column} has shape {values.shape}; all need that of time, one number a row: {rows}")
+            raise UserError(
+                f"{name}: column {column} has shape {values.shape}; all need that of time, one number a row: {rows}"
+            )
     if rows == (0,):
         raise UserError(f"{name}: has no rows")
     row = np.arange(rows[0])
@@ -299,8 +321,10 @@ def checked(
         other = next(c for c in SIDES if c != stand_in)
         data[stand_in] = data[other].copy()
         data["accel_x"] = np.full(len(time), np.nan)  # what it tells is a force at a slip that nobody knows
-        notes.append(f"{stand_in} is not in the log: {other} stands in for it; slip is not known, so accel_x is not used and "
-                     f"cx_front not told")
+        notes.append(
+            f"{stand_in} is not in the log: {other} stands in for it; slip is not known, so accel_x is not used and "
+            f"cx_front not told"
+        )
     sample_time = float(np.median(np.diff(time))) if len(time) > 1 else None
     if sample_time is not None and sample_time > SLOWEST:
         hint = _time_hint(sample_time)
@@ -315,7 +339,9 @@ def checked(
         room.let_go()
     frame = _frame({name: data[name] for name in wanted}, len(time))
     ref = pd.DataFrame({c: table.pop(c) for c in list(table) if c.startswith("ref_")}, index=frame.index)
-    extra = pd.DataFrame({c: x for c in OPTIONAL if c in table and (x := _optional(c, table[c], line, notes, place)) is not None})
+    extra = pd.DataFrame(
+        {c: x for c in OPTIONAL if c in table and (x := _optional(c, table[c], line, notes, place)) is not None}
+    )
     return Log(path, time, frame, ref, line, sample_time, notes, extra=extra, place=place, stand_in=stand_in, turn=per_turn,
                room=room)  # fmt: skip
 
@@ -371,7 +397,9 @@ def _remedy(missing: Collection[str]) -> str:
     return ": name its signal in signals.toml"
 
 
-def _axle(axle: str, left: np.ndarray, right: np.ndarray, yaw_rate: np.ndarray, notes: list[str]) -> tuple[np.ndarray, float]:
+def _axle(
+    axle: str, left: np.ndarray, right: np.ndarray, yaw_rate: np.ndarray, notes: list[str]
+) -> tuple[np.ndarray, float]:
     """The middle of an axle, rad/s, of its two wheels. Where one is missing, the other less half of what they differ by in a turn:
     track over radius times the yaw rate, found from the rows that have both, which is returned, too."""
     difference = right - left
@@ -389,7 +417,9 @@ def _axle(axle: str, left: np.ndarray, right: np.ndarray, yaw_rate: np.ndarray, 
     if alone.any():
         half = 0.5 * per_turn * yaw_rate
         mean[alone] = np.where(np.isfinite(left), left + half, right - half)[alone]
-        notes.append(f"{axle}: one of both wheels is missing in {alone.sum()} rows: taken from the other and the yaw rate")
+        notes.append(
+            f"{axle}: one of both wheels is missing in {alone.sum()} rows: taken from the other and the yaw rate"
+        )
     # on a straight road both are noise, and say nothing about units
     shown = bool(per_turn**2 * turned > TURN_SHOWN * differed)
     return mean, per_turn if shown else 0.0
@@ -400,7 +430,9 @@ def _beside(column: str) -> bool:
     return column.startswith("ref_") or column in OPTIONAL
 
 
-def _optional(name: str, column: np.ndarray, line: np.ndarray, notes: list[str], place: str = "line") -> np.ndarray | None:
+def _optional(
+    name: str, column: np.ndarray, line: np.ndarray, notes: list[str], place: str = "line"
+) -> np.ndarray | None:
     """One of OPTIONAL, checked; None, and a note why, if it cannot be used. It refuses no log: the estimator needs none."""
     unit, low, high, _, hint = OPTIONAL[name]
     value = column.copy()
@@ -408,7 +440,11 @@ def _optional(name: str, column: np.ndarray, line: np.ndarray, notes: list[str],
         bad = (value < low) | (value > high)
     there = int(np.isfinite(value).sum())
     if not there or bad.sum() > FEW_OUTSIDE * there:
-        where = f"; {value[bad.argmax()]:g} in {place} {line[bad.argmax()]} is outside; hint: {hint}" if there else "; it is empty"
+        where = (
+            f"; {value[bad.argmax()]:g} in {place} {line[bad.argmax()]} is outside; hint: {hint}"
+            if there
+            else "; it is empty"
+        )
         notes.append(f"column {name} is not used: allowed are {low:g} .. {high:g} {unit}{where}")
         return None
     if bad.any():
@@ -582,7 +618,9 @@ def _numbers(
         raise UserError(f"{path}: has one row, and its line does not end: it may be cut inside a number")
     wanted = [c for c in header if c in needed or _beside(c)]
     room = Room()
-    columns = {name: room.empty(most + 1) for name in wanted}  # as long as ever needed: to put parts together takes twice the room
+    columns = {
+        name: room.empty(most + 1) for name in wanted
+    }  # as long as ever needed: to put parts together takes twice the room
     lines = np.empty(most + 1, np.int32)
     rows = 0
     wrong: dict[str, tuple[int, str]] = {}  # column -> line and text of its first cell that is not a number
@@ -611,7 +649,9 @@ def _numbers(
         if name in needed and name in wrong:
             at, text = wrong[name]
             if count[name] <= FEW_OUTSIDE * rows:
-                cells = f"{count[name]} cells that are no numbers are" if count[name] > 1 else "a cell that is no number is"
+                cells = (
+                    f"{count[name]} cells that are no numbers are" if count[name] > 1 else "a cell that is no number is"
+                )
                 notes.append(f"{name}: {cells} treated as missing (first in line {at}: {text[:20]!r})")
                 del wrong[name]
                 continue
@@ -679,7 +719,14 @@ def _check_time(path: Path, time: np.ndarray, line: np.ndarray, place: str = "li
 
 
 def _check_channel(
-    path: Path, data: dict[str, np.ndarray], line: np.ndarray, f: Field, notes: list[str], name: str, place: str, room: Room
+    path: Path,
+    data: dict[str, np.ndarray],
+    line: np.ndarray,
+    f: Field,
+    notes: list[str],
+    name: str,
+    place: str,
+    room: Room,
 ) -> None:
     """`name`: of the column, which may be one side of the channel f. A few values that nothing can have are missing."""
     value = data[name]

@@ -22,7 +22,13 @@ import numpy as np
 
 from tselab.log import DRIVES, Log
 
-FLOOR = {"accel_x": 0.05, "accel_y": 0.05, "yaw_rate": 0.001, "wheel_speed_front": 0.0, "wheel_speed_rear": 0.0}  # m/s2, rad/s
+FLOOR = {
+    "accel_x": 0.05,
+    "accel_y": 0.05,
+    "yaw_rate": 0.001,
+    "wheel_speed_front": 0.0,
+    "wheel_speed_rear": 0.0,
+}  # m/s2, rad/s
 LONGEST_HOLD = 10
 FEWEST_ROWS = 50
 

@@ -67,7 +67,9 @@ def reading(command: Callable[..., Any]) -> Callable[..., Any]:
         from tselab.log import Reading
 
         if signals is not None and not signals.is_file():
-            raise UserError(f"{signals}: no such file (option --signals); 'tselab signals LOG --write {signals.name}' proposes one")
+            raise UserError(
+                f"{signals}: no such file (option --signals); 'tselab signals LOG --write {signals.name}' proposes one"
+            )
         return command(*args, reading=Reading(signals, rate, strict, databases), **kw)
 
     for option in (

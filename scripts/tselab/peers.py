@@ -42,7 +42,9 @@ class Told:
     noise_sd: tuple[float, float, float]  # accel_x, accel_y [m/s2], yaw_rate [rad/s]
     forgetting: float = 0.99  # lambda per nominal sample time
     held: bool = False  # the steering angle of a row acts until the next; else it is linear between rows
-    changes: tuple[float, ...] = ()  # s since the first row: from here on the mean stiffness is another; only "told" listens
+    changes: tuple[
+        float, ...
+    ] = ()  # s since the first row: from here on the mean stiffness is another; only "told" listens
 
 
 @dataclass(frozen=True)

@@ -122,7 +122,12 @@ class Data:
             for p in REGIMES:
                 self._lines.setdefault(p, []).append(columns[p][unusual].astype(np.float32))
         for key in STIFFNESS:
-            band = zip(columns[key][at] / 1000, 1.96 * columns[f"{key}_sd"][at] / 1000, columns[f"{key}_reason"][at], strict=True)
+            band = zip(
+                columns[key][at] / 1000,
+                1.96 * columns[f"{key}_sd"][at] / 1000,
+                columns[f"{key}_reason"][at],
+                strict=True,
+            )
             self._hover[key] += [f"{m:.1f} ± {s:.1f} {UNITS[key]}, {r}" for m, s, r in band]
         self.rows += count
 
@@ -199,7 +204,14 @@ class Figure:
             "paper_bgcolor": "white",
             "plot_bgcolor": "white",
             "hovermode": "x unified",
-            "legend": {"orientation": "h", "y": 0.995, "yanchor": "top", "x": 0, "xanchor": "left", "yref": "container"},
+            "legend": {
+                "orientation": "h",
+                "y": 0.995,
+                "yanchor": "top",
+                "x": 0,
+                "xanchor": "left",
+                "yref": "container",
+            },
             "annotations": [],
             "shapes": [],
         }
@@ -366,7 +378,9 @@ def states_figure(d: Data) -> Figure:
             _band(figure, row, d.time, d.line(f"{key}_low"), d.line(f"{key}_high"), "95 % band", BAND, first)
         _line(figure, row, d.time, d.line(key), "estimate", BLUE, first, width=2)
         for c in d.references(key):
-            _line(figure, row, d.logged_time, d.logged(c) * FACTOR.get(key, 1.0), c, ORANGE, True, dash="dash", width=1.4)
+            _line(
+                figure, row, d.logged_time, d.logged(c) * FACTOR.get(key, 1.0), c, ORANGE, True, dash="dash", width=1.4
+            )
     return figure
 
 
@@ -393,7 +407,13 @@ UNEXPLAINED = (
 def health_figure(d: Data) -> Figure:
     """Biases, evidence, effective size, status; the noise found where it is not what the settings say; what the model does not
     explain, where the estimates tell."""
-    titles = ["Accelerometer biases [m/s2]", "Gyro bias [rad/s]", "Log evidence per row [nat]", "Effective particles", "Status"]
+    titles = [
+        "Accelerometer biases [m/s2]",
+        "Gyro bias [rad/s]",
+        "Log evidence per row [nat]",
+        "Effective particles",
+        "Status",
+    ]
     noise = {name: d.line(name) for name in (f"noise_{channel}" for channel in MEASURES)}
     found = np.asarray(d.time) > d.time[0] + FINDING if len(d.time) else np.zeros(0, bool)
     noisy = any((x[found] > QUIET).any() for x in noise.values())

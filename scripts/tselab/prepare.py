@@ -15,7 +15,9 @@ from tselab.log import average as average_log
 from tselab.units import check_units
 from tselab.vehicle import Vehicle, fill_sensors, read_vehicle
 
-MOST_ROWS = 1 << 19  # from which noise and units are told: 87 minutes at 100 Hz; a longer log is as its liveliest so many rows
+MOST_ROWS = (
+    1 << 19
+)  # from which noise and units are told: 87 minutes at 100 Hz; a longer log is as its liveliest so many rows
 
 
 @dataclass

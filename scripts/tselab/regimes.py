@@ -22,7 +22,12 @@ REGIMES = {  # probability of each at a row; their sum is 1
     "p_sliding": "sliding",
     "p_restarted": "started over",
 }
-KINDS = {1: "road changed", 2: "front axle changed", 3: "rear axle changed", 4: "started over"}  # change_kind; 0: none yet
+KINDS = {
+    1: "road changed",
+    2: "front axle changed",
+    3: "rear axle changed",
+    4: "started over",
+}  # change_kind; 0: none yet
 TOUCHED = {1: STIFFNESS, 2: ("cx_front", "cy_front"), 3: ("cy_rear",), 4: ()}  # of what the ratio is told
 SPELLS = {"p_fault": "fault", "p_sliding": "sliding", "p_drifting": "drifting"}
 COLUMNS: dict[str, type] = {  # what is needed of a table, as small as it can be
@@ -173,7 +178,10 @@ def _change(
     for key in TOUCHED.get(kind, ()):
         value = float(columns[f"change_{key}"][last]) if f"change_{key}" in columns else float("nan")
         if np.isfinite(value):
-            ratio[key] = value, value * float(np.hypot(_relative_sd(columns, key, before), _relative_sd(columns, key, last)))
+            ratio[key] = (
+                value,
+                value * float(np.hypot(_relative_sd(columns, key, before), _relative_sd(columns, key, last))),
+            )
     return Change(time, kind, probability * _another(kind, ratio), ratio)
 
 

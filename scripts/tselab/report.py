@@ -64,9 +64,7 @@ def write_report(
         findings=found,
         most=MOST_CARDS,
         events=events(changes, spells),
-        sections=[
-            {"id": f"plot{i}", "title": t, "text": x, "height": f.height} for i, (t, x, f) in enumerate(shown)
-        ],
+        sections=[{"id": f"plot{i}", "title": t, "text": x, "height": f.height} for i, (t, x, f) in enumerate(shown)],
         figures=packed(orjson.dumps([f.as_dict() for _, _, f in shown], option=orjson.OPT_SERIALIZE_NUMPY)),
         plotly=packed(get_plotlyjs()),
         facts=run_facts(est, log, vehicle, config, data.stride),

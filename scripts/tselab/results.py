@@ -91,7 +91,10 @@ def document(
         "exit_code": exit_code(found),
         "settings": dict(config.changed()),
         "stretches": [
-            {**{k: part[0][k] for k in keys}, "stiffness": {r["stiffness"]: _without(r, (*keys, "stiffness")) for r in part}}
+            {
+                **{k: part[0][k] for k in keys},
+                "stiffness": {r["stiffness"]: _without(r, (*keys, "stiffness")) for r in part},
+            }
             for part in (table[i : i + len(found[0].verdicts)] for i in range(0, len(table), len(found[0].verdicts)))
         ],
         "changes": [vars(c) | {"what": c.what} for c in changes],

@@ -75,7 +75,9 @@ class Room:
         if not self._maps or self._used + size > len(self._maps[-1]):
             with tempfile.TemporaryFile() as file:  # its name is gone at once, its content when nobody uses it
                 file.truncate(max(size, SEGMENT))
-                if hasattr(os, "posix_fallocate"):  # a disk that is full says so here, not by a signal at the first write
+                if hasattr(
+                    os, "posix_fallocate"
+                ):  # a disk that is full says so here, not by a signal at the first write
                     try:
                         os.posix_fallocate(file.fileno(), 0, max(size, SEGMENT))
                     except OSError as error:  # some file systems cannot

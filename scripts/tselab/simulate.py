@@ -16,7 +16,14 @@ from tselab.maneuvers import Maneuver
 SPEED_GAIN = 2.0  # 1/s, of the driver who follows a target speed
 BRAKE_FRONT = 0.6  # share of the braking done by the front axle
 HOLD_TORQUE = 300.0  # Nm, brake at standstill
-HISTORIES = ("steer_angle", "wheel_torque_front", "wheel_torque_rear", "brake_torque_front", "brake_torque_rear", "road_level")
+HISTORIES = (
+    "steer_angle",
+    "wheel_torque_front",
+    "wheel_torque_rear",
+    "brake_torque_front",
+    "brake_torque_rear",
+    "road_level",
+)
 
 
 @dataclass

@@ -117,7 +117,14 @@ def _of_any_factor(figures: Figures) -> float:
     return ODD + min(costs, default=np.inf)
 
 
-POWERS = {"accel_y": -1, "accel_x": -1, "steer_angle": 1, "track_front": 1, "track_rear": 1, "speed": 1}  # of v in a figure
+POWERS = {
+    "accel_y": -1,
+    "accel_x": -1,
+    "steer_angle": 1,
+    "track_front": 1,
+    "track_rear": 1,
+    "speed": 1,
+}  # of v in a figure
 
 
 def _speed_off(figures: Figures, radius: float) -> list[str]:

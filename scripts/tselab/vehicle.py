@@ -43,7 +43,9 @@ CORNERING_PER_LOAD = 12.0  # 1/rad
 LONGITUDINAL_PER_LOAD = 20.0  # 1
 # Biases of sensors nobody has described: mounting angle and slope of about 1 degree, an uncalibrated gyro.
 UNKNOWN_BIAS = {"accel_x_bias_sd": 0.2, "accel_y_bias_sd": 0.2, "yaw_rate_bias_sd": 0.01}
-NOD_TIME = 0.15  # s: body and wheels of cars nod and swing by 1 .. 2 Hz; the calibration smooths as much (identify/ready.py)
+NOD_TIME = (
+    0.15  # s: body and wheels of cars nod and swing by 1 .. 2 Hz; the calibration smooths as much (identify/ready.py)
+)
 GUESSED_INERTIA_SD = 0.15  # of the rule mass lf lr: real cars have 0.8 .. 1.2 of it
 
 
@@ -61,7 +63,9 @@ class Vehicle:
     notes: list[str] = field(default_factory=list)
     formula: Formula | None = None  # of the user: [formula] names its file
     formula_path: Path | None = None
-    calibration: dict[str, Any] = field(default_factory=dict)  # what an earlier `tselab calibrate` left: names, mean, covariance
+    calibration: dict[str, Any] = field(
+        default_factory=dict
+    )  # what an earlier `tselab calibrate` left: names, mean, covariance
 
     @property
     def steering_ratio(self) -> float | None:
@@ -157,7 +161,9 @@ def make_vehicle(data: dict[str, Any], path: Path) -> Vehicle:
                     raise UserError(f"{path}: table [{key}] is not known (did you mean [{near[0]}]?)")
                 others.append(key)
             else:
-                unknown.append(f"key {prefix}{key} is not known{_advice(name, key, {n: t[1] for n, t in tables.items()})}")
+                unknown.append(
+                    f"key {prefix}{key} is not known{_advice(name, key, {n: t[1] for n, t in tables.items()})}"
+                )
     if unknown:
         more = len(unknown) - MOST_UNKNOWN
         raise UserError(f"{path}: {'; '.join(unknown[:MOST_UNKNOWN])}{f'; and {more} more' if more > 0 else ''}")
@@ -165,7 +171,9 @@ def make_vehicle(data: dict[str, Any], path: Path) -> Vehicle:
     if missing:
         ranges = "; ".join(f"{k}: {check.fields[k].range_text}" for k in missing)
         raise UserError(f"{path}: key {', '.join(missing)} is missing (allowed: {ranges})")
-    vehicle = Vehicle(path, str(facts.get("name", path.stem)), values, facts, formula=formula, formula_path=formula_path)
+    vehicle = Vehicle(
+        path, str(facts.get("name", path.stem)), values, facts, formula=formula, formula_path=formula_path
+    )
     vehicle.calibration = calibration
     if others:
         vehicle.notes.append(f"{path.name}: [{'], ['.join(others)}] is not known and not used")
@@ -183,7 +191,9 @@ def make_vehicle(data: dict[str, Any], path: Path) -> Vehicle:
 
 def _is_table(value: Any) -> bool:
     """A table, or several under one name."""
-    return isinstance(value, dict) or (isinstance(value, list) and bool(value) and all(isinstance(v, dict) for v in value))
+    return isinstance(value, dict) or (
+        isinstance(value, list) and bool(value) and all(isinstance(v, dict) for v in value)
+    )
 
 
 def _advice(table: str, key: str, known: Mapping[str, Iterable[str]]) -> str:
@@ -219,7 +229,9 @@ def _formula_path(path: Path, table: dict[str, Any]) -> Path | None:
         return None
     name = table.get("file")
     if set(table) != {"file"} or not isinstance(name, str) or Path(name).name != name:
-        raise UserError(f"{path}: [formula] needs one key, file: the name of a formula beside this file, and nothing else")
+        raise UserError(
+            f"{path}: [formula] needs one key, file: the name of a formula beside this file, and nothing else"
+        )
     return path.parent / name
 
 
@@ -236,7 +248,9 @@ def _calibration(path: Path, table: dict[str, Any]) -> dict[str, Any]:
         names = [str(name) for name in table["names"]]
         mean, covariance = np.array(table["mean"], float), np.array(table["covariance"], float)
     except (KeyError, TypeError, ValueError):
-        raise UserError(f"{path}: [calibration] needs names, mean and covariance, as 'tselab calibrate' writes them") from None
+        raise UserError(
+            f"{path}: [calibration] needs names, mean and covariance, as 'tselab calibrate' writes them"
+        ) from None
     n = len(names)
     if mean.shape != (n,) or covariance.shape != (n, n) or len(set(names)) < n:
         raise UserError(f"{path}: [calibration]: {n} different names need {n} means and {n} rows of {n} covariances")
@@ -246,7 +260,9 @@ def _calibration(path: Path, table: dict[str, Any]) -> dict[str, Any]:
     correlation = covariance / np.outer(sd, sd) if finite else covariance
     symmetric = finite and np.allclose(correlation, correlation.T, 0, 1e-6)
     if not symmetric or np.linalg.eigvalsh(correlation)[0] <= 0:
-        raise UserError(f"{path}: [calibration]: covariance is not one: it must be finite, symmetric and positive definite")
+        raise UserError(
+            f"{path}: [calibration]: covariance is not one: it must be finite, symmetric and positive definite"
+        )
     return {"names": names, "mean": mean.tolist(), "covariance": covariance.tolist()}
 
 
@@ -279,7 +295,9 @@ def effects_toml(config: Config) -> str:
     for effect in library().effects.values():
         if any(getattr(config, p.setting) != 0 for p in effect.strengths):
             lines += ["", f"[effects.{effect.id}]  # {effect.title}"]
-            lines += [f"{p.name} = {float(getattr(config, p.setting))!r}  # {p.unit}: {p.text}" for p in effect.parameters]
+            lines += [
+                f"{p.name} = {float(getattr(config, p.setting))!r}  # {p.unit}: {p.text}" for p in effect.parameters
+            ]
     return "\n".join(lines) + "\n" if lines else ""
 
 
@@ -353,7 +371,13 @@ def fill_sensors(vehicle: Vehicle, log: Log) -> None:
     with np.errstate(invalid="ignore"):
         moving = np.abs(log.data["wheel_speed_front"].to_numpy()) * config.wheel_radius_front > 2.0
     if v.get("model_sd", 0.0) > 0:
-        _fill(vehicle, config, "nod_time", NOD_TIME, "rule: a car that is not quite as its model; 0: slips are read row by row")
+        _fill(
+            vehicle,
+            config,
+            "nod_time",
+            NOD_TIME,
+            "rule: a car that is not quite as its model; 0: slips are read row by row",
+        )
     silent = any(f"{channel}_sd" not in v for channel in MEASURES)
     misfits = kinematic_misfit(log, config.wheel_radius_front, config.wheel_radius_rear) if silent else {}
     if "wheel_noise_sd" in v:

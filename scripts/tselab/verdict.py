@@ -98,7 +98,9 @@ class Finding:
         found = [f"{v.name}: {v.text}" for v in self.verdicts]
         if not self.stretch:
             return found
-        return [f"{self.title}: {self.nothing}"] if self.nothing else [f"{self.title}:", *(f"  {line}" for line in found)]
+        return (
+            [f"{self.title}: {self.nothing}"] if self.nothing else [f"{self.title}:", *(f"  {line}" for line in found)]
+        )
 
 
 def findings(
@@ -151,11 +153,18 @@ def of_what_is_told(table: pd.DataFrame, config: Config, told: Mapping[str, np.n
         last = table[[key, f"{key}_sd"]].iloc[-1] / getattr(config, NOMINAL[key]) if len(table) else None
         parts = {name: float(sd[a]) for name, sd in told.items()}
         whole = np.sqrt(sum(sd**2 for sd in parts.values()))
-        if last is None or not whole**2 > OF_TOLD * float(last.iloc[1]) ** 2 or not whole > LEAST_TOLD * float(last.iloc[0]):
+        if (
+            last is None
+            or not whole**2 > OF_TOLD * float(last.iloc[1]) ** 2
+            or not whole > LEAST_TOLD * float(last.iloc[0])
+        ):
             continue
         most = sorted(parts, key=parts.__getitem__, reverse=True)[:3]
         mean, sd = (float(x) for x in last)
-        band, names = percent(1.96 * sd / mean), ", ".join(f"{name} {percent(1.96 * parts[name] / mean)}" for name in most)
+        band, names = (
+            percent(1.96 * sd / mean),
+            ", ".join(f"{name} {percent(1.96 * parts[name] / mean)}" for name in most),
+        )
         found.append(
             f"{NAMES[key].lower()}: of the band at the end, ± {band}, most comes of what is told of the car: {names} "
             "(tselab calibrate finds most of it; known better, say so in [uncertainty])"
@@ -182,10 +191,14 @@ def _verdict(table: pd.DataFrame, config: Config, key: str, whole: bool = True) 
             f"{reason or 'no rows'}: {why} in {percent(reason_share)} of {of}; the value shown ({last:.0f} {unit}, "
             f"started at {start:.0f}) says {'little' if share else 'nothing'} about the tyres"
         )
-        return Verdict(key, name, "none", unit, nan, nan, nan, nan, nan, False, nominal, share, reason, reason_share, text)
+        return Verdict(
+            key, name, "none", unit, nan, nan, nan, nan, nan, False, nominal, share, reason, reason_share, text
+        )
 
     mean, sd, spread = (table.loc[valid, c].to_numpy() / 1000 for c in (key, f"{key}_sd", f"{key}_spread"))
-    value, band = (float(np.median(mean)), float(1.96 * np.median(sd))) if whole else (float(mean[-1]), float(1.96 * sd[-1]))
+    value, band = (
+        (float(np.median(mean)), float(1.96 * np.median(sd))) if whole else (float(mean[-1]), float(1.96 * sd[-1]))
+    )
     low, high = (float(q) for q in np.quantile(mean, [0.05, 0.95]))
     relative = value / nominal - 1
     parts = [

@@ -77,7 +77,15 @@ def drive(folder: Path, cars: int, first: int, minutes: float) -> list[tuple[Pat
 def table(found: pd.DataFrame) -> list[str]:
     """A line per scenario."""
     wrong = "valid and 20 % off, of the next 60 s: median, 90 %, most [s]"
-    heads = ("event", "drives", "truth after over before", "valid before [%]", "valid after [%]", wrong, "told within 5 s [%]")
+    heads = (
+        "event",
+        "drives",
+        "truth after over before",
+        "valid before [%]",
+        "valid after [%]",
+        wrong,
+        "told within 5 s [%]",
+    )
     lines = ["| " + " | ".join(heads) + " |", "|---" + "|---:" * (len(heads) - 1) + "|"]
     for scenario, group in found.groupby("scenario", sort=False):
         by = [group[group["stiffness"] == key] for key in STIFFNESS]
@@ -96,16 +104,22 @@ def table(found: pd.DataFrame) -> list[str]:
 
 def main(arguments: list[str]) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--calibrated", type=Path, required=True, help="with car<k>/calibrated.toml; the logs go there, too")
+    parser.add_argument(
+        "--calibrated", type=Path, required=True, help="with car<k>/calibrated.toml; the logs go there, too"
+    )
     parser.add_argument("--first", type=int, default=501, help="the first seed of those cars (default: 501)")
-    parser.add_argument("--minutes", type=float, default=3.0, help="length of each log; the event is at a third (default: 3)")
+    parser.add_argument(
+        "--minutes", type=float, default=3.0, help="length of each log; the event is at a third (default: 3)"
+    )
     parser.add_argument("--jobs", type=int, default=2, help="processes (default: 2)")
     parser.add_argument("--out", type=Path, default=RESULTS / "cars-events.md", help="the table")
     given = parser.parse_args(arguments)
     cars = len(list(given.calibrated.glob("car*/calibrated.toml")))
     jobs = drive(given.calibrated, cars, given.first, given.minutes)
     with multiprocessing.Pool(given.jobs) as pool:
-        found = [row for rows in tqdm(pool.imap(one, jobs), total=len(jobs), unit="drive", file=sys.stderr) for row in rows]
+        found = [
+            row for rows in tqdm(pool.imap(one, jobs), total=len(jobs), unit="drive", file=sys.stderr) for row in rows
+        ]
     head = f"""# Roads and tyres that change, on ordinary cars that are calibrated
 
 `python -m tests.cars.events --calibrated DIR --first {given.first} --minutes {given.minutes:g}` after

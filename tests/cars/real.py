@@ -59,7 +59,9 @@ def row(name: str, told: str, vehicle: Path, converged: str) -> dict[str, Any]:
     found: dict[str, Any] = {"log": name, "told": told, "converged": converged}
     for key in CORNERING:
         nominal = getattr(config, NOMINAL[key]) / 1000.0
-        found[key] = f"{nominal * np.median(out[key][counts]):.0f} +- {nominal * np.median(out[f'{key}_sd'][counts]):.0f}"
+        found[key] = (
+            f"{nominal * np.median(out[key][counts]):.0f} +- {nominal * np.median(out[f'{key}_sd'][counts]):.0f}"
+        )
         found[f"{key} valid"] = f"{100 * np.mean(out[f'{key}_valid'][counts] == 0):.0f}"
     found["sideslip"] = found["band"] = "-"
     if name in ALIGNED:
@@ -90,7 +92,11 @@ def main(arguments: list[str]) -> int:
         for n in names:
             rows.append(row(n, "as told", DATA / n / "vehicle.toml", "-"))
             others = [other for pair in SAME_CAR if n in pair for other in pair if other != n and other in names]
-            parts = [(n, "whole", "the log itself"), (n, "first half", "its first half"), (n, "second half", "its second half")]
+            parts = [
+                (n, "whole", "the log itself"),
+                (n, "first half", "its first half"),
+                (n, "second half", "its second half"),
+            ]
             for of, part, told in [*parts, *((other, "whole", other) for other in others)]:
                 path, done = files[of, part]
                 rows.append(row(n, told, path, "yes" if done else "no"))

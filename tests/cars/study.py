@@ -112,7 +112,9 @@ def physical(car: str, result: workflow.Result, truth: dict[str, Any]) -> list[d
     for name, key in STIFF.items():
         both = 2.0 * true[key]
         before = getattr(result.config, name) / both - 1
-        rows.append({"car": car, "name": name, "off": found[name] / both - 1, "before": before, "sd": np.nan, "shown": True})
+        rows.append(
+            {"car": car, "name": name, "off": found[name] / both - 1, "before": before, "sd": np.nan, "shown": True}
+        )
     return rows
 
 
@@ -128,7 +130,9 @@ def one(folder: Path) -> tuple[list[dict[str, Any]], list[dict[str, Any]], list[
     for f in (f for f in result.findings if f.name.endswith(LATENCY)):
         channel = f.name.removesuffix(LATENCY)
         true = float(np.mean([d["latency"][channel] - d["latency"]["yaw_rate"] for d in drives]))
-        latencies.append({"car": folder.name, "channel": channel, "true": true, "found": f.value, "sd": f.sd, "shown": f.shown})
+        latencies.append(
+            {"car": folder.name, "channel": channel, "true": true, "found": f.value, "sd": f.sd, "shown": f.shown}
+        )
     for road in ROADS:
         log = read_log(folder / "test" / f"log_{road}.csv")
         reference = pd.read_csv(folder / "test" / f"reference_{road}.csv")
@@ -145,7 +149,10 @@ def table(runs: pd.DataFrame) -> list[str]:
     def three(values: list[float]) -> str:
         return " / ".join(f"{100 * v:.0f}" if np.isfinite(v) else "-" for v in values)
 
-    lines = ["| road | estimator | median error [%] | valid [%] | off [%] | band holds [%] |", "|---|---|---|---|---|---|"]
+    lines = [
+        "| road | estimator | median error [%] | valid [%] | off [%] | band holds [%] |",
+        "|---|---|---|---|---|---|",
+    ]
     for (road, who), group in runs.groupby(["road", "who"], sort=False):
         cells = [road, who, three([float(np.nanmedian(np.abs(group[f"{k} error"]))) for k in STIFFNESS])]
         for what, of in (("valid", "rows"), ("off", "valid"), ("held", "valid")):
@@ -164,7 +171,13 @@ def latency_table(found: pd.DataFrame) -> list[str]:
         error = (shown["found"] - shown["true"]).abs()
         holds = 100 * float((error < 1.96 * shown["sd"]).mean())
         within = [f"{100 * float((error < limit).mean()):.0f}" for limit in (0.002, 0.005)]
-        cells = [channel, f"{len(shown)} of {len(group)}", f"{1000 * float(error.median()):.1f}", *within, f"{holds:.0f}"]
+        cells = [
+            channel,
+            f"{len(shown)} of {len(group)}",
+            f"{1000 * float(error.median()):.1f}",
+            *within,
+            f"{holds:.0f}",
+        ]
         lines.append("| " + " | ".join(cells) + " |")
     return lines
 
@@ -191,7 +204,9 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--first", type=int, default=501, help="the first seed (default: 501)")
     parser.add_argument("--minutes", type=float, default=4.0, help="length of each log (default: 4)")
     parser.add_argument("--jobs", type=int, default=2, help="processes (default: 2)")
-    parser.add_argument("--keep", type=Path, help="keep the logs in this directory; those of an earlier run are used again")
+    parser.add_argument(
+        "--keep", type=Path, help="keep the logs in this directory; those of an earlier run are used again"
+    )
     parser.add_argument("--out", type=Path, default=RESULTS / "cars.md", help="the table")
     given = parser.parse_args(arguments)
     scores, latencies, cars_found = [], [], []

@@ -71,7 +71,9 @@ def test_esp_idf_accepts_its_manifest(tmp_path: Path) -> None:
     assert run(compote, "manifest", "lint", cwd=out, env={"IDF_TOOLS_PATH": str(tmp_path / "idf")}).strip() == ""
 
 
-@pytest.mark.parametrize(("name", "kconfig", "switch"), [("esp-idf", "Kconfig", ""), ("zephyr", "zephyr/Kconfig", "TSE")])
+@pytest.mark.parametrize(
+    ("name", "kconfig", "switch"), [("esp-idf", "Kconfig", ""), ("zephyr", "zephyr/Kconfig", "TSE")]
+)
 def test_kconfig_has_the_defaults_of_the_build(name: str, kconfig: str, switch: str, tmp_path: Path) -> None:
     read = "import kconfiglib, sys\nk = kconfiglib.Kconfig(sys.argv[1], warn_to_stderr=False)\n"
     read += "if sys.argv[2]: k.syms[sys.argv[2]].set_value(2)\nassert not k.warnings, k.warnings\n"
@@ -93,7 +95,9 @@ def test_the_cmake_files_of_a_target_build_a_program(name: str, tmp_path: Path) 
     (tmp_path / "main.c").write_text(minimal)
     config = [f"-D{k}={v}" for k, v in (CONFIG | {"CONFIG_TSE_EFFECTS": "y"}).items()]
     package = out / "zephyr" if name == "zephyr" else out
-    run(cmake, "-S", STANDINS, "-B", tmp_path / "b", f"-DPACKAGE={package}", f"-DPROGRAM={tmp_path / 'main.c'}", *config)
+    run(
+        cmake, "-S", STANDINS, "-B", tmp_path / "b", f"-DPACKAGE={package}", f"-DPROGRAM={tmp_path / 'main.c'}", *config
+    )
     run(cmake, "--build", tmp_path / "b")
     assert "front cornering" in run(tmp_path / "b" / "app")
     assert "tse_step_f32" in run(tool("nm"), tmp_path / "b" / "app")
@@ -122,7 +126,17 @@ def test_an_arduino_sketch_compiles(tmp_path: Path) -> None:
         "#pragma once\n#include <stdint.h>\n#include <stddef.h>\n"
         "struct Port { void begin(long) {} void println(double) {} void println(const char *) {} };\nextern Port Serial;\n"
     )
-    flags = ["-std=gnu++17", "-Wall", "-Wextra", "-Werror", "-fsyntax-only", "-x", "c++", "-include", tmp_path / "Arduino.h"]
+    flags = [
+        "-std=gnu++17",
+        "-Wall",
+        "-Wextra",
+        "-Werror",
+        "-fsyntax-only",
+        "-x",
+        "c++",
+        "-include",
+        tmp_path / "Arduino.h",
+    ]
     run(tool("g++"), *flags, "-I", out / "src", out / "examples/drive/drive.ino")
     rows = dict(line.split("=", 1) for line in (out / "library.properties").read_text().splitlines())
     needed = "name version author maintainer sentence paragraph category url architectures"  # rev. 2.2
@@ -136,7 +150,9 @@ def test_the_published_schemas_accept_the_manifests(tmp_path: Path) -> None:
     referencing = pytest.importorskip("referencing")
     folder = Path(os.environ.get("TSE_SCHEMAS", "-"))
     if not folder.is_dir():
-        pytest.skip("TSE_SCHEMAS is no folder with docs of microsoft/vcpkg-tool and etc/schemas of arduino/arduino-lint")
+        pytest.skip(
+            "TSE_SCHEMAS is no folder with docs of microsoft/vcpkg-tool and etc/schemas of arduino/arduino-lint"
+        )
     schemas = {p.name: json.loads(p.read_text()) for p in folder.glob("*.json")}
     registry = referencing.Registry()
     for name, schema in schemas.items():

@@ -86,7 +86,9 @@ class Unit:
 
     @property
     def binary(self) -> Path:
-        return next((self.folder / "binaries" / native("2" if self.description.fmiVersion == "2.0" else "3")).glob("*.*"))
+        return next(
+            (self.folder / "binaries" / native("2" if self.description.fmiVersion == "2.0" else "3")).glob("*.*")
+        )
 
 
 @functools.cache

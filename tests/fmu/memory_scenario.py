@@ -1,5 +1,5 @@
 """What test_fmu_memory.py runs under sanitizers or valgrind: everything an importer does, several times over.
-    python memory_scenario.py BUILD_FOLDER [ROWS]"""
+python memory_scenario.py BUILD_FOLDER [ROWS]"""
 
 from __future__ import annotations
 

@@ -91,7 +91,9 @@ class Instance3:
             if not group:
                 continue
             counts = [v.shape[0] if v.dimensions else 0 for v in group]
-            values = getattr(self.slave, f"get{kind}")([v.valueReference for v in group], nValues=sum(n or 1 for n in counts))
+            values = getattr(self.slave, f"get{kind}")(
+                [v.valueReference for v in group], nValues=sum(n or 1 for n in counts)
+            )
             for v, n in zip(group, counts, strict=True):
                 found[v.name] = [values.pop(0) for _ in range(n)] if n else values.pop(0)
         return found
@@ -111,7 +113,17 @@ def test_every_variable_of_2_is_there_with_name_reference_and_all_that_is_said_o
     two, new = unit(name), three(name)
     for old in two.description.modelVariables:
         v = new.variables[old.name]
-        said = ("valueReference", "description", "causality", "variability", "unit", "displayUnit", "min", "max", "start")
+        said = (
+            "valueReference",
+            "description",
+            "causality",
+            "variability",
+            "unit",
+            "displayUnit",
+            "min",
+            "max",
+            "start",
+        )
         assert {a: getattr(v, a) for a in said} == {a: getattr(old, a) for a in said}
         assert v.type == TYPES[old.type] and not v.dimensions
     more = [v for n, v in new.variables.items() if n not in two.variables]
@@ -201,7 +213,9 @@ def test_the_estimator_has_the_bits_of_2_over_a_drive_with_lost_channels() -> No
             b.slave.doStep(float(log.time[i]), log.step(i))
             seen.append(b.get(old.outputs))
             expect_same_rows([seen[-1]], [a.get()])
-            arrays = b.get(["estimate.relative.stiffness", "estimate.stiffness_valid", "estimate.stiffness_reason", "time"])
+            arrays = b.get(
+                ["estimate.relative.stiffness", "estimate.stiffness_valid", "estimate.stiffness_reason", "time"]
+            )
             row = seen[-1]
             for x, s in zip(arrays["estimate.relative.stiffness"], STIFFNESS, strict=True):
                 assert same(x, row[f"estimate.relative.{s}"])
@@ -289,14 +303,24 @@ def reference(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathF
 
 
 @pytest.mark.parametrize("target", RUNNERS)
-def test_every_output_has_the_bits_of_fmi_2_there_and_a_state_goes_on(reference: dict, target: str, tmp_path: Path) -> None:
+def test_every_output_has_the_bits_of_fmi_2_there_and_a_state_goes_on(
+    reference: dict, target: str, tmp_path: Path
+) -> None:
     if why := unavailable(target):
         pytest.skip(why)
     of, state = reference["unit"], tmp_path / "state"
-    run = [client_for(target), library_for(target, of), of, reference["input"], tmp_path / "out.csv", *reference["outputs"]]
+    run = [
+        client_for(target),
+        library_for(target, of),
+        of,
+        reference["input"],
+        tmp_path / "out.csv",
+        *reference["outputs"],
+    ]
     assert run_client(*run, "--save", f"{state}@{MIDDLE}") == reference["text"]
     if target == "win64":
         return  # wine takes seconds
-    assert run_client(*run, "--restore", f"{state}@{MIDDLE}").splitlines()[1:] == reference["text"].splitlines()[1 + MIDDLE :]
-
-
+    assert (
+        run_client(*run, "--restore", f"{state}@{MIDDLE}").splitlines()[1:]
+        == reference["text"].splitlines()[1 + MIDDLE :]
+    )

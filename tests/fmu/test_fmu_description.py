@@ -16,7 +16,12 @@ from fmu_support import ESTIMATOR, GOLDEN, VEHICLE, Unit, build, unit
 from tselab.core import CONFIG, OUTPUT, SIM_CONFIG, SIM_INPUT, SIM_OUTPUT, Field, library
 
 NAMESPACE = uuid.UUID("7d1b2f04-6f52-4e0b-9d0d-2f1b1d6c0e57")  # of fmu/stage.cmake
-UNITS = {"kg m2": "kg.m2", "Nm": "N.m", "rad s2/m": "rad.s2/m", "rad/(N m)": "rad/(N.m)"}  # the core's spelling -> FMI's
+UNITS = {
+    "kg m2": "kg.m2",
+    "Nm": "N.m",
+    "rad s2/m": "rad.s2/m",
+    "rad/(N m)": "rad/(N.m)",
+}  # the core's spelling -> FMI's
 GROUPS = {
     VEHICLE: ("vehicle", "sensors", "effects", "simulation"),
     ESTIMATOR: ("vehicle", "uncertainty", "sensors", "latency", "effects", "filter"),
@@ -92,7 +97,9 @@ def test_every_setting_is_a_parameter_with_its_unit_range_and_start(name: str) -
             met.add(short)
             continue
         agree(v, row, start=True)
-        assert v.type == ("Integer" if row.is_integer else "Real") and v.variability == "fixed" and v.initial == "exact", full
+        assert (
+            v.type == ("Integer" if row.is_integer else "Real") and v.variability == "fixed" and v.initial == "exact"
+        ), full
         met.add((group == "simulation", short))
     if name == ESTIMATOR:
         assert {s if isinstance(s, str) else s[1] for s in met} == set(rows)

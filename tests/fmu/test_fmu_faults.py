@@ -94,7 +94,10 @@ def test_missing_sensor_is_a_warning_said_once(estimator: Unit) -> None:
         i.set({"wheel_speed_front": NAN})
         assert [i.step(k * 0.01, 0.01) for k in range(3, 8)] == [1] * 5
         assert i.get(["estimate.cx_front"]) == held
-        assert i.get(["estimate.cx_front_reason", "estimate.valid"]) == {"estimate.cx_front_reason": 6, "estimate.valid": False}
+        assert i.get(["estimate.cx_front_reason", "estimate.valid"]) == {
+            "estimate.cx_front_reason": 6,
+            "estimate.valid": False,
+        }
         assert len(i.log) == 1 and i.log[0][1:3] == (1, "logStatusWarning")
         assert "wheel_speed_front is missing or outside its range" in i.texts()[0]
 
@@ -144,7 +147,19 @@ def test_a_state_of_other_sources_is_refused_though_the_description_is_the_same(
     files = [folder / "sources" / f for f in vehicle.description.buildConfigurations[0].sourceFileSets[0].sourceFiles]
     other = Unit.__new__(Unit)
     other.__dict__.update({**vehicle.__dict__, "folder": folder})
-    run("cc", *read_build(header.parent).flags, "-O0", "-fPIC", "-shared", "-I", header.parent, *files, "-o", other.binary, "-lm")
+    run(
+        "cc",
+        *read_build(header.parent).flags,
+        "-O0",
+        "-fPIC",
+        "-shared",
+        "-I",
+        header.parent,
+        *files,
+        "-o",
+        other.binary,
+        "-lm",
+    )
     with Instance(vehicle) as i, Instance(other) as o:
         state = i.start().state()
         refused(o, lambda: o.restore(state), "the state of another FMU, or of another version of this one")
@@ -172,7 +187,9 @@ def test_log_categories(model: Unit) -> None:
     with Instance(model, logging=True) as i:
         i.start()
         i.slave.terminate()
-        assert [(c, t) for _, _, c, t in i.log] == [("logEvents", t) for t in ("instantiated", "initialized", "terminated")]
+        assert [(c, t) for _, _, c, t in i.log] == [
+            ("logEvents", t) for t in ("instantiated", "initialized", "terminated")
+        ]
     with Instance(model) as i:
         i.start()
         assert i.log == []

@@ -13,7 +13,9 @@ PARTICLES = 64
 
 def built(real: str) -> Path:
     """The folder of the FMUs; compiled quickly, which changes no bit."""
-    return build(f"fmu-{real}-test", f"-DTSE_REAL={real}", f"-DTSE_MAX_PARTICLES={PARTICLES}", "-DCMAKE_BUILD_TYPE=Debug")
+    return build(
+        f"fmu-{real}-test", f"-DTSE_REAL={real}", f"-DTSE_MAX_PARTICLES={PARTICLES}", "-DCMAKE_BUILD_TYPE=Debug"
+    )
 
 
 @functools.cache  # a binary that is loaded is not to be written again
@@ -23,7 +25,9 @@ def estimator_in(real: str) -> Unit:
 
 def golden(real: str) -> dict[int, dict[str, str]]:
     """Rows of tests/replay that the library of this format gave in C, as they are written."""
-    lines = [s for s in (ROOT / "tests" / "replay" / f"golden_{real}.csv").read_text().splitlines() if not s.startswith("#")]
+    lines = [
+        s for s in (ROOT / "tests" / "replay" / f"golden_{real}.csv").read_text().splitlines() if not s.startswith("#")
+    ]
     names = lines[0].split(",")[1:]
     return {int(row[0]): dict(zip(names, row[1:], strict=True)) for row in (s.split(",") for s in lines[1:])}
 

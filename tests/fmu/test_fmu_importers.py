@@ -62,7 +62,9 @@ def test_input_derivatives_of_the_vehicle(vehicle: Unit) -> None:
             instance.slave.setReal(reference, [0.0002 * k])
             instance.slave.setRealInputDerivatives(reference, [1], [0.02])
             instance.step(k * 0.01, 0.01)
-            assert instance.get(["sensor.steer_angle"])["sensor.steer_angle"] == pytest.approx(0.0002 * (k + 1), rel=1e-12)
+            assert instance.get(["sensor.steer_angle"])["sensor.steer_angle"] == pytest.approx(
+                0.0002 * (k + 1), rel=1e-12
+            )
 
 
 @pytest.mark.skipif(not shutil.which("make"), reason="make, which FMPy's CMake build takes, is not installed")

@@ -62,7 +62,9 @@ def test_every_output_has_the_same_bits(reference: dict, target: str, tmp_path: 
     of = reference["unit"]
     text = run_client(client_for(target), library_for(target, of), of, reference["input"], tmp_path / "out.csv", *options(of),
                       *reference["settings"], "--save", f"{tmp_path / 'state'}@{MIDDLE}")  # fmt: skip
-    wrong = [i for i, (a, b) in enumerate(zip(text.splitlines(), reference["text"].splitlines(), strict=True)) if a != b]
+    wrong = [
+        i for i, (a, b) in enumerate(zip(text.splitlines(), reference["text"].splitlines(), strict=True)) if a != b
+    ]
     assert not wrong, f"{target} differs from row {wrong[0]} on"
     assert (tmp_path / "state").read_bytes() == reference["state"].read_bytes()
 

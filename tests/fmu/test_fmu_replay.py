@@ -81,7 +81,9 @@ def test_where_only_some_stiffnesses_show_not_all_are_called_valid(estimator: Un
         instance.start({"filter.particles": 100})
         rows = log.through_fmu(instance)
     expect_same_rows(rows, (expected_outputs(row, config) for row in log.through_library({"particles": 100})))
-    assert any(r["estimate.cy_rear_valid"] and not r["estimate.cx_front_valid"] and not r["estimate.valid"] for r in rows)
+    assert any(
+        r["estimate.cy_rear_valid"] and not r["estimate.cx_front_valid"] and not r["estimate.valid"] for r in rows
+    )
 
 
 def test_irregular_rows_are_variable_communication_steps(estimator: Unit) -> None:

@@ -46,7 +46,8 @@ def study(seed: int, ramp: bool = True) -> dict[str, tuple[float, float, float]]
             car.step(k * STEP, STEP)
     late = np.arange(n) * STEP >= WINDOW
     return {
-        s: (errors[late, a].mean(), np.mean(errors[late, a] ** 2), 100 * valid[late, a].mean()) for a, s in enumerate(STIFFNESS)
+        s: (errors[late, a].mean(), np.mean(errors[late, a] ** 2), 100 * valid[late, a].mean())
+        for a, s in enumerate(STIFFNESS)
     }
 
 

@@ -79,7 +79,10 @@ def stepped_by_hand(ssp: Path, folder: Path) -> np.ndarray:
     ):
         vehicle.initialize(0.0, {}, {})
         estimator.initialize(0.0, {}, {})
-        driver, measured = {"steer_angle": 0.0, "wheel_torque_front": 0.0, "wheel_torque_rear": 0.0}, dict.fromkeys(sensors, 0.0)
+        driver, measured = (
+            {"steer_angle": 0.0, "wheel_torque_front": 0.0, "wheel_torque_rear": 0.0},
+            dict.fromkeys(sensors, 0.0),
+        )
         for i in range(STEPS):
             time = i * STEP
             vehicle.set(driver)

@@ -132,7 +132,11 @@ def logs() -> list[bytes]:
     holes = table_of()
     holes.loc[5:9, "accel_y"] = np.nan
     holes.loc[20, "steer_angle"] = np.nan
-    return [good_log(), *(t.to_csv(index=False).encode() for t in (more, sides, holes)), good_log().replace(b"\n", b"\r\n")]
+    return [
+        good_log(),
+        *(t.to_csv(index=False).encode() for t in (more, sides, holes)),
+        good_log().replace(b"\n", b"\r\n"),
+    ]
 
 
 def read_log(data: bytes, folder: Path) -> None:
@@ -158,14 +162,28 @@ def read_car(data: bytes, folder: Path) -> None:
 
 
 def filters() -> list[bytes]:
-    return [b"forgetting = 0.98\nmax_gap = 0.2\nform = 2\nparticles = 32\n", b"[filter]\nform = 0\nhypotheses = 4\nseed = 7\n"]
+    return [
+        b"forgetting = 0.98\nmax_gap = 0.2\nform = 2\nparticles = 32\n",
+        b"[filter]\nform = 0\nhypotheses = 4\nseed = 7\n",
+    ]
 
 
 def read_filter(data: bytes, folder: Path) -> None:
     (folder / "in.csv").write_bytes(good_log())
     (folder / "car.toml").write_bytes(SMALL_CAR)
     (folder / "filter.toml").write_bytes(data)
-    command(folder, "estimate", "in.csv", "--vehicle", "car.toml", "--config", "filter.toml", "--out", "est.csv", made=("est.csv",))
+    command(
+        folder,
+        "estimate",
+        "in.csv",
+        "--vehicle",
+        "car.toml",
+        "--config",
+        "filter.toml",
+        "--out",
+        "est.csv",
+        made=("est.csv",),
+    )
 
 
 def formulas() -> list[bytes]:
@@ -186,7 +204,18 @@ def good_learnt() -> bytes:
         folder = Path(name)
         (folder / "in.csv").write_bytes(good_log())
         (folder / "car.toml").write_bytes(SMALL_CAR)
-        command(folder, "estimate", "in.csv", "--vehicle", "car.toml", "--out", "e.csv", "--save-learnt", "l", made=("e.csv", "l"))
+        command(
+            folder,
+            "estimate",
+            "in.csv",
+            "--vehicle",
+            "car.toml",
+            "--out",
+            "e.csv",
+            "--save-learnt",
+            "l",
+            made=("e.csv", "l"),
+        )
         return (folder / "l").read_bytes()
 
 
@@ -194,14 +223,30 @@ def read_learnt(data: bytes, folder: Path) -> None:
     (folder / "in.csv").write_bytes(good_log())
     (folder / "car.toml").write_bytes(SMALL_CAR)
     (folder / "learnt").write_bytes(data)
-    command(folder, "estimate", "in.csv", "--vehicle", "car.toml", "--load-learnt", "learnt", "--out", "e.csv", made=("e.csv",))
+    command(
+        folder,
+        "estimate",
+        "in.csv",
+        "--vehicle",
+        "car.toml",
+        "--load-learnt",
+        "learnt",
+        "--out",
+        "e.csv",
+        made=("e.csv",),
+    )
 
 
 # What a search of `tselab gap` and of `tselab calibrate` leaves: never believed unless it is what was written.
 
 
 def stage_value() -> object:
-    return {"names": ["a", "b"], "mean": np.arange(4.0), "pairs": [(1, 2.5), ("x", None)], "flags": np.array([True, False])}
+    return {
+        "names": ["a", "b"],
+        "mean": np.arange(4.0),
+        "pairs": [(1, 2.5), ("x", None)],
+        "flags": np.array([True, False]),
+    }
 
 
 @functools.cache
@@ -253,7 +298,9 @@ def good_runs() -> bytes:
     with tempfile.TemporaryDirectory() as name:
         store = engine.Store(plan(), Path(name), False)
         case = store.plan.study.cases[0]
-        rows = [dict.fromkeys(store.columns, 1.5) | {"case": case.name, "estimator": e, "seed": 1} for e in case.estimators]
+        rows = [
+            dict.fromkeys(store.columns, 1.5) | {"case": case.name, "estimator": e, "seed": 1} for e in case.estimators
+        ]
         store.read()
         with store.writer() as write:
             write(rows)
@@ -293,7 +340,9 @@ def archives() -> list[bytes]:
     )
     description = (
         b'<?xml version="1.0" encoding="UTF-8"?><fmiModelDescription fmiVersion="2.0" modelName="m" guid="{1}">'
-        b'<CoSimulation modelIdentifier="m" canGetAndSetFMUstate="true"/><ModelVariables>' + variables + b"</ModelVariables>"
+        b'<CoSimulation modelIdentifier="m" canGetAndSetFMUstate="true"/><ModelVariables>'
+        + variables
+        + b"</ModelVariables>"
         b'<ModelStructure><Outputs><Unknown index="3"/></Outputs></ModelStructure></fmiModelDescription>'
     )
     made = []
@@ -336,12 +385,23 @@ def repacked(dice: random.Random, data: bytes) -> bytes:
         for k, (info, content) in enumerate(members):
             name = info.filename
             if k == which and dice.random() < 0.3:
-                odd = ["../" + name, "/" + name, name.upper(), "modelDescription.xml", "a" * 300, "C:" + name, ".", name + "/"]
+                odd = [
+                    "../" + name,
+                    "/" + name,
+                    name.upper(),
+                    "modelDescription.xml",
+                    "a" * 300,
+                    "C:" + name,
+                    ".",
+                    name + "/",
+                ]
                 name = dice.choice(odd)
             elif k == which:
                 content = changed(dice, content, [content], XML_WORDS)
             with contextlib.suppress(Exception):  # what zipfile does not write nobody can make with it
-                archive.writestr(zipfile.ZipInfo(name), content, dice.choice([zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED]))
+                archive.writestr(
+                    zipfile.ZipInfo(name), content, dice.choice([zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED])
+                )
     return file.getvalue()
 
 
@@ -380,7 +440,18 @@ ODD = (b"nan", b"inf", b"-inf", b"1e400", b"-0", b"1e-400", b"9" * 400, b"0x10",
 TOML_WORDS = (b"[", b"]", b"[[", b"{", b"}", b"[" * 3000, b"x = " + b"[" * 3000 + b"\n", b"a." * 2000, b'"""', b"true",
               b"1979-05-27", b"= [1, 2]", b"= {}", b"inf", b"\\u0000", b"mass = 1", b"[effects]", b"[effects.grade]",
               b"[formula]\nfile = 'x.toml'\n", b"[sensors]", b"[latency]")  # fmt: skip
-JSON_WORDS = (b"[" * 3000, b"{", b"null", b"true", b"NaN", b"Infinity", b"1e999", b'{"cases": 3}', b'"cases"', b"\\ud800")
+JSON_WORDS = (
+    b"[" * 3000,
+    b"{",
+    b"null",
+    b"true",
+    b"NaN",
+    b"Infinity",
+    b"1e999",
+    b'{"cases": 3}',
+    b'"cases"',
+    b"\\ud800",
+)
 XML_WORDS = (b"<", b">", b"&amp;", b"&x;", b"<!DOCTYPE x [<!ENTITY x SYSTEM 'file:///etc/hostname'>]>", b"<a>" * 500,
              b'fmiVersion="3.0"', b'index="0"', b'valueReference="-1"', b"<Real/>", b"<Enumeration/>", b"<!--", b"<ModelExchange/>",
              b'modelIdentifier=""')  # fmt: skip
@@ -428,7 +499,9 @@ def changed(dice: random.Random, data: bytes, others: list[bytes], words: tuple[
                 found = list(re.finditer(rb"-?\d+\.?\d*", bytes(b)))
                 if found:
                     m = dice.choice(found)
-                    b[m.start() : m.end()] = dice.choice([*ODD[:10], b"0", b"-1", b"1e9", str(dice.uniform(-1e3, 1e3)).encode()])
+                    b[m.start() : m.end()] = dice.choice(
+                        [*ODD[:10], b"0", b"-1", b"1e9", str(dice.uniform(-1e3, 1e3)).encode()]
+                    )
             case 7:  # lines in another order, or twice
                 lines = bytes(b).split(b"\n")
                 i, k = dice.randrange(len(lines)), dice.randrange(len(lines))
@@ -488,7 +561,11 @@ def search(name: str, runs: int, seconds: float, seed: int, found: Path) -> tupl
                 return done, 1
         while done < runs and time.monotonic() < end:
             data = dice.choice(pool)
-            data = target.change(dice, data) if target.change and dice.random() < 0.5 else changed(dice, data, pool, target.words)
+            data = (
+                target.change(dice, data)
+                if target.change and dice.random() < 0.5
+                else changed(dice, data, pool, target.words)
+            )
             done += 1
             if what := check(name, data, Path(parent)):
                 way = way_of(what)
@@ -504,7 +581,9 @@ def way_of(what: str) -> str:
     """Where it broke and with which exception; else what was said, without numbers and names."""
     lines = what.strip().splitlines()
     places = [line for line in lines if re.match(r' *File ".*tselab', line)]
-    return " ".join([*places[-1:], lines[-1].partition(":")[0]]) if places else re.sub(r"\d+|'[^']*'", "", lines[0])[:80]
+    return (
+        " ".join([*places[-1:], lines[-1].partition(":")[0]]) if places else re.sub(r"\d+|'[^']*'", "", lines[0])[:80]
+    )
 
 
 def kept(name: str) -> list[Path]:
@@ -536,11 +615,17 @@ def with_atheris(name: str, runs: int, seconds: float, seed: int, found: Path) -
 def options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("targets", nargs="*", metavar="TARGET", help=f"of {', '.join(TARGETS)}; default: all")
-    parser.add_argument("--runs", type=int, default=1 << 62, help="files of each target; default: as many as --seconds allow")
-    parser.add_argument("--seconds", type=float, default=float("inf"), help="for each target; default: 2 without --runs")
+    parser.add_argument(
+        "--runs", type=int, default=1 << 62, help="files of each target; default: as many as --seconds allow"
+    )
+    parser.add_argument(
+        "--seconds", type=float, default=float("inf"), help="for each target; default: 2 without --runs"
+    )
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--engine", choices=["loop", "atheris"], default="loop")
-    parser.add_argument("--found", type=Path, default=ROOT / "build/fuzz/found", help="where what breaks something is kept")
+    parser.add_argument(
+        "--found", type=Path, default=ROOT / "build/fuzz/found", help="where what breaks something is kept"
+    )
     given = parser.parse_args()
     if wrong := [t for t in given.targets if t not in TARGETS]:
         parser.error(f"no target {wrong[0]}; there are {', '.join(TARGETS)}")
@@ -565,7 +650,9 @@ def run() -> int:
         done, wrong = search(name, given.runs, given.seconds, given.seed, given.found)
         findings += wrong
         seconds = round(time.monotonic() - start, 1)
-        print(json.dumps({"target": f"reader_{name}", "inputs": done, "findings": wrong, "seconds": seconds}), flush=True)
+        print(
+            json.dumps({"target": f"reader_{name}", "inputs": done, "findings": wrong, "seconds": seconds}), flush=True
+        )
     return int(findings > 0)
 
 

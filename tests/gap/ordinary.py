@@ -34,7 +34,13 @@ CARS: dict[str, dict] = {
     "tyres relax, steering lags": {"relaxation": 1.0, "steering_lag": 1.0},
     "IMU late": {"imu_delay": 1.0},
     "steering late": {"steering_delay": 1.0},
-    "all of these": {"body_roll": 1.0, "relaxation": 1.0, "steering_lag": 1.0, "imu_delay": 1.0, "lateral_load_transfer": 1.0},
+    "all of these": {
+        "body_roll": 1.0,
+        "relaxation": 1.0,
+        "steering_lag": 1.0,
+        "imu_delay": 1.0,
+        "lateral_load_transfer": 1.0,
+    },
 }
 # What a calibration makes of these, whatever the car is; accel_x_sd: m/s2, the size that it writes for the cars of tests/cars.
 AS_CALIBRATED = {"model_sd": UNLIKE_SD, "accel_x_sd": 2.0}
@@ -44,7 +50,11 @@ SETTLED = 10.0  # s from which errors count
 
 LANDED = "landed"
 NOMINAL_OF = dict(
-    zip(STIFFNESS, ("longitudinal_stiffness_front", "cornering_stiffness_front", "cornering_stiffness_rear"), strict=True)
+    zip(
+        STIFFNESS,
+        ("longitudinal_stiffness_front", "cornering_stiffness_front", "cornering_stiffness_rear"),
+        strict=True,
+    )
 )
 
 
@@ -86,7 +96,9 @@ def one(job: tuple[str, int, float, bool]) -> list[dict]:
             log = read_log(Path(folder) / f"log_{road}.csv")
             plain = dict(vehicle.values)
             fill_sensors(vehicle, log)
-            configs = {LANDED: landed.configure(vehicle.values)} if beside else {}  # which knows of no model_sd: as it was told
+            configs = (
+                {LANDED: landed.configure(vehicle.values)} if beside else {}
+            )  # which knows of no model_sd: as it was told
             vehicle.values = plain | AS_CALIBRATED
             fill_sensors(vehicle, log)
             configs = {"tse": Config(vehicle.values), **configs}
@@ -101,7 +113,16 @@ def one(job: tuple[str, int, float, bool]) -> list[dict]:
 
 def table(runs: pd.DataFrame) -> str:
     """The runs as Markdown: a line per car, road and estimator, triples of STIFFNESS."""
-    titles = ("car", "road", "estimator", "median error [%]", "valid [%]", "off [%]", "band holds [%]", "false changes in 10 min")
+    titles = (
+        "car",
+        "road",
+        "estimator",
+        "median error [%]",
+        "valid [%]",
+        "off [%]",
+        "band holds [%]",
+        "false changes in 10 min",
+    )
     lines = ["| " + " | ".join(titles) + " |", "|" + "---|" * len(titles)]
 
     def three(values: list[float]) -> str:
@@ -109,7 +130,9 @@ def table(runs: pd.DataFrame) -> str:
 
     def share(group: pd.DataFrame, what: str, of: str) -> str:
         total = [group[of.format(key)].sum() for key in STIFFNESS]
-        return three([group[f"{key} {what}"].sum() / n if n else np.nan for key, n in zip(STIFFNESS, total, strict=True)])
+        return three(
+            [group[f"{key} {what}"].sum() / n if n else np.nan for key, n in zip(STIFFNESS, total, strict=True)]
+        )
 
     for (car, road, who), group in runs.groupby(["car", "road", "who"], sort=False):
         told = f"{10 * group['changes'].sum() / group['minutes'].sum():.1f}" if group["changes"].notna().any() else "-"
@@ -130,7 +153,9 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--jobs", type=int, default=2, help="processes (default: 2)")
     parser.add_argument("--out", type=Path, help="the table; default: the committed one, if no car is left out")
     given = parser.parse_args(arguments)
-    jobs = [(car, given.first + i, given.minutes, not given.no_landed) for car in given.only for i in range(given.seeds)]
+    jobs = [
+        (car, given.first + i, given.minutes, not given.no_landed) for car in given.only for i in range(given.seeds)
+    ]
     found = in_processes(one, jobs, given.jobs, "car")
     if found is None:
         return 130

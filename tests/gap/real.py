@@ -33,7 +33,9 @@ def row(folder: Path) -> str:
         for file, rows in parts.items():
             rows.to_csv(Path(name) / file, index=False)
         start = time.perf_counter()
-        result = run([Path(name) / "fitted.csv"], folder / "vehicle.toml", Path(name) / "out", [Path(name) / "held_out.csv"], 2)
+        result = run(
+            [Path(name) / "fitted.csv"], folder / "vehicle.toml", Path(name) / "out", [Path(name) / "held_out.csv"], 2
+        )
         seconds = time.perf_counter() - start
     falls = [
         f"{c} {x.before:.2f} -> {x.after:.2f} ({100 * x.ci95[0]:+.0f} .. {100 * x.ci95[1]:+.0f} %)"

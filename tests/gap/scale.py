@@ -138,10 +138,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(
         prog="python -m tests.gap.scale", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--duration", type=float, default=LONG, help=f"s of a log (%(default)g); of the many at most {SHORT:g}")
+    parser.add_argument(
+        "--duration", type=float, default=LONG, help=f"s of a log (%(default)g); of the many at most {SHORT:g}"
+    )
     parser.add_argument("--only", nargs="+", choices=CASES, default=list(CASES), help="these cases")
     parser.add_argument("--jobs", type=int, default=2, help="threads of the command (%(default)s)")
-    parser.add_argument("--out", type=Path, metavar="FILE", help="for the table; default: the whole one's to scripts/results")
+    parser.add_argument(
+        "--out", type=Path, metavar="FILE", help="for the table; default: the whole one's to scripts/results"
+    )
     options = parser.parse_args(arguments)
     rows = []
     for case in dict.fromkeys(options.only):

@@ -127,7 +127,9 @@ def worst_held_out(case: dict) -> float:
 
 def closed_held_out(case: dict) -> float:
     """Share of the energy above the noise, of all channels of the held-out logs, that what was named or proposed closes."""
-    before, after = (sum(max(0.0, x * x - 1.0) for x in case["gap"]["held_out"][k].values()) for k in ("before", "after"))
+    before, after = (
+        sum(max(0.0, x * x - 1.0) for x in case["gap"]["held_out"][k].values()) for k in ("before", "after")
+    )
     return 1.0 - after / before if before > 0 else 0.0
 
 
@@ -153,7 +155,10 @@ def reliability(cases: list[dict]) -> list[str]:
 def tables(cases: list[dict]) -> dict[str, str]:
     """Name of the file -> Markdown."""
     columns = ("right", "extra", "look-alike", "wrong", "outside", "none")
-    head = "| hidden | cases | right | right and more | in an admitted set | wrong | not in the catalogue | none | size, median error | held-out rms/noise, median | time, median |\n|---|" + "---:|" * 10 + "\n"  # noqa: E501
+    head = (
+        "| hidden | cases | right | right and more | in an admitted set | wrong | not in the catalogue | none "
+        "| size, median error | held-out rms/noise, median | time, median |\n|---|" + "---:|" * 10 + "\n"
+    )
     lines = []
     for name in sorted({group(c) for c in cases}):
         mine = [c for c in cases if group(c) == name]
@@ -191,7 +196,10 @@ def tables(cases: list[dict]) -> dict[str, str]:
     lines += ["", *reliability([c for c in cases if not c["outside"]])]
     each = ["| hidden | named, by seed | size error | gap before -> after (fit) | held out |", "|---|---|---:|---|---|"]
     for c in sorted(cases, key=lambda c: (group(c), c["name"])):
-        named = "; ".join(n["id"] + (f" ({', '.join(n['look_alikes'])}?)" if n["look_alikes"] else "") for n in c["named"]) or "-"
+        named = (
+            "; ".join(n["id"] + (f" ({', '.join(n['look_alikes'])}?)" if n["look_alikes"] else "") for n in c["named"])
+            or "-"
+        )
         if c["sensors"]:
             named = "; ".join([*([] if named == "-" else [named]), *c["sensors"]])
         if c.get("formula"):
@@ -251,7 +259,9 @@ def main() -> int:
     parser.add_argument("--only", nargs="*", default=[], metavar="PART", help="cases with this in their names")
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--again", action="store_true", help="forget the cases that are done")
-    parser.add_argument("--out", type=Path, metavar="DIR", help="where tables go; default: the whole study's to scripts/results")
+    parser.add_argument(
+        "--out", type=Path, metavar="DIR", help="where tables go; default: the whole study's to scripts/results"
+    )
     options = parser.parse_args()
     if options.again:
         shutil.rmtree(FOLDER, ignore_errors=True)
@@ -266,7 +276,9 @@ def main() -> int:
     print("\n".join(found.values()))
     whole = {s.name for s in specs} >= {s.name for s in chosen(SEEDS, [])}
     written = [str(p) for p in write(found, whole, options.out)]
-    print(f"written: {', '.join(written)}" if written else "a part of the study: not written (--out DIR)", file=sys.stderr)
+    print(
+        f"written: {', '.join(written)}" if written else "a part of the study: not written (--out DIR)", file=sys.stderr
+    )
     return 0
 
 

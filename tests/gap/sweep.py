@@ -24,7 +24,13 @@ from tests.gap.study import same
 ROOT = Path(__file__).resolve().parents[2]
 FOLDER = ROOT / "build" / "gap-sweep"
 TABLE = ROOT / "scripts" / "results" / "gap-sweep.md"
-CASES = ("clean-108", "relaxation-1x-1", "lateral_load_transfer-1x-1", "body_roll+steering_ratio-1x-2", "low_grip_patch-1x-1")
+CASES = (
+    "clean-108",
+    "relaxation-1x-1",
+    "lateral_load_transfer-1x-1",
+    "body_roll+steering_ratio-1x-2",
+    "low_grip_patch-1x-1",
+)
 # Half and twice, or what is half and twice as probable.
 VALUES: dict[str, tuple[float, float]] = {
     "infer.hypotheses.EXPECTED": (0.5, 2.0),

@@ -39,13 +39,30 @@ def test_shares_are_of_the_rows_and_of_the_valid_ones() -> None:
     """A run without a valid row has no say in what is off."""
     counts = {"rows": [100.0, 100.0], "changes": [1, 0], "minutes": [1.0, 1.0], "car": "c", "road": "r", "who": "w"}
     for key in ordinary.STIFFNESS:
-        counts |= {f"{key} valid": [50.0, 0.0], f"{key} off": [20.0, 0.0], f"{key} held": [10.0, 0.0], f"{key} error": [0.1, 0.3]}
+        counts |= {
+            f"{key} valid": [50.0, 0.0],
+            f"{key} off": [20.0, 0.0],
+            f"{key} held": [10.0, 0.0],
+            f"{key} error": [0.1, 0.3],
+        }
     line = ordinary.table(pd.DataFrame(counts)).splitlines()[2]
     assert line == "| c | r | w | 20 / 20 / 20 | 25 / 25 / 25 | 40 / 40 / 40 | 20 / 20 / 20 | 5.0 |"
 
 
 def test_the_command_writes_the_table(tmp_path: Path) -> None:
     out = tmp_path / "ordinary.md"
-    options = ["--seeds", "1", "--minutes", "0.25", "--only", "as modelled", "--no-landed", "--jobs", "1", "--out", str(out)]
+    options = [
+        "--seeds",
+        "1",
+        "--minutes",
+        "0.25",
+        "--only",
+        "as modelled",
+        "--no-landed",
+        "--jobs",
+        "1",
+        "--out",
+        str(out),
+    ]
     assert ordinary.main(options) == 0
     assert out.read_text().startswith("# Ordinary cars\n") and "| as modelled | urban | tse |" in out.read_text()

@@ -47,7 +47,16 @@ def same_bits(a, b):
 
 
 def test_what_is_usable_is_what_the_command_says(drive, result, tmp_path):
-    done = tselab("estimate", drive.log, "--vehicle", drive.vehicle, "--out", tmp_path / "e.csv", "--table", tmp_path / "t.parquet")
+    done = tselab(
+        "estimate",
+        drive.log,
+        "--vehicle",
+        drive.vehicle,
+        "--out",
+        tmp_path / "e.csv",
+        "--table",
+        tmp_path / "t.parquet",
+    )
     assert {0: "yes", 3: "in part", 4: "no"}[done.code] == result.usable
     theirs = pd.read_parquet(tmp_path / "t.parquet").drop(columns="log")
     pd.testing.assert_frame_equal(result.stretches, theirs, check_exact=True)

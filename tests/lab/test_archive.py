@@ -49,7 +49,10 @@ HOSTILE: dict[str, tuple[Make, list[str]]] = {
     "link": (member("resources/link", b"/etc/passwd", stat.S_IFLNK | 0o777), ["'resources/link'", "a link"]),
     "twice": (twice, ["'resources/a' is in it twice"]),
     "many": (many, ["10001 files", "up to 10000"]),
-    "bomb": (member("resources/zeros", bytes(archive.SMALL * 8)), ["'resources/zeros'", "times larger", "up to 200 times"]),
+    "bomb": (
+        member("resources/zeros", bytes(archive.SMALL * 8)),
+        ["'resources/zeros'", "times larger", "up to 200 times"],
+    ),
 }
 
 
@@ -108,7 +111,9 @@ def test_no_damaged_byte_is_a_fault_of_ours(tmp_path):
 
 
 def test_an_ordinary_archive_is_opened_and_unpacked(tmp_path):
-    path = made(tmp_path / "good.fmu", member("resources/table.txt", b"0,0\n" * 200000))  # packed well, yet less than a MB
+    path = made(
+        tmp_path / "good.fmu", member("resources/table.txt", b"0,0\n" * 200000)
+    )  # packed well, yet less than a MB
     assert archive.open_archive(path).names == ("modelDescription.xml", "resources/table.txt")
     with archive.unpacked(path) as folder:
         assert (folder / "resources" / "table.txt").stat().st_size == 800000

@@ -29,7 +29,9 @@ EFFECTS = {"body_roll": 1.0, "relaxation": 1.0, "steering_lag": 1.0, "imu_delay"
 def case(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two logs and a held-out one of 25 s of a car of the generator."""
     folder = tmp_path_factory.mktemp("case")
-    next(make_cases([Spec("car", EFFECTS, 411, manoeuvres=DRIVES, hold_out=("sine_sweep",), duration=25)])).write(folder)
+    next(make_cases([Spec("car", EFFECTS, 411, manoeuvres=DRIVES, hold_out=("sine_sweep",), duration=25)])).write(
+        folder
+    )
     return folder
 
 
@@ -68,9 +70,7 @@ def test_held_out_logs_are_explained_far_better(calibrated: tuple[Path, Result])
         assert proof[0]["after"][channel] < 0.3 * proof[0]["before"][channel]
 
 
-def test_the_calibrated_car_reads_back_and_starts_the_next(
-    case: Path, calibrated: tuple[Path, Result]
-) -> None:
+def test_the_calibrated_car_reads_back_and_starts_the_next(case: Path, calibrated: tuple[Path, Result]) -> None:
     vehicle = read_vehicle(calibrated[0])
     assert not [n for n in vehicle.notes if "not known" in n]
     assert set(vehicle.told_uncertainty) >= {"yaw_inertia_sd", "relaxation_sd", "wheel_delay_sd"}
@@ -126,9 +126,13 @@ def test_a_straight_drive_shows_nothing_of_cornering(tmp_path: Path) -> None:
     rows = made(3, 30.0)
     still = made(4, 30.0)
     for name in ("steer_angle", "accel_y", "yaw_rate"):  # straight: what is left there is noise
-        rows[name] = 1e-3 * (still[name] - still[name].mean()) + 1e-3 * np.random.default_rng(5).standard_normal(len(rows))
+        rows[name] = 1e-3 * (still[name] - still[name].mean()) + 1e-3 * np.random.default_rng(5).standard_normal(
+            len(rows)
+        )
     log = written(tmp_path / "straight.csv", rows)
-    (tmp_path / "car.toml").write_text("mass = 1500\nlf = 1.2\nlr = 1.4\nwheel_radius_front = 0.3\nwheel_radius_rear = 0.3\n")
+    (tmp_path / "car.toml").write_text(
+        "mass = 1500\nlf = 1.2\nlr = 1.4\nwheel_radius_front = 0.3\nwheel_radius_rear = 0.3\n"
+    )
     run = tselab_here("calibrate", log, "--vehicle", tmp_path / "car.toml", "--out", tmp_path / "out.toml")
     assert run.code in (0, 12), run.err
     found = {f["name"]: f for f in json.loads((tmp_path / "out.json").read_text())["findings"]}
@@ -192,12 +196,16 @@ def test_a_formula_of_the_vehicle_file_is_simulated_and_kept(tmp_path: Path) -> 
     again = tmp_path / "again.toml"
     assert tselab_here("calibrate", log, "--vehicle", outs[told], "--out", again, "--steps", "1").code == 12
     assert read_vehicle(again).formula == lopsided
-    assert tselab_here("calibrate", log, "--vehicle", told, "--out", tmp_path / "mine.toml").code == 2  # not over the formula
+    assert (
+        tselab_here("calibrate", log, "--vehicle", told, "--out", tmp_path / "mine.toml").code == 2
+    )  # not over the formula
 
 
 def test_what_has_not_converged_is_written_and_said(case: Path) -> None:
     out = case / "short.toml"
-    run = tselab_here("calibrate", *case.glob("log_highway.csv"), "--vehicle", case / "car.toml", "--out", out, "--steps", "1")
+    run = tselab_here(
+        "calibrate", *case.glob("log_highway.csv"), "--vehicle", case / "car.toml", "--out", out, "--steps", "1"
+    )
     assert run.code == 12 and "NOT converged" in run.out
     assert "NOT CONVERGED" in out.read_text()
 
@@ -210,7 +218,9 @@ def test_a_log_without_a_channel_is_used_without_it(case: Path, tmp_path: Path) 
         rows.loc[30:, empty] = np.nan  # the reader refuses an empty column
         log = tmp_path / "without.csv"
         rows.to_csv(log, index=False)
-        run = tselab_here("calibrate", log, "--vehicle", case / "car.toml", "--out", tmp_path / "o.toml", "--steps", "1")
+        run = tselab_here(
+            "calibrate", log, "--vehicle", case / "car.toml", "--out", tmp_path / "o.toml", "--steps", "1"
+        )
         assert run.code == code and "Traceback" not in run.err, run.err
 
 
@@ -226,7 +236,15 @@ def test_a_bad_log_is_left_out_and_said_and_alone_it_is_refused(case: Path, tmp_
     bad = tmp_path / "bad.csv"
     bad.write_text("time,steer_angle\n0,1\n")
     run = tselab_here(
-        "calibrate", case / "log_highway.csv", bad, "--vehicle", case / "car.toml", "--out", tmp_path / "o.toml", "--steps", "1"
+        "calibrate",
+        case / "log_highway.csv",
+        bad,
+        "--vehicle",
+        case / "car.toml",
+        "--out",
+        tmp_path / "o.toml",
+        "--steps",
+        "1",
     )
     assert run.code == 12 and "left out" in run.err and "bad.csv" in run.err
     alone = tselab_here("calibrate", bad, "--vehicle", case / "car.toml", "--out", tmp_path / "p.toml")

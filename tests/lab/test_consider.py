@@ -37,7 +37,9 @@ def driven() -> np.ndarray:
     return drive({})
 
 
-def logged(driven: np.ndarray, columns: dict[str, Callable[[np.ndarray, np.ndarray], np.ndarray]] | None = None) -> np.ndarray:
+def logged(
+    driven: np.ndarray, columns: dict[str, Callable[[np.ndarray, np.ndarray], np.ndarray]] | None = None
+) -> np.ndarray:
     """The log, with columns changed by functions of time and column."""
     rows = np.zeros(ROWS, Filter(Config()).inputs(1).dtype)
     t = DT * np.arange(ROWS)
@@ -161,7 +163,9 @@ def test_a_grade_that_nobody_told_is_found_and_costs_no_stiffness(grade: float) 
         found[name] = out[2000:]
     out = found["hills"]
     valid, off = out["cx_front_valid"] == 0, np.abs(out["cx_front"] - 1.0) > 0.1
-    assert valid.mean() > 0.5 and off[valid].mean() < 0.05, f"valid {valid.mean():.2f}, of these off {off[valid].mean():.2f}"
+    assert valid.mean() > 0.5 and off[valid].mean() < 0.05, (
+        f"valid {valid.mean():.2f}, of these off {off[valid].mean():.2f}"
+    )
     assert rms(out["bias_accel_x"] - 9.81 * np.sin(slope[2000:])) < 0.2 * rms(9.81 * np.sin(slope))
     assert np.median(found["told nothing"]["cx_front"]) < 0.6  # hills that must not be are a car that slips
 
@@ -203,9 +207,13 @@ def test_the_parts_of_a_band_are_told_and_add_up_to_it(driven: np.ndarray) -> No
     assert [name for name, sd in parts.items() if sd.any()] == list(told)
     for a, key in enumerate(("cx_front", "cy_front", "cy_rear")):
         together = np.sqrt(sum(sd[a] ** 2 for sd in parts.values()))
-        added = np.sqrt(out[f"{key}_sd"][-1] ** 2 - exact[f"{key}_sd"][-1] ** 2)  # LOOKED at last: 24 rows before the end
+        added = np.sqrt(
+            out[f"{key}_sd"][-1] ** 2 - exact[f"{key}_sd"][-1] ** 2
+        )  # LOOKED at last: 24 rows before the end
         assert together == pytest.approx(added, rel=0.1)
-    table = pd.DataFrame({k: out[k] * getattr(CAR, NOMINAL[k.removesuffix("_sd")]) for s in NOMINAL for k in (s, f"{s}_sd")})
+    table = pd.DataFrame(
+        {k: out[k] * getattr(CAR, NOMINAL[k.removesuffix("_sd")]) for s in NOMINAL for k in (s, f"{s}_sd")}
+    )
     words = of_what_is_told(table, filter_.config, parts)
     assert len(words) == 3 and words[0].startswith("front longitudinal stiffness: of the band at the end, ± ")
     assert "mass_sd 8 %" in words[1] and "steer_ratio_sd" in words[1]

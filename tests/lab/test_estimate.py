@@ -83,8 +83,18 @@ def test_same_seed_gives_the_same_bytes_and_another_seed_does_not(drive, tmp_pat
         out = tmp_path / f"{i}.csv"
         assert (
             tselab(
-                "estimate", drive.log, "--vehicle", drive.vehicle, "--form", "sampled", "--seed", seed, "--particles", 64,
-                "--out", out,
+                "estimate",
+                drive.log,
+                "--vehicle",
+                drive.vehicle,
+                "--form",
+                "sampled",
+                "--seed",
+                seed,
+                "--particles",
+                64,
+                "--out",
+                out,
             ).code
             == 0
         )
@@ -229,18 +239,26 @@ def test_slow_log_of_20_hz_is_handled(drive, tmp_path):
 
 
 def test_average_over_blocks_finds_the_same_tyres(drive, tmp_path):
-    done = tselab_here("estimate", drive.log, "--vehicle", drive.vehicle, "--average", 0.04, "--report", "r.html", cwd=tmp_path)
+    done = tselab_here(
+        "estimate", drive.log, "--vehicle", drive.vehicle, "--average", 0.04, "--report", "r.html", cwd=tmp_path
+    )
     assert done.code == 0, done.err
     assert "500 rows, 20.0 s, every 40 ms (means of 4 rows)" in done.out
     assert "averaged over 0.04 s: 2001 rows became 500, of 4 rows each" in done.err
     assert "accel_x_sd: 0.15 m/s2 of one sample is 0.075 of a mean of 4" in done.err
     last = pd.read_csv(tmp_path / "log.est.csv").iloc[-1]
-    assert [last[k] / n for k, n in zip(STIFFNESS, (1.6e5, 1.2e5, 1.4e5), strict=True)] == pytest.approx([1, 1, 1], rel=0.06)
+    assert [last[k] / n for k, n in zip(STIFFNESS, (1.6e5, 1.2e5, 1.4e5), strict=True)] == pytest.approx(
+        [1, 1, 1], rel=0.06
+    )
 
 
 @pytest.mark.parametrize(
     ("seconds", "text"),
-    [(0.2, "0.2 is outside its range 0.001 .. 0.1 s"), (0.012, "the rows of the log are 0.01 s apart"), ("nan", "outside")],
+    [
+        (0.2, "0.2 is outside its range 0.001 .. 0.1 s"),
+        (0.012, "the rows of the log are 0.01 s apart"),
+        ("nan", "outside"),
+    ],
 )
 def test_average_that_cannot_be_is_refused(drive, tmp_path, seconds, text):
     done = tselab_here("estimate", drive.log, "--vehicle", drive.vehicle, "--average", seconds, cwd=tmp_path)

@@ -36,8 +36,7 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
     done = tselab("fmu", "build", "--out", folder)
     assert done.code == 0, done.err
     assert [line.split(":")[0] for line in done.out.splitlines()] == [
-        str(folder / name)
-        for name in (*(f"{n}{v}.fmu" for n in FMUS for v in ("", "-fmi3")), "StiffnessStudy.ssp")
+        str(folder / name) for name in (*(f"{n}{v}.fmu" for n in FMUS for v in ("", "-fmi3")), "StiffnessStudy.ssp")
     ]
     return folder
 
@@ -190,7 +189,9 @@ def test_binaries_of_all_platforms_compute_the_same_bits(everywhere):
 def test_validators_have_no_findings(built):
     done = tselab("fmu", "validate", *(built / f"{name}.fmu" for name in FMUS))
     assert done.code == 0, done.out + done.err
-    rows = [line.split() for line in done.out.splitlines() if line.startswith(("  FMPy", "  fmutool", "  XML", "  tselab"))]
+    rows = [
+        line.split() for line in done.out.splitlines() if line.startswith(("  FMPy", "  fmutool", "  XML", "  tselab"))
+    ]
     assert len(rows) == 8 and {row[-1] for row in rows} == {"0"}
 
 
@@ -250,7 +251,10 @@ BROKEN: dict[str, tuple[Edit, str]] = {
     "no binary": (without("binaries"), "there is no binary"),
     "a source that is not there": (without("sources/estimator/paper/slide.c"), "sources/ does not compile"),
     "an unknown platform": (lambda f: f.update({"binaries/vax/SingleTrackVehicle.so": b""}), "knows no such platform"),
-    "another name": (lambda f: f.update({OURS.replace("Single", "Double"): f.pop(OURS)}), "there is no SingleTrackVehicle"),
+    "another name": (
+        lambda f: f.update({OURS.replace("Single", "Double"): f.pop(OURS)}),
+        "there is no SingleTrackVehicle",
+    ),
     "no library": (lambda f: f.update({OURS: b"#!/bin/sh"}), "is no shared library"),
     "another system's": (lambda f: f.update({"binaries/win64/SingleTrackVehicle.dll": f[OURS]}), "is for linux on"),
 }
@@ -266,7 +270,9 @@ def test_what_importers_complain_about_is_found(name, built, tmp_path):
     assert len(found) == 1 and words in found[0]
 
 
-@pytest.mark.skipif(HERE != "linux64" or shutil.which("gcc") is None, reason="makes faulty binaries with gcc for linux64")
+@pytest.mark.skipif(
+    HERE != "linux64" or shutil.which("gcc") is None, reason="makes faulty binaries with gcc for linux64"
+)
 def test_faulty_binaries_are_found(built, tmp_path):
     source = "double cos(double); double helper(double x) { return cos(x); } int fmi2DoStep(void) { return 0; }"
     gcc = ["gcc", "-shared", "-fPIC", "-Wl,--no-as-needed", "-x", "c", "-"]
@@ -352,7 +358,9 @@ def odd_log(drive: Drive) -> Path:
     table[values] = table[values].mask(random.random((n, len(values))) < 0.02)
     table.loc[500:560, "yaw_rate"] = np.nan
     table.loc[600:640, "wheel_speed_front"] = np.nan
-    table.loc[700:704, ["accel_x", "accel_y", "yaw_rate", "steer_angle", "wheel_speed_front", "wheel_speed_rear"]] = np.nan
+    table.loc[700:704, ["accel_x", "accel_y", "yaw_rate", "steer_angle", "wheel_speed_front", "wheel_speed_rear"]] = (
+        np.nan
+    )
     table.loc[40:42, "accel_x"] = 99.0
     keep = random.random(n) > 0.05
     keep[300:330] = keep[900:1000] = False
@@ -365,7 +373,18 @@ def odd_log(drive: Drive) -> Path:
     "options",
     [
         [],
-        ["--particles", 64, "--seed", 5, "--forgetting", 0.98, "--set", "max_gap=0.3", "--set", "cornering_stiffness_front=9e4"],
+        [
+            "--particles",
+            64,
+            "--seed",
+            5,
+            "--forgetting",
+            0.98,
+            "--set",
+            "max_gap=0.3",
+            "--set",
+            "cornering_stiffness_front=9e4",
+        ],
         ["--form", "paper", "--particles", 100],
         ["--average", 0.04],
     ],
@@ -424,7 +443,11 @@ def test_the_estimator_fmu_runs_a_formula_as_tselab_estimate_does(built, drive, 
     fmu = built / "TireStiffnessEstimator.fmu"
     done = tselab("fmu", "run", fmu, drive.log, "--vehicle", vehicle, "--out", tmp_path / "fmu.csv")
     assert done.code == 0, done.err
-    assert (tmp_path / "fmu.csv").read_bytes() == (tmp_path / "est.csv").read_bytes() != (tmp_path / "plain.csv").read_bytes()
+    assert (
+        (tmp_path / "fmu.csv").read_bytes()
+        == (tmp_path / "est.csv").read_bytes()
+        != (tmp_path / "plain.csv").read_bytes()
+    )
 
 
 def test_a_setting_that_the_fmu_does_not_have_is_said(built, drive, tmp_path):
@@ -455,14 +478,18 @@ def test_the_vehicle_fmu_drives_as_the_simulator(built, tmp_path):
     assert np.array_equal(table["time"], plan.time)
     compared = 0
     for name in outputs.dtype.names:
-        column = name.replace("true_", "true.relative." if name[5:] in ("cx_front", "cy_front", "cy_rear") else "true.", 1)
+        column = name.replace(
+            "true_", "true.relative." if name[5:] in ("cx_front", "cy_front", "cy_rear") else "true.", 1
+        )
         column = column if name.startswith("true_") else f"sensor.{name}"
         if column in table:
             # inputs between rows go to the FMU as slopes, so the last bit of a step may differ
             np.testing.assert_allclose(table[column], outputs[name], rtol=1e-9, atol=1e-9, err_msg=name)
             compared += 1
     assert compared >= 6 + 7 + 3 + 3
-    held = tselab("fmu", "run", built / "SingleTrackVehicle.fmu", "driver.csv", "--hold", "--out", "held.csv", cwd=tmp_path)
+    held = tselab(
+        "fmu", "run", built / "SingleTrackVehicle.fmu", "driver.csv", "--hold", "--out", "held.csv", cwd=tmp_path
+    )
     assert held.code == 0 and (tmp_path / "held.csv").read_bytes() != (tmp_path / "driver.out.csv").read_bytes()
 
 
@@ -505,7 +532,10 @@ def bad(built: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 REFUSED: dict[str, tuple[list[str], list[str]]] = {
     "not an FMU": (["text.fmu", "good.csv"], ["text.fmu", "is not an FMU"]),
     "no FMU": (["none.fmu", "good.csv"], ["none.fmu", "no such file"]),
-    "no binary for this machine": (["elsewhere.fmu", "good.csv"], [f"no binary for this machine, {HERE}", "it has: vax"]),
+    "no binary for this machine": (
+        ["elsewhere.fmu", "good.csv"],
+        [f"no binary for this machine, {HERE}", "it has: vax"],
+    ),
     "model exchange": (["exchange.fmu", "good.csv"], ["FMI 2.0 or 3.0 for co-simulation is needed"]),
     "another version's description": (["guid.fmu", "good.csv"], ["the FMU refuses", "GUID"]),
     "a binary that is none": (["broken.fmu", "good.csv"], ["cannot be loaded"]),
@@ -517,7 +547,10 @@ REFUSED: dict[str, tuple[list[str], list[str]]] = {
     "input out of range": (["car.fmu", "large.csv"], ["fmi2DoStep", "steer_angle", "-1.2 .. 1.2"]),
     "parameter out of range": (["car.fmu", "good.csv", "--set", "mass=3"], ["vehicle.mass = 3", "50 .. 50000 kg"]),
     "unknown parameter": (["car.fmu", "good.csv", "--set", "masse=3"], ["no parameter 'masse'"]),
-    "too many particles": (["estimator.fmu", "good.csv", "--set", "particles=9999"], ["filter.particles = 9999", "16 .. 512"]),
+    "too many particles": (
+        ["estimator.fmu", "good.csv", "--set", "particles=9999"],
+        ["filter.particles = 9999", "16 .. 512"],
+    ),
     "an option of the estimator": (["car.fmu", "good.csv", "--seed", "3"], ["--seed", "--set"]),
     "overwrites its input": (["car.fmu", "good.csv", "--out", "good.csv"], ["--out is the same file as the table"]),
 }

@@ -59,7 +59,9 @@ def test_the_default_follows_a_change_of_road_within_seconds(folder):
     # torque steps, which show the longitudinal stiffness, come every 2.5 s, those of the steering every 2 s
     assert default.settled()[0] <= 3.0 and max(default.settled()[1:]) <= 2.5
     assert sampled.settled()[0] > 5.0
-    assert default.wrong_yet_valid() < 0.015 < sampled.wrong_yet_valid()  # until it is noticed: here at a flip of the steering
+    assert (
+        default.wrong_yet_valid() < 0.015 < sampled.wrong_yet_valid()
+    )  # until it is noticed: here at a flip of the steering
     assert max(default.rms()) < 10
 
 
@@ -85,5 +87,8 @@ def test_sampled_and_paper_are_forms_of_their_own(folder):
     assert Config.form("default") == {} and (paper["form"], sampled["form"]) == (1, 2)
     assert (paper["hold_sd"], paper["max_slip"]) == (0, 1) and not {"hold_sd", "max_slip"} & set(sampled)
     assert paper["spread_max"] > sampled["spread_max"] > Config().spread_max
-    runs = [Run(folder, "wheels", "--form", form, "--particles", 64).est["cy_front"] for form in ("default", "sampled", "paper")]
+    runs = [
+        Run(folder, "wheels", "--form", form, "--particles", 64).est["cy_front"]
+        for form in ("default", "sampled", "paper")
+    ]
     assert all((runs[a] != runs[b]).mean() > 0.99 for a, b in ((0, 1), (1, 2)))

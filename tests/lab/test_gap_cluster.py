@@ -51,7 +51,9 @@ def test_named_but_not_told_from_others_is_exit_11_in_so_many_words(gentle):
     assert verdict["verdict"] == "named"
     (effect,) = verdict["effects"]
     assert {effect["id"], *effect["look_alikes"]} >= ALIKE
-    assert effect["parameters"]["time"]["value"] == pytest.approx(DELAY, rel=0.1)  # of a lag, too: seen below its corner
+    assert effect["parameters"]["time"]["value"] == pytest.approx(
+        DELAY, rel=0.1
+    )  # of a lag, too: seen below its corner
     sentence = f"These logs cannot exclude {', '.join(effect['look_alikes'])} in its place."
     assert sentence in verdict["words"][0] and sentence in gentle.done.out
     assert sentence in (gentle.out / "vehicle_improved.toml").read_text(encoding="utf-8")

@@ -15,7 +15,9 @@ from tselab.gap.infer import hypotheses, space
 from tselab.gap.localise import where
 
 TSELAB = Path(tselab.__file__).parent
-FILES = [p for folder in ("gap", "identify") for p in sorted((TSELAB / folder).rglob("*.py")) if p.name != "constants.py"]
+FILES = [
+    p for folder in ("gap", "identify") for p in sorted((TSELAB / folder).rglob("*.py")) if p.name != "constants.py"
+]
 # No result depends on them: sizes of pictures, exit codes, the largest file that is read, how long a cluster may take to answer;
 # how many arguments a function takes.
 NO_CONSTANTS = {"gap.export.pictures", "gap.export.report", "gap.workflow.EXIT", "gap.stages.MOST_BYTES", "gap.workers",
@@ -33,7 +35,11 @@ def early(tree):
     while waiting:
         node = waiting.pop()
         if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda)):
-            waiting += [*getattr(node, "decorator_list", ()), *node.args.defaults, *(d for d in node.args.kw_defaults if d)]
+            waiting += [
+                *getattr(node, "decorator_list", ()),
+                *node.args.defaults,
+                *(d for d in node.args.kw_defaults if d),
+            ]
             continue
         yield node
         waiting += ast.iter_child_nodes(node)

@@ -37,7 +37,9 @@ class Clean:
     def named_when_hidden(self, effect: str, times: float) -> list[Named]:
         told = self.undetectable[effect]
         size = {told["parameter"]: times * told["smallest_detectable"]}
-        read, config = workflow.read(make(self.problem, self.read, size, self.folder, HIDE_SEED), read_vehicle(self.vehicle))
+        read, config = workflow.read(
+            make(self.problem, self.read, size, self.folder, HIDE_SEED), read_vehicle(self.vehicle)
+        )
         workers = Workers()
         return name(workers.problem(workers.prepare(read, config), config), list(catalogue().values())).named
 

@@ -56,7 +56,9 @@ def test_the_linearisation_answers_as_the_replay_does(plain, place):
     """Within a fifth: one step a block, straight driving, no coupling of both directions; it only chooses what is simulated."""
     values = fit(plain, STIFFNESS, {}).values
     term = terms.Term("accel_x", terms.PULL.unit) if place in terms.LONGITUDINAL else terms.Term("steer_angle", (0, 0))
-    size = {"force_x": 0.1, "accel_x": 0.1, "force_y": 5.0, "yaw_moment": 3.0, "accel_y": 5.0, "yaw_rate": 1.0}.get(place, 0.05)
+    size = {"force_x": 0.1, "accel_x": 0.1, "force_y": 5.0, "yaw_moment": 3.0, "accel_y": 5.0, "yaw_rate": 1.0}.get(
+        place, 0.05
+    )
     formula = terms.formula(place, [term], [{}], [size])
     base = plain.residuals(values)
     exact = plain.residuals(values | formula.settings()) - base
@@ -123,7 +125,9 @@ def test_evolution_goes_beyond_the_library(tmp_path):
     library = sorted(search.screened(frame, "yaw_moment", frame.last), key=lambda x: -x[0])
     evolved = symbolic.search(frame, "yaw_moment", [x[2] for x in library], 1)
     assert evolved[0][0] > 0.8 * exact
-    assert [x[2].text for x in evolved] == [x[2].text for x in symbolic.search(frame, "yaw_moment", [x[2] for x in library], 1)]
+    assert [x[2].text for x in evolved] == [
+        x[2].text for x in symbolic.search(frame, "yaw_moment", [x[2] for x in library], 1)
+    ]
 
 
 # ---- as a user
@@ -133,7 +137,9 @@ def test_evolution_goes_beyond_the_library(tmp_path):
 def run(tmp_path_factory):
     folder = tmp_path_factory.mktemp("run")
     vehicle = car(folder)
-    logs = [write_log(folder / f"{d}.csv", vehicle, d, HIDDEN.settings(), i) for i, d in enumerate(("sweep", "brakes"), 1)]
+    logs = [
+        write_log(folder / f"{d}.csv", vehicle, d, HIDDEN.settings(), i) for i, d in enumerate(("sweep", "brakes"), 1)
+    ]
     held = write_log(folder / "held.csv", vehicle, "steps", HIDDEN.settings(), 3)
     done = tselab("gap", *logs, "--vehicle", vehicle, "--out", folder / "out", "--hold-out", held, "--jobs", 2)
     return folder, logs, done
@@ -143,7 +149,9 @@ def test_a_line_over_what_the_catalogue_has_at_a_place_is_no_evolved_form() -> N
     x = np.linspace(-3.0, 4.0, 200)
     assert symbolic._alike(2.0 - 0.1 * x, x)
     assert not symbolic._alike(np.abs(x), x)
-    assert not symbolic._alike(np.ones(200), x) and not symbolic._alike(x, np.zeros(0))  # a place that the catalogue has nothing at
+    assert not symbolic._alike(np.ones(200), x) and not symbolic._alike(
+        x, np.zeros(0)
+    )  # a place that the catalogue has nothing at
 
 
 def test_every_stage_of_a_run_can_be_read_again(run):
@@ -161,10 +169,17 @@ def test_the_workflow_proposes_it_and_writes_what_runs_it(run):
     folder, _, done = run
     assert done.code == 20, done.out + done.err
     assert "A formula closes" in done.out and "not a cause" in done.out
-    verdict, report = json.loads((folder / "out" / "verdict.json").read_text()), (folder / "out" / "report.html").read_text()
+    verdict, report = (
+        json.loads((folder / "out" / "verdict.json").read_text()),
+        (folder / "out" / "report.html").read_text(),
+    )
     assert verdict["formula"]["proposed"]["place"] == "yaw_moment"
-    assert all(p["why"] and f"{p['id']} ({100 * p['probability']:.0f} %: {p['why']})" in report for p in verdict["possible"])
-    assert verdict["gap"]["held_out"]["after"]["yaw_rate"] < 1.3 < 2.0 < verdict["gap"]["held_out"]["before"]["yaw_rate"]
+    assert all(
+        p["why"] and f"{p['id']} ({100 * p['probability']:.0f} %: {p['why']})" in report for p in verdict["possible"]
+    )
+    assert (
+        verdict["gap"]["held_out"]["after"]["yaw_rate"] < 1.3 < 2.0 < verdict["gap"]["held_out"]["before"]["yaw_rate"]
+    )
     formula = read_formula(folder / "out" / "formula.toml")
     improved = read_vehicle(folder / "out" / "vehicle_improved.toml")
     assert improved.formula == formula

@@ -65,7 +65,8 @@ def test_the_discrepancy_of_noise_is_noise_and_of_a_misfit_a_misfit() -> None:
     assert quiet.white == pytest.approx(1.0, abs=0.05) and noise.Left.of(quiet, [piece(0)]).energy < 1.1
     rng = np.random.default_rng(5)
     wrong = [
-        replace(p, residual=p.residual + 0.8 * p.size * np.repeat(rng.standard_normal(N // 8), 8)) for p in map(piece, range(4))
+        replace(p, residual=p.residual + 0.8 * p.size * np.repeat(rng.standard_normal(N // 8), 8))
+        for p in map(piece, range(4))
     ]
     found = noise.Left.of(noise.found(wrong), wrong)
     assert found.energy > 3.0
@@ -131,7 +132,9 @@ def test_evidence_of_a_linear_problem_is_the_integral() -> None:
         ours = j.evidence - 0.5 * N * np.log(2 * np.pi)
         for e in effects:  # a normal stands for the size's prior while it is fitted
             value = j.values[problem.effect.name]
-            ours -= e.odds + e.ln_prior(j.values) - norm.logpdf(value, 0.0, j.space.sd[names.index(problem.effect.name)])
+            ours -= (
+                e.odds + e.ln_prior(j.values) - norm.logpdf(value, 0.0, j.space.sd[names.index(problem.effect.name)])
+            )
         assert ours == pytest.approx(exact, abs=0.05)
 
 
@@ -140,7 +143,9 @@ def test_a_search_names_what_is_there_and_nothing_else() -> None:
         h, problem = one_effect(of)
         search = Search(Layout(problem), [h])
         assert search.run().ids == expected
-        assert Probability(search, frozenset(expected)).of_class("mass") == pytest.approx(1.0 if expected else 0.0, abs=0.05)
+        assert Probability(search, frozenset(expected)).of_class("mass") == pytest.approx(
+            1.0 if expected else 0.0, abs=0.05
+        )
 
 
 def test_sets_that_copies_of_the_process_judge_are_worth_the_same() -> None:
@@ -184,7 +189,9 @@ def test_the_prior_of_a_size_is_a_density(effect: str) -> None:
     for p in h.effect.strengths:
         top = max(abs(p.typical_low - p.default), abs(p.typical_high - p.default))
         edges = np.geomspace(1e-4 * top, 100 * top, 60)
-        mass = sum(quad(lambda x, p=p, s=s: np.exp(ln_size(p, s * x)), a, b)[0] for s in (-1, 1) for a, b in pairwise(edges))
+        mass = sum(
+            quad(lambda x, p=p, s=s: np.exp(ln_size(p, s * x)), a, b)[0] for s in (-1, 1) for a, b in pairwise(edges)
+        )
         assert mass == pytest.approx(1.0, abs=0.01), p.name
         assert ln_size(p, p.scale * (p.sign or 1)) > ln_size(p, 10 * p.scale * (p.sign or 1)) + 5.0  # no car has that
 
@@ -328,7 +335,9 @@ def test_a_strangers_stage_is_made_again(tmp_path: Path) -> None:
     assert not Hostile.ran and stage(tmp_path, "key", "s", lambda: 8) == 7
 
 
-def test_a_stage_of_the_right_key_with_another_content_is_made_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_stage_of_the_right_key_with_another_content_is_made_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Whatever is replaced, and if all of it is: only who has the secret makes what is believed."""
     path = tmp_path / "s.npz"
     save(path, "key", {"mean": np.arange(3.0), "text": "one"})
@@ -367,13 +376,20 @@ def test_late_messages_are_found_beside_the_effect(tmp_path: Path) -> None:
 
 def test_latencies_have_the_intervals_of_the_names_that_they_are_sums_of(late: Problem) -> None:
     """The steering's: its own and the IMU's; the wheels': the IMU's; an effect of the car has no share. Of a low pass its own."""
-    sizes = {"imu_delay": (-0.02, 0.002), "steering_delay": (-0.01, 0.001), "steering_lag": (0.012, 0.003), "mass": (0.1, 0.02)}
+    sizes = {
+        "imu_delay": (-0.02, 0.002),
+        "steering_delay": (-0.01, 0.001),
+        "steering_lag": (0.012, 0.003),
+        "mass": (0.1, 0.02),
+    }
     named = []
     for effect, (x, half) in sizes.items():
         key = catalogue()[effect].strengths[0].name
         named.append(Named(catalogue()[effect], {key: x}, {key: (x - half, x + half)}, 0.5, 40.0))
     values = {k: v for n in named for k, v in n.values.items()}
-    found = {s["id"]: s for s in workflow.sensors(late, SimpleNamespace(named=named, final=SimpleNamespace(values=values)))}
+    found = {
+        s["id"]: s for s in workflow.sensors(late, SimpleNamespace(named=named, final=SimpleNamespace(values=values)))
+    }
     expected = {
         "steer_angle_latency": (0.03, np.hypot(0.002, 0.001)),
         "wheel_speed_front_latency": (0.02, 0.002),
@@ -435,14 +451,20 @@ def test_a_name_without_which_as_much_is_closed_is_not_said_to_close_less_than_n
     assert "it closes 40 % of the gap." in workflow._sentence(roll)
     text = workflow._sentence(replace(roll, share=-0.03))
     assert "closes -" not in text and "without it as much of the gap is closed" in text
-    assert workflow._sentence(replace(roll, share=0.0)).endswith("probability above 99 %.")  # of held-out logs: nobody knows
+    assert workflow._sentence(replace(roll, share=0.0)).endswith(
+        "probability above 99 %."
+    )  # of held-out logs: nobody knows
 
 
 def test_a_lag_that_no_steering_is_quick_enough_for_is_a_low_pass() -> None:
     """Of the IMU, as far as a log can say; a lag of a steering is one."""
     lag = {
         t: Named(
-            catalogue()["steering_lag"], {"steering_lag_time": t}, {"steering_lag_time": (t - 0.002, t + 0.002)}, 0.5, 40.0
+            catalogue()["steering_lag"],
+            {"steering_lag_time": t},
+            {"steering_lag_time": (t - 0.002, t + 0.002)},
+            0.5,
+            40.0,
         )
         for t in (0.012, 0.03)
     }

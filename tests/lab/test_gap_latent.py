@@ -70,7 +70,9 @@ def made(folder, drives, column: str | None, make, drop=None) -> tuple[Problem, 
 
 
 def per_row(problem: Problem, known: list[np.ndarray]) -> np.ndarray:
-    return np.concatenate([np.tile(blocks(log, d)[0], len(log.channels)) for log, d in zip(problem.logs, known, strict=True)])
+    return np.concatenate(
+        [np.tile(blocks(log, d)[0], len(log.channels)) for log, d in zip(problem.logs, known, strict=True)]
+    )
 
 
 def first_rows(problem: Problem) -> np.ndarray:
@@ -98,9 +100,14 @@ def test_known_disturbance_comes_out_within_its_band(tmp_path):
     ]):  # fmt: skip
         for seed in range(2):
             rng = np.random.default_rng([k, seed])
-            problem, known = made(tmp_path, PAIR, column, lambda inputs, n, own, rng=rng, size=size: size * drift(n, 0.6, rng))
+            problem, known = made(
+                tmp_path, PAIR, column, lambda inputs, n, own, rng=rng, size=size: size * drift(n, 0.6, rng)
+            )
             truth, rows = newtons(problem, column) * per_row(problem, known), first_rows(problem)
-            entry, baseline = where.Entry(lt.LONGITUDINAL, 0.0, 0.0, 1.0, "m/s2", 1.0, 0.0), fit(problem, PARAMETERS, {})
+            entry, baseline = (
+                where.Entry(lt.LONGITUDINAL, 0.0, 0.0, 1.0, "m/s2", 1.0, 0.0),
+                fit(problem, PARAMETERS, {}),
+            )
             if place != lt.LONGITUDINAL:
                 entry = where.entries(problem, baseline)[0]
             assert entry.place == place
@@ -287,5 +294,8 @@ def test_figure_says_what_is_missing_with_units(steered):
     band, line = figure.data[0], figure.data[1]
     n = len(line.y)
     np.testing.assert_allclose(0.5 * (band.y[:n] + band.y[n:][::-1]), line.y)
-    assert pictures.disturbance_figure(problem, found, []).layout.annotations[1].text == "follows no quantity more than chance does"
+    assert (
+        pictures.disturbance_figure(problem, found, []).layout.annotations[1].text
+        == "follows no quantity more than chance does"
+    )
     assert pictures.disturbance_figure(problem, replace(found, value=np.full_like(found.value, np.nan)), []) is None

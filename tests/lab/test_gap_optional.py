@@ -76,7 +76,9 @@ def test_reading_is_that_of_a_general_optimiser():
     mine = [r.value for r in readings if r.key != "braced"]
     np.testing.assert_allclose(mine, best[:6], atol=5e-4)  # the other one knows no prior
     assert next(r.value for r in readings if r.key == "braced") == pytest.approx(100 * best[6], abs=0.3)
-    for r, true in zip((r for r in readings if r.key != "braced"), (*truth[TORQUES[0]], *truth[TORQUES[1]]), strict=True):
+    for r, true in zip(
+        (r for r in readings if r.key != "braced"), (*truth[TORQUES[0]], *truth[TORQUES[1]]), strict=True
+    ):
         assert abs(r.value - true) < 4 * r.sd, r
     rms = np.sqrt(np.mean([(weight[c] * (measured[c] - found[c]))[weight[c] > 0] ** 2 for c in TORQUES]))
     assert rms == pytest.approx(1.0, abs=0.05)

@@ -65,7 +65,9 @@ def answer(config: Config, speed: float, place: str, d: np.ndarray) -> tuple[np.
     f = expm(whole * STEP)
     x, ay, r = np.zeros(2), [], []
     for value in d:
-        force = value / m if place in ("front axle", "rear axle", "side force") else 0.0  # an accelerometer feels no gravity
+        force = (
+            value / m if place in ("front axle", "rear axle", "side force") else 0.0
+        )  # an accelerometer feels no gravity
         ay.append(matrix[0] @ x + speed * x[1] + force)
         r.append(x[1])
         x = f[:2, :2] @ x + f[:2, 2] * value
@@ -111,7 +113,9 @@ def test_what_follows_the_steering_is_not_the_road(clean):
     found = disturbed(clean, "sensor accel_y", 0.1, roll)
     assert found[0].place == "sensor accel_y"
     assert found[0].follows > where.MOST_FOLLOWED
-    road = next(e for e in disturbed(clean, "road (bank)", 0.3, lambda i, n, rng: drift(n, 0.6, rng)) if e.place == where.ROAD)
+    road = next(
+        e for e in disturbed(clean, "road (bank)", 0.3, lambda i, n, rng: drift(n, 0.6, rng)) if e.place == where.ROAD
+    )
     assert road.follows < 0.2
 
 

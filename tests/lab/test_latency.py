@@ -86,7 +86,10 @@ def test_told_latencies_cost_nothing(driven: np.ndarray, seed: int) -> None:
 
 def test_untold_they_are_read_as_another_stiffness(driven: np.ndarray) -> None:
     """So that the test above shows what telling does."""
-    worst = [max(abs(estimated(logged(driven, drawn(seed), seed), {})[-1][key] - 1) for key in STIFFNESS) for seed in range(6)]
+    worst = [
+        max(abs(estimated(logged(driven, drawn(seed), seed), {})[-1][key] - 1) for key in STIFFNESS)
+        for seed in range(6)
+    ]
     assert min(worst) > 0.05, worst
 
 
@@ -129,7 +132,9 @@ def run(driven: np.ndarray, tmp_path_factory: pytest.TempPathFactory) -> tuple:
     table["ref_vel_y"] = driven["true_vel_y"][::10]
     table.to_csv(folder / "log.csv", index=False)
     (folder / "car.toml").write_text(CAR)
-    done = tselab_here("estimate", folder / "log.csv", "--vehicle", folder / "car.toml", "--report", folder / "r.html", cwd=folder)
+    done = tselab_here(
+        "estimate", folder / "log.csv", "--vehicle", folder / "car.toml", "--report", folder / "r.html", cwd=folder
+    )
     assert done.code in RAN, done.err
     return done, pd.read_csv(folder / "log.est.csv"), table, (folder / "r.html").read_text(encoding="utf-8")
 
@@ -147,7 +152,9 @@ def test_the_run_and_the_report_say_how_old_the_estimates_are(run: tuple) -> Non
 def test_reference_and_estimate_are_drawn_at_the_times_that_they_are_of(run: tuple) -> None:
     """vel_y agrees with the reference where the plot draws it, and less where the row stands."""
     _, est, table, page = run
-    traces = {t["name"]: t for figure in figures_of(page) for t in figure["data"] if t["name"] in ("ref_vel_y", "estimate")}
+    traces = {
+        t["name"]: t for figure in figures_of(page) for t in figure["data"] if t["name"] in ("ref_vel_y", "estimate")
+    }
     assert np.asarray(traces["ref_vel_y"]["x"]) == pytest.approx(table["time"].to_numpy())
     spoken = regimes.spoken_of(est)
     assert spoken == pytest.approx(table["time"].to_numpy() - 0.04, abs=1e-6)

@@ -46,7 +46,10 @@ def named(log: pd.DataFrame, **more: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def test_signals_without_names_are_found_by_physics_and_said_to_be(drive):
-    mph = {s: drive[f"wheel_speed_{s}"] * RADIUS * 2.23694 for s in ("rear_right", "front_left", "rear_left", "front_right")}
+    mph = {
+        s: drive[f"wheel_speed_{s}"] * RADIUS * 2.23694
+        for s in ("rear_right", "front_left", "rear_left", "front_right")
+    }
     noise = np.random.default_rng(0).normal(size=len(drive))
     columns = [noise, -drive.accel_y, mph["rear_right"], mph["front_left"], drive.yaw_rate * DEG, mph["rear_left"],
                drive.steer_angle * DEG * RATIO, mph["front_right"], drive.accel_x]  # fmt: skip
@@ -70,7 +73,9 @@ def test_what_the_log_cannot_test_is_unsure(drive):
 
 
 def test_a_unit_with_which_no_car_could_turn_is_not_proposed(drive):
-    found = proposed(drive.time[:500], {"wz": 15 * np.sin(np.arange(500) / 80), "yaw_rate": 14 * np.sin(np.arange(500) / 70)})
+    found = proposed(
+        drive.time[:500], {"wz": 15 * np.sin(np.arange(500) / 80), "yaw_rate": 14 * np.sin(np.arange(500) / 70)}
+    )
     assert found["yaw_rate"].unit == "deg/s" and found["yaw_rate"].confidence == "unsure"
 
 

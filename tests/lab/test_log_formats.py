@@ -65,7 +65,9 @@ def test_of_a_log_that_is_cut_off_what_is_before_is_used(name, clean, tmp_path):
         return
     log = read_log(path, reading=how)
     assert 0.3 * len(table) < len(log) < 0.7 * len(table)
-    assert any("damaged" in n or "its end is missing" in n or "end of the file" in n or "cut" in n for n in log.notes), log.notes
+    assert any(
+        "damaged" in n or "its end is missing" in n or "end of the file" in n or "cut" in n for n in log.notes
+    ), log.notes
     np.testing.assert_allclose(np.nanmean(log.data["yaw_rate"]), np.mean(table.yaw_rate[: len(log)]), atol=0.01)
 
 

@@ -81,7 +81,8 @@ def test_gaps_stay_gaps_and_only_of_the_channel_that_has_them():
 
 def test_a_gap_of_all_channels_is_no_rows():
     all_gone = {
-        n: Series(n, s.time[(s.time < 14) | (s.time > 18)], s.value[(s.time < 14) | (s.time > 18)]) for n, s in table().items()
+        n: Series(n, s.time[(s.time < 14) | (s.time > 18)], s.value[(s.time < 14) | (s.time > 18)])
+        for n, s in table().items()
     }
     rows = on_raster(all_gone, None)
     assert np.diff(rows.time).max() == pytest.approx(4.0, abs=0.15) and (np.diff(rows.time) > 0.02).sum() == 1

@@ -51,7 +51,11 @@ def test_without_wheels_the_speed_stands_for_an_axle_and_says_so(bends):
     assert {g.channel: g.name for g in found.guesses} == {
         "steer_angle": ("df",), "wheel_speed_rear": ("vx",), "accel_x": ("a_long",),
         "accel_y": ("a_lat",), "yaw_rate": ("wz",)}  # fmt: skip
-    assert (found["wheel_speed_rear"].unit, found["steer_angle"].unit, found["steer_angle"].ratio) == ("m/s", "rad", None)
+    assert (found["wheel_speed_rear"].unit, found["steer_angle"].unit, found["steer_angle"].ratio) == (
+        "m/s",
+        "rad",
+        None,
+    )
     assert "slip and longitudinal stiffness are not known" in " ".join(found["wheel_speed_rear"].figures)
 
 

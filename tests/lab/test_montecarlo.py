@@ -315,7 +315,9 @@ def test_the_truth_of_tyres_that_saturate_is_their_secant():
     x = c.accel_x_sd * phi[:, 0] * scores.grip(use[:, 0])
     assert d.truth["true_accel_y"][rows] == pytest.approx((force_y + x * d.truth["steer_angle"])[rows], abs=0.03)
     level = scores.knowable(d, studies.NOMINAL).level[rows]
-    assert ((level > 0.8) & (level < 0.96)).all() and level[:, 2].mean() > level[:, 1].mean()  # drive and steering in front
+    assert ((level > 0.8) & (level < 0.96)).all() and level[:, 2].mean() > level[
+        :, 1
+    ].mean()  # drive and steering in front
     one = np.ones(len(use), bool)
     assert (scores.felt(d.stiffness, phi, 0 * use, one, 100.0) == d.stiffness).all()
     alone = np.zeros_like(use)
@@ -445,7 +447,9 @@ def alone(tmp_path_factory) -> pd.DataFrame:
 
 
 def test_two_processes_give_the_same_numbers_and_all_files(alone, tmp_path):
-    done = tselab("montecarlo", "--study", "stress", "--cases", "nominal,paper-prior", "--runs", 2, "--jobs", 2, cwd=tmp_path)
+    done = tselab(
+        "montecarlo", "--study", "stress", "--cases", "nominal,paper-prior", "--runs", 2, "--jobs", 2, cwd=tmp_path
+    )
     assert done.code == 0, done.err
     out = tmp_path / "montecarlo-stress"
     table = pd.read_csv(out / "runs.csv", dtype={"fingerprint": str})

@@ -443,7 +443,9 @@ def test_who_is_told_and_sees_no_change_is_a_kalman_filter_without_forgetting():
     told = replace(d.told, forgetting=1.0)
     (a, a_sd), (b, b_sd) = (estimates(peers.run(kind, d.rows, d.config, told)) for kind in ("told", "ekf"))
     late = d.time > 4
-    assert (np.abs(a - b)[late] < 0.2 * b_sd[late]).all()  # the spread is that of the level it believes in: at first another
+    assert (
+        np.abs(a - b)[late] < 0.2 * b_sd[late]
+    ).all()  # the spread is that of the level it believes in: at first another
     np.testing.assert_allclose(a_sd[late], b_sd[late], rtol=0.05)
 
 

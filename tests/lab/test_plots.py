@@ -19,7 +19,9 @@ def made_up(n: int) -> tuple[Log, pd.DataFrame]:
     rng = np.random.default_rng(n)
     time = 0.01 * np.arange(n)
     data = pd.DataFrame({c: rng.standard_normal(n) for c in columns()[1:]})
-    ref = pd.DataFrame({"ref_vel_x": 20 + data["accel_x"], "ref_cy_rear": np.full(n, 1.4e5), "ref_throttle": data["accel_y"]})
+    ref = pd.DataFrame(
+        {"ref_vel_x": 20 + data["accel_x"], "ref_cy_rear": np.full(n, 1.4e5), "ref_throttle": data["accel_y"]}
+    )
     log = Log(Path("made-up.csv"), time, data, ref, np.arange(n) + 2, 0.01)
     names = [c for c in (*plots.WITH_BAND, *plots.PLAIN) if c not in ("status",)]
     est = {"time": time, "status": (rng.random(n) < 0.1).astype(int)}
@@ -127,7 +129,9 @@ def test_a_peak_is_in_the_gap_reports_lines_of_a_long_log():
     from tselab.gap.export.pictures import overlay
 
     n = 21_000
-    table = pd.DataFrame({"part": "fit", "log": "long", "channel": pd.Categorical(["accel_y"] * n), "time": 0.04 * np.arange(n)})
+    table = pd.DataFrame(
+        {"part": "fit", "log": "long", "channel": pd.Categorical(["accel_y"] * n), "time": 0.04 * np.arange(n)}
+    )
     for column in ("measured", "predicted_before", "predicted_after", "residual_before"):
         table[column] = 0.0
     table.loc[12_345, "measured"] = 30.0

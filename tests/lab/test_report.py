@@ -19,7 +19,9 @@ def page(drive, tmp_path_factory):
     vehicle.write_text(
         "\n".join(line for line in text.splitlines() if "stiffness_" not in line) + '\n["<b>red</b>"]\nshade = 1\n'
     )
-    done = tselab_here("estimate", drive.log, "--vehicle", vehicle, "--particles", 100, "--report", "r.html", cwd=folder)
+    done = tselab_here(
+        "estimate", drive.log, "--vehicle", vehicle, "--particles", 100, "--report", "r.html", cwd=folder
+    )
     assert done.code == 0, done.err
     return (folder / "r.html").read_text(encoding="utf-8"), done
 
@@ -76,7 +78,11 @@ def test_reference_columns_find_their_quantity(column, quantity):
 
 def table_of(valid: list[int], reason: str, mean: float = 98e3, seen: int = 1, noise: float = 1.0):
     rows = {"time": range(len(valid)), "status": [0 if v else 1 for v in valid]}
-    rows |= {"noise_accel_x": [noise] * len(valid), "noise_accel_y": [1.0] * len(valid), "noise_yaw_rate": [1.0] * len(valid)}
+    rows |= {
+        "noise_accel_x": [noise] * len(valid),
+        "noise_accel_y": [1.0] * len(valid),
+        "noise_yaw_rate": [1.0] * len(valid),
+    }
     for key in ("cx_front", "cy_front", "cy_rear"):
         rows |= {key: [mean] * len(valid), f"{key}_sd": [1500.0] * len(valid), f"{key}_spread": [5000.0] * len(valid)}
         rows |= {f"{key}_spread_seen": [seen] * len(valid)}
@@ -121,7 +127,9 @@ def test_noise_is_drawn_where_it_is_not_what_the_settings_say(drive, tmp_path):
     table["accel_y"] += 0.6 * np.random.default_rng(1).standard_normal(len(table))
     table.to_csv(tmp_path / "noisy.csv", index=False)
     for log, noisy in ((drive.log, False), ("noisy.csv", True)):
-        done = tselab_here("estimate", log, "--vehicle", drive.vehicle, "--particles", 100, "--report", "r.html", cwd=tmp_path)
+        done = tselab_here(
+            "estimate", log, "--vehicle", drive.vehicle, "--particles", 100, "--report", "r.html", cwd=tmp_path
+        )
         assert done.code == 0, done.err
         page = (tmp_path / "r.html").read_text(encoding="utf-8")
         names = {trace["name"] for trace in figures_of(page)[3]["data"]}

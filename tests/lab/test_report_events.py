@@ -18,7 +18,9 @@ def drive(told, seconds: float = 200.0):
     table = table_of(told, seconds)
     log, other = made_up(len(table))
     rest = other[[c for c in other if c not in table]]
-    return log, pd.concat([table, rest.assign(**{f"discrepancy_{c}": 0.1 for c in ("accel_x", "accel_y", "yaw_rate")})], axis=1)
+    return log, pd.concat(
+        [table, rest.assign(**{f"discrepancy_{c}": 0.1 for c in ("accel_x", "accel_y", "yaw_rate")})], axis=1
+    )
 
 
 def test_the_strip_shows_the_least_usual_row_and_its_probabilities_add_up():

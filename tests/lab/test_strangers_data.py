@@ -50,7 +50,16 @@ def test_what_makes_code_of_data_is_seen(source):
 
 def test_the_plan_of_a_client_comes_back_bit_for_bit():
     values = np.array([0.1, 1 / 3, np.nan, -0.0, 5e-324])
-    plan = Plan("model.fmu", "{guid}", "model", 1 / 128, {"a": values}, ("x", "y"), {"x": "Real", "y": "Boolean"}, {"x": 1, "y": 2})
+    plan = Plan(
+        "model.fmu",
+        "{guid}",
+        "model",
+        1 / 128,
+        {"a": values},
+        ("x", "y"),
+        {"x": "Real", "y": "Boolean"},
+        {"x": 1, "y": 2},
+    )
     back = Plan.from_json(plan.as_json())
     assert back.inputs["a"].tobytes() == values.tobytes()
     assert back.as_json() == plan.as_json() and back.outputs == plan.outputs and back.step == plan.step

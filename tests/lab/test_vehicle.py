@@ -45,7 +45,10 @@ def test_what_is_not_told_exactly_is_considered_and_a_guess_more(tmp_path):
     from tselab.core import Config
     from tselab.vehicle import GUESSED_INERTIA_SD, uncertainty_settings, unknown_car
 
-    bare, told = read(tmp_path, BARE), read(tmp_path, BARE + "yaw_inertia = 2500.0\n[uncertainty]\ncg_sd = 0.0\nmass_sd = 0.01\n")
+    bare, told = (
+        read(tmp_path, BARE),
+        read(tmp_path, BARE + "yaw_inertia = 2500.0\n[uncertainty]\ncg_sd = 0.0\nmass_sd = 0.01\n"),
+    )
     assert {k: bare.values[k] for k in unknown_car()} == unknown_car() | {"yaw_inertia_sd": GUESSED_INERTIA_SD}
     assert {k: told.values[k] for k in unknown_car()} == unknown_car() | {"cg_sd": 0.0, "mass_sd": 0.01}
     assert told.told_uncertainty == ["mass_sd", "cg_sd"]
@@ -164,7 +167,9 @@ def test_wheel_noise_is_that_of_the_noisier_axle_and_zero_where_there_is_none(tm
 def test_stated_noise_is_left_alone(tmp_path):
     from tselab.vehicle import NOD_TIME, fill_sensors
 
-    car = read(tmp_path, BARE + "[sensors]\naccel_x_sd = 0.5\naccel_y_sd = 0.5\nyaw_rate_sd = 0.02\nwheel_noise_sd = 0.1\n")
+    car = read(
+        tmp_path, BARE + "[sensors]\naccel_x_sd = 0.5\naccel_y_sd = 0.5\nyaw_rate_sd = 0.02\nwheel_noise_sd = 0.1\n"
+    )
     before = dict(car.values)
     fill_sensors(car, log_of(accel_x=np.zeros(500)))
     assert car.values == before | {"nod_time": NOD_TIME}

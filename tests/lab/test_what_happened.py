@@ -39,7 +39,11 @@ def table_of(told, seconds: float = 60.0, step: float = 0.01, valid=lambda t: np
         level[rows] = ratio
     ok = valid(time)
     for s in STIFFNESS:
-        columns |= {s: NOMINAL[s] * level, f"{s}_sd": NOMINAL[s] * level * 0.01, f"{s}_spread": NOMINAL[s] * level * 0.05}
+        columns |= {
+            s: NOMINAL[s] * level,
+            f"{s}_sd": NOMINAL[s] * level * 0.01,
+            f"{s}_spread": NOMINAL[s] * level * 0.05,
+        }
         columns |= {f"{s}_valid": ok.astype(int), f"{s}_spread_seen": np.ones(n, int)}
         columns |= {f"{s}_reason": np.where(ok, "valid", "not excited")}
     columns |= {f"noise_{c}": np.ones(n) for c in ("accel_x", "accel_y", "yaw_rate")}
@@ -71,7 +75,9 @@ def test_a_change_has_time_kind_probability_and_what_it_did():
     assert change.time == pytest.approx(36.03) and change.kind == 1 and change.probability == pytest.approx(0.97)
     assert change.label == "road changed at 36.03 s, 97 %"
     assert change.ratio["cy_rear"] == pytest.approx((0.7, 0.7 * 0.01 * np.sqrt(2)))
-    assert change.effect == "front longitudinal x 0.70 ± 0.01, front cornering x 0.70 ± 0.01, rear cornering x 0.70 ± 0.01"
+    assert (
+        change.effect == "front longitudinal x 0.70 ± 0.01, front cornering x 0.70 ± 0.01, rear cornering x 0.70 ± 0.01"
+    )
 
 
 def test_a_moment_that_did_not_fit_is_no_other_road():
@@ -107,7 +113,13 @@ def test_a_change_is_spread_as_in_the_library():
 
 @pytest.mark.parametrize(
     ("kind", "what", "touched"),
-    [(1, "road changed", 3), (2, "front axle changed", 2), (3, "rear axle changed", 1), (4, "started over", 0), (9, "changed", 0)],
+    [
+        (1, "road changed", 3),
+        (2, "front axle changed", 2),
+        (3, "rear axle changed", 1),
+        (4, "started over", 0),
+        (9, "changed", 0),
+    ],
 )
 def test_kinds_are_told_in_words_with_the_stiffness_that_they_touch(kind, what, touched):
     (change,) = changes(table_of([(36.1, 60, (36.03, kind, 0.9, 0.7))]))
@@ -115,7 +127,12 @@ def test_kinds_are_told_in_words_with_the_stiffness_that_they_touch(kind, what, 
 
 
 def test_earlier_changes_are_remembered_though_rows_tell_only_the_last():
-    told = [(0, 10.1, None), (10.1, 30.2, (10, 1, 0.95, 0.5)), (30.2, 45, (30, 1, 0.9, 2)), (45, 60, (44.8, 3, 1.0, 0.9))]
+    told = [
+        (0, 10.1, None),
+        (10.1, 30.2, (10, 1, 0.95, 0.5)),
+        (30.2, 45, (30, 1, 0.9, 2)),
+        (45, 60, (44.8, 3, 1.0, 0.9)),
+    ]
     assert [(round(c.time, 2), c.kind) for c in changes(table_of(told))] == [(10, 1), (30, 1), (44.8, 3)]
 
 
@@ -140,7 +157,12 @@ def test_a_change_that_stood_long_stays_when_the_filter_starts_from_none_again()
 
 def test_a_change_that_another_history_takes_over_from_stays_told():
     """At that moment both are about as likely; it had been sure for 20 s."""
-    told = [(0, 20, None), (20, 39.9, (20.0, 1, 0.99, 0.5)), (39.9, 40, (20.0, 1, 0.6, 0.5)), (40, 60, (39.7, 3, 0.97, 0.8))]
+    told = [
+        (0, 20, None),
+        (20, 39.9, (20.0, 1, 0.99, 0.5)),
+        (39.9, 40, (20.0, 1, 0.6, 0.5)),
+        (40, 60, (39.7, 3, 0.97, 0.8)),
+    ]
     found = changes(table_of(told))
     assert [(round(c.time, 2), c.kind) for c in found] == [(20.0, 1), (39.7, 3)]
     assert found[0].probability == pytest.approx(0.99)
@@ -211,7 +233,9 @@ def test_each_stretch_has_its_own_stiffness_and_share_of_valid():
     assert rear.value == pytest.approx(98) and rear.valid == pytest.approx(0.5, abs=0.01)
     assert "30 % below nominal" in rear.text and "last valid" not in rear.text
     assert "changed during" not in front.text + rear.text
-    assert two.lines()[0] == "From 36.0 .. 60.0 s:" and two.lines()[3].startswith("  Rear cornering stiffness: 98 kN/rad")
+    assert two.lines()[0] == "From 36.0 .. 60.0 s:" and two.lines()[3].startswith(
+        "  Rear cornering stiffness: 98 kN/rad"
+    )
 
 
 def test_a_stretch_on_which_nothing_is_valid_says_so():
@@ -220,7 +244,9 @@ def test_a_stretch_on_which_nothing_is_valid_says_so():
     assert two.lines() == ["From 36.0 .. 60.0 s: no stiffness is valid, mostly not excited"]
 
 
-@pytest.mark.parametrize(("share", "text"), [(0, "0 %"), (0.004, "under 1 %"), (0.5, "50 %"), (0.996, "over 99 %"), (1, "100 %")])
+@pytest.mark.parametrize(
+    ("share", "text"), [(0, "0 %"), (0.004, "under 1 %"), (0.5, "50 %"), (0.996, "over 99 %"), (1, "100 %")]
+)
 def test_shares_say_neither_none_nor_all_of_what_is_neither(share, text):
     assert percent(share) == text
 
@@ -247,12 +273,16 @@ CAR = "mass = 1900\nlf = 1.25\nlr = 1.5\nyaw_inertia = 3000\nwheel_radius_front 
 CALIBRATED = "[uncertainty]\nmodel_sd = 0.03\nmass_sd = 0.01\nrelaxation_sd = 0.1\nwheel_delay_sd = 0.002\nsteer_ratio_sd = 0.01\n"
 
 
-@pytest.mark.parametrize(("car", "level"), [(CAR, 0.5), (CAR + CALIBRATED, 0.7), (CAR, 1.0)], ids=["unknown", "calibrated", "none"])
+@pytest.mark.parametrize(
+    ("car", "level"), [(CAR, 0.5), (CAR + CALIBRATED, 0.7), (CAR, 1.0)], ids=["unknown", "calibrated", "none"]
+)
 def test_another_road_is_told_of_a_car_that_is_known_loosely(car, level, tmp_path):
     """A band of 25 % is of the car, and is the same before and after."""
     (tmp_path / "car.toml").write_text(car)
     road = ("--road-change", f"40:{level}") if level < 1 else ()
-    done = tselab_here("simulate", "--maneuver", "double-lane-change", "--duration", 60, *road, "--out", "log.csv", cwd=tmp_path)
+    done = tselab_here(
+        "simulate", "--maneuver", "double-lane-change", "--duration", 60, *road, "--out", "log.csv", cwd=tmp_path
+    )
     assert done.code == 0, done.err
     done = tselab_here("estimate", "log.csv", "--vehicle", "car.toml", "--out", "e.csv", cwd=tmp_path)
     times = [c.time for c in changes(pd.read_csv(tmp_path / "e.csv"))]

@@ -1,6 +1,6 @@
 """The golden drive through tse.Filter, on whatever Python runs this: one line, the hash of every field of every estimate.
 
-    python tests/package/replay_api.py [FOLDER of the packages]        the same line on every system
+python tests/package/replay_api.py [FOLDER of the packages]        the same line on every system
 """
 
 import csv

@@ -131,7 +131,8 @@ def canonical(name):
 def bounds(lines):
     """Package -> lower bound."""
     return {
-        canonical(m[1]): m[2] for m in (re.match(r"([A-Za-z0-9._-]+)(?:\[.*\])?\s*>=([0-9.]+)", line) for line in lines)
+        canonical(m[1]): m[2]
+        for m in (re.match(r"([A-Za-z0-9._-]+)(?:\[.*\])?\s*[>=]=([0-9.]+)", line) for line in lines)
     }
 
 

@@ -64,7 +64,9 @@ def drive():
 def slow():
     """One of 30 s at about 40 km/h."""
     config = Config()
-    plan = maneuvers.build("double-lane-change", config, sample_time=0.01, duration=30.0, speed=9.0, amplitude=0.06, seed=4)
+    plan = maneuvers.build(
+        "double-lane-change", config, sample_time=0.01, duration=30.0, speed=9.0, amplitude=0.06, seed=4
+    )
     return simulate(plan, config, SimConfig({"seed": 4})).log
 
 
@@ -106,7 +108,9 @@ def logs(drive, slow, tmp_path_factory):
     })  # fmt: skip
     german.to_csv(folder / "german.csv", sep=";", decimal=",", index=False, encoding="cp1252")
     text = (folder / "plain.csv").read_text().splitlines()
-    (folder / "word.csv").write_text("\n".join([text[0], *(",".join(["x", *line.split(",")[1:]]) for line in text[1:50])]) + "\n")
+    (folder / "word.csv").write_text(
+        "\n".join([text[0], *(",".join(["x", *line.split(",")[1:]]) for line in text[1:50])]) + "\n"
+    )
     (folder / "empty.csv").write_text("")
     (folder / "broken.csv").write_text("\n".join(text[:40]) + "\n1,2,3,4,5,6,7,8,9,10\n")
     degrees = drive.assign(steer_angle=np.degrees(drive["steer_angle"]) * RATIO)
@@ -119,7 +123,14 @@ def logs(drive, slow, tmp_path_factory):
 def cars(tmp_path_factory):
     """Vehicle files."""
     folder = tmp_path_factory.mktemp("cars")
-    lines = ["mass = 1500", "lf = 1.1", "lr = 1.6", "wheel_radius_front = 0.3", "wheel_radius_rear = 0.31", 'name = "ours"']
+    lines = [
+        "mass = 1500",
+        "lf = 1.1",
+        "lr = 1.6",
+        "wheel_radius_front = 0.3",
+        "wheel_radius_rear = 0.31",
+        'name = "ours"',
+    ]
     (folder / "little.toml").write_text("\n".join([*lines, "[uncertainty]", "cg_sd = 0.01"]))
     (folder / "misspelt.toml").write_text("\n".join(["masss = 1500", *lines]))
     (folder / "heavy.toml").write_text("\n".join(["mass = 1e9", *lines[1:]]))
@@ -133,7 +144,15 @@ def seen(built, browser, logs, cars, tmp_path_factory):
     """What the browser saw."""
     file = tmp_path_factory.mktemp("page") / "logs.json"
     file.write_text(json.dumps({"logs": logs, "cars": cars}))
-    command = ["node", str(Path(__file__).parent / "browse.mjs"), str(page.modules()), browser, str(built), str(SHOTS), str(file)]
+    command = [
+        "node",
+        str(Path(__file__).parent / "browse.mjs"),
+        str(page.modules()),
+        browser,
+        str(built),
+        str(SHOTS),
+        str(file),
+    ]
     done = subprocess.run(command, capture_output=True, text=True, timeout=240, check=False)
     assert done.returncode == 0, done.stderr[-3000:]
     return json.loads(done.stdout)
@@ -143,7 +162,9 @@ def of_tselab(folder, log, car):
     """EST.csv of `tselab estimate`, as bytes; run here, because a process of its own is mostly imports."""
     numbers = np.random.default_rng(1).standard_normal(1000).tolist()
     if pd.read_csv(io.StringIO("\n".join(["x", *map(repr, numbers)])))["x"].tolist() != numbers:
-        pytest.skip(f"pandas {pd.__version__} reads some numbers as the neighbour of the nearest double: newer ones do not")
+        pytest.skip(
+            f"pandas {pd.__version__} reads some numbers as the neighbour of the nearest double: newer ones do not"
+        )
     (folder / "vehicle.toml").write_text(car)
     single.run(prepare(log, folder / "vehicle.toml", None, None, {}, "default", {}), folder / "est.csv", None)
     return (folder / "est.csv").read_bytes()
@@ -153,7 +174,17 @@ def command_line(folder, log, car):
     """The same of the command itself."""
     (folder / "vehicle.toml").write_text(car)
     out = folder / "est.csv"
-    command = [sys.executable, "-m", "tselab", "estimate", str(log), "--vehicle", str(folder / "vehicle.toml"), "--out", str(out)]
+    command = [
+        sys.executable,
+        "-m",
+        "tselab",
+        "estimate",
+        str(log),
+        "--vehicle",
+        str(folder / "vehicle.toml"),
+        "--out",
+        str(out),
+    ]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode in (0, 3, 4), done.stderr
     return out.read_bytes()
@@ -232,7 +263,9 @@ def test_noise_that_nobody_told_is_found_as_tselab_finds_it(seen, logs, tmp_path
     for name in ("plain", "rough"):
         (tmp_path / "page.toml").write_text(seen["logs"][name]["car"])
         page_says = read_vehicle(tmp_path / "page.toml").values
-        needed = "\n".join(f"{key} = {page_says[key]}" for key in ("mass", "lf", "lr", "wheel_radius_front", "wheel_radius_rear"))
+        needed = "\n".join(
+            f"{key} = {page_says[key]}" for key in ("mass", "lf", "lr", "wheel_radius_front", "wheel_radius_rear")
+        )
         (tmp_path / "plain.toml").write_text(needed)
         vehicle = read_vehicle(tmp_path / "plain.toml")
         fill_sensors(vehicle, read_log(Path(logs[name])))

@@ -165,7 +165,9 @@ def listed(table: str) -> dict[tuple, tuple[int, str]]:
     """(file, function, condition, what was never seen): at how many uses, why. `open`: neither a test yet nor a reason."""
     rows = tomllib.loads(REASONS.read_text()).get(table, [])
     return {
-        (r["file"], r["function"], r["condition"], what): (n, r.get("why", "")) for r in rows for what, n in r["never"].items()
+        (r["file"], r["function"], r["condition"], what): (n, r.get("why", ""))
+        for r in rows
+        for what, n in r["never"].items()
     }
 
 

@@ -40,7 +40,11 @@ FLAGS = [
     "-fno-trapping-math",
     "-DTSE_MAX_PARTICLES=512",
 ]
-SANITIZERS = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-fno-omit-frame-pointer"]  # of CMakePresets.json
+SANITIZERS = [
+    "-fsanitize=address,undefined",
+    "-fno-sanitize-recover=all",
+    "-fno-omit-frame-pointer",
+]  # of CMakePresets.json
 LEAST_TIME = 10.0  # s: a test that takes longer, and ten times longer than without the fault, runs for ever
 
 SWAPS = {  # operator: what takes its place
@@ -312,7 +316,16 @@ class Bench:
 
     def run(self, name: str, library: Path, test: Path) -> str:
         program = self.work / "run" / name
-        link = [self.cc, *self.more, str(test), str(self.work / "test" / "unity.o"), str(library), "-lm", "-o", str(program)]
+        link = [
+            self.cc,
+            *self.more,
+            str(test),
+            str(self.work / "test" / "unity.o"),
+            str(library),
+            "-lm",
+            "-o",
+            str(program),
+        ]
         if subprocess.run(link, capture_output=True).returncode:
             return "failed"
         limit = max(LEAST_TIME, 10 * self.seconds.get(name, 30.0))
@@ -490,7 +503,9 @@ def report(
     ]
     for kind in KINDS:
         own = [x for x in verdicts if x[0].kind == kind]
-        lines.append(f"| {kind} | {count('found', own) + count('found by sanitizers', own)} | {count('survived', own)} |")
+        lines.append(
+            f"| {kind} | {count('found', own) + count('found by sanitizers', own)} | {count('survived', own)} |"
+        )
     lines += ["", "## Survivors", "", "| file and line | kind | fault |", "|---|---|---|"]
     lines += [
         f"| src/{f.file}:{f.line} | {f.kind} | {f.text.replace('|', chr(92) + '|')} |"

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Write hypotheses_table.h: log densities of Student-t samples by scipy, for test_innovate.c and test_bank.c.
 
-    python3 generate_hypotheses.py        writes hypotheses_table.h next to this file; needs numpy and scipy; deterministic
+python3 generate_hypotheses.py        writes hypotheses_table.h next to this file; needs numpy and scipy; deterministic
 """
 
 from pathlib import Path
@@ -29,9 +29,18 @@ def main():
             off[:channels] = e
             logpdf = multivariate_t.logpdf(e, np.zeros(channels), s, df=DOF)
             cases.append(f"  {{ {channels}, {{ {row(off)} }}, {{ {row(whole)} }}, {float(logpdf)!r} }},")
-    text = ["/* Written by generate_hypotheses.py. Scale matrix of a Student-t with 8 degrees of freedom; unused: 1. */", "",
-            "typedef struct density_case {", "  int channels;", "  double e[3], s[9], log_density;", "} density_case;", "",
-            "static const density_case density_cases[] = {", *cases, "};"]
+    text = [
+        "/* Written by generate_hypotheses.py. Scale matrix of a Student-t with 8 degrees of freedom; unused: 1. */",
+        "",
+        "typedef struct density_case {",
+        "  int channels;",
+        "  double e[3], s[9], log_density;",
+        "} density_case;",
+        "",
+        "static const density_case density_cases[] = {",
+        *cases,
+        "};",
+    ]
     (Path(__file__).parent / "hypotheses_table.h").write_text("\n".join(text) + "\n")
 
 

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Write learnt_table.h for tests/unit/host/test_learnt.c and test_prepare.c: a learnt state as bytes, by struct and zlib.
 
-    python3 generate_learnt.py > learnt_table.h        standard library only; deterministic
+python3 generate_learnt.py > learnt_table.h        standard library only; deterministic
 """
 
 import re

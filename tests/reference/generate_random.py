@@ -62,7 +62,11 @@ print("static const double probability_table[] = {\n    " + numbers(probability)
 print("static const double dof_table[] = { " + ", ".join(repr(float(n)) for n in dofs) + " };\n")
 for name, text, law in (
     ("student_table", "quantiles of Student's t, one row per dof", lambda nu: stats.t(nu)),
-    ("radius3_table", "quantiles of F(3, dof): the squared radius of three jointly spherical t, over 3", lambda nu: stats.f(3, nu)),
+    (
+        "radius3_table",
+        "quantiles of F(3, dof): the squared radius of three jointly spherical t, over 3",
+        lambda nu: stats.f(3, nu),
+    ),
     ("radius2_table", "quantiles of F(2, dof): the squared radius of two of them, over 2", lambda nu: stats.f(2, nu)),
 ):
     print("/* %s */" % text)

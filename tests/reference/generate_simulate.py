@@ -59,7 +59,15 @@ def driving(k):
     t = 0.015 * k
     road = 1.0 if k < 60 else 0.5 if k < 110 else 1.25
     light_brake = 150.0 if 70 <= k < 90 else 0.0
-    return [(0.01, 0.02)[k % 2], 0.03 * np.sin(5 * t), 500 * np.sin(4 * t), 250 * np.cos(3 * t), light_brake, light_brake / 2, road]
+    return [
+        (0.01, 0.02)[k % 2],
+        0.03 * np.sin(5 * t),
+        500 * np.sin(4 * t),
+        250 * np.cos(3 * t),
+        light_brake,
+        light_brake / 2,
+        road,
+    ]
 
 
 def stopping(k):

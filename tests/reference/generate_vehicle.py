@@ -61,7 +61,9 @@ for car in CARS:
     print("  " + cells(car))
 print("};\n")
 
-print("/* car | vel_x, vel_y, yaw rate | steer, R omega front, rear | w (3) | slip front, rear, slip angle front, rear |")
+print(
+    "/* car | vel_x, vel_y, yaw rate | steer, R omega front, rear | w (3) | slip front, rear, slip angle front, rear |"
+)
 print(" * accel_x, accel_y, yaw acceleration */")
 print("static const double force_table[][17] = {")
 for i in range(90):
@@ -93,7 +95,9 @@ for i, (speed, duration, change, steer) in enumerate(DRIVES):
     k = i % len(CARS)
     car = CARS[k]
     sign = 1.0 if change > 0 else -1.0  # driving or braking from the start: no corner of max() is crossed
-    u0 = np.array([0.2 * steer, speed * (1 + 0.004 * sign * np.sign(speed)), speed * (1 + 0.006 * sign * np.sign(speed))])
+    u0 = np.array(
+        [0.2 * steer, speed * (1 + 0.004 * sign * np.sign(speed)), speed * (1 + 0.006 * sign * np.sign(speed))]
+    )
     if abs(speed) < LOW_SPEED:
         u0[1:] = speed + 0.02 * sign
     u1 = u0 + np.array([0.8 * steer, change, 1.1 * change])
@@ -110,7 +114,9 @@ for i, (speed, duration, change, steer) in enumerate(DRIVES):
 print("};\n")
 
 print("/* car | speed | duration | vel_y, yaw rate at the start | steering angle at the start, at the end |")
-print(" * vel_y, yaw rate at the end: the lateral model at constant speed, which is linear, by the matrix exponential */")
+print(
+    " * vel_y, yaw rate at the end: the lateral model at constant speed, which is linear, by the matrix exponential */"
+)
 print("static const double linear_table[][9] = {")
 for i, speed in enumerate((0.5, 1.5, 4.0, 10.0, 20.0, 40.0, 70.0)):
     for k in (i % len(CARS), (i + 1) % len(CARS)):
@@ -127,7 +133,9 @@ for i, speed in enumerate((0.5, 1.5, 4.0, 10.0, 20.0, 40.0, 70.0)):
         end = expm(matrix * duration) @ [*start, steer[0], (steer[1] - steer[0]) / duration]
         print("  " + cells([k, speed, duration, *start, *steer, *end[:2]]))
 print("};\n")
-print("/* car | speed | step | vel_y, yaw rate before | after one step of an L-stable method of order 2, gamma = 1 - 1/sqrt(2):")
+print(
+    "/* car | speed | step | vel_y, yaw rate before | after one step of an L-stable method of order 2, gamma = 1 - 1/sqrt(2):"
+)
 print(" * (1 + (1 - 2 gamma) z)/(1 - gamma z)^2 at z = step times the lateral model's matrix */")
 print("static const double stability_table[][7] = {")
 gamma = 1 - np.sqrt(0.5)

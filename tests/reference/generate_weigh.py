@@ -36,7 +36,10 @@ def regressors(car, x, u):
     follow = car["rear_longitudinal_follows_front"]
     h = np.array([fx_f + fx_r - fy_f * delta, fy_f + fy_r + fx_f * delta, 0.0]) / car["mass"]
     h[2] = r
-    d = np.array([[fx_f + follow * fx_r, -fy_f * delta, 0.0], [fx_f * delta, fy_f, fy_r], [0.0, 0.0, 0.0]]) / car["mass"]
+    d = (
+        np.array([[fx_f + follow * fx_r, -fy_f * delta, 0.0], [fx_f * delta, fy_f, fy_r], [0.0, 0.0, 0.0]])
+        / car["mass"]
+    )
     return h, d
 
 
@@ -139,7 +142,9 @@ def main():
         for k in range(STEPS):
             logq = logq + [density(car, *q, u[k], y[k], nu, gamma, var, masks[k]) for q in particles]
             evidence.append(logsumexp(logq))
-            logq = np.maximum(logq, logq.max() - 120 * np.log(2))  # as stated in src/estimator/weigh.c: less is no weight
+            logq = np.maximum(
+                logq, logq.max() - 120 * np.log(2)
+            )  # as stated in src/estimator/weigh.c: less is no weight
             logq = logq - logsumexp(logq)
         out += [
             "  {",

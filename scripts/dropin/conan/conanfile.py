@@ -64,7 +64,10 @@ class Tse(ConanFile):
     def package_info(self):
         self.cpp_info.libs = ["tse"]
         # they change the layout of the structs, so whoever links tse compiles with them, too: src/CMakeLists.txt
-        self.cpp_info.defines = [f"TSE_REAL_{str(self.options.real).upper()}=1", f"TSE_MAX_PARTICLES={self.options.max_particles}"]
+        self.cpp_info.defines = [
+            f"TSE_REAL_{str(self.options.real).upper()}=1",
+            f"TSE_MAX_PARTICLES={self.options.max_particles}",
+        ]
         if not self.options.effects:
             self.cpp_info.defines.append("TSE_NO_EFFECTS=1")
         if int(str(self.options.latency_rows)) != 32:

@@ -31,7 +31,11 @@ class Calibrate(Run):
 @click.option(HOLD_OUT, "hold_out", metavar="LOG.csv ...", type=FILE, multiple=True,
               help="Logs that are not fitted: what was found is proved on them. All files up to the next option.")  # fmt: skip
 @click.option(
-    "--out", metavar="CALIBRATED.toml", type=FILE, required=True, help="The calibrated vehicle file; .json and .html beside it."
+    "--out",
+    metavar="CALIBRATED.toml",
+    type=FILE,
+    required=True,
+    help="The calibrated vehicle file; .json and .html beside it.",
 )
 @click.option("--steps", type=click.IntRange(1, 1000), help="Most steps of the search.  [default: 40]")
 @reading
@@ -153,7 +157,9 @@ def words(result: Result) -> list[str]:
                 parts.append(f"{c} {100 * (after / max(before, 1e-12) - 1):+.0f} %")
             likelier = sum(p.nats_per_second for p in mine) / len(mine)
             title = "held-out" if held else "fitted"
-            lines.append(f"Misfit on {title} logs, rms, slow parts left out: {', '.join(parts)}; {likelier:+.1f} nat a second.")
+            lines.append(
+                f"Misfit on {title} logs, rms, slow parts left out: {', '.join(parts)}; {likelier:+.1f} nat a second."
+            )
     hidden = [f.name for f in result.findings if not f.shown]
     if hidden:
         lines.append(f"These logs could not show: {', '.join(hidden)}.")

@@ -72,9 +72,7 @@ def _words(u: Unknown, value: float, sd: float, shown: bool, before: float, by: 
         if not shown:
             return f"{what}: these logs could not show how late it is behind the gyro"
         if abs(value) < max(SURE * sd, u.worth):
-            return (
-                f"{what}: in time with the gyro, as far as these logs show ({1000 * value:+.1f} +- {1000 * 1.96 * sd:.1f} ms)"
-            )
+            return f"{what}: in time with the gyro, as far as these logs show ({1000 * value:+.1f} +- {1000 * 1.96 * sd:.1f} ms)"
         side = "late" if value > 0 else "early"
         return f"{what}: {1000 * abs(value):.1f} +- {1000 * 1.96 * sd:.1f} ms {side} of the gyro"
     title = u.name.replace("_", " ")
@@ -92,7 +90,9 @@ def groups(problem: Problem, fit: Fit, rows: Sequence[Finding]) -> list[Group]:
     the numbers are from what the vehicle file had, in their joint covariance."""
     found = []
     for name in dict.fromkeys(r.group for r in rows):
-        sizes = [k for k, r in enumerate(rows) if r.group == name and r.shown and not r.shape]  # else the prior would speak
+        sizes = [
+            k for k, r in enumerate(rows) if r.group == name and r.shown and not r.shape
+        ]  # else the prior would speak
         off = np.array([rows[k].value - rows[k].before for k in sizes])
         inverse = np.linalg.pinv(fit.covariance[np.ix_(sizes, sizes)])
         found.append(Group(name, 0.5 * float(off @ inverse @ off), tuple(r for r in rows if r.group == name)))

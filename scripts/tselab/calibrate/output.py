@@ -76,7 +76,9 @@ def uncertainty(result: Result) -> dict[str, float]:
         ),
     }
     # the next road leans otherwise, which accel_y says as another scale would
-    found["accel_y_scale_sd"] = float(np.hypot(found["accel_y_scale_sd"], np.hypot(np.std(_superelevations(result)), ROADS_SD)))
+    found["accel_y_scale_sd"] = float(
+        np.hypot(found["accel_y_scale_sd"], np.hypot(np.std(_superelevations(result)), ROADS_SD))
+    )
     fields = result.config.fields
     return {k: float(np.clip(v, fields[k].low, fields[k].high)) for k, v in found.items()}
 
@@ -96,7 +98,10 @@ def toml(result: Result, logs: list[str], formula: Path) -> str:
     if not result.fit.converged:
         lines.append("# NOT CONVERGED: the numbers are where the search stood.")
     facts = {k: v for k, v in vehicle.facts.items() if k not in HINT_ONLY}
-    lines += ["", *(f"{k} = {json.dumps(v, ensure_ascii=False)}" for k, v in facts.items() if isinstance(v, (str, int, float)))]
+    lines += [
+        "",
+        *(f"{k} = {json.dumps(v, ensure_ascii=False)}" for k, v in facts.items() if isinstance(v, (str, int, float))),
+    ]
     everything = result.config.as_dict() | found
     for key in vehicle_settings():
         lines.append(f"{key} = {float(everything[key])!r}  # {fields[key].unit}{_band(told.get(key))}")
@@ -119,7 +124,11 @@ def toml(result: Result, logs: list[str], formula: Path) -> str:
     names = list(result.problem.prior.names)
     n = len(names)
     lines += ["", "# What the next calibration starts from: all unknowns, their means and covariance.", "[calibration]"]
-    lines += [f"names = {json.dumps(names)}", f"mean = {json.dumps([float(x) for x in result.fit.x[:n]])}", "covariance = ["]
+    lines += [
+        f"names = {json.dumps(names)}",
+        f"mean = {json.dumps([float(x) for x in result.fit.x[:n]])}",
+        "covariance = [",
+    ]
     lines += [f"  {json.dumps([float(x) for x in row])}," for row in result.fit.covariance[:n, :n]]
     return "\n".join([*lines, "]"]) + "\n"
 
@@ -127,7 +136,11 @@ def toml(result: Result, logs: list[str], formula: Path) -> str:
 def _band(f: Finding | None) -> str:
     if f is None:
         return ""
-    return f", found, 95 %: {f.value - 1.96 * f.sd:.4g} .. {f.value + 1.96 * f.sd:.4g}" if f.shown else ", could not show here"
+    return (
+        f", found, 95 %: {f.value - 1.96 * f.sd:.4g} .. {f.value + 1.96 * f.sd:.4g}"
+        if f.shown
+        else ", could not show here"
+    )
 
 
 def write(path: Path, result: Result, logs: list[str]) -> Path:

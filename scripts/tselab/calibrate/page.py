@@ -47,7 +47,9 @@ def write(path: Path, result: Result, words: Sequence[str]) -> None:
         words=words,
         notes=result.notes,
         groups=result.groups,
-        sections=[{"id": f"plot{i}", "title": t, "text": x, "height": f.layout.height} for i, (t, x, f) in enumerate(sections)],
+        sections=[
+            {"id": f"plot{i}", "title": t, "text": x, "height": f.layout.height} for i, (t, x, f) in enumerate(sections)
+        ],
         figures=packed("[" + ",".join(f.to_json() for _, _, f in sections) + "]"),
         plotly=packed(plotly.offline.get_plotlyjs()),
         facts=_facts(result),
@@ -60,9 +62,7 @@ def write(path: Path, result: Result, words: Sequence[str]) -> None:
 
 def _text(group: Group) -> str:
     found = "; ".join(f.words for f in group.members if f.shown) or "nothing that these logs could show"
-    return (
-        f"{found}. {group.nats:.0f} nats speak for it. The {MOMENT:g} s where it matters most, in units that the sensor reads."
-    )
+    return f"{found}. {group.nats:.0f} nats speak for it. The {MOMENT:g} s where it matters most, in units that the sensor reads."
 
 
 def _facts(result: Result) -> list[tuple[str, str]]:
@@ -101,7 +101,9 @@ def bands(result: Result) -> go.Figure:
 def misfit(proofs: Sequence[Proof]) -> go.Figure:
     """Bars of each log, before and after."""
     names = [p.log + (" (held out)" if p.held_out else "") for p in proofs]
-    figure = make_subplots(1, len(MEASURED), subplot_titles=[f"{c} [{CHANNEL_UNITS[c]}]" for c in MEASURED], shared_yaxes=True)
+    figure = make_subplots(
+        1, len(MEASURED), subplot_titles=[f"{c} [{CHANNEL_UNITS[c]}]" for c in MEASURED], shared_yaxes=True
+    )
     for column, c in enumerate(MEASURED, 1):
         for title, colour, values in (
             ("before", ORANGE, [p.before.get(c, np.nan) for p in proofs]),

@@ -30,7 +30,9 @@ from tselab.vehicle import Vehicle, fill_sensors, read_vehicle
 Say = Callable[[str], None]
 SLOW = 4.0  # s
 LEAST_LAG_SD = 0.003  # s: what relaxation and lags of the model leave
-MOST_GYRO_WALK = 0.001  # rad/s/sqrt(s): no gyro wanders faster, and roads are not in it: it is a model that misses turns
+MOST_GYRO_WALK = (
+    0.001  # rad/s/sqrt(s): no gyro wanders faster, and roads are not in it: it is a model that misses turns
+)
 FEWEST_STEPS = 10  # between values, to speak of quantisation
 
 
@@ -263,7 +265,14 @@ class Progress:
 
     def save(self, s: State) -> None:
         noise = {c: d.numbers for c, d in s.noise.items()}
-        state = {"key": self.key, "x": s.x.tolist(), "noise": noise, "steps": s.steps, "refits": s.refits, "damping": s.damping}
+        state = {
+            "key": self.key,
+            "x": s.x.tolist(),
+            "noise": noise,
+            "steps": s.steps,
+            "refits": s.refits,
+            "damping": s.damping,
+        }
         with atomic(self.path) as file:
             json.dump({"state": state, "seal": _sealed(state)}, file)
 
@@ -272,11 +281,18 @@ class Progress:
         try:
             found: dict[str, Any] = json.loads(self.path.read_text(encoding="utf-8"))
             state = found["state"]
-            if not hmac.compare_digest(str(found["seal"]).encode(), _sealed(state).encode()) or state["key"] != self.key:
+            if (
+                not hmac.compare_digest(str(found["seal"]).encode(), _sealed(state).encode())
+                or state["key"] != self.key
+            ):
                 return None
             channels = [c for c in MEASURED if c in state["noise"]]
             x, numbers = np.array(state["x"], float), np.array([state["noise"][c] for c in channels], float)
-            if x.shape != (size,) or numbers.shape != (len(channels), 5) or not (np.isfinite(x).all() and (numbers > 0).all()):
+            if (
+                x.shape != (size,)
+                or numbers.shape != (len(channels), 5)
+                or not (np.isfinite(x).all() and (numbers > 0).all())
+            ):
                 return None
             noise = {c: Discrepancy.of(n) for c, n in zip(channels, numbers.tolist(), strict=True)}
             return State(x, noise, int(state["steps"]), int(state["refits"]), float(state["damping"]))

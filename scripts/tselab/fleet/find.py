@@ -44,9 +44,7 @@ class Drive:
     error: str = ""  # why it cannot be run
 
 
-def drives(
-    words: Sequence[str], vehicle: Path | None, table: Path | None, car: str | None, out: Path
-) -> list[Drive]:
+def drives(words: Sequence[str], vehicle: Path | None, table: Path | None, car: str | None, out: Path) -> list[Drive]:
     """All logs, car by car in order of time. `words`: files, folders, patterns; `table`: which car each is, else all have
     `vehicle` and a folder of logs is a car, or all are of the one `car`."""
     logs = _logs(words, out, table)
@@ -67,12 +65,16 @@ def _logs(words: Sequence[str], out: Path, table: Path | None) -> list[tuple[Pat
         if path.is_dir() and not _is_bag(path):
             inside = list(_below(path, not_logs))
             if not inside:
-                raise UserError(f"{path}: no log is in this folder; files with these endings are: {' '.join(sorted(SUFFIXES))}")
+                raise UserError(
+                    f"{path}: no log is in this folder; files with these endings are: {' '.join(sorted(SUFFIXES))}"
+                )
             mine = [(p, path / p.relative_to(path).parts[0] if p.parent != path else path) for p in inside]
         elif path.exists():
             mine = [(path, path.parent)]
         else:
-            mine = [(p, p.parent) for p in map(Path, sorted(glob.glob(word, recursive=True))) if p.is_file() or _is_bag(p)]
+            mine = [
+                (p, p.parent) for p in map(Path, sorted(glob.glob(word, recursive=True))) if p.is_file() or _is_bag(p)
+            ]
             if not mine:
                 raise UserError(f"{word}: no such file or folder, and no file has a name of this pattern")
         for p, folder in mine:
@@ -164,7 +166,9 @@ def _read_table(table: Path) -> list[dict[str, str]]:
     for line, row in enumerate(rows, 2):
         if row["car"] and of.setdefault(row["car"], row["vehicle"]) != row["vehicle"]:
             before = of[row["car"]]
-            raise UserError(f"{table}: line {line}, column vehicle: {row['car']} has {before} above: a car has one vehicle file")
+            raise UserError(
+                f"{table}: line {line}, column vehicle: {row['car']} has {before} above: a car has one vehicle file"
+            )
     for line, row in enumerate(rows, 2):
         for column in TABLE_COLUMNS[:2]:
             if not row[column]:

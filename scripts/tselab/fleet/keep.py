@@ -154,7 +154,10 @@ def unlike(frame: pd.DataFrame) -> dict[str, str]:
             if x - others > np.log(STIFFER) + 2 * sure:
                 text = f"{NAMES[str(key)].lower()} {np.exp(x - others):.1f} times"
                 said[str(log)] = f"{said[str(log)]}, {text}" if str(log) in said else text
-    return {log: f"unlike the other logs of this car, {text} theirs: another car, load or tyres?" for log, text in said.items()}
+    return {
+        log: f"unlike the other logs of this car, {text} theirs: another car, load or tyres?"
+        for log, text in said.items()
+    }
 
 
 def key_of(task: Task) -> str:

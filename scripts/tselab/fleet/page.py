@@ -79,7 +79,9 @@ def write(path: Path, done: Sequence[Done], table: pd.DataFrame, title: str) -> 
                          "as nominal.", distribution(all_cars)))  # fmt: skip
     drawn = [c for c in all_cars if len(c.done) > 1 and c.last][:MOST_TRENDS]
     for c in drawn:
-        sections.append((f"Trend: {c.name}", "Each stretch of road that tells a stiffness, over nominal.", trend(c, table)))
+        sections.append(
+            (f"Trend: {c.name}", "Each stretch of road that tells a stiffness, over nominal.", trend(c, table))
+        )
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("tselab"), autoescape=True, trim_blocks=True, lstrip_blocks=True
     )
@@ -96,7 +98,9 @@ def write(path: Path, done: Sequence[Done], table: pd.DataFrame, title: str) -> 
         table=TABLE,
         moment=lambda s: pd.Timestamp(s, unit="s").strftime("%Y-%m-%d %H:%M"),
         said=_said(table),
-        sections=[{"id": f"plot{i}", "title": t, "text": x, "height": f.height} for i, (t, x, f) in enumerate(sections)],
+        sections=[
+            {"id": f"plot{i}", "title": t, "text": x, "height": f.height} for i, (t, x, f) in enumerate(sections)
+        ],
         figures=packed(orjson.dumps([f.as_dict() for _, _, f in sections], option=orjson.OPT_SERIALIZE_NUMPY)),
         plotly=packed(get_plotlyjs()) if sections else "",
         library=library(),

@@ -49,7 +49,12 @@ class Plan:
 
 
 def run(
-    drives: Sequence[Drive], plan: Plan, store: Store, jobs: int = 1, scheduler: str | None = None, progress: bool = False
+    drives: Sequence[Drive],
+    plan: Plan,
+    store: Store,
+    jobs: int = 1,
+    scheduler: str | None = None,
+    progress: bool = False,
 ) -> list[Done]:
     """Run what is not done yet; all logs, in the order of `drives`."""
     done: dict[Drive, Done] = {}

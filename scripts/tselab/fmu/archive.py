@@ -72,7 +72,15 @@ def open_archive(path: Path) -> Archive:
         raise UserError(f"{path}: no such file") from None
     except OSError as error:
         raise UserError(f"{path}: cannot be read: {error.strerror}") from None
-    except (zipfile.BadZipFile, zlib.error, lzma.LZMAError, NotImplementedError, RuntimeError, EOFError, ValueError) as error:
+    except (
+        zipfile.BadZipFile,
+        zlib.error,
+        lzma.LZMAError,
+        NotImplementedError,
+        RuntimeError,
+        EOFError,
+        ValueError,
+    ) as error:
         raise UserError(f"{path}: is not an FMU: {error}") from None
     if broken:
         raise UserError(f"{path}: is damaged: the checksum of {broken} differs")

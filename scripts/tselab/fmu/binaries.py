@@ -27,7 +27,9 @@ def need_lief() -> None:
     try:
         import lief  # noqa: F401
     except ImportError:
-        raise UserError("lief, which reads binaries, is not installed: run scripts/setup.sh, or install the extra 'fmu'") from None
+        raise UserError(
+            "lief, which reads binaries, is not installed: run scripts/setup.sh, or install the extra 'fmu'"
+        ) from None
 
 
 def read_binary(data: bytes) -> Binary | None:

@@ -67,7 +67,13 @@ def check(archive: Archive) -> list[str]:
         return [f"modelDescription.xml is not well-formed: {error}"]
     of_3 = is_3(root)
     described = _description3(root) if of_3 else _description(root)
-    return [*described, *_experiment(root), *_content(archive, of_3), *_binaries(archive, root, of_3), *_sources(archive)]
+    return [
+        *described,
+        *_experiment(root),
+        *_content(archive, of_3),
+        *_binaries(archive, root, of_3),
+        *_sources(archive),
+    ]
 
 
 def is_3(root: etree._Element) -> bool:
@@ -82,7 +88,12 @@ def _description3(root: etree._Element) -> Iterator[str]:
             yield f"{name} has no description"
         if v.tag in ("Float32", "Float64") and not v.get("unit") and v.get("declaredType") not in units:
             yield f"{name} has no unit"
-        if v.get("causality") in ("input", "parameter") and v.get("start") is None and v.find("Start") is None and v.tag != "Clock":
+        if (
+            v.get("causality") in ("input", "parameter")
+            and v.get("start") is None
+            and v.find("Start") is None
+            and v.tag != "Clock"
+        ):
             yield f"{name} has no start value"
 
 
@@ -103,7 +114,9 @@ def _description(root: etree._Element) -> Iterator[str]:
 
 def _experiment(root: etree._Element) -> Iterator[str]:
     experiment = root.find("DefaultExperiment")
-    lacking = [a for a in ("startTime", "stopTime", "stepSize", "tolerance") if experiment is None or experiment.get(a) is None]
+    lacking = [
+        a for a in ("startTime", "stopTime", "stepSize", "tolerance") if experiment is None or experiment.get(a) is None
+    ]
     if lacking:
         yield f"DefaultExperiment has no {', '.join(lacking)}"
 
@@ -183,7 +196,17 @@ def _sources(archive: Archive) -> Iterator[str]:
             yield f"sources/buildDescription.xml cannot be used: {error!r}"
             return
         flags = [f for f in build.flags if not f.startswith("-O")]  # whether it compiles does not depend on how well
-        command = [compiler, *flags, "-O0", *platforms.SHARED, "-I.", *build.sources, "-o", str(Path(out) / "model"), "-lm"]
+        command = [
+            compiler,
+            *flags,
+            "-O0",
+            *platforms.SHARED,
+            "-I.",
+            *build.sources,
+            "-o",
+            str(Path(out) / "model"),
+            "-lm",
+        ]
         done = subprocess.run(command, cwd=sources, capture_output=True, text=True, errors="replace")
         if done.returncode:
             yield f"sources/ does not compile: {done.stderr.strip().splitlines()[0] if done.stderr.strip() else 'no message'}"

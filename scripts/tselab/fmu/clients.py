@@ -75,7 +75,10 @@ def make_plan(path: Path) -> Plan:
     variables = {v.name: v for v in description.modelVariables if kinds[v.name] in KINDS and not v.dimensions}
     names = {c: [v.name for v in variables.values() if v.causality == c] for c in ("input", "output")}
     step = STEP
-    if not description.coSimulation.canHandleVariableCommunicationStepSize and description.defaultExperiment is not None:
+    if (
+        not description.coSimulation.canHandleVariableCommunicationStepSize
+        and description.defaultExperiment is not None
+    ):
         step = float(description.defaultExperiment.stepSize or STEP)
     used = [*names["input"], *names["output"]]
     inputs = excitation(set(names["input"]))
@@ -160,7 +163,11 @@ def run_libcosim(plan: Plan) -> np.ndarray:
     manipulator, observer = CosimManipulator.create_override(), CosimObserver.create_last_value()
     execution.add_manipulator(manipulator)
     execution.add_observer(observer)
-    read = {"Real": observer.last_real_values, "Integer": observer.last_integer_values, "Boolean": observer.last_boolean_values}
+    read = {
+        "Real": observer.last_real_values,
+        "Integer": observer.last_integer_values,
+        "Boolean": observer.last_boolean_values,
+    }
     references = [plan.reference[n] for n in plan.inputs]
     groups = {k: [n for n in plan.outputs if plan.kind[n] == k] for k in KINDS}
     rows = []
@@ -214,7 +221,9 @@ class Foreign:
 
 FOREIGN = (
     Foreign("win64", "wine", ("wine",)),
-    Foreign("aarch64-linux", "qemu-aarch64", ("qemu-aarch64", "-L", "/usr/aarch64-linux-gnu"), "/usr/aarch64-linux-gnu/lib"),
+    Foreign(
+        "aarch64-linux", "qemu-aarch64", ("qemu-aarch64", "-L", "/usr/aarch64-linux-gnu"), "/usr/aarch64-linux-gnu/lib"
+    ),
 )
 LETTER = {"Real": "r", "Integer": "i", "Boolean": "b"}
 
@@ -269,8 +278,19 @@ def run_foreign(foreign: Foreign, plan: Plan) -> np.ndarray:
             out.writerow(["time", *columns])
             for i in range(plan.steps):
                 out.writerow([repr(i * plan.step), *(repr(float(v[i])) for v in columns.values())])
-        binary = Path("binaries") / platforms.PLATFORMS[foreign.platform].folder(plan.fmi) / f"{plan.identifier}{suffix}"
-        command = [*foreign.command, str(client), str(binary), plan.guid, "input.csv", "output.csv", "--outputs", ",".join(wanted)]
+        binary = (
+            Path("binaries") / platforms.PLATFORMS[foreign.platform].folder(plan.fmi) / f"{plan.identifier}{suffix}"
+        )
+        command = [
+            *foreign.command,
+            str(client),
+            str(binary),
+            plan.guid,
+            "input.csv",
+            "output.csv",
+            "--outputs",
+            ",".join(wanted),
+        ]
         wine = {"WINEPREFIX": str(client.parent / "wine"), "WINEDEBUG": "-all"}  # not the user's own Windows
         done = subprocess.run(command, cwd=folder, env={**wine, **os.environ}, capture_output=True, text=True, errors="replace",
                               timeout=600)  # fmt: skip
@@ -359,7 +379,9 @@ def _row(
     if reference is None:
         return Row(name, client, version, what, 0.0, same_bits=True, is_reference=True), values
     if values.shape != reference.shape:
-        return Row(name, client, version, what, None, problem=f"{len(values)} steps instead of {len(reference)}"), values
+        return Row(
+            name, client, version, what, None, problem=f"{len(values)} steps instead of {len(reference)}"
+        ), values
     return Row(name, client, version, what, difference(values, reference), same_bits(values, reference)), values
 
 

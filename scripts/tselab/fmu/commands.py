@@ -31,16 +31,22 @@ def fmu() -> None:
 
 
 @fmu.command(short_help="Build the FMUs of this checkout.")
-@click.option("--out", metavar="DIR", type=FILE, default=Path("fmus"), show_default=True, help="Directory; made if needed.")
+@click.option(
+    "--out", metavar="DIR", type=FILE, default=Path("fmus"), show_default=True, help="Directory; made if needed."
+)
 @click.option("--all-platforms", is_flag=True, help="With binaries of all platforms.")
 @click.option("--platform", "chosen", multiple=True, type=click.Choice(PLATFORM_NAMES),
               help="With the binary of this platform; may be repeated.")  # fmt: skip
-@click.option("--max-particles", type=click.IntRange(16, 65535), help="Particles that an estimator can hold.  [default: 512]")
+@click.option(
+    "--max-particles", type=click.IntRange(16, 65535), help="Particles that an estimator can hold.  [default: 512]"
+)
 @click.option("--real", type=click.Choice(REALS), default=REALS[0], show_default=True,
               help="Numbers in which the estimator computes, as in your controller; the vehicle always in double.")  # fmt: skip
 @click.option("--fmi", type=click.Choice(("2", "3", "both")), default="both", show_default=True,
               help="Version of FMI: 2.0 (X.fmu), 3.0 (X-fmi3.fmu).")  # fmt: skip
-def build(out: Path, all_platforms: bool, chosen: tuple[str, ...], max_particles: int | None, real: str, fmi: str) -> None:
+def build(
+    out: Path, all_platforms: bool, chosen: tuple[str, ...], max_particles: int | None, real: str, fmi: str
+) -> None:
     """Build the FMUs of this checkout, and the system that connects them.
 
     \b
@@ -71,7 +77,9 @@ def build(out: Path, all_platforms: bool, chosen: tuple[str, ...], max_particles
 @fmu.command(short_help="Check FMUs with every validator there is.")
 @click.argument("paths", metavar="FMU ...", type=FILE, nargs=-1, required=True)
 @click.option("--clients", is_flag=True, help="Also run each FMU in every client that is installed, and compare.")
-@click.option("--results", metavar="DIR", type=FILE, help="Write the tables there: fmu_validators.md, fmu_clients.csv and .md.")
+@click.option(
+    "--results", metavar="DIR", type=FILE, help="Write the tables there: fmu_validators.md, fmu_clients.csv and .md."
+)
 def validate(paths: tuple[Path, ...], clients: bool, results: Path | None) -> None:
     """Check FMUs, also other people's, with every validator there is.
 
@@ -109,7 +117,9 @@ def validate(paths: tuple[Path, ...], clients: bool, results: Path | None) -> No
     for archive in archives:
         verdicts = all_verdicts[archive.path.name] = run(archive, say)
         rows = [["validator", "version", "findings"]]
-        rows += [[v.validator, v.version, f"skipped: {v.skipped}" if v.skipped else str(len(v.findings))] for v in verdicts]
+        rows += [
+            [v.validator, v.version, f"skipped: {v.skipped}" if v.skipped else str(len(v.findings))] for v in verdicts
+        ]
         click.echo(f"{archive.path}\n{textwrap.indent(text_table(rows), '  ')}")
         for v in verdicts:
             for text in v.findings:
@@ -133,10 +143,14 @@ def validate(paths: tuple[Path, ...], clients: bool, results: Path | None) -> No
 @click.argument("path", metavar="FMU", type=FILE)
 @click.argument("table_path", metavar="INPUT", type=FILE)
 @click.option("--vehicle", "vehicle_path", metavar="CAR.toml", type=FILE, help="Vehicle file; the estimator needs it.")
-@click.option("--config", "config_path", metavar="FILTER.toml", type=FILE, help="Filter settings, as for 'tselab estimate'.")
+@click.option(
+    "--config", "config_path", metavar="FILTER.toml", type=FILE, help="Filter settings, as for 'tselab estimate'."
+)
 @click.option("--out", metavar="OUT.csv", type=FILE, help="Default: the table's name with .est.csv or .out.csv, in the current "
               "directory.")  # fmt: skip
-@click.option("--average", metavar="SECONDS", type=float, help="Average the log over blocks of so long first, at most 0.1 s.")
+@click.option(
+    "--average", metavar="SECONDS", type=float, help="Average the log over blocks of so long first, at most 0.1 s."
+)
 @reading
 @click.option("--seed", type=int, help="Seed of the random numbers.")
 @click.option("--particles", type=int, help="Particles in use.")

@@ -21,7 +21,9 @@ def write(folder: Path, verdicts: Mapping[str, Sequence[Verdict]], rows: Sequenc
     ran = [r for r in rows if not r.skipped]
     if ran:
         written += [folder / "fmu_clients.csv", folder / "fmu_clients.md"]
-        table = [{"fmu": r.fmu, "client": r.client, "version": r.version, "run": r.run, "difference": r.text} for r in ran]
+        table = [
+            {"fmu": r.fmu, "client": r.client, "version": r.version, "run": r.run, "difference": r.text} for r in ran
+        ]
         write_table(pd.DataFrame(table), written[1])
         with atomic(written[2]) as file:
             file.write(clients(ran))
@@ -31,7 +33,10 @@ def write(folder: Path, verdicts: Mapping[str, Sequence[Verdict]], rows: Sequenc
 def validators(verdicts: Mapping[str, Sequence[Verdict]]) -> str:
     """Findings per validator and FMU."""
     names = list(verdicts)
-    lines = [f"| validator | version | {' | '.join(f'{n}: findings' for n in names)} |", "| --- | --- |" + " ---: |" * len(names)]
+    lines = [
+        f"| validator | version | {' | '.join(f'{n}: findings' for n in names)} |",
+        "| --- | --- |" + " ---: |" * len(names),
+    ]
     ran = {n: {v.validator: v for v in verdicts[n] if not v.skipped} for n in names}
     for validator, version in {v.validator: v.version for found in ran.values() for v in found.values()}.items():
         counts = [str(len(ran[n][validator].findings)) if validator in ran[n] else "-" for n in names]

@@ -55,7 +55,9 @@ def estimate(path: Path, log: Log, config: Config, progress: bool = False) -> Ru
     """Run an estimator FMU over a log: the table that estimate.estimate() makes, bit for bit."""
     with slave(path) as fmu:
         if not is_estimator(fmu.variables):
-            raise UserError(f"{path}: does not take the columns of a log, or gives no estimate.*: it is not the estimator")
+            raise UserError(
+                f"{path}: does not take the columns of a log, or gives no estimate.*: it is not the estimator"
+            )
         parameters, notes = settings(fmu, config)
         channels = columns()[1:]
         rows = log.data[channels].to_numpy(float)
@@ -166,7 +168,9 @@ def read_inputs(path: Path, fmu: Slave) -> tuple[np.ndarray, pd.DataFrame]:
     if twice:
         raise UserError(f"{path}: column {', '.join(twice)} appears more than once in the header (line 1)")
     if whole is not None:
-        raise UserError(f"{path}: line {whole + 2}, the last, does not end: it may be cut inside a number; if not, end it")
+        raise UserError(
+            f"{path}: line {whole + 2}, the last, does not end: it may be cut inside a number; if not, end it"
+        )
     table = _table(path, header)[[c for c in header if not c.startswith("ref_")]]
     line = np.arange(len(table)) + 2
     if table.empty:

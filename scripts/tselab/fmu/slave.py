@@ -67,7 +67,9 @@ class Slave:
         return [
             v.name
             for v in self.variables.values()
-            if v.causality == causality and self._kind(v.name) in (READ if output else WRITE) and (output or not v.dimensions)
+            if v.causality == causality
+            and self._kind(v.name) in (READ if output else WRITE)
+            and (output or not v.dimensions)
         ]
 
     def is_real(self, name: str) -> bool:
@@ -147,7 +149,9 @@ def slave(path: Path) -> Iterator[Slave]:
     description = read_description(path)
     if not version_of(description) or description.coSimulation is None:
         kind = "co-simulation" if description.coSimulation is not None else "model exchange only"
-        raise UserError(f"{path}: is an FMU of FMI {description.fmiVersion}, {kind}; FMI 2.0 or 3.0 for co-simulation is needed")
+        raise UserError(
+            f"{path}: is an FMU of FMI {description.fmiVersion}, {kind}; FMI 2.0 or 3.0 for co-simulation is needed"
+        )
     here = usable_here(version_of(description))
     if not any(p in archive.binaries for p in here):
         have = ", ".join(sorted(archive.binaries)) or "none"

@@ -95,7 +95,8 @@ def _schema(archive: Archive) -> Verdict:
         return verdict
     folder = Path(find_spec(TOOLBOX).submodule_search_locations[0]) / "resources"
     pairs = {
-        "modelDescription.xml": folder / ("fmi-3.0/fmi3ModelDescription.xsd" if of_3 else "fmi-2.0/fmi2ModelDescription.xsd"),
+        "modelDescription.xml": folder
+        / ("fmi-3.0/fmi3ModelDescription.xsd" if of_3 else "fmi-2.0/fmi2ModelDescription.xsd"),
         "terminalsAndIcons/terminalsAndIcons.xml": folder / "fmi-3.0" / "fmi3TerminalsAndIcons.xsd",
         "sources/buildDescription.xml": folder / "fmi-3.0" / "fmi3BuildDescription.xsd",
     }
@@ -177,8 +178,12 @@ def _vdmcheck(archive: Archive, say: Callable[[str], None]) -> Verdict:
         plain = Path(folder) / "model.fmu"  # it goes by the ending, and knows ASCII only
         shutil.copyfile(archive.path, plain)
         command = ["java", "-jar", str(vdmcheck_folder() / "vdmcheck2.jar"), str(plain)]
-        done = subprocess.run(command, capture_output=True, text=True, errors="replace", env={**os.environ, "LC_ALL": "C"})
+        done = subprocess.run(
+            command, capture_output=True, text=True, errors="replace", env={**os.environ, "LC_ALL": "C"}
+        )
     lines = [line.strip() for line in (done.stdout + done.stderr).splitlines() if line.strip()]
     if "No errors found." not in lines:
-        verdict.findings = [x for x in lines if x != "Errors found." and not x.startswith("https://")] or ["failed without a word"]
+        verdict.findings = [x for x in lines if x != "Errors found." and not x.startswith("https://")] or [
+            "failed without a word"
+        ]
     return verdict

@@ -25,9 +25,13 @@ VEHICLE = click.option("--vehicle", "vehicle_path", metavar="CAR.toml", type=FIL
                        help="Vehicle file; 'tselab vehicle --example' prints one.")  # fmt: skip
 JOBS = click.option("--jobs", type=click.IntRange(1, 256), default=os.cpu_count() or 1, show_default="all cores",
                     help="Simulations at once.")  # fmt: skip
-SCHEDULER = click.option("--scheduler", metavar="ADDRESS", help="Simulate on a Dask cluster instead, for instance tcp://host:8786.")
+SCHEDULER = click.option(
+    "--scheduler", metavar="ADDRESS", help="Simulate on a Dask cluster instead, for instance tcp://host:8786."
+)
 HOLD_OUT = "--hold-out"
-OUT = click.option("--out", metavar="DIR", type=FILE, required=True, help="Directory; made if needed; stages are used again.")
+OUT = click.option(
+    "--out", metavar="DIR", type=FILE, required=True, help="Directory; made if needed; stages are used again."
+)
 HELD = click.option(HOLD_OUT, "hold_out", metavar="LOG ...", type=FILE, multiple=True,
                     help="Logs that are not fitted: they prove what was found. All files up to the next option.")  # fmt: skip
 
@@ -260,7 +264,9 @@ def plan(separate: str, vehicle_path: Path, top: int, jobs: int, progress: bool 
 @gap.command(short_help="Hide an effect in your own inputs, and find it again.")
 @LOGS
 @click.option("--hide", "effect", metavar="ID", required=True, help="The effect.")
-@click.option("--size", type=click.FloatRange(-100.0, 100.0), default=1.0, show_default=True, help="Times its typical size.")
+@click.option(
+    "--size", type=click.FloatRange(-100.0, 100.0), default=1.0, show_default=True, help="Times its typical size."
+)
 @VEHICLE
 @reading
 @click.option("--out", metavar="DIR", type=FILE, help="Keep the made logs and the verdict there.")

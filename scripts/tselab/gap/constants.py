@@ -382,7 +382,9 @@ def find(name: str) -> Constant:
         return BY_NAME[name]
     found = [c for n, c in BY_NAME.items() if n.endswith("." + name)]
     if len(found) != 1:
-        raise KeyError(f"{name!r} is {'several constants: ' + ', '.join(c.name for c in found) if found else 'no constant'}")
+        raise KeyError(
+            f"{name!r} is {'several constants: ' + ', '.join(c.name for c in found) if found else 'no constant'}"
+        )
     return found[0]
 
 
@@ -420,7 +422,9 @@ def changed(name: str, value: Any) -> Iterator[None]:
 def _fits(value: Any, like: Any) -> bool:
     """A number, or as many of them, or for the same names; a count stays a whole number."""
     if isinstance(like, Mapping):
-        return isinstance(value, Mapping) and value.keys() == like.keys() and all(_fits(value[k], like[k]) for k in like)
+        return (
+            isinstance(value, Mapping) and value.keys() == like.keys() and all(_fits(value[k], like[k]) for k in like)
+        )
     if isinstance(like, Sequence):
         return isinstance(value, Sequence) and len(value) == len(like) and all(map(_fits, value, like))
     return isinstance(value, int if isinstance(like, int) else (int, float)) and not isinstance(value, bool)
@@ -459,7 +463,9 @@ def markdown() -> str:
         if c.room != room:
             room = c.room
             lines.append(f"| **{room}** | | | | |")
-        lines.append(f"| `{c.name}` | {_shown(c.value)} | {c.unit} | {c.reason.replace('|', chr(92) + '|')} | {c.swept or '-'} |")
+        lines.append(
+            f"| `{c.name}` | {_shown(c.value)} | {c.unit} | {c.reason.replace('|', chr(92) + '|')} | {c.swept or '-'} |"
+        )
     return "\n".join(lines) + "\n"
 
 

@@ -52,9 +52,13 @@ class Prepared:
     distance: np.ndarray  # m
     notes: list[str] = field(default_factory=list)
     quiet: dict[str, float] = field(default_factory=dict)  # sd that was found over that sd, where a floor raised it
-    held: dict[str, float] = field(default_factory=dict)  # s since the value of a row was new, mean, where a slow signal is held
+    held: dict[str, float] = field(
+        default_factory=dict
+    )  # s since the value of a row was new, mean, where a slow signal is held
     late: dict[str, float] = field(default_factory=dict)  # s behind the gyro, of what is measured; inputs are in time
-    blur: dict[str, np.ndarray] = field(default_factory=dict)  # sd, per row, of what noise of the inputs does to a prediction
+    blur: dict[str, np.ndarray] = field(
+        default_factory=dict
+    )  # sd, per row, of what noise of the inputs does to a prediction
     _splines: dict[str, CubicSpline] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     @property
@@ -90,7 +94,9 @@ def prepare(log: Log, config: Config) -> Prepared:
     moving = np.abs(0.5 * (raw["wheel_speed_front"] + raw["wheel_speed_rear"])) * config.wheel_radius_front > SLOWEST
     smooth = {name: Smoother(log.time, x) for name, x in raw.items()}
     inputs = {name: s.of(raw[name]) for name, s in smooth.items()}
-    speed = 0.5 * (config.wheel_radius_front * inputs["wheel_speed_front"] + config.wheel_radius_rear * inputs["wheel_speed_rear"])
+    speed = 0.5 * (
+        config.wheel_radius_front * inputs["wheel_speed_front"] + config.wheel_radius_rear * inputs["wheel_speed_rear"]
+    )
     good = (speed > SLOWEST) & (np.abs(inputs["steer_angle"]) < STEEPEST)
     for x in raw.values():
         good &= ~_hole(log.time, x)
@@ -153,7 +159,9 @@ def renewed(x: np.ndarray) -> np.ndarray:
     return np.where(repeats, np.nan, x) if repeats.sum() > HELD * np.isfinite(x).sum() else x
 
 
-def _blur(log: Prepared, raw: dict[str, np.ndarray], smooth: dict[str, Smoother], config: Config) -> dict[str, np.ndarray]:
+def _blur(
+    log: Prepared, raw: dict[str, np.ndarray], smooth: dict[str, Smoother], config: Config
+) -> dict[str, np.ndarray]:
     """What the noise of the inputs does to the predictions of the optional channels, and smoothing it away does: a wheel torque
     is a small slip times a large stiffness, and what smoothing leaves of the wheel speeds' noise is more of it than the noise
     of the torque. One parametric draw: the smoothed inputs as truth, noise again, smoothed again, simulated again."""

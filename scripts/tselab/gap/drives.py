@@ -97,7 +97,9 @@ def _all(c: Config) -> Iterator[Candidate]:
 
     for v in (10.0, 20.0, 30.0):
         for ay in (2.0, 4.0):
-            yield Candidate(f"steering sine sweep 0.2 .. 3 Hz, {ay:g} m/s2, at {v:g} m/s", ((sweep(t, v, ay), at(v)(t)),))
+            yield Candidate(
+                f"steering sine sweep 0.2 .. 3 Hz, {ay:g} m/s2, at {v:g} m/s", ((sweep(t, v, ay), at(v)(t)),)
+            )
         for ay in (3.0, 6.0):
             yield Candidate(f"steering steps to {ay:g} m/s2, at {v:g} m/s", ((steps(t, v, ay), at(v)(t)),))
         yield Candidate(f"slow steering ramps to 6 m/s2, at {v:g} m/s", ((ramp(t, v, 6.0), at(v)(t)),))

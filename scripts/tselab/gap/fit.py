@@ -77,7 +77,11 @@ def fit_with(problem: Problem, effects: Sequence[Effect], start: Mapping[Key, fl
 
 def _typical(p: Parameter) -> Parameter:
     """A shape is only searched where it is plausible: it is there to let a form give, not to make another effect of it."""
-    return p if p.typical_high <= p.typical_low else Parameter(**(vars(p) | {"low": p.typical_low, "high": p.typical_high}))
+    return (
+        p
+        if p.typical_high <= p.typical_low
+        else Parameter(**(vars(p) | {"low": p.typical_low, "high": p.typical_high}))
+    )
 
 
 def lengths(problem: Problem, residuals: np.ndarray) -> dict[int, float]:

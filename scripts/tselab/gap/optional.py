@@ -43,7 +43,9 @@ def words(readings: Sequence[Sequence[Reading]]) -> list[str]:
     for (channel, key), (weight, total) in found.items():
         value, sd = total / weight, weight**-0.5
         late = key == "latency"
-        if sd > 0.1 * (LATENCY if late else SCALE[channel]) or abs(value) < max(WORTH["latency" if late else channel], 3 * sd):
+        if sd > 0.1 * (LATENCY if late else SCALE[channel]) or abs(value) < max(
+            WORTH["latency" if late else channel], 3 * sd
+        ):
             continue
         most = f"{LATENCY:g} s" if late else f"{100 * SCALE[channel]:.0f} %"
         side = "late" if value > 0 else "early"
@@ -65,8 +67,14 @@ class _Shifted:
         """The prediction of so much earlier, and its slope over the latency."""
         back = int(np.floor(latency / self.step))
         u = 1.0 - (latency / self.step - back)  # between the block before the asked time, 0, and the one after, 1
-        weights = 0.5 * np.array([-u + 2 * u**2 - u**3, 2 - 5 * u**2 + 3 * u**3, u + 4 * u**2 - 3 * u**3, -(u**2) + u**3])
-        slopes = -0.5 * np.array([-1 + 4 * u - 3 * u**2, -10 * u + 9 * u**2, 1 + 8 * u - 9 * u**2, -2 * u + 3 * u**2]) / self.step
+        weights = 0.5 * np.array(
+            [-u + 2 * u**2 - u**3, 2 - 5 * u**2 + 3 * u**3, u + 4 * u**2 - 3 * u**3, -(u**2) + u**3]
+        )
+        slopes = (
+            -0.5
+            * np.array([-1 + 4 * u - 3 * u**2, -10 * u + 9 * u**2, 1 + 8 * u - 9 * u**2, -2 * u + 3 * u**2])
+            / self.step
+        )
         y, slope = [], []
         for x in self.pieces:
             n, first = len(x) - 2 * self.margin, self.margin - back - 2
@@ -77,7 +85,10 @@ class _Shifted:
 
 
 def read(
-    time: np.ndarray, predicted: Mapping[str, np.ndarray], measured: Mapping[str, np.ndarray], weight: Mapping[str, np.ndarray]
+    time: np.ndarray,
+    predicted: Mapping[str, np.ndarray],
+    measured: Mapping[str, np.ndarray],
+    weight: Mapping[str, np.ndarray],
 ) -> tuple[dict[str, np.ndarray], list[Reading]]:
     """What the optional channels of one log would read, blocks of `time`, and how that was found."""
     names = [c for c in OPTIONAL if c in predicted]
@@ -92,7 +103,10 @@ def read(
 
 
 def _read(
-    time: np.ndarray, predicted: dict[str, np.ndarray], measured: Mapping[str, np.ndarray], weight: Mapping[str, np.ndarray]
+    time: np.ndarray,
+    predicted: dict[str, np.ndarray],
+    measured: Mapping[str, np.ndarray],
+    weight: Mapping[str, np.ndarray],
 ) -> tuple[dict[str, np.ndarray], list[Reading]]:
     """Weighted least squares over scales, latencies and bracing, with bounds; Gauss-Newton because of the latencies."""
     shifted = {c: _Shifted(time, x) for c, x in predicted.items()}

@@ -86,9 +86,7 @@ class Plan:
         return "\n".join(lines)
 
 
-def plan(
-    separate: str, vehicle_path: Path, jobs: int = 1, say: Callable[[str], None] = lambda _: None
-) -> Plan:
+def plan(separate: str, vehicle_path: Path, jobs: int = 1, say: Callable[[str], None] = lambda _: None) -> Plan:
     """Every manoeuvre of the library for two effects, "A,B"."""
     first, second = pair(separate)
     config = Config(read_vehicle(vehicle_path).values)
@@ -159,18 +157,20 @@ def typical(problem: Problem, e: Effect, size: float = 1.0) -> dict[Key, float]:
     if e.id in PROFILES:
         p = e.strengths[0]
         amplitude = size * np.sqrt(2.0) * p.scale
-        return {
-            k.name: amplitude * float(np.sin(2 * np.pi * k.name.knot * KNOT / WAVE)) for k in problem.strengths(e)
-        }
+        return {k.name: amplitude * float(np.sin(2 * np.pi * k.name.knot * KNOT / WAVE)) for k in problem.strengths(e)}
     values = {p.name: p.default for p in e.shapes}
-    return values | {p.name: float(np.clip(p.default + size * (p.sign or 1) * p.scale, p.low, p.high)) for p in e.strengths}
+    return values | {
+        p.name: float(np.clip(p.default + size * (p.sign or 1) * p.scale, p.low, p.high)) for p in e.strengths
+    }
 
 
 def hide(problem: Problem, e: Effect, values: Mapping[Key, float]) -> None:
     """Put what a car with the effect would measure into the logs, without noise; the layout is made again."""
     model = problem.model(values)
     for i, log in enumerate(problem.logs):
-        clean = simulate(model, log, log.channels, problem.stiffness(values, i), problem.profiles(values, i), problem.later(values))
+        clean = simulate(
+            model, log, log.channels, problem.stiffness(values, i), problem.profiles(values, i), problem.later(values)
+        )
         rng = np.random.default_rng(i)
         log.measured |= {c: x + TINY * log.noise[c] * rng.standard_normal(len(x)) for c, x in clean.items()}
     problem.__init__(problem.logs, problem.config, problem.jobs)  # type: ignore[misc]

@@ -22,7 +22,8 @@ from tselab.gap.simulate import simulate
 from tselab.log import MEASURES, OPTIONAL
 
 STIFFNESS = tuple(
-    Parameter(name, name, True, "1", 1.0, 0.1, 5.0, 0.5, 2.0, 0.02, 1, f"{name} over the vehicle file's") for name in NOMINAL
+    Parameter(name, name, True, "1", 1.0, 0.1, 5.0, 0.5, 2.0, 0.02, 1, f"{name} over the vehicle file's")
+    for name in NOMINAL
 )
 WITH_BIAS = MEASURES  # the other channels have none: optional.py says what they may have
 
@@ -115,14 +116,22 @@ class Problem:
                 variance = log.noise[channel] ** 2 / np.maximum(count, 1)
                 if channel in log.blur:
                     variance = variance + blocks(log, log.blur[channel])[0] ** 2  # the same over a block: slow
-                usual = float(np.median(count[count > 0])) if count.any() else 1.0  # a slow sensor has fewer rows with a value
+                usual = (
+                    float(np.median(count[count > 0])) if count.any() else 1.0
+                )  # a slow sensor has fewer rows with a value
                 enough = 0 if channel in OPTIONAL else 0.5 * usual  # and a slow receiver not one in every block
                 weight.append(np.where(count > enough, 1.0 / np.sqrt(variance), 0.0))
                 n = len(mean)
-                columns.append((np.full(n, i), np.full(n, CHANNELS.index(channel)), time, block + np.arange(n), np.full(n, group)))
+                columns.append(
+                    (np.full(n, i), np.full(n, CHANNELS.index(channel)), time, block + np.arange(n), np.full(n, group))
+                )
                 group += 1
             block += len(time)
-        rows = Rows(*(np.concatenate(c) for c in zip(*columns, strict=True))) if columns else Rows(*(np.zeros(0, int),) * 5)
+        rows = (
+            Rows(*(np.concatenate(c) for c in zip(*columns, strict=True)))
+            if columns
+            else Rows(*(np.zeros(0, int),) * 5)
+        )
         y = np.concatenate(measured) if measured else np.zeros(0)
         w = np.concatenate(weight) if weight else np.zeros(0)
         return np.where(w > 0, y, 0.0), w, rows
@@ -165,7 +174,9 @@ class Problem:
         if LATENT.isdisjoint(values) and SIGNED_DELAYS.isdisjoint(values):
             return {}
         imu = values.get("imu_delay_time", self.told["imu_delay_time"]) - self.told["imu_delay_time"]
-        steering = values.get("steering_delay_time", self.told["steering_delay_time"]) - self.told["steering_delay_time"]
+        steering = (
+            values.get("steering_delay_time", self.told["steering_delay_time"]) - self.told["steering_delay_time"]
+        )
         wheels = values.get("wheel_speed_latency", 0.0)
         found = {"steer_angle": -imu - steering, "wheel_speed_front": wheels - imu, "wheel_speed_rear": wheels - imu}
         return found | {c: values.get(f"{c}_latency", 0.0) for c in ("accel_x", "accel_y")}
@@ -173,7 +184,9 @@ class Problem:
     def profiles(self, values: Mapping[Key, float], i: int) -> dict[str, np.ndarray]:
         """Profiles of the road along a log, linear between their values."""
         found = {}
-        own = [k for k in values if isinstance(k, Own) and k.knot is not None and k.log == i]  # mostly none: this is asked often
+        own = [
+            k for k in values if isinstance(k, Own) and k.knot is not None and k.log == i
+        ]  # mostly none: this is asked often
         for effect in PROFILES if own else ():
             knots = [values.get(Own(effect, i, k), 0.0) for k in range(self._knots(i))]
             if any(knots):
@@ -267,7 +280,8 @@ class Problem:
         slopes = np.zeros((len(base), len(parameters)))
         steps = [{j: shifted(parameters[j]) for j in members} for members in runs.values()]
         asked = [
-            dict(values) | {parameters[j].name: values.get(parameters[j].name, parameters[j].default) + h for j, h in step.items()}
+            dict(values)
+            | {parameters[j].name: values.get(parameters[j].name, parameters[j].default) + h for j, h in step.items()}
             for step in steps
         ]
         for step, predicted in zip(steps, self.predict_all(asked), strict=True):

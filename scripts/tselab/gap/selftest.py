@@ -63,7 +63,9 @@ def selftest(
     result = workflow.run(made, vehicle_path, out, (), jobs, say, workers)
 
     sizes = {p.name: values[p.name] for p in e.strengths if p.name in values}
-    hidden = ", ".join(f"{p.key} {sizes[p.name]:.3g} {p.unit}" for p in e.strengths if p.name in sizes) or "a road's profile"
+    hidden = (
+        ", ".join(f"{p.key} {sizes[p.name]:.3g} {p.unit}" for p in e.strengths if p.name in sizes) or "a road's profile"
+    )
     words = [f"Hidden: {e.title} ({e.id}), {hidden}, in {len(made)} log{'s' if len(made) > 1 else ''}."]
     named = {n.effect.id: n for n in result.naming.named} if result.verdict == "named" else {}
     alike = [n.effect.id for n in named.values() if e.id in n.look_alikes]
@@ -87,7 +89,11 @@ def _why(result: workflow.Result, effect: str) -> list[str]:
     words = list(result.words)
     for d in result.detectable:
         if d.id == effect and not d.visible:
-            size = f"from {d.parameter} = {d.smallest:.2g} {d.unit} on" if np.isfinite(d.smallest) else "at no size that there is"
+            size = (
+                f"from {d.parameter} = {d.smallest:.2g} {d.unit} on"
+                if np.isfinite(d.smallest)
+                else "at no size that there is"
+            )
             words.append(f"These logs would show it {size}.")
     mine = [p for p in result.naming.possible if p["id"] == effect]
     words += [f"Its probability is {100 * p['probability']:.0f} %: {p['why']}." for p in mine]

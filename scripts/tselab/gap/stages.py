@@ -70,7 +70,9 @@ def load(path: Path, key: str) -> tuple[Any] | None:
 def _seal(head: np.ndarray, arrays: list[np.ndarray]) -> np.ndarray:
     """Of all that a stage holds."""
     whole = [head, *arrays]
-    return np.frombuffer(seal(part for a in whole for part in (f"{a.dtype.str} {a.shape} ".encode(), a.tobytes())), np.uint8)
+    return np.frombuffer(
+        seal(part for a in whole for part in (f"{a.dtype.str} {a.shape} ".encode(), a.tobytes())), np.uint8
+    )
 
 
 def _packed(value: Any, arrays: list[np.ndarray]) -> Any:

@@ -97,7 +97,12 @@ class Result:
             "rivals": self.rivals,
             "follows": [{"quantity": e.name, "share": e.share, "chance": e.chance} for e in self.follows],
             "where": [
-                {"channel": c.channel, "condition": c.condition, "entry_point": self._entry(c.channel), "strength": c.strength}
+                {
+                    "channel": c.channel,
+                    "condition": c.condition,
+                    "entry_point": self._entry(c.channel),
+                    "strength": c.strength,
+                }
                 for c in self.conditions
             ],
             "entry_points": [asdict(e) for e in self.entries],
@@ -112,7 +117,13 @@ class Result:
             "closed": self.naming.closed,
             "remainder": [asdict(r) for r in self.remainders],
             "undetectable": [
-                {"id": d.id, "parameter": d.parameter, "smallest_detectable": d.smallest, "typical": d.typical, "unit": d.unit}
+                {
+                    "id": d.id,
+                    "parameter": d.parameter,
+                    "smallest_detectable": d.smallest,
+                    "typical": d.typical,
+                    "unit": d.unit,
+                }
                 for d in self.undetectable
             ],
             "stiffness": {p.name: self.final.values[p.name] for p in STIFFNESS},
@@ -127,7 +138,14 @@ class Result:
         f, d, proposed = self.formula, self.discovery, None
         if f is not None:
             numbers = {n.name: {"value": n.value, "sd": n.sd, "unit": n.unit} for n in f.numbers}
-            proposed = {"id": f.id, "place": f.place, "formula": f.text, "numbers": numbers, "share": d.share, "nats": d.nats}
+            proposed = {
+                "id": f.id,
+                "place": f.place,
+                "formula": f.text,
+                "numbers": numbers,
+                "share": d.share,
+                "nats": d.nats,
+            }
         return {"proposed": proposed, "tried": d.tried}
 
     def _entry(self, channel: str) -> str:
@@ -281,7 +299,8 @@ def run(
     baseline: Fit = this.stage("baseline", lambda: fit(problem, STIFFNESS, {}))
     say("where do they disagree?")
     conditions, entries = this.stage(
-        "where", lambda: (where.conditions(problem, baseline.residuals, baseline.values), where.entries(problem, baseline))
+        "where",
+        lambda: (where.conditions(problem, baseline.residuals, baseline.values), where.entries(problem, baseline)),
     )
     held = this.problem("held_out", this.held) if this.held else None
     held = held if held is not None and held.logs else None
@@ -290,7 +309,9 @@ def run(
     naming = _named(this, part)
     say("what is left?")
     louder = remainder.louder(part.problem, naming.final.residuals, NOISE_LIMIT)
-    this.notes += [f"{c}: its noise is {f:.2f} times what its differences from row to row say" for c, f in louder.items()]
+    this.notes += [
+        f"{c}: its noise is {f:.2f} times what its differences from row to row say" for c, f in louder.items()
+    ]
     weighed = _weighed(this, part, naming, louder, formula)
     seen = _detectable(part, weighed.naming)
     if part.problem is not problem:
@@ -305,7 +326,9 @@ def run(
     this.notes += optional.words(problem.readings(weighed.naming.final.values))
     if not weighed.naming.converged:
         this.notes.append("the last fit has not converged: sizes may still move")
-    result = judge(problem, weighed.naming, conditions, entries, left, seen, changes, this.notes, weighed.discovery, follows)
+    result = judge(
+        problem, weighed.naming, conditions, entries, left, seen, changes, this.notes, weighed.discovery, follows
+    )
     result.problem, result.held, result.latent, result.rivals = problem, held, missing, weighed.rivals
     result.read = [("fit", x) for x in this.logs] + [("held_out", x) for x in this.held]
     return result
@@ -321,9 +344,13 @@ def _searched(this: Run, problem: Problem, baseline: Fit, held: Problem | None) 
         this.say("which stretches say most?")
         few = problem.of(this.stage("excerpt", lambda: excerpt(problem, baseline).logs))
         few_baseline = this.stage("baseline_excerpt", lambda: fit(few, STIFFNESS, {}))
-        this.notes.append(f"effects are searched in the {_seconds(few):.0f} s of {_seconds(problem):.0f} s that say most")
+        this.notes.append(
+            f"effects are searched in the {_seconds(few):.0f} s of {_seconds(problem):.0f} s that say most"
+        )
     if held is not None and is_long(held, HELD_SHARE):
-        few_held = held.of(this.stage("excerpt_held_out", lambda: excerpt(held, fit(held, STIFFNESS, {}), HELD_SHARE).logs))
+        few_held = held.of(
+            this.stage("excerpt_held_out", lambda: excerpt(held, fit(held, STIFFNESS, {}), HELD_SHARE).logs)
+        )
     return Searched(few, few_baseline, few_held)
 
 
@@ -332,7 +359,9 @@ def _named(this: Run, part: Searched) -> name.Naming:
     effects, together = list(catalogue().values()), part.together
     naming = this.stage("naming", lambda: name.name(part.problem, effects, this.say, part.baseline, together))
     this.notes += [n for p in this.prepared for n in p.notes]
-    this.notes += [f"{log.path.name}: {w}" for log in (*this.logs, *this.held) for w in disagreements(log, this.vehicle)]
+    this.notes += [
+        f"{log.path.name}: {w}" for log in (*this.logs, *this.held) for w in disagreements(log, this.vehicle)
+    ]
     return naming
 
 
@@ -395,7 +424,9 @@ def what_is_left(problem: Problem, last: Fit, louder: dict[str, float]) -> list[
     """Of every channel, after a fit."""
     features = {k: x for k, x in where.features(problem, last.values).items() if k != "time"}
     return [
-        r if r.channel not in louder else remainder.Remainder(r.channel, r.gap, "noise", 0.0, (), None, f"{r.channel}: noise only")
+        r
+        if r.channel not in louder
+        else remainder.Remainder(r.channel, r.gap, "noise", 0.0, (), None, f"{r.channel}: noise only")
         for r in remainder.remainder(problem, last.residuals, features, NOISE_LIMIT)
     ]
 
@@ -455,10 +486,14 @@ def judge(
         if entries and entries[0].nats > 0:
             words.append(f"It acts like a disturbance at: {entries[0].place}.")
         if follows:
-            words.append(f"It follows {follows[0].name}, which explains {100 * follows[0].share:.0f} % of it in logs left out.")
+            words.append(
+                f"It follows {follows[0].name}, which explains {100 * follows[0].share:.0f} % of it in logs left out."
+            )
     else:
         verdict = "none"
-        words.append("The model explains these logs down to the sensors' noise: nothing is missing that they could show.")
+        words.append(
+            "The model explains these logs down to the sensors' noise: nothing is missing that they could show."
+        )
     words += discovery.words if discovery else []
     words += [f"{'Still left: ' if formula else ''}{r.words}" for r in remains]
     for n in naming.besides:
@@ -498,7 +533,9 @@ def sensors(problem: Problem | None, naming: name.Naming) -> list[dict[str, Any]
     found, told = name.settings(problem, naming.final.values), problem.config
     settings = [k for k in latency_settings().values() if k in found and found[k] != getattr(told, k)]
     half = _half_widths(problem, naming, settings)
-    return [{"id": k, "value": found[k], "ci95": [found[k] - half[k], found[k] + half[k]], "unit": "s"} for k in settings] + [
+    return [
+        {"id": k, "value": found[k], "ci95": [found[k] - half[k], found[k] + half[k]], "unit": "s"} for k in settings
+    ] + [
         {"id": "low_pass", "value": n.values[p.name], "ci95": list(n.ci95[p.name]), "unit": "s"}
         for n in late
         if n.effect.id == name.LOW_PASS

@@ -114,6 +114,10 @@ def found(pieces: Sequence[Piece], start: Discrepancy | None = None) -> Discrepa
     bound = (LEAST * size, 10 * size)
     limits = np.log([bound, SHARES, bound, *RANGES])
     first = start.numbers if start else Discrepancy(size, SHARE, 0.3 * size, TIMES).numbers
-    first = np.maximum(first, [0.1 * size, 0.0, 0.1 * size, 0.0, 0.0])  # slopes are nothing where a part is: it would stay gone
-    ended = minimize(objective, np.clip(np.log(first), *limits.T), method="L-BFGS-B", bounds=limits, options={"ftol": PRECISION})
+    first = np.maximum(
+        first, [0.1 * size, 0.0, 0.1 * size, 0.0, 0.0]
+    )  # slopes are nothing where a part is: it would stay gone
+    ended = minimize(
+        objective, np.clip(np.log(first), *limits.T), method="L-BFGS-B", bounds=limits, options={"ftol": PRECISION}
+    )
     return Discrepancy.of(np.exp(ended.x))

@@ -182,9 +182,7 @@ def _followed(
 ) -> list[np.ndarray]:
     """Slopes that agree with what a step did: the least change of them in units of the unknowns. `by`: the step in these."""
     along = by / max(float(by @ by), 1e-300)
-    return [
-        t + np.outer(b - a - t @ (by * unit), along / unit) for t, a, b in zip(slopes, before, after, strict=True)
-    ]
+    return [t + np.outer(b - a - t @ (by * unit), along / unit) for t, a, b in zip(slopes, before, after, strict=True)]
 
 
 def covariance(problem: Problem, information: np.ndarray, r: list[np.ndarray], j: list[np.ndarray]) -> np.ndarray:

@@ -213,7 +213,9 @@ def toml_text(recording: Recording, proposal: Proposal, databases: tuple[Path, .
         if g.valid:
             lines.append(f"valid = {{name = {json.dumps(g.valid[0], ensure_ascii=False)}, is = [{g.valid[1]:g}]}}")
         if g.counter:
-            lines.append(f"counter = {{name = {json.dumps(g.counter[0], ensure_ascii=False)}, modulo = {g.counter[1]}}}")
+            lines.append(
+                f"counter = {{name = {json.dumps(g.counter[0], ensure_ascii=False)}, modulo = {g.counter[1]}}}"
+            )
         if g.unsure:
             what = json.dumps(", ".join(g.unsure), ensure_ascii=False)
             lines.append(f"unsure = {what}  # when you have looked, take this line out")

@@ -141,7 +141,9 @@ class Bus:
 
 def _messages_of(path: Path, databases: Sequence[Path]) -> dict[int, Any]:
     cantools = need("cantools", "can", str(path))
-    logging.getLogger("cantools").setLevel(logging.ERROR)  # two messages of one name are no matter: they go by identifier
+    logging.getLogger("cantools").setLevel(
+        logging.ERROR
+    )  # two messages of one name are no matter: they go by identifier
     messages: dict[int, Any] = {}
     for p in databases:
         try:

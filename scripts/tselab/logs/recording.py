@@ -72,7 +72,9 @@ class Recording:
 
     def since_start(self) -> Recording:
         """Times counted from the first sample: an epoch in a double leaves less than a microsecond."""
-        first = [float(c.time[i]) for c in self if len(c) and np.isfinite(c.time[i := int(np.isfinite(c.time).argmax())])]
+        first = [
+            float(c.time[i]) for c in self if len(c) and np.isfinite(c.time[i := int(np.isfinite(c.time).argmax())])
+        ]
         if not first or abs(min(first)) < 1e6:
             return self
         start = float(np.floor(min(first)))

@@ -36,7 +36,9 @@ def torque_of_slip(car: Config, sim: SimConfig, slip: float) -> float:
     """Steady front torque that makes this slip on the front axle: its wheels and, through the car, the rear wheels take
     their part of it."""
     force = car.longitudinal_stiffness_front * slip
-    front, rear = (getattr(sim, f"wheel_inertia_{a}") / getattr(car, f"wheel_radius_{a}") ** 2 for a in ("front", "rear"))
+    front, rear = (
+        getattr(sim, f"wheel_inertia_{a}") / getattr(car, f"wheel_radius_{a}") ** 2 for a in ("front", "rear")
+    )
     return force * car.wheel_radius_front * (car.mass + front + rear) / (car.mass + rear)
 
 
@@ -128,7 +130,9 @@ LANE_STEER, LANE_PERIOD = (0.005, 0.01), (6.0, 12.0)  # rad, s: of keeping the l
 MOTORWAY_TORQUE, MOTORWAY_PERIOD = (200.0, 400.0), (8.0, 16.0)  # Nm, s: of keeping the distance
 
 
-def _waving(t: np.ndarray, rng: np.random.Generator, size: tuple[float, float], period: tuple[float, float]) -> np.ndarray:
+def _waving(
+    t: np.ndarray, rng: np.random.Generator, size: tuple[float, float], period: tuple[float, float]
+) -> np.ndarray:
     """Two slow sines of random period and phase that add up to `size`."""
     a, share = rng.uniform(*size), (0.7, 0.3)
     return sum(a * s * np.sin(2 * np.pi * (t / rng.uniform(*period) + rng.random())) for s in share)
@@ -152,7 +156,13 @@ def motorway(
     drive = _waving(t, rng, torque, MOTORWAY_PERIOD)
     icy = t >= at - 1e-9
     return Maneuver(
-        t, MOTORWAY_SPEED, angle, drive, np.zeros_like(t), np.where(icy, level, 1.0), road_friction=np.where(icy, friction, 0.0)
+        t,
+        MOTORWAY_SPEED,
+        angle,
+        drive,
+        np.zeros_like(t),
+        np.where(icy, level, 1.0),
+        road_friction=np.where(icy, friction, 0.0),
     )
 
 

@@ -136,7 +136,9 @@ def run(
     done = store.read()
     todo = [u for u in store.units() if (u.case, u.seed) not in done]
     with (
-        tqdm(total=len(todo), unit="run", disable=not progress, file=sys.stderr, leave=False, desc=plan.study.name) as bar,
+        tqdm(
+            total=len(todo), unit="run", disable=not progress, file=sys.stderr, leave=False, desc=plan.study.name
+        ) as bar,
         store.writer() as write,
     ):
         try:

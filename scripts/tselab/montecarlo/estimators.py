@@ -79,7 +79,9 @@ def _yours(name: str) -> Callable[[pd.DataFrame, Mapping[str, float]], Any]:
     try:
         found = getattr(importlib.import_module(module), function)
     except (ImportError, AttributeError) as error:
-        raise UserError(f"there is no estimator '{name}': {error}; is the folder of {module}.py in PYTHONPATH?") from None
+        raise UserError(
+            f"there is no estimator '{name}': {error}; is the folder of {module}.py in PYTHONPATH?"
+        ) from None
     if not callable(found):
         raise UserError(f"the estimator '{name}' is not a function")
     return found
@@ -96,7 +98,9 @@ def _run_yours(name: str, d: Drive, config: Config) -> np.ndarray:
     for f in fields:
         values = np.asarray(answer[f], float)
         if values.shape != out.shape:
-            raise UserError(f"the estimator '{name}' gives {f} in shape {values.shape}, not {out.shape}: a number a row")
+            raise UserError(
+                f"the estimator '{name}' gives {f} in shape {values.shape}, not {out.shape}: a number a row"
+            )
         out[f] = values / getattr(config, next(NOMINAL[s] for s in STIFFNESS if f.startswith(s)))
     return out
 
@@ -131,7 +135,9 @@ def _told(d: Drive, config: Config, changes: bool = False) -> Told:
 
     sensors = (config.accel_x_sd, config.accel_y_sd, config.yaw_rate_sd)
     return Told(
-        spread=tuple(getattr(d.sim, f"spread_{s}") * (1 if changes else getattr(d.sim, f"true_{s}")) for s in STIFFNESS),
+        spread=tuple(
+            getattr(d.sim, f"spread_{s}") * (1 if changes else getattr(d.sim, f"true_{s}")) for s in STIFFNESS
+        ),
         noise_sd=tuple(sd * d.sim.noise for sd in sensors),
         forgetting=config.forgetting,
         held=bool(d.sim.hold_inputs),

@@ -148,9 +148,7 @@ def _peers(plan: Plan, runs: pd.DataFrame, summary: pd.DataFrame) -> list[Table]
     text = (
         "RMS over 15 .. 30 s, ratios on the same data with paired bootstrap intervals (95 %). After the change: until the "
         "slowest stiffness is within 10 % for 1 s, median run (longest). EKF and UKF are Python here; what they would cost in C "
-        "is not in this table. "
-        + "; ".join(f"{e}: {TEXTS[e]}" for e in ("ekf", "ukf"))
-        + "."
+        "is not in this table. " + "; ".join(f"{e}: {TEXTS[e]}" for e in ("ekf", "ukf")) + "."
     )
     return [Table("Against EKF and UKF", head, rows, 2, text)]
 
@@ -159,7 +157,9 @@ def _departures(plan: Plan, runs: pd.DataFrame, summary: pd.DataFrame) -> list[T
     texts = TEXTS | {WITHOUT + name: f"without: {text}" for name, text, _ in DEPARTURES}
     rows, wrong = [], []
     for name in plan.study.cases[0].estimators:
-        lines = [summary[(summary["case"] == c.name) & (summary["estimator"] == name)].iloc[0] for c in plan.study.cases]
+        lines = [
+            summary[(summary["case"] == c.name) & (summary["estimator"] == name)].iloc[0] for c in plan.study.cases
+        ]
         rms = [number(max(line[f"{k}_rms"] for k in STIFFNESS), 1) for line in lines]
         counts = [f" [{line['diverged']:.0f}]" if line["diverged"] else "" for line in lines]
         rows.append([name, texts.get(name, ""), *(r + c for r, c in zip(rms, counts, strict=True))])

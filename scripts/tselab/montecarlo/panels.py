@@ -196,7 +196,9 @@ def draw_plotly(picture: Picture) -> go.Figure:
             for trace in _traces(panel, m):
                 legend = trace.pop("legend", True) and bool(m.name) and m.name not in shown
                 shown |= {m.name} if legend else set()
-                figure.add_trace(trace | {"showlegend": legend, "legendgroup": m.name, "name": m.name}, row=row, col=col)
+                figure.add_trace(
+                    trace | {"showlegend": legend, "legendgroup": m.name, "name": m.name}, row=row, col=col
+                )
         for x in panel.at:
             figure.add_vline(x, row=row, col=col, line={"color": GREY, "width": 1})
         figure.update_xaxes(title_text=panel.x, type="log" if panel.log_x else None, row=row, col=col)

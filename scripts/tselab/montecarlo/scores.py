@@ -30,7 +30,10 @@ SETTLED_FOR = 1.0  # s within CLOSE: has settled
 SHARES = ("false_valid", "false_invalid", "valid_unobservable", "reason_right", "corrupted_told")
 SURE = 0.9  # of a change of regime: from here on it counts as reported
 DISTINCT = 0.5  # s between changes that count as two
-BEFORE, AFTER = 0.15, 2.0  # s by which a change that is reported may be earlier than the true one, later: else it is a false one
+BEFORE, AFTER = (
+    0.15,
+    2.0,
+)  # s by which a change that is reported may be earlier than the true one, later: else it is a false one
 OFF, OFF_FOR = 0.20, 60.0  # error that must not be called valid, s after an event in which it is counted
 UNKNOWN_REASONS = ("not excited", "held", "uncertain", "starting")  # right where nothing can be known
 
@@ -245,7 +248,9 @@ def regimes(d: Drive, case: Case, k: Knowable, estimate: np.ndarray) -> dict[str
         if f"{STIFFNESS[0]}_valid" in names:
             truth = k.level if k.secant is None else k.secant
             wrong = [
-                (estimate[f"{s}_valid"] == 0) & (estimate["status"] >= 0) & ~(np.abs(estimate[s] / truth[:, i] - 1) <= OFF)
+                (estimate[f"{s}_valid"] == 0)
+                & (estimate["status"] >= 0)
+                & ~(np.abs(estimate[s] / truth[:, i] - 1) <= OFF)
                 for i, s in enumerate(STIFFNESS)
             ]
             off = np.any(wrong, axis=0) & part & (time < event + OFF_FOR - 1e-9)

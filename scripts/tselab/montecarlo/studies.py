@@ -54,7 +54,12 @@ ROAD = Case("road-change", "all stiffness to 70 % at 20 s", _waves(40.0, road=((
 
 
 def _stress() -> tuple[Case, ...]:
-    imu_bias = {"true_bias_accel_x": 0.1, "true_bias_accel_y": 0.1, "true_bias_yaw_rate": 0.2 * DEGREE, "bias_walk": 1.0}
+    imu_bias = {
+        "true_bias_accel_x": 0.1,
+        "true_bias_accel_y": 0.1,
+        "true_bias_yaw_rate": 0.2 * DEGREE,
+        "bias_walk": 1.0,
+    }
     after_15 = ((corrupt.FIRST, corrupt.SLOTS_END),)
     pulses = ((drives.PULSES[0] - 5, drives.PULSES[0]), (drives.PULSES_END - 15, drives.PULSES_END))
     friction = {"sim": {"friction": 0.9}, "windows": pulses, "needs": ("friction",)}

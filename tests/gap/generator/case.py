@@ -133,7 +133,9 @@ def make_cases(specs: Iterable[Spec], batch: int = BATCH) -> Iterator[Case]:
     waiting: list[tuple[Case, list]] = []
     for spec in specs:
         case, jobs = _prepare(spec)
-        if waiting and (sum(len(j) for _, j in waiting) + len(jobs) > batch or spec.duration != waiting[0][0].spec.duration):
+        if waiting and (
+            sum(len(j) for _, j in waiting) + len(jobs) > batch or spec.duration != waiting[0][0].spec.duration
+        ):
             yield from _finish(waiting)
             waiting = []
         waiting.append((case, jobs))

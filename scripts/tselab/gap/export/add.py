@@ -88,7 +88,9 @@ def improved(vehicle: Vehicle, problem: Problem, result: Result) -> str:
     fields = Config().fields
     lines = [f"# {source}, improved by tselab gap {__version__} from {logs}", *_verdict(result), ""]
     facts = {k: v for k, v in vehicle.facts.items() if k not in HINT_ONLY}
-    lines += [f"{k} = {json.dumps(v, ensure_ascii=False)}" for k, v in facts.items() if isinstance(v, (str, int, float))]
+    lines += [
+        f"{k} = {json.dumps(v, ensure_ascii=False)}" for k, v in facts.items() if isinstance(v, (str, int, float))
+    ]
     band = stiffness_bands(problem, fit)
     for key in vehicle_settings():
         if key in values:
@@ -96,7 +98,9 @@ def improved(vehicle: Vehicle, problem: Problem, result: Result) -> str:
     if vehicle.told_uncertainty:
         lines += ["", "[uncertainty]", *(f"{k} = {values[k]!r}  # {fields[k].unit}" for k in vehicle.told_uncertainty)]
     late = latency_settings()
-    logged = {k: found.get(late[k], values.get(late[k], 0.0)) for k in late if late[k] in found or k in vehicle.told_latency}
+    logged = {
+        k: found.get(late[k], values.get(late[k], 0.0)) for k in late if late[k] in found or k in vehicle.told_latency
+    }
     if logged:
         lines += ["", "[latency]", *(f"{k} = {v!r}  # {fields[late[k]].unit}" for k, v in logged.items())]
     sensors = [k for k in sensor_settings() if k in values]
@@ -109,7 +113,10 @@ def improved(vehicle: Vehicle, problem: Problem, result: Result) -> str:
     for effect in library().effects.values():
         n = mine.get(effect.id)
         if effect.id in PROFILES and n:
-            lines += ["", f"# {effect.title}: a profile over the distance, of the road and not of the car: not written."]
+            lines += [
+                "",
+                f"# {effect.title}: a profile over the distance, of the road and not of the car: not written.",
+            ]
         if all(getattr(config, p.setting) == 0 for p in effect.strengths):
             continue
         lines += ["", f"[effects.{effect.id}]  # {effect.title}{'' if n else ', as it was told'}"]
@@ -128,7 +135,9 @@ def _verdict(result: Result) -> list[str]:
     if result.verdict == "named":
         return ["# Stiffness and the effects below were fitted together: they belong together."]
     if result.formula is not None:
-        return ["# Something is missing that is not in the catalogue: stiffness and a formula for it were fitted together."]
+        return [
+            "# Something is missing that is not in the catalogue: stiffness and a formula for it were fitted together."
+        ]
     return ["# Something is missing that is not in the catalogue: stiffness fitted without it, nothing added."]
 
 
@@ -136,7 +145,9 @@ def _parameter(p: EffectParameter, value: float, n: Named | None) -> str:
     band = ""
     if n and p.setting in n.ci95:
         low, high = n.ci95[p.setting]
-        band = f", 95 %: {low:.3g} .. {high:.3g}" if np.isfinite([low, high]).all() else ", not determined by these logs"
+        band = (
+            f", 95 %: {low:.3g} .. {high:.3g}" if np.isfinite([low, high]).all() else ", not determined by these logs"
+        )
     return f"{p.name} = {value!r}  # {p.unit}: {p.text}{band}"
 
 
@@ -182,7 +193,9 @@ def header(vehicle: Vehicle) -> str:
         f = fields[key]
         number = f"{int(value)}" if f.is_integer else f"(tse_setting){float(value)!r}"
         unit = "" if f.unit in ("", "1") else f"{f.unit}: "
-        body.append(f"  c->{key:<{width}} = {number};  /* {_plain(unit + (parameter.text if parameter else f.text))} */")
+        body.append(
+            f"  c->{key:<{width}} = {number};  /* {_plain(unit + (parameter.text if parameter else f.text))} */"
+        )
     return "\n".join(
         [
             f"/* {_plain(vehicle.name)}: settings of tse_config, with the effects that the logs of this car show.",

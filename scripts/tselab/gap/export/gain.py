@@ -46,7 +46,9 @@ class Gain:
     drives: list[Drive]
     evidence: tuple[float, float]
     valid: tuple[dict[str, float], dict[str, float]]
-    spread: tuple[dict[str, float], dict[str, float]]  # sd over the logs, share of the mean; NaN: fewer than two show it
+    spread: tuple[
+        dict[str, float], dict[str, float]
+    ]  # sd over the logs, share of the mean; NaN: fewer than two show it
 
     def words(self) -> list[str]:
         """For the terminal."""
@@ -95,7 +97,9 @@ def gain(
         )
     rows = np.array([len(log) for _, _, log in logs], float)
     evidence = tuple(float(np.average([d.evidence[k] for d in drives], weights=rows)) for k in (0, 1))
-    valid = tuple({s: float(np.average([d.valid[k][s] for d in drives], weights=rows)) for s in STIFFNESS} for k in (0, 1))
+    valid = tuple(
+        {s: float(np.average([d.valid[k][s] for d in drives], weights=rows)) for s in STIFFNESS} for k in (0, 1)
+    )
     return Gain(drives, evidence, valid, _spread(drives))
 
 

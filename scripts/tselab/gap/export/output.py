@@ -93,9 +93,7 @@ def estimator(gained: gain.Gain) -> dict[str, Any]:
         "log_evidence_per_row": pair(gained.evidence),
         "valid": pair(gained.valid),
         "stiffness_sd_between_logs": pair(gained.spread),
-        "logs": [
-            {k: pair(v) if isinstance(v, tuple) else v for k, v in asdict(d).items()} for d in gained.drives
-        ],
+        "logs": [{k: pair(v) if isinstance(v, tuple) else v for k, v in asdict(d).items()} for d in gained.drives],
     }
 
 

@@ -212,7 +212,9 @@ def ranking(entries: Sequence[dict], named: Sequence[str], need: float) -> go.Fi
     _layout(figure, 60 + 24 * len(top) + 60)
     figure.update_layout(margin_l=190, margin_t=24)
     most = np.log10(1.2 * max(need, *(e["nats"] for e in top)))
-    figure.update_xaxes(title_text=f"evidence [nat]; dashed: {need:.1f}, which a name needs", type="log", range=[0, most])
+    figure.update_xaxes(
+        title_text=f"evidence [nat]; dashed: {need:.1f}, which a name needs", type="log", range=[0, most]
+    )
     return figure
 
 
@@ -220,14 +222,18 @@ def entry_points(entries: Sequence[Entry]) -> go.Figure | None:
     if not entries:
         return None
     top = list(entries)[::-1]
-    names = [f"{e.place}: follows the steering" if e.place == ROAD and e.follows > MOST_FOLLOWED else e.place for e in top]
+    names = [
+        f"{e.place}: follows the steering" if e.place == ROAD and e.follows > MOST_FOLLOWED else e.place for e in top
+    ]
     figure = go.Figure(
         go.Bar(x=[max(e.nats, 0.0) for e in top], y=names, orientation="h", marker_color=PURPLE,
                text=[f"{100 * e.share:.0f} %" for e in top], hovertemplate="%{y}: %{x:.0f} nats<extra></extra>")
     )  # fmt: skip
     _layout(figure, 60 + 24 * len(top) + 60)
     figure.update_layout(margin_l=220, margin_t=24)
-    figure.update_xaxes(title_text="evidence for a disturbance that enters there [nat]; text: share of the gap that it takes up")
+    figure.update_xaxes(
+        title_text="evidence for a disturbance that enters there [nat]; text: share of the gap that it takes up"
+    )
     return figure
 
 
@@ -294,7 +300,11 @@ def response_figure(blocks: list[Blocks]) -> tuple[go.Figure, str] | None:
 
 def stiffness_figure(gain: Gain, config: Config) -> go.Figure | None:
     """What the estimator says of each log, before and after: one car, so one height."""
-    keys = [k for k in STIFFNESS if any(np.isfinite(d.stiffness[1][k]) or np.isfinite(d.stiffness[0][k]) for d in gain.drives)]
+    keys = [
+        k
+        for k in STIFFNESS
+        if any(np.isfinite(d.stiffness[1][k]) or np.isfinite(d.stiffness[0][k]) for d in gain.drives)
+    ]
     if not keys:
         return None
     titles = [f"{NAMES[k]} [{UNITS[k]}]" for k in keys]
@@ -306,7 +316,9 @@ def stiffness_figure(gain: Gain, config: Config) -> go.Figure | None:
             figure.add_trace(go.Scatter(x=names, y=y, mode="markers", name=when, legendgroup=when, showlegend=col == 1,
                                         marker={"color": colour, "size": 10, "symbol": "circle" if k else "circle-open",
                                                 "line": {"width": 2, "color": colour}}), row=1, col=col)  # fmt: skip
-        figure.add_hline(y=getattr(config, NOMINAL[key]) / 1000, line={"color": GREEN, "dash": "dot", "width": 1.2}, row=1, col=col)
+        figure.add_hline(
+            y=getattr(config, NOMINAL[key]) / 1000, line={"color": GREEN, "dash": "dot", "width": 1.2}, row=1, col=col
+        )
     figure.update_xaxes(tickangle=40)
     return _layout(figure, 420, margin_b=130)
 
@@ -385,7 +397,14 @@ def _draw_bars(axis: object, parts: Mapping[str, Mapping[str, Change]]) -> None:
             ticks.append(place)
             place += 1.0
         middle = 0.5 * (start + place - 1.0)
-        axis.text(middle, 1.13 * top, {"fit": "fitted", "held_out": "held out"}[part], ha="center", color="#52606d", fontsize=10)
+        axis.text(
+            middle,
+            1.13 * top,
+            {"fit": "fitted", "held_out": "held out"}[part],
+            ha="center",
+            color="#52606d",
+            fontsize=10,
+        )
         place += 0.5
     axis.axhline(1.0, color=INK, lw=1.1, ls=(0, (4, 3)))
     axis.set_xticks(ticks, labels, fontsize=9)
@@ -403,7 +422,9 @@ def disturbance_figure(problem: Problem, latent: Latent, explained: list[Explain
     log = problem.rows.log[moments]
     worst = max(np.unique(log), key=lambda i: float(np.mean(latent.value[moments[log == i]] ** 2)))
     best = explained[0] if explained else None
-    over = f"over {best.name}: explains {100 * best.share:.0f} %" if best else "follows no quantity more than chance does"
+    over = (
+        f"over {best.name}: explains {100 * best.share:.0f} %" if best else "follows no quantity more than chance does"
+    )
     titles = [f"{latent.place} in {log_names(problem)[worst]}", over]
     result = make_subplots(1, 2, column_widths=[0.6, 0.4], horizontal_spacing=0.1, subplot_titles=titles)
     mine = moments[log == worst]

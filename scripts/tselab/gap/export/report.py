@@ -92,22 +92,36 @@ def write_report(path: Path, shown: Shown) -> None:
         numbers=number_rows(result),
         tried=tried_rows(result),
         conditions=[
-            {"words": c.words, "strength": f"{c.strength:+.2f}", "p": f"{c.p:.1g}"} for c in result.conditions[:MOST_CONDITIONS]
+            {"words": c.words, "strength": f"{c.strength:+.2f}", "p": f"{c.p:.1g}"}
+            for c in result.conditions[:MOST_CONDITIONS]
         ],
         more_conditions=max(0, len(result.conditions) - MOST_CONDITIONS),
         remains=[r.words for r in result.remainders],
         undetectable=[_detectable(d) for d in sorted(result.undetectable, key=lambda d: d.smallest / d.typical)],
-        detectable=[_detectable(d) for d in sorted(result.detectable, key=lambda d: d.smallest / d.typical) if d.visible],
-        possible=[{"id": p["id"], "probability": f"{100 * p['probability']:.0f} %", "why": p["why"]} for p in naming.possible],
+        detectable=[
+            _detectable(d) for d in sorted(result.detectable, key=lambda d: d.smallest / d.typical) if d.visible
+        ],
+        possible=[
+            {"id": p["id"], "probability": f"{100 * p['probability']:.0f} %", "why": p["why"]} for p in naming.possible
+        ],
         rivals=[
-            {"names": " + ".join(r["ids"]) or "no name", "formula": r["formula"] or "-", "probability": _percent(r["probability"])}
+            {
+                "names": " + ".join(r["ids"]) or "no name",
+                "formula": r["formula"] or "-",
+                "probability": _percent(r["probability"]),
+            }
             for r in result.rivals
         ],
-        sets=[{"ids": " + ".join(s["ids"]) or "nothing", "probability": f"{100 * s['probability']:.1f} %"} for s in naming.sets],
+        sets=[
+            {"ids": " + ".join(s["ids"]) or "nothing", "probability": f"{100 * s['probability']:.1f} %"}
+            for s in naming.sets
+        ],
         gain=gain_rows(shown.gain) if shown.gain else [],
         proof=shown.proof,
         held=bool(result.held_out),
-        sections=[{"id": f"plot{i}", "title": t, "text": x, "height": f.layout.height} for i, (t, x, f) in enumerate(drawn)],
+        sections=[
+            {"id": f"plot{i}", "title": t, "text": x, "height": f.layout.height} for i, (t, x, f) in enumerate(drawn)
+        ],
         figures=packed("[" + ",".join(f.to_json() for _, _, f in drawn) + "]"),
         plotly=packed(plotly.offline.get_plotlyjs()),
         facts=facts(shown),
@@ -175,7 +189,14 @@ def number_rows(result: Result) -> list[dict]:
     rows = []
     for n in result.formula.numbers if result.formula else ():
         unit = "" if n.unit in ("", "1") else f" {n.unit}"
-        rows.append({"name": n.name, "text": n.text, "value": f"{n.value:.4g}{unit}", "sd": "-" if n.sd is None else f"{n.sd:.2g}"})
+        rows.append(
+            {
+                "name": n.name,
+                "text": n.text,
+                "value": f"{n.value:.4g}{unit}",
+                "sd": "-" if n.sd is None else f"{n.sd:.2g}",
+            }
+        )
     return rows
 
 

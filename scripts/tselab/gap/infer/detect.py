@@ -37,7 +37,9 @@ class Detectable:
         return self.smallest <= self.typical
 
 
-def detectable(problem: Problem, current: Fit, effects: Sequence[Effect], need: float | None = None) -> list[Detectable]:
+def detectable(
+    problem: Problem, current: Fit, effects: Sequence[Effect], need: float | None = None
+) -> list[Detectable]:
     """Every effect with its smallest detectable size; of several strengths the one that shows best."""
     need = need or threshold(len(effects))
     parameters = [p for e in effects for p in problem.strengths(e)]
@@ -59,7 +61,9 @@ def detectable(problem: Problem, current: Fit, effects: Sequence[Effect], need: 
         best: tuple[float, Parameter, float] | None = None
         for p, full, rest in zip(mine, a.T, own.T, strict=True):
             power, total = float(rest @ (weight * rest)), float(full @ (weight * full))
-            smallest = float(np.sqrt(2.0 * need / power)) if power > 1e-12 * max(total, 1e-300) and power > 0 else float("inf")
+            smallest = (
+                float(np.sqrt(2.0 * need / power)) if power > 1e-12 * max(total, 1e-300) and power > 0 else float("inf")
+            )
             if smallest > max(p.high - p.default, p.default - p.low):
                 smallest = float("inf")
             absorbed = 1.0 - power / total if total > 0 else 1.0
@@ -68,7 +72,9 @@ def detectable(problem: Problem, current: Fit, effects: Sequence[Effect], need: 
         if best is None:
             continue
         smallest, p, absorbed = best
-        found.append(Detectable(e.id, e.strengths[0].name if e.id in PROFILES else p.name, p.unit, smallest, p.scale, absorbed))
+        found.append(
+            Detectable(e.id, e.strengths[0].name if e.id in PROFILES else p.name, p.unit, smallest, p.scale, absorbed)
+        )
     return found
 
 

@@ -93,7 +93,9 @@ def _pieces(log: Prepared) -> list[Stretch]:
     return found
 
 
-def _slopes(layout: Layout, baseline: Fit, asked: Sequence[Hypothesis], residuals: list[np.ndarray]) -> list[np.ndarray]:
+def _slopes(
+    layout: Layout, baseline: Fit, asked: Sequence[Hypothesis], residuals: list[np.ndarray]
+) -> list[np.ndarray]:
     """A table for each group: slopes in units of prior sd, and the residual itself, without what is the bias's."""
     parameters: list[Parameter] = [*STIFFNESS, *(p for h in asked for p in h.effect.strengths)]
     shapes = {p.name: start_of(p) for h in asked for p in h.effect.shapes}

@@ -34,7 +34,17 @@ ABSORBED = ("steering_compliance", "aligning_moment")
 
 def _late(name: str, title: str, channels: str) -> Effect:
     parameter = Parameter(
-        name, name, True, "s", 0.0, -MOST_LATE, MOST_LATE, *LATE, LATE[0], 0, "values are so much older than their row says"
+        name,
+        name,
+        True,
+        "s",
+        0.0,
+        -MOST_LATE,
+        MOST_LATE,
+        *LATE,
+        LATE[0],
+        0,
+        "values are so much older than their row says",
     )
     return Effect(name, "SENSOR", title, ("sensors",), channels, (), "works", (parameter,))
 
@@ -67,8 +77,11 @@ class Hypothesis:
         first = max(strengths, key=lambda p: abs(away[p.name]) / p.scale)
         total = 0.0
         for p in strengths:
-            total += ln_size(p, away[p.name]) if p is first else -0.5 * (away[p.name] / (OTHER_SD * p.scale)) ** 2 - math.log(
-                OTHER_SD * p.scale * math.sqrt(2 * math.pi)
+            total += (
+                ln_size(p, away[p.name])
+                if p is first
+                else -0.5 * (away[p.name] / (OTHER_SD * p.scale)) ** 2
+                - math.log(OTHER_SD * p.scale * math.sqrt(2 * math.pi))
             )
         return total - math.log(len(strengths))
 
@@ -88,7 +101,11 @@ def ln_size(p: Parameter, away: float) -> float:
 def hypotheses(effects: Iterable[Effect] | None = None) -> list[Hypothesis]:
     """All that is asked, in the order of the catalogue."""
     known = list(catalogue().values() if effects is None else effects)
-    asked = [replace(e, parameters=e.strengths[:1]) if e.id == "bank" else e for e in known if e.id not in ("grade", *ABSORBED)]
+    asked = [
+        replace(e, parameters=e.strengths[:1]) if e.id == "bank" else e
+        for e in known
+        if e.id not in ("grade", *ABSORBED)
+    ]
     physics = [e for e in asked if e.id not in (*SENSORS, *EVERY_CAR)]
     share = EXPECTED / max(len(physics), 2)  # of a list of one, too, it may not be there
     # a road that leans one way all along is asked for as bank; a grade of that kind is a bias of accel_x. Profiles: naming.py.

@@ -161,7 +161,8 @@ def without(problem: Problem, naming: Naming, kept: frozenset[str], why: str) ->
     named = [
         _moved(n, {k: final.values[k] for k in n.values})
         for n in naming.named
-        if n.effect.id in flat and not all(abs(final.values[p.name] - p.default) < p.negligible for p in n.effect.strengths)
+        if n.effect.id in flat
+        and not all(abs(final.values[p.name] - p.default) < p.negligible for p in n.effect.strengths)
     ]
     if roads:
         final = _with_roads(problem, final, [n.effect for n in roads])
@@ -229,7 +230,9 @@ def on_all(problem: Problem, baseline: Fit, naming: Naming) -> Naming:
         final, converged = as_fit(problem, plain), plain.converged
         for n in (n for n in naming.named if n.effect.id in ids):
             named.append(_moved(n, {p.name: plain.values[p.name] for p in n.effect.fitted}))
-    roads = [n.effect for n in naming.named if n.effect.id not in ids and len(problem.strengths(n.effect)) <= MOST_KNOTS]
+    roads = [
+        n.effect for n in naming.named if n.effect.id not in ids and len(problem.strengths(n.effect)) <= MOST_KNOTS
+    ]
     if roads:
         final = _with_roads(problem, final, roads)
     full = excess(problem, baseline.residuals)
@@ -275,7 +278,14 @@ class Probability:
 
 
 def _named(
-    problem: Problem, search: Search, final: Judged, plain: Judged, last: Fit, h: Hypothesis, probability: Probability, full: float
+    problem: Problem,
+    search: Search,
+    final: Judged,
+    plain: Judged,
+    last: Fit,
+    h: Hypothesis,
+    probability: Probability,
+    full: float,
 ) -> Named:
     found = _sized(h, plain, probability, final)
     without = search.judge(final.ids - {h.id}, final.values, final)
@@ -294,7 +304,9 @@ def _sized(h: Hypothesis, judged: Judged, probability: Probability, rough: Judge
     """`rough`: the set as it was fitted with forms that may be off, whose sd stands."""
     sd, z = (rough or judged).sd(), float(norm.ppf(0.975))
     values = {p.name: judged.values[p.name] for p in h.effect.fitted}
-    item = Named(h.effect, values, {k: (v - z * sd[k], v + z * sd[k]) for k, v in values.items()}, 0.0, 0.0, sensor=h.sensor)
+    item = Named(
+        h.effect, values, {k: (v - z * sd[k], v + z * sd[k]) for k, v in values.items()}, 0.0, 0.0, sensor=h.sensor
+    )
     item.probability = probability.effects.get(h.id, 0.0)
     whole = probability.of_class(h.id)
     instead = probability.in_place(h.id)
@@ -334,14 +346,20 @@ def _roads(problem: Problem, final: Judged, last: Fit, roads: Sequence[Effect], 
         size = profile_size(e, with_it.values)
         mine = problem.rows.of(channel) & (problem.weight > 0)
         before, after = (float(f.residuals[mine] @ f.residuals[mine]) - int(mine.sum()) for f in (last, with_it))
-        if size < e.strengths[0].negligible or before - after < ROAD_SHARE * before or _harms(problem, last, with_it, channel):
+        if (
+            size < e.strengths[0].negligible
+            or before - after < ROAD_SHARE * before
+            or _harms(problem, last, with_it, channel)
+        ):
             continue
         p = e.strengths[0].name
         share = (excess(problem, last.residuals) - excess(problem, with_it.residuals)) / max(full, 1e-300)
         spread = size / np.sqrt(2.0 * max(len(problem.strengths(e)), 1))
         z = float(norm.ppf(0.975))
         odds = float(np.exp(min(gain + prior, 50.0)))
-        found.append(Named(e, {p: size}, {p: (max(0.0, size - z * spread), size + z * spread)}, share, gain, odds / (1 + odds)))
+        found.append(
+            Named(e, {p: size}, {p: (max(0.0, size - z * spread), size + z * spread)}, share, gain, odds / (1 + odds))
+        )
     return found
 
 
@@ -386,7 +404,11 @@ def settings(problem: Problem, values: Mapping[Key, float]) -> dict[str, float]:
     """Fitted values as settings of a vehicle file: delays that are negative, and what is late, as latencies of channels. What is of
     the road is not of the car."""
     told = problem.config.as_dict()
-    others = {*SIGNED_DELAYS, *latency_settings().values(), *(p.name for e in PROFILES for p in catalogue()[e].parameters)}
+    others = {
+        *SIGNED_DELAYS,
+        *latency_settings().values(),
+        *(p.name for e in PROFILES for p in catalogue()[e].parameters),
+    }
     found = {k: v for k, v in of_the_car(values).items() if k in problem.config and k not in others}
     later = dict.fromkeys((*DRIVES, "accel_x", "accel_y"), 0.0) | problem.later(values)
     for key, channels in (("steering_delay_time", ("steer_angle",)), ("imu_delay_time", DRIVES)):

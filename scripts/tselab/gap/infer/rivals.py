@@ -37,7 +37,9 @@ from tselab.gap.problem import Problem
 LEAST_CLOSED, WORTHWHILE, MOST_POSSIBLE, NOISE_LIMIT, OUTSIDE, FEWER = constants.of(
     __name__, "LEAST_CLOSED", "WORTHWHILE", "MOST_POSSIBLE", "NOISE_LIMIT", "OUTSIDE", "FEWER"
 )  # fmt: skip
-INSTEAD = "a formula explains about as much or more for what it costs"  # why what the search named has no name in the end
+INSTEAD = (
+    "a formula explains about as much or more for what it costs"  # why what the search named has no name in the end
+)
 
 
 @dataclass
@@ -103,7 +105,9 @@ class Worlds:
 
     def best(self) -> World:
         """The likeliest of those whose names all stand."""
-        return max((w for w in self.known if all(self.with_name(i) >= NAME_AT for i in w.names)), key=lambda w: w.probability)
+        return max(
+            (w for w in self.known if all(self.with_name(i) >= NAME_AT for i in w.names)), key=lambda w: w.probability
+        )
 
     def _residuals(self, last: Fit, values: Mapping[str, float]) -> list[np.ndarray]:
         if self.held is None:

@@ -79,11 +79,14 @@ def latent(problem: Problem, residuals: np.ndarray, values: Mapping[str, float],
             sizes = noise[0] * np.tile(SIZES, len(TIMES)) if along else entry.size * np.array(FACTORS)
         time = rows.time[mine[0]]
         if along:
-            models = [_longitudinal(time, w, noise, *st) for st in zip(sizes, np.repeat(TIMES, len(SIZES)), strict=True)]
+            models = [
+                _longitudinal(time, w, noise, *st) for st in zip(sizes, np.repeat(TIMES, len(SIZES)), strict=True)
+            ]
         else:
             stiffness = problem.stiffness(values, i)
             models = [
-                _lateral(problem.config, stiffness, replace(entry, size=s), time, speed[mine[0]], w, noise) for s in sizes
+                _lateral(problem.config, stiffness, replace(entry, size=s), time, speed[mine[0]], w, noise)
+                for s in sizes
             ]
         pieces[i] = z, models
     if not pieces:
@@ -100,7 +103,13 @@ def latent(problem: Problem, residuals: np.ndarray, values: Mapping[str, float],
 
 
 def _lateral(
-    c: Config, stiffness: dict[str, float], entry: Entry, time: np.ndarray, speed: np.ndarray, w: np.ndarray, noise: np.ndarray
+    c: Config,
+    stiffness: dict[str, float],
+    entry: Entry,
+    time: np.ndarray,
+    speed: np.ndarray,
+    w: np.ndarray,
+    noise: np.ndarray,
 ) -> tuple[np.ndarray, ...]:
     """Transitions, their noise, readings and start of the model of where._filter(): states vel_y, yaw rate, disturbance over
     its size; and, which it does not need, the biases of both sensors over their noise, constant: residuals are without their
@@ -125,12 +134,16 @@ def _lateral(
     h[:, 1, 1], h[:, 1, 2] = 1.0, to_r
     h[:, [0, 1], [3, 4]] = noise
     p = np.diag([0.0, 0.0, 1.0, BIAS**2, BIAS**2])
-    for _ in range(round(BURN_IN / BLOCK)):  # a stretch has been simulated so long before it is compared: the car has answered
+    for _ in range(
+        round(BURN_IN / BLOCK)
+    ):  # a stretch has been simulated so long before it is compared: the car has answered
         p = f[0] @ p @ f[0].T + q[0]
     return f, q, w[:, :, None] * h, p
 
 
-def _longitudinal(time: np.ndarray, w: np.ndarray, noise: np.ndarray, size: float, tau: float) -> tuple[np.ndarray, ...]:
+def _longitudinal(
+    time: np.ndarray, w: np.ndarray, noise: np.ndarray, size: float, tau: float
+) -> tuple[np.ndarray, ...]:
     """The same for a disturbance that accel_x reads, and its bias."""
     n = len(time)
     f, q, h = np.tile(np.eye(2), (n, 1, 1)), np.zeros((n, 2, 2)), np.zeros((n, 1, 2))
@@ -140,7 +153,9 @@ def _longitudinal(time: np.ndarray, w: np.ndarray, noise: np.ndarray, size: floa
     return f, q, h, np.diag([1.0, BIAS**2])
 
 
-def _forward(z: np.ndarray, f: np.ndarray, q: np.ndarray, h: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, list[tuple]]:
+def _forward(
+    z: np.ndarray, f: np.ndarray, q: np.ndarray, h: np.ndarray, p: np.ndarray
+) -> tuple[np.ndarray, list[tuple]]:
     """Kalman filter, of many models at once if they are stacked: log likelihood; and of each block state, covariance,
     innovation, the inverse of its covariance and gain. Noise of a reading is 1; what was not measured has a row of zeros in
     h, and so neither gain nor say in the likelihood."""

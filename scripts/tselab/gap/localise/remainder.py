@@ -35,7 +35,9 @@ class Remainder:
     words: str
 
 
-def remainder(problem: Problem, residuals: np.ndarray, features: dict[str, np.ndarray], limit: float) -> list[Remainder]:
+def remainder(
+    problem: Problem, residuals: np.ndarray, features: dict[str, np.ndarray], limit: float
+) -> list[Remainder]:
     """Every channel; `limit`: rms over noise up to which nothing is left."""
     found = []
     rng = np.random.default_rng(1)

@@ -49,7 +49,9 @@ class Entry:
     follows: float  # share of the disturbance's variance that the car's own lateral acceleration explains
 
 
-def windows(problem: Problem, residuals: np.ndarray, features: dict[str, np.ndarray]) -> dict[str, dict[str, np.ndarray]]:
+def windows(
+    problem: Problem, residuals: np.ndarray, features: dict[str, np.ndarray]
+) -> dict[str, dict[str, np.ndarray]]:
     """Per channel: energy (mean square) and the features' means in windows of 1 s; features have one value per residual."""
     found = {}
     rows = problem.rows
@@ -59,7 +61,10 @@ def windows(problem: Problem, residuals: np.ndarray, features: dict[str, np.ndar
         _, index = np.unique(key, return_inverse=True)
         count = np.bincount(index).astype(float)
         enough = count >= 0.5 * count.max()
-        table = {"energy": np.bincount(index, residuals[mine] ** 2) / count, "log": np.bincount(index, rows.log[mine]) / count}
+        table = {
+            "energy": np.bincount(index, residuals[mine] ** 2) / count,
+            "log": np.bincount(index, rows.log[mine]) / count,
+        }
         for name, x in features.items():
             table[name] = np.bincount(index, np.nan_to_num(x[mine])) / count
         found[CHANNELS[c]] = {name: x[enough] for name, x in table.items()}
@@ -137,7 +142,9 @@ def enters(car: SingleTrack, place: str, size: float = 1.0) -> tuple[float, floa
     """What a disturbance of this size at a place does to vel_y [m/s2] and yaw rate [rad/s2], and at once to the readings of accel_y
     and yaw_rate: an accelerometer feels forces and not gravity."""
     lever = {"front axle": car.lf, "rear axle": -car.lr, "side force": 0.0}
-    across, turning = car.pushed(size if place in lever else 0.0, lever.get(place, 0.0), size if place == "yaw moment" else 0.0)
+    across, turning = car.pushed(
+        size if place in lever else 0.0, lever.get(place, 0.0), size if place == "yaw moment" else 0.0
+    )
     felt = across + (size if place == "sensor accel_y" else 0.0)
     return across + (size if place == ROAD else 0.0), turning, felt, size if place == "sensor yaw_rate" else 0.0
 
@@ -236,7 +243,12 @@ def _filter(problem: Problem, values: dict[str, float], piece: tuple, places: li
     x = np.zeros((*shape, 3, n))
     p = np.zeros((*shape, 3, 3))
     p[..., 2, 2] = size**2
-    products, left, spread, plain = np.zeros((*shape, n, n)), np.zeros((*shape, n, n)), np.zeros(shape), np.zeros((n, n))
+    products, left, spread, plain = (
+        np.zeros((*shape, n, n)),
+        np.zeros((*shape, n, n)),
+        np.zeros(shape),
+        np.zeros((n, n)),
+    )
     disturbance = np.zeros((len(signals), *shape, n))
     a = np.zeros((*shape, 3, 3))
     a[..., 2, 2] = -1.0 / tau

@@ -28,7 +28,9 @@ COARSE = 0.02  # a value in steps of so much of its range is coarse
 FILLED = 0.35  # of the size of the steps: what is left of them where the other signal is the rest
 
 
-def flag_of(recording: Recording, mine: Channel, taken: frozenset[str] | set[str] = frozenset()) -> tuple[str, float] | None:
+def flag_of(
+    recording: Recording, mine: Channel, taken: frozenset[str] | set[str] = frozenset()
+) -> tuple[str, float] | None:
     """The flag of a signal's message whose name is alike, and its value where the signal is valid. One that would call a tenth of
     the log invalid is none, nor one that never changes: what its value means nobody said."""
     found = sorted(
@@ -119,7 +121,9 @@ def _rest(g: Guess, mine: Channel, beside: list[Channel]) -> None:
         if both < FILLED * rough and float(np.nanmax(np.abs(c.value))) <= step:
             g.add = c.name
             smoother = rough / max(both, 1e-12)
-            g.figures.append(f"in steps of {step:g} {g.unit}, which {c.name} fills: with it {smoother:.0f} times as smooth")
+            g.figures.append(
+                f"in steps of {step:g} {g.unit}, which {c.name} fills: with it {smoother:.0f} times as smooth"
+            )
             return
     g.figures.append(f"in steps of {step:g} {g.unit}")
 

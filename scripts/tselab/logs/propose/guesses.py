@@ -21,7 +21,12 @@ SIZE = "its size says so"
 MOUNTED = 0.12  # rad: an IMU that is turned by less costs 1 % of accel_y, and calibrate finds it
 # A steering angle that nobody names the unit of, on a log that does not turn enough to test it: by the size of its larger values
 # (97 % quantile; sd 1 of the logarithm) and by how common each is among logs
-SIZES = {("deg", True): (45.0, 0.6), ("rad", False): (0.05, 0.25), ("rad", True): (0.8, 0.1), ("deg", False): (3.0, 0.05)}
+SIZES = {
+    ("deg", True): (45.0, 0.6),
+    ("rad", False): (0.05, 0.25),
+    ("rad", True): (0.8, 0.1),
+    ("deg", False): (3.0, 0.05),
+}
 USUAL_RATIO, USUAL_RATIO_SD = 15.5, 0.12  # and 12 .. 20, of its logarithm
 
 
@@ -271,7 +276,9 @@ def _wheel(
     confidence = "sure" if named and agree and len(wheels) > 1 else "likely" if named else "unsure"
     origin = _from(look, mine[0], unit, "wheel")
     unsure = [] if named else ["which wheel is which"]
-    unsure += ["its unit"] if origin == SIZE and not ({"accel_y", "accel_x", "track", "speed"} & set(scale.figures)) else []
+    unsure += (
+        ["its unit"] if origin == SIZE and not ({"accel_y", "accel_x", "track", "speed"} & set(scale.figures)) else []
+    )
     if unsure and confidence == "sure":
         confidence = "likely"
     return Guess(
@@ -286,7 +293,12 @@ def _wheel(
 
 
 def _turned(
-    look: Look, found: Mapping[str, Guess], scale: Scale, sign: Mapping[str, float], v: np.ndarray | None, warnings: list[str]
+    look: Look,
+    found: Mapping[str, Guess],
+    scale: Scale,
+    sign: Mapping[str, float],
+    v: np.ndarray | None,
+    warnings: list[str],
 ) -> None:
     """An IMU that is mounted turned about the vertical axis: accel_y has a part of the acceleration along the car, and its own is
     less by the cosine. Both follow from one regression on v r and dv/dt, each with its sd."""

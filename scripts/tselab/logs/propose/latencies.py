@@ -47,7 +47,9 @@ def find_latencies(
         _late(look, found["accel_y"], clock, late, sd, "a_y against v r, the body's own part taken out")
 
 
-def _late_steering(look: Look, guess: Guess, v: np.ndarray, r: np.ndarray, keep: np.ndarray, warnings: list[str]) -> None:
+def _late_steering(
+    look: Look, guess: Guess, v: np.ndarray, r: np.ndarray, keep: np.ndarray, warnings: list[str]
+) -> None:
     """A car turns YAW_LAG after its wheels are turned. Where the yaw rate follows sooner, or comes before the angle, which no car
     does, the angle is late. What is less than cars differ by shows only in a fit of the whole car: calibrate."""
     steered = v * look.x[guess.name[0]] / (1.0 + physics.UNDERSTEER * v**2)

@@ -70,7 +70,9 @@ def find_units(
             choices = [end] + [u for u in choices if not same_unit(u, end, role)]
         cost = CONTRADICTED if said else SUFFIX if end and choices[0] == end else UNSAID
         options[role] = [(u, 0.0 if i == 0 else cost) for i, u in enumerate(choices)]
-    tops = {r: float(np.nanquantile(np.abs(look.x[n]), 0.999)) for r, n in names.items() if np.isfinite(look.x[n]).any()}
+    tops = {
+        r: float(np.nanquantile(np.abs(look.x[n]), 0.999)) for r, n in names.items() if np.isfinite(look.x[n]).any()
+    }
     best: tuple[float, Scale] | None = None
     declared: tuple[float, Scale] | None = None
     for picks in product(*options.values()):
@@ -105,7 +107,9 @@ def _per(role: str, unit: str, car: Any | None) -> float:
     return float(factor(unit, "rad/s" if role == "yaw_rate" else "m/s2") or 1.0)
 
 
-def facts_of(look: Look, wheels: Mapping[str, str], chosen: Mapping[str, str], v: np.ndarray | None) -> dict[str, float]:
+def facts_of(
+    look: Look, wheels: Mapping[str, str], chosen: Mapping[str, str], v: np.ndarray | None
+) -> dict[str, float]:
     """Slopes between the signals as they are logged; only those that show."""
     facts: dict[str, float] = {}
     if v is None:

@@ -32,7 +32,9 @@ OTHERS = {  # what people have, that nobody reads here, and what to do
     ".npy": "save the arrays as MAT or Parquet", ".tdms": "export it as MF4 or CSV", ".d97": "export it as MF4",
     ".vbo": "export it as CSV", ".ld": "export it as CSV or MAT", ".json": "save the table as Parquet or CSV",
 }  # fmt: skip
-CANDUMP = re.compile(rb"\(\d+\.\d+\)\s+\w+\s+[0-9A-Fa-f]+#")  # (1489113253.31) can0 083#0FE0, whatever the file is called
+CANDUMP = re.compile(
+    rb"\(\d+\.\d+\)\s+\w+\s+[0-9A-Fa-f]+#"
+)  # (1489113253.31) can0 083#0FE0, whatever the file is called
 # a table with a frame per row: SavvyCAN's, python-can's and others of time, identifier, bytes
 FRAMES = re.compile(
     rb"[\"']?time[^,;\t\n]*[,;\t][^\n]*\b(id|arbitration_?id|can_?id|identifier)\b[^\n]*[,;\t]\s*[\"']?(data|d0|d1|byte_?[01]|data_?[01])\b",

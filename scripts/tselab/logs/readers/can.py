@@ -50,7 +50,9 @@ def _table(path: Path, can: Any, bus: Bus) -> Iterator[Any]:
         begin = [row for row, _ in zip(rows, range(FIRST), strict=False) if len(row) > max(time, ident)]
         decimal = _decimal({row[ident].strip() for row in begin}, bus)
         whole = all(re.fullmatch(r"\d+", row[time].strip()) for row in begin)
-        coded = one is not None and not all(HEXADECIMAL.match(row[one].replace(" ", "") or "0") for row in begin if len(row) > one)
+        coded = one is not None and not all(
+            HEXADECIMAL.match(row[one].replace(" ", "") or "0") for row in begin if len(row) > one
+        )
         for row in itertools.chain(begin, rows):
             if not row:
                 continue
@@ -114,10 +116,10 @@ def read(path: Path, how: How) -> Recording:
                 decode()
     except Exception as error:  # its parsers stumble over damage in many ways
         if not time and not len(times):
-            raise UserError(
-                f"{path}: is damaged, or not {kind} as its maker writes it: {str(error)[:120]}"
-            ) from None
-        notes.append(f"the file is damaged after {len(times) + len(time)} frames ({str(error)[:80]}): what is before is used")
+            raise UserError(f"{path}: is damaged, or not {kind} as its maker writes it: {str(error)[:120]}") from None
+        notes.append(
+            f"the file is damaged after {len(times) + len(time)} frames ({str(error)[:80]}): what is before is used"
+        )
     if time:
         decode()
     if not len(times):

@@ -49,7 +49,9 @@ def read(path: Path, how: How) -> Recording:
             raise UserError(f"{path}: [log] time: there is no {how.time!r}; it has {listed(vectors)}")
         times = {how.time: vectors[how.time]}
     if not times and len({len(v) for v in vectors.values()}) == 1:
-        return recording_of(path, "MAT", [Column(n, v) for n, v in vectors.items()], how, notes, room)  # in words of a table
+        return recording_of(
+            path, "MAT", [Column(n, v) for n, v in vectors.items()], how, notes, room
+        )  # in words of a table
     clocks: dict[str, np.ndarray] = {}
     channels: dict[str, Channel] = {}
     for name, v in vectors.items():

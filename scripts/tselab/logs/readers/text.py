@@ -110,7 +110,10 @@ class _Table:
     def _reading(self) -> Iterator[IO[str]]:
         """The text; errors of the parser in our words."""
         try:
-            with open(self.path, encoding=self.encoding, errors=self.errors, newline="") as file, warnings.catch_warnings():
+            with (
+                open(self.path, encoding=self.encoding, errors=self.errors, newline="") as file,
+                warnings.catch_warnings(),
+            ):
                 # the first row of each part may have more cells than there are columns, and pandas only warns of it
                 warnings.simplefilter("error", pd.errors.ParserWarning)
                 yield file

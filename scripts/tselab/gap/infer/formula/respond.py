@@ -71,7 +71,9 @@ def responses(
     return white
 
 
-def _moved(car: SingleTrack, along: float, s: Mapping[str, np.ndarray], place: str, u: np.ndarray) -> dict[str, np.ndarray]:
+def _moved(
+    car: SingleTrack, along: float, s: Mapping[str, np.ndarray], place: str, u: np.ndarray
+) -> dict[str, np.ndarray]:
     if place in ("accel_x", "accel_y", "yaw_rate"):
         return {place: u}
     v, m = np.maximum(s["vel_x"], SLOWEST), car.mass

@@ -163,7 +163,9 @@ def _diverse(listed: list[tuple[float, str, Term, float]]) -> list[tuple[float, 
 # ---- in the linearisation
 
 
-def screened(frame: Frame, place: str, last: Fit, more: Sequence[Term] | None = None) -> list[tuple[float, str, Term, float]]:
+def screened(
+    frame: Frame, place: str, last: Fit, more: Sequence[Term] | None = None
+) -> list[tuple[float, str, Term, float]]:
     """(nats less price, place, form, coefficient) of every form at a place, beside everything that `last` has fitted."""
     known = list(more if more is not None else terms.forms(place))
     found = []
@@ -200,7 +202,11 @@ def promise(frame: Frame, place: str, logs: list[np.ndarray], last: Fit) -> list
 
 
 def _fitted(
-    frame: Frame, place: str, parts: tuple[Term, ...], sizes: tuple[Mapping[str, float], ...], coefficients: tuple[float, ...]
+    frame: Frame,
+    place: str,
+    parts: tuple[Term, ...],
+    sizes: tuple[Mapping[str, float], ...],
+    coefficients: tuple[float, ...],
 ) -> list[Candidate]:
     """The formula with everything fitted; nothing where it does not fit in a program."""
     try:
@@ -213,14 +219,18 @@ def _fitted(
     return [refit(frame, formula, limits, parts)]
 
 
-def refit(frame: Frame, formula: Formula, limits: Mapping[str, tuple[float, float]], parts: tuple[Term, ...]) -> Candidate:
+def refit(
+    frame: Frame, formula: Formula, limits: Mapping[str, tuple[float, float]], parts: tuple[Term, ...]
+) -> Candidate:
     """Stiffness, all that is named, and the numbers of a formula, together."""
     slots = formula.slots
     own = [_parameter(slots[n.name], n.name, n.value, *limits[n.name], n.unit, n.text) for n in formula.numbers]
     problem = frame.balanced
     before, problem.fixed = problem.fixed, problem.fixed | frame.values | formula.settings()
     try:
-        found = fit(problem, [*frame.last.parameters, *own], frame.values | {p.name: p.default for p in own}, most=MOST_STEPS)
+        found = fit(
+            problem, [*frame.last.parameters, *own], frame.values | {p.name: p.default for p in own}, most=MOST_STEPS
+        )
     finally:
         problem.fixed = before
     formula = formula.with_values({p.key: found.values[p.name] for p in own})
@@ -268,7 +278,9 @@ def _chosen(frame: Frame, tried: list[Candidate], held: Problem | None) -> Disco
             c.changes = show.compare(held, before, after)
             total += worth(held, before, after, length)
             bears = all(x.ci95[0] <= 0 for x in c.changes.values()) and any(x.better for x in c.changes.values())
-        shown.append({"place": c.formula.place, "formula": c.formula.text, "nats": c.nats, "share": c.share, "held_out": bears})
+        shown.append(
+            {"place": c.formula.place, "formula": c.formula.text, "nats": c.nats, "share": c.share, "held_out": bears}
+        )
         if bears and total > best:
             chosen, best = c, total
     if chosen is None:
@@ -277,7 +289,9 @@ def _chosen(frame: Frame, tried: list[Candidate], held: Problem | None) -> Disco
             if any(c.changes for c in tried)
             else "none closes enough of the gap"
         )
-        return Discovery(None, None, 0.0, 0.0, {}, shown, [f"No formula is proposed: {len(tried)} were simulated, {why}."])
+        return Discovery(
+            None, None, 0.0, 0.0, {}, shown, [f"No formula is proposed: {len(tried)} were simulated, {why}."]
+        )
     formula = _described(frame, chosen)
     words = [
         f"A formula closes {100 * chosen.share:.0f} % of what is left: {formula.text}, at {formula.place}. It is a formula, not a "
@@ -301,7 +315,9 @@ def _described(frame: Frame, c: Candidate) -> Formula:
     slots = c.formula.slots
     sd = dict(
         zip(
-            (p.name for p in c.fit.parameters), np.sqrt(np.maximum(np.diag(covariance(frame.problem, c.fit)), 0.0)), strict=True
+            (p.name for p in c.fit.parameters),
+            np.sqrt(np.maximum(np.diag(covariance(frame.problem, c.fit)), 0.0)),
+            strict=True,
         )
     )
     numbers = tuple(replace(n, sd=float(sd[slots[n.name]])) for n in c.formula.numbers)
