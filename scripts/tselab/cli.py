@@ -21,7 +21,7 @@ from tselab.fmu.commands import fmu
 from tselab.gap.commands import gap
 from tselab.logs.commands import signals
 from tselab.montecarlo import STUDIES
-from tselab.options import FILE, FORM, PROGRESS, for_programs, key_values, reading, show_progress
+from tselab.options import FILE, FORM, JSON, PROGRESS, for_programs, key_values, reading, show_progress
 
 if TYPE_CHECKING:
     from tselab.log import Reading
@@ -334,6 +334,7 @@ class SimulateCommand(Lazy):
     help="Any setting of the simulator or vehicle; may be repeated.",
 )
 @PROGRESS
+@JSON
 def simulate(
     maneuver: str,
     vehicle_path: Path | None,
@@ -350,6 +351,7 @@ def simulate(
     noise: float | None,
     pairs: tuple[str, ...],
     progress: bool | None,
+    as_json: bool,
 ) -> None:
     """Simulate a manoeuvre: a log for 'tselab estimate', and the truth.
 
@@ -395,6 +397,14 @@ def simulate(
     write_table(with_references(result) if with_ref else result.log, out)
     if truth is not None:
         write_table(result.truth, truth)
+    if as_json:
+        from tselab import results
+
+        results.say_json(
+            {"maneuver": maneuver, "vehicle": vehicle.name, "rows": len(plan.time), "seconds": float(plan.time[-1]),
+             "seed": sim_config.seed, "filled": vehicle.filled, "notes": vehicle.notes, "written": {"log": out, "truth": truth}}
+        )  # fmt: skip
+        return
     for line in vehicle.filled:
         click.echo(f"filled in: {line}")
     for line in vehicle.notes:
@@ -432,7 +442,8 @@ class FormulaCommand(click.Command):
 @click.option(
     "--c", "header", metavar="OUT.h", type=FILE, help="Also write it as C, for a build with -DTSE_FORMULA=OUT.h."
 )
-def formula(path: Path, header: Path | None) -> None:
+@JSON
+def formula(path: Path, header: Path | None, as_json: bool) -> None:
     """Check a formula of the user, an effect that no catalogue has; also as C.
 
     \b
@@ -460,6 +471,19 @@ def formula(path: Path, header: Path | None) -> None:
 
     found = read_formula(path)
     place = library().formula_places[found.place]
+    if as_json:
+        from tselab import results
+
+        if header is not None:
+            with atomic(header) as file:
+                file.write(c_header(found))
+        numbers = [{"name": n.name, "value": n.value, "unit": n.unit, "text": n.text} for n in found.numbers]
+        results.say_json(
+            {"formula": path, "title": found.title, "place": found.place, "unit": place.unit, "gain": found.gain,
+             "text": found.text,
+             "numbers": numbers, "operations": len(found.operations), "settings": found.settings(), "written": header}
+        )  # fmt: skip
+        return
     click.echo(f"{path}: {found.title}\n{found.place} [{place.unit}] + {found.gain:g} * ({found.text})")
     click.echo(text_table([[n.name, f"{n.value:.6g}", n.unit, n.text] for n in found.numbers], right=(1,)))
     count = len(found.operations)
@@ -475,7 +499,8 @@ def formula(path: Path, header: Path | None) -> None:
 @cli.command()
 @click.argument("path", metavar="[CAR.toml]", type=FILE, required=False)
 @click.option("--example", is_flag=True, help="Print a commented vehicle file.")
-def vehicle(path: Path | None, example: bool) -> None:
+@JSON
+def vehicle(path: Path | None, example: bool, as_json: bool) -> None:
     """Check a vehicle file, or print an example.
 
     \b
@@ -494,6 +519,12 @@ def vehicle(path: Path | None, example: bool) -> None:
 
     car = read_vehicle(path)
     fields = Config().fields
+    if as_json:
+        from tselab import results
+
+        told = {"vehicle": path, "name": car.name, "values": car.values, "filled": car.filled, "notes": car.notes}
+        results.say_json(told)
+        return
     click.echo(f"{path}: {car.name}")
     click.echo(text_table([[k, f"{v:.6g}", fields[k].unit, fields[k].text] for k, v in car.values.items()], right=(1,)))
     for line in car.filled:
@@ -504,13 +535,26 @@ def vehicle(path: Path | None, example: bool) -> None:
 
 @cli.command(short_help="List all settings.")
 @click.option("--simulator", is_flag=True, help="The simulator's settings instead.")
-def settings(simulator: bool) -> None:
+@JSON
+def settings(simulator: bool, as_json: bool) -> None:
     """List all settings with default, range and meaning.
 
     Settings go into a FILTER.toml (name = value, flat or under [filter]) or behind --set.
     """
+    from tselab.core import CONFIG, SIM_CONFIG, library
     from tselab.tables import settings_table, sim_settings_table
 
+    if as_json:
+        from tselab import results
+
+        rows = library().fields(SIM_CONFIG if simulator else CONFIG)
+        results.say_json(
+            [
+                {"name": f.name, "default": f.default, "low": f.low, "high": f.high, "unit": f.unit, "text": f.text}
+                for f in rows
+            ]
+        )
+        return
     click.echo(sim_settings_table() if simulator else settings_table())
 
 
@@ -572,6 +616,7 @@ def demo(out: Path, seed: int, progress: bool | None) -> None:
 )
 @click.option("--out", metavar="DIR", type=FILE, help="Also write accuracy.md and accuracy.csv (one row per run).")
 @PROGRESS
+@JSON
 def accuracy(
     runs: int,
     jobs: int,
@@ -582,6 +627,7 @@ def accuracy(
     pairs: tuple[str, ...],
     out: Path | None,
     progress: bool | None,
+    as_json: bool,
 ) -> None:
     """Accuracy against the truth in the paper's set-up (Sec. IV-A).
 
@@ -613,7 +659,12 @@ def accuracy(
         out.mkdir(parents=True, exist_ok=True)
     study = run(runs, jobs, settings, sim_settings, first_seed, show_progress(progress))
     text = markdown(study)
-    click.echo(text)
+    if as_json:
+        from tselab import results
+
+        results.say_json({"runs": study.runs.to_dict("records"), "text": text})
+    else:
+        click.echo(text)
     if out is not None:
         with atomic(out / "accuracy.md") as file:
             file.write(text + "\n")
@@ -656,6 +707,7 @@ class StudyCommand(click.Command):
 )
 @click.option("--restart", is_flag=True, help="Discard the runs that are in DIR.")
 @PROGRESS
+@JSON
 def montecarlo(
     name: str,
     runs: int | None,
@@ -668,6 +720,7 @@ def montecarlo(
     pairs: tuple[str, ...],
     restart: bool,
     progress: bool | None,
+    as_json: bool,
 ) -> None:
     """Monte-Carlo studies against the simulator's truth.
 
@@ -709,6 +762,11 @@ def montecarlo(
         click.echo(f"tselab: {stopped}", err=True)
         sys.exit(130)
     text, files = write(plan, rows, out)
+    if as_json:
+        from tselab import results
+
+        results.say_json({"study": name, "text": text, "written": files})
+        return
     click.echo(text)
     click.echo(f"Written to {out}: {', '.join(f.name for f in files)}")
 

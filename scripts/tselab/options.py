@@ -85,3 +85,8 @@ def reading(command: Callable[..., Any]) -> Callable[..., Any]:
     ):  # fmt: skip
         with_reading = option(with_reading)
     return with_reading
+
+
+JSON = click.option(
+    "--json", "as_json", is_flag=True, help="What was found as JSON on standard output, in place of words."
+)

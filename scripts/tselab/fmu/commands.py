@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from tselab.errors import UserError
-from tselab.options import FILE, FORM, PROGRESS, key_values, reading, show_progress
+from tselab.options import FILE, FORM, JSON, PROGRESS, key_values, reading, show_progress
 
 if TYPE_CHECKING:
     from tselab.log import Reading
@@ -44,8 +44,15 @@ def fmu() -> None:
               help="Numbers in which the estimator computes, as in your controller; the vehicle always in double.")  # fmt: skip
 @click.option("--fmi", type=click.Choice(("2", "3", "both")), default="both", show_default=True,
               help="Version of FMI: 2.0 (X.fmu), 3.0 (X-fmi3.fmu).")  # fmt: skip
+@JSON
 def build(
-    out: Path, all_platforms: bool, chosen: tuple[str, ...], max_particles: int | None, real: str, fmi: str
+    out: Path,
+    all_platforms: bool,
+    chosen: tuple[str, ...],
+    max_particles: int | None,
+    real: str,
+    fmi: str,
+    as_json: bool,
 ) -> None:
     """Build the FMUs of this checkout, and the system that connects them.
 
@@ -69,7 +76,13 @@ def build(
         raise UserError(f"{out}: is a file, a directory is needed")
     wanted = PLATFORM_NAMES if all_platforms else tuple(dict.fromkeys(chosen))
     versions = FMI if fmi == "both" else (fmi,)
-    for file in run(out, wanted, max_particles, lambda text: click.echo(text, err=True), real, versions):
+    from tselab.results import say_json
+
+    made = run(out, wanted, max_particles, lambda text: click.echo(text, err=True), real, versions)
+    if as_json:
+        say_json([{"path": f.path, "bytes": f.path.stat().st_size, "platforms": list(f.binaries)} for f in made])
+        return
+    for file in made:
         inside = ", ".join(file.binaries)
         click.echo(f"{file.path}: {file.path.stat().st_size:,} bytes{f' ({inside})' if inside else ''}")
 
@@ -80,7 +93,8 @@ def build(
 @click.option(
     "--results", metavar="DIR", type=FILE, help="Write the tables there: fmu_validators.md, fmu_clients.csv and .md."
 )
-def validate(paths: tuple[Path, ...], clients: bool, results: Path | None) -> None:
+@JSON
+def validate(paths: tuple[Path, ...], clients: bool, results: Path | None, as_json: bool) -> None:
     """Check FMUs, also other people's, with every validator there is.
 
     \b
@@ -105,6 +119,7 @@ def validate(paths: tuple[Path, ...], clients: bool, results: Path | None) -> No
     from tselab.fmu import results as tables
     from tselab.fmu.archive import open_archive
     from tselab.fmu.validate import validate as run
+    from tselab.results import say_json
     from tselab.tables import text_table
 
     def say(text: str) -> None:
@@ -114,27 +129,33 @@ def validate(paths: tuple[Path, ...], clients: bool, results: Path | None) -> No
         raise UserError(f"{results}: is not a directory")
     archives = [open_archive(path) for path in paths]
     all_verdicts, all_rows, found = {}, [], 0
+    documents: list[dict[str, Any]] = []
+    echo = (lambda _: None) if as_json else click.echo
     for archive in archives:
         verdicts = all_verdicts[archive.path.name] = run(archive, say)
+        documents.append(document := {"fmu": archive.path, "validators": [vars(v) for v in verdicts], "clients": []})
         rows = [["validator", "version", "findings"]]
         rows += [
             [v.validator, v.version, f"skipped: {v.skipped}" if v.skipped else str(len(v.findings))] for v in verdicts
         ]
-        click.echo(f"{archive.path}\n{textwrap.indent(text_table(rows), '  ')}")
+        echo(f"{archive.path}\n{textwrap.indent(text_table(rows), '  ')}")
         for v in verdicts:
             for text in v.findings:
-                click.echo(f"  {v.validator}: {text}")
+                echo(f"  {v.validator}: {text}")
         found += sum(len(v.findings) for v in verdicts)
         if clients:
             compared = others.compare(archive.path, say)
             rows = [["client", "version", "run", "largest difference to FMPy"]]
             rows += [[r.client, r.version, r.run, r.text] for r in compared]
-            click.echo("\n" + textwrap.indent(text_table(rows), "  "))
+            echo("\n" + textwrap.indent(text_table(rows), "  "))
+            document["clients"] = [vars(r) for r in compared]
             found += sum(r.is_finding for r in compared)
             all_rows += compared
     if results is not None:
         for path in tables.write(results, all_verdicts, all_rows):
-            click.echo(f"Written: {path}")
+            echo(f"Written: {path}")
+    if as_json:
+        say_json({"findings": found, "fmus": documents})
     if found:
         sys.exit(1)
 
@@ -160,6 +181,7 @@ def validate(paths: tuple[Path, ...], clients: bool, results: Path | None) -> No
               "may be repeated.")  # fmt: skip
 @click.option("--hold", is_flag=True, help="Inputs jump from row to row, also where the FMU can interpolate.")
 @PROGRESS
+@JSON
 def run(
     path: Path,
     table_path: Path,
@@ -172,6 +194,7 @@ def run(
     hold: bool,
     progress: bool | None,
     reading: Reading,
+    as_json: bool,
     **options: Any,
 ) -> None:
     """Run an FMU over a table of inputs.
@@ -219,9 +242,16 @@ def run(
         config = Config(read_vehicle(vehicle_path).values) if vehicle_path is not None else None
         done = runs.drive(path, table_path, settings, config, hold, show_progress(progress))
     write_table(done.table, out)
-    for line in done.notes:
-        click.echo(f"note: {line}", err=True)
-    click.echo(f"{path.name}: {len(done.table)} rows written to {out}")
+    if as_json:
+        from tselab.results import say_json
+
+        say_json(
+            {"fmu": path, "rows": len(done.table), "interrupted": done.interrupted, "notes": done.notes, "written": out}
+        )
+    else:
+        for line in done.notes:
+            click.echo(f"note: {line}", err=True)
+        click.echo(f"{path.name}: {len(done.table)} rows written to {out}")
     if done.interrupted:
         click.echo(f"tselab: stopped by Ctrl-C; {out} holds the rows done", err=True)
         sys.exit(130)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import difflib
+import json
 import os
 import sys
 import tempfile
@@ -15,7 +17,7 @@ import click
 
 from tselab.errors import UserError
 from tselab.files import real
-from tselab.options import FILE, PROGRESS, for_programs, reading, show_progress
+from tselab.options import FILE, JSON, PROGRESS, for_programs, reading, show_progress
 
 if TYPE_CHECKING:
     from tselab.log import Reading
@@ -38,7 +40,7 @@ HELD = click.option(HOLD_OUT, "hold_out", metavar="LOG ...", type=FILE, multiple
 
 def of_a_run(command: Callable[..., int]) -> Callable[..., int]:
     """What every command takes that runs the whole workflow: the arguments of _run(), by name."""
-    for take in (PROGRESS, SCHEDULER, JOBS, reading, HELD, OUT, VEHICLE, LOGS):  # click lists the last one first
+    for take in (JSON, PROGRESS, SCHEDULER, JOBS, reading, HELD, OUT, VEHICLE, LOGS):  # click lists the last one first
         command = take(command)
     return command
 
@@ -48,6 +50,9 @@ class Gap(click.Group):
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         if args and args[0] not in self.commands and args[0] not in ctx.help_option_names:
+            near = difflib.get_close_matches(args[0], list(self.commands), 1, 0.75)
+            if near and not Path(args[0]).exists():
+                raise UserError(f"gap {args[0]}: is no file and no command; did you mean 'tselab gap {near[0]}'?")
             args = ["run", *args]
         return super().parse_args(ctx, args)
 
@@ -132,17 +137,25 @@ def _run(
     reading: Reading,
     fmu: Path | None = None,
     formula: bool = False,
+    as_json: bool = False,
 ) -> int:
     """The whole workflow, and what a person should know of it. `formula`: one is sought whatever the names leave."""
     from tselab.gap import workflow
     from tselab.gap.export.output import write_all
     from tselab.gap.workers import workers
 
+    _there(logs, hold_out)
     make_directory(out)
     _distinct(logs, hold_out)
     with workers(jobs, scheduler) as pool, _stages_kept(out), _saying(progress) as say:
         result = workflow.run(logs, vehicle_path, out, hold_out, jobs, say, pool, formula, reading)
         written = write_all(out, result, vehicle_path, jobs, fmu, say)
+    if as_json:
+        verdict = json.loads((out / "verdict.json").read_text(encoding="utf-8"))
+        from tselab import results
+
+        results.say_json({**verdict, "written": [out / f.name for f in written.files], "exit_code": result.exit_code})
+        return result.exit_code
     for line in result.words:
         click.echo(line)
     for line in changes(result):
@@ -244,7 +257,8 @@ def check(
 @click.option("--top", type=click.IntRange(1, 100), default=6, show_default=True, help="Manoeuvres that are listed.")
 @JOBS
 @PROGRESS
-def plan(separate: str, vehicle_path: Path, top: int, jobs: int, progress: bool | None) -> None:
+@JSON
+def plan(separate: str, vehicle_path: Path, top: int, jobs: int, progress: bool | None, as_json: bool) -> None:
     """Which manoeuvre tells two effects apart, and how long it must be driven.
 
     \b
@@ -258,6 +272,12 @@ def plan(separate: str, vehicle_path: Path, top: int, jobs: int, progress: bool 
 
     with _saying(progress) as say:
         found = make(separate, vehicle_path, jobs, say)
+    if as_json:
+        from tselab import results
+
+        rows = [{**vars(o), "needed": o.needed} for o in found.options]
+        results.say_json({"effects": [found.first, found.second], "separable": found.separable, "manoeuvres": rows})
+        return
     click.echo(found.text(top))
 
 
@@ -273,6 +293,7 @@ def plan(separate: str, vehicle_path: Path, top: int, jobs: int, progress: bool 
 @click.option("--seed", type=click.IntRange(0), default=1, show_default=True, help="Seed of noise and biases.")
 @JOBS
 @PROGRESS
+@JSON
 def selftest(
     logs: tuple[Path, ...],
     effect: str,
@@ -283,6 +304,7 @@ def selftest(
     jobs: int,
     progress: bool | None,
     reading: Reading,
+    as_json: bool,
 ) -> int:
     """Hide an effect in your own inputs, and find it again.
 
@@ -299,9 +321,23 @@ def selftest(
         if out is not None:
             make_directory(out)
         found = make(logs, vehicle_path, effect, size, out or Path(scratch), seed, jobs, say, reading)
+    if as_json:
+        from tselab import results
+
+        results.say_json({"hidden": effect, "size": size, "found": found.found, "text": found.words, "written": out})
+        return 0 if found.found else 1
     for line in found.words:
         click.echo(line)
     return 0 if found.found else 1
+
+
+def _there(logs: tuple[Path, ...], hold_out: tuple[Path, ...] = ()) -> None:
+    """All of them are there. A first one that is not, and sounds like a command, is called so."""
+    for path in (*logs, *hold_out):
+        if not path.exists():
+            near = difflib.get_close_matches(str(path), list(gap.commands), 1, 0.6) if path is logs[0] else []
+            hint = f"; nor is it a command of gap (did you mean 'tselab gap {near[0]}'?)" if near else ""
+            raise UserError(f"{path}: no such file{hint}")
 
 
 def make_directory(out: Path) -> None:
