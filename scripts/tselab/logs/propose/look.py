@@ -94,13 +94,14 @@ def _sign_bit(
     return best[1] if best else None
 
 
-def _without_invalid(recording: Recording, c: Channel) -> np.ndarray:
-    """Its values, NaN where a flag of its message calls them invalid or they are the number for "no value"."""
-    bad = no_value(c.value)
+def _without_invalid(recording: Recording, c: Channel, rows: int) -> np.ndarray:
+    """Its first values, NaN where a flag of its message calls them invalid or they are the number for "no value"."""
+    value = c.value[:rows]
+    bad = no_value(value)
     flag = flag_of(recording, c)
     if flag is not None:
-        bad = bad | (recording.channels[flag[0]].value != flag[1])
-    return np.where(bad, np.nan, c.value) if bad.any() else c.value
+        bad = bad | (recording.channels[flag[0]].value[:rows] != flag[1])
+    return np.where(bad, np.nan, value) if bad.any() else value
 
 
 class Look:
@@ -112,8 +113,12 @@ class Look:
         bits: dict[str, tuple[np.ndarray, np.ndarray]] = {}  # a signal of two values is no measurement
         for c in recording:
             time, value = clocks.of(c)
-            if len(value) == len(c.value):  # all of them have a time
-                value = _without_invalid(recording, c)
+            rows = (
+                int(np.searchsorted(time, time[0] + 1.1 * LONGEST)) if len(time) else 0
+            )  # of ten hours no more is copied
+            # where all of them have a time
+            value = _without_invalid(recording, c, rows) if len(value) == len(c.value) else value[:rows]
+            time = time[:rows]
             there = value[np.isfinite(value)]
             if len(there) > 3 and np.ptp(there) > 0 and len(time):
                 two = np.all((there == there.min()) | (there == there.max()))
