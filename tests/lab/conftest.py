@@ -28,7 +28,7 @@ class Result:
 
 def tselab(*args: object, cwd: Path | None = None) -> Result:
     """Run the command line to its end."""
-    done = subprocess.run([*COMMAND, *map(str, args)], cwd=cwd, capture_output=True, text=True, timeout=120)
+    done = subprocess.run([*COMMAND, *map(str, args)], cwd=cwd, capture_output=True, text=True, timeout=300)
     return Result(done.returncode, done.stdout, done.stderr)
 
 
