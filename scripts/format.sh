@@ -17,6 +17,6 @@ status=0
   status=1
   .venv/bin/ruff format --check --config scripts/pyproject.toml scripts tests 2>/dev/null | grep -v "already" >&2
 }
-find fmu include src tests scripts/examples \( -name '*.c' -o -name '*.h' \) -print0 \
+find docs/page fmu include scripts src tests \( -name '*.c' -o -name '*.h' \) -print0 \
   | if [ -n "$check" ]; then xargs -0 .venv/bin/clang-format --dry-run --Werror; else xargs -0 .venv/bin/clang-format -i; fi || status=1
 exit $status
