@@ -26,6 +26,15 @@ from tselab.options import FILE, FORM, JSON, PROGRESS, for_programs, key_values,
 if TYPE_CHECKING:
     from tselab.log import Reading
 
+# Python package -> extra of pyproject.toml that brings it, for those that a part of tselab takes for granted
+EXTRAS = {
+    "lxml": "fmu",
+    "fmpy": "fmu",
+    "fmu_manipulation_toolbox": "fmu",
+    "lief": "fmu",
+    "matplotlib": "figures",
+    "distributed": "cluster",
+}
 MOST_FINDINGS = 12  # stretches of road in the terminal
 WRITTEN = {"estimates": "Estimates", "report": "Report", "table": "Table", "learnt": "Learnt state"}
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 110}
@@ -809,6 +818,13 @@ def main() -> None:
                    "machine (tselab signals --help says which formats are read in pieces)", err=True)  # fmt: skip
         sys.exit(2)
     except Exception as error:
+        if isinstance(error, ImportError) and (extra := EXTRAS.get((error.name or "").partition(".")[0])):
+            package = (error.name or "").partition(".")[0]
+            click.echo(
+                f"tselab: error: the Python package {package} is needed and is not installed: pip install 'tse[{extra}]'",
+                err=True,
+            )
+            sys.exit(2)
         if reason := no_room(error):  # files.atomic says it of results: this is the terminal, or a temporary file
             _give_up_stdout()
             where = getattr(error, "filename", None) or "the output"

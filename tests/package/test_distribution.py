@@ -226,3 +226,13 @@ def test_a_folder_that_holds_something_else_is_left_alone(tmp_path):
     done = subprocess.run([*RELEASE, VERSION, "--only", "source", "--out", tmp_path], capture_output=True, text=True)
     assert done.returncode == 1 and "holds something that is no release" in done.stderr
     assert (tmp_path / "thesis.txt").read_text() == "years of work"
+
+
+def test_what_a_plain_install_does_not_have_is_named_with_what_brings_it():
+    code = "import sys; sys.modules['lxml'] = None; sys.argv = ['tselab', 'fmu', 'build']; from tselab.cli import main; main()"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert (
+        done.returncode == 2
+        and "the Python package lxml is needed" in done.stderr
+        and "pip install 'tse[fmu]'" in done.stderr
+    )
