@@ -397,3 +397,9 @@ def test_simulated_logs_are_the_commands(tmp_path):
     log = tse.simulate("sine-sweep", duration=5, seed=4).log
     want = pd.read_csv(tmp_path / "log.csv", dtype=str).astype(float)  # to the last bit, also by pandas 2
     pd.testing.assert_frame_equal(log, want, check_exact=True)
+
+
+def test_the_package_loads_without_what_only_other_parts_need():
+    heavy = "'scipy.signal', 'scipy.stats', 'plotly', 'matplotlib', 'deap', 'fmpy'"
+    code = f"import sys, tse; print(sorted(m for m in ({heavy}) if m in sys.modules))"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"

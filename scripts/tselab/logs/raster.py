@@ -7,8 +7,6 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
-from scipy.interpolate import CubicSpline
-from scipy.signal import firwin, oaconvolve
 
 from tselab.held import fresh
 from tselab.log import DRIVES, MEASURES, SIDES
@@ -139,11 +137,15 @@ def _between(t: np.ndarray, x: np.ndarray, at: np.ndarray) -> np.ndarray:
         return np.interp(at, t, x)
     first, last = np.searchsorted(t, at[[0, -1]])
     part = slice(max(0, min(int(first) - REACH, len(t) - 4)), int(last) + REACH)
+    from scipy.interpolate import CubicSpline
+
     return CubicSpline(t[part], x[part])(at)
 
 
 def _low_pass(t: np.ndarray, x: np.ndarray, usual: float, rate: float) -> tuple[np.ndarray, np.ndarray]:
     """An even grid of the entries' own step, and what the signal is there below PASS of `rate`; no phase."""
+    from scipy.signal import firwin, oaconvolve  # a second and a half to load, and a filter for rows needs none of it
+
     n = max(2, round((t[-1] - t[0]) / usual) + 1)
     even = np.linspace(t[0], t[-1], n)
     value = x if n == len(t) and np.max(np.abs(t - even)) < STEADY * usual else np.interp(even, t, x)
