@@ -10,6 +10,7 @@ from pathlib import Path
 
 if len(sys.argv) > 1:
     sys.path.insert(0, sys.argv[1])
+    sys.modules["_wmi"] = None  # type: ignore[assignment]  # Python 3.12 asks Windows by it what it is; wine 8 ends there
 
 import tse
 
