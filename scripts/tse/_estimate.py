@@ -14,7 +14,7 @@ import numpy.typing as npt
 import pandas as pd
 
 from tse._base import Array
-from tse._filter import UNKNOWN_AGE, Filter, Form
+from tse._filter import UNKNOWN_AGE, Filter, Form, check_form
 from tse._tables import STIFFNESS
 from tse._vehicle import VehicleLike, read_vehicle
 from tselab import regimes, results
@@ -143,26 +143,25 @@ def estimate(
         frame     a data frame, arrays by their names, or a structured array: columns time [s], steer_angle [rad, of the road
                   wheels], wheel_speed_front, wheel_speed_rear [rad/s, or both wheels of an axle: wheel_speed_front_left, _right],
                   accel_x, accel_y [m/s2], yaw_rate [rad/s], n values each; NaN is missing; other columns are passed over. ISO 8855,
-                  left is positive; 1 ms .. 1 s from row to row, also irregularly
+                  left is positive; 1 ms .. 1 s from row to row, also irregularly. time may be dates or spans of time, and be the
+                  index; a table of pyarrow and a frame of polars are taken, too
         vehicle   a vehicle file, a mapping with its keys, or what read_vehicle() returned
         settings  any settings by name; they win
         form      "default", or a filter with particles: "sampled", "paper"
         average   s: means of blocks of so long first, at most 0.1; for noisy sensors
         learnt    what an earlier drive has taught, `age` s ago (Result.learnt, Filter.save_learnt())
 
-    What the vehicle leaves out of the sensors is found in the log; the same bits as `tselab estimate` on the same numbers.
+    What the vehicle leaves out of the sensors is found in the log; the same bits as `tselab estimate` on the same numbers, and as
+    `result.filter()` row by row.
     A channel that is not there, single values that nothing can have, and a clock that jumps are worked around, and Result.notes
     says so; channels that contradict each other are warned of (Result.warnings, UserWarning), and leave nothing usable.
     Refused (Error): a log without steering angle, without both axles' wheel speeds or without accel_y and yaw_rate; a
     column that is not numeric, or often out of range. The message names column, row, value and range.
     """
-    if isinstance(frame, np.ndarray):
-        if frame.dtype.names is None:
-            raise TypeError(
-                "an array without names of fields; give a data frame, a dict of arrays or a structured array"
-            )
-        frame = {name: frame[name] for name in frame.dtype.names}
-    ready = assemble(read_vehicle(vehicle), read_frame(frame), None, average, {}, form, settings or {}, "settings")
+    check_form(form)
+    ready = assemble(
+        read_vehicle(vehicle), read_frame(_columns(frame)), None, average, {}, form, settings or {}, "settings"
+    )
     before = None if learnt is None else Learnt(Path("learnt"), learnt, age, True)
     done = _run(ready.log, ready.config, learnt=before)
     if done.interrupted:
@@ -178,6 +177,27 @@ def estimate(
         None if ready.warnings else done.learnt,
         done.told_sd,
     )
+
+
+def _columns(frame: Any) -> Mapping[str, Any] | pd.DataFrame:
+    """What holds a log, by its columns. TypeError: it does not."""
+    if isinstance(frame, np.ndarray) and frame.dtype.names:
+        return {name: frame[name] for name in frame.dtype.names}
+    if isinstance(frame, pd.DataFrame | Mapping):
+        return frame
+    if callable(getattr(frame, "to_pandas", None)):  # a table of pyarrow, a frame of polars
+        return pd.DataFrame(frame.to_pandas())
+    wanted = "give a data frame, a dict of arrays or a structured array"
+    if isinstance(frame, str | os.PathLike):
+        raise TypeError(
+            f"{os.fspath(frame)!r} is the name of a file: {wanted}, such as pd.read_csv(...) of it; the command `tselab estimate` "
+            "reads files of many formats"
+        )
+    if isinstance(frame, np.ndarray):
+        raise TypeError(f"an array without names of fields; {wanted}")
+    if isinstance(frame, list | tuple):
+        raise TypeError(f"a {type(frame).__name__} is no log; {wanted}, such as pd.DataFrame(...) of it")
+    raise TypeError(f"{type(frame).__name__} is no log; {wanted}")
 
 
 def _plain(table: pd.DataFrame) -> pd.DataFrame:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 import math
 from collections.abc import Callable, Mapping
-from typing import Any, Literal, TypeAlias
+from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from tse.errors import InputError
 from tselab import core
 from tselab.config import make_config, set_sampling
 from tselab.core import INPUT, NOMINAL, OUTPUT, REASON, STIFFNESS
-from tselab.log import OPTIONAL, SIDES
+from tselab.log import FASTEST, OPTIONAL, SIDES, SLOWEST
 
 Form: TypeAlias = Literal["default", "sampled", "paper"]
 UNKNOWN_AGE = math.inf
@@ -34,13 +34,13 @@ class Filter:
         vehicle      a vehicle file, a mapping with its keys, or what read_vehicle() returned; None: `settings` tells all
         settings     any settings by name (`tselab settings` lists them with default, range and unit); they win over the vehicle's
         form         "default", or a filter with particles: "sampled", "paper"
-        sample_time  s, usual time between rows; default: that of the settings, 0.01
+        sample_time  s, usual time between rows, 0.001 .. 1; default: that of the settings, 0.01
 
     What no vehicle file tells of the sensors has the library's default here; estimate() finds it in the log, and a filter for more
-    rows of the same car is `result.filter()`.
+    rows of the same car is `result.filter()`: over the same rows it gives the same bits as estimate().
 
     Refused (Error): a setting outside its range, or one that nobody knows. Filters are independent of each other; one is to be
-    used by one thread at a time.
+    used by one thread at a time. copy() and the module copy make one that goes on by itself; it cannot be pickled.
     """
 
     def __init__(
@@ -51,6 +51,7 @@ class Filter:
         form: Form = "default",
         sample_time: float | None = None,
     ):
+        check_form(form)
         if vehicle is None:
             config = core.Config(core.Config.settings_of(form) if form != "default" else None)
             self.notes: tuple[str, ...] = ()
@@ -59,7 +60,7 @@ class Filter:
             config, notes = make_config(car, None, form=form)
             self.notes = (*car.filled, *car.notes, *notes)  # what was filled in, in words
         if sample_time is not None:
-            self.notes += tuple(set_sampling(config, sample_time))
+            self.notes += tuple(set_sampling(config, _sample_time(sample_time)))
         for name, value in (settings or {}).items():
             config.set(name, value)
         self._begin(config)
@@ -90,8 +91,9 @@ class Filter:
     def step(self, row: Row | Mapping[str, Any] | None = None, /, **channels: float | None) -> Estimate:
         """Use one row.
 
-        Given: `row`, and `channels` that win over it: fields of Row, SI units. A channel that is left out, None or NaN is
-        missing. Times: `dt`, or `time`, from the second row on. Columns ref_... are passed over.
+        Given: `row` (a mapping, a row of a data frame: Series or named tuple, of a structured array), and `channels` that win over
+        it: fields of Row, SI units. A channel that is left out, None or NaN is missing. Times: `dt`, or `time`, from the second row
+        on. Columns ref_... are passed over.
         Returned: the estimates after it.
         Refused (InputError, which names field, value and range; the filter is as before): a steering angle or wheel speed outside
         its range, a time that does not go on, a name that nobody knows. A measurement outside its range counts as missing."""
@@ -99,7 +101,9 @@ class Filter:
         u[:] = self._nothing
         known = u.dtype.names or ()
         now = step = None
-        for name, value in {**(row or {}), **channels}.items():
+        for name, value in {**_names(row), **channels}.items():
+            if not isinstance(name, str):
+                raise InputError(f"{name!r} names no channel: names are strings; {_known()}", repr(name))
             if name == "time":
                 now = self._number(name, value)
             elif name == "dt":
@@ -119,8 +123,9 @@ class Filter:
     def _number(name: str, value: Any) -> float:
         try:
             return float(value)
-        except (TypeError, ValueError):
-            raise InputError(f"{name} = {value!r} is not a number", name) from None
+        except (TypeError, ValueError, OverflowError):
+            shown = repr(value)
+            raise InputError(f"{name} = {shown[:40]}{'...' if len(shown) > 40 else ''} is not a number", name) from None
 
     def _since(self, now: float | None, step: float | None) -> float:
         """dt of a row; what the first one says is not used."""
@@ -167,6 +172,16 @@ class Filter:
         other._time = self._time
         return other
 
+    __copy__ = copy  # without it a copy would share the state of this one
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Filter:
+        return self.copy()
+
+    def __reduce_ex__(self, protocol: Any) -> Any:
+        raise TypeError(
+            "a Filter cannot be pickled: take its settings and what save_learnt() gives to the other process"
+        )
+
     def save_learnt(self) -> bytes | None:
         """What was learnt of the car, for the next drive: 112 bytes that an ECU reads, too (tse/learnt.h). None before a row."""
         return self._filter.save_learnt()
@@ -181,6 +196,39 @@ class Filter:
         """What each quantity that is told of the car, and may be off (`mass_sd` ...), adds to the sd of the three stiffnesses: (3,)
         each, relative to nominal. After the last row."""
         return self._filter.told_sd()
+
+
+def check_form(form: Any) -> None:
+    """SettingError: there is no such form."""
+    forms = get_args(Form)
+    if form not in forms:
+        raise core.SettingError(f"form = {form!r} is not known; allowed: {', '.join(forms)}")
+
+
+def _sample_time(value: Any) -> float:
+    """SettingError: it is no time that rows may be apart."""
+    try:
+        seconds = float(value)
+    except (TypeError, ValueError, OverflowError):
+        seconds = math.nan
+    if not FASTEST <= seconds <= SLOWEST:
+        raise core.SettingError(f"sample_time = {value!r} is refused; allowed: {FASTEST:g} .. {SLOWEST:g} s")
+    return seconds
+
+
+def _names(row: Any) -> dict[Any, Any]:
+    """A row by the names of its fields, whatever kind of row it is."""
+    if row is None:
+        return {}
+    if hasattr(row, "keys"):  # a mapping, a Series: that iterates over its values
+        return {name: row[name] for name in row.keys()}  # noqa: SIM118
+    if hasattr(row, "_asdict"):  # of DataFrame.itertuples()
+        return {name: value for name, value in row._asdict().items() if name != "Index"}
+    if isinstance(row, np.void) and row.dtype.names:
+        return {name: row[name] for name in row.dtype.names}
+    raise TypeError(
+        f"a row is a mapping, a Series, a named tuple or a record of a structured array, not {type(row).__name__}"
+    )
 
 
 Convert: TypeAlias = Callable[[Any], tuple[Any, ...]]
@@ -222,4 +270,8 @@ def _hint(name: str) -> str:
         if name in pair:
             return f": give {axle}, the mean of both wheels"
     close = difflib.get_close_matches(name, CHANNELS, n=2)
-    return f" (did you mean {' or '.join(close)}?)" if close else f"; known: time, dt, {', '.join(CHANNELS)}"
+    return f" (did you mean {' or '.join(close)}?)" if close else f"; {_known()}"
+
+
+def _known() -> str:
+    return f"known: time, dt, {', '.join(CHANNELS)}"

@@ -4,10 +4,12 @@ are checked here, too. Every refusal names file, row, column and allowed range; 
 from __future__ import annotations
 
 import csv
+import re
 import warnings
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -44,6 +46,7 @@ OPTIONAL = {  # columns that a log may have besides: unit, range, text, hint; `t
         "kNm: multiply by 1000",
     ),
 }
+_CLOCK = re.compile(r"\d{1,2}:\d{2}")
 MOST_BACK = 0.5  # share of rows that are not later than the one before, above which the column is no time
 FEW_OUTSIDE = 0.05  # share of values outside the range above which it is the column that is wrong
 HINTS = {
@@ -56,7 +59,7 @@ HINTS["yaw_rate"] = "if the column holds deg/s, multiply by pi/180"
 HINTS["wheel_speed_rear"] = HINTS["wheel_speed_front"]
 LONGEST_STEP = 3600.0  # s, the library's limit
 PART = 1 << 15  # rows of the file read at a time, so that its text is never all in memory
-SLOWEST = 1.0  # s: median step above this is refused
+FASTEST, SLOWEST = 0.001, 1.0  # s: rows of a log are so far apart; a median step above is refused
 TURN_SHOWN = 0.5  # share of right less left wheel that must be the yaw rate for it to say how wide the track is
 
 STUCK_ROWS = 200  # rows with one and the same value, from which a channel is said to be stuck
@@ -188,11 +191,15 @@ def _is_plain(path: Path, reading: Reading) -> bool:
             head = file.read(65536)
     except (OSError, UnicodeDecodeError):
         return False
-    names = [c.strip() for c in next(csv.reader(head.splitlines()[:1]), [])] if "\0" not in head else []
+    lines = list(csv.reader(head.splitlines()[:2])) if "\0" not in head else []
+    names = [c.strip() for c in lines[0]] if lines else []
     wanted = {*columns(), *(c for pair in SIDES.values() for c in pair)}
     beside = beside_of(path)
     if beside is not None and any(f'"{n}"' in beside.read_text(encoding="utf-8", errors="replace") for n in names if n):
         return False  # a file that speaks of these columns
+    first = dict(zip(names, lines[1], strict=False)) if len(lines) > 1 else {}
+    if _CLOCK.search(first.get("time", "")):
+        return False  # dates or times of day
     return "time" in names and len(wanted & {n.lower() for n in names}) > 3
 
 
@@ -222,7 +229,14 @@ def _read_plain(path: Path, spare: Collection[str]) -> Log:
 
 
 def read_frame(frame: Mapping[str, Any] | pd.DataFrame, name: str = "log") -> Log:
-    """The same of columns in memory: a data frame, or arrays by their names. `name` stands in messages; rows are counted from 0."""
+    """The same of columns in memory: a data frame, or arrays by their names. `name` stands in messages; rows are counted from 0.
+    Times may be dates, times of day or differences of time, too, and stand in the index of a data frame."""
+    if (
+        isinstance(frame, pd.DataFrame)
+        and "time" not in frame
+        and (frame.index.name == "time" or isinstance(frame.index, pd.DatetimeIndex | pd.TimedeltaIndex))
+    ):
+        frame = frame.assign(time=frame.index)
     header = [str(c) for c in frame]
     sides = {axle: pair for axle, pair in SIDES.items() if axle not in header and all(c in header for c in pair)}
     absent = _absent(header, sides, MEASURES)
@@ -239,8 +253,8 @@ def read_frame(frame: Mapping[str, Any] | pd.DataFrame, name: str = "log") -> Lo
     for column in header:
         if column in needed or _beside(column):
             try:
-                table[column] = np.array(frame[column], float)
-            except (TypeError, ValueError):
+                table[column] = _array(name, column, frame[column])
+            except (TypeError, ValueError, OverflowError):
                 if column in needed:
                     what = _allowed(column)
                     raise UserError(
@@ -258,6 +272,22 @@ def read_frame(frame: Mapping[str, Any] | pd.DataFrame, name: str = "log") -> Lo
     row = np.arange(rows[0])
     time, keep = _straight(Path(name), table.pop("time"), row, notes, "row")
     return checked(Path(name), time, {c: x[keep] for c, x in table.items()}, row[keep], notes, place="row")
+
+
+def _array(name: str, column: str, values: Any) -> np.ndarray:
+    """A column of a frame as numbers. UserError, TypeError, ValueError, OverflowError: it has none."""
+    kind = getattr(values, "dtype", None)
+    if column == "time" and getattr(kind, "kind", "O") not in "fiub":
+        from tselab.logs.table import Column, seconds
+
+        first = values.iloc[0] if isinstance(values, pd.Series) and len(values) else None
+        series = pd.Series(np.asarray(values)) if not isinstance(values, pd.Series) else values.reset_index(drop=True)
+        dates = series.dtype.kind in ("m", "M")
+        if dates or isinstance(first if first is not None else next(iter(series), None), str | datetime):
+            return seconds(Path(name), Column("time", series), [])
+    if getattr(kind, "kind", "") in ("m", "M"):
+        raise TypeError("times where a measurement is needed")  # as numbers they would be nanoseconds
+    return np.array(values, float)
 
 
 def _absent(names: Collection[str], sides: Collection[str], spare: Collection[str]) -> list[str]:

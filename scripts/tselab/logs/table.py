@@ -72,7 +72,7 @@ def recording_of(
         time = np.arange(rows) * float(how.step or 0.0)
         said.append(f"without a time of its own: rows are {how.step:g} s apart, as [log] step says")
     else:
-        time = room.keep(_seconds(path, named[at], how, said))
+        time = room.keep(seconds(path, named[at], said, how))
         room.let_go()
     channels: dict[str, Channel] = {}
     skipped = []
@@ -190,7 +190,9 @@ def _increases(c: Column, strictly: bool = False) -> bool:
 _CLOCK = re.compile(r"\d{1,2}:\d{2}(:\d{2})?")
 
 
-def _seconds(path: Path, c: Column, how: How, notes: list[str]) -> np.ndarray:
+def seconds(path: Path, c: Column, notes: list[str], how: How | None = None) -> np.ndarray:
+    """A column that is the time, s, NaN: missing: numbers, dates (since 1970), times of day, spans. UserError: it is none."""
+    how = how or How()
     values = c.read()
     x = values if isinstance(values, pd.Series) else pd.Series(values)
     if pd.api.types.is_datetime64_any_dtype(x):
