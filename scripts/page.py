@@ -34,6 +34,7 @@ SCRIPTS = (
     "text.js",
     "map.js",
     "noise.js",
+    "check.js",
     "run.js",
     "draw.js",
     "log.js",
@@ -51,6 +52,9 @@ DRIVE, SECONDS, ROAD, SEED = (
     (30.0, 0.7),
     1,
 )  # the built-in example: half of it on a wetter road
+
+
+MOST_CHECKED = 1 << 17  # rows in which the page looks whether channels agree: 22 minutes at 100 Hz, half a second
 
 
 class Failed(Exception):
@@ -160,8 +164,10 @@ def example() -> dict[str, Any]:
 
 def known() -> dict[str, Any]:
     """What tselab knows of names, units and rules."""
-    from tselab import config, noise, simulate, vehicle, verdict
-    from tselab.logs import names, units, vocabulary
+    from tselab import config, log, noise, simulate, vehicle, verdict
+    from tselab import units as checks
+    from tselab.logs import names, physics, units, vocabulary
+    from tselab.logs.propose import scales
 
     factors: dict[str, dict[str, float]] = {}
     for si in ("s", "rad", "rad/s", "m/s", "m/s2"):
@@ -182,6 +188,15 @@ def known() -> dict[str, Any]:
             "floor": noise.FLOOR, "longestHold": noise.LONGEST_HOLD, "fewestRows": noise.FEWEST_ROWS, "average": noise.AVERAGE,
             "window": noise.WINDOW, "change": noise.CHANGE, "quiet": noise.QUIET, "normalQuiet": noise.NORMAL_QUIET,
             "moving": noise.MOVING, "unknownBias": vehicle.UNKNOWN_BIAS, "nodTime": vehicle.NOD_TIME,
+        },
+        "check": {
+            "causes": checks.CAUSES, "wheelCauses": checks.WHEEL_CAUSES, "figures": checks.FIGURES, "sd": checks.SD,
+            "unknownTrack": checks.UNKNOWN_TRACK, "unknownTrackSd": checks.UNKNOWN_TRACK_SD, "price": checks.PRICE,
+            "wrongSign": checks.WRONG_SIGN, "vanished": checks.VANISHED, "enough": checks.ENOUGH, "odd": checks.ODD,
+            "well": checks.WELL, "far": checks.FAR, "usualRatio": checks.USUAL_RATIO, "unsaid": scales.UNSAID,
+            "rate": physics.RATE, "smooth": physics.SMOOTH, "moving": physics.MOVING, "fewest": physics.FEWEST,
+            "mostRows": MOST_CHECKED,
+            "understeer": physics.UNDERSTEER, "understeerSd": physics.UNDERSTEER_SD, "turnShown": log.TURN_SHOWN,
         },
     }  # fmt: skip
 

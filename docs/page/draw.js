@@ -12,7 +12,7 @@ class Chart {
   // panels: {title, unit, scale, height, lines: [{name, values(), color, dash}], band: {mean(), sd()}, strip: {valid(), reason(i)},
   // zero: the range has it} or {title, heat: [{name, values(), color}]}. time(): {t, n}. live: s that are shown while it goes on.
   constructor(host, { panels, time, label, live = null }) {
-    Object.assign(this, { panels, time, live, from: 0, to: 1, whole: true, cursor: null, pointers: new Map() });
+    Object.assign(this, { panels, time, live, from: 0, to: 1, whole: true, cursor: null, pointers: new Map(), cost: 0 });     // cost: ms of the last drawing
     this.canvas = Object.assign(document.createElement("canvas"), { tabIndex: 0, className: "chart" });
     this.canvas.setAttribute("role", "img");
     this.canvas.setAttribute("aria-label", label);
@@ -90,7 +90,12 @@ class Chart {
   later() {
     if (this.waiting) return;
     this.waiting = true;
-    requestAnimationFrame(() => { this.waiting = false; this.draw(); });
+    requestAnimationFrame(() => {
+      this.waiting = false;
+      const began = performance.now();
+      this.draw();
+      this.cost = performance.now() - began;
+    });
   }
 
   draw() {

@@ -111,7 +111,7 @@ class DrivePane {
 
   key(e, down) {
     if (!e.key.startsWith("Arrow") || $("pane-drive").hidden || e.altKey || e.ctrlKey || e.metaKey) return;
-    if (e.target.matches?.("select, input:not([type=range]), [role=tab]")) return;
+    if (e.target.matches?.("select, input:not(#steer, #pedal), [role=tab]")) return;      // these have their own use for them
     e.preventDefault();
     if (!down) { this.keys.delete(e.key); return; }
     this.keys.add(e.key);

@@ -26,13 +26,13 @@ function panelsOf(lib, columns, truth, reason, height) {
 }
 
 // What the estimates of the last row say: a card a stiffness.
-function cardsOf(host, at, truth, share) {
+function cardsOf(host, at, truth, share, contradicted = false) {
   host.replaceChildren(...["cy_front", "cy_rear", "cx_front"].map((s) => {
-    const card = make("div", { className: at(`${s}_valid`) ? "valid" : "" });
+    const valid = at(`${s}_valid`) && !contradicted, card = make("div", { className: valid ? "valid" : "" });
     const half = BAND * at(`${s}_sd`), unit = s === "cx_front" ? "kN" : "kN/rad";
     const known = truth(s);
     card.append(make("b", { textContent: NAMES[s] }), make("strong", { textContent: `${tidy(at(s) / 1000, 4)} ± ${tidy(half / 1000, 2)} ${unit}` }),
-      make("span", { textContent: `${at(`${s}_valid`) ? "valid" : `not valid: ${at(`${s}_reason`)}`}${share ? `; valid in ${share(s)} of the rows` : ""}` }));
+      make("span", { textContent: contradicted ? "not usable: the channels contradict each other" : `${valid ? "valid" : `not valid: ${at(`${s}_reason`)}`}${share ? `; valid in ${share(s)} of the rows` : ""}` }));
     if (known !== null) card.append(make("span", { textContent: `truth ${tidy(known / 1000, 4)} ${unit}` }));
     return card;
   }));
@@ -48,7 +48,7 @@ function changeText(at, time) {
 
 class LogPane {
   constructor(lib, desk) {
-    Object.assign(this, { lib, desk, file: null, rows: null, table: null, running: null, stopped: false });
+    Object.assign(this, { lib, desk, file: null, rows: null, table: null, running: null, stopped: false, against: [], told: {}, known: null });
     this.said = new Map();      // settings that somebody said, by hand or by a vehicle file: no rule changes them
     $("formats").textContent = PAGE.parquet ? "CSV or Parquet" : "CSV";
     $("file").accept = PAGE.parquet ? ".csv,.txt,.tsv,.dat,.asc,.parquet,.pq" : ".csv,.txt,.tsv,.dat,.asc";
@@ -90,14 +90,14 @@ class LogPane {
     if (error && !(error instanceof Wrong || error instanceof Refused)) console.error(error);
   }
 
-  async guarded(act) {
+  async guarded(act, place = "log-wrong") {
     this.complain(null);
     this.complain(null, "car-wrong");
     try {
       await act();
       return true;
     } catch (error) {
-      this.complain(error, error instanceof Refused ? "car-wrong" : "log-wrong");
+      this.complain(error, error instanceof Refused ? "car-wrong" : place);
       this.say("");
       return false;
     }
@@ -127,6 +127,7 @@ class LogPane {
     for (const [name, input] of this.fields) {
       input.value = String(this.desk.get(name));
       input.setCustomValidity("");
+      input.removeAttribute("aria-invalid");
     }
     this.complain(null, "car-wrong");
   }
@@ -136,6 +137,8 @@ class LogPane {
     const input = this.fields.get(name), f = this.lib.field("config", name), value = input.value === "" ? NaN : Number(input.value);
     const fine = value >= f.lo && value <= f.hi;
     input.setCustomValidity(fine ? "" : `allowed: ${rangeText(f)}`);
+    if (fine) input.removeAttribute("aria-invalid");
+    else input.setAttribute("aria-invalid", "true");
     this.complain(fine ? null : new Refused(`${name.replaceAll("_", " ")}: ${input.value === "" ? "is empty" : brief(value)}; allowed: ${rangeText(f)} (${f.text})`, name), "car-wrong");
     if (fine) this.desk.set(name, value);
     else input.closest("details")?.setAttribute("open", "");
@@ -205,8 +208,9 @@ class LogPane {
       this.byRule();
       if (this.file) this.noise(this.checked());
       this.show();
+      this.told = { ratio: said.steering_ratio, tracks: { front: said.track_front, rear: said.track_rear } };
       this.say(`${file.name}: ${Object.keys(values).length} settings${this.rows ? "; estimate again" : ""}.`);
-    });
+    }, "car-wrong");
   }
 
   // ---- the log
@@ -244,17 +248,40 @@ class LogPane {
       this.mapping();
       for (const id of ["run", "noise"]) $(id).disabled = false;
       this.say("");
+      const said = this.units();
       this.guess();
+      if (said) $("map-hint").prepend(`${said} `);
       const rows = this.checked();
       this.noise(rows);
       this.show();
-      this.notes(rows.notes);
+      this.notes([...contradictions(rows, this.car(), this.told), ...rows.notes]);
       if (this.file.own) await this.run(rows);
       else this.say("Are the channels right? Then estimate.");
     });
   }
 
   checked() { return rowsOf(this.file.table, this.file.map, this.car(), this.lib); }
+
+  // Units and signs that nobody says, where the rows tell them; in words, or "".
+  units() {
+    const open = openUnits(this.file);
+    if (!open.size) return "";
+    let causes;
+    try {
+      const map = structuredClone(this.file.map);
+      map.steer_angle.ratio = 1000;     // whatever it is: in the range
+      causes = unitsByRows(rowsOf(this.file.table, map, this.car(), this.lib), this.car(), open);
+    } catch { return ""; }              // said when the rows are checked
+    const said = [];
+    for (const c of causes) {
+      for (const channel of CHANNELS.filter((n) => (isAxle(n) ? "wheel_speed" : n) === c.channel && this.file.map[n].column)) {
+        if (c.unit) this.file.map[channel].unit = c.unit;
+        else this.file.map[channel].sign = -1;
+      }
+      said.push(c.text.replace(/ \(.*/, ""));
+    }
+    return said.length ? `Guessed from the rows: ${said.join("; ")}.` : "";
+  }
 
   // Sign and ratio of the steering, where the rows tell them.
   guess() {
@@ -270,8 +297,13 @@ class LogPane {
     const m = this.file.map.steer_angle, ratio = Math.abs(found.gain) * map.steer_angle.ratio, wheel = ratio > 5;   // no rack is that direct
     if (found.gain < 0) m.sign = -1;
     if (wheel) m.ratio = Number(ratio.toPrecision(3));
-    const what = wheel ? `the column is the steering wheel's angle, ratio ${found.rough ? "very roughly" : "about"} ${m.ratio}` : "the column is the road wheels' angle";
-    $("map-hint").textContent = `Guessed from the rows: ${what}${found.gain < 0 ? ", positive to the right: its sign is turned" : ""}.${wheel ? found.rough ? " There are no slow turns, so under- or oversteer is in it: say the ratio, the stiffness follows it." : " Say it if you know it better: the stiffness follows it." : ""}`;
+    const sd = Math.hypot(found.sd, PAGE.check.sd.steer_angle);
+    if (wheel && !this.said.has("steer_ratio_sd")) {      // what is guessed is not known as a ratio is that somebody says
+      this.known ??= this.desk.get("steer_ratio_sd");
+      this.desk.set("steer_ratio_sd", Math.min(Math.max(sd, this.known), this.lib.field("config", "steer_ratio_sd").hi));
+    }
+    const what = wheel ? `the column is the steering wheel's angle, ratio about ${m.ratio} (± ${Math.round(196 * sd)} %)` : "the column is the road wheels' angle";
+    $("map-hint").textContent = `Guessed from the rows: ${what}${found.gain < 0 ? ", positive to the right: its sign is turned" : ""}.${wheel ? " Say the ratio if you know it better: the stiffness follows it." : ""}`;
     this.mapping();
   }
 
@@ -304,7 +336,11 @@ class LogPane {
       if (channel === "steer_angle") {
         const ratio = make("input", { type: "number", min: 0.01, step: "any", value: m.ratio, title: "steering ratio: steering wheel's angle over that of the road wheels; 1: it is the road wheels' angle" });
         ratio.setAttribute("aria-label", "steering ratio");
-        ratio.onchange = () => { m.ratio = Number(ratio.value); this.remapped(); };
+        ratio.onchange = () => {
+          m.ratio = Number(ratio.value);
+          if (this.known !== null && !this.said.has("steer_ratio_sd")) this.desk.set("steer_ratio_sd", this.known);
+          this.remapped();
+        };
         extra.append(make("span", { textContent: "ratio", className: "hint" }), ratio);
       }
       host.append(extra);
@@ -317,7 +353,7 @@ class LogPane {
       const rows = this.checked();
       this.noise(rows);
       this.show();
-      this.notes(rows.notes);
+      this.notes([...contradictions(rows, this.car(), this.told), ...rows.notes]);
       this.say("Are the channels right? Then estimate.");
     });
   }
@@ -333,11 +369,18 @@ class LogPane {
 
   async run(given = null) {
     await this.halt();
-    for (const name of this.fields.keys()) if (!this.read(name)) return;
+    for (const name of this.fields.keys()) {
+      if (this.read(name)) continue;
+      this.say(`Not estimated: ${$("car-wrong").textContent}`);
+      this.fields.get(name).focus();          // and into view
+      return;
+    }
     const ok = this.guarded(async () => {
       const rows = given ?? (this.file ? this.checked() : exampleRows(this));
       const sampling = setSampling(this.desk, rows.sampleTime);
+      this.against = contradictions(rows, this.car(), this.told);
       this.notes([...rows.notes, ...sampling]);
+      $("against").textContent = this.against.length ? `${this.against.join("\n")}\nUntil that is put right no value of this log is usable, whatever its rows say.` : "";
       this.rows = rows;
       this.table = null;
       this.stopped = false;
@@ -355,7 +398,7 @@ class LogPane {
         this.table = table;
         const share = table.rows / rows.time.length;
         $("progress").value = share;
-        if (performance.now() - drawn < 100 && share < 1) return;
+        if (performance.now() - drawn < Math.max(100, 10 * this.chart.cost) && share < 1) return;   // drawing takes a tenth
         drawn = performance.now();
         this.say(`${table.rows} of ${rows.time.length} rows`);
         this.now();
@@ -387,7 +430,7 @@ class LogPane {
     const t = this.table, i = t.rows - 1;
     if (i < 0) return;
     const share = (s) => `${Math.round((100 * t.valid[s]) / t.rows)} %`;
-    cardsOf($("cards"), (name) => this.at(name), (s) => this.rows.truth?.[s]?.[i] ?? null, share);
+    cardsOf($("cards"), (name) => this.at(name), (s) => this.rows.truth?.[s]?.[i] ?? null, share, this.against.length > 0);
     $("change").textContent = changeText((name) => this.at(name), t.time[i]);
     this.chart.later();
   }

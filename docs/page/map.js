@@ -139,8 +139,20 @@ function choicesOf(channel) {
   return isAxle(channel) ? CHOICES.wheel : CHOICES.accel;
 }
 
+const saidUnit = (column) => unitOf(column.unit) || unitOf(splitUnit(column.name)[1]) || "";
+
+// Channels that were guessed, and of which neither file nor name says the unit.
+function openUnits(file) {
+  const open = new Set();
+  for (const channel of file.guessed) {
+    const column = file.table.columns.find((c) => c.name === file.map[channel].column);
+    if (column && channel !== "time" && channel !== "steer_angle" && !saidUnit(column)) open.add(isAxle(channel) ? "wheel_speed" : channel);
+  }
+  return open;
+}
+
 function unitFor(channel, column, lib) {
-  const said = unitOf(column.unit) || unitOf(splitUnit(column.name)[1]) || "";
+  const said = saidUnit(column);
   const choices = choicesOf(channel), si = siOf(channel, lib);
   if (said) {
     const factor = (u) => factorOf(u, si, isAxle(channel) ? 1 : null);
@@ -219,10 +231,10 @@ function rowsOf(table, map, car, lib) {
     }
   }
   const { time, keep } = forward(picked.time[0], table, CHANNELS.slice(1).flatMap((c) => picked[c] ?? []), notes);
-  const data = {};
+  const data = {}, turn = {};
   for (const f of lib.channels) {
     const parts = picked[f.name]?.map((x) => Float64Array.from(keep, (i) => x[i]));
-    data[f.name] = !parts ? new Float64Array(keep.length).fill(NaN) : parts.length === 1 ? parts[0] : axleOf(f.name, ...parts, picked.yaw_rate?.[0], keep, notes);
+    data[f.name] = !parts ? new Float64Array(keep.length).fill(NaN) : parts.length === 1 ? parts[0] : axleOf(f.name, ...parts, picked.yaw_rate?.[0], keep, notes, turn);
     if (!parts && !isAxle(f.name)) notes.push(`${f.name} is not in the log: what only it shows is not known`);
   }
   if (["accel_y", "yaw_rate"].every((c) => data[c].every(Number.isNaN))) {
@@ -235,7 +247,7 @@ function rowsOf(table, map, car, lib) {
     data.accel_x = data.accel_x.map(() => NaN);
     notes.push(`${absent} is not in the log: ${there} stands in for it; slip is not known, so accel_x is not used and cx_front not told`);
   }
-  const rows = { name, time, data, notes };
+  const rows = { name, time, data, notes, turn };
   rows.sampleTime = rows.time.length > 1 ? median(differences(rows.time)) : null;
   if (rows.sampleTime > SLOWEST) {
     throw new Wrong(`${name}: column ${map.time.column}: rows are ${brief(rows.sampleTime)} s apart (median); allowed: up to ${SLOWEST} s. If the column holds milliseconds, choose ms`);
@@ -265,18 +277,20 @@ function inRange(values, f, name, table, notes) {
 }
 
 // The middle of an axle of its two wheels; where one is missing, the other less half of what they differ by in a turn: track over
-// radius times the yaw rate, found from the rows that have both (tselab/log.py).
-function axleOf(name, left, right, yawRate, keep, notes) {
+// radius times the yaw rate, found from the rows that have both (tselab/log.py); where the log shows it, it is put into `turn`.
+function axleOf(name, left, right, yawRate, keep, notes, turn) {
   const mean = left.map((x, i) => 0.5 * (x + right[i]));
   if (!yawRate) return mean;
   const yaw = keep.map((i) => yawRate[i]);
-  let turned = 0, along = 0, alone = 0;
+  let turned = 0, along = 0, differed = 0, alone = 0;
   for (let i = 0; i < mean.length; i++) {
     const difference = right[i] - left[i];
     if (!Number.isFinite(difference) || !Number.isFinite(yaw[i])) continue;
     turned += yaw[i] ** 2;
     along += difference * yaw[i];
+    differed += difference ** 2;
   }
+  if (turned > 0 && along ** 2 > PAGE.check.turnShown * differed * turned) turn[name] = along / turned;
   for (let i = 0; turned > 0 && i < mean.length; i++) {
     const there = Number.isFinite(left[i]);
     if (!Number.isNaN(mean[i]) || !(there || Number.isFinite(right[i])) || !Number.isFinite(yaw[i])) continue;
@@ -370,24 +384,9 @@ function spread(t) {
   });
 }
 
-const SLOW = 15;         // m/s: above it under- and oversteer are as large as the angle itself
-const FEWEST_SLOW = 200; // rows
-
-// What the rows themselves say of sign and ratio of the steering: in a slow turn the road wheels' angle is yaw rate times wheelbase
-// over speed. {gain: the logged angle over that, rough: there are fast turns only}; null where the log does not turn enough to tell.
+// What the rows themselves say of sign and ratio of the steering: {gain: the logged angle over the road wheels', sd: of its logarithm},
+// the understeer of cars taken out; null where the log does not turn enough to tell.
 function steeringGain(rows, car) {
-  const fit = (most) => {
-    const { steer_angle: steer, yaw_rate: yaw, wheel_speed_rear: wheel } = rows.data;
-    let ya = 0, yy = 0, aa = 0, n = 0;
-    for (let i = 0; i < steer.length; i++) {
-      const v = wheel[i] * car.wheel_radius_rear, y = steer[i], a = (yaw[i] * (car.lf + car.lr)) / v;
-      if (!(v > 4 && v < most) || Number.isNaN(y) || Number.isNaN(a)) continue;
-      ya += y * a; yy += y * y; aa += a * a; n++;
-    }
-    return n >= FEWEST_SLOW && ya * ya > 0.7 * yy * aa ? ya / aa : null;
-  };
-  const slow = fit(SLOW);
-  if (slow !== null) return { gain: slow, rough: false };
-  const fast = fit(50);
-  return fast === null ? null : { gain: fast, rough: true };
+  const d = smoothedChannels(liveliest(rows)), s = steeringFit(d.steer_angle, d.wheel_speed_rear.map((w) => w * car.wheel_radius_rear), d.yaw_rate);
+  return s && s.share > PAGE.check.enough.steer_angle && s.perCurvature !== 0 ? { gain: s.perCurvature / (car.lf + car.lr), sd: s.sd } : null;
 }

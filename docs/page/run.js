@@ -16,6 +16,8 @@ function breather(said = () => {}) {
   };
 }
 
+const tooLong = (name, rows) => new Wrong(`${name}: has ${rows} rows; this page takes ${MOST_ROWS}. The program tselab takes any number`);
+
 // Settings of a run as `tselab estimate` makes them of a vehicle file that says everything: the sampling is that of the log.
 function setSampling(desk, sampleTime) {
   if (sampleTime === null) return [];
@@ -78,7 +80,7 @@ class Table {
 // Run the filter over checked rows. `seen(table)`: after every slice; `stopped()`: the rows so far are kept.
 async function estimate(desk, rows, seen, stopped) {
   const nominal = Object.fromEntries(STIFFNESS.map((s) => [s, desk.get(NOMINAL[s])]));
-  if (rows.time.length > MOST_ROWS) throw new Wrong(`${rows.name}: has ${rows.time.length} rows; this page takes ${MOST_ROWS}. The program tselab takes any number`);
+  if (rows.time.length > MOST_ROWS) throw tooLong(rows.name, rows.time.length);
   desk.start();
   const table = new Table(desk.lib, rows.time.length, nominal), breathe = breather(() => seen(table));
   const data = desk.lib.channels.map((f) => rows.data[f.name]), values = new Float64Array(data.length);

@@ -26,6 +26,10 @@ async function begin() {
     $(`tab-${t}`).onkeydown = (e) => { if (e.key === "ArrowLeft" || e.key === "ArrowRight") choose(tabs.find((x) => x !== t), true); };
   }
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { log.chart.later(); drive.show(); });
+  // paper is white: what is drawn is drawn anew, with the colours of day
+  for (const [event, on] of [["beforeprint", true], ["afterprint", false]]) {
+    addEventListener(event, () => { document.documentElement.classList.toggle("print", on); log.chart.draw(); drive.chart.draw(); drive.look(); });
+  }
   window.tse = { lib, log, drive };        // for the browser's console, and the test
 }
 

@@ -121,6 +121,7 @@ async function readText(name, bytes, breathe) {
     notes.push(`line ${lines.length}, the last, does not end: it may be cut inside a number and is left out`);
     lines.pop();
   } else throw new Wrong(`${name}: has one row, and its line does not end: it may be cut inside a number`);
+  if (lines.length - d.first > MOST_ROWS + HEAD) throw tooLong(name, lines.length - d.first);      // before minutes go into reading it
   const width = d.names.length, most = lines.length - d.first, comma = d.decimal === ",";
   const columns = d.names.map((n, i) => ({ name: n, unit: d.units?.[i] ?? "", values: new Float64Array(most), bad: null }));
   const line = new Int32Array(most);

@@ -28,9 +28,42 @@ ODD = 12.0  # the same of a factor that no unit has: PRICE, and that it could ha
 WELL = 0.10  # what a cause leaves, to be said to explain
 FAR = 0.35  # of a logarithm: what is further off is said even when nothing explains it
 G = 9.80665
+USUAL_RATIO = 15.0  # of a steering, when nobody says
 # A wheel radius, or km/h taken for rad/s where 3.6 radii are near 1: every figure is off by the same factor of the speed, and none
 # of them alone says more than roll, roads and compliance do. Said as a note where it is this much of the speed and this many sd.
 SPEED_OFF, SPEED_SURE = 0.08, 1.4
+
+
+DEG = 180 / np.pi
+# Units that are mixed up, of a channel: how many times too large it is then, to be multiplied by that power of the steering
+# ratio; the unit, "" for a sign; in words. The page has these tables, too (docs/page/check.js).
+CAUSES: tuple[tuple[str, float, int, str, str], ...] = (
+    ("yaw_rate", DEG, 0, "deg/s", "yaw_rate is in deg/s (multiply by pi/180)"),
+    ("steer_angle", DEG, 0, "deg", "steer_angle is in degrees (multiply by pi/180)"),
+    ("steer_angle", 1.0, 1, "rad", "steer_angle is the steering-wheel angle (divide by the steering ratio)"),
+    ("steer_angle", DEG, 1, "deg", "steer_angle is the steering-wheel angle in degrees"),
+    ("accel_y", 1 / G, 0, "g", "accel_y is in g (multiply by 9.81)"),
+    ("accel_x", 1 / G, 0, "g", "accel_x is in g (multiply by 9.81)"),
+    ("steer_angle", -1.0, 0, "", "steer_angle is positive to the right (change its sign; left is positive)"),
+    ("accel_y", -1.0, 0, "", "accel_y is positive to the right (change its sign; left is positive)"),
+    ("yaw_rate", -1.0, 0, "", "yaw_rate is positive to the right (change its sign; left is positive)"),
+    ("accel_x", -1.0, 0, "", "accel_x is positive to the rear (change its sign; forward is positive)"),
+)
+# The same of the wheel speeds, all four: a power of the wheels' radius.
+WHEEL_CAUSES: tuple[tuple[float, int, str, str], ...] = (
+    (3.6, 1, "km/h", "the wheel speeds are in km/h (divide by 3.6 and the wheel radius)"),
+    (1.0, 1, "m/s", "the wheel speeds are in m/s (divide by the wheel radius)"),
+    (60 / (2 * np.pi), 0, "rpm", "the wheel speeds are in rpm (multiply by 2 pi/60)"),
+    (2.23694, 1, "mph", "the wheel speeds are in mph (multiply by 0.447, divide by the wheel radius)"),
+)
+FIGURES = {
+    "accel_y": "accel_y over speed x yaw_rate",
+    "accel_x": "accel_x over the change of wheel speed x wheel radius",
+    "steer_angle": "steer_angle over wheelbase x yaw_rate / speed, understeer taken out",
+    "speed": "wheel speed x radius over vehicle_speed",
+    "track_front": "right less left front wheel over yaw_rate x track",
+    "track_rear": "right less left rear wheel over yaw_rate x track",
+}
 
 
 @dataclass(frozen=True)
@@ -80,7 +113,7 @@ def check_units(
         )
     most = max(len(f.value) for _, f in tried)
     for wheels, figures in tried:
-        for causes in _sets(ratio or 15.0):
+        for causes in _sets(ratio or USUAL_RATIO):
             lost = VANISHED * (most - len(figures.value))
             cost = _cost(figures, causes) + lost + PRICE * (len(causes) + (wheels is not None))
             if not causes and wheels is None:
@@ -97,7 +130,8 @@ def check_units(
     if notes is not None:
         notes += _speed_off(plain[1], radius)
     return [
-        f"check the units: {_names(name)} is {x:.3g} times what is expected, about 1 is; no unit that is often mixed up explains it"
+        f"check the units: {FIGURES[name]} is {x:.3g} times what is expected, about 1 is; no unit that is often mixed up explains "
+        "it"
         for name, x in plain[1].value.items()
         if abs(np.log(abs(x))) > FAR + 2 * plain[1].sd[name]
     ]
@@ -136,7 +170,7 @@ def _speed_off(figures: Figures, radius: float) -> list[str]:
     off = sum(w * POWERS[n] * np.log(figures.value[n]) for n, w in weight.items()) / total
     if abs(off) < SPEED_OFF or abs(off) * np.sqrt(total) < SPEED_SURE:
         return []
-    names = ", ".join(f"{_names(n)} is {figures.value[n]:.3g}" for n in weight)
+    names = ", ".join(f"{FIGURES[n]} is {figures.value[n]:.3g}" for n in weight)
     likely = [c for c in _of_wheels(radius) if abs(off - np.log(c.factor)) < 1.0 / np.sqrt(total)]
     also = "".join(f"; or {c.text}, factor {c.factor:.3g}" for c in likely)
     return [f"the speed by the wheels may be {100 * abs(np.expm1(off)):.0f} % too {'high' if off > 0 else 'low'} (± "
@@ -190,33 +224,12 @@ def _swapped(d: Mapping[str, np.ndarray], v: np.ndarray) -> list[str]:
 
 
 def _of_wheels(radius: float) -> list[Cause]:
-    return [
-        Cause("wheel_speed", 3.6 * radius, "the wheel speeds are in km/h (divide by 3.6 and the wheel radius)"),
-        Cause("wheel_speed", radius, "the wheel speeds are in m/s (divide by the wheel radius)"),
-        Cause("wheel_speed", 60 / (2 * np.pi), "the wheel speeds are in rpm (multiply by 2 pi/60)"),
-        Cause(
-            "wheel_speed",
-            2.23694 * radius,
-            "the wheel speeds are in mph (multiply by 0.447, divide by the wheel radius)",
-        ),
-    ]
+    return [Cause("wheel_speed", per * radius**power, text) for per, power, _, text in WHEEL_CAUSES]
 
 
 def _sets(ratio: float) -> Iterator[tuple[Cause, ...]]:
     """None, one, or two causes at once, of different channels."""
-    deg = 180 / np.pi
-    single = [
-        Cause("yaw_rate", deg, "yaw_rate is in deg/s (multiply by pi/180)"),
-        Cause("steer_angle", deg, "steer_angle is in degrees (multiply by pi/180)"),
-        Cause("steer_angle", ratio, "steer_angle is the steering-wheel angle (divide by the steering ratio)"),
-        Cause("steer_angle", deg * ratio, "steer_angle is the steering-wheel angle in degrees"),
-        Cause("accel_y", 1 / G, "accel_y is in g (multiply by 9.81)"),
-        Cause("accel_x", 1 / G, "accel_x is in g (multiply by 9.81)"),
-        Cause("steer_angle", -1.0, "steer_angle is positive to the right (change its sign; left is positive)"),
-        Cause("accel_y", -1.0, "accel_y is positive to the right (change its sign; left is positive)"),
-        Cause("yaw_rate", -1.0, "yaw_rate is positive to the right (change its sign; left is positive)"),
-        Cause("accel_x", -1.0, "accel_x is positive to the rear (change its sign; forward is positive)"),
-    ]
+    single = [Cause(channel, per * ratio**power, text) for channel, per, power, _, text in CAUSES]
     yield ()
     for cause in single:
         yield (cause,)
@@ -274,14 +287,6 @@ def _cost(figures: Figures, causes: tuple[Cause, ...]) -> float:
     return sum(float(np.log(abs(x)) ** 2 / figures.sd[n] ** 2) + WRONG_SIGN * (x < 0) for n, x in left.items())
 
 
-def _names(name: str) -> str:
-    return {"accel_y": "accel_y over speed x yaw_rate", "accel_x": "accel_x over the change of wheel speed x wheel radius",
-            "steer_angle": "steer_angle over wheelbase x yaw_rate / speed, understeer taken out", "speed": "wheel speed x radius "
-                                                            "over vehicle_speed",
-            "track_front": "right less left front wheel over yaw_rate x track",
-            "track_rear": "right less left rear wheel over yaw_rate x track"}[name]  # fmt: skip
-
-
 def _words(causes: tuple[Cause, ...], before: Figures, after: Mapping[str, float]) -> str:
     """The figures that speak, before and after."""
     moved = [
@@ -289,7 +294,7 @@ def _words(causes: tuple[Cause, ...], before: Figures, after: Mapping[str, float
         for n in before.value
         if (n in after and abs(np.log(abs(before.value[n] / after[n]))) > 0.02) or before.value[n] * after.get(n, 1) < 0
     ]
-    parts = [f"{_names(n)} is {before.value[n]:.3g}, {after[n]:.3g} after" for n in moved if n in after]
+    parts = [f"{FIGURES[n]} is {before.value[n]:.3g}, {after[n]:.3g} after" for n in moved if n in after]
     fits = all(abs(np.log(abs(after[n]))) < WELL + 0.05 for n in moved if n in after)
     text = " and ".join(c.text for c in causes)
     return (

@@ -7,14 +7,14 @@ import { pathToFileURL } from "node:url";
 
 const [modules, browserPath, page_, folder, logsFile] = process.argv.slice(2);
 const puppeteer = createRequire(resolve(modules, "x.js"))("puppeteer-core");
-const { logs, cars } = JSON.parse(readFileSync(logsFile, "utf8"));
+const { logs, cars, checks } = JSON.parse(readFileSync(logsFile, "utf8"));
 mkdirSync(folder, { recursive: true });
 
 const browser = await puppeteer.launch({
   executablePath: browserPath, headless: true,
   args: ["--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--force-device-scale-factor=1", "--hide-scrollbars"],
 });
-const seen = { requests: [], errors: [], logs: {}, cars: {} };
+const seen = { requests: [], errors: [], logs: {}, cars: {}, checks: {} };
 
 async function open(scheme, width, height) {
   const page = await browser.newPage();
@@ -48,10 +48,10 @@ async function handed(page, id) {
   }, id);
 }
 
-async function drop(page, name) {
+async function drop(page, name, file = logs[name]) {
   const input = await page.$("#file");
   await page.$eval("#state", (e) => { e.textContent = ""; });
-  await input.uploadFile(logs[name]);
+  await input.uploadFile(file);
   await finished(page).catch(async (error) => { throw new Error(`${name}: ${error.message}: ${(await text(page, "log-wrong")) + (await text(page, "state"))}`); });
 }
 
@@ -101,6 +101,13 @@ for (const name of Object.keys(logs)) {
   if (!at.wrong) Object.assign(at, await files(page), { state: await text(page, "state") });
   seen.logs[name] = at;
 }
+// channels that contradict each other
+for (const [name, file] of Object.entries(checks)) {
+  await drop(page, name, file);
+  if (/Then estimate/.test(await text(page, "state"))) { await page.click("#run"); await finished(page); }
+  seen.checks[name] = { against: await text(page, "against"), wrong: await text(page, "log-wrong"), cards: await text(page, "cards"), map: await page.evaluate(() => structuredClone(window.tse.log.file?.map ?? null)), hint: await text(page, "map-hint"), "ratio sd": await page.evaluate(() => window.tse.log.car().steer_ratio_sd) };
+  if (name === "yaw sign") await shoot(page, "against-light");
+}
 if (logs.broken) { await drop(page, "broken"); await shoot(page, "broken-light"); }
 // what a screen reader is told: every control has a name
 seen.nameless = await page.evaluate(() => [...document.querySelectorAll("button, input, select, canvas, progress")].filter((e) => !(e.labels?.length || e.getAttribute("aria-label") || e.textContent.trim())).map((e) => e.outerHTML.slice(0, 120)));
@@ -108,8 +115,8 @@ seen.nameless = await page.evaluate(() => [...document.querySelectorAll("button,
 for (const name of Object.keys(cars)) {
   await page.$eval("#state", (e) => { e.textContent = "waiting"; });
   await (await page.$("#car-file")).uploadFile(cars[name]);
-  await page.waitForFunction("document.getElementById('state').textContent !== 'waiting' || document.getElementById('log-wrong').textContent");
-  seen.cars[name] = { wrong: await text(page, "log-wrong"), settings: await page.evaluate(() => window.tse.log.car()) };
+  await page.waitForFunction("document.getElementById('state').textContent !== 'waiting' || document.getElementById('car-wrong').textContent");
+  seen.cars[name] = { wrong: await text(page, "car-wrong"), settings: await page.evaluate(() => window.tse.log.car()) };
 }
 // a log that is opened after its vehicle file keeps what the file said
 await (await page.$("#car-file")).uploadFile(cars.little);
@@ -118,6 +125,9 @@ await drop(page, "plain");
 seen.kept = await page.evaluate(() => window.tse.log.car());
 await page.$eval("#set-mass", (e) => { e.value = "5"; e.dispatchEvent(new Event("change")); });
 seen.mass = await text(page, "car-wrong");
+await page.$eval("#vehicle-more", (e) => { e.open = true; });
+await page.click("#run");
+seen.refused = await page.evaluate(() => ({ state: document.getElementById("state").textContent, focus: document.activeElement.id, invalid: document.getElementById("set-mass").getAttribute("aria-invalid") }));
 await page.close();
 
 // ---- a drive, in the dark: the weaving driver on a dry road, then on snow; time is made by the page's own steps
@@ -135,6 +145,15 @@ seen.drive = await dark.evaluate(() => {
 await dark.evaluate(() => { const { drive } = window.tse; drive.said = -1e9; drive.show(); });
 await settle(dark);
 await shoot(dark, "drive-dark");
+// the road and the noise by their keys, which are not the driver's
+seen.sliders = {};
+for (const id of ["level", "loud"]) {
+  const before = await dark.$eval(`#${id}`, (e) => Number(e.value));
+  await dark.focus(`#${id}`);
+  await dark.keyboard.press("ArrowLeft");
+  seen.sliders[id] = before - await dark.$eval(`#${id}`, (e) => Number(e.value));
+}
+seen.sliders.auto = await dark.$eval("#auto", (e) => e.checked);
 // by hand: keys steer
 await dark.click("#go");
 await dark.keyboard.down("ArrowLeft");

@@ -3,6 +3,7 @@ other dialects, what is wrong is said, the simulator and the filter beside it. P
 
 import io
 import json
+import re
 import shutil
 import subprocess
 import sys
@@ -18,6 +19,7 @@ import page  # noqa: E402
 
 from tselab import maneuvers, single  # noqa: E402
 from tselab.core import Config, SimConfig  # noqa: E402
+from tselab.errors import UserError  # noqa: E402
 from tselab.estimate import write_table  # noqa: E402
 from tselab.log import read_log  # noqa: E402
 from tselab.prepare import prepare  # noqa: E402
@@ -119,6 +121,58 @@ def logs(drive, slow, tmp_path_factory):
     return {p.stem: str(p) for p in sorted(folder.iterdir(), key=lambda p: p.stem)}
 
 
+def wrong_ones():
+    """What may be wrong with the channels of a log, each as what becomes of the log; None: of the car as it is."""
+    deg, g = 180 / np.pi, 9.80665
+
+    def of(**factors):
+        return lambda log: log.assign(**{name: log[name] * factor for name, factor in factors.items()})
+
+    wheels = lambda factor: of(wheel_speed_front=factor, wheel_speed_rear=factor)  # noqa: E731
+    radius = Config().wheel_radius_front
+    return {
+        "right": lambda log: log,
+        "yaw sign": of(yaw_rate=-1),
+        "accel sign": of(accel_y=-1),
+        "steer sign": of(steer_angle=-1),
+        "along sign": of(accel_x=-1),
+        "yaw deg": of(yaw_rate=deg),
+        "accel g": of(accel_y=1 / g),
+        "both g": of(accel_y=1 / g, accel_x=1 / g),
+        "steering wheel": of(steer_angle=15.0),
+        "wheels m/s": wheels(radius),
+        "wheels rpm": wheels(60 / (2 * np.pi)),
+        "g and sign": of(accel_y=-1 / g),
+        "swapped": lambda log: log.assign(accel_x=log["accel_y"], accel_y=log["accel_x"]),
+        "rear rpm": of(wheel_speed_rear=60 / (2 * np.pi)),
+        "half": of(accel_y=0.5),
+        "few": lambda log: log.head(300),
+        "slow rows": lambda log: log.iloc[::10].assign(yaw_rate=-log["yaw_rate"].iloc[::10]),
+    }
+
+
+@pytest.fixture(scope="module")
+def checks(slow, tmp_path_factory):
+    """Logs whose channels do not agree; and one of other names that says no unit, in km/h, deg/s and g."""
+    folder = tmp_path_factory.mktemp("checks")
+    files = {}
+    gentle = slow.assign(
+        **{name: slow[name] * 0.5 for name in ("yaw_rate", "steer_angle", "accel_y")}
+    )  # deg/s fit the range, too
+    for i, (name, change) in enumerate(wrong_ones().items()):
+        files[name] = str(folder / f"{i}.csv")
+        write_table(change(gentle), files[name])
+    turn = 0.8 * slow["yaw_rate"]
+    corners = (("VL", "front", -1), ("VR", "front", 1), ("HL", "rear", -1), ("HR", "rear", 1))
+    wheels = {f"v_{p}": (slow[f"wheel_speed_{axle}"] * 0.33 + side * turn) * 3.6 for p, axle, side in corners}
+    unsaid = pd.DataFrame({"Zeit": slow["time"], "Lenkradwinkel": np.degrees(slow["steer_angle"]) * RATIO, **wheels,
+                           "Gierrate": -np.degrees(slow["yaw_rate"]), "Querbeschleunigung": slow["accel_y"] / 9.80665,
+                           "Laengsbeschleunigung": slow["accel_x"] / 9.80665})  # fmt: skip
+    files["unsaid"] = str(folder / "unsaid.csv")
+    unsaid.to_csv(files["unsaid"], sep=";", decimal=",", index=False)
+    return files
+
+
 @pytest.fixture(scope="module")
 def cars(tmp_path_factory):
     """Vehicle files."""
@@ -140,10 +194,10 @@ def cars(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def seen(built, browser, logs, cars, tmp_path_factory):
+def seen(built, browser, logs, cars, checks, tmp_path_factory):
     """What the browser saw."""
     file = tmp_path_factory.mktemp("page") / "logs.json"
-    file.write_text(json.dumps({"logs": logs, "cars": cars}))
+    file.write_text(json.dumps({"logs": logs, "cars": cars, "checks": checks}))
     command = [
         "node",
         str(Path(__file__).parent / "browse.mjs"),
@@ -153,7 +207,7 @@ def seen(built, browser, logs, cars, tmp_path_factory):
         str(SHOTS),
         str(file),
     ]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=240, check=False)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=280, check=False)
     assert done.returncode == 0, done.stderr[-3000:]
     return json.loads(done.stdout)
 
@@ -324,6 +378,54 @@ def test_every_control_has_a_name(seen):
     assert seen["nameless"] == []
 
 
+@pytest.mark.parametrize("name", wrong_ones())
+def test_channels_that_contradict_each_other_are_spoken_of_as_the_command_does(seen, checks, name, tmp_path):
+    """The check stands in two languages, on rasters that are made in two ways: the same causes, figures within some per cent."""
+    car = Config()
+    (tmp_path / "car.toml").write_text(
+        "\n".join(
+            f"{key} = {getattr(car, key)}" for key in ("mass", "lf", "lr", "wheel_radius_front", "wheel_radius_rear")
+        )
+    )
+    here = seen["checks"][name]
+    try:
+        expected = prepare(Path(checks[name]), tmp_path / "car.toml", None, None, {}, "default", {}).warnings
+    except UserError as error:
+        assert here["wrong"].split(" is outside")[0].replace("−", "-") in str(error) or here["wrong"], (error, here)
+        return
+    assert here["wrong"] == ""
+    lines = here["against"].replace("−", "-").splitlines()[:-1]
+    number = re.compile(r"-?\d+\.?\d*(?:e[-+]?\d+)?")
+    assert [number.sub("#", x) for x in lines] == [number.sub("#", x) for x in expected]
+    for mine, theirs in zip(lines, expected, strict=True):
+        assert np.allclose(
+            [float(x) for x in number.findall(mine)], [float(x) for x in number.findall(theirs)], rtol=0.1
+        )
+    assert ("contradict" in here["cards"]) == bool(expected)
+
+
+def test_units_that_nobody_says_are_guessed_from_what_the_rows_have_to_do_with_each_other(seen):
+    found = seen["checks"]["unsaid"]
+    units = {c: m["unit"] for c, m in found["map"].items()}
+    assert [units[f"wheel_speed_{a}"] for a in ("front", "rear")] == ["km/h", "km/h"], found
+    assert (units["yaw_rate"], units["accel_y"], units["accel_x"]) == ("deg/s", "g", "g")
+    assert found["map"]["yaw_rate"]["sign"] == -1
+    off = float(re.search(r"ratio about [\d.]+ \(± (\d+) %\)", found["hint"])[1]) / 100
+    assert found["map"]["steer_angle"]["ratio"] == pytest.approx(RATIO, rel=off) and off < 0.35
+    assert found["ratio sd"] == pytest.approx(off / 1.96, abs=0.004)  # and the estimate is as loose
+    assert found["against"] == found["wrong"] == ""
+    assert "wheel speeds are in km/h" in found["hint"]
+
+
+def test_a_setting_that_is_refused_is_shown_where_it_stands(seen):
+    assert seen["refused"]["focus"] == "set-mass" and seen["refused"]["invalid"] == "true"
+    assert "Not estimated: mass: 5; allowed" in seen["refused"]["state"]
+
+
+def test_sliders_of_road_and_noise_move_by_their_keys_and_leave_the_driver_alone(seen):
+    assert seen["sliders"]["level"] > 0 and seen["sliders"]["loud"] > 0 and seen["sliders"]["auto"]
+
+
 def test_a_setting_outside_its_range_is_refused_with_the_range(seen):
     assert "mass: 5; allowed: 50 .. 50000 kg" in seen["mass"]
 
@@ -355,7 +457,7 @@ def test_a_phone_needs_no_sideways_scrolling(seen):
 
 
 def test_pictures_are_left_for_people_to_look_at(seen):
-    light, dark, phone = ("start", "example", "mapping", "broken"), ("drive", "kept"), ("example", "drive")
+    light, dark, phone = ("start", "example", "mapping", "broken", "against"), ("drive", "kept"), ("example", "drive")
     for name in (*(f"{x}-light" for x in light), *(f"{x}-dark" for x in dark), *(f"{x}-phone" for x in phone)):
         assert (SHOTS / f"{name}.png").stat().st_size > 5000, name
 

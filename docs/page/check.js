@@ -1,0 +1,221 @@
+// check.js - do the channels agree with each other? The figures and the weighing of scripts/tselab/units.py and logs/physics.py, whose
+// tables and constants are in PAGE.check; tests/page compares what the two say. The raster is made more simply here (means of the rows
+// around each point in place of splines), so figures agree to a per cent or so, not to the bit.
+
+// Channels on an even raster of PAGE.check.rate a second, as running means over PAGE.check.smooth: name -> Float64Array, NaN: missing.
+function smoothedChannels(rows) {
+  const P = PAGE.check, { time } = rows, first = time[0], count = Math.max(0, Math.ceil((time.at(-1) - first) * P.rate));
+  const longest = Math.max(5 * rows.sampleTime, 0.5), out = {};
+  for (const [name, x] of Object.entries(rows.data)) {
+    const raster = new Float64Array(count).fill(NaN);
+    let at = 0, before = -1;
+    for (let k = 0; k < count; k++) {
+      const t = first + k / P.rate, from = t - 0.5 / P.rate, to = t + 0.5 / P.rate;
+      let sum = 0, n = 0;
+      for (; at < time.length && time[at] < to; at++) {
+        if (!Number.isFinite(x[at])) continue;
+        before = at;
+        if (time[at] >= from) { sum += x[at]; n++; }
+      }
+      if (n) raster[k] = sum / n;
+      else if (before >= 0) {                       // rows are further apart than the raster: on the line to the next one
+        let next = at;
+        while (next < time.length && !Number.isFinite(x[next])) next++;
+        if (next < time.length && time[next] - time[before] <= longest) {
+          raster[k] = x[before] + ((x[next] - x[before]) * (t - time[before])) / (time[next] - time[before]);
+        }
+      }
+    }
+    out[name] = movingMean(raster, Math.max(1, Math.round(P.smooth * P.rate)));
+  }
+  return out;
+}
+
+// Of a longer log the part in which the car turns most, as tselab.log.liveliest(): enough to say what its channels are.
+function liveliest(rows) {
+  const most = PAGE.check.mostRows, n = rows.time.length;
+  if (n <= most) return rows;
+  const step = Math.floor(most / 4), turned = [];
+  for (let i = 0; i < n; i += step) turned.push(rows.data.yaw_rate.subarray(i, i + step).reduce((sum, x) => sum + (Number.isFinite(x) ? Math.abs(x) : 0), 0));
+  let best = 0, at = 0;
+  for (let k = 0; k * step + most <= n; k++) {
+    const sum = turned.slice(k, k + 4).reduce((a, b) => a + b, 0);
+    if (sum > best) [best, at] = [sum, k * step];
+  }
+  const data = Object.fromEntries(Object.entries(rows.data).map(([name, x]) => [name, x.subarray(at, at + most)]));
+  return { ...rows, time: rows.time.subarray(at, at + most), data };
+}
+
+// Means over n rows, NaN where more than half is missing, aligned as numpy.convolve(x, ones(n), "same") has them.
+function movingMean(x, n) {
+  const sums = new Float64Array(x.length + 1), counts = new Int32Array(x.length + 1);
+  for (let i = 0; i < x.length; i++) {
+    const there = Number.isFinite(x[i]);
+    sums[i + 1] = sums[i] + (there ? x[i] : 0);
+    counts[i + 1] = counts[i] + (there ? 1 : 0);
+  }
+  return x.map((_, i) => {
+    const from = Math.max(0, i - Math.floor(n / 2)), to = Math.min(x.length, i + Math.ceil(n / 2));
+    const count = counts[to] - counts[from];
+    return count > 0.5 * n ? (sums[to] - sums[from]) / count : NaN;
+  });
+}
+
+// y by x where keep(i): {slope, corr}; too little to tell: corr 0.
+function fitOf(x, y, keep = () => true) {
+  let n = 0, sx = 0, sy = 0;
+  const use = (i) => Number.isFinite(x[i]) && Number.isFinite(y[i]) && keep(i);
+  for (let i = 0; i < x.length; i++) if (use(i)) { n++; sx += x[i]; sy += y[i]; }
+  if (n < PAGE.check.fewest) return { slope: 0, corr: 0, rows: n };
+  const mx = sx / n, my = sy / n;
+  let xx = 0, yy = 0, xy = 0;
+  for (let i = 0; i < x.length; i++) if (use(i)) { xx += (x[i] - mx) ** 2; yy += (y[i] - my) ** 2; xy += (x[i] - mx) * (y[i] - my); }
+  if (Math.sqrt(xx / n) < 1e-12 || Math.sqrt(yy / n) < 1e-12) return { slope: 0, corr: 0, rows: n };
+  const corr = xy / Math.sqrt(xx * yy);
+  return { slope: Math.sign(corr) * Math.sqrt(yy / xx), corr, rows: n, sd: Math.sqrt(yy / n) };
+}
+
+// numpy.gradient() per second of the raster.
+function slopeOf(x) {
+  const n = x.length, r = PAGE.check.rate;
+  return x.map((_, i) => (n < 2 ? 0 : i === 0 ? x[1] - x[0] : i === n - 1 ? x[i] - x[i - 1] : 0.5 * (x[i + 1] - x[i - 1])) * r);
+}
+
+// The steering angle by curvature, as physics.steering(): {perCurvature, sd, share}, or null.
+function steeringFit(angle, v, yaw) {
+  const P = PAGE.check, y = [], c = [], v2 = [];
+  for (let i = 0; i < v.length; i++) {
+    const k = yaw[i] / v[i];
+    if (v[i] > P.moving && Number.isFinite(angle[i]) && Number.isFinite(k)) { y.push(angle[i]); c.push(k); v2.push(v[i] ** 2); }
+  }
+  if (y.length < P.fewest || deviation(c) < 1e-5 || deviation(y) < 1e-9) return null;
+  const independent = Math.max(y.length / (2 * P.smooth * P.rate), 1), my = meanOf(y), yy = deviation(y) ** 2, tried = [];
+  for (let g = 0; g <= 40; g++) {
+    const k = P.understeer + (-3 + (8 * g) / 40) * P.understeerSd, x = c.map((value, i) => value * (1 + k * v2[i]));
+    const sx = deviation(x), mx = meanOf(x);
+    if (sx < 1e-12) { tried.push({ k, slope: 0, share: 0 }); continue; }
+    let xy = 0;
+    for (let i = 0; i < x.length; i++) xy += (x[i] - mx) * (y[i] - my);
+    const slope = xy / x.length / sx ** 2;
+    let left = 0;
+    for (let i = 0; i < x.length; i++) left += (y[i] - my - slope * (x[i] - mx)) ** 2;
+    tried.push({ k, slope, share: 1 - left / y.length / yy });
+  }
+  const worth = tried.map((t) => -0.5 * independent * Math.log(Math.max(1 - t.share, 1e-4)) - 0.5 * ((t.k - P.understeer) / P.understeerSd) ** 2);
+  const top = Math.max(...worth), weight = worth.map((w) => Math.exp(w - top)), total = weight.reduce((a, b) => a + b, 0);
+  const size = tried.map((t) => Math.log(Math.max(Math.abs(t.slope), 1e-12)));
+  const mean = size.reduce((s, x, i) => s + weight[i] * x, 0) / total, square = size.reduce((s, x, i) => s + weight[i] * x * x, 0) / total;
+  const best = tried[worth.indexOf(top)], apart = -0.5 * Math.log(Math.max(best.share, 1e-2));
+  return { perCurvature: best.slope * Math.exp(apart), sd: Math.hypot(Math.sqrt(Math.max(square - mean * mean, 0)), apart / Math.sqrt(3)), share: best.share };
+}
+
+// Measured over expected with the speed v: name -> {value, sd}.
+function figuresOf(rows, d, v, car, tracks, wheels) {
+  const P = PAGE.check, out = {}, moving = (i) => Math.abs(v[i]) > P.moving;
+  for (const [name, kinematic] of [["accel_y", v.map((x, i) => x * d.yaw_rate[i])], ["accel_x", slopeOf(v)]]) {
+    const f = fitOf(kinematic, d[name], moving);
+    if (Math.abs(f.corr) > P.enough[name] && f.sd > 0.02) out[name] = { value: f.slope, sd: Math.hypot(P.sd[name], 1 - Math.abs(f.corr)) };
+  }
+  const s = steeringFit(d.steer_angle, v, d.yaw_rate);
+  if (s && s.share > P.enough.steer_angle && s.perCurvature !== 0) out.steer_angle = { value: s.perCurvature / (car.lf + car.lr), sd: Math.hypot(P.sd.steer_angle, s.sd) };
+  for (const axle of ["front", "rear"]) {
+    const per = rows.turn?.[`wheel_speed_${axle}`];
+    if (per) out[`track_${axle}`] = { value: (per * car[`wheel_radius_${axle}`]) / wheels / (tracks[axle] || P.unknownTrack), sd: tracks[axle] ? P.sd.track : P.unknownTrackSd };
+  }
+  return out;
+}
+
+// The figures, if these causes are put right.
+function leftOf(figures, causes) {
+  const by = { yaw_rate: 1, accel_y: 1, accel_x: 1, steer_angle: 1 };
+  for (const c of causes) if (c.channel in by) by[c.channel] *= c.factor;
+  const expected = { accel_y: by.accel_y / by.yaw_rate, accel_x: by.accel_x, steer_angle: by.steer_angle / by.yaw_rate, track_front: 1 / by.yaw_rate, track_rear: 1 / by.yaw_rate };
+  return Object.fromEntries(Object.entries(figures).map(([name, f]) => [name, f.value / expected[name]]));
+}
+
+function costOf(figures, causes) {
+  const left = leftOf(figures, causes);
+  return Object.entries(left).reduce((sum, [n, x]) => sum + (Math.log(Math.abs(x)) / figures[n].sd) ** 2 + (x < 0 ? PAGE.check.wrongSign : 0), 0);
+}
+
+// The set of causes that costs least: {causes, cost, figures, plain}, or null where the log says nothing. `may(channel, unit)`: which are
+// weighed; `price(unit)` of each; `most`: at once, beside the wheels'; `without`: figures that say nothing here.
+function weigh(rows, car, { ratio = PAGE.check.usualRatio, tracks = {}, may = () => true, price = () => PAGE.check.price, most = 2, without = [] } = {}) {
+  const P = PAGE.check, d = smoothedChannels(liveliest(rows));
+  const front = d.wheel_speed_front.map((x) => x * car.wheel_radius_front), rear = d.wheel_speed_rear.map((x) => x * car.wheel_radius_rear);
+  const v = front.map((x, i) => 0.5 * (x + rear[i])), radius = 0.5 * (car.wheel_radius_front + car.wheel_radius_rear);
+  const single = P.causes.map(([channel, per, power, unit, text]) => ({ channel, factor: per * ratio ** power, unit, text, power })).filter((c) => may(c.channel, c.unit));
+  const sets = [[], ...single.map((c) => [c])];
+  for (let n = 1, from = 1; n < most; n++) {
+    const end = sets.length;
+    for (; from < end; from++) {
+      const last = single.indexOf(sets[from].at(-1));
+      for (const c of single.slice(last + 1)) if (sets[from].every((a) => a.channel !== c.channel || a.factor * c.factor < 0)) sets.push([...sets[from], c]);
+    }
+  }
+  const ofWheels = P.wheelCauses.map(([per, power, unit, text]) => ({ channel: "wheel_speed", factor: per * radius ** power, unit, text })).filter((c) => may(c.channel, c.unit));
+  const tried = [null, ...ofWheels].map((wheels) => {
+    const per = wheels?.factor ?? 1, figures = figuresOf(rows, d, v.map((x) => x / per), car, tracks, per);
+    for (const name of without) delete figures[name];
+    return { wheels, figures };
+  });
+  const count = (figures) => Object.keys(figures).length, largest = Math.max(...tried.map((t) => count(t.figures)));
+  let best = null, plain = null;
+  for (const { wheels, figures } of tried) {
+    for (const causes of sets) {
+      const cost = costOf(figures, causes) + P.vanished * (largest - count(figures)) + causes.reduce((sum, c) => sum + price(c.unit), wheels ? price(wheels.unit) : 0);
+      if (!causes.length && !wheels) plain = { cost, figures };
+      else if (plain && count(figures) < count(plain.figures)) continue;
+      if (!best || cost < best.cost) best = { cost, causes: wheels ? [wheels, ...causes] : causes, figures };
+    }
+  }
+  return count(plain.figures) ? { ...best, plain: plain.figures, d, v, front, rear } : { causes: [], plain: {}, figures: {}, cost: 0, d, v, front, rear };
+}
+
+// What it costs that one channel is off by a factor that no unit has.
+function ofAnyFactor(figures) {
+  let least = Infinity;
+  for (const channel of ["yaw_rate", "accel_y", "accel_x", "steer_angle"]) {
+    const turned = leftOf(figures, [{ channel, factor: Math.E }]);
+    let up = 0, down = 0;
+    for (const [n, f] of Object.entries(figures)) {
+      const power = Math.log(Math.abs(turned[n] / f.value));
+      if (Math.abs(power) < 1e-9) continue;
+      up -= (power * Math.log(Math.abs(f.value))) / f.sd ** 2;
+      down += (power / f.sd) ** 2;
+    }
+    if (down) for (const sign of [1, -1]) least = Math.min(least, costOf(figures, [{ channel, factor: sign * Math.exp(up / down) }]));
+  }
+  return PAGE.check.odd + least;
+}
+
+// In what the channels contradict each other, in words; [] when they agree or move too little to tell (units.check_units()).
+function contradictions(rows, car, { ratio, tracks } = {}) {
+  const P = PAGE.check;
+  if (rows.time.length < 50 || !rows.sampleTime) return [];
+  const found = weigh(rows, car, { ratio, tracks }), { d, v } = found, short = (x) => brief(x, 3);
+  const typical = (x) => { const fast = Array.from(x, Math.abs).filter((s) => s > P.moving); return fast.length ? median(fast) : 0; };
+  const out = [], a = typical(found.front), b = typical(found.rear);
+  if (Math.min(a, b) > 0 && !(a / b > 0.8 && a / b < 1.25)) out.push(`check the units: front and rear wheels roll at ${short(a)} and ${short(b)} m/s; wheel_radius_* or one wheel speed is wrong`);
+  const moving = (i) => Math.abs(v[i]) > P.moving, turn = v.map((x, i) => x * d.yaw_rate[i]);
+  const x = fitOf(turn, d.accel_x, moving), y = fitOf(turn, d.accel_y, moving), along = fitOf(slopeOf(v), d.accel_y, moving);
+  if (Math.abs(x.corr) > P.enough.accel_y && Math.abs(y.corr) < 0.5 && (Math.abs(along.corr) > 0.5 || !y.rows || Math.abs(y.corr) < 0.2)) {
+    out.push(`check the axes: accel_x goes with speed x yaw_rate (correlation ${x.corr.toFixed(2)}, factor ${short(x.slope)}) and accel_y does not (${y.corr.toFixed(2)}): accel_x and accel_y are swapped`);
+  }
+  if (out.length) return out;
+  if (found.causes.length && found.cost < ofAnyFactor(found.plain)) {
+    const after = leftOf(found.figures, found.causes), names = Object.keys(found.plain).filter((n) => n in after && (Math.abs(Math.log(Math.abs(found.plain[n].value / after[n]))) > 0.02 || found.plain[n].value * after[n] < 0));
+    const fits = names.every((n) => Math.abs(Math.log(Math.abs(after[n]))) < P.well + 0.05);
+    return [`check the units: ${fits ? "" : "perhaps "}${found.causes.map((c) => c.text).join(" and ")}; factor ${found.causes.map((c) => short(c.factor)).join(", ")}: ${names.map((n) => `${P.figures[n]} is ${short(found.plain[n].value)}, ${short(after[n])} after`).join("; ")} (about 1 is expected)`];
+  }
+  return Object.entries(found.plain).filter(([, f]) => Math.abs(Math.log(Math.abs(f.value))) > P.far + 2 * f.sd)
+    .map(([n, f]) => `check the units: ${P.figures[n]} is ${short(f.value)} times what is expected, about 1 is; no unit that is often mixed up explains it`);
+}
+
+// Units and signs of channels of which neither file nor name says the unit, by what the rows have to do with each other: causes.
+// The steering angle is left out: its ratio is unknown, and guessed for itself (map.js).
+function unitsByRows(rows, car, open) {
+  if (rows.time.length < 50 || !rows.sampleTime) return [];
+  const P = PAGE.check, may = (channel) => open.has(channel);
+  return weigh(rows, car, { may, price: (unit) => (unit ? P.unsaid : P.price), most: 3, without: ["steer_angle"] }).causes;
+}
