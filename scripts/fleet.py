@@ -113,7 +113,7 @@ def main() -> None:
 def measure(folder: Path, asked: argparse.Namespace) -> list[str]:
     car = folder / "car.toml"
     car.write_text(
-        subprocess.run([*TSELAB, "vehicle", "--example"], env=ENV, capture_output=True, text=True, check=True).stdout
+        subprocess.run([*TSELAB, "vehicle", "--simulated"], env=ENV, capture_output=True, text=True, check=True).stdout
     )
     first = folder / "first.csv"
     write_drive(first, asked.minutes, 1)

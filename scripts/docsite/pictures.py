@@ -250,7 +250,7 @@ def reports(out: Path = OUT) -> list[Path]:
     drive.log.to_csv(folder / "log.csv", index=False)
     (folder / "car.toml").write_text(
         subprocess.run(
-            [sys.executable, "-m", "tselab", "vehicle", "--example"], capture_output=True, text=True, check=True
+            [sys.executable, "-m", "tselab", "vehicle", "--simulated"], capture_output=True, text=True, check=True
         ).stdout
     )
     command = [

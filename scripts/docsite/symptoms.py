@@ -166,14 +166,14 @@ def run(symptom: Symptom) -> tuple[int, str]:
     import tse
     from tselab.cli import cli
     from tselab.errors import UserError
-    from tselab.tables import example_vehicle
+    from tselab.tables import simulated_vehicle
 
     before = Path.cwd()
     log = tse.simulate("square-waves", duration=DURATION).log
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         log.to_csv(folder / "log.csv", index=False)
-        (folder / "car.toml").write_text(example_vehicle(), encoding="utf-8")
+        (folder / "car.toml").write_text(simulated_vehicle(), encoding="utf-8")
         symptom.make(log, folder)
         os.chdir(folder)
         try:

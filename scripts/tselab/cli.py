@@ -507,21 +507,22 @@ def formula(path: Path, header: Path | None, as_json: bool) -> None:
 
 @cli.command()
 @click.argument("path", metavar="[CAR.toml]", type=FILE, required=False)
-@click.option("--example", is_flag=True, help="Print a commented vehicle file.")
+@click.option("--example", is_flag=True, help="Print a commented vehicle file, to edit for your car.")
+@click.option("--simulated", is_flag=True, help="Print the car of 'tselab simulate', told exactly: for its logs only.")
 @JSON
-def vehicle(path: Path | None, example: bool, as_json: bool) -> None:
-    """Check a vehicle file, or print an example.
+def vehicle(path: Path | None, example: bool, simulated: bool, as_json: bool) -> None:
+    """Check a vehicle file, or print one.
 
     \b
     tselab vehicle --example > car.toml
     tselab vehicle car.toml
     """
-    from tselab.tables import example_vehicle, text_table
+    from tselab.tables import example_vehicle, simulated_vehicle, text_table
 
-    if example == (path is not None):
-        raise UserError("give a vehicle file to check, or --example")
-    if example:
-        click.echo(example_vehicle(), nl=False)
+    if (path is not None) + example + simulated != 1:
+        raise UserError("give a vehicle file to check, or --example, or --simulated")
+    if path is None:
+        click.echo(example_vehicle() if example else simulated_vehicle(), nl=False)
         return
     from tselab.core import Config
     from tselab.vehicle import read_vehicle
@@ -588,14 +589,14 @@ def demo(out: Path, seed: int, progress: bool | None) -> None:
     """
     from tselab.demo import gap_summary, run_demo, run_gap, summary
     from tselab.logs.demo import logger_summary, run_logger
-    from tselab.tables import example_vehicle
+    from tselab.tables import simulated_vehicle
 
     if out.exists() and not out.is_dir():
         raise UserError(f"{out}: is a file, a directory is needed")
     made = run_demo(out, seed, show_progress(progress))
     click.echo(summary(made, out))
     try:
-        logged = run_logger(out / "logger", made.log, example_vehicle(), made.est.table)
+        logged = run_logger(out / "logger", made.log, simulated_vehicle(), made.est.table)
         click.echo("\n" + logger_summary(logged, out / "logger"))
     except UserError as error:
         click.echo(f"\nleft out: {error}")

@@ -20,7 +20,7 @@ from tselab.files import atomic
 from tselab.log import read_log
 from tselab.report import write_report
 from tselab.simulate import simulate, with_references
-from tselab.tables import example_vehicle
+from tselab.tables import simulated_vehicle
 from tselab.vehicle import read_vehicle
 from tselab.verdict import NAMES
 
@@ -62,7 +62,7 @@ def run_demo(out: Path, seed: int = 1, progress: bool = False) -> Demo:
     """Write vehicle, filter settings, log, truth, estimates, report and picture."""
     out.mkdir(parents=True, exist_ok=True)
     with atomic(out / "vehicle.toml") as file:
-        file.write(example_vehicle())
+        file.write(simulated_vehicle())
     with atomic(out / "filter.toml") as file:
         file.write("# a wrong start, to see it being found\n" + "".join(f"initial_{s} = {START}\n" for s in STIFFNESS))
     vehicle = read_vehicle(out / "vehicle.toml")
@@ -96,7 +96,7 @@ def run_gap(out: Path, seed: int = 1, say: Callable[[str], None] = lambda _: Non
     out.mkdir(parents=True, exist_ok=True)
     path = out / "car.toml"
     with atomic(path) as file:
-        file.write(example_vehicle())
+        file.write(simulated_vehicle())
     vehicle = read_vehicle(path)
     car = Config(vehicle.values)
     truth = Config(vehicle.values | HIDDEN_SETTINGS)

@@ -6,7 +6,14 @@ from collections.abc import Iterable
 
 from tselab.core import CONFIG, REASON, SIM_CONFIG, STATUS, STIFFNESS, Field, library
 from tselab.estimate import est_columns, est_fields
-from tselab.vehicle import latency_settings, sensor_settings, uncertainty_settings, vehicle_settings
+from tselab.vehicle import (
+    REQUIRED,
+    latency_settings,
+    sensor_settings,
+    uncertainty_settings,
+    unknown_car,
+    vehicle_settings,
+)
 
 
 def text_table(rows: Iterable[Iterable[str]], right: tuple[int, ...] = ()) -> str:
@@ -51,42 +58,77 @@ def sim_settings_table() -> str:
 
 
 def example_vehicle() -> str:
-    """A commented vehicle file of the default car."""
+    """A commented vehicle file to edit: what a file must say, with the built-in car's values; the rest commented out. Who knows no
+    more of a car than its measures must not say more: sensors and stiffness that are another car's, or a car that is told exactly,
+    make an estimate sure of what is wrong."""
+    fields = {f.name: f for f in library().fields(CONFIG)}
+    required = [n for n in vehicle_settings() if n in REQUIRED]
+    others = [n for n in vehicle_settings() if n not in REQUIRED]
+    lines = [
+        "# A vehicle for tselab, to edit. SI units; stiffness per axle (both wheels). Values: a mid-size car's.",
+        'name = "my car"',
+        *(_toml_line(fields[name]) for name in required),
+        "",
+        "# All below is optional: take the # away where you know it. What is left out is filled in by a rule, or found in the",
+        "# log, and the run says so.",
+        f"# wheelbase = {fields['lf'].default + fields['lr'].default:g}  # m, checked against lf + lr",
+        '# driven_axle = "front"  # front, rear or both; used by tselab simulate',
+        "# steering_ratio = 16.0  # only for hints: steer_angle in the log is the road-wheel angle",
+        *(f"# {_toml_line(fields[name])}" for name in others),
+        "",
+        "# How uncertain that is: sd of each. Left out: as of a car that nobody has calibrated, as here. 0: known exactly.",
+        "# [uncertainty]",
+        *(f"# {_toml_line(fields[name], value=unknown_car()[name])}" for name in uncertainty_settings()),
+        "",
+        "# Noise and bias of the sensors. Left out: found in the log.",
+        "# [sensors]",
+        *(f"# {_toml_line(fields[name])}" for name in sensor_settings()),
+        "",
+        "# How much later than the gyro each channel is logged, as far as it is known; negative: earlier.",
+        "# [latency]",
+        *(f"# {_toml_line(fields[name], key)}" for key, name in latency_settings().items()),
+        *_EFFECTS,
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def simulated_vehicle() -> str:
+    """The car of `tselab simulate`, told exactly: for logs whose truth is known, and for nothing else."""
     fields = {f.name: f for f in library().fields(CONFIG)}
     lines = [
-        "# A vehicle for tselab: the built-in car. SI units; stiffness per axle (both wheels).",
-        "# Required: mass, lf, lr, wheel_radius_front, wheel_radius_rear. What else is left out is filled in by a rule,",
-        "# and the run says so.",
+        "# The car of 'tselab simulate', which is known exactly. Not a form for a real car: that is 'tselab vehicle --example'.",
+        "# SI units; stiffness per axle (both wheels).",
         'name = "mid-size car"',
         f"wheelbase = {fields['lf'].default + fields['lr'].default:g}  # m, checked against lf + lr",
         'driven_axle = "front"  # front, rear or both; used by tselab simulate',
-        "# steering_ratio = 16.0  # only for hints: steer_angle in the log is the road-wheel angle",
         "",
         *(_toml_line(fields[name]) for name in vehicle_settings()),
         "",
         "# How uncertain that is: sd of each, 0 for what is known exactly, as here.",
-        "# Left out: as of a car that nobody has calibrated.",
         "[uncertainty]",
         *(_toml_line(fields[name]) for name in uncertainty_settings()),
         "",
         "[sensors]",
         *(_toml_line(fields[name]) for name in sensor_settings()),
         "",
-        "# How much later than the gyro each channel is logged, as far as it is known; negative: earlier.",
         "[latency]",
         *(_toml_line(fields[name], key) for key, name in latency_settings().items()),
-        "",
-        "# What the single-track model leaves out, as far as it is known of this car: [effects.<id>] with the parameters of",
-        "# include/tse/effects.def ('tselab settings' has them as <id>_<parameter>). Left out: none.",
-        "# [effects.body_roll]",
-        "# gain = 0.008  # rad s2/m",
+        *_EFFECTS,
     ]
     return "\n".join(lines) + "\n"
 
 
-def _toml_line(f: Field, key: str = "") -> str:
-    value = repr(float(f.default))
-    return f"{key or f.name} = {value}  # {f.unit}, {f.low:g} .. {f.high:g}: {f.text}"
+_EFFECTS = (
+    "",
+    "# What the single-track model leaves out, as far as it is known of this car: [effects.<id>] with the parameters of",
+    "# include/tse/effects.def ('tselab settings' has them as <id>_<parameter>). Left out: none.",
+    "# [effects.body_roll]",
+    "# gain = 0.008  # rad s2/m",
+)
+
+
+def _toml_line(f: Field, key: str = "", value: float | None = None) -> str:
+    return f"{key or f.name} = {float(f.default if value is None else value)!r}  # {f.unit}, {f.low:g} .. {f.high:g}: {f.text}"
 
 
 def _si(f: Field) -> str:

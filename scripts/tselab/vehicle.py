@@ -181,6 +181,13 @@ def make_vehicle(data: dict[str, Any], path: Path) -> Vehicle:
     _fill_vehicle(vehicle)
     vehicle.told_uncertainty = [key for key in uncertainty_settings() if key in uncertainty]
     vehicle.told_latency = [key for key in latencies if key in latency]
+    if all(uncertainty.get(key) == 0 for key in uncertainty_settings()) and any(
+        values.get(key, check.fields[key].default) != check.fields[key].default for key in vehicle_settings()
+    ):
+        vehicle.notes.append(
+            f"{path.name}: [uncertainty] is 0 throughout: the car is taken as known exactly, and bands are of the sensors alone; "
+            "of a real car leave the table out, or calibrate it"
+        )
     if any(k in facts for k in HINT_ONLY):
         vehicle.notes.append(
             f"{path.name}: author_stiffness_* are somebody's guess and not used; to start from them, name them "

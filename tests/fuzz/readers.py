@@ -117,9 +117,9 @@ def good_log() -> bytes:
 
 @functools.cache
 def good_car() -> bytes:
-    from tselab.tables import example_vehicle
+    from tselab.tables import simulated_vehicle
 
-    return example_vehicle().encode()
+    return simulated_vehicle().encode()
 
 
 SMALL_CAR = b"mass = 1500.0\nlf = 1.2\nlr = 1.5\nwheel_radius_front = 0.3\nwheel_radius_rear = 0.3\n"

@@ -66,7 +66,7 @@ def drive(tmp_path_factory: pytest.TempPathFactory) -> Drive:
     """20 s of the paper's square waves."""
     folder = tmp_path_factory.mktemp("drive")
     vehicle, log, truth = folder / "car.toml", folder / "log.csv", folder / "truth.csv"
-    vehicle.write_text(tselab("vehicle", "--example").out, encoding="utf-8")
+    vehicle.write_text(tselab("vehicle", "--simulated").out, encoding="utf-8")
     done = tselab("simulate", "--maneuver", "square-waves", "--duration", 20, "--vehicle", vehicle, "--out", log,
                   "--truth", truth, "--seed", 3, "--with-ref")  # fmt: skip
     assert done.code == 0, done.err

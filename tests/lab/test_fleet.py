@@ -44,7 +44,7 @@ def logs(tmp_path_factory) -> Path:
     """Two cars on three days, and three logs that are none."""
     folder = tmp_path_factory.mktemp("fleet")
     car = folder / "car.toml"
-    car.write_text(tselab("vehicle", "--example").out, encoding="utf-8")
+    car.write_text(tselab("vehicle", "--simulated").out, encoding="utf-8")
     for i, (name, level) in enumerate(CARS.items()):
         for day in range(1, DAYS + 1):
             write_drive(folder / "logs" / name / f"2024-05-{day:02d}.csv", car, 10 * i + day, level)

@@ -18,7 +18,7 @@ SENSORS = ("accel_x", "accel_y", "yaw_rate")
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("forms")
-    (folder / "car.toml").write_text(tselab_here("vehicle", "--example").out)
+    (folder / "car.toml").write_text(tselab_here("vehicle", "--simulated").out)
     drives = {
         "road": ("--road-change", f"{CHANGE}:0.7"),
         "noisy": ("--noise", 3),

@@ -24,7 +24,7 @@ WITHOUT = {  # what has none, and why
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("json")
-    (folder / "car.toml").write_text(tselab_here("vehicle", "--example").out)
+    (folder / "car.toml").write_text(tselab_here("vehicle", "--simulated").out)
     (folder / "play.toml").write_text(FORMULA)
     done = tselab_here("simulate", "--maneuver", "sine-sweep", "--duration", 20, "--out", "log.csv", cwd=folder)
     assert done.code == 0, done.err

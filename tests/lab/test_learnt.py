@@ -44,7 +44,7 @@ def errors(folder, name, first, last):
 def first(tmp_path_factory):
     """A drive on tyres unlike the settings', learnt in two forms: default.tse, sampled.tse."""
     folder = tmp_path_factory.mktemp("learnt")
-    (folder / "car.toml").write_text(tselab_here("vehicle", "--example").out)
+    (folder / "car.toml").write_text(tselab_here("vehicle", "--simulated").out)
     simulate(folder, "first", 1)
     for form in FORMS:
         done = estimate(folder, "first", "--form", form, "--save-learnt", f"{form}.tse")

@@ -22,7 +22,7 @@ def clean(tmp_path_factory):
     """A drive in tse's own columns, its vehicle file, and what is estimated from it."""
     folder = tmp_path_factory.mktemp("formats")
     car, log = folder / "car.toml", folder / "log.csv"
-    car.write_text(tselab("vehicle", "--example").out, encoding="utf-8")
+    car.write_text(tselab("vehicle", "--simulated").out, encoding="utf-8")
     drive(car).to_csv(log, index=False)
     return pd.read_csv(log), car, estimates(log, car, folder)
 

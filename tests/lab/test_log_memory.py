@@ -27,7 +27,7 @@ SMALL = 300  # entries of a piece in these tests
 def short(tmp_path_factory):
     """Messages of a drive, and the car's file."""
     car = tmp_path_factory.mktemp("long") / "car.toml"
-    car.write_text(tselab("vehicle", "--example").out, encoding="utf-8")
+    car.write_text(tselab("vehicle", "--simulated").out, encoding="utf-8")
     return messages(drive(car, SECONDS).iloc[: round(100 * SECONDS)]), car
 
 

@@ -24,7 +24,7 @@ RADIUS = RADII["rear"]
 def bends(tmp_path_factory):
     """A minute of lane changes: true signals in SI units."""
     car = tmp_path_factory.mktemp("world") / "car.toml"
-    car.write_text(tselab("vehicle", "--example").out, encoding="utf-8")
+    car.write_text(tselab("vehicle", "--simulated").out, encoding="utf-8")
     return drive(car)
 
 

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 
 from conftest import tselab
+from tselab.vehicle import REQUIRED, latency_settings, sensor_settings, uncertainty_settings, vehicle_settings
 
 BARE = """name = "bare"
 mass = 1600.0
@@ -178,9 +181,38 @@ def test_stated_noise_is_left_alone(tmp_path):
     assert "nod_time" not in exact.values
 
 
-def test_example_file_is_the_default_car(tmp_path):
+def test_the_simulated_car_is_the_default_car(tmp_path):
     from tselab.core import Config
 
-    car = read(tmp_path, tselab("vehicle", "--example").out)
+    car = read(tmp_path, tselab("vehicle", "--simulated").out)
     assert Config(car.values).changed() == {}
     assert car.filled == car.notes == []
+
+
+def test_the_example_says_no_more_than_a_minimal_file(tmp_path):
+    """Who edits mass, axles and wheels gets the bands of a car that nobody has calibrated, not those of one told exactly."""
+    example = tselab("vehicle", "--example").out
+    said = {line.split(" = ")[0] for line in example.splitlines() if line and not line.startswith(("#", "name"))}
+    assert said == set(REQUIRED)
+    car = read(tmp_path, example)
+    bare = read(tmp_path, "\n".join(f"{key} = {car.values[key]!r}" for key in REQUIRED))
+    assert car.values == bare.values
+    assert car.filled == bare.filled
+    assert car.notes == []
+
+
+def test_every_line_of_the_example_can_be_taken_in(tmp_path):
+    lines = tselab("vehicle", "--example").out.splitlines()
+    is_toml = re.compile(r"# (\[[a-z_.]+\]|[a-z_]+ = .*)")
+    whole = "\n".join(line[2:] if is_toml.fullmatch(line) else line for line in lines)
+    car = read(tmp_path, whole)
+    known = {*vehicle_settings(), *uncertainty_settings(), *sensor_settings(), *latency_settings().values()}
+    assert known <= set(car.values)
+    assert car.filled == car.notes == []
+
+
+def test_an_edited_car_that_is_told_exactly_is_spoken_of(tmp_path):
+    car = read(
+        tmp_path, re.sub(r"^mass = \S+", "mass = 1400.0", tselab("vehicle", "--simulated").out, flags=re.MULTILINE)
+    )
+    assert [n for n in car.notes if "[uncertainty] is 0 throughout" in n]

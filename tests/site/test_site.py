@@ -237,11 +237,11 @@ def test_every_block_says_what_it_is():
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     """A small log and a vehicle file, as the blocks name them."""
-    from tselab.tables import example_vehicle
+    from tselab.tables import simulated_vehicle
 
     out = tmp_path_factory.mktemp("blocks")
     tse.simulate("square-waves", duration=8).log.to_csv(out / "log.csv", index=False)
-    (out / "car.toml").write_text(example_vehicle())
+    (out / "car.toml").write_text(simulated_vehicle())
     return out
 
 
