@@ -1,6 +1,6 @@
-"""How much of the Python packages their tests reach: statements and branches by package, also of the processes that the tests start.
+"""How much of the Python packages their tests reach: statements and branches by package, also of processes that the tests start.
 
-    scripts/coverage.sh python [--write] [PYTEST ARGUMENTS]     --write: scripts/results/coverage-python.md anew; about half an hour
+    scripts/coverage.sh python [--write] [PYTEST ARGUMENTS]   --write: scripts/results/coverage-python.md anew; about half an hour
 
 Nothing fails by it: what a line that no test reaches is worth, nobody can say in general. Figures are for looking where to test next.
 """
