@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 
 import pytest
@@ -75,3 +76,16 @@ def test_a_part_of_the_study_does_not_take_the_place_of_all(tmp_path: Path, monk
     assert not (tmp_path / "results").exists()
     study.write(found, True, None)
     assert {p.name: p.read_text() for p in (tmp_path / "results").iterdir()} == found
+
+
+def test_an_interval_holds_a_size_or_does_not() -> None:
+    """By hand: a size, its interval and the truth, either sign."""
+    case = {
+        "truth": [{"id": "body_roll", "parameters": {"gain": 0.008}}],
+        "named": [{"id": "body_roll", "parameters": {"gain": {"value": 0.009, "ci95": [0.0085, 0.0095]}}}],
+    }
+    assert study.size_of(case) == (0.009, 0.0085, 0.0095, 0.008)
+    assert study.size_error(case) == pytest.approx(0.125)
+    case["named"][0]["parameters"]["gain"] = {"value": -0.009, "ci95": [-0.010, -0.007]}
+    assert study.size_of(case) == (0.009, 0.007, 0.010, 0.008)
+    assert study.size_of({**case, "named": []}) is None and math.isnan(study.size_error({**case, "named": []}))
