@@ -208,7 +208,7 @@ def tables(cases: list[dict]) -> dict[str, str]:
         k = sum(low <= true <= high for _, low, high, true in sizes)
         near = sum(abs(value / true - 1.0) < 0.25 for value, _, _, true in sizes)
         lines.append(
-            f"\nOf {len(sizes)} sizes the 95 % interval holds the generator's in {k} ({interval(k, len(sizes))}); {near} are within "
+            f"\nOf {len(sizes)} sizes the 95 % interval holds it in {k} ({interval(k, len(sizes))}); {near} are within "
             f"25 % of it. Its forms are others than the catalogue's."
         )
     lines += ["", *reliability([c for c in cases if not c["outside"]])]

@@ -2,7 +2,7 @@
 
     scripts/coverage.sh python [--write] [PYTEST ARGUMENTS]   --write: scripts/results/coverage-python.md anew; about half an hour
 
-Nothing fails by it: what a line that no test reaches is worth, nobody can say in general. Figures are for looking where to test next.
+    scripts/coverage.sh python [--write] [PYTEST ARGUMENTS]     --write: scripts/results/coverage-python.md anew: half an hour
 """
 
 from __future__ import annotations
