@@ -1,8 +1,8 @@
 """How much of the Python packages their tests reach: statements and branches by package, also of processes that the tests start.
 
-    scripts/coverage.sh python [--write] [PYTEST ARGUMENTS]   --write: scripts/results/coverage-python.md anew; about half an hour
+scripts/coverage.sh python [--write] [PYTEST ARGUMENTS]   --write: scripts/results/coverage-python.md anew; about half an hour
 
-    scripts/coverage.sh python [--write] [PYTEST ARGUMENTS]     --write: scripts/results/coverage-python.md anew: half an hour
+scripts/coverage.sh python [--write] [PYTEST ARGUMENTS]     --write: scripts/results/coverage-python.md anew: half an hour
 """
 
 from __future__ import annotations
