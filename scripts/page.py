@@ -164,7 +164,7 @@ def example() -> dict[str, Any]:
 
 def known() -> dict[str, Any]:
     """What tselab knows of names, units and rules."""
-    from tselab import config, log, noise, simulate, vehicle, verdict
+    from tselab import config, log, noise, prepare, simulate, vehicle, verdict
     from tselab import units as checks
     from tselab.logs import names, physics, units, vocabulary
     from tselab.logs.propose import scales
@@ -187,7 +187,7 @@ def known() -> dict[str, Any]:
         "noise": {
             "floor": noise.FLOOR, "longestHold": noise.LONGEST_HOLD, "fewestRows": noise.FEWEST_ROWS, "average": noise.AVERAGE,
             "window": noise.WINDOW, "change": noise.CHANGE, "quiet": noise.QUIET, "normalQuiet": noise.NORMAL_QUIET,
-            "moving": noise.MOVING, "unknownBias": vehicle.UNKNOWN_BIAS, "nodTime": vehicle.NOD_TIME,
+            "mostRows": prepare.MOST_ROWS, "moving": noise.MOVING, "unknownBias": vehicle.UNKNOWN_BIAS, "nodTime": vehicle.NOD_TIME,
         },
         "check": {
             "causes": checks.CAUSES, "wheelCauses": checks.WHEEL_CAUSES, "figures": checks.FIGURES, "sd": checks.SD,

@@ -32,11 +32,11 @@ function smoothedChannels(rows) {
 }
 
 // Of a longer log the part in which the car turns most, as tselab.log.liveliest(): enough to say what its channels are.
-function liveliest(rows) {
-  const most = PAGE.check.mostRows, n = rows.time.length;
+function liveliest(rows, most) {
+  const n = rows.time.length;
   if (n <= most) return rows;
-  const step = Math.floor(most / 4), turned = [];
-  for (let i = 0; i < n; i += step) turned.push(rows.data.yaw_rate.subarray(i, i + step).reduce((sum, x) => sum + (Number.isFinite(x) ? Math.abs(x) : 0), 0));
+  const channel = rows.data[rows.data.yaw_rate.some(Number.isFinite) ? "yaw_rate" : "steer_angle"], step = Math.floor(most / 4), turned = [];
+  for (let i = 0; i < n; i += step) turned.push(channel.subarray(i, i + step).reduce((sum, x) => sum + (Number.isFinite(x) ? Math.abs(x) : 0), 0));
   let best = 0, at = 0;
   for (let k = 0; k * step + most <= n; k++) {
     const sum = turned.slice(k, k + 4).reduce((a, b) => a + b, 0);
@@ -141,7 +141,7 @@ function costOf(figures, causes) {
 // The set of causes that costs least: {causes, cost, figures, plain}, or null where the log says nothing. `may(channel, unit)`: which are
 // weighed; `price(unit)` of each; `most`: at once, beside the wheels'; `without`: figures that say nothing here.
 function weigh(rows, car, { ratio = PAGE.check.usualRatio, tracks = {}, may = () => true, price = () => PAGE.check.price, most = 2, without = [] } = {}) {
-  const P = PAGE.check, d = smoothedChannels(liveliest(rows));
+  const P = PAGE.check, d = smoothedChannels(liveliest(rows, P.mostRows));
   const front = d.wheel_speed_front.map((x) => x * car.wheel_radius_front), rear = d.wheel_speed_rear.map((x) => x * car.wheel_radius_rear);
   const v = front.map((x, i) => 0.5 * (x + rear[i])), radius = 0.5 * (car.wheel_radius_front + car.wheel_radius_rear);
   const single = P.causes.map(([channel, per, power, unit, text]) => ({ channel, factor: per * ratio ** power, unit, text, power })).filter((c) => may(c.channel, c.unit));

@@ -387,6 +387,6 @@ function spread(t) {
 // What the rows themselves say of sign and ratio of the steering: {gain: the logged angle over the road wheels', sd: of its logarithm},
 // the understeer of cars taken out; null where the log does not turn enough to tell.
 function steeringGain(rows, car) {
-  const d = smoothedChannels(liveliest(rows)), s = steeringFit(d.steer_angle, d.wheel_speed_rear.map((w) => w * car.wheel_radius_rear), d.yaw_rate);
+  const d = smoothedChannels(liveliest(rows, PAGE.check.mostRows)), s = steeringFit(d.steer_angle, d.wheel_speed_rear.map((w) => w * car.wheel_radius_rear), d.yaw_rate);
   return s && s.share > PAGE.check.enough.steer_angle && s.perCurvature !== 0 ? { gain: s.perCurvature / (car.lf + car.lr), sd: s.sd } : null;
 }

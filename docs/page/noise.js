@@ -2,8 +2,8 @@
 // fill_sensors() in vehicle.py, whose constants are in PAGE.noise. tests/page compares the two.
 
 // Settings of tse/sensors.def as the rules fill them in, clipped to their ranges; what the log does not tell is left out.
-function sensorsOf(rows, car, lib) {
-  const P = PAGE.noise, out = {};
+function sensorsOf(all, car, lib) {
+  const P = PAGE.noise, rows = liveliest(all, P.mostRows), out = {};
   const put = (name, value) => {
     const f = lib.field("config", name);
     out[name] = Math.min(Math.max(value, f.lo), f.hi);
