@@ -96,7 +96,9 @@ def test_estimates_agree_from_log_to_log_with_the_improved_vehicle(case):
 def test_improved_vehicle_is_the_users_with_stiffness_and_effect(case):
     old, new = read_vehicle(case.vehicle), read_vehicle(case.out / "vehicle_improved.toml")
     assert new.name == old.name and not new.filled
-    assert all("[uncertainty] is 0" in note for note in new.notes)  # as the user's is, who told the simulator's car exactly
+    assert all(
+        "[uncertainty] is 0" in note for note in new.notes
+    )  # as the user's is, who told the simulator's car exactly
     assert new.values["imu_delay_time"] == pytest.approx(0.02, abs=0.002)
     assert new.values["cornering_stiffness_front"] == pytest.approx(0.92 * 110000, rel=0.02)
     assert new.values["longitudinal_stiffness_rear"] == pytest.approx(1.1 * 160000, rel=0.03)

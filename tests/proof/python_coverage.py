@@ -1,8 +1,9 @@
 """How much of the Python packages their tests reach: statements and branches by package, also of processes that the tests start.
 
-scripts/coverage.sh python [--write] [PYTEST ARGUMENTS]   --write: scripts/results/coverage-python.md anew; about half an hour
+    scripts/coverage.sh python [--write] [PYTEST ARGUMENTS]     --write: the table of scripts/results anew; about half an hour
 
-scripts/coverage.sh python [--write] [PYTEST ARGUMENTS]     --write: scripts/results/coverage-python.md anew: half an hour
+Nothing is refused for a figure: what a line that no test reaches is worth, nobody can say in general. They are for looking where to
+test next. Tests of a full disk fail here, because what is measured cannot be written either.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ def table(report: dict[str, dict[str, dict[str, dict[str, int]]]], tests: str) -
         for name in (package(file), "all"):
             for count in COUNTS:
                 sums[name][count] += found["summary"][count]
-    lines = [f"{tests}; statements and branches, processes that tests start included", ""]
+    lines = ["# What the tests reach of the Python packages", "", f"{tests}; processes that tests start included", ""]
     lines += ["| package | statements | reached | branches | reached |", "| --- | ---: | ---: | ---: | ---: |"]
     for name in sorted(sums, key=lambda n: (n == "all", n)):
         s = sums[name]
