@@ -76,6 +76,14 @@ def test_every_form_of_the_library_is_a_formula_of_its_place(place):
         assert terms.formula(place, [term], [{}], [0.1]).place == place  # units agree, and it fits in a program
 
 
+def test_what_the_catalogue_says_is_no_formula():
+    """A first-order lag of the steering is steering_lag: as a formula it would cost less, and take its own name's place."""
+    for place, texts in terms.KNOWN.items():
+        library = {t.text for t in (terms.lateral() if place in terms.LATERAL else terms.longitudinal())}
+        assert set(texts) <= library  # else one was renamed, and would be proposed
+        assert not set(texts) & {t.text for t in terms.forms(place)}
+
+
 def test_units_of_coefficients():
     assert [terms.unit_text(e) for e in ((0, 0), (1, -2), (-1, 2), (0, -1), (2, 0), (-2, 2))] == [
         "1", "m/s2", "s2/m", "1/s", "m2", "s2/m2",

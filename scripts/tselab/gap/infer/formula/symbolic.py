@@ -100,7 +100,7 @@ def search(frame: Frame, place: str, library: Sequence[Term], seed: int) -> list
             scores = [worth[str(t)] for t in trees]
     finally:
         random.setstate(state)
-    known = np.concatenate([s[KNOWN[place]] for s in frame.at]) if place in KNOWN else np.zeros(0)
+    known = np.concatenate([s[KNOWN[place][0]] for s in frame.at]) if place in KNOWN else np.zeros(0)
     forms = [f for t in trees[: 4 * KEPT] if not _alike(values(t), known) and (f := _form(t, used)) is not None]
     seen = {t.text for t in library}
     listed = [x for x in screened(frame, place, frame.last, forms) if x[2].text not in seen] if forms else []

@@ -208,13 +208,20 @@ def longitudinal() -> list[Term]:
     return found
 
 
-# What the catalogue has: imu_scale_ax, imu_scale_ay, gyro_scale, steering_ratio. Their evidence was asked for by these names.
-KNOWN = {"accel_x": "accel_x", "accel_y": "accel_y", "yaw_rate": "yaw_rate", "front_angle": "steer_angle"}
+# What the catalogue has at a place, the signal that is in proportion first: imu_scale_ax, pitch_leak and a late accel_x;
+# imu_scale_ay, body_roll and a late accel_y; gyro_scale; steering_ratio, steering_lag and steering_delay. Their evidence was asked
+# for by these names, and a name is not to lose to itself: as a formula it says less and costs less.
+KNOWN: dict[str, tuple[str, ...]] = {
+    "accel_x": ("accel_x", "(second(accel_x, f0, D))", "(late(accel_x, T) - accel_x)"),
+    "accel_y": ("accel_y", "(second(accel_y, f0, D))", "(late(accel_y, T) - accel_y)"),
+    "yaw_rate": ("yaw_rate",),
+    "front_angle": ("steer_angle", "(lag(steer_angle, T) - steer_angle)", "(late(steer_angle, T) - steer_angle)"),
+}
 
 
 def forms(place: str) -> list[Term]:
     """The library at a place, without what is an effect of the catalogue there."""
-    return [t for t in (lateral() if place in LATERAL else longitudinal()) if t.text != KNOWN.get(place)]
+    return [t for t in (lateral() if place in LATERAL else longitudinal()) if t.text not in KNOWN.get(place, ())]
 
 
 def formula(place: str, terms: list[Term], values: list[Mapping[str, float]], coefficients: list[float]) -> Formula:
