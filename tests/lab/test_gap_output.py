@@ -227,6 +227,7 @@ def test_ctrl_c_keeps_the_stages_that_are_done(case, tmp_path):
     run = subprocess.Popen(
         [*COMMAND, "gap", *map(str, case.logs), "--vehicle", str(case.vehicle), "--out", str(out), "--jobs", "1"],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # a test run in the background ignores it
     )  # fmt: skip
     end = time.monotonic() + 60
     while not (out / "stages" / "where.npz").exists() and time.monotonic() < end and run.poll() is None:
