@@ -54,7 +54,9 @@ DRIVE, SECONDS, ROAD, SEED = (
 )  # the built-in example: half of it on a wetter road
 
 
-MOST_CHECKED = 1 << 17  # rows in which the page looks whether channels agree: 22 minutes at 100 Hz, half a second
+MOST_CHECKED = (
+    1 << 17
+)  # rows in which the page looks whether channels agree, 22 minutes at 100 Hz: it stands still meanwhile
 
 
 class Failed(Exception):

@@ -48,7 +48,7 @@ function changeText(at, time) {
 
 class LogPane {
   constructor(lib, desk) {
-    Object.assign(this, { lib, desk, file: null, rows: null, table: null, running: null, stopped: false, against: [], told: {}, known: null });
+    Object.assign(this, { lib, desk, file: null, rows: null, table: null, running: null, stopped: false, against: [], told: {}, ratioSd: null, plainRatioSd: null });
     this.said = new Map();      // settings that somebody said, by hand or by a vehicle file: no rule changes them
     $("formats").textContent = PAGE.parquet ? "CSV or Parquet" : "CSV";
     $("file").accept = PAGE.parquet ? ".csv,.txt,.tsv,.dat,.asc,.parquet,.pq" : ".csv,.txt,.tsv,.dat,.asc";
@@ -150,6 +150,7 @@ class LogPane {
   // What is told of the car: exact, or of one that nobody has calibrated (include/tse/uncalibrated.def).
   tell(uncalibrated) {
     $("told").value = uncalibrated ? "1" : "0";
+    this.plainRatioSd = null;             // steer_ratio_sd before loosen()
     const before = this.car();
     this.desk.defaults(uncalibrated);
     for (const name of [...this.lib.groups[0], ...this.lib.groups[2]]) this.desk.set(name, before[name]);
@@ -205,6 +206,7 @@ class LogPane {
       this.said = new Map(Object.entries(values));
       if (!("yaw_inertia" in values) && !("yaw_inertia_sd" in values)) this.said.set("yaw_inertia_sd", PAGE.rules.guessedInertiaSd);
       this.repeat();
+      if (this.file) this.loosen(this.ratioSd);
       this.byRule();
       if (this.file) this.noise(this.checked());
       this.show();
@@ -231,7 +233,7 @@ class LogPane {
 
   async open(file) {
     await this.halt();
-    this.file = null;
+    this.file = this.ratioSd = null;
     $("found").hidden = true;          // of another log
     for (const id of ["run", "noise"]) $(id).disabled = true;
     $("mapping").hidden = true;
@@ -283,6 +285,15 @@ class LogPane {
     return said.length ? `Guessed from the rows: ${said.join("; ")}.` : "";
   }
 
+  // What is guessed is not known as a ratio is that somebody says: the estimate is as loose. null: somebody said the ratio.
+  loosen(sd) {
+    this.ratioSd = sd;
+    if (this.said.has("steer_ratio_sd")) return;
+    const f = this.lib.field("config", "steer_ratio_sd");
+    this.plainRatioSd ??= this.desk.get(f.name);
+    this.desk.set(f.name, Math.min(Math.max(sd ?? 0, this.plainRatioSd), f.hi));
+  }
+
   // Sign and ratio of the steering, where the rows tell them.
   guess() {
     $("map-hint").textContent = "";
@@ -298,10 +309,7 @@ class LogPane {
     if (found.gain < 0) m.sign = -1;
     if (wheel) m.ratio = Number(ratio.toPrecision(3));
     const sd = Math.hypot(found.sd, PAGE.check.sd.steer_angle);
-    if (wheel && !this.said.has("steer_ratio_sd")) {      // what is guessed is not known as a ratio is that somebody says
-      this.known ??= this.desk.get("steer_ratio_sd");
-      this.desk.set("steer_ratio_sd", Math.min(Math.max(sd, this.known), this.lib.field("config", "steer_ratio_sd").hi));
-    }
+    if (wheel) this.loosen(sd);
     const what = wheel ? `the column is the steering wheel's angle, ratio about ${m.ratio} (± ${Math.round(196 * sd)} %)` : "the column is the road wheels' angle";
     $("map-hint").textContent = `Guessed from the rows: ${what}${found.gain < 0 ? ", positive to the right: its sign is turned" : ""}.${wheel ? " Say the ratio if you know it better: the stiffness follows it." : ""}`;
     this.mapping();
@@ -338,7 +346,7 @@ class LogPane {
         ratio.setAttribute("aria-label", "steering ratio");
         ratio.onchange = () => {
           m.ratio = Number(ratio.value);
-          if (this.known !== null && !this.said.has("steer_ratio_sd")) this.desk.set("steer_ratio_sd", this.known);
+          this.loosen(null);
           this.remapped();
         };
         extra.append(make("span", { textContent: "ratio", className: "hint" }), ratio);

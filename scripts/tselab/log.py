@@ -9,7 +9,7 @@ import warnings
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from datetime import datetime
+from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -276,16 +276,14 @@ def read_frame(frame: Mapping[str, Any] | pd.DataFrame, name: str = "log") -> Lo
 
 def _array(name: str, column: str, values: Any) -> np.ndarray:
     """A column of a frame as numbers. UserError, TypeError, ValueError, OverflowError: it has none."""
-    kind = getattr(values, "dtype", None)
-    if column == "time" and getattr(kind, "kind", "O") not in "fiub":
-        from tselab.logs.table import Column, seconds
+    kind = getattr(getattr(values, "dtype", None), "kind", "O")
+    if column == "time" and kind not in "fiub":
+        series = values.reset_index(drop=True) if isinstance(values, pd.Series) else pd.Series(np.asarray(values))
+        if isinstance(next(iter(series), None), str | datetime | timedelta):
+            from tselab.logs.table import Column, seconds  # half a second to load, which numbers need not
 
-        first = values.iloc[0] if isinstance(values, pd.Series) and len(values) else None
-        series = pd.Series(np.asarray(values)) if not isinstance(values, pd.Series) else values.reset_index(drop=True)
-        dates = series.dtype.kind in ("m", "M")
-        if dates or isinstance(first if first is not None else next(iter(series), None), str | datetime):
-            return seconds(Path(name), Column("time", series), [])
-    if getattr(kind, "kind", "") in ("m", "M"):
+            return seconds(Path(name), Column(column, series.infer_objects()), [])
+    elif kind in "mM":
         raise TypeError("times where a measurement is needed")  # as numbers they would be nanoseconds
     return np.array(values, float)
 

@@ -108,6 +108,10 @@ for (const [name, file] of Object.entries(checks)) {
   seen.checks[name] = { against: await text(page, "against"), wrong: await text(page, "log-wrong"), cards: await text(page, "cards"), map: await page.evaluate(() => structuredClone(window.tse.log.file?.map ?? null)), hint: await text(page, "map-hint"), "ratio sd": await page.evaluate(() => window.tse.log.car().steer_ratio_sd) };
   if (name === "yaw sign") await shoot(page, "against-light");
 }
+// a vehicle file that says nothing of the ratio leaves it as loose as it was guessed
+await (await page.$("#car-file")).uploadFile(cars.little);
+await page.waitForFunction("/little/.test(document.getElementById('state').textContent)");
+seen.looseAfterCar = await page.evaluate(() => window.tse.log.car().steer_ratio_sd);
 if (logs.broken) { await drop(page, "broken"); await shoot(page, "broken-light"); }
 // what a screen reader is told: every control has a name
 seen.nameless = await page.evaluate(() => [...document.querySelectorAll("button, input, select, canvas, progress")].filter((e) => !(e.labels?.length || e.getAttribute("aria-label") || e.textContent.trim())).map((e) => e.outerHTML.slice(0, 120)));
