@@ -54,6 +54,21 @@ enum {
   TSE_TOLD = TSE_CONSIDERED + 2 /* and mass_sd, which stands before them, and model_sd behind */
 };
 
+/* The car as the filter's model has it, src/model/car.h. Forces are over mass. */
+typedef struct tse_car {
+  tse_real kx_front, kx_rear, ky_front, ky_rear; /* [m/s2] [m/s2/rad] nominal stiffness                   */
+  tse_real load_front, load_rear, grip, shape;   /* [m/s2] load of each axle; [1] friction, form of the curve */
+  tse_real load_gain, side_front, side_rear;     /* [s2/m] [s4/m2] stiffness lost by load transfer         */
+  tse_real lf, lr, jf, jr, m_inertia, trail;     /* [m] [m] [1/m] m lf/I, m lr/I; [1/m2] m/I; [1/m]       */
+  tse_real drag, rolling, pull_front, pull_rear; /* [1/m] [m/s2]                                          */
+  tse_real relaxation, compliance, roll_steer, roll_coupling; /* [m] [rad s2/m] [1] [m]                    */
+  tse_real roll_gain, roll_rate, roll_damping, roll_leak, roll_height; /* [rad s2/m] [rad/s] [1] [m/s2] [m] */
+  tse_real pitch_leak, pitch_frequency, pitch_damping; /* [1] [Hz] [1]                                    */
+  tse_real lever_x, lever_y, mount_cos, mount_sin, scale_x, scale_y, scale_r; /* IMU                      */
+  tse_real free_front, free_rear;                /* [1] slip of an axle that rolls freely                 */
+  int32_t driven;                                /* 0 both or unknown, 1 front, 2 rear                    */
+} tse_car;
+
 typedef struct tse_params {
   uint32_t magic, fingerprint;
   uint32_t vehicle;                   /* fingerprint of the vehicle alone, the same in every number format */
@@ -99,6 +114,11 @@ typedef struct tse_params {
   tse_real w_min, w_max, valid_var, hold_var;
   tse_real watchdog_drop;             /* [log2] per row                                    */
   int32_t recovery_count;             /* particles drawn anew                              */
+  tse_car car;                        /* form 0 */
+  tse_real prior_sd[23], prior_log[3], prior_offset, prior_gain, prior_lean, prior_gx, prior_gy; /* form 0: of the state at the start */
+  tse_real sensor_sd[5], uncertain[10], model_sd; /* [m/s2] [m/s2] [rad/s] [m/s] [m/s]; sd of what is no state; [1] */
+  tse_real bias_sd_walk[3], steady_sd_walk, log_min, log_max;
+  tse_real steer_lag, steer_lag_second; /* [s] */
   tse_effects effects;                /* what is not in the plain model; mask 0: nothing   */
 } tse_params;
 
@@ -182,6 +202,45 @@ typedef struct tse_bank {
   tse_hypothesis h[TSE_HYPOTHESES];
 } tse_bank;
 
+#define TSE_STATES 23   /* src/model/car.h */
+#define TSE_SENSORS 5   /* accel_x, accel_y, yaw_rate, wheel speeds front and rear */
+#define TSE_SUBSTEPS 16
+#define TSE_DOUBTS 10    /* uncertain quantities that are no state */
+#define TSE_EVENTS 16   /* places for what may have happened, src/filter/events.c */
+
+typedef struct tse_ud { tse_real u[TSE_STATES * (TSE_STATES - 1) / 2], d[TSE_STATES]; } tse_ud;
+
+/* What may have happened: the state is off by amplitude times v if it did. */
+typedef struct tse_event {
+  tse_real v[TSE_STATES], reads;      /* [unit] of the state; [sd] of the channel, where a sensor is off */
+  tse_real info, score;               /* [1] 1/variance of the amplitude by the samples since, and that times its mean */
+  tse_real age;                       /* [s] */
+  int32_t kind;                       /* src/filter/events.c; 0: free place */
+} tse_event;
+
+/* A filter of the default form. */
+typedef struct tse_kalman {
+  tse_real x[TSE_STATES];             /* SI */
+  tse_ud p;                           /* in units of the state */
+  tse_real doubt[TSE_DOUBTS][TSE_STATES];      /* [unit] what x is off by if an uncertain quantity is off by one sd */
+  tse_real noise[TSE_SENSORS];        /* [1] variance of a channel as found, over the setting's */
+  tse_real activity[3];               /* [m2/s4] [m2/s4] [rad2/s2] recent a_x, a_y, yaw rate, squared */
+  tse_real before[3];                 /* [m/s2] [m/s2] [m/s] a_x, a_y and speed at the last row */
+  tse_real pitch[2];                  /* [m/s2] a_x as the body's pitch follows it */
+  tse_real steer[3], delay;           /* [rad] logged angle, after one lag, after both */
+  tse_real since_slow;                /* [s] since a slow state had its share of process noise */
+  tse_real seen;                      /* [s] of samples learnt from */
+  tse_real nis;                       /* [1] innovation squared over its variance, summed over the channels of the last row */
+  tse_real innovation[TSE_SENSORS], innovation_var[TSE_SENSORS], last_innovation[TSE_SENSORS];
+  tse_real slow[TSE_SENSORS], usual[TSE_SENSORS]; /* innovation, smoothed; [1] its variance over what is thought */
+  tse_real log_likelihood;
+  tse_real change_age, change_from[3]; /* [s]; [1] logarithm of the stiffness before the last change */
+  tse_real agrees_for;                /* [s] that the channel at fault has agreed */
+  int32_t change_kind, fault, slow_turn, channels; /* TSE_CHANGE_*; 0 none, else 1 + place in tse/input.def; rows; of the last row */
+  uint32_t saturated;
+  tse_event event[TSE_EVENTS];
+} tse_kalman;
+
 /* Rows that wait for channels which are logged later, in a ring: before them stands an older one. */
 typedef struct tse_alignment {
   int32_t count, newest;                    /* rows kept; place of the newest                             */
@@ -202,6 +261,8 @@ typedef struct tse_filter {
   tse_real late_steer;                /* [rad] that followed with a lag of LAG_TIME           */
   tse_real nod[3][2];                 /* accel_x [sigma], front and rear wheel speed [m/s], followed with one and two lags of nod_time */
   tse_real held_for;                  /* [s] how long inputs have been missing                        */
+  tse_real rolled_for;                /* [s] how long both wheel speeds have been missing             */
+  int32_t lost;                       /* 1: nothing is known of the motion any more                   */
   tse_real still_for;                 /* [s] how long the wheels have stood still                     */
   tse_real seen;                      /* what was learnt from: [s]; particles: samples, up to five memories */
   int32_t known[3];                   /* what tse_learnt_save() may call learnt: TSE_KNOWN ...        */
@@ -209,6 +270,7 @@ typedef struct tse_filter {
   tse_effect_memory effects;          /* of the effects that have one                                 */
   tse_real effect_level[4];           /* what the stiffness effects leave of kx_front, kx_rear, ky_front, ky_rear */
   tse_bank bank;                      /* form 0: the hypotheses                                       */
+  tse_kalman k;                       /* form 0                                                       */
   tse_alignment waiting;              /* rows that wait for channels which are logged later           */
 } tse_filter;
 

@@ -6,7 +6,7 @@
  *   2  the same, with limits            likewise
  * Common to them: align.c (channels that are logged late), input.c (a row becomes a checked sample), told.c (effects that the
  * plain model leaves out), start.c. */
-#include "estimator/hypotheses/report.h"
+#include "filter/filter.h"
 #include "estimator/paper/particles.h"
 
 tse_status tse_reset(const tse_params *p, tse_filter *f, size_t filter_bytes)
@@ -26,7 +26,7 @@ static tse_status step_form(const tse_params *p, tse_filter *f, const tse_input 
 #if !defined(TSE_NO_PARTICLES) /* else tse_prepare() accepts form 0 alone */
   if (p->form != 0) return step_particles(p, f, u, out);
 #endif
-  return step_hypotheses(p, f, u, out);
+  return step_row(p, f, u, out);
 }
 
 /* What is believed since the last step, where a row makes none. */
@@ -48,7 +48,7 @@ static void report_waiting(const tse_params *p, const tse_filter *f, tse_output 
     return;
   }
 #endif
-  bank_report(p, &f->bank, now);
+  report_row(p, &f->k, now);
 }
 
 /* A row where channels are logged late: the step is that of an earlier time, when there is one. */

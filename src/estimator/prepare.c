@@ -410,6 +410,85 @@ tse_status tse_prepare(const tse_config *settings, tse_params *p, const char **w
   return TSE_OK;
 }
 
+/* The car of the filter's model. c: with CONSTANT effects */
+static void prepare_car(const tse_config *c, tse_params *p)
+{
+  tse_car *const car = &p->car;
+  const tse_setting one = TSE_S(1), g = TSE_S(9.81), span = c->lf + c->lr, over = r_div(one, c->mass), yaw = r_div(one, c->yaw_inertia);
+  const tse_setting friction = c->tyre_saturation_inverse_friction > 0 ? r_div(one, c->tyre_saturation_inverse_friction) : TSE_S(50);
+  car->kx_front = p->kx_front;
+  car->kx_rear = p->kx_rear;
+  car->ky_front = p->ky_front;
+  car->ky_rear = p->ky_rear;
+  car->load_front = real_of(r_div(r_mul(g, c->lr), span));
+  car->load_rear = real_of(r_div(r_mul(g, c->lf), span));
+  car->grip = real_of(friction);
+  car->shape = real_of(c->tyre_saturation_shape);
+  car->load_gain = real_of(c->longitudinal_load_transfer_gain);
+  car->side_front = real_of(r_mul(c->lateral_load_transfer_gain, one + c->lateral_load_transfer_balance));
+  car->side_rear = real_of(r_mul(c->lateral_load_transfer_gain, one - c->lateral_load_transfer_balance));
+  car->lf = p->lf;
+  car->lr = p->lr;
+  car->jf = p->jf;
+  car->jr = p->jr;
+  car->m_inertia = real_of(r_mul(c->mass, yaw));
+  car->trail = real_of(r_mul(r_mul(c->mass, yaw), c->aligning_moment_trail));
+  car->drag = real_of(r_mul(c->aero_drag_coefficient, over));
+  car->rolling = real_of(r_mul(g, c->rolling_resistance_coefficient));
+  car->pull_front = real_of(r_mul(c->conicity_front, over));
+  car->pull_rear = real_of(r_mul(c->conicity_rear, over));
+  car->relaxation = real_of(c->relaxation_length > TSE_S(0.05) ? c->relaxation_length : TSE_S(0.05));
+  car->compliance = real_of(r_mul(r_mul(c->steering_compliance_angle_per_moment, c->steering_compliance_trail), c->mass));
+  const int rolls = c->body_roll_gain != 0;
+  car->roll_gain = real_of(rolls ? c->body_roll_gain : c->rear_roll_steer_roll);
+  car->roll_rate = real_of(r_mul(TSE_S(6.2831853071795865), rolls ? c->body_roll_frequency : c->rear_roll_steer_frequency));
+  car->roll_damping = real_of(rolls ? c->body_roll_damping : c->rear_roll_steer_damping);
+  car->roll_leak = real_of(rolls ? g : 0);
+  car->roll_height = real_of(rolls ? c->body_roll_height : 0);
+  car->roll_coupling = real_of(rolls ? c->body_roll_coupling : 0);
+  car->roll_steer = real_of(c->rear_roll_steer_gain);
+  car->pitch_leak = real_of(r_mul(g, c->pitch_leak_gain));
+  car->pitch_frequency = real_of(c->pitch_leak_frequency);
+  car->pitch_damping = real_of(c->pitch_leak_damping);
+  car->lever_x = real_of(c->imu_lever_arm_x);
+  car->lever_y = real_of(c->imu_lever_arm_y);
+  const tse_real turn = r_mul(real_of(c->imu_misalignment_angle), TSE_R(0.15915494309189535));
+  r_sincos_turn(turn < TSE_R(0) ? turn + TSE_R(1) : turn, &car->mount_sin, &car->mount_cos);
+  car->scale_x = real_of(one + c->imu_scale_ax_error);
+  car->scale_y = real_of(one + c->imu_scale_ay_error);
+  car->scale_r = real_of(one + c->gyro_scale_error);
+  const tse_setting rolling = c->rolling_resistance_coefficient > 0 ? c->rolling_resistance_coefficient : TSE_S(0.01);
+  car->free_front = real_of(r_div(r_mul(r_mul(rolling, g), r_mul(c->mass, r_div(c->lr, span))), c->longitudinal_stiffness_front));
+  car->free_rear = real_of(r_div(r_mul(r_mul(rolling, g), r_mul(c->mass, r_div(c->lf, span))), c->longitudinal_stiffness_rear));
+  car->driven = c->driven_axle;
+  p->steer_lag = real_of(r_div(c->steering_lag_time, one + c->steering_lag_second));
+  p->steer_lag_second = r_mul(p->steer_lag, real_of(c->steering_lag_second));
+
+  const tse_setting least_wheel = TSE_S(0.012), wheel = r_mul(c->wheel_noise_sd, c->wheel_radius_front);
+  const tse_setting sensor[5] = { c->accel_x_sd, c->accel_y_sd, c->yaw_rate_sd, wheel > least_wheel ? wheel : least_wheel, wheel > least_wheel ? wheel : least_wheel };
+  const tse_setting uncertain[10] = { c->yaw_inertia_sd, c->cg_sd, c->trail_sd, c->relaxation_sd, c->relaxation_sd, c->roll_steer_sd, c->accel_y_scale_sd, c->gyro_scale_sd, c->wheel_delay_sd, c->accel_delay_sd };
+  const tse_setting prior[23] = { 0, 0, 0, 0, 0, 0, 0, 0, 0, TSE_S(0.3), TSE_S(0.15), c->accel_x_bias_sd, c->accel_y_bias_sd, c->yaw_rate_bias_sd,
+                                  c->initial_cx_sd, c->initial_cy_front_sd, c->initial_cy_rear_sd, c->grip_sd, c->steer_offset_sd, c->steer_ratio_sd,
+                                  c->steer_lag_sd, c->wheel_radius_sd, c->lean_sd };
+  for (int i = 0; i < 5; i++) p->sensor_sd[i] = real_of(sensor[i]);
+  for (int i = 0; i < 10; i++) p->uncertain[i] = real_of(uncertain[i]);
+  for (int i = 0; i < 23; i++) p->prior_sd[i] = real_of(prior[i]);
+  const tse_setting initial[3] = { c->initial_cx_front, c->initial_cy_front, c->initial_cy_rear }, walk[3] = { c->accel_x_bias_walk, c->accel_y_bias_walk, c->yaw_rate_bias_walk };
+  for (int i = 0; i < 3; i++) {
+    p->prior_log[i] = r_mul(TSE_R(0.69314718055994531), r_log2(real_of(initial[i])));
+    p->bias_sd_walk[i] = real_of(walk[i]);
+  }
+  p->prior_offset = real_of(c->steering_offset_angle);
+  p->prior_gain = real_of(c->steering_ratio_change);
+  p->prior_lean = real_of(c->bank_superelevation);
+  p->prior_gx = real_of(r_mul(g, c->grade_angle));
+  p->prior_gy = -real_of(r_mul(g, c->bank_angle));
+  p->steady_sd_walk = real_of(c->steady_walk);
+  p->log_min = r_mul(TSE_R(0.69314718055994531), r_log2(real_of(c->stiffness_min)));
+  p->log_max = r_mul(TSE_R(0.69314718055994531), r_log2(real_of(c->stiffness_max)));
+  p->model_sd = real_of(c->model_sd);
+}
+
 static void constants_of(const tse_config *settings, tse_params *p)
 {
   const tse_setting one = TSE_S(1);
@@ -517,6 +596,7 @@ static void constants_of(const tse_config *settings, tse_params *p)
   p->steady_walk = real_of(square(c->steady_walk));
   prepare_latencies(c, p);
   prepare_effects(c, mask, p);
+  prepare_car(c, p);
 }
 
 void tse_stiffness_si(const tse_config *c, const tse_output *y, tse_setting mean[3], tse_setting sd[3], tse_setting spread[3])

@@ -183,7 +183,7 @@ static void fade(tse_hypothesis *h, int c, tse_real keep, tse_real var)
 /* C' = rate C for all stiffnesses; the rate is an Ornstein-Uhlenbeck process. */
 static void drift(const tse_params *p, tse_hypothesis *h, tse_real dt)
 {
-  const tse_real time = h->drift == DRIFTS_SLOWLY ? SLOW_TIME : FAST_TIME, rate = h->drift == DRIFTS_SLOWLY ? SLOW_RATE : FAST_RATE;
+  const tse_real time = h->drift == DRIFTS_SLOWLY ? SLOW_TIME_OLD : FAST_TIME, rate = h->drift == DRIFTS_SLOWLY ? SLOW_RATE : FAST_RATE;
   const tse_real grow = r_min(dt, time);
   for (int a = X_STIFFNESS; a < X_BIAS; a++) {
     const tse_real by = r_mul(grow, h->x[a]);

@@ -1,0 +1,206 @@
+/* filter/events.c - what may have happened: another road, an axle's tyres, wheels that slide, a channel at fault.
+ *
+ * An event moves the state by an amplitude, N(0, 1), times what it opens. If it happened, the state of the filter, which does not know,
+ * is off by the amplitude times v: v follows the filter's own transition and gains, and every innovation is shifted by h v. That gives the
+ * amplitude's likelihood exactly (Willsky & Jones 1976), for a hundredth of the cost of a second filter. Each kind has places that are
+ * opened in turn; an event whose posterior probability is high enough is believed: the state moves, and what it opens is uncertain. */
+#include "filter/filter.h"
+
+typedef struct opens { int32_t state; tse_real sd; } opens;
+typedef struct kind { opens common[3], own[3]; tse_real every; int32_t places; } kind;
+
+/* One row a kind: what one amplitude moves, in SI; what is uncertain beside it once it is believed; time between openings [s]; places. */
+#define NO { -1, TSE_R(0) }
+static kind kind_of(int32_t which)
+{
+  static const kind kinds[EVENT_SENSOR + 1] = {
+    { { NO, NO, NO }, { NO, NO, NO }, TSE_R(0), 0 },
+    { { { LCF, TSE_R(0.4) }, { LCR, TSE_R(0.4) }, { LMU, TSE_R(0.4) } }, { { LCF, TSE_R(0.05) }, { LCR, TSE_R(0.05) }, { LCX, TSE_R(0.4) } }, TSE_R(1), 3 },
+    { { { LCF, TSE_R(0.3) }, NO, NO }, { { LCF, TSE_R(0.05) }, NO, NO }, TSE_R(1), 2 },
+    { { { LCR, TSE_R(0.3) }, NO, NO }, { { LCR, TSE_R(0.05) }, NO, NO }, TSE_R(1), 2 },
+    { { { SF, TSE_R(0.3) }, NO, NO }, { { SF, TSE_R(0.1) }, NO, NO }, TSE_R(0.1), 1 },
+    { { { SR, TSE_R(0.3) }, NO, NO }, { { SR, TSE_R(0.1) }, NO, NO }, TSE_R(0.1), 1 },
+    { { { OFF, TSE_R(0.05) }, NO, NO }, { { OFF, TSE_R(0.01) }, NO, NO }, TSE_R(1), 1 },
+    { { NO, NO, NO }, { NO, NO, NO }, TSE_R(1), 1 },
+  };
+  return kinds[which < EVENT_SENSOR ? which : EVENT_SENSOR];
+}
+
+static tse_real rate_of(int32_t which)
+{
+  return which == EVENT_ROAD ? RATE_ROAD : which <= EVENT_REAR ? RATE_AXLE : which <= EVENT_SLIP_REAR ? RATE_SLIP : RATE_FAULT;
+}
+
+/* The amplitude below which nothing has happened that one would act on. */
+static tse_real least_of(int32_t which) { return which <= EVENT_REAR ? LEAST_CHANGE : which <= EVENT_SLIP_REAR ? TSE_R(0) : TSE_R(1); }
+
+/* Tyres, steering angle, accel_y and gyro make the car turn; slip, wheels and accel_x make it go: of each something may have happened. */
+enum { TURNING, GOING };
+static int group_of(int32_t which) { return which == EVENT_SLIP_FRONT || which == EVENT_SLIP_REAR || which == EVENT_SENSOR || which >= EVENT_SENSOR + 3 ? GOING : TURNING; }
+
+void events_clear(tse_kalman *k, int count)
+{
+  for (int n = 0; n < TSE_EVENTS; n++)
+    for (int i = 0; i < count; i++) k->event[n].v[i] = TSE_R(0);
+  for (int q = 0; q < TSE_DOUBTS; q++)
+    for (int i = 0; i < count; i++) k->doubt[q][i] = TSE_R(0);
+}
+
+static void move(tse_real v[STATES], tse_real M[MOTION][COLUMNS], const tse_real keep[STATES])
+{
+  tse_real to[MOTION];
+  for (int i = 0; i < MOTION; i++) {
+    to[i] = TSE_R(0);
+    for (int j = 0; j < STATES; j++) to[i] += r_mul(M[i][j], v[j]);
+  }
+  for (int i = 0; i < MOTION; i++) v[i] = to[i];
+  for (int i = MOTION; i < FAST; i++) v[i] = r_mul(v[i], keep[i]);
+}
+
+void events_move(const tse_params *p, tse_kalman *k, tse_real M[MOTION][COLUMNS], const tse_real keep[STATES], tse_real dt)
+{
+  for (int n = 0; n < TSE_EVENTS; n++) {
+    tse_event *const e = &k->event[n];
+    if (e->kind == EVENT_NONE) continue;
+    move(e->v, M, keep);
+    e->age += dt;
+  }
+  for (int q = 0; q < TSE_DOUBTS; q++) {
+    if (!(p->uncertain[q] > TSE_R(0))) continue;
+    move(k->doubt[q], M, keep);
+    for (int i = 0; i < MOTION && q < COLUMNS - STATES; i++) k->doubt[q][i] += r_mul(M[i][STATES + q], p->uncertain[q]);
+  }
+}
+
+void events_learn(tse_kalman *k, int channel, const tse_real h[STATES], const tse_real gain[STATES], tse_real e, tse_real s, tse_real sd)
+{
+  const tse_real over = r_div(TSE_R(1), s);
+  for (int n = 0; n < TSE_EVENTS; n++) {
+    tse_event *const a = &k->event[n];
+    if (a->kind == EVENT_NONE) continue;
+    tse_real y = channel >= 0 && a->kind == EVENT_SENSOR + channel ? r_mul(FAULT_SD, sd) : TSE_R(0);
+    for (int i = 0; i < STATES; i++) y += r_mul(h[i], a->v[i]);
+    const tse_real ys = r_mul(y, over);
+    if (group_of(a->kind) == (channel == 1 || channel == 2 ? TURNING : GOING)) {
+      a->info = r_min(a->info + r_mul(y, ys), TSE_R(1e6));
+      a->score = r_clamp(a->score + r_mul(e, ys), TSE_R(-1e6), TSE_R(1e6));
+    }
+    for (int i = 0; i < STATES; i++) a->v[i] -= r_mul(gain[i], y);
+  }
+}
+
+/* log2 of how much likelier the samples are if this happened. */
+static tse_real gain_of(const tse_event *a)
+{
+  const tse_real one = TSE_R(1) + a->info;
+  return r_mul(TSE_R(0.72134752044448170), r_mul(a->score, r_div(a->score, one))) - r_mul(TSE_R(0.5), r_log2(one));
+}
+
+int event_is_small(const tse_event *a) { return r_abs(a->score) < r_mul(least_of(a->kind), TSE_R(1) + a->info); }
+
+void events_weights(const tse_kalman *k, tse_real weight[TSE_EVENTS], tse_real none[GROUPS])
+{
+  for (int group = 0; group < GROUPS; group++) {
+    tse_real most = TSE_R(0), sum;
+    for (int n = 0; n < TSE_EVENTS; n++) {
+      const tse_event *const a = &k->event[n];
+      if (a->kind == EVENT_NONE) weight[n] = TSE_R(0);
+      if (a->kind == EVENT_NONE || group_of(a->kind) != group) continue;
+      weight[n] = r_max(r_log2(r_mul(rate_of(a->kind), kind_of(a->kind).every)) + gain_of(a), TSE_R(-100));
+      most = r_max(most, weight[n]);
+    }
+    sum = none[group] = r_exp2(-most);
+    for (int n = 0; n < TSE_EVENTS; n++) {
+      const tse_event *const a = &k->event[n];
+      if (a->kind == EVENT_NONE || group_of(a->kind) != group) continue;
+      weight[n] = r_exp2(weight[n] - most);
+      none[group] += event_is_small(a) ? weight[n] : TSE_R(0); /* it explains, and calls for nothing */
+      sum += weight[n];
+    }
+    for (int n = 0; n < TSE_EVENTS; n++)
+      if (k->event[n].kind != EVENT_NONE && group_of(k->event[n].kind) == group) weight[n] = r_div(weight[n], sum);
+    none[group] = r_div(none[group], sum);
+  }
+}
+
+static void open_event(tse_event *a, int32_t which)
+{
+  const kind what = kind_of(which);
+  memset(a, 0, sizeof *a);
+  for (int i = 0; i < STATES; i++) a->v[i] = TSE_R(0);
+  a->info = a->score = a->age = TSE_R(0);
+  a->kind = which;
+  for (int i = 0; i < 3; i++)
+    if (what.common[i].state >= 0) a->v[what.common[i].state] = r_div(what.common[i].sd, state_unit[what.common[i].state]);
+}
+
+/* Places of the kinds lie one after the other. A kind's next one is opened in the place whose event has shown least, not the best. */
+static void spawn(tse_kalman *k)
+{
+  int at = 0;
+  for (int32_t which = EVENT_NONE + 1; which < EVENT_KINDS; which++) {
+    const kind what = kind_of(which);
+    const int last = at + what.places;
+    int oldest = at, best = at, free = 0;
+    tse_real youngest = TSE_R(1e6);
+    for (int n = at; n < last; n++) {
+      if (k->event[n].kind == EVENT_NONE) { oldest = n; free = 1; break; }
+      youngest = r_min(youngest, k->event[n].age);
+      if (gain_of(&k->event[n]) > gain_of(&k->event[best])) best = n;
+    }
+    if (!free) {
+      tse_real age = TSE_R(-1);
+      for (int n = at; n < last; n++)
+        if ((n != best || what.places == 1 || k->event[n].age > LONGEST_EVENT) && k->event[n].age > age) {
+          age = k->event[n].age;
+          oldest = n;
+        }
+      if (what.places == 1 && gain_of(&k->event[at]) > TSE_R(3) && k->event[at].age < LONGEST_EVENT) { at = last; continue; }
+    }
+    if (free || !(youngest < what.every)) open_event(&k->event[oldest], which);
+    at = last;
+  }
+}
+
+static void believe(const tse_params *p, tse_kalman *k, int n)
+{
+  tse_event a = k->event[n];
+  const kind what = kind_of(a.kind);
+  const tse_real var = r_div(TSE_R(1), TSE_R(1) + a.info), mean = r_mul(a.score, var);
+  tse_real was[3];
+  for (int i = 0; i < 3; i++) was[i] = k->x[LCX + i];
+  for (int i = 0; i < STATES; i++) k->x[i] += r_mul(r_mul(mean, a.v[i]), state_unit[i]);
+  ud_add(&k->p, a.v, STATES - 1, var);
+  for (int i = 0; i < 3; i++)
+    if (what.own[i].state >= 0) ud_add_at(&k->p, what.own[i].state, r_sqr(r_div(what.own[i].sd, state_unit[what.own[i].state])));
+  if (a.kind >= EVENT_STEER) {
+    k->fault = a.kind == EVENT_STEER ? 1 : a.kind - EVENT_SENSOR + 2;
+    k->agrees_for = TSE_R(0);
+  }
+  for (int i = 0; i < 3; i++) k->x[LCX + i] = r_clamp(k->x[LCX + i], p->log_min, p->log_max);
+  if (a.kind <= EVENT_REAR) {
+    k->change_kind = a.kind == EVENT_ROAD ? TSE_CHANGE_ROAD : a.kind == EVENT_FRONT ? TSE_CHANGE_FRONT : TSE_CHANGE_REAR;
+    k->change_age = TSE_R(0);
+    for (int i = 0; i < 3; i++) k->change_from[i] = was[i];
+  }
+  for (int i = 0; i < TSE_EVENTS; i++)
+    if (group_of(k->event[i].kind) == group_of(a.kind)) k->event[i].kind = EVENT_NONE;
+}
+
+void events_decide(const tse_params *p, tse_kalman *k, tse_real dt)
+{
+  tse_real weight[TSE_EVENTS], none[GROUPS];
+  if (k->fault == 1) k->agrees_for += dt; /* the offset is found anew */
+  if (k->fault && k->agrees_for > FAULT_END) k->fault = 0;
+  events_weights(k, weight, none);
+  for (int group = 0; group < GROUPS; group++) {
+    int best = -1;
+    if (!(none[group] < TSE_R(1) - BELIEVED)) continue;
+    for (int n = 0; n < TSE_EVENTS; n++) {
+      const int32_t which = k->event[n].kind;
+      if (which != EVENT_NONE && group_of(which) == group && !event_is_small(&k->event[n]) && (best < 0 || weight[n] > weight[best])) best = n;
+    }
+    if (best >= 0) believe(p, k, best);
+  }
+  spawn(k);
+}

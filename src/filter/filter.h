@@ -1,0 +1,78 @@
+/* filter/filter.h - what the stages of the filter share. Internal. */
+#ifndef TSE_FILTER_H
+#define TSE_FILTER_H
+
+#include "estimator/stages.h"
+#include "filter/ud.h"
+#include "tse/constants.h"
+
+#define row_decode     TSE_NAME(tse_row_decode)
+#define start_all      TSE_NAME(tse_start_all)
+#define start_motion   TSE_NAME(tse_start_motion)
+#define predict_row    TSE_NAME(tse_predict_row)
+#define rest_row       TSE_NAME(tse_rest_row)
+#define update_row     TSE_NAME(tse_update_row)
+#define update_still   TSE_NAME(tse_update_still)
+#define events_move    TSE_NAME(tse_events_move)
+#define events_clear   TSE_NAME(tse_events_clear)
+#define events_learn   TSE_NAME(tse_events_learn)
+#define events_decide  TSE_NAME(tse_events_decide)
+#define events_weights TSE_NAME(tse_events_weights)
+#define event_is_small TSE_NAME(tse_event_is_small)
+#define report_row     TSE_NAME(tse_report_row)
+#define judge_row      TSE_NAME(tse_judge_row)
+#define step_row       TSE_NAME(tse_step_row)
+#define state_unit     TSE_NAME(tse_state_unit)
+
+/* One decoded row. z: accel_x, accel_y, yaw_rate, wheel speeds times radius; use: 0 missing, 1 to be used. */
+typedef struct decoded {
+  tse_real dt, steer, z[TSE_SENSORS];
+  int32_t use[TSE_SENSORS], has_steer, used;
+} decoded;
+
+/* Kinds of events, and what each opens: events.c. */
+enum { GROUPS = 2 };
+enum { EVENT_NONE, EVENT_ROAD, EVENT_FRONT, EVENT_REAR, EVENT_SLIP_FRONT, EVENT_SLIP_REAR, EVENT_STEER, EVENT_SENSOR, EVENT_KINDS = EVENT_SENSOR + TSE_SENSORS };
+
+/* Uncertain quantities that are no state: the first as BY_INERTIA ... */
+enum { DOUBT_INERTIA, DOUBT_CENTRE, DOUBT_MOMENT, DOUBT_LENGTH_FRONT, DOUBT_LENGTH_REAR, DOUBT_ROLL_STEER, DOUBT_SCALE, DOUBT_GYRO, DOUBT_WHEELS_LATE, DOUBT_ACCEL_LATE };
+
+/* Unit of each state in the covariance: numbers of one magnitude in every number format. */
+extern const tse_real state_unit[STATES];
+
+/* row.c      a log row, checked. Nothing is changed. */
+tse_status row_decode(const tse_params *p, const tse_filter *f, const tse_input *u, decoded *z);
+
+/* start.c    all from the prior; the motion alone, from wheels, gyro and steering angle */
+void start_all(const tse_params *p, tse_kalman *k);
+void start_motion(const tse_params *p, tse_kalman *k, const decoded *z);
+
+/* predict.c  to the time of the row; parameters alone, where nothing is known of the motion */
+steering predict_row(const tse_params *p, tse_kalman *k, const decoded *z);
+void rest_row(const tse_params *p, tse_kalman *k, tse_real dt);
+
+/* update.c   one scalar measurement after the other; the gyro's bias at standstill */
+void update_row(const tse_params *p, tse_kalman *k, const decoded *z, steering u);
+void update_still(const tse_params *p, tse_kalman *k, const decoded *z);
+
+/* events.c   clear: states before count were placed anew. move: the row's transition, M and what the states behind it keep.
+ *            learn: a measurement of a channel (-1: none of a sensor) was used: slopes, gain, innovation, its variance, the sensor's sd
+ *            decide: open, believe.   weights: posterior probability of each; returned: that of none */
+void events_clear(tse_kalman *k, int count);
+void events_move(const tse_params *p, tse_kalman *k, tse_real M[MOTION][COLUMNS], const tse_real keep[STATES], tse_real dt);
+void events_learn(tse_kalman *k, int channel, const tse_real h[STATES], const tse_real gain[STATES], tse_real e, tse_real s, tse_real sd);
+void events_decide(const tse_params *p, tse_kalman *k, tse_real dt);
+int event_is_small(const tse_event *a); /* it may explain the samples, and calls for nothing */
+void events_weights(const tse_kalman *k, tse_real weight[TSE_EVENTS], tse_real none[GROUPS]);
+
+/* What kind of row it is. */
+typedef struct passage { int gap, held, predicted; } passage;
+
+/* output.c   estimates, probabilities, and why each stiffness is valid or not */
+void report_row(const tse_params *p, const tse_kalman *k, tse_output *out);
+void judge_row(const tse_params *p, const tse_kalman *k, const passage *w, tse_output *out);
+
+/* step.c     a row of tse_step() */
+tse_status step_row(const tse_params *p, tse_filter *f, const tse_input *u, tse_output *out);
+
+#endif

@@ -1,0 +1,83 @@
+/* filter/predict.c - state and covariance to the time of the row. */
+#include "filter/filter.h"
+#include "model/effects.h"
+
+/* The angle of the wheels after the steering's own lags; u: through this row. */
+static steering delayed(const tse_params *p, tse_kalman *k, const decoded *z)
+{
+  const tse_real was = k->steer[2], before = k->steer[0], half = k->steer[1];
+  k->steer[0] = k->steer[1] = k->steer[2] = z->steer;
+#if !defined(TSE_NO_EFFECTS)
+  if (p->steer_lag > TSE_R(0)) {
+    k->steer[1] = steering_lag_of(p->steer_lag, before, z->steer, half, z->dt);
+    k->steer[2] = p->steer_lag_second > TSE_R(0) ? steering_lag_of(p->steer_lag_second, half, k->steer[1], was, z->dt) : k->steer[1];
+  }
+#else
+  (void)before;
+  (void)half;
+#endif
+  return (steering){ was, k->steer[2], z->dt };
+}
+
+static tse_real ou_left(tse_real dt, tse_real time) { return r_exp2(-r_mul(TSE_R(1.4426950408889634), r_div(dt, time))); }
+
+/* Process noise of states that walk, one of them a row in turn with all that is due: rank one. */
+static void walk_slowly(const tse_params *p, tse_kalman *k, tse_real dt)
+{
+  const int slow = STATES - FAST;
+  k->since_slow = r_min(k->since_slow + dt, TSE_R(100));
+  k->slow_turn++;
+  if (k->slow_turn < slow && k->since_slow < TSE_R(1)) return;
+  for (int i = FAST; i < STATES; i++) {
+    const tse_real walk = i >= BX && i <= BR ? p->bias_sd_walk[i - BX] : r_mul(WALK_SHARE, p->prior_sd[i]);
+    const tse_real stiff = i >= LCX && i <= LCR ? p->steady_sd_walk : TSE_R(0);
+    const tse_real q = r_sqr(r_div(r_max(walk, stiff), state_unit[i]));
+    if (q > TSE_R(0)) ud_add_at(&k->p, i, r_mul(q, k->since_slow));
+  }
+  k->slow_turn = 0;
+  k->since_slow = TSE_R(0);
+}
+
+static void fade(tse_kalman *k, int i, tse_real left, tse_real sd)
+{
+  k->x[i] = r_mul(k->x[i], left);
+  ud_fade(&k->p, i, left);
+  ud_add_at(&k->p, i, r_mul(r_sqr(r_div(sd, state_unit[i])), TSE_R(1) - r_sqr(left)));
+}
+
+void rest_row(const tse_params *p, tse_kalman *k, tse_real dt)
+{
+  const tse_real left = ou_left(r_min(dt, TSE_R(100)), ROAD_TIME);
+  k->x[GX] -= p->prior_gx;
+  k->x[GY] -= p->prior_gy;
+  fade(k, GX, left, GRADE_SD);
+  fade(k, GY, left, BANK_SD);
+  k->x[GX] += p->prior_gx;
+  k->x[GY] += p->prior_gy;
+  walk_slowly(p, k, dt);
+  k->change_age = k->change_kind ? r_min(k->change_age + dt, TSE_R(1e6)) : TSE_R(0);
+}
+
+steering predict_row(const tse_params *p, tse_kalman *k, const decoded *z)
+{
+  const tse_car *const c = &p->car;
+  tse_real M[MOTION][COLUMNS], noise[MOTION], keep[STATES];
+  const tse_real dt = z->dt;
+  const steering u = delayed(p, k, z);
+  car_move(c, k->x, u, M);
+  for (int i = 0; i < MOTION; i++) {
+    const tse_real own = r_div(TSE_R(1), state_unit[i]);
+    for (int j = 0; j < STATES; j++) M[i][j] = r_mul(r_mul(M[i][j], state_unit[j]), own);
+    for (int j = STATES; j < COLUMNS; j++) M[i][j] = r_mul(M[i][j], own);
+    noise[i] = r_mul(r_sqr(MOTION_NOISE), dt);
+  }
+  ud_move(&k->p, M, noise);
+  for (int i = 0; i < STATES; i++) keep[i] = TSE_R(1);
+  keep[GX] = keep[GY] = ou_left(dt, ROAD_TIME);
+  events_move(p, k, M, keep, dt);
+  const tse_real slip = r_mul(r_sqr(r_div(SLIP_WALK, state_unit[SF])), dt);
+  ud_add_at(&k->p, SF, slip);
+  ud_add_at(&k->p, SR, slip);
+  rest_row(p, k, dt);
+  return u;
+}

@@ -1,0 +1,27 @@
+/* filter/row.c - a log row becomes a checked sample. */
+#include "filter/filter.h"
+
+static int missing(const tse_input *u, uint32_t bit, tse_real value) { return (u->missing & bit) != 0 || r_is_nan(value); }
+
+tse_status row_decode(const tse_params *p, const tse_filter *f, const tse_input *u, decoded *z)
+{
+  tse_input given = *u;
+  if (!f->started) given.dt = p->sample_time; /* the first row has no predecessor */
+  const tse_status status = tse_input_check(&given, NULL);
+  if (status < 0) return status;
+  const tse_real most[3] = { TSE_R(50), TSE_R(50), TSE_R(6) }, value[3] = { u->accel_x, u->accel_y, u->yaw_rate };
+  const uint32_t bit[3] = { TSE_MISSING(accel_x), TSE_MISSING(accel_y), TSE_MISSING(yaw_rate) };
+  z->dt = given.dt;
+  z->has_steer = !missing(u, TSE_MISSING(steer_angle), u->steer_angle);
+  z->steer = z->has_steer ? u->steer_angle : f->k.steer[0];
+  for (int i = 0; i < 3; i++) {
+    z->use[i] = !missing(u, bit[i], value[i]) && r_abs(value[i]) <= most[i];
+    z->z[i] = z->use[i] ? value[i] : TSE_R(0);
+  }
+  z->use[3] = !missing(u, TSE_MISSING(wheel_speed_front), u->wheel_speed_front);
+  z->use[4] = !missing(u, TSE_MISSING(wheel_speed_rear), u->wheel_speed_rear);
+  z->z[3] = z->use[3] ? r_mul(p->radius_front, u->wheel_speed_front) : TSE_R(0);
+  z->z[4] = z->use[4] ? r_mul(p->radius_rear, u->wheel_speed_rear) : TSE_R(0);
+  z->used = z->use[0] + z->use[1] + z->use[2];
+  return TSE_OK;
+}

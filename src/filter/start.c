@@ -1,0 +1,54 @@
+/* filter/start.c - the prior, and the motion placed from the sensors. */
+#include "filter/filter.h"
+
+const tse_real state_unit[STATES] = {
+  TSE_R(0.2), TSE_R(0.1), TSE_R(0.02), TSE_R(0.01), TSE_R(0.01), TSE_R(0.01), TSE_R(0.5), TSE_R(0.01), TSE_R(0.01),
+  TSE_R(0.3), TSE_R(0.15), TSE_R(0.05), TSE_R(0.05), TSE_R(0.002), TSE_R(0.1), TSE_R(0.1), TSE_R(0.1), TSE_R(0.2), TSE_R(0.002), TSE_R(0.02),
+  TSE_R(0.01), TSE_R(0.005), TSE_R(0.05)
+};
+
+void start_all(const tse_params *p, tse_kalman *k)
+{
+  tse_real variance[STATES];
+  for (int i = 0; i < STATES; i++) {
+    k->x[i] = TSE_R(0);
+    variance[i] = r_sqr(r_div(p->prior_sd[i], state_unit[i]));
+  }
+  k->x[LCX] = p->prior_log[0];
+  k->x[LCF] = p->prior_log[1];
+  k->x[LCR] = p->prior_log[2];
+  k->x[OFF] = p->prior_offset;
+  k->x[GAIN] = p->prior_gain;
+  k->x[LEAN] = p->prior_lean;
+  k->x[GX] = p->prior_gx;
+  k->x[GY] = p->prior_gy;
+  for (int c = 0; c < TSE_SENSORS; c++) { k->noise[c] = TSE_R(1); k->usual[c] = TSE_R(1) + r_sqr(r_div(p->model_sd, TSE_R(0.03))); }
+  ud_set(&k->p, variance);
+}
+
+void start_motion(const tse_params *p, tse_kalman *k, const decoded *z)
+{
+  const tse_car *const c = &p->car;
+  tse_real *const x = k->x, variance[GX];
+  const int rear = z->use[4] && (c->driven != 2 || !z->use[3]);
+  const tse_real v = rear ? z->z[4] : z->use[3] ? z->z[3] : x[VX], r = z->use[2] ? z->z[2] - x[BR] : TSE_R(0);
+  const tse_real across = r_mul(v, r), wheelbase = c->lf + c->lr; /* steady turn: each axle carries its share of it */
+  const tse_real front = r_div(r_mul(across, r_div(c->lr, wheelbase)), r_mul(c->ky_front, r_exp2(r_mul(TSE_R(1.4426950408889634), x[LCF]))));
+  const tse_real back = r_div(r_mul(across, r_div(c->lf, wheelbase)), r_mul(c->ky_rear, r_exp2(r_mul(TSE_R(1.4426950408889634), x[LCR]))));
+  for (int i = 0; i < GX; i++) x[i] = TSE_R(0);
+  x[VX] = v;
+  x[YAW] = r;
+  x[AF] = r_clamp(front, TSE_R(-0.1), TSE_R(0.1));
+  x[AR] = r_clamp(back, TSE_R(-0.1), TSE_R(0.1));
+  x[VY] = r_mul(c->lr, r) - r_mul(v, x[AR]);
+  x[PHI] = r_mul(c->roll_gain, across);
+  const tse_real sd[GX] = { TSE_R(0.1) + r_mul(TSE_R(0.01), r_abs(v)), TSE_R(0.1) + r_mul(TSE_R(0.5), r_abs(r_mul(v, x[AR]))),
+                            z->use[2] ? TSE_R(0.02) : TSE_R(0.2), TSE_R(0.005) + r_mul(TSE_R(0.5), r_abs(x[AF])), TSE_R(0.005) + r_mul(TSE_R(0.5), r_abs(x[AR])),
+                            TSE_R(0.01), TSE_R(0.05), TSE_R(0.01), TSE_R(0.01) };
+  for (int i = 0; i < GX; i++) variance[i] = r_sqr(r_div(sd[i], state_unit[i]));
+  ud_forget(&k->p, variance, GX);
+  events_clear(k, GX);
+  k->steer[0] = k->steer[1] = k->steer[2] = z->steer;
+  k->pitch[0] = k->pitch[1] = TSE_R(0);
+  k->before[2] = v;
+}

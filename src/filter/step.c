@@ -1,0 +1,74 @@
+/* filter/step.c - a row of tse_step(): the page to read first.
+ *
+ *   row.c       a log row becomes a checked sample
+ *   predict.c   state and covariance to its time (model/car.c)
+ *   update.c    its measurements, one after the other
+ *   events.c    what may have happened
+ *   output.c    estimates, and whether to act on them */
+#include "filter/filter.h"
+
+#define STILL_SPEED TSE_R(0.02)   /* m/s: wheels that turn slower stand                 */
+#define STILL_TIME TSE_R(0.5)     /* s: before the gyro is believed to read its bias    */
+#define REVERSE_SPEED TSE_R(-0.1) /* m/s                                                */
+
+static passage classify(const tse_params *p, tse_filter *f, const decoded *z)
+{
+  const tse_real front = z->use[3] ? z->z[3] : z->z[4], rear = z->use[4] ? z->z[4] : z->z[3];
+  const int wheels = z->use[3] || z->use[4];
+  const tse_real slow = wheels ? r_max(r_abs(front), r_abs(rear)) : r_abs(f->k.x[VX]);
+  passage w;
+  f->held_for = z->has_steer ? TSE_R(0) : r_min(f->held_for + z->dt, TSE_R(1e6));
+  f->rolled_for = wheels ? TSE_R(0) : r_min(f->rolled_for + z->dt, TSE_R(1e6));
+  w.gap = z->dt > p->max_gap || (z->has_steer && f->lost);
+  f->lost = f->held_for > p->max_gap || f->rolled_for > TSE_R(10) || (f->lost && !(z->has_steer && wheels));
+  w.predicted = f->lost || z->used == 0;
+  w.held = slow < p->hold_speed || r_min(front, rear) < REVERSE_SPEED || r_abs(z->steer) > p->max_steer;
+  f->still_for = slow < STILL_SPEED && wheels ? r_min(f->still_for + z->dt, STILL_TIME) : TSE_R(0);
+  return w;
+}
+
+static tse_status status_of(const tse_params *p, const tse_filter *f, const decoded *z, const passage *w, const tse_output *out)
+{
+  tse_status status = TSE_OK;
+  (void)p;
+  for (int a = 0; a < 3; a++)
+    if (out->reason[a] != TSE_VALID) status = TSE_W_NOT_VALID;
+  if (f->k.seen < START_TIME) status = worse(status, TSE_W_STARTING);
+  if (z->used < 3) status = worse(status, TSE_W_MISSING_CHANNEL);
+  if (w->held) status = worse(status, TSE_W_HELD);
+  if (w->predicted) status = worse(status, TSE_W_PREDICTED);
+  if (w->gap) status = worse(status, TSE_W_GAP);
+  return status;
+}
+
+tse_status step_row(const tse_params *p, tse_filter *f, const tse_input *u, tse_output *out)
+{
+  decoded z;
+  tse_output now;
+  tse_kalman *const k = &f->k;
+  const tse_status refused = row_decode(p, f, u, &z);
+  if (refused < 0) return refused; /* nothing has changed yet */
+  if (!f->started && f->step == 0) start_all(p, k);
+  passage w = classify(p, f, &z);
+  const int placed = !f->started || w.held || w.gap || f->lost;
+  if (placed) {
+    if (f->started) rest_row(p, k, z.dt);
+    if (!f->lost || !f->started) start_motion(p, k, &z);
+    if (!(f->still_for < STILL_TIME)) update_still(p, k, &z);
+    f->started = f->started || (z.has_steer && (z.use[3] || z.use[4]));
+  } else {
+    const steering angle = predict_row(p, k, &z);
+    update_row(p, k, &z, angle);
+    events_decide(p, k, z.dt);
+    k->seen = r_min(k->seen + z.dt, TSE_R(1e6));
+  }
+  memset(&now, 0, sizeof now);
+  report_row(p, k, &now);
+  judge_row(p, k, &w, &now);
+  for (int a = 0; a < 3; a++)
+    if (now.reason[a] == TSE_VALID) f->known[a] = TSE_KNOWN;
+  f->step++;
+  now.status = (int32_t)status_of(p, f, &z, &w, &now);
+  if (out) *out = now;
+  return (tse_status)now.status;
+}

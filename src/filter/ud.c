@@ -1,0 +1,135 @@
+/* filter/ud.c - U D U': see ud.h. */
+#include "filter/ud.h"
+
+/* Nothing is known better: rounding must not leave D at 0 (fixed point), nor make denormal numbers. */
+#if defined(TSE_REAL_FIXED)
+#define LEAST_D ((tse_real)16)
+#else
+#define LEAST_D TSE_R(1e-15)
+#endif
+
+void ud_set(tse_ud *p, const tse_real variance[STATES])
+{
+  for (int i = 0; i < STATES * (STATES - 1) / 2; i++) p->u[i] = TSE_R(0);
+  for (int i = 0; i < STATES; i++) p->d[i] = r_max(variance[i], LEAST_D);
+}
+
+tse_real ud_common(const tse_ud *p, int i, int k)
+{
+  const int low = i < k ? i : k, high = i < k ? k : i;
+  tse_real sum = low == high ? p->d[low] : r_mul(p->u[ud_column(high) + low], p->d[high]);
+  for (int j = high + 1; j < STATES; j++) sum += r_mul(r_mul(p->u[ud_column(j) + low], p->u[ud_column(j) + high]), p->d[j]);
+  return sum;
+}
+
+tse_real ud_variance(const tse_ud *p, int i) { return ud_common(p, i, i); }
+
+void ud_add(tse_ud *p, tse_real a[STATES], int last, tse_real c)
+{
+  for (int j = last; j >= 0; j--) {
+    tse_real *const u = &p->u[ud_column(j)];
+    if (a[j] == TSE_R(0)) continue;
+    const tse_real ca = r_mul(c, a[j]), d = r_max(p->d[j] + r_mul(ca, a[j]), LEAST_D), share = r_div(ca, d);
+    for (int k = 0; k < j; k++) {
+      a[k] -= r_mul(a[j], u[k]);
+      u[k] += r_mul(share, a[k]);
+    }
+    c = r_mul(c, r_div(p->d[j], d));
+    p->d[j] = d;
+  }
+}
+
+void ud_add_at(tse_ud *p, int i, tse_real more)
+{
+  tse_real a[STATES];
+  for (int j = 0; j < i; j++) a[j] = TSE_R(0);
+  a[i] = TSE_R(1);
+  ud_add(p, a, i, more);
+}
+
+void ud_forget(tse_ud *p, const tse_real *variance, int count)
+{
+  for (int j = 0; j < STATES; j++)
+    for (int i = 0; i < count && i < j; i++) p->u[ud_column(j) + i] = TSE_R(0);
+  for (int i = 0; i < count; i++) p->d[i] = r_max(variance[i], LEAST_D);
+}
+
+void ud_move(tse_ud *p, tse_real M[MOTION][COLUMNS], const tse_real noise[MOTION])
+{
+  tse_real w[MOTION][2 * MOTION], weight[2 * MOTION], sum[MOTION];
+  for (int j = STATES - 1; j >= 0; j--) { /* M U: columns of the motion are made triangular below, those behind it may be anything */
+    tse_real *const u = &p->u[ud_column(j)];
+    for (int i = 0; i < MOTION; i++) {
+      sum[i] = M[i][j];
+      for (int k = 0; k < j; k++) sum[i] += r_mul(M[i][k], u[k]);
+    }
+    for (int i = 0; i < MOTION; i++) {
+      if (j < MOTION) w[i][j] = sum[i];
+      else u[i] = sum[i];
+    }
+  }
+  for (int k = 0; k < MOTION; k++) {
+    weight[k] = p->d[k];
+    weight[MOTION + k] = noise[k];
+    for (int i = 0; i < MOTION; i++) w[i][MOTION + k] = i == k ? TSE_R(1) : TSE_R(0);
+  }
+  for (int j = MOTION - 1; j >= 0; j--) { /* Gram-Schmidt, weighted */
+    tse_real v[2 * MOTION], d = TSE_R(0);
+    for (int k = 0; k < 2 * MOTION; k++) {
+      v[k] = r_mul(w[j][k], weight[k]);
+      d += r_mul(v[k], w[j][k]);
+    }
+    p->d[j] = r_max(d, LEAST_D);
+    for (int i = 0; i < j; i++) {
+      tse_real common = TSE_R(0);
+      for (int k = 0; k < 2 * MOTION; k++) common += r_mul(w[i][k], v[k]);
+      const tse_real share = r_div(common, p->d[j]);
+      p->u[ud_column(j) + i] = share;
+      for (int k = 0; k < 2 * MOTION; k++) w[i][k] -= r_mul(share, w[j][k]);
+    }
+  }
+}
+
+void ud_fade(tse_ud *p, int i, tse_real share)
+{
+  const tse_real over = r_div(TSE_R(1), share);
+  for (int k = 0; k < i; k++) p->u[ud_column(i) + k] = r_mul(p->u[ud_column(i) + k], over);
+  p->d[i] = r_max(r_mul(p->d[i], r_mul(share, share)), LEAST_D);
+  for (int j = i + 1; j < STATES; j++) p->u[ud_column(j) + i] = r_mul(p->u[ud_column(j) + i], share);
+}
+
+tse_real ud_measure(const tse_ud *p, const tse_real *h, tse_real f[STATES], tse_real v[STATES])
+{
+  tse_real sum = TSE_R(0);
+  int at[STATES], count = 0;
+  for (int j = 0; j < STATES; j++) {
+    const tse_real *const u = &p->u[ud_column(j)];
+    tse_real s = h[j];
+    for (int k = 0; k < count; k++) s += r_mul(u[at[k]], h[at[k]]);
+    if (h[j] != TSE_R(0)) at[count++] = j;
+    f[j] = s;
+    v[j] = r_mul(p->d[j], s);
+    sum += r_mul(v[j], s);
+  }
+  return sum;
+}
+
+void ud_correct(tse_ud *p, const tse_real f[STATES], const tse_real v[STATES], tse_real r, tse_real gain[STATES])
+{
+  tse_real s = r;
+  for (int j = 0; j < STATES; j++) {
+    tse_real *const u = &p->u[ud_column(j)];
+    const tse_real before = s;
+    s += r_mul(v[j], f[j]);
+    const tse_real pull = -r_div(f[j], before);
+    p->d[j] = r_max(r_mul(p->d[j], r_div(before, s)), LEAST_D);
+    for (int i = 0; i < j; i++) {
+      const tse_real was = u[i];
+      u[i] = was + r_mul(gain[i], pull);
+      gain[i] += r_mul(was, v[j]);
+    }
+    gain[j] = v[j];
+  }
+  const tse_real over = r_div(TSE_R(1), s);
+  for (int i = 0; i < STATES; i++) gain[i] = r_mul(gain[i], over);
+}

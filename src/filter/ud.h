@@ -1,0 +1,53 @@
+/* filter/ud.h - a covariance as U D U': U unit upper triangular, D diagonal. Internal.
+ *
+ * D stays positive whatever is rounded, and U D U' symmetric: no inverse, no negative variance, and half the digits of a covariance.
+ * Bierman, Factorization Methods for Discrete Sequential Estimation (1977): V.3 measurement, VI.4 time; rank one: Agee & Turner (1972).
+ * Columns of U above the diagonal lie one after the other. */
+#ifndef TSE_UD_H
+#define TSE_UD_H
+
+#include "model/car.h"
+
+#define ud_set      TSE_NAME(tse_ud_set)
+#define ud_variance TSE_NAME(tse_ud_variance)
+#define ud_common   TSE_NAME(tse_ud_common)
+#define ud_add      TSE_NAME(tse_ud_add)
+#define ud_add_at   TSE_NAME(tse_ud_add_at)
+#define ud_forget   TSE_NAME(tse_ud_forget)
+#define ud_move     TSE_NAME(tse_ud_move)
+#define ud_fade     TSE_NAME(tse_ud_fade)
+#define ud_measure  TSE_NAME(tse_ud_measure)
+#define ud_correct  TSE_NAME(tse_ud_correct)
+
+/* Place in u of column j. */
+static inline int ud_column(int j) { return j * (j - 1) / 2; }
+
+/* A diagonal covariance. */
+void ud_set(tse_ud *p, const tse_real variance[STATES]);
+
+/* Variance of state i; covariance of states i and k.    O(STATES) time */
+tse_real ud_variance(const tse_ud *p, int i);
+tse_real ud_common(const tse_ud *p, int i, int k);
+
+/* P + c a a'.    Updated: a is used up    O(last^2) time, last: the last element of a that is not 0 */
+void ud_add(tse_ud *p, tse_real a[STATES], int last, tse_real c);
+
+/* P with more variance of state i. */
+void ud_add_at(tse_ud *p, int i, tse_real more);
+
+/* States before `count` anew: variance as given, nothing in common with any other; the others keep theirs. */
+void ud_forget(tse_ud *p, const tse_real *variance, int count);
+
+/* F P F' + Q for motion: rows of F before MOTION are M, others those of the identity; noise: diagonal of Q.  O(MOTION STATES^2 / 2) time */
+void ud_move(tse_ud *p, tse_real M[MOTION][COLUMNS], const tse_real noise[MOTION]);
+
+/* State i times share, 0 < share <= 1. */
+void ud_fade(tse_ud *p, int i, tse_real share);
+
+/* How far a scalar measurement with slopes h is from the state: f = U' h, v = D f.    Returned: h' P h */
+tse_real ud_measure(const tse_ud *p, const tse_real *h, tse_real f[STATES], tse_real v[STATES]);
+
+/* The covariance after that measurement, with noise of variance r.   Returned: gain[STATES] */
+void ud_correct(tse_ud *p, const tse_real f[STATES], const tse_real v[STATES], tse_real r, tse_real gain[STATES]);
+
+#endif

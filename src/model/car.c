@@ -1,0 +1,227 @@
+/* model/car.c - forces, motion and sensors of the car, and their slopes. Equations: car.h. */
+#include "model/car.h"
+
+#define SLOW TSE_R(1.0)       /* m/s: below, slip angles are taken over this speed */
+#define LONGEST TSE_R(0.0055) /* s: a substep; the front axle's slip angle turns by 0.1 of its own frequency in it */
+#define LOG2_E_ TSE_R(1.4426950408889634)
+
+typedef struct tyre { tse_real x, y, x_s, x_a, y_s, y_a, x_kx, x_ky, x_mu, y_kx, y_ky, y_mu; } tyre;
+
+static tse_real exponential(tse_real x) { return r_exp2(r_mul(LOG2_E_, x)); }
+
+static void sincos(tse_real angle, tse_real *s, tse_real *c)
+{
+  const tse_real turns = r_mul(angle, TSE_R(0.15915494309189535));
+  r_sincos_turn(turns - r_from_int(r_floor_to_int(turns)), s, c);
+}
+
+/* Secant of the brush curve at q, mixed with that of 1/sqrt(1 + q^2) by `shape`; *slope: q times its derivative. */
+static tse_real secant(tse_real q, tse_real shape, tse_real *slope)
+{
+  const tse_real z = r_mul(TSE_R(1.0 / 3), q);
+  tse_real c, cq;
+  if (z < TSE_R(1)) {
+    c = TSE_R(1) - z + r_mul(TSE_R(1.0 / 3), r_mul(z, z));
+    cq = r_mul(z, r_mul(TSE_R(2.0 / 3), z) - TSE_R(1));
+  } else {
+    c = r_div(TSE_R(1), q);
+    cq = -c;
+  }
+  if (shape > TSE_R(0)) {
+    const tse_real over = r_div(TSE_R(1), TSE_R(1) + r_mul(q, q)), root = r_sqrt(over);
+    c += r_mul(shape, root - c);
+    cq += r_mul(shape, -r_mul(r_mul(q, q), r_mul(root, over)) - cq);
+  }
+  *slope = cq;
+  return c;
+}
+
+static tyre tyre_of(tse_real kx, tse_real ky, tse_real limit, tse_real s, tse_real a, tse_real shape)
+{
+  tyre t;
+  const tse_real X = r_mul(kx, s), Y = r_mul(ky, a);
+  tse_real slope;
+  tse_real c = secant(r_div(r_abs(Y), limit), shape, &slope);
+  t.y = r_mul(Y, c); t.y_a = r_mul(ky, c + slope); t.y_s = 0; t.y_kx = 0; t.y_ky = r_mul(Y, c + slope); t.y_mu = -r_mul(Y, slope);
+  c = secant(r_div(r_abs(X), limit), shape, &slope);
+  t.x = r_mul(X, c); t.x_s = r_mul(kx, c + slope); t.x_a = 0; t.x_ky = 0; t.x_kx = r_mul(X, c + slope); t.x_mu = 0;
+  return t;
+}
+
+void car_forces(const tse_car *c, const tse_real x[STATES], steering u, tse_real share, forces *f)
+{
+  const tse_real cx = exponential(x[LCX]), mu = r_mul(c->grip, exponential(x[LMU]));
+  const tse_real front = r_mul(c->ky_front, exponential(x[LCF])), rear = r_mul(c->ky_rear, exponential(x[LCR]));
+  /* load goes to the rear with the acceleration, and stiffness and grip with it */
+  const tse_real drive = r_clamp(r_mul(cx, r_mul(c->kx_front, x[SF]) + r_mul(c->kx_rear, x[SR])), TSE_R(-10), TSE_R(10));
+  const tse_real across = r_clamp(r_mul(front, x[AF]) + r_mul(rear, x[AR]), TSE_R(-10), TSE_R(10)), square = r_mul(across, across);
+  const tse_real to_front = TSE_R(1) - r_mul(c->load_gain, drive), to_rear = TSE_R(1) + r_mul(c->load_gain, drive);
+  const tse_real side_front = r_max(TSE_R(1) - r_mul(c->side_front, square), TSE_R(0.2)), side_rear = r_max(TSE_R(1) - r_mul(c->side_rear, square), TSE_R(0.2));
+  const tyre a = tyre_of(r_mul(r_mul(cx, c->kx_front), to_front), r_mul(r_mul(front, to_front), side_front),
+                         r_mul(r_mul(mu, c->load_front), to_front), x[SF], x[AF], c->shape);
+  const tyre b = tyre_of(r_mul(r_mul(cx, c->kx_rear), to_rear), r_mul(r_mul(rear, to_rear), side_rear),
+                         r_mul(r_mul(mu, c->load_rear), to_rear), x[SR], x[AR], c->shape);
+  tse_real s, k;
+  f->steer = u.from + r_mul(share, u.to - u.from);
+  f->rate = r_div(u.to - u.from, u.dt);
+  const tse_real d = r_mul(TSE_R(1) + x[GAIN], f->steer - r_mul(x[LATE], f->rate)) + x[OFF] - r_mul(c->compliance, a.y);
+  sincos(d, &s, &k);
+  f->sin_d = s;
+  f->cos_d = k;
+  f->side = a.y;
+  const tse_real ax = r_mul(a.x, k) - r_mul(a.y, s), ay = r_mul(a.y, k) + r_mul(a.x, s);
+  const tse_real drag = r_mul(c->drag, r_abs(x[VX]));
+  f->x = ax + b.x - r_mul(drag, x[VX]) - c->rolling;
+  f->y = ay + b.y + c->pull_front + c->pull_rear;
+  f->yaw = r_mul(c->jf, ay + c->pull_front) - r_mul(c->jr, b.y + c->pull_rear) - r_mul(c->trail, a.y + b.y);
+  for (int j = 0; j < COLUMNS; j++) f->by_x[j] = f->by_y[j] = f->by_yaw[j] = TSE_R(0);
+  const struct { int at; tse_real x, y; } of_front[] = { { SF, a.x_s, a.y_s }, { AF, a.x_a, a.y_a }, { LCX, a.x_kx, a.y_kx },
+                                                         { LCF, a.x_ky, a.y_ky }, { LMU, a.x_mu, a.y_mu } };
+  const struct { int at; tse_real x, y; } of_rear[] = { { SR, b.x_s, b.y_s }, { AR, b.x_a, b.y_a }, { LCX, b.x_kx, b.y_kx },
+                                                        { LCR, b.x_ky, b.y_ky }, { LMU, b.x_mu, b.y_mu } };
+  for (int i = 0; i < 5; i++) {
+    const int j = of_front[i].at, n = of_rear[i].at;
+    const tse_real y = r_mul(of_front[i].y, k) + r_mul(of_front[i].x, s);
+    f->by_x[j] += r_mul(of_front[i].x, k) - r_mul(of_front[i].y, s);
+    f->by_y[j] += y;
+    f->by_yaw[j] += r_mul(c->jf, y) - r_mul(c->trail, of_front[i].y);
+    f->by_x[n] += of_rear[i].x;
+    f->by_y[n] += of_rear[i].y;
+    f->by_yaw[n] -= r_mul(c->jr + c->trail, of_rear[i].y);
+  }
+  f->by_x[VX] = -r_mul(TSE_R(2), drag);
+  const tse_real by_d[3] = { TSE_R(1), f->steer - r_mul(x[LATE], f->rate), -r_mul(TSE_R(1) + x[GAIN], f->rate) };
+  for (int i = 0; i < 3; i++) { /* forces turn with the wheels */
+    f->by_x[OFF + i] = -r_mul(by_d[i], ay);
+    f->by_y[OFF + i] = r_mul(by_d[i], ax);
+    f->by_yaw[OFF + i] = r_mul(c->jf, r_mul(by_d[i], ax));
+  }
+  f->by_yaw[BY_INERTIA] = -f->yaw;
+  f->by_yaw[BY_CENTRE] = r_mul(c->m_inertia, ay + b.y);
+  f->by_yaw[BY_MOMENT] = -r_mul(c->m_inertia, ay + b.y);
+}
+
+/* Slip angle of an axle that its motion asks for, and its slopes. */
+typedef struct kinematic { tse_real a, by_side, by_v; } kinematic;
+
+static kinematic slip_angle(tse_real side, tse_real vx)
+{
+  const tse_real v = r_max(vx, SLOW), over = r_div(TSE_R(1), r_mul(v, v) + r_mul(side, side));
+  kinematic k;
+  k.a = -r_atan2(side, v);
+  k.by_side = -r_mul(v, over);
+  k.by_v = vx > SLOW ? r_mul(side, over) : TSE_R(0);
+  return k;
+}
+
+/* One substep of h, symplectic: velocities first, then slip angles and roll with them: stable without damping. */
+static void substep(const tse_car *c, tse_real x[STATES], steering u, tse_real middle, tse_real end, tse_real h, tse_real M[MOTION][COLUMNS])
+{
+  forces f;
+  car_forces(c, x, u, middle, &f);
+  const tse_real vx = x[VX], vy = x[VY], r = x[YAW];
+  tse_real *const mx = M[VX], *const my = M[VY], *const mr = M[YAW], *const mf = M[AF], *const mb = M[AR], *const mp = M[PHI], *const mq = M[DPHI];
+  const tse_real w2 = r_mul(c->roll_rate, c->roll_rate), drag = r_mul(TSE_R(2), r_mul(c->roll_damping, c->roll_rate));
+  x[VX] = vx + r_mul(h, f.x + r_mul(vy, r) - x[GX]);
+  const tse_real swing = r_mul(w2, r_mul(c->roll_gain, f.y) - x[PHI]) - r_mul(drag, x[DPHI]), stays_level = TSE_R(1) - x[LEAN];
+  x[VY] = vy + r_mul(h, f.y - r_mul(stays_level, r_mul(vx, r)) + x[GY] + r_mul(c->roll_coupling, swing));
+  x[YAW] = r + r_mul(h, f.yaw);
+  x[DPHI] += r_mul(h, swing);
+  x[PHI] += r_mul(h, x[DPHI]);
+  const tse_real v = r_max(x[VX], SLOW), turn = r_div(r_mul(h, v), c->relaxation), stays = exponential(-turn), g = TSE_R(1) - stays;
+  const kinematic kf = slip_angle(x[VY] + r_mul(c->lf, x[YAW]), x[VX]), kr = slip_angle(x[VY] - r_mul(c->lr, x[YAW]), x[VX]);
+  const tse_real steer = u.from + r_mul(end, u.to - u.from) - r_mul(x[LATE], f.rate);
+  const tse_real d = r_mul(TSE_R(1) + x[GAIN], steer) + x[OFF] - r_mul(c->compliance, f.side);
+  const tse_real to_front = d + kf.a - x[AF], to_rear = kr.a + r_mul(c->roll_steer, x[PHI]) - x[AR];
+  x[AF] += r_mul(g, to_front);
+  x[AR] += r_mul(g, to_rear);
+
+  for (int j = 0; j < COLUMNS; j++) { /* slopes, by the chain rule in the same order */
+    const tse_real direct = j >= MOTION ? TSE_R(1) : TSE_R(0);
+    const tse_real gx = r_mul(f.by_x[VX], mx[j]) + r_mul(f.by_x[AF], mf[j]) + r_mul(f.by_x[AR], mb[j]) + r_mul(direct, f.by_x[j]);
+    const tse_real gy = r_mul(f.by_y[AF], mf[j]) + r_mul(f.by_y[AR], mb[j]) + r_mul(direct, f.by_y[j]);
+    const tse_real gr = r_mul(f.by_yaw[AF], mf[j]) + r_mul(f.by_yaw[AR], mb[j]) + r_mul(direct, f.by_yaw[j]);
+    const tse_real was = mx[j];
+    mx[j] += r_mul(h, gx + r_mul(vy, mr[j]) + r_mul(r, my[j]));
+    const tse_real swings = r_mul(w2, r_mul(c->roll_gain, gy) - mp[j]) - r_mul(drag, mq[j]);
+    my[j] += r_mul(h, gy - r_mul(stays_level, r_mul(vx, mr[j]) + r_mul(r, was)) + r_mul(c->roll_coupling, swings));
+    mr[j] += r_mul(h, gr);
+    mq[j] += r_mul(h, swings);
+    mp[j] += r_mul(h, mq[j]);
+  }
+  mx[GX] -= h;
+  my[GY] += h;
+  my[LEAN] += r_mul(h, r_mul(vx, r));
+  for (int j = 0; j < COLUMNS; j++) {
+    const tse_real front = r_mul(kf.by_side, my[j] + r_mul(c->lf, mr[j])) + r_mul(kf.by_v, mx[j]);
+    const tse_real rear = r_mul(kr.by_side, my[j] - r_mul(c->lr, mr[j])) + r_mul(kr.by_v, mx[j]) + r_mul(c->roll_steer, mp[j]);
+    mf[j] = r_mul(stays, mf[j]) + r_mul(g, front);
+    mb[j] = r_mul(stays, mb[j]) + r_mul(g, rear);
+  }
+  mf[OFF] += g;
+  mf[GAIN] += r_mul(g, steer);
+  mf[LATE] -= r_mul(r_mul(g, TSE_R(1) + x[GAIN]), f.rate);
+  mf[BY_CENTRE] += r_mul(g, r_mul(kf.by_side, x[YAW]));
+  mb[BY_CENTRE] += r_mul(g, r_mul(kr.by_side, x[YAW]));
+  const tse_real by_length = -r_div(r_mul(stays, turn), c->relaxation);
+  mf[BY_LENGTH_FRONT] += r_mul(by_length, to_front);
+  mb[BY_LENGTH_REAR] += r_mul(by_length, to_rear);
+  mb[BY_ROLL_STEER] += r_mul(g, x[PHI]);
+}
+
+void car_move(const tse_car *c, tse_real x[STATES], steering u, tse_real M[MOTION][COLUMNS])
+{
+  int32_t steps = -r_floor_to_int(-r_div(u.dt, LONGEST));
+  steps = steps < 1 ? 1 : steps > TSE_SUBSTEPS ? TSE_SUBSTEPS : steps;
+  const tse_real part = r_div(TSE_R(1), r_from_int(steps)), h = r_mul(u.dt, part);
+  for (int i = 0; i < MOTION; i++)
+    for (int j = 0; j < COLUMNS; j++) M[i][j] = i == j ? TSE_R(1) : TSE_R(0);
+  for (int32_t k = 0; k < steps; k++) {
+    const tse_real from = r_mul(part, r_from_int(k));
+    substep(c, x, u, from + r_mul(TSE_R(0.5), part), from + part, h, M);
+  }
+}
+
+void car_measure(const tse_car *c, const tse_real x[STATES], const forces *f, tse_real pitch, tse_real z[TSE_SENSORS], tse_real H[TSE_SENSORS][COLUMNS])
+{
+  const tse_real r = x[YAW], cm = c->mount_cos, sm = c->mount_sin, lx = c->lever_x, ly = c->lever_y;
+  const tse_real w2 = r_mul(c->roll_rate, c->roll_rate), drag = r_mul(TSE_R(2), r_mul(c->roll_damping, c->roll_rate));
+  /* at the place of the IMU, in the axes of the car; gravity leaks in as body rolls and pitches, and an IMU above the roll axis swings */
+  const tse_real here_x = f->x - r_mul(lx, r_mul(r, r)) - r_mul(ly, f->yaw) + r_mul(c->pitch_leak, pitch);
+  const tse_real swing = r_mul(w2, r_mul(c->roll_gain, f->y) - x[PHI]) - r_mul(drag, x[DPHI]);
+  const tse_real here_y = f->y + r_mul(lx, f->yaw) - r_mul(ly, r_mul(r, r)) + r_mul(c->roll_leak, x[PHI]) - r_mul(c->roll_height, swing);
+  const tse_real own_y = TSE_R(1) - r_mul(c->roll_height, r_mul(w2, c->roll_gain)), own_x = TSE_R(1) + c->pitch_leak;
+  const tse_real side = x[VY] + r_mul(c->lf, r), along = r_mul(x[VX], f->cos_d) + r_mul(side, f->sin_d);
+  const tse_real turned = r_mul(side, f->cos_d) - r_mul(x[VX], f->sin_d); /* slope of `along` over d */
+  const tse_real rolls = TSE_R(1) + x[RAD];
+  z[0] = r_mul(c->scale_x, r_mul(here_x, cm) + r_mul(here_y, sm)) + x[BX];
+  z[1] = r_mul(c->scale_y, r_mul(here_y, cm) - r_mul(here_x, sm)) + x[BY];
+  z[2] = r_mul(c->scale_r, r) + x[BR];
+  z[3] = r_mul(r_mul(along, TSE_R(1) + x[SF]), rolls);
+  z[4] = r_mul(x[VX], TSE_R(1) + x[SR]);
+  for (int j = 0; j < COLUMNS; j++) {
+    tse_real hx = r_mul(own_x, f->by_x[j]) - r_mul(ly, f->by_yaw[j]), hy = r_mul(own_y, f->by_y[j]) + r_mul(lx, f->by_yaw[j]);
+    if (j == YAW) {
+      hx -= r_mul(TSE_R(2), r_mul(lx, r));
+      hy -= r_mul(TSE_R(2), r_mul(ly, r));
+    } else if (j == PHI) hy += c->roll_leak + r_mul(c->roll_height, w2);
+    else if (j == DPHI) hy += r_mul(c->roll_height, drag);
+    H[0][j] = r_mul(c->scale_x, r_mul(hx, cm) + r_mul(hy, sm));
+    H[1][j] = r_mul(c->scale_y, r_mul(hy, cm) - r_mul(hx, sm));
+    H[2][j] = H[3][j] = H[4][j] = TSE_R(0);
+  }
+  const tse_real forward = r_mul(TSE_R(1) + x[SF], rolls);
+  H[0][BX] = H[1][BY] = H[2][BR] = TSE_R(1);
+  H[2][YAW] = c->scale_r;
+  H[3][VX] = r_mul(forward, f->cos_d);
+  H[3][VY] = r_mul(forward, f->sin_d);
+  H[3][YAW] = r_mul(c->lf, H[3][VY]);
+  H[3][SF] = r_mul(along, rolls);
+  H[3][OFF] = r_mul(forward, turned);
+  H[3][GAIN] = r_mul(H[3][OFF], f->steer - r_mul(x[LATE], f->rate));
+  H[3][LATE] = -r_mul(r_mul(H[3][OFF], TSE_R(1) + x[GAIN]), f->rate);
+  H[3][RAD] = r_mul(along, TSE_R(1) + x[SF]);
+  H[3][BY_CENTRE] = r_mul(H[3][VY], r);
+  H[4][VX] = TSE_R(1) + x[SR];
+  H[4][SR] = x[VX];
+}
