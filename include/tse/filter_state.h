@@ -22,7 +22,7 @@
   X(w,    3, "1",             "stiffness deviation drawn for the interval ahead")           \
   X(logw, 1, "log2",          "log-weight relative to the largest")
 
-/* The forms that a build knows, and the default. */
+/* The filters that a build knows, and the default. */
 #define TSE_FIRST_FORM 0
 #define TSE_DEFAULT_FORM 0
 
@@ -54,6 +54,12 @@ enum {
   TSE_TOLD = TSE_CONSIDERED + 2 /* and mass_sd, which stands before them, and model_sd behind */
 };
 
+#define TSE_STATES 23   /* src/model/car.h */
+#define TSE_SENSORS 5   /* accel_x, accel_y, yaw_rate, wheel speeds front and rear */
+#define TSE_SUBSTEPS 16
+#define TSE_DOUBTS 10   /* uncertain quantities that are no state */
+#define TSE_KEPT 11     /* states that a drive leaves to the next: biases, stiffness, grip, steering, radius */
+
 /* The car as the filter's model has it, src/model/car.h. Forces are over mass. */
 typedef struct tse_car {
   tse_real kx_front, kx_rear, ky_front, ky_rear; /* [m/s2] [m/s2/rad] nominal stiffness                   */
@@ -72,7 +78,7 @@ typedef struct tse_car {
 typedef struct tse_params {
   uint32_t magic, fingerprint;
   uint32_t vehicle;                   /* fingerprint of the vehicle alone, the same in every number format */
-  int32_t form, hypotheses, inputs_held;
+  int32_t form;
   tse_real initial_spread_var, steady_walk;
   int32_t particles, resampling, vel_x_from_wheels;
   uint32_t seed[2];
@@ -85,17 +91,11 @@ typedef struct tse_params {
   tse_real radius_front, radius_rear; /* [m]                                               */
   /* sensors */
   tse_real sd[3], inv_sd[3];          /* accel_x, accel_y [m/s2], yaw rate [rad/s]         */
-  tse_real read_x, read_y_front, read_y_rear; /* [1] accel_x, accel_y read per tyre force; 1 without effects */
   tse_real bias_var0[3];              /* [sigma^2]   initial bias variance                 */
   tse_real bias_walk[3];              /* [sigma^2/s] bias random walk                      */
   tse_real log_sd[3];                 /* [log2]                                            */
   tse_real wheel_var[2];              /* [m2/s2]     of R omega, front and rear            */
-  tse_real consider_sd[TSE_CONSIDERED], mass_var; /* of tse/told.def; [1] of the mass */
-  tse_real model_var;                 /* [1] of what the model does not explain, a share of what is foretold */
-  tse_real doubt;                     /* [1] of the first level of disturbance: what of it a stiffness may be off by */
-  int32_t considers;                  /* 1: any of consider_sd is not 0 */
-  tse_real nod_time;                  /* [s]                                               */
-  tse_real lag_var0;                  /* [LAG_TIME^2] of how late the steering acts        */
+  tse_real mass_var;                  /* [1] */
   /* filter */
   tse_real sample_time, inv_sample_time, max_step, max_gap, max_slip, hold_speed, max_steer;
   tse_real damping, least_step;       /* [m/s2] 4 times the fastest damping times speed; [s] step at hold_speed */
@@ -115,8 +115,8 @@ typedef struct tse_params {
   tse_real watchdog_drop;             /* [log2] per row                                    */
   int32_t recovery_count;             /* particles drawn anew                              */
   tse_car car;                        /* form 0 */
-  tse_real prior_sd[23], prior_log[3], prior_offset, prior_gain, prior_lean, prior_gx, prior_gy; /* form 0: of the state at the start */
-  tse_real sensor_sd[5], uncertain[10], model_sd; /* [m/s2] [m/s2] [rad/s] [m/s] [m/s]; sd of what is no state; [1] */
+  tse_real prior[TSE_STATES], prior_sd[TSE_STATES]; /* form 0: of the state at the start */
+  tse_real sensor_sd[TSE_SENSORS], uncertain[TSE_DOUBTS], model_sd; /* [m/s2] [m/s2] [rad/s] [m/s] [m/s]; sd of what is no state; [1] */
   tse_real bias_sd_walk[3], steady_sd_walk, log_min, log_max;
   tse_real steer_lag, steer_lag_second; /* [s] */
   tse_effects effects;                /* what is not in the plain model; mask 0: nothing   */
@@ -129,8 +129,8 @@ typedef struct tse_start {
   tse_real mean_var[3];               /* [1]        its variance in all                                      */
   tse_real lam[6], gamma, nu;
   tse_real bias[3], bias_var[3];      /* [sigma]                                                             */
-  tse_real spread_var[3], noise_var[3]; /* [1]      as of a hypothesis, with its level and held, when loaded     */
-  int32_t level[3], held;
+  tse_real kept[TSE_KEPT], kept_cov[TSE_KEPT][TSE_KEPT]; /* form 0: what a drive leaves of the state, SI and units of the state */
+  tse_real noise[TSE_SENSORS];        /* [1] variance over the setting's                                     */
 } tse_start;
 
 enum { TSE_UNKNOWN, TSE_KNOWN, TSE_KNOWN_BEFORE }; /* a stiffness: never valid, valid since the last recovery, loaded */
@@ -140,7 +140,6 @@ enum { TSE_UNKNOWN, TSE_KNOWN, TSE_KNOWN_BEFORE }; /* a stiffness: never valid, 
   X(STEADY,    "steady",    "tyres as before")                                                     \
   X(CHANGED,   "changed",   "all tyres changed within the last 2 s: another road")                 \
   X(AXLE,      "axle",      "the tyres of one axle changed within the last 2 s")                   \
-  X(DRIFTING,  "drifting",  "stiffness drifts faster than wear and warmth")                        \
   X(FAULT,     "fault",     "a channel is off, stuck or loud")                                     \
   X(SLIDING,   "sliding",   "wheels lock or spin")                                                 \
   X(RESTARTED, "restarted", "all was started over within the last 2 s")
@@ -152,67 +151,15 @@ enum {
   TSE_REGIMES
 };
 
-/* X of a hypothesis: states 0..2, stiffness over nominal 3..5, biases 6..8, slow disturbances 9..11 (these in sigma), the rate 12
- * at which all stiffnesses drift together [1/s], and how late the steering acts, behind the IMU, 13 [LAG_TIME]. */
-#define TSE_X 14
-#define TSE_KINDS 22 /* ways in which a hypothesis may be born, src/estimator/hypotheses/hypothesis.h */
-
 enum { TSE_CHANGE_NONE, TSE_CHANGE_ROAD, TSE_CHANGE_FRONT, TSE_CHANGE_REAR, TSE_CHANGE_RESTART };
 
-/* One history of regimes, and what is believed if it is the true one. */
-typedef struct tse_hypothesis {
-  tse_real x[TSE_X], cov[TSE_X][TSE_X];
-  tse_real eps[3], eps_cov[3][3], eps_x[3][TSE_X]; /* this row's spread given its sample: mean, covariance, with X */
-  tse_real spread_var[3], noise_var[3]; /* [1] of the stiffness from row to row, relative; of the channels, over told */
-  tse_real info[6][6];                  /* what has been learnt of the logarithms of these six: inverse covariance */
-  tse_real smooth[2], slip[2];          /* [1] where wheel speeds are noisy: slip of the axles, smoothed; without what may be noise */
-  tse_real shaken, with_slip[2], with_past[2]; /* what their noise does: variance of vel_x [m2/s2]; what it has in common with the
-                                         * smoothed slip [m/s], and with that of which vel_x has taken account already */
-  tse_real pull[2];                     /* [m/s] of the last two, as much of their difference as `slip` is of `smooth` */
-  tse_real foretold[3], activity[3];    /* [sigma] of each channel: forecast of the row before; how much it moves of late */
-  tse_real before[3];                   /* [1] stiffness before the last change of this history */
-  tse_real log_weight;                  /* [log2] */
-  tse_real promise;                     /* [log2] evidence of late for which it was born: it speaks for it until it could show its own */
-  tse_real age, change_age;             /* [s] since it was born, since that change */
-  int32_t change_kind;                  /* TSE_CHANGE_* */
-  int32_t kind;                         /* how it was born */
-  int32_t drift;                        /* 0 steady, 1 drifts slowly, 2 fast */
-  int32_t fault;                        /* 0 none, else 1 + place in tse/input.def of the channel at fault */
-  int32_t slides, held;                 /* 0, 1: wheels slide; steering is held between rows */
-  int32_t level[3];                     /* of the slow disturbance of each channel: 0 none .. 3 */
-} tse_hypothesis;
-
-/* How often each channel repeats itself. */
-typedef struct tse_repeats {
-  tse_real last[6];                     /* channels of the row before, as logged */
-  int32_t run[6];                       /* rows for which each has repeated itself */
-  tse_real repeats[6][2], rows[6][2];   /* counts after a new value, and within a run */
-  tse_real evidence[6];                 /* [log2] of this row's repeat that the channel is stuck; 0: not repeated */
-} tse_repeats;
-
-typedef struct tse_bank {
-  int32_t count, likeliest;             /* hypotheses alive: the first so many */
-  uint32_t saturated;                   /* times that a hypothesis, or a sample as it foretold it, left the range of the number format */
-  tse_real seen;                        /* [s] of samples learnt from */
-  tse_real score[TSE_KINDS], waited[TSE_KINDS]; /* [log2] evidence of late for a birth of each kind; [s] since the last try */
-  tse_real gained[3];                   /* [1/s] what samples of late tell of each stiffness: inverse variance, relative */
-  tse_repeats repeats;
-  tse_real off[TSE_CONSIDERED][TSE_X];  /* error of X in the likeliest if what is told is off by one sd; settings that are 0: 0 */
-  tse_real rate[5];                     /* of this row: of the forces over mass, longitudinal, front, rear [m/s3]; of the wheel speeds [m/s2] */
-  tse_hypothesis h[TSE_HYPOTHESES];
-} tse_bank;
-
-#define TSE_STATES 23   /* src/model/car.h */
-#define TSE_SENSORS 5   /* accel_x, accel_y, yaw_rate, wheel speeds front and rear */
-#define TSE_SUBSTEPS 16
-#define TSE_DOUBTS 10    /* uncertain quantities that are no state */
 #define TSE_EVENTS 16   /* places for what may have happened, src/filter/events.c */
 
 typedef struct tse_ud { tse_real u[TSE_STATES * (TSE_STATES - 1) / 2], d[TSE_STATES]; } tse_ud;
 
 /* What may have happened: the state is off by amplitude times v if it did. */
 typedef struct tse_event {
-  tse_real v[TSE_STATES], reads;      /* [unit] of the state; [sd] of the channel, where a sensor is off */
+  tse_real v[TSE_STATES];             /* [unit] of the state */
   tse_real info, score;               /* [1] 1/variance of the amplitude by the samples since, and that times its mean */
   tse_real age;                       /* [s] */
   int32_t kind;                       /* src/filter/events.c; 0: free place */
@@ -227,7 +174,7 @@ typedef struct tse_kalman {
   tse_real activity[3];               /* [m2/s4] [m2/s4] [rad2/s2] recent a_x, a_y, yaw rate, squared */
   tse_real before[3];                 /* [m/s2] [m/s2] [m/s] a_x, a_y and speed at the last row */
   tse_real pitch[2];                  /* [m/s2] a_x as the body's pitch follows it */
-  tse_real steer[3], delay;           /* [rad] logged angle, after one lag, after both */
+  tse_real steer[3];                  /* [rad] logged angle, after one lag, after both */
   tse_real since_slow;                /* [s] since a slow state had its share of process noise */
   tse_real seen;                      /* [s] of samples learnt from */
   tse_real nis;                       /* [1] innovation squared over its variance, summed over the channels of the last row */
@@ -258,8 +205,6 @@ typedef struct tse_filter {
   uint32_t step;                      /* rows accepted since reset: the counter of the random numbers */
   int32_t started;                    /* 0: the next row initialises                                  */
   tse_real steer, v_front, v_rear;    /* inputs of the last row: [rad], R omega [m/s]                 */
-  tse_real late_steer;                /* [rad] that followed with a lag of LAG_TIME           */
-  tse_real nod[3][2];                 /* accel_x [sigma], front and rear wheel speed [m/s], followed with one and two lags of nod_time */
   tse_real held_for;                  /* [s] how long inputs have been missing                        */
   tse_real rolled_for;                /* [s] how long both wheel speeds have been missing             */
   int32_t lost;                       /* 1: nothing is known of the motion any more                   */
@@ -267,9 +212,6 @@ typedef struct tse_filter {
   tse_real seen;                      /* what was learnt from: [s]; particles: samples, up to five memories */
   int32_t known[3];                   /* what tse_learnt_save() may call learnt: TSE_KNOWN ...        */
   tse_start start;
-  tse_effect_memory effects;          /* of the effects that have one                                 */
-  tse_real effect_level[4];           /* what the stiffness effects leave of kx_front, kx_rear, ky_front, ky_rear */
-  tse_bank bank;                      /* form 0: the hypotheses                                       */
   tse_kalman k;                       /* form 0                                                       */
   tse_alignment waiting;              /* rows that wait for channels which are logged later           */
 } tse_filter;

@@ -1,5 +1,5 @@
-/* tse/learnt.h - what a drive taught, kept for the next: stiffness, sensor biases and noise, and what the model does not
- * explain of the car, in TSE_LEARNT_BYTES bytes.
+/* tse/learnt.h - what a drive taught, kept for the next: stiffness, grip, steering, sensor biases and noise, with their covariance,
+ * in TSE_LEARNT_BYTES bytes. It is the prior of the next drive.
  *
  *   tse_learnt_save(&p, &f, bytes);                       at the end of a drive; write the bytes to non-volatile memory
  *   tse_reset(&p, &f, sizeof f);                          at the start of the next
@@ -8,23 +8,22 @@
  * The same bytes in every number format, on every machine (a PC reads what an ECU has written, and the reverse); all
  * numbers are little-endian, `q24` is int32 in units of 2^-24:
  *
- *     0  "tsel"                      16  u32  samples' worth of trust in the spread (nu)
- *     4  u16  format, 2              20  q24  x 3  mean stiffness, relative to nominal, minus 1
- *     6  u16  bytes in all           32  q24  x 3  its sd
- *     8  u32  vehicle                44  q24  x 3  spread
- *    12  u32  bit a: stiffness a     56  q24  x 3  correlation of the spreads 01, 02, 12
- *             has been learnt        68  q24  x 3  bias, m/s2, m/s2, rad/s
- *                                    80  q24  x 3  its sd
- *                                    92  q24  x 3  noise of accel_x, accel_y, yaw rate: sd as found over
- *                                                  the setting; 0: not known
- *                                   104  u32  bits 0-1, 2-3, 4-5: level of the slow disturbance of these,
- *                                             0..3; bit 6: steering is held between rows
- *                                   108  u32  CRC-32 (IEEE 802.3, as zlib's) of all bytes before
+ *     0  "tsel"                      12  u32  bit a: stiffness a has been learnt
+ *     4  u16  format, 3              16  u32  samples' worth of trust in the process sd (particles)
+ *     6  u16  bytes in all           20  q24  x 11  means: bias of accel_x, accel_y [m/s2], yaw_rate [rad/s]; logarithm of cx_front,
+ *     8  u32  vehicle                               cy_front, cy_rear over nominal and of the grip over the setting's; steering offset
+ *                                                   [rad], error of the steering ratio [1], lateness of the steering [s], radius front
+ *                                                   over rear less 1
+ *                                    64  q24  x 11  their sd; 0: not known
+ *                                   108  i16  x 55  their correlations, 2^-14: 01 02 .. 12 13 ..
+ *                                   220  q24  x 5   noise of accel_x, accel_y, yaw_rate, wheel speeds: sd as found over the setting
+ *                                   240  q24  x 3   process sd; 252 q24 x 3 their correlations 01, 02, 12 (particles)
+ *                                   264  u32  CRC-32 (IEEE 802.3, as zlib's) of all bytes before
  *
  * Later formats keep the first eight bytes and end in the CRC, so a newer file can be told from a damaged one.
  *
- * What is out of range is refused, whoever wrote it: stiffness outside 0.02 .. 20, a bias outside what its channel may read,
- * a negative sd, a correlation beyond 1. Format 1 (96 bytes) is refused with a status of its own.
+ * What is out of range is refused, whoever wrote it: a logarithm beyond 4, a bias outside what its channel may read, a negative sd, a
+ * correlation beyond 1. Formats 1 and 2 are refused with a status of their own.
  *
  * `vehicle` is made of the vehicle settings (config.def, from the first row to rear_longitudinal_follows_front), rounded to
  * single precision, because they give relative stiffness its meaning. Sensors, filter, particles and seed may change:
@@ -37,8 +36,8 @@
 
 #include "tse/tse.h"
 
-#define TSE_LEARNT_BYTES 112
-#define TSE_LEARNT_FORMAT 2
+#define TSE_LEARNT_BYTES 268
+#define TSE_LEARNT_FORMAT 3
 
 #define tse_learnt_save TSE_NAME(tse_learnt_save)
 #define tse_learnt_load TSE_NAME(tse_learnt_load)
@@ -61,12 +60,12 @@ tse_status tse_learnt_save(const tse_params *p, const tse_filter *f, uint8_t out
  *   Updated:   f          bit for bit unchanged when the result is negative
  *   Returned:  TSE_OK, TSE_E_NULL, TSE_E_STATE (also after the first row), TSE_E_LEARNT, TSE_E_VERSION,
  *              TSE_E_OLD or TSE_E_VEHICLE
- *   Ageing:    variance of a mean     max(sd^2, learnt_floor^2) + learnt_walk_day^2 days, at most initial_mean_sd^2
+ *   Ageing:    variance of a mean     max(sd^2, learnt_floor^2) + learnt_walk_day^2 days, at most that of the start
  *              spread                 as learnt, up to spread_max; trusted as little as initial_spread. With particles: widened by the
  *                                     doubt about the mean
  *              bias                   variance grows by *_bias_walk up to *_bias_sd^2, and as far as it has got there the
  *                                     bias goes back to zero: the slope of the road is in it, and another day it is another
- *              noise, level, held     as learnt, a start as good as another: form 0 finds out when they have changed
+ *              noise, correlations    as learnt; steering and radius: no better than a tenth of the prior's sd
  *   A stiffness that has never been learnt starts as the settings say. After a recovery everything does. */
 tse_status tse_learnt_load(const tse_params *p, tse_filter *f, const uint8_t *in, size_t bytes, uint32_t age_s);
 

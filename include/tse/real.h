@@ -83,14 +83,4 @@ typedef double tse_setting;
 #error "TSE_LATENCY_ROWS must lie in 8 .. 1024"
 #endif
 
-/* Hypotheses that a filter of the default form can hold: the setting `hypotheses` says how many are used, and is this where the build
- * has room for fewer than its default. One is 330 tse_real, and most of what a row costs. With fewer the filter is the same, and
- * slower to find out what happened: scripts/results/small.md. */
-#ifndef TSE_HYPOTHESES
-#define TSE_HYPOTHESES 7
-#endif
-#if TSE_HYPOTHESES < 2 || TSE_HYPOTHESES > 16
-#error "TSE_HYPOTHESES must lie in 2 .. 16"
-#endif
-
 #endif

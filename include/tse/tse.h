@@ -6,7 +6,7 @@
  * one is computed and tested, tse/constants.def what every threshold and rate of the default form is.
  *
  *   tse_config c;  tse_params p;  static tse_filter f;  tse_input u;  tse_output y;
- *   tse_config_default(&c);   tse_config_uncalibrated(&c);   c.mass = TSE_S(1650);
+ *   tse_config_default(&c);   c.mass = TSE_S(1650); ...   tse_config_uncalibrated(&c);
  *   if (tse_prepare(&c, &p, NULL) < 0) ...                        settings -> constants, once
  *   tse_reset(&p, &f, sizeof f);                                  reset is also init
  *   while (next_row(&u)) tse_step(&p, &f, &u, &y);                one sample at a time
@@ -89,28 +89,31 @@ enum { TSE_CX_FRONT = 0, TSE_CY_FRONT = 1, TSE_CY_REAR = 2 };
 
 /* Estimates after one row. Members, units and meaning: tse/output.def. */
 typedef struct tse_output {
-  tse_real vel_x, vel_x_sd, vel_y, vel_y_sd, yaw_rate, yaw_rate_sd, sideslip;
+  tse_real vel_x, vel_x_sd, vel_y, vel_y_sd, yaw_rate, yaw_rate_sd, sideslip, sideslip_sd;
+  tse_real grip, grip_sd;       /* friction of the tyres                                  */
   tse_real stiffness[3], stiffness_sd[3], stiffness_spread[3];
   tse_real bias[3], bias_sd[3];
-  tse_real noise[3];            /* sd of the noise as found, over the setting's           */
+  tse_real noise[TSE_SENSORS];  /* sd of the noise as found, over the setting's           */
+  tse_real innovation[TSE_SENSORS], nis;
   tse_real regime[TSE_REGIMES]; /* probability of each regime, TSE_REGIME_*               */
-  tse_real change_age, change_probability, change_ratio[3]; /* the last change of the likeliest history */
+  tse_real change_age, change_probability, change_ratio[3]; /* the last change */
   tse_real discrepancy[3];      /* sd of what the model does not explain                  */
   tse_real lag_steer, lag_steer_sd; /* how late the steering acts behind the IMU          */
   tse_real estimate_age;        /* how long before this row the time lies that the estimates speak of */
   tse_real n_eff, log_evidence; /* of hypotheses or particles; of this row                */
   int32_t spread_seen[3];       /* 1: the spread is learnt; 0: below what sensors and excitation can show */
   int32_t change_kind, fault_channel; /* TSE_CHANGE_*; 0 none, else 1 + place in tse/input.def */
-  int32_t reason[3];
+  int32_t reason[3], grip_reason;
   int32_t status;
 } tse_output;
 
 /* Fill c with the defaults of tse/config.def. c NULL: nothing happens. */
 void tse_config_default(tse_config *c);
 
-/* How uncertain what is told of the car is (tse/told.def), for a car that nobody has calibrated: tse/uncalibrated.def; all else stays.
- * The defaults are of a car that is known exactly, which none is: a filter that believes them calls values valid that are not. It is
- * hardly ever valid with these; `tselab calibrate` finds smaller ones from ordinary driving. c NULL: nothing happens. */
+/* An ordinary car that nobody has calibrated: after mass, lf, lr, driven_axle and wheel radii are set, fill in what cars of the class have
+ * and how uncertain that is (tse/uncalibrated.def): stiffness and yaw inertia from mass and axles, relaxation, roll, drag, biases. The same
+ * in C, FMU, Python and command. Without it the settings are taken as exact. `tselab calibrate` finds smaller uncertainties.
+ * c NULL: nothing happens. */
 void tse_config_uncalibrated(tse_config *c);
 
 /* Another form of the filter: states and mean stiffness are sampled by particles, as in the paper, with the limits that keep it

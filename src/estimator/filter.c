@@ -1,11 +1,10 @@
 /* estimator/filter.c - reset and step: the page to read first.
  *
  * Which form of the filter runs is a setting:
- *   0  hypotheses of what happened      step.c, regimes.c, hypothesis.c
+ *   0  the car's Kalman filter          filter/step.c
  *   1  the paper's particle filter      paper/algorithm.c and the files it calls, one for each stage of Algorithm 1
  *   2  the same, with limits            likewise
- * Common to them: align.c (channels that are logged late), input.c (a row becomes a checked sample), told.c (effects that the
- * plain model leaves out), start.c. */
+ * Common to them: align.c (channels that are logged late), input.c (a row becomes a checked sample), start.c. */
 #include "filter/filter.h"
 #include "estimator/paper/particles.h"
 
@@ -29,26 +28,26 @@ static tse_status step_form(const tse_params *p, tse_filter *f, const tse_input 
   return step_row(p, f, u, out);
 }
 
-/* What is believed since the last step, where a row makes none. */
-static void report_waiting(const tse_params *p, const tse_filter *f, tse_output *now)
+/* What is known since the last step, where a row makes none. */
+static void report_waiting(const tse_params *p, tse_filter *f, tse_output *now)
 {
   now->estimate_age = f->step > 0 ? r_add_sat(p->latency, f->waiting.since) : p->latency;
-  for (int a = 0; a < 3; a++) now->reason[a] = f->waiting.reason[a];
-  now->status = (int32_t)TSE_W_WAITING;
-  if (!f->started) {
-    report_start(p, f, now);
-    return;
-  }
 #if !defined(TSE_NO_PARTICLES)
-  if (p->form != 0) {
+  if (p->form != 0 && !f->started) report_start(p, f, now);
+  else if (p->form != 0) {
     tse_real lam[6], nu;
     report_particles(p, f, now, lam, &nu);
     now->n_eff = effective_size(p, (const tse_filter_paper *)f);
     for (int a = 0; a < 3; a++) now->noise[a] = now->change_ratio[a] = TSE_R(1);
-    return;
   }
 #endif
-  report_row(p, &f->k, now);
+  if (p->form == 0) {
+    if (f->step == 0) start_all(p, f); /* again with the first step: nothing has happened yet */
+    report_row(p, &f->k, now);
+  }
+  for (int a = 0; a < 3; a++) now->reason[a] = f->waiting.reason[a];
+  now->grip_reason = f->waiting.reason[TSE_CY_FRONT];
+  now->status = (int32_t)TSE_W_WAITING;
 }
 
 /* A row where channels are logged late: the step is that of an earlier time, when there is one. */

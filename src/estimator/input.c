@@ -40,7 +40,6 @@ tse_status input_decode(const tse_params *p, const tse_filter *f, const tse_inpu
   if (missing(&row, TSE_MISSING(steer_angle), row.steer_angle)) { y->u.steer = f->steer; y->has_inputs = y->has_steer = 0; }
   if (missing(&row, TSE_MISSING(wheel_speed_front), row.wheel_speed_front)) { y->u.v_front = f->v_front; y->has_inputs = 0; }
   if (missing(&row, TSE_MISSING(wheel_speed_rear), row.wheel_speed_rear)) { y->u.v_rear = f->v_rear; y->has_inputs = 0; }
-  y->late_steer = y->u.steer; /* until the default form follows it: no copy of the sample has a member without a value */
 
   y->used = 0;
 #define TAKE_D(name, lo, hi)

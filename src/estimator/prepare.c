@@ -4,11 +4,13 @@
 #include "tse/tse.h"
 #include "model/effects.h"
 #include "model/effects_constant.h"
+#include "model/car.h"
 #include "tse/constants.h"
 
 /* Rows kept beyond the span of the latencies: one on either side of it, and two for rows that come up to 7 % closer than told
  * before any is left out (28 of 30 rows at their most). */
 #define ROWS_TO_SPARE 4
+#define LN_2 TSE_R(0.69314718055994531)
 
 static tse_real real_of(tse_setting x) { return r_from_setting(x); }
 
@@ -24,19 +26,20 @@ static void as_in_the_tables(tse_config *c)
 void tse_config_uncalibrated(tse_config *c)
 {
   if (!c) return;
-#define UNCALIBRATED(setting, sd, why) c->setting = TSE_S(sd);
+#define UNCALIBRATED(setting, value, why) c->setting = TSE_S(value);
 #include "tse/uncalibrated.def"
 #undef UNCALIBRATED
+  const tse_setting g = TSE_S(9.81), weight = r_mul(g, r_div(c->mass, c->lf + c->lr));
+  c->yaw_inertia = r_mul(c->mass, r_mul(c->lf, c->lr));
+  c->cornering_stiffness_front = r_mul(TSE_S(CLASS_CORNERING_FRONT), r_mul(weight, c->lr));
+  c->cornering_stiffness_rear = r_mul(TSE_S(CLASS_CORNERING_REAR), r_mul(weight, c->lf));
+  c->longitudinal_stiffness_front = c->longitudinal_stiffness_rear = r_mul(TSE_S(0.5 * CLASS_LONGITUDINAL), r_mul(g, c->mass));
 }
 
 void tse_config_default(tse_config *c)
 {
   if (!c) return;
-#if TSE_DEFAULT_FORM == 2 /* the form of hypotheses is none of this build's */
-  tse_config_sampled(c);
-#else
   as_in_the_tables(c);
-#endif
 }
 
 void tse_config_sampled(tse_config *c)
@@ -328,7 +331,6 @@ static void change_car(uint64_t mask, tse_config *car)
 static void prepare_effects(const tse_config *c, uint64_t mask, tse_params *p)
 {
   p->effects.mask = mask;
-  p->read_x = p->read_y_front = p->read_y_rear = TSE_R(1);
 #if defined(TSE_NO_EFFECTS)
   (void)c;
 #else
@@ -348,13 +350,6 @@ static void prepare_effects(const tse_config *c, uint64_t mask, tse_params *p)
   for (int k = 0; k < TSE_FORMULA_NUMBERS; k++) e->formula[k] = real_of(number[k]);
   e->formula_place = c->formula_place;
   formula_of(c, e->formula_code);
-  /* what the accelerometers read per tyre force: their slope over the stiffness, exact but for what lags */
-  const tse_setting x = r_mul(one + c->imu_scale_ax_error, one + r_mul(g, c->pitch_leak_gain));
-  const tse_setting y = r_mul(one + c->imu_scale_ay_error, one + r_mul(g, c->body_roll_gain));
-  const tse_setting arm = r_mul(r_mul(y, c->imu_lever_arm_x), c->mass);
-  p->read_x = real_of(x);
-  p->read_y_front = real_of(y + r_div(r_mul(arm, c->lf), c->yaw_inertia));
-  p->read_y_rear = real_of(y - r_div(r_mul(arm, c->lr), c->yaw_inertia));
 #endif
 }
 
@@ -415,7 +410,7 @@ static void prepare_car(const tse_config *c, tse_params *p)
 {
   tse_car *const car = &p->car;
   const tse_setting one = TSE_S(1), g = TSE_S(9.81), span = c->lf + c->lr, over = r_div(one, c->mass), yaw = r_div(one, c->yaw_inertia);
-  const tse_setting friction = c->tyre_saturation_inverse_friction > 0 ? r_div(one, c->tyre_saturation_inverse_friction) : TSE_S(50);
+  const tse_setting friction = c->grip > 0 ? c->grip : c->tyre_saturation_inverse_friction > 0 ? r_div(one, c->tyre_saturation_inverse_friction) : TSE_S(50);
   car->kx_front = p->kx_front;
   car->kx_rear = p->kx_rear;
   car->ky_front = p->ky_front;
@@ -465,27 +460,27 @@ static void prepare_car(const tse_config *c, tse_params *p)
   p->steer_lag_second = r_mul(p->steer_lag, real_of(c->steering_lag_second));
 
   const tse_setting least_wheel = TSE_S(0.012), wheel = r_mul(c->wheel_noise_sd, c->wheel_radius_front);
-  const tse_setting sensor[5] = { c->accel_x_sd, c->accel_y_sd, c->yaw_rate_sd, wheel > least_wheel ? wheel : least_wheel, wheel > least_wheel ? wheel : least_wheel };
-  const tse_setting uncertain[10] = { c->yaw_inertia_sd, c->cg_sd, c->trail_sd, c->relaxation_sd, c->relaxation_sd, c->roll_steer_sd, c->accel_y_scale_sd, c->gyro_scale_sd, c->wheel_delay_sd, c->accel_delay_sd };
-  const tse_setting prior[23] = { 0, 0, 0, 0, 0, 0, 0, 0, 0, TSE_S(0.3), TSE_S(0.15), c->accel_x_bias_sd, c->accel_y_bias_sd, c->yaw_rate_bias_sd,
+  const tse_setting sensor[TSE_SENSORS] = { c->accel_x_sd, c->accel_y_sd, c->yaw_rate_sd, wheel > least_wheel ? wheel : least_wheel, wheel > least_wheel ? wheel : least_wheel };
+  const tse_setting uncertain[TSE_DOUBTS] = { c->yaw_inertia_sd, c->cg_sd, c->trail_sd, c->relaxation_sd, c->relaxation_sd, c->roll_steer_sd, c->accel_y_scale_sd, c->gyro_scale_sd, c->wheel_delay_sd, c->accel_delay_sd };
+  const tse_setting prior[STATES] = { 0, 0, 0, 0, 0, 0, 0, 0, 0, c->grade_sd > 0 ? r_mul(g, c->grade_sd) : TSE_S(0.3), TSE_S(0.15), c->accel_x_bias_sd, c->accel_y_bias_sd, c->yaw_rate_bias_sd,
                                   c->initial_cx_sd, c->initial_cy_front_sd, c->initial_cy_rear_sd, c->grip_sd, c->steer_offset_sd, c->steer_ratio_sd,
                                   c->steer_lag_sd, c->wheel_radius_sd, c->lean_sd };
-  for (int i = 0; i < 5; i++) p->sensor_sd[i] = real_of(sensor[i]);
-  for (int i = 0; i < 10; i++) p->uncertain[i] = real_of(uncertain[i]);
-  for (int i = 0; i < 23; i++) p->prior_sd[i] = real_of(prior[i]);
+  for (int i = 0; i < TSE_SENSORS; i++) p->sensor_sd[i] = real_of(sensor[i]);
+  for (int i = 0; i < TSE_DOUBTS; i++) p->uncertain[i] = real_of(uncertain[i]);
+  for (int i = 0; i < STATES; i++) p->prior_sd[i] = real_of(prior[i]);
   const tse_setting initial[3] = { c->initial_cx_front, c->initial_cy_front, c->initial_cy_rear }, walk[3] = { c->accel_x_bias_walk, c->accel_y_bias_walk, c->yaw_rate_bias_walk };
   for (int i = 0; i < 3; i++) {
-    p->prior_log[i] = r_mul(TSE_R(0.69314718055994531), r_log2(real_of(initial[i])));
+    p->prior[LCX + i] = r_mul(LN_2, r_log2(real_of(initial[i])));
     p->bias_sd_walk[i] = real_of(walk[i]);
   }
-  p->prior_offset = real_of(c->steering_offset_angle);
-  p->prior_gain = real_of(c->steering_ratio_change);
-  p->prior_lean = real_of(c->bank_superelevation);
-  p->prior_gx = real_of(r_mul(g, c->grade_angle));
-  p->prior_gy = -real_of(r_mul(g, c->bank_angle));
+  p->prior[OFF] = real_of(c->steering_offset_angle);
+  p->prior[GAIN] = real_of(c->steering_ratio_change);
+  p->prior[LEAN] = real_of(c->bank_superelevation);
+  p->prior[GX] = real_of(r_mul(g, c->grade_angle));
+  p->prior[GY] = -real_of(r_mul(g, c->bank_angle));
   p->steady_sd_walk = real_of(c->steady_walk);
-  p->log_min = r_mul(TSE_R(0.69314718055994531), r_log2(real_of(c->stiffness_min)));
-  p->log_max = r_mul(TSE_R(0.69314718055994531), r_log2(real_of(c->stiffness_max)));
+  p->log_min = r_mul(LN_2, r_log2(real_of(c->stiffness_min)));
+  p->log_max = r_mul(LN_2, r_log2(real_of(c->stiffness_max)));
   p->model_sd = real_of(c->model_sd);
 }
 
@@ -504,8 +499,6 @@ static void constants_of(const tse_config *settings, tse_params *p)
   p->particles = c->particles;
   p->resampling = c->resampling;
   p->form = c->form;
-  p->hypotheses = c->hypotheses;
-  p->inputs_held = c->inputs_held;
   p->vel_x_from_wheels = c->initial_vel_x_from_wheels;
   p->seed[0] = (uint32_t)c->seed;
   p->seed[1] = 0x7473650au; /* no seed gives the all-zero key */
@@ -523,30 +516,19 @@ static void constants_of(const tse_config *settings, tse_params *p)
   p->radius_rear = real_of(c->wheel_radius_rear);
 
   const tse_setting sd[3] = { c->accel_x_sd, c->accel_y_sd, c->yaw_rate_sd };
-  const tse_setting hills[3] = { square(r_mul(TSE_S(9.81), c->grade_sd)), 0, 0 }; /* felt by accel_x: the car moves without it */
   const tse_setting bias_sd[3] = { c->accel_x_bias_sd, c->accel_y_bias_sd, c->yaw_rate_bias_sd };
   const tse_setting walk[3] = { c->accel_x_bias_walk, c->accel_y_bias_walk, c->yaw_rate_bias_walk };
   for (int i = 0; i < 3; i++) {
     p->sd[i] = real_of(sd[i]);
     p->inv_sd[i] = real_of(r_div(one, sd[i]));
-    p->bias_var0[i] = real_of(square(r_div(bias_sd[i], sd[i])) + r_div(hills[i], square(sd[i])));
-    p->bias_walk[i] = real_of(square(r_div(walk[i], sd[i]))) + r_div(real_of(r_div(r_mul(TSE_S(2), hills[i]), square(sd[i]))), GRADE_TIME);
+    p->bias_var0[i] = real_of(square(r_div(bias_sd[i], sd[i])));
+    p->bias_walk[i] = real_of(square(r_div(walk[i], sd[i])));
     p->log_sd[i] = r_log2(real_of(sd[i]));
   }
 
   p->wheel_var[0] = real_of(square(r_mul(c->wheel_noise_sd, c->wheel_radius_front)));
   p->wheel_var[1] = real_of(square(r_mul(c->wheel_noise_sd, c->wheel_radius_rear)));
-#define REAL(name, def, lo, hi, unit, text)
-#define CONSIDER(id, name, most, unit, text) \
-  p->consider_sd[TSE_CONSIDER_##id] = real_of(c->name); \
-  p->considers = p->considers || c->name > 0;
-#include "tse/told.def"
-#undef REAL
-  p->model_var = real_of(square(c->model_sd));
-  p->doubt = c->model_sd > 0 ? DISTURBANCE_DOUBT : DISTURBANCE_SHARE;
   p->mass_var = real_of(square(c->mass_sd));
-  p->nod_time = real_of(c->nod_time);
-  p->lag_var0 = r_sqr(r_div(real_of(c->steer_lag_sd), LAG_TIME));
 
   const tse_setting spread_var = square(c->initial_spread);
   const tse_setting w0[3] = { c->initial_cx_front - one, c->initial_cy_front - one, c->initial_cy_rear - one };

@@ -9,10 +9,6 @@
 #define align_row         TSE_NAME(tse_align_row)
 #define report_start      TSE_NAME(tse_report_start)
 #define start_of_settings TSE_NAME(tse_start_of_settings)
-#define told_inputs       TSE_NAME(tse_told_inputs)
-#define told_motion       TSE_NAME(tse_told_motion)
-#define told_sample       TSE_NAME(tse_told_sample)
-#define step_hypotheses   TSE_NAME(tse_step_hypotheses)
 #define step_particles    TSE_NAME(tse_step_particles)
 #define report_particles  TSE_NAME(tse_report_particles)
 #define crc32_of          TSE_NAME(tse_crc32_of)
@@ -35,7 +31,6 @@ extern "C" {
 /* A checked row: what is missing is marked, wheel speeds are speeds. Nobody changes one: effects make a copy. */
 typedef struct sample {
   inputs u;
-  tse_real late_steer; /* [rad] steering angle followed with a lag of LAG_TIME: set by the default form */
   tse_real dt;      /* [s]                                                            */
   tse_real y[3];    /* [sigma]  accel_x, accel_y, yaw rate over their sd; 0 if unused */
   tse_real use[3];  /* 1 used, 0 missing                                              */
@@ -44,9 +39,6 @@ typedef struct sample {
   int32_t has_inputs;
   int32_t has_steer;
 } sample;
-
-/* Inputs, and the steering angle followed with a lag of LAG_TIME: to act later by tau is to be the share tau/LAG_TIME of that one. */
-typedef struct course { inputs now; tse_real late_steer; } course;
 
 /* input.c     row -> sample; the filter supplies held inputs for missing ones. Nothing is changed. */
 tse_status input_decode(const tse_params *p, const tse_filter *f, const tse_input *u, sample *y);
@@ -57,23 +49,12 @@ tse_status input_decode(const tse_params *p, const tse_filter *f, const tse_inpu
  *             O(TSE_LATENCY_ROWS) time. */
 tse_status align_row(const tse_params *p, tse_filter *f, const tse_input *u, tse_input *row);
 
-/* start.c     where the first row starts when nothing was loaded; estimates before that row, into an output that is 0 */
+/* start.c     where the first row of a filter with particles starts when nothing was loaded; its estimates before that row, into an
+ *             output that is 0 */
 void start_of_settings(const tse_params *p, tse_start *s);
 void report_start(const tse_params *p, const tse_filter *f, tse_output *now);
 
-/* told.c      what the effects of tse/effects.def change in a row, when any is on; in the order of a step.
- *             at: mean of vel_x, vel_y, yaw rate and of the deviations of the stiffness, before the row and at its end
- *             told_inputs: the sample with the steering angle of the wheels; row: p with the secant stiffness of the row before
- *             told_motion: push, what the mean moves more with the effects than without; the caller moves by it what he has
- *                          moved by (7). Before the filter's steer and v_* become those of y
- *             told_sample: the row's stiffness; the sample without what the effects add. moved: by (7); known: the wheels roll
- *                          and are heard of, else there is no correction */
-sample told_inputs(const tse_params *p, tse_filter *f, const sample *y, tse_params *row);
-void told_motion(const tse_params *p, const tse_params *row, tse_filter *f, const sample *y, const tse_real at[6], tse_real push[3]);
-sample told_sample(const tse_params *p, tse_params *row, tse_filter *f, const sample *y, const tse_real at[6], int moved, int known);
-
-/* step.c, paper/algorithm.c   a row of tse_step() in form 0; in forms 1 and 2, whose filter is a tse_filter_paper */
-tse_status step_hypotheses(const tse_params *p, tse_filter *f, const tse_input *u, tse_output *out);
+/* paper/algorithm.c   a row of tse_step() in forms 1 and 2, whose filter is a tse_filter_paper */
 tse_status step_particles(const tse_params *p, tse_filter *f, const tse_input *u, tse_output *out);
 
 /* paper/estimate.c            estimates of such a filter now; lam: weighted means of Lambda/nu */

@@ -11,8 +11,6 @@ void start_of_settings(const tse_params *p, tse_start *s)
     s->mu[a] = p->mu0[a];
     s->mean_var[a] = p->mean_var0;
     s->bias_var[a] = p->bias_var0[a];
-    s->spread_var[a] = p->initial_spread_var;
-    s->noise_var[a] = TSE_R(1);
   }
 }
 
@@ -23,17 +21,15 @@ void report_start(const tse_params *p, const tse_filter *f, tse_output *now)
   tse_start s = f->start;
   if (!s.loaded) start_of_settings(p, &s);
   now->vel_x = p->vel_x0;
-  now->n_eff = p->form == 0 ? TSE_R(1) : r_from_int(p->particles);
-  now->regime[TSE_REGIME_STEADY] = p->form == 0 ? TSE_R(1) : TSE_R(0);
+  now->n_eff = r_from_int(p->particles);
   for (int a = 0; a < 3; a++) {
     const tse_real sigma = r_mul(s.lam[diagonal[a]], r_div(s.nu, s.nu - TSE_R(4)));
     now->stiffness[a] = TSE_R(1) + s.mu[a];
     now->stiffness_sd[a] = r_sqrt(s.mean_var[a]);
-    now->stiffness_spread[a] = p->form == 0 ? r_mul(r_sqrt(s.spread_var[a]), now->stiffness[a]) : r_sqrt(sigma);
+    now->stiffness_spread[a] = r_sqrt(sigma);
     now->bias[a] = r_mul(p->sd[a], s.bias[a]);
     now->bias_sd[a] = r_mul(p->sd[a], r_sqrt(s.bias_var[a]));
-    now->noise[a] = p->form == 0 ? r_sqrt(s.noise_var[a]) : TSE_R(1);
-    now->change_ratio[a] = TSE_R(1);
+    now->noise[a] = now->change_ratio[a] = TSE_R(1);
     *state_sd[a] = p->x_sd0[a];
   }
 }

@@ -24,6 +24,8 @@
 #define step_row       TSE_NAME(tse_step_row)
 #define state_unit     TSE_NAME(tse_state_unit)
 
+#define LOG2_OF_E TSE_R(1.4426950408889634)
+
 /* One decoded row. z: accel_x, accel_y, yaw_rate, wheel speeds times radius; use: 0 missing, 1 to be used. */
 typedef struct decoded {
   tse_real dt, steer, z[TSE_SENSORS];
@@ -43,8 +45,8 @@ extern const tse_real state_unit[STATES];
 /* row.c      a log row, checked. Nothing is changed. */
 tse_status row_decode(const tse_params *p, const tse_filter *f, const tse_input *u, decoded *z);
 
-/* start.c    all from the prior; the motion alone, from wheels, gyro and steering angle */
-void start_all(const tse_params *p, tse_kalman *k);
+/* start.c    all from the prior, or from what was loaded; the motion alone, from wheels, gyro and steering angle */
+void start_all(const tse_params *p, tse_filter *f);
 void start_motion(const tse_params *p, tse_kalman *k, const decoded *z);
 
 /* predict.c  to the time of the row; parameters alone, where nothing is known of the motion */

@@ -7,7 +7,6 @@ static const int32_t stiffness_state[3] = { LCX, LCF, LCR };
 static tse_real variance_of(const tse_params *p, const tse_kalman *k, const tse_real weight[TSE_EVENTS], int i, tse_real *shift)
 {
   tse_real var = ud_variance(&k->p, i), mean = TSE_R(0), square = TSE_R(0);
-  (void)p;
   for (int q = 0; q < TSE_DOUBTS; q++) var += r_sqr(k->doubt[q][i]);
   for (int n = 0; n < TSE_EVENTS; n++) {
     const tse_event *const a = &k->event[n];
@@ -35,14 +34,14 @@ void report_row(const tse_params *p, const tse_kalman *k, tse_output *out)
     var = variance_of(p, k, weight, BX + i, &shift);
     out->bias[i] = k->x[BX + i] + shift;
     out->bias_sd[i] = r_sqrt(var);
-    out->noise[i] = r_sqrt(k->noise[i]);
     var = variance_of(p, k, weight, stiffness_state[i], &shift);
-    out->stiffness[i] = r_exp2(r_mul(TSE_R(1.4426950408889634), k->x[stiffness_state[i]] + shift));
+    out->stiffness[i] = r_exp2(r_mul(LOG2_OF_E, k->x[stiffness_state[i]] + shift));
     var += r_sqr(MODEL_FLOOR) + p->mass_var;
     out->stiffness_sd[i] = r_mul(out->stiffness[i], r_sqrt(var));
-    out->stiffness_spread[i] = r_mul(out->stiffness[i], p->model_sd);
+    out->stiffness_spread[i] = r_mul(out->stiffness[i], r_sqrt(r_sqr(MODEL_SHARE) + r_sqr(p->model_sd)));
     out->spread_seen[i] = 0;
-    out->change_ratio[i] = k->change_kind ? r_exp2(r_mul(TSE_R(1.4426950408889634), k->x[stiffness_state[i]] - k->change_from[i])) : TSE_R(1);
+    out->discrepancy[i] = r_sqrt(r_mul(r_sqr(MODEL_SHARE) + r_sqr(p->model_sd), k->activity[i]));
+    out->change_ratio[i] = k->change_kind ? r_exp2(r_mul(LOG2_OF_E, k->x[stiffness_state[i]] - k->change_from[i])) : TSE_R(1);
   }
   /* the rear axle slips sideways by force over stiffness: lr r - vy is that much, times what the stiffness may be off by */
   const tse_real across = r_mul(p->lr, out->yaw_rate) - out->vel_y;
@@ -52,6 +51,14 @@ void report_row(const tse_params *p, const tse_kalman *k, tse_output *out)
   out->lag_steer = k->x[LATE] + shift;
   out->lag_steer_sd = r_sqrt(var);
   var = variance_of(p, k, weight, LMU, &shift);
+  out->grip = r_mul(p->car.grip, r_exp2(r_mul(LOG2_OF_E, k->x[LMU] + shift)));
+  out->grip_sd = r_mul(out->grip, r_sqrt(var + r_sqr(MODEL_FLOOR)));
+  out->sideslip_sd = r_div(out->vel_y_sd, r_max(r_abs(out->vel_x), TSE_R(1)));
+  for (int c = 0; c < TSE_SENSORS; c++) {
+    out->noise[c] = r_sqrt(k->noise[c]);
+    out->innovation[c] = k->innovation[c];
+  }
+  out->nis = k->nis;
   for (int r = 0; r < TSE_REGIMES; r++) out->regime[r] = TSE_R(0);
   for (int n = 0; n < TSE_EVENTS; n++) {
     const int32_t kind = k->event[n].kind;
@@ -71,21 +78,50 @@ void report_row(const tse_params *p, const tse_kalman *k, tse_output *out)
   out->log_evidence = k->log_likelihood;
 }
 
+/* The first reason that applies. sd, mean: of the quantity, whose state is `at`. */
+static tse_reason reason_of(const tse_params *p, const tse_kalman *k, const passage *w, const tse_output *out, tse_real sd, tse_real mean, int at)
+{
+  const tse_real var = r_sqr(sd), most = r_mul(p->valid_var, r_sqr(mean));
+  if (w->predicted) return TSE_INPUT_INVALID;
+  if (w->held) return TSE_HELD;
+  if (k->seen < START_TIME) return TSE_STARTING;
+  if (out->regime[TSE_REGIME_FAULT] > MOST_PROBABLE) return TSE_DIVERGING;
+  if (out->regime[TSE_REGIME_SLIDING] > MOST_PROBABLE) return TSE_HELD;
+  if (var <= most) return TSE_VALID;
+  tse_real doubts = p->mass_var;
+  for (int q = 0; q < TSE_DOUBTS; q++) doubts += r_sqr(r_mul(k->doubt[q][at], state_unit[at]));
+  return r_mul(doubts, r_sqr(mean)) > r_mul(TSE_R(0.5), var) ? TSE_TOLD_LOOSELY : TSE_UNCERTAIN;
+}
+
 void judge_row(const tse_params *p, const tse_kalman *k, const passage *w, tse_output *out)
 {
+  for (int a = 0; a < 3; a++) out->reason[a] = (int32_t)reason_of(p, k, w, out, out->stiffness_sd[a], out->stiffness[a], stiffness_state[a]);
+  out->grip_reason = (int32_t)reason_of(p, k, w, out, out->grip_sd, out->grip, LMU);
+  if (out->grip_reason == TSE_VALID && !(p->prior_sd[LMU] > TSE_R(0))) out->grip_reason = TSE_NOT_EXCITED; /* a setting, no estimate */
+}
+
+tse_status tse_told_sd(const tse_params *p, const tse_filter *f, int32_t k, tse_real sd[3])
+{
+  static const int32_t doubt[TSE_TOLD] = { /* in the order of tse/told.def: mass; what is no state; states, below -1; model */
+    -1, DOUBT_INERTIA, DOUBT_CENTRE, -2, -3, DOUBT_SCALE, DOUBT_WHEELS_LATE, DOUBT_ACCEL_LATE, DOUBT_LENGTH_FRONT, -4, DOUBT_GYRO, DOUBT_MOMENT, DOUBT_ROLL_STEER, -5, -6
+  };
+  static const int32_t state[6] = { 0, GAIN, OFF, LEAN, RAD, 0 };
+  if (!p || !f || !sd) return TSE_E_NULL;
+  if (p->magic != TSE_PARAMS_MAGIC || f->magic != TSE_FILTER_MAGIC || f->fingerprint != p->fingerprint || p->form != 0) return TSE_E_STATE;
+  if (k < 0 || k >= TSE_TOLD) return TSE_E_SIZE;
   for (int a = 0; a < 3; a++) {
-    const tse_real var = r_sqr(out->stiffness_sd[a]), most = r_mul(p->valid_var, r_sqr(out->stiffness[a]));
-    tse_reason why = TSE_VALID;
-    if (w->predicted) why = TSE_INPUT_INVALID;
-    else if (w->held) why = TSE_HELD;
-    else if (k->seen < START_TIME) why = TSE_STARTING;
-    else if (out->regime[TSE_REGIME_FAULT] > MOST_PROBABLE) why = TSE_DIVERGING;
-    else if (out->regime[TSE_REGIME_SLIDING] > MOST_PROBABLE) why = TSE_HELD;
-    else if (!(var <= most)) {
-      tse_real doubts = p->mass_var;
-      for (int q = 0; q < TSE_DOUBTS; q++) doubts += r_sqr(r_mul(k->doubt[q][stiffness_state[a]], state_unit[LCX]));
-      why = r_mul(doubts, r_sqr(out->stiffness[a])) > r_mul(TSE_R(0.5), var) ? TSE_TOLD_LOOSELY : TSE_UNCERTAIN;
+    const int i = stiffness_state[a];
+    const tse_real mean = r_exp2(r_mul(LOG2_OF_E, f->k.x[i]));
+    tse_real part;
+    if (f->step == 0) part = TSE_R(0);
+    else if (doubt[k] == DOUBT_LENGTH_FRONT) part = r_sqrt(r_sqr(f->k.doubt[DOUBT_LENGTH_FRONT][i]) + r_sqr(f->k.doubt[DOUBT_LENGTH_REAR][i]));
+    else if (doubt[k] >= 0) part = r_abs(f->k.doubt[doubt[k]][i]);
+    else if (doubt[k] == -1 || doubt[k] == -6) part = r_div(doubt[k] == -1 ? r_sqrt(p->mass_var) : MODEL_FLOOR, state_unit[i]);
+    else { /* a state: what of the sd goes with it */
+      const int at = state[-doubt[k] - 1];
+      part = r_div(r_abs(ud_common(&f->k.p, i, at)), r_sqrt(ud_variance(&f->k.p, at)));
     }
-    out->reason[a] = (int32_t)why;
+    sd[a] = r_mul(mean, r_mul(part, state_unit[i]));
   }
+  return TSE_OK;
 }

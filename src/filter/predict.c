@@ -19,7 +19,7 @@ static steering delayed(const tse_params *p, tse_kalman *k, const decoded *z)
   return (steering){ was, k->steer[2], z->dt };
 }
 
-static tse_real ou_left(tse_real dt, tse_real time) { return r_exp2(-r_mul(TSE_R(1.4426950408889634), r_div(dt, time))); }
+static tse_real ou_left(tse_real dt, tse_real time) { return r_exp2(-r_mul(LOG2_OF_E, r_div(dt, time))); }
 
 /* Process noise of states that walk, one of them a row in turn with all that is due: rank one. */
 static void walk_slowly(const tse_params *p, tse_kalman *k, tse_real dt)
@@ -48,12 +48,12 @@ static void fade(tse_kalman *k, int i, tse_real left, tse_real sd)
 void rest_row(const tse_params *p, tse_kalman *k, tse_real dt)
 {
   const tse_real left = ou_left(r_min(dt, TSE_R(100)), ROAD_TIME);
-  k->x[GX] -= p->prior_gx;
-  k->x[GY] -= p->prior_gy;
+  k->x[GX] -= p->prior[GX];
+  k->x[GY] -= p->prior[GY];
   fade(k, GX, left, GRADE_SD);
   fade(k, GY, left, BANK_SD);
-  k->x[GX] += p->prior_gx;
-  k->x[GY] += p->prior_gy;
+  k->x[GX] += p->prior[GX];
+  k->x[GY] += p->prior[GY];
   walk_slowly(p, k, dt);
   k->change_age = k->change_kind ? r_min(k->change_age + dt, TSE_R(1e6)) : TSE_R(0);
 }

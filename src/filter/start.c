@@ -2,28 +2,30 @@
 #include "filter/filter.h"
 
 const tse_real state_unit[STATES] = {
-  TSE_R(0.2), TSE_R(0.1), TSE_R(0.02), TSE_R(0.01), TSE_R(0.01), TSE_R(0.01), TSE_R(0.5), TSE_R(0.01), TSE_R(0.01),
-  TSE_R(0.3), TSE_R(0.15), TSE_R(0.05), TSE_R(0.05), TSE_R(0.002), TSE_R(0.1), TSE_R(0.1), TSE_R(0.1), TSE_R(0.2), TSE_R(0.002), TSE_R(0.02),
-  TSE_R(0.01), TSE_R(0.005), TSE_R(0.05)
+  TSE_R(0.2),  TSE_R(0.1),  TSE_R(0.02),                          /* VX VY YAW         */
+  TSE_R(0.01), TSE_R(0.01), TSE_R(0.01), TSE_R(0.5),              /* AF AR PHI DPHI    */
+  TSE_R(0.01), TSE_R(0.01), TSE_R(0.3),  TSE_R(0.15),             /* SF SR GX GY       */
+  TSE_R(0.05), TSE_R(0.05), TSE_R(0.002),                         /* BX BY BR          */
+  TSE_R(0.1),  TSE_R(0.1),  TSE_R(0.1),  TSE_R(0.2),              /* LCX LCF LCR LMU   */
+  TSE_R(0.002), TSE_R(0.02), TSE_R(0.01), TSE_R(0.005), TSE_R(0.05) /* OFF GAIN LATE RAD LEAN */
 };
 
-void start_all(const tse_params *p, tse_kalman *k)
+void start_all(const tse_params *p, tse_filter *f)
 {
+  tse_kalman *const k = &f->k;
   tse_real variance[STATES];
   for (int i = 0; i < STATES; i++) {
-    k->x[i] = TSE_R(0);
+    k->x[i] = p->prior[i];
     variance[i] = r_sqr(r_div(p->prior_sd[i], state_unit[i]));
   }
-  k->x[LCX] = p->prior_log[0];
-  k->x[LCF] = p->prior_log[1];
-  k->x[LCR] = p->prior_log[2];
-  k->x[OFF] = p->prior_offset;
-  k->x[GAIN] = p->prior_gain;
-  k->x[LEAN] = p->prior_lean;
-  k->x[GX] = p->prior_gx;
-  k->x[GY] = p->prior_gy;
-  for (int c = 0; c < TSE_SENSORS; c++) { k->noise[c] = TSE_R(1); k->usual[c] = TSE_R(1) + r_sqr(r_div(p->model_sd, TSE_R(0.03))); }
+  for (int c = 0; c < TSE_SENSORS; c++) {
+    k->noise[c] = f->start.loaded ? f->start.noise[c] : TSE_R(1);
+    k->usual[c] = TSE_R(1) + r_sqr(r_div(p->model_sd, TSE_R(0.03))); /* of a car that is hardly known nothing is an event at first */
+  }
   ud_set(&k->p, variance);
+  if (!f->start.loaded) return;
+  for (int i = 0; i < TSE_KEPT; i++) k->x[FAST + i] = f->start.kept[i];
+  ud_set_block(&k->p, FAST, f->start.kept_cov);
 }
 
 void start_motion(const tse_params *p, tse_kalman *k, const decoded *z)
@@ -33,8 +35,8 @@ void start_motion(const tse_params *p, tse_kalman *k, const decoded *z)
   const int rear = z->use[4] && (c->driven != 2 || !z->use[3]);
   const tse_real v = rear ? z->z[4] : z->use[3] ? z->z[3] : x[VX], r = z->use[2] ? z->z[2] - x[BR] : TSE_R(0);
   const tse_real across = r_mul(v, r), wheelbase = c->lf + c->lr; /* steady turn: each axle carries its share of it */
-  const tse_real front = r_div(r_mul(across, r_div(c->lr, wheelbase)), r_mul(c->ky_front, r_exp2(r_mul(TSE_R(1.4426950408889634), x[LCF]))));
-  const tse_real back = r_div(r_mul(across, r_div(c->lf, wheelbase)), r_mul(c->ky_rear, r_exp2(r_mul(TSE_R(1.4426950408889634), x[LCR]))));
+  const tse_real front = r_div(r_mul(across, r_div(c->lr, wheelbase)), r_mul(c->ky_front, r_exp2(r_mul(LOG2_OF_E, x[LCF]))));
+  const tse_real back = r_div(r_mul(across, r_div(c->lf, wheelbase)), r_mul(c->ky_rear, r_exp2(r_mul(LOG2_OF_E, x[LCR]))));
   for (int i = 0; i < GX; i++) x[i] = TSE_R(0);
   x[VX] = v;
   x[YAW] = r;
@@ -43,12 +45,14 @@ void start_motion(const tse_params *p, tse_kalman *k, const decoded *z)
   x[VY] = r_mul(c->lr, r) - r_mul(v, x[AR]);
   x[PHI] = r_mul(c->roll_gain, across);
   const tse_real sd[GX] = { TSE_R(0.1) + r_mul(TSE_R(0.01), r_abs(v)), TSE_R(0.1) + r_mul(TSE_R(0.5), r_abs(r_mul(v, x[AR]))),
-                            z->use[2] ? TSE_R(0.02) : TSE_R(0.2), TSE_R(0.005) + r_mul(TSE_R(0.5), r_abs(x[AF])), TSE_R(0.005) + r_mul(TSE_R(0.5), r_abs(x[AR])),
-                            TSE_R(0.01), TSE_R(0.05), TSE_R(0.01), TSE_R(0.01) };
+                            z->use[2] ? TSE_R(0.02) : TSE_R(0.2), TSE_R(0.005) + r_mul(TSE_R(0.5), r_abs(x[AF])),
+                            TSE_R(0.005) + r_mul(TSE_R(0.5), r_abs(x[AR])), TSE_R(0.01), TSE_R(0.05), TSE_R(0.01), TSE_R(0.01) };
   for (int i = 0; i < GX; i++) variance[i] = r_sqr(r_div(sd[i], state_unit[i]));
   ud_forget(&k->p, variance, GX);
   events_clear(k, GX);
   k->steer[0] = k->steer[1] = k->steer[2] = z->steer;
   k->pitch[0] = k->pitch[1] = TSE_R(0);
+  k->before[0] = TSE_R(0);
+  k->before[1] = across;
   k->before[2] = v;
 }

@@ -48,7 +48,7 @@ tse_status step_row(const tse_params *p, tse_filter *f, const tse_input *u, tse_
   tse_kalman *const k = &f->k;
   const tse_status refused = row_decode(p, f, u, &z);
   if (refused < 0) return refused; /* nothing has changed yet */
-  if (!f->started && f->step == 0) start_all(p, k);
+  if (f->step == 0) start_all(p, f);
   passage w = classify(p, f, &z);
   const int placed = !f->started || w.held || w.gap || f->lost;
   if (placed) {

@@ -14,6 +14,22 @@ void ud_set(tse_ud *p, const tse_real variance[STATES])
   for (int i = 0; i < STATES; i++) p->d[i] = r_max(variance[i], LEAST_D);
 }
 
+void ud_set_block(tse_ud *p, int first, tse_real cov[TSE_KEPT][TSE_KEPT])
+{
+  for (int j = TSE_KEPT - 1; j >= 0; j--) {
+    tse_real *const column = &p->u[ud_column(first + j) + first];
+    for (int i = j; i >= 0; i--) {
+      tse_real left = cov[i][j];
+      for (int k = j + 1; k < TSE_KEPT; k++) {
+        const tse_real *const u = &p->u[ud_column(first + k) + first];
+        left -= r_mul(p->d[first + k], r_mul(u[i], u[j]));
+      }
+      if (i == j) p->d[first + j] = r_max(left, LEAST_D);
+      else column[i] = r_div(left, p->d[first + j]);
+    }
+  }
+}
+
 tse_real ud_common(const tse_ud *p, int i, int k)
 {
   const int low = i < k ? i : k, high = i < k ? k : i;

@@ -9,6 +9,7 @@
 #include "model/car.h"
 
 #define ud_set      TSE_NAME(tse_ud_set)
+#define ud_set_block TSE_NAME(tse_ud_set_block)
 #define ud_variance TSE_NAME(tse_ud_variance)
 #define ud_common   TSE_NAME(tse_ud_common)
 #define ud_add      TSE_NAME(tse_ud_add)
@@ -24,6 +25,9 @@ static inline int ud_column(int j) { return j * (j - 1) / 2; }
 
 /* A diagonal covariance. */
 void ud_set(tse_ud *p, const tse_real variance[STATES]);
+
+/* The covariance of TSE_KEPT states from `first` on; they have nothing in common with the others. */
+void ud_set_block(tse_ud *p, int first, tse_real cov[TSE_KEPT][TSE_KEPT]);
 
 /* Variance of state i; covariance of states i and k.    O(STATES) time */
 tse_real ud_variance(const tse_ud *p, int i);

@@ -1,33 +1,31 @@
 /* host/learnt.c - what a drive taught, as bytes for the next: written, checked, read, aged. Layout: tse/learnt.h. */
 #include "tse/learnt.h"
-#include "estimator/hypotheses/hypothesis.h"
-#include "estimator/hypotheses/report.h"
+#include "filter/filter.h"
 
 #define MAGIC 0x6c657374u         /* "tsel", first byte first                       */
-#define BYTES_OF_1 96
 #define FRAME 12                  /* magic, format, bytes; CRC: what all formats share */
 #define LEAST_SPREAD TSE_R(0.01)  /* as initial_spread's                            */
 #define MOST_CORRELATION TSE_R(0.95)
 #define DAY 86400u                /* s */
-
-/* What is written is inside these bounds, and what is read is refused outside: the widest that settings (config.def) and sensors
- * (input.def) allow. In q24; sd and noise may be anything that is not negative. */
-#define LEAST_MEAN (-16441672) /* 0.02 - 1: stiffness_min */
-#define MOST_MEAN 318767104    /* 20 - 1: stiffness_max   */
+#define PAIRS (TSE_KEPT * (TSE_KEPT - 1) / 2)
+#define ONE_14 16384              /* 1 in a correlation: 2^-14 */
 #define MOST_ONE 16777216
 #define MOST_NU 1000000u
-static const int32_t most_bias[3] = { 50 * MOST_ONE, 50 * MOST_ONE, 6 * MOST_ONE };
-#define LAST_LEVEL 3u
+#define LN_2 TSE_R(0.69314718055994531)
 
-typedef struct content { /* of format 2, after the frame; q24 as in the file */
+/* What is written is inside these bounds, and what is read is refused outside: what sensors (input.def) and the filter allow. Thousandths. */
+static const int32_t most_mean[TSE_KEPT] = { 50000, 50000, 6000, 4000, 4000, 4000, 4000, 200, 500, 200, 200 };
+
+typedef struct content { /* of format 3, after the frame; q24 and 2^-14 as in the file */
   uint32_t vehicle, known, nu;
-  int32_t mean[3], mean_sd[3], spread[3], correlation[3], bias[3], bias_sd[3], noise[3];
-  uint32_t of_car;       /* bits 0-1, 2-3, 4-5: levels; 6: steering is held */
+  int32_t mean[TSE_KEPT], sd[TSE_KEPT], pair[PAIRS], noise[TSE_SENSORS], spread[3], correlation[3];
 } content;
 
 static const int diagonal[3] = { 0, 3, 5 };                /* of a triangle by rows: 11 12 13 22 23 33 */
 static const int off_diagonal[3] = { 1, 2, 4 };
 static const int pair[3][2] = { { 0, 1 }, { 0, 2 }, { 1, 2 } };
+
+enum { K_BIAS = 0, K_STIFFNESS = LCX - FAST };
 
 /* ------------------------------------------------------------------------------------------ bytes */
 
@@ -48,9 +46,9 @@ static uint8_t *put(uint8_t *at, uint32_t word)
   return at + 4;
 }
 
-static uint8_t *put3(uint8_t *at, const int32_t x[3])
+static uint8_t *put_all(uint8_t *at, const int32_t *x, int n)
 {
-  for (int a = 0; a < 3; a++) at = put(at, (uint32_t)x[a]);
+  for (int a = 0; a < n; a++) at = put(at, (uint32_t)x[a]);
   return at;
 }
 
@@ -59,12 +57,11 @@ static uint32_t get(const uint8_t *at)
   return (uint32_t)at[0] | (uint32_t)at[1] << 8 | (uint32_t)at[2] << 16 | (uint32_t)at[3] << 24;
 }
 
-static const uint8_t *get3(const uint8_t *at, int32_t x[3])
+static int32_t signed_of(uint32_t word) { return word <= (uint32_t)INT32_MAX ? (int32_t)word : -(int32_t)(UINT32_MAX - word) - 1; }
+
+static const uint8_t *get_all(const uint8_t *at, int32_t *x, int n)
 {
-  for (int a = 0; a < 3; a++, at += 4) {
-    const uint32_t word = get(at);
-    x[a] = word <= (uint32_t)INT32_MAX ? (int32_t)word : -(int32_t)(UINT32_MAX - word) - 1;
-  }
+  for (int a = 0; a < n; a++, at += 4) x[a] = signed_of(get(at));
   return at;
 }
 
@@ -75,44 +72,46 @@ static void encode(const content *c, uint8_t out[TSE_LEARNT_BYTES])
   at = put(at, c->vehicle);
   at = put(at, c->known);
   at = put(at, c->nu);
-  at = put3(at, c->mean);
-  at = put3(at, c->mean_sd);
-  at = put3(at, c->spread);
-  at = put3(at, c->correlation);
-  at = put3(at, c->bias);
-  at = put3(at, c->bias_sd);
-  at = put3(at, c->noise);
-  at = put(at, c->of_car);
+  at = put_all(at, c->mean, TSE_KEPT);
+  at = put_all(at, c->sd, TSE_KEPT);
+  for (int i = 0; i < PAIRS; i++, at += 2) {
+    at[0] = (uint8_t)((uint32_t)c->pair[i] & 0xffu);
+    at[1] = (uint8_t)((uint32_t)c->pair[i] >> 8 & 0xffu);
+  }
+  at[0] = at[1] = 0;
+  at = put_all(at + 2, c->noise, TSE_SENSORS);
+  at = put_all(at, c->spread, 3);
+  at = put_all(at, c->correlation, 3);
   (void)put(at, crc32_of(out, TSE_LEARNT_BYTES - 4));
 }
 
-static int none_negative(const int32_t x[3]) { return x[0] >= 0 && x[1] >= 0 && x[2] >= 0; }
+static int within(int32_t x, int32_t most) { return x >= -most && x <= most; }
 
-static int within(int32_t x, int32_t lo, int32_t hi) { return x >= lo && x <= hi; }
+static int32_t most_of(int i) { return (int32_t)((int64_t)most_mean[i] * MOST_ONE / 1000); }
 
 /* Whoever wrote it: nothing but what a drive may have taught.   Returned: what cannot be, NULL where all can */
 static const char *implausible(const content *c)
 {
-  static const char *const of_mean[3] = { "mean of cx_front", "mean of cy_front", "mean of cy_rear" };
-  static const char *const of_sd[3] = { "sd of cx_front", "sd of cy_front", "sd of cy_rear" };
-  static const char *const of_spread[3] = { "spread of cx_front", "spread of cy_front", "spread of cy_rear" };
-  static const char *const of_pair[3] = { "correlation of cx_front and cy_front", "correlation of cx_front and cy_rear",
-                                          "correlation of cy_front and cy_rear" };
-  static const char *const of_bias[3] = { "bias of accel_x", "bias of accel_y", "bias of yaw_rate" };
-  static const char *const of_bias_sd[3] = { "sd of the bias of accel_x", "sd of the bias of accel_y", "sd of the bias of yaw_rate" };
-  static const char *const of_noise[3] = { "noise of accel_x", "noise of accel_y", "noise of yaw_rate" };
+  static const char *const of[TSE_KEPT] = { "bias of accel_x", "bias of accel_y", "bias of yaw_rate", "mean of cx_front", "mean of cy_front", "mean of cy_rear",
+                                            "mean of grip", "steering offset", "steering ratio", "lateness of the steering", "radius" };
+  static const char *const of_sd[TSE_KEPT] = { "sd of the bias of accel_x", "sd of the bias of accel_y", "sd of the bias of yaw_rate", "sd of cx_front",
+                                               "sd of cy_front", "sd of cy_rear", "sd of grip", "sd of the steering offset", "sd of the steering ratio",
+                                               "sd of the lateness of the steering", "sd of the radius" };
   if (c->known > 7) return "which stiffnesses are learnt";
   if (c->nu > MOST_NU) return "trust in the spread";
-  for (int a = 0; a < 3; a++) {
-    if (!within(c->mean[a], LEAST_MEAN, MOST_MEAN)) return of_mean[a];
-    if (c->mean_sd[a] < 0) return of_sd[a];
-    if (c->spread[a] < 0) return of_spread[a];
-    if (!within(c->correlation[a], -MOST_ONE, MOST_ONE)) return of_pair[a];
-    if (!within(c->bias[a], -most_bias[a], most_bias[a])) return of_bias[a];
-    if (c->bias_sd[a] < 0) return of_bias_sd[a];
-    if (c->noise[a] < 0) return of_noise[a];
+  for (int i = 0; i < TSE_KEPT; i++) {
+    if (!within(c->mean[i], most_of(i) < 0 ? INT32_MAX : most_of(i))) return of[i];
+    if (c->sd[i] < 0) return of_sd[i];
   }
-  return c->of_car >> 7 ? "levels of disturbances" : NULL;
+  for (int i = 0; i < PAIRS; i++)
+    if (!within(c->pair[i], ONE_14)) return "a correlation";
+  for (int i = 0; i < TSE_SENSORS; i++)
+    if (c->noise[i] < 0) return "noise of a channel";
+  for (int a = 0; a < 3; a++) {
+    if (c->spread[a] < 0) return "process sd";
+    if (!within(c->correlation[a], MOST_ONE)) return "a correlation";
+  }
+  return NULL;
 }
 
 static tse_status refuse(tse_status status, const char *what, const char **wrong)
@@ -128,19 +127,20 @@ static tse_status decode(const uint8_t *in, size_t bytes, uint32_t vehicle, cont
   if (get(in + bytes - 4) != crc32_of(in, bytes - 4)) return refuse(TSE_E_LEARNT, "its checksum", wrong);
   const uint32_t format = get(in + 4) & 0xffffu;
   if (format > TSE_LEARNT_FORMAT) return refuse(TSE_E_VERSION, "its format", wrong);
-  if (format == 1 && bytes == BYTES_OF_1) return refuse(TSE_E_OLD, "its format", wrong);
+  if (format >= 1 && format < TSE_LEARNT_FORMAT) return refuse(TSE_E_OLD, "its format", wrong);
   if (format != TSE_LEARNT_FORMAT || bytes != TSE_LEARNT_BYTES) return refuse(TSE_E_LEARNT, "its format", wrong);
   c->vehicle = get(in + 8);
   c->known = get(in + 12);
   c->nu = get(in + 16);
-  const uint8_t *at = get3(in + 20, c->mean);
-  at = get3(at, c->mean_sd);
-  at = get3(at, c->spread);
-  at = get3(at, c->correlation);
-  at = get3(at, c->bias);
-  at = get3(at, c->bias_sd);
-  at = get3(at, c->noise);
-  c->of_car = get(at);
+  const uint8_t *at = get_all(in + 20, c->mean, TSE_KEPT);
+  at = get_all(at, c->sd, TSE_KEPT);
+  for (int i = 0; i < PAIRS; i++, at += 2) {
+    const int32_t word = (int32_t)at[0] | (int32_t)at[1] << 8;
+    c->pair[i] = word < 32768 ? word : word - 65536;
+  }
+  at = get_all(at + 2, c->noise, TSE_SENSORS);
+  at = get_all(at, c->spread, 3);
+  (void)get_all(at, c->correlation, 3);
   if (c->vehicle != vehicle) return refuse(TSE_E_VEHICLE, "its vehicle", wrong);
   const char *const what = implausible(c);
   return what ? refuse(TSE_E_LEARNT, what, wrong) : TSE_OK;
@@ -160,53 +160,76 @@ static int belong(const tse_params *p, const tse_filter *f)
   return p->magic == TSE_PARAMS_MAGIC && f->magic == TSE_FILTER_MAGIC && f->fingerprint == p->fingerprint;
 }
 
-static int32_t between(int32_t x, int32_t lo, int32_t hi) { return x < lo ? lo : x > hi ? hi : x; }
+static int32_t between(int32_t x, int32_t most) { return x < -most ? -most : x > most ? most : x; }
 
-/* What the likeliest hypothesis says of the car itself; particles know nothing of it. */
-static void write_car(const tse_bank *b, content *c)
+/* What the car's filter knows: means, sds and correlations of what is kept.   Returned: 0 when something is no number */
+static int write_kalman(const tse_params *p, const tse_filter *f, content *c)
 {
-  const tse_hypothesis *const best = &b->h[b->likeliest];
-  for (int a = 0; a < 3; a++) {
-    c->noise[a] = r_to_q24(r_sqrt(best->noise_var[a]));
-    c->of_car |= (uint32_t)best->level[a] << (2 * a);
+  const tse_kalman *const k = &f->k;
+  tse_real sd[TSE_KEPT];
+  int n = 0;
+  (void)p;
+  for (int i = 0; i < TSE_KEPT; i++) {
+    tse_real var = ud_variance(&k->p, FAST + i);
+    for (int q = 0; q < TSE_DOUBTS; q++) var += r_sqr(k->doubt[q][FAST + i]);
+    sd[i] = r_sqrt(var);
+    c->sd[i] = r_to_q24(r_mul(sd[i], state_unit[FAST + i]));
+    const int32_t mean = r_to_q24(k->x[FAST + i]);
+    if (mean == INT32_MIN || c->sd[i] < 0) return 0;
+    c->mean[i] = between(mean, most_of(i));
   }
-  c->of_car |= (uint32_t)best->held << 6;
+  for (int i = 0; i < TSE_KEPT; i++)
+    for (int j = i + 1; j < TSE_KEPT; j++, n++) {
+      tse_real both = ud_common(&k->p, FAST + i, FAST + j);
+      for (int q = 0; q < TSE_DOUBTS; q++) both += r_mul(k->doubt[q][FAST + i], k->doubt[q][FAST + j]);
+      const tse_real scale = r_mul(sd[i], sd[j]), r = scale > TSE_R(0) ? r_div(both, scale) : TSE_R(0);
+      c->pair[n] = r_floor_to_int(r_mul(r_clamp(r, -MOST_CORRELATION, MOST_CORRELATION), TSE_R(ONE_14)) + TSE_R(0.5));
+    }
+  for (int i = 0; i < TSE_SENSORS; i++) c->noise[i] = r_to_q24(r_sqrt(k->noise[i]));
+  return 1;
 }
+
+#if !defined(TSE_NO_PARTICLES)
+/* What particles know: stiffness and its process sd, biases. */
+static int write_particles(const tse_params *p, const tse_filter *f, content *c)
+{
+  tse_output now;
+  tse_real lam[6], nu = p->nu0;
+  memset(&now, 0, sizeof now);
+  report_particles(p, f, &now, lam, &nu);
+  c->nu = (uint32_t)r_floor_to_int(nu + TSE_R(0.5));
+  for (int a = 0; a < 3; a++) {
+    const tse_real mean = r_max(now.stiffness[a], TSE_R(0.02)), var = r_sqr(r_div(now.stiffness_sd[a], mean));
+    const tse_real scale = r_mul(r_sqrt(lam[diagonal[pair[a][0]]]), r_sqrt(lam[diagonal[pair[a][1]]]));
+    const int32_t log = r_to_q24(r_mul(LN_2, r_log2(mean))), bias = r_to_q24(now.bias[a]);
+    if (log == INT32_MIN || bias == INT32_MIN) return 0;
+    c->mean[K_STIFFNESS + a] = between(log, most_of(K_STIFFNESS + a));
+    c->sd[K_STIFFNESS + a] = r_to_q24(r_sqrt(f->known[a] == TSE_KNOWN_BEFORE ? r_max(var, f->start.mean_var[a]) : var));
+    c->mean[K_BIAS + a] = between(bias, most_of(K_BIAS + a));
+    c->sd[K_BIAS + a] = r_to_q24(now.bias_sd[a]);
+    c->spread[a] = r_to_q24(now.stiffness_spread[a]);
+    c->correlation[a] = between(scale > TSE_R(0) ? r_to_q24(r_div(lam[off_diagonal[a]], scale)) : 0, MOST_ONE);
+    if (c->sd[K_STIFFNESS + a] < 0 || c->sd[K_BIAS + a] < 0 || c->spread[a] < 0) return 0; /* no numbers */
+  }
+  return 1;
+}
+#endif
 
 tse_status tse_learnt_save(const tse_params *p, const tse_filter *f, uint8_t out[TSE_LEARNT_BYTES])
 {
   if (!p || !f || !out) return TSE_E_NULL;
   if (!belong(p, f) || !f->started) return TSE_E_STATE;
-  tse_output now;
-  tse_real lam[6] = { TSE_R(1), TSE_R(0), TSE_R(0), TSE_R(1), TSE_R(0), TSE_R(1) }, nu = p->nu0;
   content c;
-  memset(&now, 0, sizeof now);
   memset(&c, 0, sizeof c);
-#if !defined(TSE_NO_PARTICLES)
-  if (p->form != 0) report_particles(p, f, &now, lam, &nu);
-#endif
-  if (p->form == 0) bank_report(p, &f->bank, &now); /* it knows no correlation of spreads, and counts no samples */
-  if (p->form == 0) write_car(&f->bank, &c);
   c.vehicle = p->vehicle;
-  c.nu = (uint32_t)r_floor_to_int(nu + TSE_R(0.5));
-  for (int a = 0; a < 3; a++) {
-    const tse_real var = p->form == 0 ? bank_stiffness_var(p, &f->bank, a) : r_mul(now.stiffness_sd[a], now.stiffness_sd[a]);
-    const tse_real sd = r_sqrt(f->known[a] == TSE_KNOWN_BEFORE ? r_max(var, f->start.mean_var[a]) : var);
-    const int i = pair[a][0], j = pair[a][1];
-    const tse_real scale = r_mul(r_sqrt(lam[diagonal[i]]), r_sqrt(lam[diagonal[j]]));
+  for (int a = 0; a < 3; a++)
     if (f->known[a]) c.known |= 1u << a;
-    const int32_t mean = r_to_q24(now.stiffness[a] - TSE_R(1)), bias = r_to_q24(now.bias[a]);
-    const tse_real correlation = scale > TSE_R(0) ? r_div(lam[off_diagonal[a]], scale) : TSE_R(0);
-    if (mean == INT32_MIN || bias == INT32_MIN) return TSE_E_STATE; /* not numbers */
-    c.mean[a] = between(mean, LEAST_MEAN, MOST_MEAN); /* the paper's form knows no bounds */
-    c.mean_sd[a] = r_to_q24(sd);
-    c.spread[a] = r_to_q24(now.stiffness_spread[a]);
-    c.correlation[a] = between(r_to_q24(correlation), -MOST_ONE, MOST_ONE);
-    c.bias[a] = between(bias, -most_bias[a], most_bias[a]);
-    c.bias_sd[a] = r_to_q24(now.bias_sd[a]);
-  }
-  if (!none_negative(c.mean_sd) || !none_negative(c.spread) || !none_negative(c.bias_sd) || !none_negative(c.noise))
-    return TSE_E_STATE; /* not numbers */
+#if !defined(TSE_NO_PARTICLES)
+  const int fine = p->form == 0 ? write_kalman(p, f, &c) : write_particles(p, f, &c);
+#else
+  const int fine = write_kalman(p, f, &c);
+#endif
+  if (!fine) return TSE_E_STATE;
   encode(&c, out);
   return TSE_OK;
 }
@@ -224,32 +247,79 @@ static tse_real grown(tse_real rate, uint32_t n)
   return sum;
 }
 
-/* Variance of a mean after `age_s` seconds; `walk` is per day. */
-static tse_real aged(const tse_params *p, tse_real sd, uint32_t age_s)
+/* Relative variance of a mean stiffness after `age_s` seconds; `walk` is per day; most: before anything was learnt. */
+static tse_real aged(const tse_params *p, tse_real sd, uint32_t age_s, tse_real most)
 {
   const tse_real minutes = r_from_int((int32_t)(age_s % DAY / 60u));
   const tse_real grow = r_add_sat(grown(p->learnt_walk, age_s / DAY), r_mul(p->learnt_walk, r_div(minutes, TSE_R(1440))));
-  return r_min(r_add_sat(r_max(r_mul(sd, sd), p->learnt_floor), grow), p->mean_var0);
+  return r_min(r_add_sat(r_max(r_mul(sd, sd), p->learnt_floor), grow), most);
 }
 
-/* The variance of the mean is mean_var. With particles it is gamma Sigma in each of them plus, where one gamma does not fit all
- * three, their scatter; and a spread that includes it, trusted no more than initial_spread is, lets them follow a road that has changed: 10 .. 20 s after the start on 60 %, 8 drives, rms errors
- * of 5.2, 5.2, 10.9 % become 3.3, 4.0, 7.7 %. */
-static void load_stiffness(const tse_params *p, const content *c, uint32_t age_s, tse_start *s)
+/* A bias is a stationary process with the variance of the settings, that starts to forget at its walk.
+ *   Updated: mean, var   SI */
+static void age_bias(tse_real *mean, tse_real *var, tse_real walk, tse_real most, uint32_t age_s)
+{
+  if (!(*var < most)) {
+    *mean = TSE_R(0);
+    *var = most;
+    return;
+  }
+  const tse_real now = r_min(r_add_sat(*var, grown(walk, age_s)), most), kept = r_sqrt(r_div(most - now, most - *var));
+  *mean = r_mul(kept, *mean);
+  *var = now;
+}
+
+/* Prior of the car's filter. What is kept of a covariance is its correlation; ages make variances larger. */
+static void load_kalman(const tse_params *p, const content *c, uint32_t age_s, tse_start *s)
+{
+  tse_real was[TSE_KEPT];
+  int n = 0;
+  for (int i = 0; i < TSE_KEPT; i++) {
+    const int at = FAST + i, stiff = at >= LCX && at <= LCR;
+    const tse_real prior = p->prior_sd[at], sd = r_from_q24(c->sd[i]);
+    tse_real mean = r_from_q24(c->mean[i]), var = r_sqr(sd);
+    const int known = c->sd[i] > 0 && (!stiff || (c->known >> (at - LCX) & 1u));
+    if (!known) {
+      mean = p->prior[at];
+      var = r_sqr(prior);
+    } else if (stiff) var = aged(p, sd, age_s, r_sqr(prior));
+    else if (at <= BR) age_bias(&mean, &var, r_sqr(p->bias_sd_walk[i]), r_sqr(prior), age_s);
+    else var = r_min(r_max(var, r_sqr(r_mul(TSE_R(0.1), prior))), r_sqr(prior));
+    s->kept[i] = mean;
+    was[i] = known ? r_div(r_min(sd, r_sqrt(var)), state_unit[at]) : TSE_R(0);
+    s->kept_cov[i][i] = r_sqr(r_div(r_sqrt(var), state_unit[at]));
+  }
+  for (int i = 0; i < TSE_KEPT; i++)
+    for (int j = i + 1; j < TSE_KEPT; j++, n++) {
+      const tse_real r = r_div(r_from_int(c->pair[n]), TSE_R(ONE_14));
+      s->kept_cov[i][j] = s->kept_cov[j][i] = r_mul(r, r_mul(was[i], was[j]));
+    }
+  for (int i = 0; i < TSE_SENSORS; i++) s->noise[i] = c->noise[i] > 0 ? r_min(r_sqr(r_from_q24(c->noise[i])), p->noise_max_var) : TSE_R(1);
+}
+
+#if !defined(TSE_NO_PARTICLES)
+/* The variance of the mean is gamma Sigma in each particle plus, where one gamma does not fit all three, their scatter; and a spread that
+ * includes it, trusted no more than initial_spread is, lets them follow a road that has changed: 10 .. 20 s after the start on 60 %,
+ * 8 drives, rms errors of 5.2, 5.2, 10.9 % become 3.3, 4.0, 7.7 %. */
+static void load_particles(const tse_params *p, const content *c, uint32_t age_s, tse_start *s)
 {
   tse_real spread[3], var[3];
   for (int a = 0; a < 3; a++) {
     const int known = (c->known >> a & 1u) != 0;
-    const tse_real most = r_sqrt(p->spread_max_var);
-    spread[a] = known ? r_min(r_max(r_from_q24(c->spread[a]), LEAST_SPREAD), most) : r_sqrt(p->spread_var);
-    var[a] = r_mul(spread[a], spread[a]);
-    if (!known) continue;
-    s->mu[a] = r_clamp(r_from_q24(c->mean[a]), p->w_min, p->w_max);
-    s->mean_var[a] = aged(p, r_from_q24(c->mean_sd[a]), age_s);
-    if (p->form == 0) continue;
-    const tse_real doubt = r_mul(TSE_R(1) + s->mu[a], doubt_by_levels(p, s->level, a)); /* which only hypotheses keep apart */
-    s->mean_var[a] = r_min(r_add_sat(s->mean_var[a], r_mul(doubt, doubt)), p->mean_var0);
-    var[a] = r_min(var[a] + s->mean_var[a], p->spread_max_var);
+    const tse_real most = r_sqrt(p->spread_max_var), level = r_exp2(r_mul(LOG2_OF_E, r_from_q24(c->mean[K_STIFFNESS + a])));
+    spread[a] = known && c->spread[a] > 0 ? r_min(r_max(r_from_q24(c->spread[a]), LEAST_SPREAD), most) : r_sqrt(p->spread_var);
+    var[a] = r_sqr(spread[a]);
+    if (known) {
+      s->mu[a] = r_clamp(level - TSE_R(1), p->w_min, p->w_max);
+      s->mean_var[a] = aged(p, r_mul(level, r_from_q24(c->sd[K_STIFFNESS + a])), age_s, p->mean_var0);
+      var[a] = r_min(var[a] + s->mean_var[a], p->spread_max_var);
+    }
+    tse_real mean = r_from_q24(c->mean[K_BIAS + a]), bias_var = r_sqr(r_mul(p->inv_sd[a], r_from_q24(c->sd[K_BIAS + a])));
+    mean = r_mul(p->inv_sd[a], mean);
+    if (!(bias_var < p->bias_var0[a])) continue; /* knows no more than the settings do */
+    age_bias(&mean, &bias_var, p->bias_walk[a], p->bias_var0[a], age_s);
+    s->bias[a] = mean;
+    s->bias_var[a] = bias_var;
   }
   const tse_real per_nu = r_div(s->nu - TSE_R(4), s->nu); /* Sigma = lam nu/(nu - 4) */
   for (int a = 0; a < 3; a++) {
@@ -258,36 +328,11 @@ static void load_stiffness(const tse_params *p, const content *c, uint32_t age_s
     s->lam[diagonal[a]] = r_mul(per_nu, var[a]);
     s->lam[off_diagonal[a]] = both ? r_mul(per_nu, r_mul(r, r_mul(spread[i], spread[j]))) : TSE_R(0);
   }
-  if (p->form == 0) return;
   s->gamma = r_div(s->mean_var[0], var[0]);
   for (int a = 1; a < 3; a++) s->gamma = r_min(s->gamma, r_div(s->mean_var[a], var[a]));
   for (int a = 0; a < 3; a++) s->mu_sd[a] = r_sqrt(r_max(s->mean_var[a] - r_mul(s->gamma, var[a]), TSE_R(0)));
 }
-
-/* Biases: a stationary process with the variance of the settings, that starts to forget at their walk. */
-static void load_biases(const tse_params *p, const content *c, uint32_t age_s, tse_start *s)
-{
-  for (int a = 0; a < 3; a++) {
-    const tse_real most = p->bias_var0[a], sd = r_mul(p->inv_sd[a], r_from_q24(c->bias_sd[a])), var = r_mul(sd, sd);
-    if (!(var < most)) continue; /* knows no more than the settings do */
-    s->bias_var[a] = r_min(r_add_sat(var, grown(p->bias_walk[a], age_s)), most);
-    const tse_real kept = r_sqrt(r_div(most - s->bias_var[a], most - var));
-    s->bias[a] = r_mul(kept, r_mul(p->inv_sd[a], r_from_q24(c->bias[a])));
-  }
-}
-
-/* What start_hypothesis() reads: spread and noise as of a hypothesis, relative; the settings' where nothing is known. */
-static void load_car(const tse_params *p, const content *c, tse_start *s)
-{
-  for (int a = 0; a < 3; a++) {
-    const tse_real level = r_max(TSE_R(1) + r_from_q24(c->mean[a]), TSE_R(1) + p->w_min);
-    const tse_real spread = r_div(r_from_q24(c->spread[a]), level), noise = r_from_q24(c->noise[a]);
-    const int known = (c->known >> a & 1u) != 0 && c->spread[a] > 0;
-    s->spread_var[a] = known ? r_mul(spread, spread) : p->initial_spread_var;
-    s->noise_var[a] = c->noise[a] > 0 ? r_mul(noise, noise) : TSE_R(1);
-  }
-  s->held = (int32_t)(c->of_car >> 6 & 1u);
-}
+#endif
 
 tse_status tse_learnt_load(const tse_params *p, tse_filter *f, const uint8_t *in, size_t bytes, uint32_t age_s)
 {
@@ -298,10 +343,10 @@ tse_status tse_learnt_load(const tse_params *p, tse_filter *f, const uint8_t *in
   if (refused < 0) return refused; /* nothing has changed yet */
   start_of_settings(p, &f->start);
   f->start.loaded = 1;
-  for (int a = 0; a < 3; a++) f->start.level[a] = (int32_t)(c.of_car >> (2 * a) & LAST_LEVEL);
-  if (c.known) load_stiffness(p, &c, age_s, &f->start);
-  load_biases(p, &c, age_s, &f->start);
-  if (p->form == 0) load_car(p, &c, &f->start);
+  load_kalman(p, &c, age_s, &f->start);
+#if !defined(TSE_NO_PARTICLES)
+  if (p->form != 0) load_particles(p, &c, age_s, &f->start);
+#endif
   for (int a = 0; a < 3; a++) f->known[a] = (c.known >> a & 1u) != 0 ? TSE_KNOWN_BEFORE : TSE_UNKNOWN;
   return TSE_OK;
 }

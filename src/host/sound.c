@@ -1,20 +1,20 @@
 /* host/sound.c - tse_filter_check(): a filter that came from a file, a network, another program. Every whole number in its range,
  * because places in arrays and loops depend on them; every real a number of moderate size, variances not negative. */
 #include "host/sound.h"
-#include "estimator/stages.h"
+#include "filter/filter.h"
 #include "tse/constants.h"
 
 #define LONGEST_RUN 1000000000
 
 static int sound_start(const tse_start *s)
 {
-  int fine = sound_flags(&s->loaded, 1) && sound_flags(&s->held, 1);
-  for (int a = 0; a < 3; a++) fine = fine && sound_int(s->level[a], 0, 3);
+  int fine = sound_flags(&s->loaded, 1);
   fine = fine && sound_reals(s->mu, 3, -MOST_REAL, MOST_REAL) && sound_reals(s->mu_sd, 3, TSE_R(0), MOST_REAL);
   fine = fine && sound_reals(s->mean_var, 3, TSE_R(0), MOST_REAL) && sound_reals(s->lam, 6, -MOST_REAL, MOST_REAL);
   fine = fine && sound_reals(s->bias, 3, -MOST_REAL, MOST_REAL) && sound_reals(s->bias_var, 3, TSE_R(0), MOST_REAL);
-  fine = fine && sound_reals(s->spread_var, 3, TSE_R(0), MOST_REAL) && sound_reals(s->noise_var, 3, TSE_R(0), MOST_REAL);
-  fine = fine && sound_reals(&s->gamma, 1, TSE_R(0), MOST_REAL);
+  fine = fine && sound_reals(s->kept, TSE_KEPT, -MOST_REAL, MOST_REAL) && sound_reals(s->kept_cov[0], TSE_KEPT * TSE_KEPT, -MOST_SQUARE, MOST_SQUARE);
+  fine = fine && sound_reals(s->noise, TSE_SENSORS, TSE_R(0), MOST_REAL) && sound_reals(&s->gamma, 1, TSE_R(0), MOST_REAL);
+  for (int c = 0; fine && s->loaded && c < TSE_SENSORS; c++) fine = s->noise[c] > TSE_R(0);
   return fine && sound_reals(&s->nu, 1, s->loaded ? TSE_R(5) : TSE_R(0), MOST_REAL);
 }
 
@@ -37,42 +37,29 @@ static int sound_waiting(const tse_params *p, const tse_alignment *m)
   return fine;
 }
 
-static int sound_hypothesis(const tse_params *p, const tse_hypothesis *h)
+static int sound_event(const tse_event *e)
 {
-  const tse_real w_least = TSE_R(1) + p->w_min, w_most = TSE_R(1) + p->w_max;
-  const tse_real *const one[] = { &h->log_weight, &h->promise, &h->age, &h->change_age };
-  int fine = sound_int(h->change_kind, TSE_CHANGE_NONE, TSE_CHANGE_RESTART) && sound_int(h->kind, 0, TSE_KINDS - 1) &&
-             sound_int(h->drift, 0, 2) && sound_int(h->fault, 0, TSE_CHANNELS) && sound_flags(&h->slides, 1) && sound_flags(&h->held, 1);
-  for (int a = 0; a < 3; a++) fine = fine && sound_int(h->level[a], 0, 3);
-  fine = fine && sound_reals(h->x, TSE_X, -MOST_REAL, MOST_REAL) && sound_reals(h->cov[0], TSE_X * TSE_X, -MOST_SQUARE, MOST_SQUARE);
-  fine = fine && sound_reals(&h->x[3], 3, w_least, w_most);
-  for (int i = 0; i < TSE_X; i++) fine = fine && h->cov[i][i] >= TSE_R(0);
-  const tse_real sum = MOST_SUM(MOST_REAL), square = MOST_SUM(MOST_SQUARE);
-  fine = fine && sound_reals(h->eps, 3, -sum, sum) && sound_reals(h->eps_cov[0], 9, -square, square);
-  fine = fine && sound_reals(h->eps_x[0], 3 * TSE_X, -square, square) && sound_reals(h->info[0], 36, -sum, sum);
-  fine = fine && sound_reals(h->spread_var, 3, LEAST_VAR, MOST_REAL) && sound_reals(h->noise_var, 3, LEAST_VAR, MOST_REAL);
-  fine = fine && sound_reals(h->smooth, 2, -MOST_REAL, MOST_REAL) && sound_reals(&h->shaken, 1, TSE_R(0), MOST_REAL);
-  fine = fine && sound_reals(h->with_slip, 2, -MOST_REAL, MOST_REAL) && sound_reals(h->with_past, 2, -MOST_REAL, MOST_REAL);
-  fine = fine && sound_reals(h->pull, 2, -MOST_REAL, MOST_REAL);
-  fine = fine && sound_reals(h->slip, 2, -MOST_REAL, MOST_REAL) && sound_reals(h->foretold, 3, -square, square);
-  fine = fine && sound_reals(h->activity, 3, -square, square) && sound_reals(h->before, 3, TSE_R(0), MOST_REAL);
-  if (h->change_kind != TSE_CHANGE_NONE) fine = fine && sound_reals(h->before, 3, w_least, w_most);
-  for (int i = 0; i < (int)(sizeof one / sizeof one[0]); i++) fine = fine && sound_reals(one[i], 1, -MOST_REAL, MOST_REAL);
-  return fine && h->log_weight >= LEAST_WEIGHT && h->log_weight <= TSE_R(64);
+  int fine = sound_int(e->kind, EVENT_NONE, EVENT_KINDS - 1) && sound_reals(e->v, TSE_STATES, -MOST_REAL, MOST_REAL);
+  return fine && sound_reals(&e->info, 1, TSE_R(0), MOST_REAL) && sound_reals(&e->score, 1, -MOST_REAL, MOST_REAL) && sound_reals(&e->age, 1, TSE_R(0), MOST_REAL);
 }
 
-static int sound_bank(const tse_params *p, const tse_bank *b, int started)
+static int sound_kalman(const tse_kalman *k, int started)
 {
-  const tse_repeats *const r = &b->repeats;
-  int fine = sound_int(b->count, started, p->hypotheses) && sound_int(b->likeliest, 0, b->count > 0 ? b->count - 1 : 0);
-  fine = fine && sound_reals(&b->seen, 1, TSE_R(0), MOST_REAL) && sound_reals(b->gained, 3, TSE_R(0), MOST_SQUARE);
-  fine = fine && sound_reals(b->score, TSE_KINDS, TSE_R(0), MOST_REAL) && sound_reals(b->waited, TSE_KINDS, TSE_R(0), MOST_REAL);
-  fine = fine && sound_reals(b->off[0], TSE_CONSIDERED * TSE_X, -MOST_REAL, MOST_REAL);
-  fine = fine && sound_reals(b->rate, 5, -MOST_SQUARE, MOST_SQUARE);
-  fine = fine && sound_reals(r->last, 6, -MOST_REAL, MOST_REAL) && sound_reals(r->repeats[0], 12, TSE_R(0), MOST_REAL);
-  fine = fine && sound_reals(r->rows[0], 12, TSE_R(0), MOST_REAL) && sound_reals(r->evidence, 6, -MOST_REAL, MOST_REAL);
-  for (int c = 0; c < 6; c++) fine = fine && sound_int(r->run[c], 0, LONGEST_RUN);
-  for (int32_t i = 0; fine && i < b->count; i++) fine = sound_hypothesis(p, &b->h[i]);
+  const tse_real *const not_negative[] = { &k->since_slow, &k->seen, &k->nis, &k->change_age, &k->agrees_for };
+  int fine = sound_int(k->change_kind, TSE_CHANGE_NONE, TSE_CHANGE_RESTART) && sound_int(k->fault, 0, TSE_CHANNELS) &&
+             sound_int(k->slow_turn, 0, INT32_MAX - 1) && sound_int(k->channels, 0, TSE_SENSORS);
+  fine = fine && sound_reals(k->x, TSE_STATES, -MOST_REAL, MOST_REAL) && sound_reals(k->p.u, TSE_STATES * (TSE_STATES - 1) / 2, -MOST_REAL, MOST_REAL);
+  fine = fine && sound_reals(k->p.d, TSE_STATES, started ? TSE_R(0) : TSE_R(0), MOST_SQUARE);
+  fine = fine && sound_reals(k->doubt[0], TSE_DOUBTS * TSE_STATES, -MOST_REAL, MOST_REAL);
+  fine = fine && sound_reals(k->noise, TSE_SENSORS, TSE_R(0), MOST_REAL) && sound_reals(k->usual, TSE_SENSORS, TSE_R(0), MOST_REAL);
+  fine = fine && sound_reals(k->activity, 3, TSE_R(0), MOST_SQUARE) && sound_reals(k->before, 3, -MOST_REAL, MOST_REAL);
+  fine = fine && sound_reals(k->pitch, 2, -MOST_REAL, MOST_REAL) && sound_reals(k->steer, 3, TSE_R(-2), TSE_R(2));
+  fine = fine && sound_reals(k->innovation, TSE_SENSORS, -MOST_REAL, MOST_REAL) && sound_reals(k->innovation_var, TSE_SENSORS, TSE_R(0), MOST_SQUARE);
+  fine = fine && sound_reals(k->last_innovation, TSE_SENSORS, -MOST_REAL, MOST_REAL) && sound_reals(k->slow, TSE_SENSORS, -MOST_REAL, MOST_REAL);
+  fine = fine && sound_reals(&k->log_likelihood, 1, -MOST_REAL, MOST_REAL) && sound_reals(k->change_from, 3, TSE_R(-10), TSE_R(10));
+  for (int i = 0; i < (int)(sizeof not_negative / sizeof not_negative[0]); i++) fine = fine && sound_reals(not_negative[i], 1, TSE_R(0), MOST_REAL);
+  for (int i = 0; i < TSE_EVENTS; i++) fine = fine && sound_event(&k->event[i]);
+  for (int c = 0; started && c < TSE_SENSORS; c++) fine = fine && k->noise[c] > TSE_R(0) && k->usual[c] > TSE_R(0);
   return fine;
 }
 
@@ -109,14 +96,13 @@ tse_status tse_filter_check(const tse_params *p, const tse_filter *f, size_t fil
   if (!p || !f) return TSE_E_NULL;
   if (p->magic != TSE_PARAMS_MAGIC) return TSE_E_STATE;
   if (!(p->form == 0 && filter_bytes == sizeof(tse_filter)) && filter_bytes != sizeof(tse_filter_paper)) return TSE_E_SIZE;
-  const tse_real *const one[] = { &f->steer, &f->v_front, &f->v_rear, &f->late_steer, &f->held_for, &f->still_for, &f->seen };
-  int fine = f->magic == TSE_FILTER_MAGIC && f->fingerprint == p->fingerprint && sound_flags(&f->started, 1);
-  for (int i = 0; i < (int)(sizeof one / sizeof one[0]); i++) fine = fine && sound_reals(one[i], 1, i < 4 ? -MOST_REAL : TSE_R(0), MOST_REAL);
+  const tse_real *const one[] = { &f->steer, &f->v_front, &f->v_rear, &f->held_for, &f->rolled_for, &f->still_for, &f->seen };
+  int fine = f->magic == TSE_FILTER_MAGIC && f->fingerprint == p->fingerprint && sound_flags(&f->started, 1) && sound_flags(&f->lost, 1);
+  for (int i = 0; i < (int)(sizeof one / sizeof one[0]); i++) fine = fine && sound_reals(one[i], 1, i < 3 ? -MOST_REAL : TSE_R(0), MOST_REAL);
   for (int a = 0; a < 3; a++) fine = fine && sound_int(f->known[a], TSE_UNKNOWN, TSE_KNOWN_BEFORE);
-  fine = fine && sound_start(&f->start) && sound_memory(&f->effects) && sound_reals(f->effect_level, 4, f->effects.settled ? LEAST_LEVEL : TSE_R(0), MOST_LEVEL) &&
-         sound_reals(f->nod[0], 6, -MOST_REAL, MOST_REAL);
+  fine = fine && sound_start(&f->start);
   fine = fine && sound_waiting(p, &f->waiting);
-  if (p->form == 0) fine = fine && sound_bank(p, &f->bank, f->started);
+  if (p->form == 0) fine = fine && sound_kalman(&f->k, f->step > 0);
   else fine = fine && sound_particles(p, (const tse_filter_paper *)f);
   return fine ? TSE_OK : TSE_E_STATE;
 }

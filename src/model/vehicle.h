@@ -76,15 +76,14 @@ typedef struct observation_gains { tse_real xf1, xr1, xr1_follow, yf1, xf2, yf2,
 static inline observation_gains vehicle_observation_gains(const tse_params *p, tse_real use_x, tse_real use_y)
 {
   observation_gains g; /* use_ is 1, or 0 where the measurement is missing: its row of d then vanishes */
-  const tse_real ix = r_mul(r_mul(use_x, p->inv_sd[0]), p->read_x), iy = r_mul(use_y, p->inv_sd[1]);
-  const tse_real front = r_mul(iy, p->read_y_front), rear = r_mul(iy, p->read_y_rear);
+  const tse_real ix = r_mul(use_x, p->inv_sd[0]), iy = r_mul(use_y, p->inv_sd[1]);
   g.xf1 = r_mul(p->kx_front, ix);
   g.xr1 = r_mul(p->kx_rear, ix);
   g.xr1_follow = r_mul(g.xr1, p->follow);
   g.yf1 = r_mul(p->ky_front, ix);
-  g.xf2 = r_mul(p->kx_front, front);
-  g.yf2 = r_mul(p->ky_front, front);
-  g.yr2 = r_mul(p->ky_rear, rear);
+  g.xf2 = r_mul(p->kx_front, iy);
+  g.yf2 = r_mul(p->ky_front, iy);
+  g.yr2 = r_mul(p->ky_rear, iy);
   return g;
 }
 

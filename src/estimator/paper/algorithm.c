@@ -98,21 +98,8 @@ static tse_status judge(const tse_params *p, const tse_filter_paper *f, const sa
   return status;
 }
 
-/* (7), and what effects add to it when p, of this row, is not the filter's own. */
-static void move(const tse_params *own, const tse_params *p, tse_filter_paper *f, const sample *y)
-{
-  const tse_real *const rows[6] = { f->p.x[0], f->p.x[1], f->p.x[2], f->p.w[0], f->p.w[1], f->p.w[2] };
-  tse_real at[6], push[3];
-  if (p != own) {
-    weighted_means(own, f, rows, 6, at);
-    told_motion(own, p, &f->filter, y, at, push);
-  }
-  propagate(p, f, y->u, y->dt);
-  if (p != own) push_particles(own, f, push);
-}
-
 /* Where are we in time: the first row, after a gap, or one step further? */
-static passage advance(const tse_params *own, const tse_params *p, tse_filter_paper *f, const sample *y)
+static passage advance(const tse_params *p, tse_filter_paper *f, const sample *y)
 {
   tse_filter *const c = &f->filter;
   passage w = { 0, 0, 0, 0 };
@@ -130,7 +117,7 @@ static passage advance(const tse_params *own, const tse_params *p, tse_filter_pa
   w.moved = !w.gap && !w.frozen && !w.slides;
   if (w.gap) restart_states(p, f, y);
   else if (w.slides) coast(p, f, y);
-  else if (w.moved) move(own, p, f, y);
+  else if (w.moved) propagate(p, f, y->u, y->dt); /* (7) */
   return w;
 }
 
@@ -209,28 +196,16 @@ static tse_status conclude(const tse_params *p, tse_filter_paper *f, const sampl
   return status;
 }
 
-/* The sample without what effects add to it.   Updated: row  its constants */
-static sample corrected(const tse_params *own, tse_params *row, tse_filter_paper *f, const sample *y, const passage *w)
+/* A row. */
+tse_status step_particles(const tse_params *p, tse_filter *c, const tse_input *u, tse_output *out)
 {
-  const tse_real *const rows[6] = { f->p.x[0], f->p.x[1], f->p.x[2], f->p.mu[0], f->p.mu[1], f->p.mu[2] };
-  tse_real at[6];
-  weighted_means(own, f, rows, 6, at);
-  return told_sample(own, row, &f->filter, y, at, w->moved, !w->slides && !w->frozen);
-}
-
-/* A row.   told: NULL, or where the parameters with this row's effects go */
-static tse_status step_row(const tse_params *own, tse_params *told, tse_filter_paper *f, const tse_input *u, tse_output *out)
-{
-  const tse_params *const p = told ? told : own;
-  tse_filter *const c = &f->filter;
+  tse_filter_paper *const f = (tse_filter_paper *)c;
   tse_output now;
-  sample read;
-  const tse_status refused = input_decode(own, c, u, &read);
+  sample y;
+  const tse_status refused = input_decode(p, c, u, &y);
   if (refused < 0) return refused; /* nothing has changed yet */
 
-  const sample at_wheels = told ? told_inputs(own, c, &read, told) : read;
-  const passage w = advance(own, p, f, &at_wheels);
-  const sample y = told ? corrected(own, told, f, &at_wheels, &w) : at_wheels;
+  const passage w = advance(p, f, &y);
   c->steer = y.u.steer;
   c->v_front = y.u.v_front;
   c->v_rear = y.u.v_rear;
@@ -244,17 +219,4 @@ static tse_status step_row(const tse_params *own, tse_params *told, tse_filter_p
   const tse_status status = conclude(p, f, &y, &w, &l, &now);
   if (out) *out = now;
   return status;
-}
-
-/* So that a filter without effects needs no stack for them. */
-static tse_status step_told(const tse_params *p, tse_filter_paper *f, const tse_input *u, tse_output *out)
-{
-  tse_params row;
-  return step_row(p, &row, f, u, out);
-}
-
-tse_status step_particles(const tse_params *p, tse_filter *filter, const tse_input *u, tse_output *out)
-{
-  tse_filter_paper *const f = (tse_filter_paper *)filter;
-  return p->effects.mask ? step_told(p, f, u, out) : step_row(p, NULL, f, u, out);
 }
