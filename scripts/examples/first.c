@@ -6,9 +6,10 @@
 int main(void)                                          /* log.csv in, stiffness of the front tyres at its end out */
 {
   static tse_filter f;  tse_config c;  tse_params p;  tse_output y = { 0 };  const char *wrong;  char line[512];  double before = NAN;
-  tse_config_default(&c);                               /* a mid-size car; every setting: include/tse/config.def */
-  tse_config_uncalibrated(&c);                          /* which nobody has calibrated; without this line it is known exactly */
-  c.mass = 1900;  c.lf = 1.25;  c.lr = 1.5;
+  tse_config_default(&c);                               /* every setting: include/tse/config.def */
+  c.mass = 1900;  c.lf = 1.25;  c.lr = 1.5;             /* your car; driven_axle: 1 front, 2 rear, 0 both or unknown */
+  c.wheel_radius_front = c.wheel_radius_rear = 0.33;  c.driven_axle = 0;
+  tse_config_uncalibrated(&c);                          /* last: what such a car has by its mass and axles, and how uncertain that is */
   if (tse_prepare(&c, &p, &wrong) < 0) return fprintf(stderr, "%s is outside its range\n", wrong), 2;
   tse_reset(&p, &f, sizeof f);                          /* the caller owns all memory */
   while (fgets(line, sizeof line, stdin)) {             /* time, then the channels in this order; SI units, ISO 8855 */
@@ -22,6 +23,7 @@ int main(void)                                          /* log.csv in, stiffness
     if (tse_step(&p, &f, &u, &y) >= 0) before = v[0];  else fprintf(stderr, "row refused: %s", line);
   }
   if (isnan(before)) return fputs("no row was used\n", stderr), 2;
-  printf("%.3f +- %.3f of nominal: %s\n", y.stiffness[TSE_CY_FRONT], 1.96 * y.stiffness_sd[TSE_CY_FRONT],
-         tse_reason_text(y.reason[TSE_CY_FRONT]));
+  tse_setting mean[3], sd[3];                           /* in the order TSE_CX_FRONT, TSE_CY_FRONT, TSE_CY_REAR */
+  tse_stiffness_si(&c, &y, mean, sd, NULL);
+  printf("%.0f +- %.0f N/rad: %s\n", mean[TSE_CY_FRONT], 1.96 * sd[TSE_CY_FRONT], tse_reason_text(y.reason[TSE_CY_FRONT]));
 }
