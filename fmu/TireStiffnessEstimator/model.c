@@ -14,6 +14,17 @@
   { group "." #name, kind, 'p', (int32_t)offsetof(model, config.name), FMU_NO_RATE, def, lo, hi, unit, text },
 #define OUTPUT(name, kind, member, unit, text) { name, kind, 'o', (int32_t)offsetof(model, member), FMU_NO_RATE, 0.0, 1.0, -1.0, unit, text },
 
+/* grip_valid is a reason, as those of the stiffnesses: it becomes a Boolean and a code, which a plain number of that name would be
+ * taken for. SECOND(INT_<name>, AS_NUMBER, _) is AS_NUMBER unless INT_<name> is a macro with a second part. */
+#define INT_grip_valid _, AS_GRIP
+#define SECOND_(a, b, ...) b
+#define SECOND(...) SECOND_(__VA_ARGS__)
+#define CALL(macro, ...) CALL_(macro, __VA_ARGS__)
+#define CALL_(macro, ...) macro(__VA_ARGS__)
+#define AS_NUMBER(name, member, text) OUTPUT("estimate." #name, 'i', y.member, "", text)
+#define AS_GRIP(name, member, text) OUTPUT("estimate.grip_valid", 'b', grip_valid, "", "the grip may be used") \
+  OUTPUT("estimate.grip_reason", 'i', y.member, "", REASONS)
+
 /* "0 valid, 1 starting, ..." */
 #define X(name, code, word, text) #code " " word ", "
 #define REASONS TSE_REASON_TABLE(X) "see documentation"
@@ -27,6 +38,9 @@ const fmu_variable fmu_variables[] = {
     "channels that are missing, for importers that cannot send NaN: sum of 1 steer_angle, 2 wheel_speed_front, 4 wheel_speed_rear, "
     "8 accel_x, 16 accel_y, 32 yaw_rate" },
 
+  { "vehicle.calibrated", 'b', 'p', (int32_t)offsetof(model, calibrated), FMU_NO_RATE, 0.0, 1.0, -1.0, "",
+    "false: an ordinary car of its class, and what is set of it wins: stiffness and yaw inertia that are not set follow from mass, lf and lr, with "
+    "the uncertainties of such a car; true: every parameter as it is, an uncertainty of 0 is none" },
 #define REAL(name, def, lo, hi, unit, text) PARAMETER("vehicle", 'r', name, def, lo, hi, unit, text)
 #define INT(name, def, lo, hi, text) PARAMETER("vehicle", 'i', name, def, lo, hi, "", text)
 #include "tse/vehicle.def"
@@ -58,7 +72,7 @@ const fmu_variable fmu_variables[] = {
 #undef INT
 
 #define OUT_REAL(name, member, unit, text) OUTPUT("estimate." #name, 'r', y.member, unit, text)
-#define OUT_INT(name, member, text) OUTPUT("estimate." #name, 'i', y.member, "", text)
+#define OUT_INT(name, member, text) CALL(SECOND(INT_##name, AS_NUMBER, _), name, member, text)
 #define OUT_STIFFNESS(name, member, si, unit, text) OUTPUT("estimate." #name, 'r', si, unit, text)
 #define OUT_FLAG(name, member, text) OUTPUT("estimate." #name, 'b', y.member, "", text)
 #define OUT_REASON(stiffness, member, text)                                                                        \
@@ -68,6 +82,9 @@ const fmu_variable fmu_variables[] = {
 #include "tse/output.def"
 #undef OUT_REAL
 #undef OUT_INT
+  OUTPUT("estimate.nominal.cx_front", 'r', nominal[0], "N", "nominal longitudinal stiffness of the front axle, of which estimate.relative.cx_front is a share")
+  OUTPUT("estimate.nominal.cy_front", 'r', nominal[1], "N/rad", "nominal cornering stiffness of the front axle, of which estimate.relative.cy_front is a share")
+  OUTPUT("estimate.nominal.cy_rear", 'r', nominal[2], "N/rad", "nominal cornering stiffness of the rear axle, of which estimate.relative.cy_rear is a share")
   OUTPUT("estimate.valid", 'b', all_valid, "", "all three stiffnesses may be used")
 #define OUT_REAL(name, member, unit, text)
 #define OUT_INT(name, member, text)
@@ -107,9 +124,10 @@ const int32_t fmu_terminal_count = (int32_t)(sizeof fmu_terminals / sizeof fmu_t
 
 const fmu_info fmu_about = {
   "TireStiffnessEstimator", "Tyre stiffness estimator",
-  "Estimates longitudinal and cornering stiffness of a car's tyres, their spread and the sensors' biases from steering angle, wheel "
-  "speeds, accelerometers and gyro, and tells changes of the road, faults of a channel and sliding wheels: weighted hypotheses of what "
-  "happened on a single-track model, or the marginalized adaptive particle filter of Berntorp and Di Cairano" IN_FORMAT,
+  "Estimates longitudinal and cornering stiffness of a car's tyres, their grip, sideslip angle and the sensors' biases, each with its "
+  "standard deviation, from steering angle, wheel speeds, accelerometers and gyro, and the probability that the road changed, a channel "
+  "is faulty or wheels slide: a Kalman filter of a single-track car, or the marginalized adaptive particle filter of Berntorp and Di "
+  "Cairano" IN_FORMAT,
   10.0, 0.01, 1e-4
 };
 
@@ -118,47 +136,81 @@ void model_codes(fmu_code_row *row, void *to)
 #define X(name, code, text) if ((code) >= 0) row(to, "estimate.status", code, #name, text);
   TSE_STATUS_TABLE(X)
 #undef X
-#define X(name, code, word, text) row(to, "estimate.cx_front_reason, estimate.cy_front_reason, estimate.cy_rear_reason", code, word, text);
+#define X(name, code, word, text) row(to, "estimate.cx_front_reason, estimate.cy_front_reason, estimate.cy_rear_reason, estimate.grip_reason", code, word, text);
   TSE_REASON_TABLE(X)
 #undef X
 }
 
 void model_init(model *m) { tse_config_default(&m->config); }
 
+static const struct { int32_t at, size; } settings[SETTINGS] = {
+#define REAL(name, def, lo, hi, unit, text) { (int32_t)offsetof(tse_config, name), (int32_t)sizeof(tse_setting) },
+#define INT(name, def, lo, hi, text) { (int32_t)offsetof(tse_config, name), (int32_t)sizeof(int32_t) },
+#include "tse/config.def"
+#undef REAL
+#undef INT
+};
+
+void model_was_set(model *m, const fmu_variable *v, double value)
+{
+  for (int i = 0; i < SETTINGS; i++)
+    if (v->offset == (int32_t)offsetof(model, config) + settings[i].at)
+      m->set[i] = value < v->start || value > v->start ? SET_TO_ANOTHER : SET_TO_START;
+}
+
+/* The settings of the filter: those of an ordinary car, and what the importer has set; calibrated: all as they are. Of an importer that
+ * sets every parameter, as some do before anything, nobody knows which were meant: those that are not at their start. */
+static void settings_used(const model *m, tse_config *used)
+{
+  const int least = memchr(m->set, NOT_SET, sizeof m->set) ? SET_TO_START : SET_TO_ANOTHER;
+  memcpy(used, &m->config, sizeof *used);
+  if (m->calibrated) return;
+  tse_config_uncalibrated(used);
+  for (int i = 0; i < SETTINGS; i++)
+    if (m->set[i] >= least)
+      memcpy((uint8_t *)used + settings[i].at, (const uint8_t *)&m->config + settings[i].at, (size_t)settings[i].size);
+}
+
 static void derive_outputs(model *m)
 {
-  tse_stiffness_si(&m->config, &m->y, m->mean, m->sd, m->spread);
+  tse_stiffness_si(&m->used, &m->y, m->mean, m->sd, m->spread);
   m->all_valid = 1;
   for (int a = 0; a < 3; a++) {
     m->valid[a] = m->y.reason[a] == TSE_VALID;
     m->all_valid = m->all_valid && m->valid[a];
   }
+  m->grip_valid = m->y.grip_reason == TSE_VALID;
+}
+
+/* What the filter says before the first row: as after one in which nothing is measured. */
+static void report_prior(model *m)
+{
+  static const tse_input nothing = { .missing = (1u << TSE_CHANNELS) - 1u };
+  memset(&m->y, 0, sizeof m->y);
+  (void)tse_reset(&m->params, &m->memory.filter, sizeof m->memory);
+  (void)tse_step(&m->params, &m->memory.filter, &nothing, &m->y);
+  (void)tse_reset(&m->params, &m->memory.filter, sizeof m->memory);
+  m->y.status = TSE_W_STARTING;
+  m->y.grip_reason = TSE_STARTING;
+  for (int a = 0; a < 3; a++) m->y.reason[a] = TSE_STARTING;
 }
 
 fmu_result model_start(model *m, double start, char text[FMU_TEXT])
 {
   const char *wrong = "";
-  const tse_status status = tse_prepare(&m->config, &m->params, &wrong);
   (void)start; /* the first row's own time counts */
+  settings_used(m, &m->used);
+  const tse_status status = tse_prepare(&m->used, &m->params, &wrong);
   if (status < 0) {
-    (void)snprintf(text, FMU_TEXT, "%s: %s", fmu_name_of(wrong), tse_status_text(status));
+    (void)snprintf(text, FMU_TEXT, "%s: %s%s", fmu_name_of(wrong), tse_status_text(status),
+                   m->calibrated ? "" : " (vehicle.calibrated is false: what is not set follows from mass, lf and lr)");
     return FMU_ERROR;
   }
-  (void)tse_reset(&m->params, &m->memory.filter, sizeof m->memory);
   m->rows = 0;
-  memset(&m->y, 0, sizeof m->y); /* before the first row: what the settings say */
-  m->y.stiffness[0] = (tse_real)m->config.initial_cx_front;
-  m->y.stiffness[1] = (tse_real)m->config.initial_cy_front;
-  m->y.stiffness[2] = (tse_real)m->config.initial_cy_rear;
-  m->y.status = TSE_W_STARTING;
-  m->y.estimate_age = m->params.latency;
-  m->y.regime[TSE_REGIME_STEADY] = TSE_R(1.0);
-  for (int a = 0; a < 3; a++) {
-    m->y.stiffness_sd[a] = (tse_real)m->config.initial_mean_sd;
-    m->y.stiffness_spread[a] = (tse_real)m->config.initial_spread;
-    m->y.noise[a] = m->y.change_ratio[a] = TSE_R(1.0);
-    m->y.reason[a] = TSE_STARTING;
-  }
+  m->nominal[0] = m->used.longitudinal_stiffness_front;
+  m->nominal[1] = m->used.cornering_stiffness_front;
+  m->nominal[2] = m->used.cornering_stiffness_rear;
+  report_prior(m);
   derive_outputs(m);
   return FMU_OK;
 }
@@ -211,9 +263,14 @@ fmu_result model_step(model *m, double time, double step, char text[FMU_TEXT])
 
 int model_sound(const model *m, int started)
 {
+  tse_config used;
   tse_params anew;
+  for (int i = 0; i < SETTINGS; i++)
+    if (m->set[i] > SET_TO_ANOTHER) return 0;
   if (!started) return 1;
-  if (tse_prepare(&m->config, &anew, NULL) < 0 || memcmp(&anew, &m->params, sizeof anew) != 0) return 0;
+  settings_used(m, &used);
+  if (memcmp(&used, &m->used, sizeof used) != 0) return 0;
+  if (tse_prepare(&used, &anew, NULL) < 0 || memcmp(&anew, &m->params, sizeof anew) != 0) return 0;
   if (!(m->rows == 0 || m->rows == 1) || !(m->time - m->time == 0.0)) return 0;
   return tse_filter_check(&anew, &m->memory.filter, sizeof m->memory) == TSE_OK;
 }

@@ -4,12 +4,27 @@
 
 #include "tse/tse.h"
 
+enum { /* place of each setting in model.set */
+#define REAL(name, def, lo, hi, unit, text) SETTING_##name,
+#define INT(name, def, lo, hi, text) SETTING_##name,
+#include "tse/config.def"
+#undef REAL
+#undef INT
+  SETTINGS
+};
+
+enum { NOT_SET, SET_TO_START, SET_TO_ANOTHER }; /* a parameter: by the importer, to its start value or to another one */
+
 typedef struct model {
-  tse_config config;
+  tse_config config;                   /* parameters as they are set and read                       */
+  int32_t calibrated;                  /* 0: what is not set is that of an ordinary car             */
+  uint8_t set[SETTINGS];
+  tse_config used;                     /* settings of the filter                                    */
+  tse_setting nominal[3];              /* stiffness, N and N/rad                                    */
   tse_input row;                       /* inputs as set                                             */
   tse_output y;
   tse_setting mean[3], sd[3], spread[3]; /* of the stiffness, N and N/rad                           */
-  int32_t valid[3], all_valid;
+  int32_t valid[3], all_valid, grip_valid; /* stiffnesses, all three, grip                          */
   int32_t rows;                        /* 0: the next row is the first                              */
   double time;                         /* [s] of the last row                                       */
   tse_params params;

@@ -37,13 +37,13 @@ def is_estimator(names: Mapping[str, object]) -> bool:
 
 
 def sources() -> dict[str, str]:
-    """Output of the library -> variable of the estimator that holds it. The codes why a stiffness is not valid are the outputs
+    """Output of the library -> variable of the estimator that holds it. The codes why an estimate is not valid are the outputs
     that the library calls ..._valid."""
     names = {}
     for f in library().fields(OUTPUT):
         stiffness = next((s for s in STIFFNESS if f.name == s or f.name.startswith(s + "_")), None)
-        if stiffness and f.name.endswith("_valid"):
-            names[f.name] = f"estimate.{stiffness}_reason"
+        if f.name.endswith("_valid"):
+            names[f.name] = f"estimate.{f.name.removesuffix('_valid')}_reason"
         elif stiffness and f.unit == "1":
             names[f.name] = f"estimate.relative.{f.name}"
         else:
@@ -87,9 +87,12 @@ def setting_of(parameter: str) -> str:
 
 
 def settings(fmu: Slave, config: Config) -> tuple[dict[str, float], list[str]]:
-    """The parameters that are settings. One that the FMU does not have, and that is not as it always is, matters."""
+    """The parameters that are settings, all of them: nothing is left to the class of the car. One that the FMU does not have, and that
+    is not as it always is, matters."""
     known = {setting_of(name): name for name in fmu.names("parameter")}
     values = {known[k]: v for k, v in config.as_dict().items() if k in known}
+    if "calibrated" in known:
+        values[known["calibrated"]] = True
     lost = [k for k in config.changed() if k not in known]
     notes = [f"the FMU has no parameter for {', '.join(lost)}: what was set is not used"] if lost else []
     return values, notes
