@@ -78,7 +78,7 @@ typedef struct tse_car {
 typedef struct tse_params {
   uint32_t magic, fingerprint;
   uint32_t vehicle;                   /* fingerprint of the vehicle alone, the same in every number format */
-  int32_t form;
+  int32_t form, wheel_signals;
   tse_real initial_spread_var, steady_walk;
   int32_t particles, resampling, vel_x_from_wheels;
   uint32_t seed[2];

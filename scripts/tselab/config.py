@@ -6,13 +6,16 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from tselab.core import Config, SettingError
 from tselab.errors import UserError
 from tselab.log import Log
 from tselab.toml import read_toml
-from tselab.vehicle import Vehicle
+from tselab.vehicle import Vehicle, filter_values
 
 GAP_IN_SAMPLES = 5  # max_gap is at least this many sample times
+ROLLING, MANY, SAME_RATIO = 5.0, 500, 1e-3  # rad/s; rows; of the ratio of both axles' wheel speeds
 
 
 def read_filter_file(path: Path) -> dict[str, float]:
@@ -43,10 +46,17 @@ def make_config(
     form: str = "default",
 ) -> tuple[Config, list[str]]:
     """The settings of a run, and notes on what the log made of them."""
-    config = Config({**Config.form(form), **vehicle.values})
+    values = filter_values(vehicle) if form == "default" else vehicle.values
+    config = Config({**Config.form(form), **values})
     notes: list[str] = []
     if log is not None and log.sample_time is not None:
         notes += set_sampling(config, log.sample_time)
+    if log is not None and wheels_are_one(log):
+        config.wheel_signals = 1
+        notes.append(
+            "both wheel speeds are one signal: taken as the vehicle's speed, which says nothing of slip; longitudinal stiffness "
+            "is not estimated"
+        )
     if filter_file is not None:
         for key, value in read_filter_file(filter_file).items():
             config.set(key, value)
@@ -54,6 +64,15 @@ def make_config(
         if value is not None:
             config.set(key, value, source=f"option --{key.replace('_', '-')}")
     return config, notes
+
+
+def wheels_are_one(log: Log) -> bool:
+    """Return whether the wheel speeds of both axles have the same ratio in all rows that move: one signal, logged twice."""
+    front, rear = (log.data[f"wheel_speed_{axle}"].to_numpy(float) for axle in ("front", "rear"))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        ratio = (front / rear)[np.abs(rear) > ROLLING]
+    ratio = ratio[np.isfinite(ratio)]
+    return len(ratio) > MANY and float(np.ptp(ratio)) < SAME_RATIO
 
 
 def set_sampling(config: Config, sample_time: float) -> list[str]:
@@ -71,5 +90,5 @@ def set_sampling(config: Config, sample_time: float) -> list[str]:
 def filter_text(config: Config) -> str:
     """The form of the filter and its size, in a few words."""
     if not config.form:
-        return f"{config.hypotheses} hypotheses"
+        return "the car's Kalman filter"
     return f"{config.particles} particles, forgetting {config.forgetting:g}, seed {config.seed}"

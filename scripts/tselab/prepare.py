@@ -65,7 +65,8 @@ def assemble(
         log = average_log(log, average)
     lively = liveliest(log, MOST_ROWS)
     log.let_go()
-    fill_sensors(vehicle, lively)
+    if form != "default":  # the car's filter finds the noise of its channels itself
+        fill_sensors(vehicle, lively)
     config, notes = make_config(vehicle, log, config_path, options, form)
     for key, value in settings.items():
         config.set(key, value, source=source)

@@ -37,16 +37,12 @@ ALIKE = 0.75  # of difflib: a table that is named so much like one of TABLES is 
 MOST_UNKNOWN = 3  # keys that one message lists
 HINT_ONLY = ("author_stiffness_front", "author_stiffness_rear")
 
-# Stiffness per axle load, of the order of passenger-car tyres on a dry road: cornering about 0.1 .. 0.3 of the load per degree
-# (12/rad is 0.21), longitudinal slip slope about 15 .. 30 loads. A starting value, no more: the run says that it was used.
-CORNERING_PER_LOAD = 12.0  # 1/rad
-LONGITUDINAL_PER_LOAD = 20.0  # 1
-# Biases of sensors nobody has described: mounting angle and slope of about 1 degree, an uncalibrated gyro.
-UNKNOWN_BIAS = {"accel_x_bias_sd": 0.2, "accel_y_bias_sd": 0.2, "yaw_rate_bias_sd": 0.01}
-NOD_TIME = (
-    0.15  # s: body and wheels of cars nod and swing by 1 .. 2 Hz; the calibration smooths as much (identify/ready.py)
-)
-GUESSED_INERTIA_SD = 0.15  # of the rule mass lf lr: real cars have 0.8 .. 1.2 of it
+# A car that was calibrated, where its file says nothing of these: relative sd of the longitudinal stiffness, which drives that only
+# cruise hardly show; limits below which what a calibration finds is not believed, since tyres and steering are not quite as the model.
+CALIBRATED_CX_SD = 0.3
+LEAST_GRIP_SD = 0.1
+LEAST_LATE_SD = 0.008  # s
+DRIVEN = {"both": 0, "front": 1, "rear": 2}  # the setting driven_axle
 
 
 @dataclass
@@ -79,11 +75,49 @@ class Vehicle:
 
 @functools.cache
 def unknown_car() -> dict[str, float]:
-    """What a car that nobody has calibrated may be off by, sd in units of include/tse/told.def: include/tse/uncalibrated.def."""
-    plain, told = Config(), Config()
-    told.fill("tse_config_uncalibrated")
+    """Return what a car that nobody has calibrated may be off by: sd in units of include/tse/told.def, from uncalibrated.def."""
+    return {name: value for name, value in _class_values(1900.0, 1.25, 1.5).items() if name in library().told}
+
+
+@functools.cache
+def _class_values(mass: float, lf: float, lr: float) -> dict[str, float]:
+    """Return what tse_config_uncalibrated() sets for a car of this mass and these axles."""
+    about = {"mass": mass, "lf": lf, "lr": lr}
+    plain, car = Config(about), Config(about)
+    car.fill("tse_config_uncalibrated")
     before = plain.as_dict()
-    return {name: float(value) for name, value in told.as_dict().items() if value != before[name]}
+    return {name: float(value) for name, value in car.as_dict().items() if value != before[name]}
+
+
+def filter_values(vehicle: Vehicle) -> dict[str, float]:
+    """Return the settings of the car's filter: what the vehicle file says, and the prior of what it does not.
+
+    Nobody has calibrated it: an ordinary car of its class (include/tse/uncalibrated.def), the same as in C and FMU. Calibrated: the
+    posterior of the calibration is the prior. [uncertainty] all 0: known exactly, nothing is added."""
+    v = dict(vehicle.values)
+    v["driven_axle"] = DRIVEN[vehicle.driven_axle]
+    if all(v.get(key) == 0 for key in uncertainty_settings()):
+        return v
+    ordinary = _class_values(v["mass"], v["lf"], v["lr"])
+    if not vehicle.calibration:
+        return {**ordinary, **v}
+    c = vehicle.calibration
+    mean = dict(zip(c["names"], c["mean"], strict=True))
+    sd = {name: float(np.sqrt(c["covariance"][i][i])) for i, name in enumerate(c["names"])}
+    found = {"initial_cx_sd": CALIBRATED_CX_SD, "tyre_saturation_shape": ordinary["tyre_saturation_shape"]}
+    for key in ("cy_front", "cy_rear"):
+        if key in sd:
+            found[f"initial_{key}_sd"] = float(np.clip(sd[key], 0.0, ordinary[f"initial_{key}_sd"]))
+    # 1/friction: what the calibration found, and that tyres have about the grip of their class
+    prior, inverse = 1.0 / ordinary["grip"], "tyre_saturation_inverse_friction"
+    var, seen = (ordinary["grip_sd"] * prior) ** 2, sd.get(inverse, 10.0) ** 2
+    both = (prior / var + mean.get(inverse, prior) / seen) / (1.0 / var + 1.0 / seen)
+    found["grip"] = 1.0 / max(both, 0.2)
+    found["grip_sd"] = max(float(np.sqrt(1.0 / (1.0 / var + 1.0 / seen))) / max(both, 0.2), LEAST_GRIP_SD)
+    plain = Config()  # what the calibration says of sensors is of its own residuals: the filter finds their noise while driving
+    sensors = {name: ordinary.get(name, float(getattr(plain, name))) for name in sensor_settings()}
+    sensors["steer_lag_sd"] = max(v.get("steer_lag_sd", 0.0), LEAST_LATE_SD)
+    return {**v, **sensors, **found}
 
 
 def vehicle_settings() -> list[str]:
@@ -94,7 +128,7 @@ def vehicle_settings() -> list[str]:
 
 def uncertainty_settings() -> list[str]:
     """Names of the settings that belong in its [uncertainty] table: rows of include/tse/told.def."""
-    return list(unknown_car())
+    return list(library().told)
 
 
 def sensor_settings() -> list[str]:
@@ -336,34 +370,21 @@ def _check_facts(path: Path, vehicle: Vehicle) -> None:
 
 
 def _fill_vehicle(vehicle: Vehicle) -> None:
+    """Fill in yaw inertia and stiffness of the class, where the file does not say them."""
     v = vehicle.values
-    wheelbase = v["lf"] + v["lr"]
-    load = {
-        "front": v["mass"] * GRAVITY * v["lr"] / wheelbase,
-        "rear": v["mass"] * GRAVITY * v["lf"] / wheelbase,
-    }
-    guessed_inertia = False
-    if "yaw_inertia" not in v:
-        v["yaw_inertia"] = v["mass"] * v["lf"] * v["lr"]
-        vehicle.filled.append(f"yaw_inertia = {v['yaw_inertia']:.0f} kg m2 (rule: mass lf lr)")
-        guessed_inertia = True
-    for axle in ("front", "rear"):
-        for kind, factor, unit in (
-            ("cornering", CORNERING_PER_LOAD, "N/rad"),
-            ("longitudinal", LONGITUDINAL_PER_LOAD, "N"),
-        ):
-            key = f"{kind}_stiffness_{axle}"
-            if key not in v:
-                v[key] = factor * load[axle]
-                vehicle.filled.append(f"{key} = {v[key]:.0f} {unit} (rule: {factor:g} x axle load {load[axle]:.0f} N)")
-    _fill_uncertainty(vehicle, guessed_inertia)
+    ordinary = _class_values(v["mass"], v["lf"], v["lr"])
+    fields = Config().fields
+    for key in vehicle_settings():
+        if key in ordinary and key not in v:
+            v[key] = ordinary[key]
+            vehicle.filled.append(f"{key} = {v[key]:.0f} {fields[key].unit} (rule: an ordinary car of its mass and axles)")
+    _fill_uncertainty(vehicle)
 
 
-def _fill_uncertainty(vehicle: Vehicle, guessed_inertia: bool) -> None:
+def _fill_uncertainty(vehicle: Vehicle) -> None:
     """What the file does not say how well it knows, as of a car that nobody has calibrated; in one line."""
     fields = Config().fields
-    sds = unknown_car() | ({"yaw_inertia_sd": GUESSED_INERTIA_SD} if guessed_inertia else {})
-    missing = {key: sd for key, sd in sds.items() if key not in vehicle.values}
+    missing = {key: sd for key, sd in unknown_car().items() if key not in vehicle.values}
     vehicle.values |= missing
     if missing:
         units = {key: "" if fields[key].unit == "1" else f" {fields[key].unit}" for key in missing}
@@ -377,14 +398,6 @@ def fill_sensors(vehicle: Vehicle, log: Log) -> None:
     config = Config(v)
     with np.errstate(invalid="ignore"):
         moving = np.abs(log.data["wheel_speed_front"].to_numpy()) * config.wheel_radius_front > 2.0
-    if v.get("model_sd", 0.0) > 0:
-        _fill(
-            vehicle,
-            config,
-            "nod_time",
-            NOD_TIME,
-            "rule: a car that is not quite as its model; 0: slips are read row by row",
-        )
     silent = any(f"{channel}_sd" not in v for channel in MEASURES)
     misfits = kinematic_misfit(log, config.wheel_radius_front, config.wheel_radius_rear) if silent else {}
     if "wheel_noise_sd" in v:

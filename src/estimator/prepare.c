@@ -499,6 +499,7 @@ static void constants_of(const tse_config *settings, tse_params *p)
   p->particles = c->particles;
   p->resampling = c->resampling;
   p->form = c->form;
+  p->wheel_signals = c->wheel_signals;
   p->vel_x_from_wheels = c->initial_vel_x_from_wheels;
   p->seed[0] = (uint32_t)c->seed;
   p->seed[1] = 0x7473650au; /* no seed gives the all-zero key */

@@ -172,7 +172,10 @@ static void believe(const tse_params *p, tse_kalman *k, int n)
   for (int i = 0; i < STATES; i++) k->x[i] += r_mul(r_mul(mean, a.v[i]), state_unit[i]);
   ud_add(&k->p, a.v, STATES - 1, var);
   for (int i = 0; i < 3; i++)
-    if (what.own[i].state >= 0) ud_add_at(&k->p, what.own[i].state, r_sqr(r_div(what.own[i].sd, state_unit[what.own[i].state])));
+    if (what.own[i].state >= 0) { /* what each does beside it; and the further the state moves, the less its slopes held */
+      const tse_real moved = a.kind <= EVENT_REAR ? r_mul(OWN_SHARE, r_mul(mean, what.common[0].sd)) : TSE_R(0);
+      ud_add_at(&k->p, what.own[i].state, r_div(r_sqr(what.own[i].sd) + r_sqr(moved), r_sqr(state_unit[what.own[i].state])));
+    }
   if (a.kind >= EVENT_STEER) {
     k->fault = a.kind == EVENT_STEER ? 1 : a.kind - EVENT_SENSOR + 2;
     k->agrees_for = TSE_R(0);

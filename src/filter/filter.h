@@ -29,7 +29,7 @@
 /* One decoded row. z: accel_x, accel_y, yaw_rate, wheel speeds times radius; use: 0 missing, 1 to be used. */
 typedef struct decoded {
   tse_real dt, steer, z[TSE_SENSORS];
-  int32_t use[TSE_SENSORS], has_steer, used;
+  int32_t use[TSE_SENSORS], has_steer, used, one_speed;
 } decoded;
 
 /* Kinds of events, and what each opens: events.c. */

@@ -4,7 +4,7 @@
 static const int32_t stiffness_state[3] = { LCX, LCF, LCR };
 
 /* Variance of state i over the posterior, the uncertain quantities and the events that may have happened; *shift: their mean. SI */
-static tse_real variance_of(const tse_params *p, const tse_kalman *k, const tse_real weight[TSE_EVENTS], int i, tse_real *shift)
+static tse_real variance_of(const tse_kalman *k, const tse_real weight[TSE_EVENTS], int i, tse_real *shift)
 {
   tse_real var = ud_variance(&k->p, i), mean = TSE_R(0), square = TSE_R(0);
   for (int q = 0; q < TSE_DOUBTS; q++) var += r_sqr(k->doubt[q][i]);
@@ -28,13 +28,13 @@ void report_row(const tse_params *p, const tse_kalman *k, tse_output *out)
   events_weights(k, weight, group);
   const tse_real none = r_mul(group[0], group[1]);
   for (int i = 0; i < 3; i++) {
-    var = variance_of(p, k, weight, VX + i, &shift);
+    var = variance_of(k, weight, VX + i, &shift);
     *state[i] = k->x[VX + i] + shift;
     *state_sd[i] = r_sqrt(var);
-    var = variance_of(p, k, weight, BX + i, &shift);
+    var = variance_of(k, weight, BX + i, &shift);
     out->bias[i] = k->x[BX + i] + shift;
     out->bias_sd[i] = r_sqrt(var);
-    var = variance_of(p, k, weight, stiffness_state[i], &shift);
+    var = variance_of(k, weight, stiffness_state[i], &shift);
     out->stiffness[i] = r_exp2(r_mul(LOG2_OF_E, k->x[stiffness_state[i]] + shift));
     var += r_sqr(MODEL_FLOOR) + p->mass_var;
     out->stiffness_sd[i] = r_mul(out->stiffness[i], r_sqrt(var));
@@ -45,12 +45,12 @@ void report_row(const tse_params *p, const tse_kalman *k, tse_output *out)
   }
   /* the rear axle slips sideways by force over stiffness: lr r - vy is that much, times what the stiffness may be off by */
   const tse_real across = r_mul(p->lr, out->yaw_rate) - out->vel_y;
-  out->vel_y_sd = r_sqrt(r_sqr(out->vel_y_sd) + r_mul(r_sqr(across), r_sqr(MODEL_FLOOR) + p->mass_var));
+  out->vel_y_sd = r_sqrt(r_sqr(out->vel_y_sd) + r_mul(r_sqr(across) + r_sqr(r_mul(p->lr, out->yaw_rate)), r_sqr(MODEL_SHARE) + p->mass_var));
   out->sideslip = r_max(r_abs(out->vel_x), r_abs(out->vel_y)) < TSE_R(0.01) ? TSE_R(0) : r_atan2(out->vel_y, out->vel_x);
-  var = variance_of(p, k, weight, LATE, &shift);
+  var = variance_of(k, weight, LATE, &shift);
   out->lag_steer = k->x[LATE] + shift;
   out->lag_steer_sd = r_sqrt(var);
-  var = variance_of(p, k, weight, LMU, &shift);
+  var = variance_of(k, weight, LMU, &shift);
   out->grip = r_mul(p->car.grip, r_exp2(r_mul(LOG2_OF_E, k->x[LMU] + shift)));
   out->grip_sd = r_mul(out->grip, r_sqrt(var + r_sqr(MODEL_FLOOR)));
   out->sideslip_sd = r_div(out->vel_y_sd, r_max(r_abs(out->vel_x), TSE_R(1)));

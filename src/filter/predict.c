@@ -73,11 +73,11 @@ steering predict_row(const tse_params *p, tse_kalman *k, const decoded *z)
   }
   ud_move(&k->p, M, noise);
   for (int i = 0; i < STATES; i++) keep[i] = TSE_R(1);
+  keep[SF] = keep[SR] = ou_left(dt, SLIP_TIME);
   keep[GX] = keep[GY] = ou_left(dt, ROAD_TIME);
   events_move(p, k, M, keep, dt);
-  const tse_real slip = r_mul(r_sqr(r_div(SLIP_WALK, state_unit[SF])), dt);
-  ud_add_at(&k->p, SF, slip);
-  ud_add_at(&k->p, SR, slip);
+  fade(k, SF, keep[SF], SLIP_SD);
+  fade(k, SR, keep[SR], SLIP_SD);
   rest_row(p, k, dt);
   return u;
 }

@@ -1,6 +1,8 @@
 /* filter/row.c - a log row becomes a checked sample. */
 #include "filter/filter.h"
 
+#define SAME_SPEED TSE_R(1e-5) /* of the speed: what six digits leave */
+
 static int missing(const tse_input *u, uint32_t bit, tse_real value) { return (u->missing & bit) != 0 || r_is_nan(value); }
 
 tse_status row_decode(const tse_params *p, const tse_filter *f, const tse_input *u, decoded *z)
@@ -22,6 +24,9 @@ tse_status row_decode(const tse_params *p, const tse_filter *f, const tse_input 
   z->use[4] = !missing(u, TSE_MISSING(wheel_speed_rear), u->wheel_speed_rear);
   z->z[3] = z->use[3] ? r_mul(p->radius_front, u->wheel_speed_front) : TSE_R(0);
   z->z[4] = z->use[4] ? r_mul(p->radius_rear, u->wheel_speed_rear) : TSE_R(0);
+  /* both axles read the same: one signal, a vehicle speed, which says nothing of slip */
+  z->one_speed = z->use[3] && z->use[4] && (p->wheel_signals < 2 || r_abs(z->z[3] - z->z[4]) <= r_mul(SAME_SPEED, r_abs(z->z[4])));
+  if (z->one_speed) z->use[3] = 0;
   z->used = z->use[0] + z->use[1] + z->use[2];
   return TSE_OK;
 }

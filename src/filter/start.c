@@ -44,9 +44,11 @@ void start_motion(const tse_params *p, tse_kalman *k, const decoded *z)
   x[AR] = r_clamp(back, TSE_R(-0.1), TSE_R(0.1));
   x[VY] = r_mul(c->lr, r) - r_mul(v, x[AR]);
   x[PHI] = r_mul(c->roll_gain, across);
-  const tse_real sd[GX] = { TSE_R(0.1) + r_mul(TSE_R(0.01), r_abs(v)), TSE_R(0.1) + r_mul(TSE_R(0.5), r_abs(r_mul(v, x[AR]))),
-                            z->use[2] ? TSE_R(0.02) : TSE_R(0.2), TSE_R(0.005) + r_mul(TSE_R(0.5), r_abs(x[AF])),
-                            TSE_R(0.005) + r_mul(TSE_R(0.5), r_abs(x[AR])), TSE_R(0.01), TSE_R(0.05), TSE_R(0.01), TSE_R(0.01) };
+  /* nothing is settled in a start or after a gap: half of each slip angle, and what steering and geometry make of it at low speed */
+  const tse_real turn = r_mul(TSE_R(0.1), r_abs(z->steer));
+  const tse_real sd[GX] = { TSE_R(0.1) + r_mul(TSE_R(0.02), r_abs(v)), TSE_R(0.1) + r_abs(r_mul(v, r_mul(TSE_R(0.5), r_abs(x[AR])) + turn)),
+                            (z->use[2] ? TSE_R(0.02) : TSE_R(0.2)) + r_mul(TSE_R(0.05), r_abs(r)), TSE_R(0.01) + r_mul(TSE_R(0.5), r_abs(x[AF])) + turn,
+                            TSE_R(0.01) + r_mul(TSE_R(0.5), r_abs(x[AR])) + turn, TSE_R(0.01), TSE_R(0.05), TSE_R(0.02), TSE_R(0.02) };
   for (int i = 0; i < GX; i++) variance[i] = r_sqr(r_div(sd[i], state_unit[i]));
   ud_forget(&k->p, variance, GX);
   events_clear(k, GX);

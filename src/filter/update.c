@@ -171,6 +171,6 @@ void update_row(const tse_params *p, tse_kalman *k, const decoded *z, steering u
     k->channels++;
     k->log_likelihood -= r_mul(TSE_R(0.5), r_div(r_sqr(m.e), s) + r_mul(TSE_R(0.69314718055994531), r_log2(s)) + TSE_R(1.8378770664093453));
   }
-  roll_freely(p, k, &f, change);
+  if (!z->one_speed) roll_freely(p, k, &f, change);
   finish(p, k, change);
 }

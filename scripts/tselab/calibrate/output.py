@@ -19,7 +19,8 @@ from tselab.identify.problem import UNLIKE_SD
 from tselab.identify.unknowns import LATENCIES, LATENCY, SUPERELEVATION, of_log
 from tselab.vehicle import GRAVITY, HINT_ONLY, formula_toml, sensor_settings, unknown_car, vehicle_settings
 
-ROADS_SD = 0.03  # share of accel_y, by which the lean of roads into their curves differs from road to road
+# What is not believed to be known better, whatever the covariance says: the axles of a car differ in relaxation, steering moves with force.
+LEAN_SD, TRAIL_SD, GYRO_SD, RELAXATION_SD, ROLL_STEER_SD = 0.1, 0.02, 0.005, 0.12, 0.03
 
 
 def values(result: Result) -> dict[str, float]:
@@ -75,10 +76,12 @@ def uncertainty(result: Result) -> dict[str, float]:
             wheel_radius_rear=1.0 / at["wheel_radius_rear"], wheel_radius_front=-1.0 / at["wheel_radius_front"]
         ),
     }
-    # the next road leans otherwise, which accel_y says as another scale would
-    found["accel_y_scale_sd"] = float(
-        np.hypot(found["accel_y_scale_sd"], np.hypot(np.std(_superelevations(result)), ROADS_SD))
-    )
+    # roads lean into their curves otherwise than those of the calibration, which a filter estimates; what a calibration hardly shows
+    found["lean_sd"] = max(float(np.std(_superelevations(result))), LEAN_SD)
+    found["trail_sd"] = max(sd(aligning_moment_trail=1.0), TRAIL_SD)
+    found["gyro_scale_sd"] = max(sd(gyro_scale_error=1.0), GYRO_SD)
+    found["relaxation_sd"] = max(found["relaxation_sd"], RELAXATION_SD)
+    found["roll_steer_sd"] = min(found["roll_steer_sd"], ROLL_STEER_SD)
     fields = result.config.fields
     return {k: float(np.clip(v, fields[k].low, fields[k].high)) for k, v in found.items()}
 
