@@ -19,7 +19,7 @@ def main(arguments: list[str]) -> tse.Result:
     if arguments:
         log, car = pd.read_csv(arguments[0]), arguments[1]
     else:
-        # what a car's data sheet says; tyres and sensors are filled in by rules, and result.notes says so
+        # what a car's data sheet says; tyres are filled in by a rule, and result.notes says so
         car = {
             "mass": 1900,
             "lf": 1.25,
@@ -29,9 +29,9 @@ def main(arguments: list[str]) -> tse.Result:
             "wheel_radius_rear": 0.33,
         }
         log, truth = tse.simulate("square-waves", duration=30, road_changes=[(20.0, 0.7)])
-    # told exactly: of a car that nobody has calibrated the bands are wide, and little is valid
-    told = {} if arguments else {"uncertainty": dict.fromkeys(UNCERTAIN, 0.0)}
-    result = tse.estimate(log, car if arguments else {**car, **told})
+    # known exactly: the intervals of a car that nobody has calibrated are wide, and little is valid
+    exact = {} if arguments else {"uncertainty": dict.fromkeys(UNCERTAIN, 0.0)}
+    result = tse.estimate(log, car if arguments else {**car, **exact})
 
     for line in result.words:  # as `tselab estimate` ends
         print(line)
@@ -47,7 +47,7 @@ def main(arguments: list[str]) -> tse.Result:
 
 UNCERTAIN = (
     "mass_sd", "yaw_inertia_sd", "cg_sd", "steer_ratio_sd", "steer_offset_sd", "accel_y_scale_sd", "wheel_delay_sd",
-    "accel_delay_sd", "relaxation_sd", "wheel_radius_sd", "model_sd", "grade_sd",
+    "accel_delay_sd", "relaxation_sd", "lean_sd", "gyro_scale_sd", "trail_sd", "roll_steer_sd", "wheel_radius_sd", "model_sd", "grade_sd",
 )  # fmt: skip
 
 if __name__ == "__main__":

@@ -2,8 +2,8 @@
 
     PYTHONPATH=scripts/examples tselab montecarlo --study peers+own_filter.random_walk --cases nominal,noise-3x --runs 20
 
-A study runs every estimator on the same simulated drives: tse, Kalman filters that are told the truth, and yours, by its name
-in Python. It takes the log and the settings (car and sensors: what tse is told), and returns columns of N and N/rad.
+A study runs every estimator on the same simulated drives: tse, Kalman filters with the true covariances, and yours, by its name
+in Python. It takes the log and the settings (car and sensors, as tse has them), and returns columns of N and N/rad.
 
 This one is small and honest: a random-walk Kalman filter of the two cornering stiffnesses. Sideslip is what it cannot measure,
 so it works with differences. Of yaw acceleration and lateral acceleration follow the side forces of both axles,

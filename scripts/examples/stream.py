@@ -44,7 +44,7 @@ def main() -> tuple[tse.Estimate, bytes]:
     )
     print("valid" if e.cy_front_valid else f"not valid: {e.cy_front_reason}", f"({refused} row refused)")
 
-    learnt = car.save_learnt()  # 112 bytes, for a file or an ECU
+    learnt = car.save_learnt()  # 268 bytes, for a file or an ECU
     assert learnt is not None
     tomorrow = tse.Filter(CAR, sample_time=0.01)
     tomorrow.load_learnt(learnt, age=86400.0)
