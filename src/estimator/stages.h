@@ -14,15 +14,6 @@
 #define crc32_of          TSE_NAME(tse_crc32_of)
 
 #define LONGEST_DT TSE_R(3600) /* s */
-/* [1] What effects may leave of a stiffness, or make of it: beyond, it is no effect of a tyre but a setting or a formula that is not
- * of this car. A fiftieth is what stiffness_min may be at its least; the other is its inverse. */
-#define LEAST_LEVEL TSE_R(0.02)
-#define MOST_LEVEL TSE_R(50)
-#if defined(TSE_REAL_FIXED)
-#define STATE_VAR ((tse_real)4) /* steps of the format, (3e-5 m/s)^2: rounding must not leave a variance below 0 */
-#else
-#define STATE_VAR TSE_R(1e-18) /* (1e-9 m/s)^2: no state is known better; and no denormal numbers */
-#endif
 
 #ifdef __cplusplus
 extern "C" {

@@ -19,13 +19,15 @@ void ud_set_block(tse_ud *p, int first, tse_real cov[TSE_KEPT][TSE_KEPT])
   for (int j = TSE_KEPT - 1; j >= 0; j--) {
     tse_real *const column = &p->u[ud_column(first + j) + first];
     for (int i = j; i >= 0; i--) {
-      tse_real left = cov[i][j];
+      tse_real left = cov[i][j], own = cov[i][i]; /* of the covariance, of the variance of i: what columns behind j have not taken */
       for (int k = j + 1; k < TSE_KEPT; k++) {
-        const tse_real *const u = &p->u[ud_column(first + k) + first];
-        left -= r_mul(p->d[first + k], r_mul(u[i], u[j]));
+        const tse_real *const u = &p->u[ud_column(first + k) + first], taken = r_mul(p->d[first + k], u[i]);
+        left -= r_mul(taken, u[j]);
+        own -= r_mul(taken, u[i]);
       }
+      const tse_real most = r_mul(TSE_R(0.999), r_sqrt(r_mul(r_max(own, TSE_R(0)), p->d[first + j]))); /* correlations that contradict each other */
       if (i == j) p->d[first + j] = r_max(left, LEAST_D);
-      else column[i] = r_div(left, p->d[first + j]);
+      else column[i] = r_div(r_clamp(left, -most, most), p->d[first + j]);
     }
   }
 }

@@ -185,7 +185,10 @@ static int write_kalman(const tse_params *p, const tse_filter *f, content *c)
       const tse_real scale = r_mul(sd[i], sd[j]), r = scale > TSE_R(0) ? r_div(both, scale) : TSE_R(0);
       c->pair[n] = r_floor_to_int(r_mul(r_clamp(r, -MOST_CORRELATION, MOST_CORRELATION), TSE_R(ONE_14)) + TSE_R(0.5));
     }
-  for (int i = 0; i < TSE_SENSORS; i++) c->noise[i] = r_to_q24(r_sqrt(k->noise[i]));
+  for (int i = 0; i < TSE_SENSORS; i++) {
+    c->noise[i] = r_to_q24(r_sqrt(k->noise[i]));
+    if (c->noise[i] < 0) return 0;
+  }
   return 1;
 }
 
@@ -204,7 +207,7 @@ static int write_particles(const tse_params *p, const tse_filter *f, content *c)
     const int32_t log = r_to_q24(r_mul(LN_2, r_log2(mean))), bias = r_to_q24(now.bias[a]);
     if (log == INT32_MIN || bias == INT32_MIN) return 0;
     c->mean[K_STIFFNESS + a] = between(log, most_of(K_STIFFNESS + a));
-    c->sd[K_STIFFNESS + a] = r_to_q24(r_sqrt(f->known[a] == TSE_KNOWN_BEFORE ? r_max(var, f->start.mean_var[a]) : var));
+    c->sd[K_STIFFNESS + a] = r_to_q24(r_sqrt(f->known[a] == TSE_KNOWN_BEFORE ? r_max(var, r_div(f->start.mean_var[a], r_sqr(mean))) : var));
     c->mean[K_BIAS + a] = between(bias, most_of(K_BIAS + a));
     c->sd[K_BIAS + a] = r_to_q24(now.bias_sd[a]);
     c->spread[a] = r_to_q24(now.stiffness_spread[a]);
@@ -316,11 +319,12 @@ static void load_particles(const tse_params *p, const content *c, uint32_t age_s
     }
     tse_real mean = r_from_q24(c->mean[K_BIAS + a]), bias_var = r_sqr(r_mul(p->inv_sd[a], r_from_q24(c->sd[K_BIAS + a])));
     mean = r_mul(p->inv_sd[a], mean);
-    if (!(bias_var < p->bias_var0[a])) continue; /* knows no more than the settings do */
+    if (c->sd[K_BIAS + a] == 0 || !(bias_var < p->bias_var0[a])) continue; /* knows no more than the settings do */
     age_bias(&mean, &bias_var, p->bias_walk[a], p->bias_var0[a], age_s);
     s->bias[a] = mean;
     s->bias_var[a] = bias_var;
   }
+  if (c->known == 0) return; /* as the settings say, bit for bit */
   const tse_real per_nu = r_div(s->nu - TSE_R(4), s->nu); /* Sigma = lam nu/(nu - 4) */
   for (int a = 0; a < 3; a++) {
     const int i = pair[a][0], j = pair[a][1], both = (c->known >> i & c->known >> j & 1u) != 0;

@@ -10,13 +10,9 @@
 #if defined(TSE_REAL_FIXED)
 #define MOST_REAL FIXED_MOST
 #define MOST_SQUARE MOST_REAL
-#define LEAST_VAR ((tse_real)1)
-#define MOST_SUM(most) (8 * FIXED_MOST) /* of a few results, each of which may have stopped there: sums of two such are numbers, too */
 #else
 #define MOST_REAL TSE_R(1e9)
 #define MOST_SQUARE TSE_R(1e18)
-#define LEAST_VAR TSE_R(1e-12)
-#define MOST_SUM(most) (most)
 #endif
 
 static inline int sound_int(int32_t x, int32_t lo, int32_t hi) { return x >= lo && x <= hi; }

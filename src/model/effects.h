@@ -253,7 +253,6 @@ static inline void effects_lag_rates(const tse_effects *e, const point *pt, tse_
 
 /* integrator.c */
 #define effects_settle  TSE_NAME(tse_effects_settle)
-#define effects_unsettle TSE_NAME(tse_effects_unsettle)
 #define effects_advance TSE_NAME(tse_effects_advance)
 
 #ifdef __cplusplus
@@ -262,9 +261,6 @@ extern "C" {
 
 /* Memory at rest at this state: tyres hold the kinematic slip, modes the acceleration. Returned: pt evaluated. */
 void effects_settle(const tse_params *p, tse_effect_memory *m, stiffness k, point *pt);
-
-/* The next row settles: after a gap, or when the state has been set anew. Clock, heading and steering go on. */
-void effects_unsettle(tse_effect_memory *m);
 
 /* (7) with the effects, from the evaluated point `at` to the row of inputs `to` and `g`, dt later; `at` is then that point. */
 void effects_advance(const tse_params *p, tse_effect_memory *m, stiffness k, inputs to, const given *g, tse_real dt, point *at);

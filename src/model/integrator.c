@@ -156,29 +156,6 @@ void effects_settle(const tse_params *p, tse_effect_memory *m, stiffness k, poin
   m->settled = 1;
 }
 
-#define MOST_MEMORY TSE_R(1e9) /* as in a state that is checked */
-
-/* NaN, too. */
-static void scrub(tse_real *x, int n)
-{
-  for (int i = 0; i < n; i++)
-    if (!(r_abs(x[i]) <= MOST_MEMORY)) x[i] = TSE_R(0);
-}
-
-/* Nothing that is lost may be where the next start begins: lags are searched from what they are, and the heading is the sum of all. */
-void effects_unsettle(tse_effect_memory *m)
-{
-  m->settled = 0;
-  m->imu.count = 0;
-  scrub(m->lag, 4);
-  scrub(m->mode[0], 6);
-  scrub(&m->heading, 1);
-  scrub(m->imu_was[0], 3 * TSE_DELAY_ROWS);
-  scrub(m->formula[0], 3 * TSE_FORMULA_MEMORIES);
-  scrub(m->formula_accel, 2);
-  scrub(m->formula_was[0], TSE_DELAY_ROWS);
-}
-
 static given given_between(const given *a, const given *b, tse_real share)
 {
   given g;

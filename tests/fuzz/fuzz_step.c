@@ -32,7 +32,6 @@ static void step(const tse_input *u)
   }
   MUST(tse_input_check(u, NULL) == TSE_OK || !d.before.filter.started, "a row that is not to be accepted was");
   must_be_estimates(&d.c, &y, (int)status);
-  if (d.c.form == 0 && d.before.filter.bank.saturated != d.f.filter.bank.saturated) MUST(status == TSE_W_RANGE, "%d, and a number has left its range", (int)status);
   d.digest = mixed(d.digest, &y, offsetof(tse_output, spread_seen));
   d.digest = mixed(d.digest, y.reason, sizeof y.reason);
   MUST(tse_filter_check(&d.p, &d.f.filter, d.bytes) == TSE_OK, "its own state is refused, step %u", (unsigned)d.f.filter.step);

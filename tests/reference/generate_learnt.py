@@ -4,6 +4,7 @@
 python3 generate_learnt.py > learnt_table.h        standard library only; deterministic
 """
 
+import math
 import re
 import struct
 import zlib
@@ -13,10 +14,14 @@ ROWS = (Path(__file__).resolve().parents[2] / "include" / "tse" / "vehicle.def")
 
 # Binary fractions, so that double, float and fixed hold them exactly.
 KNOWN, NU = 0b101, 64
-MEAN, MEAN_SD = (-0.25, 0.125, 0.5), (0.03125, 0.25, 0.0625)
+KEPT = 11  # biases, logarithms of stiffness and grip, steering offset, ratio, lateness, radius
+MEAN = (-0.125, 0.0625, 0.0078125, -0.25, 0.125, 0.5, 0.0625, 2**-8, 2**-6, 2**-7, 2**-9)
+SD = (0.03125, 0.015625, 0.00390625, 0.03125, 0.25, 0.0625, 0.125, 2**-10, 2**-7, 2**-7, 2**-9)
+COMMON = (0.5, -0.5, 0.25, 0.5, 0.75, -0.25, 0.125, 0.5, 0.25, -0.125, 0.5)  # correlations are products of these
+NOISE = (0.5, 2.0, 1.25, 1.0, 0.75)
+# What particles know: stiffness over nominal less 1, its sd and spread
+PARTICLE_MEAN, PARTICLE_SD = (-0.25, 0.125, 0.5), (0.03125, 0.25, 0.0625)
 SPREAD, CORRELATION = (0.0625, 0.25, 0.125), (0.0, -0.5, 0.25)
-BIAS, BIAS_SD = (-0.125, 0.0625, 0.0078125), (0.03125, 0.015625, 0.00390625)
-NOISE, HELD = (0.5, 2.0, 1.25), 1
 
 
 def vehicle():
@@ -28,15 +33,28 @@ def vehicle():
     return h
 
 
-def learnt(mark=b"tsel", version=2, of_hypotheses=True, extra=b""):
-    """`of_hypotheses`: as the default form writes it; particles know nothing of noise, level and steering that is held."""
-    numbers = [*MEAN, *MEAN_SD, *SPREAD, *CORRELATION, *BIAS, *BIAS_SD]
-    body = struct.pack("<III18i", vehicle(), KNOWN, NU, *(round(x * 2**24) for x in numbers))
-    if version > 1:
-        body += struct.pack("<3iI", *(round(x * 2**24) * of_hypotheses for x in NOISE), (HELD << 6) * of_hypotheses)
-    body += extra
+def q24(values):
+    return struct.pack(f"<{len(values)}i", *(round(x * 2**24) for x in values))
+
+
+def framed(body, mark=b"tsel", version=3):
     data = mark + struct.pack("<HH", version, 8 + len(body) + 4) + body
     return data + struct.pack("<I", zlib.crc32(data))
+
+
+def learnt(of_particles=False, extra=b"", **frame):
+    """`of_particles`: as they write it, who know stiffness, biases and process sd alone."""
+    mean, sd, noise = MEAN, SD, NOISE
+    pairs = [COMMON[i] * COMMON[j] for i in range(KEPT) for j in range(i + 1, KEPT)]
+    if of_particles:
+        levels = [1 + x for x in PARTICLE_MEAN]
+        mean = (*MEAN[:3], *(math.log(x) for x in levels), 0, 0, 0, 0, 0)
+        sd = (*SD[:3], *(x / level for x, level in zip(PARTICLE_SD, levels, strict=True)), 0, 0, 0, 0, 0)
+        pairs, noise = [0] * len(pairs), [0] * len(NOISE)
+    body = struct.pack("<III", vehicle(), KNOWN, NU) + q24(mean) + q24(sd)
+    body += struct.pack(f"<{len(pairs)}hh", *(round(x * 2**14) for x in pairs), 0)
+    body += q24(noise) + q24(SPREAD) + q24(CORRELATION) + extra
+    return framed(body, **frame)
 
 
 def array(name, data):
@@ -47,7 +65,7 @@ def array(name, data):
 
 
 def numbers(name, values):
-    print(f"static const double {name}[3] = {{ {', '.join(map(repr, values))} }};")
+    print(f"static const double {name}[{len(values)}] = {{ {', '.join(map(repr, values))} }};")
 
 
 def main():
@@ -56,17 +74,18 @@ def main():
     print(f"#define LEARNT_VEHICLE 0x{vehicle():08x}u\n#define LEARNT_KNOWN {KNOWN}u\n#define LEARNT_NU {NU}")
     print("#if defined(LEARNT_WITH_BYTES)")
     numbers("learnt_mean", MEAN)
-    numbers("learnt_mean_sd", MEAN_SD)
+    numbers("learnt_sd", SD)
+    numbers("learnt_common", COMMON)
+    numbers("learnt_noise", NOISE)
+    numbers("learnt_particle_mean", PARTICLE_MEAN)
+    numbers("learnt_particle_sd", PARTICLE_SD)
     numbers("learnt_spread", SPREAD)
     numbers("learnt_correlation", CORRELATION)
-    numbers("learnt_bias", BIAS)
-    numbers("learnt_bias_sd", BIAS_SD)
-    numbers("learnt_noise", NOISE)
-    print(f"#define LEARNT_HELD {HELD}")
     array("learnt_bytes", learnt())
-    array("learnt_by_particles", learnt(of_hypotheses=False))
-    array("learnt_of_format_1", learnt(version=1))
-    array("learnt_of_a_newer_format", learnt(version=3, extra=b"what it knows"))
+    array("learnt_by_particles", learnt(of_particles=True))
+    array("learnt_of_format_1", framed(struct.pack("<III", vehicle(), KNOWN, NU) + bytes(72), version=1))
+    array("learnt_of_format_2", framed(struct.pack("<III", vehicle(), KNOWN, NU) + bytes(88), version=2))
+    array("learnt_of_a_newer_format", learnt(version=4, extra=b"what it knows"))
     array("learnt_of_another_kind", learnt(mark=b"tsep"))
     array("learnt_of_no_format", learnt(version=0))
     array("learnt_too_long", learnt(extra=bytes(4)))

@@ -76,16 +76,16 @@ static inline void replay_columns(const tse_output *y, double column[])
 }
 
 /* The forms of the filter; the first one gives the golden table. */
-static inline void replay_two_hypotheses(tse_config *c)
+static inline void replay_uncalibrated(tse_config *c)
 {
   tse_config_default(c);
-  c->hypotheses = 2;
+  tse_config_uncalibrated(c);
 }
 
 typedef struct replay_form { const char *name; void (*settings)(tse_config *c); } replay_form;
 static const replay_form replay_forms[] = {
   { "default", tse_config_default }, { "sampled", tse_config_sampled }, { "paper", tse_config_paper },
-  { "two hypotheses", replay_two_hypotheses }, /* the default form where RAM is for no more */
+  { "uncalibrated", replay_uncalibrated }, /* the default form, of a car that nobody has calibrated: all that is uncertain is considered */
 };
 enum { REPLAY_FORMS = 4, REPLAY_HASHES = REPLAY_FORMS * REPLAY_SCHEMES, REPLAY_STATUSES = 8 };
 

@@ -26,7 +26,6 @@
 #define redraw            TSE_NAME(tse_redraw)
 #define bias_predict      TSE_NAME(tse_bias_predict)
 #define propagate         TSE_NAME(tse_propagate)
-#define push_particles    TSE_NAME(tse_push_particles)
 #define wheels_slide      TSE_NAME(tse_wheels_slide)
 #define coast             TSE_NAME(tse_coast)
 #define bias_observe      TSE_NAME(tse_bias_observe)
@@ -151,9 +150,8 @@ void initialise(const tse_params *p, tse_filter_paper *f, const sample *y);
 void restart_states(const tse_params *p, tse_filter_paper *f, const sample *y);
 void redraw(const tse_params *p, tse_filter_paper *f, const sample *y, int32_t count);
 
-/* propagate.c (7)  all particles from the last row's inputs to u, in steps of at most max_step; push: moves all alike */
+/* propagate.c (7)  all particles from the last row's inputs to u, in steps of at most max_step */
 void propagate(const tse_params *p, tse_filter_paper *f, inputs u, tse_real dt);
-void push_particles(const tse_params *p, tse_filter_paper *f, const tse_real push[3]);
 
 /* slide.c     wheels that lock or spin: are they; motion from the inertial sensors meanwhile */
 int wheels_slide(const tse_params *p, tse_filter_paper *f, const sample *y);

@@ -25,12 +25,3 @@ void propagate(const tse_params *p, tse_filter_paper *f, inputs u, tse_real dt)
     from = to;
   }
 }
-
-void push_particles(const tse_params *p, tse_filter_paper *f, const tse_real push[3])
-{
-  for (int32_t i = 0; i < padded(p->particles); i++) {
-    f->p.x[0][i] = r_clamp(f->p.x[0][i] + push[0], -MOST_SPEED, MOST_SPEED);
-    f->p.x[1][i] = r_clamp(f->p.x[1][i] + push[1], -MOST_SPEED, MOST_SPEED);
-    f->p.x[2][i] = r_clamp(f->p.x[2][i] + push[2], -MOST_YAW_RATE, MOST_YAW_RATE);
-  }
-}

@@ -32,7 +32,6 @@ static void test_rows_of_almost_no_time_leave_a_sound_filter(void)
     u.accel_y = real(1.9 * sin(0.13 * k));
     u.yaw_rate = real(0.1 * sin(0.13 * k));
     TEST_ASSERT_TRUE(tse_step(&p, &f.filter, &u, NULL) >= 0);
-    for (int a = 0; a < 3; a++) TEST_ASSERT_TRUE(r_is_finite(f.filter.bank.gained[a]));
     TEST_ASSERT_EQUAL_INT(TSE_OK, tse_filter_check(&p, &f.filter, sizeof f.filter));
   }
 }

@@ -1,5 +1,6 @@
 /* tests/unit/estimator/test_prepare.c <-> src/estimator/prepare.c */
 #include "tse/constants.h"
+#include "filter/filter.h"
 #include "unit_support.h"
 
 #include <float.h>
@@ -49,7 +50,6 @@ static tse_config other_car(void)
   c.mass_sd = setting(0.03);
   c.grade_sd = setting(0.03);
   c.model_sd = setting(0.04);
-  c.nod_time = setting(0.12);
 #define REAL(name, def, lo, hi, unit, text)
 #define CONSIDER(id, name, most, unit, text) c.name = setting((most) / (4 + TSE_CONSIDER_##id));
 #include "tse/told.def"
@@ -72,6 +72,11 @@ static tse_config other_car(void)
   c.initial_cy_front = setting(0.8);
   c.initial_cy_rear = setting(1.3);
   c.initial_mean_sd = setting(0.4);
+  c.initial_cx_sd = setting(0.35);
+  c.initial_cy_front_sd = setting(0.15);
+  c.initial_cy_rear_sd = setting(0.25);
+  c.grip = setting(0.9);
+  c.grip_sd = setting(0.2);
   c.initial_spread = setting(0.2);
   c.spread_max = setting(0.7);
   c.initial_dof = setting(12);
@@ -83,7 +88,7 @@ static tse_config other_car(void)
   c.initial_yaw_rate_sd = setting(0.05);
   c.stiffness_min = setting(0.2);
   c.stiffness_max = setting(3);
-  c.hold_speed = setting(3);
+  c.hold_speed = setting(4);
   c.max_steer = setting(0.6);
   c.max_slip = setting(0.08);
   c.noise_max = setting(12);
@@ -94,8 +99,8 @@ static tse_config other_car(void)
   c.recovery_share = setting(0.3);
   c.particles = 120;
   c.form = 1;
-  c.hypotheses = 4;
-  c.inputs_held = 1;
+  c.driven_axle = 2;
+  c.wheel_signals = 1;
   c.steady_walk = setting(0.002);
   c.resampling = 2;
   c.initial_vel_x_from_wheels = 0;
@@ -254,15 +259,23 @@ static void test_of_two_wrong_settings_the_first_is_named(void)
 static void test_a_car_that_nobody_has_calibrated_is_told_as_such_and_nothing_else_changes(void)
 {
   tse_config c = defaults(), as_told = defaults();
-  c.mass = setting(1234);
-  as_told.mass = setting(1234);
-#define UNCALIBRATED(name, sd, why) \
-  TEST_ASSERT_EQUAL_DOUBLE(0, of_setting(as_told.name)); \
-  as_told.name = setting(sd);       \
-  TEST_ASSERT_TRUE(of_setting(as_told.name) > 0);
+  c.mass = as_told.mass = setting(1234);
+  c.lf = as_told.lf = setting(1.125);
+  c.lr = as_told.lr = setting(1.375);
+#define UNCALIBRATED(name, sd, why) as_told.name = setting(sd);
 #include "tse/uncalibrated.def"
 #undef UNCALIBRATED
   tse_config_uncalibrated(&c);
+  /* stiffness and inertia follow from mass and axles */
+  const double g = 9.81, one = BY_FORMAT(1e-12, 1e-6);
+  const double of_class[4] = { 1234 * 1.125 * 1.375, CLASS_CORNERING_FRONT * g * 1234 * 1.375 / 2.5, CLASS_CORNERING_REAR * g * 1234 * 1.125 / 2.5,
+                               CLASS_LONGITUDINAL * g * 1234 / 2 };
+  const tse_setting actual[4] = { c.yaw_inertia, c.cornering_stiffness_front, c.cornering_stiffness_rear, c.longitudinal_stiffness_front };
+  for (int i = 0; i < 4; i++) expect_near(of_class[i], of_setting(actual[i]), one * of_class[i], "of the class", i);
+  as_told.yaw_inertia = c.yaw_inertia;
+  as_told.cornering_stiffness_front = c.cornering_stiffness_front;
+  as_told.cornering_stiffness_rear = c.cornering_stiffness_rear;
+  as_told.longitudinal_stiffness_front = as_told.longitudinal_stiffness_rear = c.longitudinal_stiffness_front;
 #define REAL(name, def, lo, hi, unit, text) TEST_ASSERT_TRUE_MESSAGE(as_told.name == c.name, #name);
 #define INT(name, def, lo, hi, text) TEST_ASSERT_TRUE_MESSAGE(as_told.name == c.name, #name);
 #include "tse/config.def"
@@ -344,21 +357,90 @@ static void test_sensor_constants_are_normalised_by_the_sensors_sd(void)
   for (int i = 0; i < 3; i++) {
     expect_relative(sd[i], p.sd[i], "sd");
     expect_relative(1 / sd[i], p.inv_sd[i], "inv_sd");
-    const double hills = i ? 0 : pow(9.81 * 0.03, 2); /* which accel_x feels */
-    expect_relative((bias[i] * bias[i] + hills) / sd[i] / sd[i], p.bias_var0[i], "bias_var0");
-    expect_relative((walk[i] * walk[i] + 2 * hills / number(GRADE_TIME)) / sd[i] / sd[i], p.bias_walk[i], "bias_walk");
+    expect_relative(bias[i] * bias[i] / sd[i] / sd[i], p.bias_var0[i], "bias_var0");
+    expect_relative(walk[i] * walk[i] / sd[i] / sd[i], p.bias_walk[i], "bias_walk");
     expect_near(log(sd[i]) / log(2.0), number(p.log_sd[i]), BY_FORMAT(3e-13, 3e-6), "log_sd", i);
   }
   expect_relative(0.06 * 0.06 * 0.29 * 0.29, p.wheel_var[0], "wheel_var, front");
   expect_relative(0.06 * 0.06 * 0.31 * 0.31, p.wheel_var[1], "wheel_var, rear");
-  expect_relative(6.25, p.lag_var0, "lag_var0"); /* over LAG_TIME, 0.02 s */
   expect_relative(9e-4, p.mass_var, "mass_var");
-  expect_relative(0.5 / 4, p.consider_sd[TSE_CONSIDER_INERTIA], "the first that is considered");
-  expect_relative(0.2 / (4 + TSE_CONSIDER_RADIUS), p.consider_sd[TSE_CONSIDER_RADIUS], "the last");
-  expect_relative(1.6e-3, p.model_var, "model_var");
-  expect_relative(0.12, p.nod_time, "nod_time");
-  expect_relative(number(DISTURBANCE_DOUBT), p.doubt, "doubt");
-  TEST_ASSERT_EQUAL_INT(1, p.considers);
+}
+
+/* The car of the filter's model, over mass; what is no effect's is 0 or 1. */
+static void test_the_car_of_the_model_is_that_of_the_settings(void)
+{
+  tse_config c = other_car();
+  c.relaxation_length = setting(0.5);
+  c.body_roll_gain = setting(0.005);
+  c.body_roll_frequency = setting(1.5);
+  c.body_roll_damping = setting(0.25);
+  c.body_roll_height = setting(0.2);
+  c.body_roll_coupling = setting(0.4);
+  c.aero_drag_coefficient = setting(0.4);
+  c.rolling_resistance_coefficient = setting(0.012);
+  c.aligning_moment_trail = setting(0.03);
+  c.imu_misalignment_angle = setting(-0.05);
+  c.gyro_scale_error = setting(0.02);
+  c.steering_lag_time = setting(0.04);
+  const tse_params p = prepared(&c);
+  const tse_car *const k = &p.car;
+  expect_relative(110000.0 / 1250, k->kx_front, "kx_front");
+  expect_relative(95000.0 / 1250, k->kx_rear, "kx_rear");
+  expect_relative(70000.0 / 1250, k->ky_front, "ky_front");
+  expect_relative(85000.0 / 1250, k->ky_rear, "ky_rear");
+  expect_relative(9.81 * 1.6 / 2.7, k->load_front, "load_front");
+  expect_relative(9.81 * 1.1 / 2.7, k->load_rear, "load_rear");
+  expect_relative(0.9, k->grip, "grip");
+  expect_relative(1250 * 1.1 / 1700, k->jf, "jf");
+  expect_relative(1250.0 / 1700, k->m_inertia, "m_inertia");
+  expect_relative(1250.0 / 1700 * 0.03, k->trail, "trail");
+  expect_relative(0.4 / 1250, k->drag, "drag");
+  expect_relative(9.81 * 0.012, k->rolling, "rolling");
+  expect_relative(0.5, k->relaxation, "relaxation");
+  expect_relative(0.005, k->roll_gain, "roll_gain");
+  expect_relative(2 * acos(-1.0) * 1.5, k->roll_rate, "roll_rate");
+  expect_relative(9.81, k->roll_leak, "roll_leak");
+  expect_relative(0.2, k->roll_height, "roll_height");
+  expect_near(cos(0.05), number(k->mount_cos), BY_FORMAT(1e-12, 1e-6), "mount_cos", 0);
+  expect_near(-sin(0.05), number(k->mount_sin), BY_FORMAT(1e-12, 1e-6), "mount_sin", 0);
+  expect_relative(1.02, k->scale_r, "scale_r");
+  expect_relative(9.81 * 0.012 * 1.6 / 2.7 * 1250 / 110000, k->free_front, "free_front");
+  TEST_ASSERT_EQUAL_INT32(2, k->driven);
+  expect_relative(0.04, p.steer_lag, "steer_lag");
+  const tse_config plain = defaults();
+  const tse_params q = prepared(&plain);
+  expect_relative(50, q.car.grip, "tyres without an end");
+  expect_relative(0.05, q.car.relaxation, "no shorter relaxation");
+  TEST_ASSERT_TRUE(number(q.car.drag) == 0 && number(q.car.compliance) == 0 && number(q.car.roll_leak) == 0);
+  expect_relative(1, q.car.scale_x, "scale_x");
+  expect_relative(1, q.car.mount_cos, "mount_cos");
+  c.grip = setting(0);
+  c.tyre_saturation_inverse_friction = setting(1.25);
+  expect_relative(0.8, prepared(&c).car.grip, "grip of the effect");
+}
+
+static void test_the_prior_of_the_state_is_that_of_the_settings(void)
+{
+  tse_config c = other_car();
+  c.steering_offset_angle = setting(0.004);
+  c.grade_angle = setting(0.02);
+  c.bank_angle = setting(0.01);
+  const tse_params p = prepared(&c);
+  const double sd[STATES - BX] = { 0.02, 0.04, 0.003, 0.35, 0.15, 0.25, 0.2, of_setting(c.steer_offset_sd), of_setting(c.steer_ratio_sd), 0.05,
+                                   of_setting(c.wheel_radius_sd), of_setting(c.lean_sd) };
+  for (int i = BX; i < STATES; i++) expect_near(sd[i - BX], number(p.prior_sd[i]), 1e-7, "prior_sd", i);
+  const double mean[3] = { log(0.7), log(0.8), log(1.3) };
+  for (int i = 0; i < 3; i++) expect_near(mean[i], number(p.prior[LCX + i]), BY_NUMBER(1e-12, 1e-6, 1e-6), "prior", i);
+  expect_near(0.004, number(p.prior[OFF]), 1e-9, "offset", 0);
+  expect_near(9.81 * 0.02, number(p.prior[GX]), 1e-6, "along the road", 0);
+  expect_near(-9.81 * 0.01, number(p.prior[GY]), 1e-6, "across the road", 0);
+  expect_near(9.81 * 0.03, number(p.prior_sd[GX]), 1e-6, "sd of the grade", 0);
+  expect_near(log(0.2), number(p.log_min), BY_NUMBER(1e-12, 1e-6, 1e-6), "log_min", 0);
+  expect_near(log(3), number(p.log_max), BY_NUMBER(1e-12, 1e-6, 1e-6), "log_max", 0);
+  expect_relative(0.04, p.model_sd, "model_sd");
+  const tse_setting told[TSE_DOUBTS] = { c.yaw_inertia_sd, c.cg_sd, c.trail_sd, c.relaxation_sd, c.relaxation_sd, c.roll_steer_sd, c.accel_y_scale_sd,
+                                         c.gyro_scale_sd, c.wheel_delay_sd, c.accel_delay_sd };
+  for (int q = 0; q < TSE_DOUBTS; q++) expect_near(of_setting(told[q]), number(p.uncertain[q]), 1e-9, "uncertain", q);
 }
 
 static void test_channels_are_read_as_long_before_the_row_as_the_latest_one_needs(void)
@@ -384,8 +466,6 @@ static void test_filter_constants_follow_their_formulas(void)
   TEST_ASSERT_EQUAL_INT32(120, p.particles);
   TEST_ASSERT_EQUAL_INT32(2, p.resampling);
   TEST_ASSERT_EQUAL_INT32(1, p.form);
-  TEST_ASSERT_EQUAL_INT32(4, p.hypotheses);
-  TEST_ASSERT_EQUAL_INT32(1, p.inputs_held);
   expect_relative(4e-6, p.steady_walk, "steady_walk, squared");
   TEST_ASSERT_EQUAL_INT32(0, p.vel_x_from_wheels);
   TEST_ASSERT_EQUAL_UINT32(12345u, p.seed[0]);
@@ -394,11 +474,11 @@ static void test_filter_constants_follow_their_formulas(void)
   expect_relative(0.03, p.max_step, "max_step: 1.5 sample times");
   const double yaw = (1.1 * 1.1 * 70000 + 1.6 * 1.6 * 85000) / 1700;
   expect_relative(4 * yaw, p.damping, "damping: four times the fastest, here of the yaw rate");
-  expect_relative(3 / (4 * yaw), p.least_step, "least_step: at hold_speed");
+  expect_relative(4 / (4 * yaw), p.least_step, "least_step: at hold_speed");
   expect_relative(0.2, p.max_gap, "max_gap");
   expect_relative(0.08, p.max_slip, "max_slip");
   expect_relative(144, p.noise_max_var, "noise_max, squared");
-  expect_relative(3, p.hold_speed, "hold_speed");
+  expect_relative(4, p.hold_speed, "hold_speed");
   expect_relative(0.6, p.max_steer, "max_steer");
   expect_near(log(0.995) / log(2.0), number(p.log2_forgetting), BY_FORMAT(1e-14, 1e-7), "log2 lambda", 0);
   expect_near(200, number(p.memory), BY_FORMAT(1e-10, 3e-3), "memory: 1/(1 - lambda)", 0); /* 1 - lambda cancels */
@@ -649,6 +729,8 @@ int main(void)
   RUN_TEST(test_vehicle_constants_are_normalised_by_mass);
   RUN_TEST(test_a_centre_of_gravity_is_shifted_no_further_than_between_the_axles);
   RUN_TEST(test_sensor_constants_are_normalised_by_the_sensors_sd);
+  RUN_TEST(test_the_car_of_the_model_is_that_of_the_settings);
+  RUN_TEST(test_the_prior_of_the_state_is_that_of_the_settings);
   RUN_TEST(test_channels_are_read_as_long_before_the_row_as_the_latest_one_needs);
   RUN_TEST(test_filter_constants_follow_their_formulas);
   RUN_TEST(test_damping_is_that_of_the_stiffest_direction);

@@ -110,15 +110,17 @@ static void expect_names(tse_struct which, const char *const *names, int expecte
 static void test_outputs_are_the_columns_of_the_estimates_file(void)
 {
   static const char *const names[] = {
-    "vel_x", "vel_x_sd", "vel_y", "vel_y_sd", "yaw_rate", "yaw_rate_sd", "sideslip",
+    "vel_x", "vel_x_sd", "vel_y", "vel_y_sd", "yaw_rate", "yaw_rate_sd", "sideslip", "sideslip_sd",
+    "grip", "grip_sd", "grip_valid",
     "cx_front", "cx_front_sd", "cx_front_spread", "cx_front_spread_seen", "cx_front_valid",
     "cy_front", "cy_front_sd", "cy_front_spread", "cy_front_spread_seen", "cy_front_valid",
     "cy_rear", "cy_rear_sd", "cy_rear_spread", "cy_rear_spread_seen", "cy_rear_valid",
     "bias_accel_x", "bias_accel_x_sd", "bias_accel_y", "bias_accel_y_sd", "bias_yaw_rate", "bias_yaw_rate_sd",
-    "noise_accel_x", "noise_accel_y", "noise_yaw_rate",
-    "p_steady", "p_changed", "p_axle", "p_drifting", "p_fault", "p_sliding", "p_restarted",
+    "noise_accel_x", "noise_accel_y", "noise_yaw_rate", "noise_wheel_front", "noise_wheel_rear",
+    "p_steady", "p_changed", "p_axle", "p_fault", "p_sliding", "p_restarted",
     "change_age", "change_probability", "change_kind", "change_cx_front", "change_cy_front", "change_cy_rear", "fault_channel",
-    "discrepancy_accel_x", "discrepancy_accel_y", "discrepancy_yaw_rate", "lag_steer", "lag_steer_sd", "estimate_age",
+    "discrepancy_accel_x", "discrepancy_accel_y", "discrepancy_yaw_rate",
+    "innovation_accel_x", "innovation_accel_y", "innovation_yaw_rate", "innovation_wheel_front", "innovation_wheel_rear", "nis", "lag_steer", "lag_steer_sd", "estimate_age",
     "n_eff", "log_evidence", "status",
   };
   expect_names(TSE_STRUCT_OUTPUT, names, ROWS(names));

@@ -1,5 +1,6 @@
 /* tests/unit/host/test_sound.c <-> src/host/sound.c and sound.h, tse_sim_check(). The FMU's tests (tests/fmu/unit/test_state.c) go
  * on with what is accepted. */
+#include "filter/filter.h"
 #include "unit_support.h"
 #include "tse/simulate.h"
 
@@ -29,7 +30,7 @@ static void drive(int32_t form, int late)
     u.accel_y = real(1.9 * sin(0.13 * k) + 0.1 * sin(5.3 * k));
     u.yaw_rate = real(0.1 * sin(0.13 * k) + 0.003 * sin(9.7 * k));
     if (k > 200 && k < 260) u.missing = TSE_MISSING(steer_angle);
-    if (k > 300) u.yaw_rate = real(6); /* what no hypothesis explains */
+    if (k > 300) u.yaw_rate = real(6); /* what the model does not explain */
     TEST_ASSERT_TRUE(tse_step(&p, &f.filter, &u, NULL) >= 0);
     TEST_ASSERT_EQUAL_INT(TSE_OK, tse_filter_check(&p, &f.filter, bytes_of_form(form)));
   }
@@ -63,7 +64,7 @@ static void expect_numbers(const tse_output *y, const char *what)
 {
   const tse_real *const all = &y->vel_x; /* of one type up to the first whole number */
   for (size_t i = 0; i < offsetof(tse_output, spread_seen) / sizeof *all; i++) TEST_ASSERT_TRUE_MESSAGE(r_is_finite(all[i]), what);
-  TEST_ASSERT_TRUE_MESSAGE(fabs(number(y->yaw_rate)) <= 1.000001 * number(MOST_YAW_RATE), what); /* a mean, rounded */
+  TEST_ASSERT_TRUE_MESSAGE(fabs(number(y->yaw_rate)) <= 3 * number(MOST_YAW_RATE), what); /* with what events, believed half, would add */
 }
 
 static void go_through_wild_rows(const tse_config *c, const char *what, int rows, uint32_t *seed)
@@ -125,29 +126,31 @@ static void test_what_no_filter_holds_is_refused(void)
   FORGED(filter.started, 2);
   FORGED(filter.known[2], 3);
   FORGED(filter.seen, none);
-  FORGED(filter.start.level[0], 4);
   FORGED(filter.start.loaded, 1); /* with nothing in it */
-  FORGED(filter.bank.count, 0);
-  FORGED(filter.bank.count, p.hypotheses + 1);
-  FORGED(filter.bank.likeliest, f.filter.bank.count);
-  FORGED(filter.bank.repeats.run[5], -1);
-  FORGED(filter.bank.h[0].level[2], -1);
-  FORGED(filter.bank.h[0].cov[4][4], TSE_R(-1e-6));
-  FORGED(filter.bank.h[0].noise_var[1], TSE_R(0));
-  FORGED(filter.bank.h[0].x[3], TSE_R(50));
-  FORGED(filter.bank.h[0].log_weight, endless);
-  FORGED(filter.effects.steered, 7);
-  FORGED(filter.effects.steer.count, TSE_DELAY_ROWS + 1);
-  FORGED(filter.effect_level[0], MOST_LEVEL + TSE_R(1));
-  FORGED(filter.effect_level[3], TSE_R(-0.1));
-  FORGED(filter.effects.settled, 1); /* of levels that are 0 */
+  FORGED(filter.k.x[LCF], none);
+  FORGED(filter.k.x[GX], endless);
+  FORGED(filter.k.p.d[4], TSE_R(-1e-6));
+  FORGED(filter.k.p.u[77], endless);
+  FORGED(filter.k.noise[1], TSE_R(0));
+  FORGED(filter.k.usual[2], TSE_R(0));
+  FORGED(filter.k.doubt[3][7], none);
+  FORGED(filter.k.fault, TSE_CHANNELS + 1);
+  FORGED(filter.k.change_kind, TSE_CHANGE_RESTART + 1);
+  FORGED(filter.k.slow_turn, -1);
+  FORGED(filter.k.channels, TSE_SENSORS + 1);
+  FORGED(filter.k.steer[1], TSE_R(3));
+  FORGED(filter.k.event[3].kind, EVENT_KINDS);
+  FORGED(filter.k.event[3].kind, -1);
+  FORGED(filter.k.event[9].info, TSE_R(-1));
+  FORGED(filter.k.event[9].score, none);
+  FORGED(filter.k.event[9].v[5], endless);
   drive(0, 1);
   FORGED(filter.waiting.count, TSE_LATENCY_ROWS + 1);
   FORGED(filter.waiting.newest, TSE_LATENCY_ROWS);
   FORGED(filter.waiting.newest, -1);
   FORGED(filter.waiting.since, none);
   FORGED(filter.waiting.unkept, TSE_R(-1));
-  FORGED(filter.waiting.before[3], TSE_R(0.2));
+  FORGED(filter.waiting.before[3], TSE_R(0.5));
   FORGED(filter.waiting.value[7][0], TSE_R(1.3));
   FORGED(filter.waiting.value[7][5], none);
   FORGED(filter.waiting.missing[5], 64);

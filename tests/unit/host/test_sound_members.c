@@ -1,6 +1,7 @@
 /* tests/unit/host/test_sound_members.c <-> src/host/sound.c and sound.h, tse_sim_check(): every member that they hold to a range is
  * held to it, at both ends and at every place of an array. (test_sound.c: what has come about by itself is not refused.) */
 #include "unit_support.h"
+#include "filter/filter.h"
 #include "host/sound.h"
 #include "tse/constants.h"
 #include "tse/simulate.h"
@@ -91,6 +92,7 @@ static void whole_number(int32_t *at, int32_t lo, int32_t hi, tse_status (*look)
   *at = was;
 }
 
+#define LEAST_OF_ALL BY_NUMBER(TSE_R(1e-12), TSE_R(1e-12), (tse_real)1) /* 0 is none */
 #define WHOLE(member, lo, hi) whole_number(&forged.member, lo, hi, look_at_filter, #member)
 
 /* A filter after some rows, its channels waiting for the steering angle. */
@@ -122,25 +124,20 @@ static void test_what_every_filter_has_is_held_to_its_range(void)
   ANY_SIGN(filter.steer);
   ANY_SIGN(filter.v_front);
   ANY_SIGN(filter.v_rear);
-  ANY_SIGN(filter.late_steer);
-  ANY_SIGN(filter.nod);
   NOT_NEGATIVE(filter.held_for);
+  NOT_NEGATIVE(filter.rolled_for);
   NOT_NEGATIVE(filter.still_for);
   NOT_NEGATIVE(filter.seen);
   WHOLE(filter.known[0], TSE_UNKNOWN, TSE_KNOWN_BEFORE);
   WHOLE(filter.known[1], TSE_UNKNOWN, TSE_KNOWN_BEFORE);
   WHOLE(filter.known[2], TSE_UNKNOWN, TSE_KNOWN_BEFORE);
-  HELD(filter.effect_level, TSE_R(0), MOST_LEVEL);
-  for (int k = 0; k < 4; k++) forged.filter.effect_level[k] = TSE_R(1);
-  forged.filter.effects.settled = 1;
-  HELD(filter.effect_level, LEAST_LEVEL, MOST_LEVEL);
+  WHOLE(filter.started, 0, 1);
+  WHOLE(filter.lost, 0, 1);
 }
 
 static void test_where_a_filter_starts_is_held_to_its_range(void)
 {
   driven(0);
-  WHOLE(filter.start.held, 0, 1);
-  for (int a = 0; a < 3; a++) WHOLE(filter.start.level[a], 0, 3);
   ANY_SIGN(filter.start.mu);
   NOT_NEGATIVE(filter.start.mu_sd);
   NOT_NEGATIVE(filter.start.mean_var);
@@ -149,42 +146,14 @@ static void test_where_a_filter_starts_is_held_to_its_range(void)
   NOT_NEGATIVE(filter.start.nu);
   ANY_SIGN(filter.start.bias);
   NOT_NEGATIVE(filter.start.bias_var);
-  NOT_NEGATIVE(filter.start.spread_var);
-  NOT_NEGATIVE(filter.start.noise_var);
+  ANY_SIGN(filter.start.kept);
+  HELD(filter.start.kept_cov, -MOST_SQUARE, MOST_SQUARE);
+  NOT_NEGATIVE(filter.start.noise);
   forged.filter.start.nu = TSE_R(5);
+  for (int k = 0; k < TSE_SENSORS; k++) forged.filter.start.noise[k] = TSE_R(1);
   WHOLE(filter.start.loaded, 0, 1);
   forged.filter.start.loaded = 1;
   HELD(filter.start.nu, TSE_R(5), MOST_REAL);
-}
-
-static void test_what_effects_remember_is_held_to_its_range(void)
-{
-  driven(0);
-  WHOLE(filter.effects.steered, 0, 1);
-  ANY_SIGN(filter.effects.lag);
-  HELD(filter.effects.mode, -MOST_SQUARE, MOST_SQUARE);
-  ANY_SIGN(filter.effects.time);
-  ANY_SIGN(filter.effects.heading);
-  ANY_SIGN(filter.effects.steer_in);
-  ANY_SIGN(filter.effects.steer_half);
-  ANY_SIGN(filter.effects.steer_out);
-  ANY_SIGN(filter.effects.steer_lost);
-  ANY_SIGN(filter.effects.steer_was);
-  HELD(filter.effects.imu_was, -MOST_SQUARE, MOST_SQUARE);
-  ANY_SIGN(filter.effects.formula);
-  ANY_SIGN(filter.effects.formula_accel);
-  ANY_SIGN(filter.effects.formula_was);
-  tse_delay *const delays[] = { &forged.filter.effects.steer, &forged.filter.effects.imu, &forged.filter.effects.formula_late };
-  for (int d = 0; d < ROWS(delays); d++) {
-    for (int i = 0; i < TSE_DELAY_ROWS; i++) delays[d]->age[i] = real(0.01 * i);
-    whole_number(&delays[d]->count, 0, TSE_DELAY_ROWS, look_at_filter, "samples kept");
-    delays[d]->count = 3;
-    held_to(of_filter(&delays[d]->age[5], sizeof(tse_real), "an age that nobody asks for"), TSE_R(0), MOST_REAL, 1);
-    delays[d]->age[2] = delays[d]->age[1];
-    TEST_ASSERT_EQUAL_INT(TSE_E_STATE, look_at_filter()); /* two samples of one time */
-    delays[d]->age[2] = TSE_R(1);
-    TEST_ASSERT_EQUAL_INT(TSE_OK, look_at_filter());
-  }
 }
 
 static void test_rows_that_wait_are_held_to_their_ranges(void)
@@ -205,78 +174,43 @@ static void test_rows_that_wait_are_held_to_their_ranges(void)
   for (int a = 0; a < 3; a++) WHOLE(filter.waiting.reason[a], TSE_VALID, TSE_MISFIT);
 }
 
-static void test_hypotheses_are_held_to_their_ranges(void)
+static void test_the_state_of_the_filter_is_held_to_its_ranges(void)
 {
   driven(0);
-  const int last = forged.filter.bank.count - 1;
-  const tse_real least = TSE_R(1) + p.w_min, most = TSE_R(1) + p.w_max;
-  TEST_ASSERT_TRUE(last > 0);
-#define OF_ALL(member) filter.bank.h[i].member
-  for (int i = 0; i <= last; i += last) {
-    forged.filter.bank.h[i].change_kind = TSE_CHANGE_NONE;
-    HELD(OF_ALL(before), TSE_R(0), MOST_REAL);
-    for (int a = 0; a < 3; a++) forged.filter.bank.h[i].before[a] = TSE_R(1);
-    WHOLE(OF_ALL(change_kind), TSE_CHANGE_NONE, TSE_CHANGE_RESTART);
-    forged.filter.bank.h[i].change_kind = TSE_CHANGE_ROAD;
-    HELD(OF_ALL(before), least, most);
-    WHOLE(OF_ALL(kind), 0, TSE_KINDS - 1);
-    WHOLE(OF_ALL(drift), 0, 2);
-    WHOLE(OF_ALL(fault), 0, TSE_CHANNELS);
-    WHOLE(OF_ALL(slides), 0, 1);
-    WHOLE(OF_ALL(held), 0, 1);
-    for (int a = 0; a < 3; a++) {
-      WHOLE(OF_ALL(level[a]), 0, 3);
-      HELD(OF_ALL(x[3 + a]), least, most);
-      ANY_SIGN(OF_ALL(x[a]));
-    }
-    for (int k = 6; k < TSE_X; k++) ANY_SIGN(OF_ALL(x[k]));
-    for (int k = 0; k < TSE_X; k++) {
-      HELD(OF_ALL(cov[k][k]), TSE_R(0), MOST_SQUARE);
-      HELD(OF_ALL(cov[k][(k + 1) % TSE_X]), -MOST_SQUARE, MOST_SQUARE);
-    }
-    ANY_SIGN(OF_ALL(eps));
-    HELD(OF_ALL(eps_cov), -MOST_SQUARE, MOST_SQUARE);
-    HELD(OF_ALL(eps_x), -MOST_SQUARE, MOST_SQUARE);
-    ANY_SIGN(OF_ALL(info));
-    HELD(OF_ALL(spread_var), LEAST_VAR, MOST_REAL);
-    HELD(OF_ALL(noise_var), LEAST_VAR, MOST_REAL);
-    ANY_SIGN(OF_ALL(smooth));
-    NOT_NEGATIVE(OF_ALL(shaken));
-    ANY_SIGN(OF_ALL(with_slip));
-    ANY_SIGN(OF_ALL(with_past));
-    ANY_SIGN(OF_ALL(pull));
-    ANY_SIGN(OF_ALL(slip));
-    HELD(OF_ALL(foretold), -MOST_SQUARE, MOST_SQUARE);
-    HELD(OF_ALL(activity), -MOST_SQUARE, MOST_SQUARE);
-    ANY_SIGN(OF_ALL(promise));
-    ANY_SIGN(OF_ALL(age));
-    ANY_SIGN(OF_ALL(change_age));
-    HELD(OF_ALL(log_weight), LEAST_WEIGHT, TSE_R(64));
+  ANY_SIGN(filter.k.x);
+  ANY_SIGN(filter.k.p.u);
+  HELD(filter.k.p.d, TSE_R(0), MOST_SQUARE);
+  ANY_SIGN(filter.k.doubt);
+  for (int c_ = 0; c_ < TSE_SENSORS; c_++) {
+    held_to(of_filter(&forged.filter.k.noise[c_], sizeof(tse_real), "noise"), LEAST_OF_ALL, MOST_REAL, 1);
+    held_to(of_filter(&forged.filter.k.usual[c_], sizeof(tse_real), "usual"), LEAST_OF_ALL, MOST_REAL, 1);
   }
-}
-
-static void test_the_bank_is_held_to_its_ranges(void)
-{
-  driven(0);
-  forged.filter.bank.likeliest = 0;
-  WHOLE(filter.bank.likeliest, 0, forged.filter.bank.count - 1);
-  NOT_NEGATIVE(filter.bank.seen);
-  NOT_NEGATIVE(filter.bank.score);
-  NOT_NEGATIVE(filter.bank.waited);
-  HELD(filter.bank.gained, TSE_R(0), MOST_SQUARE);
-  ANY_SIGN(filter.bank.off);
-  HELD(filter.bank.rate, -MOST_SQUARE, MOST_SQUARE);
-  ANY_SIGN(filter.bank.repeats.last);
-  NOT_NEGATIVE(filter.bank.repeats.repeats);
-  NOT_NEGATIVE(filter.bank.repeats.rows);
-  ANY_SIGN(filter.bank.repeats.evidence);
-  for (int a = 0; a < 6; a++) WHOLE(filter.bank.repeats.run[a], 0, 1000000000);
-  for (int i = forged.filter.bank.count; i < TSE_HYPOTHESES; i++) forged.filter.bank.h[i] = forged.filter.bank.h[0];
-  WHOLE(filter.bank.count, 1, p.hypotheses);
-  forged.filter.started = 0; /* then there need not be one, and nothing is likeliest */
-  WHOLE(filter.bank.count, 0, p.hypotheses);
-  forged.filter.bank.count = 0;
-  WHOLE(filter.bank.likeliest, 0, 0);
+  HELD(filter.k.activity, TSE_R(0), MOST_SQUARE);
+  ANY_SIGN(filter.k.before);
+  ANY_SIGN(filter.k.pitch);
+  HELD(filter.k.steer, TSE_R(-2), TSE_R(2));
+  NOT_NEGATIVE(filter.k.since_slow);
+  NOT_NEGATIVE(filter.k.seen);
+  NOT_NEGATIVE(filter.k.nis);
+  NOT_NEGATIVE(filter.k.change_age);
+  NOT_NEGATIVE(filter.k.agrees_for);
+  ANY_SIGN(filter.k.innovation);
+  HELD(filter.k.innovation_var, TSE_R(0), MOST_SQUARE);
+  ANY_SIGN(filter.k.last_innovation);
+  ANY_SIGN(filter.k.slow);
+  ANY_SIGN(filter.k.log_likelihood);
+  HELD(filter.k.change_from, TSE_R(-10), TSE_R(10));
+  WHOLE(filter.k.change_kind, TSE_CHANGE_NONE, TSE_CHANGE_RESTART);
+  WHOLE(filter.k.fault, 0, TSE_CHANNELS);
+  WHOLE(filter.k.slow_turn, 0, INT32_MAX - 1);
+  WHOLE(filter.k.channels, 0, TSE_SENSORS);
+  for (int i = 0; i < TSE_EVENTS; i++) {
+    WHOLE(filter.k.event[i].kind, EVENT_NONE, EVENT_KINDS - 1);
+    ANY_SIGN(filter.k.event[i].v);
+    NOT_NEGATIVE(filter.k.event[i].info);
+    ANY_SIGN(filter.k.event[i].score);
+    NOT_NEGATIVE(filter.k.event[i].age);
+  }
 }
 
 static void test_particles_are_held_to_their_ranges(void)
@@ -386,10 +320,8 @@ int main(void)
   UNITY_BEGIN();
   RUN_TEST(test_what_every_filter_has_is_held_to_its_range);
   RUN_TEST(test_where_a_filter_starts_is_held_to_its_range);
-  RUN_TEST(test_what_effects_remember_is_held_to_its_range);
   RUN_TEST(test_rows_that_wait_are_held_to_their_ranges);
-  RUN_TEST(test_hypotheses_are_held_to_their_ranges);
-  RUN_TEST(test_the_bank_is_held_to_its_ranges);
+  RUN_TEST(test_the_state_of_the_filter_is_held_to_its_ranges);
   RUN_TEST(test_particles_are_held_to_their_ranges);
   RUN_TEST(test_a_filter_may_be_larger_than_its_form_needs_and_not_smaller);
   RUN_TEST(test_a_simulation_is_held_to_its_ranges);

@@ -192,7 +192,8 @@ static void test_a_row_without_measurements_predicts_only(void)
 
 static void test_missing_inputs_hold_the_last_ones_then_freeze_then_restart(void)
 {
-  const tse_config c = some_settings(64);
+  tse_config c = some_settings(64);
+  c.max_gap = setting(0.1);
   const tse_params p = prepared(&c);
   drive d;
   tse_output y, frozen;
