@@ -37,13 +37,13 @@ def test_its_numbers_are_those_of_scripts_results():
     error, valid, off, band = (
         [x.strip() for x in c.split("/")][1:] for c in cells("cars-fresh.md", "all | tse, calibrated |")
     )
-    told = "cornering {} and {} % off, {} and {} % of rows valid, of these {} and {} % more than 10 % off; {} and {} % within"
-    assert told.format(*error, *valid, *off, *band) in facts
-    noticed, longest = re.match(
+    stated = "cornering {} and {} % off, {} and {} % of rows valid, of these {} and {} % more than 10 % off; {} and {} % within"
+    assert stated.format(*error, *valid, *off, *band) in facts
+    delay, longest = re.match(
         r"([\d.]+) \(([\d.]+)\)", cells("regimes-road.md", "road-0.7 | tse | 30 s |")[0]
     ).groups()
-    hours, told, false = cells("as-told.md", "as-told | tse |")[:3]
-    assert f"noticed after {noticed} s (longest {longest}); {false} false changes in {float(hours):.0f} hours" in facts
+    hours, _, false = cells("as-told.md", "as-told | tse |")[:3]
+    assert f"detected after {delay} s (longest {longest}); {false} false alarms in {float(hours):.0f} hours" in facts
     time, memory = cells("bench.md", "default |")[0], cells("sizes.md", "`tse_filter`: the default form |")[0]
     assert (
         f"{int(time.split()[0]) / 1000:.0f} us and {int(memory.split()[0].replace(',', '')) / 1000:.0f} kB in double"

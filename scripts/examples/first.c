@@ -23,7 +23,6 @@ int main(void)                                          /* log.csv in, stiffness
     if (tse_step(&p, &f, &u, &y) >= 0) before = v[0];  else fprintf(stderr, "row refused: %s", line);
   }
   if (isnan(before)) return fputs("no row was used\n", stderr), 2;
-  tse_setting mean[3], sd[3];                           /* in the order TSE_CX_FRONT, TSE_CY_FRONT, TSE_CY_REAR */
-  tse_stiffness_si(&c, &y, mean, sd, NULL);
+  tse_setting mean[3], sd[3];  tse_stiffness_si(&c, &y, mean, sd, NULL);
   printf("%.0f +- %.0f N/rad: %s\n", mean[TSE_CY_FRONT], 1.96 * sd[TSE_CY_FRONT], tse_reason_text(y.reason[TSE_CY_FRONT]));
 }
