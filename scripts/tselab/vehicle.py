@@ -41,6 +41,7 @@ HINT_ONLY = ("author_stiffness_front", "author_stiffness_rear")
 # cruise hardly show; limits below which what a calibration finds is not believed, since tyres and steering are not quite as the model.
 CALIBRATED_CX_SD = 0.3
 LEAST_GRIP_SD = 0.1
+CALIBRATED_MODEL_SD = 0.075
 LEAST_LATE_SD = 0.008  # s
 DRIVEN = {"both": 0, "front": 1, "rear": 2}  # the setting driven_axle
 
@@ -116,6 +117,7 @@ def filter_values(vehicle: Vehicle) -> dict[str, float]:
     found["grip_sd"] = max(float(np.sqrt(1.0 / (1.0 / var + 1.0 / seen))) / max(both, 0.2), LEAST_GRIP_SD)
     plain = Config()  # what the calibration says of sensors is of its own residuals: the filter finds their noise while driving
     sensors = {name: ordinary.get(name, float(getattr(plain, name))) for name in sensor_settings()}
+    found["model_sd"] = max(v.get("model_sd", 0.0), CALIBRATED_MODEL_SD)
     sensors["steer_lag_sd"] = max(v.get("steer_lag_sd", 0.0), LEAST_LATE_SD)
     return {**v, **sensors, **found}
 

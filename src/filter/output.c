@@ -38,14 +38,14 @@ void report_row(const tse_params *p, const tse_kalman *k, tse_output *out)
     out->stiffness[i] = r_exp2(r_mul(LOG2_OF_E, k->x[stiffness_state[i]] + shift));
     var += r_sqr(MODEL_FLOOR) + p->mass_var;
     out->stiffness_sd[i] = r_mul(out->stiffness[i], r_sqrt(var));
-    out->stiffness_spread[i] = r_mul(out->stiffness[i], r_sqrt(r_sqr(MODEL_SHARE) + r_sqr(p->model_sd)));
+    out->stiffness_spread[i] = r_mul(out->stiffness[i], p->model_sd);
     out->spread_seen[i] = 0;
-    out->discrepancy[i] = r_sqrt(r_mul(r_sqr(MODEL_SHARE) + r_sqr(p->model_sd), k->activity[i]));
+    out->discrepancy[i] = r_mul(p->model_sd, r_sqrt(k->activity[i]));
     out->change_ratio[i] = k->change_kind ? r_exp2(r_mul(LOG2_OF_E, k->x[stiffness_state[i]] - k->change_from[i])) : TSE_R(1);
   }
   /* the rear axle slips sideways by force over stiffness: lr r - vy is that much, times what the stiffness may be off by */
   const tse_real across = r_mul(p->lr, out->yaw_rate) - out->vel_y;
-  out->vel_y_sd = r_sqrt(r_sqr(out->vel_y_sd) + r_mul(r_sqr(across) + r_sqr(r_mul(p->lr, out->yaw_rate)), r_sqr(MODEL_SHARE) + p->mass_var));
+  out->vel_y_sd = r_sqrt(r_sqr(out->vel_y_sd) + r_mul(r_sqr(across) + r_sqr(r_mul(p->lr, out->yaw_rate)), r_sqr(p->model_sd) + p->mass_var));
   out->sideslip = r_max(r_abs(out->vel_x), r_abs(out->vel_y)) < TSE_R(0.01) ? TSE_R(0) : r_atan2(out->vel_y, out->vel_x);
   var = variance_of(k, weight, LATE, &shift);
   out->lag_steer = k->x[LATE] + shift;

@@ -1,6 +1,8 @@
 /* filter/row.c - a log row becomes a checked sample. */
 #include "filter/filter.h"
 
+#define LEAST_DT TSE_R(1e-4) /* s: rows that come closer are taken as that far apart: rates are what changes over it */
+
 #define SAME_SPEED TSE_R(1e-5) /* of the speed: what six digits leave */
 
 static int missing(const tse_input *u, uint32_t bit, tse_real value) { return (u->missing & bit) != 0 || r_is_nan(value); }
@@ -13,7 +15,7 @@ tse_status row_decode(const tse_params *p, const tse_filter *f, const tse_input 
   if (status < 0) return status;
   const tse_real most[3] = { TSE_R(50), TSE_R(50), TSE_R(6) }, value[3] = { u->accel_x, u->accel_y, u->yaw_rate };
   const uint32_t bit[3] = { TSE_MISSING(accel_x), TSE_MISSING(accel_y), TSE_MISSING(yaw_rate) };
-  z->dt = given.dt;
+  z->dt = r_max(given.dt, LEAST_DT);
   z->has_steer = !missing(u, TSE_MISSING(steer_angle), u->steer_angle);
   z->steer = z->has_steer ? u->steer_angle : f->k.steer[0];
   for (int i = 0; i < 3; i++) {

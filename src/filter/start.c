@@ -20,7 +20,7 @@ void start_all(const tse_params *p, tse_filter *f)
   }
   for (int c = 0; c < TSE_SENSORS; c++) {
     k->noise[c] = f->start.loaded ? f->start.noise[c] : TSE_R(1);
-    k->usual[c] = TSE_R(1) + r_sqr(r_div(p->model_sd, TSE_R(0.03))); /* of a car that is hardly known nothing is an event at first */
+    k->usual[c] = TSE_R(1) + r_sqr(r_div(p->model_sd, TSE_R(0.075))); /* of a car that is hardly known nothing is an event at first */
   }
   ud_set(&k->p, variance);
   if (!f->start.loaded) return;

@@ -135,7 +135,7 @@ void update_row(const tse_params *p, tse_kalman *k, const decoded *z, steering u
   k->log_likelihood = TSE_R(0);
   /* What the model does not explain of a channel is a share of what happens, and lasts: as white noise that is the same at low
    * frequencies, which is where parameters are learnt, it has 2 MODEL_TIME/dt times the variance. */
-  const tse_real happens[3] = { f.x, f.y, k->x[YAW] }, lasts = r_mul(r_sqr(MODEL_SHARE) + r_sqr(p->model_sd), r_add_sat(TSE_R(1), r_div(r_mul(TSE_R(2), MODEL_TIME), z->dt)));
+  const tse_real happens[3] = { f.x, f.y, k->x[YAW] }, lasts = r_mul(r_sqr(p->model_sd), r_add_sat(TSE_R(1), r_div(r_mul(TSE_R(2), MODEL_TIME), z->dt)));
   /* ... and of an uneven road, which shows as noise */
   const tse_real rough = r_mul(r_sqrt(k->noise[1]), p->sensor_sd[1]), little = LEAST_ACTIVITY + r_mul(ROUGHNESS, rough), least[3] = { little, little, r_div(little, r_max(k->x[VX], TSE_R(5))) };
   for (int a = 0; a < 3; a++) k->activity[a] += r_mul(r_div(z->dt, z->dt + ACTIVITY_TIME), r_sqr(happens[a]) + r_sqr(least[a]) - k->activity[a]);
