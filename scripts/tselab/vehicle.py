@@ -97,6 +97,8 @@ def filter_values(vehicle: Vehicle) -> dict[str, float]:
     posterior of the calibration is the prior. [uncertainty] all 0: known exactly, nothing is added."""
     v = dict(vehicle.values)
     v["driven_axle"] = DRIVEN[vehicle.driven_axle]
+    if "cg_height" in vehicle.facts:
+        v["cg_height"] = float(vehicle.facts["cg_height"])
     if all(v.get(key) == 0 for key in uncertainty_settings()):
         return v
     ordinary = _class_values(v["mass"], v["lf"], v["lr"])
@@ -119,7 +121,7 @@ def filter_values(vehicle: Vehicle) -> dict[str, float]:
     sensors = {name: ordinary.get(name, float(getattr(plain, name))) for name in sensor_settings()}
     found["model_sd"] = max(v.get("model_sd", 0.0), CALIBRATED_MODEL_SD)
     sensors["steer_lag_sd"] = max(v.get("steer_lag_sd", 0.0), LEAST_LATE_SD)
-    return {**v, **sensors, **found}
+    return {"cg_height": ordinary["cg_height"], **v, **sensors, **found}
 
 
 def vehicle_settings() -> list[str]:

@@ -422,6 +422,8 @@ static void prepare_car(const tse_config *c, tse_params *p)
   car->load_gain = real_of(c->longitudinal_load_transfer_gain);
   car->side_front = real_of(r_mul(c->lateral_load_transfer_gain, one + c->lateral_load_transfer_balance));
   car->side_rear = real_of(r_mul(c->lateral_load_transfer_gain, one - c->lateral_load_transfer_balance));
+  car->height_front = real_of(r_div(c->cg_height, r_mul(g, c->lr)));
+  car->height_rear = real_of(r_div(c->cg_height, r_mul(g, c->lf)));
   car->lf = p->lf;
   car->lr = p->lr;
   car->jf = p->jf;

@@ -3,6 +3,9 @@
 
 static const int32_t stiffness_state[3] = { LCX, LCF, LCR };
 
+#define LONGITUDINAL TSE_R(4) /* model error of slip stiffness over that of cornering stiffness: pitch, braking, drag are known that much
+                                  less; and never better than the discrepancy, since no bend shows another side of it */
+
 /* Variance of state i over the posterior, the uncertain quantities and the events that may have happened; *shift: their mean. SI */
 static tse_real variance_of(const tse_kalman *k, const tse_real weight[TSE_EVENTS], int i, tse_real *shift)
 {
@@ -36,7 +39,7 @@ void report_row(const tse_params *p, const tse_kalman *k, tse_output *out)
     out->bias_sd[i] = r_sqrt(var);
     var = variance_of(k, weight, stiffness_state[i], &shift);
     out->stiffness[i] = r_exp2(r_mul(LOG2_OF_E, k->x[stiffness_state[i]] + shift));
-    var += r_sqr(MODEL_FLOOR) + p->mass_var;
+    var += r_sqr(i == TSE_CX_FRONT ? r_max(r_mul(LONGITUDINAL, MODEL_FLOOR), p->model_sd) : MODEL_FLOOR) + p->mass_var;
     out->stiffness_sd[i] = r_mul(out->stiffness[i], r_sqrt(var));
     out->stiffness_spread[i] = r_mul(out->stiffness[i], p->model_sd);
     out->spread_seen[i] = 0;

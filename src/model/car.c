@@ -52,15 +52,16 @@ void car_forces(const tse_car *c, const tse_real x[STATES], steering u, tse_real
 {
   const tse_real cx = exponential(x[LCX]), mu = r_mul(c->grip, exponential(x[LMU]));
   const tse_real front = r_mul(c->ky_front, exponential(x[LCF])), rear = r_mul(c->ky_rear, exponential(x[LCR]));
-  /* load goes to the rear with the acceleration, and stiffness and grip with it */
+  /* load goes to the rear with the acceleration: slip stiffness and grip with it in proportion, cornering stiffness less */
   const tse_real drive = r_clamp(r_mul(cx, r_mul(c->kx_front, x[SF]) + r_mul(c->kx_rear, x[SR])), TSE_R(-10), TSE_R(10));
   const tse_real across = r_clamp(r_mul(front, x[AF]) + r_mul(rear, x[AR]), TSE_R(-10), TSE_R(10)), square = r_mul(across, across);
   const tse_real to_front = TSE_R(1) - r_mul(c->load_gain, drive), to_rear = TSE_R(1) + r_mul(c->load_gain, drive);
   const tse_real side_front = r_max(TSE_R(1) - r_mul(c->side_front, square), TSE_R(0.2)), side_rear = r_max(TSE_R(1) - r_mul(c->side_rear, square), TSE_R(0.2));
-  const tyre a = tyre_of(r_mul(r_mul(cx, c->kx_front), to_front), r_mul(r_mul(front, to_front), side_front),
-                         r_mul(r_mul(mu, c->load_front), to_front), x[SF], x[AF], c->shape);
-  const tyre b = tyre_of(r_mul(r_mul(cx, c->kx_rear), to_rear), r_mul(r_mul(rear, to_rear), side_rear),
-                         r_mul(r_mul(mu, c->load_rear), to_rear), x[SR], x[AR], c->shape);
+  const tse_real load_front = TSE_R(1) - r_mul(c->height_front, drive), load_rear = TSE_R(1) + r_mul(c->height_rear, drive);
+  const tyre a = tyre_of(r_mul(r_mul(cx, c->kx_front), load_front), r_mul(r_mul(front, to_front), side_front),
+                         r_mul(r_mul(mu, c->load_front), load_front), x[SF], x[AF], c->shape);
+  const tyre b = tyre_of(r_mul(r_mul(cx, c->kx_rear), load_rear), r_mul(r_mul(rear, to_rear), side_rear),
+                         r_mul(r_mul(mu, c->load_rear), load_rear), x[SR], x[AR], c->shape);
   tse_real s, k;
   f->steer = u.from + r_mul(share, u.to - u.from);
   f->rate = r_div(u.to - u.from, u.dt);
