@@ -1,0 +1,263 @@
+/* tests/unit/filter/test_ud.c <-> src/filter/ud.c: everything that is done to U D U' against the same with a dense matrix in double.
+ *
+ * Tolerances: matrices hold numbers up to some ten, made of 23 products; float has 6e-8 of them, fixed point 2.3e-10 for each product,
+ * which divisions by the least D make larger. */
+#include "filter_support.h"
+
+#define CLOSE BY_NUMBER(1e-11, 2e-4, 2e-6)
+
+static const dense none;
+
+static void test_a_diagonal_is_its_variances(void)
+{
+  tse_ud p;
+  tse_real variance[STATES];
+  uint32_t seed = 1;
+  dense expected = none;
+  any_covariance(&p, &seed);
+  for (int i = 0; i < STATES; i++) {
+    variance[i] = real(0.25 * (i + 1));
+    expected.p[i][i] = 0.25 * (i + 1);
+  }
+  variance[5] = TSE_R(0); /* known exactly: no less than rounding leaves */
+  expected.p[5][5] = 0;
+  ud_set(&p, variance);
+  expect_dense(&expected, &p, BY_NUMBER(2e-15, 2e-15, 16 * QUANTUM), "diagonal");
+  TEST_ASSERT_TRUE(p.d[5] > TSE_R(0));
+}
+
+static void test_variances_and_covariances_are_those_of_the_matrix(void)
+{
+  uint32_t seed = 2;
+  for (int n = 0; n < 20; n++) {
+    tse_ud p;
+    any_covariance(&p, &seed);
+    const dense m = dense_of(&p);
+    for (int i = 0; i < STATES; i++) {
+      expect_near(m.p[i][i], number(ud_variance(&p, i)), CLOSE, "variance", i);
+      for (int k = 0; k < STATES; k++) expect_near(m.p[i][k], number(ud_common(&p, i, k)), CLOSE, "covariance", 100 * i + k);
+    }
+  }
+}
+
+static void test_a_measurement_is_that_of_a_kalman_filter(void)
+{
+  uint32_t seed = 3;
+  for (int n = 0; n < 200; n++) {
+    tse_ud p;
+    tse_real h[STATES], f[STATES], v[STATES], gain[STATES];
+    double hp[STATES], s;
+    any_covariance(&p, &seed);
+    const dense m = dense_of(&p);
+    const double r = next_between(&seed, 0.01, 4);
+    for (int i = 0; i < STATES; i++) h[i] = next_uniform(&seed) < 0.4 ? TSE_R(0) : real(next_between(&seed, -1, 1)); /* most rows have few slopes */
+    s = r;
+    for (int i = 0; i < STATES; i++) {
+      hp[i] = 0;
+      for (int k = 0; k < STATES; k++) hp[i] += m.p[i][k] * number(h[k]);
+    }
+    for (int i = 0; i < STATES; i++) s += number(h[i]) * hp[i];
+    expect_near(s - r, number(ud_measure(&p, h, f, v)), CLOSE, "h' P h", n);
+    ud_correct(&p, f, v, real(r), gain);
+    dense after;
+    for (int i = 0; i < STATES; i++) {
+      expect_near(hp[i] / s, number(gain[i]), CLOSE, "gain", i);
+      for (int k = 0; k < STATES; k++) after.p[i][k] = m.p[i][k] - hp[i] * hp[k] / s;
+    }
+    expect_dense(&after, &p, CLOSE, "after a measurement");
+  }
+}
+
+static void test_a_measurement_of_nothing_changes_nothing(void)
+{
+  tse_ud p, before;
+  tse_real h[STATES], f[STATES], v[STATES], gain[STATES];
+  uint32_t seed = 4;
+  any_covariance(&p, &seed);
+  before = p;
+  for (int i = 0; i < STATES; i++) h[i] = TSE_R(0);
+  TEST_ASSERT_TRUE(!(ud_measure(&p, h, f, v) != TSE_R(0)));
+  ud_correct(&p, f, v, TSE_R(1), gain);
+  TEST_ASSERT_EQUAL_MEMORY(&before, &p, sizeof p);
+  for (int i = 0; i < STATES; i++) TEST_ASSERT_TRUE(!(gain[i] != TSE_R(0)));
+}
+
+static void test_time_is_f_p_f_and_noise(void)
+{
+  uint32_t seed = 5;
+  for (int n = 0; n < 100; n++) {
+    tse_ud p;
+    tse_real M[MOTION][COLUMNS], noise[MOTION];
+    double F[STATES][STATES], FP[STATES][STATES];
+    any_covariance(&p, &seed);
+    const dense m = dense_of(&p);
+    for (int i = 0; i < STATES; i++)
+      for (int k = 0; k < STATES; k++) F[i][k] = i == k;
+    for (int i = 0; i < MOTION; i++) {
+      noise[i] = real(next_between(&seed, 0, 0.1));
+      for (int k = 0; k < COLUMNS; k++) M[i][k] = real((i == k) * 0.9 + next_between(&seed, -0.3, 0.3));
+      for (int k = 0; k < STATES; k++) F[i][k] = number(M[i][k]);
+    }
+    dense after;
+    for (int i = 0; i < STATES; i++)
+      for (int k = 0; k < STATES; k++) {
+        FP[i][k] = 0;
+        for (int j = 0; j < STATES; j++) FP[i][k] += F[i][j] * m.p[j][k];
+      }
+    for (int i = 0; i < STATES; i++)
+      for (int k = 0; k < STATES; k++) {
+        after.p[i][k] = i == k && i < MOTION ? number(noise[i]) : 0;
+        for (int j = 0; j < STATES; j++) after.p[i][k] += FP[i][j] * F[k][j];
+      }
+    ud_move(&p, M, noise);
+    expect_dense(&after, &p, BY_NUMBER(1e-11, 1e-3, 2e-6), "after a row");
+  }
+}
+
+static void test_more_along_a_vector_is_rank_one(void)
+{
+  uint32_t seed = 6;
+  for (int n = 0; n < 200; n++) {
+    tse_ud p;
+    tse_real a[STATES];
+    any_covariance(&p, &seed);
+    dense m = dense_of(&p);
+    const double c = next_between(&seed, 0.01, 3);
+    const int last = (int)(next_word(&seed) % STATES);
+    for (int i = 0; i < STATES; i++) a[i] = i > last || next_uniform(&seed) < 0.3 ? TSE_R(0) : real(next_between(&seed, -1, 1));
+    for (int i = 0; i < STATES; i++)
+      for (int k = 0; k < STATES; k++) m.p[i][k] += c * number(a[i]) * number(a[k]);
+    ud_add(&p, a, n % 2 ? last : STATES - 1, real(c));
+    expect_dense(&m, &p, CLOSE, "rank one");
+    const int at = (int)(next_word(&seed) % STATES);
+    m.p[at][at] += c;
+    ud_add_at(&p, at, real(c));
+    expect_dense(&m, &p, CLOSE, "one state");
+  }
+}
+
+static void test_a_state_fades_with_all_that_it_has_in_common(void)
+{
+  uint32_t seed = 7;
+  for (int n = 0; n < 100; n++) {
+    tse_ud p;
+    any_covariance(&p, &seed);
+    dense m = dense_of(&p);
+    const double share = next_between(&seed, 0.3, 1);
+    const int at = (int)(next_word(&seed) % STATES);
+    for (int i = 0; i < STATES; i++) {
+      m.p[at][i] *= share;
+      m.p[i][at] *= share;
+    }
+    ud_fade(&p, at, real(share));
+    expect_dense(&m, &p, CLOSE, "faded");
+  }
+}
+
+static void test_states_that_start_anew_leave_the_others_as_they_are(void)
+{
+  uint32_t seed = 8;
+  for (int count = 0; count <= STATES; count++) {
+    tse_ud p;
+    tse_real variance[STATES];
+    any_covariance(&p, &seed);
+    dense m = dense_of(&p);
+    for (int i = 0; i < STATES; i++) variance[i] = real(next_between(&seed, 0.01, 3));
+    for (int i = 0; i < count; i++)
+      for (int k = 0; k < STATES; k++) m.p[i][k] = m.p[k][i] = i == k ? number(variance[i]) : 0;
+    ud_forget(&p, variance, count);
+    expect_dense(&m, &p, CLOSE, "forgotten");
+  }
+}
+
+static void test_a_block_is_its_covariance(void)
+{
+  uint32_t seed = 9;
+  for (int n = 0; n < 100; n++) {
+    tse_ud p, q;
+    tse_real variance[STATES], cov[TSE_KEPT][TSE_KEPT];
+    dense expected = none;
+    any_covariance(&q, &seed);
+    const dense m = dense_of(&q);
+    for (int i = 0; i < STATES; i++) {
+      variance[i] = TSE_R(1);
+      expected.p[i][i] = 1;
+    }
+    for (int i = 0; i < TSE_KEPT; i++)
+      for (int k = 0; k < TSE_KEPT; k++) {
+        cov[i][k] = real(m.p[i][k]);
+        expected.p[FAST + i][FAST + k] = m.p[i][k];
+      }
+    ud_set(&p, variance);
+    ud_set_block(&p, FAST, cov);
+    expect_dense(&expected, &p, BY_NUMBER(1e-11, 1e-3, 2e-6), "block"); /* float: of variances up to ten, conditioned like a hundred */
+  }
+}
+
+/* Whoever says so: a hundred correlations that no covariance has. Variances stay; D is positive. */
+static void test_a_block_that_is_no_covariance_becomes_one_of_its_variances(void)
+{
+  uint32_t seed = 10;
+  for (int n = 0; n < 100; n++) {
+    tse_ud p;
+    tse_real variance[STATES], cov[TSE_KEPT][TSE_KEPT];
+    for (int i = 0; i < STATES; i++) variance[i] = TSE_R(1);
+    for (int i = 0; i < TSE_KEPT; i++)
+      for (int k = 0; k <= i; k++) cov[i][k] = cov[k][i] = i == k ? TSE_R(2) : real(next_uniform(&seed) < 0.5 ? -2 : 2);
+    ud_set(&p, variance);
+    ud_set_block(&p, FAST, cov);
+    for (int i = 0; i < TSE_KEPT; i++) {
+      TEST_ASSERT_TRUE(p.d[FAST + i] > TSE_R(0));
+      expect_near(2, number(ud_variance(&p, FAST + i)), BY_NUMBER(1e-9, 1e-4, 1e-4), "variance", i);
+    }
+  }
+}
+
+/* An hour at 100 rows a second, of rows as a drive has them, with very good and very bad measurements. */
+static void test_d_stays_positive_in_a_long_run(void)
+{
+  tse_ud p;
+  tse_real variance[STATES], noise[MOTION];
+  uint32_t seed = 11;
+  const int rows = BY_NUMBER(100000, 100000, 30000);
+  for (int i = 0; i < STATES; i++) variance[i] = TSE_R(1);
+  for (int i = 0; i < MOTION; i++) noise[i] = real(1e-6);
+  ud_set(&p, variance);
+  for (int n = 0; n < rows; n++) {
+    tse_real M[MOTION][COLUMNS], h[STATES], f[STATES], v[STATES], gain[STATES];
+    for (int i = 0; i < MOTION; i++)
+      for (int k = 0; k < COLUMNS; k++) M[i][k] = real((i == k) * 0.99 + (k == (i + 3) % STATES) * 0.01);
+    ud_move(&p, M, noise);
+    for (int i = 0; i < STATES; i++) h[i] = next_uniform(&seed) < 0.7 ? TSE_R(0) : real(next_between(&seed, -1, 1));
+    (void)ud_measure(&p, h, f, v);
+    ud_correct(&p, f, v, real(n % 7 == 0 ? 1e-6 : n % 11 == 0 ? 1e3 : 1), gain);
+    if (n % 23 == 0)
+      for (int i = MOTION; i < STATES; i++) ud_add_at(&p, i, real(1e-6));
+    for (int i = 0; i < STATES; i++) TEST_ASSERT_TRUE(p.d[i] > TSE_R(0) && r_is_finite(p.d[i]) && number(p.d[i]) < 1.01);
+  }
+  for (int i = 0; i < STATES; i++) {
+    const double var = number(ud_variance(&p, i));
+    TEST_ASSERT_TRUE(var > 0 && var < 1.01);
+    for (int k = 0; k < i; k++) {
+      const double r = number(ud_common(&p, i, k)) / sqrt(var * number(ud_variance(&p, k)));
+      TEST_ASSERT_TRUE(fabs(r) < BY_NUMBER(1, 1.001, 1.2)); /* fixed point: of variances of a few hundred steps */
+    }
+  }
+}
+
+int main(void)
+{
+  UNITY_BEGIN();
+  RUN_TEST(test_a_diagonal_is_its_variances);
+  RUN_TEST(test_variances_and_covariances_are_those_of_the_matrix);
+  RUN_TEST(test_a_measurement_is_that_of_a_kalman_filter);
+  RUN_TEST(test_a_measurement_of_nothing_changes_nothing);
+  RUN_TEST(test_time_is_f_p_f_and_noise);
+  RUN_TEST(test_more_along_a_vector_is_rank_one);
+  RUN_TEST(test_a_state_fades_with_all_that_it_has_in_common);
+  RUN_TEST(test_states_that_start_anew_leave_the_others_as_they_are);
+  RUN_TEST(test_a_block_is_its_covariance);
+  RUN_TEST(test_a_block_that_is_no_covariance_becomes_one_of_its_variances);
+  RUN_TEST(test_d_stays_positive_in_a_long_run);
+  return UNITY_END();
+}

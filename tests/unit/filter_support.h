@@ -1,0 +1,123 @@
+/* tests/unit/filter_support.h - what tests of src/filter share: dense matrices in double, and a car of the filter's own model that is
+ * driven. Included once, after unit_support.h. */
+#ifndef FILTER_SUPPORT_H
+#define FILTER_SUPPORT_H
+
+#include "filter/filter.h"
+#include "unit_support.h"
+
+/* ------------------------------------------------------------------------------ dense, in double */
+
+typedef struct dense { double p[STATES][STATES]; } dense;
+
+/* U D U' multiplied out. */
+static inline dense dense_of(const tse_ud *p)
+{
+  dense m;
+  double u[STATES][STATES];
+  for (int i = 0; i < STATES; i++)
+    for (int j = 0; j < STATES; j++) u[i][j] = i == j ? 1 : i < j ? number(p->u[ud_column(j) + i]) : 0;
+  for (int i = 0; i < STATES; i++)
+    for (int k = 0; k < STATES; k++) {
+      m.p[i][k] = 0;
+      for (int j = 0; j < STATES; j++) m.p[i][k] += u[i][j] * number(p->d[j]) * u[k][j];
+    }
+  return m;
+}
+
+static inline void expect_dense(const dense *expected, const tse_ud *actual, double tolerance, const char *what)
+{
+  const dense m = dense_of(actual);
+  for (int i = 0; i < STATES; i++)
+    for (int k = 0; k < STATES; k++) expect_near(expected->p[i][k], m.p[i][k], tolerance, what, 100 * i + k);
+}
+
+/* Numbers of the size that a covariance in units of the state has. */
+static inline void any_covariance(tse_ud *p, uint32_t *seed)
+{
+  for (int i = 0; i < STATES * (STATES - 1) / 2; i++) p->u[i] = real(next_between(seed, -0.5, 0.5));
+  for (int i = 0; i < STATES; i++) p->d[i] = real(next_between(seed, 0.1, 2));
+}
+
+static inline double next_normal(uint32_t *seed)
+{
+  const double r = sqrt(-2 * log(next_uniform(seed)));
+  return r * cos(6.283185307179586 * next_uniform(seed));
+}
+
+/* ------------------------------------------------------------------- a car of the filter's own model */
+
+typedef struct truth {
+  tse_params p;
+  tse_real x[STATES];
+  double t, steer, amplitude, frequency, throttle; /* [s] [rad] [rad] [Hz] [1] of slip */
+  double noise;                                    /* [1] over the settings' */
+  uint32_t seed;
+} truth;
+
+/* A car that is in no state known exactly: drawn from the prior, parameters and all. spread: over the prior's sd. */
+static inline void truth_start(truth *w, const tse_config *c, double speed, double spread, uint32_t seed)
+{
+  memset(w, 0, sizeof *w);
+  w->p = prepared(c);
+  w->seed = seed;
+  w->noise = 1;
+  w->amplitude = 0.03;
+  w->frequency = 0.4;
+  w->throttle = 0.012;
+  for (int i = 0; i < 100; i++) (void)next_word(&w->seed);
+  for (int i = BX; i < STATES; i++) {
+    const double drawn = fmax(-2, fmin(2, next_normal(&w->seed)));
+    w->x[i] = real(number(w->p.prior[i]) + spread * drawn * number(w->p.prior_sd[i]));
+  }
+  w->x[VX] = real(speed);
+}
+
+static inline double truth_noise(truth *w, double sd) { return w->noise * sd * next_normal(&w->seed); }
+
+/* The row after dt. Speed is held by the driver, who brakes and accelerates in turn. */
+static inline tse_input truth_row(truth *w, double dt)
+{
+  tse_real M[MOTION][COLUMNS], z[TSE_SENSORS], H[TSE_SENSORS][COLUMNS];
+  forces f;
+  tse_input u;
+  double left = dt, reading[TSE_SENSORS];
+  steering last;
+  memset(&u, 0, sizeof u);
+  memset(&last, 0, sizeof last);
+  while (left > 1e-9) { /* in steps of a row, as long as the filter is not asked */
+    const double h = fmin(left, 0.01), from = w->steer;
+    w->t += h;
+    w->steer = w->amplitude * sin(6.283185307179586 * w->frequency * w->t);
+    const double slip = w->throttle * sin(2.2 * w->t);
+    w->x[SF] = real(slip);
+    w->x[SR] = real(0.5 * slip);
+    last.from = real(from);
+    last.to = real(w->steer);
+    last.dt = real(h);
+    car_move(&w->p.car, w->x, last, M);
+    left -= h;
+  }
+  car_forces(&w->p.car, w->x, last, TSE_R(1), &f);
+  car_measure(&w->p.car, w->x, &f, TSE_R(0), z, H);
+  for (int a = 0; a < TSE_SENSORS; a++) reading[a] = number(z[a]) + truth_noise(w, number(w->p.sensor_sd[a]));
+  u.dt = real(dt);
+  u.steer_angle = real(w->steer);
+  u.accel_x = real(reading[0]);
+  u.accel_y = real(reading[1]);
+  u.yaw_rate = real(reading[2]);
+  u.wheel_speed_front = real(reading[3] / number(w->p.radius_front));
+  u.wheel_speed_rear = real(reading[4] / number(w->p.radius_rear));
+  return u;
+}
+
+static inline double truth_stiffness(const truth *w, int a) { return exp(number(w->x[LCX + a])); }
+
+/* Every output is a number. */
+static inline void expect_estimates_are_numbers(const tse_output *y, const char *what)
+{
+  const tse_real *const all = &y->vel_x; /* of one type up to the first whole number */
+  for (size_t i = 0; i < offsetof(tse_output, spread_seen) / sizeof *all; i++) TEST_ASSERT_TRUE_MESSAGE(r_is_finite(all[i]), what);
+}
+
+#endif
