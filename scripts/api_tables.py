@@ -66,9 +66,10 @@ def estimate_lines() -> list[str]:
     lines = ["    time: float", doc("of the row, on the clock of `time`; else the sum of `dt`", "s")]
     for f in library().fields(OUTPUT):
         stiffness = stiffness_of(f)
-        if stiffness and f.name.endswith("_valid"):
-            lines += [f"    {f.name}: bool", doc(f"whether {stiffness} may be used; {stiffness}_reason says why not")]
-            lines += [f"    {stiffness}_reason: Reason", doc(f"'valid', or why {stiffness} is not")]
+        if f.name.endswith("_valid"):
+            judged = f.name.removesuffix("_valid")
+            lines += [f"    {f.name}: bool", doc(f"whether {judged} may be used; {judged}_reason says why not")]
+            lines += [f"    {judged}_reason: Reason", doc(f"'valid', or why {judged} is not")]
         elif f.name.endswith("_spread_seen"):
             lines += [
                 f"    {f.name}: bool",

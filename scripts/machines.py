@@ -63,11 +63,10 @@ class Board:
     ram: int
     ram_bytes: int
     tick: int  # quarters of a nanosecond
-    hypotheses: int = 0  # that its RAM has room for; 0: as many as the library has
 
 
 MB = 1 << 20
-M0 = Board("microbit", 0, 256 << 10, 0x20000000, 16 << 10, 250, hypotheses=2)  # nRF51822 at 16 MHz
+M0 = Board("microbit", 0, 256 << 10, 0x20000000, 16 << 10, 250)  # nRF51822 at 16 MHz
 M3 = Board("mps2-an385", 0, 4 * MB, 0x20000000, 4 * MB, 160)  # 25 MHz, as the next two
 M4 = Board("mps2-an386", 0, 4 * MB, 0x20000000, 4 * MB, 160)
 M7 = Board("mps2-an500", 0, 4 * MB, 0x20000000, 4 * MB, 160)

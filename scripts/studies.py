@@ -23,7 +23,6 @@ PICTURES = ("fig1", "fig2", "fig3-4", "particles", "bound")
 # what is run under another name: all of a study, or some of its cases
 PART: dict[str, tuple[str, str]] = {
     "nominal": ("stress", "nominal"),
-    "stress-landed": ("stress+landed", ""),
     "as-told": ("as-told", "as-told"),
     "stress": (
         "stress",
@@ -51,7 +50,6 @@ STUDIES: dict[str, int] = {
     "regimes": 10,
     "regimes-road": 100,
     "as-told": 600,
-    "stress-landed": 200,
     "bound": 24,
     "particles": 4,
     "fig1": 1,

@@ -248,7 +248,7 @@ def _conversions(config: core.Config) -> list[Convert]:
     found: list[Convert] = []
     for f in lib.fields(OUTPUT):
         stiffness = next((s for s in STIFFNESS if f.name == s or f.name.startswith(s + "_")), None)
-        if stiffness and f.name.endswith("_valid"):
+        if f.name.endswith("_valid"):
             found.append(lambda x: (x == 0, words.get(x, "unknown")))
         elif f.name.endswith("_spread_seen"):
             found.append(lambda x: (x != 0,))

@@ -115,6 +115,16 @@ class Estimate(EstimateBase):
     """Its standard deviation [rad/s]."""
     sideslip: float
     """Sideslip angle atan2(vel_y, vel_x) at the centre of gravity; 0 at standstill [rad]."""
+    sideslip_sd: float
+    """Its standard deviation [rad]."""
+    grip: float
+    """Friction of the tyres: the most lateral force of an axle over its load; form 0."""
+    grip_sd: float
+    """Its standard deviation."""
+    grip_valid: bool
+    """Whether grip may be used; grip_reason says why not."""
+    grip_reason: Reason
+    """'valid', or why grip is not."""
     cx_front: float
     """Longitudinal stiffness, front axle, mean [N]."""
     cx_front_sd: float
@@ -169,14 +179,16 @@ class Estimate(EstimateBase):
     """Noise of accel_y as found."""
     noise_yaw_rate: float
     """Noise of yaw_rate as found."""
+    noise_wheel_front: float
+    """Noise of wheel_speed_front as found."""
+    noise_wheel_rear: float
+    """Noise of wheel_speed_rear as found."""
     p_steady: float
     """Probability: tyres as before."""
     p_changed: float
     """Probability: all tyres changed within the last 2 s, another road."""
     p_axle: float
     """Probability: the tyres of one axle changed within the last 2 s."""
-    p_drifting: float
-    """Probability: stiffness drifts faster than wear and warmth."""
     p_fault: float
     """Probability: a channel is off, stuck or loud."""
     p_sliding: float
@@ -184,7 +196,7 @@ class Estimate(EstimateBase):
     p_restarted: float
     """Probability: all was started over within the last 2 s."""
     change_age: float
-    """Time since the last change of the likeliest history; 0 while there was none [s]."""
+    """Time since the last change ; 0 while there was none [s]."""
     change_probability: float
     """Probability that there was that change."""
     change_kind: int
@@ -198,11 +210,23 @@ class Estimate(EstimateBase):
     fault_channel: str | None
     """The channel that is likeliest at fault; None: none."""
     discrepancy_accel_x: float
-    """Sd of the slow disturbance of accel_x that the model does not explain [m/s2]."""
+    """Model discrepancy of accel_x: sd of what the model does not explain [m/s2]."""
     discrepancy_accel_y: float
-    """Sd of that of accel_y [m/s2]."""
+    """Model discrepancy of accel_y [m/s2]."""
     discrepancy_yaw_rate: float
-    """Sd of that of the yaw rate [rad/s]."""
+    """Model discrepancy of yaw_rate [rad/s]."""
+    innovation_accel_x: float
+    """Innovation: what accel_x read less what was predicted; 0 where it was not used; form 0 [m/s2]."""
+    innovation_accel_y: float
+    """Innovation of accel_y [m/s2]."""
+    innovation_yaw_rate: float
+    """Innovation of yaw_rate [rad/s]."""
+    innovation_wheel_front: float
+    """Innovation of the front wheel speed times radius [m/s]."""
+    innovation_wheel_rear: float
+    """Innovation of the rear wheel speed times radius [m/s]."""
+    nis: float
+    """Normalised innovation squared, summed over the channels used; their number where all fits; form 0."""
     lag_steer: float
     """How late the steering acts behind the IMU as found: bus, steering, tyres; below 0: how early; form 0 [s]."""
     lag_steer_sd: float
@@ -210,7 +234,7 @@ class Estimate(EstimateBase):
     estimate_age: float
     """How long before this row the time lies that the estimates speak of (tse/latency.def) [s]."""
     n_eff: float
-    """Effective number of hypotheses or particles, 1/sum q^2 of their weights."""
+    """Effective number of particles, 1/sum q^2 of their weights; 1 in form 0."""
     log_evidence: float
     """Log density of this row's measurements given the rows before; 0 where none was used [nat]."""
     status: Status

@@ -203,27 +203,26 @@ def estimate(
     --strict refuses, until it is taken out); ratio may be a table [[angle, ratio], ...]. [log]: time, time_unit, step, rate,
     databases, separator, decimal, encoding, header. Channels that the log does not have are missing: what can still be told is.
 
-    The vehicle file may leave out stiffness and what the sensors are like; a rule fills it in and the run says so:
-
-    \b
-    cornering stiffness      12 /rad x static axle load
-    longitudinal stiffness   20 x static axle load
-    yaw inertia              mass lf lr
-    sensor noise, bias       from the log: second differences, steps and held samples, and how far the
-                             accelerometers disagree with wheel speeds and gyro; never below a floor
+    What the vehicle file leaves out is that of an ordinary car of its mass and axles (include/tse/uncalibrated.def): stiffness
+    from the axle loads, yaw inertia mass lf lr, grip of a dry road, each with the scatter of such cars; the run lists it.
+    Noise and biases of the sensors are found while driving; with --form paper or sampled the noise is found in the log beforehand.
+    After 'tselab calibrate' the prior is the posterior of the calibration.
 
     Columns of the log that start with ref_ are drawn in the report: ref_vel_x, ref_yaw_rate_anything, ref_cy_front,
-    ref_vehicle_speed, ref_wheel_fl ... with the quantity they name, others by themselves. Rows may come at any rate from
-    0.001 to 1 s, also irregularly. Noise of the wheel speeds passes for slip and makes tyres look soft: --average 0.1 makes
-    less of it; rows of EST.csv are then blocks, and noise that the vehicle file states is taken for
-    that of one sample. Ctrl-C stops early and writes the rows done so far.
+    ref_vehicle_speed, ref_wheel_fl ... with the quantity they name, others by themselves. Rows may come at any rate from 0.001 to
+    1 s, also irregularly. To the particle filters (--form paper, sampled) noise of the wheel speeds passes for slip and makes
+    tyres look soft: --average 0.1 makes less of it; rows of EST.csv are then blocks, and noise that the vehicle file states is
+    taken for that of one sample. Ctrl-C stops early and writes the rows done so far.
 
-    A learnt state holds stiffness, spread and sensor biases. It fits the vehicle it was learnt with, and is trusted the
-    less the older it is (settings learnt_floor, learnt_walk_day).
+    A learnt state holds stiffness, grip, sensor biases and steering, with their covariance. It fits the vehicle it was learnt
+    with, and is trusted the less the older it is (settings learnt_floor, learnt_walk_day).
 
-    Exit code: 0 usable: the log tells every stiffness; 3 usable in part; 4 nothing usable: the estimates are written, and no
-    stiffness is known from them; 2 bad input; 130 Ctrl-C. --json says what was found as JSON on standard output, in place of
-    words; --table writes it as a row per stretch of road and stiffness.
+    Each stiffness is given with its 95 % interval at the end of each stretch of road between changes, valid or not, and with it
+    grip and the largest sideslip angle.
+
+    Exit code: 0 usable: every stiffness is valid; 3 usable in part; 4 nothing usable: the estimates are written, and no stiffness
+    is valid; 2 bad input; 130 Ctrl-C. --json says what was found as JSON on standard output, in place of words; --table writes it
+    as a row per stretch of road and stiffness.
     """
     from tselab import regimes, results, single
     from tselab.facts import run_facts
@@ -737,13 +736,13 @@ def montecarlo(
     \b
     tselab montecarlo --study stress --runs 200 --jobs 2
     tselab montecarlo --study peers --runs 20 --cases nominal,noise-3x --out peers
-    tselab montecarlo --study stress+landed --runs 200
+    tselab montecarlo --study stress+ekf --runs 200
     tselab montecarlo --study stress --scheduler tcp://host:8786
 
     Every finished run is kept in DIR/runs.csv: the same command goes on after Ctrl-C, more --runs and --cases are added to
-    what is there. Other settings or another library are refused. NAME+landed runs the default of an earlier commit beside the
-    study's estimators, on the same data; so does any other estimator after a +, also a function of yours: NAME+module.function,
-    which takes the log and the settings and returns columns cx_front, cx_front_sd ... (scripts/examples/own_filter.py).
+    what is there. Other settings or another library are refused. NAME+ekf runs another estimator beside the study's, on the
+    same data; so does a function of yours, NAME+module.function, which takes the log and the settings and returns columns cx_front,
+    cx_front_sd ... (scripts/examples/own_filter.py).
 
     Writes NAME.csv, NAME.md, NAME.html and, with matplotlib, NAME.png.
     """

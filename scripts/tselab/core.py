@@ -22,6 +22,7 @@ REPLAY_LOG, REPLAY_START, REPLAY_OUT = range(8, 11)
 FORMULA_PLACE, FORMULA_OP = range(11, 13)
 STRUCTS = 13
 STIFFNESS = ("cx_front", "cy_front", "cy_rear")  # order of TSE_CX_FRONT ... everywhere
+GRIP = "grip"  # judged as they are: grip_valid and a reason
 NOMINAL = {  # the setting that is 1 of a relative stiffness
     "cx_front": "longitudinal_stiffness_front",
     "cy_front": "cornering_stiffness_front",

@@ -18,7 +18,7 @@ import pandas as pd
 from tqdm import tqdm
 
 from tselab import regimes
-from tselab.core import NOMINAL, OUTPUT, REASON, STIFFNESS, Config, Field, Filter, library
+from tselab.core import GRIP, NOMINAL, OUTPUT, REASON, STIFFNESS, Config, Field, Filter, library
 from tselab.csv_rows import csv_header, csv_rows
 from tselab.files import atomic
 from tselab.learnt import Learnt
@@ -57,6 +57,8 @@ def est_fields() -> list[Field]:
 
 
 def _generation(name: str) -> int:
+    if name.startswith((GRIP, "noise_wheel_", "innovation_")) or name in ("sideslip_sd", "nis"):
+        return 3
     if name.startswith(("p_", "change_", "discrepancy_", "lag_")) or name in ("fault_channel", "estimate_age"):
         return 2
     return int(name.endswith("_spread_seen") or name.startswith("noise_"))
@@ -66,7 +68,8 @@ def est_columns() -> list[str]:
     """Columns of EST.csv, in order."""
     names = [f.name for f in est_fields()]
     reasons = [f"{s}_reason" for s in STIFFNESS]
-    return ["time", *(n for n in names if _generation(n) < 2), *reasons, *(n for n in names if _generation(n) == 2)]
+    of = {g: [n for n in names if _generation(n) == g] for g in range(4)}
+    return ["time", *of[0], *of[1], *reasons, *of[2], *of[3], f"{GRIP}_reason"]
 
 
 def estimate(log: Log, config: Config, progress: bool = False, learnt: Learnt | None = None) -> Estimate:
@@ -206,13 +209,13 @@ def _block(time: np.ndarray, outputs: np.ndarray, config: Config) -> Block:
     for f in library().fields(OUTPUT):
         value = outputs[f.name]
         stiffness = next((s for s in STIFFNESS if f.name == s or f.name.startswith(s + "_")), None)
-        if stiffness and f.name.endswith("_valid"):
+        if f.name.endswith("_valid"):
             columns[f.name] = ((value == 0) & ~refused).astype(int)
         elif stiffness and f.unit == "1":
             columns[f.name] = value * getattr(config, NOMINAL[stiffness])
         else:
             columns[f.name] = value
-    for s in STIFFNESS:
+    for s in (*STIFFNESS, GRIP):
         columns[f"{s}_reason"] = _reasons(outputs[f"{s}_valid"], refused)
     return {name: columns[name] for name in est_columns()}
 
@@ -244,7 +247,9 @@ SUMMARY: dict[str, type | None] = {
     "status": np.int16,
     **{f"{s}{part}": np.float32 for s in STIFFNESS for part in ("", "_sd", "_spread")},
     **{f"{s}{part}": np.int8 for s in STIFFNESS for part in ("_valid", "_spread_seen")},
-    **{f"{s}_reason": None for s in STIFFNESS},  # None: categories
+    **{f"{s}_reason": None for s in (*STIFFNESS, GRIP)},  # None: categories
+    **dict.fromkeys((GRIP, f"{GRIP}_sd", "sideslip", "sideslip_sd"), np.float32),
+    f"{GRIP}_valid": np.int8,
     **{f"noise_{c}": np.float32 for c in MEASURES},
     **regimes.COLUMNS,
 }

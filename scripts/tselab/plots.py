@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from tselab.core import NOMINAL, STATUS, STIFFNESS, Config, library
+from tselab.core import GRIP, NOMINAL, STATUS, STIFFNESS, Config, library
 from tselab.estimate import BLOCK, Block
 from tselab.log import MEASURES, Log
 from tselab.regimes import REGIMES, Change, Spell, spoken_of
@@ -22,7 +22,7 @@ MOST_POINTS = 8000  # per line; longer logs are thinned
 QUIET = 1.15  # noise found over the setting's up to which there is nothing to see
 FINDING = 2.0  # s at the start in which the noise is still being found
 REGIME_COLOURS = {
-    "p_steady": "#dfe4e9", "p_changed": BLUE, "p_axle": PURPLE, "p_drifting": GREEN, "p_fault": "#b3261e", "p_sliding": ORANGE,
+    "p_steady": "#dfe4e9", "p_changed": BLUE, "p_axle": PURPLE, "p_fault": "#b3261e", "p_sliding": ORANGE,
     "p_restarted": INK,
 }  # fmt: skip
 MOST_LABELS = 16  # events named in the plot; the others have a line
@@ -167,9 +167,19 @@ class Data:
 
 
 FACTOR = {**dict.fromkeys(STIFFNESS, 1e-3), "sideslip": 180 / np.pi}  # drawn in other units than EST.csv has
-WITH_BAND = (*STIFFNESS, "vel_x", "vel_y", "yaw_rate", "bias_accel_x", "bias_accel_y", "bias_yaw_rate")
+WITH_BAND = (
+    *STIFFNESS,
+    "vel_x",
+    "vel_y",
+    "yaw_rate",
+    "sideslip",
+    GRIP,
+    "bias_accel_x",
+    "bias_accel_y",
+    "bias_yaw_rate",
+)
 OPTIONAL = (*(f"discrepancy_{c}" for c in MEASURES), "lag_steer", "estimate_age")  # where they are
-PLAIN = ("sideslip", "log_evidence", "n_eff", "status", *(f"noise_{c}" for c in MEASURES))
+PLAIN = ("log_evidence", "n_eff", "nis", "status", *(f"noise_{c}" for c in MEASURES))
 
 
 def drawn(block: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
@@ -306,8 +316,8 @@ def shade(figure: Figure, row: int, time: np.ndarray, where: np.ndarray) -> None
 def stiffness_figure(
     d: Data, table: pd.DataFrame, config: Config, changes: Sequence[Change] = (), spells: Sequence[Spell] = ()
 ) -> Figure:
-    """Mean, its 95 % band and the spread band; grey where not valid, with the reason on hover. Below them what happened, if the
-    estimates tell. `table`: at least SUMMARY."""
+    """Mean and its 95 % interval, of particles the spread, too; grey where not valid, with the reason on hover. Below them what
+    happened, if the estimates tell. `table`: at least SUMMARY."""
     told = "p_steady" in d
     titles = [f"{NAMES[s]} [{UNITS[s]}]" for s in STIFFNESS] + ["What happened: probability"] * told
     figure = Figure(titles, [230] * 3 + [130] * told)
@@ -315,7 +325,9 @@ def stiffness_figure(
     for row, key in enumerate(STIFFNESS, 1):
         first = row == 1
         nominal = getattr(config, NOMINAL[key]) / 1000
-        for part, name, colour in (("spread_", "spread, 95 % of samples", SPREAD), ("", "95 % band of the mean", BAND)):
+        for part, name, colour in (("spread_", "spread, 95 % of samples", SPREAD), ("", "95 % interval", BAND)):
+            if part and not config.form:
+                continue
             _band(figure, row, d.time, d.line(f"{key}_{part}low"), d.line(f"{key}_{part}high"), name, colour, first)
         _line(figure, row, d.time, d.line(f"{key}_other"), "not valid", GREY, first, hoverinfo="skip")
         _line(figure, row, d.time, d.line(f"{key}_valid"), "mean, valid", BLUE, first, width=2.2, hoverinfo="skip")
@@ -366,16 +378,17 @@ def mark(figure: Figure, row: int, changes: Sequence[Change], spells: Sequence[S
 
 
 def states_figure(d: Data) -> Figure:
-    """States with their 95 % band, references and what was measured."""
+    """States with their 95 % intervals, references and what was measured."""
     rows = [("vel_x", "Longitudinal velocity [m/s]"), ("vel_y", "Lateral velocity [m/s]"),
             ("yaw_rate", "Yaw rate [rad/s]"), ("sideslip", "Sideslip angle [deg]")]  # fmt: skip
+    if (d.line(f"{GRIP}_high") > d.line(GRIP)).any():  # estimated
+        rows.append((GRIP, "Grip [1]"))
     figure = Figure([title for _, title in rows], [180] * len(rows))
     for row, (key, _title) in enumerate(rows, 1):
         first = row == 1
         if key == "yaw_rate":
             _line(figure, row, d.logged_time, d.logged("yaw_rate"), "measured", GREY, True, width=1)
-        if key in WITH_BAND:
-            _band(figure, row, d.time, d.line(f"{key}_low"), d.line(f"{key}_high"), "95 % band", BAND, first)
+        _band(figure, row, d.time, d.line(f"{key}_low"), d.line(f"{key}_high"), "95 % interval", BAND, first)
         _line(figure, row, d.time, d.line(key), "estimate", BLUE, first, width=2)
         for c in d.references(key):
             _line(
@@ -398,20 +411,21 @@ def inputs_figure(d: Data) -> Figure:
 
 
 UNEXPLAINED = (
-    ("Disturbance that the model does not explain, sd [m/s2]", ("discrepancy_accel_x", "discrepancy_accel_y")),
-    ("Disturbance of the yaw rate, sd [rad/s]", ("discrepancy_yaw_rate",)),
+    ("Model discrepancy, sd [m/s2]", ("discrepancy_accel_x", "discrepancy_accel_y")),
+    ("Model discrepancy of the yaw rate, sd [rad/s]", ("discrepancy_yaw_rate",)),
     ("How late the steering acts [s]", ("lag_steer",)),
 )
 
 
 def health_figure(d: Data) -> Figure:
-    """Biases, evidence, effective size, status; the noise found where it is not what the settings say; what the model does not
-    explain, where the estimates tell."""
+    """Biases, log-likelihood, innovations or effective particles, status; the noise found where it is not what the settings say;
+    the model discrepancy, where the estimates have it."""
+    particles = bool((d.line("n_eff") > 1).any())
     titles = [
         "Accelerometer biases [m/s2]",
         "Gyro bias [rad/s]",
-        "Log evidence per row [nat]",
-        "Effective particles",
+        "Log-likelihood of each row [nat]",
+        "Effective particles" if particles else "Normalised innovation squared, summed over the channels",
         "Status",
     ]
     noise = {name: d.line(name) for name in (f"noise_{channel}" for channel in MEASURES)}
@@ -430,7 +444,8 @@ def health_figure(d: Data) -> Figure:
     if np.isfinite(evidence).any():
         low, high = np.nanquantile(evidence, [0.005, 0.999])
         figure.y_axis(3)["range"] = [float(low - 0.1 * (high - low) - 1), float(high + 0.1 * (high - low) + 1)]
-    _line(figure, 4, d.time, d.line("n_eff"), "n_eff", BLUE, False, width=1)
+    name = "n_eff" if particles else "nis"
+    _line(figure, 4, d.time, d.line(name), name, BLUE, False, width=1)
     texts = {code: f.text for code, f in library().codes(STATUS).items()}
     status = d.line("status")
     _line(figure, 5, d.time, status, "status", INK, False, text=[texts.get(int(s), "") for s in status],

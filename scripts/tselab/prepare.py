@@ -13,7 +13,7 @@ from tselab.errors import UserError
 from tselab.log import Log, Reading, liveliest, read_log, sampling_notes, steering_notes
 from tselab.log import average as average_log
 from tselab.units import check_units
-from tselab.vehicle import Vehicle, fill_sensors, read_vehicle
+from tselab.vehicle import Vehicle, average_sensors, fill_sensors, read_vehicle
 
 MOST_ROWS = (
     1 << 19
@@ -65,7 +65,9 @@ def assemble(
         log = average_log(log, average)
     lively = liveliest(log, MOST_ROWS)
     log.let_go()
-    if form != "default":  # the car's filter finds the noise of its channels itself
+    if form == "default":
+        average_sensors(vehicle, lively)  # the rest the filter finds while driving
+    else:
         fill_sensors(vehicle, lively)
     config, notes = make_config(vehicle, log, config_path, options, form)
     for key, value in settings.items():

@@ -1,6 +1,5 @@
 """What happened on a drive, from the columns of EST.csv that say so: changes of what tyres and road give, faults of a channel,
-wheels that slide, stiffness that drifts; and the stretches of road between the changes. A table without these columns has no
-events and is one stretch."""
+wheels that slide; and the stretches of road between the changes. A table without these columns has no events and is one stretch."""
 
 from __future__ import annotations
 
@@ -17,7 +16,6 @@ REGIMES = {  # probability of each at a row; their sum is 1
     "p_steady": "as before",
     "p_changed": "road changed",
     "p_axle": "an axle changed",
-    "p_drifting": "drifting",
     "p_fault": "fault of a channel",
     "p_sliding": "sliding",
     "p_restarted": "started over",
@@ -28,8 +26,8 @@ KINDS = {
     3: "rear axle changed",
     4: "started over",
 }  # change_kind; 0: none yet
-TOUCHED = {1: STIFFNESS, 2: ("cx_front", "cy_front"), 3: ("cy_rear",), 4: ()}  # of what the ratio is told
-SPELLS = {"p_fault": "fault", "p_sliding": "sliding", "p_drifting": "drifting"}
+TOUCHED = {1: STIFFNESS, 2: ("cy_front",), 3: ("cy_rear",), 4: ()}  # whose ratio is reported
+SPELLS = {"p_fault": "fault", "p_sliding": "sliding"}
 COLUMNS: dict[str, type] = {  # what is needed of a table, as small as it can be
     **dict.fromkeys(SPELLS, np.float32),
     "estimate_age": np.float32,
@@ -40,21 +38,9 @@ COLUMNS: dict[str, type] = {  # what is needed of a table, as small as it can be
     **{f"change_{s}": np.float32 for s in STIFFNESS},
 }
 SDS = {f"{s}{part}" for s in STIFFNESS for part in ("", "_sd")}  # from which the sd of a ratio follows
-LIKELY = 0.9  # probability from which on something is said to have happened
+LIKELY = 0.9  # probability from which on something is reported
 TOGETHER = 0.5  # s: changes nearer to each other are one; gaps in a spell that are shorter are bridged
-STOOD = 5.0  # s: a change that the likeliest history drops sooner was a false alarm
-SMALL = 0.05  # a change of every stiffness by less did nothing that anybody would act on
-# How a change changes stiffness: sd of the logarithm of the ratio, what all that it touches share and what each has of its own
-# (ROAD_COMMON, ROAD_OWN, AXLE_OPEN of constants.def)
-OPENED = {1: (0.4, 0.1), 2: (0.0, 0.3), 3: (0.0, 0.3)}
-# For one change of the road there are so many moments in which the model is wrong for a while, and a filter that opens what it knew
-# explains them better than one that does not: on the cars of tests/gap/ordinary.py it told 1 .. 4 changes in 10 minutes on roads
-# that have none, and one in an hour and a half is expected (RATE_ROAD)
-MISFITS = 20.0
-# Share of the variance of a stiffness that is the same before and after: errors of what is told of the car - mass, relaxation,
-# delays - which do most of the band of a car that nobody has calibrated, and of which the manoeuvres of the one side show most that
-# those of the other do
-SAME_CAR = 0.8
+SMALL = 0.05  # a change of every stiffness by less calls for nothing
 SHORT = 2.0  # s: a shorter stretch joins its neighbour
 SHORT_NAMES = {"cx_front": "front longitudinal", "cy_front": "front cornering", "cy_rear": "rear cornering"}
 
@@ -89,7 +75,7 @@ class Change:
 
 @dataclass(frozen=True)
 class Spell:
-    """A time of fault, sliding or drifting. `channel`: the one at fault, if that is known."""
+    """A time of fault or sliding. `channel`: the one at fault, if that is known."""
 
     what: str
     start: float
@@ -127,75 +113,33 @@ def spoken_of(table: pd.DataFrame) -> np.ndarray:
 
 
 def changes(table: pd.DataFrame) -> list[Change]:
-    """The changes of a drive, in order of time.
+    """Return the changes of a drive, in order of time.
 
-    Every row tells the last change of the history that is likeliest there. A change counts when it was told with a probability of
-    LIKELY in half of its rows or in the last one - where another history takes over, both are half as likely - and not when that
-    history gave way to one without it within STOOD, nor when it did nothing (SMALL). Its probability is that something happened, as
-    the filter says, and that the stiffness is another since, and not the same as before after a moment that did not fit."""
-    if not {"change_age", "change_kind"} <= set(table) or table.empty:
-        return []
-    time, kind = spoken_of(table), table["change_kind"].to_numpy()
-    at = np.where(kind > 0, time - table["change_age"].to_numpy(), np.nan)
-    with np.errstate(invalid="ignore"):
-        new = np.isnan(at[1:]) != np.isnan(at[:-1])
-        new |= np.abs(np.diff(at)) > TOGETHER
-    edges = np.concatenate([[0], np.flatnonzero(new) + 1, [len(time)]])
-    told: list[tuple[float, int, int]] = []  # time of the change, first and last row that tell it
-    for first, after in pairwise(edges.tolist()):
-        when = float(np.median(at[first:after])) if kind[first] > 0 else -np.inf
-        while told and told[-1][0] > when + TOGETHER and time[told[-1][2]] - time[told[-1][1]] < STOOD:
-            told.pop()
-        if when == -np.inf or (told and told[-1][0] > when + TOGETHER):
-            continue  # none yet, or an older change is told again
-        if told and abs(told[-1][0] - when) <= TOGETHER:
-            told[-1] = (when, told[-1][1], after - 1)
-        else:
-            told.append((when, first, after - 1))
-    columns = {name: table[name].to_numpy() for name in table if name in COLUMNS or name in SDS}
-    probability = columns.get("change_probability", np.full(len(time), np.nan))
-    likely = [max(float(np.median(probability[rows])), float(probability[last]))
-              for when, first, last in told for rows in (_telling(at, when, first, last),)]  # fmt: skip
-    found = [_change(columns, time, *each, p) for each, p in zip(told, likely, strict=True) if not p < LIKELY]
-    return [
-        c for c in found
-        if not c.probability < LIKELY and (not c.ratio or any(abs(ratio - 1) > SMALL for ratio, _ in c.ratio.values()))
-    ]  # fmt: skip
+    Every row reports the last change the filter believes in, by its age. Reports of times within TOGETHER are one change; the
+    last one counts. Left out: what is less probable than LIKELY in half of its rows and in the last, and what changed nothing
+    (SMALL).""" if not {"change_age", "change_kind"} <= set(table) or table.empty: return [] time, kind = spoken_of(table),
+    table["change_kind"].to_numpy() rows = np.flatnonzero(kind > 0) at = time[rows] - table["change_age"].to_numpy()[rows] edges =
+    np.flatnonzero(np.abs(np.diff(at)) > TOGETHER) + 1 reports: list[tuple[float, np.ndarray]] = [] # time of the change, rows
+    that report it for mine, when in zip(np.split(rows, edges), np.split(at, edges), strict=True): if not len(mine): continue
+    middle = float(np.median(when)) if reports and abs(reports[-1][0] - middle) <= TOGETHER: mine =
+    np.concatenate([reports.pop()[1], mine]) reports.append((middle, mine)) columns = {name: table[name].to_numpy() for name in
+    table if name in COLUMNS or name in SDS} found = [_change(columns, time, when, mine) for when, mine in reports] return [ c for
+    c in found if not c.probability < LIKELY and (not c.ratio or any(abs(ratio - 1) > SMALL for ratio, _ in c.ratio.values())) ] #
+    fmt: skip
 
 
-def _telling(at: np.ndarray, when: float, first: int, last: int) -> np.ndarray:
-    """The rows that tell a change, between the first and the last one."""
-    with np.errstate(invalid="ignore"):
-        return first + np.flatnonzero(np.abs(at[first : last + 1] - when) <= TOGETHER)
-
-
-def _change(
-    columns: Mapping[str, np.ndarray], times: np.ndarray, time: float, first: int, last: int, probability: float
-) -> Change:
+def _change(columns: Mapping[str, np.ndarray], times: np.ndarray, time: float, rows: np.ndarray) -> Change:
+    first, last = int(rows[0]), int(rows[-1])
     kind = int(columns["change_kind"][last])
+    probability = columns.get("change_probability", np.full(len(times), np.nan))
     before = max(0, min(first, int(np.searchsorted(times, time))) - 1)
     ratio = {}
     for key in TOUCHED.get(kind, ()):
         value = float(columns[f"change_{key}"][last]) if f"change_{key}" in columns else float("nan")
         if np.isfinite(value):
-            ratio[key] = (
-                value,
-                value * float(np.hypot(_relative_sd(columns, key, before), _relative_sd(columns, key, last))),
-            )
-    return Change(time, kind, probability * _another(kind, ratio), ratio)
-
-
-def _another(kind: int, ratio: Mapping[str, tuple[float, float]]) -> float:
-    """Probability that these are ratios of a stiffness that changed, and not all 1: what a change does is spread as OPENED.
-    Of a ratio without an sd nothing is known."""
-    known = [(np.log(r), sd / r) for r, sd in ratio.values() if r > 0 and np.isfinite(sd) and sd > 0]
-    if kind not in OPENED or not known:
-        return 1.0
-    x, noise = np.array([a for a, _ in known]), (1.0 - SAME_CAR) * np.diag([b**2 for _, b in known])
-    common, own = OPENED[kind]
-    changed = noise + own**2 * np.eye(len(x)) + common**2
-    evidence = [-0.5 * (x @ np.linalg.solve(s, x) + np.linalg.slogdet(s)[1]) for s in (changed, noise)]
-    return float(1.0 / (1.0 + MISFITS * np.exp(min(evidence[1] - evidence[0], 500.0))))
+            sd = float(np.hypot(_relative_sd(columns, key, before), _relative_sd(columns, key, last)))
+            ratio[key] = (value, value * sd)
+    return Change(time, kind, max(float(np.median(probability[rows])), float(probability[last])), ratio)
 
 
 def _relative_sd(columns: Mapping[str, np.ndarray], key: str, row: int) -> float:
@@ -204,7 +148,7 @@ def _relative_sd(columns: Mapping[str, np.ndarray], key: str, row: int) -> float
 
 
 def spells(table: pd.DataFrame) -> list[Spell]:
-    """The times at which a channel was at fault, wheels slid or stiffness drifted, in order of their start."""
+    """The times at which a channel was at fault or wheels slid, in order of their start."""
     if table.empty:
         return []
     time = spoken_of(table)

@@ -50,7 +50,7 @@ def write_report(
         ("States", "Estimates against the reference columns of the log, where there are any.", plots.states_figure(data)),
         ("Inputs and measurements", "The log as it was read; references are off until their legend entry is clicked.",
          plots.inputs_figure(data)),
-        ("Health of the filter", "Sensor biases, how well each row was foreseen, how many particles carry the weight, status.",
+        ("Health of the filter", "Sensor biases, log-likelihood of each row, innovations or effective particles, status.",
          plots.health_figure(data)),
         ("Other reference columns", "Columns of the log that start with ref_ and match no estimate.", plots.others_figure(data)),
     ]  # fmt: skip
@@ -62,6 +62,7 @@ def write_report(
         title=log.path.name,
         vehicle=vehicle,
         findings=found,
+        spread=config.form != 0,
         most=MOST_CARDS,
         events=events(changes, spells),
         sections=[{"id": f"plot{i}", "title": t, "text": x, "height": f.height} for i, (t, x, f) in enumerate(shown)],

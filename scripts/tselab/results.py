@@ -16,7 +16,7 @@ from tselab.core import Config, library
 from tselab.errors import UserError
 from tselab.estimate import Estimate
 from tselab.files import atomic
-from tselab.verdict import Finding, Verdict
+from tselab.verdict import Finding, Quantity, Verdict
 
 USABLE, IN_PART, NOTHING = 0, 3, 4  # exit codes; 2 is bad input
 CODES = {USABLE: "yes", IN_PART: "in part", NOTHING: "no"}
@@ -63,9 +63,15 @@ def _of_verdict(v: Verdict) -> dict[str, Any]:
     """In N and N/rad."""
     return {
         "stiffness": v.key, "value": KILO * v.value, "sd": KILO * v.band / 1.96, "low": KILO * v.low, "high": KILO * v.high,
-        "spread": v.spread if v.spread_seen else np.nan, "nominal": KILO * v.nominal, "valid": v.valid, "usable": LEVELS[v.level],
+        "spread": v.spread, "nominal": KILO * v.nominal, "valid": v.valid, "usable": LEVELS[v.level],
         "reason": v.reason or None,
     }  # fmt: skip
+
+
+def _of_quantity(q: Quantity) -> dict[str, Any]:
+    """Grip, sideslip: in its unit."""
+    return {"value": q.value, "sd": q.band / 1.96, "low": q.value - q.band, "high": q.value + q.band, "unit": q.unit,
+            "time": q.time, "valid": q.valid, "reason": q.reason or None, "text": q.line()}  # fmt: skip
 
 
 def document(
@@ -78,7 +84,7 @@ def document(
     """An estimate as JSON. `said`: what else there is to say: vehicle, notes, files."""
     changes, spells = regimes.changes(est.table), regimes.spells(est.table)
     time = est.table["time"]
-    keys = ("stretch", "start", "end")
+    keys, per = ("stretch", "start", "end"), len(found[0].verdicts)
     table = [{k: x for k, x in r.items() if k not in ("log", "warnings")} for r in rows(log, est, found, changes, ())]
     return {
         "tselab": __version__,
@@ -94,8 +100,9 @@ def document(
             {
                 **{k: part[0][k] for k in keys},
                 "stiffness": {r["stiffness"]: _without(r, (*keys, "stiffness")) for r in part},
+                **{q.key: _of_quantity(q) for q in f.others},
             }
-            for part in (table[i : i + len(found[0].verdicts)] for i in range(0, len(table), len(found[0].verdicts)))
+            for f, part in zip(found, (table[i : i + per] for i in range(0, len(table), per)), strict=True)
         ],
         "changes": [vars(c) | {"what": c.what} for c in changes],
         "spells": [vars(s) for s in spells],

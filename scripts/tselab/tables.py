@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from tselab.core import CONFIG, REASON, SIM_CONFIG, STATUS, STIFFNESS, Field, library
+from tselab.core import CONFIG, GRIP, REASON, SIM_CONFIG, STATUS, STIFFNESS, Field, library
 from tselab.estimate import est_columns, est_fields
 from tselab.vehicle import (
     REQUIRED,
@@ -41,7 +41,7 @@ def log_columns_table() -> str:
 
 
 def est_columns_table() -> str:
-    rows = {f"{s}_reason": [f"{s}_reason", "", "valid, or in words why not"] for s in STIFFNESS}
+    rows = {f"{s}_reason": [f"{s}_reason", "", "valid, or in words why not"] for s in (*STIFFNESS, GRIP)}
     for f in est_fields():
         rows[f.name] = [f.name, _si(f), "1 valid, 0 not" if f.name.endswith("_valid") else f.text]
     return text_table(rows[name] for name in est_columns() if name != "time")

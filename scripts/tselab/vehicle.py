@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from tselab.core import CONFIG, Config, Field, SettingError, library, similar
+from tselab.core import CONFIG, Config, SettingError, library, similar
 from tselab.errors import UserError
 from tselab.formula import Formula, read_formula
 from tselab.log import MEASURES, Log
@@ -37,8 +37,9 @@ ALIKE = 0.75  # of difflib: a table that is named so much like one of TABLES is 
 MOST_UNKNOWN = 3  # keys that one message lists
 HINT_ONLY = ("author_stiffness_front", "author_stiffness_rear")
 
-# A car that was calibrated, where its file says nothing of these: relative sd of the longitudinal stiffness, which drives that only
-# cruise hardly show; limits below which what a calibration finds is not believed, since tyres and steering are not quite as the model.
+# A car that was calibrated, where its file says nothing of these: relative sd of the longitudinal stiffness, which drives that
+# only cruise hardly show; limits below which what a calibration finds is not believed, since tyres and steering are not quite as
+# the model.
 CALIBRATED_CX_SD = 0.3
 LEAST_GRIP_SD = 0.1
 CALIBRATED_MODEL_SD = 0.075
@@ -117,7 +118,9 @@ def filter_values(vehicle: Vehicle) -> dict[str, float]:
     both = (prior / var + mean.get(inverse, prior) / seen) / (1.0 / var + 1.0 / seen)
     found["grip"] = 1.0 / max(both, 0.2)
     found["grip_sd"] = max(float(np.sqrt(1.0 / (1.0 / var + 1.0 / seen))) / max(both, 0.2), LEAST_GRIP_SD)
-    plain = Config()  # what the calibration says of sensors is of its own residuals: the filter finds their noise while driving
+    plain = (
+        Config()
+    )  # what the calibration says of sensors is of its own residuals: the filter finds their noise while driving
     sensors = {name: ordinary.get(name, float(getattr(plain, name))) for name in sensor_settings()}
     found["model_sd"] = max(v.get("model_sd", 0.0), CALIBRATED_MODEL_SD)
     sensors["steer_lag_sd"] = max(v.get("steer_lag_sd", 0.0), LEAST_LATE_SD)
@@ -381,7 +384,9 @@ def _fill_vehicle(vehicle: Vehicle) -> None:
     for key in vehicle_settings():
         if key in ordinary and key not in v:
             v[key] = ordinary[key]
-            vehicle.filled.append(f"{key} = {v[key]:.0f} {fields[key].unit} (rule: an ordinary car of its mass and axles)")
+            vehicle.filled.append(
+                f"{key} = {v[key]:.0f} {fields[key].unit} (rule: an ordinary car of its mass and axles)"
+            )
     _fill_uncertainty(vehicle)
 
 
@@ -398,20 +403,18 @@ def _fill_uncertainty(vehicle: Vehicle) -> None:
 
 def fill_sensors(vehicle: Vehicle, log: Log) -> None:
     """Sensor noise and bias that the vehicle file leaves out, from the log; the rules are in noise.py."""
+    average_sensors(vehicle, log)
     v = vehicle.values
-    config = Config(v)
+    config, ordinary = Config(v), _class_values(v["mass"], v["lf"], v["lr"])
     with np.errstate(invalid="ignore"):
         moving = np.abs(log.data["wheel_speed_front"].to_numpy()) * config.wheel_radius_front > 2.0
     silent = any(f"{channel}_sd" not in v for channel in MEASURES)
     misfits = kinematic_misfit(log, config.wheel_radius_front, config.wheel_radius_rear) if silent else {}
-    if "wheel_noise_sd" in v:
-        _average_noise(vehicle, config.fields["wheel_noise_sd"], log)
     _fill_wheel_noise(vehicle, config, log, moving)
     for channel in MEASURES:
         key = f"{channel}_sd"
         f = config.fields[key]
         if key in v:
-            _average_noise(vehicle, f, log)
             continue
         if log.data[channel].isna().all():
             continue  # not in the log: it is not asked
@@ -423,7 +426,7 @@ def fill_sensors(vehicle: Vehicle, log: Log) -> None:
         if misfit is not None and misfit.sd > sd:
             sd, text = misfit.sd, f"misfit to the kinematics {misfit.sd:.3g}; sensor alone {noise.sd:.3g}"
         _fill(vehicle, config, key, sd, f"from the log: {text}")
-        bias, why = UNKNOWN_BIAS[f"{channel}_bias_sd"], "rule: a sensor nobody has described"
+        bias, why = ordinary[f"{channel}_bias_sd"], "rule: a sensor nobody has described"
         if misfit is not None and misfit.bias > bias:
             bias, why = misfit.bias, "from the log: slow misfit to the kinematics"
         _fill(vehicle, config, f"{channel}_bias_sd", bias, why)
@@ -440,9 +443,13 @@ def _fill_wheel_noise(vehicle: Vehicle, config: Config, log: Log, moving: np.nda
         _fill(vehicle, config, "wheel_noise_sd", found[axle].sd, f"from the log, {axle} axle: {found[axle].text}")
 
 
-def _average_noise(vehicle: Vehicle, f: Field, log: Log) -> None:
-    """The noise of one sample, as the file states it, is not that of a mean of several."""
-    if log.averaged > 1:
+def average_sensors(vehicle: Vehicle, log: Log) -> None:
+    """Make the noise of one sample, as the file states it, that of a mean of several, where the log has means."""
+    fields = Config().fields
+    for key in ("wheel_noise_sd", *(f"{channel}_sd" for channel in MEASURES)):
+        if log.averaged < 2 or key not in vehicle.values:
+            continue
+        f = fields[key]
         said = vehicle.values[f.name]
         vehicle.values[f.name] = float(np.clip(said / np.sqrt(log.averaged), f.low, f.high))
         vehicle.notes.append(

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pandas as pd
 
-from tselab.core import NOMINAL, STIFFNESS, Config, library
+from tselab.core import GRIP, NOMINAL, STIFFNESS, Config, library
 from tselab.log import MEASURES
 from tselab.regimes import Change, Stretch, percent, spoken_of, stretches
 
@@ -22,25 +22,26 @@ QUIET = {
     "cx_front": "driving and braking were too weak or too steady",
     "cy_front": "the steering was too quiet",
     "cy_rear": "the steering was too quiet",
+    GRIP: "the tyres were not driven near their limit",
 }
 CONTRADICTED = "contradicted"  # a reason that no row has
 WHY = {
     "starting": "too little was seen since the start",
-    "uncertain": "there was excitement, but not enough to bring the uncertainty below the limit",
     "diverging": "a sensor was probably at fault",
-    "held": "the car stood still, crawled, reversed or steered far",
+    "held": "standstill, low speed, reverse, large steering angle or sliding wheels",
     "input invalid": "inputs or measurements were missing",
-    "told loosely": "what is told of the car ([uncertainty] in the vehicle file) is not certain enough: calibrate, or tell it",
-    "does not fit": "the sensors say what the model does not explain: calibrate, or look for what is missing (tselab gap)",
+    "told loosely": "the parameters of the car are too uncertain: calibrate, or state what is known better in [uncertainty]",
+    "does not fit": "the sensors read what the model does not explain: calibrate, or look for what is missing (tselab gap)",
     "row refused": "the rows were refused",
     CONTRADICTED: "the channels contradict each other (see the warning); with that put right the log may tell it",
 }
-UNSEEN = "spread below what this drive can show"
+LIMITED = ("uncertain", "told loosely")  # reasons of which the sd and its limit say how far
 LOUD = 1.25  # noise found over the setting's: from here on it is remarked
 RECENT = 1.0  # s: what was valid so long before the end counts as valid at the end
-OF_TOLD = 0.5  # share of the variance from which a band is said to come of what is told of the car
+OF_TOLD = 0.5  # share of the variance from which an interval is said to come from parameter uncertainty
 LEAST_TOLD = 0.02  # ... and its sd, relative
-FEW = 0.005  # below this share of valid rows a value is not given
+FEW = 0.005  # with a smaller share of valid rows a stiffness is not valid
+DEGREE = 180 / np.pi
 
 
 @dataclass(frozen=True)
@@ -51,12 +52,11 @@ class Verdict:
     name: str
     level: str  # good, partly, none
     unit: str
-    value: float
-    band: float  # 95 %
-    low: float  # of the valid means, 5 % and 95 % quantile
-    high: float
-    spread: float  # sample to sample, share of the mean
-    spread_seen: bool  # else it is below what sensors and excitation can show
+    value: (
+        float  # at the end of the stretch, where the filter knows most of it; of particles the median of the valid rows
+    )
+    band: float  # half of the 95 % interval
+    spread: float  # sample to sample, share of the mean; NaN: not seen, or the form does not learn it
     nominal: float
     valid: float  # share of the rows
     reason: str  # the commonest reason for not being valid
@@ -64,9 +64,41 @@ class Verdict:
     text: str
 
     @property
+    def low(self) -> float:
+        return self.value - self.band
+
+    @property
+    def high(self) -> float:
+        return self.value + self.band
+
+    @property
     def detail(self) -> str:
         """The text without the value it starts with."""
         return self.text.split(" (95 %), ", 1)[-1]
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """What is said of grip or sideslip. Values in `unit`."""
+
+    key: str
+    name: str
+    unit: str
+    value: float
+    band: float  # half of the 95 % interval
+    valid: float  # share of the rows; NaN: not judged
+    reason: str  # the commonest one for not being valid
+    time: float  # s: of which the value is
+    text: str
+
+    @property
+    def shown(self) -> str:
+        """Value and 95 % interval."""
+        return f"{self.value:.2f} ± {max(self.band, 0.005):.2f}"
+
+    def line(self) -> str:
+        unit = f" {self.unit}" if self.unit != "1" else ""
+        return f"{self.name}: {self.shown}{unit} (95 %), {self.text}"
 
 
 def verdicts(table: pd.DataFrame, config: Config) -> list[Verdict]:
@@ -76,10 +108,11 @@ def verdicts(table: pd.DataFrame, config: Config) -> list[Verdict]:
 
 @dataclass(frozen=True)
 class Finding:
-    """What is known of the tyres on a stretch of road; without a stretch on the whole log."""
+    """What is known of the tyres on a stretch of road; without a stretch on the whole log. `others`: grip, sideslip."""
 
     stretch: Stretch | None
     verdicts: list[Verdict]
+    others: Sequence[Quantity] = ()
 
     @property
     def title(self) -> str:
@@ -95,12 +128,10 @@ class Finding:
 
     def lines(self) -> list[str]:
         """For the terminal."""
-        found = [f"{v.name}: {v.text}" for v in self.verdicts]
+        found = [*(f"{v.name}: {v.text}" for v in self.verdicts), *(q.line() for q in self.others)]
         if not self.stretch:
             return found
-        return (
-            [f"{self.title}: {self.nothing}"] if self.nothing else [f"{self.title}:", *(f"  {line}" for line in found)]
-        )
+        return [f"{self.title}:{' ' if self.nothing else ''}{self.nothing}", *(f"  {line}" for line in found)]
 
 
 def findings(
@@ -108,8 +139,8 @@ def findings(
 ) -> list[Finding]:
     """The finding on each stretch of road between changes; one on the whole log where nothing changed.
 
-    A mean over two roads is true of neither. On a stretch the filter does not forget: what it knows last is what it knows
-    best, and is given with the uncertainty that it has then.
+    A mean over two roads is true of neither. On a stretch the filter does not forget: its value at the end is what it knows best,
+    and is given with the interval that it has then, also where no row is valid.
 
     `contradictions`: what the channels say against each other (units.check_units). The filter takes a channel that is wrong all
     the time for a car that is otherwise, surely; so of such a log no stiffness is known."""
@@ -117,19 +148,23 @@ def findings(
         return [Finding(None, [_contradicted(v) for v in verdicts(table, config)])]
     parts = stretches(table, found)
     if len(parts) < 2:
-        return [Finding(None, verdicts(table, config))]
-    return [Finding(s, [_verdict(table.iloc[s.rows], config, key, whole=False) for key in STIFFNESS]) for s in parts]
+        return [Finding(None, verdicts(table, config), others(table, config))]
+    made = []
+    for s in parts:
+        rows = table.iloc[s.rows]
+        made.append(Finding(s, [_verdict(rows, config, key, whole=False) for key in STIFFNESS], others(rows, config)))
+    return made
 
 
 def _contradicted(v: Verdict) -> Verdict:
     nan = float("nan")
     text = f"{CONTRADICTED}: {WHY[CONTRADICTED]}"
-    return replace(v, level="none", value=nan, band=nan, low=nan, high=nan, spread=nan, spread_seen=False, reason=CONTRADICTED,
+    return replace(v, level="none", value=nan, band=nan, spread=nan, reason=CONTRADICTED,
                    reason_share=1.0, text=text)  # fmt: skip
 
 
 def remarks(table: pd.DataFrame) -> list[str]:
-    """What the filter found out about the sensors and about what it had learnt, in words."""
+    """Return what the filter found out about the sensors, in words."""
     found = []
     learnt = table[table["status"].between(0, library().status("TSE_W_MISSING_CHANNEL"))]
     for channel in MEASURES:
@@ -141,13 +176,13 @@ def remarks(table: pd.DataFrame) -> list[str]:
     if times:
         often = "once" if times == 1 else f"{times} times"
         found.append(
-            f"measurements contradicted what was learnt {often}, in {percent(float(off.mean()))} of the log: not valid there"
+            f"a sensor was probably at fault {often}, in {percent(float(off.mean()))} of the log: not valid there"
         )
     return found
 
 
 def of_what_is_told(table: pd.DataFrame, config: Config, told: Mapping[str, np.ndarray]) -> list[str]:
-    """Where most of a band at the end comes of what is told of the car: of which quantities, the largest first."""
+    """Return where most of an interval at the end comes from parameter uncertainty: of which parameters, the largest first."""
     found = []
     for a, key in enumerate(STIFFNESS):
         last = table[[key, f"{key}_sd"]].iloc[-1] / getattr(config, NOMINAL[key]) if len(table) else None
@@ -161,85 +196,114 @@ def of_what_is_told(table: pd.DataFrame, config: Config, told: Mapping[str, np.n
             continue
         most = sorted(parts, key=parts.__getitem__, reverse=True)[:3]
         mean, sd = (float(x) for x in last)
-        band, names = (
-            percent(1.96 * sd / mean),
-            ", ".join(f"{name} {percent(1.96 * parts[name] / mean)}" for name in most),
-        )
+        names = ", ".join(f"{name} {percent(1.96 * parts[name] / mean)}" for name in most)
         found.append(
-            f"{NAMES[key].lower()}: of the band at the end, ± {band}, most comes of what is told of the car: {names} "
-            "(tselab calibrate finds most of it; known better, say so in [uncertainty])"
+            f"{NAMES[key].lower()}: most of its 95 % interval at the end, ± {percent(1.96 * sd / mean)}, is parameter uncertainty: "
+            f"{names} (tselab calibrate reduces it; state what is known better in [uncertainty])"
         )
     return found
 
 
 def _verdict(table: pd.DataFrame, config: Config, key: str, whole: bool = True) -> Verdict:
-    """Over a whole log the medians of the valid rows, over a stretch its last valid row."""
+    """The value at the end: of the last valid row, or of the last one where hardly any is. Particles forget: over a whole log the
+    medians of their valid rows."""
     of = "the log" if whole else "the stretch"
     valid = table[f"{key}_valid"].to_numpy() == 1
     share = float(valid.mean()) if len(valid) else 0.0
     nominal, unit, name = getattr(config, NOMINAL[key]) / 1000, UNITS[key], NAMES[key]
-    others = table.loc[~valid, f"{key}_reason"].value_counts()  # of categories also those that are not there
-    others = others[others > 0]
-    reason = str(others.index[0]) if len(others) else ""
-    reason_share = float(others.iloc[0] / len(valid)) if len(others) else 0.0
-    nan = float("nan")
-    if share < FEW:
-        start = getattr(config, f"initial_{key}") * nominal if whole else float(table[key].iloc[0]) / 1000
-        last = float(table[key].iloc[-1]) / 1000 if len(table) else nan
-        why = QUIET[key] if reason == "not excited" else WHY.get(reason, reason)
-        text = (
-            f"{reason or 'no rows'}: {why} in {percent(reason_share)} of {of}; the value shown ({last:.0f} {unit}, "
-            f"started at {start:.0f}) says {'little' if share else 'nothing'} about the tyres"
+    reason, reason_share = _commonest(table, key, valid)
+    known = share >= FEW
+    rows = valid if known else _used(table)
+    mean, sd = (table.loc[rows, c].to_numpy(float) / 1000 for c in (key, f"{key}_sd"))
+    if not len(mean):
+        nan, why = float("nan"), _why(reason, key)
+        text = f"no value: {reason or 'no rows'}{f', {why}' if why else ''}"
+        return Verdict(key, name, "none", unit, nan, nan, nan, nominal, share, reason, reason_share, text)
+    at = (lambda x: float(np.median(x))) if whole and config.form and known else (lambda x: float(x[-1]))
+    value, band = at(mean), 1.96 * at(sd)
+    parts = [f"{value:.0f} {unit} ± {max(band, 0.5):.0f} (95 %)"]
+    if known:
+        parts[0] += f", valid {percent(share)} of the time"
+    else:
+        limit = (
+            f", its sd {percent(band / 1.96 / value)}, limit {percent(config.valid_sd)}" if reason in LIMITED else ""
         )
-        return Verdict(
-            key, name, "none", unit, nan, nan, nan, nan, nan, False, nominal, share, reason, reason_share, text
-        )
-
-    mean, sd, spread = (table.loc[valid, c].to_numpy() / 1000 for c in (key, f"{key}_sd", f"{key}_spread"))
-    value, band = (
-        (float(np.median(mean)), float(1.96 * np.median(sd))) if whole else (float(mean[-1]), float(1.96 * sd[-1]))
-    )
-    low, high = (float(q) for q in np.quantile(mean, [0.05, 0.95]))
+        why = _why(reason, key)
+        parts[0] += f", not valid: {reason}{limit}{f': {why}' if why else ''}"
     relative = value / nominal - 1
-    parts = [
-        f"{value:.0f} {unit} ± {max(band, 0.5):.0f} (95 %), valid {percent(share)} of the time",
+    parts.append(
         f"{100 * abs(relative):.0f} % {'above' if relative > 0 else 'below'} nominal"
         if abs(relative) >= 0.02
-        else "as nominal",
-    ]
-    if high - low > 3 * band if whole else abs(mean[-1] - mean[0]) > 3 * 1.96 * sd[0]:
-        parts.append(
-            f"it changed during {of}, from {mean[0]:.0f} to {mean[-1]:.0f} (90 % within {low:.0f} .. {high:.0f})"
-        )
-    if not whole and (end := _last_valid(spoken_of(table), valid)) is not None:
-        parts.append(f"last valid at {end:.1f} s")
-    if reason and share < 0.8:
-        why = QUIET[key] if reason == "not excited" else WHY.get(reason, reason)
-        parts.append(f"otherwise mostly {reason}: {why}")
-    seen = bool(table.loc[valid, f"{key}_spread_seen"].mean() >= 0.5)
-    scatter = float(np.median(spread) / value)
-    parts.append(f"spread {100 * scatter:.0f} % from sample to sample" if seen else UNSEEN)
-    level = "good" if share >= 0.3 else "partly"
-    return Verdict(
-        key,
-        name,
-        level,
-        unit,
-        value,
-        band,
-        low,
-        high,
-        scatter,
-        seen,
-        nominal,
-        share,
-        reason,
-        reason_share,
-        "; ".join(parts),
+        else "as nominal"
     )
+    if known and abs(mean[-1] - mean[0]) > 3 * 1.96 * sd[0]:
+        parts.append(f"it changed during {of}, from {mean[0]:.0f} to {mean[-1]:.0f}")
+    if known and not (whole and config.form) and (end := _last_valid(spoken_of(table), valid)) is not None:
+        parts.append(f"last valid at {end:.1f} s")
+    if known and reason and share < 0.8:
+        why = _why(reason, key)
+        parts.append(f"otherwise mostly {reason}{f': {why}' if why else ''}")
+    spread = float("nan")
+    if known and table.loc[valid, f"{key}_spread_seen"].mean() >= 0.5:
+        spread = float(np.median(table.loc[valid, f"{key}_spread"].to_numpy() / 1000) / value)
+        parts.append(f"spread {100 * spread:.0f} % from sample to sample")
+    level = "none" if not known else "good" if share >= 0.3 else "partly"
+    return Verdict(key, name, level, unit, value, band, spread, nominal, share, reason, reason_share, "; ".join(parts))
+
+
+def _why(reason: str, key: str) -> str:
+    """The reason in more words."""
+    return QUIET[key] if reason in ("not excited", "uncertain") else WHY.get(reason, "")
+
+
+def _commonest(table: pd.DataFrame, key: str, valid: np.ndarray) -> tuple[str, float]:
+    """The commonest reason of the rows that are not valid, and its share of all rows."""
+    others = table.loc[~valid, f"{key}_reason"].value_counts()  # of categories also those that are not there
+    others = others[others > 0]
+    return (str(others.index[0]), float(others.iloc[0] / len(valid))) if len(others) else ("", 0.0)
+
+
+def _used(table: pd.DataFrame) -> np.ndarray:
+    """Rows that were not refused."""
+    return table["status"].to_numpy() >= 0
 
 
 def _last_valid(time: np.ndarray, valid: np.ndarray) -> float | None:
     """When a stiffness was valid last, if that is a while before the end."""
     last = float(time[np.flatnonzero(valid)[-1]])
     return last if time[-1] - last > RECENT else None
+
+
+def others(table: pd.DataFrame, config: Config) -> list[Quantity]:
+    """Return the finding on grip, if it is estimated, and on the sideslip angle where it was largest."""
+    if config.form or f"{GRIP}_sd" not in table:
+        return []
+    return [q for q in (_grip(table, config), _sideslip(table)) if q is not None]
+
+
+def _grip(table: pd.DataFrame, config: Config) -> Quantity | None:
+    """The grip at the end: of the last valid row, or of the last one."""
+    valid = table[f"{GRIP}_valid"].to_numpy() == 1
+    rows = np.flatnonzero(valid if valid.any() else _used(table))
+    if not config.grip_sd > 0 or not len(rows):
+        return None
+    share, (reason, _) = float(valid.mean()), _commonest(table, GRIP, valid)
+    at = int(rows[-1])
+    value, sd = (float(table[c].iloc[at]) for c in (GRIP, f"{GRIP}_sd"))
+    why = _why(reason, GRIP)
+    text = f"valid {percent(share)} of the time" if share > 0 else f"not valid: {reason}{f', {why}' if why else ''}"
+    return Quantity(GRIP, "Grip", "1", value, 1.96 * sd, share, reason, float(spoken_of(table)[at]), text)
+
+
+def _sideslip(table: pd.DataFrame) -> Quantity | None:
+    """Where it was largest, of the rows in which the car moved as the model says."""
+    rows = np.flatnonzero(table["status"].between(0, library().status("TSE_W_MISSING_CHANNEL")).to_numpy())
+    if not len(rows):
+        return None
+    angle, sd = (DEGREE * table[c].to_numpy(float)[rows] for c in ("sideslip", "sideslip_sd"))
+    at = int(np.argmax(np.abs(angle)))
+    time = float(spoken_of(table)[rows[at]])
+    text = f"the largest, at {time:.1f} s; median interval ± {max(1.96 * float(np.median(sd)), 0.005):.2f}"
+    return Quantity(
+        "sideslip", "Sideslip angle", "deg", float(angle[at]), 1.96 * float(sd[at]), float("nan"), "", time, text
+    )

@@ -231,14 +231,14 @@ def test_ordinary_driving_is_ordinary():
 
 
 def test_a_study_may_be_run_with_more_estimators():
-    study = studies.study("stress+landed+told", ("nominal", "mass+10"))
-    assert (study.name, study.base) == ("stress+landed+told", "stress")
-    assert [c.estimators for c in study.cases] == [("tse", "landed", "told")] * 2
-    assert studies.study("regimes+landed").case("road-0.7").estimators == ("tse", "landed", "told")  # once
+    study = studies.study("stress+ekf+told", ("nominal", "mass+10"))
+    assert (study.name, study.base) == ("stress+ekf+told", "stress")
+    assert [c.estimators for c in study.cases] == [("tse", "ekf", "told")] * 2
+    assert studies.study("regimes+told").case("road-0.7").estimators == ("tse", "told")  # once
     with pytest.raises(UserError, match="there is no estimator 'nobody'"):
         studies.study("stress+nobody")
     with pytest.raises(UserError, match="there is no study 'nothing'"):
-        studies.study("nothing+landed")
+        studies.study("nothing+ekf")
 
 
 @pytest.mark.parametrize(("count", "exposure"), [(0, 10.0), (3, 2.0), (40, 100.0)])

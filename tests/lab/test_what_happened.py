@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import re
-from pathlib import Path
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -24,7 +21,7 @@ def table_of(told, seconds: float = 60.0, step: float = 0.01, valid=lambda t: np
     n = len(time)
     level = np.ones(n)
     columns = {"time": time, "status": np.zeros(n, int)}
-    columns |= {f"p_{p}": np.zeros(n) for p in ("changed", "axle", "drifting", "fault", "sliding", "restarted")}
+    columns |= {f"p_{p}": np.zeros(n) for p in ("changed", "axle", "fault", "sliding", "restarted")}
     columns |= {"fault_channel": np.zeros(n, int), "change_age": np.zeros(n), "change_probability": np.zeros(n)}
     columns |= {"change_kind": np.zeros(n, int), **{f"change_{s}": np.ones(n) for s in STIFFNESS}}
     for start, end, change in told:
@@ -80,42 +77,11 @@ def test_a_change_has_time_kind_probability_and_what_it_did():
     )
 
 
-def test_a_moment_that_did_not_fit_is_no_other_road():
-    """The filter opened what it knew, and found the same again: 6 % of 15 % is no change. 30 % of the same car is."""
-    loose = dict.fromkeys((f"{s}_sd" for s in STIFFNESS), 0.15 * 1.2e5)
-    assert changes(table_of([(36.1, 60, (36.03, 1, 0.99, 0.94))]).assign(**loose)) == []
-    (change,) = changes(table_of([(36.1, 60, (36.03, 1, 0.99, 0.6))]).assign(**loose))
-    assert 0.9 < change.probability < 0.99
-
-
-def test_the_probability_of_another_stiffness_is_that_of_the_two_normals():
-    from scipy.stats import multivariate_normal
-
-    from tselab import regimes
-
-    x, sd = np.log([0.85, 0.8, 0.95]), np.array([0.15, 0.2, 0.12])
-    noise = np.diag((1 - regimes.SAME_CAR) * sd**2)
-    ratio = {s: (float(np.exp(a)), float(np.exp(a) * b)) for s, a, b in zip(STIFFNESS, x, sd, strict=True)}
-    density = [multivariate_normal.pdf(x, cov=noise + more) for more in (0.4**2 + 0.1**2 * np.eye(3), 0)]
-    expected = density[0] / (density[0] + regimes.MISFITS * density[1])
-    assert 0.05 < expected < 0.95 and regimes._another(1, ratio) == pytest.approx(expected, rel=1e-9)
-    assert regimes._another(4, ratio) == 1.0 and regimes._another(1, {"cx_front": (0.7, float("nan"))}) == 1.0
-
-
-def test_a_change_is_spread_as_in_the_library():
-    from tselab import regimes
-
-    text = (Path(__file__).resolve().parents[2] / "include" / "tse" / "constants.def").read_text()
-    names = ("ROAD_COMMON", "ROAD_OWN", "AXLE_OPEN")
-    common, own, axle = (float(re.search(rf"CONSTANT\({name}, *([\d.]+)", text)[1]) for name in names)
-    assert {1: (common, own), 2: (0.0, axle), 3: (0.0, axle)} == regimes.OPENED
-
-
 @pytest.mark.parametrize(
     ("kind", "what", "touched"),
     [
         (1, "road changed", 3),
-        (2, "front axle changed", 2),
+        (2, "front axle changed", 1),
         (3, "rear axle changed", 1),
         (4, "started over", 0),
         (9, "changed", 0),
@@ -142,27 +108,14 @@ def test_a_time_that_is_found_out_better_is_one_change_and_the_last_word_counts(
     assert change.time == pytest.approx(10.1) and change.kind == 1 and change.ratio["cx_front"][0] == pytest.approx(0.7)
 
 
-def test_a_change_that_is_soon_dropped_was_a_false_alarm():
-    assert changes(table_of([(20.1, 21, (20, 1, 0.93, 0.9))])) == []
-    told = [(10.1, 20.1, (10, 1, 0.9, 0.7)), (20.1, 21, (20, 1, 0.93, 0.9)), (21, 60, (10, 1, 0.95, 0.7))]
-    assert [round(c.time, 2) for c in changes(table_of(told))] == [10]
-    again = [(20.1, 21, (20, 1, 0.93, 0.9)), (21, 21.2, None), (21.2, 60, (20, 1, 0.9, 0.8))]
-    assert [round(c.time, 2) for c in changes(table_of(again))] == [20]
+def test_a_refused_row_in_between_is_no_new_change():
+    told = [(10.1, 30, (10, 1, 0.9, 0.7)), (30.01, 60, (10, 1, 0.95, 0.7))]
+    (change,) = changes(table_of(told))
+    assert change.time == pytest.approx(10) and change.probability == pytest.approx(0.95)
 
 
-def test_a_change_that_stood_long_stays_when_the_filter_starts_from_none_again():
-    told = [(10.1, 30, (10, 1, 0.9, 0.7)), (30, 40, None), (40.1, 60, (40, 1, 0.9, 1.2))]
-    assert [round(c.time, 2) for c in changes(table_of(told))] == [10, 40]
-
-
-def test_a_change_that_another_history_takes_over_from_stays_told():
-    """At that moment both are about as likely; it had been sure for 20 s."""
-    told = [
-        (0, 20, None),
-        (20, 39.9, (20.0, 1, 0.99, 0.5)),
-        (39.9, 40, (20.0, 1, 0.6, 0.5)),
-        (40, 60, (39.7, 3, 0.97, 0.8)),
-    ]
+def test_a_change_that_became_likely_stays_reported():
+    told = [(20, 39.9, (20.0, 1, 0.99, 0.5)), (39.9, 40, (20.0, 1, 0.6, 0.5)), (40, 60, (39.7, 3, 0.97, 0.8))]
     found = changes(table_of(told))
     assert [(round(c.time, 2), c.kind) for c in found] == [(20.0, 1), (39.7, 3)]
     assert found[0].probability == pytest.approx(0.99)
@@ -194,15 +147,15 @@ def test_spells_have_their_channel_and_short_gaps_are_bridged():
     table.loc[during(5, 6) | during(6.3, 7), "p_sliding"] = 0.95
     table.loc[during(20, 22), ["p_fault", "fault_channel"]] = [0.9, 6]
     table.loc[during(22, 23), ["p_fault", "fault_channel"]] = [0.99, 4]
-    table.loc[during(40, 41) | during(50, 52), "p_drifting"] = 0.92
-    table.loc[during(55, 56), "p_drifting"] = 0.3
+    table.loc[during(40, 41) | during(50, 52), "p_sliding"] = 0.92
+    table.loc[during(55, 56), "p_sliding"] = 0.3
     found = spells(table)
     assert [(s.what, s.channel, round(s.start, 2), round(s.end, 2)) for s in found] == [
-        ("sliding", "", 5, 6.99), ("fault", "yaw_rate", 20, 21.99), ("fault", "accel_x", 22, 22.99), ("drifting", "", 40, 40.99),
-        ("drifting", "", 50, 51.99),
+        ("sliding", "", 5, 6.99), ("fault", "yaw_rate", 20, 21.99), ("fault", "accel_x", 22, 22.99), ("sliding", "", 40, 40.99),
+        ("sliding", "", 50, 51.99),
     ]  # fmt: skip
     assert found[1].label == "yaw_rate at fault 20.00 .. 21.99 s, 90 %"
-    assert words([], found)[-1] == "drifting 2 times, 3.0 s in all, first at 40.00 s"
+    assert words([], found)[0] == "sliding 3 times, 5.0 s in all, first at 5.00 s"
 
 
 def pieces(*times: float, seconds: float = 60.0) -> list[tuple[float, float, int, int]]:

@@ -19,7 +19,7 @@ from tselab.identify.problem import UNLIKE_SD
 from tselab.identify.unknowns import LATENCIES, LATENCY, SUPERELEVATION, of_log
 from tselab.vehicle import GRAVITY, HINT_ONLY, formula_toml, sensor_settings, unknown_car, vehicle_settings
 
-# What is not believed to be known better, whatever the covariance says: the axles of a car differ in relaxation, steering moves with force.
+# What is not believed to be known better, whatever the covariance says: axles differ in relaxation, steering moves with force.
 LEAN_SD, TRAIL_SD, GYRO_SD, RELAXATION_SD, ROLL_STEER_SD = 0.1, 0.02, 0.005, 0.12, 0.03
 
 
@@ -76,7 +76,7 @@ def uncertainty(result: Result) -> dict[str, float]:
             wheel_radius_rear=1.0 / at["wheel_radius_rear"], wheel_radius_front=-1.0 / at["wheel_radius_front"]
         ),
     }
-    # roads lean into their curves otherwise than those of the calibration, which a filter estimates; what a calibration hardly shows
+    # roads lean into their curves otherwise than those of the calibration, which a filter estimates; what it hardly shows
     found["lean_sd"] = max(float(np.std(_superelevations(result))), LEAN_SD)
     found["trail_sd"] = max(sd(aligning_moment_trail=1.0), TRAIL_SD)
     found["gyro_scale_sd"] = max(sd(gyro_scale_error=1.0), GYRO_SD)

@@ -2,7 +2,7 @@
 
 case.py        what a case is; driving one of it            corrupt.py   what goes wrong with a log
 drives.py      manoeuvres that only studies need            scores.py    one drive and one estimate become a row of numbers
-estimators.py  what can be run on a drive                   landed.py    one of them: the default of an earlier commit
+estimators.py  what can be run on a drive
 engine.py      all runs: processes, Dask, resuming
 studies.py     the studies: their cases, in one list        summary.py   rows become tables
 findings.py    the tables that only one study has           pictures.py  its picture; panels.py: drawn for paper and screen

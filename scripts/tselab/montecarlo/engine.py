@@ -368,7 +368,6 @@ def fingerprint(plan: Plan) -> dict[str, Any]:
 _SOURCES = ("montecarlo.case", "montecarlo.corrupt", "montecarlo.drives", "montecarlo.scores", "maneuvers", "simulate")
 _SOURCES_OF = {
     "ekf": ("peers",), "ukf": ("peers",), "told": ("peers",), "bound": ("bounds", "peers"), "crb": ("bounds", "peers"),
-    "landed": ("montecarlo.landed",),
 }  # fmt: skip
 
 

@@ -11,7 +11,6 @@ import pandas as pd
 
 from tselab.core import NOMINAL, STIFFNESS, Config, Filter, library
 from tselab.errors import UserError
-from tselab.montecarlo import landed
 from tselab.montecarlo.case import Drive
 from tselab.study import START
 
@@ -27,9 +26,7 @@ WITHOUT = "tse without "
 PEERS = ("ekf", "ukf", "told")
 BOUNDS = {"bound": "forgetting_bound", "crb": "cramer_rao"}  # no estimators: only what sd one could have
 FORMS = ("sampled", "paper")
-LANDED = "landed"
 TEXTS = {
-    LANDED: "the default of an earlier commit (tselab/montecarlo/landed.py)",
     "ekf": "EKF on the augmented state, told the true covariances",
     "ukf": "UKF on the augmented state, told the true covariances",
     "told": "EKF that never forgets, told the true covariances and when the road changes",
@@ -46,7 +43,7 @@ def overrides(name: str) -> dict[str, float]:
     if is_yours(name):
         _yours(name)
         return {}
-    if name in (*PEERS, *BOUNDS, *FORMS, LANDED):
+    if name in (*PEERS, *BOUNDS, *FORMS):
         return {}
     if name.startswith(WITHOUT):
         for departure, _, settings in DEPARTURES:
@@ -62,8 +59,6 @@ def overrides(name: str) -> dict[str, float]:
 
 def configure(name: str, form: str, settings: Mapping[str, float], about: Mapping[str, float]) -> Config:
     """Settings of an estimator: start and form, then the user's, then what the case is about, then its own."""
-    if name == LANDED:
-        return landed.configure({**START, **settings, **about})
     family = name.partition("-")[0]
     forms = Config.form(family if family in FORMS else form)
     return Config({**START, **forms, **settings, **about, **overrides(name)})

@@ -9,7 +9,7 @@ from scipy import stats
 from tselab.core import STIFFNESS
 from tselab.log import MEASURES
 from tselab.montecarlo.engine import Plan
-from tselab.montecarlo.estimators import DEPARTURES, LANDED, PEERS, TEXTS, WITHOUT
+from tselab.montecarlo.estimators import DEPARTURES, PEERS, TEXTS, WITHOUT
 from tselab.montecarlo.scores import AFTER, OFF, OFF_FOR, SETTLED_FOR, SURE
 from tselab.montecarlo.summary import (
     HEADS,
@@ -38,8 +38,7 @@ def findings(plan: Plan, runs: pd.DataFrame, summary: pd.DataFrame) -> list[Tabl
     of_study = {"fig1": _fig1, "fig2": _fig2, "bound": _bound, "peers": _peers, "departures": _departures, "regimes": _regimes,
                 "as-told": _as_told}  # fmt: skip
     make = of_study.get(plan.study.base)
-    tables = [t for t in make(plan, runs, summary) if t.rows] if make else []
-    return [*tables, *over(plan, runs, LANDED)]
+    return [t for t in make(plan, runs, summary) if t.rows] if make else []
 
 
 def _fig1(plan: Plan, runs: pd.DataFrame, summary: pd.DataFrame) -> list[Table]:

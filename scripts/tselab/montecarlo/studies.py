@@ -13,7 +13,7 @@ from tselab.errors import UserError
 from tselab.log import DRIVES, MEASURES
 from tselab.montecarlo import STUDIES, corrupt, drives
 from tselab.montecarlo.case import Case
-from tselab.montecarlo.estimators import BOUNDS, DEPARTURES, FORMS, LANDED, PEERS, WITHOUT, overrides
+from tselab.montecarlo.estimators import BOUNDS, DEPARTURES, FORMS, PEERS, WITHOUT, overrides
 
 SPREADS = ("spread_cx_front", "spread_cy_front", "spread_cy_rear")
 DEGREE = np.pi / 180
@@ -21,7 +21,7 @@ DEGREE = np.pi / 180
 
 @dataclass(frozen=True)
 class Study:
-    """A list of cases, and how many runs of each are usual. The name may add estimators to all of them: "stress+landed"."""
+    """A list of cases, and how many runs of each are usual. The name may add estimators to all of them: "stress+ekf"."""
 
     name: str
     title: str
@@ -105,7 +105,7 @@ def _stress() -> tuple[Case, ...]:
     )  # fmt: skip
 
 
-THREE = ("tse", LANDED, "told")
+TWO = ("tse", "told")
 PAUSES = (60, 600, 3600)  # s
 SLOW = (5, 20, 60, 600)  # s
 SLOW_START, SLOW_AFTER = 20.0, 20.0  # s
@@ -114,15 +114,15 @@ HELD = ("road-0.7", "road-0.3", "slow-20", "ice-stiffness", "ice-friction", "pau
 
 def _regimes() -> tuple[Case, ...]:
     """What `_stress` does not have. Windows end before an event: its row already has another truth."""
-    ice = {"estimators": THREE, "events": (40.0,), "windows": ((20.0, 39.99), (45.0, 100.0))}
+    ice = {"estimators": TWO, "events": (40.0,), "windows": ((20.0, 39.99), (45.0, 100.0))}
     cases = (
         Case("road-0.7", "square waves, road to 70 % at 30 s", _waves(60.0, road=((30.0, 0.7),)), events=(30.0,),
-             windows=((15.0, 29.99), (45.0, 60.0)), estimators=THREE),
+             windows=((15.0, 29.99), (45.0, 60.0)), estimators=TWO),
         Case("road-0.3", "road to 30 % at 20 s and back at 40 s", _waves(60.0, road=((20.0, 0.3), (40.0, 1.0))),
-             events=(20.0, 40.0), windows=((30.0, 39.99), (50.0, 60.0)), estimators=THREE),
+             events=(20.0, 40.0), windows=((30.0, 39.99), (50.0, 60.0)), estimators=TWO),
         *(Case(f"slow-{s}", f"stiffness to 70 % within {s} s",
                partial(drives.slow_change, start=SLOW_START, length=s, level=0.7, after=SLOW_AFTER), events=(SLOW_START,),
-               lasts=s, windows=((SLOW_START, SLOW_START + s + SLOW_AFTER),), estimators=("tse", LANDED)) for s in SLOW),
+               lasts=s, windows=((SLOW_START, SLOW_START + s + SLOW_AFTER),)) for s in SLOW),
         Case("ice-stiffness", "27 m/s, keeping lane and distance, stiffness to 30 % at 40 s",
              partial(drives.motorway, duration=100.0, at=40.0, level=0.3), **ice),
         Case("ice-friction", "the same, friction to 0.2 with the same stiffness; against the secant",
@@ -131,10 +131,10 @@ def _regimes() -> tuple[Case, ...]:
              partial(drives.motorway, duration=100.0, at=40.0, friction=0.2, steer=(0.012, 0.02), torque=(400.0, 700.0)),
              sim={"friction": 0.9}, **ice),
         *(Case(f"pause-{s}", f"a row comes {s} s after the one before, at 20 s", _waves(40.0),
-               corrupt=partial(corrupt.pause, at=20.0, length=s), windows=((20.0, 40.0),), estimators=THREE) for s in PAUSES),
+               corrupt=partial(corrupt.pause, at=20.0, length=s), windows=((20.0, 40.0),), estimators=TWO) for s in PAUSES),
         *(Case(f"spread-{s}-noise-{name}", f"stiffness scatters by {s} %, noise {name} of what is told", _waves(60.0),
                config={"initial_spread": 0.05}, sim={"noise": noise} | dict.fromkeys(SPREADS, s / 100),
-               windows=((40.0, 60.0),), estimators=THREE)
+               windows=((40.0, 60.0),), estimators=TWO)
           for s in (1, 5, 15) for name, noise in (("third", 1 / 3), ("1", 1.0), ("3", 3.0))),
     )  # fmt: skip
     held = (replace(c, name=f"{c.name}-held", title=f"{c.title}; inputs held", sim={**c.sim, "hold_inputs": 1})
