@@ -117,15 +117,27 @@ def changes(table: pd.DataFrame) -> list[Change]:
 
     Every row reports the last change the filter believes in, by its age. Reports of times within TOGETHER are one change; the
     last one counts. Left out: what is less probable than LIKELY in half of its rows and in the last, and what changed nothing
-    (SMALL).""" if not {"change_age", "change_kind"} <= set(table) or table.empty: return [] time, kind = spoken_of(table),
-    table["change_kind"].to_numpy() rows = np.flatnonzero(kind > 0) at = time[rows] - table["change_age"].to_numpy()[rows] edges =
-    np.flatnonzero(np.abs(np.diff(at)) > TOGETHER) + 1 reports: list[tuple[float, np.ndarray]] = [] # time of the change, rows
-    that report it for mine, when in zip(np.split(rows, edges), np.split(at, edges), strict=True): if not len(mine): continue
-    middle = float(np.median(when)) if reports and abs(reports[-1][0] - middle) <= TOGETHER: mine =
-    np.concatenate([reports.pop()[1], mine]) reports.append((middle, mine)) columns = {name: table[name].to_numpy() for name in
-    table if name in COLUMNS or name in SDS} found = [_change(columns, time, when, mine) for when, mine in reports] return [ c for
-    c in found if not c.probability < LIKELY and (not c.ratio or any(abs(ratio - 1) > SMALL for ratio, _ in c.ratio.values())) ] #
-    fmt: skip
+    (SMALL)."""
+    if not {"change_age", "change_kind"} <= set(table) or table.empty:
+        return []
+    time, kind = spoken_of(table), table["change_kind"].to_numpy()
+    rows = np.flatnonzero(kind > 0)
+    at = time[rows] - table["change_age"].to_numpy()[rows]
+    edges = np.flatnonzero(np.abs(np.diff(at)) > TOGETHER) + 1
+    reports: list[tuple[float, np.ndarray]] = []  # time of the change, rows that report it
+    for mine, when in zip(np.split(rows, edges), np.split(at, edges), strict=True):
+        if not len(mine):
+            continue
+        middle = float(np.median(when))
+        if reports and abs(reports[-1][0] - middle) <= TOGETHER:
+            mine = np.concatenate([reports.pop()[1], mine])
+        reports.append((middle, mine))
+    columns = {name: table[name].to_numpy() for name in table if name in COLUMNS or name in SDS}
+    found = [_change(columns, time, when, mine) for when, mine in reports]
+    return [
+        c for c in found
+        if not c.probability < LIKELY and (not c.ratio or any(abs(ratio - 1) > SMALL for ratio, _ in c.ratio.values()))
+    ]  # fmt: skip
 
 
 def _change(columns: Mapping[str, np.ndarray], times: np.ndarray, time: float, rows: np.ndarray) -> Change:
