@@ -154,6 +154,7 @@ enum {
 
 enum { TSE_CHANGE_NONE, TSE_CHANGE_ROAD, TSE_CHANGE_FRONT, TSE_CHANGE_REAR, TSE_CHANGE_RESTART };
 
+#define TSE_GROUPS 2     /* of events that exclude each other */
 #define TSE_EVENTS 16   /* places for what may have happened, src/filter/events.c */
 
 typedef struct tse_ud { tse_real u[TSE_STATES * (TSE_STATES - 1) / 2], d[TSE_STATES]; } tse_ud;
@@ -187,6 +188,7 @@ typedef struct tse_kalman {
   int32_t change_kind, fault, slow_turn, channels; /* TSE_CHANGE_*; 0 none, else 1 + place in tse/input.def; rows; of the last row */
   uint32_t saturated;
   tse_event event[TSE_EVENTS];
+  tse_real weight[TSE_EVENTS], none[TSE_GROUPS]; /* posterior probability of each event, and that nothing happened */
 } tse_kalman;
 
 /* Rows that wait for channels which are logged later, in a ring: before them stands an older one. */

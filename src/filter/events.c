@@ -98,9 +98,10 @@ static tse_real gain_of(const tse_event *a)
 
 int event_is_small(const tse_event *a) { return r_abs(a->score) < r_mul(least_of(a->kind), TSE_R(1) + a->info); }
 
-void events_weights(const tse_kalman *k, tse_real weight[TSE_EVENTS], tse_real none[GROUPS])
+static void weigh_events(tse_kalman *k)
 {
-  for (int group = 0; group < GROUPS; group++) {
+  tse_real *const weight = k->weight, *const none = k->none;
+  for (int group = 0; group < TSE_GROUPS; group++) {
     tse_real most = TSE_R(0), sum;
     for (int n = 0; n < TSE_EVENTS; n++) {
       const tse_event *const a = &k->event[n];
@@ -123,13 +124,15 @@ void events_weights(const tse_kalman *k, tse_real weight[TSE_EVENTS], tse_real n
   }
 }
 
-static void open_event(tse_event *a, int32_t which)
+static void open_event(tse_kalman *k, int n, int32_t which)
 {
+  tse_event *const a = &k->event[n];
   const kind what = kind_of(which);
   memset(a, 0, sizeof *a);
   for (int i = 0; i < STATES; i++) a->v[i] = TSE_R(0);
   a->info = a->score = a->age = TSE_R(0);
   a->kind = which;
+  k->weight[n] = TSE_R(0);
   for (int i = 0; i < 3; i++)
     if (what.common[i].state >= 0) a->v[what.common[i].state] = r_div(what.common[i].sd, state_unit[what.common[i].state]);
 }
@@ -157,7 +160,7 @@ static void spawn(tse_kalman *k)
         }
       if (what.places == 1 && gain_of(&k->event[at]) > TSE_R(3) && k->event[at].age < LONGEST_EVENT) { at = last; continue; }
     }
-    if (free || !(youngest < what.every)) open_event(&k->event[oldest], which);
+    if (free || !(youngest < what.every)) open_event(k, oldest, which);
     at = last;
   }
 }
@@ -187,21 +190,24 @@ static void believe(const tse_params *p, tse_kalman *k, int n)
     for (int i = 0; i < 3; i++) k->change_from[i] = was[i];
   }
   for (int i = 0; i < TSE_EVENTS; i++)
-    if (group_of(k->event[i].kind) == group_of(a.kind)) k->event[i].kind = EVENT_NONE;
+    if (k->event[i].kind != EVENT_NONE && group_of(k->event[i].kind) == group_of(a.kind)) {
+      k->event[i].kind = EVENT_NONE;
+      k->weight[i] = TSE_R(0);
+    }
+  k->none[group_of(a.kind)] = TSE_R(1);
 }
 
 void events_decide(const tse_params *p, tse_kalman *k, tse_real dt)
 {
-  tse_real weight[TSE_EVENTS], none[GROUPS];
   if (k->fault == 1) k->agrees_for += dt; /* the offset is found anew */
   if (k->fault && k->agrees_for > FAULT_END) k->fault = 0;
-  events_weights(k, weight, none);
-  for (int group = 0; group < GROUPS; group++) {
+  weigh_events(k);
+  for (int group = 0; group < TSE_GROUPS; group++) {
     int best = -1;
-    if (!(none[group] < TSE_R(1) - BELIEVED)) continue;
+    if (!(k->none[group] < TSE_R(1) - BELIEVED)) continue;
     for (int n = 0; n < TSE_EVENTS; n++) {
       const int32_t which = k->event[n].kind;
-      if (which != EVENT_NONE && group_of(which) == group && !event_is_small(&k->event[n]) && (best < 0 || weight[n] > weight[best])) best = n;
+      if (which != EVENT_NONE && group_of(which) == group && !event_is_small(&k->event[n]) && (best < 0 || k->weight[n] > k->weight[best])) best = n;
     }
     if (best >= 0) believe(p, k, best);
   }

@@ -17,7 +17,6 @@
 #define events_clear   TSE_NAME(tse_events_clear)
 #define events_learn   TSE_NAME(tse_events_learn)
 #define events_decide  TSE_NAME(tse_events_decide)
-#define events_weights TSE_NAME(tse_events_weights)
 #define event_is_small TSE_NAME(tse_event_is_small)
 #define report_row     TSE_NAME(tse_report_row)
 #define judge_row      TSE_NAME(tse_judge_row)
@@ -33,7 +32,6 @@ typedef struct decoded {
 } decoded;
 
 /* Kinds of events, and what each opens: events.c. */
-enum { GROUPS = 2 };
 enum { EVENT_NONE, EVENT_ROAD, EVENT_FRONT, EVENT_REAR, EVENT_SLIP_FRONT, EVENT_SLIP_REAR, EVENT_STEER, EVENT_SENSOR, EVENT_KINDS = EVENT_SENSOR + TSE_SENSORS };
 
 /* Uncertain quantities that are no state: the first as BY_INERTIA ... */
@@ -59,13 +57,12 @@ void update_still(const tse_params *p, tse_kalman *k, const decoded *z);
 
 /* events.c   clear: states before count were placed anew. move: the row's transition, M and what the states behind it keep.
  *            learn: a measurement of a channel (-1: none of a sensor) was used: slopes, gain, innovation, its variance, the sensor's sd
- *            decide: open, believe.   weights: posterior probability of each; returned: that of none */
+ *            decide: weigh, believe, open */
 void events_clear(tse_kalman *k, int count);
 void events_move(const tse_params *p, tse_kalman *k, tse_real M[MOTION][COLUMNS], const tse_real keep[STATES], tse_real dt);
 void events_learn(tse_kalman *k, int channel, const tse_real h[STATES], const tse_real gain[STATES], tse_real e, tse_real s, tse_real sd);
 void events_decide(const tse_params *p, tse_kalman *k, tse_real dt);
 int event_is_small(const tse_event *a); /* it may explain the samples, and calls for nothing */
-void events_weights(const tse_kalman *k, tse_real weight[TSE_EVENTS], tse_real none[GROUPS]);
 
 /* What kind of row it is. */
 typedef struct passage { int gap, held, predicted; } passage;

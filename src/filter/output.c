@@ -7,7 +7,7 @@ static const int32_t stiffness_state[3] = { LCX, LCF, LCR };
                                   less; and never better than the discrepancy, since no bend shows another side of it */
 
 /* Variance of state i over the posterior, the uncertain quantities and the events that may have happened; *shift: their mean. SI */
-static tse_real variance_of(const tse_kalman *k, const tse_real weight[TSE_EVENTS], int i, tse_real *shift)
+static tse_real variance_of(const tse_kalman *k, const tse_real *weight, int i, tse_real *shift)
 {
   tse_real var = ud_variance(&k->p, i), mean = TSE_R(0), square = TSE_R(0);
   for (int q = 0; q < TSE_DOUBTS; q++) var += r_sqr(k->doubt[q][i]);
@@ -24,12 +24,11 @@ static tse_real variance_of(const tse_kalman *k, const tse_real weight[TSE_EVENT
 
 void report_row(const tse_params *p, const tse_kalman *k, tse_output *out)
 {
-  tse_real weight[TSE_EVENTS], shift, var;
+  tse_real shift, var;
+  const tse_real *const weight = k->weight;
   tse_real *const state[3] = { &out->vel_x, &out->vel_y, &out->yaw_rate };
   tse_real *const state_sd[3] = { &out->vel_x_sd, &out->vel_y_sd, &out->yaw_rate_sd };
-  tse_real group[GROUPS];
-  events_weights(k, weight, group);
-  const tse_real none = r_mul(group[0], group[1]);
+  const tse_real none = r_mul(k->none[0], k->none[1]);
   for (int i = 0; i < 3; i++) {
     var = variance_of(k, weight, VX + i, &shift);
     *state[i] = k->x[VX + i] + shift;

@@ -22,6 +22,7 @@ void start_all(const tse_params *p, tse_filter *f)
     k->noise[c] = f->start.loaded ? f->start.noise[c] : TSE_R(1);
     k->usual[c] = TSE_R(1) + r_sqr(r_div(p->model_sd, TSE_R(0.075))); /* of a car that is hardly known nothing is an event at first */
   }
+  for (int group = 0; group < TSE_GROUPS; group++) k->none[group] = TSE_R(1);
   ud_set(&k->p, variance);
   if (!f->start.loaded) return;
   for (int i = 0; i < TSE_KEPT; i++) k->x[FAST + i] = f->start.kept[i];

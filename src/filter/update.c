@@ -15,6 +15,8 @@ static tse_real usual_of(tse_kalman *k, int c, tse_real e, tse_real s, tse_real 
   return k->usual[c];
 }
 
+#define NEGLIGIBLE TSE_R(0.001) /* share of an innovation's variance: uncertain quantities that make less do not change the gain */
+
 /* Use one measurement. change: what all measurements of this row move the state by so far, in units.
  * The gain is that of Schmidt (1966): uncertain quantities count in it and are not estimated. With A = U D U' the covariance if they
  * were known and V what the state is off by for each, it is K = (A h + V y)/(h'A h + y'y + r), y = V'h + slopes over them; and A after
@@ -33,7 +35,7 @@ static tse_real use(tse_kalman *k, int channel, const scalar *m, tse_real sd, ts
   *state = own + doubt;
   const tse_real s = r_max(*state + m->r, r_div(square, TAIL)), alone = s - doubt; /* further off: a smaller gain */
   ud_correct(&k->p, f, v, alone - own, gain);
-  if (doubt > TSE_R(0)) {
+  if (doubt > r_mul(NEGLIGIBLE, s)) {
     const tse_real share = r_div(alone, s), over = r_div(TSE_R(1), s);
     for (int i = 0; i < STATES; i++) {
       tse_real best = r_mul(gain[i], share);

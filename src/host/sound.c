@@ -59,6 +59,7 @@ static int sound_kalman(const tse_kalman *k, int started)
   fine = fine && sound_reals(&k->log_likelihood, 1, -MOST_REAL, MOST_REAL) && sound_reals(k->change_from, 3, TSE_R(-10), TSE_R(10));
   for (int i = 0; i < (int)(sizeof not_negative / sizeof not_negative[0]); i++) fine = fine && sound_reals(not_negative[i], 1, TSE_R(0), MOST_REAL);
   for (int i = 0; i < TSE_EVENTS; i++) fine = fine && sound_event(&k->event[i]);
+  fine = fine && sound_reals(k->weight, TSE_EVENTS, TSE_R(0), TSE_R(1)) && sound_reals(k->none, TSE_GROUPS, TSE_R(0), TSE_R(1));
   for (int c = 0; started && c < TSE_SENSORS; c++) fine = fine && k->noise[c] > TSE_R(0) && k->usual[c] > TSE_R(0);
   return fine;
 }
