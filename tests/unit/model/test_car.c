@@ -1,0 +1,461 @@
+/* tests/unit/model/test_car.c <-> src/model/car.c
+ *
+ * Slopes are held against central differences (double only: they need digits), forces and motion against what is known in closed form. */
+#include "model/car.h"
+
+#include "unit_support.h"
+
+static const double pi = 3.14159265358979323846;
+
+/* A car with everything that has exact slopes; load: with load transfer, compliance and pitch, whose slopes are neglected. */
+static tse_car some_car(int load)
+{
+  tse_config c;
+  tse_config_default(&c);
+  c.mass = setting(1600);
+  c.lf = setting(1.2);
+  c.lr = setting(1.5);
+  c.yaw_inertia = setting(2700);
+  c.cornering_stiffness_front = setting(1e5);
+  c.cornering_stiffness_rear = setting(1.3e5);
+  c.grip = setting(1.1);
+  c.tyre_saturation_shape = setting(0.4);
+  c.relaxation_length = setting(0.4);
+  c.body_roll_gain = setting(0.006);
+  c.body_roll_frequency = setting(1.5);
+  c.body_roll_damping = setting(0.3);
+  c.body_roll_height = setting(0.2);
+  c.body_roll_coupling = setting(0.3);
+  c.rear_roll_steer_gain = setting(0.05);
+  c.aligning_moment_trail = setting(0.03);
+  c.aero_drag_coefficient = setting(0.4);
+  c.rolling_resistance_coefficient = setting(0.01);
+  c.imu_lever_arm_x = setting(0.3);
+  c.imu_lever_arm_y = setting(-0.2);
+  c.imu_misalignment_angle = setting(0.03);
+  c.imu_scale_ay_error = setting(0.02);
+  c.gyro_scale_error = setting(0.01);
+  if (load) {
+    c.longitudinal_load_transfer_gain = setting(0.02);
+    c.lateral_load_transfer_gain = setting(0.0005);
+  }
+  return prepared(&c).car;
+}
+
+/* Tyres that know no end, no load transfer, no roll: what textbooks write of. */
+static tse_car plain_car(void)
+{
+  tse_config c;
+  tse_config_default(&c);
+  return prepared(&c).car;
+}
+
+static void any_state(tse_real x[STATES], uint32_t *seed)
+{
+  const double most[STATES] = { 0, 0.5, 0.3, 0.05, 0.05, 0.03, 0.1, 0.03, 0.03, 0.4, 0.2, 0.1, 0.1, 0.005, 0.3, 0.3, 0.3, 0.2, 0.005, 0.04, 0.03, 0.01, 0.1 };
+  for (int i = 0; i < STATES; i++) x[i] = real(next_between(seed, -most[i], most[i]));
+  x[VX] = real(next_between(seed, 8, 35));
+}
+
+static steering any_steering(uint32_t *seed)
+{
+  const double from = next_between(seed, -0.08, 0.08);
+  return (steering){ real(from), real(from + next_between(seed, -0.004, 0.004)), real(next_between(seed, 0.005, 0.02)) };
+}
+
+/* ------------------------------------------------------------------------------- slopes */
+
+#if defined(TSE_REAL_DOUBLE)
+static const double unit[COLUMNS] = { 0.2, 0.1, 0.02, 0.01, 0.01, 0.01, 0.5, 0.01, 0.01, 0.3, 0.15, 0.05, 0.05, 0.002, 0.1, 0.1, 0.1, 0.2, 0.002, 0.02, 0.01,
+                                      0.005, 0.05, 0.1, 0.03, 0.03, 0.2, 0.2, 0.04 };
+
+/* The car, or the state, with the quantity j off by e. */
+static tse_car off_by(const tse_car *c, tse_real x[STATES], int j, double e)
+{
+  tse_car d = *c;
+  if (j < STATES) x[j] += e;
+  else if (j == BY_INERTIA) { /* I (1 + e) */
+    d.jf /= 1 + e;
+    d.jr /= 1 + e;
+    d.m_inertia /= 1 + e;
+    d.trail /= 1 + e;
+  } else if (j == BY_CENTRE) {
+    d.lf += e;
+    d.lr -= e;
+    d.jf = d.m_inertia * d.lf;
+    d.jr = d.m_inertia * d.lr;
+  } else if (j == BY_MOMENT) d.trail += d.m_inertia * e;
+  else if (j == BY_ROLL_STEER) d.roll_steer += e;
+  else d.relaxation += e; /* of both axles */
+  return d;
+}
+
+/* A slope in units of the state: what is neglected is `share` of it, and `least`. */
+static void expect_slope(double expected, double actual, double scale, double share, double least, const char *what, int index)
+{
+  expect_near(expected * scale, actual * scale, share * fabs(expected * scale) + least, what, index);
+}
+
+/* by_slip: columns of what drives, too. */
+static void expect_slopes(const tse_car *c, int by_slip, double share, double least, uint32_t seed)
+{
+  tse_real x[STATES], M[MOTION][COLUMNS], N[MOTION][COLUMNS], H[TSE_SENSORS][COLUMNS], ignored[TSE_SENSORS][COLUMNS], z[2][TSE_SENSORS];
+  static const double sensor_unit[TSE_SENSORS] = { 0.1, 0.1, 0.003, 0.02, 0.02 };
+  for (int n = 0; n < 40; n++) {
+    any_state(x, &seed);
+    const steering u = any_steering(&seed);
+    tse_real moved[STATES];
+    x[AF] = u.from - atan((x[VY] + c->lf * x[YAW]) / x[VX]) + next_between(&seed, -0.01, 0.01); /* as far from what the motion asks for as in a fast turn */
+    x[AR] = -atan((x[VY] - c->lr * x[YAW]) / x[VX]) + next_between(&seed, -0.01, 0.01);
+    forces f;
+    memcpy(moved, x, sizeof x);
+    car_move(c, moved, u, M);
+    car_forces(c, x, u, TSE_R(1), &f);
+    car_measure(c, x, &f, TSE_R(0), z[0], H);
+    for (int j = 0; j < COLUMNS; j++) {
+      if (!by_slip && (j == SF || j == SR || j == LCX)) continue; /* load goes with the drive: what that does to side forces is neglected */
+      const int length = j == BY_LENGTH_FRONT || j == BY_LENGTH_REAR;
+      tse_real end[2][STATES];
+      const double e = 1e-4 * unit[j];
+      for (int k = 0; k < 2; k++) {
+        tse_real start[STATES];
+        memcpy(end[k], x, sizeof x);
+        const tse_car d = off_by(c, end[k], j, k ? e : -e);
+        memcpy(start, end[k], sizeof start);
+        car_move(&d, end[k], u, N);
+        car_forces(&d, start, u, TSE_R(1), &f);
+        car_measure(&d, start, &f, TSE_R(0), z[k], ignored);
+      }
+      for (int i = 0; i < MOTION; i++) {
+        if (j == LMU && i == VX) continue; /* grip is not learnt of what drives and brakes: that slope is none, on purpose; a little of it turns with the wheels */
+        const double slope = (end[1][i] - end[0][i]) / (2 * e), found = length ? M[i][BY_LENGTH_FRONT] + M[i][BY_LENGTH_REAR] : M[i][j];
+        expect_slope(slope, found, unit[j] / unit[i], j == LMU ? 5 * share : share, j == VX || j == LMU ? 5 * least : least, "slope of the motion, state and column", 100 * i + j);
+      }
+      for (int a = j == LMU ? 1 : 0; a < TSE_SENSORS; a++)
+        expect_slope((z[1][a] - z[0][a]) / (2 * e), length ? 0 : H[a][j], unit[j] / sensor_unit[a], j == LMU ? 5 * share : share, j == LMU ? 5 * least : least, "slope of a sensor, sensor and column", 100 * a + j);
+    }
+  }
+}
+
+/* What is left: the slip angle's time constant changes with the speed, which slopes neglect: a hundredth of a unit,
+ * a twentieth over the speed. */
+static void test_slopes_are_those_of_the_car(void)
+{
+  const tse_car c = some_car(0);
+  expect_slopes(&c, 1, 0.01, 0.01, 1);
+}
+
+static void test_slopes_of_a_car_with_load_transfer_are_within_a_few_per_cent(void)
+{
+  const tse_car c = some_car(1);
+  expect_slopes(&c, 0, 0.05, 0.05, 2);
+}
+#endif
+
+/* ------------------------------------------------------------------------------- forces */
+
+static forces forces_at(const tse_car *c, const tse_real x[STATES], double steer)
+{
+  forces f;
+  const steering u = { real(steer), real(steer), real(0.01) };
+  car_forces(c, x, u, TSE_R(1), &f);
+  return f;
+}
+
+/* A brush ends at grip times load; so does every mixture with the root. */
+static void test_a_tyre_ends_at_its_grip_times_its_load(void)
+{
+  static const double shape[3] = { 0, 0.5, 1 };
+  for (int k = 0; k < 3; k++) {
+    tse_car c = plain_car();
+    tse_real x[STATES] = { 0 };
+    c.grip = real(0.8);
+    c.shape = real(shape[k]);
+    for (int i = 0; i < STATES; i++) x[i] = TSE_R(0);
+    x[VX] = TSE_R(20);
+    const double end = 0.8 * number(c.load_front);
+    x[AF] = real(1e-4);
+    expect_near(1e-4 * number(c.ky_front), number(forces_at(&c, x, 0).side), 1e-3 * 1e-4 * number(c.ky_front) + 64 * QUANTUM, "stiffness at no slip", k);
+    const double q = 30;
+    x[AF] = real(q * end / number(c.ky_front));
+    const double root = q / sqrt(1 + q * q), expected = end * (1 + shape[k] * (root - 1));
+    expect_near(expected, number(forces_at(&c, x, 0).side), BY_NUMBER(1e-10, 1e-4, 1e-5) * end, "end", k);
+    x[AF] = -x[AF];
+    expect_near(-expected, number(forces_at(&c, x, 0).side), BY_NUMBER(1e-10, 1e-4, 1e-5) * end, "end, to the right", k);
+    x[LMU] = real(log(0.5));
+    expect_near(-0.5, number(forces_at(&c, x, 0).side) / end, 0.01, "half the grip", k);
+    x[AF] = TSE_R(0);
+    x[LMU] = TSE_R(0);
+    x[SR] = real(-q * 0.8 * number(c.load_rear) / number(c.kx_rear));
+    expect_near(-expected * number(c.load_rear) / number(c.load_front), number(forces_at(&c, x, 0).x), BY_NUMBER(1e-10, 1e-4, 1e-5) * end, "brakes lock", k);
+  }
+}
+
+/* The cubic that a brush with parabolic pressure has: F = C a (1 - q/3 + q^2/27), flat where it ends. */
+static void test_a_brush_is_its_cubic(void)
+{
+  tse_car c = plain_car();
+  tse_real x[STATES];
+  c.grip = real(0.9);
+  c.shape = TSE_R(0);
+  for (int i = 0; i < STATES; i++) x[i] = TSE_R(0);
+  x[VX] = TSE_R(20);
+  const double end = 0.9 * number(c.load_front), k = number(c.ky_front);
+  for (double a = -0.4; a < 0.4; a += 0.0137) {
+    const double q = fabs(k * a) / end, expected = q < 3 ? k * a * (1 - q / 3 + q * q / 27) : a > 0 ? end : -end;
+    x[AF] = real(a);
+    const forces f = forces_at(&c, x, 0);
+    expect_near(expected, number(f.side), BY_NUMBER(1e-12, 1e-5, 1e-6) * end, "side force", (int)(a * 1e4));
+    const double slope = q < 3 ? k * (1 - q / 3) * (1 - q / 3) : 0;
+    expect_near(slope, number(f.by_y[AF]), BY_NUMBER(1e-11, 1e-4, 1e-5) * k, "its slope", (int)(a * 1e4));
+  }
+}
+
+/* What turns left and what turns right is mirrored: no term has a side. */
+static void test_left_is_the_mirror_of_right(void)
+{
+  static const int sides[] = { VY, YAW, AF, AR, PHI, DPHI, GY, BY, BR, OFF };
+  tse_car c = some_car(1);
+  c.lever_y = c.mount_sin = c.pull_front = c.pull_rear = TSE_R(0); /* these have one */
+  uint32_t seed = 3;
+  for (int n = 0; n < 30; n++) {
+    tse_real x[STATES], y[STATES], M[MOTION][COLUMNS], N[MOTION][COLUMNS], z[TSE_SENSORS], w[TSE_SENSORS], H[TSE_SENSORS][COLUMNS];
+    forces f, g;
+    any_state(x, &seed);
+    memcpy(y, x, sizeof x);
+    for (int i = 0; i < ROWS(sides); i++) y[sides[i]] = -y[sides[i]];
+    const steering u = any_steering(&seed), v = { -u.from, -u.to, u.dt };
+    car_move(&c, x, u, M);
+    car_move(&c, y, v, N);
+    car_forces(&c, x, u, TSE_R(1), &f);
+    car_forces(&c, y, v, TSE_R(1), &g);
+    car_measure(&c, x, &f, TSE_R(0), z, H);
+    car_measure(&c, y, &g, TSE_R(0), w, H);
+    for (int i = 0; i < ROWS(sides); i++) y[sides[i]] = -y[sides[i]];
+    /* angles are turned into turns, which lie between 0 and 1: the mirror image is rounded elsewhere */
+    for (int i = 0; i < MOTION; i++) expect_near(number(x[i]), number(y[i]), BY_NUMBER(1e-12, 2e-5, 1e-6), "motion", i);
+    for (int a = 0; a < TSE_SENSORS; a++) expect_near(number(z[a]), a == 1 || a == 2 ? -number(w[a]) : number(w[a]), BY_NUMBER(1e-12, 1e-4, 1e-6), "sensor", a);
+  }
+}
+
+/* ------------------------------------------------------------------------------- motion */
+
+static void advance(const tse_car *c, tse_real x[STATES], double from, double to, double dt)
+{
+  tse_real M[MOTION][COLUMNS];
+  const steering u = { real(from), real(to), real(dt) };
+  car_move(c, x, u, M);
+}
+
+/* v delta = r (L + K v^2), K = (m/L)(lr/C_f - lf/C_r): every book on vehicle dynamics. Angles are small, 1 %. */
+static void test_a_steady_turn_obeys_the_understeer_equation(void)
+{
+  for (double speed = 8; speed < 40; speed += 8.5) {
+    const tse_car c = plain_car();
+    const double lf = number(c.lf), lr = number(c.lr), kf = number(c.ky_front), kr = number(c.ky_rear), span = lf + lr;
+    const double understeer = (lr / kf - lf / kr) / span, steer = 1.2 * (span + understeer * speed * speed) / (speed * speed);
+    tse_real x[STATES];
+    for (int i = 0; i < STATES; i++) x[i] = TSE_R(0);
+    for (int k = 0; k < 800; k++) {
+      x[VX] = real(speed); /* the driver holds it */
+      advance(&c, x, k < 100 ? steer * k / 100 : steer, k < 100 ? steer * (k + 1) / 100 : steer, 0.01);
+    }
+    const double r = speed * steer / (span + understeer * speed * speed);
+    expect_near(r, number(x[YAW]), 0.01 * r, "yaw rate", (int)speed);
+    expect_near(lr / span * speed * r / kf, number(x[AF]), 0.01 * speed * r / kf, "slip angle, front", (int)speed);
+    expect_near(lf / span * speed * r / kr, number(x[AR]), 0.01 * speed * r / kr, "slip angle, rear", (int)speed);
+    expect_near(lr * r - speed * number(x[AR]), number(x[VY]), 0.01 * fabs(speed * number(x[AR])) + 0.001, "lateral velocity", (int)speed);
+    const forces f = forces_at(&c, x, steer);
+    expect_near(speed * r, number(f.y), 0.01 * speed * r, "lateral acceleration", (int)speed);
+    expect_near(0, number(f.yaw), 1e-3, "no yaw acceleration", (int)speed);
+  }
+}
+
+/* Straight on without torque: v' = -k v^2 ends at v/(1 + k v t), rolling resistance and slope take off their acceleration. */
+static void test_a_car_that_coasts_loses_what_drag_and_road_take(void)
+{
+  tse_car c = plain_car();
+  tse_real x[STATES];
+  for (int i = 0; i < STATES; i++) x[i] = TSE_R(0);
+  c.drag = real(0.5 / 1500);
+  x[VX] = TSE_R(40);
+  for (int k = 0; k < 2000; k++) advance(&c, x, 0, 0, 0.01);
+  const double v = 40 / (1 + 0.5 / 1500 * 40 * 20);
+  expect_near(v, number(x[VX]), 5e-4 * v, "speed after 20 s", 0);
+  for (int i = VY; i < GX; i++) expect_near(0, number(x[i]), 0, "nothing sideways", i);
+  c.drag = TSE_R(0);
+  c.rolling = real(0.1);
+  x[VX] = TSE_R(40);
+  x[GX] = real(0.3);
+  for (int k = 0; k < 1000; k++) advance(&c, x, 0, 0, 0.01);
+  expect_near(36, number(x[VX]), BY_NUMBER(1e-9, 1e-2, 1e-5), "uphill", 0);
+}
+
+/* Without torque tyres take energy out of a slide and never put any in. */
+static void test_sliding_sideways_gives_energy_away(void)
+{
+  const tse_car c = plain_car();
+  tse_real x[STATES];
+  for (int i = 0; i < STATES; i++) x[i] = TSE_R(0);
+  x[VX] = TSE_R(20);
+  x[VY] = TSE_R(2);
+  x[YAW] = real(-0.3);
+  double before = 1e9;
+  for (int k = 0; k < 400; k++) {
+    const double energy = pow(number(x[VX]), 2) + pow(number(x[VY]), 2) + pow(number(x[YAW]), 2) / number(c.m_inertia);
+    TEST_ASSERT_TRUE(k < 10 || energy < before * (1 + BY_NUMBER(1e-6, 1e-5, 1e-6))); /* while slip angles build up they lag */
+    before = energy;
+    advance(&c, x, 0, 0, 0.01);
+  }
+  TEST_ASSERT_TRUE(before < 402);
+  expect_near(0, number(x[VY]), 1e-3, "vel_y", 0);
+  expect_near(0, number(x[YAW]), 1e-3, "yaw rate", 0);
+}
+
+/* A wheel that is turned on a car that does not move sideways: first order over the length, whatever the row's time. */
+static void test_slip_angles_build_up_over_the_relaxation_length(void)
+{
+  static const double dt[3] = { 0.004, 0.01, 0.05 };
+  for (int k = 0; k < 3; k++) {
+    tse_car c = plain_car();
+    tse_real x[STATES];
+    c.relaxation = real(0.6);
+    c.ky_front = c.ky_rear = TSE_R(0); /* no force: it does not move */
+    for (int i = 0; i < STATES; i++) x[i] = TSE_R(0);
+    x[VX] = TSE_R(10);
+    for (double t = dt[k]; t < 0.3; t += dt[k]) {
+      advance(&c, x, 0.02, 0.02, dt[k]);
+      expect_near(0.02 * (1 - exp(-10 * t / 0.6)), number(x[AF]), BY_NUMBER(1e-10, 1e-6, 1e-7), "slip angle", (int)(1000 * t));
+      expect_near(0, number(x[AR]), 0, "rear", 0);
+    }
+  }
+}
+
+/* A spring and a damper: at rest it leans by gain times acceleration; free, it swings with its frequency and decays. */
+static void test_the_body_rolls_as_a_spring_and_a_damper(void)
+{
+  tse_car c = plain_car();
+  tse_real x[STATES];
+  c.roll_gain = real(0.006);
+  c.roll_rate = real(2 * pi * 1.5);
+  c.roll_damping = real(0.2);
+  c.ky_front = c.ky_rear = TSE_R(0);
+  for (int i = 0; i < STATES; i++) x[i] = TSE_R(0);
+  x[VX] = TSE_R(20);
+  x[PHI] = real(0.05);
+  const double w = 2 * pi * 1.5, own = w * sqrt(1 - 0.04);
+  for (int k = 1; k <= 200; k++) {
+    advance(&c, x, 0, 0, 0.005);
+    const double t = 0.005 * k, expected = 0.05 * exp(-0.2 * w * t) * (cos(own * t) + 0.2 * w / own * sin(own * t));
+    expect_near(expected, number(x[PHI]), 0.002, "roll angle: half a substep of the swing", k);
+  }
+}
+
+/* Steering in two rows is steering in one: steps lie evenly in a row. */
+static void test_a_row_is_what_its_steps_make_of_it(void)
+{
+  const tse_car c = some_car(1);
+  tse_real x[STATES], y[STATES];
+  uint32_t seed = 7;
+  any_state(x, &seed);
+  memcpy(y, x, sizeof x);
+  advance(&c, x, 0.01, 0.03, 0.01); /* two steps of 5 ms */
+  advance(&c, y, 0.01, 0.02, 0.005);
+  advance(&c, y, 0.02, 0.03, 0.005);
+  for (int i = 0; i < STATES; i++) expect_near(number(x[i]), number(y[i]), BY_NUMBER(1e-12, 1e-5, 1e-7), "state", i);
+}
+
+static void test_parameters_do_not_move(void)
+{
+  const tse_car c = some_car(1);
+  tse_real x[STATES], before[STATES];
+  uint32_t seed = 8;
+  any_state(x, &seed);
+  memcpy(before, x, sizeof x);
+  for (int k = 0; k < 50; k++) advance(&c, x, 0.01, -0.01, 0.02);
+  for (int i = SF; i < STATES; i++) TEST_ASSERT_EQUAL_MEMORY(&before[i], &x[i], sizeof x[i]);
+}
+
+/* ------------------------------------------------------------------------------- sensors */
+
+static void test_sensors_read_what_textbooks_say(void)
+{
+  tse_car c = plain_car();
+  tse_real x[STATES], z[TSE_SENSORS], H[TSE_SENSORS][COLUMNS];
+  for (int i = 0; i < STATES; i++) x[i] = TSE_R(0);
+  x[VX] = TSE_R(20);
+  x[VY] = real(-0.4);
+  x[YAW] = real(0.3);
+  x[AF] = real(0.02);
+  x[AR] = real(0.03);
+  x[SF] = real(0.01);
+  x[SR] = real(-0.005);
+  x[BX] = real(0.2);
+  x[BR] = real(-0.01);
+  x[RAD] = real(0.004);
+  const forces f = forces_at(&c, x, 0.05);
+  car_measure(&c, x, &f, TSE_R(0), z, H);
+  const double side = 0.02 * number(c.ky_front), drive = 0.01 * number(c.kx_front);
+  const double tight = BY_NUMBER(2e-3, 2e-3, 2e-3); /* tyres without an end have one at 50 loads */
+  expect_near(drive * cos(0.05) - side * sin(0.05) - 0.005 * number(c.kx_rear) + 0.2, number(z[0]), 0.05, "accel_x", 0);
+  expect_near(side * cos(0.05) + drive * sin(0.05) + 0.03 * number(c.ky_rear), number(z[1]), 0.05, "accel_y", 0);
+  expect_near(0.29, number(z[2]), 1e-6, "yaw_rate", 0);
+  const double along = 20 * cos(0.05) + (-0.4 + number(c.lf) * 0.3) * sin(0.05);
+  expect_near(along * 1.01 * 1.004, number(z[3]), tight, "wheel speed, front", 0);
+  expect_near(20 * 0.995, number(z[4]), tight, "wheel speed, rear", 0);
+  c.lever_x = real(0.5);
+  c.lever_y = real(0.25);
+  tse_real there[TSE_SENSORS];
+  car_measure(&c, x, &f, TSE_R(0), there, H);
+  expect_near(number(z[0]) - 0.5 * 0.09 - 0.25 * number(f.yaw), number(there[0]), 1e-4, "accel_x, away from the centre of gravity", 0);
+  expect_near(number(z[1]) + 0.5 * number(f.yaw) - 0.25 * 0.09, number(there[1]), 1e-4, "accel_y, away from the centre of gravity", 0);
+}
+
+/* Anything that a filter of this car may hold makes numbers. */
+static void test_any_state_makes_numbers(void)
+{
+  static const double most[STATES] = { 200, 60, 20, 1.5, 1.5, 0.5, 10, 10, 10, 5, 5, 50, 50, 6, 1.6, 1.6, 1.6, 4, 0.2, 0.5, 0.2, 0.2, 0.9 }; /* five times as stiff */
+  static const double dt[] = { 1e-4, 0.01, 0.05, 0.25 }; /* a longer one is a gap */
+  uint32_t seed = 9;
+  for (int load = 0; load < 2; load++)
+    for (int n = 0; n < 400; n++) {
+      const tse_car c = some_car(load);
+      tse_real x[STATES], M[MOTION][COLUMNS], z[TSE_SENSORS], H[TSE_SENSORS][COLUMNS];
+      forces f;
+      for (int i = 0; i < STATES; i++) x[i] = real(most[i] * (n % 3 ? next_between(&seed, -1, 1) : next_uniform(&seed) < 0.5 ? -1 : 1));
+      const steering u = { real(next_between(&seed, -1.2, 1.2)), real(next_between(&seed, -1.2, 1.2)), real(dt[n % 4]) };
+      car_move(&c, x, u, M);
+      car_forces(&c, x, u, TSE_R(1), &f);
+      car_measure(&c, x, &f, TSE_R(0), z, H);
+      for (int i = 0; i < MOTION; i++) {
+        TEST_ASSERT_TRUE(r_is_finite(x[i]));
+        for (int j = 0; j < COLUMNS; j++) TEST_ASSERT_TRUE(r_is_finite(M[i][j]));
+      }
+      for (int a = 0; a < TSE_SENSORS; a++) {
+        TEST_ASSERT_TRUE(r_is_finite(z[a]));
+        for (int j = 0; j < COLUMNS; j++) TEST_ASSERT_TRUE(r_is_finite(H[a][j]));
+      }
+    }
+}
+
+int main(void)
+{
+  UNITY_BEGIN();
+#if defined(TSE_REAL_DOUBLE)
+  RUN_TEST(test_slopes_are_those_of_the_car);
+  RUN_TEST(test_slopes_of_a_car_with_load_transfer_are_within_a_few_per_cent);
+#endif
+  RUN_TEST(test_a_tyre_ends_at_its_grip_times_its_load);
+  RUN_TEST(test_a_brush_is_its_cubic);
+  RUN_TEST(test_left_is_the_mirror_of_right);
+  RUN_TEST(test_a_steady_turn_obeys_the_understeer_equation);
+  RUN_TEST(test_a_car_that_coasts_loses_what_drag_and_road_take);
+  RUN_TEST(test_sliding_sideways_gives_energy_away);
+  RUN_TEST(test_slip_angles_build_up_over_the_relaxation_length);
+  RUN_TEST(test_the_body_rolls_as_a_spring_and_a_damper);
+  RUN_TEST(test_a_row_is_what_its_steps_make_of_it);
+  RUN_TEST(test_parameters_do_not_move);
+  RUN_TEST(test_sensors_read_what_textbooks_say);
+  RUN_TEST(test_any_state_makes_numbers);
+  return UNITY_END();
+}
