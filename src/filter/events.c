@@ -200,7 +200,7 @@ static void believe(const tse_params *p, tse_kalman *k, int n)
 void events_decide(const tse_params *p, tse_kalman *k, tse_real dt)
 {
   if (k->fault == 1) k->agrees_for += dt; /* the offset is found anew */
-  if (k->fault && k->agrees_for > FAULT_END) k->fault = 0;
+  if (k->fault && k->agrees_for > SETTLE_TIME) k->fault = 0;
   weigh_events(k);
   for (int group = 0; group < TSE_GROUPS; group++) {
     int best = -1;

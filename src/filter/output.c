@@ -67,7 +67,7 @@ void report_row(const tse_params *p, const tse_kalman *k, tse_output *out)
     if (kind == EVENT_NONE || event_is_small(&k->event[n])) continue;
     out->regime[kind == EVENT_ROAD ? TSE_REGIME_CHANGED : kind <= EVENT_REAR ? TSE_REGIME_AXLE : kind <= EVENT_SLIP_REAR ? TSE_REGIME_SLIDING : TSE_REGIME_FAULT] += weight[n];
   }
-  const int recent = k->change_kind != TSE_CHANGE_NONE && k->change_age < RECENT_TIME;
+  const int recent = k->change_kind != TSE_CHANGE_NONE && k->change_age < SETTLE_TIME;
   const int now = k->fault ? TSE_REGIME_FAULT : r_max(r_abs(k->x[SF]), r_abs(k->x[SR])) > p->max_slip ? TSE_REGIME_SLIDING
                 : recent ? k->change_kind == TSE_CHANGE_ROAD ? TSE_REGIME_CHANGED : k->change_kind == TSE_CHANGE_RESTART ? TSE_REGIME_RESTARTED : TSE_REGIME_AXLE
                 : TSE_REGIME_STEADY;
@@ -86,9 +86,9 @@ static tse_reason reason_of(const tse_params *p, const tse_kalman *k, const pass
   const tse_real var = r_sqr(sd), most = r_mul(p->valid_var, r_sqr(mean));
   if (w->predicted) return TSE_INPUT_INVALID;
   if (w->held) return TSE_HELD;
-  if (k->seen < START_TIME) return TSE_STARTING;
-  if (out->regime[TSE_REGIME_FAULT] > MOST_PROBABLE) return TSE_DIVERGING;
-  if (out->regime[TSE_REGIME_SLIDING] > MOST_PROBABLE) return TSE_HELD;
+  if (k->seen < SETTLE_TIME) return TSE_STARTING;
+  if (out->regime[TSE_REGIME_FAULT] > TSE_R(0.5)) return TSE_DIVERGING;
+  if (out->regime[TSE_REGIME_SLIDING] > TSE_R(0.5)) return TSE_HELD;
   if (var <= most) return TSE_VALID;
   tse_real doubts = p->mass_var;
   for (int q = 0; q < TSE_DOUBTS; q++) doubts += r_sqr(r_mul(k->doubt[q][at], state_unit[at]));

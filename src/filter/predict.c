@@ -50,8 +50,8 @@ void rest_row(const tse_params *p, tse_kalman *k, tse_real dt)
   const tse_real left = ou_left(r_min(dt, TSE_R(100)), ROAD_TIME);
   k->x[GX] -= p->prior[GX];
   k->x[GY] -= p->prior[GY];
-  fade(k, GX, left, GRADE_SD);
-  fade(k, GY, left, BANK_SD);
+  fade(k, GX, left, p->prior_sd[GX]);
+  fade(k, GY, left, p->prior_sd[GY]);
   k->x[GX] += p->prior[GX];
   k->x[GY] += p->prior[GY];
   walk_slowly(p, k, dt);

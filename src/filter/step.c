@@ -33,7 +33,7 @@ static tse_status status_of(const tse_params *p, const tse_filter *f, const deco
   (void)p;
   for (int a = 0; a < 3; a++)
     if (out->reason[a] != TSE_VALID) status = TSE_W_NOT_VALID;
-  if (f->k.seen < START_TIME) status = worse(status, TSE_W_STARTING);
+  if (f->k.seen < SETTLE_TIME) status = worse(status, TSE_W_STARTING);
   if (z->used < 3) status = worse(status, TSE_W_MISSING_CHANNEL);
   if (w->held) status = worse(status, TSE_W_HELD);
   if (w->predicted) status = worse(status, TSE_W_PREDICTED);

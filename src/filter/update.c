@@ -8,7 +8,7 @@ typedef struct scalar { tse_real h[STATES], doubts[TSE_DOUBTS], e, r, white, dt;
 /* How much larger than thought slow innovations of a channel usually are: what this car's model does not explain is no event. */
 static tse_real usual_of(tse_kalman *k, int c, tse_real e, tse_real s, tse_real dt)
 {
-  const tse_real g = r_div(dt, dt + SLOW_TIME), left = r_div(dt, USUAL_TIME);
+  const tse_real g = r_div(dt, dt + MODEL_TIME), left = r_div(dt, USUAL_TIME);
   k->slow[c] += r_mul(g, r_clamp(e, -r_mul(TSE_R(5), r_sqrt(s)), r_mul(TSE_R(5), r_sqrt(s))) - k->slow[c]);
   const tse_real ratio = r_min(r_div(r_mul(r_sqr(k->slow[c]), TSE_R(2) - g), r_mul(s, g)), r_mul(TSE_R(4), k->usual[c]));
   k->usual[c] = r_clamp(k->usual[c] + r_mul(r_min(left, TSE_R(0.1)), ratio - k->usual[c]), LEAST_USUAL, TSE_R(1000));
@@ -57,7 +57,7 @@ static tse_real use(tse_kalman *k, int channel, const scalar *m, tse_real sd, ts
 static void learn_noise(const tse_params *p, tse_kalman *k, int c, tse_real e, tse_real own, tse_real dt)
 {
   const tse_real change = e - k->last_innovation[c], seen = r_min(r_div(r_mul(TSE_R(0.5), r_sqr(change)), r_mul(own, k->noise[c])), TAIL);
-  const tse_real g = r_min(r_div(dt, NOISE_TIME), TSE_R(0.1));
+  const tse_real g = r_min(r_div(dt, r_min(k->seen + TSE_R(1), USUAL_TIME)), TSE_R(0.1)); /* at first a mean of all since the start */
   k->last_innovation[c] = e;
   k->noise[c] = r_clamp(r_mul(k->noise[c], TSE_R(1) + r_mul(g, seen - TSE_R(1))), LEAST_NOISE, p->noise_max_var);
 }
@@ -109,7 +109,7 @@ static void roll_freely(const tse_params *p, tse_kalman *k, const forces *f, tse
   const tse_car *const c = &p->car;
   scalar m;
   tse_real state;
-  if (c->driven == 0 || f->x + r_mul(c->drag, r_sqr(k->x[VX])) < FREE_FROM) return;
+  if (c->driven == 0 || f->x + r_mul(c->drag, r_sqr(k->x[VX])) < TSE_R(0)) return;
   const int at = c->driven == 1 ? SR : SF;
   for (int i = 0; i < STATES; i++) m.h[i] = TSE_R(0);
   for (int q = 0; q < TSE_DOUBTS; q++) m.doubts[q] = TSE_R(0);
@@ -140,7 +140,7 @@ void update_row(const tse_params *p, tse_kalman *k, const decoded *z, steering u
   const tse_real happens[3] = { f.x, f.y, k->x[YAW] }, lasts = r_mul(r_sqr(p->model_sd), r_add_sat(TSE_R(1), r_div(r_mul(TSE_R(2), MODEL_TIME), z->dt)));
   /* ... and of an uneven road, which shows as noise */
   const tse_real rough = r_mul(r_sqrt(k->noise[1]), p->sensor_sd[1]), little = LEAST_ACTIVITY + r_mul(ROUGHNESS, rough), least[3] = { little, little, r_div(little, r_max(k->x[VX], TSE_R(5))) };
-  for (int a = 0; a < 3; a++) k->activity[a] += r_mul(r_div(z->dt, z->dt + ACTIVITY_TIME), r_sqr(happens[a]) + r_sqr(least[a]) - k->activity[a]);
+  for (int a = 0; a < 3; a++) k->activity[a] += r_mul(r_div(z->dt, z->dt + MODEL_TIME), r_sqr(happens[a]) + r_sqr(least[a]) - k->activity[a]);
   for (int n = 0; n < TSE_SENSORS; n++) {
     const int a = order[n];
     k->innovation[a] = k->innovation_var[a] = TSE_R(0);

@@ -1,0 +1,264 @@
+/* tests/unit/filter/test_events.c <-> src/filter/events.c: what an event's amplitude makes of the likelihood, against two dense Kalman
+ * filters, of which one knows that its state may have moved. Linear, so that both are exact. */
+#include "filter_support.h"
+
+/* A dense Kalman filter, its state in units; the last member is an offset of the channel. */
+enum { ALL = STATES + 1, OFFSET = STATES };
+
+typedef struct plain { double x[ALL], p[ALL][ALL], log_likelihood; } plain;
+
+static void plain_move(plain *f, double F[STATES][STATES], const double q[MOTION])
+{
+  static double half[ALL][ALL];
+  double x[ALL];
+  for (int i = 0; i < ALL; i++) {
+    x[i] = i < STATES ? 0 : f->x[i];
+    for (int j = 0; j < ALL; j++) half[i][j] = i < STATES ? 0 : f->p[i][j];
+  }
+  for (int i = 0; i < STATES; i++)
+    for (int k = 0; k < STATES; k++) {
+      x[i] += F[i][k] * f->x[k];
+      for (int j = 0; j < ALL; j++) half[i][j] += F[i][k] * f->p[k][j];
+    }
+  memcpy(f->x, x, sizeof x);
+  for (int i = 0; i < ALL; i++) {
+    for (int j = 0; j < STATES; j++) {
+      f->p[i][j] = i == j && i < MOTION ? q[i] : 0;
+      for (int k = 0; k < STATES; k++) f->p[i][j] += half[i][k] * F[j][k];
+    }
+    f->p[i][OFFSET] = half[i][OFFSET];
+  }
+}
+
+static void plain_use(plain *f, const double h[ALL], double z, double r)
+{
+  double ph[ALL], s = r, e = z;
+  for (int i = 0; i < ALL; i++) {
+    ph[i] = 0;
+    for (int j = 0; j < ALL; j++) ph[i] += f->p[i][j] * h[j];
+    e -= h[i] * f->x[i];
+  }
+  for (int i = 0; i < ALL; i++) s += h[i] * ph[i];
+  for (int i = 0; i < ALL; i++) {
+    f->x[i] += ph[i] / s * e;
+    for (int j = 0; j < ALL; j++) f->p[i][j] -= ph[i] * ph[j] / s;
+  }
+  f->log_likelihood -= 0.5 * (e * e / s + log(s));
+}
+
+/* The filter of the library beside the two. */
+typedef struct trio {
+  tse_params p;
+  tse_kalman k;
+  double x[STATES];
+  plain without, with;
+  int n; /* place of the event */
+} trio;
+
+static void start(trio *t, int32_t kind, double amplitude_of_state, double amplitude_of_channel, uint32_t *seed)
+{
+  memset(t, 0, sizeof *t);
+  t->n = 7;
+  any_covariance(&t->k.p, seed);
+  const dense m = dense_of(&t->k.p);
+  for (int i = 0; i < STATES; i++)
+    for (int j = 0; j < STATES; j++) t->without.p[i][j] = t->with.p[i][j] = m.p[i][j];
+  t->with.p[SF][SF] += amplitude_of_state * amplitude_of_state;
+  t->with.p[OFFSET][OFFSET] = amplitude_of_channel * amplitude_of_channel;
+  t->k.event[t->n].kind = kind;
+  t->k.event[t->n].v[SF] = real(amplitude_of_state);
+  t->p.log_min = real(-10);
+  t->p.log_max = real(10);
+}
+
+/* Rows of one channel, whose state has moved and which is off by as much; every other one of them after some time.
+ * amplitude: sd of the offset in the channel, over its sd */
+static void rows(trio *t, int count, int channel, double moved, double off, double sd, uint32_t *seed)
+{
+  for (int row = 0; row < count; row++) {
+    tse_real h[STATES], f[STATES], v[STATES], gain[STATES];
+    double dense_h[ALL], z, e;
+    if (row % 2) {
+      tse_real M[MOTION][COLUMNS], noise[MOTION], keep[STATES];
+      double F[STATES][STATES], q[MOTION], x[STATES];
+      for (int i = 0; i < STATES; i++) {
+        keep[i] = TSE_R(1);
+        for (int j = 0; j < STATES; j++) F[i][j] = i == j;
+      }
+      for (int i = 0; i < MOTION; i++) {
+        noise[i] = real(0.01);
+        q[i] = number(noise[i]);
+        for (int j = 0; j < COLUMNS; j++) M[i][j] = real((i == j) * 0.9 + next_between(seed, -0.05, 0.05));
+        for (int j = 0; j < STATES; j++) F[i][j] = number(M[i][j]);
+      }
+      for (int i = 0; i < STATES; i++) {
+        x[i] = 0;
+        for (int j = 0; j < STATES; j++) x[i] += F[i][j] * t->x[j];
+      }
+      memcpy(t->x, x, sizeof x);
+      events_move(&t->p, &t->k, M, keep, real(0.01));
+      ud_move(&t->k.p, M, noise);
+      plain_move(&t->without, F, q);
+      plain_move(&t->with, F, q);
+    }
+    for (int i = 0; i < STATES; i++) {
+      h[i] = next_uniform(seed) < 0.5 ? TSE_R(0) : real(next_between(seed, -1, 1));
+      if (i == SF) h[i] = TSE_R(1);
+      dense_h[i] = number(h[i]);
+    }
+    dense_h[OFFSET] = 1;
+    const double r = sd * sd;
+    z = moved * dense_h[SF] + off + sd * next_normal(seed);
+    e = z;
+    for (int i = 0; i < STATES; i++) e -= dense_h[i] * t->x[i];
+    const double s = number(ud_measure(&t->k.p, h, f, v)) + r;
+    ud_correct(&t->k.p, f, v, real(r), gain);
+    events_learn(&t->k, channel, h, gain, real(e), real(s), real(sd));
+    for (int i = 0; i < STATES; i++) t->x[i] += number(gain[i]) * e;
+    plain_use(&t->without, dense_h, z, r);
+    plain_use(&t->with, dense_h, z, r);
+  }
+}
+
+/* Odds of the event over none, as the filter weighs them. */
+static double odds(const trio *t)
+{
+  static tse_kalman k;
+  k = t->k;
+  events_decide(&t->p, &k, TSE_R(0));
+  const double weight = number(k.weight[t->n]), small = event_is_small(&t->k.event[t->n]) ? weight : 0;
+  double none = 1;
+  for (int g = 0; g < TSE_GROUPS; g++) none = fmin(none, number(k.none[g])); /* of the other group it is 1 */
+  return weight / (none - small);
+}
+
+static void expect_ratio(trio *t, double before, const char *what)
+{
+  const double expected = t->with.log_likelihood - t->without.log_likelihood, actual = log(odds(t) / before);
+  expect_near(expected, actual, BY_NUMBER(1e-8, 5e-3, 5e-3) * (1 + fabs(expected)), what, 0); /* fixed: a probability of 1e-4 has six digits */
+}
+
+static void test_a_state_that_may_have_moved_is_as_likely_as_a_filter_that_knows_it(void)
+{
+  static trio t;
+  uint32_t seed = 1;
+  for (int n = 0; n < 40; n++) {
+    start(&t, EVENT_SLIP_FRONT, 2, 0, &seed);
+    const double before = odds(&t);
+    TEST_ASSERT_TRUE(before > 0 && before < 1);
+    rows(&t, 12, 0, n % 2 ? 1.5 : 0, 0, 1, &seed);
+    expect_ratio(&t, before, "slip");
+  }
+}
+
+/* The offset's amplitude is that of the kind: read off what one row of it makes of the score. */
+static void test_a_channel_that_may_be_off_is_as_likely_as_a_filter_that_knows_it(void)
+{
+  static trio t;
+  static const int going[3] = { 0, 3, 4 };
+  uint32_t seed = 2;
+  for (int n = 0; n < 30; n++) {
+    tse_kalman one;
+    tse_real h[STATES], gain[STATES];
+    const int channel = going[n % 3];
+    start(&t, EVENT_SENSOR + channel, 0, 0, &seed);
+    one = t.k;
+    for (int i = 0; i < STATES; i++) h[i] = gain[i] = TSE_R(0);
+    events_learn(&one, channel, h, gain, TSE_R(1), TSE_R(1), TSE_R(1)); /* info: the amplitude squared */
+    const double amplitude = sqrt(number(one.event[t.n].info));
+    TEST_ASSERT_TRUE(amplitude > 1);
+    t.with.p[OFFSET][OFFSET] = pow(0.1 * amplitude, 2);
+    const double before = odds(&t);
+    rows(&t, 8, channel, 0, n % 2 ? 0.3 : 0, 0.1, &seed);
+    expect_ratio(&t, before, "offset");
+  }
+}
+
+/* What has happened is believed: the state is then that of the filter that knows it, but for what it opens beside. */
+static void test_an_event_that_is_believed_leaves_the_state_of_a_filter_that_knows_it(void)
+{
+  static trio t;
+  uint32_t seed = 3;
+  for (int n = 0; n < 10; n++) {
+    start(&t, EVENT_SLIP_FRONT, 30, 0, &seed);
+    rows(&t, 40, 0, n % 2 ? 25 : -25, 0, 0.2, &seed);
+    for (int i = 0; i < STATES; i++) t.k.x[i] = real(t.x[i] * number(state_unit[i]));
+    events_decide(&t.p, &t.k, TSE_R(0));
+    TEST_ASSERT_EQUAL_INT(EVENT_NONE == t.k.event[t.n].kind ? EVENT_NONE : EVENT_SLIP_FRONT, t.k.event[t.n].kind); /* free, or opened anew */
+    const double close = BY_NUMBER(1e-7, 0.05, 1e-3); /* float: differences of 25 that a gain of 5 makes of 6e-8 */
+    const dense m = dense_of(&t.k.p);
+    for (int i = 0; i < STATES; i++) {
+      expect_near(t.with.x[i], number(t.k.x[i]) / number(state_unit[i]), close, "state", i);
+      for (int j = 0; j < STATES; j++)
+        if (i != SF || j != SF) expect_near(t.with.p[i][j], m.p[i][j], close, "covariance", 100 * i + j);
+    }
+    TEST_ASSERT_TRUE(m.p[SF][SF] >= t.with.p[SF][SF]);
+  }
+}
+
+static void test_without_evidence_nothing_is_believed(void)
+{
+  static trio t;
+  uint32_t seed = 4;
+  int believed = 0;
+  for (int n = 0; n < 50; n++) {
+    start(&t, EVENT_SLIP_FRONT, 3, 0, &seed);
+    rows(&t, 20, 0, 0, 0, 1, &seed);
+    const tse_ud before = t.k.p;
+    events_decide(&t.p, &t.k, TSE_R(0));
+    believed += memcmp(&before, &t.k.p, sizeof before) != 0;
+  }
+  TEST_ASSERT_EQUAL_INT(0, believed);
+}
+
+/* Every event has a place sooner or later, and no place is left with what is none. */
+static void test_events_are_opened_in_turn(void)
+{
+  static tse_kalman k;
+  static tse_params p;
+  int opened[EVENT_KINDS] = { 0 };
+  memset(&k, 0, sizeof k);
+  memset(&p, 0, sizeof p);
+  for (int n = 0; n < 2000; n++) {
+    tse_real M[MOTION][COLUMNS], keep[STATES];
+    for (int i = 0; i < STATES; i++) keep[i] = TSE_R(1);
+    for (int i = 0; i < MOTION; i++)
+      for (int j = 0; j < COLUMNS; j++) M[i][j] = i == j ? TSE_R(1) : TSE_R(0);
+    events_move(&p, &k, M, keep, real(0.01));
+    events_decide(&p, &k, real(0.01));
+    for (int i = 0; i < TSE_EVENTS; i++) {
+      TEST_ASSERT_TRUE(k.event[i].kind >= EVENT_NONE && k.event[i].kind < EVENT_KINDS);
+      if (!(k.event[i].age > TSE_R(0))) opened[k.event[i].kind]++;
+    }
+    TEST_ASSERT_EQUAL_INT(TSE_CHANGE_NONE, k.change_kind);
+    for (int g = 0; g < TSE_GROUPS; g++) TEST_ASSERT_TRUE(number(k.none[g]) > 0.95);
+  }
+  for (int i = EVENT_NONE + 1; i < EVENT_KINDS; i++) TEST_ASSERT_TRUE(opened[i] > 1);
+}
+
+static void test_where_the_motion_is_placed_anew_events_know_nothing_of_it(void)
+{
+  static tse_kalman k;
+  memset(&k, 0, sizeof k);
+  for (int n = 0; n < TSE_EVENTS; n++)
+    for (int i = 0; i < STATES; i++) k.event[n].v[i] = TSE_R(1);
+  for (int q = 0; q < TSE_DOUBTS; q++)
+    for (int i = 0; i < STATES; i++) k.doubt[q][i] = TSE_R(1);
+  events_clear(&k, GX);
+  for (int i = 0; i < STATES; i++) {
+    for (int n = 0; n < TSE_EVENTS; n++) expect_near(i >= GX, number(k.event[n].v[i]), 0, "event", i);
+    for (int q = 0; q < TSE_DOUBTS; q++) expect_near(i >= GX, number(k.doubt[q][i]), 0, "uncertain", i);
+  }
+}
+
+int main(void)
+{
+  UNITY_BEGIN();
+  RUN_TEST(test_a_state_that_may_have_moved_is_as_likely_as_a_filter_that_knows_it);
+  RUN_TEST(test_a_channel_that_may_be_off_is_as_likely_as_a_filter_that_knows_it);
+  RUN_TEST(test_an_event_that_is_believed_leaves_the_state_of_a_filter_that_knows_it);
+  RUN_TEST(test_without_evidence_nothing_is_believed);
+  RUN_TEST(test_events_are_opened_in_turn);
+  RUN_TEST(test_where_the_motion_is_placed_anew_events_know_nothing_of_it);
+  return UNITY_END();
+}

@@ -1,0 +1,192 @@
+/* tests/unit/filter/test_predict.c <-> src/filter/predict.c, start.c: state and covariance to the time of a row, and where a drive starts. */
+#include "filter_support.h"
+
+static tse_params a_car(void)
+{
+  tse_config c;
+  tse_config_default(&c);
+  c.grip = setting(1);
+  c.grip_sd = setting(0.2);
+  c.steer_offset_sd = setting(0.004);
+  c.steer_ratio_sd = setting(0.03);
+  c.relaxation_length = setting(0.4);
+  c.relaxation_sd = setting(0.2);
+  c.yaw_inertia_sd = setting(0.1);
+  c.cg_sd = setting(0.03);
+  return prepared(&c);
+}
+
+static decoded a_row(double dt, double steer)
+{
+  decoded z;
+  memset(&z, 0, sizeof z);
+  z.dt = real(dt);
+  z.steer = real(steer);
+  z.has_steer = 1;
+  return z;
+}
+
+static void in_a_turn(const tse_params *p, tse_kalman *k, uint32_t *seed)
+{
+  memset(k, 0, sizeof *k);
+  any_covariance(&k->p, seed);
+  for (int i = 0; i < STATES; i++) k->x[i] = real(0.2 * number(state_unit[i]) * next_between(seed, -1, 1));
+  k->x[VX] = TSE_R(20);
+  k->steer[0] = k->steer[1] = k->steer[2] = real(0.02);
+  for (int q = 0; q < TSE_DOUBTS; q++)
+    for (int i = 0; i < STATES; i++)
+      if (p->uncertain[q] > TSE_R(0)) k->doubt[q][i] = real(next_between(seed, -0.2, 0.2));
+}
+
+/* The state as the car moves; covariance F P F' + Q, where Q is on the diagonal and not negative; what is uncertain moves with F. */
+static void test_a_row_is_the_time_update_of_a_kalman_filter(void)
+{
+  const double close = BY_NUMBER(1e-10, 1e-3, 1e-5);
+  uint32_t seed = 1;
+  for (int n = 0; n < 30; n++) {
+    static tse_kalman k;
+    const tse_params p = a_car();
+    tse_real x[STATES], M[MOTION][COLUMNS];
+    double F[STATES][STATES], FP[STATES][STATES];
+    in_a_turn(&p, &k, &seed);
+    const dense m = dense_of(&k.p);
+    const tse_kalman before = k;
+    const decoded z = a_row(0.01, 0.023);
+    const steering u = { real(0.02), real(0.023), real(0.01) };
+    memcpy(x, k.x, sizeof x);
+    car_move(&p.car, x, u, M);
+    (void)predict_row(&p, &k, &z);
+    for (int i = 0; i < STATES; i++)
+      if (i < SF || i > GY) expect_near(number(x[i]), number(k.x[i]), close, "state", i); /* slips and gravity return to their mean */
+    for (int i = 0; i < STATES; i++)
+      for (int j = 0; j < STATES; j++) F[i][j] = i < MOTION ? number(M[i][j]) * number(state_unit[j]) / number(state_unit[i]) : i == j;
+    for (int i = SF; i <= GY; i++) { /* what fades does so in all: read off what is uncertain, where that is most */
+      int most = 0;
+      for (int q = 1; q < TSE_DOUBTS; q++)
+        if (fabs(number(before.doubt[q][i])) > fabs(number(before.doubt[most][i]))) most = q;
+      F[i][i] = number(k.doubt[most][i]) / number(before.doubt[most][i]);
+      TEST_ASSERT_TRUE(F[i][i] > 0.9 && F[i][i] <= 1);
+    }
+    for (int i = 0; i < STATES; i++)
+      for (int j = 0; j < STATES; j++) {
+        FP[i][j] = 0;
+        for (int l = 0; l < STATES; l++) FP[i][j] += F[i][l] * m.p[l][j];
+      }
+    const dense after = dense_of(&k.p);
+    for (int i = 0; i < STATES; i++)
+      for (int j = 0; j < STATES; j++) {
+        double expected = 0;
+        for (int l = 0; l < STATES; l++) expected += FP[i][l] * F[j][l];
+        if (i == j) TEST_ASSERT_TRUE(after.p[i][i] > expected - 10 * close && after.p[i][i] < expected + 0.2); /* noise */
+        else expect_near(expected, after.p[i][j], 100 * close, "covariance", 100 * i + j);
+      }
+    for (int q = 0; q < TSE_DOUBTS; q++)
+      for (int i = 0; i < STATES; i++) {
+        double expected = 0;
+        for (int l = 0; l < STATES; l++) expected += F[i][l] * number(before.doubt[q][l]);
+        if (i < MOTION && q < COLUMNS - STATES) expected += number(M[i][STATES + q]) / number(state_unit[i]) * number(p.uncertain[q]);
+        expect_near(expected, number(k.doubt[q][i]), 10 * close, "what is uncertain", 100 * q + i);
+      }
+  }
+}
+
+/* Wherever it is, gravity along and across the road ends at its mean with the variance of roads; stiffness walks and stays in its place. */
+static void test_at_rest_gravity_forgets_and_stiffness_does_not(void)
+{
+  static tse_kalman k;
+  const tse_params p = a_car();
+  uint32_t seed = 2;
+  in_a_turn(&p, &k, &seed);
+  const tse_kalman before = k;
+  k.x[GX] = real(3);
+  for (int n = 0; n < 100; n++) rest_row(&p, &k, real(10));
+  expect_near(number(p.prior[GX]), number(k.x[GX]), 1e-6, "gravity along the road", 0);
+  const double gx = sqrt(number(ud_variance(&k.p, GX))) * number(state_unit[GX]);
+  TEST_ASSERT_TRUE(gx > 0.05 && gx < 1);
+  for (int i = 0; i < STATES; i++)
+    if (i != GX) expect_near(0, fabs(number(ud_common(&k.p, GX, i))), 1e-4, "nothing in common", i);
+  for (int i = BX; i < STATES; i++) {
+    TEST_ASSERT_EQUAL_MEMORY(&before.x[i], &k.x[i], sizeof k.x[i]);
+    TEST_ASSERT_TRUE(number(ud_variance(&k.p, i)) >= number(ud_variance(&before.p, i)) * (1 - BY_NUMBER(1e-9, 1e-4, 1e-5)));
+  }
+}
+
+/* A second in a hundred rows is as uncertain as in twenty. */
+static void test_noise_does_not_depend_on_how_often_rows_come(void)
+{
+  static tse_kalman k[2];
+  const tse_params p = a_car();
+  for (int often = 0; often < 2; often++) {
+    tse_real variance[STATES];
+    memset(&k[often], 0, sizeof k[often]);
+    for (int i = 0; i < STATES; i++) variance[i] = real(0.01);
+    ud_set(&k[often].p, variance);
+    k[often].x[VX] = TSE_R(20);
+    const int rows = often ? 200 : 40;
+    for (int n = 0; n < rows; n++) {
+      const decoded z = a_row(2.0 / rows, 0);
+      (void)predict_row(&p, &k[often], &z);
+    }
+  }
+  for (int i = VX; i < BX; i++) {
+    const double a = number(ud_variance(&k[0].p, i)), b = number(ud_variance(&k[1].p, i));
+    if (i < AF || i > DPHI) expect_near(a, b, 0.05 * a, "variance", i);
+  }
+}
+
+static void test_all_starts_as_the_settings_say(void)
+{
+  static tse_filter f;
+  const tse_params p = a_car();
+  memset(&f, 0, sizeof f);
+  start_all(&p, &f);
+  for (int i = 0; i < STATES; i++) {
+    const double sd = number(p.prior_sd[i]) / number(state_unit[i]);
+    expect_near(number(p.prior[i]), number(f.k.x[i]), 0, "mean", i);
+    expect_near(sd * sd, number(ud_variance(&f.k.p, i)), BY_NUMBER(1e-12, 1e-6, 1e-8) * (1 + sd * sd), "variance", i);
+    for (int j = 0; j < i; j++) expect_near(0, number(ud_common(&f.k.p, i, j)), 0, "nothing in common", i);
+  }
+}
+
+/* A car in a steady turn is placed where it is; what is learnt stays bit for bit. */
+static void test_motion_is_placed_from_wheels_and_gyro(void)
+{
+  static tse_kalman k;
+  const tse_params p = a_car();
+  uint32_t seed = 3;
+  in_a_turn(&p, &k, &seed);
+  k.x[BR] = real(0.01);
+  k.x[LCF] = k.x[LCR] = TSE_R(0);
+  const tse_kalman before = k;
+  decoded z = a_row(0.01, 0.02);
+  z.use[2] = z.use[3] = z.use[4] = 1;
+  z.z[2] = real(0.16);
+  z.z[3] = z.z[4] = TSE_R(20);
+  start_motion(&p, &k, &z);
+  const double lf = number(p.lf), lr = number(p.lr), across = 20 * 0.15, front = across * lr / (lf + lr) / number(p.ky_front), back = across * lf / (lf + lr) / number(p.ky_rear);
+  expect_near(20, number(k.x[VX]), 0, "vel_x", 0);
+  expect_near(0.15, number(k.x[YAW]), 1e-7, "yaw rate", 0);
+  expect_near(front, number(k.x[AF]), 1e-6, "slip angle, front", 0);
+  expect_near(back, number(k.x[AR]), 1e-6, "slip angle, rear", 0);
+  expect_near(lr * 0.15 - 20 * back, number(k.x[VY]), 1e-5, "vel_y", 0);
+  for (int i = BX; i < STATES; i++) {
+    TEST_ASSERT_EQUAL_MEMORY(&before.x[i], &k.x[i], sizeof k.x[i]);
+    for (int j = BX; j < STATES; j++) TEST_ASSERT_TRUE(!(ud_common(&before.p, i, j) != ud_common(&k.p, i, j)));
+  }
+  for (int i = 0; i < GX; i++) {
+    for (int j = 0; j < STATES; j++)
+      if (i != j) expect_near(0, number(ud_common(&k.p, i, j)), 0, "nothing in common", 100 * i + j);
+    for (int q = 0; q < TSE_DOUBTS; q++) expect_near(0, number(k.doubt[q][i]), 0, "not uncertain", i);
+  }
+}
+
+int main(void)
+{
+  UNITY_BEGIN();
+  RUN_TEST(test_a_row_is_the_time_update_of_a_kalman_filter);
+  RUN_TEST(test_at_rest_gravity_forgets_and_stiffness_does_not);
+  RUN_TEST(test_noise_does_not_depend_on_how_often_rows_come);
+  RUN_TEST(test_all_starts_as_the_settings_say);
+  RUN_TEST(test_motion_is_placed_from_wheels_and_gyro);
+  return UNITY_END();
+}
