@@ -33,7 +33,7 @@ CHANNELS = ("steer_angle", "wheel_speed_front", "wheel_speed_rear", "accel_x", "
 class Fmu:
     """One instance, its variables by name."""
 
-    def __init__(self, path: Path, parameters: dict[str, float]):
+    def __init__(self, path: Path, parameters: dict[str, float], known: bool = False):
         about = read_model_description(str(path))
         self.at = {v.name: v.valueReference for v in about.modelVariables}
         self.folder = extract(str(path))
@@ -43,6 +43,8 @@ class Fmu:
         )
         self.fmu.instantiate()
         self.set(parameters)
+        if known:  # the car, but for its tyres
+            self.fmu.setBoolean([self.at["vehicle.calibrated"]], [True])
         self.fmu.setupExperiment(startTime=0.0)
         self.fmu.enterInitializationMode()
         self.fmu.exitInitializationMode()
@@ -66,7 +68,7 @@ def study() -> tuple[pd.DataFrame, pd.DataFrame, pd.DataFrame]:
     """Square waves in steering and torque; estimates, truth and log, row by row. The estimate of a row is what the estimator
     puts out at the next communication point."""
     car = Fmu(BUILT / "SingleTrackVehicle.fmu", {})
-    estimator = Fmu(BUILT / "TireStiffnessEstimator.fmu", {f"filter.initial_{s}": START for s in STIFFNESS})
+    estimator = Fmu(BUILT / "TireStiffnessEstimator.fmu", {f"filter.initial_{s}": START for s in STIFFNESS}, True)
     means = [f"estimate.{s}{end}" for s in STIFFNESS for end in ("", "_sd")]
     valid = [f"estimate.{s}_valid" for s in STIFFNESS]
     true = ["true.vel_x", *(f"true.{s}" for s in STIFFNESS)]

@@ -39,8 +39,8 @@ const fmu_variable fmu_variables[] = {
     "8 accel_x, 16 accel_y, 32 yaw_rate" },
 
   { "vehicle.calibrated", 'b', 'p', (int32_t)offsetof(model, calibrated), FMU_NO_RATE, 0.0, 1.0, -1.0, "",
-    "false: an ordinary car of its class, and what is set of it wins: stiffness and yaw inertia that are not set follow from mass, lf and lr, with "
-    "the uncertainties of such a car; true: every parameter as it is, an uncertainty of 0 is none" },
+    "false: an ordinary car of its class, and what is set of it wins: stiffness and yaw inertia that are not set follow from mass, lf "
+    "and lr, with the uncertainties of such a car; true: every parameter as it is, an uncertainty of 0 is none" },
 #define REAL(name, def, lo, hi, unit, text) PARAMETER("vehicle", 'r', name, def, lo, hi, unit, text)
 #define INT(name, def, lo, hi, text) PARAMETER("vehicle", 'i', name, def, lo, hi, "", text)
 #include "tse/vehicle.def"
@@ -82,9 +82,12 @@ const fmu_variable fmu_variables[] = {
 #include "tse/output.def"
 #undef OUT_REAL
 #undef OUT_INT
-  OUTPUT("estimate.nominal.cx_front", 'r', nominal[0], "N", "nominal longitudinal stiffness of the front axle, of which estimate.relative.cx_front is a share")
-  OUTPUT("estimate.nominal.cy_front", 'r', nominal[1], "N/rad", "nominal cornering stiffness of the front axle, of which estimate.relative.cy_front is a share")
-  OUTPUT("estimate.nominal.cy_rear", 'r', nominal[2], "N/rad", "nominal cornering stiffness of the rear axle, of which estimate.relative.cy_rear is a share")
+  OUTPUT("estimate.nominal.cx_front", 'r', nominal[0], "N",
+         "nominal longitudinal stiffness of the front axle, of which estimate.relative.cx_front is a share")
+  OUTPUT("estimate.nominal.cy_front", 'r', nominal[1], "N/rad",
+         "nominal cornering stiffness of the front axle, of which estimate.relative.cy_front is a share")
+  OUTPUT("estimate.nominal.cy_rear", 'r', nominal[2], "N/rad",
+         "nominal cornering stiffness of the rear axle, of which estimate.relative.cy_rear is a share")
   OUTPUT("estimate.valid", 'b', all_valid, "", "all three stiffnesses may be used")
 #define OUT_REAL(name, member, unit, text)
 #define OUT_INT(name, member, text)
@@ -136,7 +139,8 @@ void model_codes(fmu_code_row *row, void *to)
 #define X(name, code, text) if ((code) >= 0) row(to, "estimate.status", code, #name, text);
   TSE_STATUS_TABLE(X)
 #undef X
-#define X(name, code, word, text) row(to, "estimate.cx_front_reason, estimate.cy_front_reason, estimate.cy_rear_reason, estimate.grip_reason", code, word, text);
+#define X(name, code, word, text) \
+  row(to, "estimate.cx_front_reason, estimate.cy_front_reason, estimate.cy_rear_reason, estimate.grip_reason", code, word, text);
   TSE_REASON_TABLE(X)
 #undef X
 }

@@ -10,10 +10,11 @@ enum { /* place of each setting in model.set */
 #include "tse/config.def"
 #undef REAL
 #undef INT
-  SETTINGS
+       SETTINGS
 };
 
-enum { NOT_SET, SET_TO_START, SET_TO_ANOTHER }; /* a parameter: by the importer, to its start value or to another one */
+/* A parameter: has the importer set it, to its start value or to another one? */
+enum { NOT_SET, SET_TO_START, SET_TO_ANOTHER };
 
 typedef struct model {
   tse_config config;                   /* parameters as they are set and read                       */

@@ -28,6 +28,7 @@ GOLDEN = Path(__file__).with_name("golden")
 ESTIMATOR, VEHICLE = "TireStiffnessEstimator", "SingleTrackVehicle"
 MODELS = (ESTIMATOR, VEHICLE)
 CHANNELS = [f.name for f in library().channels]
+KNOWN = {"vehicle.calibrated": True}  # the estimator's parameters are settings as they are, none is filled in
 DRIVER = [f.name for f in library().fields(SIM_INPUT) if f.name != "dt"]
 
 # ---- building
@@ -214,9 +215,11 @@ class Log:
     def part(self, first: int, last: int) -> Log:
         return Log(self.time[first:last], self.channels[first:last])
 
-    def through_library(self, settings: Mapping[str, float], form: str | None = None) -> np.ndarray:
+    def through_library(self, settings: Mapping[str, float] | Config, form: str | None = None) -> np.ndarray:
         """One row of the core's outputs per row."""
-        config = Config({**(Config.form(form) if form else {}), **settings})
+        config = settings
+        if not isinstance(settings, Config):
+            config = Config({**(Config.form(form) if form else {}), **settings})
         filter_ = Filter(config)
         rows = np.zeros(len(self), library().dtype(INPUT))
         rows["dt"][1:] = np.diff(self.time)
@@ -237,9 +240,9 @@ class Log:
 
 
 def parameters_of(settings: Mapping[str, float], of: Unit) -> dict[str, float]:
-    """Settings under the FMU's names."""
-    known = {n.partition(".")[2]: n for n, v in of.variables.items() if v.causality == "parameter"}
-    return {known[name]: value for name, value in settings.items()}
+    """Settings under the estimator's names; what is not among them is as in tse_config_default()."""
+    known = {n.partition(".")[2].replace(".", "_"): n for n, v in of.variables.items() if v.causality == "parameter"}
+    return {**KNOWN, **{known[name]: value for name, value in settings.items()}}
 
 
 def expected_outputs(row: np.void, config: Config) -> dict[str, float]:
@@ -260,7 +263,13 @@ def expected_outputs(row: np.void, config: Config) -> dict[str, float]:
             expected[f"estimate.{f.name}"] = float(si[kind][axle])
         else:
             expected[f"estimate.{f.name}"] = value
-    expected["estimate.valid"] = all(expected[f"estimate.{s}_valid"] for s in ("cx_front", "cy_front", "cy_rear"))
+    stiffness = ("cx_front", "cy_front", "cy_rear")
+    one = np.zeros(1, library().dtype(OUTPUT))
+    for s in stiffness:
+        one[s] = 1.0
+    for s, nominal in zip(stiffness, stiffness_si(config, one[0])[0], strict=True):
+        expected[f"estimate.nominal.{s}"] = float(nominal)
+    expected["estimate.valid"] = all(expected[f"estimate.{s}_valid"] for s in stiffness)
     return expected
 
 

@@ -90,16 +90,17 @@ def test_missing_sensor_is_a_warning_said_once(estimator: Unit) -> None:
     with Instance(estimator) as i:
         i.start({"filter.particles": 60}, {"wheel_speed_front": 60.0, "wheel_speed_rear": 60.0})
         assert [i.step(k * 0.01, 0.01) for k in range(3)] == [0, 0, 0]
+        i.set({"steer_angle": NAN})
+        assert [i.step(k * 0.01, 0.01) for k in range(3, 40)] == [1] * 37  # longer than max_gap
         held = i.get(["estimate.cx_front"])
-        i.set({"wheel_speed_front": NAN})
-        assert [i.step(k * 0.01, 0.01) for k in range(3, 8)] == [1] * 5
+        assert [i.step(k * 0.01, 0.01) for k in range(40, 45)] == [1] * 5
         assert i.get(["estimate.cx_front"]) == held
         assert i.get(["estimate.cx_front_reason", "estimate.valid"]) == {
             "estimate.cx_front_reason": 6,
             "estimate.valid": False,
         }
         assert len(i.log) == 1 and i.log[0][1:3] == (1, "logStatusWarning")
-        assert "wheel_speed_front is missing or outside its range" in i.texts()[0]
+        assert "steer_angle is missing or outside its range" in i.texts()[0]
 
 
 def test_wrong_input_of_the_vehicle_changes_nothing(vehicle: Unit) -> None:

@@ -32,6 +32,26 @@ def test_simulation_at_defaults(model: Unit, step_size: float, every: int, capfd
         assert np.isfinite(results[0][name]).all(), name
 
 
+def test_an_importer_that_sets_all_start_values_gets_the_same(estimator: Unit) -> None:
+    """FMPy can; a car of which only the mass is known stays an ordinary one, and is not one that is known exactly."""
+    log = recorded_drive(600)
+    table = np.zeros(600, [(n, float) for n in ("time", *CHANNELS)])
+    table["time"] = np.arange(600) * 0.01
+    for i, name in enumerate(CHANNELS):
+        table[name] = np.nan_to_num(log.channels[:, i])
+    how = {"stop_time": 5.9, "step_size": 0.01, "output_interval": 0.01, "input": table, "output": estimator.outputs}
+    plain, all_set, known = (
+        simulate_fmu(
+            str(estimator.fmu), start_values={"vehicle.mass": 1650.0, **known}, apply_default_start_values=all_, **how
+        )
+        for all_, known in ((False, {}), (True, {}), (True, {"vehicle.calibrated": True}))
+    )
+    assert np.array_equal(plain, all_set)
+    nominal = "estimate.nominal.cy_front"
+    assert known[nominal][-1] == 1.2e5 != plain[nominal][-1]
+    assert known["estimate.cy_front_sd"][0] != plain["estimate.cy_front_sd"][0]
+
+
 def test_default_experiment(model: Unit) -> None:
     result = simulate_fmu(str(model.fmu))
     assert result["time"][-1] == pytest.approx(10.0) and len(result) > 500

@@ -11,6 +11,7 @@ import pytest
 from fmu_support import (
     CHANNELS,
     DRIVER,
+    KNOWN,
     Instance,
     Log,
     Unit,
@@ -56,11 +57,46 @@ def test_the_recorded_drive_with_default_settings(estimator: Unit) -> None:
     replay(estimator, recorded_drive(), {})
 
 
+def test_the_recorded_drive_of_an_ordinary_car(estimator: Unit) -> None:
+    """What is not set follows from mass and axles, as in the library; what is set wins, in any order, also with its start value."""
+    told = {
+        "mass": 1650.0,
+        "lf": 1.2,
+        "lr": 1.6,
+        "wheel_radius_front": 0.32,
+        "wheel_radius_rear": 0.32,
+        "driven_axle": 1,
+    }
+    measured = {"cornering_stiffness_front": 1.2e5, "cg_sd": 0.0, "steer_ratio_sd": 0.01, "relaxation_length": 0.5}
+    ordinary = Config(told)
+    ordinary.fill("tse_config_uncalibrated")
+    settings = Config({**ordinary.as_dict(), **measured})
+    log = recorded_drive()
+    with Instance(estimator) as instance:
+        set_ = {n: v for n, v in parameters_of({**measured, **told}, estimator).items() if n not in KNOWN}
+        instance.start(set_, time=float(log.time[0]))
+        got = log.through_fmu(instance)
+    expect_same_rows(got, (expected_outputs(row, settings) for row in log.through_library(settings)))
+    differs = [k for k, v in Config(told).as_dict().items() if v != ordinary.as_dict()[k]]
+    assert len(differs) > 20
+
+
 SWEEP = [
     ({"seed": 2, "particles": 512}, None),
     ({"seed": 77, "particles": 16, "forgetting": 0.98}, None),
     ({"particles": 101, "forgetting": 0.999, "mass": 1500.0, "resampling": 2}, None),
-    ({"hypotheses": 4, "max_slip": 1.0, "noise_max": 1.0}, None),
+    (
+        {
+            "max_slip": 1.0,
+            "noise_max": 1.0,
+            "driven_axle": 1,
+            "model_sd": 0.05,
+            "grip": 1.0,
+            "grip_sd": 0.2,
+            "relaxation_length": 0.4,
+        },
+        None,
+    ),
     ({"particles": 150}, "sampled"),
     ({"particles": 150, "seed": 9, "initial_cy_rear": 0.7}, "paper"),
 ]
@@ -78,7 +114,7 @@ def test_where_only_some_stiffnesses_show_not_all_are_called_valid(estimator: Un
     _, outputs = drive(maneuver, config, SimConfig())
     log = Log(maneuver.time, np.stack([outputs[n] for n in CHANNELS], axis=1))
     with Instance(estimator) as instance:
-        instance.start({"filter.particles": 100})
+        instance.start({**KNOWN, "filter.particles": 100})
         rows = log.through_fmu(instance)
     expect_same_rows(rows, (expected_outputs(row, config) for row in log.through_library({"particles": 100})))
     assert any(
@@ -99,7 +135,7 @@ def test_a_log_that_starts_late_and_a_second_run_after_reset(estimator: Unit) ->
     expected = [expected_outputs(row, Config({"particles": 60})) for row in late.through_library({"particles": 60})]
     with Instance(estimator) as instance:
         for _ in range(2):
-            instance.start({"filter.particles": 60}, time=float(late.time[0]))
+            instance.start({**KNOWN, "filter.particles": 60}, time=float(late.time[0]))
             expect_same_rows(late.through_fmu(instance), expected)
             instance.slave.terminate()
             instance.slave.reset()
@@ -109,7 +145,7 @@ def test_a_state_saved_in_the_middle_goes_on_with_the_same_bits(estimator: Unit)
     log = simulated_drive()
     middle = len(log) // 2 - 10  # before the gap
     with Instance(estimator, "first") as first, Instance(estimator, "second") as second:
-        first.start({"filter.particles": 100})
+        first.start({**KNOWN, "filter.particles": 100})
         log.through_fmu(first, 0, middle)
         state = first.slave.getFMUstate()
         saved = first.state()
@@ -158,7 +194,7 @@ def test_instances_in_threads_do_what_each_does_alone(estimator: Unit) -> None:
 
     def work(k: int) -> None:
         with Instance(estimator, f"thread {k}") as instance:
-            instance.start({"filter.particles": 200})
+            instance.start({**KNOWN, "filter.particles": 200})
             got[k] = logs[k].through_fmu(instance)
 
     threads = [threading.Thread(target=work, args=(k,)) for k in range(3)]

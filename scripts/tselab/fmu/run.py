@@ -87,8 +87,8 @@ def setting_of(parameter: str) -> str:
 
 
 def settings(fmu: Slave, config: Config) -> tuple[dict[str, float], list[str]]:
-    """The parameters that are settings, all of them: nothing is left to the class of the car. One that the FMU does not have, and that
-    is not as it always is, matters."""
+    """The parameters that are settings, all of them: nothing is left to the class of the car. One that the FMU does not have, and
+    that is not as it always is, matters."""
     known = {setting_of(name): name for name in fmu.names("parameter")}
     values = {known[k]: v for k, v in config.as_dict().items() if k in known}
     if "calibrated" in known:
