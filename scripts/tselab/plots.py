@@ -377,11 +377,11 @@ def mark(figure: Figure, row: int, changes: Sequence[Change], spells: Sequence[S
     ]  # fmt: skip
 
 
-def states_figure(d: Data) -> Figure:
-    """States with their 95 % intervals, references and what was measured."""
+def states_figure(d: Data, grip: bool = False) -> Figure:
+    """States with their 95 % intervals, references and what was measured. `grip`: it is estimated."""
     rows = [("vel_x", "Longitudinal velocity [m/s]"), ("vel_y", "Lateral velocity [m/s]"),
             ("yaw_rate", "Yaw rate [rad/s]"), ("sideslip", "Sideslip angle [deg]")]  # fmt: skip
-    if (d.line(f"{GRIP}_high") > d.line(GRIP)).any():  # estimated
+    if grip:
         rows.append((GRIP, "Grip [1]"))
     figure = Figure([title for _, title in rows], [180] * len(rows))
     for row, (key, _title) in enumerate(rows, 1):

@@ -296,12 +296,12 @@ def _grip(table: pd.DataFrame, config: Config) -> Quantity | None:
 
 
 def _sideslip(table: pd.DataFrame) -> Quantity | None:
-    """Where it was largest, of the rows in which the car moved as the model says."""
+    """Where it was largest beyond its own interval, of the rows in which the car moved as the model says."""
     rows = np.flatnonzero(table["status"].between(0, library().status("TSE_W_MISSING_CHANNEL")).to_numpy())
     if not len(rows):
         return None
     angle, sd = (DEGREE * table[c].to_numpy(float)[rows] for c in ("sideslip", "sideslip_sd"))
-    at = int(np.argmax(np.abs(angle)))
+    at = int(np.argmax(np.abs(angle) - 1.96 * sd))
     time = float(spoken_of(table)[rows[at]])
     text = f"the largest, at {time:.1f} s; median interval ± {max(1.96 * float(np.median(sd)), 0.005):.2f}"
     return Quantity(

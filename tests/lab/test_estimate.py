@@ -249,9 +249,8 @@ def test_average_over_blocks_finds_the_same_tyres(drive, tmp_path):
     assert "averaged over 0.04 s: 2001 rows became 500, of 4 rows each" in done.err
     assert "accel_x_sd: 0.15 m/s2 of one sample is 0.075 of a mean of 4" in done.err
     last = pd.read_csv(tmp_path / "log.est.csv").iloc[-1]
-    assert [last[k] / n for k, n in zip(STIFFNESS, (1.6e5, 1.2e5, 1.4e5), strict=True)] == pytest.approx(
-        [1, 1, 1], rel=0.06
-    )
+    for k, n in zip(STIFFNESS, (1.6e5, 1.2e5, 1.4e5), strict=True):
+        assert abs(last[k] - n) < 2.6 * last[f"{k}_sd"] and abs(last[k] - n) < 0.1 * n, k
 
 
 @pytest.mark.parametrize(
@@ -321,13 +320,13 @@ def test_settings_come_from_file_and_options_win(drive, tmp_path):
 
 def test_at_large_steering_angles_statistics_are_held(drive, tmp_path):
     table = drive.table()
-    table.loc[50:59, "steer_angle"] = "0.5"
+    table.loc[50:59, "steer_angle"] = "0.8"
     table.to_csv(tmp_path / "log.csv", index=False)
     done = tselab_here("estimate", "log.csv", "--vehicle", drive.vehicle, "--particles", 64, cwd=tmp_path)
-    assert "steering beyond 0.3 rad in 10 rows (first in line 52)" in done.err
+    assert "steering beyond 0.7 rad in 10 rows (first in line 52)" in done.err
     est = pd.read_csv(tmp_path / "log.est.csv")
-    assert (est["log_evidence"].iloc[50:60] == 0).all()
     assert (est["cy_front_reason"].iloc[50:60] == "held").all()
+    assert (est["log_evidence"].iloc[50:60] == 0).all() and (est["nis"].iloc[50:60] == 0).all()
 
 
 @pytest.mark.skipif(os.name == "nt", reason="signals work otherwise there")

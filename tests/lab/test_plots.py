@@ -27,9 +27,10 @@ def made_up(n: int) -> tuple[Log, pd.DataFrame]:
     est = {"time": time, "status": (rng.random(n) < 0.1).astype(int)}
     est |= {c: rng.standard_normal(n) * 0.1 + (1.3e5 if c in STIFFNESS else 1) for c in names}
     est |= {f"{c}_sd": np.full(n, 0.1) for c in plots.WITH_BAND}
-    for key in STIFFNESS:
+    for key in (*STIFFNESS, "grip"):
         valid = rng.random(n) < 0.7
-        est |= {f"{key}_spread": np.full(n, 5e3), f"{key}_valid": valid.astype(int)}
+        est |= {f"{key}_spread": np.full(n, 5e3)} if key in STIFFNESS else {}
+        est |= {f"{key}_valid": valid.astype(int)}
         est |= {f"{key}_reason": np.where(valid, "valid", "not excited")}
     return log, pd.DataFrame(est)
 

@@ -40,14 +40,13 @@ def test_figures_hold_stiffness_states_inputs_and_health(page):
     names = [{trace["name"] for trace in figure["data"]} for figure in figures]
     assert {
         "mean, valid",
-        "95 % band of the mean",
-        "spread, 95 % of samples",
+        "95 % interval",
         "nominal",
         "reference",
     } <= names[0]
-    assert {"estimate", "measured", "ref_vel_x", "ref_vel_y", "ref_yaw_rate"} <= names[1]
+    assert {"estimate", "95 % interval", "measured", "ref_vel_x", "ref_vel_y", "ref_yaw_rate"} <= names[1]
     assert {"steer_angle", "wheel_speed_front", "accel_y"} <= names[2]
-    assert {"log_evidence", "n_eff", "status", "bias_yaw_rate"} <= names[3]
+    assert {"log_evidence", "nis", "status", "bias_yaw_rate"} <= names[3]
     assert any(shape["type"] == "rect" for shape in figures[0]["layout"]["shapes"])
 
 
@@ -56,7 +55,9 @@ def test_says_verdict_rules_and_settings(page):
     assert "Front cornering stiffness" in html and "valid" in html
     for line in (r for r in done.out.splitlines() if r.startswith("filled in: ")):
         assert line.removeprefix("filled in: ") in html
-    assert "accel_x_sd" in html and "rule: 12 x axle load" in html
+    assert "cornering_stiffness_front" in html and "rule: an ordinary car of its mass and axles" in html
+    for text in ("<h3>Sideslip angle</h3>", "Value and 95 % interval"):
+        assert text in html
     assert "settings that differ from the defaults" in html
 
 
@@ -106,7 +107,43 @@ def test_verdict_gives_value_band_share_and_distance_to_nominal():
 
 def test_a_spread_that_cannot_be_seen_is_not_given():
     (front,) = verdict_of([1] * 100, "", seen=0)[1:2]
-    assert not front.spread_seen and front.text.endswith("spread below what this drive can show")
+    assert np.isnan(front.spread) and "spread" not in front.text
+
+
+def test_the_value_is_that_at_the_end_of_particles_the_median():
+    """The filter of the car knows most at the end; particles forget."""
+    from tselab.core import Config
+    from tselab.verdict import verdicts
+
+    table = table_of([1] * 90 + [0] * 10, "uncertain")
+    table["cy_front"] = 98e3 + 100.0 * np.arange(100)
+    table["cy_front_sd"] = 3e3 - 10.0 * np.arange(100)
+    end, median = (verdicts(table, Config({"form": form}))[1] for form in (0, 1))
+    assert end.value == pytest.approx(98 + 8.9) and end.band == pytest.approx(1.96 * (3 - 0.89))
+    assert median.value == pytest.approx(98 + 4.45) and (end.low, end.high) == (
+        end.value - end.band,
+        end.value + end.band,
+    )
+
+
+def test_grip_and_sideslip_have_their_intervals():
+    from tselab.core import Config
+    from tselab.verdict import others
+
+    table = table_of([1] * 100, "")
+    assert others(table, Config({"grip_sd": 0.2})) == []  # a table without them
+    angle = np.where(np.arange(100) == 40, -0.05, 0.01)
+    table = table.assign(
+        grip=0.9, grip_sd=0.1, grip_valid=0, grip_reason="uncertain", sideslip=angle, sideslip_sd=0.002
+    )
+    table.loc[70, ["sideslip", "status"]] = [0.5, 4]  # held
+    grip, slip = others(table, Config({"grip_sd": 0.2}))
+    assert grip.line() == "Grip: 0.90 ± 0.20 (95 %), not valid: uncertain, the tyres were not driven near their limit"
+    assert slip.line() == "Sideslip angle: -2.86 ± 0.22 deg (95 %), the largest, at 40.0 s; median interval ± 0.22"
+    assert [q.key for q in others(table, Config())] == ["sideslip"]  # a grip that is assumed exact is no estimate
+    assert others(table, Config({"grip_sd": 0.2, "form": 1})) == []
+    known = others(table.assign(grip_valid=1, grip_reason="valid"), Config({"grip_sd": 0.2}))[0]
+    assert known.line() == "Grip: 0.90 ± 0.20 (95 %), valid 100 % of the time"
 
 
 def test_remarks_name_noise_and_contradictions():
@@ -115,9 +152,9 @@ def test_remarks_name_noise_and_contradictions():
     assert remarks(table_of([1] * 100, "")) == remarks(table_of([1] * 100, "", noise=1.2)) == []
     assert remarks(table_of([1] * 100, "", noise=2.94)) == ["accel_x is noisier than the settings say: x2.9"]
     assert remarks(table_of([1] * 40 + [0] * 5 + [1] * 50 + [0] * 5, "diverging")) == [
-        "measurements contradicted what was learnt 2 times, in 10 % of the log: not valid there"
+        "a sensor was probably at fault 2 times, in 10 % of the log: not valid there"
     ]
-    assert "learnt once, in under 1 % of" in remarks(table_of([1] * 400 + [0], "diverging"))[0]
+    assert "at fault once, in under 1 % of" in remarks(table_of([1] * 400 + [0], "diverging"))[0]
 
 
 def test_noise_is_drawn_where_it_is_not_what_the_settings_say(drive, tmp_path):
@@ -138,6 +175,16 @@ def test_noise_is_drawn_where_it_is_not_what_the_settings_say(drive, tmp_path):
             assert ("accel_y is noisier than the settings say: x" in text) == noisy
 
 
-def test_verdict_of_a_quiet_log_gives_no_value():
+def test_where_no_row_is_valid_value_and_interval_are_given_and_why_not():
     for v in verdict_of([0] * 100, "not excited"):
-        assert v.level == "none" and v.text.startswith("not excited") and "says nothing about the tyres" in v.text
+        assert v.level == "none" and v.value == pytest.approx(98) and v.band == pytest.approx(1.96 * 1.5)
+        assert "± 3 (95 %), not valid: not excited: " in v.text and v.detail.startswith("not valid")
+    front = verdict_of([0] * 100, "told loosely")[1]
+    assert "not valid: told loosely, its sd 2 %, limit 10 %: the parameters of the car are too uncertain" in front.text
+    from tselab.core import Config
+    from tselab.verdict import verdicts
+
+    refused = table_of([0] * 5, "row refused").assign(status=-3)
+    assert [(v.level, v.text) for v in verdicts(refused, Config())] == [
+        ("none", "no value: row refused, the rows were refused")
+    ] * 3

@@ -67,7 +67,9 @@ def test_the_report_speaks_of_every_stretch_and_lists_what_happened(tmp_path):
     for text in ("What happened", "<td>road changed</td>", "36.03 s", "97 %", "front cornering x 0.70", "From 0.0 .. 36.0 s",
                  "From 36.0 .. 119.9 s", "From 119.9 .. 200.0 s", "<td>front axle changed</td>"):  # fmt: skip
         assert text in page, text
+    assert "<h3>Grip</h3>" not in page  # a setting, no estimate
     calm = drive(CALM)[1]
-    write_report(tmp_path / "calm.html", Estimate(calm, False), log, default_vehicle(), Config(), [])
+    write_report(tmp_path / "calm.html", Estimate(calm, False), log, default_vehicle(), Config({"grip_sd": 0.2}), [])
     page = (tmp_path / "calm.html").read_text(encoding="utf-8")
+    assert "<h3>Grip</h3>" in page and "<h3>Sideslip angle</h3>" in page
     assert "What happened</h2>" not in page and "<th>Stretch</th>" not in page

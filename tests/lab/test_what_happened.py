@@ -194,7 +194,9 @@ def test_each_stretch_has_its_own_stiffness_and_share_of_valid():
 def test_a_stretch_on_which_nothing_is_valid_says_so():
     table = table_of(ROAD, valid=lambda t: t < 30)
     _, two = findings(table, Config(), changes(table))
-    assert two.lines() == ["From 36.0 .. 60.0 s: no stiffness is valid, mostly not excited"]
+    title, *lines = two.lines()
+    assert title == "From 36.0 .. 60.0 s: no stiffness is valid, mostly not excited"
+    assert lines[1].startswith("  Front cornering stiffness: 84 kN/rad ± 2 (95 %), not valid: not excited: ")
 
 
 @pytest.mark.parametrize(
