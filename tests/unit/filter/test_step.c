@@ -1,0 +1,442 @@
+/* tests/unit/filter/test_step.c <-> src/filter/step.c, row.c, output.c: the whole filter on drives of a car of its own model, whose
+ * parameters are drawn from the prior, and on rows that nobody would send.
+ *
+ * Numbers that are tuned appear in no test: intervals are those that the filter states. A 95 % interval holds in 95 of 100; with 24 of
+ * them and intervals that are wider than they need be (what the model does not explain is none here), four misses are too many. */
+#include "filter_support.h"
+
+static tse_filter f, before;
+
+/* A car of which much is uncertain. */
+static tse_config a_car(void)
+{
+  tse_config c;
+  tse_config_default(&c);
+  c.grip = setting(1);
+  c.grip_sd = setting(0.15);
+  c.relaxation_length = setting(0.4);
+  c.body_roll_gain = setting(0.005);
+  c.aero_drag_coefficient = setting(0.4);
+  c.steer_offset_sd = setting(0.003);
+  c.steer_ratio_sd = setting(0.02);
+  c.wheel_radius_sd = setting(0.003);
+  c.lean_sd = setting(0.02);
+  c.steer_lag_sd = setting(0.01);
+  c.initial_cx_sd = c.initial_cy_front_sd = c.initial_cy_rear_sd = setting(0.2);
+  c.accel_x_sd = c.accel_y_sd = setting(0.1);
+  return c;
+}
+
+static void reset(const tse_params *p) { TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(p, &f, sizeof f)); }
+
+/* What every row must leave: numbers, a state that is sound, probabilities that sum to one. */
+static void step(const tse_params *p, const tse_input *u, tse_output *y)
+{
+  memset(y, 0, sizeof *y);
+  TEST_ASSERT_TRUE(tse_step(p, &f, u, y) >= 0);
+  expect_estimates_are_numbers(y, "a row");
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_filter_check(p, &f, sizeof f));
+  double sum = 0;
+  for (int r = 0; r < TSE_REGIMES; r++) sum += number(y->regime[r]);
+  expect_near(1, sum, 1e-5, "sum of the probabilities", 0);
+  for (int a = 0; a < 3; a++) TEST_ASSERT_TRUE(number(y->stiffness_sd[a]) >= 0 && number(y->stiffness[a]) > 0);
+}
+
+static tse_output drive(truth *w, int rows)
+{
+  tse_output y;
+  for (int n = 0; n < rows; n++) {
+    const tse_input u = truth_row(w, 0.01);
+    step(&w->p, &u, &y);
+  }
+  return y;
+}
+
+/* How far a stiffness is off, in its own sd. */
+static double off(const truth *w, const tse_output *y, int a) { return fabs(number(y->stiffness[a]) - truth_stiffness(w, a)) / number(y->stiffness_sd[a]); }
+
+/* ------------------------------------------------------------------------------- estimates */
+
+static void test_stiffness_lies_in_its_interval_in_drives_of_its_own_model(void)
+{
+  static truth w;
+  int missed = 0, valid = 0, all = 0;
+  const tse_config c = a_car();
+  for (uint32_t seed = 1; seed <= 12; seed++) {
+    truth_start(&w, &c, 20, 1, seed);
+    reset(&w.p);
+    const tse_output y = drive(&w, 3000);
+    for (int a = TSE_CY_FRONT; a <= TSE_CY_REAR; a++, all++) {
+      missed += off(&w, &y, a) > 1.96;
+      valid += y.reason[a] == TSE_VALID;
+    }
+  }
+  printf("%d of %d missed, %d valid\n", missed, all, valid);
+  TEST_ASSERT_TRUE(missed <= 3);
+  TEST_ASSERT_TRUE(valid > all / 2);
+}
+
+/* And it is learnt, not only left at the prior with a wide interval. */
+static void test_a_lively_drive_teaches_the_stiffness(void)
+{
+  static truth w;
+  const tse_config c = a_car();
+  for (uint32_t seed = 1; seed <= 4; seed++) {
+    truth_start(&w, &c, 20, 0, seed); /* as told, but for the stiffness */
+    w.x[LCF] = real(log(0.8));
+    w.x[LCR] = real(log(1.25));
+    reset(&w.p);
+    const tse_output y = drive(&w, 3000);
+    for (int a = TSE_CY_FRONT; a <= TSE_CY_REAR; a++) {
+      TEST_ASSERT_TRUE(number(y.stiffness_sd[a]) < 0.1 * number(y.stiffness[a]));
+      expect_near(truth_stiffness(&w, a), number(y.stiffness[a]), 0.1 * truth_stiffness(&w, a), "stiffness", a);
+    }
+    expect_near(number(w.x[VX]), number(y.vel_x), 0.5, "vel_x", 0);
+    expect_near(number(w.x[VY]), number(y.vel_y), 0.3, "vel_y", 0);
+    expect_near(number(w.x[YAW]), number(y.yaw_rate), 0.02, "yaw rate", 0);
+  }
+}
+
+static void test_a_road_of_60_per_cent_is_believed_within_seconds(void)
+{
+  static truth w;
+  tse_config c = a_car();
+  int believed = 0;
+  c.steer_ratio_sd = setting(0.005); /* what else could explain it is known well */
+  for (uint32_t seed = 1; seed <= 4; seed++) {
+    truth_start(&w, &c, 20, 0.3, seed);
+    reset(&w.p);
+    tse_output y = drive(&w, 2000);
+    TEST_ASSERT_EQUAL_INT(TSE_CHANGE_NONE, y.change_kind);
+    for (int i = LCX; i <= LMU; i++) w.x[i] += real(log(0.6));
+    y = drive(&w, 400);
+    believed += y.change_kind == TSE_CHANGE_ROAD;
+    if (y.change_kind != TSE_CHANGE_ROAD) continue;
+    TEST_ASSERT_TRUE(number(y.change_age) < 4);
+    y = drive(&w, 1000);
+    for (int a = TSE_CY_FRONT; a <= TSE_CY_REAR; a++) {
+      expect_near(truth_stiffness(&w, a), number(y.stiffness[a]), fmax(3 * number(y.stiffness_sd[a]), 0.15 * truth_stiffness(&w, a)), "stiffness after it", a);
+      if (a == TSE_CY_FRONT) TEST_ASSERT_TRUE(number(y.change_ratio[a]) < 0.85); /* the rear axle alone may have been believed for a moment */
+    }
+  }
+  TEST_ASSERT_TRUE(believed >= 3);
+}
+
+static void test_a_road_that_stays_is_never_believed_to_be_another(void)
+{
+  static truth w;
+  const tse_config c = a_car();
+  for (uint32_t seed = 11; seed <= 13; seed++) {
+    truth_start(&w, &c, 22, 0.7, seed);
+    w.frequency = 0.25;
+    reset(&w.p);
+    for (int n = 0; n < 4000; n++) {
+      const tse_output y = drive(&w, 1);
+      TEST_ASSERT_EQUAL_INT(TSE_CHANGE_NONE, y.change_kind);
+      TEST_ASSERT_EQUAL_INT(0, y.fault_channel);
+    }
+  }
+}
+
+static void test_a_channel_that_turns_off_is_found_and_the_stiffness_stays(void)
+{
+  static truth w;
+  tse_config c = a_car();
+  truth_start(&w, &c, 20, 0.3, 5);
+  reset(&w.p);
+  (void)drive(&w, 2000);
+  tse_output y;
+  int found = 0;
+  for (int n = 0; n < 300; n++) {
+    tse_input u = truth_row(&w, 0.01);
+    u.yaw_rate += real(0.4);
+    step(&w.p, &u, &y);
+    found += y.fault_channel == 1 + TSE_CHANNEL_yaw_rate;
+  }
+  TEST_ASSERT_TRUE(found > 100);
+  for (int a = TSE_CY_FRONT; a <= TSE_CY_REAR; a++) TEST_ASSERT_TRUE(off(&w, &y, a) < 4);
+}
+
+/* With noise alone, and nothing that happens: what is not excited is not learnt, and not valid. */
+static void test_a_quiet_drive_teaches_no_cornering_stiffness(void)
+{
+  static truth w;
+  const tse_config c = a_car();
+  truth_start(&w, &c, 20, 1, 3);
+  w.amplitude = w.throttle = 0;
+  reset(&w.p);
+  const tse_output y = drive(&w, 2000);
+  for (int a = TSE_CY_FRONT; a <= TSE_CY_REAR; a++) {
+    TEST_ASSERT_TRUE(off(&w, &y, a) < 2.5);
+    TEST_ASSERT_TRUE(number(y.stiffness_sd[a]) > 0.1 * number(y.stiffness[a]));
+  }
+}
+
+/* ------------------------------------------------------------------------------- rows that are odd */
+
+/* 10, 20, 30 % of the rows come 0.12 s after the one before. */
+static void test_late_rows_leave_stiffness_in_its_interval(void)
+{
+  static truth w;
+  const tse_config c = a_car();
+  int missed = 0;
+  for (int late = 10; late <= 30; late += 10)
+    for (uint32_t seed = 1; seed <= 3; seed++) {
+      tse_output y;
+      truth_start(&w, &c, 20, 0.7, seed);
+      reset(&w.p);
+      uint32_t which = seed;
+      for (int n = 0; n < 1500; n++) {
+        const tse_input u = truth_row(&w, next_uniform(&which) < 0.01 * late ? 0.12 : 0.01);
+        step(&w.p, &u, &y);
+        TEST_ASSERT_EQUAL_INT(TSE_CHANGE_NONE, y.change_kind);
+      }
+      for (int a = TSE_CY_FRONT; a <= TSE_CY_REAR; a++) missed += off(&w, &y, a) > 1.96;
+    }
+  printf("%d of 18 missed\n", missed);
+  TEST_ASSERT_TRUE(missed <= 3);
+}
+
+/* A pause of any length; then the drive goes on. */
+static void test_a_gap_keeps_what_was_learnt_and_places_the_motion(void)
+{
+  static const double gap[] = { 0.3, 1, 60, 3600 };
+  const tse_config c = a_car();
+  for (int g = 0; g < ROWS(gap); g++) {
+    static truth w;
+    tse_output y;
+    truth_start(&w, &c, 20, 0.5, 2);
+    reset(&w.p);
+    const tse_output last = drive(&w, 1500);
+    tse_input u = truth_row(&w, 0.01);
+    u.dt = real(gap[g]);
+    step(&w.p, &u, &y);
+    TEST_ASSERT_EQUAL_INT(TSE_W_GAP, y.status);
+    for (int a = 0; a < 3; a++) {
+      expect_near(number(last.stiffness[a]), number(y.stiffness[a]), 0.2 * number(last.stiffness_sd[a]), "stiffness", a);
+      TEST_ASSERT_TRUE(number(y.stiffness_sd[a]) > 0.9 * number(last.stiffness_sd[a]));
+    }
+    expect_near(number(w.x[VX]), number(y.vel_x), 1, "vel_x", g);
+    expect_near(number(w.x[YAW]), number(y.yaw_rate), 0.1, "yaw rate", g);
+    y = drive(&w, 500);
+    for (int a = TSE_CY_FRONT; a <= TSE_CY_REAR; a++) TEST_ASSERT_TRUE(off(&w, &y, a) < 3);
+  }
+}
+
+static void test_rows_of_almost_no_time_and_of_an_hour_leave_numbers_and_no_stiffness_moved(void)
+{
+  static truth w;
+  static const double dt[] = { BY_NUMBER(1e-30, 1e-30, 2.4e-10), 3600, BY_NUMBER(5e-324, 1e-45, 2.4e-10), 1e-6, 0.2501 };
+  const tse_config c = a_car();
+  for (int k = 0; k < ROWS(dt); k++) {
+    tse_output y;
+    truth_start(&w, &c, 20, 0.5, 4);
+    reset(&w.p);
+    (void)drive(&w, 1000);
+    for (int n = 0; n < 1500; n++) {
+      tse_input u = truth_row(&w, 0.01);
+      if (n < 1000 && n % 10 == 0) { /* one row again, so much later */
+        tse_input again = u;
+        again.dt = real(dt[k]);
+        if (again.dt > TSE_R(0)) step(&w.p, &again, &y);
+      }
+      step(&w.p, &u, &y);
+    }
+    for (int a = TSE_CY_FRONT; a <= TSE_CY_REAR; a++) expect_near(0, off(&w, &y, a), 4, "stiffness, in its sd", 10 * k + a);
+  }
+}
+
+/* Any channels missing for any time: numbers, and a stiffness that stays in its interval. */
+static void test_missing_channels_leave_numbers_and_no_stiffness_moved(void)
+{
+  static truth w;
+  const tse_config c = a_car();
+  for (uint32_t which = 1; which < 64; which++) {
+    tse_output y;
+    truth_start(&w, &c, 20, 0.5, which);
+    reset(&w.p);
+    for (int n = 0; n < 900; n++) {
+      tse_input u = truth_row(&w, 0.01);
+      if (n > 200 && n < 700) u.missing = which;
+      step(&w.p, &u, &y);
+    }
+    for (int a = TSE_CY_FRONT; a <= TSE_CY_REAR; a++) expect_near(0, off(&w, &y, a), 4, "stiffness, in its sd", (int)which);
+  }
+}
+
+/* Whatever the filter thinks, these rows are not about how the tyres are. */
+static void expect_learns_nothing(const truth *w, const tse_input *row, int rows, tse_status least)
+{
+  tse_output y;
+  const tse_kalman was = f.k;
+  for (int n = 0; n < rows; n++) {
+    step(&w->p, row, &y);
+    TEST_ASSERT_TRUE(y.status >= (int32_t)least);
+    for (int a = 0; a < 3; a++) TEST_ASSERT_TRUE(y.reason[a] != TSE_VALID);
+  }
+  for (int i = LCX; i <= LMU; i++) { /* but for what they have in common with the gyro's bias, which is learnt at standstill */
+    const double var = number(ud_variance(&was.p, i)), moved = (number(f.k.x[i]) - number(was.x[i])) / number(state_unit[i]);
+    TEST_ASSERT_TRUE(fabs(moved) <= 0.3 * sqrt(var));
+    TEST_ASSERT_TRUE(number(ud_variance(&f.k.p, i)) >= 0.7 * var);
+  }
+}
+
+static void test_at_standstill_in_reverse_and_at_full_lock_no_stiffness_is_learnt(void)
+{
+  static truth w;
+  const tse_config c = a_car();
+  for (int kind = 0; kind < 3; kind++) {
+    truth_start(&w, &c, 20, 0.5, 6);
+    reset(&w.p);
+    (void)drive(&w, 1000);
+    tse_input u;
+    memset(&u, 0, sizeof u);
+    u.dt = real(0.01);
+    if (kind == 1) u.wheel_speed_front = u.wheel_speed_rear = real(-8);
+    if (kind == 2) u.wheel_speed_front = u.wheel_speed_rear = real(20);
+    if (kind == 2) u.steer_angle = real(1.1);
+    u.accel_x = real(0.3);
+    u.yaw_rate = real(kind ? -0.3 : 0.003);
+    expect_learns_nothing(&w, &u, 300, TSE_W_HELD);
+    if (kind == 0) { /* the gyro's bias is */
+      expect_near(0.003, number(f.k.x[BR]), 0.001, "bias of the gyro", 0);
+      expect_near(0, number(f.k.x[VX]), 0, "vel_x", 0);
+    }
+  }
+}
+
+static void test_a_refused_row_changes_nothing(void)
+{
+  static truth w;
+  const tse_config c = a_car();
+  tse_output y, untouched;
+  truth_start(&w, &c, 20, 0.5, 7);
+  reset(&w.p);
+  (void)drive(&w, 300);
+  const tse_input good = truth_row(&w, 0.01);
+  before = f;
+  memset(&y, 0x5a, sizeof y);
+  untouched = y;
+  for (int k = 0; k < 6; k++) {
+    tse_input u = good;
+    if (k == 0) u.dt = TSE_R(0);
+    if (k == 1) u.dt = real(3601);
+    if (k == 2) u.dt = broken();
+    if (k == 3) u.steer_angle = real(1.3);
+    if (k == 4) u.wheel_speed_front = real(401);
+    if (k == 5) u.wheel_speed_rear = real((double)INFINITY);
+    TEST_ASSERT_TRUE(tse_step(&w.p, &f, &u, &y) < 0);
+    TEST_ASSERT_EQUAL_MEMORY(&before, &f, sizeof f);
+    TEST_ASSERT_EQUAL_MEMORY(&untouched, &y, sizeof y);
+  }
+}
+
+/* Readings at the ends of what a channel may say, in any order. */
+static void test_readings_at_their_ends_leave_numbers(void)
+{
+  uint32_t seed = 8;
+  const tse_config c = a_car();
+  const tse_params p = prepared(&c);
+  for (int run = 0; run < 20; run++) {
+    tse_output y;
+    reset(&p);
+    for (int n = 0; n < 400; n++) {
+      tse_input u;
+      memset(&u, 0, sizeof u);
+      u.dt = real(next_uniform(&seed) < 0.05 ? 0.25 : 0.01);
+      u.steer_angle = real(0.69 * (next_uniform(&seed) < 0.5 ? -1 : 1));
+      u.wheel_speed_front = real(next_uniform(&seed) < 0.5 ? 10 : 400);
+      u.wheel_speed_rear = real(next_uniform(&seed) < 0.5 ? 10 : 400);
+      u.accel_x = real(50 * (next_uniform(&seed) < 0.5 ? -1 : 1));
+      u.accel_y = real(50 * (next_uniform(&seed) < 0.5 ? -1 : 1));
+      u.yaw_rate = real(6 * (next_uniform(&seed) < 0.5 ? -1 : 1));
+      step(&p, &u, &y);
+    }
+  }
+}
+
+/* ------------------------------------------------------------------------------- what is told */
+
+/* Each part of the sd is one, and none is more than all of it; what is told exactly is no part. */
+static void test_parts_of_the_sd_are_those_of_what_is_uncertain(void)
+{
+  static truth w;
+  tse_config c = a_car();
+  tse_real sd[3];
+  c.mass_sd = setting(0.04);
+  c.cg_sd = setting(0.02);
+  c.trail_sd = setting(0.02);
+  truth_start(&w, &c, 20, 0.5, 9);
+  reset(&w.p);
+  const tse_output y = drive(&w, 1500);
+  static const char *const names[TSE_TOLD] = {
+"mass_sd",
+#define REAL(name, def, lo, hi, unit, text)
+#define CONSIDER(id, name, most, unit, text) #name,
+#include "tse/told.def"
+#undef REAL
+    "the model",
+  };
+  for (int32_t k = 0; k < TSE_TOLD; k++) {
+    TEST_ASSERT_EQUAL_INT(TSE_OK, tse_told_sd(&w.p, &f, k, sd));
+    for (int a = 0; a < 3; a++) {
+      TEST_ASSERT_TRUE_MESSAGE(number(sd[a]) >= 0 && number(sd[a]) <= number(y.stiffness_sd[a]) * 1.01, names[k]);
+      if (k == TSE_CONSIDER_INERTIA + 1 || k == TSE_CONSIDER_GYRO + 1) expect_near(0, number(sd[a]), 0, names[k], a); /* told exactly */
+      if (k == 0) expect_near(0.04, number(sd[a]) / exp(number(f.k.x[LCX + a])), 1e-5, "mass: relative, as it is told", a);
+    }
+    if (k == TSE_CONSIDER_CENTRE + 1 || k == TSE_CONSIDER_TRAIL + 1) TEST_ASSERT_TRUE_MESSAGE(number(sd[1]) > 0, names[k]);
+  }
+  before = f;
+  TEST_ASSERT_EQUAL_INT(TSE_E_SIZE, tse_told_sd(&w.p, &f, TSE_TOLD, sd));
+  TEST_ASSERT_EQUAL_INT(TSE_E_SIZE, tse_told_sd(&w.p, &f, -1, sd));
+  TEST_ASSERT_EQUAL_INT(TSE_E_NULL, tse_told_sd(NULL, &f, 0, sd));
+  TEST_ASSERT_EQUAL_INT(TSE_E_NULL, tse_told_sd(&w.p, NULL, 0, sd));
+  TEST_ASSERT_EQUAL_INT(TSE_E_NULL, tse_told_sd(&w.p, &f, 0, NULL));
+  f.magic ^= 1;
+  TEST_ASSERT_EQUAL_INT(TSE_E_STATE, tse_told_sd(&w.p, &f, 0, sd));
+  reset(&w.p);
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_told_sd(&w.p, &f, TSE_CONSIDER_RATIO + 1, sd)); /* before the first row */
+  for (int a = 0; a < 3; a++) expect_near(0, number(sd[a]), 0, "before the first row", a);
+}
+
+/* More doubt about the car: a wider interval. */
+static void test_what_is_told_loosely_widens_the_interval(void)
+{
+  double sd[2][3];
+  for (int loosely = 0; loosely < 2; loosely++) {
+    static truth w;
+    tse_config c = a_car();
+    if (loosely) {
+      c.mass_sd = setting(0.05);
+      c.cg_sd = setting(0.05);
+      c.trail_sd = setting(0.04);
+      c.accel_y_scale_sd = setting(0.04);
+    }
+    truth_start(&w, &c, 20, 0, 10);
+    reset(&w.p);
+    const tse_output y = drive(&w, 1500);
+    for (int a = 0; a < 3; a++) sd[loosely][a] = number(y.stiffness_sd[a]) / number(y.stiffness[a]);
+  }
+  for (int a = TSE_CY_FRONT; a <= TSE_CY_REAR; a++) TEST_ASSERT_TRUE(sd[1][a] > 1.2 * sd[0][a]);
+}
+
+int main(void)
+{
+  UNITY_BEGIN();
+  RUN_TEST(test_stiffness_lies_in_its_interval_in_drives_of_its_own_model);
+  RUN_TEST(test_a_lively_drive_teaches_the_stiffness);
+  RUN_TEST(test_a_road_of_60_per_cent_is_believed_within_seconds);
+  RUN_TEST(test_a_road_that_stays_is_never_believed_to_be_another);
+  RUN_TEST(test_a_channel_that_turns_off_is_found_and_the_stiffness_stays);
+  RUN_TEST(test_a_quiet_drive_teaches_no_cornering_stiffness);
+  RUN_TEST(test_late_rows_leave_stiffness_in_its_interval);
+  RUN_TEST(test_a_gap_keeps_what_was_learnt_and_places_the_motion);
+  RUN_TEST(test_rows_of_almost_no_time_and_of_an_hour_leave_numbers_and_no_stiffness_moved);
+  RUN_TEST(test_missing_channels_leave_numbers_and_no_stiffness_moved);
+  RUN_TEST(test_at_standstill_in_reverse_and_at_full_lock_no_stiffness_is_learnt);
+  RUN_TEST(test_a_refused_row_changes_nothing);
+  RUN_TEST(test_readings_at_their_ends_leave_numbers);
+  RUN_TEST(test_parts_of_the_sd_are_those_of_what_is_uncertain);
+  RUN_TEST(test_what_is_told_loosely_widens_the_interval);
+  return UNITY_END();
+}
