@@ -22,7 +22,6 @@ TABLES = (
     ("sizes.md", "Memory that a caller provides", "scripts/facts.py"),
     ("platforms.md", "The same bits elsewhere", "scripts/platforms.py"),
     ("fixed.md", "Fixed point beside double", "scripts/fixed.py"),
-    ("small.md", "Fewer hypotheses", "scripts/small.py"),
     ("fuzz.md", "Hostile inputs", "scripts/fuzz.sh"),
     ("soak.md", "Millions of rows with faults", "scripts/soak.sh"),
     ("proof.md", "What is proven", "scripts/eva.sh"),

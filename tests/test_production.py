@@ -31,7 +31,7 @@ def test_every_status_and_reason_has_its_row() -> None:
 
 def test_policies_and_tables_are_on_the_page() -> None:
     text = production.page()
-    assert "Policy for odd rows" in text and "Format 1 (96 bytes) is refused" in text
+    assert "Policy for odd rows" in text and "Formats 1 and 2 are refused" in text
     for name, title, command in (*production.TABLES, *production.LONG):
         assert f"## {title}" in text
         if not (production.RESULTS / name).exists():

@@ -47,7 +47,8 @@ def write_report(
     sections = [
         ("Stiffness", "Grey background: not valid; the reason is shown on hover. Drag to zoom, double-click to reset; all plots "
          "share the time axis.", plots.stiffness_figure(data, est.table, config, changes, spells)),
-        ("States", "Estimates against the reference columns of the log, where there are any.", plots.states_figure(data, config.form == 0 and config.grip_sd > 0)),
+        ("States", "Estimates against the reference columns of the log, where there are any.",
+         plots.states_figure(data, config.form == 0 and config.grip_sd > 0)),
         ("Inputs and measurements", "The log as it was read; references are off until their legend entry is clicked.",
          plots.inputs_figure(data)),
         ("Health of the filter", "Sensor biases, log-likelihood of each row, innovations or effective particles, status.",

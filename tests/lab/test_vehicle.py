@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -27,14 +28,55 @@ def read(tmp_path, text):
     return read_vehicle(path)
 
 
+def class_of(name):
+    """A constant of include/tse/uncalibrated.def."""
+    text = (Path(__file__).resolve().parents[2] / "include" / "tse" / "uncalibrated.def").read_text()
+    return float(re.search(rf"(?:#define {name}|UNCALIBRATED\({name},) +([\d.]+)", text)[1])
+
+
 def test_missing_stiffness_is_filled_in_from_the_axle_load(tmp_path):
     car = read(tmp_path, BARE)
     front, rear = 1600 * 9.81 * 1.5 / 2.5, 1600 * 9.81 * 1.0 / 2.5
-    assert car.values["cornering_stiffness_front"] == pytest.approx(12 * front)
-    assert car.values["cornering_stiffness_rear"] == pytest.approx(12 * rear)
-    assert car.values["longitudinal_stiffness_front"] == pytest.approx(20 * front)
+    assert car.values["cornering_stiffness_front"] == pytest.approx(class_of("CLASS_CORNERING_FRONT") * front)
+    assert car.values["cornering_stiffness_rear"] == pytest.approx(class_of("CLASS_CORNERING_REAR") * rear)
+    for axle in ("front", "rear"):
+        slip = class_of("CLASS_LONGITUDINAL") * 1600 * 9.81 / 2
+        assert car.values[f"longitudinal_stiffness_{axle}"] == pytest.approx(slip)
     assert car.values["yaw_inertia"] == pytest.approx(1600 * 1.0 * 1.5)
     assert sum("rule" in line for line in car.filled) == 6
+
+
+def test_the_filter_has_the_prior_of_the_class_where_the_file_says_nothing(tmp_path):
+    from tselab.vehicle import filter_values
+
+    bare = filter_values(read(tmp_path, BARE))
+    for name in (
+        "initial_cy_front_sd",
+        "grip",
+        "grip_sd",
+        "relaxation_length",
+        "body_roll_gain",
+        "accel_y_sd",
+        "model_sd",
+    ):
+        assert bare[name] == class_of(name), name
+    assert bare["driven_axle"] == 1
+    told = BARE + "[sensors]\naccel_y_sd = 0.5\n[effects.body_roll]\ngain = 0.004\n"
+    said = filter_values(read(tmp_path, 'driven_axle = "rear"\n' + told))
+    assert (said["driven_axle"], said["accel_y_sd"], said["body_roll_gain"]) == (2, 0.5, 0.004)
+    exact = read(tmp_path, tselab("vehicle", "--simulated").out)
+    assert filter_values(exact) == {**exact.values, "driven_axle": 1}  # known exactly: nothing is added
+
+
+def test_after_a_calibration_the_filter_has_its_posterior(tmp_path):
+    from tselab.vehicle import filter_values
+
+    names = '["cy_front", "cy_rear", "tyre_saturation_inverse_friction"]'
+    found = f"[calibration]\nnames = {names}\nmean = [0.0, 0.0, 1.25]\ncovariance = [[0.0004, 0, 0], [0, 1.0, 0], [0, 0, 0.0001]]\n"
+    car = filter_values(read(tmp_path, BARE + "[uncertainty]\nmodel_sd = 0.03\n" + found))
+    assert car["initial_cy_front_sd"] == pytest.approx(0.02)
+    assert car["initial_cy_rear_sd"] == class_of("initial_cy_rear_sd")  # no worse than the class
+    assert car["grip"] == pytest.approx(0.8, rel=0.01) and 0 < car["grip_sd"] < class_of("grip_sd")
 
 
 def test_stated_stiffness_is_kept_and_the_authors_guess_is_not_used(tmp_path):
@@ -44,19 +86,23 @@ def test_stated_stiffness_is_kept_and_the_authors_guess_is_not_used(tmp_path):
     assert any("author_stiffness" in line and "not used" in line for line in car.notes)
 
 
-def test_what_is_not_told_exactly_is_considered_and_a_guess_more(tmp_path):
+def test_what_is_not_known_exactly_is_as_uncertain_as_of_any_car(tmp_path):
     from tselab.core import Config
-    from tselab.vehicle import GUESSED_INERTIA_SD, uncertainty_settings, unknown_car
+    from tselab.vehicle import uncertainty_settings, unknown_car
 
     bare, told = (
         read(tmp_path, BARE),
         read(tmp_path, BARE + "yaw_inertia = 2500.0\n[uncertainty]\ncg_sd = 0.0\nmass_sd = 0.01\n"),
     )
-    assert {k: bare.values[k] for k in unknown_car()} == unknown_car() | {"yaw_inertia_sd": GUESSED_INERTIA_SD}
+    assert {k: bare.values[k] for k in unknown_car()} == unknown_car()
     assert {k: told.values[k] for k in unknown_car()} == unknown_car() | {"cg_sd": 0.0, "mass_sd": 0.01}
     assert told.told_uncertainty == ["mass_sd", "cg_sd"]
     line = next(line for line in told.filled if line.startswith("[uncertainty]"))
-    assert "relaxation_sd = 0.3 m" in line and "cg_sd" not in line and "mass_sd" not in line
+    assert (
+        f"relaxation_sd = {unknown_car()['relaxation_sd']:g} m" in line
+        and "cg_sd" not in line
+        and "mass_sd" not in line
+    )
     names = list(Config().fields)  # the table of the file is that of the library
     assert set(uncertainty_settings()) == set(names[names.index("mass_sd") : names.index("accel_x_sd")])
 
@@ -168,17 +214,14 @@ def test_wheel_noise_is_that_of_the_noisier_axle_and_zero_where_there_is_none(tm
 
 
 def test_stated_noise_is_left_alone(tmp_path):
-    from tselab.vehicle import NOD_TIME, fill_sensors
+    from tselab.vehicle import fill_sensors
 
     car = read(
         tmp_path, BARE + "[sensors]\naccel_x_sd = 0.5\naccel_y_sd = 0.5\nyaw_rate_sd = 0.02\nwheel_noise_sd = 0.1\n"
     )
     before = dict(car.values)
     fill_sensors(car, log_of(accel_x=np.zeros(500)))
-    assert car.values == before | {"nod_time": NOD_TIME}
-    exact = read(tmp_path, BARE + "[uncertainty]\nmodel_sd = 0\n")
-    fill_sensors(exact, log_of(accel_x=np.zeros(500)))
-    assert "nod_time" not in exact.values
+    assert car.values == before
 
 
 def test_the_simulated_car_is_the_default_car(tmp_path):

@@ -19,7 +19,6 @@ class Tse(ConanFile):
         "real": ["double", "float", "fixed"],
         "max_particles": ["ANY"],
         "latency_rows": ["ANY"],
-        "hypotheses": ["ANY"],
         "effects": [True, False],
     }
     default_options = {  # noqa: RUF012
@@ -28,7 +27,6 @@ class Tse(ConanFile):
         "real": "double",
         "max_particles": 512,
         "latency_rows": 32,
-        "hypotheses": 7,
         "effects": True,
     }
     exports_sources = "CMakeLists.txt", "cmake/*", "include/*", "src/*", "LICENSE", "NOTICE"
@@ -43,7 +41,6 @@ class Tse(ConanFile):
         toolchain.cache_variables["TSE_REAL"] = str(self.options.real)
         toolchain.cache_variables["TSE_MAX_PARTICLES"] = str(self.options.max_particles)
         toolchain.cache_variables["TSE_LATENCY_ROWS"] = str(self.options.latency_rows)
-        toolchain.cache_variables["TSE_HYPOTHESES"] = str(self.options.hypotheses)
         toolchain.cache_variables["TSE_EFFECTS"] = bool(self.options.effects)
         toolchain.cache_variables["TSE_BUILD_TESTS"] = False
         toolchain.cache_variables["TSE_BUILD_FMU"] = False
@@ -72,7 +69,5 @@ class Tse(ConanFile):
             self.cpp_info.defines.append("TSE_NO_EFFECTS=1")
         if int(str(self.options.latency_rows)) != 32:
             self.cpp_info.defines.append(f"TSE_LATENCY_ROWS={self.options.latency_rows}")
-        if int(str(self.options.hypotheses)) != 7:
-            self.cpp_info.defines.append(f"TSE_HYPOTHESES={self.options.hypotheses}")
         if self.settings.os in ("Linux", "FreeBSD"):
             self.cpp_info.system_libs = ["m"]
