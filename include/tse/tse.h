@@ -1,9 +1,10 @@
 /* tse/tse.h - the public API of tse, a tyre-stiffness estimator.
  *
- * A bank of hypotheses of what happened - another road, a drift, a channel at fault - each with a Kalman filter of motion, mean
- * stiffness and biases, weighed by how well it foretells the samples; on a single-track model. Or, for who asks, the marginalized
- * adaptive particle filter of Berntorp & Di Cairano (2016). Equation numbers refer to that paper; src/EQUATIONS.md says where each
- * one is computed and tested, tse/constants.def what every threshold and rate of the default form is.
+ * One Kalman filter of a car: exact kinematics, slip and slip angle of each axle as states, tyres with a stiffness at no slip and a grip.
+ * Both wheel speeds are measured, the steering angle is the only input. What may happen - another road, an axle's tyres, sliding wheels, a
+ * channel at fault - is weighed by likelihood ratios. Or, for who asks, the marginalized adaptive particle filter of Berntorp & Di Cairano
+ * (2016). Equation numbers refer to that paper; src/EQUATIONS.md says where each equation is computed and tested, tse/constants.def what
+ * every threshold and rate of the default form is.
  *
  *   tse_config c;  tse_params p;  static tse_filter f;  tse_input u;  tse_output y;
  *   tse_config_default(&c);   c.mass = TSE_S(1650); ...   tse_config_uncalibrated(&c);
@@ -55,9 +56,8 @@ extern "C" {
 #endif
 
 /* Settings, in SI units. Fill with tse_config_default(), then change what differs. Rows, ranges, units: tse/config.def.
- * Among them what the plain model leaves out and this car has (tse/effects.def; body_roll_gain, relaxation_length ...): all
- * 0, which is off, by default. A filter that is told of them learns the stiffness as if the car had none
- * (src/estimator/told.c). */
+ * Among them the parameters of effects (tse/effects.def; body_roll_gain, relaxation_length ...): all
+ * 0, which is off, by default. The default form's model has those whose row says so. */
 typedef struct tse_config {
 #define REAL(name, def, lo, hi, unit, text) tse_setting name;
 #define INT(name, def, lo, hi, text) int32_t name;
@@ -153,31 +153,31 @@ tse_status tse_input_check(const tse_input *u, const char **wrong);
  *              tse_status: negative refused, 0 ok, positive usable with a warning
  *   Policy for odd rows
  *     steering angle or wheel speed out of range (also infinite), dt not in (0, 3600]   refused
- *     steering angle or wheel speed missing      last value held up to max_gap, then states frozen; predicts only
- *     measurement missing or out of range        the other measurements are used; all missing: predicts only
- *     dt up to max_gap                           bridged in steps no longer than 1.5 sample_time (default form: at most 8 of them)
  *     a channel logged late (tse/latency.def)    rows wait, with the reasons of the last step and the status TSE_W_WAITING, until
  *                                                all channels are known; then a step to that time, estimate_age before the row.
  *                                                dt above max_gap: what waits is given up, and the next step, when the channels
  *                                                are known again, has the whole time. Rows that come faster than the memory can
  *                                                hold (TSE_LATENCY_ROWS) are left out, their time is not
- *     dt above max_gap                           states restarted from wheel speeds and gyro, what was learnt is kept
- *     |wheel speed| below hold_speed, reverse,   motion goes on, nothing is learnt; gyro bias learnt at standstill
+ *     |wheel speed| below hold_speed, reverse,   motion is placed anew with each row, nothing is learnt; gyro bias learnt at standstill
  *     steering angle beyond max_steer
- *   ... in the default form, weighed as hypotheses, whose probabilities are outputs (p_..., change_..., fault_channel)
- *     one measurement far from the forecast      pulls the less the further off
- *     a channel off, stuck or loud               p_fault; it is believed the less, the others are used. A value that repeats itself
- *                                                to the last bit is evidence of it, as far as its channel does not do so by habit
- *     slip of an axle beyond max_slip            p_sliding; stiffness is as uncertain as the slip is large, so nothing is learnt of it
- *     samples contradict what was learnt         p_changed, p_axle, p_drifting: another road, one axle, a drift; p_restarted: all
- *     noise other than told                      found, noise_...; believed as told with noise_max 1
- *     what the model does not explain            found, discrepancy_...; it widens the sd of the stiffness
- *     what is told of the car may be off         by the settings of tse/told.def (0): considered, it widens the sd of all estimates
- *   ... in the paper's form and the sampled one
+ *     dt above max_gap                           motion is placed anew from wheels, gyro and steering; what was learnt is kept
+ *   ... in the default form
+ *     any other dt                               up to TSE_SUBSTEPS steps; a late row loses information and biases nothing
+ *     a measurement missing or out of range      the others are used, wheel speeds, too; all missing: predicts only
+ *     steering angle missing                     held up to max_gap, then nothing is known of the motion until it is back
+ *     one measurement beyond 3 sd                pulls the less the further off
+ *     a channel at fault                         p_fault, fault_channel: it is left out until it agrees again
+ *     slip of an axle beyond max_slip            p_sliding: nothing is valid
+ *     another road, an axle's tyres              p_changed, p_axle: stiffness and grip move, and are uncertain
+ *     noise other than the setting               found, noise_...; at most noise_max times
+ *     what the model does not explain            model_sd: a share of what happens, discrepancy_...
+ *     uncertain parameters                       the settings of tse/told.def: Schmidt's gain; they widen the sd of all estimates
+ *   ... with particles
+ *     steering angle or wheel speed missing      last value held up to max_gap, then states frozen; predicts only
  *     slip of an axle beyond max_slip            motion integrated from accelerometers and gyro, statistics held
  *     evidence far below its level               part of the particles drawn anew
  *   Source:    src/EQUATIONS.md; particles: Algorithm 1, (16)-(19), (22)-(27).
- *   Bounded time, O(hypotheses) or O(particles); no allocation, no recursion, no global state. */
+ *   Bounded time, O(1) or O(particles); no allocation, no recursion, no global state. */
 tse_status tse_step(const tse_params *p, tse_filter *f, const tse_input *u, tse_output *y);
 
 /* Say whether a filter that was copied from somewhere - a file, another program - is one to go on with. tse_step() believes what

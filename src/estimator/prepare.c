@@ -97,21 +97,6 @@ static void formula_of(const tse_config *c, uint8_t code[TSE_FORMULA_OPS])
 }
 #endif
 
-#if defined(TSE_NO_EFFECTS)
-/* Such a build knows only the effects that are gone when the constants are made. */
-static tse_status effects_fit(const tse_config *c, const char **wrong)
-{
-  const uint64_t refused = effects_on(c) & ~effects_with(HOOK_CONSTANT);
-#define EFFECT_PARAMETER(id, parameter, role, unit, def, lo, hi, typical_lo, typical_hi, negligible, sign, text)       \
-  if (role && (refused >> TSE_EFFECT_##id & 1u) && (c->id##_##parameter < 0 || c->id##_##parameter > 0)) {             \
-    if (wrong) *wrong = #id "_" #parameter;                                                                            \
-    return TSE_E_CONFIG;                                                                                               \
-  }
-#include "tse/effects.def"
-  return TSE_OK;
-}
-#endif
-
 #if !defined(TSE_NO_EFFECTS)
 /* A formula that is on must end with one value, and never take more than there is or hold more than there is room for. */
 static int formula_fits(const tse_config *c)
@@ -240,8 +225,6 @@ tse_status tse_config_check(const tse_config *c, const char **wrong)
     return TSE_E_CONFIG;
   }
 #if defined(TSE_NO_EFFECTS)
-  const tse_status status = effects_fit(c, wrong);
-  if (status < 0) return status;
   const int formula_fine = !(effects_on(c) >> TSE_BIT_FORMULA & 1u); /* such a build knows none */
 #else
   const int formula_fine = !(effects_on(c) >> TSE_BIT_FORMULA & 1u) || formula_fits(c);
@@ -478,6 +461,7 @@ static void prepare_car(const tse_config *c, tse_params *p)
   }
   p->prior[OFF] = real_of(c->steering_offset_angle);
   p->prior[GAIN] = real_of(c->steering_ratio_change);
+  p->prior[LATE] = real_of(c->steering_delay_time + c->imu_delay_time);
   p->prior[LEAN] = real_of(c->bank_superelevation);
   p->prior[GX] = real_of(r_mul(g, c->grade_angle));
   p->prior[GY] = -real_of(r_mul(g, c->bank_angle));

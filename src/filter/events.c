@@ -18,8 +18,8 @@ static kind kind_of(int32_t which)
     { { { LCF, TSE_R(0.4) }, { LCR, TSE_R(0.4) }, { LMU, TSE_R(0.4) } }, { { LCF, TSE_R(0.05) }, { LCR, TSE_R(0.05) }, { LCX, TSE_R(0.4) } }, TSE_R(1), 3 },
     { { { LCF, TSE_R(0.3) }, NO, NO }, { { LCF, TSE_R(0.05) }, NO, NO }, TSE_R(1), 2 },
     { { { LCR, TSE_R(0.3) }, NO, NO }, { { LCR, TSE_R(0.05) }, NO, NO }, TSE_R(1), 2 },
-    { { { SF, TSE_R(0.3) }, NO, NO }, { { SF, TSE_R(0.1) }, NO, NO }, TSE_R(0.1), 1 },
-    { { { SR, TSE_R(0.3) }, NO, NO }, { { SR, TSE_R(0.1) }, NO, NO }, TSE_R(0.1), 1 },
+    { { { SF, TSE_R(0.1) }, NO, NO }, { { SF, TSE_R(0.1) }, NO, NO }, TSE_R(0.1), 1 },
+    { { { SR, TSE_R(0.1) }, NO, NO }, { { SR, TSE_R(0.1) }, NO, NO }, TSE_R(0.1), 1 },
     { { { OFF, TSE_R(0.05) }, NO, NO }, { { OFF, TSE_R(0.01) }, NO, NO }, TSE_R(1), 1 },
     { { NO, NO, NO }, { NO, NO, NO }, TSE_R(1), 1 },
   };
@@ -32,7 +32,7 @@ static tse_real rate_of(int32_t which)
 }
 
 /* The amplitude below which nothing has happened that one would act on. */
-static tse_real least_of(int32_t which) { return which <= EVENT_REAR ? LEAST_CHANGE : which <= EVENT_SLIP_REAR ? TSE_R(0) : TSE_R(1); }
+static tse_real least_of(int32_t which) { return which <= EVENT_SLIP_REAR ? LEAST_CHANGE : TSE_R(1); }
 
 /* Tyres, steering angle, accel_y and gyro make the car turn; slip, wheels and accel_x make it go: of each something may have happened. */
 enum { TURNING, GOING };
@@ -180,7 +180,7 @@ static void believe(const tse_params *p, tse_kalman *k, int n)
       ud_add_at(&k->p, what.own[i].state, r_div(r_sqr(what.own[i].sd) + r_sqr(moved), r_sqr(state_unit[what.own[i].state])));
     }
   if (a.kind >= EVENT_STEER) {
-    k->fault = a.kind == EVENT_STEER ? 1 : a.kind - EVENT_SENSOR + 2;
+    k->fault = a.kind == EVENT_STEER ? 1 + (int32_t)TSE_CHANNEL_steer_angle : place_of(a.kind - EVENT_SENSOR);
     k->agrees_for = TSE_R(0);
   }
   for (int i = 0; i < 3; i++) k->x[LCX + i] = r_clamp(k->x[LCX + i], p->log_min, p->log_max);

@@ -64,6 +64,9 @@ void events_learn(tse_kalman *k, int channel, const tse_real h[STATES], const ts
 void events_decide(const tse_params *p, tse_kalman *k, tse_real dt);
 int event_is_small(const tse_event *a); /* it may explain the samples, and calls for nothing */
 
+/* As fault_channel numbers it: 1 + place in tse/input.def; a: 0 accel_x, 1 accel_y, 2 yaw_rate, 3 front, 4 rear wheels. */
+static inline int32_t place_of(int32_t a) { return a < 3 ? a + 1 + (int32_t)TSE_CHANNEL_accel_x : a - 3 + 1 + (int32_t)TSE_CHANNEL_wheel_speed_front; }
+
 /* What kind of row it is. */
 typedef struct passage { int gap, held, predicted; } passage;
 

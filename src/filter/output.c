@@ -24,7 +24,6 @@ static tse_real variance_of(const tse_kalman *k, const tse_real *weight, int i, 
 
 void report_row(const tse_params *p, const tse_kalman *k, tse_output *out)
 {
-  static const int32_t place[TSE_SENSORS] = { TSE_CHANNEL_accel_x, TSE_CHANNEL_accel_y, TSE_CHANNEL_yaw_rate, TSE_CHANNEL_wheel_speed_front, TSE_CHANNEL_wheel_speed_rear };
   tse_real shift, var;
   const tse_real *const weight = k->weight;
   tse_real *const state[3] = { &out->vel_x, &out->vel_y, &out->yaw_rate };
@@ -80,7 +79,7 @@ void report_row(const tse_params *p, const tse_kalman *k, tse_output *out)
   out->change_kind = k->change_kind;
   out->change_age = k->change_age;
   out->change_probability = k->change_kind ? none : TSE_R(0);
-  out->fault_channel = k->fault < 2 ? k->fault : 1 + place[k->fault - 2];
+  out->fault_channel = k->fault;
   out->n_eff = TSE_R(1);
   out->log_evidence = k->log_likelihood;
 }

@@ -1,25 +1,26 @@
 /* filter/predict.c - state and covariance to the time of the row. */
 #include "filter/filter.h"
-#include "model/effects.h"
 
-/* The angle of the wheels after the steering's own lags; u: through this row. */
+static tse_real ou_left(tse_real dt, tse_real time) { return r_exp2(-r_mul(LOG2_OF_E, r_div(dt, time))); }
+
+/* First-order lag of an angle that is linear between rows: exact. */
+static tse_real lagged(tse_real time, tse_real from, tse_real to, tse_real was, tse_real dt)
+{
+  const tse_real behind = r_mul(time, r_div(to - from, dt));
+  return to - behind + r_mul(was - from + behind, ou_left(dt, time));
+}
+
+/* The angle of the wheels through this row, after the steering's own lags. */
 static steering delayed(const tse_params *p, tse_kalman *k, const decoded *z)
 {
   const tse_real was = k->steer[2], before = k->steer[0], half = k->steer[1];
   k->steer[0] = k->steer[1] = k->steer[2] = z->steer;
-#if !defined(TSE_NO_EFFECTS)
   if (p->steer_lag > TSE_R(0)) {
-    k->steer[1] = steering_lag_of(p->steer_lag, before, z->steer, half, z->dt);
-    k->steer[2] = p->steer_lag_second > TSE_R(0) ? steering_lag_of(p->steer_lag_second, half, k->steer[1], was, z->dt) : k->steer[1];
+    k->steer[1] = lagged(p->steer_lag, before, z->steer, half, z->dt);
+    k->steer[2] = p->steer_lag_second > TSE_R(0) ? lagged(p->steer_lag_second, half, k->steer[1], was, z->dt) : k->steer[1];
   }
-#else
-  (void)before;
-  (void)half;
-#endif
   return (steering){ was, k->steer[2], z->dt };
 }
-
-static tse_real ou_left(tse_real dt, tse_real time) { return r_exp2(-r_mul(LOG2_OF_E, r_div(dt, time))); }
 
 /* Process noise of states that walk, one of them a row in turn with all that is due: rank one. */
 static void walk_slowly(const tse_params *p, tse_kalman *k, tse_real dt)

@@ -1,6 +1,5 @@
 /* filter/update.c - scalar measurements, one after the other, with heavy tails and noise that is found. */
 #include "filter/filter.h"
-#include "model/effects.h"
 
 /* A measurement as the filter predicts it: slopes over the state in its units, over uncertain quantities, innovation, noise. */
 typedef struct scalar { tse_real h[STATES], doubts[TSE_DOUBTS], e, r, white, dt; } scalar;
@@ -126,9 +125,7 @@ void update_row(const tse_params *p, tse_kalman *k, const decoded *z, steering u
   forces f;
   tse_real read[TSE_SENSORS], H[TSE_SENSORS][COLUMNS], doubts[TSE_SENSORS][TSE_DOUBTS], change[STATES];
   car_forces(c, k->x, u, TSE_R(1), &f);
-#if !defined(TSE_NO_EFFECTS)
-  if (c->pitch_leak > TSE_R(0) || c->pitch_leak < TSE_R(0)) effects_mode(k->pitch, c->pitch_frequency, c->pitch_damping, k->before[0], f.x, z->dt);
-#endif
+  if (c->pitch_leak > TSE_R(0) || c->pitch_leak < TSE_R(0)) car_pitch(c, k->pitch, f.x, z->dt);
   car_measure(c, k->x, &f, k->pitch[0], read, H);
   what_is_late(p, k, &f, z->dt, doubts);
   for (int i = 0; i < STATES; i++) change[i] = TSE_R(0);
@@ -157,7 +154,7 @@ void update_row(const tse_params *p, tse_kalman *k, const decoded *z, steering u
     const tse_real own = r_sqr(sd), turn = a == 3 ? r_sqr(r_mul(r_mul(TSE_R(0.02), k->x[VX]), r_sqr(f.sin_d))) : TSE_R(0); /* its wheels are not one */
     m.white = r_mul(k->noise[a], own) + turn;
     m.r = m.white + (a < 3 ? r_mul(lasts, k->activity[a]) : TSE_R(0));
-    if (k->fault == a + 2) { /* not used; heard again when it agrees */
+    if (k->fault == place_of(a)) { /* not used; heard again when it agrees */
       tse_real fx[STATES], v[STATES];
       const tse_real s = ud_measure(&k->p, m.h, fx, v) + m.r;
       k->innovation[a] = m.e;

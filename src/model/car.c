@@ -5,7 +5,8 @@
 #define LONGEST TSE_R(0.0055) /* s: a substep; the front axle's slip angle turns by 0.1 of its own frequency in it */
 #define LOG2_E_ TSE_R(1.4426950408889634)
 
-typedef struct tyre { tse_real x, y, x_s, x_a, y_s, y_a, x_kx, x_ky, x_mu, y_kx, y_ky, y_mu; } tyre;
+/* One direction of a tyre: force, and its slopes over slip (or slip angle), the logarithms of stiffness and grip. */
+typedef struct tyre { tse_real f, by_slip, by_k, by_mu; } tyre;
 
 static tse_real exponential(tse_real x) { return r_exp2(r_mul(LOG2_E_, x)); }
 
@@ -36,16 +37,12 @@ static tse_real secant(tse_real q, tse_real shape, tse_real *slope)
   return c;
 }
 
-static tyre tyre_of(tse_real kx, tse_real ky, tse_real limit, tse_real s, tse_real a, tse_real shape)
+static tyre tyre_of(tse_real k, tse_real limit, tse_real slip, tse_real shape)
 {
-  tyre t;
-  const tse_real X = r_mul(kx, s), Y = r_mul(ky, a);
+  const tse_real linear = r_mul(k, slip);
   tse_real slope;
-  tse_real c = secant(r_div(r_abs(Y), limit), shape, &slope);
-  t.y = r_mul(Y, c); t.y_a = r_mul(ky, c + slope); t.y_s = 0; t.y_kx = 0; t.y_ky = r_mul(Y, c + slope); t.y_mu = -r_mul(Y, slope);
-  c = secant(r_div(r_abs(X), limit), shape, &slope);
-  t.x = r_mul(X, c); t.x_s = r_mul(kx, c + slope); t.x_a = 0; t.x_ky = 0; t.x_kx = r_mul(X, c + slope); t.x_mu = 0;
-  return t;
+  const tse_real c = secant(r_div(r_abs(linear), limit), shape, &slope);
+  return (tyre){ r_mul(linear, c), r_mul(k, c + slope), r_mul(linear, c + slope), -r_mul(linear, slope) };
 }
 
 void car_forces(const tse_car *c, const tse_real x[STATES], steering u, tse_real share, forces *f)
@@ -58,37 +55,37 @@ void car_forces(const tse_car *c, const tse_real x[STATES], steering u, tse_real
   const tse_real to_front = TSE_R(1) - r_mul(c->load_gain, drive), to_rear = TSE_R(1) + r_mul(c->load_gain, drive);
   const tse_real side_front = r_max(TSE_R(1) - r_mul(c->side_front, square), TSE_R(0.2)), side_rear = r_max(TSE_R(1) - r_mul(c->side_rear, square), TSE_R(0.2));
   const tse_real load_front = TSE_R(1) - r_mul(c->height_front, drive), load_rear = TSE_R(1) + r_mul(c->height_rear, drive);
-  const tyre a = tyre_of(r_mul(r_mul(cx, c->kx_front), load_front), r_mul(r_mul(front, to_front), side_front),
-                         r_mul(r_mul(mu, c->load_front), load_front), x[SF], x[AF], c->shape);
-  const tyre b = tyre_of(r_mul(r_mul(cx, c->kx_rear), load_rear), r_mul(r_mul(rear, to_rear), side_rear),
-                         r_mul(r_mul(mu, c->load_rear), load_rear), x[SR], x[AR], c->shape);
+  const tse_real most_front = r_mul(r_mul(mu, c->load_front), load_front), most_rear = r_mul(r_mul(mu, c->load_rear), load_rear);
+  const tyre xf = tyre_of(r_mul(r_mul(cx, c->kx_front), load_front), most_front, x[SF], c->shape);
+  const tyre xr = tyre_of(r_mul(r_mul(cx, c->kx_rear), load_rear), most_rear, x[SR], c->shape);
+  const tyre yf = tyre_of(r_mul(r_mul(front, to_front), side_front), most_front, x[AF], c->shape);
+  const tyre yr = tyre_of(r_mul(r_mul(rear, to_rear), side_rear), most_rear, x[AR], c->shape);
   tse_real s, k;
   f->steer = u.from + r_mul(share, u.to - u.from);
   f->rate = r_div(u.to - u.from, u.dt);
-  const tse_real d = r_mul(TSE_R(1) + x[GAIN], f->steer - r_mul(x[LATE], f->rate)) + x[OFF] - r_mul(c->compliance, a.y);
+  const tse_real d = r_mul(TSE_R(1) + x[GAIN], f->steer - r_mul(x[LATE], f->rate)) + x[OFF] - r_mul(c->compliance, yf.f);
   sincos(d, &s, &k);
   f->sin_d = s;
   f->cos_d = k;
-  f->side = a.y;
-  const tse_real ax = r_mul(a.x, k) - r_mul(a.y, s), ay = r_mul(a.y, k) + r_mul(a.x, s);
+  f->side = yf.f;
+  const tse_real ax = r_mul(xf.f, k) - r_mul(yf.f, s), ay = r_mul(yf.f, k) + r_mul(xf.f, s);
   const tse_real drag = r_mul(c->drag, r_abs(x[VX]));
-  f->x = ax + b.x - r_mul(drag, x[VX]) - c->rolling;
-  f->y = ay + b.y + c->pull_front + c->pull_rear;
-  f->yaw = r_mul(c->jf, ay + c->pull_front) - r_mul(c->jr, b.y + c->pull_rear) - r_mul(c->trail, a.y + b.y);
+  f->x = ax + xr.f - r_mul(drag, x[VX]) - c->rolling;
+  f->y = ay + yr.f + c->pull_front + c->pull_rear;
+  f->yaw = r_mul(c->jf, ay + c->pull_front) - r_mul(c->jr, yr.f + c->pull_rear) - r_mul(c->trail, yf.f + yr.f);
   for (int j = 0; j < COLUMNS; j++) f->by_x[j] = f->by_y[j] = f->by_yaw[j] = TSE_R(0);
-  const struct { int at; tse_real x, y; } of_front[] = { { SF, a.x_s, a.y_s }, { AF, a.x_a, a.y_a }, { LCX, a.x_kx, a.y_kx },
-                                                         { LCF, a.x_ky, a.y_ky }, { LMU, a.x_mu, a.y_mu } };
-  const struct { int at; tse_real x, y; } of_rear[] = { { SR, b.x_s, b.y_s }, { AR, b.x_a, b.y_a }, { LCX, b.x_kx, b.y_kx },
-                                                        { LCR, b.x_ky, b.y_ky }, { LMU, b.x_mu, b.y_mu } };
-  for (int i = 0; i < 5; i++) {
-    const int j = of_front[i].at, n = of_rear[i].at;
-    const tse_real y = r_mul(of_front[i].y, k) + r_mul(of_front[i].x, s);
-    f->by_x[j] += r_mul(of_front[i].x, k) - r_mul(of_front[i].y, s);
-    f->by_y[j] += y;
-    f->by_yaw[j] += r_mul(c->jf, y) - r_mul(c->trail, of_front[i].y);
-    f->by_x[n] += of_rear[i].x;
-    f->by_y[n] += of_rear[i].y;
-    f->by_yaw[n] -= r_mul(c->jr + c->trail, of_rear[i].y);
+  /* by state: forces of the front axle along and across its wheels, of the rear axle; what saturates longitudinally is no sign of the grip */
+  const struct { int at; tse_real x, y, rear_x, rear_y; } by[] = {
+    { SF, xf.by_slip, TSE_R(0), TSE_R(0), TSE_R(0) }, { AF, TSE_R(0), yf.by_slip, TSE_R(0), TSE_R(0) },
+    { SR, TSE_R(0), TSE_R(0), xr.by_slip, TSE_R(0) }, { AR, TSE_R(0), TSE_R(0), TSE_R(0), yr.by_slip },
+    { LCX, xf.by_k, TSE_R(0), xr.by_k, TSE_R(0) },    { LCF, TSE_R(0), yf.by_k, TSE_R(0), TSE_R(0) },
+    { LCR, TSE_R(0), TSE_R(0), TSE_R(0), yr.by_k },   { LMU, TSE_R(0), yf.by_mu, TSE_R(0), yr.by_mu }
+  };
+  for (int i = 0; i < (int)(sizeof by / sizeof by[0]); i++) {
+    const tse_real y = r_mul(by[i].y, k) + r_mul(by[i].x, s);
+    f->by_x[by[i].at] = r_mul(by[i].x, k) - r_mul(by[i].y, s) + by[i].rear_x;
+    f->by_y[by[i].at] = y + by[i].rear_y;
+    f->by_yaw[by[i].at] = r_mul(c->jf, y) - r_mul(c->trail, by[i].y) - r_mul(c->jr + c->trail, by[i].rear_y);
   }
   f->by_x[VX] = -r_mul(TSE_R(2), drag);
   const tse_real by_d[3] = { TSE_R(1), f->steer - r_mul(x[LATE], f->rate), -r_mul(TSE_R(1) + x[GAIN], f->rate) };
@@ -98,8 +95,8 @@ void car_forces(const tse_car *c, const tse_real x[STATES], steering u, tse_real
     f->by_yaw[OFF + i] = r_mul(c->jf, r_mul(by_d[i], ax));
   }
   f->by_yaw[BY_INERTIA] = -f->yaw;
-  f->by_yaw[BY_CENTRE] = r_mul(c->m_inertia, ay + b.y);
-  f->by_yaw[BY_MOMENT] = -r_mul(c->m_inertia, ay + b.y);
+  f->by_yaw[BY_CENTRE] = r_mul(c->m_inertia, ay + yr.f);
+  f->by_yaw[BY_MOMENT] = -r_mul(c->m_inertia, ay + yr.f);
 }
 
 /* Slip angle of an axle that its motion asks for, and its slopes. */
@@ -181,6 +178,15 @@ void car_move(const tse_car *c, tse_real x[STATES], steering u, tse_real M[MOTIO
     const tse_real from = r_mul(part, r_from_int(k));
     substep(c, x, u, from + r_mul(TSE_R(0.5), part), from + part, h, M);
   }
+}
+
+void car_pitch(const tse_car *c, tse_real pitch[2], tse_real ax, tse_real dt)
+{ /* trapezoidal rule: stable whatever dt */
+  const tse_real wh = r_mul(TSE_R(6.283185307179586), r_mul(c->pitch_frequency, dt));
+  const tse_real drag = r_mul(c->pitch_damping, wh), spring = r_mul(TSE_R(0.25), r_mul(wh, wh)), v = pitch[1];
+  const tse_real push = r_div(r_mul(r_mul(wh, wh), ax - pitch[0]), dt);
+  pitch[1] = r_div(r_mul(v, TSE_R(1) - drag - spring) + push, TSE_R(1) + drag + spring);
+  pitch[0] += r_mul(r_mul(TSE_R(0.5), dt), v + pitch[1]);
 }
 
 void car_measure(const tse_car *c, const tse_real x[STATES], const forces *f, tse_real pitch, tse_real z[TSE_SENSORS], tse_real H[TSE_SENSORS][COLUMNS])
