@@ -2,9 +2,9 @@
 
     python -m tests.cars.manners [--seeds N] [--first SEED] [--calibrated DIR] [--out FILE]
 
-Not calibrated: every manoeuvre of the simulator, whose tyres relax over a length and whose body rolls; the vehicle file says mass,
-axles, radii and driven axle. Late rows: mountain drives of the cars that `tests.cars.study --keep DIR` has calibrated, of whose rows
-a share comes 0.12 s after the one before instead of 0.02 s, or all come 0.1 s apart with 2 % jitter.
+Not calibrated: every manoeuvre of the simulator, whose tyres relax over a length and whose body rolls; the vehicle file says
+mass, axles, radii and driven axle. Late rows: mountain drives of the cars that `tests.cars.study --keep DIR` has calibrated, of
+whose rows a share comes 0.12 s after the one before instead of 0.02 s, or all come 0.1 s apart with 2 % jitter.
 """
 
 from __future__ import annotations
@@ -68,7 +68,13 @@ def thinned(time: np.ndarray, share: float | None, rng: np.random.Generator) -> 
     step = float(np.median(np.diff(time)))
     keep, at = [0], 0.0
     while True:
-        at += TENTH * (1 + JITTER * rng.standard_normal()) if share is None else LATE if rng.random() < share else 2 * step
+        at += (
+            TENTH * (1 + JITTER * rng.standard_normal())
+            if share is None
+            else LATE
+            if rng.random() < share
+            else 2 * step
+        )
         index = round(at / step)
         if index >= len(time):
             return np.unique(keep)
@@ -109,7 +115,13 @@ def unknown_table(found: pd.DataFrame) -> list[str]:
 
     for name, group in [*found.groupby("maneuver", sort=False), ("all", found)]:
         by = [group[group["stiffness"] == key] for key in STIFFNESS]
-        cells = [name, of(by, "valid", "rows"), of(by, "off", "valid"), of(by, "outside", "valid"), of(by, "held", "rows")]
+        cells = [
+            name,
+            of(by, "valid", "rows"),
+            of(by, "off", "valid"),
+            of(by, "outside", "valid"),
+            of(by, "held", "rows"),
+        ]
         lines.append("| " + " | ".join(map(str, cells)) + " |")
     return lines
 
@@ -144,12 +156,14 @@ def main(arguments: list[str]) -> int:
     rows = [row for job in tqdm(jobs, unit="run", file=sys.stderr) for row in unknown(*job)]
     text = f"""# Cars that nobody has calibrated, and rows that come late
 
-`python -m tests.cars.manners --seeds {given.seeds} --first {given.first} --calibrated DIR` after `python -m tests.cars.study --keep DIR`.
+`python -m tests.cars.manners --seeds {given.seeds} --first {given.first} --calibrated DIR` after
+`python -m tests.cars.study --keep DIR`.
 
 ## Not calibrated
 
-{len(maneuvers.KINDS)} manoeuvres of the simulator, relaxation {RELAXATION} m, roll {ROLL} rad s2/m, {given.seeds} seeds: {len(jobs)} runs.
-The filter knows mass, axles, radii and the driven axle, the rest is of the class. Front longitudinal / front cornering / rear cornering.
+{len(maneuvers.KINDS)} manoeuvres of the simulator, relaxation {RELAXATION} m, roll {ROLL} rad s2/m, {given.seeds} seeds:
+{len(jobs)} runs. The filter knows mass, axles, radii and the driven axle, the rest is of the class. Front longitudinal / front
+cornering / rear cornering.
 
 """
     text += "\n".join(unknown_table(pd.DataFrame(rows))) + "\n"

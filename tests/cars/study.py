@@ -129,26 +129,41 @@ def physical(car: str, result: workflow.Result, truth: dict[str, Any]) -> list[d
         both = 2.0 * true[key]
         before = getattr(result.config, name) / both - 1
         rows.append(
-            {"car": car, "name": name, "off": found[name] / both - 1, "before": before, "sd": np.nan, "shown": True}
+            {"car": car, "name": name, "off": found[name] / both - 1, "before": before, "sd": None, "shown": True}
         )
     return rows
 
 
-def one(folder: Path) -> tuple[list[dict[str, Any]], list[dict[str, Any]], list[dict[str, Any]]]:
-    """A car: calibrated on its drives in FOLDER/fit, estimated on those in FOLDER/test."""
+def calibrate(folder: Path) -> dict[str, Any]:
+    """A car calibrated on its drives in FOLDER/fit: calibrated.toml, and what was found beside what is true in found.json."""
     logs = sorted((folder / "fit").glob("log_*.csv"))
-    told, calibrated = folder / "fit" / "car.toml", folder / "calibrated.toml"
-    result = workflow.run(logs, told, [], folder / "progress.json", 1, lambda _: None)
-    output.write(calibrated, result, [p.name for p in logs])
+    result = workflow.run(logs, folder / "fit" / "car.toml", [], folder / "progress.json", 1, lambda _: None)
+    output.write(folder / "calibrated.toml", result, [p.name for p in logs])
     truth_of_car = json.loads((folder / "fit" / "truth.json").read_text(encoding="utf-8"))
     drives = truth_of_car["logs"].values()
-    scores, latencies = [], []
+    latencies = []
     for f in (f for f in result.findings if f.name.endswith(LATENCY)):
         channel = f.name.removesuffix(LATENCY)
         true = float(np.mean([d["latency"][channel] - d["latency"]["yaw_rate"] for d in drives]))
         latencies.append(
-            {"car": folder.name, "channel": channel, "true": true, "found": f.value, "sd": f.sd, "shown": f.shown}
+            {"car": folder.name, "channel": channel, "true": true, "found": f.value, "sd": f.sd, "shown": bool(f.shown)}
         )
+    found = {
+        "converged": bool(result.fit.converged),
+        "latencies": latencies,
+        "physical": physical(folder.name, result, truth_of_car),
+    }
+    (folder / "found.json").write_text(json.dumps(found, default=float), encoding="utf-8")
+    return found
+
+
+def one(job: tuple[Path, bool]) -> tuple[list[dict[str, Any]], list[dict[str, Any]], list[dict[str, Any]]]:
+    """A car: calibrated, or as an earlier run has calibrated it, and estimated on its drives in FOLDER/test."""
+    folder, again = job
+    before = folder / "found.json"
+    found = json.loads(before.read_text(encoding="utf-8")) if again and before.exists() else calibrate(folder)
+    told, calibrated = folder / "fit" / "car.toml", folder / "calibrated.toml"
+    scores = []
     for road in ROADS:
         log = read_log(folder / "test" / f"log_{road}.csv")
         reference = pd.read_csv(folder / "test" / f"reference_{road}.csv")
@@ -158,9 +173,9 @@ def one(folder: Path) -> tuple[list[dict[str, Any]], list[dict[str, Any]], list[
             ("not calibrated", told, estimated),
             ("calibrated", calibrated, estimated),
         ):
-            run = {"car": folder.name, "road": road, "who": who, "converged": result.fit.converged}
+            run = {"car": folder.name, "road": road, "who": who, "converged": found["converged"]}
             scores.append({**run, **score(*how(path, log), log, truth)})
-    return scores, latencies, physical(folder.name, result, truth_of_car)
+    return scores, found["latencies"], found["physical"]
 
 
 def table(runs: pd.DataFrame) -> list[str]:
@@ -230,6 +245,7 @@ def main(arguments: list[str]) -> int:
     parser.add_argument(
         "--keep", type=Path, help="keep the logs in this directory; those of an earlier run are used again"
     )
+    parser.add_argument("--again", action="store_true", help="with --keep: the calibrations of an earlier run")
     parser.add_argument("--out", type=Path, default=RESULTS / "cars.md", help="the table")
     given = parser.parse_args(arguments)
     scores, latencies, cars_found = [], [], []
@@ -238,7 +254,7 @@ def main(arguments: list[str]) -> int:
         cars = make_cars(given.cars, given.first)
         if not (folder / "car0").exists():
             drive(folder, cars, given.minutes, given.first)
-        jobs = [folder / f"car{k}" for k in range(given.cars)]
+        jobs = [(folder / f"car{k}", given.again) for k in range(given.cars)]
         for rows, late, found in tqdm(pool.imap(one, jobs), total=len(jobs), unit="car", file=sys.stderr):
             scores += rows
             latencies += late
