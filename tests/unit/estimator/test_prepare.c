@@ -77,6 +77,7 @@ static tse_config other_car(void)
   c.initial_cy_rear_sd = setting(0.25);
   c.grip = setting(0.9);
   c.grip_sd = setting(0.2);
+  c.cg_height = setting(0.6);
   c.initial_spread = setting(0.2);
   c.spread_max = setting(0.7);
   c.initial_dof = setting(12);
