@@ -140,7 +140,8 @@ with calibrations of the whole log, of its halves and of another log of the same
 interval: medians of the last third, above {FAST:g} m/s. *Valid*: of the rows after {SETTLED:g} s in whose last {SETTLED:g} s the
 lateral acceleration exceeded 1 m/s2. No road changed on any of them. *Formula*: l_r r/v - F_r/C_r with the stiffness of the
 vehicle file, or that of the class. The reference of vel_y is as good as its alignment to the car, which was fitted: 0.3 deg of
-sideslip are a heading that is 0.3 deg off. The 250 LM by regression with the sideslip known: front 82 [78 92], rear 121 [114 162] kN/rad.
+sideslip are a heading that is 0.3 deg off. The 250 LM by regression with the sideslip known: front 82 [78 92], rear
+121 [114 162] kN/rad.
 
 """
     given.out.write_text(text + "\n".join(lines) + "\n", encoding="utf-8")
