@@ -8,7 +8,7 @@
 
 The files and the order in which they stand are those of src/CMakeLists.txt. The rows of a `.def` table are put where it is
 included. What another file of the library calls, and no user, becomes static: only the public API is visible. The options of
-CMakeLists.txt are macros: TSE_REAL_FLOAT, TSE_REAL_FIXED, TSE_MAX_PARTICLES, TSE_LATENCY_ROWS, TSE_HYPOTHESES, TSE_NO_EFFECTS,
+CMakeLists.txt are macros: TSE_REAL_FLOAT, TSE_REAL_FIXED, TSE_MAX_PARTICLES, TSE_LATENCY_ROWS, TSE_NO_EFFECTS,
 TSE_NO_PARTICLES, TSE_FORMULA; and TSE_NO_DESCRIBE, because in one file no linker leaves out what nobody asks for.
 The same sources and options give the same bytes. Needs Python only.
 """
@@ -89,11 +89,12 @@ def tokens(text: str) -> Iterator[Token]:
 
 @dataclass
 class Declaration:
-    """At file scope. names: what it makes known; function: its name, when it is a function."""
+    """At file scope. names: what it makes known; function: its name, when it is a function; shared: a variable that is not static."""
 
     at: int
     static: bool
     function: str = ""
+    shared: bool = False
     names: list[str] = field(default_factory=list)
 
 
@@ -116,7 +117,7 @@ def declarations(text: str) -> Iterator[Declaration]:
 
 
 def declared(row: list[Token]) -> Declaration:
-    words = [t.text for t in row]
+    words = [t.text for t in row if t.text != "__extension__"]
     static = words[0] in ("static", "TSE_INLINE")
     d = Declaration(row[0].at, static)
     if words[0] == "typedef" or "enum" in words[:2] or ("{" in words[:4] and words[0] in ("struct", "union")):
@@ -130,6 +131,7 @@ def declared(row: list[Token]) -> Declaration:
     until = next(i for i, w in enumerate(words) if w in ("(", "=", "[", ";") and words[i - 1] != "__attribute__")
     if words[until] == "(":
         d.function = words[until - 1]
+    d.shared = not static and not d.function
     d.names.append(words[until - 1])
     return d
 
@@ -160,10 +162,11 @@ def renamed(text: str, names: dict[str, str]) -> str:
 
 
 def made_static(text: str, public: set[str]) -> str:
-    """Functions that are not public, declared and defined, become static."""
-    places = [d.at for d in declarations(text) if d.function and not d.static and d.function not in public]
+    """Functions that are not public, and variables, declared and defined, become static."""
+    found = list(declarations(text))
+    places = [d.at for d in found if d.shared or (d.function and not d.static and d.function not in public)]
     for at in reversed(places):
-        text = text[:at] + "static " + text[at:]
+        text = text[:at] + "static " + text[at:].removeprefix("extern ")
     return text
 
 
@@ -279,7 +282,7 @@ def clashes(parts: dict[str, str]) -> dict[str, dict[str, str]]:
     simulate_factor. Another file means the one that it includes, over however many headers."""
     owners: dict[str, set[str]] = {}
     for name, text in parts.items():
-        own = {x for d in declarations(text) for x in d.names if d.static or not d.function or name.endswith(".h")}
+        own = {x for d in declarations(text) for x in d.names if d.static or not (d.function or d.shared) or name.endswith(".h")}
         for x in own | (set(defined_macros(text)) if name.endswith(".h") else set()):
             owners.setdefault(x, set()).add(name)
     included = {name: [x for x in INCLUDE.findall(text) if x in parts] for name, text in parts.items()}
@@ -315,7 +318,7 @@ HOW_TO_USE = """\
  * Compile tse.c as C99 along with your program, with optimisation, and link sqrt (-lm). Options are macros; tse.c and whoever
  * includes tse.h need the same ones, because they change the layout of the structs:
  *   TSE_REAL_DOUBLE (default), TSE_REAL_FLOAT, TSE_REAL_FIXED   number format; names of another format do not link
- *   TSE_MAX_PARTICLES=512, TSE_LATENCY_ROWS=32, TSE_HYPOTHESES=7   capacities; RAM grows with each
+ *   TSE_MAX_PARTICLES=512, TSE_LATENCY_ROWS=32   capacities; RAM grows with each
  *   TSE_NO_EFFECTS                                            without effects beyond the plain model, simulator and replay
  *   TSE_NO_PARTICLES                                          without the paper's and the sampled form, 12 kB of flash
  *   TSE_NO_DESCRIBE                                           without tse_describe(): names, units and texts, 36 kB of flash
@@ -373,7 +376,7 @@ WHOLE = ("CMakeLists.txt", "cmake", "include", "src")
 LICENCE = ("LICENSE", "NOTICE")
 SENTENCE = "Estimates the stiffness of a car's tyres while it drives, from the sensors that it has."
 PARAGRAPH = (
-    "A bank of hypotheses of what happened, each with a Kalman filter, or a particle filter. "
+    "A Kalman filter of an ordinary car, or a particle filter. "
     "C99, no heap, no globals, the same bits on every machine."
 )
 
@@ -440,19 +443,17 @@ def main() -> int:
     parser.add_argument("--real", choices=FORMATS, help="number format where no macro says another (double)")
     parser.add_argument("--max-particles", type=int, help="16 .. 65535 (512)")
     parser.add_argument("--latency-rows", type=int, help="8 .. 1024 (32)")
-    parser.add_argument("--hypotheses", type=int, help="2 .. 16 (7)")
     parser.add_argument(
         "--no-effects", action="store_true", help="no effects beyond the plain model, no simulator, no replay"
     )
     a = parser.parse_args()
-    for name, lo, hi in (("max_particles", 16, 65535), ("latency_rows", 8, 1024), ("hypotheses", 2, 16)):
+    for name, lo, hi in (("max_particles", 16, 65535), ("latency_rows", 8, 1024)):
         value = getattr(a, name)
         if value is not None and not lo <= value <= hi:
             parser.error(f"--{name.replace('_', '-')} must lie in {lo} .. {hi}")
     capacities = {
         "TSE_MAX_PARTICLES": a.max_particles,
         "TSE_LATENCY_ROWS": a.latency_rows,
-        "TSE_HYPOTHESES": a.hypotheses,
     }
     defaults = {"real": a.real, **capacities}
     defaults = {name: str(value) for name, value in defaults.items() if value is not None}

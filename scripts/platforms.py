@@ -31,7 +31,7 @@ import machines as m
 RESULTS = m.ROOT / "scripts" / "results" / "platforms.md"
 KEPT = m.ROOT / "build" / "platforms.json"
 STACK = 5_500  # bytes below main(): 4 476 of tse_step() in float at -O2, then settings and outputs; of double more
-SAME, SAME_OF_TWO, REFUSED = "yes", "yes, with two hypotheses", "refused, as it must be"
+SAME, REFUSED = "yes", "refused, as it must be"
 BEFORE = " (before)"
 HEAD = """\
 <!-- Written by `python3 scripts/platforms.py`. -->
@@ -39,7 +39,7 @@ HEAD = """\
 Does the recorded drive (tests/replay, {rows} rows) have the same bits? Hash of every bit of every output of every row against the
 golden one, by machine, compiler and number format. All with `-std=c99 {flags}`, of the two
 files of `scripts/amalgamate.py` without effects. Nothing emulated: default, sampled and paper's form with all ways of resampling;
-emulated: the default form, with two hypotheses where 16 kB of RAM hold no more (TSE_HYPOTHESES=2). -: not asked of it.
+emulated: the default form. -: not asked of it.
 
 """
 
@@ -52,15 +52,14 @@ class Result:
 
     @property
     def is_fine(self) -> bool:
-        return self.says in (SAME, SAME_OF_TWO, REFUSED) or self.says.startswith("skipped")
+        return self.says in (SAME, REFUSED) or self.says.startswith("skipped")
 
 
 def capacities(machine: m.Machine) -> list[str]:
     """Options of the library: a microcontroller holds the default form and the fewest rows for channels that are logged late."""
     if machine.board:
-        few = [f"-DTSE_HYPOTHESES={machine.board.hypotheses}"] if machine.board.hypotheses else []
-        few += ["-DTSE_NO_EFFECTS", "-DTSE_NO_PARTICLES", "-DTSE_NO_DESCRIBE"]
-        return [*few, "-DTSE_MAX_PARTICLES=16", "-DTSE_LATENCY_ROWS=8"]
+        without = ["-DTSE_NO_EFFECTS", "-DTSE_NO_PARTICLES", "-DTSE_NO_DESCRIBE"]
+        return [*without, "-DTSE_MAX_PARTICLES=16", "-DTSE_LATENCY_ROWS=8"]
     return ["-DTSE_NO_EFFECTS"] if machine.run else ["-DTSE_NO_EFFECTS", "-DALL_FORMS"]
 
 
@@ -88,11 +87,10 @@ def replay(work: m.Work, machine: m.Machine, real: str) -> str:
         return f"no: {reason(str(error))}"
     found = {form: hash_ for hash_, form in re.findall(r"^hash (\w+) (.+)$", text, re.M)}
     expected = m.golden(real)
-    few = bool(machine.board and machine.board.hypotheses)
-    if ("two hypotheses, scheme 0" if few else "default, scheme 0") not in found:
+    if "default, scheme 0" not in found:
         return f"no: {reason(text)}"
     wrong = [form for form, hash_ in found.items() if expected.get(form) != hash_]
-    return f"no: other bits of {', '.join(wrong)}" if wrong else SAME_OF_TWO if few else SAME
+    return f"no: other bits of {', '.join(wrong)}" if wrong else SAME
 
 
 def name_of(work: m.Work, machine: m.Machine, real: str) -> str:

@@ -21,9 +21,11 @@ typedef struct content { /* of format 3, after the frame; q24 and 2^-14 as in th
   int32_t mean[TSE_KEPT], sd[TSE_KEPT], pair[PAIRS], noise[TSE_SENSORS], spread[3], correlation[3];
 } content;
 
+#if !defined(TSE_NO_PARTICLES)
 static const int diagonal[3] = { 0, 3, 5 };                /* of a triangle by rows: 11 12 13 22 23 33 */
 static const int off_diagonal[3] = { 1, 2, 4 };
 static const int pair[3][2] = { { 0, 1 }, { 0, 2 }, { 1, 2 } };
+#endif
 
 enum { K_BIAS = 0, K_STIFFNESS = LCX - FAST };
 

@@ -16,8 +16,7 @@ from dropin_support import ROOT, amalgamated, run, tool
 PAGE = "https://example.org/tse"
 STANDINS = Path(__file__).parent / "standins"
 VERSION = re.search(r'TSE_VERSION "(.+)"', (ROOT / "include/tse/version.h").read_text())[1]
-CONFIG = {"CONFIG_TSE": "y", "CONFIG_TSE_REAL_FLOAT": "y", "CONFIG_TSE_MAX_PARTICLES": "64", "CONFIG_TSE_LATENCY_ROWS": "32",
-          "CONFIG_TSE_HYPOTHESES": "4"}  # fmt: skip
+CONFIG = {"CONFIG_TSE": "y", "CONFIG_TSE_REAL_FLOAT": "y", "CONFIG_TSE_MAX_PARTICLES": "64", "CONFIG_TSE_LATENCY_ROWS": "32"}  # fmt: skip
 
 
 def made(folder: Path, name: str, *options: str) -> Path:
@@ -49,7 +48,7 @@ def test_conan_builds_and_uses_its_package(tmp_path: Path) -> None:
     conan, out = tool("conan"), made(tmp_path, "conan")
     env = {"CONAN_HOME": str(tmp_path / "home")}
     run(conan, "profile", "detect", env=env)
-    chosen = ("real=float", "max_particles=64", "latency_rows=16", "hypotheses=3")
+    chosen = ("real=float", "max_particles=64", "latency_rows=16")
     run(conan, "create", ".", *(word for x in chosen for word in ("-o", f"&:{x}")), cwd=out, env=env)
 
 
@@ -83,7 +82,7 @@ def test_kconfig_has_the_defaults_of_the_build(name: str, kconfig: str, switch: 
         pytest.skip("kconfiglib is not installed beside compote (scripts/setup.sh dropin)")
     said = dict(x.split("=") for x in run(python, "-c", read, made(tmp_path, name) / kconfig, switch).split())
     cmake = (ROOT / "CMakeLists.txt").read_text()
-    for option in ("TSE_MAX_PARTICLES", "TSE_LATENCY_ROWS", "TSE_HYPOTHESES"):
+    for option in ("TSE_MAX_PARTICLES", "TSE_LATENCY_ROWS"):
         assert f"set({option} {said[option]} CACHE" in cmake
     assert said["TSE_EFFECTS"] == said["TSE_REAL_DOUBLE"] == "y"
 

@@ -1,7 +1,6 @@
 /* tests/embedded/budgets.c - instructions that every row of the recorded drive takes, and those of rows which no drive has: the longest
  * that are accepted. And stack. On a port that counts: cortex_m.c.
  *
- *   HYPOTHESES   in use; else as the settings come
  *   ROWS         of the drive; else all */
 #include <string.h>
 
@@ -82,9 +81,6 @@ static int start_over(int is_late)
 {
   tse_config c;
   tse_config_default(&c);
-#if defined(HYPOTHESES)
-  c.hypotheses = HYPOTHESES;
-#endif
   if (is_late) {
     c.steer_angle_latency = TSE_S(0.02);
     c.accel_x_latency = TSE_S(0.015);

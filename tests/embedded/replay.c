@@ -3,9 +3,8 @@
  *
  * Says what identifies the result: the hash of every bit of every output after each PART rows, so that two machines that differ
  * show where, and that of the whole drive, which is the one of the golden replay.
- * A build with room for fewer hypotheses than the default has (TSE_HYPOTHESES) runs the default form with two.
- *   ALL_FORMS   also the forms with particles, with each way of resampling; else the default form alone, in a tse_filter, which is what
- *               a microcontroller has room for */
+ *   ALL_FORMS   also a car that nobody has calibrated, and the forms with particles, with each way of resampling; else the default form
+ *               alone, in a tse_filter, which is what a microcontroller has room for */
 #include "drive.h"
 #include "port.h"
 #include "replay_hash.h"
@@ -71,24 +70,24 @@ static int run(const char *form, void (*settings)(tse_config *c), int32_t scheme
   return 0;
 }
 
-static void two_hypotheses(tse_config *c)
+#if defined(ALL_FORMS)
+static void uncalibrated(tse_config *c)
 {
   tse_config_default(c);
-  c->hypotheses = 2;
+  tse_config_uncalibrated(c);
 }
+#endif
 
 int program(void)
 {
   const char *wrong = NULL;
   const tse_status status = tse_self_test(&wrong);
   if (status < 0) return refused("tse_self_test", status, wrong);
-#if TSE_HYPOTHESES >= 6 /* else the default form is another */
   if (run("default", tse_config_default, 0)) return 1;
-#endif
-#if TSE_HYPOTHESES < 6 || defined(ALL_FORMS)
-  if (run("two hypotheses", two_hypotheses, 0)) return 1;
-#endif
 #if defined(ALL_FORMS)
+#if !defined(TSE_NO_EFFECTS) /* which such a car is told of */
+  if (run("uncalibrated", uncalibrated, 0)) return 1;
+#endif
   for (int32_t scheme = 0; scheme < SCHEMES; scheme++)
     if (run("sampled", tse_config_sampled, scheme) || run("paper", tse_config_paper, scheme)) return 1;
 #endif

@@ -164,7 +164,7 @@ def read_car(data: bytes, folder: Path) -> None:
 def filters() -> list[bytes]:
     return [
         b"forgetting = 0.98\nmax_gap = 0.2\nform = 2\nparticles = 32\n",
-        b"[filter]\nform = 0\nhypotheses = 4\nseed = 7\n",
+        b"[filter]\nform = 0\nwheel_signals = 1\nseed = 7\n",
     ]
 
 
