@@ -14,7 +14,9 @@ enum { /* place of each setting in model.set */
 };
 
 /* A parameter: has the importer set it, to its start value or to another one? */
-enum { NOT_SET, SET_TO_START, SET_TO_ANOTHER };
+enum { NOT_SET,
+       SET_TO_START,
+       SET_TO_ANOTHER };
 
 typedef struct model {
   tse_config config;                   /* parameters as they are set and read                       */

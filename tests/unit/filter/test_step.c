@@ -330,6 +330,32 @@ static void test_a_refused_row_changes_nothing(void)
   }
 }
 
+/* Memory that a bit fell over in: said so, and the drive is learnt from anew. */
+static void test_a_state_that_is_no_number_is_started_over(void)
+{
+  static truth w;
+  const tse_config c = a_car();
+  for (int k = 0; k < 3; k++) {
+    tse_output y;
+    truth_start(&w, &c, 20, 0, 9);
+    reset(&w.p);
+    (void)drive(&w, 500);
+    if (k == 0) f.k.x[LCF] = broken();
+    if (k == 1) f.k.p.d[VY] = broken();
+    if (k == 2) f.k.p.d[LCR] = TSE_R(-1);
+    const tse_input u = truth_row(&w, 0.01);
+    step(&w.p, &u, &y);
+    TEST_ASSERT_EQUAL_INT(TSE_W_RECOVERED, y.status);
+    TEST_ASSERT_EQUAL_INT(TSE_CHANGE_RESTART, y.change_kind);
+    TEST_ASSERT_TRUE(number(y.regime[TSE_REGIME_RESTARTED]) > 0.99);
+    expect_near(1, number(y.change_ratio[TSE_CY_FRONT]), 1e-6, "no change of the stiffness is claimed", k);
+    for (int a = 0; a < 3; a++) TEST_ASSERT_TRUE(y.reason[a] != TSE_VALID);
+    y = drive(&w, 3000);
+    TEST_ASSERT_TRUE(y.status != TSE_W_RECOVERED);
+    for (int a = TSE_CY_FRONT; a <= TSE_CY_REAR; a++) TEST_ASSERT_TRUE(off(&w, &y, a) < 2.6 && y.reason[a] == TSE_VALID);
+  }
+}
+
 /* Readings at the ends of what a channel may say, in any order. */
 static void test_readings_at_their_ends_leave_numbers(void)
 {
@@ -434,6 +460,7 @@ int main(void)
   RUN_TEST(test_missing_channels_leave_numbers_and_no_stiffness_moved);
   RUN_TEST(test_at_standstill_in_reverse_and_at_full_lock_no_stiffness_is_learnt);
   RUN_TEST(test_a_refused_row_changes_nothing);
+  RUN_TEST(test_a_state_that_is_no_number_is_started_over);
   RUN_TEST(test_readings_at_their_ends_leave_numbers);
   RUN_TEST(test_parts_of_the_sd_are_those_of_what_is_uncertain);
   RUN_TEST(test_what_is_told_loosely_widens_the_interval);
