@@ -2,8 +2,7 @@
  *
  *   PROVE_PREPARE     tse_prepare(), tse_reset(): any bits as settings
  *   PROVE_LEARNT      tse_learnt_load(): any bytes, any number of them up to twice a state's, any age
- *   PROVE_STEP        tse_step(), default form, no effects
- *   PROVE_TOLD        tse_step(), default form, any effects but a formula of the user
+ *   PROVE_STEP        tse_step(), default form
  *   PROVE_PARTICLES   tse_step(), forms 1 and 2, without effects
  *
  * Settings, rows and every real number of parameters and filter may be any bits, NaN and infinite ones, too (fixed: any number that
@@ -11,6 +10,7 @@
  * that they do so after the row: so what holds for one row holds for every row after it. */
 #include "tse/learnt.h"
 #include "tse/tse.h"
+#include "filter/filter.h"
 #include <string.h>
 
 #include "__fc_builtin.h"
@@ -44,41 +44,24 @@ static void any_params(int32_t form)
 {
   ANY(p);
   p.form = form;
-  p.hypotheses = in(2, TSE_HYPOTHESES);
-  p.inputs_held = in(0, 2);
+  p.car.driven = in(0, 2);
   p.particles = in(16, TSE_MAX_PARTICLES);
   p.resampling = in(0, 3);
   p.recovery_count = in(0, p.particles);
   p.effects.mask = 0;
 }
 
-static void any_delay(tse_delay *d) { d->count = in(0, TSE_DELAY_ROWS); }
-
 /* The ranges of host/sound.c. */
 static void any_filter(void)
 {
   ANY(all);
-  for (int a = 0; a < 3; a++) f->start.level[a] = in(0, 3);
-  f->bank.count = in(1, TSE_HYPOTHESES);
-  f->bank.likeliest = in(0, TSE_HYPOTHESES - 1);
   f->waiting.count = in(0, TSE_LATENCY_ROWS);
   f->waiting.newest = in(0, TSE_LATENCY_ROWS - 1);
-  for (int c = 0; c < 6; c++) f->bank.repeats.run[c] = in(0, 20);
-  for (int i = 0; i < TSE_HYPOTHESES; i++) {
-    tse_hypothesis *const h = &f->bank.h[i];
-    h->change_kind = in(TSE_CHANGE_NONE, TSE_CHANGE_RESTART);
-    h->kind = in(0, TSE_KINDS - 1);
-    h->drift = in(0, 2);
-    h->fault = in(0, TSE_CHANNELS);
-    h->slides = in(0, 1);
-    h->held = in(0, 1);
-    for (int a = 0; a < 3; a++) h->level[a] = in(0, 3);
-  }
-#if !defined(TSE_NO_EFFECTS)
-  any_delay(&f->effects.steer);
-  any_delay(&f->effects.imu);
-  any_delay(&f->effects.formula_late);
-#endif
+  f->k.change_kind = in(TSE_CHANGE_NONE, TSE_CHANGE_RESTART);
+  f->k.fault = in(0, TSE_CHANNELS);
+  f->k.slow_turn = in(0, STATES);
+  f->k.channels = in(0, TSE_SENSORS);
+  for (int i = 0; i < TSE_EVENTS; i++) f->k.event[i].kind = in(EVENT_NONE, EVENT_KINDS - 1);
   all.recoveries = in(0, 1000000);
   for (int i = 0; i < TSE_STRIDE; i++) {
     all.ancestor[i] = (uint16_t)in(0, TSE_MAX_PARTICLES - 1);
@@ -89,14 +72,10 @@ static void any_filter(void)
 /* What any_filter() took for granted, of the filter that the row leaves. */
 static void still_so(void)
 {
-  //@ assert whole: 0 <= f->bank.count <= TSE_HYPOTHESES && 0 <= f->bank.likeliest < TSE_HYPOTHESES;
   //@ assert whole: 0 <= f->waiting.count <= TSE_LATENCY_ROWS && 0 <= f->waiting.newest < TSE_LATENCY_ROWS;
-  //@ assert whole: \forall integer c; 0 <= c < 6 ==> 0 <= f->bank.repeats.run[c] <= 20;
-  //@ assert whole: \forall integer i; 0 <= i < TSE_HYPOTHESES ==> 0 <= f->bank.h[i].change_kind <= TSE_CHANGE_RESTART;
-  //@ assert whole: \forall integer i; 0 <= i < TSE_HYPOTHESES ==> 0 <= f->bank.h[i].kind < TSE_KINDS;
-  //@ assert whole: \forall integer i; 0 <= i < TSE_HYPOTHESES ==> 0 <= f->bank.h[i].drift <= 2;
-  //@ assert whole: \forall integer i; 0 <= i < TSE_HYPOTHESES ==> 0 <= f->bank.h[i].fault <= TSE_CHANNELS;
-  //@ assert whole: \forall integer i, a; 0 <= i < TSE_HYPOTHESES && 0 <= a < 3 ==> 0 <= f->bank.h[i].level[a] <= 3;
+  //@ assert whole: 0 <= f->k.change_kind <= TSE_CHANGE_RESTART && 0 <= f->k.fault <= TSE_CHANNELS;
+  //@ assert whole: 0 <= f->k.slow_turn <= STATES && 0 <= f->k.channels <= TSE_SENSORS;
+  //@ assert whole: \forall integer i; 0 <= i < TSE_EVENTS ==> EVENT_NONE <= f->k.event[i].kind < EVENT_KINDS;
 }
 
 static void prove_prepare(void)
@@ -105,7 +84,7 @@ static void prove_prepare(void)
   const char *wrong;
   ANY(c);
   if (tse_prepare(&c, &p, &wrong) < 0) return;
-  //@ assert whole: 0 <= p.form <= 2 && 2 <= p.hypotheses <= TSE_HYPOTHESES && 0 <= p.inputs_held <= 2;
+  //@ assert whole: 0 <= p.form <= 2 && 0 <= p.car.driven <= 2;
   //@ assert whole: 16 <= p.particles <= TSE_MAX_PARTICLES && 0 <= p.resampling <= 3;
   tse_reset(&p, f, sizeof all);
 }
@@ -117,19 +96,13 @@ static void prove_learnt(void)
   any_filter();
   ANY_BYTES(bytes);
   (void)tse_learnt_load(&p, f, bytes, (size_t)in(0, 2 * TSE_LEARNT_BYTES), Frama_C_unsigned_int_interval(0, UINT32_MAX));
-  //@ assert whole: \forall integer a; 0 <= a < 3 ==> 0 <= f->start.level[a] <= 3;
+  //@ assert whole: 0 <= f->start.loaded <= 1;
 }
 
-static void prove_step(int32_t form, int told)
+static void prove_step(int32_t form)
 {
   any_params(form);
   any_filter();
-#if !defined(TSE_NO_EFFECTS)
-  if (told) {
-    ANY(p.effects);
-    p.effects.mask &= ((uint64_t)1 << TSE_EFFECTS) - 1u; /* a formula of the user: tests/proof/README.md */
-  }
-#endif
   ANY(u);
   (void)tse_step(&p, f, &u, &out);
   still_so();
@@ -142,11 +115,9 @@ int main(void)
 #elif defined(PROVE_LEARNT)
   prove_learnt();
 #elif defined(PROVE_STEP)
-  prove_step(0, 0);
-#elif defined(PROVE_TOLD)
-  prove_step(0, 1);
+  prove_step(0);
 #elif defined(PROVE_PARTICLES)
-  prove_step(in(1, 2), 0);
+  prove_step(in(1, 2));
 #else
 #error "say what is to be proven"
 #endif

@@ -27,9 +27,8 @@ EXPLAINED = HERE / "eva.toml"
 SUFFIX = {"double": "f64", "float": "f32", "fixed": "fix"}
 TARGETS = {  # name: what it asks
     "prepare": "tse_prepare, then tse_reset: any bits as settings",
-    "learnt": "tse_learnt_load: any bytes, 0 .. 224 of them, any age, any form",
+    "learnt": "tse_learnt_load: any bytes, 0 .. 536 of them, any age, any form",
     "step": "tse_step, default form: any row, filter and parameters with any reals",
-    "told": "the same with any of the effects on, but a formula of the user",
     "particles": "tse_step, forms 1 and 2, without effects: the same",
 }
 SHORT = ["learnt"]  # for the tests
@@ -48,7 +47,7 @@ FOLLOWED = {  # functions in which so many cases are kept apart: refused or not,
 }  # fmt: skip
 # TSE_FIXED_HALVES: products of 32-bit halves, for Frama-C knows no type of 128 bits; test_real_ops.c holds both to the same result.
 UNROLLED = 40  # loops of a fixed number of turns up to this are followed turn by turn
-APART = 8  # turns of any loop that are followed one by one: of hypotheses, so that each stays apart from the others
+APART = 8  # turns of any loop that are followed one by one: of events, so that each stays apart from the others
 
 
 def sources() -> list[str]:
@@ -140,7 +139,7 @@ def page(results: list, rows: list[dict], used: dict[int, set], targets: list[st
         "Every real number of settings, parameters, filter and",
         "row may be any bits, NaN and infinite, too; whole numbers of parameters and filter are in the ranges that tse_prepare()",
         "and tse_filter_check() hold them to, and are asserted to be there after the row; in fixed point a number is any that an",
-        "operation gives (FIXED_MOST and below), which is_proper() holds hypotheses to. No alarm: no access outside an object",
+        "operation gives (FIXED_MOST and below). No alarm: no access outside an object",
         "or of what was never written, no overflow or shift that C does not define, no division of whole numbers by 0, no real",
         "made a whole number that cannot hold it.",
         "",

@@ -78,7 +78,7 @@ ADVISORY = {
 DEFINES = ["-DTSE_REAL_DOUBLE=1", "-DTSE_MAX_PARTICLES=512"]
 SHORT = [
     "src/estimator/input.c",
-    "src/estimator/hypotheses/step.c",
+    "src/filter/step.c",
     "src/estimator/paper/resample.c",
     "src/host/learnt.c",
 ]  # for the tests

@@ -267,7 +267,7 @@ class Bench:
         for path in sorted((ROOT / "tests" / "unit").rglob("test_*.c")):
             if path.stem in ("test_ekf", "test_describe", "test_simulate", "test_replay_log"):
                 continue  # not of the core
-            name = path.stem.replace("test_", "test_hypotheses_") if "hypotheses" in path.parts else path.stem
+            name = path.stem.replace("test_", "test_filter_") if path.parent.name == "filter" else path.stem
             self.tests[name] = path
         self.includes = {
             name: set(re.findall(r'#include "([^"]+\.c)"', path.read_text())) for name, path in self.tests.items()
@@ -336,8 +336,8 @@ class Bench:
         return "failed" if done.returncode else "passed"
 
     def own(self, name: str) -> set[str]:
-        stem, hypotheses = Path(name).stem, "hypotheses" in name
-        own = {f"test_{'hypotheses_' if hypotheses else ''}{stem}", f"test_{stem}"}
+        stem, of_filter = Path(name).stem, Path(name).parent.name == "filter"
+        own = {f"test_{'filter_' if of_filter else ''}{stem}", f"test_{stem}"}
         if "effects" in name or stem == "integrator":
             own |= {"test_effect_forces", "test_effect_linear"}
         return own & set(self.tests)
