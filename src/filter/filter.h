@@ -22,6 +22,7 @@
 #define judge_row      TSE_NAME(tse_judge_row)
 #define step_row       TSE_NAME(tse_step_row)
 #define state_unit     TSE_NAME(tse_state_unit)
+#define state_most     TSE_NAME(tse_state_most)
 
 #define LOG2_OF_E TSE_R(1.4426950408889634)
 
@@ -39,6 +40,9 @@ enum { DOUBT_INERTIA, DOUBT_CENTRE, DOUBT_MOMENT, DOUBT_LENGTH_FRONT, DOUBT_LENG
 
 /* Unit of each state in the covariance: numbers of one magnitude in every number format. */
 extern const tse_real state_unit[STATES];
+
+/* No car goes beyond: [m/s] [m/s] [rad/s] ... as the states. */
+extern const tse_real state_most[STATES];
 
 /* row.c      a log row, checked. Nothing is changed. */
 tse_status row_decode(const tse_params *p, const tse_filter *f, const tse_input *u, decoded *z);

@@ -31,13 +31,13 @@ void report_row(const tse_params *p, const tse_kalman *k, tse_output *out)
   const tse_real none = r_mul(k->none[0], k->none[1]);
   for (int i = 0; i < 3; i++) {
     var = variance_of(k, weight, VX + i, &shift);
-    *state[i] = k->x[VX + i] + shift;
+    *state[i] = r_clamp(k->x[VX + i] + shift, -state_most[VX + i], state_most[VX + i]);
     *state_sd[i] = r_sqrt(var);
     var = variance_of(k, weight, BX + i, &shift);
     out->bias[i] = k->x[BX + i] + shift;
     out->bias_sd[i] = r_sqrt(var);
     var = variance_of(k, weight, stiffness_state[i], &shift);
-    out->stiffness[i] = r_exp2(r_mul(LOG2_OF_E, k->x[stiffness_state[i]] + shift));
+    out->stiffness[i] = r_exp2(r_mul(LOG2_OF_E, r_clamp(k->x[stiffness_state[i]] + shift, p->log_min, p->log_max)));
     var += r_sqr(i == TSE_CX_FRONT ? r_max(r_mul(LONGITUDINAL, MODEL_FLOOR), p->model_sd) : MODEL_FLOOR) + p->mass_var;
     out->stiffness_sd[i] = r_mul(out->stiffness[i], r_sqrt(var));
     out->stiffness_spread[i] = r_mul(out->stiffness[i], p->model_sd);

@@ -10,6 +10,11 @@ const tse_real state_unit[STATES] = {
   TSE_R(0.002), TSE_R(0.02), TSE_R(0.01), TSE_R(0.005), TSE_R(0.05) /* OFF GAIN LATE RAD LEAN */
 };
 
+const tse_real state_most[STATES] = {
+  TSE_R(200), TSE_R(60), TSE_R(20), TSE_R(1.5), TSE_R(1.5), TSE_R(0.5), TSE_R(10), TSE_R(10), TSE_R(10), TSE_R(5), TSE_R(5),
+  TSE_R(50), TSE_R(50), TSE_R(6), TSE_R(4), TSE_R(4), TSE_R(4), TSE_R(4), TSE_R(0.2), TSE_R(0.5), TSE_R(0.2), TSE_R(0.2), TSE_R(0.9)
+};
+
 void start_all(const tse_params *p, tse_filter *f)
 {
   tse_kalman *const k = &f->k;

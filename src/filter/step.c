@@ -27,6 +27,14 @@ static passage classify(const tse_params *p, tse_filter *f, const decoded *z)
   return w;
 }
 
+/* Every state and variance is a number. */
+static int whole(const tse_kalman *k)
+{
+  int fine = 1;
+  for (int i = 0; i < STATES; i++) fine = fine && r_is_finite(k->x[i]) && r_is_finite(k->p.d[i]) && k->p.d[i] >= TSE_R(0);
+  return fine;
+}
+
 static tse_status status_of(const tse_params *p, const tse_filter *f, const decoded *z, const passage *w, const tse_output *out)
 {
   tse_status status = TSE_OK;
@@ -38,6 +46,7 @@ static tse_status status_of(const tse_params *p, const tse_filter *f, const deco
   if (w->held) status = worse(status, TSE_W_HELD);
   if (w->predicted) status = worse(status, TSE_W_PREDICTED);
   if (w->gap) status = worse(status, TSE_W_GAP);
+  if (f->k.change_kind == TSE_CHANGE_RESTART && f->k.change_age == TSE_R(0)) status = worse(status, TSE_W_RECOVERED);
   return status;
 }
 
@@ -49,6 +58,7 @@ tse_status step_row(const tse_params *p, tse_filter *f, const tse_input *u, tse_
   const tse_status refused = row_decode(p, f, u, &z);
   if (refused < 0) return refused; /* nothing has changed yet */
   if (f->step == 0) start_all(p, f);
+  const int fine = whole(k);
   const int blind = f->held_for > r_mul(TSE_R(2.5), p->sample_time); /* the car has turned otherwise than the angle that was held */
   passage w = classify(p, f, &z);
   const int placed = !f->started || w.held || w.gap || f->lost || (blind && z.has_steer);
@@ -63,6 +73,13 @@ tse_status step_row(const tse_params *p, tse_filter *f, const tse_input *u, tse_
     update_row(p, k, &z, angle);
     events_decide(p, k, z.dt);
     k->seen = r_min(k->seen + z.dt, TSE_R(1e6));
+  }
+  if (!fine || !whole(k)) { /* a bit that fell over in memory, an overflow: the prior again, not a number that is none for ever */
+    memset(k, 0, sizeof *k);
+    start_all(p, f);
+    start_motion(p, k, &z);
+    k->change_kind = TSE_CHANGE_RESTART;
+    for (int a = 0; a < 3; a++) k->change_from[a] = k->x[a == 0 ? LCX : a == 1 ? LCF : LCR];
   }
   memset(&now, 0, sizeof now);
   report_row(p, k, &now);

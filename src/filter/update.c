@@ -63,11 +63,7 @@ static void learn_noise(const tse_params *p, tse_kalman *k, int c, tse_real e, t
 
 static void finish(const tse_params *p, tse_kalman *k, const tse_real change[STATES])
 {
-  static const tse_real most[STATES] = {
-    TSE_R(200), TSE_R(60), TSE_R(20), TSE_R(1.5), TSE_R(1.5), TSE_R(0.5), TSE_R(10), TSE_R(10), TSE_R(10), TSE_R(5), TSE_R(5),
-    TSE_R(50), TSE_R(50), TSE_R(6), TSE_R(4), TSE_R(4), TSE_R(4), TSE_R(4), TSE_R(0.2), TSE_R(0.5), TSE_R(0.2), TSE_R(0.2), TSE_R(0.9)
-  };
-  for (int i = 0; i < STATES; i++) k->x[i] = r_clamp(k->x[i] + r_mul(change[i], state_unit[i]), -most[i], most[i]);
+  for (int i = 0; i < STATES; i++) k->x[i] = r_clamp(k->x[i] + r_mul(change[i], state_unit[i]), -state_most[i], state_most[i]);
   for (int i = LCX; i <= LCR; i++) k->x[i] = r_clamp(k->x[i], p->log_min, p->log_max);
 }
 
