@@ -19,7 +19,8 @@ static steering delayed(const tse_params *p, tse_kalman *k, const decoded *z)
     k->steer[1] = lagged(p->steer_lag, before, z->steer, half, z->dt);
     k->steer[2] = p->steer_lag_second > TSE_R(0) ? lagged(p->steer_lag_second, half, k->steer[1], was, z->dt) : k->steer[1];
   }
-  return (steering){ was, k->steer[2], z->dt };
+  const steering u = { was, k->steer[2], z->dt };
+  return u;
 }
 
 /* Process noise of states that walk, one of them a row in turn with all that is due: rank one. */

@@ -10,7 +10,7 @@ typedef struct tyre { tse_real f, by_slip, by_k, by_mu; } tyre;
 
 static tse_real exponential(tse_real x) { return r_exp2(r_mul(LOG2_E_, x)); }
 
-static void sincos(tse_real angle, tse_real *s, tse_real *c)
+static void sin_cos(tse_real angle, tse_real *s, tse_real *c)
 {
   const tse_real turns = r_mul(angle, TSE_R(0.15915494309189535));
   r_sincos_turn(turns - r_from_int(r_floor_to_int(turns)), s, c);
@@ -42,7 +42,8 @@ static tyre tyre_of(tse_real k, tse_real limit, tse_real slip, tse_real shape)
   const tse_real linear = r_mul(k, slip);
   tse_real slope;
   const tse_real c = secant(r_div(r_abs(linear), limit), shape, &slope);
-  return (tyre){ r_mul(linear, c), r_mul(k, c + slope), r_mul(linear, c + slope), -r_mul(linear, slope) };
+  const tyre t = { r_mul(linear, c), r_mul(k, c + slope), r_mul(linear, c + slope), -r_mul(linear, slope) };
+  return t;
 }
 
 void car_forces(const tse_car *c, const tse_real x[STATES], steering u, tse_real share, forces *f)
@@ -64,7 +65,7 @@ void car_forces(const tse_car *c, const tse_real x[STATES], steering u, tse_real
   f->steer = u.from + r_mul(share, u.to - u.from);
   f->rate = r_div(u.to - u.from, u.dt);
   const tse_real d = r_mul(TSE_R(1) + x[GAIN], f->steer - r_mul(x[LATE], f->rate)) + x[OFF] - r_mul(c->compliance, yf.f);
-  sincos(d, &s, &k);
+  sin_cos(d, &s, &k);
   f->sin_d = s;
   f->cos_d = k;
   f->side = yf.f;
