@@ -33,7 +33,6 @@ SCRIPTS = (
     "core.js",
     "text.js",
     "map.js",
-    "noise.js",
     "check.js",
     "run.js",
     "draw.js",
@@ -166,7 +165,7 @@ def example() -> dict[str, Any]:
 
 def known() -> dict[str, Any]:
     """What tselab knows of names, units and rules."""
-    from tselab import config, log, noise, prepare, simulate, vehicle, verdict
+    from tselab import config, log, simulate, vehicle, verdict
     from tselab import units as checks
     from tselab.logs import names, physics, units, vocabulary
     from tselab.logs.propose import scales
@@ -180,16 +179,10 @@ def known() -> dict[str, Any]:
         "roles": vocabulary.ROLES, "not": vocabulary.NOT, "places": vocabulary.PLACES,
         "names": verdict.NAMES, "wheel": vocabulary.WHEEL.pattern, "noWheel": vocabulary.NO_WHEEL.pattern,
         "rules": {
-            "gravity": vehicle.GRAVITY, "corneringPerLoad": vehicle.CORNERING_PER_LOAD,
-            "longitudinalPerLoad": vehicle.LONGITUDINAL_PER_LOAD, "guessedInertiaSd": vehicle.GUESSED_INERTIA_SD,
             "required": vehicle.REQUIRED, "descriptive": [*vehicle.DESCRIPTIVE, *vehicle.HINT_ONLY],
             "gapInSamples": config.GAP_IN_SAMPLES, "speedGain": simulate.SPEED_GAIN, "brakeFront": simulate.BRAKE_FRONT,
-            "holdTorque": simulate.HOLD_TORQUE,
-        },
-        "noise": {
-            "floor": noise.FLOOR, "longestHold": noise.LONGEST_HOLD, "fewestRows": noise.FEWEST_ROWS, "average": noise.AVERAGE,
-            "window": noise.WINDOW, "change": noise.CHANGE, "quiet": noise.QUIET, "normalQuiet": noise.NORMAL_QUIET,
-            "mostRows": prepare.MOST_ROWS, "moving": noise.MOVING, "unknownBias": vehicle.UNKNOWN_BIAS, "nodTime": vehicle.NOD_TIME,
+            "holdTorque": simulate.HOLD_TORQUE, "rolling": config.ROLLING, "many": config.MANY, "sameRatio": config.SAME_RATIO,
+            "oneSpeed": config.ONE_SPEED,
         },
         "check": {
             "causes": checks.CAUSES, "wheelCauses": checks.WHEEL_CAUSES, "figures": checks.FIGURES, "sd": checks.SD,

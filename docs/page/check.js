@@ -31,6 +31,13 @@ function smoothedChannels(rows) {
   return out;
 }
 
+const meanOf = (x) => x.reduce((sum, v) => sum + v, 0) / x.length;
+
+function deviation(x) {
+  const mean = meanOf(x);
+  return Math.sqrt(x.reduce((sum, v) => sum + (v - mean) ** 2, 0) / x.length);
+}
+
 // Of a longer log the part in which the car turns most, as tselab.log.liveliest(): enough to say what its channels are.
 function liveliest(rows, most) {
   const n = rows.time.length;

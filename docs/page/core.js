@@ -97,7 +97,7 @@ class Desk {
         this.places.set(`${table}.${f.name}`, { at: this.base + place + f.offset, integer: "iu".includes(f.kind) });
       }
     }
-    this.defaults(false);
+    this.defaults();
   }
 
   get(name, table = "config") {
@@ -111,8 +111,11 @@ class Desk {
     else this.lib.f64[p.at >> 3] = value;
   }
 
-  // All settings as the library has them; of what is told of the car: exact, or of one that nobody has calibrated.
-  defaults(uncalibrated) { this.lib.c.page_defaults(this.base, uncalibrated ? 1 : 0); }
+  // All settings as the library has them: a car that is known exactly.
+  defaults() { this.lib.c.page_defaults(this.base); }
+
+  // What an ordinary car of this mass and these axles has (include/tse/uncalibrated.def): stiffness, inertia, sensors, how uncertain.
+  uncalibrated() { this.lib.c.page_uncalibrated(this.base); }
 
   settings() { return Object.fromEntries(this.lib.tables.config.map((f) => [f.name, this.get(f.name)])); }
 

@@ -10,7 +10,7 @@ const capital = (text) => text.charAt(0).toUpperCase() + text.slice(1);
 const NAMES = Object.fromEntries(Object.entries(PAGE.names).map(([s, name]) => [s, capital(name)]));
 const SHORT = { cx_front: "Cx front", cy_front: "Cy front", cy_rear: "Cy rear" };
 const REGIMES = [["p_steady", "tyres as before", "good"], ["p_changed", "another road", "est"], ["p_axle", "one axle changed", "est"],
-  ["p_drifting", "drifting", "est"], ["p_fault", "a channel at fault", "bad"], ["p_sliding", "wheels lock or spin", "warn"], ["p_restarted", "started over", "warn"]];
+  ["p_fault", "a channel at fault", "bad"], ["p_sliding", "wheels lock or spin", "warn"], ["p_restarted", "started over", "warn"]];
 const CHANGES = ["", "the road changed (all tyres)", "the front axle changed", "the rear axle changed", "all was started over"];
 
 // The panels of a chart over a table of columns that may still grow. columns(): name -> values; truth(s): or null.
@@ -50,6 +50,7 @@ class LogPane {
   constructor(lib, desk) {
     Object.assign(this, { lib, desk, file: null, rows: null, table: null, running: null, stopped: false, against: [], told: {}, ratioSd: null, plainRatioSd: null });
     this.said = new Map();      // settings that somebody said, by hand or by a vehicle file: no rule changes them
+    this.driven = DRIVEN.front;
     $("formats").textContent = PAGE.parquet ? "CSV or Parquet" : "CSV";
     $("file").accept = PAGE.parquet ? ".csv,.txt,.tsv,.dat,.asc,.parquet,.pq" : ".csv,.txt,.tsv,.dat,.asc";
     $("file").onchange = () => $("file").files[0] && this.open($("file").files[0]);
@@ -63,7 +64,6 @@ class LogPane {
     $("stop").onclick = () => { this.stopped = true; };
     $("told").onchange = () => { this.forget(this.lib.groups[1]); this.tell($("told").value === "1"); this.show(); };
     $("rules").onclick = () => { this.forget(this.lib.groups[0].filter((n) => /stiffness|inertia/.test(n))); this.byRule(); this.show(); };
-    $("noise").onclick = () => this.guarded(() => { this.forget(this.lib.groups[2]); this.noise(this.checked()); this.show(); });
     $("save-est").onclick = () => this.guarded(async () => save(await csvOf(this.table, breather()), `${this.stem()}.est.csv`));
     $("save-log").onclick = () => save([logOf(this.rows, lib)], "log.csv");
     $("save-car").onclick = () => save([vehicleOf(this.used, "the car of the page")], "vehicle.toml");
@@ -147,13 +147,30 @@ class LogPane {
 
   car() { return this.desk.settings(); }
 
-  // What is told of the car: exact, or of one that nobody has calibrated (include/tse/uncalibrated.def).
+  // How well the car is known: exactly, or as one that nobody has calibrated, whose sensors are ordinary ones, too.
   tell(uncalibrated) {
     $("told").value = uncalibrated ? "1" : "0";
     this.plainRatioSd = null;             // steer_ratio_sd before loosen()
-    const before = this.car();
-    this.desk.defaults(uncalibrated);
-    for (const name of [...this.lib.groups[0], ...this.lib.groups[2]]) this.desk.set(name, before[name]);
+    const before = this.car(), [vehicle, , sensors] = this.lib.groups;
+    this.desk.defaults();
+    this.put(vehicle, before);
+    if (uncalibrated) this.desk.uncalibrated();
+    this.put(uncalibrated ? vehicle : [...vehicle, ...sensors], before);
+    this.repeat();
+  }
+
+  put(names, from) { for (const name of names) this.desk.set(name, from[name]); }
+
+  // What the page does not show: of a car that is not known exactly it is that of its class (filter_values() in scripts/tselab/vehicle.py).
+  prior() {
+    const shown = this.car(), names = this.lib.groups.flat();
+    this.desk.defaults();
+    this.put(names, shown);
+    if (this.lib.groups[1].some((name) => shown[name] !== 0)) {
+      this.desk.uncalibrated();
+      this.put(names, shown);
+    }
+    this.desk.set("driven_axle", this.driven);
   }
 
   forget(names) { for (const name of names) this.said.delete(name); }
@@ -161,20 +178,11 @@ class LogPane {
   // Rules leave alone what somebody said.
   repeat() { for (const [name, value] of this.said) this.desk.set(name, value); }
 
-  // What a vehicle file that leaves it out is given (scripts/tselab/vehicle.py).
+  // Stiffness and inertia of the class, as a vehicle file that leaves them out is given them.
   byRule() {
-    const c = this.car(), r = PAGE.rules, base = c.lf + c.lr;
-    const load = { front: (c.mass * r.gravity * c.lr) / base, rear: (c.mass * r.gravity * c.lf) / base };
-    this.desk.set("yaw_inertia", c.mass * c.lf * c.lr);
-    for (const axle of ["front", "rear"]) {
-      this.desk.set(`cornering_stiffness_${axle}`, r.corneringPerLoad * load[axle]);
-      this.desk.set(`longitudinal_stiffness_${axle}`, r.longitudinalPerLoad * load[axle]);
-    }
-    this.repeat();
-  }
-
-  noise(rows) {
-    for (const [name, value] of Object.entries(sensorsOf(rows, this.car(), this.lib))) this.desk.set(name, value);
+    const before = this.car();
+    this.desk.uncalibrated();
+    this.put(Object.keys(before).filter((name) => !/_stiffness_|^yaw_inertia$/.test(name)), before);
     this.repeat();
   }
 
@@ -202,13 +210,13 @@ class LogPane {
       if (unknown.length) throw new Wrong(`${file.name}: key ${unknown.slice(0, 3).join(", ")} is not known`);
       const heavy = ["latency", "effects", "formula"].filter((n) => Object.keys(said[n] ?? {}).length);
       if (heavy.length) throw new Wrong(`${file.name}: [${heavy[0]}] is not for this page; the program tselab reads it`);
-      this.tell(true);
+      const driven = said.driven_axle ?? "front";
+      if (!(driven in DRIVEN)) throw new Wrong(`${file.name}: key driven_axle: ${driven} is not known; allowed: front, rear, both`);
+      this.driven = DRIVEN[driven];
       this.said = new Map(Object.entries(values));
-      if (!("yaw_inertia" in values) && !("yaw_inertia_sd" in values)) this.said.set("yaw_inertia_sd", PAGE.rules.guessedInertiaSd);
-      this.repeat();
+      this.tell(true);
       if (this.file) this.loosen(this.ratioSd);
       this.byRule();
-      if (this.file) this.noise(this.checked());
       this.show();
       this.told = { ratio: said.steering_ratio, tracks: { front: said.track_front, rear: said.track_rear } };
       this.say(`${file.name}: ${Object.keys(values).length} settings${this.rows ? "; estimate again" : ""}.`);
@@ -222,8 +230,8 @@ class LogPane {
       await this.halt();
       this.file = null;
       $("mapping").hidden = true;
-      $("noise").disabled = true;
       this.said.clear();
+      this.driven = DRIVEN.front;
       const rows = exampleOf(this.desk);
       $("told").value = "0";
       this.show();
@@ -235,7 +243,7 @@ class LogPane {
     await this.halt();
     this.file = this.ratioSd = null;
     $("found").hidden = true;          // of another log
-    for (const id of ["run", "noise"]) $(id).disabled = true;
+    $("run").disabled = true;
     $("mapping").hidden = true;
     this.notes([]);
     await this.guarded(async () => {
@@ -245,16 +253,14 @@ class LogPane {
       const table = isParquet ? await readParquet(file.name, bytes, breathe) : await readText(file.name, bytes, breathe);
       this.file = { table, ...propose(table, this.lib) };
       this.tell(true);
-      this.repeat();
       this.byRule();
       this.mapping();
-      for (const id of ["run", "noise"]) $(id).disabled = false;
+      $("run").disabled = false;
       this.say("");
       const said = this.units();
       this.guess();
       if (said) $("map-hint").prepend(`${said} `);
       const rows = this.checked();
-      this.noise(rows);
       this.show();
       this.notes([...contradictions(rows, this.car(), this.told), ...rows.notes]);
       if (this.file.own) await this.run(rows);
@@ -359,7 +365,6 @@ class LogPane {
     this.mapping();
     this.guarded(() => {
       const rows = this.checked();
-      this.noise(rows);
       this.show();
       this.notes([...contradictions(rows, this.car(), this.told), ...rows.notes]);
       this.say("Are the channels right? Then estimate.");
@@ -385,7 +390,8 @@ class LogPane {
     }
     const ok = this.guarded(async () => {
       const rows = given ?? (this.file ? this.checked() : exampleRows(this));
-      const sampling = setSampling(this.desk, rows.sampleTime);
+      this.prior();
+      const sampling = [...setSampling(this.desk, rows.sampleTime), ...setWheels(this.desk, rows)];
       this.against = contradictions(rows, this.car(), this.told);
       this.notes([...rows.notes, ...sampling]);
       $("against").textContent = this.against.length ? `${this.against.join("\n")}\nUntil that is put right no value of this log is usable, whatever its rows say.` : "";
@@ -459,8 +465,8 @@ class LogPane {
     await this.halt();
     this.file = null;
     $("mapping").hidden = true;
-    $("noise").disabled = true;
     this.said.clear();
+    this.driven = DRIVEN.front;
     for (const name of this.lib.groups.flat()) this.desk.set(name, settings[name]);
     $("told").value = "0";
     this.show();

@@ -81,13 +81,15 @@ int32_t EXPORT(page_self_test)(void) { return tse_self_test(&wrong); }
 
 desk *EXPORT(page_desk)(int32_t k) { return &desks[k]; }
 
-/* Defaults of all settings; of what is told of the car: exact, or of one that nobody has calibrated. */
-void EXPORT(page_defaults)(desk *d, int32_t uncalibrated)
+/* Defaults of all settings: a car that is known exactly. */
+void EXPORT(page_defaults)(desk *d)
 {
   tse_config_default(&d->config);
-  if (uncalibrated) tse_config_uncalibrated(&d->config);
   tse_sim_config_default(&d->sim_config);
 }
+
+/* What an ordinary car of this mass and these axles has, and how far such cars scatter. */
+void EXPORT(page_uncalibrated)(desk *d) { tse_config_uncalibrated(&d->config); }
 
 /* Settings -> a filter that waits for its first row.   Returned: a tse_status; negative: page_wrong() */
 int32_t EXPORT(page_start)(desk *d)

@@ -2,7 +2,9 @@
 // the digits of `tselab estimate --out`.
 
 const SLICE = 14;            // ms of work between two looks at the page
-const MOST_ROWS = 1_000_000; // 2.8 h at 100 Hz: 65 columns of 8 bytes each are 0.5 GB
+const MOST_ROWS = 1_000_000; // 2.8 h at 100 Hz: 70 columns of 8 bytes each are 0.5 GB
+
+const DRIVEN = { both: 0, front: 1, rear: 2 };    // the setting driven_axle
 
 // Lets the page breathe: returns when it may go on. `said(what, share)` is called now and then.
 function breather(said = () => {}) {
@@ -28,15 +30,32 @@ function setSampling(desk, sampleTime) {
   return Math.abs(used - sampleTime) > 1e-6 ? [`rows are ${brief(sampleTime)} s apart; the nearest sample_time the filter knows is ${brief(used)} s`] : [];
 }
 
+// One signal, the vehicle's speed, logged as that of both axles (scripts/tselab/config.py): the filter is told, and the note says so.
+function setWheels(desk, rows) {
+  const r = PAGE.rules, { wheel_speed_front: front, wheel_speed_rear: rear } = rows.data;
+  let low = Infinity, high = -Infinity, many = 0;
+  for (let i = 0; i < rear.length; i++) {
+    const ratio = front[i] / rear[i];
+    if (!(Math.abs(rear[i]) > r.rolling) || !Number.isFinite(ratio)) continue;
+    many++;
+    low = Math.min(low, ratio);
+    high = Math.max(high, ratio);
+  }
+  const one = many > r.many && high - low < r.sameRatio;
+  desk.set("wheel_signals", one ? 1 : 2);
+  return one ? [r.oneSpeed] : [];
+}
+
 // Columns of the table, in order: what came later stands last (scripts/tselab/estimate.py).
 function generationOf(name) {
+  if (/^(grip|noise_wheel_|innovation_)/.test(name) || name === "sideslip_sd" || name === "nis") return 3;
   if (/^(p_|change_|discrepancy_|lag_)/.test(name) || name === "fault_channel" || name === "estimate_age") return 2;
   return name.endsWith("_spread_seen") || name.startsWith("noise_") ? 1 : 0;
 }
 
 function columnsOf(lib) {
   const fields = lib.tables.output.map((f, i) => [generationOf(f.name), i, f.name]).sort((a, b) => a[0] - b[0] || a[1] - b[1]);
-  return ["time", ...fields.filter((f) => f[0] < 2).map((f) => f[2]), ...STIFFNESS.map((s) => `${s}_reason`), ...fields.filter((f) => f[0] === 2).map((f) => f[2])];
+  return ["time", ...fields.filter((f) => f[0] < 2).map((f) => f[2]), ...STIFFNESS.map((s) => `${s}_reason`), ...fields.filter((f) => f[0] >= 2).map((f) => f[2]), "grip_reason"];
 }
 
 // Estimates of all rows so far: columns as `tselab estimate` has them, reasons as codes (-1: the row was refused).
@@ -49,10 +68,10 @@ class Table {
     this.valid = Object.fromEntries(STIFFNESS.map((s) => [s, 0]));     // rows in which each is
     this.made = lib.tables.output.map((f) => {
       const stiffness = STIFFNESS.find((s) => f.name === s || f.name.startsWith(`${s}_`));
-      const valid = stiffness && f.name.endsWith("_valid");
+      const reason = f.name.endsWith("_valid") ? f.name.replace(/valid$/, "reason") : null;      // of grip, too
       this.columns[f.name] = f.kind === "r" ? new Float64Array(rows) : new Int16Array(rows);
-      if (valid) this.columns[`${stiffness}_reason`] = new Int8Array(rows);
-      return { name: f.name, scale: stiffness && f.unit === "1" ? nominal[stiffness] : null, reason: valid ? `${stiffness}_reason` : null, stiffness };
+      if (reason) this.columns[reason] = new Int8Array(rows);
+      return { name: f.name, scale: stiffness && f.unit === "1" ? nominal[stiffness] : null, reason, stiffness };
     });
   }
 
@@ -66,7 +85,7 @@ class Table {
           const refused = desk.output("status", i) < 0;
           this.columns[m.reason][k] = refused ? -1 : value;
           column[k] = value === 0 && !refused ? 1 : 0;
-          this.valid[m.stiffness] += column[k];
+          if (m.stiffness) this.valid[m.stiffness] += column[k];
         } else column[k] = m.scale === null ? value : value * m.scale;
       }
     }
@@ -135,13 +154,14 @@ function vehicleOf(desk, name) {
     return `${n} = ${shortest(desk.get(n))}  # ${f.unit}, ${f.lo} .. ${f.hi}: ${f.text}`;
   };
   const [vehicle, told, sensors] = desk.lib.groups.map((g) => g.map(line).join("\n"));
-  return `# A vehicle for tselab, as the page had it. SI units; stiffness per axle (both wheels).\nname = ${JSON.stringify(name)}\n${vehicle}\n\n# How uncertain that is: sd of each, 0 for what is known exactly.\n[uncertainty]\n${told}\n\n[sensors]\n${sensors}\n`;
+  const driven = Object.keys(DRIVEN).find((axle) => DRIVEN[axle] === desk.get("driven_axle"));
+  return `# A vehicle for tselab, as the page had it. SI units; stiffness per axle (both wheels).\nname = ${JSON.stringify(name)}\ndriven_axle = "${driven}"\n${vehicle}\n\n# How uncertain that is: sd of each, 0 for what is known exactly.\n[uncertainty]\n${told}\n\n[sensors]\n${sensors}\n`;
 }
 
 // The built-in example: a drive of tselab's manoeuvres in the project's simulator, with its truth.
 function exampleOf(desk) {
   const e = PAGE.example, n = e.rows, { lib } = desk, inputs = { steer_angle: doublesOf(e.steer_angle), wheel_torque_front: doublesOf(e.wheel_torque_front) };
-  desk.defaults(false);
+  desk.defaults();
   for (const [name, value] of Object.entries(e.settings)) desk.set(name, value, "simConfig");
   desk.simStart();
   const time = Float64Array.from({ length: n }, (_, i) => Math.round(i * e.step * 1e9) / 1e9);

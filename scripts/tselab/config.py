@@ -16,6 +16,10 @@ from tselab.vehicle import Vehicle, filter_values
 
 GAP_IN_SAMPLES = 5  # max_gap is at least this many sample times
 ROLLING, MANY, SAME_RATIO = 5.0, 500, 1e-3  # rad/s; rows; of the ratio of both axles' wheel speeds
+ONE_SPEED = (
+    "both wheel speeds are one signal: taken as the vehicle's speed, which says nothing of slip; longitudinal stiffness is not "
+    "estimated"
+)
 
 
 def read_filter_file(path: Path) -> dict[str, float]:
@@ -53,10 +57,7 @@ def make_config(
         notes += set_sampling(config, log.sample_time)
     if log is not None and wheels_are_one(log):
         config.wheel_signals = 1
-        notes.append(
-            "both wheel speeds are one signal: taken as the vehicle's speed, which says nothing of slip; longitudinal stiffness "
-            "is not estimated"
-        )
+        notes.append(ONE_SPEED)
     if filter_file is not None:
         for key, value in read_filter_file(filter_file).items():
             config.set(key, value)
