@@ -1,6 +1,8 @@
 /* filter/predict.c - state and covariance to the time of the row. */
 #include "filter/filter.h"
 
+#define STEEPEST TSE_R(1e4) /* [unit]: no car has such a slope; one that swings itself up in a long row must not leave the range of numbers */
+
 static tse_real ou_left(tse_real dt, tse_real time) { return r_exp2(-r_mul(LOG2_OF_E, r_div(dt, time))); }
 
 /* First-order lag of an angle that is linear between rows: exact. */
@@ -70,8 +72,10 @@ steering predict_row(const tse_params *p, tse_kalman *k, const decoded *z)
   for (int i = 0; i < MOTION; i++) k->x[i] = r_clamp(k->x[i], -state_most[i], state_most[i]);
   for (int i = 0; i < MOTION; i++) {
     const tse_real own = r_div(TSE_R(1), state_unit[i]);
-    for (int j = 0; j < STATES; j++) M[i][j] = r_mul(r_mul(M[i][j], state_unit[j]), own);
-    for (int j = STATES; j < COLUMNS; j++) M[i][j] = r_mul(M[i][j], own);
+    for (int j = 0; j < COLUMNS; j++) {
+      const tse_real scaled = r_mul(j < STATES ? r_mul(M[i][j], state_unit[j]) : M[i][j], own);
+      M[i][j] = r_clamp(scaled, -STEEPEST, STEEPEST);
+    }
     noise[i] = r_mul(r_sqr(MOTION_NOISE), dt);
   }
   ud_move(&k->p, M, noise);

@@ -32,8 +32,8 @@ static tse_real use(tse_kalman *k, int channel, const scalar *m, tse_real sd, ts
     doubt += r_mul(y[q], y[q]);
   }
   *state = own + doubt;
-  const tse_real s = r_max(*state + m->r, r_div(square, TAIL)), alone = s - doubt; /* further off: a smaller gain */
-  ud_correct(&k->p, f, v, alone - own, gain);
+  const tse_real r = r_max(m->r, r_div(square, TAIL) - *state), s = *state + r, alone = own + r; /* further off: a smaller gain */
+  ud_correct(&k->p, f, v, r, gain);
   if (doubt > r_mul(NEGLIGIBLE, s)) {
     const tse_real share = r_div(alone, s), over = r_div(TSE_R(1), s);
     for (int i = 0; i < STATES; i++) {
