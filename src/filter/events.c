@@ -137,6 +137,8 @@ static void open_event(tse_kalman *k, int n, int32_t which)
     if (what.common[i].state >= 0) a->v[what.common[i].state] = r_div(what.common[i].sd, state_unit[what.common[i].state]);
 }
 
+#define NEARLY TSE_R(0.9473) /* no multiple of a sample time is that share of a time between openings: rounding decides nothing */
+
 /* Places of the kinds lie one after the other. A kind's next one is opened in the place whose event has shown least, not the best. */
 static void spawn(tse_kalman *k)
 {
@@ -158,9 +160,10 @@ static void spawn(tse_kalman *k)
           age = k->event[n].age;
           oldest = n;
         }
-      if (what.places == 1 && gain_of(&k->event[at]) > TSE_R(3) && k->event[at].age < LONGEST_EVENT) { at = last; continue; }
+      const int shows = gain_of(&k->event[at]) > TSE_R(3) && !event_is_small(&k->event[at]); /* one that began before it happened is in the way */
+      if (what.places == 1 && shows && k->event[at].age < LONGEST_EVENT) { at = last; continue; }
     }
-    if (free || !(youngest < what.every)) open_event(k, oldest, which);
+    if (free || !(youngest < r_mul(NEARLY, what.every))) open_event(k, oldest, which);
     at = last;
   }
 }

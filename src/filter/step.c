@@ -11,6 +11,19 @@
 #define STILL_TIME TSE_R(0.5)     /* s: before the gyro is believed to read its bias    */
 #define REVERSE_SPEED TSE_R(-0.1) /* m/s                                                */
 
+#define JUMP TSE_R(3)             /* m/s: what all wheels that are read gain in a row, beyond JUMP_RATE, is no car's */
+#define JUMP_RATE TSE_R(100)      /* m/s2 */
+
+/* Wheels that stood, or were read as zero, and turn in the next row: nothing that a car can do. Downwards they may: they lock. */
+static int jumped(tse_filter *f, const decoded *z)
+{
+  const tse_real most = JUMP + r_mul(JUMP_RATE, z->dt), front = z->z[3] - f->v_front, rear = z->z[4] - f->v_rear;
+  const int jump = f->step > 0 && (z->use[3] || z->use[4]) && !(z->use[3] && front < most) && !(z->use[4] && rear < most);
+  if (z->use[3] || z->one_speed) f->v_front = z->z[3];
+  if (z->use[4]) f->v_rear = z->z[4];
+  return jump;
+}
+
 static passage classify(const tse_params *p, tse_filter *f, const decoded *z)
 {
   const tse_real front = z->use[3] ? z->z[3] : z->z[4], rear = z->use[4] ? z->z[4] : z->z[3];
@@ -19,7 +32,7 @@ static passage classify(const tse_params *p, tse_filter *f, const decoded *z)
   passage w;
   f->held_for = z->has_steer ? TSE_R(0) : r_min(f->held_for + z->dt, TSE_R(1e6));
   f->rolled_for = wheels ? TSE_R(0) : r_min(f->rolled_for + z->dt, TSE_R(1e6));
-  w.gap = z->dt > p->max_gap || (z->has_steer && f->lost);
+  w.gap = jumped(f, z) || z->dt > p->max_gap || (z->has_steer && f->lost);
   f->lost = f->held_for > p->max_gap || f->rolled_for > TSE_R(10) || (f->lost && !(z->has_steer && wheels));
   w.predicted = f->lost || z->used == 0 || !z->has_steer;
   w.held = slow < p->hold_speed || r_min(front, rear) < REVERSE_SPEED || r_abs(z->steer) > p->max_steer;
@@ -42,7 +55,7 @@ static tse_status status_of(const tse_params *p, const tse_filter *f, const deco
   for (int a = 0; a < 3; a++)
     if (out->reason[a] != TSE_VALID) status = TSE_W_NOT_VALID;
   if (f->k.seen < SETTLE_TIME) status = worse(status, TSE_W_STARTING);
-  if (z->used < 3) status = worse(status, TSE_W_MISSING_CHANNEL);
+  if (z->used < 3 || !(z->use[3] || z->one_speed) || !z->use[4] || !z->has_steer) status = worse(status, TSE_W_MISSING_CHANNEL);
   if (w->held) status = worse(status, TSE_W_HELD);
   if (w->predicted) status = worse(status, TSE_W_PREDICTED);
   if (w->gap) status = worse(status, TSE_W_GAP);
