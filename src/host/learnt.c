@@ -292,7 +292,7 @@ static void load_kalman(const tse_params *p, const content *c, uint32_t age_s, t
     else var = r_min(r_max(var, r_sqr(r_mul(TSE_R(0.1), prior))), r_sqr(prior));
     s->kept[i] = mean;
     was[i] = known ? r_div(r_min(sd, r_sqrt(var)), state_unit[at]) : TSE_R(0);
-    s->kept_cov[i][i] = r_sqr(r_div(r_sqrt(var), state_unit[at]));
+    s->kept_cov[i][i] = r_sqr(r_div(known ? r_sqrt(var) : prior, state_unit[at]));
   }
   for (int i = 0; i < TSE_KEPT; i++)
     for (int j = i + 1; j < TSE_KEPT; j++, n++) {
