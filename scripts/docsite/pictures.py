@@ -18,6 +18,7 @@ import numpy as np
 import pandas as pd
 
 import tse
+from tselab.core import library
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
@@ -28,23 +29,7 @@ INKS = {
     "light": {"ink": "#1f2933", "paper": "none", "grey": "#8a94a0", "a": "#0b5fa5", "b": "#c4570a", "c": "#3d8b37"},
     "dark": {"ink": "#dde3ea", "paper": "none", "grey": "#8a94a0", "a": "#6db3f2", "b": "#f0975a", "c": "#7ccf75"},
 }
-EXACT = dict.fromkeys(
-    (
-        "mass_sd",
-        "yaw_inertia_sd",
-        "cg_sd",
-        "steer_ratio_sd",
-        "steer_offset_sd",
-        "accel_y_scale_sd",
-        "wheel_delay_sd",
-        "accel_delay_sd",
-        "relaxation_sd",
-        "wheel_radius_sd",
-        "model_sd",
-        "grade_sd",
-    ),
-    0.0,
-)
+EXACT = dict.fromkeys(library().told, 0.0)
 CAR: dict[str, Any] = {
     "mass": 1900,
     "yaw_inertia": 3000,
@@ -136,8 +121,8 @@ def slope(c: Inks) -> Any:
     return figure
 
 
-def bank(c: Inks) -> Any:
-    """A change of the road: what the hypotheses say of it, and the estimate that is their sum."""
+def change(c: Inks) -> Any:
+    """A change of the road: when the filter believes it, and the estimate."""
     drive, est = run(duration=30, road_changes=[(20.0, 0.7)])
     t = est["time"].to_numpy()
     figure, (above, below) = plt.subplots(2, 1, figsize=(8, 4.4), sharex=True, height_ratios=[3, 2])
@@ -145,7 +130,7 @@ def bank(c: Inks) -> Any:
     above.plot(t, drive.truth["true_cy_front"] / 1e3, color=c["ink"], lw=1, ls="--", label="truth")
     above.set(ylabel="cornering stiffness,\nfront [kN/rad]", ylim=(60, 150))
     above.legend(frameon=False, ncols=3)
-    for name, colour in (("steady", "grey"), ("changed", "b"), ("drifting", "c")):
+    for name, colour in (("steady", "grey"), ("changed", "b")):
         below.plot(t, est[f"p_{name}"], color=c[colour], label=name, lw=1.5)
     below.set(ylabel="probability", xlabel="time [s]", ylim=(-0.05, 1.05), xlim=(19, 23))
     below.legend(frameon=False, ncols=3, loc="center", bbox_to_anchor=(0.5, 0.6))
@@ -182,7 +167,7 @@ def quiet(c: Inks) -> Any:
 
 
 def fault(c: Inks) -> Any:
-    """A gyro that is stuck for five seconds: another hypothesis, not another road."""
+    """A gyro that is stuck for five seconds: a fault of a sensor, not another road."""
     drive = tse.simulate("square-waves", duration=30)
     log = drive.log.copy()
     stuck = log["time"].between(15, 20)
@@ -205,7 +190,7 @@ def fault(c: Inks) -> Any:
 PICTURES: dict[str, Callable[[Inks], Any]] = {
     "sketch": sketch,
     "slope": slope,
-    "bank": bank,
+    "bank": change,
     "quiet": quiet,
     "fault": fault,
 }

@@ -14,6 +14,7 @@ from tselab.log import MEASURES
 from tselab.vehicle import read_vehicle
 
 CAR = """name = "small case"
+driven_axle = "both"
 mass = 1600.0
 yaw_inertia = 2500.0
 lf = 1.2
@@ -35,6 +36,10 @@ accel_y_scale_sd = 0.0
 wheel_delay_sd = 0.0
 accel_delay_sd = 0.0
 relaxation_sd = 0.0
+lean_sd = 0.0
+gyro_scale_sd = 0.0
+trail_sd = 0.0
+roll_steer_sd = 0.0
 wheel_radius_sd = 0.0
 model_sd = 0.0
 grade_sd = 0.0

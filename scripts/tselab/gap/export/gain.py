@@ -21,7 +21,7 @@ from tselab.errors import UserError
 from tselab.estimate import estimate
 from tselab.gap import constants
 from tselab.log import MEASURES, Log
-from tselab.vehicle import Vehicle, fill_sensors
+from tselab.vehicle import Vehicle
 from tselab.verdict import NAMES
 
 FEWEST_VALID, LEAST_VALID = constants.of(__name__, "FEWEST_VALID", "LEAST_VALID")
@@ -104,10 +104,8 @@ def gain(
 
 
 def settings(vehicle: Vehicle, log: Log) -> Config:
-    """As `tselab estimate` has them; sensors filled in from the log where the vehicle file is silent."""
-    copy = Vehicle(vehicle.path, vehicle.name, dict(vehicle.values), dict(vehicle.facts))
-    fill_sensors(copy, log)
-    return make_config(copy, log)[0]
+    """As `tselab estimate` has them."""
+    return make_config(vehicle, log)[0]
 
 
 def _stiffness(table: pd.DataFrame) -> dict[str, float]:
