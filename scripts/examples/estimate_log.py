@@ -47,7 +47,8 @@ def main(arguments: list[str]) -> tse.Result:
 
 UNCERTAIN = (
     "mass_sd", "yaw_inertia_sd", "cg_sd", "steer_ratio_sd", "steer_offset_sd", "accel_y_scale_sd", "wheel_delay_sd",
-    "accel_delay_sd", "relaxation_sd", "lean_sd", "gyro_scale_sd", "trail_sd", "roll_steer_sd", "wheel_radius_sd", "model_sd", "grade_sd",
+    "accel_delay_sd", "relaxation_sd", "lean_sd", "gyro_scale_sd", "trail_sd", "roll_steer_sd", "wheel_radius_sd", "model_sd",
+    "grade_sd",
 )  # fmt: skip
 
 if __name__ == "__main__":
