@@ -29,7 +29,7 @@
   X(TSE_W_GAP,               6, "time step too long to bridge: states restarted from the sensors, what was learnt is kept") \
   X(TSE_W_RECOVERED,         7, "what was believed explains the samples no more: started over (particles: part of them drawn anew)")\
   X(TSE_W_WAITING,           8, "no step: channels that are logged later are awaited; estimates of the last step, or of the start") \
-  X(TSE_W_RANGE,             9, "a number left the range of the number format: the sample was not used by the hypothesis that held it, or it was dropped")
+  X(TSE_W_RANGE,             9, "a number left the range of the number format: the sample was dropped")
 
 typedef enum tse_status {
 #define X(name, code, text) name = code,
@@ -47,7 +47,7 @@ typedef enum tse_status {
   X(TSE_DIVERGING,      4, "diverging",        "a channel is probably at fault (particles: drawn anew, not settled again)") \
   X(TSE_HELD,           5, "held",             "standstill, low speed, reverse, large steering angle or sliding wheels: value from before") \
   X(TSE_INPUT_INVALID,  6, "input invalid",    "inputs or measurements are missing") \
-  X(TSE_TOLD_LOOSELY,   7, "told loosely",     "what is told of the car is not certain enough (tse/told.def): calibrate, or tell it") \
+  X(TSE_TOLD_LOOSELY,   7, "told loosely",     "the parameters of the car are too uncertain (tse/told.def): calibrate, or state them better") \
   X(TSE_MISFIT,         8, "does not fit",     "the sensors say what the model does not explain: calibrate, or look for what is missing")
 
 typedef enum tse_reason {

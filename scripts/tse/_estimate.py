@@ -73,7 +73,8 @@ class Result:
 
     @property
     def stiffness_spread(self) -> Array:
-        """(n, 3) standard deviations of the stiffness from sample to sample, in the same units."""
+        """(n, 3) standard deviations of the stiffness from sample to sample, in the same units; of the default form: how large the
+        model discrepancy is, as a stiffness."""
         return self._three("_spread")
 
     @property
@@ -104,7 +105,8 @@ class Result:
     @property
     def stretches(self) -> pd.DataFrame:
         """What is known, as `tselab estimate --table` writes it: a row per stretch of road between changes and stiffness, with
-        start, end [s], value, sd, low, high [N, N/rad], valid (share of the rows), usable, reason, change, ratio, text."""
+        start, end [s], value at the end of the stretch with its sd and 95 % interval low .. high [N, N/rad], also where no row is
+        valid; valid (share of the rows), usable, reason, change, ratio, text."""
         found, changes = self._found()
         rows = results.rows(Path(), Estimated(_plain(self.table), False), found, changes, self.warnings)
         return results.as_frame(rows, results.COLUMNS).drop(columns="log")

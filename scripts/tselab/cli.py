@@ -124,7 +124,7 @@ def cli(debug: bool) -> None:
             "log_columns_table",
         ),
         (
-            "Columns of EST.csv after time; _sd: of the mean, _spread: from sample to sample, stiffness per axle",
+            "Columns of EST.csv after time; _sd: of the estimate; _spread: model discrepancy, of particles from sample to sample",
             "est_columns_table",
         ),
         ("Codes", "codes_table"),

@@ -1,10 +1,10 @@
 """The estimator on ordinary cars: logs of the generator, which shares no code with tse, of a car that does what no model was told.
 
-    python -m tests.gap.ordinary [--seeds N] [--first SEED] [--minutes M] [--only CAR ...] [--no-landed] [--out FILE]
+    python -m tests.gap.ordinary [--seeds N] [--first SEED] [--minutes M] [--only CAR ...] [--out FILE]
 
 Every car drives every road; nothing but its nominal values is told, and that model and slip are believed as of a calibrated car (of
 one that nobody has calibrated, no row is valid). The table says how far off, how sure and how often a change of
-the road was told that was none, beside the default of an earlier commit (montecarlo/landed.py) on the same logs.
+the road was reported that was none.
 """
 
 from __future__ import annotations
@@ -23,7 +23,6 @@ from tselab import regimes
 from tselab.core import STIFFNESS, Config, Filter
 from tselab.identify.problem import UNLIKE_SD
 from tselab.log import read_log
-from tselab.montecarlo import landed
 from tselab.vehicle import fill_sensors, read_vehicle
 
 RESULTS = Path(__file__).resolve().parents[2] / "scripts" / "results"
@@ -47,8 +46,6 @@ AS_CALIBRATED = {"model_sd": UNLIKE_SD, "accel_x_sd": 2.0}
 OFF = 0.1  # relative error from which a valid estimate is wrong
 SETTLED = 10.0  # s from which errors count
 
-
-LANDED = "landed"
 NOMINAL_OF = dict(
     zip(
         STIFFNESS,
@@ -83,9 +80,9 @@ def score(rows: np.ndarray, config: Config, truth: dict[str, float]) -> dict[str
     return found
 
 
-def one(job: tuple[str, int, float, bool]) -> list[dict]:
-    """A car of a seed on every road, by every estimator."""
-    name, seed, minutes, beside = job
+def one(job: tuple[str, int, float]) -> list[dict]:
+    """A car of a seed on every road."""
+    name, seed, minutes = job
     case = next(make_cases([Spec(name, CARS[name], seed, manoeuvres=ROADS, hold_out=(), duration=60 * minutes)]))
     truth = {key: case.car[column] for key, column in NOMINAL_OF.items()}
     done = []
@@ -94,20 +91,13 @@ def one(job: tuple[str, int, float, bool]) -> list[dict]:
         for road in ROADS:
             vehicle = read_vehicle(Path(folder) / "car.toml")
             log = read_log(Path(folder) / f"log_{road}.csv")
-            plain = dict(vehicle.values)
+            vehicle.values |= AS_CALIBRATED
             fill_sensors(vehicle, log)
-            configs = (
-                {LANDED: landed.configure(vehicle.values)} if beside else {}
-            )  # which knows of no model_sd: as it was told
-            vehicle.values = plain | AS_CALIBRATED
-            fill_sensors(vehicle, log)
-            configs = {"tse": Config(vehicle.values), **configs}
-            for who, config in configs.items():
-                rows = Filter(config).inputs(len(log))
-                given = log.rows()
-                for column in rows.dtype.names:
-                    rows[column] = given[column]
-                done.append({"car": name, "seed": seed, "road": road, "who": who, **score(rows, config, truth)})
+            config = Config(vehicle.values)
+            rows, given = Filter(config).inputs(len(log)), log.rows()
+            for column in rows.dtype.names:
+                rows[column] = given[column]
+            done.append({"car": name, "seed": seed, "road": road, "who": "tse", **score(rows, config, truth)})
     return done
 
 
@@ -149,13 +139,10 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--first", type=int, default=301, help="the first seed (default: 301)")
     parser.add_argument("--minutes", type=float, default=1.0, help="length of each log (default: 1)")
     parser.add_argument("--only", nargs="+", choices=CARS, default=list(CARS), help="these cars")
-    parser.add_argument("--no-landed", action="store_true", help="without the default of an earlier commit")
     parser.add_argument("--jobs", type=int, default=2, help="processes (default: 2)")
     parser.add_argument("--out", type=Path, help="the table; default: the committed one, if no car is left out")
     given = parser.parse_args(arguments)
-    jobs = [
-        (car, given.first + i, given.minutes, not given.no_landed) for car in given.only for i in range(given.seeds)
-    ]
+    jobs = [(car, given.first + i, given.minutes) for car in given.only for i in range(given.seeds)]
     found = in_processes(one, jobs, given.jobs, "car")
     if found is None:
         return 130
@@ -165,8 +152,7 @@ def main(arguments: list[str]) -> int:
 `python -m tests.gap.ordinary`: {given.seeds} cars of each kind (seeds from {given.first}), {given.minutes:g} minutes on each road
 at 100 Hz; front longitudinal / front cornering / rear cornering; after {SETTLED:g} s. *Valid*: share of the rows; *off*: share of
 these that are more than {100 * OFF:.0f} % wrong; *band holds*: share of these whose 95 % band holds the truth. A change of the road
-counts as `tselab estimate` reports it; there was none. *{LANDED}*: the default before the bank of hypotheses, which reports no
-changes. The error is the mean over the runs. model_sd and
+counts as `tselab estimate` reports it; there was none. The error is the mean over the runs. model_sd and
 accel_x_sd are those of a calibrated car, all else of one that nobody has calibrated.
 
 """

@@ -12,7 +12,7 @@ from tests.gap import ordinary
 
 @pytest.fixture(scope="module")
 def runs() -> pd.DataFrame:
-    return pd.DataFrame(ordinary.one(("steering late", 401, 0.5, False))).assign(minutes=0.5)
+    return pd.DataFrame(ordinary.one(("steering late", 401, 0.5))).assign(minutes=0.5)
 
 
 def test_a_car_whose_steering_is_late_keeps_its_cornering_stiffness(runs: pd.DataFrame) -> None:
@@ -58,7 +58,6 @@ def test_the_command_writes_the_table(tmp_path: Path) -> None:
         "0.25",
         "--only",
         "as modelled",
-        "--no-landed",
         "--jobs",
         "1",
         "--out",
