@@ -69,8 +69,7 @@ class Status(IntEnum):
     WAITING = 8
     """No step: channels that are logged later are awaited; estimates of the last step, or of the start."""
     RANGE = 9
-    """A number left the range of the number format: the sample was not used by the hypothesis that held it, or it was
-    dropped."""
+    """A number left the range of the number format: the sample was dropped."""
 
 
 class Row(TypedDict, total=False):
