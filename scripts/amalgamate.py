@@ -89,7 +89,7 @@ def tokens(text: str) -> Iterator[Token]:
 
 @dataclass
 class Declaration:
-    """At file scope. names: what it makes known; function: its name, when it is a function; shared: a variable that is not static."""
+    """At file scope. names: what it makes known; function: its name, when it is one; shared: a variable that is not static."""
 
     at: int
     static: bool
@@ -282,7 +282,12 @@ def clashes(parts: dict[str, str]) -> dict[str, dict[str, str]]:
     simulate_factor. Another file means the one that it includes, over however many headers."""
     owners: dict[str, set[str]] = {}
     for name, text in parts.items():
-        own = {x for d in declarations(text) for x in d.names if d.static or not (d.function or d.shared) or name.endswith(".h")}
+        own = {
+            x
+            for d in declarations(text)
+            for x in d.names
+            if d.static or not (d.function or d.shared) or name.endswith(".h")
+        }
         for x in own | (set(defined_macros(text)) if name.endswith(".h") else set()):
             owners.setdefault(x, set()).add(name)
     included = {name: [x for x in INCLUDE.findall(text) if x in parts] for name, text in parts.items()}

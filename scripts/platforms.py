@@ -184,7 +184,7 @@ def table(results: list[Result], before: dict[tuple[str, ...], dict[str, str]]) 
         f"| {' | '.join(key)} | {' | '.join(of.get(real, '-') for real in finished)} |" for key, of in rows.items()
     ]
     ran = [r for r in results if r.says and not r.says.startswith("skipped")]
-    same, all_ = sum(r.says in (SAME, SAME_OF_TWO) for r in ran), sum(not r.machine.refused for r in ran)
+    same, all_ = sum(r.says == SAME for r in ran), sum(not r.machine.refused for r in ran)
     refused, left = sum(r.says == REFUSED for r in ran), sum(not r.says for r in results)
     lines += [
         "",

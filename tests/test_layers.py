@@ -44,7 +44,10 @@ def test_no_file_includes_one_of_a_folder_that_its_own_must_not_know():
     wrong = []
     for name in ORDER:
         for included in set(INCLUDE.findall((SRC / name).read_text())) - WRITTEN:
-            if not included.startswith("tse/") and folder(included) not in KNOWS["filter" if name == DOOR else folder(name)]:
+            if (
+                not included.startswith("tse/")
+                and folder(included) not in KNOWS["filter" if name == DOOR else folder(name)]
+            ):
                 wrong.append(f"{name} includes {included}, which {folder(name)} must not know")
     assert not wrong, "\n".join(wrong)
 
@@ -58,7 +61,9 @@ def test_files_are_included_by_their_path_in_src():
 
 def test_the_folders_stand_in_order():
     """But for the paper's forms and the door, which stand behind the car's filter."""
-    places = [list(KNOWS).index(folder(name)) for name in ORDER if not name.startswith("estimator/paper/") and name != DOOR]
+    places = [
+        list(KNOWS).index(folder(name)) for name in ORDER if not name.startswith("estimator/paper/") and name != DOOR
+    ]
     assert places == sorted(places)
 
 

@@ -16,7 +16,8 @@ from dropin_support import ROOT, amalgamated, run, tool
 PAGE = "https://example.org/tse"
 STANDINS = Path(__file__).parent / "standins"
 VERSION = re.search(r'TSE_VERSION "(.+)"', (ROOT / "include/tse/version.h").read_text())[1]
-CONFIG = {"CONFIG_TSE": "y", "CONFIG_TSE_REAL_FLOAT": "y", "CONFIG_TSE_MAX_PARTICLES": "64", "CONFIG_TSE_LATENCY_ROWS": "32"}  # fmt: skip
+CONFIG = {"CONFIG_TSE": "y", "CONFIG_TSE_REAL_FLOAT": "y", "CONFIG_TSE_MAX_PARTICLES": "64",
+          "CONFIG_TSE_LATENCY_ROWS": "32"}  # fmt: skip
 
 
 def made(folder: Path, name: str, *options: str) -> Path:

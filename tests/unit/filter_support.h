@@ -8,7 +8,9 @@
 
 /* ------------------------------------------------------------------------------ dense, in double */
 
-typedef struct dense { double p[STATES][STATES]; } dense;
+typedef struct dense {
+  double p[STATES][STATES];
+} dense;
 
 /* U D U' multiplied out. */
 static inline dense dense_of(const tse_ud *p)
@@ -16,7 +18,8 @@ static inline dense dense_of(const tse_ud *p)
   dense m;
   double u[STATES][STATES];
   for (int i = 0; i < STATES; i++)
-    for (int j = 0; j < STATES; j++) u[i][j] = i == j ? 1 : i < j ? number(p->u[ud_column(j) + i]) : 0;
+    for (int j = 0; j < STATES; j++) u[i][j] = i == j ? 1 : i < j ? number(p->u[ud_column(j) + i])
+                                                                  : 0;
   for (int i = 0; i < STATES; i++)
     for (int k = 0; k < STATES; k++) {
       m.p[i][k] = 0;

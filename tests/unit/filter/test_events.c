@@ -3,9 +3,12 @@
 #include "filter_support.h"
 
 /* A dense Kalman filter, its state in units; the last member is an offset of the channel. */
-enum { ALL = STATES + 1, OFFSET = STATES };
+enum { ALL = STATES + 1,
+       OFFSET = STATES };
 
-typedef struct plain { double x[ALL], p[ALL][ALL], log_likelihood; } plain;
+typedef struct plain {
+  double x[ALL], p[ALL][ALL], log_likelihood;
+} plain;
 
 static void plain_move(plain *f, double F[STATES][STATES], const double q[MOTION])
 {
@@ -135,7 +138,8 @@ static double odds(const trio *t)
 static void expect_ratio(trio *t, double before, const char *what)
 {
   const double expected = t->with.log_likelihood - t->without.log_likelihood, actual = log(odds(t) / before);
-  expect_near(expected, actual, BY_NUMBER(1e-8, 5e-3, 5e-3) * (1 + fabs(expected)), what, 0); /* fixed: a probability of 1e-4 has six digits */
+  /* fixed: a probability of 1e-4 has six digits */
+  expect_near(expected, actual, BY_NUMBER(1e-8, 5e-3, 5e-3) * (1 + fabs(expected)), what, 0);
 }
 
 static void test_a_state_that_may_have_moved_is_as_likely_as_a_filter_that_knows_it(void)
@@ -184,7 +188,8 @@ static void test_an_event_that_is_believed_leaves_the_state_of_a_filter_that_kno
     rows(&t, 40, 0, n % 2 ? 25 : -25, 0, 0.2, &seed);
     for (int i = 0; i < STATES; i++) t.k.x[i] = real(t.x[i] * number(state_unit[i]));
     events_decide(&t.p, &t.k, TSE_R(0));
-    TEST_ASSERT_EQUAL_INT(EVENT_NONE == t.k.event[t.n].kind ? EVENT_NONE : EVENT_SLIP_FRONT, t.k.event[t.n].kind); /* free, or opened anew */
+    /* free, or opened anew */
+    TEST_ASSERT_EQUAL_INT(EVENT_NONE == t.k.event[t.n].kind ? EVENT_NONE : EVENT_SLIP_FRONT, t.k.event[t.n].kind);
     const double close = BY_NUMBER(1e-7, 0.05, 1e-3); /* float: differences of 25 that a gain of 5 makes of 6e-8 */
     const dense m = dense_of(&t.k.p);
     for (int i = 0; i < STATES; i++) {

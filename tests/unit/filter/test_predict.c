@@ -1,4 +1,5 @@
-/* tests/unit/filter/test_predict.c <-> src/filter/predict.c, start.c: state and covariance to the time of a row, and where a drive starts. */
+/* tests/unit/filter/test_predict.c <-> src/filter/predict.c, start.c: state and covariance to the time of a row,
+ * and where a drive starts. */
 #include "filter_support.h"
 
 static tse_params a_car(void)
@@ -163,7 +164,8 @@ static void test_motion_is_placed_from_wheels_and_gyro(void)
   z.z[2] = real(0.16);
   z.z[3] = z.z[4] = TSE_R(20);
   start_motion(&p, &k, &z);
-  const double lf = number(p.lf), lr = number(p.lr), across = 20 * 0.15, front = across * lr / (lf + lr) / number(p.ky_front), back = across * lf / (lf + lr) / number(p.ky_rear);
+  const double lf = number(p.lf), lr = number(p.lr), across = 20 * 0.15, front = across * lr / (lf + lr) / number(p.ky_front),
+               back = across * lf / (lf + lr) / number(p.ky_rear);
   expect_near(20, number(k.x[VX]), 0, "vel_x", 0);
   expect_near(0.15, number(k.x[YAW]), 1e-7, "yaw rate", 0);
   expect_near(front, number(k.x[AF]), 1e-6, "slip angle, front", 0);

@@ -53,7 +53,9 @@ static tse_output drive(truth *w, int rows)
 }
 
 /* How far a stiffness is off, in its own sd. */
-static double off(const truth *w, const tse_output *y, int a) { return fabs(number(y->stiffness[a]) - truth_stiffness(w, a)) / number(y->stiffness_sd[a]); }
+static double off(const truth *w, const tse_output *y, int a) { return fabs(number(y->stiffness[a]) - truth_stiffness(w,
+                                                                                                                      a)) /
+                                                                       number(y->stiffness_sd[a]); }
 
 /* ------------------------------------------------------------------------------- estimates */
 
@@ -114,7 +116,8 @@ static void test_a_road_of_60_per_cent_is_believed_within_seconds(void)
     roads += y.change_kind == TSE_CHANGE_ROAD; /* else one axle, which was corrected a moment later */
     y = drive(&w, 1000);
     for (int a = TSE_CY_FRONT; a <= TSE_CY_REAR; a++)
-      expect_near(truth_stiffness(&w, a), number(y.stiffness[a]), fmax(3 * number(y.stiffness_sd[a]), 0.15 * truth_stiffness(&w, a)), "stiffness after it", a);
+      expect_near(truth_stiffness(&w, a), number(y.stiffness[a]), fmax(3 * number(y.stiffness_sd[a]), 0.15 * truth_stiffness(&w, a)),
+                  "stiffness after it", a);
   }
   TEST_ASSERT_TRUE(roads >= 1);
 }
@@ -424,7 +427,7 @@ static void test_parts_of_the_sd_are_those_of_what_is_uncertain(void)
   reset(&w.p);
   const tse_output y = drive(&w, 1500);
   static const char *const names[TSE_TOLD] = {
-"mass_sd",
+    "mass_sd",
 #define REAL(name, def, lo, hi, unit, text)
 #define CONSIDER(id, name, most, unit, text) #name,
 #include "tse/told.def"

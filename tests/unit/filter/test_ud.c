@@ -50,7 +50,8 @@ static void test_a_measurement_is_that_of_a_kalman_filter(void)
     any_covariance(&p, &seed);
     const dense m = dense_of(&p);
     const double r = next_between(&seed, 0.01, 4);
-    for (int i = 0; i < STATES; i++) h[i] = next_uniform(&seed) < 0.4 ? TSE_R(0) : real(next_between(&seed, -1, 1)); /* most rows have few slopes */
+    /* most rows have few slopes */
+    for (int i = 0; i < STATES; i++) h[i] = next_uniform(&seed) < 0.4 ? TSE_R(0) : real(next_between(&seed, -1, 1));
     s = r;
     for (int i = 0; i < STATES; i++) {
       hp[i] = 0;
@@ -230,7 +231,9 @@ static void test_d_stays_positive_in_a_long_run(void)
     ud_move(&p, M, noise);
     for (int i = 0; i < STATES; i++) h[i] = next_uniform(&seed) < 0.7 ? TSE_R(0) : real(next_between(&seed, -1, 1));
     (void)ud_measure(&p, h, f, v);
-    ud_correct(&p, f, v, real(n % 7 == 0 ? 1e-6 : n % 11 == 0 ? 1e3 : 1), gain);
+    ud_correct(&p, f, v, real(n % 7 == 0 ? 1e-6 : n % 11 == 0 ? 1e3
+                                                              : 1),
+               gain);
     if (n % 23 == 0)
       for (int i = MOTION; i < STATES; i++) ud_add_at(&p, i, real(1e-6));
     for (int i = 0; i < STATES; i++) TEST_ASSERT_TRUE(p.d[i] > TSE_R(0) && r_is_finite(p.d[i]) && number(p.d[i]) < 1.01);

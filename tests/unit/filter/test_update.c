@@ -4,7 +4,9 @@
 
 enum { ALL = STATES + TSE_DOUBTS };
 
-typedef struct schmidt { double p[ALL][ALL], x[STATES]; } schmidt;
+typedef struct schmidt {
+  double p[ALL][ALL], x[STATES];
+} schmidt;
 
 /* What the filter knows: U D U' and what is uncertain, each of variance 1, with what it shares with the state. */
 static schmidt schmidt_of(const tse_kalman *k)
@@ -104,7 +106,8 @@ static void in_a_turn(const tse_params *p, tse_kalman *k, uint32_t *seed)
 }
 
 /* Readings a little off what is predicted; slopes over all.   Returned: what stands in H for a channel */
-static void a_row(const tse_params *p, const tse_kalman *k, steering u, decoded *z, double h[TSE_SENSORS][ALL], double read[TSE_SENSORS], uint32_t *seed)
+static void a_row(const tse_params *p, const tse_kalman *k, steering u, decoded *z, double h[TSE_SENSORS][ALL], double read[TSE_SENSORS],
+                  uint32_t *seed)
 {
   forces f;
   tse_real at[TSE_SENSORS], H[TSE_SENSORS][COLUMNS];

@@ -52,7 +52,8 @@ static tse_car plain_car(void)
 
 static void any_state(tse_real x[STATES], uint32_t *seed)
 {
-  const double most[STATES] = { 0, 0.5, 0.3, 0.05, 0.05, 0.03, 0.1, 0.03, 0.03, 0.4, 0.2, 0.1, 0.1, 0.005, 0.3, 0.3, 0.3, 0.2, 0.005, 0.04, 0.03, 0.01, 0.1 };
+  const double most[STATES] = { 0, 0.5, 0.3, 0.05, 0.05, 0.03, 0.1, 0.03, 0.03, 0.4, 0.2, 0.1, 0.1, 0.005, 0.3, 0.3, 0.3, 0.2, 0.005,
+                                0.04, 0.03, 0.01, 0.1 };
   for (int i = 0; i < STATES; i++) x[i] = real(next_between(seed, -most[i], most[i]));
   x[VX] = real(next_between(seed, 8, 35));
 }
@@ -66,7 +67,8 @@ static steering any_steering(uint32_t *seed)
 /* ------------------------------------------------------------------------------- slopes */
 
 #if defined(TSE_REAL_DOUBLE)
-static const double unit[COLUMNS] = { 0.2, 0.1, 0.02, 0.01, 0.01, 0.01, 0.5, 0.01, 0.01, 0.3, 0.15, 0.05, 0.05, 0.002, 0.1, 0.1, 0.1, 0.2, 0.002, 0.02, 0.01,
+static const double unit[COLUMNS] = { 0.2, 0.1, 0.02, 0.01, 0.01, 0.01, 0.5, 0.01, 0.01, 0.3, 0.15, 0.05, 0.05, 0.002, 0.1, 0.1, 0.1, 0.2,
+                                      0.002, 0.02, 0.01,
                                       0.005, 0.05, 0.1, 0.03, 0.03, 0.2, 0.2, 0.04 };
 
 /* The car, or the state, with the quantity j off by e. */
@@ -105,7 +107,8 @@ static void expect_slopes(const tse_car *c, int by_slip, double share, double le
     any_state(x, &seed);
     const steering u = any_steering(&seed);
     tse_real moved[STATES];
-    x[AF] = u.from - atan((x[VY] + c->lf * x[YAW]) / x[VX]) + next_between(&seed, -0.01, 0.01); /* as far from what the motion asks for as in a fast turn */
+    /* as far from what the motion asks for as in a fast turn */
+    x[AF] = u.from - atan((x[VY] + c->lf * x[YAW]) / x[VX]) + next_between(&seed, -0.01, 0.01);
     x[AR] = -atan((x[VY] - c->lr * x[YAW]) / x[VX]) + next_between(&seed, -0.01, 0.01);
     forces f;
     memcpy(moved, x, sizeof x);
@@ -127,12 +130,16 @@ static void expect_slopes(const tse_car *c, int by_slip, double share, double le
         car_measure(&d, start, &f, TSE_R(0), z[k], ignored);
       }
       for (int i = 0; i < MOTION; i++) {
-        if (j == LMU && i == VX) continue; /* grip is not learnt of what drives and brakes: that slope is none, on purpose; a little of it turns with the wheels */
+        /* grip is not learnt of what drives and brakes: that slope is none, on purpose; a little of it turns with the wheels */
+        if (j == LMU && i == VX) continue;
         const double slope = (end[1][i] - end[0][i]) / (2 * e), found = length ? M[i][BY_LENGTH_FRONT] + M[i][BY_LENGTH_REAR] : M[i][j];
-        expect_slope(slope, found, unit[j] / unit[i], j == LMU ? 5 * share : share, j == VX ? 5 * least : j == LMU ? 10 * least : least, "slope of the motion, state and column", 100 * i + j);
+        expect_slope(slope, found, unit[j] / unit[i], j == LMU ? 5 * share : share, j == VX ? 5 * least : j == LMU ? 10 * least
+                                                                                                                   : least,
+                     "slope of the motion, state and column", 100 * i + j);
       }
       for (int a = j == LMU ? 1 : 0; a < TSE_SENSORS; a++)
-        expect_slope((z[1][a] - z[0][a]) / (2 * e), length ? 0 : H[a][j], unit[j] / sensor_unit[a], j == LMU ? 5 * share : share, j == LMU ? 10 * least : least, "slope of a sensor, sensor and column", 100 * a + j);
+        expect_slope((z[1][a] - z[0][a]) / (2 * e), length ? 0 : H[a][j], unit[j] / sensor_unit[a], j == LMU ? 5 * share : share,
+                     j == LMU ? 10 * least : least, "slope of a sensor, sensor and column", 100 * a + j);
     }
   }
 }
@@ -175,7 +182,8 @@ static void test_a_tyre_ends_at_its_grip_times_its_load(void)
     x[VX] = TSE_R(20);
     const double end = 0.8 * number(c.load_front);
     x[AF] = real(1e-4);
-    expect_near(1e-4 * number(c.ky_front), number(forces_at(&c, x, 0).side), 1e-3 * 1e-4 * number(c.ky_front) + 64 * QUANTUM, "stiffness at no slip", k);
+    expect_near(1e-4 * number(c.ky_front), number(forces_at(&c, x, 0).side), 1e-3 * 1e-4 * number(c.ky_front) + 64 * QUANTUM,
+                "stiffness at no slip", k);
     const double q = 30;
     x[AF] = real(q * end / number(c.ky_front));
     const double root = q / sqrt(1 + q * q), expected = end * (1 + shape[k] * (root - 1));
@@ -187,7 +195,8 @@ static void test_a_tyre_ends_at_its_grip_times_its_load(void)
     x[AF] = TSE_R(0);
     x[LMU] = TSE_R(0);
     x[SR] = real(-q * 0.8 * number(c.load_rear) / number(c.kx_rear));
-    expect_near(-expected * number(c.load_rear) / number(c.load_front), number(forces_at(&c, x, 0).x), BY_NUMBER(1e-10, 1e-4, 1e-5) * end, "brakes lock", k);
+    expect_near(-expected * number(c.load_rear) / number(c.load_front), number(forces_at(&c, x, 0).x), BY_NUMBER(1e-10, 1e-4, 1e-5) * end,
+                "brakes lock", k);
   }
 }
 
@@ -202,7 +211,8 @@ static void test_a_brush_is_its_cubic(void)
   x[VX] = TSE_R(20);
   const double end = 0.9 * number(c.load_front), k = number(c.ky_front);
   for (double a = -0.4; a < 0.4; a += 0.0137) {
-    const double q = fabs(k * a) / end, expected = q < 3 ? k * a * (1 - q / 3 + q * q / 27) : a > 0 ? end : -end;
+    const double q = fabs(k * a) / end, expected = q < 3 ? k * a * (1 - q / 3 + q * q / 27) : a > 0 ? end
+                                                                                                    : -end;
     x[AF] = real(a);
     const forces f = forces_at(&c, x, 0);
     expect_near(expected, number(f.side), BY_NUMBER(1e-12, 1e-5, 1e-6) * end, "side force", (int)(a * 1e4));
@@ -234,7 +244,10 @@ static void test_left_is_the_mirror_of_right(void)
     for (int i = 0; i < ROWS(sides); i++) y[sides[i]] = -y[sides[i]];
     /* angles are turned into turns, which lie between 0 and 1: the mirror image is rounded elsewhere */
     for (int i = 0; i < MOTION; i++) expect_near(number(x[i]), number(y[i]), BY_NUMBER(1e-12, 2e-5, 1e-6), "motion", i);
-    for (int a = 0; a < TSE_SENSORS; a++) expect_near(number(z[a]), a == 1 || a == 2 ? -number(w[a]) : number(w[a]), BY_NUMBER(1e-12, 1e-4, 1e-6), "sensor", a);
+    for (int a = 0; a < TSE_SENSORS; a++) {
+      const double mirrored = a == 1 || a == 2 ? -number(w[a]) : number(w[a]);
+      expect_near(number(z[a]), mirrored, BY_NUMBER(1e-12, 1e-4, 1e-6), "sensor", a);
+    }
   }
 }
 
@@ -414,7 +427,8 @@ static void test_sensors_read_what_textbooks_say(void)
 /* Anything that a filter of this car may hold makes numbers. */
 static void test_any_state_makes_numbers(void)
 {
-  static const double most[STATES] = { 200, 60, 20, 1.5, 1.5, 0.5, 10, 10, 10, 5, 5, 50, 50, 6, 1.6, 1.6, 1.6, 4, 0.2, 0.5, 0.2, 0.2, 0.9 }; /* five times as stiff */
+  /* five times as stiff */
+  static const double most[STATES] = { 200, 60, 20, 1.5, 1.5, 0.5, 10, 10, 10, 5, 5, 50, 50, 6, 1.6, 1.6, 1.6, 4, 0.2, 0.5, 0.2, 0.2, 0.9 };
   static const double dt[] = { 1e-4, 0.01, 0.05, 0.25 }; /* a longer one is a gap */
   uint32_t seed = 9;
   for (int load = 0; load < 2; load++)
@@ -422,7 +436,8 @@ static void test_any_state_makes_numbers(void)
       const tse_car c = some_car(load);
       tse_real x[STATES], M[MOTION][COLUMNS], z[TSE_SENSORS], H[TSE_SENSORS][COLUMNS];
       forces f;
-      for (int i = 0; i < STATES; i++) x[i] = real(most[i] * (n % 3 ? next_between(&seed, -1, 1) : next_uniform(&seed) < 0.5 ? -1 : 1));
+      for (int i = 0; i < STATES; i++) x[i] = real(most[i] * (n % 3 ? next_between(&seed, -1, 1) : next_uniform(&seed) < 0.5 ? -1
+                                                                                                                             : 1));
       const steering u = { real(next_between(&seed, -1.2, 1.2)), real(next_between(&seed, -1.2, 1.2)), real(dt[n % 4]) };
       car_move(&c, x, u, M);
       car_forces(&c, x, u, TSE_R(1), &f);
