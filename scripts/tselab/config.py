@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from tselab.core import Config, SettingError
+from tselab.core import Config, SettingError, library
 from tselab.errors import UserError
 from tselab.log import Log
 from tselab.toml import read_toml
@@ -16,6 +16,15 @@ from tselab.vehicle import Vehicle, filter_values
 
 GAP_IN_SAMPLES = 5  # max_gap is at least this many sample times
 ROLLING, MANY, SAME_RATIO = 5.0, 500, 1e-3  # rad/s; rows; of the ratio of both axles' wheel speeds
+# Effects that the car's filter does not apply (src/EQUATIONS.md, "In the default filter"); nor the formula of the user.
+NOT_IN_FILTER = (
+    "steering_delay",
+    "imu_delay",
+    "longitudinal_relaxation",
+    "combined_slip",
+    "stiffness_drift",
+    "crosswind",
+)
 ONE_SPEED = (
     "both wheel speeds are one signal: taken as the vehicle's speed, which says nothing of slip; longitudinal stiffness is not "
     "estimated"
@@ -58,6 +67,11 @@ def make_config(
     if log is not None and wheels_are_one(log):
         config.wheel_signals = 1
         notes.append(ONE_SPEED)
+    if form == "default" and (unused := not_in_filter(config, vehicle)):
+        notes.append(
+            f"{', '.join(unused)}: not in the filter's model, not used (what is late belongs into [latency]; tselab simulate, "
+            "calibrate and gap use it)"
+        )
     if filter_file is not None:
         for key, value in read_filter_file(filter_file).items():
             config.set(key, value)
@@ -65,6 +79,13 @@ def make_config(
         if value is not None:
             config.set(key, value, source=f"option --{key.replace('_', '-')}")
     return config, notes
+
+
+def not_in_filter(config: Config, vehicle: Vehicle) -> list[str]:
+    """Return what the vehicle file says of the car and the filter does not apply."""
+    effects = library().effects
+    on = [i for i in NOT_IN_FILTER if any(getattr(config, p.setting) != 0 for p in effects[i].strengths)]
+    return [*(f"effects.{i}" for i in on), *(["formula"] if vehicle.formula is not None else [])]
 
 
 def wheels_are_one(log: Log) -> bool:

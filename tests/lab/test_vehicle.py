@@ -68,6 +68,20 @@ def test_the_filter_has_the_prior_of_the_class_where_the_file_says_nothing(tmp_p
     assert filter_values(exact) == {**exact.values, "driven_axle": 1}  # known exactly: nothing is added
 
 
+def test_what_the_filter_does_not_apply_is_said(tmp_path):
+    from tselab.config import NOT_IN_FILTER, make_config
+    from tselab.core import library
+
+    late = read(tmp_path, BARE + "[effects.imu_delay]\ntime = 0.02\n[effects.body_roll]\ngain = 0.004\n")
+    (note,) = make_config(late, None)[1]
+    assert note.startswith("effects.imu_delay: not in the filter's model, not used")
+    assert make_config(read(tmp_path, BARE + "[effects.body_roll]\ngain = 0.004\n"), None)[1] == []
+    assert set(NOT_IN_FILTER) <= set(library().effects)
+    text = (Path(__file__).resolve().parents[2] / "src" / "EQUATIONS.md").read_text()
+    listed = text.split("Not applied: ")[1].split("Simulator and replay")[0]
+    assert {i for i in library().effects if f"`{i}`" in listed} == set(NOT_IN_FILTER)
+
+
 def test_after_a_calibration_the_filter_has_its_posterior(tmp_path):
     from tselab.vehicle import filter_values
 
