@@ -162,11 +162,15 @@ def renamed(text: str, names: dict[str, str]) -> str:
 
 
 def made_static(text: str, public: set[str]) -> str:
-    """Functions that are not public, and variables, declared and defined, become static."""
+    """Functions that are not public, declared and defined, and variables become static. The file that defines a variable
+    stands before those that use it: its declaration goes, which C++ would take for a second definition."""
     found = list(declarations(text))
     places = [d.at for d in found if d.shared or (d.function and not d.static and d.function not in public)]
     for at in reversed(places):
-        text = text[:at] + "static " + text[at:].removeprefix("extern ")
+        if text.startswith("extern ", at):
+            text = text[:at] + text[text.index(";", at) + 1 :].lstrip(" ")
+        else:
+            text = text[:at] + "static " + text[at:]
     return text
 
 
