@@ -19,7 +19,9 @@ INK, BLUE, ORANGE, GREEN, PURPLE, GREY = "#1f2933", "#0b5fa5", "#c4570a", "#1a7f
 BAND, SPREAD, SHADE = "rgba(11,95,165,0.28)", "rgba(11,95,165,0.10)", "rgba(90,100,110,0.13)"
 PART = 1 << 18  # rows that are thinned at a time, whole strides
 MOST_POINTS = 8000  # per line; longer logs are thinned
-QUIET = 1.15  # noise found over the setting's up to which there is nothing to see
+QUIET = (
+    1.4  # noise found over the setting's up to which there is nothing to see: steps of steering and torque read as some
+)
 FINDING = 2.0  # s at the start in which the noise is still being found
 REGIME_COLOURS = {
     "p_steady": "#dfe4e9", "p_changed": BLUE, "p_axle": PURPLE, "p_fault": "#b3261e", "p_sliding": ORANGE,
