@@ -186,7 +186,6 @@ typedef struct tse_kalman {
   tse_real change_age, change_from[3]; /* [s]; [1] logarithm of the stiffness before the last change */
   tse_real agrees_for;                /* [s] that the channel at fault has agreed */
   int32_t change_kind, fault, slow_turn, channels; /* TSE_CHANGE_*; 0 none, else 1 + place in tse/input.def; rows; of the last row */
-  uint32_t saturated;
   tse_event event[TSE_EVENTS];
   tse_real weight[TSE_EVENTS], none[TSE_GROUPS]; /* posterior probability of each event, and that nothing happened */
 } tse_kalman;

@@ -48,10 +48,9 @@ static int whole(const tse_kalman *k)
   return fine;
 }
 
-static tse_status status_of(const tse_params *p, const tse_filter *f, const decoded *z, const passage *w, const tse_output *out)
+static tse_status status_of(const tse_filter *f, const decoded *z, const passage *w, const tse_output *out)
 {
   tse_status status = TSE_OK;
-  (void)p;
   for (int a = 0; a < 3; a++)
     if (out->reason[a] != TSE_VALID) status = TSE_W_NOT_VALID;
   if (f->k.seen < SETTLE_TIME) status = worse(status, TSE_W_STARTING);
@@ -89,6 +88,7 @@ tse_status step_row(const tse_params *p, tse_filter *f, const tse_input *u, tse_
   }
   if (!fine || !whole(k)) { /* a bit that fell over in memory, an overflow: the prior again, not a number that is none for ever */
     memset(k, 0, sizeof *k);
+    f->start.loaded = 0; /* what was learnt may have led here */
     start_all(p, f);
     start_motion(p, k, &z);
     k->change_kind = TSE_CHANGE_RESTART;
@@ -97,10 +97,9 @@ tse_status step_row(const tse_params *p, tse_filter *f, const tse_input *u, tse_
   memset(&now, 0, sizeof now);
   report_row(p, k, &now);
   judge_row(p, k, &w, &now);
-  for (int a = 0; a < 3; a++)
-    if (now.reason[a] == TSE_VALID) f->known[a] = TSE_KNOWN;
+  now.status = (int32_t)status_of(f, &z, &w, &now);
+  for (int a = 0; a < 3; a++) f->known[a] = now.status == TSE_W_RECOVERED ? TSE_UNKNOWN : now.reason[a] == TSE_VALID ? TSE_KNOWN : f->known[a];
   f->step++;
-  now.status = (int32_t)status_of(p, f, &z, &w, &now);
   if (out) *out = now;
   return (tse_status)now.status;
 }

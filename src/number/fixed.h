@@ -1,10 +1,9 @@
 /* number/fixed.h - arithmetic of the fixed-point scalar: an int64_t in units of 2^-TSE_FRACTION_BITS. Integers only.
  *
  * Room for sums. `+` and `-` are native and cannot say that they overflow, so results of everything else stop at FIXED_MOST, a
- * sixteenth of what the type holds: fifteen of them, of any sign, may be added before the sum leaves the type, and no expression of
- * the library adds more (a row of the longest product, estimator/hypotheses/predict.c, adds thirteen). A result that has stopped
- * is what an infinity is in the other formats: r_is_finite() says no, the hypothesis that holds one is dropped, and the filter
- * counts it (tse_filter.saturated).
+ * sixteenth of what the type holds: fifteen of them, of any sign, may be added before the sum leaves the type. The longest sums, over
+ * the states of the filter, have 23 terms: those are kept far below it (STEEPEST in filter/predict.c, state_most in filter/start.c).
+ * A result that has stopped is what an infinity is in the other formats: r_is_finite() says no, and the filter starts over.
  *
  * Portable C: four products of 32-bit halves, no type wider than 64 bits. Where the compiler has one, 128 bits give the same result
  * sooner. Right shifts of negative numbers must be arithmetic, and conversion to a signed type must keep the bits; both are checked. */
