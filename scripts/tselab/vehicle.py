@@ -124,7 +124,7 @@ def filter_values(vehicle: Vehicle) -> dict[str, float]:
     sensors = {name: ordinary.get(name, float(getattr(plain, name))) for name in sensor_settings()}
     found["model_sd"] = max(v.get("model_sd", 0.0), CALIBRATED_MODEL_SD)
     sensors["steer_lag_sd"] = max(v.get("steer_lag_sd", 0.0), LEAST_LATE_SD)
-    return {"cg_height": ordinary["cg_height"], **v, **sensors, **found}
+    return {"cg_height": ordinary["cg_height"], "grade_sd": ordinary["grade_sd"], **v, **sensors, **found}
 
 
 def vehicle_settings() -> list[str]:

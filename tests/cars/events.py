@@ -10,6 +10,7 @@ is more than 20 % off, of the rows that have a truth.
 from __future__ import annotations
 
 import argparse
+import json
 import multiprocessing
 import sys
 from pathlib import Path
@@ -63,6 +64,13 @@ def drive(folder: Path, cars: int, first: int, minutes: float) -> list[tuple[Pat
     jobs = []
     for n, scenario in enumerate(EVENTS):
         for m, road in enumerate(ON):
+            at = [folder / f"{scenario}_{road}" / f"car{k}" / "truth.json" for k in range(cars)]
+            if all(x.exists() for x in at):  # driven in an earlier run
+                for k, x in enumerate(at):
+                    event = json.loads(x.read_text(encoding="utf-8"))["logs"][road]["event"]
+                    if event is not None:
+                        jobs.append((folder, road, scenario, k, float(event["time"])))
+                continue
             print(f"driving: {scenario}, {road}", file=sys.stderr)
             made = make_logs(road, minutes, cars=make_cars(cars, first), seed=1000 * first + 100 + 10 * n + m, scenario=scenario,
                              event_time=20 * minutes)  # fmt: skip
