@@ -72,7 +72,7 @@ int event_is_small(const tse_event *a); /* it may explain the samples, and calls
 static inline int32_t place_of(int32_t a) { return a < 3 ? a + 1 + (int32_t)TSE_CHANNEL_accel_x : a - 3 + 1 + (int32_t)TSE_CHANNEL_wheel_speed_front; }
 
 /* What kind of row it is. */
-typedef struct passage { int gap, held, predicted; } passage;
+typedef struct passage { int gap, held, predicted, one_speed; } passage;
 
 /* output.c   estimates, probabilities, and why each stiffness is valid or not */
 void report_row(const tse_params *p, const tse_kalman *k, tse_output *out);

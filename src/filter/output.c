@@ -102,6 +102,7 @@ static tse_reason reason_of(const tse_params *p, const tse_kalman *k, const pass
 void judge_row(const tse_params *p, const tse_kalman *k, const passage *w, tse_output *out)
 {
   for (int a = 0; a < 3; a++) out->reason[a] = (int32_t)reason_of(p, k, w, out, out->stiffness_sd[a], out->stiffness[a], stiffness_state[a]);
+  if (out->reason[TSE_CX_FRONT] == TSE_VALID && w->one_speed) out->reason[TSE_CX_FRONT] = TSE_NOT_EXCITED; /* no slip is seen */
   out->grip_reason = (int32_t)reason_of(p, k, w, out, out->grip_sd, out->grip, LMU);
   if (out->grip_reason == TSE_VALID && !(p->prior_sd[LMU] > TSE_R(0))) out->grip_reason = TSE_NOT_EXCITED; /* a setting, no estimate */
 }

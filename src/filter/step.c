@@ -35,6 +35,7 @@ static passage classify(const tse_params *p, tse_filter *f, const decoded *z)
   w.gap = jumped(f, z) || z->dt > p->max_gap || (z->has_steer && f->lost);
   f->lost = f->held_for > p->max_gap || f->rolled_for > TSE_R(10) || (f->lost && !(z->has_steer && wheels));
   w.predicted = f->lost || z->used == 0 || !z->has_steer;
+  w.one_speed = z->one_speed;
   w.held = slow < p->hold_speed || r_min(front, rear) < REVERSE_SPEED || r_abs(z->steer) > p->max_steer;
   f->still_for = slow < STILL_SPEED && wheels ? r_min(f->still_for + z->dt, STILL_TIME) : TSE_R(0);
   return w;
@@ -76,6 +77,9 @@ tse_status step_row(const tse_params *p, tse_filter *f, const tse_input *u, tse_
   const int placed = !f->started || w.held || w.gap || f->lost || (blind && z.has_steer);
   for (int a = 0; a < TSE_SENSORS && !z.has_steer; a++) z.use[a] = placed ? z.use[a] : 0; /* a stiffness would make up for it */
   if (placed) {
+    for (int a = 0; a < TSE_SENSORS; a++) k->innovation[a] = k->innovation_var[a] = TSE_R(0); /* nothing is weighed */
+    k->nis = k->log_likelihood = TSE_R(0);
+    k->channels = 0;
     if (f->started) rest_row(p, k, z.dt);
     if (!f->lost || !f->started) start_motion(p, k, &z);
     if (!(f->still_for < STILL_TIME)) update_still(p, k, &z);

@@ -123,6 +123,7 @@ void update_row(const tse_params *p, tse_kalman *k, const decoded *z, steering u
   car_forces(c, k->x, u, TSE_R(1), &f);
   if (c->pitch_leak > TSE_R(0) || c->pitch_leak < TSE_R(0)) car_pitch(c, k->pitch, f.x, z->dt);
   car_measure(c, k->x, &f, k->pitch[0], read, H);
+  if (z->one_speed) H[0][LCX] = TSE_R(0); /* one speed is no slip: nothing of the stiffness that it has */
   what_is_late(p, k, &f, z->dt, doubts);
   for (int i = 0; i < STATES; i++) change[i] = TSE_R(0);
   k->nis = TSE_R(0);

@@ -95,7 +95,6 @@ def test_held_inputs_cost_the_stiffness_little() -> None:
         assert 0 < np.abs(cost).max() < 5, s
 
 
-@pytest.mark.xfail(reason="the filter takes the jump from 0 to 20 m/s for a fault and for other tyres", strict=False)
 def test_a_first_row_of_zeros_is_forgotten() -> None:
     """What importers hand on that connect outputs one step late (fmu/connect.html). Soon estimates are about those without it."""
     run, estimator = study(1), unit("TireStiffnessEstimator")

@@ -338,9 +338,6 @@ def test_at_large_steering_angles_nothing_is_learnt(turned):
         assert np.ptp(est[key].iloc[50:60]) < 1e-3 * est[key].iloc[50]
 
 
-@pytest.mark.xfail(
-    strict=True, reason="rows that are held repeat log_evidence, nis and innovations of the last row that was used"
-)
 def test_what_was_not_used_has_no_evidence(turned):
     """As include/tse/output.def says."""
     _, est = turned
@@ -348,9 +345,6 @@ def test_what_was_not_used_has_no_evidence(turned):
         assert (est[name].iloc[50:60] == 0).all(), name
 
 
-@pytest.mark.xfail(
-    strict=True, reason="with one speed for both axles the longitudinal stiffness is called valid, and 50 to 70 % off"
-)
 def test_a_vehicle_speed_says_nothing_of_slip(drive, tmp_path):
     table = drive.table()
     table["wheel_speed_front"] = table["wheel_speed_rear"]

@@ -6,6 +6,7 @@ static tse_params a_car(void)
 {
   tse_config c;
   tse_config_default(&c);
+  c.grade_sd = setting(0.03);
   c.grip = setting(1);
   c.grip_sd = setting(0.2);
   c.steer_offset_sd = setting(0.004);
