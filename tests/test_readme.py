@@ -39,9 +39,7 @@ def test_its_numbers_are_those_of_scripts_results():
     )
     stated = "cornering {} and {} % off, {} and {} % of rows valid, of these {} and {} % more than 10 % off; {} and {} % within"
     assert stated.format(*error, *valid, *off, *band) in facts
-    delay, longest = re.match(
-        r"([\d.]+) \(([\d.]+)\)", cells("regimes-road.md", "road-0.7 | tse | 30 s |")[0]
-    ).groups()
+    delay, longest = re.match(r"([\d.]+) \(([\d.]+)\)", cells("regimes-road.md", "road-0.7 | tse | 30 s |")[0]).groups()
     hours, _, false = cells("as-told.md", "as-told | tse |")[:3]
     assert f"detected after {delay} s (longest {longest}); {false} false alarms in {float(hours):.0f} hours" in facts
     time, memory = cells("bench.md", "default |")[0], cells("sizes.md", "`tse_filter`: the default form |")[0]

@@ -6,8 +6,15 @@
  * opened in turn; an event whose posterior probability is high enough is believed: the state moves, and what it opens is uncertain. */
 #include "filter/filter.h"
 
-typedef struct opens { int32_t state; tse_real sd; } opens;
-typedef struct kind { opens common[3], own[3]; tse_real every; int32_t places; } kind;
+typedef struct opens {
+  int32_t state;
+  tse_real sd;
+} opens;
+typedef struct kind {
+  opens common[3], own[3];
+  tse_real every;
+  int32_t places;
+} kind;
 
 /* One row a kind: what one amplitude moves, in SI; what is uncertain beside it once it is believed; time between openings [s]; places. */
 #define NO { -1, TSE_R(0) }
@@ -28,14 +35,17 @@ static kind kind_of(int32_t which)
 
 static tse_real rate_of(int32_t which)
 {
-  return which == EVENT_ROAD ? RATE_ROAD : which <= EVENT_REAR ? RATE_AXLE : which <= EVENT_SLIP_REAR ? RATE_SLIP : RATE_FAULT;
+  return which == EVENT_ROAD ? RATE_ROAD : which <= EVENT_REAR    ? RATE_AXLE
+                                       : which <= EVENT_SLIP_REAR ? RATE_SLIP
+                                                                  : RATE_FAULT;
 }
 
 /* The amplitude below which nothing has happened that one would act on. */
 static tse_real least_of(int32_t which) { return which <= EVENT_SLIP_REAR ? LEAST_CHANGE : TSE_R(1); }
 
 /* Tyres, steering angle, accel_y and gyro make the car turn; slip, wheels and accel_x make it go: of each something may have happened. */
-enum { TURNING, GOING };
+enum { TURNING,
+       GOING };
 static int group_of(int32_t which) { return which == EVENT_SLIP_FRONT || which == EVENT_SLIP_REAR || which == EVENT_SENSOR || which >= EVENT_SENSOR + 3 ? GOING : TURNING; }
 
 void events_clear(tse_kalman *k, int count)
@@ -149,7 +159,11 @@ static void spawn(tse_kalman *k)
     int oldest = at, best = at, free = 0;
     tse_real youngest = TSE_R(1e6);
     for (int n = at; n < last; n++) {
-      if (k->event[n].kind == EVENT_NONE) { oldest = n; free = 1; break; }
+      if (k->event[n].kind == EVENT_NONE) {
+        oldest = n;
+        free = 1;
+        break;
+      }
       youngest = r_min(youngest, k->event[n].age);
       if (gain_of(&k->event[n]) > gain_of(&k->event[best])) best = n;
     }
@@ -161,7 +175,10 @@ static void spawn(tse_kalman *k)
           oldest = n;
         }
       const int shows = gain_of(&k->event[at]) > TSE_R(3) && !event_is_small(&k->event[at]); /* one that began before it happened is in the way */
-      if (what.places == 1 && shows && k->event[at].age < LONGEST_EVENT) { at = last; continue; }
+      if (what.places == 1 && shows && k->event[at].age < LONGEST_EVENT) {
+        at = last;
+        continue;
+      }
     }
     if (free || !(youngest < r_mul(NEARLY, what.every))) open_event(k, oldest, which);
     at = last;
@@ -188,7 +205,8 @@ static void believe(const tse_params *p, tse_kalman *k, int n)
   }
   for (int i = 0; i < 3; i++) k->x[LCX + i] = r_clamp(k->x[LCX + i], p->log_min, p->log_max);
   if (a.kind <= EVENT_REAR) {
-    k->change_kind = a.kind == EVENT_ROAD ? TSE_CHANGE_ROAD : a.kind == EVENT_FRONT ? TSE_CHANGE_FRONT : TSE_CHANGE_REAR;
+    k->change_kind = a.kind == EVENT_ROAD ? TSE_CHANGE_ROAD : a.kind == EVENT_FRONT ? TSE_CHANGE_FRONT
+                                                                                    : TSE_CHANGE_REAR;
     k->change_age = TSE_R(0);
     for (int i = 0; i < 3; i++) k->change_from[i] = was[i];
   }

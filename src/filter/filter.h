@@ -33,10 +33,27 @@ typedef struct decoded {
 } decoded;
 
 /* Kinds of events, and what each opens: events.c. */
-enum { EVENT_NONE, EVENT_ROAD, EVENT_FRONT, EVENT_REAR, EVENT_SLIP_FRONT, EVENT_SLIP_REAR, EVENT_STEER, EVENT_SENSOR, EVENT_KINDS = EVENT_SENSOR + TSE_SENSORS };
+enum { EVENT_NONE,
+       EVENT_ROAD,
+       EVENT_FRONT,
+       EVENT_REAR,
+       EVENT_SLIP_FRONT,
+       EVENT_SLIP_REAR,
+       EVENT_STEER,
+       EVENT_SENSOR,
+       EVENT_KINDS = EVENT_SENSOR + TSE_SENSORS };
 
 /* Uncertain quantities that are no state: the first as BY_INERTIA ... */
-enum { DOUBT_INERTIA, DOUBT_CENTRE, DOUBT_MOMENT, DOUBT_LENGTH_FRONT, DOUBT_LENGTH_REAR, DOUBT_ROLL_STEER, DOUBT_SCALE, DOUBT_GYRO, DOUBT_WHEELS_LATE, DOUBT_ACCEL_LATE };
+enum { DOUBT_INERTIA,
+       DOUBT_CENTRE,
+       DOUBT_MOMENT,
+       DOUBT_LENGTH_FRONT,
+       DOUBT_LENGTH_REAR,
+       DOUBT_ROLL_STEER,
+       DOUBT_SCALE,
+       DOUBT_GYRO,
+       DOUBT_WHEELS_LATE,
+       DOUBT_ACCEL_LATE };
 
 /* Unit of each state in the covariance: numbers of one magnitude in every number format. */
 extern const tse_real state_unit[STATES];
@@ -72,7 +89,9 @@ int event_is_small(const tse_event *a); /* it may explain the samples, and calls
 static inline int32_t place_of(int32_t a) { return a < 3 ? a + 1 + (int32_t)TSE_CHANNEL_accel_x : a - 3 + 1 + (int32_t)TSE_CHANNEL_wheel_speed_front; }
 
 /* What kind of row it is. */
-typedef struct passage { int gap, held, predicted, one_speed; } passage;
+typedef struct passage {
+  int gap, held, predicted, one_speed;
+} passage;
 
 /* output.c   estimates, probabilities, and why each stiffness is valid or not */
 void report_row(const tse_params *p, const tse_kalman *k, tse_output *out);

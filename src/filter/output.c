@@ -65,12 +65,15 @@ void report_row(const tse_params *p, const tse_kalman *k, tse_output *out)
   for (int n = 0; n < TSE_EVENTS; n++) {
     const int32_t kind = k->event[n].kind;
     if (kind == EVENT_NONE || event_is_small(&k->event[n])) continue;
-    out->regime[kind == EVENT_ROAD ? TSE_REGIME_CHANGED : kind <= EVENT_REAR ? TSE_REGIME_AXLE : kind <= EVENT_SLIP_REAR ? TSE_REGIME_SLIDING : TSE_REGIME_FAULT] += weight[n];
+    out->regime[kind == EVENT_ROAD ? TSE_REGIME_CHANGED : kind <= EVENT_REAR    ? TSE_REGIME_AXLE
+                                                      : kind <= EVENT_SLIP_REAR ? TSE_REGIME_SLIDING
+                                                                                : TSE_REGIME_FAULT] += weight[n];
   }
   const int recent = k->change_kind != TSE_CHANGE_NONE && k->change_age < SETTLE_TIME;
   const int now = k->fault ? TSE_REGIME_FAULT : r_max(r_abs(k->x[SF]), r_abs(k->x[SR])) > p->max_slip ? TSE_REGIME_SLIDING
-                : recent ? k->change_kind == TSE_CHANGE_ROAD ? TSE_REGIME_CHANGED : k->change_kind == TSE_CHANGE_RESTART ? TSE_REGIME_RESTARTED : TSE_REGIME_AXLE
-                : TSE_REGIME_STEADY;
+                                            : recent                                                  ? k->change_kind == TSE_CHANGE_ROAD ? TSE_REGIME_CHANGED : k->change_kind == TSE_CHANGE_RESTART ? TSE_REGIME_RESTARTED
+                                                                                                                                                                                                      : TSE_REGIME_AXLE
+                                                                                                      : TSE_REGIME_STEADY;
   tse_real sum = TSE_R(0);
   for (int r = 0; r < TSE_REGIMES; r++) sum += out->regime[r];
   const tse_real share = r_div(TSE_R(1), r_max(sum, TSE_R(1))); /* two may have happened at once */
@@ -110,7 +113,7 @@ void judge_row(const tse_params *p, const tse_kalman *k, const passage *w, tse_o
 tse_status tse_told_sd(const tse_params *p, const tse_filter *f, int32_t k, tse_real sd[3])
 {
   static const int32_t doubt[TSE_TOLD] = { /* in the order of tse/told.def: mass; what is no state; states, below -1; model */
-    -1, DOUBT_INERTIA, DOUBT_CENTRE, -2, -3, DOUBT_SCALE, DOUBT_WHEELS_LATE, DOUBT_ACCEL_LATE, DOUBT_LENGTH_FRONT, -4, DOUBT_GYRO, DOUBT_MOMENT, DOUBT_ROLL_STEER, -5, -6
+                                           -1, DOUBT_INERTIA, DOUBT_CENTRE, -2, -3, DOUBT_SCALE, DOUBT_WHEELS_LATE, DOUBT_ACCEL_LATE, DOUBT_LENGTH_FRONT, -4, DOUBT_GYRO, DOUBT_MOMENT, DOUBT_ROLL_STEER, -5, -6
   };
   static const int32_t state[6] = { 0, GAIN, OFF, LEAN, RAD, 0 };
   if (!p || !f || !sd) return TSE_E_NULL;

@@ -2,11 +2,11 @@
 #include "filter/filter.h"
 
 const tse_real state_unit[STATES] = {
-  TSE_R(0.2),  TSE_R(0.1),  TSE_R(0.02),                          /* VX VY YAW         */
+  TSE_R(0.2), TSE_R(0.1), TSE_R(0.02),                          /* VX VY YAW         */
   TSE_R(0.01), TSE_R(0.01), TSE_R(0.01), TSE_R(0.5),              /* AF AR PHI DPHI    */
-  TSE_R(0.01), TSE_R(0.01), TSE_R(0.3),  TSE_R(0.15),             /* SF SR GX GY       */
+  TSE_R(0.01), TSE_R(0.01), TSE_R(0.3), TSE_R(0.15),             /* SF SR GX GY       */
   TSE_R(0.05), TSE_R(0.05), TSE_R(0.002),                         /* BX BY BR          */
-  TSE_R(0.1),  TSE_R(0.1),  TSE_R(0.1),  TSE_R(0.2),              /* LCX LCF LCR LMU   */
+  TSE_R(0.1), TSE_R(0.1), TSE_R(0.1), TSE_R(0.2),              /* LCX LCF LCR LMU   */
   TSE_R(0.002), TSE_R(0.02), TSE_R(0.01), TSE_R(0.005), TSE_R(0.05) /* OFF GAIN LATE RAD LEAN */
 };
 
@@ -39,7 +39,9 @@ void start_motion(const tse_params *p, tse_kalman *k, const decoded *z)
   const tse_car *const c = &p->car;
   tse_real *const x = k->x, variance[GX];
   const int rear = z->use[4] && (c->driven != 2 || !z->use[3]);
-  const tse_real v = rear ? z->z[4] : z->use[3] ? z->z[3] : x[VX], r = z->use[2] ? z->z[2] - x[BR] : TSE_R(0);
+  const tse_real v = rear ? z->z[4] : z->use[3] ? z->z[3]
+                                                : x[VX],
+                 r = z->use[2] ? z->z[2] - x[BR] : TSE_R(0);
   const tse_real across = r_mul(v, r), wheelbase = c->lf + c->lr; /* steady turn: each axle carries its share of it */
   const tse_real front = r_div(r_mul(across, r_div(c->lr, wheelbase)), r_mul(c->ky_front, r_exp2(r_mul(LOG2_OF_E, x[LCF]))));
   const tse_real back = r_div(r_mul(across, r_div(c->lf, wheelbase)), r_mul(c->ky_rear, r_exp2(r_mul(LOG2_OF_E, x[LCR]))));

@@ -2,7 +2,9 @@
 #include "filter/filter.h"
 
 /* A measurement as the filter predicts it: slopes over the state in its units, over uncertain quantities, innovation, noise. */
-typedef struct scalar { tse_real h[STATES], doubts[TSE_DOUBTS], e, r, white, dt; } scalar;
+typedef struct scalar {
+  tse_real h[STATES], doubts[TSE_DOUBTS], e, r, white, dt;
+} scalar;
 
 /* How much larger than thought slow innovations of a channel usually are: what this car's model does not explain is no event. */
 static tse_real usual_of(tse_kalman *k, int c, tse_real e, tse_real s, tse_real dt)

@@ -6,7 +6,9 @@
 #define LOG2_E_ TSE_R(1.4426950408889634)
 
 /* One direction of a tyre: force, and its slopes over slip (or slip angle), the logarithms of stiffness and grip. */
-typedef struct tyre { tse_real f, by_slip, by_k, by_mu; } tyre;
+typedef struct tyre {
+  tse_real f, by_slip, by_k, by_mu;
+} tyre;
 
 static tse_real exponential(tse_real x) { return r_exp2(r_mul(LOG2_E_, x)); }
 
@@ -76,11 +78,11 @@ void car_forces(const tse_car *c, const tse_real x[STATES], steering u, tse_real
   f->yaw = r_mul(c->jf, ay + c->pull_front) - r_mul(c->jr, yr.f + c->pull_rear) - r_mul(c->trail, yf.f + yr.f);
   for (int j = 0; j < COLUMNS; j++) f->by_x[j] = f->by_y[j] = f->by_yaw[j] = TSE_R(0);
   /* by state: forces of the front axle along and across its wheels, of the rear axle; what saturates longitudinally is no sign of the grip */
-  const struct { int at; tse_real x, y, rear_x, rear_y; } by[] = {
-    { SF, xf.by_slip, TSE_R(0), TSE_R(0), TSE_R(0) }, { AF, TSE_R(0), yf.by_slip, TSE_R(0), TSE_R(0) },
-    { SR, TSE_R(0), TSE_R(0), xr.by_slip, TSE_R(0) }, { AR, TSE_R(0), TSE_R(0), TSE_R(0), yr.by_slip },
-    { LCX, xf.by_k, TSE_R(0), xr.by_k, TSE_R(0) },    { LCF, TSE_R(0), yf.by_k, TSE_R(0), TSE_R(0) },
-    { LCR, TSE_R(0), TSE_R(0), TSE_R(0), yr.by_k },   { LMU, TSE_R(0), yf.by_mu, TSE_R(0), yr.by_mu }
+  const struct {
+    int at;
+    tse_real x, y, rear_x, rear_y;
+  } by[] = {
+    { SF, xf.by_slip, TSE_R(0), TSE_R(0), TSE_R(0) }, { AF, TSE_R(0), yf.by_slip, TSE_R(0), TSE_R(0) }, { SR, TSE_R(0), TSE_R(0), xr.by_slip, TSE_R(0) }, { AR, TSE_R(0), TSE_R(0), TSE_R(0), yr.by_slip }, { LCX, xf.by_k, TSE_R(0), xr.by_k, TSE_R(0) }, { LCF, TSE_R(0), yf.by_k, TSE_R(0), TSE_R(0) }, { LCR, TSE_R(0), TSE_R(0), TSE_R(0), yr.by_k }, { LMU, TSE_R(0), yf.by_mu, TSE_R(0), yr.by_mu }
   };
   for (int i = 0; i < (int)(sizeof by / sizeof by[0]); i++) {
     const tse_real y = r_mul(by[i].y, k) + r_mul(by[i].x, s);
@@ -101,7 +103,9 @@ void car_forces(const tse_car *c, const tse_real x[STATES], steering u, tse_real
 }
 
 /* Slip angle of an axle that its motion asks for, and its slopes. */
-typedef struct kinematic { tse_real a, by_side, by_v; } kinematic;
+typedef struct kinematic {
+  tse_real a, by_side, by_v;
+} kinematic;
 
 static kinematic slip_angle(tse_real side, tse_real vx)
 {
@@ -171,7 +175,8 @@ static void substep(const tse_car *c, tse_real x[STATES], steering u, tse_real m
 void car_move(const tse_car *c, tse_real x[STATES], steering u, tse_real M[MOTION][COLUMNS])
 {
   int32_t steps = -r_floor_to_int(-r_div(u.dt, LONGEST));
-  steps = steps < 1 ? 1 : steps > TSE_SUBSTEPS ? TSE_SUBSTEPS : steps;
+  steps = steps < 1 ? 1 : steps > TSE_SUBSTEPS ? TSE_SUBSTEPS
+                                               : steps;
   const tse_real part = r_div(TSE_R(1), r_from_int(steps)), h = r_mul(u.dt, part);
   for (int i = 0; i < MOTION; i++)
     for (int j = 0; j < COLUMNS; j++) M[i][j] = i == j ? TSE_R(1) : TSE_R(0);
