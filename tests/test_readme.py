@@ -35,7 +35,7 @@ def test_its_numbers_are_those_of_scripts_results():
     rms = cells("accuracy.md", "RMS error |")
     assert f"RMS error {', '.join(rms)} %" in facts and "24 runs" in (RESULTS / "accuracy.md").read_text()
     error, valid, off, band = (
-        [x.strip() for x in c.split("/")][1:] for c in cells("cars-fresh.md", "all | calibrated |")
+        [x.strip() for x in c.split("/")][1:] for c in cells("cars-fresh.md", "all | calibrated |")[:4]
     )
     stated = "cornering {} and {} % off, {} and {} % of rows valid, of these {} and {} % more than 10 % off; {} and {} % within"
     assert stated.format(*error, *valid, *off, *band) in facts
