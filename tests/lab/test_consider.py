@@ -171,7 +171,12 @@ def over_hills(grade: float, seconds: float = 120.0) -> tuple[np.ndarray, np.nda
 def test_a_grade_is_found_and_costs_no_stiffness(grade: float) -> None:
     """5 % of the rows: what is asked."""
     rows, _ = over_hills(grade)
-    settings = {"accel_x_sd": 0.1, "longitudinal_stiffness_rear": CAR.longitudinal_stiffness_front, "driven_axle": 1.0}
+    settings = {
+        "accel_x_sd": 0.1,
+        "longitudinal_stiffness_rear": CAR.longitudinal_stiffness_front,
+        "driven_axle": 1.0,
+        "grade_sd": 0.03,
+    }
     filter_ = Filter(Config(settings))
     out = filter_.outputs(len(rows))
     filter_.step_into(rows, out)
