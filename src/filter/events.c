@@ -139,8 +139,6 @@ static void open_event(tse_kalman *k, int n, int32_t which)
   tse_event *const a = &k->event[n];
   const kind what = kind_of(which);
   memset(a, 0, sizeof *a);
-  for (int i = 0; i < STATES; i++) a->v[i] = TSE_R(0);
-  a->info = a->score = a->age = TSE_R(0);
   a->kind = which;
   k->weight[n] = TSE_R(0);
   for (int i = 0; i < 3; i++)

@@ -1,58 +1,66 @@
 /* filter/output.c - what the filter reports of a row, and whether to act on it. */
 #include "filter/filter.h"
 
-static const int32_t stiffness_state[3] = { LCX, LCF, LCR };
-
 #define LONGITUDINAL TSE_R(4) /* model error of slip stiffness over that of cornering stiffness: pitch, braking, drag are known that much
                                   less; and never better than the discrepancy, since no bend shows another side of it */
 
 /* Variance of state i over the posterior, the uncertain quantities and the events that may have happened; *shift: their mean. SI */
-static tse_real variance_of(const tse_kalman *k, const tse_real *weight, int i, tse_real *shift)
+static tse_real variance_of(const tse_kalman *k, int i, tse_real *shift)
 {
   tse_real var = ud_variance(&k->p, i), mean = TSE_R(0), square = TSE_R(0);
   for (int q = 0; q < TSE_DOUBTS; q++) var += r_sqr(k->doubt[q][i]);
   for (int n = 0; n < TSE_EVENTS; n++) {
     const tse_event *const a = &k->event[n];
-    if (a->kind == EVENT_NONE || weight[n] < TSE_R(1e-6)) continue;
+    const tse_real weight = k->weight[n];
+    if (a->kind == EVENT_NONE || weight < TSE_R(1e-6)) continue;
     const tse_real amplitude = r_div(a->score, TSE_R(1) + a->info), off = r_mul(amplitude, a->v[i]);
-    mean += r_mul(weight[n], off);
-    square += r_mul(weight[n], r_mul(off, off) + r_div(r_sqr(a->v[i]), TSE_R(1) + a->info));
+    mean += r_mul(weight, off);
+    square += r_mul(weight, r_mul(off, off) + r_div(r_sqr(a->v[i]), TSE_R(1) + a->info));
   }
   *shift = r_mul(mean, state_unit[i]);
   return r_mul(r_max(var + square - r_mul(mean, mean), TSE_R(0)), r_sqr(state_unit[i]));
 }
 
+/* What is so when no event is waiting to be believed. */
+static int regime_now(const tse_params *p, const tse_kalman *k)
+{
+  if (k->fault) return TSE_REGIME_FAULT;
+  if (r_max(r_abs(k->x[SF]), r_abs(k->x[SR])) > p->max_slip) return TSE_REGIME_SLIDING;
+  if (k->change_kind == TSE_CHANGE_NONE || !(k->change_age < SETTLE_TIME)) return TSE_REGIME_STEADY;
+  if (k->change_kind == TSE_CHANGE_RESTART) return TSE_REGIME_RESTARTED;
+  return k->change_kind == TSE_CHANGE_ROAD ? TSE_REGIME_CHANGED : TSE_REGIME_AXLE;
+}
+
 void report_row(const tse_params *p, const tse_kalman *k, tse_output *out)
 {
   tse_real shift, var;
-  const tse_real *const weight = k->weight;
   tse_real *const state[3] = { &out->vel_x, &out->vel_y, &out->yaw_rate };
   tse_real *const state_sd[3] = { &out->vel_x_sd, &out->vel_y_sd, &out->yaw_rate_sd };
   const tse_real none = r_mul(k->none[0], k->none[1]);
   for (int i = 0; i < 3; i++) {
-    var = variance_of(k, weight, VX + i, &shift);
+    var = variance_of(k, VX + i, &shift);
     *state[i] = r_clamp(k->x[VX + i] + shift, -state_most[VX + i], state_most[VX + i]);
     *state_sd[i] = r_sqrt(var);
-    var = variance_of(k, weight, BX + i, &shift);
+    var = variance_of(k, BX + i, &shift);
     out->bias[i] = k->x[BX + i] + shift;
     out->bias_sd[i] = r_sqrt(var);
-    var = variance_of(k, weight, stiffness_state[i], &shift);
-    out->stiffness[i] = r_exp2(r_mul(LOG2_OF_E, r_clamp(k->x[stiffness_state[i]] + shift, p->log_min, p->log_max)));
+    var = variance_of(k, LCX + i, &shift);
+    out->stiffness[i] = r_exp2(r_mul(LOG2_OF_E, r_clamp(k->x[LCX + i] + shift, p->log_min, p->log_max)));
     var += r_sqr(i == TSE_CX_FRONT ? r_max(r_mul(LONGITUDINAL, MODEL_FLOOR), p->model_sd) : MODEL_FLOOR) + p->mass_var;
     out->stiffness_sd[i] = r_mul(out->stiffness[i], r_sqrt(var));
     out->stiffness_spread[i] = r_mul(out->stiffness[i], p->model_sd);
     out->spread_seen[i] = 0;
     out->discrepancy[i] = r_mul(p->model_sd, r_sqrt(k->activity[i]));
-    out->change_ratio[i] = k->change_kind ? r_exp2(r_mul(LOG2_OF_E, k->x[stiffness_state[i]] - k->change_from[i])) : TSE_R(1);
+    out->change_ratio[i] = k->change_kind ? r_exp2(r_mul(LOG2_OF_E, k->x[LCX + i] - k->change_from[i])) : TSE_R(1);
   }
   /* the rear axle slips sideways by force over stiffness: lr r - vy is that much, times what the stiffness may be off by */
   const tse_real across = r_mul(p->lr, out->yaw_rate) - out->vel_y;
   out->vel_y_sd = r_sqrt(r_sqr(out->vel_y_sd) + r_mul(r_sqr(across) + r_sqr(r_mul(p->lr, out->yaw_rate)), r_sqr(p->model_sd) + p->mass_var));
   out->sideslip = r_max(r_abs(out->vel_x), r_abs(out->vel_y)) < TSE_R(0.01) ? TSE_R(0) : r_atan2(out->vel_y, out->vel_x);
-  var = variance_of(k, weight, LATE, &shift);
+  var = variance_of(k, LATE, &shift);
   out->lag_steer = k->x[LATE] + shift;
   out->lag_steer_sd = r_sqrt(var);
-  var = variance_of(k, weight, LMU, &shift);
+  var = variance_of(k, LMU, &shift);
   out->grip = r_mul(p->car.grip, r_exp2(r_mul(LOG2_OF_E, k->x[LMU] + shift)));
   out->grip_sd = r_mul(out->grip, r_sqrt(var + r_sqr(MODEL_FLOOR)));
   out->sideslip_sd = r_div(out->vel_y_sd, r_max(r_abs(out->vel_x), TSE_R(1)));
@@ -67,13 +75,9 @@ void report_row(const tse_params *p, const tse_kalman *k, tse_output *out)
     if (kind == EVENT_NONE || event_is_small(&k->event[n])) continue;
     out->regime[kind == EVENT_ROAD ? TSE_REGIME_CHANGED : kind <= EVENT_REAR    ? TSE_REGIME_AXLE
                                                       : kind <= EVENT_SLIP_REAR ? TSE_REGIME_SLIDING
-                                                                                : TSE_REGIME_FAULT] += weight[n];
+                                                                                : TSE_REGIME_FAULT] += k->weight[n];
   }
-  const int recent = k->change_kind != TSE_CHANGE_NONE && k->change_age < SETTLE_TIME;
-  const int now = k->fault ? TSE_REGIME_FAULT : r_max(r_abs(k->x[SF]), r_abs(k->x[SR])) > p->max_slip ? TSE_REGIME_SLIDING
-                                            : recent                                                  ? k->change_kind == TSE_CHANGE_ROAD ? TSE_REGIME_CHANGED : k->change_kind == TSE_CHANGE_RESTART ? TSE_REGIME_RESTARTED
-                                                                                                                                                                                                      : TSE_REGIME_AXLE
-                                                                                                      : TSE_REGIME_STEADY;
+  const int now = regime_now(p, k);
   tse_real sum = TSE_R(0);
   for (int r = 0; r < TSE_REGIMES; r++) sum += out->regime[r];
   const tse_real share = r_div(TSE_R(1), r_max(sum, TSE_R(1))); /* two may have happened at once */
@@ -104,7 +108,7 @@ static tse_reason reason_of(const tse_params *p, const tse_kalman *k, const pass
 
 void judge_row(const tse_params *p, const tse_kalman *k, const passage *w, tse_output *out)
 {
-  for (int a = 0; a < 3; a++) out->reason[a] = (int32_t)reason_of(p, k, w, out, out->stiffness_sd[a], out->stiffness[a], stiffness_state[a]);
+  for (int a = 0; a < 3; a++) out->reason[a] = (int32_t)reason_of(p, k, w, out, out->stiffness_sd[a], out->stiffness[a], LCX + a);
   if (out->reason[TSE_CX_FRONT] == TSE_VALID && w->one_speed) out->reason[TSE_CX_FRONT] = TSE_NOT_EXCITED; /* no slip is seen */
   out->grip_reason = (int32_t)reason_of(p, k, w, out, out->grip_sd, out->grip, LMU);
   if (out->grip_reason == TSE_VALID && !(p->prior_sd[LMU] > TSE_R(0))) out->grip_reason = TSE_NOT_EXCITED; /* a setting, no estimate */
@@ -120,7 +124,7 @@ tse_status tse_told_sd(const tse_params *p, const tse_filter *f, int32_t k, tse_
   if (p->magic != TSE_PARAMS_MAGIC || f->magic != TSE_FILTER_MAGIC || f->fingerprint != p->fingerprint || p->form != 0) return TSE_E_STATE;
   if (k < 0 || k >= TSE_TOLD) return TSE_E_SIZE;
   for (int a = 0; a < 3; a++) {
-    const int i = stiffness_state[a];
+    const int i = LCX + a;
     const tse_real mean = r_exp2(r_mul(LOG2_OF_E, f->k.x[i]));
     tse_real part;
     if (f->step == 0) part = TSE_R(0);

@@ -25,7 +25,7 @@ static steering delayed(const tse_params *p, tse_kalman *k, const decoded *z)
   return u;
 }
 
-/* Process noise of states that walk, one of them a row in turn with all that is due: rank one. */
+/* Process noise of states that walk: all that is due, every so many rows as there are of them, or once a second. */
 static void walk_slowly(const tse_params *p, tse_kalman *k, tse_real dt)
 {
   const int slow = STATES - FAST;

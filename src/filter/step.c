@@ -96,15 +96,16 @@ tse_status step_row(const tse_params *p, tse_filter *f, const tse_input *u, tse_
     start_all(p, f);
     start_motion(p, k, &z);
     k->change_kind = TSE_CHANGE_RESTART;
-    for (int a = 0; a < 3; a++) k->change_from[a] = k->x[a == 0 ? LCX : a == 1 ? LCF
-                                                                               : LCR];
+    for (int a = 0; a < 3; a++) k->change_from[a] = k->x[LCX + a];
   }
   memset(&now, 0, sizeof now);
   report_row(p, k, &now);
   judge_row(p, k, &w, &now);
   now.status = (int32_t)status_of(f, &z, &w, &now);
-  for (int a = 0; a < 3; a++) f->known[a] = now.status == TSE_W_RECOVERED ? TSE_UNKNOWN : now.reason[a] == TSE_VALID ? TSE_KNOWN
-                                                                                                                     : f->known[a];
+  for (int a = 0; a < 3; a++) {
+    if (now.status == TSE_W_RECOVERED) f->known[a] = TSE_UNKNOWN;
+    else if (now.reason[a] == TSE_VALID) f->known[a] = TSE_KNOWN;
+  }
   f->step++;
   if (out) *out = now;
   return (tse_status)now.status;
