@@ -49,7 +49,7 @@ static int sound_kalman(const tse_kalman *k, int started)
   int fine = sound_int(k->change_kind, TSE_CHANGE_NONE, TSE_CHANGE_RESTART) && sound_int(k->fault, 0, TSE_CHANNELS) &&
              sound_int(k->slow_turn, 0, INT32_MAX - 1) && sound_int(k->channels, 0, TSE_SENSORS);
   fine = fine && sound_reals(k->x, TSE_STATES, -MOST_REAL, MOST_REAL) && sound_reals(k->p.u, TSE_STATES * (TSE_STATES - 1) / 2, -MOST_REAL, MOST_REAL);
-  fine = fine && sound_reals(k->p.d, TSE_STATES, started ? TSE_R(0) : TSE_R(0), MOST_SQUARE);
+  fine = fine && sound_reals(k->p.d, TSE_STATES, TSE_R(0), MOST_SQUARE);
   fine = fine && sound_reals(k->doubt[0], TSE_DOUBTS * TSE_STATES, -MOST_REAL, MOST_REAL);
   fine = fine && sound_reals(k->noise, TSE_SENSORS, TSE_R(0), MOST_REAL) && sound_reals(k->usual, TSE_SENSORS, TSE_R(0), MOST_REAL);
   fine = fine && sound_reals(k->activity, 3, TSE_R(0), MOST_SQUARE) && sound_reals(k->before, 3, -MOST_REAL, MOST_REAL);
