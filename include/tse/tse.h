@@ -100,7 +100,7 @@ typedef struct tse_output {
   tse_real discrepancy[3];      /* sd of what the model does not explain                  */
   tse_real lag_steer, lag_steer_sd; /* how late the steering acts behind the IMU          */
   tse_real estimate_age;        /* how long before this row the time lies that the estimates speak of */
-  tse_real n_eff, log_evidence; /* of hypotheses or particles; of this row                */
+  tse_real n_eff, log_evidence; /* of particles, 1 in the default form; of this row        */
   int32_t spread_seen[3];       /* 1: the spread is learnt; 0: below what sensors and excitation can show */
   int32_t change_kind, fault_channel; /* TSE_CHANGE_*; 0 none, else 1 + place in tse/input.def */
   int32_t reason[3], grip_reason;
