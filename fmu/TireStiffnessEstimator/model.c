@@ -202,14 +202,16 @@ static void report_prior(model *m)
 fmu_result model_start(model *m, double start, char text[FMU_TEXT])
 {
   const char *wrong = "";
-  (void)start; /* the first row's own time counts */
-  settings_used(m, &m->used);
-  const tse_status status = tse_prepare(&m->used, &m->params, &wrong);
+  tse_config used; /* not m->used: a call that is refused changes nothing */
+  (void)start;     /* the first row's own time counts */
+  settings_used(m, &used);
+  const tse_status status = tse_prepare(&used, &m->params, &wrong);
   if (status < 0) {
     (void)snprintf(text, FMU_TEXT, "%s: %s%s", fmu_name_of(wrong), tse_status_text(status),
                    m->calibrated ? "" : " (vehicle.calibrated is false: what is not set follows from mass, lf and lr)");
     return FMU_ERROR;
   }
+  memcpy(&m->used, &used, sizeof used);
   m->rows = 0;
   m->nominal[0] = m->used.longitudinal_stiffness_front;
   m->nominal[1] = m->used.cornering_stiffness_front;
