@@ -33,7 +33,8 @@ void tse_config_uncalibrated(tse_config *c)
   c->yaw_inertia = r_mul(c->mass, r_mul(c->lf, c->lr));
   c->cornering_stiffness_front = r_mul(TSE_S(CLASS_CORNERING_FRONT), r_mul(weight, c->lr));
   c->cornering_stiffness_rear = r_mul(TSE_S(CLASS_CORNERING_REAR), r_mul(weight, c->lf));
-  c->longitudinal_stiffness_front = c->longitudinal_stiffness_rear = r_mul(TSE_S(0.5 * CLASS_LONGITUDINAL), r_mul(g, c->mass));
+  c->longitudinal_stiffness_front = r_mul(TSE_S(CLASS_LONGITUDINAL), r_mul(weight, c->lr));
+  c->longitudinal_stiffness_rear = r_mul(TSE_S(CLASS_LONGITUDINAL), r_mul(weight, c->lf));
 }
 
 void tse_config_default(tse_config *c)
