@@ -39,8 +39,8 @@ def test_missing_stiffness_is_filled_in_from_the_axle_load(tmp_path):
     front, rear = 1600 * 9.81 * 1.5 / 2.5, 1600 * 9.81 * 1.0 / 2.5
     assert car.values["cornering_stiffness_front"] == pytest.approx(class_of("CLASS_CORNERING_FRONT") * front)
     assert car.values["cornering_stiffness_rear"] == pytest.approx(class_of("CLASS_CORNERING_REAR") * rear)
-    for axle in ("front", "rear"):
-        slip = class_of("CLASS_LONGITUDINAL") * 1600 * 9.81 / 2
+    for axle, load in (("front", front), ("rear", rear)):
+        slip = class_of("CLASS_LONGITUDINAL") * load
         assert car.values[f"longitudinal_stiffness_{axle}"] == pytest.approx(slip)
     assert car.values["yaw_inertia"] == pytest.approx(1600 * 1.0 * 1.5)
     assert sum("rule" in line for line in car.filled) == 6

@@ -269,14 +269,15 @@ static void test_a_car_that_nobody_has_calibrated_is_told_as_such_and_nothing_el
   tse_config_uncalibrated(&c);
   /* stiffness and inertia follow from mass and axles */
   const double g = 9.81, one = BY_FORMAT(1e-12, 1e-6);
-  const double of_class[4] = { 1234 * 1.125 * 1.375, CLASS_CORNERING_FRONT * g * 1234 * 1.375 / 2.5, CLASS_CORNERING_REAR * g * 1234 * 1.125 / 2.5,
-                               CLASS_LONGITUDINAL * g * 1234 / 2 };
-  const tse_setting actual[4] = { c.yaw_inertia, c.cornering_stiffness_front, c.cornering_stiffness_rear, c.longitudinal_stiffness_front };
-  for (int i = 0; i < 4; i++) expect_near(of_class[i], of_setting(actual[i]), one * of_class[i], "of the class", i);
+  const double front = g * 1234 * 1.375 / 2.5, rear = g * 1234 * 1.125 / 2.5; /* loads of the axles */
+  const double of_class[5] = { 1234 * 1.125 * 1.375, CLASS_CORNERING_FRONT * front, CLASS_CORNERING_REAR * rear, CLASS_LONGITUDINAL * front, CLASS_LONGITUDINAL * rear };
+  const tse_setting actual[5] = { c.yaw_inertia, c.cornering_stiffness_front, c.cornering_stiffness_rear, c.longitudinal_stiffness_front, c.longitudinal_stiffness_rear };
+  for (int i = 0; i < 5; i++) expect_near(of_class[i], of_setting(actual[i]), one * of_class[i], "of the class", i);
   as_told.yaw_inertia = c.yaw_inertia;
   as_told.cornering_stiffness_front = c.cornering_stiffness_front;
   as_told.cornering_stiffness_rear = c.cornering_stiffness_rear;
-  as_told.longitudinal_stiffness_front = as_told.longitudinal_stiffness_rear = c.longitudinal_stiffness_front;
+  as_told.longitudinal_stiffness_front = c.longitudinal_stiffness_front;
+  as_told.longitudinal_stiffness_rear = c.longitudinal_stiffness_rear;
 #define REAL(name, def, lo, hi, unit, text) TEST_ASSERT_TRUE_MESSAGE(as_told.name == c.name, #name);
 #define INT(name, def, lo, hi, text) TEST_ASSERT_TRUE_MESSAGE(as_told.name == c.name, #name);
 #include "tse/config.def"
