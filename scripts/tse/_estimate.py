@@ -106,7 +106,8 @@ class Result:
     def stretches(self) -> pd.DataFrame:
         """What is known, as `tselab estimate --table` writes it: a row per stretch of road between changes and stiffness, with
         start, end [s], value at the end of the stretch with its sd and 95 % interval low .. high [N, N/rad], also where no row is
-        valid; valid (share of the rows), usable, reason, change, ratio, text."""
+        valid; smoothed over the stretch with smoothed_sd, smoothed_low .. smoothed_high and smoothed_reason ("valid", or why not to
+        act on it); valid (share of the rows), usable, reason, change, change_probability, ratio, text."""
         found, changes = self._found()
         rows = results.rows(Path(), Estimated(_plain(self.table), False), found, changes, self.warnings)
         return results.as_frame(rows, results.COLUMNS).drop(columns="log")
@@ -114,7 +115,7 @@ class Result:
     def _found(self) -> tuple[list[Finding], list[regimes.Change]]:
         plain, config = _plain(self.table), Filter(settings=self.settings)._config
         changes = regimes.changes(plain)
-        return findings(plain, config, changes, self.warnings), changes
+        return findings(plain, config, changes, self.warnings, self.told_sd), changes
 
     def filter(self) -> Filter:
         """A filter with the settings of this run, before its first row."""

@@ -217,8 +217,8 @@ def estimate(
     A learnt state holds stiffness, grip, sensor biases and steering, with their covariance. It fits the vehicle it was learnt
     with, and is trusted the less the older it is (settings learnt_floor, learnt_walk_day).
 
-    Each stiffness is given with its 95 % interval at the end of each stretch of road between changes, valid or not, and with it
-    grip and the largest sideslip angle.
+    Each stiffness is given with its 95 % interval at the end of each stretch of road between changes, valid or not, and smoothed
+    over the stretch: what came after counts, too. It says whether to act on it. With them grip and the largest sideslip angle.
 
     Exit code: 0 usable: every stiffness is valid; 3 usable in part; 4 nothing usable: the estimates are written, and no stiffness
     is valid; 2 bad input; 130 Ctrl-C. --json says what was found as JSON on standard output, in place of words; --table writes it

@@ -24,7 +24,9 @@ LEVELS = {"good": "yes", "partly": "in part", "none": "no"}  # of a verdict
 KILO = 1000.0  # verdicts are in kN
 COLUMNS: dict[str, str] = {  # of the table of an estimate, a row per stretch of road and stiffness: pandas' type
     "log": "string", "stretch": "Int64", "start": "Float64", "end": "Float64", "stiffness": "string", "value": "Float64",
-    "sd": "Float64", "low": "Float64", "high": "Float64", "spread": "Float64", "nominal": "Float64", "valid": "Float64",
+    "sd": "Float64", "low": "Float64", "high": "Float64", "smoothed": "Float64", "smoothed_sd": "Float64",
+    "smoothed_low": "Float64", "smoothed_high": "Float64", "smoothed_reason": "string",
+    "spread": "Float64", "nominal": "Float64", "valid": "Float64",
     "usable": "string", "reason": "string", "change": "string", "change_probability": "Float64", "ratio": "Float64",
     "ratio_sd": "Float64", "warnings": "string", "text": "string",
 }  # fmt: skip
@@ -63,7 +65,10 @@ def _of_verdict(v: Verdict) -> dict[str, Any]:
     """In N and N/rad."""
     return {
         "stiffness": v.key, "value": KILO * v.value, "sd": KILO * v.band / 1.96, "low": KILO * v.low, "high": KILO * v.high,
-        "spread": v.spread, "nominal": KILO * v.nominal, "valid": v.valid, "usable": LEVELS[v.level],
+        "smoothed": KILO * v.smoothed, "smoothed_sd": KILO * v.smoothed_band / 1.96,
+        "smoothed_low": KILO * (v.smoothed - v.smoothed_band), "smoothed_high": KILO * (v.smoothed + v.smoothed_band),
+        "smoothed_reason": v.smoothed_reason or None, "spread": v.spread,
+        "nominal": KILO * v.nominal, "valid": v.valid, "usable": LEVELS[v.level],
         "reason": v.reason or None,
     }  # fmt: skip
 

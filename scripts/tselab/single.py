@@ -44,5 +44,5 @@ def run(
 
         write_report(report, est, prepared.log, prepared.vehicle, prepared.config, notes, drawn, prepared.warnings)
     changes = regimes.changes(est.table)
-    found = findings(est.table, prepared.config, changes, prepared.warnings)
+    found = findings(est.table, prepared.config, changes, prepared.warnings, est.told_sd)
     return Run(est, changes, found, notes, report is not None and len(est) > 0)

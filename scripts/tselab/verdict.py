@@ -11,6 +11,7 @@ import pandas as pd
 from tselab.core import GRIP, NOMINAL, STIFFNESS, Config, library
 from tselab.log import MEASURES
 from tselab.regimes import Change, Stretch, percent, spoken_of, stretches
+from tselab.smooth import fixed, smooth
 
 NAMES = {
     "cx_front": "Front longitudinal stiffness",
@@ -62,6 +63,9 @@ class Verdict:
     reason: str  # the commonest reason for not being valid
     reason_share: float
     text: str
+    smoothed: float = float("nan")  # over the stretch (smooth.py)
+    smoothed_band: float = float("nan")  # half of its 95 % interval
+    smoothed_reason: str = ""  # "valid", or why not to act on it; empty: there is none
 
     @property
     def low(self) -> float:
@@ -101,9 +105,29 @@ class Quantity:
         return f"{self.name}: {self.shown}{unit} (95 %), {self.text}"
 
 
-def verdicts(table: pd.DataFrame, config: Config) -> list[Verdict]:
-    """The finding on each stiffness."""
-    return [_verdict(table, config, key) for key in STIFFNESS]
+def verdicts(
+    table: pd.DataFrame, config: Config, whole: bool = True, parts: Mapping[str, float] | None = None
+) -> list[Verdict]:
+    """The finding on each stiffness, of the whole log or of a stretch; smoothed, too, with `parts`: smooth.fixed()."""
+    found = [_verdict(table, config, key, whole) for key in STIFFNESS]
+    return [
+        _smoothed(v, table, config, parts[v.key], "the log" if whole else "the stretch") if parts else v for v in found
+    ]
+
+
+def _smoothed(v: Verdict, rows: pd.DataFrame, config: Config, part: float, of: str) -> Verdict:
+    """With what all rows say together. It is valid if a row would be with its sd, and if rows were."""
+    value, sd = smooth(rows, v.key, config, part)
+    if not value > 0:
+        return v
+    if sd > config.valid_sd * value:
+        limited = rows[f"{v.key}_reason"].value_counts().reindex(LIMITED, fill_value=0)
+        reason = str(limited.idxmax()) if limited.any() or not v.reason else v.reason
+    else:
+        reason = "valid" if v.level != "none" else v.reason
+    value, band, act = value / 1000, 1.96 * sd / 1000, "valid" if reason == "valid" else f"not valid: {reason}"
+    text = f"{v.text}; smoothed over {of} {value:.0f} ± {max(band, 0.5):.0f}, {act}"
+    return replace(v, text=text, smoothed=value, smoothed_band=band, smoothed_reason=reason)
 
 
 @dataclass(frozen=True)
@@ -135,32 +159,34 @@ class Finding:
 
 
 def findings(
-    table: pd.DataFrame, config: Config, found: Sequence[Change], contradictions: Sequence[str] = ()
+    table: pd.DataFrame,
+    config: Config,
+    found: Sequence[Change],
+    contradictions: Sequence[str] = (),
+    told: Mapping[str, np.ndarray] | None = None,
 ) -> list[Finding]:
     """The finding on each stretch of road between changes; one on the whole log where nothing changed.
 
     A mean over two roads is true of neither. On a stretch the filter does not forget: its value at the end is what it knows best,
-    and is given with the interval that it has then, also where no row is valid.
+    and is given with the interval that it has then, also where no row is valid. Beside it stands the smoothed value over the
+    stretch: a row knows what came after it, too. `told`: Filter.told_sd() at the end.
 
     `contradictions`: what the channels say against each other (units.check_units). The filter takes a channel that is wrong all
     the time for a car that is otherwise, surely; so of such a log no stiffness is known."""
     if contradictions:
         return [Finding(None, [_contradicted(v) for v in verdicts(table, config)])]
-    parts = stretches(table, found)
-    if len(parts) < 2:
-        return [Finding(None, verdicts(table, config), others(table, config))]
-    made = []
-    for s in parts:
-        rows = table.iloc[s.rows]
-        made.append(Finding(s, [_verdict(rows, config, key, whole=False) for key in STIFFNESS], others(rows, config)))
-    return made
+    pieces, parts = stretches(table, found), fixed(table, config, told or {})
+    if len(pieces) < 2:
+        return [Finding(None, verdicts(table, config, parts=parts), others(table, config))]
+    each = [(s, table.iloc[s.rows]) for s in pieces]
+    return [Finding(s, verdicts(rows, config, False, parts), others(rows, config)) for s, rows in each]
 
 
 def _contradicted(v: Verdict) -> Verdict:
     nan = float("nan")
     text = f"{CONTRADICTED}: {WHY[CONTRADICTED]}"
     return replace(v, level="none", value=nan, band=nan, spread=nan, reason=CONTRADICTED,
-                   reason_share=1.0, text=text)  # fmt: skip
+                   reason_share=1.0, text=text, smoothed_reason=CONTRADICTED)  # fmt: skip
 
 
 def remarks(table: pd.DataFrame) -> list[str]:
