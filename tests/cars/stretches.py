@@ -1,0 +1,135 @@
+"""What is said of each stretch of road, against the truth, on the calibrated cars of the other studies (README.md).
+
+    python -m tests.cars.stretches --calibrated DIR [--cars N] [--first SEED] [--out FILE]
+
+DIR: what `tests.cars.study --keep DIR` has left, and `tests.cars.events --calibrated DIR`, if it was run. Truth of a stretch:
+median of the secants of its rows (study.truth_of); the stretch is that which the filter reports, right or not.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from tqdm import tqdm
+
+from tests.cars import ROADS
+from tests.cars.events import EVENTS, ON
+from tests.cars.study import CONSTANT, PRIOR, RESULTS, SLOW, TRUTH, truth_of
+from tselab import regimes
+from tselab.config import make_config
+from tselab.core import STIFFNESS, Config
+from tselab.estimate import Estimate, estimate
+from tselab.log import read_log
+from tselab.vehicle import read_vehicle
+from tselab.verdict import findings
+
+OFF, LEAST, SHORTEST = 0.1, 100, 5.0  # relative error; rows with a truth; s
+LAST, MEAN, SHOWN, SMOOTHED = "last row", "mean of the valid rows", "last valid row, else the last", "smoothed"
+
+
+Answer = tuple[float, float, bool]  # value, half of the 95 % interval, valid
+
+
+def answers(est: Estimate, config: Config) -> Iterator[tuple[regimes.Stretch, str, dict[str, Answer]]]:
+    """Yield the answers by estimator, of each stretch and stiffness."""
+    table, changes = est.table, regimes.changes(est.table)
+    found = findings(table, config, changes, told=est.told_sd)
+    for s, f in zip(regimes.stretches(table, changes), found, strict=True):
+        rows = table.iloc[s.rows]
+        rows = rows[rows["status"] >= 0]
+        for v in f.verdicts:
+            value, band = rows[v.key].to_numpy() / 1000, 1.96 * rows[f"{v.key}_sd"].to_numpy() / 1000
+            valid = rows[f"{v.key}_valid"].to_numpy() == 1
+            prior = 1.96 * getattr(config, f"initial_{PRIOR[v.key]}_sd") * v.nominal
+            by = {CONSTANT: (v.nominal, prior, True), LAST: (value[-1], band[-1], bool(valid[-1]))}
+            if valid.any():
+                by[MEAN] = value[valid].mean(), band[valid].mean(), True
+            by[SHOWN] = v.value, v.band, v.level != "none"
+            by[SMOOTHED] = v.smoothed, v.smoothed_band, v.smoothed_reason == "valid"
+            yield s, v.key, by
+
+
+def one(folder: Path, road: str, car: Path) -> list[dict[str, Any]]:
+    """Score a drive: a row per stretch, stiffness and estimator."""
+    log = read_log(folder / f"log_{road}.csv")
+    config, _ = make_config(read_vehicle(car), log)
+    reference = pd.read_csv(folder / f"reference_{road}.csv")
+    truth = truth_of({c: reference[c].to_numpy(float) for c in TRUTH.values()})
+    est = estimate(log, config)
+    moving = est.table["vel_x"].to_numpy() > SLOW
+    scores = []
+    for s, key, by in answers(est, config):
+        true = truth[key][s.rows]
+        true = true[np.isfinite(true) & (true > 0) & moving[s.rows]] / 1000
+        if s.end - s.start < SHORTEST or len(true) < LEAST or (key == "cx_front" and not config.driven_axle):
+            continue
+        is_true = float(np.median(true))
+        for who, (value, band, valid) in by.items():
+            error = value / is_true - 1
+            scores.append({"stiffness": key, "who": who, "error": abs(error), "held": abs(value - is_true) < band,
+                           "sd": band / 1.96 / value, "valid": valid, "off": valid and abs(error) > OFF,
+                           "any": MEAN in by})  # fmt: skip
+    return scores
+
+
+def table(found: pd.DataFrame) -> list[str]:
+    """Return a line per estimator."""
+    columns = ("stretches", "median error [%]", "rms error [%]", "95 % interval holds [%]", "median sd [%]", "valid [%]",
+               "valid and off [%]")  # fmt: skip
+    lines = ["| | " + " | ".join(columns) + " |", "|---" * (len(columns) + 1) + "|"]
+    for who in (CONSTANT, LAST, MEAN, SHOWN, SMOOTHED):
+        by = [found[(found["who"] == who) & (found["stiffness"] == key)] for key in STIFFNESS]
+        cells = [[f"{len(g)}" for g in by]]
+        cells += [[f"{100 * g['error'].median():.1f}" for g in by]]
+        cells += [[f"{100 * np.sqrt((g['error'] ** 2).mean()):.0f}" for g in by]]
+        cells += [[f"{100 * g['held'].mean():.0f}" for g in by], [f"{100 * g['sd'].median():.1f}" for g in by]]
+        cells += [[f"{100 * g[c].mean():.0f}" for g in by] for c in ("valid", "off")]
+        lines.append(f"| {who} | " + " | ".join(" / ".join(c) for c in cells) + " |")
+    return lines
+
+
+def main(arguments: list[str]) -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--calibrated", type=Path, required=True, help="what the other studies have left")
+    parser.add_argument("--cars", type=int, default=4, help="how many (default: 4)")
+    parser.add_argument("--first", type=int, default=501, help="the first seed of those cars (default: 501)")
+    parser.add_argument("--out", type=Path, default=RESULTS / "cars-stretches.md", help="the table")
+    given = parser.parse_args(arguments)
+    drives = [("nothing happens", road, f"car{k}/test", k) for road in ROADS for k in range(given.cars)]
+    places = [(e, road, k) for e in EVENTS for road in ON for k in range(given.cars)]
+    drives += [("something happens", road, f"{e}_{road}/car{k}", k) for e, road, k in places]
+    scores = []
+    for what, road, at, k in tqdm(drives, unit="drive", file=sys.stderr):
+        for told, car in (("calibrated", "calibrated.toml"), ("not calibrated", "fit/car.toml")):
+            if (given.calibrated / at / f"log_{road}.csv").exists():
+                rows = one(given.calibrated / at, road, given.calibrated / f"car{k}" / car)
+                scores += [{"what": what, "told": told, **r} for r in rows]
+    found, text = pd.DataFrame(scores), []
+    for (told, what), mine in found.groupby(["told", "what"], sort=False):
+        text += ["", f"{told.capitalize()}, {what}:", "", *table(mine)]
+        if told == "calibrated" and what == "something happens":
+            text += ["", "... of these the stretches on which a row is valid:", "", *table(mine[mine["any"]])]
+    head = f"""# What is said of each stretch of road
+
+`python -m tests.cars.stretches --calibrated DIR --cars {given.cars} --first {given.first}` after
+`python -m tests.cars.study --cars {given.cars} --first {given.first} --minutes 3 --keep DIR` and
+`python -m tests.cars.events --calibrated DIR --first {given.first}`: cars with 14 degrees of freedom; front longitudinal / front
+cornering / rear cornering.
+Truth: median of the secants of a stretch's rows. The stretches are those between the changes that the filter reports: one that
+it misses makes two roads one stretch, of which one value is true of neither. *{CONSTANT}*: no filter; of cars that are not
+calibrated the stiffness of their class. *{MEAN}*: of the stretches that have some. *off*: more than {100 * OFF:.0f} %; shares
+are of all stretches of the line.
+"""
+    given.out.write_text(head + "\n".join(text) + "\n", encoding="utf-8")
+    print(f"{given.out}: {len(drives)} drives")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
