@@ -39,7 +39,7 @@ static const char *const vehicle_rows[] = {
   NULL
 };
 static const char *const told_rows[] = {
-#include "tse/told.def"
+#include "tse/uncertainty.def"
   NULL
 };
 static const char *const sensor_rows[] = {
@@ -50,7 +50,7 @@ static const char *const sensor_rows[] = {
 };
 static const char *const *const groups[] = { vehicle_rows, told_rows, sensor_rows };
 
-/* Names of the settings of one file of include/tse: 0 vehicle.def, 1 told.def, 2 sensors.def; NULL ends them. */
+/* Names of the settings of one file of include/tse: 0 vehicle.def, 1 uncertainty.def, 2 sensors.def; NULL ends them. */
 const char *const *EXPORT(page_group)(int32_t group) { return groups[group]; }
 
 /* Where things lie: a tse_field's name, kind, offset, default, lower and upper end, unit, text, its size; rows that go in at a

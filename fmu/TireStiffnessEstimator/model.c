@@ -47,7 +47,7 @@ const fmu_variable fmu_variables[] = {
 #undef REAL
 #undef INT
 #define REAL(name, def, lo, hi, unit, text) PARAMETER("uncertainty", 'r', name, def, lo, hi, unit, text)
-#include "tse/told.def"
+#include "tse/uncertainty.def"
 #undef REAL
 #define REAL(name, def, lo, hi, unit, text) PARAMETER("sensors", 'r', name, def, lo, hi, unit, text)
 #define INT(name, def, lo, hi, text) PARAMETER("sensors", 'i', name, def, lo, hi, "", text)

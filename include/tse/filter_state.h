@@ -44,14 +44,14 @@ typedef struct tse_particles { /* [row][particle]; gamma, nu and the covariance 
 
 /* Constants of a filter, made by tse_prepare(). Everything is normalised: forces by mass (accelerations), measurements
  * by the sensor's sd, so that all numbers have a moderate size in every number format. */
-/* What is told of the car and may be off, tse/told.def. */
+/* Parameters of the car that are uncertain, tse/uncertainty.def. */
 enum {
 #define REAL(name, def, lo, hi, unit, text)
 #define CONSIDER(id, name, most, unit, text) TSE_CONSIDER_##id,
-#include "tse/told.def"
+#include "tse/uncertainty.def"
 #undef REAL
   TSE_CONSIDERED,
-  TSE_TOLD = TSE_CONSIDERED + 2 /* and mass_sd, which stands before them, and model_sd behind */
+  TSE_UNCERTAINTIES = TSE_CONSIDERED + 2 /* and mass_sd, which stands before them, and model_sd behind */
 };
 
 #define TSE_STATES 23   /* src/model/car.h */
@@ -141,7 +141,7 @@ enum { TSE_UNKNOWN, TSE_KNOWN, TSE_KNOWN_BEFORE }; /* a stiffness: never valid, 
   X(STEADY,    "steady",    "tyres as before")                                                     \
   X(CHANGED,   "changed",   "all tyres changed within the last 2 s: another road")                 \
   X(AXLE,      "axle",      "the tyres of one axle changed within the last 2 s")                   \
-  X(FAULT,     "fault",     "a channel is off, stuck or loud")                                     \
+  X(FAULT,     "fault",     "a channel has an offset, is frozen or noisy")                                     \
   X(SLIDING,   "sliding",   "wheels lock or spin")                                                 \
   X(RESTARTED, "restarted", "all was started over within the last 2 s")
 

@@ -20,7 +20,7 @@
  *                                   240  q24  x 3   process sd; 252 q24 x 3 their correlations 01, 02, 12 (particles)
  *                                   264  u32  CRC-32 (IEEE 802.3, as zlib's) of all bytes before
  *
- * Later formats keep the first eight bytes and end in the CRC, so a newer file can be told from a damaged one.
+ * Later formats keep the first eight bytes and end in the CRC, so a newer file differs from a damaged one.
  *
  * What is out of range is refused, whoever wrote it: a logarithm beyond 4, a bias outside what its channel may read, a negative sd, a
  * correlation beyond 1. Formats 1 and 2 are refused with a status of their own.

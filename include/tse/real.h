@@ -20,7 +20,7 @@
 #include <stdint.h>
 
 #if defined(TSE_REAL)
-#error "TSE_REAL is an option of CMake; a compiler is told -DTSE_REAL_FLOAT=1 or -DTSE_REAL_FIXED=1"
+#error "TSE_REAL is an option of CMake; a compiler is given -DTSE_REAL_FLOAT=1 or -DTSE_REAL_FIXED=1"
 #endif
 #if !defined(TSE_REAL_DOUBLE) && !defined(TSE_REAL_FLOAT) && !defined(TSE_REAL_FIXED)
 #define TSE_REAL_DOUBLE 1

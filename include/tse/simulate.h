@@ -1,7 +1,7 @@
 /* tse/simulate.h - the truth for studies: the single-track model of the estimator, driven by wheel torques with wheel
  * dynamics at 1 ms or finer, a stiffness that is redrawn every row, sensor noise and drifting biases; with `friction`
  * tyre forces saturate, so that wheels lock and spin.
- * With every effect that the settings of its vehicle switch on (tse/effects.def); an estimator may be told of them or not.
+ * With every effect that the settings of its vehicle switch on (tse/effects.def); an estimator may know them or not.
  * Same rules as tse/tse.h: the caller owns the memory, no globals, one pointer-free state. */
 #ifndef TSE_SIMULATE_H
 #define TSE_SIMULATE_H

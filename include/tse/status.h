@@ -47,7 +47,7 @@ typedef enum tse_status {
   X(TSE_DIVERGING,      4, "diverging",        "a channel is probably at fault (particles: drawn anew, not settled again)") \
   X(TSE_HELD,           5, "held",             "standstill, low speed, reverse, large steering angle or sliding wheels: value from before") \
   X(TSE_INPUT_INVALID,  6, "input invalid",    "inputs or measurements are missing") \
-  X(TSE_TOLD_LOOSELY,   7, "told loosely",     "the parameters of the car are too uncertain (tse/told.def): calibrate, or state them better") \
+  X(TSE_PARAMETERS_UNCERTAIN,   7, "parameters uncertain",     "the parameters of the car are too uncertain (tse/uncertainty.def): calibrate, or state them better") \
   X(TSE_MISFIT,         8, "does not fit",     "the sensors say what the model does not explain: calibrate, or look for what is missing")
 
 typedef enum tse_reason {

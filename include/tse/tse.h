@@ -47,7 +47,7 @@
 #define tse_filter_check   TSE_NAME(tse_filter_check)
 #define tse_self_test      TSE_NAME(tse_self_test)
 #define tse_stiffness_si   TSE_NAME(tse_stiffness_si)
-#define tse_told_sd        TSE_NAME(tse_told_sd)
+#define tse_uncertainty_sd        TSE_NAME(tse_uncertainty_sd)
 #define tse_status_text    TSE_NAME(tse_status_text)
 #define tse_reason_text    TSE_NAME(tse_reason_text)
 
@@ -171,7 +171,7 @@ tse_status tse_input_check(const tse_input *u, const char **wrong);
  *     another road, an axle's tyres              p_changed, p_axle: stiffness and grip move, and are uncertain
  *     noise other than the setting               found, noise_...; at most noise_max times
  *     what the model does not explain            model_sd: a share of what happens, discrepancy_...
- *     uncertain parameters                       the settings of tse/told.def: Schmidt's gain; they widen the sd of all estimates
+ *     uncertain parameters                       the settings of tse/uncertainty.def: Schmidt's gain; they widen the sd of all estimates
  *   ... with particles
  *     steering angle or wheel speed missing      last value held up to max_gap, then states frozen; predicts only
  *     slip of an axle beyond max_slip            motion integrated from accelerometers and gyro, statistics held
@@ -186,12 +186,12 @@ tse_status tse_step(const tse_params *p, tse_filter *f, const tse_input *u, tse_
  *              O(N) time. */
 tse_status tse_filter_check(const tse_params *p, const tse_filter *f, size_t filter_bytes);
 
-/* How much of the sd of each stiffness comes of one quantity that is told of the car and may be off: what to tell better first.
- *   Given:     k  place of the quantity in tse/told.def: 0 mass_sd, 1 yaw_inertia_sd ... TSE_TOLD - 1
+/* Return how much one uncertain parameter of the car adds to the sd of each stiffness: what to measure better first.
+ *   Given:     k  place of the quantity in tse/uncertainty.def: 0 mass_sd, 1 yaw_inertia_sd ... TSE_UNCERTAINTIES - 1
  *   Returned:  sd[3]  after the last row, relative to nominal, as tse_output.stiffness_sd; unchanged when the result is negative
  *              TSE_OK, TSE_E_NULL, TSE_E_SIZE (no such k) or TSE_E_STATE (of other parameters, or of a form other than 0).
  *              O(1) time. */
-tse_status tse_told_sd(const tse_params *p, const tse_filter *f, int32_t k, tse_real sd[3]);
+tse_status tse_uncertainty_sd(const tse_params *p, const tse_filter *f, int32_t k, tse_real sd[3]);
 
 /* Stiffness of y in N (longitudinal) and N/rad (cornering) per axle: nominal value times relative one.
  *   Returned:  mean[3], sd[3], spread[3] in the order TSE_CX_FRONT, TSE_CY_FRONT, TSE_CY_REAR; each may be NULL. */

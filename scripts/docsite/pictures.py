@@ -29,7 +29,7 @@ INKS = {
     "light": {"ink": "#1f2933", "paper": "none", "grey": "#8a94a0", "a": "#0b5fa5", "b": "#c4570a", "c": "#3d8b37"},
     "dark": {"ink": "#dde3ea", "paper": "none", "grey": "#8a94a0", "a": "#6db3f2", "b": "#f0975a", "c": "#7ccf75"},
 }
-EXACT = dict.fromkeys(library().told, 0.0)
+EXACT = dict.fromkeys(library().uncertainties, 0.0)
 CAR: dict[str, Any] = {
     "mass": 1900,
     "yaw_inertia": 3000,

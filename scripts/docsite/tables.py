@@ -16,7 +16,7 @@ TSE = ROOT / "include" / "tse"
 C_TYPES = {"s": "tse_setting", "r": "tse_real", "i": "int32_t", "u": "uint32_t"}
 GROUPS = {  # the files that include/tse/config.def includes, and what a reader calls them
     "vehicle.def": "Vehicle",
-    "told.def": "How uncertain what is told of the car is",
+    "uncertainty.def": "How uncertain the parameters of the car are",
     "sensors.def": "Sensors",
     "latency.def": "Latencies",
     "filter.def": "Filter",
@@ -76,7 +76,7 @@ def group_of(setting: str) -> str:
     base = setting.removesuffix("_latency")
     if base != setting and base in _names_in("latency.def"):
         return "latency.def"
-    for name in ("vehicle.def", "told.def", "sensors.def", "filter.def"):
+    for name in ("vehicle.def", "uncertainty.def", "sensors.def", "filter.def"):
         if re.search(rf"\b(?:REAL|INT|CONSIDER)\((?:\w+, *)?{setting}\b", (TSE / name).read_text(encoding="utf-8")):
             return name
     raise ValueError(f"setting {setting} stands in no .def file that config.def includes")

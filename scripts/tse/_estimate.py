@@ -47,7 +47,7 @@ class Result:
     learnt: bytes | None = None
     """What the log has taught, for the next drive: for the argument `learnt`, Filter.load_learnt() and tse_learnt_load() in C.
     None: no row was used, or the channels contradict each other."""
-    told_sd: dict[str, npt.NDArray[np.float64]] = field(default_factory=dict)
+    uncertainty_sd: dict[str, npt.NDArray[np.float64]] = field(default_factory=dict)
     """What each quantity that is told of the car, and may be off, adds to the sd at the end: (3,), relative to nominal."""
 
     def __len__(self) -> int:
@@ -115,7 +115,7 @@ class Result:
     def _found(self) -> tuple[list[Finding], list[regimes.Change]]:
         plain, config = _plain(self.table), Filter(settings=self.settings)._config
         changes = regimes.changes(plain)
-        return findings(plain, config, changes, self.warnings, self.told_sd), changes
+        return findings(plain, config, changes, self.warnings, self.uncertainty_sd), changes
 
     def filter(self) -> Filter:
         """A filter with the settings of this run, before its first row."""
@@ -178,7 +178,7 @@ def estimate(
         (*ready.vehicle.filled, *(n for n in ready.notes if n not in ready.warnings)),
         tuple(ready.warnings),
         None if ready.warnings else done.learnt,
-        done.told_sd,
+        done.uncertainty_sd,
     )
 
 

@@ -192,10 +192,10 @@ class Filter:
         Refused (LearntError; the filter is as before): bytes that are damaged, of another vehicle, or newer."""
         self._filter.load_learnt(learnt, age)
 
-    def told_sd(self) -> dict[str, np.ndarray[Any, np.dtype[np.float64]]]:
+    def uncertainty_sd(self) -> dict[str, np.ndarray[Any, np.dtype[np.float64]]]:
         """What each quantity that is told of the car, and may be off (`mass_sd` ...), adds to the sd of the three stiffnesses: (3,)
         each, relative to nominal. After the last row."""
-        return self._filter.told_sd()
+        return self._filter.uncertainty_sd()
 
 
 def check_form(form: Any) -> None:

@@ -18,7 +18,7 @@ Reason = Literal[
     "diverging",
     "held",
     "input invalid",
-    "told loosely",
+    "parameters uncertain",
     "does not fit",
 ]
 
@@ -129,7 +129,7 @@ class Estimate(EstimateBase):
     cx_front_sd: float
     """Sd of that mean [N]."""
     cx_front_spread: float
-    """Sample-to-sample sd [N]."""
+    """Process sd: form 0 model_sd times the stiffness; forms 1, 2 learnt from sample to sample [N]."""
     cx_front_spread_seen: bool
     """Whether the spread is learnt; else it is below what sensors and excitation can show."""
     cx_front_valid: bool
@@ -141,7 +141,7 @@ class Estimate(EstimateBase):
     cy_front_sd: float
     """Sd of that mean [N/rad]."""
     cy_front_spread: float
-    """Sample-to-sample sd [N/rad]."""
+    """Process sd: form 0 model_sd times the stiffness; forms 1, 2 learnt from sample to sample [N/rad]."""
     cy_front_spread_seen: bool
     """Whether the spread is learnt; else it is below what sensors and excitation can show."""
     cy_front_valid: bool
@@ -153,7 +153,7 @@ class Estimate(EstimateBase):
     cy_rear_sd: float
     """Sd of that mean [N/rad]."""
     cy_rear_spread: float
-    """Sample-to-sample sd [N/rad]."""
+    """Process sd: form 0 model_sd times the stiffness; forms 1, 2 learnt from sample to sample [N/rad]."""
     cy_rear_spread_seen: bool
     """Whether the spread is learnt; else it is below what sensors and excitation can show."""
     cy_rear_valid: bool
@@ -189,7 +189,7 @@ class Estimate(EstimateBase):
     p_axle: float
     """Probability: the tyres of one axle changed within the last 2 s."""
     p_fault: float
-    """Probability: a channel is off, stuck or loud."""
+    """Probability: a channel has an offset, is frozen or noisy."""
     p_sliding: float
     """Probability: wheels lock or spin."""
     p_restarted: float

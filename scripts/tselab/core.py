@@ -237,8 +237,10 @@ class Library:
             f.name: FormulaOp(f.name, f.offset, int(f.default), kinds[f.kind], f.unit, f.text)
             for f in self.fields(FORMULA_OP)
         }
-        names = [f.name for f in self.fields(CONFIG)]  # rows of told.def: between the vehicle's and the sensors'
-        self.told = tuple(names[names.index("rear_longitudinal_follows_front") + 1 : names.index("accel_x_sd")])
+        names = [f.name for f in self.fields(CONFIG)]  # rows of uncertainty.def: between the vehicle's and the sensors'
+        self.uncertainties = tuple(
+            names[names.index("rear_longitudinal_follows_front") + 1 : names.index("accel_x_sd")]
+        )
 
     def _read_effects(self) -> dict[str, Effect]:
         """The catalogue of effects, in its order."""
@@ -557,13 +559,13 @@ class Filter:
     def snapshot(self) -> bytes:
         return self._filter.tobytes()[: self._bytes]
 
-    def told_sd(self) -> dict[str, np.ndarray]:
-        """What each setting of include/tse/told.def adds to the sd of the three stiffnesses, relative to nominal, after the last
-        row. Empty in forms with particles."""
+    def uncertainty_sd(self) -> dict[str, np.ndarray]:
+        """Return what each setting of include/tse/uncertainty.def adds to the sd of the three stiffnesses, relative to nominal,
+        after the last row. Empty in forms with particles."""
         types = [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int32, ctypes.c_void_p]
         sd: dict[str, np.ndarray] = {}
-        for k, name in enumerate(self.lib.told):
-            told = self.lib.function("tse_told_sd", argtypes=types)
+        for k, name in enumerate(self.lib.uncertainties):
+            told = self.lib.function("tse_uncertainty_sd", argtypes=types)
             out = np.zeros(3, self.lib.real)
             made = self.lib.native(out)
             if told(*self._pointers, k, made.ctypes.data) >= 0:

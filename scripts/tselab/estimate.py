@@ -40,7 +40,7 @@ class Estimate:
     table: pd.DataFrame
     interrupted: bool
     learnt: bytes | None = None  # what it taught, for Filter.load_learnt(); None without a row
-    told_sd: dict[str, np.ndarray] = field(default_factory=dict)  # Filter.told_sd() at the end
+    uncertainty_sd: dict[str, np.ndarray] = field(default_factory=dict)  # Filter.uncertainty_sd() at the end
     statuses: dict[int, int] = field(default_factory=dict)  # rows with each status, all of them
 
     def __post_init__(self) -> None:
@@ -77,7 +77,7 @@ def estimate(log: Log, config: Config, progress: bool = False, learnt: Learnt | 
     tables = [pd.DataFrame(_head(config))]
     teaches, told = _run(log, config, lambda block: tables.append(pd.DataFrame(block)), progress, learnt)
     table = pd.concat(tables[1:] or tables, ignore_index=True)
-    return Estimate(table, interrupted=len(table) < len(log), learnt=teaches, told_sd=told)
+    return Estimate(table, interrupted=len(table) < len(log), learnt=teaches, uncertainty_sd=told)
 
 
 def estimate_to(
@@ -102,7 +102,11 @@ def estimate_to(
 
         teaches, told = _run(log, config, take, progress, learnt)
     return Estimate(
-        summary.table(), interrupted=summary.rows < len(log), learnt=teaches, told_sd=told, statuses=summary.statuses
+        summary.table(),
+        interrupted=summary.rows < len(log),
+        learnt=teaches,
+        uncertainty_sd=told,
+        statuses=summary.statuses,
     )
 
 
@@ -160,7 +164,7 @@ class _Parquet:
 def _run(
     log: Log, config: Config, take: Callable[[Block], None], progress: bool, learnt: Learnt | None
 ) -> tuple[bytes | None, dict[str, np.ndarray]]:
-    """Run the filter and give its table away block by block. Returned: what it has learnt, and Filter.told_sd()."""
+    """Run the filter and give its table away block by block. Returned: what it has learnt, and Filter.uncertainty_sd()."""
     filter_ = Filter(config)
     if learnt is not None:
         learnt.load(filter_)
@@ -190,7 +194,7 @@ def _run(
             done += first
             if done % GROUP == 0:
                 log.let_go()
-    return filter_.save_learnt(), filter_.told_sd()
+    return filter_.save_learnt(), filter_.uncertainty_sd()
 
 
 def to_table(time: np.ndarray, outputs: np.ndarray, config: Config) -> pd.DataFrame:

@@ -43,7 +43,7 @@ def write_report(
         data = plots.Data(log)
         data.add(est.table)
     changes, spells = regimes.changes(est.table), regimes.spells(est.table)
-    found = findings(est.table, config, changes, contradictions, est.told_sd)
+    found = findings(est.table, config, changes, contradictions, est.uncertainty_sd)
     sections = [
         ("Stiffness", "Grey background: not valid; the reason is shown on hover. Drag to zoom, double-click to reset; all plots "
          "share the time axis.", plots.stiffness_figure(data, est.table, config, changes, spells)),

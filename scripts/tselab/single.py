@@ -10,7 +10,7 @@ from tselab.estimate import Estimate, estimate_to
 from tselab.learnt import Learnt
 from tselab.prepare import Prepared
 from tselab.regimes import Change
-from tselab.verdict import Finding, findings, of_what_is_told, remarks
+from tselab.verdict import Finding, findings, of_uncertainty, remarks
 
 
 @dataclass
@@ -38,11 +38,11 @@ def run(
     refused = sum(rows for status, rows in est.statuses.items() if status < 0)
     if refused:
         notes.append(f"{refused} rows were refused by the library; their estimates are empty, the status says why")
-    notes += [*remarks(est.table), *of_what_is_told(est.table, prepared.config, est.told_sd)]
+    notes += [*remarks(est.table), *of_uncertainty(est.table, prepared.config, est.uncertainty_sd)]
     if report is not None and len(est):
         from tselab.report import write_report
 
         write_report(report, est, prepared.log, prepared.vehicle, prepared.config, notes, drawn, prepared.warnings)
     changes = regimes.changes(est.table)
-    found = findings(est.table, prepared.config, changes, prepared.warnings, est.told_sd)
+    found = findings(est.table, prepared.config, changes, prepared.warnings, est.uncertainty_sd)
     return Run(est, changes, found, notes, report is not None and len(est) > 0)

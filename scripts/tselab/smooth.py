@@ -59,7 +59,7 @@ def fixed(table: pd.DataFrame, config: Config, told: Mapping[str, Array]) -> dic
     config : Config
         Settings of the run.
     told : mapping
-        Filter.told_sd() at the end.
+        Filter.uncertainty_sd() at the end.
 
     Returns
     -------

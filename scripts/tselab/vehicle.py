@@ -56,8 +56,8 @@ class Vehicle:
     values: dict[str, float]
     facts: dict[str, Any]
     filled: list[str] = field(default_factory=list)
-    told_uncertainty: list[str] = field(default_factory=list)
-    told_latency: list[str] = field(default_factory=list)
+    given_uncertainty: list[str] = field(default_factory=list)
+    given_latency: list[str] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     formula: Formula | None = None  # of the user: [formula] names its file
     formula_path: Path | None = None
@@ -77,8 +77,8 @@ class Vehicle:
 
 @functools.cache
 def unknown_car() -> dict[str, float]:
-    """Return what a car that nobody has calibrated may be off by: sd in units of include/tse/told.def, from uncalibrated.def."""
-    return {name: value for name, value in _class_values(1900.0, 1.25, 1.5).items() if name in library().told}
+    """Return how uncertain the parameters of an uncalibrated car are: sd in units of include/tse/uncertainty.def."""
+    return {name: value for name, value in _class_values(1900.0, 1.25, 1.5).items() if name in library().uncertainties}
 
 
 @functools.cache
@@ -134,8 +134,8 @@ def vehicle_settings() -> list[str]:
 
 
 def uncertainty_settings() -> list[str]:
-    """Names of the settings that belong in its [uncertainty] table: rows of include/tse/told.def."""
-    return list(library().told)
+    """Names of the settings that belong in its [uncertainty] table: rows of include/tse/uncertainty.def."""
+    return list(library().uncertainties)
 
 
 def sensor_settings() -> list[str]:
@@ -220,8 +220,8 @@ def make_vehicle(data: dict[str, Any], path: Path) -> Vehicle:
         vehicle.notes.append(f"{path.name}: [{'], ['.join(others)}] is not known and not used")
     _check_facts(path, vehicle)
     _fill_vehicle(vehicle)
-    vehicle.told_uncertainty = [key for key in uncertainty_settings() if key in uncertainty]
-    vehicle.told_latency = [key for key in latencies if key in latency]
+    vehicle.given_uncertainty = [key for key in uncertainty_settings() if key in uncertainty]
+    vehicle.given_latency = [key for key in latencies if key in latency]
     if all(uncertainty.get(key) == 0 for key in uncertainty_settings()) and any(
         values.get(key, check.fields[key].default) != check.fields[key].default for key in vehicle_settings()
     ):

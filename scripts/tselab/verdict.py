@@ -31,12 +31,12 @@ WHY = {
     "diverging": "a sensor was probably at fault",
     "held": "standstill, low speed, reverse, large steering angle or sliding wheels",
     "input invalid": "inputs or measurements were missing",
-    "told loosely": "the parameters of the car are too uncertain: calibrate, or state what is known better in [uncertainty]",
+    "parameters uncertain": "too uncertain parameters of the car: calibrate, or state what is known better in [uncertainty]",
     "does not fit": "the sensors read what the model does not explain: calibrate, or look for what is missing (tselab gap)",
     "row refused": "the rows were refused",
     CONTRADICTED: "the channels contradict each other (see the warning); with that put right the log may tell it",
 }
-LIMITED = ("uncertain", "told loosely")  # reasons of which the sd and its limit say how far
+LIMITED = ("uncertain", "parameters uncertain")  # reasons of which the sd and its limit say how far
 LOUD = 1.25  # noise found over the setting's: from here on it is remarked
 RECENT = 1.0  # s: what was valid so long before the end counts as valid at the end
 OF_TOLD = 0.5  # share of the variance from which an interval is said to come from parameter uncertainty
@@ -169,7 +169,7 @@ def findings(
 
     A mean over two roads is true of neither. On a stretch the filter does not forget: its value at the end is what it knows best,
     and is given with the interval that it has then, also where no row is valid. Beside it stands the smoothed value over the
-    stretch: a row knows what came after it, too. `told`: Filter.told_sd() at the end.
+    stretch: a row knows what came after it, too. `told`: Filter.uncertainty_sd() at the end.
 
     `contradictions`: what the channels say against each other (units.check_units). The filter takes a channel that is wrong all
     the time for a car that is otherwise, surely; so of such a log no stiffness is known."""
@@ -207,7 +207,7 @@ def remarks(table: pd.DataFrame) -> list[str]:
     return found
 
 
-def of_what_is_told(table: pd.DataFrame, config: Config, told: Mapping[str, np.ndarray]) -> list[str]:
+def of_uncertainty(table: pd.DataFrame, config: Config, told: Mapping[str, np.ndarray]) -> list[str]:
     """Return where most of an interval at the end comes from parameter uncertainty: of which parameters, the largest first."""
     found = []
     for a, key in enumerate(STIFFNESS):

@@ -6,9 +6,9 @@
  *
  * White noise that is interpolated between two rows, w and 1 - w, has the variance w^2 + (1 - w)^2, and what the rows lose of it,
  * 2 w (1 - w), they have in common with their neighbours: at low frequencies, of which stiffness and biases are learnt, it is as
- * loud as before. So the sd of a channel stays what it is without: with the smaller variance a filter that takes rows for
+ * large as before. So the sd of a channel stays what it is without: with the smaller variance a filter that takes rows for
  * independent is too sure, and takes what they have in common for a disturbance. The default form, which finds the noise of a
- * channel from its rows, is told what they lost (learn.c). */
+ * channel from its rows, takes in what they lost. */
 #include "estimator/stages.h"
 
 #define SAME_TIME TSE_R(2e-5) /* s: rows so near to the time looked for are of that time: sums of dt are rounded, clocks too; at

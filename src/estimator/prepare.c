@@ -7,7 +7,7 @@
 #include "model/car.h"
 #include "tse/constants.h"
 
-/* Rows kept beyond the span of the latencies: one on either side of it, and two for rows that come up to 7 % closer than told
+/* Rows kept beyond the span of the latencies: one on either side of it, and two for rows that come up to 7 % closer than the sample time
  * before any is left out (28 of 30 rows at their most). */
 #define ROWS_TO_SPARE 4
 #define LN_2 TSE_R(0.69314718055994531)

@@ -103,7 +103,7 @@ static tse_reason reason_of(const tse_params *p, const tse_kalman *k, const pass
   if (var <= most) return TSE_VALID;
   tse_real doubts = p->mass_var;
   for (int q = 0; q < TSE_DOUBTS; q++) doubts += r_sqr(r_mul(k->doubt[q][at], state_unit[at]));
-  return r_mul(doubts, r_sqr(mean)) > r_mul(TSE_R(0.5), var) ? TSE_TOLD_LOOSELY : TSE_UNCERTAIN;
+  return r_mul(doubts, r_sqr(mean)) > r_mul(TSE_R(0.5), var) ? TSE_PARAMETERS_UNCERTAIN : TSE_UNCERTAIN;
 }
 
 void judge_row(const tse_params *p, const tse_kalman *k, const passage *w, tse_output *out)
@@ -114,15 +114,15 @@ void judge_row(const tse_params *p, const tse_kalman *k, const passage *w, tse_o
   if (out->grip_reason == TSE_VALID && !(p->prior_sd[LMU] > TSE_R(0))) out->grip_reason = TSE_NOT_EXCITED; /* a setting, no estimate */
 }
 
-tse_status tse_told_sd(const tse_params *p, const tse_filter *f, int32_t k, tse_real sd[3])
+tse_status tse_uncertainty_sd(const tse_params *p, const tse_filter *f, int32_t k, tse_real sd[3])
 {
-  static const int32_t doubt[TSE_TOLD] = { /* in the order of tse/told.def: mass; what is no state; states, below -1; model */
-                                           -1, DOUBT_INERTIA, DOUBT_CENTRE, -2, -3, DOUBT_SCALE, DOUBT_WHEELS_LATE, DOUBT_ACCEL_LATE, DOUBT_LENGTH_FRONT, -4, DOUBT_GYRO, DOUBT_MOMENT, DOUBT_ROLL_STEER, -5, -6
+  static const int32_t doubt[TSE_UNCERTAINTIES] = { /* in the order of tse/uncertainty.def: mass; what is no state; states, below -1; model */
+                                                    -1, DOUBT_INERTIA, DOUBT_CENTRE, -2, -3, DOUBT_SCALE, DOUBT_WHEELS_LATE, DOUBT_ACCEL_LATE, DOUBT_LENGTH_FRONT, -4, DOUBT_GYRO, DOUBT_MOMENT, DOUBT_ROLL_STEER, -5, -6
   };
   static const int32_t state[6] = { 0, GAIN, OFF, LEAN, RAD, 0 };
   if (!p || !f || !sd) return TSE_E_NULL;
   if (p->magic != TSE_PARAMS_MAGIC || f->magic != TSE_FILTER_MAGIC || f->fingerprint != p->fingerprint || p->form != 0) return TSE_E_STATE;
-  if (k < 0 || k >= TSE_TOLD) return TSE_E_SIZE;
+  if (k < 0 || k >= TSE_UNCERTAINTIES) return TSE_E_SIZE;
   for (int a = 0; a < 3; a++) {
     const int i = LCX + a;
     const tse_real mean = r_exp2(r_mul(LOG2_OF_E, f->k.x[i]));

@@ -98,7 +98,7 @@ tse_status tse_sim_check(const tse_sim *sim, const tse_config *c, const tse_sim_
 typedef struct driver { tse_real steer, drive_front, drive_rear, brake_front, brake_rear; } driver;
 
 /* Between two rows everything that the driver does is linear: a step takes one row; with `hold_inputs` it is held. (Held
- * torques lead the logged wheel speeds, which an estimator can only interpolate, by half a row; untold that costs it 2 % of the
+ * torques lead the logged wheel speeds, which an estimator can only interpolate, by half a row; where that is unknown it costs 2 % of the
  * longitudinal stiffness.) */
 static driver between(const tse_sim_input *a, const tse_sim_input *b, tse_real share)
 {

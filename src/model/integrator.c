@@ -136,7 +136,7 @@ static void step(const tse_params *p, tse_effect_memory *m, stiffness k, inputs 
   effects_at(p, m, m->lag, k, &b);
   effects_remember(e, m, at, &b, h);
   b.ahead = TSE_R(0);
-  /* the roll, and the accelerations that a formula knows, were foretold so far */
+  /* the roll, and the accelerations that a formula knows, were extrapolated so far */
   if (effect_is_on(e, TSE_EFFECT_rear_roll_steer) || formula_is_on(e)) effects_at(p, m, m->lag, k, &b);
   *at = b;
 }

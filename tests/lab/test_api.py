@@ -342,8 +342,8 @@ def test_what_a_stream_has_learnt_is_what_the_log_has(frame, result):
     for i in range(len(frame)):
         f.step(as_row(frame, i))
     assert f.save_learnt() == result.learnt
-    for name, sd in f.told_sd().items():
-        assert np.array_equal(sd, result.told_sd[name])
+    for name, sd in f.uncertainty_sd().items():
+        assert np.array_equal(sd, result.uncertainty_sd[name])
     new = result.filter()
     new.load_learnt(result.learnt, age=60.0)
     assert new.step(as_row(frame, 0)).cy_front_sd < 0.5 * result.filter().step(as_row(frame, 0)).cy_front_sd

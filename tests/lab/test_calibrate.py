@@ -73,7 +73,7 @@ def test_held_out_logs_are_explained_far_better(calibrated: tuple[Path, Result])
 def test_the_calibrated_car_reads_back_and_starts_the_next(case: Path, calibrated: tuple[Path, Result]) -> None:
     vehicle = read_vehicle(calibrated[0])
     assert not [n for n in vehicle.notes if "not known" in n]
-    assert set(vehicle.told_uncertainty) >= {"yaw_inertia_sd", "relaxation_sd", "wheel_delay_sd"}
+    assert set(vehicle.given_uncertainty) >= {"yaw_inertia_sd", "relaxation_sd", "wheel_delay_sd"}
     assert len(vehicle.calibration["names"]) == len(UNKNOWNS) + 3
     assert vehicle.values["model_sd"] == UNLIKE_SD and vehicle.values["yaw_rate_bias_walk"] <= workflow.MOST_GYRO_WALK
     out = case / "again.toml"

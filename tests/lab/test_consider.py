@@ -1,4 +1,4 @@
-"""Parameter uncertainty (include/tse/told.def): a parameter that is off moves the stiffnesses by what its sd adds to theirs."""
+"""Parameter uncertainty (include/tse/uncertainty.def): a parameter off by its sd moves stiffnesses by what it adds to theirs."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 from tselab.core import NOMINAL, STIFFNESS, Config, Filter, SimConfig, Simulator
-from tselab.verdict import of_what_is_told
+from tselab.verdict import of_uncertainty
 
 ROWS, DT = 6000, 0.01
 LAST = slice(ROWS - 500, None)  # rows of which the mean is compared: a single one has its own noise
@@ -55,11 +55,11 @@ def rms(x: np.ndarray) -> float:
 
 
 def estimated(rows: np.ndarray, **settings: float) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Estimates of all rows, and Filter.told_sd() at the end."""
+    """Estimates of all rows, and Filter.uncertainty_sd() at the end."""
     filter_ = Filter(Config(BASE | settings))
     out = filter_.outputs(len(rows))
     filter_.step_into(rows, out)
-    return out, filter_.told_sd()
+    return out, filter_.uncertainty_sd()
 
 
 def late(by: float) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
@@ -211,11 +211,11 @@ def test_the_parts_of_an_interval_add_up_to_it(driven: np.ndarray) -> None:
         assert together == pytest.approx(added, rel=0.2), key
     table = pd.DataFrame({k: out[k] * getattr(CAR, NOMINAL[s]) for s in STIFFNESS for k in (s, f"{s}_sd")})
     alone = {name: sd for name, sd in parts.items() if name in told}
-    words = of_what_is_told(table, Config(BASE | told), alone)
+    words = of_uncertainty(table, Config(BASE | told), alone)
     assert [w.split(":")[0] for w in words][-2:] == ["front cornering stiffness", "rear cornering stiffness"]
     assert "is parameter uncertainty: " in words[-1] and "mass_sd 8 %" in words[-1]
-    assert of_what_is_told(table, Config(BASE), {name: 0 * sd for name, sd in parts.items()}) == []
-    assert of_what_is_told(table[:0], Config(BASE), parts) == [] == of_what_is_told(table, Config(BASE), {})
+    assert of_uncertainty(table, Config(BASE), {name: 0 * sd for name, sd in parts.items()}) == []
+    assert of_uncertainty(table[:0], Config(BASE), parts) == [] == of_uncertainty(table, Config(BASE), {})
 
 
 def test_a_row_after_next_to_no_time_says_no_more_than_any(driven: np.ndarray) -> None:

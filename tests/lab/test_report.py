@@ -179,8 +179,11 @@ def test_where_no_row_is_valid_value_and_interval_are_given_and_why_not():
     for v in verdict_of([0] * 100, "not excited"):
         assert v.level == "none" and v.value == pytest.approx(98) and v.band == pytest.approx(1.96 * 1.5)
         assert "± 3 (95 %), not valid: not excited: " in v.text and v.detail.startswith("not valid")
-    front = verdict_of([0] * 100, "told loosely")[1]
-    assert "not valid: told loosely, its sd 2 %, limit 10 %: the parameters of the car are too uncertain" in front.text
+    front = verdict_of([0] * 100, "parameters uncertain")[1]
+    assert (
+        "not valid: parameters uncertain, its sd 2 %, limit 10 %: the parameters of the car are too uncertain"
+        in front.text
+    )
     from tselab.core import Config
     from tselab.verdict import verdicts
 

@@ -112,8 +112,8 @@ def test_each_stretch_has_its_own_and_what_comes_before_a_change_does_not_bend_i
 
 @pytest.mark.parametrize(
     ("sd", "rows", "reason"),
-    [(0.01, "valid", "valid"), (0.2, "valid", "uncertain"), (0.2, "told loosely", "told loosely"), (0.2, "held", "held"),
-     (0.01, "not excited", "not excited")],
+    [(0.01, "valid", "valid"), (0.2, "valid", "uncertain"), (0.2, "parameters uncertain", "parameters uncertain"),
+     (0.2, "held", "held"), (0.01, "not excited", "not excited")],
 )  # fmt: skip
 def test_it_is_valid_if_rows_are_and_its_own_interval_allows_it(sd, rows, reason):
     table = table_of([(0.0, 60.0, None)], valid=lambda t: np.full(len(t), rows == "valid"))
@@ -146,7 +146,9 @@ def test_the_interval_holds_on_simulated_drives_with_a_change_of_the_road(known,
         result = tse.estimate(made.log, car)
         table = result.stretches
         assert table["start"].tolist() == pytest.approx([0, 0, 0, 30, 30, 30], abs=3)
-        told = np.sqrt(sum(sd**2 for sd in result.told_sd.values())) / result.stiffness[-1]  # over the nominal of each
+        told = (
+            np.sqrt(sum(sd**2 for sd in result.uncertainty_sd.values())) / result.stiffness[-1]
+        )  # over the nominal of each
         for n, row in enumerate(table.itertuples()):
             true = row.nominal * (before if n < 3 else after)
             inside.append(row.smoothed_low < true < row.smoothed_high)

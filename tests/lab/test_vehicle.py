@@ -110,7 +110,7 @@ def test_what_is_not_known_exactly_is_as_uncertain_as_of_any_car(tmp_path):
     )
     assert {k: bare.values[k] for k in unknown_car()} == unknown_car()
     assert {k: told.values[k] for k in unknown_car()} == unknown_car() | {"cg_sd": 0.0, "mass_sd": 0.01}
-    assert told.told_uncertainty == ["mass_sd", "cg_sd"]
+    assert told.given_uncertainty == ["mass_sd", "cg_sd"]
     line = next(line for line in told.filled if line.startswith("[uncertainty]"))
     assert (
         f"relaxation_sd = {unknown_car()['relaxation_sd']:g} m" in line

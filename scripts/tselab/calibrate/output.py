@@ -48,7 +48,7 @@ def latencies(result: Result) -> dict[str, float]:
 
 
 def uncertainty(result: Result) -> dict[str, float]:
-    """How well the car is known now, as settings (include/tse/told.def); what calibration cannot tell stays as it was told."""
+    """Return how well the car is known now, as settings (include/tse/uncertainty.def); what logs cannot show stays as it was."""
     names, cov = result.problem.names, result.fit.covariance
     at = dict(zip(names, result.fit.x, strict=True))
 

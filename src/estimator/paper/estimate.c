@@ -99,7 +99,7 @@ void estimate(const tse_params *p, const tse_filter_paper *f, tse_output *y)
  * another stiffness. So its regressor phi (a column of d, in sigma per unit of w) is judged by its variance over the
  * recent past. A mean over `memory` samples, each with noise 1 + phi^2 spread^2, then has the variance
  *     (1 + E[phi^2] spread^2) / (memory var(phi)),
- * which must be below valid_sd^2 for the stiffness to be told, and below hold_sd^2 for it to be learnt at all: where nothing
+ * which must be below valid_sd^2 for the stiffness to be valid, and below hold_sd^2 for it to be learnt at all: where nothing
  * shows it, the draws of (25) come from the prior, and learning from them would be a random walk of the filter's own making.
  * The past is two memories long: velocity, once settled by a change, is remembered longer than the stiffness is.
  * Regressors are smoothed first: noise of a wheel-speed sensor looks like slip, but moves no car. */

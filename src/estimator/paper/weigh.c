@@ -1,4 +1,4 @@
-/* estimator/paper/weigh.c - (22), (23): how well each particle foretold the sample, in logs. */
+/* estimator/paper/weigh.c - (22), (23): the log-likelihood of the sample, by particle. */
 #include "estimator/paper/particles.h"
 
 #define LOG2_LEAST TSE_R(-120) /* 2^-120 of the largest weight is no weight */

@@ -52,7 +52,7 @@ static tse_config other_car(void)
   c.model_sd = setting(0.04);
 #define REAL(name, def, lo, hi, unit, text)
 #define CONSIDER(id, name, most, unit, text) c.name = setting((most) / (4 + TSE_CONSIDER_##id));
-#include "tse/told.def"
+#include "tse/uncertainty.def"
 #undef REAL
   c.steer_angle_latency = setting(0.006);
   c.wheel_speed_front_latency = setting(0.012);

@@ -426,16 +426,16 @@ static void test_parts_of_the_sd_are_those_of_what_is_uncertain(void)
   truth_start(&w, &c, 20, 0.5, 9);
   reset(&w.p);
   const tse_output y = drive(&w, 1500);
-  static const char *const names[TSE_TOLD] = {
+  static const char *const names[TSE_UNCERTAINTIES] = {
     "mass_sd",
 #define REAL(name, def, lo, hi, unit, text)
 #define CONSIDER(id, name, most, unit, text) #name,
-#include "tse/told.def"
+#include "tse/uncertainty.def"
 #undef REAL
     "the model",
   };
-  for (int32_t k = 0; k < TSE_TOLD; k++) {
-    TEST_ASSERT_EQUAL_INT(TSE_OK, tse_told_sd(&w.p, &f, k, sd));
+  for (int32_t k = 0; k < TSE_UNCERTAINTIES; k++) {
+    TEST_ASSERT_EQUAL_INT(TSE_OK, tse_uncertainty_sd(&w.p, &f, k, sd));
     for (int a = 0; a < 3; a++) {
       TEST_ASSERT_TRUE_MESSAGE(number(sd[a]) >= 0 && number(sd[a]) <= number(y.stiffness_sd[a]) * 1.01, names[k]);
       if (k == TSE_CONSIDER_INERTIA + 1 || k == TSE_CONSIDER_GYRO + 1) expect_near(0, number(sd[a]), 0, names[k], a); /* told exactly */
@@ -444,20 +444,20 @@ static void test_parts_of_the_sd_are_those_of_what_is_uncertain(void)
     if (k == TSE_CONSIDER_CENTRE + 1 || k == TSE_CONSIDER_TRAIL + 1) TEST_ASSERT_TRUE_MESSAGE(number(sd[1]) > 0, names[k]);
   }
   before = f;
-  TEST_ASSERT_EQUAL_INT(TSE_E_SIZE, tse_told_sd(&w.p, &f, TSE_TOLD, sd));
-  TEST_ASSERT_EQUAL_INT(TSE_E_SIZE, tse_told_sd(&w.p, &f, -1, sd));
-  TEST_ASSERT_EQUAL_INT(TSE_E_NULL, tse_told_sd(NULL, &f, 0, sd));
-  TEST_ASSERT_EQUAL_INT(TSE_E_NULL, tse_told_sd(&w.p, NULL, 0, sd));
-  TEST_ASSERT_EQUAL_INT(TSE_E_NULL, tse_told_sd(&w.p, &f, 0, NULL));
+  TEST_ASSERT_EQUAL_INT(TSE_E_SIZE, tse_uncertainty_sd(&w.p, &f, TSE_UNCERTAINTIES, sd));
+  TEST_ASSERT_EQUAL_INT(TSE_E_SIZE, tse_uncertainty_sd(&w.p, &f, -1, sd));
+  TEST_ASSERT_EQUAL_INT(TSE_E_NULL, tse_uncertainty_sd(NULL, &f, 0, sd));
+  TEST_ASSERT_EQUAL_INT(TSE_E_NULL, tse_uncertainty_sd(&w.p, NULL, 0, sd));
+  TEST_ASSERT_EQUAL_INT(TSE_E_NULL, tse_uncertainty_sd(&w.p, &f, 0, NULL));
   f.magic ^= 1;
-  TEST_ASSERT_EQUAL_INT(TSE_E_STATE, tse_told_sd(&w.p, &f, 0, sd));
+  TEST_ASSERT_EQUAL_INT(TSE_E_STATE, tse_uncertainty_sd(&w.p, &f, 0, sd));
   reset(&w.p);
-  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_told_sd(&w.p, &f, TSE_CONSIDER_RATIO + 1, sd)); /* before the first row */
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_uncertainty_sd(&w.p, &f, TSE_CONSIDER_RATIO + 1, sd)); /* before the first row */
   for (int a = 0; a < 3; a++) expect_near(0, number(sd[a]), 0, "before the first row", a);
 }
 
 /* More doubt about the car: a wider interval. */
-static void test_what_is_told_loosely_widens_the_interval(void)
+static void test_what_is_parameters_uncertain_widens_the_interval(void)
 {
   double sd[2][3];
   for (int loosely = 0; loosely < 2; loosely++) {
@@ -496,6 +496,6 @@ int main(void)
   RUN_TEST(test_a_state_that_is_no_number_is_started_over);
   RUN_TEST(test_readings_at_their_ends_leave_numbers);
   RUN_TEST(test_parts_of_the_sd_are_those_of_what_is_uncertain);
-  RUN_TEST(test_what_is_told_loosely_widens_the_interval);
+  RUN_TEST(test_what_is_parameters_uncertain_widens_the_interval);
   return UNITY_END();
 }

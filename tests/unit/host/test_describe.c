@@ -414,7 +414,7 @@ static void test_statuses_are_complete_and_tell_the_sentence_of_tse_status_text(
 static void test_reasons_are_complete_and_tell_the_sentence_of_tse_reason_text(void)
 {
   static const char *const words[] = { "valid", "starting",      "not excited",  "uncertain",   "diverging",
-                                       "held",  "input invalid", "told loosely", "does not fit" };
+                                       "held",  "input invalid", "parameters uncertain", "does not fit" };
   int32_t count, size;
   const tse_field *const f = rows_of(TSE_STRUCT_REASON, &count, &size);
   TEST_ASSERT_EQUAL_INT(ROWS(words), count);

@@ -95,11 +95,11 @@ def improved(vehicle: Vehicle, problem: Problem, result: Result) -> str:
     for key in vehicle_settings():
         if key in values:
             lines.append(f"{key} = {values[key]!r}  # {fields[key].unit}{band.get(key, '')}")
-    if vehicle.told_uncertainty:
-        lines += ["", "[uncertainty]", *(f"{k} = {values[k]!r}  # {fields[k].unit}" for k in vehicle.told_uncertainty)]
+    if vehicle.given_uncertainty:
+        lines += ["", "[uncertainty]", *(f"{k} = {values[k]!r}  # {fields[k].unit}" for k in vehicle.given_uncertainty)]
     late = latency_settings()
     logged = {
-        k: found.get(late[k], values.get(late[k], 0.0)) for k in late if late[k] in found or k in vehicle.told_latency
+        k: found.get(late[k], values.get(late[k], 0.0)) for k in late if late[k] in found or k in vehicle.given_latency
     }
     if logged:
         lines += ["", "[latency]", *(f"{k} = {v!r}  # {fields[late[k]].unit}" for k, v in logged.items())]
