@@ -4,6 +4,7 @@
 #define SLOW TSE_R(1.0)       /* m/s: below, slip angles are taken over this speed */
 #define LONGEST TSE_R(0.0055) /* s: a substep; the front axle's slip angle turns by 0.1 of its own frequency in it */
 #define LOG2_E_ TSE_R(1.4426950408889634)
+#define GIVE TSE_R(0.005) /* 1: rolling radius that a tyre loses by its static load: 8 % of 20 mm of deflection, over 0.32 m */
 
 /* One direction of a tyre: force, and its slopes over slip (or slip angle), the logarithms of stiffness and grip. */
 typedef struct tyre {
@@ -210,8 +211,11 @@ void car_measure(const tse_car *c, const tse_real x[STATES], const forces *f, ts
   z[0] = r_mul(c->scale_x, r_mul(here_x, cm) + r_mul(here_y, sm)) + x[BX];
   z[1] = r_mul(c->scale_y, r_mul(here_y, cm) - r_mul(here_x, sm)) + x[BY];
   z[2] = r_mul(c->scale_r, r) + x[BR];
-  z[3] = r_mul(r_mul(along, TSE_R(1) + x[SF]), rolls);
-  z[4] = r_mul(x[VX], TSE_R(1) + x[SR]);
+  /* load that goes to the rear takes rolling radius there and gives it in front: the free axle lies about the speed, the driven one about its slip */
+  const tse_real give_front = r_mul(GIVE, c->height_front), give_rear = r_mul(GIVE, c->height_rear);
+  const tse_real turns_front = TSE_R(1) - r_mul(give_front, f->x), turns_rear = TSE_R(1) + r_mul(give_rear, f->x);
+  z[3] = r_mul(r_mul(r_mul(along, TSE_R(1) + x[SF]), rolls), turns_front);
+  z[4] = r_mul(r_mul(x[VX], TSE_R(1) + x[SR]), turns_rear);
   for (int j = 0; j < COLUMNS; j++) {
     tse_real hx = r_mul(own_x, f->by_x[j]) - r_mul(ly, f->by_yaw[j]), hy = r_mul(own_y, f->by_y[j]) + r_mul(lx, f->by_yaw[j]);
     if (j == YAW) {
@@ -221,20 +225,22 @@ void car_measure(const tse_car *c, const tse_real x[STATES], const forces *f, ts
     else if (j == DPHI) hy += r_mul(c->roll_height, drag);
     H[0][j] = r_mul(c->scale_x, r_mul(hx, cm) + r_mul(hy, sm));
     H[1][j] = r_mul(c->scale_y, r_mul(hy, cm) - r_mul(hx, sm));
-    H[2][j] = H[3][j] = H[4][j] = TSE_R(0);
+    H[2][j] = TSE_R(0);
+    H[3][j] = -r_mul(r_mul(along, give_front), f->by_x[j]);
+    H[4][j] = r_mul(r_mul(x[VX], give_rear), f->by_x[j]);
   }
-  const tse_real forward = r_mul(TSE_R(1) + x[SF], rolls);
+  const tse_real forward = r_mul(TSE_R(1) + x[SF], rolls), sideways = r_mul(forward, f->sin_d), by_d = r_mul(forward, turned);
   H[0][BX] = H[1][BY] = H[2][BR] = TSE_R(1);
   H[2][YAW] = c->scale_r;
-  H[3][VX] = r_mul(forward, f->cos_d);
-  H[3][VY] = r_mul(forward, f->sin_d);
-  H[3][YAW] = r_mul(c->lf, H[3][VY]);
-  H[3][SF] = r_mul(along, rolls);
-  H[3][OFF] = r_mul(forward, turned);
-  H[3][GAIN] = r_mul(H[3][OFF], f->steer - r_mul(x[LATE], f->rate));
-  H[3][LATE] = -r_mul(r_mul(H[3][OFF], TSE_R(1) + x[GAIN]), f->rate);
-  H[3][RAD] = r_mul(along, TSE_R(1) + x[SF]);
-  H[3][BY_CENTRE] = r_mul(H[3][VY], r);
-  H[4][VX] = TSE_R(1) + x[SR];
-  H[4][SR] = x[VX];
+  H[3][VX] += r_mul(forward, f->cos_d);
+  H[3][VY] += sideways;
+  H[3][YAW] += r_mul(c->lf, sideways);
+  H[3][SF] += r_mul(along, rolls);
+  H[3][OFF] += by_d;
+  H[3][GAIN] += r_mul(by_d, f->steer - r_mul(x[LATE], f->rate));
+  H[3][LATE] -= r_mul(r_mul(by_d, TSE_R(1) + x[GAIN]), f->rate);
+  H[3][RAD] += r_mul(along, TSE_R(1) + x[SF]);
+  H[3][BY_CENTRE] += r_mul(sideways, r);
+  H[4][VX] += TSE_R(1) + x[SR];
+  H[4][SR] += x[VX];
 }

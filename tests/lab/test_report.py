@@ -180,10 +180,7 @@ def test_where_no_row_is_valid_value_and_interval_are_given_and_why_not():
         assert v.level == "none" and v.value == pytest.approx(98) and v.band == pytest.approx(1.96 * 1.5)
         assert "± 3 (95 %), not valid: not excited: " in v.text and v.detail.startswith("not valid")
     front = verdict_of([0] * 100, "parameters uncertain")[1]
-    assert (
-        "not valid: parameters uncertain, its sd 2 %, limit 10 %: too uncertain parameters of the car"
-        in front.text
-    )
+    assert "not valid: parameters uncertain, its sd 2 %, limit 10 %: too uncertain parameters of the car" in front.text
     from tselab.core import Config
     from tselab.verdict import verdicts
 

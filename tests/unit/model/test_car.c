@@ -36,6 +36,7 @@ static tse_car some_car(int load)
   c.imu_scale_ay_error = setting(0.02);
   c.gyro_scale_error = setting(0.01);
   if (load) {
+    c.cg_height = setting(0.6);
     c.longitudinal_load_transfer_gain = setting(0.02);
     c.lateral_load_transfer_gain = setting(0.0005);
   }
@@ -416,6 +417,16 @@ static void test_sensors_read_what_textbooks_say(void)
   const double along = 20 * cos(0.05) + (-0.4 + number(c.lf) * 0.3) * sin(0.05);
   expect_near(along * 1.01 * 1.004, number(z[3]), tight, "wheel speed, front", 0);
   expect_near(20 * 0.995, number(z[4]), tight, "wheel speed, rear", 0);
+  /* load that goes to the rear: m h a over the wheelbase, of m g lr/L in front and m g lf/L behind; half a percent of radius for all of it */
+  tse_car high = c;
+  high.height_front = real(0.6 / (9.81 * number(c.lr)));
+  high.height_rear = real(0.6 / (9.81 * number(c.lf)));
+  tse_real loaded[TSE_SENSORS];
+  car_measure(&high, x, &f, TSE_R(0), loaded, H);
+  const double share = 0.005 * 0.6 * number(f.x) / 9.81;
+  TEST_ASSERT_TRUE(fabs(share) > 1e-4);
+  expect_near(number(z[3]) * (1 - share / number(c.lr)), number(loaded[3]), 1e-5, "wheel speed, front, loaded", 0);
+  expect_near(number(z[4]) * (1 + share / number(c.lf)), number(loaded[4]), 1e-5, "wheel speed, rear, loaded", 0);
   c.lever_x = real(0.5);
   c.lever_y = real(0.25);
   tse_real there[TSE_SENSORS];
