@@ -11,6 +11,7 @@
 #define start_motion   TSE_NAME(tse_start_motion)
 #define predict_row    TSE_NAME(tse_predict_row)
 #define rest_row       TSE_NAME(tse_rest_row)
+#define signal_shares  TSE_NAME(tse_signal_shares)
 #define update_row     TSE_NAME(tse_update_row)
 #define update_still   TSE_NAME(tse_update_still)
 #define events_move    TSE_NAME(tse_events_move)
@@ -68,9 +69,11 @@ tse_status row_decode(const tse_params *p, const tse_filter *f, const tse_input 
 void start_all(const tse_params *p, tse_filter *f);
 void start_motion(const tse_params *p, tse_kalman *k, const decoded *z);
 
-/* predict.c  to the time of the row; parameters alone, where nothing is known of the motion */
+/* predict.c  to the time of the row; parameters alone, where nothing is known of the motion; share of the slip, and of the slip angle of
+ *            each axle, squared, that is no error of the estimate: of the slopes over their stiffness */
 steering predict_row(const tse_params *p, tse_kalman *k, const decoded *z);
 void rest_row(const tse_params *p, tse_kalman *k, tse_real dt);
+void signal_shares(const tse_kalman *k, tse_real share[3]);
 
 /* update.c   one scalar measurement after the other; the gyro's bias at standstill */
 void update_row(const tse_params *p, tse_kalman *k, const decoded *z, steering u);

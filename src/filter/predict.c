@@ -3,6 +3,19 @@
 
 #define STEEPEST TSE_R(1e4) /* [unit]: no car has such a slope; one that swings itself up in a long row must not leave the range of numbers */
 
+void signal_shares(const tse_kalman *k, tse_real share[3])
+{
+  static const int of[3][2] = { { SF, SR }, { AF, -1 }, { AR, -1 } };
+  for (int a = 0; a < 3; a++) {
+    tse_real signal = TSE_R(0), error = TSE_R(1e-6);
+    for (int n = 0; n < 2 && of[a][n] >= 0; n++) {
+      signal += r_sqr(r_div(k->x[of[a][n]], state_unit[of[a][n]]));
+      error += ud_variance(&k->p, of[a][n]);
+    }
+    share[a] = r_div(signal, signal + error);
+  }
+}
+
 static tse_real ou_left(tse_real dt, tse_real time) { return r_exp2(-r_mul(LOG2_OF_E, r_div(dt, time))); }
 
 /* First-order lag of an angle that is linear between rows: exact. */
@@ -65,10 +78,13 @@ void rest_row(const tse_params *p, tse_kalman *k, tse_real dt)
 steering predict_row(const tse_params *p, tse_kalman *k, const decoded *z)
 {
   const tse_car *const c = &p->car;
-  tse_real M[MOTION][COLUMNS], noise[MOTION], keep[STATES];
+  tse_real M[MOTION][COLUMNS], noise[MOTION], keep[STATES], share[3];
   const tse_real dt = z->dt;
   const steering u = delayed(p, k, z);
+  signal_shares(k, share);
   car_move(c, k->x, u, M);
+  for (int i = 0; i < MOTION; i++)
+    for (int a = 0; a < 3; a++) M[i][LCX + a] = r_mul(M[i][LCX + a], share[a]);
   if (z->one_speed) M[VX][LCX] = TSE_R(0);
   for (int i = 0; i < MOTION; i++) k->x[i] = r_clamp(k->x[i], -state_most[i], state_most[i]);
   for (int i = 0; i < MOTION; i++) {

@@ -121,10 +121,13 @@ void update_row(const tse_params *p, tse_kalman *k, const decoded *z, steering u
   static const int order[TSE_SENSORS] = { 3, 4, 2, 0, 1 };
   const tse_car *const c = &p->car;
   forces f;
-  tse_real read[TSE_SENSORS], H[TSE_SENSORS][COLUMNS], doubts[TSE_SENSORS][TSE_DOUBTS], change[STATES];
+  tse_real read[TSE_SENSORS], H[TSE_SENSORS][COLUMNS], doubts[TSE_SENSORS][TSE_DOUBTS], change[STATES], share[3];
   car_forces(c, k->x, u, TSE_R(1), &f);
   if (c->pitch_leak > TSE_R(0) || c->pitch_leak < TSE_R(0)) car_pitch(c, k->pitch, f.x, z->dt);
   car_measure(c, k->x, &f, k->pitch[0], read, H);
+  signal_shares(k, share);
+  for (int a = 0; a < TSE_SENSORS; a++)
+    for (int i = 0; i < 3; i++) H[a][LCX + i] = r_mul(H[a][LCX + i], share[i]);
   if (z->one_speed) H[0][LCX] = TSE_R(0); /* one speed is no slip: nothing of the stiffness that it has */
   what_is_late(p, k, &f, z->dt, doubts);
   for (int i = 0; i < STATES; i++) change[i] = TSE_R(0);

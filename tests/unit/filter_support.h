@@ -48,6 +48,21 @@ static inline double next_normal(uint32_t *seed)
   return r * cos(6.283185307179586 * next_uniform(seed));
 }
 
+/* Slopes over a stiffness: of its slip, or slip angle, squared, the share that is no error of the estimate. */
+static inline void weaken(tse_real (*slopes)[COLUMNS], int rows, const tse_kalman *k)
+{
+  const dense m = dense_of(&k->p);
+  static const int of[3][2] = { { SF, SR }, { AF, -1 }, { AR, -1 } };
+  for (int a = 0; a < 3; a++) {
+    double signal = 0, error = 1e-6; /* as in signal_shares(): never 0 over 0 */
+    for (int n = 0; n < 2 && of[a][n] >= 0; n++) {
+      signal += pow(number(k->x[of[a][n]]) / number(state_unit[of[a][n]]), 2);
+      error += m.p[of[a][n]][of[a][n]];
+    }
+    for (int i = 0; i < rows; i++) slopes[i][LCX + a] = real(number(slopes[i][LCX + a]) * signal / (signal + error));
+  }
+}
+
 /* ------------------------------------------------------------------- a car of the filter's own model */
 
 typedef struct truth {

@@ -57,6 +57,7 @@ static void test_a_row_is_the_time_update_of_a_kalman_filter(void)
     const steering u = { real(0.02), real(0.023), real(0.01) };
     memcpy(x, k.x, sizeof x);
     car_move(&p.car, x, u, M);
+    weaken(M, MOTION, &before);
     (void)predict_row(&p, &k, &z);
     for (int i = 0; i < STATES; i++)
       if (i < SF || i > GY) expect_near(number(x[i]), number(k.x[i]), close, "state", i); /* slips and gravity return to their mean */

@@ -113,6 +113,7 @@ static void a_row(const tse_params *p, const tse_kalman *k, steering u, decoded 
   tse_real at[TSE_SENSORS], H[TSE_SENSORS][COLUMNS];
   car_forces(&p->car, k->x, u, TSE_R(1), &f);
   car_measure(&p->car, k->x, &f, TSE_R(0), at, H);
+  weaken(H, TSE_SENSORS, k);
   memset(z, 0, sizeof *z);
   z->dt = u.dt;
   z->steer = u.to;
