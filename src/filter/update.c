@@ -66,6 +66,7 @@ static void learn_noise(const tse_params *p, tse_kalman *k, int c, tse_real e, t
 static void finish(const tse_params *p, tse_kalman *k, const tse_real change[STATES])
 {
   for (int i = 0; i < STATES; i++) k->x[i] = r_clamp(k->x[i] + r_mul(change[i], state_unit[i]), -state_most[i], state_most[i]);
+  for (int i = LCX; i <= LCR; i++) ud_add_at(&k->p, i, r_sqr(r_mul(OWN_SHARE, change[i]))); /* what was learnt before, at other slopes, holds less */
   for (int i = LCX; i <= LCR; i++) k->x[i] = r_clamp(k->x[i], p->log_min, p->log_max);
 }
 
