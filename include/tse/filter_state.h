@@ -181,9 +181,13 @@ typedef struct tse_kalman {
   tse_real seen;                      /* [s] of samples learnt from */
   tse_real nis;                       /* [1] innovation squared over its variance, summed over the channels of the last row */
   tse_real innovation[TSE_SENSORS], innovation_var[TSE_SENSORS], last_innovation[TSE_SENSORS];
-  tse_real slow[TSE_SENSORS], usual[TSE_SENSORS]; /* innovation, smoothed; [1] its variance over what is thought */
+  tse_real slow[TSE_SENSORS], slow_var[TSE_SENSORS], usual[TSE_SENSORS]; /* innovation, smoothed; its variance as thought; [1] as it is, over that */
   tse_real log_likelihood;
   tse_real change_age, change_from[3]; /* [s]; [1] logarithm of the stiffness before the last change */
+  tse_real unusual;                   /* [1] slow innovation of accel_x in this row, squared, over what is usual */
+  tse_real reading[TSE_SENSORS], repeats[TSE_SENSORS], repeats_again[TSE_SENSORS]; /* last reading; [1] share of readings that repeat the one before;
+                                         of those after one that did */
+  tse_real frozen[TSE_SENSORS];       /* [1] log2 of how unlikely it is that a channel at work repeats its reading that often */
   tse_real agrees_for;                /* [s] that the channel at fault has agreed */
   int32_t change_kind, fault, slow_turn, channels; /* TSE_CHANGE_*; 0 none, else 1 + place in tse/input.def; rows; of the last row */
   tse_event event[TSE_EVENTS];

@@ -22,9 +22,10 @@ static kind kind_of(int32_t which)
 {
   static const kind kinds[EVENT_SENSOR + 1] = {
     { { NO, NO, NO }, { NO, NO, NO }, TSE_R(0), 0 },
-    { { { LCF, TSE_R(0.4) }, { LCR, TSE_R(0.4) }, { LMU, TSE_R(0.4) } }, { { LCF, TSE_R(0.05) }, { LCR, TSE_R(0.05) }, { LCX, TSE_R(0.4) } }, TSE_R(1), 3 },
-    { { { LCF, TSE_R(0.3) }, NO, NO }, { { LCF, TSE_R(0.05) }, NO, NO }, TSE_R(1), 2 },
-    { { { LCR, TSE_R(0.3) }, NO, NO }, { { LCR, TSE_R(0.05) }, NO, NO }, TSE_R(1), 2 },
+    { { { LCF, CHANGE_SD }, { LCR, CHANGE_SD }, { LMU, CHANGE_SD } }, { { LCF, MODEL_FLOOR }, { LCR, MODEL_FLOOR }, { LCX, CHANGE_SD } }, TSE_R(1), 3 },
+    { { NO, NO, NO }, { NO, NO, NO }, TSE_R(1), 1 },
+    { { { LCF, CHANGE_SD }, NO, NO }, { { LCF, MODEL_FLOOR }, NO, NO }, TSE_R(1), 2 },
+    { { { LCR, CHANGE_SD }, NO, NO }, { { LCR, MODEL_FLOOR }, NO, NO }, TSE_R(1), 2 },
     { { { SF, TSE_R(0.1) }, NO, NO }, { { SF, TSE_R(0.1) }, NO, NO }, TSE_R(0.1), 1 },
     { { { SR, TSE_R(0.1) }, NO, NO }, { { SR, TSE_R(0.1) }, NO, NO }, TSE_R(0.1), 1 },
     { { { OFF, TSE_R(0.05) }, NO, NO }, { { OFF, TSE_R(0.01) }, NO, NO }, TSE_R(1), 1 },
@@ -35,9 +36,8 @@ static kind kind_of(int32_t which)
 
 static tse_real rate_of(int32_t which)
 {
-  return which == EVENT_ROAD ? RATE_ROAD : which <= EVENT_REAR    ? RATE_AXLE
-                                       : which <= EVENT_SLIP_REAR ? RATE_SLIP
-                                                                  : RATE_FAULT;
+  return which <= EVENT_ALONG ? RATE_ROAD : which == EVENT_SLIP_FRONT || which == EVENT_SLIP_REAR ? RATE_SLIP
+                                                                                                  : RATE_FAULT;
 }
 
 /* The amplitude below which nothing has happened that one would act on. */
@@ -46,7 +46,16 @@ static tse_real least_of(int32_t which) { return which <= EVENT_SLIP_REAR ? LEAS
 /* Tyres, steering angle, accel_y and gyro make the car turn; slip, wheels and accel_x make it go: of each something may have happened. */
 enum { TURNING,
        GOING };
-static int group_of(int32_t which) { return which == EVENT_SLIP_FRONT || which == EVENT_SLIP_REAR || which == EVENT_SENSOR || which >= EVENT_SENSOR + 3 ? GOING : TURNING; }
+static int group_of(int32_t which) { return which == EVENT_ALONG || which == EVENT_SLIP_FRONT || which == EVENT_SLIP_REAR || which == EVENT_SENSOR || which >= EVENT_SENSOR + 3 ? GOING : TURNING; }
+
+/* Of tyres the amplitude is one of the force, since that is what the slopes are of: twice as much is as likely as half. */
+static tse_real prior_precision(const tse_event *a)
+{
+  if (a->kind > EVENT_REAR || a->kind == EVENT_ALONG) return TSE_R(1);
+  return a->score > TSE_R(0) ? TSE_R(0.5) : TSE_R(2);
+}
+
+tse_real event_precision(const tse_event *a) { return prior_precision(a) + a->info; }
 
 void events_clear(tse_kalman *k, int count)
 {
@@ -99,14 +108,27 @@ void events_learn(tse_kalman *k, int channel, const tse_real h[STATES], const ts
   }
 }
 
-/* log2 of how much likelier the samples are if this happened. */
-static tse_real gain_of(const tse_event *a)
+/* log2 of how much likelier the samples are if this happened. Along the road the force of a tyre beyond its grip is no longer that of its
+ * stiffness: another road shows as a slow innovation of accel_x of which nothing is known, its variance included. A channel that is frozen
+ * repeats its reading. */
+static tse_real gain_of(const tse_kalman *k, const tse_event *a)
 {
-  const tse_real one = TSE_R(1) + a->info;
-  return r_mul(TSE_R(0.72134752044448170), r_mul(a->score, r_div(a->score, one))) - r_mul(TSE_R(0.5), r_log2(one));
+  if (a->kind == EVENT_ALONG) return k->unusual > TSE_R(1) ? r_mul(TSE_R(0.72134752044448170), k->unusual - TSE_R(1)) - r_mul(TSE_R(0.5), r_log2(k->unusual)) : TSE_R(0);
+  const tse_real one = event_precision(a);
+  const tse_real gain = r_mul(TSE_R(0.72134752044448170), r_mul(a->score, r_div(a->score, one))) - r_mul(TSE_R(0.5), r_log2(r_div(one, prior_precision(a))));
+  if (a->kind < EVENT_STEER) return gain;
+  const int changed = k->change_kind != TSE_CHANGE_NONE && k->change_age < SETTLE_TIME; /* what does not fit yet is being found: no fault */
+  const tse_real off = changed ? r_min(gain, TSE_R(0)) : gain, frozen = a->kind >= EVENT_SENSOR ? k->frozen[a->kind - EVENT_SENSOR] : TSE_R(0);
+  return frozen > TSE_R(0) ? r_max(off, frozen) : off;
 }
 
-int event_is_small(const tse_event *a) { return r_abs(a->score) < r_mul(least_of(a->kind), TSE_R(1) + a->info); }
+int event_is_small(const tse_kalman *k, const tse_event *a)
+{
+  if (a->kind >= EVENT_SENSOR && k->frozen[a->kind - EVENT_SENSOR] > -r_log2(RATE_FAULT)) return 0;
+  /* root mean square of the amplitude, which is as it was before the samples where they say nothing */
+  const tse_real one = event_precision(a);
+  return r_mul(a->score, a->score) + one < r_mul(r_sqr(least_of(a->kind)), r_mul(one, one));
+}
 
 static void weigh_events(tse_kalman *k)
 {
@@ -117,7 +139,7 @@ static void weigh_events(tse_kalman *k)
       const tse_event *const a = &k->event[n];
       if (a->kind == EVENT_NONE) weight[n] = TSE_R(0);
       if (a->kind == EVENT_NONE || group_of(a->kind) != group) continue;
-      weight[n] = r_max(r_log2(r_mul(rate_of(a->kind), kind_of(a->kind).every)) + gain_of(a), TSE_R(-100));
+      weight[n] = r_max(r_log2(r_mul(rate_of(a->kind), kind_of(a->kind).every)) + gain_of(k, a), TSE_R(-100));
       most = r_max(most, weight[n]);
     }
     sum = none[group] = r_exp2(-most);
@@ -125,7 +147,7 @@ static void weigh_events(tse_kalman *k)
       const tse_event *const a = &k->event[n];
       if (a->kind == EVENT_NONE || group_of(a->kind) != group) continue;
       weight[n] = r_exp2(weight[n] - most);
-      none[group] += event_is_small(a) ? weight[n] : TSE_R(0); /* it explains, and calls for nothing */
+      none[group] += event_is_small(k, a) ? weight[n] : TSE_R(0); /* it explains, and calls for nothing */
       sum += weight[n];
     }
     for (int n = 0; n < TSE_EVENTS; n++)
@@ -134,7 +156,10 @@ static void weigh_events(tse_kalman *k)
   }
 }
 
-static void open_event(tse_kalman *k, int n, int32_t which)
+/* A grip that is a setting stays it. */
+static int is_known(const tse_params *p, int32_t state) { return state == LMU && !(p->prior_sd[LMU] > TSE_R(0)); }
+
+static void open_event(const tse_params *p, tse_kalman *k, int n, int32_t which)
 {
   tse_event *const a = &k->event[n];
   const kind what = kind_of(which);
@@ -142,13 +167,11 @@ static void open_event(tse_kalman *k, int n, int32_t which)
   a->kind = which;
   k->weight[n] = TSE_R(0);
   for (int i = 0; i < 3; i++)
-    if (what.common[i].state >= 0) a->v[what.common[i].state] = r_div(what.common[i].sd, state_unit[what.common[i].state]);
+    if (what.common[i].state >= 0 && !is_known(p, what.common[i].state)) a->v[what.common[i].state] = r_div(what.common[i].sd, state_unit[what.common[i].state]);
 }
 
-#define NEARLY TSE_R(0.9473) /* no multiple of a sample time is that share of a time between openings: rounding decides nothing */
-
 /* Places of the kinds lie one after the other. A kind's next one is opened in the place whose event has shown least, not the best. */
-static void spawn(tse_kalman *k)
+static void spawn(const tse_params *p, tse_kalman *k, tse_real dt)
 {
   int at = 0;
   for (int32_t which = EVENT_NONE + 1; which < EVENT_KINDS; which++) {
@@ -163,7 +186,7 @@ static void spawn(tse_kalman *k)
         break;
       }
       youngest = r_min(youngest, k->event[n].age);
-      if (gain_of(&k->event[n]) > gain_of(&k->event[best])) best = n;
+      if (gain_of(k, &k->event[n]) > gain_of(k, &k->event[best])) best = n;
     }
     if (!free) {
       tse_real age = TSE_R(-1);
@@ -172,29 +195,43 @@ static void spawn(tse_kalman *k)
           age = k->event[n].age;
           oldest = n;
         }
-      const int shows = gain_of(&k->event[at]) > TSE_R(3) && !event_is_small(&k->event[at]); /* one that began before it happened is in the way */
+      const int shows = gain_of(k, &k->event[at]) > TSE_R(3) && !event_is_small(k, &k->event[at]); /* one that began before it happened is in the way */
       if (what.places == 1 && shows && k->event[at].age < LONGEST_EVENT) {
         at = last;
         continue;
       }
     }
-    if (free || !(youngest < r_mul(NEARLY, what.every))) open_event(k, oldest, which);
+    if (free || !(youngest < what.every - r_mul(TSE_R(0.5), dt))) open_event(p, k, oldest, which);
     at = last;
   }
 }
 
 static void believe(const tse_params *p, tse_kalman *k, int n)
 {
+  if (k->event[n].kind == EVENT_ALONG) { /* another road: as far as it shows across */
+    k->weight[n] = TSE_R(0);
+    k->none[GOING] = TSE_R(1);
+    for (int i = 0; i < TSE_EVENTS; i++)
+      if (k->event[i].kind == EVENT_ROAD && (k->event[n].kind != EVENT_ROAD || gain_of(k, &k->event[i]) > gain_of(k, &k->event[n]))) n = i;
+  }
   tse_event a = k->event[n];
   const kind what = kind_of(a.kind);
-  const tse_real var = r_div(TSE_R(1), TSE_R(1) + a.info), mean = r_mul(a.score, var);
+  const tse_real var = r_div(TSE_R(1), event_precision(&a)), mean = r_mul(a.score, var);
   tse_real was[3];
   for (int i = 0; i < 3; i++) was[i] = k->x[LCX + i];
-  for (int i = 0; i < STATES; i++) k->x[i] += r_mul(r_mul(mean, a.v[i]), state_unit[i]);
+  for (int i = 0; i < STATES; i++) {
+    tse_real shift = r_mul(r_mul(mean, a.v[i]), state_unit[i]);
+    if (a.kind <= EVENT_REAR && i >= LCX && i <= LMU) { /* a share of the force, no logarithm yet */
+      const tse_real force = r_max(TSE_R(1) + shift, TSE_R(0.2));
+      shift = r_div(r_log2(force), LOG2_OF_E);
+      a.v[i] = r_div(a.v[i], force);
+    }
+    k->x[i] += shift;
+  }
   ud_add(&k->p, a.v, STATES - 1, var);
   for (int i = 0; i < 3; i++)
     if (what.own[i].state >= 0) { /* what each does beside it; and the further the state moves, the less its slopes held */
-      const tse_real moved = a.kind <= EVENT_REAR ? r_mul(OWN_SHARE, r_mul(mean, what.common[0].sd)) : TSE_R(0);
+      const tse_real moved = a.kind <= EVENT_REAR ? r_mul(OWN_SHARE, k->x[LCF + (a.kind == EVENT_REAR)] - was[1 + (a.kind == EVENT_REAR)]) : TSE_R(0);
       ud_add_at(&k->p, what.own[i].state, r_div(r_sqr(what.own[i].sd) + r_sqr(moved), r_sqr(state_unit[what.own[i].state])));
     }
   if (a.kind >= EVENT_STEER) {
@@ -202,10 +239,12 @@ static void believe(const tse_params *p, tse_kalman *k, int n)
     k->agrees_for = TSE_R(0);
   }
   for (int i = 0; i < 3; i++) k->x[LCX + i] = r_clamp(k->x[LCX + i], p->log_min, p->log_max);
+  k->slow[0] = a.kind == EVENT_ROAD ? TSE_R(0) : k->slow[0]; /* it is explained */
   if (a.kind <= EVENT_REAR) {
-    k->change_kind = a.kind == EVENT_ROAD ? TSE_CHANGE_ROAD : a.kind == EVENT_FRONT ? TSE_CHANGE_FRONT
-                                                                                    : TSE_CHANGE_REAR;
+    k->change_kind = a.kind <= EVENT_ALONG ? TSE_CHANGE_ROAD : a.kind == EVENT_FRONT ? TSE_CHANGE_FRONT
+                                                                                     : TSE_CHANGE_REAR;
     k->change_age = TSE_R(0);
+    k->fault = 0; /* what looked like a fault may have been this */
     for (int i = 0; i < 3; i++) k->change_from[i] = was[i];
   }
   for (int i = 0; i < TSE_EVENTS; i++)
@@ -226,9 +265,9 @@ void events_decide(const tse_params *p, tse_kalman *k, tse_real dt)
     if (!(k->none[group] < TSE_R(1) - BELIEVED)) continue;
     for (int n = 0; n < TSE_EVENTS; n++) {
       const int32_t which = k->event[n].kind;
-      if (which != EVENT_NONE && group_of(which) == group && !event_is_small(&k->event[n]) && (best < 0 || k->weight[n] > k->weight[best])) best = n;
+      if (which != EVENT_NONE && group_of(which) == group && !event_is_small(k, &k->event[n]) && (best < 0 || k->weight[n] > k->weight[best])) best = n;
     }
     if (best >= 0) believe(p, k, best);
   }
-  spawn(k);
+  spawn(p, k, dt);
 }

@@ -13,9 +13,9 @@ static tse_real variance_of(const tse_kalman *k, int i, tse_real *shift)
     const tse_event *const a = &k->event[n];
     const tse_real weight = k->weight[n];
     if (a->kind == EVENT_NONE || weight < TSE_R(1e-6)) continue;
-    const tse_real amplitude = r_div(a->score, TSE_R(1) + a->info), off = r_mul(amplitude, a->v[i]);
+    const tse_real over = r_div(TSE_R(1), event_precision(a)), amplitude = r_mul(a->score, over), off = r_mul(amplitude, a->v[i]);
     mean += r_mul(weight, off);
-    square += r_mul(weight, r_mul(off, off) + r_div(r_sqr(a->v[i]), TSE_R(1) + a->info));
+    square += r_mul(weight, r_mul(off, off) + r_mul(r_sqr(a->v[i]), over));
   }
   *shift = r_mul(mean, state_unit[i]);
   return r_mul(r_max(var + square - r_mul(mean, mean), TSE_R(0)), r_sqr(state_unit[i]));
@@ -72,10 +72,10 @@ void report_row(const tse_params *p, const tse_kalman *k, tse_output *out)
   for (int r = 0; r < TSE_REGIMES; r++) out->regime[r] = TSE_R(0);
   for (int n = 0; n < TSE_EVENTS; n++) {
     const int32_t kind = k->event[n].kind;
-    if (kind == EVENT_NONE || event_is_small(&k->event[n])) continue;
-    out->regime[kind == EVENT_ROAD ? TSE_REGIME_CHANGED : kind <= EVENT_REAR    ? TSE_REGIME_AXLE
-                                                      : kind <= EVENT_SLIP_REAR ? TSE_REGIME_SLIDING
-                                                                                : TSE_REGIME_FAULT] += k->weight[n];
+    if (kind == EVENT_NONE || event_is_small(k, &k->event[n])) continue;
+    out->regime[kind <= EVENT_ALONG ? TSE_REGIME_CHANGED : kind <= EVENT_REAR    ? TSE_REGIME_AXLE
+                                                       : kind <= EVENT_SLIP_REAR ? TSE_REGIME_SLIDING
+                                                                                 : TSE_REGIME_FAULT] += k->weight[n];
   }
   const int now = regime_now(p, k);
   tse_real sum = TSE_R(0);
@@ -100,6 +100,7 @@ static tse_reason reason_of(const tse_params *p, const tse_kalman *k, const pass
   if (k->seen < SETTLE_TIME) return TSE_STARTING;
   if (out->regime[TSE_REGIME_FAULT] > TSE_R(0.5)) return TSE_DIVERGING;
   if (out->regime[TSE_REGIME_SLIDING] > TSE_R(0.5)) return TSE_HELD;
+  if (r_mul(k->none[0], k->none[1]) < TSE_R(0.5)) return TSE_MISFIT;
   if (var <= most) return TSE_VALID;
   tse_real doubts = p->mass_var;
   for (int q = 0; q < TSE_DOUBTS; q++) doubts += r_sqr(r_mul(k->doubt[q][at], state_unit[at]));

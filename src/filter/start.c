@@ -24,6 +24,7 @@ void start_all(const tse_params *p, tse_filter *f)
     variance[i] = r_sqr(r_div(p->prior_sd[i], state_unit[i]));
   }
   for (int c = 0; c < TSE_SENSORS; c++) {
+    k->repeats[c] = TSE_R(1);
     k->noise[c] = f->start.loaded ? f->start.noise[c] : TSE_R(1);
     k->usual[c] = TSE_R(1) + r_sqr(r_div(p->model_sd, TSE_R(0.075))); /* of a car that is hardly known nothing is an event at first */
   }

@@ -6,13 +6,28 @@ typedef struct scalar {
   tse_real h[STATES], doubts[TSE_DOUBTS], e, r, white, dt;
 } scalar;
 
+/* How unlikely it is that a channel at work repeats its reading as often as it just has: repeats follow repeats. off: how far the reading is from
+ * the prediction, squared, over its noise; one that is right may repeat itself. */
+static void watch_repeats(tse_kalman *k, int c, tse_real z, tse_real off, tse_real dt)
+{
+  const int same = !(z < k->reading[c] || z > k->reading[c]), again = k->frozen[c] > TSE_R(0);
+  const tse_real g = r_div(dt, r_min(k->seen + TSE_R(1), USUAL_TIME)), now = same ? TSE_R(1) : TSE_R(0);
+  const tse_real likely = r_max(r_max(k->repeats[c], k->repeats_again[c]), TSE_R(1) - BELIEVED);
+  k->reading[c] = z;
+  k->frozen[c] = same ? r_min(k->frozen[c] - r_mul(r_min(off, TSE_R(1)), r_log2(r_min(likely, TSE_R(0.999)))), TSE_R(1000)) : TSE_R(0);
+  if (again) k->repeats_again[c] += r_mul(g, now - k->repeats_again[c]);
+  k->repeats[c] += r_mul(g, now - k->repeats[c]);
+}
+
 /* How much larger than thought slow innovations of a channel usually are: what this car's model does not explain is no event. */
 static tse_real usual_of(tse_kalman *k, int c, tse_real e, tse_real s, tse_real dt)
 {
-  const tse_real g = r_div(dt, dt + MODEL_TIME), left = r_div(dt, USUAL_TIME);
-  k->slow[c] += r_mul(g, r_clamp(e, -r_mul(TSE_R(5), r_sqrt(s)), r_mul(TSE_R(5), r_sqrt(s))) - k->slow[c]);
-  const tse_real ratio = r_min(r_div(r_mul(r_sqr(k->slow[c]), TSE_R(2) - g), r_mul(s, g)), r_mul(TSE_R(4), k->usual[c]));
-  k->usual[c] = r_clamp(k->usual[c] + r_mul(r_min(left, TSE_R(0.1)), ratio - k->usual[c]), LEAST_USUAL, TSE_R(1000));
+  const tse_real g = r_div(dt, dt + MODEL_TIME), left = r_div(dt, USUAL_TIME), most = r_sqrt(r_mul(TAIL, s));
+  k->slow[c] += r_mul(g, r_clamp(e, -most, most) - k->slow[c]);
+  k->slow_var[c] = r_mul(r_sqr(TSE_R(1) - g), k->slow_var[c]) + r_mul(r_mul(g, g), s);
+  const tse_real ratio = r_div(r_sqr(k->slow[c]), r_max(k->slow_var[c], TSE_R(1e-9)));
+  if (c == 0) k->unusual = r_div(ratio, k->usual[c]);
+  k->usual[c] = r_clamp(k->usual[c] + r_mul(r_min(left, TSE_R(0.1)), r_min(ratio, r_mul(TSE_R(4), k->usual[c])) - k->usual[c]), TSE_R(1), TSE_R(1000));
   return k->usual[c];
 }
 
@@ -132,7 +147,7 @@ void update_row(const tse_params *p, tse_kalman *k, const decoded *z, steering u
   if (z->one_speed) H[0][LCX] = TSE_R(0); /* one speed is no slip: nothing of the stiffness that it has */
   what_is_late(p, k, &f, z->dt, doubts);
   for (int i = 0; i < STATES; i++) change[i] = TSE_R(0);
-  k->nis = TSE_R(0);
+  k->nis = k->unusual = TSE_R(0);
   k->channels = 0;
   k->log_likelihood = TSE_R(0);
   /* What the model does not explain of a channel is a share of what happens, and lasts: as white noise that is the same at low
@@ -156,13 +171,14 @@ void update_row(const tse_params *p, tse_kalman *k, const decoded *z, steering u
     for (int q = 0; q < TSE_DOUBTS; q++) m.doubts[q] = doubts[a][q] + (q < COLUMNS - STATES ? r_mul(H[a][STATES + q], p->uncertain[q]) : TSE_R(0));
     const tse_real own = r_sqr(sd), turn = a == 3 ? r_sqr(r_mul(r_mul(TSE_R(0.02), k->x[VX]), r_sqr(f.sin_d))) : TSE_R(0); /* its wheels are not one */
     m.white = r_mul(k->noise[a], own) + turn;
+    watch_repeats(k, a, z->z[a], r_div(r_sqr(m.e), r_max(m.white, own)), z->dt);
     m.r = m.white + (a < 3 ? r_mul(lasts, k->activity[a]) : TSE_R(0));
     if (k->fault == place_of(a)) { /* not used; heard again when it agrees */
       tse_real fx[STATES], v[STATES];
       const tse_real s = ud_measure(&k->p, m.h, fx, v) + m.r;
       k->innovation[a] = m.e;
       k->innovation_var[a] = s;
-      k->agrees_for = r_sqr(m.e) < r_mul(TAIL, s) ? r_min(k->agrees_for + z->dt, TSE_R(100)) : TSE_R(0);
+      k->agrees_for = r_sqr(m.e) < r_mul(TAIL, s) && k->frozen[a] < -r_log2(RATE_FAULT) ? r_min(k->agrees_for + z->dt, TSE_R(100)) : TSE_R(0);
       continue;
     }
     const tse_real s = use(k, a, &m, sd, change, &state);

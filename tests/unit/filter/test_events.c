@@ -129,7 +129,7 @@ static double odds(const trio *t)
   static tse_kalman k;
   k = t->k;
   events_decide(&t->p, &k, TSE_R(0));
-  const double weight = number(k.weight[t->n]), small = event_is_small(&t->k.event[t->n]) ? weight : 0;
+  const double weight = number(k.weight[t->n]), small = event_is_small(&t->k, &t->k.event[t->n]) ? weight : 0;
   double none = 1;
   for (int g = 0; g < TSE_GROUPS; g++) none = fmin(none, number(k.none[g])); /* of the other group it is 1 */
   return weight / (none - small);

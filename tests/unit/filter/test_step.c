@@ -165,13 +165,111 @@ static void test_a_quiet_drive_teaches_no_cornering_stiffness(void)
 {
   static truth w;
   const tse_config c = a_car();
-  truth_start(&w, &c, 20, 1, 3);
-  w.amplitude = w.throttle = 0;
+  int missed = 0;
+  for (uint32_t seed = 3; seed <= 8; seed++) {
+    truth_start(&w, &c, 20, 1, seed);
+    w.amplitude = w.throttle = 0;
+    reset(&w.p);
+    const tse_output y = drive(&w, 2000);
+    for (int a = TSE_CY_FRONT; a <= TSE_CY_REAR; a++) {
+      missed += off(&w, &y, a) > 1.96;
+      TEST_ASSERT_TRUE(number(y.stiffness_sd[a]) > 0.1 * number(y.stiffness[a]));
+    }
+  }
+  printf("%d of 12 missed\n", missed);
+  TEST_ASSERT_TRUE(missed <= 4); /* a filter that is linear about its own estimate still takes some noise for a signal */
+}
+
+static void freeze(tse_input *u, const tse_input *at, int channel)
+{
+  tse_real *const value[TSE_SENSORS] = { &u->accel_x, &u->accel_y, &u->yaw_rate, &u->wheel_speed_front, &u->wheel_speed_rear };
+  const tse_real was[TSE_SENSORS] = { at->accel_x, at->accel_y, at->yaw_rate, at->wheel_speed_front, at->wheel_speed_rear };
+  *value[channel] = was[channel];
+}
+
+/* Whatever the channel: it is named, no road is believed to have changed, it is heard again when it moves again, and the stiffness stays. */
+static void test_a_frozen_channel_is_found_and_no_road_has_changed(void)
+{
+  static truth w;
+  const tse_config c = a_car();
+  for (int channel = 0; channel < TSE_SENSORS; channel++) {
+    tse_input last;
+    tse_output y;
+    int found = 0;
+    truth_start(&w, &c, 20, 0.3, 7);
+    reset(&w.p);
+    (void)drive(&w, 1500);
+    last = truth_row(&w, 0.01);
+    step(&w.p, &last, &y);
+    for (int n = 0; n < 300; n++) {
+      tse_input u = truth_row(&w, 0.01);
+      freeze(&u, &last, channel);
+      step(&w.p, &u, &y);
+      found += y.fault_channel == place_of(channel);
+      TEST_ASSERT_TRUE(y.change_kind == TSE_CHANGE_NONE);
+    }
+    TEST_ASSERT_TRUE(found > 200);
+    y = drive(&w, 500);
+    TEST_ASSERT_EQUAL_INT(0, y.fault_channel);
+    TEST_ASSERT_TRUE(y.change_kind == TSE_CHANGE_NONE);
+    for (int a = TSE_CY_FRONT; a <= TSE_CY_REAR; a++) TEST_ASSERT_TRUE(off(&w, &y, a) < 3);
+  }
+}
+
+/* Readings of few digits repeat themselves, for seconds on a straight road: no channel of them is frozen. */
+static void test_readings_of_few_digits_are_not_frozen(void)
+{
+  static truth w;
+  const tse_config c = a_car();
+  truth_start(&w, &c, 20, 0.3, 8);
   reset(&w.p);
-  const tse_output y = drive(&w, 2000);
-  for (int a = TSE_CY_FRONT; a <= TSE_CY_REAR; a++) {
-    TEST_ASSERT_TRUE(off(&w, &y, a) < 2.5);
-    TEST_ASSERT_TRUE(number(y.stiffness_sd[a]) > 0.1 * number(y.stiffness[a]));
+  w.noise = 0.2;
+  for (int n = 0; n < 6000; n++) {
+    tse_output y;
+    if (n == 3000) w.amplitude = w.throttle = 0.002;
+    tse_input u = truth_row(&w, 0.01);
+    u.accel_x = real(0.25 * floor(number(u.accel_x) / 0.25 + 0.5));
+    u.accel_y = real(0.25 * floor(number(u.accel_y) / 0.25 + 0.5));
+    u.yaw_rate = real(0.01 * floor(number(u.yaw_rate) / 0.01 + 0.5));
+    step(&w.p, &u, &y);
+    TEST_ASSERT_EQUAL_INT(0, y.fault_channel);
+  }
+}
+
+/* Straight on: another road shows in accel_x and the wheel speeds alone. No stiffness is called valid then that was found on the road before. */
+static void test_a_road_that_shows_along_alone_is_believed(void)
+{
+  static truth w;
+  const tse_config c = a_car();
+  for (uint32_t seed = 1; seed <= 3; seed++) {
+    truth_start(&w, &c, 20, 0.3, seed);
+    reset(&w.p);
+    tse_output y = drive(&w, 3000);
+    TEST_ASSERT_EQUAL_INT(TSE_CHANGE_NONE, y.change_kind);
+    w.amplitude = 0;
+    y = drive(&w, 200);
+    for (int i = LCX; i <= LCR; i++) w.x[i] += real(log(0.35));
+    y = drive(&w, 500);
+    TEST_ASSERT_EQUAL_INT(TSE_CHANGE_ROAD, y.change_kind);
+    TEST_ASSERT_TRUE(y.reason[TSE_CY_FRONT] != TSE_VALID && y.reason[TSE_CY_REAR] != TSE_VALID);
+  }
+}
+
+/* Slopes at a third of the stiffness say nothing of the whole: the step up is one of the force. */
+static void test_a_road_that_is_back_is_found_within_seconds(void)
+{
+  static truth w;
+  const tse_config c = a_car();
+  for (uint32_t seed = 1; seed <= 4; seed++) {
+    truth_start(&w, &c, 20, 0.3, seed);
+    reset(&w.p);
+    (void)drive(&w, 2000 + 23 * (int)seed);
+    for (int i = LCX; i <= LCR; i++) w.x[i] += real(log(0.3));
+    (void)drive(&w, 1500);
+    for (int i = LCX; i <= LCR; i++) w.x[i] -= real(log(0.3));
+    const tse_output y = drive(&w, 800);
+    TEST_ASSERT_EQUAL_INT(0, y.fault_channel);
+    for (int a = 0; a < 3; a++) expect_near(truth_stiffness(&w, a), number(y.stiffness[a]), 0.15 * truth_stiffness(&w, a), "stiffness", a);
   }
 }
 
@@ -486,6 +584,10 @@ int main(void)
   RUN_TEST(test_a_road_that_stays_is_never_believed_to_be_another);
   RUN_TEST(test_a_channel_that_turns_off_is_found_and_the_stiffness_stays);
   RUN_TEST(test_a_quiet_drive_teaches_no_cornering_stiffness);
+  RUN_TEST(test_a_frozen_channel_is_found_and_no_road_has_changed);
+  RUN_TEST(test_readings_of_few_digits_are_not_frozen);
+  RUN_TEST(test_a_road_that_shows_along_alone_is_believed);
+  RUN_TEST(test_a_road_that_is_back_is_found_within_seconds);
   RUN_TEST(test_late_rows_leave_stiffness_in_its_interval);
   RUN_TEST(test_a_gap_keeps_what_was_learnt_and_places_the_motion);
   RUN_TEST(test_rows_of_almost_no_time_and_of_an_hour_leave_numbers_and_no_stiffness_moved);
