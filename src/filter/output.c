@@ -1,9 +1,6 @@
 /* filter/output.c - what the filter reports of a row, and whether to act on it. */
 #include "filter/filter.h"
 
-#define LONGITUDINAL TSE_R(4) /* model error of slip stiffness over that of cornering stiffness: pitch, braking, drag are known that much
-                                  less; and never better than the discrepancy, since no bend shows another side of it */
-
 /* Variance of state i over the posterior, the uncertain quantities and the events that may have happened; *shift: their mean. SI */
 static tse_real variance_of(const tse_kalman *k, int i, tse_real *shift)
 {
@@ -46,7 +43,7 @@ void report_row(const tse_params *p, const tse_kalman *k, tse_output *out)
     out->bias_sd[i] = r_sqrt(var);
     var = variance_of(k, LCX + i, &shift);
     out->stiffness[i] = r_exp2(r_mul(LOG2_OF_E, r_clamp(k->x[LCX + i] + shift, p->log_min, p->log_max)));
-    var += r_sqr(i == TSE_CX_FRONT ? r_max(r_mul(LONGITUDINAL, MODEL_FLOOR), p->model_sd) : MODEL_FLOOR) + p->mass_var;
+    var += r_sqr(i == TSE_CX_FRONT ? r_max(FLOOR_ALONG, p->model_sd) : MODEL_FLOOR) + p->mass_var;
     out->stiffness_sd[i] = r_mul(out->stiffness[i], r_sqrt(var));
     out->stiffness_spread[i] = r_mul(out->stiffness[i], p->model_sd);
     out->spread_seen[i] = 0;

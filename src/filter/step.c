@@ -8,16 +8,12 @@
 #include "filter/filter.h"
 
 #define STILL_SPEED TSE_R(0.02)   /* m/s: wheels that turn slower stand                 */
-#define STILL_TIME TSE_R(0.5)     /* s: before the gyro is believed to read its bias    */
-#define REVERSE_SPEED TSE_R(-0.1) /* m/s                                                */
-
-#define JUMP TSE_R(3)             /* m/s: what all wheels that are read gain in a row, beyond JUMP_RATE, is no car's */
 #define JUMP_RATE TSE_R(100)      /* m/s2 */
 
 /* Wheels that stood, or were read as zero, and turn in the next row: nothing that a car can do. Downwards they may: they lock. */
-static int jumped(tse_filter *f, const decoded *z)
+static int jumped(const tse_params *p, tse_filter *f, const decoded *z)
 {
-  const tse_real most = JUMP + r_mul(JUMP_RATE, z->dt), front = z->z[3] - f->v_front, rear = z->z[4] - f->v_rear;
+  const tse_real most = p->hold_speed + r_mul(JUMP_RATE, z->dt), front = z->z[3] - f->v_front, rear = z->z[4] - f->v_rear;
   const int jump = f->step > 0 && (z->use[3] || z->use[4]) && !(z->use[3] && front < most) && !(z->use[4] && rear < most);
   if (z->use[3] || z->one_speed) f->v_front = z->z[3];
   if (z->use[4]) f->v_rear = z->z[4];
@@ -32,12 +28,12 @@ static passage classify(const tse_params *p, tse_filter *f, const decoded *z)
   passage w;
   f->held_for = z->has_steer ? TSE_R(0) : r_min(f->held_for + z->dt, TSE_R(1e6));
   f->rolled_for = wheels ? TSE_R(0) : r_min(f->rolled_for + z->dt, TSE_R(1e6));
-  w.gap = jumped(f, z) || z->dt > p->max_gap || (z->has_steer && f->lost);
+  w.gap = jumped(p, f, z) || z->dt > p->max_gap || (z->has_steer && f->lost);
   f->lost = f->held_for > p->max_gap || f->rolled_for > TSE_R(10) || (f->lost && !(z->has_steer && wheels));
   w.predicted = f->lost || z->used == 0 || !z->has_steer;
   w.one_speed = z->one_speed;
-  w.held = slow < p->hold_speed || r_min(front, rear) < REVERSE_SPEED || r_abs(z->steer) > p->max_steer;
-  f->still_for = slow < STILL_SPEED && wheels ? r_min(f->still_for + z->dt, STILL_TIME) : TSE_R(0);
+  w.held = slow < p->hold_speed || r_min(front, rear) < -p->hold_speed || r_abs(z->steer) > p->max_steer;
+  f->still_for = slow < STILL_SPEED && wheels ? r_min(f->still_for + z->dt, MODEL_TIME) : TSE_R(0);
   return w;
 }
 
@@ -82,7 +78,7 @@ tse_status step_row(const tse_params *p, tse_filter *f, const tse_input *u, tse_
     k->channels = 0;
     if (f->started) rest_row(p, k, z.dt);
     if (!f->lost || !f->started) start_motion(p, k, &z);
-    if (!(f->still_for < STILL_TIME)) update_still(p, k, &z);
+    if (!(f->still_for < MODEL_TIME)) update_still(p, k, &z);
     f->started = f->started || (z.has_steer && (z.use[3] || z.use[4]));
   } else {
     const steering angle = predict_row(p, k, &z);

@@ -555,7 +555,7 @@ static void test_parts_of_the_sd_are_those_of_what_is_uncertain(void)
 }
 
 /* More doubt about the car: a wider interval. */
-static void test_what_is_parameters_uncertain_widens_the_interval(void)
+static void test_uncertain_parameters_widen_the_interval(void)
 {
   double sd[2][3];
   for (int loosely = 0; loosely < 2; loosely++) {
@@ -598,6 +598,6 @@ int main(void)
   RUN_TEST(test_a_state_that_is_no_number_is_started_over);
   RUN_TEST(test_readings_at_their_ends_leave_numbers);
   RUN_TEST(test_parts_of_the_sd_are_those_of_what_is_uncertain);
-  RUN_TEST(test_what_is_parameters_uncertain_widens_the_interval);
+  RUN_TEST(test_uncertain_parameters_widen_the_interval);
   return UNITY_END();
 }
