@@ -187,6 +187,31 @@ void car_move(const tse_car *c, tse_real x[STATES], steering u, tse_real M[MOTIO
   }
 }
 
+void car_rates(const tse_car *c, const tse_real x[STATES], const forces *f, tse_real rate[3], tse_real by[3][COLUMNS])
+{
+  const tse_real vx = x[VX], vy = x[VY], r = x[YAW], level = TSE_R(1) - x[LEAN];
+  const tse_real w2 = r_mul(c->roll_rate, c->roll_rate), drag = r_mul(TSE_R(2), r_mul(c->roll_damping, c->roll_rate));
+  const tse_real swing = r_mul(w2, r_mul(c->roll_gain, f->y) - x[PHI]) - r_mul(drag, x[DPHI]);
+  const tse_real own = TSE_R(1) + r_mul(c->roll_coupling, r_mul(w2, c->roll_gain)); /* slope over f->y */
+  rate[0] = f->x + r_mul(vy, r) - x[GX];
+  rate[1] = f->y - r_mul(level, r_mul(vx, r)) + x[GY] + r_mul(c->roll_coupling, swing);
+  rate[2] = f->yaw;
+  for (int j = 0; j < COLUMNS; j++) {
+    by[0][j] = f->by_x[j];
+    by[1][j] = r_mul(own, f->by_y[j]);
+    by[2][j] = f->by_yaw[j];
+  }
+  by[0][VY] += r;
+  by[0][YAW] += vy;
+  by[0][GX] -= TSE_R(1);
+  by[1][VX] -= r_mul(level, r);
+  by[1][YAW] -= r_mul(level, vx);
+  by[1][GY] += TSE_R(1);
+  by[1][LEAN] += r_mul(vx, r);
+  by[1][PHI] -= r_mul(c->roll_coupling, w2);
+  by[1][DPHI] -= r_mul(c->roll_coupling, drag);
+}
+
 void car_pitch(const tse_car *c, tse_real pitch[2], tse_real ax, tse_real dt)
 { /* trapezoidal rule: stable whatever dt */
   const tse_real wh = r_mul(TSE_R(6.283185307179586), r_mul(c->pitch_frequency, dt));

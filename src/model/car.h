@@ -22,6 +22,7 @@
 
 #define car_forces  TSE_NAME(tse_car_forces)
 #define car_move    TSE_NAME(tse_car_move)
+#define car_rates   TSE_NAME(tse_car_rates)
 #define car_pitch   TSE_NAME(tse_car_pitch)
 #define car_measure TSE_NAME(tse_car_measure)
 
@@ -62,6 +63,10 @@ void car_forces(const tse_car *c, const tse_real x[STATES], steering u, tse_real
  *   Returned:  M[MOTION][COLUMNS]  slopes of the motion at the end over state and uncertain quantities at the start, SI units
  *   O(substeps) time, at most TSE_SUBSTEPS. */
 void car_move(const tse_car *c, tse_real x[STATES], steering u, tse_real M[MOTION][COLUMNS]);
+
+/* How fast speeds along and across and the yaw rate change at x. f: car_forces() there.
+ *   Returned:  rate[3]  [m/s2] [m/s2] [rad/s2]     by[3][COLUMNS]  their slopes */
+void car_rates(const tse_car *c, const tse_real x[STATES], const forces *f, tse_real rate[3], tse_real by[3][COLUMNS]);
 
 /* The body's pitch, as the acceleration that it follows: pitch[0], and its rate.   Updated: pitch  from the row before to a_x = ax, dt later */
 void car_pitch(const tse_car *c, tse_real pitch[2], tse_real ax, tse_real dt);
