@@ -58,6 +58,15 @@ enum {
 #define TSE_SENSORS 5   /* accel_x, accel_y, yaw_rate, wheel speeds front and rear */
 #define TSE_SUBSTEPS 16
 #define TSE_DOUBTS 10   /* uncertain quantities that are no state */
+#if defined(TSE_NO_VELOCITY) /* a build that is 1.9 kB of RAM smaller in float; rows that give one are refused there */
+#define TSE_EXTRAS 1 /* not in use */
+#define TSE_PAST 1
+#else
+#define TSE_EXTRAS 7    /* states of a measured velocity, behind the others; src/filter/velocity.c: at rest unless one is given */
+#define TSE_PAST 8      /* earlier motion that is kept for velocities that come late */
+#endif
+#define TSE_ALL (TSE_STATES + TSE_EXTRAS)
+#define TSE_VELOCITIES 4 /* tse/velocity.def */
 #define TSE_KEPT 11     /* states that a drive leaves to the next: biases, stiffness, grip, steering, radius */
 
 /* The car as the filter's model has it, src/model/car.h. Forces are over mass. */
@@ -120,6 +129,8 @@ typedef struct tse_params {
   tse_real sensor_sd[TSE_SENSORS], uncertain[TSE_DOUBTS], model_sd; /* [m/s2] [m/s2] [rad/s] [m/s] [m/s]; sd of what is no state; [1] */
   tse_real bias_sd_walk[3], steady_sd_walk, log_min, log_max;
   tse_real steer_lag, steer_lag_second; /* [s] */
+  tse_real velocity_sd[TSE_VELOCITIES], velocity_late; /* [m/s] [m/s] [m/s] [rad]; [s] behind the row that is stepped to */
+  tse_real extra[TSE_EXTRAS], extra_sd[TSE_EXTRAS]; /* prior of the states of a measured velocity */
   tse_effects effects;                /* what is not in the plain model; mask 0: nothing   */
 } tse_params;
 
@@ -157,11 +168,26 @@ enum { TSE_CHANGE_NONE, TSE_CHANGE_ROAD, TSE_CHANGE_FRONT, TSE_CHANGE_REAR, TSE_
 #define TSE_GROUPS 2     /* of events that exclude each other */
 #define TSE_EVENTS 16   /* places for what may have happened, src/filter/events.c */
 
-typedef struct tse_ud { tse_real u[TSE_STATES * (TSE_STATES - 1) / 2], d[TSE_STATES]; } tse_ud;
+typedef struct tse_ud {
+  tse_real u[TSE_STATES * (TSE_STATES - 1) / 2], d[TSE_STATES];
+  tse_real w[TSE_EXTRAS][TSE_ALL], e[TSE_EXTRAS]; /* rows above u, of states that no other depends on; their part of the diagonal */
+  int32_t extras;                     /* of them in use: 0 or TSE_EXTRAS */
+} tse_ud;
+
+/* What is kept of a measured velocity, in the order of tse/velocity.def. */
+typedef struct tse_velocity {
+  tse_real noise[TSE_VELOCITIES];     /* [1] variance of a channel as found, over the setting's */
+  tse_real innovation[TSE_VELOCITIES], last[TSE_VELOCITIES], since[TSE_VELOCITIES]; /* [m/s, rad] of the last value, itself; [s] its age */
+  tse_real misfit[TSE_VELOCITIES], off_for[TSE_VELOCITIES]; /* [1] recent innovations squared over their variance; [s] left out for */
+  tse_real past[TSE_PAST][4], age[TSE_PAST]; /* vel_x, vel_y, yaw rate, heading less those now, newest first; [s] */
+  tse_real gyro, turned, motion[3];   /* [rad/s] without bias, [rad] heading since, speeds [m/s] and yaw rate [rad/s], at the last row */
+  tse_real activity;                  /* [m2/s2] recent square of how fast the axles slip sideways */
+  int32_t kept, has_heading, has_gyro;
+} tse_velocity;
 
 /* What may have happened: the state is off by amplitude times v if it did. */
 typedef struct tse_event {
-  tse_real v[TSE_STATES];             /* [unit] of the state */
+  tse_real v[TSE_ALL];                /* [unit] of the state */
   tse_real info, score;               /* [1] 1/variance of the amplitude by the samples since, and that times its mean */
   tse_real age;                       /* [s] */
   int32_t kind;                       /* src/filter/events.c; 0: free place */
@@ -169,9 +195,9 @@ typedef struct tse_event {
 
 /* A filter of the default form. */
 typedef struct tse_kalman {
-  tse_real x[TSE_STATES];             /* SI */
+  tse_real x[TSE_ALL];                /* SI */
   tse_ud p;                           /* in units of the state */
-  tse_real doubt[TSE_DOUBTS][TSE_STATES];      /* [unit] what x is off by if an uncertain quantity is off by one sd */
+  tse_real doubt[TSE_DOUBTS][TSE_ALL];         /* [unit] what x is off by if an uncertain quantity is off by one sd */
   tse_real noise[TSE_SENSORS];        /* [1] variance of a channel as found, over the setting's */
   tse_real activity[3];               /* [m2/s4] [m2/s4] [rad2/s2] recent a_x, a_y, yaw rate, squared */
   tse_real before[3];                 /* [m/s2] [m/s2] [m/s] a_x, a_y and speed at the last row */
@@ -192,6 +218,7 @@ typedef struct tse_kalman {
   int32_t change_kind, fault, slow_turn, channels; /* TSE_CHANGE_*; 0 none, else 1 + place in tse/input.def; rows; of the last row */
   tse_event event[TSE_EVENTS];
   tse_real weight[TSE_EVENTS], none[TSE_GROUPS]; /* posterior probability of each event, and that nothing happened */
+  tse_velocity velocity;
 } tse_kalman;
 
 /* Rows that wait for channels which are logged later, in a ring: before them stands an older one. */

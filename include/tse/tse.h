@@ -66,7 +66,9 @@ typedef struct tse_config {
 #undef INT
 } tse_config;
 
-/* One log row. Rows, ranges, units: tse/input.def. A channel is missing when it is NaN or its bit is set in `missing`.
+/* One log row. Rows, ranges, units: tse/input.def. A channel is missing when it is NaN or its bit is set in `missing`. Velocities
+ * (tse/velocity.def) are the other way round: one that is not given is not there, so that a row of zeros measures none. Set the struct to zero before it
+ * is filled.
  * dt: time since the previous row [s], (0, 3600]; ignored after tse_reset() up to the first row with all inputs. */
 typedef struct tse_input {
   tse_real dt;
@@ -74,6 +76,10 @@ typedef struct tse_input {
 #include "tse/input.def"
 #undef INPUT
   uint32_t missing;
+  uint32_t given;               /* velocities that were measured: bits TSE_GIVEN(ins_vel_y); 0: none, then those below are not read */
+#define VELOCITY(name, lo, hi, unit, text) tse_real name;
+#include "tse/velocity.def"
+#undef VELOCITY
 } tse_input;
 
 enum { /* bits of tse_input.missing: TSE_MISSING(accel_x) */
@@ -83,6 +89,14 @@ enum { /* bits of tse_input.missing: TSE_MISSING(accel_x) */
   TSE_CHANNELS
 };
 #define TSE_MISSING(name) (1u << TSE_CHANNEL_##name)
+
+enum { /* bits of tse_input.given: TSE_GIVEN(gnss_speed) */
+#define VELOCITY(name, lo, hi, unit, text) TSE_VELOCITY_##name,
+#include "tse/velocity.def"
+#undef VELOCITY
+  TSE_ALL_VELOCITIES
+};
+#define TSE_GIVEN(name) (1u << TSE_VELOCITY_##name)
 
 /* Index of a stiffness in tse_output and everywhere else. */
 enum { TSE_CX_FRONT = 0, TSE_CY_FRONT = 1, TSE_CY_REAR = 2 };
@@ -102,7 +116,7 @@ typedef struct tse_output {
   tse_real estimate_age;        /* how long before this row the time lies that the estimates speak of */
   tse_real n_eff, log_evidence; /* of particles, 1 in the default form; of this row        */
   int32_t spread_seen[3];       /* 1: the spread is learnt; 0: below what sensors and excitation can show */
-  int32_t change_kind, fault_channel; /* TSE_CHANGE_*; 0 none, else 1 + place in tse/input.def */
+  int32_t change_kind, fault_channel; /* TSE_CHANGE_*; 0 none, else 1 + place in tse/input.def, behind it in tse/velocity.def */
   int32_t reason[3], grip_reason;
   int32_t status;
 } tse_output;
@@ -171,6 +185,9 @@ tse_status tse_input_check(const tse_input *u, const char **wrong);
  *     another road, an axle's tyres              p_changed, p_axle: stiffness and grip move, and are uncertain
  *     noise other than the setting               found, noise_...; at most noise_max times
  *     what the model does not explain            model_sd: a share of what happens, discrepancy_...
+ *     a velocity is given (tse/velocity.def)     a measurement, late by velocity_latency; a value that repeats the one before is no
+ *                                                new one; out of range or NaN: not there; one that does not fit is left out until
+ *                                                it does. In the forms with particles: refused, TSE_E_INPUT
  *     uncertain parameters                       the settings of tse/uncertainty.def: Schmidt's gain; they widen the sd of all estimates
  *   ... with particles
  *     steering angle or wheel speed missing      last value held up to max_gap, then states frozen; predicts only

@@ -78,7 +78,7 @@ static int logged(const tse_alignment *m, int c, tse_real age, tse_real *value, 
 }
 
 /* The row of the newest time at which all channels are known.   Updated: m->lost */
-static void compose(const tse_params *p, tse_alignment *m, tse_input *row)
+static void compose(const tse_params *p, tse_alignment *m, const tse_input *u, tse_input *row)
 {
   tse_real lost[TSE_CHANNELS];
   row->dt = m->since > TSE_R(0) ? m->since : p->sample_time; /* the latter in the first row, where it does not count */
@@ -89,6 +89,10 @@ static void compose(const tse_params *p, tse_alignment *m, tse_input *row)
 #include "tse/input.def"
 #undef INPUT
   for (int a = 0; a < 3; a++) m->lost[a] = lost[(int)TSE_CHANNEL_accel_x + a];
+  row->given = u->given; /* velocities do not wait: how much earlier than this row they were true is known (velocity_late) */
+#define VELOCITY(name, lo, hi, unit, text) row->name = u->name;
+#include "tse/velocity.def"
+#undef VELOCITY
 }
 
 tse_status align_row(const tse_params *p, tse_filter *f, const tse_input *u, tse_input *row)
@@ -112,7 +116,7 @@ tse_status align_row(const tse_params *p, tse_filter *f, const tse_input *u, tse
   keep(m, &given, m->unkept);
   m->unkept = TSE_R(0);
   if (!reaches(p, m)) return TSE_W_WAITING;
-  compose(p, m, row);
+  compose(p, m, u, row);
   m->since = TSE_R(0);
   return TSE_OK;
 }

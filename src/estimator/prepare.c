@@ -178,6 +178,7 @@ static void prepare_latencies(const tse_config *c, tse_params *p)
   latencies_of(c, latency);
   const reading_time r = reading_time_of(c, latency);
   p->latency = real_of(r.age);
+  p->velocity_late = real_of(c->velocity_latency - r.age); /* a velocity does not wait */
   p->latency_span = real_of(r.span);
   p->latency_least = real_of(r_div(r.span, r_from_int(TSE_LATENCY_ROWS - 2)));
   for (int k = 0; k < (int)TSE_CHANNELS; k++) p->latency_age[k] = real_of(r.age - latency[k]);
@@ -389,6 +390,22 @@ tse_status tse_prepare(const tse_config *settings, tse_params *p, const char **w
   return TSE_OK;
 }
 
+static void prepare_velocity(const tse_config *c, tse_params *p)
+{
+#if defined(TSE_NO_VELOCITY)
+  (void)c, (void)p;
+#else
+  const tse_setting sd[TSE_VELOCITIES] = { c->ins_velocity_sd, c->ins_velocity_sd, c->gnss_speed_sd, c->gnss_course_sd };
+  const tse_setting prior[TSE_EXTRAS] = { 0, 0, 0, c->velocity_heading, 0, c->velocity_lever_x, c->velocity_lever_y };
+  const tse_setting prior_sd[TSE_EXTRAS] = { 1, 0, c->velocity_scale_sd, c->velocity_heading_sd, c->velocity_latency_sd, c->velocity_lever_sd, c->velocity_lever_sd };
+  for (int i = 0; i < TSE_VELOCITIES; i++) p->velocity_sd[i] = real_of(sd[i]);
+  for (int i = 0; i < TSE_EXTRAS; i++) {
+    p->extra[i] = real_of(prior[i]);
+    p->extra_sd[i] = real_of(prior_sd[i]);
+  }
+#endif
+}
+
 /* The car of the filter's model. c: with CONSTANT effects */
 static void prepare_car(const tse_config *c, tse_params *p)
 {
@@ -470,6 +487,7 @@ static void prepare_car(const tse_config *c, tse_params *p)
   p->log_min = r_mul(LN_2, r_log2(real_of(c->stiffness_min)));
   p->log_max = r_mul(LN_2, r_log2(real_of(c->stiffness_max)));
   p->model_sd = real_of(c->model_sd);
+  prepare_velocity(c, p);
 }
 
 static void constants_of(const tse_config *settings, tse_params *p)

@@ -94,17 +94,18 @@ void events_move(const tse_params *p, tse_kalman *k, tse_real M[MOTION][COLUMNS]
 void events_learn(tse_kalman *k, int channel, const tse_real h[STATES], const tse_real gain[STATES], tse_real e, tse_real s, tse_real sd)
 {
   const tse_real over = r_div(TSE_R(1), s);
+  const int all = STATES + k->p.extras;
   for (int n = 0; n < TSE_EVENTS; n++) {
     tse_event *const a = &k->event[n];
     if (a->kind == EVENT_NONE) continue;
     tse_real y = channel >= 0 && a->kind == EVENT_SENSOR + channel ? r_mul(FAULT_SD, sd) : TSE_R(0);
-    for (int i = 0; i < STATES; i++) y += r_mul(h[i], a->v[i]);
+    for (int i = 0; i < all; i++) y += r_mul(h[i], a->v[i]);
     const tse_real ys = r_mul(y, over);
-    if (group_of(a->kind) == (channel == 1 || channel == 2 ? TURNING : GOING)) {
+    if (group_of(a->kind) == (channel == 1 || channel == 2 || channel == NO_SENSOR_TURNING ? TURNING : GOING)) {
       a->info = r_min(a->info + r_mul(y, ys), TSE_R(1e6));
       a->score = r_clamp(a->score + r_mul(e, ys), TSE_R(-1e6), TSE_R(1e6));
     }
-    for (int i = 0; i < STATES; i++) a->v[i] -= r_mul(gain[i], y);
+    for (int i = 0; i < all; i++) a->v[i] -= r_mul(gain[i], y);
   }
 }
 
@@ -219,7 +220,7 @@ static void believe(const tse_params *p, tse_kalman *k, int n)
   const tse_real var = r_div(TSE_R(1), event_precision(&a)), mean = r_mul(a.score, var);
   tse_real was[3];
   for (int i = 0; i < 3; i++) was[i] = k->x[LCX + i];
-  for (int i = 0; i < STATES; i++) {
+  for (int i = 0; i < STATES + k->p.extras; i++) {
     tse_real shift = r_mul(r_mul(mean, a.v[i]), state_unit[i]);
     if (a.kind <= EVENT_REAR && i >= LCX && i <= LMU) { /* a share of the force, no logarithm yet */
       const tse_real force = r_max(TSE_R(1) + shift, TSE_R(0.2));

@@ -14,6 +14,13 @@
 #define signal_shares  TSE_NAME(tse_signal_shares)
 #define update_row     TSE_NAME(tse_update_row)
 #define update_still   TSE_NAME(tse_update_still)
+#define use_scalar     TSE_NAME(tse_use_scalar)
+#define velocity_move   TSE_NAME(tse_velocity_move)
+#define velocity_lose   TSE_NAME(tse_velocity_lose)
+#define velocity_update TSE_NAME(tse_velocity_update)
+#define velocity_fault  TSE_NAME(tse_velocity_fault)
+#define velocity_off TSE_NAME(tse_velocity_off)
+#define velocity_across_var TSE_NAME(tse_velocity_across_var)
 #define events_move    TSE_NAME(tse_events_move)
 #define events_clear   TSE_NAME(tse_events_clear)
 #define events_learn   TSE_NAME(tse_events_learn)
@@ -28,10 +35,23 @@
 
 #define LOG2_OF_E TSE_R(1.4426950408889634)
 
+/* States of a measured velocity, behind those of the car (model/car.h): [rad] heading of the car, in the axes of the course; [m/s] what the
+ * model does not explain of the speed across; [1] scale;
+ * [rad] heading offset of the INS; [s] latency beyond the setting; [m] where it is measured. */
+enum { PSI = STATES,
+       V_OFF,
+       V_SCALE,
+       V_TURN,
+       V_LATE,
+       V_LEVER_X,
+       V_LEVER_Y };
+
 /* One decoded row. z: accel_x, accel_y, yaw_rate, wheel speeds times radius; use: 0 missing, 1 to be used. */
 typedef struct decoded {
   tse_real dt, steer, z[TSE_SENSORS];
   int32_t use[TSE_SENSORS], has_steer, used, one_speed;
+  tse_real velocity[TSE_VELOCITIES];
+  uint32_t given;
 } decoded;
 
 /* Kinds of events, and what each opens: events.c. */
@@ -59,10 +79,10 @@ enum { DOUBT_INERTIA,
        DOUBT_ACCEL_LATE };
 
 /* Unit of each state in the covariance: numbers of one magnitude in every number format. */
-extern const tse_real state_unit[STATES];
+extern const tse_real state_unit[TSE_ALL];
 
 /* No car goes beyond: [m/s] [m/s] [rad/s] ... as the states. */
-extern const tse_real state_most[STATES];
+extern const tse_real state_most[TSE_ALL];
 
 /* row.c      a log row, checked. Nothing is changed. */
 tse_status row_decode(const tse_params *p, const tse_filter *f, const tse_input *u, decoded *z);
@@ -80,6 +100,25 @@ void signal_shares(const tse_kalman *k, tse_real share[3]);
 /* update.c   one scalar measurement after the other; the gyro's bias at standstill */
 void update_row(const tse_params *p, tse_kalman *k, const decoded *z, steering u);
 void update_still(const tse_params *p, tse_kalman *k, const decoded *z);
+
+/* A measurement as the filter predicts it: slopes over the state in its units, over uncertain quantities, innovation, noise. */
+typedef struct scalar {
+  tse_real h[TSE_ALL], doubts[TSE_DOUBTS], e, r, white, dt;
+} scalar;
+tse_real use_scalar(tse_kalman *k, int channel, const scalar *m, tse_real sd, tse_real change[TSE_ALL], tse_real *state);
+
+/* velocity.c  move: with the row. lose: motion was placed anew, heading and past are gone
+ *             update: velocities of this row, as update_row(). fault: 0 none, else 1 + channel as fault_channel numbers it, left out */
+void velocity_move(const tse_params *p, tse_kalman *k, const decoded *z);
+void velocity_lose(tse_kalman *k);
+void velocity_update(const tse_params *p, tse_kalman *k, const decoded *z, const forces *f, tse_real change[TSE_ALL]);
+int32_t velocity_fault(const tse_kalman *k);
+tse_real velocity_off(const tse_kalman *k); /* what the model does not explain of the speed across, m/s */
+tse_real velocity_across_var(const tse_kalman *k); /* of the speed across with what the model does not explain of it, m2/s2 */
+
+/* Channel of use_scalar() that is no sensor: of what makes the car go, of what makes it turn. */
+enum { NO_SENSOR_GOING = -1,
+       NO_SENSOR_TURNING = -2 };
 
 /* events.c   clear: states before count were placed anew. move: the row's transition, M and what the states behind it keep.
  *            learn: a measurement of a channel (-1: none of a sensor) was used: slopes, gain, innovation, its variance, the sensor's sd

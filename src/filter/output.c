@@ -34,6 +34,8 @@ void report_row(const tse_params *p, const tse_kalman *k, tse_output *out)
   tse_real *const state[3] = { &out->vel_x, &out->vel_y, &out->yaw_rate };
   tse_real *const state_sd[3] = { &out->vel_x_sd, &out->vel_y_sd, &out->yaw_rate_sd };
   const tse_real none = r_mul(k->none[0], k->none[1]);
+  /* slip angles that are measured make the filter sure of a stiffness faster than they show what its model lacks */
+  const tse_real side_floor = k->p.extras ? r_max(MODEL_FLOOR, r_mul(TSE_R(0.5), p->model_sd)) : MODEL_FLOOR;
   for (int i = 0; i < 3; i++) {
     var = variance_of(k, VX + i, &shift);
     *state[i] = r_clamp(k->x[VX + i] + shift, -state_most[VX + i], state_most[VX + i]);
@@ -43,7 +45,7 @@ void report_row(const tse_params *p, const tse_kalman *k, tse_output *out)
     out->bias_sd[i] = r_sqrt(var);
     var = variance_of(k, LCX + i, &shift);
     out->stiffness[i] = r_exp2(r_mul(LOG2_OF_E, r_clamp(k->x[LCX + i] + shift, p->log_min, p->log_max)));
-    var += r_sqr(i == TSE_CX_FRONT ? r_max(FLOOR_ALONG, p->model_sd) : MODEL_FLOOR) + p->mass_var;
+    var += r_sqr(i == TSE_CX_FRONT ? r_max(FLOOR_ALONG, p->model_sd) : side_floor) + p->mass_var;
     out->stiffness_sd[i] = r_mul(out->stiffness[i], r_sqrt(var));
     out->stiffness_spread[i] = r_mul(out->stiffness[i], p->model_sd);
     out->spread_seen[i] = 0;
@@ -52,7 +54,10 @@ void report_row(const tse_params *p, const tse_kalman *k, tse_output *out)
   }
   /* the rear axle slips sideways by force over stiffness: lr r - vy is that much, times what the stiffness may be off by */
   const tse_real across = r_mul(p->lr, out->yaw_rate) - out->vel_y;
-  out->vel_y_sd = r_sqrt(r_sqr(out->vel_y_sd) + r_mul(r_sqr(across) + r_sqr(r_mul(p->lr, out->yaw_rate)), r_sqr(p->model_sd) + p->mass_var));
+  if (k->p.extras) { /* ... which a measured velocity shows */
+    out->vel_y = r_clamp(out->vel_y + velocity_off(k), -state_most[VY], state_most[VY]);
+    out->vel_y_sd = r_sqrt(velocity_across_var(k));
+  } else out->vel_y_sd = r_sqrt(r_sqr(out->vel_y_sd) + r_mul(r_sqr(across) + r_sqr(r_mul(p->lr, out->yaw_rate)), r_sqr(p->model_sd) + p->mass_var));
   out->sideslip = r_max(r_abs(out->vel_x), r_abs(out->vel_y)) < TSE_R(0.01) ? TSE_R(0) : r_atan2(out->vel_y, out->vel_x);
   var = variance_of(k, LATE, &shift);
   out->lag_steer = k->x[LATE] + shift;
@@ -83,7 +88,7 @@ void report_row(const tse_params *p, const tse_kalman *k, tse_output *out)
   out->change_kind = k->change_kind;
   out->change_age = k->change_age;
   out->change_probability = k->change_kind ? none : TSE_R(0);
-  out->fault_channel = k->fault;
+  out->fault_channel = k->fault ? k->fault : velocity_fault(k);
   out->n_eff = TSE_R(1);
   out->log_evidence = k->log_likelihood;
 }

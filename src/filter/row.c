@@ -29,6 +29,15 @@ tse_status row_decode(const tse_params *p, const tse_filter *f, const tse_input 
   /* both axles read the same: one signal, a vehicle speed, which says nothing of slip */
   z->one_speed = z->use[3] && z->use[4] && (p->wheel_signals < 2 || r_abs(z->z[3] - z->z[4]) <= r_mul(SAME_SPEED, r_abs(z->z[4])));
   if (z->one_speed) z->use[3] = 0;
+  z->given = 0;
+#define VELOCITY(name, lo, hi, unit, text)                                                                             \
+  z->velocity[TSE_VELOCITY_##name] = TSE_R(0);                                                                         \
+  if ((u->given & TSE_GIVEN(name)) != 0 && u->name >= TSE_R(lo) && u->name <= TSE_R(hi)) {                             \
+    z->velocity[TSE_VELOCITY_##name] = u->name;                                                                        \
+    z->given |= TSE_GIVEN(name);                                                                                       \
+  }
+#include "tse/velocity.def"
+#undef VELOCITY
   z->used = z->use[0] + z->use[1] + z->use[2];
   return TSE_OK;
 }

@@ -1,18 +1,24 @@
 /* filter/start.c - the prior, and the motion placed from the sensors. */
 #include "filter/filter.h"
 
-const tse_real state_unit[STATES] = {
+const tse_real state_unit[TSE_ALL] = {
   TSE_R(0.2), TSE_R(0.1), TSE_R(0.02),                          /* VX VY YAW         */
   TSE_R(0.01), TSE_R(0.01), TSE_R(0.01), TSE_R(0.5),              /* AF AR PHI DPHI    */
   TSE_R(0.01), TSE_R(0.01), TSE_R(0.3), TSE_R(0.15),             /* SF SR GX GY       */
   TSE_R(0.05), TSE_R(0.05), TSE_R(0.002),                         /* BX BY BR          */
   TSE_R(0.1), TSE_R(0.1), TSE_R(0.1), TSE_R(0.2),              /* LCX LCF LCR LMU   */
-  TSE_R(0.002), TSE_R(0.02), TSE_R(0.01), TSE_R(0.005), TSE_R(0.05) /* OFF GAIN LATE RAD LEAN */
+  TSE_R(0.002), TSE_R(0.02), TSE_R(0.01), TSE_R(0.005), TSE_R(0.05), /* OFF GAIN LATE RAD LEAN */
+#if !defined(TSE_NO_VELOCITY)
+  TSE_R(0.02), TSE_R(0.1), TSE_R(0.01), TSE_R(0.01), TSE_R(0.02), TSE_R(0.2), TSE_R(0.2) /* PSI, V_OFF ... */
+#endif
 };
 
-const tse_real state_most[STATES] = {
+const tse_real state_most[TSE_ALL] = {
   TSE_R(200), TSE_R(60), TSE_R(20), TSE_R(1.5), TSE_R(1.5), TSE_R(0.5), TSE_R(10), TSE_R(10), TSE_R(10), TSE_R(5), TSE_R(5),
-  TSE_R(50), TSE_R(50), TSE_R(6), TSE_R(4), TSE_R(4), TSE_R(4), TSE_R(4), TSE_R(0.2), TSE_R(0.5), TSE_R(0.2), TSE_R(0.2), TSE_R(0.9)
+  TSE_R(50), TSE_R(50), TSE_R(6), TSE_R(4), TSE_R(4), TSE_R(4), TSE_R(4), TSE_R(0.2), TSE_R(0.5), TSE_R(0.2), TSE_R(0.2), TSE_R(0.9),
+#if !defined(TSE_NO_VELOCITY)
+  TSE_R(10), TSE_R(30), TSE_R(0.5), TSE_R(1), TSE_R(0.3), TSE_R(30), TSE_R(30)
+#endif
 };
 
 void start_all(const tse_params *p, tse_filter *f)

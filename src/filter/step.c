@@ -3,6 +3,7 @@
  *   row.c       a log row becomes a checked sample
  *   predict.c   state and covariance to its time (model/car.c)
  *   update.c    its measurements, one after the other
+ *   velocity.c  ... of them a velocity, where one is measured
  *   events.c    what may have happened
  *   output.c    estimates, and whether to act on them */
 #include "filter/filter.h"
@@ -42,6 +43,7 @@ static int whole(const tse_kalman *k)
 {
   int fine = 1;
   for (int i = 0; i < STATES; i++) fine = fine && r_is_finite(k->x[i]) && r_is_finite(k->p.d[i]) && k->p.d[i] >= TSE_R(0);
+  for (int i = 0; i < k->p.extras; i++) fine = fine && r_is_finite(k->x[STATES + i]) && r_is_finite(k->p.e[i]) && k->p.e[i] >= TSE_R(0);
   return fine;
 }
 
@@ -76,12 +78,14 @@ tse_status step_row(const tse_params *p, tse_filter *f, const tse_input *u, tse_
     for (int a = 0; a < TSE_SENSORS; a++) k->innovation[a] = k->innovation_var[a] = TSE_R(0); /* nothing is weighed */
     k->nis = k->log_likelihood = TSE_R(0);
     k->channels = 0;
+    velocity_lose(k);
     if (f->started) rest_row(p, k, z.dt);
     if (!f->lost || !f->started) start_motion(p, k, &z);
     if (!(f->still_for < MODEL_TIME)) update_still(p, k, &z);
     f->started = f->started || (z.has_steer && (z.use[3] || z.use[4]));
   } else {
     const steering angle = predict_row(p, k, &z);
+    velocity_move(p, k, &z);
     update_row(p, k, &z, angle);
     events_decide(p, k, z.dt);
     k->seen = r_min(k->seen + z.dt, TSE_R(1e6));

@@ -12,6 +12,53 @@ void ud_set(tse_ud *p, const tse_real variance[STATES])
 {
   for (int i = 0; i < STATES * (STATES - 1) / 2; i++) p->u[i] = TSE_R(0);
   for (int i = 0; i < STATES; i++) p->d[i] = r_max(variance[i], LEAST_D);
+  p->extras = 0;
+}
+
+#if !defined(TSE_NO_VELOCITY)
+void ud_open(tse_ud *p, const tse_real variance[TSE_EXTRAS])
+{
+  p->extras = TSE_EXTRAS;
+  for (int e = 0; e < TSE_EXTRAS; e++) {
+    p->e[e] = r_max(variance[e], LEAST_D);
+    for (int j = 0; j < TSE_ALL; j++) p->w[e][j] = TSE_R(0);
+  }
+}
+
+void ud_tie(tse_ud *p, int i, tse_real share)
+{
+  p->w[0][i] += share;
+  for (int j = i + 1; j < STATES; j++) p->w[0][j] += r_mul(share, p->u[ud_column(j) + i]);
+}
+
+void ud_fade_extra(tse_ud *p, int e, tse_real share)
+{
+  const tse_real over = r_div(TSE_R(1), share);
+  for (int k = 0; k < e; k++) p->w[k][STATES + e] = r_mul(p->w[k][STATES + e], over);
+  for (int j = 0; j < TSE_ALL; j++) p->w[e][j] = r_mul(p->w[e][j], share);
+  p->e[e] = r_max(r_mul(p->e[e], r_mul(share, share)), LEAST_D);
+}
+
+void ud_renew(tse_ud *p, tse_real variance)
+{
+  for (int j = 0; j < TSE_ALL; j++) p->w[0][j] = TSE_R(0);
+  p->e[0] = r_max(variance, LEAST_D);
+}
+#endif
+
+/* c a a' more of the extra states alone.    Updated: a is used up */
+static void extras_add(tse_ud *p, tse_real *a, tse_real c)
+{
+  for (int e = EXTRAS_IN_USE(p) - 1; e >= 0; e--) {
+    if (a[e] == TSE_R(0)) continue;
+    const tse_real ca = r_mul(c, a[e]), d = r_max(p->e[e] + r_mul(ca, a[e]), LEAST_D), share = r_div(ca, d);
+    for (int k = 0; k < e; k++) {
+      a[k] -= r_mul(a[e], p->w[k][STATES + e]);
+      p->w[k][STATES + e] += r_mul(share, a[k]);
+    }
+    c = r_mul(c, r_div(p->e[e], d));
+    p->e[e] = d;
+  }
 }
 
 void ud_set_block(tse_ud *p, int first, tse_real cov[TSE_KEPT][TSE_KEPT])
@@ -42,7 +89,7 @@ tse_real ud_common(const tse_ud *p, int i, int k)
 
 tse_real ud_variance(const tse_ud *p, int i) { return ud_common(p, i, i); }
 
-void ud_add(tse_ud *p, tse_real a[STATES], int last, tse_real c)
+void ud_add(tse_ud *p, tse_real *a, int last, tse_real c)
 {
   for (int j = last; j >= 0; j--) {
     tse_real *const u = &p->u[ud_column(j)];
@@ -52,21 +99,35 @@ void ud_add(tse_ud *p, tse_real a[STATES], int last, tse_real c)
       a[k] -= r_mul(a[j], u[k]);
       u[k] += r_mul(share, a[k]);
     }
+    for (int e = 0; e < EXTRAS_IN_USE(p); e++) {
+      a[STATES + e] -= r_mul(a[j], p->w[e][j]);
+      p->w[e][j] += r_mul(share, a[STATES + e]);
+    }
     c = r_mul(c, r_div(p->d[j], d));
     p->d[j] = d;
   }
+  extras_add(p, a + STATES, c);
 }
 
 void ud_add_at(tse_ud *p, int i, tse_real more)
 {
-  tse_real a[STATES];
+  tse_real a[TSE_ALL];
   for (int j = 0; j < i; j++) a[j] = TSE_R(0);
+  for (int e = 0; e < EXTRAS_IN_USE(p); e++) a[STATES + e] = TSE_R(0);
   a[i] = TSE_R(1);
   ud_add(p, a, i, more);
 }
 
 void ud_forget(tse_ud *p, const tse_real *variance, int count)
 {
+  for (int j = 0; j < count && EXTRAS_IN_USE(p); j++) { /* extra states keep their variance */
+    tse_real a[TSE_EXTRAS];
+    for (int e = 0; e < TSE_EXTRAS; e++) {
+      a[e] = p->w[e][j];
+      p->w[e][j] = TSE_R(0);
+    }
+    extras_add(p, a, p->d[j]);
+  }
   for (int j = 0; j < STATES; j++)
     for (int i = 0; i < count && i < j; i++) p->u[ud_column(j) + i] = TSE_R(0);
   for (int i = 0; i < count; i++) p->d[i] = r_max(variance[i], LEAST_D);
@@ -74,7 +135,7 @@ void ud_forget(tse_ud *p, const tse_real *variance, int count)
 
 void ud_move(tse_ud *p, tse_real M[MOTION][COLUMNS], const tse_real noise[MOTION])
 {
-  tse_real w[MOTION][2 * MOTION], weight[2 * MOTION], sum[MOTION];
+  tse_real w[MOTION][2 * MOTION], weight[2 * MOTION], sum[MOTION], extra[TSE_EXTRAS][2 * MOTION];
   for (int j = STATES - 1; j >= 0; j--) { /* M U: columns of the motion are made triangular below, those behind it may be anything */
     tse_real *const u = &p->u[ud_column(j)];
     for (int i = 0; i < MOTION; i++) {
@@ -91,6 +152,8 @@ void ud_move(tse_ud *p, tse_real M[MOTION][COLUMNS], const tse_real noise[MOTION
     weight[MOTION + k] = noise[k];
     for (int i = 0; i < MOTION; i++) w[i][MOTION + k] = i == k ? TSE_R(1) : TSE_R(0);
   }
+  for (int e = 0; e < EXTRAS_IN_USE(p); e++)
+    for (int k = 0; k < 2 * MOTION; k++) extra[e][k] = k < MOTION ? p->w[e][k] : TSE_R(0);
   for (int j = MOTION - 1; j >= 0; j--) { /* Gram-Schmidt, weighted */
     tse_real v[2 * MOTION], d = TSE_R(0);
     for (int k = 0; k < 2 * MOTION; k++) {
@@ -105,6 +168,17 @@ void ud_move(tse_ud *p, tse_real M[MOTION][COLUMNS], const tse_real noise[MOTION
       p->u[ud_column(j) + i] = share;
       for (int k = 0; k < 2 * MOTION; k++) w[i][k] -= r_mul(share, w[j][k]);
     }
+    for (int e = 0; e < EXTRAS_IN_USE(p); e++) {
+      tse_real common = TSE_R(0);
+      for (int k = 0; k < 2 * MOTION; k++) common += r_mul(extra[e][k], v[k]);
+      p->w[e][j] = r_div(common, p->d[j]);
+      for (int k = 0; k < 2 * MOTION; k++) extra[e][k] -= r_mul(p->w[e][j], w[j][k]);
+    }
+  }
+  for (int k = 0; k < 2 * MOTION && EXTRAS_IN_USE(p); k++) { /* what the motion as it is now does not explain of them */
+    tse_real a[TSE_EXTRAS];
+    for (int e = 0; e < TSE_EXTRAS; e++) a[e] = extra[e][k];
+    extras_add(p, a, weight[k]);
   }
 }
 
@@ -112,11 +186,12 @@ void ud_fade(tse_ud *p, int i, tse_real share)
 {
   const tse_real over = r_div(TSE_R(1), share);
   for (int k = 0; k < i; k++) p->u[ud_column(i) + k] = r_mul(p->u[ud_column(i) + k], over);
+  for (int e = 0; e < EXTRAS_IN_USE(p); e++) p->w[e][i] = r_mul(p->w[e][i], over);
   p->d[i] = r_max(r_mul(p->d[i], r_mul(share, share)), LEAST_D);
   for (int j = i + 1; j < STATES; j++) p->u[ud_column(j) + i] = r_mul(p->u[ud_column(j) + i], share);
 }
 
-tse_real ud_measure(const tse_ud *p, const tse_real *h, tse_real f[STATES], tse_real v[STATES])
+tse_real ud_measure(const tse_ud *p, const tse_real *h, tse_real *f, tse_real *v)
 {
   tse_real sum = TSE_R(0);
   int at[STATES], count = 0;
@@ -125,16 +200,36 @@ tse_real ud_measure(const tse_ud *p, const tse_real *h, tse_real f[STATES], tse_
     tse_real s = h[j];
     for (int k = 0; k < count; k++) s += r_mul(u[at[k]], h[at[k]]);
     if (h[j] != TSE_R(0)) at[count++] = j;
+    for (int e = 0; e < EXTRAS_IN_USE(p); e++) s += r_mul(p->w[e][j], h[STATES + e]);
     f[j] = s;
     v[j] = r_mul(p->d[j], s);
     sum += r_mul(v[j], s);
   }
+  for (int e = 0; e < EXTRAS_IN_USE(p); e++) {
+    tse_real s = h[STATES + e];
+    for (int k = 0; k < e; k++) s += r_mul(p->w[k][STATES + e], h[STATES + k]);
+    f[STATES + e] = s;
+    v[STATES + e] = r_mul(p->e[e], s);
+    sum += r_mul(v[STATES + e], s);
+  }
   return sum;
 }
 
-void ud_correct(tse_ud *p, const tse_real f[STATES], const tse_real v[STATES], tse_real r, tse_real gain[STATES])
+void ud_correct(tse_ud *p, const tse_real *f, const tse_real *v, tse_real r, tse_real *gain)
 {
   tse_real s = r;
+  for (int e = 0; e < EXTRAS_IN_USE(p); e++) {
+    const tse_real before = s, own = v[STATES + e];
+    s += r_mul(own, f[STATES + e]);
+    const tse_real pull = -r_div(f[STATES + e], before);
+    p->e[e] = r_max(r_mul(p->e[e], r_div(before, s)), LEAST_D);
+    for (int k = 0; k < e; k++) {
+      const tse_real was = p->w[k][STATES + e];
+      p->w[k][STATES + e] = was + r_mul(gain[STATES + k], pull);
+      gain[STATES + k] += r_mul(was, own);
+    }
+    gain[STATES + e] = own;
+  }
   for (int j = 0; j < STATES; j++) {
     tse_real *const u = &p->u[ud_column(j)];
     const tse_real before = s;
@@ -146,8 +241,13 @@ void ud_correct(tse_ud *p, const tse_real f[STATES], const tse_real v[STATES], t
       u[i] = was + r_mul(gain[i], pull);
       gain[i] += r_mul(was, v[j]);
     }
+    for (int e = 0; e < EXTRAS_IN_USE(p); e++) {
+      const tse_real was = p->w[e][j];
+      p->w[e][j] = was + r_mul(gain[STATES + e], pull);
+      gain[STATES + e] += r_mul(was, v[j]);
+    }
     gain[j] = v[j];
   }
   const tse_real over = r_div(TSE_R(1), s);
-  for (int i = 0; i < STATES; i++) gain[i] = r_mul(gain[i], over);
+  for (int i = 0; i < STATES + EXTRAS_IN_USE(p); i++) gain[i] = r_mul(gain[i], over);
 }

@@ -19,6 +19,16 @@
 #define ud_fade     TSE_NAME(tse_ud_fade)
 #define ud_measure  TSE_NAME(tse_ud_measure)
 #define ud_correct  TSE_NAME(tse_ud_correct)
+#define ud_open     TSE_NAME(tse_ud_open)
+#define ud_tie      TSE_NAME(tse_ud_tie)
+#define ud_fade_extra TSE_NAME(tse_ud_fade_extra)
+#define ud_renew    TSE_NAME(tse_ud_renew)
+
+#if defined(TSE_NO_VELOCITY) /* known when it is compiled */
+#define EXTRAS_IN_USE(p) 0
+#else
+#define EXTRAS_IN_USE(p) ((p)->extras)
+#endif
 
 /* Place in u of column j. */
 static inline int ud_column(int j) { return j * (j - 1) / 2; }
@@ -33,8 +43,8 @@ void ud_set_block(tse_ud *p, int first, tse_real cov[TSE_KEPT][TSE_KEPT]);
 tse_real ud_variance(const tse_ud *p, int i);
 tse_real ud_common(const tse_ud *p, int i, int k);
 
-/* P + c a a'.    Updated: a is used up    O(last^2) time, last: the last element of a that is not 0 */
-void ud_add(tse_ud *p, tse_real a[STATES], int last, tse_real c);
+/* P + c a a'.    Updated: a is used up    O(last^2) time, last: the last element of a that is not 0, of those before STATES; -1: none */
+void ud_add(tse_ud *p, tse_real *a, int last, tse_real c);
 
 /* P with more variance of state i. */
 void ud_add_at(tse_ud *p, int i, tse_real more);
@@ -49,9 +59,20 @@ void ud_move(tse_ud *p, tse_real M[MOTION][COLUMNS], const tse_real noise[MOTION
 void ud_fade(tse_ud *p, int i, tse_real share);
 
 /* How far a scalar measurement with slopes h is from the state: f = U' h, v = D f.    Returned: h' P h */
-tse_real ud_measure(const tse_ud *p, const tse_real *h, tse_real f[STATES], tse_real v[STATES]);
+tse_real ud_measure(const tse_ud *p, const tse_real *h, tse_real *f, tse_real *v);
 
 /* The covariance after that measurement, with noise of variance r.   Returned: gain[STATES] */
-void ud_correct(tse_ud *p, const tse_real f[STATES], const tse_real v[STATES], tse_real r, tse_real gain[STATES]);
+void ud_correct(tse_ud *p, const tse_real *f, const tse_real *v, tse_real r, tse_real *gain);
+
+/* Extra states, which no other depends on: they stand before the others, so that U has a row for each above those of the others, and all
+ * others are as if there were none. In vectors (a, h, f, v, gain) they follow the others; while extras is 0 nobody reads those places.
+ *   ud_open     all of them in use, with these variances, in common with nothing
+ *   ud_tie      the first has share times state i added
+ *   ud_fade_extra  extra state e times share
+ *   ud_renew    the first anew: this variance, nothing in common with any other */
+void ud_open(tse_ud *p, const tse_real variance[TSE_EXTRAS]);
+void ud_tie(tse_ud *p, int i, tse_real share);
+void ud_fade_extra(tse_ud *p, int e, tse_real share);
+void ud_renew(tse_ud *p, tse_real variance);
 
 #endif

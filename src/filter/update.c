@@ -1,11 +1,6 @@
 /* filter/update.c - scalar measurements, one after the other, with heavy tails and noise that is found. */
 #include "filter/filter.h"
 
-/* A measurement as the filter predicts it: slopes over the state in its units, over uncertain quantities, innovation, noise. */
-typedef struct scalar {
-  tse_real h[STATES], doubts[TSE_DOUBTS], e, r, white, dt;
-} scalar;
-
 /* How unlikely it is that a channel at work repeats its reading as often as it just has: repeats follow repeats. off: how far the reading is from
  * the prediction, squared, over its noise; one that is right may repeat itself. */
 static void watch_repeats(tse_kalman *k, int c, tse_real z, tse_real off, tse_real dt)
@@ -38,14 +33,15 @@ static tse_real usual_of(tse_kalman *k, int c, tse_real e, tse_real s, tse_real 
  * were known and V what the state is off by for each, it is K = (A h + V y)/(h'A h + y'y + r), y = V'h + slopes over them; and A after
  * it is that of the optimal gain of A alone, A h/s, plus s times the square of what K is off that one (Joseph's form, scalar).
  *   Returned:  variance of the innovation as used, of which *state is the state's and that of uncertain quantities */
-static tse_real use(tse_kalman *k, int channel, const scalar *m, tse_real sd, tse_real change[STATES], tse_real *state)
+tse_real use_scalar(tse_kalman *k, int channel, const scalar *m, tse_real sd, tse_real change[TSE_ALL], tse_real *state)
 {
-  tse_real f[STATES], v[STATES], gain[STATES], off[STATES], y[TSE_DOUBTS];
+  tse_real f[TSE_ALL], v[TSE_ALL], gain[TSE_ALL], off[TSE_ALL], y[TSE_DOUBTS];
+  const int n = STATES + k->p.extras;
   const tse_real own = ud_measure(&k->p, m->h, f, v), square = r_mul(m->e, m->e);
   tse_real doubt = TSE_R(0);
   for (int q = 0; q < TSE_DOUBTS; q++) {
     y[q] = m->doubts[q];
-    for (int i = 0; i < STATES; i++) y[q] += r_mul(m->h[i], k->doubt[q][i]);
+    for (int i = 0; i < n; i++) y[q] += r_mul(m->h[i], k->doubt[q][i]);
     doubt += r_mul(y[q], y[q]);
   }
   *state = own + doubt;
@@ -53,7 +49,7 @@ static tse_real use(tse_kalman *k, int channel, const scalar *m, tse_real sd, ts
   ud_correct(&k->p, f, v, r, gain);
   if (doubt > r_mul(NEGLIGIBLE, s)) {
     const tse_real share = r_div(alone, s), over = r_div(TSE_R(1), s);
-    for (int i = 0; i < STATES; i++) {
+    for (int i = 0; i < n; i++) {
       tse_real best = r_mul(gain[i], share);
       for (int q = 0; q < TSE_DOUBTS; q++) best += r_mul(r_mul(k->doubt[q][i], y[q]), over);
       off[i] = best - gain[i];
@@ -63,9 +59,9 @@ static tse_real use(tse_kalman *k, int channel, const scalar *m, tse_real sd, ts
   }
   const tse_real s_event = *state + m->white + r_mul(EVENT_SHARE, m->r - m->white), usual = channel >= 0 ? usual_of(k, channel, m->e, s_event, m->dt) : TSE_R(1);
   events_learn(k, channel, m->h, gain, m->e, r_max(r_mul(usual, s_event), r_div(square, TAIL)), sd);
-  for (int i = 0; i < STATES; i++) change[i] += r_mul(gain[i], m->e);
+  for (int i = 0; i < n; i++) change[i] += r_mul(gain[i], m->e);
   for (int q = 0; q < TSE_DOUBTS; q++)
-    for (int i = 0; i < STATES; i++) k->doubt[q][i] -= r_mul(gain[i], y[q]);
+    for (int i = 0; i < n; i++) k->doubt[q][i] -= r_mul(gain[i], y[q]);
   return s;
 }
 
@@ -78,25 +74,25 @@ static void learn_noise(const tse_params *p, tse_kalman *k, int c, tse_real e, t
   k->noise[c] = r_clamp(r_mul(k->noise[c], TSE_R(1) + r_mul(g, seen - TSE_R(1))), LEAST_NOISE, p->noise_max_var);
 }
 
-static void finish(const tse_params *p, tse_kalman *k, const tse_real change[STATES])
+static void finish(const tse_params *p, tse_kalman *k, const tse_real change[TSE_ALL])
 {
-  for (int i = 0; i < STATES; i++) k->x[i] = r_clamp(k->x[i] + r_mul(change[i], state_unit[i]), -state_most[i], state_most[i]);
+  for (int i = 0; i < STATES + k->p.extras; i++) k->x[i] = r_clamp(k->x[i] + r_mul(change[i], state_unit[i]), -state_most[i], state_most[i]);
   for (int i = LCX; i <= LCR; i++) ud_add_at(&k->p, i, r_sqr(r_mul(OWN_SHARE, change[i]))); /* what was learnt before, at other slopes, holds less */
   for (int i = LCX; i <= LCR; i++) k->x[i] = r_clamp(k->x[i], p->log_min, p->log_max);
 }
 
 void update_still(const tse_params *p, tse_kalman *k, const decoded *z)
 {
-  tse_real change[STATES], state;
+  tse_real change[TSE_ALL], state;
   scalar m;
   if (!z->use[2]) return;
   memset(&m, 0, sizeof m);
-  for (int i = 0; i < STATES; i++) m.h[i] = change[i] = TSE_R(0);
+  for (int i = 0; i < TSE_ALL; i++) m.h[i] = change[i] = TSE_R(0);
   for (int q = 0; q < TSE_DOUBTS; q++) m.doubts[q] = TSE_R(0);
   m.h[BR] = state_unit[BR];
   m.e = z->z[2] - k->x[BR];
   m.r = m.white = r_sqr(p->sensor_sd[2]);
-  (void)use(k, 2, &m, p->sensor_sd[2], change, &state);
+  (void)use_scalar(k, 2, &m, p->sensor_sd[2], change, &state);
   finish(p, k, change);
 }
 
@@ -117,19 +113,19 @@ static void what_is_late(const tse_params *p, tse_kalman *k, const forces *f, ts
 }
 
 /* The axle that is not driven rolls freely while the car does not brake. */
-static void roll_freely(const tse_params *p, tse_kalman *k, const forces *f, tse_real change[STATES])
+static void roll_freely(const tse_params *p, tse_kalman *k, const forces *f, tse_real change[TSE_ALL])
 {
   const tse_car *const c = &p->car;
   scalar m;
   tse_real state;
   if (c->driven == 0 || f->x + r_mul(c->drag, r_sqr(k->x[VX])) < TSE_R(0)) return;
   const int at = c->driven == 1 ? SR : SF;
-  for (int i = 0; i < STATES; i++) m.h[i] = TSE_R(0);
+  for (int i = 0; i < TSE_ALL; i++) m.h[i] = TSE_R(0);
   for (int q = 0; q < TSE_DOUBTS; q++) m.doubts[q] = TSE_R(0);
   m.h[at] = state_unit[at];
   m.e = -(at == SR ? c->free_rear : c->free_front) - k->x[at] - r_mul(change[at], state_unit[at]);
   m.r = m.white = r_sqr(FREE_SLIP_SD);
-  (void)use(k, -1, &m, TSE_R(1), change, &state);
+  (void)use_scalar(k, NO_SENSOR_GOING, &m, TSE_R(1), change, &state);
 }
 
 void update_row(const tse_params *p, tse_kalman *k, const decoded *z, steering u)
@@ -137,7 +133,7 @@ void update_row(const tse_params *p, tse_kalman *k, const decoded *z, steering u
   static const int order[TSE_SENSORS] = { 3, 4, 2, 0, 1 };
   const tse_car *const c = &p->car;
   forces f;
-  tse_real read[TSE_SENSORS], H[TSE_SENSORS][COLUMNS], doubts[TSE_SENSORS][TSE_DOUBTS], change[STATES], share[3];
+  tse_real read[TSE_SENSORS], H[TSE_SENSORS][COLUMNS], doubts[TSE_SENSORS][TSE_DOUBTS], change[TSE_ALL], share[3];
   car_forces(c, k->x, u, TSE_R(1), &f);
   if (c->pitch_leak > TSE_R(0) || c->pitch_leak < TSE_R(0)) car_pitch(c, k->pitch, f.x, z->dt);
   car_measure(c, k->x, &f, k->pitch[0], read, H);
@@ -146,7 +142,7 @@ void update_row(const tse_params *p, tse_kalman *k, const decoded *z, steering u
     for (int i = 0; i < 3; i++) H[a][LCX + i] = r_mul(H[a][LCX + i], share[i]);
   if (z->one_speed) H[0][LCX] = TSE_R(0); /* one speed is no slip: nothing of the stiffness that it has */
   what_is_late(p, k, &f, z->dt, doubts);
-  for (int i = 0; i < STATES; i++) change[i] = TSE_R(0);
+  for (int i = 0; i < TSE_ALL; i++) change[i] = TSE_R(0);
   k->nis = k->unusual = TSE_R(0);
   k->channels = 0;
   k->log_likelihood = TSE_R(0);
@@ -163,6 +159,7 @@ void update_row(const tse_params *p, tse_kalman *k, const decoded *z, steering u
     scalar m;
     tse_real state, sd = p->sensor_sd[a];
     m.dt = z->dt;
+    for (int i = STATES; i < TSE_ALL; i++) m.h[i] = TSE_R(0);
     m.e = z->z[a] - read[a];
     for (int i = 0; i < STATES; i++) {
       m.h[i] = r_mul(H[a][i], state_unit[i]);
@@ -174,14 +171,14 @@ void update_row(const tse_params *p, tse_kalman *k, const decoded *z, steering u
     watch_repeats(k, a, z->z[a], r_div(r_sqr(m.e), r_max(m.white, own)), z->dt);
     m.r = m.white + (a < 3 ? r_mul(lasts, k->activity[a]) : TSE_R(0));
     if (k->fault == place_of(a)) { /* not used; heard again when it agrees */
-      tse_real fx[STATES], v[STATES];
+      tse_real fx[TSE_ALL], v[TSE_ALL];
       const tse_real s = ud_measure(&k->p, m.h, fx, v) + m.r;
       k->innovation[a] = m.e;
       k->innovation_var[a] = s;
       k->agrees_for = r_sqr(m.e) < r_mul(TAIL, s) && k->frozen[a] < -r_log2(RATE_FAULT) ? r_min(k->agrees_for + z->dt, TSE_R(100)) : TSE_R(0);
       continue;
     }
-    const tse_real s = use(k, a, &m, sd, change, &state);
+    const tse_real s = use_scalar(k, a, &m, sd, change, &state);
     learn_noise(p, k, a, m.e, own, z->dt);
     k->innovation[a] = m.e;
     k->innovation_var[a] = state + m.r;
@@ -190,5 +187,6 @@ void update_row(const tse_params *p, tse_kalman *k, const decoded *z, steering u
     k->log_likelihood -= r_mul(TSE_R(0.5), r_div(r_sqr(m.e), s) + r_mul(TSE_R(0.69314718055994531), r_log2(s)) + TSE_R(1.8378770664093453));
   }
   if (!z->one_speed) roll_freely(p, k, &f, change);
+  velocity_update(p, k, z, &f, change);
   finish(p, k, change);
 }

@@ -40,6 +40,7 @@ static inline void any_covariance(tse_ud *p, uint32_t *seed)
 {
   for (int i = 0; i < STATES * (STATES - 1) / 2; i++) p->u[i] = real(next_between(seed, -0.5, 0.5));
   for (int i = 0; i < STATES; i++) p->d[i] = real(next_between(seed, 0.1, 2));
+  p->extras = 0;
 }
 
 static inline double next_normal(uint32_t *seed)

@@ -206,6 +206,28 @@ static void test_the_state_of_the_filter_is_held_to_its_ranges(void)
   WHOLE(filter.k.fault, 0, TSE_CHANNELS);
   WHOLE(filter.k.slow_turn, 0, INT32_MAX - 1);
   WHOLE(filter.k.channels, 0, TSE_SENSORS);
+  ANY_SIGN(filter.k.p.w);
+  HELD(filter.k.p.e, TSE_R(0), MOST_SQUARE);
+  for (int c_ = 0; c_ < TSE_VELOCITIES; c_++) forged.filter.k.velocity.noise[c_] = TSE_R(1);
+  WHOLE(filter.k.p.extras, TSE_EXTRAS, TSE_EXTRAS);
+  WHOLE(filter.k.p.extras, 0, 0);
+  forged.filter.k.p.extras = TSE_EXTRAS;
+  for (int c_ = 0; c_ < TSE_VELOCITIES; c_++)
+    held_to(of_filter(&forged.filter.k.velocity.noise[c_], sizeof(tse_real), "velocity.noise"), LEAST_OF_ALL, MOST_REAL, 1);
+  ANY_SIGN(filter.k.velocity.innovation);
+  ANY_SIGN(filter.k.velocity.last);
+  NOT_NEGATIVE(filter.k.velocity.since);
+  NOT_NEGATIVE(filter.k.velocity.misfit);
+  NOT_NEGATIVE(filter.k.velocity.off_for);
+  ANY_SIGN(filter.k.velocity.past);
+  NOT_NEGATIVE(filter.k.velocity.age);
+  ANY_SIGN(filter.k.velocity.gyro);
+  ANY_SIGN(filter.k.velocity.turned);
+  ANY_SIGN(filter.k.velocity.motion);
+  HELD(filter.k.velocity.activity, TSE_R(0), MOST_SQUARE);
+  WHOLE(filter.k.velocity.kept, 0, TSE_PAST);
+  WHOLE(filter.k.velocity.has_heading, 0, 1);
+  WHOLE(filter.k.velocity.has_gyro, 0, 1);
   for (int i = 0; i < TSE_EVENTS; i++) {
     WHOLE(filter.k.event[i].kind, EVENT_NONE, EVENT_KINDS - 1);
     ANY_SIGN(filter.k.event[i].v);

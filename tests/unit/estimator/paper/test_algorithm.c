@@ -640,6 +640,7 @@ static int fuzz(const tse_config *c, int rows, uint32_t seed)
     v = fmin(fmax(v + next_between(&state, -0.3, 0.3), -3.0), 45.0);
     steer = 0.9 * steer + next_between(&state, -0.01, 0.01);
     tse_input u;
+    memset(&u, 0, sizeof u);
     u.dt = real(fuzzed(&state, 0.01, 0.2, wildness / 4));
     u.steer_angle = real(fuzzed(&state, steer, 1.3, wildness));
     u.wheel_speed_front = real(fuzzed(&state, v / 0.33, 420.0, wildness));

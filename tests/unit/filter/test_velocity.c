@@ -1,0 +1,828 @@
+/* tests/unit/filter/test_velocity.c <-> src/filter/velocity.c, and what of ud.c and car.c it needs: U D U' with the extra states against a
+ * dense matrix in double; slopes against differences of the model's own motion; a row against a dense Schmidt-Kalman filter; and the whole
+ * filter on a car of its own model that measures a velocity somewhere else, turned and late. */
+#include "filter_support.h"
+
+#define CLOSE BY_NUMBER(1e-10, 1e-3, 1e-5)
+
+/* ------------------------------------------------------------------------------- dense, with the extra states behind the others */
+
+enum { N = TSE_ALL };
+
+typedef struct full {
+  double p[N][N];
+} full;
+
+static full full_of(const tse_ud *p)
+{
+  static double u[N][N];
+  double d[N];
+  full m;
+  memset(u, 0, sizeof u);
+  for (int i = 0; i < N; i++) u[i][i] = 1;
+  for (int j = 0; j < STATES; j++) {
+    d[j] = number(p->d[j]);
+    for (int i = 0; i < j; i++) u[i][j] = number(p->u[ud_column(j) + i]);
+  }
+  for (int e = 0; e < TSE_EXTRAS; e++) {
+    d[STATES + e] = number(p->e[e]);
+    for (int j = 0; j < STATES; j++) u[STATES + e][j] = number(p->w[e][j]);
+    for (int j = e + 1; j < TSE_EXTRAS; j++) u[STATES + e][STATES + j] = number(p->w[e][STATES + j]);
+  }
+  for (int i = 0; i < N; i++)
+    for (int k = 0; k < N; k++) {
+      m.p[i][k] = 0;
+      for (int j = 0; j < N; j++) m.p[i][k] += u[i][j] * d[j] * u[k][j];
+    }
+  return m;
+}
+
+static void expect_full(const full *expected, const tse_ud *actual, const char *what)
+{
+  const full m = full_of(actual);
+  for (int i = 0; i < N; i++)
+    for (int k = 0; k < N; k++) expect_near(expected->p[i][k], m.p[i][k], CLOSE * fmax(1, fabs(expected->p[i][k])), what, 100 * i + k);
+}
+
+static void any_full(tse_ud *p, uint32_t *seed)
+{
+  tse_real variance[TSE_EXTRAS];
+  any_covariance(p, seed);
+  for (int e = 0; e < TSE_EXTRAS; e++) variance[e] = real(next_between(seed, 0.1, 2));
+  ud_open(p, variance);
+  for (int e = 0; e < TSE_EXTRAS; e++)
+    for (int j = 0; j < TSE_ALL; j++)
+      if (j < STATES || j > STATES + e) p->w[e][j] = real(next_between(seed, -0.4, 0.4));
+}
+
+/* F m F' */
+static full moved(const full *m, double F[N][N])
+{
+  static double half[N][N];
+  full to;
+  for (int i = 0; i < N; i++)
+    for (int j = 0; j < N; j++) {
+      half[i][j] = 0;
+      for (int k = 0; k < N; k++) half[i][j] += F[i][k] * m->p[k][j];
+    }
+  for (int i = 0; i < N; i++)
+    for (int j = 0; j < N; j++) {
+      to.p[i][j] = 0;
+      for (int k = 0; k < N; k++) to.p[i][j] += half[i][k] * F[j][k];
+    }
+  return to;
+}
+
+static void identity(double F[N][N])
+{
+  for (int i = 0; i < N; i++)
+    for (int j = 0; j < N; j++) F[i][j] = i == j;
+}
+
+static void test_opened_extra_states_are_their_variances_and_the_others_stay(void)
+{
+  uint32_t seed = 1;
+  tse_ud p;
+  tse_real variance[TSE_EXTRAS];
+  any_covariance(&p, &seed);
+  const dense before = dense_of(&p);
+  for (int e = 0; e < TSE_EXTRAS; e++) variance[e] = real(0.5 + e);
+  ud_open(&p, variance);
+  const full m = full_of(&p);
+  for (int i = 0; i < N; i++)
+    for (int k = 0; k < N; k++)
+      expect_near(i < STATES && k < STATES ? before.p[i][k] : i == k ? 0.5 + (i - STATES)
+                                                                     : 0,
+                  m.p[i][k], CLOSE, "opened", 100 * i + k);
+}
+
+static void test_a_measurement_is_that_of_a_kalman_filter_of_all_states(void)
+{
+  uint32_t seed = 2;
+  for (int n = 0; n < 60; n++) {
+    tse_ud p;
+    tse_real h[N], f[N], v[N], gain[N];
+    double ph[N], s = 0;
+    any_full(&p, &seed);
+    const full m = full_of(&p);
+    for (int i = 0; i < N; i++) h[i] = next_uniform(&seed) < 0.4 ? TSE_R(0) : real(next_between(&seed, -1, 1));
+    for (int i = 0; i < N; i++) {
+      ph[i] = 0;
+      for (int k = 0; k < N; k++) ph[i] += m.p[i][k] * number(h[k]);
+      s += number(h[i]) * ph[i];
+    }
+    expect_near(s, number(ud_measure(&p, h, f, v)), CLOSE * fmax(1, s), "h' P h", n);
+    ud_correct(&p, f, v, real(0.7), gain);
+    full after;
+    for (int i = 0; i < N; i++) {
+      expect_near(ph[i] / (s + 0.7), number(gain[i]), CLOSE, "gain", i);
+      for (int k = 0; k < N; k++) after.p[i][k] = m.p[i][k] - ph[i] * ph[k] / (s + 0.7);
+    }
+    expect_full(&after, &p, "after a measurement");
+  }
+}
+
+static void test_what_moves_the_others_keeps_what_they_share_with_the_extra_states(void)
+{
+  static double F[N][N];
+  uint32_t seed = 3;
+  for (int n = 0; n < 40; n++) {
+    tse_ud p;
+    tse_real M[MOTION][COLUMNS], noise[MOTION];
+    any_full(&p, &seed);
+    full m = full_of(&p);
+    identity(F);
+    for (int i = 0; i < MOTION; i++) {
+      noise[i] = real(next_between(&seed, 0, 0.1));
+      for (int j = 0; j < COLUMNS; j++) M[i][j] = real((i == j) + next_between(&seed, -0.2, 0.2));
+      for (int j = 0; j < STATES; j++) F[i][j] = number(M[i][j]);
+    }
+    m = moved(&m, F);
+    for (int i = 0; i < MOTION; i++) m.p[i][i] += number(noise[i]);
+    ud_move(&p, M, noise);
+    expect_full(&m, &p, "moved");
+  }
+}
+
+static void test_sums_fading_ties_and_what_is_forgotten_are_those_of_the_matrix(void)
+{
+  static double F[N][N];
+  uint32_t seed = 4;
+  for (int n = 0; n < 40; n++) {
+    tse_ud p;
+    tse_real a[N], variance[STATES];
+    const int at = (int)(next_uniform(&seed) * STATES), extra = (int)(next_uniform(&seed) * TSE_EXTRAS), count = 1 + (int)(next_uniform(&seed) * GX);
+    const double share = next_between(&seed, 0.2, 1), c = next_between(&seed, 0, 2);
+    any_full(&p, &seed);
+    full m = full_of(&p);
+    for (int i = 0; i < N; i++) a[i] = real(n % 3 == 0 && i < STATES ? 0 : next_between(&seed, -1, 1));
+    for (int i = 0; i < N; i++)
+      for (int k = 0; k < N; k++) m.p[i][k] += c * number(a[i]) * number(a[k]);
+    ud_add(&p, a, n % 3 == 0 ? -1 : STATES - 1, real(c));
+    expect_full(&m, &p, "c a a'");
+    m.p[at][at] += c;
+    ud_add_at(&p, at, real(c));
+    expect_full(&m, &p, "more variance");
+    identity(F);
+    F[at][at] = number(real(share));
+    m = moved(&m, F);
+    ud_fade(&p, at, real(share));
+    expect_full(&m, &p, "faded");
+    identity(F);
+    F[STATES + extra][STATES + extra] = number(real(share));
+    m = moved(&m, F);
+    ud_fade_extra(&p, extra, real(share));
+    expect_full(&m, &p, "extra state faded");
+    identity(F);
+    F[STATES][at] = number(real(share));
+    m = moved(&m, F);
+    ud_tie(&p, at, real(share));
+    expect_full(&m, &p, "tied");
+    for (int i = 0; i < count; i++) {
+      variance[i] = real(0.3 + i);
+      for (int k = 0; k < N; k++) m.p[i][k] = m.p[k][i] = 0;
+    }
+    for (int i = 0; i < count; i++) m.p[i][i] = 0.3 + i;
+    ud_forget(&p, variance, count);
+    expect_full(&m, &p, "forgotten");
+    for (int k = 0; k < N; k++) m.p[STATES][k] = m.p[k][STATES] = 0;
+    m.p[STATES][STATES] = 7;
+    ud_renew(&p, TSE_R(7));
+    expect_full(&m, &p, "renewed");
+  }
+}
+
+/* ------------------------------------------------------------------------------- slopes */
+
+static tse_config a_config(void)
+{
+  tse_config c;
+  tse_config_default(&c);
+  tse_config_uncalibrated(&c);
+  return c;
+}
+
+/* In a turn, nothing at rest. */
+static void any_motion(tse_real x[TSE_ALL], uint32_t *seed)
+{
+  for (int i = 0; i < TSE_ALL; i++) x[i] = TSE_R(0);
+  x[VX] = real(next_between(seed, 12, 30));
+  x[VY] = real(next_between(seed, -0.5, 0.5));
+  x[YAW] = real(next_between(seed, -0.4, 0.4));
+  x[AF] = real(next_between(seed, -0.05, 0.05));
+  x[AR] = real(next_between(seed, -0.05, 0.05));
+  x[PHI] = real(next_between(seed, -0.03, 0.03));
+  x[DPHI] = real(next_between(seed, -0.1, 0.1));
+  x[SF] = real(next_between(seed, -0.01, 0.01));
+  x[SR] = real(next_between(seed, -0.01, 0.01));
+  x[GX] = real(next_between(seed, -0.3, 0.3));
+  x[GY] = real(next_between(seed, -0.3, 0.3));
+  x[LEAN] = real(0.1);
+  x[LCF] = real(next_between(seed, -0.2, 0.2));
+  x[LCR] = real(next_between(seed, -0.2, 0.2));
+}
+
+static void rates(const tse_params *p, const tse_real x[STATES], steering u, tse_real rate[3], tse_real by[3][COLUMNS])
+{
+  forces f;
+  car_forces(&p->car, x, u, TSE_R(1), &f);
+  car_rates(&p->car, x, &f, rate, by);
+}
+
+/* How fast speeds and yaw rate change is what car_move() makes of them in a short time, and slopes are differences. */
+static void test_rates_are_those_of_the_motion_and_slopes_are_their_differences(void)
+{
+  tse_config c = a_config();
+  c.cg_height = c.longitudinal_load_transfer_gain = c.lateral_load_transfer_gain = setting(0); /* slopes leave load transfer out: car.c */
+  const tse_params p = prepared(&c);
+  uint32_t seed = 5;
+  for (int n = 0; n < 30; n++) {
+    tse_real x[TSE_ALL], to[TSE_ALL], M[MOTION][COLUMNS], rate[3], by[3][COLUMNS], up[3], down[3], none[3][COLUMNS];
+    any_motion(x, &seed);
+    const double h = BY_NUMBER(1e-6, 2e-3, 1e-3);
+    const tse_real angle = real(next_between(&seed, -0.03, 0.03));
+    const steering still = { angle, angle, real(h) };
+    rates(&p, x, still, rate, by);
+    memcpy(to, x, sizeof to);
+    car_move(&p.car, to, still, M);
+    for (int i = 0; i < 3; i++)
+      expect_near((number(to[VX + i]) - number(x[VX + i])) / h, number(rate[i]), BY_NUMBER(1e-4, 0.4, 0.4), "rate", i);
+    for (int j = 0; j < STATES; j++) {
+      const double d = BY_NUMBER(1e-6, 1e-3, 1e-4);
+      memcpy(to, x, sizeof to);
+      to[j] = real(number(x[j]) + d);
+      rates(&p, to, still, up, none);
+      to[j] = real(number(x[j]) - d);
+      rates(&p, to, still, down, none);
+      if (j == LMU) continue; /* what saturates longitudinally is no sign of the grip: car.c */
+      for (int i = 0; i < 3; i++) {
+        const double slope = (number(up[i]) - number(down[i])) / (number(real(number(x[j]) + d)) - number(real(number(x[j]) - d)));
+        expect_near(slope, number(by[i][j]), BY_NUMBER(1e-5, 1e-2, 1e-3) * fmax(1, fabs(slope)) + BY_NUMBER(0, 0.05, 0.01), "slope", 100 * i + j);
+      }
+    }
+  }
+}
+
+/* ------------------------------------------------------------------------------- a row beside a dense Schmidt-Kalman filter */
+
+/* What a channel reads, written out: s has all states in SI. motion, heading: at the time when it was true. */
+static double reads(int channel, const double s[N], const double motion[3], double heading)
+{
+  const double vx = motion[0] - motion[2] * s[V_LEVER_Y], vy = motion[1] + s[V_OFF] + motion[2] * s[V_LEVER_X], scale = 1 + s[V_SCALE];
+  switch (channel) {
+    case 0: return scale * (vx + s[V_TURN] * vy);
+    case 1: return scale * (vy - s[V_TURN] * vx);
+    case 2: return scale * hypot(vx, vy);
+    default: return heading + atan2(vy, vx);
+  }
+}
+
+static double state_of(const tse_kalman *k, int i) { return number(k->x[i]); }
+
+/* One velocity of a channel: the same x and P as of a dense filter whose slopes are differences of what is written out above. A latency
+ * moves the motion back along the model's own rates. */
+static void test_a_row_is_that_of_a_dense_schmidt_kalman_filter(void)
+{
+  enum { D = TSE_DOUBTS,
+         ALL = N + D };
+  static double P[ALL][ALL], A[ALL][ALL], half[ALL][ALL], next[ALL][ALL];
+  uint32_t seed = 6;
+  for (int n = 0; n < 40; n++) {
+    static tse_kalman k;
+    tse_config c = a_config();
+    const int channel = n % TSE_VELOCITIES;
+    c.velocity_latency = setting(n % 3 ? 0.06 : 0);
+    c.velocity_latency_sd = setting(0.003);
+    c.ins_velocity_sd = c.gnss_speed_sd = setting(0.01);
+    c.gnss_course_sd = setting(0.001); /* uncertain quantities count: where they do not, Schmidt's gain is left out */
+    const tse_params p = prepared(&c);
+    tse_real rate[3], by[3][COLUMNS], change[TSE_ALL];
+    const tse_real angle = real(0.01);
+    const steering still = { angle, angle, real(0.01) };
+    forces f;
+    decoded z;
+    memset(&k, 0, sizeof k);
+    any_full(&k.p, &seed);
+    for (int j = 0; j < STATES; j++) k.p.d[j] = real(0.01 * number(k.p.d[j])); /* what is linear in it */
+    for (int e = 0; e < TSE_EXTRAS; e++) k.p.e[e] = real(0.01 * number(k.p.e[e]));
+    any_motion(k.x, &seed);
+    k.x[PSI] = real(3.1); /* close to where angles wrap */
+    k.x[V_SCALE] = real(0.01);
+    k.x[V_OFF] = real(0.05);
+    k.x[V_TURN] = real(-0.02);
+    k.x[V_LEVER_X] = real(1.2);
+    k.x[V_LEVER_Y] = real(-0.3);
+    for (int q = 0; q < TSE_DOUBTS; q++)
+      for (int i = 0; i < TSE_ALL; i++) k.doubt[q][i] = p.uncertain[q] > TSE_R(0) ? real(next_between(&seed, -0.1, 0.1)) : TSE_R(0);
+    for (int v = 0; v < TSE_VELOCITIES; v++) k.velocity.noise[v] = k.velocity.misfit[v] = TSE_R(1);
+    for (int a = 0; a < TSE_SENSORS; a++) k.noise[a] = k.usual[a] = TSE_R(1);
+    k.velocity.has_heading = k.velocity.has_gyro = 1;
+    k.velocity.gyro = k.x[YAW];
+    k.velocity.kept = 2; /* a straight past: as the rates have it */
+    car_forces(&p.car, k.x, still, TSE_R(1), &f);
+    car_rates(&p.car, k.x, &f, rate, by);
+    for (int m = 0; m < 2; m++) {
+      k.velocity.age[m] = real(0.04 * m);
+      for (int i = 0; i < 4; i++) k.velocity.past[m][i] = real(-0.04 * m * (i < 3 ? number(rate[i]) : number(k.velocity.gyro)));
+    }
+    k.velocity.age[1] = real(0.2);
+    for (int i = 0; i < 4; i++) k.velocity.past[1][i] = real(-0.2 * (i < 3 ? number(rate[i]) : number(k.velocity.gyro)));
+    for (int i = 0; i < 3; i++) k.velocity.motion[i] = k.x[VX + i];
+    k.velocity.turned = TSE_R(0);
+    memset(&z, 0, sizeof z);
+    z.dt = real(1e-7); /* the past hardly moves */
+
+    /* dense */
+    const double late = n % 3 ? 0.06 : 0, r0 = number(rate[0]), r1 = number(rate[1]), r2 = number(rate[2]), g = number(k.velocity.gyro);
+    double s[N], h[ALL], ph[ALL], gain[ALL], predicted = 0;
+    for (int i = 0; i < N; i++) s[i] = state_of(&k, i);
+    const double then[3] = { s[VX] - late * r0, s[VY] - late * r1, s[YAW] - late * r2 };
+    predicted = reads(channel, s, then, s[PSI] - late * g);
+    for (int j = 0; j < N; j++) { /* slopes: the state at the time of the row moves what was then by 1 - late d rate/dx */
+      double value[2];
+      for (int side = 0; side < 2; side++) {
+        const double d = side ? -1e-5 : 1e-5;
+        double t[N], m[3], heading = s[PSI] - late * g;
+        memcpy(t, s, sizeof t);
+        t[j] += d;
+        for (int i = 0; i < 3; i++) m[i] = then[i] + (j == VX + i ? d : 0) - (j < STATES ? late * number(by[i][j]) * d : 0);
+        if (j == PSI) heading += d;
+        if (j == BR) heading += late * d;
+        if (j == V_LATE) {
+          m[0] -= d * r0;
+          m[1] -= d * r1;
+          m[2] -= d * r2;
+          heading -= d * g;
+        }
+        value[side] = reads(channel, t, m, heading);
+      }
+      h[j] = (value[0] - value[1]) / 2e-5 * number(state_unit[j]);
+    }
+    const double along = h[V_LATE] / number(state_unit[V_LATE]);
+    if (channel == 0 || channel == 2) h[V_LATE] = 0; /* a latency counts in these, and is not learnt of them */
+    for (int q = 0; q < D; q++) {
+      h[N + q] = 0;
+      for (int i = 0; i < 3 && q < COLUMNS - STATES; i++) {
+        double t[3] = { then[0], then[1], then[2] };
+        t[i] += 1e-5;
+        const double slope = (reads(channel, s, t, s[PSI] - late * g) - predicted) / 1e-5;
+        h[N + q] -= slope * late * number(by[i][STATES + q]) * number(p.uncertain[q]);
+      }
+    }
+    const full own = full_of(&k.p);
+    memset(P, 0, sizeof P);
+    for (int i = 0; i < N; i++) {
+      for (int j = 0; j < N; j++) {
+        P[i][j] = own.p[i][j];
+        for (int q = 0; q < D; q++) P[i][j] += number(k.doubt[q][i]) * number(k.doubt[q][j]);
+      }
+      for (int q = 0; q < D; q++) P[i][N + q] = P[N + q][i] = number(k.doubt[q][i]);
+    }
+    for (int q = 0; q < D; q++) P[N + q][N + q] = 1;
+    double var = 0;
+    for (int i = 0; i < ALL; i++) {
+      ph[i] = 0;
+      for (int j = 0; j < ALL; j++) ph[i] += P[i][j] * h[j];
+    }
+    for (int i = 0; i < ALL; i++) var += h[i] * ph[i];
+    /* noise: of the setting, white; and a share that lasts a second, as white noise that is the same at low frequencies */
+    const double sd = number(p.velocity_sd[channel]), r = sd * sd * (1 + 0.25 * (1 + 2.0 / 0.1)) + (channel == 0 || channel == 2 ? pow(along * number(p.extra_sd[V_LATE - STATES]), 2) : 0);
+    const double e = next_between(&seed, -1, 1) * sqrt(var + r);
+    for (int i = 0; i < ALL; i++) gain[i] = i < N ? ph[i] / (var + r) : 0;
+    for (int i = 0; i < ALL; i++)
+      for (int j = 0; j < ALL; j++) A[i][j] = (i == j) - gain[i] * h[j];
+    for (int i = 0; i < ALL; i++)
+      for (int j = 0; j < ALL; j++) {
+        half[i][j] = 0;
+        for (int m = 0; m < ALL; m++) half[i][j] += A[i][m] * P[m][j];
+      }
+    for (int i = 0; i < ALL; i++)
+      for (int j = 0; j < ALL; j++) {
+        next[i][j] = gain[i] * r * gain[j];
+        for (int m = 0; m < ALL; m++) next[i][j] += half[i][m] * A[j][m];
+      }
+
+    /* the filter's */
+    double value = predicted + e;
+    if (channel == 3 && value > 3.14159) value -= 6.283185307179586;
+    z.given = 1u << channel;
+    z.velocity[channel] = real(value);
+    k.velocity.since[channel] = real(0.1);
+    for (int i = 0; i < TSE_ALL; i++) change[i] = TSE_R(0);
+    velocity_update(&p, &k, &z, &f, change);
+    const full mine = full_of(&k.p);
+    const double close = BY_NUMBER(2e-6, 2e-2, 2e-2); /* of differences, and of a past that has moved on by 0.1 us */
+    for (int i = 0; i < N; i++) {
+      expect_near(gain[i] * e, number(change[i]), close * fmax(1, fabs(gain[i] * e)), "state", 1000 * channel + i);
+      for (int j = 0; j < N; j++) {
+        double is = mine.p[i][j];
+        for (int q = 0; q < D; q++) is += number(k.doubt[q][i]) * number(k.doubt[q][j]);
+        expect_near(next[i][j], is, close * fmax(1, fabs(next[i][j])), "covariance", 100 * i + j);
+      }
+      for (int q = 0; q < D; q++) expect_near(next[i][N + q], number(k.doubt[q][i]), close, "uncertain quantity", 100 * i + q);
+    }
+  }
+}
+
+/* ------------------------------------------------------------------------------- drives */
+
+static tse_filter f, other;
+
+typedef struct sensor { /* what measures the velocity, and how far it is off */
+  double late, lever_x, lever_y, turn, zero, sd, course_sd;
+  int every;
+  double past[64][4]; /* speeds along, across, yaw rate, heading: a ring of the rows before */
+  int rows;
+  double heading;
+} sensor;
+
+/* A row with the velocities in `which`: read at t - late. */
+static tse_input measured_row(truth *w, sensor *s, uint32_t which, uint32_t *seed)
+{
+  const double before = number(w->x[YAW]);
+  tse_input u = truth_row(w, 0.01);
+  s->heading += 0.005 * (before + number(w->x[YAW]));
+  double *const now = s->past[s->rows % 64];
+  for (int i = 0; i < 3; i++) now[i] = number(w->x[VX + i]);
+  now[3] = s->heading;
+  const int late = (int)(s->late / 0.01 + 0.5);
+  s->rows++;
+  if (s->rows <= late || s->rows % s->every) return u;
+  const double *const then = s->past[(s->rows - 1 - late) % 64];
+  const double vx = then[0] - then[2] * s->lever_y, vy = then[1] + then[2] * s->lever_x;
+  u.given = which;
+  u.ins_vel_x = real(vx + s->turn * vy + s->sd * next_normal(seed));
+  u.ins_vel_y = real(vy - s->turn * vx + s->sd * next_normal(seed));
+  u.gnss_speed = real(hypot(vx, vy) + s->sd * next_normal(seed));
+  const double course = s->zero + then[3] + atan2(vy, vx) + s->course_sd * next_normal(seed);
+  u.gnss_course = real(course - 6.283185307179586 * floor(course / 6.283185307179586 + 0.5));
+  return u;
+}
+
+static tse_config a_drive(void)
+{
+  tse_config c;
+  tse_config_default(&c);
+  c.grip = setting(1);
+  c.grip_sd = setting(0.15);
+  c.relaxation_length = setting(0.4);
+  c.initial_cx_sd = c.initial_cy_front_sd = c.initial_cy_rear_sd = setting(0.2);
+  c.accel_x_sd = c.accel_y_sd = setting(0.1);
+  c.model_sd = setting(0.05);
+  c.steer_ratio_sd = setting(0.02);
+  return c;
+}
+
+static const uint32_t ins = TSE_GIVEN(ins_vel_x) | TSE_GIVEN(ins_vel_y), gnss = TSE_GIVEN(gnss_speed) | TSE_GIVEN(gnss_course);
+
+static tse_output stepped(const tse_params *p, tse_filter *to, const tse_input *u)
+{
+  tse_output y;
+  memset(&y, 0, sizeof y);
+  TEST_ASSERT_TRUE(tse_step(p, to, u, &y) >= 0);
+  expect_estimates_are_numbers(&y, "a row");
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_filter_check(p, to, sizeof *to));
+  return y;
+}
+
+static void begin(truth *w, tse_config *c, sensor *s, int every)
+{
+  memset(s, 0, sizeof *s);
+  s->every = every;
+  s->sd = 0.03;
+  s->course_sd = 0.004;
+  s->zero = 2.9;
+  truth_start(w, c, 20, 0.7, 12);
+  w->amplitude = 0.025;
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&w->p, &f, sizeof f));
+}
+
+/* Root of the mean square of vel_y less the truth after `from` rows. */
+static double off_across(truth *w, sensor *s, uint32_t which, int rows, int from)
+{
+  uint32_t seed = 77;
+  double sum = 0;
+  for (int n = 0; n < rows; n++) {
+    const tse_input u = measured_row(w, s, which, &seed);
+    const tse_output y = stepped(&w->p, &f, &u);
+    if (n >= from) sum += pow(number(y.vel_y) - number(w->x[VY]), 2);
+  }
+  return sqrt(sum / (rows - from));
+}
+
+static void test_what_is_not_given_is_not_read_and_changes_no_bit(void)
+{
+  truth w;
+  sensor s;
+  tse_config c = a_drive();
+  uint32_t seed = 9;
+  begin(&w, &c, &s, 1);
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&w.p, &other, sizeof other));
+  for (int n = 0; n < 300; n++) {
+    tse_input u = measured_row(&w, &s, 0, &seed), zero = u;
+    zero.given = 0;
+    zero.ins_vel_x = zero.ins_vel_y = zero.gnss_speed = zero.gnss_course = TSE_R(0);
+    (void)stepped(&w.p, &f, &u);
+    (void)stepped(&w.p, &other, &zero);
+  }
+  TEST_ASSERT_EQUAL_INT(0, f.k.p.extras);
+  TEST_ASSERT_EQUAL_MEMORY(&f, &other, sizeof f);
+}
+
+/* A value out of range or NaN is not there; the first that is opens the extra states, and the others have no other bit in that row's
+ * prediction. */
+static void test_what_cannot_be_a_velocity_is_not_there(void)
+{
+  truth w;
+  sensor s;
+  tse_config c = a_drive();
+  uint32_t seed = 9;
+  begin(&w, &c, &s, 1);
+  for (int n = 0; n < 100; n++) {
+    tse_input u = measured_row(&w, &s, ins | gnss, &seed);
+    u.ins_vel_x = TSE_R(121);
+    u.ins_vel_y = TSE_R(-61);
+    u.gnss_speed = TSE_R(-1);
+    u.gnss_course = TSE_R(7.1);
+    (void)stepped(&w.p, &f, &u);
+  }
+  TEST_ASSERT_EQUAL_INT(0, f.k.p.extras);
+}
+
+/* A road that leans by 12 %, eight times what the filter expects, moves the car to the side, and nothing but a velocity shows it. */
+static void test_an_ins_that_is_mounted_straight_shows_the_speed_across(void)
+{
+  truth w;
+  sensor s;
+  tse_config c = a_drive();
+  c.velocity_heading_sd = setting(0.0005);
+  begin(&w, &c, &s, 1);
+  w.x[GY] = real(1.2);
+  const double without = off_across(&w, &s, 0, 3000, 1000);
+  begin(&w, &c, &s, 1);
+  w.x[GY] = real(1.2);
+  const double with = off_across(&w, &s, ins, 3000, 1000);
+  TEST_ASSERT_TRUE(with < 0.8 * without);
+}
+
+static void test_where_an_ins_sits_and_looks_is_found(void)
+{
+  truth w;
+  sensor s;
+  tse_config c = a_drive();
+  c.velocity_latency_sd = setting(0.05);
+  c.velocity_lever_sd = setting(0.5);
+  begin(&w, &c, &s, 1);
+  const double without = off_across(&w, &s, 0, 3000, 1000);
+  begin(&w, &c, &s, 1);
+  s.late = 0.04;
+  s.lever_x = 0.6;
+  s.turn = 0.02;
+  const double with = off_across(&w, &s, ins, 3000, 1000);
+  TEST_ASSERT_TRUE(without < 0.02 && with < 0.02); /* a model without error needs none, and is not disturbed */
+  expect_near(0.02, number(f.k.x[V_TURN]), 0.005, "heading offset", 0);
+  expect_near(0.04, number(f.k.x[V_LATE]), 0.025, "latency", 0);
+  expect_near(0.6, number(f.k.x[V_LEVER_X]), 0.25, "lever", 0);
+  TEST_ASSERT_EQUAL_INT(0, velocity_fault(&f.k));
+}
+
+/* Ten values a second, 0.1 s late, a course from any zero that wraps. */
+static void test_course_and_speed_show_the_speed_across(void)
+{
+  truth w;
+  sensor s;
+  tse_config c = a_drive();
+  c.velocity_latency = setting(0.1);
+  begin(&w, &c, &s, 10);
+  w.x[GY] = real(1.2);
+  const double without = off_across(&w, &s, 0, 4000, 1500);
+  begin(&w, &c, &s, 10);
+  w.x[GY] = real(1.2);
+  s.late = 0.1;
+  const double with = off_across(&w, &s, gnss, 4000, 1500);
+  TEST_ASSERT_TRUE(with < 0.9 * without);
+  TEST_ASSERT_EQUAL_INT(0, velocity_fault(&f.k));
+  double off = number(f.k.x[PSI]) - s.heading - s.zero;
+  off -= 6.283185307179586 * floor(off / 6.283185307179586 + 0.5);
+  expect_near(0, off, 0.01, "heading", 0);
+}
+
+/* 0.2 s late and nobody says so: it does no harm to speak of. */
+static void test_a_velocity_that_is_late_and_nobody_says_so_does_little_harm(void)
+{
+  truth w;
+  sensor s;
+  tse_config c = a_drive();
+  begin(&w, &c, &s, 10);
+  const double without = off_across(&w, &s, 0, 4000, 1500);
+  begin(&w, &c, &s, 10);
+  s.late = 0.2;
+  const double with = off_across(&w, &s, gnss | ins, 4000, 1500);
+  TEST_ASSERT_TRUE(with < 1.5 * without + 0.03);
+}
+
+/* A value that repeats is the same value, held: a channel that freezes leaves no trace but the states that it has opened. */
+static void test_a_frozen_velocity_is_none(void)
+{
+  truth w;
+  sensor s;
+  tse_config c = a_drive();
+  uint32_t seed = 5;
+  begin(&w, &c, &s, 1);
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&w.p, &other, sizeof other));
+  tse_input last;
+  memset(&last, 0, sizeof last);
+  for (int n = 0; n < 800; n++) {
+    tse_input u = measured_row(&w, &s, ins | gnss, &seed), none = u;
+    if (n > 400) {
+      u.ins_vel_x = last.ins_vel_x;
+      u.ins_vel_y = last.ins_vel_y;
+      u.gnss_speed = last.gnss_speed;
+      u.gnss_course = last.gnss_course;
+      none.given = 0;
+    } else last = u;
+    (void)stepped(&w.p, &f, &u);
+    (void)stepped(&w.p, &other, &none);
+  }
+  TEST_ASSERT_EQUAL_MEMORY(&f, &other, sizeof f);
+}
+
+static void test_an_outlier_pulls_no_further_than_three_sd(void)
+{
+  truth w;
+  sensor s;
+  tse_config c = a_drive();
+  uint32_t seed = 5;
+  begin(&w, &c, &s, 1);
+  for (int n = 0; n < 800; n++) {
+    const tse_input u = measured_row(&w, &s, ins | gnss, &seed);
+    (void)stepped(&w.p, &f, &u);
+  }
+  tse_input u = measured_row(&w, &s, ins | gnss, &seed), bad = u;
+  other = f;
+  bad.ins_vel_y = real(20);
+  bad.gnss_course = real(number(u.gnss_course) > 0 ? -1.2 : 1.2);
+  const tse_output plain = stepped(&w.p, &f, &u), pulled = stepped(&w.p, &other, &bad);
+  TEST_ASSERT_TRUE(fabs(number(pulled.vel_y) - number(plain.vel_y)) < 6 * number(plain.vel_y_sd));
+  for (int a = 1; a < 3; a++) TEST_ASSERT_TRUE(fabs(number(pulled.stiffness[a]) - number(plain.stiffness[a])) < 2 * number(plain.stiffness_sd[a]));
+}
+
+/* A velocity that does not fit is left out, named, and used again when it fits; the estimate outlives it. */
+static void test_a_jump_is_left_out_and_named_until_it_fits(void)
+{
+  truth w;
+  sensor s;
+  tse_config c = a_drive();
+  uint32_t seed = 5;
+  int named = 0, restored = 0;
+  double most = 0;
+  begin(&w, &c, &s, 1);
+  for (int n = 0; n < 3000; n++) {
+    tse_input u = measured_row(&w, &s, ins, &seed);
+    const int wrong = n >= 1500 && n < 2000;
+    if (wrong) u.ins_vel_y = real(number(u.ins_vel_y) + 3);
+    const tse_output y = stepped(&w.p, &f, &u);
+    named += wrong && y.fault_channel == 1 + TSE_CHANNELS + TSE_VELOCITY_ins_vel_y;
+    restored += n > 2600 && y.fault_channel == 0;
+    if (n > 1000) most = fmax(most, fabs(number(y.vel_y) - number(w.x[VY])));
+  }
+  TEST_ASSERT_TRUE(named > 350);
+  TEST_ASSERT_EQUAL_INT(399, restored);
+  TEST_ASSERT_TRUE(most < 1);
+}
+
+/* A receiver that starts anew has another zero: the heading follows. */
+static void test_a_course_with_another_zero_is_found_again(void)
+{
+  truth w;
+  sensor s;
+  tse_config c = a_drive();
+  uint32_t seed = 5;
+  int used = 0;
+  begin(&w, &c, &s, 10);
+  for (int n = 0; n < 4500; n++) {
+    if (n == 1500) s.zero -= 1.3;
+    const tse_input u = measured_row(&w, &s, gnss, &seed);
+    const tse_output y = stepped(&w.p, &f, &u);
+    used += n > 3500 && y.fault_channel == 0;
+    TEST_ASSERT_TRUE(fabs(number(y.vel_y) - number(w.x[VY])) < 1);
+  }
+  TEST_ASSERT_EQUAL_INT(999, used);
+}
+
+/* Standstill and gaps place the motion anew; the heading is found again. Velocities may come and go. */
+static void test_velocities_come_and_go_and_gaps_are_survived(void)
+{
+  truth w;
+  sensor s;
+  tse_config c = a_drive();
+  uint32_t seed = 5;
+  begin(&w, &c, &s, 10);
+  tse_output y;
+  for (int n = 0; n < 4000; n++) {
+    tse_input u = measured_row(&w, &s, n % 900 < 500 ? gnss : n % 700 < 300 ? ins
+                                                                            : 0,
+                               &seed);
+    if (n == 2000) u.dt = TSE_R(3);
+    if (n % 50 == 7) u.missing = TSE_MISSING(yaw_rate);
+    if (n % 50 == 9) u.missing = TSE_MISSING(steer_angle);
+    y = stepped(&w.p, &f, &u);
+  }
+  TEST_ASSERT_TRUE(fabs(number(y.vel_y) - number(w.x[VY])) < 0.5);
+  TEST_ASSERT_EQUAL_INT(0, y.fault_channel);
+}
+
+/* Channels that are late make rows wait; a velocity does not wait, and is that much less late. */
+static void test_a_velocity_beside_channels_that_are_late(void)
+{
+  truth w;
+  sensor s;
+  tse_config c = a_drive();
+  uint32_t seed = 5;
+  c.velocity_latency = setting(0.1);
+  begin(&w, &c, &s, 1);
+  s.late = 0.1;
+  tse_config waits = c;
+  waits.steer_angle_latency = setting(0.05);
+  const tse_params p = prepared(&waits);
+  expect_near(0.05, number(p.velocity_late), 1e-6, "late behind the row that is stepped to", 0);
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f, sizeof f));
+  double steer[8] = { 0 }, sum = 0, truth_then[8] = { 0 };
+  for (int n = 0; n < 3000; n++) {
+    tse_input u = measured_row(&w, &s, ins, &seed);
+    steer[n % 8] = number(u.steer_angle);
+    truth_then[n % 8] = number(w.x[VY]);
+    u.steer_angle = real(steer[(n + 3) % 8]); /* five rows ago */
+    const tse_output y = stepped(&p, &f, &u);
+    if (n > 1500) sum += pow(number(y.vel_y) - truth_then[(n + 3) % 8], 2);
+  }
+  TEST_ASSERT_TRUE(sqrt(sum / 1499) < 0.05);
+  expect_near(0, number(f.k.x[V_LATE]), 0.02, "nothing left of the latency", 0);
+}
+
+/* Whatever is in their ranges: numbers, a state that is sound, and no longer than that the car's own velocity again. */
+static void test_no_velocity_whatever_breaks_the_filter(void)
+{
+  truth w;
+  sensor s;
+  tse_config c = a_drive();
+  uint32_t seed = 31;
+  begin(&w, &c, &s, 1);
+  tse_output y;
+  for (int n = 0; n < 4000; n++) {
+    tse_input u = measured_row(&w, &s, ins | gnss, &seed);
+    if (n < 2000) {
+      u.given = next_word(&seed) & 15u;
+      u.ins_vel_x = real(next_between(&seed, -120, 120));
+      u.ins_vel_y = real(next_between(&seed, -60, 60));
+      u.gnss_speed = real(next_between(&seed, 0, 120));
+      u.gnss_course = real(next_between(&seed, -7, 7));
+    }
+    y = stepped(&w.p, &f, &u);
+  }
+  TEST_ASSERT_TRUE(fabs(number(y.vel_y) - number(w.x[VY])) < 1 && fabs(number(y.vel_x) - number(w.x[VX])) < 2);
+}
+
+static void test_forms_with_particles_refuse_a_velocity_as_one_without_effect(void)
+{
+  static tse_filter_paper paper;
+  tse_config c;
+  tse_input u;
+  tse_config_paper(&c);
+  c.particles = 60;
+  const tse_params p = prepared(&c);
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &paper.filter, sizeof paper));
+  memset(&u, 0, sizeof u);
+  u.dt = real(0.01);
+  u.wheel_speed_front = u.wheel_speed_rear = real(60);
+  TEST_ASSERT_TRUE(tse_step(&p, &paper.filter, &u, NULL) >= 0);
+  u.given = TSE_GIVEN(ins_vel_x);
+  TEST_ASSERT_EQUAL_INT(TSE_E_INPUT, tse_step(&p, &paper.filter, &u, NULL));
+}
+
+
+int main(void)
+{
+  UNITY_BEGIN();
+  RUN_TEST(test_opened_extra_states_are_their_variances_and_the_others_stay);
+  RUN_TEST(test_a_measurement_is_that_of_a_kalman_filter_of_all_states);
+  RUN_TEST(test_what_moves_the_others_keeps_what_they_share_with_the_extra_states);
+  RUN_TEST(test_sums_fading_ties_and_what_is_forgotten_are_those_of_the_matrix);
+  RUN_TEST(test_rates_are_those_of_the_motion_and_slopes_are_their_differences);
+  RUN_TEST(test_a_row_is_that_of_a_dense_schmidt_kalman_filter);
+  RUN_TEST(test_what_is_not_given_is_not_read_and_changes_no_bit);
+  RUN_TEST(test_what_cannot_be_a_velocity_is_not_there);
+  RUN_TEST(test_an_ins_that_is_mounted_straight_shows_the_speed_across);
+  RUN_TEST(test_where_an_ins_sits_and_looks_is_found);
+  RUN_TEST(test_course_and_speed_show_the_speed_across);
+  RUN_TEST(test_a_velocity_that_is_late_and_nobody_says_so_does_little_harm);
+  RUN_TEST(test_a_frozen_velocity_is_none);
+  RUN_TEST(test_an_outlier_pulls_no_further_than_three_sd);
+  RUN_TEST(test_a_jump_is_left_out_and_named_until_it_fits);
+  RUN_TEST(test_a_course_with_another_zero_is_found_again);
+  RUN_TEST(test_velocities_come_and_go_and_gaps_are_survived);
+  RUN_TEST(test_a_velocity_beside_channels_that_are_late);
+  RUN_TEST(test_no_velocity_whatever_breaks_the_filter);
+  RUN_TEST(test_forms_with_particles_refuse_a_velocity_as_one_without_effect);
+  return UNITY_END();
+}
