@@ -45,7 +45,7 @@ def doc(text: str, unit: str = "") -> str:
 def row_lines() -> list[str]:
     lines = []
     for f in library().fields(INPUT):
-        if f.name == "missing":
+        if f.name in ("missing", "given"):
             continue
         if f.name == "dt":
             lines += [

@@ -130,6 +130,7 @@ def input_fields() -> str:
             r"^INPUT\((\w+),[^\"]*\"[^\"]*\", *(\w)", (TSE / "input.def").read_text(encoding="utf-8"), flags=re.M
         )
     )
+    velocities = [f.name for f in library().velocities]
     for f in library().fields(INPUT):
         policy = {"D": "refused", "M": "counts as missing"}.get(
             kinds.get(f.name, ""), "refused" if f.name == "dt" else "-"
@@ -142,6 +143,13 @@ def input_fields() -> str:
             text = "channels that are missing, besides those that are NaN: " + ", ".join(
                 f"{1 << i} {c.name}" for i, c in enumerate(library().channels)
             )
+        if f.name == "given":
+            unit, allowed = "bits", "any"
+            text = "velocities that are measured; 0: none is read: " + ", ".join(
+                f"{1 << i} {c.name}" for i, c in enumerate(library().velocities)
+            )
+        if f.name in velocities:
+            policy = "not there"
         rows.append([code(f.name), code(C_TYPES[f.kind]), allowed, cell(unit), policy, cell(text)])
     return table(["member", "type", "range", "unit", "outside it", "meaning"], rows)
 

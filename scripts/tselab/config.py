@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from tselab.core import Config, SettingError, library
+from tselab.core import CONFIG, Config, SettingError, library
 from tselab.errors import UserError
 from tselab.log import Log
 from tselab.toml import read_toml
@@ -78,7 +78,29 @@ def make_config(
     for key, value in (options or {}).items():
         if value is not None:
             config.set(key, value, source=f"option --{key.replace('_', '-')}")
+    _check_velocity(config, log)
     return config, notes
+
+
+def velocity_settings() -> list[str]:
+    """Return the settings of a measured velocity, rows of include/tse/velocity.def."""
+    names = [f.name for f in library().fields(CONFIG)]
+    return names[names.index("ins_velocity_sd") : names.index("velocity_scale_sd") + 1]
+
+
+def _check_velocity(config: Config, log: Log | None) -> None:
+    """Raise UserError where a setting about measured velocities, or a measured velocity, would be without effect."""
+    if log is None:
+        return
+    known = ", ".join(f.name for f in library().velocities)
+    if log.velocities and config.form != 0:
+        raise UserError(
+            f"{log.path}: column {', '.join(log.velocities)}: only the default filter uses a measured velocity; leave the column "
+            "out, or the form"
+        )
+    told = [key for key in velocity_settings() if getattr(config, key) != config.fields[key].default]
+    if told and not log.velocities:
+        raise UserError(f"{log.path}: {', '.join(told)} without effect: the log has none of {known}; leave it out")
 
 
 def not_in_filter(config: Config, vehicle: Vehicle) -> list[str]:

@@ -348,7 +348,14 @@ class Library:
     @property
     def channels(self) -> list[Field]:
         """The channels of a log row, in order."""
-        return [f for f in self._fields[INPUT] if f.name not in ("dt", "missing")]
+        names = [f.name for f in self._fields[INPUT]]
+        return self._fields[INPUT][1 : names.index("missing")]
+
+    @property
+    def velocities(self) -> list[Field]:
+        """Velocities that a log row may have besides, in the order of their bits in `given`."""
+        names = [f.name for f in self._fields[INPUT]]
+        return self._fields[INPUT][names.index("given") + 1 :]
 
 
 NO_NUMBER = np.iinfo(np.int64).min  # of fixed point, number/fixed.h

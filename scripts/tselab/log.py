@@ -23,13 +23,31 @@ from tselab.room import Room
 DRIVES = ("steer_angle", "wheel_speed_front", "wheel_speed_rear")  # drive the model
 MEASURES = ("accel_x", "accel_y", "yaw_rate")  # are compared with it
 SIDES = {axle: (f"{axle}_left", f"{axle}_right") for axle in DRIVES[1:]}  # in place of the axle's mean
-OPTIONAL = {  # columns that a log may have besides: unit, range, text, hint; `tselab gap` compares them, the estimator does not
+# columns that a log may have besides: unit, range, text, hint. The estimator uses the velocities of the library (tse/velocity.def),
+# `tselab gap` compares the others
+OPTIONAL = {
     "vehicle_speed": (
         "m/s",
         -60.0,
         120.0,
         "speed over ground of the centre of gravity: GNSS, optical",
         "km/h: divide by 3.6",
+    ),
+    "ins_vel_x": (
+        "m/s",
+        -120.0,
+        120.0,
+        "velocity along the car, of an INS or an optical sensor",
+        "km/h: divide by 3.6",
+    ),
+    "ins_vel_y": ("m/s", -60.0, 60.0, "velocity across the car, positive left", "km/h: divide by 3.6"),
+    "gnss_speed": ("m/s", 0.0, 120.0, "speed over ground", "km/h: divide by 3.6"),
+    "gnss_course": (
+        "rad",
+        -7.0,
+        7.0,
+        "direction over ground, positive left, from any zero",
+        "degrees clockwise from north: multiply by -pi/180",
     ),
     "wheel_torque_front": (
         "Nm",
@@ -46,6 +64,7 @@ OPTIONAL = {  # columns that a log may have besides: unit, range, text, hint; `t
         "kNm: multiply by 1000",
     ),
 }
+VELOCITIES = ("ins_vel_x", "ins_vel_y", "gnss_speed", "gnss_course")  # of OPTIONAL those that the estimator uses
 _CLOCK = re.compile(r"\d{1,2}:\d{2}")
 MOST_BACK = 0.5  # share of rows that are not later than the one before, above which the column is no time
 FEW_OUTSIDE = 0.05  # share of values outside the range above which it is the column that is wrong
@@ -134,7 +153,20 @@ class Log:
         rows["dt"] = np.diff(self.time[part], prepend=before)
         for name in self.data:
             rows[name] = self.data[name].to_numpy()[part]
+        for bit, f in enumerate(library().velocities):
+            if f.name in self.extra:
+                value = self.extra[f.name].to_numpy(float)[part]
+                if f.name == "gnss_course":
+                    value = (value + np.pi) % (2 * np.pi) - np.pi
+                given = np.isfinite(value)
+                rows[f.name] = np.where(given, value, 0.0)
+                rows["given"] |= np.where(given, 1 << bit, 0).astype(rows["given"].dtype)
         return rows
+
+    @property
+    def velocities(self) -> list[str]:
+        """Return the measured velocities that the log has."""
+        return [f.name for f in library().velocities if f.name in self.extra]
 
     def let_go(self) -> None:
         """What was read so far need not stay in memory."""
@@ -481,6 +513,15 @@ def _optional(
     return value
 
 
+def _straight_angle(name: str, column: pd.Series) -> np.ndarray:
+    """Return a column without the steps of an angle that wraps; `Log.rows` wraps it again."""
+    value = column.to_numpy(float).copy()
+    if name == "gnss_course":
+        there = np.isfinite(value)
+        value[there] = np.unwrap(value[there])
+    return value
+
+
 MOST_MISSING = 0.5  # of a block's rows: a channel of which more is missing is missing; a block of which more is, too
 
 
@@ -508,7 +549,7 @@ def average(log: Log, seconds: float) -> Log:
     time = means(log.time)
     data = pd.DataFrame({name: means(log.data[name].to_numpy(float)) for name in log.data})
     ref = pd.DataFrame({name: means(log.ref[name].to_numpy(float)) for name in log.ref}, index=data.index)
-    extra = pd.DataFrame({name: means(log.extra[name].to_numpy(float)) for name in log.extra}, index=data.index)
+    extra = pd.DataFrame({name: means(_straight_angle(name, log.extra[name])) for name in log.extra}, index=data.index)
     step = float(np.median(np.diff(time))) if len(time) > 1 else None
     notes = [*log.notes, f"averaged over {seconds:g} s: {len(log)} rows became {len(time)}, of {usual:g} rows each"]
     slower = {name: Slower(x.time, x.value, x.rows / usual) for name, x in log.slower.items() if x.rows > usual}

@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from tselab.held import fresh
-from tselab.log import DRIVES, MEASURES, SIDES
+from tselab.log import DRIVES, MEASURES, SIDES, VELOCITIES
 from tselab.logs.mapping import Series
 from tselab.room import PIECE, Room
 
@@ -91,10 +91,13 @@ def on_raster(found: Mapping[str, Series], rate: float | None, room: Room | None
     keep = np.zeros(len(time), bool) if core else np.ones(len(time), bool)
     for name, s in found.items():
         t, x = own[name]
-        rows.value[name] = room.keep(_hold(t, x, time) if s.hold else resample(t, x, time, rate))
+        if name in VELOCITIES:  # a measurement each: none is made of two, and none is held
+            rows.value[name] = room.keep(_nearest(t, x, time))
+        else:
+            rows.value[name] = room.keep(_hold(t, x, time) if s.hold else resample(t, x, time, rate))
         if name in core:
             keep |= np.isfinite(rows.value[name])
-        if not s.hold and 0 < rates[name] < 0.9 * rate:
+        if not s.hold and 0 < rates[name] < 0.9 * rate and name not in VELOCITIES:
             rows.native[name] = t, x, rates[name]
         room.let_go()
     if not keep.all():
@@ -166,6 +169,17 @@ def _hold(t: np.ndarray, x: np.ndarray, time: np.ndarray) -> np.ndarray:
     return np.where(at >= 0, x[np.maximum(at, 0)], np.nan)
 
 
+def _nearest(t: np.ndarray, x: np.ndarray, time: np.ndarray) -> np.ndarray:
+    """Return each entry in the row that is nearest to it, (rows,), NaN in all others."""
+    out = np.full(len(time), np.nan)
+    if len(t) and len(time):
+        at = np.clip(np.searchsorted(time, t), 1, max(1, len(time) - 1)) if len(time) > 1 else np.zeros(len(t), int)
+        at = at - (t - time[at - 1] < time[at] - t) if len(time) > 1 else at
+        near = np.abs(time[at] - t) <= (np.median(np.diff(time)) if len(time) > 1 else np.inf)
+        out[at[near]] = x[near]
+    return out
+
+
 def _axle(name: str) -> str:
     return next((axle for axle, pair in SIDES.items() if name in pair), name)
 
@@ -180,7 +194,8 @@ def _as_it_is(found: Mapping[str, Series], rate: float | None) -> Rows | None:
     own = rate_of(first.time)
     if (rate is not None and abs(rate - own) > 0.01 * own) or (own > 1.5 * FASTEST and rate is None):
         return None
-    sparse = [s for s in found.values() if np.isfinite(s.value).any() and np.isfinite(s.value).mean() < SPARSE]
+    full = [s for n, s in found.items() if n not in VELOCITIES]
+    sparse = [s for s in full if np.isfinite(s.value).any() and np.isfinite(s.value).mean() < SPARSE]
     if any(
         np.median(np.diff(np.flatnonzero(np.isfinite(s.value)))) > 1 for s in sparse if np.isfinite(s.value).sum() > 1
     ):

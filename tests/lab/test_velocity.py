@@ -1,0 +1,164 @@
+"""A measured velocity: columns of a log, rows of tse.Filter, settings that would be without effect; without one, no bit changes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import tse
+from tselab.config import make_config
+from tselab.core import Config, Filter, SimConfig, Simulator, library
+from tselab.errors import UserError
+from tselab.estimate import estimate
+from tselab.log import average, read_frame, read_log
+from tselab.logs.raster import _nearest
+from tselab.vehicle import make_vehicle
+
+ROWS, DT = 4000, 0.01
+CAR = {
+    "mass": 1900.0,
+    "lf": 1.25,
+    "lr": 1.5,
+    "wheel_radius_front": 0.33,
+    "wheel_radius_rear": 0.33,
+    "driven_axle": "front",
+}
+
+
+@pytest.fixture(scope="module")
+def drive() -> pd.DataFrame:
+    """The simulator's car in slaloms, with the truth beside its channels."""
+    simulator = Simulator(Config({"sample_time": DT}), SimConfig({"seed": 4, "speed": 20.0, "noise": 1.0}))
+    inputs, out = simulator.inputs(ROWS), simulator.outputs(ROWS)
+    t = DT * np.arange(ROWS)
+    inputs["dt"], inputs["road_level"] = DT, 1.0
+    inputs["steer_angle"] = 0.03 * np.sin(2 * np.pi * 0.5 * t)
+    for i in range(ROWS):
+        simulator.step_into(inputs, out, i)
+    table = pd.DataFrame({"time": t, **{f.name: out[f.name] for f in library().channels}})
+    return table.assign(ref_vel_x=out["true_vel_x"], ref_vel_y=out["true_vel_y"])
+
+
+def vehicle(**sensors: float):
+    return make_vehicle({**CAR, **({"sensors": sensors} if sensors else {})}, Path("car.toml"))
+
+
+def gnss(drive: pd.DataFrame) -> pd.DataFrame:
+    """The same with speed and course ten times a second; a course from any zero."""
+    heading = np.cumsum(drive.yaw_rate) * DT + 3.0
+    course = heading + np.arctan2(drive.ref_vel_y, drive.ref_vel_x)
+    new = np.arange(len(drive)) % 10 == 0
+    wrapped = (course + np.pi) % (2 * np.pi) - np.pi
+    return drive.assign(
+        gnss_speed=np.hypot(drive.ref_vel_x, drive.ref_vel_y).where(new), gnss_course=wrapped.where(new)
+    )
+
+
+def test_the_library_names_the_velocities_behind_the_channels() -> None:
+    assert [f.name for f in library().channels][-1] == "yaw_rate"
+    assert [f.name for f in library().velocities] == ["ins_vel_x", "ins_vel_y", "gnss_speed", "gnss_course"]
+
+
+def test_a_log_gives_what_is_in_its_cells_and_nothing_else(drive: pd.DataFrame) -> None:
+    log = read_frame(gnss(drive))
+    rows = log.rows()
+    assert log.velocities == ["gnss_speed", "gnss_course"]
+    assert set(rows["given"][::10]) == {12}
+    assert (rows["given"][np.arange(ROWS) % 10 != 0] == 0).all()
+    assert (read_frame(drive).rows()["given"] == 0).all()
+    assert (rows["gnss_speed"][1::10] == 0).all()
+
+
+def test_a_csv_reads_as_the_frame(drive: pd.DataFrame, tmp_path: Path) -> None:
+    table = gnss(drive)
+    table.to_csv(tmp_path / "log.csv", index=False)
+    rows, same = read_log(tmp_path / "log.csv").rows(), read_frame(table).rows()
+    assert (rows["given"] == same["given"]).all()
+    assert np.allclose(rows["gnss_course"], same["gnss_course"], 0, 1e-9)
+
+
+def test_columns_of_other_names_change_no_bit(drive: pd.DataFrame) -> None:
+    """vel_y, speed, course may be anything; only the names of the library are measurements."""
+    config, _ = make_config(vehicle(), read_frame(drive))
+    plain = estimate(read_frame(drive), config).table
+    named = estimate(read_frame(drive.assign(vel_y=9.0, speed=99.0, course=1.0)), config).table
+    pd.testing.assert_frame_equal(plain, named)
+
+
+def test_a_measured_speed_across_is_followed(drive: pd.DataFrame) -> None:
+    """Of a car of its class, whose stiffness nobody knows."""
+    table = drive.assign(ins_vel_x=drive.ref_vel_x, ins_vel_y=drive.ref_vel_y)
+    off = {}
+    for name, frame in (("without", drive), ("with", table), ("gnss", gnss(drive))):
+        log = read_frame(frame)
+        config, _ = make_config(vehicle(), log)
+        found = estimate(log, config).table
+        late = found.time > 20
+        off[name] = np.sqrt(np.mean((found.vel_y - drive.ref_vel_y)[late] ** 2))
+    assert off["with"] < 0.6 * off["without"]
+    assert off["gnss"] < 1.1 * off["without"]
+
+
+def test_a_row_of_a_filter_has_them_too(drive: pd.DataFrame) -> None:
+    log = read_frame(gnss(drive).head(300))
+    config, _ = make_config(vehicle(), log)
+    found = estimate(log, config).table
+    step = tse.Filter({**CAR}, sample_time=DT)
+    for row in gnss(drive).head(300).to_dict("records"):
+        y = step.step(row)
+    assert y.vel_y == pytest.approx(found.vel_y.iloc[-1], abs=1e-12)
+    nothing = tse.Filter({**CAR}, sample_time=DT)
+    for row in drive.head(300).to_dict("records"):
+        z = nothing.step(row, ins_vel_x=None, gnss_course=float("nan"))
+    assert z.vel_y != y.vel_y
+    assert nothing._row["given"][0] == 0
+
+
+def test_a_channel_left_out_is_named(drive: pd.DataFrame) -> None:
+    wrong = drive.ref_vel_y.where(np.arange(ROWS) < 2000, drive.ref_vel_y + 4.0)
+    step = tse.Filter({**CAR}, sample_time=DT)
+    names = {
+        step.step({**row, "ins_vel_y": v}).fault_channel for row, v in zip(drive.to_dict("records"), wrong, strict=True)
+    }
+    assert names == {None, "ins_vel_y"}
+
+
+def test_settings_without_a_velocity_are_refused(drive: pd.DataFrame) -> None:
+    with pytest.raises(UserError, match=r"velocity_lever_x without effect: the log has none of ins_vel_x"):
+        make_config(vehicle(velocity_lever_x=1.0), read_frame(drive))
+    config, _ = make_config(vehicle(velocity_lever_x=1.0), read_frame(gnss(drive)))
+    assert config.velocity_lever_x == 1.0
+
+
+def test_forms_that_do_not_use_a_velocity_refuse_it(drive: pd.DataFrame) -> None:
+    with pytest.raises(UserError, match=r"column gnss_speed, gnss_course: only the default filter"):
+        make_config(vehicle(), read_frame(gnss(drive)), form="paper")
+
+
+def test_a_course_that_wraps_is_averaged_along_the_shorter_way(drive: pd.DataFrame) -> None:
+    course = np.full(ROWS, np.pi - 0.01)
+    course[1::2] = -np.pi + 0.01
+    log = average(read_frame(drive.assign(gnss_course=course)), 0.04)
+    given = log.rows()["given"] == 8
+    assert given.all()
+    assert (np.abs(np.abs(log.rows()["gnss_course"]) - np.pi) < 0.011).all()
+
+
+def test_on_a_raster_each_entry_is_in_one_row() -> None:
+    time = np.arange(100) * 0.01
+    t = np.array([0.003, 0.1049, 0.2, 0.305, 5.0])
+    out = _nearest(t, np.arange(5.0), time)
+    assert np.flatnonzero(np.isfinite(out)).tolist() in ([0, 10, 20, 30], [0, 10, 20, 31])
+    assert np.nanmax(out) == 3
+
+
+def test_a_filter_of_the_library_refuses_a_velocity_in_forms_with_particles() -> None:
+    filter_ = Filter(Config(Config.form("paper")))
+    rows, out = filter_.inputs(2), filter_.outputs(2)
+    rows["dt"], rows["wheel_speed_front"], rows["wheel_speed_rear"] = 0.01, 60.0, 60.0
+    rows["given"][1] = 1
+    filter_.step_into(rows, out)
+    assert out["status"][1] < 0
