@@ -96,5 +96,6 @@ def test_a_damaged_state_is_refused_there(reference: dict, target: str, tmp_path
 def test_channels_are_those_of_the_estimator() -> None:
     """So that inputs() sets all there are."""
     names = [v.name for v in unit(ESTIMATOR).description.modelVariables if v.causality == "input"]
-    assert names == [*CHANNELS, "missing"]
+    velocities = ["given", "ins_vel_x", "ins_vel_y", "gnss_speed", "gnss_course"]  # at rest unless one is given
+    assert names == [*CHANNELS, "missing", *(f"velocity.{v}" for v in velocities)]
     assert [v.name for v in unit(VEHICLE).description.modelVariables if v.causality == "input"] == DRIVER

@@ -12,6 +12,20 @@ static void put_row(fmi2Component c, const tse_input *u)
 #include "tse/input.def"
 #undef INPUT
   OK(put_integer(c, "missing", (int)u->missing));
+#define VELOCITY(name, lo, hi, unit, text) OK(put_real(c, "velocity." #name, u->name));
+#include "tse/velocity.def"
+#undef VELOCITY
+  OK(put_integer(c, "velocity.given", (int)u->given));
+}
+
+/* A velocity in every tenth row, of the wheels; what is not given may be anything. */
+static void measure(tse_input *u, int row, const tse_config *config)
+{
+  const tse_real v = (tse_real)(config->wheel_radius_rear * u->wheel_speed_rear);
+  u->ins_vel_x = u->gnss_speed = v > 0 ? v : 0;
+  u->ins_vel_y = (tse_real)0.01 * (tse_real)(row % 7);
+  u->gnss_course = (tse_real)0.001 * (tse_real)(row % 6000);
+  u->given = row % 10 == 0 && v > 0 ? TSE_GIVEN(ins_vel_y) | TSE_GIVEN(gnss_speed) | (row % 20 ? TSE_GIVEN(gnss_course) : 0) : 0;
 }
 
 static void expect_outputs(fmi2Component c, const tse_config *config, const tse_output *y, int row)
@@ -45,7 +59,7 @@ static void expect_outputs(fmi2Component c, const tse_config *config, const tse_
 
 /* The recorded drive, with lost channels, lost rows, standstill and reverse, through an instance in which its parameters are set and
  * through a filter of this configuration: every output has the bits of tse_step(). */
-static void drive_beside(fmi2Component c, const tse_config *config)
+static void drive_measured(fmi2Component c, const tse_config *config, int measured)
 {
   static tse_filter_paper memory;
   tse_filter *const filter = &memory.filter;
@@ -62,6 +76,7 @@ static void drive_beside(fmi2Component c, const tse_config *config)
     const double next = i + 1 < n ? time + rows[i + 1].dt : time + STEP;
     tse_input u = rows[i];
     if (i > 0) u.dt = rows[i].dt;
+    if (measured) measure(&u, i, config);
     put_row(c, &u);
     const fmi2Status status = fmi2DoStep(c, time, next - time, fmi2True);
     TEST_ASSERT_TRUE_MESSAGE(status == fmi2OK || status == fmi2Warning, last_line());
@@ -77,6 +92,8 @@ static void drive_beside(fmi2Component c, const tse_config *config)
   TEST_ASSERT_TRUE(filter->step > 2000 && y.stiffness[1] != (tse_real)config->initial_cy_front); /* something was estimated */
   said = 0;
 }
+
+static void drive_beside(fmi2Component c, const tse_config *config) { drive_measured(c, config, 0); }
 
 static tse_config small_config(void) /* as initialized() has it */
 {
@@ -96,6 +113,20 @@ static void test_a_recorded_drive_of_a_calibrated_car_gives_the_bits_of_tse_step
   OK(put_real(c, "vehicle.mass", 1800));
   OK(put_integer(c, "filter.seed", 5));
   drive_beside(c, &config);
+}
+
+static void test_a_drive_with_measured_velocities_gives_the_bits_of_tse_step(void)
+{
+  tse_config config = small_config();
+  config.mass = 1800;
+  config.velocity_latency = TSE_S(0.05);
+  config.velocity_lever_x = TSE_S(-0.5);
+  fmi2Component const c = instantiated();
+  OK(put_boolean(c, "vehicle.calibrated", fmi2True));
+  OK(put_real(c, "vehicle.mass", 1800));
+  OK(put_real(c, "velocity.velocity_latency", 0.05));
+  OK(put_real(c, "velocity.velocity_lever_x", -0.5));
+  drive_measured(c, &config, 1);
 }
 
 static void test_a_recorded_drive_of_an_ordinary_car_gives_the_bits_of_tse_step(void)
@@ -472,6 +503,7 @@ int main(void)
 {
   UNITY_BEGIN();
   RUN_TEST(test_a_recorded_drive_of_a_calibrated_car_gives_the_bits_of_tse_step);
+  RUN_TEST(test_a_drive_with_measured_velocities_gives_the_bits_of_tse_step);
   RUN_TEST(test_a_recorded_drive_of_an_ordinary_car_gives_the_bits_of_tse_step);
   RUN_TEST(test_what_is_not_set_is_that_of_an_ordinary_car_and_what_is_set_wins);
   RUN_TEST(test_an_importer_that_sets_every_parameter_to_its_start_has_set_none);
