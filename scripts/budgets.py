@@ -34,6 +34,7 @@ RESULTS = m.ROOT / "scripts" / "results" / "budgets.md"
 OPTIONS = (
     "-DTSE_NO_EFFECTS",
     "-DTSE_NO_PARTICLES",
+    "-DTSE_NO_VELOCITY",
     "-DTSE_NO_DESCRIBE",
     "-DTSE_MAX_PARTICLES=16",
     "-DTSE_LATENCY_ROWS=8",
