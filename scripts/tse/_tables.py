@@ -92,6 +92,14 @@ class Row(TypedDict, total=False):
     """Specific force at the centre of gravity, positive left [-50 .. 50 m/s2]."""
     yaw_rate: float
     """Yaw rate, positive left (counter-clockwise from above) [-6 .. 6 rad/s]."""
+    ins_vel_x: float
+    """Velocity along the car, of an INS or an optical sensor [-120 .. 120 m/s]."""
+    ins_vel_y: float
+    """Velocity across the car, positive left [-60 .. 60 m/s]."""
+    gnss_speed: float
+    """Speed over ground [0 .. 120 m/s]."""
+    gnss_course: float
+    """Direction over ground, positive left (against the clock from above), from any zero [-7 .. 7 rad]."""
 
 
 @dataclass(frozen=True, slots=True)
