@@ -257,7 +257,7 @@ static void test_a_car_that_cannot_be_is_refused_and_the_parameter_named(void)
   OK(put_real(c, "vehicle.lr", 10.0));
   OK(fmi2EnterInitializationMode(c));
   saved_bytes before = bytes_of(c);
-  REFUSED(fmi2ExitInitializationMode(c), "vehicle.cornering_stiffness_rear", "vehicle.calibrated is false");
+  REFUSED(fmi2ExitInitializationMode(c), "vehicle.longitudinal_stiffness_rear", "vehicle.calibrated is false");
   expect_unchanged(c, &before, "after a refused start");
   free(before.at);
   OK(put_boolean(c, "vehicle.calibrated", fmi2True));
