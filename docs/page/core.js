@@ -17,7 +17,8 @@ class Library {
     this.layout = Object.fromEntries(LAYOUT.map((name, i) => [name, this.int(at + 4 * i)]));
     this.tables = Object.fromEntries(Object.entries(TABLES).map(([name, which]) => [name, this.fields(which)]));
     this.groups = [0, 1, 2].map((k) => this.names(this.c.page_group(k)));   // vehicle, what may be off, sensors
-    this.channels = this.tables.input.filter((f) => f.name !== "dt" && f.name !== "missing");
+    // those that every log has; what stands behind `missing` counts where it is given, which the page never does
+    this.channels = this.tables.input.filter((f) => f.name !== "dt" && f.offset < this.field("input", "missing").offset);
     this.version = this.string(this.c.page_version());
     const status = this.c.page_self_test();
     if (status < 0) throw new Error(`${this.statusText(status)}: ${this.string(this.c.page_wrong())}`);

@@ -19,6 +19,7 @@ GROUPS = {  # the files that include/tse/config.def includes, and what a reader 
     "uncertainty.def": "How uncertain the parameters of the car are",
     "sensors.def": "Sensors",
     "latency.def": "Latencies",
+    "velocity.def": "Measured velocity",
     "filter.def": "Filter",
     "formula.def": "A formula of the user",
     "effects.def": "Effects",
@@ -76,7 +77,7 @@ def group_of(setting: str) -> str:
     base = setting.removesuffix("_latency")
     if base != setting and base in _names_in("latency.def"):
         return "latency.def"
-    for name in ("vehicle.def", "uncertainty.def", "sensors.def", "filter.def"):
+    for name in ("vehicle.def", "uncertainty.def", "sensors.def", "velocity.def", "filter.def"):
         if re.search(rf"\b(?:REAL|INT|CONSIDER)\((?:\w+, *)?{setting}\b", (TSE / name).read_text(encoding="utf-8")):
             return name
     raise ValueError(f"setting {setting} stands in no .def file that config.def includes")

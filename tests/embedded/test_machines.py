@@ -81,6 +81,6 @@ def test_a_control_loop_on_a_bus_has_the_bits_of_the_log(tmp_path: Path) -> None
     assert int(said["rows"]) == m.rows().count("\n")
     assert said["refused"] == said["overruns"] == "0"
     assert int(said["of"]) == 625_000
-    assert int(said["longest"]) < 0.3 * int(
+    assert int(said["longest"]) < 0.36 * int(
         said["of"]
-    )  # of the processor's time: 160 000 instructions, and the interrupt
+    )  # of the processor's time: 205 000 instructions with the interrupt, and a tenth for another compiler
