@@ -66,6 +66,9 @@ FIGURES = {
 }
 
 
+OFF_SPEED, FAST, HALF = 1.25, 5.0, 0.5  # of a measured velocity: 1; m/s: rows that count; s
+
+
 @dataclass(frozen=True)
 class Cause:
     """A wrong unit: a channel is `factor` times what it should be."""
@@ -101,8 +104,9 @@ def check_units(
     front, rear = radius_front * d["wheel_speed_front"], radius_rear * d["wheel_speed_rear"]
     apart = _axles(front, rear)
     swapped = _swapped(d, 0.5 * (front + rear))
-    if swapped or apart:
-        return [*apart, *swapped]
+    velocity = _velocity(log, radius_front, radius_rear)
+    if swapped or apart or velocity:
+        return [*apart, *swapped, *velocity]
     best: tuple[float, tuple[Cause, ...], Figures] | None = None
     plain: tuple[float, Figures] | None = None
     tried = []
@@ -175,6 +179,35 @@ def _speed_off(figures: Figures, radius: float) -> list[str]:
     also = "".join(f"; or {c.text}, factor {c.factor:.3g}" for c in likely)
     return [f"the speed by the wheels may be {100 * abs(np.expm1(off)):.0f} % too {'high' if off > 0 else 'low'} (± "
             f"{196 / np.sqrt(total):.0f}): {names} (about 1 is expected): check wheel_radius_*{also}"]  # fmt: skip
+
+
+def _velocity(log: Log, radius_front: float, radius_rear: float) -> list[str]:
+    """Return in what a measured velocity contradicts the wheels, and its change the lateral acceleration; [] where it does not.
+
+    Speed along is that of the wheels within OFF_SPEED, since slip and radii are a few percent. Speed across changes by
+    accel_y - v r, but for the road's bank: over HALF a second the two go together, and where they go against each other the sign
+    is wrong."""
+    wheels = 0.5 * (radius_front * log.data["wheel_speed_front"] + radius_rear * log.data["wheel_speed_rear"])
+    v = wheels.to_numpy(float)
+    found = []
+    for name in (n for n in ("ins_vel_x", "gnss_speed") if n in log.extra):
+        x = log.extra[name].to_numpy(float)
+        fast = np.isfinite(x) & (v > FAST)
+        if fast.sum() >= 50 and not 1 / OFF_SPEED < (ratio := float(np.median(x[fast] / v[fast]))) < OFF_SPEED:
+            found.append(f"check the units: {name} is {ratio:.3g} times the speed of the wheels, about 1 is expected")
+    if "ins_vel_y" in log.extra:
+        y = log.extra["ins_vel_y"].to_numpy(float)
+        rate = log.data["accel_y"].to_numpy(float) - v * log.data["yaw_rate"].to_numpy(float)
+        step = np.diff(log.time, prepend=log.time[0])
+        n = max(1, round(HALF / float(log.sample_time or HALF)))
+        gained = np.cumsum(np.nan_to_num(rate) * step)
+        changes = np.column_stack([y[n:] - y[:-n], gained[n:] - gained[:-n]])[v[n:] > FAST]
+        changes = changes[np.isfinite(changes).all(axis=1)]
+        if len(changes) >= 50 and changes.std(axis=0).min() > 0 and np.corrcoef(changes.T)[0, 1] < -0.5:
+            found.append(
+                "check the units: ins_vel_y changes against accel_y - speed x yaw_rate: is its sign that of left?"
+            )
+    return found
 
 
 def _smooth(log: Log) -> dict[str, np.ndarray]:

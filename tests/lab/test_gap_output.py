@@ -87,7 +87,9 @@ def test_estimates_agree_from_log_to_log_with_the_improved_vehicle(case):
     estimator = case.verdict["estimator"]
     spread = estimator["stiffness_sd_between_logs"]
     for key in ("cy_front", "cy_rear"):
-        assert spread["after"][key] < 0.03  # and no worse than before, where the filter finds how late the steering is
+        assert (
+            spread["after"][key] < 0.04
+        )  # an estimate's own sd; and no worse than before, where the filter finds how late the steering is
         assert spread["after"][key] < 1.1 * spread["before"][key]
         assert estimator["valid"]["after"][key] > estimator["valid"]["before"][key] - 0.02  # lag_steer finds it untold
     assert "differs between logs that show it by" in case.done.out

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -15,10 +16,11 @@ from tselab.errors import UserError
 from tselab.estimate import estimate
 from tselab.log import average, read_frame, read_log
 from tselab.logs.raster import _nearest
+from tselab.units import check_units
 from tselab.vehicle import make_vehicle
 
 ROWS, DT = 4000, 0.01
-CAR = {
+CAR: dict[str, Any] = {
     "mass": 1900.0,
     "lf": 1.25,
     "lr": 1.5,
@@ -124,6 +126,23 @@ def test_a_channel_left_out_is_named(drive: pd.DataFrame) -> None:
         step.step({**row, "ins_vel_y": v}).fault_channel for row, v in zip(drive.to_dict("records"), wrong, strict=True)
     }
     assert names == {None, "ins_vel_y"}
+
+
+@pytest.mark.parametrize(
+    ("along", "across", "words"),
+    [
+        (1.0, 1.0, ()),
+        (3.6, 3.6, ("ins_vel_x is 3.6 times the speed of the wheels",)),
+        (1.0, -1.0, ("ins_vel_y changes against accel_y",)),
+        (1 / 2.237, 1.0, ("ins_vel_x is 0.44",)),
+    ],
+)
+def test_a_velocity_in_another_unit_or_of_another_sign_is_said(
+    drive: pd.DataFrame, along: float, across: float, words: tuple[str, ...]
+) -> None:
+    log = read_frame(drive.assign(ins_vel_x=along * drive.ref_vel_x, ins_vel_y=across * drive.ref_vel_y))
+    found = check_units(log, CAR["lf"] + CAR["lr"], 0.33, 0.33, None)
+    assert len(found) == len(words) and all(w in f for w, f in zip(words, found, strict=True)), found
 
 
 def test_settings_without_a_velocity_are_refused(drive: pd.DataFrame) -> None:
