@@ -98,9 +98,9 @@ def _check_velocity(config: Config, log: Log | None) -> None:
             f"{log.path}: column {', '.join(log.velocities)}: only the default filter uses a measured velocity; leave the column "
             "out, or the form"
         )
-    told = [key for key in velocity_settings() if getattr(config, key) != config.fields[key].default]
-    if told and not log.velocities:
-        raise UserError(f"{log.path}: {', '.join(told)} without effect: the log has none of {known}; leave it out")
+    given = [key for key in velocity_settings() if getattr(config, key) != config.fields[key].default]
+    if given and not log.velocities:
+        raise UserError(f"{log.path}: {', '.join(given)} without effect: the log has none of {known}; leave it out")
 
 
 def not_in_filter(config: Config, vehicle: Vehicle) -> list[str]:

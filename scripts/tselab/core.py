@@ -572,10 +572,10 @@ class Filter:
         types = [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int32, ctypes.c_void_p]
         sd: dict[str, np.ndarray] = {}
         for k, name in enumerate(self.lib.uncertainties):
-            told = self.lib.function("tse_uncertainty_sd", argtypes=types)
+            part_of = self.lib.function("tse_uncertainty_sd", argtypes=types)
             out = np.zeros(3, self.lib.real)
             made = self.lib.native(out)
-            if told(*self._pointers, k, made.ctypes.data) >= 0:
+            if part_of(*self._pointers, k, made.ctypes.data) >= 0:
                 self.lib.from_native(made, out)
                 sd[name] = out.astype(float)
         return sd

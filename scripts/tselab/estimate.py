@@ -75,9 +75,9 @@ def est_columns() -> list[str]:
 def estimate(log: Log, config: Config, progress: bool = False, learnt: Learnt | None = None) -> Estimate:
     """Run the filter over a log, from what an earlier one taught. Ctrl-C ends the run early; what is done is kept."""
     tables = [pd.DataFrame(_head(config))]
-    teaches, told = _run(log, config, lambda block: tables.append(pd.DataFrame(block)), progress, learnt)
+    teaches, uncertainty_sd = _run(log, config, lambda block: tables.append(pd.DataFrame(block)), progress, learnt)
     table = pd.concat(tables[1:] or tables, ignore_index=True)
-    return Estimate(table, interrupted=len(table) < len(log), learnt=teaches, uncertainty_sd=told)
+    return Estimate(table, interrupted=len(table) < len(log), learnt=teaches, uncertainty_sd=uncertainty_sd)
 
 
 def estimate_to(
@@ -100,12 +100,12 @@ def estimate_to(
             for each in (summary.add, *watch):
                 each(block)
 
-        teaches, told = _run(log, config, take, progress, learnt)
+        teaches, uncertainty_sd = _run(log, config, take, progress, learnt)
     return Estimate(
         summary.table(),
         interrupted=summary.rows < len(log),
         learnt=teaches,
-        uncertainty_sd=told,
+        uncertainty_sd=uncertainty_sd,
         statuses=summary.statuses,
     )
 

@@ -49,7 +49,7 @@ def backward(mean: Array, var: Array, walk: Array) -> tuple[Array, Array]:
     return np.array(m), np.array(p)
 
 
-def fixed(table: pd.DataFrame, config: Config, told: Mapping[str, Array]) -> dict[str, float]:
+def fixed(table: pd.DataFrame, config: Config, parts: Mapping[str, Array]) -> dict[str, float]:
     """Return the part of each stiffness' relative variance that no row changes: model error and uncertain parameters of the car.
 
     Parameters
@@ -58,7 +58,7 @@ def fixed(table: pd.DataFrame, config: Config, told: Mapping[str, Array]) -> dic
         The whole log, with columns of EST.csv: status, each stiffness.
     config : Config
         Settings of the run.
-    told : mapping
+    parts : mapping
         Filter.uncertainty_sd() at the end.
 
     Returns
@@ -70,7 +70,7 @@ def fixed(table: pd.DataFrame, config: Config, told: Mapping[str, Array]) -> dic
     if config.form or not len(used):
         return {}
     ends = {key: float(table[key].iloc[used[-1]]) / getattr(config, NOMINAL[key]) for key in STIFFNESS}
-    return {key: sum(float(x[a]) ** 2 for x in told.values()) / ends[key] ** 2 for a, key in enumerate(STIFFNESS)}
+    return {key: sum(float(x[a]) ** 2 for x in parts.values()) / ends[key] ** 2 for a, key in enumerate(STIFFNESS)}
 
 
 def smooth(rows: pd.DataFrame, key: str, config: Config, part: float) -> tuple[float, float]:

@@ -163,19 +163,19 @@ def findings(
     config: Config,
     found: Sequence[Change],
     contradictions: Sequence[str] = (),
-    told: Mapping[str, np.ndarray] | None = None,
+    uncertainty_sd: Mapping[str, np.ndarray] | None = None,
 ) -> list[Finding]:
     """The finding on each stretch of road between changes; one on the whole log where nothing changed.
 
     A mean over two roads is true of neither. On a stretch the filter does not forget: its value at the end is what it knows best,
     and is given with the interval that it has then, also where no row is valid. Beside it stands the smoothed value over the
-    stretch: a row knows what came after it, too. `told`: Filter.uncertainty_sd() at the end.
+    stretch: a row knows what came after it, too. `uncertainty_sd`: Filter.uncertainty_sd() at the end.
 
     `contradictions`: what the channels say against each other (units.check_units). The filter takes a channel that is wrong all
     the time for a car that is otherwise, surely; so of such a log no stiffness is known."""
     if contradictions:
         return [Finding(None, [_contradicted(v) for v in verdicts(table, config)])]
-    pieces, parts = stretches(table, found), fixed(table, config, told or {})
+    pieces, parts = stretches(table, found), fixed(table, config, uncertainty_sd or {})
     if len(pieces) < 2:
         return [Finding(None, verdicts(table, config, parts=parts), others(table, config))]
     each = [(s, table.iloc[s.rows]) for s in pieces]
@@ -207,12 +207,12 @@ def remarks(table: pd.DataFrame) -> list[str]:
     return found
 
 
-def of_uncertainty(table: pd.DataFrame, config: Config, told: Mapping[str, np.ndarray]) -> list[str]:
+def of_uncertainty(table: pd.DataFrame, config: Config, uncertainty_sd: Mapping[str, np.ndarray]) -> list[str]:
     """Return where most of an interval at the end comes from parameter uncertainty: of which parameters, the largest first."""
     found = []
     for a, key in enumerate(STIFFNESS):
         last = table[[key, f"{key}_sd"]].iloc[-1] / getattr(config, NOMINAL[key]) if len(table) else None
-        parts = {name: float(sd[a]) for name, sd in told.items()}
+        parts = {name: float(sd[a]) for name, sd in uncertainty_sd.items()}
         whole = np.sqrt(sum(sd**2 for sd in parts.values()))
         if (
             last is None

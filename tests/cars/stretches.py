@@ -39,7 +39,7 @@ Answer = tuple[float, float, bool]  # value, half of the 95 % interval, valid
 def answers(est: Estimate, config: Config) -> Iterator[tuple[regimes.Stretch, str, dict[str, Answer]]]:
     """Yield the answers by estimator, of each stretch and stiffness."""
     table, changes = est.table, regimes.changes(est.table)
-    found = findings(table, config, changes, told=est.uncertainty_sd)
+    found = findings(table, config, changes, uncertainty_sd=est.uncertainty_sd)
     for s, f in zip(regimes.stretches(table, changes), found, strict=True):
         rows = table.iloc[s.rows]
         rows = rows[rows["status"] >= 0]
