@@ -22,7 +22,7 @@ from tqdm import tqdm
 
 from tests.cars import SCENARIOS, make_cars, make_logs
 from tests.cars.study import RESULTS, TRUTH, estimated, truth_of
-from tselab.core import NOMINAL, STIFFNESS
+from tselab.core import NOMINAL, STIFFNESS, Library
 from tselab.log import read_log
 
 EVENTS = [s for s in SCENARIOS if s != "dry"]
@@ -35,13 +35,13 @@ def share(of: np.ndarray, among: np.ndarray) -> float:
     return float(of[among].mean()) if among.any() else 0.0
 
 
-def one(job: tuple[Path, str, str, int, float]) -> list[dict[str, Any]]:
-    """A car on a road with an event."""
+def one(job: tuple[Path, str, str, int, float], lib: Library | None = None) -> list[dict[str, Any]]:
+    """A car on a road with an event; `lib`: another build of the filter."""
     folder, road, scenario, car, began = job
     log = read_log(folder / f"{scenario}_{road}" / f"car{car}" / f"log_{road}.csv")
     reference = pd.read_csv(folder / f"{scenario}_{road}" / f"car{car}" / f"reference_{road}.csv")
     truth = truth_of({c: reference[c].to_numpy(float) for c in TRUTH.values()}, SMOOTH)
-    out, config = estimated(folder / f"car{car}" / "calibrated.toml", log)
+    out, config = estimated(folder / f"car{car}" / "calibrated.toml", log, lib)
     time = log.time - log.time[0]
     of = time - out["estimate_age"]  # the time of which the estimates are
     told = (out["p_changed"] + out["p_axle"] + out["p_sliding"]) > 0.5
