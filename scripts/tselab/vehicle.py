@@ -37,10 +37,7 @@ ALIKE = 0.75  # of difflib: a table that is named so much like one of TABLES is 
 MOST_UNKNOWN = 3  # keys that one message lists
 HINT_ONLY = ("author_stiffness_front", "author_stiffness_rear")
 
-# A car that was calibrated, where its file says nothing of these: relative sd of the longitudinal stiffness, which drives that
-# only cruise hardly show; limits below which what a calibration finds is not believed, since tyres and steering are not quite as
-# the model.
-CALIBRATED_CX_SD = 0.3
+# Limits below which what a calibration finds is not believed, since tyres and steering are not quite as the model.
 LEAST_GRIP_SD = 0.1
 CALIBRATED_MODEL_SD = 0.075
 LEAST_LATE_SD = 0.008  # s
@@ -108,19 +105,17 @@ def filter_values(vehicle: Vehicle) -> dict[str, float]:
     c = vehicle.calibration
     mean = dict(zip(c["names"], c["mean"], strict=True))
     sd = {name: float(np.sqrt(c["covariance"][i][i])) for i, name in enumerate(c["names"])}
-    found = {"initial_cx_sd": CALIBRATED_CX_SD, "tyre_saturation_shape": ordinary["tyre_saturation_shape"]}
-    for key in ("cy_front", "cy_rear"):
-        if key in sd:
-            found[f"initial_{key}_sd"] = float(np.clip(sd[key], 0.0, ordinary[f"initial_{key}_sd"]))
+    found, plain = {"tyre_saturation_shape": ordinary["tyre_saturation_shape"]}, Config()
+    for key, name in (("cx_front", "cx"), ("cy_front", "cy_front"), ("cy_rear", "cy_rear")):
+        setting = f"initial_{name}_sd"
+        found[setting] = min(sd.get(key, np.inf), ordinary.get(setting, float(getattr(plain, setting))))
     # 1/friction: what the calibration found, and that tyres have about the grip of their class
     prior, inverse = 1.0 / ordinary["grip"], "tyre_saturation_inverse_friction"
     var, seen = (ordinary["grip_sd"] * prior) ** 2, sd.get(inverse, 10.0) ** 2
     both = (prior / var + mean.get(inverse, prior) / seen) / (1.0 / var + 1.0 / seen)
     found["grip"] = 1.0 / max(both, 0.2)
     found["grip_sd"] = max(float(np.sqrt(1.0 / (1.0 / var + 1.0 / seen))) / max(both, 0.2), LEAST_GRIP_SD)
-    plain = (
-        Config()
-    )  # what the calibration says of sensors is of its own residuals: the filter finds their noise while driving
+    # what the calibration says of sensors is of its own residuals: the filter finds their noise while driving
     sensors = {name: ordinary.get(name, float(getattr(plain, name))) for name in sensor_settings()}
     found["model_sd"] = max(v.get("model_sd", 0.0), CALIBRATED_MODEL_SD)
     sensors["steer_lag_sd"] = max(v.get("steer_lag_sd", 0.0), LEAST_LATE_SD)

@@ -22,6 +22,7 @@ from tqdm import tqdm
 from tests.cars import ROADS, make_cars, make_logs
 from tests.cars.cars import Car
 from tselab.calibrate import output, workflow
+from tselab.calibrate.result import Result
 from tselab.config import make_config
 from tselab.core import NOMINAL, STIFFNESS, Config, Filter, Library
 from tselab.identify.unknowns import LATENCY
@@ -131,7 +132,7 @@ def drive(folder: Path, cars: list[Car], minutes: float, first: int) -> None:
                 made.write(folder / f"car{k}" / what, road)
 
 
-def physical(car: str, result: workflow.Result, truth: dict[str, Any]) -> list[dict[str, Any]]:
+def physical(car: str, result: Result, truth: dict[str, Any]) -> list[dict[str, Any]]:
     """What was found of the car itself, less what is true; in units of the truth where that is RELATIVE."""
     rows, true = [], truth["parameters"] | truth["sensors"]
     for f in (f for f in result.findings if f.name in PHYSICAL):

@@ -12,7 +12,7 @@ from tselab.gap.commands import HOLD_OUT, JOBS, LOGS, VEHICLE, Run, _distinct, _
 from tselab.options import FILE, PROGRESS, for_programs, reading
 
 if TYPE_CHECKING:
-    from tselab.calibrate.workflow import Result
+    from tselab.calibrate.result import Result
     from tselab.log import Reading
 
 NOT_CONVERGED = 12  # exit code

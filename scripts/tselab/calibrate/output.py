@@ -10,7 +10,7 @@ import numpy as np
 
 from tselab import __version__
 from tselab.calibrate.findings import Finding
-from tselab.calibrate.workflow import Result
+from tselab.calibrate.result import Result
 from tselab.core import NOMINAL, Config, library
 from tselab.files import atomic
 from tselab.formula import write_formula

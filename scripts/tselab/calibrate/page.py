@@ -13,7 +13,7 @@ from plotly.subplots import make_subplots
 
 from tselab import __version__
 from tselab.calibrate.findings import SHOWN, Group
-from tselab.calibrate.workflow import Proof, Result
+from tselab.calibrate.result import Proof, Result
 from tselab.core import library
 from tselab.files import atomic
 from tselab.gap.export.pictures import CHANNEL_UNITS, _layout

@@ -6,13 +6,15 @@ import hashlib
 import hmac
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from tselab.calibrate.findings import Finding, Group, findings, groups, told_before
+from tselab.calibrate import along
+from tselab.calibrate.findings import findings, groups, told_before
+from tselab.calibrate.result import Proof, Result
 from tselab.core import Config, library
 from tselab.errors import UserError
 from tselab.files import atomic
@@ -25,7 +27,7 @@ from tselab.identify.unknowns import MEASURED, OWN, STIFFNESS, Prior, prior_of
 from tselab.log import DRIVES, Log, Reading, files_of, read_log
 from tselab.noise import smooth
 from tselab.seal import seal
-from tselab.vehicle import Vehicle, fill_sensors, read_vehicle
+from tselab.vehicle import fill_sensors, read_vehicle
 
 Say = Callable[[str], None]
 SLOW = 4.0  # s
@@ -34,38 +36,6 @@ MOST_GYRO_WALK = (
     0.001  # rad/s/sqrt(s): no gyro wanders faster, and roads are not in it: it is a model that misses turns
 )
 FEWEST_STEPS = 10  # between values, to speak of quantisation
-
-
-@dataclass(frozen=True)
-class Proof:
-    """A log against the car as told and as calibrated: rms of measured less simulated without its mean over SLOW, in which are road
-    bank, grade and drift of the sensors; and how much likelier the calibrated car makes it."""
-
-    log: str
-    held_out: bool
-    before: dict[str, float]
-    after: dict[str, float]
-    nats_per_second: float
-
-
-@dataclass
-class Result:
-    """What a calibration leaves."""
-
-    vehicle: Vehicle
-    config: Config
-    problem: Problem
-    fit: Fit
-    findings: list[Finding]
-    groups: list[Group]
-    proofs: list[Proof]
-    sensors: dict[str, float]
-    steps: dict[str, float]  # quantisation of each channel as logged; 0: none that shows
-    notes: list[str] = field(default_factory=list)
-
-    @property
-    def seconds(self) -> float:
-        return sum(log.seconds for log in self.problem.logs)
 
 
 def run(
@@ -119,18 +89,9 @@ def run(
     if vehicle.formula is not None:
         notes.append(f"the vehicle file has a formula ({vehicle.formula.id}): it was simulated as it is, and is kept")
     steps = {c: max(step_of(log.data[c].to_numpy(float)) for log in read.values()) for c in (*DRIVES, *MEASURED)}
-    return Result(
-        vehicle,
-        config,
-        problem,
-        result,
-        rows,
-        groups(problem, result, rows),
-        proofs,
-        sensors,
-        steps,
-        notes,
-    )
+    found = Result(vehicle, config, problem, result, rows, groups(problem, result, rows), proofs, sensors, steps, notes)
+    say("longitudinal stiffness, by the filter")
+    return along.refined(found, list(read.values()))
 
 
 def _read(paths: Sequence[Path], notes: list[str], reading: Reading) -> dict[Path, Log]:

@@ -1,0 +1,75 @@
+"""The longitudinal stiffness of a calibrated car, as the car's filter finds it on the same logs.
+
+The search takes wheel speeds as exact inputs, and their noise, lateness and radii for slip: its longitudinal stiffness is 20 % and
+more off (scripts/results/cars-fresh.md). To the filter wheel speeds are measurements, and the free axle says the speed.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from tselab.calibrate import output
+from tselab.calibrate.result import Result
+from tselab.config import make_config
+from tselab.core import Filter
+from tselab.log import Log
+from tselab.vehicle import read_vehicle
+
+STIFFNESS = "cx_front"
+
+
+def refined(result: Result, logs: Sequence[Log]) -> Result:
+    """Return the result with the longitudinal stiffness of the filter in place of that of the search.
+
+    Parameters
+    ----------
+    result : Result
+        Of the search.
+    logs : sequence of Log
+        Those of the calibration; the filter runs over each.
+
+    Notes
+    -----
+    Each log starts from the same prior, which counts once: with information 1/P0 of the prior and 1/P of the end of a log,
+    1/P0 + sum(1/P - 1/P0) is that of all logs. Its sd is never below that of the best log, in which is the error of the model, and
+    that of the prior where the logs show nothing: two driven axles.
+    """
+    k = result.problem.names.index(STIFFNESS)
+    start = _with(result, k, float(result.problem.mean[k]), float(result.problem.sd[k]))
+    with tempfile.TemporaryDirectory() as folder:
+        draft = Path(folder) / "car.toml"
+        output.write(draft, start, [])
+        ends = np.array([_end(draft, log) for log in logs])
+    mean, sd, first = ends.T
+    prior = 1.0 / first[0] ** 2
+    information = np.maximum(1.0 / sd**2, prior)
+    whole = prior + float(np.sum(information - prior))
+    return _with(result, k, start.fit.x[k] + float(information @ mean) / whole, max(whole**-0.5, float(sd.min())))
+
+
+def _with(result: Result, k: int, mean: float, sd: float) -> Result:
+    """Return the result with another mean and sd of one unknown, which says nothing of the others then."""
+    x, covariance = result.fit.x.copy(), result.fit.covariance.copy()
+    x[k] = mean
+    covariance[k, :] = covariance[:, k] = 0.0
+    covariance[k, k] = sd**2
+    return replace(result, fit=replace(result.fit, x=x, covariance=covariance))
+
+
+def _end(vehicle: Path, log: Log) -> tuple[float, float, float]:
+    """Return logarithm of the longitudinal stiffness over the file's at the end of a log, its sd, and the sd of the start."""
+    config, _ = make_config(read_vehicle(vehicle), log)
+    filter_ = Filter(config)
+    rows, given = filter_.inputs(len(log)), log.rows()
+    for column in rows.dtype.names:
+        rows[column] = given[column]
+    out = filter_.outputs(len(rows))
+    filter_.step_into(rows, out)
+    used = out[out["status"] >= 0]
+    mean, sd = (float(used[name][-1]) for name in (STIFFNESS, f"{STIFFNESS}_sd"))
+    return float(np.log(mean)), sd / mean, config.initial_cx_sd
