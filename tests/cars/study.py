@@ -212,7 +212,7 @@ def table(runs: pd.DataFrame) -> list[str]:
         medians = [100 * float(np.nanmedian(group[f"{k} error"])) for k in STIFFNESS]
         cells = [road, who, " / ".join(f"{m:.1f}" for m in medians)]
         for what, of in (("valid", "rows"), ("off", "valid"), ("held", "rows")):
-            total = [(group[f"{k} {what}"].sum(), group[f"{k} {of}"].sum()) for k in STIFFNESS]
+            total = [(group[f"{k} {what}"].sum(min_count=1), group[f"{k} {of}"].sum()) for k in STIFFNESS]
             cells.append(three([a / b if b else np.nan for a, b in total]))
         cells += [f"{group['changes'].sum() / group['hours'].sum():.1f}", f"{100 * group['fault'].mean():.1f}"]
         lines.append("| " + " | ".join(cells) + " |")
