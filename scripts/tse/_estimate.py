@@ -23,7 +23,8 @@ from tselab.estimate import estimate as _run
 from tselab.estimate import write_table
 from tselab.learnt import Learnt
 from tselab.log import read_frame
-from tselab.prepare import assemble
+from tselab.prepare import Calibrate, assemble
+from tselab.vehicle import Vehicle
 from tselab.verdict import Finding, findings
 
 Usable: TypeAlias = Literal["yes", "in part", "no"]
@@ -49,6 +50,11 @@ class Result:
     None: no row was used, or the channels contradict each other."""
     uncertainty_sd: dict[str, npt.NDArray[np.float64]] = field(default_factory=dict)
     """What each quantity that is told of the car, and may be off, adds to the sd at the end: (3,), relative to nominal."""
+    calibration: dict[str, Any] | None = None
+    """What the calibration on the log itself has found: used (else why not), seconds, stiffness with its 95 % interval [N/rad],
+    latency [s], not_shown. None: the car was calibrated, or nobody asked."""
+    vehicle: Vehicle | None = None
+    """The car as it was taken, of which `learnt` is: estimate(next, result.vehicle, learnt=result.learnt)."""
 
     def __len__(self) -> int:
         return len(self.table)
@@ -135,6 +141,7 @@ def estimate(
     average: float | None = None,
     learnt: bytes | None = None,
     age: float = UNKNOWN_AGE,
+    calibrate: bool = True,
 ) -> Result:
     """Estimate tyre stiffness from a log.
 
@@ -152,7 +159,8 @@ def estimate(
         settings  any settings by name; they win
         form      "default", or a filter with particles: "sampled", "paper"
         average   s: means of blocks of so long first, at most 0.1; for noisy sensors
-        learnt    what an earlier drive has taught, `age` s ago (Result.learnt, Filter.save_learnt())
+        learnt    what an earlier drive has taught, `age` s ago (Result.learnt, Filter.save_learnt()), of this vehicle
+        calibrate a car that nobody has calibrated on the log itself first (Result.calibration); not with `learnt`
 
     What the vehicle leaves out of the sensors is found in the log; the same bits as `tselab estimate` on the same numbers, and as
     `result.filter()` row by row.
@@ -162,9 +170,9 @@ def estimate(
     column that is not numeric, or often out of range. The message names column, row, value and range.
     """
     check_form(form)
-    ready = assemble(
-        read_vehicle(vehicle), read_frame(_columns(frame)), None, average, {}, form, settings or {}, "settings"
-    )
+    log, itself = read_frame(_columns(frame)), Calibrate() if calibrate and learnt is None else None
+    car = read_vehicle(vehicle)
+    ready = assemble(car, log, None, average, {}, form, settings or {}, "settings", calibrate=itself)
     before = None if learnt is None else Learnt(Path("learnt"), learnt, age, True)
     done = _run(ready.log, ready.config, learnt=before)
     if done.interrupted:
@@ -175,10 +183,12 @@ def estimate(
     return Result(
         done.table.astype(dict.fromkeys(flags, bool)),
         ready.config.as_dict(),
-        (*ready.vehicle.filled, *(n for n in ready.notes if n not in ready.warnings)),
+        (*ready.vehicle.found, *ready.vehicle.filled, *(n for n in ready.notes if n not in ready.warnings)),
         tuple(ready.warnings),
         None if ready.warnings else done.learnt,
         done.uncertainty_sd,
+        ready.own.found if ready.own else None,
+        ready.vehicle,
     )
 
 

@@ -21,7 +21,18 @@ from tselab.fmu.commands import fmu
 from tselab.gap.commands import gap
 from tselab.logs.commands import signals
 from tselab.montecarlo import STUDIES
-from tselab.options import FILE, FORM, JSON, PROGRESS, for_programs, key_values, reading, show_progress
+from tselab.options import (
+    CALIBRATE,
+    FILE,
+    FORM,
+    JSON,
+    PROGRESS,
+    for_programs,
+    key_values,
+    reading,
+    saying,
+    show_progress,
+)
 
 if TYPE_CHECKING:
     from tselab.log import Reading
@@ -153,6 +164,7 @@ def cli(debug: bool) -> None:
 @click.option(
     "--average", metavar="SECONDS", type=float, help="Average the log over blocks of so long first, at most 0.1 s."
 )
+@CALIBRATE
 @reading
 @for_programs
 @click.option("--seed", type=int, help="Seed of the random numbers; --form paper or sampled.")
@@ -171,6 +183,7 @@ def estimate(
     age: float | None,
     save_learnt: Path | None,
     average: float | None,
+    calibrate: bool,
     form: str,
     pairs: tuple[str, ...],
     progress: bool | None,
@@ -206,7 +219,10 @@ def estimate(
     What the vehicle file leaves out is that of an ordinary car of its mass and axles (include/tse/uncalibrated.def): stiffness
     from the axle loads, yaw inertia mass lf lr, grip of a dry road, each with the scatter of such cars; the run lists it.
     Noise and biases of the sensors are found while driving; with --form paper or sampled the noise is found in the log beforehand.
-    After 'tselab calibrate' the prior is the posterior of the calibration.
+    After 'tselab calibrate' the prior is the posterior of the calibration. A car that nobody has calibrated - no [calibration] and
+    no [uncertainty] in its file - is calibrated on the log itself first, on at most ten minutes of it: the run says what that
+    found and where it is kept for the next run; --no-calibrate leaves it out. A learnt state is of the car as its file has it, so
+    --load-learnt and --save-learnt leave it out, too.
 
     Columns of the log that start with ref_ are drawn in the report: ref_vel_x, ref_yaw_rate_anything, ref_cy_front,
     ref_vehicle_speed, ref_wheel_fl ... with the quantity they name, others by themselves. Rows may come at any rate from 0.001 to
@@ -228,7 +244,7 @@ def estimate(
     from tselab.facts import run_facts
     from tselab.files import check_distinct, check_writable
     from tselab.learnt import read_learnt, write_learnt
-    from tselab.prepare import prepare
+    from tselab.prepare import Calibrate, prepare
 
     out = out or Path(log_path.stem + ".est.csv")
     inputs = {"the log": log_path, "--vehicle": vehicle_path, "--config": config_path, "--signals": reading.signals}
@@ -243,7 +259,11 @@ def estimate(
         raise UserError("option --age: is that of the file of --load-learnt, which is not given")
     _positive("age", age, 0.0, 40000.0, "days")
     learnt = read_learnt(load_learnt, age) if load_learnt else None
-    prepared = prepare(log_path, vehicle_path, config_path, average, options, form, key_values(pairs), reading)
+    with saying(progress) as say:
+        itself = Calibrate(say) if calibrate and load_learnt is None and save_learnt is None else None
+        prepared = prepare(
+            log_path, vehicle_path, config_path, average, options, form, key_values(pairs), reading, itself
+        )
     vehicle, log, config, warnings = prepared.vehicle, prepared.log, prepared.config, prepared.warnings
     ran = single.run(prepared, out, report, learnt, show_progress(progress))
     est, notes, changes, found = ran.estimate, ran.notes, ran.changes, ran.findings
@@ -261,6 +281,7 @@ def estimate(
     written["learnt"] = save_learnt if est.learnt is not None and not warnings else None
     if as_json:
         said = {"vehicle": vehicle.path, "started_from": learnt.note if learnt is not None else None, "filled": vehicle.filled,
+                "calibration": {**prepared.own.found, "words": vehicle.found} if prepared.own else None,
                 "notes": [n for n in notes if n not in odd], "warnings": odd, "interrupted": est.interrupted,
                 "written": written}  # fmt: skip
         results.say_json(results.document(log_path, est, found, config, said))
@@ -269,8 +290,8 @@ def estimate(
             click.echo(f"started from: {learnt.note}")
         for name, value in run_facts(est, log, vehicle, config):
             click.echo(f"{name + ':':<11}{value}")
-        for line in vehicle.filled:
-            click.echo(f"filled in: {line}")
+        for line in (*vehicle.found, *(f"filled in: {f}" for f in vehicle.filled)):
+            click.echo(line)
         for line in notes:
             click.echo(f"{'warning' if line in odd else 'note'}: {line}", err=True)
         for line in regimes.words(changes, regimes.spells(est.table)):

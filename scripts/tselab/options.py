@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +35,12 @@ def show_progress(progress: bool | None) -> bool:
     return sys.stderr.isatty() if progress is None else progress
 
 
+CALIBRATE = click.option(
+    "--calibrate/--no-calibrate",
+    default=True,
+    show_default=True,
+    help="Calibrate a car that nobody has calibrated on its log first.",
+)
 FORM = click.option(
     "--form",
     type=click.Choice(FORMS),
@@ -44,6 +52,25 @@ FORM = click.option(
 PROGRESS = click.option(
     "--progress/--no-progress", default=None, help="Progress bar; default: when stderr is a terminal."
 )
+
+
+@contextmanager
+def saying(progress: bool | None) -> Iterator[Callable[[str], None]]:
+    """Progress: what is done now, with the seconds since the start; on a terminal on one line."""
+    start, terminal = time.monotonic(), sys.stderr.isatty()
+
+    def say(text: str) -> None:
+        line = f"{time.monotonic() - start:5.1f} s  {text}"
+        click.echo(f"\r\033[K{line[:110]}" if terminal else line, err=True, nl=not terminal)
+
+    if not show_progress(progress):
+        yield lambda _: None
+        return
+    try:
+        yield say
+    finally:
+        if terminal:
+            click.echo("\r\033[K", err=True, nl=False)
 
 
 TABLE_HELP = "Also write what was found as a table, .parquet or .csv."

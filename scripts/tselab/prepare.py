@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
+from copy import deepcopy
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from tselab.calibrate.own import Own, calibrated, of_class, uncalibrated
 from tselab.config import make_config
 from tselab.core import Config
 from tselab.errors import UserError
@@ -22,13 +24,23 @@ MOST_ROWS = (
 
 @dataclass
 class Prepared:
-    """A run that may begin. `warnings` are among the notes: in what the channels contradict each other."""
+    """A run that may begin. `warnings` are among the notes: in what the channels contradict each other. `own`: what a calibration
+    on the log itself has found."""
 
     vehicle: Vehicle
     log: Log
     config: Config
     notes: list[str]
     warnings: list[str]
+    own: Own | None = None
+
+
+@dataclass(frozen=True)
+class Calibrate:
+    """That a car which nobody has calibrated is calibrated on the log itself. `others`: more logs of the same car."""
+
+    say: Callable[[str], None] = lambda _: None
+    others: Sequence[Log] = ()
 
 
 def prepare(
@@ -40,12 +52,14 @@ def prepare(
     form: str,
     settings: Mapping[str, float],
     reading: Reading | None = None,
+    calibrate: Calibrate | None = None,
 ) -> Prepared:
     """Read and check everything that a run of the estimator over a log needs."""
     vehicle = read_vehicle(vehicle_path)
     reading = replace(reading or Reading(), car=vehicle)
     log = read_log(log_path, reading=reading)
-    return assemble(vehicle, log, config_path, average, options, form, settings, strict=reading.strict)
+    strict = reading.strict
+    return assemble(vehicle, log, config_path, average, options, form, settings, strict=strict, calibrate=calibrate)
 
 
 def assemble(
@@ -58,9 +72,11 @@ def assemble(
     settings: Mapping[str, float],
     source: str = "option --set",
     strict: bool = False,
+    calibrate: Calibrate | None = None,
 ) -> Prepared:
     """The same of what is read. `vehicle` is filled in; `source` is where `settings` come from, for messages; `strict`: refuse
-    what else is a warning."""
+    what else is a warning; `calibrate`: what is done with a car that nobody has calibrated."""
+    told, logged = deepcopy(vehicle), log
     if average is not None:
         log = average_log(log, average)
     lively = liveliest(log, MOST_ROWS)
@@ -84,6 +100,13 @@ def assemble(
     )
     if strict and warnings:
         raise UserError(f"{log.path}: option --strict: {'; '.join(warnings)}")
+    if calibrate is not None and form == "default" and uncalibrated(told):
+        if warnings:
+            found = of_class("its channels contradict each other")
+        else:
+            found = calibrated(told, [logged, *calibrate.others], calibrate.say)
+        made = assemble(found.vehicle(told), log, config_path, None, options, form, settings, source)
+        return replace(made, own=found)
     notes = [
         *warnings,
         *odd,

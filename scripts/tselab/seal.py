@@ -6,11 +6,16 @@ from __future__ import annotations
 import contextlib
 import functools
 import hashlib
+import hmac
+import json
 import os
 import secrets
 import tempfile
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
+
+from tselab.files import atomic
 
 BYTES = 32  # of the secret
 
@@ -21,6 +26,26 @@ def seal(parts: Iterable[bytes]) -> bytes:
     for part in parts:
         digest.update(part)
     return digest.digest()
+
+
+def _mark(content: Any) -> str:
+    return seal([json.dumps(content, sort_keys=True).encode()]).hex()
+
+
+def write_sealed(path: Path, content: Any) -> None:
+    """Keep what JSON can say: numbers and words, nothing that could run."""
+    with atomic(path) as file:
+        json.dump({"content": content, "seal": _mark(content)}, file)
+
+
+def read_sealed(path: Path) -> Any:
+    """Return what was kept; None where there is nothing, or what is there is of somebody else, or broken."""
+    try:
+        kept = json.loads(path.read_text(encoding="utf-8"))
+        content = kept["content"]
+        return content if hmac.compare_digest(str(kept["seal"]).encode(), _mark(content).encode()) else None
+    except (OSError, ValueError, LookupError, TypeError, RecursionError):
+        return None
 
 
 @functools.cache

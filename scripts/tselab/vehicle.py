@@ -41,6 +41,9 @@ HINT_ONLY = ("author_stiffness_front", "author_stiffness_rear")
 LEAST_GRIP_SD = 0.1
 CALIBRATED_MODEL_SD = 0.075
 LEAST_LATE_SD = 0.008  # s
+# Calibrated on the log that is estimated: so much of its posterior sd is the prior of a cornering stiffness that is known to
+# OWN_KNOWN, ln. The log counts once, in the calibration; a filter that may learn it anew learns its own errors (own.md).
+OWN_SHARE, OWN_KNOWN = 0.5, 0.175
 DRIVEN = {"both": 0, "front": 1, "rear": 2}  # the setting driven_axle
 
 
@@ -53,6 +56,7 @@ class Vehicle:
     values: dict[str, float]
     facts: dict[str, Any]
     filled: list[str] = field(default_factory=list)
+    found: list[str] = field(default_factory=list)  # by a calibration on the log itself, in words
     given_uncertainty: list[str] = field(default_factory=list)
     given_latency: list[str] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
@@ -60,7 +64,7 @@ class Vehicle:
     formula_path: Path | None = None
     calibration: dict[str, Any] = field(
         default_factory=dict
-    )  # what an earlier `tselab calibrate` left: names, mean, covariance
+    )  # what an earlier `tselab calibrate` left: names, mean, covariance; own: on the log that is estimated
 
     @property
     def steering_ratio(self) -> float | None:
@@ -106,9 +110,12 @@ def filter_values(vehicle: Vehicle) -> dict[str, float]:
     mean = dict(zip(c["names"], c["mean"], strict=True))
     sd = {name: float(np.sqrt(c["covariance"][i][i])) for i, name in enumerate(c["names"])}
     found, plain = {"tyre_saturation_shape": ordinary["tyre_saturation_shape"]}, Config()
+    own = bool(c.get("own"))  # one short log says too little of the longitudinal stiffness
     for key, name in (("cx_front", "cx"), ("cy_front", "cy_front"), ("cy_rear", "cy_rear")):
         setting = f"initial_{name}_sd"
-        found[setting] = min(sd.get(key, np.inf), ordinary.get(setting, float(getattr(plain, setting))))
+        known = np.inf if own and name == "cx" else sd.get(key, np.inf)
+        share = OWN_SHARE if own and known < OWN_KNOWN else 1.0
+        found[setting] = float(min(share * known, ordinary.get(setting, getattr(plain, setting))))
     # 1/friction: what the calibration found, and that tyres have about the grip of their class
     prior, inverse = 1.0 / ordinary["grip"], "tyre_saturation_inverse_friction"
     var, seen = (ordinary["grip_sd"] * prior) ** 2, sd.get(inverse, 10.0) ** 2
@@ -306,7 +313,8 @@ def _calibration(path: Path, table: dict[str, Any]) -> dict[str, Any]:
         raise UserError(
             f"{path}: [calibration]: covariance is not one: it must be finite, symmetric and positive definite"
         )
-    return {"names": names, "mean": mean.tolist(), "covariance": covariance.tolist()}
+    own = table.get("own") is True
+    return {"names": names, "mean": mean.tolist(), "covariance": covariance.tolist(), "own": own}
 
 
 def _read_effects(path: Path, effects: Any, check: Config, values: dict[str, float]) -> list[str]:

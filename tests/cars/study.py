@@ -65,13 +65,18 @@ def estimated(vehicle_path: Path, log: Log, lib: Library | None = None) -> tuple
     config, _ = make_config(read_vehicle(vehicle_path), log)
     if lib:
         config = Config(config.as_dict(), lib=lib)
+    return filtered(config, log), config
+
+
+def filtered(config: Config, log: Log) -> np.ndarray:
+    """Return what the filter makes of a log, a row each."""
     filter_ = Filter(config)
     rows, given = filter_.inputs(len(log)), log.rows()
     for column in rows.dtype.names:
         rows[column] = given[column]
     out = filter_.outputs(len(rows))
     filter_.step_into(rows, out)
-    return out, config
+    return out
 
 
 def constant(vehicle_path: Path, log: Log) -> tuple[np.ndarray, Config]:

@@ -189,6 +189,8 @@ def test_a_log_that_kills_its_process_is_the_one_that_is_blamed(monkeypatch, tmp
             0.0,
             False,
             None,
+            False,
+            (),
             code_of(),
         )
 
@@ -326,7 +328,23 @@ def test_no_word_is_lost_of_an_error_that_is_a_fault_of_ours(monkeypatch, tmp_pa
 
     monkeypatch.setattr(module, "_work", fail)
     task = Task(
-        tmp_path / "a", tmp_path, None, None, False, (), None, None, "default", {}, None, 0.0, False, None, code_of()
+        tmp_path / "a",
+        tmp_path,
+        None,
+        None,
+        False,
+        (),
+        None,
+        None,
+        "default",
+        {},
+        None,
+        0.0,
+        False,
+        None,
+        False,
+        (),
+        code_of(),
     )
     assert "internal error: ZeroDivisionError: of ours" in module.work(task).error
     with pytest.raises(UserError, match="install the same on all"):

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from tselab.gap.commands import HOLD_OUT, JOBS, LOGS, VEHICLE, Run, _distinct, _saying
-from tselab.options import FILE, PROGRESS, for_programs, reading
+from tselab.gap.commands import HOLD_OUT, JOBS, LOGS, VEHICLE, Run, _distinct
+from tselab.options import FILE, PROGRESS, for_programs, reading, saying
 
 if TYPE_CHECKING:
     from tselab.calibrate.result import Result
@@ -96,7 +96,7 @@ def calibrate(
     if table is not None:
         check_writable(table)
     try:
-        with _saying(progress) as say:
+        with saying(progress) as say:
             result = workflow.run(logs, vehicle_path, hold_out, kept, jobs, say, steps, reading)
             output.write(out, result, [p.name for p in logs])
             say("the page")

@@ -32,6 +32,9 @@ def values(result: Result) -> dict[str, float]:
     follows = result.config.rear_longitudinal_follows_front
     found["bank_superelevation"] = float(np.mean(_superelevations(result)))
     found["longitudinal_stiffness_rear"] *= float(1.0 + follows * (np.exp(at["cx_front"]) - 1.0))
+    if result.own:
+        along = ("longitudinal_stiffness_front", "longitudinal_stiffness_rear")
+        found |= {name: float(getattr(result.config, name)) for name in along}
     fields = result.config.fields
     return {k: float(np.clip(v, fields[k].low, fields[k].high)) for k, v in found.items()}
 
@@ -61,7 +64,7 @@ def uncertainty(result: Result) -> dict[str, float]:
     found = {key: result.vehicle.values.get(key, sd) for key, sd in unknown_car().items()}
     wheels = sd(wheel_speed_front_latency=0.5, wheel_speed_rear_latency=0.5, accel_x_latency=-1.0)
     found |= {
-        "model_sd": min(found["model_sd"], UNLIKE_SD),
+        "model_sd": found["model_sd"] if result.own else min(found["model_sd"], UNLIKE_SD),
         "yaw_inertia_sd": sd(yaw_inertia=1.0 / at["yaw_inertia"]),
         "cg_sd": sd(cg_shift_distance=1.0),
         "steer_ratio_sd": sd(steering_ratio_change=1.0),
@@ -127,6 +130,8 @@ def toml(result: Result, logs: list[str], formula: Path) -> str:
     names = list(result.problem.prior.names)
     n = len(names)
     lines += ["", "# What the next calibration starts from: all unknowns, their means and covariance.", "[calibration]"]
+    if result.own:
+        lines.append("own = true  # on the logs that are estimated: for their estimate, and for no other")
     lines += [
         f"names = {json.dumps(names)}",
         f"mean = {json.dumps([float(x) for x in result.fit.x[:n]])}",

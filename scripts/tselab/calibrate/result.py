@@ -37,6 +37,7 @@ class Result:
     sensors: dict[str, float]
     steps: dict[str, float]  # quantisation of each channel as logged; 0: none that shows
     notes: list[str] = field(default_factory=list)
+    own: bool = False  # on the logs that are estimated: their rows count once
 
     @property
     def seconds(self) -> float:

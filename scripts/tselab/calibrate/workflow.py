@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import hashlib
-import hmac
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -17,7 +15,6 @@ from tselab.calibrate.findings import findings, groups, told_before
 from tselab.calibrate.result import Proof, Result
 from tselab.core import Config, library
 from tselab.errors import UserError
-from tselab.files import atomic
 from tselab.gap import constants
 from tselab.gap.data import BLOCK, Prepared, prepare
 from tselab.identify.discrepancy import Discrepancy, cost
@@ -26,8 +23,8 @@ from tselab.identify.problem import SPEED_BLOCKS, SPEED_TIME, Problem
 from tselab.identify.unknowns import MEASURED, OWN, STIFFNESS, Prior, prior_of
 from tselab.log import DRIVES, Log, Reading, files_of, read_log
 from tselab.noise import smooth
-from tselab.seal import seal
-from tselab.vehicle import fill_sensors, read_vehicle
+from tselab.seal import read_sealed, write_sealed
+from tselab.vehicle import Vehicle, fill_sensors, read_vehicle
 
 Say = Callable[[str], None]
 SLOW = 4.0  # s
@@ -53,23 +50,13 @@ def run(
     notes: list[str] = []
     reading = replace(reading or Reading(), car=vehicle)
     read = _read(logs, notes, reading)
-    first = next(iter(read.values()), None)
-    if first is None:
+    if not read:
         raise UserError("; ".join(notes))
-    told = dict(vehicle.values)
-    fill_sensors(vehicle, first)
-    config = Config(vehicle.values)
-    vehicle.values = told
-    ready = _prepare(read, config, notes, say)
-    if not any(p.stretches for p in ready):
-        raise UserError("; ".join(notes) or "no log can be used")
-    prior = prior_of(vehicle, config)
-    problem = Problem(ready, config, prior, jobs)
-    if not problem.groups:
-        raise UserError(f"no log has enough of {', '.join(MEASURED)} to compare a simulation with")
+    problem, ready = _problem(list(read.values()), vehicle, jobs, notes, say)
+    config = problem.config
 
     say("stiffness alone, the car as told")
-    plain_problem = Problem(ready, config, _stiffness_of(prior), jobs, unlike=False)
+    plain_problem = Problem(ready, config, _stiffness_of(problem.prior), jobs, unlike=False)
     plain = fit(plain_problem, say=say)
 
     kept = Progress(progress, fingerprint([*logs, vehicle_path], problem, reading))
@@ -81,17 +68,60 @@ def run(
     say("proof")
     proofs = _proofs(problem, result, plain_problem, plain, problem.logs, False)
     if held_out:
-        held = _prepare(_read(held_out, notes, reading), config, notes, say)
+        held = _prepare(list(_read(held_out, notes, reading).values()), config, notes, say)
         proofs += _proofs(problem, result, plain_problem, plain, held, True)
-    rows = findings(problem, result, told_before(config))
     kept.clear()
-    sensors = _sensors(problem, result, list(read.values()))
+    say("longitudinal stiffness, by the filter")
+    return along.refined(_result(vehicle, problem, result, list(read.values()), proofs, notes), list(read.values()))
+
+
+def of_logs(logs: Sequence[Log], vehicle: Vehicle, say: Say = lambda _: None, least: float = 0.0) -> Result:
+    """Calibrate on logs that are read, without proof and progress file. UserError: they cannot be compared with a simulation for
+    `least` seconds."""
+    notes: list[str] = []
+    problem, _ = _problem(logs, vehicle, 1, notes, say)
+    if (seconds := sum(log.seconds for log in problem.logs)) < least:
+        raise UserError(f"{seconds:.0f} s of it can be compared with a simulation, {least:g} s are needed")
+    return _result(vehicle, problem, fit(problem, say=say), logs, [], notes)
+
+
+def _problem(
+    logs: Sequence[Log], vehicle: Vehicle, jobs: int, notes: list[str], say: Say
+) -> tuple[Problem, list[Prepared]]:
+    """What is fitted, and the logs as they are simulated."""
+    told = dict(vehicle.values)
+    fill_sensors(vehicle, logs[0])
+    config = Config(vehicle.values)
+    vehicle.values = told
+    ready = _prepare(logs, config, notes, say)
+    if not any(p.stretches for p in ready):
+        raise UserError("; ".join(notes) or "no log can be used")
+    problem = Problem(ready, config, prior_of(vehicle, config), jobs)
+    if not problem.groups:
+        raise UserError(f"no log has enough of {', '.join(MEASURED)} to compare a simulation with")
+    return problem, ready
+
+
+def _result(
+    vehicle: Vehicle, problem: Problem, result: Fit, logs: Sequence[Log], proofs: list[Proof], notes: list[str]
+) -> Result:
     if vehicle.formula is not None:
         notes.append(f"the vehicle file has a formula ({vehicle.formula.id}): it was simulated as it is, and is kept")
-    steps = {c: max(step_of(log.data[c].to_numpy(float)) for log in read.values()) for c in (*DRIVES, *MEASURED)}
-    found = Result(vehicle, config, problem, result, rows, groups(problem, result, rows), proofs, sensors, steps, notes)
-    say("longitudinal stiffness, by the filter")
-    return along.refined(found, list(read.values()))
+    rows = findings(problem, result, told_before(problem.config))
+    steps = {c: max(step_of(log.data[c].to_numpy(float)) for log in logs) for c in (*DRIVES, *MEASURED)}
+    sensors = _sensors(problem, result, logs)
+    return Result(
+        vehicle,
+        problem.config,
+        problem,
+        result,
+        rows,
+        groups(problem, result, rows),
+        proofs,
+        sensors,
+        steps,
+        notes,
+    )
 
 
 def _read(paths: Sequence[Path], notes: list[str], reading: Reading) -> dict[Path, Log]:
@@ -107,10 +137,10 @@ def _read(paths: Sequence[Path], notes: list[str], reading: Reading) -> dict[Pat
     return found
 
 
-def _prepare(logs: dict[Path, Log], config: Config, notes: list[str], say: Say) -> list[Prepared]:
+def _prepare(logs: Sequence[Log], config: Config, notes: list[str], say: Say) -> list[Prepared]:
     ready = []
-    for path, log in logs.items():
-        say(f"smoothing {path.name}")
+    for log in logs:
+        say(f"smoothing {log.path.name}")
         try:
             ready.append(_with_all(prepare(log, config)))
         except UserError as error:
@@ -234,18 +264,13 @@ class Progress:
             "refits": s.refits,
             "damping": s.damping,
         }
-        with atomic(self.path) as file:
-            json.dump({"state": state, "seal": _sealed(state)}, file)
+        write_sealed(self.path, state)
 
     def load(self, size: int) -> State | None:
         """None where there is nothing, or what is there is of another search, of somebody else, or broken."""
         try:
-            found: dict[str, Any] = json.loads(self.path.read_text(encoding="utf-8"))
-            state = found["state"]
-            if (
-                not hmac.compare_digest(str(found["seal"]).encode(), _sealed(state).encode())
-                or state["key"] != self.key
-            ):
+            state = read_sealed(self.path)
+            if state is None or state["key"] != self.key:
                 return None
             channels = [c for c in MEASURED if c in state["noise"]]
             x, numbers = np.array(state["x"], float), np.array([state["noise"][c] for c in channels], float)
@@ -257,12 +282,8 @@ class Progress:
                 return None
             noise = {c: Discrepancy.of(n) for c, n in zip(channels, numbers.tolist(), strict=True)}
             return State(x, noise, int(state["steps"]), int(state["refits"]), float(state["damping"]))
-        except (OSError, ValueError, LookupError, TypeError, RecursionError):
+        except (ValueError, LookupError, TypeError):
             return None
 
     def clear(self) -> None:
         self.path.unlink(missing_ok=True)
-
-
-def _sealed(state: Any) -> str:
-    return seal([json.dumps(state, sort_keys=True).encode()]).hex()

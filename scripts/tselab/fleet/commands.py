@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from tselab.gap.commands import JOBS
-from tselab.options import FILE, FORM, PROGRESS, key_values, reading, show_progress
+from tselab.options import CALIBRATE, FILE, FORM, PROGRESS, key_values, reading, show_progress
 
 if TYPE_CHECKING:
     from tselab.fleet.keep import Done
@@ -42,6 +42,7 @@ MOST_ERRORS = 10  # that the terminal names
 @click.option(
     "--average", metavar="SECONDS", type=float, help="Average the logs over blocks of so long first, at most 0.1 s."
 )
+@CALIBRATE
 @reading
 @FORM
 @click.option("--set", "pairs", metavar="KEY=VALUE", multiple=True, help="Any other setting; may be repeated.")
@@ -62,6 +63,7 @@ def fleet(
     estimates: bool,
     config_path: Path | None,
     average: float | None,
+    calibrate: bool,
     form: str,
     pairs: tuple[str, ...],
     jobs: int,
@@ -96,6 +98,8 @@ def fleet(
     DIR/fleet.html      cars and their trends, the softest first, with links to all reports
     DIR/reports/        a report for each log;  DIR/estimates/  with --estimates
     DIR/learnt/         what each car's drives taught, for 'tselab estimate --load-learnt'
+    DIR/calibrated/     vehicle files of cars that nobody had calibrated, made of their first logs, at most ten minutes of four;
+                        learnt states are of these; with --no-learn each log is calibrated by itself, --no-calibrate: none
     DIR/logs/           what is done: the same command goes on from there, also after it was killed, and runs new and changed logs
 
     \b
@@ -121,7 +125,7 @@ def fleet(
     for path in dict.fromkeys(d.vehicle for d in drives if d.vehicle is not None):
         read_vehicle(path)  # one that is wrong is refused before anything is run
     store = Store(out, restart)
-    plan = Plan(reading, config_path, average, form, settings, learn, reports, estimates)
+    plan = Plan(reading, config_path, average, form, settings, learn, reports, estimates, calibrate)
     try:
         done = run(drives, plan, store, jobs, scheduler, show_progress(progress))
     except Interrupted as stopped:

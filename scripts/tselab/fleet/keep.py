@@ -29,7 +29,7 @@ from tselab.vehicle import read_vehicle
 from tselab.verdict import NAMES
 
 TABLE, PAGE = "fleet.parquet", "fleet.html"
-DONE, REPORTS, LEARNT, ESTIMATES = "logs", "reports", "learnt", "estimates"
+DONE, REPORTS, LEARNT, ESTIMATES, CALIBRATED = "logs", "reports", "learnt", "estimates", "calibrated"
 LEAST_LOGS = 3  # of a car beside the one that is compared with them
 STIFFER = 1.3  # times the median of the others: dry asphalt is as stiff as it gets, and warm tyres are softer
 COLUMNS: dict[str, str] = {  # of the table: those of an estimate, and of which drive they are
@@ -71,6 +71,16 @@ class Store:
     def estimates(self, drive: Drive) -> Path:
         (self.out / ESTIMATES).mkdir(exist_ok=True)
         return real(self.out / ESTIMATES / f"{self.name(drive)}.parquet")
+
+    def calibrated(self, drive: Drive, text: str) -> Path:
+        """Keep the vehicle file that was made of a drive's; what is there already stays as it is."""
+        folder = self.out / CALIBRATED
+        folder.mkdir(exist_ok=True)
+        path = folder / f"{_plain(drive.car)}-{_plain(drive.vehicle.stem if drive.vehicle else '')}.toml"
+        if not path.is_file() or path.read_text(encoding="utf-8") != text:
+            with atomic(path) as file:
+                file.write(text)
+        return path
 
     def load(self, drive: Drive, task: Task) -> Done | None:
         """What was kept of this log, if it was made of the same files and settings, by this user, and all of it is there."""
@@ -164,14 +174,24 @@ def key_of(task: Task) -> str:
     """Of all that an outcome depends on. Logs by size and time, for to read them all takes as long as to run them."""
     digest = hashlib.sha256()
     reading = Reading(task.signals, task.rate, task.strict, task.databases)
-    for path in sorted({*files_of(task.log), *reading.files(task.log)}):
+    others = [f for log, _ in task.others for f in files_of(log)]
+    for path in sorted({*files_of(task.log), *reading.files(task.log), *others}):
         with contextlib.suppress(OSError):
             found = path.stat()
             digest.update(f"{path} {found.st_size} {found.st_mtime_ns}\n".encode())
     for path in [task.vehicle, *_formula(task.vehicle), *([task.config] if task.config else [])]:
         with contextlib.suppress(OSError):
             digest.update(hashlib.sha256(path.read_bytes()).digest())
-    told = [task.rate, task.strict, task.average, task.form, sorted(task.settings.items()), task.report, task.code]
+    told = [
+        task.rate,
+        task.strict,
+        task.average,
+        task.form,
+        sorted(task.settings.items()),
+        task.report,
+        task.calibrate,
+        task.code,
+    ]
     digest.update(json.dumps([*told, str(task.estimates), round(task.age, 3)]).encode())
     digest.update(task.learnt or b"")
     return digest.hexdigest()

@@ -30,6 +30,9 @@ from tselab.processes import dask, killed_as_interrupted, without_interrupts
 DIED = "the process that worked on it died, probably for want of memory: cut the log, or run it where there is more"
 
 
+TOGETHER = 4  # logs of a car on which it is calibrated, at most
+
+
 class Interrupted(Exception):
     """Ctrl-C; the text says how to go on."""
 
@@ -46,6 +49,7 @@ class Plan:
     learn: bool = True  # each drive starts from what the one of the same car before it taught
     reports: bool = True
     estimates: bool = False
+    calibrate: bool = True  # a car that nobody has calibrated, on its first logs
 
 
 def run(
@@ -112,6 +116,7 @@ class _Chain:
 
     def __init__(self, drives: Sequence[Drive], plan: Plan, store: Store):
         self.drives, self.plan, self.store = deque(drives), plan, store
+        self.calibrated: dict[Path, Path] = {}  # vehicle file: the one that was made of it
         self.learnt: bytes | None = None
         self.end = 0.0  # of the drive that taught it, s since 1970
 
@@ -134,12 +139,16 @@ class _Chain:
 
     def task(self, drive: Drive) -> Task:
         reading, plan = self.plan.reading, self.plan
+        vehicle = self.calibrated.get(drive.vehicle, drive.vehicle) if drive.vehicle else None
+        mine = [d for d in self.drives if d.vehicle == drive.vehicle and not d.error][1:TOGETHER] if plan.learn else []
         return Task(
-            log=_whole(drive.log), vehicle=_whole(drive.vehicle), signals=_whole(drive.signals or reading.signals),
+            log=_whole(drive.log), vehicle=_whole(vehicle), signals=_whole(drive.signals or reading.signals),
             rate=reading.rate, strict=reading.strict, databases=tuple(_whole(p) for p in reading.databases),
             config=_whole(plan.config), average=plan.average, form=plan.form, settings=plan.settings, learnt=self.learnt,
             age=max(0.0, drive.start - self.end) if self.learnt is not None else 0.0, report=plan.reports,
             estimates=self.store.estimates(drive) if plan.estimates else None, code=code_of(),
+            calibrate=plan.calibrate and vehicle == drive.vehicle,
+            others=tuple((_whole(d.log), _whole(d.signals or reading.signals)) for d in mine) if vehicle == drive.vehicle else (),
         )  # fmt: skip
 
     def take(self, task: Task, outcome: Outcome) -> Done:
@@ -149,6 +158,8 @@ class _Chain:
         return self.store.save(drive, task, outcome)
 
     def _learn(self, drive: Drive, outcome: Outcome) -> None:
+        if self.plan.learn and outcome.calibrated and drive.vehicle:
+            self.calibrated[drive.vehicle] = self.store.calibrated(drive, outcome.calibrated)
         if self.plan.learn and outcome.learnt is not None:
             self.learnt, self.end = outcome.learnt, drive.start + outcome.seconds
 

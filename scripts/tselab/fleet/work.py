@@ -5,7 +5,8 @@ from __future__ import annotations
 import tempfile
 import traceback
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +36,8 @@ class Task:
     age: float
     report: bool
     estimates: Path | None
+    calibrate: bool  # a car that nobody has calibrated, on this log and on `others`, each with its signals
+    others: tuple[tuple[Path, Path | None], ...]
     code: tuple[str, str]  # code_of() of who asks
 
 
@@ -49,6 +52,7 @@ class Outcome:
     seconds: float = 0.0  # that the log lasts
     code: int = 4  # results.exit_code()
     notes: list[str] = field(default_factory=list)
+    calibrated: str = ""  # the vehicle file that this log has made
 
 
 def code_of() -> tuple[str, str]:
@@ -81,14 +85,25 @@ def work(task: Task) -> Outcome:
 
 def _work(task: Task) -> Outcome:
     from tselab import results, single
+    from tselab.calibrate.own import uncalibrated
     from tselab.core import Filter
     from tselab.learnt import Learnt
-    from tselab.log import Reading
-    from tselab.prepare import prepare
+    from tselab.log import Reading, read_log
+    from tselab.prepare import Calibrate, prepare
+    from tselab.vehicle import read_vehicle
 
     reading = Reading(task.signals, task.rate, task.strict, task.databases)
-    prepared = prepare(task.log, task.vehicle, task.config, task.average, {}, task.form, task.settings, reading)
-    learnt = Learnt(Path("the drive before"), task.learnt, task.age, True) if task.learnt is not None else None
+    itself = None
+    if task.calibrate and uncalibrated(car := read_vehicle(task.vehicle)):
+        others = []
+        for log, signals in task.others:
+            with suppress(UserError):
+                others.append(read_log(log, reading=replace(reading, signals=signals, car=car)))
+        itself = Calibrate(others=others)
+    prepared = prepare(task.log, task.vehicle, task.config, task.average, {}, task.form, task.settings, reading, itself)
+    made = prepared.own.text if prepared.own else ""
+    before = task.learnt if not made else None  # what was learnt of a car of the class is not of this one
+    learnt = Learnt(Path("the drive before"), before, task.age, True) if before is not None else None
     if learnt is not None:
         try:
             learnt.load(Filter(prepared.config))
@@ -110,5 +125,6 @@ def _work(task: Task) -> Outcome:
         report=page,
         seconds=float(time.iloc[-1] - time.iloc[0]) if len(time) else 0.0,
         code=results.exit_code(ran.findings),
-        notes=ran.notes,
+        notes=[*prepared.vehicle.found, *ran.notes],
+        calibrated=made,
     )

@@ -7,7 +7,6 @@ import json
 import os
 import sys
 import tempfile
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -17,7 +16,7 @@ import click
 
 from tselab.errors import UserError
 from tselab.files import real
-from tselab.options import FILE, JSON, PROGRESS, for_programs, reading, show_progress
+from tselab.options import FILE, JSON, PROGRESS, for_programs, reading, saying
 
 if TYPE_CHECKING:
     from tselab.log import Reading
@@ -148,7 +147,7 @@ def _run(
     _there(logs, hold_out)
     make_directory(out)
     _distinct(logs, hold_out)
-    with workers(jobs, scheduler) as pool, _stages_kept(out), _saying(progress) as say:
+    with workers(jobs, scheduler) as pool, _stages_kept(out), saying(progress) as say:
         result = workflow.run(logs, vehicle_path, out, hold_out, jobs, say, pool, formula, reading)
         written = write_all(out, result, vehicle_path, jobs, fmu, say)
     if as_json:
@@ -241,7 +240,7 @@ def check(
     if table is not None:
         check_writable(table)
 
-    with _saying(progress) as say:
+    with saying(progress) as say:
         found = look(logs, vehicle_path, jobs, say, reading)
     if table is not None:
         results.write_rows(table, [{"logs": " ".join(map(str, logs)), **e} for e in found.as_json()["effects"]])
@@ -271,7 +270,7 @@ def plan(separate: str, vehicle_path: Path, top: int, jobs: int, progress: bool 
     """
     from tselab.gap.plan import plan as make
 
-    with _saying(progress) as say:
+    with saying(progress) as say:
         found = make(separate, vehicle_path, jobs, say)
     if as_json:
         from tselab import results
@@ -318,7 +317,7 @@ def selftest(
     """
     from tselab.gap.selftest import selftest as make
 
-    with tempfile.TemporaryDirectory() as scratch, _saying(progress) as say:
+    with tempfile.TemporaryDirectory() as scratch, saying(progress) as say:
         if out is not None:
             make_directory(out)
         found = make(logs, vehicle_path, effect, size, out or Path(scratch), seed, jobs, say, reading)
@@ -361,25 +360,6 @@ def _distinct(logs: tuple[Path, ...], hold_out: tuple[Path, ...]) -> None:
         if real(path) in seen:
             raise UserError(f"{path}: option --hold-out: is fitted, too, or given twice")
         seen.add(real(path))
-
-
-@contextmanager
-def _saying(progress: bool | None) -> Iterator[Callable[[str], None]]:
-    """Progress: what is done now, with the seconds since the start; on a terminal on one line."""
-    start, terminal = time.monotonic(), sys.stderr.isatty()
-
-    def say(text: str) -> None:
-        line = f"{time.monotonic() - start:5.1f} s  {text}"
-        click.echo(f"\r\033[K{line[:110]}" if terminal else line, err=True, nl=not terminal)
-
-    if not show_progress(progress):
-        yield lambda _: None
-        return
-    try:
-        yield say
-    finally:
-        if terminal:
-            click.echo("\r\033[K", err=True, nl=False)
 
 
 @contextmanager

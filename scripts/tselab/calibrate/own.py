@@ -1,0 +1,193 @@
+"""A car that nobody has calibrated: calibrated on the log that is estimated, once, and kept for the next run.
+
+The same rows are then prior and measurement. They count once: the filter starts from the stiffness that all of them show, with
+OWN_SHARE of its posterior sd (vehicle.py), and has hardly anything to learn of it anew. Longitudinal stiffness and model
+discrepancy stay those of the class: one short log says too little of either.
+"""
+
+from __future__ import annotations
+
+import copy
+import hashlib
+import json
+import os
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tselab import __version__
+from tselab.core import NOMINAL, library
+from tselab.errors import UserError
+from tselab.files import alone
+from tselab.gap import constants
+from tselab.log import Log, liveliest
+from tselab.seal import read_sealed, write_sealed
+from tselab.toml import tomllib
+from tselab.vehicle import OWN_KNOWN, Vehicle, make_vehicle
+
+MOST_SECONDS = 600.0  # of all logs together: of a longer one the part in which the car turns most
+LEAST_SECONDS = 60.0  # that can be compared with a simulation
+LONGEST = 300.0  # s: a search that takes longer on this machine is given up
+TOO_LONG = f"the search took longer than {LONGEST:g} s"
+AXLES = {"cy_front": "front", "cy_rear": "rear"}
+
+
+class _TooLong(Exception):
+    """The search has taken LONGEST."""
+
+
+@dataclass
+class Own:
+    """What came of it. `text`: the calibrated vehicle file; empty: the car stays one of its class. `found`: for programs."""
+
+    text: str
+    words: list[str]
+    found: dict[str, Any]
+
+    def vehicle(self, before: Vehicle) -> Vehicle:
+        """Return the calibrated car; what the file says beside it stays."""
+        if not self.text:
+            return replace(before, found=self.words)
+        made = make_vehicle(tomllib.loads(self.text), before.path or Path("vehicle"))
+        kept = {k: getattr(before, k) for k in ("path", "name", "facts", "notes", "formula", "formula_path")}
+        if before.formula is not None:
+            made.values |= before.formula.settings()
+        return replace(made, found=self.words, **kept)
+
+
+def uncalibrated(vehicle: Vehicle) -> bool:
+    """Return whether nobody has calibrated the car, or said how well it is known."""
+    return not vehicle.calibration and not vehicle.given_uncertainty
+
+
+def cache_folder() -> Path:
+    """Where calibrations are kept, of this user."""
+    base = os.environ.get("XDG_CACHE_HOME") or os.environ.get("LOCALAPPDATA") or Path.home() / ".cache"
+    return Path(base) / "tselab" / "calibrated"
+
+
+def calibrated(vehicle: Vehicle, logs: Sequence[Log], say: Callable[[str], None] = lambda _: None) -> Own:
+    """Calibrate on logs of the car, or return what an earlier run has found on the same ones."""
+    seconds = sum(float(log.time[-1] - log.time[0]) for log in logs if len(log))
+    if seconds < LEAST_SECONDS:
+        return of_class(f"it lasts {seconds:.0f} s, {LEAST_SECONDS:g} s are needed")
+    parts = [_part(log, MOST_SECONDS / len(logs)) for log in logs]
+    key = _key(vehicle, parts)
+    path = _place(f"{key}.json")
+    if path is None:
+        return _calibrate(vehicle, parts, say)
+    with alone(path.with_suffix(".lock")):
+        kept = read_sealed(path)
+        if isinstance(kept, dict) and kept.get("key") == key:
+            return Own(kept["text"], [*kept["words"], f"kept from an earlier run: {path}"], kept["found"])
+        where = "broken, made anew" if path.exists() else "kept for the next run"
+        own = _calibrate(vehicle, parts, say)
+        if own.found.get("why") != TOO_LONG:
+            write_sealed(path, {"key": key, **vars(own)})
+            own.words.append(f"{where}: {path}")
+        return own
+
+
+def _place(name: str) -> Path | None:
+    """Where to keep it; None where no folder can hold it."""
+    try:
+        folder = cache_folder()
+        folder.mkdir(parents=True, exist_ok=True)
+    except (OSError, RuntimeError):  # RuntimeError: there is no home
+        return None
+    return folder / name if os.access(folder, os.W_OK) else None
+
+
+def _part(log: Log, seconds: float) -> Log:
+    return liveliest(log, max(1, round(seconds / (log.sample_time or 0.01))))
+
+
+def _key(vehicle: Vehicle, logs: Sequence[Log]) -> str:
+    """Of all that the calibration depends on: what was read of the logs, the car, the code."""
+    digest = hashlib.sha256(library().path.read_bytes() + constants.fingerprint())
+    here = Path(__file__).parent
+    for code in sorted((*here.glob("*.py"), *(here.parent / "identify").glob("*.py"))):
+        digest.update(code.read_bytes())
+    about = [__version__, MOST_SECONDS, LEAST_SECONDS, OWN_KNOWN, sorted(vehicle.values.items()), vehicle.driven_axle]
+    digest.update(json.dumps(about).encode())
+    for log in logs:
+        columns = [log.time, *(log.data[c].to_numpy(float) for c in log.data)]
+        columns += [x for _, s in sorted(log.slower.items()) for x in (s.time, s.value)]
+        digest.update(json.dumps([list(log.data), sorted(log.slower), log.averaged]).encode())
+        for column in columns:
+            digest.update(np.ascontiguousarray(column).tobytes())
+    return digest.hexdigest()
+
+
+def _calibrate(vehicle: Vehicle, logs: Sequence[Log], say: Callable[[str], None]) -> Own:
+    from tselab.calibrate import output, workflow
+
+    car = copy.deepcopy(vehicle)
+    until = time.monotonic() + LONGEST
+
+    def watched(text: str) -> None:
+        if time.monotonic() > until:
+            raise _TooLong
+        say(f"calibrating on the log itself: {text}")
+
+    try:
+        result = workflow.of_logs(logs, car, watched, least=LEAST_SECONDS)
+    except (UserError, ValueError) as error:  # ValueError: LinAlgError, of rows that determine nothing
+        return of_class(str(error))
+    except _TooLong:
+        return of_class(TOO_LONG)
+    found = _found(result)
+    if not result.fit.converged:
+        return of_class(f"the search did not converge in {result.fit.steps} steps", found)
+    if not any(found["stiffness"][axle]["sd_relative"] < OWN_KNOWN for axle in AXLES):
+        return of_class("these rows show nothing of the cornering stiffness", found)
+    result = replace(result, vehicle=replace(car, formula=None), own=True)
+    text = output.toml(result, [log.path.name for log in logs], Path())
+    return Own(text, _words(result, found), found)
+
+
+def of_class(why: str, found: Mapping[str, Any] | None = None) -> Own:
+    """Return that the car stays one of its class, and why."""
+    words = [f"not calibrated on the log itself: {why}; the car is taken as an ordinary one of its class"]
+    return Own("", words, {**(found or {}), "used": False, "why": why})
+
+
+def _found(result: Any) -> dict[str, Any]:
+    """For programs: stiffness, latencies, and what could not be shown."""
+    from tselab.calibrate import output
+
+    sds = dict(zip(result.problem.names, np.sqrt(np.diag(result.fit.covariance)), strict=True))
+    values, stiffness = output.values(result), {}
+    for key in AXLES:
+        value, sd = values[NOMINAL[key]], float(sds[key])
+        stiffness[key] = {
+            "value": value, "low": value * float(np.exp(-1.96 * sd)), "high": value * float(np.exp(1.96 * sd)), "sd_relative": sd,
+        }  # fmt: skip
+    late = [f for f in result.findings if f.name.endswith("_latency")]
+    return {
+        "used": True, "seconds": result.seconds, "converged": result.fit.converged, "stiffness": stiffness,
+        "latency": {f.name.removesuffix("_latency"): {"value": f.value, "sd": f.sd} for f in late if f.shown},
+        "not_shown": [f.name for f in result.findings if not f.shown],
+    }  # fmt: skip
+
+
+def _words(result: Any, found: dict[str, Any]) -> list[str]:
+    stiffness = ", ".join(
+        f"{AXLES[key]} {s['value'] / 1000:.0f} ({s['low'] / 1000:.0f} .. {s['high'] / 1000:.0f})"
+        for key, s in found["stiffness"].items()
+    )
+    shown = [f.words for f in result.findings if f.name.endswith("_latency") and f.shown]
+    minutes = found["seconds"] / 60
+    lines = [
+        f"calibrated on the log itself, {minutes:.1f} minutes of it: stiffness at no slip, 95 %: {stiffness} kN/rad"
+    ]
+    lines += [f"latency: {'; '.join(shown)}"] if shown else []
+    groups = {
+        g: [f.shown for f in result.findings if f.group == g] for g in dict.fromkeys(f.group for f in result.findings)
+    }
+    hidden = [g if not any(shown) else f"part of {g}" for g, shown in groups.items() if not all(shown)]
+    return [*lines, f"could not be shown: {', '.join(hidden)}"] if hidden else lines

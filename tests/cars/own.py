@@ -1,0 +1,216 @@
+"""An uncalibrated car, estimated with and without a calibration on the log itself (tselab/calibrate/own.py): cars of a study,
+real logs, and the manoeuvres of the simulator.
+
+    python -m tests.cars.own --keep DIR [--cars N] [--out FILE]
+
+DIR is what `python -m tests.cars.study --keep DIR` has driven and calibrated. Nothing but the vehicle file of `cars.py` is told.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+from unittest import mock
+
+import numpy as np
+import pandas as pd
+from tqdm import tqdm
+
+from tests.cars import ROADS
+from tests.cars.real import DATA
+from tests.cars.real import row as real_row
+from tests.cars.study import OFF, RESULTS, SETTLED, TRUTH, filtered, score, table, truth_of
+from tselab import maneuvers
+from tselab.calibrate import own
+from tselab.config import make_config
+from tselab.core import NOMINAL, Config, SimConfig
+from tselab.log import Log, read_frame, read_log
+from tselab.simulate import simulate
+from tselab.vehicle import OWN_SHARE, REQUIRED, Vehicle, filter_values, make_vehicle, read_vehicle
+
+CLASS, ITSELF, OTHERS = "not calibrated", "on the log itself", "on other logs"
+SHARES = {
+    "on itself, its sd": 1.0,
+    "on itself, the sd of the class": np.inf,
+}  # what else the prior of the stiffness could be
+RELAXATION, ROLL = (0.0, 0.3, 0.6), (0.0, 0.006, 0.012)
+AXLES = ("cy_front", "cy_rear")
+
+
+def calibrated(vehicle: Vehicle, log: Log) -> Vehicle:
+    """Return the car as `tselab estimate` takes it: calibrated on the log, or of its class."""
+    return own.calibrated(vehicle, [log]).vehicle(vehicle)
+
+
+def with_share(vehicle: Vehicle, log: Log, share: float) -> Config:
+    """Return settings whose prior of the stiffness has so much of the posterior sd, at most that of the class."""
+    with mock.patch("tselab.vehicle.OWN_SHARE", 1.0):
+        config, _ = make_config(vehicle, log)
+    ordinary = filter_values(Vehicle(None, "", dict(vehicle.values), dict(vehicle.facts)))
+    for key in AXLES:
+        name = f"initial_{key}_sd"
+        config.set(name, min(share * getattr(config, name), ordinary[name]))
+    return config
+
+
+def of_cars(folder: Path, count: int) -> pd.DataFrame:
+    """A row per drive and way of calibration."""
+    rows: list[dict[str, Any]] = []
+    for k, road in tqdm([(k, r) for k in range(count) for r in ROADS], unit="log", file=sys.stderr):
+        car = folder / f"car{k}"
+        log, reference = read_log(car / "test" / f"log_{road}.csv"), pd.read_csv(car / "test" / f"reference_{road}.csv")
+        truth = truth_of({c: reference[c].to_numpy(float) for c in TRUTH.values()})
+        told = read_vehicle(car / "fit" / "car.toml")
+        itself = calibrated(told, log)
+        ways: dict[str, Callable[[], Config]] = {
+            CLASS: lambda told=told, log=log: make_config(told, log)[0],
+            ITSELF: lambda itself=itself, log=log: make_config(itself, log)[0],
+            **{who: lambda v=itself, log=log, s=s: with_share(v, log, s) for who, s in SHARES.items()},
+        }
+        if (other := car / "calibrated.toml").exists():
+            ways[OTHERS] = lambda other=other, log=log: make_config(read_vehicle(other), log)[0]
+        for who, made in ways.items():
+            config = made()
+            rows.append({"car": k, "road": road, "who": who, "used": bool(itself.calibration),
+                         **score(filtered(config, log), config, log, truth)})  # fmt: skip
+    return pd.DataFrame(rows)
+
+
+def of_real(scratch: Path) -> list[str]:
+    """The real logs as Markdown, before and after."""
+    lines = ["| log | calibrated on | front [kN/rad] | valid [%] | rear [kN/rad] | valid [%] | changes reported | sideslip off by, "
+             "rms [deg] | found at no slip, front, rear [kN/rad] |", "|---|---|---:|---:|---:|---:|---:|---:|---|"]  # fmt: skip
+    for name in sorted(p.parent.name for p in DATA.glob("*/data.csv")):
+        path = DATA / name / "vehicle.toml"
+        told, log = read_vehicle(path), read_log(DATA / name / "data.csv")
+        made = own.calibrated(told, [log])
+        files = {CLASS: path}
+        if made.text:
+            files[ITSELF] = scratch / f"{name}.toml"
+            files[ITSELF].write_text(made.text, encoding="utf-8")
+        for who, file in files.items():
+            r = real_row(name, who, file, "")
+            found = made.found.get("stiffness", {}) if who == ITSELF else {}
+            said = ", ".join(
+                f"{s['value'] / 1e3:.0f} ({s['low'] / 1e3:.0f} .. {s['high'] / 1e3:.0f})" for s in found.values()
+            )
+            if who == CLASS and not made.text:
+                said = made.found["why"]
+            cells = [
+                name,
+                who,
+                r["cy_front"],
+                r["cy_front valid"],
+                r["cy_rear"],
+                r["cy_rear valid"],
+                r["changes"],
+                r["sideslip"],
+                said,
+            ]
+            lines.append("| " + " | ".join(cells) + " |")
+    return lines
+
+
+def manoeuvre(kind: str, relaxation: float, roll: float, seed: int) -> tuple[Log, Config]:
+    """A log of the simulator's car with these effects, and its settings."""
+    car = Config({"relaxation_length": relaxation, "body_roll_gain": roll})
+    made = maneuvers.build(kind, car, sample_time=car.sample_time, seed=seed)
+    drive = simulate(made, car, SimConfig({"seed": seed}))
+    return read_frame(drive.log), car
+
+
+def of_manoeuvres(seeds: int) -> Iterator[dict[str, Any]]:
+    """A row per manoeuvre, size of the effects, seed, way of calibration and axle."""
+    cases = [(k, x, y, s) for k in maneuvers.KINDS for x in RELAXATION for y in ROLL for s in range(1, seeds + 1)]
+    for kind, relaxation, roll, seed in tqdm(cases, unit="log", file=sys.stderr):
+        log, car = manoeuvre(kind, relaxation, roll, seed)
+        told = make_vehicle({key: getattr(car, key) for key in REQUIRED}, Path("car"))
+        itself = calibrated(told, log)
+        for who, vehicle in ((CLASS, told), (ITSELF, itself)):
+            config, _ = make_config(vehicle, log)
+            out = filtered(config, log)
+            moving = out["vel_x"] > 3.0
+            for key in AXLES:
+                error = out[key] * getattr(config, NOMINAL[key]) / getattr(car, NOMINAL[key]) - 1.0
+                interval = 1.96 * out[f"{key}_sd"] * getattr(config, NOMINAL[key]) / getattr(car, NOMINAL[key])
+                valid = moving & (out[f"{key}_valid"] == 0)
+                yield {"kind": kind, "who": who, "key": key, "used": bool(itself.calibration), "rows": moving.sum(),
+                       "valid": valid.sum(), "off": (valid & (np.abs(error) > 0.1)).sum(),
+                       "outside": (valid & (np.abs(error) > interval)).sum(),
+                       "error": np.median(np.abs(error[moving]))}  # fmt: skip
+
+
+def manoeuvre_table(runs: pd.DataFrame) -> list[str]:
+    """As Markdown, a line per manoeuvre and way of calibration."""
+    lines = ["| manoeuvre | calibrated | in | median error [%] | valid [%] | of these off [%] | of these outside [%] |",
+             "|---|---|---:|---|---|---|---|"]  # fmt: skip
+    runs = pd.concat([runs.assign(kind="all"), runs])
+    for (kind, who), group in runs.groupby(["kind", "who"], sort=False):
+        axles = [group[group["key"] == key] for key in AXLES]
+        cells = [kind, who, f"{int(axles[0]['used'].sum()) if who == ITSELF else 0} of {len(axles[0])}"]
+        cells.append(" / ".join(f"{100 * a['error'].median():.1f}" for a in axles))
+        for what, of in (("valid", "rows"), ("off", "valid"), ("outside", "valid")):
+            cells.append(" / ".join(f"{100 * a[what].sum() / a[of].sum():.0f}" if a[of].sum() else "-" for a in axles))
+        lines.append("| " + " | ".join(cells) + " |")
+    return lines
+
+
+def main(arguments: list[str]) -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--keep", type=Path, required=True, help="that of python -m tests.cars.study")
+    parser.add_argument("--cars", type=int, default=4, help="so many of its cars (default: 4)")
+    parser.add_argument("--seeds", type=int, default=2, help="of each manoeuvre (default: 2)")
+    parser.add_argument("--out", type=Path, default=RESULTS / "own.md", help="the table")
+    given = parser.parse_args(arguments)
+    runs = of_cars(given.keep, given.cars)
+    with tempfile.TemporaryDirectory() as scratch:
+        real = of_real(Path(scratch))
+    simulated = manoeuvre_table(pd.DataFrame(of_manoeuvres(given.seeds)))
+    used = int(runs[runs["who"] == ITSELF]["used"].sum())
+    text = f"""# Calibrated on the log itself
+
+`python -m tests.cars.own --keep DIR --cars {given.cars} --seeds {given.seeds}` after `python -m tests.cars.study --first 3301 --keep DIR`: what
+`tselab estimate` makes of a car of which only mass, axles, wheels and driven axle are known.
+
+- *{CLASS}*: `--no-calibrate`, an ordinary car of its class. *{ITSELF}*: the default; the prior of a cornering stiffness has
+  {OWN_SHARE:g} of the posterior sd. The lines below it: all of that sd, and that of the class. *{OTHERS}*: `tselab calibrate` on
+  a drive of each road, to compare with.
+- The log counts once: in the calibration. A filter that starts with a wide prior learns the stiffness anew, with its own errors; a
+  narrow one keeps what all rows show together.
+
+## Cars with 14 degrees of freedom
+
+{given.cars} cars, a drive of each of {", ".join(ROADS)}; the calibration was used in {used} of {given.cars * len(ROADS)}. Front
+longitudinal / front cornering / rear cornering; rows after {SETTLED:g} s; *off*: share of the valid ones that are more than
+{100 * OFF:.0f} % from the secant; *holds*: of all rows with a truth.
+
+"""
+    text += "\n".join(table(runs.assign(road="all"))) + "\n\nBy road:\n\n" + "\n".join(table(runs))
+    text += """
+
+## Real logs
+
+Columns as in [real logs](real.md); *valid*: of the rows in whose last 20 s the lateral acceleration exceeded 1 m/s2. The 250 LM by
+regression with the sideslip known: front 82 [78 92], rear 121 [114 162] kN/rad.
+
+"""
+    text += "\n".join(real)
+    text += f"""
+
+## Manoeuvres of the simulator
+
+Each with relaxation lengths of {", ".join(map(str, RELAXATION))} m and roll of {", ".join(map(str, ROLL))} rad s2/m, {given.seeds} seed(s);
+front / rear cornering, rows above 3 m/s. *In*: drives in which the calibration was used; the others are too short or show nothing.
+
+"""
+    given.out.write_text(text + "\n".join(simulated) + "\n", encoding="utf-8")
+    print(f"{given.out}: {given.cars} cars")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

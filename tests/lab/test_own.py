@@ -1,0 +1,213 @@
+"""A car that nobody has calibrated is calibrated on its own log: what that finds, keeps, and leaves to the class. The car is one of
+tests/cars, of 14 degrees of freedom."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import tse
+from conftest import Result, tselab, tselab_here
+from tests.cars import make_cars, make_logs
+from tests.cars.study import TRUTH, truth_of
+from tselab.calibrate import own, workflow
+from tselab.fleet.keep import CALIBRATED
+from tselab.gap import constants
+from tselab.log import read_log
+from tselab.vehicle import OWN_SHARE, filter_values, make_vehicle, read_vehicle
+
+MINUTES = 1.5
+AXLES = ("cy_front", "cy_rear")
+
+
+@dataclass
+class Case:
+    folder: Path
+    log: Path
+    car: Path
+    first: Result  # estimated, as JSON
+    est: pd.DataFrame
+    plain: pd.DataFrame  # --no-calibrate
+
+
+@pytest.fixture(scope="module")
+def case(tmp_path_factory: pytest.TempPathFactory, cache: Path) -> Case:
+    folder = tmp_path_factory.mktemp("own")
+    make_logs("mountain", MINUTES, cars=make_cars(1, 3301), seed=4)[0].write(folder, "mountain")
+    log, car = folder / "log_mountain.csv", folder / "car.toml"
+    first = tselab("estimate", log, "--vehicle", car, "--report", "r.html", "--json", cwd=folder)
+    est = pd.read_csv(folder / "log_mountain.est.csv")
+    plain = tselab("estimate", log, "--vehicle", car, "--no-calibrate", "--out", "plain.csv", cwd=folder)
+    assert plain.code in (0, 3, 4), plain.err
+    return Case(folder, log, car, first, est, pd.read_csv(folder / "plain.csv"))
+
+
+def errors(case: Case, est: pd.DataFrame, key: str) -> np.ndarray:
+    """Relative, of the rows after 20 s."""
+    truth = pd.read_csv(case.folder / "reference_mountain.csv")
+    true = truth_of({c: truth[c].to_numpy(float) for c in TRUTH.values()})[key]
+    return (est[key].to_numpy() / true - 1)[est["time"].to_numpy() > 20]
+
+
+def test_the_stiffness_of_the_car_is_found_and_said(case):
+    """At no slip and with the steering's compliance, within its 95 % interval."""
+    said = json.loads(case.first.out)["calibration"]
+    truth = json.loads((case.folder / "truth.json").read_text())["linear_stiffness"]
+    assert said["used"] and said["converged"] and 60 < said["seconds"] < 60 * MINUTES
+    for key in AXLES:
+        assert said["stiffness"][key]["low"] < truth[f"{key}_effective"] < said["stiffness"][key]["high"]
+    page = (case.folder / "r.html").read_text(encoding="utf-8")
+    for line in said["words"]:
+        assert line in page
+    assert "calibrated on the log itself" in said["words"][0] and "kept for the next run" in said["words"][-1]
+
+
+def test_the_estimate_is_nearer_and_more_of_it_valid(case):
+    for key in AXLES:
+        ours, plain = (np.nanmedian(np.abs(errors(case, e, key))) for e in (case.est, case.plain))
+        assert ours < 0.1 and ours < plain
+        assert case.est[f"{key}_valid"].mean() > case.plain[f"{key}_valid"].mean()
+
+
+def test_rows_count_once(case):
+    """Longitudinal stiffness and model discrepancy are those of the class; a cornering stiffness that the log shows well starts
+    with a share of its posterior sd, and the file itself holds the whole posterior."""
+    made = own.calibrated(read_vehicle(case.car), [read_log(case.log)])
+    table = read_toml_text(made.text)["calibration"]
+    vehicle, told = made.vehicle(read_vehicle(case.car)), read_vehicle(case.car)
+    prior, plain = filter_values(vehicle), filter_values(told)
+    for key in AXLES:
+        at = table["names"].index(key)
+        posterior = np.sqrt(table["covariance"][at][at])
+        assert posterior == pytest.approx(made.found["stiffness"][key]["sd_relative"])
+        assert prior[f"initial_{key}_sd"] == pytest.approx(OWN_SHARE * posterior)
+    for name in ("longitudinal_stiffness_front", "longitudinal_stiffness_rear", "model_sd"):
+        assert prior[name] == pytest.approx(plain[name], rel=1e-9)
+    del table["own"]
+    assert filter_values(make_vehicle(read_toml_text(made.text) | {"calibration": table}, Path("car.toml")))[
+        "initial_cy_rear_sd"
+    ] == pytest.approx(posterior)
+
+
+def read_toml_text(text: str) -> dict:
+    from tselab.toml import tomllib
+
+    return tomllib.loads(text)
+
+
+def test_a_second_run_takes_what_the_first_has_kept(case, monkeypatch, tmp_path):
+    def fail(*_: object, **__: object) -> None:
+        raise AssertionError("calibrated anew")
+
+    monkeypatch.setattr(workflow, "of_logs", fail)
+    again = tselab_here("estimate", case.log, "--vehicle", case.car, "--out", "est.csv", cwd=tmp_path)
+    assert "kept from an earlier run: " in again.out
+    assert (tmp_path / "est.csv").read_bytes() == (case.folder / "log_mountain.est.csv").read_bytes()
+
+
+def test_python_says_and_estimates_the_same(case):
+    frame = pd.read_csv(case.log)
+    found = tse.estimate(frame, case.car)
+    assert found.calibration == {k: v for k, v in json.loads(case.first.out)["calibration"].items() if k != "words"}
+    assert np.array_equal(found.stiffness[:, 1], case.est["cy_front"])
+    assert any("calibrated on the log itself" in n for n in found.notes)
+    plain = tse.estimate(frame, case.car, calibrate=False)
+    assert plain.calibration is None and np.array_equal(plain.stiffness[:, 1], case.plain["cy_front"])
+    after = tse.estimate(frame, found.vehicle, learnt=found.learnt, age=0.0)  # of the car that it was learnt of
+    assert after.calibration is None and after.valid[:, 1].mean() > found.valid[:, 1].mean() - 0.05
+
+
+def test_an_entry_that_is_broken_or_of_somebody_else_is_made_anew(case, cache):
+    entry = kept(case, cache)
+    whole = entry.read_text()
+    for text in (whole[:-20], whole.replace("cornering_stiffness_front = ", "cornering_stiffness_front = 1")):
+        entry.write_text(text)
+        again = own.calibrated(read_vehicle(case.car), [read_log(case.log)])
+        assert again.words[-1] == f"broken, made anew: {entry}"
+        assert entry.read_text() == whole
+
+
+def kept(case: Case, cache: Path) -> Path:
+    key = own._key(read_vehicle(case.car), [read_log(case.log)])
+    return cache / "tselab" / "calibrated" / f"{key}.json"
+
+
+def test_another_car_or_log_is_another_entry(case, tmp_path):
+    log, car = read_log(case.log), read_vehicle(case.car)
+    keys = {own._key(car, [log])}
+    other = tmp_path / "car.toml"
+    other.write_text(case.car.read_text() + "\n[latency]\nsteer_angle = 0.01\n", encoding="utf-8")
+    keys.add(own._key(read_vehicle(other), [log]))
+    rows = case.log.read_text().splitlines()
+    (tmp_path / "log.csv").write_text("\n".join(rows[:-1]) + "\n")
+    keys.add(own._key(car, [read_log(tmp_path / "log.csv")]))
+    assert len(keys) == 3
+
+
+def test_too_short_a_log_is_said_and_the_car_stays_one_of_its_class(case, tmp_path):
+    rows = case.log.read_text().splitlines()
+    (tmp_path / "log.csv").write_text("\n".join(rows[:3001]) + "\n")
+    done = tselab_here("estimate", "log.csv", "--vehicle", case.car, cwd=tmp_path)
+    assert "not calibrated on the log itself: it lasts 30 s, 60 s are needed" in done.out
+    assert "filled in: cornering_stiffness_front" in done.out
+    plain = tselab_here("estimate", "log.csv", "--vehicle", case.car, "--no-calibrate", "--out", "p.csv", cwd=tmp_path)
+    assert "calibrated on the log" not in plain.out
+    assert (tmp_path / "p.csv").read_bytes() == (tmp_path / "log.est.csv").read_bytes()
+
+
+def test_a_search_that_does_not_end_leaves_the_car_to_its_class(case, monkeypatch):
+    car, log = read_vehicle(case.car), read_log(case.log)
+    monkeypatch.setattr(own, "LONGEST", -1.0)
+    with constants.changed("identify.fit.MOST_STEPS", 1):
+        late = own.calibrated(car, [log])
+        assert late.text == "" and late.found == {"used": False, "why": own.TOO_LONG}
+        monkeypatch.undo()
+        stopped = own.calibrated(car, [log])  # what took too long is not kept: it is tried again
+    assert stopped.text == "" and "did not converge in 1 steps" in stopped.words[0]
+    assert stopped.vehicle(car).values == car.values
+
+
+def test_who_is_calibrated_or_known_is_left_alone(case, tmp_path):
+    car = tmp_path / "car.toml"
+    car.write_text(case.car.read_text() + "\n[uncertainty]\nmass_sd = 0.02\n", encoding="utf-8")
+    learnt = tmp_path / "car.tse"
+    for options in (("--vehicle", car), ("--vehicle", case.car, "--save-learnt", learnt),
+                    ("--vehicle", case.car, "--load-learnt", learnt)):  # fmt: skip
+        done = tselab_here("estimate", case.log, *options, "--json", "--out", "e.csv", cwd=tmp_path)
+        assert json.loads(done.out)["calibration"] is None, options
+
+
+def test_channels_that_contradict_each_other_calibrate_nothing(case):
+    frame = pd.read_csv(case.log)
+    frame["yaw_rate"] = -frame["yaw_rate"]
+    with pytest.warns(UserWarning):
+        found = tse.estimate(frame, case.car)
+    assert found.calibration == {"used": False, "why": "its channels contradict each other"}
+
+
+def test_a_fleet_calibrates_a_car_on_its_first_logs(case, tmp_path):
+    """Both drives are of one car as calibrated, so that the second starts from what the first taught."""
+    rows = case.log.read_text().splitlines()
+    (tmp_path / "logs").mkdir()
+    for name, part in (("2026-01-01", rows[1:4501]), ("2026-01-02", rows[4501:])):
+        (tmp_path / "logs" / f"{name}.csv").write_text("\n".join([rows[0], *part]) + "\n")
+    command = ("fleet", "logs", "--vehicle", case.car, "--car", "x", "--out", "out", "--no-reports", "--json")
+    done = tselab_here(*command, cwd=tmp_path)
+    first, second = json.loads(done.out)["logs"]
+    assert "calibrated on the log itself" in first["notes"][0]
+    assert not any("calibrated on" in n or "taught is not used" in n for n in second["notes"])
+    (made,) = (tmp_path / "out" / CALIBRATED).glob("*.toml")
+    assert read_vehicle(made).calibration["own"]
+    loaded = tselab_here(
+        "estimate", "logs/2026-01-02.csv", "--vehicle", made, "--load-learnt", "out/learnt/x.tse", cwd=tmp_path
+    )
+    assert loaded.code in (0, 3), loaded.err
+    stat = made.stat().st_mtime_ns
+    assert tselab_here(*command, cwd=tmp_path).out == done.out and made.stat().st_mtime_ns == stat
+    plain = tselab_here(*command[:-1], "--no-calibrate", "--restart", "--json", cwd=tmp_path)
+    assert not any("calibrated on" in n for log in json.loads(plain.out)["logs"] for n in log["notes"])
