@@ -25,17 +25,11 @@ HOOKS = {
         "front axle", "tse_real {id}_input(const tse_effects *e, tse_effect_memory *m, tse_real steer, tse_real dt)",
         "  (void)e;\n  (void)m;\n  (void)dt;\n  return steer; /* + {at} */",
     ),
-    "SLIP": ("axles", "void {id}_slip(const tse_params *p, const tse_effect_memory *m, point *pt)",
-             "  (void)p;\n  (void)m;\n  (void)pt; /* pt->s.a_rear += {at} ... */"),
-    "STIFFNESS": ("axles", "void {id}_stiffness(const tse_params *p, const tse_effect_memory *m, point *pt)",
-                  "  (void)p;\n  (void)m;\n  (void)pt; /* pt->k.y_front *= ... {at} */"),
-    "BODY": ("body", "void {id}_body(const tse_params *p, const tse_effect_memory *m, point *pt)",
-             "  (void)p;\n  (void)m;\n  (void)pt; /* pt->force.y += r_mul(..., p->effects.inv_mass), by {at} */"),
-    "SENSOR": (
-        "sensors",
-        "void {id}_sensor(const tse_effects *e, tse_effect_memory *m, const point *pt, tse_real dt, tse_real y[3])",
-        "  (void)e;\n  (void)m;\n  (void)pt;\n  (void)dt;\n  (void)y; /* y[1] += {at} ... */",
-    ),
+    "SLIP": ("axles", "void {id}_slip(point *pt)", "  (void)pt; /* pt->s.a_rear += pt->p->effects.{at} ... */"),
+    "STIFFNESS": ("axles", "void {id}_stiffness(point *pt)", "  (void)pt; /* pt->k.y_front *= ... pt->p->effects.{at} */"),
+    "GRIP": ("axles", "void {id}_grip(point *pt)", "  (void)pt; /* pt->k.y_front *= ... pt->p->effects.{at} */"),
+    "BODY": ("body", "void {id}_body(point *pt)", "  (void)pt; /* pt->force.y += ... over mass, by pt->p->effects.{at} */"),
+    "SENSOR": ("sensors", "void {id}_sensor(reading *z)", "  (void)z; /* z->y[1] += z->pt->p->effects.{at} ... */"),
 }  # fmt: skip
 TEST = """/* tests/unit/model/test_effect_{id}.c <-> src/model/effects/{id}.h, against a formula that is not the code's. */
 #include "unit_support.h"

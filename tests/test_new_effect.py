@@ -12,7 +12,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 UNITY = ROOT / ".venv" / "share" / "unity" / "src"
-HOOKS = ("CONSTANT", "INPUT", "SLIP", "STIFFNESS", "BODY", "SENSOR")
+HOOKS = ("CONSTANT", "INPUT", "SLIP", "STIFFNESS", "GRIP", "BODY", "SENSOR")
 pytestmark = pytest.mark.skipif(not shutil.which("cc"), reason="there is no compiler cc")
 
 

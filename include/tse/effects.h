@@ -24,8 +24,7 @@ typedef struct tse_effects {
 #if !defined(TSE_NO_EFFECTS)
 #define EFFECT_PARAMETER(id, parameter, role, unit, def, lo, hi, typical_lo, typical_hi, negligible, sign, text) tse_real id##_##parameter;
 #include "tse/effects.def"
-  tse_real mass, inv_mass, inv_inertia; /* [kg] [1/kg] [1/(kg m2)]                             */
-  tse_real load_front, load_rear;       /* [m/s2] axle load over mass: g lr/L, g lf/L          */
+  tse_real mass;                        /* [kg]                                                */
   tse_real formula_gain, formula[TSE_FORMULA_NUMBERS];
   int32_t formula_place;
   uint8_t formula_code[TSE_FORMULA_OPS];
@@ -46,8 +45,7 @@ typedef struct tse_effect_memory {
   tse_real mode[3][2];                  /* body roll, pitch, roll steer: lagged acceleration and its rate  */
   tse_real time, heading;               /* [s], [turns] since the start                                    */
   int32_t steered;                      /* 0: the next angle is the first                                  */
-  tse_real steer_in, steer_half, steer_out; /* [rad] of the last row, before, between and after the lags     */
-  tse_real steer_lost;                  /* [s] since then, when angles were missing                        */
+  tse_real steered_by[3];               /* [rad] of the last row, before, between and after the lags       */
   tse_delay steer, imu;
   tse_real steer_was[1][TSE_DELAY_ROWS], imu_was[3][TSE_DELAY_ROWS];
   tse_real formula[TSE_FORMULA_MEMORIES][3], formula_accel[2]; /* of a formula: its own; accel_x, accel_y [m/s2] at this time */

@@ -29,7 +29,8 @@ HOOKS = {  # of include/tse/effects.def
     "INPUT": "the steering angle of a row",
     "SLIP": "slip and slip angle of an axle",
     "LAG": "between slip and force: a state",
-    "STIFFNESS": "the secant stiffness of an axle",
+    "STIFFNESS": "the stiffness of an axle",
+    "GRIP": "where the force of an axle ends",
     "BODY": "forces and yaw moment besides the tyres', gravity",
     "SENSOR": "what accelerometers and gyro read",
 }

@@ -10,7 +10,6 @@
 /* Rows kept beyond the span of the latencies: one on either side of it, and two for rows that come up to 7 % closer than the sample time
  * before any is left out (28 of 30 rows at their most). */
 #define ROWS_TO_SPARE 4
-#define LN_2 TSE_R(0.69314718055994531)
 
 static tse_real real_of(tse_setting x) { return r_from_setting(x); }
 
@@ -307,6 +306,7 @@ static void change_car(uint64_t mask, tse_config *car)
 #define CALL_SLIP(id)
 #define CALL_LAG(id)
 #define CALL_STIFFNESS(id)
+#define CALL_GRIP(id)
 #define CALL_BODY(id)
 #define CALL_SENSOR(id)
 #define EFFECT(id, hook, title, entry, channels, alike, estimator) CALL_##hook(id)
@@ -323,12 +323,7 @@ static void prepare_effects(const tse_config *c, uint64_t mask, tse_params *p)
 #define EFFECT_PARAMETER(id, parameter, role, unit, def, lo, hi, typical_lo, typical_hi, negligible, sign, text) \
   e->id##_##parameter = real_of(c->id##_##parameter);
 #include "tse/effects.def"
-  const tse_setting one = TSE_S(1), g = TSE_S(9.81), span = c->lf + c->lr;
   e->mass = real_of(c->mass);
-  e->inv_mass = real_of(r_div(one, c->mass));
-  e->inv_inertia = real_of(r_div(one, c->yaw_inertia));
-  e->load_front = real_of(r_div(r_mul(g, c->lr), span));
-  e->load_rear = real_of(r_div(r_mul(g, c->lf), span));
   const tse_setting number[TSE_FORMULA_NUMBERS] = { c->formula_a, c->formula_b, c->formula_c, c->formula_d,
                                                     c->formula_e, c->formula_f, c->formula_g, c->formula_h };
   e->formula_gain = real_of(c->formula_gain);
@@ -446,12 +441,12 @@ static void prepare_car(const tse_config *c, tse_params *p)
   car->roll_coupling = real_of(rolls ? c->body_roll_coupling : 0);
   car->roll_steer = real_of(c->rear_roll_steer_gain);
   car->pitch_leak = real_of(r_mul(g, c->pitch_leak_gain));
+  car->pitch_height = real_of(r_mul(c->pitch_leak_gain, c->pitch_leak_height));
   car->pitch_frequency = real_of(c->pitch_leak_frequency);
   car->pitch_damping = real_of(c->pitch_leak_damping);
   car->lever_x = real_of(c->imu_lever_arm_x);
   car->lever_y = real_of(c->imu_lever_arm_y);
-  const tse_real turn = r_mul(real_of(c->imu_misalignment_angle), TSE_R(0.15915494309189535));
-  r_sincos_turn(turn < TSE_R(0) ? turn + TSE_R(1) : turn, &car->mount_sin, &car->mount_cos);
+  sin_cos(real_of(c->imu_misalignment_angle), &car->mount_sin, &car->mount_cos);
   car->scale_x = real_of(one + c->imu_scale_ax_error);
   car->scale_y = real_of(one + c->imu_scale_ay_error);
   car->scale_r = real_of(one + c->gyro_scale_error);
@@ -474,18 +469,18 @@ static void prepare_car(const tse_config *c, tse_params *p)
   p->prior_sd[GY] = BANK_SD;
   const tse_setting initial[3] = { c->initial_cx_front, c->initial_cy_front, c->initial_cy_rear }, walk[3] = { c->accel_x_bias_walk, c->accel_y_bias_walk, c->yaw_rate_bias_walk };
   for (int i = 0; i < 3; i++) {
-    p->prior[LCX + i] = r_mul(LN_2, r_log2(real_of(initial[i])));
+    p->prior[LCX + i] = logarithm(real_of(initial[i]));
     p->bias_sd_walk[i] = real_of(walk[i]);
   }
   p->prior[OFF] = real_of(c->steering_offset_angle);
   p->prior[GAIN] = real_of(c->steering_ratio_change);
   p->prior[LATE] = real_of(c->steering_delay_time + c->imu_delay_time);
   p->prior[LEAN] = real_of(c->bank_superelevation);
-  p->prior[GX] = real_of(r_mul(g, c->grade_angle));
-  p->prior[GY] = -real_of(r_mul(g, c->bank_angle));
+  p->prior[GX] = gravity_along(real_of(c->grade_angle));
+  p->prior[GY] = -gravity_along(real_of(c->bank_angle));
   p->steady_sd_walk = real_of(c->steady_walk);
-  p->log_min = r_mul(LN_2, r_log2(real_of(c->stiffness_min)));
-  p->log_max = r_mul(LN_2, r_log2(real_of(c->stiffness_max)));
+  p->log_min = logarithm(real_of(c->stiffness_min));
+  p->log_max = logarithm(real_of(c->stiffness_max));
   p->model_sd = real_of(c->model_sd);
   prepare_velocity(c, p);
 }

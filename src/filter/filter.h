@@ -33,8 +33,6 @@
 #define state_unit     TSE_NAME(tse_state_unit)
 #define state_most     TSE_NAME(tse_state_most)
 
-#define LOG2_OF_E TSE_R(1.4426950408889634)
-
 /* States of a measured velocity, behind those of the car (model/car.h): [rad] heading of the car, in the axes of the course; [m/s] what the
  * model does not explain of the speed across; [1] scale;
  * [rad] heading offset of the INS; [s] latency beyond the setting; [m] where it is measured. */

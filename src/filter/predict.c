@@ -16,24 +16,12 @@ void signal_shares(const tse_kalman *k, tse_real share[3])
   }
 }
 
-static tse_real ou_left(tse_real dt, tse_real time) { return r_exp2(-r_mul(LOG2_OF_E, r_div(dt, time))); }
-
-/* First-order lag of an angle that is linear between rows: exact. */
-static tse_real lagged(tse_real time, tse_real from, tse_real to, tse_real was, tse_real dt)
-{
-  const tse_real behind = r_mul(time, r_div(to - from, dt));
-  return to - behind + r_mul(was - from + behind, ou_left(dt, time));
-}
-
 /* The angle of the wheels through this row, after the steering's own lags. */
 static steering delayed(const tse_params *p, tse_kalman *k, const decoded *z)
 {
-  const tse_real was = k->steer[2], before = k->steer[0], half = k->steer[1];
-  k->steer[0] = k->steer[1] = k->steer[2] = z->steer;
-  if (p->steer_lag > TSE_R(0)) {
-    k->steer[1] = lagged(p->steer_lag, before, z->steer, half, z->dt);
-    k->steer[2] = p->steer_lag_second > TSE_R(0) ? lagged(p->steer_lag_second, half, k->steer[1], was, z->dt) : k->steer[1];
-  }
+  const tse_real was = k->steer[2];
+  if (p->steer_lag > TSE_R(0)) lag_steering(p->steer_lag, p->steer_lag_second, z->steer, z->dt, k->steer);
+  else k->steer[0] = k->steer[1] = k->steer[2] = z->steer;
   const steering u = { was, k->steer[2], z->dt };
   return u;
 }
@@ -64,7 +52,7 @@ static void fade(tse_kalman *k, int i, tse_real left, tse_real sd)
 
 void rest_row(const tse_params *p, tse_kalman *k, tse_real dt)
 {
-  const tse_real left = ou_left(r_min(dt, TSE_R(100)), ROAD_TIME);
+  const tse_real left = left_of(r_min(dt, TSE_R(100)), ROAD_TIME);
   k->x[GX] -= p->prior[GX];
   k->x[GY] -= p->prior[GY];
   fade(k, GX, left, p->prior_sd[GX]);
@@ -97,8 +85,8 @@ steering predict_row(const tse_params *p, tse_kalman *k, const decoded *z)
   }
   ud_move(&k->p, M, noise);
   for (int i = 0; i < STATES; i++) keep[i] = TSE_R(1);
-  keep[SF] = keep[SR] = ou_left(dt, SLIP_TIME);
-  keep[GX] = keep[GY] = ou_left(dt, ROAD_TIME);
+  keep[SF] = keep[SR] = left_of(dt, SLIP_TIME);
+  keep[GX] = keep[GY] = left_of(dt, ROAD_TIME);
   events_move(p, k, M, keep, dt);
   fade(k, SF, keep[SF], SLIP_SD);
   fade(k, SR, keep[SR], SLIP_SD);

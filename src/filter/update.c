@@ -135,8 +135,8 @@ void update_row(const tse_params *p, tse_kalman *k, const decoded *z, steering u
   forces f;
   tse_real read[TSE_SENSORS], H[TSE_SENSORS][COLUMNS], doubts[TSE_SENSORS][TSE_DOUBTS], change[TSE_ALL], share[3];
   car_forces(c, k->x, u, TSE_R(1), &f);
-  if (c->pitch_leak > TSE_R(0) || c->pitch_leak < TSE_R(0)) car_pitch(c, k->pitch, f.x, z->dt);
-  car_measure(c, k->x, &f, k->pitch[0], read, H);
+  const tse_real pitch = c->pitch_leak > TSE_R(0) || c->pitch_leak < TSE_R(0) ? car_pitch(c, k->pitch, f.x, z->dt) : TSE_R(0);
+  car_measure(c, k->x, &f, pitch, read, H);
   signal_shares(k, share);
   for (int a = 0; a < TSE_SENSORS; a++)
     for (int i = 0; i < 3; i++) H[a][LCX + i] = r_mul(H[a][LCX + i], share[i]);

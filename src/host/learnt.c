@@ -11,7 +11,6 @@
 #define ONE_14 16384              /* 1 in a correlation: 2^-14 */
 #define MOST_ONE 16777216
 #define MOST_NU 1000000u
-#define LN_2 TSE_R(0.69314718055994531)
 
 /* What is written is inside these bounds, and what is read is refused outside: what sensors (input.def) and the filter allow. Thousandths. */
 static const int32_t most_mean[TSE_KEPT] = { 50000, 50000, 6000, 4000, 4000, 4000, 4000, 200, 500, 200, 200 };
@@ -206,7 +205,7 @@ static int write_particles(const tse_params *p, const tse_filter *f, content *c)
   for (int a = 0; a < 3; a++) {
     const tse_real mean = r_max(now.stiffness[a], TSE_R(0.02)), var = r_sqr(r_div(now.stiffness_sd[a], mean));
     const tse_real scale = r_mul(r_sqrt(lam[diagonal[pair[a][0]]]), r_sqrt(lam[diagonal[pair[a][1]]]));
-    const int32_t log = r_to_q24(r_mul(LN_2, r_log2(mean))), bias = r_to_q24(now.bias[a]);
+    const int32_t log = r_to_q24(logarithm(mean)), bias = r_to_q24(now.bias[a]);
     if (log == INT32_MIN || bias == INT32_MIN) return 0;
     c->mean[K_STIFFNESS + a] = between(log, most_of(K_STIFFNESS + a));
     c->sd[K_STIFFNESS + a] = r_to_q24(r_sqrt(f->known[a] == TSE_KNOWN_BEFORE ? r_max(var, r_div(f->start.mean_var[a], r_sqr(mean))) : var));
@@ -311,7 +310,7 @@ static void load_particles(const tse_params *p, const content *c, uint32_t age_s
   tse_real spread[3], var[3];
   for (int a = 0; a < 3; a++) {
     const int known = (c->known >> a & 1u) != 0;
-    const tse_real most = r_sqrt(p->spread_max_var), level = r_exp2(r_mul(LOG2_OF_E, r_from_q24(c->mean[K_STIFFNESS + a])));
+    const tse_real most = r_sqrt(p->spread_max_var), level = exponential(r_from_q24(c->mean[K_STIFFNESS + a]));
     spread[a] = known && c->spread[a] > 0 ? r_min(r_max(r_from_q24(c->spread[a]), LEAST_SPREAD), most) : r_sqrt(p->spread_var);
     var[a] = r_sqr(spread[a]);
     if (known) {

@@ -76,12 +76,13 @@ static int keep(tse_real *array, int32_t i, tse_real x)
   return !array || r_is_finite(x);
 }
 
-static int write_row(const tse_params *p, const tse_replay_log *log, const tse_replay_start *s, const tse_replay_out *out,
-                      int32_t i, int32_t rows, const point *at, const tse_real read[3])
+static int write_row(const tse_replay_log *log, const tse_replay_start *s, const tse_replay_out *out, int32_t i, int32_t rows, reading z)
 {
-  int fine = keep(out->accel_x, i, read[0] + s->bias_accel_x);
-  fine = keep(out->accel_y, i, read[1] + s->bias_accel_y) && fine;
-  fine = keep(out->yaw_rate, i, read[2] + s->bias_yaw_rate) && fine;
+  const point *const at = z.pt;
+  const tse_params *const p = at->p;
+  int fine = keep(out->accel_x, i, z.y[0] + s->bias_accel_x);
+  fine = keep(out->accel_y, i, z.y[1] + s->bias_accel_y) && fine;
+  fine = keep(out->yaw_rate, i, z.y[2] + s->bias_yaw_rate) && fine;
   fine = keep(out->vel_x, i, at->vx) && fine;
   fine = keep(out->vel_y, i, at->vy) && fine;
   fine = keep(out->true_yaw_rate, i, at->r) && fine;
@@ -147,9 +148,7 @@ tse_status tse_replay(const tse_params *p, const tse_replay_log *log, int32_t ro
       at.vy = vehicle_kept(at.vy, MOST_SPEED);
       at.r = vehicle_kept(at.r, MOST_YAW_RATE);
     }
-    tse_real read[3];
-    effects_sense(e, &m, &at, dt, read);
-    if (!write_row(&car, log, s, out, i, rows, &at, read)) {
+    if (!write_row(log, s, out, i, rows, effects_sense(&at, &m, dt))) {
       if (wrong) *wrong = i;
       return TSE_E_INPUT;
     }

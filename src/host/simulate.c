@@ -123,14 +123,12 @@ static tse_real brake_slope(tse_real torque, tse_real omega, int secant)
   return r_abs(omega) < BRAKE_GRIP ? r_div(torque, BRAKE_GRIP) : TSE_R(0);
 }
 
-/* Secant of a tyre that saturates, over its stiffness: brush model with parabolic pressure. `limit` is friction times axle
- * load, `fx`, `fy` are what linear tyres would hold (all over mass). The force grows as F (1 - z + z^2/3), z = F/(3 limit),
- * and is the limit from z = 1 on, where every bristle slides. */
+/* Secant of a tyre that saturates along and across, over its stiffness: a brush. `limit` is friction times axle load, `fx`, `fy` are what
+ * linear tyres would hold (all over mass). */
 static tse_real grip(tse_real limit, tse_real fx, tse_real fy)
 {
-  if (!(limit > TSE_R(0))) return TSE_R(1);
-  const tse_real force = r_sqrt(r_mul(fx, fx) + r_mul(fy, fy)), z = r_div(force, r_mul(TSE_R(3), limit));
-  return z < TSE_R(1) ? TSE_R(1) - z + r_mul(TSE_R(1.0 / 3), r_mul(z, z)) : r_div(limit, force);
+  tse_real slope;
+  return limit > TSE_R(0) ? tyre_secant(r_div(r_sqrt(r_mul(fx, fx) + r_mul(fy, fy)), limit), TSE_R(0), &slope) : TSE_R(1);
 }
 
 static tse_real friction_now(const tse_sim *sim)
@@ -138,21 +136,20 @@ static tse_real friction_now(const tse_sim *sim)
   return sim->last.road_friction > TSE_R(0) ? sim->last.road_friction : r_from_setting(sim->config.friction);
 }
 
-/* The stiffness that the tyres of each axle show at these slips; the drawn one, bit for bit, without friction limit. */
-static stiffness gripping(const tse_sim *sim, stiffness k, slips s)
+/* The stiffness that the tyres of each axle show at these slips; as it was, bit for bit, without friction limit.   Updated: pt->k */
+static void lose_grip(const tse_sim *sim, point *pt)
 {
-  const tse_params *const p = &sim->params;
-  const tse_real g = r_mul(friction_now(sim), r_div(GRAVITY, p->lf + p->lr)); /* loads over mass: g lr/L, g lf/L */
-  const tse_real front = grip(r_mul(g, p->lr), r_mul(k.x_front, s.s_front), r_mul(k.y_front, s.a_front));
-  const tse_real rear = grip(r_mul(g, p->lf), r_mul(k.x_rear, s.s_rear), r_mul(k.y_rear, s.a_rear));
-  k.x_front = r_mul(k.x_front, front);
-  k.y_front = r_mul(k.y_front, front);
-  k.x_rear = r_mul(k.x_rear, rear);
-  k.y_rear = r_mul(k.y_rear, rear);
-  return k;
+  const tse_car *const c = &sim->params.car;
+  const tse_real mu = friction_now(sim);
+  const tse_real front = grip(r_mul(mu, c->load_front), r_mul(pt->k.x_front, pt->s.s_front), r_mul(pt->k.y_front, pt->s.a_front));
+  const tse_real rear = grip(r_mul(mu, c->load_rear), r_mul(pt->k.x_rear, pt->s.s_rear), r_mul(pt->k.y_rear, pt->s.a_rear));
+  pt->k.x_front = r_mul(pt->k.x_front, front);
+  pt->k.y_front = r_mul(pt->k.y_front, front);
+  pt->k.x_rear = r_mul(pt->k.x_rear, rear);
+  pt->k.y_rear = r_mul(pt->k.y_rear, rear);
 }
 
-enum { STATES = 9 }; /* vel_x, vel_y, yaw rate, wheel speeds front and rear; with effects, the slips that tyres hold */
+enum { STATES = 9 }; /* vel_x, vel_y, yaw rate, wheel speeds front and rear, the slips that tyres hold */
 
 typedef struct car { /* what one substep needs beside the state */
   const tse_sim *sim;
@@ -171,28 +168,30 @@ static inputs inputs_of(const car *c, const tse_real x[STATES], tse_real steer)
 }
 
 /* The car at a state, `ahead` of the effects' memory, with all effects and with tyres that saturate. */
-static void effects_now(const car *c, const tse_real x[STATES], tse_real steer, tse_real ahead, point *pt)
-{
-  const tse_effect_memory *const m = &c->sim->effects;
-  memset(pt, 0, sizeof *pt);
-  pt->vx = x[0];
-  pt->vy = x[1];
-  pt->r = x[2];
-  pt->u = inputs_of(c, x, steer);
-  pt->ahead = ahead;
-  pt->k = c->k;
-  effects_slips(c->p, m, &x[5], pt);
-  effects_stiffness(c->p, m, pt);
-  pt->k = gripping(c->sim, pt->k, pt->s);
-  effects_forces(c->p, m, pt);
-}
-
-/* As derivative(), with effects. */
-static void derivative_with_effects(const car *c, const tse_real x[STATES], driver d, tse_real ahead, tse_real dx[STATES])
+static point point_at(const car *c, const tse_real x[STATES], tse_real steer, tse_real ahead)
 {
   point pt;
+  memset(&pt, 0, sizeof pt);
+  pt.p = c->p;
+  pt.m = &c->sim->effects;
+  pt.vx = x[0];
+  pt.vy = x[1];
+  pt.r = x[2];
+  pt.u = inputs_of(c, x, steer);
+  pt.ahead = ahead;
+  pt.k = c->k;
+  effects_slips(&x[5], &pt);
+  effects_stiffness(&pt);
+  lose_grip(c->sim, &pt);
+  effects_forces(&pt);
+  return pt;
+}
+
+/* (1), (2), (7) without its sampling, and the wheels: J omega' = T - T_brake - R Fx. */
+static void derivative(const car *c, const tse_real x[STATES], driver d, tse_real ahead, tse_real dx[STATES])
+{
+  const point pt = point_at(c, x, d.steer, ahead);
   tse_real rate[4];
-  effects_now(c, x, d.steer, ahead, &pt);
   effects_lag_rates(&c->p->effects, &pt, rate);
   dx[0] = pt.force.x + pt.gravity_x + r_mul(x[1], x[2]);
   dx[1] = pt.force.y + pt.gravity_y - r_mul(x[0], x[2]);
@@ -202,47 +201,20 @@ static void derivative_with_effects(const car *c, const tse_real x[STATES], driv
   for (int i = 0; i < 4; i++) dx[5 + i] = r_mul(rate[i], pt.target[i] - x[5 + i]);
 }
 
-/* (1), (2), (7) without its sampling, and the wheels: J omega' = T - T_brake - R Fx. */
-static void derivative(const car *c, const tse_real x[STATES], driver d, tse_real ahead, tse_real dx[STATES])
-{
-  if (c->p->effects.mask) {
-    derivative_with_effects(c, x, d, ahead, dx);
-    return;
-  }
-  const inputs u = inputs_of(c, x, d.steer);
-  const slips s = vehicle_slips(c->p, x[0], x[1], x[2], u);
-  const stiffness k = gripping(c->sim, c->k, s);
-  const accels a = vehicle_accels(c->p, k, s, d.steer);
-  const tse_real fx_front = r_mul(c->mass, r_mul(k.x_front, s.s_front));
-  const tse_real fx_rear = r_mul(c->mass, r_mul(k.x_rear, s.s_rear));
-  dx[0] = a.x + r_mul(x[1], x[2]);
-  dx[1] = a.y - r_mul(x[0], x[2]);
-  dx[2] = a.yaw;
-  dx[3] = r_div(d.drive_front - brake(d.brake_front, x[3]) - r_mul(c->p->radius_front, fx_front), c->inertia_front);
-  dx[4] = r_div(d.drive_rear - brake(d.brake_rear, x[4]) - r_mul(c->p->radius_rear, fx_rear), c->inertia_rear);
-}
-
 /* What is stiff, and therefore implicit: the arrow (vx; omega_f, omega_r) and the block (vy, r). Tyres that saturate enter
  * by their secant, which overestimates their damping: ROS2 keeps its order with any Jacobian. */
-typedef struct solver { tse_real vf, vr, wf, wr, df, dr, schur, m11, m12, m21, m22, inv_det, slow[4]; int states; } solver;
+typedef struct solver { tse_real vf, vr, wf, wr, df, dr, schur, slow[4]; lateral_block side; } solver;
 
 static solver factor(const car *c, const tse_real x[STATES], driver d, tse_real gh, int secant)
 {
-  slips s = vehicle_slips(c->p, x[0], x[1], x[2], inputs_of(c, x, d.steer));
   const tse_params *const p = c->p;
-  stiffness k = gripping(c->sim, c->k, s);
+  const point pt = point_at(c, x, d.steer, TSE_R(0));
+  const slips s = pt.s;
+  const stiffness k = pt.k;
+  tse_real rate[4];
   solver m;
-  m.states = 5;
-  if (p->effects.mask) {
-    point pt;
-    tse_real rate[4];
-    effects_now(c, x, d.steer, TSE_R(0), &pt);
-    effects_lag_rates(&p->effects, &pt, rate);
-    for (int i = 0; i < 4; i++) m.slow[i] = r_div(TSE_R(1), TSE_R(1) + r_mul(gh, rate[i]));
-    m.states = STATES;
-    s = pt.s;
-    k = pt.k;
-  }
+  effects_lag_rates(&p->effects, &pt, rate);
+  for (int i = 0; i < 4; i++) m.slow[i] = r_div(TSE_R(1), TSE_R(1) + r_mul(gh, rate[i]));
   /* with D = what slip is taken over: d(Fx/m)/dvx = -k/D, d(Fx/m)/domega = k R/D (where D does not move) */
   const tse_real kf = r_mul(k.x_front, s.inv_front), kr = r_mul(k.x_rear, s.inv_rear);
   m.vf = -r_mul(gh, r_mul(kf, p->radius_front));
@@ -252,24 +224,17 @@ static solver factor(const car *c, const tse_real x[STATES], driver d, tse_real 
   m.df = TSE_R(1) - r_mul(m.wf, p->radius_front) + r_mul(gh, r_div(brake_slope(d.brake_front, x[3], secant), c->inertia_front));
   m.dr = TSE_R(1) - r_mul(m.wr, p->radius_rear) + r_mul(gh, r_div(brake_slope(d.brake_rear, x[4], secant), c->inertia_rear));
   m.schur = TSE_R(1) + r_mul(gh, kf + kr) - r_div(r_mul(m.vf, m.wf), m.df) - r_div(r_mul(m.vr, m.wr), m.dr);
-
-  const tse_real yf = r_mul(k.y_front, s.inv_body), yr = r_mul(k.y_rear, s.inv_body);
-  m.m11 = TSE_R(1) + r_mul(gh, yf + yr);
-  m.m12 = r_mul(gh, r_mul(p->lf, yf) - r_mul(p->lr, yr) + x[0]);
-  m.m21 = r_mul(gh, r_mul(p->jf, yf) - r_mul(p->jr, yr));
-  m.m22 = TSE_R(1) + r_mul(gh, r_mul(r_mul(p->jf, p->lf), yf) + r_mul(r_mul(p->jr, p->lr), yr));
-  m.inv_det = r_div(TSE_R(1), r_mul(m.m11, m.m22) - r_mul(m.m12, m.m21));
+  m.side = vehicle_block(p, r_mul(k.y_front, s.inv_body), r_mul(k.y_rear, s.inv_body), x[0], gh);
   return m;
 }
 
 static void solve(const solver *m, const tse_real f[STATES], tse_real k[STATES])
 {
-  for (int i = 5; i < m->states; i++) k[i] = r_mul(f[i], m->slow[i - 5]);
+  for (int i = 5; i < STATES; i++) k[i] = r_mul(f[i], m->slow[i - 5]);
   k[0] = r_div(f[0] - r_div(r_mul(m->vf, f[3]), m->df) - r_div(r_mul(m->vr, f[4]), m->dr), m->schur);
   k[3] = r_div(f[3] - r_mul(m->wf, k[0]), m->df);
   k[4] = r_div(f[4] - r_mul(m->wr, k[0]), m->dr);
-  k[1] = r_mul(r_mul(m->m22, f[1]) - r_mul(m->m12, f[2]), m->inv_det);
-  k[2] = r_mul(r_mul(m->m11, f[2]) - r_mul(m->m21, f[1]), m->inv_det);
+  vehicle_solve(&m->side, f[1], f[2], &k[1], &k[2]);
 }
 
 /* Could this brake stop the wheel within the substep? Only tyres that saturate let it. */
@@ -288,17 +253,17 @@ static void substep(const car *c, tse_real x[STATES], driver u0, driver u1, tse_
     const solver euler = factor(c, x, u1, h, 1);
     derivative(c, x, u1, TSE_R(0), f);
     solve(&euler, f, k1);
-    for (int a = 0; a < euler.states; a++) x[a] += r_mul(h, k1[a]);
+    for (int a = 0; a < STATES; a++) x[a] += r_mul(h, k1[a]);
     return;
   }
-  const solver m = factor(c, x, u0, r_mul(TSE_R(0.29289321881345254), h), 0);
+  const solver m = factor(c, x, u0, r_mul(ROS2, h), 0);
   derivative(c, x, u0, TSE_R(0), f);
   solve(&m, f, k1);
-  for (int a = 0; a < m.states; a++) mid[a] = x[a] + r_mul(h, k1[a]);
+  for (int a = 0; a < STATES; a++) mid[a] = x[a] + r_mul(h, k1[a]);
   derivative(c, mid, u1, h, f);
-  for (int a = 0; a < m.states; a++) f[a] = f[a] - k1[a] - k1[a];
+  for (int a = 0; a < STATES; a++) f[a] = f[a] - k1[a] - k1[a];
   solve(&m, f, k2);
-  for (int a = 0; a < m.states; a++) x[a] += r_mul(h, r_mul(TSE_R(1.5), k1[a]) + r_mul(TSE_R(0.5), k2[a]));
+  for (int a = 0; a < STATES; a++) x[a] += r_mul(h, r_mul(TSE_R(1.5), k1[a]) + r_mul(TSE_R(0.5), k2[a]));
 }
 
 static void two_normals(const tse_sim *sim, uint32_t purpose, tse_real *a, tse_real *b)
@@ -361,7 +326,6 @@ static car car_of(const tse_sim *sim, stiffness k)
 /* A steering angle that was set anew since the logged one: the wheels follow. */
 static void jump(tse_sim *sim)
 {
-  if (!sim->params.effects.mask) return;
   if (!(sim->last.steer_angle < sim->steer_logged || sim->last.steer_angle > sim->steer_logged)) return;
   sim->steer = effects_steer(&sim->params.effects, &sim->effects, sim->last.steer_angle, JUMP);
   sim->steer_logged = sim->last.steer_angle;
@@ -376,19 +340,17 @@ static void advance(tse_sim *sim, const tse_sim_input *u)
   const tse_effects *const e = &c.p->effects;
   tse_sim_input from = sim->last, to = sim->config.hold_inputs ? sim->last : *u;
   jump(sim);
-  if (e->mask) {
-    sim->steer_logged = to.steer_angle;
-    from.steer_angle = sim->steer;
-    to.steer_angle = sim->steer = effects_steer(e, &sim->effects, to.steer_angle, u->dt);
-  }
+  sim->steer_logged = to.steer_angle;
+  from.steer_angle = sim->steer;
+  to.steer_angle = sim->steer = effects_steer(e, &sim->effects, to.steer_angle, u->dt);
   for (int32_t i = 0; i < steps; i++) {
     const driver d0 = between(&from, &to, r_div(r_from_int(i), r_from_int(steps)));
     const driver d1 = between(&from, &to, r_div(r_from_int(i + 1), r_from_int(steps)));
-    point a, b;
-    if (e->mask) effects_now(&c, sim->x, d0.steer, TSE_R(0), &a);
-    substep(&c, sim->x, d0, d1, h);
-    if (e->mask) {
-      effects_now(&c, sim->x, d1.steer, h, &b);
+    if (!e->mask) substep(&c, sim->x, d0, d1, h);
+    else {
+      const point a = point_at(&c, sim->x, d0.steer, TSE_R(0));
+      substep(&c, sim->x, d0, d1, h);
+      const point b = point_at(&c, sim->x, d1.steer, h);
       effects_remember(e, &sim->effects, &a, &b, h);
     }
   }
@@ -418,24 +380,12 @@ static void settle(tse_sim *sim, const car *c)
   for (int i = 0; i < 4; i++) sim->x[5 + i] = sim->effects.lag[i];
 }
 
-/* Specific force at the centre of gravity, and what accelerometers and gyro make of it. */
-static void observe(tse_sim *sim, stiffness k, tse_real dt, accels *a, tse_real clean[3])
+/* What the sensors read, without noise and bias. */
+static reading observe(tse_sim *sim, const car *c, point *pt, tse_real dt)
 {
-  const car c = car_of(sim, k);
-  if (sim->params.effects.mask) {
-    point pt;
-    if (!sim->effects.settled) settle(sim, &c);
-    effects_now(&c, sim->x, sim->steer, TSE_R(0), &pt);
-    effects_sense(&sim->params.effects, &sim->effects, &pt, dt, clean);
-    *a = pt.force;
-    return;
-  }
-  const inputs in = inputs_of(&c, sim->x, sim->last.steer_angle);
-  const slips s = vehicle_slips(&sim->params, sim->x[0], sim->x[1], sim->x[2], in);
-  *a = vehicle_accels(&sim->params, gripping(sim, k, s), s, in.steer);
-  clean[0] = a->x;
-  clean[1] = a->y;
-  clean[2] = sim->x[2];
+  if (!sim->effects.settled) settle(sim, c);
+  *pt = point_at(c, sim->x, sim->steer, TSE_R(0));
+  return effects_sense(pt, &sim->effects, dt);
 }
 
 static void log_next(tse_sim *sim, const tse_sim_input *u, tse_sim_output *y)
@@ -445,16 +395,15 @@ static void log_next(tse_sim *sim, const tse_sim_input *u, tse_sim_output *y)
 
   tse_real mean[3], n[6];
   draw_stiffness(sim, u->road_level, mean, sim->drawn);
-  const stiffness k = stiffness_now(sim, u->road_level);
-  accels a;
-  tse_real clean[3];
-  observe(sim, k, u->dt, &a, clean);
+  const car c = car_of(sim, stiffness_now(sim, u->road_level));
+  point pt;
+  const reading clean = observe(sim, &c, &pt, u->dt);
 
   for (uint32_t i = 0; i < 3; i++) two_normals(sim, RANDOM_SIM_NOISE_A + i, &n[2 * i], &n[2 * i + 1]);
   const tse_real noise = r_from_setting(sim->config.noise);
   const tse_real wheel_sd = r_from_setting(sim->config.wheel_speed_sd);
   tse_real measured[3];
-  for (int i = 0; i < 3; i++) measured[i] = clean[i] + sim->bias[i] + r_mul(r_mul(noise, sim->params.sd[i]), n[i]);
+  for (int i = 0; i < 3; i++) measured[i] = clean.y[i] + sim->bias[i] + r_mul(r_mul(noise, sim->params.sd[i]), n[i]);
 
   memset(y, 0, sizeof *y);
   y->row.dt = sim->step > 0 ? u->dt : TSE_R(0);
@@ -467,8 +416,8 @@ static void log_next(tse_sim *sim, const tse_sim_input *u, tse_sim_output *y)
   y->vel_x = sim->x[0];
   y->vel_y = sim->x[1];
   y->yaw_rate = sim->x[2];
-  y->accel_x = a.x;
-  y->accel_y = a.y;
+  y->accel_x = pt.force.x;
+  y->accel_y = pt.force.y;
   y->wheel_speed_front = sim->x[3];
   y->wheel_speed_rear = sim->x[4];
   for (int i = 0; i < 3; i++) {

@@ -44,12 +44,12 @@ static inline int sound_memory(const tse_effect_memory *m)
 {
   int fine = sound_flags(&m->settled, 1);
 #if !defined(TSE_NO_EFFECTS)
-  const tse_real *const one[] = { &m->time, &m->heading, &m->steer_in, &m->steer_half, &m->steer_out, &m->steer_lost };
   fine = fine && sound_flags(&m->steered, 1) && sound_delay(&m->steer) && sound_delay(&m->imu);
   fine = fine && sound_reals(m->lag, 4, -MOST_REAL, MOST_REAL) && sound_reals(m->mode[0], 6, -MOST_SQUARE, MOST_SQUARE);
   fine = fine && sound_reals(m->steer_was[0], TSE_DELAY_ROWS, -MOST_REAL, MOST_REAL);
   fine = fine && sound_reals(m->imu_was[0], 3 * TSE_DELAY_ROWS, -MOST_SQUARE, MOST_SQUARE);
-  for (int i = 0; i < (int)(sizeof one / sizeof one[0]); i++) fine = fine && sound_reals(one[i], 1, -MOST_REAL, MOST_REAL);
+  fine = fine && sound_reals(&m->time, 1, -MOST_REAL, MOST_REAL) && sound_reals(&m->heading, 1, -MOST_REAL, MOST_REAL);
+  fine = fine && sound_reals(m->steered_by, 3, -MOST_REAL, MOST_REAL);
   fine = fine && sound_delay(&m->formula_late) && sound_reals(m->formula_was[0], TSE_DELAY_ROWS, -MOST_REAL, MOST_REAL);
   fine = fine && sound_reals(m->formula[0], 3 * TSE_FORMULA_MEMORIES, -MOST_REAL, MOST_REAL) &&
          sound_reals(m->formula_accel, 2, -MOST_REAL, MOST_REAL);

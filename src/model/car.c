@@ -1,9 +1,7 @@
 /* model/car.c - forces, motion and sensors of the car, and their slopes. Equations: car.h. */
 #include "model/car.h"
 
-#define SLOW TSE_R(1.0)       /* m/s: below, slip angles are taken over this speed */
 #define LONGEST TSE_R(0.0055) /* s: a substep; the front axle's slip angle turns by 0.1 of its own frequency in it */
-#define LOG2_E_ TSE_R(1.4426950408889634)
 #define GIVE TSE_R(0.005) /* 1: rolling radius that a tyre loses by its static load: 8 % of 20 mm of deflection, over 0.32 m */
 
 /* One direction of a tyre: force, and its slopes over slip (or slip angle), the logarithms of stiffness and grip. */
@@ -11,40 +9,11 @@ typedef struct tyre {
   tse_real f, by_slip, by_k, by_mu;
 } tyre;
 
-static tse_real exponential(tse_real x) { return r_exp2(r_mul(LOG2_E_, x)); }
-
-static void sin_cos(tse_real angle, tse_real *s, tse_real *c)
-{
-  const tse_real turns = r_mul(angle, TSE_R(0.15915494309189535));
-  r_sincos_turn(turns - r_from_int(r_floor_to_int(turns)), s, c);
-}
-
-/* Secant of the brush curve at q, mixed with that of 1/sqrt(1 + q^2) by `shape`; *slope: q times its derivative. */
-static tse_real secant(tse_real q, tse_real shape, tse_real *slope)
-{
-  const tse_real z = r_mul(TSE_R(1.0 / 3), q);
-  tse_real c, cq;
-  if (z < TSE_R(1)) {
-    c = TSE_R(1) - z + r_mul(TSE_R(1.0 / 3), r_mul(z, z));
-    cq = r_mul(z, r_mul(TSE_R(2.0 / 3), z) - TSE_R(1));
-  } else {
-    c = r_div(TSE_R(1), q);
-    cq = -c;
-  }
-  if (shape > TSE_R(0)) {
-    const tse_real over = r_div(TSE_R(1), TSE_R(1) + r_mul(q, q)), root = r_sqrt(over);
-    c += r_mul(shape, root - c);
-    cq += r_mul(shape, -r_mul(r_mul(q, q), r_mul(root, over)) - cq);
-  }
-  *slope = cq;
-  return c;
-}
-
 static tyre tyre_of(tse_real k, tse_real limit, tse_real slip, tse_real shape)
 {
   const tse_real linear = r_mul(k, slip);
   tse_real slope;
-  const tse_real c = secant(r_div(r_abs(linear), limit), shape, &slope);
+  const tse_real c = tyre_secant(r_div(r_abs(linear), limit), shape, &slope);
   const tyre t = { r_mul(linear, c), r_mul(k, c + slope), r_mul(linear, c + slope), -r_mul(linear, slope) };
   return t;
 }
@@ -52,18 +21,17 @@ static tyre tyre_of(tse_real k, tse_real limit, tse_real slip, tse_real shape)
 void car_forces(const tse_car *c, const tse_real x[STATES], steering u, tse_real share, forces *f)
 {
   const tse_real cx = exponential(x[LCX]), mu = r_mul(c->grip, exponential(x[LMU]));
-  const tse_real front = r_mul(c->ky_front, exponential(x[LCF])), rear = r_mul(c->ky_rear, exponential(x[LCR]));
   /* load goes to the rear with the acceleration: slip stiffness and grip with it in proportion, cornering stiffness less */
-  const tse_real drive = r_clamp(r_mul(cx, r_mul(c->kx_front, x[SF]) + r_mul(c->kx_rear, x[SR])), TSE_R(-10), TSE_R(10));
-  const tse_real across = r_clamp(r_mul(front, x[AF]) + r_mul(rear, x[AR]), TSE_R(-10), TSE_R(10)), square = r_mul(across, across);
-  const tse_real to_front = TSE_R(1) - r_mul(c->load_gain, drive), to_rear = TSE_R(1) + r_mul(c->load_gain, drive);
-  const tse_real side_front = r_max(TSE_R(1) - r_mul(c->side_front, square), TSE_R(0.2)), side_rear = r_max(TSE_R(1) - r_mul(c->side_rear, square), TSE_R(0.2));
+  const tse_real drive = tyre_pull(r_mul(cx, r_mul(c->kx_front, x[SF]) + r_mul(c->kx_rear, x[SR]))), shift = r_mul(c->load_gain, drive);
+  const tse_real front = r_mul(r_mul(c->ky_front, exponential(x[LCF])), TSE_R(1) - shift);
+  const tse_real rear = r_mul(r_mul(c->ky_rear, exponential(x[LCR])), TSE_R(1) + shift);
+  const tse_real square = lateral_square(r_mul(TSE_R(0.5), c->side_front + c->side_rear), tyre_pull(r_mul(front, x[AF]) + r_mul(rear, x[AR])));
   const tse_real load_front = TSE_R(1) - r_mul(c->height_front, drive), load_rear = TSE_R(1) + r_mul(c->height_rear, drive);
   const tse_real most_front = r_mul(r_mul(mu, c->load_front), load_front), most_rear = r_mul(r_mul(mu, c->load_rear), load_rear);
   const tyre xf = tyre_of(r_mul(r_mul(cx, c->kx_front), load_front), most_front, x[SF], c->shape);
   const tyre xr = tyre_of(r_mul(r_mul(cx, c->kx_rear), load_rear), most_rear, x[SR], c->shape);
-  const tyre yf = tyre_of(r_mul(r_mul(front, to_front), side_front), most_front, x[AF], c->shape);
-  const tyre yr = tyre_of(r_mul(r_mul(rear, to_rear), side_rear), most_rear, x[AR], c->shape);
+  const tyre yf = tyre_of(r_mul(front, side_left(c->side_front, square)), most_front, x[AF], c->shape);
+  const tyre yr = tyre_of(r_mul(rear, side_left(c->side_rear, square)), most_rear, x[AR], c->shape);
   tse_real s, k;
   f->steer = u.from + r_mul(share, u.to - u.from);
   f->rate = r_div(u.to - u.from, u.dt);
@@ -73,8 +41,7 @@ void car_forces(const tse_car *c, const tse_real x[STATES], steering u, tse_real
   f->cos_d = k;
   f->side = yf.f;
   const tse_real ax = r_mul(xf.f, k) - r_mul(yf.f, s), ay = r_mul(yf.f, k) + r_mul(xf.f, s);
-  const tse_real drag = r_mul(c->drag, r_abs(x[VX]));
-  f->x = ax + xr.f - r_mul(drag, x[VX]) - c->rolling;
+  f->x = ax + xr.f - drag_of(c->drag, x[VX]) - rolling_of(c->rolling, x[VX]);
   f->y = ay + yr.f + c->pull_front + c->pull_rear;
   f->yaw = r_mul(c->jf, ay + c->pull_front) - r_mul(c->jr, yr.f + c->pull_rear) - r_mul(c->trail, yf.f + yr.f);
   for (int j = 0; j < COLUMNS; j++) f->by_x[j] = f->by_y[j] = f->by_yaw[j] = TSE_R(0);
@@ -91,7 +58,7 @@ void car_forces(const tse_car *c, const tse_real x[STATES], steering u, tse_real
     f->by_y[by[i].at] = y + by[i].rear_y;
     f->by_yaw[by[i].at] = r_mul(c->jf, y) - r_mul(c->trail, by[i].y) - r_mul(c->jr + c->trail, by[i].rear_y);
   }
-  f->by_x[VX] = -r_mul(TSE_R(2), drag);
+  f->by_x[VX] = -r_mul(TSE_R(2), r_mul(c->drag, r_abs(x[VX])));
   const tse_real by_d[3] = { TSE_R(1), f->steer - r_mul(x[LATE], f->rate), -r_mul(TSE_R(1) + x[GAIN], f->rate) };
   for (int i = 0; i < 3; i++) { /* forces turn with the wheels */
     f->by_x[OFF + i] = -r_mul(by_d[i], ay);
@@ -108,14 +75,19 @@ typedef struct kinematic {
   tse_real a, by_side, by_v;
 } kinematic;
 
-static kinematic slip_angle(tse_real side, tse_real vx)
+static kinematic kinematic_of(tse_real side, tse_real vx)
 {
-  const tse_real v = r_max(vx, SLOW), over = r_div(TSE_R(1), r_mul(v, v) + r_mul(side, side));
+  const tse_real v = rolling_speed(vx), over = r_div(TSE_R(1), r_mul(v, v) + r_mul(side, side));
   kinematic k;
-  k.a = -r_atan2(side, v);
+  k.a = slip_angle(side, vx);
   k.by_side = -r_mul(v, over);
-  k.by_v = vx > SLOW ? r_mul(side, over) : TSE_R(0);
+  k.by_v = vx > LOW_SPEED ? r_mul(side, over) : TSE_R(0);
   return k;
+}
+
+static tse_real roll_swing(const tse_car *c, const tse_real x[STATES], tse_real ay)
+{
+  return mode_swing(x[PHI], x[DPHI], c->roll_rate, c->roll_damping, r_mul(c->roll_gain, ay));
 }
 
 /* One substep of h, symplectic: velocities first, then slip angles and roll with them: stable without damping. */
@@ -127,13 +99,13 @@ static void substep(const tse_car *c, tse_real x[STATES], steering u, tse_real m
   tse_real *const mx = M[VX], *const my = M[VY], *const mr = M[YAW], *const mf = M[AF], *const mb = M[AR], *const mp = M[PHI], *const mq = M[DPHI];
   const tse_real w2 = r_mul(c->roll_rate, c->roll_rate), drag = r_mul(TSE_R(2), r_mul(c->roll_damping, c->roll_rate));
   x[VX] = vx + r_mul(h, f.x + r_mul(vy, r) - x[GX]);
-  const tse_real swing = r_mul(w2, r_mul(c->roll_gain, f.y) - x[PHI]) - r_mul(drag, x[DPHI]), stays_level = TSE_R(1) - x[LEAN];
+  const tse_real swing = roll_swing(c, x, f.y), stays_level = TSE_R(1) - x[LEAN];
   x[VY] = vy + r_mul(h, f.y - r_mul(stays_level, r_mul(vx, r)) + x[GY] + r_mul(c->roll_coupling, swing));
   x[YAW] = r + r_mul(h, f.yaw);
   x[DPHI] += r_mul(h, swing);
   x[PHI] += r_mul(h, x[DPHI]);
-  const tse_real v = r_max(x[VX], SLOW), turn = r_div(r_mul(h, v), c->relaxation), stays = exponential(-turn), g = TSE_R(1) - stays;
-  const kinematic kf = slip_angle(x[VY] + r_mul(c->lf, x[YAW]), x[VX]), kr = slip_angle(x[VY] - r_mul(c->lr, x[YAW]), x[VX]);
+  const tse_real v = rolling_speed(x[VX]), turn = r_div(r_mul(h, v), c->relaxation), stays = exponential(-turn), g = TSE_R(1) - stays;
+  const kinematic kf = kinematic_of(x[VY] + r_mul(c->lf, x[YAW]), x[VX]), kr = kinematic_of(x[VY] - r_mul(c->lr, x[YAW]), x[VX]);
   const tse_real steer = u.from + r_mul(end, u.to - u.from) - r_mul(x[LATE], f.rate);
   const tse_real d = r_mul(TSE_R(1) + x[GAIN], steer) + x[OFF] - r_mul(c->compliance, f.side);
   const tse_real to_front = d + kf.a - x[AF], to_rear = kr.a + r_mul(c->roll_steer, x[PHI]) - x[AR];
@@ -191,7 +163,7 @@ void car_rates(const tse_car *c, const tse_real x[STATES], const forces *f, tse_
 {
   const tse_real vx = x[VX], vy = x[VY], r = x[YAW], level = TSE_R(1) - x[LEAN];
   const tse_real w2 = r_mul(c->roll_rate, c->roll_rate), drag = r_mul(TSE_R(2), r_mul(c->roll_damping, c->roll_rate));
-  const tse_real swing = r_mul(w2, r_mul(c->roll_gain, f->y) - x[PHI]) - r_mul(drag, x[DPHI]);
+  const tse_real swing = roll_swing(c, x, f->y);
   const tse_real own = TSE_R(1) + r_mul(c->roll_coupling, r_mul(w2, c->roll_gain)); /* slope over f->y */
   rate[0] = f->x + r_mul(vy, r) - x[GX];
   rate[1] = f->y - r_mul(level, r_mul(vx, r)) + x[GY] + r_mul(c->roll_coupling, swing);
@@ -212,13 +184,10 @@ void car_rates(const tse_car *c, const tse_real x[STATES], const forces *f, tse_
   by[1][DPHI] -= r_mul(c->roll_coupling, drag);
 }
 
-void car_pitch(const tse_car *c, tse_real pitch[2], tse_real ax, tse_real dt)
-{ /* trapezoidal rule: stable whatever dt */
-  const tse_real wh = r_mul(TSE_R(6.283185307179586), r_mul(c->pitch_frequency, dt));
-  const tse_real drag = r_mul(c->pitch_damping, wh), spring = r_mul(TSE_R(0.25), r_mul(wh, wh)), v = pitch[1];
-  const tse_real push = r_div(r_mul(r_mul(wh, wh), ax - pitch[0]), dt);
-  pitch[1] = r_div(r_mul(v, TSE_R(1) - drag - spring) + push, TSE_R(1) + drag + spring);
-  pitch[0] += r_mul(r_mul(TSE_R(0.5), dt), v + pitch[1]);
+tse_real car_pitch(const tse_car *c, tse_real pitch[2], tse_real ax, tse_real dt)
+{
+  mode_step(pitch, c->pitch_frequency, c->pitch_damping, ax, ax, dt);
+  return pitch_read(c, pitch, ax);
 }
 
 void car_measure(const tse_car *c, const tse_real x[STATES], const forces *f, tse_real pitch, tse_real z[TSE_SENSORS], tse_real H[TSE_SENSORS][COLUMNS])
@@ -226,15 +195,16 @@ void car_measure(const tse_car *c, const tse_real x[STATES], const forces *f, ts
   const tse_real r = x[YAW], cm = c->mount_cos, sm = c->mount_sin, lx = c->lever_x, ly = c->lever_y;
   const tse_real w2 = r_mul(c->roll_rate, c->roll_rate), drag = r_mul(TSE_R(2), r_mul(c->roll_damping, c->roll_rate));
   /* at the place of the IMU, in the axes of the car; gravity leaks in as body rolls and pitches, and an IMU above the roll axis swings */
-  const tse_real here_x = f->x - r_mul(lx, r_mul(r, r)) - r_mul(ly, f->yaw) + r_mul(c->pitch_leak, pitch);
-  const tse_real swing = r_mul(w2, r_mul(c->roll_gain, f->y) - x[PHI]) - r_mul(drag, x[DPHI]);
-  const tse_real here_y = f->y + r_mul(lx, f->yaw) - r_mul(ly, r_mul(r, r)) + r_mul(c->roll_leak, x[PHI]) - r_mul(c->roll_height, swing);
+  const planar there = force_at(f->x, f->y, lx, ly, r, f->yaw);
+  const tse_real here_x = there.x + pitch;
+  const tse_real here_y = there.y + r_mul(c->roll_leak, x[PHI]) - r_mul(c->roll_height, roll_swing(c, x, f->y));
+  const planar read = turn_axes(here_x, here_y, sm, cm);
   const tse_real own_y = TSE_R(1) - r_mul(c->roll_height, r_mul(w2, c->roll_gain)), own_x = TSE_R(1) + c->pitch_leak;
-  const tse_real side = x[VY] + r_mul(c->lf, r), along = r_mul(x[VX], f->cos_d) + r_mul(side, f->sin_d);
-  const tse_real turned = r_mul(side, f->cos_d) - r_mul(x[VX], f->sin_d); /* slope of `along` over d */
+  const planar wheel = turn_axes(x[VX], x[VY] + r_mul(c->lf, r), f->sin_d, f->cos_d); /* across: slope of what is along over d */
+  const tse_real along = wheel.x;
   const tse_real rolls = TSE_R(1) + x[RAD];
-  z[0] = r_mul(c->scale_x, r_mul(here_x, cm) + r_mul(here_y, sm)) + x[BX];
-  z[1] = r_mul(c->scale_y, r_mul(here_y, cm) - r_mul(here_x, sm)) + x[BY];
+  z[0] = r_mul(c->scale_x, read.x) + x[BX];
+  z[1] = r_mul(c->scale_y, read.y) + x[BY];
   z[2] = r_mul(c->scale_r, r) + x[BR];
   /* load that goes to the rear takes rolling radius there and gives it in front: the free axle lies about the speed, the driven one about its slip */
   const tse_real give_front = r_mul(GIVE, c->height_front), give_rear = r_mul(GIVE, c->height_rear);
@@ -248,13 +218,14 @@ void car_measure(const tse_car *c, const tse_real x[STATES], const forces *f, ts
       hy -= r_mul(TSE_R(2), r_mul(ly, r));
     } else if (j == PHI) hy += c->roll_leak + r_mul(c->roll_height, w2);
     else if (j == DPHI) hy += r_mul(c->roll_height, drag);
-    H[0][j] = r_mul(c->scale_x, r_mul(hx, cm) + r_mul(hy, sm));
-    H[1][j] = r_mul(c->scale_y, r_mul(hy, cm) - r_mul(hx, sm));
+    const planar h = turn_axes(hx, hy, sm, cm);
+    H[0][j] = r_mul(c->scale_x, h.x);
+    H[1][j] = r_mul(c->scale_y, h.y);
     H[2][j] = TSE_R(0);
     H[3][j] = -r_mul(r_mul(along, give_front), f->by_x[j]);
     H[4][j] = r_mul(r_mul(x[VX], give_rear), f->by_x[j]);
   }
-  const tse_real forward = r_mul(TSE_R(1) + x[SF], rolls), sideways = r_mul(forward, f->sin_d), by_d = r_mul(forward, turned);
+  const tse_real forward = r_mul(TSE_R(1) + x[SF], rolls), sideways = r_mul(forward, f->sin_d), by_d = r_mul(forward, wheel.y);
   H[0][BX] = H[1][BY] = H[2][BR] = TSE_R(1);
   H[2][YAW] = c->scale_r;
   H[3][VX] += r_mul(forward, f->cos_d);

@@ -18,15 +18,13 @@
 #define TSE_CAR_H
 
 #include "tse/filter_state.h"
-#include "number/real_ops.h"
+#include "model/laws.h"
 
 #define car_forces  TSE_NAME(tse_car_forces)
 #define car_move    TSE_NAME(tse_car_move)
 #define car_rates   TSE_NAME(tse_car_rates)
 #define car_pitch   TSE_NAME(tse_car_pitch)
 #define car_measure TSE_NAME(tse_car_measure)
-
-#define GRAVITY_OF_CAR TSE_R(9.81) /* m/s2 */
 
 /* The state x. Motion comes first: its rows are the only ones of the transition that are not diagonal. */
 enum {
@@ -68,10 +66,11 @@ void car_move(const tse_car *c, tse_real x[STATES], steering u, tse_real M[MOTIO
  *   Returned:  rate[3]  [m/s2] [m/s2] [rad/s2]     by[3][COLUMNS]  their slopes */
 void car_rates(const tse_car *c, const tse_real x[STATES], const forces *f, tse_real rate[3], tse_real by[3][COLUMNS]);
 
-/* The body's pitch, as the acceleration that it follows: pitch[0], and its rate.   Updated: pitch  from the row before to a_x = ax, dt later */
-void car_pitch(const tse_car *c, tse_real pitch[2], tse_real ax, tse_real dt);
+/* The body's pitch, as the acceleration that it follows: pitch[0], and its rate.
+ *   Updated:  pitch  from the row before to a_x = ax, dt later      Returned: [m/s2] what accel_x reads of it */
+tse_real car_pitch(const tse_car *c, tse_real pitch[2], tse_real ax, tse_real dt);
 
-/* What the sensors read at x. f: car_forces() there, at the end of the row.
+/* What the sensors read at x. f: car_forces() there, at the end of the row. pitch: from car_pitch(), or 0.
  *   Returned:  z[TSE_SENSORS]  accel_x, accel_y [m/s2], yaw_rate [rad/s], wheel speeds front, rear times radius [m/s]
  *              H[TSE_SENSORS][COLUMNS]  their slopes */
 void car_measure(const tse_car *c, const tse_real x[STATES], const forces *f, tse_real pitch, tse_real z[TSE_SENSORS], tse_real H[TSE_SENSORS][COLUMNS]);

@@ -8,9 +8,7 @@
 
 #include "model/vehicle.h"
 
-#define GRAVITY TSE_R(9.81) /* m/s2 */
-
-enum { HOOK_CONSTANT, HOOK_INPUT, HOOK_SLIP, HOOK_LAG, HOOK_STIFFNESS, HOOK_BODY, HOOK_SENSOR };
+enum { HOOK_CONSTANT, HOOK_INPUT, HOOK_SLIP, HOOK_LAG, HOOK_STIFFNESS, HOOK_GRIP, HOOK_BODY, HOOK_SENSOR };
 
 /* Bits of the effects with this hook; the compiler folds it. */
 static inline uint64_t effects_with(int hook)
@@ -35,6 +33,8 @@ typedef struct given {
 
 /* One point: what is given, what the effects make of it, what the car then does. Forces are over mass. */
 typedef struct point {
+  const tse_params *p;                 /* the car                                                                      */
+  const tse_effect_memory *m;          /* what its effects remember                                                    */
   tse_real vx, vy, r;                  /* [m/s] [m/s] [rad/s]                                                          */
   inputs u;                            /* steering angle after the INPUT effects                                       */
   tse_real ahead;                      /* [s] how far this point lies after the time of the memory                     */
@@ -49,31 +49,12 @@ typedef struct point {
   tse_real gravity_x, gravity_y;       /* [m/s2] accelerates the car, no sensor                                        */
 } point;
 
-/* Sine and cosine of an angle in rad; error below 1e-13 (float: 4e-7) up to 100 rad. */
-static inline void effects_sincos(tse_real angle, tse_real *s, tse_real *c)
-{
-  const tse_real turns = r_mul(angle, TSE_R(0.15915494309189535));
-  r_sincos_turn(turns - r_from_int(r_floor_to_int(turns)), s, c);
-}
-
-/* Second-order mode of a(t), linear from a0 to a1 in h:  x'' = w^2 (a - x) - 2 d w x', w = 2 pi f, by the trapezoidal rule,
- * which is stable whatever f h. Updated: x[0] = x, x[1] = x'. */
-static inline void effects_mode(tse_real x[2], tse_real frequency, tse_real damping, tse_real a0, tse_real a1, tse_real h)
-{
-  const tse_real wh = r_mul(TSE_R(6.283185307179586), r_mul(frequency, h));
-  const tse_real drag = r_mul(damping, wh), spring = r_mul(TSE_R(0.25), r_mul(wh, wh));
-  const tse_real v = x[1];
-  const tse_real push = r_div(r_mul(r_mul(wh, wh), r_mul(TSE_R(0.5), a0 + a1) - x[0]), h);
-  x[1] = r_div(r_mul(v, TSE_R(1) - drag - spring) + push, TSE_R(1) + drag + spring);
-  x[0] += r_mul(r_mul(TSE_R(0.5), h), v + x[1]);
-}
-
-/* x'' of that mode, at a. */
-static inline tse_real effects_mode_swing(const tse_real x[2], tse_real frequency, tse_real damping, tse_real a)
-{
-  const tse_real w = r_mul(TSE_R(6.283185307179586), frequency);
-  return r_mul(w, r_mul(w, a - x[0]) - r_mul(r_mul(TSE_R(2), damping), x[1]));
-}
+/* What accelerometers and gyro read at a point, dt after the last row. */
+typedef struct reading {
+  const point *pt;
+  tse_effect_memory *m;                /* that of the point: a delay keeps what was read */
+  tse_real dt, y[3];                   /* [s] accel_x, accel_y [m/s2], yaw_rate [rad/s]  */
+} reading;
 
 /* Newest sample in. A sample that follows its predecessor closer than 1/9 of the delay takes its place, so that
  * TSE_DELAY_ROWS samples always reach further back than the delay. */
@@ -122,6 +103,7 @@ static inline tse_real effects_steer(const tse_effects *e, tse_effect_memory *m,
 #define CALL_SLIP(id)
 #define CALL_LAG(id)
 #define CALL_STIFFNESS(id)
+#define CALL_GRIP(id)
 #define CALL_BODY(id)
 #define CALL_SENSOR(id)
 #define EFFECT(id, hook, title, entry, channels, alike, estimator) CALL_##hook(id)
@@ -134,21 +116,20 @@ static inline tse_real effects_steer(const tse_effects *e, tse_effect_memory *m,
 
 /* SLIP, LAG: from state and inputs to what the tyres' forces are proportional to.
  *   Given:  lag  the four states of LAG at this point       Updated:  pt->s, target, sin_steer, cos_steer */
-static inline void effects_slips(const tse_params *p, const tse_effect_memory *m, const tse_real lag[4], point *pt)
+static inline void effects_slips(const tse_real lag[4], point *pt)
 {
-  const tse_effects *const e = &p->effects;
-  pt->s = vehicle_slips(p, pt->vx, pt->vy, pt->r, pt->u);
+  const tse_effects *const e = &pt->p->effects;
+  pt->s = vehicle_slips(pt->p, pt->vx, pt->vy, pt->r, pt->u);
   pt->sin_steer = pt->u.steer;
   pt->cos_steer = TSE_R(1);
   if (!e->mask) return;
-  (void)m;
 #undef CALL_SLIP
-#define CALL_SLIP(id) CALL_IF_ON(id, id##_slip(p, m, pt))
+#define CALL_SLIP(id) CALL_IF_ON(id, id##_slip(pt))
 #define EFFECT(id, hook, title, entry, channels, alike, estimator) CALL_##hook(id)
 #include "tse/effects.def"
 #undef CALL_SLIP
 #define CALL_SLIP(id)
-  if (formula_is_on(e)) formula_slip(e, m, pt);
+  if (formula_is_on(e)) formula_slip(pt);
   pt->s.a_front += pt->g.slip_front;
   pt->s.a_rear += pt->g.slip_rear;
   pt->target[0] = pt->s.a_front;
@@ -163,23 +144,30 @@ static inline void effects_slips(const tse_params *p, const tse_effect_memory *m
 #define CALL_LAG(id)
 }
 
-/* STIFFNESS: the secant stiffness at these slips.   Updated: pt->k */
-static inline void effects_stiffness(const tse_params *p, const tse_effect_memory *m, point *pt)
+/* STIFFNESS, GRIP: the secant stiffness at these slips.   Updated: pt->k */
+static inline void effects_stiffness(point *pt)
 {
-  const tse_effects *const e = &p->effects;
-  if (!(e->mask & (effects_with(HOOK_STIFFNESS) | (uint64_t)1 << TSE_BIT_FORMULA))) return;
+  const tse_effects *const e = &pt->p->effects;
+  if (!(e->mask & (effects_with(HOOK_STIFFNESS) | effects_with(HOOK_GRIP) | (uint64_t)1 << TSE_BIT_FORMULA))) return;
 #undef CALL_STIFFNESS
-#define CALL_STIFFNESS(id) CALL_IF_ON(id, id##_stiffness(p, m, pt))
+#define CALL_STIFFNESS(id) CALL_IF_ON(id, id##_stiffness(pt))
 #define EFFECT(id, hook, title, entry, channels, alike, estimator) CALL_##hook(id)
 #include "tse/effects.def"
 #undef CALL_STIFFNESS
 #define CALL_STIFFNESS(id)
-  if (formula_is_on(e)) formula_stiffness(e, m, pt);
+#undef CALL_GRIP
+#define CALL_GRIP(id) CALL_IF_ON(id, id##_grip(pt))
+#define EFFECT(id, hook, title, entry, channels, alike, estimator) CALL_##hook(id)
+#include "tse/effects.def"
+#undef CALL_GRIP
+#define CALL_GRIP(id)
+  if (formula_is_on(e)) formula_stiffness(pt);
 }
 
 /* BODY: (1) with what acts besides.   Updated: forces, pt->force, gravity */
-static inline void effects_forces(const tse_params *p, const tse_effect_memory *m, point *pt)
+static inline void effects_forces(point *pt)
 {
+  const tse_params *const p = pt->p;
   const tse_effects *const e = &p->effects;
   pt->gravity_x = pt->gravity_y = TSE_R(0);
   pt->fx_front = r_mul(pt->k.x_front, pt->s.s_front);
@@ -195,13 +183,13 @@ static inline void effects_forces(const tse_params *p, const tse_effect_memory *
   pt->force.y = side + pt->fy_rear + pt->g.y;
   pt->force.yaw = r_mul(p->jf, side) - r_mul(p->jr, pt->fy_rear) + pt->g.yaw;
 #undef CALL_BODY
-#define CALL_BODY(id) CALL_IF_ON(id, id##_body(p, m, pt))
+#define CALL_BODY(id) CALL_IF_ON(id, id##_body(pt))
 #define EFFECT(id, hook, title, entry, channels, alike, estimator) CALL_##hook(id)
 #include "tse/effects.def"
 #undef CALL_BODY
 #define CALL_BODY(id)
-  if (effect_is_on(e, TSE_EFFECT_body_roll)) body_roll_body(p, m, pt); /* acts here, too */
-  if (formula_is_on(e)) formula_body(e, m, pt);
+  if (effect_is_on(e, TSE_EFFECT_body_roll)) body_roll_body(pt); /* acts here, too */
+  if (formula_is_on(e)) formula_body(pt);
 }
 
 /* What effects with memory take from the step of h seconds that led from point a to point b. */
@@ -213,31 +201,32 @@ static inline void effects_remember(const tse_effects *e, tse_effect_memory *m, 
   if (effect_is_on(e, TSE_EFFECT_body_roll)) body_roll_remember(e, m, a, b, h);
   if (effect_is_on(e, TSE_EFFECT_pitch_leak)) pitch_leak_remember(e, m, a, b, h);
   if (effect_is_on(e, TSE_EFFECT_rear_roll_steer)) rear_roll_steer_remember(e, m, a, b, h);
-  if (formula_is_on(e)) formula_remember(e, m, b, 0);
+  if (formula_is_on(e)) formula_remember(m, b, 0);
 }
 
-/* SENSOR: what accelerometers and gyro read at this point, which is that of the memory. Once a row, dt since the last one.
- *   Returned:  y  accel_x, accel_y [m/s2], yaw_rate [rad/s], without noise and bias */
-static inline void effects_sense(const tse_effects *e, tse_effect_memory *m, const point *pt, tse_real dt, tse_real y[3])
+/* SENSOR: what accelerometers and gyro read at a point of the memory m, without noise and bias. Once a row, dt since the last one. */
+static inline reading effects_sense(const point *pt, tse_effect_memory *m, tse_real dt)
 {
-  y[0] = pt->force.x;
-  y[1] = pt->force.y;
-  y[2] = pt->r;
-  if (!(e->mask & (effects_with(HOOK_SENSOR) | (uint64_t)1 << TSE_BIT_FORMULA))) return;
+  const tse_effects *const e = &pt->p->effects;
+  reading now = { pt, m, dt, { pt->force.x, pt->force.y, pt->r } }, *const z = &now;
+  if (!(e->mask & (effects_with(HOOK_SENSOR) | (uint64_t)1 << TSE_BIT_FORMULA))) return now;
 #undef CALL_SENSOR
-#define CALL_SENSOR(id) CALL_IF_ON(id, id##_sensor(e, m, pt, dt, y))
+#define CALL_SENSOR(id) CALL_IF_ON(id, id##_sensor(z))
 #define EFFECT(id, hook, title, entry, channels, alike, estimator) CALL_##hook(id)
 #include "tse/effects.def"
-  if (formula_is_on(e)) formula_sensor(e, m, pt, y);
+  if (formula_is_on(e)) formula_sensor(pt, z->y);
+  return now;
 }
 
 /* All of a point but the sensors, with the stiffness k of no effects. */
 static inline void effects_at(const tse_params *p, const tse_effect_memory *m, const tse_real lag[4], stiffness k, point *pt)
 {
+  pt->p = p;
+  pt->m = m;
   pt->k = k;
-  effects_slips(p, m, lag, pt);
-  effects_stiffness(p, m, pt);
-  effects_forces(p, m, pt);
+  effects_slips(lag, pt);
+  effects_stiffness(pt);
+  effects_forces(pt);
 }
 
 #define MOST_RATE TSE_R(1e6) /* 1/s: a length of micrometres is none, and no infinite number */
@@ -275,6 +264,7 @@ void effects_advance(const tse_params *p, tse_effect_memory *m, stiffness k, inp
 #undef CALL_SLIP
 #undef CALL_LAG
 #undef CALL_STIFFNESS
+#undef CALL_GRIP
 #undef CALL_BODY
 #undef CALL_SENSOR
 

@@ -20,8 +20,6 @@ enum { /* FORMULA_OP_<name> */
 };
 
 typedef struct formula_run {
-  const tse_effects *e;
-  const tse_effect_memory *m;
   const point *pt;
   tse_effect_memory *next; /* NULL, or the memory, where what is remembered at this point goes    */
   int rest;                /* 1: everything has been as it is at this point for a long time       */
@@ -35,20 +33,20 @@ static inline tse_real formula_kept(tse_real x) { return x > -FORMULA_MOST && x 
 static inline tse_real formula_clamp(tse_real x, tse_real lo, tse_real hi) { return x < lo ? lo : x > hi ? hi : x; }
 
 /* ---- numbers and signals */
-static inline tse_real formula_number(formula_run *f, int slot) { return f->e->formula[slot]; }
+static inline tse_real formula_number(formula_run *f, int slot) { return f->pt->p->effects.formula[slot]; }
 static inline tse_real formula_one(formula_run *f) { (void)f; return TSE_R(1); }
 static inline tse_real formula_two(formula_run *f) { (void)f; return TSE_R(2); }
 static inline tse_real formula_steer_angle(formula_run *f) { return f->pt->u.steer; }
 static inline tse_real formula_vel_x(formula_run *f) { return f->pt->vx; }
 static inline tse_real formula_vel_y(formula_run *f) { return f->pt->vy; }
 static inline tse_real formula_yaw_rate(formula_run *f) { return f->pt->r; }
-static inline tse_real formula_accel_x(formula_run *f) { return f->m->formula_accel[0]; }
-static inline tse_real formula_accel_y(formula_run *f) { return f->m->formula_accel[1]; }
+static inline tse_real formula_accel_x(formula_run *f) { return f->pt->m->formula_accel[0]; }
+static inline tse_real formula_accel_y(formula_run *f) { return f->pt->m->formula_accel[1]; }
 static inline tse_real formula_slip_angle_front(formula_run *f) { return f->pt->free_angle[0]; }
 static inline tse_real formula_slip_angle_rear(formula_run *f) { return f->pt->free_angle[1]; }
 static inline tse_real formula_slip_front(formula_run *f) { return f->pt->s.s_front; }
 static inline tse_real formula_slip_rear(formula_run *f) { return f->pt->s.s_rear; }
-static inline tse_real formula_time(formula_run *f) { return f->m->time + f->pt->ahead; }
+static inline tse_real formula_time(formula_run *f) { return f->pt->m->time + f->pt->ahead; }
 
 /* ---- functions */
 static inline tse_real formula_add(formula_run *f, tse_real x, tse_real y) { (void)f; return x + y; }
@@ -66,7 +64,7 @@ static inline tse_real formula_soft(formula_run *f, tse_real x)
   return r_div(x, r_sqrt(TSE_R(1) + r_mul(x, x)));
 }
 
-/* ---- functions with memory: f->m->formula[f->used] is theirs */
+/* ---- functions with memory: f->pt->m->formula[f->used] is theirs */
 static inline tse_real formula_remembers(formula_run *f, tse_real a, tse_real b, tse_real c)
 {
   if (f->next) {
@@ -82,7 +80,7 @@ static inline tse_real formula_remembers(formula_run *f, tse_real a, tse_real b,
 /* T y' = x - y, by the trapezoidal rule; a T below half a step is none. */
 static inline tse_real formula_lag(formula_run *f, tse_real x, tse_real time)
 {
-  const tse_real *const was = f->m->formula[f->used];
+  const tse_real *const was = f->pt->m->formula[f->used];
   const tse_real half = r_mul(TSE_R(0.5), f->pt->ahead);
   tse_real y = was[0];
   if (f->rest) y = x;
@@ -95,13 +93,13 @@ static inline tse_real formula_lag(formula_run *f, tse_real x, tse_real time)
 
 static inline tse_real formula_second(formula_run *f, tse_real x, tse_real frequency, tse_real damping)
 {
-  const tse_real *const was = f->m->formula[f->used];
+  const tse_real *const was = f->pt->m->formula[f->used];
   tse_real mode[2] = { was[0], was[1] };
   if (f->rest) {
     mode[0] = x;
     mode[1] = TSE_R(0);
   } else if (f->pt->ahead > TSE_R(0)) {
-    effects_mode(mode, formula_max(f, frequency, TSE_R(0)), formula_max(f, damping, TSE_R(0)), was[2], x, f->pt->ahead);
+    mode_step(mode, formula_max(f, frequency, TSE_R(0)), formula_max(f, damping, TSE_R(0)), was[2], x, f->pt->ahead);
   }
   return formula_remembers(f, mode[0], mode[1], x);
 }
@@ -110,10 +108,10 @@ static inline tse_real formula_second(formula_run *f, tse_real x, tse_real frequ
 static inline tse_real formula_late(formula_run *f, tse_real x, tse_real time)
 {
   const tse_real late = formula_max(f, time, TSE_R(0)), ahead = f->pt->ahead, back = late - ahead;
-  const tse_real *const was = f->m->formula_was[0];
+  const tse_real *const was = f->pt->m->formula_was[0];
   tse_real y = x;
-  if (!f->rest && f->m->formula_late.count > 0) {
-    if (back >= TSE_R(0)) y = effects_delay_get(&f->m->formula_late, was, back);
+  if (!f->rest && f->pt->m->formula_late.count > 0) {
+    if (back >= TSE_R(0)) y = effects_delay_get(&f->pt->m->formula_late, was, back);
     else y = was[0] + r_mul(x - was[0], r_div(-back, ahead));
   }
   if (f->next) {
@@ -126,19 +124,19 @@ static inline tse_real formula_late(formula_run *f, tse_real x, tse_real time)
 
 static inline tse_real formula_play(formula_run *f, tse_real x, tse_real half)
 {
-  const tse_real wide = r_abs(half), was = f->m->formula[f->used][0];
+  const tse_real wide = r_abs(half), was = f->pt->m->formula[f->used][0];
   return formula_remembers(f, f->rest ? x : formula_clamp(was, x - wide, x + wide), TSE_R(0), TSE_R(0));
 }
 
 static inline tse_real formula_limit(formula_run *f, tse_real x, tse_real rate)
 {
-  const tse_real most = r_mul(r_abs(rate), f->pt->ahead), was = f->m->formula[f->used][0];
+  const tse_real most = r_mul(r_abs(rate), f->pt->ahead), was = f->pt->m->formula[f->used][0];
   return formula_remembers(f, f->rest ? x : formula_clamp(x, was - most, was + most), TSE_R(0), TSE_R(0));
 }
 
 static inline tse_real formula_rate(formula_run *f, tse_real x)
 {
-  const tse_real *const was = f->m->formula[f->used];
+  const tse_real *const was = f->pt->m->formula[f->used];
   tse_real y = f->rest ? TSE_R(0) : was[0];
   if (!f->rest && f->pt->ahead > TSE_R(0)) y = r_div(x - was[1], f->pt->ahead);
   return formula_remembers(f, y, x, TSE_R(0));
@@ -167,8 +165,8 @@ static inline tse_real formula_program(formula_run *f)
 #define FORMULA_SIGNAL(name, code, takes) FORMULA_TAKES_##takes(name)
 #define FORMULA_PLAIN(name, code, takes) FORMULA_TAKES_##takes(name)
 #define FORMULA_MEMORY(name, code, takes) FORMULA_TAKES_##takes(name)
-  for (int k = 0; k < TSE_FORMULA_OPS && f->e->formula_code[k]; k++) {
-    switch (f->e->formula_code[k]) {
+  for (int k = 0; k < TSE_FORMULA_OPS && f->pt->p->effects.formula_code[k]; k++) {
+    switch (f->pt->p->effects.formula_code[k]) {
 #define FORMULA_OP(name, code, takes, kind, unit, text) case code: FORMULA_##kind(name, code, takes); break;
 #include "tse/formula.def"
     default: break;
@@ -188,48 +186,48 @@ static inline tse_real formula_program(formula_run *f)
 #endif
 
 /* What the formula says at a point, in the unit of its place. */
-static inline tse_real formula_at(const tse_effects *e, const tse_effect_memory *m, const point *pt)
+static inline tse_real formula_at(const point *pt)
 {
-  formula_run f = { e, m, pt, NULL, 0, 0 };
-  return r_mul(e->formula_gain, formula_kept(formula_program(&f)));
+  formula_run f = { pt, NULL, 0, 0 };
+  return r_mul(pt->p->effects.formula_gain, formula_kept(formula_program(&f)));
 }
 
 /* The four places in an evaluation of the model where it may act. */
-static inline void formula_slip(const tse_effects *e, const tse_effect_memory *m, point *pt)
+static inline void formula_slip(point *pt)
 {
+  const int place = formula_place_of(&pt->p->effects);
   pt->free_angle[0] = pt->s.a_front;
   pt->free_angle[1] = pt->s.a_rear;
-  if (formula_place_of(e) == PLACE_front_angle) pt->s.a_front += formula_at(e, m, pt);
-  if (formula_place_of(e) == PLACE_rear_angle) pt->s.a_rear += formula_at(e, m, pt);
+  if (place == PLACE_front_angle) pt->s.a_front += formula_at(pt);
+  if (place == PLACE_rear_angle) pt->s.a_rear += formula_at(pt);
 }
 
-static inline void formula_stiffness(const tse_effects *e, const tse_effect_memory *m, point *pt)
+static inline void formula_stiffness(point *pt)
 {
-  const int place = formula_place_of(e);
+  const int place = formula_place_of(&pt->p->effects);
   if (place != PLACE_stiffness_front && place != PLACE_stiffness_rear) return;
-  const tse_real level = formula_max(NULL, TSE_R(1) + formula_at(e, m, pt), TSE_R(0.02));
-  if (place == PLACE_stiffness_front) pt->k.y_front = r_mul(pt->k.y_front, level);
-  else pt->k.y_rear = r_mul(pt->k.y_rear, level);
+  tse_real *const k = place == PLACE_stiffness_front ? &pt->k.y_front : &pt->k.y_rear;
+  *k = r_mul(*k, formula_max(NULL, TSE_R(1) + formula_at(pt), TSE_R(0.02)));
 }
 
-static inline void formula_body(const tse_effects *e, const tse_effect_memory *m, point *pt)
+static inline void formula_body(point *pt)
 {
-  const int place = formula_place_of(e);
-  if (place == PLACE_force_x) pt->force.x += formula_at(e, m, pt);
-  if (place == PLACE_force_y) pt->force.y += formula_at(e, m, pt);
-  if (place == PLACE_yaw_moment) pt->force.yaw += formula_at(e, m, pt);
+  const int place = formula_place_of(&pt->p->effects);
+  if (place == PLACE_force_x) pt->force.x += formula_at(pt);
+  if (place == PLACE_force_y) pt->force.y += formula_at(pt);
+  if (place == PLACE_yaw_moment) pt->force.yaw += formula_at(pt);
 }
 
-static inline void formula_sensor(const tse_effects *e, const tse_effect_memory *m, const point *pt, tse_real y[3])
+static inline void formula_sensor(const point *pt, tse_real y[3])
 {
-  const int place = formula_place_of(e);
-  if (place >= PLACE_accel_x) y[place - PLACE_accel_x] += formula_at(e, m, pt);
+  const int place = formula_place_of(&pt->p->effects);
+  if (place >= PLACE_accel_x) y[place - PLACE_accel_x] += formula_at(pt);
 }
 
 /* The step that ended at this point, or, at rest, the point itself, becomes memory. */
-static inline void formula_remember(const tse_effects *e, tse_effect_memory *m, const point *pt, int rest)
+static inline void formula_remember(tse_effect_memory *m, const point *pt, int rest)
 {
-  formula_run f = { e, m, pt, m, rest, 0 };
+  formula_run f = { pt, m, rest, 0 };
   (void)formula_program(&f);
   m->formula_accel[0] = pt->force.x;
   m->formula_accel[1] = pt->force.y;

@@ -21,25 +21,21 @@ static void motion_of(const tse_effects *e, const point *pt, const tse_real lag[
 /* 1 - g h J of ROS2, as in vehicle_step(), with the states of LAG eliminated: such a state a, a' = rate (alpha - a), answers
  * with b = gh rate/(1 + gh rate) of what its slip does, so that is how much of its tyre's damping is left. */
 typedef struct solver {
-  tse_real inv_mx, m11, m12, m21, m22, inv_det;
+  const point *at;
+  tse_real inv_mx;
+  lateral_block side;
   tse_real slow[4], b[4], force[4]; /* 1/(1 + gh rate); b; gh times stiffness over mass */
-  tse_real inv_body, inv_front, inv_rear, lf, lr, jf, jr;
   int lags;
 } solver;
 
-static solver factor(const tse_params *p, const point *pt, tse_real gh)
+static solver factor(const point *pt, tse_real gh)
 {
   solver m;
+  const tse_params *const p = pt->p;
   tse_real yf = r_mul(pt->k.y_front, pt->s.inv_body), yr = r_mul(pt->k.y_rear, pt->s.inv_body);
   tse_real xf = r_mul(pt->k.x_front, pt->s.inv_front), xr = r_mul(pt->k.x_rear, pt->s.inv_rear);
+  m.at = pt;
   m.lags = (p->effects.mask & effects_with(HOOK_LAG)) != 0;
-  m.inv_body = pt->s.inv_body;
-  m.inv_front = pt->s.inv_front;
-  m.inv_rear = pt->s.inv_rear;
-  m.lf = p->lf;
-  m.lr = p->lr;
-  m.jf = p->jf;
-  m.jr = p->jr;
   if (m.lags) {
     const tse_real k[4] = { pt->k.y_front, pt->k.y_rear, pt->k.x_front, pt->k.x_rear };
     tse_real rate[4];
@@ -56,32 +52,29 @@ static solver factor(const tse_params *p, const point *pt, tse_real gh)
     xr = r_mul(xr, m.b[3]);
   }
   m.inv_mx = r_div(TSE_R(1), TSE_R(1) + r_mul(gh, xf + xr));
-  m.m11 = TSE_R(1) + r_mul(gh, yf + yr);
-  m.m12 = r_mul(gh, r_mul(p->lf, yf) - r_mul(p->lr, yr) + pt->vx);
-  m.m21 = r_mul(gh, r_mul(p->jf, yf) - r_mul(p->jr, yr));
-  m.m22 = TSE_R(1) + r_mul(gh, r_mul(r_mul(p->jf, p->lf), yf) + r_mul(r_mul(p->jr, p->lr), yr));
-  m.inv_det = r_div(TSE_R(1), r_mul(m.m11, m.m22) - r_mul(m.m12, m.m21));
+  m.side = vehicle_block(p, yf, yr, pt->vx, gh);
   return m;
 }
 
 static void solve(const solver *m, const tse_real f[MOTION], tse_real k[MOTION])
 {
+  const tse_params *const p = m->at->p;
+  const slips *const s = &m->at->s;
   tse_real fx = f[0], fy = f[1], fr = f[2], own[4];
   if (m->lags) {
     for (int i = 0; i < 4; i++) own[i] = r_mul(f[3 + i], m->slow[i]);
     const tse_real front = r_mul(m->force[0], own[0]), rear = r_mul(m->force[1], own[1]);
     fx += r_mul(m->force[2], own[2]) + r_mul(m->force[3], own[3]);
     fy += front + rear;
-    fr += r_mul(m->jf, front) - r_mul(m->jr, rear);
+    fr += r_mul(p->jf, front) - r_mul(p->jr, rear);
   }
   k[0] = r_mul(fx, m->inv_mx);
-  k[1] = r_mul(r_mul(m->m22, fy) - r_mul(m->m12, fr), m->inv_det);
-  k[2] = r_mul(r_mul(m->m11, fr) - r_mul(m->m21, fy), m->inv_det);
+  vehicle_solve(&m->side, fy, fr, &k[1], &k[2]);
   if (m->lags) { /* with the slips' derivatives: d alpha/d vy = -1/v, d alpha/d r = -lf/v, lr/v; d slip/d vx = -1/v */
-    k[3] = own[0] - r_mul(r_mul(m->b[0], m->inv_body), k[1] + r_mul(m->lf, k[2]));
-    k[4] = own[1] - r_mul(r_mul(m->b[1], m->inv_body), k[1] - r_mul(m->lr, k[2]));
-    k[5] = own[2] - r_mul(r_mul(m->b[2], m->inv_front), k[0]);
-    k[6] = own[3] - r_mul(r_mul(m->b[3], m->inv_rear), k[0]);
+    k[3] = own[0] - r_mul(r_mul(m->b[0], s->inv_body), k[1] + r_mul(p->lf, k[2]));
+    k[4] = own[1] - r_mul(r_mul(m->b[1], s->inv_body), k[1] - r_mul(p->lr, k[2]));
+    k[5] = own[2] - r_mul(r_mul(m->b[2], s->inv_front), k[0]);
+    k[6] = own[3] - r_mul(r_mul(m->b[3], s->inv_rear), k[0]);
   }
 }
 
@@ -105,14 +98,14 @@ static tse_real kept(tse_real x) { return r_abs(x) < LEAST ? TSE_R(0) : x; }
 static void step(const tse_params *p, tse_effect_memory *m, stiffness k, inputs u, const given *g, tse_real h, point *at)
 {
   const tse_effects *const e = &p->effects;
-  const solver lu = factor(p, at, r_mul(TSE_R(0.29289321881345254), h));
+  const solver lu = factor(at, r_mul(ROS2, h));
   const tse_real half = r_mul(TSE_R(0.5), h);
   tse_real f[MOTION], k1[MOTION], k2[MOTION], lag[4], ramp[4];
   point b;
   motion_of(e, at, m->lag, f);
   if (lu.lags) {
     input_drift(p, at, u, g, ramp);
-    for (int i = 0; i < 4; i++) ramp[i] = r_mul(TSE_R(0.29289321881345254), ramp[i]);
+    for (int i = 0; i < 4; i++) ramp[i] = r_mul(ROS2, ramp[i]);
     for (int i = 0; i < 4; i++) f[3 + i] += ramp[i];
   }
   solve(&lu, f, k1);
@@ -150,7 +143,7 @@ void effects_settle(const tse_params *p, tse_effect_memory *m, stiffness k, poin
     for (int i = 0; i < 4 && p->effects.mask; i++) m->lag[i] = pt->target[i];
     m->mode[MODE_ROLL][0] = m->mode[MODE_ROLL_STEER][0] = pass ? pt->force.y : TSE_R(0);
     m->mode[MODE_PITCH][0] = pt->force.x;
-    if (formula_is_on(&p->effects)) formula_remember(&p->effects, m, pt, 1);
+    if (formula_is_on(&p->effects)) formula_remember(m, pt, 1);
   }
   effects_at(p, m, m->lag, k, pt);
   m->settled = 1;

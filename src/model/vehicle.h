@@ -6,11 +6,7 @@
 #define TSE_VEHICLE_H
 
 #include "tse/filter_state.h"
-#include "number/real_ops.h"
-
-/* Below this speed slip is taken over LOW_SPEED instead of the speed: the tyre becomes a damper of its contact
- * velocity, and nothing is divided by a small number (after Bernard & Clover, SAE 950311). */
-#define LOW_SPEED TSE_R(1.0) /* m/s */
+#include "model/laws.h"
 
 typedef struct inputs { tse_real steer, v_front, v_rear; } inputs; /* [rad], R omega [m/s] */
 
@@ -26,7 +22,7 @@ typedef struct slips {
 static inline slips vehicle_slips(const tse_params *p, tse_real vx, tse_real vy, tse_real r, inputs u)
 {
   slips s;
-  const tse_real v = r_max(r_abs(vx), LOW_SPEED);
+  const tse_real v = rolling_speed(vx);
   s.inv_body = r_div(TSE_R(1), v);
   s.inv_front = r_div(TSE_R(1), r_max(v, r_abs(u.v_front)));
   s.inv_rear = r_div(TSE_R(1), r_max(v, r_abs(u.v_rear)));
@@ -101,6 +97,28 @@ static inline observation vehicle_observation(observation_gains g, slips s, tse_
   return o;
 }
 
+/* 1 - g h J of (vy, r), J: what the tyres' damping yf, yr (over mass and speed) makes of them. */
+typedef struct lateral_block { tse_real m11, m12, m21, m22, inv_det; } lateral_block;
+
+static inline lateral_block vehicle_block(const tse_params *p, tse_real yf, tse_real yr, tse_real vx, tse_real gh)
+{
+  lateral_block m;
+  m.m11 = TSE_R(1) + r_mul(gh, yf + yr);
+  m.m12 = r_mul(gh, r_mul(p->lf, yf) - r_mul(p->lr, yr) + vx);
+  m.m21 = r_mul(gh, r_mul(p->jf, yf) - r_mul(p->jr, yr));
+  m.m22 = TSE_R(1) + r_mul(gh, r_mul(r_mul(p->jf, p->lf), yf) + r_mul(r_mul(p->jr, p->lr), yr));
+  m.inv_det = r_div(TSE_R(1), r_mul(m.m11, m.m22) - r_mul(m.m12, m.m21));
+  return m;
+}
+
+static inline void vehicle_solve(const lateral_block *m, tse_real fy, tse_real fr, tse_real *ky, tse_real *kr)
+{
+  *ky = r_mul(r_mul(m->m22, fy) - r_mul(m->m12, fr), m->inv_det);
+  *kr = r_mul(r_mul(m->m11, fr) - r_mul(m->m21, fy), m->inv_det);
+}
+
+#define ROS2 TSE_R(0.29289321881345254) /* g */
+
 /* (7): one step of h seconds from inputs u0 to u1 (linear between), with the stiffness k held.
  *
  * Rosenbrock method of order 2, L-stable (ROS2: Verwer, Spee, Blom & Hundsdorfer, SIAM J. Sci. Comput. 20 (1999) 1456):
@@ -110,35 +128,26 @@ static inline observation vehicle_observation(observation_gains g, slips s, tse_
 static inline void vehicle_step(const tse_params *p, tse_real *vx, tse_real *vy, tse_real *r, stiffness k,
                                 inputs u0, inputs u1, tse_real h)
 {
-  const tse_real gh = r_mul(TSE_R(0.29289321881345254), h);
+  const tse_real gh = r_mul(ROS2, h);
   const slips s0 = vehicle_slips(p, *vx, *vy, *r, u0);
   const accels a0 = vehicle_accels(p, k, s0, u0.steer);
-  const tse_real yf = r_mul(k.y_front, s0.inv_body), yr = r_mul(k.y_rear, s0.inv_body);
+  const tse_real inv_mx = r_div(TSE_R(1), TSE_R(1) + r_mul(gh, r_mul(k.x_front, s0.inv_front) + r_mul(k.x_rear, s0.inv_rear)));
+  const lateral_block side = vehicle_block(p, r_mul(k.y_front, s0.inv_body), r_mul(k.y_rear, s0.inv_body), *vx, gh);
 
-  const tse_real mx = TSE_R(1) + r_mul(gh, r_mul(k.x_front, s0.inv_front) + r_mul(k.x_rear, s0.inv_rear));
-  const tse_real m11 = TSE_R(1) + r_mul(gh, yf + yr);
-  const tse_real m12 = r_mul(gh, r_mul(p->lf, yf) - r_mul(p->lr, yr) + *vx);
-  const tse_real m21 = r_mul(gh, r_mul(p->jf, yf) - r_mul(p->jr, yr));
-  const tse_real m22 = TSE_R(1) + r_mul(gh, r_mul(r_mul(p->jf, p->lf), yf) + r_mul(r_mul(p->jr, p->lr), yr));
-  const tse_real inv_mx = r_div(TSE_R(1), mx);
-  const tse_real inv_det = r_div(TSE_R(1), r_mul(m11, m22) - r_mul(m12, m21));
-
-  const tse_real fx = a0.x + r_mul(*vy, *r), fy = a0.y - r_mul(*vx, *r);
-  const tse_real k1x = r_mul(fx, inv_mx);
-  const tse_real k1y = r_mul(r_mul(m22, fy) - r_mul(m12, a0.yaw), inv_det);
-  const tse_real k1r = r_mul(r_mul(m11, a0.yaw) - r_mul(m21, fy), inv_det);
+  const tse_real k1x = r_mul(a0.x + r_mul(*vy, *r), inv_mx);
+  tse_real k1y, k1r, k2y, k2r;
+  vehicle_solve(&side, a0.y - r_mul(*vx, *r), a0.yaw, &k1y, &k1r);
 
   const tse_real px = *vx + r_mul(h, k1x), py = *vy + r_mul(h, k1y), pr = *r + r_mul(h, k1r);
   const slips s1 = vehicle_slips(p, px, py, pr, u1);
   const accels a1 = vehicle_accels(p, k, s1, u1.steer);
   const tse_real gx = a1.x + r_mul(py, pr) - k1x - k1x;
-  const tse_real gy = a1.y - r_mul(px, pr) - k1y - k1y;
-  const tse_real gr = a1.yaw - k1r - k1r;
+  vehicle_solve(&side, a1.y - r_mul(px, pr) - k1y - k1y, a1.yaw - k1r - k1r, &k2y, &k2r);
 
   const tse_real half = r_mul(TSE_R(0.5), h);
   *vx += r_mul(half, k1x + k1x + k1x + r_mul(gx, inv_mx));
-  *vy += r_mul(half, k1y + k1y + k1y + r_mul(r_mul(m22, gy) - r_mul(m12, gr), inv_det));
-  *r += r_mul(half, k1r + k1r + k1r + r_mul(r_mul(m11, gr) - r_mul(m21, gy), inv_det));
+  *vy += r_mul(half, k1y + k1y + k1y + k2y);
+  *r += r_mul(half, k1r + k1r + k1r + k2r);
 }
 
 /* No car is faster; a particle that would be (a wheel that jumps, tyres that grip like rails) stays a number. NaN too.
@@ -174,19 +183,6 @@ static inline inputs vehicle_between(inputs from, inputs to, int32_t k, int32_t 
     to.v_rear = from.v_rear + r_mul(share, to.v_rear - from.v_rear);
   }
   return to;
-}
-
-/* One vehicle through a whole row: x = vel_x, vel_y, yaw rate. */
-static inline void vehicle_advance(const tse_params *p, tse_real *x, stiffness k, inputs from, inputs to, tse_real dt)
-{
-  const int32_t steps = vehicle_steps(p, dt, from, to);
-  const tse_real h = steps > 1 ? r_div(dt, r_from_int(steps)) : dt;
-  inputs a = from;
-  for (int32_t i = 1; i <= steps; i++) {
-    const inputs b = vehicle_between(from, to, i, steps);
-    vehicle_step(p, &x[0], &x[1], &x[2], k, a, b, h);
-    a = b;
-  }
 }
 
 #endif

@@ -445,8 +445,8 @@ static void test_the_prior_of_the_state_is_that_of_the_settings(void)
   const double mean[3] = { log(0.7), log(0.8), log(1.3) };
   for (int i = 0; i < 3; i++) expect_near(mean[i], number(p.prior[LCX + i]), BY_NUMBER(1e-12, 1e-6, 1e-6), "prior", i);
   expect_near(0.004, number(p.prior[OFF]), 1e-9, "offset", 0);
-  expect_near(9.81 * 0.02, number(p.prior[GX]), 1e-6, "along the road", 0);
-  expect_near(-9.81 * 0.01, number(p.prior[GY]), 1e-6, "across the road", 0);
+  expect_near(9.81 * sin(0.02), number(p.prior[GX]), 1e-6, "along the road", 0);
+  expect_near(-9.81 * sin(0.01), number(p.prior[GY]), 1e-6, "across the road", 0);
   expect_near(9.81 * 0.03, number(p.prior_sd[GX]), 1e-6, "sd of the grade", 0);
   expect_near(log(0.2), number(p.log_min), BY_NUMBER(1e-12, 1e-6, 1e-6), "log_min", 0);
   expect_near(log(3), number(p.log_max), BY_NUMBER(1e-12, 1e-6, 1e-6), "log_max", 0);

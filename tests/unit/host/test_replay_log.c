@@ -58,7 +58,10 @@ static void test_without_effects_a_replay_is_the_plain_vehicle_bit_for_bit(void)
       x[1] = s.vel_y;
       x[2] = s.yaw_rate;
     } else {
-      vehicle_advance(&p, x, k, from, to, log_dt[i]);
+      const int32_t steps = vehicle_steps(&p, log_dt[i], from, to);
+      const tse_real h = steps > 1 ? r_div(log_dt[i], r_from_int(steps)) : log_dt[i];
+      for (int32_t n = 0; n < steps; n++)
+        vehicle_step(&p, &x[0], &x[1], &x[2], k, vehicle_between(from, to, n, steps), vehicle_between(from, to, n + 1, steps), h);
     }
     from = to;
     const accels a = vehicle_accels(&p, k, vehicle_slips(&p, x[0], x[1], x[2], to), to.steer);

@@ -115,15 +115,18 @@ static void test_a_reading_is_off_and_the_car_is_not(void)
 /* A program's value at a point whose every member is another number. */
 static double value_of(const int *ops, int n)
 {
-  tse_effects e;
+  static tse_params p;
+  tse_effects *const e = &p.effects;
   tse_effect_memory m;
   point pt;
-  memset(&e, 0, sizeof e);
+  memset(&p, 0, sizeof p);
   memset(&m, 0, sizeof m);
   memset(&pt, 0, sizeof pt);
-  for (int k = 0; k < n; k++) e.formula_code[k] = (uint8_t)ops[k];
-  for (int k = 0; k < TSE_FORMULA_NUMBERS; k++) e.formula[k] = real(k - 2.5);
-  e.formula_gain = real(2);
+  for (int k = 0; k < n; k++) e->formula_code[k] = (uint8_t)ops[k];
+  for (int k = 0; k < TSE_FORMULA_NUMBERS; k++) e->formula[k] = real(k - 2.5);
+  e->formula_gain = real(2);
+  pt.p = &p;
+  pt.m = &m;
   pt.u.steer = real(0.5);
   pt.vx = real(20);
   pt.vy = real(-1.5);
@@ -136,7 +139,7 @@ static double value_of(const int *ops, int n)
   pt.s.s_rear = real(-0.015625);
   m.time = real(10);
   pt.ahead = real(0.5);
-  return number(formula_at(&e, &m, &pt));
+  return number(formula_at(&pt));
 }
 
 static void test_every_operation_without_memory_has_its_value(void)
@@ -241,7 +244,7 @@ static void test_late_of_nothing_is_now(void)
   memset(&f, 0, sizeof f);
   m.settled = 1;
   at.ahead = real(0.01);
-  f.m = f.next = &m;
+  at.m = f.next = &m;
   f.pt = &at;
   expect_near(0.3, number(formula_late(&f, real(0.3), real(0.05))), 1e-7, "late", 0);
   TEST_ASSERT_EQUAL_INT32(1, m.formula_late.count);

@@ -1,0 +1,158 @@
+/* model/laws.h - laws of the car, each once: car.c takes them with their slopes, effects/ for simulator, replay and vehicle FMU.
+ * Forces are over mass. */
+#ifndef TSE_LAWS_H
+#define TSE_LAWS_H
+
+#include "tse/filter_state.h"
+#include "number/real_ops.h"
+
+#define GRAVITY TSE_R(9.81)     /* m/s2 */
+#define LOW_SPEED TSE_R(1.0)    /* m/s: slip and slip angles are taken over no less: the tyre becomes a damper of its contact velocity,
+                                   and nothing is divided by a small number (after Bernard & Clover, SAE 950311) */
+#define MOST_PULL TSE_R(10)     /* m/s2: linear tyres would give more, no tyre on a road does */
+#define LEAST_SIDE TSE_R(0.1)   /* 1: of cornering stiffness that load transfer leaves */
+#define TWO_PI TSE_R(6.283185307179586)
+#define PER_TURN TSE_R(0.15915494309189535)
+#define LOG2_OF_E TSE_R(1.4426950408889634)
+
+/* ---- signals */
+
+/* Sine and cosine of an angle in rad; error below 1e-13 (float: 4e-7) up to 100 rad. */
+static inline void sin_cos(tse_real angle, tse_real *s, tse_real *c)
+{
+  const tse_real turns = r_mul(angle, PER_TURN);
+  r_sincos_turn(turns - r_from_int(r_floor_to_int(turns)), s, c);
+}
+
+static inline tse_real exponential(tse_real x) { return r_exp2(r_mul(LOG2_OF_E, x)); }
+static inline tse_real logarithm(tse_real x) { return r_mul(TSE_R(0.69314718055994531), r_log2(x)); }
+
+/* exp(-dt/time): what a lag leaves of its start. */
+static inline tse_real left_of(tse_real dt, tse_real time) { return r_exp2(-r_mul(LOG2_OF_E, r_div(dt, time))); }
+
+/* First-order lag of a signal that is linear from one row to the next, dt later: exact.
+ *   y1 = x1 - s T + (y0 - x0 + s T) exp(-dt/T),  s = (x1 - x0)/dt */
+static inline tse_real lagged(tse_real time, tse_real from, tse_real to, tse_real was, tse_real dt)
+{
+  const tse_real behind = r_mul(time, r_div(to - from, dt));
+  return to - behind + r_mul(was - from + behind, left_of(dt, time));
+}
+
+/* Two of them in a row, of the angle of the wheels.   Updated: angle[3]  logged, after the first lag, after both   second: 0, none */
+static inline void lag_steering(tse_real first, tse_real second, tse_real steer, tse_real dt, tse_real angle[3])
+{
+  const tse_real before = angle[0], half_way = angle[1];
+  angle[0] = steer;
+  angle[1] = lagged(first, before, steer, half_way, dt);
+  angle[2] = second > TSE_R(0) ? lagged(second, half_way, angle[1], angle[2], dt) : angle[1];
+}
+
+/* Second-order mode of a(t), linear from a0 to a1 in h:  x'' = w^2 (a - x) - 2 d w x', w = 2 pi f, by the trapezoidal rule,
+ * which is stable whatever f h. Updated: x[0] = x, x[1] = x'. */
+static inline void mode_step(tse_real x[2], tse_real frequency, tse_real damping, tse_real a0, tse_real a1, tse_real h)
+{
+  const tse_real wh = r_mul(TWO_PI, r_mul(frequency, h));
+  const tse_real drag = r_mul(damping, wh), spring = r_mul(TSE_R(0.25), r_mul(wh, wh));
+  const tse_real v = x[1];
+  const tse_real push = r_div(r_mul(r_mul(wh, wh), r_mul(TSE_R(0.5), a0 + a1) - x[0]), h);
+  x[1] = r_div(r_mul(v, TSE_R(1) - drag - spring) + push, TSE_R(1) + drag + spring);
+  x[0] += r_mul(r_mul(TSE_R(0.5), h), v + x[1]);
+}
+
+/* x'' of such a mode at a; rate: w [rad/s]. */
+static inline tse_real mode_swing(tse_real x, tse_real speed, tse_real rate, tse_real damping, tse_real a)
+{
+  return r_mul(r_mul(rate, rate), a - x) - r_mul(r_mul(TSE_R(2), r_mul(damping, rate)), speed);
+}
+
+/* ---- kinematics */
+
+/* A vector in axes that are turned to the left, by their sine and cosine: velocities of a steered wheel, an IMU that is mounted askew. */
+typedef struct planar {
+  tse_real x, y;
+} planar;
+
+static inline planar turn_axes(tse_real x, tse_real y, tse_real sine, tse_real cosine)
+{
+  const planar t = { r_mul(x, cosine) + r_mul(y, sine), r_mul(y, cosine) - r_mul(x, sine) };
+  return t;
+}
+
+/* What slip and slip angles are taken over. */
+static inline tse_real rolling_speed(tse_real along) { return r_max(r_abs(along), LOW_SPEED); }
+
+/* Slip angle of a wheel with these speeds along and across itself. */
+static inline tse_real slip_angle(tse_real across, tse_real along) { return -r_atan2(across, rolling_speed(along)); }
+
+/* ---- tyres */
+
+/* Secant of the force over its stiffness at q = stiffness times slip, over grip times load:
+ *   brush model with parabolic pressure: 1 - q/3 + q^2/27 up to q = 3, then 1/q        root: 1/sqrt(1 + q^2)
+ * Both have slope 1 at 0 and end at the grip; `shape` mixes them, for a tyre is neither.   *slope: q times the derivative */
+static inline tse_real tyre_secant(tse_real q, tse_real shape, tse_real *slope)
+{
+  const tse_real z = r_mul(TSE_R(1.0 / 3), q);
+  tse_real c, cq;
+  if (z < TSE_R(1)) {
+    c = TSE_R(1) - z + r_mul(TSE_R(1.0 / 3), r_mul(z, z));
+    cq = r_mul(z, r_mul(TSE_R(2.0 / 3), z) - TSE_R(1));
+  } else {
+    c = r_div(TSE_R(1), q);
+    cq = -c;
+  }
+  if (shape > TSE_R(0)) {
+    const tse_real over = r_div(TSE_R(1), TSE_R(1) + r_mul(q, q)), root = r_sqrt(over);
+    c += r_mul(shape, root - c);
+    cq += r_mul(shape, -r_mul(r_mul(q, q), r_mul(root, over)) - cq);
+  }
+  *slope = cq;
+  return c;
+}
+
+/* What linear tyres give, as far as tyres give it: load goes from wheel to wheel with the acceleration. */
+static inline tse_real tyre_pull(tse_real linear) { return r_clamp(linear, -MOST_PULL, MOST_PULL); }
+
+/* Square of the lateral acceleration a of tyres that lose k a^2 of their stiffness by it, and would give a0 without:
+ * a = a0 (1 - k a^2) to first order, 2 a0/(1 + sqrt(1 + 4 k a0^2)). */
+static inline tse_real lateral_square(tse_real k, tse_real a0)
+{
+  const tse_real inside = r_max(TSE_R(1) + r_mul(r_mul(TSE_R(4), k), r_mul(a0, a0)), TSE_R(0));
+  const tse_real a = r_div(a0 + a0, TSE_R(1) + r_sqrt(inside));
+  return r_mul(a, a);
+}
+
+/* Share of the cornering stiffness of an axle that is left. */
+static inline tse_real side_left(tse_real k, tse_real square) { return r_max(TSE_R(1) - r_mul(k, square), LEAST_SIDE); }
+
+/* ---- body and sensors */
+
+static inline tse_real drag_of(tse_real drag, tse_real vx) { return r_mul(r_mul(drag, r_abs(vx)), vx); }
+
+/* Against the motion, rising linearly below 0.5 m/s. */
+static inline tse_real rolling_of(tse_real most, tse_real vx) { return r_mul(most, r_div(vx, r_max(r_abs(vx), TSE_R(0.5)))); }
+
+/* Acceleration along an axis that climbs by this angle. */
+static inline tse_real gravity_along(tse_real angle)
+{
+  tse_real sine, cosine;
+  sin_cos(angle, &sine, &cosine);
+  return r_mul(GRAVITY, sine);
+}
+
+/* What an accelerometer along reads of gravity as the body pitches, less its own swing above the pitch axis.
+ *   Given:  pitch[2]  acceleration along as the body follows it, and its rate; ax  itself */
+static inline tse_real pitch_read(const tse_car *c, const tse_real pitch[2], tse_real ax)
+{
+  const tse_real swing = mode_swing(pitch[0], pitch[1], r_mul(TWO_PI, c->pitch_frequency), c->pitch_damping, ax);
+  return r_mul(c->pitch_leak, pitch[0]) - r_mul(c->pitch_height, swing);
+}
+
+/* Specific force (x, y) at a place (lx, ly) of a body that turns with r and r'. */
+static inline planar force_at(tse_real x, tse_real y, tse_real lx, tse_real ly, tse_real r, tse_real yaw)
+{
+  const tse_real spin = r_mul(r, r);
+  const planar t = { x - r_mul(lx, spin) - r_mul(ly, yaw), y + r_mul(lx, yaw) - r_mul(ly, spin) };
+  return t;
+}
+
+#endif

@@ -1,0 +1,242 @@
+/* tests/unit/model/test_same_car.c <-> src/model/car.c, src/model/effects/, src/host/simulate.c: the filter's car and that of simulator,
+ * replay and vehicle FMU are one car.
+ *
+ * The simulator drives, with settings for both; car_move() follows with the wheels' slips of the simulator, which are inputs there, and
+ * car_measure() reads. One integrates by ROS2, the other by symplectic Euler: what they differ by halves with the row's time, so the
+ * difference at h and at h/2 is extrapolated to none, and what is left is the model. */
+#include "model/car.h"
+
+#include "tse/simulate.h"
+#include "unit_support.h"
+
+enum { SPEED_X,
+       SPEED_Y,
+       TURN,
+       ACCEL_X,
+       ACCEL_Y,
+       GYRO,
+       WHEEL_FRONT,
+       WHEEL_REAR,
+       CHANNELS,
+       GRID = 800 };
+
+typedef struct drive {
+  double off[GRID][CHANNELS], read[GRID][CHANNELS];
+} drive;
+
+/* Slalom that quickens to 2 Hz and tightens; `pedals`: throttle and brake as well. */
+static tse_sim_input driver_at(double t, double h, double steer, int pedals)
+{
+  tse_sim_input u;
+  memset(&u, 0, sizeof u);
+  u.dt = real(h);
+  u.road_level = real(1);
+  u.steer_angle = real(steer * (0.3 + 0.1 * t) * sin(2 * 3.141592653589793 * (0.2 + 0.11 * t) * t));
+  const double torque = pedals ? 900 * sin(1.7 * t) : 150;
+  u.wheel_torque_front = real(torque > 0 ? torque : 0);
+  u.brake_torque_front = real(torque < 0 ? -0.6 * torque : 0);
+  u.brake_torque_rear = real(torque < 0 ? -0.4 * torque : 0);
+  return u;
+}
+
+/* Slip of the wheels as (3) has it with exact kinematics, at the simulator's state; angle: of the wheels, after lags. */
+static void slips_of(const tse_sim *sim, double slip[2])
+{
+  const tse_params *const p = &sim->params;
+  const double d = number(sim->steer), side = number(sim->x[1]) + number(p->lf) * number(sim->x[2]);
+  const double along[2] = { number(sim->x[0]) * cos(d) + side * sin(d), number(sim->x[0]) };
+  const double turns[2] = { number(p->radius_front) * number(sim->x[3]), number(p->radius_rear) * number(sim->x[4]) };
+  for (int a = 0; a < 2; a++) slip[a] = (turns[a] - along[a]) / fmax(along[a], turns[a]);
+}
+
+/* What the filter makes of the settings, at the state that the simulator starts from. */
+static void start(const tse_params *p, const tse_sim *sim, tse_real x[STATES])
+{
+  for (int i = 0; i < STATES; i++) x[i] = p->prior[i];
+  for (int i = VX; i <= YAW; i++) x[i] = sim->x[i - VX];
+  x[AF] = sim->x[5];
+  x[AR] = sim->x[6];
+  for (int i = SF; i <= SR; i++) x[i] = TSE_R(0);
+}
+
+static void compare(const tse_config *c, double h, double steer, int pedals, drive *d)
+{
+  static tse_sim sim;
+  static tse_real M[MOTION][COLUMNS], H[TSE_SENSORS][COLUMNS];
+  const tse_params p = prepared(c);
+  tse_sim_config s;
+  tse_sim_output y;
+  tse_real x[STATES], angle[3], pitch[2] = { TSE_R(0), TSE_R(0) }, z[TSE_SENSORS];
+  double slip[2], before[2];
+  tse_sim_config_default(&s);
+  s.noise = s.spread_cx_front = s.spread_cy_front = s.spread_cy_rear = setting(0);
+  s.substep = setting(h);
+  tse_sim_input u = driver_at(0, h, steer, pedals);
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_reset(&sim, c, &s, NULL));
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_step(&sim, &u, &y));
+  start(&p, &sim, x);
+  slips_of(&sim, before);
+  x[PHI] = r_mul(p.car.roll_gain, sim.effects.mode[0][0]);
+  pitch[0] = sim.effects.mode[1][0];
+  for (int i = 0; i < 3; i++) angle[i] = u.steer_angle;
+  const int rows = (int)lround(0.01 / h);
+  for (int n = 0; n < GRID * rows; n++) {
+    u = driver_at((n + 1) * h, h, steer, pedals);
+    TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_step(&sim, &u, &y));
+    slips_of(&sim, slip);
+    const tse_real was = angle[2];
+    if (p.steer_lag > TSE_R(0)) lag_steering(p.steer_lag, p.steer_lag_second, u.steer_angle, u.dt, angle);
+    else angle[2] = u.steer_angle;
+    const steering w = { was, angle[2], u.dt };
+    forces f;
+    x[SF] = real(0.5 * (before[0] + slip[0]));
+    x[SR] = real(0.5 * (before[1] + slip[1]));
+    car_move(&p.car, x, w, M);
+    for (int a = 0; a < 2; a++) before[a] = slip[a];
+    x[SF] = real(slip[0]);
+    x[SR] = real(slip[1]);
+    car_forces(&p.car, x, w, TSE_R(1), &f);
+    const tse_real leaks = car_pitch(&p.car, pitch, f.x, u.dt);
+    car_measure(&p.car, x, &f, p.car.pitch_leak != TSE_R(0) ? leaks : TSE_R(0), z, H);
+    if ((n + 1) % rows) continue;
+    const double expected[CHANNELS] = { number(y.vel_x), number(y.vel_y), number(y.yaw_rate), number(y.row.accel_x), number(y.row.accel_y),
+                                        number(y.row.yaw_rate), number(p.radius_front) * number(y.wheel_speed_front),
+                                        number(p.radius_rear) * number(y.wheel_speed_rear) };
+    const double actual[CHANNELS] = { number(x[VX]), number(x[VY]), number(x[YAW]), number(z[0]), number(z[1]), number(z[2]), number(z[3]), number(z[4]) };
+    for (int k = 0; k < CHANNELS; k++) {
+      d->read[n / rows][k] = expected[k];
+      d->off[n / rows][k] = actual[k] - expected[k];
+    }
+  }
+}
+
+static drive coarse, fine, plain;
+static double worst[CHANNELS], matters[CHANNELS], largest[CHANNELS];
+
+/* What is left of the difference, how far the readings are from those of a plain car, and how large they are. */
+static void look(const tse_config *c, double steer, int pedals)
+{
+  compare(c, 0.001, steer, pedals, &coarse);
+  compare(c, 0.0005, steer, pedals, &fine);
+  for (int k = 0; k < CHANNELS; k++) {
+    worst[k] = matters[k] = largest[k] = 0;
+    for (int i = 0; i < GRID; i++) {
+      worst[k] = fmax(worst[k], fabs(2 * fine.off[i][k] - coarse.off[i][k]));
+      matters[k] = fmax(matters[k], fabs(fine.read[i][k] - plain.read[i][k]));
+      largest[k] = fmax(largest[k], fabs(fine.read[i][k]));
+    }
+  }
+}
+
+/* `share` of what turns the car and of what its sensors read. Along it: what the accelerometer is off by, in 8 s; and a wheel that drives
+ * with slip s turns by 1/(1 - s) in (3), by 1 + s in the filter: s^2 of 20 m/s. */
+static double allowed(int k, double share, double along)
+{
+  if (k == SPEED_X || k == WHEEL_REAR) return along;
+  if (k == WHEEL_FRONT) return along + 0.008;
+  return share * largest[k] + (k == ACCEL_X ? along / 3 : 0);
+}
+
+static void expect_same(const char *what, double share, double along)
+{
+  for (int k = 0; k < CHANNELS; k++) expect_near(0, worst[k], allowed(k, share, along), what, k);
+}
+
+typedef struct set {
+  const char *name;
+  size_t at;
+  double value;
+} set;
+#define SET(name, value) { #name, offsetof(tse_config, name), value }
+/* Whatever of tse/effects.def the filter knows, but those of the tests below; delays, of which it knows a lateness to first order. */
+static const set sets[] = {
+  SET(mass_change, 0.1), SET(yaw_inertia_change, 0.1), SET(cg_shift_distance, 0.1), SET(wheel_radius_change, 0.02), SET(steering_ratio_change, 0.05),
+  SET(steering_offset_angle, 0.004), SET(steering_lag_time, 0.05), SET(rear_roll_steer_gain, 0.05), SET(longitudinal_load_transfer_gain, 0.03),
+  SET(lateral_load_transfer_gain, 0.005), SET(aero_drag_coefficient, 0.45), SET(rolling_resistance_coefficient, 0.012), SET(grade_angle, 0.03),
+  SET(bank_angle, 0.02), SET(bank_superelevation, 0.1), SET(conicity_front, 150), SET(conicity_rear, 150), SET(aligning_moment_trail, 0.03),
+  SET(imu_lever_arm_x, 0.5), SET(imu_lever_arm_y, 0.3), SET(body_roll_gain, 0.0075), SET(pitch_leak_gain, 0.004), SET(imu_misalignment_angle, 0.03),
+  SET(imu_scale_ax_error, 0.03), SET(imu_scale_ay_error, 0.03), SET(gyro_scale_error, 0.02)
+};
+
+static void put(tse_config *c, const set *s)
+{
+  const tse_setting value = setting(s->value);
+  memcpy((char *)c + s->at, &value, sizeof value);
+}
+
+/* Exact kinematics and a relaxation length, which the filter always has; shapes of what may be switched on. */
+static tse_config basic(void)
+{
+  tse_config c;
+  tse_config_default(&c);
+  c.exact_kinematics_share = setting(1);
+  c.relaxation_length = setting(0.4);
+  c.tyre_saturation_shape = setting(1); /* tyres without an end have one at 50 loads in the filter: a root is straight up to there */
+  c.steering_lag_second = setting(0.5);
+  c.lateral_load_transfer_balance = setting(0.2);
+  c.body_roll_height = c.body_roll_coupling = c.pitch_leak_height = setting(0.3);
+  return c;
+}
+
+/* Of second order in the row's time: (2 pi 2 Hz 1 ms)^2. Float: rounding of 16000 steps. */
+static const double share = BY_FORMAT(0.00025, 0.01), along = BY_FORMAT(0.0005, 0.03);
+
+static void test_each_effect_that_both_have_is_the_same(void)
+{
+  tse_config c = basic();
+  look(&c, 0.1, 1);
+  expect_same("exact kinematics, relaxation", share, along);
+  plain = fine;
+  for (int i = 0; i < ROWS(sets); i++) {
+    int shows = 0;
+    c = basic();
+    put(&c, &sets[i]);
+    look(&c, 0.1, 1);
+    expect_same(sets[i].name, share, along);
+    for (int k = 0; k < CHANNELS; k++) shows |= matters[k] > 4 * allowed(k, share, along);
+    TEST_ASSERT_TRUE_MESSAGE(shows, sets[i].name); /* else nothing is shown */
+  }
+}
+
+static void test_all_of_them_together_are_the_same(void)
+{
+  tse_config c = basic();
+  for (int i = 0; i < ROWS(sets); i++) put(&c, &sets[i]);
+  look(&c, 0.1, 1);
+  expect_same("all", share, along);
+}
+
+/* Load transfer takes stiffness and leaves the grip. The filter's tyres saturate along, too: of a car that hardly drives, a percent of
+ * what its slip gives, 0.002 m/s2, and in 8 s as much of the speed as turns 0.1 % more. */
+static void test_tyres_that_saturate_are_the_same(void)
+{
+  tse_config c = basic();
+  for (int lose = 0; lose < 2; lose++) {
+    c.tyre_saturation_inverse_friction = setting(1.1);
+    c.tyre_saturation_shape = setting(0.6);
+    c.lateral_load_transfer_gain = setting(lose ? 0.004 : 0);
+    look(&c, 0.13, 0);
+    TEST_ASSERT_TRUE(largest[ACCEL_Y] > 4.5);
+    expect_same(lose ? "saturation and load transfer" : "saturation", BY_FORMAT(0.0015, 0.01), 0.02);
+  }
+}
+
+/* The filter's wheels give way to the force that there is, the simulator's to what it will be when the tyres have built it up: 2 % of a
+ * slalom of 1 Hz. Settled, they are the same. */
+static void test_steering_compliance_is_the_same_but_for_the_relaxation(void)
+{
+  tse_config c = basic();
+  c.steering_compliance_angle_per_moment = setting(5e-5);
+  look(&c, 0.03, 0);
+  expect_same("compliance", 0.03, 0.02);
+}
+
+int main(void)
+{
+  UNITY_BEGIN();
+  RUN_TEST(test_each_effect_that_both_have_is_the_same);
+  RUN_TEST(test_all_of_them_together_are_the_same);
+  RUN_TEST(test_tyres_that_saturate_are_the_same);
+  RUN_TEST(test_steering_compliance_is_the_same_but_for_the_relaxation);
+  return UNITY_END();
+}
