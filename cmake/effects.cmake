@@ -1,26 +1,37 @@
 # The files of the effects follow from the rows of include/tse/effects.def: src/model/effects/<id>.h for each.
 #   Given:    tse_source    folder of the project
 #   Returned: effect_files  for src/CMakeLists.txt, in the order of the table
-# Includes of them are written to src/model/effects_constant.h and effects_acting.h, where they differ; these are committed, so that
-# sources build without CMake, too. By hand: cmake -Dtse_source=. -P cmake/effects.cmake
+# Includes of them, and their lists EFFECTS_<HOOK>(X), are written to src/model/effects_constant.h and effects_acting.h, where they differ;
+# these are committed, so that sources build without CMake, too. By hand: cmake -Dtse_source=. -P cmake/effects.cmake
+cmake_policy(VERSION 3.21)   # a script by itself has none
 set(effect_files "")
 set(constant_effects "")
 set(acting_effects "")
+set(acting_hooks INPUT SLIP LAG STIFFNESS GRIP BODY SENSOR)
 file(STRINGS "${tse_source}/include/tse/effects.def" effect_rows REGEX "^EFFECT\\(")
 foreach(row IN LISTS effect_rows)
   if(NOT row MATCHES "^EFFECT\\(([a-z0-9_]+), *([A-Z]+),")
     continue()
   endif()
-  set(file "model/effects/${CMAKE_MATCH_1}.h")
+  set(id "${CMAKE_MATCH_1}")
+  set(hook "${CMAKE_MATCH_2}")
+  set(file "model/effects/${id}.h")
   if(NOT EXISTS "${tse_source}/src/${file}")
-    message(FATAL_ERROR "include/tse/effects.def has a row '${CMAKE_MATCH_1}', but there is no src/${file}")
+    message(FATAL_ERROR "include/tse/effects.def has a row '${id}', but there is no src/${file}")
   endif()
   list(APPEND effect_files "${file}")
-  if(CMAKE_MATCH_2 STREQUAL "CONSTANT")
+  string(APPEND list_of_${hook} " X(${id})")
+  if(hook STREQUAL "CONSTANT")
     string(APPEND constant_effects "#include \"${file}\"\n")
-  else()
+  elseif(hook IN_LIST acting_hooks)
     string(APPEND acting_effects "#include \"${file}\"\n")
+  else()
+    message(FATAL_ERROR "include/tse/effects.def: '${id}' has the hook ${hook}, which is none")
   endif()
+endforeach()
+string(APPEND constant_effects "#define EFFECTS_CONSTANT(X)${list_of_CONSTANT}\n")
+foreach(hook IN LISTS acting_hooks)
+  string(APPEND acting_effects "#define EFFECTS_${hook}(X)${list_of_${hook}}\n")
 endforeach()
 
 function(write_effects name title includes)

@@ -48,7 +48,6 @@ typedef struct tse_sim_output {
 } tse_sim_output;
 
 typedef struct tse_sim {
-  tse_config vehicle;
   tse_sim_config config;
   tse_params params;
   uint32_t step;

@@ -301,16 +301,9 @@ static tse_setting square(tse_setting x) { return r_mul(x, x); }
 /* To the car that the filter's constants are of: CONSTANT effects act on its settings. */
 static void change_car(uint64_t mask, tse_config *car)
 {
-#define CALL_CONSTANT(id) if (mask >> TSE_EFFECT_##id & 1u) id##_constant(car);
-#define CALL_INPUT(id)
-#define CALL_SLIP(id)
-#define CALL_LAG(id)
-#define CALL_STIFFNESS(id)
-#define CALL_GRIP(id)
-#define CALL_BODY(id)
-#define CALL_SENSOR(id)
-#define EFFECT(id, hook, title, entry, channels, alike, estimator) CALL_##hook(id)
-#include "tse/effects.def"
+#define CALL(id) if (mask >> TSE_EFFECT_##id & 1u) id##_constant(car);
+  EFFECTS_CONSTANT(CALL)
+#undef CALL
 }
 
 static void prepare_effects(const tse_config *c, uint64_t mask, tse_params *p)

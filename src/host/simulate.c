@@ -46,7 +46,6 @@ tse_status tse_sim_reset(tse_sim *sim, const tse_config *c, const tse_sim_config
   if (status >= 0) status = tse_sim_config_check(s, wrong);
   if (status < 0) return status;
   memset(sim, 0, sizeof *sim);
-  sim->vehicle = *c;
   sim->config = *s;
   memcpy(&sim->params, &params, sizeof params); /* padding too: tse_sim_check() compares bytes */
   sim->params.seed[0] = (uint32_t)s->seed;
@@ -61,15 +60,10 @@ tse_status tse_sim_reset(tse_sim *sim, const tse_config *c, const tse_sim_config
   return TSE_OK;
 }
 
-/* Member by member: bytes between members are whatever their writer left there. */
+/* Member by member: bytes between members are whatever their writer left there. Settings of the vehicle: by their fingerprint. */
 static int same_settings(const tse_sim *a, const tse_sim *b)
 {
-  int same = 1;
-#define REAL(name, def, lo, hi, unit, text) same = same && memcmp(&a->vehicle.name, &b->vehicle.name, sizeof a->vehicle.name) == 0;
-#define INT(name, def, lo, hi, text) same = same && a->vehicle.name == b->vehicle.name;
-#include "tse/config.def"
-#undef REAL
-#undef INT
+  int same = memcmp(&a->params, &b->params, sizeof a->params) == 0;
 #define REAL(name, def, lo, hi, unit, text) same = same && memcmp(&a->config.name, &b->config.name, sizeof a->config.name) == 0;
 #define INT(name, def, lo, hi, text) same = same && a->config.name == b->config.name;
 #include "tse/sim.def"
@@ -84,7 +78,7 @@ tse_status tse_sim_check(const tse_sim *sim, const tse_config *c, const tse_sim_
   if (!sim || !c || !s) return TSE_E_NULL;
   const tse_status status = tse_sim_reset(&fresh, c, s, NULL);
   if (status < 0) return status;
-  int fine = same_settings(&fresh, sim) && memcmp(&fresh.params, &sim->params, sizeof sim->params) == 0;
+  int fine = same_settings(&fresh, sim);
   fine = fine && sound_memory(&sim->effects);
   fine = fine && sound_reals(sim->x, 9, -MOST_REAL, MOST_REAL) && sound_reals(sim->bias, 3, -MOST_REAL, MOST_REAL);
   fine = fine && sound_reals(sim->drawn, 3, -MOST_REAL, MOST_REAL) && sound_reals(&sim->steer, 1, -MOST_REAL, MOST_REAL);
@@ -356,13 +350,11 @@ static void advance(tse_sim *sim, const tse_sim_input *u)
   }
   sim->last = *u;
   jump(sim);
-  const tse_real walk[3] = { r_from_setting(sim->vehicle.accel_x_bias_walk), r_from_setting(sim->vehicle.accel_y_bias_walk),
-                             r_from_setting(sim->vehicle.yaw_rate_bias_walk) };
   const tse_real scale = r_mul(r_from_setting(sim->config.bias_walk), r_sqrt(u->dt));
   tse_real n[4];
   two_normals(sim, RANDOM_SIM_WALK_A, &n[0], &n[1]);
   two_normals(sim, RANDOM_SIM_WALK_B, &n[2], &n[3]);
-  for (int a = 0; a < 3; a++) sim->bias[a] += r_mul(r_mul(scale, walk[a]), n[a]);
+  for (int a = 0; a < 3; a++) sim->bias[a] += r_mul(r_mul(scale, sim->params.bias_sd_walk[a]), n[a]);
 }
 
 /* At the first row everything is at rest: tyres hold the slip that there is, the steering has followed. */

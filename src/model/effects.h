@@ -8,18 +8,6 @@
 
 #include "model/vehicle.h"
 
-enum { HOOK_CONSTANT, HOOK_INPUT, HOOK_SLIP, HOOK_LAG, HOOK_STIFFNESS, HOOK_GRIP, HOOK_BODY, HOOK_SENSOR };
-
-/* Bits of the effects with this hook; the compiler folds it. */
-static inline uint64_t effects_with(int hook)
-{
-  uint64_t bits = 0;
-#define EFFECT(id, hook_of, title, entry, channels, alike, estimator) \
-  bits |= HOOK_##hook_of == hook ? (uint64_t)1 << TSE_EFFECT_##id : 0;
-#include "tse/effects.def"
-  return bits;
-}
-
 static inline int effect_is_on(const tse_effects *e, int effect) { return (int)((e->mask >> effect) & 1u); }
 
 #if !defined(TSE_NO_EFFECTS)
@@ -91,25 +79,16 @@ enum { MODE_ROLL, MODE_PITCH, MODE_ROLL_STEER };
 #include "model/effects_acting.h"
 #include "model/formula.h"
 
-/* CALL(hook, arguments): every effect of that hook that is on, in the order of the table. */
-#define CALL_IF_ON(id, call) if (effect_is_on(e, TSE_EFFECT_##id)) call;
+/* EFFECTS_INPUT(CALL) and its like in effects_acting.h: every effect of that hook that is on, in the order of the table. */
+#define IF_ON(id, call) if (effect_is_on(e, TSE_EFFECT_##id)) call;
 
 /* INPUT: the steering angle that a row logs becomes that of the wheels. Once a row, dt since the last one.
  *   Updated:  m   Returned: [rad] */
 static inline tse_real effects_steer(const tse_effects *e, tse_effect_memory *m, tse_real steer, tse_real dt)
 {
-#define CALL_CONSTANT(id)
-#define CALL_INPUT(id) CALL_IF_ON(id, steer = id##_input(e, m, steer, dt))
-#define CALL_SLIP(id)
-#define CALL_LAG(id)
-#define CALL_STIFFNESS(id)
-#define CALL_GRIP(id)
-#define CALL_BODY(id)
-#define CALL_SENSOR(id)
-#define EFFECT(id, hook, title, entry, channels, alike, estimator) CALL_##hook(id)
-#include "tse/effects.def"
-#undef CALL_INPUT
-#define CALL_INPUT(id)
+#define CALL(id) IF_ON(id, steer = id##_input(e, m, steer, dt))
+  EFFECTS_INPUT(CALL)
+#undef CALL
   m->steered = 1;
   return steer;
 }
@@ -123,12 +102,9 @@ static inline void effects_slips(const tse_real lag[4], point *pt)
   pt->sin_steer = pt->u.steer;
   pt->cos_steer = TSE_R(1);
   if (!e->mask) return;
-#undef CALL_SLIP
-#define CALL_SLIP(id) CALL_IF_ON(id, id##_slip(pt))
-#define EFFECT(id, hook, title, entry, channels, alike, estimator) CALL_##hook(id)
-#include "tse/effects.def"
-#undef CALL_SLIP
-#define CALL_SLIP(id)
+#define CALL(id) IF_ON(id, id##_slip(pt))
+  EFFECTS_SLIP(CALL)
+#undef CALL
   if (formula_is_on(e)) formula_slip(pt);
   pt->s.a_front += pt->g.slip_front;
   pt->s.a_rear += pt->g.slip_rear;
@@ -136,31 +112,22 @@ static inline void effects_slips(const tse_real lag[4], point *pt)
   pt->target[1] = pt->s.a_rear;
   pt->target[2] = pt->s.s_front;
   pt->target[3] = pt->s.s_rear;
-#undef CALL_LAG
-#define CALL_LAG(id) CALL_IF_ON(id, id##_slip(lag, pt))
-#define EFFECT(id, hook, title, entry, channels, alike, estimator) CALL_##hook(id)
-#include "tse/effects.def"
-#undef CALL_LAG
-#define CALL_LAG(id)
+#define CALL(id) IF_ON(id, id##_slip(lag, pt))
+  EFFECTS_LAG(CALL)
+#undef CALL
 }
 
 /* STIFFNESS, GRIP: the secant stiffness at these slips.   Updated: pt->k */
 static inline void effects_stiffness(point *pt)
 {
   const tse_effects *const e = &pt->p->effects;
-  if (!(e->mask & (effects_with(HOOK_STIFFNESS) | effects_with(HOOK_GRIP) | (uint64_t)1 << TSE_BIT_FORMULA))) return;
-#undef CALL_STIFFNESS
-#define CALL_STIFFNESS(id) CALL_IF_ON(id, id##_stiffness(pt))
-#define EFFECT(id, hook, title, entry, channels, alike, estimator) CALL_##hook(id)
-#include "tse/effects.def"
-#undef CALL_STIFFNESS
-#define CALL_STIFFNESS(id)
-#undef CALL_GRIP
-#define CALL_GRIP(id) CALL_IF_ON(id, id##_grip(pt))
-#define EFFECT(id, hook, title, entry, channels, alike, estimator) CALL_##hook(id)
-#include "tse/effects.def"
-#undef CALL_GRIP
-#define CALL_GRIP(id)
+  if (!e->mask) return;
+#define CALL(id) IF_ON(id, id##_stiffness(pt))
+  EFFECTS_STIFFNESS(CALL)
+#undef CALL
+#define CALL(id) IF_ON(id, id##_grip(pt))
+  EFFECTS_GRIP(CALL)
+#undef CALL
   if (formula_is_on(e)) formula_stiffness(pt);
 }
 
@@ -182,12 +149,9 @@ static inline void effects_forces(point *pt)
   pt->force.x = r_mul(pt->fx_front, pt->cos_steer) + pt->fx_rear - r_mul(pt->fy_front, pt->sin_steer) + pt->g.x;
   pt->force.y = side + pt->fy_rear + pt->g.y;
   pt->force.yaw = r_mul(p->jf, side) - r_mul(p->jr, pt->fy_rear) + pt->g.yaw;
-#undef CALL_BODY
-#define CALL_BODY(id) CALL_IF_ON(id, id##_body(pt))
-#define EFFECT(id, hook, title, entry, channels, alike, estimator) CALL_##hook(id)
-#include "tse/effects.def"
-#undef CALL_BODY
-#define CALL_BODY(id)
+#define CALL(id) IF_ON(id, id##_body(pt))
+  EFFECTS_BODY(CALL)
+#undef CALL
   if (effect_is_on(e, TSE_EFFECT_body_roll)) body_roll_body(pt); /* acts here, too */
   if (formula_is_on(e)) formula_body(pt);
 }
@@ -209,11 +173,10 @@ static inline reading effects_sense(const point *pt, tse_effect_memory *m, tse_r
 {
   const tse_effects *const e = &pt->p->effects;
   reading now = { pt, m, dt, { pt->force.x, pt->force.y, pt->r } }, *const z = &now;
-  if (!(e->mask & (effects_with(HOOK_SENSOR) | (uint64_t)1 << TSE_BIT_FORMULA))) return now;
-#undef CALL_SENSOR
-#define CALL_SENSOR(id) CALL_IF_ON(id, id##_sensor(z))
-#define EFFECT(id, hook, title, entry, channels, alike, estimator) CALL_##hook(id)
-#include "tse/effects.def"
+  if (!e->mask) return now;
+#define CALL(id) IF_ON(id, id##_sensor(z))
+  EFFECTS_SENSOR(CALL)
+#undef CALL
   if (formula_is_on(e)) formula_sensor(pt, z->y);
   return now;
 }
@@ -230,6 +193,10 @@ static inline void effects_at(const tse_params *p, const tse_effect_memory *m, c
 }
 
 #define MOST_RATE TSE_R(1e6) /* 1/s: a length of micrometres is none, and no infinite number */
+
+#define BIT(id) | (uint64_t)1 << TSE_EFFECT_##id
+static inline int effects_lag(const tse_effects *e) { return (e->mask & (0 EFFECTS_LAG(BIT))) != 0; }
+#undef BIT
 
 /* [1/s] rates of the states of LAG, front and rear slip angle, front and rear slip; 0: no state. */
 static inline void effects_lag_rates(const tse_effects *e, const point *pt, tse_real rate[4])
@@ -258,15 +225,7 @@ void effects_advance(const tse_params *p, tse_effect_memory *m, stiffness k, inp
 }
 #endif
 
-#undef CALL_IF_ON
-#undef CALL_CONSTANT
-#undef CALL_INPUT
-#undef CALL_SLIP
-#undef CALL_LAG
-#undef CALL_STIFFNESS
-#undef CALL_GRIP
-#undef CALL_BODY
-#undef CALL_SENSOR
+#undef IF_ON
 
 #endif /* TSE_NO_EFFECTS */
 #endif

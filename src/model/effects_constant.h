@@ -4,3 +4,4 @@
 #include "model/effects/yaw_inertia.h"
 #include "model/effects/cg_shift.h"
 #include "model/effects/wheel_radius.h"
+#define EFFECTS_CONSTANT(X) X(mass) X(yaw_inertia) X(cg_shift) X(wheel_radius)

@@ -12,7 +12,7 @@ static void motion_of(const tse_effects *e, const point *pt, const tse_real lag[
   if (!e->mask) return;
   f[0] += pt->gravity_x;
   f[1] += pt->gravity_y;
-  if (!(e->mask & effects_with(HOOK_LAG))) return;
+  if (!effects_lag(e)) return;
   tse_real rate[4];
   effects_lag_rates(e, pt, rate);
   for (int i = 0; i < 4; i++) f[3 + i] = r_mul(rate[i], pt->target[i] - lag[i]);
@@ -35,7 +35,7 @@ static solver factor(const point *pt, tse_real gh)
   tse_real yf = r_mul(pt->k.y_front, pt->s.inv_body), yr = r_mul(pt->k.y_rear, pt->s.inv_body);
   tse_real xf = r_mul(pt->k.x_front, pt->s.inv_front), xr = r_mul(pt->k.x_rear, pt->s.inv_rear);
   m.at = pt;
-  m.lags = (p->effects.mask & effects_with(HOOK_LAG)) != 0;
+  m.lags = effects_lag(&p->effects);
   if (m.lags) {
     const tse_real k[4] = { pt->k.y_front, pt->k.y_rear, pt->k.x_front, pt->k.x_rear };
     tse_real rate[4];

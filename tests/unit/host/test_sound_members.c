@@ -323,8 +323,17 @@ static void test_a_simulation_of_other_settings_is_refused_whichever_it_is(void)
   other = sim;                                                                        \
   other.group += (by);                                                                \
   TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_E_STATE, look_at_simulation(), what);
-#define REAL(name, def, lo, hi, unit, text) OFF("vehicle." #name, vehicle.name, setting(0.01))
-#define INT(name, def, lo, hi, text) OFF("vehicle." #name, vehicle.name, 1)
+  const tse_config told = c;
+#define LOOKED(what)                                                                  \
+  other = sim;                                                                        \
+  TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_E_STATE, look_at_simulation(), what);             \
+  c = told;
+#define REAL(name, def, lo, hi, unit, text)                                                       \
+  c.name = setting(of_setting(c.name) + 0.001 * ((of_setting(c.name) < (hi) ? (hi) : (lo)) - of_setting(c.name))); \
+  LOOKED("vehicle." #name)
+#define INT(name, def, lo, hi, text)     \
+  c.name += c.name < (hi) ? 1 : -1;      \
+  LOOKED("vehicle." #name)
 #include "tse/config.def"
 #undef REAL
 #undef INT
