@@ -131,6 +131,7 @@ typedef struct tse_params {
   tse_real steer_lag, steer_lag_second; /* [s] */
   tse_real velocity_sd[TSE_VELOCITIES], velocity_late; /* [m/s] [m/s] [m/s] [rad]; [s] behind the row that is stepped to */
   tse_real extra[TSE_EXTRAS], extra_sd[TSE_EXTRAS]; /* prior of the states of a measured velocity */
+  tse_real no_torque;                 /* [Nm] an axle with less rolls freely */
   tse_effects effects;                /* what is not in the plain model; mask 0: nothing   */
 } tse_params;
 

@@ -67,8 +67,8 @@ typedef struct tse_config {
 } tse_config;
 
 /* One log row. Rows, ranges, units: tse/input.def. A channel is missing when it is NaN or its bit is set in `missing`. Velocities
- * (tse/velocity.def) are the other way round: one that is not given is not there, so that a row of zeros measures none. Set the struct to zero before it
- * is filled.
+ * (tse/velocity.def) and what the pedals do (tse/pedals.def) are the other way round: what is not given is not there, so that a row of zeros
+ * measures none. Set the struct to zero before it is filled.
  * dt: time since the previous row [s], (0, 3600]; ignored after tse_reset() up to the first row with all inputs. */
 typedef struct tse_input {
   tse_real dt;
@@ -76,10 +76,10 @@ typedef struct tse_input {
 #include "tse/input.def"
 #undef INPUT
   uint32_t missing;
-  uint32_t given;               /* velocities that were measured: bits TSE_GIVEN(ins_vel_y); 0: none, then those below are not read */
-#define VELOCITY(name, lo, hi, unit, text) tse_real name;
-#include "tse/velocity.def"
-#undef VELOCITY
+  uint32_t given;               /* of those below, what was measured: bits TSE_GIVEN(ins_vel_y); 0: none, then they are not read */
+#define OPTIONAL(name, lo, hi, unit, text) tse_real name;
+#include "tse/optional.def"
+#undef OPTIONAL
 } tse_input;
 
 enum { /* bits of tse_input.missing: TSE_MISSING(accel_x) */
@@ -91,12 +91,13 @@ enum { /* bits of tse_input.missing: TSE_MISSING(accel_x) */
 #define TSE_MISSING(name) (1u << TSE_CHANNEL_##name)
 
 enum { /* bits of tse_input.given: TSE_GIVEN(gnss_speed) */
-#define VELOCITY(name, lo, hi, unit, text) TSE_VELOCITY_##name,
-#include "tse/velocity.def"
-#undef VELOCITY
-  TSE_ALL_VELOCITIES
+#define OPTIONAL(name, lo, hi, unit, text) TSE_OPTIONAL_##name,
+#include "tse/optional.def"
+#undef OPTIONAL
+  TSE_OPTIONALS
 };
-#define TSE_GIVEN(name) (1u << TSE_VELOCITY_##name)
+#define TSE_GIVEN(name) (1u << TSE_OPTIONAL_##name)
+#define TSE_GIVEN_VELOCITIES ((1u << TSE_VELOCITIES) - 1u) /* all bits of tse/velocity.def */
 
 /* Index of a stiffness in tse_output and everywhere else. */
 enum { TSE_CX_FRONT = 0, TSE_CY_FRONT = 1, TSE_CY_REAR = 2 };
@@ -188,6 +189,8 @@ tse_status tse_input_check(const tse_input *u, const char **wrong);
  *     a velocity is given (tse/velocity.def)     a measurement, late by velocity_latency; a value that repeats the one before is no
  *                                                new one; out of range or NaN: not there; one that does not fit is left out until
  *                                                it does. In the forms with particles: refused, TSE_E_INPUT
+ *     brake, wheel torques given (tse/pedals.def)  they say which axle rolls freely, in place of accel_x; while none does, on a road
+ *                                                that may climb, nothing is learnt of the longitudinal stiffness. With particles: refused
  *     uncertain parameters                       the settings of tse/uncertainty.def: Schmidt's gain; they widen the sd of all estimates
  *   ... with particles
  *     steering angle or wheel speed missing      last value held up to max_gap, then states frozen; predicts only

@@ -89,10 +89,10 @@ static void compose(const tse_params *p, tse_alignment *m, const tse_input *u, t
 #include "tse/input.def"
 #undef INPUT
   for (int a = 0; a < 3; a++) m->lost[a] = lost[(int)TSE_CHANNEL_accel_x + a];
-  row->given = u->given; /* velocities do not wait: how much earlier than this row they were true is known (velocity_late) */
-#define VELOCITY(name, lo, hi, unit, text) row->name = u->name;
-#include "tse/velocity.def"
-#undef VELOCITY
+  row->given = u->given; /* these do not wait: how much earlier than this row a velocity was true is known (velocity_late) */
+#define OPTIONAL(name, lo, hi, unit, text) row->name = u->name;
+#include "tse/optional.def"
+#undef OPTIONAL
 }
 
 tse_status align_row(const tse_params *p, tse_filter *f, const tse_input *u, tse_input *row)

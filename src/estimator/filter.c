@@ -72,10 +72,9 @@ tse_status tse_step(const tse_params *p, tse_filter *f, const tse_input *u, tse_
 {
   if (!p || !f || !u) return TSE_E_NULL;
   if (p->magic != TSE_PARAMS_MAGIC || f->magic != TSE_FILTER_MAGIC || f->fingerprint != p->fingerprint) return TSE_E_STATE;
+  if (p->form != 0 && u->given) return TSE_E_INPUT; /* it would be without effect */
 #if defined(TSE_NO_VELOCITY)
-  if (u->given) return TSE_E_INPUT; /* it would be without effect */
-#else
-  if (p->form != 0 && u->given) return TSE_E_INPUT;
+  if (u->given & TSE_GIVEN_VELOCITIES) return TSE_E_INPUT;
 #endif
   return p->latency_span > TSE_R(0) ? step_late(p, f, u, out) : step_form(p, f, u, out);
 }

@@ -476,6 +476,7 @@ static void prepare_car(const tse_config *c, tse_params *p)
   p->log_max = logarithm(real_of(c->stiffness_max));
   p->model_sd = real_of(c->model_sd);
   prepare_velocity(c, p);
+  p->no_torque = real_of(c->wheel_torque_least);
 }
 
 static void constants_of(const tse_config *settings, tse_params *p)

@@ -48,9 +48,18 @@ enum { PSI = STATES,
 typedef struct decoded {
   tse_real dt, steer, z[TSE_SENSORS];
   int32_t use[TSE_SENSORS], has_steer, used, one_speed;
-  tse_real velocity[TSE_VELOCITIES];
+  tse_real optional[TSE_OPTIONALS];
   uint32_t given;
+  int32_t rolls, no_slip; /* ROLLS_UNKNOWN ...; 1: slip says nothing of the stiffness */
 } decoded;
+
+/* Which axle rolls freely, by what is given of the pedals: not known, none, front, rear. */
+enum { ROLLS_UNKNOWN,
+       ROLLS_NONE,
+       ROLLS_FRONT,
+       ROLLS_REAR };
+static inline int32_t not_driven(const tse_car *c) { return c->driven == 1 ? ROLLS_REAR : c->driven == 2 ? ROLLS_FRONT
+                                                                                                         : ROLLS_UNKNOWN; }
 
 /* Kinds of events, and what each opens: events.c. */
 enum { EVENT_NONE,
@@ -133,7 +142,7 @@ static inline int32_t place_of(int32_t a) { return a < 3 ? a + 1 + (int32_t)TSE_
 
 /* What kind of row it is. */
 typedef struct passage {
-  int gap, held, predicted, one_speed;
+  int gap, held, predicted, one_speed, rolls;
 } passage;
 
 /* output.c   estimates, probabilities, and why each stiffness is valid or not */

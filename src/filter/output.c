@@ -113,7 +113,7 @@ void judge_row(const tse_params *p, const tse_kalman *k, const passage *w, tse_o
 {
   for (int a = 0; a < 3; a++) out->reason[a] = (int32_t)reason_of(p, k, w, out, out->stiffness_sd[a], out->stiffness[a], LCX + a);
   /* No slip is seen where both wheel speeds are one, and none where no axle rolls freely and the road may climb: accel_x then says no speed. */
-  const int has_speed = p->car.driven != 0 || !(p->prior_sd[GX] > TSE_R(0));
+  const int has_speed = p->car.driven != 0 || w->rolls >= ROLLS_FRONT || !(p->prior_sd[GX] > TSE_R(0));
   if (out->reason[TSE_CX_FRONT] == TSE_VALID && (w->one_speed || !has_speed)) out->reason[TSE_CX_FRONT] = TSE_NOT_EXCITED;
   out->grip_reason = (int32_t)reason_of(p, k, w, out, out->grip_sd, out->grip, LMU);
   if (out->grip_reason == TSE_VALID && !(p->prior_sd[LMU] > TSE_R(0))) out->grip_reason = TSE_NOT_EXCITED; /* a setting, no estimate */

@@ -73,7 +73,7 @@ steering predict_row(const tse_params *p, tse_kalman *k, const decoded *z)
   car_move(c, k->x, u, M);
   for (int i = 0; i < MOTION; i++)
     for (int a = 0; a < 3; a++) M[i][LCX + a] = r_mul(M[i][LCX + a], share[a]);
-  if (z->one_speed) M[VX][LCX] = TSE_R(0);
+  if (z->no_slip) M[VX][LCX] = TSE_R(0);
   for (int i = 0; i < MOTION; i++) k->x[i] = r_clamp(k->x[i], -state_most[i], state_most[i]);
   for (int i = 0; i < MOTION; i++) {
     const tse_real own = r_div(TSE_R(1), state_unit[i]);

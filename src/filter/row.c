@@ -7,6 +7,20 @@
 
 static int missing(const tse_input *u, uint32_t bit, tse_real value) { return (u->missing & bit) != 0 || r_is_nan(value); }
 
+/* The axle that rolls freely, by brake switch and wheel torques: the one that is not driven, unless they say that it brakes; of two that
+ * are driven one without torque beside one with. */
+static int32_t rolls_by(const tse_params *p, const decoded *z)
+{
+  const int32_t undriven = not_driven(&p->car);
+  const int known[2] = { (z->given & TSE_GIVEN(wheel_torque_front)) != 0, (z->given & TSE_GIVEN(wheel_torque_rear)) != 0 };
+  const tse_real torque[2] = { r_abs(z->optional[TSE_OPTIONAL_wheel_torque_front]), r_abs(z->optional[TSE_OPTIONAL_wheel_torque_rear]) };
+  const int less = torque[1] < torque[0];
+  if ((z->given & TSE_GIVEN(brake)) && !(z->optional[TSE_OPTIONAL_brake] < TSE_R(0.5))) return ROLLS_NONE;
+  if (undriven != ROLLS_UNKNOWN && known[undriven - ROLLS_FRONT]) return torque[undriven - ROLLS_FRONT] < p->no_torque ? undriven : ROLLS_NONE;
+  if (undriven != ROLLS_UNKNOWN || !known[0] || !known[1]) return z->given & TSE_GIVEN(brake) ? undriven : ROLLS_UNKNOWN;
+  return torque[less] < r_min(p->no_torque, r_mul(TSE_R(0.1), torque[!less])) ? ROLLS_FRONT + less : ROLLS_NONE;
+}
+
 tse_status row_decode(const tse_params *p, const tse_filter *f, const tse_input *u, decoded *z)
 {
   tse_input given = *u;
@@ -30,14 +44,17 @@ tse_status row_decode(const tse_params *p, const tse_filter *f, const tse_input 
   z->one_speed = z->use[3] && z->use[4] && (p->wheel_signals < 2 || r_abs(z->z[3] - z->z[4]) <= r_mul(SAME_SPEED, r_abs(z->z[4])));
   if (z->one_speed) z->use[3] = 0;
   z->given = 0;
-#define VELOCITY(name, lo, hi, unit, text)                                                                             \
-  z->velocity[TSE_VELOCITY_##name] = TSE_R(0);                                                                         \
+#define OPTIONAL(name, lo, hi, unit, text)                                                                             \
+  z->optional[TSE_OPTIONAL_##name] = TSE_R(0);                                                                         \
   if ((u->given & TSE_GIVEN(name)) != 0 && u->name >= TSE_R(lo) && u->name <= TSE_R(hi)) {                             \
-    z->velocity[TSE_VELOCITY_##name] = u->name;                                                                        \
+    z->optional[TSE_OPTIONAL_##name] = u->name;                                                                        \
     z->given |= TSE_GIVEN(name);                                                                                       \
   }
-#include "tse/velocity.def"
-#undef VELOCITY
+#include "tse/optional.def"
+#undef OPTIONAL
+  /* where no axle shows the speed, slip is what accel_x adds up to, in which the grade of the road stands */
+  z->rolls = z->given & ~TSE_GIVEN_VELOCITIES ? rolls_by(p, z) : ROLLS_UNKNOWN;
+  z->no_slip = z->one_speed || (z->rolls == ROLLS_NONE && p->prior_sd[GX] > TSE_R(0));
   z->used = z->use[0] + z->use[1] + z->use[2];
   return TSE_OK;
 }

@@ -33,6 +33,7 @@ static passage classify(const tse_params *p, tse_filter *f, const decoded *z)
   f->lost = f->held_for > p->max_gap || f->rolled_for > TSE_R(10) || (f->lost && !(z->has_steer && wheels));
   w.predicted = f->lost || z->used == 0 || !z->has_steer;
   w.one_speed = z->one_speed;
+  w.rolls = z->rolls;
   w.held = slow < p->hold_speed || r_min(front, rear) < -p->hold_speed || r_abs(z->steer) > p->max_steer;
   f->still_for = slow < STILL_SPEED && wheels ? r_min(f->still_for + z->dt, MODEL_TIME) : TSE_R(0);
   return w;

@@ -112,14 +112,16 @@ static void what_is_late(const tse_params *p, tse_kalman *k, const forces *f, ts
   k->before[2] = k->x[VX];
 }
 
-/* The axle that is not driven rolls freely while the car does not brake. */
-static void roll_freely(const tse_params *p, tse_kalman *k, const forces *f, tse_real change[TSE_ALL])
+/* The axle that is not driven rolls freely while the car does not brake, which forces show where nothing else does. */
+static void roll_freely(const tse_params *p, tse_kalman *k, const decoded *z, const forces *f, tse_real change[TSE_ALL])
 {
   const tse_car *const c = &p->car;
   scalar m;
   tse_real state;
-  if (c->driven == 0 || f->x + r_mul(c->drag, r_sqr(k->x[VX])) < TSE_R(0)) return;
-  const int at = c->driven == 1 ? SR : SF;
+  int32_t axle = z->rolls;
+  if (axle == ROLLS_UNKNOWN) axle = f->x + r_mul(c->drag, r_sqr(k->x[VX])) < TSE_R(0) ? ROLLS_NONE : not_driven(c);
+  if (axle < ROLLS_FRONT) return;
+  const int at = axle == ROLLS_REAR ? SR : SF;
   for (int i = 0; i < TSE_ALL; i++) m.h[i] = TSE_R(0);
   for (int q = 0; q < TSE_DOUBTS; q++) m.doubts[q] = TSE_R(0);
   m.h[at] = state_unit[at];
@@ -140,7 +142,7 @@ void update_row(const tse_params *p, tse_kalman *k, const decoded *z, steering u
   signal_shares(k, share);
   for (int a = 0; a < TSE_SENSORS; a++)
     for (int i = 0; i < 3; i++) H[a][LCX + i] = r_mul(H[a][LCX + i], share[i]);
-  if (z->one_speed) H[0][LCX] = TSE_R(0); /* one speed is no slip: nothing of the stiffness that it has */
+  if (z->no_slip) H[0][LCX] = TSE_R(0); /* one speed is no slip: nothing of the stiffness that it has */
   what_is_late(p, k, &f, z->dt, doubts);
   for (int i = 0; i < TSE_ALL; i++) change[i] = TSE_R(0);
   k->nis = k->unusual = TSE_R(0);
@@ -186,7 +188,7 @@ void update_row(const tse_params *p, tse_kalman *k, const decoded *z, steering u
     k->channels++;
     k->log_likelihood -= r_mul(TSE_R(0.5), r_div(r_sqr(m.e), s) + r_mul(TSE_R(0.69314718055994531), r_log2(s)) + TSE_R(1.8378770664093453));
   }
-  if (!z->one_speed) roll_freely(p, k, &f, change);
+  if (!z->one_speed) roll_freely(p, k, z, &f, change);
   velocity_update(p, k, z, &f, change);
   finish(p, k, change);
 }

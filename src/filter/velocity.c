@@ -264,14 +264,14 @@ void velocity_update(const tse_params *p, tse_kalman *k, const decoded *z, const
   tse_velocity *const m = &k->velocity;
   tse_real rate[3], by[3][COLUMNS];
   if (k->p.extras) remember(k, z->dt);
-  if (!z->given) return;
+  if (!(z->given & TSE_GIVEN_VELOCITIES)) return;
   if (!k->p.extras) {
     start(p, k);
     remember(k, z->dt);
   }
   car_rates(&p->car, k->x, f, rate, by);
   for (int c = 0; c < TSE_VELOCITIES; c++) {
-    const tse_real now = z->velocity[c], dt = r_clamp(m->since[c], z->dt, MODEL_TIME);
+    const tse_real now = z->optional[c], dt = r_clamp(m->since[c], z->dt, MODEL_TIME);
     scalar s;
     if (!(z->given >> c & 1u) || (now >= m->last[c] && now <= m->last[c])) continue; /* held from the row before, or frozen */
     m->last[c] = now;

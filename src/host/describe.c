@@ -25,10 +25,10 @@ static const tse_field input_fields[] = {
 #include "tse/input.def"
 #undef INPUT
   { "missing", 'u', (int32_t)offsetof(tse_input, missing), NO_RANGE, "", "bits of missing channels, in the order of the rows above" },
-  { "given", 'u', (int32_t)offsetof(tse_input, given), NO_RANGE, "", "bits of measured velocities, in the order of the rows below" },
-#define VELOCITY(name, lo, hi, unit, text) { #name, 'r', (int32_t)offsetof(tse_input, name), 0.0, lo, hi, unit, text },
-#include "tse/velocity.def"
-#undef VELOCITY
+  { "given", 'u', (int32_t)offsetof(tse_input, given), NO_RANGE, "", "bits of what is measured, in the order of the rows below" },
+#define OPTIONAL(name, lo, hi, unit, text) { #name, 'r', (int32_t)offsetof(tse_input, name), 0.0, lo, hi, unit, text },
+#include "tse/optional.def"
+#undef OPTIONAL
 };
 
 static const tse_field output_fields[] = {

@@ -62,6 +62,7 @@ static tse_config other_car(void)
   c.ins_velocity_sd = setting(0.06);
   c.gnss_speed_sd = setting(0.14);
   c.gnss_course_sd = setting(0.013);
+  c.wheel_torque_least = setting(45);
   c.velocity_latency = setting(0.017);
   c.velocity_latency_sd = setting(0.019);
   c.velocity_lever_x = setting(0.55);

@@ -406,7 +406,7 @@ static void test_a_row_is_that_of_a_dense_schmidt_kalman_filter(void)
     double value = predicted + e;
     if (channel == 3 && value > 3.14159) value -= 6.283185307179586;
     z.given = 1u << channel;
-    z.velocity[channel] = real(value);
+    z.optional[channel] = real(value);
     k.velocity.since[channel] = real(0.1);
     for (int i = 0; i < TSE_ALL; i++) change[i] = TSE_R(0);
     velocity_update(&p, &k, &z, &f, change);
@@ -682,7 +682,7 @@ static void test_a_jump_is_left_out_and_named_until_it_fits(void)
     const int wrong = n >= 1500 && n < 2000;
     if (wrong) u.ins_vel_y = real(number(u.ins_vel_y) + 3);
     const tse_output y = stepped(&w.p, &f, &u);
-    named += wrong && y.fault_channel == 1 + TSE_CHANNELS + TSE_VELOCITY_ins_vel_y;
+    named += wrong && y.fault_channel == 1 + TSE_CHANNELS + TSE_OPTIONAL_ins_vel_y;
     restored += n > 2600 && y.fault_channel == 0;
     if (n > 1000) most = fmax(most, fabs(number(y.vel_y) - number(w.x[VY])));
   }

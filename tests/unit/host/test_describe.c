@@ -73,7 +73,7 @@ static void test_rows_describe_every_byte_of_the_structs_but_padding(void)
 #undef INT
     ;
   TEST_ASSERT_EQUAL_INT((int)(sizeof(tse_config) - settings), undescribed(TSE_STRUCT_CONFIG, sizeof(tse_config), covered));
-  TEST_ASSERT_EQUAL_INT(TAIL(tse_input, gnss_course), undescribed(TSE_STRUCT_INPUT, sizeof(tse_input), covered));
+  TEST_ASSERT_EQUAL_INT(TAIL(tse_input, wheel_torque_rear), undescribed(TSE_STRUCT_INPUT, sizeof(tse_input), covered));
   TEST_ASSERT_EQUAL_INT(TAIL(tse_output, status), undescribed(TSE_STRUCT_OUTPUT, sizeof(tse_output), covered));
   TEST_ASSERT_EQUAL_INT(TAIL(tse_sim_config, seed), undescribed(TSE_STRUCT_SIM_CONFIG, sizeof(tse_sim_config), covered));
   TEST_ASSERT_EQUAL_INT(0, undescribed(TSE_STRUCT_REPLAY_LOG, sizeof(tse_replay_log), covered));
@@ -136,14 +136,15 @@ static void test_outputs_are_the_columns_of_the_estimates_file(void)
 static void test_inputs_are_the_columns_of_a_log(void)
 {
   static const char *const names[] = { "dt", "steer_angle", "wheel_speed_front", "wheel_speed_rear", "accel_x", "accel_y",
-                                       "yaw_rate", "missing", "given", "ins_vel_x", "ins_vel_y", "gnss_speed", "gnss_course" };
-  static const char *const units[] = { "s", "rad", "rad/s", "rad/s", "m/s2", "m/s2", "rad/s", "", "", "m/s", "m/s", "m/s", "rad" };
+                                       "yaw_rate", "missing", "given", "ins_vel_x", "ins_vel_y", "gnss_speed", "gnss_course",
+                                       "brake", "wheel_torque_front", "wheel_torque_rear" };
+  static const char *const units[] = { "s", "rad", "rad/s", "rad/s", "m/s2", "m/s2", "rad/s", "", "", "m/s", "m/s", "m/s", "rad", "1", "Nm", "Nm" };
   int32_t count, size;
   const tse_field *const f = rows_of(TSE_STRUCT_INPUT, &count, &size);
   expect_names(TSE_STRUCT_INPUT, names, ROWS(names));
   for (int i = 0; i < ROWS(units); i++) {
     TEST_ASSERT_EQUAL_STRING(units[i], f[i].unit);
-    TEST_ASSERT_EQUAL_INT("rrrrrrruurrrr"[i], f[i].kind);
+    TEST_ASSERT_EQUAL_INT("rrrrrrruurrrrrrr"[i], f[i].kind);
   }
 }
 
