@@ -37,12 +37,18 @@ const fmu_variable fmu_variables[] = {
   { "missing", 'i', 'i', (int32_t)offsetof(model, row.missing), FMU_NO_RATE, 0.0, 0.0, (1 << TSE_CHANNELS) - 1, "",
     "channels that are missing, for importers that cannot send NaN: sum of 1 steer_angle, 2 wheel_speed_front, 4 wheel_speed_rear, "
     "8 accel_x, 16 accel_y, 32 yaw_rate" },
-  { "velocity.given", 'i', 'i', (int32_t)offsetof(model, row.given), FMU_NO_RATE, 0.0, 0.0, (1 << TSE_ALL_VELOCITIES) - 1, "",
+  { "velocity.given", 'i', 'i', (int32_t)offsetof(model, row.given), FMU_NO_RATE, 0.0, 0.0, (1 << TSE_VELOCITIES) - 1, "",
     "velocities that are measured; 0: none, then they are not read: sum of 1 ins_vel_x, 2 ins_vel_y, 4 gnss_speed, 8 gnss_course" },
 #define VELOCITY(name, lo, hi, unit, text) \
   { "velocity." #name, 'r', 'i', (int32_t)offsetof(model, row.name), FMU_NO_RATE, 0.0, lo, hi, unit, text "; counts where its bit of given is set" },
 #include "tse/velocity.def"
 #undef VELOCITY
+  { "pedals.given", 'i', 'i', (int32_t)offsetof(model, pedals_given), FMU_NO_RATE, 0.0, 0.0, (1 << (TSE_OPTIONALS - TSE_VELOCITIES)) - 1, "",
+    "what of the pedals is known; 0: nothing, then they are not read: sum of 1 brake, 2 wheel_torque_front, 4 wheel_torque_rear" },
+#define PEDAL(name, lo, hi, unit, text) \
+  { "pedals." #name, 'r', 'i', (int32_t)offsetof(model, row.name), FMU_NO_RATE, 0.0, lo, hi, unit, text "; counts where its bit of given is set" },
+#include "tse/pedals.def"
+#undef PEDAL
 
   { "vehicle.calibrated", 'b', 'p', (int32_t)offsetof(model, calibrated), FMU_NO_RATE, 0.0, 1.0, -1.0, "",
     "false: an ordinary car of its class, and what is set of it wins: stiffness and yaw inertia that are not set follow from mass, lf "
@@ -65,6 +71,9 @@ const fmu_variable fmu_variables[] = {
 #undef REAL
 #define REAL(name, def, lo, hi, unit, text) PARAMETER("velocity", 'r', name, def, lo, hi, unit, text)
 #include "tse/velocity.def"
+#undef REAL
+#define REAL(name, def, lo, hi, unit, text) PARAMETER("pedals", 'r', name, def, lo, hi, unit, text)
+#include "tse/pedals.def"
 #undef REAL
 #define EFFECT_PARAMETER(id, parameter, role, unit, def, lo, hi, typical_lo, typical_hi, negligible, sign, text) \
   { "effects." #id "." #parameter, 'r', 'p', (int32_t)offsetof(model, config.id##_##parameter), FMU_NO_RATE, def, lo, hi, unit, text },
@@ -125,6 +134,7 @@ const int32_t fmu_array_count = (int32_t)(sizeof fmu_arrays / sizeof fmu_arrays[
 const fmu_terminal fmu_terminals[] = {
   { "sensors", "_tse_sensors", 'i', "", "what the car logs" },
   { "velocity", "_tse_velocity", 'i', "velocity.", "a velocity that is measured" },
+  { "pedals", "_tse_pedals", 'i', "pedals.", "brake switch and wheel torques" },
   { "estimate", "_tse_estimate", 'o', "estimate.", "stiffness, velocities, biases, and what the filter thinks of the road and its sensors" },
 };
 const int32_t fmu_terminal_count = (int32_t)(sizeof fmu_terminals / sizeof fmu_terminals[0]);
@@ -237,7 +247,7 @@ static tse_input usable(const model *m, const char **first)
 {
   tse_input u = m->row;
   u.missing &= (1u << TSE_CHANNELS) - 1u;
-  u.given &= (1u << TSE_ALL_VELOCITIES) - 1u;
+  u.given = (u.given & TSE_GIVEN_VELOCITIES) | (m->pedals_given << TSE_VELOCITIES & ((1u << TSE_OPTIONALS) - 1u));
   *first = NULL;
 #define INPUT(name, lo, hi, unit, kind, text)                                                                     \
   if (!(u.name >= TSE_R(lo) && u.name <= TSE_R(hi))) {                                                            \

@@ -115,13 +115,15 @@ def test_every_setting_is_a_parameter_with_its_unit_range_and_start(name: str) -
 
 def test_inputs_of_the_estimator_are_the_channels(estimator: Unit) -> None:
     inputs = {v.name: v for v in estimator.description.modelVariables if v.causality == "input"}
-    velocities = [f"velocity.{f.name}" for f in library().velocities]
-    assert set(inputs) == {f.name for f in library().channels} | {"missing", "velocity.given", *velocities}
-    for k, f in enumerate(library().velocities):
-        agree(inputs[f"velocity.{f.name}"], f, start=False)
-        assert f"{1 << k} {f.name}" in inputs["velocity.given"].description
-    assert (int(inputs["velocity.given"].min), int(inputs["velocity.given"].max)) == (0, 15)
-    assert int(inputs["velocity.given"].start) == 0
+    optional = {"velocity": library().optional[:4], "pedals": library().optional[4:]}
+    names = {f"{group}.{f.name}" for group, fields in optional.items() for f in fields}
+    assert set(inputs) == {f.name for f in library().channels} | {"missing", "velocity.given", "pedals.given", *names}
+    for group, fields in optional.items():
+        bits = inputs[f"{group}.given"]
+        for k, f in enumerate(fields):
+            agree(inputs[f"{group}.{f.name}"], f, start=False)
+            assert f"{1 << k} {f.name}" in bits.description
+        assert (int(bits.min), int(bits.max), int(bits.start)) == (0, 2 ** len(fields) - 1, 0)
     for f in library().channels:
         agree(inputs[f.name], f, start=False)
         assert float(inputs[f.name].start) == 0 and inputs[f.name].variability == "continuous"

@@ -97,5 +97,6 @@ def test_channels_are_those_of_the_estimator() -> None:
     """So that inputs() sets all there are."""
     names = [v.name for v in unit(ESTIMATOR).description.modelVariables if v.causality == "input"]
     velocities = ["given", "ins_vel_x", "ins_vel_y", "gnss_speed", "gnss_course"]  # at rest unless one is given
-    assert names == [*CHANNELS, "missing", *(f"velocity.{v}" for v in velocities)]
+    pedals = ["given", "brake", "wheel_torque_front", "wheel_torque_rear"]
+    assert names == [*CHANNELS, "missing", *(f"velocity.{v}" for v in velocities), *(f"pedals.{v}" for v in pedals)]
     assert [v.name for v in unit(VEHICLE).description.modelVariables if v.causality == "input"] == DRIVER

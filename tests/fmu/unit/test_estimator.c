@@ -13,12 +13,16 @@ static void put_row(fmi2Component c, const tse_input *u)
 #undef INPUT
   OK(put_integer(c, "missing", (int)u->missing));
 #define VELOCITY(name, lo, hi, unit, text) OK(put_real(c, "velocity." #name, u->name));
+#define PEDAL(name, lo, hi, unit, text) OK(put_real(c, "pedals." #name, u->name));
 #include "tse/velocity.def"
+#include "tse/pedals.def"
 #undef VELOCITY
-  OK(put_integer(c, "velocity.given", (int)u->given));
+#undef PEDAL
+  OK(put_integer(c, "velocity.given", (int)(u->given & TSE_GIVEN_VELOCITIES)));
+  OK(put_integer(c, "pedals.given", (int)(u->given >> TSE_VELOCITIES)));
 }
 
-/* A velocity in every tenth row, of the wheels; what is not given may be anything. */
+/* A velocity in every tenth row, of the wheels, and the pedals in rows that come and go; what is not given may be anything. */
 static void measure(tse_input *u, int row, const tse_config *config)
 {
   const tse_real v = (tse_real)(config->wheel_radius_rear * u->wheel_speed_rear);
@@ -26,6 +30,11 @@ static void measure(tse_input *u, int row, const tse_config *config)
   u->ins_vel_y = (tse_real)0.01 * (tse_real)(row % 7);
   u->gnss_course = (tse_real)0.001 * (tse_real)(row % 6000);
   u->given = row % 10 == 0 && v > 0 ? TSE_GIVEN(ins_vel_y) | TSE_GIVEN(gnss_speed) | (row % 20 ? TSE_GIVEN(gnss_course) : 0) : 0;
+  u->brake = (tse_real)(row / 300 % 2);
+  u->wheel_torque_front = (tse_real)(row % 500);
+  u->wheel_torque_rear = (tse_real)(row % 90 - 10);
+  u->given |= row / 200 % 4 ? TSE_GIVEN(brake) : 0;
+  u->given |= row / 700 % 3 ? TSE_GIVEN(wheel_torque_front) | TSE_GIVEN(wheel_torque_rear) : 0;
 }
 
 static void expect_outputs(fmi2Component c, const tse_config *config, const tse_output *y, int row)
@@ -115,17 +124,21 @@ static void test_a_recorded_drive_of_a_calibrated_car_gives_the_bits_of_tse_step
   drive_beside(c, &config);
 }
 
-static void test_a_drive_with_measured_velocities_gives_the_bits_of_tse_step(void)
+static void test_a_drive_with_velocities_and_pedals_gives_the_bits_of_tse_step(void)
 {
   tse_config config = small_config();
   config.mass = 1800;
   config.velocity_latency = TSE_S(0.05);
   config.velocity_lever_x = TSE_S(-0.5);
+  config.driven_axle = 1;
+  config.wheel_torque_least = TSE_S(50);
   fmi2Component const c = instantiated();
   OK(put_boolean(c, "vehicle.calibrated", fmi2True));
   OK(put_real(c, "vehicle.mass", 1800));
   OK(put_real(c, "velocity.velocity_latency", 0.05));
   OK(put_real(c, "velocity.velocity_lever_x", -0.5));
+  OK(put_integer(c, "filter.driven_axle", 1));
+  OK(put_real(c, "pedals.wheel_torque_least", 50));
   drive_measured(c, &config, 1);
 }
 
@@ -503,7 +516,7 @@ int main(void)
 {
   UNITY_BEGIN();
   RUN_TEST(test_a_recorded_drive_of_a_calibrated_car_gives_the_bits_of_tse_step);
-  RUN_TEST(test_a_drive_with_measured_velocities_gives_the_bits_of_tse_step);
+  RUN_TEST(test_a_drive_with_velocities_and_pedals_gives_the_bits_of_tse_step);
   RUN_TEST(test_a_recorded_drive_of_an_ordinary_car_gives_the_bits_of_tse_step);
   RUN_TEST(test_what_is_not_set_is_that_of_an_ordinary_car_and_what_is_set_wins);
   RUN_TEST(test_an_importer_that_sets_every_parameter_to_its_start_has_set_none);
