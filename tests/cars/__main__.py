@@ -36,13 +36,14 @@ def main() -> None:
     p.add_argument("--mass-error", type=float, default=0.0, help="of the vehicle file, relative")
     p.add_argument("--cg-error", type=float, default=0.0, help="of the vehicle file, m")
     p.add_argument("--tell-inertia", action="store_true", help="the vehicle file has the yaw inertia")
+    p.add_argument("--pedals", action="store_true", help="with brake switch and wheel torques")
     p.add_argument("--out", type=Path, required=True)
     a = p.parse_args()
     for road in a.road or ROADS:
         logs = make_logs(
             road, a.minutes, a.cars, a.seed, a.scenario, hills=not a.no_hills, even=a.even, event_time=a.event_time,
             grade_rms=None if a.grade is None else math.atan(a.grade / 100), mass_error=a.mass_error, cg_error=a.cg_error,
-            tell_inertia=a.tell_inertia, clean=a.clean,
+            tell_inertia=a.tell_inertia, clean=a.clean, pedals=a.pedals,
         )  # fmt: skip
         for i, log in enumerate(logs):
             log.write(a.out / f"car_{i}", road)

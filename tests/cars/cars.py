@@ -333,6 +333,11 @@ def draw_sensors(rng: np.random.Generator) -> dict[str, Any]:
         "imu_roll": off(0.7) * degree,
         "imu_pitch": off(0.7) * degree,
         "imu_yaw": off(0.7) * degree,
+        "torque_latency": float(u(0.0, 0.06)),  # s
+        "drive_scale": off(0.07),  # of the wheel torques by a model of the engine
+        "brake_scale_front": off(0.1),  # by the brakes' pressure: pads
+        "brake_scale_rear": off(0.1),
+        "torque_sd": float(u(5.0, 20.0)),  # N m
     }
 
 

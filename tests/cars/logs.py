@@ -13,19 +13,21 @@ from .cars import GRAVITY, Car, clean_sensors, draw_car
 from .driver import CONTROL, Drivers
 from .model import STEP, Fleet
 from .road import ROADS, SCENARIOS, Road, Surface, draw_roads
-from .sensors import FINE, ROW, SLOPES, STATES, Motion, log_of
+from .sensors import FINE, ROW, SLOPES, STATES, Motion, log_of, pedals_of
 
 SETTLE = 2.0  # s driven before the log begins
 BATCH = 20  # cars side by side: more are no faster per car, and take memory
 COLUMNS = ("time", "steer_angle", "wheel_speed_front", "wheel_speed_rear", "accel_x", "accel_y", "yaw_rate")
+PEDALS = ("brake", "wheel_torque_front", "wheel_torque_rear")  # what a log has besides, when it is asked for
 # Of the reference file, at the times of the rows without any latency. Columns that a log's reader would draw have no place in
 # the log.
 REFERENCE = (
     "time", "vel_x", "vel_y", "yaw_rate", "roll", "pitch", "steering_wheel", "road_wheel", "grade", "bank", "place", "beside",
     "slip_front", "slip_rear", "alpha_front", "alpha_rear", "fx_front", "fx_rear", "fy_front", "fy_rear",
     "cx_front", "cx_rear", "cy_front", "cy_rear", "cx_front_tyre", "cy_front_tyre", "cy_rear_tyre", "cy_front_steered",
-    "radius_front", "radius_rear", "road_friction", "road_stiffness",
+    "radius_front", "radius_rear", *PEDALS, "road_friction", "road_stiffness",
 )  # fmt: skip
+BRAKES = 50.0  # N, of all wheels, from which the brake switch is on
 LEAST_SLIP, LEAST_ANGLE, LEAST_SPEED = 5e-4, 2e-3, 2.0  # 1, rad, m/s: no secant below
 
 
@@ -100,12 +102,13 @@ def make_logs(
     cg_error: float = 0.0,
     tell_inertia: bool = False,
     clean: bool = False,
+    pedals: bool = False,
 ) -> list[CarLog]:
     """Drive so many cars of a seed, or these cars, on a road: ROADS, each its own; scenario: SCENARIOS.
 
     hills: whether there are slopes, crossfall and superelevation; grade_rms: rad, None: drawn per car; even: no unevenness;
-    event_time: s, from when on the scenario may begin; the rest: make_cars(). A car of a seed is the same car on every road,
-    for any number of cars, and drives the same road in every scenario.
+    event_time: s, from when on the scenario may begin; pedals: the logs have PEDALS, too; the rest: make_cars(). A car of a seed is
+    the same car on every road, for any number of cars, and drives the same road in every scenario.
     """
     if road not in ROADS or scenario not in SCENARIOS:
         raise ValueError(f"no road {road!r} or scenario {scenario!r}; there are {ROADS} and {tuple(SCENARIOS)}")
@@ -135,6 +138,8 @@ def make_logs(
                 "even": even,
             }
             done.append(_finish(car, record, i, surface, about, noise[i]))
+            if pedals:
+                done[-1].log |= pedals_of(car.sensors, done[-1].reference, _stream(seed, first + i, f"{road} pedals"))
     return done
 
 
@@ -148,7 +153,7 @@ class Record:
 
 
 RECORDED = (*REFERENCE[1:20], "cx_front_tyre", "cx_rear_tyre", "cy_front_tyre", "cy_rear_tyre", "angle_steered",
-            *REFERENCE[-4:])  # fmt: skip
+            *REFERENCE[-7:])  # fmt: skip
 
 
 def drive(
@@ -211,6 +216,7 @@ def _note(out: np.ndarray, f: Fleet, d: Drivers, surface: Surface, grade: np.nda
         f.vx, f.vy, f.r, f.roll, f.pitch, f.steering_wheel, f.steer, grade, bank, d.s, d.e,
         *slips, f.steer - towards, -np.arctan2(f.vy - p.lr * f.r, np.maximum(f.vx, 0.5)),
         *fx, *fy, *taken[0], *taken[1], f.steering_wheel / p.steering_ratio - towards, *radius,
+        d.braking > BRAKES, *(d.drive - d.brake).sum(1),
     )  # fmt: skip
     out[-2], out[-1] = ground
 

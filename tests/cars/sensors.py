@@ -182,3 +182,19 @@ def log_of(
         x += _per_sample(at[name], q[f"{kind}_sd"] * rng.standard_normal(n))
         log[name] = _quantised(x, q[f"{kind}_step"])
     return log, latency
+
+
+def pedals_of(q: dict[str, Any], reference: dict[str, np.ndarray], rng: np.random.Generator) -> dict[str, np.ndarray]:
+    """Return brake switch and wheel torques as sensors q log them: by a model of the engine and the brakes' pressure, each with a
+    scale that is off, all late."""
+    time, n = reference["time"], len(reference["time"])
+
+    def late(name: str) -> np.ndarray:
+        return np.interp(time - q["torque_latency"], time, reference[name])
+
+    found = {"brake": np.where(late("brake") > 0.5, 1.0, 0.0)}
+    for axle in ("front", "rear"):
+        torque = late(f"wheel_torque_{axle}")
+        scale = np.where(found["brake"] > 0, q[f"brake_scale_{axle}"], q["drive_scale"])
+        found[f"wheel_torque_{axle}"] = torque * (1 + scale) + q["torque_sd"] * rng.standard_normal(n)
+    return found

@@ -12,6 +12,7 @@ import json
 import multiprocessing
 import sys
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -60,9 +61,19 @@ def truth_of(reference: dict[str, np.ndarray], smooth: int = SMOOTH) -> dict[str
     }
 
 
-def estimated(vehicle_path: Path, log: Log, lib: Library | None = None) -> tuple[np.ndarray, Config]:
-    """Return what the filter makes of a log, a row each, and its settings, as `tselab estimate` has them; `lib`: another build."""
-    config, _ = make_config(read_vehicle(vehicle_path), log)
+def estimated(
+    vehicle_path: Path,
+    log: Log,
+    lib: Library | None = None,
+    columns: dict[str, np.ndarray] | None = None,
+    options: dict[str, float] | None = None,
+) -> tuple[np.ndarray, Config]:
+    """Return what the filter makes of a log, a row each, and its settings, as `tselab estimate` has them.
+
+    lib: another build; columns: optional ones, in place of the log's own."""
+    if columns is not None:
+        log = replace(log, extra=pd.DataFrame(columns))
+    config, _ = make_config(read_vehicle(vehicle_path), log, options=options)
     if lib:
         config = Config(config.as_dict(), lib=lib)
     return filtered(config, log), config

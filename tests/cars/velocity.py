@@ -12,7 +12,6 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,11 +19,9 @@ import numpy as np
 import pandas as pd
 
 from tests.cars.real import DATA
-from tests.cars.study import RESULTS, ROADS, SETTLED, TRUTH, changes, score, truth_of
-from tselab.config import make_config
-from tselab.core import NOMINAL, Config, Filter
+from tests.cars.study import RESULTS, ROADS, SETTLED, TRUTH, changes, estimated, score, truth_of
+from tselab.core import NOMINAL
 from tselab.log import Log, read_log
-from tselab.vehicle import read_vehicle
 
 LATE, RATE, SPEED_SD, COURSE_SD, INS_SD = 0.1, 10.0, 0.1, np.radians(0.5), 0.03
 REAL = ("stanford_250lm_a", "genesis_cpg_fast", "genesis_rfs")
@@ -57,18 +54,9 @@ def measured(
     return found if way != "GNSS course" else {"gnss_course": found["gnss_course"]}
 
 
-def estimated(vehicle: Path, log: Log, columns: dict[str, np.ndarray]) -> tuple[np.ndarray, Config]:
-    """Return what the filter makes of a log with these columns, a row each, and its settings."""
-    log = replace(log, extra=pd.DataFrame(columns))
-    late = {"velocity_latency": LATE} if "gnss_course" in columns else {}
-    config, _ = make_config(read_vehicle(vehicle), log, options=late)
-    filter_ = Filter(config)
-    rows, given = filter_.inputs(len(log)), log.rows()
-    for column in rows.dtype.names:
-        rows[column] = given[column]
-    out = filter_.outputs(len(rows))
-    filter_.step_into(rows, out)
-    return out, config
+def late(columns: dict[str, np.ndarray]) -> dict[str, float]:
+    """Return the settings that go with these columns."""
+    return {"velocity_latency": LATE} if "gnss_course" in columns else {}
 
 
 def sideslip(out: np.ndarray, log: Log, vx: np.ndarray, vy: np.ndarray, least: float) -> dict[str, float]:
@@ -96,7 +84,7 @@ def real_rows(data: Path) -> list[str]:
         for way in WAYS:
             # the gyro is what the heading is made of; its bias is in both, and so in neither
             columns = measured(way, log, vx, vy, rate, 0.0, 1)
-            out, config = estimated(data / name / "vehicle.toml", log, columns)
+            out, config = estimated(data / name / "vehicle.toml", log, columns, late(columns))
             end = (t > t[-1] * 2 / 3) & (out["vel_x"] > FAST["real"])
             settled = (t > SETTLED) & (out["vel_x"] > FAST["real"])
             cells = [name, way]
@@ -128,7 +116,7 @@ def car_rows(drives: Path) -> list[str]:
             for who, path in (("calibrated", car / "calibrated.toml"), ("of its class", car / "fit" / "car.toml")):
                 for way in WAYS:
                     columns = measured(way, log, vx, vy, rate, clocks[road]["latency"]["yaw_rate"], 1)
-                    out, config = estimated(path, log, columns)
+                    out, config = estimated(path, log, columns, late(columns))
                     found.append({"road": road, "who": who, "way": way, **score(out, config, log, truth),
                                   **sideslip(out, log, vx, vy, FAST["car"])})  # fmt: skip
     if not found:

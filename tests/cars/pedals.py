@@ -1,0 +1,88 @@
+"""Longitudinal stiffness with and without a brake switch and wheel torques, on driven cars (tests.cars.study).
+
+    python -m tests.cars.pedals --drives DIR [--out FILE]
+
+The switch is on from 50 N of braking. Torques are off by a scale - 7 % of a model of the engine, 10 % of each axle's brakes, sd -
+by 5 .. 20 N m of noise, and late by up to 60 ms. *Not said*: the vehicle file does not say which axle is driven, as of a car whose
+other axle is driven on demand.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from tests.cars.logs import PEDALS
+from tests.cars.sensors import pedals_of
+from tests.cars.study import RESULTS, ROADS, TRUTH, estimated, score, truth_of
+from tselab.log import read_log
+
+WAYS = {"none": (), "brake switch": PEDALS[:1], "wheel torques": PEDALS[1:], "both": PEDALS}
+KEY = "cx_front"
+
+
+def runs(car: Path) -> list[dict[str, Any]]:
+    """Return the scores of a calibrated car on its test drives, a line for each road and way."""
+    truth, found = json.loads((car / "test" / "truth.json").read_text(encoding="utf-8")), []
+    for n, road in enumerate(ROADS):
+        log = read_log(car / "test" / f"log_{road}.csv")
+        table = pd.read_csv(car / "test" / f"reference_{road}.csv")
+        reference = {c: table[c].to_numpy(float) for c in table}
+        true = truth_of({c: reference[c] for c in TRUTH.values()})
+        logged = pedals_of(truth["sensors"], reference, np.random.default_rng(n))
+        axle = truth["driven_axle"]
+        for driven in (axle,) if axle == "both" else (axle, "not said"):
+            options = {"driven_axle": 0} if driven == "not said" else None
+            for way, names in WAYS.items():
+                out, config = estimated(car / "calibrated.toml", log, {c: logged[c] for c in names}, options)
+                found.append({"driven": driven, "road": road, "way": way, **score(out, config, log, true)})
+    return found
+
+
+def line(name: list[str], group: pd.DataFrame) -> str:
+    """Return a group of runs as a row of the table."""
+
+    def share(what: str, of: str) -> str:
+        total = group[f"{KEY} {of}"].sum()
+        return f"{100 * group[f'{KEY} {what}'].sum() / total:.0f}" if total else "-"
+
+    cells = [*name, str(len(group)), f"{100 * np.nanmedian(group[f'{KEY} error']):.1f}", share("valid", "rows"),
+             share("off", "valid"), share("held", "rows"), f"{group['changes'].sum():.0f}"]  # fmt: skip
+    return "| " + " | ".join(cells) + " |"
+
+
+def main(arguments: list[str]) -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--drives", type=Path, required=True, help="cars as tests.cars.study --keep leaves them")
+    parser.add_argument("--first", type=int, default=0, help="leave out cars before this one")
+    parser.add_argument("--out", type=Path, default=RESULTS / "pedals.md", help="the table")
+    given = parser.parse_args(arguments)
+    cars = sorted(p for p in given.drives.glob("car*") if (p / "found.json").is_file())
+    table = pd.DataFrame([r for car in cars if int(car.name[3:]) >= given.first for r in runs(car)])
+    heads = ("driven axle", "road", "given", "drives", "median error [%]", "valid [%]", "of these > 10 % off [%]")
+    lines = ["| " + " | ".join((*heads, "95 % interval holds [%]", "changes")) + " |", "|---" * 9 + "|"]
+    for parts in (table.assign(road="all"), table):
+        for key, group in parts.groupby(["driven", "road", "way"], sort=False):
+            lines.append(line(list(key), group))
+    text = """# Longitudinal stiffness with brake switch and wheel torques
+
+`python -m tests.cars.study --keep DIR`, `python -m tests.cars.pedals --drives DIR`: calibrated cars of tests/cars, front
+longitudinal stiffness against the secant of the row, rows after 20 s and above 3 m/s. The switch is on from 50 N of braking;
+torques are off by a scale, sd 7 % (engine) and 10 % (brakes of each axle), by 5 .. 20 N m of noise, and late by up to 60 ms.
+*Not said*: the file of a car with one driven axle does not say which, as of one whose other axle is driven on demand. *both*:
+driven axles share the torque as they share the load, within a tenth.
+
+"""
+    given.out.write_text(text + "\n".join(lines) + "\n", encoding="utf-8")
+    print(f"{given.out}: {len(table)} runs")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
