@@ -20,6 +20,7 @@ GROUPS = {  # the files that include/tse/config.def includes, and what a reader 
     "sensors.def": "Sensors",
     "latency.def": "Latencies",
     "velocity.def": "Measured velocity",
+    "pedals.def": "Brake switch and wheel torques",
     "filter.def": "Filter",
     "formula.def": "A formula of the user",
     "effects.def": "Effects",
@@ -78,7 +79,7 @@ def group_of(setting: str) -> str:
     base = setting.removesuffix("_latency")
     if base != setting and base in _names_in("latency.def"):
         return "latency.def"
-    for name in ("vehicle.def", "uncertainty.def", "sensors.def", "velocity.def", "filter.def"):
+    for name in ("vehicle.def", "uncertainty.def", "sensors.def", "velocity.def", "pedals.def", "filter.def"):
         if re.search(rf"\b(?:REAL|INT|CONSIDER)\((?:\w+, *)?{setting}\b", (TSE / name).read_text(encoding="utf-8")):
             return name
     raise ValueError(f"setting {setting} stands in no .def file that config.def includes")
@@ -132,7 +133,7 @@ def input_fields() -> str:
             r"^INPUT\((\w+),[^\"]*\"[^\"]*\", *(\w)", (TSE / "input.def").read_text(encoding="utf-8"), flags=re.M
         )
     )
-    velocities = [f.name for f in library().velocities]
+    optional = [f.name for f in library().optional]
     for f in library().fields(INPUT):
         policy = {"D": "refused", "M": "counts as missing"}.get(
             kinds.get(f.name, ""), "refused" if f.name == "dt" else "-"
@@ -147,10 +148,10 @@ def input_fields() -> str:
             )
         if f.name == "given":
             unit, allowed = "bits", "any"
-            text = "velocities that are measured; 0: none is read: " + ", ".join(
-                f"{1 << i} {c.name}" for i, c in enumerate(library().velocities)
+            text = "what is measured of those below; 0: none is read: " + ", ".join(
+                f"{1 << i} {c.name}" for i, c in enumerate(library().optional)
             )
-        if f.name in velocities:
+        if f.name in optional:
             policy = "not there"
         rows.append([code(f.name), code(C_TYPES[f.kind]), allowed, cell(unit), policy, cell(text)])
     return table(["member", "type", "range", "unit", "outside it", "meaning"], rows)

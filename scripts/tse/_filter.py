@@ -100,7 +100,7 @@ class Filter:
         u = self._row
         u[:] = self._nothing
         known = u.dtype.names or ()
-        velocities = [f.name for f in self._config.lib.velocities]
+        optional = [f.name for f in self._config.lib.optional]
         now = step = None
         for name, value in {**_names(row), **channels}.items():
             if not isinstance(name, str):
@@ -109,11 +109,11 @@ class Filter:
                 now = self._number(name, value)
             elif name == "dt":
                 step = self._number(name, value)
-            elif name in velocities:
+            elif name in optional:
                 number = math.nan if value is None else self._number(name, value)
                 if math.isfinite(number):
                     u[name] = number
-                    u["given"] |= np.uint32(1 << velocities.index(name))
+                    u["given"] |= np.uint32(1 << optional.index(name))
             elif name in known and name not in ("missing", "given"):
                 u[name] = math.nan if value is None else self._number(name, value)
             elif not (name.startswith("ref_") or name in OPTIONAL):
@@ -244,7 +244,7 @@ def _conversions(config: core.Config) -> list[Convert]:
     """For each output of the library, in its order: what becomes of it in an Estimate."""
     lib = config.lib
     words = {code: f.name for code, f in lib.codes(REASON).items()}
-    channels = {0: None, **{1 + i: f.name for i, f in enumerate([*lib.channels, *lib.velocities])}}
+    channels = {0: None, **{1 + i: f.name for i, f in enumerate([*lib.channels, *lib.optional])}}
 
     def scaled(factor: float) -> Convert:
         if lib.real == np.float32:  # rounded where arrays of the library are

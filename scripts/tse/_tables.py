@@ -100,6 +100,12 @@ class Row(TypedDict, total=False):
     """Speed over ground [0 .. 120 m/s]."""
     gnss_course: float
     """Direction over ground, positive left (against the clock from above), from any zero [-7 .. 7 rad]."""
+    brake: float
+    """The car brakes: 1 yes, 0 no, from 0.5 on yes; else accel_x decides [0 .. 1]."""
+    wheel_torque_front: float
+    """Drive less brake torque of both front wheels [-20000 .. 20000 Nm]."""
+    wheel_torque_rear: float
+    """Drive less brake torque of both rear wheels [-20000 .. 20000 Nm]."""
 
 
 @dataclass(frozen=True, slots=True)

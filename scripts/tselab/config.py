@@ -10,7 +10,7 @@ import numpy as np
 
 from tselab.core import CONFIG, Config, SettingError, library
 from tselab.errors import UserError
-from tselab.log import Log
+from tselab.log import TORQUES, VELOCITIES, Log
 from tselab.toml import read_toml
 from tselab.vehicle import Vehicle, filter_values
 
@@ -78,29 +78,30 @@ def make_config(
     for key, value in (options or {}).items():
         if value is not None:
             config.set(key, value, source=f"option --{key.replace('_', '-')}")
-    _check_velocity(config, log)
+    _check_optional(config, log)
     return config, notes
 
 
-def velocity_settings() -> list[str]:
-    """Return the settings of a measured velocity, rows of include/tse/velocity.def."""
+def optional_settings() -> dict[tuple[str, ...], list[str]]:
+    """Return the settings about optional channels, rows of include/tse/velocity.def and pedals.def, by the channels."""
     names = [f.name for f in library().fields(CONFIG)]
-    return names[names.index("ins_velocity_sd") : names.index("velocity_scale_sd") + 1]
+    first, last = names.index("ins_velocity_sd"), names.index("velocity_scale_sd")
+    return {VELOCITIES: names[first : last + 1], TORQUES: ["wheel_torque_least"]}
 
 
-def _check_velocity(config: Config, log: Log | None) -> None:
-    """Raise UserError where a setting about measured velocities, or a measured velocity, would be without effect."""
+def _check_optional(config: Config, log: Log | None) -> None:
+    """Raise UserError where an optional channel, or a setting about one, would be without effect."""
     if log is None:
         return
-    known = ", ".join(f.name for f in library().velocities)
-    if log.velocities and config.form != 0:
+    if log.optional and config.form != 0:
         raise UserError(
-            f"{log.path}: column {', '.join(log.velocities)}: only the default filter uses a measured velocity; leave the column "
-            "out, or the form"
+            f"{log.path}: column {', '.join(log.optional)}: only the default filter uses it; leave the column out, or the form"
         )
-    given = [key for key in velocity_settings() if getattr(config, key) != config.fields[key].default]
-    if given and not log.velocities:
-        raise UserError(f"{log.path}: {', '.join(given)} without effect: the log has none of {known}; leave it out")
+    for channels, settings in optional_settings().items():
+        given = [key for key in settings if getattr(config, key) != config.fields[key].default]
+        if given and not any(c in log.optional for c in channels):
+            known = ", ".join(channels)
+            raise UserError(f"{log.path}: {', '.join(given)} without effect: the log has none of {known}; leave it out")
 
 
 def not_in_filter(config: Config, vehicle: Vehicle) -> list[str]:

@@ -352,8 +352,8 @@ class Library:
         return self._fields[INPUT][1 : names.index("missing")]
 
     @property
-    def velocities(self) -> list[Field]:
-        """Velocities that a log row may have besides, in the order of their bits in `given`."""
+    def optional(self) -> list[Field]:
+        """Channels that a log row may have besides, in the order of their bits in `given` (tse/optional.def)."""
         names = [f.name for f in self._fields[INPUT]]
         return self._fields[INPUT][names.index("given") + 1 :]
 

@@ -23,8 +23,8 @@ from tselab.room import Room
 DRIVES = ("steer_angle", "wheel_speed_front", "wheel_speed_rear")  # drive the model
 MEASURES = ("accel_x", "accel_y", "yaw_rate")  # are compared with it
 SIDES = {axle: (f"{axle}_left", f"{axle}_right") for axle in DRIVES[1:]}  # in place of the axle's mean
-# columns that a log may have besides: unit, range, text, hint. The estimator uses the velocities of the library (tse/velocity.def),
-# `tselab gap` compares the others
+# columns that a log may have besides: unit, range, text, hint. The estimator uses those of the library (tse/optional.def), `tselab
+# gap` compares vehicle_speed and the torques
 OPTIONAL = {
     "vehicle_speed": (
         "m/s",
@@ -49,6 +49,13 @@ OPTIONAL = {
         "direction over ground, positive left, from any zero",
         "degrees clockwise from north: multiply by -pi/180",
     ),
+    "brake": (
+        "1",
+        0.0,
+        1.0,
+        "the car brakes: 1 yes, 0 no",
+        "a pressure: name it in signals.toml, with above = the pressure from which the car brakes",
+    ),
     "wheel_torque_front": (
         "Nm",
         -20000.0,
@@ -64,7 +71,9 @@ OPTIONAL = {
         "kNm: multiply by 1000",
     ),
 }
-VELOCITIES = ("ins_vel_x", "ins_vel_y", "gnss_speed", "gnss_course")  # of OPTIONAL those that the estimator uses
+VELOCITIES = ("ins_vel_x", "ins_vel_y", "gnss_speed", "gnss_course")  # of OPTIONAL
+TORQUES = ("wheel_torque_front", "wheel_torque_rear")
+COMPARED = ("vehicle_speed", *TORQUES)  # by tselab gap
 _CLOCK = re.compile(r"\d{1,2}:\d{2}")
 MOST_BACK = 0.5  # share of rows that are not later than the one before, above which the column is no time
 FEW_OUTSIDE = 0.05  # share of values outside the range above which it is the column that is wrong
@@ -153,7 +162,7 @@ class Log:
         rows["dt"] = np.diff(self.time[part], prepend=before)
         for name in self.data:
             rows[name] = self.data[name].to_numpy()[part]
-        for bit, f in enumerate(library().velocities):
+        for bit, f in enumerate(library().optional):
             if f.name in self.extra:
                 value = self.extra[f.name].to_numpy(float)[part]
                 if f.name == "gnss_course":
@@ -164,9 +173,9 @@ class Log:
         return rows
 
     @property
-    def velocities(self) -> list[str]:
-        """Return the measured velocities that the log has."""
-        return [f.name for f in library().velocities if f.name in self.extra]
+    def optional(self) -> list[str]:
+        """Return the channels of tse/optional.def that the log has."""
+        return [f.name for f in library().optional if f.name in self.extra]
 
     def let_go(self) -> None:
         """What was read so far need not stay in memory."""

@@ -97,6 +97,7 @@ def assemble(
         vehicle.steering_ratio,
         {a: float(t) for a in ("front", "rear") if (t := vehicle.facts.get(f"track_{a}"))},
         odd,
+        config.mass,
     )
     if strict and warnings:
         raise UserError(f"{log.path}: option --strict: {'; '.join(warnings)}")

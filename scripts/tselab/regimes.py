@@ -193,7 +193,7 @@ def _spells(time: np.ndarray, p: np.ndarray, where: np.ndarray, what: str, chann
 
 def channel_name(number: int) -> str:
     """The channel that fault_channel means; empty for none."""
-    channels = [*library().channels, *library().velocities]
+    channels = [*library().channels, *library().optional]
     return channels[number - 1].name if 0 < number <= len(channels) else ""
 
 

@@ -9,7 +9,7 @@ from itertools import combinations
 
 import numpy as np
 
-from tselab.log import Log
+from tselab.log import TORQUES, Log
 from tselab.logs import physics
 from tselab.logs.raster import resample
 
@@ -67,6 +67,12 @@ FIGURES = {
 
 
 OFF_SPEED, FAST, HALF = 1.25, 5.0, 0.5  # of a measured velocity: 1; m/s: rows that count; s
+GAINS, SLOWS = 0.7, -2.0  # m/s2: no car gains so much with its brakes on, nor slows so much with them off
+OFF_TORQUE, TORQUE_CORR = (
+    1.6,
+    0.7,
+)  # of the force by wheel torques over mass times accel_x; its correlation, to be believed
+LEAST_SHARE = 0.25  # of the force, by one axle of two
 
 
 @dataclass(frozen=True)
@@ -94,6 +100,7 @@ def check_units(
     ratio: float | None,
     tracks: Mapping[str, float] | None = None,
     notes: list[str] | None = None,
+    mass: float | None = None,
 ) -> list[str]:
     """Warnings in plain words; empty when the channels agree or the log moves too little to tell. `tracks`: m, by "front",
     "rear". `notes`: what is odd, and may be so, is added to it."""
@@ -126,14 +133,15 @@ def check_units(
                 continue  # at that speed the log says less: no explanation of what it says
             if best is None or cost < best[0]:
                 best = cost, (*((wheels,) if wheels else ()), *causes), figures
+    pedals = _pedals(d, 0.5 * (front + rear), {"front": radius_front, "rear": radius_rear}, mass)
     if best is None or plain is None or not plain[1].value:
-        return []
+        return pedals
     _, causes, after = best
     if causes and best[0] < _of_any_factor(plain[1]):
         return [_words(causes, plain[1], _left(after, causes))]
     if notes is not None:
         notes += _speed_off(plain[1], radius)
-    return [
+    return pedals + [
         f"check the units: {FIGURES[name]} is {x:.3g} times what is expected, about 1 is; no unit that is often mixed up explains "
         "it"
         for name, x in plain[1].value.items()
@@ -210,12 +218,41 @@ def _velocity(log: Log, radius_front: float, radius_rear: float) -> list[str]:
     return found
 
 
+def _pedals(d: Mapping[str, np.ndarray], v: np.ndarray, radius: Mapping[str, float], mass: float | None) -> list[str]:
+    """Return in what a brake switch contradicts the change of the speed, and wheel torques mass times accel_x; [] if in nothing.
+
+    Both feel the slope of the road and drag in one way. Of one axle's torque only rows that drive count: brakes are on both."""
+    found, moving, rate = [], np.abs(v) > FAST, physics.derivative(v)
+    if "brake" in d:
+        loses = f"off in {{:.0f}} % of the rows in which it loses more than {-SLOWS:g} m/s2"
+        for rows, on, words in (
+            (rate > GAINS, True, "on in {:.0f} % of the rows in which the car gains speed"),
+            (rate < SLOWS, False, loses),
+        ):
+            brake = d["brake"][moving & rows & np.isfinite(d["brake"])]
+            share = float(np.mean((brake > 0.5) == on)) if len(brake) >= 50 else 0.0
+            if share > 0.5:
+                words = words.format(100 * share)
+                found.append(f"check the units: brake is {words}: it is 1 while the car brakes, else 0")
+    axles = [c for c in TORQUES if c in d]
+    if axles and mass and "accel_x" in d:
+        force = sum(d[c] / radius[c.rpartition("_")[2]] for c in axles) / mass
+        both = len(axles) == 2
+        f = physics.fit(d["accel_x"], force, moving & (both | (d["accel_x"] > 0.3)))
+        least = 1 / OFF_TORQUE if both else LEAST_SHARE
+        if abs(f.corr) > TORQUE_CORR and not least < f.slope < OFF_TORQUE:
+            found.append(
+                f"check the units: {' and '.join(axles)} make {f.slope:.3g} times the force of mass x accel_x (correlation "
+                f"{f.corr:.2f}), about 1 is expected: torques of the wheels in N m, of both of an axle, negative while they brake"
+            )
+    return found
+
+
 def _smooth(log: Log) -> dict[str, np.ndarray]:
     """The channels and GNSS on the raster of physics.py."""
     time = np.arange(log.time[0], log.time[-1], 1.0 / physics.RATE)
     columns = {name: log.data[name].to_numpy(float) for name in log.data}
-    if "vehicle_speed" in log.extra:
-        columns["vehicle_speed"] = log.extra["vehicle_speed"].to_numpy(float)
+    columns |= {c: log.extra[c].to_numpy(float) for c in ("vehicle_speed", "brake", *TORQUES) if c in log.extra}
     rate = 1.0 / max(log.sample_time or 0.01, 1e-3)
     found = {}
     for name, x in columns.items():

@@ -61,13 +61,21 @@ def gnss(drive: pd.DataFrame) -> pd.DataFrame:
 
 def test_the_library_names_the_velocities_behind_the_channels() -> None:
     assert [f.name for f in library().channels][-1] == "yaw_rate"
-    assert [f.name for f in library().velocities] == ["ins_vel_x", "ins_vel_y", "gnss_speed", "gnss_course"]
+    assert [f.name for f in library().optional] == [
+        "ins_vel_x",
+        "ins_vel_y",
+        "gnss_speed",
+        "gnss_course",
+        "brake",
+        "wheel_torque_front",
+        "wheel_torque_rear",
+    ]
 
 
 def test_a_log_gives_what_is_in_its_cells_and_nothing_else(drive: pd.DataFrame) -> None:
     log = read_frame(gnss(drive))
     rows = log.rows()
-    assert log.velocities == ["gnss_speed", "gnss_course"]
+    assert log.optional == ["gnss_speed", "gnss_course"]
     assert set(rows["given"][::10]) == {12}
     assert (rows["given"][np.arange(ROWS) % 10 != 0] == 0).all()
     assert (read_frame(drive).rows()["given"] == 0).all()

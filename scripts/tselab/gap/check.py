@@ -18,7 +18,7 @@ from tselab.gap.infer.hypotheses import threshold
 from tselab.gap.localise.excitation import Excitation, excitation
 from tselab.gap.problem import STIFFNESS
 from tselab.gap.workers import Workers
-from tselab.log import OPTIONAL, VELOCITIES, Reading
+from tselab.log import COMPARED, Reading
 from tselab.results import CODES, IN_PART, NOTHING, USABLE
 from tselab.tables import text_table
 from tselab.vehicle import read_vehicle
@@ -106,6 +106,6 @@ def check(
         found,
         excitation(problem, baseline.values),
         gap(problem, baseline.residuals),
-        [c for c in OPTIONAL if c not in have and c not in VELOCITIES],
+        [c for c in COMPARED if c not in have],
         [*(n for log in read for n in log.notes), *notes],
     )

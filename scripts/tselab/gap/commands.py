@@ -81,9 +81,9 @@ class Run(click.Command):
         return super().parse_args(ctx, spread)
 
     def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        from tselab.log import OPTIONAL, VELOCITIES
+        from tselab.log import COMPARED, OPTIONAL
 
-        used = {name: row for name, row in OPTIONAL.items() if name not in VELOCITIES}
+        used = {name: OPTIONAL[name] for name in COMPARED}
         rows = [(name, f"{unit}, {low:g} .. {high:g}: {text}") for name, (unit, low, high, text, _) in used.items()]
         with formatter.section("Columns that are used besides those of 'tselab estimate', when LOG.csv has them"):
             formatter.write_dl(rows)

@@ -15,12 +15,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from tselab.gap import constants
-from tselab.log import OPTIONAL
+from tselab.log import OPTIONAL, TORQUES
 
 SCALE, LATENCY, BRACED, ROUNDS, GAP, WORTH = constants.of(
     __name__, "SCALE", "LATENCY", "BRACED", "ROUNDS", "GAP", "WORTH"
 )  # fmt: skip
-TORQUES = ("wheel_torque_front", "wheel_torque_rear")
 
 
 @dataclass(frozen=True)

@@ -450,7 +450,8 @@ def disturbance(
 def disagreements(log: Log, vehicle: Vehicle) -> list[str]:
     """Wrong units and signs, which no effect of a car explains."""
     v = vehicle.values
-    return check_units(log, v["lf"] + v["lr"], v["wheel_radius_front"], v["wheel_radius_rear"], vehicle.steering_ratio)
+    return check_units(log, v["lf"] + v["lr"], v["wheel_radius_front"], v["wheel_radius_rear"], vehicle.steering_ratio,
+                       mass=v["mass"])  # fmt: skip
 
 
 def judge(

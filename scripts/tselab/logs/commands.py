@@ -161,6 +161,7 @@ def _headline(g: Guess) -> str:
         + ([f"ratio {g.ratio:g}"] if g.ratio else [])
     )
     more += [f"latency {1e3 * g.latency:.0f} ms"] if g.latency else []
+    more += [f"on above {g.above:g}"] if g.above is not None else []
     more += [f"and {g.add}"] if g.add else []
     more += [f"valid where {g.valid[0]} is {g.valid[1]:g}"] if g.valid else []
     more += [f"counter {g.counter[0]}"] if g.counter else []
@@ -210,6 +211,8 @@ def toml_text(recording: Recording, proposal: Proposal, databases: tuple[Path, .
             lines.append(f"ratio = {g.ratio:g}")
         if g.latency:
             lines.append(f"latency = {g.latency:g}")
+        if g.above is not None:
+            lines.append(f"above = {g.above:g}")
         if g.valid:
             lines.append(f"valid = {{name = {json.dumps(g.valid[0], ensure_ascii=False)}, is = [{g.valid[1]:g}]}}")
         if g.counter:

@@ -108,6 +108,8 @@ def _one(
     if signal.sign_bit is not None:
         bit = recording.find(signal.sign_bit, source.replace("] name", "] sign_bit"))
         value = np.where(_standing(clocks, bit, time) > 0.5, -value, value)
+    if signal.above is not None:
+        value = np.where(np.isfinite(value), 1.0 * (value > signal.above), np.nan)
     if signal.ratio is not None:
         value = value / (signal.ratio if isinstance(signal.ratio, float) else _ratio_at(signal, value, per))
     value = value.copy()
@@ -122,7 +124,7 @@ def _one(
 
 
 def _factor(signal: Signal, channel: Channel, part: str, car: Any | None, source: str, notes: list[str]) -> float:
-    if part.startswith("ref_"):
+    if part.startswith("ref_") or signal.above is not None:
         return 1.0
     wanted = unit_of(part)
     unit = signal.unit if signal.unit is not None else channel.unit

@@ -94,7 +94,8 @@ def on_raster(found: Mapping[str, Series], rate: float | None, room: Room | None
         if name in VELOCITIES:  # a measurement each: none is made of two, and none is held
             rows.value[name] = room.keep(_nearest(t, x, time))
         else:
-            rows.value[name] = room.keep(_hold(t, x, time) if s.hold else resample(t, x, time, rate))
+            held = s.hold or name == "brake"  # a switch
+            rows.value[name] = room.keep(_hold(t, x, time) if held else resample(t, x, time, rate))
         if name in core:
             keep |= np.isfinite(rows.value[name])
         if not s.hold and 0 < rates[name] < 0.9 * rate and name not in VELOCITIES:

@@ -21,13 +21,14 @@ SLOWEST, FASTEST = 2.0, 1000.0  # Hz: of a raster
 LONGEST_LATENCY = 1.0  # s
 LOG_KEYS = {f.name for f in fields(How)} - {"wanted"} | {"rate"}
 KEYS = (
-    "name", "add", "unit", "sign", "sign_bit", "scale", "offset", "ratio", "radius", "latency", "valid", "counter", "hold",
+    "name", "add", "unit", "sign", "sign_bit", "scale", "offset", "ratio", "radius", "latency", "valid", "counter", "hold", "above",
     "unsure",
 )  # fmt: skip
 RANGES = {  # key -> low, high, unit, what it is
     "scale": (-1e9, 1e9, "", "a factor after the unit, 1 if left out"),
     "offset": (-1e6, 1e6, "", "taken off in the unit of the signal, 0 if left out"),
     "radius": (0.05, 5.0, "m", "of the wheel, for speeds; the vehicle file's if left out"),
+    "above": (-1e6, 1e6, "", "of a pressure: the brakes are on above it, in the unit of the signal"),
     "latency": (-LONGEST_LATENCY, LONGEST_LATENCY, "s", "by how much later than it was true a value is logged"),
 }
 LEAST_RATIO, MOST_RATIO = 0.5, 100.0
@@ -68,6 +69,7 @@ class Signal:
     valid: Flag | None = None
     counter: Counter | None = None
     hold: bool = False  # sent only when it changes: a value stands until the next
+    above: float | None = None  # 1 where the signal is above it, in its own unit, else 0
     add: str | None = None  # a signal with the rest of the value, in the same unit: the fine part of an angle
     unsure: str = ""  # what was guessed and could not be tested; every run says so until the key is taken out
 
@@ -209,6 +211,8 @@ def _signal(channel: str, at: str, table: dict[str, Any], refuse: Any) -> Signal
         raise refuse(at, "scale", "0 leaves nothing of the signal")
     if "radius" in table and "wheel_speed" not in channel:
         raise refuse(at, "radius", "is for wheel speeds")
+    if "above" in table and channel != "brake":
+        raise refuse(at, "above", "is for brake")
     if "sign" in table:
         if table["sign"] not in (1, -1) or isinstance(table["sign"], bool):
             raise refuse(at, "sign", f"{table['sign']!r} is not allowed; 1 and -1 are")
@@ -219,7 +223,7 @@ def _signal(channel: str, at: str, table: dict[str, Any], refuse: Any) -> Signal
             raise refuse(
                 at, "unit", f"{unit!r} is no unit that is known; for {channel} {_units_for(channel)} are, for instance"
             )
-        if not channel.startswith("ref_") and factor(unit, unit_of(channel), 1.0) is None:
+        if not channel.startswith("ref_") and "above" not in table and factor(unit, unit_of(channel), 1.0) is None:
             raise refuse(
                 at,
                 "unit",

@@ -20,9 +20,8 @@ from tselab.gap.infer import noise
 from tselab.gap.infer.hypotheses import NAME_AT, Hypothesis, hypotheses
 from tselab.gap.infer.search import Judged, Search, judge
 from tselab.gap.infer.space import Layout, raw
-from tselab.gap.optional import TORQUES
 from tselab.gap.problem import PROFILES, SIGNED_DELAYS, STIFFNESS, Problem, profile_size
-from tselab.log import DRIVES, OPTIONAL
+from tselab.log import DRIVES, OPTIONAL, TORQUES
 from tselab.vehicle import GRAVITY, latency_settings
 
 EARLY = {  # delays below zero

@@ -11,6 +11,7 @@ from typing import Any
 from tselab.logs.propose.companions import counted, find_companions
 from tselab.logs.propose.guesses import make_guesses
 from tselab.logs.propose.look import Guess, Look, Proposal
+from tselab.logs.propose.pedals import find_pedals
 from tselab.logs.propose.roles import find_roles
 from tselab.logs.propose.scales import find_units
 from tselab.logs.propose.wheels import find_sides, find_speed, find_wheels, speed_of
@@ -39,6 +40,8 @@ def propose(recording: Recording, car: Any | None = None) -> Proposal:
         if len(g.name) == 1 and g.name[0] in look.sign_bit:
             g.sign_bit = look.sign_bit[g.name[0]]
             g.figures.append(f"its sign is {g.sign_bit}, which changes where it goes through zero")
+    raw = speed_of(look, wheels, chosen)
+    guesses += find_pedals(recording, look, None if raw is None else raw * scale.per["wheel"])
     find_companions(recording, guesses)
     warnings += counted(recording) if not wheels else []
     have = {g.channel for g in guesses}

@@ -43,6 +43,7 @@ class Guess:
     sign: float = 1.0
     ratio: float | None = None
     latency: float = 0.0
+    above: float | None = None  # of a pressure: the car brakes above it
     sign_bit: str | None = None
     add: str | None = None
     valid: tuple[str, float] | None = None  # a flag of its message, and the value of it that means valid
