@@ -102,7 +102,7 @@ class Cars:
 
     def scores(self, lib: Library | None) -> str:
         """Return ON_CARS as cells of a table."""
-        runs = [study.score(*study.estimated(path, log, lib), log, truth) for path, log, truth in self.calm]
+        runs = [study.score(*study.estimated(path, log, lib=lib), log, truth) for path, log, truth in self.calm]
         total = {key: sum(run[key] for run in runs) for key in runs[0]}
         across = [total[f"{k} {what}"] for what in ("off", "valid") for k in STIFFNESS[1:]]
         along = [total[f"{STIFFNESS[0]} {what}"] for what in ("off", "valid")]

@@ -41,7 +41,7 @@ def one(job: tuple[Path, str, str, int, float], lib: Library | None = None) -> l
     log = read_log(folder / f"{scenario}_{road}" / f"car{car}" / f"log_{road}.csv")
     reference = pd.read_csv(folder / f"{scenario}_{road}" / f"car{car}" / f"reference_{road}.csv")
     truth = truth_of({c: reference[c].to_numpy(float) for c in TRUTH.values()}, SMOOTH)
-    out, config = estimated(folder / f"car{car}" / "calibrated.toml", log, lib)
+    out, config = estimated(folder / f"car{car}" / "calibrated.toml", log, lib=lib)
     time = log.time - log.time[0]
     of = time - out["estimate_age"]  # the time of which the estimates are
     told = (out["p_changed"] + out["p_axle"] + out["p_sliding"]) > 0.5

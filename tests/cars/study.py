@@ -64,13 +64,13 @@ def truth_of(reference: dict[str, np.ndarray], smooth: int = SMOOTH) -> dict[str
 def estimated(
     vehicle_path: Path,
     log: Log,
-    lib: Library | None = None,
     columns: dict[str, np.ndarray] | None = None,
     options: dict[str, float] | None = None,
+    lib: Library | None = None,
 ) -> tuple[np.ndarray, Config]:
     """Return what the filter makes of a log, a row each, and its settings, as `tselab estimate` has them.
 
-    lib: another build; columns: optional ones, in place of the log's own."""
+    columns: optional ones, in place of the log's own; lib: another build."""
     if columns is not None:
         log = replace(log, extra=pd.DataFrame(columns))
     config, _ = make_config(read_vehicle(vehicle_path), log, options=options)
