@@ -9,7 +9,6 @@
 enum { TSE_ROW_NONE_
 #define CONSTANT(name, value, unit, why, test) , TSE_ROW_##name
 #include "tse/constants.def"
-#undef CONSTANT
 };
 #define TSE_PASTE_(a, b) a##b
 #define TSE_PASTE(a, b) TSE_PASTE_(a, b)
@@ -19,6 +18,5 @@ enum { TSE_ROW_NONE_
 #define CONSTANT(name, value, unit, why, test) static const tse_real name = TSE_R(value);
 #endif
 #include "tse/constants.def"
-#undef CONSTANT
 
 #endif

@@ -89,7 +89,7 @@ typedef struct tse_params {
   uint32_t magic, fingerprint;
   uint32_t vehicle;                   /* fingerprint of the vehicle alone, the same in every number format */
   int32_t form, wheel_signals;
-  tse_real initial_spread_var, steady_walk;
+  tse_real steady_walk;
   int32_t particles, resampling, vel_x_from_wheels;
   uint32_t seed[2];
   /* vehicle */
@@ -104,7 +104,6 @@ typedef struct tse_params {
   tse_real bias_var0[3];              /* [sigma^2]   initial bias variance                 */
   tse_real bias_walk[3];              /* [sigma^2/s] bias random walk                      */
   tse_real log_sd[3];                 /* [log2]                                            */
-  tse_real wheel_var[2];              /* [m2/s2]     of R omega, front and rear            */
   tse_real mass_var;                  /* [1] */
   /* filter */
   tse_real sample_time, inv_sample_time, max_step, max_gap, max_slip, hold_speed, max_steer;

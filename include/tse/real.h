@@ -30,7 +30,6 @@
 /* A test compiles the core as C++ with a scalar class that has no * and no / (tests/unit/strong_real.hpp):
  * a product that does not go through src/number/real_ops.h is then a compile error. */
 #include "strong_real.hpp"
-typedef double tse_setting;
 #define TSE_FORMAT_NAME "strong"
 #define TSE_NAME(name) name##_strong
 #define TSE_S(x) ((tse_setting)(x))

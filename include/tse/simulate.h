@@ -23,8 +23,6 @@ typedef struct tse_sim_config {
 #define REAL(name, def, lo, hi, unit, text) tse_setting name;
 #define INT(name, def, lo, hi, text) int32_t name;
 #include "tse/sim.def"
-#undef REAL
-#undef INT
 } tse_sim_config;
 
 /* What the driver does at this row; between rows it changes linearly, or is held until the next row with `hold_inputs`. Road
@@ -34,7 +32,6 @@ typedef struct tse_sim_input {
   tse_real dt;                         /* [s] since the previous row, (0, 1]; ignored at the first row */
 #define SIM_INPUT(name, def, lo, hi, unit, text) tse_real name;
 #include "tse/sim_input.def"
-#undef SIM_INPUT
 } tse_sim_input;
 
 typedef struct tse_sim_output {

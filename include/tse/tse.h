@@ -62,8 +62,6 @@ typedef struct tse_config {
 #define REAL(name, def, lo, hi, unit, text) tse_setting name;
 #define INT(name, def, lo, hi, text) int32_t name;
 #include "tse/config.def"
-#undef REAL
-#undef INT
 } tse_config;
 
 /* One log row. Rows, ranges, units: tse/input.def. A channel is missing when it is NaN or its bit is set in `missing`. Velocities
@@ -74,18 +72,15 @@ typedef struct tse_input {
   tse_real dt;
 #define INPUT(name, lo, hi, unit, kind, text) tse_real name;
 #include "tse/input.def"
-#undef INPUT
   uint32_t missing;
   uint32_t given;               /* of those below, what was measured: bits TSE_GIVEN(ins_vel_y); 0: none, then they are not read */
 #define OPTIONAL(name, lo, hi, unit, text) tse_real name;
 #include "tse/optional.def"
-#undef OPTIONAL
 } tse_input;
 
 enum { /* bits of tse_input.missing: TSE_MISSING(accel_x) */
 #define INPUT(name, lo, hi, unit, kind, text) TSE_CHANNEL_##name,
 #include "tse/input.def"
-#undef INPUT
   TSE_CHANNELS
 };
 #define TSE_MISSING(name) (1u << TSE_CHANNEL_##name)
@@ -93,7 +88,6 @@ enum { /* bits of tse_input.missing: TSE_MISSING(accel_x) */
 enum { /* bits of tse_input.given: TSE_GIVEN(gnss_speed) */
 #define OPTIONAL(name, lo, hi, unit, text) TSE_OPTIONAL_##name,
 #include "tse/optional.def"
-#undef OPTIONAL
   TSE_OPTIONALS
 };
 #define TSE_GIVEN(name) (1u << TSE_OPTIONAL_##name)

@@ -29,7 +29,6 @@ static void keep(tse_alignment *m, const tse_input *u, tse_real before)
     missing |= ok ? 0u : TSE_MISSING(name);                                                                       \
   }
 #include "tse/input.def"
-#undef INPUT
   m->missing[at] = (uint8_t)missing;
   m->before[at] = m->count > 0 ? before : TSE_R(0);
   m->newest = at;
@@ -87,12 +86,10 @@ static void compose(const tse_params *p, tse_alignment *m, const tse_input *u, t
   if (!logged(m, (int)TSE_CHANNEL_##name, p->latency_age[TSE_CHANNEL_##name], &row->name, &lost[TSE_CHANNEL_##name]))     \
     row->missing |= TSE_MISSING(name);
 #include "tse/input.def"
-#undef INPUT
   for (int a = 0; a < 3; a++) m->lost[a] = lost[(int)TSE_CHANNEL_accel_x + a];
   row->given = u->given; /* these do not wait: how much earlier than this row a velocity was true is known (velocity_late) */
 #define OPTIONAL(name, lo, hi, unit, text) row->name = u->name;
 #include "tse/optional.def"
-#undef OPTIONAL
 }
 
 tse_status align_row(const tse_params *p, tse_filter *f, const tse_input *u, tse_input *row)

@@ -21,7 +21,6 @@ tse_status tse_input_check(const tse_input *u, const char **wrong)
   }
 #define INPUT(name, lo, hi, unit, kind, text) CHECK_##kind(name, lo, hi)
 #include "tse/input.def"
-#undef INPUT
   return TSE_OK;
 }
 
@@ -54,6 +53,5 @@ tse_status input_decode(const tse_params *p, const tse_filter *f, const tse_inpu
   }
 #define INPUT(name, lo, hi, unit, kind, text) TAKE_##kind(name, lo, hi)
 #include "tse/input.def"
-#undef INPUT
   return TSE_OK;
 }

@@ -18,8 +18,6 @@ static void as_in_the_tables(tse_config *c)
 #define REAL(name, def, lo, hi, unit, text) c->name = TSE_S(def);
 #define INT(name, def, lo, hi, text) c->name = (def) < (hi) ? (def) : (hi);
 #include "tse/config.def"
-#undef REAL
-#undef INT
 }
 
 void tse_config_uncalibrated(tse_config *c)
@@ -27,7 +25,6 @@ void tse_config_uncalibrated(tse_config *c)
   if (!c) return;
 #define UNCALIBRATED(setting, value, why) c->setting = TSE_S(value);
 #include "tse/uncalibrated.def"
-#undef UNCALIBRATED
   const tse_setting g = TSE_S(9.81), weight = r_mul(g, r_div(c->mass, c->lf + c->lr));
   c->yaw_inertia = r_mul(c->mass, r_mul(c->lf, c->lr));
   c->cornering_stiffness_front = r_mul(TSE_S(CLASS_CORNERING_FRONT), r_mul(weight, c->lr));
@@ -219,8 +216,6 @@ tse_status tse_config_check(const tse_config *c, const char **wrong)
     return TSE_E_CONFIG;                                                  \
   }
 #include "tse/config.def"
-#undef REAL
-#undef INT
   if (real) {
     if (wrong) *wrong = real;
     return TSE_E_CONFIG;
@@ -261,8 +256,6 @@ static uint32_t fingerprint(const tse_config *c)
 #define REAL(name, def, lo, hi, unit, text) h = mix_setting(h, c->name);
 #define INT(name, def, lo, hi, text) h = mix(h, (uint32_t)c->name);
 #include "tse/config.def"
-#undef REAL
-#undef INT
   return mix(h, TSE_MAX_PARTICLES);
 }
 
@@ -522,8 +515,6 @@ static void constants_of(const tse_config *settings, tse_params *p)
     p->log_sd[i] = r_log2(real_of(sd[i]));
   }
 
-  p->wheel_var[0] = real_of(square(r_mul(c->wheel_noise_sd, c->wheel_radius_front)));
-  p->wheel_var[1] = real_of(square(r_mul(c->wheel_noise_sd, c->wheel_radius_rear)));
   p->mass_var = real_of(square(c->mass_sd));
 
   const tse_setting spread_var = square(c->initial_spread);
@@ -570,7 +561,6 @@ static void constants_of(const tse_config *settings, tse_params *p)
   p->hold_var = real_of(square(c->hold_sd));
   p->watchdog_drop = real_of(r_mul(c->watchdog_drop, TSE_S(1.4426950408889634)));
   p->recovery_count = r_floor_to_int(r_mul(c->recovery_share, r_from_int(c->particles)));
-  p->initial_spread_var = real_of(square(c->initial_spread));
   p->steady_walk = real_of(square(c->steady_walk));
   prepare_latencies(c, p);
   prepare_effects(c, mask, p);

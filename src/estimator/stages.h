@@ -15,10 +15,6 @@
 
 #define LONGEST_DT TSE_R(3600) /* s */
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 /* A checked row: what is missing is marked, wheel speeds are speeds. Nobody changes one: effects make a copy. */
 typedef struct sample {
   inputs u;
@@ -57,7 +53,4 @@ uint32_t crc32_of(const uint8_t *bytes, size_t count);
 /* The larger code, of two that are not negative. */
 static inline tse_status worse(tse_status a, tse_status b) { return a > b ? a : b; }
 
-#ifdef __cplusplus
-}
-#endif
 #endif

@@ -51,7 +51,6 @@ tse_status row_decode(const tse_params *p, const tse_filter *f, const tse_input 
     z->given |= TSE_GIVEN(name);                                                                                       \
   }
 #include "tse/optional.def"
-#undef OPTIONAL
   /* where no axle shows the speed, slip is what accel_x adds up to, in which the grade of the road stands */
   z->rolls = z->given & ~TSE_GIVEN_VELOCITIES ? rolls_by(p, z) : ROLLS_UNKNOWN;
   z->no_slip = z->one_speed || (z->rolls == ROLLS_NONE && p->prior_sd[GX] > TSE_R(0));

@@ -15,28 +15,22 @@ static const tse_field config_fields[] = {
 #define REAL(name, def, lo, hi, unit, text) { #name, 's', (int32_t)offsetof(tse_config, name), def, lo, hi, unit, text },
 #define INT(name, def, lo, hi, text) { #name, 'i', (int32_t)offsetof(tse_config, name), (def) < (hi) ? (def) : (hi), lo, hi, "1", text },
 #include "tse/config.def"
-#undef REAL
-#undef INT
 };
 
 static const tse_field input_fields[] = {
   { "dt", 'r', (int32_t)offsetof(tse_input, dt), 0.0, 0.0, 3600.0, "s", "time since the previous row" },
 #define INPUT(name, lo, hi, unit, kind, text) { #name, 'r', (int32_t)offsetof(tse_input, name), 0.0, lo, hi, unit, text },
 #include "tse/input.def"
-#undef INPUT
   { "missing", 'u', (int32_t)offsetof(tse_input, missing), NO_RANGE, "", "bits of missing channels, in the order of the rows above" },
   { "given", 'u', (int32_t)offsetof(tse_input, given), NO_RANGE, "", "bits of what is measured, in the order of the rows below" },
 #define OPTIONAL(name, lo, hi, unit, text) { #name, 'r', (int32_t)offsetof(tse_input, name), 0.0, lo, hi, unit, text },
 #include "tse/optional.def"
-#undef OPTIONAL
 };
 
 static const tse_field output_fields[] = {
 #define OUT_REAL(name, member, unit, text) { #name, 'r', (int32_t)offsetof(tse_output, member), NO_RANGE, unit, text },
 #define OUT_INT(name, member, text) { #name, 'i', (int32_t)offsetof(tse_output, member), NO_RANGE, "", text },
 #include "tse/output.def"
-#undef OUT_REAL
-#undef OUT_INT
 };
 
 static const tse_field status_fields[] = {
@@ -56,8 +50,6 @@ static const tse_field sim_config_fields[] = {
 #define REAL(name, def, lo, hi, unit, text) { #name, 's', (int32_t)offsetof(tse_sim_config, name), def, lo, hi, unit, text },
 #define INT(name, def, lo, hi, text) { #name, 'i', (int32_t)offsetof(tse_sim_config, name), def, lo, hi, "1", text },
 #include "tse/sim.def"
-#undef REAL
-#undef INT
 };
 
 #define MEMBER(name, member, unit, text) { name, 'r', (int32_t)offsetof(tse_sim_output, member), NO_RANGE, unit, text },
@@ -65,15 +57,12 @@ static const tse_field sim_input_fields[] = {
   { "dt", 'r', (int32_t)offsetof(tse_sim_input, dt), 0.01, 0.0, 1.0, "s", "time since the previous row" },
 #define SIM_INPUT(name, def, lo, hi, unit, text) { #name, 'r', (int32_t)offsetof(tse_sim_input, name), def, lo, hi, unit, text },
 #include "tse/sim_input.def"
-#undef SIM_INPUT
 };
 static const tse_field sim_output_fields[] = {
 #define INPUT(name, lo, hi, unit, kind, text) MEMBER(#name, row.name, unit, text)
 #include "tse/input.def"
-#undef INPUT
 #define SIM_OUTPUT(group, name, member, unit, text) MEMBER(#group "_" #name, member, unit, text)
 #include "tse/sim_output.def"
-#undef SIM_OUTPUT
 };
 #endif
 

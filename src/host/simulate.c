@@ -21,8 +21,6 @@ void tse_sim_config_default(tse_sim_config *s)
 #define REAL(name, def, lo, hi, unit, text) s->name = TSE_S(def);
 #define INT(name, def, lo, hi, text) s->name = (def);
 #include "tse/sim.def"
-#undef REAL
-#undef INT
 }
 
 tse_status tse_sim_config_check(const tse_sim_config *s, const char **wrong)
@@ -33,8 +31,6 @@ tse_status tse_sim_config_check(const tse_sim_config *s, const char **wrong)
 #define INT(name, def, lo, hi, text) \
   if (s->name < (lo) || s->name > (hi)) { if (wrong) *wrong = #name; return TSE_E_CONFIG; }
 #include "tse/sim.def"
-#undef REAL
-#undef INT
   return TSE_OK;
 }
 
@@ -67,8 +63,6 @@ static int same_settings(const tse_sim *a, const tse_sim *b)
 #define REAL(name, def, lo, hi, unit, text) same = same && memcmp(&a->config.name, &b->config.name, sizeof a->config.name) == 0;
 #define INT(name, def, lo, hi, text) same = same && a->config.name == b->config.name;
 #include "tse/sim.def"
-#undef REAL
-#undef INT
   return same;
 }
 
@@ -85,7 +79,6 @@ tse_status tse_sim_check(const tse_sim *sim, const tse_config *c, const tse_sim_
   fine = fine && sound_reals(&sim->steer_logged, 1, -MOST_REAL, MOST_REAL) && sound_reals(&sim->last.dt, 1, TSE_R(0), MOST_REAL);
 #define SIM_INPUT(name, def, lo, hi, unit, text) fine = fine && sound_reals(&sim->last.name, 1, TSE_R(lo), TSE_R(hi));
 #include "tse/sim_input.def"
-#undef SIM_INPUT
   return fine ? TSE_OK : TSE_E_STATE;
 }
 
@@ -301,7 +294,6 @@ static tse_status check(const tse_sim *sim, const tse_sim_input *u)
   if (sim->step > 0 && !(u->dt > TSE_R(0) && u->dt <= TSE_R(1))) return TSE_E_TIME;
 #define SIM_INPUT(name, def, lo, hi, unit, text) if (!in_range(u->name, TSE_R(lo), TSE_R(hi))) return TSE_E_INPUT;
 #include "tse/sim_input.def"
-#undef SIM_INPUT
   return TSE_OK;
 }
 
@@ -429,7 +421,6 @@ static int is_car(const tse_sim *sim, const tse_sim_output *y)
   fine = fine && sound_memory(&sim->effects);
 #define INPUT(name, lo, hi, unit, kind, text) fine = fine && sound_reals(&y->row.name, 1, -MOST_REAL, MOST_REAL);
 #include "tse/input.def"
-#undef INPUT
   return fine && sound_reals(&y->accel_x, 1, -MOST_REAL, MOST_REAL) && sound_reals(&y->accel_y, 1, -MOST_REAL, MOST_REAL);
 }
 

@@ -4,7 +4,6 @@
 #include "filter/filter.h"
 #include "tse/constants.h"
 
-#define LONGEST_RUN 1000000000
 
 static int sound_start(const tse_start *s)
 {
@@ -30,7 +29,6 @@ static int sound_waiting(const tse_params *p, const tse_alignment *m)
     fine = fine && m->missing[i] < 1 << TSE_CHANNELS;
 #define INPUT(name, lo, hi, unit, kind, text) fine = fine && sound_reals(&m->value[i][TSE_CHANNEL_##name], 1, TSE_R(lo), TSE_R(hi));
 #include "tse/input.def"
-#undef INPUT
   }
   for (int a = 0; a < 3; a++) fine = fine && sound_int(m->reason[a], TSE_VALID, TSE_MISFIT);
   fine = fine && sound_reals(m->lost, 3, TSE_R(0), TSE_R(0.5001));

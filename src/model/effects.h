@@ -211,19 +211,12 @@ static inline void effects_lag_rates(const tse_effects *e, const point *pt, tse_
 #define effects_settle  TSE_NAME(tse_effects_settle)
 #define effects_advance TSE_NAME(tse_effects_advance)
 
-#ifdef __cplusplus
-extern "C" {
-#endif
-
 /* Memory at rest at this state: tyres hold the kinematic slip, modes the acceleration. Returned: pt evaluated. */
 void effects_settle(const tse_params *p, tse_effect_memory *m, stiffness k, point *pt);
 
 /* (7) with the effects, from the evaluated point `at` to the row of inputs `to` and `g`, dt later; `at` is then that point. */
 void effects_advance(const tse_params *p, tse_effect_memory *m, stiffness k, inputs to, const given *g, tse_real dt, point *at);
 
-#ifdef __cplusplus
-}
-#endif
 
 #undef IF_ON
 

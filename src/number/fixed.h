@@ -38,9 +38,6 @@ static inline int64_t fixed_signed(uint64_t magnitude, int negative)
 
 static inline int64_t fixed_saturate(int64_t x) { return x > FIXED_MOST ? FIXED_MOST : x < -FIXED_MOST ? -FIXED_MOST : x; }
 
-/* x 2^-by, nearest. */
-static inline int64_t fixed_coarser(int64_t x, int by) { return by > 0 ? ((x >> (by - 1)) + 1) >> 1 : x; }
-
 /* a b from halves, nearest, ties towards +infinity. hi, lo: the 128 bits of the exact product. */
 static inline int64_t fixed_mul_halves(int64_t a, int64_t b)
 {
@@ -138,18 +135,12 @@ static inline int64_t fixed_sqrt_digits(int64_t x)
 #endif
 
 #if TSE_FIXED_CALLS
-#ifdef __cplusplus
-extern "C" {
-#endif
 #define r_mul  TSE_NAME(tse_fixed_mul)
 #define r_div  TSE_NAME(tse_fixed_div)
 #define r_sqrt TSE_NAME(tse_fixed_sqrt)
 tse_real r_mul(tse_real a, tse_real b);
 tse_real r_div(tse_real a, tse_real b);
 tse_real r_sqrt(tse_real x);
-#ifdef __cplusplus
-}
-#endif
 #else
 #if defined(__SIZEOF_INT128__) && !defined(TSE_FIXED_HALVES)
 __extension__ typedef __int128 fixed_wide;

@@ -61,12 +61,9 @@
 #endif /* gcc knows no such pragma: tse_self_test() */
 #endif
 
-#if !defined(TSE_REAL_FIXED)
-
-#if defined(TSE_REAL_STRONG)
-namespace plain {                    /* the double functions; the class of strong_real.hpp wraps them below */
-typedef double tse_real;
-#endif
+#if defined(TSE_REAL_STRONG) && !defined(TSE_REAL_PLAIN)
+/* tests/unit/strong_real.hpp has included this file for a double, and wraps its functions. */
+#elif !defined(TSE_REAL_FIXED)
 
 /* ------------------------------------------------------------------------- double and float ---- */
 
@@ -298,78 +295,6 @@ static inline tse_real r_atan2(tse_real y, tse_real x)
 }
 #undef R_PI
 #undef R_TAN_EIGHTH
-
-#if defined(TSE_REAL_STRONG)
-} /* namespace plain */
-
-/* ------------------------------------------------------------------------------------ strong ---- */
-
-/* The class has no * and /: it is opened here, and only here. */
-#define R_STRONG_1(name)                                                                          \
-  static inline tse_real name(tse_real x) { return tse_real::wrap(plain::name(tse_real::raw(x))); }
-#define R_STRONG_2(name)                                                                          \
-  static inline tse_real name(tse_real x, tse_real y)                                             \
-  {                                                                                               \
-    return tse_real::wrap(plain::name(tse_real::raw(x), tse_real::raw(y)));                       \
-  }
-R_STRONG_2(r_mul)
-R_STRONG_2(r_div)
-R_STRONG_2(r_add_sat)
-R_STRONG_2(r_sub_sat)
-R_STRONG_2(r_atan2)
-R_STRONG_1(r_abs)
-R_STRONG_1(r_sqrt)
-R_STRONG_1(r_log2)
-R_STRONG_1(r_exp2)
-#undef R_STRONG_1
-#undef R_STRONG_2
-
-static inline int r_is_finite(tse_real x) { return plain::r_is_finite(tse_real::raw(x)); }
-static inline int r_is_nan(tse_real x) { return plain::r_is_nan(tse_real::raw(x)); }
-static inline int32_t r_floor_to_int(tse_real x) { return plain::r_floor_to_int(tse_real::raw(x)); }
-static inline tse_real r_from_int(int32_t n) { return tse_real::wrap(n); }
-static inline tse_real r_uniform(uint32_t word) { return tse_real::wrap(plain::r_uniform(word)); }
-static inline int32_t r_to_q24(tse_real x) { return plain::r_to_q24(tse_real::raw(x)); }
-static inline tse_real r_from_q24(int32_t n) { return tse_real::wrap(plain::r_from_q24(n)); }
-static inline tse_real r_from_setting(tse_setting x) { return tse_real::wrap(x); }
-static inline tse_setting r_to_setting(tse_real x) { return tse_real::raw(x); }
-static inline void r_sincos_turn(tse_real t, tse_real *s, tse_real *c)
-{
-  double sine, cosine;
-  plain::r_sincos_turn(tse_real::raw(t), &sine, &cosine);
-  *s = tse_real::wrap(sine);
-  *c = tse_real::wrap(cosine);
-}
-
-static inline tse_acc acc_zero(void) { return tse_acc::wrap(0.0); }
-static inline tse_acc acc_add(tse_acc s, tse_real a)
-{
-  return tse_acc::wrap(tse_acc::raw(s) + tse_real::raw(a));
-}
-static inline tse_acc acc_add_mul(tse_acc s, tse_real a, tse_real b)
-{
-  return tse_acc::wrap(tse_acc::raw(s) + tse_real::raw(a) * tse_real::raw(b));
-}
-static inline tse_acc acc_merge(tse_acc s, tse_acc t)
-{
-  return tse_acc::wrap(tse_acc::raw(s) + tse_acc::raw(t));
-}
-static inline tse_real acc_to_real(tse_acc s) { return tse_real::wrap(tse_acc::raw(s)); }
-static inline tse_real acc_div(tse_acc num, tse_acc den)
-{
-  return tse_real::wrap(tse_acc::raw(num) / tse_acc::raw(den));
-}
-static inline tse_acc acc_minus(tse_acc s, tse_acc t)
-{
-  return tse_acc::wrap(tse_acc::raw(s) - tse_acc::raw(t));
-}
-static inline tse_acc acc_times(tse_acc s, int32_t n) { return tse_acc::wrap(tse_acc::raw(s) * n); }
-static inline tse_acc acc_share(tse_acc s, int32_t n) { return tse_acc::wrap(tse_acc::raw(s) / n); }
-static inline tse_acc acc_scale(tse_acc s, tse_real u)
-{
-  return tse_acc::wrap(tse_acc::raw(s) * tse_real::raw(u));
-}
-#endif /* strong */
 
 #else /* TSE_REAL_FIXED */
 

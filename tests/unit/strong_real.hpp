@@ -2,11 +2,31 @@
 //
 // include/tse/real.h uses it as tse_real when TSE_REAL_STRONG is defined, and the core is compiled as C++:
 // a product written with an operator, or a bare literal in place of TSE_R(), is then a compile error.
-// src/number/real_ops.h is the one place that looks inside, through raw() and wrap().
+// The functions of src/number/real_ops.h, for a double in a namespace of their own, are wrapped here: the one place that looks inside.
 #ifndef TSE_STRONG_REAL_HPP
 #define TSE_STRONG_REAL_HPP
 
+#include <float.h>
+#include <math.h>
+#include <stdint.h>
+#include <string.h>
+
 #include <type_traits>
+
+#if defined(TSE_REAL_OPS_H) // it includes this file, and goes on afterwards
+#undef TSE_REAL_OPS_H
+#define INCLUDED_BY_REAL_OPS
+#endif
+namespace plain {
+typedef double tse_real;
+typedef double tse_setting;
+#define TSE_REAL_PLAIN
+#include "number/real_ops.h"
+#undef TSE_REAL_PLAIN
+} // namespace plain
+#if !defined(INCLUDED_BY_REAL_OPS) // else nobody has written yet what is made of these functions alone
+#undef TSE_REAL_OPS_H
+#endif
 
 class tse_real {
 public:
@@ -53,5 +73,72 @@ private:
 // The core copies whole structures and clears them with memset.
 static_assert(std::is_trivial<tse_real>::value && sizeof(tse_real) == sizeof(double), "");
 static_assert(std::is_trivial<tse_acc>::value, "");
+
+typedef double tse_setting;
+
+#define R_STRONG_1(name)                                                                          \
+  static inline tse_real name(tse_real x) { return tse_real::wrap(plain::name(tse_real::raw(x))); }
+#define R_STRONG_2(name)                                                                          \
+  static inline tse_real name(tse_real x, tse_real y)                                             \
+  {                                                                                               \
+    return tse_real::wrap(plain::name(tse_real::raw(x), tse_real::raw(y)));                       \
+  }
+R_STRONG_2(r_mul)
+R_STRONG_2(r_div)
+R_STRONG_2(r_add_sat)
+R_STRONG_2(r_sub_sat)
+R_STRONG_2(r_atan2)
+R_STRONG_1(r_abs)
+R_STRONG_1(r_sqrt)
+R_STRONG_1(r_log2)
+R_STRONG_1(r_exp2)
+#undef R_STRONG_1
+#undef R_STRONG_2
+
+static inline int r_is_finite(tse_real x) { return plain::r_is_finite(tse_real::raw(x)); }
+static inline int r_is_nan(tse_real x) { return plain::r_is_nan(tse_real::raw(x)); }
+static inline int32_t r_floor_to_int(tse_real x) { return plain::r_floor_to_int(tse_real::raw(x)); }
+static inline tse_real r_from_int(int32_t n) { return tse_real::wrap(n); }
+static inline tse_real r_uniform(uint32_t word) { return tse_real::wrap(plain::r_uniform(word)); }
+static inline int32_t r_to_q24(tse_real x) { return plain::r_to_q24(tse_real::raw(x)); }
+static inline tse_real r_from_q24(int32_t n) { return tse_real::wrap(plain::r_from_q24(n)); }
+static inline tse_real r_from_setting(tse_setting x) { return tse_real::wrap(x); }
+static inline tse_setting r_to_setting(tse_real x) { return tse_real::raw(x); }
+static inline void r_sincos_turn(tse_real t, tse_real *s, tse_real *c)
+{
+  double sine, cosine;
+  plain::r_sincos_turn(tse_real::raw(t), &sine, &cosine);
+  *s = tse_real::wrap(sine);
+  *c = tse_real::wrap(cosine);
+}
+
+static inline tse_acc acc_zero(void) { return tse_acc::wrap(0.0); }
+static inline tse_acc acc_add(tse_acc s, tse_real a)
+{
+  return tse_acc::wrap(tse_acc::raw(s) + tse_real::raw(a));
+}
+static inline tse_acc acc_add_mul(tse_acc s, tse_real a, tse_real b)
+{
+  return tse_acc::wrap(tse_acc::raw(s) + tse_real::raw(a) * tse_real::raw(b));
+}
+static inline tse_acc acc_merge(tse_acc s, tse_acc t)
+{
+  return tse_acc::wrap(tse_acc::raw(s) + tse_acc::raw(t));
+}
+static inline tse_real acc_to_real(tse_acc s) { return tse_real::wrap(tse_acc::raw(s)); }
+static inline tse_real acc_div(tse_acc num, tse_acc den)
+{
+  return tse_real::wrap(tse_acc::raw(num) / tse_acc::raw(den));
+}
+static inline tse_acc acc_minus(tse_acc s, tse_acc t)
+{
+  return tse_acc::wrap(tse_acc::raw(s) - tse_acc::raw(t));
+}
+static inline tse_acc acc_times(tse_acc s, int32_t n) { return tse_acc::wrap(tse_acc::raw(s) * n); }
+static inline tse_acc acc_share(tse_acc s, int32_t n) { return tse_acc::wrap(tse_acc::raw(s) / n); }
+static inline tse_acc acc_scale(tse_acc s, tse_real u)
+{
+  return tse_acc::wrap(tse_acc::raw(s) * tse_real::raw(u));
+}
 
 #endif

@@ -375,8 +375,6 @@ static void test_sensor_constants_are_normalised_by_the_sensors_sd(void)
     expect_relative(walk[i] * walk[i] / sd[i] / sd[i], p.bias_walk[i], "bias_walk");
     expect_near(log(sd[i]) / log(2.0), number(p.log_sd[i]), BY_FORMAT(3e-13, 3e-6), "log_sd", i);
   }
-  expect_relative(0.06 * 0.06 * 0.29 * 0.29, p.wheel_var[0], "wheel_var, front");
-  expect_relative(0.06 * 0.06 * 0.31 * 0.31, p.wheel_var[1], "wheel_var, rear");
   expect_relative(9e-4, p.mass_var, "mass_var");
 }
 
