@@ -1,4 +1,4 @@
-/* number/fixed.c - what number/fixed.h declares where a product is a call. */
+/* number/fixed.c - what number/real_ops.h declares where a product is a call. */
 #include "number/real_ops.h"
 
 typedef int tse_fixed_is_inline; /* where it is none: C knows no empty file */

@@ -134,29 +134,5 @@ static inline int64_t fixed_sqrt_digits(int64_t x)
 #endif
 #endif
 
-#if TSE_FIXED_CALLS
-#define r_mul  TSE_NAME(tse_fixed_mul)
-#define r_div  TSE_NAME(tse_fixed_div)
-#define r_sqrt TSE_NAME(tse_fixed_sqrt)
-tse_real r_mul(tse_real a, tse_real b);
-tse_real r_div(tse_real a, tse_real b);
-tse_real r_sqrt(tse_real x);
-#else
-#if defined(__SIZEOF_INT128__) && !defined(TSE_FIXED_HALVES)
-__extension__ typedef __int128 fixed_wide;
-static inline tse_real r_mul(tse_real a, tse_real b)
-{
-  const fixed_wide product = (fixed_wide)a * b;
-  const int64_t hi = (int64_t)(product >> 64), most = (int64_t)1 << (FIXED_BITS - 1 - FIXED_ROOM);
-  const int64_t x = (int64_t)((product + ((fixed_wide)1 << (FIXED_BITS - 1))) >> FIXED_BITS);
-  return hi >= most ? FIXED_MOST : hi < -most ? -FIXED_MOST : x;
-}
-#else
-static inline tse_real r_mul(tse_real a, tse_real b) { return fixed_mul_halves(a, b); }
-#endif
-static inline tse_real r_div(tse_real a, tse_real b) { return fixed_div_halves(a, b); }
-static inline tse_real r_sqrt(tse_real x) { return fixed_sqrt_digits(x); }
-#endif
-
 #endif /* TSE_REAL_FIXED */
 #endif

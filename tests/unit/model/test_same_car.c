@@ -193,7 +193,7 @@ static void test_each_effect_that_both_have_is_the_same(void)
     put(&c, &sets[i]);
     look(&c, 0.1, 1);
     expect_same(sets[i].name, share, along);
-    for (int k = 0; k < CHANNELS; k++) shows |= matters[k] > 4 * allowed(k, share, along);
+    for (int k = 0; k < CHANNELS; k++) shows |= matters[k] > 4 * allowed(k, 0.00025, 0.0005);
     TEST_ASSERT_TRUE_MESSAGE(shows, sets[i].name); /* else nothing is shown */
   }
 }
