@@ -8,17 +8,19 @@
 static int missing(const tse_input *u, uint32_t bit, tse_real value) { return (u->missing & bit) != 0 || r_is_nan(value); }
 
 /* The axle that rolls freely, by brake switch and wheel torques: the one that is not driven, unless they say that it brakes; of two that
- * are driven one without torque beside one with. */
+ * are driven, of which a switch says nothing, one without torque beside one with. */
 static int32_t rolls_by(const tse_params *p, const decoded *z)
 {
   const int32_t undriven = not_driven(&p->car);
+  const int has_brake = (z->given & TSE_GIVEN(brake)) != 0;
   const int known[2] = { (z->given & TSE_GIVEN(wheel_torque_front)) != 0, (z->given & TSE_GIVEN(wheel_torque_rear)) != 0 };
   const tse_real torque[2] = { r_abs(z->optional[TSE_OPTIONAL_wheel_torque_front]), r_abs(z->optional[TSE_OPTIONAL_wheel_torque_rear]) };
   const int less = torque[1] < torque[0];
-  if ((z->given & TSE_GIVEN(brake)) && !(z->optional[TSE_OPTIONAL_brake] < TSE_R(0.5))) return ROLLS_NONE;
-  if (undriven != ROLLS_UNKNOWN && known[undriven - ROLLS_FRONT]) return torque[undriven - ROLLS_FRONT] < p->no_torque ? undriven : ROLLS_NONE;
-  if (undriven != ROLLS_UNKNOWN || !known[0] || !known[1]) return z->given & TSE_GIVEN(brake) ? undriven : ROLLS_UNKNOWN;
-  return torque[less] < r_min(p->no_torque, r_mul(TSE_R(0.1), torque[!less])) ? ROLLS_FRONT + less : ROLLS_NONE;
+  if (undriven == ROLLS_UNKNOWN && !(known[0] && known[1])) return ROLLS_UNKNOWN;
+  if (has_brake && !(z->optional[TSE_OPTIONAL_brake] < TSE_R(0.5))) return ROLLS_NONE;
+  if (undriven == ROLLS_UNKNOWN) return torque[less] < r_min(p->no_torque, r_mul(TSE_R(0.1), torque[!less])) ? ROLLS_FRONT + less : ROLLS_NONE;
+  if (known[undriven - ROLLS_FRONT]) return torque[undriven - ROLLS_FRONT] < p->no_torque ? undriven : ROLLS_NONE;
+  return has_brake ? undriven : ROLLS_UNKNOWN;
 }
 
 tse_status row_decode(const tse_params *p, const tse_filter *f, const tse_input *u, decoded *z)

@@ -40,8 +40,9 @@ static void test_the_axle_that_rolls_freely_is_that_of_the_pedals(void)
     { 1, BRAKE, 0, 0, 0, ROLLS_REAR },
     { 2, BRAKE, 0.4, 0, 0, ROLLS_FRONT },
     { 1, BRAKE, 0.5, 0, 0, ROLLS_NONE },
-    { 0, BRAKE, 0, 0, 0, ROLLS_UNKNOWN },                         /* four driven wheels that do not brake */
-    { 0, BRAKE, 1, 0, 0, ROLLS_NONE },
+    { 0, BRAKE, 0, 0, 0, ROLLS_UNKNOWN },                         /* a switch alone says nothing of four driven wheels */
+    { 0, BRAKE, 1, 0, 0, ROLLS_UNKNOWN },
+    { 0, BRAKE | FRONT | REAR, 1, 900, 0, ROLLS_NONE },
     { 1, BRAKE, 1.5, 0, 0, ROLLS_UNKNOWN },                       /* out of range: not there */
     { 1, REAR, 0, 0, -59, ROLLS_REAR },
     { 1, REAR, 0, 0, -61, ROLLS_NONE },
