@@ -13,7 +13,8 @@ from tests.cars.logs import PEDALS
 from tselab.config import make_config
 from tselab.core import Filter, library
 from tselab.errors import UserError
-from tselab.log import Log, Reading, average, read_frame, read_log
+from tselab.gap.data import prepare
+from tselab.log import MEASURES, TORQUES, Log, Reading, average, read_frame, read_log
 from tselab.logs.commands import toml_text
 from tselab.logs.propose import propose
 from tselab.logs.readers import read_recording
@@ -125,6 +126,12 @@ def test_what_contradicts_the_speed_or_the_acceleration_is_said(made, drive: pd.
     for word in words:
         assert any(word in line for line in found), found
     assert bool(found) == bool(words), found
+
+
+def test_gap_compares_torques_and_no_switch_or_velocity(vehicle, drive: pd.DataFrame) -> None:
+    log = read_frame(drive.assign(ins_vel_x=20.0))
+    config, _ = make_config(vehicle, log)
+    assert set(prepare(log, config).measured) == {*MEASURES, *TORQUES}
 
 
 def test_a_switch_that_is_averaged_is_a_share(drive: pd.DataFrame) -> None:

@@ -19,7 +19,7 @@ from tselab.errors import UserError
 from tselab.gap import constants
 from tselab.gap.simulate import simulate
 from tselab.held import fresh
-from tselab.log import DRIVES, MEASURES, OPTIONAL, Log
+from tselab.log import COMPARED, DRIVES, MEASURES, OPTIONAL, Log
 from tselab.noise import Noise, channel_noise, filled, noise_of
 from tselab.spline import smoothing_spline
 
@@ -89,7 +89,8 @@ def prepare(log: Log, config: Config) -> Prepared:
         raise UserError(f"{log.path}: rows must come at least every 0.1 s to compare them with a simulation")
     raw = {name: log.data[name].to_numpy(float) for name in DRIVES}
     measured = {name: np.where(fresh(x), x, np.nan) for name in MEASURES for x in (log.data[name].to_numpy(float),)}
-    measured |= {name: renewed(log.extra[name].to_numpy(float)) for name in log.extra}
+    compared = [name for name in log.extra if name in COMPARED]
+    measured |= {name: renewed(log.extra[name].to_numpy(float)) for name in compared}
     measured = {name: x for name, x in measured.items() if np.isfinite(x).any()}
     moving = np.abs(0.5 * (raw["wheel_speed_front"] + raw["wheel_speed_rear"])) * config.wheel_radius_front > SLOWEST
     smooth = {name: Smoother(log.time, x) for name, x in raw.items()}
@@ -117,7 +118,7 @@ def prepare(log: Log, config: Config) -> Prepared:
         )
     held = {name: age for name in (*DRIVES, *MEASURES) if (age := _age(log.time, log.data[name].to_numpy(float))) > 0}
     found = Prepared(log.path, log.time, inputs, measured, noise, stretches, per_block, distance, notes, quiet, held)
-    if stretches and len(log.extra.columns):
+    if stretches and compared:
         found.blur = _blur(found, raw, smooth, config)
     return found
 
