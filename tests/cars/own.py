@@ -1,5 +1,5 @@
 """An uncalibrated car, estimated with and without a calibration on the log itself (tselab/calibrate/own.py): cars of a study,
-real logs, and the manoeuvres of the simulator.
+and real logs. The manoeuvres of the simulator (manners.py) are too short or too straight for one.
 
     python -m tests.cars.own --keep DIR [--cars N] [--out FILE]
 
@@ -11,7 +11,7 @@ from __future__ import annotations
 import argparse
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 from unittest import mock
@@ -24,20 +24,17 @@ from tests.cars import ROADS
 from tests.cars.real import DATA
 from tests.cars.real import row as real_row
 from tests.cars.study import OFF, RESULTS, SETTLED, TRUTH, filtered, score, table, truth_of
-from tselab import maneuvers
 from tselab.calibrate import own
 from tselab.config import make_config
-from tselab.core import NOMINAL, Config, SimConfig
-from tselab.log import Log, read_frame, read_log
-from tselab.simulate import simulate
-from tselab.vehicle import OWN_SHARE, REQUIRED, Vehicle, filter_values, make_vehicle, read_vehicle
+from tselab.core import Config
+from tselab.log import Log, read_log
+from tselab.vehicle import OWN_SHARE, Vehicle, filter_values, read_vehicle
 
 CLASS, ITSELF, OTHERS = "not calibrated", "on the log itself", "on other logs"
 SHARES = {
     "on itself, its sd": 1.0,
     "on itself, the sd of the class": np.inf,
 }  # what else the prior of the stiffness could be
-RELAXATION, ROLL = (0.0, 0.3, 0.6), (0.0, 0.006, 0.012)
 AXLES = ("cy_front", "cy_rear")
 
 
@@ -115,66 +112,20 @@ def of_real(scratch: Path) -> list[str]:
     return lines
 
 
-def manoeuvre(kind: str, relaxation: float, roll: float, seed: int) -> tuple[Log, Config]:
-    """A log of the simulator's car with these effects, and its settings."""
-    car = Config({"relaxation_length": relaxation, "body_roll_gain": roll})
-    made = maneuvers.build(kind, car, sample_time=car.sample_time, seed=seed)
-    drive = simulate(made, car, SimConfig({"seed": seed}))
-    return read_frame(drive.log), car
-
-
-def of_manoeuvres(seeds: int) -> Iterator[dict[str, Any]]:
-    """A row per manoeuvre, size of the effects, seed, way of calibration and axle."""
-    cases = [(k, x, y, s) for k in maneuvers.KINDS for x in RELAXATION for y in ROLL for s in range(1, seeds + 1)]
-    for kind, relaxation, roll, seed in tqdm(cases, unit="log", file=sys.stderr):
-        log, car = manoeuvre(kind, relaxation, roll, seed)
-        told = make_vehicle({key: getattr(car, key) for key in REQUIRED}, Path("car"))
-        itself = calibrated(told, log)
-        for who, vehicle in ((CLASS, told), (ITSELF, itself)):
-            config, _ = make_config(vehicle, log)
-            out = filtered(config, log)
-            moving = out["vel_x"] > 3.0
-            for key in AXLES:
-                error = out[key] * getattr(config, NOMINAL[key]) / getattr(car, NOMINAL[key]) - 1.0
-                interval = 1.96 * out[f"{key}_sd"] * getattr(config, NOMINAL[key]) / getattr(car, NOMINAL[key])
-                valid = moving & (out[f"{key}_valid"] == 0)
-                yield {"kind": kind, "who": who, "key": key, "used": bool(itself.calibration), "rows": moving.sum(),
-                       "valid": valid.sum(), "off": (valid & (np.abs(error) > 0.1)).sum(),
-                       "outside": (valid & (np.abs(error) > interval)).sum(),
-                       "error": np.median(np.abs(error[moving]))}  # fmt: skip
-
-
-def manoeuvre_table(runs: pd.DataFrame) -> list[str]:
-    """As Markdown, a line per manoeuvre and way of calibration."""
-    lines = ["| manoeuvre | calibrated | in | median error [%] | valid [%] | of these off [%] | of these outside [%] |",
-             "|---|---|---:|---|---|---|---|"]  # fmt: skip
-    runs = pd.concat([runs.assign(kind="all"), runs])
-    for (kind, who), group in runs.groupby(["kind", "who"], sort=False):
-        axles = [group[group["key"] == key] for key in AXLES]
-        cells = [kind, who, f"{int(axles[0]['used'].sum()) if who == ITSELF else 0} of {len(axles[0])}"]
-        cells.append(" / ".join(f"{100 * a['error'].median():.1f}" for a in axles))
-        for what, of in (("valid", "rows"), ("off", "valid"), ("outside", "valid")):
-            cells.append(" / ".join(f"{100 * a[what].sum() / a[of].sum():.0f}" if a[of].sum() else "-" for a in axles))
-        lines.append("| " + " | ".join(cells) + " |")
-    return lines
-
-
 def main(arguments: list[str]) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--keep", type=Path, required=True, help="that of python -m tests.cars.study")
     parser.add_argument("--cars", type=int, default=4, help="so many of its cars (default: 4)")
-    parser.add_argument("--seeds", type=int, default=2, help="of each manoeuvre (default: 2)")
     parser.add_argument("--out", type=Path, default=RESULTS / "own.md", help="the table")
     given = parser.parse_args(arguments)
     runs = of_cars(given.keep, given.cars)
     with tempfile.TemporaryDirectory() as scratch:
         real = of_real(Path(scratch))
-    simulated = manoeuvre_table(pd.DataFrame(of_manoeuvres(given.seeds)))
     used = int(runs[runs["who"] == ITSELF]["used"].sum())
     text = f"""# Calibrated on the log itself
 
-`python -m tests.cars.own --keep DIR --cars {given.cars} --seeds {given.seeds}` after `python -m tests.cars.study --first 3301 --keep DIR`: what
-`tselab estimate` makes of a car of which only mass, axles, wheels and driven axle are known.
+`python -m tests.cars.own --keep DIR --cars {given.cars}` after `python -m tests.cars.study --cars 6 --first 3301 --keep
+DIR`: what `tselab estimate` makes of a car of which only mass, axles, wheels and driven axle are known.
 
 - *{CLASS}*: `--no-calibrate`, an ordinary car of its class. *{ITSELF}*: the default; the prior of a cornering stiffness has
   {OWN_SHARE:g} of the posterior sd. The lines below it: all of that sd, and that of the class. *{OTHERS}*: `tselab calibrate` on
@@ -199,15 +150,7 @@ regression with the sideslip known: front 82 [78 92], rear 121 [114 162] kN/rad.
 
 """
     text += "\n".join(real)
-    text += f"""
-
-## Manoeuvres of the simulator
-
-Each with relaxation lengths of {", ".join(map(str, RELAXATION))} m and roll of {", ".join(map(str, ROLL))} rad s2/m, {given.seeds} seed(s);
-front / rear cornering, rows above 3 m/s. *In*: drives in which the calibration was used; the others are too short or show nothing.
-
-"""
-    given.out.write_text(text + "\n".join(simulated) + "\n", encoding="utf-8")
+    given.out.write_text(text + "\n", encoding="utf-8")
     print(f"{given.out}: {given.cars} cars")
     return 0
 

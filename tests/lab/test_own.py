@@ -153,11 +153,18 @@ def test_too_short_a_log_is_said_and_the_car_stays_one_of_its_class(case, tmp_pa
     rows = case.log.read_text().splitlines()
     (tmp_path / "log.csv").write_text("\n".join(rows[:3001]) + "\n")
     done = tselab_here("estimate", "log.csv", "--vehicle", case.car, cwd=tmp_path)
-    assert "not calibrated on the log itself: it lasts 30 s, 60 s are needed" in done.out
+    assert "not calibrated on the log itself: it lasts 29.99 s, 60 s are needed" in done.out
     assert "filled in: cornering_stiffness_front" in done.out
     plain = tselab_here("estimate", "log.csv", "--vehicle", case.car, "--no-calibrate", "--out", "p.csv", cwd=tmp_path)
     assert "calibrated on the log" not in plain.out
     assert (tmp_path / "p.csv").read_bytes() == (tmp_path / "log.est.csv").read_bytes()
+
+
+def test_a_log_that_goes_straight_shows_nothing(case):
+    log = read_log(case.log)
+    log.data["yaw_rate"] *= 0.05
+    words = own.calibrated(read_vehicle(case.car), [log]).words
+    assert words == [own.of_class("it hardly turns: 0.0 s above 1 m/s2 across, 2 s are needed").words[0]]
 
 
 def test_a_search_that_does_not_end_leaves_the_car_to_its_class(case, monkeypatch):
@@ -170,6 +177,18 @@ def test_a_search_that_does_not_end_leaves_the_car_to_its_class(case, monkeypatc
         stopped = own.calibrated(car, [log])  # what took too long is not kept: it is tried again
     assert stopped.text == "" and "did not converge in 1 steps" in stopped.words[0]
     assert stopped.vehicle(car).values == car.values
+
+
+def test_ctrl_c_stops_it_and_leaves_nothing(case, cache, monkeypatch, tmp_path):
+    def interrupt(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(workflow, "of_logs", interrupt)
+    (tmp_path / "car.toml").write_text(case.car.read_text() + "\n[latency]\nsteer_angle = 0.02\n", encoding="utf-8")
+    before = sorted(cache.rglob("*.json"))
+    done = tselab_here("estimate", case.log, "--vehicle", "car.toml", "--out", "est.csv", cwd=tmp_path)
+    assert done.code == 130 and not (tmp_path / "est.csv").exists()
+    assert sorted(cache.rglob("*.json")) == before
 
 
 def test_who_is_calibrated_or_known_is_left_alone(case, tmp_path):

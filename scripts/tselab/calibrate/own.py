@@ -31,6 +31,8 @@ from tselab.vehicle import OWN_KNOWN, Vehicle, make_vehicle
 
 MOST_SECONDS = 600.0  # of all logs together: of a longer one the part in which the car turns most
 LEAST_SECONDS = 60.0  # that can be compared with a simulation
+LEAST_TURNING = 2.0  # s with a lateral acceleration of
+TURNING = 1.0  # m/s2
 LONGEST = 300.0  # s: a search that takes longer on this machine is given up
 TOO_LONG = f"the search took longer than {LONGEST:g} s"
 AXLES = {"cy_front": "front", "cy_rear": "rear"}
@@ -74,7 +76,11 @@ def calibrated(vehicle: Vehicle, logs: Sequence[Log], say: Callable[[str], None]
     """Calibrate on logs of the car, or return what an earlier run has found on the same ones."""
     seconds = sum(float(log.time[-1] - log.time[0]) for log in logs if len(log))
     if seconds < LEAST_SECONDS:
-        return of_class(f"it lasts {seconds:.0f} s, {LEAST_SECONDS:g} s are needed")
+        return of_class(f"it lasts {seconds:.4g} s, {LEAST_SECONDS:g} s are needed")
+    if (turning := sum(_turning(log, vehicle) for log in logs)) < LEAST_TURNING:
+        return of_class(
+            f"it hardly turns: {turning:.1f} s above {TURNING:g} m/s2 across, {LEAST_TURNING:g} s are needed"
+        )
     parts = [_part(log, MOST_SECONDS / len(logs)) for log in logs]
     key = _key(vehicle, parts)
     path = _place(f"{key}.json")
@@ -90,6 +96,17 @@ def calibrated(vehicle: Vehicle, logs: Sequence[Log], say: Callable[[str], None]
             write_sealed(path, {"key": key, **vars(own)})
             own.words.append(f"{where}: {path}")
         return own
+
+
+def _turning(log: Log, vehicle: Vehicle) -> float:
+    """Seconds with a lateral acceleration of TURNING by speed and yaw rate, or by accel_y where there is no gyro."""
+    rate, speed = (
+        log.data["yaw_rate"].to_numpy(float),
+        vehicle.values["wheel_radius_rear"] * log.data["wheel_speed_rear"],
+    )
+    across = speed.to_numpy(float) * rate if np.isfinite(rate).any() else log.data["accel_y"].to_numpy(float)
+    with np.errstate(invalid="ignore"):
+        return float(log.dt[np.abs(across) > TURNING].sum())
 
 
 def _place(name: str) -> Path | None:
@@ -112,7 +129,7 @@ def _key(vehicle: Vehicle, logs: Sequence[Log]) -> str:
     here = Path(__file__).parent
     for code in sorted((*here.glob("*.py"), *(here.parent / "identify").glob("*.py"))):
         digest.update(code.read_bytes())
-    about = [__version__, MOST_SECONDS, LEAST_SECONDS, OWN_KNOWN, sorted(vehicle.values.items()), vehicle.driven_axle]
+    about = [__version__, OWN_KNOWN, sorted(vehicle.values.items()), vehicle.driven_axle]
     digest.update(json.dumps(about).encode())
     for log in logs:
         columns = [log.time, *(log.data[c].to_numpy(float) for c in log.data)]
@@ -180,12 +197,12 @@ def _words(result: Any, found: dict[str, Any]) -> list[str]:
         f"{AXLES[key]} {s['value'] / 1000:.0f} ({s['low'] / 1000:.0f} .. {s['high'] / 1000:.0f})"
         for key, s in found["stiffness"].items()
     )
-    shown = [f.words for f in result.findings if f.name.endswith("_latency") and f.shown]
     minutes = found["seconds"] / 60
     lines = [
         f"calibrated on the log itself, {minutes:.1f} minutes of it: stiffness at no slip, 95 %: {stiffness} kN/rad"
     ]
-    lines += [f"latency: {'; '.join(shown)}"] if shown else []
+    late = [f"{c} {1000 * x['value']:.0f} +- {1960 * x['sd']:.0f}" for c, x in found["latency"].items()]
+    lines += [f"latency behind the gyro, ms, 95 %: {', '.join(late)}"] if late else []
     groups = {
         g: [f.shown for f in result.findings if f.group == g] for g in dict.fromkeys(f.group for f in result.findings)
     }
