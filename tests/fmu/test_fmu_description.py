@@ -24,7 +24,7 @@ UNITS = {
 }  # the core's spelling -> FMI's
 GROUPS = {
     VEHICLE: ("vehicle", "sensors", "effects", "simulation"),
-    ESTIMATOR: ("vehicle", "uncertainty", "sensors", "latency", "velocity", "effects", "filter"),
+    ESTIMATOR: ("vehicle", "uncertainty", "sensors", "latency", "velocity", "pedals", "effects", "filter"),
 }
 
 
