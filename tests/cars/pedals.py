@@ -22,6 +22,7 @@ from tests.cars.logs import PEDALS
 from tests.cars.sensors import pedals_of
 from tests.cars.study import RESULTS, ROADS, TRUTH, estimated, score, truth_of
 from tselab.log import read_log
+from tselab.vehicle import read_vehicle
 
 WAYS = {"none": (), "brake switch": PEDALS[:1], "wheel torques": PEDALS[1:], "both": PEDALS}
 KEY = "cx_front"
@@ -70,13 +71,15 @@ def main(arguments: list[str]) -> int:
     for parts in (table.assign(road="all"), table):
         for key, group in parts.groupby(["driven", "road", "way"], sort=False):
             lines.append(line(list(key), group))
-    text = """# Longitudinal stiffness with brake switch and wheel torques
+    who = read_vehicle(cars[0] / "fit" / "car.toml").name
+    text = f"""# Longitudinal stiffness with brake switch and wheel torques
 
-`python -m tests.cars.study --keep DIR`, `python -m tests.cars.pedals --drives DIR`: calibrated cars of tests/cars, front
-longitudinal stiffness against the secant of the row, rows after 20 s and above 3 m/s. The switch is on from 50 N of braking;
-torques are off by a scale, sd 7 % (engine) and 10 % (brakes of each axle), by 5 .. 20 N m of noise, and late by up to 60 ms.
-*Not said*: the file of a car with one driven axle does not say which, as of one whose other axle is driven on demand. *both*:
-driven axles share the torque as they share the load, within a tenth.
+`python -m tests.cars.study --keep DIR`, `python -m tests.cars.pedals --drives DIR`: {len(cars)} calibrated cars of tests/cars from
+{who} on; front longitudinal stiffness against the secant of the row, rows after 20 s and above 3 m/s. The switch is
+on from 50 N of braking; torques are off by a scale, sd 7 % (engine) and 10 % (brakes of each axle), by 5 .. 20 N m of noise,
+and late by up to 60 ms. *Not said*: the file of a car with one driven axle does not say which, as of one whose other axle is
+driven on demand. *both*: driven axles share the torque as they share the load, within a tenth. The front tyres of a rear-driven
+car show a stiffness only while it brakes, that is with more load than at rest.
 
 """
     given.out.write_text(text + "\n".join(lines) + "\n", encoding="utf-8")
