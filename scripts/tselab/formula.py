@@ -683,7 +683,7 @@ def _lag(h: list[float], x: list[float], time: list[float]) -> list[float]:
 
 @_by_row
 def _second(h: list[float], a: list[float], frequency: list[float], damping: list[float]) -> list[float]:
-    """effects_mode() of src/model/effects.h."""
+    """mode_step() of src/model/laws.h."""
     x, v = a[0], 0.0
     y = [x]
     for i in range(1, len(a)):
