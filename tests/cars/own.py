@@ -31,10 +31,13 @@ from tselab.log import Log, read_log
 from tselab.vehicle import OWN_SHARE, Vehicle, filter_values, read_vehicle
 
 CLASS, ITSELF, OTHERS = "not calibrated", "on the log itself", "on other logs"
-SHARES = {
-    "on itself, its sd": 1.0,
-    "on itself, the sd of the class": np.inf,
-}  # what else the prior of the stiffness could be
+SHARES = (
+    0.3,
+    0.5,
+    0.7,
+    1.0,
+    np.inf,
+)  # of the posterior sd: what the prior of the stiffness could be; inf: the sd of the class
 AXLES = ("cy_front", "cy_rear")
 
 
@@ -54,9 +57,15 @@ def with_share(vehicle: Vehicle, log: Log, share: float) -> Config:
     return config
 
 
+def named(share: float) -> str:
+    """What a share of the posterior sd is called."""
+    return "... with the sd of the class" if share == np.inf else f"... with {share:g} of its sd"
+
+
 def of_cars(folder: Path, count: int) -> pd.DataFrame:
     """A row per drive and way of calibration."""
     rows: list[dict[str, Any]] = []
+    told_by = sum((folder / f"car{k}" / "calibrated.toml").exists() for k in range(count))
     for k, road in tqdm([(k, r) for k in range(count) for r in ROADS], unit="log", file=sys.stderr):
         car = folder / f"car{k}"
         log, reference = read_log(car / "test" / f"log_{road}.csv"), pd.read_csv(car / "test" / f"reference_{road}.csv")
@@ -66,10 +75,10 @@ def of_cars(folder: Path, count: int) -> pd.DataFrame:
         ways: dict[str, Callable[[], Config]] = {
             CLASS: lambda told=told, log=log: make_config(told, log)[0],
             ITSELF: lambda itself=itself, log=log: make_config(itself, log)[0],
-            **{who: lambda v=itself, log=log, s=s: with_share(v, log, s) for who, s in SHARES.items()},
+            **{named(s): lambda v=itself, log=log, s=s: with_share(v, log, s) for s in SHARES if s != OWN_SHARE},
         }
         if (other := car / "calibrated.toml").exists():
-            ways[OTHERS] = lambda other=other, log=log: make_config(read_vehicle(other), log)[0]
+            ways[f"{OTHERS}, {told_by} cars"] = lambda other=other, log=log: make_config(read_vehicle(other), log)[0]
         for who, made in ways.items():
             config = made()
             rows.append({"car": k, "road": road, "who": who, "used": bool(itself.calibration),
@@ -128,8 +137,8 @@ def main(arguments: list[str]) -> int:
 DIR`: what `tselab estimate` makes of a car of which only mass, axles, wheels and driven axle are known.
 
 - *{CLASS}*: `--no-calibrate`, an ordinary car of its class. *{ITSELF}*: the default; the prior of a cornering stiffness has
-  {OWN_SHARE:g} of the posterior sd. The lines below it: all of that sd, and that of the class. *{OTHERS}*: `tselab calibrate` on
-  a drive of each road, to compare with.
+  {OWN_SHARE:g} of the posterior sd. The lines below it: other shares, and the sd of the class. *{OTHERS}*: `tselab calibrate` on
+  a drive of each road, to compare with; of the first cars.
 - The log counts once: in the calibration. A filter that starts with a wide prior learns the stiffness anew, with its own errors; a
   narrow one keeps what all rows show together.
 
