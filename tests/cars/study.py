@@ -113,7 +113,8 @@ def best(vehicle_path: Path, log: Log, stiffness: dict[str, float]) -> tuple[np.
 
 def changes(out: np.ndarray, counts: np.ndarray) -> int:
     """Return how many changes of road or axle were reported."""
-    return int((np.diff(out["change_age"][counts]) < 0).sum())
+    age = out["change_age"][counts]  # 0 before the first
+    return int(((age[1:] > 0) & ((age[:-1] == 0) | (age[1:] < age[:-1]))).sum())
 
 
 def score(out: np.ndarray, config: Config, log: Log, truth: dict[str, np.ndarray]) -> dict[str, float]:
