@@ -166,7 +166,7 @@ enum {
 enum { TSE_CHANGE_NONE, TSE_CHANGE_ROAD, TSE_CHANGE_FRONT, TSE_CHANGE_REAR, TSE_CHANGE_RESTART };
 
 #define TSE_GROUPS 2     /* of events that exclude each other */
-#define TSE_EVENTS 16   /* places for what may have happened, src/filter/events.c */
+#define TSE_EVENTS 17   /* places for what may have happened, src/filter/events.c */
 
 typedef struct tse_ud {
   tse_real u[TSE_STATES * (TSE_STATES - 1) / 2], d[TSE_STATES];
@@ -209,7 +209,7 @@ typedef struct tse_kalman {
   tse_real innovation[TSE_SENSORS], innovation_var[TSE_SENSORS], last_innovation[TSE_SENSORS];
   tse_real slow[TSE_SENSORS], slow_var[TSE_SENSORS], usual[TSE_SENSORS]; /* innovation, smoothed; its variance as thought; [1] as it is, over that */
   tse_real log_likelihood;
-  tse_real change_age, change_from[3]; /* [s]; [1] logarithm of the stiffness before the last change */
+  tse_real change_age, change_from[4], change_from_var[4]; /* [s]; [1] logarithms of stiffness and grip before the last change; [unit2] their variance */
   tse_real unusual;                   /* [1] slow innovation of accel_x in this row, squared, over what is usual */
   tse_real reading[TSE_SENSORS], repeats[TSE_SENSORS], repeats_again[TSE_SENSORS]; /* last reading; [1] share of readings that repeat the one before;
                                          of those after one that did */

@@ -3,8 +3,11 @@
  * An event moves the state by an amplitude, N(0, 1), times what it opens. If it happened, the state of the filter, which does not know,
  * is off by the amplitude times v: v follows the filter's own transition and gains, and every innovation is shifted by h v. That gives the
  * amplitude's likelihood exactly (Willsky & Jones 1976), for a hundredth of the cost of a second filter. Each kind has places that are
- * opened in turn; an event whose posterior probability is high enough is believed: the state moves, and what it opens is uncertain. */
+ * opened in turn; an event whose posterior probability is high enough is believed: the state moves, and what it opens is uncertain. After a
+ * change the tyres may be back where they were, a patch of ice or water behind: that amplitude is known, and what was known before comes back. */
 #include "filter/filter.h"
+
+#define FURTHEST TSE_R(3) /* 1: logarithm of twenty times as much; no tyres change by more */
 
 typedef struct opens {
   int32_t state;
@@ -23,6 +26,7 @@ static kind kind_of(int32_t which)
   static const kind kinds[EVENT_SENSOR + 1] = {
     { { NO, NO, NO }, { NO, NO, NO }, TSE_R(0), 0 },
     { { { LCF, CHANGE_SD }, { LCR, CHANGE_SD }, { LMU, CHANGE_SD } }, { { LCF, MODEL_FLOOR }, { LCR, MODEL_FLOOR }, { LCX, CHANGE_SD } }, TSE_R(1), 3 },
+    { { NO, NO, NO }, { NO, NO, NO }, TSE_R(1), 1 },
     { { NO, NO, NO }, { NO, NO, NO }, TSE_R(1), 1 },
     { { { LCF, CHANGE_SD }, NO, NO }, { { LCF, MODEL_FLOOR }, NO, NO }, TSE_R(1), 2 },
     { { { LCR, CHANGE_SD }, NO, NO }, { { LCR, MODEL_FLOOR }, NO, NO }, TSE_R(1), 2 },
@@ -48,14 +52,12 @@ enum { TURNING,
        GOING };
 static int group_of(int32_t which) { return which == EVENT_ALONG || which == EVENT_SLIP_FRONT || which == EVENT_SLIP_REAR || which == EVENT_SENSOR || which >= EVENT_SENSOR + 3 ? GOING : TURNING; }
 
-/* Of tyres the amplitude is one of the force, since that is what the slopes are of: twice as much is as likely as half. */
-static tse_real prior_precision(const tse_event *a)
+/* Back is where it was: one amplitude, not any. */
+tse_real event_amplitude(const tse_event *a, tse_real *var)
 {
-  if (a->kind > EVENT_REAR || a->kind == EVENT_ALONG) return TSE_R(1);
-  return a->score > TSE_R(0) ? TSE_R(0.5) : TSE_R(2);
+  *var = a->kind == EVENT_BACK ? TSE_R(0) : r_div(TSE_R(1), TSE_R(1) + a->info);
+  return a->kind == EVENT_BACK ? TSE_R(1) : r_mul(a->score, *var);
 }
-
-tse_real event_precision(const tse_event *a) { return prior_precision(a) + a->info; }
 
 void events_clear(tse_kalman *k, int count)
 {
@@ -101,7 +103,7 @@ void events_learn(tse_kalman *k, int channel, const tse_real h[STATES], const ts
     tse_real y = channel >= 0 && a->kind == EVENT_SENSOR + channel ? r_mul(FAULT_SD, sd) : TSE_R(0);
     for (int i = 0; i < all; i++) y += r_mul(h[i], a->v[i]);
     const tse_real ys = r_mul(y, over);
-    if (group_of(a->kind) == (channel == 1 || channel == 2 || channel == NO_SENSOR_TURNING ? TURNING : GOING)) {
+    if (a->kind == EVENT_BACK || group_of(a->kind) == (channel == 1 || channel == 2 || channel == NO_SENSOR_TURNING ? TURNING : GOING)) {
       a->info = r_min(a->info + r_mul(y, ys), TSE_R(1e6));
       a->score = r_clamp(a->score + r_mul(e, ys), TSE_R(-1e6), TSE_R(1e6));
     }
@@ -115,8 +117,9 @@ void events_learn(tse_kalman *k, int channel, const tse_real h[STATES], const ts
 static tse_real gain_of(const tse_kalman *k, const tse_event *a)
 {
   if (a->kind == EVENT_ALONG) return k->unusual > TSE_R(1) ? r_mul(TSE_R(0.72134752044448170), k->unusual - TSE_R(1)) - r_mul(TSE_R(0.5), r_log2(k->unusual)) : TSE_R(0);
-  const tse_real one = event_precision(a);
-  const tse_real gain = r_mul(TSE_R(0.72134752044448170), r_mul(a->score, r_div(a->score, one))) - r_mul(TSE_R(0.5), r_log2(r_div(one, prior_precision(a))));
+  if (a->kind == EVENT_BACK) return r_mul(LOG2_OF_E, a->score - r_mul(TSE_R(0.5), a->info));
+  const tse_real one = TSE_R(1) + a->info;
+  const tse_real gain = r_mul(TSE_R(0.72134752044448170), r_mul(a->score, r_div(a->score, one))) - r_mul(TSE_R(0.5), r_log2(one));
   if (a->kind < EVENT_STEER) return gain;
   const int changed = k->change_kind != TSE_CHANGE_NONE && k->change_age < SETTLE_TIME; /* what does not fit yet is being found: no fault */
   const tse_real off = changed ? r_min(gain, TSE_R(0)) : gain, frozen = a->kind >= EVENT_SENSOR ? k->frozen[a->kind - EVENT_SENSOR] : TSE_R(0);
@@ -126,8 +129,9 @@ static tse_real gain_of(const tse_kalman *k, const tse_event *a)
 int event_is_small(const tse_kalman *k, const tse_event *a)
 {
   if (a->kind >= EVENT_SENSOR && k->frozen[a->kind - EVENT_SENSOR] > -r_log2(RATE_FAULT)) return 0;
+  if (a->kind == EVENT_BACK) return 0;
   /* root mean square of the amplitude, which is as it was before the samples where they say nothing */
-  const tse_real one = event_precision(a);
+  const tse_real one = TSE_R(1) + a->info;
   return r_mul(a->score, a->score) + one < r_mul(r_sqr(least_of(a->kind)), r_mul(one, one));
 }
 
@@ -169,6 +173,29 @@ static void open_event(const tse_params *p, tse_kalman *k, int n, int32_t which)
   k->weight[n] = TSE_R(0);
   for (int i = 0; i < 3; i++)
     if (what.common[i].state >= 0 && !is_known(p, what.common[i].state)) a->v[what.common[i].state] = r_div(what.common[i].sd, state_unit[what.common[i].state]);
+  for (int i = LCX; i <= LMU && which == EVENT_BACK; i++) a->v[i] = r_div(r_exp2(r_mul(LOG2_OF_E, r_clamp(k->change_from[i - LCX] - k->x[i], -FURTHEST, FURTHEST))) - TSE_R(1), state_unit[i]);
+}
+
+/* State i is where it was before the last change, as well as it was known then. */
+static void recall(tse_kalman *k, int i)
+{
+  tse_real h[TSE_ALL], f[TSE_ALL], v[TSE_ALL], gain[TSE_ALL];
+  for (int j = 0; j < TSE_ALL; j++) h[j] = j == i ? TSE_R(1) : TSE_R(0);
+  (void)ud_measure(&k->p, h, f, v);
+  ud_correct(&k->p, f, v, r_max(k->change_from_var[i - LCX], TSE_R(1e-4)), gain);
+  const tse_real e = r_div(k->change_from[i - LCX] - k->x[i], state_unit[i]);
+  for (int j = 0; j < STATES + k->p.extras; j++) k->x[j] += r_mul(r_mul(gain[j], e), state_unit[j]);
+  for (int q = 0; q < TSE_DOUBTS; q++) {
+    const tse_real y = k->doubt[q][i];
+    for (int j = 0; j < STATES + k->p.extras; j++) k->doubt[q][j] -= r_mul(gain[j], y);
+  }
+}
+
+/* Something has changed, and before it an axle was known better than now: behind a patch the patch itself is nothing to go back to. */
+static int may_be_back(const tse_kalman *k)
+{
+  if (k->change_kind == TSE_CHANGE_NONE || k->change_kind == TSE_CHANGE_RESTART) return 0;
+  return !(k->change_from_var[LCF - LCX] > ud_variance(&k->p, LCF)) || !(k->change_from_var[LCR - LCX] > ud_variance(&k->p, LCR));
 }
 
 /* Places of the kinds lie one after the other. A kind's next one is opened in the place whose event has shown least, not the best. */
@@ -178,6 +205,10 @@ static void spawn(const tse_params *p, tse_kalman *k, tse_real dt)
   for (int32_t which = EVENT_NONE + 1; which < EVENT_KINDS; which++) {
     const kind what = kind_of(which);
     const int last = at + what.places;
+    if (which == EVENT_BACK && !may_be_back(k)) {
+      at = last;
+      continue;
+    }
     int oldest = at, best = at, free = 0;
     tse_real youngest = TSE_R(1e6);
     for (int n = at; n < last; n++) {
@@ -207,6 +238,31 @@ static void spawn(const tse_params *p, tse_kalman *k, tse_real dt)
   }
 }
 
+/* What is reported of a change, and where another one may lead back to. One that is believed soon after another is what was found of that. */
+static void note_change(tse_kalman *k, int32_t which, const tse_real was[4], const tse_real was_var[4])
+{
+  const int same = k->change_kind != TSE_CHANGE_NONE && k->change_age < LONGEST_EVENT && which != EVENT_BACK;
+  k->change_kind = which <= EVENT_ALONG ? TSE_CHANGE_ROAD : which == EVENT_FRONT ? TSE_CHANGE_FRONT
+                                                                                 : TSE_CHANGE_REAR;
+  k->fault = 0; /* what looked like a fault may have been this */
+  for (int i = 0; i < 4 && !same; i++) {
+    k->change_age = TSE_R(0);
+    k->change_from[i] = was[i];
+    k->change_from_var[i] = was_var[i];
+  }
+}
+
+/* The group's events are over. */
+static void close_events(tse_kalman *k, int group)
+{
+  for (int i = 0; i < TSE_EVENTS; i++)
+    if (k->event[i].kind != EVENT_NONE && group_of(k->event[i].kind) == group) {
+      k->event[i].kind = EVENT_NONE;
+      k->weight[i] = TSE_R(0);
+    }
+  k->none[group] = TSE_R(1);
+}
+
 static void believe(const tse_params *p, tse_kalman *k, int n)
 {
   if (k->event[n].kind == EVENT_ALONG) { /* another road: as far as it shows across */
@@ -217,9 +273,12 @@ static void believe(const tse_params *p, tse_kalman *k, int n)
   }
   tse_event a = k->event[n];
   const kind what = kind_of(a.kind);
-  const tse_real var = r_div(TSE_R(1), event_precision(&a)), mean = r_mul(a.score, var);
-  tse_real was[3];
-  for (int i = 0; i < 3; i++) was[i] = k->x[LCX + i];
+  tse_real var, was[4], was_var[4];
+  const tse_real mean = event_amplitude(&a, &var);
+  for (int i = 0; i < 4; i++) {
+    was[i] = k->x[LCX + i];
+    was_var[i] = ud_variance(&k->p, LCX + i);
+  }
   for (int i = 0; i < STATES + k->p.extras; i++) {
     tse_real shift = r_mul(r_mul(mean, a.v[i]), state_unit[i]);
     if (a.kind <= EVENT_REAR && i >= LCX && i <= LMU) { /* a share of the force, no logarithm yet */
@@ -229,7 +288,9 @@ static void believe(const tse_params *p, tse_kalman *k, int n)
     }
     k->x[i] += shift;
   }
-  ud_add(&k->p, a.v, STATES - 1, var);
+  if (a.kind == EVENT_BACK)
+    for (int i = LCX; i <= LMU; i++) recall(k, i);
+  else ud_add(&k->p, a.v, STATES - 1, var);
   for (int i = 0; i < 3; i++)
     if (what.own[i].state >= 0) { /* what each does beside it; and the further the state moves, the less its slopes held */
       const tse_real moved = a.kind <= EVENT_REAR ? r_mul(OWN_SHARE, k->x[LCF + (a.kind == EVENT_REAR)] - was[1 + (a.kind == EVENT_REAR)]) : TSE_R(0);
@@ -240,20 +301,9 @@ static void believe(const tse_params *p, tse_kalman *k, int n)
     k->agrees_for = TSE_R(0);
   }
   for (int i = 0; i < 3; i++) k->x[LCX + i] = r_clamp(k->x[LCX + i], p->log_min, p->log_max);
-  k->slow[0] = a.kind == EVENT_ROAD ? TSE_R(0) : k->slow[0]; /* it is explained */
-  if (a.kind <= EVENT_REAR) {
-    k->change_kind = a.kind <= EVENT_ALONG ? TSE_CHANGE_ROAD : a.kind == EVENT_FRONT ? TSE_CHANGE_FRONT
-                                                                                     : TSE_CHANGE_REAR;
-    k->change_age = TSE_R(0);
-    k->fault = 0; /* what looked like a fault may have been this */
-    for (int i = 0; i < 3; i++) k->change_from[i] = was[i];
-  }
-  for (int i = 0; i < TSE_EVENTS; i++)
-    if (k->event[i].kind != EVENT_NONE && group_of(k->event[i].kind) == group_of(a.kind)) {
-      k->event[i].kind = EVENT_NONE;
-      k->weight[i] = TSE_R(0);
-    }
-  k->none[group_of(a.kind)] = TSE_R(1);
+  k->slow[0] = a.kind <= EVENT_BACK ? TSE_R(0) : k->slow[0]; /* it is explained */
+  if (a.kind <= EVENT_REAR) note_change(k, a.kind, was, was_var);
+  close_events(k, group_of(a.kind));
 }
 
 void events_decide(const tse_params *p, tse_kalman *k, tse_real dt)

@@ -25,7 +25,7 @@
 #define events_clear   TSE_NAME(tse_events_clear)
 #define events_learn   TSE_NAME(tse_events_learn)
 #define events_decide  TSE_NAME(tse_events_decide)
-#define event_precision TSE_NAME(tse_event_precision)
+#define event_amplitude TSE_NAME(tse_event_amplitude)
 #define event_is_small TSE_NAME(tse_event_is_small)
 #define report_row     TSE_NAME(tse_report_row)
 #define judge_row      TSE_NAME(tse_judge_row)
@@ -64,6 +64,7 @@ static inline int32_t not_driven(const tse_car *c) { return c->driven == 1 ? ROL
 /* Kinds of events, and what each opens: events.c. */
 enum { EVENT_NONE,
        EVENT_ROAD,
+       EVENT_BACK,
        EVENT_ALONG,
        EVENT_FRONT,
        EVENT_REAR,
@@ -134,7 +135,7 @@ void events_clear(tse_kalman *k, int count);
 void events_move(const tse_params *p, tse_kalman *k, tse_real M[MOTION][COLUMNS], const tse_real keep[STATES], tse_real dt);
 void events_learn(tse_kalman *k, int channel, const tse_real h[STATES], const tse_real gain[STATES], tse_real e, tse_real s, tse_real sd);
 void events_decide(const tse_params *p, tse_kalman *k, tse_real dt);
-tse_real event_precision(const tse_event *a); /* of the amplitude, after the samples: its mean is the score over it */
+tse_real event_amplitude(const tse_event *a, tse_real *var); /* after the samples: its mean and variance */
 int event_is_small(const tse_kalman *k, const tse_event *a); /* it may explain the samples, and calls for nothing */
 
 /* As fault_channel numbers it: 1 + place in tse/input.def; a: 0 accel_x, 1 accel_y, 2 yaw_rate, 3 front, 4 rear wheels. */

@@ -10,7 +10,8 @@ static tse_real variance_of(const tse_kalman *k, int i, tse_real *shift)
     const tse_event *const a = &k->event[n];
     const tse_real weight = k->weight[n];
     if (a->kind == EVENT_NONE || weight < TSE_R(1e-6)) continue;
-    const tse_real over = r_div(TSE_R(1), event_precision(a)), amplitude = r_mul(a->score, over), off = r_mul(amplitude, a->v[i]);
+    tse_real over;
+    const tse_real off = r_mul(event_amplitude(a, &over), a->v[i]);
     mean += r_mul(weight, off);
     square += r_mul(weight, r_mul(off, off) + r_mul(r_sqr(a->v[i]), over));
   }
@@ -102,7 +103,7 @@ static tse_reason reason_of(const tse_params *p, const tse_kalman *k, const pass
   if (k->seen < SETTLE_TIME) return TSE_STARTING;
   if (out->regime[TSE_REGIME_FAULT] > TSE_R(0.5)) return TSE_DIVERGING;
   if (out->regime[TSE_REGIME_SLIDING] > TSE_R(0.5)) return TSE_HELD;
-  if (r_mul(k->none[0], k->none[1]) < TSE_R(0.5)) return TSE_MISFIT;
+  if (r_mul(k->none[0], k->none[1]) < BELIEVED) return TSE_MISFIT;
   if (var <= most) return TSE_VALID;
   tse_real doubts = p->mass_var;
   for (int q = 0; q < TSE_DOUBTS; q++) doubts += r_sqr(r_mul(k->doubt[q][at], state_unit[at]));

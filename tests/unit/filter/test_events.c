@@ -61,7 +61,7 @@ typedef struct trio {
 static void start(trio *t, int32_t kind, double amplitude_of_state, double amplitude_of_channel, uint32_t *seed)
 {
   memset(t, 0, sizeof *t);
-  t->n = 7;
+  t->n = 9; /* of sliding front wheels */
   any_covariance(&t->k.p, seed);
   const dense m = dense_of(&t->k.p);
   for (int i = 0; i < STATES; i++)
@@ -201,6 +201,87 @@ static void test_an_event_that_is_believed_leaves_the_state_of_a_filter_that_kno
   }
 }
 
+/* Of what is back where it was the amplitude is known: as a filter that starts there. */
+static void test_tyres_that_are_back_are_as_likely_as_a_filter_that_starts_there(void)
+{
+  static trio t;
+  uint32_t seed = 5;
+  for (int n = 0; n < 20; n++) {
+    start(&t, EVENT_BACK, 2, 0, &seed);
+    t.with.p[SF][SF] = t.without.p[SF][SF];
+    t.with.x[SF] = 2;
+    const double before = odds(&t);
+    rows(&t, 12, n % 5, n % 2 ? 2 : 0, 0, 1, &seed);
+    expect_ratio(&t, before, "back");
+  }
+}
+
+/* A change that another one follows back: each stiffness is then what it was, measured as well as it was known. */
+static void test_tyres_that_are_back_are_known_as_before(void)
+{
+  static trio t;
+  uint32_t seed = 6;
+  for (int n = 0; n < 10; n++) {
+    double h[ALL], was[STATES];
+    start(&t, EVENT_BACK, 0, 0, &seed);
+    t.k.change_kind = TSE_CHANGE_REAR;
+    t.k.change_age = TSE_R(1);
+    for (int i = LCX; i <= LMU; i++) {
+      t.k.x[i] = real(next_between(&seed, -0.5, 0.5));
+      t.k.change_from[i - LCX] = real(next_between(&seed, -0.5, 0.5));
+      t.k.change_from_var[i - LCX] = real(next_between(&seed, 0.1, 1));
+    }
+    for (int i = 0; i < STATES; i++) {
+      was[i] = number(t.k.x[i]);
+      t.k.event[t.n].v[i] = real(next_between(&seed, 0, 2));
+      t.without.x[i] = (was[i] + number(t.k.event[t.n].v[i]) * number(state_unit[i])) / number(state_unit[i]);
+      if (i >= LCX && i <= LMU) t.without.x[i] = (was[i] + log(1 + number(t.k.event[t.n].v[i]) * number(state_unit[i]))) / number(state_unit[i]);
+    }
+    t.k.event[t.n].score = TSE_R(60);
+    t.k.event[t.n].info = TSE_R(60);
+    for (int i = LCX; i <= LMU; i++) {
+      memset(h, 0, sizeof h);
+      h[i] = 1;
+      plain_use(&t.without, h, number(t.k.change_from[i - LCX]) / number(state_unit[i]), number(t.k.change_from_var[i - LCX]));
+    }
+    const dense p_was = dense_of(&t.k.p);
+    events_decide(&t.p, &t.k, TSE_R(0));
+    const double close = BY_NUMBER(1e-9, 1e-4, 1e-4);
+    const dense m = dense_of(&t.k.p);
+    for (int i = 0; i < STATES; i++) {
+      expect_near(t.without.x[i], number(t.k.x[i]) / number(state_unit[i]), close * (1 + fabs(t.without.x[i])), "state", i);
+      for (int j = 0; j < STATES; j++) expect_near(t.without.p[i][j], m.p[i][j], close * 10, "covariance", 100 * i + j);
+    }
+    for (int i = LCX; i <= LMU; i++) { /* of where it comes from, as much */
+      expect_near(was[i], number(t.k.change_from[i - LCX]), 1e-6, "before", i);
+      expect_near(p_was.p[i][i], number(t.k.change_from_var[i - LCX]), close, "its variance", i);
+    }
+    TEST_ASSERT_EQUAL_INT(TSE_CHANGE_ROAD, t.k.change_kind);
+    expect_near(0, number(t.k.change_age), 0, "a change of its own", 0);
+  }
+}
+
+/* What is believed soon after a change is more of that one; later it is another. */
+static void test_a_change_is_reported_once(void)
+{
+  static trio t;
+  uint32_t seed = 7;
+  for (int later = 0; later < 2; later++) {
+    start(&t, EVENT_REAR, 0, 0, &seed);
+    t.k.event[t.n].v[LCR] = TSE_R(1);
+    t.k.event[t.n].score = TSE_R(-60);
+    t.k.event[t.n].info = TSE_R(30);
+    t.k.change_kind = TSE_CHANGE_ROAD;
+    t.k.change_age = real(later ? 10 : 0.5);
+    t.k.change_from[LCR - LCX] = real(0.25);
+    events_decide(&t.p, &t.k, TSE_R(0));
+    TEST_ASSERT_EQUAL_INT(TSE_CHANGE_REAR, t.k.change_kind);
+    TEST_ASSERT_TRUE(number(t.k.x[LCR]) < 0);
+    expect_near(later ? 0 : 0.5, number(t.k.change_age), 1e-6, "age", later);
+    expect_near(later ? 0 : 0.25, number(t.k.change_from[LCR - LCX]), 1e-6, "stiffness before it", later);
+  }
+}
+
 static void test_without_evidence_nothing_is_believed(void)
 {
   static trio t;
@@ -221,10 +302,15 @@ static void test_events_are_opened_in_turn(void)
 {
   static tse_kalman k;
   static tse_params p;
-  int opened[EVENT_KINDS] = { 0 };
+  int opened[EVENT_KINDS] = { 0 }, before = 0;
   memset(&k, 0, sizeof k);
   memset(&p, 0, sizeof p);
-  for (int n = 0; n < 2000; n++) {
+  for (int n = 0; n < 4000; n++) {
+    if (n == 2000) { /* from here on there is something to be back from */
+      before = opened[EVENT_BACK];
+      k.change_kind = TSE_CHANGE_ROAD;
+      k.change_age = TSE_R(100);
+    }
     tse_real M[MOTION][COLUMNS], keep[STATES];
     for (int i = 0; i < STATES; i++) keep[i] = TSE_R(1);
     for (int i = 0; i < MOTION; i++)
@@ -235,9 +321,16 @@ static void test_events_are_opened_in_turn(void)
       TEST_ASSERT_TRUE(k.event[i].kind >= EVENT_NONE && k.event[i].kind < EVENT_KINDS);
       if (!(k.event[i].age > TSE_R(0))) opened[k.event[i].kind]++;
     }
-    TEST_ASSERT_EQUAL_INT(TSE_CHANGE_NONE, k.change_kind);
+    TEST_ASSERT_EQUAL_INT(n < 2000 ? TSE_CHANGE_NONE : TSE_CHANGE_ROAD, k.change_kind);
     for (int g = 0; g < TSE_GROUPS; g++) TEST_ASSERT_TRUE(number(k.none[g]) > 0.95);
   }
+  TEST_ASSERT_EQUAL_INT(0, before);
+  const int once = opened[EVENT_BACK];
+  for (int i = 0; i < 4; i++) k.change_from_var[i] = TSE_R(1); /* less was known then */
+  for (int n = 0; n < TSE_EVENTS; n++) k.event[n].kind = EVENT_NONE;
+  events_decide(&p, &k, real(0.01));
+  for (int n = 0; n < TSE_EVENTS; n++) opened[EVENT_BACK] += k.event[n].kind == EVENT_BACK;
+  TEST_ASSERT_EQUAL_INT(once, opened[EVENT_BACK]);
   for (int i = EVENT_NONE + 1; i < EVENT_KINDS; i++) TEST_ASSERT_TRUE(opened[i] > 1);
 }
 
@@ -262,6 +355,9 @@ int main(void)
   RUN_TEST(test_a_state_that_may_have_moved_is_as_likely_as_a_filter_that_knows_it);
   RUN_TEST(test_a_channel_that_may_be_off_is_as_likely_as_a_filter_that_knows_it);
   RUN_TEST(test_an_event_that_is_believed_leaves_the_state_of_a_filter_that_knows_it);
+  RUN_TEST(test_tyres_that_are_back_are_as_likely_as_a_filter_that_starts_there);
+  RUN_TEST(test_tyres_that_are_back_are_known_as_before);
+  RUN_TEST(test_a_change_is_reported_once);
   RUN_TEST(test_without_evidence_nothing_is_believed);
   RUN_TEST(test_events_are_opened_in_turn);
   RUN_TEST(test_where_the_motion_is_placed_anew_events_know_nothing_of_it);
