@@ -249,7 +249,7 @@ class Amalgamation:
                 whole += "".join(f"#undef {macro}\n" for macro in defined_macros(own))
             if name in self.sources.with_effects:
                 whole = f"\n#if !defined(TSE_NO_EFFECTS)\n{whole}\n#endif /* TSE_NO_EFFECTS */\n"
-            if re.fullmatch(r"estimator/paper/.*\.c", name):
+            if re.fullmatch(r"paper/.*\.c", name):
                 whole = f"\n#if !defined(TSE_NO_PARTICLES)\n{whole}\n#endif /* TSE_NO_PARTICLES */\n"
             if name == "host/describe.c":  # in one file with the rest no linker can drop its texts
                 whole = f"\n#if !defined(TSE_NO_DESCRIBE)\n{whole}\n#endif /* TSE_NO_DESCRIBE */\n"
@@ -330,7 +330,7 @@ HOW_TO_USE = """\
  *   TSE_MAX_PARTICLES=512, TSE_LATENCY_ROWS=32   capacities; RAM grows with each
  *   TSE_NO_EFFECTS                                            without effects beyond the plain model, simulator and replay
  *   TSE_NO_VELOCITY                                           without measured velocities, 1.9 kB of RAM in float
- *   TSE_NO_PARTICLES                                          without the paper's and the sampled form, 12 kB of flash
+ *   TSE_NO_PARTICLES                                          without the paper's form, 12 kB of flash
  *   TSE_NO_DESCRIBE                                           without tse_describe(): names, units and texts, 36 kB of flash
  *   TSE_FORMULA                                               tse.c includes tse_formula.h, which `tselab formula` writes
  * Not with -ffast-math: what is missing is NaN.

@@ -194,7 +194,7 @@ HEAD = """\
 
 Cost of the default form, {compiler}: instructions of a row (-O3, as CMakeLists.txt does, where a row says no other; mean
 over the recorded drive, longest of that and of rows which no drive has), flash at -Os without effects and without, or with, the
-forms with particles, RAM, stack. Limits: tests/budgets.toml. Bold: the goal is not met.
+form with particles, RAM, stack. Limits: tests/budgets.toml. Bold: the goal is not met.
 
 """
 KINDS = """\

@@ -8,7 +8,7 @@
     python3 scripts/platforms.py --again      also what was run before with the same sources, compiler and flags
 
 A machine agrees when the hash of every bit of every output of every row is that of tests/replay/golden_<format>.csv: of the default
-form everywhere, and of the forms with particles, in each way of resampling, where nothing is emulated. Fails when one does not, and
+form everywhere, and of the form with particles, in each way of resampling, where nothing is emulated. Fails when one does not, and
 when a build that would lose bits compiles. Tools: `scripts/setup.sh machines` says which are missing. What has run is kept in
 build/platforms.json: a run that was interrupted goes on.
 """
@@ -38,7 +38,7 @@ HEAD = """\
 
 Does the recorded drive (tests/replay, {rows} rows) have the same bits? Hash of every bit of every output of every row against the
 golden one, by machine, compiler and number format. All with `-std=c99 {flags}`, of the two
-files of `scripts/amalgamate.py` without effects. Nothing emulated: default, sampled and paper's form with all ways of resampling;
+files of `scripts/amalgamate.py` without effects. Nothing emulated: default, robust and paper's form with all ways of resampling;
 emulated: the default form. -: not asked of it.
 
 """

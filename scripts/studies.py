@@ -18,7 +18,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 RESULTS = ROOT / "scripts" / "results"
 TSELAB = ROOT / ".venv" / "bin" / "tselab"
-PICTURES = ("fig1", "fig2", "fig3-4", "particles", "bound")
+PICTURES = ("paper", "particles", "bound")
 
 # what is run under another name: all of a study, or some of its cases
 PART: dict[str, tuple[str, str]] = {
@@ -35,9 +35,8 @@ STUDIES: dict[str, int] = {
     "as-told": 24,
     "bound": 24,
     "particles": 4,
-    "fig1": 1,
-    "fig2": 100,
-    "fig3-4": 1,
+    "paper": 200,
+    "robust": 24,
 }
 
 

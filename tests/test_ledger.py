@@ -1,4 +1,5 @@
-"""src/EQUATIONS.md: every function and every test that it names exists, and every equation of the paper has a row."""
+"""src/EQUATIONS.md: every function and every test that it names exists, every equation of the paper has a row, every deviation its
+place. src/paper/algorithm1.c has every line of Algorithm 1 once, and names the equations that the ledger names."""
 
 import re
 from pathlib import Path
@@ -42,3 +43,74 @@ def test_each_row_names_a_function_that_exists_and_a_test_that_runs(row):
 def test_every_equation_of_the_paper_has_a_row():
     names = {row[0] for row in rows()}
     assert {f"({n})" for n in NUMBERS} | {"Algorithm 1"} <= names
+
+
+DERIVED = {*range(10, 16), 20, 21, 24}  # no code of their own
+LOOPS = {1, 2, 5, 13, 19, 20}  # lines of Algorithm 1 that are "for" and "end"
+PAPER = ROOT / "src" / "paper"
+
+
+def table_after(text, head):
+    """Cells of the rows of the first table with this head."""
+    lines = iter(text.splitlines())
+    for line in lines:
+        if [cell.strip() for cell in line.strip("|").split("|")] == head:
+            break
+    next(lines)
+    found = []
+    for line in lines:
+        if not line.startswith("|"):
+            return found
+        found.append([cell.strip() for cell in line.strip("|").split("|")])
+    return found
+
+
+def spans(text):
+    """Numbers of "3, 6" or "8 .. 10"."""
+    found = []
+    for part in text.split(","):
+        first, _, last = (x.strip(" ()") for x in part.partition(".."))
+        found += range(int(first), int(last or first) + 1)
+    return found
+
+
+DEVIATIONS = [
+    *table_after(LEDGER, ["paper", "here", "why", "where"]),
+    *table_after(LEDGER, ["row", "here", "where"]),
+]
+
+
+@pytest.mark.parametrize("row", DEVIATIONS, ids=lambda row: row[0][:40])
+def test_each_deviation_names_a_function_of_the_source(row):
+    source = "\n".join(p.read_text() for p in (ROOT / "src").rglob("*.[ch]"))
+    (name,) = re.findall(r"`(\w+)`$", row[-1])
+    assert re.search(rf"^[A-Za-z][^;{{}}()]*\b{name}\([^;]*?\)\s*\{{", source, re.M), name
+
+
+def test_every_line_of_algorithm_1_stands_in_the_code_once():
+    calls = re.findall(r"^ .*?(\w+)\(.*/\* ([0-9 .,]+?) +(?:\(.*?)?\*/", (PAPER / "algorithm1.c").read_text(), re.M)
+    lines = [n for _, text in calls for n in spans(text)]
+    assert sorted(lines) == sorted(set(range(1, 21)) - LOOPS)
+
+
+def test_the_code_of_algorithm_1_and_the_ledger_name_the_same_functions():
+    ledger = {row[0]: row[2] for row in rows()}
+    text = (PAPER / "algorithm1.c").read_text()
+    named = re.findall(r"^ .*?(\w+)\(p, f.*/\* .*?(\(.*\)) *\*/", text, re.M)
+    assert len(named) >= 8
+    for function, equations in named:
+        for n in re.findall(r"\((\d+)\)", equations):
+            assert f"`{function}`" in ledger[f"({n})"] or n == "22", (function, n)
+
+
+def test_every_equation_is_in_the_code_or_derived():
+    assert {*NUMBERS, *DERIVED} == set(range(1, 28))
+
+
+def test_what_keeps_the_filter_from_diverging_is_off_in_the_defaults():
+    """So that form 1 is the print: a setting that says "(the paper)" has the value that it says it of as its default."""
+    text = (ROOT / "include" / "tse" / "filter.def").read_text()
+    printed = re.findall(r"^(?:REAL|INT)\((\w+), *([\d.]+),.*(?:; |rows: )([\d.]+):? [^;]*\(the paper\)", text, re.M)
+    assert len(printed) == 6
+    for name, default, off in printed:
+        assert float(default) == float(off), name

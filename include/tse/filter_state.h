@@ -7,13 +7,13 @@
 #include "tse/real.h"
 #include "tse/effects.h"
 
-/* Forms 1 and 2: sums over particles run in TSE_LANES interleaved partial sums, joined in a fixed order: the same bits
+/* Form 1: sums over particles run in TSE_LANES interleaved partial sums, joined in a fixed order: the same bits
  * whatever the vector width. Rows are padded so that they do not fall on the same cache sets (power-of-two strides cost
  * up to 14 %). */
 #define TSE_LANES 8
 #define TSE_STRIDE ((TSE_MAX_PARTICLES + TSE_LANES - 1) / TSE_LANES * TSE_LANES + TSE_LANES)
 
-/* What each particle carries: name, rows, unit, meaning. The struct, the resampler's copy and the redraw derive from it. */
+/* What each particle carries: name, rows, unit, meaning. The struct and the resampler's copy derive from it. */
 #define TSE_PARTICLE_FIELDS(X)                                                              \
   X(x,    3, "m/s m/s rad/s", "vehicle state: vel_x, vel_y, yaw rate (mean)")               \
   X(mu,   3, "1",             "location of the stiffness deviation")                        \
@@ -26,11 +26,11 @@
 #define TSE_FIRST_FORM 0
 #define TSE_DEFAULT_FORM 0
 
-/* A build without the forms with particles is 12 kB and more smaller on a Cortex-M; their settings are refused there. */
+/* A build without the form with particles is 12 kB and more smaller on a Cortex-M; it is refused there. */
 #if defined(TSE_NO_PARTICLES)
 #define TSE_LAST_FORM 0
 #else
-#define TSE_LAST_FORM 2
+#define TSE_LAST_FORM 1
 #endif
 
 #define TSE_PARAMS_MAGIC 0x74736570u /* "tsep" */
@@ -90,7 +90,7 @@ typedef struct tse_params {
   uint32_t vehicle;                   /* fingerprint of the vehicle alone, the same in every number format */
   int32_t form, wheel_signals;
   tse_real steady_walk;
-  int32_t particles, resampling, vel_x_from_wheels;
+  int32_t particles, resampling, vel_x_from_wheels, integration;
   uint32_t seed[2];
   /* vehicle */
   tse_real kx_front, kx_rear;         /* [m/s2]     longitudinal stiffness / mass          */
@@ -109,20 +109,19 @@ typedef struct tse_params {
   tse_real sample_time, inv_sample_time, max_step, max_gap, max_slip, hold_speed, max_steer;
   tse_real damping, least_step;       /* [m/s2] 4 times the fastest damping times speed; [s] step at hold_speed */
   tse_real noise_max_var;             /* [1]                                             */
-  tse_real log2_forgetting;           /* log2(lambda) per nominal sample                   */
+  tse_real log2_forgetting, log2_forgetting_mean; /* log2(lambda) of Lambda and nu, of gamma, per nominal sample */
+  tse_real forgetting_mean, forgetting_change; /* [1]     of gamma, and what it may fall to         */
   tse_real memory;                    /* [samples]   1/(1 - lambda)                        */
   tse_real resample_at;               /* N_eff threshold, in particles                     */
-  tse_real mu0[3], lam0, gamma0, nu0, mean_sd, spread_var;
+  tse_real mu0[3], lam0, gamma0, nu0, spread_var;
   tse_real vel_x0, x_sd0[3];
   tse_real mean_var0;                 /* [1] variance of the mean at the start             */
-  tse_real spread_max_var;            /* [1]    */
+  tse_real spread_max_var, kernel;    /* [1]; [log2] sd of the factor of Lambda when resampled */
   tse_real latency, latency_span;     /* [s] how old a row is when it is read, and its earliest channel; 0: nothing waits */
   tse_real latency_least;             /* [s] rows that come closer are not kept          */
   tse_real latency_age[6];            /* [s] how old the value of each channel is that is true at the time estimated of */
   tse_real learnt_floor, learnt_walk; /* [1], [1/day] variance of a mean from an earlier drive: at least, growth */
-  tse_real w_min, w_max, valid_var, hold_var;
-  tse_real watchdog_drop;             /* [log2] per row                                    */
-  int32_t recovery_count;             /* particles drawn anew                              */
+  tse_real w_min, w_low, w_max, valid_var; /* w_low: where a draw is reflected */
   tse_car car;                        /* form 0 */
   tse_real prior[TSE_STATES], prior_sd[TSE_STATES]; /* form 0: of the state at the start */
   tse_real sensor_sd[TSE_SENSORS], uncertain[TSE_DOUBTS], model_sd; /* [m/s2] [m/s2] [rad/s] [m/s] [m/s]; sd of what is no state; [1] */
@@ -249,20 +248,15 @@ typedef struct tse_filter {
   tse_alignment waiting;              /* rows that wait for channels which are logged later           */
 } tse_filter;
 
-/* A filter of the paper's form or the sampled one, with its particles. A pointer to its first member is one to all of it. */
+/* A filter of the paper's form, with its particles. A pointer to its first member is one to all of it. */
 typedef struct tse_filter_paper {
   tse_filter filter;
   tse_real gamma, nu;                 /* (16), (17): follow recursions without data, common to all    */
   tse_real bias_var[3];               /* [sigma^2] P of (18), (19), common to all; diagonal, as P0, Q and R are */
   tse_real log_total;                 /* log2 of the sum of 2^logw                                    */
-  tse_real vel_x;                     /* [m/s] estimate after the last row                            */
-  tse_real sliding, sliding_for;      /* [s] left of sliding, since when: 0 when wheels roll          */
   tse_real excite[3];                 /* regressors, smoothed over EXCITATION_TIME                    */
   tse_real excite_mean[3], excite_sq[3]; /* their running mean and mean square                        */
-  tse_real learn[3];                  /* 1: statistics of this stiffness are learnt, 0: held          */
-  tse_real evidence_slow, evidence_fast; /* running log evidence per row, slow and fast [log2]           */
-  tse_real evidence_age, settle;      /* [s] age of the level; [s] left until settled after a recovery */
-  int32_t recoveries;
+  tse_real slow[3];                   /* [sigma] smoothed innovations, where forgetting follows them  */
   tse_particles p;
   tse_real weight[TSE_STRIDE];        /* normalised to the largest = 1; 0 beyond the particles in use */
   uint16_t ancestor[TSE_STRIDE], copies[TSE_STRIDE]; /* the resampler's work space */

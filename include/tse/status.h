@@ -27,7 +27,7 @@
   X(TSE_W_HELD,              4, "standstill, low speed, reverse or large steering angle: nothing is learnt of the stiffness") \
   X(TSE_W_PREDICTED,         5, "no measurement, or inputs missing: predicted only") \
   X(TSE_W_GAP,               6, "time step too long to bridge: states restarted from the sensors, what was learnt is kept") \
-  X(TSE_W_RECOVERED,         7, "what was believed explains the samples no more: started over (particles: part of them drawn anew)")\
+  X(TSE_W_RECOVERED,         7, "what was believed explains the samples no more: started over")\
   X(TSE_W_WAITING,           8, "no step: channels that are logged later are awaited; estimates of the last step, or of the start") \
   X(TSE_W_RANGE,             9, "a number left the range of the number format: the sample was dropped")
 
@@ -44,7 +44,7 @@ typedef enum tse_status {
   X(TSE_STARTING,       1, "starting",         "too little seen since the start") \
   X(TSE_NOT_EXCITED,    2, "not excited",      "the recent inputs do not show this stiffness") \
   X(TSE_UNCERTAIN,      3, "uncertain",        "excited, but the sd of the mean is above the limit") \
-  X(TSE_DIVERGING,      4, "diverging",        "a channel is probably at fault (particles: drawn anew, not settled again)") \
+  X(TSE_DIVERGING,      4, "diverging",        "a channel is probably at fault") \
   X(TSE_HELD,           5, "held",             "standstill, low speed, reverse, large steering angle or sliding wheels: value from before") \
   X(TSE_INPUT_INVALID,  6, "input invalid",    "inputs or measurements are missing") \
   X(TSE_PARAMETERS_UNCERTAIN,   7, "parameters uncertain",     "the parameters of the car are too uncertain (tse/uncertainty.def): calibrate, or state them better") \

@@ -12,7 +12,7 @@
  *   tse_reset(&p, &f, sizeof f);                                  reset is also init
  *   while (next_row(&u)) tse_step(&p, &f, &u, &y);                one sample at a time
  *
- * Only the paper's form and the sampled one hold particles, in a larger struct that begins with a tse_filter:
+ * Only the paper's form holds particles, in a larger struct that begins with a tse_filter:
  *
  *   static tse_filter_paper all;   tse_filter *const f = &all.filter;         instead of  static tse_filter f;
  *   tse_config_paper(&c);  ...     tse_reset(&p, f, sizeof all);              the rest is the same, with f
@@ -38,7 +38,7 @@
 #define tse_config_default TSE_NAME(tse_config_default)
 #define tse_config_uncalibrated TSE_NAME(tse_config_uncalibrated)
 #define tse_config_paper   TSE_NAME(tse_config_paper)
-#define tse_config_sampled TSE_NAME(tse_config_sampled)
+#define tse_config_robust  TSE_NAME(tse_config_robust)
 #define tse_config_check   TSE_NAME(tse_config_check)
 #define tse_prepare        TSE_NAME(tse_prepare)
 #define tse_reset          TSE_NAME(tse_reset)
@@ -125,13 +125,14 @@ void tse_config_default(tse_config *c);
  * c NULL: nothing happens. */
 void tse_config_uncalibrated(tse_config *c);
 
-/* Another form of the filter: states and mean stiffness are sampled by particles, as in the paper, with the limits that keep it
- * from diverging: statistics are held where nothing is excited, the spread is limited. Not as safe as the default, see README.
- * Needs a tse_filter_paper. */
-void tse_config_sampled(tse_config *c);
-
-/* The same as tse_config_sampled(), without limits: the filter as printed. */
+/* The filter of the paper as printed: Algorithm 1 on particles, with nothing to save it where it diverges (src/paper/algorithm1.c).
+ * src/EQUATIONS.md lists each deviation from (1)-(27). Needs a tse_filter_paper. c NULL: nothing happens. */
 void tse_config_paper(tse_config *c);
+
+/* The same code with settings that keep it from diverging after a change of road: the mean forgets faster than the covariance, and faster
+ * still where innovations last; draws are reflected; (7) is integrated by a method of second order. A reference, not as safe as the
+ * default on an ordinary car. Needs a tse_filter_paper. c NULL: nothing happens. */
+void tse_config_robust(tse_config *c);
 
 /* Check every setting against its range, and that the latencies (tse/latency.def) fit TSE_LATENCY_ROWS rows of sample_time.
  *   Returned:  TSE_OK, TSE_E_NULL or TSE_E_CONFIG; then *wrong (if not NULL) points to the name of the first
@@ -146,7 +147,7 @@ tse_status tse_prepare(const tse_config *c, tse_params *p, const char **wrong);
 
 /* Start, or start again: the next row given to tse_step() is the first.
  *   Given:     p  from tse_prepare()      filter_bytes  size of the struct as the caller compiled it: of tse_filter_paper in
- *              the paper's form and the sampled one, where f is its first member; of either in the default form
+ *              the paper's form, where f is its first member; of either in the default form
  *   Updated:   f  unchanged when the result is negative
  *   Returned:  TSE_OK, TSE_E_NULL, TSE_E_STATE (p not prepared) or TSE_E_SIZE.    O(filter_bytes) time. */
 tse_status tse_reset(const tse_params *p, tse_filter *f, size_t filter_bytes);
@@ -167,7 +168,7 @@ tse_status tse_input_check(const tse_input *u, const char **wrong);
  *                                                dt above max_gap: what waits is given up, and the next step, when the channels
  *                                                are known again, has the whole time. Rows that come faster than the memory can
  *                                                hold (TSE_LATENCY_ROWS) are left out, their time is not
- *     |wheel speed| below hold_speed, reverse,   motion is placed anew with each row, nothing is learnt; gyro bias learnt at standstill
+ *     |wheel speed| below hold_speed, reverse,   nothing is learnt; form 0: motion is placed anew with each row, gyro bias learnt at standstill
  *     steering angle beyond max_steer
  *     dt above max_gap                           motion is placed anew from wheels, gyro and steering; what was learnt is kept
  *   ... in the default form
@@ -182,15 +183,14 @@ tse_status tse_input_check(const tse_input *u, const char **wrong);
  *     what the model does not explain            model_sd: a share of what happens, discrepancy_...
  *     a velocity is given (tse/velocity.def)     a measurement, late by velocity_latency; a value that repeats the one before is no
  *                                                new one; out of range or NaN: not there; one that does not fit is left out until
- *                                                it does. In the forms with particles: refused, TSE_E_INPUT
+ *                                                it does. In form 1: refused, TSE_E_INPUT
  *     brake, wheel torques given (tse/pedals.def)  they say which axle rolls freely, in place of accel_x; while none does, on a road
- *                                                that may climb, nothing is learnt of the longitudinal stiffness. With particles: refused
+ *                                                that may climb, nothing is learnt of the longitudinal stiffness. In form 1: refused
  *     uncertain parameters                       the settings of tse/uncertainty.def: Schmidt's gain; they widen the sd of all estimates
- *   ... with particles
+ *   ... in form 1
  *     steering angle or wheel speed missing      last value held up to max_gap, then states frozen; predicts only
- *     slip of an axle beyond max_slip            motion integrated from accelerometers and gyro, statistics held
- *     evidence far below its level               part of the particles drawn anew
- *   Source:    src/EQUATIONS.md; particles: Algorithm 1, (16)-(19), (22)-(27).
+ *     a measurement missing or out of range      the others are used; all missing: predicts only
+ *   Source:    src/EQUATIONS.md; form 1: Algorithm 1, (16)-(19), (22)-(27).
  *   Bounded time, O(1) or O(particles); no allocation, no recursion, no global state. */
 tse_status tse_step(const tse_params *p, tse_filter *f, const tse_input *u, tse_output *y);
 

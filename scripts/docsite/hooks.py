@@ -37,7 +37,7 @@ def on_files(files: Files, config: Any) -> Files:
     parts = [p for p in sorted(BUILT.rglob("*")) if p.is_file()] if BUILT.is_dir() else []
     for path in parts:
         files.append(File.generated(config, path.relative_to(BUILT).as_posix(), abs_src_path=str(path)))
-    for name in ("demo.png", "fmu.png", "gap.png"):
+    for name in ("demo.png", "fmu.png", "gap.png", "paper.png"):
         files.append(File.generated(config, f"assets/{name}", abs_src_path=str(pages.RESULTS / name)))
     return files
 

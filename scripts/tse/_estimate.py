@@ -157,7 +157,7 @@ def estimate(
                   index; a table of pyarrow and a frame of polars are taken, too
         vehicle   a vehicle file, a mapping with its keys, or what read_vehicle() returned
         settings  any settings by name; they win
-        form      "default", or a filter with particles: "sampled", "paper"
+        form      "default", or the paper's filter with particles: "robust", "paper" as printed
         average   s: means of blocks of so long first, at most 0.1; for noisy sensors
         learnt    what an earlier drive has taught, `age` s ago (Result.learnt, Filter.save_learnt()), of this vehicle
         calibrate a car that nobody has calibrated on the log itself first (Result.calibration); not with `learnt`

@@ -17,7 +17,7 @@ from tselab.config import make_config, set_sampling
 from tselab.core import INPUT, NOMINAL, OUTPUT, REASON, STIFFNESS
 from tselab.log import FASTEST, OPTIONAL, SIDES, SLOWEST
 
-Form: TypeAlias = Literal["default", "sampled", "paper"]
+Form: TypeAlias = Literal["default", "robust", "paper"]
 UNKNOWN_AGE = math.inf
 
 
@@ -33,7 +33,7 @@ class Filter:
     Given:
         vehicle      a vehicle file, a mapping with its keys, or what read_vehicle() returned; None: `settings` tells all
         settings     any settings by name (`tselab settings` lists them with default, range and unit); they win over the vehicle's
-        form         "default", or a filter with particles: "sampled", "paper"
+        form         "default", or the paper's filter with particles: "robust", "paper" as printed
         sample_time  s, usual time between rows, 0.001 .. 1; default: that of the settings, 0.01
 
     What no vehicle file tells of the sensors has the library's default here; estimate() finds it in the log, and a filter for more

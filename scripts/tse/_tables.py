@@ -65,7 +65,7 @@ class Status(IntEnum):
     GAP = 6
     """Time step too long to bridge: states restarted from the sensors, what was learnt is kept."""
     RECOVERED = 7
-    """What was believed explains the samples no more: started over (particles: part of them drawn anew)."""
+    """What was believed explains the samples no more: started over."""
     WAITING = 8
     """No step: channels that are logged later are awaited; estimates of the last step, or of the start."""
     RANGE = 9
@@ -143,7 +143,7 @@ class Estimate(EstimateBase):
     cx_front_sd: float
     """Sd of that mean [N]."""
     cx_front_spread: float
-    """Process sd: form 0 model_sd times the stiffness; forms 1, 2 learnt from sample to sample [N]."""
+    """Process sd: form 0 model_sd times the stiffness; form 1 learnt from sample to sample [N]."""
     cx_front_spread_seen: bool
     """Whether the spread is learnt; else it is below what sensors and excitation can show."""
     cx_front_valid: bool
@@ -155,7 +155,7 @@ class Estimate(EstimateBase):
     cy_front_sd: float
     """Sd of that mean [N/rad]."""
     cy_front_spread: float
-    """Process sd: form 0 model_sd times the stiffness; forms 1, 2 learnt from sample to sample [N/rad]."""
+    """Process sd: form 0 model_sd times the stiffness; form 1 learnt from sample to sample [N/rad]."""
     cy_front_spread_seen: bool
     """Whether the spread is learnt; else it is below what sensors and excitation can show."""
     cy_front_valid: bool
@@ -167,7 +167,7 @@ class Estimate(EstimateBase):
     cy_rear_sd: float
     """Sd of that mean [N/rad]."""
     cy_rear_spread: float
-    """Process sd: form 0 model_sd times the stiffness; forms 1, 2 learnt from sample to sample [N/rad]."""
+    """Process sd: form 0 model_sd times the stiffness; form 1 learnt from sample to sample [N/rad]."""
     cy_rear_spread_seen: bool
     """Whether the spread is learnt; else it is below what sensors and excitation can show."""
     cy_rear_valid: bool

@@ -167,9 +167,9 @@ def cli(debug: bool) -> None:
 @CALIBRATE
 @reading
 @for_programs
-@click.option("--seed", type=int, help="Seed of the random numbers; --form paper or sampled.")
-@click.option("--particles", type=int, help="Particles in use; --form paper or sampled.")
-@click.option("--forgetting", type=float, help="Forgetting factor per sample; --form paper or sampled.")
+@click.option("--seed", type=int, help="Seed of the random numbers; --form paper or robust.")
+@click.option("--particles", type=int, help="Particles in use; --form paper or robust.")
+@click.option("--forgetting", type=float, help="Forgetting factor per sample; --form paper or robust.")
 @FORM
 @click.option("--set", "pairs", metavar="KEY=VALUE", multiple=True, help="Any other setting; may be repeated.")
 @PROGRESS
@@ -218,7 +218,7 @@ def estimate(
 
     What the vehicle file leaves out is that of an ordinary car of its mass and axles (include/tse/uncalibrated.def): stiffness
     from the axle loads, yaw inertia mass lf lr, grip of a dry road, each with the scatter of such cars; the run lists it.
-    Noise and biases of the sensors are found while driving; with --form paper or sampled the noise is found in the log beforehand.
+    Noise and biases of the sensors are found while driving; with --form paper or robust the noise is found in the log beforehand.
     After 'tselab calibrate' the prior is the posterior of the calibration. A car that nobody has calibrated - no [calibration] and
     no [uncertainty] in its file - is calibrated on the log itself first, on at most ten minutes of it: the run says what that
     found and where it is kept for the next run; --no-calibrate leaves it out. A learnt state is of the car as its file has it, so
@@ -226,7 +226,7 @@ def estimate(
 
     Columns of the log that start with ref_ are drawn in the report: ref_vel_x, ref_yaw_rate_anything, ref_cy_front,
     ref_vehicle_speed, ref_wheel_fl ... with the quantity they name, others by themselves. Rows may come at any rate from 0.001 to
-    1 s, also irregularly. To the particle filters (--form paper, sampled) noise of the wheel speeds passes for slip and makes
+    1 s, also irregularly. To the particle filters (--form paper, robust) noise of the wheel speeds passes for slip and makes
     tyres look soft: --average 0.1 makes less of it; rows of EST.csv are then blocks, and noise that the vehicle file states is
     taken for that of one sample. Ctrl-C stops early and writes the rows done so far.
 
@@ -768,13 +768,7 @@ def montecarlo(
     Writes NAME.csv, NAME.md, NAME.html and, with matplotlib, NAME.png.
     """
     from tselab.core import Config, SimConfig
-    from tselab.montecarlo import studies
-    from tselab.montecarlo.engine import Interrupted, Plan
-    from tselab.montecarlo.engine import run as run_all
-    from tselab.montecarlo.write import write
 
-    wanted = tuple(c.strip() for c in cases.split(",")) if cases is not None else ()
-    study = studies.study(name, wanted)
     settings: dict[str, float] = {}
     sim_settings: dict[str, float] = {}
     sim_config, config = SimConfig(), Config()
@@ -784,14 +778,29 @@ def montecarlo(
         group, checked = (sim_settings, sim_config) if key in sim_config else (settings, config)
         checked.set(key, value, source="option --set")
         group[key] = value
-    plan = Plan(study, runs or study.runs, first_seed, form, settings, sim_settings, wanted)
-    out = out or Path(f"montecarlo-{name}")
+    wanted = tuple(c.strip() for c in cases.split(",")) if cases is not None else ()
+    plan = {"form": form, "settings": settings, "sim_settings": sim_settings, "cases": wanted}
+    _study(name, runs, first_seed, out or Path(f"montecarlo-{name}"), plan, jobs, scheduler, restart, progress, as_json)
+
+
+def _study(
+    name: str, runs: int | None, first_seed: int, out: Path, plan: dict[str, Any], jobs: int, scheduler: str | None,
+    restart: bool, progress: bool | None, as_json: bool,
+) -> None:  # fmt: skip
+    """Run a study, write its files and say what it found."""
+    from tselab.montecarlo import studies
+    from tselab.montecarlo.engine import Interrupted, Plan
+    from tselab.montecarlo.engine import run as run_all
+    from tselab.montecarlo.write import write
+
+    study = studies.study(name, plan.get("cases", ()))
+    todo = Plan(study, runs or study.runs, first_seed, **plan)
     try:
-        rows = run_all(plan, out, jobs, scheduler, restart, show_progress(progress))
+        rows = run_all(todo, out, jobs, scheduler, restart, show_progress(progress))
     except Interrupted as stopped:
         click.echo(f"tselab: {stopped}", err=True)
         sys.exit(130)
-    text, files = write(plan, rows, out)
+    text, files = write(todo, rows, out)
     if as_json:
         from tselab import results
 
@@ -799,6 +808,34 @@ def montecarlo(
         return
     click.echo(text)
     click.echo(f"Written to {out}: {', '.join(f.name for f in files)}")
+
+
+@cli.command(short_help="The paper's figures: as printed, robust, default.")
+@click.option("--runs", type=click.IntRange(1, 1000000), help="Runs of each case, one seed each.  [default: 200]")
+@click.option(
+    "--jobs", type=click.IntRange(1, 256), default=os.cpu_count() or 1, show_default="all cores", help="Processes."
+)
+@click.option("--out", metavar="DIR", type=FILE, default=Path("paper"), show_default=True, help="Made if needed.")
+@click.option(
+    "--first-seed", type=click.IntRange(0, 2000000000), default=1, show_default=True, help="Seed of the first run."
+)
+@click.option("--restart", is_flag=True, help="Discard the runs that are in DIR.")
+@PROGRESS
+@JSON
+def paper(
+    runs: int | None, jobs: int, out: Path, first_seed: int, restart: bool, progress: bool | None, as_json: bool
+) -> None:
+    """Draw the paper's Fig. 1 .. 4 with three filters side by side, and tabulate its numbers beside ours.
+
+    \b
+    tselab paper
+    tselab paper --runs 40 --jobs 2 --out paper
+
+    The filters: the paper's as printed, the same with settings that keep it from diverging, and the default. Every finished run is
+    kept in DIR/runs.csv: the same command goes on after Ctrl-C. Writes paper.csv, paper.md, paper.html and, with matplotlib,
+    paper.png.
+    """
+    _study("paper", runs, first_seed, out, {}, jobs, None, restart, progress, as_json)
 
 
 cli.add_command(fmu)

@@ -568,7 +568,7 @@ class Filter:
 
     def uncertainty_sd(self) -> dict[str, np.ndarray]:
         """Return what each setting of include/tse/uncertainty.def adds to the sd of the three stiffnesses, relative to nominal,
-        after the last row. Empty in forms with particles."""
+        after the last row. Empty in the form with particles."""
         types = [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int32, ctypes.c_void_p]
         sd: dict[str, np.ndarray] = {}
         for k, name in enumerate(self.lib.uncertainties):

@@ -14,7 +14,7 @@ import click
 from tselab.errors import UserError
 
 FILE = click.Path(path_type=Path)
-FORMS = ("default", "sampled", "paper")  # tse_config_default() and its like
+FORMS = ("default", "robust", "paper")  # tse_config_default() and its like
 
 
 def key_values(pairs: tuple[str, ...]) -> dict[str, float]:
@@ -46,8 +46,8 @@ FORM = click.option(
     type=click.Choice(FORMS),
     default="default",
     show_default=True,
-    help="sampled: particles sample states and mean stiffness, too; with limits, less accurate, not as safe. "
-    "paper: the same without limits, the filter as printed.",
+    help="paper: the paper's particle filter as printed. robust: the same with settings that keep it from diverging; neither is "
+    "as safe as the default.",
 )
 PROGRESS = click.option(
     "--progress/--no-progress", default=None, help="Progress bar; default: when stderr is a terminal."

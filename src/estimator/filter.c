@@ -2,11 +2,10 @@
  *
  * Which form of the filter runs is a setting:
  *   0  the car's Kalman filter          filter/step.c
- *   1  the paper's particle filter      paper/algorithm.c and the files it calls, one for each stage of Algorithm 1
- *   2  the same, with limits            likewise
+ *   1  the paper's particle filter      paper/algorithm1.c and the files it calls, one for each stage of Algorithm 1
  * Common to them: align.c (channels that are logged late), input.c (a row becomes a checked sample), start.c. */
 #include "filter/filter.h"
-#include "estimator/paper/particles.h"
+#include "paper/paper.h"
 
 tse_status tse_reset(const tse_params *p, tse_filter *f, size_t filter_bytes)
 {

@@ -10,6 +10,7 @@
 /* Rows kept beyond the span of the latencies: one on either side of it, and two for rows that come up to 7 % closer than the sample time
  * before any is left out (28 of 30 rows at their most). */
 #define ROWS_TO_SPARE 4
+#define NO_LIMIT TSE_R(1000000) /* of a spread, squared */
 
 static tse_real real_of(tse_setting x) { return r_from_setting(x); }
 
@@ -39,23 +40,32 @@ void tse_config_default(tse_config *c)
   as_in_the_tables(c);
 }
 
-void tse_config_sampled(tse_config *c)
+void tse_config_paper(tse_config *c)
 {
   if (!c) return;
   as_in_the_tables(c);
-  c->form = 2;
-  c->initial_spread = TSE_S(0.3); /* doubt about the mean and spread from sample to sample share one start */
-  c->spread_max = TSE_S(0.4);
+  c->form = 1;
+  c->initial_spread = TSE_S(0.3); /* one reading of "30 %": of the mean and from sample to sample */
+  c->initial_vel_x_sd = c->initial_vel_y_sd = TSE_S(1);
+  c->initial_yaw_rate_sd = TSE_S(0.017453292519943295);
+  c->stiffness_max = TSE_S(20);   /* as large as it may be: w is free */
 }
 
-void tse_config_paper(tse_config *c)
+void tse_config_robust(tse_config *c)
 {
-  tse_config_sampled(c);
   if (!c) return;
+  as_in_the_tables(c);
   c->form = 1;
-  c->spread_max = TSE_S(2);
-  c->hold_sd = TSE_S(0);
-  c->max_slip = TSE_S(1);
+  c->integration = 1;
+  c->initial_vel_y_sd = TSE_S(1);
+  c->initial_yaw_rate_sd = TSE_S(0.017453292519943295);
+  c->reflect_draws = 1;
+  c->forgetting = TSE_S(0.998);
+  c->forgetting_mean = TSE_S(0.98);
+  c->forgetting_change = TSE_S(0.9);
+  c->initial_spread = TSE_S(0.15);
+  c->spread_max = TSE_S(0.3);
+  c->spread_kernel = TSE_S(0.03);
 }
 
 #define STRENGTH 1
@@ -489,6 +499,7 @@ static void constants_of(const tse_config *settings, tse_params *p)
   p->form = c->form;
   p->wheel_signals = c->wheel_signals;
   p->vel_x_from_wheels = c->initial_vel_x_from_wheels;
+  p->integration = c->integration;
   p->seed[0] = (uint32_t)c->seed;
   p->seed[1] = 0x7473650au; /* no seed gives the all-zero key */
 
@@ -538,6 +549,9 @@ static void constants_of(const tse_config *settings, tse_params *p)
   p->hold_speed = real_of(c->hold_speed);
   p->max_steer = real_of(c->max_steer);
   p->log2_forgetting = r_log2(real_of(c->forgetting));
+  p->forgetting_mean = real_of(c->forgetting_mean > TSE_S(0.5) ? c->forgetting_mean : c->forgetting);
+  p->log2_forgetting_mean = r_log2(p->forgetting_mean);
+  p->forgetting_change = real_of(c->forgetting_change);
   p->memory = real_of(r_div(one, one - c->forgetting));
   p->resample_at = real_of(r_mul(c->resample_threshold, r_from_int(c->particles)));
   for (int i = 0; i < 3; i++) {
@@ -549,18 +563,16 @@ static void constants_of(const tse_config *settings, tse_params *p)
   p->lam0 = real_of(r_div(r_mul(spread_var, c->initial_dof - TSE_S(4)), c->initial_dof));
   p->gamma0 = real_of(r_div(square(c->initial_mean_sd), spread_var));
   p->mean_var0 = real_of(square(c->initial_mean_sd));
-  p->mean_sd = real_of(c->initial_mean_sd);
   p->spread_var = real_of(spread_var);
-  p->spread_max_var = real_of(square(c->spread_max));
+  p->spread_max_var = c->spread_max < TSE_S(2) ? real_of(square(c->spread_max)) : NO_LIMIT;
+  p->kernel = real_of(r_mul(c->spread_kernel, TSE_S(1.4426950408889634)));
   p->learnt_floor = real_of(square(c->learnt_floor));
   p->learnt_walk = real_of(square(c->learnt_walk_day));
   p->vel_x0 = real_of(c->initial_vel_x);
   p->w_min = real_of(c->stiffness_min - one);
   p->w_max = real_of(c->stiffness_max - one);
+  p->w_low = c->reflect_draws ? p->w_min : -p->w_max;
   p->valid_var = real_of(square(c->valid_sd));
-  p->hold_var = real_of(square(c->hold_sd));
-  p->watchdog_drop = real_of(r_mul(c->watchdog_drop, TSE_S(1.4426950408889634)));
-  p->recovery_count = r_floor_to_int(r_mul(c->recovery_share, r_from_int(c->particles)));
   p->steady_walk = real_of(square(c->steady_walk));
   prepare_latencies(c, p);
   prepare_effects(c, mask, p);

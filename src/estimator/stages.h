@@ -41,7 +41,7 @@ tse_status align_row(const tse_params *p, tse_filter *f, const tse_input *u, tse
 void start_of_settings(const tse_params *p, tse_start *s);
 void report_start(const tse_params *p, const tse_filter *f, tse_output *now);
 
-/* paper/algorithm.c   a row of tse_step() in forms 1 and 2, whose filter is a tse_filter_paper */
+/* paper/row.c         a row of tse_step() in form 1, whose filter is a tse_filter_paper */
 tse_status step_particles(const tse_params *p, tse_filter *f, const tse_input *u, tse_output *out);
 
 /* paper/estimate.c            estimates of such a filter now; lam: weighted means of Lambda/nu */

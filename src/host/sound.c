@@ -80,16 +80,12 @@ static int sound_kalman(const tse_kalman *k, int started)
 /* Scalars and rows of what a filter with particles has in common. */
 static int sound_common(const tse_filter_paper *f)
 {
-  const tse_real *const one[] = { &f->log_total, &f->vel_x, &f->evidence_slow, &f->evidence_fast };
-  const tse_real *const not_negative[] = { &f->gamma, &f->sliding, &f->sliding_for, &f->evidence_age, &f->settle };
-  int fine = sound_int(f->recoveries, 0, INT32_MAX - 1) && sound_reals(&f->nu, 1, TSE_R(0), MOST_REAL);
-  for (int i = 0; i < (int)(sizeof one / sizeof one[0]); i++) fine = fine && sound_reals(one[i], 1, -MOST_REAL, MOST_REAL);
-  for (int i = 0; i < (int)(sizeof not_negative / sizeof not_negative[0]); i++)
-    fine = fine && sound_reals(not_negative[i], 1, TSE_R(0), MOST_REAL);
+  int fine = sound_reals(&f->nu, 1, TSE_R(0), MOST_REAL) && sound_reals(&f->gamma, 1, TSE_R(0), MOST_REAL);
+  fine = fine && sound_reals(&f->log_total, 1, -MOST_REAL, MOST_REAL);
   if (f->filter.started) fine = fine && f->nu > TSE_R(4);
   fine = fine && sound_reals(f->bias_var, 3, TSE_R(0), MOST_SQUARE) && sound_reals(f->excite, 3, -MOST_REAL, MOST_REAL);
   fine = fine && sound_reals(f->excite_mean, 3, -MOST_REAL, MOST_REAL) && sound_reals(f->excite_sq, 3, TSE_R(0), MOST_SQUARE);
-  return fine && sound_reals(f->learn, 3, TSE_R(0), TSE_R(1));
+  return fine && sound_reals(f->slow, 3, -MOST_REAL, MOST_REAL);
 }
 
 static int sound_particles(const tse_params *p, const tse_filter_paper *f)

@@ -1,9 +1,9 @@
 /* tests/bench/bench.c - time of a row, over the rows of the paper's study (square waves).
- *   bench sampled            a line per particle count of the sampled form: particles, ns per particle-step (fastest of the repetitions)
+ *   bench robust             a line per particle count of the robust form: particles, ns per particle-step (fastest of the repetitions)
  *   bench default            ns per row of the settings as they come
  *   bench ekf                ns per row of a plain extended Kalman filter (ekf.h)
  *   bench ratio              both, turn by turn, and the ratio: default, ekf, default over ekf
- *   bench PARTICLES ROWS     run the sampled form once without a clock, for a tool that counts instructions; so do
+ *   bench PARTICLES ROWS     run the robust form once without a clock, for a tool that counts instructions; so do
  *   bench default ROWS       these
  *   bench ekf ROWS */
 #if !defined(_POSIX_C_SOURCE)
@@ -147,8 +147,8 @@ int main(int argc, char **argv)
   const int of_rows = strcmp(what, "default") == 0 || strcmp(what, "ekf") == 0;
   record();
   if (argc == 3 && of_rows) (strcmp(what, "ekf") == 0 ? run_ekf : run_default)(0, atoi(argv[2]));
-  else if (argc == 3) run(tse_config_sampled, atoi(argv[1]), atoi(argv[2]));
+  else if (argc == 3) run(tse_config_robust, atoi(argv[1]), atoi(argv[2]));
   else if (of_rows || strcmp(what, "ratio") == 0) rows_of(what);
-  else particle_steps(tse_config_sampled);
+  else particle_steps(tse_config_robust);
   return 0;
 }

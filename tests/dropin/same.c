@@ -117,7 +117,7 @@ int main(int argc, char **argv)
          (int)b.params_bytes, (int)b.sim_bytes);
   drive("default", tse_config_default, rows, n, 0);
   drive("told of effects", tse_config_default, rows, n, 1);
-  drive("sampled", tse_config_sampled, rows, n, 0);
+  drive("robust", tse_config_robust, rows, n, 0);
   drive("paper", tse_config_paper, rows, n, 0);
   tables();
 #if !defined(TSE_NO_EFFECTS)

@@ -3,7 +3,7 @@
  *
  * Says what identifies the result: the hash of every bit of every output after each PART rows, so that two machines that differ
  * show where, and that of the whole drive, which is the one of the golden replay.
- *   ALL_FORMS   also a car that nobody has calibrated, and the forms with particles, with each way of resampling; else the default form
+ *   ALL_FORMS   also a car that nobody has calibrated, and the form with particles, with each way of resampling; else the default form
  *               alone, in a tse_filter, which is what a microcontroller has room for */
 #include "drive.h"
 #include "port.h"
@@ -89,7 +89,7 @@ int program(void)
   if (run("uncalibrated", uncalibrated, 0)) return 1;
 #endif
   for (int32_t scheme = 0; scheme < SCHEMES; scheme++)
-    if (run("sampled", tse_config_sampled, scheme) || run("paper", tse_config_paper, scheme)) return 1;
+    if (run("robust", tse_config_robust, scheme) || run("paper", tse_config_paper, scheme)) return 1;
 #endif
   return 0;
 }

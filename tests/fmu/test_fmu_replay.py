@@ -97,7 +97,7 @@ SWEEP = [
         },
         None,
     ),
-    ({"particles": 150}, "sampled"),
+    ({"particles": 150}, "robust"),
     ({"particles": 150, "seed": 9, "initial_cy_rear": 0.7}, "paper"),
 ]
 

@@ -48,7 +48,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
   uint8_t made_of[TSE_LEARNT_BYTES];
   const uint32_t first = take(&b, 1);
   take_settings(&b, &c, 0);
-  c.form = (int32_t)(first & 1u ? 0 : first >> 1 & 1u ? 1 : 2);
+  c.form = (int32_t)(first & 1u ? 0 : 1);
   c.particles = 16;
   if (tse_prepare(&c, &p, NULL) < 0) return 0;
   MUST(tse_reset(&p, &f.filter, sizeof f) == TSE_OK, "reset");

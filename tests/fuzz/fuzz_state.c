@@ -34,7 +34,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
   tse_params p;
   const uint32_t first = take(&b, 1);
   take_settings(&b, &c, 0);
-  c.form = (int32_t)(first % 5 < 3 ? 0 : first % 5 - 2);
+  c.form = (int32_t)(first % 5 < 3 ? 0 : 1);
   c.particles = 16;
   if (tse_prepare(&c, &p, NULL) < 0) return 0;
   const size_t count = c.form ? sizeof(tse_filter_paper) : sizeof(tse_filter);

@@ -70,7 +70,7 @@ static uint64_t run(const uint8_t *data, size_t size)
   d.digest = FRESH;
   const uint32_t first = take(&b, 1);
   take_settings(&b, &d.c, 0);
-  d.c.form = (int32_t)(first % 5 < 3 ? 0 : first % 5 - 2); /* mostly the default form */
+  d.c.form = (int32_t)(first % 5 < 3 ? 0 : 1); /* mostly the default form */
   if (d.c.form) d.c.particles = 16 + (int32_t)(first >> 3) % (TSE_MAX_PARTICLES - 15);
   if (tse_prepare(&d.c, &d.p, NULL) < 0) return 0; /* latencies, a formula: fuzz_settings.c */
   d.bytes = d.c.form ? sizeof(tse_filter_paper) : sizeof(tse_filter);

@@ -87,7 +87,7 @@ def test_a_form_that_is_not_there_is_refused_with_those_that_are(frame):
         lambda: tse.Filter(CAR, form="x"),
         lambda: tse.Filter(form=None),
     ):
-        with pytest.raises(tse.SettingError, match="allowed: default, sampled, paper"):
+        with pytest.raises(tse.SettingError, match="allowed: default, robust, paper"):
             run()
 
 

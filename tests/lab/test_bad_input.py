@@ -242,7 +242,7 @@ def test_filter_file_is_refused_with_file_and_key(name, drive, tmp_path):
         (["--forgetting", "1.5"], ["option --forgetting", FORGETTING]),
         (["--seed", "-1"], ["option --seed", "0 .. "]),
         (["--set", "mass"], ["option --set", "KEY=NUMBER"]),
-        (["--set", "watchdog=1"], ["option --set", "did you mean watchdog_drop"]),
+        (["--set", "integrate=1"], ["option --set", "did you mean integration"]),
     ],
 )
 def test_option_is_refused_with_its_name(options, words, drive, tmp_path):

@@ -90,7 +90,7 @@ def test_same_seed_gives_the_same_bytes_and_another_seed_does_not(drive, tmp_pat
                 "--vehicle",
                 drive.vehicle,
                 "--form",
-                "sampled",
+                "robust",
                 "--seed",
                 seed,
                 "--particles",
@@ -309,8 +309,10 @@ def test_a_single_row_is_enough(drive, tmp_path):
 
 
 def test_settings_come_from_file_and_options_win(drive, tmp_path):
-    (tmp_path / "filter.toml").write_text("forgetting = 0.98\n[filter]\nparticles = 64\ninitial_cx_front = 0.7\n")
-    done = tselab_here("estimate", "--form", "sampled", drive.log, "--vehicle", drive.vehicle, "--config", "filter.toml",
+    (tmp_path / "filter.toml").write_text(
+        "forgetting = 0.98\ninitial_mean_sd = 0.01\n[filter]\nparticles = 64\ninitial_cx_front = 0.7\n"
+    )
+    done = tselab_here("estimate", "--form", "robust", drive.log, "--vehicle", drive.vehicle, "--config", "filter.toml",
                   "--particles", 48,
                   "--set", "initial_cy_front=0.8", cwd=tmp_path)  # fmt: skip
     assert done.code == 0, done.err

@@ -44,7 +44,8 @@ def test_a_stream_is_followed():
 
 
 def test_a_filter_of_ones_own_runs_in_a_study_beside_tse(tmp_path):
-    command = [sys.executable, "-m", "tselab", "montecarlo", "--study", "fig2+own_filter.random_walk", "--runs", "2", "--jobs", "1",
+    command = [sys.executable, "-m", "tselab", "montecarlo", "--study", "stress+own_filter.random_walk",
+               "--cases", "nominal", "--runs", "2", "--jobs", "1",
                "--out", str(tmp_path / "out")]  # fmt: skip
     path = os.pathsep.join(filter(None, [str(EXAMPLES), os.environ.get("PYTHONPATH", "")]))
     done = subprocess.run(command, capture_output=True, text=True, timeout=300, env={**os.environ, "PYTHONPATH": path})
@@ -69,5 +70,5 @@ def test_an_estimator_that_is_not_there_is_refused(name, text):
     from tselab.montecarlo.studies import study
 
     with pytest.raises(tse.Error) as error:
-        study(f"fig2+{name}")
+        study(f"stress+{name}")
     assert text in str(error.value)

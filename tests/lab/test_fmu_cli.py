@@ -249,7 +249,7 @@ BROKEN: dict[str, tuple[Edit, str]] = {
     "no licence": (without("documentation/licenses"), "there is no licence in documentation/licenses"),
     "no picture": (without("model.png"), "there is no model.png"),
     "no binary": (without("binaries"), "there is no binary"),
-    "a source that is not there": (without("sources/estimator/paper/slide.c"), "sources/ does not compile"),
+    "a source that is not there": (without("sources/paper/learn.c"), "sources/ does not compile"),
     "an unknown platform": (lambda f: f.update({"binaries/vax/SingleTrackVehicle.so": b""}), "knows no such platform"),
     "another name": (
         lambda f: f.update({OURS.replace("Single", "Double"): f.pop(OURS)}),
@@ -453,12 +453,12 @@ def test_a_formula_is_not_in_the_filter_and_said_so(built, drive, tmp_path):
 
 def test_a_setting_that_the_fmu_does_not_have_is_said(built, drive, tmp_path):
     fmu = changed(built / "TireStiffnessEstimator.fmu", tmp_path / "older.fmu",
-                  edit("modelDescription.xml", 'name="filter.hold_sd"', 'name="filter.another"'))  # fmt: skip
+                  edit("modelDescription.xml", 'name="filter.spread_kernel"', 'name="filter.another"'))  # fmt: skip
     run = ["fmu", "run", fmu, drive.log, "--vehicle", drive.vehicle, "--out", tmp_path / "est.csv"]
     done = tselab(*run)
     assert done.code == 0 and "has no parameter" not in done.err
-    done = tselab(*run, "--set", "hold_sd=0.3")
-    assert done.code == 0 and "the FMU has no parameter for hold_sd: what was set is not used" in done.err
+    done = tselab(*run, "--set", "spread_kernel=0.3")
+    assert done.code == 0 and "the FMU has no parameter for spread_kernel: what was set is not used" in done.err
 
 
 def test_the_vehicle_fmu_drives_as_the_simulator(built, tmp_path):

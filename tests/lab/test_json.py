@@ -50,7 +50,11 @@ def folder(tmp_path_factory):
             {"separable", "manoeuvres"},
         ),
         (("accuracy", "--runs", 2, "--jobs", 1), {0}, {"runs", "text"}),
-        (("montecarlo", "--study", "fig1", "--runs", 1, "--jobs", 1, "--out", "study"), {0}, {"study", "written"}),
+        (
+            ("montecarlo", "--study", "stress", "--cases", "nominal", "--runs", 1, "--jobs", 1, "--out", "study"),
+            {0},
+            {"study", "written"},
+        ),
     ],
     ids=lambda x: " ".join(map(str, x[:2])) if isinstance(x, tuple) else "",
 )

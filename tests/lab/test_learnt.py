@@ -16,7 +16,7 @@ from conftest import COMMAND, RAN, tselab_here
 
 KEYS = ("cx_front", "cy_front", "cy_rear")
 TYRES = ("--set", "true_cx_front=0.75", "--set", "true_cy_front=0.8", "--set", "true_cy_rear=1.2")
-FORMS = ("default", "sampled")
+FORMS = ("default", "robust")
 
 
 def simulate(folder, name, seed, *options, maneuver="square-waves"):
@@ -42,7 +42,7 @@ def errors(folder, name, first, last):
 
 @pytest.fixture(scope="module")
 def first(tmp_path_factory):
-    """A drive on tyres unlike the settings', learnt in two forms: default.tse, sampled.tse."""
+    """A drive on tyres unlike the settings', learnt in two forms: default.tse, robust.tse."""
     folder = tmp_path_factory.mktemp("learnt")
     (folder / "car.toml").write_text(tselab_here("vehicle", "--simulated").out)
     simulate(folder, "first", 1)
@@ -55,16 +55,18 @@ def first(tmp_path_factory):
     return folder
 
 
-@pytest.mark.parametrize(("form", "drive"), [("sampled", "second"), ("sampled", "quiet"), ("default", "quiet")])
+@pytest.mark.parametrize(("form", "drive"), [("robust", "quiet"), ("default", "quiet")])
 def test_the_next_drive_is_right_at_once(first, form, drive):
-    """To the default, square waves teach everything within tenths of a second: nothing to gain there."""
+    """Square waves teach everything within tenths of a second: nothing to gain there."""
     estimate(first, drive, "--form", form)
     without, _ = errors(first, drive, 0, 2)
     done = estimate(first, drive, "--form", form, "--load-learnt", f"{form}.tse", "--age", 1)
     assert f"started from: {form}.tse, 1 days old (--age)" in done.out
     learnt, _ = errors(first, drive, 0, 2)
-    assert np.mean(list(without.values())) > 0.1 and np.mean(list(learnt.values())) < 0.05
-    assert all(learnt[key] < 0.6 * without[key] for key in KEYS)
+    # particles start 1 m/s off sideways, and what they knew of the mean is soon forgotten
+    most, share = (0.05, 0.6) if form == "default" else (0.1, 0.8)
+    assert np.mean(list(without.values())) > 0.1 and np.mean(list(learnt.values())) < most
+    assert all(learnt[key] < share * without[key] for key in KEYS)
 
 
 @pytest.mark.parametrize("form", FORMS)

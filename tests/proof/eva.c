@@ -3,7 +3,7 @@
  *   PROVE_PREPARE     tse_prepare(), tse_reset(): any bits as settings
  *   PROVE_LEARNT      tse_learnt_load(): any bytes, any number of them up to twice a state's, any age
  *   PROVE_STEP        tse_step(), default form
- *   PROVE_PARTICLES   tse_step(), forms 1 and 2, without effects
+ *   PROVE_PARTICLES   tse_step(), form 1, without effects
  *
  * Settings, rows and every real number of parameters and filter may be any bits, NaN and infinite ones, too (fixed: any number that
  * an operation of number/fixed.h may give). Whole numbers lie where tse_prepare() and tse_filter_check() want them, and it is asserted
@@ -47,7 +47,7 @@ static void any_params(int32_t form)
   p.car.driven = in(0, 2);
   p.particles = in(16, TSE_MAX_PARTICLES);
   p.resampling = in(0, 3);
-  p.recovery_count = in(0, p.particles);
+  p.integration = in(0, 2);
   p.effects.mask = 0;
 }
 
@@ -62,7 +62,6 @@ static void any_filter(void)
   f->k.slow_turn = in(0, STATES);
   f->k.channels = in(0, TSE_SENSORS);
   for (int i = 0; i < TSE_EVENTS; i++) f->k.event[i].kind = in(EVENT_NONE, EVENT_KINDS - 1);
-  all.recoveries = in(0, 1000000);
   for (int i = 0; i < TSE_STRIDE; i++) {
     all.ancestor[i] = (uint16_t)in(0, TSE_MAX_PARTICLES - 1);
     all.copies[i] = (uint16_t)in(0, TSE_MAX_PARTICLES);
@@ -84,7 +83,7 @@ static void prove_prepare(void)
   const char *wrong;
   ANY(c);
   if (tse_prepare(&c, &p, &wrong) < 0) return;
-  //@ assert whole: 0 <= p.form <= 2 && 0 <= p.car.driven <= 2;
+  //@ assert whole: 0 <= p.form <= 1 && 0 <= p.car.driven <= 2;
   //@ assert whole: 16 <= p.particles <= TSE_MAX_PARTICLES && 0 <= p.resampling <= 3;
   tse_reset(&p, f, sizeof all);
 }

@@ -29,7 +29,7 @@ TARGETS = {  # name: what it asks
     "prepare": "tse_prepare, then tse_reset: any bits as settings",
     "learnt": "tse_learnt_load: any bytes, 0 .. 536 of them, any age, any form",
     "step": "tse_step, default form: any row, filter and parameters with any reals",
-    "particles": "tse_step, forms 1 and 2, without effects: the same",
+    "particles": "tse_step, form 1, without effects: the same",
 }
 SHORT = ["learnt"]  # for the tests
 # What these refuse is told apart. Of what stands in a header with a suffix for its format, that is the star.

@@ -79,7 +79,7 @@ DEFINES = ["-DTSE_REAL_DOUBLE=1", "-DTSE_MAX_PARTICLES=512"]
 SHORT = [
     "src/estimator/input.c",
     "src/filter/step.c",
-    "src/estimator/paper/resample.c",
+    "src/paper/resample.c",
     "src/host/learnt.c",
 ]  # for the tests
 

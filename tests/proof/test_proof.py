@@ -68,7 +68,7 @@ def test_a_fault_is_found_and_one_that_changes_nothing_is_not(tmp_path):
     bench = mutation.Bench(tmp_path, "gcc")
     bench.tests = {"test_start": bench.tests["test_start"]}
     bench.prepare()
-    file = "estimator/paper/start.c"
+    file = "paper/start.c"
     text = (mutation.SRC / file).read_text()
     at = text.index("TSE_R(0.5)")
     wrong = mutation.Fault(file, at, at + len("TSE_R(0.5)"), "TSE_R(0.25)", "number", 0, "TSE_R(0.5)")

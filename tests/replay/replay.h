@@ -84,7 +84,7 @@ static inline void replay_uncalibrated(tse_config *c)
 
 typedef struct replay_form { const char *name; void (*settings)(tse_config *c); } replay_form;
 static const replay_form replay_forms[] = {
-  { "default", tse_config_default }, { "sampled", tse_config_sampled }, { "paper", tse_config_paper },
+  { "default", tse_config_default }, { "robust", tse_config_robust }, { "paper", tse_config_paper },
   { "uncalibrated", replay_uncalibrated }, /* the default form, of a car that nobody has calibrated: all that is uncertain is considered */
 };
 enum { REPLAY_FORMS = 4, REPLAY_HASHES = REPLAY_FORMS * REPLAY_SCHEMES, REPLAY_STATUSES = 8 };

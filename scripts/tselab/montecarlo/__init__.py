@@ -10,9 +10,8 @@ write.py       the files that a study leaves
 """
 
 STUDIES = {  # name: (usual number of runs, title)
-    "fig1": (1, "One realisation: mean, band and spread through a change of road"),
-    "fig2": (100, "Distribution of the mean error"),
-    "fig3-4": (20, "Simulated twin of the paper's experiment: acceleration and double lane change"),
+    "paper": (200, "The paper's figures: its filter as printed, the same made robust, and the default filter"),
+    "robust": (24, "What keeps the paper's filter from diverging, and what else was tried"),
     "bound": (100, "Error by time against the linear forgetting bound and the Cramer-Rao bound"),
     "peers": (100, "tse against EKF and UKF that are told the true covariances"),
     "stress": (200, "What can go wrong, with the default settings"),

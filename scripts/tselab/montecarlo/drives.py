@@ -102,16 +102,29 @@ def wheel_spin(car: Config, sim: SimConfig, rng: np.random.Generator) -> Maneuve
     return replace(m, wheel_torque_front=torque)
 
 
-ACCELERATION_END = 48.0
+PAPER_SPEED, PAPER_SD = 22.0, 1.0  # m/s: x0 and P0 of the paper, also of the lateral velocity
+APPROACH, LANES_END = 10.0, 48.0  # s
 
 
-def acceleration(car: Config, sim: SimConfig, rng: np.random.Generator) -> Maneuver:
-    """Straight on: 3 s of acceleration, 2 s rolling, 3 s of braking, 2 s rolling; after the paper's IV-B."""
-    t = np.round(np.arange(round(ACCELERATION_END / car.sample_time) + 1) * car.sample_time, 9)
-    cycle = t % 10.0
-    drive = np.select([cycle < 3, (cycle >= 5) & (cycle < 8)], [1.5, -1.5], 0.0)  # m/s2
-    zero = np.zeros_like(t)
-    return Maneuver(t, 15.0, zero, drive * car.mass * car.wheel_radius_front, zero, np.ones_like(t))
+def paper_waves(
+    car: Config, sim: SimConfig, rng: np.random.Generator, *, duration: float, road: tuple[tuple[float, float], ...]
+) -> Maneuver:
+    """The paper's square waves, from a state drawn from the paper's p0."""
+    speed = PAPER_SPEED + PAPER_SD * rng.standard_normal()
+    sim.vel_y = PAPER_SD * rng.standard_normal()
+    return replace(square_waves(car, sim, rng, duration=duration, road=road), speed=speed)
+
+
+def paper_lanes(car: Config, sim: SimConfig, rng: np.random.Generator) -> Maneuver:
+    """After the paper's IV-B: ten seconds straight on, accelerating twice; from 13 s on double lane changes."""
+    m = listed(car, sim, rng, name="double-lane-change", duration=LANES_END - APPROACH)
+    t = np.round(np.arange(round(LANES_END / car.sample_time) + 1) * car.sample_time, 9)
+    before = len(t) - len(m.time)
+    drive = np.select([(t >= 1) & (t < 4), (t >= 6) & (t < 9)], [1.0, 1.0], 0.0)  # m/s2
+    torque = drive * car.mass * car.wheel_radius_front
+    torque[before:] += m.wheel_torque_front
+    steer = np.concatenate([np.zeros(before), m.steer_angle])
+    return Maneuver(t, m.speed - 6.0, steer, torque, np.zeros_like(t), np.ones_like(t))
 
 
 # ---- regimes: what happens to the road while driving

@@ -338,12 +338,13 @@ def columns(study: str) -> list[str]:
     windows = range(max(len(c.windows) for c in cases))
     for key in STIFFNESS:
         names += [f"{key}_{x}" for x in ("mean_square", "bias", "covered", "sd_square", "spread", "spread_seen")]
-        names += [f"{key}_{x}_w{n}" for n in windows for x in ("mean_square", "covered")]
+        names += [f"{key}_{x}_w{n}" for n in windows for x in ("mean_square", "covered", "bias", "off", "spread")]
         names += [f"{key}_{x}_{n}" for x in ("settle", "stay") for n in range(events)]
         names += [f"{key}_{x}" for x in ("judged", "worst", "diverged")]
         for share in scores.SHARES:
             names += [f"{key}_{share}", f"{key}_{share}_of"]
         names += [f"{key}_{kind}_{b}" for kind in ("ms", "vs") for b in bins]
+    names += [f"{state}_square" for state in scores.STATES]
     names += ["changes", "false_changes"]
     names += [f"{x}_{n}" for n in range(1, events) for x in ("noticed", "all_settle", "valid_off")]
     return [*names, "diverged", "diverged_any", "recoveries", *NOISES, "seconds", "steps", *TIMES]

@@ -23,9 +23,27 @@ DEPARTURES: list[tuple[str, str, dict[str, float]]] = [
     ("slide", "wheels that lock or spin are coasted through", {"max_slip": 1.0}),
 ]
 WITHOUT = "tse without "
+# Variants of the robust form, robust-NAME: what was tried.
+VARIANTS: dict[str, tuple[str, dict[str, float]]] = {
+    "one-factor": (
+        "one forgetting factor in (17), 0.99",
+        {"forgetting": 0.99, "forgetting_mean": 0.0, "forgetting_change": 1.0},
+    ),
+    "constant": ("the mean's factor does not fall where innovations last", {"forgetting_change": 1.0}),
+    "slower": ("the mean's factor 0.985, not 0.98", {"forgetting_mean": 0.985}),
+    "slowest": ("the mean's factor 0.99, falling", {"forgetting_mean": 0.99}),
+    "euler": ("Euler, inputs held", {"integration": 0}),
+    "free": ("draws are not reflected", {"reflect_draws": 0}),
+    "no-kernel": ("resampling is not regularised", {"spread_kernel": 0.0}),
+    "wide-kernel": ("kernel 0.06, not 0.03", {"spread_kernel": 0.06}),
+    "covariance": ("the covariance forgets by 0.99, not 0.998", {"forgetting": 0.99}),
+    "no-limit": ("the spread has no limit", {"spread_max": 2.0}),
+    "small-start": ("starts with a spread of 5 %, not 15 %", {"initial_spread": 0.05}),
+}
 PEERS = ("ekf", "ukf", "told")
 BOUNDS = {"bound": "forgetting_bound", "crb": "cramer_rao"}  # no estimators: only what sd one could have
-FORMS = ("sampled", "paper")
+FORMS = {"robust": "robust", "paper": "paper", "printed": "paper"}  # and the form that each is of
+PRINTED = {"initial_vel_x": 22.0, "initial_vel_x_from_wheels": 0, "integration": 0}  # where Sec. IV-A starts; Euler
 TEXTS = {
     "ekf": "EKF on the augmented state, told the true covariances",
     "ukf": "UKF on the augmented state, told the true covariances",
@@ -33,16 +51,19 @@ TEXTS = {
     "bound": "best linear estimator with the same forgetting",
     "crb": "Cramer-Rao bound without forgetting",
     "tse": "tse as it comes",
-    "sampled": "states and means sampled, with limits",
-    "paper": "states and means sampled, no limits: the paper's form",
+    "robust": "the paper's filter with settings that keep it from diverging",
+    "paper": "the paper's filter as printed",
+    "printed": "the paper's filter as printed, started as in Sec. IV-A",
 }
 
 
 def overrides(name: str) -> dict[str, float]:
-    """The settings in which an estimator differs from `tse`, beside its form. 'sampled-100' has 100 particles."""
+    """The settings in which an estimator differs from `tse`, beside its form. 'robust-100' has 100 particles."""
     if is_yours(name):
         _yours(name)
         return {}
+    if name == "printed":
+        return PRINTED
     if name in (*PEERS, *BOUNDS, *FORMS):
         return {}
     if name.startswith(WITHOUT):
@@ -50,6 +71,8 @@ def overrides(name: str) -> dict[str, float]:
             if name == WITHOUT + departure:
                 return settings
     family, _, particles = name.partition("-")
+    if family == "robust" and particles in VARIANTS:
+        return VARIANTS[particles][1]
     if name == "tse":
         return {}
     if family in FORMS and particles.isdigit():
@@ -60,7 +83,7 @@ def overrides(name: str) -> dict[str, float]:
 def configure(name: str, form: str, settings: Mapping[str, float], about: Mapping[str, float]) -> Config:
     """Settings of an estimator: start and form, then the user's, then what the case is about, then its own."""
     family = name.partition("-")[0]
-    forms = Config.form(family if family in FORMS else form)
+    forms = Config.form(FORMS.get(family, form))
     return Config({**START, **forms, **settings, **about, **overrides(name)})
 
 

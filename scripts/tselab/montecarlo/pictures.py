@@ -7,20 +7,19 @@ import pandas as pd
 from scipy import stats
 
 from tselab.core import STIFFNESS
+from tselab.montecarlo.case import Drive
 from tselab.montecarlo.engine import Plan, trace
-from tselab.montecarlo.panels import COLOURS, Band, Bars, Dots, Line, Panel, Picture
+from tselab.montecarlo.panels import COLOURS, Bars, Dots, Line, Panel, Picture
 from tselab.montecarlo.summary import HEADS, of, root_mean
 from tselab.plots import BLUE, GREEN, GREY, INK, ORANGE
 
-BAND = 1.96
 MOST_POINTS = 2000  # of a line
-RELATIVE = "% of nominal"
 ERROR = "% of the truth"
 
 
 def picture(plan: Plan, runs: pd.DataFrame, summary: pd.DataFrame) -> Picture:
     """The picture of the study."""
-    special = {"fig1": _fig1, "fig2": _fig2, "fig3-4": _fig34, "bound": _bound, "particles": _particles}
+    special = {"paper": _paper, "bound": _bound, "particles": _particles}
     return special.get(plan.study.base, _dots)(plan, runs, summary)
 
 
@@ -28,76 +27,80 @@ def _thin(n: int) -> slice:
     return slice(None, None, max(1, -(-n // MOST_POINTS)))
 
 
-def _fig1(plan: Plan, runs: pd.DataFrame, summary: pd.DataFrame) -> Picture:
-    case = plan.study.cases[0]
-    d, y = trace(plan, case, plan.first_seed, case.estimators[0])
+RED = "#c0392b"  # as the paper's figures
+TITLES = {"printed": "as printed", "paper": "as printed", "robust": "robust", "tse": "default filter"}
+
+
+def _paper(plan: Plan, runs: pd.DataFrame, summary: pd.DataFrame) -> Picture:
+    """The paper's Fig. 1 .. 4, a column per filter."""
+    cases = {c.name: c for c in plan.study.cases}
+    waves, lanes = cases.get("iv-a"), cases.get("iv-b-20")
+    panels = []
+    if waves:
+        drawn = {name: trace(plan, waves, plan.first_seed, name) for name in waves.estimators}
+        panels += [_fig1(name, *drawn[name]) for name in waves.estimators]
+        panels += [_fig2(name, of(runs, waves.name, name)["cy_front_bias_w0"].to_numpy()) for name in waves.estimators]
+    if lanes:
+        drawn = {name: trace(plan, lanes, plan.first_seed, name) for name in lanes.estimators}
+        panels += [_fig3(key, name, *drawn[name]) for key in STIFFNESS for name in lanes.estimators]
+        panels += [_fig4(*state, name, *drawn[name]) for state in STATES for name in lanes.estimators]
+    return Picture(panels, 3)
+
+
+STATES = (("vel_x", "vX, m/s", 1.0), ("yaw_rate", "yaw rate, deg/s", 180 / np.pi))
+
+
+def _fig1(name: str, d: Drive, y: np.ndarray) -> Panel:
+    """Normalised longitudinal stiffness and its standard deviation from sample to sample."""
     pick = _thin(len(y))
-    t, y, true = d.time[pick], y[pick], 100 * d.stiffness[pick]
-    panels = []
-    for i, key in enumerate(STIFFNESS):
-        mean, sd, spread = (100 * y[f"{key}{end}"].astype(float) for end in ("", "_sd", "_spread"))
-        panels.append(Panel(HEADS[key], "time, s", RELATIVE, [
-            Band(t, mean - BAND * spread, mean + BAND * spread, "95 % of samples", BLUE, 0.10),
-            Band(t, mean - BAND * sd, mean + BAND * sd, "95 % band of the mean", BLUE, 0.28),
-            Line(t, true[:, i], "truth", ORANGE, dash=True),
-            Line(t, mean, "estimate", BLUE),
-        ], at=case.events, y_range=(30, 150)))  # fmt: skip
-        scatter = getattr(d.sim, f"spread_{key}") * true[:, i]
-        panels.append(Panel(f"{HEADS[key]}: spread", "time, s", RELATIVE, [
-            Line(t, scatter, "truth", ORANGE, dash=True), Line(t, spread, "estimate", BLUE),
-        ], at=case.events, y_range=(0, 20)))  # fmt: skip
-    return Picture(panels, 2)
+    t, spread = d.time[pick], y["cx_front_spread"][pick]
+    marks = [
+        Line(t, d.stiffness[pick, 0], "truth", INK, width=1.0),
+        Line(t, y["cx_front"][pick], "stiffness", RED),
+        Line(t, d.sim.spread_cx_front * d.stiffness[pick, 0], width=1.0, colour=INK),
+    ]
+    if d.config.form or name != "tse":
+        marks.append(Line(t, spread, "standard deviation", GREEN))
+    else:  # the default filter has none: that of the mean instead
+        marks.append(Line(t, y["cx_front_sd"][pick], "sd of the mean", GREEN, dash=True))
+    return Panel(f"Fig. 1, {TITLES[name]}: Cx", "time, s", "normalised", marks, at=(30.0,), y_range=(0.0, 1.4))
 
 
-def _fig2(plan: Plan, runs: pd.DataFrame, summary: pd.DataFrame) -> Picture:
-    panels = []
-    for key in STIFFNESS:
-        x = np.sort(runs[f"{key}_bias"].to_numpy())
-        n, mean, sd = len(x), x.mean(), max(x.std(ddof=1) if len(x) > 1 else 0.0, 1e-9)
-        edges = np.histogram_bin_edges(x, "fd" if n > 10 else 5)
-        if len(edges) > 60:  # single runs far off
-            edges = np.linspace(x[0], x[-1], 60)
-        share = np.diff(stats.norm.cdf(edges, mean, sd))
-        low, high = (stats.binom.ppf(q, n, share) for q in (0.025, 0.975))
-        wide = np.repeat(edges, 2)[1:-1]
-        panels.append(Panel(HEADS[key], f"mean error, {ERROR}", "runs", [
-            Bars(edges, np.histogram(x, edges)[0], "runs"),
-            Band(wide, np.repeat(low, 2), np.repeat(high, 2), "95 % of bins, were it normal", ORANGE, 0.25),
-            Line(wide, np.repeat(n * share, 2), "normal distribution", ORANGE),
-        ]))  # fmt: skip
-        grid = np.linspace(x[0] - sd, x[-1] + sd, 300)
-        share = np.searchsorted(x, grid, side="right") / n
-        half = np.sqrt(np.log(2 / 0.05) / (2 * n))  # Dvoretzky, Kiefer, Wolfowitz
-        panels.append(Panel(f"{HEADS[key]}: distribution", f"mean error, {ERROR}", "share of runs", [
-            Band(grid, np.clip(share - half, 0, 1), np.clip(share + half, 0, 1), "95 % band of the distribution", BLUE),
-            Line(grid, share, "runs", BLUE), Line(grid, stats.norm.cdf(grid, mean, sd), "normal distribution", ORANGE),
-        ]))  # fmt: skip
-    return Picture(panels, 2)
+def _fig2(name: str, x: np.ndarray) -> Panel:
+    """Probability of the mean error of the front lateral stiffness, with the normal distribution of its mean and sd."""
+    n, mean, sd = len(x), x.mean(), max(x.std(ddof=1) if len(x) > 1 else 0.0, 1e-9)
+    edges = np.linspace(-4.0, 4.0, 33)
+    wide = np.repeat(edges, 2)[1:-1]
+    normal = np.diff(stats.norm.cdf(edges, mean, sd))
+    return Panel(f"Fig. 2, {TITLES[name]}: Cy front", f"mean error, {ERROR}", "probability", [
+        Bars(edges, np.histogram(np.clip(x, -4.0, 4.0), edges)[0] / n, "runs"),
+        Line(wide, np.repeat(normal, 2), "normal distribution", ORANGE),
+    ])  # fmt: skip
+
+
+def _fig3(key: str, name: str, d: Drive, y: np.ndarray) -> Panel:
+    """Normalised stiffness and its sd, with the prior 20 % too low."""
+    pick = _thin(len(y))
+    t, mean, sd = d.time[pick], y[key][pick], y[f"{key}_sd"][pick]
+    return Panel(f"Fig. 3, {TITLES[name]}: {HEADS[key]}", "time, s", "normalised", [
+        Line(t, d.stiffness[pick, STIFFNESS.index(key)], "truth", INK, width=1.0),
+        Line(t, mean, "stiffness", RED),
+        Line(t, mean - sd, "standard deviation", GREEN, width=1.0), Line(t, mean + sd, colour=GREEN, width=1.0),
+    ], y_range=(0.5, 1.5))  # fmt: skip
+
+
+def _fig4(state: str, label: str, unit: float, name: str, d: Drive, y: np.ndarray) -> Panel:
+    """Velocity and yaw rate, estimated and true."""
+    pick = _thin(len(y))
+    t = d.time[pick]
+    return Panel(f"Fig. 4, {TITLES[name]}", "time, s", label, [
+        Line(t, unit * d.truth[f"true_{state}"][pick], "truth", INK, width=1.0), Line(t, unit * y[state][pick], "estimate", RED),
+    ])  # fmt: skip
 
 
 def _seconds(part: pd.DataFrame, key: str, kind: str, count: int) -> np.ndarray:
     """RMS over the runs of each second."""
     return root_mean(part[[f"{key}_{kind}_{b}" for b in range(count)]].to_numpy().T)
-
-
-def _fig34(plan: Plan, runs: pd.DataFrame, summary: pd.DataFrame) -> Picture:
-    cases = plan.study.cases
-    drawn = [trace(plan, case, plan.first_seed, case.estimators[0]) for case in cases]
-    panels = []
-    for i, key in enumerate(STIFFNESS):
-        for case, (d, y) in zip(cases, drawn, strict=True):
-            pick = _thin(len(y))
-            true = d.stiffness[pick, i]
-            error = 100 * (y[key][pick] / true - 1)
-            sd = 100 * y[f"{key}_sd"][pick] / true
-            t, middle = d.time[pick], np.arange(case.bins) + 0.5
-            panels.append(Panel(f"{case.name}: {HEADS[key]}", "time, s", f"error, {ERROR}", [
-                Band(t, error - BAND * sd, error + BAND * sd, "95 % band, one run", BLUE),
-                Line(t, np.zeros_like(t), "truth", INK, width=1.0), Line(t, error, "error, one run", BLUE),
-                Line(middle, _seconds(of(runs, case.name, case.estimators[0]), key, "ms", case.bins),
-                     "RMS error, all runs", ORANGE, dash=True),
-            ], y_range=(-60, 60)))  # fmt: skip
-    return Picture(panels, len(cases))
 
 
 def _bound(plan: Plan, runs: pd.DataFrame, summary: pd.DataFrame) -> Picture:

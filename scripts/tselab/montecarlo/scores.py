@@ -29,6 +29,7 @@ REVERSE_SPEED = -0.1  # m/s, as in src/estimator/filter.c
 SETTLED_FOR = 1.0  # s within CLOSE: has settled
 SHARES = ("false_valid", "false_invalid", "valid_unobservable", "reason_right", "corrupted_told")
 SURE = 0.9  # of a change of regime: from here on it counts as reported
+STATES = ("vel_x", "yaw_rate")
 DISTINCT = 0.5  # s between changes that count as two
 BEFORE, AFTER = (
     0.15,
@@ -281,6 +282,10 @@ def score(d: Drive, case: Case, k: Knowable, estimate: np.ndarray) -> dict[str, 
             here = inside(time, (w,))
             row[f"{key}_mean_square_w{n}"] = 1e4 * _mean(error[here] ** 2)
             row[f"{key}_covered_w{n}"] = 100 * np.mean(size[here] <= 1.96 * sd[here]) if key in names else np.nan
+            row[f"{key}_bias_w{n}"] = 100 * _mean(error[here])
+            row[f"{key}_off_w{n}"] = int(_longest(~(size[here] <= DIVERGED_ERROR)) * step > DIVERGED_FOR)
+            if f"{key}_spread" in names:
+                row[f"{key}_spread_w{n}"] = 100 * _mean(estimate[f"{key}_spread"][here] / true[here])
         if f"{key}_spread" in names:
             row[f"{key}_spread"] = 100 * _mean(estimate[f"{key}_spread"][window] / true[window])
         if f"{key}_spread_seen" in names:
@@ -319,6 +324,9 @@ def score(d: Drive, case: Case, k: Knowable, estimate: np.ndarray) -> dict[str, 
             for b in range(case.bins):
                 row[f"{key}_ms_{b}"] = 1e4 * _mean(error[second == b] ** 2)
                 row[f"{key}_vs_{b}"] = 1e4 * _mean(sd[second == b] ** 2)
+    for state in STATES:
+        if state in names:
+            row[f"{state}_square"] = _mean((estimate[state] - d.truth[f"true_{state}"])[window].astype(float) ** 2)
     if STIFFNESS[0] in names:
         row["diverged"], row["diverged_any"] = diverged, diverged_any
         row |= regimes(d, case, k, estimate)

@@ -13,7 +13,7 @@ from tselab.errors import UserError
 from tselab.log import DRIVES, MEASURES
 from tselab.montecarlo import STUDIES, corrupt, drives
 from tselab.montecarlo.case import Case
-from tselab.montecarlo.estimators import BOUNDS, DEPARTURES, FORMS, PEERS, WITHOUT, overrides
+from tselab.montecarlo.estimators import BOUNDS, DEPARTURES, PEERS, VARIANTS, WITHOUT, overrides
 
 SPREADS = ("spread_cx_front", "spread_cy_front", "spread_cy_rear")
 DEGREE = np.pi / 180
@@ -52,6 +52,9 @@ OUTLIERS = Case("outliers", "1 % of the inertial samples 10 sigma off", _waves()
                 corrupt=partial(corrupt.outliers, share=0.01, sigmas=10.0))  # fmt: skip
 ROAD = Case("road-change", "all stiffness to 70 % at 20 s", _waves(40.0, road=((20.0, 0.7),)), events=(20.0,))
 
+ROAD_03 = Case("road-0.3", "road to 30 % at 20 s and back at 40 s", _waves(60.0, road=((20.0, 0.3), (40.0, 1.0))),
+               events=(20.0, 40.0), windows=((30.0, 39.99), (50.0, 60.0)))  # fmt: skip
+
 
 def _stress() -> tuple[Case, ...]:
     imu_bias = {
@@ -81,8 +84,7 @@ def _stress() -> tuple[Case, ...]:
                 build=_waves(steer=drives.LOW_STEER, torque=250.0)),
         Case("highway", "5 min straight, then a lane change", drives.highway,
              windows=((drives.LANE_CHANGE[0] + drives.LANE_CHANGE[1], drives.HIGHWAY_END),)),
-        Case("road-0.3", "road to 30 % at 20 s and back at 40 s", _waves(60.0, road=((20.0, 0.3), (40.0, 1.0))),
-             events=(20.0, 40.0), windows=((30.0, 40.0), (50.0, 60.0))),
+        replace(ROAD_03, windows=((30.0, 40.0), (50.0, 60.0))),
         *(Case(f"spread-{s:g}", f"stiffness scatters by {s:g} %", _waves(), sim=dict.fromkeys(SPREADS, s / 100))
           for s in (1, 5, 15)),
         *(Case(f"forgetting-{f:g}", f"forgetting {f:g}", _waves(), config={"forgetting": f}) for f in (0.98, 0.99, 0.995)),
@@ -118,8 +120,7 @@ def _regimes() -> tuple[Case, ...]:
     cases = (
         Case("road-0.7", "square waves, road to 70 % at 30 s", _waves(60.0, road=((30.0, 0.7),)), events=(30.0,),
              windows=((15.0, 29.99), (45.0, 60.0)), estimators=TWO),
-        Case("road-0.3", "road to 30 % at 20 s and back at 40 s", _waves(60.0, road=((20.0, 0.3), (40.0, 1.0))),
-             events=(20.0, 40.0), windows=((30.0, 39.99), (50.0, 60.0)), estimators=TWO),
+        replace(ROAD_03, estimators=TWO),
         *(Case(f"slow-{s}", f"stiffness to 70 % within {s} s",
                partial(drives.slow_change, start=SLOW_START, length=s, level=0.7, after=SLOW_AFTER), events=(SLOW_START,),
                lasts=s, windows=((SLOW_START, SLOW_START + s + SLOW_AFTER),)) for s in SLOW),
@@ -156,10 +157,40 @@ def _with(estimators: tuple[str, ...], *cases: Case) -> tuple[Case, ...]:
 
 
 PARTICLES = (25, 50, 100, 200, 500, 1000, 2000, 4000)
-FIG34 = {f"initial_{s}": 0.8 for s in ("cx_front", "cy_front", "cy_rear")} | {
-    "forgetting": 0.995,
-    "initial_mean_sd": 0.3,
-}
+
+
+def _paper() -> tuple[Case, ...]:
+    """Sec. IV-A with inputs that change linearly between rows, and with inputs that are held; and a twin of the experiment of
+    IV-B, with a prior that is wrong by 20 % on either side."""
+    waves = Case(
+        "iv-a",
+        "square waves, road to 70 % at 30 s",
+        partial(drives.paper_waves, duration=60.0, road=((30.0, 0.7),)),
+        events=(30.0,),
+        windows=((15.0, 29.99), (45.0, 60.0)),
+        estimators=PAPER,
+    )
+    lanes = Case(
+        "iv-b-20",
+        "acceleration, double lane changes, prior 20 % too low",
+        drives.paper_lanes,
+        config=_prior(0.8),
+        windows=((0.0, 48.0), (44.0, 48.0)),
+        estimators=("paper", "robust", "tse"),
+    )
+    return (
+        waves,
+        replace(waves, name="iv-a-held", title=f"{waves.title}; inputs held", sim={"hold_inputs": 1}, config={"integration": 2}),
+        lanes,
+        replace(lanes, name="iv-b+20", title="the same, prior 20 % too high", config=_prior(1.2)),
+    )  # fmt: skip
+
+
+PAPER = ("printed", "robust", "tse")
+
+
+def _prior(level: float) -> dict[str, float]:
+    return {f"initial_{s}": level for s in ("cx_front", "cy_front", "cy_rear")} | {"forgetting": 0.995}
 
 
 DEPARTURE_CASES = ("nominal", "noise-3x", "low-excitation", "outliers", "road-0.3", "stuck-steer_angle", "stuck-accel_y",
@@ -167,23 +198,15 @@ DEPARTURE_CASES = ("nominal", "noise-3x", "low-excitation", "outliers", "road-0.
 
 
 def _cases() -> dict[str, tuple[Case, ...]]:
-    particles = tuple(f"sampled-{n}" for n in PARTICLES if n <= library().capacity)
-    departures = ("tse", *(WITHOUT + name for name, _, _ in DEPARTURES), *FORMS)
+    particles = tuple(f"robust-{n}" for n in PARTICLES if n <= library().capacity)
+    departures = ("tse", *(WITHOUT + name for name, _, _ in DEPARTURES), "robust", "paper")
     stress = {c.name: c for c in _stress()}
     return {
-        "fig1": (
-            Case("road-0.7", "square waves, road to 70 % at 30 s", _waves(60.0, road=((30.0, 0.7),)), events=(30.0,),
-                 windows=((15.0, 30.0), (45.0, 60.0))),
-        ),
-        "fig2": (NOMINAL,),
-        "fig3-4": (
-            Case("acceleration", "straight on, accelerating and braking", drives.acceleration, config=FIG34, bins=48,
-                 windows=((20.0, 48.0),)),
-            Case("double-lane-change", "double lane changes", partial(drives.listed, name="double-lane-change", duration=48.0),
-                 config=FIG34, bins=48, windows=((20.0, 48.0),)),
-        ),
+        "paper": _paper(),
+        "robust": _with(("robust", *(f"robust-{name}" for name in VARIANTS)),
+                        *(c for c in _paper() if c.name == "iv-a"), ROAD_03, NOISE_3X),
         "bound": _with(("tse", "ekf", *BOUNDS), replace(NOMINAL, build=_waves(40.0), bins=40)),
-        "peers": _with(("tse", "sampled", "sampled-100", *PEERS), NOMINAL, LOW, NOISE_3X, NOISE_THIRD, ROAD),
+        "peers": _with(("tse", "robust", "robust-100", *PEERS), NOMINAL, LOW, NOISE_3X, NOISE_THIRD, ROAD),
         "stress": _stress(),
         "particles": _with(particles, NOMINAL, NOISE_3X, LOW),
         "regimes": _regimes(),

@@ -21,7 +21,9 @@ from tselab.report import packed
 def write(plan: Plan, runs: pd.DataFrame, out: Path) -> tuple[str, list[Path]]:
     """Write all files. Returned: the Markdown, and which files."""
     lines = summary.summarise(plan, runs)
-    tables = [*findings.findings(plan, runs, lines), summary.overview(plan, lines), *findings.changes(plan, lines)]
+    tables = findings.findings(plan, runs, lines)
+    if plan.study.base not in ("paper", "robust"):  # their own tables say it all
+        tables += [summary.overview(plan, lines), *findings.changes(plan, lines)]
     facts = run_facts(plan, lines)
     text = markdown(plan, facts, tables)
     picture = pictures.picture(plan, runs, lines)
@@ -39,6 +41,8 @@ def write(plan: Plan, runs: pd.DataFrame, out: Path) -> tuple[str, list[Path]]:
 def command(plan: Plan) -> str:
     """What to type for the same result."""
     parts = [f"tselab montecarlo --study {plan.study.name} --runs {plan.runs}"]
+    if plan.study.name == "paper":
+        parts = [f"tselab paper --runs {plan.runs}"]
     parts += [f"--first-seed {plan.first_seed}"] if plan.first_seed != 1 else []
     parts += [f"--form {plan.form}"] if plan.form != "default" else []
     parts += [f"--set {k}={v:g}" for k, v in {**plan.settings, **plan.sim_settings}.items()]

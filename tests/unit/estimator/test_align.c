@@ -14,7 +14,7 @@ static size_t bytes_of_form(int32_t form) { return form ? sizeof late_one : size
 static tse_config settings(int32_t form)
 {
   tse_config c;
-  if (form == 2) tse_config_sampled(&c);
+  if (form == 2) tse_config_robust(&c); /* form 1, too */
   else if (form == 1) tse_config_paper(&c);
   else tse_config_default(&c);
   c.particles = 60;
@@ -295,7 +295,7 @@ static void test_until_all_channels_are_known_the_start_is_told(void)
       for (int a = 0; a < 3; a++) TEST_ASSERT_TRUE(y.reason[a] == TSE_STARTING || y.reason[a] == TSE_INPUT_INVALID);
       if (k >= 6) continue;
       expect_near(0.8, number(y.stiffness[TSE_CY_FRONT]), 1e-6, "stiffness", k);
-      const double floor = number(MODEL_FLOOR), own = number(p.prior_sd[15]), sd = form ? number(p.mean_sd) : 0.8 * sqrt(own * own + floor * floor);
+      const double floor = number(MODEL_FLOOR), own = number(p.prior_sd[15]), sd = form ? number(c.initial_mean_sd) : 0.8 * sqrt(own * own + floor * floor);
       expect_near(sd, number(y.stiffness_sd[TSE_CY_FRONT]), 1e-6, "its sd", k);
       if (form) expect_near(number(c.initial_spread), number(y.stiffness_spread[TSE_CY_FRONT]), 1e-6, "its spread", k);
       expect_near(number(c.accel_y_bias_sd), number(y.bias_sd[1]), 1e-6, "sd of a bias", k);

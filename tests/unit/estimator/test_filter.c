@@ -1,5 +1,5 @@
 /* tests/unit/estimator/test_filter.c <-> src/estimator/filter.c: what a caller of tse_reset() and tse_step() may rely on in every
- * form. What the forms with particles promise beside: paper/test_algorithm.c. */
+ * form. What the paper's form promises beside: paper/test_row.c. */
 #include "unit_support.h"
 #include "tse/simulate.h"
 
@@ -8,7 +8,7 @@ static tse_filter_paper f, other, before;
 /* Every test runs with each of these. */
 static const struct { const char *name; void (*settings)(tse_config *c); } forms[] = {
   { "default", tse_config_default },
-  { "sampled", tse_config_sampled },
+  { "robust", tse_config_robust },
   { "paper", tse_config_paper },
 };
 static int form;

@@ -5,7 +5,7 @@ static tse_filter_paper f;
 
 static void test_every_form_works_in_every_format(void)
 {
-  static void (*const fill[])(tse_config *) = { tse_config_default, tse_config_sampled, tse_config_paper };
+  static void (*const fill[])(tse_config *) = { tse_config_default, tse_config_robust, tse_config_paper };
   for (int i = 0; i < ROWS(fill); i++) {
     tse_config c;
     tse_params p;

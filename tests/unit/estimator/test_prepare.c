@@ -107,9 +107,11 @@ static tse_config other_car(void)
   c.noise_max = setting(12);
   c.max_gap = setting(0.2);
   c.valid_sd = setting(0.05);
-  c.hold_sd = setting(0.25);
-  c.watchdog_drop = setting(9);
-  c.recovery_share = setting(0.3);
+  c.forgetting_mean = setting(0.97);
+  c.forgetting_change = setting(0.8);
+  c.spread_kernel = setting(0.03);
+  c.integration = 2;
+  c.reflect_draws = 1;
   c.particles = 120;
   c.form = 1;
   c.driven_axle = 2;
@@ -186,25 +188,33 @@ static void expect_same_settings(const tse_config *expected, const tse_config *a
 #undef INT
 }
 
-/* Nothing but these settings tells the sampled form and the paper's from the defaults. */
+/* Nothing but these settings tells the paper's filter, as printed and robust, from the defaults. */
 static void test_other_forms_are_the_defaults_but_for_a_few_settings(void)
 {
   tse_config c, expected = defaults();
   TEST_ASSERT_EQUAL_INT32(0, expected.form);
   memset(&c, 0xff, sizeof c);
-  tse_config_sampled(&c);
-  expected.form = 2;
-  expected.initial_spread = setting(0.3);
-  expected.spread_max = setting(0.4);
-  expect_same_settings(&expected, &c);
-  memset(&c, 0xff, sizeof c);
   tse_config_paper(&c);
   expected.form = 1;
-  expected.spread_max = setting(2);
-  expected.hold_sd = setting(0);
-  expected.max_slip = setting(1);
+  expected.initial_spread = setting(0.3);
+  expected.stiffness_max = setting(20);
+  expected.initial_vel_x_sd = expected.initial_vel_y_sd = setting(1);
+  expected.initial_yaw_rate_sd = setting(0.017453292519943295);
   expect_same_settings(&expected, &c);
-  tse_config_sampled(NULL);
+  expected = defaults();
+  memset(&c, 0xff, sizeof c);
+  tse_config_robust(&c);
+  expected.form = expected.integration = expected.reflect_draws = 1;
+  expected.initial_vel_y_sd = setting(1);
+  expected.initial_yaw_rate_sd = setting(0.017453292519943295);
+  expected.forgetting = setting(0.998);
+  expected.forgetting_mean = setting(0.98);
+  expected.forgetting_change = setting(0.9);
+  expected.initial_spread = setting(0.15);
+  expected.spread_max = setting(0.3);
+  expected.spread_kernel = setting(0.03);
+  expect_same_settings(&expected, &c);
+  tse_config_robust(NULL);
   tse_config_paper(NULL);
 }
 
@@ -499,7 +509,6 @@ static void test_filter_constants_follow_their_formulas(void)
   expect_near(-0.2, number(p.mu0[1]), BY_FORMAT(1e-15, 1e-7), "mu0", 1);
   expect_near(0.3, number(p.mu0[2]), BY_FORMAT(1e-15, 1.2e-7), "mu0", 2);
   expect_relative(12, p.nu0, "nu0");
-  expect_relative(0.4, p.mean_sd, "mean_sd");
   expect_relative(0.04, p.spread_var, "spread_var");
   expect_relative(0.49, p.spread_max_var, "spread_max_var");
   expect_relative(0.16, p.mean_var0, "mean_var0");
@@ -512,9 +521,24 @@ static void test_filter_constants_follow_their_formulas(void)
   expect_near(-0.8, number(p.w_min), BY_FORMAT(1e-15, 1e-7), "w_min", 0);
   expect_relative(2, p.w_max, "w_max");
   expect_relative(0.0025, p.valid_var, "valid_var");
-  expect_relative(0.0625, p.hold_var, "hold_var");
-  expect_relative(9 / log(2.0), p.watchdog_drop, "watchdog_drop in log2");
-  TEST_ASSERT_EQUAL_INT32(36, p.recovery_count);
+  expect_near(log(0.97) / log(2.0), number(p.log2_forgetting_mean), BY_FORMAT(1e-14, 1e-7), "log2 lambda of the mean", 0);
+  expect_relative(0.97, p.forgetting_mean, "forgetting_mean");
+  expect_relative(0.8, p.forgetting_change, "forgetting_change");
+  expect_relative(0.03 / log(2.0), p.kernel, "spread_kernel in log2");
+  TEST_ASSERT_EQUAL_INT32(2, p.integration);
+  expect_near(-0.8, number(p.w_low), BY_FORMAT(1e-15, 1e-7), "w_low: draws are reflected at stiffness_min", 0);
+}
+
+static void test_off_is_off(void)
+{
+  tse_config c = other_car();
+  c.forgetting_mean = setting(0);
+  c.reflect_draws = 0;
+  c.spread_max = setting(2);
+  const tse_params p = prepared(&c);
+  expect_relative(0.995, p.forgetting_mean, "lambda of the mean is lambda");
+  expect_relative(-2, p.w_low, "draws are free down to -(stiffness_max - 1)");
+  TEST_ASSERT_TRUE(number(p.spread_max_var) > 1e5); /* sd 300: none */
 }
 
 /* The fastest of the three dampings times speed; the least step is no less than an eighth of the largest. */
@@ -542,7 +566,7 @@ static void test_both_meanings_of_the_initial_sd_come_out_of_the_statistics(void
 /* Returned: 1; 0 where the format of the build refuses these settings. */
 static int expect_finite_constants(const tse_config *settings, const char *name)
 {
-  const size_t first = offsetof(tse_params, kx_front), end = offsetof(tse_params, recovery_count);
+  const size_t first = offsetof(tse_params, kx_front), end = offsetof(tse_params, car);
   tse_config c = *settings;
   fit_together(&c);
   tse_params p;
@@ -745,6 +769,7 @@ int main(void)
   RUN_TEST(test_the_prior_of_the_state_is_that_of_the_settings);
   RUN_TEST(test_channels_are_read_as_long_before_the_row_as_the_latest_one_needs);
   RUN_TEST(test_filter_constants_follow_their_formulas);
+  RUN_TEST(test_off_is_off);
   RUN_TEST(test_damping_is_that_of_the_stiffest_direction);
   RUN_TEST(test_both_meanings_of_the_initial_sd_come_out_of_the_statistics);
   RUN_TEST(test_constants_are_finite_at_both_ends_of_every_range);

@@ -240,23 +240,15 @@ static void test_the_state_of_the_filter_is_held_to_its_ranges(void)
 
 static void test_particles_are_held_to_their_ranges(void)
 {
-  driven(2);
+  driven(1);
   ANY_SIGN(filter.steer); /* of what every filter has, too */
-  WHOLE(recoveries, 0, INT32_MAX - 1);
   ANY_SIGN(log_total);
-  ANY_SIGN(vel_x);
-  ANY_SIGN(evidence_slow);
-  ANY_SIGN(evidence_fast);
   NOT_NEGATIVE(gamma);
-  NOT_NEGATIVE(sliding);
-  NOT_NEGATIVE(sliding_for);
-  NOT_NEGATIVE(evidence_age);
-  NOT_NEGATIVE(settle);
   HELD(bias_var, TSE_R(0), MOST_SQUARE);
   ANY_SIGN(excite);
   ANY_SIGN(excite_mean);
   HELD(excite_sq, TSE_R(0), MOST_SQUARE);
-  HELD(learn, TSE_R(0), TSE_R(1));
+  ANY_SIGN(slow);
   HELD(weight, TSE_R(0), TSE_R(1));
   ANY_SIGN(p.x);
   ANY_SIGN(p.mu);

@@ -1,7 +1,5 @@
-/* estimator/paper/estimate.c - (26), (27): what the weighted particles say; and which stiffness the recent inputs have excited. */
-#include "estimator/paper/particles.h"
-
-#define EXCITATION_TIME TSE_R(0.1) /* s */
+/* paper/estimate.c - (26), (27): moments of the weighted particles. */
+#include "paper/paper.h"
 
 /* Weighted mean and variance of n values; variance about the first value, then shifted, so that a spread of millimetres
  * a second on 20 m/s survives in single precision. Lanes as everywhere: fixed order of summation. */
@@ -92,35 +90,6 @@ void estimate(const tse_params *p, const tse_filter_paper *f, tse_output *y)
     moments(f->weight, q->bias[a], count, total, &mean, &var);
     y->bias[a] = r_mul(p->sd[a], mean);
     y->bias_sd[a] = r_mul(p->sd[a], r_sqrt(f->bias_var[a] + var));
-  }
-}
-
-/* A stiffness shows only where its force changes: a constant slip (angle) is explained as well by another velocity and
- * another stiffness. So its regressor phi (a column of d, in sigma per unit of w) is judged by its variance over the
- * recent past. A mean over `memory` samples, each with noise 1 + phi^2 spread^2, then has the variance
- *     (1 + E[phi^2] spread^2) / (memory var(phi)),
- * which must be below valid_sd^2 for the stiffness to be valid, and below hold_sd^2 for it to be learnt at all: where nothing
- * shows it, the draws of (25) come from the prior, and learning from them would be a random walk of the filter's own making.
- * The past is two memories long: velocity, once settled by a change, is remembered longer than the stiffness is.
- * Regressors are smoothed first: noise of a wheel-speed sensor looks like slip, but moves no car. */
-void excitation(const tse_params *p, tse_filter_paper *f, const sample *y, const tse_output *est, int32_t excited[3])
-{
-  const slips s = vehicle_slips(p, est->vel_x, est->vel_y, est->yaw_rate, y->u);
-  const observation o = vehicle_observation(vehicle_observation_gains(p, TSE_R(1), TSE_R(1)), s, y->u.steer);
-  const tse_real phi[3] = { o.d11, o.d22, o.d23 };
-  const tse_real window = r_mul(TSE_R(2), p->memory), seen = f->filter.seen;
-  const tse_real smooth = r_div(y->dt, y->dt + EXCITATION_TIME);
-  const tse_real gain = r_div(TSE_R(1), r_min(window, seen + TSE_R(1)));
-  for (int a = 0; a < 3; a++) {
-    f->excite[a] += r_mul(smooth, phi[a] - f->excite[a]);
-    f->excite_mean[a] += r_mul(gain, f->excite[a] - f->excite_mean[a]);
-    f->excite_sq[a] += r_mul(gain, r_mul(f->excite[a], f->excite[a]) - f->excite_sq[a]);
-    const tse_real var = f->excite_sq[a] - r_mul(f->excite_mean[a], f->excite_mean[a]);
-    const tse_real spread_var = r_mul(est->stiffness_spread[a], est->stiffness_spread[a]);
-    const tse_real noise = TSE_R(1) + r_mul(f->excite_sq[a], spread_var), signal = r_mul(p->memory, var);
-    excited[a] = noise <= r_mul(p->valid_var, signal);
-    const int always = seen < p->memory || !(p->hold_var > TSE_R(0));
-    f->learn[a] = always || noise <= r_mul(p->hold_var, signal) ? TSE_R(1) : TSE_R(0);
   }
 }
 

@@ -1,6 +1,6 @@
-/* tests/unit/estimator/paper/test_kalman.c - the whole filter where the answer is known: linear and Gaussian, it must agree with a
+/* tests/unit/paper/test_kalman.c - the whole filter where the answer is known: linear and Gaussian, it must agree with a
  * Kalman filter (tests/reference/generate_kalman.py), evidence included, with resampling on. */
-#include "estimator/paper/particles.h"
+#include "paper/paper.h"
 #include "unit_support.h"
 #include "kalman_table.h"
 
@@ -10,6 +10,7 @@ static tse_config settings(void)
 {
   tse_config c;
   tse_config_paper(&c);
+  c.integration = 1; /* of second order, as in the reference */
 #define X(name, value) c.name = setting(value);
   KALMAN_SETTINGS(X)
 #undef X
@@ -34,7 +35,7 @@ static tse_input row(double steer, const double y[3], int mask)
 #define SEEDS 24
 #define STEPS ROWS(kalman_turning)
 static double estimate_of[SEEDS][ROWS(kalman_turning)][11]; /* vel_y, yaw rate, 3 biases; their sds; log evidence */
-static int resampled, recovered;
+static int resampled;
 
 /* Mean and sd of bias a given all rows up to now: the output is taken before the row's own bias update. */
 static void bias_now(const tse_params *p, int a, double *mean, double *sd)
@@ -53,7 +54,7 @@ static void bias_now(const tse_params *p, int a, double *mean, double *sd)
 /* Mean stiffness known exactly (gamma = 0), its spread known almost (1000 degrees of freedom, hardly any forgetting). */
 static void run_turning(int32_t scheme)
 {
-  resampled = recovered = 0;
+  resampled = 0;
   for (int s = 0; s < SEEDS; s++) {
     tse_config c = settings();
     c.particles = TSE_MAX_PARTICLES;
@@ -70,7 +71,6 @@ static void run_turning(int32_t scheme)
       tse_output y;
       const tse_status status = tse_step(&p, &f.filter, &u, &y);
       TEST_ASSERT_TRUE(status >= 0);
-      recovered += status == TSE_W_RECOVERED;
       resampled += y.n_eff <= p.resample_at;
       double *const e = estimate_of[s][k];
       e[0] = number(y.vel_y);
@@ -131,7 +131,6 @@ static void expect_agreement_with_the_kalman_filter(void)
   expect_near(1.0, mean_ratio, 4.5 * se + 0.05, "evidence of all rows over the Kalman filter's", 0);
   TEST_ASSERT_TRUE(se < 0.15);
   TEST_ASSERT_TRUE(resampled > 2 * SEEDS); /* else nothing was shown about resampling */
-  TEST_ASSERT_EQUAL_INT(0, recovered);
 }
 
 static void test_turning_agrees_with_a_kalman_filter_with_systematic_resampling(void)

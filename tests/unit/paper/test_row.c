@@ -1,13 +1,16 @@
-/* tests/unit/estimator/paper/test_algorithm.c <-> src/estimator/paper/algorithm.c: the forms with particles, row by row. */
-#include "estimator/paper/particles.h"
+/* tests/unit/paper/test_row.c <-> src/paper/row.c, algorithm1.c: the paper's filter, row by row. */
+#include "paper/paper.h"
 #include "unit_support.h"
 #include "tse/simulate.h"
 
 static tse_filter_paper f, other, before;
 
 /* Every test runs with each of these. */
-static const struct { const char *name; void (*settings)(tse_config *c); } forms[] = {
-  { "sampled", tse_config_sampled },
+static const struct {
+  const char *name;
+  void (*settings)(tse_config *c);
+} forms[] = {
+  { "robust", tse_config_robust },
   { "paper", tse_config_paper },
 };
 static int form;
@@ -53,14 +56,8 @@ static tse_config some_settings(int32_t particles)
   tse_config c;
   forms[form].settings(&c);
   c.particles = particles;
-  return c;
-}
-
-/* Wheels that jump from one row to the next slide (test_slide.c); here they are believed. */
-static tse_config believing_wheels(int32_t particles)
-{
-  tse_config c = some_settings(particles);
-  c.max_slip = setting(1);
+  c.initial_vel_x_sd = c.initial_vel_y_sd = setting(0.1); /* the drives below start straight on */
+  c.initial_yaw_rate_sd = setting(0.01);
   return c;
 }
 
@@ -120,7 +117,6 @@ static void test_asking_for_no_output_changes_nothing_in_the_filter(void)
     const tse_status status = tse_step(&p, &f.filter, &u, NULL);
     TEST_ASSERT_EQUAL_INT(tse_step(&p, &other.filter, &u, &y), status);
     TEST_ASSERT_EQUAL_INT(y.status, status);
-    expect_near(number(y.vel_x), number(f.vel_x), 0.0, "vel_x as put out", i); /* what slides and repeats are judged by */
   }
   TEST_ASSERT_EQUAL_MEMORY(&other, &f, sizeof f);
 }
@@ -132,7 +128,9 @@ static void lose(tse_input *u, int channel, int how)
   tse_real *const value[3] = { &u->accel_x, &u->accel_y, &u->yaw_rate };
   static const uint32_t bit[3] = { TSE_MISSING(accel_x), TSE_MISSING(accel_y), TSE_MISSING(yaw_rate) };
   if (how == 0) u->missing |= bit[channel];
-  else *value[channel] = real(how == 1 ? (double)NAN : how == 2 ? (double)INFINITY : how == 3 ? -50.1 : 1e30);
+  else *value[channel] = real(how == 1 ? (double)NAN : how == 2 ? (double)INFINITY
+                                                   : how == 3   ? -50.1
+                                                                : 1e30);
 }
 
 static void test_a_missing_channel_is_the_same_however_it_is_said_and_the_others_are_used(void)
@@ -257,7 +255,7 @@ static void test_a_gap_restarts_the_states_and_keeps_the_statistics(void)
 static void test_standstill_and_reverse_hold_the_statistics_bit_for_bit(void)
 {
   static const double speed[] = { 0.0, 1.9, -1.9, -0.2, -5.0, -20.0 };
-  const tse_config c = believing_wheels(64);
+  const tse_config c = some_settings(64);
   const tse_params p = prepared(&c);
   for (int k = 0; k < ROWS(speed); k++) {
     drive d;
@@ -282,7 +280,7 @@ static void test_standstill_and_reverse_hold_the_statistics_bit_for_bit(void)
 
 static void test_large_steering_angles_hold_the_statistics(void)
 {
-  const tse_config c = believing_wheels(64);
+  const tse_config c = some_settings(64);
   const tse_params p = prepared(&c);
   drive d;
   tse_output y;
@@ -320,58 +318,13 @@ static void test_the_car_stands_still_when_its_wheels_do(void)
   expect_near(0.0, number(y.sideslip), 0.0, "sideslip", 0);
 }
 
-/* A scalar Kalman filter on "the gyro reads its bias", from the moment it is believed on. */
-static void test_the_gyros_bias_is_learnt_at_standstill_as_by_a_kalman_filter(void)
-{
-  const tse_config c = some_settings(20);
-  const tse_params p = prepared(&c);
-  const double sd = number(c.yaw_rate_sd), r = sd * sd, q = 0.01 * number(c.yaw_rate_bias_walk) * number(c.yaw_rate_bias_walk);
-  double mean = 0.0, var = number(c.yaw_rate_bias_sd) * number(c.yaw_rate_bias_sd);
-  uint32_t state = 8;
-  int believed = 0;
-  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, sizeof f));
-  for (int i = 0; i < 500; i++) {
-    tse_output y;
-    tse_input u = still_row(0.004 + sd * (next_uniform(&state) + next_uniform(&state) + next_uniform(&state) - 1.5) * 2.0);
-    if (i % 10 == 3) u.missing = TSE_MISSING(yaw_rate);
-    memcpy(&before, &f, sizeof f);
-    TEST_ASSERT_TRUE(tse_step(&p, &f.filter, &u, &y) >= 0);
-    if (i > 0) var += q;
-    if (f.bias_var[2] < before.bias_var[2] && i > 0) { /* it has been used */
-      const double gain = var / (var + r);
-      TEST_ASSERT_TRUE(u.missing == 0);
-      mean += gain * (number(u.yaw_rate) - mean);
-      var -= gain * var;
-      believed++;
-    }
-    TEST_ASSERT_TRUE(believed == 0 || i >= 25); /* not at once: an encoder may stop counting before the car stops */
-    for (int32_t k = 0; k < 20; k++) expect_near(mean, sd * number(f.p.bias[2][k]), BY_FORMAT(1e-13, 1e-6) * sd * 10, "bias", i);
-    expect_near(var, r * number(f.bias_var[2]), BY_FORMAT(1e-13, 1e-5) * r, "variance", i);
-    for (int a = 0; a < 2; a++) expect_near(0.0, number(f.p.bias[a][7]), 0.0, "accelerometers are left alone", a);
-  }
-  TEST_ASSERT_TRUE(believed > 350);
-  expect_near(0.004, mean, 4.0 * sqrt(var), "what was learnt", 0);
-}
-
-static void test_at_standstill_with_a_turning_gyro_nothing_is_learnt_before_the_wheels_have_rested(void)
-{
-  const tse_config c = some_settings(20);
-  const tse_params p = prepared(&c);
-  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, sizeof f));
-  for (int i = 0; i < 400; i++) { /* creeping: a wheel moves every 0.2 s */
-    tse_input u = still_row(0.1);
-    if (i % 20 == 0) u.wheel_speed_rear = real(0.5);
-    TEST_ASSERT_TRUE(tse_step(&p, &f.filter, &u, NULL) >= 0);
-    for (int32_t k = 0; k < 20; k++) expect_near(0.0, number(f.p.bias[2][k]), 0.0, "bias", i);
-  }
-}
-
 /* ------------------------------------------------------------------------------------ time steps */
 
 static void test_forgetting_goes_by_time_not_by_rows(void)
 {
   static const double dt[] = { 0.01, 0.02, 0.005, 0.05 };
-  const tse_config c = some_settings(20);
+  tse_config c = some_settings(20);
+  c.forgetting_change = setting(1); /* else innovations have their say, too: test_bias.c */
   const tse_params p = prepared(&c);
   drive d;
   set_off(&d, &c, 20.0);
@@ -379,7 +332,7 @@ static void test_forgetting_goes_by_time_not_by_rows(void)
   (void)run(&p, &f, &d, 50);
   for (int k = 0; k < ROWS(dt); k++) {
     const double lambda = pow(number(c.forgetting), dt[k] / 0.01);
-    const double nu = (number(f.nu) + 1.0) * lambda, gamma = number(f.gamma) / (1.0 + number(f.gamma)) / lambda;
+    const double nu = (number(f.nu) + 1.0) * lambda, gamma = number(f.gamma) / (1.0 + number(f.gamma)) / pow(number(p.forgetting_mean), dt[k] / 0.01);
     d.dt = dt[k];
     (void)run(&p, &f, &d, 1);
     expect_near(nu, number(f.nu), BY_FORMAT(1e-11, 1e-5) * nu, "nu", k);
@@ -388,7 +341,7 @@ static void test_forgetting_goes_by_time_not_by_rows(void)
 }
 
 /* Stiffness averaged over the last part of a run that starts at 70 %. */
-static void learn_from_seventy_percent(double dt, int32_t particles, double seconds, double mean[3], int *recovered)
+static void learn_from_seventy_percent(double dt, int32_t particles, double seconds, double mean[3])
 {
   tse_config c = some_settings(particles);
   drive d;
@@ -398,11 +351,9 @@ static void learn_from_seventy_percent(double dt, int32_t particles, double seco
   set_off(&d, &c, 20.0);
   d.dt = dt;
   memset(mean, 0, 3 * sizeof mean[0]);
-  *recovered = 0;
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, sizeof f));
   for (int i = 0; i < rows; i++) {
     const tse_output y = run(&p, &f, &d, 1);
-    *recovered += y.status == TSE_W_RECOVERED;
     if (i >= rows - last)
       for (int a = 0; a < 3; a++) mean[a] += number(y.stiffness[a]) / last;
   }
@@ -412,25 +363,23 @@ static void learn_from_seventy_percent(double dt, int32_t particles, double seco
  * acceleration and takes tens of seconds; the lateral ones settle in two. Three standard deviations between seeds. */
 static void expect_stiffness(const double mean[3], double longitudinal, double lateral, const char *what)
 {
+  if (some_settings(16).integration == 0) longitudinal = lateral = 0.12; /* as printed: Euler's bias, with inputs that are held, for rows of 20 ms */
   for (int a = 0; a < 3; a++) expect_near(1.0, mean[a], a == 0 ? longitudinal : lateral, what, a);
 }
 
 static void test_stiffness_is_found_on_a_clean_drive(void)
 {
   double mean[3];
-  int recovered;
-  learn_from_seventy_percent(0.01, 300, 30.0, mean, &recovered);
+  learn_from_seventy_percent(0.01, 300, 30.0, mean);
   expect_stiffness(mean, 0.06, 0.02, "stiffness");
-  TEST_ASSERT_EQUAL_INT(0, recovered);
 }
 
 static void test_stiffness_is_found_with_rows_twice_as_long_or_half_as_long(void)
 {
   double mean[3];
-  int recovered;
-  learn_from_seventy_percent(0.02, 300, 40.0, mean, &recovered);
+  learn_from_seventy_percent(0.02, 300, 40.0, mean);
   expect_stiffness(mean, 0.1, 0.02, "stiffness at 20 ms");
-  learn_from_seventy_percent(0.005, 300, 40.0, mean, &recovered);
+  learn_from_seventy_percent(0.005, 300, 40.0, mean);
   expect_stiffness(mean, 0.12, 0.02, "stiffness at 5 ms");
 }
 
@@ -450,78 +399,6 @@ static void test_a_long_run_with_quiet_and_lively_parts_stays_finite_and_near_th
     const tse_output y = run(&p, &f, &d, 1);
     TEST_ASSERT_TRUE(all_finite(&y));
     for (int a = 0; a < 3; a++) TEST_ASSERT_TRUE(number(y.stiffness[a]) > 0.5 && number(y.stiffness[a]) < 2.0);
-  }
-}
-
-/* ---------------------------------------------------------------------------------------- watchdog */
-
-static void test_after_a_forced_divergence_the_filter_says_so_and_comes_back(void)
-{
-  for (int trial = 0; trial < 6; trial++) {
-    const int how = trial % 2;
-    tse_config c = some_settings(300);
-    c.seed = 1 + trial / 2;
-    const tse_params p = prepared(&c);
-    drive d;
-    set_off(&d, &c, 20.0);
-    TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, sizeof f));
-    (void)run(&p, &f, &d, 1000);
-    for (int32_t i = 0; i < padded(c.particles); i++) {
-      if (how == 0) { /* a mirrored solution: stiffness near its lower bound, and sure of it */
-        for (int a = 0; a < 3; a++) f.p.mu[a][i] = f.p.w[a][i] = real(-0.85 + 0.01 * a);
-        for (int k = 0; k < 6; k++) f.p.lam[k][i] = real(k == 0 || k == 3 || k == 5 ? 1e-4 : 0.0);
-      } else {        /* the car slides sideways, and everything it says is believed to be bias */
-        f.p.x[1][i] = real(6.0);
-        f.p.x[2][i] = real(-1.0);
-        for (int a = 1; a < 3; a++) f.p.mu[a][i] = f.p.w[a][i] = real(3.5);
-        for (int k = 0; k < 6; k++) f.p.lam[k][i] = real(k == 0 || k == 3 || k == 5 ? 1e-4 : 0.0);
-      }
-    }
-    int noticed = -1;
-    for (int i = 0; i < 200 && noticed < 0; i++) {
-      const tse_output y = run(&p, &f, &d, 1);
-      if (y.status == TSE_W_RECOVERED) noticed = i;
-      TEST_ASSERT_TRUE(all_finite(&y));
-    }
-    TEST_ASSERT_TRUE_MESSAGE(noticed >= 0, how == 0 ? "soft tyres not noticed within 2 s" : "sliding not noticed within 2 s");
-    const tse_output soon = run(&p, &f, &d, 10);
-    for (int a = 0; a < 3; a++) TEST_ASSERT_TRUE(soon.reason[a] != TSE_VALID);
-    (void)run(&p, &f, &d, 2500);
-    double mean[3] = { 0 };
-    for (int i = 0; i < 500; i++) {
-      const tse_output y = run(&p, &f, &d, 1);
-      for (int a = 0; a < 3; a++) mean[a] += number(y.stiffness[a]) / 500.0;
-    }
-    expect_stiffness(mean, 0.13, 0.03, how == 0 ? "stiffness after soft tyres" : "stiffness after sliding");
-  }
-}
-
-/* No evidence is needed for what no car does: more than half of its speed sideways, or that far from its wheels. */
-static void test_an_absurd_state_is_noticed_at_once_and_states_start_again(void)
-{
-  static const double off[][2] = { { 0.0, 13.0 }, { 0.0, -13.0 }, { 13.0, 0.0 }, { -13.0, 0.0 } };
-  const tse_config c = some_settings(100);
-  const tse_params p = prepared(&c);
-  for (int k = 0; k < ROWS(off); k++) {
-    drive d;
-    tse_output y;
-    set_off(&d, &c, 20.0);
-    TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, sizeof f));
-    (void)run(&p, &f, &d, 500);
-    for (int32_t i = 0; i < padded(c.particles); i++) {
-      f.p.x[0][i] += real(off[k][0]);
-      f.p.x[1][i] += real(off[k][1]);
-    }
-    /* the tyres pull the states back within a few rows: only what is absurd after the row is a reason to recover */
-    const tse_input u = next_row(&d);
-    TEST_ASSERT_TRUE(tse_step(&p, &f.filter, &u, &y) >= 0);
-    TEST_ASSERT_EQUAL_INT(TSE_W_RECOVERED, y.status);
-    TEST_ASSERT_TRUE(all_finite(&y));
-    expect_near(number(d.sim.x[0]), number(y.vel_x), 0.4, "vel_x", k); /* 0.1 m/s and slip */
-    expect_near(number(d.sim.x[1]), number(y.vel_y), 0.6, "vel_y", k); /* starts at zero */
-    for (int a = 0; a < 3; a++) TEST_ASSERT_EQUAL_INT(TSE_DIVERGING, y.reason[a]);
-    y = run(&p, &f, &d, 1);
-    TEST_ASSERT_TRUE(y.status != TSE_W_RECOVERED);
   }
 }
 
@@ -545,25 +422,7 @@ static void test_another_road_is_found_within_seconds(void)
   for (int a = 0; a < 3; a++) expect_near(0.4, mean[a], 0.05, "stiffness on snow", a);
 }
 
-static void test_neither_a_clean_drive_nor_a_lone_outlier_raises_the_alarm(void)
-{
-  const tse_config c = some_settings(200);
-  const tse_params p = prepared(&c);
-  drive d;
-  tse_output y;
-  set_off(&d, &c, 20.0);
-  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, sizeof f));
-  for (int i = 0; i < 3000; i++) {
-    tse_input u = next_row(&d);
-    if (i % 500 == 499) u.accel_y = u.accel_y + real(1.5); /* ten sigma */
-    TEST_ASSERT_TRUE(tse_step(&p, &f.filter, &u, &y) >= 0);
-    TEST_ASSERT_TRUE(y.status != TSE_W_RECOVERED);
-  }
-}
-
-/* ----------------------------------------------------------- what does not fit (consistency.c, slide.c) */
-
-/* Rows with surplus noise, then an accelerometer that is off, then locked wheels: a filter that has found, tries, and coasts. */
+/* Rows with surplus noise, then an accelerometer that is off, then locked wheels. */
 static tse_input troubled_row(drive *d, int i, uint32_t *state)
 {
   tse_input u = next_row(d);
@@ -581,7 +440,6 @@ static void test_a_copy_taken_in_the_midst_of_trouble_goes_on_bit_for_bit(void)
     drive d;
     uint32_t state = 3;
     tse_output y, z;
-    int slid = 0;
     set_off(&d, &c, 20.0);
     TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, sizeof f));
     for (int i = 0; i < 1200; i++) {
@@ -594,9 +452,7 @@ static void test_a_copy_taken_in_the_midst_of_trouble_goes_on_bit_for_bit(void)
       }
       if (i == taken) memcpy(&other, &f, sizeof f);
       TEST_ASSERT_TRUE(all_finite(&y));
-      slid = slid || f.sliding > TSE_R(0);
     }
-    TEST_ASSERT_TRUE(slid || !(p.max_slip < TSE_R(1))); /* else nothing was shown */
   }
 }
 
@@ -660,7 +516,7 @@ static int fuzz(const tse_config *c, int rows, uint32_t seed)
       TEST_FAIL_MESSAGE(text);
     }
     for (int a = 0; a < 3; a++) {
-      TEST_ASSERT_TRUE(number(y.stiffness[a]) > 0.0 && number(y.stiffness[a]) < 21.0);
+      TEST_ASSERT_TRUE(number(y.stiffness[a]) > (c->reflect_draws ? 0.0 : -20.0) && number(y.stiffness[a]) < 21.0);
       TEST_ASSERT_TRUE(number(y.stiffness_sd[a]) >= 0.0 && number(y.stiffness_spread[a]) > 0.0 && number(y.bias_sd[a]) >= 0.0);
       TEST_ASSERT_TRUE(y.reason[a] >= TSE_VALID && y.reason[a] < TSE_REASON_END_);
     }
@@ -734,8 +590,8 @@ static void test_no_mixture_of_extreme_settings_makes_an_output_that_is_no_numbe
   TEST_ASSERT_TRUE(held >= BY_NUMBER(400, 400, 100)); /* fixed point refuses the others by name */
 }
 
-/* One row after a pause, whatever its length, moves no running mean beyond what it says itself. */
-static void test_a_pause_of_any_length_moves_running_means_no_further_than_its_row(void)
+/* One row after a pause, whatever its length: what is forgotten has an end, and the drive goes on. */
+static void test_after_a_pause_of_any_length_the_drive_goes_on(void)
 {
   static const double pause[] = { 0.001, 0.5, 6.0, 60.0, 600.0, 3600.0 };
   for (int k = 0; k < ROWS(pause); k++) {
@@ -746,24 +602,19 @@ static void test_a_pause_of_any_length_moves_running_means_no_further_than_its_r
     set_off(&d, &c, 20.0);
     TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, sizeof f));
     (void)run(&p, &f, &d, 800);
-    memcpy(&before, &f, sizeof f);
     tse_input u = next_row(&d);
     u.dt = real(pause[k]);
     TEST_ASSERT_TRUE(tse_step(&p, &f.filter, &u, &y) >= 0);
-    const double row = number(y.log_evidence) / log(2.0), tiny = BY_FORMAT(1e-9, 1e-3);
-    const double slow = number(before.evidence_slow), fast = number(before.evidence_fast);
-    TEST_ASSERT_TRUE(number(f.evidence_slow) >= fmin(row, slow) - tiny && number(f.evidence_slow) <= fmax(row, slow) + tiny);
-    TEST_ASSERT_TRUE(number(f.evidence_fast) >= fmin(row, fast) - tiny && number(f.evidence_fast) <= fmax(row, fast) + tiny);
-    TEST_ASSERT_TRUE(number(f.evidence_age) <= 5.0 && number(f.gamma) <= fmax(1.0, number(p.gamma0)) && number(f.nu) >= 6.0);
+    TEST_ASSERT_TRUE(number(f.gamma) <= fmax(1.0, number(p.gamma0)) && number(f.nu) >= 6.0);
     for (int i = 0; i < 1000; i++) {
       y = run(&p, &f, &d, 1);
-      TEST_ASSERT_TRUE(all_finite(&y) && y.status != TSE_W_RECOVERED);
+      TEST_ASSERT_TRUE(all_finite(&y) && y.status < TSE_W_HELD);
     }
     for (int a = 1; a < 3; a++) expect_near(1.0, number(y.stiffness[a]), 0.15, "stiffness", 10 * k + a);
   }
 }
 
-static void test_a_filter_whose_particles_were_broken_gives_finite_outputs_and_recovers(void)
+static void test_a_filter_whose_particles_were_broken_gives_finite_outputs(void)
 {
   for (int share = 1; share <= 16; share *= 4) { /* all of them, a quarter, a sixteenth */
     const tse_config c = some_settings(64);
@@ -776,41 +627,47 @@ static void test_a_filter_whose_particles_were_broken_gives_finite_outputs_and_r
     for (int i = 0; i < 1000; i++) {
       const tse_output y = run(&p, &f, &d, 1);
       TEST_ASSERT_TRUE(all_finite(&y));
-      if (i == 999) expect_near(number(d.sim.x[0]), number(y.vel_x), 0.5, "vel_x", share);
+      if (i == 999 && c.reflect_draws) expect_near(number(d.sim.x[0]), number(y.vel_x), 0.5, "vel_x", share);
     }
   }
 }
 
-/* What no row can do (a bit that flipped may): variance or weights that are no numbers. All is as at the start then, and said. */
-static void test_variances_or_weights_that_are_no_numbers_start_all_over(void)
+/* ------------------------------------------------------------------------------------------ excitation */
+
+/* noise <= limit^2 memory var(phi), noise: one sigma, and the spread's. */
+static void test_excitation_is_the_variance_of_the_regressor_over_noise_and_spread(void)
 {
-  for (int how = 0; how < 2; how++) {
-    tse_config c = some_settings(200);
-    c.initial_cy_front = setting(0.6);
-    const tse_params p = prepared(&c);
-    drive d;
-    set_off(&d, &c, 20.0);
-    TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f.filter, sizeof f));
-    const tse_output learnt = run(&p, &f, &d, 1000);
-    TEST_ASSERT_TRUE(number(learnt.stiffness[TSE_CY_FRONT]) > 0.8);
-    const int32_t recoveries = f.recoveries;
-    if (how == 0) f.bias_var[1] = real(-5);
-    else
-      for (int32_t i = 0; i < padded(c.particles); i++) f.p.logw[0][i] = real((double)NAN);
-    const tse_output y = run(&p, &f, &d, 1);
-    TEST_ASSERT_EQUAL_INT(TSE_W_RECOVERED, y.status);
-    TEST_ASSERT_TRUE(all_finite(&y));
-    TEST_ASSERT_EQUAL_INT32(recoveries + 1, f.recoveries);
-    expect_near(0.6, number(y.stiffness[TSE_CY_FRONT]), 0.06, "stiffness as at the start", how);
-    expect_near(number(f.evidence_slow), number(f.evidence_fast), 0, "evidence of late is that of always", how);
-    for (int a = 0; a < 3; a++) TEST_ASSERT_TRUE(number(f.bias_var[a]) >= 0 && f.filter.known[a] == TSE_UNKNOWN);
-    TEST_ASSERT_EQUAL_INT(TSE_OK, tse_filter_check(&p, &f.filter, sizeof f));
-  }
+  for (int a = 0; a < 3; a++)
+    for (int k = 0; k < 2; k++) {
+      tse_config c;
+      tse_config_robust(&c);
+      c.forgetting = setting(0.99);
+      tse_params own = prepared(&c);
+      tse_output est;
+      sample y;
+      int32_t excited[3];
+      memset(&f, 0, sizeof f);
+      memset(&est, 0, sizeof est);
+      memset(&y, 0, sizeof y);
+      y.dt = own.sample_time;
+      y.u.v_front = y.u.v_rear = est.vel_x = TSE_R(20); /* no slip at all now: what was, decays */
+      f.filter.seen = TSE_R(500);
+      for (int b = 0; b < 3; b++) {
+        f.excite_mean[b] = TSE_R(0.25);
+        f.excite_sq[b] = TSE_R(4);
+        est.stiffness[b] = TSE_R(0.4);
+        est.stiffness_spread[b] = TSE_R(0.1);
+      }
+      const double left = 1.0 - 1.0 / 200.0, sq = 4.0 * left, var = sq - pow(0.25 * left, 2.0); /* over two memories */
+      const double noise = 1.0 + sq * 0.01, signal = number(own.memory) * var;
+      own.valid_var = real(noise / signal * (k ? 1.001 : 0.999));
+      excitation(&own, &f, &y, &est, excited);
+      TEST_ASSERT_EQUAL_INT(k, excited[a]);
+    }
 }
 
 static void run_all(void)
 {
-  RUN_TEST(test_variances_or_weights_that_are_no_numbers_start_all_over);
   RUN_TEST(test_asking_for_no_output_changes_nothing_in_the_filter);
   RUN_TEST(test_a_missing_channel_is_the_same_however_it_is_said_and_the_others_are_used);
   RUN_TEST(test_a_row_without_measurements_predicts_only);
@@ -819,24 +676,20 @@ static void run_all(void)
   RUN_TEST(test_standstill_and_reverse_hold_the_statistics_bit_for_bit);
   RUN_TEST(test_large_steering_angles_hold_the_statistics);
   RUN_TEST(test_the_car_stands_still_when_its_wheels_do);
-  RUN_TEST(test_the_gyros_bias_is_learnt_at_standstill_as_by_a_kalman_filter);
-  RUN_TEST(test_at_standstill_with_a_turning_gyro_nothing_is_learnt_before_the_wheels_have_rested);
   RUN_TEST(test_forgetting_goes_by_time_not_by_rows);
   RUN_TEST(test_stiffness_is_found_on_a_clean_drive);
   if (!BY_NUMBER(0, 0, 1)) { /* minutes in fixed point, whose particles cost ten times as much; scripts/fixed.py follows them through drives */
     RUN_TEST(test_stiffness_is_found_with_rows_twice_as_long_or_half_as_long);
     RUN_TEST(test_a_long_run_with_quiet_and_lively_parts_stays_finite_and_near_the_truth);
-    RUN_TEST(test_after_a_forced_divergence_the_filter_says_so_and_comes_back);
   }
-  RUN_TEST(test_an_absurd_state_is_noticed_at_once_and_states_start_again);
   RUN_TEST(test_another_road_is_found_within_seconds);
-  RUN_TEST(test_neither_a_clean_drive_nor_a_lone_outlier_raises_the_alarm);
   RUN_TEST(test_a_copy_taken_in_the_midst_of_trouble_goes_on_bit_for_bit);
   RUN_TEST(test_no_row_of_numbers_whatever_makes_an_output_that_is_none);
   RUN_TEST(test_no_row_breaks_a_filter_whose_settings_are_extreme);
   RUN_TEST(test_no_mixture_of_extreme_settings_makes_an_output_that_is_no_number);
-  RUN_TEST(test_a_pause_of_any_length_moves_running_means_no_further_than_its_row);
-  RUN_TEST(test_a_filter_whose_particles_were_broken_gives_finite_outputs_and_recovers);
+  RUN_TEST(test_after_a_pause_of_any_length_the_drive_goes_on);
+  RUN_TEST(test_a_filter_whose_particles_were_broken_gives_finite_outputs);
+  RUN_TEST(test_excitation_is_the_variance_of_the_regressor_over_noise_and_spread);
 }
 
 int main(void)

@@ -1,6 +1,6 @@
-/* tests/unit/estimator/paper/test_estimate.c <-> src/estimator/paper/estimate.c: (26), (27), step 3 of the algorithm, against sums over the
+/* tests/unit/paper/test_estimate.c <-> src/paper/estimate.c: (26), (27), against sums over the
  * particles written down plainly in long double, with the mean known before the squares are summed. */
-#include "estimator/paper/particles.h"
+#include "paper/paper.h"
 #include "unit_support.h"
 
 static tse_filter_paper f;
@@ -14,7 +14,7 @@ static tse_params p;
 
 static void start(int32_t n)
 {
-  tse_config_paper(&config); /* estimate() does not ask: in the paper's form the covariance of states and means is zero */
+  tse_config_paper(&config);
   config.particles = n;
   p = prepared(&config);
   memset(&f, 0, sizeof f);
@@ -38,7 +38,8 @@ static void fill(uint32_t *state, double spread)
       f.p.bias[a][i] = real(wild * (0.5 - 0.4 * a + 0.2 * next_between(state, -1.0, 1.0)));
     }
     for (int k = 0; k < 6; k++) f.p.lam[k][i] = real(wild * 1e-3 * next_between(state, -1.0, 1.0));
-    for (int a = 0; a < 3; a++) f.p.lam[a == 0 ? 0 : a == 1 ? 3 : 5][i] = real(wild * next_between(state, 0.002, 0.02) * (a + 1));
+    for (int a = 0; a < 3; a++) f.p.lam[a == 0 ? 0 : a == 1 ? 3
+                                                            : 5][i] = real(wild * next_between(state, 0.002, 0.02) * (a + 1));
   }
 }
 
@@ -192,8 +193,7 @@ static void test_millimetres_a_second_on_twenty_metres_a_second_survive(void)
 
 static void test_sideslip_is_zero_at_standstill_and_right_in_every_quadrant(void)
 {
-  static const double v[][2] = { { 10.0, 1.0 }, { -10.0, 1.0 }, { -10.0, -1.0 }, { 10.0, -1.0 }, { 0.5, 2.0 }, { 0.02, 0.0 },
-                                 { 0.0, 0.02 } };
+  static const double v[][2] = { { 10.0, 1.0 }, { -10.0, 1.0 }, { -10.0, -1.0 }, { 10.0, -1.0 }, { 0.5, 2.0 }, { 0.02, 0.0 }, { 0.0, 0.02 } };
   tse_output y;
   uint32_t state = 6;
   start(16);
@@ -226,41 +226,6 @@ static void test_estimating_changes_neither_particles_nor_weights(void)
   TEST_ASSERT_EQUAL_MEMORY(&before, &f, sizeof f);
 }
 
-/* ------------------------------------------------------------------------------------------ excitation */
-
-/* noise <= limit^2 memory var(phi), noise: one sigma, and the spread's. */
-static void test_excitation_is_the_variance_of_the_regressor_over_noise_and_spread(void)
-{
-  for (int a = 0; a < 3; a++)
-    for (int k = 0; k < 2; k++) {
-      tse_config c;
-      tse_config_sampled(&c);
-      tse_params own = prepared(&c);
-      tse_output est;
-      sample y;
-      int32_t excited[3];
-      memset(&f, 0, sizeof f);
-      memset(&est, 0, sizeof est);
-      memset(&y, 0, sizeof y);
-      y.dt = own.sample_time;
-      y.u.v_front = y.u.v_rear = est.vel_x = TSE_R(20); /* no slip at all now: what was, decays */
-      f.filter.seen = TSE_R(500);
-      for (int b = 0; b < 3; b++) {
-        f.excite_mean[b] = TSE_R(0.25);
-        f.excite_sq[b] = TSE_R(4);
-        est.stiffness[b] = TSE_R(0.4);
-        est.stiffness_spread[b] = TSE_R(0.1);
-      }
-      const double left = 1.0 - 1.0 / 200.0, sq = 4.0 * left, var = sq - pow(0.25 * left, 2.0); /* over two memories */
-      const double noise = 1.0 + sq * 0.01, signal = number(own.memory) * var;
-      own.valid_var = real(noise / signal * (k ? 1.001 : 0.999));
-      own.hold_var = real(noise / signal * (k ? 0.999 : 1.001));
-      excitation(&own, &f, &y, &est, excited);
-      TEST_ASSERT_EQUAL_INT(k, excited[a]);
-      expect_near(k ? 0.0 : 1.0, number(f.learn[a]), 0.0, "learn", a);
-    }
-}
-
 int main(void)
 {
   UNITY_BEGIN();
@@ -272,6 +237,5 @@ int main(void)
   RUN_TEST(test_millimetres_a_second_on_twenty_metres_a_second_survive);
   RUN_TEST(test_sideslip_is_zero_at_standstill_and_right_in_every_quadrant);
   RUN_TEST(test_estimating_changes_neither_particles_nor_weights);
-  RUN_TEST(test_excitation_is_the_variance_of_the_regressor_over_noise_and_spread);
   return UNITY_END();
 }

@@ -1,12 +1,16 @@
-/* tests/unit/estimator/paper/test_resample.c <-> src/estimator/paper/resample.c
+/* tests/unit/paper/test_resample.c <-> src/paper/resample.c
  *
  * Properties that define a resampler: unbiased (the expected number of copies is n q), each scheme's own bound on the
  * copies of one particle, and how much it scatters. Random numbers come from the step number, so every figure below is
  * the same in every run. */
-#include "estimator/paper/particles.h"
+#include "paper/paper.h"
 #include "unit_support.h"
 
-enum { SYSTEMATIC, STRATIFIED, RESIDUAL, MULTINOMIAL, SCHEMES };
+enum { SYSTEMATIC,
+       STRATIFIED,
+       RESIDUAL,
+       MULTINOMIAL,
+       SCHEMES };
 #define MOST TSE_MAX_PARTICLES
 
 static const uint32_t seed[2] = { 2016u, 0x7473650au };
@@ -37,7 +41,7 @@ static void draw(int32_t scheme, int32_t n, uint32_t step)
 {
   for (int32_t i = 0; i < n; i++) ancestor[i] = 0xffffu;
   ancestor[n] = 0xbeefu;
-  resample(scheme, weight, n, seed, step, ancestor);
+  choose_ancestors(scheme, weight, n, seed, step, ancestor);
   TEST_ASSERT_EQUAL_HEX16(0xbeefu, ancestor[n]);
   for (int32_t i = 0; i < n; i++) copies[i] = 0;
   for (int32_t k = 0; k < n; k++) {
@@ -136,7 +140,9 @@ static void test_schemes_scatter_as_theory_says(void)
    * Particle 19 has n q = 1.5 from 18.5 to 20: systematic 1/4, residual (one for sure, half of another) at most 1/4,
    * stratified 1/4, multinomial 1.5 (1 - 1.5/20) = 1.3875. A variance over 2000 draws has a standard error of 3-4 %. */
   const int32_t n = 20;
-  for (int32_t i = 0; i < n; i++) weight[i] = real((i == 0 ? 0.5 : i == 19 ? 1.5 : 1.0) / 2.0);
+  for (int32_t i = 0; i < n; i++) weight[i] = real((i == 0 ? 0.5 : i == 19 ? 1.5
+                                                                           : 1.0) /
+                                                   2.0);
   expect_near(0.0, scatter_of(SYSTEMATIC, n, 7, 1.0), 0.0, "systematic", 7);
   expect_near(0.0, scatter_of(RESIDUAL, n, 7, 1.0), 0.0, "residual", 7);
   expect_near(0.5, scatter_of(STRATIFIED, n, 7, 1.0), 0.15 * 0.5, "stratified", 7);
@@ -328,6 +334,39 @@ static void test_positions_that_rounding_leaves_beyond_all_weights_take_the_last
 }
 #endif
 
+/* With a kernel the Lambdas of equal particles become exp(k n - k^2/2) of what they were: mean 1, variance exp(k^2) - 1, their shape
+ * as before; within 4.5 standard errors (4 k for the variance's: the tail is longer than a normal one's). Without one not a bit. */
+static void test_a_kernel_scales_lambda_by_a_factor_of_mean_one(void)
+{
+  static tse_filter_paper f;
+  const double k = 0.2, n = TSE_MAX_PARTICLES;
+  for (int on = 0; on < 2; on++) {
+    tse_config c;
+    double mean = 0, square = 0;
+    tse_config_robust(&c);
+    c.particles = TSE_MAX_PARTICLES;
+    c.spread_kernel = setting(on ? k : 0);
+    const tse_params p = prepared(&c);
+    memset(&f, 0, sizeof f);
+    for (int32_t i = 0; i < p.particles; i++) {
+      f.weight[i] = TSE_R(1);
+      for (int m = 0; m < 6; m++) f.p.lam[m][i] = real(0.25 * (m + 1));
+    }
+    resample(&p, &f);
+    for (int32_t i = 0; i < p.particles; i++) {
+      const double scale = number(f.p.lam[0][i]) / 0.25;
+      for (int m = 1; m < 6; m++) expect_near(scale * 0.25 * (m + 1), number(f.p.lam[m][i]), BY_FORMAT(1e-14, 1e-6), "shape", i);
+      if (!on) expect_near(1.0, scale, 0.0, "without a kernel", i);
+      mean += scale / n;
+      square += scale * scale / n;
+    }
+    if (!on) continue;
+    const double var = exp(k * k) - 1.0;
+    expect_near(1.0, mean, 4.5 * sqrt(var / n), "mean", 0);
+    expect_near(var, square - mean * mean, 4.5 * var * sqrt(4.0 / n), "variance", 0);
+  }
+}
+
 int main(void)
 {
   UNITY_BEGIN();
@@ -347,5 +386,6 @@ int main(void)
   RUN_TEST(test_survivors_keep_their_places_and_the_multiset_stays);
   RUN_TEST(test_one_survivor_fills_all_places);
   RUN_TEST(test_copying_moves_every_field_of_a_particle_and_leaves_the_padding);
+  RUN_TEST(test_a_kernel_scales_lambda_by_a_factor_of_mean_one);
   return UNITY_END();
 }

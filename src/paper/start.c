@@ -1,5 +1,5 @@
-/* estimator/paper/start.c - where particles come from: the settings and the first sample, the sensors after a gap, a recovery. */
-#include "estimator/paper/particles.h"
+/* paper/start.c - line Initialize: particles from the settings and the first sample; their states alone after a gap. */
+#include "paper/paper.h"
 #include "number/random.h"
 
 /* Six standard normals for one particle, a function of seed, step and particle. */
@@ -25,26 +25,16 @@ static void place(const tse_params *p, tse_filter_paper *f, const sample *y, int
   f->p.x[2][i] = vehicle_kept(yaw_rate + r_mul(p->x_sd0[2], n[2]), MOST_YAW_RATE);
 }
 
-static void set_spread(tse_particles *q, int32_t i, tse_real lam)
-{
-  for (int k = 0; k < 6; k++) q->lam[k][i] = TSE_R(0);
-  q->lam[0][i] = q->lam[3][i] = q->lam[5][i] = lam;
-}
-
-/* A filter that had started and broke trusts what it was loaded with no more. */
-void initialise(const tse_params *p, tse_filter_paper *f, const sample *y)
+void paper_start(const tse_params *p, tse_filter_paper *f, const sample *y)
 {
   const int32_t count = padded(p->particles);
   const tse_real vel_x = p->vel_x_from_wheels ? wheel_speed(y) : p->vel_x0;
   tse_start s = f->filter.start;
-  if (!s.loaded || f->filter.started) start_of_settings(p, &s);
+  if (!s.loaded) start_of_settings(p, &s);
   f->gamma = s.gamma;
   f->nu = s.nu;
   f->log_total = r_log2(r_from_int(p->particles));
-  for (int a = 0; a < 3; a++) {
-    f->learn[a] = TSE_R(1);
-    f->bias_var[a] = s.bias_var[a];
-  }
+  for (int a = 0; a < 3; a++) f->bias_var[a] = s.bias_var[a];
   for (int32_t i = 0; i < count; i++) {
     tse_real n[6];
     normals(p, f->filter.step, i, n);
@@ -59,27 +49,12 @@ void initialise(const tse_params *p, tse_filter_paper *f, const sample *y)
   }
 }
 
-void restart_states(const tse_params *p, tse_filter_paper *f, const sample *y)
+void paper_place(const tse_params *p, tse_filter_paper *f, const sample *y)
 {
   const int32_t count = padded(p->particles);
   for (int32_t i = 0; i < count; i++) {
     tse_real n[6];
     normals(p, f->filter.step, i, n);
     place(p, f, y, i, wheel_speed(y), n);
-  }
-}
-
-/* The first `count` particles forget where they were and what they learnt; they keep their biases. Their mean stiffness
- * starts anywhere that the settings call possible, because whatever the others believe has just been contradicted. */
-void redraw(const tse_params *p, tse_filter_paper *f, const sample *y, int32_t count)
-{
-  const tse_real mean_sd = r_max(p->mean_sd, TSE_R(0.1));
-  const tse_real lam = r_mul(p->spread_var, r_div(f->nu - TSE_R(4), f->nu));
-  for (int32_t i = 0; i < count; i++) {
-    tse_real n[6];
-    normals(p, f->filter.step, i, n);
-    place(p, f, y, i, wheel_speed(y), n);
-    set_spread(&f->p, i, lam);
-    for (int a = 0; a < 3; a++) f->p.mu[a][i] = f->p.w[a][i] = bounded(p, p->mu0[a] + r_mul(mean_sd, n[3 + a]));
   }
 }

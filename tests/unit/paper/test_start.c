@@ -1,9 +1,9 @@
-/* tests/unit/estimator/paper/test_start.c <-> src/estimator/paper/start.c
+/* tests/unit/paper/test_start.c <-> src/paper/start.c
  *
  * Statistics are taken over STEPS starts of COUNT particles each, seeded: means must lie within 4.42 sd/sqrt(n) of what
  * the settings say, standard deviations within 4.42 sd/sqrt(2 n), correlations within 4.42/sqrt(n); a sound start misses
  * each limit with probability 1e-5. */
-#include "estimator/paper/particles.h"
+#include "paper/paper.h"
 #include "unit_support.h"
 
 #define COUNT 509 /* padded to 512 */
@@ -83,7 +83,7 @@ static void collect(int step)
     for (int i = 0; i < COUNT; i++) sample_of[a][step * COUNT + i] = number(filter.p.x[a][i]);
 }
 
-/* --------------------------------------------------------------------------------------- initialise */
+/* --------------------------------------------------------------------------------------- paper_start */
 
 static void test_states_start_around_wheel_speed_and_gyro_with_the_sd_of_the_settings(void)
 {
@@ -93,7 +93,7 @@ static void test_states_start_around_wheel_speed_and_gyro_with_the_sd_of_the_set
   memset(&filter, 0, sizeof filter);
   for (int step = 0; step < STEPS; step++) {
     filter.filter.step = (uint32_t)step;
-    initialise(&p, &filter, &y);
+    paper_start(&p, &filter, &y);
     collect(step);
   }
   expect_normal(sample_of[0], 20.0, 0.3, "vel_x");
@@ -110,7 +110,7 @@ static void expect_start(const tse_config *c, const sample *y, double vel_x, dou
   certain.initial_vel_x_sd = certain.initial_vel_y_sd = certain.initial_yaw_rate_sd = setting(0);
   const tse_params p = prepared(&certain);
   memset(&filter, 0, sizeof filter);
-  initialise(&p, &filter, y);
+  paper_start(&p, &filter, y);
   for (int i = 0; i < PADDED; i++) {
     expect_near(vel_x, number(filter.p.x[0][i]), 0, what, i);
     expect_near(0, number(filter.p.x[1][i]), 0, what, i);
@@ -137,7 +137,8 @@ static void test_statistics_start_as_the_settings_say_and_are_common_to_all_part
   const sample y = row(20, 20, 0, 1);
   const double start[3] = { -0.3, -0.2, 0.25 }, tiny = BY_FORMAT(1e-15, 1e-7);
   memset(&filter, 0x3c, sizeof filter);
-  initialise(&p, &filter, &y);
+  filter.filter.start.loaded = 0;
+  paper_start(&p, &filter, &y);
   expect_near(12, number(filter.nu), 0, "nu", 0);
   for (int i = 0; i < PADDED; i++) {
     for (int a = 0; a < 3; a++) {
@@ -165,7 +166,8 @@ static void test_biases_start_with_the_variance_of_the_settings(void)
   const sample y = row(20, 20, 0, 1);
   const double expected[3] = { 0.25, 0.0625, 4 };
   memset(&filter, 0x3c, sizeof filter);
-  initialise(&p, &filter, &y);
+  filter.filter.start.loaded = 0;
+  paper_start(&p, &filter, &y);
   for (int a = 0; a < 3; a++) expect_near(expected[a], number(filter.bias_var[a]), BY_FORMAT(1e-14, 1e-6), "variance", a);
 }
 
@@ -175,7 +177,8 @@ static void test_all_particles_in_use_start_with_the_same_weight_and_the_padding
   const tse_params p = prepared(&c);
   const sample y = row(20, 20, 0, 1);
   memset(&filter, 0x3c, sizeof filter);
-  initialise(&p, &filter, &y);
+  filter.filter.start.loaded = 0;
+  paper_start(&p, &filter, &y);
   for (int i = 0; i < PADDED; i++) {
     expect_near(i < COUNT ? 1 : 0, number(filter.weight[i]), 0, "weight", i);
     expect_near(0, number(filter.p.logw[0][i]), 0, "log-weight", i);
@@ -194,7 +197,7 @@ static void test_start_outside_the_bounds_of_the_stiffness_is_moved_to_the_bound
   const tse_params p = prepared(&c);
   const sample y = row(20, 20, 0, 1);
   memset(&filter, 0, sizeof filter);
-  initialise(&p, &filter, &y);
+  paper_start(&p, &filter, &y);
   for (int i = 0; i < PADDED; i++) {
     expect_near(-0.5, number(filter.p.mu[0][i]), 0, "lower bound", i);
     expect_near(1, number(filter.p.mu[1][i]), 0, "upper bound", i);
@@ -210,20 +213,20 @@ static void test_same_seed_and_step_start_with_the_same_bits_and_others_do_not(v
   const sample y = row(20, 20, 0, 1);
   tse_params p = prepared(&c);
   memset(&filter, 0, sizeof filter);
-  initialise(&p, &filter, &y);
+  paper_start(&p, &filter, &y);
   before = filter;
   memset(&filter, 0, sizeof filter);
-  initialise(&p, &filter, &y);
+  paper_start(&p, &filter, &y);
   TEST_ASSERT_EQUAL_MEMORY(&before, &filter, sizeof filter);
   filter.filter.step = 1;
-  initialise(&p, &filter, &y);
+  paper_start(&p, &filter, &y);
   int equal = 0;
   for (int i = 0; i < COUNT; i++) equal += !(filter.p.x[0][i] != before.p.x[0][i]);
   TEST_ASSERT_TRUE(equal < 2);
   c.seed = 2;
   p = prepared(&c);
   filter.filter.step = 0;
-  initialise(&p, &filter, &y);
+  paper_start(&p, &filter, &y);
   equal = 0;
   for (int i = 0; i < COUNT; i++) equal += !(filter.p.x[0][i] != before.p.x[0][i]);
   TEST_ASSERT_TRUE(equal < 2);
@@ -236,16 +239,16 @@ static void test_start_of_a_particle_does_not_depend_on_how_many_there_are(void)
   const sample y = row(20, 20, 0, 1);
   tse_params p = prepared(&c);
   memset(&filter, 0, sizeof filter);
-  initialise(&p, &filter, &y);
+  paper_start(&p, &filter, &y);
   before = filter;
   c.particles = 40;
   p = prepared(&c);
   memset(&filter, 0, sizeof filter);
-  initialise(&p, &filter, &y);
+  paper_start(&p, &filter, &y);
   for (int a = 0; a < 3; a++) TEST_ASSERT_EQUAL_MEMORY(before.p.x[a], filter.p.x[a], 40 * sizeof(tse_real));
 }
 
-/* ------------------------------------------------------------------------------- restart_states, redraw */
+/* ------------------------------------------------------------------------------- paper_place */
 
 /* A filter that has learnt something, different in every particle. */
 static void experienced(void)
@@ -261,7 +264,7 @@ static void experienced(void)
   for (int i = 0; i < TSE_STRIDE; i++) {
     for (int a = 0; a < 3; a++) {
       filter.p.x[a][i] = real(next_between(&state, 5, 6));
-      filter.p.mu[a][i] = real(next_between(&state, 5, 6)); /* outside of what a redraw can give: w_max is smaller here */
+      filter.p.mu[a][i] = real(next_between(&state, 5, 6));
       filter.p.w[a][i] = real(next_between(&state, 5, 6));
       filter.p.bias[a][i] = real(next_between(&state, -1, 1));
     }
@@ -281,7 +284,7 @@ static void test_restart_moves_states_to_wheels_and_gyro_less_its_bias(void)
   for (int step = 0; step < STEPS; step++) {
     experienced();
     filter.filter.step = (uint32_t)step;
-    restart_states(&p, &filter, &y);
+    paper_place(&p, &filter, &y);
     collect(step);
     for (int i = 0; i < COUNT; i++) sample_of[2][step * COUNT + i] += 0.005 * number(filter.p.bias[2][i]);
   }
@@ -297,10 +300,10 @@ static void test_restart_subtracts_each_particles_own_gyro_bias(void)
   const tse_params p = prepared(&c);
   const sample y = row(30, 30, 0.25, 1), none = row(30, 30, 0.25, 0);
   experienced();
-  restart_states(&p, &filter, &y);
+  paper_place(&p, &filter, &y);
   for (int i = 0; i < PADDED; i++)
     expect_near(0.25 - 0.005 * number(before.p.bias[2][i]), number(filter.p.x[2][i]), BY_FORMAT(1e-15, 1e-7), "yaw rate", i);
-  restart_states(&p, &filter, &none);
+  paper_place(&p, &filter, &none);
   for (int i = 0; i < PADDED; i++) expect_near(0, number(filter.p.x[2][i]), 0, "yaw rate without gyro", i);
 }
 
@@ -311,11 +314,10 @@ static void test_states_start_within_what_a_car_can_do(void)
   c.initial_yaw_rate_sd = setting(2);
   const tse_params p = prepared(&c);
   const sample y = row(250, 250, 88, 1);
-  for (int how = 0; how < 3; how++) {
+  for (int how = 0; how < 2; how++) {
     experienced();
-    if (how == 0) initialise(&p, &filter, &y);
-    else if (how == 1) restart_states(&p, &filter, &y);
-    else redraw(&p, &filter, &y, PADDED);
+    if (how == 0) paper_start(&p, &filter, &y);
+    else paper_place(&p, &filter, &y);
     for (int i = 0; i < PADDED; i++) {
       expect_near(200.0, number(filter.p.x[0][i]), 0.0, "vel_x", i);
       expect_near(20.0, number(filter.p.x[2][i]), 0.0, "yaw rate", i);
@@ -329,114 +331,10 @@ static void test_restart_keeps_everything_but_the_states_bit_for_bit(void)
   const tse_params p = prepared(&c);
   const sample y = row(30, 30, 0.25, 1);
   experienced();
-  restart_states(&p, &filter, &y);
+  paper_place(&p, &filter, &y);
   for (int i = 0; i < PADDED; i++) TEST_ASSERT_TRUE(filter.p.x[0][i] > TSE_R(20)); /* all of them were moved */
   memcpy(filter.p.x, before.p.x, sizeof before.p.x);
   TEST_ASSERT_EQUAL_MEMORY(&before, &filter, sizeof filter);
-}
-
-/* Whatever a particle carries, from the list itself: rows of the first `count` are new, except those named, and all others
- * as before. */
-static void test_redraw_touches_only_the_first_particles_and_keeps_their_biases_and_weights(void)
-{
-  enum { DRAWN = 100 };
-  const tse_config c = settings();
-  const tse_params p = prepared(&c);
-  const sample y = row(30, 30, 0.25, 1);
-  experienced();
-  redraw(&p, &filter, &y, DRAWN);
-#define X(name, rows, unit, text)                                                                           \
-  for (int k = 0; k < rows; k++) {                                                                          \
-    const int kept = strcmp(#name, "bias") == 0 || strcmp(#name, "logw") == 0;                              \
-    for (int i = 0; i < DRAWN; i++)                                                                         \
-      TEST_ASSERT_TRUE_MESSAGE((filter.p.name[k][i] != before.p.name[k][i]) != kept, #name);                \
-    TEST_ASSERT_EQUAL_MEMORY(&before.p.name[k][DRAWN], &filter.p.name[k][DRAWN], (TSE_STRIDE - DRAWN) * sizeof(tse_real)); \
-  }
-  TSE_PARTICLE_FIELDS(X)
-#undef X
-  memcpy(&filter.p, &before.p, sizeof before.p);
-  TEST_ASSERT_EQUAL_MEMORY(&before, &filter, sizeof filter);
-}
-
-static void test_redraw_of_no_particle_changes_nothing(void)
-{
-  const tse_config c = settings();
-  const tse_params p = prepared(&c);
-  const sample y = row(30, 30, 0.25, 1);
-  experienced();
-  redraw(&p, &filter, &y, 0);
-  TEST_ASSERT_EQUAL_MEMORY(&before, &filter, sizeof filter);
-}
-
-static void redrawn_means(const tse_config *c)
-{
-  const tse_params p = prepared(c);
-  const sample y = row(30.5, 29.5, 0.25, 1);
-  for (int step = 0; step < STEPS; step++) {
-    experienced();
-    filter.filter.step = (uint32_t)step;
-    redraw(&p, &filter, &y, COUNT);
-    collect(step);
-    for (int a = 0; a < 3; a++)
-      for (int i = 0; i < COUNT; i++) {
-        sample_of[3 + a][step * COUNT + i] = number(filter.p.mu[a][i]);
-        TEST_ASSERT_EQUAL_MEMORY(&filter.p.mu[a][i], &filter.p.w[a][i], sizeof(tse_real));
-      }
-  }
-}
-
-static void test_redrawn_means_spread_as_the_settings_call_possible(void)
-{
-  const tse_config c = settings();
-  redrawn_means(&c);
-  expect_normal(sample_of[0], 30.0, 0.3, "vel_x");
-  expect_normal(sample_of[1], 0.0, 0.2, "vel_y");
-  expect_normal(sample_of[3], -0.3, 0.125, "cx_front");
-  expect_normal(sample_of[4], -0.2, 0.125, "cy_front");
-  expect_normal(sample_of[5], 0.25, 0.125, "cy_rear");
-  for (int a = 0; a < 6; a++)
-    for (int b = 0; b < a; b++)
-      if (a != 2 && b != 2) expect_uncorrelated(sample_of[a], sample_of[b], "states and means");
-}
-
-static void test_redrawn_means_spread_by_a_tenth_at_least(void)
-{
-  tse_config c = settings();
-  c.initial_mean_sd = setting(0.01);
-  redrawn_means(&c);
-  for (int a = 0; a < 3; a++) expect_normal(sample_of[3 + a], (const double[]){ -0.3, -0.2, 0.25 }[a], 0.1, "mean");
-}
-
-static void test_redrawn_means_stay_inside_the_bounds_of_the_stiffness(void)
-{
-  tse_config c = settings();
-  c.initial_mean_sd = setting(1);
-  c.stiffness_min = setting(0.5);
-  c.stiffness_max = setting(1.5);
-  redrawn_means(&c);
-  int low = 0, high = 0;
-  for (int a = 3; a < 6; a++)
-    for (int i = 0; i < SAMPLES; i++) {
-      TEST_ASSERT_TRUE(sample_of[a][i] >= -0.5 && sample_of[a][i] <= 0.5);
-      low += sample_of[a][i] <= -0.5;
-      high += sample_of[a][i] >= 0.5;
-    }
-  TEST_ASSERT_TRUE(low > 0 && high > 0);
-}
-
-/* Sigma = lam nu/(nu - 4) is again the initial spread squared, at the nu that the filter has by now. */
-static void test_redrawn_particles_assume_the_initial_spread(void)
-{
-  const tse_config c = settings();
-  const tse_params p = prepared(&c);
-  const sample y = row(30, 30, 0.25, 1);
-  experienced();
-  redraw(&p, &filter, &y, COUNT);
-  for (int i = 0; i < COUNT; i++)
-    for (int k = 0; k < 6; k++) {
-      const int diagonal = k == 0 || k == 3 || k == 5;
-      expect_near(diagonal ? 0.2 : 0, sqrt(number(filter.p.lam[k][i]) * 99 / 95), BY_FORMAT(1e-15, 1e-7), "spread", k);
-    }
 }
 
 int main(void)
@@ -454,11 +352,5 @@ int main(void)
   RUN_TEST(test_restart_subtracts_each_particles_own_gyro_bias);
   RUN_TEST(test_states_start_within_what_a_car_can_do);
   RUN_TEST(test_restart_keeps_everything_but_the_states_bit_for_bit);
-  RUN_TEST(test_redraw_touches_only_the_first_particles_and_keeps_their_biases_and_weights);
-  RUN_TEST(test_redraw_of_no_particle_changes_nothing);
-  RUN_TEST(test_redrawn_means_spread_as_the_settings_call_possible);
-  RUN_TEST(test_redrawn_means_spread_by_a_tenth_at_least);
-  RUN_TEST(test_redrawn_means_stay_inside_the_bounds_of_the_stiffness);
-  RUN_TEST(test_redrawn_particles_assume_the_initial_spread);
   return UNITY_END();
 }

@@ -1,5 +1,5 @@
-/* estimator/paper/weigh.c - (22), (23): the log-likelihood of the sample, by particle. */
-#include "estimator/paper/particles.h"
+/* paper/weigh.c - (22), (23): the log-likelihood of the sample, by particle. */
+#include "paper/paper.h"
 
 #define LOG2_LEAST TSE_R(-120) /* 2^-120 of the largest weight is no weight */
 
@@ -13,14 +13,13 @@ static tse_real gamma_ratio(tse_real x)
     x = x + TSE_R(1);
   }
   const tse_real t = r_div(TSE_R(1), x);
-  const tse_real series = TSE_R(1) + r_mul(t, TSE_R(-0.125) + r_mul(t, TSE_R(0.0078125)
-                        + r_mul(t, TSE_R(0.0048828125) + r_mul(t, TSE_R(-21.0 / 32768.0)))));
+  const tse_real series = TSE_R(1) + r_mul(t, TSE_R(-0.125) + r_mul(t, TSE_R(0.0078125) + r_mul(t, TSE_R(0.0048828125) + r_mul(t, TSE_R(-21.0 / 32768.0)))));
   return r_mul(r_mul(r_sqrt(x), series), back);
 }
 
 /* log2 of the factor of the Student-t density that all particles share, dimension d = samples used:
  *   Gamma((nut + d)/2)/Gamma(nut/2) (pi nut)^(-d/2) |shared scales|^(-1/2), over the sensors' sd for SI units */
-static tse_real log2_common(const tse_params *p, const niw_constants *n, const bias_gains *g, const sample *y)
+static tse_real log2_common(const tse_params *p, const common *n, const sample *y)
 {
   const tse_real half = r_mul(TSE_R(0.5), n->nut);
   tse_real c = TSE_R(0);
@@ -32,43 +31,29 @@ static tse_real log2_common(const tse_params *p, const niw_constants *n, const b
     if (y->use[i] > TSE_R(0)) c = c - p->log_sd[i];
   /* a missing channel's row of d is zero, so its factor of |S| is n->r: taken out again */
   c = c + r_mul(r_mul(TSE_R(0.5), r_from_int(3 - y->used)), r_log2(n->r));
-  return c + r_log2(g->l[0]) + r_log2(g->l[1]) + r_log2(g->l[2]);
+  return c + r_log2(n->l[0]) + r_log2(n->l[1]) + r_log2(n->l[2]);
 }
 
-static void weigh_all(const tse_params *TSE_RESTRICT p, const niw_constants *TSE_RESTRICT n,
-                             const bias_gains *TSE_RESTRICT c, const observation_gains *TSE_RESTRICT g,
-                             const sample *TSE_RESTRICT y, tse_particles *TSE_RESTRICT q)
+static void weigh_all(const tse_params *TSE_RESTRICT p, const common *TSE_RESTRICT c, const sample *TSE_RESTRICT y,
+                      tse_particles *TSE_RESTRICT q)
 {
   const int32_t count = padded(p->particles);
   for (int32_t i = 0; i < count; i++) {
-    const slips s = vehicle_slips(p, q->x[0][i], q->x[1][i], q->x[2][i], y->u);
-    const observation o = vehicle_observation(*g, s, y->u.steer);
-    const innovation e = innovation_of(n, c, y, o, q->mu[0][i], q->mu[1][i], q->mu[2][i],
-                                       q->lam[0][i], q->lam[1][i], q->lam[2][i], q->lam[3][i], q->lam[4][i], q->lam[5][i],
-                                       q->bias[0][i], q->bias[1][i], q->bias[2][i], r_mul(q->x[2][i], p->inv_sd[2]));
+    const innovation e = innovation_of(p, c, y, q, i);
     /* log2 St = common - log2|S|/2 - (nut + d)/2 log2(1 + q/nut) */
-    q->logw[0][i] = q->logw[0][i] - r_mul(TSE_R(0.5), r_log2_of_product(e.s1, e.s2, e.s3))
-                  - r_mul(n->half_dof, r_log2(TSE_R(1) + r_mul(e.q, n->inv_nut)));
+    q->logw[0][i] = q->logw[0][i] - r_mul(TSE_R(0.5), r_log2_of_product(e.s1, e.s2, e.s3)) - r_mul(c->half_dof, r_log2(TSE_R(1) + r_mul(e.q, c->inv_nut)));
   }
 }
 
-int weigh(const tse_params *p, tse_filter_paper *f, const sample *y, const bias_gains *c, tse_real *log2_evidence,
-          tse_real *log2_best)
+tse_real update_weights(const tse_params *p, tse_filter_paper *f, const sample *y, const common *c)
 {
-  const niw_constants n = niw_constants_of(f, y->used);
-  const observation_gains g = vehicle_observation_gains(p, y->use[0], y->use[1]);
   const tse_real before = f->log_total;
-  tse_real largest;
-
-  weigh_all(p, &n, c, &g, y, &f->p);
-  if (!normalise(p, f, &largest)) return 0;
-  const tse_real common = log2_common(p, &n, c, y);
-  *log2_evidence = largest + f->log_total - before + common;
-  *log2_best = common - r_mul(TSE_R(1.5), r_log2(n.r));
-  return 1;
+  weigh_all(p, c, y, &f->p);
+  const tse_real largest = normalise(p, f);
+  return largest + f->log_total - before + log2_common(p, c, y);
 }
 
-int normalise(const tse_params *p, tse_filter_paper *f, tse_real *log2_largest)
+tse_real normalise(const tse_params *p, tse_filter_paper *f)
 {
   tse_real *const logw = f->p.logw[0];
   const int32_t n = p->particles;
@@ -76,16 +61,20 @@ int normalise(const tse_params *p, tse_filter_paper *f, tse_real *log2_largest)
   tse_acc sum[TSE_LANES];
   tse_acc total = acc_zero();
 
-  for (int l = 0; l < TSE_LANES; l++) { lane[l] = logw[l]; sum[l] = acc_zero(); } /* n >= 16 */
+  for (int l = 0; l < TSE_LANES; l++) {
+    lane[l] = logw[l];
+    sum[l] = acc_zero();
+  } /* n >= 16 */
   for (int32_t i = 0; i + TSE_LANES <= n; i += TSE_LANES)
     for (int l = 0; l < TSE_LANES; l++) lane[l] = r_max(lane[l], logw[i + l]);
   for (int32_t i = n / TSE_LANES * TSE_LANES; i < n; i++) lane[0] = r_max(lane[0], logw[i]);
   tse_real largest = lane[0];
   for (int l = 1; l < TSE_LANES; l++) largest = r_max(largest, lane[l]);
-  if (!r_is_finite(largest)) return 0;
-  *log2_largest = largest;
-
   const int32_t count = padded(n);
+  if (!r_is_finite(largest)) { /* no density was a number: the sample tells the particles nothing */
+    for (int32_t i = 0; i < count; i++) logw[i] = TSE_R(0);
+    largest = TSE_R(0);
+  }
   for (int32_t i = 0; i < count; i++) {
     logw[i] = r_max(logw[i] - largest, LOG2_LEAST);
     f->weight[i] = r_exp2(logw[i]);
@@ -95,5 +84,5 @@ int normalise(const tse_params *p, tse_filter_paper *f, tse_real *log2_largest)
     for (int l = 0; l < TSE_LANES; l++) sum[l] = acc_add(sum[l], f->weight[i + l]);
   for (int l = 0; l < TSE_LANES; l++) total = acc_merge(total, sum[l]);
   f->log_total = r_log2(acc_to_real(total));
-  return 1;
+  return largest;
 }

@@ -1,7 +1,7 @@
-/* tests/unit/estimator/paper/test_propagate.c <-> src/estimator/paper/propagate.c
+/* tests/unit/paper/test_move.c <-> src/paper/move.c: (7)
  *
  * vehicle_step() itself is tested in test_vehicle.c; here: who is moved, in how many steps, between which inputs. */
-#include "estimator/paper/particles.h"
+#include "paper/paper.h"
 #include "unit_support.h"
 #include "vehicle_table.h"
 
@@ -17,7 +17,17 @@ static tse_params params(double sample_time)
   c.particles = COUNT;
   c.sample_time = setting(sample_time);
   c.max_gap = setting(1);
+  c.integration = 1;
   return prepared(&c);
+}
+
+static void propagate(const tse_params *p, tse_filter_paper *f, inputs u, tse_real dt)
+{
+  sample y;
+  memset(&y, 0, sizeof y);
+  y.u = u;
+  y.dt = dt;
+  predict_state(p, f, &y);
 }
 
 static inputs inputs_of(double steer, double v_front, double v_rear)
@@ -79,9 +89,20 @@ static double distance(const tse_filter_paper *f, int i, const double end[3])
 /* Steps of at most 1.5 sample times: ceil(dt/(1.5 Ts)). One step more or fewer lands further away than rounding. */
 static void test_long_time_steps_are_divided_into_the_fewest_equal_steps_of_at_most_one_and_a_half_samples(void)
 {
-  static const struct { double sample_time, dt; int steps; } row[] = {
-    { 0.01, 0.002, 1 }, { 0.01, 0.01, 1 }, { 0.01, 0.0149, 1 }, { 0.01, 0.0151, 2 }, { 0.01, 0.0299, 2 }, { 0.01, 0.0301, 3 },
-    { 0.01, 0.1, 7 }, { 0.02, 0.0299, 1 }, { 0.02, 0.0301, 2 }, { 0.04, 0.0299, 1 },
+  static const struct {
+    double sample_time, dt;
+    int steps;
+  } row[] = {
+    { 0.01, 0.002, 1 },
+    { 0.01, 0.01, 1 },
+    { 0.01, 0.0149, 1 },
+    { 0.01, 0.0151, 2 },
+    { 0.01, 0.0299, 2 },
+    { 0.01, 0.0301, 3 },
+    { 0.01, 0.1, 7 },
+    { 0.02, 0.0299, 1 },
+    { 0.02, 0.0301, 2 },
+    { 0.04, 0.0299, 1 },
   };
   const inputs u0 = inputs_of(0.02, 20.1, 20.2), u1 = inputs_of(0.05, 20.9, 20.7);
   for (int j = 0; j < ROWS(row); j++) {
@@ -112,11 +133,25 @@ static void test_long_time_steps_are_divided_into_the_fewest_equal_steps_of_at_m
  * 20 m/s; not below hold_speed, and at most eight times in 1.5 sample times. v: mean of both axles, of both rows. */
 static void test_steps_shorten_with_the_speed_down_to_hold_speed(void)
 {
-  static const struct { double front, rear, sample_time, dt, stiffer; int steps; } row[] = {
-    { 20, 20, 0.1, 0.1, 1, 4 },     { 40, 40, 0.1, 0.1, 1, 2 },     { 5, 5, 0.01, 0.0074, 1, 1 },  { 5, 5, 0.01, 0.0075, 1, 2 },
-    { 4, 6, 0.01, 0.0075, 1, 2 },   { -5, -5, 0.01, 0.0075, 1, 2 }, { 2.5, 2.5, 0.01, 0.01, 1, 3 }, { 2, 2, 0.01, 0.01, 1, 4 },
-    { 1, 1, 0.01, 0.01, 1, 4 },     { 0, 0, 0.01, 0.01, 1, 4 },     { 0, 0, 0.01, 0.003, 1, 2 },   { 0, 0, 0.01, 0.0029, 1, 1 },
-    { 0, 0, 0.01, 0.0075, 10, 4 },  { 2, 2, 0.01, 0.0074, 10, 4 },  { 20, 20, 0.01, 0.01, 10, 4 },
+  static const struct {
+    double front, rear, sample_time, dt, stiffer;
+    int steps;
+  } row[] = {
+    { 20, 20, 0.1, 0.1, 1, 4 },
+    { 40, 40, 0.1, 0.1, 1, 2 },
+    { 5, 5, 0.01, 0.0074, 1, 1 },
+    { 5, 5, 0.01, 0.0075, 1, 2 },
+    { 4, 6, 0.01, 0.0075, 1, 2 },
+    { -5, -5, 0.01, 0.0075, 1, 2 },
+    { 2.5, 2.5, 0.01, 0.01, 1, 3 },
+    { 2, 2, 0.01, 0.01, 1, 4 },
+    { 1, 1, 0.01, 0.01, 1, 4 },
+    { 0, 0, 0.01, 0.01, 1, 4 },
+    { 0, 0, 0.01, 0.003, 1, 2 },
+    { 0, 0, 0.01, 0.0029, 1, 1 },
+    { 0, 0, 0.01, 0.0075, 10, 4 },
+    { 2, 2, 0.01, 0.0074, 10, 4 },
+    { 20, 20, 0.01, 0.01, 10, 4 },
   };
   for (int j = 0; j < ROWS(row); j++) {
     tse_config c;
@@ -184,6 +219,7 @@ static void test_bridging_a_second_matches_a_fine_integration(void)
     tse_config_default(&c);
     c.particles = COUNT;
     c.sample_time = setting(0.001);
+    c.integration = 1;
     c.mass = setting(k[0]);
     c.yaw_inertia = setting(k[1]);
     c.lf = setting(k[2]);
@@ -207,6 +243,47 @@ static void test_bridging_a_second_matches_a_fine_integration(void)
     const double tol = change * (0.0015 / t[17]) * (0.0015 / t[17]) + BY_FORMAT(1e-9, 4e-6 * (10 + fabs(t[14])));
     expect_near(0, distance(&filter, COUNT - 1, t + 14), tol, "distance", j);
   }
+}
+
+/* As printed: x + Ts (f + g w) at the last row's state and inputs, from forces in newtons. */
+static void test_as_printed_a_step_is_eulers_with_the_inputs_of_the_last_row(void)
+{
+  tse_config c;
+  tse_config_paper(&c);
+  c.particles = COUNT;
+  const tse_params p = prepared(&c);
+  const double steer = 0.03, front = 20.4, rear = 20.2, h = 0.01;
+  scatter(&filter);
+  set_inputs(&filter, inputs_of(steer, front, rear));
+  other = filter;
+  propagate(&p, &filter, inputs_of(-0.2, 10, 30), real(h));
+  for (int i = 0; i < COUNT; i++) {
+    double x[3], w[3];
+    for (int a = 0; a < 3; a++) {
+      x[a] = number(other.p.x[a][i]);
+      w[a] = number(other.p.w[a][i]);
+    }
+    const double fx_front = 1.6e5 * (1 + w[0]) * (front - x[0]) / fmax(front, x[0]), fx_rear = 1.6e5 * (1 + w[0]) * (rear - x[0]) / fmax(rear, x[0]);
+    const double fy_front = 1.2e5 * (1 + w[1]) * (steer - (x[1] + 1.25 * x[2]) / x[0]), fy_rear = 1.4e5 * (1 + w[2]) * (1.5 * x[2] - x[1]) / x[0];
+    const double end[3] = { x[0] + h * ((fx_front + fx_rear - fy_front * steer) / 1900 + x[1] * x[2]),
+                            x[1] + h * ((fy_front + fy_rear + fx_front * steer) / 1900 - x[0] * x[2]),
+                            x[2] + h * (1.25 * (fy_front + fx_front * steer) - 1.5 * fy_rear) / 3000 };
+    expect_near(0, distance(&filter, i, end), BY_FORMAT(1e-11, 2e-5), "distance", i);
+  }
+}
+
+/* The steering of the last row acts until this one; wheel speeds are linear. */
+static void test_a_held_steering_angle_is_that_of_the_last_row(void)
+{
+  tse_params p = params(0.01);
+  const inputs u0 = inputs_of(0.02, 20.1, 20.2), u1 = inputs_of(0.05, 20.9, 20.7);
+  scatter(&filter);
+  set_inputs(&filter, u0);
+  other = filter;
+  propagate(&p, &other, inputs_of(0.02, 20.9, 20.7), real(0.01));
+  p.integration = 2;
+  propagate(&p, &filter, u1, real(0.01));
+  TEST_ASSERT_EQUAL_MEMORY(other.p.x, filter.p.x, sizeof filter.p.x);
 }
 
 static void test_every_particle_moves_and_none_beyond_the_padding(void)
@@ -314,6 +391,8 @@ int main(void)
   RUN_TEST(test_row_of_30_ms_equals_three_rows_of_10_ms_whose_inputs_lie_on_a_line);
   RUN_TEST(test_result_depends_on_the_row_length_in_second_order_only);
   RUN_TEST(test_bridging_a_second_matches_a_fine_integration);
+  RUN_TEST(test_as_printed_a_step_is_eulers_with_the_inputs_of_the_last_row);
+  RUN_TEST(test_a_held_steering_angle_is_that_of_the_last_row);
   RUN_TEST(test_every_particle_moves_and_none_beyond_the_padding);
   RUN_TEST(test_nothing_but_the_states_changes);
   RUN_TEST(test_order_of_the_particles_does_not_matter_bit_for_bit);

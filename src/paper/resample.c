@@ -1,4 +1,4 @@
-/* estimator/paper/resample.c - four ways to choose n ancestors in proportion to their weights, behind one signature.
+/* paper/resample.c - four ways to choose n ancestors in proportion to their weights, behind one signature.
  *
  * All of them lay n positions along the cumulative weights and take who stands there; they differ in the positions:
  *   systematic    (k + U)/n        one random number
@@ -6,7 +6,7 @@
  *   multinomial   n sorted uniforms
  *   residual      floor(n q) copies for sure, the rest stratified over what is left of n q
  * See Douc, Cappe & Moulines, "Comparison of resampling schemes for particle filtering", ISPA 2005. */
-#include "estimator/paper/particles.h"
+#include "paper/paper.h"
 #include "number/random.h"
 
 static tse_real uniform(const uint32_t seed[2], uint32_t step, int32_t k)
@@ -55,26 +55,35 @@ static void residual(const tse_real *weight, int32_t n, tse_acc total, const uin
   for (int32_t i = 0; i < n; i++) {
     int32_t copies = whole_copies(weight[i], n, total);
     sum = acc_merge(sum, acc_minus(acc_add(acc_zero(), weight[i]), acc_times(share, copies)));
-    while (k < rest && position(share, k, uniform(seed, step, k)) < sum) { copies++; k++; }
+    while (k < rest && position(share, k, uniform(seed, step, k)) < sum) {
+      copies++;
+      k++;
+    }
     for (; copies > 0 && j < n; copies--) ancestor[j++] = (uint16_t)i;
   }
   for (; j < n; j++) ancestor[j] = ancestor[j > 0 ? j - 1 : 0]; /* rounding may leave the last position uncovered */
 }
 
-void resample(int32_t scheme, const tse_real *weight, int32_t n, const uint32_t seed[2], uint32_t step, uint16_t *ancestor)
+void choose_ancestors(int32_t scheme, const tse_real *weight, int32_t n, const uint32_t seed[2], uint32_t step, uint16_t *ancestor)
 {
   tse_acc total = acc_zero(), sum = acc_zero();
   for (int32_t i = 0; i < n; i++) total = acc_add(total, weight[i]);
   ancestor[0] = 0;
-  if (scheme == 2) { residual(weight, n, total, seed, step, ancestor); return; }
-  if (scheme == 3) { multinomial(weight, n, total, seed, step, ancestor); return; }
+  if (scheme == 2) {
+    residual(weight, n, total, seed, step, ancestor);
+    return;
+  }
+  if (scheme == 3) {
+    multinomial(weight, n, total, seed, step, ancestor);
+    return;
+  }
 
   const tse_acc share = acc_share(total, n);
-  const tse_real common = uniform(seed, step, 0);
+  const tse_real one = uniform(seed, step, 0);
   int32_t k = 0;
   for (int32_t i = 0; i < n; i++) {
     sum = acc_add(sum, weight[i]);
-    while (k < n && position(share, k, scheme == 1 ? uniform(seed, step, k) : common) < sum) ancestor[k++] = (uint16_t)i;
+    while (k < n && position(share, k, scheme == 1 ? uniform(seed, step, k) : one) < sum) ancestor[k++] = (uint16_t)i;
   }
   for (; k < n; k++) ancestor[k] = ancestor[k > 0 ? k - 1 : 0]; /* rounding, as above */
 }
@@ -102,4 +111,31 @@ void copy_particles(tse_particles *p, const uint16_t *ancestor, int32_t n)
     for (int32_t i = 0; i < n; i++) p->name[r][i] = p->name[r][ancestor[i]];
   TSE_PARTICLE_FIELDS(X)
 #undef X
+}
+
+/* Scale Lambda of every particle by 2^(k n - k^2 ln 2/2), n standard normal, whose mean is one: regularised resampling. */
+static void scatter(const tse_params *p, tse_filter_paper *f)
+{
+  const tse_real k = p->kernel, half = r_mul(TSE_R(0.34657359027997264), r_mul(k, k));
+  for (int32_t i = 0; i < padded(p->particles); i++) {
+    uint32_t a, b;
+    tse_real n, unused;
+    random_words(p->seed, f->filter.step, RANDOM_KERNEL, (uint32_t)i, &a, &b);
+    random_normal2(a, b, &n, &unused);
+    const tse_real scale = r_exp2(r_mul(k, n) - half);
+    for (int j = 0; j < 6; j++) f->p.lam[j][i] = r_mul(scale, f->p.lam[j][i]);
+  }
+}
+
+void resample(const tse_params *p, tse_filter_paper *f)
+{
+  choose_ancestors(p->resampling, f->weight, p->particles, p->seed, f->filter.step, f->ancestor);
+  keep_survivors(f->ancestor, f->copies, p->particles);
+  copy_particles(&f->p, f->ancestor, p->particles);
+  for (int32_t i = 0; i < padded(p->particles); i++) {
+    f->p.logw[0][i] = TSE_R(0);
+    f->weight[i] = i < p->particles ? TSE_R(1) : TSE_R(0);
+  }
+  f->log_total = r_log2(r_from_int(p->particles));
+  if (p->kernel > TSE_R(0)) scatter(p, f);
 }

@@ -1,0 +1,148 @@
+/* paper/learn.c - (25), (16), (17): draw w given the sample, learn the statistics from it, forget. In short runs of particles, so that
+ * the random numbers stay in the fastest memory. */
+#include "paper/paper.h"
+#include "number/random.h"
+
+#define RUN 64
+#define NU_LEAST TSE_R(6)        /* A and Sigma need nu > 4; reached only with a short memory and long time steps */
+#define ALL_FORGOTTEN TSE_R(-20) /* log2 of the share that is left */
+#define TINY TSE_R(1e-6 * 1e-6)  /* smallest pivot: rounding may leave a zero or negative one */
+#if defined(TSE_REAL_FIXED)
+#undef TINY
+#define TINY ((tse_real)16)      /* steps of the format: less has no digit that means anything */
+#endif
+
+/* Forgetting that follows the innovations, `forgetting_change` below 1: */
+#define SLOW_TIME TSE_R(0.1)     /* s: innovations are smoothed over it */
+#define USUAL TSE_R(3)           /* mean square of smoothed innovations over that of white ones: no less is forgotten up to it */
+#define SLOPE TSE_R(0.05)        /* what the factor falls by for each one above it */
+
+static void draw_student(const tse_params *p, uint32_t step, int32_t base, int32_t count, tse_real dof, tse_real t[3][RUN])
+{
+  uint32_t u[4][RUN];
+  const tse_real minus_2_nu = r_div(TSE_R(-2), dof);
+  const tse_real inv_nu2 = r_div(TSE_R(1), dof + TSE_R(2));
+  const tse_real minus_2_nu2 = r_mul(TSE_R(-2), inv_nu2);
+  for (int32_t i = 0; i < count; i++) {
+    random_words(p->seed, step, RANDOM_DRAW_A, (uint32_t)(base + i), &u[0][i], &u[1][i]);
+    random_words(p->seed, step, RANDOM_DRAW_B, (uint32_t)(base + i), &u[2][i], &u[3][i]);
+  }
+  for (int32_t i = 0; i < count; i++) {
+    const uint32_t words[4] = { u[0][i], u[1][i], u[2][i], u[3][i] };
+    random_student3(words, dof, minus_2_nu, minus_2_nu2, inv_nu2, &t[0][i], &t[1][i], &t[2][i]);
+  }
+}
+
+/* A draw below w_low is reflected at it, one above w_max cut: stiffness stays positive. As printed w_low is -w_max, so that w stays a
+ * number. */
+static inline tse_real into_bounds(const tse_params *p, tse_real w) { return r_min(p->w_low + r_abs(w - p->w_low), p->w_max); }
+
+/* Draw w of one particle: mean mu + A d' S^-1 z, scale (nut + q)/(nut + d_y) (A - A d' S^-1 d A) = C C', C lower triangular. */
+TSE_INLINE void draw_one(const tse_params *TSE_RESTRICT p, const common *TSE_RESTRICT c, const sample *TSE_RESTRICT y, tse_real inv_dof,
+                         tse_real ta, tse_real tb, tse_real tc, int32_t i, tse_particles *TSE_RESTRICT q)
+{
+  const innovation e = innovation_of(p, c, y, q, i);
+  const tse_real c11 = r_sqrt(r_max(e.a[0], TINY)), inv11 = r_div(TSE_R(1), c11);
+  const tse_real c21 = r_mul(e.a[1], inv11), c31 = r_mul(e.a[2], inv11);
+  const tse_real c22 = r_sqrt(r_max(e.a[3] - r_mul(c21, c21), TINY));
+  const tse_real c32 = r_div(e.a[4] - r_mul(c31, c21), c22);
+  const tse_real c33 = r_sqrt(r_max(e.a[5] - r_mul(c31, c31) - r_mul(c32, c32), TINY));
+  const tse_real scale = r_sqrt(r_mul(c->nut + e.q, inv_dof));
+  const tse_real t1 = r_mul(scale, ta), t2 = r_mul(scale, tb), t3 = r_mul(scale, tc);
+  q->w[0][i] = into_bounds(p, q->mu[0][i] + e.m[0] + r_mul(c11, t1));
+  q->w[1][i] = into_bounds(p, q->mu[1][i] + e.m[1] + r_mul(c21, t1) + r_mul(c22, t2));
+  q->w[2][i] = into_bounds(p, q->mu[2][i] + e.m[2] + r_mul(c31, t1) + r_mul(c32, t2) + r_mul(c33, t3));
+}
+
+static void draw_run(const tse_params *TSE_RESTRICT p, const common *TSE_RESTRICT c, const sample *TSE_RESTRICT y, tse_real inv_dof,
+                     tse_real t[3][RUN], int32_t base, int32_t count, tse_particles *TSE_RESTRICT q)
+{
+  for (int32_t j = 0; j < count; j++) draw_one(p, c, y, inv_dof, t[0][j], t[1][j], t[2][j], base + j, q);
+}
+
+void draw_stiffness(const tse_params *p, tse_filter_paper *f, const sample *y, const common *c)
+{
+  const int32_t count = padded(p->particles);
+  const tse_real dof = c->nut + r_from_int(y->used), inv_dof = r_div(TSE_R(1), dof);
+  for (int32_t base = 0; base < count; base += RUN) {
+    const int32_t run = count - base < RUN ? count - base : RUN;
+    tse_real t[3][RUN];
+    draw_student(p, f->filter.step, base, run, dof, t);
+    draw_run(p, c, y, inv_dof, t, base, run, &f->p);
+  }
+}
+
+/* (16) gamma+ = gamma/(1 + gamma), nu+ = nu + 1, mu+ = mu + gamma+ z, Lambda+ = Lambda + z z'/(1 + gamma), z = w - mu;
+ * with lam = Lambda/nu:  lam+ = lam + (z z'/(1 + gamma) - lam)/(nu + 1). Where spread_max is set, lam is scaled down to it. */
+static void learn_all(const tse_params *TSE_RESTRICT p, tse_real gamma, tse_real rate, tse_real shrink, tse_real most,
+                      tse_particles *TSE_RESTRICT q)
+{
+  for (int32_t i = 0; i < padded(p->particles); i++) {
+    const tse_real z0 = q->w[0][i] - q->mu[0][i], z1 = q->w[1][i] - q->mu[1][i], z2 = q->w[2][i] - q->mu[2][i];
+    const tse_real l11 = q->lam[0][i] + r_mul(rate, r_mul(shrink, r_mul(z0, z0)) - q->lam[0][i]);
+    const tse_real l12 = q->lam[1][i] + r_mul(rate, r_mul(shrink, r_mul(z0, z1)) - q->lam[1][i]);
+    const tse_real l13 = q->lam[2][i] + r_mul(rate, r_mul(shrink, r_mul(z0, z2)) - q->lam[2][i]);
+    const tse_real l22 = q->lam[3][i] + r_mul(rate, r_mul(shrink, r_mul(z1, z1)) - q->lam[3][i]);
+    const tse_real l23 = q->lam[4][i] + r_mul(rate, r_mul(shrink, r_mul(z1, z2)) - q->lam[4][i]);
+    const tse_real l33 = q->lam[5][i] + r_mul(rate, r_mul(shrink, r_mul(z2, z2)) - q->lam[5][i]);
+    const tse_real scale = r_div(most, r_max(most, r_max(r_max(l11, l22), l33)));
+    q->lam[0][i] = r_mul(scale, l11);
+    q->lam[1][i] = r_mul(scale, l12);
+    q->lam[2][i] = r_mul(scale, l13);
+    q->lam[3][i] = r_mul(scale, l22);
+    q->lam[4][i] = r_mul(scale, l23);
+    q->lam[5][i] = r_mul(scale, l33);
+    q->mu[0][i] += r_mul(gamma, z0);
+    q->mu[1][i] += r_mul(gamma, z1);
+    q->mu[2][i] += r_mul(gamma, z2);
+  }
+}
+
+void update_statistics(const tse_params *p, tse_filter_paper *f)
+{
+  const tse_real shrink = r_div(TSE_R(1), TSE_R(1) + f->gamma), rate = r_div(TSE_R(1), f->nu + TSE_R(1));
+  f->gamma = r_mul(f->gamma, shrink);
+  f->nu = f->nu + TSE_R(1);
+  learn_all(p, f->gamma, rate, shrink, r_mul(p->spread_max_var, r_div(f->nu - TSE_R(4), f->nu)), &f->p);
+}
+
+/* How far the innovations of late are from white ones: the mean over the channels of their square, smoothed over SLOW_TIME, over what
+ * that would be of white noise of variance one. */
+static tse_real persistence(const tse_params *p, tse_filter_paper *f, const sample *y, const tse_output *now)
+{
+  const inputs u = y->u;
+  const slips s = vehicle_slips(p, now->vel_x, now->vel_y, now->yaw_rate, u);
+  const observation o = vehicle_observation(vehicle_observation_gains(p, y->use[0], y->use[1]), s, u.steer);
+  tse_real w[3], b[3], sum = TSE_R(0);
+  for (int a = 0; a < 3; a++) {
+    w[a] = now->stiffness[a] - TSE_R(1);
+    b[a] = r_mul(now->bias[a], p->inv_sd[a]);
+  }
+  const tse_real z[3] = { y->y[0] - o.h1 - r_mul(o.d11, w[0]) - r_mul(o.d12, w[1]) - b[0],
+                          y->y[1] - o.h2 - r_mul(o.d21, w[0]) - r_mul(o.d22, w[1]) - r_mul(o.d23, w[2]) - b[1],
+                          y->y[2] - r_mul(now->yaw_rate, p->inv_sd[2]) - b[2] };
+  const tse_real gain = r_div(y->dt, y->dt + SLOW_TIME);
+  for (int a = 0; a < 3; a++) {
+    const tse_real inside = r_clamp(z[a], TSE_R(-1000), TSE_R(1000));
+    f->slow[a] += r_mul(r_mul(gain, y->use[a]), inside - f->slow[a]);
+    sum += r_mul(f->slow[a], f->slow[a]);
+  }
+  return r_div(r_mul(sum, TSE_R(2) - gain), r_mul(TSE_R(3), gain));
+}
+
+/* (17) gamma /= lambda, nu *= lambda, Lambda *= lambda (lam = Lambda/nu stays), with lambda^(dt/sample_time). The factor of gamma, which
+ * forgets the mean, is a setting of its own; it falls where innovations last. However long that takes, no less is known of the mean than
+ * gamma = 1 says, or the start: what is forgotten cannot be forgotten further. */
+void forget(const tse_params *p, tse_filter_paper *f, const sample *y, const tse_output *now)
+{
+  const tse_real samples = r_mul(y->dt, p->inv_sample_time);
+  tse_real log2_mean = p->log2_forgetting_mean;
+  if (p->forgetting_change < p->forgetting_mean) {
+    const tse_real beyond = r_max(persistence(p, f, y, now) - USUAL, TSE_R(0));
+    log2_mean = r_log2(r_max(p->forgetting_mean - r_mul(SLOPE, r_min(beyond, TSE_R(20))), p->forgetting_change));
+  }
+  const tse_real lambda = r_exp2(r_max(r_mul(p->log2_forgetting, samples), ALL_FORGOTTEN));
+  const tse_real most = r_max(f->gamma, r_max(p->gamma0, TSE_R(1)));
+  f->gamma = r_min(r_div(f->gamma, r_exp2(r_max(r_mul(log2_mean, samples), ALL_FORGOTTEN))), most);
+  f->nu = r_max(r_mul(f->nu, lambda), NU_LEAST);
+}

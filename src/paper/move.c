@@ -1,0 +1,52 @@
+/* paper/move.c - (7): every particle from the last row to this one, with the w it drew at the last row. */
+#include "paper/paper.h"
+
+#define EULER 0 /* of the setting `integration`; 1: inputs are linear */
+#define HELD_STEER 2
+
+static void keep(tse_particles *q, int32_t i, tse_real vx, tse_real vy, tse_real r)
+{
+  q->x[0][i] = vehicle_kept(vx, MOST_SPEED);
+  q->x[1][i] = vehicle_kept(vy, MOST_SPEED);
+  q->x[2][i] = vehicle_kept(r, MOST_YAW_RATE);
+}
+
+/* As printed: x+ = f(x, u) + g(x, u) w, with the inputs of the last row. */
+static void euler_all(const tse_params *p, tse_particles *q, inputs u, tse_real h)
+{
+  for (int32_t i = 0; i < padded(p->particles); i++) {
+    const tse_real vx = q->x[0][i], vy = q->x[1][i], r = q->x[2][i];
+    const stiffness k = vehicle_stiffness(p, q->w[0][i], q->w[1][i], q->w[2][i]);
+    const accels a = vehicle_accels(p, k, vehicle_slips(p, vx, vy, r, u), u.steer);
+    keep(q, i, vx + r_mul(h, a.x + r_mul(vy, r)), vy + r_mul(h, a.y - r_mul(vx, r)), r + r_mul(h, a.yaw));
+  }
+}
+
+/* By a method of second order, from inputs u0 to u1. */
+static void step_all(const tse_params *p, tse_particles *q, inputs u0, inputs u1, tse_real h)
+{
+  for (int32_t i = 0; i < padded(p->particles); i++) {
+    tse_real vx = q->x[0][i], vy = q->x[1][i], r = q->x[2][i];
+    const stiffness k = vehicle_stiffness(p, q->w[0][i], q->w[1][i], q->w[2][i]);
+    vehicle_step(p, &vx, &vy, &r, k, u0, u1, h);
+    keep(q, i, vx, vy, r);
+  }
+}
+
+void predict_state(const tse_params *p, tse_filter_paper *f, const sample *y)
+{
+  const inputs last = { f->filter.steer, f->filter.v_front, f->filter.v_rear };
+  if (p->integration == EULER) {
+    euler_all(p, &f->p, last, y->dt);
+    return;
+  }
+  inputs from = last, end = y->u;
+  if (p->integration == HELD_STEER) end.steer = last.steer;
+  const int32_t steps = vehicle_steps(p, y->dt, last, end);
+  const tse_real h = steps > 1 ? r_div(y->dt, r_from_int(steps)) : y->dt;
+  for (int32_t k = 1; k <= steps; k++) { /* inputs are linear between rows */
+    const inputs to = vehicle_between(last, end, k, steps);
+    step_all(p, &f->p, from, to, h);
+    from = to;
+  }
+}

@@ -1,0 +1,127 @@
+/* paper/row.c - a row of tse_step() with particles: what stands around Algorithm 1. The paper has rows that come every Ts, of a car that
+ * drives, with all channels. A row that is not so is predicted with the mean stiffness, and nothing is learnt from it. */
+#include "paper/paper.h"
+
+#define REVERSE_SPEED TSE_R(-0.1)   /* m/s */
+#define EXCITATION_TIME TSE_R(0.1)  /* s */
+#define LN_2 TSE_R(0.69314718055994531)
+
+/* What a row is good for. */
+typedef struct kind {
+  int gap;       /* too long after the one before: the states start again       */
+  int held;      /* (4) does not hold: too slow, in reverse, far from small angles */
+  int predicted; /* no inputs, or no measurement                                */
+  int32_t excited[3];
+} kind;
+
+static tse_real fastest_wheel(const sample *y) { return r_max(r_abs(y->u.v_front), r_abs(y->u.v_rear)); }
+
+/* A stiffness shows only where its force changes: a constant slip (angle) is explained as well by another velocity and
+ * another stiffness. So its regressor phi (a column of d, in sigma per unit of w) is judged by its variance over the
+ * recent past. A mean over `memory` samples, each with noise 1 + phi^2 spread^2, then has the variance
+ *     (1 + E[phi^2] spread^2) / (memory var(phi)),
+ * which must be below valid_sd^2 for the stiffness to be valid. It decides on nothing else.
+ * The past is two memories long: velocity, once settled by a change, is remembered longer than the stiffness is.
+ * Regressors are smoothed first: noise of a wheel-speed sensor looks like slip, but moves no car. */
+void excitation(const tse_params *p, tse_filter_paper *f, const sample *y, const tse_output *est, int32_t excited[3])
+{
+  const slips s = vehicle_slips(p, est->vel_x, est->vel_y, est->yaw_rate, y->u);
+  const observation o = vehicle_observation(vehicle_observation_gains(p, TSE_R(1), TSE_R(1)), s, y->u.steer);
+  const tse_real phi[3] = { o.d11, o.d22, o.d23 };
+  const tse_real window = r_mul(TSE_R(2), p->memory), seen = f->filter.seen;
+  const tse_real smooth = r_div(y->dt, y->dt + EXCITATION_TIME);
+  const tse_real gain = r_div(TSE_R(1), r_min(window, seen + TSE_R(1)));
+  for (int a = 0; a < 3; a++) {
+    f->excite[a] += r_mul(smooth, phi[a] - f->excite[a]);
+    f->excite_mean[a] += r_mul(gain, f->excite[a] - f->excite_mean[a]);
+    f->excite_sq[a] += r_mul(gain, r_mul(f->excite[a], f->excite[a]) - f->excite_sq[a]);
+    const tse_real var = f->excite_sq[a] - r_mul(f->excite_mean[a], f->excite_mean[a]);
+    const tse_real spread_var = r_mul(est->stiffness_spread[a], est->stiffness_spread[a]);
+    const tse_real noise = TSE_R(1) + r_mul(f->excite_sq[a], spread_var), signal = r_mul(p->memory, var);
+    excited[a] = noise <= r_mul(p->valid_var, signal);
+  }
+}
+
+/* Bring the particles to this row: start, predict, or start the states again. */
+static kind advance(const tse_params *p, tse_filter_paper *f, const sample *y)
+{
+  tse_filter *const c = &f->filter;
+  kind k = { 0, 0, 0, { 0, 0, 0 } };
+  const int lost = c->held_for > p->max_gap;
+  c->held_for = y->has_inputs ? TSE_R(0) : r_add_sat(c->held_for, y->dt);
+  k.predicted = !y->has_inputs || y->used == 0;
+  k.held = fastest_wheel(y) < p->hold_speed || y->u.v_front < REVERSE_SPEED || y->u.v_rear < REVERSE_SPEED ||
+           r_abs(y->u.steer) > p->max_steer;
+  if (!c->started) {
+    paper_start(p, f, y); /* again with every row until there are inputs to start from */
+    c->started = y->has_inputs;
+    return k;
+  }
+  const int frozen = c->held_for > p->max_gap;
+  k.gap = !frozen && (y->dt > p->max_gap || lost);
+  if (!frozen && !k.gap) paper_predict(p, f, y);
+  else predict_bias(p, f, y->dt);
+  if (k.gap) paper_place(p, f, y);
+  return k;
+}
+
+/* The row's estimate where nothing is learnt; the next row is reached with the mean stiffness. */
+static void hold(const tse_params *p, tse_filter_paper *f, tse_output *now)
+{
+  now->n_eff = effective_size(p, f);
+  estimate(p, f, now);
+  for (int a = 0; a < 3; a++)
+    for (int32_t i = 0; i < padded(p->particles); i++) f->p.w[a][i] = f->p.mu[a][i];
+}
+
+/* Why each stiffness is, or is not, valid; the first reason that applies. */
+static tse_status judge(const tse_params *p, tse_filter_paper *f, const sample *y, const kind *k, tse_output *now)
+{
+  tse_status status = TSE_OK;
+  const int starting = f->filter.seen < p->memory + p->memory;
+  for (int a = 0; a < 3; a++) {
+    tse_reason why = TSE_VALID;
+    if (k->predicted) why = TSE_INPUT_INVALID;
+    else if (k->held) why = TSE_HELD;
+    else if (starting) why = TSE_STARTING;
+    else if (!k->excited[a]) why = TSE_NOT_EXCITED;
+    else if (r_mul(now->stiffness_sd[a], now->stiffness_sd[a]) > p->valid_var) why = TSE_UNCERTAIN;
+    now->reason[a] = (int32_t)why;
+    if (why != TSE_VALID) status = worse(status, TSE_W_NOT_VALID);
+    else f->filter.known[a] = TSE_KNOWN;
+  }
+  if (starting) status = worse(status, TSE_W_STARTING);
+  if (y->used < 3) status = worse(status, TSE_W_MISSING_CHANNEL);
+  if (k->held) status = worse(status, TSE_W_HELD);
+  if (k->predicted) status = worse(status, TSE_W_PREDICTED);
+  return k->gap ? worse(status, TSE_W_GAP) : status;
+}
+
+tse_status step_particles(const tse_params *p, tse_filter *c, const tse_input *u, tse_output *out)
+{
+  tse_filter_paper *const f = (tse_filter_paper *)c;
+  tse_output now;
+  tse_real evidence = TSE_R(0);
+  sample y;
+  const tse_status refused = input_decode(p, c, u, &y);
+  if (refused < 0) return refused; /* nothing has changed yet */
+
+  kind k = advance(p, f, &y);
+  c->steer = y.u.steer;
+  c->v_front = y.u.v_front;
+  c->v_rear = y.u.v_rear;
+
+  memset(&now, 0, sizeof now);
+  if (k.held || k.predicted) hold(p, f, &now);
+  else {
+    paper_update(p, f, &y, &now, &evidence);
+    excitation(p, f, &y, &now, k.excited);
+    c->seen = r_min(c->seen + TSE_R(1), r_mul(TSE_R(5), p->memory));
+  }
+  for (int a = 0; a < 3; a++) now.noise[a] = now.change_ratio[a] = TSE_R(1);
+  now.log_evidence = r_mul(LN_2, evidence);
+  c->step++;
+  now.status = (int32_t)judge(p, f, &y, &k, &now);
+  if (out) *out = now;
+  return (tse_status)now.status;
+}

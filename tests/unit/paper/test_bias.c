@@ -1,0 +1,229 @@
+/* tests/unit/paper/test_bias.c <-> src/paper/bias.c: (18); and (17), forget() in learn.c. The update (19) together with the draw that it
+ * needs: test_learn.c. */
+#include "paper/paper.h"
+#include "unit_support.h"
+
+#define REL BY_FORMAT(1e-12, 2e-6) /* exp2 and log2 of the format, a few roundings */
+
+static tse_filter_paper filter, before;
+
+static tse_config settings(void)
+{
+  tse_config c;
+  tse_config_paper(&c);
+  c.particles = 21; /* padded to 24 */
+  c.forgetting = setting(0.98);
+  c.sample_time = setting(0.01);
+  return c;
+}
+
+static tse_params params(void)
+{
+  const tse_config c = settings();
+  return prepared(&c);
+}
+
+/* A row in which every channel reads as predicted but for `off` sigma. */
+static void forget_after(const tse_params *p, tse_filter_paper *f, tse_real dt, double off)
+{
+  sample y;
+  tse_output now;
+  memset(&y, 0, sizeof y);
+  memset(&now, 0, sizeof now);
+  y.dt = dt;
+  now.vel_x = y.u.v_front = y.u.v_rear = real(20); /* straight on: no slip, no force */
+  for (int a = 0; a < 3; a++) {
+    now.stiffness[a] = y.use[a] = TSE_R(1);
+    y.y[a] = real(off);
+  }
+  forget(p, f, &y, &now);
+}
+
+static void forget_for(const tse_params *p, tse_filter_paper *f, tse_real dt) { forget_after(p, f, dt, 0); }
+
+/* ------------------------------------------------------------------------------------------------ (17) */
+
+static void test_one_sample_time_forgets_by_lambda(void)
+{
+  const tse_params p = params();
+  memset(&filter, 0, sizeof filter);
+  filter.gamma = real(0.05);
+  filter.nu = real(40);
+  forget_for(&p, &filter, p.sample_time);
+  expect_near(0.05 / 0.98, number(filter.gamma), REL * 0.05, "gamma", 0);
+  expect_near(40 * 0.98, number(filter.nu), REL * 40, "nu", 0);
+}
+
+static void test_other_time_steps_forget_by_a_power_of_lambda(void)
+{
+  const tse_params p = params();
+  const double dt[] = { 0.001, 0.005, 0.013, 0.02, 0.1 };
+  for (int i = 0; i < ROWS(dt); i++) {
+    const double lambda = pow(0.98, dt[i] / 0.01);
+    memset(&filter, 0, sizeof filter);
+    filter.gamma = real(0.05);
+    filter.nu = real(40);
+    forget_for(&p, &filter, real(dt[i]));
+    expect_near(0.05 / lambda, number(filter.gamma), REL * 0.1, "gamma", i);
+    expect_near(40 * lambda, number(filter.nu), REL * 40, "nu", i);
+  }
+}
+
+static void test_two_short_steps_forget_as_much_as_a_long_one(void)
+{
+  const tse_params p = params();
+  memset(&filter, 0, sizeof filter);
+  filter.gamma = real(0.2);
+  filter.nu = real(60);
+  before = filter;
+  forget_for(&p, &filter, real(0.03));
+  forget_for(&p, &before, real(0.01));
+  forget_for(&p, &before, real(0.02));
+  expect_near(number(before.gamma), number(filter.gamma), REL, "gamma", 0);
+  expect_near(number(before.nu), number(filter.nu), REL * 60, "nu", 0);
+}
+
+/* Lambda *= lambda and nu *= lambda: their quotient, which the particles carry, stays. So does everything else. */
+static void test_forgetting_changes_only_gamma_and_nu(void)
+{
+  const tse_params p = params();
+  memset(&filter, 0x3c, sizeof filter);
+  filter.gamma = real(0.05);
+  filter.nu = real(40);
+  before = filter;
+  forget_for(&p, &filter, p.sample_time);
+  TEST_ASSERT_TRUE(filter.gamma != before.gamma && filter.nu != before.nu);
+  filter.gamma = before.gamma;
+  filter.nu = before.nu;
+  TEST_ASSERT_EQUAL_MEMORY(&before, &filter, sizeof filter);
+}
+
+/* nu > 4 keeps A and Sigma alive: repeated long steps stop at 6. */
+static void test_degrees_of_freedom_never_fall_below_six(void)
+{
+  const tse_params p = params();
+  memset(&filter, 0, sizeof filter);
+  filter.gamma = real(1e-6);
+  filter.nu = real(40);
+  for (int i = 0; i < 60; i++) forget_for(&p, &filter, real(0.1));
+  expect_near(6, number(filter.nu), 0, "nu", 0);
+}
+
+/* However long it takes: the mean is as unknown as one sample leaves it, or as at the start, and nu is at its least. */
+static void test_what_is_forgotten_is_not_forgotten_further(void)
+{
+  static const double dt[] = { 60, 600, 3600 };
+  static const double lambda[] = { 0.9, 0.98, 0.9999 };
+  for (int i = 0; i < ROWS(dt); i++)
+    for (int k = 0; k < ROWS(lambda); k++) {
+      tse_config c = settings();
+      c.forgetting = setting(lambda[k]);
+      const tse_params p = prepared(&c);
+      memset(&filter, 0, sizeof filter);
+      filter.gamma = real(0.05);
+      filter.nu = real(40);
+      forget_for(&p, &filter, real(dt[i]));
+      expect_near(fmin(0.05 * exp2(-dt[i] / 0.01 * log2(lambda[k])), fmax(1, number(p.gamma0))), number(filter.gamma), 1e-3, "gamma", i);
+      TEST_ASSERT_TRUE(number(filter.nu) >= 6 && number(filter.nu) <= 40);
+      filter.gamma = TSE_R(0);
+      forget_for(&p, &filter, real(dt[i]));
+      expect_near(0, number(filter.gamma), 0, "a mean that is known", i);
+    }
+}
+
+/* A factor of its own for the mean: gamma by it, nu and Lambda by the other. */
+static void test_the_mean_may_forget_faster_than_the_covariance(void)
+{
+  tse_config c = settings();
+  c.forgetting_mean = setting(0.95);
+  const tse_params p = prepared(&c);
+  memset(&filter, 0, sizeof filter);
+  filter.gamma = real(0.05);
+  filter.nu = real(40);
+  forget_for(&p, &filter, real(0.02));
+  expect_near(0.05 / (0.95 * 0.95), number(filter.gamma), REL, "gamma", 0);
+  expect_near(40 * 0.98 * 0.98, number(filter.nu), REL * 40, "nu", 0);
+}
+
+/* Innovations of c sigma that stay: smoothed with gain g they become c (1 - (1 - g)^n); white ones of variance one would leave
+ * g/(2 - g). The factor falls by 0.05 for each multiple of that beyond 3, to forgetting_change at most. */
+static void test_the_mean_forgets_faster_where_innovations_last(void)
+{
+  static const double off[] = { 0, 0.2, 0.45, 2 };
+  const double g = 0.01 / 0.11;
+  tse_config c = settings();
+  c.forgetting_change = setting(0.8);
+  const tse_params p = prepared(&c);
+  for (int i = 0; i < ROWS(off); i++) {
+    int least = 0;
+    memset(&filter, 0, sizeof filter);
+    for (int n = 1; n <= 60; n++) {
+      const double slow = off[i] * (1 - pow(1 - g, n)), beyond = slow * slow * (2 - g) / g - 3;
+      const double lambda = fmax(0.8, 0.98 - 0.05 * fmax(beyond, 0));
+      least += lambda < 0.801;
+      filter.gamma = real(0.05);
+      filter.nu = real(40);
+      forget_after(&p, &filter, p.sample_time, off[i]);
+      expect_near(0.05 / lambda, number(filter.gamma), BY_FORMAT(1e-12, 4e-6), "gamma", n);
+      expect_near(40 * 0.98, number(filter.nu), REL * 40, "nu", n);
+    }
+    TEST_ASSERT_EQUAL_INT(i == 3, least > 0);
+  }
+}
+
+/* (16) adds a sample, (17) forgets: nu tends to lambda/(1 - lambda), gamma to (1 - lambda)/lambda. */
+static void test_learning_and_forgetting_settle_at_the_memory_of_lambda(void)
+{
+  const tse_params p = params();
+  memset(&filter, 0, sizeof filter);
+  filter.gamma = real(1);
+  filter.nu = real(10);
+  for (int i = 0; i < 3000; i++) {
+    filter.gamma = real(number(filter.gamma) / (1 + number(filter.gamma)));
+    filter.nu = real(number(filter.nu) + 1);
+    forget_for(&p, &filter, p.sample_time);
+  }
+  expect_near(0.98 / 0.02, number(filter.nu), BY_FORMAT(1e-9, 2e-3), "nu", 0); /* errors add over 1/(1 - lambda) samples */
+  expect_near(0.02 / 0.98, number(filter.gamma), BY_FORMAT(1e-12, 1e-6), "gamma", 0);
+}
+
+/* ------------------------------------------------------------------------------------------------ (18) */
+
+static void test_bias_variance_grows_with_time_by_the_squared_walk(void)
+{
+  tse_config c = settings();
+  c.accel_x_sd = setting(0.1);
+  c.accel_y_sd = setting(0.2);
+  c.yaw_rate_sd = setting(0.004);
+  c.accel_x_bias_walk = setting(0.01);
+  c.accel_y_bias_walk = setting(0.03);
+  c.yaw_rate_bias_walk = setting(0.0002);
+  const tse_params p = prepared(&c);
+  const double q[3] = { 0.1 * 0.1, 0.15 * 0.15, 0.05 * 0.05 }, start[3] = { 0.1, 0.2, 0.3 };
+  memset(&filter, 0x3c, sizeof filter);
+  for (int a = 0; a < 3; a++) filter.bias_var[a] = real(start[a]);
+  before = filter;
+  predict_bias(&p, &filter, real(0.02));
+  predict_bias(&p, &filter, real(0.5));
+  for (int a = 0; a < 3; a++) {
+    expect_near(start[a] + q[a] * 0.52, number(filter.bias_var[a]), REL, "variance", a);
+    filter.bias_var[a] = before.bias_var[a];
+  }
+  TEST_ASSERT_EQUAL_MEMORY(&before, &filter, sizeof filter);
+}
+
+int main(void)
+{
+  UNITY_BEGIN();
+  RUN_TEST(test_one_sample_time_forgets_by_lambda);
+  RUN_TEST(test_other_time_steps_forget_by_a_power_of_lambda);
+  RUN_TEST(test_two_short_steps_forget_as_much_as_a_long_one);
+  RUN_TEST(test_forgetting_changes_only_gamma_and_nu);
+  RUN_TEST(test_degrees_of_freedom_never_fall_below_six);
+  RUN_TEST(test_what_is_forgotten_is_not_forgotten_further);
+  RUN_TEST(test_the_mean_may_forget_faster_than_the_covariance);
+  RUN_TEST(test_the_mean_forgets_faster_where_innovations_last);
+  RUN_TEST(test_learning_and_forgetting_settle_at_the_memory_of_lambda);
+  RUN_TEST(test_bias_variance_grows_with_time_by_the_squared_walk);
+  return UNITY_END();
+}
