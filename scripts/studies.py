@@ -36,7 +36,7 @@ STUDIES: dict[str, int] = {
     "bound": 24,
     "particles": 4,
     "paper": 200,
-    "robust": 24,
+    "robust": 16,
 }
 
 

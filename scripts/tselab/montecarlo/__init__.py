@@ -11,7 +11,7 @@ write.py       the files that a study leaves
 
 STUDIES = {  # name: (usual number of runs, title)
     "paper": (200, "The paper's figures: its filter as printed, the same made robust, and the default filter"),
-    "robust": (24, "What keeps the paper's filter from diverging, and what else was tried"),
+    "robust": (16, "What keeps the paper's filter from diverging, and what else was tried"),
     "bound": (100, "Error by time against the linear forgetting bound and the Cramer-Rao bound"),
     "peers": (100, "tse against EKF and UKF that are told the true covariances"),
     "stress": (200, "What can go wrong, with the default settings"),

@@ -72,7 +72,7 @@ def _paper(plan: Plan, runs: pd.DataFrame, summary: pd.DataFrame) -> list[Table]
             rows += _lanes(prior, [of(runs, name, e) for e in ("paper", *PAPERS[1:])])
     text = (
         f"{plan.runs} runs of each case. Sec. IV-A: 500 particles, forgetting 0.99 (robust: 0.998, of the mean 0.98), start "
-        "at 70 %, all stiffness to 70 % at 30 s; inputs linear or held between rows. Sec. IV-B: a simulated twin of the experiment, "
+        "at 70 %, all stiffness to 70 % at 30 s; inputs linear or held between rows. Sec. IV-B: simulated twin of the experiment, "
         "0.995 (robust: of the mean 0.98). Triples: Cx, Cy front, "
         "Cy rear, % of the true mean; in brackets 95 % intervals (bootstrap for rms, t for means, Clopper-Pearson for shares). "
         "Diverged: a stiffness off by more than 20 % for more than 2 s in 15 .. 30 s, in 45 .. 60 s, in 44 .. 48 s of IV-B. "
