@@ -362,7 +362,6 @@ static void test_no_forged_word_leaves_the_memory_of_the_model(void)
   go_on_with_forged_words(0);
 #if defined(CASE_ESTIMATOR)
   go_on_with_forged_words(1);
-  go_on_with_forged_words(2);
 #endif
 }
 
