@@ -63,10 +63,11 @@ def test_the_next_drive_is_right_at_once(first, form, drive):
     done = estimate(first, drive, "--form", form, "--load-learnt", f"{form}.tse", "--age", 1)
     assert f"started from: {form}.tse, 1 days old (--age)" in done.out
     learnt, _ = errors(first, drive, 0, 2)
-    # particles start 1 m/s off sideways, and what they knew of the mean is soon forgotten
-    most, share = (0.05, 0.6) if form == "default" else (0.1, 0.8)
-    assert np.mean(list(without.values())) > 0.1 and np.mean(list(learnt.values())) < most
-    assert all(learnt[key] < share * without[key] for key in KEYS)
+    mean = [np.mean(list(errors.values())) for errors in (without, learnt)]
+    if form == "default":
+        assert mean[0] > 0.1 and mean[1] < 0.05 and all(learnt[key] < 0.6 * without[key] for key in KEYS)
+    else:  # particles start 1 m/s off sideways, and what they knew of the mean is soon forgotten
+        assert mean[0] > 0.1 and mean[1] < 0.1 and mean[1] < 0.6 * mean[0]
 
 
 @pytest.mark.parametrize("form", FORMS)
