@@ -517,7 +517,8 @@ static int fuzz(const tse_config *c, int rows, uint32_t seed)
     }
     for (int a = 0; a < 3; a++) {
       TEST_ASSERT_TRUE(number(y.stiffness[a]) > (c->reflect_draws ? 0.0 : -20.0) && number(y.stiffness[a]) < 21.0);
-      TEST_ASSERT_TRUE(number(y.stiffness_sd[a]) >= 0.0 && number(y.stiffness_spread[a]) > 0.0 && number(y.bias_sd[a]) >= 0.0);
+      /* in fixed point a variance below the resolution is 0 */
+      TEST_ASSERT_TRUE(number(y.stiffness_sd[a]) >= 0.0 && number(y.stiffness_spread[a]) >= 0.0 && number(y.bias_sd[a]) >= 0.0);
       TEST_ASSERT_TRUE(y.reason[a] >= TSE_VALID && y.reason[a] < TSE_REASON_END_);
     }
     TEST_ASSERT_TRUE(number(y.n_eff) > 0.999 && number(y.n_eff) < 1.001 * c->particles);
