@@ -16,9 +16,9 @@ import numpy as np
 from tselab.calibrate import output
 from tselab.calibrate.result import Result
 from tselab.config import make_config
-from tselab.core import Filter
+from tselab.core import Config, Filter
 from tselab.log import Log
-from tselab.vehicle import read_vehicle
+from tselab.vehicle import Vehicle, read_vehicle
 
 STIFFNESS = "cx_front"
 
@@ -63,13 +63,18 @@ def _with(result: Result, k: int, mean: float, sd: float) -> Result:
 
 def _end(vehicle: Path, log: Log) -> tuple[float, float, float]:
     """Return logarithm of the longitudinal stiffness over the file's at the end of a log, its sd, and the sd of the start."""
-    config, _ = make_config(read_vehicle(vehicle), log)
+    config, last = end_of(read_vehicle(vehicle), log)
+    mean, sd = float(last[STIFFNESS]), float(last[f"{STIFFNESS}_sd"])
+    return float(np.log(mean)), sd / mean, config.initial_cx_sd
+
+
+def end_of(vehicle: Vehicle, log: Log) -> tuple[Config, np.void]:
+    """Return the settings of a car's filter and its output at the end of a log."""
+    config, _ = make_config(vehicle, log)
     filter_ = Filter(config)
     rows, given = filter_.inputs(len(log)), log.rows()
     for column in rows.dtype.names:
         rows[column] = given[column]
     out = filter_.outputs(len(rows))
     filter_.step_into(rows, out)
-    used = out[out["status"] >= 0]
-    mean, sd = (float(used[name][-1]) for name in (STIFFNESS, f"{STIFFNESS}_sd"))
-    return float(np.log(mean)), sd / mean, config.initial_cx_sd
+    return config, out[out["status"] >= 0][-1]

@@ -162,9 +162,32 @@ def _calibrate(vehicle: Vehicle, logs: Sequence[Log], say: Callable[[str], None]
         return of_class(f"the search did not converge in {result.fit.steps} steps", found)
     if not any(found["stiffness"][axle]["sd_relative"] < OWN_KNOWN for axle in AXLES):
         return of_class("these rows show nothing of the cornering stiffness", found)
+    if against := _contradicted(vehicle, logs, found):
+        return of_class(against, found)
     result = replace(result, vehicle=replace(car, formula=None), own=True)
     text = output.toml(result, [log.path.name for log in logs], Path())
     return Own(text, _words(result, found), found)
+
+
+def _contradicted(vehicle: Vehicle, logs: Sequence[Log], found: Mapping[str, Any]) -> str:
+    """Return how search and filter of the class, two estimates from the same rows, contradict each other; empty: they agree.
+
+    Both intervals claim 95 %. Where the means are further apart than both together allow, one model is wrong, and nothing in the
+    log says which: its likelihood is that of the searched numbers, which were searched for it."""
+    from tselab.calibrate import along
+
+    for log in logs:
+        config, last = along.end_of(vehicle, log)
+        for key, axle in AXLES.items():
+            ours = found["stiffness"][key]
+            mean, sd = float(last[key]), float(last[f"{key}_sd"]) / float(last[key])
+            value = mean * float(getattr(config, NOMINAL[key]))
+            if abs(np.log(ours["value"] / value)) > 1.96 * np.hypot(sd, ours["sd_relative"]):
+                return (
+                    f"the search finds {ours['value'] / 1000:.0f} ({ours['low'] / 1000:.0f} .. {ours['high'] / 1000:.0f}) kN/rad "
+                    f"in the {axle}, the filter {value / 1000:.0f} +- {1.96 * sd * value / 1000:.0f} on the same rows"
+                )
+    return ""
 
 
 def of_class(why: str, found: Mapping[str, Any] | None = None) -> Own:
