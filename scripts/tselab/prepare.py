@@ -14,7 +14,7 @@ from tselab.core import Config
 from tselab.errors import UserError
 from tselab.log import Log, Reading, liveliest, read_log, sampling_notes, steering_notes
 from tselab.log import average as average_log
-from tselab.units import check_units
+from tselab.units import check_car
 from tselab.vehicle import Vehicle, average_sensors, fill_sensors, read_vehicle
 
 MOST_ROWS = (
@@ -89,16 +89,7 @@ def assemble(
     for key, value in settings.items():
         config.set(key, value, source=source)
     odd: list[str] = []
-    warnings = check_units(
-        lively,
-        config.lf + config.lr,
-        config.wheel_radius_front,
-        config.wheel_radius_rear,
-        vehicle.steering_ratio,
-        {a: float(t) for a in ("front", "rear") if (t := vehicle.facts.get(f"track_{a}"))},
-        odd,
-        config.mass,
-    )
+    warnings = check_car(lively, vehicle, config, odd)
     if strict and warnings:
         raise UserError(f"{log.path}: option --strict: {'; '.join(warnings)}")
     if calibrate is not None and form == "default" and uncalibrated(told):

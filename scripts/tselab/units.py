@@ -9,9 +9,11 @@ from itertools import combinations
 
 import numpy as np
 
+from tselab.core import Config
 from tselab.log import TORQUES, Log
 from tselab.logs import physics
 from tselab.logs.raster import resample
+from tselab.vehicle import Vehicle
 
 # sd of the logarithm of what is left when all is right: a_y feels roll and roads that lean into their bends (0.91 .. 1.10 on the
 # cars of
@@ -90,6 +92,13 @@ class Figures:
 
     value: dict[str, float]
     sd: dict[str, float]
+
+
+def check_car(log: Log, vehicle: Vehicle, config: Config, notes: list[str] | None = None) -> list[str]:
+    """Return how the channels of a log of this car contradict each other: check_units() with its measures."""
+    tracks = {a: float(t) for a in ("front", "rear") if (t := vehicle.facts.get(f"track_{a}"))}
+    radii = config.wheel_radius_front, config.wheel_radius_rear
+    return check_units(log, config.lf + config.lr, *radii, vehicle.steering_ratio, tracks, notes, config.mass)
 
 
 def check_units(

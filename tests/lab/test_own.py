@@ -230,3 +230,32 @@ def test_a_fleet_calibrates_a_car_on_its_first_logs(case, tmp_path):
     assert tselab_here(*command, cwd=tmp_path).out == done.out and made.stat().st_mtime_ns == stat
     plain = tselab_here(*command[:-1], "--no-calibrate", "--restart", "--json", cwd=tmp_path)
     assert not any("calibrated on" in n for log in json.loads(plain.out)["logs"] for n in log["notes"])
+
+
+def test_a_log_of_two_roads_calibrates_nothing(tmp_path, cache):
+    """Ice in the middle: one stiffness for both would be that of neither."""
+    made = make_logs("mountain", 2.0, cars=make_cars(1, 3301), seed=4, scenario="ice", event_time=60.0)[0]
+    made.write(tmp_path, "mountain")
+    found = own.calibrated(read_vehicle(tmp_path / "car.toml"), [read_log(tmp_path / "log_mountain.csv")])
+    assert not found.text and not found.found["used"]
+    assert "the road or the tyres change during it" in found.words[0]
+
+
+def test_search_and_filter_that_exclude_each_other_calibrate_nothing(case):
+    """The search's value moved to twice that of the filter, with a narrow interval; left where it was found, both agree."""
+    vehicle, log = read_vehicle(case.car), read_log(case.log)
+    found = own.calibrated(vehicle, [log]).found
+    assert own._contradicted(vehicle, [log], found) == ""
+    front = {k: 2 * v for k, v in found["stiffness"]["cy_front"].items()} | {"sd_relative": 0.05}
+    text = own._contradicted(vehicle, [log], {"stiffness": found["stiffness"] | {"cy_front": front}})
+    assert f"the search finds {front['value'] / 1000:.0f} " in text and "in the front, the filter " in text
+
+
+def test_calibrate_learns_nothing_from_channels_that_contradict_each_other(case, tmp_path):
+    """accel_y in g: refused, with the factor."""
+    log = pd.read_csv(case.log)
+    log["accel_y"] /= 9.81
+    log.to_csv(tmp_path / "bad.csv", index=False)
+    alone = tselab("calibrate", tmp_path / "bad.csv", "--vehicle", case.car, "--out", tmp_path / "out.toml")
+    assert alone.code == 2 and "nothing is learnt from it" in alone.err and "accel_y is in g" in alone.err
+    assert not (tmp_path / "out.toml").exists()

@@ -162,11 +162,21 @@ def _calibrate(vehicle: Vehicle, logs: Sequence[Log], say: Callable[[str], None]
         return of_class(f"the search did not converge in {result.fit.steps} steps", found)
     if not any(found["stiffness"][axle]["sd_relative"] < OWN_KNOWN for axle in AXLES):
         return of_class("these rows show nothing of the cornering stiffness", found)
-    if against := _contradicted(vehicle, logs, found):
-        return of_class(against, found)
     result = replace(result, vehicle=replace(car, formula=None), own=True)
-    text = output.toml(result, [log.path.name for log in logs], Path())
-    return Own(text, _words(result, found), found)
+    made = Own(output.toml(result, [log.path.name for log in logs], Path()), _words(result, found), found)
+    against = _changed(vehicle, logs) or _contradicted(vehicle, logs, found) or _changed(made.vehicle(vehicle), logs)
+    return of_class(against, found) if against else made
+
+
+def _changed(vehicle: Vehicle, logs: Sequence[Log]) -> str:
+    """Return that the filter reports another road or other tyres; empty: none. A stiffness of two roads is that of neither."""
+    from tselab.calibrate import along
+
+    for log in logs:
+        out = along.filtered(vehicle, log)[1]
+        if (out["change_kind"] > 0).any():
+            return "the road or the tyres change during it"
+    return ""
 
 
 def _contradicted(vehicle: Vehicle, logs: Sequence[Log], found: Mapping[str, Any]) -> str:
@@ -177,7 +187,8 @@ def _contradicted(vehicle: Vehicle, logs: Sequence[Log], found: Mapping[str, Any
     from tselab.calibrate import along
 
     for log in logs:
-        config, last = along.end_of(vehicle, log)
+        config, out = along.filtered(vehicle, log)
+        last = out[-1]
         for key, axle in AXLES.items():
             ours = found["stiffness"][key]
             mean, sd = float(last[key]), float(last[f"{key}_sd"]) / float(last[key])

@@ -21,10 +21,11 @@ from tselab.identify.discrepancy import Discrepancy, cost
 from tselab.identify.fit import Fit, State, fit
 from tselab.identify.problem import SPEED_BLOCKS, SPEED_TIME, Problem
 from tselab.identify.unknowns import MEASURED, OWN, STIFFNESS, Prior, prior_of
-from tselab.log import DRIVES, Log, Reading, files_of, read_log
+from tselab.log import DRIVES, Log, Reading, files_of, liveliest, read_log
 from tselab.noise import smooth
 from tselab.seal import read_sealed, write_sealed
-from tselab.vehicle import Vehicle, fill_sensors, read_vehicle
+from tselab.units import check_car
+from tselab.vehicle import Vehicle, default_vehicle, fill_sensors, read_vehicle
 
 Say = Callable[[str], None]
 SLOW = 4.0  # s
@@ -32,6 +33,7 @@ LEAST_LAG_SD = 0.003  # s: what relaxation and lags of the model leave
 MOST_GYRO_WALK = (
     0.001  # rad/s/sqrt(s): no gyro wanders faster, and roads are not in it: it is a model that misses turns
 )
+MOST_ROWS = 1 << 19  # of a log, whose channels are held against each other
 FEWEST_STEPS = 10  # between values, to speak of quantisation
 
 
@@ -125,11 +127,15 @@ def _result(
 
 
 def _read(paths: Sequence[Path], notes: list[str], reading: Reading) -> dict[Path, Log]:
-    """The logs that can be read; one that cannot is a note, unless it is the only one."""
+    """The logs that can be read and whose channels agree; another one is a note, unless it is the only one."""
     found: dict[Path, Log] = {}
+    car = reading.car or default_vehicle()
     for path in paths:
         try:
-            found[path] = read_log(path, reading=reading)
+            log = read_log(path, reading=reading)
+            if against := check_car(liveliest(log, MOST_ROWS), car, Config(car.values)):
+                raise UserError(f"{path}: nothing is learnt from it: {'; '.join(against)}")
+            found[path] = log
         except UserError as error:
             if len(paths) == 1:
                 raise
