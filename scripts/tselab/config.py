@@ -72,6 +72,10 @@ def make_config(
             f"{', '.join(unused)}: not in the filter's model, not used (what is late belongs into [latency]; tselab simulate, "
             "calibrate and gap use it)"
         )
+    if form != "default":
+        notes.append(
+            f"form {form} is the paper's filter, a reference for its model: on an ordinary car values and intervals are wrong"
+        )
     if filter_file is not None:
         for key, value in read_filter_file(filter_file).items():
             config.set(key, value)
