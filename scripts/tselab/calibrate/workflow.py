@@ -133,8 +133,10 @@ def _read(paths: Sequence[Path], notes: list[str], reading: Reading) -> dict[Pat
     for path in paths:
         try:
             log = read_log(path, reading=reading)
-            if against := check_car(liveliest(log, MOST_ROWS), car, Config(car.values)):
-                raise UserError(f"{path}: nothing is learnt from it: {'; '.join(against)}")
+            against = check_car(liveliest(log, MOST_ROWS), car, Config(car.values))
+            if sure := [text for text in against if "perhaps" not in text]:
+                raise UserError(f"{path}: nothing is learnt from it: {'; '.join(sure)}")
+            notes += [f"{path}: {text}" for text in against]
             found[path] = log
         except UserError as error:
             if len(paths) == 1:
