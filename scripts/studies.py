@@ -30,7 +30,6 @@ PART: dict[str, tuple[str, str]] = {
 STUDIES: dict[str, int] = {
     "stress": 24,
     "peers": 20,
-    "departures": 50,
     "regimes-road": 24,
     "as-told": 24,
     "bound": 24,
