@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """What the result of a study changes by when a constant of include/tse/constants.def is halved or doubled.
 
-    .venv/bin/python scripts/sweep.py --cars DIR [--runs N] [NAME ...]   all: about ten minutes; table: scripts/results/constants.md
+    .venv/bin/python scripts/sweep.py --cars DIR [--runs N] [NAME ...]      all; table: scripts/results/constants.md
 
 Every constant is compiled into a library of its own (-DTSE_SWEEP), which runs on the same drives as the library that is in use. A
 result counts as changed when the 95 % interval of the ratio of its RMS error, run by run, does not hold 1.

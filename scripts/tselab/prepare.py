@@ -19,7 +19,7 @@ from tselab.vehicle import Vehicle, average_sensors, fill_sensors, read_vehicle
 
 MOST_ROWS = (
     1 << 19
-)  # from which noise and units are told: 87 minutes at 100 Hz; a longer log is as its liveliest so many rows
+)  # from which noise and units are found: 87 minutes at 100 Hz; a longer log is as its liveliest so many rows
 
 
 @dataclass
@@ -76,7 +76,7 @@ def assemble(
 ) -> Prepared:
     """The same of what is read. `vehicle` is filled in; `source` is where `settings` come from, for messages; `strict`: refuse
     what else is a warning; `calibrate`: what is done with a car that nobody has calibrated."""
-    told, logged = deepcopy(vehicle), log
+    stated, logged = deepcopy(vehicle), log
     if average is not None:
         log = average_log(log, average)
     lively = liveliest(log, MOST_ROWS)
@@ -92,12 +92,12 @@ def assemble(
     warnings = check_car(lively, vehicle, config, odd)
     if strict and warnings:
         raise UserError(f"{log.path}: option --strict: {'; '.join(warnings)}")
-    if calibrate is not None and form == "default" and uncalibrated(told):
+    if calibrate is not None and form == "default" and uncalibrated(stated):
         if warnings:
             found = of_class("its channels contradict each other")
         else:
-            found = calibrated(told, [logged, *calibrate.others], calibrate.say)
-        made = assemble(found.vehicle(told), log, config_path, None, options, form, settings, source)
+            found = calibrated(stated, [logged, *calibrate.others], calibrate.say)
+        made = assemble(found.vehicle(stated), log, config_path, None, options, form, settings, source)
         return replace(made, own=found)
     notes = [
         *warnings,

@@ -3,7 +3,7 @@ and real logs. The manoeuvres of the simulator (manners.py) are too short or too
 
     python -m tests.cars.own --keep DIR [--cars N] [--out FILE]
 
-DIR is what `python -m tests.cars.study --keep DIR` has driven and calibrated. Nothing but the vehicle file of `cars.py` is told.
+DIR is what `python -m tests.cars.study --keep DIR` has driven and calibrated. The vehicle file of `cars.py` is all that is known.
 """
 
 from __future__ import annotations
@@ -23,8 +23,9 @@ from tqdm import tqdm
 from tests.cars import ROADS
 from tests.cars.real import DATA
 from tests.cars.real import row as real_row
-from tests.cars.study import OFF, RESULTS, SETTLED, TRUTH, filtered, score, table, truth_of
+from tests.cars.study import OFF, RESULTS, SETTLED, TRUTH, score, table, truth_of
 from tselab.calibrate import own
+from tselab.calibrate.along import outputs
 from tselab.config import make_config
 from tselab.core import Config
 from tselab.log import Log, read_log
@@ -70,10 +71,10 @@ def of_cars(folder: Path, count: int) -> pd.DataFrame:
         car = folder / f"car{k}"
         log, reference = read_log(car / "test" / f"log_{road}.csv"), pd.read_csv(car / "test" / f"reference_{road}.csv")
         truth = truth_of({c: reference[c].to_numpy(float) for c in TRUTH.values()})
-        told = read_vehicle(car / "fit" / "car.toml")
-        itself = calibrated(told, log)
+        stated = read_vehicle(car / "fit" / "car.toml")
+        itself = calibrated(stated, log)
         ways: dict[str, Callable[[], Config]] = {
-            CLASS: lambda told=told, log=log: make_config(told, log)[0],
+            CLASS: lambda stated=stated, log=log: make_config(stated, log)[0],
             ITSELF: lambda itself=itself, log=log: make_config(itself, log)[0],
             **{named(s): lambda v=itself, log=log, s=s: with_share(v, log, s) for s in SHARES if s != OWN_SHARE},
         }
@@ -82,7 +83,7 @@ def of_cars(folder: Path, count: int) -> pd.DataFrame:
         for who, made in ways.items():
             config = made()
             rows.append({"car": k, "road": road, "who": who, "used": bool(itself.calibration),
-                         **score(filtered(config, log), config, log, truth)})  # fmt: skip
+                         **score(outputs(config, log), config, log, truth)})  # fmt: skip
     return pd.DataFrame(rows)
 
 
@@ -92,8 +93,8 @@ def of_real(scratch: Path) -> list[str]:
              "rms [deg] | found at no slip, front, rear [kN/rad] |", "|---|---|---:|---:|---:|---:|---:|---:|---|"]  # fmt: skip
     for name in sorted(p.parent.name for p in DATA.glob("*/data.csv")):
         path = DATA / name / "vehicle.toml"
-        told, log = read_vehicle(path), read_log(DATA / name / "data.csv")
-        made = own.calibrated(told, [log])
+        stated, log = read_vehicle(path), read_log(DATA / name / "data.csv")
+        made = own.calibrated(stated, [log])
         files = {CLASS: path}
         if made.text:
             files[ITSELF] = scratch / f"{name}.toml"

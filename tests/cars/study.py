@@ -23,9 +23,10 @@ from tqdm import tqdm
 from tests.cars import ROADS, make_cars, make_logs
 from tests.cars.cars import Car
 from tselab.calibrate import output, workflow
+from tselab.calibrate.along import outputs
 from tselab.calibrate.result import Result
 from tselab.config import make_config
-from tselab.core import NOMINAL, STIFFNESS, Config, Filter, Library
+from tselab.core import NOMINAL, STIFFNESS, Config, Library
 from tselab.identify.unknowns import LATENCY
 from tselab.log import Log, read_log
 from tselab.vehicle import read_vehicle
@@ -76,18 +77,7 @@ def estimated(
     config, _ = make_config(read_vehicle(vehicle_path), log, options=options)
     if lib:
         config = Config(config.as_dict(), lib=lib)
-    return filtered(config, log), config
-
-
-def filtered(config: Config, log: Log) -> np.ndarray:
-    """Return what the filter makes of a log, a row each."""
-    filter_ = Filter(config)
-    rows, given = filter_.inputs(len(log)), log.rows()
-    for column in rows.dtype.names:
-        rows[column] = given[column]
-    out = filter_.outputs(len(rows))
-    filter_.step_into(rows, out)
-    return out
+    return outputs(config, log), config
 
 
 def constant(vehicle_path: Path, log: Log) -> tuple[np.ndarray, Config]:

@@ -16,6 +16,8 @@ from conftest import Result, tselab, tselab_here
 from tests.cars import make_cars, make_logs
 from tests.cars.study import TRUTH, truth_of
 from tselab.calibrate import own, workflow
+from tselab.calibrate.along import outputs
+from tselab.config import make_config
 from tselab.fleet.keep import CALIBRATED
 from tselab.gap import constants
 from tselab.log import read_log
@@ -79,8 +81,8 @@ def test_rows_count_once(case):
     with a share of its posterior sd, and the file itself holds the whole posterior."""
     made = own.calibrated(read_vehicle(case.car), [read_log(case.log)])
     table = read_toml_text(made.text)["calibration"]
-    vehicle, told = made.vehicle(read_vehicle(case.car)), read_vehicle(case.car)
-    prior, plain = filter_values(vehicle), filter_values(told)
+    vehicle, stated = made.vehicle(read_vehicle(case.car)), read_vehicle(case.car)
+    prior, plain = filter_values(vehicle), filter_values(stated)
     for key in AXLES:
         at = table["names"].index(key)
         posterior = np.sqrt(table["covariance"][at][at])
@@ -245,9 +247,11 @@ def test_search_and_filter_that_exclude_each_other_calibrate_nothing(case):
     """The search's value moved to twice that of the filter, with a narrow interval; left where it was found, both agree."""
     vehicle, log = read_vehicle(case.car), read_log(case.log)
     found = own.calibrated(vehicle, [log]).found
-    assert own._contradicted(vehicle, [log], found) == ""
+    config, _ = make_config(vehicle, log)
+    last = outputs(config, log)[-1]
+    assert own._contradicted(config, last, found) == ""
     front = {k: 2 * v for k, v in found["stiffness"]["cy_front"].items()} | {"sd_relative": 0.05}
-    text = own._contradicted(vehicle, [log], {"stiffness": found["stiffness"] | {"cy_front": front}})
+    text = own._contradicted(config, last, {"stiffness": found["stiffness"] | {"cy_front": front}})
     assert f"the search finds {front['value'] / 1000:.0f} " in text and "in the front, the filter " in text
 
 

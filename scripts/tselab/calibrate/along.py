@@ -17,8 +17,9 @@ from tselab.calibrate import output
 from tselab.calibrate.result import Result
 from tselab.config import make_config
 from tselab.core import Config, Filter
+from tselab.errors import UserError
 from tselab.log import Log
-from tselab.vehicle import Vehicle, read_vehicle
+from tselab.vehicle import read_vehicle
 
 STIFFNESS = "cx_front"
 
@@ -46,7 +47,7 @@ def refined(result: Result, logs: Sequence[Log]) -> Result:
         draft = Path(folder) / "car.toml"
         output.write(draft, start, [])
         ends = np.array([_end(draft, log) for log in logs])
-    mean, sd, first = ends.T
+    mean, sd, first = ends[np.isfinite(ends).all(axis=1)].T
     fits = np.abs(mean) < 1.96 * np.sqrt(np.maximum(first**2 - sd**2, 0.0))
     if not fits.any():
         return start
@@ -66,19 +67,26 @@ def _with(result: Result, k: int, mean: float, sd: float) -> Result:
 
 
 def _end(vehicle: Path, log: Log) -> tuple[float, float, float]:
-    """Return logarithm of the longitudinal stiffness over the file's at the end of a log, its sd, and the sd of the start."""
-    config, out = filtered(read_vehicle(vehicle), log)
-    mean, sd = float(out[STIFFNESS][-1]), float(out[f"{STIFFNESS}_sd"][-1])
+    """Return logarithm of the longitudinal stiffness over the file's at the end of a log, its sd, and the sd of the start; NaN
+    where the filter refuses the log, or the file with this log."""
+    try:
+        config, _ = make_config(read_vehicle(vehicle), log)
+    except UserError:
+        return np.nan, np.nan, np.nan
+    out = outputs(config, log)
+    used = out[out["status"] >= 0]
+    if not len(used):
+        return np.nan, np.nan, np.nan
+    mean, sd = float(used[STIFFNESS][-1]), float(used[f"{STIFFNESS}_sd"][-1])
     return float(np.log(mean)), sd / mean, config.initial_cx_sd
 
 
-def filtered(vehicle: Vehicle, log: Log) -> tuple[Config, np.ndarray]:
-    """Return the settings of a car's filter and its outputs of the rows of a log that it took."""
-    config, _ = make_config(vehicle, log)
+def outputs(config: Config, log: Log) -> np.ndarray:
+    """Return what the filter makes of a log, a row each."""
     filter_ = Filter(config)
     rows, given = filter_.inputs(len(log)), log.rows()
     for column in rows.dtype.names:
         rows[column] = given[column]
     out = filter_.outputs(len(rows))
     filter_.step_into(rows, out)
-    return config, out[out["status"] >= 0]
+    return out

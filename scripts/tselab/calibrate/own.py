@@ -20,7 +20,8 @@ from typing import Any
 import numpy as np
 
 from tselab import __version__
-from tselab.core import NOMINAL, library
+from tselab.config import make_config
+from tselab.core import NOMINAL, Config, library
 from tselab.errors import UserError
 from tselab.files import alone
 from tselab.gap import constants
@@ -127,12 +128,13 @@ def _key(vehicle: Vehicle, logs: Sequence[Log]) -> str:
     """Of all that the calibration depends on: what was read of the logs, the car, the code."""
     digest = hashlib.sha256(library().path.read_bytes() + constants.fingerprint())
     here = Path(__file__).parent
-    for code in sorted((*here.glob("*.py"), *(here.parent / "identify").glob("*.py"))):
+    deciding = [here.parent / name for name in ("config.py", "vehicle.py")]  # what the filter starts from
+    for code in sorted((*here.glob("*.py"), *(here.parent / "identify").glob("*.py"), *deciding)):
         digest.update(code.read_bytes())
     about = [__version__, OWN_KNOWN, sorted(vehicle.values.items()), vehicle.driven_axle]
     digest.update(json.dumps(about).encode())
     for log in logs:
-        columns = [log.time, *(log.data[c].to_numpy(float) for c in log.data)]
+        columns = [log.time, log.rows()]
         columns += [x for _, s in sorted(log.slower.items()) for x in (s.time, s.value)]
         digest.update(json.dumps([list(log.data), sorted(log.slower), log.averaged]).encode())
         for column in columns:
@@ -141,7 +143,7 @@ def _key(vehicle: Vehicle, logs: Sequence[Log]) -> str:
 
 
 def _calibrate(vehicle: Vehicle, logs: Sequence[Log], say: Callable[[str], None]) -> Own:
-    from tselab.calibrate import output, workflow
+    from tselab.calibrate import along, output, workflow
 
     car = copy.deepcopy(vehicle)
     until = time.monotonic() + LONGEST
@@ -164,40 +166,32 @@ def _calibrate(vehicle: Vehicle, logs: Sequence[Log], say: Callable[[str], None]
         return of_class("these rows show nothing of the cornering stiffness", found)
     result = replace(result, vehicle=replace(car, formula=None), own=True)
     made = Own(output.toml(result, [log.path.name for log in logs], Path()), _words(result, found), found)
-    against = _changed(vehicle, logs) or _contradicted(vehicle, logs, found) or _changed(made.vehicle(vehicle), logs)
-    return of_class(against, found) if against else made
+    for car, contradicts in ((vehicle, _contradicted), (made.vehicle(vehicle), None)):
+        for log in logs:
+            config, _ = make_config(car, log)
+            out = along.outputs(config, log)
+            used = out[out["status"] >= 0]
+            if (used["change_kind"] > 0).any():  # a stiffness of two roads is that of neither
+                return of_class("the road or the tyres change during it", found)
+            if contradicts and len(used) and (against := contradicts(config, used[-1], found)):
+                return of_class(against, found)
+    return made
 
 
-def _changed(vehicle: Vehicle, logs: Sequence[Log]) -> str:
-    """Return that the filter reports another road or other tyres; empty: none. A stiffness of two roads is that of neither."""
-    from tselab.calibrate import along
-
-    for log in logs:
-        out = along.filtered(vehicle, log)[1]
-        if (out["change_kind"] > 0).any():
-            return "the road or the tyres change during it"
-    return ""
-
-
-def _contradicted(vehicle: Vehicle, logs: Sequence[Log], found: Mapping[str, Any]) -> str:
+def _contradicted(config: Config, last: np.void, found: Mapping[str, Any]) -> str:
     """Return how search and filter of the class, two estimates from the same rows, contradict each other; empty: they agree.
 
     Both intervals claim 95 %. Where the means are further apart than both together allow, one model is wrong, and nothing in the
     log says which: its likelihood is that of the searched numbers, which were searched for it."""
-    from tselab.calibrate import along
-
-    for log in logs:
-        config, out = along.filtered(vehicle, log)
-        last = out[-1]
-        for key, axle in AXLES.items():
-            ours = found["stiffness"][key]
-            mean, sd = float(last[key]), float(last[f"{key}_sd"]) / float(last[key])
-            value = mean * float(getattr(config, NOMINAL[key]))
-            if abs(np.log(ours["value"] / value)) > 1.96 * np.hypot(sd, ours["sd_relative"]):
-                return (
-                    f"the search finds {ours['value'] / 1000:.0f} ({ours['low'] / 1000:.0f} .. {ours['high'] / 1000:.0f}) kN/rad "
-                    f"in the {axle}, the filter {value / 1000:.0f} +- {1.96 * sd * value / 1000:.0f} on the same rows"
-                )
+    for key, axle in AXLES.items():
+        ours = found["stiffness"][key]
+        mean, sd = float(last[key]), float(last[f"{key}_sd"]) / float(last[key])
+        value = mean * float(getattr(config, NOMINAL[key]))
+        if abs(np.log(ours["value"] / value)) > 1.96 * np.hypot(sd, ours["sd_relative"]):
+            return (
+                f"the search finds {ours['value'] / 1000:.0f} ({ours['low'] / 1000:.0f} .. {ours['high'] / 1000:.0f}) kN/rad "
+                f"in the {axle}, the filter {value / 1000:.0f} +- {1.96 * sd * value / 1000:.0f} on the same rows"
+            )
     return ""
 
 

@@ -13,8 +13,8 @@ from tselab.vehicle import Vehicle
 
 @dataclass(frozen=True)
 class Proof:
-    """A log against the car as told and as calibrated: rms of measured less simulated without its mean over SLOW, in which are road
-    bank, grade and drift of the sensors; and how much likelier the calibrated car makes it."""
+    """A log against the car of its file and as calibrated: rms of measured less simulated without its mean over workflow.SLOW, in
+    which are road bank, grade and drift of the sensors; and how much likelier the calibrated car makes it."""
 
     log: str
     held_out: bool

@@ -91,10 +91,10 @@ def _problem(
     logs: Sequence[Log], vehicle: Vehicle, jobs: int, notes: list[str], say: Say
 ) -> tuple[Problem, list[Prepared]]:
     """What is fitted, and the logs as they are simulated."""
-    told = dict(vehicle.values)
+    stated = dict(vehicle.values)
     fill_sensors(vehicle, logs[0])
     config = Config(vehicle.values)
-    vehicle.values = told
+    vehicle.values = stated
     ready = _prepare(logs, config, notes, say)
     if not any(p.stretches for p in ready):
         raise UserError("; ".join(notes) or "no log can be used")
