@@ -1,13 +1,12 @@
 #!/usr/bin/env python3
-"""Measure what README and the site state, and write the tables to scripts/results; put the program into README that it shows.
+"""Measure what README and the pages state, and write the tables to scripts/results.
 
     .venv/bin/python scripts/facts.py            everything: about a minute and a half
     .venv/bin/python scripts/facts.py --fmu      only what the FMUs compute and what their variables are: some seconds
     .venv/bin/python scripts/facts.py --clients  only what validators and clients say of the FMUs: a minute, the first time three;
                                                  needs the extras clients and platforms, Java, Maven, wine and qemu-aarch64
-    .venv/bin/python scripts/facts.py --check    measure nothing; fail when README shows another program than scripts/examples has
 
-That README's numbers are those of scripts/results: tests/test_readme.py. The site takes the tables in when it is built.
+That README's numbers are those of scripts/results: tests/test_readme.py. Pages take the tables in by `python -m docsite.fill`.
 """
 
 from __future__ import annotations
@@ -21,7 +20,6 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 RESULTS = ROOT / "scripts" / "results"
-README = ROOT / "README.md"
 FMUS = ROOT / "build" / "fmu" / "fmu"
 FORMATS = ("double", "float", "fixed")
 
@@ -114,34 +112,18 @@ def constants() -> None:
     (RESULTS / "gap-constants.md").write_text(output(sys.executable, "-m", "tselab.gap.constants"))
 
 
-def updated(text: str) -> str:
-    """README with every block below `<!-- code: FILE -->` holding that file."""
-
-    def block(match: re.Match[str]) -> str:
-        return f"{match[1]}{(ROOT / match[2]).read_text(encoding='utf-8').rstrip()}\n```\n"
-
-    return re.sub(r"(<!-- code: (\S+) -->\n```\w+\n).*?```\n", block, text, flags=re.S)
-
-
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     only = parser.add_mutually_exclusive_group()
-    for option in ("fmu", "clients", "check"):
+    for option in ("fmu", "clients"):
         only.add_argument(f"--{option}", action="store_true")
     options = parser.parse_args()
     if options.fmu:
         fmus()
     elif options.clients:
         clients()
-    elif not options.check:
+    else:
         measure()
-    text = README.read_text()
-    if options.check:
-        if updated(text) != text:
-            print("README.md shows another program than scripts/examples has: run scripts/facts.py", file=sys.stderr)
-            return 1
-        return 0
-    README.write_text(updated(text))
     return 0
 
 

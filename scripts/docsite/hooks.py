@@ -1,9 +1,11 @@
-"""Hooks of MkDocs (docs/mkdocs.yml): directives, pages that are made, equations as MathML, tables that scroll."""
+"""Hooks of MkDocs (docs/mkdocs.yml).
+
+The site is README, docs/pages and what they lead to, at the same paths as in git, so links need no change.
+"""
 
 from __future__ import annotations
 
 import html
-import os
 import re
 import sys
 from pathlib import Path
@@ -14,39 +16,45 @@ from mkdocs.structure.files import File, Files
 ROOT = Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT / "scripts")]
 
-from docsite import pages, tables  # noqa: E402
+from docsite import links  # noqa: E402
 
 MATH = re.compile(r'<(span|div) class="arithmatex">(?:\\\(|\\\[)(.*?)(?:\\\)|\\\])</\1>', flags=re.S)
-BUILT = Path(
-    os.environ.get("TSE_SITE_PARTS", ROOT / "build" / "site-parts")
-)  # pictures and examples that scripts/docs.sh has made
-
-
-def on_config(config: Any) -> Any:
-    """A page per effect: below the list of effects."""
-    effects = [f"gap/effects/{e}.md" for e in tables.library().effects]
-    gap = next(item["Gap"] for item in config.nav if "Gap" in item)
-    if not any(isinstance(item, dict) for item in gap):
-        gap.append({"Each effect": effects})
-    return config
+LIST = re.compile(r"(?:[-*] |\d+\. )")
+IN_LIST = re.compile(r"\s*(?:[-*] |\d+\. )|  ")
 
 
 def on_files(files: Files, config: Any) -> Files:
-    for address, text in pages.made_pages().items():
-        files.append(File.generated(config, address, content=text))
-    parts = [p for p in sorted(BUILT.rglob("*")) if p.is_file()] if BUILT.is_dir() else []
-    for path in parts:
-        files.append(File.generated(config, path.relative_to(BUILT).as_posix(), abs_src_path=str(path)))
-    for name in ("demo.png", "fmu.png", "gap.png", "paper.png"):
-        files.append(File.generated(config, f"assets/{name}", abs_src_path=str(pages.RESULTS / name)))
+    """Take README, the pages, all that they lead to, and what those lead to."""
+    found, waiting = set(), [ROOT / "README.md", *(ROOT / "docs" / "pages").rglob("*.md")]
+    while waiting:
+        path = waiting.pop()
+        if path in found or not path.is_file():
+            continue
+        found.add(path)
+        files.append(File(path.relative_to(ROOT).as_posix(), str(ROOT), config.site_dir, use_directory_urls=False))
+        if path.suffix == ".md":
+            waiting += [target for target, _ in links.local(path)]
     return files
 
 
-def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
-    return pages.expanded(markdown, page.file.src_uri)
+def on_page_markdown(markdown: str, **_: Any) -> str:
+    """Put an empty line before lists and tables, which Python's Markdown asks for and a forge does not."""
+    lines: list[str] = []
+    inside = False
+    for line in markdown.splitlines():
+        fence = line.lstrip().startswith("```")
+        before = lines[-1] if lines else ""
+        if not inside and before.strip():
+            item = LIST.match(line) and not IN_LIST.match(before)
+            if item or (line.startswith("|") and not before.startswith("|")) or (fence and not line.startswith(" ")):
+                lines.append("")
+        lines.append(line)
+        inside ^= fence
+    return "\n".join(lines) + "\n"
 
 
 def on_page_content(content: str, **_: Any) -> str:
+    """Make MathML of equations: no script, nothing from the net."""
     from latex2mathml.converter import convert
 
     def mathml(match: re.Match[str]) -> str:
@@ -56,6 +64,4 @@ def on_page_content(content: str, **_: Any) -> str:
     content = MATH.sub(mathml, content)
     if "arithmatex" in content:
         raise ValueError("an equation was not made into MathML")
-    # wide tables scroll by themselves, by keyboard, too; the page does not
-    content = re.sub(r"<table>", '<div class="wide" tabindex="0" role="region" aria-label="table"><table>', content)
-    return content.replace("</table>", "</table></div>")
+    return content

@@ -1,0 +1,49 @@
+"""Links and anchors of Markdown, as a forge shows it."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import urllib.parse
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+LINK = re.compile(r"\]\(([^)\s]+)\)")
+CODE = re.compile(r"^ *```.*?^ *```\s*$|``.+?``|`[^`\n]+`", flags=re.M | re.S)
+
+
+def files(pattern: str = "*") -> list[Path]:
+    """Return the files that git holds."""
+    listed = subprocess.run(["git", "ls-files", pattern], cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    return [ROOT / name for name in listed.splitlines() if (ROOT / name).exists()]
+
+
+def slug(heading: str) -> str:
+    """Return the anchor of a heading."""
+    words = re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", heading).replace("`", "").replace("*", "").strip().lower()
+    return re.sub(r"[^\w\- ]", "", words).replace(" ", "-")
+
+
+def anchors(text: str) -> set[str]:
+    """Return the anchors of a page: headings, of equal ones numbered, and ids."""
+    prose = re.sub(r"^ *```.*?^ *```\s*$", "", text, flags=re.M | re.S)
+    found: set[str] = set()
+    for heading in re.findall(r"^#+ (.*)$", prose, flags=re.M):
+        base = name = slug(heading)
+        n = 0
+        while name in found:
+            n += 1
+            name = f"{base}-{n}"
+        found.add(name)
+    return found | set(re.findall(r'\bid="([^"]+)"', prose))
+
+
+def local(path: Path) -> list[tuple[Path, str]]:
+    """Return file and anchor of each link of a page that stays in the repository."""
+    found = []
+    for target in LINK.findall(CODE.sub("", path.read_text(encoding="utf-8"))):
+        parts = urllib.parse.urlsplit(target)
+        if not parts.scheme:
+            file = (path.parent / urllib.parse.unquote(parts.path)).resolve() if parts.path else path
+            found.append((file, urllib.parse.unquote(parts.fragment)))
+    return found
