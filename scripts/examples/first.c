@@ -1,28 +1,18 @@
-#include <math.h>
 #include <stdio.h>
-#include <stdlib.h>
 #include "tse/tse.h"
 
-int main(void)                                          /* log.csv in, stiffness of the front tyres at its end out */
+int main(void)                                        /* stdin: a log, a row each 10 ms, SI units, ISO 8855 */
 {
-  static tse_filter f;  tse_config c;  tse_params p;  tse_output y = { 0 };  const char *wrong;  char line[512];  double before = NAN;
-  tse_config_default(&c);                               /* every setting: include/tse/config.def */
-  c.mass = 1900;  c.lf = 1.25;  c.lr = 1.5;             /* your car; driven_axle: 1 front, 2 rear, 0 both or unknown */
-  c.wheel_radius_front = c.wheel_radius_rear = 0.33;  c.driven_axle = 0;
-  tse_config_uncalibrated(&c);                          /* last: what such a car has by its mass and axles, and how uncertain that is */
-  if (tse_prepare(&c, &p, &wrong) < 0) return fprintf(stderr, "%s is outside its range\n", wrong), 2;
-  tse_reset(&p, &f, sizeof f);                          /* the caller owns all memory */
-  while (fgets(line, sizeof line, stdin)) {             /* time, then the channels in this order; SI units, ISO 8855 */
-    double v[7];  char *s = line, *end;
-    for (int i = 0; i < 7; i++, s = end + (*end == ',')) {
-      v[i] = strtod(s, &end);  if (end == s) v[i] = NAN;   /* an empty cell: missing */
-    }
-    const tse_input u = { .dt = isnan(before) ? c.sample_time : v[0] - before, .steer_angle = v[1], .wheel_speed_front = v[2],
-                          .wheel_speed_rear = v[3], .accel_x = v[4], .accel_y = v[5], .yaw_rate = v[6] };
-    if (isnan(v[0])) continue;                          /* the header */
-    if (tse_step(&p, &f, &u, &y) >= 0) before = v[0];  else fprintf(stderr, "row refused: %s", line);
-  }
-  if (isnan(before)) return fputs("no row was used\n", stderr), 2;
-  tse_setting mean[3], sd[3];  tse_stiffness_si(&c, &y, mean, sd, NULL);
-  printf("%.0f +- %.0f N/rad: %s\n", mean[TSE_CY_FRONT], 1.96 * sd[TSE_CY_FRONT], tse_reason_text(y.reason[TSE_CY_FRONT]));
+  static tse_filter f;  tse_config c;  tse_params p;  tse_input u = { .dt = 0.01 };  tse_output y = { 0 };
+  tse_config_default(&c);
+  c.mass = 1900;  c.lf = 1.25;  c.lr = 1.5;  c.wheel_radius_front = c.wheel_radius_rear = 0.33;
+  tse_config_uncalibrated(&c);                        /* after the car: its class, its uncertainty */
+  if (tse_prepare(&c, &p, NULL) < 0 || tse_reset(&p, &f, sizeof f) < 0) return 1;   /* the caller owns all memory */
+  if (scanf("%*[^\n]") == EOF) return 1;              /* the header: time, then the channels in this order */
+  while (scanf("%*f,%lf,%lf,%lf,%lf,%lf,%lf", &u.steer_angle, &u.wheel_speed_front, &u.wheel_speed_rear,
+               &u.accel_x, &u.accel_y, &u.yaw_rate) == 6)
+    if (tse_step(&p, &f, &u, &y) < 0) return 1;       /* a refused row changes nothing */
+  tse_setting k[3], sd[3];  tse_stiffness_si(&c, &y, k, sd, NULL);
+  printf("front cornering stiffness %.0f +- %.0f N/rad (95 %%), %s\n", k[TSE_CY_FRONT], 1.96 * sd[TSE_CY_FRONT],
+         y.reason[TSE_CY_FRONT] == TSE_VALID ? "valid" : tse_reason_text(y.reason[TSE_CY_FRONT]));
 }
