@@ -113,3 +113,8 @@ def test_the_csv_reader_takes_missing_cells_and_rows(tmp_path):
     assert abs(mean - truth["true_cy_front"].iloc[-1]) < half < 0.5 * mean and not done.stderr
     nothing = subprocess.run([program], input="time,steer_angle\n", capture_output=True, text=True, check=False)
     assert (nothing.returncode, nothing.stdout, nothing.stderr) == (2, "", "no row was used\n")
+
+
+def test_the_changelog_has_at_most_thirty_lines_a_version():
+    versions = re.split(r"^## ", (ROOT / "CHANGELOG.md").read_text(), flags=re.M)[1:]
+    assert versions and [v.split("\n")[0] for v in versions if v.count("\n") > 30] == []
