@@ -41,9 +41,20 @@ CALIBRATE = click.option(
     show_default=True,
     help="Calibrate a car that nobody has calibrated on its log first.",
 )
+
+
+class _Form(click.Choice):
+    """A choice of FORMS that says what takes the place of one that is gone."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        if value == "sampled":
+            self.fail(f"'sampled' is gone, 'robust' takes its place. Allowed: {', '.join(FORMS)}.", param, ctx)
+        return super().convert(value, param, ctx)
+
+
 FORM = click.option(
     "--form",
-    type=click.Choice(FORMS),
+    type=_Form(FORMS),
     default="default",
     show_default=True,
     help="paper: the paper's particle filter as printed. robust: the same with settings that keep it from diverging; neither is "

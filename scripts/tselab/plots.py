@@ -185,7 +185,7 @@ PLAIN = ("log_evidence", "n_eff", "nis", "status", *(f"noise_{c}" for c in MEASU
 
 
 def drawn(block: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """The lines that are drawn of some rows of EST.csv, in the units of the plots. `x_low` and `x_high` are the 95 % band."""
+    """The lines that are drawn of some rows of EST.csv, in the units of the plots. `x_low` and `x_high` are the 95 % interval."""
     lines = {}
     for name in (*WITH_BAND, *PLAIN, *(n for n in OPTIONAL if n in block)):
         lines[name] = block[name] * FACTOR.get(name, 1.0)
@@ -320,9 +320,9 @@ def stiffness_figure(
 ) -> Figure:
     """Mean and its 95 % interval, of particles the spread, too; grey where not valid, with the reason on hover. Below them what
     happened, if the estimates tell. `table`: at least SUMMARY."""
-    told = "p_steady" in d
-    titles = [f"{NAMES[s]} [{UNITS[s]}]" for s in STIFFNESS] + ["What happened: probability"] * told
-    figure = Figure(titles, [230] * 3 + [130] * told)
+    regimes = "p_steady" in d
+    titles = [f"{NAMES[s]} [{UNITS[s]}]" for s in STIFFNESS] + ["What happened: probability"] * regimes
+    figure = Figure(titles, [230] * 3 + [130] * regimes)
     time = spoken_of(table)
     for row, key in enumerate(STIFFNESS, 1):
         first = row == 1
@@ -344,7 +344,7 @@ def stiffness_figure(
         mean = table[key].to_numpy() / 1000
         top = np.nanmax([1.5 * nominal, 1.25 * np.nanquantile(mean, 0.99)]) if np.isfinite(mean).any() else 2 * nominal
         figure.y_axis(row)["range"] = [0, float(min(top, 6 * nominal))]
-    if told:
+    if regimes:
         _strip(figure, len(STIFFNESS) + 1, d)
     mark(figure, len(titles), changes, spells)
     return figure
@@ -427,7 +427,9 @@ def health_figure(d: Data) -> Figure:
         "Accelerometer biases [m/s2]",
         "Gyro bias [rad/s]",
         "Log-likelihood of each row [nat]",
-        "Effective particles" if particles else "Normalised innovation squared, summed over the channels",
+        "Effective particles"
+        if particles
+        else "Normalised innovation squared of all channels: above 5 on average, intervals are too narrow",
         "Status",
     ]
     noise = {name: d.line(name) for name in (f"noise_{channel}" for channel in MEASURES)}

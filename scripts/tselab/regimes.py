@@ -102,7 +102,8 @@ class Stretch:
 
     @property
     def title(self) -> str:
-        return f"{self.start:.1f} .. {self.end:.1f} s"
+        start = round(self.start, 1) + 0.0  # no -0.0 of a row that speaks of a time before the log
+        return f"{start:.1f} .. {self.end:.1f} s"
 
 
 def spoken_of(table: pd.DataFrame) -> np.ndarray:

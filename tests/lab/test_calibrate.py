@@ -138,7 +138,7 @@ def test_a_straight_drive_shows_nothing_of_cornering(tmp_path: Path) -> None:
     found = {f["name"]: f for f in json.loads((tmp_path / "out.json").read_text())["findings"]}
     for name in ("relaxation_length", "body_roll_gain", "yaw_inertia", "steer_angle_latency", "imu_lever_arm_x"):
         assert not found[name]["shown"], name
-        assert "could not show" in found[name]["words"]
+        assert "do not show" in found[name]["words"]
 
 
 def test_it_goes_on_where_it_was(case: Path) -> None:

@@ -58,7 +58,7 @@ def refined(result: Result, logs: Sequence[Log]) -> Result:
 
 
 def _with(result: Result, k: int, mean: float, sd: float) -> Result:
-    """Return the result with another mean and sd of one unknown, which says nothing of the others then."""
+    """Return the result with another mean and sd of one unknown, the others as they are."""
     x, covariance = result.fit.x.copy(), result.fit.covariance.copy()
     x[k] = mean
     covariance[k, :] = covariance[:, k] = 0.0

@@ -63,7 +63,7 @@ def calibrate(
 
     Found together, with what passenger cars have as prior: how late every channel is behind the gyro, steering ratio, offset and
     lag, wheel radii, place, mounting and scale of the IMU, roll, pitch, relaxation, load transfer, yaw inertia, stiffness, and
-    the noise of the sensors. What these logs could not show is said, keeps its prior, and is in the bands of the estimate. Half
+    the noise of the sensors. What these logs do not show is named, keeps its prior, and is in the intervals of the estimate. Half
     an hour of driving with bends and some braking is a good start; a second calibration, with --vehicle calibrated.toml
     and other logs, starts from the first.
 
@@ -139,13 +139,16 @@ def _code(result: Result) -> int:
 
 
 def words(result: Result) -> list[str]:
-    """What a person should know first."""
+    """Return what a person should know first: the stiffness, then how the search ended."""
+    from tselab.calibrate.own import stiffness_words
+
+    lines = [f"Stiffness at no slip, 95 % interval: {stiffness_words(result)}."]
     n = len(result.problem.logs)
     logs = f"{n} log{'s' if n > 1 else ''}, {result.seconds / 60:.1f} minutes"
     if result.fit.converged:
-        lines = [f"From {logs}: converged after {result.fit.steps} steps."]
+        lines += [f"From {logs}: converged after {result.fit.steps} steps."]
     else:
-        lines = [
+        lines += [
             f"From {logs}: NOT converged after {result.fit.steps} steps (last step {result.fit.moved:.2g} sd); --steps allows more."
         ]
     for held in (False, True):
@@ -162,5 +165,5 @@ def words(result: Result) -> list[str]:
             )
     hidden = [f.name for f in result.findings if not f.shown]
     if hidden:
-        lines.append(f"These logs could not show: {', '.join(hidden)}.")
+        lines.append(f"Not shown by these logs: {', '.join(hidden)}.")
     return lines

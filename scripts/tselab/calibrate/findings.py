@@ -19,6 +19,7 @@ CHANNEL_WORDS = {
     "steer_angle": "steering angle", "wheel_speed_front": "front wheel speed", "wheel_speed_rear": "rear wheel speed",
     "accel_x": "accel_x", "accel_y": "accel_y",
 }  # fmt: skip
+NOT_ZERO = ", not distinguishable from 0"
 
 
 @dataclass(frozen=True)
@@ -33,7 +34,7 @@ class Finding:
     prior_sd: float
     value: float
     sd: float
-    shown: bool  # the logs told more of it than was known
+    shown: bool  # the logs reduced its sd
     words: str
     shape: bool = False  # of an effect: nothing where that is off
 
@@ -70,18 +71,17 @@ def _words(u: Unknown, value: float, sd: float, shown: bool, before: float, by: 
     if u.name in LATENCIES:
         what = CHANNEL_WORDS[LATENCIES[u.name]]
         if not shown:
-            return f"{what}: these logs could not show how late it is behind the gyro"
-        if abs(value) < max(SURE * sd, u.worth):
-            return f"{what}: in time with the gyro, as far as these logs show ({1000 * value:+.1f} +- {1000 * 1.96 * sd:.1f} ms)"
-        side = "late" if value > 0 else "early"
-        return f"{what}: {1000 * abs(value):.1f} +- {1000 * 1.96 * sd:.1f} ms {side} of the gyro"
+            return f"{what}: these logs do not show how late it is behind the gyro"
+        low, high = (1000 * (value + side * 1.96 * sd) for side in (-1, 1))
+        text = f"{what}: {1000 * value:.1f} ms behind the gyro, 95 % interval {low:.1f} .. {high:.1f}"
+        return text + (NOT_ZERO if abs(value) < max(SURE * sd, u.worth) else "")
     title = u.name.replace("_", " ")
     unit = "" if unit_of(u.name) == "1" else " " + unit_of(u.name)
     if not shown:
-        return f"{title}: could not show here"
-    text = f"{title}: {value:.4g} +- {1.96 * sd:.2g}{unit}"
+        return f"{title}: these logs do not show it"
+    text = f"{title}: {value:.4g}{unit}, 95 % interval {value - 1.96 * sd:.4g} .. {value + 1.96 * sd:.4g}"
     if u.worth and abs(value - before) < max(SURE * sd, u.worth * by):
-        return text + ", as the vehicle file says" if before else text + ": none that would show"
+        return text + (f", not distinguishable from {before:.4g} of the vehicle file" if before else NOT_ZERO)
     return text
 
 
@@ -99,7 +99,7 @@ def groups(problem: Problem, fit: Fit, rows: Sequence[Finding]) -> list[Group]:
     return sorted(found, key=lambda g: -g.nats)
 
 
-def told_before(config: Config) -> dict[str, float]:
+def known_before(config: Config) -> dict[str, float]:
     """What the settings say of each unknown; a latency that they do not know is 0."""
     values = config.as_dict()
     return {u.name: float(values.get(u.name, 0.0)) for u in UNKNOWNS}

@@ -98,7 +98,7 @@ def formula_beside(path: Path) -> Path:
 def toml(result: Result, logs: list[str], formula: Path) -> str:
     """The calibrated vehicle file. `formula`: where its formula is, if it has one."""
     vehicle, fields = result.vehicle, result.config.fields
-    found, told = values(result), {f.name: f for f in result.findings}
+    found, by_name = values(result), {f.name: f for f in result.findings}
     source = vehicle.path.name if vehicle.path else "the built-in car"
     lines = [f"# {source}, calibrated by tselab {__version__} from {', '.join(logs)}"]
     if not result.fit.converged:
@@ -110,9 +110,11 @@ def toml(result: Result, logs: list[str], formula: Path) -> str:
     ]
     everything = result.config.as_dict() | found
     for key in vehicle_settings():
-        lines.append(f"{key} = {float(everything[key])!r}  # {fields[key].unit}{_band(told.get(key))}")
+        lines.append(f"{key} = {float(everything[key])!r}  # {fields[key].unit}{_band(by_name.get(key))}")
     lines += ["", "[latency]  # s behind the gyro"]
-    lines += [f"{k} = {v:.5f}{_band(told[k + LATENCY])}".replace(", ", "  # ", 1) for k, v in latencies(result).items()]
+    lines += [
+        f"{k} = {v:.5f}{_band(by_name[k + LATENCY])}".replace(", ", "  # ", 1) for k, v in latencies(result).items()
+    ]
     lines += ["", "[uncertainty]", *(f"{k} = {v:.3g}  # {fields[k].unit}" for k, v in uncertainty(result).items())]
     sensors = result.sensors | {k: v for k, v in vehicle.values.items() if k in sensor_settings()}
     lines += ["", "[sensors]"]
@@ -126,7 +128,7 @@ def toml(result: Result, logs: list[str], formula: Path) -> str:
         lines += ["", f"[effects.{effect.id}]  # {effect.title}"]
         for p in effect.parameters:
             value = float(getattr(config, p.setting))
-            lines.append(f"{p.name} = {value!r}  # {p.unit}: {p.text}{_band(told.get(p.setting))}")
+            lines.append(f"{p.name} = {value!r}  # {p.unit}: {p.text}{_band(by_name.get(p.setting))}")
     names = list(result.problem.prior.names)
     n = len(names)
     lines += ["", "# What the next calibration starts from: all unknowns, their means and covariance.", "[calibration]"]
@@ -147,7 +149,7 @@ def _band(f: Finding | None) -> str:
     return (
         f", found, 95 %: {f.value - 1.96 * f.sd:.4g} .. {f.value + 1.96 * f.sd:.4g}"
         if f.shown
-        else ", could not show here"
+        else ", not shown by these logs"
     )
 
 

@@ -29,8 +29,8 @@ MOST_GROUPS = 12
 def write(path: Path, result: Result, words: Sequence[str]) -> None:
     """Write the page."""
     sections: list[tuple[str, str, go.Figure]] = [
-        ("What is known now, and was before", "Each number with its 95 % band, in units of what was known of it before (0: what "
-         "cars usually have; -2 .. 2: their 95 % range). Grey: these logs could not show it.", bands(result)),
+        ("What is known now, and was before", "Each number with its 95 % interval, in units of its sd before (0: what "
+         "cars usually have; -2 .. 2: their 95 % range). Grey: these logs do not show it.", bands(result)),
         ("The misfit before and after", "Rms of measured less simulated, without its mean over 4 s (road bank, grade, drift of the "
          "sensors); nothing of a held-out log is fitted. Before: the car as the vehicle file tells it, its stiffness fitted.",
          misfit(result.proofs)),
@@ -83,7 +83,7 @@ def bands(result: Result) -> go.Figure:
     rows = [f for g in result.groups for f in g.members][::-1]
     figure = go.Figure()
     figure.add_vrect(x0=-2, x1=2, fillcolor="#eef2f6", line_width=0, layer="below")
-    for shown, colour, title in ((True, BLUE, "shown by these logs"), (False, GREY, "could not show here")):
+    for shown, colour, title in ((True, BLUE, "shown by these logs"), (False, GREY, "not shown by these logs")):
         mine = [f for f in rows if f.shown == shown]
         if mine:
             figure.add_trace(

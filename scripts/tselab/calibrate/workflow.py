@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from tselab.calibrate import along
-from tselab.calibrate.findings import findings, groups, told_before
+from tselab.calibrate.findings import findings, groups, known_before
 from tselab.calibrate.result import Proof, Result
 from tselab.core import Config, library
 from tselab.errors import UserError
@@ -57,7 +57,7 @@ def run(
     problem, ready = _problem(list(read.values()), vehicle, jobs, notes, say)
     config = problem.config
 
-    say("stiffness alone, the car as told")
+    say("stiffness alone, the car as in the file")
     plain_problem = Problem(ready, config, _stiffness_of(problem.prior), jobs, unlike=False)
     plain = fit(plain_problem, say=say)
 
@@ -109,7 +109,7 @@ def _result(
 ) -> Result:
     if vehicle.formula is not None:
         notes.append(f"the vehicle file has a formula ({vehicle.formula.id}): it was simulated as it is, and is kept")
-    rows = findings(problem, result, told_before(problem.config))
+    rows = findings(problem, result, known_before(problem.config))
     steps = {c: max(step_of(log.data[c].to_numpy(float)) for log in logs) for c in (*DRIVES, *MEASURED)}
     sensors = _sensors(problem, result, logs)
     return Result(

@@ -5,7 +5,7 @@ likeliest time is minutes, hills count as what the car does, and tyres come out 
 which is the more the more the car does: a share of the channel's size at the time. Sizes and times are found from the residuals by
 maximum likelihood; a channel that the model misses badly is believed less. The share has a least: with forty numbers a model of
 another car fits a log down to the noise of its sensors, at numbers that are wrong by many of the sd that noise alone would leave,
-and foretells other logs badly.
+and predicts other logs badly.
 O(n) by the semiseparable Cholesky factor of such processes (Foreman-Mackey et al. 2017, celerite2).
 """
 
