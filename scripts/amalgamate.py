@@ -181,15 +181,15 @@ class Amalgamation:
     def __init__(self, defaults: dict[str, str]) -> None:
         self.sources = Sources.read()
         self.defaults = defaults
-        self.tables_told: set[str] = set()
+        self.tables_written: set[str] = set()
         self.header_done: set[str] = set()
 
     def table(self, name: str) -> str:
-        """A .def file with those that it includes. What its rows mean is told where it stands first."""
+        """A .def file with those that it includes. What its rows mean stands where it comes first."""
         text = (ROOT / "include" / name).read_text()
-        if name in self.tables_told:
+        if name in self.tables_written:
             text = re.sub(r"^[ \t]*\n", "", COMMENT.sub("", text), flags=re.M)
-        self.tables_told.add(name)
+        self.tables_written.add(name)
         return INCLUDE.sub(lambda m: self.table(m[1]), text)
 
     # -- tse.h
@@ -344,7 +344,7 @@ PROLOGUE = """
 #endif
 
 /* a*b + c rounds twice on every machine, whatever the flags: the same bits with and without a fused multiply-add. gcc fuses unless
- * it is told a standard (-std=c99), clang where both stand in one expression. */
+ * it is given a standard (-std=c99), clang where both stand in one expression. */
 #if defined(__clang__)
 #pragma STDC FP_CONTRACT OFF
 #elif defined(__GNUC__) && !defined(__STRICT_ANSI__)

@@ -132,8 +132,8 @@ def number(text: str, name: str) -> int:
 
 
 def flash_of(program: Path) -> int:
-    told = m.call(["arm-none-eabi-size", "-A", str(program)])
-    return sum(int(size) for size in re.findall(r"^\.(?:text|data|ARM\.exidx)\s+(\d+)", told, re.M))
+    said = m.call(["arm-none-eabi-size", "-A", str(program)])
+    return sum(int(size) for size in re.findall(r"^\.(?:text|data|ARM\.exidx)\s+(\d+)", said, re.M))
 
 
 def deepest(folder: Path, name: str) -> int:
@@ -219,8 +219,8 @@ def table(measured: list[Measured]) -> str:
                 cells.append(f"- (goal {shown(goal)})" if goal else "-")
                 continue
             bold = "**" if goal and x.values[q] > goal else ""
-            told = ", ".join(f"{name} {shown(limit[name])}" for name in ("goal", "limit") if name in limit)
-            cells.append(f"{bold}{shown(x.values[q])}{bold}{f' ({told})' if told else ''}")
+            said = ", ".join(f"{name} {shown(limit[name])}" for name in ("goal", "limit") if name in limit)
+            cells.append(f"{bold}{shown(x.values[q])}{bold}{f' ({said})' if said else ''}")
         lines.append(f"| {x.name} | {' | '.join(cells)} |")
     if skipped := [f"{x.name}: {x.skipped}" for x in measured if x.skipped]:
         lines += ["", f"Not measured: {'; '.join(skipped)}."]

@@ -56,7 +56,7 @@ def estimated(d: Drive, config: Config) -> np.ndarray:
     return out
 
 
-def told(lib: Library, form: str, about: dict[str, float]) -> Config:
+def settings(lib: Library, form: str, about: dict[str, float]) -> Config:
     config = Config({**START, **about}, lib=lib)
     if form != "default":
         config.fill(f"tse_config_{form}")
@@ -81,7 +81,7 @@ def study(builds: dict[str, Library], runs: dict[str, int]) -> pd.DataFrame:
                     if form != "default" and build not in ("double", "fixed"):
                         continue
                     for filter_seed in FILTER_SEEDS[form]:
-                        config = told(lib, form, d.about)
+                        config = settings(lib, form, d.about)
                         config.set("seed", filter_seed)
                         estimate = estimated(d, config)
                         row = {"case": case.name, "form": form, "build": build, "seed": seed}

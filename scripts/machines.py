@@ -123,10 +123,10 @@ class Machine:
 @cache
 def version_of(command: tuple[str, ...]) -> str:
     ask = "-v" if command[0] == "tcc" else "version" if "ziglang" in command else "--version"
-    told = subprocess.run(
+    said = subprocess.run(
         [*command[: 3 if "ziglang" in command else 1], ask], capture_output=True, text=True, check=False
     ).stdout
-    number = re.search(r"\d+\.\d+(\.\d+)?", told.splitlines()[0] if told else "")
+    number = re.search(r"\d+\.\d+(\.\d+)?", said.splitlines()[0] if said else "")
     return number[0] if number else "?"
 
 

@@ -71,7 +71,7 @@ def call(command: list[str], **more: Any) -> str:
 
 
 def compilers() -> list[list[str]]:
-    """What compiles C to WebAssembly here, with what its linker needs to be told."""
+    """What compiles C to WebAssembly here, with the options its linker needs."""
     found = []
     if shutil.which("clang") and shutil.which("wasm-ld"):
         found.append(["clang", "--target=wasm32"])

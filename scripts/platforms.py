@@ -98,8 +98,8 @@ def name_of(work: m.Work, machine: m.Machine, real: str) -> str:
     files = [work.sources() / name for name in ("tse.c", "tse.h", "rows.h")]
     files += [m.HERE / "replay.c", m.HERE / machine.port]
     files += [m.HERE / "drive.h", m.HERE / "port.h", m.ROOT / "tests" / "replay" / "replay_hash.h", m.golden_file(real)]
-    told = repr((machine, real, machine.version(), machine.emulator(), capacities(machine))).replace(str(m.ROOT), "")
-    return hashlib.sha256(b"".join(f.read_bytes() for f in files) + told.encode()).hexdigest()
+    said = repr((machine, real, machine.version(), machine.emulator(), capacities(machine))).replace(str(m.ROOT), "")
+    return hashlib.sha256(b"".join(f.read_bytes() for f in files) + said.encode()).hexdigest()
 
 
 def asked(only: str, short: bool, formats: list[str]) -> list[Result]:
@@ -158,9 +158,9 @@ def said_before(formats: list[str]) -> dict[tuple[str, ...], dict[str, str]]:
         if line.startswith("| machine |"):
             names = cells[4:]
         elif names and line.startswith("| ") and len(cells) == 4 + len(names):
-            told = dict(zip(names, cells[4:], strict=True))
+            said = dict(zip(names, cells[4:], strict=True))
             out[tuple(cells[:4])] = {
-                real: told[real].removesuffix(BEFORE) for real in formats if told.get(real, "-") != "-"
+                real: said[real].removesuffix(BEFORE) for real in formats if said.get(real, "-") != "-"
             }
     return out
 
@@ -173,9 +173,9 @@ def table(results: list[Result], before: dict[tuple[str, ...], dict[str, str]]) 
         version = f"{x.compiler()} {x.version()}" if not x.missing() else x.compiler()
         key = (x.name, version, f"`{' '.join(shown(x)) or '-'}`", x.emulator() if not x.missing() else "-")
         rows.setdefault(key, {})[r.real] = r.says or "not run"
-    for key, told in before.items():
-        if key in rows or not all(says.startswith("skipped") for says in told.values()):
-            rows[key] = {real: says + BEFORE for real, says in told.items()} | rows.get(key, {})
+    for key, said in before.items():
+        if key in rows or not all(says.startswith("skipped") for says in said.values()):
+            rows[key] = {real: says + BEFORE for real, says in said.items()} | rows.get(key, {})
     lines = [
         f"| machine | compiler | flags | run by | {' | '.join(finished)} |",
         f"|---|---|---|---|{'---|' * len(finished)}",

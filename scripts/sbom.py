@@ -89,8 +89,8 @@ def bom(folder: Path, version: str, epoch: int, files: dict[str, str]) -> Bom:
     for n, component in components.items():
         made.register_dependency(component, [components[m] for m, (_, by) in packages.items() if n in by])
     content = [*(f"{n} {d}" for n, d in sorted(files.items())), *sorted(c.bom_ref.value for c in components.values())]
-    told = "\n".join([version, str(epoch), *content])
-    made.serial_number = uuid.uuid5(SPACE, told)
+    named = "\n".join([version, str(epoch), *content])
+    made.serial_number = uuid.uuid5(SPACE, named)
     return made
 
 

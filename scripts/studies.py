@@ -22,7 +22,7 @@ PICTURES = ("paper", "particles", "bound")
 
 # what is run under another name: all of a study, or some of its cases
 PART: dict[str, tuple[str, str]] = {
-    "as-told": ("as-told", "as-told"),
+    "false-alarms": ("false-alarms", "false-alarms"),
     "regimes-road": ("regimes", "road-0.7,road-0.3"),
 }
 
@@ -31,7 +31,7 @@ STUDIES: dict[str, int] = {
     "stress": 24,
     "peers": 20,
     "regimes-road": 24,
-    "as-told": 24,
+    "false-alarms": 24,
     "bound": 24,
     "particles": 4,
     "paper": 200,

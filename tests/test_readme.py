@@ -45,7 +45,7 @@ def test_its_numbers_are_those_of_scripts_results():
     stated = "there {} and {} % of valid rows more than 10 % off; {} and {} % within the 95 % interval"
     assert stated.format(*off, *interval) in facts
     delay, longest = re.match(r"([\d.]+) \(([\d.]+)\)", cells("regimes-road.md", "road-0.7 | tse | 30 s |")[0]).groups()
-    hours, _, false = cells("as-told.md", "as-told | tse |")[:3]
+    hours, _, false = cells("false-alarms.md", "false-alarms | tse |")[:3]
     assert f"detected after {delay} s (longest {longest})" in facts
     assert f"{false} false alarms in {float(hours):.0f} hours" in facts
     time, memory = cells("bench.md", "default |")[0], cells("sizes.md", "`tse_filter`: the default form |")[0]

@@ -5,7 +5,7 @@ const GAP = 8, TITLE = 18, AXIS = 22, STRIP = 9, HEAT = 17;   // px
 const SHORTEST = 0.05;                                        // s that can be looked at
 const WIDEST_BAND = 0.35;   // share of the mean by which a band may widen what is shown: at a start it is as wide as everything
 
-// The mean and half of the 95 % band of normal errors.
+// The mean and half of the 95 % interval of normal errors.
 const BAND = 1.96;
 
 class Chart {

@@ -21,7 +21,7 @@ class DrivePane {
     $("slide").onchange = () => { $("slide-hint").hidden = !$("slide").checked; };
     for (const id of ["steer", "pedal"]) $(id).oninput = () => { $("auto").checked = false; this.outputs(); };
     $("level").oninput = () => { this.road(null); this.outputs(); };
-    $("loud").oninput = () => this.outputs();
+    $("noise").oninput = () => this.outputs();
     $("go").onclick = () => this.toggle();
     $("again").onclick = () => this.begin();
     $("keep").onclick = () => this.keep();
@@ -29,7 +29,7 @@ class DrivePane {
     document.addEventListener("keydown", (e) => this.key(e, true));
     document.addEventListener("keyup", (e) => this.key(e, false));
     this.chart = new Chart($("drive-chart"), {
-      label: "Stiffness with its 95 % band beside the truth, the sideslip angle, and the probabilities of what happened",
+      label: "Stiffness with its 95 % interval beside the truth, the sideslip angle, and the probabilities of what happened",
       live: SHOWN, time: () => ({ t: this.t, n: this.n }),
       panels: this.panels(),
     });
@@ -60,7 +60,7 @@ class DrivePane {
       return;
     }
     desk.set("seed", seed, "simConfig");
-    desk.set("noise", Number($("loud").value), "simConfig");
+    desk.set("noise", Number($("noise").value), "simConfig");
     desk.set("speed", speed, "simConfig");
     desk.set("hold_inputs", 0, "simConfig");
     desk.simStart();
@@ -193,7 +193,7 @@ class DrivePane {
     const pedal = Number($("pedal").value);
     $("pedal-out").textContent = pedal > 0 ? `drive ${Math.round(100 * pedal)} %` : pedal < 0 ? `brake ${Math.round(-100 * pedal)} %` : "none";
     $("level-out").textContent = `× ${tidy(Number($("level").value), 3)}`;
-    $("loud-out").textContent = `× ${tidy(Number($("loud").value), 2)}`;
+    $("noise-out").textContent = `× ${tidy(Number($("noise").value), 2)}`;
   }
 
   show() {

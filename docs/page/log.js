@@ -48,7 +48,7 @@ function changeText(at, time) {
 
 class LogPane {
   constructor(lib, desk) {
-    Object.assign(this, { lib, desk, file: null, rows: null, table: null, running: null, stopped: false, against: [], told: {}, ratioSd: null, plainRatioSd: null });
+    Object.assign(this, { lib, desk, file: null, rows: null, table: null, running: null, stopped: false, against: [], known: {}, ratioSd: null, plainRatioSd: null });
     this.said = new Map();      // settings that somebody said, by hand or by a vehicle file: no rule changes them
     this.driven = DRIVEN.front;
     $("formats").textContent = PAGE.parquet ? "CSV or Parquet" : "CSV";
@@ -62,7 +62,7 @@ class LogPane {
     $("example").onclick = () => this.example();
     $("run").onclick = () => this.run();
     $("stop").onclick = () => { this.stopped = true; };
-    $("told").onchange = () => { this.forget(this.lib.groups[1]); this.tell($("told").value === "1"); this.show(); };
+    $("known").onchange = () => { this.forget(this.lib.groups[1]); this.tell($("known").value === "1"); this.show(); };
     $("rules").onclick = () => { this.forget(this.lib.groups[0].filter((n) => /stiffness|inertia/.test(n))); this.byRule(); this.show(); };
     $("save-est").onclick = () => this.guarded(async () => save(await csvOf(this.table, breather()), `${this.stem()}.est.csv`));
     $("save-log").onclick = () => save([logOf(this.rows, lib)], "log.csv");
@@ -74,7 +74,7 @@ class LogPane {
     this.settings();
     if (innerWidth < 760) $("vehicle-more").open = false;      // on a phone the results are far down else
     this.chart = new Chart($("chart"), {
-      label: "Stiffness with its 95 % band, validity and the probabilities of what happened, over time",
+      label: "Stiffness with its 95 % interval, validity and the probabilities of what happened, over time",
       time: () => (this.table ? { t: this.table.time, n: this.table.rows } : { t: [], n: 0 }),
       panels: panelsOf(lib, () => this.table?.columns ?? {}, (s) => this.rows?.truth?.[s] ?? null,
         (s, i) => this.table.reasonText(this.table.columns[`${s}_reason`][i]), 130),
@@ -149,7 +149,7 @@ class LogPane {
 
   // How well the car is known: exactly, or as one that nobody has calibrated, whose sensors are ordinary ones, too.
   tell(uncalibrated) {
-    $("told").value = uncalibrated ? "1" : "0";
+    $("known").value = uncalibrated ? "1" : "0";
     this.plainRatioSd = null;             // steer_ratio_sd before loosen()
     const before = this.car(), [vehicle, , sensors] = this.lib.groups;
     this.desk.defaults();
@@ -195,10 +195,10 @@ class LogPane {
       } catch (error) {
         throw new Wrong(`${file.name}: is not TOML: ${error.message.split("\n")[0]}`);
       }
-      const [vehicle, told, sensors] = this.lib.groups, missing = PAGE.rules.required.filter((n) => !(n in said));
+      const [vehicle, known, sensors] = this.lib.groups, missing = PAGE.rules.required.filter((n) => !(n in said));
       if (missing.length) throw new Wrong(`${file.name}: key ${missing.join(", ")} is missing (allowed: ${missing.map((n) => `${n}: ${rangeText(this.lib.field("config", n))}`).join("; ")})`);
       const values = {}, unknown = [];
-      for (const [table, names, where] of [[said, vehicle, ""], [said.uncertainty ?? {}, told, "uncertainty."], [said.sensors ?? {}, sensors, "sensors."]]) {
+      for (const [table, names, where] of [[said, vehicle, ""], [said.uncertainty ?? {}, known, "uncertainty."], [said.sensors ?? {}, sensors, "sensors."]]) {
         for (const [key, value] of Object.entries(table)) {
           if (names.includes(key)) {
             const f = this.lib.field("config", key);
@@ -218,7 +218,7 @@ class LogPane {
       if (this.file) this.loosen(this.ratioSd);
       this.byRule();
       this.show();
-      this.told = { ratio: said.steering_ratio, tracks: { front: said.track_front, rear: said.track_rear } };
+      this.known = { ratio: said.steering_ratio, tracks: { front: said.track_front, rear: said.track_rear } };
       this.say(`${file.name}: ${Object.keys(values).length} settings${this.rows ? "; estimate again" : ""}.`);
     }, "car-wrong");
   }
@@ -233,7 +233,7 @@ class LogPane {
       this.said.clear();
       this.driven = DRIVEN.front;
       const rows = exampleOf(this.desk);
-      $("told").value = "0";
+      $("known").value = "0";
       this.show();
       await this.run(rows);
     });
@@ -262,7 +262,7 @@ class LogPane {
       if (said) $("map-hint").prepend(`${said} `);
       const rows = this.checked();
       this.show();
-      this.notes([...contradictions(rows, this.car(), this.told), ...rows.notes]);
+      this.notes([...contradictions(rows, this.car(), this.known), ...rows.notes]);
       if (this.file.own) await this.run(rows);
       else this.say("Are the channels right? Then estimate.");
     });
@@ -366,7 +366,7 @@ class LogPane {
     this.guarded(() => {
       const rows = this.checked();
       this.show();
-      this.notes([...contradictions(rows, this.car(), this.told), ...rows.notes]);
+      this.notes([...contradictions(rows, this.car(), this.known), ...rows.notes]);
       this.say("Are the channels right? Then estimate.");
     });
   }
@@ -392,7 +392,7 @@ class LogPane {
       const rows = given ?? (this.file ? this.checked() : exampleRows(this));
       this.prior();
       const sampling = [...setSampling(this.desk, rows.sampleTime), ...setWheels(this.desk, rows)];
-      this.against = contradictions(rows, this.car(), this.told);
+      this.against = contradictions(rows, this.car(), this.known);
       this.notes([...rows.notes, ...sampling]);
       $("against").textContent = this.against.length ? `${this.against.join("\n")}\nUntil that is put right no value of this log is usable, whatever its rows say.` : "";
       this.rows = rows;
@@ -468,7 +468,7 @@ class LogPane {
     this.said.clear();
     this.driven = DRIVEN.front;
     for (const name of this.lib.groups.flat()) this.desk.set(name, settings[name]);
-    $("told").value = "0";
+    $("known").value = "0";
     this.show();
     await this.run(rows);
   }

@@ -245,7 +245,7 @@ function rowsOf(table, map, car, lib) {
     const radius = (c) => car[c.replace("wheel_speed", "wheel_radius")];
     data[absent] = data[there].map((x) => x * (radius(there) / radius(absent)));
     data.accel_x = data.accel_x.map(() => NaN);
-    notes.push(`${absent} is not in the log: ${there} stands in for it; slip is not known, so accel_x is not used and cx_front not told`);
+    notes.push(`${absent} is not in the log: ${there} stands in for it; slip is not known, so accel_x is not used and cx_front not estimated`);
   }
   const rows = { name, time, data, notes, turn };
   rows.sampleTime = rows.time.length > 1 ? median(differences(rows.time)) : null;

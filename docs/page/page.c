@@ -38,7 +38,7 @@ static const char *const vehicle_rows[] = {
 #include "tse/vehicle.def"
   NULL
 };
-static const char *const told_rows[] = {
+static const char *const uncertainty_rows[] = {
 #include "tse/uncertainty.def"
   NULL
 };
@@ -48,7 +48,7 @@ static const char *const sensor_rows[] = {
 #undef INT
   NULL
 };
-static const char *const *const groups[] = { vehicle_rows, told_rows, sensor_rows };
+static const char *const *const groups[] = { vehicle_rows, uncertainty_rows, sensor_rows };
 
 /* Names of the settings of one file of include/tse: 0 vehicle.def, 1 uncertainty.def, 2 sensors.def; NULL ends them. */
 const char *const *EXPORT(page_group)(int32_t group) { return groups[group]; }

@@ -30,7 +30,7 @@ function setSampling(desk, sampleTime) {
   return Math.abs(used - sampleTime) > 1e-6 ? [`rows are ${brief(sampleTime)} s apart; the nearest sample_time the filter knows is ${brief(used)} s`] : [];
 }
 
-// One signal, the vehicle's speed, logged as that of both axles (scripts/tselab/config.py): the filter is told, and the note says so.
+// One signal, the vehicle's speed, logged as that of both axles (scripts/tselab/config.py): the filter is set so, and the note says so.
 function setWheels(desk, rows) {
   const r = PAGE.rules, { wheel_speed_front: front, wheel_speed_rear: rear } = rows.data;
   let low = Infinity, high = -Infinity, many = 0;
@@ -153,9 +153,9 @@ function vehicleOf(desk, name) {
     const f = desk.lib.field("config", n);
     return `${n} = ${shortest(desk.get(n))}  # ${f.unit}, ${f.lo} .. ${f.hi}: ${f.text}`;
   };
-  const [vehicle, told, sensors] = desk.lib.groups.map((g) => g.map(line).join("\n"));
+  const [vehicle, uncertain, sensors] = desk.lib.groups.map((g) => g.map(line).join("\n"));
   const driven = Object.keys(DRIVEN).find((axle) => DRIVEN[axle] === desk.get("driven_axle"));
-  return `# A vehicle for tselab, as the page had it. SI units; stiffness per axle (both wheels).\nname = ${JSON.stringify(name)}\ndriven_axle = "${driven}"\n${vehicle}\n\n# How uncertain that is: sd of each, 0 for what is known exactly.\n[uncertainty]\n${told}\n\n[sensors]\n${sensors}\n`;
+  return `# A vehicle for tselab, as the page had it. SI units; stiffness per axle (both wheels).\nname = ${JSON.stringify(name)}\ndriven_axle = "${driven}"\n${vehicle}\n\n# How uncertain that is: sd of each, 0 for what is known exactly.\n[uncertainty]\n${uncertain}\n\n[sensors]\n${sensors}\n`;
 }
 
 // The built-in example: a drive of tselab's manoeuvres in the project's simulator, with its truth.

@@ -65,7 +65,7 @@ CASES = (
         _log(lambda x: x.drop(columns=["accel_y", "yaw_rate"])),
         ESTIMATE,
         "tselab: error",
-        "Without either no side force can be told.",
+        "Without either, side forces are not observable.",
         "Log one of them at least; both are much better.",
     ),
     Symptom(

@@ -49,7 +49,7 @@ class Result:
     """What the log has taught, for the next drive: for the argument `learnt`, Filter.load_learnt() and tse_learnt_load() in C.
     None: no row was used, or the channels contradict each other."""
     uncertainty_sd: dict[str, npt.NDArray[np.float64]] = field(default_factory=dict)
-    """What each quantity that is told of the car, and may be off, adds to the sd at the end: (3,), relative to nominal."""
+    """Share of the final sd that each uncertain parameter of the car adds: (3,), relative to nominal."""
     calibration: dict[str, Any] | None = None
     """What the calibration on the log itself has found: used (else why not), seconds, stiffness with its 95 % interval [N/rad],
     latency [s], not_shown. None: the car was calibrated, or nobody asked."""

@@ -199,7 +199,7 @@ class Filter:
         self._filter.load_learnt(learnt, age)
 
     def uncertainty_sd(self) -> dict[str, np.ndarray[Any, np.dtype[np.float64]]]:
-        """What each quantity that is told of the car, and may be off (`mass_sd` ...), adds to the sd of the three stiffnesses: (3,)
+        """Share of the sd of the three stiffnesses that each uncertain parameter of the car (`mass_sd` ...) adds: (3,)
         each, relative to nominal. After the last row."""
         return self._filter.uncertainty_sd()
 

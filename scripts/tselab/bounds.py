@@ -7,7 +7,7 @@ Both are of the model of peers.py, linearised at the true states and the true me
 In this linear-Gaussian model covariances depend on the trajectory but not on the data, so a bound is a run over the rows
 that uses their inputs and which measurements are there. Numbers in brackets: src/EQUATIONS.md.
 
-Assumptions: the true mean stiffness is constant, and start, biases, spread and noise are drawn as the settings and `told`
+Assumptions: the true mean stiffness is constant, and start, biases, spread and noise are drawn as the settings and `known`
 say. Where a simulation has no bias or starts exactly at the wheels' speed, errors come out a little below the bound.
 """
 
@@ -17,10 +17,10 @@ import numpy as np
 import pandas as pd
 
 from tselab.core import NOMINAL, STIFFNESS, Config
-from tselab.peers import MU, Model, Noise, Told, update
+from tselab.peers import MU, Known, Model, Noise, update
 
 
-def forgetting_bound(rows: np.ndarray, truth: pd.DataFrame, config: Config, told: Told) -> np.ndarray:
+def forgetting_bound(rows: np.ndarray, truth: pd.DataFrame, config: Config, known: Known) -> np.ndarray:
     """sd of the error of the Kalman filter that forgets mu with lambda, relative to the true mean: (rows, 3).
 
     Two recursions, rows k in time order:
@@ -41,29 +41,29 @@ def forgetting_bound(rows: np.ndarray, truth: pd.DataFrame, config: Config, told
     P and E differ. For one stiffness, known states and information I per sample the forgetting filter is least squares
     with weights lambda^j for a sample j rows old: P = 1/(I sum lambda^j) = (1 - lambda)/I, but
     E = P^2 I sum lambda^2j = (1 - lambda)/(1 + lambda)/I = P/(1 + lambda). The filter calls itself 1.41 times as uncertain
-    as it is, and its 95 % band holds 99.4 %. `reported` is sqrt(P of mu).
+    as it is, and its 95 % interval holds 99.4 %. `reported` is sqrt(P of mu).
 
     It bounds filters that discount what they know of mu by lambda, no others: less memory of the states, too (L of x and
     mu), gives 6 % less error of Cx in the square waves, more memory gives less of everything but follows a road later.
     With lambda = 1 K is optimal, E = P, and the bound is `cramer_rao`, which bounds them all.
     """
-    return np.sqrt(_run(rows, truth, config, told)[1]) / _relative(truth, config)
+    return np.sqrt(_run(rows, truth, config, known)[1]) / _relative(truth, config)
 
 
-def cramer_rao(rows: np.ndarray, truth: pd.DataFrame, config: Config, told: Told) -> np.ndarray:
+def cramer_rao(rows: np.ndarray, truth: pd.DataFrame, config: Config, known: Known) -> np.ndarray:
     """Posterior Cramer-Rao bound of the mean stiffness, without forgetting, relative to the true mean: (rows, 3).
 
     Tichavsky, Muravchik & Nehorai (IEEE Trans. Signal Process. 46 (1998) 1386): in a linear-Gaussian model their recursion
     for the information J is the Kalman filter's for P = J^-1. It is run in P, since the process noise is singular (mu does
     not move, eps is replaced) and D22 = Q^-1 does not exist. The prior is that of the settings.
     """
-    constant = Told(told.spread, told.noise_sd, 1.0)
+    constant = Known(known.spread, known.noise_sd, 1.0)
     return np.sqrt(_run(rows, truth, config, constant)[0]) / _relative(truth, config)
 
 
-def reported(rows: np.ndarray, truth: pd.DataFrame, config: Config, told: Told) -> np.ndarray:
+def reported(rows: np.ndarray, truth: pd.DataFrame, config: Config, known: Known) -> np.ndarray:
     """sqrt(P of mu) of `forgetting_bound`: the sd which that estimator would report."""
-    return np.sqrt(_run(rows, truth, config, told)[0]) / _relative(truth, config)
+    return np.sqrt(_run(rows, truth, config, known)[0]) / _relative(truth, config)
 
 
 def _relative(truth: pd.DataFrame, config: Config) -> np.ndarray:
@@ -71,9 +71,9 @@ def _relative(truth: pd.DataFrame, config: Config) -> np.ndarray:
     return np.array([truth[f"true_{s}"] / getattr(config, NOMINAL[s]) for s in STIFFNESS]).T
 
 
-def _run(rows: np.ndarray, truth: pd.DataFrame, config: Config, told: Told) -> tuple[np.ndarray, np.ndarray]:
+def _run(rows: np.ndarray, truth: pd.DataFrame, config: Config, known: Known) -> tuple[np.ndarray, np.ndarray]:
     """Variances of mu after each row's measurement: P's and E's."""
-    model, noise = Model(rows, config, told.held), Noise(config, told)
+    model, noise = Model(rows, config, known.held), Noise(config, known)
     x = np.array([truth[f"true_{name}"] for name in ("vel_x", "vel_y", "yaw_rate")]).T
     w = _relative(truth, config) - 1
     believed, actual = noise.start(), noise.start()

@@ -214,7 +214,8 @@ def estimate(
     Further keys: scale, offset, sign_bit, add (a signal with the rest of the value), radius (of a wheel, m), valid and counter
     (signals of the message that say so), hold (sent only when it changes), unsure (what was guessed: every run says so, and
     --strict refuses, until it is taken out); ratio may be a table [[angle, ratio], ...]. [log]: time, time_unit, step, rate,
-    databases, separator, decimal, encoding, header. Channels that the log does not have are missing: what can still be told is.
+    databases, separator, decimal, encoding, header. Channels that the log does not have are missing;
+    what is still observable is estimated.
 
     What the vehicle file leaves out is that of an ordinary car of its mass and axles (include/tse/uncalibrated.def): stiffness
     from the axle loads, yaw inertia mass lf lr, grip of a dry road, each with the scatter of such cars; the run lists it.
@@ -528,7 +529,7 @@ def formula(path: Path, header: Path | None, as_json: bool) -> None:
 @cli.command()
 @click.argument("path", metavar="[CAR.toml]", type=FILE, required=False)
 @click.option("--example", is_flag=True, help="Print a commented vehicle file, to edit for your car.")
-@click.option("--simulated", is_flag=True, help="Print the car of 'tselab simulate', told exactly: for its logs only.")
+@click.option("--simulated", is_flag=True, help="Print the car of 'tselab simulate', known exactly: for its logs only.")
 @JSON
 def vehicle(path: Path | None, example: bool, simulated: bool, as_json: bool) -> None:
     """Check a vehicle file, or print one.
@@ -552,8 +553,8 @@ def vehicle(path: Path | None, example: bool, simulated: bool, as_json: bool) ->
     if as_json:
         from tselab import results
 
-        told = {"vehicle": path, "name": car.name, "values": car.values, "filled": car.filled, "notes": car.notes}
-        results.say_json(told)
+        said = {"vehicle": path, "name": car.name, "values": car.values, "filled": car.filled, "notes": car.notes}
+        results.say_json(said)
         return
     click.echo(f"{path}: {car.name}")
     click.echo(text_table([[k, f"{v:.6g}", fields[k].unit, fields[k].text] for k, v in car.values.items()], right=(1,)))
@@ -605,7 +606,7 @@ def demo(out: Path, seed: int, progress: bool | None) -> None:
 
     Writes vehicle.toml, filter.toml, log.csv, truth.csv, est.csv, report.html and, with matplotlib, demo.png; in
     the folder logger the same drive as an MF4, where the library for it is, and the proposed signals.toml; and in the folder gap
-    the logs of a car with an effect that nobody told, and all that 'tselab gap' makes of them.
+    the logs of a car with a hidden effect, and all that 'tselab gap' makes of them.
     """
     from tselab.demo import gap_summary, run_demo, run_gap, summary
     from tselab.logs.demo import logger_summary, run_logger

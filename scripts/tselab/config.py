@@ -26,7 +26,7 @@ NOT_IN_FILTER = (
     "crosswind",
 )
 ONE_SPEED = (
-    "both wheel speeds are one signal: taken as the vehicle's speed, which says nothing of slip; longitudinal stiffness is not "
+    "both wheel speeds are one signal: taken as the vehicle's speed, which does not show slip; longitudinal stiffness is not "
     "estimated"
 )
 

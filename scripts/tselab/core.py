@@ -90,7 +90,7 @@ class Effect:
     entry_points: tuple[str, ...]
     channels: str
     look_alikes: tuple[str, ...]  # ids, or what else looks like it
-    estimator: str  # how an estimator that is told of it uses it
+    estimator: str  # how an estimator that has it uses it
     bit: int
     parameters: tuple[EffectParameter, ...]
 

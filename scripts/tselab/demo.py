@@ -33,7 +33,7 @@ START = 0.8  # of nominal
 
 
 # A second car, with something that the model does not have, for `tselab gap`: it rolls on its springs, and gravity leaks into
-# accel_y. The logs are of the simulator with wheels, torques and a stiffness that scatters; the workflow is told the plain car.
+# accel_y. The logs are of the simulator with wheels, torques and a stiffness that scatters; the workflow has the plain car.
 HIDDEN = "body_roll"
 HIDDEN_SETTINGS = {
     "body_roll_gain": 0.009, "body_roll_frequency": 1.5, "body_roll_damping": 0.3, "body_roll_height": 0.15,

@@ -36,7 +36,7 @@ def demo_picture(path: Path, est: pd.DataFrame, truth: pd.DataFrame, log: pd.Dat
         mean, sd = est[key].to_numpy() / 1000, est[f"{key}_sd"].to_numpy() / 1000
         valid = est[f"{key}_valid"].to_numpy() == 1
         true = truth[f"true_{key}"].to_numpy()[: len(time)] / 1000
-        axis.fill_between(time, mean - 1.96 * sd, mean + 1.96 * sd, color=BLUE, alpha=0.22, lw=0, label="95 % band")
+        axis.fill_between(time, mean - 1.96 * sd, mean + 1.96 * sd, color=BLUE, alpha=0.22, lw=0, label="95 % interval")
         axis.fill_between(
             time,
             0,
@@ -54,7 +54,7 @@ def demo_picture(path: Path, est: pd.DataFrame, truth: pd.DataFrame, log: pd.Dat
         axis.set_ylabel(UNITS[key])
         axis.set_title(NAMES[key], loc="left", fontsize=11, fontweight="bold", pad=4)
     handles, labels = axes[0].get_legend_handles_labels()
-    order = [labels.index(x) for x in ("truth", "estimate", "95 % band", "not valid")]
+    order = [labels.index(x) for x in ("truth", "estimate", "95 % interval", "not valid")]
     figure.legend(
         [handles[i] for i in order],
         [labels[i] for i in order],

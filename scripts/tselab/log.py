@@ -139,7 +139,7 @@ class Log:
     averaged: int = 1  # rows of the file in one of these, usually
     extra: pd.DataFrame = field(default_factory=pd.DataFrame)  # of OPTIONAL those that are there; NaN = missing
     place: str = "line"  # what `line` counts, for people: lines of the file, or rows of the raster
-    stand_in: str | None = None  # an axle without wheel speeds: it has the other's, and no slip can be told
+    stand_in: str | None = None  # an axle without wheel speeds: it has the other's, and slip is not observable
     slower: dict[str, Slower] = field(default_factory=dict)  # channels whose entries are further apart than the rows
     # of an axle with two wheels: right less left over the yaw rate, track/radius
     turn: dict[str, float] = field(default_factory=dict)
@@ -392,7 +392,7 @@ def checked(
         data["accel_x"] = np.full(len(time), np.nan)  # what it tells is a force at a slip that nobody knows
         notes.append(
             f"{stand_in} is not in the log: {other} stands in for it; slip is not known, so accel_x is not used and "
-            f"cx_front not told"
+            f"cx_front not estimated"
         )
     sample_time = float(np.median(np.diff(time))) if len(time) > 1 else None
     if sample_time is not None and sample_time > SLOWEST:
@@ -489,7 +489,7 @@ def _axle(
         notes.append(
             f"{axle}: one of both wheels is missing in {alone.sum()} rows: taken from the other and the yaw rate"
         )
-    # on a straight road both are noise, and say nothing about units
+    # on a straight road both are noise, and do not show units
     shown = bool(per_turn**2 * turned > TURN_SHOWN * differed)
     return mean, per_turn if shown else 0.0
 

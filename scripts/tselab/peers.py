@@ -1,4 +1,4 @@
-"""Kalman filters that are told the true covariances: what tse is compared against.
+"""Kalman filters with the true covariances, which tse is compared with.
 
 State z = (vel_x, vel_y, yaw_rate; mu; b; eps): mu the mean deviation of the three stiffnesses from nominal, b the
 biases, eps the deviation of this sample alone. The same eps disturbs the measurement and moves the car until the next row,
@@ -35,8 +35,8 @@ OUTPUT = np.dtype(
 
 
 @dataclass(frozen=True)
-class Told:
-    """What the filters are told: the true values of the simulation."""
+class Known:
+    """True values of the simulation, which the filters know."""
 
     spread: tuple[float, float, float]  # sample-to-sample sd of the stiffness, relative to nominal
     noise_sd: tuple[float, float, float]  # accel_x, accel_y [m/s2], yaw_rate [rad/s]
@@ -44,7 +44,7 @@ class Told:
     held: bool = False  # the steering angle of a row acts until the next; else it is linear between rows
     changes: tuple[
         float, ...
-    ] = ()  # s since the first row: from here on the mean stiffness is another; only "told" listens
+    ] = ()  # s since the first row: from here on the mean stiffness is another; only "known" uses it
 
 
 @dataclass(frozen=True)
@@ -207,15 +207,15 @@ def _held(u: np.ndarray) -> np.ndarray:
 class Noise:
     """Covariances that the filters (and the bounds) share."""
 
-    def __init__(self, config: Config, told: Told):
+    def __init__(self, config: Config, known: Known):
         c = config
         self.start_x = np.array([c.initial_vel_x_sd, c.initial_vel_y_sd, c.initial_yaw_rate_sd]) ** 2
         self.start_mu = np.full(3, c.initial_mean_sd**2)
         self.start_b = np.array([c.accel_x_bias_sd, c.accel_y_bias_sd, c.yaw_rate_bias_sd]) ** 2
-        self.eps = np.array(told.spread, float) ** 2
+        self.eps = np.array(known.spread, float) ** 2
         self.walk = np.array([c.accel_x_bias_walk, c.accel_y_bias_walk, c.yaw_rate_bias_walk]) ** 2  # per second
-        self.r = np.array(told.noise_sd, float) ** 2
-        self.log_forgetting = np.log(told.forgetting) / c.sample_time  # per second: forgetting goes by time
+        self.r = np.array(known.noise_sd, float) ** 2
+        self.log_forgetting = np.log(known.forgetting) / c.sample_time  # per second: forgetting goes by time
 
     def start(self) -> np.ndarray:
         return np.diag(np.concatenate([self.start_x, self.start_mu, self.start_b, self.eps]))
@@ -255,9 +255,9 @@ def update(p: np.ndarray, h: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, np.
 class Kalman:
     """What both filters have in common; `observe` and `predict` differ."""
 
-    def __init__(self, rows: np.ndarray, config: Config, told: Told):
-        self.config, self.told = config, told
-        self.model, self.noise = Model(rows, config, told.held), Noise(config, told)
+    def __init__(self, rows: np.ndarray, config: Config, known: Known):
+        self.config, self.known = config, known
+        self.model, self.noise = Model(rows, config, known.held), Noise(config, known)
         self.start()
 
     def start(self) -> None:
@@ -307,7 +307,7 @@ class Kalman:
         )
 
     def listen(self, row: int) -> None:
-        """What is told of this row."""
+        """Return what is known of this row."""
 
     def observe(self, row: int, use: np.ndarray) -> None:
         raise NotImplementedError
@@ -332,7 +332,7 @@ class Extended(Kalman):
 
 class Constant(Extended):
     """Knows when the mean stiffness changes: it never forgets in between, and opens the means at each change. The spread that
-    it is told is one of mean stiffness 1 and follows the level, as the simulator's does. No filter that has to find the
+    it is given is one of mean stiffness 1 and follows the level, as the simulator's does. No filter that has to find the
     changes can be expected to do better."""
 
     common, own = 0.4, 0.1  # sd of a change over the level: of all stiffnesses together, of each
@@ -341,14 +341,14 @@ class Constant(Extended):
         super().start()
         self.noise.log_forgetting = 0.0
         self._time = np.cumsum(self.model.dt)
-        self._changes = sorted(self.told.changes)
+        self._changes = sorted(self.known.changes)
 
     def listen(self, row: int) -> None:
         level = 1 + self.mean[MU]
         while self._changes and self._time[row] >= self._changes[0] - 1e-9:
             self._changes.pop(0)
             self.cov[MU, MU] += np.outer(level, level) * (self.common**2 + self.own**2 * np.eye(3))
-        self.noise.eps = (np.array(self.told.spread) * level) ** 2
+        self.noise.eps = (np.array(self.known.spread) * level) ** 2
         self.cov[EPS, EPS] = np.diag(self.noise.eps)  # afresh in this row, and therefore without correlations
 
 
@@ -404,13 +404,13 @@ def _root(p: np.ndarray) -> np.ndarray:
         return vector * np.sqrt(np.maximum(value, 0))
 
 
-KINDS: dict[str, type[Kalman]] = {"ekf": Extended, "ukf": Unscented, "told": Constant}
+KINDS: dict[str, type[Kalman]] = {"ekf": Extended, "ukf": Unscented, "known": Constant}
 
 
-def run(kind: str, rows: np.ndarray, config: Config, told: Told) -> np.ndarray:
+def run(kind: str, rows: np.ndarray, config: Config, known: Known) -> np.ndarray:
     """Estimates after each row. kind: of KINDS; rows: as Filter.inputs(), NaN = missing; result: as OUTPUT, stiffness
     relative to nominal."""
     if kind not in KINDS:
         raise ValueError(f"kind is {kind!r}, not one of {', '.join(KINDS)}")
     with np.errstate(over="ignore", invalid="ignore"):  # a state that explodes is started anew
-        return KINDS[kind](rows, config, told).run()
+        return KINDS[kind](rows, config, known).run()

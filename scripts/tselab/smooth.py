@@ -1,7 +1,7 @@
 """What a stretch of road says of a stiffness: a fixed-interval smoother over the filter's means and sds.
 
 The filter knows at a row what came before it; the smoother adds what came after, up to the end of the stretch. What lies beyond
-a change says nothing: its report may name the wrong axle."""
+a change is not used: its report may name the wrong axle."""
 
 from __future__ import annotations
 

@@ -59,7 +59,7 @@ def sim_settings_table() -> str:
 
 def example_vehicle() -> str:
     """A commented vehicle file to edit: what a file must say, with the built-in car's values; the rest commented out. Who knows no
-    more of a car than its measures must not say more: sensors and stiffness that are another car's, or a car that is told exactly,
+    more of a car than its measures must not say more: sensors and stiffness that are another car's, or a car that is known exactly,
     make an estimate sure of what is wrong."""
     fields = {f.name: f for f in library().fields(CONFIG)}
     required = [n for n in vehicle_settings() if n in REQUIRED]
@@ -93,7 +93,7 @@ def example_vehicle() -> str:
 
 
 def simulated_vehicle() -> str:
-    """The car of `tselab simulate`, told exactly: for logs whose truth is known, and for nothing else."""
+    """The car of `tselab simulate`, known exactly: for logs whose truth is known, and for nothing else."""
     fields = {f.name: f for f in library().fields(CONFIG)}
     lines = [
         "# The car of 'tselab simulate', which is known exactly. Not a form for a real car: that is 'tselab vehicle --example'.",

@@ -335,9 +335,9 @@ def _figures(
     for axle, radius in zip(("front", "rear"), radii, strict=True):
         per_turn = log.turn.get(f"wheel_speed_{axle}")
         if per_turn:
-            told = (tracks or {}).get(axle)
-            value[f"track_{axle}"] = per_turn * radius / wheels / (told or UNKNOWN_TRACK)
-            sd[f"track_{axle}"] = SD["track"] if told else UNKNOWN_TRACK_SD
+            given = (tracks or {}).get(axle)
+            value[f"track_{axle}"] = per_turn * radius / wheels / (given or UNKNOWN_TRACK)
+            sd[f"track_{axle}"] = SD["track"] if given else UNKNOWN_TRACK_SD
     if "vehicle_speed" in d:
         both = moving & (d["vehicle_speed"] > physics.MOVING)
         if both.sum() > physics.FEWEST:

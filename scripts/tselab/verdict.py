@@ -37,10 +37,10 @@ WHY = {
     CONTRADICTED: "the channels contradict each other (see the warning); with that put right the log may tell it",
 }
 LIMITED = ("uncertain", "parameters uncertain")  # reasons of which the sd and its limit say how far
-LOUD = 1.25  # noise found over the setting's: from here on it is remarked
+NOISY = 1.25  # noise found over the setting's: from here on it is remarked
 RECENT = 1.0  # s: what was valid so long before the end counts as valid at the end
-OF_TOLD = 0.5  # share of the variance from which an interval is said to come from parameter uncertainty
-LEAST_TOLD = 0.02  # ... and its sd, relative
+OF_UNCERTAIN = 0.5  # share of the variance from which an interval is said to come from parameter uncertainty
+LEAST_UNCERTAIN = 0.02  # ... and its sd, relative
 FEW = 0.005  # with a smaller share of valid rows a stiffness is not valid
 DEGREE = 180 / np.pi
 
@@ -195,7 +195,7 @@ def remarks(table: pd.DataFrame) -> list[str]:
     learnt = table[table["status"].between(0, library().status("TSE_W_MISSING_CHANNEL"))]
     for channel in MEASURES:
         ratio = float(learnt[f"noise_{channel}"].median()) if len(learnt) else 1.0
-        if ratio > LOUD:
+        if ratio > NOISY:
             found.append(f"{channel} is noisier than the settings say: x{ratio:.1f}")
     off = np.any([table[f"{key}_reason"] == "diverging" for key in STIFFNESS], axis=0)
     times = int((np.diff(off.astype(int), prepend=0) == 1).sum())
@@ -216,8 +216,8 @@ def of_uncertainty(table: pd.DataFrame, config: Config, uncertainty_sd: Mapping[
         whole = np.sqrt(sum(sd**2 for sd in parts.values()))
         if (
             last is None
-            or not whole**2 > OF_TOLD * float(last.iloc[1]) ** 2
-            or not whole > LEAST_TOLD * float(last.iloc[0])
+            or not whole**2 > OF_UNCERTAIN * float(last.iloc[1]) ** 2
+            or not whole > LEAST_UNCERTAIN * float(last.iloc[0])
         ):
             continue
         most = sorted(parts, key=parts.__getitem__, reverse=True)[:3]

@@ -114,7 +114,7 @@ def main(arguments: list[str]) -> int:
         files = {(n, part): (path, done) for n, part, path, done in pool.imap(calibrated, jobs)}
         rows = []
         for n in names:
-            rows.append(row(n, "as told", DATA / n / "vehicle.toml", "-"))
+            rows.append(row(n, "as in the file", DATA / n / "vehicle.toml", "-"))
             others = [other for pair in SAME_CAR if n in pair for other in pair if other != n and other in names]
             parts = [
                 (n, "whole", "the log itself"),
@@ -135,7 +135,7 @@ def main(arguments: list[str]) -> int:
     lines += ["| " + " | ".join(r[key] for key in heads) + " |" for r in rows]
     text = f"""# Real logs
 
-`python -m tests.cars.real`: the logs in ../shared/data, estimated as they are ("as told": an ordinary car of its class), and
+`python -m tests.cars.real`: the logs in ../shared/data, estimated as they are ("as in the file": an ordinary car of its class), and
 with calibrations of the whole log, of its halves and of another log of the same car. Stiffness at no slip with its 95 %
 interval: medians of the last third, above {FAST:g} m/s. *Valid*: of the rows after {SETTLED:g} s in whose last {SETTLED:g} s the
 lateral acceleration exceeded 1 m/s2. No road changed on any of them. *Formula*: l_r r/v - F_r/C_r with the stiffness of the

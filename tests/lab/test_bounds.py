@@ -25,7 +25,7 @@ def test_cramer_rao_is_the_inverse_of_the_fisher_information_of_all_samples_at_o
     use = np.isfinite(y)
     use[0, 2] = False  # the filters start from the first yaw rate
 
-    bound = bounds.cramer_rao(window.rows(y), truth, window.config, window.told)
+    bound = bounds.cramer_rao(window.rows(y), truth, window.config, window.known)
 
     window.step = 1e-4  # of an sd: the derivative at the truth, not over a whole sd
     for rows in (1, 10, window.ROWS):
@@ -42,7 +42,7 @@ def test_without_forgetting_both_bounds_are_one(case):
     d = drive(duration=5.0, forgetting=1.0, **case)
     d.rows["accel_y"][100:150] = np.nan
     d.rows["wheel_speed_rear"][200:240] = np.nan  # states start again
-    args = d.rows, d.truth, d.config, d.told
+    args = d.rows, d.truth, d.config, d.known
     np.testing.assert_allclose(bounds.forgetting_bound(*args), bounds.cramer_rao(*args), rtol=1e-6)
 
 
@@ -71,8 +71,8 @@ def test_the_forgetting_bound_is_that_of_least_squares_with_weights_lambda_to_th
     of a weighted mean has the squares of its weights."""
     rate = 0.95
     c, rows, truth, phi = still_regressors(120, np.random.default_rng(2))
-    told = peers.Told((0.05, 0.1, 0.05), (0.15, 0.2, 0.01), rate)
-    args = rows, truth, c, told
+    known = peers.Known((0.05, 0.1, 0.05), (0.15, 0.2, 0.01), rate)
+    args = rows, truth, c, known
     actual, believed = bounds.forgetting_bound(*args), bounds.reported(*args)
     variance = np.array([0.15, 0.2]) ** 2 + (phi * [0.05, 0.1]) ** 2  # eps is noise of its own
     information = np.concatenate([np.full((1, 2), 1 / c.initial_mean_sd**2), phi**2 / variance])
@@ -90,13 +90,13 @@ def test_the_forgetting_bound_is_that_of_least_squares_with_weights_lambda_to_th
 def test_the_bound_falls_with_memory_and_rises_with_noise():
     d = drive(duration=8.0)
 
-    def at(told: peers.Told) -> np.ndarray:
-        return bounds.forgetting_bound(d.rows, d.truth, d.config, told)[d.time > 5].mean(0)
+    def at(known: peers.Known) -> np.ndarray:
+        return bounds.forgetting_bound(d.rows, d.truth, d.config, known)[d.time > 5].mean(0)
 
-    sensors = d.told.noise_sd
-    nominal = at(d.told)
-    assert (at(peers.Told(d.told.spread, sensors, 0.995)) < 0.9 * nominal).all()
-    assert (at(peers.Told(d.told.spread, tuple(3 * s for s in sensors))) > 1.5 * nominal).all()
-    assert (at(peers.Told((0.15,) * 3, sensors)) > 1.1 * nominal).all()
-    best = bounds.cramer_rao(d.rows, d.truth, d.config, d.told)[d.time > 5].mean(0)
+    sensors = d.known.noise_sd
+    nominal = at(d.known)
+    assert (at(peers.Known(d.known.spread, sensors, 0.995)) < 0.9 * nominal).all()
+    assert (at(peers.Known(d.known.spread, tuple(3 * s for s in sensors))) > 1.5 * nominal).all()
+    assert (at(peers.Known((0.15,) * 3, sensors)) > 1.1 * nominal).all()
+    best = bounds.cramer_rao(d.rows, d.truth, d.config, d.known)[d.time > 5].mean(0)
     assert (best < nominal).all()

@@ -180,11 +180,11 @@ def test_valid_flag_and_reason_are_held_against_what_could_be_known(still):
     row = scores.score(d, case, replace(known, best_sd=best, corrupted=corrupted), estimate)
     assert (row["cx_front_false_valid"], row["cx_front_false_valid_of"]) == (50, ROWS - 50)
     assert (row["cy_front_false_invalid"], row["cy_front_false_invalid_of"]) == (35, ROWS - 100 - 15)
-    assert (row["cy_front_corrupted_told"], row["cy_front_corrupted_told_of"]) == (5, 15)
+    assert (row["cy_front_corrupted_reported"], row["cy_front_corrupted_reported_of"]) == (5, 15)
     estimate["status"][240:243] = library().status("TSE_W_MISSING_CHANNEL")  # valid by the others, and says so
     estimate["status"][243] = library().status("TSE_W_RECOVERED")
     again = scores.score(d, case, replace(known, best_sd=best, corrupted=corrupted), estimate)
-    assert again["cy_front_corrupted_told"] == 8
+    assert again["cy_front_corrupted_reported"] == 8
     assert (row["cy_rear_reason_right"], row["cy_rear_reason_right_of"]) == (20, 30)
     assert row["cy_rear_valid_unobservable"] == 5
     assert row["cy_rear_false_invalid"] == 0  # where nothing shows it, 'not valid' is right
@@ -397,7 +397,7 @@ def test_runs_with_other_settings_are_refused_and_named(tmp_path, monkeypatch):
         (replace(p, settings={"particles": 48}), r"settings was \{\"particles\": 32\}, is \{\"particles\": 48\}"),
         (replace(p, form="paper"), "form was default, is paper"),
         (replace(p, sim_settings={"noise": 2.0}), "simulator settings"),
-        (plan("as-told", settings={"particles": 32}), "study was stress, is as-told"),
+        (plan("false-alarms", settings={"particles": 32}), "study was stress, is false-alarms"),
     ]
     for other, named in refused:
         with pytest.raises(UserError, match=f"{named}.*--restart"):
@@ -585,7 +585,7 @@ SMALL = {  # study: cases, runs
     "stress": (("road-0.3", "mass-10"), 1),
     "particles": (("nominal",), 1),
     "regimes": (("road-0.7", "slow-5", "pause-60", "spread-5-noise-1"), 1),
-    "as-told": (("as-told",), 1),
+    "false-alarms": (("false-alarms",), 1),
     "departures": (("nominal", "noise-3x"), 1),
 }
 NEEDS = {"bound": ("tselab.peers", "tselab.bounds"), "peers": ("tselab.peers",)}
@@ -618,7 +618,7 @@ def test_a_small_part_of_each_study(name, tmp_path):
         assert not real["diverged"].any(), text
     checks = {
         "paper": _paper, "robust": _robust, "bound": _bound, "peers": _peers, "stress": _stress,
-        "particles": _particles, "departures": _departures, "regimes": _regimes, "as-told": _as_told,
+        "particles": _particles, "departures": _departures, "regimes": _regimes, "false-alarms": _false_alarms,
     }  # fmt: skip
     checks[name](lines, text)
 
@@ -638,7 +638,7 @@ def _paper(lines, text):
 
 
 def _robust(lines, text):
-    """Noise of three times what is told ends in the spread, where that has no limit, and with it everything."""
+    """Noise of three times the setting ends in the spread, where that has no limit, and with it everything."""
     limited, free = (lines.loc["noise-3x", name] for name in ("robust", "robust-no-limit"))
     assert limited["cy_front_rms"] < free["cy_front_rms"] and free["cy_front_spread"] > 35
     assert all(text_ in text for text_, _ in estimators.VARIANTS.values())
@@ -673,17 +673,17 @@ def _particles(lines, text):
 
 
 def _regimes(lines, text):
-    told = lines.loc["road-0.7", "told"]
-    assert told["all_settle_1_most"] < 0.2 and told["cy_front_rms"] < 1 and np.isnan(told["valid_off_1"])
-    assert lines.loc["road-0.7", "tse"]["noticed_1"] < 5
+    known = lines.loc["road-0.7", "known"]
+    assert known["all_settle_1_most"] < 0.2 and known["cy_front_rms"] < 1 and np.isnan(known["valid_off_1"])
+    assert lines.loc["road-0.7", "tse"]["detected_1"] < 5
     assert lines.loc["spread-5-noise-1", "tse"]["noise_accel_x"] == pytest.approx(1, rel=0.3)  # torque steps are in it
-    for title in ("RMS error over that of told", "After a change of the road",
-                  "While the stiffness changes slowly", "Spread and noise that nobody told"):  # fmt: skip
+    for title in ("RMS error over that of known", "After a change of the road",
+                  "While the stiffness changes slowly", "Spread and noise other than assumed"):  # fmt: skip
         assert f"## {title}" in text
 
 
-def _as_told(lines, text):
-    line = lines.loc["as-told", "tse"]
+def _false_alarms(lines, text):
+    line = lines.loc["false-alarms", "tse"]
     assert line["hours"] == pytest.approx(1 / 6) and (line[[f"{s}_rms" for s in STIFFNESS]] < 15).all()
 
 

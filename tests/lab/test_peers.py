@@ -21,7 +21,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "reference"))
 import newtons as reference  # a model of (1)-(4) in newtons, integrated at half a millisecond
 
 KINDS = ["ekf", "ukf"]
-ALL = [*KINDS, "told"]
+ALL = [*KINDS, "known"]
 SPREAD = 0.05  # of SimConfig
 SENSORS = tuple(f"{name}_sd" for name in MEASURES)
 
@@ -32,7 +32,7 @@ class Drive:
 
     config: Config
     rows: np.ndarray
-    told: peers.Told
+    known: peers.Known
     truth: pd.DataFrame
 
     @property
@@ -44,7 +44,7 @@ class Drive:
         return np.array([self.truth[f"true_{s}"] / getattr(self.config, NOMINAL[s]) for s in STIFFNESS]).T
 
     def run(self, kind: str) -> np.ndarray:
-        return peers.run(kind, self.rows, self.config, self.told)
+        return peers.run(kind, self.rows, self.config, self.known)
 
 
 def drive(
@@ -64,7 +64,7 @@ def drive(
     for channel in columns()[1:]:
         rows[channel] = simulation.log[channel]
     sensors = tuple(noise * getattr(config, s) for s in SENSORS)
-    return Drive(config, rows, peers.Told((SPREAD,) * 3, sensors, forgetting), simulation.truth)
+    return Drive(config, rows, peers.Known((SPREAD,) * 3, sensors, forgetting), simulation.truth)
 
 
 def estimates(out: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -103,7 +103,7 @@ class Window:
         self.car = config.as_dict()
         sensors = np.array([getattr(Config(), s) for s in SENSORS]) * scale
         self.spread = np.array([0.05, 0.1, 0.03]) * scale
-        self.told = peers.Told(tuple(self.spread), tuple(sensors), 1.0)
+        self.known = peers.Known(tuple(self.spread), tuple(sensors), 1.0)
         t = self.DT * np.arange(n)
         self.u = np.array([0.02 + 0.02 * np.sin(15 * t), (20.3 + 2 * t) / 0.33, (20.1 - 0.3 * np.sin(9 * t)) / 0.33]).T
         self.start = np.array([self.u[0, 1:].mean() * 0.33, 0.1, 0.02])
@@ -168,7 +168,7 @@ def test_estimates_equal_weighted_least_squares_over_the_whole_window(kind, monk
     y[0, 2] = window.start[2]
     y[~use & (np.arange(window.ROWS) > 0)[:, None]] = np.nan
 
-    out = peers.run(kind, window.rows(y), window.config, window.told)
+    out = peers.run(kind, window.rows(y), window.config, window.known)
 
     a, information = window.information(use)
     foretold = window.trajectory(np.zeros((len(window.sd), 1)))
@@ -209,7 +209,7 @@ def test_trajectories_are_those_of_a_fine_integration_with_inputs_linear_between
 
 
 def test_who_is_told_that_inputs_are_held_moves_as_the_simulator_does():
-    """By the yaw rate: what wheels do between rows, within milliseconds of a new torque and a new stiffness, nobody is told."""
+    """By the yaw rate: what wheels do between rows, within milliseconds of a new torque and a new stiffness, nobody knows."""
     d = drive(duration=4.0, sim={"hold_inputs": 1})
     x = np.array([d.truth[f"true_{s}"] for s in peers.STATES])
     w = np.array([d.truth[f"drawn_{s}"] / getattr(d.config, NOMINAL[s]) - 1 for s in STIFFNESS])
@@ -252,7 +252,7 @@ def test_errors_are_those_of_the_linear_forgetting_bound(kind, case):
         d = drive(duration=20.0, seed=seed, sim={**start, "bias_walk": 1.0}, **case)
         at = np.searchsorted(d.time, np.array(AT) - 1e-6)
         if bound is None:  # depends on the seed by less than 2 %
-            bound = bounds.forgetting_bound(d.rows, d.truth, d.config, d.told)[at]
+            bound = bounds.forgetting_bound(d.rows, d.truth, d.config, d.known)[at]
         mean, sd = estimates(d.run(kind))
         error = (mean / d.mean - 1)[at]
         squares.append((error / bound) ** 2)
@@ -262,7 +262,7 @@ def test_errors_are_those_of_the_linear_forgetting_bound(kind, case):
     total = np.sum(squares, axis=(0, 1))
     assert (total > low).all(), total / n
     assert (total < high * np.array([1.15**2, 1, 1])).all(), total / n
-    # the filter's own sd is too large, as `forgetting_bound` says, so its band holds more than 95 %
+    # the filter's own sd is too large, as `forgetting_bound` says, so its interval holds more than 95 %
     assert (np.mean(inside, axis=(0, 1)) >= 0.95).all()
 
 
@@ -300,7 +300,7 @@ def test_both_filters_agree_where_the_model_is_nearly_linear():
 
 def test_forgetting_divides_the_variance_by_lambda_and_keeps_correlations():
     config = Config()
-    noise = peers.Noise(config, peers.Told((0.05,) * 3, (0.1,) * 3, 0.98))
+    noise = peers.Noise(config, peers.Known((0.05,) * 3, (0.1,) * 3, 0.98))
     root = 0.05 * np.random.default_rng(1).standard_normal((12, 12))
     p = root @ root.T
     assert (np.diag(p)[3:6] < 0.9 * config.initial_mean_sd**2).all()  # where no limit acts
@@ -391,7 +391,7 @@ HARD = {
     "stuck channels": ({}, stuck),
     "nothing logged": ({}, silent),
     "gap": ({}, gap),
-    "told no noise of the stiffness": ({"sim": {f"spread_{s}": 0.0 for s in STIFFNESS}}, None),
+    "no noise of the stiffness": ({"sim": {f"spread_{s}": 0.0 for s in STIFFNESS}}, None),
 }
 
 
@@ -400,8 +400,8 @@ HARD = {
 def test_every_hard_case_ends_with_numbers(kind, case):
     arguments, harm = HARD[case]
     d = drive(**{"duration": 6.0, **arguments})
-    if case.startswith("told"):
-        d = Drive(d.config, d.rows, peers.Told((0.0,) * 3, d.told.noise_sd), d.truth)
+    if case.startswith("no noise"):
+        d = Drive(d.config, d.rows, peers.Known((0.0,) * 3, d.known.noise_sd), d.truth)
     if harm:
         harm(d)
     mean, _ = estimates(out := d.run(kind))
@@ -421,8 +421,8 @@ def test_after_a_road_change_the_estimate_settles(kind):
 @pytest.mark.parametrize("level", [0.5, 0.7, 1.4])
 def test_who_is_told_of_a_change_follows_it_at_once_and_forgets_nothing_before_and_after(level):
     d = drive(duration=16.0, road=[(8.0, level)], sim=dict.fromkeys([f"spread_{s}" for s in STIFFNESS], SPREAD))
-    told = replace(d.told, changes=(8.0,), forgetting=0.9)  # of which it takes no notice
-    mean, sd = estimates(out := peers.run("told", d.rows, d.config, told))
+    known = replace(d.known, changes=(8.0,), forgetting=0.9)  # of which it takes no notice
+    mean, sd = estimates(out := peers.run("known", d.rows, d.config, known))
     event = np.searchsorted(d.time, 8.0 - 1e-9)
     assert (sd[event] > 3 * sd[event - 1]).all()
     for part in (slice(200, event), slice(event, None)):
@@ -434,14 +434,14 @@ def test_who_is_told_of_a_change_follows_it_at_once_and_forgets_nothing_before_a
     spread = [out[f"{s}_spread"][late].mean() for s in STIFFNESS]
     assert spread == pytest.approx([SPREAD * level] * 3, rel=0.02)
 
-    deaf = estimates(peers.run("told", d.rows, d.config, replace(told, changes=())))[0]
+    deaf = estimates(peers.run("known", d.rows, d.config, replace(known, changes=())))[0]
     assert (np.abs(deaf / d.mean - 1)[event + 50] > 0.10).all()
 
 
 def test_who_is_told_and_sees_no_change_is_a_kalman_filter_without_forgetting():
     d = drive(duration=8.0)
-    told = replace(d.told, forgetting=1.0)
-    (a, a_sd), (b, b_sd) = (estimates(peers.run(kind, d.rows, d.config, told)) for kind in ("told", "ekf"))
+    known = replace(d.known, forgetting=1.0)
+    (a, a_sd), (b, b_sd) = (estimates(peers.run(kind, d.rows, d.config, known)) for kind in ("known", "ekf"))
     late = d.time > 4
     assert (
         np.abs(a - b)[late] < 0.2 * b_sd[late]

@@ -151,7 +151,7 @@ await settle(dark);
 await shoot(dark, "drive-dark");
 // the road and the noise by their keys, which are not the driver's
 seen.sliders = {};
-for (const id of ["level", "loud"]) {
+for (const id of ["level", "noise"]) {
   const before = await dark.$eval(`#${id}`, (e) => Number(e.value));
   await dark.focus(`#${id}`);
   await dark.keyboard.press("ArrowLeft");

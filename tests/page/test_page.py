@@ -422,7 +422,7 @@ def test_a_setting_that_is_refused_is_shown_where_it_stands(seen):
 
 
 def test_sliders_of_road_and_noise_move_by_their_keys_and_leave_the_driver_alone(seen):
-    assert seen["sliders"]["level"] > 0 and seen["sliders"]["loud"] > 0 and seen["sliders"]["auto"]
+    assert seen["sliders"]["level"] > 0 and seen["sliders"]["noise"] > 0 and seen["sliders"]["auto"]
 
 
 def test_a_setting_outside_its_range_is_refused_with_the_range(seen):

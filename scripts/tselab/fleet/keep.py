@@ -94,9 +94,9 @@ class Store:
                 return None
             if task.estimates is not None and not kept["outcome"]["error"] and not task.estimates.is_file():
                 return None
-            told = kept["outcome"]
-            learnt = base64.b64decode(told.pop("learnt")) if told["learnt"] else told.pop("learnt")
-            return Done(drive, Outcome(**told, learnt=learnt), kept["report"])
+            said = kept["outcome"]
+            learnt = base64.b64decode(said.pop("learnt")) if said["learnt"] else said.pop("learnt")
+            return Done(drive, Outcome(**said, learnt=learnt), kept["report"])
         except (OSError, ValueError, LookupError, TypeError, AttributeError, RecursionError):
             return None
 
@@ -108,9 +108,9 @@ class Store:
             with atomic(self.out / report, "wb") as file:
                 file.write(outcome.report)
             outcome.report = None
-        told = {k: v for k, v in vars(outcome).items() if k != "report"}
-        told["learnt"] = base64.b64encode(outcome.learnt).decode() if outcome.learnt else None
-        kept = results.plain({"key": key_of(task), "report": report, "outcome": told})
+        said = {k: v for k, v in vars(outcome).items() if k != "report"}
+        said["learnt"] = base64.b64encode(outcome.learnt).decode() if outcome.learnt else None
+        kept = results.plain({"key": key_of(task), "report": report, "outcome": said})
         with atomic(self.out / DONE / f"{self.name(drive)}.json") as file:
             json.dump(kept | {"seal": _mark(kept)}, file, ensure_ascii=False)
         return Done(drive, outcome, report)
@@ -150,9 +150,9 @@ def table(done: Sequence[Done]) -> pd.DataFrame:
 def unlike(frame: pd.DataFrame) -> dict[str, str]:
     """By log what makes it unlike the other logs of its car: tyres that are stiffer than any road makes them. It may be of another
     car, with another load, on other tyres; or all the others were on snow. Softer is what wet roads and snow are."""
-    told = frame[frame["usable"].isin(["yes", "in part"]) & frame["value"].notna()]
+    valid = frame[frame["usable"].isin(["yes", "in part"]) & frame["value"].notna()]
     said: dict[str, str] = {}
-    for (_, key), mine in told.groupby(["car", "stiffness"]):
+    for (_, key), mine in valid.groupby(["car", "stiffness"]):
         size = np.log((mine["value"] / mine["nominal"]).astype(float)).groupby(mine["log"])
         most = size.max()
         if len(most) <= LEAST_LOGS:
@@ -182,7 +182,7 @@ def key_of(task: Task) -> str:
     for path in [task.vehicle, *_formula(task.vehicle), *([task.config] if task.config else [])]:
         with contextlib.suppress(OSError):
             digest.update(hashlib.sha256(path.read_bytes()).digest())
-    told = [
+    said = [
         task.rate,
         task.strict,
         task.average,
@@ -192,7 +192,7 @@ def key_of(task: Task) -> str:
         task.calibrate,
         task.code,
     ]
-    digest.update(json.dumps([*told, str(task.estimates), round(task.age, 3)]).encode())
+    digest.update(json.dumps([*said, str(task.estimates), round(task.age, 3)]).encode())
     digest.update(task.learnt or b"")
     return digest.hexdigest()
 

@@ -75,7 +75,7 @@ def write(path: Path, done: Sequence[Done], table: pd.DataFrame, title: str) -> 
     all_cars = cars(done, table)
     sections = []
     if any(c.last for c in all_cars):
-        sections.append(("Cars", "The last that is known of each car, over nominal, with its 95 % band; the softest first. A line: "
+        sections.append(("Cars", "Last estimate of each car, over nominal, with its 95 % interval; the softest first. A line: "
                          "as nominal.", distribution(all_cars)))  # fmt: skip
     drawn = [c for c in all_cars if len(c.done) > 1 and c.last][:MOST_TRENDS]
     for c in drawn:

@@ -1,4 +1,4 @@
-"""One log of a fleet: what a process, here or elsewhere, is told, does and gives back."""
+"""One log of a fleet: what a process, here or elsewhere, takes, does and returns."""
 
 from __future__ import annotations
 

@@ -47,7 +47,7 @@ def validate(archive: Archive, say: Callable[[str], None] = lambda _: None) -> l
 
 
 def fmi_version(archive: Archive) -> str:
-    """As its description says; empty when that says nothing."""
+    """As its description says; empty where that has no entry."""
     try:
         return etree.fromstring(archive.read("modelDescription.xml")).get("fmiVersion", "")
     except etree.XMLSyntaxError:

@@ -98,7 +98,7 @@ TABLE: tuple[Constant, ...] = (
     # ---- what leads through the rooms
     *_rows(
         "gap.plan",
-        ("NEED", 8.0, "nats", "by which two effects are told apart"),
+        ("NEED", 8.0, "nats", "by which two effects are separable"),
         ("RIVAL_SHARE", 0.1, "1", "of the nats by which an effect shows: the forms of a real car are not known better"),
         ("NOTHING", 0.1, "nats", "by which an effect shows: less is not excited"),
         ("ROUNDS", 4, "1", "of polishing a fit without noise, most"),
@@ -118,7 +118,7 @@ TABLE: tuple[Constant, ...] = (
         ("WINDOW", 1.0, "s", "over which the energy of a residual is taken"),
         ("FALSE_DISCOVERIES", 0.01, "1", "share of the conditions that may be there by chance (Benjamini-Hochberg)"),
         ("LEAST_CORRELATION", 0.15, "1", "of ranks: a condition that goes less with the energy is not worth words"),
-        ("FEWEST_WINDOWS", 20, "1", "fewer say nothing about a channel's conditions"),
+        ("FEWEST_WINDOWS", 20, "1", "fewer do not show a channel's conditions"),
         ("MOST_FOLLOWED", 0.5, "1",
          "a road does not know of the steering wheel: of a bank, no more of the variance goes with the car's own turning"),
         ("TIMES", (0.1, 0.6, 4.0), "s", "time constants of the disturbance that are tried"),
@@ -175,7 +175,7 @@ TABLE: tuple[Constant, ...] = (
         "gap.infer.hypotheses",
         ("EXPECTED", 1.0, "1", "how many of all other effects a car lacks before anybody has looked"),
         ("SENSOR_SHARE", 0.1, "1", "of cars, that a given sensor error is there"),
-        ("EVERY_SHARE", 0.15, "1", "that what every car has is large enough to matter, and not told"),
+        ("EVERY_SHARE", 0.15, "1", "that what every car has is large enough to matter, and not in the file"),
         ("WRONG_SIGN", 0.01, "1", "probability that an effect has the sign that its physics does not"),
         ("SMALLER_SD", 0.7, "ln", "below the typical range: half and less is as good as nothing"),
         ("LARGER_SD", 0.35, "ln", "above the typical range: twice has hardly a car"),
@@ -303,7 +303,7 @@ TABLE: tuple[Constant, ...] = (
     # ---- export
     *_rows(
         "gap.export.gain",
-        ("FEWEST_VALID", 50, "1", "rows; fewer say nothing about a log's stiffness"),
+        ("FEWEST_VALID", 50, "1", "rows; fewer do not show a log's stiffness"),
         ("LEAST_VALID", 0.5, "1",
          "of the rows, with the improved vehicle: a log that knows a stiffness for less was not driven to show it"),
     ),
@@ -335,7 +335,7 @@ TABLE: tuple[Constant, ...] = (
         ("STEP", 0.02, "1", "of finite differences, in prior sd"),
         ("SPEED_TIME", 1.0, "s", "in the comparison of accel_x; longer lets the grade of the road in, shorter its noise"),
         ("SPEED_BLOCKS", 10, "blocks", "that are one in the comparison of accel_x: a second holds two or three numbers"),
-        ("LEAST_SPEED", 5.0, "m/s", "below, slip is told by nothing"),
+        ("LEAST_SPEED", 5.0, "m/s", "below, slip is not observable"),
         ("FEWEST", 25, "blocks", "of a channel in a log, to compare it"),
         ("ENOUGH", 0.5, "1", "rows with a value in a block, over the usual number"),
         ("UNLIKE_SD", 0.03, "1", "share by which the car is unlike the model, of each of the shapes of that"),
@@ -349,7 +349,7 @@ TABLE: tuple[Constant, ...] = (
         "identify.unknowns",
         ("MOST_LATENCY", 0.2, "s", "of a channel behind the gyro, or before it", {"fixed": True}),
         ("COMMON_SD", {"": 0.0, "wheels": 0.025, "accelerometers": 0.02, "radii": 0.007}, "s; 1",
-         "how late messages are, behind that of the gyro; relative: how far off radii as told are. What is own to a channel is "
+         "how late messages are, behind that of the gyro; relative: how far off radii in the file are. What is own to a channel is "
          "less: axles come from one unit - and how far one is behind the other hardly shows, so that any error of the model would "
          "pass for it - accelerometers from one chip, tyres from one shop"),
         ("STIFFNESS_SD", 0.5, "ln", "of the car's over the vehicle file's"),
@@ -362,7 +362,7 @@ TABLE: tuple[Constant, ...] = (
     ),
     *_rows(
         "identify.ready",
-        ("CALM", 0.15, "s", "sd of the smoothing: wheels and body nod at 1 to 2 Hz on uneven roads, a driver brakes below that"),
+        ("CALM", 0.15, "s", "sd of the smoothing: wheels and body pitch at 1 to 2 Hz on uneven roads, a driver brakes below that"),
         ("CURVE_LENGTH", 12.0, "m", "sd of the smoothing: over which a road goes from level to leaning into its curve"),
     ),
 )  # fmt: skip
@@ -445,7 +445,7 @@ def _bind(constant: Constant) -> None:
 @functools.cache
 def _imports(path: str) -> dict[tuple[str, str], list[str]]:
     """(module, name there) of what a file imports at its top level, and the names it has here. Two modules may have the same number
-    under the same name, so what a name is cannot be told from its value."""
+    under the same name, so what a name is does not follow from its value."""
     found: dict[tuple[str, str], list[str]] = {}
     if path.endswith(".py"):
         for node in ast.parse(Path(path).read_text(encoding="utf-8")).body:

@@ -62,7 +62,7 @@ def fit(problem: Problem, parameters: Sequence[Parameter], start: Mapping[Key, f
 
 
 def fit_with(problem: Problem, effects: Sequence[Effect], start: Mapping[Key, float]) -> Fit:
-    """Stiffness and these effects together. A shape says nothing while its strength is near zero, so strengths come first."""
+    """Stiffness and these effects together. A shape has no effect while its strength is near zero, so strengths come first."""
     strengths = [*STIFFNESS, *(p for e in effects for p in problem.strengths(e))]
     shapes = [p for e in effects for p in e.shapes]
     kick = dict(start)

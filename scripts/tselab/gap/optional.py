@@ -33,7 +33,7 @@ class Reading:
 
 
 def words(readings: Sequence[Sequence[Reading]]) -> list[str]:
-    """What a user should know of them, all logs together; logs that say nothing of a channel weigh nothing."""
+    """What a user should know of them, all logs together; logs without a channel weigh nothing."""
     found: dict[tuple[str, str], tuple[float, float]] = {}
     for r in (r for log in readings for r in log if r.key != "braced"):
         weight, total = found.get((r.channel, r.key), (0.0, 0.0))

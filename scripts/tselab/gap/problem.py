@@ -70,7 +70,7 @@ class Problem:
         self.jobs = max(1, jobs)
         self.fixed: dict[Key, float] = {}  # values that are not fitted, and not those of the settings
         self.nominal = config.as_dict()
-        self.told = {name: self.nominal[name] for name in SIGNED_DELAYS}
+        self.given = {name: self.nominal[name] for name in SIGNED_DELAYS}
         if self.logs:  # a drift is one over the time of the longest log
             self.nominal["stiffness_drift_time"] = max(float(log.time[-1] - log.time[0]) for log in self.logs)
         missing = [{c: ~np.isfinite(log.measured[c]) for c in MEASURES if c in log.measured} for log in self.logs]
@@ -173,9 +173,9 @@ class Problem:
         values = self.fixed | dict(values)
         if LATENT.isdisjoint(values) and SIGNED_DELAYS.isdisjoint(values):
             return {}
-        imu = values.get("imu_delay_time", self.told["imu_delay_time"]) - self.told["imu_delay_time"]
+        imu = values.get("imu_delay_time", self.given["imu_delay_time"]) - self.given["imu_delay_time"]
         steering = (
-            values.get("steering_delay_time", self.told["steering_delay_time"]) - self.told["steering_delay_time"]
+            values.get("steering_delay_time", self.given["steering_delay_time"]) - self.given["steering_delay_time"]
         )
         wheels = values.get("wheel_speed_latency", 0.0)
         found = {"steer_angle": -imu - steering, "wheel_speed_front": wheels - imu, "wheel_speed_rear": wheels - imu}

@@ -308,17 +308,17 @@ def run(
     part = _searched(this, problem, baseline, held)
     naming = _named(this, part)
     say("what is left?")
-    louder = remainder.louder(part.problem, naming.final.residuals, NOISE_LIMIT)
+    noisier = remainder.noisier(part.problem, naming.final.residuals, NOISE_LIMIT)
     this.notes += [
-        f"{c}: its noise is {f:.2f} times what its differences from row to row say" for c, f in louder.items()
+        f"{c}: its noise is {f:.2f} times that of its differences from row to row" for c, f in noisier.items()
     ]
-    weighed = _weighed(this, part, naming, louder, formula)
+    weighed = _weighed(this, part, naming, noisier, formula)
     seen = _detectable(part, weighed.naming)
     if part.problem is not problem:
         weighed = _on_all(this, problem, baseline, weighed)
 
-    left = what_is_left(problem, weighed.last, louder)
-    missing, follows = _disturbance(this, problem, weighed.naming, entries, louder)
+    left = what_is_left(problem, weighed.last, noisier)
+    missing, follows = _disturbance(this, problem, weighed.naming, entries, noisier)
     changes: dict[str, show.Change] = {}
     if held is not None:
         say("held-out logs")
@@ -365,13 +365,13 @@ def _named(this: Run, part: Searched) -> name.Naming:
     return naming
 
 
-def _weighed(this: Run, part: Searched, naming: name.Naming, louder: dict[str, float], formula: bool) -> Weighed:
+def _weighed(this: Run, part: Searched, naming: name.Naming, noisier: dict[str, float], formula: bool) -> Weighed:
     """Names against formulas, where the names leave something or one is asked for."""
     own = this.vehicle.formula
     if own is not None:
         this.notes.append(f"the vehicle file has a formula ({own.id}), which was kept: no other is sought")
         return Weighed(naming)
-    remains = more_than_noise(what_is_left(part.problem, naming.final, louder))
+    remains = more_than_noise(what_is_left(part.problem, naming.final, noisier))
     if remains or formula or leaves_something(part.held, naming):
         discovery, naming, rivals = this.stage("formula", lambda: explained(part.problem, part.held, naming, this.say))
         return Weighed(naming, discovery, rivals)
@@ -392,10 +392,10 @@ def _on_all(this: Run, problem: Problem, baseline: Fit, found: Weighed) -> Weigh
 
 
 def _disturbance(
-    this: Run, problem: Problem, naming: name.Naming, entries: list[where.Entry], louder: dict[str, float]
+    this: Run, problem: Problem, naming: name.Naming, entries: list[where.Entry], noisier: dict[str, float]
 ) -> tuple[latent.Latent | None, list[latent.Explained]]:
     """What the names that stand leave, if it is more than noise."""
-    remains = more_than_noise(what_is_left(problem, naming.final, louder))
+    remains = more_than_noise(what_is_left(problem, naming.final, noisier))
     if not remains:
         return None, []
     return this.stage("latent", lambda: disturbance(problem, naming, entries, remains))
@@ -420,12 +420,12 @@ def _seconds(problem: Problem) -> float:
     return sum(log.seconds for log in problem.logs)
 
 
-def what_is_left(problem: Problem, last: Fit, louder: dict[str, float]) -> list[remainder.Remainder]:
+def what_is_left(problem: Problem, last: Fit, noisier: dict[str, float]) -> list[remainder.Remainder]:
     """Of every channel, after a fit."""
     features = {k: x for k, x in where.features(problem, last.values).items() if k != "time"}
     return [
         r
-        if r.channel not in louder
+        if r.channel not in noisier
         else remainder.Remainder(r.channel, r.gap, "noise", 0.0, (), None, f"{r.channel}: noise only")
         for r in remainder.remainder(problem, last.residuals, features, NOISE_LIMIT)
     ]
@@ -531,8 +531,8 @@ def sensors(problem: Problem | None, naming: name.Naming) -> list[dict[str, Any]
     late = [n for n in naming.named if n.message]
     if problem is None or not late:
         return []
-    found, told = name.settings(problem, naming.final.values), problem.config
-    settings = [k for k in latency_settings().values() if k in found and found[k] != getattr(told, k)]
+    found, given = name.settings(problem, naming.final.values), problem.config
+    settings = [k for k in latency_settings().values() if k in found and found[k] != getattr(given, k)]
     half = _half_widths(problem, naming, settings)
     return [
         {"id": k, "value": found[k], "ci95": [found[k] - half[k], found[k] + half[k]], "unit": "s"} for k in settings
@@ -553,8 +553,8 @@ def _half_widths(problem: Problem, naming: name.Naming, settings: Sequence[str])
         for key, (low, high) in ((k, c) for k, c in n.ci95.items() if k in values):
             more, less = (name.settings(problem, dict(values) | {key: values[key] + by}) for by in (step, -step))
             for k in settings:
-                told = getattr(problem.config, k)
-                slope = (more.get(k, told) - less.get(k, told)) / (2.0 * step)
+                given = getattr(problem.config, k)
+                slope = (more.get(k, given) - less.get(k, given)) / (2.0 * step)
                 squares[k] += (0.5 * slope * (high - low)) ** 2
     return {k: float(np.sqrt(x)) for k, x in squares.items()}
 

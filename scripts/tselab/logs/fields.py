@@ -15,7 +15,7 @@ LONGEST = (
     12  # elements of an array that become channels of their own: four wheels, not a camera's picture or a covariance
 )
 DEEPEST = 8
-# Units that the definitions of the messages promise, by the last two fields of a path: REP 103, sensor_msgs, nav_msgs
+# Units by the definitions of the messages, by the last two fields of a path: REP 103, sensor_msgs, nav_msgs
 SI = {"angular_velocity": "rad/s", "linear_acceleration": "m/s2", "linear": "m/s", "angular": "rad/s"}
 ROS_TYPES = ("sensor_msgs", "geometry_msgs", "nav_msgs")
 

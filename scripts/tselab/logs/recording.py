@@ -18,7 +18,7 @@ MOST_NAMED = 6  # names that one message lists
 @dataclass(frozen=True)
 class Channel:
     """One signal of a log. `time`, s, and `value` have one entry per sample; NaN: missing. Channels of one message or table share
-    the array `time`. Nothing is promised of the time: reader and file are as they are, clock.py puts it right."""
+    the array `time`. Nothing is assumed of the time: reader and file are as they are, clock.py puts it right."""
 
     name: str
     time: np.ndarray
@@ -100,7 +100,7 @@ def check_rows(path: Path, what: str, rows: int) -> None:
 
 @dataclass(frozen=True)
 class How:
-    """What a reader is told: [log] of signals.toml, and options. `wanted`: which names are needed; None: all."""
+    """Options of a reader: [log] of signals.toml, and options. `wanted`: which names are needed; None: all."""
 
     databases: tuple[Path, ...] = ()
     time: str | None = None

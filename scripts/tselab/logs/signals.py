@@ -320,7 +320,7 @@ def _meant(key: str, known: Any) -> str:
 
 
 def _line(text: str, table: str, key: str) -> str:
-    """Where a key stands, for people; "" if it cannot be told."""
+    """Where a key stands, for people; "" if it is not known."""
     inside, key, found = not table, key.partition(",")[0], ""
     for i, line in enumerate(text.splitlines(), 1):
         head = re.match(r"\s*\[\[?\s*([^\]#]+?)\s*\]", line)

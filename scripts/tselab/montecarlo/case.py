@@ -24,12 +24,12 @@ Draw = Callable[[Config, SimConfig, np.random.Generator], Mapping[str, float]]
 
 @dataclass(frozen=True)
 class Case:
-    """What is driven, what the estimator is told, what happens to the log, and where the result is looked at."""
+    """Manoeuvre, settings of the estimator, faults of the log, and the window of the scores."""
 
     name: str
     title: str
     build: Builder
-    config: Mapping[str, float] = field(default_factory=dict)  # the car, and what the estimator is told
+    config: Mapping[str, float] = field(default_factory=dict)  # the car, and settings of the estimator
     car: Mapping[str, float] = field(default_factory=dict)  # factors on the car's settings of which nobody tells
     sim: Mapping[str, float] = field(default_factory=dict)  # the simulator
     draw: Draw | None = None  # further settings of the estimator that depend on the seed
@@ -52,7 +52,7 @@ class Drive:
     road: np.ndarray
     corrupted: np.ndarray  # rows of which the log does not tell the truth
     about: dict[str, float]  # settings that are the case's, not the user's or the estimator's
-    config: Config  # what an estimator without settings of its own is told
+    config: Config  # settings of an estimator that has none of its own
     car: Config  # the car
     sim: SimConfig
     events: tuple[float, ...] = ()  # of the case

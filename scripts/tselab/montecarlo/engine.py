@@ -165,7 +165,7 @@ def _results(todo: list[Unit], jobs: int, scheduler: str | None) -> Iterator[tup
         yield from _on_dask(todo, scheduler)
     elif jobs == 1:
         for unit in todo:
-            yield unit, _told_where(unit, functools.partial(run_unit, unit))
+            yield unit, _said_where(unit, functools.partial(run_unit, unit))
     else:
         context = multiprocessing.get_context("spawn")
         with ProcessPoolExecutor(min(jobs, len(todo)), mp_context=context) as pool:
@@ -173,7 +173,7 @@ def _results(todo: list[Unit], jobs: int, scheduler: str | None) -> Iterator[tup
                 futures = {pool.submit(run_unit, unit): unit for unit in todo}
             try:
                 for future in as_completed(futures):
-                    yield futures[future], _told_where(futures[future], future.result)
+                    yield futures[future], _said_where(futures[future], future.result)
             except BaseException:
                 pool.shutdown(wait=True, cancel_futures=True)
                 raise
@@ -189,14 +189,14 @@ def _on_dask(todo: list[Unit], scheduler: str) -> Iterator[tuple[Unit, list[dict
         try:
             for future in distributed.as_completed(futures, loop=client.loop):
                 unit = units[future.key]
-                yield unit, _told_where(unit, future.result)
+                yield unit, _said_where(unit, future.result)
                 future.release()
         except BaseException:
             client.cancel(futures)
             raise
 
 
-def _told_where(unit: Unit, result: Any) -> list[dict[str, Any]]:
+def _said_where(unit: Unit, result: Any) -> list[dict[str, Any]]:
     try:
         return result()
     except UserError:
@@ -235,7 +235,7 @@ class Store:
             try:
                 before = json.loads(file.read_text(encoding="utf-8"))
                 if not all(isinstance(h, str) for h in before["cases"].values()):
-                    raise TypeError("cases are told by their hashes")
+                    raise TypeError("cases are compared by their hashes")
             except (OSError, ValueError, LookupError, AttributeError, TypeError, RecursionError):
                 raise UserError(
                     f"{self.path}: no readable {SETTINGS} beside it says what made it; {_WAY_OUT}"
@@ -346,7 +346,7 @@ def columns(study: str) -> list[str]:
         names += [f"{key}_{kind}_{b}" for kind in ("ms", "vs") for b in bins]
     names += [f"{state}_square" for state in scores.STATES]
     names += ["changes", "false_changes"]
-    names += [f"{x}_{n}" for n in range(1, events) for x in ("noticed", "all_settle", "valid_off")]
+    names += [f"{x}_{n}" for n in range(1, events) for x in ("detected", "all_settle", "valid_off")]
     return [*names, "diverged", "diverged_any", "recoveries", *NOISES, "seconds", "steps", *TIMES]
 
 
@@ -368,7 +368,7 @@ def fingerprint(plan: Plan) -> dict[str, Any]:
 # What makes the numbers beside the library and the settings.
 _SOURCES = ("montecarlo.case", "montecarlo.corrupt", "montecarlo.drives", "montecarlo.scores", "maneuvers", "simulate")
 _SOURCES_OF = {
-    "ekf": ("peers",), "ukf": ("peers",), "told": ("peers",), "bound": ("bounds", "peers"), "crb": ("bounds", "peers"),
+    "ekf": ("peers",), "ukf": ("peers",), "known": ("peers",), "bound": ("bounds", "peers"), "crb": ("bounds", "peers"),
 }  # fmt: skip
 
 

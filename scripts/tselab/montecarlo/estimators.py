@@ -15,7 +15,7 @@ from tselab.montecarlo.case import Drive
 from tselab.study import START
 
 if TYPE_CHECKING:
-    from tselab.peers import Told
+    from tselab.peers import Known
 
 # What the default adds to the paper's filter and can be switched off alone: name, what it does, the settings that switch it off.
 DEPARTURES: list[tuple[str, str, dict[str, float]]] = [
@@ -40,14 +40,14 @@ VARIANTS: dict[str, tuple[str, dict[str, float]]] = {
     "no-limit": ("the spread has no limit", {"spread_max": 2.0}),
     "small-start": ("starts with a spread of 5 %, not 15 %", {"initial_spread": 0.05}),
 }
-PEERS = ("ekf", "ukf", "told")
+PEERS = ("ekf", "ukf", "known")
 BOUNDS = {"bound": "forgetting_bound", "crb": "cramer_rao"}  # no estimators: only what sd one could have
 FORMS = {"robust": "robust", "paper": "paper", "printed": "paper"}  # and the form that each is of
 PRINTED = {"initial_vel_x": 22.0, "initial_vel_x_from_wheels": 0, "integration": 0}  # where Sec. IV-A starts; Euler
 TEXTS = {
-    "ekf": "EKF on the augmented state, told the true covariances",
-    "ukf": "UKF on the augmented state, told the true covariances",
-    "told": "EKF that never forgets, told the true covariances and when the road changes",
+    "ekf": "EKF on the augmented state, true covariances",
+    "ukf": "UKF on the augmented state, true covariances",
+    "known": "EKF that never forgets, with the true covariances and the times of changes",
     "bound": "best linear estimator with the same forgetting",
     "crb": "Cramer-Rao bound without forgetting",
     "tse": "tse as it comes",
@@ -106,7 +106,7 @@ def _yours(name: str) -> Callable[[pd.DataFrame, Mapping[str, float]], Any]:
 
 
 def _run_yours(name: str, d: Drive, config: Config) -> np.ndarray:
-    """It is given the log and what tse is told of car and sensors; stiffness in N and N/rad comes back, as columns of EST.csv."""
+    """Given the log and the settings of car and sensors that tse has; returned: stiffness in N and N/rad, as columns of EST.csv."""
     log = pd.DataFrame({"time": d.time, **{f.name: d.rows[f.name].astype(float) for f in library().channels}})
     answer = _yours(name)(log, config.as_dict())
     fields = [f"{s}{end}" for s in STIFFNESS for end in ("", "_sd", "_spread") if f"{s}{end}" in answer]
@@ -130,11 +130,11 @@ def run(name: str, d: Drive, config: Config) -> np.ndarray:
     if name in PEERS:
         from tselab import peers
 
-        return peers.run(name, d.rows, config, _told(d, config, name == "told"))
+        return peers.run(name, d.rows, config, _known(d, config, name == "known"))
     if name in BOUNDS:
         from tselab import bounds
 
-        sd = getattr(bounds, BOUNDS[name])(d.rows, d.truth_table, config, _told(d, config))
+        sd = getattr(bounds, BOUNDS[name])(d.rows, d.truth_table, config, _known(d, config))
         out = np.zeros(len(sd), [(f"{s}_sd", float) for s in STIFFNESS])
         for i, s in enumerate(STIFFNESS):
             out[f"{s}_sd"] = sd[:, i] * d.stiffness[:, i]
@@ -147,12 +147,12 @@ def run(name: str, d: Drive, config: Config) -> np.ndarray:
     return out
 
 
-def _told(d: Drive, config: Config, changes: bool = False) -> Told:
+def _known(d: Drive, config: Config, changes: bool = False) -> Known:
     """The true covariances, as they are at the start; with `changes` for a filter that knows of the changes of level."""
-    from tselab.peers import Told
+    from tselab.peers import Known
 
     sensors = (config.accel_x_sd, config.accel_y_sd, config.yaw_rate_sd)
-    return Told(
+    return Known(
         spread=tuple(
             getattr(d.sim, f"spread_{s}") * (1 if changes else getattr(d.sim, f"true_{s}")) for s in STIFFNESS
         ),

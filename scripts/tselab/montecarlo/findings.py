@@ -39,7 +39,7 @@ def findings(plan: Plan, runs: pd.DataFrame, summary: pd.DataFrame) -> list[Tabl
     """What the study is about."""
     of_study = {
         "paper": _paper, "robust": _robust, "bound": _bound, "peers": _peers, "departures": _departures, "regimes": _regimes,
-        "as-told": _as_told,
+        "false-alarms": _false_alarms,
     }  # fmt: skip
     make = of_study.get(plan.study.base)
     return [t for t in make(plan, runs, summary) if t.rows] if make else []
@@ -129,7 +129,7 @@ def _waves(case: str, inputs: str, parts: list[pd.DataFrame]) -> list[list[str]]
 
 
 def _normality(x: pd.Series) -> str:
-    if len(x) < 8:  # the test says nothing
+    if len(x) < 8:  # too few for the test
         return number(x.std())
     return f"{x.std():.2f}; {anderson_darling(x.to_numpy())[1]:.3f}"
 
@@ -292,11 +292,11 @@ def over(plan: Plan, runs: pd.DataFrame, base: str) -> list[Table]:
 
 
 def _regimes(plan: Plan, runs: pd.DataFrame, summary: pd.DataFrame) -> list[Table]:
-    return [*over(plan, runs, "told"), _after(plan, runs), _slow(plan, summary), _scatter(plan, runs, summary),
+    return [*over(plan, runs, "known"), _after(plan, runs), _slow(plan, summary), _scatter(plan, runs, summary),
             false_changes(plan, runs)]  # fmt: skip
 
 
-def _as_told(plan: Plan, runs: pd.DataFrame, summary: pd.DataFrame) -> list[Table]:
+def _false_alarms(plan: Plan, runs: pd.DataFrame, summary: pd.DataFrame) -> list[Table]:
     return [false_changes(plan, runs)]
 
 
@@ -313,14 +313,14 @@ def _median(values: pd.Series, digits: int = 2) -> str:
 def _after(plan: Plan, runs: pd.DataFrame) -> Table:
     rows = [
         [case.name, name, f"{event:g} s",
-         *(_median(part[f"{what}_{n}"]) for what in ("noticed", "all_settle", "valid_off"))]
+         *(_median(part[f"{what}_{n}"]) for what in ("detected", "all_settle", "valid_off"))]
         for case in plan.study.cases if not case.lasts
         for name in case.estimators if len(part := of(runs, case.name, name))
         for n, event in enumerate(case.events, 1)
     ]  # fmt: skip
-    head = ["case", "estimator", "change at", "noticed, s", "all three within 10 %, s", "valid and off, s"]
+    head = ["case", "estimator", "change at", "detected, s", "all three within 10 %, s", "valid and off, s"]
     text = (
-        f"Median run (longest). Noticed: the estimator says, with more than {100 * SURE:g} %, that the regime changed then. Within "
+        f"Median run (longest). Detected: the estimator says with more than {100 * SURE:g} %, that the regime changed then. Within "
         f"10 %: all three stiffnesses, for {SETTLED_FOR:g} s. Valid and off: how long, in the {OFF_FOR:g} s after the change, any "
         f"stiffness is called valid and is wrong by more than {100 * OFF:g} %."
     )
@@ -334,7 +334,7 @@ def _slow(plan: Plan, summary: pd.DataFrame) -> Table:
         for case in plan.study.cases if case.lasts
         for _, line in summary[summary["case"] == case.name].iterrows()
     ]  # fmt: skip
-    head = ["case", "estimator", *(f"{h}: band holds, %" for h in HEADS.values()), "RMS, %", "bias, %", "false valid, %",
+    head = ["case", "estimator", *(f"{h}: interval holds, %" for h in HEADS.values()), "RMS, %", "bias, %", "false valid, %",
             "changes reported"]  # fmt: skip
     text = "From the start of the change until 20 s after its end; mean over the runs ± half of its 95 % interval."
     return Table("While the stiffness changes slowly", head, rows, 2, text)
@@ -359,9 +359,9 @@ def _scatter(plan: Plan, runs: pd.DataFrame, summary: pd.DataFrame) -> Table:
                 three(line, "covered", 0), three(line, "rms", 2),
             ])  # fmt: skip
     head = ["case", "estimator", "true spread, %", "true noise", *(f"{h}: spread found, %" for h in HEADS.values()), "seen, %",
-            *(f"noise found, {c}" for c in MEASURES), "band holds, %", "RMS, %"]  # fmt: skip
+            *(f"noise found, {c}" for c in MEASURES), "interval holds, %", "RMS, %"]  # fmt: skip
     text = "Noise: over the settings. Seen: share of the rows in which the estimator says that the spread can be seen."
-    return Table("Spread and noise that nobody told", head, rows, 2, text)
+    return Table("Spread and noise other than assumed", head, rows, 2, text)
 
 
 def poisson(count: int, exposure: float, level: float = 0.95) -> tuple[float, float]:
@@ -378,11 +378,11 @@ def _rate(name: str, estimator: str, part: pd.DataFrame) -> list[str]:
 
 
 def false_changes(plan: Plan, runs: pd.DataFrame) -> Table:
-    told = runs[runs["changes"].notna()]
+    known = runs[runs["changes"].notna()]
     rows = [_rate(case.name, name, part) for case in plan.study.cases for name in case.estimators
-            if len(part := of(told, case.name, name))]  # fmt: skip
+            if len(part := of(known, case.name, name))]  # fmt: skip
     if len(rows) > 1:
-        rows += [_rate("all", name, part) for name, part in told.groupby("estimator", sort=False)]
+        rows += [_rate("all", name, part) for name, part in known.groupby("estimator", sort=False)]
     head = ["case", "estimator", "hours", "changes reported", "false", "false per hour (95 %)", "runs with any"]
     text = (
         f"A change of regime counts when the estimator says so with more than {100 * SURE:g} %; it is false unless it lies within "

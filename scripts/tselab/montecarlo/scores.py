@@ -27,7 +27,7 @@ CLEARLY = 2.0  # best-case sd beyond this factor of valid_sd, either way, is cle
 LOW_SPEED = 1.0  # m/s, as in src/model/vehicle.h
 REVERSE_SPEED = -0.1  # m/s, as in src/estimator/filter.c
 SETTLED_FOR = 1.0  # s within CLOSE: has settled
-SHARES = ("false_valid", "false_invalid", "valid_unobservable", "reason_right", "corrupted_told")
+SHARES = ("false_valid", "false_invalid", "valid_unobservable", "reason_right", "corrupted_reported")
 SURE = 0.9  # of a change of regime: from here on it counts as reported
 STATES = ("vel_x", "yaw_rate")
 DISTINCT = 0.5  # s between changes that count as two
@@ -229,7 +229,7 @@ def reported(d: Drive, estimate: np.ndarray) -> np.ndarray:
 
 
 def regimes(d: Drive, case: Case, k: Knowable, estimate: np.ndarray) -> dict[str, float]:
-    """Changes reported and false ones; after each event how soon it was noticed, how soon all stiffnesses were right, and for
+    """Changes reported and false ones; after each event how soon it was detected, how soon all stiffnesses were right, and for
     how long any was called valid and was not."""
     names, time, row = estimate.dtype.names, d.time, {}
     now = clock(d)
@@ -245,7 +245,7 @@ def regimes(d: Drive, case: Case, k: Knowable, estimate: np.ndarray) -> dict[str
             since = now - np.interp(event, time, now)
             says = part & (estimate["change_probability"] >= SURE) & (estimate["change_kind"] > 0)
             says &= estimate["change_age"] < since + 0.1
-            row[f"noticed_{n}"] = float(max(time[says.argmax()] - event, 0.0)) if says.any() else np.inf
+            row[f"detected_{n}"] = float(max(time[says.argmax()] - event, 0.0)) if says.any() else np.inf
         if f"{STIFFNESS[0]}_valid" in names:
             truth = k.level if k.secant is None else k.secant
             wrong = [

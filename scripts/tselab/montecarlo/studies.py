@@ -44,9 +44,9 @@ def _paper_prior(config: Config, sim: SimConfig, rng: np.random.Generator) -> Ma
     return {"initial_vel_x": sim.speed + rng.standard_normal()}
 
 
-NOMINAL = Case("nominal", "square waves, everything as told", _waves())
-NOISE_3X = Case("noise-3x", "sensor noise 3 times what is told", _waves(), sim={"noise": 3.0})
-NOISE_THIRD = Case("noise-third", "sensor noise a third of what is told", _waves(), sim={"noise": 1 / 3})
+NOMINAL = Case("nominal", "square waves, all as assumed", _waves())
+NOISE_3X = Case("noise-3x", "sensor noise 3 times the setting", _waves(), sim={"noise": 3.0})
+NOISE_THIRD = Case("noise-third", "sensor noise a third of the setting", _waves(), sim={"noise": 1 / 3})
 LOW = Case("low-excitation", "slip 0.5 %, steering 0.005 rad", _waves(steer=drives.LOW_STEER, torque=None))
 OUTLIERS = Case("outliers", "1 % of the inertial samples 10 sigma off", _waves(),
                 corrupt=partial(corrupt.outliers, share=0.01, sigmas=10.0))  # fmt: skip
@@ -74,9 +74,10 @@ def _stress() -> tuple[Case, ...]:
         Case("vy-start", "vy starts 10 sigma off", _waves(), sim={"vel_y": 1.0}, needs=("vel_y",)),
         NOISE_3X,
         NOISE_THIRD,
-        Case("wheel-noise-told", "wheel speeds noisy by 0.05 rad/s, as told", _waves(), sim={"wheel_speed_sd": 0.05},
+        Case("wheel-noise-known", "wheel speeds noisy by 0.05 rad/s, in the settings", _waves(), sim={"wheel_speed_sd": 0.05},
              config={"wheel_noise_sd": 0.05}),
-        Case("wheel-noise-untold", "wheel speeds noisy by 0.05 rad/s, told none", _waves(), sim={"wheel_speed_sd": 0.05}),
+        Case("wheel-noise-unknown", "wheel speeds noisy by 0.05 rad/s, not in the settings", _waves(),
+             sim={"wheel_speed_sd": 0.05}),
         OUTLIERS,
         Case("imu-bias", "biases of 0.1, 0.1 m/s2, 0.2 deg/s that walk", _waves(), sim=imu_bias),
         LOW,
@@ -100,14 +101,14 @@ def _stress() -> tuple[Case, ...]:
              windows=((45.0, drives.REVERSE_END),)),
         Case("wheel-lock", "front wheels lock for 1 s, twice; against the secant", drives.wheel_lock, **friction),
         Case("wheel-spin", "front wheels spin for 1 s, twice; against the secant", drives.wheel_spin, **friction),
-        Case("mass+10", "10 % heavier than told", _waves(), car={"mass": 1.1, "yaw_inertia": 1.1}),
-        Case("mass-10", "10 % lighter than told", _waves(), car={"mass": 0.9, "yaw_inertia": 0.9}),
+        Case("mass+10", "10 % heavier than assumed", _waves(), car={"mass": 1.1, "yaw_inertia": 1.1}),
+        Case("mass-10", "10 % lighter than assumed", _waves(), car={"mass": 0.9, "yaw_inertia": 0.9}),
         *(Case(f"sample-{ms}ms", f"a row every {ms} ms", _waves(), config={"sample_time": ms / 1000})
           for ms in (5, 10, 20, 40)),
     )  # fmt: skip
 
 
-TWO = ("tse", "told")
+TWO = ("tse", "known")
 PAUSES = (60, 600, 3600)  # s
 SLOW = (5, 20, 60, 600)  # s
 SLOW_START, SLOW_AFTER = 20.0, 20.0  # s
@@ -133,7 +134,7 @@ def _regimes() -> tuple[Case, ...]:
              sim={"friction": 0.9}, **ice),
         *(Case(f"pause-{s}", f"a row comes {s} s after the one before, at 20 s", _waves(40.0),
                corrupt=partial(corrupt.pause, at=20.0, length=s), windows=((20.0, 40.0),), estimators=TWO) for s in PAUSES),
-        *(Case(f"spread-{s}-noise-{name}", f"stiffness scatters by {s} %, noise {name} of what is told", _waves(60.0),
+        *(Case(f"spread-{s}-noise-{name}", f"stiffness scatters by {s} %, noise {name} of the setting", _waves(60.0),
                config={"initial_spread": 0.05}, sim={"noise": noise} | dict.fromkeys(SPREADS, s / 100),
                windows=((40.0, 60.0),), estimators=TWO)
           for s in (1, 5, 15) for name, noise in (("third", 1 / 3), ("1", 1.0), ("3", 3.0))),
@@ -146,10 +147,12 @@ def _regimes() -> tuple[Case, ...]:
 TEN_MINUTES = 600.0  # s
 
 
-def _as_told() -> tuple[Case, ...]:
-    told = Case("as-told", "ordinary driving", partial(drives.ordinary, duration=TEN_MINUTES),
+def _false_alarms() -> tuple[Case, ...]:
+    known = Case("false-alarms", "ordinary driving", partial(drives.ordinary, duration=TEN_MINUTES),
                 windows=((30.0, TEN_MINUTES),))  # fmt: skip
-    return told, replace(told, name="as-told-held", title="ordinary driving; inputs held", sim={"hold_inputs": 1})
+    return known, replace(
+        known, name="false-alarms-held", title="ordinary driving; inputs held", sim={"hold_inputs": 1}
+    )
 
 
 def _with(estimators: tuple[str, ...], *cases: Case) -> tuple[Case, ...]:
@@ -210,7 +213,7 @@ def _cases() -> dict[str, tuple[Case, ...]]:
         "stress": _stress(),
         "particles": _with(particles, NOMINAL, NOISE_3X, LOW),
         "regimes": _regimes(),
-        "as-told": _as_told(),
+        "false-alarms": _false_alarms(),
         "departures": _with(departures, *(stress[name] for name in DEPARTURE_CASES)),
     }  # fmt: skip
 

@@ -121,7 +121,7 @@ def _line(part: pd.DataFrame) -> dict[str, float]:
     for name in ("changes", "false_changes"):
         line[name] = part[name].sum(min_count=1)
     line["hours"] = part["seconds"].sum() / 3600
-    for name in [c for c in part if c.startswith(("noticed_", "all_settle_", "valid_off_"))]:
+    for name in [c for c in part if c.startswith(("detected_", "all_settle_", "valid_off_"))]:
         if part[name].notna().any():
             line[name], line[f"{name}_90"] = part[name].quantile([0.5, 0.9], interpolation="higher")
             line[f"{name}_most"] = part[name].max()
@@ -183,13 +183,14 @@ WRONG = f"{100 * DIVERGED_ERROR:.0f} %"
 LEGEND = (
     "Triples: Cx front, Cy front, Cy rear. In % of the true mean stiffness, in the score window of the case. Diverged: runs in "
     f"which the mean of a stiffness was wrong by more than {WRONG} on end, for more than {DIVERGED_FOR:g} s of rows from which "
-    f"it could clearly be told, {scores.SETTLE_AFTER:g} s after the start, a change or a disturbance; any: whether it could be "
-    "told or not. RMS and bias leave out refused rows, which have no estimate. Covered: share of rows whose 95 % band holds the "
-    f"truth. False valid: of the rows flagged valid, those wrong by more than {WRONG}. False invalid: of the rows from which it "
-    f"could clearly be told, and was within {100 * scores.CLOSE:.0f} %, those not flagged valid. Reason right: of the rows from "
-    "which it clearly could not be told, those that say so. Faults told: of the rows with a missing or stuck channel, those not "
-    "flagged valid or with the status that a measurement is missing. Seen: share of rows that say that the spread is learnt, not "
-    "below what can be told. Noise: sd as found over the setting, accel_x, accel_y, yaw_rate, mean. Intervals: 95 %, "
+    f"it could clearly be observed, {scores.SETTLE_AFTER:g} s after the start, a change or a disturbance; any: whether it could "
+    "be observed or not. RMS and bias leave out refused rows, which have no estimate. Covered: share of rows whose 95 % interval "
+    f"holds the truth. False valid: of the rows flagged valid, those wrong by more than {WRONG}. False invalid: of the rows from "
+    f"which it could clearly be observed, and was within {100 * scores.CLOSE:.0f} %, those not flagged valid. Reason right: of "
+    "the rows from which it clearly could not be observed, those that say so. Faults reported: of the rows with a missing or "
+    "frozen channel, those not flagged valid or with the status that a measurement is missing. Seen: share of rows that say that "
+    "the spread is learnt, not below what can be observed. Noise: sd as found over the setting, accel_x, accel_y, yaw_rate, "
+    "mean. Intervals: 95 %, "
     "Clopper-Pearson for shares, bootstrap for RMS, t for means."
 )
 
@@ -199,14 +200,14 @@ def overview(plan: Plan, summary: pd.DataFrame) -> Table:
     several = any(len(c.estimators) > 1 for c in plan.study.cases)
     head = ["case", *(["estimator"] if several else []), "runs", "diverged (95 %)", "any",
             *(f"RMS {h} (95 %)" for h in HEADS.values()), "covered", "bias", "spread", "seen", "noise", "false valid",
-            "false invalid", "reason right", "faults told", "recoveries"]  # fmt: skip
+            "false invalid", "reason right", "faults reported", "recoveries"]  # fmt: skip
     rows = [
         [
             f"{line['case']}: {line['title']}", *([line["estimator"]] if several else []), f"{line['runs']}", diverged(line),
             number(line.get("diverged_any"), 0), *(_rms(line, k) for k in HEADS), three(line, "covered", 0),
             three(line, "bias", 2, "+"), three(line, "spread"), three(line, "spread_seen", 0),
             ", ".join(number(line[f"noise_{c}"], 1) for c in MEASURES), number(line["false_valid"], 2),
-            number(line["false_invalid"], 1), number(line["reason_right"], 1), number(line["corrupted_told"], 1),
+            number(line["false_invalid"], 1), number(line["reason_right"], 1), number(line["corrupted_reported"], 1),
             number(line["recoveries"], 0),
         ]
         for _, line in summary.iterrows()

@@ -119,7 +119,7 @@ def improved(vehicle: Vehicle, problem: Problem, result: Result) -> str:
             ]
         if all(getattr(config, p.setting) == 0 for p in effect.strengths):
             continue
-        lines += ["", f"[effects.{effect.id}]  # {effect.title}{'' if n else ', as it was told'}"]
+        lines += ["", f"[effects.{effect.id}]  # {effect.title}{'' if n else ', as in the file'}"]
         if n:
             lines.append(f"# closes {100 * n.share:.0f} % of the gap, evidence {n.evidence:.0f} nats")
             lines += [f"# {remark}" for remark in n.remarks]

@@ -36,7 +36,9 @@ class Drive:
     evidence: tuple[float, float]  # nats per row
     valid: tuple[dict[str, float], dict[str, float]]  # share of the rows
     stiffness: tuple[dict[str, float], dict[str, float]]  # median of the valid means, N and N/rad; NaN: none
-    noise: tuple[dict[str, float], dict[str, float]]  # found over told, median: 1 if the model explains what it sees
+    noise: tuple[
+        dict[str, float], dict[str, float]
+    ]  # found over the setting, median: 1 if the model explains what it sees
 
 
 @dataclass(frozen=True)

@@ -251,8 +251,8 @@ def facts(shown: Shown) -> list[tuple[str, str]]:
     for log in problem.logs:
         for c in log.channels:
             noise.setdefault(c, []).append(log.noise[c])
-    told = [f"{c} {np.median(noise[c]):.3g} {pictures.CHANNEL_UNITS[c]}" for c in CHANNELS if c in noise]
-    rows.append(("Sensor noise of one row, from the logs", ", ".join(told)))
+    said = [f"{c} {np.median(noise[c]):.3g} {pictures.CHANNEL_UNITS[c]}" for c in CHANNELS if c in noise]
+    rows.append(("Sensor noise of one row, from the logs", ", ".join(said)))
     for key in STIFFNESS:
         rows.append((f"{NAMES[key]}, over the vehicle file's", f"{baseline[key]:.3f} before, {final[key]:.3f} after"))
     return rows

@@ -130,12 +130,12 @@ def name(
             sure = probability.effects[h.id] >= NAME_AT and not negligible(h, best_of_all.values)
             if sure and h.id not in best.ids and h.id not in stand_in:
                 besides.append(_sized(h, best_of_all, probability))
-    told = {n.effect.id for n in (*named, *besides)}
+    stated = {n.effect.id for n in (*named, *besides)}
     unsure, not_best = f"below {100 * NAME_AT:.0f} %", "the most probable set explains these logs without it"
     possible = [
         {"id": i, "probability": p, "why": SMALL if i in dropped else unsure if p < NAME_AT else not_best}
         for i, p in sorted(probability.effects.items(), key=lambda x: -x[1])
-        if p >= POSSIBLE_AT and i not in told and not any(i in n.look_alikes for n in named)
+        if p >= POSSIBLE_AT and i not in stated and not any(i in n.look_alikes for n in named)
     ]
     closed = 1.0 - excess(problem, last.residuals) / full if full > 0 else 0.0
     return Naming(
@@ -402,7 +402,7 @@ def _with_roads(problem: Problem, last: Fit, roads: Sequence[Effect]) -> Fit:
 def settings(problem: Problem, values: Mapping[Key, float]) -> dict[str, float]:
     """Fitted values as settings of a vehicle file: delays that are negative, and what is late, as latencies of channels. What is of
     the road is not of the car."""
-    told = problem.config.as_dict()
+    given = problem.config.as_dict()
     others = {
         *SIGNED_DELAYS,
         *latency_settings().values(),
@@ -411,10 +411,10 @@ def settings(problem: Problem, values: Mapping[Key, float]) -> dict[str, float]:
     found = {k: v for k, v in of_the_car(values).items() if k in problem.config and k not in others}
     later = dict.fromkeys((*DRIVES, "accel_x", "accel_y"), 0.0) | problem.later(values)
     for key, channels in (("steering_delay_time", ("steer_angle",)), ("imu_delay_time", DRIVES)):
-        change = max(values.get(key, told[key]), 0.0) - told[key]
+        change = max(values.get(key, given[key]), 0.0) - given[key]
         if key in values:
             found[key] = max(values[key], 0.0)
         for c in channels:
             later[c] += change
-    found |= {f"{c}_latency": told[f"{c}_latency"] + by for c, by in later.items() if abs(by) > 1e-9}
+    found |= {f"{c}_latency": given[f"{c}_latency"] + by for c, by in later.items() if abs(by) > 1e-9}
     return found

@@ -2,7 +2,7 @@
 
 where.entries() says at which place something enters that the model does not have. Here a Kalman smoother shows that something
 as a series with its uncertainty; what it follows is sought among inputs and simulated quantities with their signs, for a
-friction or a wind is told by its sign, which energies do not have."""
+friction or a wind shows by its sign, which energies do not have."""
 
 from __future__ import annotations
 

@@ -71,7 +71,7 @@ def remainder(
     return found
 
 
-def louder(problem: Problem, residuals: np.ndarray, limit: float) -> dict[str, float]:
+def noisier(problem: Problem, residuals: np.ndarray, limit: float) -> dict[str, float]:
     """Channels of which the residual is noise, though larger than was measured, and how many times."""
     found = {}
     for c in np.unique(problem.rows.channel):

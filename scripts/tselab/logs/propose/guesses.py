@@ -44,7 +44,7 @@ def make_guesses(
     v = speed_of(look, wheels, chosen)
     if v is not None:
         v = v * scale.per["wheel"]
-    # the sign of the yaw rate is told by the wheels, where it is told; the others follow it
+    # the wheels give the sign of the yaw rate, where they can; the others follow it
     sign = {
         "yaw_rate": float(np.sign(facts.get("track_corr", 0.0))) if abs(facts.get("track_corr", 0.0)) > 0.7 else 1.0
     }
@@ -89,7 +89,7 @@ def _from(look: Look, name: str, unit: str, role: str) -> str:
 
 
 def _confidence(said: float, shown: float) -> str:
-    """Sure: name and physics agree. Likely: physics is clear alone, or the name, and physics says nothing against it. What was
+    """Sure: name and physics agree. Likely: physics is clear alone, or the name, and physics does not contradict it. What was
     neither tested nor is called so and has a unit is unsure."""
     if said >= NAMED and shown >= 2.5:
         return "sure"
@@ -167,7 +167,7 @@ def _steer(
     wheelbase = float(car.values["lf"] + car.values["lr"]) if car is not None else USUAL_WHEELBASE
     unit = look.channels[name].unit or unit_at_end(look.channels[name].short)
     unit = unit if kind(unit) == "angle" else ""
-    told = car.steering_ratio if car is not None else None
+    given = car.steering_ratio if car is not None else None
     found = physics.steering(look.x[name], v, r) if v is not None and r is not None else None
     guess = Guess("steer_angle", (name,), unit or "deg", "", confidence=_confidence(worth["said"], worth["shown"]))
     if found is None or found.share < 0.5 or found.per_curvature == 0:
@@ -178,7 +178,7 @@ def _steer(
         )  # fmt: skip
         guess.unit, wheel = _by_size(look.x[name], unit)
         guess.unit_from = "the log says so" if unit else f"a guess by its size: {why}"
-        guess.ratio = (told or USUAL_RATIO) if wheel else None
+        guess.ratio = (given or USUAL_RATIO) if wheel else None
         guess.confidence = "unsure"
         guess.unsure = ["sign", "ratio", *([] if unit else ["unit"])]
         guess.figures.append(why)
@@ -191,7 +191,7 @@ def _steer(
         (
             min(
                 abs(np.log(q)) / spread,
-                abs(np.log(q / (told or USUAL_RATIO))) / np.hypot(spread, 0.02 if told else 0.15),
+                abs(np.log(q / (given or USUAL_RATIO))) / np.hypot(spread, 0.02 if given else 0.15),
             ),
             u,
             q,
@@ -203,7 +203,7 @@ def _steer(
     if unit and off > 3.0:  # the unit that is said makes no sense
         other = "rad" if same_unit(unit, "deg", "steer_angle") else "deg"
         q = raw * float(factor(other, "rad") or 1.0)
-        if min(abs(np.log(q)), abs(np.log(q / (told or USUAL_RATIO)))) / spread < 1.5:
+        if min(abs(np.log(q)), abs(np.log(q / (given or USUAL_RATIO)))) / spread < 1.5:
             warnings.append(
                 f"{name!r} is in {unit}, the log says, but its size is that of {other}: {other} is proposed"
             )
@@ -218,17 +218,17 @@ def _steer(
         guess.figures.append(
             f"angle over r L/v: ratio {ratio:.1f} (sd {ratio * spread:.1f}) with {base}, {100 * found.share:.0f} % of its variance"
         )
-        if told is None:  # what cars have counts as much as it is sure
+        if given is None:  # what cars have counts as much as it is sure
             weight = USUAL_RATIO_SD**-2 / (USUAL_RATIO_SD**-2 + spread**-2)
             guess.ratio = float(np.exp((1 - weight) * np.log(ratio) + weight * np.log(USUAL_RATIO)))
         guess.ratio = round(guess.ratio, 2)
-        if told is not None and abs(np.log(ratio / told)) < 2.5 * spread:
-            guess.figures.append(f"the vehicle file says {told:g}, which is taken")
-            guess.ratio = told
-        elif told is None and spread > 0.12:
+        if given is not None and abs(np.log(ratio / given)) < 2.5 * spread:
+            guess.figures.append(f"the vehicle file says {given:g}, which is taken")
+            guess.ratio = given
+        elif given is None and spread > 0.12:
             guess.confidence = min(guess.confidence, "likely", key=("unsure", "likely", "sure").index)
-        elif told is not None:
-            warnings.append(f"steer_angle: the ratio is {ratio:.1f} by r L/v, the vehicle file says {told:g}")
+        elif given is not None:
+            warnings.append(f"steer_angle: the ratio is {ratio:.1f} by r L/v, the vehicle file says {given:g}")
     if guess.sign < 0:
         guess.figures.append("positive to the right in the log")
     offset = found.offset * float(factor(guess.unit, "rad") or 1.0) / (guess.ratio or 1.0)

@@ -126,7 +126,7 @@ def read(path: Path, how: How) -> Recording:
         raise UserError(f"{path}: has no frames")
     if errors:
         notes.append(f"{errors} error frames on the bus")
-    clock, keep, said = straight(times.array(), together=True)  # one clock for all messages: before they are told apart
+    clock, keep, said = straight(times.array(), together=True)  # one clock for all messages: before they are separated
     notes += [f"frames: {s}" for s in said]
     clock = room.keep(clock)
     channels = bus.channels(clock, keep, notes)

@@ -1,5 +1,5 @@
-"""Which formula, at which place: forms are chosen in a linearisation, those that promise most are simulated with the stiffness and
-everything named fitted beside them, complexity has a price, and logs that were held out have the last word.
+"""Which formula, at which place: forms are chosen in a linearisation, those with the largest expected gain are simulated
+with the stiffness and everything named fitted beside them, complexity has a price, and logs that were held out have the last word.
 
 Worth of a formula, nats: sum over channels of half the independent values of its residual x ln of how much it falls, so that no
 channel drowns another; less PRICE for every operation and number.
@@ -56,7 +56,7 @@ class Discovery:
     nats: float
     share: float
     changes: dict[str, show.Change]
-    tried: list[dict]  # place, formula, nats, share, and whether held-out logs bear it out
+    tried: list[dict]  # place, formula, nats, share, and whether held-out logs confirm it
     words: list[str]
     price: float = 0.0  # nats, of its length
     limits: dict[str, tuple[float, float]] = field(default_factory=dict)  # of its numbers
@@ -172,12 +172,12 @@ def screened(
     for k in range(0, len(known), CHUNK):
         part = known[k : k + CHUNK]
         logs = [np.column_stack([terms.values_of(t, s, s["dt"]) for t in part]) for s in frame.at]
-        for t, (nats, coefficient) in zip(part, promise(frame, place, logs, last), strict=True):
+        for t, (nats, coefficient) in zip(part, expected_gain(frame, place, logs, last), strict=True):
             found.append((nats - price((t,)), place, t, coefficient))
     return found
 
 
-def promise(frame: Frame, place: str, logs: list[np.ndarray], last: Fit) -> list[tuple[float, float]]:
+def expected_gain(frame: Frame, place: str, logs: list[np.ndarray], last: Fit) -> list[tuple[float, float]]:
     """(nats, coefficient) of forms given by their values, of each log shape (blocks, forms)."""
     problem, balanced = frame.problem, frame.balanced
     size = np.sqrt(sum(np.sum(x**2, axis=0) for x in logs) / max(sum(len(x) for x in logs), 1))
@@ -265,23 +265,29 @@ def _extended(frame: Frame, first: Candidate, say: Callable[[str], None]) -> lis
 
 
 def _chosen(frame: Frame, tried: list[Candidate], held: Problem | None) -> Discovery:
-    """The worthiest over all logs, with the numbers of the fitted ones, that the held-out logs bear out: there no channel is worse,
+    """The worthiest over all logs, with the numbers of the fitted ones, that the held-out logs confirm: there no channel is worse,
     and some are better."""
     shown, chosen, best = [], None, 0.0
     if held is not None:
         before = held.residuals(show.of_the_car(held, frame.values))
         length = lengths(held, before)
     for c in tried:
-        bears, total = c.nats > 0 and c.share >= LEAST_SHARE, c.nats
-        if bears and held is not None:
+        confirmed, total = c.nats > 0 and c.share >= LEAST_SHARE, c.nats
+        if confirmed and held is not None:
             after = held.residuals(show.of_the_car(held, c.values))
             c.changes = show.compare(held, before, after)
             total += worth(held, before, after, length)
-            bears = all(x.ci95[0] <= 0 for x in c.changes.values()) and any(x.better for x in c.changes.values())
+            confirmed = all(x.ci95[0] <= 0 for x in c.changes.values()) and any(x.better for x in c.changes.values())
         shown.append(
-            {"place": c.formula.place, "formula": c.formula.text, "nats": c.nats, "share": c.share, "held_out": bears}
+            {
+                "place": c.formula.place,
+                "formula": c.formula.text,
+                "nats": c.nats,
+                "share": c.share,
+                "held_out": confirmed,
+            }
         )
-        if bears and total > best:
+        if confirmed and total > best:
             chosen, best = c, total
     if chosen is None:
         why = (
@@ -295,7 +301,7 @@ def _chosen(frame: Frame, tried: list[Candidate], held: Problem | None) -> Disco
     formula = _described(frame, chosen)
     words = [
         f"A formula closes {100 * chosen.share:.0f} % of what is left: {formula.text}, at {formula.place}. It is a formula, not a "
-        "cause; where it was never driven it says nothing."
+        "cause; where it was never driven it does not hold."
     ]
     cost = price(chosen.parts)
     return Discovery(formula, chosen.fit, chosen.nats, chosen.share, chosen.changes, shown, words, cost, chosen.limits)

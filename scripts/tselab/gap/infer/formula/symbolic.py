@@ -1,4 +1,4 @@
-"""Beyond the library: forms that evolve from it (genetic programming, DEAP), by what they promise in the linearisation.
+"""Beyond the library: forms that evolve from it (genetic programming, DEAP), by their expected gain in the linearisation.
 
 Trees are of signals without unit (each over a size that drivers reach), so every tree is a form: x over its size becomes a number
 with a unit. A tree that fits no program is no form.
@@ -54,7 +54,7 @@ def search(frame: Frame, place: str, library: Sequence[Term], seed: int) -> list
     """The best forms that evolution finds at a place, as search.screened() lists them. Seeded."""
     from deap import base, gp
 
-    from tselab.gap.infer.formula.search import promise, screened
+    from tselab.gap.infer.formula.search import expected_gain, screened
 
     rng = random.Random(seed)
     used: tuple[Signal, ...] = ACROSS if place in LATERAL else ALONG
@@ -75,7 +75,7 @@ def search(frame: Frame, place: str, library: Sequence[Term], seed: int) -> list
 
     def judge(trees: list[Any]) -> list[float]:
         table = np.column_stack([values(t) for t in trees])
-        found = promise(frame, place, np.split(table, lengths), frame.last)
+        found = expected_gain(frame, place, np.split(table, lengths), frame.last)
         return [n - NODE_PRICE * len(t) for (n, _), t in zip(found, trees, strict=True)]
 
     state = random.getstate()
