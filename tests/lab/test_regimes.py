@@ -58,9 +58,9 @@ def says(estimate: np.ndarray, d: Drive, first: float, when: float, until: float
 
 def test_who_says_nothing_reports_nothing_and_notices_nothing(still):
     row = scores.regimes(*still)
-    assert row == {"changes": 0, "false_changes": 0, "all_settle_1": 0.0, "noticed_1": np.inf, "valid_off_1": 0.0}
+    assert row == {"changes": 0, "false_changes": 0, "all_settle_1": 0.0, "detected_1": np.inf, "valid_off_1": 0.0}
     d, case, known, estimate = still
-    assert "noticed_1" not in scores.regimes(d, replace(case, events=()), known, estimate)
+    assert "detected_1" not in scores.regimes(d, replace(case, events=()), known, estimate)
 
 
 def test_a_change_counts_once_however_often_it_is_said(still):
@@ -70,7 +70,7 @@ def test_a_change_counts_once_however_often_it_is_said(still):
     says(estimate, d, 33.0, 30.0, until=34.0, sure=0.5)  # not sure
     assert scores.reported(d, estimate) == pytest.approx([30.0])
     row = scores.regimes(d, case, known, estimate)
-    assert (row["changes"], row["false_changes"], row["noticed_1"]) == (1, 0, pytest.approx(0.3))
+    assert (row["changes"], row["false_changes"], row["detected_1"]) == (1, 0, pytest.approx(0.3))
 
 
 def test_false_changes_are_those_that_are_not_within_two_seconds_after_an_event(still):
@@ -87,13 +87,13 @@ def test_false_changes_are_those_that_are_not_within_two_seconds_after_an_event(
     assert scores.regimes(d, replace(case, events=(30.0, 45.0)), known, estimate)["false_changes"] == 2
 
 
-def test_who_reports_an_older_change_has_not_noticed_the_event(still):
+def test_who_reports_an_older_change_has_not_detected_the_event(still):
     d, case, known, estimate = still
     says(estimate, d, 20.0, 20.0)
-    assert scores.regimes(d, case, known, estimate)["noticed_1"] == np.inf
+    assert scores.regimes(d, case, known, estimate)["detected_1"] == np.inf
     says(estimate, d, 34.0, 29.95)  # birth times are no rows of events
     row = scores.regimes(d, case, known, estimate)
-    assert row["noticed_1"] == pytest.approx(4.0) and (row["changes"], row["false_changes"]) == (2, 1)
+    assert row["detected_1"] == pytest.approx(4.0) and (row["changes"], row["false_changes"]) == (2, 1)
 
 
 def test_a_refused_row_says_nothing(still):
@@ -112,7 +112,7 @@ def test_the_age_of_a_change_counts_pauses_and_the_drive_does_not(still):
     says(estimate, d, 50.0, 50.0)  # after the pause
     assert scores.reported(d, estimate) == pytest.approx([30.0, 50.0])
     row = scores.regimes(d, replace(case, events=(30.0, 50.0)), known, estimate)
-    assert row["false_changes"] == 0 and row["noticed_2"] == pytest.approx(0)
+    assert row["false_changes"] == 0 and row["detected_2"] == pytest.approx(0)
 
 
 def test_all_three_are_right_when_the_last_of_them_is(still):
@@ -152,12 +152,12 @@ def test_windows_are_scored_each_for_itself(still):
 
 # ---- cases
 
-EVERY = {c.name: c for study in ("regimes", "as-told") for c in studies._cases()[study]}
+EVERY = {c.name: c for study in ("regimes", "false-alarms") for c in studies._cases()[study]}
 
 
 def test_every_case_can_be_driven_and_looks_at_rows_it_has():
     for case in EVERY.values():
-        if case.name.startswith(("as-told", "slow-600")) or "spread-" in case.name:
+        if case.name.startswith(("false-alarms", "slow-600")) or "spread-" in case.name:
             continue  # long; as the first
         d = driven(case, 3)
         vy = np.abs(d.truth["true_vel_y"])
@@ -222,7 +222,7 @@ def test_ordinary_driving_is_ordinary():
         ends.append(np.abs(m.steer_angle).max())
         speeds.append(m.target_speed.mean())
     assert np.std(ends) > 0 and np.std(speeds) > 0.5
-    d = driven(replace(EVERY["as-told"], build=lambda *a: drives.ordinary(*a, duration=120.0)))
+    d = driven(replace(EVERY["false-alarms"], build=lambda *a: drives.ordinary(*a, duration=120.0)))
     assert np.abs(d.truth["true_accel_y"]).max() < 4 and np.abs(d.truth["true_accel_x"]).max() < 4.5
     assert (np.abs(d.truth["true_vel_x"] - np.median(d.truth["true_vel_x"]))).max() < 30
 
@@ -231,10 +231,10 @@ def test_ordinary_driving_is_ordinary():
 
 
 def test_a_study_may_be_run_with_more_estimators():
-    study = studies.study("stress+ekf+told", ("nominal", "mass+10"))
-    assert (study.name, study.base) == ("stress+ekf+told", "stress")
-    assert [c.estimators for c in study.cases] == [("tse", "ekf", "told")] * 2
-    assert studies.study("regimes+told").case("road-0.7").estimators == ("tse", "told")  # once
+    study = studies.study("stress+ekf+known", ("nominal", "mass+10"))
+    assert (study.name, study.base) == ("stress+ekf+known", "stress")
+    assert [c.estimators for c in study.cases] == [("tse", "ekf", "known")] * 2
+    assert studies.study("regimes+known").case("road-0.7").estimators == ("tse", "known")  # once
     with pytest.raises(UserError, match="there is no estimator 'nobody'"):
         studies.study("stress+nobody")
     with pytest.raises(UserError, match="there is no study 'nothing'"):
@@ -255,13 +255,15 @@ def test_medians_name_the_longest_and_those_that_never_did():
 
 
 def test_false_changes_are_counted_by_the_hour():
-    plan = engine.Plan(studies.study("as-told"), 3)
+    plan = engine.Plan(studies.study("false-alarms"), 3)
     runs = pd.DataFrame(
-        {"case": "as-told", "estimator": "tse", "changes": [1, 0, 3], "false_changes": [0, 0, 2], "seconds": 600.0}
+        {"case": "false-alarms", "estimator": "tse", "changes": [1, 0, 3], "false_changes": [0, 0, 2], "seconds": 600.0}
     )
     (row,) = findings.false_changes(plan, runs).rows
     assert (
-        row[:5] == ["as-told", "tse", "0.5", "4", "2"] and row[5].startswith("4.00 (0.48 .. 14.45)") and row[6] == "1"
+        row[:5] == ["false-alarms", "tse", "0.5", "4", "2"]
+        and row[5].startswith("4.00 (0.48 .. 14.45)")
+        and row[6] == "1"
     )
     runs["changes"] = np.nan
     assert findings.false_changes(plan, runs).rows == []
