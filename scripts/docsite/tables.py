@@ -353,7 +353,7 @@ def effect_page(e: Effect) -> str:
         f"- Enters at: {cell(', '.join(e.entry_points))}",
         f"- Shows in: {cell(e.channels)}",
         f"- Looks like: {alike}",
-        f"- In an estimator that is told of it: {cell(e.estimator)}",
+        f"- In an estimator that has it: {cell(e.estimator)}",
         "",
         "## Parameters",
         "",
@@ -402,7 +402,7 @@ def effects_page() -> str:
     return (
         f"# Effects\n\nWhat the single-track model leaves out and a car may have: {len(rows)} effects, of "
         "`include/tse/effects.def`. "
-        "Each works in the simulator, in the estimator that is told of it, in `tse_replay()`, and as parameters of the FMUs; "
+        "Each works in the simulator, in the estimator that has it, in `tse_replay()`, and as parameters of the FMUs; "
         "off is the plain model to the last bit.\n\n" + table(["effect", "what", "enters at", "shows in"], rows)
     )
 

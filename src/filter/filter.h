@@ -50,7 +50,7 @@ typedef struct decoded {
   int32_t use[TSE_SENSORS], has_steer, used, one_speed;
   tse_real optional[TSE_OPTIONALS];
   uint32_t given;
-  int32_t rolls, no_slip; /* ROLLS_UNKNOWN ...; 1: slip says nothing of the stiffness */
+  int32_t rolls, no_slip; /* ROLLS_UNKNOWN ...; 1: slip does not show the stiffness */
 } decoded;
 
 /* Which axle rolls freely, by what is given of the pedals: not known, none, front, rear. */

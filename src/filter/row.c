@@ -8,7 +8,7 @@
 static int missing(const tse_input *u, uint32_t bit, tse_real value) { return (u->missing & bit) != 0 || r_is_nan(value); }
 
 /* The axle that rolls freely, by brake switch and wheel torques: the one that is not driven, unless they say that it brakes; of two that
- * are driven, of which a switch says nothing, one without torque beside one with. */
+ * are driven, which a switch does not show, one without torque beside one with. */
 static int32_t rolls_by(const tse_params *p, const decoded *z)
 {
   const int32_t undriven = not_driven(&p->car);
@@ -42,7 +42,7 @@ tse_status row_decode(const tse_params *p, const tse_filter *f, const tse_input 
   z->use[4] = !missing(u, TSE_MISSING(wheel_speed_rear), u->wheel_speed_rear);
   z->z[3] = z->use[3] ? r_mul(p->radius_front, u->wheel_speed_front) : TSE_R(0);
   z->z[4] = z->use[4] ? r_mul(p->radius_rear, u->wheel_speed_rear) : TSE_R(0);
-  /* both axles read the same: one signal, a vehicle speed, which says nothing of slip */
+  /* both axles read the same: one signal, a vehicle speed, which does not show slip */
   z->one_speed = z->use[3] && z->use[4] && (p->wheel_signals < 2 || r_abs(z->z[3] - z->z[4]) <= r_mul(SAME_SPEED, r_abs(z->z[4])));
   if (z->one_speed) z->use[3] = 0;
   z->given = 0;

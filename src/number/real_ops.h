@@ -10,7 +10,7 @@
  * fixed           Integers only, 64 bits with TSE_FRACTION_BITS of them behind the point: number/fixed.h. Every result
  *                 leaves room for fifteen of them in a native sum; r_add_sat and r_sub_sat stop instead.
  *
- * What each function promises, and the largest error measured (tests/unit/number/test_real_ops.c holds them;
+ * What each function guarantees, and the largest error measured (tests/unit/number/test_real_ops.c holds them;
  * LSB = 2^-32; coefficients and their bounds: tests/reference/fit_elementary.py):
  *
  *                  double            float             fixed

@@ -106,7 +106,7 @@ void update_statistics(const tse_params *p, tse_filter_paper *f)
   learn_all(p, f->gamma, rate, shrink, r_mul(p->spread_max_var, r_div(f->nu - TSE_R(4), f->nu)), &f->p);
 }
 
-/* How far the innovations of late are from white ones: the mean over the channels of their square, smoothed over SLOW_TIME, over what
+/* How far recent innovations are from white ones: the mean over the channels of their square, smoothed over SLOW_TIME, over what
  * that would be of white noise of variance one. */
 static tse_real persistence(const tse_params *p, tse_filter_paper *f, const sample *y, const tse_output *now)
 {

@@ -62,7 +62,7 @@ typedef struct common {
 
 /* Innovation z = y - h - d mu - b of one particle, its scale S of (22), and w given it, (25). Whitened by (P + R)^-1/2, so that the
  * noise is the same number in each channel. The channels are taken one after the other, which is what a Cholesky factor of S would
- * do: each is weighed with the covariance of w that those before it leave. The yaw rate says nothing about w. */
+ * do: each is weighed with the covariance of w that those before it leave. The yaw rate does not show w. */
 typedef struct innovation {
   tse_real z1, z2, z3;          /* whitened innovations, 0 where missing                           */
   tse_real d1[2], d2[3];        /* whitened rows of d                                              */

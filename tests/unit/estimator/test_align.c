@@ -276,7 +276,7 @@ static void test_a_value_that_repeats_itself_does_so_when_interpolated(void)
 
 /* ------------------------------------------------------------------------------------------- odd rows */
 
-static void test_until_all_channels_are_known_the_start_is_told(void)
+static void test_until_all_channels_are_known_the_start_is_reported(void)
 {
   static const double late[5] = { 0.04, 0.04, 0, 0, -0.02 };
   for (int32_t form = 0; form <= 2; form++) {
@@ -500,7 +500,7 @@ static void test_latencies_that_do_not_fit_the_memory_are_refused_by_name(void)
 }
 
 /* Seven rows where the settings say one, with all the span that fits: some are left out, and the time is right. */
-static void test_rows_that_come_faster_than_told_are_left_out(void)
+static void test_rows_that_come_faster_than_set_are_left_out(void)
 {
   static const double late[5] = { 0.2, 0, 0, -0.08, 0 };
   tse_config c = settings(0);
@@ -603,7 +603,7 @@ int main(void)
   RUN_TEST(test_random_latencies_are_interpolated);
   RUN_TEST(test_a_value_missing_on_either_side_is_missing_and_on_neither_where_a_row_is_met);
   RUN_TEST(test_a_value_that_repeats_itself_does_so_when_interpolated);
-  RUN_TEST(test_until_all_channels_are_known_the_start_is_told);
+  RUN_TEST(test_until_all_channels_are_known_the_start_is_reported);
   RUN_TEST(test_nothing_is_read_across_a_gap);
   RUN_TEST(test_a_step_takes_the_whole_time_since_the_last_one);
   RUN_TEST(test_refused_rows_change_nothing);
@@ -614,7 +614,7 @@ int main(void)
   RUN_TEST(test_a_row_is_read_when_its_latest_channel_is_known);
   RUN_TEST(test_a_full_memory_goes_on);
   RUN_TEST(test_latencies_that_do_not_fit_the_memory_are_refused_by_name);
-  RUN_TEST(test_rows_that_come_faster_than_told_are_left_out);
+  RUN_TEST(test_rows_that_come_faster_than_set_are_left_out);
   RUN_TEST(test_any_latencies_and_rows_leave_numbers_and_a_sound_filter);
   RUN_TEST(test_effects_act_on_the_row_that_was_put_together);
   return UNITY_END();

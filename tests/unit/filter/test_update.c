@@ -171,7 +171,7 @@ static void expect_schmidt(int told, uint32_t seed)
   }
 }
 
-static void test_a_row_is_that_of_a_kalman_filter_where_all_is_told(void) { expect_schmidt(1, 1); }
+static void test_a_row_is_that_of_a_kalman_filter_where_all_is_known(void) { expect_schmidt(1, 1); }
 
 static void test_a_row_is_that_of_a_schmidt_filter_where_much_is_uncertain(void) { expect_schmidt(0, 2); }
 
@@ -292,7 +292,7 @@ static void test_at_standstill_the_gyro_teaches_its_bias(void)
 int main(void)
 {
   UNITY_BEGIN();
-  RUN_TEST(test_a_row_is_that_of_a_kalman_filter_where_all_is_told);
+  RUN_TEST(test_a_row_is_that_of_a_kalman_filter_where_all_is_known);
   RUN_TEST(test_a_row_is_that_of_a_schmidt_filter_where_much_is_uncertain);
   RUN_TEST(test_doubt_never_makes_anything_surer);
   RUN_TEST(test_a_reading_far_off_pulls_the_less_the_further_off);

@@ -133,7 +133,7 @@ static void test_saved_bytes_are_those_that_struct_and_zlib_make(void)
   TEST_ASSERT_EQUAL_HEX32(crc32_of(out, TSE_LEARNT_BYTES - 4), word(out + TSE_LEARNT_BYTES - 4));
 }
 
-static void test_any_damaged_byte_is_noticed_and_changes_nothing(void)
+static void test_any_damaged_byte_is_detected_and_changes_nothing(void)
 {
   const tse_config c = settings(1);
   const tse_params p = prepared(&c);
@@ -165,7 +165,7 @@ static void test_what_is_too_short_too_long_or_something_else_is_refused(void)
   expect_refused(&p, learnt_of_no_format, sizeof learnt_of_no_format, TSE_E_LEARNT, "format 0");
 }
 
-static void test_a_newer_format_is_told_from_damage(void)
+static void test_a_newer_format_differs_from_damage(void)
 {
   const tse_config c = settings(1);
   const tse_params p = prepared(&c);
@@ -177,7 +177,7 @@ static void test_a_newer_format_is_told_from_damage(void)
   expect_refused(&p, bytes, sizeof bytes, TSE_E_LEARNT, "format 4, damaged");
 }
 
-static void test_the_formats_before_are_told_from_damage(void)
+static void test_the_formats_before_differ_from_damage(void)
 {
   const tse_config c = settings(1);
   const tse_params p = prepared(&c);
@@ -691,7 +691,7 @@ static void test_saved_and_loaded_and_saved_again_is_the_same_knowledge(void)
 }
 
 /* While the first rows wait for a channel that comes late. */
-static void test_before_the_first_step_what_was_learnt_is_told(void)
+static void test_before_the_first_step_what_was_learnt_is_reported(void)
 {
   for (int32_t form = TSE_DEFAULT_FORM; form <= 1; form++) {
     tse_config c = open_settings();
@@ -856,10 +856,10 @@ int main(void)
   UNITY_BEGIN();
   RUN_TEST(test_crc_has_the_published_check_value);
   RUN_TEST(test_saved_bytes_are_those_that_struct_and_zlib_make);
-  RUN_TEST(test_any_damaged_byte_is_noticed_and_changes_nothing);
+  RUN_TEST(test_any_damaged_byte_is_detected_and_changes_nothing);
   RUN_TEST(test_what_is_too_short_too_long_or_something_else_is_refused);
-  RUN_TEST(test_a_newer_format_is_told_from_damage);
-  RUN_TEST(test_the_formats_before_are_told_from_damage);
+  RUN_TEST(test_a_newer_format_differs_from_damage);
+  RUN_TEST(test_the_formats_before_differ_from_damage);
   RUN_TEST(test_numbers_that_cannot_be_are_refused_by_name);
   RUN_TEST(test_what_is_wrong_with_the_frame_is_said);
   RUN_TEST(test_extreme_numbers_make_a_start_of_numbers);
@@ -875,7 +875,7 @@ int main(void)
   RUN_TEST(test_reset_forgets_what_was_loaded);
   RUN_TEST(test_variances_grow_with_age_as_the_settings_say);
   RUN_TEST(test_of_unknown_age_nothing_is_trusted_more_than_the_settings_start);
-  RUN_TEST(test_before_the_first_step_what_was_learnt_is_told);
+  RUN_TEST(test_before_the_first_step_what_was_learnt_is_reported);
   RUN_TEST(test_particles_start_at_the_learnt_means_as_uncertain_as_they_are);
   RUN_TEST(test_the_filter_starts_at_the_learnt_means_with_their_covariance);
   RUN_TEST(test_spread_is_as_correlated_as_it_was_and_trusted_as_little_as_at_the_start);

@@ -773,7 +773,7 @@ static void test_drawn_stiffness_never_falls_below_a_tenth_of_its_mean(void)
   expect_near(expected, cut, SIGMAS * sqrt(expected), "draws that were cut", 0);
 }
 
-static void test_told_mean_stiffness_is_the_setting_times_the_road(void)
+static void test_mean_stiffness_is_the_setting_times_the_road(void)
 {
   const tse_config c = car();
   tse_sim_config s = quiet();
@@ -1243,7 +1243,7 @@ int main(void)
   RUN_TEST(test_locking_and_spinning_wheels_stay_stable_at_a_millisecond);
   RUN_TEST(test_drawn_stiffness_has_the_mean_and_the_spread_of_the_settings);
   RUN_TEST(test_drawn_stiffness_never_falls_below_a_tenth_of_its_mean);
-  RUN_TEST(test_told_mean_stiffness_is_the_setting_times_the_road);
+  RUN_TEST(test_mean_stiffness_is_the_setting_times_the_road);
   RUN_TEST(test_accelerometer_feels_the_stiffness_drawn_for_its_row);
   RUN_TEST(test_sensor_noise_is_white_normal_and_of_the_size_asked_for);
   RUN_TEST(test_without_noise_the_log_is_the_truth);

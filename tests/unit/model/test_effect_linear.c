@@ -183,7 +183,7 @@ static void test_mass_changes_the_car_but_not_its_yaw_inertia(void)
   expect_linear(&c, &l, "mass");
 }
 
-static void test_yaw_inertia_changes_as_told(void)
+static void test_yaw_inertia_changes_as_set(void)
 {
   CAR;
   c.yaw_inertia_change = setting(-0.15);
@@ -403,7 +403,7 @@ int main(void)
   UNITY_BEGIN();
   RUN_TEST(test_without_effects_the_car_is_the_linear_one);
   RUN_TEST(test_mass_changes_the_car_but_not_its_yaw_inertia);
-  RUN_TEST(test_yaw_inertia_changes_as_told);
+  RUN_TEST(test_yaw_inertia_changes_as_set);
   RUN_TEST(test_cg_shift_moves_the_centre_back);
   RUN_TEST(test_wheel_radius_makes_the_car_faster_than_its_log);
   RUN_TEST(test_steering_ratio_scales_the_angle);
