@@ -427,15 +427,15 @@ def fill_sensors(vehicle: Vehicle, log: Log) -> None:
             continue
         sd, text = noise.sd, noise.text
         if misfit is not None and misfit.sd > sd:
-            sd, text = misfit.sd, f"misfit to the kinematics {misfit.sd:.3g}; sensor alone {noise.sd:.3g}"
+            sd, text = misfit.sd, f"residual of the kinematics {misfit.sd:.3g}; sensor alone {noise.sd:.3g}"
         _fill(vehicle, config, key, sd, f"from the log: {text}")
         bias, why = ordinary[f"{channel}_bias_sd"], "rule: a sensor nobody has described"
         if misfit is not None and misfit.bias > bias:
-            bias, why = misfit.bias, "from the log: slow misfit to the kinematics"
+            bias, why = misfit.bias, "from the log: slow residual of the kinematics"
         _fill(vehicle, config, f"{channel}_bias_sd", bias, why)
         if misfit is not None:
             walk = max(misfit.walk, config.fields[f"{channel}_bias_walk"].default)
-            _fill(vehicle, config, f"{channel}_bias_walk", walk, "from the log: change of the slow misfit over 1 s")
+            _fill(vehicle, config, f"{channel}_bias_walk", walk, "from the log: change of the slow residual over 1 s")
 
 
 def _fill_wheel_noise(vehicle: Vehicle, config: Config, log: Log, moving: np.ndarray) -> None:

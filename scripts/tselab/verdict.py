@@ -21,8 +21,8 @@ NAMES = {
 UNITS = {"cx_front": "kN", "cy_front": "kN/rad", "cy_rear": "kN/rad"}
 QUIET = {
     "cx_front": "driving and braking were too weak or too steady",
-    "cy_front": "the steering was too quiet",
-    "cy_rear": "the steering was too quiet",
+    "cy_front": "too little steering excitation",
+    "cy_rear": "too little steering excitation",
     GRIP: "the tyres were not driven near their limit",
 }
 CONTRADICTED = "contradicted"  # a reason that no row has
@@ -34,7 +34,7 @@ WHY = {
     "parameters uncertain": "too uncertain parameters of the car: calibrate, or state what is known better in [uncertainty]",
     "does not fit": "the sensors read what the model does not explain: calibrate, or look for what is missing (tselab gap)",
     "row refused": "the rows were refused",
-    CONTRADICTED: "the channels contradict each other (see the warning); with that put right the log may tell it",
+    CONTRADICTED: "the channels contradict each other (see the warning); with that put right the log may show it",
 }
 LIMITED = ("uncertain", "parameters uncertain")  # reasons of which the sd and its limit say how far
 NOISY = 1.25  # noise found over the setting's: from here on it is remarked

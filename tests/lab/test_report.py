@@ -101,7 +101,7 @@ def verdict_of(*args, **more):
 def test_verdict_gives_value_band_share_and_distance_to_nominal():
     front = verdict_of([1] * 62 + [0] * 38, "not excited")[1]
     assert front.text.startswith("98 kN/rad ± 3 (95 %), valid 62 % of the time; 18 % below nominal")
-    assert "the steering was too quiet" in front.text and front.level == "good"
+    assert "too little steering excitation" in front.text and front.level == "good"
     assert "spread 5 % from sample to sample" in front.text
 
 

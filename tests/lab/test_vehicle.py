@@ -202,7 +202,7 @@ def test_accelerometer_that_disagrees_with_the_wheels_is_trusted_less(tmp_path):
     )
     assert quiet.values["accel_x_sd"] == pytest.approx(0.1, rel=0.3)
     assert rough.values["accel_x_sd"] > 3 * quiet.values["accel_x_sd"]
-    assert any("misfit to the kinematics" in line for line in rough.filled)
+    assert any("residual of the kinematics" in line for line in rough.filled)
 
 
 def test_wheel_noise_is_that_of_the_noisier_axle_and_zero_where_there_is_none(tmp_path):

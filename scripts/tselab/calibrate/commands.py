@@ -161,7 +161,7 @@ def words(result: Result) -> list[str]:
             likelier = sum(p.nats_per_second for p in mine) / len(mine)
             title = "held-out" if held else "fitted"
             lines.append(
-                f"Misfit on {title} logs, rms, slow parts left out: {', '.join(parts)}; {likelier:+.1f} nat a second."
+                f"Residuals of {title} logs, rms, slow parts left out: {', '.join(parts)}; {likelier:+.1f} nat a second."
             )
     hidden = [f.name for f in result.findings if not f.shown]
     if hidden:

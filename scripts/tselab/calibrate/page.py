@@ -31,7 +31,7 @@ def write(path: Path, result: Result, words: Sequence[str]) -> None:
     sections: list[tuple[str, str, go.Figure]] = [
         ("What is known now, and was before", "Each number with its 95 % interval, in units of its sd before (0: what "
          "cars usually have; -2 .. 2: their 95 % range). Grey: these logs do not show it.", bands(result)),
-        ("The misfit before and after", "Rms of measured less simulated, without its mean over 4 s (road bank, grade, drift of the "
+        ("Residuals before and after", "Rms of measured less simulated, without its mean over 4 s (road bank, grade, drift of the "
          "sensors); nothing of a held-out log is fitted. Before: the car as the vehicle file tells it, its stiffness fitted.",
          misfit(result.proofs)),
     ]  # fmt: skip
