@@ -8,8 +8,7 @@ import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from tselab import core
-from tselab.core import CONFIG, INPUT, OUTPUT, REASON, SIM_CONFIG, SIM_INPUT, SIM_OUTPUT, STATUS, Effect, Field, library
+from tselab.core import CONFIG, INPUT, OUTPUT, REASON, SIM_CONFIG, SIM_INPUT, SIM_OUTPUT, STATUS, Field, library
 
 ROOT = Path(__file__).resolve().parents[2]
 TSE = ROOT / "include" / "tse"
@@ -296,7 +295,7 @@ def gap_exit_codes() -> str:
     )
 
 
-# ---- effects: a page each
+# ---- effects
 
 
 def equation_of(effect: str) -> str:
@@ -306,105 +305,6 @@ def equation_of(effect: str) -> str:
     words = " ".join(line.strip(" *") for line in comment.splitlines()).strip()
     words = words.partition(" - ")[2].strip() or words
     return words[:1].upper() + words[1:]
-
-
-def ledger_row(effect: str) -> tuple[str, str, str] | None:
-    """Equation, function and test of the effect in src/EQUATIONS.md."""
-    for line in (ROOT / "src" / "EQUATIONS.md").read_text(encoding="utf-8").splitlines():
-        cells = [c.strip() for c in line.strip("|").split("|")]
-        if line.startswith(f"| {effect} |") and len(cells) == 4:
-            return cells[1], cells[2], cells[3]
-    return None
-
-
-def _sign(p: core.EffectParameter) -> str:
-    return {1: "positive", -1: "negative"}.get(p.sign, "either")
-
-
-def effect_page(e: Effect) -> str:
-    known = library().effects
-    alike = ", ".join(f"[{i}]({i}.md)" if i in known else cell(i) for i in e.look_alikes)
-    rows = []
-    for p in e.parameters:
-        role = "strength" if p.strength else "given" if p.given else "shape"
-        low, high = p.typical
-        rows.append(
-            [
-                code(p.name),
-                role,
-                cell(p.unit),
-                number(p.default),
-                f"{p.low:g} .. {p.high:g}",
-                f"{low:g} .. {high:g}",
-                f"{p.negligible:g}" if p.negligible else "-",
-                _sign(p),
-                cell(p.text),
-            ]
-        )
-    first = e.strengths[0]
-    size = sum(first.typical) / 2
-    unit = f"  # {first.unit}" if first.unit != "1" else ""
-    text = [
-        f"# {e.id}: {e.title}",
-        "",
-        equation_of(e.id).replace("*", "\\*").replace("_", "\\_").replace("<", "&lt;"),
-        "",
-        f"- Acts on: {HOOKS.get(e.hook, e.hook)}",
-        f"- Enters at: {cell(', '.join(e.entry_points))}",
-        f"- Shows in: {cell(e.channels)}",
-        f"- Looks like: {alike}",
-        f"- In an estimator that has it: {cell(e.estimator)}",
-        "",
-        "## Parameters",
-        "",
-        table(
-            ["parameter", "role", "unit", "default", "range", "typical", "negligible below", "sign", "meaning"],
-            rows,
-            right=(3,),
-        ),
-        "A strength is 0 when the effect is off. A shape means nothing while all strengths are 0; of what is *given* no log says",
-        "anything",
-        "apart from the strength.",
-        "",
-    ]
-    if row := ledger_row(e.id):
-        text += ["## Equation, code, test", "", table(["equation", "function", "test"], [row])]
-    text += [
-        "## Use",
-        "",
-        "In a vehicle file, at the middle of its typical size:",
-        "",
-        "```toml",
-        f"[effects.{e.id}]",
-        f"{first.name} = {size:g}{unit}",
-        "```",
-        "",
-        "<!-- not compiled: a line of a program, c is its tse_config -->",
-        "```c",
-        f"c.{first.setting} = TSE_S({size:g});",
-        "```",
-        "",
-        f"In both FMUs: `effects.{e.id}.{first.name}`. Would these logs show it:",
-        "",
-        "```console",
-        f"$ tselab gap selftest sweep.csv --hide {e.id} --vehicle car.toml",
-        "```",
-        "",
-    ]
-    return "\n".join(text)
-
-
-def effects_page() -> str:
-    rows = [
-        [f"[{e.id}](effects/{e.id}.md)", cell(e.title), ", ".join(e.entry_points), cell(e.channels)]
-        for e in library().effects.values()
-    ]
-    return (
-        f"# Effects\n\nWhat the single-track model leaves out and a car may have: {len(rows)} effects, of "
-        "`include/tse/effects.def`. "
-        "Each works in the simulator, in the estimator that has it, in `tse_replay()`, and as parameters of the FMUs; "
-        "off is the plain model to the last bit.\n\n" + table(["effect", "what", "enters at", "shows in"], rows)
-    )
 
 
 # ---- C headers
