@@ -1,1 +1,1 @@
-"""What the site in docs/ takes from the rest of the repository: tables, included pages, pictures. scripts/docs.sh builds it."""
+"""Tables, code and pictures of the Markdown that git holds, and the site of it (scripts/docs.sh)."""

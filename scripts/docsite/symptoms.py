@@ -1,4 +1,4 @@
-"""Troubleshooting by symptom: what the tools really say. Each case is made and run when the site is built."""
+"""Troubleshooting by symptom: what the tools print. Each case is run when docsite.fill writes the page."""
 
 from __future__ import annotations
 
