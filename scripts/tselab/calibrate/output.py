@@ -147,7 +147,7 @@ def _band(f: Finding | None) -> str:
     if f is None:
         return ""
     return (
-        f", found, 95 %: {f.value - 1.96 * f.sd:.4g} .. {f.value + 1.96 * f.sd:.4g}"
+        f", 95 % interval {f.value - 1.96 * f.sd:.4g} .. {f.value + 1.96 * f.sd:.4g}"
         if f.shown
         else ", not shown by these logs"
     )
