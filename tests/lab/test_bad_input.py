@@ -63,7 +63,7 @@ REPAIRED: dict[str, tuple[Change, list[str]]] = {
     "no accel_y": (lambda t: t.assign(accel_y=""), ["accel_y is not in the log"]),
     "no yaw_rate": (lambda t: t.drop(columns="yaw_rate"), ["yaw_rate is not in the log"]),
     "no rear wheels": (lambda t: t.drop(columns="wheel_speed_rear"),
-                       ["wheel_speed_rear is not in the log: wheel_speed_front stands in", "cx_front not told"]),
+                       ["wheel_speed_rear is not in the log: wheel_speed_front stands in", "cx_front not estimated"]),
 }  # fmt: skip
 
 
