@@ -132,7 +132,7 @@ class Desk {
 
   start() { this.check(this.lib.c.page_start(this.base)); }
 
-  // Row i of what goes in next: dt, and the channels in the order of tse/input.def; NaN is missing.
+  // Row i of what goes in next: dt, and the channels in the order of tse/input.h; NaN is missing.
   put(i, dt, values) {
     const f64 = this.lib.f64, at = this.row + i * (this.lib.layout.inputBytes >> 3);
     f64[at + this.dt] = dt;

@@ -41,14 +41,12 @@ const fmu_variable fmu_variables[] = {
     "velocities that are measured; 0: none, then they are not read: sum of 1 ins_vel_x, 2 ins_vel_y, 4 gnss_speed, 8 gnss_course" },
 #define VELOCITY(name, lo, hi, unit, text) \
   { "velocity." #name, 'r', 'i', (int32_t)offsetof(model, row.name), FMU_NO_RATE, 0.0, lo, hi, unit, text "; counts where its bit of given is set" },
-#include "tse/velocity.def"
-#undef VELOCITY
+#include "tse/optional.def"
   { "pedals.given", 'i', 'i', (int32_t)offsetof(model, pedals_given), FMU_NO_RATE, 0.0, 0.0, (1 << (TSE_OPTIONALS - TSE_VELOCITIES)) - 1, "",
     "what of the pedals is known; 0: nothing, then they are not read: sum of 1 brake, 2 wheel_torque_front, 4 wheel_torque_rear" },
 #define PEDAL(name, lo, hi, unit, text) \
   { "pedals." #name, 'r', 'i', (int32_t)offsetof(model, row.name), FMU_NO_RATE, 0.0, lo, hi, unit, text "; counts where its bit of given is set" },
-#include "tse/pedals.def"
-#undef PEDAL
+#include "tse/optional.def"
 
   { "vehicle.calibrated", 'b', 'p', (int32_t)offsetof(model, calibrated), FMU_NO_RATE, 0.0, 1.0, -1.0, "",
     "false: an ordinary car of its class, and what is set of it wins: stiffness and yaw inertia that are not set follow from mass, lf "

@@ -4,6 +4,7 @@
 #ifndef TSE_FILTER_STATE_H
 #define TSE_FILTER_STATE_H
 
+#include "tse/input.h"
 #include "tse/real.h"
 #include "tse/effects.h"
 
@@ -66,7 +67,6 @@ enum {
 #define TSE_PAST 8      /* earlier motion that is kept for velocities that come late */
 #endif
 #define TSE_ALL (TSE_STATES + TSE_EXTRAS)
-#define TSE_VELOCITIES 4 /* tse/velocity.def */
 #define TSE_KEPT 11     /* states that a drive leaves to the next: biases, stiffness, grip, steering, radius */
 
 /* The car as the filter's model has it, src/model/car.h. Forces are over mass. */

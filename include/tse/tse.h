@@ -30,6 +30,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "tse/input.h"
 #include "tse/real.h"
 #include "tse/status.h"
 #include "tse/version.h"
@@ -63,35 +64,6 @@ typedef struct tse_config {
 #define INT(name, def, lo, hi, text) int32_t name;
 #include "tse/config.def"
 } tse_config;
-
-/* One log row. Rows, ranges, units: tse/input.def. A channel is missing when it is NaN or its bit is set in `missing`. Velocities
- * (tse/velocity.def) and what the pedals do (tse/pedals.def) are the other way round: what is not given is not there, so that a row of zeros
- * measures none. Set the struct to zero before it is filled.
- * dt: time since the previous row [s], (0, 3600]; ignored after tse_reset() up to the first row with all inputs. */
-typedef struct tse_input {
-  tse_real dt;
-#define INPUT(name, lo, hi, unit, kind, text) tse_real name;
-#include "tse/input.def"
-  uint32_t missing;
-  uint32_t given;               /* of those below, what was measured: bits TSE_GIVEN(ins_vel_y); 0: none, then they are not read */
-#define OPTIONAL(name, lo, hi, unit, text) tse_real name;
-#include "tse/optional.def"
-} tse_input;
-
-enum { /* bits of tse_input.missing: TSE_MISSING(accel_x) */
-#define INPUT(name, lo, hi, unit, kind, text) TSE_CHANNEL_##name,
-#include "tse/input.def"
-  TSE_CHANNELS
-};
-#define TSE_MISSING(name) (1u << TSE_CHANNEL_##name)
-
-enum { /* bits of tse_input.given: TSE_GIVEN(gnss_speed) */
-#define OPTIONAL(name, lo, hi, unit, text) TSE_OPTIONAL_##name,
-#include "tse/optional.def"
-  TSE_OPTIONALS
-};
-#define TSE_GIVEN(name) (1u << TSE_OPTIONAL_##name)
-#define TSE_GIVEN_VELOCITIES ((1u << TSE_VELOCITIES) - 1u) /* all bits of tse/velocity.def */
 
 /* Index of a stiffness in tse_output and everywhere else. */
 enum { TSE_CX_FRONT = 0, TSE_CY_FRONT = 1, TSE_CY_REAR = 2 };

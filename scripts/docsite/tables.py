@@ -9,6 +9,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from tselab.core import CONFIG, INPUT, OUTPUT, REASON, SIM_CONFIG, SIM_INPUT, SIM_OUTPUT, STATUS, Field, library
+from tselab.toml import read_toml
 
 ROOT = Path(__file__).resolve().parents[2]
 TSE = ROOT / "include" / "tse"
@@ -127,16 +128,11 @@ def uncalibrated() -> str:
 
 def input_fields() -> str:
     rows = []
-    kinds = dict(
-        re.findall(
-            r"^INPUT\((\w+),[^\"]*\"[^\"]*\", *(\w)", (TSE / "input.def").read_text(encoding="utf-8"), flags=re.M
-        )
-    )
+    channels = read_toml(ROOT / "src" / "tables" / "input.toml")["channel"]
+    policies = {c["name"]: {"drives": "refused", "measured": "counts as missing"}[c["kind"]] for c in channels}
     optional = [f.name for f in library().optional]
     for f in library().fields(INPUT):
-        policy = {"D": "refused", "M": "counts as missing"}.get(
-            kinds.get(f.name, ""), "refused" if f.name == "dt" else "-"
-        )
+        policy = policies.get(f.name, "refused" if f.name == "dt" else "-")
         unit, allowed, text = f.unit, _range(f), f.text
         if f.name == "dt":
             unit, allowed, text = "s", "above 0 .. 3600", "time since the previous row; ignored at the first"

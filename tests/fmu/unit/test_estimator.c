@@ -14,10 +14,7 @@ static void put_row(fmi2Component c, const tse_input *u)
   OK(put_integer(c, "missing", (int)u->missing));
 #define VELOCITY(name, lo, hi, unit, text) OK(put_real(c, "velocity." #name, u->name));
 #define PEDAL(name, lo, hi, unit, text) OK(put_real(c, "pedals." #name, u->name));
-#include "tse/velocity.def"
-#include "tse/pedals.def"
-#undef VELOCITY
-#undef PEDAL
+#include "tse/optional.def"
   OK(put_integer(c, "velocity.given", (int)(u->given & TSE_GIVEN_VELOCITIES)));
   OK(put_integer(c, "pedals.given", (int)(u->given >> TSE_VELOCITIES)));
 }
