@@ -230,7 +230,7 @@ static int may_lock(const car *c, tse_real torque, tse_real inertia, tse_real om
   return friction_now(c->sim) > TSE_R(0) && r_mul(h, torque) > r_mul(TSE_R(0.5), r_mul(inertia, r_abs(omega)));
 }
 
-/* ROS2, as vehicle_step() in vehicle.h, with the wheel speeds as states. Its stages would jump over the brake's change of
+/* ROS2 of vehicle.h, with the wheel speeds as states. Its stages would jump over the brake's change of
  * sign where a wheel locks; there implicit Euler takes over: with secants all terms off its diagonal have the sign that
  * keeps a wheel from being braked into reverse, whatever the torque. */
 static void substep(const car *c, tse_real x[STATES], driver u0, driver u1, tse_real h)

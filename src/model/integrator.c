@@ -18,7 +18,7 @@ static void motion_of(const tse_effects *e, const point *pt, const tse_real lag[
   for (int i = 0; i < 4; i++) f[3 + i] = r_mul(rate[i], pt->target[i] - lag[i]);
 }
 
-/* 1 - g h J of ROS2, as in vehicle_step(), with the states of LAG eliminated: such a state a, a' = rate (alpha - a), answers
+/* 1 - g h J of ROS2, with the states of LAG eliminated: such a state a, a' = rate (alpha - a), answers
  * with b = gh rate/(1 + gh rate) of what its slip does, so that is how much of its tyre's damping is left. */
 typedef struct solver {
   const point *at;
@@ -94,7 +94,7 @@ static void input_drift(const tse_params *p, const point *at, inputs u, const gi
 
 static tse_real kept(tse_real x) { return r_abs(x) < LEAST ? TSE_R(0) : x; }
 
-/* ROS2 as vehicle_step(). The point at the end is the first stage of the next step, too. */
+/* ROS2 of vehicle.h. The point at the end is the first stage of the next step, too. */
 static void step(const tse_params *p, tse_effect_memory *m, stiffness k, inputs u, const given *g, tse_real h, point *at)
 {
   const tse_effects *const e = &p->effects;

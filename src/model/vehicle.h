@@ -1,6 +1,6 @@
-/* model/vehicle.h - the single-track model, (1)-(4) and its estimation form (6), (7), (9), one particle at a time.
+/* model/vehicle.h - the single-track model, (1)-(4), and what every integrator of it needs.
  *
- * Inline and branch-free, so that the loops over particles that call it become vector code.
+ * Inline and branch-free, so that the loops over particles (paper/) that call it become vector code.
  * Forces are divided by mass, measurements by the sensor's sd. ISO 8855 axes, driving slip > 0. */
 #ifndef TSE_VEHICLE_H
 #define TSE_VEHICLE_H
@@ -60,43 +60,6 @@ static inline accels vehicle_accels(const tse_params *p, stiffness k, slips s, t
   return a;
 }
 
-/* The rows of d and h of (9), in units of the sensors' sd. d's third row (yaw rate) is zero, and so is its element (1,3). */
-typedef struct observation {
-  tse_real d11, d12, d21, d22, d23; /* d(accel)/dw                          */
-  tse_real h1, h2;                  /* accel_x, accel_y at w = 0            */
-} observation;
-
-/* Nominal stiffness over mass and over the sensors' sd: constants of one pass over the particles. */
-typedef struct observation_gains { tse_real xf1, xr1, xr1_follow, yf1, xf2, yf2, yr2; } observation_gains;
-
-static inline observation_gains vehicle_observation_gains(const tse_params *p, tse_real use_x, tse_real use_y)
-{
-  observation_gains g; /* use_ is 1, or 0 where the measurement is missing: its row of d then vanishes */
-  const tse_real ix = r_mul(use_x, p->inv_sd[0]), iy = r_mul(use_y, p->inv_sd[1]);
-  g.xf1 = r_mul(p->kx_front, ix);
-  g.xr1 = r_mul(p->kx_rear, ix);
-  g.xr1_follow = r_mul(g.xr1, p->follow);
-  g.yf1 = r_mul(p->ky_front, ix);
-  g.xf2 = r_mul(p->kx_front, iy);
-  g.yf2 = r_mul(p->ky_front, iy);
-  g.yr2 = r_mul(p->ky_rear, iy);
-  return g;
-}
-
-static inline observation vehicle_observation(observation_gains g, slips s, tse_real steer)
-{
-  observation o;
-  const tse_real front1 = r_mul(g.xf1, s.s_front);
-  o.d11 = front1 + r_mul(g.xr1_follow, s.s_rear);
-  o.d12 = -r_mul(r_mul(g.yf1, s.a_front), steer);
-  o.d21 = r_mul(r_mul(g.xf2, s.s_front), steer);
-  o.d22 = r_mul(g.yf2, s.a_front);
-  o.d23 = r_mul(g.yr2, s.a_rear);
-  o.h1 = front1 + r_mul(g.xr1, s.s_rear) + o.d12;
-  o.h2 = o.d21 + o.d22 + o.d23;
-  return o;
-}
-
 /* 1 - g h J of (vy, r), J: what the tyres' damping yf, yr (over mass and speed) makes of them. */
 typedef struct lateral_block { tse_real m11, m12, m21, m22, inv_det; } lateral_block;
 
@@ -117,38 +80,12 @@ static inline void vehicle_solve(const lateral_block *m, tse_real fy, tse_real f
   *kr = r_mul(r_mul(m->m11, fr) - r_mul(m->m21, fy), m->inv_det);
 }
 
-#define ROS2 TSE_R(0.29289321881345254) /* g */
-
-/* (7): one step of h seconds from inputs u0 to u1 (linear between), with the stiffness k held.
- *
+/* Every step of (7) in this library:
  * Rosenbrock method of order 2, L-stable (ROS2: Verwer, Spee, Blom & Hundsdorfer, SIAM J. Sci. Comput. 20 (1999) 1456):
  *   (1 - g h J) k1 = f(x, u0),   (1 - g h J) k2 = f(x + h k1, u1) - 2 k1,   x+ = x + h (3 k1 + k2)/2,   g = 1 - 1/sqrt(2)
  * Its order does not depend on J, so J holds only what is stiff: the tyres' damping of vx and of (vy, r), whose rates
  * grow like 1/speed to over 100/s at walking pace, where an explicit step would explode. */
-static inline void vehicle_step(const tse_params *p, tse_real *vx, tse_real *vy, tse_real *r, stiffness k,
-                                inputs u0, inputs u1, tse_real h)
-{
-  const tse_real gh = r_mul(ROS2, h);
-  const slips s0 = vehicle_slips(p, *vx, *vy, *r, u0);
-  const accels a0 = vehicle_accels(p, k, s0, u0.steer);
-  const tse_real inv_mx = r_div(TSE_R(1), TSE_R(1) + r_mul(gh, r_mul(k.x_front, s0.inv_front) + r_mul(k.x_rear, s0.inv_rear)));
-  const lateral_block side = vehicle_block(p, r_mul(k.y_front, s0.inv_body), r_mul(k.y_rear, s0.inv_body), *vx, gh);
-
-  const tse_real k1x = r_mul(a0.x + r_mul(*vy, *r), inv_mx);
-  tse_real k1y, k1r, k2y, k2r;
-  vehicle_solve(&side, a0.y - r_mul(*vx, *r), a0.yaw, &k1y, &k1r);
-
-  const tse_real px = *vx + r_mul(h, k1x), py = *vy + r_mul(h, k1y), pr = *r + r_mul(h, k1r);
-  const slips s1 = vehicle_slips(p, px, py, pr, u1);
-  const accels a1 = vehicle_accels(p, k, s1, u1.steer);
-  const tse_real gx = a1.x + r_mul(py, pr) - k1x - k1x;
-  vehicle_solve(&side, a1.y - r_mul(px, pr) - k1y - k1y, a1.yaw - k1r - k1r, &k2y, &k2r);
-
-  const tse_real half = r_mul(TSE_R(0.5), h);
-  *vx += r_mul(half, k1x + k1x + k1x + r_mul(gx, inv_mx));
-  *vy += r_mul(half, k1y + k1y + k1y + k2y);
-  *r += r_mul(half, k1r + k1r + k1r + k2r);
-}
+#define ROS2 TSE_R(0.29289321881345254) /* g */
 
 /* No car is faster; a particle that would be (a wheel that jumps, tyres that grip like rails) stays a number. NaN too.
  * Below LEAST it is zero: decaying for minutes of straight driving ends in denormal numbers, which are slow, and which

@@ -14,7 +14,7 @@ void predict_bias(const tse_params *p, tse_filter_paper *f, tse_real dt)
 common common_of(const tse_params *p, const tse_filter_paper *f, const sample *y)
 {
   common c;
-  c.g = vehicle_observation_gains(p, y->use[0], y->use[1]);
+  c.g = particle_observation_gains(p, y->use[0], y->use[1]);
   for (int a = 0; a < 3; a++) {
     const tse_real ph = r_mul(f->bias_var[a], y->use[a]);
     c.l[a] = r_div(TSE_R(1), r_sqrt(ph + TSE_R(1)));
@@ -35,7 +35,7 @@ static void update_all(const tse_params *TSE_RESTRICT p, const common *TSE_RESTR
 {
   for (int32_t i = 0; i < padded(p->particles); i++) {
     const slips s = vehicle_slips(p, q->x[0][i], q->x[1][i], q->x[2][i], y->u);
-    const observation o = vehicle_observation(c->g, s, y->u.steer);
+    const observation o = particle_observation(c->g, s, y->u.steer);
     const tse_real w0 = q->w[0][i], w1 = q->w[1][i], w2 = q->w[2][i];
     const tse_real e0 = y->y[0] - o.h1 - r_mul(o.d11, w0) - r_mul(o.d12, w1) - q->bias[0][i];
     const tse_real e1 = y->y[1] - o.h2 - r_mul(o.d21, w0) - r_mul(o.d22, w1) - r_mul(o.d23, w2) - q->bias[1][i];

@@ -112,7 +112,7 @@ static tse_real persistence(const tse_params *p, tse_filter_paper *f, const samp
 {
   const inputs u = y->u;
   const slips s = vehicle_slips(p, now->vel_x, now->vel_y, now->yaw_rate, u);
-  const observation o = vehicle_observation(vehicle_observation_gains(p, y->use[0], y->use[1]), s, u.steer);
+  const observation o = particle_observation(particle_observation_gains(p, y->use[0], y->use[1]), s, u.steer);
   tse_real w[3], b[3], sum = TSE_R(0);
   for (int a = 0; a < 3; a++) {
     w[a] = now->stiffness[a] - TSE_R(1);

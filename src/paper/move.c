@@ -28,7 +28,7 @@ static void step_all(const tse_params *p, tse_particles *q, inputs u0, inputs u1
   for (int32_t i = 0; i < padded(p->particles); i++) {
     tse_real vx = q->x[0][i], vy = q->x[1][i], r = q->x[2][i];
     const stiffness k = vehicle_stiffness(p, q->w[0][i], q->w[1][i], q->w[2][i]);
-    vehicle_step(p, &vx, &vy, &r, k, u0, u1, h);
+    particle_step(p, &vx, &vy, &r, k, u0, u1, h);
     keep(q, i, vx, vy, r);
   }
 }

@@ -6,6 +6,7 @@
 #define TSE_PAPER_H
 
 #include "estimator/stages.h"
+#include "paper/particle.h"
 
 /* The loops over particles become vector code only if the compiler knows that constants and particles do not overlap. */
 #if defined(__cplusplus)
@@ -106,7 +107,7 @@ TSE_INLINE innovation innovation_of(const tse_params *p, const common *c, const 
   innovation e;
   const tse_real mu0 = q->mu[0][i], mu1 = q->mu[1][i], mu2 = q->mu[2][i];
   const slips s = vehicle_slips(p, q->x[0][i], q->x[1][i], q->x[2][i], y->u);
-  const observation o = vehicle_observation(c->g, s, y->u.steer);
+  const observation o = particle_observation(c->g, s, y->u.steer);
   e.z1 = r_mul(c->l[0], r_mul(y->use[0], y->y[0] - o.h1 - r_mul(o.d11, mu0) - r_mul(o.d12, mu1) - q->bias[0][i]));
   e.z2 = r_mul(c->l[1], r_mul(y->use[1], y->y[1] - o.h2 - r_mul(o.d21, mu0) - r_mul(o.d22, mu1) - r_mul(o.d23, mu2) - q->bias[1][i]));
   e.z3 = r_mul(c->l[2], r_mul(y->use[2], y->y[2] - r_mul(q->x[2][i], p->inv_sd[2]) - q->bias[2][i]));

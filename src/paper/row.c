@@ -26,7 +26,7 @@ static tse_real fastest_wheel(const sample *y) { return r_max(r_abs(y->u.v_front
 void excitation(const tse_params *p, tse_filter_paper *f, const sample *y, const tse_output *est, int32_t excited[3])
 {
   const slips s = vehicle_slips(p, est->vel_x, est->vel_y, est->yaw_rate, y->u);
-  const observation o = vehicle_observation(vehicle_observation_gains(p, TSE_R(1), TSE_R(1)), s, y->u.steer);
+  const observation o = particle_observation(particle_observation_gains(p, TSE_R(1), TSE_R(1)), s, y->u.steer);
   const tse_real phi[3] = { o.d11, o.d22, o.d23 };
   const tse_real window = r_mul(TSE_R(2), p->memory), seen = f->filter.seen;
   const tse_real smooth = r_div(y->dt, y->dt + EXCITATION_TIME);

@@ -1,5 +1,6 @@
 /* tests/unit/host/test_replay_log.c <-> src/host/replay.c, src/model/integrator.c: the calls, the plain model, order of the
  * integration, profiles and disturbances. (test_replay.c is the golden drive of the estimator.) */
+#include "paper/particle.h"
 #include "unit_support.h"
 #include "effect_support.h"
 
@@ -61,7 +62,7 @@ static void test_without_effects_a_replay_is_the_plain_vehicle_bit_for_bit(void)
       const int32_t steps = vehicle_steps(&p, log_dt[i], from, to);
       const tse_real h = steps > 1 ? r_div(log_dt[i], r_from_int(steps)) : log_dt[i];
       for (int32_t n = 0; n < steps; n++)
-        vehicle_step(&p, &x[0], &x[1], &x[2], k, vehicle_between(from, to, n, steps), vehicle_between(from, to, n + 1, steps), h);
+        particle_step(&p, &x[0], &x[1], &x[2], k, vehicle_between(from, to, n, steps), vehicle_between(from, to, n + 1, steps), h);
     }
     from = to;
     const accels a = vehicle_accels(&p, k, vehicle_slips(&p, x[0], x[1], x[2], to), to.steer);

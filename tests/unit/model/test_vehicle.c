@@ -1,7 +1,7 @@
-/* tests/unit/model/test_vehicle.c <-> src/model/vehicle.h
+/* tests/unit/model/test_vehicle.c <-> src/model/vehicle.h, src/paper/particle.h
  *
  * Reference values: tests/reference/vehicle_table.h, the model written with forces in newtons and integrated by scipy. */
-#include "model/vehicle.h"
+#include "paper/particle.h"
 
 #include "unit_support.h"
 #include "vehicle_table.h"
@@ -60,7 +60,7 @@ static motion motion_from(const double *x)
 
 static void step(const tse_params *p, motion *m, stiffness k, inputs u0, inputs u1, double h)
 {
-  vehicle_step(p, &m->x, &m->y, &m->r, k, u0, u1, real(h));
+  particle_step(p, &m->x, &m->y, &m->r, k, u0, u1, real(h));
 }
 
 static motion drive(const tse_params *p, motion m, stiffness k, inputs u0, inputs u1, double duration, int steps)
@@ -218,7 +218,7 @@ static void test_observation_rows_are_the_derivatives_of_the_accelerations(void)
     const tse_params p = prepared(&c);
     const situation s = any_situation(&state, -5.0, 70.0);
     const slips l = slips_of(&p, s);
-    const observation o = vehicle_observation(vehicle_observation_gains(&p, TSE_R(1), TSE_R(1)), l, s.u.steer);
+    const observation o = particle_observation(particle_observation_gains(&p, TSE_R(1), TSE_R(1)), l, s.u.steer);
     const accels at0 = vehicle_accels(&p, stiffness_at(&p, 0, 0, 0), l, s.u.steer);
     const double sd[2] = { number(c.accel_x_sd), number(c.accel_y_sd) };
     const double d[2][3] = { { number(o.d11), number(o.d12), 0.0 }, { number(o.d21), number(o.d22), number(o.d23) } };
@@ -241,9 +241,9 @@ static void test_row_of_a_missing_measurement_vanishes_and_the_other_stays(void)
   for (int i = 0; i < 50; i++) {
     const situation s = any_situation(&state, 0.0, 40.0);
     const slips l = slips_of(&p, s);
-    const observation both = vehicle_observation(vehicle_observation_gains(&p, TSE_R(1), TSE_R(1)), l, s.u.steer);
-    const observation only_y = vehicle_observation(vehicle_observation_gains(&p, TSE_R(0), TSE_R(1)), l, s.u.steer);
-    const observation only_x = vehicle_observation(vehicle_observation_gains(&p, TSE_R(1), TSE_R(0)), l, s.u.steer);
+    const observation both = particle_observation(particle_observation_gains(&p, TSE_R(1), TSE_R(1)), l, s.u.steer);
+    const observation only_y = particle_observation(particle_observation_gains(&p, TSE_R(0), TSE_R(1)), l, s.u.steer);
+    const observation only_x = particle_observation(particle_observation_gains(&p, TSE_R(1), TSE_R(0)), l, s.u.steer);
     TEST_ASSERT_TRUE(both.d11 != TSE_R(0) && both.d23 != TSE_R(0));
     TEST_ASSERT_TRUE(!(only_y.d11 != TSE_R(0)) && !(only_y.d12 != TSE_R(0)) && !(only_y.h1 != TSE_R(0)));
     TEST_ASSERT_TRUE(!(only_x.d21 != TSE_R(0)) && !(only_x.d22 != TSE_R(0)) && !(only_x.d23 != TSE_R(0)) &&

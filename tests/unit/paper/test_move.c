@@ -1,6 +1,6 @@
 /* tests/unit/paper/test_move.c <-> src/paper/move.c: (7)
  *
- * vehicle_step() itself is tested in test_vehicle.c; here: who is moved, in how many steps, between which inputs. */
+ * particle_step() itself is tested in test_vehicle.c; here: who is moved, in how many steps, between which inputs. */
 #include "paper/paper.h"
 #include "unit_support.h"
 #include "vehicle_table.h"
@@ -73,7 +73,7 @@ static void expected_end(const tse_params *p, const tse_filter_paper *f, int i, 
   tse_real x = f->p.x[0][i], y = f->p.x[1][i], r = f->p.x[2][i];
   const stiffness k = vehicle_stiffness(p, f->p.w[0][i], f->p.w[1][i], f->p.w[2][i]);
   for (int s = 0; s < steps; s++)
-    vehicle_step(p, &x, &y, &r, k, mix(u0, u1, (double)s / steps), mix(u0, u1, (double)(s + 1) / steps), real(dt / steps));
+    particle_step(p, &x, &y, &r, k, mix(u0, u1, (double)s / steps), mix(u0, u1, (double)(s + 1) / steps), real(dt / steps));
   end[0] = number(x);
   end[1] = number(y);
   end[2] = number(r);
