@@ -17,7 +17,7 @@
 static int32_t older(int32_t at) { return at > 0 ? at - 1 : TSE_LATENCY_ROWS - 1; }
 
 /* The newest row, `before` seconds after the one kept last. What is out of range was refused, or is missing. */
-static void keep(tse_alignment *m, const tse_input *u, tse_real before)
+static void keep_row(tse_alignment *m, const tse_input *u, tse_real before)
 {
   const int32_t at = m->count > 0 && m->newest + 1 < TSE_LATENCY_ROWS ? m->newest + 1 : 0;
   uint32_t missing = 0;
@@ -110,7 +110,7 @@ tse_status align_row(const tse_params *p, tse_filter *f, const tse_input *u, tse
       for (int a = 0; a < 3 && f->step > 0; a++) m->reason[a] = (int32_t)TSE_INPUT_INVALID;
     } else if (m->unkept < p->latency_least) return TSE_W_WAITING;
   }
-  keep(m, &given, m->unkept);
+  keep_row(m, &given, m->unkept);
   m->unkept = TSE_R(0);
   if (!reaches(p, m)) return TSE_W_WAITING;
   compose(p, m, u, row);

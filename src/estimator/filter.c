@@ -36,7 +36,7 @@ static void report_waiting(const tse_params *p, tse_filter *f, tse_output *now)
   else if (p->form != 0) {
     tse_real lam[6], nu;
     report_particles(p, f, now, lam, &nu);
-    now->n_eff = effective_size(p, (const tse_filter_paper *)f);
+    now->n_eff = paper_effective_size(p, (const tse_filter_paper *)f);
     for (int a = 0; a < 3; a++) now->noise[a] = now->change_ratio[a] = TSE_R(1);
   }
 #endif

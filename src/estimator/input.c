@@ -1,11 +1,6 @@
 /* estimator/input.c - a log row becomes a checked sample. Every refusal of a row happens here, before anything changes. */
 #include "estimator/stages.h"
 
-static int missing(const tse_input *u, uint32_t bit, tse_real value)
-{
-  return (u->missing & bit) != 0 || r_is_nan(value);
-}
-
 tse_status tse_input_check(const tse_input *u, const char **wrong)
 {
   if (!u) return TSE_E_NULL;
@@ -15,7 +10,7 @@ tse_status tse_input_check(const tse_input *u, const char **wrong)
   }
 #define CHECK_M(name, lo, hi) /* measured: out of range is missing, not refused */
 #define CHECK_D(name, lo, hi)                                                                              \
-  if (!missing(u, TSE_MISSING(name), u->name) && !(u->name >= TSE_R(lo) && u->name <= TSE_R(hi))) {        \
+  if (!is_missing(u, TSE_MISSING(name), u->name) && !(u->name >= TSE_R(lo) && u->name <= TSE_R(hi))) {        \
     if (wrong) *wrong = #name;                                                                             \
     return TSE_E_INPUT;                                                                                    \
   }
@@ -36,16 +31,16 @@ tse_status input_decode(const tse_params *p, const tse_filter *f, const tse_inpu
   y->u.steer = row.steer_angle;
   y->u.v_front = r_mul(p->radius_front, row.wheel_speed_front);
   y->u.v_rear = r_mul(p->radius_rear, row.wheel_speed_rear);
-  if (missing(&row, TSE_MISSING(steer_angle), row.steer_angle)) { y->u.steer = f->steer; y->has_inputs = y->has_steer = 0; }
-  if (missing(&row, TSE_MISSING(wheel_speed_front), row.wheel_speed_front)) { y->u.v_front = f->v_front; y->has_inputs = 0; }
-  if (missing(&row, TSE_MISSING(wheel_speed_rear), row.wheel_speed_rear)) { y->u.v_rear = f->v_rear; y->has_inputs = 0; }
+  if (is_missing(&row, TSE_MISSING(steer_angle), row.steer_angle)) { y->u.steer = f->steer; y->has_inputs = y->has_steer = 0; }
+  if (is_missing(&row, TSE_MISSING(wheel_speed_front), row.wheel_speed_front)) { y->u.v_front = f->v_front; y->has_inputs = 0; }
+  if (is_missing(&row, TSE_MISSING(wheel_speed_rear), row.wheel_speed_rear)) { y->u.v_rear = f->v_rear; y->has_inputs = 0; }
 
   y->used = 0;
 #define TAKE_D(name, lo, hi)
 #define TAKE_M(name, lo, hi)                                                                                      \
   {                                                                                                               \
     const int i = (int)TSE_CHANNEL_##name - (int)TSE_CHANNEL_accel_x;                                             \
-    const int ok = !missing(&row, TSE_MISSING(name), row.name) && row.name >= TSE_R(lo) && row.name <= TSE_R(hi); \
+    const int ok = !is_missing(&row, TSE_MISSING(name), row.name) && row.name >= TSE_R(lo) && row.name <= TSE_R(hi); \
     y->lost[i] = f->waiting.lost[i];                                                                              \
     y->use[i] = ok ? TSE_R(1) : TSE_R(0);                                                                         \
     y->y[i] = ok ? r_mul(row.name, p->inv_sd[i]) : TSE_R(0);                                                      \

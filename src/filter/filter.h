@@ -58,8 +58,11 @@ enum { ROLLS_UNKNOWN,
        ROLLS_NONE,
        ROLLS_FRONT,
        ROLLS_REAR };
-static inline int32_t not_driven(const tse_car *c) { return c->driven == 1 ? ROLLS_REAR : c->driven == 2 ? ROLLS_FRONT
-                                                                                                         : ROLLS_UNKNOWN; }
+static inline int32_t not_driven(const tse_car *c)
+{
+  if (c->driven == 1) return ROLLS_REAR;
+  return c->driven == 2 ? ROLLS_FRONT : ROLLS_UNKNOWN;
+}
 
 /* Kinds of events, and what each opens: events.c. */
 enum { EVENT_NONE,

@@ -5,8 +5,6 @@
 
 #define SAME_SPEED TSE_R(1e-5) /* of the speed: what six digits leave */
 
-static int missing(const tse_input *u, uint32_t bit, tse_real value) { return (u->missing & bit) != 0 || r_is_nan(value); }
-
 /* The axle that rolls freely, by brake switch and wheel torques: the one that is not driven, unless they say that it brakes; of two that
  * are driven, which a switch does not show, one without torque beside one with. */
 static int32_t rolls_by(const tse_params *p, const decoded *z)
@@ -32,14 +30,14 @@ tse_status row_decode(const tse_params *p, const tse_filter *f, const tse_input 
   const tse_real most[3] = { TSE_R(50), TSE_R(50), TSE_R(6) }, value[3] = { u->accel_x, u->accel_y, u->yaw_rate };
   const uint32_t bit[3] = { TSE_MISSING(accel_x), TSE_MISSING(accel_y), TSE_MISSING(yaw_rate) };
   z->dt = r_max(given.dt, LEAST_DT);
-  z->has_steer = !missing(u, TSE_MISSING(steer_angle), u->steer_angle);
+  z->has_steer = !is_missing(u, TSE_MISSING(steer_angle), u->steer_angle);
   z->steer = z->has_steer ? u->steer_angle : f->k.steer[0];
   for (int i = 0; i < 3; i++) {
-    z->use[i] = !missing(u, bit[i], value[i]) && r_abs(value[i]) <= most[i];
+    z->use[i] = !is_missing(u, bit[i], value[i]) && r_abs(value[i]) <= most[i];
     z->z[i] = z->use[i] ? value[i] : TSE_R(0);
   }
-  z->use[3] = !missing(u, TSE_MISSING(wheel_speed_front), u->wheel_speed_front);
-  z->use[4] = !missing(u, TSE_MISSING(wheel_speed_rear), u->wheel_speed_rear);
+  z->use[3] = !is_missing(u, TSE_MISSING(wheel_speed_front), u->wheel_speed_front);
+  z->use[4] = !is_missing(u, TSE_MISSING(wheel_speed_rear), u->wheel_speed_rear);
   z->z[3] = z->use[3] ? r_mul(p->radius_front, u->wheel_speed_front) : TSE_R(0);
   z->z[4] = z->use[4] ? r_mul(p->radius_rear, u->wheel_speed_rear) : TSE_R(0);
   /* both axles read the same: one signal, a vehicle speed, which does not show slip */

@@ -86,7 +86,7 @@ static void encode(const content *c, uint8_t out[TSE_LEARNT_BYTES])
   (void)put(at, crc32_of(out, TSE_LEARNT_BYTES - 4));
 }
 
-static int within(int32_t x, int32_t most) { return x >= -most && x <= most; }
+static int code_within(int32_t x, int32_t most) { return x >= -most && x <= most; }
 
 static int32_t most_of(int i) { return (int32_t)((int64_t)most_mean[i] * MOST_ONE / 1000); }
 
@@ -101,16 +101,16 @@ static const char *implausible(const content *c)
   if (c->known > 7) return "which stiffnesses are learnt";
   if (c->nu > MOST_NU) return "trust in the spread";
   for (int i = 0; i < TSE_KEPT; i++) {
-    if (!within(c->mean[i], most_of(i) < 0 ? INT32_MAX : most_of(i))) return of[i];
+    if (!code_within(c->mean[i], most_of(i) < 0 ? INT32_MAX : most_of(i))) return of[i];
     if (c->sd[i] < 0) return of_sd[i];
   }
   for (int i = 0; i < PAIRS; i++)
-    if (!within(c->pair[i], ONE_14)) return "a correlation";
+    if (!code_within(c->pair[i], ONE_14)) return "a correlation";
   for (int i = 0; i < TSE_SENSORS; i++)
     if (c->noise[i] < 0) return "noise of a channel";
   for (int a = 0; a < 3; a++) {
     if (c->spread[a] < 0) return "process sd";
-    if (!within(c->correlation[a], MOST_ONE)) return "a correlation";
+    if (!code_within(c->correlation[a], MOST_ONE)) return "a correlation";
   }
   return NULL;
 }
@@ -161,7 +161,7 @@ static int belong(const tse_params *p, const tse_filter *f)
   return p->magic == TSE_PARAMS_MAGIC && f->magic == TSE_FILTER_MAGIC && f->fingerprint == p->fingerprint;
 }
 
-static int32_t between(int32_t x, int32_t most) { return x < -most ? -most : x > most ? most : x; }
+static int32_t code_clamped(int32_t x, int32_t most) { return x < -most ? -most : x > most ? most : x; }
 
 /* What the car's filter knows: means, sds and correlations of what is kept.   Returned: 0 when something is no number */
 static int write_kalman(const tse_params *p, const tse_filter *f, content *c)
@@ -177,7 +177,7 @@ static int write_kalman(const tse_params *p, const tse_filter *f, content *c)
     c->sd[i] = r_to_q24(r_mul(sd[i], state_unit[FAST + i]));
     const int32_t mean = r_to_q24(k->x[FAST + i]);
     if (mean == INT32_MIN || c->sd[i] < 0) return 0;
-    c->mean[i] = between(mean, most_of(i));
+    c->mean[i] = code_clamped(mean, most_of(i));
   }
   for (int i = 0; i < TSE_KEPT; i++)
     for (int j = i + 1; j < TSE_KEPT; j++, n++) {
@@ -207,12 +207,12 @@ static int write_particles(const tse_params *p, const tse_filter *f, content *c)
     const tse_real scale = r_mul(r_sqrt(lam[diagonal[pair[a][0]]]), r_sqrt(lam[diagonal[pair[a][1]]]));
     const int32_t log = r_to_q24(logarithm(mean)), bias = r_to_q24(now.bias[a]);
     if (log == INT32_MIN || bias == INT32_MIN) return 0;
-    c->mean[K_STIFFNESS + a] = between(log, most_of(K_STIFFNESS + a));
+    c->mean[K_STIFFNESS + a] = code_clamped(log, most_of(K_STIFFNESS + a));
     c->sd[K_STIFFNESS + a] = r_to_q24(r_sqrt(f->known[a] == TSE_KNOWN_BEFORE ? r_max(var, r_div(f->start.mean_var[a], r_sqr(mean))) : var));
-    c->mean[K_BIAS + a] = between(bias, most_of(K_BIAS + a));
+    c->mean[K_BIAS + a] = code_clamped(bias, most_of(K_BIAS + a));
     c->sd[K_BIAS + a] = r_to_q24(now.bias_sd[a]);
     c->spread[a] = r_to_q24(now.stiffness_spread[a]);
-    c->correlation[a] = between(scale > TSE_R(0) ? r_to_q24(r_div(lam[off_diagonal[a]], scale)) : 0, MOST_ONE);
+    c->correlation[a] = code_clamped(scale > TSE_R(0) ? r_to_q24(r_div(lam[off_diagonal[a]], scale)) : 0, MOST_ONE);
     if (c->sd[K_STIFFNESS + a] < 0 || c->sd[K_BIAS + a] < 0 || c->spread[a] < 0) return 0; /* no numbers */
   }
   return 1;

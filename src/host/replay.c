@@ -38,13 +38,13 @@ static uint64_t mask_of(const tse_params *p, const tse_replay_log *log)
   return mask;
 }
 
-static int within(tse_real x, tse_real most) { return x >= -most && x <= most; }
+static int log_within(tse_real x, tse_real most) { return x >= -most && x <= most; }
 
-static tse_status check(const tse_replay_log *log, int32_t i)
+static tse_status check_row(const tse_replay_log *log, int32_t i)
 {
   if (i > 0 && !(log->dt[i] > TSE_R(0) && log->dt[i] <= TSE_R(1))) return TSE_E_TIME;
-  if (!within(log->steer_angle[i], MOST_STEER) || !within(log->wheel_speed_front[i], MOST_WHEEL) ||
-      !within(log->wheel_speed_rear[i], MOST_WHEEL))
+  if (!log_within(log->steer_angle[i], MOST_STEER) || !log_within(log->wheel_speed_front[i], MOST_WHEEL) ||
+      !log_within(log->wheel_speed_rear[i], MOST_WHEEL))
     return TSE_E_INPUT;
 #define REPLAY_LOG(name, needed, unit, text) \
   if (!(needed) && log->name && !r_is_finite(log->name[i])) return TSE_E_INPUT;
@@ -70,7 +70,7 @@ static tse_real spin_up(const tse_real *omega, const tse_real *dt, int32_t i, in
 }
 
 /* Returned: 1, or 0 where x is no number */
-static int keep(tse_real *array, int32_t i, tse_real x)
+static int write_value(tse_real *array, int32_t i, tse_real x)
 {
   if (array) array[i] = x;
   return !array || r_is_finite(x);
@@ -80,18 +80,18 @@ static int write_row(const tse_replay_log *log, const tse_replay_start *s, const
 {
   const point *const at = z.pt;
   const tse_params *const p = at->p;
-  int fine = keep(out->accel_x, i, z.y[0] + s->bias_accel_x);
-  fine = keep(out->accel_y, i, z.y[1] + s->bias_accel_y) && fine;
-  fine = keep(out->yaw_rate, i, z.y[2] + s->bias_yaw_rate) && fine;
-  fine = keep(out->vel_x, i, at->vx) && fine;
-  fine = keep(out->vel_y, i, at->vy) && fine;
-  fine = keep(out->true_yaw_rate, i, at->r) && fine;
+  int fine = write_value(out->accel_x, i, z.y[0] + s->bias_accel_x);
+  fine = write_value(out->accel_y, i, z.y[1] + s->bias_accel_y) && fine;
+  fine = write_value(out->yaw_rate, i, z.y[2] + s->bias_yaw_rate) && fine;
+  fine = write_value(out->vel_x, i, at->vx) && fine;
+  fine = write_value(out->vel_y, i, at->vy) && fine;
+  fine = write_value(out->true_yaw_rate, i, at->r) && fine;
   if (out->wheel_torque_front)
-    fine = keep(out->wheel_torque_front, i,
+    fine = write_value(out->wheel_torque_front, i,
                 r_mul(p->radius_front, r_mul(p->effects.mass, at->fx_front)) +
                   r_mul(s->wheel_inertia_front, spin_up(log->wheel_speed_front, log->dt, i, rows))) && fine;
   if (out->wheel_torque_rear)
-    fine = keep(out->wheel_torque_rear, i,
+    fine = write_value(out->wheel_torque_rear, i,
                 r_mul(p->radius_rear, r_mul(p->effects.mass, at->fx_rear)) +
                   r_mul(s->wheel_inertia_rear, spin_up(log->wheel_speed_rear, log->dt, i, rows))) && fine;
   return fine;
@@ -113,7 +113,7 @@ tse_status tse_replay(const tse_params *p, const tse_replay_log *log, int32_t ro
   car.effects.mask = mask_of(p, log);
   const tse_effects *const e = &car.effects;
   for (int32_t i = 0; i < rows; i++) { /* all before the first: a wheel torque needs the rows on both sides */
-    const tse_status status = i == 0 && !finite_start(s) ? TSE_E_INPUT : check(log, i);
+    const tse_status status = i == 0 && !finite_start(s) ? TSE_E_INPUT : check_row(log, i);
     if (status < 0) {
       if (wrong) *wrong = i;
       return status;

@@ -87,7 +87,7 @@ typedef struct driver { tse_real steer, drive_front, drive_rear, brake_front, br
 /* Between two rows everything that the driver does is linear: a step takes one row; with `hold_inputs` it is held. (Held
  * torques lead the logged wheel speeds, which an estimator can only interpolate, by half a row; where that is unknown it costs 2 % of the
  * longitudinal stiffness.) */
-static driver between(const tse_sim_input *a, const tse_sim_input *b, tse_real share)
+static driver driver_between(const tse_sim_input *a, const tse_sim_input *b, tse_real share)
 {
   driver u;
   u.steer = a->steer_angle + r_mul(share, b->steer_angle - a->steer_angle);
@@ -192,7 +192,7 @@ static void derivative(const car *c, const tse_real x[STATES], driver d, tse_rea
  * by their secant, which overestimates their damping: ROS2 keeps its order with any Jacobian. */
 typedef struct solver { tse_real vf, vr, wf, wr, df, dr, schur, slow[4]; lateral_block side; } solver;
 
-static solver factor(const car *c, const tse_real x[STATES], driver d, tse_real gh, int secant)
+static solver wheels_factor(const car *c, const tse_real x[STATES], driver d, tse_real gh, int secant)
 {
   const tse_params *const p = c->p;
   const point pt = point_at(c, x, d.steer, TSE_R(0));
@@ -215,7 +215,7 @@ static solver factor(const car *c, const tse_real x[STATES], driver d, tse_real 
   return m;
 }
 
-static void solve(const solver *m, const tse_real f[STATES], tse_real k[STATES])
+static void wheels_solve(const solver *m, const tse_real f[STATES], tse_real k[STATES])
 {
   for (int i = 5; i < STATES; i++) k[i] = r_mul(f[i], m->slow[i - 5]);
   k[0] = r_div(f[0] - r_div(r_mul(m->vf, f[3]), m->df) - r_div(r_mul(m->vr, f[4]), m->dr), m->schur);
@@ -233,23 +233,23 @@ static int may_lock(const car *c, tse_real torque, tse_real inertia, tse_real om
 /* ROS2 of vehicle.h, with the wheel speeds as states. Its stages would jump over the brake's change of
  * sign where a wheel locks; there implicit Euler takes over: with secants all terms off its diagonal have the sign that
  * keeps a wheel from being braked into reverse, whatever the torque. */
-static void substep(const car *c, tse_real x[STATES], driver u0, driver u1, tse_real h)
+static void wheels_step(const car *c, tse_real x[STATES], driver u0, driver u1, tse_real h)
 {
   tse_real f[STATES], k1[STATES], k2[STATES], mid[STATES];
   if (may_lock(c, u1.brake_front, c->inertia_front, x[3], h) || may_lock(c, u1.brake_rear, c->inertia_rear, x[4], h)) {
-    const solver euler = factor(c, x, u1, h, 1);
+    const solver euler = wheels_factor(c, x, u1, h, 1);
     derivative(c, x, u1, TSE_R(0), f);
-    solve(&euler, f, k1);
+    wheels_solve(&euler, f, k1);
     for (int a = 0; a < STATES; a++) x[a] += r_mul(h, k1[a]);
     return;
   }
-  const solver m = factor(c, x, u0, r_mul(ROS2, h), 0);
+  const solver m = wheels_factor(c, x, u0, r_mul(ROS2, h), 0);
   derivative(c, x, u0, TSE_R(0), f);
-  solve(&m, f, k1);
+  wheels_solve(&m, f, k1);
   for (int a = 0; a < STATES; a++) mid[a] = x[a] + r_mul(h, k1[a]);
   derivative(c, mid, u1, h, f);
   for (int a = 0; a < STATES; a++) f[a] = f[a] - k1[a] - k1[a];
-  solve(&m, f, k2);
+  wheels_solve(&m, f, k2);
   for (int a = 0; a < STATES; a++) x[a] += r_mul(h, r_mul(TSE_R(1.5), k1[a]) + r_mul(TSE_R(0.5), k2[a]));
 }
 
@@ -289,7 +289,7 @@ static stiffness stiffness_now(const tse_sim *sim, tse_real road_level)
 
 static int in_range(tse_real x, tse_real lo, tse_real hi) { return x >= lo && x <= hi; }
 
-static tse_status check(const tse_sim *sim, const tse_sim_input *u)
+static tse_status check_input(const tse_sim *sim, const tse_sim_input *u)
 {
   if (sim->step > 0 && !(u->dt > TSE_R(0) && u->dt <= TSE_R(1))) return TSE_E_TIME;
 #define SIM_INPUT(name, def, lo, hi, unit, text) if (!in_range(u->name, TSE_R(lo), TSE_R(hi))) return TSE_E_INPUT;
@@ -317,7 +317,7 @@ static void jump(tse_sim *sim)
   sim->steer_logged = sim->last.steer_angle;
 }
 
-static void advance(tse_sim *sim, const tse_sim_input *u)
+static void advance_to_row(tse_sim *sim, const tse_sim_input *u)
 {
   const tse_real longest = r_from_setting(sim->config.substep);
   const int32_t steps = -r_floor_to_int(-r_div(u->dt, longest) + TSE_R(1e-4)); /* 0.01/0.001 are ten, not eleven */
@@ -330,12 +330,12 @@ static void advance(tse_sim *sim, const tse_sim_input *u)
   from.steer_angle = sim->steer;
   to.steer_angle = sim->steer = effects_steer(e, &sim->effects, to.steer_angle, u->dt);
   for (int32_t i = 0; i < steps; i++) {
-    const driver d0 = between(&from, &to, r_div(r_from_int(i), r_from_int(steps)));
-    const driver d1 = between(&from, &to, r_div(r_from_int(i + 1), r_from_int(steps)));
-    if (!e->mask) substep(&c, sim->x, d0, d1, h);
+    const driver d0 = driver_between(&from, &to, r_div(r_from_int(i), r_from_int(steps)));
+    const driver d1 = driver_between(&from, &to, r_div(r_from_int(i + 1), r_from_int(steps)));
+    if (!e->mask) wheels_step(&c, sim->x, d0, d1, h);
     else {
       const point a = point_at(&c, sim->x, d0.steer, TSE_R(0));
-      substep(&c, sim->x, d0, d1, h);
+      wheels_step(&c, sim->x, d0, d1, h);
       const point b = point_at(&c, sim->x, d1.steer, h);
       effects_remember(e, &sim->effects, &a, &b, h);
     }
@@ -374,7 +374,7 @@ static reading observe(tse_sim *sim, const car *c, point *pt, tse_real dt)
 
 static void log_next(tse_sim *sim, const tse_sim_input *u, tse_sim_output *y)
 {
-  if (sim->step > 0) advance(sim, u);
+  if (sim->step > 0) advance_to_row(sim, u);
   else sim->last = *u;
 
   tse_real mean[3], n[6];
@@ -427,7 +427,7 @@ static int is_car(const tse_sim *sim, const tse_sim_output *y)
 tse_status tse_sim_step(tse_sim *sim, const tse_sim_input *u, tse_sim_output *y)
 {
   if (!sim || !u || !y) return TSE_E_NULL;
-  const tse_status refused = check(sim, u);
+  const tse_status refused = check_input(sim, u);
   if (refused < 0) return refused;
   tse_sim before;
   tse_sim_output made;

@@ -28,7 +28,7 @@ typedef struct solver {
   int lags;
 } solver;
 
-static solver factor(const point *pt, tse_real gh)
+static solver lags_factor(const point *pt, tse_real gh)
 {
   solver m;
   const tse_params *const p = pt->p;
@@ -56,7 +56,7 @@ static solver factor(const point *pt, tse_real gh)
   return m;
 }
 
-static void solve(const solver *m, const tse_real f[MOTION], tse_real k[MOTION])
+static void lags_solve(const solver *m, const tse_real f[MOTION], tse_real k[MOTION])
 {
   const tse_params *const p = m->at->p;
   const slips *const s = &m->at->s;
@@ -98,7 +98,7 @@ static tse_real kept(tse_real x) { return r_abs(x) < LEAST ? TSE_R(0) : x; }
 static void step(const tse_params *p, tse_effect_memory *m, stiffness k, inputs u, const given *g, tse_real h, point *at)
 {
   const tse_effects *const e = &p->effects;
-  const solver lu = factor(at, r_mul(ROS2, h));
+  const solver lu = lags_factor(at, r_mul(ROS2, h));
   const tse_real half = r_mul(TSE_R(0.5), h);
   tse_real f[MOTION], k1[MOTION], k2[MOTION], lag[4], ramp[4];
   point b;
@@ -108,7 +108,7 @@ static void step(const tse_params *p, tse_effect_memory *m, stiffness k, inputs 
     for (int i = 0; i < 4; i++) ramp[i] = r_mul(ROS2, ramp[i]);
     for (int i = 0; i < 4; i++) f[3 + i] += ramp[i];
   }
-  solve(&lu, f, k1);
+  lags_solve(&lu, f, k1);
   b.vx = at->vx + r_mul(h, k1[0]);
   b.vy = at->vy + r_mul(h, k1[1]);
   b.r = at->r + r_mul(h, k1[2]);
@@ -120,7 +120,7 @@ static void step(const tse_params *p, tse_effect_memory *m, stiffness k, inputs 
   motion_of(e, &b, lag, f);
   for (int i = 0; i < (lu.lags ? MOTION : 3); i++) f[i] = f[i] - k1[i] - k1[i];
   for (int i = 0; i < 4 && lu.lags; i++) f[3 + i] = f[3 + i] - ramp[i];
-  solve(&lu, f, k2);
+  lags_solve(&lu, f, k2);
   b.vx = at->vx + r_mul(half, k1[0] + k1[0] + k1[0] + k2[0]);
   b.vy = at->vy + r_mul(half, k1[1] + k1[1] + k1[1] + k2[1]);
   b.r = at->r + r_mul(half, k1[2] + k1[2] + k1[2] + k2[2]);

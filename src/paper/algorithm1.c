@@ -6,19 +6,19 @@
 
 void paper_predict(const tse_params *p, tse_filter_paper *f, const sample *y)
 {
-  predict_state(p, f, y);                                          /* 17      (7)        */
-  predict_bias(p, f, y->dt);                                       /* 18      (18)       */
+  paper_predict_state(p, f, y);                                          /* 17      (7)        */
+  paper_predict_bias(p, f, y->dt);                                       /* 18      (18)       */
 }
 
 void paper_update(const tse_params *p, tse_filter_paper *f, const sample *y, tse_output *now, tse_real *log2_evidence)
 {
-  const common c = common_of(p, f, y);
-  *log2_evidence = update_weights(p, f, y, &c);                    /* 3, 6    (22), (23) */
-  now->n_eff = effective_size(p, f);                               /* 7                  */
-  if (now->n_eff <= p->resample_at) resample(p, f);                /* 8 .. 10            */
-  draw_stiffness(p, f, y, &c);                                     /* 16      (25)       */
-  update_statistics(p, f);                                         /* 4       (16)       */
-  estimate(p, f, now);                                             /* 11, 12  (26), (27) */
-  update_bias(p, f, y, &c);                                        /* 14      (19)       */
-  forget(p, f, y, now);                                            /* 15      (17)       */
+  const common c = paper_common_of(p, f, y);
+  *log2_evidence = paper_update_weights(p, f, y, &c);                    /* 3, 6    (22), (23) */
+  now->n_eff = paper_effective_size(p, f);                               /* 7                  */
+  if (now->n_eff <= p->resample_at) paper_resample(p, f);                /* 8 .. 10            */
+  paper_draw_stiffness(p, f, y, &c);                                     /* 16      (25)       */
+  paper_update_statistics(p, f);                                         /* 4       (16)       */
+  paper_estimate(p, f, now);                                             /* 11, 12  (26), (27) */
+  paper_update_bias(p, f, y, &c);                                        /* 14      (19)       */
+  paper_forget(p, f, y, now);                                            /* 15      (17)       */
 }

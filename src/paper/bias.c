@@ -5,13 +5,13 @@
 #define MOST_BIAS TSE_R(2000) /* sigma: stays a number whatever is measured */
 
 /* (18) P += Q dt. */
-void predict_bias(const tse_params *p, tse_filter_paper *f, tse_real dt)
+void paper_predict_bias(const tse_params *p, tse_filter_paper *f, tse_real dt)
 {
   for (int a = 0; a < 3; a++) f->bias_var[a] = r_min(r_add_sat(f->bias_var[a], r_mul(p->bias_walk[a], dt)), TSE_R(16777216));
 }
 
 /* Rbar = P + R of (22), R = 1, and what else (22) .. (25) have in common. */
-common common_of(const tse_params *p, const tse_filter_paper *f, const sample *y)
+common paper_common_of(const tse_params *p, const tse_filter_paper *f, const sample *y)
 {
   common c;
   c.g = particle_observation_gains(p, y->use[0], y->use[1]);
@@ -28,7 +28,7 @@ common common_of(const tse_params *p, const tse_filter_paper *f, const sample *y
   return c;
 }
 
-static tse_real bounded(tse_real b) { return r_clamp(b, -MOST_BIAS, MOST_BIAS); }
+static tse_real bias_bounded(tse_real b) { return r_clamp(b, -MOST_BIAS, MOST_BIAS); }
 
 static void update_all(const tse_params *TSE_RESTRICT p, const common *TSE_RESTRICT c, const sample *TSE_RESTRICT y,
                        tse_particles *TSE_RESTRICT q)
@@ -40,14 +40,14 @@ static void update_all(const tse_params *TSE_RESTRICT p, const common *TSE_RESTR
     const tse_real e0 = y->y[0] - o.h1 - r_mul(o.d11, w0) - r_mul(o.d12, w1) - q->bias[0][i];
     const tse_real e1 = y->y[1] - o.h2 - r_mul(o.d21, w0) - r_mul(o.d22, w1) - r_mul(o.d23, w2) - q->bias[1][i];
     const tse_real e2 = y->y[2] - r_mul(q->x[2][i], p->inv_sd[2]) - q->bias[2][i];
-    q->bias[0][i] = bounded(q->bias[0][i] + r_mul(c->gain[0], r_mul(c->l[0], e0)));
-    q->bias[1][i] = bounded(q->bias[1][i] + r_mul(c->gain[1], r_mul(c->l[1], e1)));
-    q->bias[2][i] = bounded(q->bias[2][i] + r_mul(c->gain[2], r_mul(c->l[2], e2)));
+    q->bias[0][i] = bias_bounded(q->bias[0][i] + r_mul(c->gain[0], r_mul(c->l[0], e0)));
+    q->bias[1][i] = bias_bounded(q->bias[1][i] + r_mul(c->gain[1], r_mul(c->l[1], e1)));
+    q->bias[2][i] = bias_bounded(q->bias[2][i] + r_mul(c->gain[2], r_mul(c->l[2], e2)));
   }
 }
 
 /* (19), with the innovation given w: b += K (y - h - d w - b), P -= K S K', K = P S^-1, S = P + R. */
-void update_bias(const tse_params *p, tse_filter_paper *f, const sample *y, const common *c)
+void paper_update_bias(const tse_params *p, tse_filter_paper *f, const sample *y, const common *c)
 {
   update_all(p, c, y, &f->p);
   for (int a = 0; a < 3; a++) f->bias_var[a] = r_max(f->bias_var[a] - r_mul(c->gain[a], c->gain[a]), TSE_R(0));

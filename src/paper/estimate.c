@@ -43,14 +43,14 @@ static tse_acc total_weight(const tse_filter_paper *f, int32_t count)
   return total;
 }
 
-void weighted_means(const tse_params *p, const tse_filter_paper *f, const tse_real *const *rows, int n, tse_real *means)
+void paper_weighted_means(const tse_params *p, const tse_filter_paper *f, const tse_real *const *rows, int n, tse_real *means)
 {
   const int32_t count = padded(p->particles);
   const tse_acc total = total_weight(f, count);
   for (int k = 0; k < n; k++) means[k] = mean_of(f->weight, rows[k], count, total);
 }
 
-tse_real effective_size(const tse_params *p, const tse_filter_paper *f)
+tse_real paper_effective_size(const tse_params *p, const tse_filter_paper *f)
 {
   const int32_t count = padded(p->particles);
   const tse_acc total = total_weight(f, count);
@@ -62,7 +62,7 @@ tse_real effective_size(const tse_params *p, const tse_filter_paper *f)
   return r_mul(acc_to_real(total), acc_div(total, squares));
 }
 
-void estimate(const tse_params *p, const tse_filter_paper *f, tse_output *y)
+void paper_estimate(const tse_params *p, const tse_filter_paper *f, tse_output *y)
 {
   const tse_particles *const q = &f->p;
   const int32_t count = padded(p->particles);
@@ -97,7 +97,7 @@ void report_particles(const tse_params *p, const tse_filter *filter, tse_output 
 {
   const tse_filter_paper *const f = (const tse_filter_paper *)filter;
   const tse_real *const rows[6] = { f->p.lam[0], f->p.lam[1], f->p.lam[2], f->p.lam[3], f->p.lam[4], f->p.lam[5] };
-  estimate(p, f, now);
-  weighted_means(p, f, rows, 6, lam);
+  paper_estimate(p, f, now);
+  paper_weighted_means(p, f, rows, 6, lam);
   *nu = f->nu;
 }

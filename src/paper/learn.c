@@ -60,7 +60,7 @@ static void draw_run(const tse_params *TSE_RESTRICT p, const common *TSE_RESTRIC
   for (int32_t j = 0; j < count; j++) draw_one(p, c, y, inv_dof, t[0][j], t[1][j], t[2][j], base + j, q);
 }
 
-void draw_stiffness(const tse_params *p, tse_filter_paper *f, const sample *y, const common *c)
+void paper_draw_stiffness(const tse_params *p, tse_filter_paper *f, const sample *y, const common *c)
 {
   const int32_t count = padded(p->particles);
   const tse_real dof = c->nut + r_from_int(y->used), inv_dof = r_div(TSE_R(1), dof);
@@ -98,7 +98,7 @@ static void learn_all(const tse_params *TSE_RESTRICT p, tse_real gamma, tse_real
   }
 }
 
-void update_statistics(const tse_params *p, tse_filter_paper *f)
+void paper_update_statistics(const tse_params *p, tse_filter_paper *f)
 {
   const tse_real shrink = r_div(TSE_R(1), TSE_R(1) + f->gamma), rate = r_div(TSE_R(1), f->nu + TSE_R(1));
   f->gamma = r_mul(f->gamma, shrink);
@@ -133,7 +133,7 @@ static tse_real persistence(const tse_params *p, tse_filter_paper *f, const samp
 /* (17) gamma /= lambda, nu *= lambda, Lambda *= lambda (lam = Lambda/nu stays), with lambda^(dt/sample_time). The factor of gamma, which
  * forgets the mean, is a setting of its own; it falls where innovations last. However long that takes, no less is known of the mean than
  * gamma = 1 says, or the start: what is forgotten cannot be forgotten further. */
-void forget(const tse_params *p, tse_filter_paper *f, const sample *y, const tse_output *now)
+void paper_forget(const tse_params *p, tse_filter_paper *f, const sample *y, const tse_output *now)
 {
   const tse_real samples = r_mul(y->dt, p->inv_sample_time);
   tse_real log2_mean = p->log2_forgetting_mean;

@@ -4,7 +4,7 @@
 #define EULER 0 /* of the setting `integration`; 1: inputs are linear */
 #define HELD_STEER 2
 
-static void keep(tse_particles *q, int32_t i, tse_real vx, tse_real vy, tse_real r)
+static void keep_motion(tse_particles *q, int32_t i, tse_real vx, tse_real vy, tse_real r)
 {
   q->x[0][i] = vehicle_kept(vx, MOST_SPEED);
   q->x[1][i] = vehicle_kept(vy, MOST_SPEED);
@@ -18,7 +18,7 @@ static void euler_all(const tse_params *p, tse_particles *q, inputs u, tse_real 
     const tse_real vx = q->x[0][i], vy = q->x[1][i], r = q->x[2][i];
     const stiffness k = vehicle_stiffness(p, q->w[0][i], q->w[1][i], q->w[2][i]);
     const accels a = vehicle_accels(p, k, vehicle_slips(p, vx, vy, r, u), u.steer);
-    keep(q, i, vx + r_mul(h, a.x + r_mul(vy, r)), vy + r_mul(h, a.y - r_mul(vx, r)), r + r_mul(h, a.yaw));
+    keep_motion(q, i, vx + r_mul(h, a.x + r_mul(vy, r)), vy + r_mul(h, a.y - r_mul(vx, r)), r + r_mul(h, a.yaw));
   }
 }
 
@@ -29,11 +29,11 @@ static void step_all(const tse_params *p, tse_particles *q, inputs u0, inputs u1
     tse_real vx = q->x[0][i], vy = q->x[1][i], r = q->x[2][i];
     const stiffness k = vehicle_stiffness(p, q->w[0][i], q->w[1][i], q->w[2][i]);
     particle_step(p, &vx, &vy, &r, k, u0, u1, h);
-    keep(q, i, vx, vy, r);
+    keep_motion(q, i, vx, vy, r);
   }
 }
 
-void predict_state(const tse_params *p, tse_filter_paper *f, const sample *y)
+void paper_predict_state(const tse_params *p, tse_filter_paper *f, const sample *y)
 {
   const inputs last = { f->filter.steer, f->filter.v_front, f->filter.v_rear };
   if (p->integration == EULER) {

@@ -24,27 +24,27 @@
 #define TSE_INLINE static inline
 #endif
 
-#define paper_start       TSE_NAME(tse_paper_start)
-#define paper_place       TSE_NAME(tse_paper_place)
-#define paper_predict     TSE_NAME(tse_paper_predict)
-#define paper_update      TSE_NAME(tse_paper_update)
-#define predict_bias      TSE_NAME(tse_predict_bias)
-#define predict_state     TSE_NAME(tse_predict_state)
-#define common_of         TSE_NAME(tse_common_of)
-#define update_weights    TSE_NAME(tse_update_weights)
-#define normalise         TSE_NAME(tse_normalise)
-#define effective_size    TSE_NAME(tse_effective_size)
-#define resample          TSE_NAME(tse_resample)
-#define choose_ancestors  TSE_NAME(tse_choose_ancestors)
-#define keep_survivors    TSE_NAME(tse_keep_survivors)
-#define copy_particles    TSE_NAME(tse_copy_particles)
-#define draw_stiffness    TSE_NAME(tse_draw_stiffness)
-#define update_statistics TSE_NAME(tse_update_statistics)
-#define update_bias       TSE_NAME(tse_update_bias)
-#define forget            TSE_NAME(tse_forget)
-#define estimate          TSE_NAME(tse_estimate)
-#define weighted_means    TSE_NAME(tse_weighted_means)
-#define excitation        TSE_NAME(tse_excitation)
+#define paper_start             TSE_NAME(tse_paper_start)
+#define paper_place             TSE_NAME(tse_paper_place)
+#define paper_predict           TSE_NAME(tse_paper_predict)
+#define paper_update            TSE_NAME(tse_paper_update)
+#define paper_predict_bias      TSE_NAME(tse_paper_predict_bias)
+#define paper_predict_state     TSE_NAME(tse_paper_predict_state)
+#define paper_common_of         TSE_NAME(tse_paper_common_of)
+#define paper_update_weights    TSE_NAME(tse_paper_update_weights)
+#define paper_normalise         TSE_NAME(tse_paper_normalise)
+#define paper_effective_size    TSE_NAME(tse_paper_effective_size)
+#define paper_resample          TSE_NAME(tse_paper_resample)
+#define paper_choose_ancestors  TSE_NAME(tse_paper_choose_ancestors)
+#define paper_keep_survivors    TSE_NAME(tse_paper_keep_survivors)
+#define paper_copy_particles    TSE_NAME(tse_paper_copy_particles)
+#define paper_draw_stiffness    TSE_NAME(tse_paper_draw_stiffness)
+#define paper_update_statistics TSE_NAME(tse_paper_update_statistics)
+#define paper_update_bias       TSE_NAME(tse_paper_update_bias)
+#define paper_forget            TSE_NAME(tse_paper_forget)
+#define paper_estimate          TSE_NAME(tse_paper_estimate)
+#define paper_weighted_means    TSE_NAME(tse_paper_weighted_means)
+#define paper_excitation        TSE_NAME(tse_paper_excitation)
 
 #ifdef __cplusplus
 extern "C" {
@@ -141,37 +141,37 @@ void paper_start(const tse_params *p, tse_filter_paper *f, const sample *y);
 void paper_place(const tse_params *p, tse_filter_paper *f, const sample *y);
 
 /* bias.c        (18) / what particles have in common at a row, (19) and (22) / (19), given w */
-void predict_bias(const tse_params *p, tse_filter_paper *f, tse_real dt);
-common common_of(const tse_params *p, const tse_filter_paper *f, const sample *y);
-void update_bias(const tse_params *p, tse_filter_paper *f, const sample *y, const common *c);
+void paper_predict_bias(const tse_params *p, tse_filter_paper *f, tse_real dt);
+common paper_common_of(const tse_params *p, const tse_filter_paper *f, const sample *y);
+void paper_update_bias(const tse_params *p, tse_filter_paper *f, const sample *y, const common *c);
 
 /* move.c        (7): all particles from the last row's inputs to those of y */
-void predict_state(const tse_params *p, tse_filter_paper *f, const sample *y);
+void paper_predict_state(const tse_params *p, tse_filter_paper *f, const sample *y);
 
 /* weigh.c       (22), (23), normalised. Returned: log2 of the evidence of the sample, in SI units
- *               normalise: logw -= largest, weight = 2^logw, log_total. Returned: log2 of the largest weight */
-tse_real update_weights(const tse_params *p, tse_filter_paper *f, const sample *y, const common *c);
-tse_real normalise(const tse_params *p, tse_filter_paper *f);
+ *               paper_normalise: logw -= largest, weight = 2^logw, log_total. Returned: log2 of the largest weight */
+tse_real paper_update_weights(const tse_params *p, tse_filter_paper *f, const sample *y, const common *c);
+tse_real paper_normalise(const tse_params *p, tse_filter_paper *f);
 
 /* estimate.c    (26), (27) from the weighted set / N_eff / weighted means of rows */
-void estimate(const tse_params *p, const tse_filter_paper *f, tse_output *now);
-tse_real effective_size(const tse_params *p, const tse_filter_paper *f);
-void weighted_means(const tse_params *p, const tse_filter_paper *f, const tse_real *const *rows, int n, tse_real *means);
+void paper_estimate(const tse_params *p, const tse_filter_paper *f, tse_output *now);
+tse_real paper_effective_size(const tse_params *p, const tse_filter_paper *f);
+void paper_weighted_means(const tse_params *p, const tse_filter_paper *f, const tse_real *const *rows, int n, tse_real *means);
 
 /* resample.c    lines 9: copies in proportion to the weights, which are then equal
- *               choose_ancestors: ancestors (ascending) of n particles for weights whose largest is 1; then survivors keep their places */
-void resample(const tse_params *p, tse_filter_paper *f);
-void choose_ancestors(int32_t scheme, const tse_real *weight, int32_t n, const uint32_t seed[2], uint32_t step, uint16_t *ancestor);
-void keep_survivors(uint16_t *ancestor, uint16_t *copies, int32_t n);
-void copy_particles(tse_particles *q, const uint16_t *ancestor, int32_t n);
+ *               paper_choose_ancestors: ancestors (ascending) of n particles for weights whose largest is 1; then survivors keep their places */
+void paper_resample(const tse_params *p, tse_filter_paper *f);
+void paper_choose_ancestors(int32_t scheme, const tse_real *weight, int32_t n, const uint32_t seed[2], uint32_t step, uint16_t *ancestor);
+void paper_keep_survivors(uint16_t *ancestor, uint16_t *copies, int32_t n);
+void paper_copy_particles(tse_particles *q, const uint16_t *ancestor, int32_t n);
 
 /* learn.c       (25): draw w given y / (16): statistics given w / (17) */
-void draw_stiffness(const tse_params *p, tse_filter_paper *f, const sample *y, const common *c);
-void update_statistics(const tse_params *p, tse_filter_paper *f);
-void forget(const tse_params *p, tse_filter_paper *f, const sample *y, const tse_output *now);
+void paper_draw_stiffness(const tse_params *p, tse_filter_paper *f, const sample *y, const common *c);
+void paper_update_statistics(const tse_params *p, tse_filter_paper *f);
+void paper_forget(const tse_params *p, tse_filter_paper *f, const sample *y, const tse_output *now);
 
 /* row.c         which stiffness the recent inputs have excited */
-void excitation(const tse_params *p, tse_filter_paper *f, const sample *y, const tse_output *est, int32_t excited[3]);
+void paper_excitation(const tse_params *p, tse_filter_paper *f, const sample *y, const tse_output *est, int32_t excited[3]);
 
 static inline int32_t padded(int32_t n) { return (n + TSE_LANES - 1) / TSE_LANES * TSE_LANES; }
 

@@ -64,7 +64,7 @@ static void residual(const tse_real *weight, int32_t n, tse_acc total, const uin
   for (; j < n; j++) ancestor[j] = ancestor[j > 0 ? j - 1 : 0]; /* rounding may leave the last position uncovered */
 }
 
-void choose_ancestors(int32_t scheme, const tse_real *weight, int32_t n, const uint32_t seed[2], uint32_t step, uint16_t *ancestor)
+void paper_choose_ancestors(int32_t scheme, const tse_real *weight, int32_t n, const uint32_t seed[2], uint32_t step, uint16_t *ancestor)
 {
   tse_acc total = acc_zero(), sum = acc_zero();
   for (int32_t i = 0; i < n; i++) total = acc_add(total, weight[i]);
@@ -90,7 +90,7 @@ void choose_ancestors(int32_t scheme, const tse_real *weight, int32_t n, const u
 
 /* Rearrange ancestors so that whoever survives keeps its place: then the copy needs no second buffer, because places
  * that are written are never read. */
-void keep_survivors(uint16_t *ancestor, uint16_t *copies, int32_t n)
+void paper_keep_survivors(uint16_t *ancestor, uint16_t *copies, int32_t n)
 {
   for (int32_t i = 0; i < n; i++) copies[i] = 0;
   for (int32_t i = 0; i < n; i++) copies[ancestor[i]]++;
@@ -104,7 +104,7 @@ void keep_survivors(uint16_t *ancestor, uint16_t *copies, int32_t n)
   }
 }
 
-void copy_particles(tse_particles *p, const uint16_t *ancestor, int32_t n)
+void paper_copy_particles(tse_particles *p, const uint16_t *ancestor, int32_t n)
 {
 #define X(name, rows, unit, text)                                            \
   for (int r = 0; r < rows; r++)                                             \
@@ -127,11 +127,11 @@ static void scatter(const tse_params *p, tse_filter_paper *f)
   }
 }
 
-void resample(const tse_params *p, tse_filter_paper *f)
+void paper_resample(const tse_params *p, tse_filter_paper *f)
 {
-  choose_ancestors(p->resampling, f->weight, p->particles, p->seed, f->filter.step, f->ancestor);
-  keep_survivors(f->ancestor, f->copies, p->particles);
-  copy_particles(&f->p, f->ancestor, p->particles);
+  paper_choose_ancestors(p->resampling, f->weight, p->particles, p->seed, f->filter.step, f->ancestor);
+  paper_keep_survivors(f->ancestor, f->copies, p->particles);
+  paper_copy_particles(&f->p, f->ancestor, p->particles);
   for (int32_t i = 0; i < padded(p->particles); i++) {
     f->p.logw[0][i] = TSE_R(0);
     f->weight[i] = i < p->particles ? TSE_R(1) : TSE_R(0);

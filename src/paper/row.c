@@ -23,7 +23,7 @@ static tse_real fastest_wheel(const sample *y) { return r_max(r_abs(y->u.v_front
  * which must be below valid_sd^2 for the stiffness to be valid. It decides on nothing else.
  * The past is two memories long: velocity, once settled by a change, is remembered longer than the stiffness is.
  * Regressors are smoothed first: noise of a wheel-speed sensor looks like slip, but moves no car. */
-void excitation(const tse_params *p, tse_filter_paper *f, const sample *y, const tse_output *est, int32_t excited[3])
+void paper_excitation(const tse_params *p, tse_filter_paper *f, const sample *y, const tse_output *est, int32_t excited[3])
 {
   const slips s = vehicle_slips(p, est->vel_x, est->vel_y, est->yaw_rate, y->u);
   const observation o = particle_observation(particle_observation_gains(p, TSE_R(1), TSE_R(1)), s, y->u.steer);
@@ -43,7 +43,7 @@ void excitation(const tse_params *p, tse_filter_paper *f, const sample *y, const
 }
 
 /* Bring the particles to this row: start, predict, or start the states again. */
-static kind advance(const tse_params *p, tse_filter_paper *f, const sample *y)
+static kind advance_particles(const tse_params *p, tse_filter_paper *f, const sample *y)
 {
   tse_filter *const c = &f->filter;
   kind k = { 0, 0, 0, { 0, 0, 0 } };
@@ -60,7 +60,7 @@ static kind advance(const tse_params *p, tse_filter_paper *f, const sample *y)
   const int frozen = c->held_for > p->max_gap;
   k.gap = !frozen && (y->dt > p->max_gap || lost);
   if (!frozen && !k.gap) paper_predict(p, f, y);
-  else predict_bias(p, f, y->dt);
+  else paper_predict_bias(p, f, y->dt);
   if (k.gap) paper_place(p, f, y);
   return k;
 }
@@ -68,8 +68,8 @@ static kind advance(const tse_params *p, tse_filter_paper *f, const sample *y)
 /* The row's estimate where nothing is learnt; the next row is reached with the mean stiffness. */
 static void hold(const tse_params *p, tse_filter_paper *f, tse_output *now)
 {
-  now->n_eff = effective_size(p, f);
-  estimate(p, f, now);
+  now->n_eff = paper_effective_size(p, f);
+  paper_estimate(p, f, now);
   for (int a = 0; a < 3; a++)
     for (int32_t i = 0; i < padded(p->particles); i++) f->p.w[a][i] = f->p.mu[a][i];
 }
@@ -106,7 +106,7 @@ tse_status step_particles(const tse_params *p, tse_filter *c, const tse_input *u
   const tse_status refused = input_decode(p, c, u, &y);
   if (refused < 0) return refused; /* nothing has changed yet */
 
-  kind k = advance(p, f, &y);
+  kind k = advance_particles(p, f, &y);
   c->steer = y.u.steer;
   c->v_front = y.u.v_front;
   c->v_rear = y.u.v_rear;
@@ -115,7 +115,7 @@ tse_status step_particles(const tse_params *p, tse_filter *c, const tse_input *u
   if (k.held || k.predicted) hold(p, f, &now);
   else {
     paper_update(p, f, &y, &now, &evidence);
-    excitation(p, f, &y, &now, k.excited);
+    paper_excitation(p, f, &y, &now, k.excited);
     c->seen = r_min(c->seen + TSE_R(1), r_mul(TSE_R(5), p->memory));
   }
   for (int a = 0; a < 3; a++) now.noise[a] = now.change_ratio[a] = TSE_R(1);

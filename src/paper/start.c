@@ -12,7 +12,7 @@ static void normals(const tse_params *p, uint32_t step, int32_t i, tse_real n[6]
   }
 }
 
-static tse_real bounded(const tse_params *p, tse_real w) { return r_clamp(w, p->w_min, p->w_max); }
+static tse_real stiffness_bounded(const tse_params *p, tse_real w) { return r_clamp(w, p->w_min, p->w_max); }
 
 static tse_real wheel_speed(const sample *y) { return r_mul(TSE_R(0.5), y->u.v_front + y->u.v_rear); }
 
@@ -40,7 +40,7 @@ void paper_start(const tse_params *p, tse_filter_paper *f, const sample *y)
     normals(p, f->filter.step, i, n);
     for (int k = 0; k < 6; k++) f->p.lam[k][i] = s.lam[k];
     for (int a = 0; a < 3; a++) {
-      f->p.mu[a][i] = f->p.w[a][i] = bounded(p, s.mu[a] + r_mul(s.mu_sd[a], n[3 + a]));
+      f->p.mu[a][i] = f->p.w[a][i] = stiffness_bounded(p, s.mu[a] + r_mul(s.mu_sd[a], n[3 + a]));
       f->p.bias[a][i] = s.bias[a];
     }
     place(p, f, y, i, vel_x, n);

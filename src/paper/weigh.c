@@ -45,15 +45,15 @@ static void weigh_all(const tse_params *TSE_RESTRICT p, const common *TSE_RESTRI
   }
 }
 
-tse_real update_weights(const tse_params *p, tse_filter_paper *f, const sample *y, const common *c)
+tse_real paper_update_weights(const tse_params *p, tse_filter_paper *f, const sample *y, const common *c)
 {
   const tse_real before = f->log_total;
   weigh_all(p, c, y, &f->p);
-  const tse_real largest = normalise(p, f);
+  const tse_real largest = paper_normalise(p, f);
   return largest + f->log_total - before + log2_common(p, c, y);
 }
 
-tse_real normalise(const tse_params *p, tse_filter_paper *f)
+tse_real paper_normalise(const tse_params *p, tse_filter_paper *f)
 {
   tse_real *const logw = f->p.logw[0];
   const int32_t n = p->particles;

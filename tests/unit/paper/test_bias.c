@@ -1,4 +1,4 @@
-/* tests/unit/paper/test_bias.c <-> src/paper/bias.c: (18); and (17), forget() in learn.c. The update (19) together with the draw that it
+/* tests/unit/paper/test_bias.c <-> src/paper/bias.c: (18); and (17), paper_forget() in learn.c. The update (19) together with the draw that it
  * needs: test_learn.c. */
 #include "paper/paper.h"
 #include "unit_support.h"
@@ -36,7 +36,7 @@ static void forget_after(const tse_params *p, tse_filter_paper *f, tse_real dt, 
     now.stiffness[a] = y.use[a] = TSE_R(1);
     y.y[a] = real(off);
   }
-  forget(p, f, &y, &now);
+  paper_forget(p, f, &y, &now);
 }
 
 static void forget_for(const tse_params *p, tse_filter_paper *f, tse_real dt) { forget_after(p, f, dt, 0); }
@@ -203,8 +203,8 @@ static void test_bias_variance_grows_with_time_by_the_squared_walk(void)
   memset(&filter, 0x3c, sizeof filter);
   for (int a = 0; a < 3; a++) filter.bias_var[a] = real(start[a]);
   before = filter;
-  predict_bias(&p, &filter, real(0.02));
-  predict_bias(&p, &filter, real(0.5));
+  paper_predict_bias(&p, &filter, real(0.02));
+  paper_predict_bias(&p, &filter, real(0.5));
   for (int a = 0; a < 3; a++) {
     expect_near(start[a] + q[a] * 0.52, number(filter.bias_var[a]), REL, "variance", a);
     filter.bias_var[a] = before.bias_var[a];

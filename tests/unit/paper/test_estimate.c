@@ -72,12 +72,12 @@ static void expect_all_estimates(void)
   static const int diagonal[3] = { 0, 3, 5 };
   tse_output y;
   memset(&y, 0x7f, sizeof y);
-  estimate(&p, &f, &y);
+  paper_estimate(&p, &f, &y);
 
   long double squares = 0.0L;
   for (int32_t i = 0; i < p.particles; i++) squares += weight_of(i) * weight_of(i);
   const double n_eff = (double)(total() * total() / squares);
-  expect_near(n_eff, number(effective_size(&p, &f)), RELATIVE * n_eff, "n_eff", 0);
+  expect_near(n_eff, number(paper_effective_size(&p, &f)), RELATIVE * n_eff, "n_eff", 0);
 
   const double x[3] = { number(y.vel_x), number(y.vel_y), number(y.yaw_rate) };
   const double x_sd[3] = { number(y.vel_x_sd), number(y.vel_y_sd), number(y.yaw_rate_sd) };
@@ -124,7 +124,7 @@ static void test_weighted_means_are_those_of_any_rows(void)
   fill(&state, 1.0);
   const tse_real *const rows[4] = { f.p.w[1], f.p.x[0], f.p.lam[5], f.p.bias[2] };
   for (int32_t i = 0; i < TSE_STRIDE; i++) f.p.w[1][i] = real(i < 61 ? 0.01 * i : 1e6);
-  weighted_means(&p, &f, rows, 4, mean);
+  paper_weighted_means(&p, &f, rows, 4, mean);
   for (int k = 0; k < 4; k++) {
     const double expected = (double)mean_of(rows[k]);
     expect_near(expected, number(mean[k]), RELATIVE * (1.0 + fabs(expected)), "mean", k);
@@ -138,8 +138,8 @@ static void test_one_particle_with_all_the_weight_is_the_estimate(void)
   start(40);
   fill(&state, 1.0);
   for (int32_t i = 0; i < 40; i++) f.weight[i] = i == 33 ? TSE_R(1) : TSE_R(0);
-  estimate(&p, &f, &y);
-  expect_near(1.0, number(effective_size(&p, &f)), RELATIVE, "n_eff", 0);
+  paper_estimate(&p, &f, &y);
+  expect_near(1.0, number(paper_effective_size(&p, &f)), RELATIVE, "n_eff", 0);
   expect_near(number(f.p.x[0][33]), number(y.vel_x), 20.0 * RELATIVE, "vel_x", 0);
   /* what is left of a difference of squares: sqrt(ulp) of the distance to the first particle */
   expect_near(0.0, number(y.vel_x_sd), 2.0 * sqrt(BY_FORMAT(2.3e-16, 1.2e-7)), "vel_x_sd", 0);
@@ -153,7 +153,7 @@ static void test_equal_weights_give_the_number_of_particles_as_effective_size(vo
   start(133);
   fill(&state, 1.0);
   for (int32_t i = 0; i < 133; i++) f.weight[i] = TSE_R(1);
-  expect_near(133.0, number(effective_size(&p, &f)), 133.0 * RELATIVE, "n_eff", 0);
+  expect_near(133.0, number(paper_effective_size(&p, &f)), 133.0 * RELATIVE, "n_eff", 0);
 }
 
 static void test_identical_particles_have_no_spread_of_their_own(void)
@@ -169,7 +169,7 @@ static void test_identical_particles_have_no_spread_of_their_own(void)
       f.p.bias[a][i] = f.p.bias[a][0];
     }
   }
-  estimate(&p, &f, &y);
+  paper_estimate(&p, &f, &y);
   expect_near(0.0, number(y.vel_x_sd), 0.0, "vel_x_sd", 0);
   expect_near(number(f.p.x[0][0]), number(y.vel_x), 0.0, "vel_x", 0);
   expect_near(number(p.sd[1]) * sqrt(0.08), number(y.bias_sd[1]), RELATIVE, "bias_sd is that of the Kalman filter", 1);
@@ -185,7 +185,7 @@ static void test_millimetres_a_second_on_twenty_metres_a_second_survive(void)
   start(500);
   fill(&state, 0.005);
   expect_all_estimates();
-  estimate(&p, &f, &y);
+  paper_estimate(&p, &f, &y);
   const double sd = (double)sqrtl(variance_of(f.p.x[0]));
   TEST_ASSERT_TRUE(sd > 0.002 && sd < 0.004);
   expect_near(sd, number(y.vel_x_sd), BY_FORMAT(1e-12, 1e-3) * sd, "vel_x_sd", 0);
@@ -203,14 +203,14 @@ static void test_sideslip_is_zero_at_standstill_and_right_in_every_quadrant(void
       f.p.x[0][i] = real(v[k][0]);
       f.p.x[1][i] = real(v[k][1]);
     }
-    estimate(&p, &f, &y);
+    paper_estimate(&p, &f, &y);
     expect_near(atan2(v[k][1], v[k][0]), number(y.sideslip), BY_FORMAT(1e-13, 1e-6), "sideslip", k);
   }
   for (int32_t i = 0; i < 16; i++) {
     f.p.x[0][i] = real(-0.009);
     f.p.x[1][i] = real(0.009);
   }
-  estimate(&p, &f, &y);
+  paper_estimate(&p, &f, &y);
   expect_near(0.0, number(y.sideslip), 0.0, "sideslip at standstill", 0);
 }
 
@@ -222,7 +222,7 @@ static void test_estimating_changes_neither_particles_nor_weights(void)
   start(50);
   fill(&state, 1.0);
   memcpy(&before, &f, sizeof f);
-  estimate(&p, &f, &y);
+  paper_estimate(&p, &f, &y);
   TEST_ASSERT_EQUAL_MEMORY(&before, &f, sizeof f);
 }
 

@@ -61,10 +61,10 @@ static sample row(const tse_params *p, const double u[3], const double y[3], int
 /* As paper_update() does it. */
 static void learn(const tse_params *p, const sample *y)
 {
-  const common c = common_of(p, &f, y);
-  draw_stiffness(p, &f, y, &c);
-  update_statistics(p, &f);
-  update_bias(p, &f, y, &c);
+  const common c = paper_common_of(p, &f, y);
+  paper_draw_stiffness(p, &f, y, &c);
+  paper_update_statistics(p, &f);
+  paper_update_bias(p, &f, y, &c);
 }
 
 /* ---------------------------------------------------------------------------------------- (25) */

@@ -27,7 +27,7 @@ static void propagate(const tse_params *p, tse_filter_paper *f, inputs u, tse_re
   memset(&y, 0, sizeof y);
   y.u = u;
   y.dt = dt;
-  predict_state(p, f, &y);
+  paper_predict_state(p, f, &y);
 }
 
 static inputs inputs_of(double steer, double v_front, double v_rear)

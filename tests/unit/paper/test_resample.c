@@ -41,7 +41,7 @@ static void draw(int32_t scheme, int32_t n, uint32_t step)
 {
   for (int32_t i = 0; i < n; i++) ancestor[i] = 0xffffu;
   ancestor[n] = 0xbeefu;
-  choose_ancestors(scheme, weight, n, seed, step, ancestor);
+  paper_choose_ancestors(scheme, weight, n, seed, step, ancestor);
   TEST_ASSERT_EQUAL_HEX16(0xbeefu, ancestor[n]);
   for (int32_t i = 0; i < n; i++) copies[i] = 0;
   for (int32_t k = 0; k < n; k++) {
@@ -266,7 +266,7 @@ static void test_survivors_keep_their_places_and_the_multiset_stays(void)
     int32_t after[TSE_STRIDE] = { 0 };
     random_weights(n, &state, step % 7 * 2.0);
     draw((int32_t)(step % SCHEMES), n, step);
-    keep_survivors(ancestor, copies_work, n);
+    paper_keep_survivors(ancestor, copies_work, n);
     for (int32_t i = 0; i < n; i++) {
       TEST_ASSERT_TRUE(ancestor[i] < n);
       after[ancestor[i]]++;
@@ -280,7 +280,7 @@ static void test_one_survivor_fills_all_places(void)
 {
   for (int32_t who = 0; who < 40; who += 13) {
     for (int32_t i = 0; i < 40; i++) ancestor[i] = (uint16_t)who;
-    keep_survivors(ancestor, copies_work, 40);
+    paper_keep_survivors(ancestor, copies_work, 40);
     for (int32_t i = 0; i < 40; i++) TEST_ASSERT_EQUAL_UINT16(who, ancestor[i]);
   }
 }
@@ -295,7 +295,7 @@ static void test_copying_moves_every_field_of_a_particle_and_leaves_the_padding(
   uint32_t state = 41;
   random_weights(n, &state, 2.0);
   draw(SYSTEMATIC, n, 1);
-  keep_survivors(ancestor, copies_work, n);
+  paper_keep_survivors(ancestor, copies_work, n);
 
   int field = 0;
 #define X(name, rows, unit, text)                                                          \
@@ -305,7 +305,7 @@ static void test_copying_moves_every_field_of_a_particle_and_leaves_the_padding(
   TSE_PARTICLE_FIELDS(X)
 #undef X
 
-  copy_particles(&q, ancestor, n);
+  paper_copy_particles(&q, ancestor, n);
 
   field = 0;
 #define X(name, rows, unit, text)                                                          \
@@ -352,7 +352,7 @@ static void test_a_kernel_scales_lambda_by_a_factor_of_mean_one(void)
       f.weight[i] = TSE_R(1);
       for (int m = 0; m < 6; m++) f.p.lam[m][i] = real(0.25 * (m + 1));
     }
-    resample(&p, &f);
+    paper_resample(&p, &f);
     for (int32_t i = 0; i < p.particles; i++) {
       const double scale = number(f.p.lam[0][i]) / 0.25;
       for (int m = 1; m < 6; m++) expect_near(scale * 0.25 * (m + 1), number(f.p.lam[m][i]), BY_FORMAT(1e-14, 1e-6), "shape", i);

@@ -240,7 +240,7 @@ static void test_a_gap_restarts_the_states_and_keeps_the_statistics(void)
   TEST_ASSERT_TRUE(number(y.vel_x_sd) > 0.03);
   for (int a = 0; a < 3; a++) { /* one row's learning, no more */
     tse_output was;
-    estimate(&p, &before, &was);
+    paper_estimate(&p, &before, &was);
     expect_near(number(was.stiffness[a]), number(y.stiffness[a]), 0.05, "stiffness", a);
   }
   /* without any measurement not a bit of the statistics moves */
@@ -662,7 +662,7 @@ static void test_excitation_is_the_variance_of_the_regressor_over_noise_and_spre
       const double left = 1.0 - 1.0 / 200.0, sq = 4.0 * left, var = sq - pow(0.25 * left, 2.0); /* over two memories */
       const double noise = 1.0 + sq * 0.01, signal = number(own.memory) * var;
       own.valid_var = real(noise / signal * (k ? 1.001 : 0.999));
-      excitation(&own, &f, &y, &est, excited);
+      paper_excitation(&own, &f, &y, &est, excited);
       TEST_ASSERT_EQUAL_INT(k, excited[a]);
     }
 }

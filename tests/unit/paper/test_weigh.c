@@ -69,11 +69,11 @@ static sample row(const tse_params *p, const double u[3], const double y[3], int
 
 static tse_real weighed(const tse_params *p, const sample *y) /* as paper_update() calls it */
 {
-  const common c = common_of(p, &f, y);
-  return update_weights(p, &f, y, &c);
+  const common c = paper_common_of(p, &f, y);
+  return paper_update_weights(p, &f, y, &c);
 }
 
-/* log density [nat, SI] of the sample under particle i: what update_weights() adds to a log-weight that was 0. */
+/* log density [nat, SI] of the sample under particle i: what paper_update_weights() adds to a log-weight that was 0. */
 static double log_density(int32_t i, tse_real log2_evidence)
 {
   return LN2 * (number(f.p.logw[0][i]) + number(log2_evidence) - number(f.log_total)) + log(WEIGH_PARTICLES);
@@ -234,7 +234,7 @@ static void test_weights_that_are_no_numbers_count_as_equal(void)
   for (int how = 0; how < 2; how++) {
     fill(&p, c);
     for (int32_t i = 0; i < 16; i++) f.p.logw[0][i] = real(how ? (double)NAN : (double)-INFINITY);
-    (void)normalise(&p, &f);
+    (void)paper_normalise(&p, &f);
     for (int32_t i = 0; i < 16; i++) expect_near(1.0, number(f.weight[i]), 0.0, "weight", i);
     expect_near(4.0, number(f.log_total), 0.0, "log2 of their sum", how);
   }

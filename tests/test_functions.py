@@ -1,0 +1,35 @@
+"""A name of src/ is that of one function: what a debugger, a search and a reader find is the same. Alternatives that the
+preprocessor chooses between stand in one file."""
+
+import re
+from collections import defaultdict
+from pathlib import Path
+
+SRC = Path(__file__).resolve().parents[1] / "src"
+HEAD = r"^(?!typedef\b|enum\b|extern\b)[A-Za-z_][\w *]*?\b(\w+)\([^;{}]*\)(?:\s*/\*[^\n]*\*/)?"
+BODY = r"(?:\s*\{.*\}[^\n]*|\s*\{[^\n]*\n(?:[^}\n][^\n]*\n|\n)*\})"  # in one line, or to the first brace in column 0
+FUNCTION = re.compile(HEAD + BODY, re.M)
+FORMATS = {"number/fixed.c", "number/real_ops.h"}  # the same operations for each number format
+
+
+def functions():
+    """(file, name, lines) of every function that is defined."""
+    for path in sorted(SRC.rglob("*.[ch]")):
+        for found in FUNCTION.finditer(path.read_text()):
+            yield path.relative_to(SRC).as_posix(), found[1], found[0].count("\n") + 1
+
+
+def test_every_function_is_seen():
+    """Every brace in column 0 that ends a function belongs to one that was found."""
+    for path in sorted(SRC.rglob("*.[ch]")):
+        text = path.read_text()
+        found = [x for x in FUNCTION.finditer(text) if x[0].endswith("\n}")]
+        assert len(found) == len(re.findall(r"^\{$", text, re.M)), path
+
+
+def test_no_two_files_define_functions_of_one_name():
+    files = defaultdict(set)
+    for file, name, _ in functions():
+        files[name].add(file)
+    twice = {name: sorted(where) for name, where in files.items() if len(where) > 1 and where != FORMATS}
+    assert not twice
