@@ -70,7 +70,10 @@ static void drive(const char *name, void (*settings)(tse_config *c), const tse_i
   settings(&c);
   c.particles = 50;
 #if !defined(TSE_NO_EFFECTS)
-  if (told) { c.body_roll_gain = TSE_S(0.01); c.relaxation_length = TSE_S(0.3); }
+  if (told) {
+    c.body_roll_gain = TSE_S(0.01);
+    c.relaxation_length = TSE_S(0.3);
+  }
 #else
   (void)told;
 #endif

@@ -37,7 +37,10 @@ static void calibrate(void)
   calibration = since(start);
 }
 
-typedef struct tally { uint32_t rows, longest, longest_at, shortest; uint64_t sum; } tally;
+typedef struct tally {
+  uint32_t rows, longest, longest_at, shortest;
+  uint64_t sum;
+} tally;
 
 static int step(const tse_input *u, tally *t)
 {
@@ -101,7 +104,12 @@ static int32_t noise(int32_t n)
 
 static tse_real thousandths(int32_t n) { return (tse_real)(n * TSE_R(0.001)); }
 
-enum { LONG, SLOW, ABSURD, BREAKS, MISSING, KINDS };
+enum { LONG,
+       SLOW,
+       ABSURD,
+       BREAKS,
+       MISSING,
+       KINDS };
 static const char *const kind_names[KINDS] = { "long", "slow", "absurd", "breaks", "missing" };
 enum { OF_EACH = 250 };
 
@@ -123,7 +131,8 @@ static void odd_row(int kind, int k, tse_input *u)
     if (k % 50 > 40) u->wheel_speed_front = thousandths(90000);
     if (k % 70 > 60) u->accel_y = thousandths(noise(30000));
   }
-  if (kind == BREAKS) u->dt = k % 9 == 0 ? TSE_R(100) : k % 5 == 0 ? TSE_R(0.11) : thousandths(100);
+  if (kind == BREAKS) u->dt = k % 9 == 0 ? TSE_R(100) : k % 5 == 0 ? TSE_R(0.11)
+                                                                   : thousandths(100);
   if (kind == MISSING) u->missing = (uint32_t)(noise(31) + 31) & 63u;
 }
 

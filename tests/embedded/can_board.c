@@ -5,7 +5,10 @@
 #include "port.h"
 #include "replay_hash.h"
 
-static const struct { uint16_t period; can_frame frame; } bus[] = {
+static const struct {
+  uint16_t period;
+  can_frame frame;
+} bus[] = {
 #define FRAME(period, id, a, b, c, d, e, f, g, h) { period, { id, { a, b, c, d, e, f, g, h } } },
 #include "frames.h"
 #undef FRAME

@@ -6,7 +6,8 @@
 
 extern uint32_t stack_top[], stack_bottom[], data_from[], data_start[], data_end[], bss_start[], bss_end[];
 
-enum { SYS_WRITE0 = 4, SYS_EXIT = 0x18 }; /* Arm: Semihosting for AArch32 and AArch64 */
+enum { SYS_WRITE0 = 4,
+       SYS_EXIT = 0x18 }; /* Arm: Semihosting for AArch32 and AArch64 */
 #define EXIT_WELL 0x20026u                /* ADP_Stopped_ApplicationExit    */
 #define EXIT_BADLY 0x20024u               /* ADP_Stopped_InternalError      */
 
@@ -107,7 +108,20 @@ static void start(void)
 }
 
 __attribute__((section(".vectors"), used)) static const void *const vectors[16] = {
-  stack_top, (const void *)start, (const void *)failed, (const void *)failed, (const void *)failed, (const void *)failed,
-  (const void *)failed, (const void *)failed, NULL, NULL, NULL, (const void *)failed, (const void *)failed, NULL,
-  (const void *)failed, (const void *)on_systick,
+  stack_top,
+  (const void *)start,
+  (const void *)failed,
+  (const void *)failed,
+  (const void *)failed,
+  (const void *)failed,
+  (const void *)failed,
+  (const void *)failed,
+  NULL,
+  NULL,
+  NULL,
+  (const void *)failed,
+  (const void *)failed,
+  NULL,
+  (const void *)failed,
+  (const void *)on_systick,
 };

@@ -20,7 +20,10 @@ typedef tse_real drive_number;
 static tse_real drive_real(drive_number n) { return n; }
 #endif
 
-typedef struct drive_row { drive_number of[7]; uint8_t missing; } drive_row;
+typedef struct drive_row {
+  drive_number of[7];
+  uint8_t missing;
+} drive_row;
 
 static const drive_row drive_table[] = {
 #define ROW(dt, steer, front, rear, ax, ay, r, missing) \

@@ -22,7 +22,9 @@ extern uint64_t qemu_plugin_tb_vaddr(const struct qemu_plugin_tb *tb);
 int qemu_plugin_version = 1;
 
 enum { BLOCKS = 1 << 16 };
-typedef struct block { uint64_t at, instructions, times; } block;
+typedef struct block {
+  uint64_t at, instructions, times;
+} block;
 static block blocks[BLOCKS];
 static uint64_t mark, from, to, passes;
 static char out[4096];

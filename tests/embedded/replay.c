@@ -9,7 +9,9 @@
 #include "port.h"
 #include "replay_hash.h"
 
-enum { PART = 200, PARTICLES = 150, SCHEMES = 4 };
+enum { PART = 200,
+       PARTICLES = 150,
+       SCHEMES = 4 };
 
 #if defined(ALL_FORMS)
 static tse_filter_paper memory;

@@ -205,7 +205,10 @@ static void need(fmi2Status status, const char *call)
 /* ---- columns */
 
 enum { MOST = 1024 };
-typedef struct column { char type; fmi2ValueReference vr; } column;
+typedef struct column {
+  char type;
+  fmi2ValueReference vr;
+} column;
 static column inputs[MOST], outputs[MOST];
 static int input_count, output_count;
 
@@ -260,7 +263,8 @@ static const char *number(const char *text, double *value, int *given)
 static fmi2Status put(void *c, column v, double value)
 {
   const int i = v.type == 'r' ? 0 : (int)value;
-  return v.type == 'r' ? set_real(c, v.vr, value) : v.type == 'i' ? set_integer(c, v.vr, i) : set_boolean(c, v.vr, i != 0);
+  return v.type == 'r' ? set_real(c, v.vr, value) : v.type == 'i' ? set_integer(c, v.vr, i)
+                                                                  : set_boolean(c, v.vr, i != 0);
 }
 
 static void print_bits(FILE *to, double x)

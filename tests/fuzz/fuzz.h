@@ -29,7 +29,10 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
 
 /* ---- bytes; behind the last all are 0 */
 
-typedef struct bytes { const uint8_t *at; size_t left; } bytes;
+typedef struct bytes {
+  const uint8_t *at;
+  size_t left;
+} bytes;
 
 static inline uint32_t take(bytes *b, int count)
 {
@@ -56,7 +59,12 @@ static inline double number(tse_real x) { return tse_double_of(x); }
 
 /* ---- settings */
 
-typedef struct setting { const char *name; size_t offset; int whole; double lo, hi, def; } setting;
+typedef struct setting {
+  const char *name;
+  size_t offset;
+  int whole;
+  double lo, hi, def;
+} setting;
 
 static const setting settings[] = {
 #define REAL(name, def, lo, hi, unit, text) { #name, offsetof(tse_config, name), 0, lo, hi, def },
@@ -114,7 +122,10 @@ static inline void take_settings(bytes *b, tse_config *c, int hostile)
 
 /* ---- rows: a plausible drive, and what may happen to it */
 
-typedef struct road { double time, speed, steer, pace, slip, yaw_offset, noise; uint32_t word; } road;
+typedef struct road {
+  double time, speed, steer, pace, slip, yaw_offset, noise;
+  uint32_t word;
+} road;
 
 static inline road road_of(bytes *b)
 {

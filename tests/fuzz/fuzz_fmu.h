@@ -39,7 +39,9 @@ static inline size_t serialized(fmi2Component c, fmi2Byte *at, size_t most)
   MUST(fmi2SerializeFMUstate(c, state, at, count) == fmi2OK && fmi2FreeFMUstate(c, &state) == fmi2OK, "no bytes: %s", last_text);
   return count;
 }
-enum { MOST_BYTES = 1 << 18, FRAME = 32, SUM = 24 }; /* bytes of a state, of the frame before its content, to the sum in it: fmu/glue/glue.c */
+enum { MOST_BYTES = 1 << 18,
+       FRAME = 32,
+       SUM = 24 }; /* bytes of a state, of the frame before its content, to the sum in it: fmu/glue/glue.c */
 
 /* The same without frame and checksum, which cost more than all calls together: a saved state holds, a few words behind its beginning,
  * what is serialized. */
@@ -91,7 +93,8 @@ static inline fmi2Status set_one(fmi2Component c, bytes *b, uint32_t which)
   const double x = take_value(b, v);
   const fmi2Integer k = x > -2147483648.0 && x < 2147483647.0 ? (fmi2Integer)x : 0;
   const fmi2Boolean flag = k > 0;
-  return v->kind == 'r' ? fmi2SetReal(c, &vr, 1, &x) : v->kind == 'i' ? fmi2SetInteger(c, &vr, 1, &k) : fmi2SetBoolean(c, &vr, 1, &flag);
+  return v->kind == 'r' ? fmi2SetReal(c, &vr, 1, &x) : v->kind == 'i' ? fmi2SetInteger(c, &vr, 1, &k)
+                                                                      : fmi2SetBoolean(c, &vr, 1, &flag);
 }
 
 static inline double clock_of(fmi2Component c)

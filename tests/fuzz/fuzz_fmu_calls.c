@@ -2,7 +2,10 @@
  * refused with one sentence and nothing changed; what is put out are numbers. */
 #include "fuzz_fmu.h"
 
-typedef struct slot { fmi2Component c; fmi2FMUstate kept; } slot;
+typedef struct slot {
+  fmi2Component c;
+  fmi2FMUstate kept;
+} slot;
 static fmi2Byte before[MOST_BYTES], after[MOST_BYTES], kept_bytes[MOST_BYTES];
 static size_t kept_count;
 
@@ -86,7 +89,9 @@ static fmi2Status call(bytes *b, slot *s, slot *other)
       fmi2Integer k;
       return fmi2GetIntegerStatus(c, (fmi2StatusKind)(take(b, 1) % 4), &k);
     }
-    case 20: case 21: case 22: return set_one(c, b, take(b, 2));
+    case 20:
+    case 21:
+    case 22: return set_one(c, b, take(b, 2));
     default: { /* inputs, then a step or a few */
       fmi2Status status = fmi2OK;
       for (int32_t i = 0; i < fmu_variable_count; i++)

@@ -81,17 +81,35 @@ static uint64_t run(const uint8_t *data, size_t size)
     const uint32_t what = take(&b, 1);
     tse_input u = road_row(&r, tse_double_of_setting(d.c.sample_time));
     switch (what & 15u) {
-      case 0: case 1: case 2: /* on and on */
+      case 0:
+      case 1:
+      case 2: /* on and on */
         for (uint32_t k = 0; k < 1 + (what >> 3); k++) {
           u = road_row(&r, tse_double_of_setting(d.c.sample_time));
           step(&u);
         }
         break;
-      case 3: u = wild_row(&b, 1.0); step(&u); break;
-      case 4: u = wild_row(&b, 1.1); u.dt = real_of(take_between(&b, 0, 0.2)); step(&u); break;
-      case 5: *channel_of(&u, take(&b, 1)) = real_of(take_odd(&b)); step(&u); break;
-      case 6: u.missing = take(&b, 1); step(&u); break;
-      case 7: u.dt = real_of(what & 16u ? take_odd(&b) : pow(10, take_between(&b, -4, 3.6))); step(&u); break;
+      case 3:
+        u = wild_row(&b, 1.0);
+        step(&u);
+        break;
+      case 4:
+        u = wild_row(&b, 1.1);
+        u.dt = real_of(take_between(&b, 0, 0.2));
+        step(&u);
+        break;
+      case 5:
+        *channel_of(&u, take(&b, 1)) = real_of(take_odd(&b));
+        step(&u);
+        break;
+      case 6:
+        u.missing = take(&b, 1);
+        step(&u);
+        break;
+      case 7:
+        u.dt = real_of(what & 16u ? take_odd(&b) : pow(10, take_between(&b, -4, 3.6)));
+        step(&u);
+        break;
       case 8: /* stuck: one channel, or all */
         for (uint32_t k = 0, which = take(&b, 1); k < 1 + (what >> 4); k++) {
           u = road_row(&r, tse_double_of_setting(d.c.sample_time));
@@ -108,7 +126,9 @@ static uint64_t run(const uint8_t *data, size_t size)
       case 14: /* a channel that jumps from one end to the other */
         for (uint32_t k = 0, which = take(&b, 1); k < 1 + (what >> 5); k++) {
           u = road_row(&r, tse_double_of_setting(d.c.sample_time));
-          *channel_of(&u, which) = real_of((k & 1u ? -1 : 1) * (which % TSE_CHANNELS == 0 ? 1.2 : which % TSE_CHANNELS < 3 ? 400 : which % TSE_CHANNELS < 5 ? 50 : 6));
+          *channel_of(&u, which) = real_of((k & 1u ? -1 : 1) * (which % TSE_CHANNELS == 0 ? 1.2 : which % TSE_CHANNELS < 3 ? 400
+                                                                                              : which % TSE_CHANNELS < 5   ? 50
+                                                                                                                           : 6));
           step(&u);
         }
         break;

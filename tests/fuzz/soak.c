@@ -27,7 +27,7 @@ enum {
 #define X(name, text) EVENT_##name,
   EVENTS(X)
 #undef X
-  KINDS
+      KINDS
 };
 static const char *const names[] = {
 #define X(name, text) #name,
@@ -59,10 +59,16 @@ static void count_regime(const tse_output *y, tse_status status)
   out_of_range += status == TSE_W_RANGE;
 }
 
-typedef struct tally { uint64_t rows, refused, valid, no_number, unsound, recoveries, false_recoveries; } tally;
+typedef struct tally {
+  uint64_t rows, refused, valid, no_number, unsound, recoveries, false_recoveries;
+} tally;
 static tally all[KINDS];
 
-typedef struct event { int kind; double from, to, size; uint32_t channel; } event;
+typedef struct event {
+  int kind;
+  double from, to, size;
+  uint32_t channel;
+} event;
 
 static event any_event(uint32_t drive)
 {

@@ -4,8 +4,14 @@
 
 int main(void)
 {
-  static tse_filter f;  tse_config c;  tse_params p;  tse_output y;                 /* the caller owns all memory */
-  tse_sim car;  tse_sim_config truth;  tse_sim_output log;  tse_sim_input drive = { .dt = TSE_R(0.01), .road_level = TSE_R(1) };
+  static tse_filter f;
+  tse_config c;
+  tse_params p;
+  tse_output y;                 /* the caller owns all memory */
+  tse_sim car;
+  tse_sim_config truth;
+  tse_sim_output log;
+  tse_sim_input drive = { .dt = TSE_R(0.01), .road_level = TSE_R(1) };
 
   tse_config_default(&c);
   c.initial_cx_front = c.initial_cy_front = c.initial_cy_rear = 0.7;                /* start 30 % too low */

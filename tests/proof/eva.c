@@ -16,8 +16,16 @@
 #include "__fc_builtin.h"
 
 /* Any value that a square root may have: what is asked here does not depend on it. */
-double sqrt(double x) { (void)x; return Frama_C_double_interval(0.0, 1e308); }
-float sqrtf(float x) { (void)x; return Frama_C_float_interval(0.0f, 1e38f); }
+double sqrt(double x)
+{
+  (void)x;
+  return Frama_C_double_interval(0.0, 1e308);
+}
+float sqrtf(float x)
+{
+  (void)x;
+  return Frama_C_float_interval(0.0f, 1e38f);
+}
 
 #if defined(TSE_REAL_FIXED) /* any number that an operation may give: `+` is native, and says nothing when it overflows */
 #include "number/real_ops.h"

@@ -13,7 +13,10 @@
 #include "tse/tse.h"
 #include "tse/convert.h"
 
-enum { REPLAY_ROWS_MOST = 4000, REPLAY_EVERY = 25, REPLAY_PARTICLES = 150, REPLAY_SCHEMES = 4 };
+enum { REPLAY_ROWS_MOST = 4000,
+       REPLAY_EVERY = 25,
+       REPLAY_PARTICLES = 150,
+       REPLAY_SCHEMES = 4 };
 
 /* Of which time the estimates are is none of them: no channel is late here. */
 enum { /* columns of the golden table */
@@ -23,7 +26,7 @@ enum { /* columns of the golden table */
 #include "tse/output.def"
 #undef OUT_REAL
 #undef OUT_INT
-  REPLAY_COLUMNS
+       REPLAY_COLUMNS
 };
 
 static const char *const replay_names[] = {
@@ -82,12 +85,19 @@ static inline void replay_uncalibrated(tse_config *c)
   tse_config_uncalibrated(c);
 }
 
-typedef struct replay_form { const char *name; void (*settings)(tse_config *c); } replay_form;
+typedef struct replay_form {
+  const char *name;
+  void (*settings)(tse_config *c);
+} replay_form;
 static const replay_form replay_forms[] = {
-  { "default", tse_config_default }, { "robust", tse_config_robust }, { "paper", tse_config_paper },
+  { "default", tse_config_default },
+  { "robust", tse_config_robust },
+  { "paper", tse_config_paper },
   { "uncalibrated", replay_uncalibrated }, /* the default form, of a car that nobody has calibrated: all that is uncertain is considered */
 };
-enum { REPLAY_FORMS = 4, REPLAY_HASHES = REPLAY_FORMS * REPLAY_SCHEMES, REPLAY_STATUSES = 8 };
+enum { REPLAY_FORMS = 4,
+       REPLAY_HASHES = REPLAY_FORMS * REPLAY_SCHEMES,
+       REPLAY_STATUSES = 8 };
 
 /* A form's settings, but fewer particles than a multiple of eight, so that padding takes part.
  * Returned: hash of every output of every row; table: each REPLAY_EVERY-th row, unless NULL; met: rows by status, unless

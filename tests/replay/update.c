@@ -14,7 +14,9 @@ static double torque_at(double t)
   return t > 27.5 && t < 28.5 ? -600.0 : 0.0;
 }
 
-static double brake_at(double t) { return t < 1.5 ? 500.0 : t > 21.0 && t < 27.5 ? 2200.0 : t > 28.5 ? 800.0 : 0.0; }
+static double brake_at(double t) { return t < 1.5 ? 500.0 : t > 21.0 && t < 27.5 ? 2200.0
+                                                        : t > 28.5               ? 800.0
+                                                                                 : 0.0; }
 
 static double steer_at(double t)
 {

@@ -216,7 +216,10 @@ static inline fmi2Component stepping(void)
 
 /* ---- the whole state as bytes, for comparisons; the caller frees it */
 
-typedef struct saved_bytes { fmi2Byte *at; size_t count; } saved_bytes;
+typedef struct saved_bytes {
+  fmi2Byte *at;
+  size_t count;
+} saved_bytes;
 
 static inline saved_bytes bytes_of(fmi2Component c)
 {

@@ -3,8 +3,13 @@
 
 /* ---- every function in every phase */
 
-enum { BEFORE = 1, INIT = 2, STEPS = 4, ENDED = 8 };
-static const struct { int phase; const char *words;
+enum { BEFORE = 1,
+       INIT = 2,
+       STEPS = 4,
+       ENDED = 8 };
+static const struct {
+  int phase;
+  const char *words;
 } phases[] = {
   { BEFORE, "before initialization" },
   { INIT, "in initialization mode" },
@@ -70,7 +75,11 @@ static fmi2Status call_real_status(fmi2Component c)
 }
 static fmi2Status call_directional(fmi2Component c) { return fmi2GetDirectionalDerivative(c, NULL, 0, NULL, 0, NULL, NULL); }
 
-static const struct { const char *name; int allowed; fmi2Status (*call)(fmi2Component); } functions[] = {
+static const struct {
+  const char *name;
+  int allowed;
+  fmi2Status (*call)(fmi2Component);
+} functions[] = {
   { "fmi2SetupExperiment", BEFORE, call_setup },
   { "fmi2EnterInitializationMode", BEFORE, fmi2EnterInitializationMode },
   { "fmi2ExitInitializationMode", INIT, fmi2ExitInitializationMode },
@@ -177,7 +186,11 @@ static void test_a_component_that_is_none_is_an_error_and_touches_nothing(void)
 static void test_an_instantiation_that_is_refused_says_why(void)
 {
   static const char name[] = "car 7";
-  const struct { const char *name, *guid; fmi2Type type; const char *words; } cases[] = {
+  const struct {
+    const char *name, *guid;
+    fmi2Type type;
+    const char *words;
+  } cases[] = {
     { NULL, FMU_GUID, fmi2CoSimulation, "instance name" },
     { "", FMU_GUID, fmi2CoSimulation, "instance name" },
     { name, FMU_GUID, fmi2ModelExchange, "only co-simulation" },
@@ -358,7 +371,7 @@ static void test_the_communication_point_may_be_off_by_what_summing_costs_and_no
   fmi2Component const c = stepping();
   stepped(c, 0, 2);
   saved_bytes before = bytes_of(c);
-  const double bad[] = { 0.0,   STEP, 3 * STEP, 2 * STEP + 0.011 * STEP, 2 * STEP - 0.011 * STEP, (double)NAN, (double)INFINITY,
+  const double bad[] = { 0.0, STEP, 3 * STEP, 2 * STEP + 0.011 * STEP, 2 * STEP - 0.011 * STEP, (double)NAN, (double)INFINITY,
                          -1e300 };
   for (int i = 0; i < COUNT(bad); i++) {
     REFUSED(fmi2DoStep(c, bad[i], STEP, fmi2True), "currentCommunicationPoint", "0.02");

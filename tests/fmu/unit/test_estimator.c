@@ -307,11 +307,21 @@ static void test_before_the_first_sample_outputs_say_what_the_settings_say(void)
 }
 
 /* Which inputs are wrong in step k of a fault; the text that must be said. */
-typedef struct fault { const char *name; double value; } fault;
+typedef struct fault {
+  const char *name;
+  double value;
+} fault;
 static const fault faults[] = {
-  { "steer_angle", (double)NAN }, { "steer_angle", 1.3 }, { "wheel_speed_front", (double)NAN },
-  { "wheel_speed_front", 401.0 }, { "wheel_speed_rear", -(double)INFINITY }, { "accel_x", (double)NAN },
-  { "accel_x", 50.1 }, { "accel_y", (double)INFINITY }, { "yaw_rate", -6.1 }, { "yaw_rate", (double)NAN },
+  { "steer_angle", (double)NAN },
+  { "steer_angle", 1.3 },
+  { "wheel_speed_front", (double)NAN },
+  { "wheel_speed_front", 401.0 },
+  { "wheel_speed_rear", -(double)INFINITY },
+  { "accel_x", (double)NAN },
+  { "accel_x", 50.1 },
+  { "accel_y", (double)INFINITY },
+  { "yaw_rate", -6.1 },
+  { "yaw_rate", (double)NAN },
 };
 
 static void test_a_failing_sensor_is_a_warning_said_once(void)
@@ -402,7 +412,10 @@ static void test_a_fault_is_said_anew_to_a_new_run_and_a_new_instance(void)
 /* At a limit of the range a channel is still used. */
 static void test_the_ends_of_a_range_belong_to_it(void)
 {
-  static const struct { const char *name; double lo, hi; } channels[] = {
+  static const struct {
+    const char *name;
+    double lo, hi;
+  } channels[] = {
 #define INPUT(name, lo, hi, unit, kind, text) { #name, lo, hi },
 #include "tse/input.def"
 #undef INPUT

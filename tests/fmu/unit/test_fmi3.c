@@ -43,7 +43,8 @@ static double number3(fmi3Instance c, fmi3ValueReference vr, char kind)
   if (kind == 'r') OK3(fmi3GetFloat64(c, &vr, 1, &real, 1));
   else if (kind == 'i') OK3(fmi3GetInt32(c, &vr, 1, &integer, 1));
   else OK3(fmi3GetBoolean(c, &vr, 1, &flag, 1));
-  return kind == 'r' ? real : kind == 'i' ? (double)integer : (double)flag;
+  return kind == 'r' ? real : kind == 'i' ? (double)integer
+                                          : (double)flag;
 }
 
 static double number2(fmi2Component c, fmi2ValueReference vr, char kind)
@@ -54,7 +55,8 @@ static double number2(fmi2Component c, fmi2ValueReference vr, char kind)
   if (kind == 'r') OK(fmi2GetReal(c, &vr, 1, &real));
   else if (kind == 'i') OK(fmi2GetInteger(c, &vr, 1, &integer));
   else OK(fmi2GetBoolean(c, &vr, 1, &flag));
-  return kind == 'r' ? real : kind == 'i' ? (double)integer : (double)flag;
+  return kind == 'r' ? real : kind == 'i' ? (double)integer
+                                          : (double)flag;
 }
 
 /* Compares bits: two NaN are the same. */
@@ -132,7 +134,10 @@ static void stepped3(fmi3Instance c, int first, int last)
   made_count--;
 }
 
-typedef struct bytes3 { fmi3Byte at[1 << 18]; size_t count; } bytes3;
+typedef struct bytes3 {
+  fmi3Byte at[1 << 18];
+  size_t count;
+} bytes3;
 
 static void save3(fmi3Instance c, bytes3 *b)
 {
@@ -199,7 +204,8 @@ static void test_an_array_is_the_outputs_that_it_is_made_of(void)
                                         fmu_variables[i].offset != a->of.offset + e * size)) i++;
       TEST_ASSERT_TRUE_MESSAGE(i < fmu_variable_count, a->of.name);
       TEST_ASSERT_EQUAL_STRING_MESSAGE(a->of.unit, fmu_variables[i].unit, a->of.name);
-      expect_same_number(number3(c, (fmi3ValueReference)i, a->of.kind), a->of.kind == 'r' ? real[e] : a->of.kind == 'i' ? (double)integer[e] : (double)flag[e],
+      expect_same_number(number3(c, (fmi3ValueReference)i, a->of.kind), a->of.kind == 'r' ? real[e] : a->of.kind == 'i' ? (double)integer[e]
+                                                                                                                        : (double)flag[e],
                          a->of.name);
     }
   }
@@ -252,7 +258,19 @@ static void test_arguments_that_are_missing_or_of_another_type_are_named(void)
   double x = 0;
   fmi3Int32 i = 0;
   fmi3Boolean b = fmi3False;
-  union { float f; int8_t i8; uint8_t u8; int16_t i16; uint16_t u16; uint32_t u32; int64_t i64; uint64_t u64; fmi3Clock clock; fmi3String s; fmi3Binary bin; } u = { 0 };
+  union {
+    float f;
+    int8_t i8;
+    uint8_t u8;
+    int16_t i16;
+    uint16_t u16;
+    uint32_t u32;
+    int64_t i64;
+    uint64_t u64;
+    fmi3Clock clock;
+    fmi3String s;
+    fmi3Binary bin;
+  } u = { 0 };
   size_t size = 0;
   save3(c, &before);
   REFUSED3(fmi3GetFloat64(c, NULL, 1, &x, 1), "valueReferences is NULL");
@@ -321,7 +339,12 @@ static void test_what_may_not_be_set_is_not_and_neither_is_what_stands_before_it
 static void test_an_instantiation_that_is_refused_says_why(void)
 {
   const fmi3ValueReference vr = 0;
-  const struct { const char *name, *token; fmi3Boolean events; size_t intermediates; const char *words; } cases[] = {
+  const struct {
+    const char *name, *token;
+    fmi3Boolean events;
+    size_t intermediates;
+    const char *words;
+  } cases[] = {
     { NULL, FMU_GUID, fmi3False, 0, "instance name" },
     { "", FMU_GUID, fmi3False, 0, "instance name" },
     { "car", NULL, fmi3False, 0, "instantiation token NULL" },
@@ -349,8 +372,14 @@ static void test_an_instantiation_that_is_refused_says_why(void)
 
 /* ---- the life cycle */
 
-enum { BEFORE = 1, INIT = 2, STEPS = 4, ENDED = 8, EVER = 15 };
-static const struct { int phase; const char *words;
+enum { BEFORE = 1,
+       INIT = 2,
+       STEPS = 4,
+       ENDED = 8,
+       EVER = 15 };
+static const struct {
+  int phase;
+  const char *words;
 } phases[] = {
   { BEFORE, "before initialization" },
   { INIT, "in initialization mode" },
@@ -424,7 +453,11 @@ static fmi3Status call_nominals(fmi3Instance c) { return fmi3GetNominalsOfContin
 static fmi3Status call_number_i(fmi3Instance c) { return fmi3GetNumberOfEventIndicators(c, NULL); }
 static fmi3Status call_number_s(fmi3Instance c) { return fmi3GetNumberOfContinuousStates(c, NULL); }
 
-static const struct { const char *name; int allowed; fmi3Status (*call)(fmi3Instance); } functions[] = {
+static const struct {
+  const char *name;
+  int allowed;
+  fmi3Status (*call)(fmi3Instance);
+} functions[] = {
   { "fmi3EnterInitializationMode", BEFORE, call_enter },
   { "fmi3ExitInitializationMode", INIT, fmi3ExitInitializationMode },
   { "fmi3DoStep", STEPS, call_step },

@@ -194,10 +194,16 @@ static void test_what_is_wrong_with_the_bytes_is_said(void)
 {
   fmi2Component const c = stepping();
   const saved_bytes b = bytes_of(c);
-  static const struct { size_t at; const char *words;
+  static const struct {
+    size_t at;
+    const char *words;
   } parts[] = {
-    { 0, "another byte order" }, { 4, "another version" }, { 8, "another size" },
-    { 16, "another FMU" },       { 24, "checksum" },       { FRAME, "checksum" },
+    { 0, "another byte order" },
+    { 4, "another version" },
+    { 8, "another size" },
+    { 16, "another FMU" },
+    { 24, "checksum" },
+    { FRAME, "checksum" },
   };
   for (int i = 0; i < COUNT(parts); i++) {
     b.at[parts[i].at]++;
@@ -261,9 +267,17 @@ static void test_a_forged_state_is_refused_whatever_its_checksum_says(void)
   const saved_bytes b = bytes_of(c);
   saved_bytes before = bytes_of(c);
   const double none = 1e300 * 1e300 - 1e300 * 1e300;
-  const struct { size_t at; size_t count; const void *value; } parts[] = {
-    { FRAME, 4, (const int32_t[]){ 3 } },      { FRAME, 4, (const int32_t[]){ 16 } }, { FRAME + 4, 4, (const int32_t[]){ 1 } },
-    { FRAME + 4, 4, (const int32_t[]){ -1 } }, { FRAME + 8, 8, &none },               { FRAME + 16, 8, &none },
+  const struct {
+    size_t at;
+    size_t count;
+    const void *value;
+  } parts[] = {
+    { FRAME, 4, (const int32_t[]){ 3 } },
+    { FRAME, 4, (const int32_t[]){ 16 } },
+    { FRAME + 4, 4, (const int32_t[]){ 1 } },
+    { FRAME + 4, 4, (const int32_t[]){ -1 } },
+    { FRAME + 8, 8, &none },
+    { FRAME + 16, 8, &none },
     { MODEL + (size_t)fmu_variables[ref(ANOTHER_PARAMETER)].offset, 8, (const double[]){ 1e9 } },
     { MODEL + (size_t)fmu_variables[ref(ANOTHER_PARAMETER)].offset, 8, (const double[]){ 1234.5 } }, /* in range, but not what the rest was made of */
     { MODEL + (size_t)fmu_variables[ref(ANOTHER_PARAMETER)].offset, 8, &none },

@@ -226,11 +226,19 @@ static void test_derivatives_that_are_none_are_refused_and_none_of_several_is_se
 
 static void test_a_wrong_input_is_an_error_that_names_it_and_changes_nothing(void)
 {
-  static const struct { const char *name; double value;
+  static const struct {
+    const char *name;
+    double value;
   } wrong[] = {
-    { "steer_angle", (double)NAN },  { "steer_angle", 1.21 },        { "wheel_torque_front", (double)INFINITY },
-    { "wheel_torque_rear", -1.1e5 }, { "brake_torque_front", -1.0 }, { "brake_torque_rear", (double)NAN },
-    { "road_level", 0.0 },           { "road_level", (double)NAN },  { "road_level", 11.0 },
+    { "steer_angle", (double)NAN },
+    { "steer_angle", 1.21 },
+    { "wheel_torque_front", (double)INFINITY },
+    { "wheel_torque_rear", -1.1e5 },
+    { "brake_torque_front", -1.0 },
+    { "brake_torque_rear", (double)NAN },
+    { "road_level", 0.0 },
+    { "road_level", (double)NAN },
+    { "road_level", 11.0 },
   };
   fmi2Component const c = stepping(), twin = stepping();
   stepped(c, 0, 5);

@@ -118,8 +118,7 @@ static int compare_shifted(int32_t form, const int rows[6], double sample_time)
 
 static void test_channels_late_by_whole_rows_give_the_same_bits_later(void)
 {
-  static const int cases[][6] = { { 3, 0, 0, 0, 0, 0 }, { 0, 6, 6, 0, 0, 0 }, { -2, -2, -2, -2, -2, 0 }, { 5, -4, 1, 2, -1, 0 },
-                                  { 20, -8, -8, 0, 3, 0 }, { 0, 0, 0, -7, 0, 0 }, { 1, 2, 3, 4, 5, 0 } };
+  static const int cases[][6] = { { 3, 0, 0, 0, 0, 0 }, { 0, 6, 6, 0, 0, 0 }, { -2, -2, -2, -2, -2, 0 }, { 5, -4, 1, 2, -1, 0 }, { 20, -8, -8, 0, 3, 0 }, { 0, 0, 0, -7, 0, 0 }, { 1, 2, 3, 4, 5, 0 } };
   for (int i = 0; i < ROWS(cases); i++)
     for (int32_t form = i < 4 ? 2 : 0; form >= 0; form--) TEST_ASSERT_TRUE(compare_shifted(form, cases[i], 0.01) > LOG - 40);
   TEST_ASSERT_TRUE(compare_shifted(0, cases[3], 0.007) > LOG - 40);
@@ -127,7 +126,10 @@ static void test_channels_late_by_whole_rows_give_the_same_bits_later(void)
 
 /* ------------------------------------------------------------------------------------------- any time */
 
-typedef struct book { double t[LOG], value[LOG][6]; int missing[LOG][6], rows; } book; /* what was logged when */
+typedef struct book {
+  double t[LOG], value[LOG][6];
+  int missing[LOG][6], rows;
+} book; /* what was logged when */
 
 /* A channel at a time, from the whole log, and by how much interpolation lowers the variance of white noise.
  * Returned: 1 known, 0 missing, -1: so near to a row that both are right */
@@ -201,8 +203,7 @@ static void compare_interpolated(const double late[5], uint32_t seed)
 /* Whatever the latencies, where rows are sample_time apart accel_x is as it was logged. */
 static void test_accel_x_is_not_interpolated_in_even_rows(void)
 {
-  static const double cases[][5] = { { 0.013, 0, 0, 0, 0 }, { 0, 0.0271, 0.02, -0.0037, 0 },
-                                     { 0, 0, 0, 0.0041, 0.0141 }, { 0, 0, 0, -0.005, 0 } };
+  static const double cases[][5] = { { 0.013, 0, 0, 0, 0 }, { 0, 0.0271, 0.02, -0.0037, 0 }, { 0, 0, 0, 0.0041, 0.0141 }, { 0, 0, 0, -0.005, 0 } };
   for (int i = 0; i < ROWS(cases); i++) {
     tse_config c = settings(0);
     const double age = age_of(cases[i], 0.01);
@@ -222,8 +223,7 @@ static void test_accel_x_is_not_interpolated_in_even_rows(void)
 
 static void test_fractions_of_rows_are_interpolated(void)
 {
-  static const double cases[][5] = { { 0.013, 0, 0, 0, 0 }, { 0.0371, 0.0212, 0.0212, -0.0137, 0.0049 },
-                                     { -0.052, -0.011, -0.0123, -0.031, -0.0009 }, { 0.09, -0.06, 0.03, 0.1, 0 } };
+  static const double cases[][5] = { { 0.013, 0, 0, 0, 0 }, { 0.0371, 0.0212, 0.0212, -0.0137, 0.0049 }, { -0.052, -0.011, -0.0123, -0.031, -0.0009 }, { 0.09, -0.06, 0.03, 0.1, 0 } };
   for (int i = 0; i < ROWS(cases); i++) compare_interpolated(cases[i], 5u + (uint32_t)i);
 }
 
@@ -322,7 +322,10 @@ static void test_nothing_is_read_across_a_gap(void)
       u.missing = 0;
       u.dt = real(k == GAP ? 0.5 : 0.01);
       const tse_status got = tse_step(&p, &late_one.filter, &u, &y);
-      if (k < GAP) { last = y.stiffness[1]; continue; }
+      if (k < GAP) {
+        last = y.stiffness[1];
+        continue;
+      }
       waited += number(u.dt);
       if (k < GAP + 5) { /* from -0.01 to 0.04: 5 rows */
         TEST_ASSERT_EQUAL_INT(TSE_W_WAITING, got);
@@ -548,7 +551,8 @@ static void test_any_latencies_and_rows_leave_numbers_and_a_sound_filter(void)
       tse_input u = noisy_row(k);
       tse_output y;
       const double dt = next_between(&seed, 0.5, 1.5) * number(c.sample_time);
-      u.dt = real(kind < 0.02 ? next_between(&seed, 0.1, 3600) : kind < 0.3 ? next_between(&seed, 1e-6, 0.02) : dt);
+      u.dt = real(kind < 0.02 ? next_between(&seed, 0.1, 3600) : kind < 0.3 ? next_between(&seed, 1e-6, 0.02)
+                                                                            : dt);
       if (kind > 0.95) *channel(&u, (int)(6 * next_uniform(&seed))) = real(next_between(&seed, -60, 60));
       const tse_status got = tse_step(&p, &late_one.filter, &u, &y);
       TEST_ASSERT_EQUAL_INT(TSE_OK, tse_filter_check(&p, &late_one.filter, bytes_of_form(form)));

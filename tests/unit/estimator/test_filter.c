@@ -6,7 +6,10 @@
 static tse_filter_paper f, other, before;
 
 /* Every test runs with each of these. */
-static const struct { const char *name; void (*settings)(tse_config *c); } forms[] = {
+static const struct {
+  const char *name;
+  void (*settings)(tse_config *c);
+} forms[] = {
   { "default", tse_config_default },
   { "robust", tse_config_robust },
   { "paper", tse_config_paper },
@@ -283,7 +286,10 @@ static void test_codes_have_sentences(void)
 /* Whoever asks for no particles needs no memory for them; whoever does must have it. */
 static void test_particles_are_memory_only_for_who_asks_for_them(void)
 {
-  static struct { tse_filter filter; unsigned char beyond[64]; } small;
+  static struct {
+    tse_filter filter;
+    unsigned char beyond[64];
+  } small;
   const tse_config c = some_settings(40);
   const tse_params p = prepared(&c);
   TEST_ASSERT_TRUE(sizeof(tse_filter) < sizeof(tse_filter_paper) - sizeof(tse_particles));

@@ -2,7 +2,8 @@
 #include "unit_support.h"
 
 /* Kinds in tse/input.def. */
-enum { D, M };
+enum { D,
+       M };
 
 static tse_filter filter; /* supplies what is held */
 

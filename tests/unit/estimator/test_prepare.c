@@ -360,7 +360,10 @@ static void test_vehicle_constants_are_normalised_by_mass(void)
 static void test_a_centre_of_gravity_is_shifted_no_further_than_between_the_axles(void)
 {
   static const double row[][5] = { /* lf, lr, shift; lf, lr then */
-    { 1.1, 0.4, 0.6, 1.46, 0.04 }, { 0.4, 1.1, -0.6, 0.04, 1.46 }, { 1.1, 0.4, 0.3, 1.4, 0.1 }, { 0.4, 1.1, -0.3, 0.1, 1.4 }
+                                   { 1.1, 0.4, 0.6, 1.46, 0.04 },
+                                   { 0.4, 1.1, -0.6, 0.04, 1.46 },
+                                   { 1.1, 0.4, 0.3, 1.4, 0.1 },
+                                   { 0.4, 1.1, -0.3, 0.1, 1.4 }
   };
   for (int k = 0; k < ROWS(row); k++) {
     tse_config c = defaults();

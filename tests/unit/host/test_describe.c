@@ -71,7 +71,7 @@ static void test_rows_describe_every_byte_of_the_structs_but_padding(void)
 #include "tse/config.def"
 #undef REAL
 #undef INT
-    ;
+      ;
   TEST_ASSERT_EQUAL_INT((int)(sizeof(tse_config) - settings), undescribed(TSE_STRUCT_CONFIG, sizeof(tse_config), covered));
   TEST_ASSERT_EQUAL_INT(TAIL(tse_input, wheel_torque_rear), undescribed(TSE_STRUCT_INPUT, sizeof(tse_input), covered));
   TEST_ASSERT_EQUAL_INT(TAIL(tse_output, status), undescribed(TSE_STRUCT_OUTPUT, sizeof(tse_output), covered));
@@ -117,18 +117,71 @@ static void expect_names(tse_struct which, const char *const *names, int expecte
 static void test_outputs_are_the_columns_of_the_estimates_file(void)
 {
   static const char *const names[] = {
-    "vel_x", "vel_x_sd", "vel_y", "vel_y_sd", "yaw_rate", "yaw_rate_sd", "sideslip", "sideslip_sd",
-    "grip", "grip_sd", "grip_valid",
-    "cx_front", "cx_front_sd", "cx_front_spread", "cx_front_spread_seen", "cx_front_valid",
-    "cy_front", "cy_front_sd", "cy_front_spread", "cy_front_spread_seen", "cy_front_valid",
-    "cy_rear", "cy_rear_sd", "cy_rear_spread", "cy_rear_spread_seen", "cy_rear_valid",
-    "bias_accel_x", "bias_accel_x_sd", "bias_accel_y", "bias_accel_y_sd", "bias_yaw_rate", "bias_yaw_rate_sd",
-    "noise_accel_x", "noise_accel_y", "noise_yaw_rate", "noise_wheel_front", "noise_wheel_rear",
-    "p_steady", "p_changed", "p_axle", "p_fault", "p_sliding", "p_restarted",
-    "change_age", "change_probability", "change_kind", "change_cx_front", "change_cy_front", "change_cy_rear", "fault_channel",
-    "discrepancy_accel_x", "discrepancy_accel_y", "discrepancy_yaw_rate",
-    "innovation_accel_x", "innovation_accel_y", "innovation_yaw_rate", "innovation_wheel_front", "innovation_wheel_rear", "nis", "lag_steer", "lag_steer_sd", "estimate_age",
-    "n_eff", "log_evidence", "status",
+    "vel_x",
+    "vel_x_sd",
+    "vel_y",
+    "vel_y_sd",
+    "yaw_rate",
+    "yaw_rate_sd",
+    "sideslip",
+    "sideslip_sd",
+    "grip",
+    "grip_sd",
+    "grip_valid",
+    "cx_front",
+    "cx_front_sd",
+    "cx_front_spread",
+    "cx_front_spread_seen",
+    "cx_front_valid",
+    "cy_front",
+    "cy_front_sd",
+    "cy_front_spread",
+    "cy_front_spread_seen",
+    "cy_front_valid",
+    "cy_rear",
+    "cy_rear_sd",
+    "cy_rear_spread",
+    "cy_rear_spread_seen",
+    "cy_rear_valid",
+    "bias_accel_x",
+    "bias_accel_x_sd",
+    "bias_accel_y",
+    "bias_accel_y_sd",
+    "bias_yaw_rate",
+    "bias_yaw_rate_sd",
+    "noise_accel_x",
+    "noise_accel_y",
+    "noise_yaw_rate",
+    "noise_wheel_front",
+    "noise_wheel_rear",
+    "p_steady",
+    "p_changed",
+    "p_axle",
+    "p_fault",
+    "p_sliding",
+    "p_restarted",
+    "change_age",
+    "change_probability",
+    "change_kind",
+    "change_cx_front",
+    "change_cy_front",
+    "change_cy_rear",
+    "fault_channel",
+    "discrepancy_accel_x",
+    "discrepancy_accel_y",
+    "discrepancy_yaw_rate",
+    "innovation_accel_x",
+    "innovation_accel_y",
+    "innovation_yaw_rate",
+    "innovation_wheel_front",
+    "innovation_wheel_rear",
+    "nis",
+    "lag_steer",
+    "lag_steer_sd",
+    "estimate_age",
+    "n_eff",
+    "log_evidence",
+    "status",
   };
   expect_names(TSE_STRUCT_OUTPUT, names, ROWS(names));
 }
@@ -184,14 +237,16 @@ static void test_output_names_lead_to_their_members(void)
   EXPECT_AT(&y, TSE_STRUCT_OUTPUT, "n_eff", n_eff);
   EXPECT_AT(&y, TSE_STRUCT_OUTPUT, "log_evidence", log_evidence);
   EXPECT_WHOLE_AT(&y, TSE_STRUCT_OUTPUT, "status", status);
-  static const struct { const char *name, *sd, *spread, *seen, *valid; int index; } stiffness_rows[] = {
+  static const struct {
+    const char *name, *sd, *spread, *seen, *valid;
+    int index;
+  } stiffness_rows[] = {
     { "cx_front", "cx_front_sd", "cx_front_spread", "cx_front_spread_seen", "cx_front_valid", TSE_CX_FRONT },
     { "cy_front", "cy_front_sd", "cy_front_spread", "cy_front_spread_seen", "cy_front_valid", TSE_CY_FRONT },
     { "cy_rear", "cy_rear_sd", "cy_rear_spread", "cy_rear_spread_seen", "cy_rear_valid", TSE_CY_REAR },
   };
   static const char *const noise[3] = { "noise_accel_x", "noise_accel_y", "noise_yaw_rate" };
-  static const char *const bias[3][2] = { { "bias_accel_x", "bias_accel_x_sd" }, { "bias_accel_y", "bias_accel_y_sd" },
-                                          { "bias_yaw_rate", "bias_yaw_rate_sd" } };
+  static const char *const bias[3][2] = { { "bias_accel_x", "bias_accel_x_sd" }, { "bias_accel_y", "bias_accel_y_sd" }, { "bias_yaw_rate", "bias_yaw_rate_sd" } };
   for (int i = 0; i < 3; i++) {
     EXPECT_AT(&y, TSE_STRUCT_OUTPUT, stiffness_rows[i].name, stiffness[stiffness_rows[i].index]);
     EXPECT_AT(&y, TSE_STRUCT_OUTPUT, stiffness_rows[i].sd, stiffness_sd[stiffness_rows[i].index]);
@@ -393,12 +448,32 @@ static void test_described_ranges_of_the_simulators_input_are_the_enforced_ones(
 
 static void test_statuses_are_complete_and_tell_the_sentence_of_tse_status_text(void)
 {
-  static const struct { const char *name; int code; } expected[] = {
-    { "TSE_E_BUILD", -12 }, { "TSE_E_FORMAT", -11 }, { "TSE_E_OLD", -10 }, { "TSE_E_VEHICLE", -9 }, { "TSE_E_VERSION", -8 }, { "TSE_E_LEARNT", -7 },
-    { "TSE_E_SIZE", -6 }, { "TSE_E_STATE", -5 }, { "TSE_E_TIME", -4 }, { "TSE_E_INPUT", -3 }, { "TSE_E_CONFIG", -2 },
-    { "TSE_E_NULL", -1 }, { "TSE_OK", 0 }, { "TSE_W_NOT_VALID", 1 }, { "TSE_W_STARTING", 2 }, { "TSE_W_MISSING_CHANNEL", 3 },
-    { "TSE_W_HELD", 4 }, { "TSE_W_PREDICTED", 5 }, { "TSE_W_GAP", 6 }, { "TSE_W_RECOVERED", 7 },
-    { "TSE_W_WAITING", 8 }, { "TSE_W_RANGE", 9 },
+  static const struct {
+    const char *name;
+    int code;
+  } expected[] = {
+    { "TSE_E_BUILD", -12 },
+    { "TSE_E_FORMAT", -11 },
+    { "TSE_E_OLD", -10 },
+    { "TSE_E_VEHICLE", -9 },
+    { "TSE_E_VERSION", -8 },
+    { "TSE_E_LEARNT", -7 },
+    { "TSE_E_SIZE", -6 },
+    { "TSE_E_STATE", -5 },
+    { "TSE_E_TIME", -4 },
+    { "TSE_E_INPUT", -3 },
+    { "TSE_E_CONFIG", -2 },
+    { "TSE_E_NULL", -1 },
+    { "TSE_OK", 0 },
+    { "TSE_W_NOT_VALID", 1 },
+    { "TSE_W_STARTING", 2 },
+    { "TSE_W_MISSING_CHANNEL", 3 },
+    { "TSE_W_HELD", 4 },
+    { "TSE_W_PREDICTED", 5 },
+    { "TSE_W_GAP", 6 },
+    { "TSE_W_RECOVERED", 7 },
+    { "TSE_W_WAITING", 8 },
+    { "TSE_W_RANGE", 9 },
   };
   int32_t count, size;
   const tse_field *const f = rows_of(TSE_STRUCT_STATUS, &count, &size);
@@ -414,8 +489,8 @@ static void test_statuses_are_complete_and_tell_the_sentence_of_tse_status_text(
 
 static void test_reasons_are_complete_and_tell_the_sentence_of_tse_reason_text(void)
 {
-  static const char *const words[] = { "valid", "starting",      "not excited",  "uncertain",   "diverging",
-                                       "held",  "input invalid", "parameters uncertain", "does not fit" };
+  static const char *const words[] = { "valid", "starting", "not excited", "uncertain", "diverging",
+                                       "held", "input invalid", "parameters uncertain", "does not fit" };
   int32_t count, size;
   const tse_field *const f = rows_of(TSE_STRUCT_REASON, &count, &size);
   TEST_ASSERT_EQUAL_INT(ROWS(words), count);
@@ -457,7 +532,7 @@ static void test_build_tells_version_format_capacity_and_sizes(void)
   tse_describe_build(&b);
   (void)snprintf(version, sizeof version, "%d.%d.%d", TSE_VERSION_MAJOR, TSE_VERSION_MINOR, TSE_VERSION_PATCH);
   TEST_ASSERT_EQUAL_STRING(version, b.version);
-  #if defined(TSE_REAL_FIXED)
+#if defined(TSE_REAL_FIXED)
   TEST_ASSERT_EQUAL_STRING("fixed", b.format);
   TEST_ASSERT_EQUAL_INT32(TSE_FRACTION_BITS, b.fraction_bits);
 #else
@@ -479,11 +554,39 @@ static void test_build_tells_version_format_capacity_and_sizes(void)
 static void test_effects_that_were_once_there_stay(void)
 {
   static const char *const ids[] = {
-    "exact_kinematics", "aero_drag", "rolling_resistance", "grade", "bank", "body_roll", "pitch_leak", "tyre_saturation",
-    "combined_slip", "relaxation", "lateral_load_transfer", "longitudinal_load_transfer", "steering_offset", "steering_ratio",
-    "steering_lag", "steering_delay", "steering_compliance", "wheel_radius", "imu_lever_arm", "imu_scale_ax", "imu_scale_ay",
-    "gyro_scale", "imu_misalignment", "imu_delay", "mass", "yaw_inertia", "cg_shift", "crosswind", "conicity", "rear_roll_steer",
-    "aligning_moment", "longitudinal_relaxation", "stiffness_drift",
+    "exact_kinematics",
+    "aero_drag",
+    "rolling_resistance",
+    "grade",
+    "bank",
+    "body_roll",
+    "pitch_leak",
+    "tyre_saturation",
+    "combined_slip",
+    "relaxation",
+    "lateral_load_transfer",
+    "longitudinal_load_transfer",
+    "steering_offset",
+    "steering_ratio",
+    "steering_lag",
+    "steering_delay",
+    "steering_compliance",
+    "wheel_radius",
+    "imu_lever_arm",
+    "imu_scale_ax",
+    "imu_scale_ay",
+    "gyro_scale",
+    "imu_misalignment",
+    "imu_delay",
+    "mass",
+    "yaw_inertia",
+    "cg_shift",
+    "crosswind",
+    "conicity",
+    "rear_roll_steer",
+    "aligning_moment",
+    "longitudinal_relaxation",
+    "stiffness_drift",
   };
   int32_t count;
   const tse_effect_row *const e = tse_describe_effects(&count);

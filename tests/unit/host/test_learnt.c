@@ -14,7 +14,14 @@
 #define UNIT (1.0 / 16777216) /* of numbers in the bytes */
 
 /* Places of numbers in the bytes. */
-enum { AT_KNOWN = 12, AT_NU = 16, AT_MEAN = 20, AT_SD = 64, AT_PAIR = 108, AT_NOISE = 220, AT_SPREAD = 240, AT_CORRELATION = 252 };
+enum { AT_KNOWN = 12,
+       AT_NU = 16,
+       AT_MEAN = 20,
+       AT_SD = 64,
+       AT_PAIR = 108,
+       AT_NOISE = 220,
+       AT_SPREAD = 240,
+       AT_CORRELATION = 252 };
 
 static tse_filter_paper f, other, before; /* enough for every form */
 
@@ -128,7 +135,7 @@ static void test_saved_bytes_are_those_that_struct_and_zlib_make(void)
   for (int i = AT_MEAN; i < TSE_LEARNT_BYTES - 4; i += 4) {
     if (i >= AT_PAIR && i < AT_NOISE) TEST_ASSERT_EQUAL_HEX32(0, word(out + i));
     else expect_near(q24(learnt_by_particles + i), q24(out + i), BY_NUMBER(1.01 * UNIT, 4 * UNIT, i < AT_CORRELATION ? 1e-4 : 5e-3),
-        "number at byte", i);
+                     "number at byte", i);
   }
   TEST_ASSERT_EQUAL_HEX32(crc32_of(out, TSE_LEARNT_BYTES - 4), word(out + TSE_LEARNT_BYTES - 4));
 }
@@ -194,27 +201,58 @@ static void test_the_formats_before_differ_from_damage(void)
 /* Whoever made them, the CRC fits. */
 static void test_numbers_that_cannot_be_are_refused_by_name(void)
 {
-  static const struct { int at; uint32_t value; const char *what; } bad[] = { /* below and above what may be; what is said of it */
-    { AT_KNOWN, 8, "which stiffnesses are learnt" }, { AT_NU, 1000001, "trust in the spread" },
-    { AT_MEAN, 0x32000001u, "bias of accel_x" }, { AT_MEAN + 4, 0xcdffffffu, "bias of accel_y" }, { AT_MEAN + 8, 0x06000001u,
-        "bias of yaw_rate" },
-    { AT_MEAN + 12, 0x04000001u, "mean of cx_front" }, { AT_MEAN + 16, 0xfbffffffu, "mean of cy_front" }, { AT_MEAN + 20, 0x80000000u,
-        "mean of cy_rear" },
-    { AT_MEAN + 24, 0x7fffffffu, "mean of grip" }, { AT_MEAN + 28, 0x00400000u, "steering offset" }, { AT_MEAN + 32, 0x00800001u,
-        "steering ratio" },
-    { AT_MEAN + 36, 0xffc00000u, "lateness of the steering" }, { AT_MEAN + 40, 0x00400000u, "radius" },
-    { AT_SD, 0x80000000u, "sd of the bias of accel_x" }, { AT_SD + 8, 0xffffffffu, "sd of the bias of yaw_rate" }, { AT_SD + 12,
-        0xffffffffu, "sd of cx_front" },
-    { AT_SD + 24, 0xffffffffu, "sd of grip" }, { AT_SD + 40, 0xffffffffu, "sd of the radius" },
-    { AT_NOISE, 0xffffffffu, "noise of a channel" }, { AT_NOISE + 16, 0x80000000u, "noise of a channel" },
-    { AT_SPREAD + 4, 0x80000000u, "process sd" }, { AT_CORRELATION, 0x01000001u, "a correlation" }, { AT_CORRELATION + 8, 0xfeffffffu,
-        "a correlation" },
+  static const struct {
+    int at;
+    uint32_t value;
+    const char *what;
+  } bad[] = {
+                                                                              /* below and above what may be; what is said of it */
+    { AT_KNOWN, 8, "which stiffnesses are learnt" },
+    { AT_NU, 1000001, "trust in the spread" },
+    { AT_MEAN, 0x32000001u, "bias of accel_x" },
+    { AT_MEAN + 4, 0xcdffffffu, "bias of accel_y" },
+    { AT_MEAN + 8, 0x06000001u,
+      "bias of yaw_rate" },
+    { AT_MEAN + 12, 0x04000001u, "mean of cx_front" },
+    { AT_MEAN + 16, 0xfbffffffu, "mean of cy_front" },
+    { AT_MEAN + 20, 0x80000000u,
+      "mean of cy_rear" },
+    { AT_MEAN + 24, 0x7fffffffu, "mean of grip" },
+    { AT_MEAN + 28, 0x00400000u, "steering offset" },
+    { AT_MEAN + 32, 0x00800001u,
+      "steering ratio" },
+    { AT_MEAN + 36, 0xffc00000u, "lateness of the steering" },
+    { AT_MEAN + 40, 0x00400000u, "radius" },
+    { AT_SD, 0x80000000u, "sd of the bias of accel_x" },
+    { AT_SD + 8, 0xffffffffu, "sd of the bias of yaw_rate" },
+    { AT_SD + 12,
+      0xffffffffu, "sd of cx_front" },
+    { AT_SD + 24, 0xffffffffu, "sd of grip" },
+    { AT_SD + 40, 0xffffffffu, "sd of the radius" },
+    { AT_NOISE, 0xffffffffu, "noise of a channel" },
+    { AT_NOISE + 16, 0x80000000u, "noise of a channel" },
+    { AT_SPREAD + 4, 0x80000000u, "process sd" },
+    { AT_CORRELATION, 0x01000001u, "a correlation" },
+    { AT_CORRELATION + 8, 0xfeffffffu,
+      "a correlation" },
   };
-  static const struct { int at; uint32_t value; } good[] = {
-    { AT_NU, 1000000 }, { AT_MEAN, 0x32000000u }, { AT_MEAN + 4, 0xce000000u }, { AT_MEAN + 8, 0x06000000u }, { AT_MEAN + 12, 0x04000000u },
-    { AT_MEAN + 16, 0xfc000000u }, { AT_MEAN + 32, 0x00800000u }, { AT_SD, 0x7fffffffu }, { AT_SD + 16, 0 }, { AT_NOISE, 0 },
-        { AT_NOISE + 8, 0x7fffffffu },
-    { AT_CORRELATION, 0x01000000u }, { AT_CORRELATION + 8, 0xff000000u },
+  static const struct {
+    int at;
+    uint32_t value;
+  } good[] = {
+    { AT_NU, 1000000 },
+    { AT_MEAN, 0x32000000u },
+    { AT_MEAN + 4, 0xce000000u },
+    { AT_MEAN + 8, 0x06000000u },
+    { AT_MEAN + 12, 0x04000000u },
+    { AT_MEAN + 16, 0xfc000000u },
+    { AT_MEAN + 32, 0x00800000u },
+    { AT_SD, 0x7fffffffu },
+    { AT_SD + 16, 0 },
+    { AT_NOISE, 0 },
+    { AT_NOISE + 8, 0x7fffffffu },
+    { AT_CORRELATION, 0x01000000u },
+    { AT_CORRELATION + 8, 0xff000000u },
   };
   const tse_config c = settings(1);
   const tse_params p = prepared(&c);
@@ -374,7 +412,6 @@ static void test_another_vehicle_is_refused_and_other_sensors_or_filters_are_not
 }
 
 
-
 static void test_calls_out_of_order_are_refused_and_change_nothing(void)
 {
   const tse_config c = settings(1);
@@ -497,7 +534,8 @@ static void test_what_is_no_number_is_not_saved(void)
     f.bias_var[a] = none;
     TEST_ASSERT_EQUAL_INT(TSE_E_STATE, tse_learnt_save(&p, &f.filter, out));
     know(&p, &f);
-    for (int i = 0; i < 64; i++) f.p.lam[a == 0 ? 0 : a == 1 ? 3 : 5][i] = none;
+    for (int i = 0; i < 64; i++) f.p.lam[a == 0 ? 0 : a == 1 ? 3
+                                                             : 5][i] = none;
     TEST_ASSERT_EQUAL_INT(TSE_E_STATE, tse_learnt_save(&p, &f.filter, out));
   }
 }
@@ -543,7 +581,7 @@ static void expect_aged(const tse_config *c, const tse_params *p, uint32_t age_s
   for (int a = 0; a < 3; a++) {
     if (c->form) { /* particles: relative to nominal, and to the sensor's sd */
       const double level = exp(learnt_mean[3 + a]), var = a == 1 ? prior * prior : of_mean(c, level * learnt_sd[3 + a], prior, age_s),
-          sd = number(p->sd[a]);
+                   sd = number(p->sd[a]);
       const double now = of_bias(learnt_sd[a] * learnt_sd[a], bias_sd[a] * bias_sd[a], bias_walk[a], age_s, &kept);
       expect_near(a == 1 ? 0 : level - 1, number(s->mu[a]), BY_NUMBER(1e-13, 1e-6, 1e-6), "mean", a);
       expect_near(var, number(s->mean_var[a]), minute + BY_NUMBER(1e-13, 1e-6, 3e-6 + 2e-3 * var), "variance of the mean", (int)age_s);
@@ -557,10 +595,9 @@ static void expect_aged(const tse_config *c, const tse_params *p, uint32_t age_s
     const double now = of_bias(learnt_sd[a] * learnt_sd[a], bias_sd[a] * bias_sd[a], bias_walk[a], age_s, &kept);
     expect_near(a == 1 ? 0 : learnt_mean[at], number(s->kept[at]), BY_NUMBER(1e-15, 1e-7, 1e-6), "mean", a);
     /* fixed point: a walk of 1e-8 a second is 43 of its steps, half a step of which is 1 % after any time */
-    expect_near(var / unit / unit, number(s->kept_cov[at][at]), minute / unit / unit + BY_NUMBER(1e-13, 1e-5,
-        1e-4 + 2e-3 * var / unit / unit), "variance of the mean", (int)age_s);
+    expect_near(var / unit / unit, number(s->kept_cov[at][at]), minute / unit / unit + BY_NUMBER(1e-13, 1e-5, 1e-4 + 2e-3 * var / unit / unit), "variance of the mean", (int)age_s);
     expect_near(now / bias_unit / bias_unit, number(s->kept_cov[a][a]), BY_NUMBER(1e-12, 1e-5, 2e-3 + 0.03 * now / bias_unit / bias_unit),
-        "variance of the bias", a);
+                "variance of the bias", a);
     expect_near(kept * learnt_mean[a], number(s->kept[a]), BY_NUMBER(1e-7, 1e-4, 0.02 * fabs(learnt_mean[a])), "bias", a);
   }
 }
@@ -615,7 +652,8 @@ static void test_particles_start_at_the_learnt_means_as_uncertain_as_they_are(vo
   for (int a = 0; a < 3; a++) {
     const int known = a != 1;
     const double level = exp(learnt_mean[3 + a]), sd = known ? fmax(level * learnt_sd[3 + a],
-        of_setting(c.learnt_floor)) : of_setting(c.initial_mean_sd);
+                                                                    of_setting(c.learnt_floor))
+                                                             : of_setting(c.initial_mean_sd);
     /* doubt about the mean has no other place */
     const double spread = known ? sqrt(learnt_spread[a] * learnt_spread[a] + sd * sd) : of_setting(c.initial_spread);
     expect_near(known ? level : 1, number(y.stiffness[a]), chance * sd * 1.5 + BY_NUMBER(1e-13, 1e-6, 1e-4), "mean", a);
@@ -645,7 +683,7 @@ static void expect_kept(const tse_params *p, const tse_kalman *k, const char *wh
       const double sd_j = sqrt(number(ud_variance(&k->p, FAST + j)));
       /* 2^-14 */
       expect_near(kept_correlation(i, j), number(ud_common(&k->p, FAST + i, FAST + j)) / sd / sd_j, BY_NUMBER(2e-4, 2e-4, 1e-3), what,
-          100 * i + j);
+                  100 * i + j);
     }
   }
 }
@@ -659,7 +697,7 @@ static void test_the_filter_starts_at_the_learnt_means_with_their_covariance(voi
   expect_kept(&p, &f.filter.k, "start");
   for (int i = 0; i < TSE_SENSORS; i++) expect_near(learnt_noise[i], number(y.noise[i]), BY_NUMBER(1e-13, 1e-6, 1e-6), "noise", i);
   for (int a = 0; a < 3; a++) expect_near(a == 1 ? 1 : exp(learnt_mean[3 + a]), number(y.stiffness[a]), BY_NUMBER(1e-13, 1e-6, 1e-6),
-      "stiffness", a);
+                                          "stiffness", a);
   tse_config d = c;
   d.noise_max = setting(1.5);
   const tse_params q = prepared(&d);
@@ -684,10 +722,9 @@ static void test_saved_and_loaded_and_saved_again_is_the_same_knowledge(void)
   expect_kept(&p, &f.filter.k, "after two drives of a row");
   TEST_ASSERT_EQUAL_MEMORY(learnt_bytes, out[1], AT_NU);
   for (int i = 0; i < 2 * TSE_KEPT; i++)
-    if (i % TSE_KEPT != 4) expect_near(q24(learnt_bytes + AT_MEAN + 4 * i), q24(out[1] + AT_MEAN + 4 * i), BY_NUMBER(3 * UNIT, 1e-6,
-        2e-5), "number", i);
+    if (i % TSE_KEPT != 4) expect_near(q24(learnt_bytes + AT_MEAN + 4 * i), q24(out[1] + AT_MEAN + 4 * i), BY_NUMBER(3 * UNIT, 1e-6, 2e-5), "number", i);
   for (int i = 0; i < TSE_SENSORS; i++) expect_near(learnt_noise[i], q24(out[1] + AT_NOISE + 4 * i), BY_NUMBER(3 * UNIT, 1e-6, 1e-6),
-      "noise", i);
+                                                    "noise", i);
 }
 
 /* While the first rows wait for a channel that comes late. */
@@ -748,7 +785,10 @@ static void test_nothing_learnt_starts_as_the_settings_say_bit_for_bit(void)
 
 /* -------------------------------------------------------------------------------------------- drives */
 
-typedef struct drive { tse_sim sim; double t, steer, torque; } drive;
+typedef struct drive {
+  tse_sim sim;
+  double t, steer, torque;
+} drive;
 
 static void set_off(drive *d, const tse_config *c, int32_t seed, double steer, double torque)
 {
@@ -846,7 +886,7 @@ static void test_the_next_drive_starts_where_the_last_one_ended(void)
     for (int i = 0; i < 10; i++) {
       const tse_output y = run(&p, &f, &d, 20);
       for (int a = 0; a < 3; a++) expect_near(truth[a], number(y.stiffness[a]), fmax(0.12 * truth[a], 3 * number(y.stiffness_sd[a])),
-          "stiffness", a);
+                                              "stiffness", a);
     }
   }
 }

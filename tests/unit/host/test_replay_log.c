@@ -527,7 +527,7 @@ static void test_a_row_of_two_steps_is_two_rows(void)
     straight(&c, 20, dt * 2 / halves, rows);
     tse_replay_log log = the_log();
     const tse_replay_start s = the_start();
-    const tse_real **const profile[7] = { &log.grade,   &log.bank,    &log.slip_front, &log.slip_rear,
+    const tse_real **const profile[7] = { &log.grade, &log.bank, &log.slip_front, &log.slip_rear,
                                           &log.force_x, &log.force_y, &log.yaw_accel };
     for (int i = 0; i < rows; i++) {
       log_steer[i] = real(0.002 * i / halves);
@@ -596,9 +596,21 @@ static void test_a_reading_that_overflows_alone_is_refused_too(void)
     int32_t wrong = -1;
     memset(&out, 0, sizeof out);
     log = the_log();
-    if (k == 0) { log.force_x = profile; s.bias_accel_x = huge; out.accel_x = all.accel_x; }
-    if (k == 1) { log.force_y = profile; s.bias_accel_y = huge; out.accel_y = all.accel_y; }
-    if (k == 2) { log.force_y = profile; s.bias_accel_y = huge; out = all; }
+    if (k == 0) {
+      log.force_x = profile;
+      s.bias_accel_x = huge;
+      out.accel_x = all.accel_x;
+    }
+    if (k == 1) {
+      log.force_y = profile;
+      s.bias_accel_y = huge;
+      out.accel_y = all.accel_y;
+    }
+    if (k == 2) {
+      log.force_y = profile;
+      s.bias_accel_y = huge;
+      out = all;
+    }
     TEST_ASSERT_EQUAL_INT(TSE_E_INPUT, tse_replay(&p, &log, 20, &s, &out, &wrong));
     TEST_ASSERT_EQUAL_INT32(5, wrong);
     TEST_ASSERT_EQUAL_INT(TSE_E_INPUT, tse_replay(&p, &log, 20, &s, &out, NULL));

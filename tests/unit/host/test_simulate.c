@@ -654,7 +654,8 @@ static void test_a_car_that_slides_sideways_stops_by_friction_alone(void)
  * spun, which amplifies everything, substeps of 1 ms tell the same story as such of 0.1 ms. */
 static void test_locking_and_spinning_wheels_stay_stable_at_a_millisecond(void)
 {
-  enum { COUNT = 400, COMPARED = 80 };
+  enum { COUNT = 400,
+         COMPARED = 80 };
   static double path[2][COMPARED][3];
   const tse_config c = car();
   double off = 0;
@@ -694,7 +695,8 @@ static void test_locking_and_spinning_wheels_stay_stable_at_a_millisecond(void)
 /* ------------------------------------------------------------------------------ stiffness, noise, bias */
 
 /* One row a millisecond in one substep; what is asked for, in sample_of[0..]: */
-enum { DRAWN, NOISE };
+enum { DRAWN,
+       NOISE };
 static void record(const tse_config *c, const tse_sim_config *s, double road, int what)
 {
   start(c, s);
@@ -1010,7 +1012,11 @@ static void expect_accepted(const tse_sim_input *u, const char *what)
 
 static void test_refused_input_leaves_the_simulator_bit_for_bit_unchanged(void)
 {
-  static const struct { size_t at; double lo, hi; const char *name; } field[] = {
+  static const struct {
+    size_t at;
+    double lo, hi;
+    const char *name;
+  } field[] = {
     { offsetof(tse_sim_input, steer_angle), -1.2, 1.2, "steer_angle" },
     { offsetof(tse_sim_input, wheel_torque_front), -1e5, 1e5, "wheel_torque_front" },
     { offsetof(tse_sim_input, wheel_torque_rear), -1e5, 1e5, "wheel_torque_rear" },

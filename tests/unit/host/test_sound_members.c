@@ -28,7 +28,12 @@ static tse_real none(void)
 #endif
 }
 
-typedef struct place { unsigned char *at; size_t bytes; tse_status (*look)(void); const char *what; } place;
+typedef struct place {
+  unsigned char *at;
+  size_t bytes;
+  tse_status (*look)(void);
+  const char *what;
+} place;
 
 static void expect(const place *a, size_t k, tse_real value, tse_status status)
 {
@@ -82,7 +87,10 @@ static place of_simulation(void *at, size_t bytes, const char *what)
 static void whole_number(int32_t *at, int32_t lo, int32_t hi, tse_status (*look)(void), const char *what)
 {
   const int32_t was = *at;
-  const struct { int32_t value; tse_status status; } row[] = {
+  const struct {
+    int32_t value;
+    tse_status status;
+  } row[] = {
     { lo, TSE_OK }, { hi, TSE_OK }, { lo - 1, TSE_E_STATE }, { hi + 1, TSE_E_STATE }
   };
   for (int k = 0; k < ROWS(row); k++) {

@@ -5,7 +5,9 @@
 
 #define G 9.81
 
-typedef struct steady { double r, ay; } steady;
+typedef struct steady {
+  double r, ay;
+} steady;
 
 /* Steady cornering of the linear car at v with steering d, side force `push` that the accelerometer sees, `pull` that it does
  * not (gravity), and yaw moment `moment`:  Ff = (lr (m v r - Y) - N)/L, Fr = (lf (m v r - Y) + N)/L, Y = push + pull,
@@ -204,13 +206,19 @@ static void expect_balance(const tse_config *c, double d, double extra_front, la
 static double brush(double c, double a, double s, double load, double ax, double ay, int rear) /* friction 1.05 */
 {
   const double z = c * fabs(a) / (3 * 1.05 * load);
-  (void)s; (void)ax; (void)ay; (void)rear;
+  (void)s;
+  (void)ax;
+  (void)ay;
+  (void)rear;
   return (a < 0 ? -1 : 1) * 1.05 * load * (z < 1 ? 1 - pow(1 - z, 3) : 1);
 }
 static double root(double c, double a, double s, double load, double ax, double ay, int rear)
 {
   const double most = 1.05 * load;
-  (void)s; (void)ax; (void)ay; (void)rear;
+  (void)s;
+  (void)ax;
+  (void)ay;
+  (void)rear;
   return most * c * a / sqrt(most * most + c * c * a * a);
 }
 static double half_root(double c, double a, double s, double load, double ax, double ay, int rear)
@@ -219,22 +227,34 @@ static double half_root(double c, double a, double s, double load, double ax, do
 }
 static double combined(double c, double a, double s, double load, double ax, double ay, int rear)
 {
-  (void)load; (void)ax; (void)ay; (void)rear;
+  (void)load;
+  (void)ax;
+  (void)ay;
+  (void)rear;
   return c * a / sqrt(1 + 300 * s * s);
 }
 static double leaning(double c, double a, double s, double load, double ax, double ay, int rear)
 {
-  (void)s; (void)load; (void)ax; (void)rear;
+  (void)s;
+  (void)load;
+  (void)ax;
+  (void)rear;
   return c * (1 - 0.005 * ay * ay) * a;
 }
 static double nodding(double c, double a, double s, double load, double ax, double ay, int rear)
 {
-  (void)s; (void)load; (void)ay;
+  (void)s;
+  (void)load;
+  (void)ay;
   return c * (1 + (rear ? 0.04 : -0.04) * ax) * a;
 }
 static double drifted(double c, double a, double s, double load, double ax, double ay, int rear) /* at 15 s: half of 4 .. 26 s */
 {
-  (void)s; (void)load; (void)ax; (void)ay; (void)rear;
+  (void)s;
+  (void)load;
+  (void)ax;
+  (void)ay;
+  (void)rear;
   return c * (1 + 0.2 * (14.99 - 4) / 22) * a;
 }
 

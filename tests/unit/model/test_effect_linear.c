@@ -16,9 +16,17 @@
 #define G 9.81
 #define PI 3.14159265358979323846
 
-typedef struct cplx { double re, im; } cplx;
+typedef struct cplx {
+  double re, im;
+} cplx;
 
-static cplx of(double re, double im) { cplx z; z.re = re; z.im = im; return z; }
+static cplx of(double re, double im)
+{
+  cplx z;
+  z.re = re;
+  z.im = im;
+  return z;
+}
 static cplx add(cplx a, cplx b) { return of(a.re + b.re, a.im + b.im); }
 static cplx mul(cplx a, cplx b) { return of(a.re * b.re - a.im * b.im, a.re * b.im + a.im * b.re); }
 static cplx times(double k, cplx a) { return of(k * a.re, k * a.im); }

@@ -8,8 +8,28 @@
 enum { ROWS = 400 };
 
 enum { /* operations by their codes in the table: a change of them would give saved formulas another meaning */
-  NUMBER_A = 1, NUMBER_B = 2, ONE = 9, TWO = 10, STEER = 16, VEL_X = 17, YAW_RATE = 19, ACCEL_Y = 21, ANGLE_FRONT = 22, TIME = 26,
-  ADD = 32, SUB = 33, MUL = 34, DIV = 35, SQRT = 40, SOFT = 41, LAG = 48, SECOND = 49, LATE = 50, PLAY = 51, LIMIT = 52, RATE = 53
+       NUMBER_A = 1,
+       NUMBER_B = 2,
+       ONE = 9,
+       TWO = 10,
+       STEER = 16,
+       VEL_X = 17,
+       YAW_RATE = 19,
+       ACCEL_Y = 21,
+       ANGLE_FRONT = 22,
+       TIME = 26,
+       ADD = 32,
+       SUB = 33,
+       MUL = 34,
+       DIV = 35,
+       SQRT = 40,
+       SOFT = 41,
+       LAG = 48,
+       SECOND = 49,
+       LATE = 50,
+       PLAY = 51,
+       LIMIT = 52,
+       RATE = 53
 };
 
 static tse_real reference_x[ROWS], reference_y[ROWS], reference_r[ROWS], column[ROWS];
@@ -144,14 +164,46 @@ static double value_of(const int *ops, int n)
 
 static void test_every_operation_without_memory_has_its_value(void)
 {
-  static const struct { int ops[3]; double value; } row[] = { /* doubled by the gain */
-    { { 1 }, -5 },         { { 2 }, -3 },          { { 3 }, -1 },         { { 4 }, 1 },           { { 5 }, 3 },
-    { { 6 }, 5 },          { { 7 }, 7 },           { { 8 }, 9 },          { { 9 }, 2 },           { { 10 }, 4 },
-    { { 16 }, 1 },         { { 17 }, 40 },         { { 18 }, -3 },        { { 19 }, 0.5 },        { { 20 }, -6 },
-    { { 21 }, 8 },         { { 22 }, 0.125 },      { { 23 }, -0.25 },     { { 24 }, 0.0625 },     { { 25 }, -0.03125 },
-    { { 26 }, 21 },        { { 17, 8, 32 }, 49 },  { { 17, 8, 33 }, 31 }, { { 17, 8, 34 }, 180 }, { { 17, 10, 35 }, 20 },
-    { { 17, 1, 35 }, -16 },{ { 8, 36 }, -9 },      { { 1, 37 }, 5 },      { { 8, 37 }, 9 },       { { 1, 8, 38 }, 9 },
-    { { 8, 1, 38 }, 9 },   { { 1, 8, 39 }, -5 },   { { 8, 1, 39 }, -5 },  { { 21, 40 }, 4 },      { { 1, 40 }, 0 },
+  static const struct {
+    int ops[3];
+    double value;
+  } row[] = {
+                                                              /* doubled by the gain */
+    { { 1 }, -5 },
+    { { 2 }, -3 },
+    { { 3 }, -1 },
+    { { 4 }, 1 },
+    { { 5 }, 3 },
+    { { 6 }, 5 },
+    { { 7 }, 7 },
+    { { 8 }, 9 },
+    { { 9 }, 2 },
+    { { 10 }, 4 },
+    { { 16 }, 1 },
+    { { 17 }, 40 },
+    { { 18 }, -3 },
+    { { 19 }, 0.5 },
+    { { 20 }, -6 },
+    { { 21 }, 8 },
+    { { 22 }, 0.125 },
+    { { 23 }, -0.25 },
+    { { 24 }, 0.0625 },
+    { { 25 }, -0.03125 },
+    { { 26 }, 21 },
+    { { 17, 8, 32 }, 49 },
+    { { 17, 8, 33 }, 31 },
+    { { 17, 8, 34 }, 180 },
+    { { 17, 10, 35 }, 20 },
+    { { 17, 1, 35 }, -16 },
+    { { 8, 36 }, -9 },
+    { { 1, 37 }, 5 },
+    { { 8, 37 }, 9 },
+    { { 1, 8, 38 }, 9 },
+    { { 8, 1, 38 }, 9 },
+    { { 1, 8, 39 }, -5 },
+    { { 8, 1, 39 }, -5 },
+    { { 21, 40 }, 4 },
+    { { 1, 40 }, 0 },
   };
   for (int i = 0; i < (int)(sizeof row / sizeof row[0]); i++) {
     int n = 0;
@@ -190,7 +242,8 @@ static void read_through(tse_config *c, int function, double a, double b)
   replay(c, ROWS);
 }
 
-static double clamp(double x, double lo, double hi) { return x < lo ? lo : x > hi ? hi : x; }
+static double clamp(double x, double lo, double hi) { return x < lo ? lo : x > hi ? hi
+                                                                                  : x; }
 
 static void test_functions_with_memory_are_their_recurrences(void)
 {
@@ -346,7 +399,9 @@ static void test_programs_that_do_not_fit_are_refused(void)
 /* The simulator's car, whose rear wheels steer with the speed, and an estimator that is told so, or not. */
 static void test_every_operation_is_known_and_a_program_may_fill_its_room(void)
 {
-  static const struct { int code, takes; } op[] = {
+  static const struct {
+    int code, takes;
+  } op[] = {
 #define FORMULA_OP(name, code, takes, kind, unit, text) { code, takes },
 #include "tse/formula.def"
   };

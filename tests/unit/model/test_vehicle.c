@@ -47,7 +47,9 @@ static inputs mix_inputs(inputs a, inputs b, double share)
   return u;
 }
 
-typedef struct motion { tse_real x, y, r; } motion;
+typedef struct motion {
+  tse_real x, y, r;
+} motion;
 
 static motion motion_from(const double *x)
 {
@@ -81,7 +83,10 @@ static void expect_bits(tse_real expected, tse_real actual, const char *what)
 }
 
 /* A spread of ordinary states: forward, backward, walking pace; not at a corner of max(). */
-typedef struct situation { motion m; inputs u; } situation;
+typedef struct situation {
+  motion m;
+  inputs u;
+} situation;
 
 static situation any_situation(uint32_t *state, double lowest, double fastest)
 {

@@ -108,9 +108,11 @@ static int ascending_words(const void *a, const void *b)
 static void test_no_two_steps_purposes_or_particles_share_their_words(void)
 {
   static const uint32_t purposes[] = { RANDOM_DRAW_A, RANDOM_DRAW_B, RANDOM_RESAMPLE, RANDOM_START_A, RANDOM_START_B,
-    RANDOM_START_C, RANDOM_SIM_STIFFNESS_A, RANDOM_SIM_STIFFNESS_B, RANDOM_SIM_NOISE_A, RANDOM_SIM_NOISE_B,
-    RANDOM_SIM_NOISE_C, RANDOM_SIM_WALK_A, RANDOM_SIM_WALK_B };
-  enum { STEPS = 8, PARTICLES = 520, ALL = STEPS * ROWS(purposes) * PARTICLES };
+                                       RANDOM_START_C, RANDOM_SIM_STIFFNESS_A, RANDOM_SIM_STIFFNESS_B, RANDOM_SIM_NOISE_A, RANDOM_SIM_NOISE_B,
+                                       RANDOM_SIM_NOISE_C, RANDOM_SIM_WALK_A, RANDOM_SIM_WALK_B };
+  enum { STEPS = 8,
+         PARTICLES = 520,
+         ALL = STEPS * ROWS(purposes) * PARTICLES };
   static uint64_t all[ALL];
   int n = 0;
   for (uint32_t step = 0; step < STEPS; step++)

@@ -405,7 +405,8 @@ static const int64_t extreme[] = { INT64_MIN, INT64_MIN + 1, -INT64_MAX / 2, -FI
 /* Products and quotients in long-hand, from 128 bits. */
 __extension__ typedef __int128 wide;
 
-static int64_t limited(wide x) { return (int64_t)(x > FIXED_MOST ? FIXED_MOST : x < -FIXED_MOST ? -FIXED_MOST : x); }
+static int64_t limited(wide x) { return (int64_t)(x > FIXED_MOST ? FIXED_MOST : x < -FIXED_MOST ? -FIXED_MOST
+                                                                                                : x); }
 
 static int64_t nearest_up(wide n)                /* n / FIXED_ONE, ties towards +infinity */
 {
