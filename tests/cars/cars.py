@@ -24,6 +24,8 @@ What "the true stiffness" is of a car whose tyres are not linear, is defined her
                         slip changes its sign.
                         cy_front_steered: over the slip angle with delta = steering wheel / true ratio, that is with compliance,
                         lag and roll steer in the "tyre", as a single track sees it whose input is the steering wheel.
+                        cy_rear_axle: cy_rear_tyre in series with the compliance of the suspension, 1/C = 1/C_tyre + c: the
+                        rear axle of a single track. No sensor tells tyres from suspension that gives in with the same force.
 """
 
 from __future__ import annotations

@@ -25,7 +25,7 @@ REFERENCE = (
     "time", "vel_x", "vel_y", "yaw_rate", "roll", "pitch", "steering_wheel", "road_wheel", "grade", "bank", "place", "beside",
     "slip_front", "slip_rear", "alpha_front", "alpha_rear", "fx_front", "fx_rear", "fy_front", "fy_rear",
     "cx_front", "cx_rear", "cy_front", "cy_rear", "cx_front_tyre", "cy_front_tyre", "cy_rear_tyre", "cy_front_steered",
-    "radius_front", "radius_rear", *PEDALS, "road_friction", "road_stiffness",
+    "cy_rear_axle", "radius_front", "radius_rear", *PEDALS, "road_friction", "road_stiffness",
 )  # fmt: skip
 BRAKES = 50.0  # N, of all wheels, from which the brake switch is on
 LEAST_SLIP, LEAST_ANGLE, LEAST_SPEED = 5e-4, 2e-3, 2.0  # 1, rad, m/s: no secant below
@@ -249,6 +249,7 @@ def _finish(
             found[name] = _secant(force, seen[f"{slip}_{axle}"], least, ok)
             found[f"{name}_tyre"] = _secant(force, taken[f"{name}_tyre"], least, ok)
     found["cy_front_steered"] = _secant(seen["fy_front"], seen["angle_steered"], LEAST_ANGLE, ok)
+    found["cy_rear_axle"] = 1 / (1 / found["cy_rear_tyre"] + car.parameters["compliance_rear"])
     began = float(surface.time[i])
     event = (
         {"time": began, "place": float(surface.place[i]), "takes": float(surface.takes[i])}

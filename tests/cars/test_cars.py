@@ -466,3 +466,22 @@ def test_files_hold_what_the_arrays_hold(tmp_path, logs):
     truth = json.loads((tmp_path / "car_0" / "truth.json").read_text())
     assert truth["parameters"] == x.car.parameters and set(truth["logs"]) == {"city", "again"}
     assert f"mass = {x.vehicle['mass']}" in (tmp_path / "car_0" / "car.toml").read_text()
+
+
+def test_no_sensor_tells_rear_tyres_from_a_suspension_that_gives_in_with_their_force():
+    (car,) = make_cars(1, 3, clean=True)
+    own, tyres = car.parameters, 2 * car.parameters["cornering_rear"]
+    stiffer = 1.1 * tyres
+    soft = 1 / tyres - 1 / stiffer  # rad/N: what a suspension gives in, so that the axle is as before
+    others = (
+        {"cornering_rear": stiffer / 2, "compliance_rear": own["compliance_rear"] + soft},
+        {"cornering_rear": stiffer / 2},
+    )
+    read = []
+    for change in ({}, *others):
+        rig = Rig(25.0, cars=[replace(car, parameters=own | change)])
+        for wheel in (0.0, 0.01, 0.02, -0.015, 0.0, 0.01):
+            rig.run(0.7, wheel, keep=True)
+        read.append(imu(rig.cars[0], rig.motion(0))[1][1:])
+    alike, unlike = (np.sqrt(np.mean((x - read[0]) ** 2, axis=1)) for x in read[1:])
+    assert (alike < 0.15 * unlike).all()
