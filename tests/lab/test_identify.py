@@ -180,6 +180,20 @@ def test_the_prior_is_around_what_the_vehicle_file_tells_and_messages_are_late_t
     assert np.linalg.eigvalsh(prior.covariance / np.outer(prior.sd, prior.sd))[0] > 0
 
 
+def test_what_the_file_says_of_an_uncertainty_is_the_prior_of_that_number() -> None:
+    vehicle = default_vehicle()
+    prior = prior_of(vehicle, Config(vehicle.values))
+    vehicle.values |= {"cg_sd": 0.05, "yaw_inertia_sd": 0.02, "steer_ratio_sd": 0.0, "relaxation_sd": 0.3}
+    vehicle.given_uncertainty = ["cg_sd", "yaw_inertia_sd", "steer_ratio_sd"]
+    config = Config(vehicle.values)
+    stated = prior_of(vehicle, config)
+    at = prior.names.index
+    assert stated.sd[at("cg_shift_distance")] == pytest.approx(0.05)
+    assert stated.sd[at("yaw_inertia")] == pytest.approx(0.02 * config.yaw_inertia)
+    assert 0 < stated.sd[at("steering_ratio_change")] < 1e-3  # exactly known: still a density
+    assert stated.sd[at("relaxation_length")] == prior.sd[at("relaxation_length")]  # filled in by rule, not stated
+
+
 def test_an_earlier_calibration_is_the_prior_of_the_next(found: tuple[Problem, object]) -> None:
     problem, first = found
     n = problem.car

@@ -52,7 +52,8 @@ UNKNOWNS: tuple[Unknown, ...] = (
     Unknown("steering_offset_angle", "steering", 0.0, 0.005, -0.05, 0.05, worth=0.0003),
     Unknown("steering_lag_time", "steering lag", 0.02, 0.02, 0.0, 0.5, worth=0.003),
     Unknown("yaw_inertia", "yaw inertia", 1.0, 0.1, 0.5, 2.0, relative=True, worth=0.03),
-    Unknown("cg_shift_distance", "centre of gravity", 0.0, 0.03, -0.6, 0.6, worth=0.02),
+    # engineers weigh axles; a file that does not know it says so in cg_sd
+    Unknown("cg_shift_distance", "centre of gravity", 0.0, 0.01, -0.6, 0.6, worth=0.02),
     # one axle's over the other's goes with longitudinal stiffness and hardly shows: wear and pressure
     Unknown("wheel_radius_front", "wheel radii", 1.0, 0.003, 0.9, 1.1, relative=True, message="radii", worth=0.002),
     Unknown("wheel_radius_rear", "wheel radii", 1.0, 0.003, 0.9, 1.1, relative=True, message="radii", worth=0.002),
@@ -82,8 +83,14 @@ UNKNOWNS: tuple[Unknown, ...] = (
     Unknown("tyre_saturation_inverse_friction", "tyres", 0.5, 0.5, 0.0, 5.0, worth=0.2),
     Unknown("aero_drag_coefficient", "resistance", 0.4, 0.1, 0.0, 5.0, worth=0.1),
     Unknown("rolling_resistance_coefficient", "resistance", 0.01, 0.004, 0.0, 0.2, worth=0.003),
-    Unknown("exact_kinematics_share", "kinematics", 1.0, 0.3, 0.0, 1.0, worth=0.2),
+    # the model of the car; what else cars do at large angles went into it and made the rear tyres soft
+    Unknown("exact_kinematics_share", "kinematics", 1.0, 0.02, 0.0, 1.0, worth=0.2),
 )  # fmt: skip
+# What the vehicle file's [uncertainty] says of an unknown is its prior.
+UNCERTAINTY = {
+    "cg_shift_distance": "cg_sd", "yaw_inertia": "yaw_inertia_sd", "steering_ratio_change": "steer_ratio_sd",
+    "steering_offset_angle": "steer_offset_sd", "relaxation_length": "relaxation_sd",
+}  # fmt: skip
 STIFFNESS = tuple(NOMINAL)  # of the car, ln over the vehicle file's; and of each log, over the car's
 SUPERELEVATION = "superelevation"
 OWN = (*STIFFNESS, SUPERELEVATION)  # of each log, of_log(); OWN_MEAN, OWN_SD
@@ -124,7 +131,9 @@ def prior_of(vehicle: Vehicle, config: Config) -> Prior:
     mean, sd, low, high = (np.zeros(len(names)) for _ in range(4))
     scale = [float(getattr(config, u.name)) if u.relative else 1.0 for u in UNKNOWNS]
     for k, (u, by) in enumerate(zip(UNKNOWNS, scale, strict=True)):
-        mean[k], sd[k], low[k], high[k] = u.mean * by, u.sd * by, u.low * by, u.high * by
+        stated = UNCERTAINTY.get(u.name, "")
+        own = max(vehicle.values[stated], 0.01 * u.sd) if stated in vehicle.given_uncertainty else u.sd
+        mean[k], sd[k], low[k], high[k] = u.mean * by, own * by, u.low * by, u.high * by
         if not u.relative and u.name in vehicle.values:
             mean[k] = vehicle.values[u.name]
     n = len(UNKNOWNS)
