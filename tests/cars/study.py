@@ -308,8 +308,8 @@ of the valid ones that are more than {100 * OFF:.0f} % from the secant; *95 % in
 every row, no filter. *{BEST}*: the median of the car's true secants in every row; no constant is nearer, what is off
 there is how far the secant itself moves. *{TYRES}*: the same estimates
 beside the rear tyres without the suspension's compliance, -5 .. 10 % of the axle's, which no sensor tells from them. *{AT_REST}*:
-that of the axle with static load and no slip, which is what the estimate is of; the secant is 0 .. 15 % below it. Nothing happens on these
-drives: every change and fault is a false one. Latencies are those behind the gyro.
+that of the axle with static load and no slip, which is what the estimate is of; the secant is 0 .. 15 % below it.
+Nothing happens on these drives: every change and fault is a false one. Latencies are those behind the gyro.
 
 """
     text = head + "\n".join(table(runs.assign(road="all"))) + "\n\nBy road:\n\n" + "\n".join(table(runs))
