@@ -126,6 +126,7 @@ def main(arguments: list[str]) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--keep", type=Path, required=True, help="that of python -m tests.cars.study")
     parser.add_argument("--cars", type=int, default=4, help="so many of its cars (default: 4)")
+    parser.add_argument("--first", type=int, default=3301, help="the first seed of those cars (default: 3301)")
     parser.add_argument("--out", type=Path, default=RESULTS / "own.md", help="the table")
     given = parser.parse_args(arguments)
     runs = of_cars(given.keep, given.cars)
@@ -134,8 +135,8 @@ def main(arguments: list[str]) -> int:
     used = int(runs[runs["who"] == ITSELF]["used"].sum())
     text = f"""# Calibrated on the log itself
 
-`python -m tests.cars.own --keep DIR --cars {given.cars}` after `python -m tests.cars.study --cars 6 --first 3301 --keep
-DIR`: what `tselab estimate` makes of a car of which only mass, axles, wheels and driven axle are known.
+`python -m tests.cars.own --keep DIR --cars {given.cars} --first {given.first}` after
+`python -m tests.cars.study --cars {given.cars} --first {given.first} --keep DIR`: what `tselab estimate` makes of a car of which only mass, axles, wheels and driven axle are known.
 
 - *{CLASS}*: `--no-calibrate`, an ordinary car of its class. *{ITSELF}*: the default; the prior of a cornering stiffness has
   {OWN_SHARE:g} of the posterior sd. The lines below it: other shares, and the sd of the class. *{OTHERS}*: `tselab calibrate` on
