@@ -1,4 +1,4 @@
-/* estimator/filter.c - reset and step: the page to read first.
+/* estimator/filter.c - reset and step of both filters: start here.
  *
  * Which form of the filter runs is a setting:
  *   0  the car's Kalman filter          filter/step.c

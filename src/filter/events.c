@@ -19,7 +19,9 @@ typedef struct kind {
   int32_t places;
 } kind;
 
-/* One row a kind: what one amplitude moves, in SI; what is uncertain beside it once it is believed; time between openings [s]; places. */
+/* One row a kind, in the order of EVENT_NONE .. EVENT_SENSOR (filter.h): what one amplitude moves, in SI; what is uncertain beside it
+ * once it is believed; time between openings [s]; places. Rows of NO: what BACK moves is found as it is opened (open_event()), ALONG
+ * raises the alarm alone (gain_of()), a faulty channel is what its measurements say (events_learn()). */
 #define NO { -1, TSE_R(0) }
 static kind kind_of(int32_t which)
 {
@@ -198,7 +200,8 @@ static int may_be_back(const tse_kalman *k)
   return !(k->change_from_var[LCF - LCX] > ud_variance(&k->p, LCF)) || !(k->change_from_var[LCR - LCX] > ud_variance(&k->p, LCR));
 }
 
-/* Places of the kinds lie one after the other. A kind's next one is opened in the place whose event has shown least, not the best. */
+/* Places of the kinds lie one after the other. A kind's next one takes a free place, else that of the oldest:
+ * the likeliest event keeps its place until LONGEST_EVENT. */
 static void spawn(const tse_params *p, tse_kalman *k, tse_real dt)
 {
   int at = 0;

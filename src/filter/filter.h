@@ -132,7 +132,7 @@ enum { NO_SENSOR_GOING = -1,
        NO_SENSOR_TURNING = -2 };
 
 /* events.c   clear: states before count were placed anew. move: the row's transition, M and what the states behind it keep.
- *            learn: a measurement of a channel (-1: none of a sensor) was used: slopes, gain, innovation, its variance, the sensor's sd
+ *            learn: a measurement of a channel (or NO_SENSOR_*) was used: slopes, gain, innovation, its variance, the sensor's sd
  *            decide: weigh, believe, open */
 void events_clear(tse_kalman *k, int count);
 void events_move(const tse_params *p, tse_kalman *k, tse_real M[MOTION][COLUMNS], const tse_real keep[STATES], tse_real dt);

@@ -1,4 +1,4 @@
-/* filter/step.c - a row of tse_step(): the page to read first.
+/* filter/step.c - a row of the default filter: start here.
  *
  *   row.c       a log row becomes a checked sample
  *   predict.c   state and covariance to its time (model/car.c)
@@ -91,7 +91,7 @@ tse_status step_row(const tse_params *p, tse_filter *f, const tse_input *u, tse_
     events_decide(p, k, z.dt);
     k->seen = r_min(k->seen + z.dt, TSE_R(1e6));
   }
-  if (!fine || !whole(k)) { /* a bit that fell over in memory, an overflow: the prior again, not a number that is none for ever */
+  if (!fine || !whole(k)) { /* a NaN or infinity, of a fault of the memory or an overflow: start again from the prior */
     memset(k, 0, sizeof *k);
     f->start.loaded = 0; /* what was learnt may have led here */
     start_all(p, f);

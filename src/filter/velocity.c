@@ -3,7 +3,7 @@
  * With (vx, vy) = v + r x lever where it is measured, `late` before the row:
  *   ins_vel_x = (1 + scale)(vx + turn vy)      gnss_speed  = (1 + scale) |(vx, vy)|
  *   ins_vel_y = (1 + scale)(vy - turn vx)      gnss_course = heading + atan2(vy, vx)          heading' = gyro - bias
- * Six states more: heading, scale, turn, late, lever along and across. Nothing of the car depends on them, so they stand before the others
+ * Seven states more: heading, speed across that the model does not explain, scale, turn, late, lever along and across. Nothing of the car depends on them, so they stand before the others
  * in U D U' (ud.h): a row of U each, and to the others it is as if they were not there. They come into use with the first velocity
  * that is given; until then nothing is computed and no bit is another.
  *

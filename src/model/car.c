@@ -40,7 +40,7 @@ void car_forces(const tse_car *c, const tse_real x[STATES], steering u, tse_real
   f->sin_d = s;
   f->cos_d = k;
   f->side = yf.f;
-  /* turned round as in turn_axes() */
+  /* written -(a - b): gcc 12 fuses it else, see turn_axes() */
   const tse_real ax = -(r_mul(yf.f, s) - r_mul(xf.f, k)), ay = r_mul(yf.f, k) + r_mul(xf.f, s);
   f->x = ax + xr.f - drag_of(c->drag, x[VX]) - rolling_of(c->rolling, x[VX]);
   f->y = ay + yr.f + c->pull_front + c->pull_rear;

@@ -131,7 +131,7 @@ TSE_INLINE innovation innovation_of(const tse_params *p, const common *c, const 
   return e;
 }
 
-/* algorithm1.c  the page to read first: lines 17, 18 of Algorithm 1, which bring the particles to this row; lines 3 .. 16 for its
+/* algorithm1.c  start here: lines 17, 18 of Algorithm 1, which bring the particles to this row; lines 3 .. 16 for its
  *               sample. now: estimates; log_evidence: of the sample [log2] */
 void paper_predict(const tse_params *p, tse_filter_paper *f, const sample *y);
 void paper_update(const tse_params *p, tse_filter_paper *f, const sample *y, tse_output *now, tse_real *log2_evidence);
