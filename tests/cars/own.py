@@ -136,7 +136,8 @@ def main(arguments: list[str]) -> int:
     text = f"""# Calibrated on the log itself
 
 `python -m tests.cars.own --keep DIR --cars {given.cars} --first {given.first}` after
-`python -m tests.cars.study --cars {given.cars} --first {given.first} --keep DIR`: what `tselab estimate` makes of a car of which only mass, axles, wheels and driven axle are known.
+`python -m tests.cars.study --cars {given.cars} --first {given.first} --keep DIR`:
+what `tselab estimate` makes of a car of which only mass, axles, wheels and driven axle are known.
 
 - *{CLASS}*: `--no-calibrate`, an ordinary car of its class. *{ITSELF}*: the default; the prior of a cornering stiffness has
   {OWN_SHARE:g} of the posterior sd. The lines below it: other shares, and the sd of the class. *{OTHERS}*: `tselab calibrate` on
