@@ -41,9 +41,7 @@ HINT_ONLY = ("author_stiffness_front", "author_stiffness_rear")
 LEAST_GRIP_SD = 0.1
 CALIBRATED_MODEL_SD = 0.075
 LEAST_LATE_SD = 0.008  # s
-# Calibrated on the log that is estimated: so much of its posterior sd is the prior of a cornering stiffness that is known to
-# OWN_KNOWN, ln. The log counts once, in the calibration; a filter that may learn it anew learns its own errors (own.md).
-OWN_SHARE, OWN_KNOWN = 0.5, 0.175
+OWN_KNOWN = 0.175  # ln: a cornering stiffness that the log itself shows less exactly is that of the class
 DRIVEN = {"both": 0, "front": 1, "rear": 2}  # the setting driven_axle
 
 
@@ -114,8 +112,7 @@ def filter_values(vehicle: Vehicle) -> dict[str, float]:
     for key, name in (("cx_front", "cx"), ("cy_front", "cy_front"), ("cy_rear", "cy_rear")):
         setting = f"initial_{name}_sd"
         known = np.inf if own and name == "cx" else sd.get(key, np.inf)
-        share = OWN_SHARE if own and known < OWN_KNOWN else 1.0
-        found[setting] = float(min(share * known, ordinary.get(setting, getattr(plain, setting))))
+        found[setting] = float(min(known, ordinary.get(setting, getattr(plain, setting))))
     # 1/friction: what the calibration found, and that tyres have about the grip of their class
     prior, inverse = 1.0 / ordinary["grip"], "tyre_saturation_inverse_friction"
     var, seen = (ordinary["grip_sd"] * prior) ** 2, sd.get(inverse, 10.0) ** 2

@@ -14,7 +14,6 @@ import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
-from unittest import mock
 
 import numpy as np
 import pandas as pd
@@ -29,16 +28,10 @@ from tselab.calibrate.along import outputs
 from tselab.config import make_config
 from tselab.core import Config
 from tselab.log import Log, read_log
-from tselab.vehicle import OWN_SHARE, Vehicle, filter_values, read_vehicle
+from tselab.vehicle import Vehicle, filter_values, read_vehicle
 
 CLASS, ITSELF, OTHERS = "not calibrated", "on the log itself", "on other logs"
-SHARES = (
-    0.3,
-    0.5,
-    0.7,
-    1.0,
-    np.inf,
-)  # of the posterior sd: what the prior of the stiffness could be; inf: the sd of the class
+SHARES = (0.5, 0.7, np.inf)  # of the posterior sd: what the prior of the stiffness could be; inf: the sd of the class
 AXLES = ("cy_front", "cy_rear")
 
 
@@ -49,8 +42,7 @@ def calibrated(vehicle: Vehicle, log: Log) -> Vehicle:
 
 def with_share(vehicle: Vehicle, log: Log, share: float) -> Config:
     """Return settings whose prior of the stiffness has so much of the posterior sd, at most that of the class."""
-    with mock.patch("tselab.vehicle.OWN_SHARE", 1.0):
-        config, _ = make_config(vehicle, log)
+    config, _ = make_config(vehicle, log)
     ordinary = filter_values(Vehicle(None, "", dict(vehicle.values), dict(vehicle.facts)))
     for key in AXLES:
         name = f"initial_{key}_sd"
@@ -76,7 +68,7 @@ def of_cars(folder: Path, count: int) -> pd.DataFrame:
         ways: dict[str, Callable[[], Config]] = {
             CLASS: lambda stated=stated, log=log: make_config(stated, log)[0],
             ITSELF: lambda itself=itself, log=log: make_config(itself, log)[0],
-            **{named(s): lambda v=itself, log=log, s=s: with_share(v, log, s) for s in SHARES if s != OWN_SHARE},
+            **{named(s): lambda v=itself, log=log, s=s: with_share(v, log, s) for s in SHARES},
         }
         if (other := car / "calibrated.toml").exists():
             ways[f"{OTHERS}, {told_by} cars"] = lambda other=other, log=log: make_config(read_vehicle(other), log)[0]
@@ -139,11 +131,11 @@ def main(arguments: list[str]) -> int:
 `python -m tests.cars.study --cars {given.cars} --first {given.first} --keep DIR`:
 what `tselab estimate` makes of a car of which only mass, axles, wheels and driven axle are known.
 
-- *{CLASS}*: `--no-calibrate`, an ordinary car of its class. *{ITSELF}*: the default; the prior of a cornering stiffness has
-  {OWN_SHARE:g} of the posterior sd. The lines below it: other shares, and the sd of the class. *{OTHERS}*: `tselab calibrate` on
+- *{CLASS}*: `--no-calibrate`, an ordinary car of its class. *{ITSELF}*: the default; the posterior is the
+  prior of the cornering stiffness. The lines below it: other shares, and the sd of the class. *{OTHERS}*: `tselab calibrate` on
   a drive of each road, to compare with; of the first cars.
-- The log counts once: in the calibration. A filter that starts with a wide prior learns the stiffness anew, with its own errors; a
-  narrow one keeps what all rows show together.
+- A narrower prior than the posterior keeps what all rows show together, and is surer than they are; a wider one lets the filter
+  learn the stiffness anew, with its own errors.
 
 ## Cars with 14 degrees of freedom
 

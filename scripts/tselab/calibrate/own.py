@@ -1,8 +1,8 @@
 """A car that nobody has calibrated: calibrated on the log that is estimated, once, and kept for the next run.
 
-The same rows are then prior and measurement. They count once: the filter starts from the stiffness that all of them show, with
-OWN_SHARE of its posterior sd (vehicle.py), and has hardly anything to learn of it anew. Longitudinal stiffness and model
-discrepancy stay those of the class: one short log says too little of either.
+The posterior of the cornering stiffness is the filter's prior, as of any calibration. The same rows are then prior and measurement,
+which model discrepancy makes little of: they add hardly anything. Longitudinal stiffness and model discrepancy stay those of the
+class: one short log says too little of either.
 """
 
 from __future__ import annotations
