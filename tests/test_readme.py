@@ -44,6 +44,11 @@ def test_its_numbers_are_those_of_scripts_results():
     assert "cornering {} and {} % off, {} and {} % of rows valid: 4 calibrated cars".format(*error, *valid) in facts
     stated = "there {} and {} % of valid rows more than 10 % off; {} and {} % within the 95 % interval"
     assert stated.format(*off, *interval) in facts
+    error, valid, off = (
+        [x.strip() for x in c.split("/")][1:] for c in cells("own.md", "all | on the log itself |")[:3]
+    )
+    own = "calibrated on the log itself: {} and {} % off, {} and {} % valid; {} and {} % off"
+    assert own.format(*error, *valid, *off) in facts
     delay, longest = re.match(r"([\d.]+) \(([\d.]+)\)", cells("regimes-road.md", "road-0.7 | tse | 30 s |")[0]).groups()
     hours, _, false = cells("false-alarms.md", "false-alarms | tse |")[:3]
     assert f"detected after {delay} s (longest {longest})" in facts
