@@ -402,7 +402,7 @@ static void prepare_car(const tse_config *c, tse_params *p)
 {
   tse_car *const car = &p->car;
   const tse_setting one = TSE_S(1), g = TSE_S(9.81), span = c->lf + c->lr, over = r_div(one, c->mass), yaw = r_div(one, c->yaw_inertia);
-  const tse_setting friction = c->grip > 0 ? c->grip : c->tyre_saturation_inverse_friction > 0 ? r_div(one, c->tyre_saturation_inverse_friction) : TSE_S(50);
+  const tse_setting friction = c->grip > 0 ? c->grip : c->tyre_saturation_inverse_friction > TSE_S(0.02) ? r_div(one, c->tyre_saturation_inverse_friction) : TSE_S(50);
   car->kx_front = p->kx_front;
   car->kx_rear = p->kx_rear;
   car->ky_front = p->ky_front;

@@ -64,7 +64,7 @@ void report_row(const tse_params *p, const tse_kalman *k, tse_output *out)
   out->lag_steer = k->x[LATE] + shift;
   out->lag_steer_sd = r_sqrt(var);
   var = variance_of(k, LMU, &shift);
-  out->grip = r_mul(p->car.grip, r_exp2(r_mul(LOG2_OF_E, k->x[LMU] + shift)));
+  out->grip = r_mul(p->car.grip, r_exp2(r_mul(LOG2_OF_E, r_clamp(k->x[LMU] + shift, -state_most[LMU], state_most[LMU]))));
   out->grip_sd = r_mul(out->grip, r_sqrt(var + r_sqr(MODEL_FLOOR)));
   out->sideslip_sd = r_div(out->vel_y_sd, r_max(r_abs(out->vel_x), TSE_R(1)));
   for (int c = 0; c < TSE_SENSORS; c++) {
