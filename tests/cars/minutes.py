@@ -1,0 +1,81 @@
+"""What more minutes of calibration bring: the same cars, calibrated on the first minutes of their drives (README.md).
+
+    python -m tests.cars.minutes --keep DIR [--cars N] [--minutes M ...] [--out FILE]
+
+DIR: that of `python -m tests.cars.study --keep DIR`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from tqdm import tqdm
+
+from tests.cars import ROADS
+from tests.cars.study import RESULTS, SETTLED, SLOW, TRUTH, estimated, score, table, truth_of
+from tselab.calibrate import output, workflow
+from tselab.log import read_log
+
+
+def shortened(fit: Path, minutes: float, into: Path) -> list[Path]:
+    """Return the logs of FIT that end after so many minutes, written to INTO."""
+    into.mkdir(exist_ok=True)
+    paths = []
+    for path in sorted(fit.glob("log_*.csv")):
+        log = pd.read_csv(path)
+        time = log["time"] - log["time"].iloc[0]
+        paths.append(into / path.name)
+        log[time <= 60 * minutes].to_csv(paths[-1], index=False)
+    return paths
+
+
+def of_car(car: Path, minutes: float) -> list[dict[str, Any]]:
+    """Return a row per road: estimates of the drives in CAR/test, calibrated on so many minutes of each in CAR/fit."""
+    folder = car / f"fit-{minutes:g}"
+    logs, vehicle = shortened(car / "fit", minutes, folder), folder / "calibrated.toml"
+    result = workflow.run(logs, car / "fit" / "car.toml", [], folder / "progress.json", 1, lambda _: None)
+    output.write(vehicle, result, [p.name for p in logs])
+    rows = []
+    for road in ROADS:
+        log = read_log(car / "test" / f"log_{road}.csv")
+        reference = pd.read_csv(car / "test" / f"reference_{road}.csv")
+        truth = truth_of({c: reference[c].to_numpy(float) for c in TRUTH.values()})
+        out, config = estimated(vehicle, log)
+        who = f"{minutes:g} min a road"
+        rows.append({"car": car.name, "road": road, "who": who, **score(out, config, log, truth)})
+    return rows
+
+
+def main(arguments: list[str]) -> int:
+    """Write the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--keep", type=Path, required=True, help="that of python -m tests.cars.study")
+    parser.add_argument("--cars", type=int, default=4, help="so many of its cars (default: 4)")
+    parser.add_argument("--minutes", type=float, nargs="+", default=[0.4, 1.0, 3.0], help="lengths (default: 0.4 1 3)")
+    parser.add_argument("--out", type=Path, default=RESULTS / "minutes.md", help="the table")
+    given = parser.parse_args(arguments)
+    jobs = [(given.keep / f"car{k}", m) for m in given.minutes for k in range(given.cars)]
+    runs = pd.DataFrame([row for job in tqdm(jobs, unit="search", file=sys.stderr) for row in of_car(*job)])
+    seeds = np.unique([(given.keep / f"car{k}" / "fit" / "car.toml").read_text().split("seed ")[1].split('"')[0]
+                       for k in range(given.cars)])  # fmt: skip
+    head = f"""# Minutes of calibration
+
+`python -m tests.cars.minutes --keep DIR --cars {given.cars}` after
+`python -m tests.cars.study --first {" ".join(seeds)} --keep DIR`: {given.cars} cars with 14 degrees of freedom,
+calibrated on the first minutes of a drive on each of {", ".join(ROADS)}, and estimated on another of each. Front longitudinal /
+front cornering / rear cornering; rows after {SETTLED:g} s and above {SLOW:g} m/s; columns as in [cars](cars.md).
+
+"""
+    text = head + "\n".join(table(runs.assign(road="all"))) + "\n\nBy road:\n\n" + "\n".join(table(runs)) + "\n"
+    given.out.write_text(text, encoding="utf-8")
+    print(f"{given.out}: {given.cars} cars")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
