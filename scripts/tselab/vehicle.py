@@ -41,7 +41,6 @@ HINT_ONLY = ("author_stiffness_front", "author_stiffness_rear")
 LEAST_GRIP_SD = 0.1
 CALIBRATED_MODEL_SD = 0.075
 LEAST_LATE_SD = 0.008  # s
-OWN_KNOWN = 0.175  # ln: a cornering stiffness that the log itself shows less exactly is that of the class
 DRIVEN = {"both": 0, "front": 1, "rear": 2}  # the setting driven_axle
 
 

@@ -402,6 +402,7 @@ static void prepare_car(const tse_config *c, tse_params *p)
 {
   tse_car *const car = &p->car;
   const tse_setting one = TSE_S(1), g = TSE_S(9.81), span = c->lf + c->lr, over = r_div(one, c->mass), yaw = r_div(one, c->yaw_inertia);
+  /* never beyond the range of `grip`, 0 .. 50: below 1/50 tyres have no end */
   const tse_setting friction = c->grip > 0 ? c->grip : c->tyre_saturation_inverse_friction > TSE_S(0.02) ? r_div(one, c->tyre_saturation_inverse_friction) : TSE_S(50);
   car->kx_front = p->kx_front;
   car->kx_rear = p->kx_rear;

@@ -1,6 +1,6 @@
 """What more minutes of calibration bring: the same cars, calibrated on the first minutes of their drives (README.md).
 
-    python -m tests.cars.minutes --keep DIR [--cars N] [--minutes M ...] [--out FILE]
+    python -m tests.cars.minutes --keep DIR --first SEED [--cars N] [--minutes M ...] [--out FILE]
 
 DIR: that of `python -m tests.cars.study --keep DIR`.
 """
@@ -12,14 +12,12 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
 from tqdm import tqdm
 
 from tests.cars import ROADS
-from tests.cars.study import RESULTS, SETTLED, SLOW, TRUTH, estimated, score, table, truth_of
+from tests.cars.study import RESULTS, SETTLED, SLOW, driven, estimated, score, table
 from tselab.calibrate import output, workflow
-from tselab.log import read_log
 
 
 def shortened(fit: Path, minutes: float, into: Path) -> list[Path]:
@@ -42,9 +40,7 @@ def of_car(car: Path, minutes: float) -> list[dict[str, Any]]:
     output.write(vehicle, result, [p.name for p in logs])
     rows = []
     for road in ROADS:
-        log = read_log(car / "test" / f"log_{road}.csv")
-        reference = pd.read_csv(car / "test" / f"reference_{road}.csv")
-        truth = truth_of({c: reference[c].to_numpy(float) for c in TRUTH.values()})
+        log, _, truth = driven(car / "test", road)
         out, config = estimated(vehicle, log)
         who = f"{minutes:g} min a road"
         rows.append({"car": car.name, "road": road, "who": who, **score(out, config, log, truth)})
@@ -56,17 +52,16 @@ def main(arguments: list[str]) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--keep", type=Path, required=True, help="that of python -m tests.cars.study")
     parser.add_argument("--cars", type=int, default=4, help="so many of its cars (default: 4)")
+    parser.add_argument("--first", type=int, required=True, help="the first seed of those cars")
     parser.add_argument("--minutes", type=float, nargs="+", default=[0.4, 1.0, 3.0], help="lengths (default: 0.4 1 3)")
     parser.add_argument("--out", type=Path, default=RESULTS / "minutes.md", help="the table")
     given = parser.parse_args(arguments)
     jobs = [(given.keep / f"car{k}", m) for m in given.minutes for k in range(given.cars)]
     runs = pd.DataFrame([row for job in tqdm(jobs, unit="search", file=sys.stderr) for row in of_car(*job)])
-    seeds = np.unique([(given.keep / f"car{k}" / "fit" / "car.toml").read_text().split("seed ")[1].split('"')[0]
-                       for k in range(given.cars)])  # fmt: skip
     head = f"""# Minutes of calibration
 
-`python -m tests.cars.minutes --keep DIR --cars {given.cars}` after
-`python -m tests.cars.study --first {" ".join(seeds)} --keep DIR`: {given.cars} cars with 14 degrees of freedom,
+`python -m tests.cars.minutes --keep DIR --cars {given.cars} --first {given.first}` after
+`python -m tests.cars.study --first {given.first} --keep DIR`: {given.cars} cars with 14 degrees of freedom,
 calibrated on the first minutes of a drive on each of {", ".join(ROADS)}, and estimated on another of each. Front longitudinal /
 front cornering / rear cornering; rows after {SETTLED:g} s and above {SLOW:g} m/s; columns as in [cars](cars.md).
 

@@ -22,7 +22,7 @@ from tqdm import tqdm
 from tests.cars import ROADS
 from tests.cars.real import DATA
 from tests.cars.real import row as real_row
-from tests.cars.study import OFF, RESULTS, SETTLED, TRUTH, score, table, truth_of
+from tests.cars.study import OFF, RESULTS, SETTLED, driven, score, table
 from tselab.calibrate import own
 from tselab.calibrate.along import outputs
 from tselab.config import make_config
@@ -58,11 +58,10 @@ def named(share: float) -> str:
 def of_cars(folder: Path, count: int) -> pd.DataFrame:
     """A row per drive and way of calibration."""
     rows: list[dict[str, Any]] = []
-    told_by = sum((folder / f"car{k}" / "calibrated.toml").exists() for k in range(count))
+    others = sum((folder / f"car{k}" / "calibrated.toml").exists() for k in range(count))
     for k, road in tqdm([(k, r) for k in range(count) for r in ROADS], unit="log", file=sys.stderr):
         car = folder / f"car{k}"
-        log, reference = read_log(car / "test" / f"log_{road}.csv"), pd.read_csv(car / "test" / f"reference_{road}.csv")
-        truth = truth_of({c: reference[c].to_numpy(float) for c in TRUTH.values()})
+        log, _, truth = driven(car / "test", road)
         stated = read_vehicle(car / "fit" / "car.toml")
         itself = calibrated(stated, log)
         ways: dict[str, Callable[[], Config]] = {
@@ -71,7 +70,7 @@ def of_cars(folder: Path, count: int) -> pd.DataFrame:
             **{named(s): lambda v=itself, log=log, s=s: with_share(v, log, s) for s in SHARES},
         }
         if (other := car / "calibrated.toml").exists():
-            ways[f"{OTHERS}, {told_by} cars"] = lambda other=other, log=log: make_config(read_vehicle(other), log)[0]
+            ways[f"{OTHERS}, {others} cars"] = lambda other=other, log=log: make_config(read_vehicle(other), log)[0]
         for who, made in ways.items():
             config = made()
             rows.append({"car": k, "road": road, "who": who, "used": bool(itself.calibration),

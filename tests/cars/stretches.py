@@ -20,12 +20,11 @@ from tqdm import tqdm
 
 from tests.cars import ROADS
 from tests.cars.events import EVENTS, ON
-from tests.cars.study import CONSTANT, PRIOR, RESULTS, SLOW, TRUTH, truth_of
+from tests.cars.study import CONSTANT, PRIOR, RESULTS, SLOW, driven
 from tselab import regimes
 from tselab.config import make_config
 from tselab.core import STIFFNESS, Config
 from tselab.estimate import Estimate, estimate
-from tselab.log import read_log
 from tselab.vehicle import read_vehicle
 from tselab.verdict import findings
 
@@ -57,10 +56,8 @@ def answers(est: Estimate, config: Config) -> Iterator[tuple[regimes.Stretch, st
 
 def one(folder: Path, road: str, car: Path) -> list[dict[str, Any]]:
     """Score a drive: a row per stretch, stiffness and estimator."""
-    log = read_log(folder / f"log_{road}.csv")
+    log, _, truth = driven(folder, road)
     config, _ = make_config(read_vehicle(car), log)
-    reference = pd.read_csv(folder / f"reference_{road}.csv")
-    truth = truth_of({c: reference[c].to_numpy(float) for c in TRUTH.values()})
     est = estimate(log, config)
     moving = est.table["vel_x"].to_numpy() > SLOW
     scores = []

@@ -39,7 +39,6 @@ CONSTANT = "constant of the calibration"
 BEST = "best constant, from the truth"
 TYRES = "calibrated, rear tyres alone"
 AT_REST = "calibrated, beside the stiffness at no slip"
-LINEAR = {"cx_front": "cx_front", "cy_front": "cy_front_effective", "cy_rear": "cy_rear_effective"}  # of truth.json
 SEEN = 0.1  # share of the rows of SMOOTH that must have a truth
 
 
@@ -63,6 +62,13 @@ def truth_of(reference: dict[str, np.ndarray], smooth: int = SMOOTH) -> dict[str
         key: pd.Series(reference[column]).rolling(smooth, center=True, min_periods=least).median().to_numpy()
         for key, column in TRUTH.items()
     }
+
+
+def driven(folder: Path, road: str) -> tuple[Log, pd.DataFrame, dict[str, np.ndarray]]:
+    """Return a kept drive: its log, its reference, and the secants of it that truth_of() has."""
+    reference = pd.read_csv(folder / f"reference_{road}.csv")
+    truth = truth_of({c: reference[c].to_numpy(float) for c in TRUTH.values()})
+    return read_log(folder / f"log_{road}.csv"), reference, truth
 
 
 def estimated(
@@ -191,9 +197,7 @@ def one(job: tuple[Path, bool]) -> tuple[list[dict[str, Any]], list[dict[str, An
     assumed, calibrated = folder / "fit" / "car.toml", folder / "calibrated.toml"
     scores, logs, truths, alone = [], {}, {}, {}
     for road in ROADS:
-        logs[road] = read_log(folder / "test" / f"log_{road}.csv")
-        reference = pd.read_csv(folder / "test" / f"reference_{road}.csv")
-        truths[road] = truth_of({c: reference[c].to_numpy(float) for c in TRUTH.values()})
+        logs[road], reference, truths[road] = driven(folder / "test", road)
         alone[road] = reference["cy_rear_tyre"].to_numpy(float)
     linear = json.loads((folder / "test" / "truth.json").read_text(encoding="utf-8"))["linear_stiffness"]
     middle = {key: float(np.nanmedian(np.concatenate([t[key] for t in truths.values()]))) for key in STIFFNESS}
@@ -208,7 +212,7 @@ def one(job: tuple[Path, bool]) -> tuple[list[dict[str, Any]], list[dict[str, An
             scores.append({**run, **score(out, config, log, truths[road])})
         tyres = truths[road] | {"cy_rear": truth_of(dict.fromkeys(TRUTH.values(), alone[road]))["cy_rear"]}
         scores.append({**run, "who": TYRES, **score(out, config, log, tyres)})
-        rest = {k: np.where(np.isfinite(t), linear[LINEAR[k]], np.nan) for k, t in truths[road].items()}
+        rest = {k: np.where(np.isfinite(t), linear[STIFF[NOMINAL[k]]], np.nan) for k, t in truths[road].items()}
         scores.append({**run, "who": AT_REST, **score(out, config, log, rest)})
     return scores, found["latencies"], found["physical"]
 
@@ -308,7 +312,7 @@ of the valid ones that are more than {100 * OFF:.0f} % from the secant; *95 % in
 every row, no filter. *{BEST}*: the median of the car's true secants in every row; no constant is nearer, what is off
 there is how far the secant itself moves. *{TYRES}*: the same estimates
 beside the rear tyres without the suspension's compliance, -5 .. 10 % of the axle's, which no sensor tells from them. *{AT_REST}*:
-that of the axle with static load and no slip, which is what the estimate is of; the secant is 0 .. 15 % below it.
+that of the axle with static load and no slip, which is what the estimate is of; slip and load make the secant less.
 Nothing happens on these drives: every change and fault is a false one. Latencies are those behind the gyro.
 
 """

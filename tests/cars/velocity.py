@@ -19,7 +19,7 @@ import numpy as np
 import pandas as pd
 
 from tests.cars.real import DATA
-from tests.cars.study import RESULTS, ROADS, SETTLED, TRUTH, changes, estimated, score, truth_of
+from tests.cars.study import RESULTS, ROADS, SETTLED, changes, driven, estimated, score
 from tselab.core import NOMINAL
 from tselab.log import Log, read_log
 
@@ -107,9 +107,7 @@ def car_rows(drives: Path) -> list[str]:
     for car in sorted(p for p in drives.glob("car*") if (p / "calibrated.toml").is_file()):
         clocks = json.loads((car / "test" / "truth.json").read_text(encoding="utf-8"))["logs"]
         for road in ROADS:
-            log = read_log(car / "test" / f"log_{road}.csv")
-            reference = pd.read_csv(car / "test" / f"reference_{road}.csv")
-            truth = truth_of({c: reference[c].to_numpy(float) for c in TRUTH.values()})
+            log, reference, truth = driven(car / "test", road)
             vx, vy, rate = (
                 np.interp(log.time, reference["time"], reference[c]) for c in ("vel_x", "vel_y", "yaw_rate")
             )

@@ -75,6 +75,7 @@ def test_the_estimate_is_nearer_and_more_of_the_front_valid(case):
         assert np.nanmedian(np.abs(ours)) < 0.1 and np.nanmedian(np.abs(ours)) < np.nanmedian(np.abs(plain))
         sd = (case.est[f"{key}_sd"] / case.est[key]).to_numpy()[case.est["time"].to_numpy() > 20]
         known = np.isfinite(ours)
+        # nearly all rows of one drive share one error: 0.9 fails where the interval misses for seconds, not for a moment
         assert (np.abs(ours)[known] < 1.96 * sd[known] * (1 + ours[known])).mean() > 0.9
     assert case.est["cy_front_valid"].mean() > case.plain["cy_front_valid"].mean()
 

@@ -28,12 +28,13 @@ from tselab.gap import constants
 from tselab.log import Log, liveliest
 from tselab.seal import read_sealed, write_sealed
 from tselab.toml import tomllib
-from tselab.vehicle import OWN_KNOWN, Vehicle, make_vehicle
+from tselab.vehicle import Vehicle, make_vehicle
 
 MOST_SECONDS = 600.0  # of all logs together: of a longer one the part in which the car turns most
 LEAST_SECONDS = 60.0  # that can be compared with a simulation
 LEAST_TURNING = 2.0  # s with a lateral acceleration of
 TURNING = 1.0  # m/s2
+KNOWN = 0.175  # ln: where neither cornering stiffness comes out to this, the log shows nothing of them
 LONGEST = 300.0  # s: a search that takes longer on this machine is given up
 TOO_LONG = f"the search took longer than {LONGEST:g} s"
 AXLES = {"cy_front": "front", "cy_rear": "rear"}
@@ -131,7 +132,7 @@ def _key(vehicle: Vehicle, logs: Sequence[Log]) -> str:
     deciding = [here.parent / name for name in ("config.py", "vehicle.py")]  # what the filter starts from
     for code in sorted((*here.glob("*.py"), *(here.parent / "identify").glob("*.py"), *deciding)):
         digest.update(code.read_bytes())
-    about = [__version__, OWN_KNOWN, sorted(vehicle.values.items()), vehicle.driven_axle]
+    about = [__version__, sorted(vehicle.values.items()), vehicle.driven_axle]
     digest.update(json.dumps(about).encode())
     for log in logs:
         columns = [log.time, log.rows()]
@@ -162,7 +163,7 @@ def _calibrate(vehicle: Vehicle, logs: Sequence[Log], say: Callable[[str], None]
     found = _found(result)
     if not result.fit.converged:
         return of_class(f"the search did not converge in {result.fit.steps} steps", found)
-    if not any(found["stiffness"][axle]["sd_relative"] < OWN_KNOWN for axle in AXLES):
+    if not any(found["stiffness"][axle]["sd_relative"] < KNOWN for axle in AXLES):
         return of_class("these rows show nothing of the cornering stiffness", found)
     result = replace(result, vehicle=replace(car, formula=None), own=True)
     made = Own(output.toml(result, [log.path.name for log in logs], Path()), _words(result, found), found)
