@@ -22,10 +22,13 @@ from tselab.log import Log
 from tselab.vehicle import read_vehicle
 
 STIFFNESS = "cx_front"
+WHEELS = ("wheel_speed_front_latency", "wheel_speed_rear_latency")
+APART_SD = 0.002  # s: messages of a bus come and go between two drives
 
 
 def refined(result: Result, logs: Sequence[Log]) -> Result:
-    """Return the result with the longitudinal stiffness of the filter in place of that of the search.
+    """Return the result with what the filter finds of the slip in place of the search's: the longitudinal stiffness, and how much
+    later the front wheel speed is than the rear's.
 
     Parameters
     ----------
@@ -46,15 +49,23 @@ def refined(result: Result, logs: Sequence[Log]) -> Result:
     with tempfile.TemporaryDirectory() as folder:
         draft = Path(folder) / "car.toml"
         output.write(draft, start, [])
-        ends = np.array([_end(draft, log) for log in logs])
-    mean, sd, first = ends[np.isfinite(ends).all(axis=1)].T
-    fits = np.abs(mean) < 1.96 * np.sqrt(np.maximum(first**2 - sd**2, 0.0))
-    if not fits.any():
-        return start
-    mean, sd, prior = mean[fits], sd[fits], 1.0 / first[0] ** 2
+        ends = [end for log in logs if (end := _end(draft, log))]
+    stiffness, lag = (_joined([end[n] for end in ends]) for n in range(2))
+    if stiffness:
+        start = _with(start, k, start.fit.x[k] + stiffness[0], stiffness[1])
+    return _apart(start, *lag) if lag else start
+
+
+def _joined(ends: list[tuple[float, float, float]]) -> tuple[float, float] | None:
+    """Return mean and sd of all logs, of (mean, sd, sd of the prior) of each; None where no log says something."""
+    fits = [(m, s, p) for m, s, p in ends if abs(m) < 1.96 * max(p**2 - s**2, 0.0) ** 0.5]
+    if not fits:
+        return None
+    mean, sd, first = np.array(fits).T
+    prior = 1.0 / first[0] ** 2
     information = np.maximum(1.0 / sd**2, prior)
     whole = prior + float(np.sum(information - prior))
-    return _with(result, k, start.fit.x[k] + float(information @ mean) / whole, max(whole**-0.5, float(sd.min())))
+    return float(information @ mean) / whole, max(whole**-0.5, float(sd.min()))
 
 
 def _with(result: Result, k: int, mean: float, sd: float) -> Result:
@@ -66,19 +77,28 @@ def _with(result: Result, k: int, mean: float, sd: float) -> Result:
     return replace(result, fit=replace(result.fit, x=x, covariance=covariance))
 
 
-def _end(vehicle: Path, log: Log) -> tuple[float, float, float]:
-    """Return logarithm of the longitudinal stiffness over the file's at the end of a log, its sd, and the sd of the start; NaN
-    where the filter refuses the log, or the file with this log."""
+def _apart(result: Result, mean: float, sd: float) -> Result:
+    """Return the result with the wheel speeds this much further apart, half of it each, and as uncertain."""
+    shift = dict(zip(WHEELS, (0.5 * mean, -0.5 * mean), strict=True))
+    x = result.fit.x + np.array([shift.get(name, 0.0) for name in result.problem.names])
+    findings = [replace(f, value=f.value + shift[f.name]) if f.name in shift else f for f in result.findings]
+    return replace(result, findings=findings, fit=replace(result.fit, x=x), wheels_apart_sd=max(sd, APART_SD))
+
+
+def _end(vehicle: Path, log: Log) -> tuple[tuple[float, float, float], ...]:
+    """Return (mean, sd, sd of the prior) at the end of a log, of the logarithm of the longitudinal stiffness over the file's, and
+    of how much later the front wheel speed is; nothing where the filter refuses the log, or the file with this log."""
     try:
         config, _ = make_config(read_vehicle(vehicle), log)
     except UserError:
-        return np.nan, np.nan, np.nan
+        return ()
     out = outputs(config, log)
     used = out[out["status"] >= 0]
     if not len(used):
-        return np.nan, np.nan, np.nan
+        return ()
     mean, sd = float(used[STIFFNESS][-1]), float(used[f"{STIFFNESS}_sd"][-1])
-    return float(np.log(mean)), sd / mean, config.initial_cx_sd
+    lag, lag_sd = float(used["lag_wheels"][-1]), float(used["lag_wheels_sd"][-1])
+    return (float(np.log(mean)), sd / mean, config.initial_cx_sd), (lag, lag_sd, config.wheel_delay_apart_sd)
 
 
 def outputs(config: Config, log: Log) -> np.ndarray:
