@@ -55,7 +55,7 @@ enum {
   TSE_UNCERTAINTIES = TSE_CONSIDERED + 2 /* and mass_sd, which stands before them, and model_sd behind */
 };
 
-#define TSE_STATES 24   /* src/model/car.h */
+#define TSE_STATES 23   /* src/model/car.h */
 #define TSE_SENSORS 5   /* accel_x, accel_y, yaw_rate, wheel speeds front and rear */
 #define TSE_SUBSTEPS 16
 #define TSE_DOUBTS 10   /* uncertain quantities that are no state */

@@ -80,7 +80,6 @@ typedef struct tse_output {
   tse_real change_age, change_probability, change_ratio[3]; /* the last change */
   tse_real discrepancy[3];      /* sd of what the model does not explain                  */
   tse_real lag_steer, lag_steer_sd; /* how late the steering acts behind the IMU          */
-  tse_real lag_wheels, lag_wheels_sd; /* how much later the front wheel speed is than the rear's */
   tse_real estimate_age;        /* how long before this row the time lies that the estimates speak of */
   tse_real n_eff, log_evidence; /* of particles, 1 in the default form; of this row        */
   int32_t spread_seen[3];       /* 1: the spread is learnt; 0: below what sensors and excitation can show */

@@ -244,10 +244,6 @@ class Estimate(EstimateBase):
     """How late the steering acts behind the IMU as found: bus, steering, tyres; below 0: how early; form 0 [s]."""
     lag_steer_sd: float
     """Its standard deviation [s]."""
-    lag_wheels: float
-    """How much later the front wheel speed is than the rear's, as found; beside slip it shows with 1/speed; form 0 [s]."""
-    lag_wheels_sd: float
-    """Its standard deviation [s]."""
     estimate_age: float
     """How long before this row the time lies that the estimates speak of (tse/latency.def) [s]."""
     n_eff: float

@@ -459,7 +459,7 @@ static void prepare_car(const tse_config *c, tse_params *p)
   const tse_setting uncertain[TSE_DOUBTS] = { c->yaw_inertia_sd, c->cg_sd, c->trail_sd, c->relaxation_sd, c->relaxation_sd, c->roll_steer_sd, c->accel_y_scale_sd, c->gyro_scale_sd, c->wheel_delay_sd, c->accel_delay_sd };
   const tse_setting prior[STATES] = { 0, 0, 0, 0, 0, 0, 0, 0, 0, r_mul(g, c->grade_sd), 0, c->accel_x_bias_sd, c->accel_y_bias_sd, c->yaw_rate_bias_sd,
                                   c->initial_cx_sd, c->initial_cy_front_sd, c->initial_cy_rear_sd, c->grip_sd, c->steer_offset_sd, c->steer_ratio_sd,
-                                  c->steer_lag_sd, c->wheel_radius_sd, c->lean_sd, c->wheel_delay_apart_sd };
+                                  c->steer_lag_sd, c->wheel_radius_sd, c->lean_sd };
   for (int i = 0; i < TSE_SENSORS; i++) p->sensor_sd[i] = real_of(sensor[i]);
   for (int i = 0; i < TSE_DOUBTS; i++) p->uncertain[i] = real_of(uncertain[i]);
   for (int i = 0; i < STATES; i++) p->prior_sd[i] = real_of(prior[i]);

@@ -63,9 +63,6 @@ void report_row(const tse_params *p, const tse_kalman *k, tse_output *out)
   var = variance_of(k, LATE, &shift);
   out->lag_steer = k->x[LATE] + shift;
   out->lag_steer_sd = r_sqrt(var);
-  var = variance_of(k, APART, &shift);
-  out->lag_wheels = k->x[APART] + shift;
-  out->lag_wheels_sd = r_sqrt(var);
   var = variance_of(k, LMU, &shift);
   out->grip = r_mul(p->car.grip, r_exp2(r_mul(LOG2_OF_E, r_clamp(k->x[LMU] + shift, -state_most[LMU], state_most[LMU]))));
   out->grip_sd = r_mul(out->grip, r_sqrt(var + r_sqr(MODEL_FLOOR)));
@@ -126,9 +123,9 @@ void judge_row(const tse_params *p, const tse_kalman *k, const passage *w, tse_o
 tse_status tse_uncertainty_sd(const tse_params *p, const tse_filter *f, int32_t k, tse_real sd[3])
 {
   static const int32_t doubt[TSE_UNCERTAINTIES] = { /* in the order of tse/uncertainty.def: mass; what is no state; states, below -1; model */
-                                                    -1, DOUBT_INERTIA, DOUBT_CENTRE, -2, -3, DOUBT_SCALE, DOUBT_WHEELS_LATE, DOUBT_ACCEL_LATE, DOUBT_LENGTH_FRONT, -4, DOUBT_GYRO, DOUBT_MOMENT, DOUBT_ROLL_STEER, -5, -6, -7
+                                                    -1, DOUBT_INERTIA, DOUBT_CENTRE, -2, -3, DOUBT_SCALE, DOUBT_WHEELS_LATE, DOUBT_ACCEL_LATE, DOUBT_LENGTH_FRONT, -4, DOUBT_GYRO, DOUBT_MOMENT, DOUBT_ROLL_STEER, -5, -6
   };
-  static const int32_t state[7] = { 0, GAIN, OFF, LEAN, APART, RAD, 0 };
+  static const int32_t state[6] = { 0, GAIN, OFF, LEAN, RAD, 0 };
   if (!p || !f || !sd) return TSE_E_NULL;
   if (p->magic != TSE_PARAMS_MAGIC || f->magic != TSE_FILTER_MAGIC || f->fingerprint != p->fingerprint || p->form != 0) return TSE_E_STATE;
   if (k < 0 || k >= TSE_UNCERTAINTIES) return TSE_E_SIZE;
@@ -139,7 +136,7 @@ tse_status tse_uncertainty_sd(const tse_params *p, const tse_filter *f, int32_t 
     if (f->step == 0) part = TSE_R(0);
     else if (doubt[k] == DOUBT_LENGTH_FRONT) part = r_sqrt(r_sqr(f->k.doubt[DOUBT_LENGTH_FRONT][i]) + r_sqr(f->k.doubt[DOUBT_LENGTH_REAR][i]));
     else if (doubt[k] >= 0) part = r_abs(f->k.doubt[doubt[k]][i]);
-    else if (doubt[k] == -1 || doubt[k] == -7) part = r_div(doubt[k] == -1 ? r_sqrt(p->mass_var) : MODEL_FLOOR, state_unit[i]);
+    else if (doubt[k] == -1 || doubt[k] == -6) part = r_div(doubt[k] == -1 ? r_sqrt(p->mass_var) : MODEL_FLOOR, state_unit[i]);
     else { /* a state: what of the sd goes with it */
       const int at = state[-doubt[k] - 1];
       part = r_div(r_abs(ud_common(&f->k.p, i, at)), r_sqrt(ud_variance(&f->k.p, at)));

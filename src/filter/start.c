@@ -8,7 +8,6 @@ const tse_real state_unit[TSE_ALL] = {
   TSE_R(0.05), TSE_R(0.05), TSE_R(0.002),                         /* BX BY BR          */
   TSE_R(0.1), TSE_R(0.1), TSE_R(0.1), TSE_R(0.2),              /* LCX LCF LCR LMU   */
   TSE_R(0.002), TSE_R(0.02), TSE_R(0.01), TSE_R(0.005), TSE_R(0.05), /* OFF GAIN LATE RAD LEAN */
-  TSE_R(0.005),                                                  /* APART             */
 #if !defined(TSE_NO_VELOCITY)
   TSE_R(0.02), TSE_R(0.1), TSE_R(0.01), TSE_R(0.01), TSE_R(0.02), TSE_R(0.2), TSE_R(0.2) /* PSI, V_OFF ... */
 #endif
@@ -16,7 +15,7 @@ const tse_real state_unit[TSE_ALL] = {
 
 const tse_real state_most[TSE_ALL] = {
   TSE_R(200), TSE_R(60), TSE_R(20), TSE_R(1.5), TSE_R(1.5), TSE_R(0.5), TSE_R(10), TSE_R(10), TSE_R(10), TSE_R(5), TSE_R(5),
-  TSE_R(50), TSE_R(50), TSE_R(6), TSE_R(4), TSE_R(4), TSE_R(4), TSE_R(4), TSE_R(0.2), TSE_R(0.5), TSE_R(0.2), TSE_R(0.2), TSE_R(0.9), TSE_R(0.2),
+  TSE_R(50), TSE_R(50), TSE_R(6), TSE_R(4), TSE_R(4), TSE_R(4), TSE_R(4), TSE_R(0.2), TSE_R(0.5), TSE_R(0.2), TSE_R(0.2), TSE_R(0.9),
 #if !defined(TSE_NO_VELOCITY)
   TSE_R(10), TSE_R(30), TSE_R(0.5), TSE_R(1), TSE_R(0.3), TSE_R(30), TSE_R(30)
 #endif

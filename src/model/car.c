@@ -210,8 +210,7 @@ void car_measure(const tse_car *c, const tse_real x[STATES], const forces *f, ts
   /* load that goes to the rear takes rolling radius there and gives it in front: the free axle lies about the speed, the driven one about its slip */
   const tse_real give_front = r_mul(GIVE, c->height_front), give_rear = r_mul(GIVE, c->height_rear);
   const tse_real turns_front = TSE_R(1) - r_mul(give_front, f->x), turns_rear = TSE_R(1) + r_mul(give_rear, f->x);
-  const tse_real gains = f->x + r_mul(x[VY], r) - x[GX];
-  z[3] = r_mul(r_mul(r_mul(along, TSE_R(1) + x[SF]), rolls), turns_front) - r_mul(x[APART], gains);
+  z[3] = r_mul(r_mul(r_mul(along, TSE_R(1) + x[SF]), rolls), turns_front);
   z[4] = r_mul(r_mul(x[VX], TSE_R(1) + x[SR]), turns_rear);
   for (int j = 0; j < COLUMNS; j++) {
     tse_real hx = r_mul(own_x, f->by_x[j]) - r_mul(ly, f->by_yaw[j]), hy = r_mul(own_y, f->by_y[j]) + r_mul(lx, f->by_yaw[j]);
@@ -224,7 +223,7 @@ void car_measure(const tse_car *c, const tse_real x[STATES], const forces *f, ts
     H[0][j] = r_mul(c->scale_x, h.x);
     H[1][j] = r_mul(c->scale_y, h.y);
     H[2][j] = TSE_R(0);
-    H[3][j] = -r_mul(r_mul(along, give_front) + x[APART], f->by_x[j]);
+    H[3][j] = -r_mul(r_mul(along, give_front), f->by_x[j]);
     H[4][j] = r_mul(r_mul(x[VX], give_rear), f->by_x[j]);
   }
   const tse_real forward = r_mul(TSE_R(1) + x[SF], rolls), sideways = r_mul(forward, f->sin_d), by_d = r_mul(forward, wheel.y);
@@ -238,10 +237,6 @@ void car_measure(const tse_car *c, const tse_real x[STATES], const forces *f, ts
   H[3][GAIN] += r_mul(by_d, f->steer - r_mul(x[LATE], f->rate));
   H[3][LATE] -= r_mul(r_mul(by_d, TSE_R(1) + x[GAIN]), f->rate);
   H[3][RAD] += r_mul(along, TSE_R(1) + x[SF]);
-  H[3][APART] -= gains;
-  H[3][VY] -= r_mul(x[APART], r);
-  H[3][YAW] -= r_mul(x[APART], x[VY]);
-  H[3][GX] += x[APART];
   H[3][BY_CENTRE] += r_mul(sideways, r);
   H[4][VX] += TSE_R(1) + x[SR];
   H[4][SR] += x[VX];

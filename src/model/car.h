@@ -10,8 +10,7 @@
  *   sigma af' = v (d - atan((vy + lf r)/v) - af)        sigma ar' = v (-atan((vy - lr r)/v) - ar)
  *   phi'' = w^2 (k a_y - phi) - 2 zeta w phi'
  *   d = (1 + gain) (steer - lateness steer') + offset
- *   w_f R_f = (vx cos d + (vy + lf r) sin d)(1 + s_f)(1 + rad)(1 - give h a_x/(9.81 lr)) - apart vx'
- *   w_r R_r = vx (1 + s_r)(1 + give h a_x/(9.81 lf))
+ *   w_f R_f = (vx cos d + (vy + lf r) sin d)(1 + s_f)(1 + rad)(1 - give h a_x/(9.81 lr))      w_r R_r = vx (1 + s_r)(1 + give h a_x/(9.81 lf))
  * Tyre: with X = C_x s and q = |X|/(grip load) its force is X c(q), along and across alike and each for itself; c = 1 - q/3 + q^2/27 up to
  * q = 3, then 1/q (brush model), mixed with 1/sqrt(1 + q^2). That one direction takes of the other's force is left out: with it the errors
  * of the longitudinal model pulled the grip, and with it the cornering stiffness, by 10 % and more (tests/cars). */
@@ -36,7 +35,6 @@ enum {
   LCX, LCF, LCR, LMU,             /* [1] logarithm of stiffness over nominal: longitudinal, front, rear cornering; of grip */
   OFF, GAIN, LATE, RAD, LEAN,     /* [rad] steering offset, [1] error of the steering ratio, [s] lateness of the steering, [1] of the front radius,
                                      [1] share of v r that roads lean into their curves */
-  APART,                          /* [s] how much later the front wheel speed is than the rear's: beside slip it grows with 1/v */
   STATES
 };
 enum { MOTION = SF, FAST = BX }; /* states before these: in motion; with noise in every row */

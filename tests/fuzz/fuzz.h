@@ -209,7 +209,7 @@ static inline void must_be_estimates(const tse_config *c, const tse_output *y, i
     MUST(is_number(all[i]), "real %u of the estimates is %g, status %d", (unsigned)i, number(all[i]), status);
   MUST(fabs(number(y->yaw_rate)) <= FASTEST_TURN, "yaw rate %g, status %d", number(y->yaw_rate), status);
   MUST(fabs(number(y->vel_x)) <= FASTEST && fabs(number(y->vel_y)) <= FASTEST, "speed %g, %g", number(y->vel_x), number(y->vel_y));
-  MUST(y->vel_x_sd >= 0 && y->vel_y_sd >= 0 && y->yaw_rate_sd >= 0 && y->lag_steer_sd >= 0 && y->lag_wheels_sd >= 0 && y->estimate_age >= 0, "sd of a state");
+  MUST(y->vel_x_sd >= 0 && y->vel_y_sd >= 0 && y->yaw_rate_sd >= 0 && y->lag_steer_sd >= 0 && y->estimate_age >= 0, "sd of a state");
   for (int a = 0; a < 3; a++) {
     MUST(number(y->stiffness[a]) >= least && number(y->stiffness[a]) <= most, "stiffness %d is %g, status %d", a, number(y->stiffness[a]), status);
     for (int k = 0; k < 5; k++) MUST(positive[k][a] >= 0, "sd %d of %d is %g", k, a, number(positive[k][a]));

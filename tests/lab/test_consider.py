@@ -101,7 +101,6 @@ OFF: dict[str, tuple[float, Run]] = {
 FOUND: dict[str, tuple[float, Run]] = {  # states
     "steer_ratio_sd": (0.01, logged_otherwise(lambda by: times(1 + by), "steer_angle")),
     "steer_offset_sd": (0.002, logged_otherwise(plus, "steer_angle")),
-    "wheel_delay_apart_sd": (0.006, logged_otherwise(late, "wheel_speed_front")),
     "wheel_radius_sd": (0.005, logged_otherwise(lambda by: times(1 + by), "wheel_speed_rear")),
 }
 
@@ -186,30 +185,6 @@ def test_a_grade_is_found_and_costs_no_stiffness(grade: float) -> None:
     assert (
         rms(out["vel_x"][2000:] - CAR.wheel_radius_rear * rows["wheel_speed_rear"][2000:]) < 0.1
     )  # the speed goes with no hill
-
-
-@pytest.mark.parametrize("later", [-0.01, 0.01])
-def test_wheel_speeds_that_are_apart_are_found_and_cost_no_stiffness(later: float) -> None:
-    """Two messages of a bus, a row of which is late. With a filter that takes them as together the stiffness is off by a tenth."""
-    rows, _ = over_hills(0.02)
-    column = "wheel_speed_front" if later > 0 else "wheel_speed_rear"
-    rows[column][1:] = rows[column][:-1].copy()
-    settings = {
-        "accel_x_sd": 0.1,
-        "longitudinal_stiffness_rear": CAR.longitudinal_stiffness_front,
-        "driven_axle": 1.0,
-        "grade_sd": 0.03,
-    }
-    found = {}
-    for sd in (0.006, 0.0):
-        filter_ = Filter(Config(settings | {"wheel_delay_apart_sd": sd}))
-        out = filter_.outputs(len(rows))
-        filter_.step_into(rows, out)
-        found[sd] = out[-1]
-    last = found[0.006]
-    assert last["lag_wheels"] == pytest.approx(later, abs=0.003) and last["lag_wheels_sd"] < 0.0015  # a third of a row
-    assert abs(last["cx_front"] - 1.0) < 0.05 and abs(found[0.0]["cx_front"] - 1.0) > 0.1
-    assert abs(found[0.0]["lag_wheels"]) < 1e-9 and found[0.0]["lag_wheels_sd"] < 1e-9
 
 
 def test_a_channel_that_comes_back_and_a_gap_leave_no_jump(driven: np.ndarray) -> None:

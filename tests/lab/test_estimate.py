@@ -27,8 +27,7 @@ LATER_COLUMNS = [
     *(f"{s}_reason" for s in STIFFNESS),
     *(f"p_{p}" for p in ("steady", "changed", "axle", "fault", "sliding", "restarted")),
     "change_age", "change_probability", "change_kind", *(f"change_{s}" for s in STIFFNESS), "fault_channel",
-    "discrepancy_accel_x", "discrepancy_accel_y", "discrepancy_yaw_rate", "lag_steer", "lag_steer_sd",
-    "lag_wheels", "lag_wheels_sd", "estimate_age",
+    "discrepancy_accel_x", "discrepancy_accel_y", "discrepancy_yaw_rate", "lag_steer", "lag_steer_sd", "estimate_age",
     "sideslip_sd", "grip", "grip_sd", "grip_valid", "noise_wheel_front", "noise_wheel_rear",
     *(f"innovation_{c}" for c in ("accel_x", "accel_y", "yaw_rate", "wheel_front", "wheel_rear")), "nis", "grip_reason",
 ]  # fmt: skip

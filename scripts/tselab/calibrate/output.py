@@ -73,7 +73,6 @@ def uncertainty(result: Result) -> dict[str, float]:
         # wheels that are late and soft tyres look alike, and their noise makes the simulation prefer both: what the logs say of it
         # is not believed beyond what is known of any car
         "wheel_delay_sd": max(found["wheel_delay_sd"], wheels),
-        "wheel_delay_apart_sd": result.wheels_apart_sd or found["wheel_delay_apart_sd"],
         "accel_delay_sd": sd(accel_y_latency=1.0),
         "relaxation_sd": sd(relaxation_length=1.0),
         "wheel_radius_sd": sd(

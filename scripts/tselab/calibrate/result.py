@@ -37,7 +37,6 @@ class Result:
     sensors: dict[str, float]
     steps: dict[str, float]  # quantisation of each channel as logged; 0: none that shows
     notes: list[str] = field(default_factory=list)
-    wheels_apart_sd: float = 0.0  # s: of how much later the front wheel speed is; 0: as the vehicle file has it
     own: bool = False  # on the logs that are estimated: their rows count once
 
     @property

@@ -109,6 +109,7 @@ def _result(
 ) -> Result:
     if vehicle.formula is not None:
         notes.append(f"the vehicle file has a formula ({vehicle.formula.id}): it was simulated as it is, and is kept")
+    result = along.wheels_apart(problem, result, logs, vehicle.driven_axle)
     rows = findings(problem, result, known_before(problem.config))
     steps = {c: max(step_of(log.data[c].to_numpy(float)) for log in logs) for c in (*DRIVES, *MEASURED)}
     sensors = _sensors(problem, result, logs)

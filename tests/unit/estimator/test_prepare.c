@@ -452,7 +452,7 @@ static void test_the_prior_of_the_state_is_that_of_the_settings(void)
   c.bank_angle = setting(0.01);
   const tse_params p = prepared(&c);
   const double sd[STATES - BX] = { 0.02, 0.04, 0.003, 0.35, 0.15, 0.25, 0.2, of_setting(c.steer_offset_sd), of_setting(c.steer_ratio_sd), 0.05,
-                                   of_setting(c.wheel_radius_sd), of_setting(c.lean_sd), of_setting(c.wheel_delay_apart_sd) };
+                                   of_setting(c.wheel_radius_sd), of_setting(c.lean_sd) };
   for (int i = BX; i < STATES; i++) expect_near(sd[i - BX], number(p.prior_sd[i]), 1e-7, "prior_sd", i);
   const double mean[3] = { log(0.7), log(0.8), log(1.3) };
   for (int i = 0; i < 3; i++) expect_near(mean[i], number(p.prior[LCX + i]), BY_NUMBER(1e-12, 1e-6, 1e-6), "prior", i);

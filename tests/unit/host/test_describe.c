@@ -178,8 +178,6 @@ static void test_outputs_are_the_columns_of_the_estimates_file(void)
     "nis",
     "lag_steer",
     "lag_steer_sd",
-    "lag_wheels",
-    "lag_wheels_sd",
     "estimate_age",
     "n_eff",
     "log_evidence",
