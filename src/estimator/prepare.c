@@ -11,6 +11,10 @@
  * before any is left out (28 of 30 rows at their most). */
 #define ROWS_TO_SPARE 4
 #define NO_LIMIT TSE_R(1000000) /* of a spread, squared */
+#define STANDARD_GRAVITY TSE_S(9.81) /* m/s2: GRAVITY of model/laws.h, in the format of settings */
+#define LEAST_WHEEL_SD TSE_S(0.012) /* m/s: floor of the noise of a wheel speed */
+#define SHORTEST_RELAXATION TSE_S(0.05) /* m: numerics; at 10 m/s a shorter one is over within a substep */
+#define ROLLING_USUAL TSE_S(0.01) /* 1: rolling resistance of an axle that rolls freely, where the setting has none */
 
 static tse_real real_of(tse_setting x) { return r_from_setting(x); }
 
@@ -26,7 +30,7 @@ void tse_config_uncalibrated(tse_config *c)
   if (!c) return;
 #define UNCALIBRATED(setting, value, why) c->setting = TSE_S(value);
 #include "tse/uncalibrated.def"
-  const tse_setting g = TSE_S(9.81), weight = r_mul(g, r_div(c->mass, c->lf + c->lr));
+  const tse_setting weight = r_mul(STANDARD_GRAVITY, r_div(c->mass, c->lf + c->lr));
   c->yaw_inertia = r_mul(c->mass, r_mul(c->lf, c->lr));
   c->cornering_stiffness_front = r_mul(TSE_S(CLASS_CORNERING_FRONT), r_mul(weight, c->lr));
   c->cornering_stiffness_rear = r_mul(TSE_S(CLASS_CORNERING_REAR), r_mul(weight, c->lf));
@@ -362,7 +366,7 @@ static tse_status fits(const tse_params *p, const tse_config *c, const char **wr
 }
 #endif
 
-static void constants_of(const tse_config *settings, tse_params *p);
+static void make_params(const tse_config *settings, tse_params *p);
 
 tse_status tse_prepare(const tse_config *settings, tse_params *p, const char **wrong)
 {
@@ -371,12 +375,12 @@ tse_status tse_prepare(const tse_config *settings, tse_params *p, const char **w
   if (!p) return TSE_E_NULL;
 #if defined(TSE_REAL_FIXED)
   tse_params made;
-  constants_of(settings, &made);
+  make_params(settings, &made);
   const tse_status fit = fits(&made, settings, wrong);
   if (fit < 0) return fit; /* p is unchanged */
   *p = made;
 #else
-  constants_of(settings, p);
+  make_params(settings, p);
 #endif
   return TSE_OK;
 }
@@ -397,26 +401,39 @@ static void prepare_velocity(const tse_config *c, tse_params *p)
 #endif
 }
 
-/* The car of the filter's model. c: with CONSTANT effects */
-static void prepare_car(const tse_config *c, tse_params *p)
+/* Take tyres, loads and load transfer from the settings. Stiffness is that of the vehicle, which stands in p. */
+static void prepare_tyres(const tse_config *c, tse_params *p)
 {
   tse_car *const car = &p->car;
-  const tse_setting one = TSE_S(1), g = TSE_S(9.81), span = c->lf + c->lr, over = r_div(one, c->mass), yaw = r_div(one, c->yaw_inertia);
+  const tse_setting one = TSE_S(1), span = c->lf + c->lr;
   /* never beyond the range of `grip`, 0 .. 50: below 1/50 tyres have no end */
   const tse_setting friction = c->grip > 0 ? c->grip : c->tyre_saturation_inverse_friction > TSE_S(0.02) ? r_div(one, c->tyre_saturation_inverse_friction) : TSE_S(50);
+  const tse_setting rolling = c->rolling_resistance_coefficient > 0 ? c->rolling_resistance_coefficient : ROLLING_USUAL;
   car->kx_front = p->kx_front;
   car->kx_rear = p->kx_rear;
   car->ky_front = p->ky_front;
   car->ky_rear = p->ky_rear;
-  car->load_front = real_of(r_div(r_mul(g, c->lr), span));
-  car->load_rear = real_of(r_div(r_mul(g, c->lf), span));
+  car->load_front = real_of(r_div(r_mul(STANDARD_GRAVITY, c->lr), span));
+  car->load_rear = real_of(r_div(r_mul(STANDARD_GRAVITY, c->lf), span));
   car->grip = real_of(friction);
   car->shape = real_of(c->tyre_saturation_shape);
   car->load_gain = real_of(c->longitudinal_load_transfer_gain);
   car->side_front = real_of(r_mul(c->lateral_load_transfer_gain, one + c->lateral_load_transfer_balance));
   car->side_rear = real_of(r_mul(c->lateral_load_transfer_gain, one - c->lateral_load_transfer_balance));
-  car->height_front = real_of(r_div(c->cg_height, r_mul(g, c->lr)));
-  car->height_rear = real_of(r_div(c->cg_height, r_mul(g, c->lf)));
+  car->height_front = real_of(r_div(c->cg_height, r_mul(STANDARD_GRAVITY, c->lr)));
+  car->height_rear = real_of(r_div(c->cg_height, r_mul(STANDARD_GRAVITY, c->lf)));
+  car->relaxation = real_of(c->relaxation_length > SHORTEST_RELAXATION ? c->relaxation_length : SHORTEST_RELAXATION);
+  car->free_front = real_of(r_div(r_mul(r_mul(rolling, STANDARD_GRAVITY), r_mul(c->mass, r_div(c->lr, span))), c->longitudinal_stiffness_front));
+  car->free_rear = real_of(r_div(r_mul(r_mul(rolling, STANDARD_GRAVITY), r_mul(c->mass, r_div(c->lf, span))), c->longitudinal_stiffness_rear));
+  car->driven = c->driven_axle;
+}
+
+/* Take inertia, drag, steering and roll of the body from the settings. */
+static void prepare_body(const tse_config *c, tse_params *p)
+{
+  tse_car *const car = &p->car;
+  const tse_setting one = TSE_S(1), over = r_div(one, c->mass), yaw = r_div(one, c->yaw_inertia);
+  const int rolls = c->body_roll_gain != 0;
   car->lf = p->lf;
   car->lr = p->lr;
   car->jf = p->jf;
@@ -424,20 +441,28 @@ static void prepare_car(const tse_config *c, tse_params *p)
   car->m_inertia = real_of(r_mul(c->mass, yaw));
   car->trail = real_of(r_mul(r_mul(c->mass, yaw), c->aligning_moment_trail));
   car->drag = real_of(r_mul(c->aero_drag_coefficient, over));
-  car->rolling = real_of(r_mul(g, c->rolling_resistance_coefficient));
+  car->rolling = real_of(r_mul(STANDARD_GRAVITY, c->rolling_resistance_coefficient));
   car->pull_front = real_of(r_mul(c->conicity_front, over));
   car->pull_rear = real_of(r_mul(c->conicity_rear, over));
-  car->relaxation = real_of(c->relaxation_length > TSE_S(0.05) ? c->relaxation_length : TSE_S(0.05));
   car->compliance = real_of(r_mul(r_mul(c->steering_compliance_angle_per_moment, c->steering_compliance_trail), c->mass));
-  const int rolls = c->body_roll_gain != 0;
   car->roll_gain = real_of(rolls ? c->body_roll_gain : c->rear_roll_steer_roll);
   car->roll_rate = real_of(r_mul(TSE_S(6.2831853071795865), rolls ? c->body_roll_frequency : c->rear_roll_steer_frequency));
   car->roll_damping = real_of(rolls ? c->body_roll_damping : c->rear_roll_steer_damping);
-  car->roll_leak = real_of(rolls ? g : 0);
+  car->roll_leak = real_of(rolls ? STANDARD_GRAVITY : 0);
   car->roll_height = real_of(rolls ? c->body_roll_height : 0);
   car->roll_coupling = real_of(rolls ? c->body_roll_coupling : 0);
   car->roll_steer = real_of(c->rear_roll_steer_gain);
-  car->pitch_leak = real_of(r_mul(g, c->pitch_leak_gain));
+  p->steer_lag = real_of(r_div(c->steering_lag_time, one + c->steering_lag_second));
+  p->steer_lag_second = r_mul(p->steer_lag, real_of(c->steering_lag_second));
+}
+
+/* Take place, mounting and scales of the IMU from the settings, and the noise of all sensors. */
+static void prepare_readings(const tse_config *c, tse_params *p)
+{
+  tse_car *const car = &p->car;
+  const tse_setting one = TSE_S(1), wheel = r_mul(c->wheel_noise_sd, c->wheel_radius_front), speed_sd = wheel > LEAST_WHEEL_SD ? wheel : LEAST_WHEEL_SD;
+  const tse_setting sensor[TSE_SENSORS] = { c->accel_x_sd, c->accel_y_sd, c->yaw_rate_sd, speed_sd, speed_sd };
+  car->pitch_leak = real_of(r_mul(STANDARD_GRAVITY, c->pitch_leak_gain));
   car->pitch_height = real_of(r_mul(c->pitch_leak_gain, c->pitch_leak_height));
   car->pitch_frequency = real_of(c->pitch_leak_frequency);
   car->pitch_damping = real_of(c->pitch_leak_damping);
@@ -447,24 +472,20 @@ static void prepare_car(const tse_config *c, tse_params *p)
   car->scale_x = real_of(one + c->imu_scale_ax_error);
   car->scale_y = real_of(one + c->imu_scale_ay_error);
   car->scale_r = real_of(one + c->gyro_scale_error);
-  const tse_setting rolling = c->rolling_resistance_coefficient > 0 ? c->rolling_resistance_coefficient : TSE_S(0.01);
-  car->free_front = real_of(r_div(r_mul(r_mul(rolling, g), r_mul(c->mass, r_div(c->lr, span))), c->longitudinal_stiffness_front));
-  car->free_rear = real_of(r_div(r_mul(r_mul(rolling, g), r_mul(c->mass, r_div(c->lf, span))), c->longitudinal_stiffness_rear));
-  car->driven = c->driven_axle;
-  p->steer_lag = real_of(r_div(c->steering_lag_time, one + c->steering_lag_second));
-  p->steer_lag_second = r_mul(p->steer_lag, real_of(c->steering_lag_second));
+  for (int i = 0; i < TSE_SENSORS; i++) p->sensor_sd[i] = real_of(sensor[i]);
+}
 
-  const tse_setting least_wheel = TSE_S(0.012), wheel = r_mul(c->wheel_noise_sd, c->wheel_radius_front);
-  const tse_setting sensor[TSE_SENSORS] = { c->accel_x_sd, c->accel_y_sd, c->yaw_rate_sd, wheel > least_wheel ? wheel : least_wheel, wheel > least_wheel ? wheel : least_wheel };
+/* Take means, sds and walks of the state from the settings, and the sds of what is uncertain and no state. */
+static void prepare_prior(const tse_config *c, tse_params *p)
+{
   const tse_setting uncertain[TSE_DOUBTS] = { c->yaw_inertia_sd, c->cg_sd, c->trail_sd, c->relaxation_sd, c->relaxation_sd, c->roll_steer_sd, c->accel_y_scale_sd, c->gyro_scale_sd, c->wheel_delay_sd, c->accel_delay_sd };
-  const tse_setting prior[STATES] = { 0, 0, 0, 0, 0, 0, 0, 0, 0, r_mul(g, c->grade_sd), 0, c->accel_x_bias_sd, c->accel_y_bias_sd, c->yaw_rate_bias_sd,
+  const tse_setting prior[STATES] = { 0, 0, 0, 0, 0, 0, 0, 0, 0, r_mul(STANDARD_GRAVITY, c->grade_sd), 0, c->accel_x_bias_sd, c->accel_y_bias_sd, c->yaw_rate_bias_sd,
                                   c->initial_cx_sd, c->initial_cy_front_sd, c->initial_cy_rear_sd, c->grip_sd, c->steer_offset_sd, c->steer_ratio_sd,
                                   c->steer_lag_sd, c->wheel_radius_sd, c->lean_sd };
-  for (int i = 0; i < TSE_SENSORS; i++) p->sensor_sd[i] = real_of(sensor[i]);
+  const tse_setting initial[3] = { c->initial_cx_front, c->initial_cy_front, c->initial_cy_rear }, walk[3] = { c->accel_x_bias_walk, c->accel_y_bias_walk, c->yaw_rate_bias_walk };
   for (int i = 0; i < TSE_DOUBTS; i++) p->uncertain[i] = real_of(uncertain[i]);
   for (int i = 0; i < STATES; i++) p->prior_sd[i] = real_of(prior[i]);
   p->prior_sd[GY] = BANK_SD;
-  const tse_setting initial[3] = { c->initial_cx_front, c->initial_cy_front, c->initial_cy_rear }, walk[3] = { c->accel_x_bias_walk, c->accel_y_bias_walk, c->yaw_rate_bias_walk };
   for (int i = 0; i < 3; i++) {
     p->prior[LCX + i] = logarithm(real_of(initial[i]));
     p->bias_sd_walk[i] = real_of(walk[i]);
@@ -479,31 +500,22 @@ static void prepare_car(const tse_config *c, tse_params *p)
   p->log_min = logarithm(real_of(c->stiffness_min));
   p->log_max = logarithm(real_of(c->stiffness_max));
   p->model_sd = real_of(c->model_sd);
+}
+
+/* Make the car of form 0, and what its filter starts from.   Given: c  with CONSTANT effects   Updated: p  holds the vehicle */
+static void prepare_car(const tse_config *c, tse_params *p)
+{
+  prepare_tyres(c, p);
+  prepare_body(c, p);
+  prepare_readings(c, p);
+  prepare_prior(c, p);
   prepare_velocity(c, p);
   p->no_torque = real_of(c->wheel_torque_least);
 }
 
-static void constants_of(const tse_config *settings, tse_params *p)
+/* Take stiffness over mass, geometry and radii from the settings. */
+static void prepare_vehicle(const tse_config *c, tse_params *p)
 {
-  const tse_setting one = TSE_S(1);
-  const uint64_t mask = effects_on(settings);
-  tse_config car = *settings;
-  const tse_config *const c = &car;
-
-  change_car(mask, &car);
-  memset(p, 0, sizeof *p);
-  p->magic = TSE_PARAMS_MAGIC;
-  p->fingerprint = fingerprint(settings);
-  p->vehicle = vehicle_fingerprint(settings);
-  p->particles = c->particles;
-  p->resampling = c->resampling;
-  p->form = c->form;
-  p->wheel_signals = c->wheel_signals;
-  p->vel_x_from_wheels = c->initial_vel_x_from_wheels;
-  p->integration = c->integration;
-  p->seed[0] = (uint32_t)c->seed;
-  p->seed[1] = 0x7473650au; /* no seed gives the all-zero key */
-
   p->kx_front = real_of(r_div(c->longitudinal_stiffness_front, c->mass));
   p->kx_rear = real_of(r_div(c->longitudinal_stiffness_rear, c->mass));
   p->ky_front = real_of(r_div(c->cornering_stiffness_front, c->mass));
@@ -515,25 +527,29 @@ static void constants_of(const tse_config *settings, tse_params *p)
   p->jr = real_of(r_div(r_mul(c->mass, c->lr), c->yaw_inertia));
   p->radius_front = real_of(c->wheel_radius_front);
   p->radius_rear = real_of(c->wheel_radius_rear);
+  p->mass_var = real_of(square(c->mass_sd));
+}
 
+/* Take sds, biases and their walks of the IMU from the settings, in units of the sensors' sds. */
+static void prepare_imu(const tse_config *c, tse_params *p)
+{
   const tse_setting sd[3] = { c->accel_x_sd, c->accel_y_sd, c->yaw_rate_sd };
   const tse_setting bias_sd[3] = { c->accel_x_bias_sd, c->accel_y_bias_sd, c->yaw_rate_bias_sd };
   const tse_setting walk[3] = { c->accel_x_bias_walk, c->accel_y_bias_walk, c->yaw_rate_bias_walk };
   for (int i = 0; i < 3; i++) {
     p->sd[i] = real_of(sd[i]);
-    p->inv_sd[i] = real_of(r_div(one, sd[i]));
+    p->inv_sd[i] = real_of(r_div(TSE_S(1), sd[i]));
     p->bias_var0[i] = real_of(square(r_div(bias_sd[i], sd[i])));
     p->bias_walk[i] = real_of(square(r_div(walk[i], sd[i])));
     p->log_sd[i] = r_log2(real_of(sd[i]));
   }
+}
 
-  p->mass_var = real_of(square(c->mass_sd));
-
-  const tse_setting spread_var = square(c->initial_spread);
-  const tse_setting w0[3] = { c->initial_cx_front - one, c->initial_cy_front - one, c->initial_cy_rear - one };
-  const tse_setting x_sd[3] = { c->initial_vel_x_sd, c->initial_vel_y_sd, c->initial_yaw_rate_sd };
+/* Take times and limits of a row from the settings, and the longest step of form 1 by how fast the car damps its motion. */
+static void prepare_rows(const tse_config *c, tse_params *p)
+{
   p->sample_time = real_of(c->sample_time);
-  p->inv_sample_time = real_of(r_div(one, c->sample_time));
+  p->inv_sample_time = real_of(r_div(TSE_S(1), c->sample_time));
   p->max_step = real_of(r_mul(c->sample_time, TSE_S(1.5)));
   /* dampings times speed: of vx by the longitudinal, of vy and of the yaw rate by the cornering stiffnesses */
   const tse_setting cy_f = c->cornering_stiffness_front, cy_r = c->cornering_stiffness_rear;
@@ -549,6 +565,15 @@ static void constants_of(const tse_config *settings, tse_params *p)
   p->noise_max_var = real_of(square(c->noise_max));
   p->hold_speed = real_of(c->hold_speed);
   p->max_steer = real_of(c->max_steer);
+  p->valid_var = real_of(square(c->valid_sd));
+}
+
+/* Take what form 1 starts from, remembers and is held to from the settings; the persisted state of both forms ages by the same two. */
+static void prepare_statistics(const tse_config *c, tse_params *p)
+{
+  const tse_setting one = TSE_S(1), spread_var = square(c->initial_spread);
+  const tse_setting w0[3] = { c->initial_cx_front - one, c->initial_cy_front - one, c->initial_cy_rear - one };
+  const tse_setting x_sd[3] = { c->initial_vel_x_sd, c->initial_vel_y_sd, c->initial_yaw_rate_sd };
   p->log2_forgetting = r_log2(real_of(c->forgetting));
   p->forgetting_mean = real_of(c->forgetting_mean > TSE_S(0.5) ? c->forgetting_mean : c->forgetting);
   p->log2_forgetting_mean = r_log2(p->forgetting_mean);
@@ -573,11 +598,34 @@ static void constants_of(const tse_config *settings, tse_params *p)
   p->w_min = real_of(c->stiffness_min - one);
   p->w_max = real_of(c->stiffness_max - one);
   p->w_low = c->reflect_draws ? p->w_min : -p->w_max;
-  p->valid_var = real_of(square(c->valid_sd));
   p->steady_walk = real_of(square(c->steady_walk));
-  prepare_latencies(c, p);
-  prepare_effects(c, mask, p);
-  prepare_car(c, p);
+}
+
+/* Make all constants of a filter, in the order in which they need each other.   Given: settings that tse_config_check() accepts */
+static void make_params(const tse_config *settings, tse_params *p)
+{
+  const uint64_t mask = effects_on(settings);
+  tse_config car = *settings;
+  change_car(mask, &car);
+  memset(p, 0, sizeof *p);
+  p->magic = TSE_PARAMS_MAGIC;
+  p->fingerprint = fingerprint(settings);
+  p->vehicle = vehicle_fingerprint(settings);
+  p->particles = settings->particles;
+  p->resampling = settings->resampling;
+  p->form = settings->form;
+  p->wheel_signals = settings->wheel_signals;
+  p->vel_x_from_wheels = settings->initial_vel_x_from_wheels;
+  p->integration = settings->integration;
+  p->seed[0] = (uint32_t)settings->seed;
+  p->seed[1] = 0x7473650au; /* no seed gives the all-zero key */
+  prepare_vehicle(&car, p);
+  prepare_imu(&car, p);
+  prepare_rows(&car, p);
+  prepare_statistics(&car, p);
+  prepare_latencies(&car, p);
+  prepare_effects(&car, mask, p);
+  prepare_car(&car, p);
 }
 
 void tse_stiffness_si(const tse_config *c, const tse_output *y, tse_setting mean[3], tse_setting sd[3], tse_setting spread[3])
