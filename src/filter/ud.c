@@ -1,12 +1,13 @@
 /* filter/ud.c - U D U': see ud.h. */
 #include "filter/ud.h"
 
-/* Nothing is known better: rounding must not leave D at 0 (fixed point), nor make denormal numbers. */
+/* [unit^2] Least element of D, numerics: rounding must not leave it at 0 (fixed point), nor make denormal numbers. */
 #if defined(TSE_REAL_FIXED)
 #define LEAST_D ((tse_real)16)
 #else
 #define LEAST_D TSE_R(1e-15)
 #endif
+#define LARGEST_CORRELATION TSE_R(0.999) /* 1: of two states that a file gives, numerics: what remains of a variance stays positive */
 
 void ud_set(tse_ud *p, const tse_real variance[STATES])
 {
@@ -46,7 +47,7 @@ void ud_renew(tse_ud *p, tse_real variance)
 }
 #endif
 
-/* c a a' more of the extra states alone.    Updated: a is used up */
+/* Add c a a' to the covariance of the extra states alone.   Updated: a is used up */
 static void extras_add(tse_ud *p, tse_real *a, tse_real c)
 {
   for (int e = EXTRAS_IN_USE(p) - 1; e >= 0; e--) {
@@ -72,7 +73,7 @@ void ud_set_block(tse_ud *p, int first, tse_real cov[TSE_KEPT][TSE_KEPT])
         left -= r_mul(taken, u[j]);
         own -= r_mul(taken, u[i]);
       }
-      const tse_real most = r_mul(TSE_R(0.999), r_sqrt(r_mul(r_max(own, TSE_R(0)), p->d[first + j]))); /* correlations that contradict each other */
+      const tse_real most = r_mul(LARGEST_CORRELATION, r_sqrt(r_mul(r_max(own, TSE_R(0)), p->d[first + j]))); /* correlations that contradict each other */
       if (i == j) p->d[first + j] = r_max(left, LEAST_D);
       else column[i] = r_div(r_clamp(left, -most, most), p->d[first + j]);
     }
@@ -133,10 +134,16 @@ void ud_forget(tse_ud *p, const tse_real *variance, int count)
   for (int i = 0; i < count; i++) p->d[i] = r_max(variance[i], LEAST_D);
 }
 
-void ud_move(tse_ud *p, tse_real M[MOTION][COLUMNS], const tse_real noise[MOTION])
+/* Rows of the motion before they are triangular again, as sums over independent errors: those of the states in motion, then their noise. */
+typedef struct sums {
+  tse_real row[MOTION][2 * MOTION], extra[TSE_EXTRAS][2 * MOTION], variance[2 * MOTION];
+} sums;
+
+/* Multiply M by U.   Updated: columns of U behind the motion, which may be anything   Returned: w  columns of the motion */
+static void transform(tse_ud *p, tse_real M[MOTION][COLUMNS], tse_real w[MOTION][2 * MOTION])
 {
-  tse_real w[MOTION][2 * MOTION], weight[2 * MOTION], sum[MOTION], extra[TSE_EXTRAS][2 * MOTION];
-  for (int j = STATES - 1; j >= 0; j--) { /* M U: columns of the motion are made triangular below, those behind it may be anything */
+  tse_real sum[MOTION];
+  for (int j = STATES - 1; j >= 0; j--) {
     tse_real *const u = &p->u[ud_column(j)];
     for (int i = 0; i < MOTION; i++) {
       sum[i] = M[i][j];
@@ -147,38 +154,49 @@ void ud_move(tse_ud *p, tse_real M[MOTION][COLUMNS], const tse_real noise[MOTION
       else u[i] = sum[i];
     }
   }
+}
+
+/* Take state j, which all behind it have been taken from, out of the rows before it and of the extra states: weighted Gram-Schmidt.
+ *   Updated: s; column j of U and W, D of state j */
+static void take_out(tse_ud *p, sums *s, int j)
+{
+  tse_real v[2 * MOTION], d = TSE_R(0);
+  for (int k = 0; k < 2 * MOTION; k++) {
+    v[k] = r_mul(s->row[j][k], s->variance[k]);
+    d += r_mul(v[k], s->row[j][k]);
+  }
+  p->d[j] = r_max(d, LEAST_D);
+  for (int i = 0; i < j; i++) {
+    tse_real common = TSE_R(0);
+    for (int k = 0; k < 2 * MOTION; k++) common += r_mul(s->row[i][k], v[k]);
+    const tse_real share = r_div(common, p->d[j]);
+    p->u[ud_column(j) + i] = share;
+    for (int k = 0; k < 2 * MOTION; k++) s->row[i][k] -= r_mul(share, s->row[j][k]);
+  }
+  for (int e = 0; e < EXTRAS_IN_USE(p); e++) {
+    tse_real common = TSE_R(0);
+    for (int k = 0; k < 2 * MOTION; k++) common += r_mul(s->extra[e][k], v[k]);
+    p->w[e][j] = r_div(common, p->d[j]);
+    for (int k = 0; k < 2 * MOTION; k++) s->extra[e][k] -= r_mul(p->w[e][j], s->row[j][k]);
+  }
+}
+
+void ud_move(tse_ud *p, tse_real M[MOTION][COLUMNS], const tse_real noise[MOTION])
+{
+  sums s;
+  transform(p, M, s.row);
   for (int k = 0; k < MOTION; k++) {
-    weight[k] = p->d[k];
-    weight[MOTION + k] = noise[k];
-    for (int i = 0; i < MOTION; i++) w[i][MOTION + k] = i == k ? TSE_R(1) : TSE_R(0);
+    s.variance[k] = p->d[k];
+    s.variance[MOTION + k] = noise[k];
+    for (int i = 0; i < MOTION; i++) s.row[i][MOTION + k] = i == k ? TSE_R(1) : TSE_R(0);
   }
   for (int e = 0; e < EXTRAS_IN_USE(p); e++)
-    for (int k = 0; k < 2 * MOTION; k++) extra[e][k] = k < MOTION ? p->w[e][k] : TSE_R(0);
-  for (int j = MOTION - 1; j >= 0; j--) { /* Gram-Schmidt, weighted */
-    tse_real v[2 * MOTION], d = TSE_R(0);
-    for (int k = 0; k < 2 * MOTION; k++) {
-      v[k] = r_mul(w[j][k], weight[k]);
-      d += r_mul(v[k], w[j][k]);
-    }
-    p->d[j] = r_max(d, LEAST_D);
-    for (int i = 0; i < j; i++) {
-      tse_real common = TSE_R(0);
-      for (int k = 0; k < 2 * MOTION; k++) common += r_mul(w[i][k], v[k]);
-      const tse_real share = r_div(common, p->d[j]);
-      p->u[ud_column(j) + i] = share;
-      for (int k = 0; k < 2 * MOTION; k++) w[i][k] -= r_mul(share, w[j][k]);
-    }
-    for (int e = 0; e < EXTRAS_IN_USE(p); e++) {
-      tse_real common = TSE_R(0);
-      for (int k = 0; k < 2 * MOTION; k++) common += r_mul(extra[e][k], v[k]);
-      p->w[e][j] = r_div(common, p->d[j]);
-      for (int k = 0; k < 2 * MOTION; k++) extra[e][k] -= r_mul(p->w[e][j], w[j][k]);
-    }
-  }
+    for (int k = 0; k < 2 * MOTION; k++) s.extra[e][k] = k < MOTION ? p->w[e][k] : TSE_R(0);
+  for (int j = MOTION - 1; j >= 0; j--) take_out(p, &s, j);
   for (int k = 0; k < 2 * MOTION && EXTRAS_IN_USE(p); k++) { /* what the motion as it is now does not explain of them */
     tse_real a[TSE_EXTRAS];
-    for (int e = 0; e < TSE_EXTRAS; e++) a[e] = extra[e][k];
-    extras_add(p, a, weight[k]);
+    for (int e = 0; e < TSE_EXTRAS; e++) a[e] = s.extra[e][k];
+    extras_add(p, a, s.variance[k]);
   }
 }
 

@@ -33,43 +33,47 @@
 /* Place in u of column j. */
 static inline int ud_column(int j) { return j * (j - 1) / 2; }
 
-/* A diagonal covariance. */
+/* Set a diagonal covariance, with no extra states. */
 void ud_set(tse_ud *p, const tse_real variance[STATES]);
 
-/* The covariance of TSE_KEPT states from `first` on; they have nothing in common with the others. */
+/* Set the covariance of TSE_KEPT states from `first` on, which have none with the others yet. */
 void ud_set_block(tse_ud *p, int first, tse_real cov[TSE_KEPT][TSE_KEPT]);
 
-/* Variance of state i; covariance of states i and k.    O(STATES) time */
+/* Return the variance of state i, the covariance of states i and k.    O(STATES) time */
 tse_real ud_variance(const tse_ud *p, int i);
 tse_real ud_common(const tse_ud *p, int i, int k);
 
-/* P + c a a'.    Updated: a is used up    O(last^2) time, last: the last element of a that is not 0, of those before STATES; -1: none */
+/* Add c a a' to the covariance.
+ *   Given:   a  STATES elements and those of the extra states in use      last  last element of the first STATES that is not 0; -1: none
+ *   Updated: a  is used up                                                O(last^2) time */
 void ud_add(tse_ud *p, tse_real *a, int last, tse_real c);
 
-/* P with more variance of state i. */
+/* Add `more` to the variance of state i. */
 void ud_add_at(tse_ud *p, int i, tse_real more);
 
-/* States before `count` anew: variance as given, nothing in common with any other; the others keep theirs. */
+/* Set the variance of the states before `count`, with no covariance with any other; the others keep theirs. */
 void ud_forget(tse_ud *p, const tse_real *variance, int count);
 
-/* F P F' + Q for motion: rows of F before MOTION are M, others those of the identity; noise: diagonal of Q.  O(MOTION STATES^2 / 2) time */
+/* Move the covariance to F P F' + Q.
+ *   Given:   M  rows of F before MOTION, the others are those of the identity      noise  diagonal of Q      O(MOTION STATES^2 / 2) time */
 void ud_move(tse_ud *p, tse_real M[MOTION][COLUMNS], const tse_real noise[MOTION]);
 
-/* State i times share, 0 < share <= 1. */
+/* Multiply state i by share, 0 < share <= 1. */
 void ud_fade(tse_ud *p, int i, tse_real share);
 
-/* How far a scalar measurement with slopes h is from the state: f = U' h, v = D f.    Returned: h' P h */
+/* Weigh a scalar measurement with slopes h. All vectors have STATES elements and those of the extra states in use.
+ *   Returned: f = U' h, v = D f; h' P h, the variance of the state in the innovation */
 tse_real ud_measure(const tse_ud *p, const tse_real *h, tse_real *f, tse_real *v);
 
-/* The covariance after that measurement, with noise of variance r.   Returned: gain[STATES] */
+/* Correct the covariance by that measurement, with noise of variance r.   Returned: gain, as long as f */
 void ud_correct(tse_ud *p, const tse_real *f, const tse_real *v, tse_real r, tse_real *gain);
 
 /* Extra states, which no other depends on: they stand before the others, so that U has a row for each above those of the others, and all
  * others are as if there were none. In vectors (a, h, f, v, gain) they follow the others; while extras is 0 nobody reads those places.
- *   ud_open     all of them in use, with these variances, in common with nothing
- *   ud_tie      the first has share times state i added
- *   ud_fade_extra  extra state e times share
- *   ud_renew    the first anew: this variance, nothing in common with any other */
+ *   ud_open        bring all of them into use, with these variances and no covariance
+ *   ud_tie         add share times state i to the first
+ *   ud_fade_extra  multiply extra state e by share
+ *   ud_renew       set the variance of the first, with no covariance with any other */
 void ud_open(tse_ud *p, const tse_real variance[TSE_EXTRAS]);
 void ud_tie(tse_ud *p, int i, tse_real share);
 void ud_fade_extra(tse_ud *p, int e, tse_real share);
