@@ -44,7 +44,7 @@ enum { PSI = STATES,
        V_LEVER_X,
        V_LEVER_Y };
 
-/* One decoded row. z: accel_x, accel_y, yaw_rate, wheel speeds times radius; use: 0 missing, 1 to be used. */
+/* One decoded row. z, use: by channel, ACCEL_X ...; wheel speeds times radius; use: 0 missing, 1 to be used. */
 typedef struct decoded {
   tse_real dt, steer, z[TSE_SENSORS];
   int32_t use[TSE_SENSORS], has_steer, used, one_speed;
@@ -88,6 +88,9 @@ enum { DOUBT_INERTIA,
        DOUBT_GYRO,
        DOUBT_WHEELS_LATE,
        DOUBT_ACCEL_LATE };
+
+/* Timers stop here, s: a number in every format; nobody asks how much longer it was. */
+#define LONGEST_TIME TSE_R(1e6)
 
 /* Unit of each state in the covariance: numbers of one magnitude in every number format. */
 extern const tse_real state_unit[TSE_ALL];

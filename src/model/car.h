@@ -42,6 +42,9 @@ enum { MOTION = SF, FAST = BX }; /* states before these: in motion; with noise i
 /* Beside the state, quantities that are no state and uncertain: columns of the slopes after it. */
 enum { BY_INERTIA = STATES, BY_CENTRE, BY_MOMENT, BY_LENGTH_FRONT, BY_LENGTH_REAR, BY_ROLL_STEER, COLUMNS };
 
+/* What the sensors measure, in the order of every array of TSE_SENSORS. The first are the IMU's. */
+enum { ACCEL_X, ACCEL_Y, YAW_RATE, WHEEL_FRONT, WHEEL_REAR, IMU_CHANNELS = WHEEL_FRONT };
+
 /* The steering angle through a row: from .. to, rad; dt, s. */
 typedef struct steering { tse_real from, to, dt; } steering;
 

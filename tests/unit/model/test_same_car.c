@@ -12,11 +12,11 @@
 enum { SPEED_X,
        SPEED_Y,
        TURN,
-       ACCEL_X,
-       ACCEL_Y,
+       ACCEL_ALONG,
+       ACCEL_ACROSS,
        GYRO,
-       WHEEL_FRONT,
-       WHEEL_REAR,
+       SPEED_FRONT,
+       SPEED_REAR,
        CHANNELS,
        GRID = 800 };
 
@@ -132,9 +132,9 @@ static void look(const tse_config *c, double steer, int pedals)
  * with slip s turns by 1/(1 - s) in (3), by 1 + s in the filter: s^2 of 20 m/s. */
 static double allowed(int k, double share, double along)
 {
-  if (k == SPEED_X || k == WHEEL_REAR) return along;
-  if (k == WHEEL_FRONT) return along + 0.008;
-  return share * largest[k] + (k == ACCEL_X ? along / 3 : 0);
+  if (k == SPEED_X || k == SPEED_REAR) return along;
+  if (k == SPEED_FRONT) return along + 0.008;
+  return share * largest[k] + (k == ACCEL_ALONG ? along / 3 : 0);
 }
 
 static void expect_same(const char *what, double share, double along)
@@ -216,7 +216,7 @@ static void test_tyres_that_saturate_are_the_same(void)
     c.tyre_saturation_shape = setting(0.6);
     c.lateral_load_transfer_gain = setting(lose ? 0.004 : 0);
     look(&c, 0.13, 0);
-    TEST_ASSERT_TRUE(largest[ACCEL_Y] > 4.5);
+    TEST_ASSERT_TRUE(largest[ACCEL_ACROSS] > 4.5);
     expect_same(lose ? "saturation and load transfer" : "saturation", BY_FORMAT(0.0015, 0.01), 0.02);
   }
 }
