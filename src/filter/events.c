@@ -300,7 +300,7 @@ static void believe(const tse_params *p, tse_kalman *k, int n)
       ud_add_at(&k->p, what.own[i].state, r_div(r_sqr(what.own[i].sd) + r_sqr(moved), r_sqr(state_unit[what.own[i].state])));
     }
   if (a.kind >= EVENT_STEER) {
-    k->fault = a.kind == EVENT_STEER ? 1 + (int32_t)TSE_CHANNEL_steer_angle : place_of(a.kind - EVENT_SENSOR);
+    k->fault = a.kind == EVENT_STEER ? (int32_t)FAULT_STEER : fault_of(a.kind - EVENT_SENSOR);
     k->agrees_for = TSE_R(0);
   }
   for (int i = 0; i < 3; i++) k->x[LCX + i] = r_clamp(k->x[LCX + i], p->log_min, p->log_max);

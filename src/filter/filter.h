@@ -144,8 +144,16 @@ void events_decide(const tse_params *p, tse_kalman *k, tse_real dt);
 tse_real event_amplitude(const tse_event *a, tse_real *var); /* after the samples: its mean and variance */
 int event_is_small(const tse_kalman *k, const tse_event *a); /* it may explain the samples, and calls for nothing */
 
-/* As fault_channel numbers it: 1 + place in tse/input.def; a: 0 accel_x, 1 accel_y, 2 yaw_rate, 3 front, 4 rear wheels. */
-static inline int32_t place_of(int32_t a) { return a < 3 ? a + 1 + (int32_t)TSE_CHANNEL_accel_x : a - 3 + 1 + (int32_t)TSE_CHANNEL_wheel_speed_front; }
+/* Which channel is at fault, as fault_channel numbers it: 1 + place in tse/input.def, behind them velocities. */
+enum { NO_FAULT,
+       FAULT_STEER = 1 + TSE_CHANNEL_steer_angle,
+       FAULT_VELOCITY = 1 + TSE_CHANNELS };
+
+/* Return that number of a sensor, ACCEL_X ... */
+static inline int32_t fault_of(int32_t a)
+{
+  return 1 + (a < IMU_CHANNELS ? a + (int32_t)TSE_CHANNEL_accel_x : a - WHEEL_FRONT + (int32_t)TSE_CHANNEL_wheel_speed_front);
+}
 
 /* What kind of row it is. */
 typedef struct passage {

@@ -1,12 +1,15 @@
 /* filter/row.c - a log row becomes a checked sample. */
 #include "filter/filter.h"
 
-#define LEAST_DT TSE_R(1e-4) /* s: rows that come closer are taken as that far apart: rates are what changes over it */
+#define LEAST_DT TSE_R(1e-4) /* s, numerics: rows that come closer are taken as that far apart: rates are what changes over it */
+#define SAME_SPEED TSE_R(1e-5) /* 1, numerics: share of the speed that six digits leave */
+#define MOST_ACCEL TSE_R(50) /* m/s2, physics: as the range in tse/input.def; beyond, a reading is missing */
+#define MOST_TURN TSE_R(6) /* rad/s, the same of the yaw rate */
+#define BRAKES TSE_R(0.5) /* 1: of the brake switch, as tse/optional.def says it */
+#define IDLE_SHARE TSE_R(0.1) /* 1: of two driven axles one with less of the other's torque has none */
 
-#define SAME_SPEED TSE_R(1e-5) /* of the speed: what six digits leave */
-
-/* The axle that rolls freely, by brake switch and wheel torques: the one that is not driven, unless they say that it brakes; of two that
- * are driven, which a switch does not show, one without torque beside one with. */
+/* Return the axle that rolls freely, by brake switch and wheel torques: the one that is not driven, unless they say that it brakes; of two
+ * that are driven, which a switch does not show, one without torque beside one with. */
 static int32_t rolls_by(const tse_params *p, const decoded *z)
 {
   const int32_t undriven = not_driven(&p->car);
@@ -15,8 +18,8 @@ static int32_t rolls_by(const tse_params *p, const decoded *z)
   const tse_real torque[2] = { r_abs(z->optional[TSE_OPTIONAL_wheel_torque_front]), r_abs(z->optional[TSE_OPTIONAL_wheel_torque_rear]) };
   const int less = torque[1] < torque[0];
   if (undriven == ROLLS_UNKNOWN && !(known[0] && known[1])) return ROLLS_UNKNOWN;
-  if (has_brake && !(z->optional[TSE_OPTIONAL_brake] < TSE_R(0.5))) return ROLLS_NONE;
-  if (undriven == ROLLS_UNKNOWN) return torque[less] < r_min(p->no_torque, r_mul(TSE_R(0.1), torque[!less])) ? ROLLS_FRONT + less : ROLLS_NONE;
+  if (has_brake && !(z->optional[TSE_OPTIONAL_brake] < BRAKES)) return ROLLS_NONE;
+  if (undriven == ROLLS_UNKNOWN) return torque[less] < r_min(p->no_torque, r_mul(IDLE_SHARE, torque[!less])) ? ROLLS_FRONT + less : ROLLS_NONE;
   if (known[undriven - ROLLS_FRONT]) return torque[undriven - ROLLS_FRONT] < p->no_torque ? undriven : ROLLS_NONE;
   return has_brake ? undriven : ROLLS_UNKNOWN;
 }
@@ -27,22 +30,22 @@ tse_status row_decode(const tse_params *p, const tse_filter *f, const tse_input 
   if (!f->started) given.dt = p->sample_time; /* the first row has no predecessor */
   const tse_status status = tse_input_check(&given, NULL);
   if (status < 0) return status;
-  const tse_real most[3] = { TSE_R(50), TSE_R(50), TSE_R(6) }, value[3] = { u->accel_x, u->accel_y, u->yaw_rate };
-  const uint32_t bit[3] = { TSE_MISSING(accel_x), TSE_MISSING(accel_y), TSE_MISSING(yaw_rate) };
+  const tse_real most[IMU_CHANNELS] = { MOST_ACCEL, MOST_ACCEL, MOST_TURN }, value[IMU_CHANNELS] = { u->accel_x, u->accel_y, u->yaw_rate };
+  const uint32_t bit[IMU_CHANNELS] = { TSE_MISSING(accel_x), TSE_MISSING(accel_y), TSE_MISSING(yaw_rate) };
   z->dt = r_max(given.dt, LEAST_DT);
   z->has_steer = !is_missing(u, TSE_MISSING(steer_angle), u->steer_angle);
   z->steer = z->has_steer ? u->steer_angle : f->k.steer[0];
-  for (int i = 0; i < 3; i++) {
+  for (int i = 0; i < IMU_CHANNELS; i++) {
     z->use[i] = !is_missing(u, bit[i], value[i]) && r_abs(value[i]) <= most[i];
     z->z[i] = z->use[i] ? value[i] : TSE_R(0);
   }
-  z->use[3] = !is_missing(u, TSE_MISSING(wheel_speed_front), u->wheel_speed_front);
-  z->use[4] = !is_missing(u, TSE_MISSING(wheel_speed_rear), u->wheel_speed_rear);
-  z->z[3] = z->use[3] ? r_mul(p->radius_front, u->wheel_speed_front) : TSE_R(0);
-  z->z[4] = z->use[4] ? r_mul(p->radius_rear, u->wheel_speed_rear) : TSE_R(0);
+  z->use[WHEEL_FRONT] = !is_missing(u, TSE_MISSING(wheel_speed_front), u->wheel_speed_front);
+  z->use[WHEEL_REAR] = !is_missing(u, TSE_MISSING(wheel_speed_rear), u->wheel_speed_rear);
+  z->z[WHEEL_FRONT] = z->use[WHEEL_FRONT] ? r_mul(p->radius_front, u->wheel_speed_front) : TSE_R(0);
+  z->z[WHEEL_REAR] = z->use[WHEEL_REAR] ? r_mul(p->radius_rear, u->wheel_speed_rear) : TSE_R(0);
   /* both axles read the same: one signal, a vehicle speed, which does not show slip */
-  z->one_speed = z->use[3] && z->use[4] && (p->wheel_signals < 2 || r_abs(z->z[3] - z->z[4]) <= r_mul(SAME_SPEED, r_abs(z->z[4])));
-  if (z->one_speed) z->use[3] = 0;
+  z->one_speed = z->use[WHEEL_FRONT] && z->use[WHEEL_REAR] && (p->wheel_signals < 2 || r_abs(z->z[WHEEL_FRONT] - z->z[WHEEL_REAR]) <= r_mul(SAME_SPEED, r_abs(z->z[WHEEL_REAR])));
+  if (z->one_speed) z->use[WHEEL_FRONT] = 0;
   z->given = 0;
 #define OPTIONAL(name, lo, hi, unit, text)                                                                             \
   z->optional[TSE_OPTIONAL_##name] = TSE_R(0);                                                                         \
@@ -54,6 +57,6 @@ tse_status row_decode(const tse_params *p, const tse_filter *f, const tse_input 
   /* where no axle shows the speed, slip is what accel_x adds up to, in which the grade of the road stands */
   z->rolls = z->given & ~TSE_GIVEN_VELOCITIES ? rolls_by(p, z) : ROLLS_UNKNOWN;
   z->no_slip = z->one_speed || (z->rolls == ROLLS_NONE && p->prior_sd[GX] > TSE_R(0));
-  z->used = z->use[0] + z->use[1] + z->use[2];
+  z->used = z->use[ACCEL_X] + z->use[ACCEL_Y] + z->use[YAW_RATE];
   return TSE_OK;
 }

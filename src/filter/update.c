@@ -172,7 +172,7 @@ void update_row(const tse_params *p, tse_kalman *k, const decoded *z, steering u
     m.white = r_mul(k->noise[a], own) + turn;
     watch_repeats(k, a, z->z[a], r_div(r_sqr(m.e), r_max(m.white, own)), z->dt);
     m.r = m.white + (a < 3 ? r_mul(lasts, k->activity[a]) : TSE_R(0));
-    if (k->fault == place_of(a)) { /* not used; heard again when it agrees */
+    if (k->fault == fault_of(a)) { /* not used; heard again when it agrees */
       tse_real fx[TSE_ALL], v[TSE_ALL];
       const tse_real s = ud_measure(&k->p, m.h, fx, v) + m.r;
       k->innovation[a] = m.e;

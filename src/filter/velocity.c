@@ -3,9 +3,9 @@
  * With (vx, vy) = v + r x lever where it is measured, `late` before the row:
  *   ins_vel_x = (1 + scale)(vx + turn vy)      gnss_speed  = (1 + scale) |(vx, vy)|
  *   ins_vel_y = (1 + scale)(vy - turn vx)      gnss_course = heading + atan2(vy, vx)          heading' = gyro - bias
- * Seven states more: heading, speed across that the model does not explain, scale, turn, late, lever along and across. Nothing of the car depends on them, so they stand before the others
- * in U D U' (ud.h): a row of U each, and to the others it is as if they were not there. They come into use with the first velocity
- * that is given; until then nothing is computed and no bit is another.
+ * Seven states more: heading, speed across that the model does not explain, scale, turn, late, lever along and across. Nothing of the
+ * car depends on them, so they stand before the others in U D U' (ud.h): a row of U each, and to the others it is as if they were not
+ * there. They come into use with the first velocity that is given; until then nothing is computed and no bit is another.
  *
  * What was true earlier is found by how the state has moved since (past), and the slopes to first order, h - late dh/dt.
  * A difference of courses in place of the heading would need no state, but neighbours would share noise. */
@@ -13,27 +13,40 @@
 
 #if !defined(TSE_NO_VELOCITY)
 
-#define BETWEEN TSE_R(0.035)   /* s: kept motion is so far apart; 8 of them reach back 0.28 s, to which latencies are limited            */
-#define LASTING TSE_R(0.5)     /* share of the sd of a velocity that is no white noise and lasts MODEL_TIME: receivers and INS filter    */
-#define LEAST_COURSE TSE_R(10) /* m/s: below, the course is worse in inverse proportion                                                 */
-#define OFF_SHARE TSE_R(4)     /* what the model does not explain of the speed across, over model_sd times how fast axles slip sideways */
-#define LEAST_OFF TSE_R(0.2)   /* m/s: how fast an axle slips sideways where nothing happens                                                */
-#define MOST_MISFIT TSE_R(6)   /* innovations squared over their variance, averaged over MODEL_TIME: from here on left out,             */
-#define LEAST_MISFIT TSE_R(2)  /* until they are below this; a single one counts as 25 at most                                          */
+#define BETWEEN TSE_R(0.035)    /* s, numerics: kept motion is so far apart; 8 of them reach back 0.28 s, to which latencies are limited */
+#define LASTING TSE_R(0.5)      /* 1: share of the sd of a velocity that is no white noise and lasts MODEL_TIME: receivers and INS filter */
+#define LEAST_COURSE TSE_R(10)  /* m/s: below, the course is worse in inverse proportion */
+#define OFF_SHARE TSE_R(4)      /* 1: what the model does not explain of the speed across, over model_sd times how fast axles slip sideways */
+#define LEAST_OFF TSE_R(0.2)    /* m/s: how fast an axle slips sideways where nothing happens */
+#define MOST_MISFIT TSE_R(6)    /* 1: innovations squared over their variance, averaged over MODEL_TIME: from here on left out, */
+#define LEAST_MISFIT TSE_R(2)   /* 1: until they are below this; */
+#define ONE_MISFIT TSE_R(25)    /* 1: a single one counts as that at most */
+#define MOST_FORGOTTEN TSE_R(0.1) /* 1: of the noise found, in one row; update.c has the same */
+#define LEAST_SPEED TSE_R(0.1)  /* m/s, numerics: course and speed are taken over no less */
+#define HEADING_SD TSE_R(1)     /* rad: of a zero that is not known, so that the first course sets it */
+#define MOST_MOVED TSE_R(1000)  /* m/s, rad/s, rad, numerics: a number in every format */
+#define MOST_AGE TSE_R(100)     /* s, numerics: of kept motion, the same */
+#define MOST_SINCE TSE_R(1000)  /* s, numerics: since the last value, left out for, the same */
 #define PI_ TSE_R(3.141592653589793)
+
+/* Columns of the kept motion: those of the state from VX on, and the heading. */
+enum { KEPT_HEADING = 3,
+       KEPT };
 
 enum { INS_X,
        INS_Y,
        SPEED,
        COURSE };
 
+/* Return the angle within -pi .. pi. */
 static tse_real wrapped(tse_real angle)
 {
-  const tse_real turns = r_mul(angle, TSE_R(0.15915494309189535));
+  const tse_real turns = r_mul(angle, PER_TURN);
   return angle - r_mul(TSE_R(2), r_mul(PI_, r_from_int(r_floor_to_int(turns + TSE_R(0.5)))));
 }
 
-static void start(const tse_params *p, tse_kalman *k)
+/* Bring the states of a measured velocity into use, from their prior. */
+static void start_velocity(const tse_params *p, tse_kalman *k)
 {
   tse_real variance[TSE_EXTRAS];
   tse_velocity *const m = &k->velocity;
@@ -55,41 +68,42 @@ void velocity_lose(tse_kalman *k)
   m->kept = m->has_heading = m->has_gyro = 0;
 }
 
-/* Earlier motion, relative to that of this row. */
+/* Keep the motion of the rows before, relative to that of this row, BETWEEN apart. */
 static void remember(tse_kalman *k, tse_real dt)
 {
   tse_velocity *const m = &k->velocity;
   const int first = m->kept == 0;
-  for (int i = 0; i < 4; i++) {
-    const tse_real by = i == 3 ? m->turned : k->x[VX + i] - m->motion[i];
-    if (i < 3) m->motion[i] = k->x[VX + i];
-    for (int n = 0; n < m->kept; n++) m->past[n][i] = r_clamp(m->past[n][i] - by, TSE_R(-1000), TSE_R(1000));
+  for (int i = 0; i < KEPT; i++) {
+    const tse_real by = i == KEPT_HEADING ? m->turned : k->x[VX + i] - m->motion[i];
+    if (i < KEPT_HEADING) m->motion[i] = k->x[VX + i];
+    for (int n = 0; n < m->kept; n++) m->past[n][i] = r_clamp(m->past[n][i] - by, -MOST_MOVED, MOST_MOVED);
   }
-  for (int n = 0; n < m->kept; n++) m->age[n] = r_min(m->age[n] + dt, TSE_R(100));
+  for (int n = 0; n < m->kept; n++) m->age[n] = r_min(m->age[n] + dt, MOST_AGE);
   if (!first && m->age[0] < BETWEEN - r_mul(TSE_R(0.5), dt)) return;
   m->kept = m->kept < TSE_PAST ? m->kept + 1 : TSE_PAST;
   for (int n = m->kept - 1; n >= 0; n--) {
     m->age[n] = n > 0 ? m->age[n - 1] : TSE_R(0);
-    for (int i = 0; i < 4; i++) m->past[n][i] = n > 0 ? m->past[n - 1][i] : TSE_R(0);
+    for (int i = 0; i < KEPT; i++) m->past[n][i] = n > 0 ? m->past[n - 1][i] : TSE_R(0);
   }
 }
 
-/* Motion `late` seconds ago less that of now, as far back as it is known.   Returned: how late that is */
-static tse_real past_of(const tse_velocity *m, tse_real late, tse_real off[4])
+/* Find the motion `late` seconds ago less that of now, as far back as it is known.   Returned: how late that is */
+static tse_real past_of(const tse_velocity *m, tse_real late, tse_real off[KEPT])
 {
   tse_real newer = TSE_R(0);
-  for (int i = 0; i < 4; i++) off[i] = TSE_R(0);
+  for (int i = 0; i < KEPT; i++) off[i] = TSE_R(0);
   for (int n = 0; n < m->kept; n++) {
     if (!(m->age[n] > newer)) continue;
     const int within = late < m->age[n];
     const tse_real share = within ? r_div(late - newer, m->age[n] - newer) : TSE_R(1);
-    for (int i = 0; i < 4; i++) off[i] += r_mul(share, m->past[n][i] - off[i]);
+    for (int i = 0; i < KEPT; i++) off[i] += r_mul(share, m->past[n][i] - off[i]);
     newer = m->age[n];
     if (within) return late;
   }
   return newer;
 }
 
+/* Add q to the variance of an extra state. */
 static void grow(tse_kalman *k, int i, tse_real q)
 {
   tse_real a[TSE_ALL];
@@ -97,7 +111,7 @@ static void grow(tse_kalman *k, int i, tse_real q)
   if (q > TSE_R(0)) ud_add(&k->p, a, -1, q);
 }
 
-/* What the model does not explain of the speed across is a share of how fast the axles slip sideways, and lasts MODEL_TIME. */
+/* Let what the model does not explain of the speed across decay: a share of how fast the axles slip sideways, which lasts MODEL_TIME. */
 static void fade_off(const tse_params *p, tse_kalman *k, tse_real left, tse_real dt)
 {
   tse_velocity *const m = &k->velocity;
@@ -111,12 +125,12 @@ static void fade_off(const tse_params *p, tse_kalman *k, tse_real left, tse_real
   grow(k, V_OFF, r_div(r_mul(var, TSE_R(1) - r_sqr(left)), r_sqr(state_unit[V_OFF])));
 }
 
-/* The heading follows the gyro, not the yaw rate of the model, which that is off by what it does not explain; without a gyro, that. */
+/* Turn the heading by the gyro, not by the yaw rate of the model, which is off by what that does not explain; without a gyro, by that. */
 static void turn_heading(const tse_params *p, tse_kalman *k, const decoded *z)
 {
-  const int measured = z->use[2] && k->fault != place_of(2), by = measured ? BR : YAW;
+  const int measured = z->use[YAW_RATE] && k->fault != fault_of(YAW_RATE), by = measured ? BR : YAW;
   const tse_real sign = measured ? TSE_R(-1) : TSE_R(1), share = r_mul(sign, r_div(r_mul(z->dt, state_unit[by]), state_unit[PSI]));
-  const tse_real rate = measured ? z->z[2] - k->x[BR] : k->x[YAW], before = k->velocity.has_gyro == measured ? k->velocity.gyro : rate;
+  const tse_real rate = measured ? z->z[YAW_RATE] - k->x[BR] : k->x[YAW], before = k->velocity.has_gyro == measured ? k->velocity.gyro : rate;
   k->velocity.gyro = rate;
   k->velocity.has_gyro = measured;
   ud_tie(&k->p, by, share);
@@ -133,11 +147,10 @@ void velocity_move(const tse_params *p, tse_kalman *k, const decoded *z)
   const tse_real dt = z->dt;
   if (!k->p.extras) return;
   turn_heading(p, k, z);
-  const tse_real left = r_exp2(-r_mul(LOG2_OF_E, r_div(dt, MODEL_TIME)));
-  fade_off(p, k, left, dt);
+  fade_off(p, k, left_of(dt, MODEL_TIME), dt);
   grow(k, PSI, r_mul(r_sqr(MOTION_NOISE), dt));
   for (int e = V_SCALE; e < TSE_ALL; e++) grow(k, e, r_mul(r_sqr(r_div(r_mul(WALK_SHARE, p->extra_sd[e - STATES]), state_unit[e])), dt));
-  for (int c = 0; c < TSE_VELOCITIES; c++) m->since[c] = r_min(m->since[c] + dt, TSE_R(1000));
+  for (int c = 0; c < TSE_VELOCITIES; c++) m->since[c] = r_min(m->since[c] + dt, MOST_SINCE);
 }
 
 /* What a channel reads, and its slopes over the motion at that time (speeds along, across, yaw rate) and the extra states, in SI. */
@@ -145,6 +158,7 @@ typedef struct reading {
   tse_real z, by[3], extra[TSE_EXTRAS];
 } reading;
 
+/* Predict a channel.   Given: v  speeds along and across [m/s], yaw rate [rad/s] at the time of the value   heading [rad]   extra states */
 static reading read_of(int c, const tse_real v[3], tse_real heading, const tse_real extra[TSE_EXTRAS])
 {
   const tse_real scale = TSE_R(1) + extra[V_SCALE - STATES], turn = extra[V_TURN - STATES], lx = extra[V_LEVER_X - STATES], ly = extra[V_LEVER_Y - STATES];
@@ -160,7 +174,7 @@ static reading read_of(int c, const tse_real v[3], tse_real heading, const tse_r
     m.extra[V_SCALE - STATES] = plain;
     m.extra[V_TURN - STATES] = r_mul(scale, c == INS_X ? vy : -vx);
   } else {
-    const tse_real speed = r_max(r_sqrt(r_sqr(vx) + r_sqr(vy)), TSE_R(0.1)), over = r_div(TSE_R(1), speed), cos_b = r_mul(vx, over), sin_b = r_mul(vy, over);
+    const tse_real speed = r_max(r_sqrt(r_sqr(vx) + r_sqr(vy)), LEAST_SPEED), over = r_div(TSE_R(1), speed), cos_b = r_mul(vx, over), sin_b = r_mul(vy, over);
     m.z = c == SPEED ? r_mul(scale, speed) : heading + r_atan2(vy, vx);
     along = c == SPEED ? r_mul(scale, cos_b) : -r_mul(sin_b, over);
     across = c == SPEED ? r_mul(scale, sin_b) : r_mul(cos_b, over);
@@ -176,17 +190,19 @@ static reading read_of(int c, const tse_real v[3], tse_real heading, const tse_r
   return m;
 }
 
-/* The channel as it was `late` ago: innovation without what the row has moved the state by, slopes in units. */
+/* Predict a channel as it was `late` before the row.
+ *   Given:     z   its value      by  slopes of the rates of the motion over state and uncertain quantities, SI
+ *   Returned:  m   innovation without what the row has moved the state by, slopes in units; white: variance of what is no witness */
 static void predict_reading(const tse_params *p, const tse_kalman *k, int c, tse_real z, tse_real by[3][COLUMNS], scalar *m)
 {
-  tse_real off[4], rate[4], h[TSE_ALL], changes = TSE_R(0), late = p->velocity_late + k->x[V_LATE];
+  tse_real off[KEPT], rate[KEPT], h[TSE_ALL], changes = TSE_R(0), late = p->velocity_late + k->x[V_LATE];
   const tse_real *const x = k->x;
   const tse_real over = past_of(&k->velocity, r_max(late, BETWEEN), off);
-  for (int i = 0; i < 4; i++) rate[i] = over > TSE_R(0) ? -r_div(off[i], over) : TSE_R(0);
+  for (int i = 0; i < KEPT; i++) rate[i] = over > TSE_R(0) ? -r_div(off[i], over) : TSE_R(0);
   late = r_min(late, over);
-  for (int i = 0; i < 4; i++) off[i] = -r_mul(late, rate[i]); /* ahead, as fast as it changed */
+  for (int i = 0; i < KEPT; i++) off[i] = -r_mul(late, rate[i]); /* ahead, as fast as it changed */
   const tse_real v[3] = { x[VX] + off[0], x[VY] + off[1], x[YAW] + off[2] };
-  const reading now = read_of(c, v, x[PSI] + off[3], &x[STATES]);
+  const reading now = read_of(c, v, x[PSI] + off[KEPT_HEADING], &x[STATES]);
   m->e = z - now.z;
   if (c == COURSE) m->e = wrapped(m->e);
   for (int q = 0; q < TSE_DOUBTS; q++) m->doubts[q] = TSE_R(0);
@@ -202,7 +218,7 @@ static void predict_reading(const tse_params *p, const tse_kalman *k, int c, tse
   }
   for (int e = 0; e < TSE_EXTRAS; e++) h[STATES + e] = now.extra[e];
   h[k->velocity.has_gyro ? BR : YAW] -= r_mul(k->velocity.has_gyro ? -late : late, now.extra[0]);
-  h[V_LATE] = -changes - r_mul(now.extra[0], rate[3]);
+  h[V_LATE] = -changes - r_mul(now.extra[0], rate[KEPT_HEADING]);
   m->white = TSE_R(0);
   if (c == INS_X || c == SPEED) { /* slip that is thought wrong looks like a latency: speed along is no witness of it, and suffers from it */
     m->white = r_sqr(r_mul(changes, p->extra_sd[V_LATE - STATES]));
@@ -211,24 +227,25 @@ static void predict_reading(const tse_params *p, const tse_kalman *k, int c, tse
   for (int i = 0; i < TSE_ALL; i++) m->h[i] = r_mul(h[i], state_unit[i]);
 }
 
-/* A zero of the heading by which the course fits, and nothing is known of it but that. */
+/* Set the zero of the heading so that the course fits; nothing is known of it but that. */
 static void new_heading(tse_kalman *k, tse_real by)
 {
   k->x[PSI] = wrapped(k->x[PSI] + by);
-  ud_renew(&k->p, r_sqr(r_div(TSE_R(1), state_unit[PSI])));
+  ud_renew(&k->p, r_sqr(r_div(HEADING_SD, state_unit[PSI])));
   for (int q = 0; q < TSE_DOUBTS; q++) k->doubt[q][PSI] = TSE_R(0);
   for (int n = 0; n < TSE_EVENTS; n++) k->event[n].v[PSI] = TSE_R(0);
   k->velocity.has_heading = 1;
 }
 
-/* White noise of a channel, as that of the sensors is found. */
+/* Find the white noise of a channel, as that of the sensors is found. */
 static void find_noise(const tse_params *p, tse_velocity *m, int c, tse_real e, tse_real own, tse_real dt)
 {
   const tse_real seen = r_min(r_div(r_mul(TSE_R(0.5), r_sqr(e - m->innovation[c])), r_mul(own, m->noise[c])), TAIL);
-  const tse_real g = r_min(r_div(dt, USUAL_TIME), TSE_R(0.1));
+  const tse_real g = r_min(r_div(dt, USUAL_TIME), MOST_FORGOTTEN);
   m->noise[c] = r_clamp(r_mul(m->noise[c], TSE_R(1) + r_mul(g, seen - TSE_R(1))), LEAST_NOISE, p->noise_max_var);
 }
 
+/* Use a value, or leave it out while values do not fit.   Given: dt  since the last value, s   Updated: s, change */
 static void use_velocity(const tse_params *p, tse_kalman *k, int c, tse_real dt, scalar *s, tse_real change[TSE_ALL])
 {
   tse_velocity *const m = &k->velocity;
@@ -243,9 +260,9 @@ static void use_velocity(const tse_params *p, tse_kalman *k, int c, tse_real dt,
   s->white += r_mul(own, m->noise[c] + r_mul(r_sqr(LASTING), r_add_sat(TSE_R(1), r_div(r_mul(TSE_R(2), MODEL_TIME), dt))));
   s->r = s->white;
   const tse_real fits = r_div(r_sqr(s->e), ud_measure(&k->p, s->h, f, v) + s->r);
-  m->misfit[c] += r_mul(r_div(dt, dt + MODEL_TIME), r_min(fits, TSE_R(25)) - m->misfit[c]);
+  m->misfit[c] += r_mul(r_div(dt, dt + MODEL_TIME), r_min(fits, ONE_MISFIT) - m->misfit[c]);
   if (m->off_for[c] > TSE_R(0) ? m->misfit[c] > LEAST_MISFIT : m->misfit[c] > MOST_MISFIT) {
-    m->off_for[c] = r_min(m->off_for[c] + dt, TSE_R(1000));
+    m->off_for[c] = r_min(m->off_for[c] + dt, MOST_SINCE);
     if (c == COURSE && m->off_for[c] > LONGEST_EVENT) { /* its zero is another */
       m->has_heading = 0;
       m->misfit[c] = TSE_R(1);
@@ -266,7 +283,7 @@ void velocity_update(const tse_params *p, tse_kalman *k, const decoded *z, const
   if (k->p.extras) remember(k, z->dt);
   if (!(z->given & TSE_GIVEN_VELOCITIES)) return;
   if (!k->p.extras) {
-    start(p, k);
+    start_velocity(p, k);
     remember(k, z->dt);
   }
   car_rates(&p->car, k->x, f, rate, by);
@@ -294,8 +311,8 @@ tse_real velocity_across_var(const tse_kalman *k)
 int32_t velocity_fault(const tse_kalman *k)
 {
   for (int32_t c = 0; c < TSE_VELOCITIES && k->p.extras; c++)
-    if (k->velocity.off_for[c] > TSE_R(0)) return 1 + (int32_t)TSE_CHANNELS + c;
-  return 0;
+    if (k->velocity.off_for[c] > TSE_R(0)) return (int32_t)FAULT_VELOCITY + c;
+  return NO_FAULT;
 }
 
 tse_real velocity_off(const tse_kalman *k) { return k->x[V_OFF]; }
@@ -305,7 +322,7 @@ tse_real velocity_off(const tse_kalman *k) { return k->x[V_OFF]; }
 void velocity_move(const tse_params *p, tse_kalman *k, const decoded *z) { (void)p, (void)k, (void)z; }
 void velocity_lose(tse_kalman *k) { (void)k; }
 void velocity_update(const tse_params *p, tse_kalman *k, const decoded *z, const forces *f, tse_real change[TSE_ALL]) { (void)p, (void)k, (void)z, (void)f, (void)change; }
-int32_t velocity_fault(const tse_kalman *k) { return (void)k, 0; }
+int32_t velocity_fault(const tse_kalman *k) { return (void)k, NO_FAULT; }
 tse_real velocity_off(const tse_kalman *k) { return (void)k, TSE_R(0); }
 tse_real velocity_across_var(const tse_kalman *k) { return (void)k, TSE_R(0); }
 

@@ -205,7 +205,7 @@ static void test_a_frozen_channel_is_found_and_no_road_has_changed(void)
       tse_input u = truth_row(&w, 0.01);
       freeze(&u, &last, channel);
       step(&w.p, &u, &y);
-      found += y.fault_channel == place_of(channel);
+      found += y.fault_channel == fault_of(channel);
       TEST_ASSERT_TRUE(y.change_kind == TSE_CHANGE_NONE);
     }
     TEST_ASSERT_TRUE(found > 200);
