@@ -21,8 +21,8 @@
 #define velocity_fault  TSE_NAME(tse_velocity_fault)
 #define velocity_off TSE_NAME(tse_velocity_off)
 #define velocity_across_var TSE_NAME(tse_velocity_across_var)
-#define events_move    TSE_NAME(tse_events_move)
-#define events_clear   TSE_NAME(tse_events_clear)
+#define sensitivities_move  TSE_NAME(tse_sensitivities_move)
+#define sensitivities_clear TSE_NAME(tse_sensitivities_clear)
 #define events_learn   TSE_NAME(tse_events_learn)
 #define events_decide  TSE_NAME(tse_events_decide)
 #define event_amplitude TSE_NAME(tse_event_amplitude)
@@ -134,12 +134,15 @@ tse_real velocity_across_var(const tse_kalman *k); /* of the speed across with w
 enum { NO_SENSOR_GOING = -1,
        NO_SENSOR_TURNING = -2 };
 
-/* events.c   clear: states before count were placed anew. move: the row's transition, M and what the states behind it keep.
- *            learn: a measurement of a channel (or NO_SENSOR_*) was used: slopes, gain, innovation, its variance, the sensor's sd
+/* events.c   sensitivities: of the state to the amplitude of an event, and to what is uncertain and no state, tse_kalman.doubt
+ *                move   with the row.  Given: M  its transition, in units      keep  what the states behind the motion keep
+ *                clear  of states before count, which were placed anew
+ *            learn: use a measurement of a channel (or NO_SENSOR_*).   Given: h  slopes   gain   e  innovation   s  its variance
+ *                   sd  of the sensor      h, gain: STATES elements and those of the extra states in use
  *            decide: weigh, believe, open */
-void events_clear(tse_kalman *k, int count);
-void events_move(const tse_params *p, tse_kalman *k, tse_real M[MOTION][COLUMNS], const tse_real keep[STATES], tse_real dt);
-void events_learn(tse_kalman *k, int channel, const tse_real h[STATES], const tse_real gain[STATES], tse_real e, tse_real s, tse_real sd);
+void sensitivities_clear(tse_kalman *k, int count);
+void sensitivities_move(const tse_params *p, tse_kalman *k, tse_real M[MOTION][COLUMNS], const tse_real keep[STATES], tse_real dt);
+void events_learn(tse_kalman *k, int channel, const tse_real h[TSE_ALL], const tse_real gain[TSE_ALL], tse_real e, tse_real s, tse_real sd);
 void events_decide(const tse_params *p, tse_kalman *k, tse_real dt);
 tse_real event_amplitude(const tse_event *a, tse_real *var); /* after the samples: its mean and variance */
 int event_is_small(const tse_kalman *k, const tse_event *a); /* it may explain the samples, and calls for nothing */

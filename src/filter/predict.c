@@ -87,7 +87,7 @@ steering predict_row(const tse_params *p, tse_kalman *k, const decoded *z)
   for (int i = 0; i < STATES; i++) keep[i] = TSE_R(1);
   keep[SF] = keep[SR] = left_of(dt, SLIP_TIME);
   keep[GX] = keep[GY] = left_of(dt, ROAD_TIME);
-  events_move(p, k, M, keep, dt);
+  sensitivities_move(p, k, M, keep, dt);
   fade(k, SF, keep[SF], SLIP_SD);
   fade(k, SR, keep[SR], SLIP_SD);
   rest_row(p, k, dt);

@@ -66,7 +66,7 @@ void start_motion(const tse_params *p, tse_kalman *k, const decoded *z)
                             TSE_R(0.01) + r_mul(TSE_R(0.5), r_abs(x[AR])) + turn, TSE_R(0.01), TSE_R(0.05), TSE_R(0.02), TSE_R(0.02) };
   for (int i = 0; i < GX; i++) variance[i] = r_sqr(r_div(sd[i], state_unit[i]));
   ud_forget(&k->p, variance, GX);
-  events_clear(k, GX);
+  sensitivities_clear(k, GX);
   k->steer[0] = k->steer[1] = k->steer[2] = z->steer;
   k->pitch[0] = k->pitch[1] = TSE_R(0);
   k->before[0] = TSE_R(0);

@@ -79,7 +79,7 @@ static void start(trio *t, int32_t kind, double amplitude_of_state, double ampli
 static void rows(trio *t, int count, int channel, double moved, double off, double sd, uint32_t *seed)
 {
   for (int row = 0; row < count; row++) {
-    tse_real h[STATES], f[STATES], v[STATES], gain[STATES];
+    tse_real h[TSE_ALL], f[TSE_ALL], v[TSE_ALL], gain[TSE_ALL];
     double dense_h[ALL], z, e;
     if (row % 2) {
       tse_real M[MOTION][COLUMNS], noise[MOTION], keep[STATES];
@@ -99,7 +99,7 @@ static void rows(trio *t, int count, int channel, double moved, double off, doub
         for (int j = 0; j < STATES; j++) x[i] += F[i][j] * t->x[j];
       }
       memcpy(t->x, x, sizeof x);
-      events_move(&t->p, &t->k, M, keep, real(0.01));
+      sensitivities_move(&t->p, &t->k, M, keep, real(0.01));
       ud_move(&t->k.p, M, noise);
       plain_move(&t->without, F, q);
       plain_move(&t->with, F, q);
@@ -159,11 +159,11 @@ static void test_a_state_that_may_have_moved_is_as_likely_as_a_filter_that_knows
 static void test_a_channel_that_may_be_off_is_as_likely_as_a_filter_that_knows_it(void)
 {
   static trio t;
-  static const int going[3] = { 0, 3, 4 };
+  static const int going[3] = { ACCEL_X, WHEEL_FRONT, WHEEL_REAR };
   uint32_t seed = 2;
   for (int n = 0; n < 30; n++) {
     tse_kalman one;
-    tse_real h[STATES], gain[STATES];
+    tse_real h[TSE_ALL], gain[TSE_ALL];
     const int channel = going[n % 3];
     start(&t, EVENT_SENSOR + channel, 0, 0, &seed);
     one = t.k;
@@ -315,7 +315,7 @@ static void test_events_are_opened_in_turn(void)
     for (int i = 0; i < STATES; i++) keep[i] = TSE_R(1);
     for (int i = 0; i < MOTION; i++)
       for (int j = 0; j < COLUMNS; j++) M[i][j] = i == j ? TSE_R(1) : TSE_R(0);
-    events_move(&p, &k, M, keep, real(0.01));
+    sensitivities_move(&p, &k, M, keep, real(0.01));
     events_decide(&p, &k, real(0.01));
     for (int i = 0; i < TSE_EVENTS; i++) {
       TEST_ASSERT_TRUE(k.event[i].kind >= EVENT_NONE && k.event[i].kind < EVENT_KINDS);
@@ -342,7 +342,7 @@ static void test_where_the_motion_is_placed_anew_events_know_nothing_of_it(void)
     for (int i = 0; i < STATES; i++) k.event[n].v[i] = TSE_R(1);
   for (int q = 0; q < TSE_DOUBTS; q++)
     for (int i = 0; i < STATES; i++) k.doubt[q][i] = TSE_R(1);
-  events_clear(&k, GX);
+  sensitivities_clear(&k, GX);
   for (int i = 0; i < STATES; i++) {
     for (int n = 0; n < TSE_EVENTS; n++) expect_near(i >= GX, number(k.event[n].v[i]), 0, "event", i);
     for (int q = 0; q < TSE_DOUBTS; q++) expect_near(i >= GX, number(k.doubt[q][i]), 0, "uncertain", i);
