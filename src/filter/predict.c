@@ -1,13 +1,15 @@
 /* filter/predict.c - state and covariance to the time of the row. */
 #include "filter/filter.h"
 
-#define STEEPEST TSE_R(1e4) /* [unit]: no car has such a slope; one that swings itself up in a long row must not leave the range of numbers */
+#define STEEPEST TSE_R(1e4)      /* unit, numerics: no car has such a slope; one that swings itself up in a long row must not leave the range of numbers */
+#define LEAST_ERROR TSE_R(1e-6)  /* unit^2, numerics: an error of nothing leaves a slip of nothing a share of nothing */
+#define WALK_TIME TSE_R(1)       /* s: what walks slowly is due once in that time at least */
 
 void signal_shares(const tse_kalman *k, tse_real share[3])
 {
   static const int of[3][2] = { { SF, SR }, { AF, -1 }, { AR, -1 } };
   for (int a = 0; a < 3; a++) {
-    tse_real signal = TSE_R(0), error = TSE_R(1e-6);
+    tse_real signal = TSE_R(0), error = LEAST_ERROR;
     for (int n = 0; n < 2 && of[a][n] >= 0; n++) {
       signal += r_sqr(r_div(k->x[of[a][n]], state_unit[of[a][n]]));
       error += ud_variance(&k->p, of[a][n]);
@@ -16,7 +18,7 @@ void signal_shares(const tse_kalman *k, tse_real share[3])
   }
 }
 
-/* The angle of the wheels through this row, after the steering's own lags. */
+/* Return the angle of the wheels through this row, after the steering's own lags. */
 static steering delayed(const tse_params *p, tse_kalman *k, const decoded *z)
 {
   const tse_real was = k->steer[2];
@@ -26,13 +28,13 @@ static steering delayed(const tse_params *p, tse_kalman *k, const decoded *z)
   return u;
 }
 
-/* Process noise of states that walk: all that is due, every so many rows as there are of them, or once a second. */
+/* Add the process noise of states that walk: all that is due, every so many rows as there are of them, or once a second. */
 static void walk_slowly(const tse_params *p, tse_kalman *k, tse_real dt)
 {
   const int slow = STATES - FAST;
-  k->since_slow = r_min(k->since_slow + dt, TSE_R(100));
+  k->since_slow = r_min(k->since_slow + dt, MOST_AGE);
   k->slow_turn++;
-  if (k->slow_turn < slow && k->since_slow < TSE_R(1)) return;
+  if (k->slow_turn < slow && k->since_slow < WALK_TIME) return;
   for (int i = FAST; i < STATES; i++) {
     const tse_real walk = i >= BX && i <= BR ? p->bias_sd_walk[i - BX] : r_mul(WALK_SHARE, p->prior_sd[i]);
     const tse_real stiff = i >= LCX && i <= LCR ? p->steady_sd_walk : TSE_R(0);
@@ -43,6 +45,7 @@ static void walk_slowly(const tse_params *p, tse_kalman *k, tse_real dt)
   k->since_slow = TSE_R(0);
 }
 
+/* Let state i decay to a share of it, about 0, towards a process sd: Ornstein-Uhlenbeck. */
 static void fade(tse_kalman *k, int i, tse_real left, tse_real sd)
 {
   k->x[i] = r_mul(k->x[i], left);
@@ -52,7 +55,7 @@ static void fade(tse_kalman *k, int i, tse_real left, tse_real sd)
 
 void rest_row(const tse_params *p, tse_kalman *k, tse_real dt)
 {
-  const tse_real left = left_of(r_min(dt, TSE_R(100)), ROAD_TIME);
+  const tse_real left = left_of(r_min(dt, MOST_AGE), ROAD_TIME);
   k->x[GX] -= p->prior[GX];
   k->x[GY] -= p->prior[GY];
   fade(k, GX, left, p->prior_sd[GX]);
@@ -60,29 +63,37 @@ void rest_row(const tse_params *p, tse_kalman *k, tse_real dt)
   k->x[GX] += p->prior[GX];
   k->x[GY] += p->prior[GY];
   walk_slowly(p, k, dt);
-  k->change_age = k->change_kind ? r_min(k->change_age + dt, TSE_R(1e6)) : TSE_R(0);
+  k->change_age = k->change_kind ? r_min(k->change_age + dt, LONGEST_TIME) : TSE_R(0);
 }
 
-steering predict_row(const tse_params *p, tse_kalman *k, const decoded *z)
+/* Bring the transition of the motion into units of the state. Slopes over a stiffness count by how much of the slip is no error.
+ *   Updated: M */
+static void scale_transition(tse_real M[MOTION][COLUMNS], const tse_real share[3], int no_slip)
 {
-  const tse_car *const c = &p->car;
-  tse_real M[MOTION][COLUMNS], noise[MOTION], keep[STATES], share[3];
-  const tse_real dt = z->dt;
-  const steering u = delayed(p, k, z);
-  signal_shares(k, share);
-  car_move(c, k->x, u, M);
   for (int i = 0; i < MOTION; i++)
     for (int a = 0; a < 3; a++) M[i][LCX + a] = r_mul(M[i][LCX + a], share[a]);
-  if (z->no_slip) M[VX][LCX] = TSE_R(0);
-  for (int i = 0; i < MOTION; i++) k->x[i] = r_clamp(k->x[i], -state_most[i], state_most[i]);
+  if (no_slip) M[VX][LCX] = TSE_R(0);
   for (int i = 0; i < MOTION; i++) {
     const tse_real own = r_div(TSE_R(1), state_unit[i]);
     for (int j = 0; j < COLUMNS; j++) {
       const tse_real scaled = r_mul(j < STATES ? r_mul(M[i][j], state_unit[j]) : M[i][j], own);
       M[i][j] = r_clamp(scaled, -STEEPEST, STEEPEST);
     }
+  }
+}
+
+steering predict_row(const tse_params *p, tse_kalman *k, const decoded *z)
+{
+  tse_real M[MOTION][COLUMNS], noise[MOTION], keep[STATES], share[3];
+  const tse_real dt = z->dt;
+  const steering u = delayed(p, k, z);
+  signal_shares(k, share);
+  car_move(&p->car, k->x, u, M);
+  for (int i = 0; i < MOTION; i++) {
+    k->x[i] = r_clamp(k->x[i], -state_most[i], state_most[i]);
     noise[i] = r_mul(r_sqr(MOTION_NOISE), dt);
   }
+  scale_transition(M, share, z->no_slip);
   ud_move(&k->p, M, noise);
   for (int i = 0; i < STATES; i++) keep[i] = TSE_R(1);
   keep[SF] = keep[SR] = left_of(dt, SLIP_TIME);

@@ -1,38 +1,49 @@
 /* filter/update.c - scalar measurements, one after the other, with heavy tails and noise that is found. */
 #include "filter/filter.h"
 
-/* How unlikely it is that a channel at work repeats its reading as often as it just has: repeats follow repeats. off: how far the reading is from
- * the prediction, squared, over its noise; one that is right may repeat itself. */
+#define MOST_REPEATS TSE_R(0.999)   /* 1, numerics: share of readings that repeat; one more still says something */
+#define MOST_FROZEN TSE_R(1000)     /* log2, numerics */
+#define LEAST_SLOW_VAR TSE_R(1e-9)  /* squared unit of a channel, numerics: nothing is divided by less */
+#define MOST_GROWTH TSE_R(4)        /* 1: a slow innovation counts as that many times the usual one at most: an event is not what is usual */
+#define MOST_USUAL TSE_R(1000)      /* 1, numerics */
+#define NEGLIGIBLE TSE_R(0.001)     /* 1, numerics: share of an innovation's variance: uncertain quantities that make less do not change the gain */
+#define TRACK_SHARE TSE_R(0.02)     /* 1, physics: of the speed, that the wheels of the front axle differ from one by, over the sine of their angle squared */
+#define LEAST_TURNING TSE_R(5)      /* m/s: what happens to the yaw rate is what happens across over the speed, over no less */
+#define LN_TWO_PI TSE_R(1.8378770664093453)
+
+/* Note how unlikely it is that a channel at work repeats its reading as often as it just has: repeats follow repeats.
+ *   Given: off  how far the reading is from the prediction, squared, over its noise; one that is right may repeat itself */
 static void watch_repeats(tse_kalman *k, int c, tse_real z, tse_real off, tse_real dt)
 {
   const int same = !(z < k->reading[c] || z > k->reading[c]), again = k->frozen[c] > TSE_R(0);
   const tse_real g = r_div(dt, r_min(k->seen + TSE_R(1), USUAL_TIME)), now = same ? TSE_R(1) : TSE_R(0);
   const tse_real likely = r_max(r_max(k->repeats[c], k->repeats_again[c]), TSE_R(1) - BELIEVED);
   k->reading[c] = z;
-  k->frozen[c] = same ? r_min(k->frozen[c] - r_mul(r_min(off, TSE_R(1)), r_log2(r_min(likely, TSE_R(0.999)))), TSE_R(1000)) : TSE_R(0);
+  k->frozen[c] = same ? r_min(k->frozen[c] - r_mul(r_min(off, TSE_R(1)), r_log2(r_min(likely, MOST_REPEATS))), MOST_FROZEN) : TSE_R(0);
   if (again) k->repeats_again[c] += r_mul(g, now - k->repeats_again[c]);
   k->repeats[c] += r_mul(g, now - k->repeats[c]);
 }
 
-/* How much larger than thought slow innovations of a channel usually are: what this car's model does not explain is no event. */
+/* Return how much larger than thought slow innovations of a channel usually are: what this car's model does not explain is no event.
+ *   Given: e  innovation   s  its variance   Updated: what is usual of the channel */
 static tse_real usual_of(tse_kalman *k, int c, tse_real e, tse_real s, tse_real dt)
 {
   const tse_real g = r_div(dt, dt + MODEL_TIME), left = r_div(dt, USUAL_TIME), most = r_sqrt(r_mul(TAIL, s));
   k->slow[c] += r_mul(g, r_clamp(e, -most, most) - k->slow[c]);
   k->slow_var[c] = r_mul(r_sqr(TSE_R(1) - g), k->slow_var[c]) + r_mul(r_mul(g, g), s);
-  const tse_real ratio = r_div(r_sqr(k->slow[c]), r_max(k->slow_var[c], TSE_R(1e-9)));
-  if (c == 0) k->unusual = r_div(ratio, k->usual[c]);
-  k->usual[c] = r_clamp(k->usual[c] + r_mul(r_min(left, TSE_R(0.1)), r_min(ratio, r_mul(TSE_R(4), k->usual[c])) - k->usual[c]), TSE_R(1), TSE_R(1000));
+  const tse_real ratio = r_div(r_sqr(k->slow[c]), r_max(k->slow_var[c], LEAST_SLOW_VAR));
+  if (c == ACCEL_X) k->unusual = r_div(ratio, k->usual[c]);
+  k->usual[c] = r_clamp(k->usual[c] + r_mul(r_min(left, MOST_FORGOTTEN), r_min(ratio, r_mul(MOST_GROWTH, k->usual[c])) - k->usual[c]), TSE_R(1), MOST_USUAL);
   return k->usual[c];
 }
 
-#define NEGLIGIBLE TSE_R(0.001) /* share of an innovation's variance: uncertain quantities that make less do not change the gain */
-
-/* Use one measurement. change: what all measurements of this row move the state by so far, in units.
+/* Use one measurement.
+ *   Given:     channel  ACCEL_X ... or NO_SENSOR_*      sd  of the sensor
+ *   Updated:   change  what all measurements of this row move the state by so far, in units
+ *   Returned:  variance of the innovation as used, of which *state is the state's and that of uncertain quantities
  * The gain is that of Schmidt (1966): uncertain quantities count in it and are not estimated. With A = U D U' the covariance if they
  * were known and V what the state is off by for each, it is K = (A h + V y)/(h'A h + y'y + r), y = V'h + slopes over them; and A after
- * it is that of the optimal gain of A alone, A h/s, plus s times the square of what K is off that one (Joseph's form, scalar).
- *   Returned:  variance of the innovation as used, of which *state is the state's and that of uncertain quantities */
+ * it is that of the optimal gain of A alone, A h/s, plus s times the square of what K is off that one (Joseph's form, scalar). */
 tse_real use_scalar(tse_kalman *k, int channel, const scalar *m, tse_real sd, tse_real change[TSE_ALL], tse_real *state)
 {
   tse_real f[TSE_ALL], v[TSE_ALL], gain[TSE_ALL], off[TSE_ALL], y[TSE_DOUBTS];
@@ -65,15 +76,16 @@ tse_real use_scalar(tse_kalman *k, int channel, const scalar *m, tse_real sd, ts
   return s;
 }
 
-/* White noise of a channel: half the mean square of what the innovation changes by from row to row, where nothing slower shows. */
+/* Find the white noise of a channel: half the mean square of what the innovation changes by from row to row, where nothing slower shows. */
 static void learn_noise(const tse_params *p, tse_kalman *k, int c, tse_real e, tse_real own, tse_real dt)
 {
   const tse_real change = e - k->last_innovation[c], seen = r_min(r_div(r_mul(TSE_R(0.5), r_sqr(change)), r_mul(own, k->noise[c])), TAIL);
-  const tse_real g = r_min(r_div(dt, r_min(k->seen + TSE_R(1), USUAL_TIME)), TSE_R(0.1)); /* at first a mean of all since the start */
+  const tse_real g = r_min(r_div(dt, r_min(k->seen + TSE_R(1), USUAL_TIME)), MOST_FORGOTTEN); /* at first a mean of all since the start */
   k->last_innovation[c] = e;
   k->noise[c] = r_clamp(r_mul(k->noise[c], TSE_R(1) + r_mul(g, seen - TSE_R(1))), LEAST_NOISE, p->noise_max_var);
 }
 
+/* Move the state by what all measurements of a row have found, within the bounds of a car. */
 static void finish(const tse_params *p, tse_kalman *k, const tse_real change[TSE_ALL])
 {
   for (int i = 0; i < STATES + k->p.extras; i++) k->x[i] = r_clamp(k->x[i] + r_mul(change[i], state_unit[i]), -state_most[i], state_most[i]);
@@ -85,34 +97,35 @@ void update_still(const tse_params *p, tse_kalman *k, const decoded *z)
 {
   tse_real change[TSE_ALL], state;
   scalar m;
-  if (!z->use[2]) return;
+  if (!z->use[YAW_RATE]) return;
   memset(&m, 0, sizeof m);
   for (int i = 0; i < TSE_ALL; i++) m.h[i] = change[i] = TSE_R(0);
   for (int q = 0; q < TSE_DOUBTS; q++) m.doubts[q] = TSE_R(0);
   m.h[BR] = state_unit[BR];
-  m.e = z->z[2] - k->x[BR];
-  m.r = m.white = r_sqr(p->sensor_sd[2]);
-  (void)use_scalar(k, 2, &m, p->sensor_sd[2], change, &state);
+  m.e = z->z[YAW_RATE] - k->x[BR];
+  m.r = m.white = r_sqr(p->sensor_sd[YAW_RATE]);
+  (void)use_scalar(k, YAW_RATE, &m, p->sensor_sd[YAW_RATE], change, &state);
   finish(p, k, change);
 }
 
-/* What is known of a row beside the sensors: how fast forces and speed change, for what is late. */
-static void what_is_late(const tse_params *p, tse_kalman *k, const forces *f, tse_real dt, tse_real doubts[TSE_SENSORS][TSE_DOUBTS])
+/* Find the slopes of the sensors over what is uncertain and no state of the car: latencies, by how fast forces and speed change, and scales.
+ *   Updated: k->before */
+static void slopes_of_sensors(const tse_params *p, tse_kalman *k, const forces *f, tse_real dt, tse_real doubts[TSE_SENSORS][TSE_DOUBTS])
 {
   const tse_real over = r_div(TSE_R(1), dt), late = p->uncertain[DOUBT_ACCEL_LATE];
   for (int a = 0; a < TSE_SENSORS; a++)
     for (int q = 0; q < TSE_DOUBTS; q++) doubts[a][q] = TSE_R(0);
-  doubts[0][DOUBT_ACCEL_LATE] = -r_mul(late, r_mul(f->x - k->before[0], over));
-  doubts[1][DOUBT_ACCEL_LATE] = -r_mul(late, r_mul(f->y - k->before[1], over));
-  doubts[2][DOUBT_GYRO] = r_mul(p->uncertain[DOUBT_GYRO], k->x[YAW]);
-  doubts[1][DOUBT_SCALE] = r_mul(p->uncertain[DOUBT_SCALE], f->y);
-  doubts[3][DOUBT_WHEELS_LATE] = doubts[4][DOUBT_WHEELS_LATE] = -r_mul(p->uncertain[DOUBT_WHEELS_LATE], r_mul(k->x[VX] - k->before[2], over));
+  doubts[ACCEL_X][DOUBT_ACCEL_LATE] = -r_mul(late, r_mul(f->x - k->before[0], over));
+  doubts[ACCEL_Y][DOUBT_ACCEL_LATE] = -r_mul(late, r_mul(f->y - k->before[1], over));
+  doubts[YAW_RATE][DOUBT_GYRO] = r_mul(p->uncertain[DOUBT_GYRO], k->x[YAW]);
+  doubts[ACCEL_Y][DOUBT_SCALE] = r_mul(p->uncertain[DOUBT_SCALE], f->y);
+  doubts[WHEEL_FRONT][DOUBT_WHEELS_LATE] = doubts[WHEEL_REAR][DOUBT_WHEELS_LATE] = -r_mul(p->uncertain[DOUBT_WHEELS_LATE], r_mul(k->x[VX] - k->before[2], over));
   k->before[0] = f->x;
   k->before[1] = f->y;
   k->before[2] = k->x[VX];
 }
 
-/* The axle that is not driven rolls freely while the car does not brake, which forces show where nothing else does. */
+/* Measure that the axle that is not driven rolls freely while the car does not brake, which forces show where nothing else does. */
 static void roll_freely(const tse_params *p, tse_kalman *k, const decoded *z, const forces *f, tse_real change[TSE_ALL])
 {
   const tse_car *const c = &p->car;
@@ -130,65 +143,111 @@ static void roll_freely(const tse_params *p, tse_kalman *k, const decoded *z, co
   (void)use_scalar(k, NO_SENSOR_GOING, &m, TSE_R(1), change, &state);
 }
 
-void update_row(const tse_params *p, tse_kalman *k, const decoded *z, steering u)
-{
-  static const int order[TSE_SENSORS] = { 3, 4, 2, 0, 1 };
-  const tse_car *const c = &p->car;
+/* What the car reads, as the state predicts it: forces, readings, their slopes over state and uncertain quantities, SI. */
+typedef struct prediction {
   forces f;
-  tse_real read[TSE_SENSORS], H[TSE_SENSORS][COLUMNS], doubts[TSE_SENSORS][TSE_DOUBTS], change[TSE_ALL], share[3];
-  car_forces(c, k->x, u, TSE_R(1), &f);
-  const tse_real pitch = c->pitch_leak > TSE_R(0) || c->pitch_leak < TSE_R(0) ? car_pitch(c, k->pitch, f.x, z->dt) : TSE_R(0);
-  car_measure(c, k->x, &f, pitch, read, H);
+  tse_real read[TSE_SENSORS], H[TSE_SENSORS][COLUMNS], doubts[TSE_SENSORS][TSE_DOUBTS];
+} prediction;
+
+/* Predict all sensors.   Updated: k  the mode of pitch, and what is known of the row for the next one */
+static void predict_sensors(const tse_params *p, tse_kalman *k, const decoded *z, steering u, prediction *s)
+{
+  const tse_car *const c = &p->car;
+  tse_real share[3];
+  car_forces(c, k->x, u, TSE_R(1), &s->f);
+  const tse_real pitch = c->pitch_leak > TSE_R(0) || c->pitch_leak < TSE_R(0) ? car_pitch(c, k->pitch, s->f.x, z->dt) : TSE_R(0);
+  car_measure(c, k->x, &s->f, pitch, s->read, s->H);
   signal_shares(k, share);
   for (int a = 0; a < TSE_SENSORS; a++)
-    for (int i = 0; i < 3; i++) H[a][LCX + i] = r_mul(H[a][LCX + i], share[i]);
-  if (z->no_slip) H[0][LCX] = TSE_R(0); /* one speed is no slip: nothing of the stiffness that it has */
-  what_is_late(p, k, &f, z->dt, doubts);
+    for (int i = 0; i < 3; i++) s->H[a][LCX + i] = r_mul(s->H[a][LCX + i], share[i]);
+  if (z->no_slip) s->H[ACCEL_X][LCX] = TSE_R(0); /* one speed is no slip: nothing of the stiffness that it has */
+  slopes_of_sensors(p, k, &s->f, z->dt, s->doubts);
+}
+
+/* Follow what happens to the car: mean squares over MODEL_TIME, and of an uneven road, which shows as noise. */
+static void follow_activity(const tse_params *p, tse_kalman *k, const forces *f, tse_real dt)
+{
+  const tse_real happens[IMU_CHANNELS] = { f->x, f->y, k->x[YAW] };
+  const tse_real rough = r_mul(r_sqrt(k->noise[ACCEL_Y]), p->sensor_sd[ACCEL_Y]), little = LEAST_ACTIVITY + r_mul(ROUGHNESS, rough);
+  const tse_real least[IMU_CHANNELS] = { little, little, r_div(little, r_max(k->x[VX], LEAST_TURNING)) };
+  for (int a = 0; a < IMU_CHANNELS; a++) k->activity[a] += r_mul(r_div(dt, dt + MODEL_TIME), r_sqr(happens[a]) + r_sqr(least[a]) - k->activity[a]);
+}
+
+/* Return the variance of what the model does not explain of a channel: a share of what happens, that lasts. As white noise that is the
+ * same at low frequencies, which is where parameters are learnt, it has 2 MODEL_TIME/dt times the variance. Wheel speeds: 0. */
+static tse_real unexplained(const tse_params *p, const tse_kalman *k, int channel, tse_real dt)
+{
+  if (channel >= IMU_CHANNELS) return TSE_R(0);
+  return r_mul(r_mul(r_sqr(p->model_sd), r_add_sat(TSE_R(1), r_div(r_mul(TSE_R(2), MODEL_TIME), dt))), k->activity[channel]);
+}
+
+/* Make the measurement of a channel about the state that those before it have left. */
+static void make_scalar(const tse_params *p, const tse_kalman *k, const decoded *z, const prediction *s, int channel, const tse_real change[TSE_ALL], scalar *m)
+{
+  m->dt = z->dt;
+  for (int i = STATES; i < TSE_ALL; i++) m->h[i] = TSE_R(0);
+  m->e = z->z[channel] - s->read[channel];
+  for (int i = 0; i < STATES; i++) {
+    m->h[i] = r_mul(s->H[channel][i], state_unit[i]);
+    m->e -= r_mul(m->h[i], change[i]);
+  }
+  for (int q = 0; q < TSE_DOUBTS; q++) {
+    const tse_real of_car = q < COLUMNS - STATES ? r_mul(s->H[channel][STATES + q], p->uncertain[q]) : TSE_R(0);
+    m->doubts[q] = s->doubts[channel][q] + of_car;
+  }
+  /* the front wheels turn about one point, so that they are not one */
+  const tse_real turn = channel == WHEEL_FRONT ? r_sqr(r_mul(r_mul(TRACK_SHARE, k->x[VX]), r_sqr(s->f.sin_d))) : TSE_R(0);
+  m->white = r_mul(k->noise[channel], r_sqr(p->sensor_sd[channel])) + turn;
+  m->r = m->white + unexplained(p, k, channel, z->dt);
+}
+
+/* Watch a channel at fault, which is not used, for how long it has agreed. */
+static void watch_fault(tse_kalman *k, int channel, const scalar *m)
+{
+  tse_real f[TSE_ALL], v[TSE_ALL];
+  const tse_real s = ud_measure(&k->p, m->h, f, v) + m->r;
+  const int agrees = r_sqr(m->e) < r_mul(TAIL, s) && k->frozen[channel] < -r_log2(RATE_FAULT);
+  k->innovation[channel] = m->e;
+  k->innovation_var[channel] = s;
+  k->agrees_for = agrees ? r_min(k->agrees_for + m->dt, MOST_AGE) : TSE_R(0);
+}
+
+/* Use a channel, and note its innovation, its likelihood and its noise.   Updated: change */
+static void use_channel(const tse_params *p, tse_kalman *k, int channel, const scalar *m, tse_real change[TSE_ALL])
+{
+  const tse_real sd = p->sensor_sd[channel];
+  tse_real state;
+  const tse_real s = use_scalar(k, channel, m, sd, change, &state);
+  learn_noise(p, k, channel, m->e, r_sqr(sd), m->dt);
+  k->innovation[channel] = m->e;
+  k->innovation_var[channel] = state + m->r;
+  k->nis += r_div(r_sqr(m->e), state + m->r);
+  k->channels++;
+  k->log_likelihood -= r_mul(TSE_R(0.5), r_div(r_sqr(m->e), s) + r_mul(LN_2, r_log2(s)) + LN_TWO_PI);
+}
+
+void update_row(const tse_params *p, tse_kalman *k, const decoded *z, steering u)
+{
+  static const int order[TSE_SENSORS] = { WHEEL_FRONT, WHEEL_REAR, YAW_RATE, ACCEL_X, ACCEL_Y };
+  prediction s;
+  tse_real change[TSE_ALL];
+  predict_sensors(p, k, z, u, &s);
+  follow_activity(p, k, &s.f, z->dt);
   for (int i = 0; i < TSE_ALL; i++) change[i] = TSE_R(0);
   k->nis = k->unusual = TSE_R(0);
   k->channels = 0;
   k->log_likelihood = TSE_R(0);
-  /* What the model does not explain of a channel is a share of what happens, and lasts: as white noise that is the same at low
-   * frequencies, which is where parameters are learnt, it has 2 MODEL_TIME/dt times the variance. */
-  const tse_real happens[3] = { f.x, f.y, k->x[YAW] }, lasts = r_mul(r_sqr(p->model_sd), r_add_sat(TSE_R(1), r_div(r_mul(TSE_R(2), MODEL_TIME), z->dt)));
-  /* ... and of an uneven road, which shows as noise */
-  const tse_real rough = r_mul(r_sqrt(k->noise[1]), p->sensor_sd[1]), little = LEAST_ACTIVITY + r_mul(ROUGHNESS, rough), least[3] = { little, little, r_div(little, r_max(k->x[VX], TSE_R(5))) };
-  for (int a = 0; a < 3; a++) k->activity[a] += r_mul(r_div(z->dt, z->dt + MODEL_TIME), r_sqr(happens[a]) + r_sqr(least[a]) - k->activity[a]);
   for (int n = 0; n < TSE_SENSORS; n++) {
-    const int a = order[n];
-    k->innovation[a] = k->innovation_var[a] = TSE_R(0);
-    if (!z->use[a]) continue;
+    const int channel = order[n];
     scalar m;
-    tse_real state, sd = p->sensor_sd[a];
-    m.dt = z->dt;
-    for (int i = STATES; i < TSE_ALL; i++) m.h[i] = TSE_R(0);
-    m.e = z->z[a] - read[a];
-    for (int i = 0; i < STATES; i++) {
-      m.h[i] = r_mul(H[a][i], state_unit[i]);
-      m.e -= r_mul(m.h[i], change[i]);
-    }
-    for (int q = 0; q < TSE_DOUBTS; q++) m.doubts[q] = doubts[a][q] + (q < COLUMNS - STATES ? r_mul(H[a][STATES + q], p->uncertain[q]) : TSE_R(0));
-    const tse_real own = r_sqr(sd), turn = a == 3 ? r_sqr(r_mul(r_mul(TSE_R(0.02), k->x[VX]), r_sqr(f.sin_d))) : TSE_R(0); /* its wheels are not one */
-    m.white = r_mul(k->noise[a], own) + turn;
-    watch_repeats(k, a, z->z[a], r_div(r_sqr(m.e), r_max(m.white, own)), z->dt);
-    m.r = m.white + (a < 3 ? r_mul(lasts, k->activity[a]) : TSE_R(0));
-    if (k->fault == fault_of(a)) { /* not used; heard again when it agrees */
-      tse_real fx[TSE_ALL], v[TSE_ALL];
-      const tse_real s = ud_measure(&k->p, m.h, fx, v) + m.r;
-      k->innovation[a] = m.e;
-      k->innovation_var[a] = s;
-      k->agrees_for = r_sqr(m.e) < r_mul(TAIL, s) && k->frozen[a] < -r_log2(RATE_FAULT) ? r_min(k->agrees_for + z->dt, TSE_R(100)) : TSE_R(0);
-      continue;
-    }
-    const tse_real s = use_scalar(k, a, &m, sd, change, &state);
-    learn_noise(p, k, a, m.e, own, z->dt);
-    k->innovation[a] = m.e;
-    k->innovation_var[a] = state + m.r;
-    k->nis += r_div(r_sqr(m.e), state + m.r);
-    k->channels++;
-    k->log_likelihood -= r_mul(TSE_R(0.5), r_div(r_sqr(m.e), s) + r_mul(TSE_R(0.69314718055994531), r_log2(s)) + TSE_R(1.8378770664093453));
+    k->innovation[channel] = k->innovation_var[channel] = TSE_R(0);
+    if (!z->use[channel]) continue;
+    make_scalar(p, k, z, &s, channel, change, &m);
+    watch_repeats(k, channel, z->z[channel], r_div(r_sqr(m.e), r_max(m.white, r_sqr(p->sensor_sd[channel]))), z->dt);
+    if (k->fault == fault_of(channel)) watch_fault(k, channel, &m);
+    else use_channel(p, k, channel, &m, change);
   }
-  if (!z->one_speed) roll_freely(p, k, z, &f, change);
-  velocity_update(p, k, z, &f, change);
+  if (!z->one_speed) roll_freely(p, k, z, &s.f, change);
+  velocity_update(p, k, z, &s.f, change);
   finish(p, k, change);
 }

@@ -21,12 +21,10 @@
 #define MOST_MISFIT TSE_R(6)    /* 1: innovations squared over their variance, averaged over MODEL_TIME: from here on left out, */
 #define LEAST_MISFIT TSE_R(2)   /* 1: until they are below this; */
 #define ONE_MISFIT TSE_R(25)    /* 1: a single one counts as that at most */
-#define MOST_FORGOTTEN TSE_R(0.1) /* 1: of the noise found, in one row; update.c has the same */
 #define LEAST_SPEED TSE_R(0.1)  /* m/s, numerics: course and speed are taken over no less */
 #define HEADING_SD TSE_R(1)     /* rad: of a zero that is not known, so that the first course sets it */
 #define MOST_MOVED TSE_R(1000)  /* m/s, rad/s, rad, numerics: a number in every format */
-#define MOST_AGE TSE_R(100)     /* s, numerics: of kept motion, the same */
-#define MOST_SINCE TSE_R(1000)  /* s, numerics: since the last value, left out for, the same */
+#define MOST_SINCE TSE_R(1000)  /* s, numerics: since the last value, and left out for */
 #define PI_ TSE_R(3.141592653589793)
 
 /* Columns of the kept motion: those of the state from VX on, and the heading. */

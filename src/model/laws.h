@@ -14,6 +14,7 @@
 #define TWO_PI TSE_R(6.283185307179586)
 #define PER_TURN TSE_R(0.15915494309189535)
 #define LOG2_OF_E TSE_R(1.4426950408889634)
+#define LN_2 TSE_R(0.69314718055994531)
 
 /* ---- signals */
 
@@ -25,7 +26,7 @@ static inline void sin_cos(tse_real angle, tse_real *s, tse_real *c)
 }
 
 static inline tse_real exponential(tse_real x) { return r_exp2(r_mul(LOG2_OF_E, x)); }
-static inline tse_real logarithm(tse_real x) { return r_mul(TSE_R(0.69314718055994531), r_log2(x)); }
+static inline tse_real logarithm(tse_real x) { return r_mul(LN_2, r_log2(x)); }
 
 /* exp(-dt/time): what a lag leaves of its start. */
 static inline tse_real left_of(tse_real dt, tse_real time) { return r_exp2(-r_mul(LOG2_OF_E, r_div(dt, time))); }
