@@ -1,7 +1,13 @@
 /* filter/output.c - what the filter reports of a row, and whether to act on it. */
 #include "filter/filter.h"
 
-/* Variance of state i over the posterior, the uncertain quantities and the events that may have happened; *shift: their mean. SI */
+#define LEAST_WEIGHT TSE_R(1e-6)  /* 1, numerics: an event less likely moves no digit */
+#define LEAST_SPEED_ANGLE TSE_R(0.01) /* m/s: slower has no direction: the sideslip angle is 0 */
+#define LEAST_SPEED_SD TSE_R(1)   /* m/s: its sd is taken over no less */
+#define LIKELY TSE_R(0.5)         /* 1: likelier than not */
+#define SIDE_SHARE TSE_R(0.5)     /* 1: of model_sd, which a cornering stiffness is not known better than while velocities are in use */
+
+/* Return the variance of state i over the posterior, the uncertain quantities and the events that may have happened; *shift: their mean. SI */
 static tse_real variance_of(const tse_kalman *k, int i, tse_real *shift)
 {
   tse_real var = ud_variance(&k->p, i), mean = TSE_R(0), square = TSE_R(0);
@@ -9,7 +15,7 @@ static tse_real variance_of(const tse_kalman *k, int i, tse_real *shift)
   for (int n = 0; n < TSE_EVENTS; n++) {
     const tse_event *const a = &k->event[n];
     const tse_real weight = k->weight[n];
-    if (a->kind == EVENT_NONE || weight < TSE_R(1e-6)) continue;
+    if (a->kind == EVENT_NONE || weight < LEAST_WEIGHT) continue;
     tse_real over;
     const tse_real off = r_mul(event_amplitude(a, &over), a->v[i]);
     mean += r_mul(weight, off);
@@ -19,7 +25,10 @@ static tse_real variance_of(const tse_kalman *k, int i, tse_real *shift)
   return r_mul(r_max(var + square - r_mul(mean, mean), TSE_R(0)), r_sqr(state_unit[i]));
 }
 
-/* What is so when no event is waiting to be believed. */
+/* Return the probability that no event waits to be believed, of both groups. */
+static tse_real nothing_happened(const tse_kalman *k) { return r_mul(k->none[0], k->none[1]); }
+
+/* Return the regime when no event is waiting to be believed. */
 static int regime_now(const tse_params *p, const tse_kalman *k)
 {
   if (k->fault) return TSE_REGIME_FAULT;
@@ -29,85 +38,123 @@ static int regime_now(const tse_params *p, const tse_kalman *k)
   return k->change_kind == TSE_CHANGE_ROAD ? TSE_REGIME_CHANGED : TSE_REGIME_AXLE;
 }
 
-void report_row(const tse_params *p, const tse_kalman *k, tse_output *out)
+/* Report the motion. The rear axle slips sideways by force over stiffness: lr r - vy is that much, times what the stiffness may be off by;
+ * a measured velocity shows it. */
+static void report_motion(const tse_params *p, const tse_kalman *k, tse_output *out)
 {
-  tse_real shift, var;
   tse_real *const state[3] = { &out->vel_x, &out->vel_y, &out->yaw_rate };
   tse_real *const state_sd[3] = { &out->vel_x_sd, &out->vel_y_sd, &out->yaw_rate_sd };
-  const tse_real none = r_mul(k->none[0], k->none[1]);
-  /* slip angles that are measured make the filter sure of a stiffness faster than they show what its model lacks */
-  const tse_real side_floor = k->p.extras ? r_max(MODEL_FLOOR, r_mul(TSE_R(0.5), p->model_sd)) : MODEL_FLOOR;
+  tse_real shift;
   for (int i = 0; i < 3; i++) {
-    var = variance_of(k, VX + i, &shift);
+    *state_sd[i] = r_sqrt(variance_of(k, VX + i, &shift));
     *state[i] = r_clamp(k->x[VX + i] + shift, -state_most[VX + i], state_most[VX + i]);
-    *state_sd[i] = r_sqrt(var);
-    var = variance_of(k, BX + i, &shift);
-    out->bias[i] = k->x[BX + i] + shift;
-    out->bias_sd[i] = r_sqrt(var);
-    var = variance_of(k, LCX + i, &shift);
-    out->stiffness[i] = r_exp2(r_mul(LOG2_OF_E, r_clamp(k->x[LCX + i] + shift, p->log_min, p->log_max)));
-    var += r_sqr(i == TSE_CX_FRONT ? r_max(FLOOR_ALONG, p->model_sd) : side_floor) + p->mass_var;
+  }
+  const tse_real across = r_mul(p->lr, out->yaw_rate) - out->vel_y;
+  if (k->p.extras) {
+    out->vel_y = r_clamp(out->vel_y + velocity_off(k), -state_most[VY], state_most[VY]);
+    out->vel_y_sd = r_sqrt(velocity_across_var(k));
+  } else out->vel_y_sd = r_sqrt(r_sqr(out->vel_y_sd) + r_mul(r_sqr(across) + r_sqr(r_mul(p->lr, out->yaw_rate)), r_sqr(p->model_sd) + p->mass_var));
+  out->sideslip = r_max(r_abs(out->vel_x), r_abs(out->vel_y)) < LEAST_SPEED_ANGLE ? TSE_R(0) : r_atan2(out->vel_y, out->vel_x);
+  out->sideslip_sd = r_div(out->vel_y_sd, r_max(r_abs(out->vel_x), LEAST_SPEED_SD));
+}
+
+/* Report stiffness, grip and what the model does not explain. No stiffness is known better than the model is right; slip angles that are
+ * measured make the filter sure of a stiffness faster than they show what its model lacks. */
+static void report_tyres(const tse_params *p, const tse_kalman *k, tse_output *out)
+{
+  const tse_real side_floor = k->p.extras ? r_max(MODEL_FLOOR, r_mul(SIDE_SHARE, p->model_sd)) : MODEL_FLOOR;
+  tse_real shift;
+  for (int i = 0; i < 3; i++) {
+    const tse_real floor = i == TSE_CX_FRONT ? r_max(FLOOR_ALONG, p->model_sd) : side_floor;
+    tse_real var = variance_of(k, LCX + i, &shift);
+    out->stiffness[i] = exponential(r_clamp(k->x[LCX + i] + shift, p->log_min, p->log_max));
+    var += r_sqr(floor) + p->mass_var;
     out->stiffness_sd[i] = r_mul(out->stiffness[i], r_sqrt(var));
     out->stiffness_spread[i] = r_mul(out->stiffness[i], p->model_sd);
     out->spread_seen[i] = 0;
     out->discrepancy[i] = r_mul(p->model_sd, r_sqrt(k->activity[i]));
-    out->change_ratio[i] = k->change_kind ? r_exp2(r_mul(LOG2_OF_E, k->x[LCX + i] - k->change_from[i])) : TSE_R(1);
   }
-  /* the rear axle slips sideways by force over stiffness: lr r - vy is that much, times what the stiffness may be off by */
-  const tse_real across = r_mul(p->lr, out->yaw_rate) - out->vel_y;
-  if (k->p.extras) { /* ... which a measured velocity shows */
-    out->vel_y = r_clamp(out->vel_y + velocity_off(k), -state_most[VY], state_most[VY]);
-    out->vel_y_sd = r_sqrt(velocity_across_var(k));
-  } else out->vel_y_sd = r_sqrt(r_sqr(out->vel_y_sd) + r_mul(r_sqr(across) + r_sqr(r_mul(p->lr, out->yaw_rate)), r_sqr(p->model_sd) + p->mass_var));
-  out->sideslip = r_max(r_abs(out->vel_x), r_abs(out->vel_y)) < TSE_R(0.01) ? TSE_R(0) : r_atan2(out->vel_y, out->vel_x);
-  var = variance_of(k, LATE, &shift);
-  out->lag_steer = k->x[LATE] + shift;
-  out->lag_steer_sd = r_sqrt(var);
-  var = variance_of(k, LMU, &shift);
-  out->grip = r_mul(p->car.grip, r_exp2(r_mul(LOG2_OF_E, r_clamp(k->x[LMU] + shift, -state_most[LMU], state_most[LMU]))));
+  const tse_real var = variance_of(k, LMU, &shift);
+  out->grip = r_mul(p->car.grip, exponential(r_clamp(k->x[LMU] + shift, -state_most[LMU], state_most[LMU])));
   out->grip_sd = r_mul(out->grip, r_sqrt(var + r_sqr(MODEL_FLOOR)));
-  out->sideslip_sd = r_div(out->vel_y_sd, r_max(r_abs(out->vel_x), TSE_R(1)));
+}
+
+/* Report biases, latencies, noise and innovations of the sensors. */
+static void report_sensors(const tse_kalman *k, tse_output *out)
+{
+  tse_real shift;
+  for (int i = 0; i < 3; i++) {
+    out->bias_sd[i] = r_sqrt(variance_of(k, BX + i, &shift));
+    out->bias[i] = k->x[BX + i] + shift;
+  }
+  out->lag_steer_sd = r_sqrt(variance_of(k, LATE, &shift));
+  out->lag_steer = k->x[LATE] + shift;
   for (int c = 0; c < TSE_SENSORS; c++) {
     out->noise[c] = r_sqrt(k->noise[c]);
     out->innovation[c] = k->innovation[c];
   }
   out->nis = k->nis;
+}
+
+/* Return the regime that a kind of event begins. */
+static int regime_of(int32_t which)
+{
+  if (which <= EVENT_ALONG) return TSE_REGIME_CHANGED;
+  if (which <= EVENT_REAR) return TSE_REGIME_AXLE;
+  return which <= EVENT_SLIP_REAR ? TSE_REGIME_SLIDING : TSE_REGIME_FAULT;
+}
+
+/* Report the probability of each regime: of events that wait to be believed, and of what is so if none of them has happened. */
+static void report_regimes(const tse_params *p, const tse_kalman *k, tse_output *out)
+{
+  tse_real sum = TSE_R(0);
   for (int r = 0; r < TSE_REGIMES; r++) out->regime[r] = TSE_R(0);
   for (int n = 0; n < TSE_EVENTS; n++) {
     const int32_t kind = k->event[n].kind;
-    if (kind == EVENT_NONE || event_is_small(k, &k->event[n])) continue;
-    out->regime[kind <= EVENT_ALONG ? TSE_REGIME_CHANGED : kind <= EVENT_REAR    ? TSE_REGIME_AXLE
-                                                       : kind <= EVENT_SLIP_REAR ? TSE_REGIME_SLIDING
-                                                                                 : TSE_REGIME_FAULT] += k->weight[n];
+    if (kind != EVENT_NONE && !event_is_small(k, &k->event[n])) out->regime[regime_of(kind)] += k->weight[n];
   }
-  const int now = regime_now(p, k);
-  tse_real sum = TSE_R(0);
   for (int r = 0; r < TSE_REGIMES; r++) sum += out->regime[r];
   const tse_real share = r_div(TSE_R(1), r_max(sum, TSE_R(1))); /* two may have happened at once */
   for (int r = 0; r < TSE_REGIMES; r++) out->regime[r] = r_mul(share, out->regime[r]);
-  out->regime[now] += r_max(TSE_R(1) - sum, TSE_R(0));
+  out->regime[regime_now(p, k)] += r_max(TSE_R(1) - sum, TSE_R(0));
+}
+
+/* Report the last change that was believed, and a channel at fault. */
+static void report_change(const tse_kalman *k, tse_output *out)
+{
+  const int changed = k->change_kind != TSE_CHANGE_NONE;
+  for (int i = 0; i < 3; i++) out->change_ratio[i] = changed ? exponential(k->x[LCX + i] - k->change_from[i]) : TSE_R(1);
   out->change_kind = k->change_kind;
   out->change_age = k->change_age;
-  out->change_probability = k->change_kind ? none : TSE_R(0);
+  out->change_probability = changed ? nothing_happened(k) : TSE_R(0);
   out->fault_channel = k->fault ? k->fault : velocity_fault(k);
+}
+
+void report_row(const tse_params *p, const tse_kalman *k, tse_output *out)
+{
+  report_motion(p, k, out);
+  report_tyres(p, k, out);
+  report_sensors(k, out);
+  report_regimes(p, k, out);
+  report_change(k, out);
   out->n_eff = TSE_R(1);
   out->log_evidence = k->log_likelihood;
 }
 
-/* The first reason that applies. sd, mean: of the quantity, whose state is `at`. */
+/* Return the first reason that applies.   Given: sd, mean  of the quantity, whose state is `at` */
 static tse_reason reason_of(const tse_params *p, const tse_kalman *k, const passage *w, const tse_output *out, tse_real sd, tse_real mean, int at)
 {
   const tse_real var = r_sqr(sd), most = r_mul(p->valid_var, r_sqr(mean));
   if (w->predicted) return TSE_INPUT_INVALID;
   if (w->held) return TSE_HELD;
   if (k->seen < SETTLE_TIME) return TSE_STARTING;
-  if (out->regime[TSE_REGIME_FAULT] > TSE_R(0.5)) return TSE_DIVERGING;
-  if (out->regime[TSE_REGIME_SLIDING] > TSE_R(0.5)) return TSE_HELD;
-  if (r_mul(k->none[0], k->none[1]) < BELIEVED) return TSE_MISFIT;
+  if (out->regime[TSE_REGIME_FAULT] > LIKELY) return TSE_DIVERGING;
+  if (out->regime[TSE_REGIME_SLIDING] > LIKELY) return TSE_HELD;
+  if (nothing_happened(k) < BELIEVED) return TSE_MISFIT;
   if (var <= most) return TSE_VALID;
   tse_real doubts = p->mass_var;
   for (int q = 0; q < TSE_DOUBTS; q++) doubts += r_sqr(r_mul(k->doubt[q][at], state_unit[at]));
-  return r_mul(doubts, r_sqr(mean)) > r_mul(TSE_R(0.5), var) ? TSE_PARAMETERS_UNCERTAIN : TSE_UNCERTAIN;
+  return r_mul(doubts, r_sqr(mean)) > r_mul(TSE_R(0.5), var) /* the larger part */ ? TSE_PARAMETERS_UNCERTAIN : TSE_UNCERTAIN;
 }
 
 void judge_row(const tse_params *p, const tse_kalman *k, const passage *w, tse_output *out)
@@ -120,28 +167,52 @@ void judge_row(const tse_params *p, const tse_kalman *k, const passage *w, tse_o
   if (out->grip_reason == TSE_VALID && !(p->prior_sd[LMU] > TSE_R(0))) out->grip_reason = TSE_NOT_EXCITED; /* a setting, no estimate */
 }
 
+/* What an uncertainty is to the filter: the mass, the model error, a quantity that is no state (DOUBT_INERTIA ...), a state. */
+enum { OF_MASS,
+       OF_MODEL,
+       OF_DOUBT,
+       OF_STATE };
+typedef struct origin {
+  int32_t of, at;
+} origin;
+
+/* Return what of the sd of state i, in its units, goes with an uncertainty. */
+static tse_real part_of(const tse_params *p, const tse_kalman *k, origin o, int i)
+{
+  if (o.of == OF_MASS) return r_div(r_sqrt(p->mass_var), state_unit[i]);
+  if (o.of == OF_MODEL) return r_div(MODEL_FLOOR, state_unit[i]);
+  if (o.of == OF_STATE) return r_div(r_abs(ud_common(&k->p, i, o.at)), r_sqrt(ud_variance(&k->p, o.at)));
+  if (o.at == DOUBT_LENGTH_FRONT) return r_sqrt(r_sqr(k->doubt[DOUBT_LENGTH_FRONT][i]) + r_sqr(k->doubt[DOUBT_LENGTH_REAR][i]));
+  return r_abs(k->doubt[o.at][i]);
+}
+
 tse_status tse_uncertainty_sd(const tse_params *p, const tse_filter *f, int32_t k, tse_real sd[3])
 {
-  static const int32_t doubt[TSE_UNCERTAINTIES] = { /* in the order of tse/uncertainty.def: mass; what is no state; states, below -1; model */
-                                                    -1, DOUBT_INERTIA, DOUBT_CENTRE, -2, -3, DOUBT_SCALE, DOUBT_WHEELS_LATE, DOUBT_ACCEL_LATE, DOUBT_LENGTH_FRONT, -4, DOUBT_GYRO, DOUBT_MOMENT, DOUBT_ROLL_STEER, -5, -6
+  /* in the order of tse/uncertainty.def */
+  static const origin origins[TSE_UNCERTAINTIES] = {
+    { OF_MASS, 0 },
+    { OF_DOUBT, DOUBT_INERTIA },
+    { OF_DOUBT, DOUBT_CENTRE },
+    { OF_STATE, GAIN },
+    { OF_STATE, OFF },
+    { OF_DOUBT, DOUBT_SCALE },
+    { OF_DOUBT, DOUBT_WHEELS_LATE },
+    { OF_DOUBT, DOUBT_ACCEL_LATE },
+    { OF_DOUBT, DOUBT_LENGTH_FRONT },
+    { OF_STATE, LEAN },
+    { OF_DOUBT, DOUBT_GYRO },
+    { OF_DOUBT, DOUBT_MOMENT },
+    { OF_DOUBT, DOUBT_ROLL_STEER },
+    { OF_STATE, RAD },
+    { OF_MODEL, 0 }
   };
-  static const int32_t state[6] = { 0, GAIN, OFF, LEAN, RAD, 0 };
   if (!p || !f || !sd) return TSE_E_NULL;
   if (p->magic != TSE_PARAMS_MAGIC || f->magic != TSE_FILTER_MAGIC || f->fingerprint != p->fingerprint || p->form != 0) return TSE_E_STATE;
   if (k < 0 || k >= TSE_UNCERTAINTIES) return TSE_E_SIZE;
   for (int a = 0; a < 3; a++) {
     const int i = LCX + a;
-    const tse_real mean = r_exp2(r_mul(LOG2_OF_E, f->k.x[i]));
-    tse_real part;
-    if (f->step == 0) part = TSE_R(0);
-    else if (doubt[k] == DOUBT_LENGTH_FRONT) part = r_sqrt(r_sqr(f->k.doubt[DOUBT_LENGTH_FRONT][i]) + r_sqr(f->k.doubt[DOUBT_LENGTH_REAR][i]));
-    else if (doubt[k] >= 0) part = r_abs(f->k.doubt[doubt[k]][i]);
-    else if (doubt[k] == -1 || doubt[k] == -6) part = r_div(doubt[k] == -1 ? r_sqrt(p->mass_var) : MODEL_FLOOR, state_unit[i]);
-    else { /* a state: what of the sd goes with it */
-      const int at = state[-doubt[k] - 1];
-      part = r_div(r_abs(ud_common(&f->k.p, i, at)), r_sqrt(ud_variance(&f->k.p, at)));
-    }
-    sd[a] = r_mul(mean, r_mul(part, state_unit[i]));
+    const tse_real part = f->step == 0 ? TSE_R(0) : part_of(p, &f->k, origins[k], i);
+    sd[a] = r_mul(exponential(f->k.x[i]), r_mul(part, state_unit[i]));
   }
   return TSE_OK;
 }

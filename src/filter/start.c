@@ -1,6 +1,11 @@
 /* filter/start.c - the prior, and the motion placed from the sensors. */
 #include "filter/filter.h"
 
+#define MODEL_SD_USUAL TSE_R(0.075) /* 1: model_sd that doubles the usual variance of slow innovations: of a car that is hardly known nothing is an event at first */
+#define MOST_SIDEWAYS TSE_R(0.1)    /* rad, physics: slip angle of a steady turn, further off the tyres have no stiffness */
+#define SETTLING TSE_R(0.5)         /* 1: share of each slip angle that is not settled in a start or after a gap */
+#define TURNED TSE_R(0.1)           /* 1: share of the steering angle that geometry makes a slip angle of at low speed */
+
 const tse_real state_unit[TSE_ALL] = {
   TSE_R(0.2), TSE_R(0.1), TSE_R(0.02),                          /* VX VY YAW         */
   TSE_R(0.01), TSE_R(0.01), TSE_R(0.01), TSE_R(0.5),              /* AF AR PHI DPHI    */
@@ -32,7 +37,7 @@ void start_all(const tse_params *p, tse_filter *f)
   for (int c = 0; c < TSE_SENSORS; c++) {
     k->repeats[c] = TSE_R(1);
     k->noise[c] = f->start.loaded ? f->start.noise[c] : TSE_R(1);
-    k->usual[c] = TSE_R(1) + r_sqr(r_div(p->model_sd, TSE_R(0.075))); /* of a car that is hardly known nothing is an event at first */
+    k->usual[c] = TSE_R(1) + r_sqr(r_div(p->model_sd, MODEL_SD_USUAL));
   }
   for (int group = 0; group < TSE_GROUPS; group++) k->none[group] = TSE_R(1);
   ud_set(&k->p, variance);
@@ -45,25 +50,27 @@ void start_motion(const tse_params *p, tse_kalman *k, const decoded *z)
 {
   const tse_car *const c = &p->car;
   tse_real *const x = k->x, variance[GX];
-  const int rear = z->use[4] && (c->driven != 2 || !z->use[3]);
-  const tse_real v = rear ? z->z[4] : z->use[3] ? z->z[3]
-                                                : x[VX],
-                 r = z->use[2] ? z->z[2] - x[BR] : TSE_R(0);
+  const int rear = z->use[WHEEL_REAR] && (not_driven(c) != ROLLS_FRONT || !z->use[WHEEL_FRONT]);
+  const int axle = rear ? WHEEL_REAR : WHEEL_FRONT, has_gyro = z->use[YAW_RATE];
+  const tse_real v = z->use[axle] ? z->z[axle] : x[VX], r = has_gyro ? z->z[YAW_RATE] - x[BR] : TSE_R(0);
   const tse_real across = r_mul(v, r), wheelbase = c->lf + c->lr; /* steady turn: each axle carries its share of it */
-  const tse_real front = r_div(r_mul(across, r_div(c->lr, wheelbase)), r_mul(c->ky_front, r_exp2(r_mul(LOG2_OF_E, x[LCF]))));
-  const tse_real back = r_div(r_mul(across, r_div(c->lf, wheelbase)), r_mul(c->ky_rear, r_exp2(r_mul(LOG2_OF_E, x[LCR]))));
+  const tse_real front = r_div(r_mul(across, r_div(c->lr, wheelbase)), r_mul(c->ky_front, exponential(x[LCF])));
+  const tse_real back = r_div(r_mul(across, r_div(c->lf, wheelbase)), r_mul(c->ky_rear, exponential(x[LCR])));
   for (int i = 0; i < GX; i++) x[i] = TSE_R(0);
   x[VX] = v;
   x[YAW] = r;
-  x[AF] = r_clamp(front, TSE_R(-0.1), TSE_R(0.1));
-  x[AR] = r_clamp(back, TSE_R(-0.1), TSE_R(0.1));
+  x[AF] = r_clamp(front, -MOST_SIDEWAYS, MOST_SIDEWAYS);
+  x[AR] = r_clamp(back, -MOST_SIDEWAYS, MOST_SIDEWAYS);
   x[VY] = r_mul(c->lr, r) - r_mul(v, x[AR]);
   x[PHI] = r_mul(c->roll_gain, across);
-  /* nothing is settled in a start or after a gap: half of each slip angle, and what steering and geometry make of it at low speed */
-  const tse_real turn = r_mul(TSE_R(0.1), r_abs(z->steer));
-  const tse_real sd[GX] = { TSE_R(0.1) + r_mul(TSE_R(0.02), r_abs(v)), TSE_R(0.1) + r_abs(r_mul(v, r_mul(TSE_R(0.5), r_abs(x[AR])) + turn)),
-                            (z->use[2] ? TSE_R(0.02) : TSE_R(0.2)) + r_mul(TSE_R(0.05), r_abs(r)), TSE_R(0.01) + r_mul(TSE_R(0.5), r_abs(x[AF])) + turn,
-                            TSE_R(0.01) + r_mul(TSE_R(0.5), r_abs(x[AR])) + turn, TSE_R(0.01), TSE_R(0.05), TSE_R(0.02), TSE_R(0.02) };
+  const tse_real turn = r_mul(TURNED, r_abs(z->steer)), off_front = r_mul(SETTLING, r_abs(x[AF])), off_rear = r_mul(SETTLING, r_abs(x[AR]));
+  const tse_real sd[GX] = {
+    TSE_R(0.1) + r_mul(TSE_R(0.02), r_abs(v)),                              /* VX: a wheel that slips */
+    TSE_R(0.1) + r_abs(r_mul(v, off_rear + turn)),                          /* VY */
+    (has_gyro ? TSE_R(0.02) : TSE_R(0.2)) + r_mul(TSE_R(0.05), r_abs(r)),   /* YAW */
+    TSE_R(0.01) + off_front + turn, TSE_R(0.01) + off_rear + turn,          /* AF AR */
+    TSE_R(0.01), TSE_R(0.05), TSE_R(0.02), TSE_R(0.02)                      /* PHI DPHI SF SR */
+  };
   for (int i = 0; i < GX; i++) variance[i] = r_sqr(r_div(sd[i], state_unit[i]));
   ud_forget(&k->p, variance, GX);
   sensitivities_clear(k, GX);
