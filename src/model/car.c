@@ -1,61 +1,71 @@
 /* model/car.c - forces, motion and sensors of the car, and their slopes. Equations: car.h. */
 #include "model/car.h"
 
-#define LONGEST TSE_R(0.0055) /* s: a substep; the front axle's slip angle turns by 0.1 of its own frequency in it */
-#define GIVE TSE_R(0.005) /* 1: rolling radius that a tyre loses by its static load: 8 % of 20 mm of deflection, over 0.32 m */
+#define LONGEST TSE_R(0.0055) /* s, numerics: a substep; the front axle's slip angle turns by 0.1 of its own frequency in it */
+#define GIVE TSE_R(0.005)     /* 1, physics: rolling radius that a tyre loses by its static load: 8 % of 20 mm of deflection, over 0.32 m */
 
 /* One direction of a tyre: force, and its slopes over slip (or slip angle), the logarithms of stiffness and grip. */
 typedef struct tyre {
-  tse_real f, by_slip, by_k, by_mu;
+  tse_real f, by_slip, by_stiffness, by_mu;
 } tyre;
 
-static tyre tyre_of(tse_real k, tse_real limit, tse_real slip, tse_real shape)
+/* Return a tyre's force and its slopes.   Given: limit  grip times load   slip  or slip angle   shape  of the curve */
+static tyre tyre_of(tse_real stiffness, tse_real limit, tse_real slip, tse_real shape)
 {
-  const tse_real linear = r_mul(k, slip);
+  const tse_real linear = r_mul(stiffness, slip);
   tse_real slope;
-  const tse_real c = tyre_secant(r_div(r_abs(linear), limit), shape, &slope);
-  const tyre t = { r_mul(linear, c), r_mul(k, c + slope), r_mul(linear, c + slope), -r_mul(linear, slope) };
+  const tse_real secant = tyre_secant(r_div(r_abs(linear), limit), shape, &slope);
+  const tyre t = { r_mul(linear, secant), r_mul(stiffness, secant + slope), r_mul(linear, secant + slope), -r_mul(linear, slope) };
   return t;
 }
 
-void car_forces(const tse_car *c, const tse_real x[STATES], steering u, tse_real share, forces *f)
+/* Both directions of both axles: x along, y across. */
+typedef struct tyres {
+  tyre x_front, x_rear, y_front, y_rear;
+} tyres;
+
+/* Return all tyre forces at x. Load goes to the rear with the acceleration: slip stiffness and grip with it in proportion, cornering
+ * stiffness less; and from wheel to wheel with the lateral acceleration. */
+static tyres tyres_of(const tse_car *c, const tse_real x[STATES])
 {
   const tse_real cx = exponential(x[LCX]), mu = r_mul(c->grip, exponential(x[LMU]));
-  /* load goes to the rear with the acceleration: slip stiffness and grip with it in proportion, cornering stiffness less */
   const tse_real drive = tyre_pull(r_mul(cx, r_mul(c->kx_front, x[SF]) + r_mul(c->kx_rear, x[SR]))), shift = r_mul(c->load_gain, drive);
   const tse_real front = r_mul(r_mul(c->ky_front, exponential(x[LCF])), TSE_R(1) - shift);
   const tse_real rear = r_mul(r_mul(c->ky_rear, exponential(x[LCR])), TSE_R(1) + shift);
   const tse_real square = lateral_square(r_mul(TSE_R(0.5), c->side_front + c->side_rear), tyre_pull(r_mul(front, x[AF]) + r_mul(rear, x[AR])));
   const tse_real load_front = TSE_R(1) - r_mul(c->height_front, drive), load_rear = TSE_R(1) + r_mul(c->height_rear, drive);
   const tse_real most_front = r_mul(r_mul(mu, c->load_front), load_front), most_rear = r_mul(r_mul(mu, c->load_rear), load_rear);
-  const tyre xf = tyre_of(r_mul(r_mul(cx, c->kx_front), load_front), most_front, x[SF], c->shape);
-  const tyre xr = tyre_of(r_mul(r_mul(cx, c->kx_rear), load_rear), most_rear, x[SR], c->shape);
-  const tyre yf = tyre_of(r_mul(front, side_left(c->side_front, square)), most_front, x[AF], c->shape);
-  const tyre yr = tyre_of(r_mul(rear, side_left(c->side_rear, square)), most_rear, x[AR], c->shape);
-  tse_real s, k;
-  f->steer = u.from + r_mul(share, u.to - u.from);
-  f->rate = r_div(u.to - u.from, u.dt);
-  const tse_real d = r_mul(TSE_R(1) + x[GAIN], f->steer - r_mul(x[LATE], f->rate)) + x[OFF] - r_mul(c->compliance, yf.f);
-  sin_cos(d, &s, &k);
-  f->sin_d = s;
-  f->cos_d = k;
-  f->side = yf.f;
-  /* written -(a - b): gcc 12 fuses it else, see turn_axes() */
-  const tse_real ax = -(r_mul(yf.f, s) - r_mul(xf.f, k)), ay = r_mul(yf.f, k) + r_mul(xf.f, s);
-  f->x = ax + xr.f - drag_of(c->drag, x[VX]) - rolling_of(c->rolling, x[VX]);
-  f->y = ay + yr.f + c->pull_front + c->pull_rear;
-  f->yaw = r_mul(c->jf, ay + c->pull_front) - r_mul(c->jr, yr.f + c->pull_rear) - r_mul(c->trail, yf.f + yr.f);
-  for (int j = 0; j < COLUMNS; j++) f->by_x[j] = f->by_y[j] = f->by_yaw[j] = TSE_R(0);
-  /* by state: forces of the front axle along and across its wheels, of the rear axle; what saturates longitudinally is no sign of the grip */
+  tyres t;
+  t.x_front = tyre_of(r_mul(r_mul(cx, c->kx_front), load_front), most_front, x[SF], c->shape);
+  t.x_rear = tyre_of(r_mul(r_mul(cx, c->kx_rear), load_rear), most_rear, x[SR], c->shape);
+  t.y_front = tyre_of(r_mul(front, side_left(c->side_front, square)), most_front, x[AF], c->shape);
+  t.y_rear = tyre_of(r_mul(rear, side_left(c->side_rear, square)), most_rear, x[AR], c->shape);
+  return t;
+}
+
+/* Find the slopes of the forces, without those of load transfer and of steering compliance. What saturates along is no sign of the grip.
+ *   Given:    ax, ay  of the front axle, in the axes of the car
+ *   Updated:  f       its slopes */
+static void slopes_of_forces(const tse_car *c, const tse_real x[STATES], const tyres *t, tse_real ax, tse_real ay, forces *f)
+{
+  const tse_real none = TSE_R(0);
   const struct {
     int at;
-    tse_real x, y, rear_x, rear_y;
+    tse_real x, y, rear_x, rear_y; /* of the front axle along and across its wheels, of the rear axle */
   } by[] = {
-    { SF, xf.by_slip, TSE_R(0), TSE_R(0), TSE_R(0) }, { AF, TSE_R(0), yf.by_slip, TSE_R(0), TSE_R(0) }, { SR, TSE_R(0), TSE_R(0), xr.by_slip, TSE_R(0) }, { AR, TSE_R(0), TSE_R(0), TSE_R(0), yr.by_slip }, { LCX, xf.by_k, TSE_R(0), xr.by_k, TSE_R(0) }, { LCF, TSE_R(0), yf.by_k, TSE_R(0), TSE_R(0) }, { LCR, TSE_R(0), TSE_R(0), TSE_R(0), yr.by_k }, { LMU, TSE_R(0), yf.by_mu, TSE_R(0), yr.by_mu }
+    { SF, t->x_front.by_slip, none, none, none },
+    { AF, none, t->y_front.by_slip, none, none },
+    { SR, none, none, t->x_rear.by_slip, none },
+    { AR, none, none, none, t->y_rear.by_slip },
+    { LCX, t->x_front.by_stiffness, none, t->x_rear.by_stiffness, none },
+    { LCF, none, t->y_front.by_stiffness, none, none },
+    { LCR, none, none, none, t->y_rear.by_stiffness },
+    { LMU, none, t->y_front.by_mu, none, t->y_rear.by_mu },
   };
+  for (int j = 0; j < COLUMNS; j++) f->by_x[j] = f->by_y[j] = f->by_yaw[j] = TSE_R(0);
   for (int i = 0; i < (int)(sizeof by / sizeof by[0]); i++) {
-    const tse_real y = r_mul(by[i].y, k) + r_mul(by[i].x, s);
-    f->by_x[by[i].at] = r_mul(by[i].x, k) - r_mul(by[i].y, s) + by[i].rear_x;
+    const tse_real y = r_mul(by[i].y, f->cos_d) + r_mul(by[i].x, f->sin_d);
+    f->by_x[by[i].at] = r_mul(by[i].x, f->cos_d) - r_mul(by[i].y, f->sin_d) + by[i].rear_x;
     f->by_y[by[i].at] = y + by[i].rear_y;
     f->by_yaw[by[i].at] = r_mul(c->jf, y) - r_mul(c->trail, by[i].y) - r_mul(c->jr + c->trail, by[i].rear_y);
   }
@@ -67,61 +77,101 @@ void car_forces(const tse_car *c, const tse_real x[STATES], steering u, tse_real
     f->by_yaw[OFF + i] = r_mul(c->jf, r_mul(by_d[i], ax));
   }
   f->by_yaw[BY_INERTIA] = -f->yaw;
-  f->by_yaw[BY_CENTRE] = r_mul(c->m_inertia, ay + yr.f);
-  f->by_yaw[BY_MOMENT] = -r_mul(c->m_inertia, ay + yr.f);
+  f->by_yaw[BY_CENTRE] = r_mul(c->m_inertia, ay + t->y_rear.f);
+  f->by_yaw[BY_MOMENT] = -r_mul(c->m_inertia, ay + t->y_rear.f);
 }
 
-/* Slip angle of an axle that its motion asks for, and its slopes. */
+void car_forces(const tse_car *c, const tse_real x[STATES], steering u, tse_real share, forces *f)
+{
+  const tyres t = tyres_of(c, x);
+  const tyre *const xf = &t.x_front, *const yf = &t.y_front, *const xr = &t.x_rear, *const yr = &t.y_rear;
+  f->steer = u.from + r_mul(share, u.to - u.from);
+  f->rate = r_div(u.to - u.from, u.dt);
+  const tse_real d = r_mul(TSE_R(1) + x[GAIN], f->steer - r_mul(x[LATE], f->rate)) + x[OFF] - r_mul(c->compliance, yf->f);
+  sin_cos(d, &f->sin_d, &f->cos_d);
+  f->side = yf->f;
+  /* written -(a - b): gcc 12 fuses it else, see turn_axes() */
+  const tse_real ax = -(r_mul(yf->f, f->sin_d) - r_mul(xf->f, f->cos_d)), ay = r_mul(yf->f, f->cos_d) + r_mul(xf->f, f->sin_d);
+  f->x = ax + xr->f - drag_of(c->drag, x[VX]) - rolling_of(c->rolling, x[VX]);
+  f->y = ay + yr->f + c->pull_front + c->pull_rear;
+  f->yaw = r_mul(c->jf, ay + c->pull_front) - r_mul(c->jr, yr->f + c->pull_rear) - r_mul(c->trail, yf->f + yr->f);
+  slopes_of_forces(c, x, &t, ax, ay, f);
+}
+
+/* Slip angle of an axle that its motion asks for, and its slopes over the speeds across and along. */
 typedef struct kinematic {
   tse_real a, by_side, by_v;
 } kinematic;
 
+/* Return it.   Given: side  speed across at the axle, m/s */
 static kinematic kinematic_of(tse_real side, tse_real vx)
 {
   const tse_real v = rolling_speed(vx), over = r_div(TSE_R(1), r_mul(v, v) + r_mul(side, side));
-  kinematic k;
-  k.a = slip_angle(side, vx);
-  k.by_side = -r_mul(v, over);
-  k.by_v = vx > LOW_SPEED ? r_mul(side, over) : TSE_R(0);
-  return k;
+  kinematic angle;
+  angle.a = slip_angle(side, vx);
+  angle.by_side = -r_mul(v, over);
+  angle.by_v = vx > LOW_SPEED ? r_mul(side, over) : TSE_R(0);
+  return angle;
 }
 
+/* Return phi''. */
 static tse_real roll_swing(const tse_car *c, const tse_real x[STATES], tse_real ay)
 {
   return mode_swing(x[PHI], x[DPHI], c->roll_rate, c->roll_damping, r_mul(c->roll_gain, ay));
 }
 
-/* One substep of h, symplectic: velocities first, then slip angles and roll with them: stable without damping. */
-static void substep(const tse_car *c, tse_real x[STATES], steering u, tse_real middle, tse_real end, tse_real h, tse_real M[MOTION][COLUMNS])
-{
+/* A substep of h, for its slopes: forces and speeds before it, the slip angles that it asks for, the steering angle as it is late, how far
+ * each slip angle is from where it goes, and the share of that way which it stays behind or goes. */
+typedef struct substep {
   forces f;
-  car_forces(c, x, u, middle, &f);
-  const tse_real vx = x[VX], vy = x[VY], r = x[YAW];
-  tse_real *const mx = M[VX], *const my = M[VY], *const mr = M[YAW], *const mf = M[AF], *const mb = M[AR], *const mp = M[PHI], *const mq = M[DPHI];
-  const tse_real w2 = r_mul(c->roll_rate, c->roll_rate), drag = r_mul(TSE_R(2), r_mul(c->roll_damping, c->roll_rate));
-  x[VX] = vx + r_mul(h, f.x + r_mul(vy, r) - x[GX]);
-  const tse_real swing = roll_swing(c, x, f.y), stays_level = TSE_R(1) - x[LEAN];
-  x[VY] = vy + r_mul(h, f.y - r_mul(stays_level, r_mul(vx, r)) + x[GY] + r_mul(c->roll_coupling, swing));
-  x[YAW] = r + r_mul(h, f.yaw);
+  tse_real h, vx, vy, r, steer, to_front, to_rear, turn, stays, goes;
+  kinematic front, rear;
+} substep;
+
+/* Move x by a substep, symplectic: velocities first, then slip angles and roll with them: stable without damping.
+ *   Given: middle, end  of the substep, as a share of the row   Returned: s */
+static void substep_state(const tse_car *c, tse_real x[STATES], steering u, tse_real middle, tse_real end, tse_real h, substep *s)
+{
+  car_forces(c, x, u, middle, &s->f);
+  const tse_real vx = x[VX], vy = x[VY], r = x[YAW], swing = roll_swing(c, x, s->f.y);
+  s->h = h;
+  s->vx = vx;
+  s->vy = vy;
+  s->r = r;
+  x[VX] = vx + r_mul(h, s->f.x + r_mul(vy, r) - x[GX]);
+  x[VY] = vy + r_mul(h, s->f.y - r_mul(TSE_R(1) - x[LEAN], r_mul(vx, r)) + x[GY] + r_mul(c->roll_coupling, swing));
+  x[YAW] = r + r_mul(h, s->f.yaw);
   x[DPHI] += r_mul(h, swing);
   x[PHI] += r_mul(h, x[DPHI]);
-  const tse_real v = rolling_speed(x[VX]), turn = r_div(r_mul(h, v), c->relaxation), stays = exponential(-turn), g = TSE_R(1) - stays;
-  const kinematic kf = kinematic_of(x[VY] + r_mul(c->lf, x[YAW]), x[VX]), kr = kinematic_of(x[VY] - r_mul(c->lr, x[YAW]), x[VX]);
-  const tse_real steer = u.from + r_mul(end, u.to - u.from) - r_mul(x[LATE], f.rate);
-  const tse_real d = r_mul(TSE_R(1) + x[GAIN], steer) + x[OFF] - r_mul(c->compliance, f.side);
-  const tse_real to_front = d + kf.a - x[AF], to_rear = kr.a + r_mul(c->roll_steer, x[PHI]) - x[AR];
-  x[AF] += r_mul(g, to_front);
-  x[AR] += r_mul(g, to_rear);
+  s->turn = r_div(r_mul(h, rolling_speed(x[VX])), c->relaxation);
+  s->stays = exponential(-s->turn);
+  s->goes = TSE_R(1) - s->stays;
+  s->front = kinematic_of(x[VY] + r_mul(c->lf, x[YAW]), x[VX]);
+  s->rear = kinematic_of(x[VY] - r_mul(c->lr, x[YAW]), x[VX]);
+  s->steer = u.from + r_mul(end, u.to - u.from) - r_mul(x[LATE], s->f.rate);
+  const tse_real d = r_mul(TSE_R(1) + x[GAIN], s->steer) + x[OFF] - r_mul(c->compliance, s->f.side);
+  s->to_front = d + s->front.a - x[AF];
+  s->to_rear = s->rear.a + r_mul(c->roll_steer, x[PHI]) - x[AR];
+  x[AF] += r_mul(s->goes, s->to_front);
+  x[AR] += r_mul(s->goes, s->to_rear);
+}
 
-  for (int j = 0; j < COLUMNS; j++) { /* slopes, by the chain rule in the same order */
+/* Move the slopes of velocities and roll by the substep, by the chain rule in the same order.   Given: x  behind it */
+static void substep_velocities(const tse_car *c, const tse_real x[STATES], const substep *s, tse_real M[MOTION][COLUMNS])
+{
+  const forces *const f = &s->f;
+  const tse_real h = s->h, vx = s->vx, vy = s->vy, r = s->r, level = TSE_R(1) - x[LEAN];
+  const tse_real w2 = r_mul(c->roll_rate, c->roll_rate), drag = r_mul(TSE_R(2), r_mul(c->roll_damping, c->roll_rate));
+  tse_real *const mx = M[VX], *const my = M[VY], *const mr = M[YAW], *const mf = M[AF], *const mb = M[AR], *const mp = M[PHI], *const mq = M[DPHI];
+  for (int j = 0; j < COLUMNS; j++) {
     const tse_real direct = j >= MOTION ? TSE_R(1) : TSE_R(0);
-    const tse_real gx = r_mul(f.by_x[VX], mx[j]) + r_mul(f.by_x[AF], mf[j]) + r_mul(f.by_x[AR], mb[j]) + r_mul(direct, f.by_x[j]);
-    const tse_real gy = r_mul(f.by_y[AF], mf[j]) + r_mul(f.by_y[AR], mb[j]) + r_mul(direct, f.by_y[j]);
-    const tse_real gr = r_mul(f.by_yaw[AF], mf[j]) + r_mul(f.by_yaw[AR], mb[j]) + r_mul(direct, f.by_yaw[j]);
+    const tse_real gx = r_mul(f->by_x[VX], mx[j]) + r_mul(f->by_x[AF], mf[j]) + r_mul(f->by_x[AR], mb[j]) + r_mul(direct, f->by_x[j]);
+    const tse_real gy = r_mul(f->by_y[AF], mf[j]) + r_mul(f->by_y[AR], mb[j]) + r_mul(direct, f->by_y[j]);
+    const tse_real gr = r_mul(f->by_yaw[AF], mf[j]) + r_mul(f->by_yaw[AR], mb[j]) + r_mul(direct, f->by_yaw[j]);
     const tse_real was = mx[j];
     mx[j] += r_mul(h, gx + r_mul(vy, mr[j]) + r_mul(r, my[j]));
     const tse_real swings = r_mul(w2, r_mul(c->roll_gain, gy) - mp[j]) - r_mul(drag, mq[j]);
-    my[j] += r_mul(h, gy - r_mul(stays_level, r_mul(vx, mr[j]) + r_mul(r, was)) + r_mul(c->roll_coupling, swings));
+    my[j] += r_mul(h, gy - r_mul(level, r_mul(vx, mr[j]) + r_mul(r, was)) + r_mul(c->roll_coupling, swings));
     mr[j] += r_mul(h, gr);
     mq[j] += r_mul(h, swings);
     mp[j] += r_mul(h, mq[j]);
@@ -129,21 +179,27 @@ static void substep(const tse_car *c, tse_real x[STATES], steering u, tse_real m
   mx[GX] -= h;
   my[GY] += h;
   my[LEAN] += r_mul(h, r_mul(vx, r));
+}
+
+/* Move the slopes of the slip angles by the substep, with those of the velocities behind it.   Given: x  behind it */
+static void substep_slip_angles(const tse_car *c, const tse_real x[STATES], const substep *s, tse_real M[MOTION][COLUMNS])
+{
+  const tse_real goes = s->goes, stays = s->stays, by_length = -r_div(r_mul(stays, s->turn), c->relaxation);
+  tse_real *const mf = M[AF], *const mb = M[AR];
   for (int j = 0; j < COLUMNS; j++) {
-    const tse_real front = r_mul(kf.by_side, my[j] + r_mul(c->lf, mr[j])) + r_mul(kf.by_v, mx[j]);
-    const tse_real rear = r_mul(kr.by_side, my[j] - r_mul(c->lr, mr[j])) + r_mul(kr.by_v, mx[j]) + r_mul(c->roll_steer, mp[j]);
-    mf[j] = r_mul(stays, mf[j]) + r_mul(g, front);
-    mb[j] = r_mul(stays, mb[j]) + r_mul(g, rear);
+    const tse_real front = r_mul(s->front.by_side, M[VY][j] + r_mul(c->lf, M[YAW][j])) + r_mul(s->front.by_v, M[VX][j]);
+    const tse_real rear = r_mul(s->rear.by_side, M[VY][j] - r_mul(c->lr, M[YAW][j])) + r_mul(s->rear.by_v, M[VX][j]) + r_mul(c->roll_steer, M[PHI][j]);
+    mf[j] = r_mul(stays, mf[j]) + r_mul(goes, front);
+    mb[j] = r_mul(stays, mb[j]) + r_mul(goes, rear);
   }
-  mf[OFF] += g;
-  mf[GAIN] += r_mul(g, steer);
-  mf[LATE] -= r_mul(r_mul(g, TSE_R(1) + x[GAIN]), f.rate);
-  mf[BY_CENTRE] += r_mul(g, r_mul(kf.by_side, x[YAW]));
-  mb[BY_CENTRE] += r_mul(g, r_mul(kr.by_side, x[YAW]));
-  const tse_real by_length = -r_div(r_mul(stays, turn), c->relaxation);
-  mf[BY_LENGTH_FRONT] += r_mul(by_length, to_front);
-  mb[BY_LENGTH_REAR] += r_mul(by_length, to_rear);
-  mb[BY_ROLL_STEER] += r_mul(g, x[PHI]);
+  mf[OFF] += goes;
+  mf[GAIN] += r_mul(goes, s->steer);
+  mf[LATE] -= r_mul(r_mul(goes, TSE_R(1) + x[GAIN]), s->f.rate);
+  mf[BY_CENTRE] += r_mul(goes, r_mul(s->front.by_side, x[YAW]));
+  mb[BY_CENTRE] += r_mul(goes, r_mul(s->rear.by_side, x[YAW]));
+  mf[BY_LENGTH_FRONT] += r_mul(by_length, s->to_front);
+  mb[BY_LENGTH_REAR] += r_mul(by_length, s->to_rear);
+  mb[BY_ROLL_STEER] += r_mul(goes, x[PHI]);
 }
 
 void car_move(const tse_car *c, tse_real x[STATES], steering u, tse_real M[MOTION][COLUMNS])
@@ -154,9 +210,12 @@ void car_move(const tse_car *c, tse_real x[STATES], steering u, tse_real M[MOTIO
   const tse_real part = r_div(TSE_R(1), r_from_int(steps)), h = r_mul(u.dt, part);
   for (int i = 0; i < MOTION; i++)
     for (int j = 0; j < COLUMNS; j++) M[i][j] = i == j ? TSE_R(1) : TSE_R(0);
-  for (int32_t k = 0; k < steps; k++) {
-    const tse_real from = r_mul(part, r_from_int(k));
-    substep(c, x, u, from + r_mul(TSE_R(0.5), part), from + part, h, M);
+  for (int32_t n = 0; n < steps; n++) {
+    const tse_real from = r_mul(part, r_from_int(n));
+    substep s;
+    substep_state(c, x, u, from + r_mul(TSE_R(0.5), part), from + part, h, &s);
+    substep_velocities(c, x, &s, M);
+    substep_slip_angles(c, x, &s, M);
   }
 }
 
@@ -191,27 +250,20 @@ tse_real car_pitch(const tse_car *c, tse_real pitch[2], tse_real ax, tse_real dt
   return pitch_read(c, pitch, ax);
 }
 
-void car_measure(const tse_car *c, const tse_real x[STATES], const forces *f, tse_real pitch, tse_real z[TSE_SENSORS], tse_real H[TSE_SENSORS][COLUMNS])
+/* Predict accelerometers and gyro, at the place of the IMU and in its axes: gravity leaks in as body rolls and pitches, and an IMU above the
+ * roll axis swings.   Returned: their rows of z and H */
+static void measure_imu(const tse_car *c, const tse_real x[STATES], const forces *f, tse_real pitch, tse_real z[TSE_SENSORS], tse_real H[TSE_SENSORS][COLUMNS])
 {
-  const tse_real r = x[YAW], cm = c->mount_cos, sm = c->mount_sin, lx = c->lever_x, ly = c->lever_y;
+  const tse_real r = x[YAW], lx = c->lever_x, ly = c->lever_y;
   const tse_real w2 = r_mul(c->roll_rate, c->roll_rate), drag = r_mul(TSE_R(2), r_mul(c->roll_damping, c->roll_rate));
-  /* at the place of the IMU, in the axes of the car; gravity leaks in as body rolls and pitches, and an IMU above the roll axis swings */
   const planar there = force_at(f->x, f->y, lx, ly, r, f->yaw);
   const tse_real here_x = there.x + pitch;
   const tse_real here_y = there.y + r_mul(c->roll_leak, x[PHI]) - r_mul(c->roll_height, roll_swing(c, x, f->y));
-  const planar read = turn_axes(here_x, here_y, sm, cm);
-  const tse_real own_y = TSE_R(1) - r_mul(c->roll_height, r_mul(w2, c->roll_gain)), own_x = TSE_R(1) + c->pitch_leak;
-  const planar wheel = turn_axes(x[VX], x[VY] + r_mul(c->lf, r), f->sin_d, f->cos_d); /* across: slope of what is along over d */
-  const tse_real along = wheel.x;
-  const tse_real rolls = TSE_R(1) + x[RAD];
-  z[0] = r_mul(c->scale_x, read.x) + x[BX];
-  z[1] = r_mul(c->scale_y, read.y) + x[BY];
-  z[2] = r_mul(c->scale_r, r) + x[BR];
-  /* load that goes to the rear takes rolling radius there and gives it in front: the free axle lies about the speed, the driven one about its slip */
-  const tse_real give_front = r_mul(GIVE, c->height_front), give_rear = r_mul(GIVE, c->height_rear);
-  const tse_real turns_front = TSE_R(1) - r_mul(give_front, f->x), turns_rear = TSE_R(1) + r_mul(give_rear, f->x);
-  z[3] = r_mul(r_mul(r_mul(along, TSE_R(1) + x[SF]), rolls), turns_front);
-  z[4] = r_mul(r_mul(x[VX], TSE_R(1) + x[SR]), turns_rear);
+  const planar read = turn_axes(here_x, here_y, c->mount_sin, c->mount_cos);
+  const tse_real own_y = TSE_R(1) - r_mul(c->roll_height, r_mul(w2, c->roll_gain)), own_x = TSE_R(1) + c->pitch_leak; /* slopes over the force */
+  z[ACCEL_X] = r_mul(c->scale_x, read.x) + x[BX];
+  z[ACCEL_Y] = r_mul(c->scale_y, read.y) + x[BY];
+  z[YAW_RATE] = r_mul(c->scale_r, r) + x[BR];
   for (int j = 0; j < COLUMNS; j++) {
     tse_real hx = r_mul(own_x, f->by_x[j]) - r_mul(ly, f->by_yaw[j]), hy = r_mul(own_y, f->by_y[j]) + r_mul(lx, f->by_yaw[j]);
     if (j == YAW) {
@@ -219,25 +271,46 @@ void car_measure(const tse_car *c, const tse_real x[STATES], const forces *f, ts
       hy -= r_mul(TSE_R(2), r_mul(ly, r));
     } else if (j == PHI) hy += c->roll_leak + r_mul(c->roll_height, w2);
     else if (j == DPHI) hy += r_mul(c->roll_height, drag);
-    const planar h = turn_axes(hx, hy, sm, cm);
-    H[0][j] = r_mul(c->scale_x, h.x);
-    H[1][j] = r_mul(c->scale_y, h.y);
-    H[2][j] = TSE_R(0);
-    H[3][j] = -r_mul(r_mul(along, give_front), f->by_x[j]);
-    H[4][j] = r_mul(r_mul(x[VX], give_rear), f->by_x[j]);
+    const planar h = turn_axes(hx, hy, c->mount_sin, c->mount_cos);
+    H[ACCEL_X][j] = r_mul(c->scale_x, h.x);
+    H[ACCEL_Y][j] = r_mul(c->scale_y, h.y);
+    H[YAW_RATE][j] = TSE_R(0);
   }
-  const tse_real forward = r_mul(TSE_R(1) + x[SF], rolls), sideways = r_mul(forward, f->sin_d), by_d = r_mul(forward, wheel.y);
-  H[0][BX] = H[1][BY] = H[2][BR] = TSE_R(1);
-  H[2][YAW] = c->scale_r;
-  H[3][VX] += r_mul(forward, f->cos_d);
-  H[3][VY] += sideways;
-  H[3][YAW] += r_mul(c->lf, sideways);
-  H[3][SF] += r_mul(along, rolls);
-  H[3][OFF] += by_d;
-  H[3][GAIN] += r_mul(by_d, f->steer - r_mul(x[LATE], f->rate));
-  H[3][LATE] -= r_mul(r_mul(by_d, TSE_R(1) + x[GAIN]), f->rate);
-  H[3][RAD] += r_mul(along, TSE_R(1) + x[SF]);
-  H[3][BY_CENTRE] += r_mul(sideways, r);
-  H[4][VX] += TSE_R(1) + x[SR];
-  H[4][SR] += x[VX];
+  H[ACCEL_X][BX] = H[ACCEL_Y][BY] = H[YAW_RATE][BR] = TSE_R(1);
+  H[YAW_RATE][YAW] = c->scale_r;
+}
+
+/* Predict the wheel speeds. Load that goes to the rear takes rolling radius there and gives it in front: the free axle lies about the speed,
+ * the driven one about its slip.   Returned: their rows of z and H */
+static void measure_wheels(const tse_car *c, const tse_real x[STATES], const forces *f, tse_real z[TSE_SENSORS], tse_real H[TSE_SENSORS][COLUMNS])
+{
+  const tse_real r = x[YAW], give_front = r_mul(GIVE, c->height_front), give_rear = r_mul(GIVE, c->height_rear);
+  const planar wheel = turn_axes(x[VX], x[VY] + r_mul(c->lf, r), f->sin_d, f->cos_d); /* across: slope of what is along over d */
+  const tse_real along = wheel.x, radius = TSE_R(1) + x[RAD];
+  const tse_real turns_front = TSE_R(1) - r_mul(give_front, f->x), turns_rear = TSE_R(1) + r_mul(give_rear, f->x);
+  const tse_real forward = r_mul(TSE_R(1) + x[SF], radius), sideways = r_mul(forward, f->sin_d), by_d = r_mul(forward, wheel.y);
+  tse_real *const front = H[WHEEL_FRONT], *const rear = H[WHEEL_REAR];
+  z[WHEEL_FRONT] = r_mul(r_mul(r_mul(along, TSE_R(1) + x[SF]), radius), turns_front);
+  z[WHEEL_REAR] = r_mul(r_mul(x[VX], TSE_R(1) + x[SR]), turns_rear);
+  for (int j = 0; j < COLUMNS; j++) {
+    front[j] = -r_mul(r_mul(along, give_front), f->by_x[j]);
+    rear[j] = r_mul(r_mul(x[VX], give_rear), f->by_x[j]);
+  }
+  front[VX] += r_mul(forward, f->cos_d);
+  front[VY] += sideways;
+  front[YAW] += r_mul(c->lf, sideways);
+  front[SF] += r_mul(along, radius);
+  front[OFF] += by_d;
+  front[GAIN] += r_mul(by_d, f->steer - r_mul(x[LATE], f->rate));
+  front[LATE] -= r_mul(r_mul(by_d, TSE_R(1) + x[GAIN]), f->rate);
+  front[RAD] += r_mul(along, TSE_R(1) + x[SF]);
+  front[BY_CENTRE] += r_mul(sideways, r);
+  rear[VX] += TSE_R(1) + x[SR];
+  rear[SR] += x[VX];
+}
+
+void car_measure(const tse_car *c, const tse_real x[STATES], const forces *f, tse_real pitch, tse_real z[TSE_SENSORS], tse_real H[TSE_SENSORS][COLUMNS])
+{
+  measure_imu(c, x, f, pitch, z, H);
+  measure_wheels(c, x, f, z, H);
 }

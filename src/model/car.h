@@ -4,16 +4,34 @@
  * so that wheel speeds are measurements; tyres have a stiffness at no slip and a grip at which the force ends; the body rolls. The
  * steering angle is the only input. Forces are over mass. ISO 8855 axes, slip > 0 when it drives, slip angle > 0 when it pushes left.
  *
- *   vx' = a_x + vy r - g_x           a_x = (X_f cos d - Y_f sin d + X_r)/m - drag vx^2 - rolling      g_x: gravity along the road
- *   vy' = a_y - vx r + g_y + lean vx r + c phi''        a_y = (Y_f cos d + X_f sin d + Y_r)/m
- *   r'  = (lf (Y_f cos d + X_f sin d) - lr Y_r)/I
- *   sigma af' = v (d - atan((vy + lf r)/v) - af)        sigma ar' = v (-atan((vy - lr r)/v) - ar)
- *   phi'' = w^2 (k a_y - phi) - 2 zeta w phi'
- *   d = (1 + gain) (steer - lateness steer') + offset
- *   w_f R_f = (vx cos d + (vy + lf r) sin d)(1 + s_f)(1 + rad)(1 - give h a_x/(9.81 lr))      w_r R_r = vx (1 + s_r)(1 + give h a_x/(9.81 lf))
- * Tyre: with X = C_x s and q = |X|/(grip load) its force is X c(q), along and across alike and each for itself; c = 1 - q/3 + q^2/27 up to
- * q = 3, then 1/q (brush model), mixed with 1/sqrt(1 + q^2). That one direction takes of the other's force is left out: with it the errors
- * of the longitudinal model pulled the grip, and with it the cornering stiffness, by 10 % and more (tests/cars). */
+ * Equations, in the order of car.c. Names as in tse_car (tse/filter_state.h) and the state below; i: an axle, upper sign in front; n: nominal
+ * stiffness over mass; c_x, c_i, c_mu: logarithms of the state; e: base of the natural logarithm.
+ *
+ * Tyre       F = C s c(q), q = |C s|/limit, for slip and slip angle alike and each for itself;
+ *            c = 1 - q/3 + q^2/27 up to q = 3, then 1/q (brush model); shape mixes it with 1/sqrt(1 + q^2)
+ * Loads      A = clamp(e^c_x (kx_front s_f + kx_rear s_r), +-10 m/s2)      limit_i = grip e^c_mu load_i (1 -+ height_i A)
+ *            B^2: square of the lateral acceleration of tyres that lose (side_front + side_rear)/2 B^2 of their stiffness, lateral_square()
+ * Stiffness  along    C = kx_i e^c_x (1 -+ height_i A)
+ *            across   C = ky_i e^c_i (1 -+ load_gain A) max(1 - side_i B^2, 0.1)
+ * Wheels     d = (1 + gain)(steer - late steer') + off - compliance Y_f
+ * Forces     X, Y: of the front axle in the axes of the car      X = X_f cos d - Y_f sin d      Y = Y_f cos d + X_f sin d
+ *            a_x = X + X_r - drag |v_x| v_x - rolling v_x/max(|v_x|, 0.5)
+ *            a_y = Y + Y_r + pull_front + pull_rear
+ *            yaw = jf (Y + pull_front) - jr (Y_r + pull_rear) - trail (Y_f + Y_r)
+ * Motion     v_x' = a_x + v_y r - g_x      v_y' = a_y - (1 - lean) v_x r + g_y + roll_coupling phi''      r' = yaw
+ *            phi'' = roll_rate^2 (roll_gain a_y - phi) - 2 roll_damping roll_rate phi'
+ * Slip angle relaxation a_f' = v (d - atan((v_y + lf r)/v) - a_f)      v = max(|v_x|, 1 m/s)
+ *            relaxation a_r' = v (-atan((v_y - lr r)/v) + roll_steer phi - a_r)
+ * Pitch      p'' = w^2 (a_x - p) - 2 pitch_damping w p', w = 2 pi pitch_frequency      read: pitch_leak p - pitch_height p''
+ * IMU        x = a_x - lever_x r^2 - lever_y r' + read                  y = a_y + lever_x r' - lever_y r^2 + roll_leak phi - roll_height phi''
+ *            accel_x = scale_x (x cos m + y sin m) + b_x                accel_y = scale_y (y cos m - x sin m) + b_y, m: mounting angle
+ *            yaw_rate = scale_r r + b_r
+ * Speeds     w_f R_f = (v_x cos d + (v_y + lf r) sin d)(1 + s_f)(1 + rad)(1 - give height_front a_x)
+ *            w_r R_r = v_x (1 + s_r)(1 + give height_rear a_x)
+ *
+ * Slopes leave out those of load transfer and compliance, and of what saturates along over the grip. That one direction takes of the
+ * other's force is left out: with it the errors of the longitudinal model pulled the grip, and with it the cornering stiffness, by 10 % and
+ * more (tests/cars). */
 #ifndef TSE_CAR_H
 #define TSE_CAR_H
 
@@ -56,7 +74,7 @@ typedef struct forces {
   tse_real side;                                   /* [m/s2] front axle's lateral force */
 } forces;
 
-/* Forces at x. share: of the row's steering, 0 .. 1. O(1) time. */
+/* Find the forces at x.   Given: share  of the row's steering, 0 .. 1    O(1) time */
 void car_forces(const tse_car *c, const tse_real x[STATES], steering u, tse_real share, forces *f);
 
 /* Move x through the row u and find the transition of the motion.
@@ -65,15 +83,17 @@ void car_forces(const tse_car *c, const tse_real x[STATES], steering u, tse_real
  *   O(substeps) time, at most TSE_SUBSTEPS. */
 void car_move(const tse_car *c, tse_real x[STATES], steering u, tse_real M[MOTION][COLUMNS]);
 
-/* How fast speeds along and across and the yaw rate change at x. f: car_forces() there.
+/* Find how fast speeds along and across and the yaw rate change at x.
+ *   Given:     f  car_forces() there
  *   Returned:  rate[3]  [m/s2] [m/s2] [rad/s2]     by[3][COLUMNS]  their slopes */
 void car_rates(const tse_car *c, const tse_real x[STATES], const forces *f, tse_real rate[3], tse_real by[3][COLUMNS]);
 
-/* The body's pitch, as the acceleration that it follows: pitch[0], and its rate.
- *   Updated:  pitch  from the row before to a_x = ax, dt later      Returned: [m/s2] what accel_x reads of it */
+/* Move the body's pitch from the row before to a_x = ax, dt later.
+ *   Updated:  pitch  the acceleration that it follows, and its rate      Returned: [m/s2] what accel_x reads of it */
 tse_real car_pitch(const tse_car *c, tse_real pitch[2], tse_real ax, tse_real dt);
 
-/* What the sensors read at x. f: car_forces() there, at the end of the row. pitch: from car_pitch(), or 0.
+/* Predict what the sensors read at x.
+ *   Given:     f  car_forces() there, at the end of the row      pitch  from car_pitch(), or 0
  *   Returned:  z[TSE_SENSORS]  accel_x, accel_y [m/s2], yaw_rate [rad/s], wheel speeds front, rear times radius [m/s]
  *              H[TSE_SENSORS][COLUMNS]  their slopes */
 void car_measure(const tse_car *c, const tse_real x[STATES], const forces *f, tse_real pitch, tse_real z[TSE_SENSORS], tse_real H[TSE_SENSORS][COLUMNS]);
