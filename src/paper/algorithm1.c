@@ -1,7 +1,7 @@
 /* paper/algorithm1.c - Algorithm 1 of the paper, line by line. The numbers on the right are its lines and equations.
  *
  * A row begins with lines 17 and 18 of the row before it, because only now is known how long that took. w is drawn (line 16) before the
- * statistics learn from it (line 4). src/EQUATIONS.md lists every other way in which this is not the print, and why. */
+ * statistics are updated by it (line 4). src/EQUATIONS.md lists every other way in which this is not the print, and why. */
 #include "paper/paper.h"
 
 void paper_predict(const tse_params *p, tse_filter_paper *f, const sample *y)

@@ -2,15 +2,16 @@
  * are diagonal and each bias is in one channel only, so P stays diagonal: a variance a channel. */
 #include "paper/paper.h"
 
-#define MOST_BIAS TSE_R(2000) /* sigma: stays a number whatever is measured */
+#define MOST_BIAS TSE_R(2000) /* sigma, numerics: stays a number whatever is measured */
+#define MOST_BIAS_VARIANCE TSE_R(16777216) /* sigma^2, numerics: 2^24 */
 
-/* (18) P += Q dt. */
+/* Predict the biases, (18): P += Q dt. */
 void paper_predict_bias(const tse_params *p, tse_filter_paper *f, tse_real dt)
 {
-  for (int a = 0; a < 3; a++) f->bias_var[a] = r_min(r_add_sat(f->bias_var[a], r_mul(p->bias_walk[a], dt)), TSE_R(16777216));
+  for (int a = 0; a < 3; a++) f->bias_var[a] = r_min(r_add_sat(f->bias_var[a], r_mul(p->bias_walk[a], dt)), MOST_BIAS_VARIANCE);
 }
 
-/* Rbar = P + R of (22), R = 1, and what else (22) .. (25) have in common. */
+/* Find Rbar = P + R of (22), R = 1, and what else (22) .. (25) have in common. */
 common paper_common_of(const tse_params *p, const tse_filter_paper *f, const sample *y)
 {
   common c;
@@ -30,6 +31,7 @@ common paper_common_of(const tse_params *p, const tse_filter_paper *f, const sam
 
 static tse_real bias_bounded(tse_real b) { return r_clamp(b, -MOST_BIAS, MOST_BIAS); }
 
+/* Move the bias of every particle by its gain times the innovation given w. */
 static void update_all(const tse_params *TSE_RESTRICT p, const common *TSE_RESTRICT c, const sample *TSE_RESTRICT y,
                        tse_particles *TSE_RESTRICT q)
 {
@@ -46,7 +48,7 @@ static void update_all(const tse_params *TSE_RESTRICT p, const common *TSE_RESTR
   }
 }
 
-/* (19), with the innovation given w: b += K (y - h - d w - b), P -= K S K', K = P S^-1, S = P + R. */
+/* Update the biases, (19), with the innovation given w: b += K (y - h - d w - b), P -= K S K', K = P S^-1, S = P + R. */
 void paper_update_bias(const tse_params *p, tse_filter_paper *f, const sample *y, const common *c)
 {
   update_all(p, c, y, &f->p);

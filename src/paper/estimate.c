@@ -1,7 +1,7 @@
 /* paper/estimate.c - (26), (27): moments of the weighted particles. */
 #include "paper/paper.h"
 
-/* Weighted mean and variance of n values; variance about the first value, then shifted, so that a spread of millimetres
+/* Find weighted mean and variance of n values; variance about the first value, then shifted, so that a spread of millimetres
  * a second on 20 m/s survives in single precision. Lanes as everywhere: fixed order of summation. */
 static void moments(const tse_real *weight, const tse_real *value, int32_t count, tse_acc total, tse_real *mean, tse_real *var)
 {
@@ -23,6 +23,7 @@ static void moments(const tse_real *weight, const tse_real *value, int32_t count
   *var = r_max(TSE_R(0), acc_div(b, total) - r_mul(shift, shift));
 }
 
+/* Return the weighted mean of n values. */
 static tse_real mean_of(const tse_real *weight, const tse_real *value, int32_t count, tse_acc total)
 {
   tse_acc sum[TSE_LANES], a = acc_zero();
@@ -33,6 +34,7 @@ static tse_real mean_of(const tse_real *weight, const tse_real *value, int32_t c
   return acc_div(a, total);
 }
 
+/* Return the sum of the weights. */
 static tse_acc total_weight(const tse_filter_paper *f, int32_t count)
 {
   tse_acc lanes[TSE_LANES], total = acc_zero();

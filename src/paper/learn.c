@@ -17,6 +17,7 @@
 #define USUAL TSE_R(3)           /* mean square of smoothed innovations over that of white ones: no less is forgotten up to it */
 #define SLOPE TSE_R(0.05)        /* what the factor falls by for each one above it */
 
+/* Draw Student-t numbers for a run of particles. */
 static void draw_student(const tse_params *p, uint32_t step, int32_t base, int32_t count, tse_real dof, tse_real t[3][RUN])
 {
   uint32_t u[4][RUN];
@@ -33,7 +34,7 @@ static void draw_student(const tse_params *p, uint32_t step, int32_t base, int32
   }
 }
 
-/* A draw below w_low is reflected at it, one above w_max cut: stiffness stays positive. As printed w_low is -w_max, so that w stays a
+/* Reflect a draw below w_low at it, cut one above w_max: stiffness stays positive. As printed w_low is -w_max, so that w stays a
  * number. */
 static inline tse_real into_bounds(const tse_params *p, tse_real w) { return r_min(p->w_low + r_abs(w - p->w_low), p->w_max); }
 
@@ -54,6 +55,7 @@ TSE_INLINE void draw_one(const tse_params *TSE_RESTRICT p, const common *TSE_RES
   q->w[2][i] = into_bounds(p, q->mu[2][i] + e.m[2] + r_mul(c31, t1) + r_mul(c32, t2) + r_mul(c33, t3));
 }
 
+/* Draw w of a run of particles. */
 static void draw_run(const tse_params *TSE_RESTRICT p, const common *TSE_RESTRICT c, const sample *TSE_RESTRICT y, tse_real inv_dof,
                      tse_real t[3][RUN], int32_t base, int32_t count, tse_particles *TSE_RESTRICT q)
 {
@@ -72,7 +74,7 @@ void paper_draw_stiffness(const tse_params *p, tse_filter_paper *f, const sample
   }
 }
 
-/* (16) gamma+ = gamma/(1 + gamma), nu+ = nu + 1, mu+ = mu + gamma+ z, Lambda+ = Lambda + z z'/(1 + gamma), z = w - mu;
+/* Update the statistics, (16): gamma+ = gamma/(1 + gamma), nu+ = nu + 1, mu+ = mu + gamma+ z, Lambda+ = Lambda + z z'/(1 + gamma), z = w - mu;
  * with lam = Lambda/nu:  lam+ = lam + (z z'/(1 + gamma) - lam)/(nu + 1). Where spread_max is set, lam is scaled down to it. */
 static void learn_all(const tse_params *TSE_RESTRICT p, tse_real gamma, tse_real rate, tse_real shrink, tse_real most,
                       tse_particles *TSE_RESTRICT q)
@@ -106,7 +108,7 @@ void paper_update_statistics(const tse_params *p, tse_filter_paper *f)
   learn_all(p, f->gamma, rate, shrink, r_mul(p->spread_max_var, r_div(f->nu - TSE_R(4), f->nu)), &f->p);
 }
 
-/* How far recent innovations are from white ones: the mean over the channels of their square, smoothed over SLOW_TIME, over what
+/* Return how far recent innovations are from white ones: the mean over the channels of their square, smoothed over SLOW_TIME, over what
  * that would be of white noise of variance one. */
 static tse_real persistence(const tse_params *p, tse_filter_paper *f, const sample *y, const tse_output *now)
 {
@@ -130,7 +132,7 @@ static tse_real persistence(const tse_params *p, tse_filter_paper *f, const samp
   return r_div(r_mul(sum, TSE_R(2) - gain), r_mul(TSE_R(3), gain));
 }
 
-/* (17) gamma /= lambda, nu *= lambda, Lambda *= lambda (lam = Lambda/nu stays), with lambda^(dt/sample_time). The factor of gamma, which
+/* Forget, (17): gamma /= lambda, nu *= lambda, Lambda *= lambda (lam = Lambda/nu stays), with lambda^(dt/sample_time). The factor of gamma, which
  * forgets the mean, is a setting of its own; it falls where innovations last. However long that takes, no less is known of the mean than
  * gamma = 1 says, or the start: what is forgotten cannot be forgotten further. */
 void paper_forget(const tse_params *p, tse_filter_paper *f, const sample *y, const tse_output *now)

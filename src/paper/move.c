@@ -4,6 +4,7 @@
 #define EULER 0 /* of the setting `integration`; 1: inputs are linear */
 #define HELD_STEER 2
 
+/* Store the motion of particle i, within bounds that no car leaves. */
 static void keep_motion(tse_particles *q, int32_t i, tse_real vx, tse_real vy, tse_real r)
 {
   q->x[0][i] = vehicle_kept(vx, MOST_SPEED);
@@ -11,7 +12,7 @@ static void keep_motion(tse_particles *q, int32_t i, tse_real vx, tse_real vy, t
   q->x[2][i] = vehicle_kept(r, MOST_YAW_RATE);
 }
 
-/* As printed: x+ = f(x, u) + g(x, u) w, with the inputs of the last row. */
+/* Move all particles as printed: x+ = f(x, u) + g(x, u) w, with the inputs of the last row. */
 static void euler_all(const tse_params *p, tse_particles *q, inputs u, tse_real h)
 {
   for (int32_t i = 0; i < padded(p->particles); i++) {
@@ -22,7 +23,7 @@ static void euler_all(const tse_params *p, tse_particles *q, inputs u, tse_real 
   }
 }
 
-/* By a method of second order, from inputs u0 to u1. */
+/* Move all particles by a method of second order, from inputs u0 to u1. */
 static void step_all(const tse_params *p, tse_particles *q, inputs u0, inputs u1, tse_real h)
 {
   for (int32_t i = 0; i < padded(p->particles); i++) {

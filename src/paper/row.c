@@ -2,9 +2,8 @@
  * drives, with all channels. A row that is not so is predicted with the mean stiffness, and nothing is learnt from it. */
 #include "paper/paper.h"
 
-#define REVERSE_SPEED TSE_R(-0.1)   /* m/s */
-#define EXCITATION_TIME TSE_R(0.1)  /* s */
-#define LN_2 TSE_R(0.69314718055994531)
+#define REVERSE_SPEED TSE_R(-0.1)   /* m/s, physics: a wheel that turns back by less stands */
+#define EXCITATION_TIME TSE_R(0.1)  /* s: regressors are smoothed over it */
 
 /* What a row is good for. */
 typedef struct kind {
@@ -16,7 +15,7 @@ typedef struct kind {
 
 static tse_real fastest_wheel(const sample *y) { return r_max(r_abs(y->u.v_front), r_abs(y->u.v_rear)); }
 
-/* A stiffness shows only where its force changes: a constant slip (angle) is explained as well by another velocity and
+/* Judge whether recent inputs have excited each stiffness. It shows only where its force changes: a constant slip (angle) is explained as well by another velocity and
  * another stiffness. So its regressor phi (a column of d, in sigma per unit of w) is judged by its variance over the
  * recent past. A mean over `memory` samples, each with noise 1 + phi^2 spread^2, then has the variance
  *     (1 + E[phi^2] spread^2) / (memory var(phi)),
@@ -65,7 +64,7 @@ static kind advance_particles(const tse_params *p, tse_filter_paper *f, const sa
   return k;
 }
 
-/* The row's estimate where nothing is learnt; the next row is reached with the mean stiffness. */
+/* Estimate a row from which nothing is learnt; the next row is reached with the mean stiffness. */
 static void hold(const tse_params *p, tse_filter_paper *f, tse_output *now)
 {
   now->n_eff = paper_effective_size(p, f);
@@ -74,7 +73,7 @@ static void hold(const tse_params *p, tse_filter_paper *f, tse_output *now)
     for (int32_t i = 0; i < padded(p->particles); i++) f->p.w[a][i] = f->p.mu[a][i];
 }
 
-/* Why each stiffness is, or is not, valid; the first reason that applies. */
+/* Say why each stiffness is, or is not, valid: the first reason that applies. */
 static tse_status judge(const tse_params *p, tse_filter_paper *f, const sample *y, const kind *k, tse_output *now)
 {
   tse_status status = TSE_OK;

@@ -2,7 +2,7 @@
 #include "paper/paper.h"
 #include "number/random.h"
 
-/* Six standard normals for one particle, a function of seed, step and particle. */
+/* Draw six standard normals for one particle, a function of seed, step and particle. */
 static void normals(const tse_params *p, uint32_t step, int32_t i, tse_real n[6])
 {
   uint32_t a, b;
@@ -16,6 +16,7 @@ static tse_real stiffness_bounded(const tse_params *p, tse_real w) { return r_cl
 
 static tse_real wheel_speed(const sample *y) { return r_mul(TSE_R(0.5), y->u.v_front + y->u.v_rear); }
 
+/* Place the motion of particle i about vel_x, straight ahead, and the gyro.   Given: n  standard normals */
 static void place(const tse_params *p, tse_filter_paper *f, const sample *y, int32_t i, tse_real vel_x, const tse_real n[3])
 {
   /* gyro less its bias where there is a sample, else straight ahead */

@@ -1,9 +1,9 @@
 /* paper/weigh.c - (22), (23): the log-likelihood of the sample, by particle. */
 #include "paper/paper.h"
 
-#define LOG2_LEAST TSE_R(-120) /* 2^-120 of the largest weight is no weight */
+#define LOG2_LEAST TSE_R(-120) /* log2, numerics: 2^-120 of the largest weight is no weight */
 
-/* Gamma(x + 1/2)/Gamma(x), x >= 2: asymptotic series at x + 4, brought back by g(x) = g(x + 1) x/(x + 1/2).
+/* Return Gamma(x + 1/2)/Gamma(x), x >= 2: asymptotic series at x + 4, brought back by g(x) = g(x + 1) x/(x + 1/2).
  * Relative error below 2e-7 times (6/x)^5: the first term left out is 399/(262144 x^5) at x >= 6. */
 static tse_real gamma_ratio(tse_real x)
 {
@@ -17,7 +17,7 @@ static tse_real gamma_ratio(tse_real x)
   return r_mul(r_mul(r_sqrt(x), series), back);
 }
 
-/* log2 of the factor of the Student-t density that all particles share, dimension d = samples used:
+/* Return log2 of the factor of the Student-t density that all particles share, dimension d = samples used:
  *   Gamma((nut + d)/2)/Gamma(nut/2) (pi nut)^(-d/2) |shared scales|^(-1/2), over the sensors' sd for SI units */
 static tse_real log2_common(const tse_params *p, const common *n, const sample *y)
 {
@@ -34,6 +34,7 @@ static tse_real log2_common(const tse_params *p, const common *n, const sample *
   return c + r_log2(n->l[0]) + r_log2(n->l[1]) + r_log2(n->l[2]);
 }
 
+/* Add the log-likelihood of the sample to the logarithm of every weight. */
 static void weigh_all(const tse_params *TSE_RESTRICT p, const common *TSE_RESTRICT c, const sample *TSE_RESTRICT y,
                       tse_particles *TSE_RESTRICT q)
 {
