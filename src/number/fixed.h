@@ -36,7 +36,7 @@ static inline int64_t fixed_signed(uint64_t magnitude, int negative)
   return negative ? -x : x;
 }
 
-static inline int64_t fixed_saturate(int64_t x) { return x > FIXED_MOST ? FIXED_MOST : x < -FIXED_MOST ? -FIXED_MOST : x; }
+static inline int64_t fixed_saturate(int64_t x) { return x > FIXED_MOST ? FIXED_MOST : (x < -FIXED_MOST ? -FIXED_MOST : x); }
 
 /* a b from halves, nearest, ties towards +infinity. hi, lo: the 128 bits of the exact product. */
 static inline int64_t fixed_mul_halves(int64_t a, int64_t b)
@@ -62,12 +62,14 @@ static inline int64_t fixed_mul_halves(int64_t a, int64_t b)
 static inline int fixed_zeros(uint64_t x)
 {
   int n = 0;
+  /* clang-format off */
   if (x < (uint64_t)1 << 32) { n += 32; x <<= 32; }
   uint32_t y = (uint32_t)(x >> 32);
   if (y < (uint32_t)1 << 16) { n += 16; y <<= 16; }
   if (y < (uint32_t)1 << 24) { n += 8;  y <<= 8; }
   if (y < (uint32_t)1 << 28) { n += 4;  y <<= 4; }
   if (y < (uint32_t)1 << 30) { n += 2;  y <<= 2; }
+  /* clang-format on */
   return n + (y < (uint32_t)1 << 31 ? 1 : 0);
 }
 

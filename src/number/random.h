@@ -8,9 +8,20 @@
 
 /* What a number is for; keeps the streams of one step apart. Upper bits of the counter, the particle has the lower 16. */
 enum {
-  RANDOM_DRAW_A = 0, RANDOM_DRAW_B, RANDOM_RESAMPLE, RANDOM_START_A, RANDOM_START_B, RANDOM_START_C,
-  RANDOM_SIM_STIFFNESS_A, RANDOM_SIM_STIFFNESS_B, RANDOM_SIM_NOISE_A, RANDOM_SIM_NOISE_B, RANDOM_SIM_NOISE_C,
-  RANDOM_SIM_WALK_A, RANDOM_SIM_WALK_B, RANDOM_KERNEL
+  RANDOM_DRAW_A = 0,
+  RANDOM_DRAW_B,
+  RANDOM_RESAMPLE,
+  RANDOM_START_A,
+  RANDOM_START_B,
+  RANDOM_START_C,
+  RANDOM_SIM_STIFFNESS_A,
+  RANDOM_SIM_STIFFNESS_B,
+  RANDOM_SIM_NOISE_A,
+  RANDOM_SIM_NOISE_B,
+  RANDOM_SIM_NOISE_C,
+  RANDOM_SIM_WALK_A,
+  RANDOM_SIM_WALK_B,
+  RANDOM_KERNEL
 };
 
 static inline uint32_t rotate_left(uint32_t x, int n) { return (x << n) | (x >> (32 - n)); }
@@ -22,11 +33,13 @@ static inline void random_words(const uint32_t seed[2], uint32_t step, uint32_t 
   const uint32_t k0 = seed[0], k1 = seed[1], k2 = 0x1BD11BDAu ^ k0 ^ k1;
   uint32_t x = step + k0, y = ((purpose << 16) | particle) + k1;
 #define ROUND(n) x += y; y = rotate_left(y, n); y ^= x;
+  /* clang-format off */
   ROUND(13) ROUND(15) ROUND(26) ROUND(6)   x += k1; y += k2 + 1u;
   ROUND(17) ROUND(29) ROUND(16) ROUND(24)  x += k2; y += k0 + 2u;
   ROUND(13) ROUND(15) ROUND(26) ROUND(6)   x += k0; y += k1 + 3u;
   ROUND(17) ROUND(29) ROUND(16) ROUND(24)  x += k1; y += k2 + 4u;
   ROUND(13) ROUND(15) ROUND(26) ROUND(6)   x += k2; y += k0 + 5u;
+  /* clang-format on */
 #undef ROUND
   *a = x;
   *b = y;

@@ -51,7 +51,7 @@
 #endif
 #endif
 #if defined(__FAST_MATH__) || defined(__ASSOCIATIVE_MATH__) || defined(__RECIPROCAL_MATH__) || defined(__NO_SIGNED_ZEROS__) || \
-  defined(_M_FP_FAST) || (defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__ > 0)
+    defined(_M_FP_FAST) || (defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__ > 0)
 #error "-ffast-math and what belongs to it change results: compile without, with -ffp-contract=off"
 #endif
 #if defined(__clang__)
@@ -150,8 +150,10 @@ static inline float r_exp2(float x)
   const float y = low > 120.0f ? 120.0f : low;
   const float t = y + 12582912.0f;
   const float r = y - (t - 12582912.0f);
+  /* clang-format off */
   const float p = 0.693147004f + r * (0.240222424f + r * (0.0555073358f + r * (0.00967149809f
                 + r * 0.00132647553f)));
+  /* clang-format on */
   return (1.0f + r * p) * f32_from_bits((f32_bits(t) + 127u) << 23);
 }
 
@@ -159,10 +161,12 @@ static inline float r_exp2(float x)
 static inline void r_sincos_turn(float t, float *s, float *c)
 {
   const float v = t + t - 1.0f, w = v * v;
+  /* clang-format off */
   const float p = 3.14159274f + w * (-2.02611947f + w * (0.524037182f + w * (-0.075192228f
                 + w * (0.00686792191f + w * -0.000389815948f))));
   const float q = 1.0f + w * (-0.934801161f + w * (0.31949079f + w * (-0.0571990833f
                 + w * (0.00624197442f + w * -0.000399173965f))));
+  /* clang-format on */
   *s = v * (w - 1.0f) * p;
   *c = (4.0f * w - 1.0f) * q;
 }
@@ -223,8 +227,10 @@ static inline double r_log2(double x)
   const uint64_t k = (u + 0x00195f619980c433u) >> 52;       /* exponent + 1024 */
   const double m = f64_from_bits(u - (k << 52) + 0x4000000000000000u);
   const double s = (m - 1.0) / (m + 1.0), z = s * s;
+  /* clang-format off */
   const double p = 2.88539008177785 + z * (0.9617966941133057 + z * (0.5770779423769504
                  + z * (0.41220925104433 + z * (0.31990575530912474 + z * 0.2828992804167811))));
+  /* clang-format on */
   return (f64_from_bits(k | 0x4330000000000000u) - (4503599627370496.0 + 1024.0)) + s * p;
 }
 
@@ -235,9 +241,11 @@ static inline double r_exp2(double x)
   const double y = low > 120.0 ? 120.0 : low;
   const double t = y + 6755399441055744.0;
   const double r = y - (t - 6755399441055744.0);
+  /* clang-format off */
   const double p = 0.6931471805598856 + r * (0.24022650695723233 + r * (0.05550410866840444
                  + r * (0.009618129181074433 + r * (0.0013333557626443204 + r * (0.00015403440941983887
                  + r * (1.5252989702166316e-05 + r * (1.325832399017149e-06 + r * 1.0148372120593971e-07)))))));
+  /* clang-format on */
   return (1.0 + r * p) * f64_from_bits((f64_bits(t) + 1023u) << 52);
 }
 
@@ -245,12 +253,14 @@ static inline double r_exp2(double x)
 static inline void r_sincos_turn(double t, double *s, double *c)
 {
   const double v = t + t - 1.0, w = v * v;
+  /* clang-format off */
   const double p = 3.1415926535882295 + w * (-2.026120126368309 + w * (0.524043911871401
                  + w * (-0.07522060439727324 + w * (0.0069252258278788455 + w * (-0.0004450618605954197
                  + w * (2.1020491844271662e-05 + w * -6.923677125970025e-07))))));
   const double q = 0.9999999999999934 + w * (-0.9348022005434381 + w * (0.3195033242022668
                  + w * (-0.057249471531854196 + w * (0.006332740904225213 + w * (-0.00047591530986587416
                  + w * (2.588453671772188e-05 + w * (-1.0594002489588727e-06 + w * 3.047553945987138e-08)))))));
+  /* clang-format on */
   *s = v * (w - 1.0) * p;
   *c = (4.0 * w - 1.0) * q;
 }
@@ -258,9 +268,11 @@ static inline void r_sincos_turn(double t, double *s, double *c)
 static inline double r_atan_eighth(double q)                /* |q| <= tan(pi/8) */
 {
   const double z = q * q;
+  /* clang-format off */
   return q * (0.9999999999999744 + z * (-0.3333333333088931 + z * (0.19999999615328912
        + z * (-0.1428569090793922 + z * (0.1111039608499545 + z * (-0.09078528868272435
        + z * (0.07564643175915622 + z * (-0.05877867766480258 + z * 0.03071132978538272))))))));
+  /* clang-format on */
 }
 #define R_PI 3.141592653589793
 #define R_TAN_EIGHTH 0.41421356237309503
@@ -269,7 +281,7 @@ static inline double r_atan_eighth(double q)                /* |q| <= tan(pi/8) 
 
 static inline int32_t r_to_q24(tse_real x)
 {
-  const tse_real most = 127, inside = x < -most ? -most : most < x ? most : x, y = inside * 16777216;
+  const tse_real most = 127, inside = x < -most ? -most : (most < x ? most : x), y = inside * 16777216;
   const int32_t n = r_floor_to_int(y);
   return n + (y - (tse_real)n >= (tse_real)0.5 ? 1 : 0);
 }
@@ -290,7 +302,7 @@ static inline tse_real r_atan2(tse_real y, tse_real x)
     a = r_atan_eighth(small / big);
   }
   if (ax < ay) { a = R_PI / 2 - a; }
-  if (x < 0)   { a = R_PI - a; }
+  if (x < 0) { a = R_PI - a; }
   return y < 0 ? -a : a;
 }
 #undef R_PI
@@ -315,7 +327,7 @@ static inline tse_real r_mul(tse_real a, tse_real b)
   const fixed_wide product = (fixed_wide)a * b;
   const int64_t hi = (int64_t)(product >> 64), most = (int64_t)1 << (FIXED_BITS - 1 - FIXED_ROOM);
   const int64_t x = (int64_t)((product + ((fixed_wide)1 << (FIXED_BITS - 1))) >> FIXED_BITS);
-  return hi >= most ? FIXED_MOST : hi < -most ? -FIXED_MOST : x;
+  return hi >= most ? FIXED_MOST : (hi < -most ? -FIXED_MOST : x);
 }
 #else
 static inline tse_real r_mul(tse_real a, tse_real b) { return fixed_mul_halves(a, b); }
@@ -349,7 +361,7 @@ static inline tse_real r_from_setting(tse_setting x) { return x; }
 static inline tse_setting r_to_setting(tse_real x) { return x; }
 static inline int r_is_finite(tse_real x) { return x < FIXED_MOST && x > -FIXED_MOST; }
 static inline int r_is_nan(tse_real x) { return x == FIXED_NAN; }
-static inline tse_real r_abs(tse_real x) { return x == FIXED_NAN ? INT64_MAX : x < 0 ? -x : x; }
+static inline tse_real r_abs(tse_real x) { return x == FIXED_NAN ? INT64_MAX : (x < 0 ? -x : x); }
 
 /* Of numbers of any size: what `+` cannot. */
 static inline tse_real r_add_sat(tse_real a, tse_real b)
@@ -367,7 +379,7 @@ static inline tse_real r_sub_sat(tse_real a, tse_real b)
 static inline int32_t r_floor_to_int(tse_real x)
 {
   const int64_t n = x >> FIXED_BITS;
-  return n > INT32_MAX ? INT32_MAX : n < INT32_MIN ? INT32_MIN : (int32_t)n;
+  return n > INT32_MAX ? INT32_MAX : (n < INT32_MIN ? INT32_MIN : (int32_t)n);
 }
 
 /* Odd multiples of 2^-33 (or of what there is): never 0 or 1. */
@@ -384,7 +396,7 @@ static inline int32_t r_to_q24(tse_real x)
 {
   const tse_real most = 127 * FIXED_ONE;
   if (x == FIXED_NAN) return INT32_MIN;
-  const tse_real inside = x < -most ? -most : most < x ? most : x;
+  const tse_real inside = x < -most ? -most : (most < x ? most : x);
 #if FIXED_BITS > 24
   return (int32_t)(((inside >> (FIXED_BITS - 25)) + 1) >> 1);
 #else
@@ -464,7 +476,7 @@ static inline void r_sincos_turn(tse_real t, tse_real *s, tse_real *c)
   const int64_t cosine = FIXED_ONE + (((int64_t)q * w + ((int64_t)1 << (59 - FIXED_BITS))) >> (60 - FIXED_BITS));
   *s = (quarter & 1) != 0 ? cosine : sine;
   *c = (quarter & 1) != 0 ? sine : cosine;
-  if ((quarter & 2) != 0)       { *s = -*s; }
+  if ((quarter & 2) != 0) { *s = -*s; }
   if (((quarter + 1) & 2) != 0) { *c = -*c; }
 }
 
@@ -488,9 +500,9 @@ static inline tse_real r_atan2(tse_real y, tse_real x)
   p = q30_step(214747145, p, w);
   p = q30_step(-357913928, p, w);
   int64_t a = ((int64_t)1073741824 * q + (int64_t)q30_step(0, p, w) * q + ((int64_t)1 << 27)) >> 28;
-  if (beyond)  { a += 3373259426; }
+  if (beyond) { a += 3373259426; }
   if (ax < ay) { a = 6746518852 - a; }
-  if (x < 0)   { a = 13493037705 - a; }
+  if (x < 0) { a = 13493037705 - a; }
 #if FIXED_BITS > 32
   a *= (int64_t)1 << (FIXED_BITS - 32);
 #elif FIXED_BITS < 32
