@@ -13,7 +13,8 @@
 
 #define EXPORT(name) __attribute__((export_name(#name))) name
 
-enum { DESKS = 2, ROWS = 256 }; /* rows that go in at a time: few enough that a page answers between them */
+enum { DESKS = 2,
+       ROWS = 256 }; /* rows that go in at a time: few enough that a page answers between them */
 
 typedef struct desk {
   tse_config config;

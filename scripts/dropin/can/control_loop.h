@@ -20,7 +20,10 @@ enum {
   CAN_ACCEL = 0x0c3,    /* accel_x, accel_y [1e-3 m/s2]                      */
   CAN_GYRO = 0x0c4      /* yaw_rate [1e-5 rad/s]                             */
 };
-typedef struct can_frame { uint16_t id; uint8_t data[8]; } can_frame;
+typedef struct can_frame {
+  uint16_t id;
+  uint8_t data[8];
+} can_frame;
 
 typedef struct control_loop {
   tse_params params;
