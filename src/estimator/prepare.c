@@ -7,8 +7,8 @@
 #include "model/car.h"
 #include "tse/constants.h"
 
-/* Rows kept beyond the span of the latencies: one on either side of it, and two for rows that come up to 7 % closer than the sample time
- * before any is left out (28 of 30 rows at their most). */
+/* Rows kept beyond the span of the latencies: one on either side of it, and two for rows that come up to 7 % closer than the
+ * sample time before any is left out (28 of 30 rows at their most). */
 #define ROWS_TO_SPARE 4
 #define NO_LIMIT TSE_R(1000000) /* of a spread, squared */
 #define STANDARD_GRAVITY TSE_S(9.81) /* m/s2: GRAVITY of model/laws.h, in the format of settings */
@@ -18,6 +18,7 @@
 
 static tse_real real_of(tse_setting x) { return r_from_setting(x); }
 
+/* Set every setting to its default. */
 static void as_in_the_tables(tse_config *c)
 {
 #define REAL(name, def, lo, hi, unit, text) c->name = TSE_S(def);
@@ -76,7 +77,7 @@ void tse_config_robust(tse_config *c)
 #define SHAPE 0
 #define GIVEN 0
 
-/* A formula of the user that does something: no program, no formula. */
+/* Return whether a formula of the user does something: no program, no formula. */
 static int formula_on(const tse_config *c)
 {
 #if defined(TSE_FORMULA)
@@ -87,7 +88,7 @@ static int formula_on(const tse_config *c)
   return there && (c->formula_gain < 0 || c->formula_gain > 0);
 }
 
-/* Bits of the effects with a strength that is not zero. */
+/* Return the bits of the effects with a strength that is not zero. */
 static uint64_t effects_on(const tse_config *c)
 {
   uint64_t mask = 0;
@@ -99,7 +100,7 @@ static uint64_t effects_on(const tse_config *c)
 }
 
 #if !defined(TSE_NO_EFFECTS)
-/* The operations of a formula of the user, a byte each. */
+/* Unpack the operations of a formula of the user, a byte each. */
 static void formula_of(const tse_config *c, uint8_t code[TSE_FORMULA_OPS])
 {
   const int32_t packed[] = { c->formula_code_1, c->formula_code_2, c->formula_code_3, c->formula_code_4, c->formula_code_5,
@@ -109,7 +110,8 @@ static void formula_of(const tse_config *c, uint8_t code[TSE_FORMULA_OPS])
 #endif
 
 #if !defined(TSE_NO_EFFECTS)
-/* A formula that is on must end with one value, and never take more than there is or hold more than there is room for. */
+/* Return whether a formula that is on ends with one value, and never takes more than there is or holds more than there is room
+ * for. */
 static int formula_fits(const tse_config *c)
 {
 #if defined(TSE_FORMULA) /* compiled in: there is no other */
@@ -136,7 +138,7 @@ static int formula_fits(const tse_config *c)
 }
 #endif
 
-/* Latency of each channel, in the order of tse/input.def. */
+/* Take the latency of each channel, in the order of tse/input.def. */
 static void latencies_of(const tse_config *c, tse_setting latency[TSE_CHANNELS])
 {
   for (int k = 0; k < (int)TSE_CHANNELS; k++) latency[k] = 0; /* of the yaw rate, which is the clock */
@@ -147,9 +149,10 @@ static void latencies_of(const tse_config *c, tse_setting latency[TSE_CHANNELS])
 /* When a row is read: its time is `age` before the newest row, the earliest channel `span` before it. */
 typedef struct reading_time { tse_setting age, span; int earliest, latest; } reading_time;
 
-/* Not before all channels are known, and then at a row of accel_x, if rows are sample_time apart: interpolated noise is in
- * neighbours, too, vel_x follows it, and half a row of it moved the longitudinal stiffness by 8 % and was taken for a disturbance.
- * Noise of accel_y and gyro does neither (tests/lab/test_latency.py). Where all three are one IMU none is interpolated then. */
+/* Find when a row is read: not before all channels are known, and then at a row of accel_x, if rows are sample_time apart:
+ * interpolated noise is in neighbours, too, vel_x follows it, and half a row of it moved the longitudinal stiffness by 8 % and
+ * was taken for a disturbance. Noise of accel_y and gyro does neither (tests/lab/test_latency.py). Where all three are one IMU
+ * none is interpolated then. */
 static reading_time reading_time_of(const tse_config *c, const tse_setting latency[TSE_CHANNELS])
 {
   reading_time r = { 0, 0, (int)TSE_CHANNEL_yaw_rate, (int)TSE_CHANNEL_yaw_rate };
@@ -166,7 +169,8 @@ static reading_time reading_time_of(const tse_config *c, const tse_setting laten
   return r;
 }
 
-/* Does the filter keep enough rows for the channels to wait for each other? Names the channel that is furthest from the gyro. */
+/* Return whether the filter keeps enough rows for the channels to wait for each other. *wrong: the one that is furthest from the
+ * gyro. */
 static tse_status latencies_fit(const tse_config *c, const char **wrong)
 {
   static const char *const names[] = { /* in the order of tse/input.def, as the rows of tse/latency.def are */
@@ -182,6 +186,7 @@ static tse_status latencies_fit(const tse_config *c, const char **wrong)
   return TSE_E_CONFIG;
 }
 
+/* Take how old a row is when it is read, and each of its channels. */
 static void prepare_latencies(const tse_config *c, tse_params *p)
 {
   tse_setting latency[TSE_CHANNELS];
@@ -194,9 +199,9 @@ static void prepare_latencies(const tse_config *c, tse_params *p)
   for (int k = 0; k < (int)TSE_CHANNELS; k++) p->latency_age[k] = real_of(r.age - latency[k]);
 }
 
-/* The first real setting that is outside its range, in the order of tse/config.def, which is that of the members; NULL: none. By a
- * table: a comparison written out for each row is 4 kB more of a microcontroller's flash.   Returned in *at: where it stands, or the
- * size of all */
+/* Find the first real setting that is outside its range, in the order of tse/config.def, which is that of the members; NULL:
+ * none. By a table: a comparison written out for each row is 4 kB more of a microcontroller's flash.
+ *   Returned in *at: where it stands, or the size of all */
 static const char *real_outside(const tse_config *c, size_t *at)
 {
 #define REAL(name, def, lo, hi, unit, text) { #name, TSE_S(lo), TSE_S(hi), (uint16_t)offsetof(tse_config, name) },
@@ -246,7 +251,7 @@ tse_status tse_config_check(const tse_config *c, const char **wrong)
   return latencies_fit(c, wrong);
 }
 
-/* FNV-1a over the 32-bit halves of every setting: tells filters and parameters that do not belong together. */
+/* Mix a word into a hash, FNV-1a: of every setting it tells filters and parameters that do not belong together. */
 static uint32_t mix(uint32_t h, uint32_t word)
 {
   for (int i = 0; i < 4; i++) {
@@ -273,11 +278,12 @@ static uint32_t fingerprint(const tse_config *c)
   return mix(h, TSE_MAX_PARTICLES);
 }
 
-/* What gives relative stiffness its meaning. In single precision, so that builds of every format agree; only there both
- * differ in nothing but how a decimal number is rounded. */
+/* Mix a setting that gives relative stiffness its meaning. In single precision, so that builds of every format agree; only there
+ * both differ in nothing but how a decimal number is rounded. */
 static uint32_t mix_vehicle(uint32_t h, tse_setting value) { return mix(h, r_single_bits(value)); }
 
-/* An effect changes what a stiffness means; one that is off leaves the fingerprint as it was before there were effects. */
+/* Mix an effect that is on: it changes what a stiffness means; one that is off leaves the fingerprint as it was before there were
+ * effects. */
 static uint32_t mix_effect(uint32_t h, int on, const char *name, tse_setting value)
 {
   if (!on) return h;
@@ -305,7 +311,7 @@ static uint32_t vehicle_fingerprint(const tse_config *c)
 
 static tse_setting square(tse_setting x) { return r_mul(x, x); }
 
-/* To the car that the filter's constants are of: CONSTANT effects act on its settings. */
+/* Let CONSTANT effects act on the settings of the car that the filter's constants are of. */
 static void change_car(uint64_t mask, tse_config *car)
 {
 #define CALL(id) if (mask >> TSE_EFFECT_##id & 1u) id##_constant(car);
@@ -313,6 +319,7 @@ static void change_car(uint64_t mask, tse_config *car)
 #undef CALL
 }
 
+/* Take the parameters of all effects and of a formula of the user. */
 static void prepare_effects(const tse_config *c, uint64_t mask, tse_params *p)
 {
   p->effects.mask = mask;
@@ -343,6 +350,7 @@ static void prepare_effects(const tse_config *c, uint64_t mask, tse_params *p)
 
 static int vanishes(tse_real rate, tse_real dt) { return rate > 0 && r_mul(rate, dt) == 0; }
 
+/* Return whether the constants leave the filter that room. *wrong: the setting that does not. */
 static tse_status fits(const tse_params *p, const tse_config *c, const char **wrong)
 {
   const struct { tse_real value, most; const char *name; } row[] = {
@@ -385,6 +393,7 @@ tse_status tse_prepare(const tse_config *settings, tse_params *p, const char **w
   return TSE_OK;
 }
 
+/* Take noise, priors and walks of a measured velocity. */
 static void prepare_velocity(const tse_config *c, tse_params *p)
 {
 #if defined(TSE_NO_VELOCITY)
@@ -568,7 +577,8 @@ static void prepare_rows(const tse_config *c, tse_params *p)
   p->valid_var = real_of(square(c->valid_sd));
 }
 
-/* Take what form 1 starts from, remembers and is held to from the settings; the persisted state of both forms ages by the same two. */
+/* Take what form 1 starts from, remembers and is held to from the settings; the persisted state of both forms ages by the same
+ * two. */
 static void prepare_statistics(const tse_config *c, tse_params *p)
 {
   const tse_setting one = TSE_S(1), spread_var = square(c->initial_spread);
@@ -601,7 +611,8 @@ static void prepare_statistics(const tse_config *c, tse_params *p)
   p->steady_walk = real_of(square(c->steady_walk));
 }
 
-/* Make all constants of a filter, in the order in which they need each other.   Given: settings that tse_config_check() accepts */
+/* Make all constants of a filter, in the order in which they need each other.
+ *   Given: settings that tse_config_check() accepts */
 static void make_params(const tse_config *settings, tse_params *p)
 {
   const uint64_t mask = effects_on(settings);

@@ -35,9 +35,9 @@ typedef struct kind {
   int32_t places;
 } kind;
 
-/* One row a kind, in the order of EVENT_NONE .. EVENT_SENSOR (filter.h): what one amplitude moves, in SI; what is uncertain beside it
- * once it is believed; time between openings [s]; places. Rows of NO: what BACK moves is found as it is opened (open_event()), ALONG
- * raises the alarm alone (log2_ratio()), a faulty channel is what its measurements say (events_learn()). */
+/* One row a kind, in the order of EVENT_NONE .. EVENT_SENSOR (filter.h): what one amplitude moves, in SI; what is uncertain
+ * beside it once it is believed; time between openings [s]; places. Rows of NO: what BACK moves is found as it is opened
+ * (open_event()), ALONG raises the alarm alone (log2_ratio()), a faulty channel is what its measurements say (events_learn()). */
 #define NO { -1, TSE_R(0) }
 static kind kind_of(int32_t which)
 {
@@ -66,7 +66,8 @@ static tse_real rate_of(int32_t which)
 /* Return the amplitude below which nothing has happened that one would act on. */
 static tse_real least_of(int32_t which) { return which <= EVENT_SLIP_REAR ? LEAST_CHANGE : WHOLE_CHANGE; }
 
-/* Tyres, steering angle, accel_y and gyro make the car turn; slip, wheels and accel_x make it go: of each something may have happened. */
+/* Tyres, steering angle, accel_y and gyro make the car turn; slip, wheels and accel_x make it go: of each something may have
+ * happened. */
 enum { TURNING,
        GOING };
 static int group_of(int32_t which)
@@ -141,9 +142,9 @@ void events_learn(tse_kalman *k, int channel, const tse_real h[TSE_ALL], const t
   }
 }
 
-/* Return log2 of how much likelier the samples are if this happened. Along the road the force of a tyre beyond its grip is no longer that of its
- * stiffness: another road shows as a slow innovation of accel_x of which nothing is known, its variance included. A channel that is frozen
- * repeats its reading. */
+/* Return log2 of how much likelier the samples are if this happened. Along the road the force of a tyre beyond its grip is no
+ * longer that of its stiffness: another road shows as a slow innovation of accel_x of which nothing is known, its variance
+ * included. A channel that is frozen repeats its reading. */
 static tse_real log2_ratio(const tse_kalman *k, const tse_event *a)
 {
   if (a->kind == EVENT_ALONG) return k->unusual > TSE_R(1) ? r_mul(HALF_LOG2_OF_E, k->unusual - TSE_R(1)) - r_mul(TSE_R(0.5), r_log2(k->unusual)) : TSE_R(0);
@@ -223,15 +224,16 @@ static void recall(tse_kalman *k, int i)
   }
 }
 
-/* Return whether something has changed, and before it an axle was known better than now: behind a patch the patch itself is nothing to go
- * back to. */
+/* Return whether something has changed, and before it an axle was known better than now: behind a patch the patch itself is
+ * nothing to go back to. */
 static int may_be_back(const tse_kalman *k)
 {
   if (k->change_kind == TSE_CHANGE_NONE || k->change_kind == TSE_CHANGE_RESTART) return 0;
   return !(k->change_from_var[LCF - LCX] > ud_variance(&k->p, LCF)) || !(k->change_from_var[LCR - LCX] > ud_variance(&k->p, LCR));
 }
 
-/* Find a place for the next event of a kind: a free one, else that of the oldest; the likeliest keeps its place until LONGEST_EVENT.
+/* Find a place for the next event of a kind: a free one, else that of the oldest; the likeliest keeps its place until
+ * LONGEST_EVENT.
  *   Given:     first, places  of the kind      due  age of the youngest from which another is opened
  *   Returned:  -1 if none is to be opened now */
 static int place_for(const tse_kalman *k, int first, int places, tse_real due)
@@ -266,7 +268,8 @@ static void spawn(const tse_params *p, tse_kalman *k, tse_real dt)
   }
 }
 
-/* Note what is reported of a change, and where another one may lead back to. One that is believed soon after another is what was found of that. */
+/* Note what is reported of a change, and where another one may lead back to. One that is believed soon after another is what was
+ * found of that. */
 static void note_change(tse_kalman *k, int32_t which, const tse_real was[4], const tse_real was_var[4])
 {
   const int same = k->change_kind != TSE_CHANGE_NONE && k->change_age < LONGEST_EVENT && which != EVENT_BACK;
@@ -313,7 +316,8 @@ static void move_state(tse_kalman *k, tse_event *a, tse_real amplitude)
   }
 }
 
-/* Add what each state of a kind does beside the common amplitude; and the further the stiffness has moved, the less its slopes held. */
+/* Add what each state of a kind does beside the common amplitude; and the further the stiffness has moved, the less its slopes
+ * held. */
 static void widen(tse_kalman *k, int32_t which, const tse_real was[4])
 {
   const kind what = kind_of(which);

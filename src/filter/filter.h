@@ -33,9 +33,9 @@
 #define state_unit     TSE_NAME(tse_state_unit)
 #define state_most     TSE_NAME(tse_state_most)
 
-/* States of a measured velocity, behind those of the car (model/car.h): [rad] heading of the car, in the axes of the course; [m/s] what the
- * model does not explain of the speed across; [1] scale;
- * [rad] heading offset of the INS; [s] latency beyond the setting; [m] where it is measured. */
+/* States of a measured velocity, behind those of the car (model/car.h): [rad] heading of the car, in the axes of the course;
+ * [m/s] what the model does not explain of the speed across; [1] scale; [rad] heading offset of the INS; [s] latency beyond the
+ * setting; [m] where it is measured. */
 enum { PSI = STATES,
        V_OFF,
        V_SCALE,
@@ -102,20 +102,21 @@ extern const tse_real state_unit[TSE_ALL];
 /* No car goes beyond: [m/s] [m/s] [rad/s] ... as the states. */
 extern const tse_real state_most[TSE_ALL];
 
-/* row.c      a log row, checked. Nothing is changed. */
+/* row.c      Check a log row. Nothing is changed. */
 tse_status row_decode(const tse_params *p, const tse_filter *f, const tse_input *u, decoded *z);
 
-/* start.c    all from the prior, or from what was loaded; the motion alone, from wheels, gyro and steering angle */
+/* start.c    Place all by the prior, or by what was loaded; the motion alone, by wheels, gyro and steering angle */
 void start_all(const tse_params *p, tse_filter *f);
 void start_motion(const tse_params *p, tse_kalman *k, const decoded *z);
 
-/* predict.c  to the time of the row; parameters alone, where nothing is known of the motion; share of the slip, and of the slip angle of
- *            each axle, squared, that is no error of the estimate: of the slopes over their stiffness */
+/* predict.c  row: predict to the time of the row      rest: parameters alone, where nothing is known of the motion
+ *            shares: of the slip, and of the slip angle of each axle, squared, that is no error of the estimate: of the slopes over
+ *            their stiffness */
 steering predict_row(const tse_params *p, tse_kalman *k, const decoded *z);
 void rest_row(const tse_params *p, tse_kalman *k, tse_real dt);
 void signal_shares(const tse_kalman *k, tse_real share[3]);
 
-/* update.c   one scalar measurement after the other; the gyro's bias at standstill */
+/* update.c   Use one scalar measurement after the other; the gyro's bias at standstill */
 void update_row(const tse_params *p, tse_kalman *k, const decoded *z, steering u);
 void update_still(const tse_params *p, tse_kalman *k, const decoded *z);
 
@@ -125,8 +126,9 @@ typedef struct scalar {
 } scalar;
 tse_real use_scalar(tse_kalman *k, int channel, const scalar *m, tse_real sd, tse_real change[TSE_ALL], tse_real *state);
 
-/* velocity.c  move: with the row. lose: motion was placed anew, heading and past are gone
- *             update: velocities of this row, as update_row(). fault: 0 none, else 1 + channel as fault_channel numbers it, left out */
+/* velocity.c  move: move what belongs to a velocity with the row      lose: forget heading and past, as motion was placed anew
+ *             update: use the velocities of this row, as update_row()
+ *             fault: return NO_FAULT, or which one is left out, as fault_channel numbers it */
 void velocity_move(const tse_params *p, tse_kalman *k, const decoded *z);
 void velocity_lose(tse_kalman *k);
 void velocity_update(const tse_params *p, tse_kalman *k, const decoded *z, const forces *f, tse_real change[TSE_ALL]);
@@ -167,7 +169,7 @@ typedef struct passage {
   int gap, held, predicted, one_speed, rolls;
 } passage;
 
-/* output.c   estimates, probabilities, and why each stiffness is valid or not */
+/* output.c   Report estimates and probabilities; judge whether each stiffness is valid, and why not */
 void report_row(const tse_params *p, const tse_kalman *k, tse_output *out);
 void judge_row(const tse_params *p, const tse_kalman *k, const passage *w, tse_output *out);
 

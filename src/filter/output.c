@@ -7,7 +7,8 @@
 #define LIKELY TSE_R(0.5)         /* 1: likelier than not */
 #define SIDE_SHARE TSE_R(0.5)     /* 1: of model_sd, which a cornering stiffness is not known better than while velocities are in use */
 
-/* Return the variance of state i over the posterior, the uncertain quantities and the events that may have happened; *shift: their mean. SI */
+/* Return the variance of state i over the posterior, the uncertain quantities and the events that may have happened; *shift:
+ * their mean. SI */
 static tse_real variance_of(const tse_kalman *k, int i, tse_real *shift)
 {
   tse_real var = ud_variance(&k->p, i), mean = TSE_R(0), square = TSE_R(0);
@@ -38,8 +39,8 @@ static int regime_now(const tse_params *p, const tse_kalman *k)
   return k->change_kind == TSE_CHANGE_ROAD ? TSE_REGIME_CHANGED : TSE_REGIME_AXLE;
 }
 
-/* Report the motion. The rear axle slips sideways by force over stiffness: lr r - vy is that much, times what the stiffness may be off by;
- * a measured velocity shows it. */
+/* Report the motion. The rear axle slips sideways by force over stiffness: lr r - vy is that much, times what the stiffness may
+ * be off by; a measured velocity shows it. */
 static void report_motion(const tse_params *p, const tse_kalman *k, tse_output *out)
 {
   tse_real *const state[3] = { &out->vel_x, &out->vel_y, &out->yaw_rate };
@@ -58,8 +59,8 @@ static void report_motion(const tse_params *p, const tse_kalman *k, tse_output *
   out->sideslip_sd = r_div(out->vel_y_sd, r_max(r_abs(out->vel_x), LEAST_SPEED_SD));
 }
 
-/* Report stiffness, grip and what the model does not explain. No stiffness is known better than the model is right; slip angles that are
- * measured make the filter sure of a stiffness faster than they show what its model lacks. */
+/* Report stiffness, grip and what the model does not explain. No stiffness is known better than the model is right; slip angles
+ * that are measured make the filter sure of a stiffness faster than they show what its model lacks. */
 static void report_tyres(const tse_params *p, const tse_kalman *k, tse_output *out)
 {
   const tse_real side_floor = k->p.extras ? r_max(MODEL_FLOOR, r_mul(SIDE_SHARE, p->model_sd)) : MODEL_FLOOR;

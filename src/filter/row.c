@@ -8,8 +8,8 @@
 #define BRAKES TSE_R(0.5) /* 1: of the brake switch, as tse/optional.def says it */
 #define IDLE_SHARE TSE_R(0.1) /* 1: of two driven axles one with less of the other's torque has none */
 
-/* Return the axle that rolls freely, by brake switch and wheel torques: the one that is not driven, unless they say that it brakes; of two
- * that are driven, which a switch does not show, one without torque beside one with. */
+/* Return the axle that rolls freely, by brake switch and wheel torques: the one that is not driven, unless they say that it
+ * brakes; of two that are driven, which a switch does not show, one without torque beside one with. */
 static int32_t rolls_by(const tse_params *p, const decoded *z)
 {
   const int32_t undriven = not_driven(&p->car);

@@ -16,7 +16,8 @@
 
 static int has_wheel_speed(const decoded *z) { return z->use[WHEEL_FRONT] || z->use[WHEEL_REAR]; }
 
-/* Return whether wheels that stood, or were read as zero, turn in the next row: nothing that a car can do. Downwards they may: they lock. */
+/* Return whether wheels that stood, or were read as zero, turn in the next row: nothing that a car can do. Downwards they may:
+ * they lock. */
 static int has_jumped(const tse_params *p, const tse_filter *f, const decoded *z)
 {
   const tse_real most = p->hold_speed + r_mul(JUMP_RATE, z->dt);
@@ -33,8 +34,8 @@ static tse_real speed_of(const tse_filter *f, const decoded *z)
   return has_wheel_speed(z) ? r_max(r_abs(axle_speed(z, WHEEL_FRONT)), r_abs(axle_speed(z, WHEEL_REAR))) : r_abs(f->k.x[VX]);
 }
 
-/* Advance the timers: how long the steering angle and all wheel speeds have been missing, how long the wheels have stood. Keep the wheel
- * speeds for the next row. What is lost is found again by a row that has both. */
+/* Advance the timers: how long the steering angle and all wheel speeds have been missing, how long the wheels have stood. Keep
+ * the wheel speeds for the next row. What is lost is found again by a row that has both. */
 static void advance_timers(const tse_params *p, tse_filter *f, const decoded *z)
 {
   const int wheels = has_wheel_speed(z);

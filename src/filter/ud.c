@@ -134,7 +134,8 @@ void ud_forget(tse_ud *p, const tse_real *variance, int count)
   for (int i = 0; i < count; i++) p->d[i] = r_max(variance[i], LEAST_D);
 }
 
-/* Rows of the motion before they are triangular again, as sums over independent errors: those of the states in motion, then their noise. */
+/* Rows of the motion before they are triangular again, as sums over independent errors: those of the states in motion, then their
+ * noise. */
 typedef struct sums {
   tse_real row[MOTION][2 * MOTION], extra[TSE_EXTRAS][2 * MOTION], variance[2 * MOTION];
 } sums;
@@ -156,7 +157,8 @@ static void transform(tse_ud *p, tse_real M[MOTION][COLUMNS], tse_real w[MOTION]
   }
 }
 
-/* Take state j, which all behind it have been taken from, out of the rows before it and of the extra states: weighted Gram-Schmidt.
+/* Take state j, which all behind it have been taken from, out of the rows before it and of the extra states: weighted
+ * Gram-Schmidt.
  *   Updated: s; column j of U and W, D of state j */
 static void take_out(tse_ud *p, sums *s, int j)
 {

@@ -68,8 +68,9 @@ tse_real ud_measure(const tse_ud *p, const tse_real *h, tse_real *f, tse_real *v
 /* Correct the covariance by that measurement, with noise of variance r.   Returned: gain, as long as f */
 void ud_correct(tse_ud *p, const tse_real *f, const tse_real *v, tse_real r, tse_real *gain);
 
-/* Extra states, which no other depends on: they stand before the others, so that U has a row for each above those of the others, and all
- * others are as if there were none. In vectors (a, h, f, v, gain) they follow the others; while extras is 0 nobody reads those places.
+/* Extra states, which no other depends on: they stand before the others, so that U has a row for each above those of the others,
+ * and all others are as if there were none. In vectors (a, h, f, v, gain) they follow the others; while extras is 0 nobody reads
+ * those places.
  *   ud_open        bring all of them into use, with these variances and no covariance
  *   ud_tie         add share times state i to the first
  *   ud_fade_extra  multiply extra state e by share

@@ -24,7 +24,8 @@ static void watch_repeats(tse_kalman *k, int c, tse_real z, tse_real off, tse_re
   k->repeats[c] += r_mul(g, now - k->repeats[c]);
 }
 
-/* Return how much larger than thought slow innovations of a channel usually are: what this car's model does not explain is no event.
+/* Return how much larger than thought slow innovations of a channel usually are: what this car's model does not explain is no
+ * event.
  *   Given: e  innovation   s  its variance   Updated: what is usual of the channel */
 static tse_real usual_of(tse_kalman *k, int c, tse_real e, tse_real s, tse_real dt)
 {
@@ -76,7 +77,8 @@ tse_real use_scalar(tse_kalman *k, int channel, const scalar *m, tse_real sd, ts
   return s;
 }
 
-/* Find the white noise of a channel: half the mean square of what the innovation changes by from row to row, where nothing slower shows. */
+/* Find the white noise of a channel: half the mean square of what the innovation changes by from row to row, where nothing slower
+ * shows. */
 static void learn_noise(const tse_params *p, tse_kalman *k, int c, tse_real e, tse_real own, tse_real dt)
 {
   const tse_real change = e - k->last_innovation[c], seen = r_min(r_div(r_mul(TSE_R(0.5), r_sqr(change)), r_mul(own, k->noise[c])), TAIL);
@@ -108,7 +110,8 @@ void update_still(const tse_params *p, tse_kalman *k, const decoded *z)
   finish(p, k, change);
 }
 
-/* Find the slopes of the sensors over what is uncertain and no state of the car: latencies, by how fast forces and speed change, and scales.
+/* Find the slopes of the sensors over what is uncertain and no state of the car: latencies, by how fast forces and speed change,
+ * and scales.
  *   Updated: k->before */
 static void slopes_of_sensors(const tse_params *p, tse_kalman *k, const forces *f, tse_real dt, tse_real doubts[TSE_SENSORS][TSE_DOUBTS])
 {
@@ -173,8 +176,9 @@ static void follow_activity(const tse_params *p, tse_kalman *k, const forces *f,
   for (int a = 0; a < IMU_CHANNELS; a++) k->activity[a] += r_mul(r_div(dt, dt + MODEL_TIME), r_sqr(happens[a]) + r_sqr(least[a]) - k->activity[a]);
 }
 
-/* Return the variance of what the model does not explain of a channel: a share of what happens, that lasts. As white noise that is the
- * same at low frequencies, which is where parameters are learnt, it has 2 MODEL_TIME/dt times the variance. Wheel speeds: 0. */
+/* Return the variance of what the model does not explain of a channel: a share of what happens, that lasts. As white noise that
+ * is the same at low frequencies, which is where parameters are learnt, it has 2 MODEL_TIME/dt times the variance. Wheel speeds:
+ * 0. */
 static tse_real unexplained(const tse_params *p, const tse_kalman *k, int channel, tse_real dt)
 {
   if (channel >= IMU_CHANNELS) return TSE_R(0);

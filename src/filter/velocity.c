@@ -109,7 +109,8 @@ static void grow(tse_kalman *k, int i, tse_real q)
   if (q > TSE_R(0)) ud_add(&k->p, a, -1, q);
 }
 
-/* Let what the model does not explain of the speed across decay: a share of how fast the axles slip sideways, which lasts MODEL_TIME. */
+/* Let what the model does not explain of the speed across decay: a share of how fast the axles slip sideways, which lasts
+ * MODEL_TIME. */
 static void fade_off(const tse_params *p, tse_kalman *k, tse_real left, tse_real dt)
 {
   tse_velocity *const m = &k->velocity;
@@ -123,7 +124,8 @@ static void fade_off(const tse_params *p, tse_kalman *k, tse_real left, tse_real
   grow(k, V_OFF, r_div(r_mul(var, TSE_R(1) - r_sqr(left)), r_sqr(state_unit[V_OFF])));
 }
 
-/* Turn the heading by the gyro, not by the yaw rate of the model, which is off by what that does not explain; without a gyro, by that. */
+/* Turn the heading by the gyro, not by the yaw rate of the model, which is off by what that does not explain; without a gyro, by
+ * that. */
 static void turn_heading(const tse_params *p, tse_kalman *k, const decoded *z)
 {
   const int measured = z->use[YAW_RATE] && k->fault != fault_of(YAW_RATE), by = measured ? BR : YAW;
@@ -156,7 +158,10 @@ typedef struct reading {
   tse_real z, by[3], extra[TSE_EXTRAS];
 } reading;
 
-/* Predict a channel.   Given: v  speeds along and across [m/s], yaw rate [rad/s] at the time of the value   heading [rad]   extra states */
+/* Predict a channel.
+ *   Given: v  speeds along and across [m/s], yaw rate [rad/s] at the time of the value
+ *   heading [rad]
+ *   extra states */
 static reading read_of(int c, const tse_real v[3], tse_real heading, const tse_real extra[TSE_EXTRAS])
 {
   const tse_real scale = TSE_R(1) + extra[V_SCALE - STATES], turn = extra[V_TURN - STATES], lx = extra[V_LEVER_X - STATES], ly = extra[V_LEVER_Y - STATES];

@@ -24,8 +24,8 @@ typedef struct tyres {
   tyre x_front, x_rear, y_front, y_rear;
 } tyres;
 
-/* Return all tyre forces at x. Load goes to the rear with the acceleration: slip stiffness and grip with it in proportion, cornering
- * stiffness less; and from wheel to wheel with the lateral acceleration. */
+/* Return all tyre forces at x. Load goes to the rear with the acceleration: slip stiffness and grip with it in proportion,
+ * cornering stiffness less; and from wheel to wheel with the lateral acceleration. */
 static tyres tyres_of(const tse_car *c, const tse_real x[STATES])
 {
   const tse_real cx = exponential(x[LCX]), mu = r_mul(c->grip, exponential(x[LMU]));
@@ -43,7 +43,8 @@ static tyres tyres_of(const tse_car *c, const tse_real x[STATES])
   return t;
 }
 
-/* Find the slopes of the forces, without those of load transfer and of steering compliance. What saturates along is no sign of the grip.
+/* Find the slopes of the forces, without those of load transfer and of steering compliance. What saturates along is no sign of
+ * the grip.
  *   Given:    ax, ay  of the front axle, in the axes of the car
  *   Updated:  f       its slopes */
 static void slopes_of_forces(const tse_car *c, const tse_real x[STATES], const tyres *t, tse_real ax, tse_real ay, forces *f)
@@ -120,8 +121,8 @@ static tse_real roll_swing(const tse_car *c, const tse_real x[STATES], tse_real 
   return mode_swing(x[PHI], x[DPHI], c->roll_rate, c->roll_damping, r_mul(c->roll_gain, ay));
 }
 
-/* A substep of h, for its slopes: forces and speeds before it, the slip angles that it asks for, the steering angle as it is late, how far
- * each slip angle is from where it goes, and the share of that way which it stays behind or goes. */
+/* A substep of h, for its slopes: forces and speeds before it, the slip angles that it asks for, the steering angle as it is
+ * late, how far each slip angle is from where it goes, and the share of that way which it stays behind or goes. */
 typedef struct substep {
   forces f;
   tse_real h, vx, vy, r, steer, to_front, to_rear, turn, stays, goes;
@@ -250,8 +251,9 @@ tse_real car_pitch(const tse_car *c, tse_real pitch[2], tse_real ax, tse_real dt
   return pitch_read(c, pitch, ax);
 }
 
-/* Predict accelerometers and gyro, at the place of the IMU and in its axes: gravity leaks in as body rolls and pitches, and an IMU above the
- * roll axis swings.   Returned: their rows of z and H */
+/* Predict accelerometers and gyro, at the place of the IMU and in its axes: gravity leaks in as body rolls and pitches, and an
+ * IMU above the roll axis swings.
+ *   Returned: their rows of z and H */
 static void measure_imu(const tse_car *c, const tse_real x[STATES], const forces *f, tse_real pitch, tse_real z[TSE_SENSORS], tse_real H[TSE_SENSORS][COLUMNS])
 {
   const tse_real r = x[YAW], lx = c->lever_x, ly = c->lever_y;
@@ -280,8 +282,9 @@ static void measure_imu(const tse_car *c, const tse_real x[STATES], const forces
   H[YAW_RATE][YAW] = c->scale_r;
 }
 
-/* Predict the wheel speeds. Load that goes to the rear takes rolling radius there and gives it in front: the free axle lies about the speed,
- * the driven one about its slip.   Returned: their rows of z and H */
+/* Predict the wheel speeds. Load that goes to the rear takes rolling radius there and gives it in front: the free axle lies about
+ * the speed, the driven one about its slip.
+ *   Returned: their rows of z and H */
 static void measure_wheels(const tse_car *c, const tse_real x[STATES], const forces *f, tse_real z[TSE_SENSORS], tse_real H[TSE_SENSORS][COLUMNS])
 {
   const tse_real r = x[YAW], give_front = r_mul(GIVE, c->height_front), give_rear = r_mul(GIVE, c->height_rear);

@@ -1,5 +1,5 @@
-/* paper/bias.c - (18), (19): the sensor biases, Gaussian given a particle's path, with one covariance P for all particles. P0, Q and R
- * are diagonal and each bias is in one channel only, so P stays diagonal: a variance a channel. */
+/* paper/bias.c - (18), (19): the sensor biases, Gaussian given a particle's path, with one covariance P for all particles. P0, Q
+ * and R are diagonal and each bias is in one channel only, so P stays diagonal: a variance a channel. */
 #include "paper/paper.h"
 
 #define MOST_BIAS TSE_R(2000) /* sigma, numerics: stays a number whatever is measured */

@@ -1,5 +1,5 @@
-/* paper/learn.c - (25), (16), (17): draw w given the sample, learn the statistics from it, forget. In short runs of particles, so that
- * the random numbers stay in the fastest memory. */
+/* paper/learn.c - (25), (16), (17): draw w given the sample, learn the statistics from it, forget. In short runs of particles, so
+ * that the random numbers stay in the fastest memory. */
 #include "paper/paper.h"
 #include "number/random.h"
 
@@ -74,8 +74,9 @@ void paper_draw_stiffness(const tse_params *p, tse_filter_paper *f, const sample
   }
 }
 
-/* Update the statistics, (16): gamma+ = gamma/(1 + gamma), nu+ = nu + 1, mu+ = mu + gamma+ z, Lambda+ = Lambda + z z'/(1 + gamma), z = w - mu;
- * with lam = Lambda/nu:  lam+ = lam + (z z'/(1 + gamma) - lam)/(nu + 1). Where spread_max is set, lam is scaled down to it. */
+/* Update the statistics, (16): gamma+ = gamma/(1 + gamma), nu+ = nu + 1, mu+ = mu + gamma+ z, Lambda+ = Lambda + z z'/(1 +
+ * gamma), z = w - mu; with lam = Lambda/nu:  lam+ = lam + (z z'/(1 + gamma) - lam)/(nu + 1). Where spread_max is set, lam is
+ * scaled down to it. */
 static void learn_all(const tse_params *TSE_RESTRICT p, tse_real gamma, tse_real rate, tse_real shrink, tse_real most,
                       tse_particles *TSE_RESTRICT q)
 {
@@ -108,8 +109,8 @@ void paper_update_statistics(const tse_params *p, tse_filter_paper *f)
   learn_all(p, f->gamma, rate, shrink, r_mul(p->spread_max_var, r_div(f->nu - TSE_R(4), f->nu)), &f->p);
 }
 
-/* Return how far recent innovations are from white ones: the mean over the channels of their square, smoothed over SLOW_TIME, over what
- * that would be of white noise of variance one. */
+/* Return how far recent innovations are from white ones: the mean over the channels of their square, smoothed over SLOW_TIME,
+ * over what that would be of white noise of variance one. */
 static tse_real persistence(const tse_params *p, tse_filter_paper *f, const sample *y, const tse_output *now)
 {
   const inputs u = y->u;
@@ -132,9 +133,9 @@ static tse_real persistence(const tse_params *p, tse_filter_paper *f, const samp
   return r_div(r_mul(sum, TSE_R(2) - gain), r_mul(TSE_R(3), gain));
 }
 
-/* Forget, (17): gamma /= lambda, nu *= lambda, Lambda *= lambda (lam = Lambda/nu stays), with lambda^(dt/sample_time). The factor of gamma, which
- * forgets the mean, is a setting of its own; it falls where innovations last. However long that takes, no less is known of the mean than
- * gamma = 1 says, or the start: what is forgotten cannot be forgotten further. */
+/* Forget, (17): gamma /= lambda, nu *= lambda, Lambda *= lambda (lam = Lambda/nu stays), with lambda^(dt/sample_time). The factor
+ * of gamma, which forgets the mean, is a setting of its own; it falls where innovations last. However long that takes, no less is
+ * known of the mean than gamma = 1 says, or the start: what is forgotten cannot be forgotten further. */
 void paper_forget(const tse_params *p, tse_filter_paper *f, const sample *y, const tse_output *now)
 {
   const tse_real samples = r_mul(y->dt, p->inv_sample_time);

@@ -1,5 +1,5 @@
-/* paper/row.c - a row of tse_step() with particles: what stands around Algorithm 1. The paper has rows that come every Ts, of a car that
- * drives, with all channels. A row that is not so is predicted with the mean stiffness, and nothing is learnt from it. */
+/* paper/row.c - a row of tse_step() with particles: what stands around Algorithm 1. The paper has rows that come every Ts, of a
+ * car that drives, with all channels. A row that is not so is predicted with the mean stiffness, and nothing is learnt from it. */
 #include "paper/paper.h"
 
 #define REVERSE_SPEED TSE_R(-0.1)   /* m/s, physics: a wheel that turns back by less stands */
@@ -15,9 +15,10 @@ typedef struct kind {
 
 static tse_real fastest_wheel(const sample *y) { return r_max(r_abs(y->u.v_front), r_abs(y->u.v_rear)); }
 
-/* Judge whether recent inputs have excited each stiffness. It shows only where its force changes: a constant slip (angle) is explained as well by another velocity and
- * another stiffness. So its regressor phi (a column of d, in sigma per unit of w) is judged by its variance over the
- * recent past. A mean over `memory` samples, each with noise 1 + phi^2 spread^2, then has the variance
+/* Judge whether recent inputs have excited each stiffness. It shows only where its force changes: a constant slip (angle) is
+ * explained as well by another velocity and another stiffness. So its regressor phi (a column of d, in sigma per unit of w) is
+ * judged by its variance over the recent past. A mean over `memory` samples, each with noise 1 + phi^2 spread^2, then has the
+ * variance
  *     (1 + E[phi^2] spread^2) / (memory var(phi)),
  * which must be below valid_sd^2 for the stiffness to be valid. It decides on nothing else.
  * The past is two memories long: velocity, once settled by a change, is remembered longer than the stiffness is.
