@@ -1,16 +1,17 @@
 /* model/car.h - the car: one model of an ordinary car, with its slopes.
  *
- * Axles are single wheels. Kinematics are exact; the slip angle of each axle relaxes over a length; the slip of each axle is a state,
- * so that wheel speeds are measurements; tyres have a stiffness at no slip and a grip at which the force ends; the body rolls. The
- * steering angle is the only input. Forces are over mass. ISO 8855 axes, slip > 0 when it drives, slip angle > 0 when it pushes left.
+ * Axles are single wheels. Kinematics are exact; the slip angle of each axle relaxes over a length; the slip of each axle is a
+ * state, so that wheel speeds are measurements; tyres have a stiffness at no slip and a grip at which the force ends; the body
+ * rolls. The steering angle is the only input. Forces are over mass. ISO 8855 axes, slip > 0 when it drives, slip angle > 0 when
+ * it pushes left.
  *
- * Equations, in the order of car.c. Names as in tse_car (tse/filter_state.h) and the state below; i: an axle, upper sign in front; n: nominal
- * stiffness over mass; c_x, c_i, c_mu: logarithms of the state; e: base of the natural logarithm.
+ * Equations, in the order of car.c. Names are those of tse_car (tse/filter_state.h) and of the state below; i is an axle, the upper
+ * sign that of the front; s, a: slip and slip angle of an axle; c_x, c_i, c_mu: logarithms of stiffness and grip; e^: exponential().
  *
  * Tyre       F = C s c(q), q = |C s|/limit, for slip and slip angle alike and each for itself;
  *            c = 1 - q/3 + q^2/27 up to q = 3, then 1/q (brush model); shape mixes it with 1/sqrt(1 + q^2)
  * Loads      A = clamp(e^c_x (kx_front s_f + kx_rear s_r), +-10 m/s2)      limit_i = grip e^c_mu load_i (1 -+ height_i A)
- *            B^2: square of the lateral acceleration of tyres that lose (side_front + side_rear)/2 B^2 of their stiffness, lateral_square()
+ *            B^2: square of the lateral acceleration of tyres that lose (side_front + side_rear)/2 B^2 of their stiffness
  * Stiffness  along    C = kx_i e^c_x (1 -+ height_i A)
  *            across   C = ky_i e^c_i (1 -+ load_gain A) max(1 - side_i B^2, 0.1)
  * Wheels     d = (1 + gain)(steer - late steer') + off - compliance Y_f
@@ -23,15 +24,16 @@
  * Slip angle relaxation a_f' = v (d - atan((v_y + lf r)/v) - a_f)      v = max(|v_x|, 1 m/s)
  *            relaxation a_r' = v (-atan((v_y - lr r)/v) + roll_steer phi - a_r)
  * Pitch      p'' = w^2 (a_x - p) - 2 pitch_damping w p', w = 2 pi pitch_frequency      read: pitch_leak p - pitch_height p''
- * IMU        x = a_x - lever_x r^2 - lever_y r' + read                  y = a_y + lever_x r' - lever_y r^2 + roll_leak phi - roll_height phi''
- *            accel_x = scale_x (x cos m + y sin m) + b_x                accel_y = scale_y (y cos m - x sin m) + b_y, m: mounting angle
+ * IMU        x = a_x - lever_x r^2 - lever_y r' + read
+ *            y = a_y + lever_x r' - lever_y r^2 + roll_leak phi - roll_height phi''
+ *            accel_x = scale_x (x cos m + y sin m) + b_x      accel_y = scale_y (y cos m - x sin m) + b_y      m: mounting angle
  *            yaw_rate = scale_r r + b_r
  * Speeds     w_f R_f = (v_x cos d + (v_y + lf r) sin d)(1 + s_f)(1 + rad)(1 - give height_front a_x)
  *            w_r R_r = v_x (1 + s_r)(1 + give height_rear a_x)
  *
- * Slopes leave out those of load transfer and compliance, and of what saturates along over the grip. That one direction takes of the
- * other's force is left out: with it the errors of the longitudinal model pulled the grip, and with it the cornering stiffness, by 10 % and
- * more (tests/cars). */
+ * Slopes leave out those of load transfer and compliance, and of what saturates along over the grip. That one direction takes of
+ * the other's force is left out: with it the errors of the longitudinal model pulled the grip, and with it the cornering
+ * stiffness, by 10 % and more (tests/cars). */
 #ifndef TSE_CAR_H
 #define TSE_CAR_H
 
