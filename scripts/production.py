@@ -12,6 +12,8 @@ import re
 import sys
 from pathlib import Path
 
+import tables
+
 ROOT = Path(__file__).resolve().parent.parent
 RESULTS = ROOT / "scripts" / "results"
 PAGE = RESULTS / "production.md"
@@ -34,10 +36,8 @@ LONG = (
 
 
 def rows_of(table: str) -> list[tuple[str, str, str]]:
-    """Name, code and sentence of each row of a table of include/tse/status.h."""
-    text = (ROOT / "include" / "tse" / "status.h").read_text(encoding="utf-8")
-    body = text.split(f"#define {table}(X)", 1)[1].split("typedef enum", 1)[0]
-    return [(m[1], m[2], m[3]) for m in re.finditer(r'X\((\w+), *(-?\d+),(?: "[^"]*",)? *"([^"]*)"\)', body)]
+    """Name, code and sentence of each row: status, reason."""
+    return [(name, str(row["code"]), row["text"]) for name, row in tables.read("status")[table].items()]
 
 
 def comment_before(function: str, header: str) -> str:
@@ -68,8 +68,8 @@ def page() -> str:
     )
     parts.append("## What happens with a fault\n\n```\n" + comment_before("tse_step", "tse.h") + "\n```")
     for table, title in (
-        ("TSE_STATUS_TABLE", "What a call says"),
-        ("TSE_REASON_TABLE", "Why a stiffness is not valid"),
+        ("status", "What a call says"),
+        ("reason", "Why a stiffness is not valid"),
     ):
         lines = [f"| {name} | {code} | {text} |" for name, code, text in rows_of(table)]
         parts.append(f"## {title}\n\n| name | code | meaning |\n|---|---:|---|\n" + "\n".join(lines))

@@ -1,15 +1,20 @@
 #!/usr/bin/env python3
-"""Write the public header of a log row, and the rows that the sources include, from src/tables/input.toml.
+"""Write what C sources and headers have of the tables in src/tables/*.toml: structs, enumerations, rows.
 
 scripts/tables.py            write
 scripts/tables.py --check    change nothing; fails, and names the files, where something would be
+
+A file says where: between `/* table: NAME */` and `/* end of table */` stands what the function NAME below makes of a table.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import re
 import sys
+import textwrap
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -19,126 +24,644 @@ else:
     import tomli as tomllib
 
 ROOT = Path(__file__).resolve().parents[1]
-TABLE = ROOT / "src" / "tables" / "input.toml"
-WRITTEN = "Written from src/tables/input.toml by scripts/tables.py, not by hand."
+REGION = re.compile(r"^( */\* table: (\w+) \*/\n).*?^( */\* end of table \*/\n)", re.M | re.S)
+SOURCES = ("include/tse/*.h", "src/*/*.[ch]", "fmu/*/*.[ch]", "tests/replay/*.h")
+CONFIG = ("vehicle", "uncertainty", "sensors", "latency", "velocity", "pedals", "effects", "formula", "filter")
+NO_RANGE = "0.0, 1.0, -1.0"
 Row = dict[str, Any]
 
-HEADER = """\
-/* tse/input.h - one log row. {written} */
-#ifndef TSE_INPUT_H
-#define TSE_INPUT_H
 
-#include <stdint.h>
-
-#include "tse/real.h"
-
-/* A channel is missing when it is NaN or its bit is set in `missing`. Velocities and what the pedals do are the other way
- * round: what is not given is not there, so that a row of zeros measures none. Set the struct to zero before it is filled. */
-typedef struct tse_input {{
-{members}
-}} tse_input;
-
-enum {{ /* bits of tse_input.missing: TSE_MISSING(accel_x) */
-{channels}
-  TSE_CHANNELS
-}};
-#define TSE_MISSING(name) (1u << TSE_CHANNEL_##name)
-
-enum {{ /* bits of tse_input.given: TSE_GIVEN(gnss_speed) */
-{optionals}
-  TSE_OPTIONALS
-}};
-#define TSE_GIVEN(name) (1u << TSE_OPTIONAL_##name)
-#define TSE_VELOCITIES {count} /* the first of them are velocities, the others what the pedals do */
-#define TSE_GIVEN_VELOCITIES ((1u << TSE_VELOCITIES) - 1u) /* all bits of the velocities */
-
-#endif
-"""
-
-INPUT_ROWS = """\
-/* tse/input.def - INPUT(name, min, max, unit, kind, text) of each channel. {written}
- * kind D: drives the model (out of range: refused)   kind M: is measured (out of range: treated as missing) */
-{channels}
-#undef INPUT
-"""
-
-OPTIONAL_ROWS = """\
-/* tse/optional.def - the channels that count where their bit of tse_input.given is set. {written}
- * OPTIONAL(name, min, max, unit, text) of all, or VELOCITY and PEDAL alike of some; out of range: not there */
-#ifdef OPTIONAL
-#define VELOCITY OPTIONAL
-#define PEDAL OPTIONAL
-#endif
-#ifdef VELOCITY
-{velocities}
-#endif
-#ifdef PEDAL
-{pedals}
-#endif
-#undef VELOCITY
-#undef PEDAL
-#undef OPTIONAL
-"""
+def read(name: str) -> Row:
+    """Return a table as it is in its file."""
+    return tomllib.loads((ROOT / "src" / "tables" / f"{name}.toml").read_text(encoding="utf-8"))
 
 
-def member(row: Row, outside: str) -> str:
-    """Return the member of the struct with what one has to know of it on the same line."""
-    about = f"[{row['unit']}] {row['least']:g} .. {row['most']:g}, {outside}; {row['text']}"
-    return f"  tse_real {row['name'] + ';':<19} /* {about} */"
+def settings(name: str) -> dict[str, Row]:
+    """Return the settings of a table, by their names: defaults, ranges, units, texts."""
+    table = read(name)
+    if name == "formula":
+        table = table["setting"]
+    if name == "effects":
+        table = {f"{i}_{p}": {**row, "effect": i} for i, e in table.items() for p, row in e["parameter"].items()}
+    return {n: {"unit": "", **row, "whole": not isinstance(row["default"], float)} for n, row in table.items()}
 
 
-def macro(name: str, row: Row) -> str:
-    """Return the row as a call of a macro, for the sources that still include rows."""
-    kind = {"drives": "D, ", "measured": "M, "}[row["kind"]] if "kind" in row else ""
-    quoted = json.dumps(row["unit"]), json.dumps(row["text"])
-    return f"{name}({row['name']}, {row['least']!r}, {row['most']!r}, {quoted[0]}, {kind}{quoted[1]})"
+def config() -> dict[str, Row]:
+    """Return all settings of tse_config, in its order."""
+    return {n: row for table in CONFIG for n, row in settings(table).items()}
 
 
-def written() -> dict[Path, str]:
-    """Return the files that follow from the table, and their text."""
-    table = tomllib.loads(TABLE.read_text(encoding="utf-8"))
-    channels, velocities, pedals = table["channel"], table["velocity"], table["pedal"]
-    outside = {"drives": "else refused", "measured": "else missing"}
-    members = [
-        "  tse_real dt;                 /* [s] time since the previous row, (0, 3600]; ignored after tse_reset()"
-        " up to the first row with all inputs */",
-        *(member(x, outside[x["kind"]]) for x in channels),
-        "  uint32_t missing;            /* bits TSE_MISSING(accel_x) of the channels above */",
-        "  uint32_t given;              /* bits TSE_GIVEN(ins_vel_y) of those below that were measured;"
-        " 0: none, then they are not read */",
-        *(member(x, "else not there") for x in velocities + pedals),
+def c(x: float | int | str) -> str:
+    """Return a number, or an expression, as C has it."""
+    return x if isinstance(x, str) else repr(x)
+
+
+def start(row: Row) -> str:
+    """Return the default, which is the most where a build allows no more."""
+    default, most = c(row["default"]), c(row["most"])
+    return f"{default} < {most} ? {default} : {most}" if isinstance(row["most"], str) else default
+
+
+def short(x: float | int | str) -> str:
+    """Return a number for people."""
+    return x if isinstance(x, str) else f"{x:.10g}"
+
+
+def text(x: str) -> str:
+    return json.dumps(x, ensure_ascii=False)
+
+
+def packed(parts: Iterable[str]) -> list[str]:
+    """Return parts one behind the other, in lines of 130 columns."""
+    return textwrap.wrap(
+        " ".join(p.replace(" ", "\0") for p in parts), 128, break_long_words=False, break_on_hyphens=False
+    )
+
+
+def member(kind: str, name: str, about: str, width: int) -> str:
+    """Return a member with what one has to know of it on the same line."""
+    return f"{f'{kind} {name};':<{width}} /* {about} */"
+
+
+def about(row: Row) -> str:
+    """Return what one has to know of a setting, for its comment."""
+    unit = "" if row.get("whole") else f"[{row['unit']}] "
+    return f"{unit}{short(row['default'])}, {short(row['least'])} .. {short(row['most'])}; {row['text']}"
+
+
+def struct(rows: dict[str, Row], real: str) -> list[str]:
+    return [
+        member("int32_t" if r.get("whole") else real, n, about(r), 45 if real == "tse_setting" else 28)
+        for n, r in rows.items()
     ]
-    tse = ROOT / "include" / "tse"
-    return {
-        tse / "input.h": HEADER.format(
-            written=WRITTEN,
-            members="\n".join(members),
-            channels="\n".join(f"  TSE_CHANNEL_{x['name']}," for x in channels),
-            count=len(velocities),
-            optionals="\n".join(f"  TSE_OPTIONAL_{x['name']}," for x in velocities + pedals),
-        ),
-        tse / "input.def": INPUT_ROWS.format(written=WRITTEN, channels="\n".join(macro("INPUT", x) for x in channels)),
-        tse / "optional.def": OPTIONAL_ROWS.format(
-            written=WRITTEN,
-            velocities="\n".join(macro("VELOCITY", x) for x in velocities),
-            pedals="\n".join(macro("PEDAL", x) for x in pedals),
-        ),
+
+
+def field(of: str, name: str, kind: str, place: str, numbers: str, unit: str, says: str) -> str:
+    """Return a row of tse_describe()."""
+    return f"{{ {text(name)}, '{kind}', (int32_t)offsetof({of}, {place}), {numbers}, {text(unit)}, {text(says)} }},"
+
+
+def described(of: str, rows: dict[str, Row], real: str) -> list[str]:
+    """Return rows of tse_describe() for members with a default and a range."""
+    return [
+        field(of, n, "i" if r.get("whole") else real, n,
+              f"{start(r)}, {c(r['least'])}, {c(r['most'])}", "1" if r.get("whole") else r["unit"], r["text"])
+        for n, r in rows.items()
+    ]  # fmt: skip
+
+
+def variable(
+    name: str, kind: str, role: str, place: str, numbers: str, unit: str, says: str, rate: str = "FMU_NO_RATE"
+) -> str:
+    """Return a variable of an FMU."""
+    head = f"{{ {text(name)}, '{kind}', '{role}', (int32_t)offsetof(model, {place}), {rate}, {numbers}, "
+    return f"{head}{text(unit)}, {text(says)} }},"
+
+
+def parameters(groups: Iterable[str]) -> Iterator[str]:
+    """Yield the parameters of an FMU that are settings of the car or the filter, by their tables."""
+    for group in groups:
+        for n, r in settings(group).items():
+            name = f"{group}.{n}"
+            if group == "effects":
+                name = f"effects.{r['effect']}.{n.removeprefix(r['effect'] + '_')}"
+            if group == "formula":
+                name = f"effects.{n}"
+            numbers = f"{start(r)}, {c(r['least'])}, {c(r['most'])}"
+            place = f"{'sim_config' if group == 'sim' else 'config'}.{n}"
+            name = name.replace("sim.", "simulation.", 1) if group == "sim" else name
+            yield variable(
+                name, "i" if r["whole"] else "r", "p", place, numbers, "" if r["whole"] else r["unit"], r["text"]
+            )
+
+
+# ---- a log row
+
+
+def channels() -> list[Row]:
+    return list(read("input")["channel"])
+
+
+def optional() -> list[Row]:
+    table = read("input")
+    return [*table["velocity"], *table["pedal"]]
+
+
+def input_members(rows: Iterable[Row], outside: dict[str, str]) -> list[str]:
+    return [
+        member("tse_real", r["name"], f"[{r['unit']}] {short(r['least'])} .. {short(r['most'])}, "
+               f"{outside[r.get('kind', '')]}; {r['text']}", 28)
+        for r in rows
+    ]  # fmt: skip
+
+
+def input_channels() -> list[str]:
+    return input_members(channels(), {"drives": "else refused", "measured": "else missing"})
+
+
+def input_optional() -> list[str]:
+    return input_members(optional(), {"": "else not there"})
+
+
+def channel_places() -> list[str]:
+    return packed(f"TSE_CHANNEL_{r['name']}," for r in channels())
+
+
+def optional_places() -> list[str]:
+    return packed(f"TSE_OPTIONAL_{r['name']}," for r in optional())
+
+
+def input_ranges(rows: Iterable[Row]) -> list[str]:
+    return [
+        f"{{ {text(r['name'])}, (uint16_t)offsetof(tse_input, {r['name']}), {int(r.get('kind') == 'drives')}, "
+        f"TSE_R({c(r['least'])}), TSE_R({c(r['most'])}) }},"
+        for r in rows
+    ]
+
+
+def channel_rows() -> list[str]:
+    return input_ranges(channels())
+
+
+def optional_rows() -> list[str]:
+    return input_ranges(optional())
+
+
+def input_described(rows: Iterable[Row]) -> list[str]:
+    return [
+        field("tse_input", r["name"], "r", r["name"], f"0.0, {c(r['least'])}, {c(r['most'])}", r["unit"], r["text"])
+        for r in rows
+    ]
+
+
+def channels_described() -> list[str]:
+    return input_described(channels())
+
+
+def optional_described() -> list[str]:
+    return input_described(optional())
+
+
+# ---- outputs, status
+
+
+def outputs() -> dict[str, Row]:
+    return {n: {"member": n, "kind": "real", "unit": "", **row} for n, row in read("output")["column"].items()}
+
+
+def output_members() -> list[str]:
+    rows = read("output")["member"]
+    kinds = {n: "tse_real" if "unit" in r else "int32_t" for n, r in rows.items()}
+    return [
+        member(kinds[n], n + (f"[{r['count']}]" if "count" in r else ""),
+               (f"[{r['unit']}] " if "unit" in r else "") + r["text"], 30)
+        for n, r in rows.items()
+    ]  # fmt: skip
+
+
+def outputs_described() -> list[str]:
+    kinds = {"real": "r", "stiffness": "r"}
+    return [
+        field("tse_output", n, kinds.get(r["kind"], "i"), r["member"], NO_RANGE,
+              "1" if r["kind"] == "stiffness" else r["unit"], r["text"])
+        for n, r in outputs().items()
+    ]  # fmt: skip
+
+
+def hashed_outputs() -> list[str]:
+    """All but of which time the estimates are: no channel is late in the recorded drives."""
+    rows = [(n, r) for n, r in outputs().items() if n != "estimate_age"]
+    return packed(
+        f"{{ {text(n)}, offsetof(tse_output, {r['member']}), {int(r['kind'] in ('flag', 'reason', 'code'))} }},"
+        for n, r in rows
+    )
+
+
+def regimes() -> list[str]:
+    return [f"{f'TSE_REGIME_{n},':<21} /* {t} */" for n, t in read("output")["regime"].items()]
+
+
+def codes(table: str) -> list[str]:
+    return [f"{n + ' = ' + str(r['code']) + ',':<29} /* {r['text']} */" for n, r in read("status")[table].items()]
+
+
+def status_codes() -> list[str]:
+    return codes("status")
+
+
+def reason_codes() -> list[str]:
+    return codes("reason")
+
+
+def status_texts() -> list[str]:
+    return [f"case {n}: return {text(r['text'])};" for n, r in read("status")["status"].items()]
+
+
+def reason_texts() -> list[str]:
+    return [f"case {n}: return {text(r['text'])};" for n, r in read("status")["reason"].items()]
+
+
+def coded(rows: dict[str, Row]) -> list[str]:
+    return [
+        f"{{ {text(r.get('word', n))}, 'c', {r['code']}, {NO_RANGE}, {text(r.get('unit', ''))}, {text(r['text'])} }},"
+        for n, r in rows.items()
+    ]
+
+
+def status_described() -> list[str]:
+    return coded(read("status")["status"])
+
+
+def reason_described() -> list[str]:
+    return coded(read("status")["reason"])
+
+
+# ---- settings
+
+
+def constants() -> list[str]:
+    rows = [(n, r) for section in read("constants").values() for n, r in section.items()]
+    return [
+        f"static const tse_real {n + ' = TSE_R(' + c(r['value']) + ');':<32} /* [{r['unit']}] {r['why']} */"
+        for n, r in rows
+    ]
+
+
+def config_members() -> list[str]:
+    return struct(config(), "tse_setting")
+
+
+def config_described() -> list[str]:
+    return described("tse_config", config(), "s")
+
+
+def considered() -> list[str]:
+    return packed(f"TSE_CONSIDER_{r['place']}," for r in settings("uncertainty").values() if "place" in r)
+
+
+def config_reals() -> list[str]:
+    return packed(
+        f"REAL({n}, {c(r['default'])}, {c(r['least'])}, {c(r['most'])})," for n, r in config().items() if not r["whole"]
+    )
+
+
+def config_wholes() -> list[str]:
+    return packed(
+        f"WHOLE({n}, {start(r)}, {c(r['least'])}, {c(r['most'])})," for n, r in config().items() if r["whole"]
+    )
+
+
+def config_groups() -> list[str]:
+    """Where the rows of some tables begin among those of their kind, and how many there are."""
+    parts = []
+    reals = [n for n, r in config().items() if not r["whole"]]
+    wholes = [n for n, r in config().items() if r["whole"]]
+    for group in ("vehicle", "latency", "effects", "formula"):
+        own = [n for n, r in settings(group).items() if not r["whole"]]
+        parts += [f"FIRST_{group.upper()} = {reals.index(own[0])},", f"COUNT_{group.upper()} = {len(own)},"]
+    own = [n for n, r in settings("formula").items() if r["whole"]]
+    return packed([*parts, f"FIRST_WHOLE_FORMULA = {wholes.index(own[0])},", f"COUNT_WHOLE_FORMULA = {len(own)},"])
+
+
+def effect_settings() -> list[str]:
+    return packed(
+        f"{{ TSE_EFFECT_{r['effect']}, {int(r['role'] == 'STRENGTH')} }}," for r in settings("effects").values()
+    )
+
+
+def car_class() -> list[str]:
+    return [
+        f"#define CLASS_{n.upper()} {r['value']} /* [{r['unit']}] {r['text']} */"
+        for n, r in read("uncalibrated")["class"].items()
+    ]
+
+
+def uncalibrated() -> list[str]:
+    return packed(f"SET({n}, {c(r['value'])})," for n, r in read("uncalibrated")["setting"].items())
+
+
+# ---- effects, formula
+
+
+def effect_places() -> list[str]:
+    return packed(f"TSE_EFFECT_{i}," for i in read("effects"))
+
+
+def effect_members() -> list[str]:
+    return packed(f"tse_real {n};" for n in settings("effects"))
+
+
+def effects_described() -> list[str]:
+    return [
+        "{ " + ", ".join(text(x) for x in (i, *(e[k] for k in ("hook", "title", "entry", "channels", "alike", "estimator"))))
+        + f", TSE_EFFECT_{i} }},"
+        for i, e in read("effects").items()
+    ]  # fmt: skip
+
+
+def effect_parameters_described() -> list[str]:
+    roles = {"STRENGTH": 1, "SHAPE": 0, "GIVEN": -1}
+    return [
+        f"{{ {text(i)}, {text(p)}, {text(f'{i}_{p}')}, {text(r['unit'])}, {text(r['text'])}, {roles[r['role']]}, {r['sign']}, "
+        + ", ".join(c(x) for x in (r["default"], r["least"], r["most"], *r["typical"], r["negligible"]))
+        + " },"
+        for i, e in read("effects").items()
+        for p, r in e["parameter"].items()
+    ]
+
+
+def hooked(hooks: Iterable[str]) -> list[str]:
+    rows = read("effects")
+    files = [f'#include "model/effects/{i}.h"' for i, e in rows.items() if e["hook"] in hooks]
+    return files + [
+        f"#define EFFECTS_{h}(X)" + "".join(f" X({i})" for i, e in rows.items() if e["hook"] == h) for h in hooks
+    ]
+
+
+def constant_effects() -> list[str]:
+    return hooked(["CONSTANT"])
+
+
+def acting_effects() -> list[str]:
+    return hooked(["INPUT", "SLIP", "LAG", "STIFFNESS", "GRIP", "BODY", "SENSOR"])
+
+
+def formula_places() -> list[str]:
+    return packed(f"PLACE_{n} = {r['code']}," for n, r in read("formula")["place"].items())
+
+
+def formula_operations() -> list[str]:
+    return packed(f"FORMULA_OP_{n} = {r['code']}," for n, r in read("formula")["operation"].items())
+
+
+def formula_takes() -> list[str]:
+    return packed(
+        f"{{ FORMULA_OP_{n}, {r['takes']}, {int(r['kind'] == 'MEMORY')} }},"
+        for n, r in read("formula")["operation"].items()
+    )
+
+
+def formula_cases() -> list[str]:
+    """The interpreter's switch: operands are on the stack s, which n values fill, the last written on top."""
+    calls = {
+        0: "s[n++] = formula_{0}(f);",
+        1: "s[n - 1] = formula_{0}(f, s[n - 1]);",
+        2: "n -= 1; s[n - 1] = formula_{0}(f, s[n - 1], s[n]);",
+        3: "n -= 2; s[n - 1] = formula_{0}(f, s[n - 1], s[n], s[n + 1]);",
     }
+    rows = read("formula")["operation"].items()
+    return [
+        f"case FORMULA_OP_{n}: "
+        + (f"s[n++] = formula_number(f, {r['code'] - 1});" if r["kind"] == "NUMBER" else calls[r["takes"]].format(n))
+        + " break;"
+        for n, r in rows
+    ]
+
+
+def formula_places_described() -> list[str]:
+    return coded(read("formula")["place"])
+
+
+def formula_operations_described() -> list[str]:
+    kinds = {"NUMBER": "n", "SIGNAL": "s", "PLAIN": "p", "MEMORY": "m"}
+    return [
+        f"{{ {text(n)}, '{kinds[r['kind']]}', {r['code']}, {r['takes']}, 1.0, -1.0, {text(r['unit'])}, {text(r['text'])} }},"
+        for n, r in read("formula")["operation"].items()
+    ]
+
+
+# ---- simulator, replay
+
+
+def sim_members() -> list[str]:
+    return struct(settings("sim"), "tse_setting")
+
+
+def sim_described() -> list[str]:
+    return described("tse_sim_config", settings("sim"), "s")
+
+
+def sim_reals() -> list[str]:
+    return packed(
+        f"REAL({n}, {c(r['default'])}, {c(r['least'])}, {c(r['most'])}),"
+        for n, r in settings("sim").items()
+        if not r["whole"]
+    )
+
+
+def sim_wholes() -> list[str]:
+    return packed(
+        f"WHOLE({n}, {start(r)}, {c(r['least'])}, {c(r['most'])})," for n, r in settings("sim").items() if r["whole"]
+    )
+
+
+def sim_input_members() -> list[str]:
+    return struct(settings("sim_input"), "tse_real")
+
+
+def sim_input_described() -> list[str]:
+    return described("tse_sim_input", settings("sim_input"), "r")
+
+
+def sim_input_rows() -> list[str]:
+    return packed(f"INPUT({n}, {c(r['least'])}, {c(r['most'])})," for n, r in settings("sim_input").items())
+
+
+def truths() -> list[tuple[str, str, str, Row]]:
+    """Return group, name, member and row of what a simulated row has besides what the car logs."""
+    rows = [(g, n, r) for g, own in read("sim_output").items() if g != "member" for n, r in own.items()]
+    return [(g, n, r.get("member", n), {"kind": "real", **r}) for g, n, r in rows]
+
+
+def sim_output_members() -> list[str]:
+    return [
+        member("tse_real", n + (f"[{r['count']}]" if "count" in r else ""), f"[{r['unit']}] {r['text']}", 29)
+        for n, r in read("sim_output")["member"].items()
+    ]
+
+
+def sim_output_described() -> list[str]:
+    rows = [
+        field("tse_sim_output", r["name"], "r", f"row.{r['name']}", NO_RANGE, r["unit"], r["text"]) for r in channels()
+    ]
+    for g, n, place, r in truths():
+        share = r["kind"] == "stiffness"
+        rows.append(
+            field("tse_sim_output", f"{g}_{n}", "r", place, NO_RANGE, "1" if share else r["unit"],
+                  r["text"] + (", relative to nominal" if share else ""))
+        )  # fmt: skip
+    return rows
+
+
+def replay_log_members() -> list[str]:
+    return [
+        member("const tse_real", "*" + n, f"[{r['unit']}] {'' if r['needed'] else 'or NULL; '}{r['text']}", 35)
+        for n, r in read("replay")["log"].items()
+    ]
+
+
+def replay_start_members() -> list[str]:
+    return [
+        member("tse_real", n, f"[{r['unit']}] {short(r['default'])}; {r['text']}", 30)
+        for n, r in read("replay")["start"].items()
+    ]
+
+
+def replay_out_members() -> list[str]:
+    return [member("tse_real", "*" + n, f"[{r['unit']}] {r['text']}", 30) for n, r in read("replay")["out"].items()]
+
+
+def replay_start_values() -> list[str]:
+    return packed(f"TSE_R({c(r['default'])})," for r in read("replay")["start"].values())
+
+
+def replay_log_described() -> list[str]:
+    return [
+        field("tse_replay_log", n, "p" if r["needed"] else "o", n, NO_RANGE, r["unit"], r["text"])
+        for n, r in read("replay")["log"].items()
+    ]
+
+
+def replay_start_described() -> list[str]:
+    return [
+        field("tse_replay_start", n, "r", n, f"{c(r['default'])}, 1.0, -1.0", r["unit"], r["text"])
+        for n, r in read("replay")["start"].items()
+    ]
+
+
+def replay_out_described() -> list[str]:
+    return [
+        field("tse_replay_out", n, "o", n, NO_RANGE, r["unit"], r["text"]) for n, r in read("replay")["out"].items()
+    ]
+
+
+# ---- variables of the FMUs
+
+
+def estimator_inputs() -> list[str]:
+    return [
+        variable(r["name"], "r", "i", f"row.{r['name']}", f"0.0, {c(r['least'])}, {c(r['most'])}", r["unit"],
+                 r["text"] + "; not a number: missing")
+        for r in channels()
+    ]  # fmt: skip
+
+
+def given(group: str, rows: Iterable[Row]) -> list[str]:
+    return [
+        variable(f"{group}.{r['name']}", "r", "i", f"row.{r['name']}", f"0.0, {c(r['least'])}, {c(r['most'])}", r["unit"],
+                 r["text"] + "; counts where its bit of given is set")
+        for r in rows
+    ]  # fmt: skip
+
+
+def estimator_velocities() -> list[str]:
+    return given("velocity", read("input")["velocity"])
+
+
+def estimator_pedals() -> list[str]:
+    return given("pedals", read("input")["pedal"])
+
+
+def estimator_parameters() -> list[str]:
+    return list(parameters(CONFIG))
+
+
+def output(name: str, kind: str, place: str, unit: str, says: str) -> str:
+    return variable(name, kind, "o", place, NO_RANGE, unit, says)
+
+
+def estimator_outputs() -> list[str]:
+    why = " ".join(f"{r['code']} {r['word']}," for r in read("status")["reason"].values()) + " see documentation"
+    rows = []
+    for n, r in outputs().items():
+        if r["kind"] == "reason":
+            name, place = n.removesuffix("_valid"), r["member"]
+            valid = "grip_valid" if name == "grip" else place.replace("reason", "valid")
+            what = "the grip" if name == "grip" else "the stiffness"
+            rows.append(output(f"estimate.{name}_valid", "b", valid, "", f"{what} may be used"))
+            rows.append(output(f"estimate.{name}_reason", "i", f"y.{place}", "", why))
+        elif r["kind"] == "stiffness":
+            of, index = r["member"].rstrip("]").split("[")
+            place = {"stiffness": "mean", "stiffness_sd": "sd", "stiffness_spread": "spread"}[of]
+            rows.append(output(f"estimate.{n}", "r", f"{place}[{index}]", r["unit"], r["text"]))
+        else:
+            kind = {"real": "r", "flag": "b", "code": "i"}[r["kind"]]
+            rows.append(output(f"estimate.{n}", kind, f"y.{r['member']}", r["unit"], r["text"]))
+    return rows
+
+
+def estimator_codes() -> list[str]:
+    table = read("status")
+    rows = [(r["code"], '"estimate.status"', n) for n, r in table["status"].items() if r["code"] >= 0]
+    rows += [(r["code"], "reasons", r["word"]) for r in table["reason"].values()]
+    return [f"{{ {code}, {of}, {text(name)} }}," for code, of, name in rows]
+
+
+def estimator_shares() -> list[str]:
+    return [
+        output(f"estimate.relative.{n}", "r", f"y.{r['member']}", "1", r["text"] + ", relative to nominal")
+        for n, r in outputs().items()
+        if r["kind"] == "stiffness"
+    ]
+
+
+def vehicle_inputs() -> list[str]:
+    return [
+        variable(n, "r", "i", f"u.{n}", f"{c(r['default'])}, {c(r['least'])}, {c(r['most'])}", r["unit"], r["text"],
+                 f"(int32_t)offsetof(model, rate.{n})")
+        for n, r in settings("sim_input").items()
+    ]  # fmt: skip
+
+
+def vehicle_parameters() -> list[str]:
+    return list(parameters(("vehicle", "sensors", "effects", "formula", "sim")))
+
+
+def vehicle_outputs() -> list[str]:
+    rows = [
+        output(f"sensor.{r['name']}", "r", f"y.row.{r['name']}", r["unit"], r["text"] + ", as logged")
+        for r in channels()
+    ]
+    stiffness = {"stiffness": "mean_si", "drawn": "drawn_si"}
+    for g, n, place, r in truths():
+        of, _, index = place.partition("[")
+        rows.append(
+            output(
+                f"{g}.{n}", "r", f"{stiffness[of]}[{index}" if of in stiffness else f"y.{place}", r["unit"], r["text"]
+            )
+        )
+    return rows + [
+        output(f"{g}.relative.{n}", "r", f"y.{place}", "1", r["text"] + ", relative to nominal")
+        for g, n, place, r in truths()
+        if r["kind"] == "stiffness"
+    ]
+
+
+def filled(source: str) -> str:
+    """Return a source or header with its tables as they are now."""
+
+    def put(m: re.Match[str]) -> str:
+        indent = m[1][: m[1].index("/")]
+        lines = globals()[m[2]]()
+        return m[1] + "".join(f"{'' if x.startswith('#') else indent}{x}\n".replace("\0", " ") for x in lines) + m[3]
+
+    return REGION.sub(put, source)
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description="Write the headers that follow from src/tables.")
+    parser = argparse.ArgumentParser(description="Write what C sources and headers have of the tables in src/tables.")
     parser.add_argument("--check", action="store_true", help="change nothing; fail where something would be")
     check = parser.parse_args().check
     status = 0
-    for path, text in written().items():
-        if path.exists() and path.read_text(encoding="utf-8") == text:
+    for path in sorted(p for pattern in SOURCES for p in ROOT.glob(pattern)):
+        there = path.read_text(encoding="utf-8")
+        if "/* table: " not in there or (new := filled(there)) == there:
             continue
         if check:
             print(f"tables: {path.relative_to(ROOT)} is not what src/tables says: scripts/tables.py", file=sys.stderr)
             status = 1
         else:
-            path.write_text(text, encoding="utf-8")
+            path.write_text(new, encoding="utf-8")
     return status
 
 

@@ -21,7 +21,7 @@ def test_the_page_is_current() -> None:
 
 def test_every_status_and_reason_has_its_row() -> None:
     text = production.page()
-    statuses, reasons = production.rows_of("TSE_STATUS_TABLE"), production.rows_of("TSE_REASON_TABLE")
+    statuses, reasons = production.rows_of("status"), production.rows_of("reason")
     codes = [int(code) for _, code, _ in statuses]
     assert codes == list(range(codes[0], codes[-1] + 1)) and codes[0] < -10 and codes[-1] >= 9  # none is missed
     assert [int(code) for _, code, _ in reasons] == list(range(len(reasons))) and len(reasons) >= 9

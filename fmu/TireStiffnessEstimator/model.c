@@ -10,110 +10,8 @@
 
 #define LONGEST_STEP 3600.0 /* s: dt of tse_step() is no longer (tse/tse.h) */
 
-#define PARAMETER(group, kind, name, def, lo, hi, unit, text) \
-  { group "." #name, kind, 'p', (int32_t)offsetof(model, config.name), FMU_NO_RATE, def, lo, hi, unit, text },
 #define OUTPUT(name, kind, member, unit, text) { name, kind, 'o', (int32_t)offsetof(model, member), FMU_NO_RATE, 0.0, 1.0, -1.0, unit, text },
-
-/* grip_valid is a reason, as those of the stiffnesses: it becomes a Boolean and a code, which a plain number of that name would be
- * taken for. SECOND(INT_<name>, AS_NUMBER, _) is AS_NUMBER unless INT_<name> is a macro with a second part. */
-#define INT_grip_valid _, AS_GRIP
-#define SECOND_(a, b, ...) b
-#define SECOND(...) SECOND_(__VA_ARGS__)
-#define CALL(macro, ...) CALL_(macro, __VA_ARGS__)
-#define CALL_(macro, ...) macro(__VA_ARGS__)
-#define AS_NUMBER(name, member, text) OUTPUT("estimate." #name, 'i', y.member, "", text)
-#define AS_GRIP(name, member, text) OUTPUT("estimate.grip_valid", 'b', grip_valid, "", "the grip may be used") \
-  OUTPUT("estimate.grip_reason", 'i', y.member, "", REASONS)
-
-/* "0 valid, 1 starting, ..." */
-#define X(name, code, word, text) #code " " word ", "
-#define REASONS TSE_REASON_TABLE(X) "see documentation"
-
-const fmu_variable fmu_variables[] = {
-#define INPUT(name, lo, hi, unit, kind, text) \
-  { #name, 'r', 'i', (int32_t)offsetof(model, row.name), FMU_NO_RATE, 0.0, lo, hi, unit, text "; not a number: missing" },
-#include "tse/input.def"
-#undef INPUT
-  { "missing", 'i', 'i', (int32_t)offsetof(model, row.missing), FMU_NO_RATE, 0.0, 0.0, (1 << TSE_CHANNELS) - 1, "",
-    "channels that are missing, for importers that cannot send NaN: sum of 1 steer_angle, 2 wheel_speed_front, 4 wheel_speed_rear, "
-    "8 accel_x, 16 accel_y, 32 yaw_rate" },
-  { "velocity.given", 'i', 'i', (int32_t)offsetof(model, row.given), FMU_NO_RATE, 0.0, 0.0, (1 << TSE_VELOCITIES) - 1, "",
-    "velocities that are measured; 0: none, then they are not read: sum of 1 ins_vel_x, 2 ins_vel_y, 4 gnss_speed, 8 gnss_course" },
-#define VELOCITY(name, lo, hi, unit, text) \
-  { "velocity." #name, 'r', 'i', (int32_t)offsetof(model, row.name), FMU_NO_RATE, 0.0, lo, hi, unit, text "; counts where its bit of given is set" },
-#include "tse/optional.def"
-  { "pedals.given", 'i', 'i', (int32_t)offsetof(model, pedals_given), FMU_NO_RATE, 0.0, 0.0, (1 << (TSE_OPTIONALS - TSE_VELOCITIES)) - 1, "",
-    "what of the pedals is known; 0: nothing, then they are not read: sum of 1 brake, 2 wheel_torque_front, 4 wheel_torque_rear" },
-#define PEDAL(name, lo, hi, unit, text) \
-  { "pedals." #name, 'r', 'i', (int32_t)offsetof(model, row.name), FMU_NO_RATE, 0.0, lo, hi, unit, text "; counts where its bit of given is set" },
-#include "tse/optional.def"
-
-  { "vehicle.calibrated", 'b', 'p', (int32_t)offsetof(model, calibrated), FMU_NO_RATE, 0.0, 1.0, -1.0, "",
-    "false: an ordinary car of its class, and what is set of it wins: stiffness and yaw inertia that are not set follow from mass, lf "
-    "and lr, with the uncertainties of such a car; true: every parameter as it is, an uncertainty of 0 is none" },
-#define REAL(name, def, lo, hi, unit, text) PARAMETER("vehicle", 'r', name, def, lo, hi, unit, text)
-#define INT(name, def, lo, hi, text) PARAMETER("vehicle", 'i', name, def, lo, hi, "", text)
-#include "tse/vehicle.def"
-#undef REAL
-#undef INT
-#define REAL(name, def, lo, hi, unit, text) PARAMETER("uncertainty", 'r', name, def, lo, hi, unit, text)
-#include "tse/uncertainty.def"
-#undef REAL
-#define REAL(name, def, lo, hi, unit, text) PARAMETER("sensors", 'r', name, def, lo, hi, unit, text)
-#define INT(name, def, lo, hi, text) PARAMETER("sensors", 'i', name, def, lo, hi, "", text)
-#include "tse/sensors.def"
-#undef REAL
-#undef INT
-#define REAL(name, def, lo, hi, unit, text) PARAMETER("latency", 'r', name, def, lo, hi, unit, text)
-#include "tse/latency.def"
-#undef REAL
-#define REAL(name, def, lo, hi, unit, text) PARAMETER("velocity", 'r', name, def, lo, hi, unit, text)
-#include "tse/velocity.def"
-#undef REAL
-#define REAL(name, def, lo, hi, unit, text) PARAMETER("pedals", 'r', name, def, lo, hi, unit, text)
-#include "tse/pedals.def"
-#undef REAL
-#define EFFECT_PARAMETER(id, parameter, role, unit, def, lo, hi, typical_lo, typical_hi, negligible, sign, text) \
-  { "effects." #id "." #parameter, 'r', 'p', (int32_t)offsetof(model, config.id##_##parameter), FMU_NO_RATE, def, lo, hi, unit, text },
-#include "tse/effects.def"
-#define REAL(name, def, lo, hi, unit, text) PARAMETER("effects", 'r', name, def, lo, hi, unit, text)
-#define INT(name, def, lo, hi, text) PARAMETER("effects", 'i', name, def, lo, hi, "", text)
-#include "tse/formula.def"
-#undef REAL
-#undef INT
-#define REAL(name, def, lo, hi, unit, text) PARAMETER("filter", 'r', name, def, lo, hi, unit, text)
-#define INT(name, def, lo, hi, text) PARAMETER("filter", 'i', name, (def) < (hi) ? (def) : (hi), lo, hi, "", text)
-#include "tse/filter.def"
-#undef REAL
-#undef INT
-
-#define OUT_REAL(name, member, unit, text) OUTPUT("estimate." #name, 'r', y.member, unit, text)
-#define OUT_INT(name, member, text) CALL(SECOND(INT_##name, AS_NUMBER, _), name, member, text)
-#define OUT_STIFFNESS(name, member, si, unit, text) OUTPUT("estimate." #name, 'r', si, unit, text)
-#define OUT_FLAG(name, member, text) OUTPUT("estimate." #name, 'b', y.member, "", text)
-#define OUT_REASON(stiffness, member, text)                                                                        \
-  OUTPUT("estimate." #stiffness "_valid", 'b', valid[(offsetof(tse_output, member) - offsetof(tse_output, reason)) / sizeof(int32_t)], "", \
-         "the stiffness may be used")                                                                              \
-  OUTPUT("estimate." #stiffness "_reason", 'i', y.member, "", REASONS)
-#include "tse/output.def"
-#undef OUT_REAL
-#undef OUT_INT
-  OUTPUT("estimate.nominal.cx_front", 'r', nominal[0], "N",
-         "nominal longitudinal stiffness of the front axle, of which estimate.relative.cx_front is a share")
-  OUTPUT("estimate.nominal.cy_front", 'r', nominal[1], "N/rad",
-         "nominal cornering stiffness of the front axle, of which estimate.relative.cy_front is a share")
-  OUTPUT("estimate.nominal.cy_rear", 'r', nominal[2], "N/rad",
-         "nominal cornering stiffness of the rear axle, of which estimate.relative.cy_rear is a share")
-  OUTPUT("estimate.valid", 'b', all_valid, "", "all three stiffnesses may be used")
-#define OUT_REAL(name, member, unit, text)
-#define OUT_INT(name, member, text)
-#define OUT_STIFFNESS(name, member, si, unit, text) OUTPUT("estimate.relative." #name, 'r', y.member, "1", text ", relative to nominal")
-#include "tse/output.def"
-#undef OUT_REAL
-#undef OUT_INT
-};
-#undef X
-const int32_t fmu_variable_count = (int32_t)(sizeof fmu_variables / sizeof fmu_variables[0]);
+#include "variables.h"
 
 #define ORDER "; order: longitudinal front, cornering front, cornering rear"
 #define ARRAY(name, kind, member, unit, text) \
@@ -154,13 +52,35 @@ const fmu_info fmu_about = {
 
 void model_codes(fmu_code_row *row, void *to)
 {
-#define X(name, code, text) if ((code) >= 0) row(to, "estimate.status", code, #name, text);
-  TSE_STATUS_TABLE(X)
-#undef X
-#define X(name, code, word, text) \
-  row(to, "estimate.cx_front_reason, estimate.cy_front_reason, estimate.cy_rear_reason, estimate.grip_reason", code, word, text);
-  TSE_REASON_TABLE(X)
-#undef X
+  static const char reasons[] = "estimate.cx_front_reason, estimate.cy_front_reason, estimate.cy_rear_reason, estimate.grip_reason";
+  static const struct {
+    int32_t code;
+    const char *table, *name;
+  } rows[] = {
+    /* table: estimator_codes */
+    { 0, "estimate.status", "TSE_OK" },
+    { 1, "estimate.status", "TSE_W_NOT_VALID" },
+    { 2, "estimate.status", "TSE_W_STARTING" },
+    { 3, "estimate.status", "TSE_W_MISSING_CHANNEL" },
+    { 4, "estimate.status", "TSE_W_HELD" },
+    { 5, "estimate.status", "TSE_W_PREDICTED" },
+    { 6, "estimate.status", "TSE_W_GAP" },
+    { 7, "estimate.status", "TSE_W_RECOVERED" },
+    { 8, "estimate.status", "TSE_W_WAITING" },
+    { 9, "estimate.status", "TSE_W_RANGE" },
+    { 0, reasons, "valid" },
+    { 1, reasons, "starting" },
+    { 2, reasons, "not excited" },
+    { 3, reasons, "uncertain" },
+    { 4, reasons, "diverging" },
+    { 5, reasons, "held" },
+    { 6, reasons, "input invalid" },
+    { 7, reasons, "parameters uncertain" },
+    { 8, reasons, "does not fit" },
+    /* end of table */
+  };
+  for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++)
+    row(to, rows[i].table, rows[i].code, rows[i].name, rows[i].table == reasons ? tse_reason_text(rows[i].code) : tse_status_text(rows[i].code));
 }
 
 void model_init(model *m) { tse_config_default(&m->config); }
@@ -273,7 +193,7 @@ fmu_result model_step(model *m, double time, double step, char text[FMU_TEXT])
                    tse_double_of(u.dt));
     return FMU_ERROR;
   }
-  memset(&m->y.status + 1, 0, sizeof m->y - offsetof(tse_output, status) - sizeof m->y.status); /* padding is part of a saved state */
+  memset(m->y.spread_seen + 3, 0, sizeof m->y - offsetof(tse_output, spread_seen) - sizeof m->y.spread_seen); /* padding is part of a saved state */
   m->rows = 1;
   m->time = time;
   derive_outputs(m);

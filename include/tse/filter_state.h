@@ -146,24 +146,6 @@ typedef struct tse_start {
 
 enum { TSE_UNKNOWN, TSE_KNOWN, TSE_KNOWN_BEFORE }; /* a stiffness: never valid, valid since the last recovery, loaded */
 
-/* Regimes: what may be so at a row. Probabilities of these are outputs. */
-#define TSE_REGIME_TABLE(X)                                                                        \
-  X(STEADY,    "steady",    "tyres as before")                                                     \
-  X(CHANGED,   "changed",   "all tyres changed within the last 2 s: another road")                 \
-  X(AXLE,      "axle",      "the tyres of one axle changed within the last 2 s")                   \
-  X(FAULT,     "fault",     "a channel has an offset, is frozen or noisy")                                     \
-  X(SLIDING,   "sliding",   "wheels lock or spin")                                                 \
-  X(RESTARTED, "restarted", "all was started over within the last 2 s")
-
-enum {
-#define X(id, name, text) TSE_REGIME_##id,
-  TSE_REGIME_TABLE(X)
-#undef X
-  TSE_REGIMES
-};
-
-enum { TSE_CHANGE_NONE, TSE_CHANGE_ROAD, TSE_CHANGE_FRONT, TSE_CHANGE_REAR, TSE_CHANGE_RESTART };
-
 #define TSE_GROUPS 2     /* of events that exclude each other */
 #define TSE_EVENTS 17   /* places for what may have happened, src/filter/events.c */
 

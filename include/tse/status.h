@@ -1,4 +1,4 @@
-/* tse/status.h - what a call can say: one table, from which the codes, their names and sentences derive.
+/* tse/status.h - what a call can say: src/tables/status.toml has the codes and their sentences.
  *
  *   negative  refused: nothing has changed, bit for bit
  *   zero      done
@@ -7,53 +7,47 @@
 #ifndef TSE_STATUS_H
 #define TSE_STATUS_H
 
-#define TSE_STATUS_TABLE(X) \
-  X(TSE_E_BUILD,           -12, "this build rounds otherwise than the library is tested for: compile with -ffp-contract=off, without -ffast-math") \
-  X(TSE_E_FORMAT,          -11, "a setting leads to numbers that do not fit the fixed-point format of this build; double and float hold them") \
-  X(TSE_E_OLD,             -10, "the learnt state was written by an older version of this library; learn anew") \
-  X(TSE_E_VEHICLE,          -9, "the learnt state belongs to another vehicle") \
-  X(TSE_E_VERSION,          -8, "the learnt state was written by a newer version of this library") \
-  X(TSE_E_LEARNT,           -7, "not a learnt state of this library, or damaged") \
-  X(TSE_E_SIZE,             -6, "the filter's memory has another size than the library expects (other capacity or format)") \
-  X(TSE_E_STATE,            -5, "the filter was not reset with these parameters, or is not a filter of this library") \
-  X(TSE_E_TIME,             -4, "time step not finite, not positive, or too long") \
-  X(TSE_E_INPUT,            -3, "an input that drives the model is outside its range") \
-  X(TSE_E_CONFIG,           -2, "a setting is outside its range") \
-  X(TSE_E_NULL,             -1, "a required argument is NULL") \
-  X(TSE_OK,                  0, "ok") \
-  X(TSE_W_NOT_VALID,         1, "at least one stiffness is not valid; its reason says why") \
-  X(TSE_W_STARTING,          2, "too little seen since the start; spread and validity are not settled") \
-  X(TSE_W_MISSING_CHANNEL,   3, "a measurement was missing; the others were used") \
-  X(TSE_W_HELD,              4, "standstill, low speed, reverse or large steering angle: nothing is learnt of the stiffness") \
-  X(TSE_W_PREDICTED,         5, "no measurement, or inputs missing: predicted only") \
-  X(TSE_W_GAP,               6, "time step too long to bridge: states restarted from the sensors, what was learnt is kept") \
-  X(TSE_W_RECOVERED,         7, "what was believed explains the samples no more: started over")\
-  X(TSE_W_WAITING,           8, "no step: channels that are logged later are awaited; estimates of the last step, or of the start") \
-  X(TSE_W_RANGE,             9, "a number left the range of the number format: the sample was dropped")
-
 typedef enum tse_status {
-#define X(name, code, text) name = code,
-  TSE_STATUS_TABLE(X)
-#undef X
+  /* table: status_codes */
+  TSE_E_BUILD = -12,            /* this build rounds otherwise than the library is tested for: compile with -ffp-contract=off, without -ffast-math */
+  TSE_E_FORMAT = -11,           /* a setting leads to numbers that do not fit the fixed-point format of this build; double and float hold them */
+  TSE_E_OLD = -10,              /* the learnt state was written by an older version of this library; learn anew */
+  TSE_E_VEHICLE = -9,           /* the learnt state belongs to another vehicle */
+  TSE_E_VERSION = -8,           /* the learnt state was written by a newer version of this library */
+  TSE_E_LEARNT = -7,            /* not a learnt state of this library, or damaged */
+  TSE_E_SIZE = -6,              /* the filter's memory has another size than the library expects (other capacity or format) */
+  TSE_E_STATE = -5,             /* the filter was not reset with these parameters, or is not a filter of this library */
+  TSE_E_TIME = -4,              /* time step not finite, not positive, or too long */
+  TSE_E_INPUT = -3,             /* an input that drives the model is outside its range */
+  TSE_E_CONFIG = -2,            /* a setting is outside its range */
+  TSE_E_NULL = -1,              /* a required argument is NULL */
+  TSE_OK = 0,                   /* ok */
+  TSE_W_NOT_VALID = 1,          /* at least one stiffness is not valid; its reason says why */
+  TSE_W_STARTING = 2,           /* too little seen since the start; spread and validity are not settled */
+  TSE_W_MISSING_CHANNEL = 3,    /* a measurement was missing; the others were used */
+  TSE_W_HELD = 4,               /* standstill, low speed, reverse or large steering angle: nothing is learnt of the stiffness */
+  TSE_W_PREDICTED = 5,          /* no measurement, or inputs missing: predicted only */
+  TSE_W_GAP = 6,                /* time step too long to bridge: states restarted from the sensors, what was learnt is kept */
+  TSE_W_RECOVERED = 7,          /* what was believed explains the samples no more: started over */
+  TSE_W_WAITING = 8,            /* no step: channels that are logged later are awaited; estimates of the last step, or of the start */
+  TSE_W_RANGE = 9,              /* a number left the range of the number format: the sample was dropped */
+  /* end of table */
   TSE_STATUS_END_
 } tse_status;
 
 /* Why a stiffness is not valid. An estimate is valid when its reason is TSE_VALID. */
-#define TSE_REASON_TABLE(X) \
-  X(TSE_VALID,          0, "valid",            "usable") \
-  X(TSE_STARTING,       1, "starting",         "too little seen since the start") \
-  X(TSE_NOT_EXCITED,    2, "not excited",      "the recent inputs do not show this stiffness") \
-  X(TSE_UNCERTAIN,      3, "uncertain",        "excited, but the sd of the mean is above the limit") \
-  X(TSE_DIVERGING,      4, "diverging",        "a channel is probably at fault") \
-  X(TSE_HELD,           5, "held",             "standstill, low speed, reverse, large steering angle or sliding wheels: value from before") \
-  X(TSE_INPUT_INVALID,  6, "input invalid",    "inputs or measurements are missing") \
-  X(TSE_PARAMETERS_UNCERTAIN,   7, "parameters uncertain",     "the parameters of the car are too uncertain (tse/uncertainty.def): calibrate, or state them better") \
-  X(TSE_MISFIT,         8, "does not fit",     "the sensors say what the model does not explain: calibrate, or look for what is missing")
-
 typedef enum tse_reason {
-#define X(name, code, word, text) name = code,
-  TSE_REASON_TABLE(X)
-#undef X
+  /* table: reason_codes */
+  TSE_VALID = 0,                /* usable */
+  TSE_STARTING = 1,             /* too little seen since the start */
+  TSE_NOT_EXCITED = 2,          /* the recent inputs do not show this stiffness */
+  TSE_UNCERTAIN = 3,            /* excited, but the sd of the mean is above the limit */
+  TSE_DIVERGING = 4,            /* a channel is probably at fault */
+  TSE_HELD = 5,                 /* standstill, low speed, reverse, large steering angle or sliding wheels: value from before */
+  TSE_INPUT_INVALID = 6,        /* inputs or measurements are missing */
+  TSE_PARAMETERS_UNCERTAIN = 7, /* the parameters of the car are too uncertain (tse/uncertainty.def): calibrate, or state them better */
+  TSE_MISFIT = 8,               /* the sensors say what the model does not explain: calibrate, or look for what is missing */
+  /* end of table */
   TSE_REASON_END_
 } tse_reason;
 

@@ -31,6 +31,7 @@
 #include <stdint.h>
 
 #include "tse/input.h"
+#include "tse/output.h"
 #include "tse/real.h"
 #include "tse/status.h"
 #include "tse/version.h"
@@ -64,29 +65,6 @@ typedef struct tse_config {
 #define INT(name, def, lo, hi, text) int32_t name;
 #include "tse/config.def"
 } tse_config;
-
-/* Index of a stiffness in tse_output and everywhere else. */
-enum { TSE_CX_FRONT = 0, TSE_CY_FRONT = 1, TSE_CY_REAR = 2 };
-
-/* Estimates after one row. Members, units and meaning: tse/output.def. */
-typedef struct tse_output {
-  tse_real vel_x, vel_x_sd, vel_y, vel_y_sd, yaw_rate, yaw_rate_sd, sideslip, sideslip_sd;
-  tse_real grip, grip_sd;       /* friction of the tyres                                  */
-  tse_real stiffness[3], stiffness_sd[3], stiffness_spread[3];
-  tse_real bias[3], bias_sd[3];
-  tse_real noise[TSE_SENSORS];  /* sd of the noise as found, over the setting's           */
-  tse_real innovation[TSE_SENSORS], nis;
-  tse_real regime[TSE_REGIMES]; /* probability of each regime, TSE_REGIME_*               */
-  tse_real change_age, change_probability, change_ratio[3]; /* the last change */
-  tse_real discrepancy[3];      /* sd of what the model does not explain                  */
-  tse_real lag_steer, lag_steer_sd; /* how late the steering acts behind the IMU          */
-  tse_real estimate_age;        /* how long before this row the time lies that the estimates speak of */
-  tse_real n_eff, log_evidence; /* of particles, 1 in the default form; of this row        */
-  int32_t spread_seen[3];       /* 1: the spread is learnt; 0: below what sensors and excitation can show */
-  int32_t change_kind, fault_channel; /* TSE_CHANGE_*; 0 none, else 1 + place in tse/input.def, behind it in tse/velocity.def */
-  int32_t reason[3], grip_reason;
-  int32_t status;
-} tse_output;
 
 /* Fill c with the defaults of tse/config.def. c NULL: nothing happens. */
 void tse_config_default(tse_config *c);

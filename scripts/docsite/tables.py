@@ -13,6 +13,7 @@ from tselab.toml import read_toml
 
 ROOT = Path(__file__).resolve().parents[2]
 TSE = ROOT / "include" / "tse"
+TABLES = ROOT / "src" / "tables"
 C_TYPES = {"s": "tse_setting", "r": "tse_real", "i": "int32_t", "u": "uint32_t"}
 GROUPS = {  # the files that include/tse/config.def includes, and what a reader calls them
     "vehicle.def": "Vehicle",
@@ -128,7 +129,7 @@ def uncalibrated() -> str:
 
 def input_fields() -> str:
     rows = []
-    channels = read_toml(ROOT / "src" / "tables" / "input.toml")["channel"]
+    channels = read_toml(TABLES / "input.toml")["channel"]
     policies = {c["name"]: {"drives": "refused", "measured": "counts as missing"}[c["kind"]] for c in channels}
     optional = [f.name for f in library().optional]
     for f in library().fields(INPUT):
@@ -153,12 +154,8 @@ def input_fields() -> str:
 
 
 def output_members() -> dict[str, str]:
-    """Name of an output -> member of tse_output, from output.def."""
-    text = (TSE / "output.def").read_text(encoding="utf-8")
-    found = {}
-    for kind, name, member in re.findall(r"^(OUT_\w+) *\((\w+),\s*([\w\[\]]+)", text, flags=re.M):
-        found[name + ("_valid" if kind == "OUT_REASON" else "")] = member
-    return found
+    """Return the member of tse_output of each output."""
+    return {name: row.get("member", name) for name, row in read_toml(TABLES / "output.toml")["column"].items()}
 
 
 def output_fields() -> str:
@@ -184,11 +181,12 @@ def reason_codes() -> str:
 
 
 def regimes() -> str:
-    text = (TSE / "filter_state.h").read_text(encoding="utf-8").partition("TSE_REGIME_TABLE")[2].partition("enum")[0]
-    rows = re.findall(r'X\((\w+),\s*"(\w+)",\s*"([^"]*)"\)', text)
     return table(
         ["output", "in C", "meaning"],
-        [[code(f"p_{w}"), code(f"y.regime[TSE_REGIME_{i}]"), cell(t)] for i, w, t in rows],
+        [
+            [code(f"p_{i.lower()}"), code(f"y.regime[TSE_REGIME_{i}]"), cell(t)]
+            for i, t in read_toml(TABLES / "output.toml")["regime"].items()
+        ],
     )
 
 

@@ -8,6 +8,8 @@
 
 #include <stddef.h>
 
+#include "tables/described.h"
+
 /* 0/0 is not a constant expression everywhere; no range is written as an empty one instead. */
 #define NO_RANGE 0.0, 1.0, -1.0
 
@@ -15,34 +17,6 @@ static const tse_field config_fields[] = {
 #define REAL(name, def, lo, hi, unit, text) { #name, 's', (int32_t)offsetof(tse_config, name), def, lo, hi, unit, text },
 #define INT(name, def, lo, hi, text) { #name, 'i', (int32_t)offsetof(tse_config, name), (def) < (hi) ? (def) : (hi), lo, hi, "1", text },
 #include "tse/config.def"
-};
-
-static const tse_field input_fields[] = {
-  { "dt", 'r', (int32_t)offsetof(tse_input, dt), 0.0, 0.0, 3600.0, "s", "time since the previous row" },
-#define INPUT(name, lo, hi, unit, kind, text) { #name, 'r', (int32_t)offsetof(tse_input, name), 0.0, lo, hi, unit, text },
-#include "tse/input.def"
-  { "missing", 'u', (int32_t)offsetof(tse_input, missing), NO_RANGE, "", "bits of missing channels, in the order of the rows above" },
-  { "given", 'u', (int32_t)offsetof(tse_input, given), NO_RANGE, "", "bits of what is measured, in the order of the rows below" },
-#define OPTIONAL(name, lo, hi, unit, text) { #name, 'r', (int32_t)offsetof(tse_input, name), 0.0, lo, hi, unit, text },
-#include "tse/optional.def"
-};
-
-static const tse_field output_fields[] = {
-#define OUT_REAL(name, member, unit, text) { #name, 'r', (int32_t)offsetof(tse_output, member), NO_RANGE, unit, text },
-#define OUT_INT(name, member, text) { #name, 'i', (int32_t)offsetof(tse_output, member), NO_RANGE, "", text },
-#include "tse/output.def"
-};
-
-static const tse_field status_fields[] = {
-#define X(name, code, text) { #name, 'c', code, NO_RANGE, "", text },
-  TSE_STATUS_TABLE(X)
-#undef X
-};
-
-static const tse_field reason_fields[] = {
-#define X(name, code, word, text) { word, 'c', code, NO_RANGE, "", text },
-  TSE_REASON_TABLE(X)
-#undef X
 };
 
 #if !defined(TSE_NO_EFFECTS)

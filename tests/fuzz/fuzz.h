@@ -200,13 +200,12 @@ static inline int is_number(tse_real x) { return x - x == 0; }
 
 static inline void must_be_estimates(const tse_config *c, const tse_output *y, int status)
 {
-  const tse_real *const all = &y->vel_x; /* of one type up to the first whole number */
   const tse_real *const positive[] = { y->stiffness_sd, y->stiffness_spread, y->bias_sd, y->noise, y->discrepancy };
   const double most = 1.001 * tse_double_of_setting(c->stiffness_max);
   /* draws as printed have no bound below; w is kept a number by -w_max (src/EQUATIONS.md, reflection) */
   const double least = c->form == 1 && !c->reflect_draws ? 2.0 - most : 0.999 * tse_double_of_setting(c->stiffness_min);
-  for (size_t i = 0; i < offsetof(tse_output, spread_seen) / sizeof *all; i++)
-    MUST(is_number(all[i]), "real %u of the estimates is %g, status %d", (unsigned)i, number(all[i]), status);
+  for (const tse_real *x = &y->sideslip; x <= &y->log_evidence; x++) /* all of one type */
+    MUST(is_number(*x), "real %u of the estimates is %g, status %d", (unsigned)(x - &y->sideslip), number(*x), status);
   MUST(fabs(number(y->yaw_rate)) <= FASTEST_TURN, "yaw rate %g, status %d", number(y->yaw_rate), status);
   MUST(fabs(number(y->vel_x)) <= FASTEST && fabs(number(y->vel_y)) <= FASTEST, "speed %g, %g", number(y->vel_x), number(y->vel_y));
   MUST(y->vel_x_sd >= 0 && y->vel_y_sd >= 0 && y->yaw_rate_sd >= 0 && y->lag_steer_sd >= 0 && y->estimate_age >= 0, "sd of a state");

@@ -32,8 +32,7 @@ static void step(const tse_input *u)
   }
   MUST(tse_input_check(u, NULL) == TSE_OK || !d.before.filter.started, "a row that is not to be accepted was");
   must_be_estimates(&d.c, &y, (int)status);
-  d.digest = mixed(d.digest, &y, offsetof(tse_output, spread_seen));
-  d.digest = mixed(d.digest, y.reason, sizeof y.reason);
+  d.digest = mixed(d.digest, &y, offsetof(tse_output, grip_reason));
   MUST(tse_filter_check(&d.p, &d.f.filter, d.bytes) == TSE_OK, "its own state is refused, step %u", (unsigned)d.f.filter.step);
 }
 

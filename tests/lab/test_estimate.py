@@ -341,7 +341,7 @@ def test_at_large_steering_angles_nothing_is_learnt(turned):
 
 
 def test_what_was_not_used_has_no_evidence(turned):
-    """As include/tse/output.def says."""
+    """As src/tables/output.toml says."""
     _, est = turned
     for name in ("log_evidence", "nis", "innovation_accel_y", "innovation_yaw_rate"):
         assert (est[name].iloc[50:60] == 0).all(), name

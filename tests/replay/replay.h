@@ -16,27 +16,8 @@
 enum { REPLAY_ROWS_MOST = 4000,
        REPLAY_EVERY = 25,
        REPLAY_PARTICLES = 150,
-       REPLAY_SCHEMES = 4 };
-
-/* Of which time the estimates are is none of them: no channel is late here. */
-enum { /* columns of the golden table */
-#define OUT_REAL(name, member, unit, text) REPLAY_COLUMN_##name,
-#define OUT_INT(name, member, text) REPLAY_COLUMN_##name,
-#define OUT_AGE(name, member, unit, text)
-#include "tse/output.def"
-#undef OUT_REAL
-#undef OUT_INT
-       REPLAY_COLUMNS
-};
-
-static const char *const replay_names[] = {
-#define OUT_REAL(name, member, unit, text) #name,
-#define OUT_INT(name, member, text) #name,
-#define OUT_AGE(name, member, unit, text)
-#include "tse/output.def"
-#undef OUT_REAL
-#undef OUT_INT
-};
+       REPLAY_SCHEMES = 4,
+       REPLAY_COLUMNS = REPLAY_OUTPUTS }; /* of the golden table */
 
 /* Read drive.csv: dt, then the channels of tse/input.def; an empty field is missing.   Returned: rows, or 0. */
 static inline int replay_read(const char *path, tse_input *rows)
@@ -69,13 +50,14 @@ static inline int replay_read(const char *path, tse_input *rows)
 
 static inline void replay_columns(const tse_output *y, double column[])
 {
-  int k = 0;
-#define OUT_REAL(name, member, unit, text) column[k++] = tse_double_of(y->member);
-#define OUT_INT(name, member, text) column[k++] = (double)y->member;
-#define OUT_AGE(name, member, unit, text)
-#include "tse/output.def"
-#undef OUT_REAL
-#undef OUT_INT
+  for (int k = 0; k < REPLAY_COLUMNS; k++) {
+    const uint8_t *const at = (const uint8_t *)y + replay_outputs[k].at;
+    int32_t whole;
+    tse_real x;
+    memcpy(&whole, at, sizeof whole);
+    memcpy(&x, at, replay_outputs[k].whole ? sizeof whole : sizeof x);
+    column[k] = replay_outputs[k].whole ? (double)whole : tse_double_of(x);
+  }
 }
 
 /* The forms of the filter; the first one gives the golden table. */

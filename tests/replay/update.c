@@ -98,7 +98,7 @@ static int write_golden(const char *drive)
            replay_forms[form].name, scheme);
   }
   printf("row");
-  for (int k = 0; k < REPLAY_COLUMNS; k++) printf(",%s", replay_names[k]);
+  for (int k = 0; k < REPLAY_COLUMNS; k++) printf(",%s", replay_outputs[k].name);
   printf("\n");
   for (int i = 0; i < n; i += REPLAY_EVERY) {
     printf("%d", i);

@@ -73,6 +73,15 @@ static inline double next_uniform(uint32_t *state) /* in (0, 1) */
 
 static inline double next_between(uint32_t *state, double lo, double hi) { return lo + (hi - lo) * next_uniform(state); }
 
+/* Every real output is a number: all of one type lie between whole numbers. */
+static inline int outputs_are_finite(const tse_output *y)
+{
+  int fine = 1;
+  for (const tse_real *x = y->stiffness; x < y->stiffness_sd + 3; x++) fine = fine && r_is_finite(*x);
+  for (const tse_real *x = &y->sideslip; x <= &y->log_evidence; x++) fine = fine && r_is_finite(*x);
+  return fine;
+}
+
 #define STRENGTH 1
 #define SHAPE 0
 #define GIVEN 0

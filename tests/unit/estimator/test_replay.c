@@ -59,7 +59,7 @@ static void test_estimates_are_the_golden_ones_in_all_printed_digits(void)
   TEST_ASSERT_EQUAL_INT((row_count + REPLAY_EVERY - 1) / REPLAY_EVERY, golden_rows);
   for (int i = 0; i < golden_rows; i++)
     for (int k = 0; k < REPLAY_COLUMNS; k++)
-      expect_near(golden[i][k], table[i][k], BY_FORMAT(1e-11, 1e-8) * fabs(golden[i][k]), replay_names[k], i * REPLAY_EVERY);
+      expect_near(golden[i][k], table[i][k], BY_FORMAT(1e-11, 1e-8) * fabs(golden[i][k]), replay_outputs[k].name, i * REPLAY_EVERY);
 }
 
 static void test_all_outputs_have_the_golden_bits_with_every_resampling_scheme(void)

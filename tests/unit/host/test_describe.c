@@ -74,7 +74,7 @@ static void test_rows_describe_every_byte_of_the_structs_but_padding(void)
       ;
   TEST_ASSERT_EQUAL_INT((int)(sizeof(tse_config) - settings), undescribed(TSE_STRUCT_CONFIG, sizeof(tse_config), covered));
   TEST_ASSERT_EQUAL_INT(TAIL(tse_input, wheel_torque_rear), undescribed(TSE_STRUCT_INPUT, sizeof(tse_input), covered));
-  TEST_ASSERT_EQUAL_INT(TAIL(tse_output, status), undescribed(TSE_STRUCT_OUTPUT, sizeof(tse_output), covered));
+  TEST_ASSERT_EQUAL_INT(TAIL(tse_output, spread_seen), undescribed(TSE_STRUCT_OUTPUT, sizeof(tse_output), covered));
   TEST_ASSERT_EQUAL_INT(TAIL(tse_sim_config, seed), undescribed(TSE_STRUCT_SIM_CONFIG, sizeof(tse_sim_config), covered));
   TEST_ASSERT_EQUAL_INT(0, undescribed(TSE_STRUCT_REPLAY_LOG, sizeof(tse_replay_log), covered));
   TEST_ASSERT_EQUAL_INT(0, undescribed(TSE_STRUCT_REPLAY_START, sizeof(tse_replay_start), covered));

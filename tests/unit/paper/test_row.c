@@ -81,17 +81,6 @@ static tse_input still_row(double gyro)
   return u;
 }
 
-static int all_finite(const tse_output *y)
-{
-  int ok = 1;
-#define OUT_REAL(name, member, unit, text) ok = ok && r_is_finite(y->member);
-#define OUT_INT(name, member, text)
-#include "tse/output.def"
-#undef OUT_REAL
-#undef OUT_INT
-  return ok;
-}
-
 static void expect_same_statistics(const tse_filter_paper *was, const tse_filter_paper *is)
 {
   TEST_ASSERT_EQUAL_MEMORY(&was->gamma, &is->gamma, sizeof is->gamma);
@@ -271,7 +260,7 @@ static void test_standstill_and_reverse_hold_the_statistics_bit_for_bit(void)
       TEST_ASSERT_EQUAL_INT(TSE_W_HELD, tse_step(&p, &f.filter, &u, &y));
       expect_same_statistics(&before, &f);
       for (int a = 0; a < 3; a++) TEST_ASSERT_EQUAL_INT(TSE_HELD, y.reason[a]);
-      TEST_ASSERT_TRUE(all_finite(&y));
+      TEST_ASSERT_TRUE(outputs_are_finite(&y));
     }
     expect_near(speed[k], number(y.vel_x), 0.3 + 0.02 * fabs(speed[k]), "vel_x follows the wheels", k);
     TEST_ASSERT_TRUE(fabs(number(y.vel_y)) < 6.0 && fabs(number(y.yaw_rate)) < 2.0); /* a car: -20 m/s, 0.1 rad, 2 s */
@@ -397,7 +386,7 @@ static void test_a_long_run_with_quiet_and_lively_parts_stays_finite_and_near_th
       d.torque = 700.0;
     }
     const tse_output y = run(&p, &f, &d, 1);
-    TEST_ASSERT_TRUE(all_finite(&y));
+    TEST_ASSERT_TRUE(outputs_are_finite(&y));
     for (int a = 0; a < 3; a++) TEST_ASSERT_TRUE(number(y.stiffness[a]) > 0.5 && number(y.stiffness[a]) < 2.0);
   }
 }
@@ -451,7 +440,7 @@ static void test_a_copy_taken_in_the_midst_of_trouble_goes_on_bit_for_bit(void)
         TEST_ASSERT_EQUAL_MEMORY(&y, &z, sizeof y);
       }
       if (i == taken) memcpy(&other, &f, sizeof f);
-      TEST_ASSERT_TRUE(all_finite(&y));
+      TEST_ASSERT_TRUE(outputs_are_finite(&y));
     }
   }
 }
@@ -510,7 +499,7 @@ static int fuzz(const tse_config *c, int rows, uint32_t seed)
     const tse_status status = tse_step(&p, &f.filter, &u, &y);
     if (status < 0) continue;
     accepted++;
-    if (!all_finite(&y)) {
+    if (!outputs_are_finite(&y)) {
       char text[120];
       (void)snprintf(text, sizeof text, "row %d of seed %u: an output is not finite", i, (unsigned)seed);
       TEST_FAIL_MESSAGE(text);
@@ -609,7 +598,7 @@ static void test_after_a_pause_of_any_length_the_drive_goes_on(void)
     TEST_ASSERT_TRUE(number(f.gamma) <= fmax(1.0, number(p.gamma0)) && number(f.nu) >= 6.0);
     for (int i = 0; i < 1000; i++) {
       y = run(&p, &f, &d, 1);
-      TEST_ASSERT_TRUE(all_finite(&y) && y.status < TSE_W_HELD);
+      TEST_ASSERT_TRUE(outputs_are_finite(&y) && y.status < TSE_W_HELD);
     }
     for (int a = 1; a < 3; a++) expect_near(1.0, number(y.stiffness[a]), 0.15, "stiffness", 10 * k + a);
   }
@@ -627,7 +616,7 @@ static void test_a_filter_whose_particles_were_broken_gives_finite_outputs(void)
     for (int32_t i = 0; i < 64; i += share) f.p.x[1][i] = real((double)NAN);
     for (int i = 0; i < 1000; i++) {
       const tse_output y = run(&p, &f, &d, 1);
-      TEST_ASSERT_TRUE(all_finite(&y));
+      TEST_ASSERT_TRUE(outputs_are_finite(&y));
       if (i == 999 && c.reflect_draws) expect_near(number(d.sim.x[0]), number(y.vel_x), 0.5, "vel_x", share);
     }
   }
