@@ -212,11 +212,10 @@ class Amalgamation:
 
     def header(self) -> str:
         only_with_effects = {f"tse/{Path(x).stem}.h" for x in self.sources.with_effects}
-        internal = {"tse/constants.h"}
         there = sorted(f"tse/{p.name}" for p in (ROOT / "include/tse").glob("*.h"))
         text = self.public_header("tse/tse.h")
         for name in there:
-            if name not in only_with_effects | internal:
+            if name not in only_with_effects:
                 text += self.public_header(name)
         text += "\n#if !defined(TSE_NO_EFFECTS)\n"
         text += "".join(self.public_header(name) for name in there if name in only_with_effects)
@@ -241,7 +240,7 @@ class Amalgamation:
         public = {d.function for text in headers for d in declarations(text) if d.function}
         parts = self.parts()
         new_names = clashes(parts)
-        text = self.part("tse/constants.h", (ROOT / "include/tse/constants.h").read_text())
+        text = ""
         for name, whole in parts.items():
             own = made_static(renamed(whole, new_names[name]), public)
             whole = self.part(name, own)

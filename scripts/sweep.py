@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
-"""What the result of a study changes by when a constant of include/tse/constants.def is halved or doubled.
+"""What the result of a study changes by when a constant of src/tables/constants.toml is halved or doubled.
 
     .venv/bin/python scripts/sweep.py --cars DIR [--runs N] [NAME ...]      all; table: scripts/results/constants.md
 
-Every constant is compiled into a library of its own (-DTSE_SWEEP), which runs on the same drives as the library that is in use. A
+Every constant is compiled into a library of its own (-include of a header in its place), which runs on the same drives as the library that is in use. A
 result counts as changed when the 95 % interval of the ratio of its RMS error, run by run, does not hold 1.
 DIR: what `tests.cars.study --keep DIR` and `tests.cars.events --calibrated DIR` have left.
 """
@@ -11,13 +11,13 @@ DIR: what `tests.cars.study --keep DIR` and `tests.cars.events --calibrated DIR`
 from __future__ import annotations
 
 import argparse
-import re
 import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import tables
 from tqdm import tqdm
 
 from tselab.core import STIFFNESS, Config, Library, library_path
@@ -42,18 +42,25 @@ CASES = (
 )
 ON_CARS = ("cornering off [%]", "longitudinal off [%]", "false changes an hour", "wrong after an event [s]")
 FACTORS = (0.5, 2.0)
-ROW = re.compile(r'^CONSTANT\((\w+),\s*([-\d.e]+),\s*"([^"]*)",\s*"((?:[^"\\]|\\.)*)",\s*"([^"]*)"\)', re.M)
 
 
-def rows() -> list[tuple[str, str, str, str, str]]:
+def rows() -> list[tuple[str, float, str, str, str]]:
     """Name, value, unit, why and test of every constant."""
-    return ROW.findall((ROOT / "include" / "tse" / "constants.def").read_text(encoding="utf-8"))
+    sections = tables.read("constants").values()
+    return [(n, r["value"], r["unit"], r["why"], r["test"]) for section in sections for n, r in section.items()]
 
 
 def build(name: str, factor: float) -> Library:
     """The library with one constant scaled."""
     folder = ROOT / "build" / "sweep"
-    flags = f"-DTSE_SWEEP={name} -DTSE_SWEEP_BY={factor}"
+    folder.mkdir(parents=True, exist_ok=True)
+    value = next(r[1] for r in rows() if r[0] == name)
+    header = (ROOT / "src" / "tables" / "constants.h").read_text(encoding="utf-8")
+    changed = header.replace(f" {name} = TSE_R({value!r})", f" {name} = TSE_R({value * factor!r})")
+    assert changed != header, name
+    first = folder / "constants.h"  # has the same guard: that of src/tables is then passed over
+    first.write_text(changed, encoding="utf-8")
+    flags = f"-include {first}"
     options = ["-DCMAKE_BUILD_TYPE=Release", "-DBUILD_SHARED_LIBS=ON", "-DTSE_MAX_PARTICLES=4096", "-DTSE_BUILD_TESTS=OFF",
                "-DTSE_BUILD_FMU=OFF", f"-DCMAKE_C_FLAGS={flags}"]  # fmt: skip
     for command in (["cmake", "-S", ROOT, "-B", folder, *options], ["cmake", "--build", folder, "--parallel", "2"]):
@@ -122,7 +129,7 @@ def main() -> int:
     args = parser.parse_args()
     table = {r[0]: r for r in rows()}
     if unknown := [n for n in args.names if n not in table]:
-        print(f"sweep: no constant is named {', '.join(unknown)}; see include/tse/constants.def", file=sys.stderr)
+        print(f"sweep: no constant is named {', '.join(unknown)}; see src/tables/constants.toml", file=sys.stderr)
         return 2
     names = args.names or [n for n, row in table.items() if row[4] != "-"]
     cases = [studies.study(s).case(c) for s, c in CASES]

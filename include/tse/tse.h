@@ -3,7 +3,7 @@
  * One Kalman filter of a car: exact kinematics, slip and slip angle of each axle as states, tyres with a stiffness at no slip and a grip.
  * Both wheel speeds are measured, the steering angle is the only input. What may happen - another road, an axle's tyres, sliding wheels, a
  * channel at fault - is weighed by likelihood ratios. Or, for who asks, the marginalized adaptive particle filter of Berntorp & Di Cairano
- * (2016). Equation numbers refer to that paper; src/EQUATIONS.md says where each equation is computed and tested, tse/constants.def what
+ * (2016). Equation numbers refer to that paper; src/EQUATIONS.md says where each equation is computed and tested, src/tables/constants.toml what
  * every threshold and rate of the default form is.
  *
  *   tse_config c;  tse_params p;  static tse_filter f;  tse_input u;  tse_output y;

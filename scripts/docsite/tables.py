@@ -6,6 +6,7 @@ import functools
 import math
 import re
 from collections.abc import Iterable, Sequence
+from decimal import Decimal
 from pathlib import Path
 
 from tselab.core import CONFIG, INPUT, OUTPUT, REASON, SIM_CONFIG, SIM_INPUT, SIM_OUTPUT, STATUS, Field, library
@@ -266,17 +267,14 @@ def formula_operations() -> str:
 
 
 def constants() -> str:
-    """include/tse/constants.def by its sections."""
-    text, rows = [], []
-    for line in (TSE / "constants.def").read_text(encoding="utf-8").splitlines():
-        if section := re.match(r"/\* -+ (.*?) -+ \*/", line):
-            if rows:
-                text.append(table(["constant", "value", "unit", "why", "shown by"], rows, right=(1,)))
-            rows = []
-            text.append(f"\n## {section[1][:1].upper()}{section[1][1:]}\n")
-        elif row := re.match(r'CONSTANT\((\w+),\s*([^,]+),\s*"([^"]*)",\s*"([^"]*)",\s*"([^"]*)"\)', line):
-            rows.append([code(row[1]), row[2].strip(), *(cell(x) for x in row.groups()[2:])])
-    if rows:
+    """src/tables/constants.toml by its sections."""
+    text = []
+    for section, own in read_toml(TABLES / "constants.toml").items():
+        rows = [
+            [code(n), f"{Decimal(repr(r['value'])):f}", *(cell(r[k]) for k in ("unit", "why", "test"))]
+            for n, r in own.items()
+        ]
+        text.append(f"\n## {section[:1].upper()}{section[1:]}\n")
         text.append(table(["constant", "value", "unit", "why", "shown by"], rows, right=(1,)))
     return "\n".join(text)
 

@@ -5,7 +5,7 @@
 #include "model/effects.h"
 #include "model/effects_constant.h"
 #include "model/car.h"
-#include "tse/constants.h"
+#include "tables/constants.h"
 
 /* Rows kept beyond the span of the latencies: one on either side of it, and two for rows that come up to 7 % closer than the
  * sample time before any is left out (28 of 30 rows at their most). */

@@ -4,7 +4,7 @@
 
 #include "estimator/stages.h"
 #include "filter/ud.h"
-#include "tse/constants.h"
+#include "tables/constants.h"
 
 #define row_decode     TSE_NAME(tse_row_decode)
 #define start_all      TSE_NAME(tse_start_all)

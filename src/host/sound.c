@@ -2,7 +2,7 @@
  * because places in arrays and loops depend on them; every real a number of moderate size, variances not negative. */
 #include "host/sound.h"
 #include "filter/filter.h"
-#include "tse/constants.h"
+#include "tables/constants.h"
 
 
 static int sound_start(const tse_start *s)

@@ -1,7 +1,7 @@
 /* tests/unit/estimator/test_align.c <-> src/estimator/align.c, and what tse_step() makes of it.
  * Expected rows are read from a whole log with absolute times, in double; expected estimates are those of a log without delays. */
 #include "unit_support.h"
-#include "tse/constants.h"
+#include "tables/constants.h"
 #include "tse/learnt.h"
 
 enum { LOG = 1200 };

@@ -1,5 +1,5 @@
 /* tests/unit/estimator/test_prepare.c <-> src/estimator/prepare.c */
-#include "tse/constants.h"
+#include "tables/constants.h"
 #include "filter/filter.h"
 #include "unit_support.h"
 

@@ -3,7 +3,7 @@
 #include "unit_support.h"
 #include "filter/filter.h"
 #include "host/sound.h"
-#include "tse/constants.h"
+#include "tables/constants.h"
 #include "tse/simulate.h"
 
 static tse_filter_paper f, forged;
