@@ -5,14 +5,13 @@
 
 Afterwards everything builds, all tests pass but the new one, which says what to write. CONTRIBUTING.md, "Add an effect", explains
 each part. Nothing is written where the name is taken or a value makes no sense; exit code 2, and a sentence says why.
-Needs Python and CMake only.
+Needs Python only.
 """
 
 from __future__ import annotations
 
 import argparse
 import re
-import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -76,14 +75,14 @@ class Refused(Exception):
 
 def skeleton(asked: argparse.Namespace, root: Path = ROOT) -> dict[Path, str]:
     """Path -> text of every file that is new or changes.   Refused: the name is taken, or a value makes no sense"""
-    table, equations = root / "include" / "tse" / "effects.def", root / "src" / "EQUATIONS.md"
+    table, equations = root / "src" / "tables" / "effects.toml", root / "src" / "EQUATIONS.md"
     rows = table.read_text(encoding="utf-8")
     if not re.fullmatch(r"[a-z][a-z0-9_]{2,39}", asked.name):
         raise Refused(f"{asked.name}: a name has 3 .. 40 small letters, digits and _, a letter first")
     if not re.fullmatch(r"[a-z][a-z0-9_]{0,29}", asked.parameter):
         raise Refused(f"--parameter {asked.parameter}: 1 .. 30 small letters, digits and _")
-    if re.search(rf"\bEFFECT\({asked.name},", rows):
-        raise Refused(f"{asked.name}: there is such an effect in include/tse/effects.def")
+    if f"\n[{asked.name}]\n" in rows:
+        raise Refused(f"{asked.name}: there is such an effect in src/tables/effects.toml")
     small, large = asked.typical
     if (
         not asked.low <= 0 <= asked.high
@@ -96,15 +95,18 @@ def skeleton(asked: argparse.Namespace, root: Path = ROOT) -> dict[Path, str]:
         part.format(id=asked.name, at=f"{asked.name}_{asked.parameter}") for part in HOOKS[asked.hook]
     )
     sign = 0 if asked.low < 0 < asked.high else 1 if asked.high > 0 else -1
-    row = (
-        f'EFFECT({asked.name}, {asked.hook}, "{asked.name.replace("_", " ")}", "{entry}", "accel_y, yaw_rate", "", "works")\n'
-        f'EFFECT_PARAMETER({asked.name}, {asked.parameter}, STRENGTH, "{asked.unit}", 0.0, {asked.low!r}, {asked.high!r}, '
-        f"{small!r}, {large!r}, {small / 3:.3g}, {sign}, "
-        f'"{asked.parameter.replace("_", " ")}: what it is, and which way is positive")\n'
-    )
-    end = "\n#undef EFFECT\n"
-    if end not in rows:
-        raise Refused("include/tse/effects.def does not end as it did: put the row in by hand, see CONTRIBUTING.md")
+    row = f"""
+[{asked.name}]
+hook = "{asked.hook}"
+title = "{asked.name.replace("_", " ")}"
+entry = "{entry}"
+channels = "accel_y, yaw_rate"
+alike = ""
+estimator = "works"
+parameter.{asked.parameter} = {{ role = "STRENGTH", default = 0.0, least = {asked.low!r}, most = {asked.high!r}, \
+unit = "{asked.unit}", typical = [{small!r}, {large!r}], negligible = {small / 3:.3g}, sign = {sign}, \
+text = "{asked.parameter.replace("_", " ")}: what it is, and which way is positive" }}
+"""
     header = (
         f"/* model/effects/{asked.name}.h - the equation, with units. Typical {asked.parameter} {small:g} .. {large:g} "
         f"{asked.unit}. */\n"
@@ -116,7 +118,7 @@ def skeleton(asked: argparse.Namespace, root: Path = ROOT) -> dict[Path, str]:
     last = list(re.finditer(r"^\| .* in src/model/effects/\w+\.h.*\n", text, re.M))
     at = last[-1].end() if last else len(text)
     return {
-        table: rows.replace(end, f"\n{row.rstrip()}{end}"),
+        table: rows + row,
         root / "src" / "model" / "effects" / f"{asked.name}.h": header,
         root / "tests" / "unit" / "model" / f"test_effect_{asked.name}.c": TEST.format(
             id=asked.name, parameter=asked.parameter, large=large
@@ -129,7 +131,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("name", help="the effect's id, for instance brake_pull")
     parser.add_argument(
-        "--hook", choices=HOOKS, required=True, help="where the model calls it: see include/tse/effects.def"
+        "--hook", choices=HOOKS, required=True, help="where the model calls it: see src/tables/effects.toml"
     )
     parser.add_argument("--parameter", default="strength", help="its strength; 0 is off")
     parser.add_argument("--unit", default="1")
@@ -138,23 +140,20 @@ def main(arguments: list[str] | None = None) -> int:
     sizes = {"nargs": 2, "default": (0.05, 0.2), "metavar": ("LOW", "HIGH")}
     parser.add_argument("--typical", type=float, help="usual sizes on cars", **sizes)
     asked = parser.parse_args(arguments)
-    cmake = shutil.which("cmake")
     try:
-        if not cmake:
-            raise Refused("CMake is needed: it writes the includes of all effects")
         files = skeleton(asked)
         for path in files:
-            if path.exists() and path.name not in ("effects.def", "EQUATIONS.md"):
+            if path.exists() and path.name not in ("effects.toml", "EQUATIONS.md"):
                 raise Refused(f"{path.relative_to(ROOT)} is there already")
     except Refused as error:
         print(f"new_effect: {error}", file=sys.stderr)
         return 2
     for path, text in files.items():
         path.write_text(text, encoding="utf-8")
-    subprocess.run([cmake, f"-Dtse_source={ROOT}", "-P", ROOT / "cmake" / "effects.cmake"], check=True)
+    subprocess.run([sys.executable, ROOT / "scripts" / "tables.py"], check=True)
     print("Written:", *(f"  {p.relative_to(ROOT)}" for p in files), "Next:", sep="\n")
     print(f"""  1. the equation and the formula, in src/model/effects/{asked.name}.h
-  2. the texts of its row in include/tse/effects.def: title, channels that show it, look-alikes
+  2. the texts of its row in src/tables/effects.toml: title, channels that show it, look-alikes
   3. the test: tests/unit/model/test_effect_{asked.name}.c; run it with
      cmake --preset dev && cmake --build --preset dev && ctest --preset dev -R test_effect_{asked.name}
   4. the row in src/EQUATIONS.md, python3 tests/fmu/update.py""")

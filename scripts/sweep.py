@@ -17,9 +17,9 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-import tables
 from tqdm import tqdm
 
+import tables
 from tselab.core import STIFFNESS, Config, Library, library_path
 from tselab.files import atomic
 from tselab.log import read_log

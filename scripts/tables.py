@@ -25,7 +25,7 @@ else:
 
 ROOT = Path(__file__).resolve().parents[1]
 REGION = re.compile(r"^( */\* table: (\w+) \*/\n).*?^( */\* end of table \*/\n)", re.M | re.S)
-SOURCES = ("include/tse/*.h", "src/*/*.[ch]", "fmu/*/*.[ch]", "tests/replay/*.h")
+SOURCES = ("include/tse/*.h", "src/*/*.[ch]", "fmu/*/*.[ch]", "tests/replay/*.h", "docs/page/*.c")
 CONFIG = ("vehicle", "uncertainty", "sensors", "latency", "velocity", "pedals", "effects", "formula", "filter")
 NO_RANGE = "0.0, 1.0, -1.0"
 Row = dict[str, Any]
@@ -329,6 +329,18 @@ def effect_settings() -> list[str]:
     )
 
 
+def vehicle_names() -> list[str]:
+    return packed(f'"{n}",' for n in settings("vehicle"))
+
+
+def uncertainty_names() -> list[str]:
+    return packed(f'"{n}",' for n in settings("uncertainty"))
+
+
+def sensor_names() -> list[str]:
+    return packed(f'"{n}",' for n in settings("sensors"))
+
+
 def car_class() -> list[str]:
     return [
         f"#define CLASS_{n.upper()} {r['value']} /* [{r['unit']}] {r['text']} */"
@@ -614,7 +626,7 @@ def vehicle_inputs() -> list[str]:
 
 
 def vehicle_parameters() -> list[str]:
-    return list(parameters(("vehicle", "sensors", "effects", "formula", "sim")))
+    return list(parameters(("vehicle", "sensors", "effects", "formula")))
 
 
 def vehicle_outputs() -> list[str]:

@@ -1,20 +1,23 @@
-"""What CONTRIBUTING says of adding an effect is true: its row and its file, and nothing else, put into a copy of the sources,
-make an effect that is described, is a setting, and acts in the simulator. And the headers made of the table are up to date."""
+"""What a change touches: a new effect, threshold and output, each put into a copy of the sources, in the files that CONTRIBUTING names
+and no other; scripts/tables.py writes the rest, and the library that is built of it has what is new."""
 
 import re
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-SOURCES = "model/integrator.c", "estimator/prepare.c", "host/describe.c", "host/simulate.c"
-PROGRAM = r"""
+pytestmark = pytest.mark.skipif(not shutil.which("cc"), reason="there is no compiler cc")
+HEAD = """
 #include <stdio.h>
+#include <string.h>
 #include "tse/describe.h"
 #include "tse/simulate.h"
-
+"""
+EFFECT = r"""
 static double turned(double arm) /* yaw rate after a second of braking straight on */
 {
   tse_config c;
@@ -42,51 +45,96 @@ int main(void)
   return 0;
 }
 """
-
-
-def table_headers(folder: Path) -> dict[str, str]:
-    return {name: (folder / "src" / "model" / name).read_text() for name in ("effects_constant.h", "effects_acting.h")}
-
-
-def write_headers(folder: Path) -> None:
-    subprocess.run(["cmake", f"-Dtse_source={folder}", "-P", folder / "cmake" / "effects.cmake"], check=True)
+ROW = r"""
+int main(void)
+{
+  static tse_filter f;
+  tse_config c;
+  tse_params p;
+  tse_input u = { 0 };
+  tse_output y;
+  int32_t count;
+  const tse_field *const row = tse_describe(TSE_STRUCT_OUTPUT, &count, NULL);
+  tse_config_default(&c);
+  u.dt = 0.01;
+  u.wheel_speed_front = u.wheel_speed_rear = 60;
+  if (tse_prepare(&c, &p, NULL) < 0 || tse_reset(&p, &f, sizeof f) < 0 || tse_step(&p, &f, &u, &y) < 0) return 1;
+  for (int32_t i = 0; i < count; i++) {
+    double x;
+    memcpy(&x, (const char *)&y + row[i].offset, sizeof x);
+    if (strcmp(row[i].name, "speed_of_news") == 0) printf("%s %g %g\n", row[i].unit, x, y.vel_x);
+  }
+  return 0;
+}
+"""
 
 
 @pytest.fixture
 def copy(tmp_path):
-    for folder in ("src", "include", "cmake"):
-        shutil.copytree(ROOT / folder, tmp_path / folder)
+    for folder in ("src", "include", "scripts", "fmu", "tests/replay"):
+        shutil.copytree(ROOT / folder, tmp_path / folder, ignore=shutil.ignore_patterns("results", "__pycache__"))
     return tmp_path
 
 
-def test_the_headers_made_of_the_table_are_up_to_date(copy):
-    write_headers(copy)
-    assert table_headers(copy) == table_headers(ROOT)
+def edit(path: Path, old: str, new: str) -> None:
+    text = path.read_text()
+    assert text.count(old) == 1, f"{path.name}: {old}"
+    path.write_text(text.replace(old, new))
 
 
-@pytest.mark.skipif(not shutil.which("cc"), reason="there is no compiler cc")
-def test_the_example_of_contributing_is_all_that_an_effect_needs(copy):
+def written(folder: Path) -> list[str]:
+    """Files that scripts/tables.py changes."""
+
+    def there() -> dict[Path, str]:
+        return {p: p.read_text() for p in folder.rglob("*.[ch]")}
+
+    before = there()
+    subprocess.run([sys.executable, "scripts/tables.py"], cwd=folder, check=True)
+    return sorted(p.relative_to(folder).as_posix() for p, text in there().items() if before[p] != text)
+
+
+def said(folder: Path, program: str) -> list[str]:
+    """What a program says with the library of these sources."""
+    (folder / "main.c").write_text(HEAD + program)
+    sources = [p.relative_to(folder).as_posix() for p in sorted((folder / "src").rglob("*.c"))]
+    options = ["-std=c99", "-O0", "-DTSE_REAL_DOUBLE=1", "-DTSE_MAX_PARTICLES=64", "-Iinclude", "-Isrc"]
+    subprocess.run(["cc", *options, "main.c", *sources, "-lm", "-o", "run"], cwd=folder, check=True)
+    return subprocess.run([folder / "run"], check=True, capture_output=True, text=True).stdout.split()
+
+
+def test_an_effect_is_a_row_and_its_file_word_for_word_as_contributing_says(copy):
+    """Its test is the third file that a person writes."""
     text = (ROOT / "CONTRIBUTING.md").read_text().partition("## Add an effect")[2].partition("\n## ")[0]
-    row, function = (re.sub("^   ", "", block, flags=re.M) for block in re.findall(r"```c\n(.*?)```", text, re.S))
-    table = copy / "include" / "tse" / "effects.def"
-    table.write_text(table.read_text().replace("\n#undef EFFECT\n", f"\n{row.strip()}\n#undef EFFECT\n"))
+    blocks = re.findall(r"```(?:toml|c)\n(.*?)```", text, re.S)
+    row, function = (re.sub("^   ", "", block, flags=re.M) for block in blocks)
+    with (copy / "src" / "tables" / "effects.toml").open("a") as file:
+        file.write("\n" + row)
     (copy / "src" / "model" / "effects" / "brake_pull.h").write_text(function)
-    write_headers(copy)
-    assert '#include "model/effects/brake_pull.h"' in table_headers(copy)["effects_acting.h"]
-    (copy / "main.c").write_text(PROGRAM)
-    subprocess.run(
-        ["cc", "-std=c99", "-O0", "-DTSE_REAL_DOUBLE=1", "-DTSE_MAX_PARTICLES=64", "-Iinclude", "-Isrc", "main.c",
-         *(f"src/{name}" for name in SOURCES), "-lm", "-o", "run"],
-        cwd=copy, check=True,
-    )  # fmt: skip
-    name, without, with_it = subprocess.run([copy / "run"], check=True, capture_output=True, text=True).stdout.split()
+    assert "src/model/effects_acting.h" in written(copy)
+    name, without, with_it = said(copy, EFFECT)
     assert name == "brake_pull"
     assert float(without) == 0
     assert abs(float(with_it)) > 0.001
 
 
-def test_a_row_without_its_file_is_refused_by_name(copy):
-    (copy / "src" / "model" / "effects" / "bank.h").unlink()
-    command = ["cmake", f"-Dtse_source={copy}", "-P", copy / "cmake" / "effects.cmake"]
-    done = subprocess.run(command, capture_output=True, text=True)
-    assert done.returncode != 0 and "src/model/effects/bank.h" in done.stderr
+def test_a_threshold_is_a_row_and_the_line_that_uses_it(copy):
+    edit(copy / "src" / "tables" / "constants.toml", '["process noise"]\n',
+         '["process noise"]\nNEWS = { value = 0.25, unit = "1", why = "a share", test = "-" }\n')  # fmt: skip
+    edit(copy / "src" / "filter" / "output.c", "out->nis = ", "out->n_eff = NEWS;\n  out->nis = ")
+    assert written(copy) == ["src/tables/constants.h"]
+    subprocess.run(["cc", "-std=c99", "-fsyntax-only", "-Wall", "-Werror", "-Iinclude", "-Isrc", "src/filter/output.c"],
+                   cwd=copy, check=True)  # fmt: skip
+
+
+def test_an_output_is_a_row_and_the_line_that_fills_it(copy):
+    table = copy / "src" / "tables" / "output.toml"
+    edit(table, "[column]\n", '[column]\nspeed_of_news = { unit = "m/s", text = "twice vel_x" }\n')
+    edit(table, "nis = { unit", 'speed_of_news = { unit = "m/s", text = "twice vel_x" }\nnis = { unit')
+    edit(
+        copy / "src" / "filter" / "output.c",
+        "out->nis = ",
+        "out->speed_of_news = out->vel_x + out->vel_x;\n  out->nis = ",
+    )
+    assert "include/tse/output.h" in written(copy)
+    unit, x, half = said(copy, ROW)
+    assert unit == "m/s" and float(x) == 2 * float(half) > 0

@@ -18,10 +18,11 @@ pytestmark = pytest.mark.skipif(not shutil.which("cc"), reason="there is no comp
 
 @pytest.fixture
 def copy(tmp_path):
-    for folder in ("src", "include", "cmake", "tests/unit"):
+    for folder in ("src", "include", "tests/unit"):
         shutil.copytree(ROOT / folder, tmp_path / folder)
     (tmp_path / "scripts").mkdir()
-    shutil.copy(ROOT / "scripts" / "new_effect.py", tmp_path / "scripts")
+    for script in ("new_effect.py", "tables.py"):
+        shutil.copy(ROOT / "scripts" / script, tmp_path / "scripts")
     return tmp_path
 
 

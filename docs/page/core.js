@@ -115,7 +115,7 @@ class Desk {
   // All settings as the library has them: a car that is known exactly.
   defaults() { this.lib.c.page_defaults(this.base); }
 
-  // What an ordinary car of this mass and these axles has (include/tse/uncalibrated.def): stiffness, inertia, sensors, how uncertain.
+  // What an ordinary car of this mass and these axles has (src/tables/uncalibrated.toml): stiffness, inertia, sensors, how uncertain.
   uncalibrated() { this.lib.c.page_uncalibrated(this.base); }
 
   settings() { return Object.fromEntries(this.lib.tables.config.map((f) => [f.name, this.get(f.name)])); }

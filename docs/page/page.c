@@ -34,24 +34,30 @@ static const char *wrong; /* name of the setting that was refused last */
 /* ---- tables */
 
 static const char *const vehicle_rows[] = {
-#define REAL(name, def, lo, hi, unit, text) #name,
-#define INT(name, def, lo, hi, text) #name,
-#include "tse/vehicle.def"
+  /* table: vehicle_names */
+  "mass", "yaw_inertia", "lf", "lr", "wheel_radius_front", "wheel_radius_rear", "longitudinal_stiffness_front",
+  "longitudinal_stiffness_rear", "cornering_stiffness_front", "cornering_stiffness_rear", "rear_longitudinal_follows_front",
+  /* end of table */
   NULL
 };
 static const char *const uncertainty_rows[] = {
-#include "tse/uncertainty.def"
+  /* table: uncertainty_names */
+  "mass_sd", "yaw_inertia_sd", "cg_sd", "steer_ratio_sd", "steer_offset_sd", "accel_y_scale_sd", "wheel_delay_sd",
+  "accel_delay_sd", "relaxation_sd", "lean_sd", "gyro_scale_sd", "trail_sd", "roll_steer_sd", "wheel_radius_sd", "model_sd",
+  "grade_sd",
+  /* end of table */
   NULL
 };
 static const char *const sensor_rows[] = {
-#include "tse/sensors.def"
-#undef REAL
-#undef INT
+  /* table: sensor_names */
+  "accel_x_sd", "accel_y_sd", "yaw_rate_sd", "wheel_noise_sd", "steer_lag_sd", "accel_x_bias_sd", "accel_y_bias_sd",
+  "yaw_rate_bias_sd", "accel_x_bias_walk", "accel_y_bias_walk", "yaw_rate_bias_walk",
+  /* end of table */
   NULL
 };
 static const char *const *const groups[] = { vehicle_rows, uncertainty_rows, sensor_rows };
 
-/* Names of the settings of one file of include/tse: 0 vehicle.def, 1 uncertainty.def, 2 sensors.def; NULL ends them. */
+/* Names of the settings of one table: 0 vehicle, 1 uncertainty, 2 sensors; NULL ends them. */
 const char *const *EXPORT(page_group)(int32_t group) { return groups[group]; }
 
 /* Where things lie: a tse_field's name, kind, offset, default, lower and upper end, unit, text, its size; rows that go in at a

@@ -85,32 +85,34 @@ void model_codes(fmu_code_row *row, void *to)
 
 void model_init(model *m) { tse_config_default(&m->config); }
 
-static const struct { int32_t at, size; } settings[SETTINGS] = {
-#define REAL(name, def, lo, hi, unit, text) { (int32_t)offsetof(tse_config, name), (int32_t)sizeof(tse_setting) },
-#define INT(name, def, lo, hi, text) { (int32_t)offsetof(tse_config, name), (int32_t)sizeof(int32_t) },
-#include "tse/config.def"
-#undef REAL
-#undef INT
-};
+/* Place of a parameter in model.set; -1: it is no setting. */
+static int place_of(const fmu_variable *v)
+{
+  const int32_t at = v->offset - (int32_t)offsetof(model, config);
+  return v->role == 'p' && at >= 0 && at < (int32_t)sizeof(tse_config) ? (int)(at / (int32_t)sizeof(int32_t)) : -1;
+}
 
 void model_was_set(model *m, const fmu_variable *v, double value)
 {
-  for (int i = 0; i < SETTINGS; i++)
-    if (v->offset == (int32_t)offsetof(model, config) + settings[i].at)
-      m->set[i] = value < v->start || value > v->start ? SET_TO_ANOTHER : SET_TO_START;
+  if (place_of(v) >= 0) m->set[place_of(v)] = value < v->start || value > v->start ? SET_TO_ANOTHER : SET_TO_START;
 }
 
 /* The settings of the filter: those of an ordinary car, and what the importer has set; calibrated: all as they are. Of an importer that
  * sets every parameter, as some do before anything, nobody knows which were meant: those that are not at their start. */
 static void settings_used(const model *m, tse_config *used)
 {
-  const int least = memchr(m->set, NOT_SET, sizeof m->set) ? SET_TO_START : SET_TO_ANOTHER;
+  int least = SET_TO_ANOTHER;
+  for (int i = 0; i < fmu_variable_count; i++)
+    if (place_of(&fmu_variables[i]) >= 0 && m->set[place_of(&fmu_variables[i])] == NOT_SET) least = SET_TO_START;
   memcpy(used, &m->config, sizeof *used);
   if (m->calibrated) return;
   tse_config_uncalibrated(used);
-  for (int i = 0; i < SETTINGS; i++)
-    if (m->set[i] >= least)
-      memcpy((uint8_t *)used + settings[i].at, (const uint8_t *)&m->config + settings[i].at, (size_t)settings[i].size);
+  for (int i = 0; i < fmu_variable_count; i++) {
+    const fmu_variable *const v = &fmu_variables[i];
+    const size_t at = (size_t)v->offset - offsetof(model, config);
+    if (place_of(v) >= 0 && m->set[place_of(v)] >= least)
+      memcpy((uint8_t *)used + at, (const uint8_t *)&m->config + at, v->kind == 'r' ? sizeof(tse_setting) : sizeof(int32_t));
+  }
 }
 
 static void derive_outputs(model *m)

@@ -4,14 +4,7 @@
 
 #include "tse/tse.h"
 
-enum { /* place of each setting in model.set */
-#define REAL(name, def, lo, hi, unit, text) SETTING_##name,
-#define INT(name, def, lo, hi, text) SETTING_##name,
-#include "tse/config.def"
-#undef REAL
-#undef INT
-       SETTINGS
-};
+enum { SETTINGS = sizeof(tse_config) / sizeof(int32_t) }; /* places for a setting */
 
 /* A parameter: has the importer set it, to its start value or to another one? */
 enum { NOT_SET,
@@ -21,7 +14,7 @@ enum { NOT_SET,
 typedef struct model {
   tse_config config;                   /* parameters as they are set and read                       */
   int32_t calibrated;                  /* 0: what is not set is that of an ordinary car             */
-  uint8_t set[SETTINGS];
+  uint8_t set[SETTINGS];               /* by place in config                                        */
   tse_config used;                     /* settings of the filter                                    */
   tse_setting nominal[3];              /* stiffness, N and N/rad                                    */
   tse_input row;                       /* inputs as set                                             */

@@ -1,7 +1,4 @@
 /* fmu/TireStiffnessEstimator/variables.h - every variable of the FMU, in the order of its value references. Part of model.c. */
-#define PARAMETER(group, kind, name, def, lo, hi, unit, text) \
-  { group "." #name, kind, 'p', (int32_t)offsetof(model, config.name), FMU_NO_RATE, def, lo, hi, unit, text },
-
 const fmu_variable fmu_variables[] = {
 #define INPUT(name, lo, hi, unit, kind, text) \
   { #name, 'r', 'i', (int32_t)offsetof(model, row.name), FMU_NO_RATE, 0.0, lo, hi, unit, text "; not a number: missing" },
@@ -24,41 +21,182 @@ const fmu_variable fmu_variables[] = {
   { "vehicle.calibrated", 'b', 'p', (int32_t)offsetof(model, calibrated), FMU_NO_RATE, 0.0, 1.0, -1.0, "",
     "false: an ordinary car of its class, and what is set of it wins: stiffness and yaw inertia that are not set follow from mass, lf "
     "and lr, with the uncertainties of such a car; true: every parameter as it is, an uncertainty of 0 is none" },
-#define REAL(name, def, lo, hi, unit, text) PARAMETER("vehicle", 'r', name, def, lo, hi, unit, text)
-#define INT(name, def, lo, hi, text) PARAMETER("vehicle", 'i', name, def, lo, hi, "", text)
-#include "tse/vehicle.def"
-#undef REAL
-#undef INT
-#define REAL(name, def, lo, hi, unit, text) PARAMETER("uncertainty", 'r', name, def, lo, hi, unit, text)
-#include "tse/uncertainty.def"
-#undef REAL
-#define REAL(name, def, lo, hi, unit, text) PARAMETER("sensors", 'r', name, def, lo, hi, unit, text)
-#define INT(name, def, lo, hi, text) PARAMETER("sensors", 'i', name, def, lo, hi, "", text)
-#include "tse/sensors.def"
-#undef REAL
-#undef INT
-#define REAL(name, def, lo, hi, unit, text) PARAMETER("latency", 'r', name, def, lo, hi, unit, text)
-#include "tse/latency.def"
-#undef REAL
-#define REAL(name, def, lo, hi, unit, text) PARAMETER("velocity", 'r', name, def, lo, hi, unit, text)
-#include "tse/velocity.def"
-#undef REAL
-#define REAL(name, def, lo, hi, unit, text) PARAMETER("pedals", 'r', name, def, lo, hi, unit, text)
-#include "tse/pedals.def"
-#undef REAL
-#define EFFECT_PARAMETER(id, parameter, role, unit, def, lo, hi, typical_lo, typical_hi, negligible, sign, text) \
-  { "effects." #id "." #parameter, 'r', 'p', (int32_t)offsetof(model, config.id##_##parameter), FMU_NO_RATE, def, lo, hi, unit, text },
-#include "tse/effects.def"
-#define REAL(name, def, lo, hi, unit, text) PARAMETER("effects", 'r', name, def, lo, hi, unit, text)
-#define INT(name, def, lo, hi, text) PARAMETER("effects", 'i', name, def, lo, hi, "", text)
-#include "tse/formula.def"
-#undef REAL
-#undef INT
-#define REAL(name, def, lo, hi, unit, text) PARAMETER("filter", 'r', name, def, lo, hi, unit, text)
-#define INT(name, def, lo, hi, text) PARAMETER("filter", 'i', name, (def) < (hi) ? (def) : (hi), lo, hi, "", text)
-#include "tse/filter.def"
-#undef REAL
-#undef INT
+  /* table: estimator_parameters */
+  { "vehicle.mass", 'r', 'p', (int32_t)offsetof(model, config.mass), FMU_NO_RATE, 1900.0, 50.0, 50000.0, "kg", "vehicle mass" },
+  { "vehicle.yaw_inertia", 'r', 'p', (int32_t)offsetof(model, config.yaw_inertia), FMU_NO_RATE, 3000.0, 10.0, 1000000.0, "kg m2", "yaw moment of inertia about the centre of gravity" },
+  { "vehicle.lf", 'r', 'p', (int32_t)offsetof(model, config.lf), FMU_NO_RATE, 1.25, 0.1, 10.0, "m", "centre of gravity to front axle" },
+  { "vehicle.lr", 'r', 'p', (int32_t)offsetof(model, config.lr), FMU_NO_RATE, 1.5, 0.1, 10.0, "m", "centre of gravity to rear axle" },
+  { "vehicle.wheel_radius_front", 'r', 'p', (int32_t)offsetof(model, config.wheel_radius_front), FMU_NO_RATE, 0.33, 0.05, 2.0, "m", "effective rolling radius, front" },
+  { "vehicle.wheel_radius_rear", 'r', 'p', (int32_t)offsetof(model, config.wheel_radius_rear), FMU_NO_RATE, 0.33, 0.05, 2.0, "m", "effective rolling radius, rear" },
+  { "vehicle.longitudinal_stiffness_front", 'r', 'p', (int32_t)offsetof(model, config.longitudinal_stiffness_front), FMU_NO_RATE, 160000.0, 1000.0, 10000000.0, "N", "nominal longitudinal (slip) stiffness of the front axle" },
+  { "vehicle.longitudinal_stiffness_rear", 'r', 'p', (int32_t)offsetof(model, config.longitudinal_stiffness_rear), FMU_NO_RATE, 160000.0, 1000.0, 10000000.0, "N", "nominal longitudinal (slip) stiffness of the rear axle" },
+  { "vehicle.cornering_stiffness_front", 'r', 'p', (int32_t)offsetof(model, config.cornering_stiffness_front), FMU_NO_RATE, 120000.0, 1000.0, 10000000.0, "N/rad", "nominal cornering stiffness of the front axle" },
+  { "vehicle.cornering_stiffness_rear", 'r', 'p', (int32_t)offsetof(model, config.cornering_stiffness_rear), FMU_NO_RATE, 140000.0, 1000.0, 10000000.0, "N/rad", "nominal cornering stiffness of the rear axle" },
+  { "vehicle.rear_longitudinal_follows_front", 'r', 'p', (int32_t)offsetof(model, config.rear_longitudinal_follows_front), FMU_NO_RATE, 1.0, 0.0, 1.0, "1", "share of the front's relative deviation that the rear longitudinal stiffness takes" },
+  { "uncertainty.mass_sd", 'r', 'p', (int32_t)offsetof(model, config.mass_sd), FMU_NO_RATE, 0.0, 0.0, 0.5, "1", "sd of mass, relative, yaw_inertia with it" },
+  { "uncertainty.yaw_inertia_sd", 'r', 'p', (int32_t)offsetof(model, config.yaw_inertia_sd), FMU_NO_RATE, 0.0, 0.0, 0.5, "1", "sd of yaw_inertia, relative" },
+  { "uncertainty.cg_sd", 'r', 'p', (int32_t)offsetof(model, config.cg_sd), FMU_NO_RATE, 0.0, 0.0, 1.0, "m", "sd of where the centre of gravity lies between the axles" },
+  { "uncertainty.steer_ratio_sd", 'r', 'p', (int32_t)offsetof(model, config.steer_ratio_sd), FMU_NO_RATE, 0.0, 0.0, 0.5, "1", "sd of the scale of steer_angle: steering ratio, compliance" },
+  { "uncertainty.steer_offset_sd", 'r', 'p', (int32_t)offsetof(model, config.steer_offset_sd), FMU_NO_RATE, 0.0, 0.0, 0.1, "rad", "sd of a constant offset of steer_angle" },
+  { "uncertainty.accel_y_scale_sd", 'r', 'p', (int32_t)offsetof(model, config.accel_y_scale_sd), FMU_NO_RATE, 0.0, 0.0, 0.5, "1", "sd of the scale of accel_y: body roll adds to it" },
+  { "uncertainty.wheel_delay_sd", 'r', 'p', (int32_t)offsetof(model, config.wheel_delay_sd), FMU_NO_RATE, 0.0, 0.0, 0.2, "s", "sd of how late the wheel speeds are behind the IMU" },
+  { "uncertainty.accel_delay_sd", 'r', 'p', (int32_t)offsetof(model, config.accel_delay_sd), FMU_NO_RATE, 0.0, 0.0, 0.2, "s", "sd of how late the accelerometers are behind the gyro" },
+  { "uncertainty.relaxation_sd", 'r', 'p', (int32_t)offsetof(model, config.relaxation_sd), FMU_NO_RATE, 0.0, 0.0, 2.0, "m", "length over which the tyres' side forces build up, when nothing is known of it" },
+  { "uncertainty.lean_sd", 'r', 'p', (int32_t)offsetof(model, config.lean_sd), FMU_NO_RATE, 0.0, 0.0, 0.5, "1", "sd of the share of speed times yaw rate by which roads lean into their curves" },
+  { "uncertainty.gyro_scale_sd", 'r', 'p', (int32_t)offsetof(model, config.gyro_scale_sd), FMU_NO_RATE, 0.0, 0.0, 0.2, "1", "sd of the scale of yaw_rate" },
+  { "uncertainty.trail_sd", 'r', 'p', (int32_t)offsetof(model, config.trail_sd), FMU_NO_RATE, 0.0, 0.0, 0.2, "m", "sd of how far the lateral forces act behind the axles" },
+  { "uncertainty.roll_steer_sd", 'r', 'p', (int32_t)offsetof(model, config.roll_steer_sd), FMU_NO_RATE, 0.0, 0.0, 0.5, "1", "sd of the rear axle's roll steer" },
+  { "uncertainty.wheel_radius_sd", 'r', 'p', (int32_t)offsetof(model, config.wheel_radius_sd), FMU_NO_RATE, 0.0, 0.0, 0.2, "1", "sd of the wheel radius rear over front, relative" },
+  { "uncertainty.model_sd", 'r', 'p', (int32_t)offsetof(model, config.model_sd), FMU_NO_RATE, 0.0, 0.0, 0.5, "1", "model discrepancy: sd of what the model does not explain of a channel, as a share of what happens, lasting about a second" },
+  { "uncertainty.grade_sd", 'r', 'p', (int32_t)offsetof(model, config.grade_sd), FMU_NO_RATE, 0.0, 0.0, 0.3, "rad", "sd of the grade of the road, estimated as bias of accel_x, which feels it and the car does not gain by it" },
+  { "sensors.accel_x_sd", 'r', 'p', (int32_t)offsetof(model, config.accel_x_sd), FMU_NO_RATE, 0.15, 0.001, 10.0, "m/s2", "noise of accel_x, one sample" },
+  { "sensors.accel_y_sd", 'r', 'p', (int32_t)offsetof(model, config.accel_y_sd), FMU_NO_RATE, 0.15, 0.001, 10.0, "m/s2", "noise of accel_y, one sample" },
+  { "sensors.yaw_rate_sd", 'r', 'p', (int32_t)offsetof(model, config.yaw_rate_sd), FMU_NO_RATE, 0.0034906585039887, 1e-05, 1.0, "rad/s", "noise of yaw_rate, one sample" },
+  { "sensors.wheel_noise_sd", 'r', 'p', (int32_t)offsetof(model, config.wheel_noise_sd), FMU_NO_RATE, 0.0, 0.0, 5.0, "rad/s", "noise of the wheel speeds (mean of an axle's two wheels), one sample; form 0" },
+  { "sensors.steer_lag_sd", 'r', 'p', (int32_t)offsetof(model, config.steer_lag_sd), FMU_NO_RATE, 0.02, 0.0, 0.2, "s", "how late the steering acts behind the IMU (bus, steering, tyres), or how early: sd of what is not known; 0: not at all; form 0" },
+  { "sensors.accel_x_bias_sd", 'r', 'p', (int32_t)offsetof(model, config.accel_x_bias_sd), FMU_NO_RATE, 0.05, 0.0, 5.0, "m/s2", "bias of accel_x at the start" },
+  { "sensors.accel_y_bias_sd", 'r', 'p', (int32_t)offsetof(model, config.accel_y_bias_sd), FMU_NO_RATE, 0.05, 0.0, 5.0, "m/s2", "bias of accel_y at the start" },
+  { "sensors.yaw_rate_bias_sd", 'r', 'p', (int32_t)offsetof(model, config.yaw_rate_bias_sd), FMU_NO_RATE, 0.002, 0.0, 0.5, "rad/s", "bias of yaw_rate at the start" },
+  { "sensors.accel_x_bias_walk", 'r', 'p', (int32_t)offsetof(model, config.accel_x_bias_walk), FMU_NO_RATE, 0.002, 0.0, 1.0, "m/s2/sqrt(s)", "random walk of the accel_x bias (8), (18)" },
+  { "sensors.accel_y_bias_walk", 'r', 'p', (int32_t)offsetof(model, config.accel_y_bias_walk), FMU_NO_RATE, 0.002, 0.0, 1.0, "m/s2/sqrt(s)", "random walk of the accel_y bias (8), (18)" },
+  { "sensors.yaw_rate_bias_walk", 'r', 'p', (int32_t)offsetof(model, config.yaw_rate_bias_walk), FMU_NO_RATE, 0.0001, 0.0, 0.1, "rad/s/sqrt(s)", "random walk of the yaw_rate bias (8), (18)" },
+  { "latency.steer_angle_latency", 'r', 'p', (int32_t)offsetof(model, config.steer_angle_latency), FMU_NO_RATE, 0.0, -0.2, 0.2, "s", "how much later than yaw_rate steer_angle is logged; below 0: earlier" },
+  { "latency.wheel_speed_front_latency", 'r', 'p', (int32_t)offsetof(model, config.wheel_speed_front_latency), FMU_NO_RATE, 0.0, -0.2, 0.2, "s", "how much later than yaw_rate wheel_speed_front is logged" },
+  { "latency.wheel_speed_rear_latency", 'r', 'p', (int32_t)offsetof(model, config.wheel_speed_rear_latency), FMU_NO_RATE, 0.0, -0.2, 0.2, "s", "how much later than yaw_rate wheel_speed_rear is logged" },
+  { "latency.accel_x_latency", 'r', 'p', (int32_t)offsetof(model, config.accel_x_latency), FMU_NO_RATE, 0.0, -0.2, 0.2, "s", "how much later than yaw_rate accel_x is logged" },
+  { "latency.accel_y_latency", 'r', 'p', (int32_t)offsetof(model, config.accel_y_latency), FMU_NO_RATE, 0.0, -0.2, 0.2, "s", "how much later than yaw_rate accel_y is logged" },
+  { "velocity.ins_velocity_sd", 'r', 'p', (int32_t)offsetof(model, config.ins_velocity_sd), FMU_NO_RATE, 0.1, 0.001, 10.0, "m/s", "error of ins_vel_x and ins_vel_y, one value; the noise is found while driving" },
+  { "velocity.gnss_speed_sd", 'r', 'p', (int32_t)offsetof(model, config.gnss_speed_sd), FMU_NO_RATE, 0.1, 0.001, 10.0, "m/s", "error of gnss_speed, one value" },
+  { "velocity.gnss_course_sd", 'r', 'p', (int32_t)offsetof(model, config.gnss_course_sd), FMU_NO_RATE, 0.01, 0.0001, 1.0, "rad", "error of gnss_course, one value, above 10 m/s; below in inverse proportion to the speed" },
+  { "velocity.velocity_latency", 'r', 'p', (int32_t)offsetof(model, config.velocity_latency), FMU_NO_RATE, 0.0, -0.2, 0.2, "s", "how much later than yaw_rate a velocity is logged that was true before" },
+  { "velocity.velocity_latency_sd", 'r', 'p', (int32_t)offsetof(model, config.velocity_latency_sd), FMU_NO_RATE, 0.03, 0.0, 0.2, "s", "its sd" },
+  { "velocity.velocity_lever_x", 'r', 'p', (int32_t)offsetof(model, config.velocity_lever_x), FMU_NO_RATE, 0.0, -20.0, 20.0, "m", "where the antenna, or the place that the INS speaks of, is before the centre of gravity" },
+  { "velocity.velocity_lever_y", 'r', 'p', (int32_t)offsetof(model, config.velocity_lever_y), FMU_NO_RATE, 0.0, -20.0, 20.0, "m", "the same, to the left of it" },
+  { "velocity.velocity_lever_sd", 'r', 'p', (int32_t)offsetof(model, config.velocity_lever_sd), FMU_NO_RATE, 0.1, 0.0, 5.0, "m", "sd of both" },
+  { "velocity.velocity_heading", 'r', 'p', (int32_t)offsetof(model, config.velocity_heading), FMU_NO_RATE, 0.0, -0.5, 0.5, "rad", "how far the axes of the INS are turned to the left of the car's" },
+  { "velocity.velocity_heading_sd", 'r', 'p', (int32_t)offsetof(model, config.velocity_heading_sd), FMU_NO_RATE, 0.02, 0.0, 0.5, "rad", "its sd" },
+  { "velocity.velocity_scale_sd", 'r', 'p', (int32_t)offsetof(model, config.velocity_scale_sd), FMU_NO_RATE, 0.02, 0.0, 0.2, "1", "sd of the scale of a measured speed over that of the wheels: both wheel radii" },
+  { "pedals.wheel_torque_least", 'r', 'p', (int32_t)offsetof(model, config.wheel_torque_least), FMU_NO_RATE, 60.0, 1.0, 2000.0, "Nm", "an axle with less torque than this rolls freely: two sd of its offset and noise" },
+  { "effects.mass.change", 'r', 'p', (int32_t)offsetof(model, config.mass_change), FMU_NO_RATE, 0.0, -0.5, 1.0, "1", "true mass over the setting's, less one" },
+  { "effects.yaw_inertia.change", 'r', 'p', (int32_t)offsetof(model, config.yaw_inertia_change), FMU_NO_RATE, 0.0, -0.5, 1.0, "1", "true yaw inertia over the setting's, less one" },
+  { "effects.cg_shift.distance", 'r', 'p', (int32_t)offsetof(model, config.cg_shift_distance), FMU_NO_RATE, 0.0, -0.6, 0.6, "m", "added to lf, taken from lr; at most 9/10 of either" },
+  { "effects.wheel_radius.change", 'r', 'p', (int32_t)offsetof(model, config.wheel_radius_change), FMU_NO_RATE, 0.0, -0.1, 0.1, "1", "true rolling radius over the setting's, less one; both axles" },
+  { "effects.steering_ratio.change", 'r', 'p', (int32_t)offsetof(model, config.steering_ratio_change), FMU_NO_RATE, 0.0, -0.3, 0.3, "1", "true road-wheel angle over the logged one, less one" },
+  { "effects.steering_offset.angle", 'r', 'p', (int32_t)offsetof(model, config.steering_offset_angle), FMU_NO_RATE, 0.0, -0.05, 0.05, "rad", "true road-wheel angle less the logged one" },
+  { "effects.steering_delay.time", 'r', 'p', (int32_t)offsetof(model, config.steering_delay_time), FMU_NO_RATE, 0.0, 0.0, 0.2, "s", "the wheels turn this much later than logged" },
+  { "effects.steering_lag.time", 'r', 'p', (int32_t)offsetof(model, config.steering_lag_time), FMU_NO_RATE, 0.0, 0.0, 0.5, "s", "time constant from the logged angle to the wheels, of both lags together" },
+  { "effects.steering_lag.second", 'r', 'p', (int32_t)offsetof(model, config.steering_lag_second), FMU_NO_RATE, 0.0, 0.0, 1.0, "1", "second lag over the first; 0: one lag only" },
+  { "effects.exact_kinematics.share", 'r', 'p', (int32_t)offsetof(model, config.exact_kinematics_share), FMU_NO_RATE, 0.0, 0.0, 1.0, "1", "0: (1)-(4) with small angles, 1: exact, between: a mixture" },
+  { "effects.steering_compliance.angle_per_moment", 'r', 'p', (int32_t)offsetof(model, config.steering_compliance_angle_per_moment), FMU_NO_RATE, 0.0, 0.0, 0.001, "rad/(N m)", "steering angle lost per moment about the steering axis" },
+  { "effects.steering_compliance.trail", 'r', 'p', (int32_t)offsetof(model, config.steering_compliance_trail), FMU_NO_RATE, 0.03, 0.001, 0.2, "m", "lever of the lateral force about the steering axis" },
+  { "effects.rear_roll_steer.gain", 'r', 'p', (int32_t)offsetof(model, config.rear_roll_steer_gain), FMU_NO_RATE, 0.0, -0.5, 0.5, "1", "rear steering angle per roll angle, into the turn" },
+  { "effects.rear_roll_steer.roll", 'r', 'p', (int32_t)offsetof(model, config.rear_roll_steer_roll), FMU_NO_RATE, 0.0075, 0.0005, 0.03, "rad s2/m", "roll angle per lateral acceleration" },
+  { "effects.rear_roll_steer.frequency", 'r', 'p', (int32_t)offsetof(model, config.rear_roll_steer_frequency), FMU_NO_RATE, 1.5, 0.3, 6.0, "Hz", "natural frequency of the roll" },
+  { "effects.rear_roll_steer.damping", 'r', 'p', (int32_t)offsetof(model, config.rear_roll_steer_damping), FMU_NO_RATE, 0.3, 0.05, 2.0, "1", "damping ratio of the roll" },
+  { "effects.relaxation.length", 'r', 'p', (int32_t)offsetof(model, config.relaxation_length), FMU_NO_RATE, 0.0, 0.0, 3.0, "m", "way that the slip angle takes to build up" },
+  { "effects.longitudinal_relaxation.length", 'r', 'p', (int32_t)offsetof(model, config.longitudinal_relaxation_length), FMU_NO_RATE, 0.0, 0.0, 2.0, "m", "way that the slip takes to build up" },
+  { "effects.stiffness_drift.change", 'r', 'p', (int32_t)offsetof(model, config.stiffness_drift_change), FMU_NO_RATE, 0.0, -0.6, 1.0, "1", "of all stiffnesses, when the drift has ended" },
+  { "effects.stiffness_drift.time", 'r', 'p', (int32_t)offsetof(model, config.stiffness_drift_time), FMU_NO_RATE, 600.0, 0.001, 36000.0, "s", "how long it drifts; short: a step" },
+  { "effects.stiffness_drift.start", 'r', 'p', (int32_t)offsetof(model, config.stiffness_drift_start), FMU_NO_RATE, 0.0, 0.0, 36000.0, "s", "when it begins, from the start" },
+  { "effects.combined_slip.factor", 'r', 'p', (int32_t)offsetof(model, config.combined_slip_factor), FMU_NO_RATE, 0.0, 0.0, 2000.0, "1", "k of 1/sqrt(1 + k slip^2)" },
+  { "effects.tyre_saturation.inverse_friction", 'r', 'p', (int32_t)offsetof(model, config.tyre_saturation_inverse_friction), FMU_NO_RATE, 0.0, 0.0, 5.0, "1", "1/friction: axle load over the most lateral force" },
+  { "effects.tyre_saturation.shape", 'r', 'p', (int32_t)offsetof(model, config.tyre_saturation_shape), FMU_NO_RATE, 0.0, 0.0, 1.0, "1", "0: brush model with parabolic pressure, 1: root, which saturates later and harder" },
+  { "effects.longitudinal_load_transfer.gain", 'r', 'p', (int32_t)offsetof(model, config.longitudinal_load_transfer_gain), FMU_NO_RATE, 0.0, -0.08, 0.08, "s2/m", "cornering stiffness per accel_x: less in front, more in the rear" },
+  { "effects.lateral_load_transfer.gain", 'r', 'p', (int32_t)offsetof(model, config.lateral_load_transfer_gain), FMU_NO_RATE, 0.0, -0.003, 0.03, "s4/m2", "k of C (1 - k accel_y^2)" },
+  { "effects.lateral_load_transfer.balance", 'r', 'p', (int32_t)offsetof(model, config.lateral_load_transfer_balance), FMU_NO_RATE, 0.0, -1.0, 1.0, "1", "front k (1 + balance), rear k (1 - balance): which axle carries the roll" },
+  { "effects.aero_drag.coefficient", 'r', 'p', (int32_t)offsetof(model, config.aero_drag_coefficient), FMU_NO_RATE, 0.0, 0.0, 5.0, "kg/m", "force per speed squared: 1/2 rho cd A" },
+  { "effects.rolling_resistance.coefficient", 'r', 'p', (int32_t)offsetof(model, config.rolling_resistance_coefficient), FMU_NO_RATE, 0.0, 0.0, 0.2, "1", "force per weight, against the motion" },
+  { "effects.grade.angle", 'r', 'p', (int32_t)offsetof(model, config.grade_angle), FMU_NO_RATE, 0.0, -0.35, 0.35, "rad", "slope of the road, uphill > 0; replay adds a profile" },
+  { "effects.bank.angle", 'r', 'p', (int32_t)offsetof(model, config.bank_angle), FMU_NO_RATE, 0.0, -0.35, 0.35, "rad", "left side of the road high > 0; replay adds a profile" },
+  { "effects.bank.superelevation", 'r', 'p', (int32_t)offsetof(model, config.bank_superelevation), FMU_NO_RATE, 0.0, -0.5, 0.5, "1", "share of speed times yaw rate that the road's lean into its curves takes over" },
+  { "effects.crosswind.speed", 'r', 'p', (int32_t)offsetof(model, config.crosswind_speed), FMU_NO_RATE, 0.0, -30.0, 30.0, "m/s", "steady wind, pushing to the left at the heading of the start > 0" },
+  { "effects.crosswind.heading", 'r', 'p', (int32_t)offsetof(model, config.crosswind_heading), FMU_NO_RATE, 0.0, -3.2, 3.2, "rad", "heading at the start from where the wind is a side wind" },
+  { "effects.crosswind.coefficient", 'r', 'p', (int32_t)offsetof(model, config.crosswind_coefficient), FMU_NO_RATE, 2.8, 0.1, 30.0, "kg/m", "side force per wind times air speed" },
+  { "effects.crosswind.arm", 'r', 'p', (int32_t)offsetof(model, config.crosswind_arm), FMU_NO_RATE, 0.45, -3.0, 3.0, "m", "centre of pressure before the centre of gravity" },
+  { "effects.conicity.front", 'r', 'p', (int32_t)offsetof(model, config.conicity_front), FMU_NO_RATE, 0.0, -2000.0, 2000.0, "N", "side force of the front axle without slip" },
+  { "effects.conicity.rear", 'r', 'p', (int32_t)offsetof(model, config.conicity_rear), FMU_NO_RATE, 0.0, -2000.0, 2000.0, "N", "side force of the rear axle without slip" },
+  { "effects.aligning_moment.trail", 'r', 'p', (int32_t)offsetof(model, config.aligning_moment_trail), FMU_NO_RATE, 0.0, -0.2, 0.2, "m", "lateral forces act this far behind the axles" },
+  { "effects.imu_lever_arm.x", 'r', 'p', (int32_t)offsetof(model, config.imu_lever_arm_x), FMU_NO_RATE, 0.0, -4.0, 4.0, "m", "IMU before the centre of gravity" },
+  { "effects.imu_lever_arm.y", 'r', 'p', (int32_t)offsetof(model, config.imu_lever_arm_y), FMU_NO_RATE, 0.0, -2.0, 2.0, "m", "IMU left of the centre of gravity" },
+  { "effects.body_roll.gain", 'r', 'p', (int32_t)offsetof(model, config.body_roll_gain), FMU_NO_RATE, 0.0, -0.02, 0.04, "rad s2/m", "roll angle per lateral acceleration" },
+  { "effects.body_roll.frequency", 'r', 'p', (int32_t)offsetof(model, config.body_roll_frequency), FMU_NO_RATE, 1.5, 0.3, 6.0, "Hz", "natural frequency" },
+  { "effects.body_roll.damping", 'r', 'p', (int32_t)offsetof(model, config.body_roll_damping), FMU_NO_RATE, 0.3, 0.05, 2.0, "1", "damping ratio" },
+  { "effects.body_roll.height", 'r', 'p', (int32_t)offsetof(model, config.body_roll_height), FMU_NO_RATE, 0.0, -1.0, 1.5, "m", "IMU above the roll axis" },
+  { "effects.body_roll.coupling", 'r', 'p', (int32_t)offsetof(model, config.body_roll_coupling), FMU_NO_RATE, 0.0, -0.5, 1.0, "m", "sprung mass over mass times height of its centre of gravity above the roll axis: it pushes the car" },
+  { "effects.pitch_leak.gain", 'r', 'p', (int32_t)offsetof(model, config.pitch_leak_gain), FMU_NO_RATE, 0.0, -0.01, 0.03, "rad s2/m", "pitch angle per longitudinal acceleration, nose up > 0" },
+  { "effects.pitch_leak.frequency", 'r', 'p', (int32_t)offsetof(model, config.pitch_leak_frequency), FMU_NO_RATE, 1.8, 0.3, 6.0, "Hz", "natural frequency" },
+  { "effects.pitch_leak.damping", 'r', 'p', (int32_t)offsetof(model, config.pitch_leak_damping), FMU_NO_RATE, 0.4, 0.05, 2.0, "1", "damping ratio" },
+  { "effects.pitch_leak.height", 'r', 'p', (int32_t)offsetof(model, config.pitch_leak_height), FMU_NO_RATE, 0.0, -1.0, 1.5, "m", "IMU above the pitch axis" },
+  { "effects.imu_misalignment.angle", 'r', 'p', (int32_t)offsetof(model, config.imu_misalignment_angle), FMU_NO_RATE, 0.0, -0.2, 0.2, "rad", "IMU turned to the left > 0" },
+  { "effects.imu_scale_ax.error", 'r', 'p', (int32_t)offsetof(model, config.imu_scale_ax_error), FMU_NO_RATE, 0.0, -0.3, 0.3, "1", "reading over true, less one" },
+  { "effects.imu_scale_ay.error", 'r', 'p', (int32_t)offsetof(model, config.imu_scale_ay_error), FMU_NO_RATE, 0.0, -0.3, 0.3, "1", "reading over true, less one" },
+  { "effects.gyro_scale.error", 'r', 'p', (int32_t)offsetof(model, config.gyro_scale_error), FMU_NO_RATE, 0.0, -0.3, 0.3, "1", "reading over true, less one" },
+  { "effects.imu_delay.time", 'r', 'p', (int32_t)offsetof(model, config.imu_delay_time), FMU_NO_RATE, 0.0, 0.0, 0.2, "s", "readings are this much older than inputs" },
+  { "effects.formula_gain", 'r', 'p', (int32_t)offsetof(model, config.formula_gain), FMU_NO_RATE, 0.0, -10.0, 10.0, "1", "times a formula of the user (tse/formula.def); 0: none" },
+  { "effects.formula_a", 'r', 'p', (int32_t)offsetof(model, config.formula_a), FMU_NO_RATE, 0.0, -1000000.0, 1000000.0, "1", "number a of the formula, in its own unit" },
+  { "effects.formula_b", 'r', 'p', (int32_t)offsetof(model, config.formula_b), FMU_NO_RATE, 0.0, -1000000.0, 1000000.0, "1", "number b of the formula, in its own unit" },
+  { "effects.formula_c", 'r', 'p', (int32_t)offsetof(model, config.formula_c), FMU_NO_RATE, 0.0, -1000000.0, 1000000.0, "1", "number c of the formula, in its own unit" },
+  { "effects.formula_d", 'r', 'p', (int32_t)offsetof(model, config.formula_d), FMU_NO_RATE, 0.0, -1000000.0, 1000000.0, "1", "number d of the formula, in its own unit" },
+  { "effects.formula_e", 'r', 'p', (int32_t)offsetof(model, config.formula_e), FMU_NO_RATE, 0.0, -1000000.0, 1000000.0, "1", "number e of the formula, in its own unit" },
+  { "effects.formula_f", 'r', 'p', (int32_t)offsetof(model, config.formula_f), FMU_NO_RATE, 0.0, -1000000.0, 1000000.0, "1", "number f of the formula, in its own unit" },
+  { "effects.formula_g", 'r', 'p', (int32_t)offsetof(model, config.formula_g), FMU_NO_RATE, 0.0, -1000000.0, 1000000.0, "1", "number g of the formula, in its own unit" },
+  { "effects.formula_h", 'r', 'p', (int32_t)offsetof(model, config.formula_h), FMU_NO_RATE, 0.0, -1000000.0, 1000000.0, "1", "number h of the formula, in its own unit" },
+  { "effects.formula_place", 'i', 'p', (int32_t)offsetof(model, config.formula_place), FMU_NO_RATE, 0, 0, 9, "", "where it is added: code of FORMULA_PLACE in tse/formula.def" },
+  { "effects.formula_code_1", 'i', 'p', (int32_t)offsetof(model, config.formula_code_1), FMU_NO_RATE, 0, 0, 16777215, "", "operations 1 .. 3 of the formula, a byte each, the lowest first" },
+  { "effects.formula_code_2", 'i', 'p', (int32_t)offsetof(model, config.formula_code_2), FMU_NO_RATE, 0, 0, 16777215, "", "operations 4 .. 6" },
+  { "effects.formula_code_3", 'i', 'p', (int32_t)offsetof(model, config.formula_code_3), FMU_NO_RATE, 0, 0, 16777215, "", "operations 7 .. 9" },
+  { "effects.formula_code_4", 'i', 'p', (int32_t)offsetof(model, config.formula_code_4), FMU_NO_RATE, 0, 0, 16777215, "", "operations 10 .. 12" },
+  { "effects.formula_code_5", 'i', 'p', (int32_t)offsetof(model, config.formula_code_5), FMU_NO_RATE, 0, 0, 16777215, "", "operations 13 .. 15" },
+  { "effects.formula_code_6", 'i', 'p', (int32_t)offsetof(model, config.formula_code_6), FMU_NO_RATE, 0, 0, 16777215, "", "operations 16 .. 18" },
+  { "effects.formula_code_7", 'i', 'p', (int32_t)offsetof(model, config.formula_code_7), FMU_NO_RATE, 0, 0, 16777215, "", "operations 19 .. 21" },
+  { "effects.formula_code_8", 'i', 'p', (int32_t)offsetof(model, config.formula_code_8), FMU_NO_RATE, 0, 0, 16777215, "", "operations 22 .. 24" },
+  { "effects.formula_code_9", 'i', 'p', (int32_t)offsetof(model, config.formula_code_9), FMU_NO_RATE, 0, 0, 16777215, "", "operations 25 .. 27" },
+  { "effects.formula_code_10", 'i', 'p', (int32_t)offsetof(model, config.formula_code_10), FMU_NO_RATE, 0, 0, 16777215, "", "operations 28 .. 30" },
+  { "effects.formula_code_11", 'i', 'p', (int32_t)offsetof(model, config.formula_code_11), FMU_NO_RATE, 0, 0, 16777215, "", "operations 31 .. 33" },
+  { "filter.sample_time", 'r', 'p', (int32_t)offsetof(model, config.sample_time), FMU_NO_RATE, 0.01, 0.001, 0.1, "s", "nominal time between rows" },
+  { "filter.forgetting", 'r', 'p', (int32_t)offsetof(model, config.forgetting), FMU_NO_RATE, 0.99, 0.9, 0.9999, "1", "lambda of (17) per nominal sample; memory 1/(1 - lambda) samples; form 1" },
+  { "filter.forgetting_mean", 'r', 'p', (int32_t)offsetof(model, config.forgetting_mean), FMU_NO_RATE, 0.0, 0.0, 0.9999, "1", "lambda of the mean, of gamma in (17), per nominal sample; 0: forgetting (the paper); form 1" },
+  { "filter.forgetting_change", 'r', 'p', (int32_t)offsetof(model, config.forgetting_change), FMU_NO_RATE, 1.0, 0.5, 1.0, "1", "what lambda of the mean falls to where innovations last, as after a change of road; 1: it does not (the paper); form 1" },
+  { "filter.resample_threshold", 'r', 'p', (int32_t)offsetof(model, config.resample_threshold), FMU_NO_RATE, 0.5, 0.0, 1.0, "1", "resample when N_eff falls to this share of the particles; form 1" },
+  { "filter.initial_cx_front", 'r', 'p', (int32_t)offsetof(model, config.initial_cx_front), FMU_NO_RATE, 1.0, 0.2, 4.0, "1", "start of the front longitudinal stiffness, share of nominal" },
+  { "filter.initial_cy_front", 'r', 'p', (int32_t)offsetof(model, config.initial_cy_front), FMU_NO_RATE, 1.0, 0.2, 4.0, "1", "start of the front cornering stiffness, share of nominal" },
+  { "filter.initial_cy_rear", 'r', 'p', (int32_t)offsetof(model, config.initial_cy_rear), FMU_NO_RATE, 1.0, 0.2, 4.0, "1", "start of the rear cornering stiffness, share of nominal" },
+  { "filter.initial_mean_sd", 'r', 'p', (int32_t)offsetof(model, config.initial_mean_sd), FMU_NO_RATE, 0.3, 0.0, 2.0, "1", "how uncertain the start of the mean is: sqrt(gamma Sigma), relative to nominal" },
+  { "filter.initial_cx_sd", 'r', 'p', (int32_t)offsetof(model, config.initial_cx_sd), FMU_NO_RATE, 0.3, 0.0, 2.0, "1", "sd of the start of the longitudinal stiffness, relative; form 0" },
+  { "filter.initial_cy_front_sd", 'r', 'p', (int32_t)offsetof(model, config.initial_cy_front_sd), FMU_NO_RATE, 0.3, 0.0, 2.0, "1", "sd of the start of the front cornering stiffness, relative; form 0" },
+  { "filter.initial_cy_rear_sd", 'r', 'p', (int32_t)offsetof(model, config.initial_cy_rear_sd), FMU_NO_RATE, 0.3, 0.0, 2.0, "1", "sd of the start of the rear cornering stiffness, relative; form 0" },
+  { "filter.grip", 'r', 'p', (int32_t)offsetof(model, config.grip), FMU_NO_RATE, 0.0, 0.0, 50.0, "1", "friction of the tyres at the start; 0: 1/tyre_saturation_inverse_friction, or tyres without an end where that is 0; form 0" },
+  { "filter.grip_sd", 'r', 'p', (int32_t)offsetof(model, config.grip_sd), FMU_NO_RATE, 0.0, 0.0, 1.0, "1", "its sd, relative; form 0" },
+  { "filter.initial_spread", 'r', 'p', (int32_t)offsetof(model, config.initial_spread), FMU_NO_RATE, 0.07, 0.01, 2.0, "1", "sample-to-sample sd assumed at the start: sqrt(Sigma), relative to nominal" },
+  { "filter.spread_max", 'r', 'p', (int32_t)offsetof(model, config.spread_max), FMU_NO_RATE, 2.0, 0.01, 2.0, "1", "the learnt spread is kept at or below this, relative to nominal: what exceeds it is sensor noise, not tyre; 2: no limit (the paper); form 1" },
+  { "filter.spread_kernel", 'r', 'p', (int32_t)offsetof(model, config.spread_kernel), FMU_NO_RATE, 0.0, 0.0, 0.5, "1", "Lambda of a particle that was resampled is scaled by a random factor of this relative sd and mean one, so that copies differ; 0: it is not (the paper); form 1" },
+  { "filter.initial_dof", 'r', 'p', (int32_t)offsetof(model, config.initial_dof), FMU_NO_RATE, 7.0, 6.0, 1000.0, "1", "degrees of freedom nu at the start: samples' worth of trust in initial_spread; form 1" },
+  { "filter.learnt_floor", 'r', 'p', (int32_t)offsetof(model, config.learnt_floor), FMU_NO_RATE, 0.1, 0.0, 2.0, "1", "no mean stiffness learnt in an earlier drive is trusted more than this (sd, relative to nominal): the road may be another" },
+  { "filter.learnt_walk_day", 'r', 'p', (int32_t)offsetof(model, config.learnt_walk_day), FMU_NO_RATE, 0.02, 0.0, 1.0, "1/sqrt(day)", "random walk of a mean stiffness between drives, relative to nominal: wear, pressure, temperature, other tyres" },
+  { "filter.initial_vel_x", 'r', 'p', (int32_t)offsetof(model, config.initial_vel_x), FMU_NO_RATE, 0.0, -70.0, 70.0, "m/s", "start of vel_x, used when initial_vel_x_from_wheels is 0" },
+  { "filter.initial_vel_x_sd", 'r', 'p', (int32_t)offsetof(model, config.initial_vel_x_sd), FMU_NO_RATE, 0.1, 0.0, 20.0, "m/s", "how uncertain the start of vel_x is" },
+  { "filter.initial_vel_y_sd", 'r', 'p', (int32_t)offsetof(model, config.initial_vel_y_sd), FMU_NO_RATE, 0.1, 0.0, 10.0, "m/s", "how uncertain the start of vel_y is (mean 0)" },
+  { "filter.initial_yaw_rate_sd", 'r', 'p', (int32_t)offsetof(model, config.initial_yaw_rate_sd), FMU_NO_RATE, 0.01, 0.0, 2.0, "rad/s", "how uncertain the start of yaw_rate is (mean: first sample, else 0)" },
+  { "filter.stiffness_min", 'r', 'p', (int32_t)offsetof(model, config.stiffness_min), FMU_NO_RATE, 0.1, 0.02, 0.9, "1", "no stiffness falls below this share of nominal" },
+  { "filter.stiffness_max", 'r', 'p', (int32_t)offsetof(model, config.stiffness_max), FMU_NO_RATE, 5.0, 1.1, 20.0, "1", "no stiffness rises above this share of nominal" },
+  { "filter.hold_speed", 'r', 'p', (int32_t)offsetof(model, config.hold_speed), FMU_NO_RATE, 3.0, 0.5, 20.0, "m/s", "below this wheel speed, and in reverse, statistics are held" },
+  { "filter.max_steer", 'r', 'p', (int32_t)offsetof(model, config.max_steer), FMU_NO_RATE, 0.7, 0.05, 1.2, "rad", "beyond this steering angle nothing is learnt" },
+  { "filter.max_slip", 'r', 'p', (int32_t)offsetof(model, config.max_slip), FMU_NO_RATE, 0.05, 0.01, 1.0, "1", "beyond this slip of an axle its wheels lock or spin; form 0" },
+  { "filter.noise_max", 'r', 'p', (int32_t)offsetof(model, config.noise_max), FMU_NO_RATE, 30.0, 1.0, 1000.0, "1", "what the sensors' sd as found may be over the setting's; 1: the settings are believed; form 0" },
+  { "filter.max_gap", 'r', 'p', (int32_t)offsetof(model, config.max_gap), FMU_NO_RATE, 0.25, 0.01, 1.0, "s", "longer gaps between rows restart the states" },
+  { "filter.valid_sd", 'r', 'p', (int32_t)offsetof(model, config.valid_sd), FMU_NO_RATE, 0.1, 0.01, 1.0, "1", "a stiffness is valid up to this sd of the mean, relative to the mean (form 1: to nominal)" },
+  { "filter.steady_walk", 'r', 'p', (int32_t)offsetof(model, config.steady_walk), FMU_NO_RATE, 0.0005, 0.0, 0.1, "1/sqrt(s)", "random walk of a stiffness that nothing changes, relative: wear, warmth; form 0" },
+  { "filter.form", 'i', 'p', (int32_t)offsetof(model, config.form), FMU_NO_RATE, TSE_DEFAULT_FORM < TSE_LAST_FORM ? TSE_DEFAULT_FORM : TSE_LAST_FORM, TSE_FIRST_FORM, TSE_LAST_FORM, "", "0: the car's Kalman filter; 1: the paper's particle filter. 2, the same with a watchdog, is gone: see tse_config_robust()" },
+  { "filter.cg_height", 'r', 'p', (int32_t)offsetof(model, config.cg_height), FMU_NO_RATE, 0.0, 0.0, 3.0, "m", "height of the centre of gravity: load goes from axle to axle with the acceleration; form 0" },
+  { "filter.wheel_signals", 'i', 'p', (int32_t)offsetof(model, config.wheel_signals), FMU_NO_RATE, 2, 1, 2, "", "1: both wheel speeds are one signal, the speed of the vehicle, which does not show slip; form 0" },
+  { "filter.driven_axle", 'i', 'p', (int32_t)offsetof(model, config.driven_axle), FMU_NO_RATE, 0, 0, 2, "", "0 both or unknown, 1 front, 2 rear: the other rolls freely while the car does not brake, tse/pedals.def; form 0" },
+  { "filter.particles", 'i', 'p', (int32_t)offsetof(model, config.particles), FMU_NO_RATE, 500 < TSE_MAX_PARTICLES ? 500 : TSE_MAX_PARTICLES, 16, TSE_MAX_PARTICLES, "", "particles in use; form 1" },
+  { "filter.resampling", 'i', 'p', (int32_t)offsetof(model, config.resampling), FMU_NO_RATE, 0, 0, 3, "", "0 systematic, 1 stratified, 2 residual, 3 multinomial; form 1" },
+  { "filter.integration", 'i', 'p', (int32_t)offsetof(model, config.integration), FMU_NO_RATE, 0, 0, 2, "", "of (7) between rows: 0 Euler, inputs held (the paper); 1 second order, inputs linear; 2 second order, the steering angle held; form 1" },
+  { "filter.reflect_draws", 'i', 'p', (int32_t)offsetof(model, config.reflect_draws), FMU_NO_RATE, 0, 0, 1, "", "1: a draw of (25) below stiffness_min is reflected at it; 0: it is not (the paper); form 1" },
+  { "filter.initial_vel_x_from_wheels", 'i', 'p', (int32_t)offsetof(model, config.initial_vel_x_from_wheels), FMU_NO_RATE, 1, 0, 1, "", "1: vel_x starts at the mean of the wheel speeds" },
+  { "filter.seed", 'i', 'p', (int32_t)offsetof(model, config.seed), FMU_NO_RATE, 1, 0, 2147483647, "", "seed of the random numbers; form 1" },
+  /* end of table */
 
   /* table: estimator_outputs */
   { "estimate.vel_x", 'r', 'o', (int32_t)offsetof(model, y.vel_x), FMU_NO_RATE, 0.0, 1.0, -1.0, "m/s", "longitudinal velocity of the centre of gravity" },

@@ -23,17 +23,6 @@
   X(w,    3, "1",             "stiffness deviation drawn for the interval ahead")           \
   X(logw, 1, "log2",          "log-weight relative to the largest")
 
-/* The filters that a build knows, and the default. */
-#define TSE_FIRST_FORM 0
-#define TSE_DEFAULT_FORM 0
-
-/* A build without the form with particles is 12 kB and more smaller on a Cortex-M; it is refused there. */
-#if defined(TSE_NO_PARTICLES)
-#define TSE_LAST_FORM 0
-#else
-#define TSE_LAST_FORM 1
-#endif
-
 #define TSE_PARAMS_MAGIC 0x74736570u /* "tsep" */
 #define TSE_FILTER_MAGIC 0x74736566u /* "tsef" */
 
@@ -42,18 +31,6 @@ typedef struct tse_particles { /* [row][particle]; gamma, nu and the covariance 
   TSE_PARTICLE_FIELDS(X)
 #undef X
 } tse_particles;
-
-/* Constants of a filter, made by tse_prepare(). Everything is normalised: forces by mass (accelerations), measurements
- * by the sensor's sd, so that all numbers have a moderate size in every number format. */
-/* Parameters of the car that are uncertain, tse/uncertainty.def. */
-enum {
-#define REAL(name, def, lo, hi, unit, text)
-#define CONSIDER(id, name, most, unit, text) TSE_CONSIDER_##id,
-#include "tse/uncertainty.def"
-#undef REAL
-  TSE_CONSIDERED,
-  TSE_UNCERTAINTIES = TSE_CONSIDERED + 2 /* and mass_sd, which stands before them, and model_sd behind */
-};
 
 #define TSE_STATES 23   /* src/model/car.h */
 #define TSE_SENSORS 5   /* accel_x, accel_y, yaw_rate, wheel speeds front and rear */
@@ -85,6 +62,8 @@ typedef struct tse_car {
   int32_t driven;                                /* 0 both or unknown, 1 front, 2 rear                    */
 } tse_car;
 
+/* Constants of a filter, made by tse_prepare(). Everything is normalised: forces by mass (accelerations), measurements
+ * by the sensor's sd, so that all numbers have a moderate size in every number format. */
 typedef struct tse_params {
   uint32_t magic, fingerprint;
   uint32_t vehicle;                   /* fingerprint of the vehicle alone, the same in every number format */
@@ -155,7 +134,7 @@ typedef struct tse_ud {
   int32_t extras;                     /* of them in use: 0 or TSE_EXTRAS */
 } tse_ud;
 
-/* What is kept of a measured velocity, in the order of tse/velocity.def. */
+/* What is kept of a measured velocity, in the order of src/tables/velocity.toml. */
 typedef struct tse_velocity {
   tse_real noise[TSE_VELOCITIES];     /* [1] variance of a channel as found, over the setting's */
   tse_real innovation[TSE_VELOCITIES], last[TSE_VELOCITIES], since[TSE_VELOCITIES]; /* [m/s, rad] of the last value, itself; [s] its age */

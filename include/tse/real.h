@@ -73,7 +73,7 @@ typedef double tse_setting;
 #error "TSE_MAX_PARTICLES must lie in 16 .. 65535"
 #endif
 
-/* Rows that a filter keeps while it waits for channels that come later (tse/latency.def): from the earliest to the latest channel
+/* Rows that a filter keeps while it waits for channels that come later (settings ..._latency): from the earliest to the latest channel
  * there may lie TSE_LATENCY_ROWS - 4 sample times. A row is 6 tse_real, 1 more and a byte. */
 #ifndef TSE_LATENCY_ROWS
 #define TSE_LATENCY_ROWS 32

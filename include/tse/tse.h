@@ -30,6 +30,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "tse/config.h"
 #include "tse/input.h"
 #include "tse/output.h"
 #include "tse/real.h"
@@ -57,20 +58,11 @@
 extern "C" {
 #endif
 
-/* Settings, in SI units. Fill with tse_config_default(), then change what differs. Rows, ranges, units: tse/config.def.
- * Among them the parameters of effects (tse/effects.def; body_roll_gain, relaxation_length ...): all
- * 0, which is off, by default. The default form's model has those whose row says so. */
-typedef struct tse_config {
-#define REAL(name, def, lo, hi, unit, text) tse_setting name;
-#define INT(name, def, lo, hi, text) int32_t name;
-#include "tse/config.def"
-} tse_config;
-
-/* Fill c with the defaults of tse/config.def. c NULL: nothing happens. */
+/* Fill c with the defaults of tse/config.h. c NULL: nothing happens. */
 void tse_config_default(tse_config *c);
 
 /* An ordinary car that nobody has calibrated: after mass, lf, lr, driven_axle and wheel radii are set, fill in what cars of the class have
- * and how uncertain that is (tse/uncalibrated.def): stiffness and yaw inertia from mass and axles, relaxation, roll, drag, biases. The same
+ * and how uncertain that is (src/tables/uncalibrated.toml): stiffness and yaw inertia from mass and axles, relaxation, roll, drag, biases. The same
  * in C, FMU, Python and command. Without it the settings are taken as exact. `tselab calibrate` finds smaller uncertainties.
  * c NULL: nothing happens. */
 void tse_config_uncalibrated(tse_config *c);
@@ -84,7 +76,7 @@ void tse_config_paper(tse_config *c);
  * default on an ordinary car. Needs a tse_filter_paper. c NULL: nothing happens. */
 void tse_config_robust(tse_config *c);
 
-/* Check every setting against its range, and that the latencies (tse/latency.def) fit TSE_LATENCY_ROWS rows of sample_time.
+/* Check every setting against its range, and that the latencies (settings ..._latency) fit TSE_LATENCY_ROWS rows of sample_time.
  *   Returned:  TSE_OK, TSE_E_NULL or TSE_E_CONFIG; then *wrong (if not NULL) points to the name of the first
  *              wrong field, a string constant. */
 tse_status tse_config_check(const tse_config *c, const char **wrong);
@@ -113,7 +105,7 @@ tse_status tse_input_check(const tse_input *u, const char **wrong);
  *              tse_status: negative refused, 0 ok, positive usable with a warning
  *   Policy for odd rows
  *     steering angle or wheel speed out of range (also infinite), dt not in (0, 3600]   refused
- *     a channel logged late (tse/latency.def)    rows wait, with the reasons of the last step and the status TSE_W_WAITING, until
+ *     a channel logged late (..._latency)        rows wait, with the reasons of the last step and the status TSE_W_WAITING, until
  *                                                all channels are known; then a step to that time, estimate_age before the row.
  *                                                dt above max_gap: what waits is given up, and the next step, when the channels
  *                                                are known again, has the whole time. Rows that come faster than the memory can
@@ -131,12 +123,12 @@ tse_status tse_input_check(const tse_input *u, const char **wrong);
  *     another road, an axle's tyres              p_changed, p_axle: stiffness and grip move, and are uncertain
  *     noise other than the setting               found, noise_...; at most noise_max times
  *     what the model does not explain            model_sd: a share of what happens, discrepancy_...
- *     a velocity is given (tse/velocity.def)     a measurement, late by velocity_latency; a value that repeats the one before is no
+ *     a velocity is given (tse_input.given)      a measurement, late by velocity_latency; a value that repeats the one before is no
  *                                                new one; out of range or NaN: not there; one that does not fit is left out until
  *                                                it does. In form 1: refused, TSE_E_INPUT
- *     brake, wheel torques given (tse/pedals.def)  they say which axle rolls freely, in place of accel_x; while none does, on a road
+ *     brake, wheel torques given                 they say which axle rolls freely, in place of accel_x; while none does, on a road
  *                                                that may climb, nothing is learnt of the longitudinal stiffness. In form 1: refused
- *     uncertain parameters                       the settings of tse/uncertainty.def: Schmidt's gain; they widen the sd of all estimates
+ *     uncertain parameters                       settings from mass_sd to grade_sd: Schmidt's gain; they widen the sd of all estimates
  *   ... in form 1
  *     steering angle or wheel speed missing      last value held up to max_gap, then states frozen; predicts only
  *     a measurement missing or out of range      the others are used; all missing: predicts only
@@ -151,7 +143,7 @@ tse_status tse_step(const tse_params *p, tse_filter *f, const tse_input *u, tse_
 tse_status tse_filter_check(const tse_params *p, const tse_filter *f, size_t filter_bytes);
 
 /* Return how much one uncertain parameter of the car adds to the sd of each stiffness: what to measure better first.
- *   Given:     k  place of the quantity in tse/uncertainty.def: 0 mass_sd, 1 yaw_inertia_sd ... TSE_UNCERTAINTIES - 1
+ *   Given:     k  place of the quantity among the settings: 0 mass_sd, 1 yaw_inertia_sd ... TSE_UNCERTAINTIES - 1
  *   Returned:  sd[3]  after the last row, relative to nominal, as tse_output.stiffness_sd; unchanged when the result is negative
  *              TSE_OK, TSE_E_NULL, TSE_E_SIZE (no such k) or TSE_E_STATE (of other parameters, or of a form other than 0).
  *              O(1) time. */

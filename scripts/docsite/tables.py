@@ -1,4 +1,4 @@
-"""Pages and tables that are made from the tables of the library, which are those of include/tse/*.def."""
+"""Pages and tables that are made from the tables of the library, which are those of src/tables."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ ROOT = Path(__file__).resolve().parents[2]
 TSE = ROOT / "include" / "tse"
 TABLES = ROOT / "src" / "tables"
 C_TYPES = {"s": "tse_setting", "r": "tse_real", "i": "int32_t", "u": "uint32_t"}
-GROUPS = {  # the files that include/tse/config.def includes, and what a reader calls them
-    "vehicle.def": "Vehicle",
-    "uncertainty.def": "How uncertain the parameters of the car are",
-    "sensors.def": "Sensors",
-    "latency.def": "Latencies",
-    "velocity.def": "Measured velocity",
-    "pedals.def": "Brake switch and wheel torques",
-    "filter.def": "Filter",
-    "formula.def": "A formula of the user",
-    "effects.def": "Effects",
+GROUPS = {  # tables of the settings, in the order of tse_config, and what a reader calls them
+    "vehicle": "Vehicle",
+    "uncertainty": "How uncertain the parameters of the car are",
+    "sensors": "Sensors",
+    "latency": "Latencies",
+    "velocity": "Measured velocity",
+    "pedals": "Brake switch and wheel torques",
+    "filter": "Filter",
+    "formula": "A formula of the user",
+    "effects": "Effects",
 }
-HOOKS = {  # of include/tse/effects.def
+HOOKS = {  # of src/tables/effects.toml
     "CONSTANT": "the settings, once",
     "INPUT": "the steering angle of a row",
     "SLIP": "slip and slip angle of an axle",
@@ -67,24 +67,15 @@ def _range(f: Field) -> str:
 
 
 @functools.cache
-def _names_in(def_file: str) -> frozenset[str]:
-    """Words of a .def file: which settings are its own is asked of the library, this says only where they stand."""
-    return frozenset(re.findall(r"\w+", (TSE / def_file).read_text(encoding="utf-8")))
-
-
 def group_of(setting: str) -> str:
-    """The .def file whose row this setting is."""
+    """The table that has this setting."""
     if any(setting == p.setting for e in library().effects.values() for p in e.parameters):
-        return "effects.def"
-    if setting.startswith("formula_"):
-        return "formula.def"
-    base = setting.removesuffix("_latency")
-    if base != setting and base in _names_in("latency.def"):
-        return "latency.def"
-    for name in ("vehicle.def", "uncertainty.def", "sensors.def", "velocity.def", "pedals.def", "filter.def"):
-        if re.search(rf"\b(?:REAL|INT|CONSIDER)\((?:\w+, *)?{setting}\b", (TSE / name).read_text(encoding="utf-8")):
+        return "effects"
+    for name in GROUPS:
+        rows = read_toml(TABLES / f"{name}.toml")
+        if setting in (rows["setting"] if name == "formula" else rows):
             return name
-    raise ValueError(f"setting {setting} stands in no .def file that config.def includes")
+    raise ValueError(f"setting {setting} stands in no table of src/tables")
 
 
 def settings(fields: Iterable[Field]) -> str:
@@ -107,7 +98,7 @@ def config_page() -> str:
     fields, text = library().fields(CONFIG), []
     for name, title in GROUPS.items():
         own = [f for f in fields if group_of(f.name) == name]
-        text.append(f"## {title}\n\n`include/tse/{name}`, {len(own)} settings.\n\n{settings(own)}")
+        text.append(f"## {title}\n\n`src/tables/{name}.toml`, {len(own)} settings.\n\n{settings(own)}")
     total = sum(1 for _ in fields)
     return (
         f"# tse_config: settings\n\n`tse_config` has {total} members, in SI units; `tse_config_default()` fills in the defaults, "
@@ -123,9 +114,8 @@ def config_page() -> str:
 
 
 def uncalibrated() -> str:
-    text = (TSE / "uncalibrated.def").read_text(encoding="utf-8")
-    rows = re.findall(r'^UNCALIBRATED\((\w+),\s*([\d.e-]+),\s*"([^"]*)"\)', text, flags=re.M)
-    return table(["setting", "sd", "why"], [[code(a), b, cell(c)] for a, b, c in rows], right=(1,))
+    rows = read_toml(TABLES / "uncalibrated.toml")["setting"].items()
+    return table(["setting", "sd", "why"], [[code(n), f"{r['value']:g}", cell(r["why"])] for n, r in rows], right=(1,))
 
 
 def input_fields() -> str:

@@ -6,7 +6,7 @@
 int main(void)                                          /* log.csv in, stiffness of the front tyres at its end out */
 {
   static tse_filter f;  tse_config c;  tse_params p;  tse_output y = { 0 };  const char *wrong;  char line[512];  double before = NAN;
-  tse_config_default(&c);                               /* every setting: include/tse/config.def */
+  tse_config_default(&c);                               /* every setting: include/tse/config.h */
   c.mass = 1900;  c.lf = 1.25;  c.lr = 1.5;             /* your car; driven_axle: 1 front, 2 rear, 0 both or unknown */
   c.wheel_radius_front = c.wheel_radius_rear = 0.33;  c.driven_axle = 0;
   tse_config_uncalibrated(&c);                          /* last: what such a car has by its mass and axles, and how uncertain that is */

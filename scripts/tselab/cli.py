@@ -217,7 +217,7 @@ def estimate(
     databases, separator, decimal, encoding, header. Channels that the log does not have are missing;
     what is still observable is estimated.
 
-    What the vehicle file leaves out is that of an ordinary car of its mass and axles (include/tse/uncalibrated.def): stiffness
+    What the vehicle file leaves out is that of an ordinary car of its mass and axles (src/tables/uncalibrated.toml): stiffness
     from the axle loads, yaw inertia mass lf lr, grip of a dry road, each with the scatter of such cars; the run lists it.
     Noise and biases of the sensors are found while driving; with --form paper or robust the noise is found in the log beforehand.
     After 'tselab calibrate' the prior is the posterior of the calibration. A car that nobody has calibrated - no [calibration] and

@@ -82,7 +82,7 @@ class EffectParameter:
 
 @dataclass(frozen=True)
 class Effect:
-    """One row of include/tse/effects.def."""
+    """One row of src/tables/effects.toml."""
 
     id: str
     hook: str
@@ -105,7 +105,7 @@ class Effect:
 
 @dataclass(frozen=True)
 class FormulaPlace:
-    """One FORMULA_PLACE of include/tse/formula.def: where a formula of the user acts."""
+    """One place of src/tables/formula.toml: where a formula of the user acts."""
 
     name: str
     code: int
@@ -115,7 +115,7 @@ class FormulaPlace:
 
 @dataclass(frozen=True)
 class FormulaOp:
-    """One FORMULA_OP of include/tse/formula.def."""
+    """One operation of src/tables/formula.toml."""
 
     name: str
     code: int
@@ -567,7 +567,7 @@ class Filter:
         return self._filter.tobytes()[: self._bytes]
 
     def uncertainty_sd(self) -> dict[str, np.ndarray]:
-        """Return what each setting of include/tse/uncertainty.def adds to the sd of the three stiffnesses, relative to nominal,
+        """Return what each setting of src/tables/uncertainty.toml adds to the sd of the three stiffnesses, relative to nominal,
         after the last row. Empty in the form with particles."""
         types = [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int32, ctypes.c_void_p]
         sd: dict[str, np.ndarray] = {}

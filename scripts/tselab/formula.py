@@ -1,5 +1,5 @@
 """A formula of the user: one effect that no catalogue has, as a place in the model, an expression and its numbers. Read from
-text, checked, and turned into the settings formula_* (include/tse/formula.def), into numbers over a log, or into C."""
+text, checked, and turned into the settings formula_* (src/tables/formula.toml), into numbers over a log, or into C."""
 
 from __future__ import annotations
 

@@ -121,7 +121,7 @@ def simulated_vehicle() -> str:
 _EFFECTS = (
     "",
     "# What the single-track model leaves out, as far as it is known of this car: [effects.<id>] with the parameters of",
-    "# include/tse/effects.def ('tselab settings' has them as <id>_<parameter>). Left out: none.",
+    "# src/tables/effects.toml ('tselab settings' has them as <id>_<parameter>). Left out: none.",
     "# [effects.body_roll]",
     "# gain = 0.008  # rad s2/m",
 )

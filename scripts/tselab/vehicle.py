@@ -75,7 +75,7 @@ class Vehicle:
 
 @functools.cache
 def unknown_car() -> dict[str, float]:
-    """Return how uncertain the parameters of an uncalibrated car are: sd in units of include/tse/uncertainty.def."""
+    """Return how uncertain the parameters of an uncalibrated car are: sd in units of src/tables/uncertainty.toml."""
     return {name: value for name, value in _class_values(1900.0, 1.25, 1.5).items() if name in library().uncertainties}
 
 
@@ -92,7 +92,7 @@ def _class_values(mass: float, lf: float, lr: float) -> dict[str, float]:
 def filter_values(vehicle: Vehicle) -> dict[str, float]:
     """Return the settings of the car's filter: what the vehicle file says, and the prior of what it does not.
 
-    Nobody has calibrated it: an ordinary car of its class (include/tse/uncalibrated.def), the same as in C and FMU. Calibrated: the
+    Nobody has calibrated it: an ordinary car of its class (src/tables/uncalibrated.toml), the same as in C and FMU. Calibrated: the
     posterior of the calibration is the prior. [uncertainty] all 0: known exactly, nothing is added."""
     v = dict(vehicle.values)
     v["driven_axle"] = DRIVEN[vehicle.driven_axle]
@@ -132,7 +132,7 @@ def vehicle_settings() -> list[str]:
 
 
 def uncertainty_settings() -> list[str]:
-    """Names of the settings that belong in its [uncertainty] table: rows of include/tse/uncertainty.def."""
+    """Names of the settings that belong in its [uncertainty] table: rows of src/tables/uncertainty.toml."""
     return list(library().uncertainties)
 
 
@@ -145,13 +145,13 @@ def sensor_settings() -> list[str]:
 
 
 def latency_settings() -> dict[str, str]:
-    """Settings that belong in its [latency] table, rows of include/tse/latency.def, by their keys there: the channels."""
+    """Settings that belong in its [latency] table, rows of src/tables/latency.toml, by their keys there: the channels."""
     settings = {f"{c.name}_latency": c.name for c in library().channels}
     return {settings[f.name]: f.name for f in library().fields(CONFIG) if f.name in settings}
 
 
 def formula_settings() -> list[str]:
-    """Names of the settings of a formula of the user, rows of include/tse/formula.def."""
+    """Names of the settings of a formula of the user, rows of src/tables/formula.toml."""
     return [f.name for f in library().fields(CONFIG) if f.name.startswith("formula_")]
 
 
@@ -314,7 +314,7 @@ def _calibration(path: Path, table: dict[str, Any]) -> dict[str, Any]:
 
 
 def _read_effects(path: Path, effects: Any, check: Config, values: dict[str, float]) -> list[str]:
-    """The tables [effects.<id>]: parameters by their names in include/tse/effects.def. Returned: unknown keys, a text each."""
+    """The tables [effects.<id>]: parameters by their names in src/tables/effects.toml. Returned: unknown keys, a text each."""
     unknown: list[str] = []
     if not isinstance(effects, dict):
         raise UserError(f"{path}: effects must be tables: [effects.body_roll]")

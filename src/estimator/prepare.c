@@ -6,6 +6,7 @@
 #include "model/effects_constant.h"
 #include "model/car.h"
 #include "tables/constants.h"
+#include "tables/config.h"
 
 /* Rows kept beyond the span of the latencies: one on either side of it, and two for rows that come up to 7 % closer than the
  * sample time before any is left out (28 of 30 rows at their most). */
@@ -21,16 +22,28 @@ static tse_real real_of(tse_setting x) { return r_from_setting(x); }
 /* Set every setting to its default. */
 static void as_in_the_tables(tse_config *c)
 {
-#define REAL(name, def, lo, hi, unit, text) c->name = TSE_S(def);
-#define INT(name, def, lo, hi, text) c->name = (def) < (hi) ? (def) : (hi);
-#include "tse/config.def"
+  for (int i = 0; i < REALS; i++) memcpy((uint8_t *)c + reals[i].at, &reals[i].def, sizeof reals[i].def);
+  for (int i = 0; i < WHOLES; i++) memcpy((uint8_t *)c + wholes[i].at, &wholes[i].def, sizeof wholes[i].def);
+}
+
+static tse_setting real_at(const tse_config *c, int row)
+{
+  tse_setting x;
+  memcpy(&x, (const uint8_t *)c + reals[row].at, sizeof x);
+  return x;
+}
+
+static int32_t whole_at(const tse_config *c, int row)
+{
+  int32_t x;
+  memcpy(&x, (const uint8_t *)c + wholes[row].at, sizeof x);
+  return x;
 }
 
 void tse_config_uncalibrated(tse_config *c)
 {
   if (!c) return;
-#define UNCALIBRATED(setting, value, why) c->setting = TSE_S(value);
-#include "tse/uncalibrated.def"
+  for (size_t i = 0; i < sizeof ordinary / sizeof ordinary[0]; i++) memcpy((uint8_t *)c + ordinary[i].at, &ordinary[i].value, sizeof ordinary[i].value);
   const tse_setting weight = r_mul(STANDARD_GRAVITY, r_div(c->mass, c->lf + c->lr));
   c->yaw_inertia = r_mul(c->mass, r_mul(c->lf, c->lr));
   c->cornering_stiffness_front = r_mul(TSE_S(CLASS_CORNERING_FRONT), r_mul(weight, c->lr));
@@ -73,10 +86,6 @@ void tse_config_robust(tse_config *c)
   c->spread_kernel = TSE_S(0.03);
 }
 
-#define STRENGTH 1
-#define SHAPE 0
-#define GIVEN 0
-
 /* Return whether a formula of the user does something: no program, no formula. */
 static int formula_on(const tse_config *c)
 {
@@ -92,9 +101,10 @@ static int formula_on(const tse_config *c)
 static uint64_t effects_on(const tse_config *c)
 {
   uint64_t mask = 0;
-#define EFFECT_PARAMETER(id, parameter, role, unit, def, lo, hi, typical_lo, typical_hi, negligible, sign, text) \
-  if (role && (c->id##_##parameter < 0 || c->id##_##parameter > 0)) mask |= (uint64_t)1 << TSE_EFFECT_##id;
-#include "tse/effects.def"
+  for (int i = 0; i < COUNT_EFFECTS; i++) {
+    const tse_setting x = real_at(c, FIRST_EFFECTS + i);
+    if (effect_rows[i].strength && (x < 0 || x > 0)) mask |= (uint64_t)1 << effect_rows[i].effect;
+  }
   if (formula_on(c)) mask |= (uint64_t)1 << TSE_BIT_FORMULA;
   return mask;
 }
@@ -103,9 +113,7 @@ static uint64_t effects_on(const tse_config *c)
 /* Unpack the operations of a formula of the user, a byte each. */
 static void formula_of(const tse_config *c, uint8_t code[TSE_FORMULA_OPS])
 {
-  const int32_t packed[] = { c->formula_code_1, c->formula_code_2, c->formula_code_3, c->formula_code_4, c->formula_code_5,
-                             c->formula_code_6, c->formula_code_7, c->formula_code_8, c->formula_code_9, c->formula_code_10, c->formula_code_11 };
-  for (int k = 0; k < TSE_FORMULA_OPS; k++) code[k] = (uint8_t)(((uint32_t)packed[k / 3] >> (8 * (k % 3))) & 0xffu);
+  for (int k = 0; k < TSE_FORMULA_OPS; k++) code[k] = (uint8_t)(((uint32_t)whole_at(c, FIRST_WHOLE_FORMULA + 1 + k / 3) >> (8 * (k % 3))) & 0xffu);
 }
 #endif
 
@@ -117,17 +125,16 @@ static int formula_fits(const tse_config *c)
 #if defined(TSE_FORMULA) /* compiled in: there is no other */
   return !(c->formula_code_1 || c->formula_place);
 #else
-  enum { NUMBER, SIGNAL, PLAIN, MEMORY };
   uint8_t code[TSE_FORMULA_OPS];
   int depth = 0, memories = 0, late = 0;
   formula_of(c, code);
   for (int k = 0; k < TSE_FORMULA_OPS && code[k]; k++) {
     int takes = -1;
-    switch (code[k]) {
-#define FORMULA_OP(name, value, operands, kind, unit, text) case value: takes = operands; memories += kind == MEMORY; break;
-#include "tse/formula.def"
-    default: break;
-    }
+    for (size_t i = 0; i < sizeof formula_operations / sizeof formula_operations[0]; i++)
+      if (formula_operations[i].code == code[k]) {
+        takes = formula_operations[i].takes;
+        memories += formula_operations[i].memory;
+      }
     late += code[k] == FORMULA_OP_late;
     if (takes < 0 || takes > depth) return 0;
     depth += 1 - takes;
@@ -138,12 +145,11 @@ static int formula_fits(const tse_config *c)
 }
 #endif
 
-/* Take the latency of each channel, in the order of tse/input.def. */
+/* Latency of each channel: of all but the last, the yaw rate, which is the clock. */
 static void latencies_of(const tse_config *c, tse_setting latency[TSE_CHANNELS])
 {
-  for (int k = 0; k < (int)TSE_CHANNELS; k++) latency[k] = 0; /* of the yaw rate, which is the clock */
-#define LATENCY(channel, text) latency[TSE_CHANNEL_##channel] = c->channel##_latency;
-#include "tse/latency.def"
+  for (int k = 0; k < COUNT_LATENCY; k++) latency[k] = real_at(c, FIRST_LATENCY + k);
+  latency[TSE_CHANNEL_yaw_rate] = 0;
 }
 
 /* When a row is read: its time is `age` before the newest row, the earliest channel `span` before it. */
@@ -173,16 +179,12 @@ static reading_time reading_time_of(const tse_config *c, const tse_setting laten
  * gyro. */
 static tse_status latencies_fit(const tse_config *c, const char **wrong)
 {
-  static const char *const names[] = { /* in the order of tse/input.def, as the rows of tse/latency.def are */
-#define LATENCY(channel, text) #channel "_latency",
-#include "tse/latency.def"
-  };
   const tse_setting most = r_mul(r_from_int(TSE_LATENCY_ROWS - ROWS_TO_SPARE), c->sample_time);
   tse_setting latency[TSE_CHANNELS];
   latencies_of(c, latency);
   const reading_time r = reading_time_of(c, latency);
   if (!(r.span > r_mul(most, TSE_S(1.0001)))) return TSE_OK; /* 28 times 0.01 is rounded */
-  if (wrong) *wrong = names[latency[r.latest] > -latency[r.earliest] ? r.latest : r.earliest];
+  if (wrong) *wrong = reals[FIRST_LATENCY + (latency[r.latest] > -latency[r.earliest] ? r.latest : r.earliest)].name;
   return TSE_E_CONFIG;
 }
 
@@ -199,44 +201,22 @@ static void prepare_latencies(const tse_config *c, tse_params *p)
   for (int k = 0; k < (int)TSE_CHANNELS; k++) p->latency_age[k] = real_of(r.age - latency[k]);
 }
 
-/* Find the first real setting that is outside its range, in the order of tse/config.def, which is that of the members; NULL:
- * none. By a table: a comparison written out for each row is 4 kB more of a microcontroller's flash.
- *   Returned in *at: where it stands, or the size of all */
-static const char *real_outside(const tse_config *c, size_t *at)
+/* The first setting that is outside its range, in the order of the members; NULL: none. */
+static const char *outside(const tse_config *c)
 {
-#define REAL(name, def, lo, hi, unit, text) { #name, TSE_S(lo), TSE_S(hi), (uint16_t)offsetof(tse_config, name) },
-#define INT(name, def, lo, hi, text)
-  static const struct { const char *name; tse_setting lo, hi; uint16_t at; } rows[] = {
-#include "tse/config.def"
-  };
-#undef REAL
-#undef INT
-  *at = sizeof *c;
-  for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++) {
-    tse_setting x;
-    memcpy(&x, (const uint8_t *)c + rows[i].at, sizeof x);
-    if (!(x >= rows[i].lo && x <= rows[i].hi)) { /* so that NaN is */
-      *at = rows[i].at;
-      return rows[i].name;
-    }
-  }
-  return NULL;
+  int r = 0, w = 0;
+  while (r < REALS && real_at(c, r) >= reals[r].lo && real_at(c, r) <= reals[r].hi) r++; /* NaN is outside */
+  while (w < WHOLES && whole_at(c, w) >= wholes[w].lo && whole_at(c, w) <= wholes[w].hi) w++;
+  if (r == REALS) return w == WHOLES ? NULL : wholes[w].name;
+  return w == WHOLES || reals[r].at < wholes[w].at ? reals[r].name : wholes[w].name;
 }
 
 tse_status tse_config_check(const tse_config *c, const char **wrong)
 {
   if (!c) return TSE_E_NULL;
-  size_t at;
-  const char *const real = real_outside(c, &at);
-#define REAL(name, def, lo, hi, unit, text)
-#define INT(name, def, lo, hi, text)                                      \
-  if (c->name < (lo) || c->name > (hi)) {                                 \
-    if (wrong) *wrong = at < offsetof(tse_config, name) ? real : #name;   \
-    return TSE_E_CONFIG;                                                  \
-  }
-#include "tse/config.def"
-  if (real) {
-    if (wrong) *wrong = real;
+  const char *const name = outside(c);
+  if (name) {
+    if (wrong) *wrong = name;
     return TSE_E_CONFIG;
   }
 #if defined(TSE_NO_EFFECTS)
@@ -272,9 +252,8 @@ static uint32_t mix_setting(uint32_t h, tse_setting x)
 static uint32_t fingerprint(const tse_config *c)
 {
   uint32_t h = 2166136261u;
-#define REAL(name, def, lo, hi, unit, text) h = mix_setting(h, c->name);
-#define INT(name, def, lo, hi, text) h = mix(h, (uint32_t)c->name);
-#include "tse/config.def"
+  for (int i = 0; i < REALS; i++) h = mix_setting(h, real_at(c, i));
+  for (int i = 0; i < WHOLES; i++) h = mix(h, (uint32_t)whole_at(c, i));
   return mix(h, TSE_MAX_PARTICLES);
 }
 
@@ -294,18 +273,14 @@ static uint32_t mix_effect(uint32_t h, int on, const char *name, tse_setting val
 static uint32_t vehicle_fingerprint(const tse_config *c)
 {
   uint32_t h = 2166136261u;
-#define REAL(name, def, lo, hi, unit, text) h = mix_vehicle(h, c->name);
-#include "tse/vehicle.def"
-#undef REAL
+  for (int i = 0; i < COUNT_VEHICLE; i++) h = mix_vehicle(h, real_at(c, i));
   const uint64_t on = effects_on(c);
-#define EFFECT_PARAMETER(id, parameter, role, unit, def, lo, hi, typical_lo, typical_hi, negligible, sign, text) \
-  h = mix_effect(h, (int)(on >> TSE_EFFECT_##id & 1u), #id "_" #parameter, c->id##_##parameter);
-#include "tse/effects.def"
-#define REAL(name, def, lo, hi, unit, text) h = mix_effect(h, (int)(on >> TSE_BIT_FORMULA & 1u), #name, c->name);
-#define INT(name, def, lo, hi, text) h = mix_effect(h, (int)(on >> TSE_BIT_FORMULA & 1u), #name, r_from_int(c->name));
-#include "tse/formula.def"
-#undef REAL
-#undef INT
+  for (int i = 0; i < COUNT_EFFECTS; i++)
+    h = mix_effect(h, (int)(on >> effect_rows[i].effect & 1u), reals[FIRST_EFFECTS + i].name, real_at(c, FIRST_EFFECTS + i));
+  const int formula = (int)(on >> TSE_BIT_FORMULA & 1u);
+  for (int i = 0; i < COUNT_FORMULA; i++) h = mix_effect(h, formula, reals[FIRST_FORMULA + i].name, real_at(c, FIRST_FORMULA + i));
+  for (int i = 0; i < COUNT_WHOLE_FORMULA; i++)
+    h = mix_effect(h, formula, wholes[FIRST_WHOLE_FORMULA + i].name, r_from_int(whole_at(c, FIRST_WHOLE_FORMULA + i)));
   return h;
 }
 
@@ -327,14 +302,13 @@ static void prepare_effects(const tse_config *c, uint64_t mask, tse_params *p)
   (void)c;
 #else
   tse_effects *const e = &p->effects;
-#define EFFECT_PARAMETER(id, parameter, role, unit, def, lo, hi, typical_lo, typical_hi, negligible, sign, text) \
-  e->id##_##parameter = real_of(c->id##_##parameter);
-#include "tse/effects.def"
+  for (int i = 0; i < COUNT_EFFECTS; i++) { /* its members behind the mask are in the same order */
+    const tse_real x = real_of(real_at(c, FIRST_EFFECTS + i));
+    memcpy((uint8_t *)e + sizeof e->mask + (size_t)i * sizeof x, &x, sizeof x);
+  }
   e->mass = real_of(c->mass);
-  const tse_setting number[TSE_FORMULA_NUMBERS] = { c->formula_a, c->formula_b, c->formula_c, c->formula_d,
-                                                    c->formula_e, c->formula_f, c->formula_g, c->formula_h };
   e->formula_gain = real_of(c->formula_gain);
-  for (int k = 0; k < TSE_FORMULA_NUMBERS; k++) e->formula[k] = real_of(number[k]);
+  for (int k = 0; k < TSE_FORMULA_NUMBERS; k++) e->formula[k] = real_of(real_at(c, FIRST_FORMULA + 1 + k)); /* behind the gain */
   e->formula_place = c->formula_place;
   formula_of(c, e->formula_code);
 #endif

@@ -13,12 +13,6 @@
 /* 0/0 is not a constant expression everywhere; no range is written as an empty one instead. */
 #define NO_RANGE 0.0, 1.0, -1.0
 
-static const tse_field config_fields[] = {
-#define REAL(name, def, lo, hi, unit, text) { #name, 's', (int32_t)offsetof(tse_config, name), def, lo, hi, unit, text },
-#define INT(name, def, lo, hi, text) { #name, 'i', (int32_t)offsetof(tse_config, name), (def) < (hi) ? (def) : (hi), lo, hi, "1", text },
-#include "tse/config.def"
-};
-
 #if !defined(TSE_NO_EFFECTS)
 static const tse_field sim_config_fields[] = {
 #define REAL(name, def, lo, hi, unit, text) { #name, 's', (int32_t)offsetof(tse_sim_config, name), def, lo, hi, unit, text },
@@ -54,38 +48,6 @@ static const tse_field replay_out_fields[] = {
 #include "tse/replay.def"
 };
 #endif
-
-static const tse_field formula_places[] = {
-#define FORMULA_PLACE(name, code, unit, text) { #name, 'c', code, NO_RANGE, unit, text },
-#include "tse/formula.def"
-};
-
-#define NUMBER 'n'
-#define SIGNAL 's'
-#define PLAIN 'p'
-#define MEMORY 'm'
-static const tse_field formula_ops[] = {
-#define FORMULA_OP(name, code, takes, kind, unit, text) { #name, kind, code, takes, 1.0, -1.0, unit, text },
-#include "tse/formula.def"
-};
-#undef NUMBER
-#undef SIGNAL
-#undef PLAIN
-#undef MEMORY
-
-static const tse_effect_row effect_rows[] = {
-#define EFFECT(id, hook, title, entry, channels, alike, estimator) { #id, #hook, title, entry, channels, alike, estimator, TSE_EFFECT_##id },
-#include "tse/effects.def"
-};
-
-#define STRENGTH 1
-#define SHAPE 0
-#define GIVEN -1
-static const tse_effect_parameter effect_parameters[] = {
-#define EFFECT_PARAMETER(id, parameter, role, unit, def, lo, hi, typical_lo, typical_hi, negligible, sign, text) \
-  { #id, #parameter, #id "_" #parameter, unit, text, role, sign, def, lo, hi, typical_lo, typical_hi, negligible },
-#include "tse/effects.def"
-};
 
 const tse_effect_row *tse_describe_effects(int32_t *count)
 {

@@ -1,5 +1,5 @@
-/* model/effects_acting.h - effects that act in the model, in the order of tse/effects.def.
- * Written by cmake/effects.cmake, not by hand. */
+/* model/effects_acting.h - effects that act in the model, in the order of effects.toml: scripts/tables.py. */
+/* table: acting_effects */
 #include "model/effects/steering_ratio.h"
 #include "model/effects/steering_offset.h"
 #include "model/effects/steering_delay.h"
@@ -36,3 +36,4 @@
 #define EFFECTS_GRIP(X) X(tyre_saturation)
 #define EFFECTS_BODY(X) X(aero_drag) X(rolling_resistance) X(grade) X(bank) X(crosswind) X(conicity) X(aligning_moment)
 #define EFFECTS_SENSOR(X) X(imu_lever_arm) X(body_roll) X(pitch_leak) X(imu_misalignment) X(imu_scale_ax) X(imu_scale_ay) X(gyro_scale) X(imu_delay)
+/* end of table */

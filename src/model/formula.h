@@ -1,4 +1,4 @@
-/* model/formula.h - a formula of the user, tse/formula.def: what its program makes of a point, and what it remembers of it.
+/* model/formula.h - a formula of the user, src/tables/formula.toml: what its program makes of a point, and what it remembers of it.
  *
  * A program is interpreted, or, with TSE_FORMULA, compiled in from tse_formula.h, which tselab wrote; both call the functions below in the
  * same order, so both give the same bits. A point lies `ahead` of the memory: operations with memory say what they will be by then,
@@ -8,15 +8,40 @@
 #define FORMULA_STACK 8
 
 enum {
-#define FORMULA_PLACE(name, code, unit, text) PLACE_##name = code,
-#include "tse/formula.def"
-  PLACES
+  /* table: formula_places */
+  PLACE_front_angle = 0, PLACE_rear_angle = 1, PLACE_force_x = 2, PLACE_force_y = 3, PLACE_yaw_moment = 4,
+  PLACE_stiffness_front = 5, PLACE_stiffness_rear = 6, PLACE_accel_x = 7, PLACE_accel_y = 8, PLACE_yaw_rate = 9,
+  /* end of table */
 };
 
-enum { /* FORMULA_OP_<name> */
-#define FORMULA_OP(name, code, takes, kind, unit, text) FORMULA_OP_##name = code,
-#include "tse/formula.def"
-  FORMULA_OP_END = 0
+enum {
+  /* table: formula_operations */
+  FORMULA_OP_a = 1, FORMULA_OP_b = 2, FORMULA_OP_c = 3, FORMULA_OP_d = 4, FORMULA_OP_e = 5, FORMULA_OP_f = 6, FORMULA_OP_g = 7,
+  FORMULA_OP_h = 8, FORMULA_OP_one = 9, FORMULA_OP_two = 10, FORMULA_OP_steer_angle = 16, FORMULA_OP_vel_x = 17,
+  FORMULA_OP_vel_y = 18, FORMULA_OP_yaw_rate = 19, FORMULA_OP_accel_x = 20, FORMULA_OP_accel_y = 21,
+  FORMULA_OP_slip_angle_front = 22, FORMULA_OP_slip_angle_rear = 23, FORMULA_OP_slip_front = 24, FORMULA_OP_slip_rear = 25,
+  FORMULA_OP_time = 26, FORMULA_OP_add = 32, FORMULA_OP_sub = 33, FORMULA_OP_mul = 34, FORMULA_OP_div = 35, FORMULA_OP_neg = 36,
+  FORMULA_OP_abs = 37, FORMULA_OP_max = 38, FORMULA_OP_min = 39, FORMULA_OP_sqrt = 40, FORMULA_OP_soft = 41, FORMULA_OP_lag = 48,
+  FORMULA_OP_second = 49, FORMULA_OP_late = 50, FORMULA_OP_play = 51, FORMULA_OP_limit = 52, FORMULA_OP_rate = 53,
+  /* end of table */
+};
+
+/* Operands that each takes from the stack, and whether it remembers. */
+static const struct {
+  uint8_t code, takes, memory;
+} formula_operations[] = {
+  /* table: formula_takes */
+  { FORMULA_OP_a, 0, 0 }, { FORMULA_OP_b, 0, 0 }, { FORMULA_OP_c, 0, 0 }, { FORMULA_OP_d, 0, 0 }, { FORMULA_OP_e, 0, 0 },
+  { FORMULA_OP_f, 0, 0 }, { FORMULA_OP_g, 0, 0 }, { FORMULA_OP_h, 0, 0 }, { FORMULA_OP_one, 0, 0 }, { FORMULA_OP_two, 0, 0 },
+  { FORMULA_OP_steer_angle, 0, 0 }, { FORMULA_OP_vel_x, 0, 0 }, { FORMULA_OP_vel_y, 0, 0 }, { FORMULA_OP_yaw_rate, 0, 0 },
+  { FORMULA_OP_accel_x, 0, 0 }, { FORMULA_OP_accel_y, 0, 0 }, { FORMULA_OP_slip_angle_front, 0, 0 },
+  { FORMULA_OP_slip_angle_rear, 0, 0 }, { FORMULA_OP_slip_front, 0, 0 }, { FORMULA_OP_slip_rear, 0, 0 },
+  { FORMULA_OP_time, 0, 0 }, { FORMULA_OP_add, 2, 0 }, { FORMULA_OP_sub, 2, 0 }, { FORMULA_OP_mul, 2, 0 },
+  { FORMULA_OP_div, 2, 0 }, { FORMULA_OP_neg, 1, 0 }, { FORMULA_OP_abs, 1, 0 }, { FORMULA_OP_max, 2, 0 },
+  { FORMULA_OP_min, 2, 0 }, { FORMULA_OP_sqrt, 1, 0 }, { FORMULA_OP_soft, 1, 0 }, { FORMULA_OP_lag, 2, 1 },
+  { FORMULA_OP_second, 3, 1 }, { FORMULA_OP_late, 2, 1 }, { FORMULA_OP_play, 2, 1 }, { FORMULA_OP_limit, 2, 1 },
+  { FORMULA_OP_rate, 1, 1 },
+  /* end of table */
 };
 
 typedef struct formula_run {
@@ -157,29 +182,50 @@ static inline tse_real formula_program(formula_run *f)
 {
   tse_real s[FORMULA_STACK] = { TSE_R(0) };
   int n = 0;
-#define FORMULA_TAKES_0(name) s[n++] = formula_##name(f)
-#define FORMULA_TAKES_1(name) s[n - 1] = formula_##name(f, s[n - 1])
-#define FORMULA_TAKES_2(name) (n -= 1, s[n - 1] = formula_##name(f, s[n - 1], s[n]))
-#define FORMULA_TAKES_3(name) (n -= 2, s[n - 1] = formula_##name(f, s[n - 1], s[n], s[n + 1]))
-#define FORMULA_NUMBER(name, code, takes) s[n++] = formula_number(f, code - 1)
-#define FORMULA_SIGNAL(name, code, takes) FORMULA_TAKES_##takes(name)
-#define FORMULA_PLAIN(name, code, takes) FORMULA_TAKES_##takes(name)
-#define FORMULA_MEMORY(name, code, takes) FORMULA_TAKES_##takes(name)
   for (int k = 0; k < TSE_FORMULA_OPS && f->pt->p->effects.formula_code[k]; k++) {
     switch (f->pt->p->effects.formula_code[k]) {
-#define FORMULA_OP(name, code, takes, kind, unit, text) case code: FORMULA_##kind(name, code, takes); break;
-#include "tse/formula.def"
+    /* table: formula_cases */
+    case FORMULA_OP_a: s[n++] = formula_number(f, 0); break;
+    case FORMULA_OP_b: s[n++] = formula_number(f, 1); break;
+    case FORMULA_OP_c: s[n++] = formula_number(f, 2); break;
+    case FORMULA_OP_d: s[n++] = formula_number(f, 3); break;
+    case FORMULA_OP_e: s[n++] = formula_number(f, 4); break;
+    case FORMULA_OP_f: s[n++] = formula_number(f, 5); break;
+    case FORMULA_OP_g: s[n++] = formula_number(f, 6); break;
+    case FORMULA_OP_h: s[n++] = formula_number(f, 7); break;
+    case FORMULA_OP_one: s[n++] = formula_one(f); break;
+    case FORMULA_OP_two: s[n++] = formula_two(f); break;
+    case FORMULA_OP_steer_angle: s[n++] = formula_steer_angle(f); break;
+    case FORMULA_OP_vel_x: s[n++] = formula_vel_x(f); break;
+    case FORMULA_OP_vel_y: s[n++] = formula_vel_y(f); break;
+    case FORMULA_OP_yaw_rate: s[n++] = formula_yaw_rate(f); break;
+    case FORMULA_OP_accel_x: s[n++] = formula_accel_x(f); break;
+    case FORMULA_OP_accel_y: s[n++] = formula_accel_y(f); break;
+    case FORMULA_OP_slip_angle_front: s[n++] = formula_slip_angle_front(f); break;
+    case FORMULA_OP_slip_angle_rear: s[n++] = formula_slip_angle_rear(f); break;
+    case FORMULA_OP_slip_front: s[n++] = formula_slip_front(f); break;
+    case FORMULA_OP_slip_rear: s[n++] = formula_slip_rear(f); break;
+    case FORMULA_OP_time: s[n++] = formula_time(f); break;
+    case FORMULA_OP_add: n -= 1; s[n - 1] = formula_add(f, s[n - 1], s[n]); break;
+    case FORMULA_OP_sub: n -= 1; s[n - 1] = formula_sub(f, s[n - 1], s[n]); break;
+    case FORMULA_OP_mul: n -= 1; s[n - 1] = formula_mul(f, s[n - 1], s[n]); break;
+    case FORMULA_OP_div: n -= 1; s[n - 1] = formula_div(f, s[n - 1], s[n]); break;
+    case FORMULA_OP_neg: s[n - 1] = formula_neg(f, s[n - 1]); break;
+    case FORMULA_OP_abs: s[n - 1] = formula_abs(f, s[n - 1]); break;
+    case FORMULA_OP_max: n -= 1; s[n - 1] = formula_max(f, s[n - 1], s[n]); break;
+    case FORMULA_OP_min: n -= 1; s[n - 1] = formula_min(f, s[n - 1], s[n]); break;
+    case FORMULA_OP_sqrt: s[n - 1] = formula_sqrt(f, s[n - 1]); break;
+    case FORMULA_OP_soft: s[n - 1] = formula_soft(f, s[n - 1]); break;
+    case FORMULA_OP_lag: n -= 1; s[n - 1] = formula_lag(f, s[n - 1], s[n]); break;
+    case FORMULA_OP_second: n -= 2; s[n - 1] = formula_second(f, s[n - 1], s[n], s[n + 1]); break;
+    case FORMULA_OP_late: n -= 1; s[n - 1] = formula_late(f, s[n - 1], s[n]); break;
+    case FORMULA_OP_play: n -= 1; s[n - 1] = formula_play(f, s[n - 1], s[n]); break;
+    case FORMULA_OP_limit: n -= 1; s[n - 1] = formula_limit(f, s[n - 1], s[n]); break;
+    case FORMULA_OP_rate: s[n - 1] = formula_rate(f, s[n - 1]); break;
+    /* end of table */
     default: break;
     }
   }
-#undef FORMULA_TAKES_0
-#undef FORMULA_TAKES_1
-#undef FORMULA_TAKES_2
-#undef FORMULA_TAKES_3
-#undef FORMULA_NUMBER
-#undef FORMULA_SIGNAL
-#undef FORMULA_PLAIN
-#undef FORMULA_MEMORY
   return s[0];
 }
 

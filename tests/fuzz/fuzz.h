@@ -13,6 +13,7 @@
 #include <string.h>
 
 #include "tse/convert.h"
+#include "tse/describe.h"
 #include "tse/learnt.h"
 #include "tse/tse.h"
 
@@ -59,27 +60,21 @@ static inline double number(tse_real x) { return tse_double_of(x); }
 
 /* ---- settings */
 
-typedef struct setting {
-  const char *name;
-  size_t offset;
-  int whole;
-  double lo, hi, def;
-} setting;
+typedef tse_field setting;
 
-static const setting settings[] = {
-#define REAL(name, def, lo, hi, unit, text) { #name, offsetof(tse_config, name), 0, lo, hi, def },
-#define INT(name, def, lo, hi, text) { #name, offsetof(tse_config, name), 1, lo, hi, def },
-#include "tse/config.def"
-#undef REAL
-#undef INT
-};
-#define SETTINGS ((uint32_t)(sizeof settings / sizeof settings[0]))
+static inline const setting *settings_of(uint32_t *count)
+{
+  int32_t rows;
+  const tse_field *const all = tse_describe(TSE_STRUCT_CONFIG, &rows, NULL);
+  *count = (uint32_t)rows;
+  return all;
+}
 
 static inline void put_setting(tse_config *c, const setting *s, double x)
 {
   const tse_setting value = tse_setting_of(x);
   const int32_t whole = x >= -2147483648.0 && x <= 2147483647.0 ? (int32_t)x : INT32_MIN;
-  if (s->whole) memcpy((char *)c + s->offset, &whole, sizeof whole);
+  if (s->kind == 'i') memcpy((char *)c + s->offset, &whole, sizeof whole);
   else memcpy((char *)c + s->offset, &value, sizeof value);
 }
 
@@ -88,7 +83,7 @@ static inline double get_setting(const tse_config *c, const setting *s)
   tse_setting value;
   int32_t whole;
   memcpy(&whole, (const char *)c + s->offset, sizeof whole);
-  if (s->whole) return whole;
+  if (s->kind == 'i') return whole;
   memcpy(&value, (const char *)c + s->offset, sizeof value);
   return tse_double_of_setting(value);
 }
@@ -96,9 +91,11 @@ static inline double get_setting(const tse_config *c, const setting *s)
 /* Up to 15 settings other than the default; hostile: also out of range. */
 static inline void take_settings(bytes *b, tse_config *c, int hostile)
 {
+  uint32_t count;
+  const setting *const all = settings_of(&count);
   tse_config_default(c);
   for (uint32_t left = take(b, 1) & 15u; left > 0; left--) {
-    const setting *const s = &settings[take(b, 2) % SETTINGS];
+    const setting *const s = &all[take(b, 2) % count];
     switch (take(b, 1) & 7u) {
       case 0: put_setting(c, s, s->lo); break;
       case 1: put_setting(c, s, s->hi); break;

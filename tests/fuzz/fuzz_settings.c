@@ -6,7 +6,9 @@ static tse_filter_paper f;
 
 static const setting *named(const char *name)
 {
-  for (uint32_t i = 0; i < SETTINGS; i++)
+  uint32_t count;
+  const setting *const settings = settings_of(&count);
+  for (uint32_t i = 0; i < count; i++)
     if (strcmp(settings[i].name, name) == 0) return &settings[i];
   return NULL;
 }
@@ -16,7 +18,9 @@ static void must_be_wrong(const tse_config *c, const char *wrong)
 {
   const setting *const s = named(wrong);
   MUST(s, "'%s' is no setting", wrong);
-  for (uint32_t i = 0; i < SETTINGS; i++) {
+  uint32_t count;
+  const setting *const settings = settings_of(&count);
+  for (uint32_t i = 0; i < count; i++) {
     const double x = get_setting(c, &settings[i]);
     if (x >= tse_double_of_setting(tse_setting_of(settings[i].lo)) && x <= tse_double_of_setting(tse_setting_of(settings[i].hi))) continue;
     MUST(&settings[i] == s, "%s = %g is outside its range, and %s is named", settings[i].name, x, wrong);

@@ -3,7 +3,7 @@
     python -m tests.gap.multibody OUT --car 1 [--seed N] [--log NAME ...] [--no-noise] [--tyre KIND] [--step MS]
 
 OUT gets four logs to fit (log_*.csv), two of other manoeuvres (hold_out_*.csv), the car as its engineer knows it (car.toml),
-and what of include/tse/effects.def it has (truth.json). 1: Ford Escort, 2: BMW 320i, 3: VW Vanagon; one ADAMS tyre for all.
+and what of src/tables/effects.toml it has (truth.json). 1: Ford Escort, 2: BMW 320i, 3: VW Vanagon; one ADAMS tyre for all.
 
 The package's axes are those of SAE (z down, y right: a left wheel runs faster for yaw rate > 0, gravity adds to z'), tse's of
 ISO 8855 (z up, y left). Here all is SAE until `sensors` turns it round; a `Program` is what a driver wants, so it is ISO.
@@ -179,7 +179,7 @@ def free_slip(p: VehicleParameters, load: float) -> float:
 
 
 def vehicle(p: VehicleParameters) -> dict[str, float]:
-    """The car as its engineer knows it: keys of include/tse/vehicle.def, SI."""
+    """The car as its engineer knows it: keys of src/tables/vehicle.toml, SI."""
     return {
         "mass": p.m, "yaw_inertia": p.I_z, "lf": p.a, "lr": p.b, "track_front": p.T_f, "track_rear": p.T_r, "cg_height": p.h_cg,
         "wheel_radius_front": p.R_w, "wheel_radius_rear": p.R_w, **slopes(p),

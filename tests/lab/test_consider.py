@@ -1,4 +1,4 @@
-"""Parameter uncertainty (include/tse/uncertainty.def): a parameter off by its sd moves stiffnesses by what it adds to theirs."""
+"""Parameter uncertainty (src/tables/uncertainty.toml): a parameter off by its sd moves stiffnesses by what it adds to theirs."""
 
 from __future__ import annotations
 

@@ -10,8 +10,10 @@ import pytest
 
 import tselab
 from tselab.core import INPUT, NOMINAL, OUTPUT, STATUS, STIFFNESS, Config, Filter, SettingError, library, stiffness_si
+from tselab.toml import read_toml
 
 HEADERS = Path(__file__).parents[2] / "include" / "tse"
+TABLES = Path(__file__).parents[2] / "src" / "tables"
 
 
 def row(**values):
@@ -28,19 +30,14 @@ def test_version_is_that_of_the_header():
 
 def test_settings_are_the_rows_of_the_table():
     names = []
-    for part in re.findall(r'#include "tse/(\w+\.def)"', (HEADERS / "config.def").read_text()):
-        if part == "effects.def":
-            names += effect_settings()
-        else:
-            text = (HEADERS / part).read_text()
-            names += [f"{c}_latency" for c in re.findall(r"^LATENCY\((\w+),", text, re.M)]
-            names += re.findall(r"^(?:REAL|INT|CONSIDER)\((?:[A-Z_]+,\s+)?(\w+),", text, re.M)
+    for group in ("vehicle", "uncertainty", "sensors", "latency", "velocity", "pedals", "effects", "formula", "filter"):
+        table = read_toml(TABLES / f"{group}.toml")
+        names += effect_settings() if group == "effects" else table["setting"] if group == "formula" else table
     assert list(Config().fields) == names
 
 
 def effect_settings():
-    text = (HEADERS / "effects.def").read_text()
-    return ["_".join(p) for p in re.findall(r"^EFFECT_PARAMETER\((\w+), (\w+), (?:STRENGTH|SHAPE|GIVEN),", text, re.M)]
+    return [f"{i}_{p}" for i, row in read_toml(TABLES / "effects.toml").items() for p in row["parameter"]]
 
 
 def test_defaults_lie_inside_their_ranges():

@@ -63,7 +63,7 @@ def test_the_program_of_a_text(text, numbers, program):
 
 
 def stack_machine(formula: Formula, row: dict[str, float]) -> float:
-    """The settings' bytes, run as include/tse/formula.def says; nothing of the module's own tables."""
+    """The settings' bytes, run as src/tables/formula.toml says; nothing of the module's own tables."""
     settings = formula.settings()
     codes = [int(settings[f"formula_code_{k}"]) >> shift & 255 for k in range(1, 11) for shift in (0, 8, 16)]
     signals = {16: "steer_angle", 17: "vel_x", 18: "vel_y", 19: "yaw_rate", 20: "accel_x", 21: "accel_y"}

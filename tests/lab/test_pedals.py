@@ -1,4 +1,4 @@
-"""Brake switch and wheel torques from the log to the filter: tse/pedals.def, tselab.log, config, units, logs."""
+"""Brake switch and wheel torques from the log to the filter: src/tables/pedals.toml, tselab.log, config, units, logs."""
 
 from __future__ import annotations
 

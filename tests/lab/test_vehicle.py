@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from conftest import tselab
+from tselab.toml import read_toml
 from tselab.vehicle import REQUIRED, latency_settings, sensor_settings, uncertainty_settings, vehicle_settings
 
 BARE = """name = "bare"
@@ -29,18 +30,18 @@ def read(tmp_path, text):
 
 
 def class_of(name):
-    """A constant of include/tse/uncalibrated.def."""
-    text = (Path(__file__).resolve().parents[2] / "include" / "tse" / "uncalibrated.def").read_text()
-    return float(re.search(rf"(?:#define {name}|UNCALIBRATED\({name},) +([\d.]+)", text)[1])
+    """A constant of src/tables/uncalibrated.toml."""
+    table = read_toml(Path(__file__).resolve().parents[2] / "src" / "tables" / "uncalibrated.toml")
+    return {**table["setting"], **table["class"]}[name]["value"]
 
 
 def test_missing_stiffness_is_filled_in_from_the_axle_load(tmp_path):
     car = read(tmp_path, BARE)
     front, rear = 1600 * 9.81 * 1.5 / 2.5, 1600 * 9.81 * 1.0 / 2.5
-    assert car.values["cornering_stiffness_front"] == pytest.approx(class_of("CLASS_CORNERING_FRONT") * front)
-    assert car.values["cornering_stiffness_rear"] == pytest.approx(class_of("CLASS_CORNERING_REAR") * rear)
+    assert car.values["cornering_stiffness_front"] == pytest.approx(class_of("cornering_front") * front)
+    assert car.values["cornering_stiffness_rear"] == pytest.approx(class_of("cornering_rear") * rear)
     for axle, load in (("front", front), ("rear", rear)):
-        slip = class_of("CLASS_LONGITUDINAL") * load
+        slip = class_of("longitudinal") * load
         assert car.values[f"longitudinal_stiffness_{axle}"] == pytest.approx(slip)
     assert car.values["yaw_inertia"] == pytest.approx(1600 * 1.0 * 1.5)
     assert sum("rule" in line for line in car.filled) == 6

@@ -22,7 +22,7 @@ from scipy.integrate import solve_ivp
 from scipy.stats import multivariate_normal, multivariate_t
 
 M, INERTIA, LF, LR, RADIUS = 1900.0, 3000.0, 1.25, 1.5, 0.33
-CX_F, CX_R, CY_F, CY_R = 1.6e5, 1.6e5, 1.2e5, 1.4e5  # defaults of tse/config.def
+CX_F, CX_R, CY_F, CY_R = 1.6e5, 1.6e5, 1.2e5, 1.4e5  # defaults of tse/config.h
 SD = np.array([0.15, 0.15, short(0.0035)])
 BIAS_SD = np.array([0.05, 0.05, 0.002])
 WALK = np.array([0.002, 0.002, 0.0001])
@@ -117,7 +117,7 @@ def main():
         "accel_y_bias_walk": WALK[1], "yaw_rate_bias_walk": WALK[2], "sample_time": TS, "initial_spread": SPREAD,
         "initial_vel_x_sd": X_SD[0], "initial_vel_y_sd": X_SD[1], "initial_yaw_rate_sd": X_SD[2],
     }  # fmt: skip
-    out = ["/* Written by generate_kalman.py. SI units, natural logs. Vehicle: the defaults of tse/config.def. */", ""]
+    out = ["/* Written by generate_kalman.py. SI units, natural logs. Vehicle: the defaults of tse/config.h. */", ""]
     out += ["#define KALMAN_SETTINGS(X) \\", "  " + " ".join(f"X({k}, {float(v)!r})" for k, v in settings.items())]
     out += [
         f"#define KALMAN_OMEGA {OMEGA!r} /* rad/s, all wheels */",

@@ -5,12 +5,17 @@ python3 generate_learnt.py > learnt_table.h        standard library only; determ
 """
 
 import math
-import re
 import struct
+import sys
 import zlib
 from pathlib import Path
 
-ROWS = (Path(__file__).resolve().parents[2] / "include" / "tse" / "vehicle.def").read_text()
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+ROWS = tomllib.loads((Path(__file__).resolve().parents[2] / "src" / "tables" / "vehicle.toml").read_text())
 
 # Binary fractions, so that double, float and fixed hold them exactly.
 KNOWN, NU = 0b101, 64
@@ -27,7 +32,7 @@ SPREAD, CORRELATION = (0.0625, 0.25, 0.125), (0.0, -0.5, 0.25)
 def vehicle():
     """FNV-1a over the vehicle's default settings in single precision, little-endian."""
     h = 2166136261
-    for _name, value in re.findall(r"^REAL\((\w+),\s*([^,]+),", ROWS, re.M):
+    for value in (row["default"] for row in ROWS.values()):
         for byte in struct.pack("<f", float(value)):
             h = (h ^ byte) * 16777619 % 2**32
     return h

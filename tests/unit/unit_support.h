@@ -10,6 +10,7 @@
 
 #include "estimator/stages.h"
 #include "tse/convert.h"
+#include "tse/describe.h"
 #include "unity.h"
 
 void setUp(void);
@@ -82,28 +83,91 @@ static inline int outputs_are_finite(const tse_output *y)
   return fine;
 }
 
-#define STRENGTH 1
-#define SHAPE 0
-#define GIVEN 0
-
-/* A setting of tse/effects.def: 0 none, 1 a shape, 2 a strength. */
-static inline int kind_of_effect_setting(size_t offset)
+/* A member as tse_describe() has it, by its name; the test ends where there is none. */
+static inline const tse_field *field_of(tse_struct which, const char *name)
 {
-  int kind = 0;
-#define EFFECT_PARAMETER(id, parameter, role, unit, def, lo, hi, typical_lo, typical_hi, negligible, sign, text) \
-  if (offset == offsetof(tse_config, id##_##parameter)) kind = 1 + role;
-#include "tse/effects.def"
-  return kind;
+  int32_t count;
+  const tse_field *const row = tse_describe(which, &count, NULL);
+  for (int32_t i = 0; i < count; i++)
+    if (strcmp(row[i].name, name) == 0) return &row[i];
+  TEST_FAIL_MESSAGE(name);
+  return NULL;
+}
+
+/* For each member of a struct, f: its row of tse_describe(). */
+#define EACH_FIELD(f, which)                                                  \
+  for (int32_t count_##f, end_##f = (tse_describe(which, &count_##f, NULL), count_##f), i_##f = 0; i_##f < end_##f; i_##f++) \
+    for (const tse_field *f = tse_describe(which, NULL, NULL) + i_##f; f; f = NULL)
+
+/* For each parameter of an effect; each setting of tse_config. */
+#define EACH_PARAMETER(e) \
+  for (int32_t count_##e, end_##e = (tse_describe_effect_parameters(&count_##e), count_##e), i_##e = 0; i_##e < end_##e; i_##e++) \
+    for (const tse_effect_parameter *e = tse_describe_effect_parameters(NULL) + i_##e; e; e = NULL)
+#define EACH_SETTING(f) EACH_FIELD(f, TSE_STRUCT_CONFIG)
+
+static inline void put_field(void *to, const tse_field *f, double x)
+{
+  const tse_setting as_setting = setting(f->kind == 's' ? x : 0);
+  const tse_real as_real = real(f->kind == 'r' ? x : 0);
+  const int32_t whole = f->kind == 'i' ? (int32_t)x : 0;
+  if (f->kind == 's') memcpy((char *)to + f->offset, &as_setting, sizeof as_setting);
+  else if (f->kind == 'r') memcpy((char *)to + f->offset, &as_real, sizeof as_real);
+  else memcpy((char *)to + f->offset, &whole, sizeof whole);
+}
+
+static inline void put_setting(void *to, const tse_field *f, tse_setting x) { memcpy((char *)to + f->offset, &x, sizeof x); }
+
+static inline tse_setting setting_at(const void *from, const tse_field *f)
+{
+  tse_setting x;
+  memcpy(&x, (const char *)from + f->offset, sizeof x);
+  return x;
+}
+
+static inline int32_t whole_at(const void *from, const tse_field *f)
+{
+  int32_t x;
+  memcpy(&x, (const char *)from + f->offset, sizeof x);
+  return x;
+}
+
+static inline tse_real real_at(const void *from, const tse_field *f)
+{
+  tse_real x;
+  memcpy(&x, (const char *)from + f->offset, sizeof x);
+  return x;
+}
+
+/* Of whole numbers, one step off; of others, bit for bit. */
+static inline int same_at(const void *a, const void *b, const tse_field *f)
+{
+  const size_t bytes = f->kind == 's' ? sizeof(tse_setting) : f->kind == 'r' ? sizeof(tse_real) : sizeof(int32_t);
+  return memcmp((const char *)a + f->offset, (const char *)b + f->offset, bytes) == 0;
+}
+
+static inline void put_parameter(tse_config *c, const tse_effect_parameter *e, double x)
+{
+  put_field(c, field_of(TSE_STRUCT_CONFIG, e->setting), x);
+}
+
+/* A setting of an effect: 0 none, 1 a shape, 2 a strength. */
+static inline int kind_of_effect_setting(const char *name)
+{
+  EACH_PARAMETER(e)
+    if (strcmp(e->setting, name) == 0) return e->strength == 1 ? 2 : 1;
+  return 0;
 }
 
 /* For settings anywhere in their ranges: latencies as large as the memory of a filter holds of its sample_time. */
 static inline void fit_together(tse_config *c)
 {
   const tse_setting most = setting((TSE_LATENCY_ROWS - 5) * of_setting(c->sample_time) / 2.001);
-#define LATENCY(channel, text)                                            \
-  if (c->channel##_latency > most) c->channel##_latency = most;           \
-  if (c->channel##_latency < -most) c->channel##_latency = -most;
-#include "tse/latency.def"
+  tse_setting *const latency[] = { &c->steer_angle_latency, &c->wheel_speed_front_latency, &c->wheel_speed_rear_latency,
+                                   &c->accel_x_latency, &c->accel_y_latency };
+  for (int k = 0; k < 5; k++) {
+    if (*latency[k] > most) *latency[k] = most;
+    if (*latency[k] < -most) *latency[k] = -most;
+  }
   int32_t *const codes[] = { &c->formula_code_1, &c->formula_code_2, &c->formula_code_3, &c->formula_code_4, &c->formula_code_5,
                              &c->formula_code_6, &c->formula_code_7, &c->formula_code_8, &c->formula_code_9, &c->formula_code_10,
                              &c->formula_code_11 };

@@ -51,7 +51,7 @@ def latencies(result: Result) -> dict[str, float]:
 
 
 def uncertainty(result: Result) -> dict[str, float]:
-    """Return how well the car is known now, as settings (include/tse/uncertainty.def); what logs cannot show stays as it was."""
+    """Return how well the car is known now, as settings (src/tables/uncertainty.toml); what logs cannot show stays as it was."""
     names, cov = result.problem.names, result.fit.covariance
     at = dict(zip(names, result.fit.x, strict=True))
 

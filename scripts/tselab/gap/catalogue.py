@@ -1,4 +1,4 @@
-"""The catalogue of effects (tse/effects.def, through the library) in the form that fits take."""
+"""The catalogue of effects (src/tables/effects.toml, through the library) in the form that fits take."""
 
 from __future__ import annotations
 

@@ -43,7 +43,7 @@ def _late(name: str, own: float, message: str = "") -> Unknown:
     return Unknown(name + LATENCY, "latency", 0.0, own, -MOST_LATENCY, MOST_LATENCY, message=message, worth=0.001)
 
 
-# Sources of the sizes: include/tse/effects.def (typical sizes), and for the sensors: CAN cycle times of 10 .. 20 ms and filters of
+# Sources of the sizes: src/tables/effects.toml (typical sizes), and for the sensors: CAN cycle times of 10 .. 20 ms and filters of
 # 10 .. 30 ms (latencies), 1 to 2 degrees of mounting, 1 % of scale.
 UNKNOWNS: tuple[Unknown, ...] = (
     _late("steer_angle", 0.025), _late("wheel_speed_front", 0.0005, "wheels"), _late("wheel_speed_rear", 0.0005, "wheels"),

@@ -2,6 +2,7 @@
 #include "tables/constants.h"
 #include "filter/filter.h"
 #include "unit_support.h"
+#include "tables/config.h"
 
 #include <float.h>
 #include <stddef.h>
@@ -50,10 +51,9 @@ static tse_config other_car(void)
   c.mass_sd = setting(0.03);
   c.grade_sd = setting(0.03);
   c.model_sd = setting(0.04);
-#define REAL(name, def, lo, hi, unit, text)
-#define CONSIDER(id, name, most, unit, text) c.name = setting((most) / (4 + TSE_CONSIDER_##id));
-#include "tse/uncertainty.def"
-#undef REAL
+  int considered = 0;
+  const tse_field *const first = field_of(TSE_STRUCT_CONFIG, "yaw_inertia_sd");
+  for (; considered < TSE_CONSIDERED; considered++) put_field(&c, first + considered, first[considered].hi / (4 + considered));
   c.steer_angle_latency = setting(0.006);
   c.wheel_speed_front_latency = setting(0.012);
   c.wheel_speed_rear_latency = setting(0.015);
@@ -126,14 +126,9 @@ static tse_config other_car(void)
 static tse_config other_config(void)
 {
   tse_config c = other_car();
-#define EFFECT_PARAMETER(id, parameter, role, unit, def, lo, hi, typical_lo, typical_hi, negligible, sign, text) \
-  c.id##_##parameter = setting(0.9 * (def) + 0.1 * (hi));
-#include "tse/effects.def"
-#define REAL(name, def, lo, hi, unit, text) c.name = setting(0.25);
-#define INT(name, def, lo, hi, text) c.name = (hi) < 10 ? 4 : 0x242424; /* neg */
-#include "tse/formula.def"
-#undef REAL
-#undef INT
+  EACH_PARAMETER(e) put_parameter(&c, e, 0.9 * e->def + 0.1 * e->hi);
+  EACH_SETTING(row)
+    if (strncmp(row->name, "formula_", 8) == 0) put_field(&c, row, row->kind == 's' ? 0.25 : row->hi < 10 ? 4 : 0x242424 /* neg */);
   c.formula_code_1 = 0x242401; /* of a */
   return c;
 }
@@ -170,22 +165,20 @@ static void test_defaults_are_those_of_the_table_and_pass_the_check(void)
   memset(&c, 0xff, sizeof c);
   tse_config_default(&c);
   expect_config_accepted(&c, "defaults");
-#define REAL(name, def, lo, hi, unit, text) TEST_ASSERT_TRUE_MESSAGE(!(c.name != setting(def)), #name);
-#define INT(name, def, lo, hi, text) TEST_ASSERT_EQUAL_INT32_MESSAGE((def) < (hi) ? (def) : (hi), c.name, #name);
-#include "tse/config.def"
-#undef REAL
-#undef INT
+  EACH_SETTING(row) {
+    if (row->kind == 's') TEST_ASSERT_TRUE_MESSAGE(!(setting_at(&c, row) != setting(row->def)), row->name);
+    else TEST_ASSERT_EQUAL_INT32_MESSAGE((int32_t)row->def, whole_at(&c, row), row->name);
+  }
   tse_config_default(NULL);
 }
 
 static void expect_same_settings(const tse_config *expected, const tse_config *actual)
 {
   expect_config_accepted(actual, "other defaults");
-#define REAL(name, def, lo, hi, unit, text) TEST_ASSERT_TRUE_MESSAGE(!(actual->name != expected->name), #name);
-#define INT(name, def, lo, hi, text) TEST_ASSERT_EQUAL_INT32_MESSAGE(expected->name, actual->name, #name);
-#include "tse/config.def"
-#undef REAL
-#undef INT
+  EACH_SETTING(row) {
+    if (row->kind == 's') TEST_ASSERT_TRUE_MESSAGE(!(setting_at(actual, row) != setting_at(expected, row)), row->name);
+    else TEST_ASSERT_EQUAL_INT32_MESSAGE(whole_at(expected, row), whole_at(actual, row), row->name);
+  }
 }
 
 /* Nothing but these settings tells the paper's filter, as printed and robust, from the defaults. */
@@ -220,41 +213,37 @@ static void test_other_forms_are_the_defaults_but_for_a_few_settings(void)
 
 static void test_each_setting_is_accepted_at_its_limits_and_refused_by_name_beyond(void)
 {
-#define REAL(name, def, lo, hi, unit, text)                                                            \
-  {                                                                                                    \
-    tse_config c = defaults();                                                                         \
-    c.name = setting(lo); expect_config_accepted(&c, #name);                                     \
-    c.name = setting(hi); expect_config_accepted(&c, #name);                                     \
-    c.name = towards(setting(lo), -INFINITY); expect_config_refused(&c, #name);                  \
-    c.name = towards(setting(hi), INFINITY); expect_config_refused(&c, #name);                   \
+  EACH_SETTING(row) {
+    tse_config c = defaults();
+    put_field(&c, row, row->lo);
+    expect_config_accepted(&c, row->name);
+    put_field(&c, row, row->hi);
+    expect_config_accepted(&c, row->name);
+    if (row->kind == 's') {
+      put_setting(&c, row, towards(setting(row->lo), -INFINITY));
+      expect_config_refused(&c, row->name);
+      put_setting(&c, row, towards(setting(row->hi), INFINITY));
+      expect_config_refused(&c, row->name);
+      continue;
+    }
+    put_field(&c, row, row->lo - 1);
+    expect_config_refused(&c, row->name);
+    put_field(&c, row, INT32_MIN);
+    expect_config_refused(&c, row->name);
+    put_field(&c, row, row->hi < INT32_MAX ? row->hi + 1 : INT32_MIN);
+    expect_config_refused(&c, row->name);
   }
-#define INT(name, def, lo, hi, text)                                                                   \
-  {                                                                                                    \
-    tse_config c = defaults();                                                                         \
-    c.name = (lo); expect_config_accepted(&c, #name);                                                  \
-    c.name = (hi); expect_config_accepted(&c, #name);                                                  \
-    c.name = (lo) - 1; expect_config_refused(&c, #name);                                               \
-    c.name = INT32_MIN; expect_config_refused(&c, #name);                                              \
-    if ((hi) < INT32_MAX) { c.name = (int32_t)((int64_t)(hi) + 1); expect_config_refused(&c, #name); } \
-  }
-#include "tse/config.def"
-#undef REAL
-#undef INT
 }
 
 static void test_each_setting_that_is_not_finite_is_refused_by_name(void)
 {
-#define REAL(name, def, lo, hi, unit, text)                             \
-  {                                                                     \
-    tse_config c = defaults();                                          \
-    c.name = setting((double)NAN); expect_config_refused(&c, #name);        \
-    c.name = setting((double)INFINITY); expect_config_refused(&c, #name);   \
-    c.name = setting((double)-INFINITY); expect_config_refused(&c, #name);  \
-  }
-#define INT(name, def, lo, hi, text)
-#include "tse/config.def"
-#undef REAL
-#undef INT
+  const double bad[3] = { (double)NAN, (double)INFINITY, (double)-INFINITY };
+  EACH_SETTING(row)
+    for (int k = 0; k < 3 && row->kind == 's'; k++) {
+      tse_config c = defaults();
+      put_field(&c, row, bad[k]);
+      expect_config_refused(&c, row->name);
+    }
 }
 
 static void test_of_two_wrong_settings_the_first_is_named(void)
@@ -268,15 +257,13 @@ static void test_of_two_wrong_settings_the_first_is_named(void)
   c.formula_code_1 = -1; /* whole numbers stand between the real ones */
   c.sample_time = setting(-1);
   expect_config_refused(&c, "formula_code_1");
-#define REAL(name, def, lo, hi, unit, text)
-#define INT(name, def, lo, hi, text) \
-  c = defaults();                    \
-  c.lf = setting(-1);                \
-  c.name = (lo) - 1;                 \
-  expect_config_refused(&c, "lf"); /* of the real ones the third */
-#include "tse/config.def"
-#undef REAL
-#undef INT
+  EACH_SETTING(row) {
+    if (row->kind == 's') continue;
+    c = defaults();
+    c.lf = setting(-1);
+    put_field(&c, row, row->lo - 1);
+    expect_config_refused(&c, "lf"); /* of the real ones the third */
+  }
 }
 
 static void test_a_car_that_nobody_has_calibrated_is_told_as_such_and_nothing_else_changes(void)
@@ -285,9 +272,9 @@ static void test_a_car_that_nobody_has_calibrated_is_told_as_such_and_nothing_el
   c.mass = as_told.mass = setting(1234);
   c.lf = as_told.lf = setting(1.125);
   c.lr = as_told.lr = setting(1.375);
-#define UNCALIBRATED(name, sd, why) as_told.name = setting(sd);
-#include "tse/uncalibrated.def"
-#undef UNCALIBRATED
+  EACH_SETTING(row)
+    for (size_t k = 0; k < sizeof ordinary / sizeof ordinary[0]; k++)
+      if ((int32_t)ordinary[k].at == row->offset) put_setting(&as_told, row, ordinary[k].value);
   tse_config_uncalibrated(&c);
   /* stiffness and inertia follow from mass and axles */
   const double g = 9.81, one = BY_FORMAT(1e-12, 1e-6);
@@ -300,11 +287,7 @@ static void test_a_car_that_nobody_has_calibrated_is_told_as_such_and_nothing_el
   as_told.cornering_stiffness_rear = c.cornering_stiffness_rear;
   as_told.longitudinal_stiffness_front = c.longitudinal_stiffness_front;
   as_told.longitudinal_stiffness_rear = c.longitudinal_stiffness_rear;
-#define REAL(name, def, lo, hi, unit, text) TEST_ASSERT_TRUE_MESSAGE(as_told.name == c.name, #name);
-#define INT(name, def, lo, hi, text) TEST_ASSERT_TRUE_MESSAGE(as_told.name == c.name, #name);
-#include "tse/config.def"
-#undef REAL
-#undef INT
+  EACH_SETTING(row) TEST_ASSERT_TRUE_MESSAGE(same_at(&as_told, &c, row), row->name);
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_config_check(&c, NULL));
   tse_config_uncalibrated(NULL);
 }
@@ -327,11 +310,8 @@ static void test_null_arguments_are_refused_and_change_nothing(void)
 static void test_settings_of_the_tests_below_are_none_of_the_defaults(void)
 {
   const tse_config c = other_config();
-#define REAL(name, def, lo, hi, unit, text) TEST_ASSERT_TRUE_MESSAGE(c.name != setting(def), #name);
-#define INT(name, def, lo, hi, text) TEST_ASSERT_TRUE_MESSAGE(c.name != (def), #name);
-#include "tse/config.def"
-#undef REAL
-#undef INT
+  EACH_SETTING(row)
+    TEST_ASSERT_TRUE_MESSAGE(row->kind == 's' ? setting_at(&c, row) != setting(row->def) : whole_at(&c, row) != (int32_t)row->def, row->name);
 }
 
 static void expect_relative(double expected, tse_real actual, const char *what)
@@ -588,24 +568,14 @@ static void test_constants_are_finite_at_both_ends_of_every_range(void)
 {
   tse_config c = defaults();
   int held = 0, all = 0;
-#define AT_END(name, end)                              \
-  {                                                    \
-    const tse_config was = c;                          \
-    c.name = (end);                                    \
-    all++;                                             \
-    if (expect_finite_constants(&c, #name)) held++;    \
-    else c = was;                                      \
-  }
-#define REAL(name, def, lo, hi, unit, text) AT_END(name, setting(lo))
-#define INT(name, def, lo, hi, text) AT_END(name, lo)
-#include "tse/config.def"
-#undef REAL
-#undef INT
-#define REAL(name, def, lo, hi, unit, text) AT_END(name, setting(hi))
-#define INT(name, def, lo, hi, text) AT_END(name, hi)
-#include "tse/config.def"
-#undef REAL
-#undef INT
+  for (int end = 0; end < 2; end++)
+    EACH_SETTING(row) {
+      const tse_config was = c;
+      put_field(&c, row, end ? row->hi : row->lo);
+      all++;
+      if (expect_finite_constants(&c, row->name)) held++;
+      else c = was;
+    }
   TEST_ASSERT_TRUE(held >= BY_NUMBER(all, all, 0.9 * all));
 }
 
@@ -633,24 +603,19 @@ static void test_fingerprint_changes_with_every_setting(void)
 {
   const tse_config base = other_config();
   const uint32_t before = prepared(&base).fingerprint;
-#define REAL(name, def, lo, hi, unit, text)                                               \
-  {                                                                                       \
-    tse_config c = other_config();                                                        \
-    c.name = towards(c.name, INFINITY);                                                   \
-    TEST_ASSERT_TRUE_MESSAGE(prepared(&c).fingerprint != before, #name);                  \
-    c.name = setting(lo);                                                                 \
-    tse_params p;                                                                         \
-    if (prepared_if_held(&c, &p)) TEST_ASSERT_TRUE_MESSAGE(p.fingerprint != before, #name); \
+  EACH_SETTING(row) {
+    tse_config c = other_config();
+    if (row->kind == 's') {
+      put_setting(&c, row, towards(setting_at(&c, row), INFINITY));
+      TEST_ASSERT_TRUE_MESSAGE(prepared(&c).fingerprint != before, row->name);
+      put_field(&c, row, row->lo);
+      tse_params p;
+      if (prepared_if_held(&c, &p)) TEST_ASSERT_TRUE_MESSAGE(p.fingerprint != before, row->name);
+    } else {
+      put_field(&c, row, whole_at(&c, row) < row->hi ? whole_at(&c, row) + 1 : whole_at(&c, row) - 1);
+      TEST_ASSERT_TRUE_MESSAGE(prepared(&c).fingerprint != before, row->name);
+    }
   }
-#define INT(name, def, lo, hi, text)                                                      \
-  {                                                                                       \
-    tse_config c = other_config();                                                        \
-    c.name = c.name < (hi) ? c.name + 1 : c.name - 1;                                     \
-    TEST_ASSERT_TRUE_MESSAGE(prepared(&c).fingerprint != before, #name);                  \
-  }
-#include "tse/config.def"
-#undef REAL
-#undef INT
 }
 
 static void test_fingerprint_changes_with_every_bit_of_a_setting(void)
@@ -681,11 +646,11 @@ static void test_fingerprint_of_the_vehicle_tells_the_shapes_of_effects_that_are
 {
   tse_config c = other_config();
   const uint32_t before = prepared(&c).vehicle;
-#define EFFECT_PARAMETER(id, parameter, role, unit, def, lo, hi, typical_lo, typical_hi, negligible, sign, text) \
-  c = other_config();                                                                                          \
-  c.id##_##parameter = setting(0.8 * (def) + 0.2 * (hi));                                                \
-  TEST_ASSERT_TRUE_MESSAGE(prepared(&c).vehicle != before, #id " " #parameter);
-#include "tse/effects.def"
+  EACH_PARAMETER(e) {
+    c = other_config();
+    put_parameter(&c, e, 0.8 * e->def + 0.2 * e->hi);
+    TEST_ASSERT_TRUE_MESSAGE(prepared(&c).vehicle != before, e->setting);
+  }
 }
 
 /* A learnt state of the same vehicle must fit whatever else is set, in every number format: one value for all builds, which
@@ -695,25 +660,18 @@ static void test_fingerprint_of_the_vehicle_changes_with_the_vehicle_only(void)
   const tse_config base = defaults();
   const uint32_t before = prepared(&base).vehicle;
   TEST_ASSERT_EQUAL_HEX32(LEARNT_VEHICLE, before);
-#define REAL(name, def, lo, hi, unit, text)                                                                     \
-  {                                                                                                             \
-    tse_config c = other_config();                                                                              \
-    const tse_setting other = c.name;                                                                           \
-    c = defaults();                                                                                             \
-    c.name = other;                                                                                             \
-    const int same = prepared(&c).vehicle == before;                                                            \
-    const size_t at = offsetof(tse_config, name);                                                               \
-    TEST_ASSERT_EQUAL_INT_MESSAGE(at >= offsetof(tse_config, mass_sd) && kind_of_effect_setting(at) != 2, same, #name); \
+  EACH_SETTING(row) {
+    tse_config other = other_config(), c = defaults();
+    if (row->kind == 's') {
+      put_setting(&c, row, setting_at(&other, row));
+      const int same = prepared(&c).vehicle == before;
+      const int vehicle = (size_t)row->offset < offsetof(tse_config, mass_sd) || kind_of_effect_setting(row->name) == 2;
+      TEST_ASSERT_EQUAL_INT_MESSAGE(!vehicle, same, row->name);
+    } else {
+      put_field(&c, row, whole_at(&c, row) < row->hi ? whole_at(&c, row) + 1 : whole_at(&c, row) - 1);
+      TEST_ASSERT_EQUAL_HEX32_MESSAGE(before, prepared(&c).vehicle, row->name);
+    }
   }
-#define INT(name, def, lo, hi, text)                                     \
-  {                                                                      \
-    tse_config c = defaults();                                           \
-    c.name = c.name < (hi) ? c.name + 1 : c.name - 1;                    \
-    TEST_ASSERT_EQUAL_HEX32_MESSAGE(before, prepared(&c).vehicle, #name); \
-  }
-#include "tse/config.def"
-#undef REAL
-#undef INT
 }
 
 /* ------------------------------------------------------------------------------------ tse_stiffness_si */

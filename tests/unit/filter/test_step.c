@@ -548,14 +548,8 @@ static void test_parts_of_the_sd_are_those_of_what_is_uncertain(void)
   truth_start(&w, &c, 20, 0.5, 9);
   reset(&w.p);
   const tse_output y = drive(&w, 1500);
-  static const char *const names[TSE_UNCERTAINTIES] = {
-    "mass_sd",
-#define REAL(name, def, lo, hi, unit, text)
-#define CONSIDER(id, name, most, unit, text) #name,
-#include "tse/uncertainty.def"
-#undef REAL
-    "the model",
-  };
+  const char *names[TSE_UNCERTAINTIES];
+  for (int k = 0; k < TSE_UNCERTAINTIES; k++) names[k] = field_of(TSE_STRUCT_CONFIG, "mass_sd")[k].name;
   for (int32_t k = 0; k < TSE_UNCERTAINTIES; k++) {
     TEST_ASSERT_EQUAL_INT(TSE_OK, tse_uncertainty_sd(&w.p, &f, k, sd));
     for (int a = 0; a < 3; a++) {

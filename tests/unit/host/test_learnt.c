@@ -382,33 +382,22 @@ static void test_correlations_that_contradict_each_other_make_a_start_of_numbers
 
 /* --------------------------------------------------------------------------------- vehicle and calls */
 
-#define SETTABLE(offset) 1
-
 static void test_another_vehicle_is_refused_and_other_sensors_or_filters_are_not(void)
 {
   tse_params p;
-#define REAL(name, def, lo, hi, unit, text)                                                                            \
-  if (SETTABLE(offsetof(tse_config, name))) {                                                                          \
-    tse_config c = settings(1);                                                                                        \
-    c.name = c.name < setting(hi) ? setting(of_setting(c.name) + ((hi) - of_setting(c.name)) / 16) : setting(lo); \
-    p = prepared(&c);                                                                                                  \
-    if (offsetof(tse_config, name) < offsetof(tse_config, mass_sd) || kind_of_effect_setting(offsetof(tse_config, name)) == 2) { \
-      reset(&p, &f);                                                                                                   \
-      expect_refused(&p, learnt_bytes, sizeof learnt_bytes, TSE_E_VEHICLE, #name);                                     \
-    } else {                                                                                                           \
-      TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_OK, load(&p, learnt_bytes, sizeof learnt_bytes, 0), #name);                    \
-    }                                                                                                                  \
+  EACH_SETTING(row) {
+    tse_config c = settings(1);
+    const double was = row->kind == 's' ? of_setting(setting_at(&c, row)) : whole_at(&c, row);
+    if (row->kind == 's') put_field(&c, row, setting_at(&c, row) < setting(row->hi) ? was + (row->hi - was) / 16 : row->lo);
+    else put_field(&c, row, was < row->hi ? was + 1 : was - 1);
+    p = prepared(&c);
+    if (row->kind == 's' && ((size_t)row->offset < offsetof(tse_config, mass_sd) || kind_of_effect_setting(row->name) == 2)) {
+      reset(&p, &f);
+      expect_refused(&p, learnt_bytes, sizeof learnt_bytes, TSE_E_VEHICLE, row->name);
+    } else {
+      TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_OK, load(&p, learnt_bytes, sizeof learnt_bytes, 0), row->name);
+    }
   }
-#define INT(name, def, lo, hi, text)                                                                                   \
-  {                                                                                                                    \
-    tse_config c = settings(1);                                                                                        \
-    c.name = c.name < (hi) ? c.name + 1 : c.name - 1;                                                                  \
-    p = prepared(&c);                                                                                                  \
-    TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_OK, load(&p, learnt_bytes, sizeof learnt_bytes, 0), #name);                      \
-  }
-#include "tse/config.def"
-#undef REAL
-#undef INT
 }
 
 

@@ -20,9 +20,8 @@ static void lively(const tse_config *c, int rows)
 static tse_config all_effects(void)
 {
   tse_config c = default_car();
-#define EFFECT_PARAMETER(id, parameter, role, unit, def, lo, hi, typical_lo, typical_hi, negligible, sign, text) \
-  if (role) c.id##_##parameter = setting(typical_hi);
-#include "tse/effects.def"
+  EACH_PARAMETER(e)
+    if (e->strength == 1) put_parameter(&c, e, e->typical_hi);
   return c;
 }
 
@@ -33,9 +32,8 @@ static void test_without_effects_a_replay_is_the_plain_vehicle_bit_for_bit(void)
 {
   const tse_config plain = default_car();
   tse_config c = plain;
-#define EFFECT_PARAMETER(id, parameter, role, unit, def, lo, hi, typical_lo, typical_hi, negligible, sign, text) \
-  if (!role) c.id##_##parameter = setting(0.5 * (def) + 0.5 * (hi));
-#include "tse/effects.def"
+  EACH_PARAMETER(e)
+    if (e->strength != 1) put_parameter(&c, e, 0.5 * e->def + 0.5 * e->hi);
   const tse_params p = prepared(&plain);
   const int rows = 2000;
   tse_replay_start s = the_start();
@@ -79,9 +77,8 @@ static void test_shapes_of_effects_that_are_off_change_no_bit_of_the_simulator(v
   tse_sim_config s;
   tse_sim_input u;
   tse_sim_output y, z;
-#define EFFECT_PARAMETER(id, parameter, role, unit, def, lo, hi, typical_lo, typical_hi, negligible, sign, text) \
-  if (!role) shaped.id##_##parameter = setting(0.5 * (def) + 0.5 * (hi));
-#include "tse/effects.def"
+  EACH_PARAMETER(e)
+    if (e->strength != 1) put_parameter(&shaped, e, 0.5 * e->def + 0.5 * e->hi);
   tse_sim_config_default(&s);
   s.friction = setting(1);
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_reset(&a, &plain, &s, NULL));
@@ -137,22 +134,23 @@ static void test_every_effect_is_continuous_at_zero(void)
     plain[1][i] = number(got_y[i]);
     plain[2][i] = number(got_r[i]);
   }
-#define EFFECT_PARAMETER(id, parameter, role, unit, def, lo, hi, typical_lo, typical_hi, negligible, sign, text)       \
-  if (role) {                                                                                                          \
-    double small = 0, large = 0;                                                                                       \
-    c = default_car();                                                                                                 \
-    c.stiffness_drift_time = setting(5);                                                                                        \
-    c.id##_##parameter = setting(1e-4 * (typical_hi));                                                           \
-    replay(&c, rows);                                                                                                  \
-    for (int i = 0; i < rows; i++) small = fmax(small, fabs(number(got_x[i]) - plain[0][i]) + fabs(number(got_y[i]) - plain[1][i]) + fabs(number(got_r[i]) - plain[2][i])); \
-    c.id##_##parameter = setting(typical_hi);                                                                    \
-    replay(&c, rows);                                                                                                  \
-    for (int i = 0; i < rows; i++) large = fmax(large, fabs(number(got_x[i]) - plain[0][i]) + fabs(number(got_y[i]) - plain[1][i]) + fabs(number(got_r[i]) - plain[2][i])); \
-    TEST_ASSERT_TRUE_MESSAGE(large > BY_FORMAT(1e-4, 1e-3), #id " does something");                                    \
-    (void)snprintf(said, sizeof said, #id " " #parameter ": %.3g of %.3g", small, large);                               \
-    TEST_ASSERT_TRUE_MESSAGE(small < 2e-3 * large + (lags >> TSE_EFFECT_##id & 1u ? 2e-2 : BY_FORMAT(1e-9, 2e-3)), said);                 \
+  EACH_PARAMETER(e) {
+    if (e->strength != 1) continue;
+    double small = 0, large = 0;
+    uint64_t lag = 0;
+    c = default_car();
+    c.stiffness_drift_time = setting(5);
+    put_parameter(&c, e, 1e-4 * e->typical_hi);
+    lag = prepared(&c).effects.mask & lags;
+    replay(&c, rows);
+    for (int i = 0; i < rows; i++) small = fmax(small, fabs(number(got_x[i]) - plain[0][i]) + fabs(number(got_y[i]) - plain[1][i]) + fabs(number(got_r[i]) - plain[2][i]));
+    put_parameter(&c, e, e->typical_hi);
+    replay(&c, rows);
+    for (int i = 0; i < rows; i++) large = fmax(large, fabs(number(got_x[i]) - plain[0][i]) + fabs(number(got_y[i]) - plain[1][i]) + fabs(number(got_r[i]) - plain[2][i]));
+    TEST_ASSERT_TRUE_MESSAGE(large > BY_FORMAT(1e-4, 1e-3), e->setting);
+    (void)snprintf(said, sizeof said, "%s: %.3g of %.3g", e->setting, small, large);
+    TEST_ASSERT_TRUE_MESSAGE(small < 2e-3 * large + (lag ? 2e-2 : BY_FORMAT(1e-9, 2e-3)), said);
   }
-#include "tse/effects.def"
 }
 
 /* ---------------------------------------------------------------------------------------- integration */

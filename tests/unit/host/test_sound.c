@@ -92,15 +92,12 @@ static void test_a_filter_is_sound_at_both_ends_of_every_setting(void)
 {
   uint32_t seed = 4;
   tse_config c;
-#define END_OF(name, end)                                                      \
-  tse_config_default(&c);                                                      \
-  c.name = (end);                                                              \
-  if (tse_config_check(&c, NULL) == TSE_OK && prepared_if_held(&c, &p)) go_through_wild_rows(&c, #name, 100, &seed);
-#define REAL(name, def, lo, hi, unit, text) END_OF(name, setting(lo)) END_OF(name, setting(hi))
-#define INT(name, def, lo, hi, text) END_OF(name, lo) END_OF(name, hi)
-#include "tse/config.def"
-#undef REAL
-#undef INT
+  EACH_SETTING(row)
+    for (int end = 0; end < 2; end++) {
+      tse_config_default(&c);
+      put_field(&c, row, end ? row->hi : row->lo);
+      if (tse_config_check(&c, NULL) == TSE_OK && prepared_if_held(&c, &p)) go_through_wild_rows(&c, row->name, 100, &seed);
+    }
 }
 
 static void expect_forged(const char *what)

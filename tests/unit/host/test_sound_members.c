@@ -329,15 +329,11 @@ static void test_a_simulation_of_other_settings_is_refused_whichever_it_is(void)
   other = sim;                                                                        \
   TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_E_STATE, look_at_simulation(), what);             \
   c = told;
-#define REAL(name, def, lo, hi, unit, text)                                                       \
-  c.name = setting(of_setting(c.name) + 0.001 * ((of_setting(c.name) < (hi) ? (hi) : (lo)) - of_setting(c.name))); \
-  LOOKED("vehicle." #name)
-#define INT(name, def, lo, hi, text)     \
-  c.name += c.name < (hi) ? 1 : -1;      \
-  LOOKED("vehicle." #name)
-#include "tse/config.def"
-#undef REAL
-#undef INT
+  EACH_SETTING(row) {
+    const double was = row->kind == 's' ? of_setting(setting_at(&c, row)) : whole_at(&c, row), end = was < row->hi ? row->hi : row->lo;
+    put_field(&c, row, row->kind == 's' ? was + 0.001 * (end - was) : was < row->hi ? was + 1 : was - 1);
+    LOOKED(row->name)
+  }
 #define REAL(name, def, lo, hi, unit, text) OFF("config." #name, config.name, setting(0.01))
 #define INT(name, def, lo, hi, text) OFF("config." #name, config.name, 1)
 #include "tse/sim.def"

@@ -399,19 +399,15 @@ static void test_programs_that_do_not_fit_are_refused(void)
 /* The simulator's car, whose rear wheels steer with the speed, and an estimator that is told so, or not. */
 static void test_every_operation_is_known_and_a_program_may_fill_its_room(void)
 {
-  static const struct {
-    int code, takes;
-  } op[] = {
-#define FORMULA_OP(name, code, takes, kind, unit, text) { code, takes },
-#include "tse/formula.def"
-  };
-  for (int i = 0; i < (int)(sizeof op / sizeof op[0]); i++)
+  int32_t count;
+  const tse_field *const op = tse_describe(TSE_STRUCT_FORMULA_OP, &count, NULL);
+  for (int i = 0; i < count; i++)
     for (int n = 0; n <= 3; n++) { /* as many values as it takes, or another number of them */
       tse_config c = default_car();
       int ops[4] = { ONE, ONE, ONE, ONE };
-      ops[n] = op[i].code;
+      ops[n] = op[i].offset;
       set_program(&c, 2, ops, n + 1);
-      TEST_ASSERT_EQUAL_INT(n == op[i].takes ? TSE_OK : TSE_E_CONFIG, status_of(&c));
+      TEST_ASSERT_EQUAL_INT(n == (int)op[i].def ? TSE_OK : TSE_E_CONFIG, status_of(&c));
     }
   tse_config c = default_car();
   int full[TSE_FORMULA_OPS] = { ONE };

@@ -564,14 +564,11 @@ static void test_no_mixture_of_extreme_settings_makes_an_output_that_is_no_numbe
   for (int k = 0; k < 400; k++) {
     tse_config c = some_settings(16);
     const int32_t kept = c.form;
-#define END_OF(name, lo, hi, type) { const uint32_t dice = next_word(&state) >> 9; if (dice % 5u < 2u) c.name = (type)(dice % 5u ? (lo) : (hi)); }
-#define REAL(name, def, lo, hi, unit, text) END_OF(name, setting(lo), setting(hi), tse_setting)
-#define INT(name, def, lo, hi, text) END_OF(name, lo, hi, int32_t)
-#include "tse/config.def"
-#undef REAL
-#undef INT
-#define EFFECT_PARAMETER(id, parameter, role, unit, def, lo, hi, typical_lo, typical_hi, negligible, sign, text) c.id##_##parameter = setting(def);
-#include "tse/effects.def"
+    EACH_SETTING(row) {
+      const uint32_t dice = next_word(&state) >> 9;
+      if (dice % 5u < 2u) put_field(&c, row, dice % 5u ? row->lo : row->hi);
+    }
+    EACH_PARAMETER(e) put_parameter(&c, e, e->def);
     fit_together(&c);
     c.form = kept;
     c.particles = 16;
