@@ -481,7 +481,7 @@ def sim_input_rows() -> list[str]:
 
 def truths() -> list[tuple[str, str, str, Row]]:
     """Return group, name, member and row of what a simulated row has besides what the car logs."""
-    rows = [(g, n, r) for g, own in read("sim_output").items() if g != "member" for n, r in own.items()]
+    rows = [(t["group"], n, r) for t in read("sim_output")["truth"] for n, r in t.items() if n != "group"]
     return [(g, n, r.get("member", n), {"kind": "real", **r}) for g, n, r in rows]
 
 
@@ -626,14 +626,18 @@ def vehicle_inputs() -> list[str]:
 
 
 def vehicle_parameters() -> list[str]:
-    return list(parameters(("vehicle", "sensors", "effects", "formula")))
+    return list(parameters(("vehicle", "sensors", "effects", "formula", "sim")))
 
 
-def vehicle_outputs() -> list[str]:
-    rows = [
+def vehicle_sensors() -> list[str]:
+    return [
         output(f"sensor.{r['name']}", "r", f"y.row.{r['name']}", r["unit"], r["text"] + ", as logged")
         for r in channels()
     ]
+
+
+def vehicle_outputs() -> list[str]:
+    rows = []
     stiffness = {"stiffness": "mean_si", "drawn": "drawn_si"}
     for g, n, place, r in truths():
         of, _, index = place.partition("[")

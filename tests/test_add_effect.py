@@ -1,5 +1,5 @@
-"""What a change touches: a new effect, threshold and output, each put into a copy of the sources, in the files that CONTRIBUTING names
-and no other; scripts/tables.py writes the rest, and the library that is built of it has what is new."""
+"""What a change touches: a new effect, threshold and output, each put into a copy of the sources, in the files that CONTRIBUTING
+names and no other; scripts/tables.py writes the rest, and the library that is built of it has what is new."""
 
 import re
 import shutil

@@ -57,15 +57,13 @@ static void derive_outputs(model *m)
   tse_stiffness_si(&m->config, &relative, m->drawn_si, NULL, NULL);
 }
 
-/* The first input that is outside its range; NULL: none. */
-static const fmu_variable *wrong_input(const tse_sim_input *u)
+static double *input_at(tse_sim_input *u, const fmu_variable *v) { return (double *)((char *)u + v->offset - offsetof(model, u)); }
+
+/* The first input that is outside its range; NULL: none. The first variables are the inputs. */
+static const fmu_variable *wrong_input(tse_sim_input u)
 {
-  const fmu_variable *v = fmu_variables; /* its first rows are the inputs */
-#define SIM_INPUT(name, def, lo, hi, unit, text) \
-  if (!(u->name >= (lo) && u->name <= (hi))) return v; \
-  v++;
-#include "tse/sim_input.def"
-#undef SIM_INPUT
+  for (const fmu_variable *v = fmu_variables; v->role == 'i'; v++)
+    if (!(*input_at(&u, v) >= v->lo && *input_at(&u, v) <= v->hi)) return v;
   return NULL;
 }
 
@@ -86,7 +84,7 @@ static fmu_result refuse_motion(char text[FMU_TEXT])
 
 fmu_result model_start(model *m, double start, char text[FMU_TEXT])
 {
-  const fmu_variable *const wrong_one = wrong_input(&m->u);
+  const fmu_variable *const wrong_one = wrong_input(m->u);
   const char *wrong = NULL;
   (void)start;
   if (wrong_one) return refuse_input(wrong_one, text);
@@ -108,11 +106,10 @@ fmu_result model_step(model *m, double time, double step, char text[FMU_TEXT])
   const fmu_variable *wrong;
   (void)time;
   from.dt = to.dt = step;
-#define SIM_INPUT(name, def, lo, hi, unit, text) to.name += step * m->rate.name;
-#include "tse/sim_input.def"
-#undef SIM_INPUT
-  wrong = wrong_input(&from);
-  if (!wrong) wrong = wrong_input(&to);
+  for (const fmu_variable *v = fmu_variables; v->role == 'i'; v++)
+    *input_at(&to, v) += step * *(const double *)((const char *)m + v->rate);
+  wrong = wrong_input(from);
+  if (!wrong) wrong = wrong_input(to);
   if (wrong) return refuse_input(wrong, text);
   if (!(step <= 1.0)) {
     (void)snprintf(text, FMU_TEXT, "communicationStepSize = %.10g is longer than 1 s", step);

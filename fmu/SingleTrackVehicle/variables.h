@@ -1,12 +1,14 @@
 /* fmu/SingleTrackVehicle/variables.h - every variable of the FMU, in the order of its value references. Part of model.c. */
-#define PARAMETER(group, kind, member, name, def, lo, hi, unit, text) \
-  { group "." #name, kind, 'p', (int32_t)offsetof(model, member.name), FMU_NO_RATE, def, lo, hi, unit, text },
-
 const fmu_variable fmu_variables[] = {
-#define SIM_INPUT(name, def, lo, hi, unit, text) \
-  { #name, 'r', 'i', (int32_t)offsetof(model, u.name), (int32_t)offsetof(model, rate.name), def, lo, hi, unit, text },
-#include "tse/sim_input.def"
-#undef SIM_INPUT
+  /* table: vehicle_inputs */
+  { "steer_angle", 'r', 'i', (int32_t)offsetof(model, u.steer_angle), (int32_t)offsetof(model, rate.steer_angle), 0.0, -1.2, 1.2, "rad", "road-wheel angle of the front axle, positive left" },
+  { "wheel_torque_front", 'r', 'i', (int32_t)offsetof(model, u.wheel_torque_front), (int32_t)offsetof(model, rate.wheel_torque_front), 0.0, -100000.0, 100000.0, "Nm", "drive torque of the front axle; negative turns the wheels backwards" },
+  { "wheel_torque_rear", 'r', 'i', (int32_t)offsetof(model, u.wheel_torque_rear), (int32_t)offsetof(model, rate.wheel_torque_rear), 0.0, -100000.0, 100000.0, "Nm", "drive torque of the rear axle; negative turns the wheels backwards" },
+  { "brake_torque_front", 'r', 'i', (int32_t)offsetof(model, u.brake_torque_front), (int32_t)offsetof(model, rate.brake_torque_front), 0.0, 0.0, 100000.0, "Nm", "brake torque of the front axle, against the rotation; holds at standstill" },
+  { "brake_torque_rear", 'r', 'i', (int32_t)offsetof(model, u.brake_torque_rear), (int32_t)offsetof(model, rate.brake_torque_rear), 0.0, 0.0, 100000.0, "Nm", "brake torque of the rear axle, against the rotation; holds at standstill" },
+  { "road_level", 'r', 'i', (int32_t)offsetof(model, u.road_level), (int32_t)offsetof(model, rate.road_level), 1.0, 0.02, 10.0, "1", "stiffness of all tyres relative to dry road" },
+  { "road_friction", 'r', 'i', (int32_t)offsetof(model, u.road_friction), (int32_t)offsetof(model, rate.road_friction), 0.0, 0.0, 2.0, "1", "friction coefficient at which the tyre forces of an axle saturate; 0: that of the settings" },
+  /* end of table */
   { "ramp", 'b', 'p', (int32_t)offsetof(model, ramp), FMU_NO_RATE, 1.0, 1.0, -1.0, "",
     "true: during a step inputs change linearly from where they were, as a driver's do; false: at its start they jump to what was set" },
 
@@ -109,25 +111,60 @@ const fmu_variable fmu_variables[] = {
   { "effects.formula_code_9", 'i', 'p', (int32_t)offsetof(model, config.formula_code_9), FMU_NO_RATE, 0, 0, 16777215, "", "operations 25 .. 27" },
   { "effects.formula_code_10", 'i', 'p', (int32_t)offsetof(model, config.formula_code_10), FMU_NO_RATE, 0, 0, 16777215, "", "operations 28 .. 30" },
   { "effects.formula_code_11", 'i', 'p', (int32_t)offsetof(model, config.formula_code_11), FMU_NO_RATE, 0, 0, 16777215, "", "operations 31 .. 33" },
+  { "simulation.wheel_inertia_front", 'r', 'p', (int32_t)offsetof(model, sim_config.wheel_inertia_front), FMU_NO_RATE, 2.4, 0.05, 500.0, "kg m2", "rotational inertia of both front wheels" },
+  { "simulation.wheel_inertia_rear", 'r', 'p', (int32_t)offsetof(model, sim_config.wheel_inertia_rear), FMU_NO_RATE, 2.4, 0.05, 500.0, "kg m2", "rotational inertia of both rear wheels" },
+  { "simulation.true_cx_front", 'r', 'p', (int32_t)offsetof(model, sim_config.true_cx_front), FMU_NO_RATE, 1.0, 0.02, 10.0, "1", "mean longitudinal stiffness, share of nominal (rear follows as the settings say)" },
+  { "simulation.true_cy_front", 'r', 'p', (int32_t)offsetof(model, sim_config.true_cy_front), FMU_NO_RATE, 1.0, 0.02, 10.0, "1", "mean front cornering stiffness, share of nominal" },
+  { "simulation.true_cy_rear", 'r', 'p', (int32_t)offsetof(model, sim_config.true_cy_rear), FMU_NO_RATE, 1.0, 0.02, 10.0, "1", "mean rear cornering stiffness, share of nominal" },
+  { "simulation.spread_cx_front", 'r', 'p', (int32_t)offsetof(model, sim_config.spread_cx_front), FMU_NO_RATE, 0.05, 0.0, 0.3, "1", "sample-to-sample sd of the stiffness, share of its mean" },
+  { "simulation.spread_cy_front", 'r', 'p', (int32_t)offsetof(model, sim_config.spread_cy_front), FMU_NO_RATE, 0.05, 0.0, 0.3, "1", "sample-to-sample sd of the stiffness, share of its mean" },
+  { "simulation.spread_cy_rear", 'r', 'p', (int32_t)offsetof(model, sim_config.spread_cy_rear), FMU_NO_RATE, 0.05, 0.0, 0.3, "1", "sample-to-sample sd of the stiffness, share of its mean" },
+  { "simulation.noise", 'r', 'p', (int32_t)offsetof(model, sim_config.noise), FMU_NO_RATE, 1.0, 0.0, 100.0, "1", "true sensor noise over the sd in the settings" },
+  { "simulation.steer_angle_sd", 'r', 'p', (int32_t)offsetof(model, sim_config.steer_angle_sd), FMU_NO_RATE, 0.0, 0.0, 0.1, "rad", "noise of the logged steering angle" },
+  { "simulation.wheel_speed_sd", 'r', 'p', (int32_t)offsetof(model, sim_config.wheel_speed_sd), FMU_NO_RATE, 0.0, 0.0, 10.0, "rad/s", "noise of the logged wheel speeds" },
+  { "simulation.true_bias_accel_x", 'r', 'p', (int32_t)offsetof(model, sim_config.true_bias_accel_x), FMU_NO_RATE, 0.0, -5.0, 5.0, "m/s2", "accel_x bias at the start" },
+  { "simulation.true_bias_accel_y", 'r', 'p', (int32_t)offsetof(model, sim_config.true_bias_accel_y), FMU_NO_RATE, 0.0, -5.0, 5.0, "m/s2", "accel_y bias at the start" },
+  { "simulation.true_bias_yaw_rate", 'r', 'p', (int32_t)offsetof(model, sim_config.true_bias_yaw_rate), FMU_NO_RATE, 0.0, -0.5, 0.5, "rad/s", "yaw_rate bias at the start" },
+  { "simulation.bias_walk", 'r', 'p', (int32_t)offsetof(model, sim_config.bias_walk), FMU_NO_RATE, 0.0, 0.0, 100.0, "1", "random walk of the true biases over the walk in the settings" },
+  { "simulation.speed", 'r', 'p', (int32_t)offsetof(model, sim_config.speed), FMU_NO_RATE, 20.0, 0.0, 70.0, "m/s", "vel_x at the start; wheels roll freely" },
+  { "simulation.vel_y", 'r', 'p', (int32_t)offsetof(model, sim_config.vel_y), FMU_NO_RATE, 0.0, -20.0, 20.0, "m/s", "vel_y at the start: above 0 the car slides to the left" },
+  { "simulation.friction", 'r', 'p', (int32_t)offsetof(model, sim_config.friction), FMU_NO_RATE, 0.0, 0.0, 2.0, "1", "friction coefficient at which the tyre forces of an axle saturate; 0: linear tyres" },
+  { "simulation.substep", 'r', 'p', (int32_t)offsetof(model, sim_config.substep), FMU_NO_RATE, 0.001, 0.0001, 0.005, "s", "longest integration step" },
+  { "simulation.hold_inputs", 'i', 'p', (int32_t)offsetof(model, sim_config.hold_inputs), FMU_NO_RATE, 0, 0, 1, "", "1: what the driver does at a row is held until the next; 0: it changes linearly between rows" },
+  { "simulation.seed", 'i', 'p', (int32_t)offsetof(model, sim_config.seed), FMU_NO_RATE, 1, 0, 2147483647, "", "seed of the random numbers" },
   /* end of table */
-#define REAL(name, def, lo, hi, unit, text) PARAMETER("simulation", 'r', sim_config, name, def, lo, hi, unit, text)
-#define INT(name, def, lo, hi, text) PARAMETER("simulation", 'i', sim_config, name, def, lo, hi, "", text)
-#include "tse/sim.def"
-#undef REAL
-#undef INT
-
-#define INPUT(name, lo, hi, unit, kind, text) OUTPUT("sensor." #name, 'r', y.row.name, unit, text ", as logged")
-#include "tse/input.def"
-#undef INPUT
-#define SIM_OUTPUT(group, name, member, unit, text) OUTPUT(#group "." #name, 'r', y.member, unit, text)
-#define SIM_STIFFNESS(group, name, member, si, unit, text) OUTPUT(#group "." #name, 'r', si, unit, text)
-#include "tse/sim_output.def"
-#undef SIM_OUTPUT
-#define SIM_OUTPUT(group, name, member, unit, text)
-#define SIM_STIFFNESS(group, name, member, si, unit, text) \
-  OUTPUT(#group ".relative." #name, 'r', y.member, "1", text ", relative to nominal")
-#include "tse/sim_output.def"
-#undef SIM_OUTPUT
+  /* table: vehicle_sensors */
+  { "sensor.steer_angle", 'r', 'o', (int32_t)offsetof(model, y.row.steer_angle), FMU_NO_RATE, 0.0, 1.0, -1.0, "rad", "mean road-wheel angle of the front axle, positive left, as logged" },
+  { "sensor.wheel_speed_front", 'r', 'o', (int32_t)offsetof(model, y.row.wheel_speed_front), FMU_NO_RATE, 0.0, 1.0, -1.0, "rad/s", "mean rotation rate of the front wheels, positive forward, as logged" },
+  { "sensor.wheel_speed_rear", 'r', 'o', (int32_t)offsetof(model, y.row.wheel_speed_rear), FMU_NO_RATE, 0.0, 1.0, -1.0, "rad/s", "mean rotation rate of the rear wheels, positive forward, as logged" },
+  { "sensor.accel_x", 'r', 'o', (int32_t)offsetof(model, y.row.accel_x), FMU_NO_RATE, 0.0, 1.0, -1.0, "m/s2", "specific force at the centre of gravity, positive forward, as logged" },
+  { "sensor.accel_y", 'r', 'o', (int32_t)offsetof(model, y.row.accel_y), FMU_NO_RATE, 0.0, 1.0, -1.0, "m/s2", "specific force at the centre of gravity, positive left, as logged" },
+  { "sensor.yaw_rate", 'r', 'o', (int32_t)offsetof(model, y.row.yaw_rate), FMU_NO_RATE, 0.0, 1.0, -1.0, "rad/s", "yaw rate, positive left (counter-clockwise from above), as logged" },
+  /* end of table */
+  /* table: vehicle_outputs */
+  { "true.vel_x", 'r', 'o', (int32_t)offsetof(model, y.vel_x), FMU_NO_RATE, 0.0, 1.0, -1.0, "m/s", "longitudinal velocity of the centre of gravity" },
+  { "true.vel_y", 'r', 'o', (int32_t)offsetof(model, y.vel_y), FMU_NO_RATE, 0.0, 1.0, -1.0, "m/s", "lateral velocity of the centre of gravity" },
+  { "true.yaw_rate", 'r', 'o', (int32_t)offsetof(model, y.yaw_rate), FMU_NO_RATE, 0.0, 1.0, -1.0, "rad/s", "yaw rate" },
+  { "true.accel_x", 'r', 'o', (int32_t)offsetof(model, y.accel_x), FMU_NO_RATE, 0.0, 1.0, -1.0, "m/s2", "specific force without noise and bias" },
+  { "true.accel_y", 'r', 'o', (int32_t)offsetof(model, y.accel_y), FMU_NO_RATE, 0.0, 1.0, -1.0, "m/s2", "specific force without noise and bias" },
+  { "true.wheel_speed_front", 'r', 'o', (int32_t)offsetof(model, y.wheel_speed_front), FMU_NO_RATE, 0.0, 1.0, -1.0, "rad/s", "rotation rate of the front wheels" },
+  { "true.wheel_speed_rear", 'r', 'o', (int32_t)offsetof(model, y.wheel_speed_rear), FMU_NO_RATE, 0.0, 1.0, -1.0, "rad/s", "rotation rate of the rear wheels" },
+  { "true.cx_front", 'r', 'o', (int32_t)offsetof(model, mean_si[0]), FMU_NO_RATE, 0.0, 1.0, -1.0, "N", "mean longitudinal stiffness, front" },
+  { "true.cy_front", 'r', 'o', (int32_t)offsetof(model, mean_si[1]), FMU_NO_RATE, 0.0, 1.0, -1.0, "N/rad", "mean cornering stiffness, front" },
+  { "true.cy_rear", 'r', 'o', (int32_t)offsetof(model, mean_si[2]), FMU_NO_RATE, 0.0, 1.0, -1.0, "N/rad", "mean cornering stiffness, rear" },
+  { "drawn.cx_front", 'r', 'o', (int32_t)offsetof(model, drawn_si[0]), FMU_NO_RATE, 0.0, 1.0, -1.0, "N", "longitudinal stiffness, front, drawn for this row" },
+  { "drawn.cy_front", 'r', 'o', (int32_t)offsetof(model, drawn_si[1]), FMU_NO_RATE, 0.0, 1.0, -1.0, "N/rad", "cornering stiffness, front, drawn for this row" },
+  { "drawn.cy_rear", 'r', 'o', (int32_t)offsetof(model, drawn_si[2]), FMU_NO_RATE, 0.0, 1.0, -1.0, "N/rad", "cornering stiffness, rear, drawn for this row" },
+  { "true.bias_accel_x", 'r', 'o', (int32_t)offsetof(model, y.bias[0]), FMU_NO_RATE, 0.0, 1.0, -1.0, "m/s2", "bias of accel_x" },
+  { "true.bias_accel_y", 'r', 'o', (int32_t)offsetof(model, y.bias[1]), FMU_NO_RATE, 0.0, 1.0, -1.0, "m/s2", "bias of accel_y" },
+  { "true.bias_yaw_rate", 'r', 'o', (int32_t)offsetof(model, y.bias[2]), FMU_NO_RATE, 0.0, 1.0, -1.0, "rad/s", "bias of yaw_rate" },
+  { "true.relative.cx_front", 'r', 'o', (int32_t)offsetof(model, y.stiffness[0]), FMU_NO_RATE, 0.0, 1.0, -1.0, "1", "mean longitudinal stiffness, front, relative to nominal" },
+  { "true.relative.cy_front", 'r', 'o', (int32_t)offsetof(model, y.stiffness[1]), FMU_NO_RATE, 0.0, 1.0, -1.0, "1", "mean cornering stiffness, front, relative to nominal" },
+  { "true.relative.cy_rear", 'r', 'o', (int32_t)offsetof(model, y.stiffness[2]), FMU_NO_RATE, 0.0, 1.0, -1.0, "1", "mean cornering stiffness, rear, relative to nominal" },
+  { "drawn.relative.cx_front", 'r', 'o', (int32_t)offsetof(model, y.drawn[0]), FMU_NO_RATE, 0.0, 1.0, -1.0, "1", "longitudinal stiffness, front, drawn for this row, relative to nominal" },
+  { "drawn.relative.cy_front", 'r', 'o', (int32_t)offsetof(model, y.drawn[1]), FMU_NO_RATE, 0.0, 1.0, -1.0, "1", "cornering stiffness, front, drawn for this row, relative to nominal" },
+  { "drawn.relative.cy_rear", 'r', 'o', (int32_t)offsetof(model, y.drawn[2]), FMU_NO_RATE, 0.0, 1.0, -1.0, "1", "cornering stiffness, rear, drawn for this row, relative to nominal" },
+  /* end of table */
 };
 const int32_t fmu_variable_count = (int32_t)(sizeof fmu_variables / sizeof fmu_variables[0]);
 

@@ -161,28 +161,32 @@ fmu_result model_start(model *m, double start, char text[FMU_TEXT])
   return FMU_OK;
 }
 
-/* A sample in which what is out of range is missing, and the name of the first channel that is. tse_step() would refuse a
+/* A sample in which what is out of range is missing, and the first channel that is. tse_step() would refuse a
  * steering angle or wheel speed out of range; a co-simulation is not to end for a sensor fault. */
-static tse_input usable(const model *m, const char **first)
+static tse_input usable(const model *m, const fmu_variable **first)
 {
   tse_input u = m->row;
   u.missing &= (1u << TSE_CHANNELS) - 1u;
   u.given = (u.given & TSE_GIVEN_VELOCITIES) | (m->pedals_given << TSE_VELOCITIES & ((1u << TSE_OPTIONALS) - 1u));
   *first = NULL;
-#define INPUT(name, lo, hi, unit, kind, text)                                                                     \
-  if (!(u.name >= TSE_R(lo) && u.name <= TSE_R(hi))) {                                                            \
-    u.name = TSE_R(0.0);                                                                                          \
-    u.missing |= TSE_MISSING(name);                                                                               \
-  }                                                                                                               \
-  if (!*first && (u.missing & TSE_MISSING(name))) *first = #name " is missing or outside its range " #lo " .. " #hi " " unit;
-#include "tse/input.def"
-#undef INPUT
+  for (int k = 0; k < TSE_CHANNELS; k++) { /* the first variables are the channels */
+    const fmu_variable *const v = &fmu_variables[k];
+    const size_t at = (size_t)v->offset - offsetof(model, row);
+    tse_real x;
+    memcpy(&x, (const uint8_t *)&u + at, sizeof x);
+    if (!(tse_double_of(x) >= v->lo && tse_double_of(x) <= v->hi)) {
+      x = TSE_R(0.0);
+      memcpy((uint8_t *)&u + at, &x, sizeof x);
+      u.missing |= 1u << k;
+    }
+    if (!*first && (u.missing & 1u << k)) *first = v;
+  }
   return u;
 }
 
 fmu_result model_step(model *m, double time, double step, char text[FMU_TEXT])
 {
-  const char *first;
+  const fmu_variable *first;
   tse_input u = usable(m, &first);
   if (!(time + step - time <= LONGEST_STEP)) { /* the sample at its end would be refused: better now, while the importer's own text names the step */
     (void)snprintf(text, FMU_TEXT, "communicationStepSize = %.10g is longer than %g s", step, LONGEST_STEP);
@@ -202,7 +206,9 @@ fmu_result model_step(model *m, double time, double step, char text[FMU_TEXT])
   /* `status` is the gravest only: a channel can be missing behind it. A channel's text is the same whatever the car does, so
    * that it is said once while it lasts. */
   if (first || status == TSE_W_MISSING_CHANNEL || (status >= TSE_W_PREDICTED && status != TSE_W_WAITING)) {
-    (void)snprintf(text, FMU_TEXT, "%s", first && status < TSE_W_GAP ? first : tse_status_text(status));
+    char range[FMU_RANGE];
+    if (first && status < TSE_W_GAP) (void)snprintf(text, FMU_TEXT, "%s is missing or outside its range %s", first->name, fmu_range(first, range));
+    else (void)snprintf(text, FMU_TEXT, "%s", tse_status_text(status));
     return FMU_WARNING;
   }
   return FMU_OK;

@@ -1,22 +1,31 @@
 /* fmu/TireStiffnessEstimator/variables.h - every variable of the FMU, in the order of its value references. Part of model.c. */
 const fmu_variable fmu_variables[] = {
-#define INPUT(name, lo, hi, unit, kind, text) \
-  { #name, 'r', 'i', (int32_t)offsetof(model, row.name), FMU_NO_RATE, 0.0, lo, hi, unit, text "; not a number: missing" },
-#include "tse/input.def"
-#undef INPUT
+  /* table: estimator_inputs */
+  { "steer_angle", 'r', 'i', (int32_t)offsetof(model, row.steer_angle), FMU_NO_RATE, 0.0, -1.2, 1.2, "rad", "mean road-wheel angle of the front axle, positive left; not a number: missing" },
+  { "wheel_speed_front", 'r', 'i', (int32_t)offsetof(model, row.wheel_speed_front), FMU_NO_RATE, 0.0, -400.0, 400.0, "rad/s", "mean rotation rate of the front wheels, positive forward; not a number: missing" },
+  { "wheel_speed_rear", 'r', 'i', (int32_t)offsetof(model, row.wheel_speed_rear), FMU_NO_RATE, 0.0, -400.0, 400.0, "rad/s", "mean rotation rate of the rear wheels, positive forward; not a number: missing" },
+  { "accel_x", 'r', 'i', (int32_t)offsetof(model, row.accel_x), FMU_NO_RATE, 0.0, -50.0, 50.0, "m/s2", "specific force at the centre of gravity, positive forward; not a number: missing" },
+  { "accel_y", 'r', 'i', (int32_t)offsetof(model, row.accel_y), FMU_NO_RATE, 0.0, -50.0, 50.0, "m/s2", "specific force at the centre of gravity, positive left; not a number: missing" },
+  { "yaw_rate", 'r', 'i', (int32_t)offsetof(model, row.yaw_rate), FMU_NO_RATE, 0.0, -6.0, 6.0, "rad/s", "yaw rate, positive left (counter-clockwise from above); not a number: missing" },
+  /* end of table */
   { "missing", 'i', 'i', (int32_t)offsetof(model, row.missing), FMU_NO_RATE, 0.0, 0.0, (1 << TSE_CHANNELS) - 1, "",
     "channels that are missing, for importers that cannot send NaN: sum of 1 steer_angle, 2 wheel_speed_front, 4 wheel_speed_rear, "
     "8 accel_x, 16 accel_y, 32 yaw_rate" },
   { "velocity.given", 'i', 'i', (int32_t)offsetof(model, row.given), FMU_NO_RATE, 0.0, 0.0, (1 << TSE_VELOCITIES) - 1, "",
     "velocities that are measured; 0: none, then they are not read: sum of 1 ins_vel_x, 2 ins_vel_y, 4 gnss_speed, 8 gnss_course" },
-#define VELOCITY(name, lo, hi, unit, text) \
-  { "velocity." #name, 'r', 'i', (int32_t)offsetof(model, row.name), FMU_NO_RATE, 0.0, lo, hi, unit, text "; counts where its bit of given is set" },
-#include "tse/optional.def"
+  /* table: estimator_velocities */
+  { "velocity.ins_vel_x", 'r', 'i', (int32_t)offsetof(model, row.ins_vel_x), FMU_NO_RATE, 0.0, -120.0, 120.0, "m/s", "velocity along the car, of an INS or an optical sensor; counts where its bit of given is set" },
+  { "velocity.ins_vel_y", 'r', 'i', (int32_t)offsetof(model, row.ins_vel_y), FMU_NO_RATE, 0.0, -60.0, 60.0, "m/s", "velocity across the car, positive left; counts where its bit of given is set" },
+  { "velocity.gnss_speed", 'r', 'i', (int32_t)offsetof(model, row.gnss_speed), FMU_NO_RATE, 0.0, 0.0, 120.0, "m/s", "speed over ground; counts where its bit of given is set" },
+  { "velocity.gnss_course", 'r', 'i', (int32_t)offsetof(model, row.gnss_course), FMU_NO_RATE, 0.0, -7.0, 7.0, "rad", "direction over ground, positive left (against the clock from above), from any zero; counts where its bit of given is set" },
+  /* end of table */
   { "pedals.given", 'i', 'i', (int32_t)offsetof(model, pedals_given), FMU_NO_RATE, 0.0, 0.0, (1 << (TSE_OPTIONALS - TSE_VELOCITIES)) - 1, "",
     "what of the pedals is known; 0: nothing, then they are not read: sum of 1 brake, 2 wheel_torque_front, 4 wheel_torque_rear" },
-#define PEDAL(name, lo, hi, unit, text) \
-  { "pedals." #name, 'r', 'i', (int32_t)offsetof(model, row.name), FMU_NO_RATE, 0.0, lo, hi, unit, text "; counts where its bit of given is set" },
-#include "tse/optional.def"
+  /* table: estimator_pedals */
+  { "pedals.brake", 'r', 'i', (int32_t)offsetof(model, row.brake), FMU_NO_RATE, 0.0, 0.0, 1.0, "1", "the car brakes: 1 yes, 0 no, from 0.5 on yes; else accel_x decides; counts where its bit of given is set" },
+  { "pedals.wheel_torque_front", 'r', 'i', (int32_t)offsetof(model, row.wheel_torque_front), FMU_NO_RATE, 0.0, -20000.0, 20000.0, "Nm", "drive less brake torque of both front wheels; counts where its bit of given is set" },
+  { "pedals.wheel_torque_rear", 'r', 'i', (int32_t)offsetof(model, row.wheel_torque_rear), FMU_NO_RATE, 0.0, -20000.0, 20000.0, "Nm", "drive less brake torque of both rear wheels; counts where its bit of given is set" },
+  /* end of table */
 
   { "vehicle.calibrated", 'b', 'p', (int32_t)offsetof(model, calibrated), FMU_NO_RATE, 0.0, 1.0, -1.0, "",
     "false: an ordinary car of its class, and what is set of it wins: stiffness and yaw inertia that are not set follow from mass, lf "

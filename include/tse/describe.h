@@ -19,7 +19,7 @@ typedef enum tse_struct {
   TSE_STRUCT_SIM_CONFIG, TSE_STRUCT_SIM_INPUT, TSE_STRUCT_SIM_OUTPUT, /* simulator: absent (NULL) in builds without effects */
   TSE_STRUCT_STATUS, TSE_STRUCT_REASON,  /* not structs: name, text, and the code in `offset` */
   TSE_STRUCT_REPLAY_LOG, TSE_STRUCT_REPLAY_START, TSE_STRUCT_REPLAY_OUT, /* absent there, as the simulator */
-  TSE_STRUCT_FORMULA_PLACE, TSE_STRUCT_FORMULA_OP, /* not structs: tse/formula.def, the code in `offset`; of an operation how many
+  TSE_STRUCT_FORMULA_PLACE, TSE_STRUCT_FORMULA_OP, /* not structs: src/tables/formula.toml, the code in `offset`; of an operation how many
                                                       operands it takes in `def`, and its kind as a letter n, s, p, m           */
   TSE_STRUCTS
 } tse_struct;
@@ -36,7 +36,7 @@ typedef struct tse_field {
 /* The rows of one struct.   Returned: first row; *count rows; *size bytes of the struct.   NULL if there is no such struct. */
 const tse_field *tse_describe(tse_struct which, int32_t *count, int32_t *size);
 
-/* One effect of tse/effects.def. `bit` is that of tse_effects.mask; hook: CONSTANT .. SENSOR. */
+/* One effect of src/tables/effects.toml. `bit` is that of tse_effects.mask; hook: CONSTANT .. SENSOR. */
 typedef struct tse_effect_row {
   const char *id, *hook, *title, *entry_point, *channels, *look_alikes, *estimator;
   int32_t bit;
@@ -53,7 +53,7 @@ typedef struct tse_effect_parameter {
   double negligible;               /* below it an effect should not be named; 0 for shapes                                   */
 } tse_effect_parameter;
 
-/* The tables of tse/effects.def, in their order.   Returned: first row; *count (if not NULL) rows. */
+/* The tables of src/tables/effects.toml, in their order.   Returned: first row; *count (if not NULL) rows. */
 const tse_effect_row *tse_describe_effects(int32_t *count);
 const tse_effect_parameter *tse_describe_effect_parameters(int32_t *count);
 

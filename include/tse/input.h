@@ -1,4 +1,4 @@
-/* tse/input.h - one log row. Written from src/tables/input.toml by scripts/tables.py, not by hand. */
+/* tse/input.h - one log row. The channels follow from src/tables/input.toml. */
 #ifndef TSE_INPUT_H
 #define TSE_INPUT_H
 
@@ -7,17 +7,20 @@
 #include "tse/real.h"
 
 /* A channel is missing when it is NaN or its bit is set in `missing`. Velocities and what the pedals do are the other way
- * round: what is not given is not there, so that a row of zeros measures none. Set the struct to zero before it is filled. */
+ * round: what is not given is not there, so that a row of zeros measures none. Begin with tse_input_default(). */
 typedef struct tse_input {
   tse_real dt;                 /* [s] time since the previous row, (0, 3600]; ignored after tse_reset() up to the first row with all inputs */
+  /* table: input_channels */
   tse_real steer_angle;        /* [rad] -1.2 .. 1.2, else refused; mean road-wheel angle of the front axle, positive left */
   tse_real wheel_speed_front;  /* [rad/s] -400 .. 400, else refused; mean rotation rate of the front wheels, positive forward */
   tse_real wheel_speed_rear;   /* [rad/s] -400 .. 400, else refused; mean rotation rate of the rear wheels, positive forward */
   tse_real accel_x;            /* [m/s2] -50 .. 50, else missing; specific force at the centre of gravity, positive forward */
   tse_real accel_y;            /* [m/s2] -50 .. 50, else missing; specific force at the centre of gravity, positive left */
   tse_real yaw_rate;           /* [rad/s] -6 .. 6, else missing; yaw rate, positive left (counter-clockwise from above) */
+  /* end of table */
   uint32_t missing;            /* bits TSE_MISSING(accel_x) of the channels above */
   uint32_t given;              /* bits TSE_GIVEN(ins_vel_y) of those below that were measured; 0: none, then they are not read */
+  /* table: input_optional */
   tse_real ins_vel_x;          /* [m/s] -120 .. 120, else not there; velocity along the car, of an INS or an optical sensor */
   tse_real ins_vel_y;          /* [m/s] -60 .. 60, else not there; velocity across the car, positive left */
   tse_real gnss_speed;         /* [m/s] 0 .. 120, else not there; speed over ground */
@@ -25,27 +28,23 @@ typedef struct tse_input {
   tse_real brake;              /* [1] 0 .. 1, else not there; the car brakes: 1 yes, 0 no, from 0.5 on yes; else accel_x decides */
   tse_real wheel_torque_front; /* [Nm] -20000 .. 20000, else not there; drive less brake torque of both front wheels */
   tse_real wheel_torque_rear;  /* [Nm] -20000 .. 20000, else not there; drive less brake torque of both rear wheels */
+  /* end of table */
 } tse_input;
 
 enum { /* bits of tse_input.missing: TSE_MISSING(accel_x) */
-  TSE_CHANNEL_steer_angle,
-  TSE_CHANNEL_wheel_speed_front,
-  TSE_CHANNEL_wheel_speed_rear,
-  TSE_CHANNEL_accel_x,
-  TSE_CHANNEL_accel_y,
+  /* table: channel_places */
+  TSE_CHANNEL_steer_angle, TSE_CHANNEL_wheel_speed_front, TSE_CHANNEL_wheel_speed_rear, TSE_CHANNEL_accel_x, TSE_CHANNEL_accel_y,
   TSE_CHANNEL_yaw_rate,
+  /* end of table */
   TSE_CHANNELS
 };
 #define TSE_MISSING(name) (1u << TSE_CHANNEL_##name)
 
 enum { /* bits of tse_input.given: TSE_GIVEN(gnss_speed) */
-  TSE_OPTIONAL_ins_vel_x,
-  TSE_OPTIONAL_ins_vel_y,
-  TSE_OPTIONAL_gnss_speed,
-  TSE_OPTIONAL_gnss_course,
-  TSE_OPTIONAL_brake,
-  TSE_OPTIONAL_wheel_torque_front,
-  TSE_OPTIONAL_wheel_torque_rear,
+  /* table: optional_places */
+  TSE_OPTIONAL_ins_vel_x, TSE_OPTIONAL_ins_vel_y, TSE_OPTIONAL_gnss_speed, TSE_OPTIONAL_gnss_course, TSE_OPTIONAL_brake,
+  TSE_OPTIONAL_wheel_torque_front, TSE_OPTIONAL_wheel_torque_rear,
+  /* end of table */
   TSE_OPTIONALS
 };
 #define TSE_GIVEN(name) (1u << TSE_OPTIONAL_##name)

@@ -1,7 +1,7 @@
 /* tse/simulate.h - the truth for studies: the single-track model of the estimator, driven by wheel torques with wheel
  * dynamics at 1 ms or finer, a stiffness that is redrawn every row, sensor noise and drifting biases; with `friction`
  * tyre forces saturate, so that wheels lock and spin.
- * With every effect that the settings of its vehicle switch on (tse/effects.def); an estimator may know them or not.
+ * With every effect that the settings of its vehicle switch on (src/tables/effects.toml); an estimator may know them or not.
  * Same rules as tse/tse.h: the caller owns the memory, no globals, one pointer-free state. */
 #ifndef TSE_SIMULATE_H
 #define TSE_SIMULATE_H
@@ -18,30 +18,62 @@
 extern "C" {
 #endif
 
-/* Settings of the simulator; rows, ranges, units: tse/sim.def. */
+/* Settings of the simulator: unit, default, least .. most; meaning. */
 typedef struct tse_sim_config {
-#define REAL(name, def, lo, hi, unit, text) tse_setting name;
-#define INT(name, def, lo, hi, text) int32_t name;
-#include "tse/sim.def"
+  /* table: sim_members */
+  tse_setting wheel_inertia_front;              /* [kg m2] 2.4, 0.05 .. 500; rotational inertia of both front wheels */
+  tse_setting wheel_inertia_rear;               /* [kg m2] 2.4, 0.05 .. 500; rotational inertia of both rear wheels */
+  tse_setting true_cx_front;                    /* [1] 1, 0.02 .. 10; mean longitudinal stiffness, share of nominal (rear follows as the settings say) */
+  tse_setting true_cy_front;                    /* [1] 1, 0.02 .. 10; mean front cornering stiffness, share of nominal */
+  tse_setting true_cy_rear;                     /* [1] 1, 0.02 .. 10; mean rear cornering stiffness, share of nominal */
+  tse_setting spread_cx_front;                  /* [1] 0.05, 0 .. 0.3; sample-to-sample sd of the stiffness, share of its mean */
+  tse_setting spread_cy_front;                  /* [1] 0.05, 0 .. 0.3; sample-to-sample sd of the stiffness, share of its mean */
+  tse_setting spread_cy_rear;                   /* [1] 0.05, 0 .. 0.3; sample-to-sample sd of the stiffness, share of its mean */
+  tse_setting noise;                            /* [1] 1, 0 .. 100; true sensor noise over the sd in the settings */
+  tse_setting steer_angle_sd;                   /* [rad] 0, 0 .. 0.1; noise of the logged steering angle */
+  tse_setting wheel_speed_sd;                   /* [rad/s] 0, 0 .. 10; noise of the logged wheel speeds */
+  tse_setting true_bias_accel_x;                /* [m/s2] 0, -5 .. 5; accel_x bias at the start */
+  tse_setting true_bias_accel_y;                /* [m/s2] 0, -5 .. 5; accel_y bias at the start */
+  tse_setting true_bias_yaw_rate;               /* [rad/s] 0, -0.5 .. 0.5; yaw_rate bias at the start */
+  tse_setting bias_walk;                        /* [1] 0, 0 .. 100; random walk of the true biases over the walk in the settings */
+  tse_setting speed;                            /* [m/s] 20, 0 .. 70; vel_x at the start; wheels roll freely */
+  tse_setting vel_y;                            /* [m/s] 0, -20 .. 20; vel_y at the start: above 0 the car slides to the left */
+  tse_setting friction;                         /* [1] 0, 0 .. 2; friction coefficient at which the tyre forces of an axle saturate; 0: linear tyres */
+  tse_setting substep;                          /* [s] 0.001, 0.0001 .. 0.005; longest integration step */
+  int32_t hold_inputs;                          /* 0, 0 .. 1; 1: what the driver does at a row is held until the next; 0: it changes linearly between rows */
+  int32_t seed;                                 /* 1, 0 .. 2147483647; seed of the random numbers */
+  /* end of table */
 } tse_sim_config;
 
 /* What the driver does at this row; between rows it changes linearly, or is held until the next row with `hold_inputs`. Road
- * level and friction are held from this row to the next.
- * Rows, ranges, units: tse/sim_input.def. */
+ * level and friction are held from this row to the next. */
 typedef struct tse_sim_input {
-  tse_real dt;                         /* [s] since the previous row, (0, 1]; ignored at the first row */
-#define SIM_INPUT(name, def, lo, hi, unit, text) tse_real name;
-#include "tse/sim_input.def"
+  tse_real dt;                  /* [s] since the previous row, (0, 1]; ignored at the first row */
+  /* table: sim_input_members */
+  tse_real steer_angle;        /* [rad] 0, -1.2 .. 1.2; road-wheel angle of the front axle, positive left */
+  tse_real wheel_torque_front; /* [Nm] 0, -100000 .. 100000; drive torque of the front axle; negative turns the wheels backwards */
+  tse_real wheel_torque_rear;  /* [Nm] 0, -100000 .. 100000; drive torque of the rear axle; negative turns the wheels backwards */
+  tse_real brake_torque_front; /* [Nm] 0, 0 .. 100000; brake torque of the front axle, against the rotation; holds at standstill */
+  tse_real brake_torque_rear;  /* [Nm] 0, 0 .. 100000; brake torque of the rear axle, against the rotation; holds at standstill */
+  tse_real road_level;         /* [1] 1, 0.02 .. 10; stiffness of all tyres relative to dry road */
+  tse_real road_friction;      /* [1] 0, 0 .. 2; friction coefficient at which the tyre forces of an axle saturate; 0: that of the settings */
+  /* end of table */
 } tse_sim_input;
 
 typedef struct tse_sim_output {
   tse_input row;                       /* what the car logs                                                       */
-  tse_real vel_x, vel_y, yaw_rate;     /* truth                                                                   */
-  tse_real accel_x, accel_y;           /* specific force with the stiffness drawn for this row, no noise, no bias */
-  tse_real wheel_speed_front, wheel_speed_rear;
-  tse_real stiffness[3];               /* mean stiffness now, relative to nominal                                 */
-  tse_real drawn[3];                   /* stiffness drawn for this row, relative to nominal                       */
-  tse_real bias[3];                    /* m/s2, m/s2, rad/s                                                       */
+  /* table: sim_output_members */
+  tse_real vel_x;               /* [m/s] longitudinal velocity of the centre of gravity */
+  tse_real vel_y;               /* [m/s] lateral velocity of the centre of gravity */
+  tse_real yaw_rate;            /* [rad/s] yaw rate */
+  tse_real accel_x;             /* [m/s2] specific force with the stiffness drawn for this row, without noise and bias */
+  tse_real accel_y;             /* [m/s2] specific force with the stiffness drawn for this row, without noise and bias */
+  tse_real wheel_speed_front;   /* [rad/s] rotation rate of the front wheels */
+  tse_real wheel_speed_rear;    /* [rad/s] rotation rate of the rear wheels */
+  tse_real stiffness[3];        /* [1] mean stiffness now, relative to nominal */
+  tse_real drawn[3];            /* [1] stiffness drawn for this row, relative to nominal */
+  tse_real bias[3];             /* [m/s2 m/s2 rad/s] bias of accel_x, accel_y, yaw_rate */
+  /* end of table */
 } tse_sim_output;
 
 typedef struct tse_sim {
@@ -64,7 +96,7 @@ tse_status tse_sim_config_check(const tse_sim_config *s, const char **wrong);
 tse_status tse_sim_reset(tse_sim *sim, const tse_config *c, const tse_sim_config *s, const char **wrong);
 
 /* Advance to the next row and log it; the first call logs the start without advancing.
- *   Returned:  y  TSE_OK, TSE_E_NULL, TSE_E_TIME or TSE_E_INPUT (outside the range of tse/sim_input.def, or not finite; or what
+ *   Returned:  y  TSE_OK, TSE_E_NULL, TSE_E_TIME or TSE_E_INPUT (outside its range, or not finite; or what
  *              they do to this car leaves what a car can do: 1000 m/s, 200 rad/s): nothing has changed then
  *   Cost:      dt/substep right-hand sides times two. */
 tse_status tse_sim_step(tse_sim *sim, const tse_sim_input *u, tse_sim_output *y);

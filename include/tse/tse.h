@@ -45,6 +45,7 @@
 #define tse_config_check   TSE_NAME(tse_config_check)
 #define tse_prepare        TSE_NAME(tse_prepare)
 #define tse_reset          TSE_NAME(tse_reset)
+#define tse_input_default  TSE_NAME(tse_input_default)
 #define tse_input_check    TSE_NAME(tse_input_check)
 #define tse_step           TSE_NAME(tse_step)
 #define tse_filter_check   TSE_NAME(tse_filter_check)
@@ -93,6 +94,10 @@ tse_status tse_prepare(const tse_config *c, tse_params *p, const char **wrong);
  *   Updated:   f  unchanged when the result is negative
  *   Returned:  TSE_OK, TSE_E_NULL, TSE_E_STATE (p not prepared) or TSE_E_SIZE.    O(filter_bytes) time. */
 tse_status tse_reset(const tse_params *p, tse_filter *f, size_t filter_bytes);
+
+/* Fill u with a row that measures 0 on every channel, 0.01 s after the row before, and no velocity, no pedal: then set what the log has,
+ * and mark what it lacks in `missing`. u NULL: nothing happens. */
+void tse_input_default(tse_input *u);
 
 /* Say what tse_step() would refuse in this row, without a filter.
  *   Returned:  TSE_OK, TSE_E_NULL, TSE_E_TIME or TSE_E_INPUT; then *wrong (if not NULL) names the field. */

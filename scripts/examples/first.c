@@ -3,8 +3,8 @@
 
 int main(void)                                        /* stdin: a log, a row each 10 ms, SI units, ISO 8855 */
 {
-  static tse_filter f;  tse_config c;  tse_params p;  tse_input u = { .dt = 0.01 };  tse_output y = { 0 };
-  tse_config_default(&c);
+  static tse_filter f;  tse_config c;  tse_params p;  tse_input u;  tse_output y = { 0 };
+  tse_config_default(&c);  tse_input_default(&u);
   c.mass = 1900;  c.lf = 1.25;  c.lr = 1.5;  c.wheel_radius_front = c.wheel_radius_rear = 0.33;
   tse_config_uncalibrated(&c);                        /* after the car: its class, its uncertainty */
   if (tse_prepare(&c, &p, NULL) < 0 || tse_reset(&p, &f, sizeof f) < 0) return 1;   /* the caller owns all memory */

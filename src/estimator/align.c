@@ -1,4 +1,4 @@
-/* estimator/align.c - channels that are logged at different times become one row of one time (tse/latency.def).
+/* estimator/align.c - channels that are logged at different times become one row of one time (settings ..._latency).
  *
  * With L the latest channel's latency, 0 if none is late, the newest time at which all channels are known is now - L; a row is of
  * that time, or of that of the row of accel_x before it (prepare.c). Channel c is then read from the rows kept, latency_age_c
@@ -10,6 +10,7 @@
  * independent is too sure, and takes what they have in common for a disturbance. The default form, which finds the noise of a
  * channel from its rows, takes in what they lost. */
 #include "estimator/stages.h"
+#include "tables/input.h"
 
 #define SAME_TIME TSE_R(2e-5) /* s: rows so near to the time looked for are of that time: sums of dt are rounded, clocks too; at
                                  50 m/s3, the jerk of an emergency manoeuvre, a channel moves by 0.001 m/s2 in it */
@@ -21,14 +22,12 @@ static void keep_row(tse_alignment *m, const tse_input *u, tse_real before)
 {
   const int32_t at = m->count > 0 && m->newest + 1 < TSE_LATENCY_ROWS ? m->newest + 1 : 0;
   uint32_t missing = 0;
-  tse_real *value = m->value[at];
-#define INPUT(name, lo, hi, unit, kind, text)                                                                     \
-  {                                                                                                               \
-    const int ok = (u->missing & TSE_MISSING(name)) == 0 && u->name >= TSE_R(lo) && u->name <= TSE_R(hi);         \
-    *value++ = ok ? u->name : TSE_R(0);                                                                           \
-    missing |= ok ? 0u : TSE_MISSING(name);                                                                       \
+  for (int k = 0; k < (int)TSE_CHANNELS; k++) {
+    const tse_real x = channel_at(u, &channel_rows[k]);
+    const int ok = (u->missing & 1u << k) == 0 && channel_holds(&channel_rows[k], x);
+    m->value[at][k] = ok ? x : TSE_R(0);
+    missing |= ok ? 0u : 1u << k;
   }
-#include "tse/input.def"
   m->missing[at] = (uint8_t)missing;
   m->before[at] = m->count > 0 ? before : TSE_R(0);
   m->newest = at;
@@ -82,14 +81,17 @@ static void compose(const tse_params *p, tse_alignment *m, const tse_input *u, t
   tse_real lost[TSE_CHANNELS];
   row->dt = m->since > TSE_R(0) ? m->since : p->sample_time; /* the latter in the first row, where it does not count */
   row->missing = 0;
-#define INPUT(name, lo, hi, unit, kind, text)                                                                             \
-  if (!logged(m, (int)TSE_CHANNEL_##name, p->latency_age[TSE_CHANNEL_##name], &row->name, &lost[TSE_CHANNEL_##name]))     \
-    row->missing |= TSE_MISSING(name);
-#include "tse/input.def"
+  for (int k = 0; k < (int)TSE_CHANNELS; k++) {
+    tse_real x;
+    if (!logged(m, k, p->latency_age[k], &x, &lost[k])) row->missing |= 1u << k;
+    memcpy((uint8_t *)row + channel_rows[k].at, &x, sizeof x);
+  }
   for (int a = 0; a < 3; a++) m->lost[a] = lost[(int)TSE_CHANNEL_accel_x + a];
   row->given = u->given; /* these do not wait: how much earlier than this row a velocity was true is known (velocity_late) */
-#define OPTIONAL(name, lo, hi, unit, text) row->name = u->name;
-#include "tse/optional.def"
+  for (int k = 0; k < (int)TSE_OPTIONALS; k++) {
+    const tse_real x = channel_at(u, &optional_rows[k]);
+    memcpy((uint8_t *)row + optional_rows[k].at, &x, sizeof x);
+  }
 }
 
 tse_status align_row(const tse_params *p, tse_filter *f, const tse_input *u, tse_input *row)

@@ -1,5 +1,13 @@
 /* estimator/input.c - a log row becomes a checked sample. Every refusal of a row happens here, before anything changes. */
 #include "estimator/stages.h"
+#include "tables/input.h"
+
+void tse_input_default(tse_input *u)
+{
+  if (!u) return;
+  memset(u, 0, sizeof *u);
+  u->dt = TSE_R(0.01);
+}
 
 tse_status tse_input_check(const tse_input *u, const char **wrong)
 {
@@ -8,14 +16,13 @@ tse_status tse_input_check(const tse_input *u, const char **wrong)
     if (wrong) *wrong = "dt";
     return TSE_E_TIME;
   }
-#define CHECK_M(name, lo, hi) /* measured: out of range is missing, not refused */
-#define CHECK_D(name, lo, hi)                                                                              \
-  if (!is_missing(u, TSE_MISSING(name), u->name) && !(u->name >= TSE_R(lo) && u->name <= TSE_R(hi))) {        \
-    if (wrong) *wrong = #name;                                                                             \
-    return TSE_E_INPUT;                                                                                    \
+  for (int k = 0; k < (int)TSE_CHANNELS; k++) { /* what is measured is missing out of its range, not refused */
+    const channel_row *const row = &channel_rows[k];
+    const tse_real x = channel_at(u, row);
+    if (!row->drives || is_missing(u, 1u << k, x) || channel_holds(row, x)) continue;
+    if (wrong) *wrong = row->name;
+    return TSE_E_INPUT;
   }
-#define INPUT(name, lo, hi, unit, kind, text) CHECK_##kind(name, lo, hi)
-#include "tse/input.def"
   return TSE_OK;
 }
 
@@ -36,17 +43,14 @@ tse_status input_decode(const tse_params *p, const tse_filter *f, const tse_inpu
   if (is_missing(&row, TSE_MISSING(wheel_speed_rear), row.wheel_speed_rear)) { y->u.v_rear = f->v_rear; y->has_inputs = 0; }
 
   y->used = 0;
-#define TAKE_D(name, lo, hi)
-#define TAKE_M(name, lo, hi)                                                                                      \
-  {                                                                                                               \
-    const int i = (int)TSE_CHANNEL_##name - (int)TSE_CHANNEL_accel_x;                                             \
-    const int ok = !is_missing(&row, TSE_MISSING(name), row.name) && row.name >= TSE_R(lo) && row.name <= TSE_R(hi); \
-    y->lost[i] = f->waiting.lost[i];                                                                              \
-    y->use[i] = ok ? TSE_R(1) : TSE_R(0);                                                                         \
-    y->y[i] = ok ? r_mul(row.name, p->inv_sd[i]) : TSE_R(0);                                                      \
-    y->used += ok;                                                                                                \
+  for (int i = 0; i < 3; i++) {
+    const int k = (int)TSE_CHANNEL_accel_x + i;
+    const tse_real x = channel_at(&row, &channel_rows[k]);
+    const int ok = !is_missing(&row, 1u << k, x) && channel_holds(&channel_rows[k], x);
+    y->lost[i] = f->waiting.lost[i];
+    y->use[i] = ok ? TSE_R(1) : TSE_R(0);
+    y->y[i] = ok ? r_mul(x, p->inv_sd[i]) : TSE_R(0);
+    y->used += ok;
   }
-#define INPUT(name, lo, hi, unit, kind, text) TAKE_##kind(name, lo, hi)
-#include "tse/input.def"
   return TSE_OK;
 }

@@ -6,6 +6,7 @@
 #include "model/effects_constant.h"
 #include "model/car.h"
 #include "tables/constants.h"
+#include "tables/rows.h"
 #include "tables/config.h"
 
 /* Rows kept beyond the span of the latencies: one on either side of it, and two for rows that come up to 7 % closer than the
@@ -20,25 +21,7 @@
 static tse_real real_of(tse_setting x) { return r_from_setting(x); }
 
 /* Set every setting to its default. */
-static void as_in_the_tables(tse_config *c)
-{
-  for (int i = 0; i < REALS; i++) memcpy((uint8_t *)c + reals[i].at, &reals[i].def, sizeof reals[i].def);
-  for (int i = 0; i < WHOLES; i++) memcpy((uint8_t *)c + wholes[i].at, &wholes[i].def, sizeof wholes[i].def);
-}
-
-static tse_setting real_at(const tse_config *c, int row)
-{
-  tse_setting x;
-  memcpy(&x, (const uint8_t *)c + reals[row].at, sizeof x);
-  return x;
-}
-
-static int32_t whole_at(const tse_config *c, int row)
-{
-  int32_t x;
-  memcpy(&x, (const uint8_t *)c + wholes[row].at, sizeof x);
-  return x;
-}
+static void as_in_the_tables(tse_config *c) { set_defaults(c, reals, REALS, wholes, WHOLES); }
 
 void tse_config_uncalibrated(tse_config *c)
 {
@@ -102,8 +85,8 @@ static uint64_t effects_on(const tse_config *c)
 {
   uint64_t mask = 0;
   for (int i = 0; i < COUNT_EFFECTS; i++) {
-    const tse_setting x = real_at(c, FIRST_EFFECTS + i);
-    if (effect_rows[i].strength && (x < 0 || x > 0)) mask |= (uint64_t)1 << effect_rows[i].effect;
+    const tse_setting x = real_at(c, &reals[FIRST_EFFECTS + i]);
+    if (effect_settings[i].strength && (x < 0 || x > 0)) mask |= (uint64_t)1 << effect_settings[i].effect;
   }
   if (formula_on(c)) mask |= (uint64_t)1 << TSE_BIT_FORMULA;
   return mask;
@@ -113,7 +96,7 @@ static uint64_t effects_on(const tse_config *c)
 /* Unpack the operations of a formula of the user, a byte each. */
 static void formula_of(const tse_config *c, uint8_t code[TSE_FORMULA_OPS])
 {
-  for (int k = 0; k < TSE_FORMULA_OPS; k++) code[k] = (uint8_t)(((uint32_t)whole_at(c, FIRST_WHOLE_FORMULA + 1 + k / 3) >> (8 * (k % 3))) & 0xffu);
+  for (int k = 0; k < TSE_FORMULA_OPS; k++) code[k] = (uint8_t)(((uint32_t)whole_at(c, &wholes[FIRST_WHOLE_FORMULA + 1 + k / 3]) >> (8 * (k % 3))) & 0xffu);
 }
 #endif
 
@@ -148,7 +131,7 @@ static int formula_fits(const tse_config *c)
 /* Latency of each channel: of all but the last, the yaw rate, which is the clock. */
 static void latencies_of(const tse_config *c, tse_setting latency[TSE_CHANNELS])
 {
-  for (int k = 0; k < COUNT_LATENCY; k++) latency[k] = real_at(c, FIRST_LATENCY + k);
+  for (int k = 0; k < COUNT_LATENCY; k++) latency[k] = real_at(c, &reals[FIRST_LATENCY + k]);
   latency[TSE_CHANNEL_yaw_rate] = 0;
 }
 
@@ -201,20 +184,10 @@ static void prepare_latencies(const tse_config *c, tse_params *p)
   for (int k = 0; k < (int)TSE_CHANNELS; k++) p->latency_age[k] = real_of(r.age - latency[k]);
 }
 
-/* The first setting that is outside its range, in the order of the members; NULL: none. */
-static const char *outside(const tse_config *c)
-{
-  int r = 0, w = 0;
-  while (r < REALS && real_at(c, r) >= reals[r].lo && real_at(c, r) <= reals[r].hi) r++; /* NaN is outside */
-  while (w < WHOLES && whole_at(c, w) >= wholes[w].lo && whole_at(c, w) <= wholes[w].hi) w++;
-  if (r == REALS) return w == WHOLES ? NULL : wholes[w].name;
-  return w == WHOLES || reals[r].at < wholes[w].at ? reals[r].name : wholes[w].name;
-}
-
 tse_status tse_config_check(const tse_config *c, const char **wrong)
 {
   if (!c) return TSE_E_NULL;
-  const char *const name = outside(c);
+  const char *const name = first_outside(c, reals, REALS, wholes, WHOLES);
   if (name) {
     if (wrong) *wrong = name;
     return TSE_E_CONFIG;
@@ -252,8 +225,8 @@ static uint32_t mix_setting(uint32_t h, tse_setting x)
 static uint32_t fingerprint(const tse_config *c)
 {
   uint32_t h = 2166136261u;
-  for (int i = 0; i < REALS; i++) h = mix_setting(h, real_at(c, i));
-  for (int i = 0; i < WHOLES; i++) h = mix(h, (uint32_t)whole_at(c, i));
+  for (int i = 0; i < REALS; i++) h = mix_setting(h, real_at(c, &reals[i]));
+  for (int i = 0; i < WHOLES; i++) h = mix(h, (uint32_t)whole_at(c, &wholes[i]));
   return mix(h, TSE_MAX_PARTICLES);
 }
 
@@ -273,14 +246,14 @@ static uint32_t mix_effect(uint32_t h, int on, const char *name, tse_setting val
 static uint32_t vehicle_fingerprint(const tse_config *c)
 {
   uint32_t h = 2166136261u;
-  for (int i = 0; i < COUNT_VEHICLE; i++) h = mix_vehicle(h, real_at(c, i));
+  for (int i = 0; i < COUNT_VEHICLE; i++) h = mix_vehicle(h, real_at(c, &reals[i]));
   const uint64_t on = effects_on(c);
   for (int i = 0; i < COUNT_EFFECTS; i++)
-    h = mix_effect(h, (int)(on >> effect_rows[i].effect & 1u), reals[FIRST_EFFECTS + i].name, real_at(c, FIRST_EFFECTS + i));
+    h = mix_effect(h, (int)(on >> effect_settings[i].effect & 1u), reals[FIRST_EFFECTS + i].name, real_at(c, &reals[FIRST_EFFECTS + i]));
   const int formula = (int)(on >> TSE_BIT_FORMULA & 1u);
-  for (int i = 0; i < COUNT_FORMULA; i++) h = mix_effect(h, formula, reals[FIRST_FORMULA + i].name, real_at(c, FIRST_FORMULA + i));
+  for (int i = 0; i < COUNT_FORMULA; i++) h = mix_effect(h, formula, reals[FIRST_FORMULA + i].name, real_at(c, &reals[FIRST_FORMULA + i]));
   for (int i = 0; i < COUNT_WHOLE_FORMULA; i++)
-    h = mix_effect(h, formula, wholes[FIRST_WHOLE_FORMULA + i].name, r_from_int(whole_at(c, FIRST_WHOLE_FORMULA + i)));
+    h = mix_effect(h, formula, wholes[FIRST_WHOLE_FORMULA + i].name, r_from_int(whole_at(c, &wholes[FIRST_WHOLE_FORMULA + i])));
   return h;
 }
 
@@ -303,12 +276,12 @@ static void prepare_effects(const tse_config *c, uint64_t mask, tse_params *p)
 #else
   tse_effects *const e = &p->effects;
   for (int i = 0; i < COUNT_EFFECTS; i++) { /* its members behind the mask are in the same order */
-    const tse_real x = real_of(real_at(c, FIRST_EFFECTS + i));
+    const tse_real x = real_of(real_at(c, &reals[FIRST_EFFECTS + i]));
     memcpy((uint8_t *)e + sizeof e->mask + (size_t)i * sizeof x, &x, sizeof x);
   }
   e->mass = real_of(c->mass);
   e->formula_gain = real_of(c->formula_gain);
-  for (int k = 0; k < TSE_FORMULA_NUMBERS; k++) e->formula[k] = real_of(real_at(c, FIRST_FORMULA + 1 + k)); /* behind the gain */
+  for (int k = 0; k < TSE_FORMULA_NUMBERS; k++) e->formula[k] = real_of(real_at(c, &reals[FIRST_FORMULA + 1 + k])); /* behind the gain */
   e->formula_place = c->formula_place;
   formula_of(c, e->formula_code);
 #endif

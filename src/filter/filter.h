@@ -153,7 +153,7 @@ void events_decide(const tse_params *p, tse_kalman *k, tse_real dt);
 tse_real event_amplitude(const tse_event *a, tse_real *var); /* after the samples: its mean and variance */
 int event_is_small(const tse_kalman *k, const tse_event *a); /* it may explain the samples, and calls for nothing */
 
-/* Which channel is at fault, as fault_channel numbers it: 1 + place in tse/input.def, behind them velocities. */
+/* Which channel is at fault, as fault_channel numbers it: 1 + TSE_CHANNEL_, behind them velocities. */
 enum { NO_FAULT,
        FAULT_STEER = 1 + TSE_CHANNEL_steer_angle,
        FAULT_VELOCITY = 1 + TSE_CHANNELS };

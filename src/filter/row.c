@@ -1,11 +1,10 @@
 /* filter/row.c - a log row becomes a checked sample. */
 #include "filter/filter.h"
+#include "tables/input.h"
 
 #define LEAST_DT TSE_R(1e-4) /* s, numerics: rows that come closer are taken as that far apart: rates are what changes over it */
 #define SAME_SPEED TSE_R(1e-5) /* 1, numerics: share of the speed that six digits leave */
-#define MOST_ACCEL TSE_R(50) /* m/s2, physics: as the range in tse/input.def; beyond, a reading is missing */
-#define MOST_TURN TSE_R(6) /* rad/s, the same of the yaw rate */
-#define BRAKES TSE_R(0.5) /* 1: of the brake switch, as tse/optional.def says it */
+#define BRAKES TSE_R(0.5) /* 1: of the brake switch, as src/tables/input.toml says it */
 #define IDLE_SHARE TSE_R(0.1) /* 1: of two driven axles one with less of the other's torque has none */
 
 /* Return the axle that rolls freely, by brake switch and wheel torques: the one that is not driven, unless they say that it
@@ -30,14 +29,14 @@ tse_status row_decode(const tse_params *p, const tse_filter *f, const tse_input 
   if (!f->started) given.dt = p->sample_time; /* the first row has no predecessor */
   const tse_status status = tse_input_check(&given, NULL);
   if (status < 0) return status;
-  const tse_real most[IMU_CHANNELS] = { MOST_ACCEL, MOST_ACCEL, MOST_TURN }, value[IMU_CHANNELS] = { u->accel_x, u->accel_y, u->yaw_rate };
-  const uint32_t bit[IMU_CHANNELS] = { TSE_MISSING(accel_x), TSE_MISSING(accel_y), TSE_MISSING(yaw_rate) };
   z->dt = r_max(given.dt, LEAST_DT);
   z->has_steer = !is_missing(u, TSE_MISSING(steer_angle), u->steer_angle);
   z->steer = z->has_steer ? u->steer_angle : f->k.steer[0];
   for (int i = 0; i < IMU_CHANNELS; i++) {
-    z->use[i] = !is_missing(u, bit[i], value[i]) && r_abs(value[i]) <= most[i];
-    z->z[i] = z->use[i] ? value[i] : TSE_R(0);
+    const int k = (int)TSE_CHANNEL_accel_x + i;
+    const tse_real x = channel_at(u, &channel_rows[k]);
+    z->use[i] = !is_missing(u, 1u << k, x) && channel_holds(&channel_rows[k], x);
+    z->z[i] = z->use[i] ? x : TSE_R(0);
   }
   z->use[WHEEL_FRONT] = !is_missing(u, TSE_MISSING(wheel_speed_front), u->wheel_speed_front);
   z->use[WHEEL_REAR] = !is_missing(u, TSE_MISSING(wheel_speed_rear), u->wheel_speed_rear);
@@ -47,13 +46,12 @@ tse_status row_decode(const tse_params *p, const tse_filter *f, const tse_input 
   z->one_speed = z->use[WHEEL_FRONT] && z->use[WHEEL_REAR] && (p->wheel_signals < 2 || r_abs(z->z[WHEEL_FRONT] - z->z[WHEEL_REAR]) <= r_mul(SAME_SPEED, r_abs(z->z[WHEEL_REAR])));
   if (z->one_speed) z->use[WHEEL_FRONT] = 0;
   z->given = 0;
-#define OPTIONAL(name, lo, hi, unit, text)                                                                             \
-  z->optional[TSE_OPTIONAL_##name] = TSE_R(0);                                                                         \
-  if ((u->given & TSE_GIVEN(name)) != 0 && u->name >= TSE_R(lo) && u->name <= TSE_R(hi)) {                             \
-    z->optional[TSE_OPTIONAL_##name] = u->name;                                                                        \
-    z->given |= TSE_GIVEN(name);                                                                                       \
+  for (int k = 0; k < (int)TSE_OPTIONALS; k++) {
+    const tse_real x = channel_at(u, &optional_rows[k]);
+    const int ok = (u->given & 1u << k) != 0 && channel_holds(&optional_rows[k], x);
+    z->optional[k] = ok ? x : TSE_R(0);
+    z->given |= ok ? 1u << k : 0u;
   }
-#include "tse/optional.def"
   /* where no axle shows the speed, slip is what accel_x adds up to, in which the grade of the road stands */
   z->rolls = z->given & ~TSE_GIVEN_VELOCITIES ? rolls_by(p, z) : ROLLS_UNKNOWN;
   z->no_slip = z->one_speed || (z->rolls == ROLLS_NONE && p->prior_sd[GX] > TSE_R(0));

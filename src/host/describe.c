@@ -10,45 +10,6 @@
 
 #include "tables/described.h"
 
-/* 0/0 is not a constant expression everywhere; no range is written as an empty one instead. */
-#define NO_RANGE 0.0, 1.0, -1.0
-
-#if !defined(TSE_NO_EFFECTS)
-static const tse_field sim_config_fields[] = {
-#define REAL(name, def, lo, hi, unit, text) { #name, 's', (int32_t)offsetof(tse_sim_config, name), def, lo, hi, unit, text },
-#define INT(name, def, lo, hi, text) { #name, 'i', (int32_t)offsetof(tse_sim_config, name), def, lo, hi, "1", text },
-#include "tse/sim.def"
-};
-
-#define MEMBER(name, member, unit, text) { name, 'r', (int32_t)offsetof(tse_sim_output, member), NO_RANGE, unit, text },
-static const tse_field sim_input_fields[] = {
-  { "dt", 'r', (int32_t)offsetof(tse_sim_input, dt), 0.01, 0.0, 1.0, "s", "time since the previous row" },
-#define SIM_INPUT(name, def, lo, hi, unit, text) { #name, 'r', (int32_t)offsetof(tse_sim_input, name), def, lo, hi, unit, text },
-#include "tse/sim_input.def"
-};
-static const tse_field sim_output_fields[] = {
-#define INPUT(name, lo, hi, unit, kind, text) MEMBER(#name, row.name, unit, text)
-#include "tse/input.def"
-#define SIM_OUTPUT(group, name, member, unit, text) MEMBER(#group "_" #name, member, unit, text)
-#include "tse/sim_output.def"
-};
-#endif
-
-#if !defined(TSE_NO_EFFECTS)
-static const tse_field replay_log_fields[] = {
-#define REPLAY_LOG(name, needed, unit, text) { #name, needed ? 'p' : 'o', (int32_t)offsetof(tse_replay_log, name), NO_RANGE, unit, text },
-#include "tse/replay.def"
-};
-static const tse_field replay_start_fields[] = {
-#define REPLAY_START(name, def, unit, text) { #name, 'r', (int32_t)offsetof(tse_replay_start, name), def, 1.0, -1.0, unit, text },
-#include "tse/replay.def"
-};
-static const tse_field replay_out_fields[] = {
-#define REPLAY_OUT(name, unit, text) { #name, 'o', (int32_t)offsetof(tse_replay_out, name), NO_RANGE, unit, text },
-#include "tse/replay.def"
-};
-#endif
-
 const tse_effect_row *tse_describe_effects(int32_t *count)
 {
   if (count) *count = (int32_t)(sizeof effect_rows / sizeof effect_rows[0]);

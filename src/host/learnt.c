@@ -12,7 +12,7 @@
 #define MOST_ONE 16777216
 #define MOST_NU 1000000u
 
-/* What is written is inside these bounds, and what is read is refused outside: what sensors (input.def) and the filter allow. Thousandths. */
+/* What is written is inside these bounds, and what is read is refused outside: what sensors (input.toml) and the filter allow. Thousandths. */
 static const int32_t most_mean[TSE_KEPT] = { 50000, 50000, 6000, 4000, 4000, 4000, 4000, 200, 500, 200, 200 };
 
 typedef struct content { /* of format 3, after the frame; q24 and 2^-14 as in the file */

@@ -2,16 +2,20 @@
 #include "tse/replay.h"
 
 #include "model/effects.h"
+#include "tables/input.h"
 
-#define MOST_STEER TSE_R(1.2)  /* as tse/input.def */
-#define MOST_WHEEL TSE_R(400)
 #define BIT_GIVEN 63           /* of the mask: no effect, but something is given that only the model with effects knows */
 
 void tse_replay_start_default(tse_replay_start *s)
 {
   if (!s) return;
-#define REPLAY_START(name, def, unit, text) s->name = TSE_R(def);
-#include "tse/replay.def"
+  static const tse_real start[] = {
+    /* table: replay_start_values */
+    TSE_R(1.0), TSE_R(1.0), TSE_R(1.0), TSE_R(0.0), TSE_R(0.0), TSE_R(0.0), TSE_R(1.0), TSE_R(0.0), TSE_R(0.0), TSE_R(0.0),
+    TSE_R(0.0), TSE_R(0.0), TSE_R(2.4), TSE_R(2.4),
+    /* end of table */
+  };
+  memcpy(s, start, sizeof *s); /* members of one type, in the order of the table */
 }
 
 static tse_real value(const tse_real *array, int32_t i) { return array ? array[i] : TSE_R(0); }
@@ -38,25 +42,24 @@ static uint64_t mask_of(const tse_params *p, const tse_replay_log *log)
   return mask;
 }
 
-static int log_within(tse_real x, tse_real most) { return x >= -most && x <= most; }
-
 static tse_status check_row(const tse_replay_log *log, int32_t i)
 {
   if (i > 0 && !(log->dt[i] > TSE_R(0) && log->dt[i] <= TSE_R(1))) return TSE_E_TIME;
-  if (!log_within(log->steer_angle[i], MOST_STEER) || !log_within(log->wheel_speed_front[i], MOST_WHEEL) ||
-      !log_within(log->wheel_speed_rear[i], MOST_WHEEL))
+  if (!channel_holds(&channel_rows[TSE_CHANNEL_steer_angle], log->steer_angle[i]) ||
+      !channel_holds(&channel_rows[TSE_CHANNEL_wheel_speed_front], log->wheel_speed_front[i]) ||
+      !channel_holds(&channel_rows[TSE_CHANNEL_wheel_speed_rear], log->wheel_speed_rear[i]))
     return TSE_E_INPUT;
-#define REPLAY_LOG(name, needed, unit, text) \
-  if (!(needed) && log->name && !r_is_finite(log->name[i])) return TSE_E_INPUT;
-#include "tse/replay.def"
+  const given g = given_of(log, i);
+  const tse_real x[] = { g.grade, g.bank, g.slip_front, g.slip_rear, g.x, g.y, g.yaw };
+  for (int k = 0; k < (int)(sizeof x / sizeof x[0]); k++)
+    if (!r_is_finite(x[k])) return TSE_E_INPUT;
   return TSE_OK;
 }
 
 static int finite_start(const tse_replay_start *s)
 {
   int fine = 1;
-#define REPLAY_START(name, def, unit, text) fine = fine && r_is_finite(s->name);
-#include "tse/replay.def"
+  for (const tse_real *x = &s->cx_front; x < (const tse_real *)(s + 1); x++) fine = fine && r_is_finite(*x); /* all of one type */
   return fine;
 }
 
@@ -101,8 +104,7 @@ tse_status tse_replay(const tse_params *p, const tse_replay_log *log, int32_t ro
                       const tse_replay_out *out, int32_t *wrong)
 {
   if (!p || !log || !s || !out) return TSE_E_NULL;
-#define REPLAY_LOG(name, needed, unit, text) if (needed && !log->name) return TSE_E_NULL;
-#include "tse/replay.def"
+  if (!log->dt || !log->steer_angle || !log->wheel_speed_front || !log->wheel_speed_rear) return TSE_E_NULL;
   if (p->magic != TSE_PARAMS_MAGIC) return TSE_E_STATE;
 
   tse_params car = *p;

@@ -1,6 +1,10 @@
 /* host/simulate.c - the truth for studies: the estimator's vehicle with wheels that turn, noise that is known. */
 #include "tse/simulate.h"
 
+#include <stddef.h>
+
+#include "tables/rows.h"
+#include "tables/sim.h"
 #include "number/random.h"
 #include "host/sound.h"
 #include "model/effects.h"
@@ -18,19 +22,17 @@
 void tse_sim_config_default(tse_sim_config *s)
 {
   if (!s) return;
-#define REAL(name, def, lo, hi, unit, text) s->name = TSE_S(def);
-#define INT(name, def, lo, hi, text) s->name = (def);
-#include "tse/sim.def"
+  set_defaults(s, sim_reals, SIM_REALS, sim_wholes, SIM_WHOLES);
 }
 
 tse_status tse_sim_config_check(const tse_sim_config *s, const char **wrong)
 {
   if (!s) return TSE_E_NULL;
-#define REAL(name, def, lo, hi, unit, text) \
-  if (!(s->name >= TSE_S(lo) && s->name <= TSE_S(hi))) { if (wrong) *wrong = #name; return TSE_E_CONFIG; }
-#define INT(name, def, lo, hi, text) \
-  if (s->name < (lo) || s->name > (hi)) { if (wrong) *wrong = #name; return TSE_E_CONFIG; }
-#include "tse/sim.def"
+  const char *const name = first_outside(s, sim_reals, SIM_REALS, sim_wholes, SIM_WHOLES);
+  if (name) {
+    if (wrong) *wrong = name;
+    return TSE_E_CONFIG;
+  }
   return TSE_OK;
 }
 
@@ -60,9 +62,9 @@ tse_status tse_sim_reset(tse_sim *sim, const tse_config *c, const tse_sim_config
 static int same_settings(const tse_sim *a, const tse_sim *b)
 {
   int same = memcmp(&a->params, &b->params, sizeof a->params) == 0;
-#define REAL(name, def, lo, hi, unit, text) same = same && memcmp(&a->config.name, &b->config.name, sizeof a->config.name) == 0;
-#define INT(name, def, lo, hi, text) same = same && a->config.name == b->config.name;
-#include "tse/sim.def"
+  const uint8_t *const x = (const uint8_t *)&a->config, *const y = (const uint8_t *)&b->config;
+  for (int i = 0; i < SIM_REALS; i++) same = same && memcmp(x + sim_reals[i].at, y + sim_reals[i].at, sizeof(tse_setting)) == 0;
+  for (int i = 0; i < SIM_WHOLES; i++) same = same && memcmp(x + sim_wholes[i].at, y + sim_wholes[i].at, sizeof(int32_t)) == 0;
   return same;
 }
 
@@ -77,8 +79,7 @@ tse_status tse_sim_check(const tse_sim *sim, const tse_config *c, const tse_sim_
   fine = fine && sound_reals(sim->x, 9, -MOST_REAL, MOST_REAL) && sound_reals(sim->bias, 3, -MOST_REAL, MOST_REAL);
   fine = fine && sound_reals(sim->drawn, 3, -MOST_REAL, MOST_REAL) && sound_reals(&sim->steer, 1, -MOST_REAL, MOST_REAL);
   fine = fine && sound_reals(&sim->steer_logged, 1, -MOST_REAL, MOST_REAL) && sound_reals(&sim->last.dt, 1, TSE_R(0), MOST_REAL);
-#define SIM_INPUT(name, def, lo, hi, unit, text) fine = fine && sound_reals(&sim->last.name, 1, TSE_R(lo), TSE_R(hi));
-#include "tse/sim_input.def"
+  for (int i = 0; i < SIM_INPUTS; i++) fine = fine && channel_holds(&sim_inputs[i], channel_at(&sim->last, &sim_inputs[i]));
   return fine ? TSE_OK : TSE_E_STATE;
 }
 
@@ -287,13 +288,11 @@ static stiffness stiffness_now(const tse_sim *sim, tse_real road_level)
   return k;
 }
 
-static int in_range(tse_real x, tse_real lo, tse_real hi) { return x >= lo && x <= hi; }
-
 static tse_status check_input(const tse_sim *sim, const tse_sim_input *u)
 {
   if (sim->step > 0 && !(u->dt > TSE_R(0) && u->dt <= TSE_R(1))) return TSE_E_TIME;
-#define SIM_INPUT(name, def, lo, hi, unit, text) if (!in_range(u->name, TSE_R(lo), TSE_R(hi))) return TSE_E_INPUT;
-#include "tse/sim_input.def"
+  for (int i = 0; i < SIM_INPUTS; i++)
+    if (!channel_holds(&sim_inputs[i], channel_at(u, &sim_inputs[i]))) return TSE_E_INPUT;
   return TSE_OK;
 }
 
@@ -419,8 +418,7 @@ static int is_car(const tse_sim *sim, const tse_sim_output *y)
   fine = fine && sound_reals(&sim->x[3], 2, -LOST_WHEEL, LOST_WHEEL) && sound_reals(&sim->x[5], 4, -MOST_REAL, MOST_REAL);
   fine = fine && sound_reals(sim->bias, 3, -MOST_REAL, MOST_REAL) && sound_reals(&sim->steer, 1, -MOST_REAL, MOST_REAL);
   fine = fine && sound_memory(&sim->effects);
-#define INPUT(name, lo, hi, unit, kind, text) fine = fine && sound_reals(&y->row.name, 1, -MOST_REAL, MOST_REAL);
-#include "tse/input.def"
+  fine = fine && sound_reals(&y->row.steer_angle, TSE_CHANNELS, -MOST_REAL, MOST_REAL); /* one behind the other */
   return fine && sound_reals(&y->accel_x, 1, -MOST_REAL, MOST_REAL) && sound_reals(&y->accel_y, 1, -MOST_REAL, MOST_REAL);
 }
 

@@ -3,6 +3,7 @@
 #include "host/sound.h"
 #include "filter/filter.h"
 #include "tables/constants.h"
+#include "tables/input.h"
 
 
 static int sound_start(const tse_start *s)
@@ -27,8 +28,7 @@ static int sound_waiting(const tse_params *p, const tse_alignment *m)
   fine = fine && sound_reals(m->before, TSE_LATENCY_ROWS, TSE_R(0), most);
   for (int i = 0; i < TSE_LATENCY_ROWS; i++) {
     fine = fine && m->missing[i] < 1 << TSE_CHANNELS;
-#define INPUT(name, lo, hi, unit, kind, text) fine = fine && sound_reals(&m->value[i][TSE_CHANNEL_##name], 1, TSE_R(lo), TSE_R(hi));
-#include "tse/input.def"
+    for (int k = 0; k < (int)TSE_CHANNELS; k++) fine = fine && channel_holds(&channel_rows[k], m->value[i][k]);
   }
   for (int a = 0; a < 3; a++) fine = fine && sound_int(m->reason[a], TSE_VALID, TSE_MISFIT);
   fine = fine && sound_reals(m->lost, 3, TSE_R(0), TSE_R(0.5001));

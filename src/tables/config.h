@@ -1,17 +1,5 @@
 /* tables/config.h - default and range of every setting, for tse_config_default() and tse_config_check(): tables, because a
  * comparison written out for each is 4 kB more of a microcontroller's flash. Part of estimator/prepare.c. */
-typedef struct real_row {
-  const char *name;
-  uint16_t at;
-  tse_setting def, lo, hi;
-} real_row;
-
-typedef struct whole_row {
-  const char *name;
-  uint16_t at;
-  int32_t def, lo, hi;
-} whole_row;
-
 #define REAL(name, def, lo, hi) { #name, (uint16_t)offsetof(tse_config, name), TSE_S(def), TSE_S(lo), TSE_S(hi) }
 #define WHOLE(name, def, lo, hi) { #name, (uint16_t)offsetof(tse_config, name), def, lo, hi }
 
@@ -102,7 +90,7 @@ enum { REALS = sizeof reals / sizeof reals[0],
 /* Of the settings from FIRST_EFFECTS on: the effect, and whether it is a strength. */
 static const struct {
   uint8_t effect, strength;
-} effect_rows[COUNT_EFFECTS] = {
+} effect_settings[COUNT_EFFECTS] = {
   /* table: effect_settings */
   { TSE_EFFECT_mass, 1 }, { TSE_EFFECT_yaw_inertia, 1 }, { TSE_EFFECT_cg_shift, 1 }, { TSE_EFFECT_wheel_radius, 1 },
   { TSE_EFFECT_steering_ratio, 1 }, { TSE_EFFECT_steering_offset, 1 }, { TSE_EFFECT_steering_delay, 1 },

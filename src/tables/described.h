@@ -313,6 +313,122 @@ static const tse_field reason_fields[] = {
   /* end of table */
 };
 
+#if !defined(TSE_NO_EFFECTS)
+static const tse_field sim_config_fields[] = {
+  /* table: sim_described */
+  { "wheel_inertia_front", 's', (int32_t)offsetof(tse_sim_config, wheel_inertia_front), 2.4, 0.05, 500.0, "kg m2", "rotational inertia of both front wheels" },
+  { "wheel_inertia_rear", 's', (int32_t)offsetof(tse_sim_config, wheel_inertia_rear), 2.4, 0.05, 500.0, "kg m2", "rotational inertia of both rear wheels" },
+  { "true_cx_front", 's', (int32_t)offsetof(tse_sim_config, true_cx_front), 1.0, 0.02, 10.0, "1", "mean longitudinal stiffness, share of nominal (rear follows as the settings say)" },
+  { "true_cy_front", 's', (int32_t)offsetof(tse_sim_config, true_cy_front), 1.0, 0.02, 10.0, "1", "mean front cornering stiffness, share of nominal" },
+  { "true_cy_rear", 's', (int32_t)offsetof(tse_sim_config, true_cy_rear), 1.0, 0.02, 10.0, "1", "mean rear cornering stiffness, share of nominal" },
+  { "spread_cx_front", 's', (int32_t)offsetof(tse_sim_config, spread_cx_front), 0.05, 0.0, 0.3, "1", "sample-to-sample sd of the stiffness, share of its mean" },
+  { "spread_cy_front", 's', (int32_t)offsetof(tse_sim_config, spread_cy_front), 0.05, 0.0, 0.3, "1", "sample-to-sample sd of the stiffness, share of its mean" },
+  { "spread_cy_rear", 's', (int32_t)offsetof(tse_sim_config, spread_cy_rear), 0.05, 0.0, 0.3, "1", "sample-to-sample sd of the stiffness, share of its mean" },
+  { "noise", 's', (int32_t)offsetof(tse_sim_config, noise), 1.0, 0.0, 100.0, "1", "true sensor noise over the sd in the settings" },
+  { "steer_angle_sd", 's', (int32_t)offsetof(tse_sim_config, steer_angle_sd), 0.0, 0.0, 0.1, "rad", "noise of the logged steering angle" },
+  { "wheel_speed_sd", 's', (int32_t)offsetof(tse_sim_config, wheel_speed_sd), 0.0, 0.0, 10.0, "rad/s", "noise of the logged wheel speeds" },
+  { "true_bias_accel_x", 's', (int32_t)offsetof(tse_sim_config, true_bias_accel_x), 0.0, -5.0, 5.0, "m/s2", "accel_x bias at the start" },
+  { "true_bias_accel_y", 's', (int32_t)offsetof(tse_sim_config, true_bias_accel_y), 0.0, -5.0, 5.0, "m/s2", "accel_y bias at the start" },
+  { "true_bias_yaw_rate", 's', (int32_t)offsetof(tse_sim_config, true_bias_yaw_rate), 0.0, -0.5, 0.5, "rad/s", "yaw_rate bias at the start" },
+  { "bias_walk", 's', (int32_t)offsetof(tse_sim_config, bias_walk), 0.0, 0.0, 100.0, "1", "random walk of the true biases over the walk in the settings" },
+  { "speed", 's', (int32_t)offsetof(tse_sim_config, speed), 20.0, 0.0, 70.0, "m/s", "vel_x at the start; wheels roll freely" },
+  { "vel_y", 's', (int32_t)offsetof(tse_sim_config, vel_y), 0.0, -20.0, 20.0, "m/s", "vel_y at the start: above 0 the car slides to the left" },
+  { "friction", 's', (int32_t)offsetof(tse_sim_config, friction), 0.0, 0.0, 2.0, "1", "friction coefficient at which the tyre forces of an axle saturate; 0: linear tyres" },
+  { "substep", 's', (int32_t)offsetof(tse_sim_config, substep), 0.001, 0.0001, 0.005, "s", "longest integration step" },
+  { "hold_inputs", 'i', (int32_t)offsetof(tse_sim_config, hold_inputs), 0, 0, 1, "1", "1: what the driver does at a row is held until the next; 0: it changes linearly between rows" },
+  { "seed", 'i', (int32_t)offsetof(tse_sim_config, seed), 1, 0, 2147483647, "1", "seed of the random numbers" },
+  /* end of table */
+};
+
+static const tse_field sim_input_fields[] = {
+  { "dt", 'r', (int32_t)offsetof(tse_sim_input, dt), 0.01, 0.0, 1.0, "s", "time since the previous row" },
+  /* table: sim_input_described */
+  { "steer_angle", 'r', (int32_t)offsetof(tse_sim_input, steer_angle), 0.0, -1.2, 1.2, "rad", "road-wheel angle of the front axle, positive left" },
+  { "wheel_torque_front", 'r', (int32_t)offsetof(tse_sim_input, wheel_torque_front), 0.0, -100000.0, 100000.0, "Nm", "drive torque of the front axle; negative turns the wheels backwards" },
+  { "wheel_torque_rear", 'r', (int32_t)offsetof(tse_sim_input, wheel_torque_rear), 0.0, -100000.0, 100000.0, "Nm", "drive torque of the rear axle; negative turns the wheels backwards" },
+  { "brake_torque_front", 'r', (int32_t)offsetof(tse_sim_input, brake_torque_front), 0.0, 0.0, 100000.0, "Nm", "brake torque of the front axle, against the rotation; holds at standstill" },
+  { "brake_torque_rear", 'r', (int32_t)offsetof(tse_sim_input, brake_torque_rear), 0.0, 0.0, 100000.0, "Nm", "brake torque of the rear axle, against the rotation; holds at standstill" },
+  { "road_level", 'r', (int32_t)offsetof(tse_sim_input, road_level), 1.0, 0.02, 10.0, "1", "stiffness of all tyres relative to dry road" },
+  { "road_friction", 'r', (int32_t)offsetof(tse_sim_input, road_friction), 0.0, 0.0, 2.0, "1", "friction coefficient at which the tyre forces of an axle saturate; 0: that of the settings" },
+  /* end of table */
+};
+
+static const tse_field sim_output_fields[] = {
+  /* table: sim_output_described */
+  { "steer_angle", 'r', (int32_t)offsetof(tse_sim_output, row.steer_angle), 0.0, 1.0, -1.0, "rad", "mean road-wheel angle of the front axle, positive left" },
+  { "wheel_speed_front", 'r', (int32_t)offsetof(tse_sim_output, row.wheel_speed_front), 0.0, 1.0, -1.0, "rad/s", "mean rotation rate of the front wheels, positive forward" },
+  { "wheel_speed_rear", 'r', (int32_t)offsetof(tse_sim_output, row.wheel_speed_rear), 0.0, 1.0, -1.0, "rad/s", "mean rotation rate of the rear wheels, positive forward" },
+  { "accel_x", 'r', (int32_t)offsetof(tse_sim_output, row.accel_x), 0.0, 1.0, -1.0, "m/s2", "specific force at the centre of gravity, positive forward" },
+  { "accel_y", 'r', (int32_t)offsetof(tse_sim_output, row.accel_y), 0.0, 1.0, -1.0, "m/s2", "specific force at the centre of gravity, positive left" },
+  { "yaw_rate", 'r', (int32_t)offsetof(tse_sim_output, row.yaw_rate), 0.0, 1.0, -1.0, "rad/s", "yaw rate, positive left (counter-clockwise from above)" },
+  { "true_vel_x", 'r', (int32_t)offsetof(tse_sim_output, vel_x), 0.0, 1.0, -1.0, "m/s", "longitudinal velocity of the centre of gravity" },
+  { "true_vel_y", 'r', (int32_t)offsetof(tse_sim_output, vel_y), 0.0, 1.0, -1.0, "m/s", "lateral velocity of the centre of gravity" },
+  { "true_yaw_rate", 'r', (int32_t)offsetof(tse_sim_output, yaw_rate), 0.0, 1.0, -1.0, "rad/s", "yaw rate" },
+  { "true_accel_x", 'r', (int32_t)offsetof(tse_sim_output, accel_x), 0.0, 1.0, -1.0, "m/s2", "specific force without noise and bias" },
+  { "true_accel_y", 'r', (int32_t)offsetof(tse_sim_output, accel_y), 0.0, 1.0, -1.0, "m/s2", "specific force without noise and bias" },
+  { "true_wheel_speed_front", 'r', (int32_t)offsetof(tse_sim_output, wheel_speed_front), 0.0, 1.0, -1.0, "rad/s", "rotation rate of the front wheels" },
+  { "true_wheel_speed_rear", 'r', (int32_t)offsetof(tse_sim_output, wheel_speed_rear), 0.0, 1.0, -1.0, "rad/s", "rotation rate of the rear wheels" },
+  { "true_cx_front", 'r', (int32_t)offsetof(tse_sim_output, stiffness[0]), 0.0, 1.0, -1.0, "1", "mean longitudinal stiffness, front, relative to nominal" },
+  { "true_cy_front", 'r', (int32_t)offsetof(tse_sim_output, stiffness[1]), 0.0, 1.0, -1.0, "1", "mean cornering stiffness, front, relative to nominal" },
+  { "true_cy_rear", 'r', (int32_t)offsetof(tse_sim_output, stiffness[2]), 0.0, 1.0, -1.0, "1", "mean cornering stiffness, rear, relative to nominal" },
+  { "drawn_cx_front", 'r', (int32_t)offsetof(tse_sim_output, drawn[0]), 0.0, 1.0, -1.0, "1", "longitudinal stiffness, front, drawn for this row, relative to nominal" },
+  { "drawn_cy_front", 'r', (int32_t)offsetof(tse_sim_output, drawn[1]), 0.0, 1.0, -1.0, "1", "cornering stiffness, front, drawn for this row, relative to nominal" },
+  { "drawn_cy_rear", 'r', (int32_t)offsetof(tse_sim_output, drawn[2]), 0.0, 1.0, -1.0, "1", "cornering stiffness, rear, drawn for this row, relative to nominal" },
+  { "true_bias_accel_x", 'r', (int32_t)offsetof(tse_sim_output, bias[0]), 0.0, 1.0, -1.0, "m/s2", "bias of accel_x" },
+  { "true_bias_accel_y", 'r', (int32_t)offsetof(tse_sim_output, bias[1]), 0.0, 1.0, -1.0, "m/s2", "bias of accel_y" },
+  { "true_bias_yaw_rate", 'r', (int32_t)offsetof(tse_sim_output, bias[2]), 0.0, 1.0, -1.0, "rad/s", "bias of yaw_rate" },
+  /* end of table */
+};
+
+static const tse_field replay_log_fields[] = {
+  /* table: replay_log_described */
+  { "dt", 'p', (int32_t)offsetof(tse_replay_log, dt), 0.0, 1.0, -1.0, "s", "time since the row before, (0, 1]; of the first row not used" },
+  { "steer_angle", 'p', (int32_t)offsetof(tse_replay_log, steer_angle), 0.0, 1.0, -1.0, "rad", "mean road-wheel angle as logged, -1.2 .. 1.2" },
+  { "wheel_speed_front", 'p', (int32_t)offsetof(tse_replay_log, wheel_speed_front), 0.0, 1.0, -1.0, "rad/s", "mean rotation rate of the front wheels, -400 .. 400" },
+  { "wheel_speed_rear", 'p', (int32_t)offsetof(tse_replay_log, wheel_speed_rear), 0.0, 1.0, -1.0, "rad/s", "mean rotation rate of the rear wheels, -400 .. 400" },
+  { "grade", 'o', (int32_t)offsetof(tse_replay_log, grade), 0.0, 1.0, -1.0, "rad", "profile of the road, uphill > 0, besides the setting grade_angle" },
+  { "bank", 'o', (int32_t)offsetof(tse_replay_log, bank), 0.0, 1.0, -1.0, "rad", "profile of the road, left side high > 0, besides the setting bank_angle" },
+  { "slip_front", 'o', (int32_t)offsetof(tse_replay_log, slip_front), 0.0, 1.0, -1.0, "rad", "disturbance of the front slip angle" },
+  { "slip_rear", 'o', (int32_t)offsetof(tse_replay_log, slip_rear), 0.0, 1.0, -1.0, "rad", "disturbance of the rear slip angle" },
+  { "force_x", 'o', (int32_t)offsetof(tse_replay_log, force_x), 0.0, 1.0, -1.0, "m/s2", "disturbing force over mass, forward, seen by the accelerometer" },
+  { "force_y", 'o', (int32_t)offsetof(tse_replay_log, force_y), 0.0, 1.0, -1.0, "m/s2", "disturbing force over mass, to the left, seen by the accelerometer" },
+  { "yaw_accel", 'o', (int32_t)offsetof(tse_replay_log, yaw_accel), 0.0, 1.0, -1.0, "rad/s2", "disturbing yaw moment over inertia" },
+  /* end of table */
+};
+
+static const tse_field replay_start_fields[] = {
+  /* table: replay_start_described */
+  { "cx_front", 'r', (int32_t)offsetof(tse_replay_start, cx_front), 1.0, 1.0, -1.0, "1", "longitudinal stiffness, share of nominal (rear follows as the settings say)" },
+  { "cy_front", 'r', (int32_t)offsetof(tse_replay_start, cy_front), 1.0, 1.0, -1.0, "1", "front cornering stiffness, share of nominal" },
+  { "cy_rear", 'r', (int32_t)offsetof(tse_replay_start, cy_rear), 1.0, 1.0, -1.0, "1", "rear cornering stiffness, share of nominal" },
+  { "bias_accel_x", 'r', (int32_t)offsetof(tse_replay_start, bias_accel_x), 0.0, 1.0, -1.0, "m/s2", "bias of accel_x" },
+  { "bias_accel_y", 'r', (int32_t)offsetof(tse_replay_start, bias_accel_y), 0.0, 1.0, -1.0, "m/s2", "bias of accel_y" },
+  { "bias_yaw_rate", 'r', (int32_t)offsetof(tse_replay_start, bias_yaw_rate), 0.0, 1.0, -1.0, "rad/s", "bias of yaw_rate" },
+  { "vel_x_from_wheels", 'r', (int32_t)offsetof(tse_replay_start, vel_x_from_wheels), 1.0, 1.0, -1.0, "1", "not 0: vel_x starts at the mean of the wheel speeds" },
+  { "vel_x", 'r', (int32_t)offsetof(tse_replay_start, vel_x), 0.0, 1.0, -1.0, "m/s", "start of vel_x, when not from the wheels" },
+  { "vel_y", 'r', (int32_t)offsetof(tse_replay_start, vel_y), 0.0, 1.0, -1.0, "m/s", "start of vel_y" },
+  { "yaw_rate", 'r', (int32_t)offsetof(tse_replay_start, yaw_rate), 0.0, 1.0, -1.0, "rad/s", "start of the yaw rate" },
+  { "time", 'r', (int32_t)offsetof(tse_replay_start, time), 0.0, 1.0, -1.0, "s", "clock of stiffness_drift at the first row" },
+  { "heading", 'r', (int32_t)offsetof(tse_replay_start, heading), 0.0, 1.0, -1.0, "rad", "heading at the first row, for crosswind" },
+  { "wheel_inertia_front", 'r', (int32_t)offsetof(tse_replay_start, wheel_inertia_front), 2.4, 1.0, -1.0, "kg m2", "rotational inertia of both front wheels, for wheel_torque_front" },
+  { "wheel_inertia_rear", 'r', (int32_t)offsetof(tse_replay_start, wheel_inertia_rear), 2.4, 1.0, -1.0, "kg m2", "rotational inertia of both rear wheels, for wheel_torque_rear" },
+  /* end of table */
+};
+
+static const tse_field replay_out_fields[] = {
+  /* table: replay_out_described */
+  { "accel_x", 'o', (int32_t)offsetof(tse_replay_out, accel_x), 0.0, 1.0, -1.0, "m/s2", "as the IMU reads it, bias included, no noise" },
+  { "accel_y", 'o', (int32_t)offsetof(tse_replay_out, accel_y), 0.0, 1.0, -1.0, "m/s2", "as the IMU reads it, bias included, no noise" },
+  { "yaw_rate", 'o', (int32_t)offsetof(tse_replay_out, yaw_rate), 0.0, 1.0, -1.0, "rad/s", "as the IMU reads it, bias included, no noise" },
+  { "vel_x", 'o', (int32_t)offsetof(tse_replay_out, vel_x), 0.0, 1.0, -1.0, "m/s", "longitudinal velocity of the centre of gravity" },
+  { "vel_y", 'o', (int32_t)offsetof(tse_replay_out, vel_y), 0.0, 1.0, -1.0, "m/s", "lateral velocity of the centre of gravity" },
+  { "true_yaw_rate", 'o', (int32_t)offsetof(tse_replay_out, true_yaw_rate), 0.0, 1.0, -1.0, "rad/s", "yaw rate of the car" },
+  { "wheel_torque_front", 'o', (int32_t)offsetof(tse_replay_out, wheel_torque_front), 0.0, 1.0, -1.0, "Nm", "drive less brake torque that the front wheels need: slip force times radius, and inertia" },
+  { "wheel_torque_rear", 'o', (int32_t)offsetof(tse_replay_out, wheel_torque_rear), 0.0, 1.0, -1.0, "Nm", "drive less brake torque that the rear wheels need" },
+  /* end of table */
+};
+#endif
+
 static const tse_field formula_places[] = {
   /* table: formula_places_described */
   { "front_angle", 'c', 0, 0.0, 1.0, -1.0, "rad", "slip angle of the front axle, as if the wheels were steered by it" },

@@ -160,15 +160,8 @@ static inline tse_input road_row(road *r, double dt)
   return u;
 }
 
-static inline tse_real *channel_of(tse_input *u, uint32_t k)
-{
-  tse_real *const at[] = {
-#define INPUT(name, lo, hi, unit, kind, text) &u->name,
-#include "tse/input.def"
-#undef INPUT
-  };
-  return at[k % TSE_CHANNELS];
-}
+static inline const tse_field *channel_field(uint32_t k) { return tse_describe(TSE_STRUCT_INPUT, NULL, NULL) + 1 + k % TSE_CHANNELS; } /* behind dt */
+static inline tse_real *channel_of(tse_input *u, uint32_t k) { return &u->steer_angle + k % TSE_CHANNELS; } /* one behind the other */
 
 /* Every channel anywhere in its range, and a little beyond. */
 static inline tse_input wild_row(bytes *b, double beyond)
@@ -176,9 +169,8 @@ static inline tse_input wild_row(bytes *b, double beyond)
   tse_input u;
   memset(&u, 0, sizeof u);
   u.dt = real_of(0.01);
-#define INPUT(name, lo, hi, unit, kind, text) u.name = real_of(take_between(b, (lo) * beyond, (hi) * beyond));
-#include "tse/input.def"
-#undef INPUT
+  for (uint32_t k = 0; k < TSE_CHANNELS; k++)
+    *channel_of(&u, k) = real_of(take_between(b, channel_field(k)->lo * beyond, channel_field(k)->hi * beyond));
   return u;
 }
 

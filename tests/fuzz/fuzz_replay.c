@@ -23,12 +23,8 @@ static uint64_t run(const uint8_t *data, size_t size)
   memset(&out, 0, sizeof out);
   tse_replay_start_default(&s);
   for (uint32_t n = first & 3u; n > 0; n--) {
-    tse_real *const of_start[] = {
-#define REPLAY_START(name, def, unit, text) &s.name,
-#include "tse/replay.def"
-    };
     const uint32_t which = take(&b, 1);
-    *of_start[which % (sizeof of_start / sizeof of_start[0])] = real_of(which & 128u ? take_odd(&b) : take_between(&b, -100, 100));
+    (&s.cx_front)[which % (sizeof s / sizeof s.cx_front)] = real_of(which & 128u ? take_odd(&b) : take_between(&b, -100, 100));
   }
   road r = road_of(&b);
   const int32_t rows = (int32_t)(take(&b, 1) % (ROWS + 1));
@@ -41,16 +37,12 @@ static uint64_t run(const uint8_t *data, size_t size)
     given[3][i] = u.wheel_speed_rear;
     for (int k = 4; k < 11; k++) given[k][i] = real_of(what & 64u ? take_odd(&b) : 0.05 * sin(0.3 * i + k) * (what & 32u ? 100 : 1));
   }
-#define REPLAY_LOG(name, needed, unit, text)                              \
-  if (needed || (profiles >> (arrays % 8) & 1u)) log.name = given[arrays]; \
-  arrays++;
-#include "tse/replay.def"
+  for (; arrays < (int32_t)(sizeof log / sizeof log.dt); arrays++) /* the first four are needed */
+    if (arrays < 4 || (profiles >> (arrays % 8) & 1u)) (&log.dt)[arrays] = given[arrays];
   memset(made, 0x5a, sizeof made);
   arrays = 0;
-#define REPLAY_OUT(name, unit, text)                     \
-  if (wanted >> arrays & 1u) out.name = made[arrays];    \
-  arrays++;
-#include "tse/replay.def"
+  for (; arrays < (int32_t)(sizeof out / sizeof out.accel_x); arrays++)
+    if (wanted >> arrays & 1u) (&out.accel_x)[arrays] = made[arrays];
   const tse_status status = tse_replay(&p, &log, rows, &s, &out, &wrong);
   MUST(status == TSE_OK || status == TSE_E_TIME || status == TSE_E_INPUT, "status %d", (int)status);
   MUST(status == TSE_OK ? wrong == -1 : wrong >= 0 && wrong < rows, "row %d of %d", (int)wrong, (int)rows);

@@ -113,9 +113,8 @@ static void spoil(const event *e, double t, tse_input *u, const tse_input *hold)
     case EVENT_blackout: u->missing = 63; break;
     case EVENT_nonsense:
       if (uniform() < 0.3) *channel_of(u, (uint32_t)(uniform() * 6)) = real_of(uniform() < 0.5 ? NAN : INFINITY);
-#define INPUT(name, lo, hi, unit, kind, text) if (uniform() < 0.3) u->name = real_of(between(lo, hi));
-#include "tse/input.def"
-#undef INPUT
+      for (uint32_t k = 0; k < TSE_CHANNELS; k++)
+        if (uniform() < 0.3) *channel_of(u, k) = real_of(between(channel_field(k)->lo, channel_field(k)->hi));
       break;
     default: break;
   }

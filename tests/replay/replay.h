@@ -19,7 +19,7 @@ enum { REPLAY_ROWS_MOST = 4000,
        REPLAY_SCHEMES = 4,
        REPLAY_COLUMNS = REPLAY_OUTPUTS }; /* of the golden table */
 
-/* Read drive.csv: dt, then the channels of tse/input.def; an empty field is missing.   Returned: rows, or 0. */
+/* Read drive.csv: dt, then the channels of tse_input; an empty field is missing.   Returned: rows, or 0. */
 static inline int replay_read(const char *path, tse_input *rows)
 {
   char line[256];
@@ -39,9 +39,7 @@ static inline int replay_read(const char *path, tse_input *rows)
     memset(&rows[n], 0, sizeof rows[n]);
     int k = 0;
     rows[n].dt = value[k++];
-#define INPUT(name, lo, hi, unit, kind, text) rows[n].name = value[k++];
-#include "tse/input.def"
-#undef INPUT
+    for (; k <= TSE_CHANNELS; k++) (&rows[n].steer_angle)[k - 1] = value[k]; /* one behind the other */
     n++;
   }
   (void)fclose(file);

@@ -46,9 +46,7 @@ static int write_drive(void)
   if (tse_sim_reset(&sim, &config, &truth, NULL) < 0) return 1;
 
   printf("# recorded from the simulator (update.c); an empty field is missing\ndt");
-#define INPUT(name, lo, hi, unit, kind, text) printf(",%s", #name);
-#include "tse/input.def"
-#undef INPUT
+  for (int k = 0; k < TSE_CHANNELS; k++) printf(",%s", tse_describe(TSE_STRUCT_INPUT, NULL, NULL)[1 + k].name); /* behind dt */
   printf("\n");
   double gap = 0.0;
   for (int i = 0; i <= 3000; i++) {

@@ -117,21 +117,21 @@ static inline void put_field(void *to, const tse_field *f, double x)
 
 static inline void put_setting(void *to, const tse_field *f, tse_setting x) { memcpy((char *)to + f->offset, &x, sizeof x); }
 
-static inline tse_setting setting_at(const void *from, const tse_field *f)
+static inline tse_setting setting_field(const void *from, const tse_field *f)
 {
   tse_setting x;
   memcpy(&x, (const char *)from + f->offset, sizeof x);
   return x;
 }
 
-static inline int32_t whole_at(const void *from, const tse_field *f)
+static inline int32_t whole_field(const void *from, const tse_field *f)
 {
   int32_t x;
   memcpy(&x, (const char *)from + f->offset, sizeof x);
   return x;
 }
 
-static inline tse_real real_at(const void *from, const tse_field *f)
+static inline tse_real real_field(const void *from, const tse_field *f)
 {
   tse_real x;
   memcpy(&x, (const char *)from + f->offset, sizeof x);

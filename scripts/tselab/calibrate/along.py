@@ -29,7 +29,9 @@ from tselab.vehicle import GRAVITY, read_vehicle
 
 STIFFNESS = "cx_front"
 WHEELS = ("wheel_speed_front", "wheel_speed_rear")
-APART_SD = 0.006  # s: of how much later one is than the other before the logs say so: two messages of a bus, every 10 .. 20 ms
+APART_SD = (
+    0.006  # s: of how much later one is than the other before the logs say so: two messages of a bus, every 10 .. 20 ms
+)
 # Where the axle that is not driven rolls freely, and front and rear wheels go the same way.
 SLOW, PULLING, STRAIGHT = 4.0, 0.8, 0.03  # m/s, m/s2, rad
 SMOOTH, EVERY, BLOCK, FEWEST = 0.3, 0.1, 10.0, 6  # s, s, s, blocks

@@ -9,13 +9,14 @@ static tse_input rows[REPLAY_ROWS_MOST];
 
 static void put_row(fmi2Component c, const tse_input *u)
 {
-#define INPUT(name, lo, hi, unit, kind, text) OK(put_real(c, #name, u->name));
-#include "tse/input.def"
-#undef INPUT
+  for (int k = 0; k < TSE_CHANNELS; k++) OK(put_real(c, fmu_variables[k].name, (&u->steer_angle)[k])); /* one behind the other */
   OK(put_integer(c, "missing", (int)u->missing));
-#define VELOCITY(name, lo, hi, unit, text) OK(put_real(c, "velocity." #name, u->name));
-#define PEDAL(name, lo, hi, unit, text) OK(put_real(c, "pedals." #name, u->name));
-#include "tse/optional.def"
+  const tse_field *const given = tse_describe(TSE_STRUCT_INPUT, NULL, NULL) + 1 + TSE_CHANNELS + 2; /* behind dt, channels, missing and given */
+  for (int k = 0; k < TSE_OPTIONALS; k++) {
+    char name[40];
+    (void)snprintf(name, sizeof name, "%s.%s", k < TSE_VELOCITIES ? "velocity" : "pedals", given[k].name);
+    OK(put_real(c, name, (&u->ins_vel_x)[k]));
+  }
   OK(put_integer(c, "velocity.given", (int)(u->given & TSE_GIVEN_VELOCITIES)));
   OK(put_integer(c, "pedals.given", (int)(u->given >> TSE_VELOCITIES)));
 }
@@ -427,15 +428,8 @@ static void test_a_fault_is_said_anew_to_a_new_run_and_a_new_instance(void)
 /* At a limit of the range a channel is still used. */
 static void test_the_ends_of_a_range_belong_to_it(void)
 {
-  static const struct {
-    const char *name;
-    double lo, hi;
-  } channels[] = {
-#define INPUT(name, lo, hi, unit, kind, text) { #name, lo, hi },
-#include "tse/input.def"
-#undef INPUT
-  };
-  for (int i = 0; i < COUNT(channels); i++)
+  const tse_field *const channels = tse_describe(TSE_STRUCT_INPUT, NULL, NULL) + 1;
+  for (int i = 0; i < TSE_CHANNELS; i++)
     for (int k = 0; k < 2; k++) {
       fmi2Component const c = stepping();
       set_inputs(c, 0);
@@ -449,18 +443,14 @@ static void test_the_ends_of_a_range_belong_to_it(void)
 /* The mask says the same as NaN, bit for bit; bits beyond the channels say nothing. */
 static void test_the_mask_of_missing_channels_is_as_good_as_nan(void)
 {
-  static const char *const names[] = {
-#define INPUT(name, lo, hi, unit, kind, text) #name,
-#include "tse/input.def"
-#undef INPUT
-  };
-  for (int i = 0; i < COUNT(names); i++) {
+  const tse_field *const channels = tse_describe(TSE_STRUCT_INPUT, NULL, NULL) + 1;
+  for (int i = 0; i < TSE_CHANNELS; i++) {
     fmi2Component const a = stepping(), b = stepping();
     for (int k = 0; k < 30; k++) {
       const int lost = k > 10 && k < 15;
       set_inputs(a, k);
       set_inputs(b, k);
-      if (lost) OK(put_real(a, names[i], (double)NAN));
+      if (lost) OK(put_real(a, channels[i].name, (double)NAN));
       OK(put_integer(b, "missing", (lost ? 1 << i : 0) | (k % 2 ? 64 << k % 20 : 0)));
       const fmi2Status x = fmi2DoStep(a, k * STEP, STEP, fmi2True), y = fmi2DoStep(b, k * STEP, STEP, fmi2True);
       TEST_ASSERT_EQUAL_INT(lost ? fmi2Warning : fmi2OK, x);

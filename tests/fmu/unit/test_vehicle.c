@@ -1,5 +1,6 @@
 /* tests/fmu/unit/test_vehicle.c - SingleTrackVehicle beside tse_sim_step(), ramps, derivatives of inputs, wrong inputs. */
 #include "fmu_case.h"
+#include "tse/describe.h"
 
 static tse_config config;
 static tse_sim_config sim_config;
@@ -7,9 +8,8 @@ static tse_sim sim;
 
 static void put_inputs(fmi2Component c, const tse_sim_input *u)
 {
-#define SIM_INPUT(name, def, lo, hi, unit, text) OK(put_real(c, #name, u->name));
-#include "tse/sim_input.def"
-#undef SIM_INPUT
+  for (const fmu_variable *v = fmu_variables; v->role == 'i'; v++)
+    OK(put_real(c, v->name, (&u->steer_angle)[v - fmu_variables])); /* one behind the other */
 }
 
 static tse_sim_input input_of(int k)
@@ -40,13 +40,23 @@ static void expect_outputs(fmi2Component c, const tse_sim_output *y, int k)
                               config.cornering_stiffness_rear };
 #define mean_si(i) nominal[i] * y->stiffness[i]
 #define drawn_si(i) nominal[i] * y->drawn[i]
-#define INPUT(name, lo, hi, unit, kind, text) expect_real(c, "sensor." #name, y->row.name, k);
-#include "tse/input.def"
-#undef INPUT
-#define SIM_OUTPUT(group, name, member, unit, text) expect_real(c, #group "." #name, y->member, k);
-#define SIM_STIFFNESS(group, name, member, si, unit, text) expect_real(c, #group ".relative." #name, y->member, k);
-#include "tse/sim_output.def"
-#undef SIM_OUTPUT
+  for (int i = 0; i < TSE_CHANNELS; i++) {
+    char name[40];
+    (void)snprintf(name, sizeof name, "sensor.%s", tse_describe(TSE_STRUCT_INPUT, NULL, NULL)[1 + i].name);
+    expect_real(c, name, (&y->row.steer_angle)[i], k);
+  }
+  int32_t count;
+  const tse_field *const row = tse_describe(TSE_STRUCT_SIM_OUTPUT, &count, NULL);
+  for (int32_t i = TSE_CHANNELS; i < count; i++) { /* behind what the car logs: true_vel_x, drawn_cx_front ... */
+    const size_t group = strcspn(row[i].name, "_");
+    const char *const own = row[i].name + group + 1;
+    const int share = strcmp(own, "cx_front") == 0 || strcmp(own, "cy_front") == 0 || strcmp(own, "cy_rear") == 0;
+    char name[60];
+    double x;
+    memcpy(&x, (const char *)y + row[i].offset, sizeof x);
+    (void)snprintf(name, sizeof name, "%.*s%s.%s", (int)group, row[i].name, share ? ".relative" : "", own);
+    expect_real(c, name, x, k);
+  }
   expect_real(c, "true.cx_front", mean_si(0), k);
   expect_real(c, "true.cy_front", mean_si(1), k);
   expect_real(c, "true.cy_rear", mean_si(2), k);

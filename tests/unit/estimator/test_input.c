@@ -1,9 +1,6 @@
 /* tests/unit/estimator/test_input.c <-> src/estimator/input.c */
 #include "unit_support.h"
-
-/* Kinds in tse/input.def. */
-enum { D,
-       M };
+#include "tables/input.h"
 
 static tse_filter filter; /* supplies what is held */
 
@@ -41,6 +38,8 @@ static tse_input good_row(void)
   u.yaw_rate = real(0.0625);
   return u;
 }
+
+static void set_channel(tse_input *u, const channel_row *row, tse_real x) { memcpy((char *)u + row->at, &x, sizeof x); }
 
 static tse_real neighbour(double x, double direction) /* of the limit as the format holds it */
 {
@@ -130,18 +129,15 @@ static void test_good_row_becomes_speeds_in_metres_and_measurements_in_sigmas(vo
 static void test_each_channel_is_accepted_at_both_limits(void)
 {
   start_filter();
-#define INPUT(name, lo, hi, unit, kind, text)                                         \
-  {                                                                                   \
-    tse_input u = good_row();                                                         \
-    u.name = TSE_R(lo);                                                               \
-    sample y = expect_row_accepted(&u, #name);                                        \
-    TEST_ASSERT_TRUE_MESSAGE(y.has_inputs && y.used == 3, #name);                     \
-    u.name = TSE_R(hi);                                                               \
-    y = expect_row_accepted(&u, #name);                                               \
-    TEST_ASSERT_TRUE_MESSAGE(y.has_inputs && y.used == 3, #name);                     \
+  for (const channel_row *row = channel_rows; row < channel_rows + TSE_CHANNELS; row++) {
+    tse_input u = good_row();
+    set_channel(&u, row, row->lo);
+    sample y = expect_row_accepted(&u, row->name);
+    TEST_ASSERT_TRUE_MESSAGE(y.has_inputs && y.used == 3, row->name);
+    set_channel(&u, row, row->hi);
+    y = expect_row_accepted(&u, row->name);
+    TEST_ASSERT_TRUE_MESSAGE(y.has_inputs && y.used == 3, row->name);
   }
-#include "tse/input.def"
-#undef INPUT
 }
 
 /* ---------------------------------------------------------------------------- missing channels, one or all */
@@ -149,15 +145,12 @@ static void test_each_channel_is_accepted_at_both_limits(void)
 static void test_channel_that_is_not_a_number_is_missing_and_the_others_are_kept(void)
 {
   start_filter();
-#define INPUT(name, lo, hi, unit, kind, text)                                         \
-  {                                                                                   \
-    tse_input u = good_row();                                                         \
-    u.name = real((double)NAN);                                                           \
-    const sample y = expect_row_accepted(&u, #name);                                  \
-    expect_missing(&y, TSE_CHANNEL_##name);                                           \
+  for (const channel_row *row = channel_rows; row < channel_rows + TSE_CHANNELS; row++) {
+    tse_input u = good_row();
+    set_channel(&u, row, real((double)NAN));
+    const sample y = expect_row_accepted(&u, row->name);
+    expect_missing(&y, (int)(row - channel_rows));
   }
-#include "tse/input.def"
-#undef INPUT
 }
 
 static void test_channel_whose_bit_is_set_is_missing_whatever_its_value(void)
@@ -165,27 +158,23 @@ static void test_channel_whose_bit_is_set_is_missing_whatever_its_value(void)
   const double values[] = { 0.0, 0.5, 1e6, -INFINITY, NAN };
   start_filter();
   for (int i = 0; i < ROWS(values); i++) {
-#define INPUT(name, lo, hi, unit, kind, text)                                         \
-    {                                                                                 \
-      tse_input u = good_row();                                                       \
-      u.name = real(values[i]);                                                   \
-      u.missing = TSE_MISSING(name);                                                  \
-      const sample y = expect_row_accepted(&u, #name);                                \
-      expect_missing(&y, TSE_CHANNEL_##name);                                         \
+    for (const channel_row *row = channel_rows; row < channel_rows + TSE_CHANNELS; row++) {
+      tse_input u = good_row();
+      set_channel(&u, row, real(values[i]));
+      u.missing = 1u << (row - channel_rows);
+      const sample y = expect_row_accepted(&u, row->name);
+      expect_missing(&y, (int)(row - channel_rows));
     }
-#include "tse/input.def"
-#undef INPUT
   }
 }
 
 static void test_missing_bits_are_six_different_ones(void)
 {
   uint32_t all = 0;
-#define INPUT(name, lo, hi, unit, kind, text)                                         \
-  TEST_ASSERT_EQUAL_HEX32(0, all & TSE_MISSING(name));                                \
-  all |= TSE_MISSING(name);
-#include "tse/input.def"
-#undef INPUT
+  for (const channel_row *row = channel_rows; row < channel_rows + TSE_CHANNELS; row++) {
+  TEST_ASSERT_EQUAL_HEX32(0, all & 1u << (row - channel_rows));
+  all |= 1u << (row - channel_rows);
+  }
   TEST_ASSERT_EQUAL_HEX32(0x3f, all);
   TEST_ASSERT_EQUAL_INT(6, TSE_CHANNELS);
 }
@@ -210,17 +199,15 @@ static void test_driving_channel_out_of_range_or_infinite_is_refused_by_name(voi
 {
   int driving = 0;
   start_filter();
-#define INPUT(name, lo, hi, unit, kind, text)                                                       \
-  if (kind == D) {                                                                                  \
-    tse_input u = good_row();                                                                       \
-    u.name = neighbour(hi, INFINITY); expect_row_refused(&u, TSE_E_INPUT, #name);                   \
-    u.name = neighbour(lo, -INFINITY); expect_row_refused(&u, TSE_E_INPUT, #name);                  \
-    u.name = real((double)INFINITY); expect_row_refused(&u, TSE_E_INPUT, #name);                        \
-    u.name = real((double)-INFINITY); expect_row_refused(&u, TSE_E_INPUT, #name);                       \
-    driving++;                                                                                      \
+  for (const channel_row *row = channel_rows; row < channel_rows + TSE_CHANNELS; row++)
+  if (row->drives) {
+    tse_input u = good_row();
+    set_channel(&u, row, neighbour(number(row->hi), INFINITY)); expect_row_refused(&u, TSE_E_INPUT, row->name);
+    set_channel(&u, row, neighbour(number(row->lo), -INFINITY)); expect_row_refused(&u, TSE_E_INPUT, row->name);
+    set_channel(&u, row, real((double)INFINITY)); expect_row_refused(&u, TSE_E_INPUT, row->name);
+    set_channel(&u, row, real((double)-INFINITY)); expect_row_refused(&u, TSE_E_INPUT, row->name);
+    driving++;
   }
-#include "tse/input.def"
-#undef INPUT
   TEST_ASSERT_EQUAL_INT(3, driving);
 }
 
@@ -228,20 +215,29 @@ static void test_measured_channel_out_of_range_or_infinite_is_missing_and_the_ot
 {
   int measured = 0;
   start_filter();
-#define INPUT(name, lo, hi, unit, kind, text)                                                       \
-  if (kind == M) {                                                                                  \
-    const tse_real bad[4] = { neighbour(hi, INFINITY), neighbour(lo, -INFINITY), real((double)INFINITY), real((double)-INFINITY) }; \
-    for (int i = 0; i < 4; i++) {                                                                   \
-      tse_input u = good_row();                                                                     \
-      u.name = bad[i];                                                                              \
-      const sample y = expect_row_accepted(&u, #name);                                              \
-      expect_missing(&y, TSE_CHANNEL_##name);                                                       \
-    }                                                                                               \
-    measured++;                                                                                     \
+  for (const channel_row *row = channel_rows; row < channel_rows + TSE_CHANNELS; row++)
+  if (!row->drives) {
+    const tse_real bad[4] = { neighbour(number(row->hi), INFINITY), neighbour(number(row->lo), -INFINITY), real((double)INFINITY), real((double)-INFINITY) };
+    for (int i = 0; i < 4; i++) {
+      tse_input u = good_row();
+      set_channel(&u, row, bad[i]);
+      const sample y = expect_row_accepted(&u, row->name);
+      expect_missing(&y, (int)(row - channel_rows));
+    }
+    measured++;
   }
-#include "tse/input.def"
-#undef INPUT
   TEST_ASSERT_EQUAL_INT(3, measured);
+}
+
+static void test_a_default_row_is_a_row_in_which_nothing_moves(void)
+{
+  tse_input u, rest = { 0 };
+  memset(&u, 0x5a, sizeof u);
+  tse_input_default(&u);
+  rest.dt = real(0.01);
+  TEST_ASSERT_EQUAL_MEMORY(&rest, &u, sizeof u);
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_input_check(&u, NULL));
+  tse_input_default(NULL);
 }
 
 static void test_of_two_wrong_channels_the_first_is_named_and_dt_before_both(void)
@@ -323,6 +319,7 @@ int main(void)
   RUN_TEST(test_row_without_any_channel_is_accepted_and_all_held);
   RUN_TEST(test_driving_channel_out_of_range_or_infinite_is_refused_by_name);
   RUN_TEST(test_measured_channel_out_of_range_or_infinite_is_missing_and_the_others_are_kept);
+  RUN_TEST(test_a_default_row_is_a_row_in_which_nothing_moves);
   RUN_TEST(test_of_two_wrong_channels_the_first_is_named_and_dt_before_both);
   RUN_TEST(test_time_step_must_be_positive_finite_and_at_most_an_hour);
   RUN_TEST(test_first_row_ignores_its_time_step);

@@ -2,6 +2,7 @@
 #include "tables/constants.h"
 #include "filter/filter.h"
 #include "unit_support.h"
+#include "tables/rows.h"
 #include "tables/config.h"
 
 #include <float.h>
@@ -166,8 +167,8 @@ static void test_defaults_are_those_of_the_table_and_pass_the_check(void)
   tse_config_default(&c);
   expect_config_accepted(&c, "defaults");
   EACH_SETTING(row) {
-    if (row->kind == 's') TEST_ASSERT_TRUE_MESSAGE(!(setting_at(&c, row) != setting(row->def)), row->name);
-    else TEST_ASSERT_EQUAL_INT32_MESSAGE((int32_t)row->def, whole_at(&c, row), row->name);
+    if (row->kind == 's') TEST_ASSERT_TRUE_MESSAGE(!(setting_field(&c, row) != setting(row->def)), row->name);
+    else TEST_ASSERT_EQUAL_INT32_MESSAGE((int32_t)row->def, whole_field(&c, row), row->name);
   }
   tse_config_default(NULL);
 }
@@ -176,8 +177,8 @@ static void expect_same_settings(const tse_config *expected, const tse_config *a
 {
   expect_config_accepted(actual, "other defaults");
   EACH_SETTING(row) {
-    if (row->kind == 's') TEST_ASSERT_TRUE_MESSAGE(!(setting_at(actual, row) != setting_at(expected, row)), row->name);
-    else TEST_ASSERT_EQUAL_INT32_MESSAGE(whole_at(expected, row), whole_at(actual, row), row->name);
+    if (row->kind == 's') TEST_ASSERT_TRUE_MESSAGE(!(setting_field(actual, row) != setting_field(expected, row)), row->name);
+    else TEST_ASSERT_EQUAL_INT32_MESSAGE(whole_field(expected, row), whole_field(actual, row), row->name);
   }
 }
 
@@ -311,7 +312,7 @@ static void test_settings_of_the_tests_below_are_none_of_the_defaults(void)
 {
   const tse_config c = other_config();
   EACH_SETTING(row)
-    TEST_ASSERT_TRUE_MESSAGE(row->kind == 's' ? setting_at(&c, row) != setting(row->def) : whole_at(&c, row) != (int32_t)row->def, row->name);
+    TEST_ASSERT_TRUE_MESSAGE(row->kind == 's' ? setting_field(&c, row) != setting(row->def) : whole_field(&c, row) != (int32_t)row->def, row->name);
 }
 
 static void expect_relative(double expected, tse_real actual, const char *what)
@@ -606,13 +607,13 @@ static void test_fingerprint_changes_with_every_setting(void)
   EACH_SETTING(row) {
     tse_config c = other_config();
     if (row->kind == 's') {
-      put_setting(&c, row, towards(setting_at(&c, row), INFINITY));
+      put_setting(&c, row, towards(setting_field(&c, row), INFINITY));
       TEST_ASSERT_TRUE_MESSAGE(prepared(&c).fingerprint != before, row->name);
       put_field(&c, row, row->lo);
       tse_params p;
       if (prepared_if_held(&c, &p)) TEST_ASSERT_TRUE_MESSAGE(p.fingerprint != before, row->name);
     } else {
-      put_field(&c, row, whole_at(&c, row) < row->hi ? whole_at(&c, row) + 1 : whole_at(&c, row) - 1);
+      put_field(&c, row, whole_field(&c, row) < row->hi ? whole_field(&c, row) + 1 : whole_field(&c, row) - 1);
       TEST_ASSERT_TRUE_MESSAGE(prepared(&c).fingerprint != before, row->name);
     }
   }
@@ -663,12 +664,12 @@ static void test_fingerprint_of_the_vehicle_changes_with_the_vehicle_only(void)
   EACH_SETTING(row) {
     tse_config other = other_config(), c = defaults();
     if (row->kind == 's') {
-      put_setting(&c, row, setting_at(&other, row));
+      put_setting(&c, row, setting_field(&other, row));
       const int same = prepared(&c).vehicle == before;
       const int vehicle = (size_t)row->offset < offsetof(tse_config, mass_sd) || kind_of_effect_setting(row->name) == 2;
       TEST_ASSERT_EQUAL_INT_MESSAGE(!vehicle, same, row->name);
     } else {
-      put_field(&c, row, whole_at(&c, row) < row->hi ? whole_at(&c, row) + 1 : whole_at(&c, row) - 1);
+      put_field(&c, row, whole_field(&c, row) < row->hi ? whole_field(&c, row) + 1 : whole_field(&c, row) - 1);
       TEST_ASSERT_EQUAL_HEX32_MESSAGE(before, prepared(&c).vehicle, row->name);
     }
   }

@@ -387,8 +387,8 @@ static void test_another_vehicle_is_refused_and_other_sensors_or_filters_are_not
   tse_params p;
   EACH_SETTING(row) {
     tse_config c = settings(1);
-    const double was = row->kind == 's' ? of_setting(setting_at(&c, row)) : whole_at(&c, row);
-    if (row->kind == 's') put_field(&c, row, setting_at(&c, row) < setting(row->hi) ? was + (row->hi - was) / 16 : row->lo);
+    const double was = row->kind == 's' ? of_setting(setting_field(&c, row)) : whole_field(&c, row);
+    if (row->kind == 's') put_field(&c, row, setting_field(&c, row) < setting(row->hi) ? was + (row->hi - was) / 16 : row->lo);
     else put_field(&c, row, was < row->hi ? was + 1 : was - 1);
     p = prepared(&c);
     if (row->kind == 's' && ((size_t)row->offset < offsetof(tse_config, mass_sd) || kind_of_effect_setting(row->name) == 2)) {

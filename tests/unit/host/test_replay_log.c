@@ -403,11 +403,11 @@ static void test_odd_calls_are_refused_and_the_row_is_named(void)
   TEST_ASSERT_EQUAL_INT(TSE_E_NULL, tse_replay(&p, NULL, 20, &s, &out, &wrong));
   TEST_ASSERT_EQUAL_INT(TSE_E_NULL, tse_replay(&p, &log, 20, NULL, &out, &wrong));
   TEST_ASSERT_EQUAL_INT(TSE_E_NULL, tse_replay(&p, &log, 20, &s, NULL, &wrong));
-#define REPLAY_LOG(name, needed, unit, text)                                                                 \
-  lacking = log;                                                                                             \
-  lacking.name = NULL;                                                                                       \
-  TEST_ASSERT_EQUAL_INT_MESSAGE(needed ? TSE_E_NULL : TSE_OK, tse_replay(&p, &lacking, 20, &s, &out, NULL), #name);
-#include "tse/replay.def"
+  EACH_FIELD(column, TSE_STRUCT_REPLAY_LOG) {
+    lacking = log;
+    memset((char *)&lacking + column->offset, 0, sizeof(tse_real *));
+    TEST_ASSERT_EQUAL_INT_MESSAGE(column->kind == 'p' ? TSE_E_NULL : TSE_OK, tse_replay(&p, &lacking, 20, &s, &out, NULL), column->name);
+  }
   unprepared.magic = 0;
   TEST_ASSERT_EQUAL_INT(TSE_E_STATE, tse_replay(&unprepared, &log, 20, &s, &out, &wrong));
   TEST_ASSERT_EQUAL_INT32(-1, wrong);
@@ -459,28 +459,26 @@ static void test_what_is_no_number_is_refused_and_never_put_out(void)
   lively(&c, 20);
   for (int k = 0; k < 2; k++) {
     int32_t wrong;
-#define REPLAY_START(name, def, unit, text)                                                               \
-  {                                                                                                       \
-    const tse_replay_log log = the_log();                                                                 \
-    tse_replay_start s = the_start();                                                                     \
-    s.name = bad[k];                                                                                      \
-    wrong = -1;                                                                                           \
-    TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_E_INPUT, tse_replay(&p, &log, 20, &s, &out, &wrong), #name);        \
-    TEST_ASSERT_EQUAL_INT32_MESSAGE(0, wrong, #name);                                                     \
-  }
-#include "tse/replay.def"
-#define REPLAY_LOG(name, needed, unit, text)                                                              \
-  if (!(needed)) {                                                                                        \
-    tse_replay_log log = the_log();                                                                       \
-    const tse_replay_start s = the_start();                                                               \
-    memset(profile, 0, sizeof profile);                                                                   \
-    profile[7] = bad[k];                                                                                  \
-    log.name = profile;                                                                                   \
-    wrong = -1;                                                                                           \
-    TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_E_INPUT, tse_replay(&p, &log, 20, &s, &out, &wrong), #name);        \
-    TEST_ASSERT_EQUAL_INT32_MESSAGE(7, wrong, #name);                                                     \
-  }
-#include "tse/replay.def"
+    EACH_FIELD(number_of_start, TSE_STRUCT_REPLAY_START) {
+      const tse_replay_log log = the_log();
+      tse_replay_start s = the_start();
+      memcpy((char *)&s + number_of_start->offset, &bad[k], sizeof bad[k]);
+      wrong = -1;
+      TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_E_INPUT, tse_replay(&p, &log, 20, &s, &out, &wrong), number_of_start->name);
+      TEST_ASSERT_EQUAL_INT32_MESSAGE(0, wrong, number_of_start->name);
+    }
+    EACH_FIELD(column, TSE_STRUCT_REPLAY_LOG) {
+      if (column->kind == 'p') continue;
+      tse_replay_log log = the_log();
+      const tse_replay_start s = the_start();
+      const tse_real *const there = profile;
+      memset(profile, 0, sizeof profile);
+      profile[7] = bad[k];
+      memcpy((char *)&log + column->offset, &there, sizeof there);
+      wrong = -1;
+      TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_E_INPUT, tse_replay(&p, &log, 20, &s, &out, &wrong), column->name);
+      TEST_ASSERT_EQUAL_INT32_MESSAGE(7, wrong, column->name);
+    }
   }
   /* finite, and too large */
   tse_replay_log log = the_log();

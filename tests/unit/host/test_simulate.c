@@ -1182,30 +1182,26 @@ static void expect_config_refused(const tse_sim_config *s, const char *name)
 
 static void test_each_setting_is_accepted_at_its_limits_and_refused_by_name_beyond(void)
 {
-#define REAL(name, def, lo, hi, unit, text)                                                             \
-  {                                                                                                     \
-    tse_sim_config s;                                                                                   \
-    tse_sim_config_default(&s);                                                                         \
-    TEST_ASSERT_TRUE_MESSAGE(!(s.name != setting(def)), #name);                                   \
-    s.name = setting(lo);                                                                         \
-    TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_OK, tse_sim_config_check(&s, NULL), #name);                       \
-    s.name = setting(hi);                                                                         \
-    TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_OK, tse_sim_config_check(&s, NULL), #name);                       \
-    s.name = towards(setting(lo), -INFINITY); expect_config_refused(&s, #name);                   \
-    s.name = towards(setting(hi), INFINITY); expect_config_refused(&s, #name);                    \
-    s.name = setting((double)NAN); expect_config_refused(&s, #name);                                        \
-    s.name = setting((double)INFINITY); expect_config_refused(&s, #name);                                   \
+  EACH_FIELD(row, TSE_STRUCT_SIM_CONFIG) {
+    tse_sim_config s;
+    tse_sim_config_default(&s);
+    if (row->kind == 'i') {
+      TEST_ASSERT_EQUAL_INT32_MESSAGE((int32_t)row->def, whole_field(&s, row), row->name);
+      put_field(&s, row, row->lo - 1);
+      expect_config_refused(&s, row->name);
+      continue;
+    }
+    TEST_ASSERT_TRUE_MESSAGE(!(setting_field(&s, row) != setting(row->def)), row->name);
+    put_field(&s, row, row->lo);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_OK, tse_sim_config_check(&s, NULL), row->name);
+    put_field(&s, row, row->hi);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_OK, tse_sim_config_check(&s, NULL), row->name);
+    const tse_setting bad[4] = { towards(setting(row->lo), -INFINITY), towards(setting(row->hi), INFINITY), setting((double)NAN), setting((double)INFINITY) };
+    for (int k = 0; k < 4; k++) {
+      put_setting(&s, row, bad[k]);
+      expect_config_refused(&s, row->name);
+    }
   }
-#define INT(name, def, lo, hi, text)                                                                    \
-  {                                                                                                     \
-    tse_sim_config s;                                                                                   \
-    tse_sim_config_default(&s);                                                                         \
-    TEST_ASSERT_EQUAL_INT32_MESSAGE((def), s.name, #name);                                              \
-    s.name = (lo) - 1; expect_config_refused(&s, #name);                                                \
-  }
-#include "tse/sim.def"
-#undef REAL
-#undef INT
 }
 
 static void test_wrong_setting_of_the_vehicle_is_named_and_the_simulator_unchanged(void)

@@ -4,6 +4,7 @@
 #include "filter/filter.h"
 #include "host/sound.h"
 #include "tables/constants.h"
+#include "tables/input.h"
 #include "tse/simulate.h"
 
 static tse_filter_paper f, forged;
@@ -174,9 +175,7 @@ static void test_rows_that_wait_are_held_to_their_ranges(void)
   HELD(filter.waiting.unkept, TSE_R(0), LONGEST_DT);
   HELD(filter.waiting.before, TSE_R(0), p.max_gap + p.latency_least);
   for (int i = 0; i < TSE_LATENCY_ROWS; i++) {
-#define INPUT(name, lo, hi, unit, kind, text) HELD(filter.waiting.value[i][TSE_CHANNEL_##name], TSE_R(lo), TSE_R(hi));
-#include "tse/input.def"
-#undef INPUT
+    for (int k = 0; k < TSE_CHANNELS; k++) HELD(filter.waiting.value[i][k], channel_rows[k].lo, channel_rows[k].hi);
   }
   HELD(filter.waiting.lost, TSE_R(0), TSE_R(0.5001));
   for (int a = 0; a < 3; a++) WHOLE(filter.waiting.reason[a], TSE_VALID, TSE_MISFIT);
@@ -311,34 +310,29 @@ static void test_a_simulation_is_held_to_its_ranges(void)
   SIMULATED(steer_logged, -MOST_REAL, MOST_REAL);
   SIMULATED(last.dt, TSE_R(0), MOST_REAL);
   whole_number(&other.effects.settled, 0, 1, look_at_simulation, "effects.settled");
-#define SIM_INPUT(name, def, lo, hi, unit, text) SIMULATED(last.name, TSE_R(lo), TSE_R(hi));
-#include "tse/sim_input.def"
-#undef SIM_INPUT
+  EACH_FIELD(row, TSE_STRUCT_SIM_INPUT)
+    if (strcmp(row->name, "dt") != 0) held_to(of_simulation((char *)&other.last + row->offset, sizeof(tse_real), row->name), real(row->lo), real(row->hi), 1);
 }
 
 /* Each of the car's and of the simulator's settings, a little off. */
 static void test_a_simulation_of_other_settings_is_refused_whichever_it_is(void)
 {
   simulated();
-#define OFF(what, group, by)                                                          \
-  other = sim;                                                                        \
-  other.group += (by);                                                                \
-  TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_E_STATE, look_at_simulation(), what);
   const tse_config told = c;
 #define LOOKED(what)                                                                  \
   other = sim;                                                                        \
   TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_E_STATE, look_at_simulation(), what);             \
   c = told;
   EACH_SETTING(row) {
-    const double was = row->kind == 's' ? of_setting(setting_at(&c, row)) : whole_at(&c, row), end = was < row->hi ? row->hi : row->lo;
+    const double was = row->kind == 's' ? of_setting(setting_field(&c, row)) : whole_field(&c, row), end = was < row->hi ? row->hi : row->lo;
     put_field(&c, row, row->kind == 's' ? was + 0.001 * (end - was) : was < row->hi ? was + 1 : was - 1);
     LOOKED(row->name)
   }
-#define REAL(name, def, lo, hi, unit, text) OFF("config." #name, config.name, setting(0.01))
-#define INT(name, def, lo, hi, text) OFF("config." #name, config.name, 1)
-#include "tse/sim.def"
-#undef REAL
-#undef INT
+  EACH_FIELD(row, TSE_STRUCT_SIM_CONFIG) {
+    other = sim;
+    put_field(&other.config, row, row->kind == 's' ? of_setting(setting_field(&sim.config, row)) + 0.01 : whole_field(&sim.config, row) + 1);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_E_STATE, look_at_simulation(), row->name);
+  }
   other = sim;
   TEST_ASSERT_EQUAL_INT(TSE_OK, look_at_simulation());
   TEST_ASSERT_EQUAL_INT(TSE_E_NULL, tse_sim_check(&sim, NULL, &s));
