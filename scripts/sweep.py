@@ -3,8 +3,8 @@
 
     .venv/bin/python scripts/sweep.py --cars DIR [--runs N] [NAME ...]      all; table: scripts/results/constants.md
 
-Every constant is compiled into a library of its own, by a changed copy of tables/constants.h, which runs on the same drives as the
-library that is in use. A result counts as changed when the 95 % interval of the ratio of its RMS error, run by run, does not hold 1.
+Every constant is compiled into a library of its own, by a changed copy of tables/constants.h, which runs on the drives of the
+library in use. A result counts as changed when the 95 % interval of the ratio of its RMS error, run by run, does not hold 1.
 DIR: what `tests.cars.study --keep DIR` and `tests.cars.events --calibrated DIR` have left.
 """
 

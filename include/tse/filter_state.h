@@ -14,22 +14,18 @@
 #define TSE_LANES 8
 #define TSE_STRIDE ((TSE_MAX_PARTICLES + TSE_LANES - 1) / TSE_LANES * TSE_LANES + TSE_LANES)
 
-/* What each particle carries: name, rows, unit, meaning. The struct and the resampler's copy derive from it. */
-#define TSE_PARTICLE_FIELDS(X)                                                              \
-  X(x,    3, "m/s m/s rad/s", "vehicle state: vel_x, vel_y, yaw rate (mean)")               \
-  X(mu,   3, "1",             "location of the stiffness deviation")                        \
-  X(lam,  6, "1",             "Lambda / nu, upper triangle by rows: 11 12 13 22 23 33")     \
-  X(bias, 3, "sigma",         "mean of the sensor biases, in units of the sensor's sd")     \
-  X(w,    3, "1",             "stiffness deviation drawn for the interval ahead")           \
-  X(logw, 1, "log2",          "log-weight relative to the largest")
-
 #define TSE_PARAMS_MAGIC 0x74736570u /* "tsep" */
 #define TSE_FILTER_MAGIC 0x74736566u /* "tsef" */
 
-typedef struct tse_particles { /* [row][particle]; gamma, nu and the covariance are common to all, hence not here */
-#define X(name, rows, unit, text) tse_real name[rows][TSE_STRIDE];
-  TSE_PARTICLE_FIELDS(X)
-#undef X
+/* What each particle carries, [row][particle]; gamma, nu and the covariance are common to all, hence not here. The resampler's copy
+ * takes the rows as they lie, one behind the other. */
+typedef struct tse_particles {
+  tse_real x[3][TSE_STRIDE];    /* [m/s m/s rad/s] vehicle state: vel_x, vel_y, yaw rate (mean)           */
+  tse_real mu[3][TSE_STRIDE];   /* [1] location of the stiffness deviation                                */
+  tse_real lam[6][TSE_STRIDE];  /* [1] Lambda / nu, upper triangle by rows: 11 12 13 22 23 33             */
+  tse_real bias[3][TSE_STRIDE]; /* [sigma] mean of the sensor biases, in units of the sensor's sd         */
+  tse_real w[3][TSE_STRIDE];    /* [1] stiffness deviation drawn for the interval ahead                   */
+  tse_real logw[1][TSE_STRIDE]; /* [log2] log-weight relative to the largest                              */
 } tse_particles;
 
 #define TSE_STATES 23   /* src/model/car.h */

@@ -92,9 +92,7 @@ static int sound_particles(const tse_params *p, const tse_filter_paper *f)
 {
   const tse_particles *const q = &f->p;
   int fine = sound_common(f) && sound_reals(f->weight, TSE_STRIDE, TSE_R(0), TSE_R(1));
-#define X(name, rows, unit, text) fine = fine && sound_reals(q->name[0], rows * TSE_STRIDE, -MOST_REAL, MOST_REAL);
-  TSE_PARTICLE_FIELDS(X)
-#undef X
+  fine = fine && sound_reals(q->x[0], (int)(sizeof *q / sizeof q->x[0][0]), -MOST_REAL, MOST_REAL);
   for (int i = 0; i < TSE_STRIDE; i++) fine = fine && f->ancestor[i] < p->particles && f->copies[i] <= p->particles;
   if (f->filter.started)
     for (int d = 0; d < 6; d += d ? 2 : 3) fine = fine && sound_reals(q->lam[d], p->particles, TSE_R(0), MOST_REAL);

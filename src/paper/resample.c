@@ -106,11 +106,8 @@ void paper_keep_survivors(uint16_t *ancestor, uint16_t *copies, int32_t n)
 
 void paper_copy_particles(tse_particles *p, const uint16_t *ancestor, int32_t n)
 {
-#define X(name, rows, unit, text)                                            \
-  for (int r = 0; r < rows; r++)                                             \
-    for (int32_t i = 0; i < n; i++) p->name[r][i] = p->name[r][ancestor[i]];
-  TSE_PARTICLE_FIELDS(X)
-#undef X
+  for (tse_real *row = p->x[0]; row <= p->logw[0]; row += TSE_STRIDE) /* every row of every member */
+    for (int32_t i = 0; i < n; i++) row[i] = row[ancestor[i]];
 }
 
 /* Scale Lambda of every particle by 2^(k n - k^2 ln 2/2), n standard normal, whose mean is one: regularised resampling. */
