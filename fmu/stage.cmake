@@ -75,7 +75,7 @@ foreach(file IN LISTS files)                             # the core in the folde
 endforeach()
 
 # A saved state is understood by what was made of the same sources only, whatever the description says.
-file(GLOB_RECURSE all RELATIVE "${stage}/sources" "${stage}/sources/*.c" "${stage}/sources/*.h" "${stage}/sources/*.def")
+file(GLOB_RECURSE all RELATIVE "${stage}/sources" "${stage}/sources/*.c" "${stage}/sources/*.h")
 list(SORT all)
 set(hashes "")
 foreach(file IN LISTS all)

@@ -6,8 +6,8 @@
                                                                             platformio, vcpkg, zephyr
     python3 scripts/amalgamate.py --out FOLDER --real float --no-effects    what both files have as default
 
-The files and the order in which they stand are those of src/CMakeLists.txt. The rows of a `.def` table are put where it is
-included. What another file of the library calls, and no user, becomes static: only the public API is visible. The options of
+The files and the order in which they stand are those of src/CMakeLists.txt. What another file of the library calls, and no user,
+becomes static: only the public API is visible. The options of
 CMakeLists.txt are macros: TSE_REAL_FLOAT, TSE_REAL_FIXED, TSE_MAX_PARTICLES, TSE_LATENCY_ROWS, TSE_NO_EFFECTS,
 TSE_NO_PARTICLES, TSE_FORMULA; and TSE_NO_DESCRIBE, because in one file no linker leaves out what nobody asks for.
 The same sources and options give the same bytes. Needs Python only.
@@ -180,16 +180,7 @@ class Amalgamation:
     def __init__(self, defaults: dict[str, str]) -> None:
         self.sources = Sources.read()
         self.defaults = defaults
-        self.tables_written: set[str] = set()
         self.header_done: set[str] = set()
-
-    def table(self, name: str) -> str:
-        """A .def file with those that it includes. What its rows mean stands where it comes first."""
-        text = (ROOT / "include" / name).read_text()
-        if name in self.tables_written:
-            text = re.sub(r"^[ \t]*\n", "", COMMENT.sub("", text), flags=re.M)
-        self.tables_written.add(name)
-        return INCLUDE.sub(lambda m: self.table(m[1]), text)
 
     # -- tse.h
 
@@ -201,8 +192,6 @@ class Amalgamation:
         text = (ROOT / "include" / name).read_text()
 
         def put(m: re.Match[str]) -> str:
-            if m[1].endswith(".def"):
-                return self.table(m[1])
             if not m[1].startswith("tse/"):  # a test's own number type, which takes the place of tse_real
                 return '#error "TSE_REAL_STRONG is for the tests of the library\'s own sources"\n'
             return self.public_header(m[1])
@@ -266,11 +255,9 @@ class Amalgamation:
         return {name: INCLUDE.sub(put, ALIAS.sub("", text)) for name, text in texts.items() if name not in fragments}
 
     def part(self, name: str, text: str) -> str:
-        """One file, with the tables that it includes. Headers stand above it in any case."""
+        """One file. Headers stand above it in any case."""
 
         def put(m: re.Match[str]) -> str:
-            if m[1].endswith(".def"):
-                return self.table(m[1])
             return m[0] if m[1] == "tse_formula.h" else ""  # which the user has tselab write
 
         return f"\n/* ======== {name} */\n\n{INCLUDE.sub(put, text)}"

@@ -25,7 +25,7 @@
  * What is out of range is refused, whoever wrote it: a logarithm beyond 4, a bias outside what its channel may read, a negative sd, a
  * correlation beyond 1. Formats 1 and 2 are refused with a status of their own.
  *
- * `vehicle` is made of the vehicle settings (config.def, from the first row to rear_longitudinal_follows_front), rounded to
+ * `vehicle` is made of the vehicle settings (from the first row to rear_longitudinal_follows_front), rounded to
  * single precision, because they give relative stiffness its meaning. Sensors, filter, particles and seed may change:
  * biases are kept in SI units.
  *

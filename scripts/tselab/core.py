@@ -237,7 +237,9 @@ class Library:
             f.name: FormulaOp(f.name, f.offset, int(f.default), kinds[f.kind], f.unit, f.text)
             for f in self.fields(FORMULA_OP)
         }
-        names = [f.name for f in self.fields(CONFIG)]  # rows of uncertainty.def: between the vehicle's and the sensors'
+        names = [
+            f.name for f in self.fields(CONFIG)
+        ]  # rows of uncertainty.toml: between the vehicle's and the sensors'
         self.uncertainties = tuple(
             names[names.index("rear_longitudinal_follows_front") + 1 : names.index("accel_x_sd")]
         )
@@ -353,7 +355,7 @@ class Library:
 
     @property
     def optional(self) -> list[Field]:
-        """Channels that a log row may have besides, in the order of their bits in `given` (tse/optional.def)."""
+        """Channels that a log row may have besides, in the order of their bits in `given` (input.toml)."""
         names = [f.name for f in self._fields[INPUT]]
         return self._fields[INPUT][names.index("given") + 1 :]
 

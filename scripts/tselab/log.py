@@ -23,7 +23,7 @@ from tselab.room import Room
 DRIVES = ("steer_angle", "wheel_speed_front", "wheel_speed_rear")  # drive the model
 MEASURES = ("accel_x", "accel_y", "yaw_rate")  # are compared with it
 SIDES = {axle: (f"{axle}_left", f"{axle}_right") for axle in DRIVES[1:]}  # in place of the axle's mean
-# columns that a log may have besides: unit, range, text, hint. The estimator uses those of the library (tse/optional.def), `tselab
+# columns that a log may have besides: unit, range, text, hint. The estimator uses those of the library (input.toml), `tselab
 # gap` compares vehicle_speed and the torques
 OPTIONAL = {
     "vehicle_speed": (
@@ -174,7 +174,7 @@ class Log:
 
     @property
     def optional(self) -> list[str]:
-        """Return the channels of tse/optional.def that the log has."""
+        """Return the channels of input.toml that are optional, that the log has."""
         return [f.name for f in library().optional if f.name in self.extra]
 
     def let_go(self) -> None:

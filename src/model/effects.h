@@ -1,4 +1,4 @@
-/* model/effects.h - the plain model of vehicle.h with the effects of tse/effects.def, at one point of state and input.
+/* model/effects.h - the plain model of vehicle.h with the effects of src/tables/effects.toml, at one point of state and input.
  *
  * Each effect is a file effects/<id>.h with one function <id>_<hook>(); the table says when it is called. The functions
  * work on a `point`; they include nothing, because this file includes them where everything they need stands above.

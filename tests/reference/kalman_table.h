@@ -1,4 +1,4 @@
-/* Written by generate_kalman.py. SI units, natural logs. Vehicle: the defaults of tse/config.def. */
+/* Written by generate_kalman.py. SI units, natural logs. Vehicle: the defaults of tse/config.h. */
 
 #define KALMAN_SETTINGS(X) \
   X(accel_x_sd, 0.15) X(accel_y_sd, 0.15) X(yaw_rate_sd, 0.0035000001080334187) X(accel_x_bias_sd, 0.05) X(accel_y_bias_sd, 0.05) X(yaw_rate_bias_sd, 0.002) X(accel_x_bias_walk, 0.002) X(accel_y_bias_walk, 0.002) X(yaw_rate_bias_walk, 0.0001) X(sample_time, 0.01) X(initial_spread, 0.05) X(initial_vel_x_sd, 0.0) X(initial_vel_y_sd, 0.005) X(initial_yaw_rate_sd, 0.003)

@@ -1,5 +1,5 @@
 """Every threshold, prior, price and limit by which tselab gap decides, and tselab.identify, whose engine it shares with calibrate:
-one table of name, value, unit, why, and whether it has been swept. Not here: the catalogue (effects.def), the unknowns of a
+one table of name, value, unit, why, and whether it has been swept. Not here: the catalogue (effects.toml), the unknowns of a
 calibration (identify/unknowns.py) and the library of forms (infer/formula/terms.py), which are tables of their own; colours,
 columns and sizes of pictures.
 

@@ -655,7 +655,7 @@ static void test_fingerprint_of_the_vehicle_tells_the_shapes_of_effects_that_are
 }
 
 /* A learnt state of the same vehicle must fit whatever else is set, in every number format: one value for all builds, which
- * tests/reference/generate_learnt.py computes from the decimal numbers of config.def. */
+ * tests/reference/generate_learnt.py computes from the decimal numbers of vehicle.toml. */
 static void test_fingerprint_of_the_vehicle_changes_with_the_vehicle_only(void)
 {
   const tse_config base = defaults();

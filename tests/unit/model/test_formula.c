@@ -1,4 +1,4 @@
-/* tests/unit/model/test_formula.c <-> src/model/formula.h, tse/formula.def: every place against the disturbance that replay takes
+/* tests/unit/model/test_formula.c <-> src/model/formula.h, src/tables/formula.toml: every place against the disturbance that replay takes
  * from a column there, every function with memory against a recurrence or a closed form written out here. */
 #include "unit_support.h"
 #include "effect_support.h"

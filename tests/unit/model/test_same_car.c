@@ -148,7 +148,7 @@ typedef struct set {
   double value;
 } set;
 #define SET(name, value) { #name, offsetof(tse_config, name), value }
-/* Whatever of tse/effects.def the filter knows, but those of the tests below; delays, of which it knows a lateness to first order. */
+/* Whatever of src/tables/effects.toml the filter knows, but those of the tests below; delays, of which it knows a lateness to first order. */
 static const set sets[] = {
   SET(mass_change, 0.1), SET(yaw_inertia_change, 0.1), SET(cg_shift_distance, 0.1), SET(wheel_radius_change, 0.02), SET(steering_ratio_change, 0.05),
   SET(steering_offset_angle, 0.004), SET(steering_lag_time, 0.05), SET(rear_roll_steer_gain, 0.05), SET(longitudinal_load_transfer_gain, 0.03),

@@ -315,7 +315,7 @@ static void test_stiffness_stays_within_its_bounds_whatever_the_input(void)
     if (k % 2) p.w_low = p.w_min; /* reflect_draws */
     fill(&p, c, 0);
     for (int step = 0; step < 300; step++) {
-      static const double most[6] = { 1.2, 400.0, 400.0, 50.0, 50.0, 6.0 }; /* tse/input.def */
+      static const double most[6] = { 1.2, 400.0, 400.0, 50.0, 50.0, 6.0 }; /* input.toml */
       double u[6];
       for (int k2 = 0; k2 < 6; k2++) u[k2] = next_between(&state, -most[k2], most[k2]);
       const sample s = row(&p, u, u + 3, (int)(next_word(&state) >> 8 & 7u));
