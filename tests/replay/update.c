@@ -3,6 +3,7 @@
  *   update drive             a new drive from the simulator, as CSV on stdout
  *   update golden DRIVE      the estimates of that drive in the format this program is compiled for */
 #include "replay.h"
+#include "tse/describe.h"
 #include "tse/simulate.h"
 
 /* 30 s: standstill, acceleration with torque steps, two lane changes, braking to a stop, a little backwards. */
