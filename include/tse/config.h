@@ -132,7 +132,7 @@ typedef struct tse_config {
   tse_setting imu_scale_ay_error;               /* [1] 0, -0.3 .. 0.3; reading over true, less one */
   tse_setting gyro_scale_error;                 /* [1] 0, -0.3 .. 0.3; reading over true, less one */
   tse_setting imu_delay_time;                   /* [s] 0, 0 .. 0.2; readings are this much older than inputs */
-  tse_setting formula_gain;                     /* [1] 0, -10 .. 10; times a formula of the user (tse/formula.def); 0: none */
+  tse_setting formula_gain;                     /* [1] 0, -10 .. 10; times a formula of the user; 0: none */
   tse_setting formula_a;                        /* [1] 0, -1000000 .. 1000000; number a of the formula, in its own unit */
   tse_setting formula_b;                        /* [1] 0, -1000000 .. 1000000; number b of the formula, in its own unit */
   tse_setting formula_c;                        /* [1] 0, -1000000 .. 1000000; number c of the formula, in its own unit */
@@ -141,7 +141,7 @@ typedef struct tse_config {
   tse_setting formula_f;                        /* [1] 0, -1000000 .. 1000000; number f of the formula, in its own unit */
   tse_setting formula_g;                        /* [1] 0, -1000000 .. 1000000; number g of the formula, in its own unit */
   tse_setting formula_h;                        /* [1] 0, -1000000 .. 1000000; number h of the formula, in its own unit */
-  int32_t formula_place;                        /* 0, 0 .. 9; where it is added: code of FORMULA_PLACE in tse/formula.def */
+  int32_t formula_place;                        /* 0, 0 .. 9; where it is added: code of a place */
   int32_t formula_code_1;                       /* 0, 0 .. 16777215; operations 1 .. 3 of the formula, a byte each, the lowest first */
   int32_t formula_code_2;                       /* 0, 0 .. 16777215; operations 4 .. 6 */
   int32_t formula_code_3;                       /* 0, 0 .. 16777215; operations 7 .. 9 */
@@ -189,7 +189,7 @@ typedef struct tse_config {
   int32_t form;                                 /* TSE_DEFAULT_FORM, TSE_FIRST_FORM .. TSE_LAST_FORM; 0: the car's Kalman filter; 1: the paper's particle filter. 2, the same with a watchdog, is gone: see tse_config_robust() */
   tse_setting cg_height;                        /* [m] 0, 0 .. 3; height of the centre of gravity: load goes from axle to axle with the acceleration; form 0 */
   int32_t wheel_signals;                        /* 2, 1 .. 2; 1: both wheel speeds are one signal, the speed of the vehicle, which does not show slip; form 0 */
-  int32_t driven_axle;                          /* 0, 0 .. 2; 0 both or unknown, 1 front, 2 rear: the other rolls freely while the car does not brake, tse/pedals.def; form 0 */
+  int32_t driven_axle;                          /* 0, 0 .. 2; 0 both or unknown, 1 front, 2 rear: the other rolls freely while the car does not brake; form 0 */
   int32_t particles;                            /* 500, 16 .. TSE_MAX_PARTICLES; particles in use; form 1 */
   int32_t resampling;                           /* 0, 0 .. 3; 0 systematic, 1 stratified, 2 residual, 3 multinomial; form 1 */
   int32_t integration;                          /* 0, 0 .. 2; of (7) between rows: 0 Euler, inputs held (the paper); 1 second order, inputs linear; 2 second order, the steering angle held; form 1 */

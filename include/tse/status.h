@@ -45,7 +45,7 @@ typedef enum tse_reason {
   TSE_DIVERGING = 4,            /* a channel is probably at fault */
   TSE_HELD = 5,                 /* standstill, low speed, reverse, large steering angle or sliding wheels: value from before */
   TSE_INPUT_INVALID = 6,        /* inputs or measurements are missing */
-  TSE_PARAMETERS_UNCERTAIN = 7, /* the parameters of the car are too uncertain (tse/uncertainty.def): calibrate, or state them better */
+  TSE_PARAMETERS_UNCERTAIN = 7, /* the parameters of the car are too uncertain (settings mass_sd to grade_sd): calibrate, or state them better */
   TSE_MISFIT = 8,               /* the sensors say what the model does not explain: calibrate, or look for what is missing */
   /* end of table */
   TSE_REASON_END_

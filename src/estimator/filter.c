@@ -120,7 +120,7 @@ const char *tse_reason_text(int32_t reason)
     case TSE_DIVERGING: return "a channel is probably at fault";
     case TSE_HELD: return "standstill, low speed, reverse, large steering angle or sliding wheels: value from before";
     case TSE_INPUT_INVALID: return "inputs or measurements are missing";
-    case TSE_PARAMETERS_UNCERTAIN: return "the parameters of the car are too uncertain (tse/uncertainty.def): calibrate, or state them better";
+    case TSE_PARAMETERS_UNCERTAIN: return "the parameters of the car are too uncertain (settings mass_sd to grade_sd): calibrate, or state them better";
     case TSE_MISFIT: return "the sensors say what the model does not explain: calibrate, or look for what is missing";
     /* end of table */
     default: return "unknown reason";
