@@ -245,7 +245,7 @@ class Estimate(EstimateBase):
     lag_steer_sd: float
     """Its standard deviation [s]."""
     estimate_age: float
-    """How long before this row the time lies that the estimates speak of (tse/latency.def) [s]."""
+    """How long before this row the time lies that the estimates speak of (settings ..._latency) [s]."""
     n_eff: float
     """Effective number of particles, 1/sum q^2 of their weights; 1 in form 0."""
     log_evidence: float
