@@ -141,7 +141,8 @@ static inline tse_real real_field(const void *from, const tse_field *f)
 /* Of whole numbers, one step off; of others, bit for bit. */
 static inline int same_at(const void *a, const void *b, const tse_field *f)
 {
-  const size_t bytes = f->kind == 's' ? sizeof(tse_setting) : f->kind == 'r' ? sizeof(tse_real) : sizeof(int32_t);
+  const size_t bytes = f->kind == 's' ? sizeof(tse_setting) : f->kind == 'r' ? sizeof(tse_real)
+                                                                             : sizeof(int32_t);
   return memcmp((const char *)a + f->offset, (const char *)b + f->offset, bytes) == 0;
 }
 
@@ -154,7 +155,7 @@ static inline void put_parameter(tse_config *c, const tse_effect_parameter *e, d
 static inline int kind_of_effect_setting(const char *name)
 {
   EACH_PARAMETER(e)
-    if (strcmp(e->setting, name) == 0) return e->strength == 1 ? 2 : 1;
+  if (strcmp(e->setting, name) == 0) return e->strength == 1 ? 2 : 1;
   return 0;
 }
 

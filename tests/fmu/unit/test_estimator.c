@@ -62,7 +62,8 @@ static void expect_outputs(fmi2Component c, const tse_config *config, const tse_
         const size_t length = strlen(stiffness[a]);
         if (strncmp(own, stiffness[a], length) != 0) continue;
         share = 1;
-        EXPECT_REAL(name, strcmp(own + length, "_sd") == 0 ? sd[a] : strcmp(own + length, "_spread") == 0 ? spread[a] : mean[a])
+        EXPECT_REAL(name, strcmp(own + length, "_sd") == 0 ? sd[a] : strcmp(own + length, "_spread") == 0 ? spread[a]
+                                                                                                          : mean[a])
         EXPECT_REAL(relative, x)
       }
       if (!share) EXPECT_REAL(name, x)

@@ -172,8 +172,8 @@ static void test_missing_bits_are_six_different_ones(void)
 {
   uint32_t all = 0;
   for (const channel_row *row = channel_rows; row < channel_rows + TSE_CHANNELS; row++) {
-  TEST_ASSERT_EQUAL_HEX32(0, all & 1u << (row - channel_rows));
-  all |= 1u << (row - channel_rows);
+    TEST_ASSERT_EQUAL_HEX32(0, all & 1u << (row - channel_rows));
+    all |= 1u << (row - channel_rows);
   }
   TEST_ASSERT_EQUAL_HEX32(0x3f, all);
   TEST_ASSERT_EQUAL_INT(6, TSE_CHANNELS);
@@ -200,14 +200,18 @@ static void test_driving_channel_out_of_range_or_infinite_is_refused_by_name(voi
   int driving = 0;
   start_filter();
   for (const channel_row *row = channel_rows; row < channel_rows + TSE_CHANNELS; row++)
-  if (row->drives) {
-    tse_input u = good_row();
-    set_channel(&u, row, neighbour(number(row->hi), INFINITY)); expect_row_refused(&u, TSE_E_INPUT, row->name);
-    set_channel(&u, row, neighbour(number(row->lo), -INFINITY)); expect_row_refused(&u, TSE_E_INPUT, row->name);
-    set_channel(&u, row, real((double)INFINITY)); expect_row_refused(&u, TSE_E_INPUT, row->name);
-    set_channel(&u, row, real((double)-INFINITY)); expect_row_refused(&u, TSE_E_INPUT, row->name);
-    driving++;
-  }
+    if (row->drives) {
+      tse_input u = good_row();
+      set_channel(&u, row, neighbour(number(row->hi), INFINITY));
+      expect_row_refused(&u, TSE_E_INPUT, row->name);
+      set_channel(&u, row, neighbour(number(row->lo), -INFINITY));
+      expect_row_refused(&u, TSE_E_INPUT, row->name);
+      set_channel(&u, row, real((double)INFINITY));
+      expect_row_refused(&u, TSE_E_INPUT, row->name);
+      set_channel(&u, row, real((double)-INFINITY));
+      expect_row_refused(&u, TSE_E_INPUT, row->name);
+      driving++;
+    }
   TEST_ASSERT_EQUAL_INT(3, driving);
 }
 
@@ -216,16 +220,16 @@ static void test_measured_channel_out_of_range_or_infinite_is_missing_and_the_ot
   int measured = 0;
   start_filter();
   for (const channel_row *row = channel_rows; row < channel_rows + TSE_CHANNELS; row++)
-  if (!row->drives) {
-    const tse_real bad[4] = { neighbour(number(row->hi), INFINITY), neighbour(number(row->lo), -INFINITY), real((double)INFINITY), real((double)-INFINITY) };
-    for (int i = 0; i < 4; i++) {
-      tse_input u = good_row();
-      set_channel(&u, row, bad[i]);
-      const sample y = expect_row_accepted(&u, row->name);
-      expect_missing(&y, (int)(row - channel_rows));
+    if (!row->drives) {
+      const tse_real bad[4] = { neighbour(number(row->hi), INFINITY), neighbour(number(row->lo), -INFINITY), real((double)INFINITY), real((double)-INFINITY) };
+      for (int i = 0; i < 4; i++) {
+        tse_input u = good_row();
+        set_channel(&u, row, bad[i]);
+        const sample y = expect_row_accepted(&u, row->name);
+        expect_missing(&y, (int)(row - channel_rows));
+      }
+      measured++;
     }
-    measured++;
-  }
   TEST_ASSERT_EQUAL_INT(3, measured);
 }
 

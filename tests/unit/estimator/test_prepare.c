@@ -127,9 +127,11 @@ static tse_config other_car(void)
 static tse_config other_config(void)
 {
   tse_config c = other_car();
-  EACH_PARAMETER(e) put_parameter(&c, e, 0.9 * e->def + 0.1 * e->hi);
+  EACH_PARAMETER(e)
+  put_parameter(&c, e, 0.9 * e->def + 0.1 * e->hi);
   EACH_SETTING(row)
-    if (strncmp(row->name, "formula_", 8) == 0) put_field(&c, row, row->kind == 's' ? 0.25 : row->hi < 10 ? 4 : 0x242424 /* neg */);
+  if (strncmp(row->name, "formula_", 8) == 0) put_field(&c, row, row->kind == 's' ? 0.25 : row->hi < 10 ? 4
+                                                                                                        : 0x242424 /* neg */);
   c.formula_code_1 = 0x242401; /* of a */
   return c;
 }
@@ -166,7 +168,8 @@ static void test_defaults_are_those_of_the_table_and_pass_the_check(void)
   memset(&c, 0xff, sizeof c);
   tse_config_default(&c);
   expect_config_accepted(&c, "defaults");
-  EACH_SETTING(row) {
+  EACH_SETTING(row)
+  {
     if (row->kind == 's') TEST_ASSERT_TRUE_MESSAGE(!(setting_field(&c, row) != setting(row->def)), row->name);
     else TEST_ASSERT_EQUAL_INT32_MESSAGE((int32_t)row->def, whole_field(&c, row), row->name);
   }
@@ -176,7 +179,8 @@ static void test_defaults_are_those_of_the_table_and_pass_the_check(void)
 static void expect_same_settings(const tse_config *expected, const tse_config *actual)
 {
   expect_config_accepted(actual, "other defaults");
-  EACH_SETTING(row) {
+  EACH_SETTING(row)
+  {
     if (row->kind == 's') TEST_ASSERT_TRUE_MESSAGE(!(setting_field(actual, row) != setting_field(expected, row)), row->name);
     else TEST_ASSERT_EQUAL_INT32_MESSAGE(whole_field(expected, row), whole_field(actual, row), row->name);
   }
@@ -214,7 +218,8 @@ static void test_other_forms_are_the_defaults_but_for_a_few_settings(void)
 
 static void test_each_setting_is_accepted_at_its_limits_and_refused_by_name_beyond(void)
 {
-  EACH_SETTING(row) {
+  EACH_SETTING(row)
+  {
     tse_config c = defaults();
     put_field(&c, row, row->lo);
     expect_config_accepted(&c, row->name);
@@ -240,11 +245,11 @@ static void test_each_setting_that_is_not_finite_is_refused_by_name(void)
 {
   const double bad[3] = { (double)NAN, (double)INFINITY, (double)-INFINITY };
   EACH_SETTING(row)
-    for (int k = 0; k < 3 && row->kind == 's'; k++) {
-      tse_config c = defaults();
-      put_field(&c, row, bad[k]);
-      expect_config_refused(&c, row->name);
-    }
+  for (int k = 0; k < 3 && row->kind == 's'; k++) {
+    tse_config c = defaults();
+    put_field(&c, row, bad[k]);
+    expect_config_refused(&c, row->name);
+  }
 }
 
 static void test_of_two_wrong_settings_the_first_is_named(void)
@@ -258,7 +263,8 @@ static void test_of_two_wrong_settings_the_first_is_named(void)
   c.formula_code_1 = -1; /* whole numbers stand between the real ones */
   c.sample_time = setting(-1);
   expect_config_refused(&c, "formula_code_1");
-  EACH_SETTING(row) {
+  EACH_SETTING(row)
+  {
     if (row->kind == 's') continue;
     c = defaults();
     c.lf = setting(-1);
@@ -274,8 +280,8 @@ static void test_a_car_that_nobody_has_calibrated_is_told_as_such_and_nothing_el
   c.lf = as_told.lf = setting(1.125);
   c.lr = as_told.lr = setting(1.375);
   EACH_SETTING(row)
-    for (size_t k = 0; k < sizeof ordinary / sizeof ordinary[0]; k++)
-      if ((int32_t)ordinary[k].at == row->offset) put_setting(&as_told, row, ordinary[k].value);
+  for (size_t k = 0; k < sizeof ordinary / sizeof ordinary[0]; k++)
+    if ((int32_t)ordinary[k].at == row->offset) put_setting(&as_told, row, ordinary[k].value);
   tse_config_uncalibrated(&c);
   /* stiffness and inertia follow from mass and axles */
   const double g = 9.81, one = BY_FORMAT(1e-12, 1e-6);
@@ -288,7 +294,8 @@ static void test_a_car_that_nobody_has_calibrated_is_told_as_such_and_nothing_el
   as_told.cornering_stiffness_rear = c.cornering_stiffness_rear;
   as_told.longitudinal_stiffness_front = c.longitudinal_stiffness_front;
   as_told.longitudinal_stiffness_rear = c.longitudinal_stiffness_rear;
-  EACH_SETTING(row) TEST_ASSERT_TRUE_MESSAGE(same_at(&as_told, &c, row), row->name);
+  EACH_SETTING(row)
+  TEST_ASSERT_TRUE_MESSAGE(same_at(&as_told, &c, row), row->name);
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_config_check(&c, NULL));
   tse_config_uncalibrated(NULL);
 }
@@ -312,7 +319,7 @@ static void test_settings_of_the_tests_below_are_none_of_the_defaults(void)
 {
   const tse_config c = other_config();
   EACH_SETTING(row)
-    TEST_ASSERT_TRUE_MESSAGE(row->kind == 's' ? setting_field(&c, row) != setting(row->def) : whole_field(&c, row) != (int32_t)row->def, row->name);
+  TEST_ASSERT_TRUE_MESSAGE(row->kind == 's' ? setting_field(&c, row) != setting(row->def) : whole_field(&c, row) != (int32_t)row->def, row->name);
 }
 
 static void expect_relative(double expected, tse_real actual, const char *what)
@@ -570,7 +577,8 @@ static void test_constants_are_finite_at_both_ends_of_every_range(void)
   tse_config c = defaults();
   int held = 0, all = 0;
   for (int end = 0; end < 2; end++)
-    EACH_SETTING(row) {
+    EACH_SETTING(row)
+    {
       const tse_config was = c;
       put_field(&c, row, end ? row->hi : row->lo);
       all++;
@@ -604,7 +612,8 @@ static void test_fingerprint_changes_with_every_setting(void)
 {
   const tse_config base = other_config();
   const uint32_t before = prepared(&base).fingerprint;
-  EACH_SETTING(row) {
+  EACH_SETTING(row)
+  {
     tse_config c = other_config();
     if (row->kind == 's') {
       put_setting(&c, row, towards(setting_field(&c, row), INFINITY));
@@ -647,7 +656,8 @@ static void test_fingerprint_of_the_vehicle_tells_the_shapes_of_effects_that_are
 {
   tse_config c = other_config();
   const uint32_t before = prepared(&c).vehicle;
-  EACH_PARAMETER(e) {
+  EACH_PARAMETER(e)
+  {
     c = other_config();
     put_parameter(&c, e, 0.8 * e->def + 0.2 * e->hi);
     TEST_ASSERT_TRUE_MESSAGE(prepared(&c).vehicle != before, e->setting);
@@ -661,7 +671,8 @@ static void test_fingerprint_of_the_vehicle_changes_with_the_vehicle_only(void)
   const tse_config base = defaults();
   const uint32_t before = prepared(&base).vehicle;
   TEST_ASSERT_EQUAL_HEX32(LEARNT_VEHICLE, before);
-  EACH_SETTING(row) {
+  EACH_SETTING(row)
+  {
     tse_config other = other_config(), c = defaults();
     if (row->kind == 's') {
       put_setting(&c, row, setting_field(&other, row));

@@ -66,7 +66,8 @@ static void test_rows_describe_every_byte_of_the_structs_but_padding(void)
 {
   unsigned char covered[STRUCT_BYTES];
   size_t settings = 0; /* whose whole numbers lie in several groups, with padding behind each that is odd */
-  EACH_SETTING(row) settings += row->kind == 's' ? sizeof(tse_setting) : sizeof(int32_t);
+  EACH_SETTING(row)
+  settings += row->kind == 's' ? sizeof(tse_setting) : sizeof(int32_t);
   TEST_ASSERT_EQUAL_INT((int)(sizeof(tse_config) - settings), undescribed(TSE_STRUCT_CONFIG, sizeof(tse_config), covered));
   TEST_ASSERT_EQUAL_INT(TAIL(tse_input, wheel_torque_rear), undescribed(TSE_STRUCT_INPUT, sizeof(tse_input), covered));
   TEST_ASSERT_EQUAL_INT(TAIL(tse_output, spread_seen), undescribed(TSE_STRUCT_OUTPUT, sizeof(tse_output), covered));

@@ -385,7 +385,8 @@ static void test_correlations_that_contradict_each_other_make_a_start_of_numbers
 static void test_another_vehicle_is_refused_and_other_sensors_or_filters_are_not(void)
 {
   tse_params p;
-  EACH_SETTING(row) {
+  EACH_SETTING(row)
+  {
     tse_config c = settings(1);
     const double was = row->kind == 's' ? of_setting(setting_field(&c, row)) : whole_field(&c, row);
     if (row->kind == 's') put_field(&c, row, setting_field(&c, row) < setting(row->hi) ? was + (row->hi - was) / 16 : row->lo);

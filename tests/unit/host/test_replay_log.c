@@ -21,7 +21,7 @@ static tse_config all_effects(void)
 {
   tse_config c = default_car();
   EACH_PARAMETER(e)
-    if (e->strength == 1) put_parameter(&c, e, e->typical_hi);
+  if (e->strength == 1) put_parameter(&c, e, e->typical_hi);
   return c;
 }
 
@@ -33,7 +33,7 @@ static void test_without_effects_a_replay_is_the_plain_vehicle_bit_for_bit(void)
   const tse_config plain = default_car();
   tse_config c = plain;
   EACH_PARAMETER(e)
-    if (e->strength != 1) put_parameter(&c, e, 0.5 * e->def + 0.5 * e->hi);
+  if (e->strength != 1) put_parameter(&c, e, 0.5 * e->def + 0.5 * e->hi);
   const tse_params p = prepared(&plain);
   const int rows = 2000;
   tse_replay_start s = the_start();
@@ -78,7 +78,7 @@ static void test_shapes_of_effects_that_are_off_change_no_bit_of_the_simulator(v
   tse_sim_input u;
   tse_sim_output y, z;
   EACH_PARAMETER(e)
-    if (e->strength != 1) put_parameter(&shaped, e, 0.5 * e->def + 0.5 * e->hi);
+  if (e->strength != 1) put_parameter(&shaped, e, 0.5 * e->def + 0.5 * e->hi);
   tse_sim_config_default(&s);
   s.friction = setting(1);
   TEST_ASSERT_EQUAL_INT(TSE_OK, tse_sim_reset(&a, &plain, &s, NULL));
@@ -134,7 +134,8 @@ static void test_every_effect_is_continuous_at_zero(void)
     plain[1][i] = number(got_y[i]);
     plain[2][i] = number(got_r[i]);
   }
-  EACH_PARAMETER(e) {
+  EACH_PARAMETER(e)
+  {
     if (e->strength != 1) continue;
     double small = 0, large = 0;
     uint64_t lag = 0;
@@ -403,7 +404,8 @@ static void test_odd_calls_are_refused_and_the_row_is_named(void)
   TEST_ASSERT_EQUAL_INT(TSE_E_NULL, tse_replay(&p, NULL, 20, &s, &out, &wrong));
   TEST_ASSERT_EQUAL_INT(TSE_E_NULL, tse_replay(&p, &log, 20, NULL, &out, &wrong));
   TEST_ASSERT_EQUAL_INT(TSE_E_NULL, tse_replay(&p, &log, 20, &s, NULL, &wrong));
-  EACH_FIELD(column, TSE_STRUCT_REPLAY_LOG) {
+  EACH_FIELD(column, TSE_STRUCT_REPLAY_LOG)
+  {
     lacking = log;
     memset((char *)&lacking + column->offset, 0, sizeof(tse_real *));
     TEST_ASSERT_EQUAL_INT_MESSAGE(column->kind == 'p' ? TSE_E_NULL : TSE_OK, tse_replay(&p, &lacking, 20, &s, &out, NULL), column->name);
@@ -459,7 +461,8 @@ static void test_what_is_no_number_is_refused_and_never_put_out(void)
   lively(&c, 20);
   for (int k = 0; k < 2; k++) {
     int32_t wrong;
-    EACH_FIELD(number_of_start, TSE_STRUCT_REPLAY_START) {
+    EACH_FIELD(number_of_start, TSE_STRUCT_REPLAY_START)
+    {
       const tse_replay_log log = the_log();
       tse_replay_start s = the_start();
       memcpy((char *)&s + number_of_start->offset, &bad[k], sizeof bad[k]);
@@ -467,7 +470,8 @@ static void test_what_is_no_number_is_refused_and_never_put_out(void)
       TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_E_INPUT, tse_replay(&p, &log, 20, &s, &out, &wrong), number_of_start->name);
       TEST_ASSERT_EQUAL_INT32_MESSAGE(0, wrong, number_of_start->name);
     }
-    EACH_FIELD(column, TSE_STRUCT_REPLAY_LOG) {
+    EACH_FIELD(column, TSE_STRUCT_REPLAY_LOG)
+    {
       if (column->kind == 'p') continue;
       tse_replay_log log = the_log();
       const tse_replay_start s = the_start();

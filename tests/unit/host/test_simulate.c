@@ -1182,7 +1182,8 @@ static void expect_config_refused(const tse_sim_config *s, const char *name)
 
 static void test_each_setting_is_accepted_at_its_limits_and_refused_by_name_beyond(void)
 {
-  EACH_FIELD(row, TSE_STRUCT_SIM_CONFIG) {
+  EACH_FIELD(row, TSE_STRUCT_SIM_CONFIG)
+  {
     tse_sim_config s;
     tse_sim_config_default(&s);
     if (row->kind == 'i') {

@@ -93,11 +93,11 @@ static void test_a_filter_is_sound_at_both_ends_of_every_setting(void)
   uint32_t seed = 4;
   tse_config c;
   EACH_SETTING(row)
-    for (int end = 0; end < 2; end++) {
-      tse_config_default(&c);
-      put_field(&c, row, end ? row->hi : row->lo);
-      if (tse_config_check(&c, NULL) == TSE_OK && prepared_if_held(&c, &p)) go_through_wild_rows(&c, row->name, 100, &seed);
-    }
+  for (int end = 0; end < 2; end++) {
+    tse_config_default(&c);
+    put_field(&c, row, end ? row->hi : row->lo);
+    if (tse_config_check(&c, NULL) == TSE_OK && prepared_if_held(&c, &p)) go_through_wild_rows(&c, row->name, 100, &seed);
+  }
 }
 
 static void expect_forged(const char *what)

@@ -311,7 +311,7 @@ static void test_a_simulation_is_held_to_its_ranges(void)
   SIMULATED(last.dt, TSE_R(0), MOST_REAL);
   whole_number(&other.effects.settled, 0, 1, look_at_simulation, "effects.settled");
   EACH_FIELD(row, TSE_STRUCT_SIM_INPUT)
-    if (strcmp(row->name, "dt") != 0) held_to(of_simulation((char *)&other.last + row->offset, sizeof(tse_real), row->name), real(row->lo), real(row->hi), 1);
+  if (strcmp(row->name, "dt") != 0) held_to(of_simulation((char *)&other.last + row->offset, sizeof(tse_real), row->name), real(row->lo), real(row->hi), 1);
 }
 
 /* Each of the car's and of the simulator's settings, a little off. */
@@ -323,12 +323,15 @@ static void test_a_simulation_of_other_settings_is_refused_whichever_it_is(void)
   other = sim;                                                                        \
   TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_E_STATE, look_at_simulation(), what);             \
   c = told;
-  EACH_SETTING(row) {
+  EACH_SETTING(row)
+  {
     const double was = row->kind == 's' ? of_setting(setting_field(&c, row)) : whole_field(&c, row), end = was < row->hi ? row->hi : row->lo;
-    put_field(&c, row, row->kind == 's' ? was + 0.001 * (end - was) : was < row->hi ? was + 1 : was - 1);
+    put_field(&c, row, row->kind == 's' ? was + 0.001 * (end - was) : was < row->hi ? was + 1
+                                                                                    : was - 1);
     LOOKED(row->name)
   }
-  EACH_FIELD(row, TSE_STRUCT_SIM_CONFIG) {
+  EACH_FIELD(row, TSE_STRUCT_SIM_CONFIG)
+  {
     other = sim;
     put_field(&other.config, row, row->kind == 's' ? of_setting(setting_field(&sim.config, row)) + 0.01 : whole_field(&sim.config, row) + 1);
     TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_E_STATE, look_at_simulation(), row->name);

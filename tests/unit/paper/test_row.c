@@ -564,11 +564,13 @@ static void test_no_mixture_of_extreme_settings_makes_an_output_that_is_no_numbe
   for (int k = 0; k < 400; k++) {
     tse_config c = some_settings(16);
     const int32_t kept = c.form;
-    EACH_SETTING(row) {
+    EACH_SETTING(row)
+    {
       const uint32_t dice = next_word(&state) >> 9;
       if (dice % 5u < 2u) put_field(&c, row, dice % 5u ? row->lo : row->hi);
     }
-    EACH_PARAMETER(e) put_parameter(&c, e, e->def);
+    EACH_PARAMETER(e)
+    put_parameter(&c, e, e->def);
     fit_together(&c);
     c.form = kept;
     c.particles = 16;
