@@ -80,7 +80,7 @@ typedef struct tse_sim {
   tse_sim_config config;
   tse_params params;
   uint32_t step;
-  tse_real x[9];                       /* vel_x, vel_y, yaw rate, wheel speeds front and rear; slips that lag (tse/effects.h) */
+  tse_real x[5];                       /* vel_x, vel_y, yaw rate, wheel speeds front and rear */
   tse_real bias[3], drawn[3];
   tse_real steer, steer_logged;        /* with effects: the wheels' angle at the last row, and the logged one that led to it */
   tse_effect_memory effects;

@@ -100,52 +100,68 @@ static int write_row(const tse_replay_log *log, const tse_replay_start *s, const
   return fine;
 }
 
+/* All rows before the first is run: a wheel torque needs the rows on both sides.   Updated: wrong  the row, if not NULL */
+static tse_status check_rows(const tse_replay_log *log, int32_t rows, const tse_replay_start *s, int32_t *wrong)
+{
+  for (int32_t i = 0; i < rows; i++) {
+    const tse_status status = i == 0 && !finite_start(s) ? TSE_E_INPUT : check_row(log, i);
+    if (status >= 0) continue;
+    if (wrong) *wrong = i;
+    return status;
+  }
+  return TSE_OK;
+}
+
+/* What row i says, with the wheels steered as the INPUT effects make it.   Updated: m */
+static acting acting_at(const tse_params *p, tse_effect_memory *m, const tse_replay_log *log, int32_t i)
+{
+  acting now;
+  memset(&now, 0, sizeof now);
+  now.u.steer = effects_steer(&p->effects, m, log->steer_angle[i], i > 0 ? log->dt[i] : TSE_R(1));
+  now.u.v_front = r_mul(p->radius_front, log->wheel_speed_front[i]);
+  now.u.v_rear = r_mul(p->radius_rear, log->wheel_speed_rear[i]);
+  now.g = given_of(log, i);
+  return now;
+}
+
+static point start_point(const tse_replay_start *s, const acting *first)
+{
+  const int from_wheels = s->vel_x_from_wheels < TSE_R(0) || s->vel_x_from_wheels > TSE_R(0);
+  point at;
+  memset(&at, 0, sizeof at);
+  at.vx = from_wheels ? r_mul(TSE_R(0.5), first->u.v_front + first->u.v_rear) : s->vel_x;
+  at.vy = s->vel_y;
+  at.r = s->yaw_rate;
+  at.u = first->u;
+  at.g = first->g;
+  return at;
+}
+
 tse_status tse_replay(const tse_params *p, const tse_replay_log *log, int32_t rows, const tse_replay_start *s,
                       const tse_replay_out *out, int32_t *wrong)
 {
   if (!p || !log || !s || !out) return TSE_E_NULL;
   if (!log->dt || !log->steer_angle || !log->wheel_speed_front || !log->wheel_speed_rear) return TSE_E_NULL;
   if (p->magic != TSE_PARAMS_MAGIC) return TSE_E_STATE;
+  const tse_status refused = check_rows(log, rows, s, wrong);
+  if (refused < 0) return refused;
 
   tse_params car = *p;
   tse_effect_memory m;
   point at;
   memset(&m, 0, sizeof m);
-  memset(&at, 0, sizeof at);
   car.effects.mask = mask_of(p, log);
-  const tse_effects *const e = &car.effects;
-  for (int32_t i = 0; i < rows; i++) { /* all before the first: a wheel torque needs the rows on both sides */
-    const tse_status status = i == 0 && !finite_start(s) ? TSE_E_INPUT : check_row(log, i);
-    if (status < 0) {
-      if (wrong) *wrong = i;
-      return status;
-    }
-  }
-  if (rows <= 0) return TSE_OK;
   m.time = s->time;
-  m.heading = r_mul(TSE_R(0.15915494309189535), s->heading);
+  m.heading = r_mul(PER_TURN, s->heading);
   const stiffness k = vehicle_stiffness(&car, s->cx_front - TSE_R(1), s->cy_front - TSE_R(1), s->cy_rear - TSE_R(1));
   for (int32_t i = 0; i < rows; i++) {
     const tse_real dt = i > 0 ? log->dt[i] : TSE_R(1);
-    inputs u;
-    u.steer = log->steer_angle[i];
-    u.v_front = r_mul(car.radius_front, log->wheel_speed_front[i]);
-    u.v_rear = r_mul(car.radius_rear, log->wheel_speed_rear[i]);
-    given g = at.g;
-    if (e->mask) {
-      u.steer = effects_steer(e, &m, u.steer, dt);
-      g = given_of(log, i);
-    }
+    const acting now = acting_at(&car, &m, log, i);
     if (i == 0) {
-      const int from_wheels = s->vel_x_from_wheels < TSE_R(0) || s->vel_x_from_wheels > TSE_R(0);
-      at.vx = from_wheels ? r_mul(TSE_R(0.5), u.v_front + u.v_rear) : s->vel_x;
-      at.vy = s->vel_y;
-      at.r = s->yaw_rate;
-      at.u = u;
-      at.g = g;
+      at = start_point(s, &now);
       effects_settle(&car, &m, k, &at);
     } else {
-      effects_advance(&car, &m, k, u, &g, dt, &at);
+      effects_advance(&car, &m, k, &now, dt, vehicle_steps(&car, dt, at.u, now.u), &at);
       at.vx = vehicle_kept(at.vx, MOST_SPEED);
       at.vy = vehicle_kept(at.vy, MOST_SPEED);
       at.r = vehicle_kept(at.r, MOST_YAW_RATE);

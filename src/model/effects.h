@@ -19,6 +19,22 @@ typedef struct given {
   tse_real x, y, yaw;               /* [m/s2], [m/s2], [rad/s2] forces and moment on the body */
 } given;
 
+/* Wheels whose speeds are states, front and rear; v = R omega:  v' = drive - brake - load Fx/m
+ * Brakes oppose rotation; between -still and still their torque rises linearly, so that they hold a standing wheel without a discontinuity. */
+typedef struct wheels {
+  int32_t turning;                  /* 0: their speeds are inputs, and the rest is not used */
+  tse_real load[2];                 /* m R^2/J                                              */
+  tse_real drive[2], brake[2];      /* [m/s2] torques times R/J                             */
+  tse_real still[2];                /* [m/s]                                                */
+} wheels;
+
+/* What acts on the car from outside at one time. */
+typedef struct acting {
+  inputs u;
+  given g;
+  wheels w;
+} acting;
+
 /* One point: what is given, what the effects make of it, what the car then does. Forces are over mass. */
 typedef struct point {
   const tse_params *p;                 /* the car                                                                      */
@@ -27,8 +43,11 @@ typedef struct point {
   inputs u;                            /* steering angle after the INPUT effects                                       */
   tse_real ahead;                      /* [s] how far this point lies after the time of the memory                     */
   given g;
+  wheels w;
+  tse_real friction;                   /* at which the forces of an axle saturate, along and across; 0: it does not        */
   slips s;                             /* what the tyres' forces are proportional to                                   */
   tse_real target[4];                  /* slip angles front, rear, slips front, rear that the lags of LAG run towards  */
+  tse_real rate[4];                    /* [1/s] of these lags, 0: no state                                              */
   stiffness k;
   tse_real sin_steer, cos_steer;       /* delta and 1 in the plain model                                               */
   tse_real fx_front, fx_rear, fy_front, fy_rear; /* [m/s2] tyre forces, in the axes of their wheels                    */
@@ -93,8 +112,24 @@ static inline tse_real effects_steer(const tse_effects *e, tse_effect_memory *m,
   return steer;
 }
 
+#define MOST_RATE TSE_R(1e6) /* 1/s: a length of micrometres is none, and no infinite number */
+
+#define BIT(id) | (uint64_t)1 << TSE_EFFECT_##id
+static inline int effects_lag(const tse_effects *e) { return (e->mask & (0 EFFECTS_LAG(BIT))) != 0; }
+#undef BIT
+
+/* Rates of the states of LAG, from the slips that they run towards.   Updated: pt->rate */
+static inline void effects_lag_rates(point *pt)
+{
+  const tse_effects *const e = &pt->p->effects;
+  const int lateral = effect_is_on(e, TSE_EFFECT_relaxation), along = effect_is_on(e, TSE_EFFECT_longitudinal_relaxation);
+  pt->rate[0] = pt->rate[1] = lateral ? r_min(relaxation_rate(e, pt), MOST_RATE) : TSE_R(0);
+  pt->rate[2] = along ? r_min(longitudinal_relaxation_rate(e, pt->s.inv_front), MOST_RATE) : TSE_R(0);
+  pt->rate[3] = along ? r_min(longitudinal_relaxation_rate(e, pt->s.inv_rear), MOST_RATE) : TSE_R(0);
+}
+
 /* SLIP, LAG: from state and inputs to what the tyres' forces are proportional to.
- *   Given:  lag  the four states of LAG at this point       Updated:  pt->s, target, sin_steer, cos_steer */
+ *   Given:  lag  the four states of LAG at this point       Updated:  pt->s, target, rate, sin_steer, cos_steer */
 static inline void effects_slips(const tse_real lag[4], point *pt)
 {
   const tse_effects *const e = &pt->p->effects;
@@ -112,6 +147,7 @@ static inline void effects_slips(const tse_real lag[4], point *pt)
   pt->target[1] = pt->s.a_rear;
   pt->target[2] = pt->s.s_front;
   pt->target[3] = pt->s.s_rear;
+  if (effects_lag(e)) effects_lag_rates(pt);
 #define CALL(id) IF_ON(id, id##_slip(lag, pt))
   EFFECTS_LAG(CALL)
 #undef CALL
@@ -129,6 +165,26 @@ static inline void effects_stiffness(point *pt)
   EFFECTS_GRIP(CALL)
 #undef CALL
   if (formula_is_on(e)) formula_stiffness(pt);
+}
+
+/* Secant of a tyre that saturates along and across, over its stiffness: a brush. `limit` is friction times axle load, `fx`, `fy` are what
+ * linear tyres would hold (all over mass). */
+static inline tse_real grip(tse_real limit, tse_real fx, tse_real fy)
+{
+  tse_real slope;
+  return limit > TSE_R(0) ? tyre_secant(r_div(r_sqrt(r_mul(fx, fx) + r_mul(fy, fy)), limit), TSE_R(0), &slope) : TSE_R(1);
+}
+
+/* The stiffness that the tyres of each axle show at these slips.   Updated: pt->k */
+static inline void lose_grip(point *pt)
+{
+  const tse_car *const c = &pt->p->car;
+  const tse_real front = grip(r_mul(pt->friction, c->load_front), r_mul(pt->k.x_front, pt->s.s_front), r_mul(pt->k.y_front, pt->s.a_front));
+  const tse_real rear = grip(r_mul(pt->friction, c->load_rear), r_mul(pt->k.x_rear, pt->s.s_rear), r_mul(pt->k.y_rear, pt->s.a_rear));
+  pt->k.x_front = r_mul(pt->k.x_front, front);
+  pt->k.y_front = r_mul(pt->k.y_front, front);
+  pt->k.x_rear = r_mul(pt->k.x_rear, rear);
+  pt->k.y_rear = r_mul(pt->k.y_rear, rear);
 }
 
 /* BODY: (1) with what acts besides.   Updated: forces, pt->force, gravity */
@@ -189,22 +245,8 @@ static inline void effects_at(const tse_params *p, const tse_effect_memory *m, c
   pt->k = k;
   effects_slips(lag, pt);
   effects_stiffness(pt);
+  if (pt->friction > TSE_R(0)) lose_grip(pt);
   effects_forces(pt);
-}
-
-#define MOST_RATE TSE_R(1e6) /* 1/s: a length of micrometres is none, and no infinite number */
-
-#define BIT(id) | (uint64_t)1 << TSE_EFFECT_##id
-static inline int effects_lag(const tse_effects *e) { return (e->mask & (0 EFFECTS_LAG(BIT))) != 0; }
-#undef BIT
-
-/* [1/s] rates of the states of LAG, front and rear slip angle, front and rear slip; 0: no state. */
-static inline void effects_lag_rates(const tse_effects *e, const point *pt, tse_real rate[4])
-{
-  const int lateral = effect_is_on(e, TSE_EFFECT_relaxation), along = effect_is_on(e, TSE_EFFECT_longitudinal_relaxation);
-  rate[0] = rate[1] = lateral ? r_min(relaxation_rate(e, pt), MOST_RATE) : TSE_R(0);
-  rate[2] = along ? r_min(longitudinal_relaxation_rate(e, pt->s.inv_front), MOST_RATE) : TSE_R(0);
-  rate[3] = along ? r_min(longitudinal_relaxation_rate(e, pt->s.inv_rear), MOST_RATE) : TSE_R(0);
 }
 
 /* integrator.c */
@@ -214,9 +256,9 @@ static inline void effects_lag_rates(const tse_effects *e, const point *pt, tse_
 /* Memory at rest at this state: tyres hold the kinematic slip, modes the acceleration. Returned: pt evaluated. */
 void effects_settle(const tse_params *p, tse_effect_memory *m, stiffness k, point *pt);
 
-/* (7) with the effects, from the evaluated point `at` to the row of inputs `to` and `g`, dt later; `at` is then that point. */
-void effects_advance(const tse_params *p, tse_effect_memory *m, stiffness k, inputs to, const given *g, tse_real dt, point *at);
-
+/* (7) with the effects, from the evaluated point `at` to what acts dt later, in equal steps, between which that is linear; `at` is then
+ * that point. */
+void effects_advance(const tse_params *p, tse_effect_memory *m, stiffness k, const acting *to, tse_real dt, int32_t steps, point *at);
 
 #undef IF_ON
 

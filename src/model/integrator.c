@@ -1,131 +1,203 @@
-/* model/integrator.c - the motion of vehicle.h with the effects of effects.h, evaluated at the state of every step. */
+/* model/integrator.c - the motion of vehicle.h with the effects of effects.h, evaluated at the state of every step. Wheels turn as a log
+ * says (replay) or as torques make them (simulator). */
 #include "model/effects.h"
 
-/* [vx vy r], then the four states of LAG */
-enum { MOTION = 7 };
+/* [vx vy r], R omega of the wheels, the four states of LAG */
+enum { TURNS = 3,
+       LAGS = 5,
+       MOTION = 9 };
 
-static void motion_of(const tse_effects *e, const point *pt, const tse_real lag[4], tse_real f[MOTION])
+static tse_real brake(const wheels *w, int a, tse_real v)
 {
-  f[0] = pt->force.x + r_mul(pt->vy, pt->r);
-  f[1] = pt->force.y - r_mul(pt->vx, pt->r);
-  f[2] = pt->force.yaw;
-  if (!e->mask) return;
-  f[0] += pt->gravity_x;
-  f[1] += pt->gravity_y;
-  if (!effects_lag(e)) return;
-  tse_real rate[4];
-  effects_lag_rates(e, pt, rate);
-  for (int i = 0; i < 4; i++) f[3 + i] = r_mul(rate[i], pt->target[i] - lag[i]);
+  return r_mul(w->brake[a], r_clamp(r_div(v, w->still[a]), TSE_R(-1), TSE_R(1)));
 }
 
-/* 1 - g h J of ROS2, with the states of LAG eliminated: such a state a, a' = rate (alpha - a), answers
+/* Slope of brake() over v; where the brake slips it is zero. The secant never is. */
+static tse_real brake_slope(const wheels *w, int a, tse_real v, int secant)
+{
+  if (secant) return r_div(w->brake[a], r_max(r_abs(v), w->still[a]));
+  return r_abs(v) < w->still[a] ? r_div(w->brake[a], w->still[a]) : TSE_R(0);
+}
+
+/* (1), (2) without their sampling, wheels and lags. */
+static void motion_of(const point *pt, const tse_real lag[4], tse_real f[MOTION])
+{
+  const wheels *const w = &pt->w;
+  const tse_real v[2] = { pt->u.v_front, pt->u.v_rear }, fx[2] = { pt->fx_front, pt->fx_rear };
+  const int lags = effects_lag(&pt->p->effects);
+  f[0] = pt->force.x + r_mul(pt->vy, pt->r) + pt->gravity_x;
+  f[1] = pt->force.y - r_mul(pt->vx, pt->r) + pt->gravity_y;
+  f[2] = pt->force.yaw;
+  for (int a = 0; a < 2; a++) f[TURNS + a] = w->turning ? w->drive[a] - brake(w, a, v[a]) - r_mul(w->load[a], fx[a]) : TSE_R(0);
+  for (int i = 0; i < 4; i++) f[LAGS + i] = lags ? r_mul(pt->rate[i], pt->target[i] - lag[i]) : TSE_R(0);
+}
+
+/* 1 - g h J of ROS2, J with what is stiff: the arrow (vx; wheels) and the block (vy, r). Tyres that saturate enter by their secant, which
+ * overestimates their damping. The states of LAG are eliminated: such a state a, a' = rate (alpha - a), answers
  * with b = gh rate/(1 + gh rate) of what its slip does, so that is how much of its tyre's damping is left. */
 typedef struct solver {
   const point *at;
   tse_real inv_mx;
+  tse_real pull[2], inv_turn[2];    /* gh times a tyre's damping of vx; 1/diagonal of a wheel, 0 where its speed is given */
   lateral_block side;
   tse_real slow[4], b[4], force[4]; /* 1/(1 + gh rate); b; gh times stiffness over mass */
   int lags;
 } solver;
 
-static solver lags_factor(const point *pt, tse_real gh)
+static void factor_lags(const point *pt, tse_real gh, solver *m)
+{
+  const tse_real k[4] = { pt->k.y_front, pt->k.y_rear, pt->k.x_front, pt->k.x_rear };
+  for (int i = 0; i < 4; i++) {
+    const int state = pt->rate[i] > TSE_R(0);
+    m->slow[i] = r_div(TSE_R(1), TSE_R(1) + r_mul(gh, pt->rate[i]));
+    m->b[i] = state ? r_mul(r_mul(gh, pt->rate[i]), m->slow[i]) : TSE_R(1);
+    m->force[i] = state ? r_mul(gh, k[i]) : TSE_R(0);
+  }
+}
+
+static solver factored(const point *pt, tse_real gh, int secant)
 {
   solver m;
-  const tse_params *const p = pt->p;
-  tse_real yf = r_mul(pt->k.y_front, pt->s.inv_body), yr = r_mul(pt->k.y_rear, pt->s.inv_body);
-  tse_real xf = r_mul(pt->k.x_front, pt->s.inv_front), xr = r_mul(pt->k.x_rear, pt->s.inv_rear);
+  const wheels *const w = &pt->w;
+  const tse_real v[2] = { pt->u.v_front, pt->u.v_rear };
+  tse_real y[2] = { r_mul(pt->k.y_front, pt->s.inv_body), r_mul(pt->k.y_rear, pt->s.inv_body) };
+  tse_real x[2] = { r_mul(pt->k.x_front, pt->s.inv_front), r_mul(pt->k.x_rear, pt->s.inv_rear) };
   m.at = pt;
-  m.lags = effects_lag(&p->effects);
-  if (m.lags) {
-    const tse_real k[4] = { pt->k.y_front, pt->k.y_rear, pt->k.x_front, pt->k.x_rear };
-    tse_real rate[4];
-    effects_lag_rates(&p->effects, pt, rate);
-    for (int i = 0; i < 4; i++) {
-      const int state = rate[i] > TSE_R(0);
-      m.slow[i] = r_div(TSE_R(1), TSE_R(1) + r_mul(gh, rate[i]));
-      m.b[i] = state ? r_mul(r_mul(gh, rate[i]), m.slow[i]) : TSE_R(1);
-      m.force[i] = state ? r_mul(gh, k[i]) : TSE_R(0);
+  m.lags = effects_lag(&pt->p->effects);
+  if (m.lags) factor_lags(pt, gh, &m);
+  for (int a = 0; a < 2; a++) {
+    if (m.lags) {
+      y[a] = r_mul(y[a], m.b[a]);
+      x[a] = r_mul(x[a], m.b[2 + a]);
     }
-    yf = r_mul(yf, m.b[0]);
-    yr = r_mul(yr, m.b[1]);
-    xf = r_mul(xf, m.b[2]);
-    xr = r_mul(xr, m.b[3]);
+    m.pull[a] = m.inv_turn[a] = TSE_R(0);
+    if (!w->turning) continue;
+    const tse_real held = TSE_R(1) + r_mul(gh, brake_slope(w, a, v[a], secant)); /* a wheel that the car turns takes the rest along */
+    m.pull[a] = r_mul(gh, x[a]);
+    m.inv_turn[a] = r_div(TSE_R(1), held + r_mul(w->load[a], m.pull[a]));
+    x[a] = r_mul(x[a], r_mul(held, m.inv_turn[a]));
   }
-  m.inv_mx = r_div(TSE_R(1), TSE_R(1) + r_mul(gh, xf + xr));
-  m.side = vehicle_block(p, yf, yr, pt->vx, gh);
+  m.inv_mx = r_div(TSE_R(1), TSE_R(1) + r_mul(gh, x[0] + x[1]));
+  m.side = vehicle_block(pt->p, y[0], y[1], pt->vx, gh);
   return m;
 }
 
-static void lags_solve(const solver *m, const tse_real f[MOTION], tse_real k[MOTION])
+static void solve(const solver *m, const tse_real f[MOTION], tse_real k[MOTION])
 {
   const tse_params *const p = m->at->p;
+  const tse_real *const load = m->at->w.load;
+  const int turning = m->at->w.turning;
   const slips *const s = &m->at->s;
-  tse_real fx = f[0], fy = f[1], fr = f[2], own[4];
+  tse_real fx = f[0], fy = f[1], fr = f[2], fw[2] = { f[TURNS], f[TURNS + 1] }, own[4];
+  for (int i = 0; i < 4; i++) own[i] = m->lags ? r_mul(f[LAGS + i], m->slow[i]) : TSE_R(0);
   if (m->lags) {
-    for (int i = 0; i < 4; i++) own[i] = r_mul(f[3 + i], m->slow[i]);
     const tse_real front = r_mul(m->force[0], own[0]), rear = r_mul(m->force[1], own[1]);
-    fx += r_mul(m->force[2], own[2]) + r_mul(m->force[3], own[3]);
+    const tse_real along[2] = { r_mul(m->force[2], own[2]), r_mul(m->force[3], own[3]) };
+    fx += along[0] + along[1];
     fy += front + rear;
     fr += r_mul(p->jf, front) - r_mul(p->jr, rear);
+    for (int a = 0; a < 2 && turning; a++) fw[a] -= r_mul(load[a], along[a]);
   }
+  for (int a = 0; a < 2 && turning; a++) fx += r_mul(r_mul(m->pull[a], m->inv_turn[a]), fw[a]);
   k[0] = r_mul(fx, m->inv_mx);
   vehicle_solve(&m->side, fy, fr, &k[1], &k[2]);
-  if (m->lags) { /* with the slips' derivatives: d alpha/d vy = -1/v, d alpha/d r = -lf/v, lr/v; d slip/d vx = -1/v */
-    k[3] = own[0] - r_mul(r_mul(m->b[0], s->inv_body), k[1] + r_mul(p->lf, k[2]));
-    k[4] = own[1] - r_mul(r_mul(m->b[1], s->inv_body), k[1] - r_mul(p->lr, k[2]));
-    k[5] = own[2] - r_mul(r_mul(m->b[2], s->inv_front), k[0]);
-    k[6] = own[3] - r_mul(r_mul(m->b[3], s->inv_rear), k[0]);
-  }
+  for (int a = 0; a < 2; a++) k[TURNS + a] = turning ? r_mul(fw[a] + r_mul(load[a], r_mul(m->pull[a], k[0])), m->inv_turn[a]) : TSE_R(0);
+  for (int i = 0; i < 4; i++) k[LAGS + i] = own[i];
+  if (!m->lags) return;
+  /* with the slips' derivatives: d alpha/d vy = -1/v, d alpha/d r = -lf/v, lr/v; d slip/d vx = -1/v, d slip/d (R omega) = 1/v */
+  k[LAGS] = own[0] - r_mul(r_mul(m->b[0], s->inv_body), k[1] + r_mul(p->lf, k[2]));
+  k[LAGS + 1] = own[1] - r_mul(r_mul(m->b[1], s->inv_body), k[1] - r_mul(p->lr, k[2]));
+  k[LAGS + 2] = own[2] - r_mul(r_mul(m->b[2], s->inv_front), k[0] - k[TURNS]);
+  k[LAGS + 3] = own[3] - r_mul(r_mul(m->b[3], s->inv_rear), k[0] - k[TURNS + 1]);
 }
 
-/* What the inputs alone change of the lags' derivatives from u0 to u: h df/dt. Added to the first stage of ROS2 and taken from
+/* What the inputs alone change of the lags' derivatives until `to`: h df/dt. Added to the first stage of ROS2 and taken from
  * the second, times g, as Rosenbrock methods do with explicit time; without it a lag much shorter than the step, which follows
  * its slip at once, would overshoot by 1/(2 g). */
-static void input_drift(const tse_params *p, const point *at, inputs u, const given *g, tse_real ramp[4])
+static void input_drift(const point *at, const acting *to, tse_real ramp[4])
 {
-  tse_real rate[4];
-  effects_lag_rates(&p->effects, at, rate);
-  const tse_real ahead = r_mul(r_mul(u.steer - at->u.steer, at->vx), at->s.inv_body);
-  ramp[0] = r_mul(rate[0], ahead + g->slip_front - at->g.slip_front);
-  ramp[1] = r_mul(rate[1], g->slip_rear - at->g.slip_rear);
-  ramp[2] = r_mul(rate[2], r_mul(u.v_front - at->u.v_front, at->s.inv_front));
-  ramp[3] = r_mul(rate[3], r_mul(u.v_rear - at->u.v_rear, at->s.inv_rear));
+  const tse_real given_speeds = at->w.turning ? TSE_R(0) : TSE_R(1);
+  const tse_real *const rate = at->rate;
+  const tse_real ahead = r_mul(r_mul(to->u.steer - at->u.steer, at->vx), at->s.inv_body);
+  ramp[0] = r_mul(rate[0], ahead + to->g.slip_front - at->g.slip_front);
+  ramp[1] = r_mul(rate[1], to->g.slip_rear - at->g.slip_rear);
+  ramp[2] = r_mul(r_mul(given_speeds, rate[2]), r_mul(to->u.v_front - at->u.v_front, at->s.inv_front));
+  ramp[3] = r_mul(r_mul(given_speeds, rate[3]), r_mul(to->u.v_rear - at->u.v_rear, at->s.inv_rear));
 }
 
-static tse_real kept(tse_real x) { return r_abs(x) < LEAST ? TSE_R(0) : x; }
+/* Could a brake stop its wheel within the step? Only tyres that saturate let it. */
+static int may_lock(const point *at, const wheels *w, tse_real h)
+{
+  const tse_real v[2] = { at->u.v_front, at->u.v_rear };
+  int locks = 0;
+  for (int a = 0; a < 2 && w->turning && at->friction > TSE_R(0); a++)
+    locks |= r_mul(h, w->brake[a]) > r_mul(TSE_R(0.5), r_abs(v[a]));
+  return locks;
+}
 
-/* ROS2 of vehicle.h. The point at the end is the first stage of the next step, too. */
-static void step(const tse_params *p, tse_effect_memory *m, stiffness k, inputs u, const given *g, tse_real h, point *at)
+/* The point h later, dx from `at` and from the lags at it.   Updated: b  all that effects_at() does not evaluate    end  the lags there */
+static void moved(const point *at, const tse_real lag[4], const tse_real dx[MOTION], const acting *to, tse_real h, point *b, tse_real end[4])
+{
+  b->vx = at->vx + dx[0];
+  b->vy = at->vy + dx[1];
+  b->r = at->r + dx[2];
+  b->u = to->u;
+  if (to->w.turning) {
+    b->u.v_front = at->u.v_front + dx[TURNS];
+    b->u.v_rear = at->u.v_rear + dx[TURNS + 1];
+  }
+  b->g = to->g;
+  b->w = to->w;
+  b->friction = at->friction;
+  b->ahead = h;
+  for (int i = 0; i < 4; i++) end[i] = lag[i] + dx[LAGS + i];
+}
+
+/* ROS2 of vehicle.h.   Updated: dx  change of the state within h */
+static void ros2(const tse_effect_memory *m, stiffness k, const acting *to, tse_real h, const point *at, tse_real dx[MOTION])
+{
+  const solver lu = factored(at, r_mul(ROS2, h), 0);
+  tse_real f[MOTION], k1[MOTION], k2[MOTION], lag[4], ramp[4] = { TSE_R(0), TSE_R(0), TSE_R(0), TSE_R(0) };
+  point b;
+  motion_of(at, m->lag, f);
+  if (lu.lags) input_drift(at, to, ramp);
+  for (int i = 0; i < 4; i++) f[LAGS + i] += r_mul(ROS2, ramp[i]);
+  solve(&lu, f, k1);
+  for (int i = 0; i < MOTION; i++) dx[i] = r_mul(h, k1[i]);
+  moved(at, m->lag, dx, to, h, &b, lag);
+  effects_at(at->p, m, lag, k, &b);
+  motion_of(&b, lag, f);
+  for (int i = 0; i < MOTION; i++) f[i] = f[i] - k1[i] - k1[i];
+  for (int i = 0; i < 4; i++) f[LAGS + i] = f[LAGS + i] - r_mul(ROS2, ramp[i]);
+  solve(&lu, f, k2);
+  for (int i = 0; i < MOTION; i++) dx[i] = r_mul(r_mul(TSE_R(0.5), h), k1[i] + k1[i] + k1[i] + k2[i]);
+}
+
+/* Implicit Euler, with what acts at the end. Stages of ROS2 would jump over the brake's change of sign where a wheel locks; here secants keep
+ * all terms off the diagonal to the sign with which no wheel is braked into reverse, whatever the torque. */
+static void euler(const tse_effect_memory *m, stiffness k, const acting *to, tse_real h, point *at, tse_real dx[MOTION])
+{
+  tse_real f[MOTION], k1[MOTION];
+  at->u.steer = to->u.steer;
+  at->w = to->w;
+  effects_at(at->p, m, m->lag, k, at);
+  const solver lu = factored(at, h, 1);
+  motion_of(at, m->lag, f);
+  solve(&lu, f, k1);
+  for (int i = 0; i < MOTION; i++) dx[i] = r_mul(h, k1[i]);
+}
+
+/* One step. The point at the end is the first stage of the next step, too. */
+static void step(const tse_params *p, tse_effect_memory *m, stiffness k, const acting *to, tse_real h, point *at)
 {
   const tse_effects *const e = &p->effects;
-  const solver lu = lags_factor(at, r_mul(ROS2, h));
-  const tse_real half = r_mul(TSE_R(0.5), h);
-  tse_real f[MOTION], k1[MOTION], k2[MOTION], lag[4], ramp[4];
+  tse_real dx[MOTION];
   point b;
-  motion_of(e, at, m->lag, f);
-  if (lu.lags) {
-    input_drift(p, at, u, g, ramp);
-    for (int i = 0; i < 4; i++) ramp[i] = r_mul(ROS2, ramp[i]);
-    for (int i = 0; i < 4; i++) f[3 + i] += ramp[i];
-  }
-  lags_solve(&lu, f, k1);
-  b.vx = at->vx + r_mul(h, k1[0]);
-  b.vy = at->vy + r_mul(h, k1[1]);
-  b.r = at->r + r_mul(h, k1[2]);
-  b.u = u;
-  b.g = *g;
-  b.ahead = h;
-  for (int i = 0; i < 4; i++) lag[i] = lu.lags ? m->lag[i] + r_mul(h, k1[3 + i]) : TSE_R(0);
-  effects_at(p, m, lag, k, &b);
-  motion_of(e, &b, lag, f);
-  for (int i = 0; i < (lu.lags ? MOTION : 3); i++) f[i] = f[i] - k1[i] - k1[i];
-  for (int i = 0; i < 4 && lu.lags; i++) f[3 + i] = f[3 + i] - ramp[i];
-  lags_solve(&lu, f, k2);
-  b.vx = at->vx + r_mul(half, k1[0] + k1[0] + k1[0] + k2[0]);
-  b.vy = at->vy + r_mul(half, k1[1] + k1[1] + k1[1] + k2[1]);
-  b.r = at->r + r_mul(half, k1[2] + k1[2] + k1[2] + k2[2]);
-  if (lu.lags)
-    for (int i = 0; i < 4; i++) m->lag[i] = kept(m->lag[i] + r_mul(half, k1[3 + i] + k1[3 + i] + k1[3 + i] + k2[3 + i]));
+  if (may_lock(at, &to->w, h)) euler(m, k, to, h, at, dx);
+  else ros2(m, k, to, h, at, dx);
+  moved(at, m->lag, dx, to, h, &b, m->lag);
+  for (int i = 0; i < 4; i++)
+    if (r_abs(m->lag[i]) < LEAST) m->lag[i] = TSE_R(0);
   effects_at(p, m, m->lag, k, &b);
   effects_remember(e, m, at, &b, h);
   b.ahead = TSE_R(0);
@@ -149,31 +221,36 @@ void effects_settle(const tse_params *p, tse_effect_memory *m, stiffness k, poin
   m->settled = 1;
 }
 
-static given given_between(const given *a, const given *b, tse_real share)
+static tse_real between(tse_real a, tse_real b, tse_real share) { return a + r_mul(share, b - a); }
+
+/* What acts after k of these steps. */
+static acting acting_between(const acting *from, const acting *to, int32_t k, int32_t steps)
 {
-  given g;
-  g.grade = a->grade + r_mul(share, b->grade - a->grade);
-  g.bank = a->bank + r_mul(share, b->bank - a->bank);
-  g.slip_front = a->slip_front + r_mul(share, b->slip_front - a->slip_front);
-  g.slip_rear = a->slip_rear + r_mul(share, b->slip_rear - a->slip_rear);
-  g.x = a->x + r_mul(share, b->x - a->x);
-  g.y = a->y + r_mul(share, b->y - a->y);
-  g.yaw = a->yaw + r_mul(share, b->yaw - a->yaw);
-  return g;
+  acting now = *to;
+  if (k >= steps) return now;
+  const tse_real share = r_div(r_from_int(k), r_from_int(steps));
+  const given *const a = &from->g, *const b = &to->g;
+  now.u = vehicle_between(from->u, to->u, k, steps);
+  now.g.grade = between(a->grade, b->grade, share);
+  now.g.bank = between(a->bank, b->bank, share);
+  now.g.slip_front = between(a->slip_front, b->slip_front, share);
+  now.g.slip_rear = between(a->slip_rear, b->slip_rear, share);
+  now.g.x = between(a->x, b->x, share);
+  now.g.y = between(a->y, b->y, share);
+  now.g.yaw = between(a->yaw, b->yaw, share);
+  for (int i = 0; i < 2 && to->w.turning; i++) {
+    now.w.drive[i] = between(from->w.drive[i], to->w.drive[i], share);
+    now.w.brake[i] = between(from->w.brake[i], to->w.brake[i], share);
+  }
+  return now;
 }
 
-void effects_advance(const tse_params *p, tse_effect_memory *m, stiffness k, inputs to, const given *g, tse_real dt, point *at)
+void effects_advance(const tse_params *p, tse_effect_memory *m, stiffness k, const acting *to, tse_real dt, int32_t steps, point *at)
 {
-  const inputs from = at->u;
-  const int32_t steps = vehicle_steps(p, dt, from, to);
-  if (steps == 1) {
-    step(p, m, k, to, g, dt, at);
-    return;
-  }
-  const given before = at->g;
+  const acting from = { at->u, at->g, at->w };
   const tse_real h = r_div(dt, r_from_int(steps));
   for (int32_t i = 1; i <= steps; i++) {
-    const given now = given_between(&before, g, i < steps ? r_div(r_from_int(i), r_from_int(steps)) : TSE_R(1));
-    step(p, m, k, vehicle_between(from, to, i, steps), &now, h, at);
+    const acting now = acting_between(&from, to, i, steps);
+    step(p, m, k, &now, h, at);
   }
 }

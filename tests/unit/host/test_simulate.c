@@ -1087,7 +1087,7 @@ static void test_what_is_no_car_before_a_row_is_none_after_it(void)
   for (int k = 0; k < 10; k++) step(&u, &y);
   const tse_sim good = sim;
   tse_real *const part[] = { &sim.x[0], &sim.x[1], &sim.x[2], &sim.x[3], &sim.x[4], &sim.bias[0], &sim.bias[1],
-                             &sim.bias[2], &sim.x[5], &sim.x[6], &sim.x[7], &sim.x[8], &sim.steer, &sim.effects.lag[0] };
+                             &sim.bias[2], &sim.effects.lag[0], &sim.effects.lag[3], &sim.steer };
   for (int i = 0; i < ROWS(part); i++) {
     *part[i] = broken();
     expect_refused(&u, TSE_E_INPUT, "a part that is no number");

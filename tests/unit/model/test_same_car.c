@@ -54,8 +54,8 @@ static void start(const tse_params *p, const tse_sim *sim, tse_real x[STATES])
 {
   for (int i = 0; i < STATES; i++) x[i] = p->prior[i];
   for (int i = VX; i <= YAW; i++) x[i] = sim->x[i - VX];
-  x[AF] = sim->x[5];
-  x[AR] = sim->x[6];
+  x[AF] = sim->effects.lag[0];
+  x[AR] = sim->effects.lag[1];
   for (int i = SF; i <= SR; i++) x[i] = TSE_R(0);
 }
 
