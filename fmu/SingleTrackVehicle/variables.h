@@ -44,7 +44,7 @@ const fmu_variable fmu_variables[] = {
   { "effects.steering_delay.time", 'r', 'p', (int32_t)offsetof(model, config.steering_delay_time), FMU_NO_RATE, 0.0, 0.0, 0.2, "s", "the wheels turn this much later than logged" },
   { "effects.steering_lag.time", 'r', 'p', (int32_t)offsetof(model, config.steering_lag_time), FMU_NO_RATE, 0.0, 0.0, 0.5, "s", "time constant from the logged angle to the wheels, of both lags together" },
   { "effects.steering_lag.second", 'r', 'p', (int32_t)offsetof(model, config.steering_lag_second), FMU_NO_RATE, 0.0, 0.0, 1.0, "1", "second lag over the first; 0: one lag only" },
-  { "effects.exact_kinematics.share", 'r', 'p', (int32_t)offsetof(model, config.exact_kinematics_share), FMU_NO_RATE, 0.0, 0.0, 1.0, "1", "0: (1)-(4) with small angles, 1: exact, between: a mixture" },
+  { "effects.exact_kinematics.share", 'r', 'p', (int32_t)offsetof(model, config.exact_kinematics_share), FMU_NO_RATE, 1.0, 0.0, 1.0, "1", "0: (1)-(4) with small angles, 1: exact, between: a mixture" },
   { "effects.steering_compliance.angle_per_moment", 'r', 'p', (int32_t)offsetof(model, config.steering_compliance_angle_per_moment), FMU_NO_RATE, 0.0, 0.0, 0.001, "rad/(N m)", "steering angle lost per moment about the steering axis" },
   { "effects.steering_compliance.trail", 'r', 'p', (int32_t)offsetof(model, config.steering_compliance_trail), FMU_NO_RATE, 0.03, 0.001, 0.2, "m", "lever of the lateral force about the steering axis" },
   { "effects.rear_roll_steer.gain", 'r', 'p', (int32_t)offsetof(model, config.rear_roll_steer_gain), FMU_NO_RATE, 0.0, -0.5, 0.5, "1", "rear steering angle per roll angle, into the turn" },

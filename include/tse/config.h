@@ -86,7 +86,7 @@ typedef struct tse_config {
   tse_setting steering_delay_time;              /* [s] 0, 0 .. 0.2; the wheels turn this much later than logged */
   tse_setting steering_lag_time;                /* [s] 0, 0 .. 0.5; time constant from the logged angle to the wheels, of both lags together */
   tse_setting steering_lag_second;              /* [1] 0, 0 .. 1; second lag over the first; 0: one lag only */
-  tse_setting exact_kinematics_share;           /* [1] 0, 0 .. 1; 0: (1)-(4) with small angles, 1: exact, between: a mixture */
+  tse_setting exact_kinematics_share;           /* [1] 1, 0 .. 1; 0: (1)-(4) with small angles, 1: exact, between: a mixture */
   tse_setting steering_compliance_angle_per_moment; /* [rad/(N m)] 0, 0 .. 0.001; steering angle lost per moment about the steering axis */
   tse_setting steering_compliance_trail;        /* [m] 0.03, 0.001 .. 0.2; lever of the lateral force about the steering axis */
   tse_setting rear_roll_steer_gain;             /* [1] 0, -0.5 .. 0.5; rear steering angle per roll angle, into the turn */

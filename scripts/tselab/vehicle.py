@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from tselab.core import CONFIG, Config, SettingError, library, similar
+from tselab.core import CONFIG, Config, Effect, SettingError, library, similar
 from tselab.errors import UserError
 from tselab.formula import Formula, read_formula
 from tselab.log import MEASURES, Log
@@ -336,11 +336,16 @@ def _read_effects(path: Path, effects: Any, check: Config, values: dict[str, flo
     return unknown
 
 
+def is_set(config: Config, effect: Effect) -> bool:
+    """Return whether an effect is other than by default: exact kinematics off, the others on."""
+    return any(getattr(config, p.setting) != p.default for p in effect.strengths)
+
+
 def effects_toml(config: Config) -> str:
-    """The tables [effects.<id>] of a vehicle file: the effects that are on, with unit and meaning."""
+    """Return the tables [effects.<id>] of a vehicle file: the effects that are set, with unit and meaning."""
     lines: list[str] = []
     for effect in library().effects.values():
-        if any(getattr(config, p.setting) != 0 for p in effect.strengths):
+        if is_set(config, effect):
             lines += ["", f"[effects.{effect.id}]  # {effect.title}"]
             lines += [
                 f"{p.name} = {float(getattr(config, p.setting))!r}  # {p.unit}: {p.text}" for p in effect.parameters

@@ -46,6 +46,7 @@ void tse_config_paper(tse_config *c)
   if (!c) return;
   as_in_the_tables(c);
   c->form = 1;
+  c->exact_kinematics_share = TSE_S(0); /* of who simulates the paper's car: (1)-(4) */
   c->initial_spread = TSE_S(0.3); /* one reading of "30 %": of the mean and from sample to sample */
   c->initial_vel_x_sd = c->initial_vel_y_sd = TSE_S(1);
   c->initial_yaw_rate_sd = TSE_S(0.017453292519943295);
@@ -57,6 +58,7 @@ void tse_config_robust(tse_config *c)
   if (!c) return;
   as_in_the_tables(c);
   c->form = 1;
+  c->exact_kinematics_share = TSE_S(0);
   c->integration = 1;
   c->initial_vel_y_sd = TSE_S(1);
   c->initial_yaw_rate_sd = TSE_S(0.017453292519943295);
@@ -247,7 +249,7 @@ static uint32_t vehicle_fingerprint(const tse_config *c)
 {
   uint32_t h = 2166136261u;
   for (int i = 0; i < COUNT_VEHICLE; i++) h = mix_vehicle(h, real_at(c, &reals[i]));
-  const uint64_t on = effects_on(c);
+  const uint64_t on = effects_on(c) & ~((uint64_t)1 << TSE_EFFECT_exact_kinematics); /* the filter's are, whatever the setting says */
   for (int i = 0; i < COUNT_EFFECTS; i++)
     h = mix_effect(h, (int)(on >> effect_settings[i].effect & 1u), reals[FIRST_EFFECTS + i].name, real_at(c, &reals[FIRST_EFFECTS + i]));
   const int formula = (int)(on >> TSE_BIT_FORMULA & 1u);

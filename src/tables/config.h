@@ -28,7 +28,7 @@ static const real_row reals[] = { /* in the order of the members */
   REAL(mass_change, 0.0, -0.5, 1.0), REAL(yaw_inertia_change, 0.0, -0.5, 1.0), REAL(cg_shift_distance, 0.0, -0.6, 0.6),
   REAL(wheel_radius_change, 0.0, -0.1, 0.1), REAL(steering_ratio_change, 0.0, -0.3, 0.3),
   REAL(steering_offset_angle, 0.0, -0.05, 0.05), REAL(steering_delay_time, 0.0, 0.0, 0.2), REAL(steering_lag_time, 0.0, 0.0, 0.5),
-  REAL(steering_lag_second, 0.0, 0.0, 1.0), REAL(exact_kinematics_share, 0.0, 0.0, 1.0),
+  REAL(steering_lag_second, 0.0, 0.0, 1.0), REAL(exact_kinematics_share, 1.0, 0.0, 1.0),
   REAL(steering_compliance_angle_per_moment, 0.0, 0.0, 0.001), REAL(steering_compliance_trail, 0.03, 0.001, 0.2),
   REAL(rear_roll_steer_gain, 0.0, -0.5, 0.5), REAL(rear_roll_steer_roll, 0.0075, 0.0005, 0.03),
   REAL(rear_roll_steer_frequency, 1.5, 0.3, 6.0), REAL(rear_roll_steer_damping, 0.3, 0.05, 2.0),

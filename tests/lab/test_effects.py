@@ -35,7 +35,7 @@ def straight(rows=300, speed=20.0, **more):
     } | more
 
 
-def test_every_effect_has_strengths_that_are_settings_and_off():
+def test_every_effect_has_strengths_that_are_settings_and_off_but_the_kinematics():
     config = Config()
     catalogue = library().effects
     assert len(catalogue) == 33
@@ -45,7 +45,8 @@ def test_every_effect_has_strengths_that_are_settings_and_off():
             assert p.setting == f"{effect.id}_{p.name}" in config
             assert p.low <= p.typical[0] <= p.typical[1] <= p.high
             assert getattr(config, p.setting) == pytest.approx(p.default, rel=1e-6)
-            assert not p.strength or p.default == 0 < p.negligible < p.typical[0]
+            usual = 1 if effect.id == "exact_kinematics" else 0
+            assert not p.strength or (p.default == usual and 0 < p.negligible < p.typical[0])
 
 
 def test_look_alikes_are_effects_or_are_known_otherwise():
@@ -73,6 +74,7 @@ def test_written_effects_are_read_as_they_were(tmp_path):
     for name, value in config.changed().items():
         assert car.values[name] == value
     assert effects_toml(Config({"body_roll_frequency": 1.3})) == ""  # a shape of what is off
+    assert "[effects.exact_kinematics]" in effects_toml(Config({"exact_kinematics_share": 0.0}))
 
 
 def test_wrong_effects_are_refused_with_file_and_key(tmp_path):

@@ -75,10 +75,12 @@ static inline void straight(const tse_config *c, double speed, double dt, int ro
   }
 }
 
+/* That of (1)-(4), to which a test adds its effects. */
 static inline tse_config default_car(void)
 {
   tse_config c;
   tse_config_default(&c);
+  c.exact_kinematics_share = setting(0);
   return c;
 }
 

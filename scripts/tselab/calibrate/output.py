@@ -17,7 +17,7 @@ from tselab.formula import write_formula
 from tselab.gap.export.output import finite
 from tselab.identify.problem import UNLIKE_SD
 from tselab.identify.unknowns import LATENCIES, LATENCY, SUPERELEVATION, of_log
-from tselab.vehicle import GRAVITY, HINT_ONLY, formula_toml, sensor_settings, unknown_car, vehicle_settings
+from tselab.vehicle import GRAVITY, HINT_ONLY, formula_toml, is_set, sensor_settings, unknown_car, vehicle_settings
 
 # What is not believed to be known better, whatever the covariance says: axles differ in relaxation, steering moves with force.
 LEAN_SD, TRAIL_SD, GYRO_SD, RELAXATION_SD, ROLL_STEER_SD = 0.1, 0.02, 0.005, 0.12, 0.03
@@ -123,7 +123,7 @@ def toml(result: Result, logs: list[str], formula: Path) -> str:
         lines += formula_toml(vehicle.formula, formula).splitlines()
     config = Config(everything)
     for effect in library().effects.values():
-        if all(getattr(config, p.setting) == 0 for p in effect.strengths):
+        if not is_set(config, effect):
             continue
         lines += ["", f"[effects.{effect.id}]  # {effect.title}"]
         for p in effect.parameters:

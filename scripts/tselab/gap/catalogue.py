@@ -92,10 +92,13 @@ class Effect:
         return (*self.strengths, *self.shapes)
 
 
+IN_THE_MODEL = ("exact_kinematics",)  # on by default: nothing that may be missing
+
+
 @functools.cache
 def catalogue() -> dict[str, Effect]:
-    """Every effect by its id, in the library's order."""
-    rows = library().effects
+    """Return every effect that may be missing by its id, in the library's order."""
+    rows = {i: e for i, e in library().effects.items() if i not in IN_THE_MODEL}
     return {
         e.id: Effect(
             e.id, e.hook, e.title, e.entry_points, e.channels, tuple(x for x in e.look_alikes if x in rows), e.estimator,

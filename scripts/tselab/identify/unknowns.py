@@ -83,8 +83,6 @@ UNKNOWNS: tuple[Unknown, ...] = (
     Unknown("tyre_saturation_inverse_friction", "tyres", 0.5, 0.5, 0.0, 5.0, worth=0.2),
     Unknown("aero_drag_coefficient", "resistance", 0.4, 0.1, 0.0, 5.0, worth=0.1),
     Unknown("rolling_resistance_coefficient", "resistance", 0.01, 0.004, 0.0, 0.2, worth=0.003),
-    # the model of the car, hardly an unknown
-    Unknown("exact_kinematics_share", "kinematics", 1.0, 0.02, 0.0, 1.0, worth=0.2),
 )  # fmt: skip
 # What the vehicle file's [uncertainty] says of an unknown is its prior.
 UNCERTAINTY = {

@@ -59,10 +59,11 @@ class Case:
         }  # fmt: skip
 
     def vehicle_toml(self) -> str:
-        """The vehicle file: nominal values, nothing of what is hidden."""
+        """Return the vehicle file: nominal values and the kinematics of small angles, nothing of what is hidden."""
         lines = ['name = "gap study car"', 'driven_axle = "front"', f"wheelbase = {NOMINAL['lf'] + NOMINAL['lr']:.6g}"]
         lines += [f"{k} = {v:.6g}" for k, v in NOMINAL.items()]
-        return "\n".join([*lines, "", "[sensors]", *(f"{k} = {v:.6g}" for k, v in SENSORS.items()), ""])
+        lines += ["", "[sensors]", *(f"{k} = {v:.6g}" for k, v in SENSORS.items())]
+        return "\n".join([*lines, "", "[effects.exact_kinematics]", "share = 0.0", ""])
 
     def write(self, folder: Path | str, optional: bool | None = None) -> Path:
         """Write log_*.csv, hold_out_*.csv, car.toml and truth.json. `optional`: with speed and torques; None: as the Spec says."""
@@ -152,7 +153,7 @@ def make_case(
 def _prepare(spec: Spec) -> tuple[Case, list]:
     car = drawn_car(_stream(spec.seed, "car"))
     truth = hide(car, spec.effects, _stream(spec.seed, "effects " + " ".join(sorted(spec.effects))), spec.size)
-    names = spec.manoeuvres or (*CORE, "urban" if "exact_kinematics" in spec.effects else SIXTH[spec.seed % len(SIXTH)])
+    names = spec.manoeuvres or (*CORE, SIXTH[spec.seed % len(SIXTH)])
     jobs = []
     for kind, chosen in (("log", names), ("hold_out", spec.hold_out)):
         for name in chosen:

@@ -326,8 +326,6 @@ def _mode(which: str) -> Callable[[Car], dict[str, float]]:
 
 SAME = "same form as the catalogue"
 _ROWS = (
-    Effect("exact_kinematics", "on", "1", 1, 1, False, _set("exact"), _read("on", "exact"),
-           "switch: own velocity and angle of each wheel, trigonometric, 60 % Ackermann; has no size"),
     Effect("aero_drag", "kd", "kg/m", 0.35, 0.45, False, _set("drag"), _read("kd", "drag"), "kd v^2 of the flow the car feels"),
     Effect("rolling_resistance", "fr", "1", 0.008, 0.015, False, _set("rolling"), rolling_fr,
            "on each wheel's own load, 30 % more at 40 m/s; fr: mean over 10 .. 32 m/s"),

@@ -11,7 +11,7 @@ PAIRS = (
     ("body_roll", "tyre_saturation"), ("body_roll", "steering_ratio"), ("tyre_saturation", "relaxation"),
     ("grade", "pitch_leak"), ("bank", "steering_lag"), ("lateral_load_transfer", "longitudinal_load_transfer"),
     ("gyro_scale", "imu_lever_arm"), ("wheel_radius", "combined_slip"), ("crosswind", "body_roll"),
-    ("imu_misalignment", "yaw_inertia"), ("steering_offset", "relaxation"), ("exact_kinematics", "imu_scale_ay"),
+    ("imu_misalignment", "yaw_inertia"), ("steering_offset", "relaxation"), ("longitudinal_load_transfer", "imu_scale_ay"),
 )  # fmt: skip
 # With speed and torques in the logs: what they show, what they must not harm, and that they make no names by themselves.
 LOGGED = ("aero_drag", "rolling_resistance", "mass", "body_roll", "relaxation", "wheel_radius")
@@ -23,8 +23,6 @@ def study() -> list[Spec]:
     specs = [Spec(f"clean-{seed}", {}, seed) for seed in CLEAN_SEEDS]
     for size, label in ((1.0, "1x"), (0.5, "0.5x"), (2.0, "2x")):
         for key in CATALOGUE:
-            if key == "exact_kinematics" and size != 1.0:
-                continue  # a switch
             specs += [Spec(f"{key}-{label}-{seed}", {key: 1.0}, seed, size) for seed in SEEDS]
     specs += [Spec(f"{key}-1x-{seed}", {key: 1.0}, seed) for key in OUTSIDE for seed in SEEDS]
     specs += [Spec(f"{a}+{b}-1x-{seed}", {a: 1.0, b: 1.0}, seed) for seed, (a, b) in enumerate(PAIRS, start=1)]

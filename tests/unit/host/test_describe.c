@@ -601,7 +601,8 @@ static void test_effects_that_were_once_there_stay(void)
   }
 }
 
-/* Each is a setting with the same default and range; off is 0; a strength is typical and negligible within its bounds. */
+/* Each is a setting with the same default and range; off is 0, as all are but the kinematics; a strength is typical and negligible within
+ * its bounds. */
 static void test_parameters_of_effects_are_settings_with_sizes_that_make_sense(void)
 {
   int32_t count, effects;
@@ -617,7 +618,8 @@ static void test_parameters_of_effects_are_settings_with_sizes_that_make_sense(v
     TEST_ASSERT_EQUAL_STRING(f->text, p[i].text);
     TEST_ASSERT_TRUE(!(f->def < p[i].def) && !(f->def > p[i].def) && !(f->lo < p[i].lo) && !(f->lo > p[i].lo) && !(f->hi < p[i].hi) && !(f->hi > p[i].hi));
     TEST_ASSERT_TRUE_MESSAGE(p[i].lo <= p[i].typical_lo && p[i].typical_lo <= p[i].typical_hi && p[i].typical_hi <= p[i].hi, name);
-    if (p[i].strength > 0) TEST_ASSERT_TRUE_MESSAGE(!(p[i].def < 0) && !(p[i].def > 0) && p[i].negligible > 0 && p[i].negligible < p[i].typical_lo, name);
+    const double usual = strcmp(name, "exact_kinematics_share") ? 0 : 1;
+    if (p[i].strength > 0) TEST_ASSERT_TRUE_MESSAGE(!(p[i].def < usual) && !(p[i].def > usual) && p[i].negligible > 0 && p[i].negligible < p[i].typical_lo, name);
     else TEST_ASSERT_TRUE_MESSAGE(!(p[i].negligible > 0), name);
   }
   for (int32_t k = 0; k < effects; k++) {
@@ -637,6 +639,7 @@ static void test_a_strength_sets_the_bit_of_its_effect(void)
     tse_config c;
     int32_t bit = -1;
     tse_config_default(&c);
+    c.exact_kinematics_share = setting(0);
     const tse_setting value = setting(0.5 * (p[i].def + p[i].hi));
     memcpy((char *)&c + row_named(TSE_STRUCT_CONFIG, p[i].setting)->offset, &value, sizeof value);
     for (int32_t k = 0; k < effects; k++)

@@ -36,10 +36,12 @@ static tse_sim_config quiet(void) /* no noise, no spread */
   return s;
 }
 
+/* That of (1)-(4), the oracle of most tests; with exact kinematics the simulator is that of tests/unit/model/test_same_car.c. */
 static tse_config car(void)
 {
   tse_config c;
   tse_config_default(&c);
+  c.exact_kinematics_share = setting(0);
   return c;
 }
 

@@ -24,6 +24,7 @@ from tselab.vehicle import (
     Vehicle,
     formula_settings,
     formula_toml,
+    is_set,
     latency_settings,
     read_vehicle,
     sensor_settings,
@@ -117,7 +118,7 @@ def improved(vehicle: Vehicle, problem: Problem, result: Result) -> str:
                 "",
                 f"# {effect.title}: a profile over the distance, of the road and not of the car: not written.",
             ]
-        if all(getattr(config, p.setting) == 0 for p in effect.strengths):
+        if not is_set(config, effect):
             continue
         lines += ["", f"[effects.{effect.id}]  # {effect.title}{'' if n else ', as in the file'}"]
         if n:

@@ -19,7 +19,7 @@ SENSORS = ("steering_offset", "steering_delay", "imu_delay", "imu_lever_arm", "i
            "gyro_scale")  # fmt: skip
 # What every car has, more or less: that it shows is no surprise.
 EVERY_CAR = ("body_roll", "pitch_leak", "relaxation", "longitudinal_relaxation", "tyre_saturation", "combined_slip",
-             "lateral_load_transfer", "longitudinal_load_transfer", "exact_kinematics")  # fmt: skip
+             "lateral_load_transfer", "longitudinal_load_transfer")  # fmt: skip
 # Not asked: what a stiffness takes up at any size, altogether or but for a twentieth (aligning_moment, on the logs of two
 # generators): forms are known no better than that, so that what is left of it is what any other tyre leaves.
 ABSORBED = ("steering_compliance", "aligning_moment")
