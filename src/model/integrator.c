@@ -153,17 +153,26 @@ static void moved(const point *at, const tse_real lag[4], const tse_real dx[MOTI
   for (int i = 0; i < 4; i++) end[i] = lag[i] + dx[LAGS + i];
 }
 
-/* ROS2 of vehicle.h.   Updated: dx  change of the state within h */
-static void ros2(const tse_effect_memory *m, stiffness k, const acting *to, tse_real h, const point *at, tse_real dx[MOTION])
+/* Change of the state within h, by ROS2 of vehicle.h. Its stages would jump over the brake's change of sign where a wheel locks; there it is
+ * implicit Euler with what acts at the end: secants keep all terms off the diagonal to the sign with which no wheel is braked into reverse,
+ * whatever the torque.   Updated: dx; at, where a wheel locks */
+static void change_within(tse_real h, const tse_effect_memory *m, stiffness k, const acting *to, point *at, tse_real dx[MOTION])
 {
-  const solver lu = factored(at, r_mul(ROS2, h), 0);
+  const int locks = may_lock(at, &to->w, h);
   tse_real f[MOTION], k1[MOTION], k2[MOTION], lag[4], ramp[4] = { TSE_R(0), TSE_R(0), TSE_R(0), TSE_R(0) };
   point b;
+  if (locks) {
+    at->u.steer = to->u.steer;
+    at->w = to->w;
+    effects_at(at->p, m, m->lag, k, at);
+  }
+  const solver lu = factored(at, locks ? h : r_mul(ROS2, h), locks);
   motion_of(at, m->lag, f);
-  if (lu.lags) input_drift(at, to, ramp);
+  if (lu.lags && !locks) input_drift(at, to, ramp);
   for (int i = 0; i < 4; i++) f[LAGS + i] += r_mul(ROS2, ramp[i]);
   solve(&lu, f, k1);
   for (int i = 0; i < MOTION; i++) dx[i] = r_mul(h, k1[i]);
+  if (locks) return;
   moved(at, m->lag, dx, to, h, &b, lag);
   effects_at(at->p, m, lag, k, &b);
   motion_of(&b, lag, f);
@@ -173,28 +182,13 @@ static void ros2(const tse_effect_memory *m, stiffness k, const acting *to, tse_
   for (int i = 0; i < MOTION; i++) dx[i] = r_mul(r_mul(TSE_R(0.5), h), k1[i] + k1[i] + k1[i] + k2[i]);
 }
 
-/* Implicit Euler, with what acts at the end. Stages of ROS2 would jump over the brake's change of sign where a wheel locks; here secants keep
- * all terms off the diagonal to the sign with which no wheel is braked into reverse, whatever the torque. */
-static void euler(const tse_effect_memory *m, stiffness k, const acting *to, tse_real h, point *at, tse_real dx[MOTION])
-{
-  tse_real f[MOTION], k1[MOTION];
-  at->u.steer = to->u.steer;
-  at->w = to->w;
-  effects_at(at->p, m, m->lag, k, at);
-  const solver lu = factored(at, h, 1);
-  motion_of(at, m->lag, f);
-  solve(&lu, f, k1);
-  for (int i = 0; i < MOTION; i++) dx[i] = r_mul(h, k1[i]);
-}
-
 /* One step. The point at the end is the first stage of the next step, too. */
 static void step(const tse_params *p, tse_effect_memory *m, stiffness k, const acting *to, tse_real h, point *at)
 {
   const tse_effects *const e = &p->effects;
   tse_real dx[MOTION];
   point b;
-  if (may_lock(at, &to->w, h)) euler(m, k, to, h, at, dx);
-  else ros2(m, k, to, h, at, dx);
+  change_within(h, m, k, to, at, dx);
   moved(at, m->lag, dx, to, h, &b, m->lag);
   for (int i = 0; i < 4; i++)
     if (r_abs(m->lag[i]) < LEAST) m->lag[i] = TSE_R(0);
