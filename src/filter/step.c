@@ -36,19 +36,19 @@ static tse_real speed_of(const tse_filter *f, const decoded *z)
 
 /* Advance the timers: how long the steering angle and all wheel speeds have been missing, how long the wheels have stood. Keep
  * the wheel speeds for the next row. What is lost is found again by a row that has both. */
-static void advance_timers(const tse_params *p, tse_filter *f, const decoded *z)
+static void advance_timers(const tse_params *p, tse_filter *f, const decoded *z, tse_real speed)
 {
   const int wheels = has_wheel_speed(z);
   f->held_for = z->has_steer ? TSE_R(0) : r_min(f->held_for + z->dt, LONGEST_TIME);
   f->rolled_for = wheels ? TSE_R(0) : r_min(f->rolled_for + z->dt, LONGEST_TIME);
   f->lost = f->held_for > p->max_gap || f->rolled_for > ROLL_TIME || (f->lost && !(z->has_steer && wheels));
-  f->still_for = wheels && speed_of(f, z) < STILL_SPEED ? r_min(f->still_for + z->dt, STILL_TIME) : TSE_R(0);
+  f->still_for = wheels && speed < STILL_SPEED ? r_min(f->still_for + z->dt, STILL_TIME) : TSE_R(0);
   if (z->use[WHEEL_FRONT] || z->one_speed) f->v_front = z->z[WHEEL_FRONT];
   if (z->use[WHEEL_REAR]) f->v_rear = z->z[WHEEL_REAR];
 }
 
 /* Return what kind of row it is.   Given: f  with its timers at this row      gap  whether the motion cannot be followed to it */
-static passage classify(const tse_params *p, const tse_filter *f, const decoded *z, int gap)
+static passage classify(const tse_params *p, const tse_filter *f, const decoded *z, tse_real speed, int gap)
 {
   const int reverse = r_min(axle_speed(z, WHEEL_FRONT), axle_speed(z, WHEEL_REAR)) < -p->hold_speed;
   passage w;
@@ -56,7 +56,7 @@ static passage classify(const tse_params *p, const tse_filter *f, const decoded 
   w.predicted = f->lost || z->used == 0 || !z->has_steer;
   w.one_speed = z->one_speed;
   w.rolls = z->rolls;
-  w.held = speed_of(f, z) < p->hold_speed || reverse || r_abs(z->steer) > p->max_steer;
+  w.held = speed < p->hold_speed || reverse || r_abs(z->steer) > p->max_steer;
   return w;
 }
 
@@ -145,8 +145,9 @@ tse_status step_row(const tse_params *p, tse_filter *f, const tse_input *u, tse_
   const int fine = all_finite(&f->k);
   const int blind = f->held_for > r_mul(BLIND_ROWS, p->sample_time);
   const int gap = has_jumped(p, f, &z) || z.dt > p->max_gap || (z.has_steer && f->lost);
-  advance_timers(p, f, &z);
-  const passage w = classify(p, f, &z, gap);
+  const tse_real speed = speed_of(f, &z);
+  advance_timers(p, f, &z, speed);
+  const passage w = classify(p, f, &z, speed, gap);
   if (!f->started || w.held || w.gap || f->lost || (blind && z.has_steer)) place_row(p, f, &z);
   else follow_row(p, &f->k, &z);
   if (!fine || !all_finite(&f->k)) recover(p, f, &z);

@@ -146,25 +146,23 @@ static void roll_freely(const tse_params *p, tse_kalman *k, const decoded *z, co
   (void)use_scalar(k, NO_SENSOR_GOING, &m, TSE_R(1), change, &state);
 }
 
-/* What the car reads, as the state predicts it: forces, readings, their slopes over state and uncertain quantities, SI. */
+/* What the car reads, as the state predicts it, and its slopes over state and uncertain quantities, SI. */
 typedef struct prediction {
-  forces f;
   tse_real read[TSE_SENSORS], H[TSE_SENSORS][COLUMNS], doubts[TSE_SENSORS][TSE_DOUBTS];
 } prediction;
 
-/* Predict all sensors.   Updated: k  the mode of pitch, and what is known of the row for the next one */
-static void predict_sensors(const tse_params *p, tse_kalman *k, const decoded *z, steering u, prediction *s)
+/* Predict all sensors.   Given: f  forces at the row   Updated: k  the mode of pitch, and what is known of the row for the next one */
+static void predict_sensors(const tse_params *p, tse_kalman *k, const decoded *z, const forces *f, prediction *s)
 {
   const tse_car *const c = &p->car;
   tse_real share[3];
-  car_forces(c, k->x, u, TSE_R(1), &s->f);
-  const tse_real pitch = c->pitch_leak > TSE_R(0) || c->pitch_leak < TSE_R(0) ? car_pitch(c, k->pitch, s->f.x, z->dt) : TSE_R(0);
-  car_measure(c, k->x, &s->f, pitch, s->read, s->H);
+  const tse_real pitch = c->pitch_leak > TSE_R(0) || c->pitch_leak < TSE_R(0) ? car_pitch(c, k->pitch, f->x, z->dt) : TSE_R(0);
+  car_measure(c, k->x, f, pitch, s->read, s->H);
   signal_shares(k, share);
   for (int a = 0; a < TSE_SENSORS; a++)
     for (int i = 0; i < 3; i++) s->H[a][LCX + i] = r_mul(s->H[a][LCX + i], share[i]);
   if (z->no_slip) s->H[ACCEL_X][LCX] = TSE_R(0); /* one speed is no slip: nothing of the stiffness that it has */
-  slopes_of_sensors(p, k, &s->f, z->dt, s->doubts);
+  slopes_of_sensors(p, k, f, z->dt, s->doubts);
 }
 
 /* Follow what happens to the car: mean squares over MODEL_TIME, and of an uneven road, which shows as noise. */
@@ -185,8 +183,8 @@ static tse_real unexplained(const tse_params *p, const tse_kalman *k, int channe
   return r_mul(r_mul(r_sqr(p->model_sd), r_add_sat(TSE_R(1), r_div(r_mul(TSE_R(2), MODEL_TIME), dt))), k->activity[channel]);
 }
 
-/* Make the measurement of a channel about the state that those before it have left. */
-static void make_scalar(const tse_params *p, const tse_kalman *k, const decoded *z, const prediction *s, int channel, const tse_real change[TSE_ALL], scalar *m)
+/* Make the measurement of a channel about the state that those before it have left.   Given: sin_d  of the front wheels */
+static void make_scalar(const tse_params *p, const tse_kalman *k, const decoded *z, const prediction *s, tse_real sin_d, int channel, const tse_real change[TSE_ALL], scalar *m)
 {
   m->dt = z->dt;
   for (int i = STATES; i < TSE_ALL; i++) m->h[i] = TSE_R(0);
@@ -200,7 +198,7 @@ static void make_scalar(const tse_params *p, const tse_kalman *k, const decoded 
     m->doubts[q] = s->doubts[channel][q] + of_car;
   }
   /* the front wheels turn about one point, so that they are not one */
-  const tse_real turn = channel == WHEEL_FRONT ? r_sqr(r_mul(r_mul(TRACK_SHARE, k->x[VX]), r_sqr(s->f.sin_d))) : TSE_R(0);
+  const tse_real turn = channel == WHEEL_FRONT ? r_sqr(r_mul(r_mul(TRACK_SHARE, k->x[VX]), r_sqr(sin_d))) : TSE_R(0);
   m->white = r_mul(k->noise[channel], r_sqr(p->sensor_sd[channel])) + turn;
   m->r = m->white + unexplained(p, k, channel, z->dt);
 }
@@ -233,10 +231,12 @@ static void use_channel(const tse_params *p, tse_kalman *k, int channel, const s
 void update_row(const tse_params *p, tse_kalman *k, const decoded *z, steering u)
 {
   static const int order[TSE_SENSORS] = { WHEEL_FRONT, WHEEL_REAR, YAW_RATE, ACCEL_X, ACCEL_Y };
+  forces f;
   prediction s;
   tse_real change[TSE_ALL];
-  predict_sensors(p, k, z, u, &s);
-  follow_activity(p, k, &s.f, z->dt);
+  car_forces(&p->car, k->x, u, TSE_R(1), &f);
+  predict_sensors(p, k, z, &f, &s);
+  follow_activity(p, k, &f, z->dt);
   for (int i = 0; i < TSE_ALL; i++) change[i] = TSE_R(0);
   k->nis = k->unusual = TSE_R(0);
   k->channels = 0;
@@ -246,12 +246,12 @@ void update_row(const tse_params *p, tse_kalman *k, const decoded *z, steering u
     scalar m;
     k->innovation[channel] = k->innovation_var[channel] = TSE_R(0);
     if (!z->use[channel]) continue;
-    make_scalar(p, k, z, &s, channel, change, &m);
+    make_scalar(p, k, z, &s, f.sin_d, channel, change, &m);
     watch_repeats(k, channel, z->z[channel], r_div(r_sqr(m.e), r_max(m.white, r_sqr(p->sensor_sd[channel]))), z->dt);
     if (k->fault == fault_of(channel)) watch_fault(k, channel, &m);
     else use_channel(p, k, channel, &m, change);
   }
-  if (!z->one_speed) roll_freely(p, k, z, &s.f, change);
-  velocity_update(p, k, z, &s.f, change);
+  if (!z->one_speed) roll_freely(p, k, z, &f, change);
+  velocity_update(p, k, z, &f, change);
   finish(p, k, change);
 }

@@ -49,7 +49,7 @@ static tyres tyres_of(const tse_car *c, const tse_real x[STATES])
  *   Updated:  f       its slopes */
 static void slopes_of_forces(const tse_car *c, const tse_real x[STATES], const tyres *t, tse_real ax, tse_real ay, forces *f)
 {
-  const tse_real none = TSE_R(0);
+  const tse_real none = TSE_R(0), sine = f->sin_d, cosine = f->cos_d;
   const struct {
     int at;
     tse_real x, y, rear_x, rear_y; /* of the front axle along and across its wheels, of the rear axle */
@@ -65,8 +65,8 @@ static void slopes_of_forces(const tse_car *c, const tse_real x[STATES], const t
   };
   for (int j = 0; j < COLUMNS; j++) f->by_x[j] = f->by_y[j] = f->by_yaw[j] = TSE_R(0);
   for (int i = 0; i < (int)(sizeof by / sizeof by[0]); i++) {
-    const tse_real y = r_mul(by[i].y, f->cos_d) + r_mul(by[i].x, f->sin_d);
-    f->by_x[by[i].at] = r_mul(by[i].x, f->cos_d) - r_mul(by[i].y, f->sin_d) + by[i].rear_x;
+    const tse_real y = r_mul(by[i].y, cosine) + r_mul(by[i].x, sine);
+    f->by_x[by[i].at] = r_mul(by[i].x, cosine) - r_mul(by[i].y, sine) + by[i].rear_x;
     f->by_y[by[i].at] = y + by[i].rear_y;
     f->by_yaw[by[i].at] = r_mul(c->jf, y) - r_mul(c->trail, by[i].y) - r_mul(c->jr + c->trail, by[i].rear_y);
   }
@@ -121,49 +121,17 @@ static tse_real roll_swing(const tse_car *c, const tse_real x[STATES], tse_real 
   return mode_swing(x[PHI], x[DPHI], c->roll_rate, c->roll_damping, r_mul(c->roll_gain, ay));
 }
 
-/* A substep of h, for its slopes: forces and speeds before it, the slip angles that it asks for, the steering angle as it is
- * late, how far each slip angle is from where it goes, and the share of that way which it stays behind or goes. */
-typedef struct substep {
-  forces f;
-  tse_real h, vx, vy, r, steer, to_front, to_rear, turn, stays, goes;
-  kinematic front, rear;
-} substep;
-
-/* Move x by a substep, symplectic: velocities first, then slip angles and roll with them: stable without damping.
- *   Given: middle, end  of the substep, as a share of the row   Returned: s */
-static void substep_state(const tse_car *c, tse_real x[STATES], steering u, tse_real middle, tse_real end, tse_real h, substep *s)
+/* Move velocities and roll by a substep of h, and their slopes by the chain rule in the same order.   Given: f  forces in its middle */
+static void substep_velocities(const tse_car *c, tse_real x[STATES], const forces *f, tse_real h, tse_real M[MOTION][COLUMNS])
 {
-  car_forces(c, x, u, middle, &s->f);
-  const tse_real vx = x[VX], vy = x[VY], r = x[YAW], swing = roll_swing(c, x, s->f.y);
-  s->h = h;
-  s->vx = vx;
-  s->vy = vy;
-  s->r = r;
-  x[VX] = vx + r_mul(h, s->f.x + r_mul(vy, r) - x[GX]);
-  x[VY] = vy + r_mul(h, s->f.y - r_mul(TSE_R(1) - x[LEAN], r_mul(vx, r)) + x[GY] + r_mul(c->roll_coupling, swing));
-  x[YAW] = r + r_mul(h, s->f.yaw);
-  x[DPHI] += r_mul(h, swing);
-  x[PHI] += r_mul(h, x[DPHI]);
-  s->turn = r_div(r_mul(h, rolling_speed(x[VX])), c->relaxation);
-  s->stays = exponential(-s->turn);
-  s->goes = TSE_R(1) - s->stays;
-  s->front = kinematic_of(x[VY] + r_mul(c->lf, x[YAW]), x[VX]);
-  s->rear = kinematic_of(x[VY] - r_mul(c->lr, x[YAW]), x[VX]);
-  s->steer = u.from + r_mul(end, u.to - u.from) - r_mul(x[LATE], s->f.rate);
-  const tse_real d = r_mul(TSE_R(1) + x[GAIN], s->steer) + x[OFF] - r_mul(c->compliance, s->f.side);
-  s->to_front = d + s->front.a - x[AF];
-  s->to_rear = s->rear.a + r_mul(c->roll_steer, x[PHI]) - x[AR];
-  x[AF] += r_mul(s->goes, s->to_front);
-  x[AR] += r_mul(s->goes, s->to_rear);
-}
-
-/* Move the slopes of velocities and roll by the substep, by the chain rule in the same order.   Given: x  behind it */
-static void substep_velocities(const tse_car *c, const tse_real x[STATES], const substep *s, tse_real M[MOTION][COLUMNS])
-{
-  const forces *const f = &s->f;
-  const tse_real h = s->h, vx = s->vx, vy = s->vy, r = s->r, level = TSE_R(1) - x[LEAN];
+  const tse_real vx = x[VX], vy = x[VY], r = x[YAW], level = TSE_R(1) - x[LEAN], swing = roll_swing(c, x, f->y);
   const tse_real w2 = r_mul(c->roll_rate, c->roll_rate), drag = r_mul(TSE_R(2), r_mul(c->roll_damping, c->roll_rate));
   tse_real *const mx = M[VX], *const my = M[VY], *const mr = M[YAW], *const mf = M[AF], *const mb = M[AR], *const mp = M[PHI], *const mq = M[DPHI];
+  x[VX] = vx + r_mul(h, f->x + r_mul(vy, r) - x[GX]);
+  x[VY] = vy + r_mul(h, f->y - r_mul(level, r_mul(vx, r)) + x[GY] + r_mul(c->roll_coupling, swing));
+  x[YAW] = r + r_mul(h, f->yaw);
+  x[DPHI] += r_mul(h, swing);
+  x[PHI] += r_mul(h, x[DPHI]);
   for (int j = 0; j < COLUMNS; j++) {
     const tse_real direct = j >= MOTION ? TSE_R(1) : TSE_R(0);
     const tse_real gx = r_mul(f->by_x[VX], mx[j]) + r_mul(f->by_x[AF], mf[j]) + r_mul(f->by_x[AR], mb[j]) + r_mul(direct, f->by_x[j]);
@@ -182,24 +150,30 @@ static void substep_velocities(const tse_car *c, const tse_real x[STATES], const
   my[LEAN] += r_mul(h, r_mul(vx, r));
 }
 
-/* Move the slopes of the slip angles by the substep, with those of the velocities behind it.   Given: x  behind it */
-static void substep_slip_angles(const tse_car *c, const tse_real x[STATES], const substep *s, tse_real M[MOTION][COLUMNS])
+/* Move the slip angles by the substep, with the velocities and the roll behind it, and their slopes.   Given: steer  behind it, late */
+static void substep_slip_angles(const tse_car *c, tse_real x[STATES], const forces *f, tse_real steer, tse_real h, tse_real M[MOTION][COLUMNS])
 {
-  const tse_real goes = s->goes, stays = s->stays, by_length = -r_div(r_mul(stays, s->turn), c->relaxation);
+  const tse_real turn = r_div(r_mul(h, rolling_speed(x[VX])), c->relaxation), stays = exponential(-turn), goes = TSE_R(1) - stays;
+  const kinematic kf = kinematic_of(x[VY] + r_mul(c->lf, x[YAW]), x[VX]), kr = kinematic_of(x[VY] - r_mul(c->lr, x[YAW]), x[VX]);
+  const tse_real d = r_mul(TSE_R(1) + x[GAIN], steer) + x[OFF] - r_mul(c->compliance, f->side);
+  const tse_real to_front = d + kf.a - x[AF], to_rear = kr.a + r_mul(c->roll_steer, x[PHI]) - x[AR];
+  const tse_real by_length = -r_div(r_mul(stays, turn), c->relaxation);
   tse_real *const mf = M[AF], *const mb = M[AR];
+  x[AF] += r_mul(goes, to_front);
+  x[AR] += r_mul(goes, to_rear);
   for (int j = 0; j < COLUMNS; j++) {
-    const tse_real front = r_mul(s->front.by_side, M[VY][j] + r_mul(c->lf, M[YAW][j])) + r_mul(s->front.by_v, M[VX][j]);
-    const tse_real rear = r_mul(s->rear.by_side, M[VY][j] - r_mul(c->lr, M[YAW][j])) + r_mul(s->rear.by_v, M[VX][j]) + r_mul(c->roll_steer, M[PHI][j]);
+    const tse_real front = r_mul(kf.by_side, M[VY][j] + r_mul(c->lf, M[YAW][j])) + r_mul(kf.by_v, M[VX][j]);
+    const tse_real rear = r_mul(kr.by_side, M[VY][j] - r_mul(c->lr, M[YAW][j])) + r_mul(kr.by_v, M[VX][j]) + r_mul(c->roll_steer, M[PHI][j]);
     mf[j] = r_mul(stays, mf[j]) + r_mul(goes, front);
     mb[j] = r_mul(stays, mb[j]) + r_mul(goes, rear);
   }
   mf[OFF] += goes;
-  mf[GAIN] += r_mul(goes, s->steer);
-  mf[LATE] -= r_mul(r_mul(goes, TSE_R(1) + x[GAIN]), s->f.rate);
-  mf[BY_CENTRE] += r_mul(goes, r_mul(s->front.by_side, x[YAW]));
-  mb[BY_CENTRE] += r_mul(goes, r_mul(s->rear.by_side, x[YAW]));
-  mf[BY_LENGTH_FRONT] += r_mul(by_length, s->to_front);
-  mb[BY_LENGTH_REAR] += r_mul(by_length, s->to_rear);
+  mf[GAIN] += r_mul(goes, steer);
+  mf[LATE] -= r_mul(r_mul(goes, TSE_R(1) + x[GAIN]), f->rate);
+  mf[BY_CENTRE] += r_mul(goes, r_mul(kf.by_side, x[YAW]));
+  mb[BY_CENTRE] += r_mul(goes, r_mul(kr.by_side, x[YAW]));
+  mf[BY_LENGTH_FRONT] += r_mul(by_length, to_front);
+  mb[BY_LENGTH_REAR] += r_mul(by_length, to_rear);
   mb[BY_ROLL_STEER] += r_mul(goes, x[PHI]);
 }
 
@@ -213,10 +187,10 @@ void car_move(const tse_car *c, tse_real x[STATES], steering u, tse_real M[MOTIO
     for (int j = 0; j < COLUMNS; j++) M[i][j] = i == j ? TSE_R(1) : TSE_R(0);
   for (int32_t n = 0; n < steps; n++) {
     const tse_real from = r_mul(part, r_from_int(n));
-    substep s;
-    substep_state(c, x, u, from + r_mul(TSE_R(0.5), part), from + part, h, &s);
-    substep_velocities(c, x, &s, M);
-    substep_slip_angles(c, x, &s, M);
+    forces f;
+    car_forces(c, x, u, from + r_mul(TSE_R(0.5), part), &f);
+    substep_velocities(c, x, &f, h, M);
+    substep_slip_angles(c, x, &f, u.from + r_mul(from + part, u.to - u.from) - r_mul(x[LATE], f.rate), h, M);
   }
 }
 
