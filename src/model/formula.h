@@ -26,6 +26,7 @@ enum {
   /* end of table */
 };
 
+#if !defined(TSE_FORMULA)
 /* Operands that each takes from the stack, and whether it remembers. */
 static const struct {
   uint8_t code, takes, memory;
@@ -43,6 +44,7 @@ static const struct {
   { FORMULA_OP_rate, 1, 1 },
   /* end of table */
 };
+#endif
 
 typedef struct formula_run {
   const point *pt;
