@@ -179,7 +179,7 @@ static inline int formula_place_of(const tse_effects *e) { (void)e; return TSE_F
 
 static inline int formula_place_of(const tse_effects *e) { return e->formula_place; }
 
-/* tse_config_check() has seen that the program fits its stack and its memory. */
+/* Run the program of a formula. tse_config_check() has seen that it fits its stack and its memory. */
 static inline tse_real formula_program(formula_run *f)
 {
   tse_real s[FORMULA_STACK] = { TSE_R(0) };

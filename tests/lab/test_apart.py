@@ -17,7 +17,12 @@ from tselab.identify.fit import Fit
 from tselab.log import Log, read_frame
 
 DT, SECONDS, DRAG, ROLLING, TYRES = 0.01, 240.0, 0.4, 0.01, 120e3
-NAMES = ["wheel_speed_front_latency", "wheel_speed_rear_latency", "rolling_resistance_coefficient", "aero_drag_coefficient"]
+NAMES = [
+    "wheel_speed_front_latency",
+    "wheel_speed_rear_latency",
+    "rolling_resistance_coefficient",
+    "aero_drag_coefficient",
+]
 
 
 def drive(driven: str, later: float, seed: int) -> Log:
