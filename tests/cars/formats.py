@@ -1,0 +1,84 @@
+"""Float and fixed point beside double, on the same calibrated cars (README.md).
+
+    python -m tests.cars.formats --keep DIR --first SEED [--cars N] [--out FILE]
+
+DIR: that of `python -m tests.cars.study --keep DIR`. Each build reads the same logs with the same settings.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from tqdm import tqdm
+
+from scripts.fixed import library
+from tests.cars import ROADS
+from tests.cars.study import RESULTS, driven, estimated, score
+from tselab.core import STIFFNESS, Library
+
+REALS = ("double", "float", "fixed")
+
+
+def of_drive(car: Path, road: str, builds: dict[str, Library]) -> list[dict[str, Any]]:
+    """Return a row per build: its score on a drive, and how far its estimates are from those in double, in sd of these."""
+    log, _, truth = driven(car / "test", road)
+    rows, first = [], None
+    for real, lib in builds.items():
+        out, config = estimated(car / "calibrated.toml", log, lib=lib)
+        first = out if first is None else first
+        row: dict[str, Any] = {"car": car.name, "road": road, "real": real, **score(out, config, log, truth)}
+        for key in STIFFNESS:
+            apart = (out[key].astype(float) - first[key]) / first[f"{key}_sd"]
+            row[f"{key} apart"] = float(np.sqrt(np.mean(apart**2)))
+        rows.append(row)
+    return rows
+
+
+def table(runs: pd.DataFrame) -> list[str]:
+    """A line per build."""
+
+    def three(values: list[float], digits: int) -> str:
+        return " / ".join(f"{v:.{digits}f}" for v in values)
+
+    lines = ["| build | median error [%] | valid [%] | off [%] | 95 % interval holds [%] | from double, rms [sd of the estimate] |",
+             "|---|---|---|---|---|---|"]  # fmt: skip
+    for real, g in runs.groupby("real", sort=False):
+        cells = [str(real), three([100 * float(g[f"{k} error"].median()) for k in STIFFNESS], 2)]
+        for what, of in (("valid", "rows"), ("off", "valid"), ("held", "rows")):
+            cells.append(three([100 * g[f"{k} {what}"].sum() / max(g[f"{k} {of}"].sum(), 1) for k in STIFFNESS], 1))
+        cells.append(three([float(np.sqrt(np.mean(g[f"{k} apart"] ** 2))) for k in STIFFNESS], 3))
+        lines.append("| " + " | ".join(cells) + " |")
+    return lines
+
+
+def main(arguments: list[str]) -> int:
+    """Write the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--keep", type=Path, required=True, help="that of python -m tests.cars.study")
+    parser.add_argument("--cars", type=int, default=4, help="so many of its cars (default: 4)")
+    parser.add_argument("--first", type=int, required=True, help="the first seed of those cars")
+    parser.add_argument("--out", type=Path, default=RESULTS / "cars-formats.md", help="the table")
+    given = parser.parse_args(arguments)
+    builds = {real: library(real) for real in REALS}
+    jobs = [(given.keep / f"car{k}", road) for k in range(given.cars) for road in ROADS]
+    runs = pd.DataFrame([row for car, road in tqdm(jobs, file=sys.stderr) for row in of_drive(car, road, builds)])
+    head = f"""# Float and fixed point beside double, on cars
+
+`python -m tests.cars.formats --keep DIR --cars {given.cars} --first {given.first}` after
+`python -m tests.cars.study --cars {given.cars} --first {given.first} --keep DIR`: {len(jobs)} drives of
+{given.cars} calibrated cars with 14 degrees of freedom; each build reads the same logs with the same settings. Front
+longitudinal / front cornering / rear cornering; median error, *valid*, *off*, *holds* as in [cars](cars-fresh.md).
+
+"""
+    given.out.write_text(head + "\n".join(table(runs)) + "\n", encoding="utf-8")
+    print(f"{given.out}: {len(jobs)} drives")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
