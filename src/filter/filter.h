@@ -33,6 +33,13 @@
 #define state_unit     TSE_NAME(tse_state_unit)
 #define state_most     TSE_NAME(tse_state_most)
 
+/* A stage of a row keeps a frame of its own: inlined into the row, what is never alive at once adds up, to 1 kB of a Cortex-M4's stack. */
+#if defined(__GNUC__)
+#define STAGE __attribute__((noinline))
+#else
+#define STAGE
+#endif
+
 /* States of a measured velocity, behind those of the car (model/car.h): [rad] heading of the car, in the axes of the course;
  * [m/s] what the model does not explain of the speed across; [1] scale; [rad] heading offset of the INS; [s] latency beyond the
  * setting; [m] where it is measured. */
@@ -106,18 +113,18 @@ extern const tse_real state_most[TSE_ALL];
 tse_status row_decode(const tse_params *p, const tse_filter *f, const tse_input *u, decoded *z);
 
 /* start.c    Place all by the prior, or by what was loaded; the motion alone, by wheels, gyro and steering angle */
-void start_all(const tse_params *p, tse_filter *f);
-void start_motion(const tse_params *p, tse_kalman *k, const decoded *z);
+STAGE void start_all(const tse_params *p, tse_filter *f);
+STAGE void start_motion(const tse_params *p, tse_kalman *k, const decoded *z);
 
 /* predict.c  row: predict to the time of the row      rest: parameters alone, where nothing is known of the motion
  *            shares: of the slip, and of the slip angle of each axle, squared, that is no error of the estimate: of the slopes over
  *            their stiffness */
-steering predict_row(const tse_params *p, tse_kalman *k, const decoded *z);
+STAGE steering predict_row(const tse_params *p, tse_kalman *k, const decoded *z);
 void rest_row(const tse_params *p, tse_kalman *k, tse_real dt);
 void signal_shares(const tse_kalman *k, tse_real share[3]);
 
 /* update.c   Use one scalar measurement after the other; the gyro's bias at standstill */
-void update_row(const tse_params *p, tse_kalman *k, const decoded *z, steering u);
+STAGE void update_row(const tse_params *p, tse_kalman *k, const decoded *z, steering u);
 void update_still(const tse_params *p, tse_kalman *k, const decoded *z);
 
 /* A measurement as the filter predicts it: slopes over the state in its units, over uncertain quantities, innovation, noise. */
@@ -149,7 +156,7 @@ enum { NO_SENSOR_GOING = -1,
 void sensitivities_clear(tse_kalman *k, int count);
 void sensitivities_move(const tse_params *p, tse_kalman *k, tse_real M[MOTION][COLUMNS], const tse_real keep[STATES], tse_real dt);
 void events_learn(tse_kalman *k, int channel, const tse_real h[TSE_ALL], const tse_real gain[TSE_ALL], tse_real e, tse_real s, tse_real sd);
-void events_decide(const tse_params *p, tse_kalman *k, tse_real dt);
+STAGE void events_decide(const tse_params *p, tse_kalman *k, tse_real dt);
 tse_real event_amplitude(const tse_event *a, tse_real *var); /* after the samples: its mean and variance */
 int event_is_small(const tse_kalman *k, const tse_event *a); /* it may explain the samples, and calls for nothing */
 
@@ -170,7 +177,7 @@ typedef struct passage {
 } passage;
 
 /* output.c   Report estimates and probabilities; judge whether each stiffness is valid, and why not */
-void report_row(const tse_params *p, const tse_kalman *k, tse_output *out);
+STAGE void report_row(const tse_params *p, const tse_kalman *k, tse_output *out);
 void judge_row(const tse_params *p, const tse_kalman *k, const passage *w, tse_output *out);
 
 /* step.c     a row of tse_step() */
