@@ -7,7 +7,6 @@ DIR: that of `python -m tests.cars.study --keep DIR`. Each build reads the same 
 
 from __future__ import annotations
 
-import argparse
 import sys
 from pathlib import Path
 from typing import Any
@@ -18,7 +17,7 @@ from tqdm import tqdm
 
 from scripts.fixed import library
 from tests.cars import ROADS
-from tests.cars.study import RESULTS, driven, estimated, score
+from tests.cars.study import driven, estimated, parser_of_kept, score
 from tselab.core import STIFFNESS, Library
 
 REALS = ("double", "float", "fixed")
@@ -58,11 +57,7 @@ def table(runs: pd.DataFrame) -> list[str]:
 
 def main(arguments: list[str]) -> int:
     """Write the table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--keep", type=Path, required=True, help="that of python -m tests.cars.study")
-    parser.add_argument("--cars", type=int, default=4, help="so many of its cars (default: 4)")
-    parser.add_argument("--first", type=int, required=True, help="the first seed of those cars")
-    parser.add_argument("--out", type=Path, default=RESULTS / "cars-formats.md", help="the table")
+    parser = parser_of_kept(__doc__, "cars-formats.md")
     given = parser.parse_args(arguments)
     builds = {real: library(real) for real in REALS}
     jobs = [(given.keep / f"car{k}", road) for k in range(given.cars) for road in ROADS]

@@ -7,7 +7,6 @@ DIR: that of `python -m tests.cars.study --keep DIR`.
 
 from __future__ import annotations
 
-import argparse
 import sys
 from pathlib import Path
 from typing import Any
@@ -16,7 +15,7 @@ import pandas as pd
 from tqdm import tqdm
 
 from tests.cars import ROADS
-from tests.cars.study import RESULTS, SETTLED, SLOW, driven, estimated, score, table
+from tests.cars.study import SETTLED, SLOW, driven, estimated, parser_of_kept, score, table
 from tselab.calibrate import output, workflow
 
 
@@ -49,12 +48,8 @@ def of_car(car: Path, minutes: float) -> list[dict[str, Any]]:
 
 def main(arguments: list[str]) -> int:
     """Write the table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--keep", type=Path, required=True, help="that of python -m tests.cars.study")
-    parser.add_argument("--cars", type=int, default=4, help="so many of its cars (default: 4)")
-    parser.add_argument("--first", type=int, required=True, help="the first seed of those cars")
+    parser = parser_of_kept(__doc__, "minutes.md")
     parser.add_argument("--minutes", type=float, nargs="+", default=[0.4, 1.0, 3.0], help="lengths (default: 0.4 1 3)")
-    parser.add_argument("--out", type=Path, default=RESULTS / "minutes.md", help="the table")
     given = parser.parse_args(arguments)
     jobs = [(given.keep / f"car{k}", m) for m in given.minutes for k in range(given.cars)]
     runs = pd.DataFrame([row for job in tqdm(jobs, unit="search", file=sys.stderr) for row in of_car(*job)])

@@ -1,14 +1,13 @@
 """An uncalibrated car, estimated with and without a calibration on the log itself (tselab/calibrate/own.py): cars of a study,
 and real logs. The manoeuvres of the simulator (manners.py) are too short or too straight for one.
 
-    python -m tests.cars.own --keep DIR [--cars N] [--out FILE]
+    python -m tests.cars.own --keep DIR --first SEED [--cars N] [--out FILE]
 
 DIR is what `python -m tests.cars.study --keep DIR` has driven and calibrated. The vehicle file of `cars.py` is all that is known.
 """
 
 from __future__ import annotations
 
-import argparse
 import sys
 import tempfile
 from collections.abc import Callable
@@ -22,7 +21,7 @@ from tqdm import tqdm
 from tests.cars import ROADS
 from tests.cars.real import DATA
 from tests.cars.real import row as real_row
-from tests.cars.study import OFF, RESULTS, SETTLED, driven, score, table
+from tests.cars.study import OFF, SETTLED, driven, parser_of_kept, score, table
 from tselab.calibrate import own
 from tselab.calibrate.along import outputs
 from tselab.config import make_config
@@ -114,11 +113,7 @@ def of_real(scratch: Path) -> list[str]:
 
 
 def main(arguments: list[str]) -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--keep", type=Path, required=True, help="that of python -m tests.cars.study")
-    parser.add_argument("--cars", type=int, default=4, help="so many of its cars (default: 4)")
-    parser.add_argument("--first", type=int, default=3301, help="the first seed of those cars (default: 3301)")
-    parser.add_argument("--out", type=Path, default=RESULTS / "own.md", help="the table")
+    parser = parser_of_kept(__doc__, "own.md")
     given = parser.parse_args(arguments)
     runs = of_cars(given.keep, given.cars)
     with tempfile.TemporaryDirectory() as scratch:

@@ -275,6 +275,16 @@ def physical_table(found: pd.DataFrame) -> list[str]:
     return lines
 
 
+def parser_of_kept(about: str | None, table_file: str) -> argparse.ArgumentParser:
+    """Return the arguments of a study of cars that this one has kept. about: its docstring; table_file: where its table goes."""
+    parser = argparse.ArgumentParser(description=about, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--keep", type=Path, required=True, help="that of python -m tests.cars.study")
+    parser.add_argument("--cars", type=int, default=4, help="so many of its cars (default: 4)")
+    parser.add_argument("--first", type=int, required=True, help="the first seed of those cars")
+    parser.add_argument("--out", type=Path, default=RESULTS / table_file, help="the table")
+    return parser
+
+
 def main(arguments: list[str]) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--cars", type=int, default=8, help="how many (default: 8)")
