@@ -594,7 +594,12 @@ def estimator_outputs() -> list[str]:
             rows.append(output(f"estimate.{name}_reason", "i", f"y.{place}", "", why))
         elif r["kind"] == "stiffness":
             of, index = r["member"].rstrip("]").split("[")
-            place = {"stiffness": "mean", "stiffness_sd": "sd", "stiffness_spread": "spread"}[of]
+            place = {
+                "stiffness": "mean",
+                "stiffness_sd": "sd",
+                "stiffness_spread": "spread",
+                "stiffness_secant": "secant",
+            }[of]
             rows.append(output(f"estimate.{n}", "r", f"{place}[{index}]", r["unit"], r["text"]))
         else:
             kind = {"real": "r", "flag": "b", "code": "i"}[r["kind"]]

@@ -24,6 +24,7 @@ const fmu_array fmu_arrays[] = {
   ARRAY("estimate.stiffness_reason", 'i', y.reason, "", "0 valid, else why it may not be used: codes as those of estimate.cx_front_reason" ORDER)
   ARRAY("estimate.change_stiffness", 'r', y.change_ratio, "1", "stiffness now over that before the last change" ORDER)
   ARRAY("estimate.probability", 'r', y.regime, "1", "probabilities in the order of estimate.p_steady to estimate.p_restarted")
+  ARRAY("estimate.relative.stiffness_secant", 'r', y.stiffness_secant, "1", "stiffness in effect, relative to nominal" ORDER)
 };
 const int32_t fmu_array_count = (int32_t)(sizeof fmu_arrays / sizeof fmu_arrays[0]);
 
@@ -117,6 +118,9 @@ static void settings_used(const model *m, tse_config *used)
 
 static void derive_outputs(model *m)
 {
+  tse_output secant = m->y;
+  memcpy(secant.stiffness, m->y.stiffness_secant, sizeof secant.stiffness);
+  tse_stiffness_si(&m->used, &secant, m->secant, NULL, NULL);
   tse_stiffness_si(&m->used, &m->y, m->mean, m->sd, m->spread);
   m->all_valid = 1;
   for (int a = 0; a < 3; a++) {

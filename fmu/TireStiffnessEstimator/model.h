@@ -20,7 +20,7 @@ typedef struct model {
   tse_input row;                       /* inputs as set                                             */
   uint32_t pedals_given;               /* the bits of row.given that stand behind those of velocities */
   tse_output y;
-  tse_setting mean[3], sd[3], spread[3]; /* of the stiffness, N and N/rad                           */
+  tse_setting mean[3], sd[3], spread[3], secant[3]; /* of the stiffness, N and N/rad                           */
   int32_t valid[3], all_valid, grip_valid; /* stiffnesses, all three, grip                          */
   int32_t rows;                        /* 0: the next row is the first                              */
   double time;                         /* [s] of the last row                                       */

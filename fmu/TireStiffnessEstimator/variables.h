@@ -277,6 +277,9 @@ const fmu_variable fmu_variables[] = {
   { "estimate.n_eff", 'r', 'o', (int32_t)offsetof(model, y.n_eff), FMU_NO_RATE, 0.0, 1.0, -1.0, "1", "effective number of particles, 1/sum q^2 of their weights; 1 in form 0" },
   { "estimate.log_evidence", 'r', 'o', (int32_t)offsetof(model, y.log_evidence), FMU_NO_RATE, 0.0, 1.0, -1.0, "nat", "log density of this row's measurements given the rows before; 0 where none was used" },
   { "estimate.status", 'i', 'o', (int32_t)offsetof(model, y.status), FMU_NO_RATE, 0.0, 1.0, -1.0, "", "0 ok; above: usable, with the caution of this code (tse_status)" },
+  { "estimate.cx_front_secant", 'r', 'o', (int32_t)offsetof(model, secant[0]), FMU_NO_RATE, 0.0, 1.0, -1.0, "N", "longitudinal stiffness in effect, front axle: force over slip at this row's slip and load" },
+  { "estimate.cy_front_secant", 'r', 'o', (int32_t)offsetof(model, secant[1]), FMU_NO_RATE, 0.0, 1.0, -1.0, "N/rad", "cornering stiffness in effect, front axle: force over slip at this row's slip and load" },
+  { "estimate.cy_rear_secant", 'r', 'o', (int32_t)offsetof(model, secant[2]), FMU_NO_RATE, 0.0, 1.0, -1.0, "N/rad", "cornering stiffness in effect, rear axle: force over slip at this row's slip and load" },
   /* end of table */
   OUTPUT("estimate.nominal.cx_front", 'r', nominal[0], "N",
          "nominal longitudinal stiffness of the front axle, of which estimate.relative.cx_front is a share")
@@ -295,6 +298,9 @@ const fmu_variable fmu_variables[] = {
   { "estimate.relative.cy_rear", 'r', 'o', (int32_t)offsetof(model, y.stiffness[2]), FMU_NO_RATE, 0.0, 1.0, -1.0, "1", "cornering stiffness, rear axle, mean, relative to nominal" },
   { "estimate.relative.cy_rear_sd", 'r', 'o', (int32_t)offsetof(model, y.stiffness_sd[2]), FMU_NO_RATE, 0.0, 1.0, -1.0, "1", "sd of that mean, relative to nominal" },
   { "estimate.relative.cy_rear_spread", 'r', 'o', (int32_t)offsetof(model, y.stiffness_spread[2]), FMU_NO_RATE, 0.0, 1.0, -1.0, "1", "process sd: form 0 model_sd times the stiffness; form 1 learnt from sample to sample, relative to nominal" },
+  { "estimate.relative.cx_front_secant", 'r', 'o', (int32_t)offsetof(model, y.stiffness_secant[0]), FMU_NO_RATE, 0.0, 1.0, -1.0, "1", "longitudinal stiffness in effect, front axle: force over slip at this row's slip and load, relative to nominal" },
+  { "estimate.relative.cy_front_secant", 'r', 'o', (int32_t)offsetof(model, y.stiffness_secant[1]), FMU_NO_RATE, 0.0, 1.0, -1.0, "1", "cornering stiffness in effect, front axle: force over slip at this row's slip and load, relative to nominal" },
+  { "estimate.relative.cy_rear_secant", 'r', 'o', (int32_t)offsetof(model, y.stiffness_secant[2]), FMU_NO_RATE, 0.0, 1.0, -1.0, "1", "cornering stiffness in effect, rear axle: force over slip at this row's slip and load, relative to nominal" },
   /* end of table */
 };
 const int32_t fmu_variable_count = (int32_t)(sizeof fmu_variables / sizeof fmu_variables[0]);

@@ -41,6 +41,7 @@ typedef struct tse_output {
   tse_real vel_y_sd;             /* [m/s] its sd */
   tse_real yaw_rate;             /* [rad/s] yaw rate */
   tse_real yaw_rate_sd;          /* [rad/s] its sd */
+  tse_real stiffness_secant[3];  /* [1] stiffness in effect: force over slip, or slip angle, at the slip and the load of this row; sd: the same share of it */
   tse_real stiffness_spread[3];  /* [1] process sd: form 0 model_sd times the stiffness; form 1 learnt from sample to sample */
   tse_real bias[3];              /* [m/s2 m/s2 rad/s] bias of accel_x, accel_y, yaw_rate */
   tse_real bias_sd[3];           /* [m/s2 m/s2 rad/s] its sd */

@@ -78,6 +78,12 @@ class Result:
         return self._three("_sd")
 
     @property
+    def stiffness_secant(self) -> Array:
+        """(n, 3) stiffness in effect, in the same units: force over slip at the slip and load of each row; as uncertain, in
+        proportion, as `stiffness`."""
+        return self._three("_secant")
+
+    @property
     def stiffness_spread(self) -> Array:
         """(n, 3) standard deviations of the stiffness from sample to sample, in the same units; of the default form: how large the
         model discrepancy is, as a stiffness."""

@@ -252,3 +252,9 @@ class Estimate(EstimateBase):
     """Log density of this row's measurements given the rows before; 0 where none was used [nat]."""
     status: Status
     """How the row was used; `status_text` says it in words."""
+    cx_front_secant: float
+    """Longitudinal stiffness in effect, front axle: force over slip at this row's slip and load [N]."""
+    cy_front_secant: float
+    """Cornering stiffness in effect, front axle: force over slip at this row's slip and load [N/rad]."""
+    cy_rear_secant: float
+    """Cornering stiffness in effect, rear axle: force over slip at this row's slip and load [N/rad]."""

@@ -57,6 +57,8 @@ def est_fields() -> list[Field]:
 
 
 def _generation(name: str) -> int:
+    if name.endswith("_secant"):
+        return 4
     if name.startswith((GRIP, "noise_wheel_", "innovation_")) or name in ("sideslip_sd", "nis"):
         return 3
     if name.startswith(("p_", "change_", "discrepancy_", "lag_")) or name in ("fault_channel", "estimate_age"):
@@ -68,8 +70,8 @@ def est_columns() -> list[str]:
     """Columns of EST.csv, in order."""
     names = [f.name for f in est_fields()]
     reasons = [f"{s}_reason" for s in STIFFNESS]
-    of = {g: [n for n in names if _generation(n) == g] for g in range(4)}
-    return ["time", *of[0], *of[1], *reasons, *of[2], *of[3], f"{GRIP}_reason"]
+    of = {g: [n for n in names if _generation(n) == g] for g in range(5)}
+    return ["time", *of[0], *of[1], *reasons, *of[2], *of[3], f"{GRIP}_reason", *of[4]]
 
 
 def estimate(log: Log, config: Config, progress: bool = False, learnt: Learnt | None = None) -> Estimate:

@@ -64,7 +64,8 @@ static void report_motion(const tse_params *p, const tse_kalman *k, tse_output *
 static void report_tyres(const tse_params *p, const tse_kalman *k, tse_output *out)
 {
   const tse_real side_floor = k->p.extras ? r_max(MODEL_FLOOR, r_mul(SIDE_SHARE, p->model_sd)) : MODEL_FLOOR;
-  tse_real shift;
+  tse_real shift, share[3];
+  car_secants(&p->car, k->x, share);
   for (int i = 0; i < 3; i++) {
     const tse_real floor = i == TSE_CX_FRONT ? r_max(FLOOR_ALONG, p->model_sd) : side_floor;
     tse_real var = variance_of(k, LCX + i, &shift);
@@ -72,6 +73,7 @@ static void report_tyres(const tse_params *p, const tse_kalman *k, tse_output *o
     var += r_sqr(floor) + p->mass_var;
     out->stiffness_sd[i] = r_mul(out->stiffness[i], r_sqrt(var));
     out->stiffness_spread[i] = r_mul(out->stiffness[i], p->model_sd);
+    out->stiffness_secant[i] = r_mul(out->stiffness[i], share[i]);
     out->spread_seen[i] = 0;
     out->discrepancy[i] = r_mul(p->model_sd, r_sqrt(k->activity[i]));
   }

@@ -4,9 +4,9 @@
 #define LONGEST TSE_R(0.0055) /* s, numerics: a substep; the front axle's slip angle turns by 0.1 of its own frequency in it */
 #define GIVE TSE_R(0.005)     /* 1, physics: rolling radius that a tyre loses by its static load: 8 % of 20 mm of deflection, over 0.32 m */
 
-/* One direction of a tyre: force, and its slopes over slip (or slip angle), the logarithms of stiffness and grip. */
+/* One direction of a tyre: force, its slopes over slip (or slip angle), the logarithms of stiffness and grip; force over slip. */
 typedef struct tyre {
-  tse_real f, by_slip, by_stiffness, by_mu;
+  tse_real f, by_slip, by_stiffness, by_mu, secant;
 } tyre;
 
 /* Return a tyre's force and its slopes.   Given: limit  grip times load   slip  or slip angle   shape  of the curve */
@@ -15,7 +15,7 @@ static tyre tyre_of(tse_real stiffness, tse_real limit, tse_real slip, tse_real 
   const tse_real linear = r_mul(stiffness, slip);
   tse_real slope;
   const tse_real secant = tyre_secant(r_div(r_abs(linear), limit), shape, &slope);
-  const tyre t = { r_mul(linear, secant), r_mul(stiffness, secant + slope), r_mul(linear, secant + slope), -r_mul(linear, slope) };
+  const tyre t = { r_mul(linear, secant), r_mul(stiffness, secant + slope), r_mul(linear, secant + slope), -r_mul(linear, slope), r_mul(stiffness, secant) };
   return t;
 }
 
@@ -41,6 +41,14 @@ static tyres tyres_of(const tse_car *c, const tse_real x[STATES])
   t.y_front = tyre_of(r_mul(front, side_left(c->side_front, square)), most_front, x[AF], c->shape);
   t.y_rear = tyre_of(r_mul(rear, side_left(c->side_rear, square)), most_rear, x[AR], c->shape);
   return t;
+}
+
+void car_secants(const tse_car *c, const tse_real x[STATES], tse_real share[3])
+{
+  const tyres t = tyres_of(c, x);
+  share[0] = r_div(t.x_front.secant, r_mul(c->kx_front, exponential(x[LCX])));
+  share[1] = r_div(t.y_front.secant, r_mul(c->ky_front, exponential(x[LCF])));
+  share[2] = r_div(t.y_rear.secant, r_mul(c->ky_rear, exponential(x[LCR])));
 }
 
 /* Find the slopes of the forces, without those of load transfer and of steering compliance. What saturates along is no sign of

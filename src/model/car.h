@@ -79,6 +79,10 @@ typedef struct forces {
 /* Find the forces at x.   Given: share  of the row's steering, 0 .. 1    O(1) time */
 void car_forces(const tse_car *c, const tse_real x[STATES], steering u, tse_real share, forces *f);
 
+/* Find what slip and load leave of the stiffness at x: force over slip, or slip angle, over the stiffness at none.
+ *   Returned:  share[3]  longitudinal front, cornering front, cornering rear    O(1) time */
+void car_secants(const tse_car *c, const tse_real x[STATES], tse_real share[3]);
+
 /* Move x through the row u and find the transition of the motion.
  *   Updated:   x
  *   Returned:  M[MOTION][COLUMNS]  slopes of the motion at the end over state and uncertain quantities at the start, SI units

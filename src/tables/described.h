@@ -269,6 +269,9 @@ static const tse_field output_fields[] = {
   { "n_eff", 'r', (int32_t)offsetof(tse_output, n_eff), 0.0, 1.0, -1.0, "1", "effective number of particles, 1/sum q^2 of their weights; 1 in form 0" },
   { "log_evidence", 'r', (int32_t)offsetof(tse_output, log_evidence), 0.0, 1.0, -1.0, "nat", "log density of this row's measurements given the rows before; 0 where none was used" },
   { "status", 'i', (int32_t)offsetof(tse_output, status), 0.0, 1.0, -1.0, "", "0 ok; above: usable, with the caution of this code (tse_status)" },
+  { "cx_front_secant", 'r', (int32_t)offsetof(tse_output, stiffness_secant[0]), 0.0, 1.0, -1.0, "1", "longitudinal stiffness in effect, front axle: force over slip at this row's slip and load" },
+  { "cy_front_secant", 'r', (int32_t)offsetof(tse_output, stiffness_secant[1]), 0.0, 1.0, -1.0, "1", "cornering stiffness in effect, front axle: force over slip at this row's slip and load" },
+  { "cy_rear_secant", 'r', (int32_t)offsetof(tse_output, stiffness_secant[2]), 0.0, 1.0, -1.0, "1", "cornering stiffness in effect, rear axle: force over slip at this row's slip and load" },
   /* end of table */
 };
 

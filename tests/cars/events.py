@@ -48,7 +48,7 @@ def one(job: tuple[Path, str, str, int, float], lib: Library | None = None) -> l
     rows = []
     for key in STIFFNESS:
         true = np.interp(of, time, truth[key])
-        error = out[key] * getattr(config, NOMINAL[key]) / true - 1
+        error = out[f"{key}_secant"] * getattr(config, NOMINAL[key]) / true - 1
         valid, known = out[f"{key}_valid"] == 0, np.isfinite(true)
         wrong = known & valid & (np.abs(error) > OFF)
         before, after = (of > began - AFTER / 2) & (of <= began), (of > began) & (of <= began + AFTER)

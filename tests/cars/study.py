@@ -22,6 +22,7 @@ from tqdm import tqdm
 
 from tests.cars import ROADS, make_cars, make_logs
 from tests.cars.cars import Car
+from tests.cars.logs import LEAST_ANGLE
 from tselab.calibrate import output, workflow
 from tselab.calibrate.along import outputs
 from tselab.calibrate.result import Result
@@ -34,11 +35,13 @@ from tselab.vehicle import read_vehicle
 RESULTS = Path(__file__).resolve().parents[2] / "scripts" / "results"
 TRUTH = {"cx_front": "cx_front_tyre", "cy_front": "cy_front_steered", "cy_rear": "cy_rear_axle"}
 OFF, SETTLED, SLOW, SMOOTH = 0.1, 20.0, 3.0, 201  # relative error; s; m/s; rows
+SLOWEST = 0.5  # m/s: no relaxation is slower
 PRIOR = {"cx_front": "cx", "cy_front": "cy_front", "cy_rear": "cy_rear"}
 CONSTANT = "constant of the calibration"
 BEST = "best constant, from the truth"
 TYRES = "calibrated, rear tyres alone"
 AT_REST = "calibrated, beside the stiffness at no slip"
+RELAXED = "calibrated, beside the secant without relaxation"
 SEEN = 0.1  # share of the rows of SMOOTH that must have a truth
 
 
@@ -62,6 +65,27 @@ def truth_of(reference: dict[str, np.ndarray], smooth: int = SMOOTH) -> dict[str
         key: pd.Series(reference[column]).rolling(smooth, center=True, min_periods=least).median().to_numpy()
         for key, column in TRUTH.items()
     }
+
+
+def relaxed(reference: pd.DataFrame, truth: dict[str, Any]) -> dict[str, np.ndarray]:
+    """Secants as truth_of() has them, over the slip angle that the tyres have relaxed to: over that of the wheels, force is late
+    by relaxation length over speed, which in a corner of a town is a tenth of a second and no stiffness.
+
+    truth: truth.json of the drive"""
+    made = {column: reference[column].to_numpy(float) for column in TRUTH.values()}
+    time, speed = reference["time"].to_numpy(float), np.maximum(reference["vel_x"].to_numpy(float), SLOWEST)
+    for axle, column in (("front", TRUTH["cy_front"]), ("rear", TRUTH["cy_rear"])):
+        force, known = reference[f"fy_{axle}"].to_numpy(float), np.isfinite(made[column])
+        angle = np.interp(time, time[known], force[known] / made[column][known])
+        stiff = truth["linear_stiffness"]  # what gives in beside the tyre does so at once
+        length = truth["parameters"]["relaxation_y"] * stiff[f"cy_{axle}_effective"] / stiff[f"cy_{axle}"]
+        share = -np.expm1(-np.diff(time, prepend=time[0]) * speed / length)
+        late = np.zeros(len(angle))
+        for k in range(1, len(angle)):
+            late[k] = late[k - 1] + share[k] * (angle[k] - late[k - 1])
+        large = known & (np.abs(late) > LEAST_ANGLE)
+        made[column] = np.where(large, force / np.where(large, late, 1.0), np.nan)
+    return truth_of(made)
 
 
 def driven(folder: Path, road: str) -> tuple[Log, pd.DataFrame, dict[str, np.ndarray]]:
@@ -93,7 +117,7 @@ def constant(vehicle_path: Path, log: Log) -> tuple[np.ndarray, Config]:
     """Return the same of doing nothing: the stiffness of the vehicle file in every row, always valid, with the sd of its prior."""
     out, config = estimated(vehicle_path, log)
     for key in STIFFNESS:
-        out[key] = 1.0
+        out[key] = out[f"{key}_secant"] = 1.0
         out[f"{key}_sd"] = getattr(config, f"initial_{PRIOR[key]}_sd")
         out[f"{key}_valid"] = 0
     out["change_kind"] = out["change_age"] = out["p_fault"] = 0
@@ -105,7 +129,7 @@ def best(vehicle_path: Path, log: Log, stiffness: dict[str, float]) -> tuple[np.
     is how far the secant itself moves with slip, load and the lag of the steering."""
     out, config = constant(vehicle_path, log)
     for key, true in stiffness.items():
-        out[key] = true / getattr(config, NOMINAL[key])
+        out[key] = out[f"{key}_secant"] = true / getattr(config, NOMINAL[key])
         out[f"{key}_sd"] = np.nan
     return out, config
 
@@ -116,8 +140,12 @@ def changes(out: np.ndarray, counts: np.ndarray) -> int:
     return int(((age[1:] > 0) & ((age[:-1] == 0) | (age[1:] < age[:-1]))).sum())
 
 
-def score(out: np.ndarray, config: Config, log: Log, truth: dict[str, np.ndarray]) -> dict[str, float]:
-    """Return, per stiffness, rows with a truth, valid, valid and off, inside their interval; changes, rows at fault."""
+def score(
+    out: np.ndarray, config: Config, log: Log, truth: dict[str, np.ndarray], of: str = "_secant"
+) -> dict[str, float]:
+    """Return, per stiffness, rows with a truth, valid, valid and off, inside their interval; changes, rows at fault.
+
+    of: "_secant" of a truth that is a secant, "" of one that is the stiffness at no slip"""
     time = log.time - log.time[0]
     counts = (time > SETTLED) & (out["vel_x"] > SLOW)
     found: dict[str, float] = {"hours": float(counts.mean() * time[-1] / 3600), "changes": changes(out, counts)}
@@ -126,9 +154,10 @@ def score(out: np.ndarray, config: Config, log: Log, truth: dict[str, np.ndarray
         true = np.interp(time - out["estimate_age"], time, truth[key])
         nominal = getattr(config, NOMINAL[key])
         known = np.isfinite(true) & counts
-        error = out[key] * nominal / true - 1
+        value = out[f"{key}{of}"] * nominal / true
+        error = value - 1
         valid = known & (out[f"{key}_valid"] == 0)
-        interval = 1.96 * out[f"{key}_sd"] * nominal / true
+        interval = 1.96 * out[f"{key}_sd"] / out[key] * value
         found[f"{key} rows"] = float(known.sum())
         found[f"{key} valid"] = float(valid.sum())
         found[f"{key} off"] = float((valid & (np.abs(error) > OFF)).sum())
@@ -195,11 +224,13 @@ def one(job: tuple[Path, bool]) -> tuple[list[dict[str, Any]], list[dict[str, An
     before = folder / "found.json"
     found = json.loads(before.read_text(encoding="utf-8")) if again and before.exists() else calibrate(folder)
     assumed, calibrated = folder / "fit" / "car.toml", folder / "calibrated.toml"
-    scores, logs, truths, alone = [], {}, {}, {}
+    scores, logs, truths, alone, late = [], {}, {}, {}, {}
+    truth_of_car = json.loads((folder / "test" / "truth.json").read_text(encoding="utf-8"))
     for road in ROADS:
         logs[road], reference, truths[road] = driven(folder / "test", road)
         alone[road] = reference["cy_rear_tyre"].to_numpy(float)
-    linear = json.loads((folder / "test" / "truth.json").read_text(encoding="utf-8"))["linear_stiffness"]
+        late[road] = relaxed(reference, truth_of_car)
+    linear = truth_of_car["linear_stiffness"]
     middle = {key: float(np.nanmedian(np.concatenate([t[key] for t in truths.values()]))) for key in STIFFNESS}
     for road, log in logs.items():
         for who, (out, config) in (
@@ -212,8 +243,9 @@ def one(job: tuple[Path, bool]) -> tuple[list[dict[str, Any]], list[dict[str, An
             scores.append({**run, **score(out, config, log, truths[road])})
         tyres = truths[road] | {"cy_rear": truth_of(dict.fromkeys(TRUTH.values(), alone[road]))["cy_rear"]}
         scores.append({**run, "who": TYRES, **score(out, config, log, tyres)})
+        scores.append({**run, "who": RELAXED, **score(out, config, log, late[road])})
         rest = {k: np.where(np.isfinite(t), linear[STIFF[NOMINAL[k]]], np.nan) for k, t in truths[road].items()}
-        scores.append({**run, "who": AT_REST, **score(out, config, log, rest)})
+        scores.append({**run, "who": AT_REST, **score(out, config, log, rest, "")})
     return scores, found["latencies"], found["physical"]
 
 
@@ -317,12 +349,13 @@ def main(arguments: list[str]) -> int:
 calibrated on one drive of {given.minutes:g} minutes on each of {", ".join(ROADS)} ({converged} of {given.cars} searches
 converged) and estimated on another of each; cars, drives and sensors of tests/cars. Front longitudinal / front cornering / rear
 cornering; rows after {SETTLED:g} s and above {SLOW:g} m/s. *Valid*: share of the rows that have a truth; *off*: share
-of the valid ones that are more than {100 * OFF:.0f} % from the secant; *95 % interval holds*: share of all rows with a truth;
-*median error*: of the rows of a log, median over the cars. *{CONSTANT}*: the calibrated file's own stiffness in
+of the valid ones whose secant is more than {100 * OFF:.0f} % from the true one; *95 % interval holds*: share of all rows with
+a truth; *median error*: of the rows of a log, median over the cars. *{CONSTANT}*: the calibrated file's own stiffness in
 every row, no filter. *{BEST}*: the median of the car's true secants in every row; no constant is nearer, what is off
 there is how far the secant itself moves. *{TYRES}*: the same estimates
 beside the rear tyres without the suspension's compliance, -5 .. 10 % of the axle's, which no sensor tells from them. *{AT_REST}*:
-that of the axle with static load and no slip, which is what the estimate is of; slip and load make the secant less.
+the output of the stiffness at no slip beside that of the axle with static load and no slip. *{RELAXED}*: the true force over the slip angle that the tyres have
+relaxed to.
 Nothing happens on these drives: every change and fault is a false one. Latencies are those behind the gyro.
 
 """

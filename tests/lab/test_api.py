@@ -132,7 +132,7 @@ def test_one_vehicle_serves_several_logs(frame, result):
 
 def test_shapes_kinds_and_the_meaning_of_valid(result):
     n = len(result)
-    for array in (result.stiffness, result.stiffness_sd, result.stiffness_spread):
+    for array in (result.stiffness, result.stiffness_sd, result.stiffness_secant, result.stiffness_spread):
         assert array.shape == (n, 3) and array.dtype == np.float64
     assert result.valid.shape == result.reason.shape == (n, 3) and result.valid.dtype == bool
     assert result.time.shape == result.status.shape == (n,)
@@ -238,7 +238,7 @@ def test_row_by_row_gives_the_golden_drive():
         if i not in golden.index:
             continue
         for name, want in golden.loc[i].items():
-            key = next((s for s in tse.STIFFNESS if name in (s, f"{s}_sd", f"{s}_spread")), None)
+            key = next((s for s in tse.STIFFNESS if name in (s, f"{s}_sd", f"{s}_secant", f"{s}_spread")), None)
             if name.endswith("_valid"):
                 assert getattr(e, name) == (want == 0)
             elif name == "fault_channel":

@@ -76,7 +76,9 @@ static const struct {
   { "innovation_wheel_rear", offsetof(tse_output, innovation[4]), 0 }, { "nis", offsetof(tse_output, nis), 0 },
   { "lag_steer", offsetof(tse_output, lag_steer), 0 }, { "lag_steer_sd", offsetof(tse_output, lag_steer_sd), 0 },
   { "n_eff", offsetof(tse_output, n_eff), 0 }, { "log_evidence", offsetof(tse_output, log_evidence), 0 },
-  { "status", offsetof(tse_output, status), 1 },
+  { "status", offsetof(tse_output, status), 1 }, { "cx_front_secant", offsetof(tse_output, stiffness_secant[0]), 0 },
+  { "cy_front_secant", offsetof(tse_output, stiffness_secant[1]), 0 },
+  { "cy_rear_secant", offsetof(tse_output, stiffness_secant[2]), 0 },
   /* end of table */
 };
 enum { REPLAY_OUTPUTS = sizeof replay_outputs / sizeof replay_outputs[0] };

@@ -39,8 +39,9 @@ static void measure(tse_input *u, int row, const tse_config *config)
 static void expect_outputs(fmi2Component c, const tse_config *config, const tse_output *y, int row)
 {
   char what[80];
-  tse_setting mean[3], sd[3], spread[3];
+  tse_setting mean[3], sd[3], spread[3], secant[3];
   tse_stiffness_si(config, y, mean, sd, spread);
+  for (int a = 0; a < 3; a++) secant[a] = (tse_setting[]){ config->longitudinal_stiffness_front, config->cornering_stiffness_front, config->cornering_stiffness_rear }[a] * y->stiffness_secant[a];
   (void)snprintf(what, sizeof what, "row %d", row);
 #define EXPECT_REAL(name, value)                                                                                                 \
   TEST_ASSERT_EQUAL_HEX64_ARRAY_MESSAGE(&(double[]){ value }, &(double[]){ real_of(c, name) }, 1, what);
@@ -63,6 +64,7 @@ static void expect_outputs(fmi2Component c, const tse_config *config, const tse_
         if (strncmp(own, stiffness[a], length) != 0) continue;
         share = 1;
         EXPECT_REAL(name, strcmp(own + length, "_sd") == 0 ? sd[a] : strcmp(own + length, "_spread") == 0 ? spread[a]
+                                                                 : strcmp(own + length, "_secant") == 0   ? secant[a]
                                                                                                           : mean[a])
         EXPECT_REAL(relative, x)
       }

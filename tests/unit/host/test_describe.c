@@ -178,6 +178,9 @@ static void test_outputs_are_the_columns_of_the_estimates_file(void)
     "n_eff",
     "log_evidence",
     "status",
+    "cx_front_secant",
+    "cy_front_secant",
+    "cy_rear_secant",
   };
   expect_names(TSE_STRUCT_OUTPUT, names, ROWS(names));
 }
@@ -234,18 +237,19 @@ static void test_output_names_lead_to_their_members(void)
   EXPECT_AT(&y, TSE_STRUCT_OUTPUT, "log_evidence", log_evidence);
   EXPECT_WHOLE_AT(&y, TSE_STRUCT_OUTPUT, "status", status);
   static const struct {
-    const char *name, *sd, *spread, *seen, *valid;
+    const char *name, *sd, *secant, *spread, *seen, *valid;
     int index;
   } stiffness_rows[] = {
-    { "cx_front", "cx_front_sd", "cx_front_spread", "cx_front_spread_seen", "cx_front_valid", TSE_CX_FRONT },
-    { "cy_front", "cy_front_sd", "cy_front_spread", "cy_front_spread_seen", "cy_front_valid", TSE_CY_FRONT },
-    { "cy_rear", "cy_rear_sd", "cy_rear_spread", "cy_rear_spread_seen", "cy_rear_valid", TSE_CY_REAR },
+    { "cx_front", "cx_front_sd", "cx_front_secant", "cx_front_spread", "cx_front_spread_seen", "cx_front_valid", TSE_CX_FRONT },
+    { "cy_front", "cy_front_sd", "cy_front_secant", "cy_front_spread", "cy_front_spread_seen", "cy_front_valid", TSE_CY_FRONT },
+    { "cy_rear", "cy_rear_sd", "cy_rear_secant", "cy_rear_spread", "cy_rear_spread_seen", "cy_rear_valid", TSE_CY_REAR },
   };
   static const char *const noise[3] = { "noise_accel_x", "noise_accel_y", "noise_yaw_rate" };
   static const char *const bias[3][2] = { { "bias_accel_x", "bias_accel_x_sd" }, { "bias_accel_y", "bias_accel_y_sd" }, { "bias_yaw_rate", "bias_yaw_rate_sd" } };
   for (int i = 0; i < 3; i++) {
     EXPECT_AT(&y, TSE_STRUCT_OUTPUT, stiffness_rows[i].name, stiffness[stiffness_rows[i].index]);
     EXPECT_AT(&y, TSE_STRUCT_OUTPUT, stiffness_rows[i].sd, stiffness_sd[stiffness_rows[i].index]);
+    EXPECT_AT(&y, TSE_STRUCT_OUTPUT, stiffness_rows[i].secant, stiffness_secant[stiffness_rows[i].index]);
     EXPECT_AT(&y, TSE_STRUCT_OUTPUT, stiffness_rows[i].spread, stiffness_spread[stiffness_rows[i].index]);
     EXPECT_WHOLE_AT(&y, TSE_STRUCT_OUTPUT, stiffness_rows[i].seen, spread_seen[stiffness_rows[i].index]);
     EXPECT_AT(&y, TSE_STRUCT_OUTPUT, noise[i], noise[i]);

@@ -223,6 +223,38 @@ static void test_a_brush_is_its_cubic(void)
 }
 
 /* What turns left and what turns right is mirrored: no term has a side. */
+/* What is left of a stiffness, times it and the slip, is the force that car_forces() has; at no slip and level load all is left, and
+ * far beyond the grip what the grip leaves. */
+static void test_a_secant_is_force_over_slip(void)
+{
+  const double tolerance = BY_NUMBER(1e-12, 1e-5, 1e-4); /* fixed: of a share of 1, by the digits of a slip of 0.02 */
+  for (int k = 0; k < 5; k++) {
+    static const double angle[5] = { 0.02, -0.05, 0.1, -0.2, 0.35 };
+    tse_car c = k & 1 ? some_car(1) : plain_car();
+    tse_real x[STATES], share[3];
+    for (int i = 0; i < STATES; i++) x[i] = TSE_R(0);
+    c.grip = real(0.9);
+    c.shape = real(0.25 * k);
+    x[VX] = TSE_R(20);
+    car_secants(&c, x, share);
+    for (int i = 0; i < 3; i++) expect_near(1, number(share[i]), tolerance, "at no slip", i);
+    x[LCF] = real(0.2);
+    x[LCR] = real(-0.1);
+    x[AF] = real(angle[k]);
+    x[AR] = real(-0.6 * angle[k]);
+    car_secants(&c, x, share);
+    const forces f = forces_at(&c, x, 0);
+    const double front = exp(0.2) * number(c.ky_front) * number(x[AF]), rear = exp(-0.1) * number(c.ky_rear) * number(x[AR]);
+    expect_near(number(f.side) / front, number(share[1]), 50 * tolerance, "front", k);
+    expect_near((number(f.y) - number(f.side)) / rear, number(share[2]), 50 * tolerance, "rear", k);
+    TEST_ASSERT_TRUE(number(share[1]) < 0.97 && number(share[2]) < 0.97);
+    x[AF] = x[AR] = TSE_R(0);
+    x[SF] = real(0.3 * angle[k]);
+    car_secants(&c, x, share);
+    if (!(k & 1)) expect_near(number(forces_at(&c, x, 0).x) / (number(c.kx_front) * number(x[SF])), number(share[0]), 50 * tolerance, "along", k);
+  }
+}
+
 static void test_left_is_the_mirror_of_right(void)
 {
   static const int sides[] = { VY, YAW, AF, AR, PHI, DPHI, GY, BY, BR, OFF };
@@ -473,6 +505,7 @@ int main(void)
 #endif
   RUN_TEST(test_a_tyre_ends_at_its_grip_times_its_load);
   RUN_TEST(test_a_brush_is_its_cubic);
+  RUN_TEST(test_a_secant_is_force_over_slip);
   RUN_TEST(test_left_is_the_mirror_of_right);
   RUN_TEST(test_a_steady_turn_obeys_the_understeer_equation);
   RUN_TEST(test_a_car_that_coasts_loses_what_drag_and_road_take);
