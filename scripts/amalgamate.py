@@ -123,7 +123,7 @@ def declared(row: list[Token]) -> Declaration:
         if words[1] in ("struct", "union", "enum") and row[2].kind == "word":
             d.names.append(words[2])
         if words[0] == "typedef":
-            d.names.append(words[-2])
+            d.names.append(words[words.index("[") - 1] if words[-2] == "]" else words[-2])
         if "enum" in words[:2]:
             d.names += [w.text for before, w in pairwise(row) if before.text in "{," and w.kind == "word"]
         return d
@@ -322,6 +322,10 @@ HOW_TO_USE = """\
 """
 
 PROLOGUE = """
+#if defined(TSE_STATE_H)
+#error "tse.c is compiled by itself: nothing includes tse.h before it"
+#endif
+#define TSE_INTERNALS
 #include "tse.h"
 
 #if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__)

@@ -360,7 +360,12 @@ def effect_places() -> list[str]:
 
 
 def effect_members() -> list[str]:
-    return packed(f"tse_real {n};" for n in settings("effects"))
+    return packed(f"{n}," for n in settings("effects"))
+
+
+def effect_numbers() -> list[str]:
+    """How many tse_real struct tse_effects holds: its settings, and the ten numbers of mass and formula."""
+    return [f"#define TSE_EFFECT_NUMBERS {len(settings('effects')) + 10}"]
 
 
 def effects_described() -> list[str]:

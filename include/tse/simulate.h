@@ -76,16 +76,20 @@ typedef struct tse_sim_output {
   /* end of table */
 } tse_sim_output;
 
-typedef struct tse_sim {
-  tse_sim_config config;
-  tse_params params;
-  uint32_t step;
-  tse_real x[5];                       /* vel_x, vel_y, yaw rate, wheel speeds front and rear */
-  tse_real bias[3], drawn[3];
-  tse_real steer, steer_logged;        /* with effects: the wheels' angle at the last row, and the logged one that led to it */
-  tse_effect_memory effects;
-  tse_sim_input last;                  /* the last member: what holds inputs (fmu/SingleTrackVehicle) sets it */
-} tse_sim;
+/* A simulation: what the caller places, as in tse/state.h. */
+typedef struct tse_sim_bytes {
+  tse_real first;
+  unsigned char rest[sizeof(tse_sim_config) + 134 * sizeof(tse_real) + 24 + 6 * TSE_PADDING];
+} tse_sim_bytes;
+
+typedef struct tse_sim tse_sim;
+#if !defined(TSE_INTERNALS)
+struct tse_sim {
+  tse_params_bytes params;
+  tse_sim_input last;                  /* of the last row: what holds inputs (fmu/SingleTrackVehicle) sets it */
+  tse_sim_bytes bytes;
+};
+#endif
 
 void tse_sim_config_default(tse_sim_config *s);
 

@@ -36,7 +36,7 @@
 #include "tse/real.h"
 #include "tse/status.h"
 #include "tse/version.h"
-#include "tse/filter_state.h"
+#include "tse/state.h"
 
 #define tse_config_default TSE_NAME(tse_config_default)
 #define tse_config_uncalibrated TSE_NAME(tse_config_uncalibrated)

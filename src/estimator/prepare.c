@@ -1,6 +1,7 @@
 /* estimator/prepare.c - settings: defaults, check, and the constants of the filter. */
 #include <stddef.h>
 
+#include "model/state.h"
 #include "tse/tse.h"
 #include "model/effects.h"
 #include "model/effects_constant.h"

@@ -2,8 +2,8 @@
 #ifndef TSE_STAGES_H
 #define TSE_STAGES_H
 
-#include "tse/tse.h"
 #include "model/vehicle.h"
+#include "tse/tse.h"
 
 #define input_decode      TSE_NAME(tse_input_decode)
 #define align_row         TSE_NAME(tse_align_row)

@@ -1,4 +1,5 @@
 /* host/describe.c - the tables of the public headers, laid out for a host to read. */
+#include "model/state.h"
 #include "tse/describe.h"
 #include "tse/learnt.h"
 #if !defined(TSE_NO_EFFECTS)

@@ -1,6 +1,6 @@
 /* host/learnt.c - what a drive taught, as bytes for the next: written, checked, read, aged. Layout: tse/learnt.h. */
-#include "tse/learnt.h"
 #include "filter/filter.h"
+#include "tse/learnt.h"
 
 #define MAGIC 0x6c657374u         /* "tsel", first byte first                       */
 #define FRAME 12                  /* magic, format, bytes; CRC: what all formats share */

@@ -1,8 +1,8 @@
 /* host/replay.c - a whole log through the deterministic model of integrator.c, for fits. */
-#include "tse/replay.h"
 
 #include "model/effects.h"
 #include "tables/input.h"
+#include "tse/replay.h"
 
 #define BIT_GIVEN 63           /* of the mask: no effect, but something is given that only the model with effects knows */
 

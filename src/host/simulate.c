@@ -1,4 +1,6 @@
 /* host/simulate.c - the truth for studies: the estimator's vehicle with wheels that turn, noise that is known. */
+
+#include "model/state.h"
 #include "tse/simulate.h"
 
 #include <stddef.h>

@@ -2,8 +2,9 @@
 #ifndef TSE_SOUND_H
 #define TSE_SOUND_H
 
-#include "tse/tse.h"
+#include "model/state.h"
 #include "number/real_ops.h"
+#include "tse/tse.h"
 
 /* No number of a state that has come about by itself is as large; and what is computed of such numbers stays a number. MOST_SQUARE: of
  * covariances and forecasts, in units of the sensors' sd, which may be a hundred thousandth of what the car does; of effects. */

@@ -5,7 +5,7 @@
  * rolls. The steering angle is the only input. Forces are over mass. ISO 8855 axes, slip > 0 when it drives, slip angle > 0 when
  * it pushes left.
  *
- * Equations, in the order of car.c. Names are those of tse_car (tse/filter_state.h) and of the state below; i is an axle, the upper
+ * Equations, in the order of car.c. Names are those of tse_car (state.h) and of the state below; i is an axle, the upper
  * sign that of the front; s, a: slip and slip angle of an axle; c_x, c_i, c_mu: logarithms of stiffness and grip; e^: exponential().
  *
  * Tyre       F = C s c(q), q = |C s|/limit, for slip and slip angle alike and each for itself;
@@ -37,7 +37,7 @@
 #ifndef TSE_CAR_H
 #define TSE_CAR_H
 
-#include "tse/filter_state.h"
+#include "model/state.h"
 #include "model/laws.h"
 
 #define car_forces  TSE_NAME(tse_car_forces)

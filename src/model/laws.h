@@ -3,7 +3,7 @@
 #ifndef TSE_LAWS_H
 #define TSE_LAWS_H
 
-#include "tse/filter_state.h"
+#include "model/state.h"
 #include "number/real_ops.h"
 
 #define GRAVITY TSE_R(9.81)     /* m/s2 */

@@ -5,7 +5,7 @@
 #ifndef TSE_VEHICLE_H
 #define TSE_VEHICLE_H
 
-#include "tse/filter_state.h"
+#include "model/state.h"
 #include "model/laws.h"
 
 typedef struct inputs { tse_real steer, v_front, v_rear; } inputs; /* [rad], R omega [m/s] */

@@ -1,6 +1,7 @@
 /* tests/fuzz/fuzz_step.c - drives of any kind through any form of the filter: gaps, nonsense, values that repeat themselves, channels
  * that are missing, restarts, snapshots, learnt states. What is refused changes nothing; the rest is estimates, and a state that
  * tse_filter_check() accepts; the same bytes give the same bits. */
+#include "model/state.h"
 #include "fuzz.h"
 
 #define MOST_ROWS 160 /* of an input: a second of the sanitized filter is 2000 rows or so */

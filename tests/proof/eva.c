@@ -8,6 +8,7 @@
  * Settings, rows and every real number of parameters and filter may be any bits, NaN and infinite ones, too (fixed: any number that
  * an operation of number/fixed.h may give). Whole numbers lie where tse_prepare() and tse_filter_check() want them, and it is asserted
  * that they do so after the row: so what holds for one row holds for every row after it. */
+#include "model/state.h"
 #include "tse/learnt.h"
 #include "tse/tse.h"
 #include "filter/filter.h"

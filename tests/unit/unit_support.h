@@ -8,6 +8,7 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "model/state.h"
 #include "estimator/stages.h"
 #include "tse/convert.h"
 #include "tse/describe.h"

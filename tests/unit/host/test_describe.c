@@ -1,4 +1,5 @@
 /* tests/unit/host/test_describe.c <-> src/host/describe.c */
+#include "model/state.h"
 #include "tse/describe.h"
 #include "tse/learnt.h"
 #include "tse/replay.h"

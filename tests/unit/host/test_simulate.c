@@ -5,6 +5,7 @@
 #include <stddef.h>
 #include <stdlib.h>
 
+#include "model/state.h"
 #include "tse/simulate.h"
 
 #include "unit_support.h"

@@ -1,18 +1,42 @@
-/* tse/filter_state.h - the filter's constants and its state: complete types, so that the caller can place them
- * (static, stack, linker section), with members that are the library's own business.
- * Both are pointer-free: copying the struct copies the filter. */
-#ifndef TSE_FILTER_STATE_H
-#define TSE_FILTER_STATE_H
+/* model/state.h - what stands in the structs that the caller places: constants of a filter, its state, effects and their memory. Internal.
+ * A file of the library includes this before any header that includes tse/state.h, which gives others bytes in their place. */
+#ifndef TSE_MODEL_STATE_H
+#define TSE_MODEL_STATE_H
 
+#if defined(TSE_STATE_H) && !defined(TSE_INTERNALS)
+#error "model/state.h is included before headers of tse/"
+#endif
+#define TSE_INTERNALS
 #include "tse/input.h"
 #include "tse/real.h"
-#include "tse/effects.h"
+#include "tse/state.h"
+#include "tables/effects.h"
+#if !defined(TSE_NO_EFFECTS)
+#include "tse/simulate.h"
+#endif
 
-/* Form 1: sums over particles run in TSE_LANES interleaved partial sums, joined in a fixed order: the same bits
- * whatever the vector width. Rows are padded so that they do not fall on the same cache sets (power-of-two strides cost
- * up to 14 %). */
-#define TSE_LANES 8
-#define TSE_STRIDE ((TSE_MAX_PARTICLES + TSE_LANES - 1) / TSE_LANES * TSE_LANES + TSE_LANES)
+#define TSE_DELAY_ROWS 12 /* samples kept; they thin out when the delay is longer than 9 rows */
+
+typedef struct tse_delay { /* when samples were taken, newest first */
+  int32_t count;
+  tse_real age[TSE_DELAY_ROWS]; /* [s] */
+} tse_delay;
+
+typedef struct tse_effect_memory {
+  int32_t settled;                      /* 0: the next row starts everything at rest                       */
+#if !defined(TSE_NO_EFFECTS)
+  tse_real lag[4];                      /* slip angle front, rear [rad], slip front, rear: what tyres hold */
+  tse_real mode[3][2];                  /* body roll, pitch, roll steer: lagged acceleration and its rate  */
+  tse_real time, heading;               /* [s], [turns] since the start                                    */
+  int32_t steered;                      /* 0: the next angle is the first                                  */
+  tse_real steered_by[3];               /* [rad] of the last row, before, between and after the lags       */
+  tse_delay steer, imu;
+  tse_real steer_was[1][TSE_DELAY_ROWS], imu_was[3][TSE_DELAY_ROWS];
+  tse_real formula[TSE_FORMULA_MEMORIES][3], formula_accel[2]; /* of a formula: its own; accel_x, accel_y [m/s2] at this time */
+  tse_delay formula_late;
+  tse_real formula_was[1][TSE_DELAY_ROWS];
+#endif
+} tse_effect_memory;
 
 #define TSE_PARAMS_MAGIC 0x74736570u /* "tsep" */
 #define TSE_FILTER_MAGIC 0x74736566u /* "tsef" */
@@ -60,7 +84,7 @@ typedef struct tse_car {
 
 /* Constants of a filter, made by tse_prepare(). Everything is normalised: forces by mass (accelerations), measurements
  * by the sensor's sd, so that all numbers have a moderate size in every number format. */
-typedef struct tse_params {
+struct tse_params {
   uint32_t magic, fingerprint;
   uint32_t vehicle;                   /* fingerprint of the vehicle alone, the same in every number format */
   int32_t form, wheel_signals;
@@ -106,7 +130,7 @@ typedef struct tse_params {
   tse_real extra[TSE_EXTRAS], extra_sd[TSE_EXTRAS]; /* prior of the states of a measured velocity */
   tse_real no_torque;                 /* [Nm] an axle with less rolls freely */
   tse_effects effects;                /* what is not in the plain model; mask 0: nothing   */
-} tse_params;
+};
 
 /* Where the first row starts, made by tse_learnt_load(); else the settings say it. */
 typedef struct tse_start {
@@ -119,7 +143,9 @@ typedef struct tse_start {
   tse_real noise[TSE_SENSORS];        /* [1] variance over the setting's                                     */
 } tse_start;
 
-enum { TSE_UNKNOWN, TSE_KNOWN, TSE_KNOWN_BEFORE }; /* a stiffness: never valid, valid since the last recovery, loaded */
+enum { TSE_UNKNOWN,
+       TSE_KNOWN,
+       TSE_KNOWN_BEFORE }; /* a stiffness: never valid, valid since the last recovery, loaded */
 
 #define TSE_GROUPS 2     /* of events that exclude each other */
 #define TSE_EVENTS 17   /* places for what may have happened, src/filter/events.c */
@@ -189,7 +215,7 @@ typedef struct tse_alignment {
 } tse_alignment;
 
 /* A filter of the default form, and what every form needs. */
-typedef struct tse_filter {
+struct tse_filter {
   uint32_t magic, fingerprint;
   uint32_t step;                      /* rows accepted since reset: the counter of the random numbers */
   int32_t started;                    /* 0: the next row initialises                                  */
@@ -203,10 +229,10 @@ typedef struct tse_filter {
   tse_start start;
   tse_kalman k;                       /* form 0                                                       */
   tse_alignment waiting;              /* rows that wait for channels which are logged later           */
-} tse_filter;
+};
 
 /* A filter of the paper's form, with its particles. A pointer to its first member is one to all of it. */
-typedef struct tse_filter_paper {
+struct tse_filter_paper {
   tse_filter filter;
   tse_real gamma, nu;                 /* (16), (17): follow recursions without data, common to all    */
   tse_real bias_var[3];               /* [sigma^2] P of (18), (19), common to all; diagonal, as P0, Q and R are */
@@ -217,6 +243,32 @@ typedef struct tse_filter_paper {
   tse_particles p;
   tse_real weight[TSE_STRIDE];        /* normalised to the largest = 1; 0 beyond the particles in use */
   uint16_t ancestor[TSE_STRIDE], copies[TSE_STRIDE]; /* the resampler's work space */
-} tse_filter_paper;
+};
+
+#if !defined(TSE_NO_EFFECTS)
+struct tse_sim {
+  tse_params params;
+  tse_sim_input last;
+  tse_sim_config config;
+  uint32_t step;
+  tse_real x[5];                       /* vel_x, vel_y, yaw rate, wheel speeds front and rear */
+  tse_real bias[3], drawn[3];
+  tse_real steer, steer_logged;        /* with effects: the wheels' angle at the last row, and the logged one that led to it */
+  tse_effect_memory effects;
+};
+#endif
+
+/* An array of -1 elements where tse/state.h has another size than the struct. */
+typedef char tse_params_has_its_size[sizeof(tse_params) == sizeof(tse_params_bytes) ? 1 : -1];
+typedef char tse_filter_has_its_size[sizeof(tse_filter) == sizeof(tse_filter_bytes) ? 1 : -1];
+typedef char tse_filter_paper_has_its_size[sizeof(tse_filter_paper) == sizeof(tse_filter_bytes) + sizeof(tse_paper_bytes) ? 1 : -1];
+#if !defined(TSE_NO_EFFECTS)
+struct tse_sim_seen {
+  tse_params_bytes params;
+  tse_sim_input last;
+  tse_sim_bytes bytes;
+}; /* tse_sim in tse/simulate.h */
+typedef char tse_sim_has_its_size[sizeof(tse_sim) == sizeof(struct tse_sim_seen) ? 1 : -1];
+#endif
 
 #endif

@@ -1,0 +1,80 @@
+/* tse/state.h - the structs that the caller places - static, on the stack, in a section of the linker - with their sizes. What stands in them
+ * is the library's own business (src/model/state.h): its files see members where all others see bytes. No pointer is among them: copying
+ * the struct copies the filter. */
+#ifndef TSE_STATE_H
+#define TSE_STATE_H
+
+#include "tse/real.h"
+
+/* Form 1: sums over particles run in TSE_LANES interleaved partial sums, joined in a fixed order: the same bits
+ * whatever the vector width. Rows are padded so that they do not fall on the same cache sets (power-of-two strides cost
+ * up to 14 %). */
+#define TSE_LANES 8
+#define TSE_STRIDE ((TSE_MAX_PARTICLES + TSE_LANES - 1) / TSE_LANES * TSE_LANES + TSE_LANES)
+
+/* How many tse_real the structs hold. A build without measured velocities is 1.9 kB of RAM smaller in float; rows that give one are refused. */
+#if defined(TSE_NO_VELOCITY)
+#define TSE_FILTER_NUMBERS (1331 + 7 * TSE_LATENCY_ROWS)
+#define TSE_CONSTANT_NUMBERS 196
+#else
+#define TSE_FILTER_NUMBERS (1726 + 7 * TSE_LATENCY_ROWS)
+#define TSE_CONSTANT_NUMBERS 208
+#endif
+#define TSE_PAPER_NUMBERS (18 + 20 * TSE_STRIDE) /* those of the particles, besides tse_filter */
+#if defined(TSE_NO_EFFECTS)
+#define TSE_EFFECT_NUMBERS 0
+#define TSE_EFFECT_BYTES 0
+#else
+/* table: effect_numbers */
+#define TSE_EFFECT_NUMBERS 65
+/* end of table */
+#define TSE_EFFECT_BYTES 40
+#endif
+
+/* Bytes between a 32-bit integer and a tse_real behind it: 0 or 4, as the machine aligns them. */
+struct tse_aligned {
+  int32_t first;
+  tse_real number;
+};
+#define TSE_PADDING (sizeof(struct tse_aligned) - sizeof(tse_real) - sizeof(int32_t))
+#define TSE_LATENCY_BYTES ((TSE_LATENCY_ROWS + 3 + TSE_PADDING) / (4 + TSE_PADDING) * (4 + TSE_PADDING))
+
+/* What the structs hold, to the byte: src/model/state.h does not compile where the members have another size. */
+typedef struct tse_params_bytes {
+  uint64_t first; /* aligns the others */
+  unsigned char rest[(TSE_CONSTANT_NUMBERS + TSE_EFFECT_NUMBERS) * sizeof(tse_real) + 48 + TSE_EFFECT_BYTES + 2 * TSE_PADDING];
+} tse_params_bytes;
+
+typedef struct tse_filter_bytes {
+  tse_real first;
+  unsigned char rest[(TSE_FILTER_NUMBERS - 1) * sizeof(tse_real) + 156 + TSE_LATENCY_BYTES + 23 * TSE_PADDING];
+} tse_filter_bytes;
+
+typedef struct tse_paper_bytes {
+  tse_real first;
+  unsigned char rest[(TSE_PAPER_NUMBERS - 1) * sizeof(tse_real) + 4 * TSE_STRIDE];
+} tse_paper_bytes;
+
+/* Constants of a filter, made by tse_prepare(). */
+typedef struct tse_params tse_params;
+
+/* A filter of the default form. */
+typedef struct tse_filter tse_filter;
+
+/* A filter of the paper's form, with its particles. A pointer to its first member is one to all of it. */
+typedef struct tse_filter_paper tse_filter_paper;
+
+#if !defined(TSE_INTERNALS)
+struct tse_params {
+  tse_params_bytes bytes;
+};
+struct tse_filter {
+  tse_filter_bytes bytes;
+};
+struct tse_filter_paper {
+  tse_filter filter;
+  tse_paper_bytes bytes;
+};
+#endif
+
+#endif
