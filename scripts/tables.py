@@ -164,11 +164,11 @@ def input_optional() -> list[str]:
 
 
 def channel_places() -> list[str]:
-    return packed(f"TSE_CHANNEL_{r['name']}," for r in channels())
+    return [f"TSE_CHANNEL_{r['name']}," for r in channels()]
 
 
 def optional_places() -> list[str]:
-    return packed(f"TSE_OPTIONAL_{r['name']}," for r in optional())
+    return [f"TSE_OPTIONAL_{r['name']}," for r in optional()]
 
 
 def input_ranges(rows: Iterable[Row]) -> list[str]:
@@ -231,10 +231,10 @@ def outputs_described() -> list[str]:
 def hashed_outputs() -> list[str]:
     """All but of which time the estimates are: no channel is late in the recorded drives."""
     rows = [(n, r) for n, r in outputs().items() if n != "estimate_age"]
-    return packed(
+    return [
         f"{{ {text(n)}, offsetof(tse_output, {r['member']}), {int(r['kind'] in ('flag', 'reason', 'code'))} }},"
         for n, r in rows
-    )
+    ]
 
 
 def regimes() -> list[str]:
@@ -296,7 +296,7 @@ def config_described() -> list[str]:
 
 
 def considered() -> list[str]:
-    return packed(f"TSE_CONSIDER_{r['place']}," for r in settings("uncertainty").values() if "place" in r)
+    return [f"TSE_CONSIDER_{r['place']}," for r in settings("uncertainty").values() if "place" in r]
 
 
 def config_reals() -> list[str]:
@@ -419,20 +419,17 @@ def formula_takes() -> list[str]:
 
 
 def formula_cases() -> list[str]:
-    """The interpreter's switch: operands are on the stack s, which n values fill, the last written on top."""
-    calls = {
-        0: "s[n++] = formula_{0}(f);",
-        1: "s[n - 1] = formula_{0}(f, s[n - 1]);",
-        2: "n -= 1; s[n - 1] = formula_{0}(f, s[n - 1], s[n]);",
-        3: "n -= 2; s[n - 1] = formula_{0}(f, s[n - 1], s[n], s[n + 1]);",
-    }
+    """Return the interpreter's switch: operands are on the stack s, which n values fill, the last written on top."""
+
+    def call(name: str, row: Row) -> str:
+        operands = [f"s[n - {k}]" for k in range(row["takes"], 0, -1)]
+        if row["kind"] == "NUMBER":
+            return f"formula_number(f, {row['code'] - 1})"
+        return f"formula_{name}({', '.join(operands if row['kind'] == 'PLAIN' else ['f', *operands])})"
+
     rows = read("formula")["operation"].items()
-    return [
-        f"case FORMULA_OP_{n}: "
-        + (f"s[n++] = formula_number(f, {r['code'] - 1});" if r["kind"] == "NUMBER" else calls[r["takes"]].format(n))
-        + " break;"
-        for n, r in rows
-    ]
+    at = {n: f"n - {r['takes']}" if r["takes"] else "n" for n, r in rows}
+    return [f"case FORMULA_OP_{n}: n = formula_push(s, {at[n]}, {call(n, r)}); break;" for n, r in rows]
 
 
 def formula_places_described() -> list[str]:
@@ -529,7 +526,8 @@ def replay_out_members() -> list[str]:
 
 
 def replay_start_values() -> list[str]:
-    return packed(f"TSE_R({c(r['default'])})," for r in read("replay")["start"].values())
+    *lines, last = packed(f"TSE_R({c(r['default'])})," for r in read("replay")["start"].values())
+    return [*lines, last.rstrip(",")]  # a comma behind the last would be a line for each to clang-format
 
 
 def replay_log_described() -> list[str]:

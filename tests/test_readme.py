@@ -94,7 +94,7 @@ def test_its_c_program_reaches_valid_on_the_log_and_its_interval_holds(log, tmp_
     done = subprocess.run(
         [compiled("first.c", tmp_path)], input=log.read_text(), capture_output=True, text=True, check=True
     )
-    said = re.fullmatch(r"front cornering stiffness (\d+) \+- (\d+) N/rad \(95 %\), valid\n", done.stdout)
+    said = re.fullmatch(r"front cornering stiffness (\d+) \+- (\d+) N/rad \(95 %\), usable\n", done.stdout)
     assert said, done.stdout
     truth = pd.read_csv(log.with_name("truth.csv"))["true_cy_front"].iloc[-1]
     assert abs(int(said[1]) - truth) < int(said[2]) < 0.25 * truth

@@ -15,16 +15,16 @@
 
 #define ORDER "; order: longitudinal front, cornering front, cornering rear"
 #define ARRAY(name, kind, member, unit, text) \
-  { OUTPUT(name, kind, member, unit, text) (int32_t)(sizeof ((model *)0)->member / sizeof ((model *)0)->member[0]) },
+  { OUTPUT(name, kind, member, unit, text) (int32_t)(sizeof ((model *)0)->member / sizeof ((model *)0)->member[0]) }
 const fmu_array fmu_arrays[] = {
-  ARRAY("estimate.relative.stiffness", 'r', y.stiffness, "1", "mean stiffness, relative to nominal" ORDER)
-  ARRAY("estimate.relative.stiffness_sd", 'r', y.stiffness_sd, "1", "sd of that mean" ORDER)
-  ARRAY("estimate.relative.stiffness_spread", 'r', y.stiffness_spread, "1", "sample-to-sample sd" ORDER)
-  ARRAY("estimate.stiffness_valid", 'b', valid, "", "the stiffness may be used" ORDER)
-  ARRAY("estimate.stiffness_reason", 'i', y.reason, "", "0 valid, else why it may not be used: codes as those of estimate.cx_front_reason" ORDER)
-  ARRAY("estimate.change_stiffness", 'r', y.change_ratio, "1", "stiffness now over that before the last change" ORDER)
-  ARRAY("estimate.probability", 'r', y.regime, "1", "probabilities in the order of estimate.p_steady to estimate.p_restarted")
-  ARRAY("estimate.relative.stiffness_secant", 'r', y.stiffness_secant, "1", "stiffness in effect, relative to nominal" ORDER)
+  ARRAY("estimate.relative.stiffness", 'r', y.stiffness, "1", "mean stiffness, relative to nominal" ORDER),
+  ARRAY("estimate.relative.stiffness_sd", 'r', y.stiffness_sd, "1", "sd of that mean" ORDER),
+  ARRAY("estimate.relative.stiffness_spread", 'r', y.stiffness_spread, "1", "sample-to-sample sd" ORDER),
+  ARRAY("estimate.stiffness_valid", 'b', valid, "", "the stiffness may be used" ORDER),
+  ARRAY("estimate.stiffness_reason", 'i', y.reason, "", "0 valid, else why it may not be used: codes as those of estimate.cx_front_reason" ORDER),
+  ARRAY("estimate.change_stiffness", 'r', y.change_ratio, "1", "stiffness now over that before the last change" ORDER),
+  ARRAY("estimate.probability", 'r', y.regime, "1", "probabilities in the order of estimate.p_steady to estimate.p_restarted"),
+  ARRAY("estimate.relative.stiffness_secant", 'r', y.stiffness_secant, "1", "stiffness in effect, relative to nominal" ORDER),
 };
 const int32_t fmu_array_count = (int32_t)(sizeof fmu_arrays / sizeof fmu_arrays[0]);
 

@@ -25,6 +25,7 @@ typedef struct unit {
 
 #define DEG 57.295779513082323
 static const unit units[] = {
+  /* clang-format off */
   { "1",             "1",             "Ratio",                    1, 0, 0, 0, 0, NULL, 0 },
   { "rad",           "rad",           "Angle",                    1, 0, 0, 0, 1, "deg", DEG },
   { "rad/s",         "rad/s",         "AngularVelocity",          1, 0, 0, -1, 1, "deg/s", DEG },
@@ -49,6 +50,7 @@ static const unit units[] = {
   { "rad/(N m)",     "rad/(N.m)",     "AnglePerTorque",           1, -1, -2, 2, 1, "deg/(N.m)", DEG },
   { "sigma",         "sigma",         "StandardDeviations",       1, 0, 0, 0, 0, NULL, 0 },
   { "nat",           "nat",           "LogDensity",               1, 0, 0, 0, 0, NULL, 0 },
+  /* clang-format on */
 };
 
 static const unit *unit_of(const fmu_variable *v)
@@ -81,12 +83,12 @@ static const char *number(double x)
 static void escaped(const char *text)
 {
   for (; *text; text++) switch (*text) {
-    case '&': (void)fputs("&amp;", stdout); break;
-    case '<': (void)fputs("&lt;", stdout); break;
-    case '>': (void)fputs("&gt;", stdout); break;
-    case '"': (void)fputs("&quot;", stdout); break;
-    default: (void)putchar(*text);
-  }
+      case '&': (void)fputs("&amp;", stdout); break;
+      case '<': (void)fputs("&lt;", stdout); break;
+      case '>': (void)fputs("&gt;", stdout); break;
+      case '"': (void)fputs("&quot;", stdout); break;
+      default: (void)putchar(*text);
+    }
 }
 
 static void attribute(const char *name, const char *value)
@@ -132,7 +134,8 @@ static void print_units(int fmi)
 
 static const char *type_name(const fmu_variable *v, int fmi)
 {
-  return v->kind == 'b' ? "Boolean" : v->kind == 'r' ? (fmi == 2 ? "Real" : "Float64") : fmi == 2 ? "Integer" : "Int32";
+  return v->kind == 'b' ? "Boolean" : v->kind == 'r' ? (fmi == 2 ? "Real" : "Float64")
+                                                     : (fmi == 2 ? "Integer" : "Int32");
 }
 
 /* What FMI 2.0 says of a variable and FMI 3.0 says alike. */
@@ -140,8 +143,8 @@ static void what_it_is(const fmu_variable *v, int32_t reference)
 {
   (void)printf(" name=\"%s\" valueReference=\"%d\"", v->name, (int)reference);
   attribute("description", v->text);
-  attribute("causality", v->role == 'p' ? "parameter" : v->role == 'i' ? "input" : v->role == 'o' ? "output" : "independent");
-  attribute("variability", v->role == 'p' ? "fixed" : v->kind == 'r' ? "continuous" : "discrete");
+  attribute("causality", v->role == 'p' ? "parameter" : (v->role == 'i' ? "input" : (v->role == 'o' ? "output" : "independent")));
+  attribute("variability", v->role == 'p' ? "fixed" : (v->kind == 'r' ? "continuous" : "discrete"));
   if (v->role == 'p' || v->role == 'o') attribute("initial", v->role == 'p' ? "exact" : "calculated");
 }
 
@@ -237,7 +240,8 @@ static void print_model2(int files, char **file)
                "    canInterpolateInputs=\"%s\" maxOutputDerivativeOrder=\"0\" canRunAsynchronuously=\"false\"\n"
                "    canBeInstantiatedOnlyOncePerProcess=\"false\" canNotUseMemoryManagementFunctions=\"true\"\n"
                "    canGetAndSetFMUstate=\"true\" canSerializeFMUstate=\"true\" providesDirectionalDerivative=\"false\">\n"
-               "    <SourceFiles>\n", fmu_about.identifier, takes_rates() ? "true" : "false");
+               "    <SourceFiles>\n",
+               fmu_about.identifier, takes_rates() ? "true" : "false");
   for (int i = 0; i < files; i++) (void)printf("      <File name=\"%s\"/>\n", file[i]);
   (void)puts("    </SourceFiles>\n  </CoSimulation>");
   print_middle(2);
@@ -262,7 +266,8 @@ static void print_model3(void)
                "    canBeInstantiatedOnlyOncePerProcess=\"false\" canGetAndSetFMUState=\"true\" canSerializeFMUState=\"true\"\n"
                "    providesDirectionalDerivatives=\"false\" providesAdjointDerivatives=\"false\" providesPerElementDependencies=\"false\"\n"
                "    maxOutputDerivativeOrder=\"0\" providesIntermediateUpdate=\"false\" mightReturnEarlyFromDoStep=\"false\"\n"
-               "    canReturnEarlyAfterIntermediateUpdate=\"false\" hasEventMode=\"false\"/>\n", fmu_about.identifier);
+               "    canReturnEarlyAfterIntermediateUpdate=\"false\" hasEventMode=\"false\"/>\n",
+               fmu_about.identifier);
   print_middle(3);
   for (int32_t i = 0; i < fmu_variable_count; i++) print_variable3(&fmu_variables[i], i, 1);
   for (int32_t k = 0; k < fmu_array_count; k++) print_variable3(&fmu_arrays[k].of, fmu_variable_count + k, fmu_arrays[k].count);
@@ -384,7 +389,10 @@ static void variable_row(const fmu_variable *v, int fmi, int32_t count)
 /* A table per role; in it groups in the order of their first member. */
 static void print_variables(int fmi)
 {
-  static const struct { char role; const char *title, *id; } roles[] = {
+  static const struct {
+    char role;
+    const char *title, *id;
+  } roles[] = {
     { 'i', "Inputs", "inputs" }, { 'o', "Outputs", "outputs" }, { 'p', "Parameters", "parameters" }
   };
   const char *table = NULL;
@@ -423,7 +431,7 @@ static void print_variables(int fmi)
 int main(int count, char **argument)
 {
   const char *const what = count > 1 ? argument[1] : "", *const version = count > 2 ? argument[2] : "";
-  const int fmi = strcmp(version, "2") == 0 ? 2 : strcmp(version, "3") == 0 ? 3 : 0;
+  const int fmi = strcmp(version, "2") == 0 ? 2 : (strcmp(version, "3") == 0 ? 3 : 0);
   if (strcmp(what, "model") == 0 && fmi == 2 && count > 3) print_model2(count - 3, argument + 3);
   else if (strcmp(what, "model") == 0 && fmi == 3 && count == 3) print_model3();
   else if (strcmp(what, "terminals") == 0 && count == 2) print_terminals();
@@ -431,7 +439,8 @@ int main(int count, char **argument)
   else if (strcmp(what, "variables") == 0 && fmi && count == 3) print_variables(fmi);
   else {
     (void)fputs("usage: describe model 2 FILE.c ... | describe model 3 | describe terminals | describe build NAME=VALUE,... OPTIONS FILE.c ... | "
-                "describe variables 2|3\n", stderr);
+                "describe variables 2|3\n",
+                stderr);
     return 2;
   }
   return fflush(stdout) == 0 && !ferror(stdout) ? 0 : 1;

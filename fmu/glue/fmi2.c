@@ -21,8 +21,6 @@ const char *fmi2GetVersion(void) { return fmi2Version; }
 fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, fmi2String resources,
                               const fmi2CallbackFunctions *callbacks, fmi2Boolean visible, fmi2Boolean logging)
 {
-  (void)resources;
-  (void)visible;
   if (!callbacks) return NULL;
   return glue_instantiate(&api, name, guid, type == fmi2CoSimulation ? NULL : "only co-simulation is supported",
                           (glue_function *)callbacks->logger, callbacks->componentEnvironment, logging);
@@ -47,8 +45,6 @@ fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean has_tolerance, fmi2R
                                fmi2Boolean has_stop, fmi2Real stop)
 {
   instance *const s = glue_instance_of(c);
-  (void)has_tolerance;
-  (void)tolerance;
   return DONE(glue_setup(s, "fmi2SetupExperiment", start, has_stop, stop));
 }
 
@@ -162,9 +158,6 @@ fmi2Status fmi2GetRealOutputDerivatives(fmi2Component c, const fmi2ValueReferenc
                                         fmi2Real value[])
 {
   const instance *const s = glue_instance_of(c);
-  (void)vr;
-  (void)order;
-  (void)value;
   if (!s) return fmi2Error;
   return nvr == 0 ? fmi2OK
                   : (fmi2Status)glue_refuse(s, "fmi2GetRealOutputDerivatives",
@@ -174,7 +167,6 @@ fmi2Status fmi2GetRealOutputDerivatives(fmi2Component c, const fmi2ValueReferenc
 fmi2Status fmi2DoStep(fmi2Component c, fmi2Real time, fmi2Real step, fmi2Boolean no_earlier_state)
 {
   instance *const s = glue_instance_of(c);
-  (void)no_earlier_state;
   return DONE(glue_step(s, "fmi2DoStep", time, step));
 }
 
@@ -204,15 +196,11 @@ fmi2Status fmi2GetRealStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Rea
 
 fmi2Status fmi2GetStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Status *value)
 {
-  (void)kind;
-  (void)value;
   return no_status(c, "fmi2GetStatus: no step is ever pending");
 }
 
 fmi2Status fmi2GetIntegerStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Integer *value)
 {
-  (void)kind;
-  (void)value;
   return no_status(c, "fmi2GetIntegerStatus: there is no such status");
 }
 
@@ -227,8 +215,6 @@ fmi2Status fmi2GetBooleanStatus(fmi2Component c, const fmi2StatusKind kind, fmi2
 
 fmi2Status fmi2GetStringStatus(fmi2Component c, const fmi2StatusKind kind, fmi2String *value)
 {
-  (void)kind;
-  (void)value;
   return no_status(c, "fmi2GetStringStatus: no step is ever pending");
 }
 
@@ -237,12 +223,6 @@ fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReferenc
                                         fmi2Real dunknown[])
 {
   const instance *const s = glue_instance_of(c);
-  (void)unknown;
-  (void)unknowns;
-  (void)known_;
-  (void)knowns;
-  (void)dknown;
-  (void)dunknown;
   return DONE(glue_refuse(s, "fmi2GetDirectionalDerivative", "not provided (providesDirectionalDerivative is false)"));
 }
 

@@ -3,9 +3,9 @@
 #include "fmi3Functions.h"
 #include "glue.h"
 
+/* The importer knows by the environment which instance it is. */
 static void emit(glue_function *logger, void *environment, const char *name, glue_status status, const char *category, const char *text)
 {
-  (void)name; /* FMI 3.0: the importer knows it by the environment */
   ((fmi3LogMessageCallback)logger)(environment, (fmi3Status)status, category, text);
 }
 
@@ -26,11 +26,6 @@ fmi3Instance fmi3InstantiateCoSimulation(fmi3String name, fmi3String token, fmi3
                                          fmi3IntermediateUpdateCallback update)
 {
   const char *unsupported = NULL;
-  (void)resources;
-  (void)visible;
-  (void)early_return; /* allowed, and never done */
-  (void)intermediate;
-  (void)update;
   if (events) unsupported = "eventModeUsed is true, and there is no event mode (hasEventMode is false)";
   else if (intermediates > 0) unsupported = "requiredIntermediateVariables are asked for, and there are none (providesIntermediateUpdate is false)";
   return glue_instantiate(&api, name, token, unsupported, (glue_function *)logger, environment, logging);
@@ -39,8 +34,6 @@ fmi3Instance fmi3InstantiateCoSimulation(fmi3String name, fmi3String token, fmi3
 fmi3Instance fmi3InstantiateModelExchange(fmi3String name, fmi3String token, fmi3String resources, fmi3Boolean visible, fmi3Boolean logging,
                                           fmi3InstanceEnvironment environment, fmi3LogMessageCallback logger)
 {
-  (void)resources;
-  (void)visible;
   return glue_instantiate(&api, name, token, "only co-simulation is supported", (glue_function *)logger, environment, logging);
 }
 
@@ -49,11 +42,6 @@ fmi3Instance fmi3InstantiateScheduledExecution(fmi3String name, fmi3String token
                                                fmi3ClockUpdateCallback update, fmi3LockPreemptionCallback lock,
                                                fmi3UnlockPreemptionCallback unlock)
 {
-  (void)resources;
-  (void)visible;
-  (void)update;
-  (void)lock;
-  (void)unlock;
   return glue_instantiate(&api, name, token, "only co-simulation is supported", (glue_function *)logger, environment, logging);
 }
 
@@ -74,8 +62,6 @@ fmi3Status fmi3EnterInitializationMode(fmi3Instance c, fmi3Boolean has_tolerance
 {
   static const char function[] = "fmi3EnterInitializationMode";
   ON_INSTANCE(c);
-  (void)has_tolerance;
-  (void)tolerance;
   if (!s || glue_setup(s, function, start, has_stop, stop) != GLUE_OK) return fmi3Error;
   return (fmi3Status)glue_enter_initialization(s, function);
 }
@@ -184,7 +170,6 @@ NO_TYPE(String)
 fmi3Status fmi3GetBinary(fmi3Instance c, const fmi3ValueReference vr[], size_t nvr, size_t sizes[], fmi3Binary value[], size_t count)
 {
   ON_CONST_INSTANCE(c);
-  (void)sizes;
   if (s && nvr == 0) return none(s, count, "fmi3GetBinary");
   if (s) (void)listed(s, vr, nvr, value, count, 0, "Binary", "fmi3GetBinary");
   return fmi3Error;
@@ -194,7 +179,6 @@ fmi3Status fmi3SetBinary(fmi3Instance c, const fmi3ValueReference vr[], size_t n
                          size_t count)
 {
   ON_CONST_INSTANCE(c);
-  (void)sizes;
   if (s && nvr == 0) return none(s, count, "fmi3SetBinary");
   if (s) (void)listed(s, vr, nvr, value, count, 0, "Binary", "fmi3SetBinary");
   return fmi3Error;
@@ -223,7 +207,6 @@ fmi3Status fmi3DoStep(fmi3Instance c, fmi3Float64 time, fmi3Float64 step, fmi3Bo
                       fmi3Boolean *terminate, fmi3Boolean *early, fmi3Float64 *last)
 {
   ON_INSTANCE(c);
-  (void)no_earlier_state;
   if (!s) return fmi3Error;
   const glue_status status = glue_step(s, "fmi3DoStep", time, step);
   if (event) *event = fmi3False;
@@ -282,9 +265,6 @@ fmi3Status fmi3GetOutputDerivatives(fmi3Instance c, const fmi3ValueReference vr[
                                     size_t count)
 {
   ON_CONST_INSTANCE(c);
-  (void)vr;
-  (void)order;
-  (void)value;
   if (s && nvr == 0) return none(s, count, "fmi3GetOutputDerivatives");
   REFUSED("fmi3GetOutputDerivatives", "outputs have no derivatives (maxOutputDerivativeOrder is 0)");
 }
@@ -294,7 +274,6 @@ fmi3Status fmi3GetDirectionalDerivative(fmi3Instance c, const fmi3ValueReference
                                         fmi3Float64 sensitivity[], size_t sensitivities)
 {
   ON_CONST_INSTANCE(c);
-  (void)unknown; (void)unknowns; (void)known; (void)knowns; (void)seed; (void)seeds; (void)sensitivity; (void)sensitivities;
   REFUSED("fmi3GetDirectionalDerivative", "not provided (providesDirectionalDerivatives is false)");
 }
 
@@ -302,15 +281,12 @@ fmi3Status fmi3GetAdjointDerivative(fmi3Instance c, const fmi3ValueReference unk
                                     size_t knowns, const fmi3Float64 seed[], size_t seeds, fmi3Float64 sensitivity[], size_t sensitivities)
 {
   ON_CONST_INSTANCE(c);
-  (void)unknown; (void)unknowns; (void)known; (void)knowns; (void)seed; (void)seeds; (void)sensitivity; (void)sensitivities;
   REFUSED("fmi3GetAdjointDerivative", "not provided (providesAdjointDerivatives is false)");
 }
 
 fmi3Status fmi3GetNumberOfVariableDependencies(fmi3Instance c, fmi3ValueReference vr, size_t *count)
 {
   ON_CONST_INSTANCE(c);
-  (void)vr;
-  (void)count;
   REFUSED("fmi3GetNumberOfVariableDependencies", "not provided (providesPerElementDependencies is false)");
 }
 
@@ -318,7 +294,6 @@ fmi3Status fmi3GetVariableDependencies(fmi3Instance c, fmi3ValueReference depend
                                        size_t of[], fmi3DependencyKind kinds[], size_t count)
 {
   ON_CONST_INSTANCE(c);
-  (void)dependent; (void)elements; (void)independents; (void)of; (void)kinds; (void)count;
   REFUSED("fmi3GetVariableDependencies", "not provided (providesPerElementDependencies is false)");
 }
 
@@ -336,41 +311,29 @@ fmi3Status fmi3UpdateDiscreteStates(fmi3Instance c, fmi3Boolean *again, fmi3Bool
                                     fmi3Boolean *has_next, fmi3Float64 *next)
 {
   ON_CONST_INSTANCE(c);
-  (void)again; (void)terminate; (void)nominals; (void)values; (void)has_next; (void)next;
   REFUSED("fmi3UpdateDiscreteStates", no_events);
 }
 
 /* Functions of clocks: about none of them there is nothing to do. */
-#define NO_CLOCK(name, arguments)                                                                     \
-  fmi3Status name(fmi3Instance c, const fmi3ValueReference vr[], size_t nvr, arguments)               \
-  {                                                                                                   \
-    ON_CONST_INSTANCE(c);                                                                             \
-    (void)vr;                                                                                         \
-    UNUSED;                                                                                           \
-    if (s && nvr == 0) return fmi3OK;                                                                 \
-    REFUSED(#name, no_clocks);                                                                        \
+#define NO_CLOCK(name, ...)                                                              \
+  fmi3Status name(fmi3Instance c, const fmi3ValueReference vr[], size_t nvr, __VA_ARGS__) \
+  {                                                                                      \
+    ON_CONST_INSTANCE(c);                                                                \
+    if (s && nvr == 0) return fmi3OK;                                                    \
+    REFUSED(#name, no_clocks);                                                           \
   }
-#define WITH ,
-#define UNUSED (void)a; (void)b
-NO_CLOCK(fmi3GetIntervalDecimal, fmi3Float64 a[] WITH fmi3IntervalQualifier b[])
-NO_CLOCK(fmi3GetShiftFraction, fmi3UInt64 a[] WITH fmi3UInt64 b[])
-NO_CLOCK(fmi3SetIntervalFraction, const fmi3UInt64 a[] WITH const fmi3UInt64 b[])
-NO_CLOCK(fmi3SetShiftFraction, const fmi3UInt64 a[] WITH const fmi3UInt64 b[])
-#undef UNUSED
-#define UNUSED (void)a
-NO_CLOCK(fmi3GetShiftDecimal, fmi3Float64 a[])
-NO_CLOCK(fmi3SetIntervalDecimal, const fmi3Float64 a[])
-NO_CLOCK(fmi3SetShiftDecimal, const fmi3Float64 a[])
-#undef UNUSED
-#define UNUSED (void)a; (void)b; (void)q
-NO_CLOCK(fmi3GetIntervalFraction, fmi3UInt64 a[] WITH fmi3UInt64 b[] WITH fmi3IntervalQualifier q[])
-#undef UNUSED
+NO_CLOCK(fmi3GetIntervalDecimal, fmi3Float64 interval[], fmi3IntervalQualifier qualifier[])
+NO_CLOCK(fmi3GetShiftFraction, fmi3UInt64 counter[], fmi3UInt64 resolution[])
+NO_CLOCK(fmi3SetIntervalFraction, const fmi3UInt64 counter[], const fmi3UInt64 resolution[])
+NO_CLOCK(fmi3SetShiftFraction, const fmi3UInt64 counter[], const fmi3UInt64 resolution[])
+NO_CLOCK(fmi3GetShiftDecimal, fmi3Float64 shift[])
+NO_CLOCK(fmi3SetIntervalDecimal, const fmi3Float64 interval[])
+NO_CLOCK(fmi3SetShiftDecimal, const fmi3Float64 shift[])
+NO_CLOCK(fmi3GetIntervalFraction, fmi3UInt64 counter[], fmi3UInt64 resolution[], fmi3IntervalQualifier qualifier[])
 
 fmi3Status fmi3ActivateModelPartition(fmi3Instance c, fmi3ValueReference clock, fmi3Float64 time)
 {
   ON_CONST_INSTANCE(c);
-  (void)clock;
-  (void)time;
   REFUSED("fmi3ActivateModelPartition", no_exchange);
 }
 
@@ -378,22 +341,18 @@ fmi3Status fmi3ActivateModelPartition(fmi3Instance c, fmi3ValueReference clock, 
 fmi3Status fmi3CompletedIntegratorStep(fmi3Instance c, fmi3Boolean no_earlier_state, fmi3Boolean *event, fmi3Boolean *terminate)
 {
   ON_CONST_INSTANCE(c);
-  (void)no_earlier_state; (void)event; (void)terminate;
   REFUSED("fmi3CompletedIntegratorStep", no_exchange);
 }
 
 fmi3Status fmi3SetTime(fmi3Instance c, fmi3Float64 time)
 {
   ON_CONST_INSTANCE(c);
-  (void)time;
   REFUSED("fmi3SetTime", no_exchange);
 }
 
 fmi3Status fmi3SetContinuousStates(fmi3Instance c, const fmi3Float64 values[], size_t count)
 {
   ON_CONST_INSTANCE(c);
-  (void)values;
-  (void)count;
   REFUSED("fmi3SetContinuousStates", no_exchange);
 }
 
@@ -401,8 +360,6 @@ fmi3Status fmi3SetContinuousStates(fmi3Instance c, const fmi3Float64 values[], s
   fmi3Status name(fmi3Instance c, fmi3Float64 values[], size_t count)    \
   {                                                                      \
     ON_CONST_INSTANCE(c);                                                \
-    (void)values;                                                        \
-    (void)count;                                                         \
     REFUSED(#name, no_exchange);                                         \
   }
 NO_NUMBERS(fmi3GetContinuousStateDerivatives)
@@ -414,7 +371,6 @@ NO_NUMBERS(fmi3GetNominalsOfContinuousStates)
   fmi3Status name(fmi3Instance c, size_t *count)                         \
   {                                                                      \
     ON_CONST_INSTANCE(c);                                                \
-    (void)count;                                                         \
     REFUSED(#name, no_exchange);                                         \
   }
 NO_NUMBER(fmi3GetNumberOfEventIndicators)

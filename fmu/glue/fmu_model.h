@@ -61,7 +61,11 @@ extern const fmu_info fmu_about;
 typedef void fmu_code_row(void *to, const char *table, int32_t code, const char *name, const char *text);
 void model_codes(fmu_code_row *row, void *to);
 
-typedef enum fmu_result { FMU_OK, FMU_WARNING, FMU_ERROR } fmu_result;
+typedef enum fmu_result {
+  FMU_OK,
+  FMU_WARNING,
+  FMU_ERROR
+} fmu_result;
 
 /* Names that importers know, and what each is for. Errors and warnings are logged unless switched off, events when asked for. */
 #define FMU_LOG_CATEGORIES(X)                                                        \

@@ -143,7 +143,7 @@ int glue_counted(const instance *s, size_t values, size_t wanted, const char *fu
 
 static const char *kind_name(const instance *s, char kind)
 {
-  return kind == 'r' ? s->api->real : kind == 'i' ? s->api->integer : s->api->boolean;
+  return kind == 'r' ? s->api->real : (kind == 'i' ? s->api->integer : s->api->boolean);
 }
 
 int glue_known(const instance *s, const uint32_t vr[], size_t nvr, char kind, const char *type, const char *function, size_t *values)

@@ -8,6 +8,11 @@
 
 #include "fmu_model.h"
 
+/* The standards say which arguments a function has: it need not use all of them. */
+#if defined(__GNUC__)
+#pragma GCC diagnostic ignored "-Wunused-parameter"
+#endif
+
 #ifndef FMU_INSTANCES
 #define FMU_INSTANCES 32   /* at once in one process */
 #endif
@@ -16,10 +21,25 @@
 #endif
 
 /* fmi2Status and fmi3Status have the same numbers. */
-typedef enum glue_status { GLUE_OK, GLUE_WARNING, GLUE_DISCARD, GLUE_ERROR } glue_status;
+typedef enum glue_status {
+  GLUE_OK,
+  GLUE_WARNING,
+  GLUE_DISCARD,
+  GLUE_ERROR
+} glue_status;
 
-enum { GLUE_INSTANTIATED = 1, GLUE_INITIALIZING = 2, GLUE_STEPPING = 4, GLUE_TERMINATED = 8 };
-enum { GLUE_LOG_ERROR, GLUE_LOG_WARNING, GLUE_LOG_EVENT, GLUE_LOG_CATEGORIES };
+enum {
+  GLUE_INSTANTIATED = 1,
+  GLUE_INITIALIZING = 2,
+  GLUE_STEPPING = 4,
+  GLUE_TERMINATED = 8
+};
+enum {
+  GLUE_LOG_ERROR,
+  GLUE_LOG_WARNING,
+  GLUE_LOG_EVENT,
+  GLUE_LOG_CATEGORIES
+};
 
 typedef void glue_function(void); /* some logger: its version knows which */
 

@@ -19,7 +19,7 @@ static inline tse_real tse_real_of(double x)
   if (scaled <= -most) return -((tse_real)1 << 60);
   const tse_real whole = (tse_real)scaled;
   const double rest = scaled - (double)whole;
-  return whole + (rest >= 0.5 ? 1 : rest <= -0.5 ? -1 : 0);
+  return whole + (rest >= 0.5 ? 1 : (rest <= -0.5 ? -1 : 0));
 }
 
 static inline double tse_double_of(tse_real x)

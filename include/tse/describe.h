@@ -15,12 +15,19 @@ extern "C" {
 #endif
 
 typedef enum tse_struct {
-  TSE_STRUCT_CONFIG, TSE_STRUCT_INPUT, TSE_STRUCT_OUTPUT,
-  TSE_STRUCT_SIM_CONFIG, TSE_STRUCT_SIM_INPUT, TSE_STRUCT_SIM_OUTPUT, /* simulator: absent (NULL) in builds without effects */
-  TSE_STRUCT_STATUS, TSE_STRUCT_REASON,  /* not structs: name, text, and the code in `offset` */
-  TSE_STRUCT_REPLAY_LOG, TSE_STRUCT_REPLAY_START, TSE_STRUCT_REPLAY_OUT, /* absent there, as the simulator */
-  TSE_STRUCT_FORMULA_PLACE, TSE_STRUCT_FORMULA_OP, /* not structs: src/tables/formula.toml, the code in `offset`; of an operation how many
-                                                      operands it takes in `def`, and its kind as a letter n, s, p, m           */
+  TSE_STRUCT_CONFIG,
+  TSE_STRUCT_INPUT,
+  TSE_STRUCT_OUTPUT,
+  TSE_STRUCT_SIM_CONFIG, /* the simulator's, and the replay's below: absent (NULL) in builds without effects */
+  TSE_STRUCT_SIM_INPUT,
+  TSE_STRUCT_SIM_OUTPUT,
+  TSE_STRUCT_STATUS, /* no struct, as reasons, places and operations: name, text, and the code in `offset` */
+  TSE_STRUCT_REASON,
+  TSE_STRUCT_REPLAY_LOG,
+  TSE_STRUCT_REPLAY_START,
+  TSE_STRUCT_REPLAY_OUT,
+  TSE_STRUCT_FORMULA_PLACE, /* src/tables/formula.toml */
+  TSE_STRUCT_FORMULA_OP,    /* how many operands it takes in `def`, its kind as a letter n, s, p, m */
   TSE_STRUCTS
 } tse_struct;
 

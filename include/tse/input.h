@@ -31,19 +31,30 @@ typedef struct tse_input {
   /* end of table */
 } tse_input;
 
-enum { /* bits of tse_input.missing: TSE_MISSING(accel_x) */
+/* Bits of tse_input.missing: TSE_MISSING(accel_x). */
+enum {
   /* table: channel_places */
-  TSE_CHANNEL_steer_angle, TSE_CHANNEL_wheel_speed_front, TSE_CHANNEL_wheel_speed_rear, TSE_CHANNEL_accel_x, TSE_CHANNEL_accel_y,
+  TSE_CHANNEL_steer_angle,
+  TSE_CHANNEL_wheel_speed_front,
+  TSE_CHANNEL_wheel_speed_rear,
+  TSE_CHANNEL_accel_x,
+  TSE_CHANNEL_accel_y,
   TSE_CHANNEL_yaw_rate,
   /* end of table */
   TSE_CHANNELS
 };
 #define TSE_MISSING(name) (1u << TSE_CHANNEL_##name)
 
-enum { /* bits of tse_input.given: TSE_GIVEN(gnss_speed) */
+/* Bits of tse_input.given: TSE_GIVEN(gnss_speed). */
+enum {
   /* table: optional_places */
-  TSE_OPTIONAL_ins_vel_x, TSE_OPTIONAL_ins_vel_y, TSE_OPTIONAL_gnss_speed, TSE_OPTIONAL_gnss_course, TSE_OPTIONAL_brake,
-  TSE_OPTIONAL_wheel_torque_front, TSE_OPTIONAL_wheel_torque_rear,
+  TSE_OPTIONAL_ins_vel_x,
+  TSE_OPTIONAL_ins_vel_y,
+  TSE_OPTIONAL_gnss_speed,
+  TSE_OPTIONAL_gnss_course,
+  TSE_OPTIONAL_brake,
+  TSE_OPTIONAL_wheel_torque_front,
+  TSE_OPTIONAL_wheel_torque_rear,
   /* end of table */
   TSE_OPTIONALS
 };

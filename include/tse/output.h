@@ -7,9 +7,14 @@
 #include "tse/real.h"
 
 /* Index of a stiffness in tse_output and everywhere else. */
-enum { TSE_CX_FRONT = 0, TSE_CY_FRONT = 1, TSE_CY_REAR = 2 };
+enum {
+  TSE_CX_FRONT = 0,
+  TSE_CY_FRONT = 1,
+  TSE_CY_REAR = 2
+};
 
-enum { /* what may be so at a row: index of its probability in tse_output.regime */
+/* What may be so at a row: index of its probability in tse_output.regime. */
+enum {
   /* table: regimes */
   TSE_REGIME_STEADY,    /* tyres as before */
   TSE_REGIME_CHANGED,   /* all tyres changed within the last 2 s: another road */
@@ -21,7 +26,13 @@ enum { /* what may be so at a row: index of its probability in tse_output.regime
   TSE_REGIMES
 };
 
-enum { TSE_CHANGE_NONE, TSE_CHANGE_ROAD, TSE_CHANGE_FRONT, TSE_CHANGE_REAR, TSE_CHANGE_RESTART };
+enum {
+  TSE_CHANGE_NONE,
+  TSE_CHANGE_ROAD,
+  TSE_CHANGE_FRONT,
+  TSE_CHANGE_REAR,
+  TSE_CHANGE_RESTART
+};
 
 /* Stiffness is relative to the settings' nominal value, because N/rad does not fit every number format; tse_stiffness_si()
  * multiplies. */

@@ -252,7 +252,7 @@ def c_header(formula: Formula) -> str:
             takes = table[op].takes
             operands = stack[len(stack) - takes :]
             del stack[len(stack) - takes :]
-            call = f"formula_{op}({', '.join(['f', *operands])});"
+            call = f"formula_{op}({', '.join(operands if table[op].kind == 'PLAIN' else ['f', *operands])});"
         lines.append(f"  const tse_real t{i} = {call}")
         stack.append(f"t{i}")
     guard = f"TSE_FORMULA_{formula.id.upper()}_H"

@@ -34,13 +34,17 @@ tse_status input_decode(const tse_params *p, const tse_filter *f, const tse_inpu
   if (status < 0) return status;
 
   y->dt = row.dt;
-  y->has_inputs = y->has_steer = 1;
   y->u.steer = row.steer_angle;
   y->u.v_front = r_mul(p->radius_front, row.wheel_speed_front);
   y->u.v_rear = r_mul(p->radius_rear, row.wheel_speed_rear);
-  if (is_missing(&row, TSE_MISSING(steer_angle), row.steer_angle)) { y->u.steer = f->steer; y->has_inputs = y->has_steer = 0; }
-  if (is_missing(&row, TSE_MISSING(wheel_speed_front), row.wheel_speed_front)) { y->u.v_front = f->v_front; y->has_inputs = 0; }
-  if (is_missing(&row, TSE_MISSING(wheel_speed_rear), row.wheel_speed_rear)) { y->u.v_rear = f->v_rear; y->has_inputs = 0; }
+  const int no_steer = is_missing(&row, TSE_MISSING(steer_angle), row.steer_angle);
+  const int no_front = is_missing(&row, TSE_MISSING(wheel_speed_front), row.wheel_speed_front);
+  const int no_rear = is_missing(&row, TSE_MISSING(wheel_speed_rear), row.wheel_speed_rear);
+  y->has_steer = !no_steer;
+  y->has_inputs = !no_steer && !no_front && !no_rear;
+  if (no_steer) y->u.steer = f->steer;
+  if (no_front) y->u.v_front = f->v_front;
+  if (no_rear) y->u.v_rear = f->v_rear;
 
   y->used = 0;
   for (int i = 0; i < 3; i++) {

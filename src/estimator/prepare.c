@@ -139,7 +139,10 @@ static void latencies_of(const tse_config *c, tse_setting latency[TSE_CHANNELS])
 }
 
 /* When a row is read: its time is `age` before the newest row, the earliest channel `span` before it. */
-typedef struct reading_time { tse_setting age, span; int earliest, latest; } reading_time;
+typedef struct reading_time {
+  tse_setting age, span;
+  int earliest, latest;
+} reading_time;
 
 /* Find when a row is read: not before all channels are known, and then at a row of accel_x, if rows are sample_time apart:
  * interpolated noise is in neighbours, too, vel_x follows it, and half a row of it moved the longitudinal stiffness by 8 % and
@@ -303,14 +306,21 @@ static int vanishes(tse_real rate, tse_real dt) { return rate > 0 && r_mul(rate,
 /* Return whether the constants leave the filter that room. *wrong: the setting that does not. */
 static tse_status fits(const tse_params *p, const tse_config *c, const char **wrong)
 {
-  const struct { tse_real value, most; const char *name; } row[] = {
+  const struct {
+    tse_real value, most;
+    const char *name;
+  } row[] = {
     { r_mul(p->kx_front + p->kx_rear, p->inv_sd[0]), MOST_GAIN, "accel_x_sd" },
     { r_mul(r_max(p->ky_front, p->ky_rear), p->inv_sd[1]), MOST_GAIN, "accel_y_sd" },
     { r_mul(p->x_sd0[2], p->inv_sd[2]), MOST_START, "yaw_rate_sd" },
-    { p->bias_var0[0], MOST_BIAS_VAR, "accel_x_bias_sd" }, { p->bias_var0[1], MOST_BIAS_VAR, "accel_y_bias_sd" },
-    { p->bias_var0[2], MOST_BIAS_VAR, "yaw_rate_bias_sd" }, { p->bias_walk[0], MOST_BIAS_VAR, "accel_x_bias_walk" },
-    { p->bias_walk[1], MOST_BIAS_VAR, "accel_y_bias_walk" }, { p->bias_walk[2], MOST_BIAS_VAR, "yaw_rate_bias_walk" },
-    { p->noise_max_var, MOST_NOISE, "noise_max" }, { r_mul(p->damping, p->max_step), MOST_GAIN, "yaw_inertia" },
+    { p->bias_var0[0], MOST_BIAS_VAR, "accel_x_bias_sd" },
+    { p->bias_var0[1], MOST_BIAS_VAR, "accel_y_bias_sd" },
+    { p->bias_var0[2], MOST_BIAS_VAR, "yaw_rate_bias_sd" },
+    { p->bias_walk[0], MOST_BIAS_VAR, "accel_x_bias_walk" },
+    { p->bias_walk[1], MOST_BIAS_VAR, "accel_y_bias_walk" },
+    { p->bias_walk[2], MOST_BIAS_VAR, "yaw_rate_bias_walk" },
+    { p->noise_max_var, MOST_NOISE, "noise_max" },
+    { r_mul(p->damping, p->max_step), MOST_GAIN, "yaw_inertia" },
     { r_max(p->jf, p->jr), MOST_START, "yaw_inertia" },
     { vanishes(p->steady_walk, c->sample_time) ? FIXED_MOST : 0, TSE_R(1), "steady_walk" },
     { p->spread_var < (tse_real)64 ? FIXED_MOST : 0, TSE_R(1), "initial_spread" },
@@ -366,7 +376,7 @@ static void prepare_tyres(const tse_config *c, tse_params *p)
   tse_car *const car = &p->car;
   const tse_setting one = TSE_S(1), span = c->lf + c->lr;
   /* never beyond the range of `grip`, 0 .. 50: below 1/50 tyres have no end */
-  const tse_setting friction = c->grip > 0 ? c->grip : c->tyre_saturation_inverse_friction > TSE_S(0.02) ? r_div(one, c->tyre_saturation_inverse_friction) : TSE_S(50);
+  const tse_setting friction = c->grip > 0 ? c->grip : (c->tyre_saturation_inverse_friction > TSE_S(0.02) ? r_div(one, c->tyre_saturation_inverse_friction) : TSE_S(50));
   const tse_setting rolling = c->rolling_resistance_coefficient > 0 ? c->rolling_resistance_coefficient : ROLLING_USUAL;
   car->kx_front = p->kx_front;
   car->kx_rear = p->kx_rear;
@@ -439,8 +449,8 @@ static void prepare_prior(const tse_config *c, tse_params *p)
 {
   const tse_setting uncertain[TSE_DOUBTS] = { c->yaw_inertia_sd, c->cg_sd, c->trail_sd, c->relaxation_sd, c->relaxation_sd, c->roll_steer_sd, c->accel_y_scale_sd, c->gyro_scale_sd, c->wheel_delay_sd, c->accel_delay_sd };
   const tse_setting prior[STATES] = { 0, 0, 0, 0, 0, 0, 0, 0, 0, r_mul(STANDARD_GRAVITY, c->grade_sd), 0, c->accel_x_bias_sd, c->accel_y_bias_sd, c->yaw_rate_bias_sd,
-                                  c->initial_cx_sd, c->initial_cy_front_sd, c->initial_cy_rear_sd, c->grip_sd, c->steer_offset_sd, c->steer_ratio_sd,
-                                  c->steer_lag_sd, c->wheel_radius_sd, c->lean_sd };
+                                      c->initial_cx_sd, c->initial_cy_front_sd, c->initial_cy_rear_sd, c->grip_sd, c->steer_offset_sd, c->steer_ratio_sd,
+                                      c->steer_lag_sd, c->wheel_radius_sd, c->lean_sd };
   const tse_setting initial[3] = { c->initial_cx_front, c->initial_cy_front, c->initial_cy_rear }, walk[3] = { c->accel_x_bias_walk, c->accel_y_bias_walk, c->yaw_rate_bias_walk };
   for (int i = 0; i < TSE_DOUBTS; i++) p->uncertain[i] = real_of(uncertain[i]);
   for (int i = 0; i < STATES; i++) p->prior_sd[i] = real_of(prior[i]);

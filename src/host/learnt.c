@@ -26,7 +26,10 @@ static const int off_diagonal[3] = { 1, 2, 4 };
 static const int pair[3][2] = { { 0, 1 }, { 0, 2 }, { 1, 2 } };
 #endif
 
-enum { K_BIAS = 0, K_STIFFNESS = LCX - FAST };
+enum {
+  K_BIAS = 0,
+  K_STIFFNESS = LCX - FAST
+};
 
 /* ------------------------------------------------------------------------------------------ bytes */
 
@@ -161,7 +164,7 @@ static int belong(const tse_params *p, const tse_filter *f)
   return p->magic == TSE_PARAMS_MAGIC && f->magic == TSE_FILTER_MAGIC && f->fingerprint == p->fingerprint;
 }
 
-static int32_t code_clamped(int32_t x, int32_t most) { return x < -most ? -most : x > most ? most : x; }
+static int32_t code_clamped(int32_t x, int32_t most) { return x < -most ? -most : (x > most ? most : x); }
 
 /* What the car's filter knows: means, sds and correlations of what is kept.   Returned: 0 when something is no number */
 static int write_kalman(const tse_params *p, const tse_filter *f, content *c)

@@ -12,7 +12,7 @@ void tse_replay_start_default(tse_replay_start *s)
   static const tse_real start[] = {
     /* table: replay_start_values */
     TSE_R(1.0), TSE_R(1.0), TSE_R(1.0), TSE_R(0.0), TSE_R(0.0), TSE_R(0.0), TSE_R(1.0), TSE_R(0.0), TSE_R(0.0), TSE_R(0.0),
-    TSE_R(0.0), TSE_R(0.0), TSE_R(2.4), TSE_R(2.4),
+    TSE_R(0.0), TSE_R(0.0), TSE_R(2.4), TSE_R(2.4)
     /* end of table */
   };
   memcpy(s, start, sizeof *s); /* members of one type, in the order of the table */
@@ -89,14 +89,16 @@ static int write_row(const tse_replay_log *log, const tse_replay_start *s, const
   fine = write_value(out->vel_x, i, at->vx) && fine;
   fine = write_value(out->vel_y, i, at->vy) && fine;
   fine = write_value(out->true_yaw_rate, i, at->r) && fine;
-  if (out->wheel_torque_front)
-    fine = write_value(out->wheel_torque_front, i,
-                r_mul(p->radius_front, r_mul(p->effects.mass, at->fx_front)) +
-                  r_mul(s->wheel_inertia_front, spin_up(log->wheel_speed_front, log->dt, i, rows))) && fine;
-  if (out->wheel_torque_rear)
-    fine = write_value(out->wheel_torque_rear, i,
-                r_mul(p->radius_rear, r_mul(p->effects.mass, at->fx_rear)) +
-                  r_mul(s->wheel_inertia_rear, spin_up(log->wheel_speed_rear, log->dt, i, rows))) && fine;
+  if (out->wheel_torque_front) {
+    const tse_real slip = r_mul(p->radius_front, r_mul(p->effects.mass, at->fx_front));
+    const tse_real spin = r_mul(s->wheel_inertia_front, spin_up(log->wheel_speed_front, log->dt, i, rows));
+    fine = write_value(out->wheel_torque_front, i, slip + spin) && fine;
+  }
+  if (out->wheel_torque_rear) {
+    const tse_real slip = r_mul(p->radius_rear, r_mul(p->effects.mass, at->fx_rear));
+    const tse_real spin = r_mul(s->wheel_inertia_rear, spin_up(log->wheel_speed_rear, log->dt, i, rows));
+    fine = write_value(out->wheel_torque_rear, i, slip + spin) && fine;
+  }
   return fine;
 }
 

@@ -48,25 +48,59 @@
 
 /* The state x. Motion comes first: its rows are the only ones of the transition that are not diagonal. */
 enum {
-  VX, VY, YAW, AF, AR, PHI, DPHI, /* [m/s] [m/s] [rad/s], slip angles [rad], roll angle [rad] and rate [rad/s] */
-  SF, SR,                         /* [1] slip of each axle */
-  GX, GY,                         /* [m/s2] gravity along the road, and across */
-  BX, BY, BR,                     /* [m/s2] [m/s2] [rad/s] biases */
-  LCX, LCF, LCR, LMU,             /* [1] logarithm of stiffness over nominal: longitudinal, front, rear cornering; of grip */
-  OFF, GAIN, LATE, RAD, LEAN,     /* [rad] steering offset, [1] error of the steering ratio, [s] lateness of the steering, [1] of the front radius,
-                                     [1] share of v r that roads lean into their curves */
-  STATES
+  VX,   /* [m/s] speed along the car, and across */
+  VY,
+  YAW,  /* [rad/s] */
+  AF,   /* [rad] slip angle of each axle */
+  AR,
+  PHI,  /* [rad] roll angle, and its rate [rad/s] */
+  DPHI,
+  SF,   /* [1] slip of each axle */
+  SR,
+  GX,   /* [m/s2] gravity along the road, and across */
+  GY,
+  BX,   /* [m/s2] [m/s2] [rad/s] biases of accel_x, accel_y, yaw_rate */
+  BY,
+  BR,
+  LCX,  /* [1] logarithm of stiffness over nominal: longitudinal, front, rear cornering; of grip */
+  LCF,
+  LCR,
+  LMU,
+  OFF,  /* [rad] steering offset */
+  GAIN, /* [1] error of the steering ratio */
+  LATE, /* [s] lateness of the steering */
+  RAD,  /* [1] error of the front radius */
+  LEAN, /* [1] share of v r that roads lean into their curves */
+  STATES,
+  MOTION = SF, /* states before this one: in motion */
+  FAST = BX    /* states before this one: with noise in every row */
 };
-enum { MOTION = SF, FAST = BX }; /* states before these: in motion; with noise in every row */
 
 /* Beside the state, quantities that are no state and uncertain: columns of the slopes after it. */
-enum { BY_INERTIA = STATES, BY_CENTRE, BY_MOMENT, BY_LENGTH_FRONT, BY_LENGTH_REAR, BY_ROLL_STEER, COLUMNS };
+enum {
+  BY_INERTIA = STATES,
+  BY_CENTRE,
+  BY_MOMENT,
+  BY_LENGTH_FRONT,
+  BY_LENGTH_REAR,
+  BY_ROLL_STEER,
+  COLUMNS
+};
 
 /* What the sensors measure, in the order of every array of TSE_SENSORS. The first are the IMU's. */
-enum { ACCEL_X, ACCEL_Y, YAW_RATE, WHEEL_FRONT, WHEEL_REAR, IMU_CHANNELS = WHEEL_FRONT };
+enum {
+  ACCEL_X,
+  ACCEL_Y,
+  YAW_RATE,
+  WHEEL_FRONT,
+  WHEEL_REAR,
+  IMU_CHANNELS = WHEEL_FRONT
+};
 
 /* The steering angle through a row: from .. to, rad; dt, s. */
-typedef struct steering { tse_real from, to, dt; } steering;
+typedef struct steering {
+  tse_real from, to, dt;
+} steering;
 
 /* Specific forces, yaw acceleration, and their slopes over the state at this time. */
 typedef struct forces {

@@ -93,9 +93,14 @@ static inline tse_real effects_delay_get(const tse_delay *d, const tse_real v[TS
   return v[i - 1] + r_mul(share, v[i] - v[i - 1]);
 }
 
-enum { MODE_ROLL, MODE_PITCH, MODE_ROLL_STEER };
+enum {
+  MODE_ROLL,
+  MODE_PITCH,
+  MODE_ROLL_STEER
+};
 
 #include "model/effects_acting.h"
+#include "tables/formula.h"
 #include "model/formula.h"
 
 /* EFFECTS_INPUT(CALL) and its like in effects_acting.h: every effect of that hook that is on, in the order of the table. */

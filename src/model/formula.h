@@ -7,45 +7,6 @@
 #define FORMULA_MOST TSE_R(1e6) /* no value is larger; what is no number is 0 */
 #define FORMULA_STACK 8
 
-enum {
-  /* table: formula_places */
-  PLACE_front_angle = 0, PLACE_rear_angle = 1, PLACE_force_x = 2, PLACE_force_y = 3, PLACE_yaw_moment = 4,
-  PLACE_stiffness_front = 5, PLACE_stiffness_rear = 6, PLACE_accel_x = 7, PLACE_accel_y = 8, PLACE_yaw_rate = 9,
-  /* end of table */
-};
-
-enum {
-  /* table: formula_operations */
-  FORMULA_OP_a = 1, FORMULA_OP_b = 2, FORMULA_OP_c = 3, FORMULA_OP_d = 4, FORMULA_OP_e = 5, FORMULA_OP_f = 6, FORMULA_OP_g = 7,
-  FORMULA_OP_h = 8, FORMULA_OP_one = 9, FORMULA_OP_two = 10, FORMULA_OP_steer_angle = 16, FORMULA_OP_vel_x = 17,
-  FORMULA_OP_vel_y = 18, FORMULA_OP_yaw_rate = 19, FORMULA_OP_accel_x = 20, FORMULA_OP_accel_y = 21,
-  FORMULA_OP_slip_angle_front = 22, FORMULA_OP_slip_angle_rear = 23, FORMULA_OP_slip_front = 24, FORMULA_OP_slip_rear = 25,
-  FORMULA_OP_time = 26, FORMULA_OP_add = 32, FORMULA_OP_sub = 33, FORMULA_OP_mul = 34, FORMULA_OP_div = 35, FORMULA_OP_neg = 36,
-  FORMULA_OP_abs = 37, FORMULA_OP_max = 38, FORMULA_OP_min = 39, FORMULA_OP_sqrt = 40, FORMULA_OP_soft = 41, FORMULA_OP_lag = 48,
-  FORMULA_OP_second = 49, FORMULA_OP_late = 50, FORMULA_OP_play = 51, FORMULA_OP_limit = 52, FORMULA_OP_rate = 53,
-  /* end of table */
-};
-
-#if !defined(TSE_FORMULA)
-/* Operands that each takes from the stack, and whether it remembers. */
-static const struct {
-  uint8_t code, takes, memory;
-} formula_operations[] = {
-  /* table: formula_takes */
-  { FORMULA_OP_a, 0, 0 }, { FORMULA_OP_b, 0, 0 }, { FORMULA_OP_c, 0, 0 }, { FORMULA_OP_d, 0, 0 }, { FORMULA_OP_e, 0, 0 },
-  { FORMULA_OP_f, 0, 0 }, { FORMULA_OP_g, 0, 0 }, { FORMULA_OP_h, 0, 0 }, { FORMULA_OP_one, 0, 0 }, { FORMULA_OP_two, 0, 0 },
-  { FORMULA_OP_steer_angle, 0, 0 }, { FORMULA_OP_vel_x, 0, 0 }, { FORMULA_OP_vel_y, 0, 0 }, { FORMULA_OP_yaw_rate, 0, 0 },
-  { FORMULA_OP_accel_x, 0, 0 }, { FORMULA_OP_accel_y, 0, 0 }, { FORMULA_OP_slip_angle_front, 0, 0 },
-  { FORMULA_OP_slip_angle_rear, 0, 0 }, { FORMULA_OP_slip_front, 0, 0 }, { FORMULA_OP_slip_rear, 0, 0 },
-  { FORMULA_OP_time, 0, 0 }, { FORMULA_OP_add, 2, 0 }, { FORMULA_OP_sub, 2, 0 }, { FORMULA_OP_mul, 2, 0 },
-  { FORMULA_OP_div, 2, 0 }, { FORMULA_OP_neg, 1, 0 }, { FORMULA_OP_abs, 1, 0 }, { FORMULA_OP_max, 2, 0 },
-  { FORMULA_OP_min, 2, 0 }, { FORMULA_OP_sqrt, 1, 0 }, { FORMULA_OP_soft, 1, 0 }, { FORMULA_OP_lag, 2, 1 },
-  { FORMULA_OP_second, 3, 1 }, { FORMULA_OP_late, 2, 1 }, { FORMULA_OP_play, 2, 1 }, { FORMULA_OP_limit, 2, 1 },
-  { FORMULA_OP_rate, 1, 1 },
-  /* end of table */
-};
-#endif
-
 typedef struct formula_run {
   const point *pt;
   tse_effect_memory *next; /* NULL, or the memory, where what is remembered at this point goes    */
@@ -57,12 +18,12 @@ static inline int formula_is_on(const tse_effects *e) { return (int)((e->mask >>
 
 static inline tse_real formula_kept(tse_real x) { return x > -FORMULA_MOST && x < FORMULA_MOST ? x : TSE_R(0); }
 
-static inline tse_real formula_clamp(tse_real x, tse_real lo, tse_real hi) { return x < lo ? lo : x > hi ? hi : x; }
+static inline tse_real formula_clamp(tse_real x, tse_real lo, tse_real hi) { return x < lo ? lo : (x > hi ? hi : x); }
 
 /* ---- numbers and signals */
 static inline tse_real formula_number(formula_run *f, int slot) { return f->pt->p->effects.formula[slot]; }
-static inline tse_real formula_one(formula_run *f) { (void)f; return TSE_R(1); }
-static inline tse_real formula_two(formula_run *f) { (void)f; return TSE_R(2); }
+static inline tse_real formula_one(void) { return TSE_R(1); }
+static inline tse_real formula_two(void) { return TSE_R(2); }
 static inline tse_real formula_steer_angle(formula_run *f) { return f->pt->u.steer; }
 static inline tse_real formula_vel_x(formula_run *f) { return f->pt->vx; }
 static inline tse_real formula_vel_y(formula_run *f) { return f->pt->vy; }
@@ -76,20 +37,16 @@ static inline tse_real formula_slip_rear(formula_run *f) { return f->pt->s.s_rea
 static inline tse_real formula_time(formula_run *f) { return f->pt->m->time + f->pt->ahead; }
 
 /* ---- functions */
-static inline tse_real formula_add(formula_run *f, tse_real x, tse_real y) { (void)f; return x + y; }
-static inline tse_real formula_sub(formula_run *f, tse_real x, tse_real y) { (void)f; return x - y; }
-static inline tse_real formula_mul(formula_run *f, tse_real x, tse_real y) { (void)f; return r_mul(x, y); }
-static inline tse_real formula_div(formula_run *f, tse_real x, tse_real y) { (void)f; return y < TSE_R(0) || y > TSE_R(0) ? r_div(x, y) : TSE_R(0); }
-static inline tse_real formula_neg(formula_run *f, tse_real x) { (void)f; return -x; }
-static inline tse_real formula_abs(formula_run *f, tse_real x) { (void)f; return r_abs(x); }
-static inline tse_real formula_max(formula_run *f, tse_real x, tse_real y) { (void)f; return x > y ? x : y; }
-static inline tse_real formula_min(formula_run *f, tse_real x, tse_real y) { (void)f; return x < y ? x : y; }
-static inline tse_real formula_sqrt(formula_run *f, tse_real x) { (void)f; return x > TSE_R(0) ? r_sqrt(x) : TSE_R(0); }
-static inline tse_real formula_soft(formula_run *f, tse_real x)
-{
-  (void)f;
-  return r_div(x, r_sqrt(TSE_R(1) + r_mul(x, x)));
-}
+static inline tse_real formula_add(tse_real x, tse_real y) { return x + y; }
+static inline tse_real formula_sub(tse_real x, tse_real y) { return x - y; }
+static inline tse_real formula_mul(tse_real x, tse_real y) { return r_mul(x, y); }
+static inline tse_real formula_div(tse_real x, tse_real y) { return y < TSE_R(0) || y > TSE_R(0) ? r_div(x, y) : TSE_R(0); }
+static inline tse_real formula_neg(tse_real x) { return -x; }
+static inline tse_real formula_abs(tse_real x) { return r_abs(x); }
+static inline tse_real formula_max(tse_real x, tse_real y) { return x > y ? x : y; }
+static inline tse_real formula_min(tse_real x, tse_real y) { return x < y ? x : y; }
+static inline tse_real formula_sqrt(tse_real x) { return x > TSE_R(0) ? r_sqrt(x) : TSE_R(0); }
+static inline tse_real formula_soft(tse_real x) { return r_div(x, r_sqrt(TSE_R(1) + r_mul(x, x))); }
 
 /* ---- functions with memory: f->pt->m->formula[f->used] is theirs */
 static inline tse_real formula_remembers(formula_run *f, tse_real a, tse_real b, tse_real c)
@@ -126,7 +83,7 @@ static inline tse_real formula_second(formula_run *f, tse_real x, tse_real frequ
     mode[0] = x;
     mode[1] = TSE_R(0);
   } else if (f->pt->ahead > TSE_R(0)) {
-    mode_step(mode, formula_max(f, frequency, TSE_R(0)), formula_max(f, damping, TSE_R(0)), was[2], x, f->pt->ahead);
+    mode_step(mode, formula_max(frequency, TSE_R(0)), formula_max(damping, TSE_R(0)), was[2], x, f->pt->ahead);
   }
   return formula_remembers(f, mode[0], mode[1], x);
 }
@@ -134,7 +91,7 @@ static inline tse_real formula_second(formula_run *f, tse_real x, tse_real frequ
 /* The value of `time` ago; the oldest that is known where there is none. */
 static inline tse_real formula_late(formula_run *f, tse_real x, tse_real time)
 {
-  const tse_real late = formula_max(f, time, TSE_R(0)), ahead = f->pt->ahead, back = late - ahead;
+  const tse_real late = formula_max(time, TSE_R(0)), ahead = f->pt->ahead, back = late - ahead;
   const tse_real *const was = f->pt->m->formula_was[0];
   tse_real y = x;
   if (!f->rest && f->pt->m->formula_late.count > 0) {
@@ -173,11 +130,22 @@ static inline tse_real formula_rate(formula_run *f, tse_real x)
 #if defined(TSE_FORMULA)
 
 #include "tse_formula.h"
-static inline int formula_place_of(const tse_effects *e) { (void)e; return TSE_FORMULA_PLACE; }
+static inline int formula_place_of(const tse_effects *e)
+{
+  (void)e;
+  return TSE_FORMULA_PLACE;
+}
 
 #else
 
 static inline int formula_place_of(const tse_effects *e) { return e->formula_place; }
+
+/* Write what an operation gives over its operands, which begin at `at`, and return how many values there are then. */
+static inline int formula_push(tse_real s[FORMULA_STACK], int at, tse_real x)
+{
+  s[at] = x;
+  return at + 1;
+}
 
 /* Run the program of a formula. tse_config_check() has seen that it fits its stack and its memory. */
 static inline tse_real formula_program(formula_run *f)
@@ -186,46 +154,46 @@ static inline tse_real formula_program(formula_run *f)
   int n = 0;
   for (int k = 0; k < TSE_FORMULA_OPS && f->pt->p->effects.formula_code[k]; k++) {
     switch (f->pt->p->effects.formula_code[k]) {
-    /* table: formula_cases */
-    case FORMULA_OP_a: s[n++] = formula_number(f, 0); break;
-    case FORMULA_OP_b: s[n++] = formula_number(f, 1); break;
-    case FORMULA_OP_c: s[n++] = formula_number(f, 2); break;
-    case FORMULA_OP_d: s[n++] = formula_number(f, 3); break;
-    case FORMULA_OP_e: s[n++] = formula_number(f, 4); break;
-    case FORMULA_OP_f: s[n++] = formula_number(f, 5); break;
-    case FORMULA_OP_g: s[n++] = formula_number(f, 6); break;
-    case FORMULA_OP_h: s[n++] = formula_number(f, 7); break;
-    case FORMULA_OP_one: s[n++] = formula_one(f); break;
-    case FORMULA_OP_two: s[n++] = formula_two(f); break;
-    case FORMULA_OP_steer_angle: s[n++] = formula_steer_angle(f); break;
-    case FORMULA_OP_vel_x: s[n++] = formula_vel_x(f); break;
-    case FORMULA_OP_vel_y: s[n++] = formula_vel_y(f); break;
-    case FORMULA_OP_yaw_rate: s[n++] = formula_yaw_rate(f); break;
-    case FORMULA_OP_accel_x: s[n++] = formula_accel_x(f); break;
-    case FORMULA_OP_accel_y: s[n++] = formula_accel_y(f); break;
-    case FORMULA_OP_slip_angle_front: s[n++] = formula_slip_angle_front(f); break;
-    case FORMULA_OP_slip_angle_rear: s[n++] = formula_slip_angle_rear(f); break;
-    case FORMULA_OP_slip_front: s[n++] = formula_slip_front(f); break;
-    case FORMULA_OP_slip_rear: s[n++] = formula_slip_rear(f); break;
-    case FORMULA_OP_time: s[n++] = formula_time(f); break;
-    case FORMULA_OP_add: n -= 1; s[n - 1] = formula_add(f, s[n - 1], s[n]); break;
-    case FORMULA_OP_sub: n -= 1; s[n - 1] = formula_sub(f, s[n - 1], s[n]); break;
-    case FORMULA_OP_mul: n -= 1; s[n - 1] = formula_mul(f, s[n - 1], s[n]); break;
-    case FORMULA_OP_div: n -= 1; s[n - 1] = formula_div(f, s[n - 1], s[n]); break;
-    case FORMULA_OP_neg: s[n - 1] = formula_neg(f, s[n - 1]); break;
-    case FORMULA_OP_abs: s[n - 1] = formula_abs(f, s[n - 1]); break;
-    case FORMULA_OP_max: n -= 1; s[n - 1] = formula_max(f, s[n - 1], s[n]); break;
-    case FORMULA_OP_min: n -= 1; s[n - 1] = formula_min(f, s[n - 1], s[n]); break;
-    case FORMULA_OP_sqrt: s[n - 1] = formula_sqrt(f, s[n - 1]); break;
-    case FORMULA_OP_soft: s[n - 1] = formula_soft(f, s[n - 1]); break;
-    case FORMULA_OP_lag: n -= 1; s[n - 1] = formula_lag(f, s[n - 1], s[n]); break;
-    case FORMULA_OP_second: n -= 2; s[n - 1] = formula_second(f, s[n - 1], s[n], s[n + 1]); break;
-    case FORMULA_OP_late: n -= 1; s[n - 1] = formula_late(f, s[n - 1], s[n]); break;
-    case FORMULA_OP_play: n -= 1; s[n - 1] = formula_play(f, s[n - 1], s[n]); break;
-    case FORMULA_OP_limit: n -= 1; s[n - 1] = formula_limit(f, s[n - 1], s[n]); break;
-    case FORMULA_OP_rate: s[n - 1] = formula_rate(f, s[n - 1]); break;
-    /* end of table */
-    default: break;
+      /* table: formula_cases */
+      case FORMULA_OP_a: n = formula_push(s, n, formula_number(f, 0)); break;
+      case FORMULA_OP_b: n = formula_push(s, n, formula_number(f, 1)); break;
+      case FORMULA_OP_c: n = formula_push(s, n, formula_number(f, 2)); break;
+      case FORMULA_OP_d: n = formula_push(s, n, formula_number(f, 3)); break;
+      case FORMULA_OP_e: n = formula_push(s, n, formula_number(f, 4)); break;
+      case FORMULA_OP_f: n = formula_push(s, n, formula_number(f, 5)); break;
+      case FORMULA_OP_g: n = formula_push(s, n, formula_number(f, 6)); break;
+      case FORMULA_OP_h: n = formula_push(s, n, formula_number(f, 7)); break;
+      case FORMULA_OP_one: n = formula_push(s, n, formula_one()); break;
+      case FORMULA_OP_two: n = formula_push(s, n, formula_two()); break;
+      case FORMULA_OP_steer_angle: n = formula_push(s, n, formula_steer_angle(f)); break;
+      case FORMULA_OP_vel_x: n = formula_push(s, n, formula_vel_x(f)); break;
+      case FORMULA_OP_vel_y: n = formula_push(s, n, formula_vel_y(f)); break;
+      case FORMULA_OP_yaw_rate: n = formula_push(s, n, formula_yaw_rate(f)); break;
+      case FORMULA_OP_accel_x: n = formula_push(s, n, formula_accel_x(f)); break;
+      case FORMULA_OP_accel_y: n = formula_push(s, n, formula_accel_y(f)); break;
+      case FORMULA_OP_slip_angle_front: n = formula_push(s, n, formula_slip_angle_front(f)); break;
+      case FORMULA_OP_slip_angle_rear: n = formula_push(s, n, formula_slip_angle_rear(f)); break;
+      case FORMULA_OP_slip_front: n = formula_push(s, n, formula_slip_front(f)); break;
+      case FORMULA_OP_slip_rear: n = formula_push(s, n, formula_slip_rear(f)); break;
+      case FORMULA_OP_time: n = formula_push(s, n, formula_time(f)); break;
+      case FORMULA_OP_add: n = formula_push(s, n - 2, formula_add(s[n - 2], s[n - 1])); break;
+      case FORMULA_OP_sub: n = formula_push(s, n - 2, formula_sub(s[n - 2], s[n - 1])); break;
+      case FORMULA_OP_mul: n = formula_push(s, n - 2, formula_mul(s[n - 2], s[n - 1])); break;
+      case FORMULA_OP_div: n = formula_push(s, n - 2, formula_div(s[n - 2], s[n - 1])); break;
+      case FORMULA_OP_neg: n = formula_push(s, n - 1, formula_neg(s[n - 1])); break;
+      case FORMULA_OP_abs: n = formula_push(s, n - 1, formula_abs(s[n - 1])); break;
+      case FORMULA_OP_max: n = formula_push(s, n - 2, formula_max(s[n - 2], s[n - 1])); break;
+      case FORMULA_OP_min: n = formula_push(s, n - 2, formula_min(s[n - 2], s[n - 1])); break;
+      case FORMULA_OP_sqrt: n = formula_push(s, n - 1, formula_sqrt(s[n - 1])); break;
+      case FORMULA_OP_soft: n = formula_push(s, n - 1, formula_soft(s[n - 1])); break;
+      case FORMULA_OP_lag: n = formula_push(s, n - 2, formula_lag(f, s[n - 2], s[n - 1])); break;
+      case FORMULA_OP_second: n = formula_push(s, n - 3, formula_second(f, s[n - 3], s[n - 2], s[n - 1])); break;
+      case FORMULA_OP_late: n = formula_push(s, n - 2, formula_late(f, s[n - 2], s[n - 1])); break;
+      case FORMULA_OP_play: n = formula_push(s, n - 2, formula_play(f, s[n - 2], s[n - 1])); break;
+      case FORMULA_OP_limit: n = formula_push(s, n - 2, formula_limit(f, s[n - 2], s[n - 1])); break;
+      case FORMULA_OP_rate: n = formula_push(s, n - 1, formula_rate(f, s[n - 1])); break;
+      /* end of table */
+      default: break;
     }
   }
   return s[0];
@@ -255,7 +223,7 @@ static inline void formula_stiffness(point *pt)
   const int place = formula_place_of(&pt->p->effects);
   if (place != PLACE_stiffness_front && place != PLACE_stiffness_rear) return;
   tse_real *const k = place == PLACE_stiffness_front ? &pt->k.y_front : &pt->k.y_rear;
-  *k = r_mul(*k, formula_max(NULL, TSE_R(1) + formula_at(pt), TSE_R(0.02)));
+  *k = r_mul(*k, formula_max(TSE_R(1) + formula_at(pt), TSE_R(0.02)));
 }
 
 static inline void formula_body(point *pt)

@@ -8,7 +8,9 @@
 #include "model/state.h"
 #include "model/laws.h"
 
-typedef struct inputs { tse_real steer, v_front, v_rear; } inputs; /* [rad], R omega [m/s] */
+typedef struct inputs {
+  tse_real steer, v_front, v_rear;
+} inputs; /* [rad], R omega [m/s] */
 
 typedef struct slips {
   tse_real s_front, s_rear;               /* [1]   longitudinal slip (3)  */
@@ -34,7 +36,9 @@ static inline slips vehicle_slips(const tse_params *p, tse_real vx, tse_real vy,
 }
 
 /* Stiffness over mass at the deviation w: C = C_n (1 + w); the rear longitudinal one follows the front's by `follow`. */
-typedef struct stiffness { tse_real x_front, x_rear, y_front, y_rear; } stiffness;
+typedef struct stiffness {
+  tse_real x_front, x_rear, y_front, y_rear;
+} stiffness;
 
 static inline stiffness vehicle_stiffness(const tse_params *p, tse_real w0, tse_real w1, tse_real w2)
 {
@@ -46,7 +50,9 @@ static inline stiffness vehicle_stiffness(const tse_params *p, tse_real w0, tse_
   return k;
 }
 
-typedef struct accels { tse_real x, y, yaw; } accels; /* specific force [m/s2], yaw acceleration [rad/s2] */
+typedef struct accels {
+  tse_real x, y, yaw;
+} accels; /* specific force [m/s2], yaw acceleration [rad/s2] */
 
 /* (1), (2) with cos(delta) = 1, sin(delta) = delta. */
 static inline accels vehicle_accels(const tse_params *p, stiffness k, slips s, tse_real steer)
@@ -61,7 +67,9 @@ static inline accels vehicle_accels(const tse_params *p, stiffness k, slips s, t
 }
 
 /* 1 - g h J of (vy, r), J: what the tyres' damping yf, yr (over mass and speed) makes of them. */
-typedef struct lateral_block { tse_real m11, m12, m21, m22, inv_det; } lateral_block;
+typedef struct lateral_block {
+  tse_real m11, m12, m21, m22, inv_det;
+} lateral_block;
 
 static inline lateral_block vehicle_block(const tse_params *p, tse_real yf, tse_real yr, tse_real vx, tse_real gh)
 {
