@@ -56,7 +56,7 @@ def build(name: str, factor: float) -> Library:
     folder.mkdir(parents=True, exist_ok=True)
     value = next(r[1] for r in rows() if r[0] == name)
     header = (ROOT / "src" / "tables" / "constants.h").read_text(encoding="utf-8")
-    changed = header.replace(f" {name} = TSE_R({value!r})", f" {name} = TSE_R({value * factor!r})")
+    changed = header.replace(f" {name} TSE_R({value!r})", f" {name} TSE_R({value * factor!r})")
     assert changed != header, name
     first = folder / "constants.h"  # has the same guard: that of src/tables is then passed over
     first.write_text(changed, encoding="utf-8")

@@ -281,10 +281,7 @@ def reason_described() -> list[str]:
 
 def constants() -> list[str]:
     rows = [(n, r) for section in read("constants").values() for n, r in section.items()]
-    return [
-        f"static const tse_real {n + ' = TSE_R(' + c(r['value']) + ');':<32} /* [{r['unit']}] {r['why']} */"
-        for n, r in rows
-    ]
+    return [f"#define {n + ' TSE_R(' + c(r['value']) + ')':<32} /* [{r['unit']}] {r['why']} */" for n, r in rows]
 
 
 def config_members() -> list[str]:

@@ -8,8 +8,6 @@
 
 #include "fmu_model.h"
 
-#define LONGEST_STEP 3600.0 /* s: dt of tse_step() is no longer (tse/tse.h) */
-
 #define OUTPUT(name, kind, member, unit, text) { name, kind, 'o', (int32_t)offsetof(model, member), FMU_NO_RATE, 0.0, 1.0, -1.0, unit, text },
 #include "variables.h"
 
@@ -192,8 +190,8 @@ fmu_result model_step(model *m, double time, double step, char text[FMU_TEXT])
 {
   const fmu_variable *first;
   tse_input u = usable(m, &first);
-  if (!(time + step - time <= LONGEST_STEP)) { /* the sample at its end would be refused: better now, while the importer's own text names the step */
-    (void)snprintf(text, FMU_TEXT, "communicationStepSize = %.10g is longer than %g s", step, LONGEST_STEP);
+  if (!(time + step - time <= TSE_LONGEST_DT)) { /* the sample at its end would be refused: better now, while the importer's own text names the step */
+    (void)snprintf(text, FMU_TEXT, "communicationStepSize = %.10g is longer than %d s", step, TSE_LONGEST_DT);
     return FMU_ERROR;
   }
   u.dt = tse_real_of(m->rows > 0 ? time - m->time : 0.0);

@@ -65,21 +65,4 @@ typedef double tse_setting;
 #define TSE_R(x) ((tse_real)(x))
 #endif
 
-/* Particles a filter can hold: the size of tse_filter grows with it. In use at run time: 16 .. capacity. */
-#ifndef TSE_MAX_PARTICLES
-#define TSE_MAX_PARTICLES 512
-#endif
-#if TSE_MAX_PARTICLES < 16 || TSE_MAX_PARTICLES > 65535
-#error "TSE_MAX_PARTICLES must lie in 16 .. 65535"
-#endif
-
-/* Rows that a filter keeps while it waits for channels that come later (settings ..._latency): from the earliest to the latest channel
- * there may lie TSE_LATENCY_ROWS - 4 sample times. A row is 6 tse_real, 1 more and a byte. */
-#ifndef TSE_LATENCY_ROWS
-#define TSE_LATENCY_ROWS 32
-#endif
-#if TSE_LATENCY_ROWS < 8 || TSE_LATENCY_ROWS > 1024
-#error "TSE_LATENCY_ROWS must lie in 8 .. 1024"
-#endif
-
 #endif

@@ -4,6 +4,7 @@
 #ifndef TSE_STATE_H
 #define TSE_STATE_H
 
+#include "tse/limits.h"
 #include "tse/real.h"
 
 /* Form 1: sums over particles run in TSE_LANES interleaved partial sums, joined in a fixed order: the same bits

@@ -13,7 +13,7 @@
 #define report_particles  TSE_NAME(tse_report_particles)
 #define crc32_of          TSE_NAME(tse_crc32_of)
 
-#define LONGEST_DT TSE_R(3600) /* s */
+#define LONGEST_DT TSE_R(TSE_LONGEST_DT) /* s */
 
 /* A checked row: what is missing is marked, wheel speeds are speeds. Nobody changes one: effects make a copy. */
 typedef struct sample {

@@ -7,21 +7,6 @@
  * change the tyres may be back where they were, a patch of ice or water behind: that amplitude is known, and what was known before comes back. */
 #include "filter/filter.h"
 
-#define FURTHEST TSE_R(3)       /* 1, physics: logarithm of twenty times as much; no tyres change by more */
-#define LEAST_FORCE TSE_R(0.2)  /* 1, numerics: of a tyre force that a change leaves, where its logarithm is taken of a first-order share */
-#define OPEN_TIME TSE_R(1)      /* s: between two openings of a kind; what comes between them is explained by either */
-#define OPEN_TIME_SLIP TSE_R(0.1) /* s: the same of wheels that lock or spin, which grows as fast */
-#define SLIP_OPENS TSE_R(0.1)   /* 1, physics: slip of wheels that begin to lock or spin */
-#define STEER_OPENS TSE_R(0.05) /* rad, physics: error of a steering angle at fault, */
-#define STEER_OWN TSE_R(0.01)   /* rad: and what it is uncertain by once it is believed */
-#define WHOLE_CHANGE TSE_R(1)   /* 1: least amplitude of a fault that counts: one sd of what it opens */
-#define SHOWS TSE_R(3)          /* log2 of a likelihood ratio: an only place is kept for an event that is eight times likelier than none */
-#define RECALL_VAR TSE_R(1e-4)  /* unit^2, numerics: least variance that is recalled */
-#define LEAST_LOG2 TSE_R(-100)  /* log2, numerics: nothing is less likely */
-#define MOST_INFO TSE_R(1e6)    /* 1, numerics: information and score stop there */
-#define OLDEST TSE_R(1e6)       /* s, numerics: no event is as old */
-#define HALF_LOG2_OF_E TSE_R(0.72134752044448170)
-
 /* State and sd that one amplitude of an event moves it by, SI; state -1: none. */
 typedef struct opens {
   int32_t state;
@@ -239,7 +224,7 @@ static int may_be_back(const tse_kalman *k)
 static int place_for(const tse_kalman *k, int first, int places, tse_real due)
 {
   int best = first, oldest = first;
-  tse_real youngest = OLDEST, age = TSE_R(-1);
+  tse_real youngest = LONGEST_TIME, age = TSE_R(-1);
   for (int n = first; n < first + places; n++) {
     if (k->event[n].kind == EVENT_NONE) return n;
     youngest = r_min(youngest, k->event[n].age);

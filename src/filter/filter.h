@@ -4,7 +4,7 @@
 
 #include "estimator/stages.h"
 #include "filter/ud.h"
-#include "tables/constants.h"
+#include "filter/limits.h"
 
 #define row_decode     TSE_NAME(tse_row_decode)
 #define start_all      TSE_NAME(tse_start_all)
@@ -95,13 +95,6 @@ enum { DOUBT_INERTIA,
        DOUBT_GYRO,
        DOUBT_WHEELS_LATE,
        DOUBT_ACCEL_LATE };
-
-/* Timers stop here, s: a number in every format; nobody asks how much longer it was. */
-#define LONGEST_TIME TSE_R(1e6)
-#define MOST_AGE TSE_R(100) /* the same of what is asked about within seconds */
-
-/* A noise or a ratio that is found as a mean forgets no more in one row, however long that is. */
-#define MOST_FORGOTTEN TSE_R(0.1)
 
 /* Unit of each state in the covariance: numbers of one magnitude in every number format. */
 extern const tse_real state_unit[TSE_ALL];

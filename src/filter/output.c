@@ -1,12 +1,6 @@
 /* filter/output.c - what the filter reports of a row, and whether to act on it. */
 #include "filter/filter.h"
 
-#define LEAST_WEIGHT TSE_R(1e-6)  /* 1, numerics: an event less likely moves no digit */
-#define LEAST_SPEED_ANGLE TSE_R(0.01) /* m/s: slower has no direction: the sideslip angle is 0 */
-#define LEAST_SPEED_SD TSE_R(1)   /* m/s: its sd is taken over no less */
-#define LIKELY TSE_R(0.5)         /* 1: likelier than not */
-#define SIDE_SHARE TSE_R(0.5)     /* 1: of model_sd, which a cornering stiffness is not known better than while velocities are in use */
-
 /* Return the variance of state i over the posterior, the uncertain quantities and the events that may have happened; *shift:
  * their mean. SI */
 static tse_real variance_of(const tse_kalman *k, int i, tse_real *shift)

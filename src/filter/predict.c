@@ -1,10 +1,6 @@
 /* filter/predict.c - state and covariance to the time of the row. */
 #include "filter/filter.h"
 
-#define STEEPEST TSE_R(1e4)      /* unit, numerics: no car has such a slope; one that swings itself up in a long row must not leave the range of numbers */
-#define LEAST_ERROR TSE_R(1e-6)  /* unit^2, numerics: an error of nothing leaves a slip of nothing a share of nothing */
-#define WALK_TIME TSE_R(1)       /* s: what walks slowly is due once in that time at least */
-
 void signal_shares(const tse_kalman *k, tse_real share[3])
 {
   static const int of[3][2] = { { SF, SR }, { AF, -1 }, { AR, -1 } };

@@ -2,11 +2,6 @@
 #include "filter/filter.h"
 #include "tables/input.h"
 
-#define LEAST_DT TSE_R(1e-4) /* s, numerics: rows that come closer are taken as that far apart: rates are what changes over it */
-#define SAME_SPEED TSE_R(1e-5) /* 1, numerics: share of the speed that six digits leave */
-#define BRAKES TSE_R(0.5) /* 1: of the brake switch, as src/tables/input.toml says it */
-#define IDLE_SHARE TSE_R(0.1) /* 1: of two driven axles one with less of the other's torque has none */
-
 /* Return the axle that rolls freely, by brake switch and wheel torques: the one that is not driven, unless they say that it
  * brakes; of two that are driven, which a switch does not show, one without torque beside one with. */
 static int32_t rolls_by(const tse_params *p, const decoded *z)

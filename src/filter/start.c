@@ -1,11 +1,6 @@
 /* filter/start.c - the prior, and the motion placed from the sensors. */
 #include "filter/filter.h"
 
-#define MODEL_SD_USUAL TSE_R(0.075) /* 1: model_sd that doubles the usual variance of slow innovations: of a car that is hardly known nothing is an event at first */
-#define MOST_SIDEWAYS TSE_R(0.1)    /* rad, physics: slip angle of a steady turn, further off the tyres have no stiffness */
-#define SETTLING TSE_R(0.5)         /* 1: share of each slip angle that is not settled in a start or after a gap */
-#define TURNED TSE_R(0.1)           /* 1: share of the steering angle that geometry makes a slip angle of at low speed */
-
 const tse_real state_unit[TSE_ALL] = {
   TSE_R(0.2), TSE_R(0.1), TSE_R(0.02),                          /* VX VY YAW         */
   TSE_R(0.01), TSE_R(0.01), TSE_R(0.01), TSE_R(0.5),              /* AF AR PHI DPHI    */

@@ -8,12 +8,6 @@
  *   output.c    estimates, and whether to act on them */
 #include "filter/filter.h"
 
-#define STILL_SPEED TSE_R(0.02) /* m/s, physics: wheels that turn slower stand */
-#define STILL_TIME MODEL_TIME   /* s: wheels that stand for so long have come to rest; what a model discrepancy lasts, too, is a swing of the body */
-#define JUMP_RATE TSE_R(100)    /* m/s2, physics: no wheel that grips or spins gains speed faster */
-#define ROLL_TIME TSE_R(10)     /* s: without any wheel speed for longer, the speed is not known any more */
-#define BLIND_ROWS TSE_R(2.5)   /* sample times without a steering angle after which the car has turned otherwise than the angle that was held */
-
 static int has_wheel_speed(const decoded *z) { return z->use[WHEEL_FRONT] || z->use[WHEEL_REAR]; }
 
 /* Return whether wheels that stood, or were read as zero, turn in the next row: nothing that a car can do. Downwards they may:

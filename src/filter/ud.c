@@ -1,13 +1,6 @@
 /* filter/ud.c - U D U': see ud.h. */
 #include "filter/ud.h"
-
-/* [unit^2] Least element of D, numerics: rounding must not leave it at 0 (fixed point), nor make denormal numbers. */
-#if defined(TSE_REAL_FIXED)
-#define LEAST_D ((tse_real)16)
-#else
-#define LEAST_D TSE_R(1e-15)
-#endif
-#define LARGEST_CORRELATION TSE_R(0.999) /* 1: of two states that a file gives, numerics: what remains of a variance stays positive */
+#include "filter/limits.h"
 
 void ud_set(tse_ud *p, const tse_real variance[STATES])
 {

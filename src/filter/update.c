@@ -1,16 +1,6 @@
 /* filter/update.c - scalar measurements, one after the other, with heavy tails and noise that is found. */
 #include "filter/filter.h"
 
-#define MOST_REPEATS TSE_R(0.999)   /* 1, numerics: share of readings that repeat; one more still says something */
-#define MOST_FROZEN TSE_R(1000)     /* log2, numerics */
-#define LEAST_SLOW_VAR TSE_R(1e-9)  /* squared unit of a channel, numerics: nothing is divided by less */
-#define MOST_GROWTH TSE_R(4)        /* 1: a slow innovation counts as that many times the usual one at most: an event is not what is usual */
-#define MOST_USUAL TSE_R(1000)      /* 1, numerics */
-#define NEGLIGIBLE TSE_R(0.001)     /* 1, numerics: share of an innovation's variance: uncertain quantities that make less do not change the gain */
-#define TRACK_SHARE TSE_R(0.02)     /* 1, physics: of the speed, that the wheels of the front axle differ from one by, over the sine of their angle squared */
-#define LEAST_TURNING TSE_R(5)      /* m/s: what happens to the yaw rate is what happens across over the speed, over no less */
-#define LN_TWO_PI TSE_R(1.8378770664093453)
-
 /* Note how unlikely it is that a channel at work repeats its reading as often as it just has: repeats follow repeats.
  *   Given: off  how far the reading is from the prediction, squared, over its noise; one that is right may repeat itself */
 static void watch_repeats(tse_kalman *k, int c, tse_real z, tse_real off, tse_real dt)

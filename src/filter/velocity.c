@@ -13,20 +13,6 @@
 
 #if !defined(TSE_NO_VELOCITY)
 
-#define BETWEEN TSE_R(0.035)    /* s, numerics: kept motion is so far apart; 8 of them reach back 0.28 s, to which latencies are limited */
-#define LASTING TSE_R(0.5)      /* 1: share of the sd of a velocity that is no white noise and lasts MODEL_TIME: receivers and INS filter */
-#define LEAST_COURSE TSE_R(10)  /* m/s: below, the course is worse in inverse proportion */
-#define OFF_SHARE TSE_R(4)      /* 1: what the model does not explain of the speed across, over model_sd times how fast axles slip sideways */
-#define LEAST_OFF TSE_R(0.2)    /* m/s: how fast an axle slips sideways where nothing happens */
-#define MOST_MISFIT TSE_R(6)    /* 1: innovations squared over their variance, averaged over MODEL_TIME: from here on left out, */
-#define LEAST_MISFIT TSE_R(2)   /* 1: until they are below this; */
-#define ONE_MISFIT TSE_R(25)    /* 1: a single one counts as that at most */
-#define LEAST_SPEED TSE_R(0.1)  /* m/s, numerics: course and speed are taken over no less */
-#define HEADING_SD TSE_R(1)     /* rad: of a zero that is not known, so that the first course sets it */
-#define MOST_MOVED TSE_R(1000)  /* m/s, rad/s, rad, numerics: a number in every format */
-#define MOST_SINCE TSE_R(1000)  /* s, numerics: since the last value, and left out for */
-#define PI_ TSE_R(3.141592653589793)
-
 /* Columns of the kept motion: those of the state from VX on, and the heading. */
 enum { KEPT_HEADING = 3,
        KEPT };
@@ -40,7 +26,7 @@ enum { INS_X,
 static tse_real wrapped(tse_real angle)
 {
   const tse_real turns = r_mul(angle, PER_TURN);
-  return angle - r_mul(TSE_R(2), r_mul(PI_, r_from_int(r_floor_to_int(turns + TSE_R(0.5)))));
+  return angle - r_mul(TSE_R(2), r_mul(HALF_TURN, r_from_int(r_floor_to_int(turns + TSE_R(0.5)))));
 }
 
 /* Bring the states of a measured velocity into use, from their prior. */

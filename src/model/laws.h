@@ -11,10 +11,13 @@
                                    and nothing is divided by a small number (after Bernard & Clover, SAE 950311) */
 #define MOST_PULL TSE_R(10)     /* m/s2: linear tyres would give more, no tyre on a road does */
 #define LEAST_SIDE TSE_R(0.1)   /* 1: of cornering stiffness that load transfer leaves */
+#define HALF_TURN TSE_R(3.141592653589793)
 #define TWO_PI TSE_R(6.283185307179586)
 #define PER_TURN TSE_R(0.15915494309189535)
 #define LOG2_OF_E TSE_R(1.4426950408889634)
 #define LN_2 TSE_R(0.69314718055994531)
+#define LN_TWO_PI TSE_R(1.8378770664093453)
+#define HALF_LOG2_OF_E TSE_R(0.72134752044448170)
 
 /* ---- signals */
 

@@ -1,0 +1,64 @@
+/* filter/limits.h - what the default filter takes no more or no less than: numbers that nobody tunes. What is tuned is in
+ * tables/constants.toml. Internal. */
+#ifndef FILTER_LIMITS_H
+#define FILTER_LIMITS_H
+
+#include "tables/constants.h"
+
+/* Physics: what cars, roads and sensors do. */
+#define STILL_SPEED TSE_R(0.02)       /* m/s: wheels that turn slower stand */
+#define JUMP_RATE TSE_R(100)          /* m/s2: no wheel that grips or spins gains speed faster */
+#define MOST_SIDEWAYS TSE_R(0.1)      /* rad: slip angle of a steady turn, further off the tyres have no stiffness */
+#define TRACK_SHARE TSE_R(0.02)       /* 1: of the speed, that the wheels of the front axle differ from one by, over the sine of their angle squared */
+#define FURTHEST TSE_R(3)             /* 1: logarithm of twenty times as much; no tyres change by more */
+#define SLIP_OPENS TSE_R(0.1)         /* 1: slip of wheels that begin to lock or spin */
+#define STEER_OPENS TSE_R(0.05)       /* rad: error of a steering angle at fault, */
+#define STEER_OWN TSE_R(0.01)         /* rad: and what it is uncertain by once it is believed */
+#define LEAST_COURSE TSE_R(10)        /* m/s: below, the course is worse in inverse proportion */
+#define LEAST_OFF TSE_R(0.2)          /* m/s: how fast an axle slips sideways where nothing happens */
+
+/* What follows from a definition, or from a tuned constant. */
+#define STILL_TIME MODEL_TIME         /* s: wheels that stand for so long have come to rest; what a model discrepancy lasts, too, is a swing of the body */
+#define OPEN_TIME MODEL_TIME          /* s: between two openings of a kind; what comes between them is explained by either */
+#define OPEN_TIME_SLIP TSE_R(0.1)     /* s: the same of wheels that lock or spin, which grows as fast */
+#define WHOLE_CHANGE TSE_R(1)         /* 1: least amplitude of a fault that counts: one sd of what it opens */
+#define LIKELY TSE_R(0.5)             /* 1: likelier than not */
+#define BRAKES TSE_R(0.5)             /* 1: of the brake switch, as tables/input.toml says it */
+#define HEADING_SD TSE_R(1)           /* rad: of a zero that is not known, so that the first course sets it */
+
+/* Numerics: nothing is divided by less, and every number format holds the most. */
+#define LONGEST_TIME TSE_R(1e6)       /* s: timers and ages stop here; nobody asks how much longer it was */
+#define MOST_AGE TSE_R(100)           /* s: the same of what is asked about within seconds */
+#define MOST_SINCE TSE_R(1000)        /* s: since the last value of a velocity, and left out for */
+#define MOST_MOVED TSE_R(1000)        /* m/s, rad/s, rad: motion that is kept */
+#define MOST_USUAL TSE_R(1000)        /* 1: slow innovations over their variance */
+#define MOST_FROZEN TSE_R(1000)       /* log2: of how unlikely it is that a channel repeats itself */
+#define MOST_INFO TSE_R(1e6)          /* 1: information and score of an event */
+#define LEAST_LOG2 TSE_R(-100)        /* log2: nothing is less likely */
+#define LEAST_WEIGHT TSE_R(1e-6)      /* 1: an event less likely moves no digit */
+#define RECALL_VAR TSE_R(1e-4)        /* unit^2: least variance that is recalled */
+#define LEAST_FORCE TSE_R(0.2)        /* 1: of a tyre force that a change leaves, where its logarithm is taken of a first-order share */
+#define STEEPEST TSE_R(1e4)           /* unit: no car has such a slope; one that swings itself up in a long row must not leave the range of numbers */
+#define LEAST_ERROR TSE_R(1e-6)       /* unit^2: an error of nothing leaves a slip of nothing a share of nothing */
+#define WALK_TIME TSE_R(1)            /* s: what walks slowly is due once in that time at least */
+#define MOST_FORGOTTEN TSE_R(0.1)     /* 1: a noise or a ratio that is found as a mean forgets no more in one row, however long that is */
+#define LEAST_DT TSE_R(1e-4)          /* s: rows that come closer are taken as that far apart: rates are what changes over it */
+#define SAME_SPEED TSE_R(1e-5)        /* 1: share of the speed that six digits leave */
+#define MOST_REPEATS TSE_R(0.999)     /* 1: share of readings that repeat; one more still says something */
+#define LEAST_SLOW_VAR TSE_R(1e-9)    /* squared unit of a channel */
+#define NEGLIGIBLE TSE_R(0.001)       /* 1: share of an innovation's variance: uncertain quantities that make less do not change the gain */
+#define LEAST_TURNING TSE_R(5)        /* m/s: what happens to the yaw rate is what happens across over the speed, over no less */
+#define LEAST_SPEED_ANGLE TSE_R(0.01) /* m/s: slower has no direction: the sideslip angle is 0 */
+#define LEAST_SPEED_SD TSE_R(1)       /* m/s: its sd is taken over no less */
+#define LEAST_SPEED TSE_R(0.1)        /* m/s: course and speed are taken over no less */
+#define BETWEEN TSE_R(0.035)          /* s: kept motion is so far apart; 8 of them reach back 0.28 s, to which latencies are limited */
+#define LARGEST_CORRELATION TSE_R(0.999) /* 1: of two states that a file gives: what remains of a variance stays positive */
+
+/* [unit^2] Least element of D: rounding must not leave it at 0 (fixed point), nor make denormal numbers. */
+#if defined(TSE_REAL_FIXED)
+#define LEAST_D ((tse_real)16)
+#else
+#define LEAST_D TSE_R(1e-15)
+#endif
+
+#endif
