@@ -171,6 +171,14 @@ def optional_places() -> list[str]:
     return [f"TSE_OPTIONAL_{r['name']}," for r in optional()]
 
 
+def missing_bits() -> list[str]:
+    return [f"#define TSE_MISSING_{r['name']} (1u << TSE_CHANNEL_{r['name']})" for r in channels()]
+
+
+def given_bits() -> list[str]:
+    return [f"#define TSE_GIVEN_{r['name']} (1u << TSE_OPTIONAL_{r['name']})" for r in optional()]
+
+
 def input_ranges(rows: Iterable[Row]) -> list[str]:
     return [
         f"{{ {text(r['name'])}, (uint16_t)offsetof(tse_input, {r['name']}), {int(r.get('kind') == 'drives')}, "
@@ -454,7 +462,7 @@ def sim_described() -> list[str]:
 
 def sim_reals() -> list[str]:
     return packed(
-        f"REAL({n}, {c(r['default'])}, {c(r['least'])}, {c(r['most'])}),"
+        f"SIM_REAL({n}, {c(r['default'])}, {c(r['least'])}, {c(r['most'])}),"
         for n, r in settings("sim").items()
         if not r["whole"]
     )
@@ -462,7 +470,9 @@ def sim_reals() -> list[str]:
 
 def sim_wholes() -> list[str]:
     return packed(
-        f"WHOLE({n}, {start(r)}, {c(r['least'])}, {c(r['most'])})," for n, r in settings("sim").items() if r["whole"]
+        f"SIM_WHOLE({n}, {start(r)}, {c(r['least'])}, {c(r['most'])}),"
+        for n, r in settings("sim").items()
+        if r["whole"]
     )
 
 

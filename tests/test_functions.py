@@ -38,5 +38,25 @@ def test_no_two_files_define_functions_of_one_name():
     assert not twice
 
 
+def test_no_two_files_define_a_type_or_a_macro_of_one_name():
+    """A macro that its file undefines is no name of another's. A build has one of a number format's."""
+    files = defaultdict(set)
+    for path in sorted(SRC.rglob("*.[ch]")):
+        text = path.read_text()
+        gone = set(re.findall(r"^#undef (\w+)", text, re.M))
+        for name in {*re.findall(r"^#define (\w+)", text, re.M)} - gone:
+            files[name].add(path.relative_to(SRC).as_posix())
+        for name in re.findall(r"^(?:typedef struct \w+ \{.*)?\} (\w+);", text, re.M):
+            files[name].add(path.relative_to(SRC).as_posix())
+    assert not {name: sorted(where) for name, where in files.items() if len(where) > 1 and where != FORMATS}
+
+
+def test_a_macro_of_a_public_header_is_a_constant():
+    """But for a number of each format, and the name that a public function has in it."""
+    public = (SRC.parent / "include" / "tse").glob("*.h")
+    with_arguments = {x for path in public for x in re.findall(r"^# *define +(\w+)\(", path.read_text(), re.M)}
+    assert with_arguments == {"TSE_R", "TSE_S", "TSE_NAME"}
+
+
 def test_no_function_is_longer_than_a_screen():
     assert not [x for x in functions() if x[2] > MOST_LINES]

@@ -18,8 +18,8 @@ typedef struct tse_input {
   tse_real accel_y;            /* [m/s2] -50 .. 50, else missing; specific force at the centre of gravity, positive left */
   tse_real yaw_rate;           /* [rad/s] -6 .. 6, else missing; yaw rate, positive left (counter-clockwise from above) */
   /* end of table */
-  uint32_t missing;            /* bits TSE_MISSING(accel_x) of the channels above */
-  uint32_t given;              /* bits TSE_GIVEN(ins_vel_y) of those below that were measured; 0: none, then they are not read */
+  uint32_t missing;            /* bits TSE_MISSING_accel_x of the channels above */
+  uint32_t given;              /* bits TSE_GIVEN_ins_vel_y of those below that were measured; 0: none, then they are not read */
   /* table: input_optional */
   tse_real ins_vel_x;          /* [m/s] -120 .. 120, else not there; velocity along the car, of an INS or an optical sensor */
   tse_real ins_vel_y;          /* [m/s] -60 .. 60, else not there; velocity across the car, positive left */
@@ -31,7 +31,7 @@ typedef struct tse_input {
   /* end of table */
 } tse_input;
 
-/* Bits of tse_input.missing: TSE_MISSING(accel_x). */
+/* Channels, in the order of their bits in tse_input.missing. */
 enum {
   /* table: channel_places */
   TSE_CHANNEL_steer_angle,
@@ -43,9 +43,16 @@ enum {
   /* end of table */
   TSE_CHANNELS
 };
-#define TSE_MISSING(name) (1u << TSE_CHANNEL_##name)
+/* table: missing_bits */
+#define TSE_MISSING_steer_angle (1u << TSE_CHANNEL_steer_angle)
+#define TSE_MISSING_wheel_speed_front (1u << TSE_CHANNEL_wheel_speed_front)
+#define TSE_MISSING_wheel_speed_rear (1u << TSE_CHANNEL_wheel_speed_rear)
+#define TSE_MISSING_accel_x (1u << TSE_CHANNEL_accel_x)
+#define TSE_MISSING_accel_y (1u << TSE_CHANNEL_accel_y)
+#define TSE_MISSING_yaw_rate (1u << TSE_CHANNEL_yaw_rate)
+/* end of table */
 
-/* Bits of tse_input.given: TSE_GIVEN(gnss_speed). */
+/* Optional channels, in the order of their bits in tse_input.given. */
 enum {
   /* table: optional_places */
   TSE_OPTIONAL_ins_vel_x,
@@ -58,7 +65,15 @@ enum {
   /* end of table */
   TSE_OPTIONALS
 };
-#define TSE_GIVEN(name) (1u << TSE_OPTIONAL_##name)
+/* table: given_bits */
+#define TSE_GIVEN_ins_vel_x (1u << TSE_OPTIONAL_ins_vel_x)
+#define TSE_GIVEN_ins_vel_y (1u << TSE_OPTIONAL_ins_vel_y)
+#define TSE_GIVEN_gnss_speed (1u << TSE_OPTIONAL_gnss_speed)
+#define TSE_GIVEN_gnss_course (1u << TSE_OPTIONAL_gnss_course)
+#define TSE_GIVEN_brake (1u << TSE_OPTIONAL_brake)
+#define TSE_GIVEN_wheel_torque_front (1u << TSE_OPTIONAL_wheel_torque_front)
+#define TSE_GIVEN_wheel_torque_rear (1u << TSE_OPTIONAL_wheel_torque_rear)
+/* end of table */
 #define TSE_VELOCITIES 4 /* the first of them are velocities, the others what the pedals do */
 #define TSE_GIVEN_VELOCITIES ((1u << TSE_VELOCITIES) - 1u) /* all bits of the velocities */
 

@@ -37,9 +37,9 @@ tse_status input_decode(const tse_params *p, const tse_filter *f, const tse_inpu
   y->u.steer = row.steer_angle;
   y->u.v_front = r_mul(p->radius_front, row.wheel_speed_front);
   y->u.v_rear = r_mul(p->radius_rear, row.wheel_speed_rear);
-  const int no_steer = is_missing(&row, TSE_MISSING(steer_angle), row.steer_angle);
-  const int no_front = is_missing(&row, TSE_MISSING(wheel_speed_front), row.wheel_speed_front);
-  const int no_rear = is_missing(&row, TSE_MISSING(wheel_speed_rear), row.wheel_speed_rear);
+  const int no_steer = is_missing(&row, TSE_MISSING_steer_angle, row.steer_angle);
+  const int no_front = is_missing(&row, TSE_MISSING_wheel_speed_front, row.wheel_speed_front);
+  const int no_rear = is_missing(&row, TSE_MISSING_wheel_speed_rear, row.wheel_speed_rear);
   y->has_steer = !no_steer;
   y->has_inputs = !no_steer && !no_front && !no_rear;
   if (no_steer) y->u.steer = f->steer;

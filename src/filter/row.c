@@ -7,8 +7,8 @@
 static int32_t rolls_by(const tse_params *p, const decoded *z)
 {
   const int32_t undriven = not_driven(&p->car);
-  const int has_brake = (z->given & TSE_GIVEN(brake)) != 0;
-  const int known[2] = { (z->given & TSE_GIVEN(wheel_torque_front)) != 0, (z->given & TSE_GIVEN(wheel_torque_rear)) != 0 };
+  const int has_brake = (z->given & TSE_GIVEN_brake) != 0;
+  const int known[2] = { (z->given & TSE_GIVEN_wheel_torque_front) != 0, (z->given & TSE_GIVEN_wheel_torque_rear) != 0 };
   const tse_real torque[2] = { r_abs(z->optional[TSE_OPTIONAL_wheel_torque_front]), r_abs(z->optional[TSE_OPTIONAL_wheel_torque_rear]) };
   const int less = torque[1] < torque[0];
   if (undriven == ROLLS_UNKNOWN && !(known[0] && known[1])) return ROLLS_UNKNOWN;
@@ -25,7 +25,7 @@ tse_status row_decode(const tse_params *p, const tse_filter *f, const tse_input 
   const tse_status status = tse_input_check(&given, NULL);
   if (status < 0) return status;
   z->dt = r_max(given.dt, LEAST_DT);
-  z->has_steer = !is_missing(u, TSE_MISSING(steer_angle), u->steer_angle);
+  z->has_steer = !is_missing(u, TSE_MISSING_steer_angle, u->steer_angle);
   z->steer = z->has_steer ? u->steer_angle : f->k.steer[0];
   for (int i = 0; i < IMU_CHANNELS; i++) {
     const int k = (int)TSE_CHANNEL_accel_x + i;
@@ -33,8 +33,8 @@ tse_status row_decode(const tse_params *p, const tse_filter *f, const tse_input 
     z->use[i] = !is_missing(u, 1u << k, x) && channel_holds(&channel_rows[k], x);
     z->z[i] = z->use[i] ? x : TSE_R(0);
   }
-  z->use[WHEEL_FRONT] = !is_missing(u, TSE_MISSING(wheel_speed_front), u->wheel_speed_front);
-  z->use[WHEEL_REAR] = !is_missing(u, TSE_MISSING(wheel_speed_rear), u->wheel_speed_rear);
+  z->use[WHEEL_FRONT] = !is_missing(u, TSE_MISSING_wheel_speed_front, u->wheel_speed_front);
+  z->use[WHEEL_REAR] = !is_missing(u, TSE_MISSING_wheel_speed_rear, u->wheel_speed_rear);
   z->z[WHEEL_FRONT] = z->use[WHEEL_FRONT] ? r_mul(p->radius_front, u->wheel_speed_front) : TSE_R(0);
   z->z[WHEEL_REAR] = z->use[WHEEL_REAR] ? r_mul(p->radius_rear, u->wheel_speed_rear) : TSE_R(0);
   /* both axles read the same: one signal, a vehicle speed, which does not show slip */

@@ -140,20 +140,20 @@ void velocity_move(const tse_params *p, tse_kalman *k, const decoded *z)
 }
 
 /* What a channel reads, and its slopes over the motion at that time (speeds along, across, yaw rate) and the extra states, in SI. */
-typedef struct reading {
+typedef struct velocity_reading {
   tse_real z, by[3], extra[TSE_EXTRAS];
-} reading;
+} velocity_reading;
 
 /* Predict a channel.
  *   Given: v  speeds along and across [m/s], yaw rate [rad/s] at the time of the value
  *   heading [rad]
  *   extra states */
-static reading read_of(int c, const tse_real v[3], tse_real heading, const tse_real extra[TSE_EXTRAS])
+static velocity_reading read_of(int c, const tse_real v[3], tse_real heading, const tse_real extra[TSE_EXTRAS])
 {
   const tse_real scale = TSE_R(1) + extra[V_SCALE - STATES], turn = extra[V_TURN - STATES], lx = extra[V_LEVER_X - STATES], ly = extra[V_LEVER_Y - STATES];
   const tse_real vx = v[0] - r_mul(v[2], ly), vy = v[1] + extra[V_OFF - STATES] + r_mul(v[2], lx);
   tse_real along = TSE_R(0), across = TSE_R(0); /* slopes over vx, vy */
-  reading m;
+  velocity_reading m;
   for (int e = 0; e < TSE_EXTRAS; e++) m.extra[e] = TSE_R(0);
   if (c == INS_X || c == INS_Y) {
     const tse_real plain = c == INS_X ? vx + r_mul(turn, vy) : vy - r_mul(turn, vx);
@@ -191,7 +191,7 @@ static void predict_reading(const tse_params *p, const tse_kalman *k, int c, tse
   late = r_min(late, over);
   for (int i = 0; i < KEPT; i++) off[i] = -r_mul(late, rate[i]); /* ahead, as fast as it changed */
   const tse_real v[3] = { x[VX] + off[0], x[VY] + off[1], x[YAW] + off[2] };
-  const reading now = read_of(c, v, x[PSI] + off[KEPT_HEADING], &x[STATES]);
+  const velocity_reading now = read_of(c, v, x[PSI] + off[KEPT_HEADING], &x[STATES]);
   m->e = z - now.z;
   if (c == COURSE) m->e = wrapped(m->e);
   for (int q = 0; q < TSE_DOUBTS; q++) m->doubts[q] = TSE_R(0);

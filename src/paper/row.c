@@ -6,12 +6,12 @@
 #define EXCITATION_TIME TSE_R(0.1)  /* s: regressors are smoothed over it */
 
 /* What a row is good for. */
-typedef struct kind {
+typedef struct row_kind {
   int gap;       /* too long after the one before: the states start again       */
   int held;      /* (4) does not hold: too slow, in reverse, far from small angles */
   int predicted; /* no inputs, or no measurement                                */
   int32_t excited[3];
-} kind;
+} row_kind;
 
 static tse_real fastest_wheel(const sample *y) { return r_max(r_abs(y->u.v_front), r_abs(y->u.v_rear)); }
 
@@ -43,10 +43,10 @@ void paper_excitation(const tse_params *p, tse_filter_paper *f, const sample *y,
 }
 
 /* Bring the particles to this row: start, predict, or start the states again. */
-static kind advance_particles(const tse_params *p, tse_filter_paper *f, const sample *y)
+static row_kind advance_particles(const tse_params *p, tse_filter_paper *f, const sample *y)
 {
   tse_filter *const c = &f->filter;
-  kind k = { 0, 0, 0, { 0, 0, 0 } };
+  row_kind k = { 0, 0, 0, { 0, 0, 0 } };
   const int lost = c->held_for > p->max_gap;
   c->held_for = y->has_inputs ? TSE_R(0) : r_add_sat(c->held_for, y->dt);
   k.predicted = !y->has_inputs || y->used == 0;
@@ -75,7 +75,7 @@ static void hold(const tse_params *p, tse_filter_paper *f, tse_output *now)
 }
 
 /* Say why each stiffness is, or is not, valid: the first reason that applies. */
-static tse_status judge(const tse_params *p, tse_filter_paper *f, const sample *y, const kind *k, tse_output *now)
+static tse_status judge(const tse_params *p, tse_filter_paper *f, const sample *y, const row_kind *k, tse_output *now)
 {
   tse_status status = TSE_OK;
   const int starting = f->filter.seen < p->memory + p->memory;
@@ -106,7 +106,7 @@ tse_status step_particles(const tse_params *p, tse_filter *c, const tse_input *u
   const tse_status refused = input_decode(p, c, u, &y);
   if (refused < 0) return refused; /* nothing has changed yet */
 
-  kind k = advance_particles(p, f, &y);
+  row_kind k = advance_particles(p, f, &y);
   c->steer = y.u.steer;
   c->v_front = y.u.v_front;
   c->v_rear = y.u.v_rear;

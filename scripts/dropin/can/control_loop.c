@@ -3,8 +3,8 @@
 
 #include <string.h>
 
-#define NOTHING (TSE_MISSING(steer_angle) | TSE_MISSING(wheel_speed_front) | TSE_MISSING(wheel_speed_rear) | \
-                 TSE_MISSING(accel_x) | TSE_MISSING(accel_y) | TSE_MISSING(yaw_rate))
+#define NOTHING (TSE_MISSING_steer_angle | TSE_MISSING_wheel_speed_front | TSE_MISSING_wheel_speed_rear | \
+                 TSE_MISSING_accel_x | TSE_MISSING_accel_y | TSE_MISSING_yaw_rate)
 
 tse_status loop_start(control_loop *loop, const tse_config *c, const char **wrong)
 {
@@ -41,16 +41,16 @@ void loop_received(control_loop *loop, const can_frame *f)
 {
   tse_input *const u = &loop->coming;
   switch (f->id) {
-    case CAN_STEERING: decode(u, f, 0, 100000, TSE_MISSING(steer_angle), &u->steer_angle); break;
+    case CAN_STEERING: decode(u, f, 0, 100000, TSE_MISSING_steer_angle, &u->steer_angle); break;
     case CAN_WHEELS:
-      decode(u, f, 0, 1000, TSE_MISSING(wheel_speed_front), &u->wheel_speed_front);
-      decode(u, f, 1, 1000, TSE_MISSING(wheel_speed_rear), &u->wheel_speed_rear);
+      decode(u, f, 0, 1000, TSE_MISSING_wheel_speed_front, &u->wheel_speed_front);
+      decode(u, f, 1, 1000, TSE_MISSING_wheel_speed_rear, &u->wheel_speed_rear);
       break;
     case CAN_ACCEL:
-      decode(u, f, 0, 1000, TSE_MISSING(accel_x), &u->accel_x);
-      decode(u, f, 1, 1000, TSE_MISSING(accel_y), &u->accel_y);
+      decode(u, f, 0, 1000, TSE_MISSING_accel_x, &u->accel_x);
+      decode(u, f, 1, 1000, TSE_MISSING_accel_y, &u->accel_y);
       break;
-    case CAN_GYRO: decode(u, f, 0, 100000, TSE_MISSING(yaw_rate), &u->yaw_rate); break;
+    case CAN_GYRO: decode(u, f, 0, 100000, TSE_MISSING_yaw_rate, &u->yaw_rate); break;
     default: break; /* others talk on this bus, too */
   }
 }

@@ -28,12 +28,12 @@ static void measure(tse_input *u, int row, const tse_config *config)
   u->ins_vel_x = u->gnss_speed = v > 0 ? v : 0;
   u->ins_vel_y = (tse_real)0.01 * (tse_real)(row % 7);
   u->gnss_course = (tse_real)0.001 * (tse_real)(row % 6000);
-  u->given = row % 10 == 0 && v > 0 ? TSE_GIVEN(ins_vel_y) | TSE_GIVEN(gnss_speed) | (row % 20 ? TSE_GIVEN(gnss_course) : 0) : 0;
+  u->given = row % 10 == 0 && v > 0 ? TSE_GIVEN_ins_vel_y | TSE_GIVEN_gnss_speed | (row % 20 ? TSE_GIVEN_gnss_course : 0) : 0;
   u->brake = (tse_real)(row / 300 % 2);
   u->wheel_torque_front = (tse_real)(row % 500);
   u->wheel_torque_rear = (tse_real)(row % 90 - 10);
-  u->given |= row / 200 % 4 ? TSE_GIVEN(brake) : 0;
-  u->given |= row / 700 % 3 ? TSE_GIVEN(wheel_torque_front) | TSE_GIVEN(wheel_torque_rear) : 0;
+  u->given |= row / 200 % 4 ? TSE_GIVEN_brake : 0;
+  u->given |= row / 700 % 3 ? TSE_GIVEN_wheel_torque_front | TSE_GIVEN_wheel_torque_rear : 0;
 }
 
 static void expect_outputs(fmi2Component c, const tse_config *config, const tse_output *y, int row)

@@ -214,8 +214,8 @@ static void test_accel_x_is_not_interpolated_in_even_rows(void)
     for (int k = 0; k < 60; k++) {
       tse_input row, u = noisy_row(k), was = noisy_row(k - back);
       if (align_row(&p, &late_one.filter, &u, &row) != TSE_OK) continue;
-      TEST_ASSERT_EQUAL_INT(was.missing & TSE_MISSING(accel_x), row.missing & TSE_MISSING(accel_x));
-      if (!(row.missing & TSE_MISSING(accel_x))) TEST_ASSERT_EQUAL_MEMORY(&was.accel_x, &row.accel_x, sizeof was.accel_x);
+      TEST_ASSERT_EQUAL_INT(was.missing & TSE_MISSING_accel_x, row.missing & TSE_MISSING_accel_x);
+      if (!(row.missing & TSE_MISSING_accel_x)) TEST_ASSERT_EQUAL_MEMORY(&was.accel_x, &row.accel_x, sizeof was.accel_x);
       expect_near(0, number(late_one.filter.waiting.lost[0]), 0, "lost", k);
     }
   }
@@ -249,9 +249,9 @@ static void test_a_value_missing_on_either_side_is_missing_and_on_neither_where_
       memset(&u, 0, sizeof u);
       u.dt = real(0.01);
       u.yaw_rate = k == 10 ? real(7) : real(0.1); /* out of range */
-      u.missing = k == 15 ? TSE_MISSING(wheel_speed_rear) : 0;
+      u.missing = k == 15 ? TSE_MISSING_wheel_speed_rear : 0;
       if (align_row(&p, &late_one.filter, &u, &row) != TSE_OK) continue;
-      const int gyro = (row.missing & TSE_MISSING(yaw_rate)) == 0, wheel = (row.missing & TSE_MISSING(wheel_speed_rear)) == 0;
+      const int gyro = (row.missing & TSE_MISSING_yaw_rate) == 0, wheel = (row.missing & TSE_MISSING_wheel_speed_rear) == 0;
       TEST_ASSERT_EQUAL_INT(whole_rows ? k != 11 : k != 10 && k != 11, gyro);
       TEST_ASSERT_EQUAL_INT(k != 15, wheel); /* the latest is read as it comes */
     }

@@ -23,9 +23,9 @@ static tse_input a_row(void)
   return u;
 }
 
-#define BRAKE TSE_GIVEN(brake)
-#define FRONT TSE_GIVEN(wheel_torque_front)
-#define REAR TSE_GIVEN(wheel_torque_rear)
+#define BRAKE TSE_GIVEN_brake
+#define FRONT TSE_GIVEN_wheel_torque_front
+#define REAR TSE_GIVEN_wheel_torque_rear
 
 /* Each case as a driver would answer: does an axle roll freely, and which? 60 N m is no torque. */
 static void test_the_axle_that_rolls_freely_is_that_of_the_pedals(void)

@@ -473,7 +473,7 @@ static tse_config a_drive(void)
   return c;
 }
 
-static const uint32_t ins = TSE_GIVEN(ins_vel_x) | TSE_GIVEN(ins_vel_y), gnss = TSE_GIVEN(gnss_speed) | TSE_GIVEN(gnss_course);
+static const uint32_t ins = TSE_GIVEN_ins_vel_x | TSE_GIVEN_ins_vel_y, gnss = TSE_GIVEN_gnss_speed | TSE_GIVEN_gnss_course;
 
 static tse_output stepped(const tse_params *p, tse_filter *to, const tse_input *u)
 {
@@ -724,8 +724,8 @@ static void test_velocities_come_and_go_and_gaps_are_survived(void)
                                                                             : 0,
                                &seed);
     if (n == 2000) u.dt = TSE_R(3);
-    if (n % 50 == 7) u.missing = TSE_MISSING(yaw_rate);
-    if (n % 50 == 9) u.missing = TSE_MISSING(steer_angle);
+    if (n % 50 == 7) u.missing = TSE_MISSING_yaw_rate;
+    if (n % 50 == 9) u.missing = TSE_MISSING_steer_angle;
     y = stepped(&w.p, &f, &u);
   }
   TEST_ASSERT_TRUE(fabs(number(y.vel_y) - number(w.x[VY])) < 0.5);
@@ -796,7 +796,7 @@ static void test_forms_with_particles_refuse_a_velocity_as_one_without_effect(vo
   u.dt = real(0.01);
   u.wheel_speed_front = u.wheel_speed_rear = real(60);
   TEST_ASSERT_TRUE(tse_step(&p, &paper.filter, &u, NULL) >= 0);
-  u.given = TSE_GIVEN(ins_vel_x);
+  u.given = TSE_GIVEN_ins_vel_x;
   TEST_ASSERT_EQUAL_INT(TSE_E_INPUT, tse_step(&p, &paper.filter, &u, NULL));
 }
 

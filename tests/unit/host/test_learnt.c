@@ -318,7 +318,7 @@ static tse_output first_row(const tse_params *p)
   tse_output y;
   memset(&u, 0, sizeof u);
   u.wheel_speed_front = u.wheel_speed_rear = real(60);
-  u.missing = TSE_MISSING(accel_x) | TSE_MISSING(accel_y) | TSE_MISSING(yaw_rate);
+  u.missing = TSE_MISSING_accel_x | TSE_MISSING_accel_y | TSE_MISSING_yaw_rate;
   TEST_ASSERT_EQUAL_INT(TSE_W_PREDICTED, tse_step(p, &f.filter, &u, &y));
   return y;
 }

@@ -29,7 +29,7 @@ static void drive(int32_t form, int late)
     u.wheel_speed_rear = real(60);
     u.accel_y = real(1.9 * sin(0.13 * k) + 0.1 * sin(5.3 * k));
     u.yaw_rate = real(0.1 * sin(0.13 * k) + 0.003 * sin(9.7 * k));
-    if (k > 200 && k < 260) u.missing = TSE_MISSING(steer_angle);
+    if (k > 200 && k < 260) u.missing = TSE_MISSING_steer_angle;
     if (k > 300) u.yaw_rate = real(6); /* what the model does not explain */
     TEST_ASSERT_TRUE(tse_step(&p, &f.filter, &u, NULL) >= 0);
     TEST_ASSERT_EQUAL_INT(TSE_OK, tse_filter_check(&p, &f.filter, bytes_of_form(form)));

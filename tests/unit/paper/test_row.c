@@ -115,7 +115,7 @@ static void test_asking_for_no_output_changes_nothing_in_the_filter(void)
 static void lose(tse_input *u, int channel, int how)
 {
   tse_real *const value[3] = { &u->accel_x, &u->accel_y, &u->yaw_rate };
-  static const uint32_t bit[3] = { TSE_MISSING(accel_x), TSE_MISSING(accel_y), TSE_MISSING(yaw_rate) };
+  static const uint32_t bit[3] = { TSE_MISSING_accel_x, TSE_MISSING_accel_y, TSE_MISSING_yaw_rate };
   if (how == 0) u->missing |= bit[channel];
   else *value[channel] = real(how == 1 ? (double)NAN : how == 2 ? (double)INFINITY
                                                    : how == 3   ? -50.1
@@ -161,7 +161,7 @@ static void test_a_row_without_measurements_predicts_only(void)
   memcpy(&before, &f, sizeof f);
   for (int i = 0; i < 20; i++) {
     tse_input u = next_row(&d);
-    u.missing = TSE_MISSING(accel_x) | TSE_MISSING(accel_y) | TSE_MISSING(yaw_rate);
+    u.missing = TSE_MISSING_accel_x | TSE_MISSING_accel_y | TSE_MISSING_yaw_rate;
     TEST_ASSERT_EQUAL_INT(TSE_W_PREDICTED, tse_step(&p, &f.filter, &u, &y));
     expect_same_statistics(&before, &f);
     expect_near(0.0, number(y.log_evidence), 0.0, "log evidence", i);
@@ -192,7 +192,7 @@ static void test_missing_inputs_hold_the_last_ones_then_freeze_then_restart(void
   for (int i = 0; i < 30; i++) {
     tse_input u = next_row(&d);
     if (i % 2) u.steer_angle = real((double)NAN);
-    else u.missing = TSE_MISSING(wheel_speed_rear);
+    else u.missing = TSE_MISSING_wheel_speed_rear;
     TEST_ASSERT_EQUAL_INT(TSE_W_PREDICTED, tse_step(&p, &f.filter, &u, &y));
     expect_same_statistics(&before, &f);
     if (i == 15) frozen = y;
@@ -221,7 +221,7 @@ static void test_a_gap_restarts_the_states_and_keeps_the_statistics(void)
   u.dt = real(25.0);
   u.wheel_speed_front = u.wheel_speed_rear = real(10.0 / 0.33);
   u.yaw_rate = real(0.3);
-  u.missing = TSE_MISSING(accel_x) | TSE_MISSING(accel_y);
+  u.missing = TSE_MISSING_accel_x | TSE_MISSING_accel_y;
   memcpy(&other, &f, sizeof f);
   TEST_ASSERT_EQUAL_INT(TSE_W_GAP, tse_step(&p, &f.filter, &u, &y));
   expect_near(10.0, number(y.vel_x), 0.1, "vel_x", 0);
@@ -233,7 +233,7 @@ static void test_a_gap_restarts_the_states_and_keeps_the_statistics(void)
     expect_near(number(was.stiffness[a]), number(y.stiffness[a]), 0.05, "stiffness", a);
   }
   /* without any measurement not a bit of the statistics moves */
-  u.missing |= TSE_MISSING(yaw_rate);
+  u.missing |= TSE_MISSING_yaw_rate;
   TEST_ASSERT_EQUAL_INT(TSE_W_GAP, tse_step(&p, &other.filter, &u, &y));
   expect_same_statistics(&before, &other);
   expect_near(10.0, number(y.vel_x), 0.1, "vel_x", 1);
