@@ -269,6 +269,7 @@ def expected_outputs(row: np.void, config: Config) -> dict[str, float]:
         one[s] = 1.0
     for s, nominal in zip(stiffness, stiffness_si(config, one[0])[0], strict=True):
         expected[f"estimate.nominal.{s}"] = float(nominal)
+        expected[f"estimate.{s}_secant"] = float(nominal * row[f"{s}_secant"])
     expected["estimate.valid"] = all(expected[f"estimate.{s}_valid"] for s in stiffness)
     return expected
 
