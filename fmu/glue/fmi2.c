@@ -34,43 +34,24 @@ void fmi2FreeInstance(fmi2Component c)
 
 /* A function that glue.c does, on an instance that is one. */
 #define DONE(call) (s ? (fmi2Status)(call) : fmi2Error)
+#define DOES(name, arguments, call)                 \
+  fmi2Status name arguments                         \
+  {                                                 \
+    static const char *const function = #name;      \
+    instance *const s = glue_instance_of(c);        \
+    (void)function;                                 \
+    return DONE(call);                              \
+  }
 
-fmi2Status fmi2SetDebugLogging(fmi2Component c, fmi2Boolean on, size_t count, const fmi2String names[])
-{
-  instance *const s = glue_instance_of(c);
-  return DONE(glue_debug_logging(s, "fmi2SetDebugLogging", on, count, names));
-}
-
-fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean has_tolerance, fmi2Real tolerance, fmi2Real start,
-                               fmi2Boolean has_stop, fmi2Real stop)
-{
-  instance *const s = glue_instance_of(c);
-  return DONE(glue_setup(s, "fmi2SetupExperiment", start, has_stop, stop));
-}
-
-fmi2Status fmi2EnterInitializationMode(fmi2Component c)
-{
-  instance *const s = glue_instance_of(c);
-  return DONE(glue_enter_initialization(s, "fmi2EnterInitializationMode"));
-}
-
-fmi2Status fmi2ExitInitializationMode(fmi2Component c)
-{
-  instance *const s = glue_instance_of(c);
-  return DONE(glue_exit_initialization(s, "fmi2ExitInitializationMode"));
-}
-
-fmi2Status fmi2Terminate(fmi2Component c)
-{
-  instance *const s = glue_instance_of(c);
-  return DONE(glue_terminate(s, "fmi2Terminate"));
-}
-
-fmi2Status fmi2Reset(fmi2Component c)
-{
-  instance *const s = glue_instance_of(c);
-  return DONE(glue_reset(s));
-}
+DOES(fmi2SetDebugLogging, (fmi2Component c, fmi2Boolean on, size_t count, const fmi2String names[]),
+     glue_debug_logging(s, function, on, count, names))
+DOES(fmi2SetupExperiment,
+     (fmi2Component c, fmi2Boolean has_tolerance, fmi2Real tolerance, fmi2Real start, fmi2Boolean has_stop, fmi2Real stop),
+     glue_setup(s, function, start, has_stop, stop))
+DOES(fmi2EnterInitializationMode, (fmi2Component c), glue_enter_initialization(s, function))
+DOES(fmi2ExitInitializationMode, (fmi2Component c), glue_exit_initialization(s, function))
+DOES(fmi2Terminate, (fmi2Component c), glue_terminate(s, function))
+DOES(fmi2Reset, (fmi2Component c), glue_reset(s))
 
 /* ------------------------------------------------------------------------------------------ values */
 
@@ -115,21 +96,16 @@ SET(Integer, 'i', value[i])
 SET(Boolean, 'b', value[i] != fmi2False)
 
 /* No model has a String. */
-fmi2Status fmi2GetString(fmi2Component c, const fmi2ValueReference vr[], size_t nvr, fmi2String value[])
-{
-  const instance *const s = glue_instance_of(c);
-  if (s && nvr == 0) return fmi2OK;
-  if (s) (void)listed(s, vr, nvr, value, 0, "String", "fmi2GetString");
-  return fmi2Error;
-}
-
-fmi2Status fmi2SetString(fmi2Component c, const fmi2ValueReference vr[], size_t nvr, const fmi2String value[])
-{
-  const instance *const s = glue_instance_of(c);
-  if (s && nvr == 0) return fmi2OK;
-  if (s) (void)listed(s, vr, nvr, value, 0, "String", "fmi2SetString");
-  return fmi2Error;
-}
+#define ABSENT(name, Value)                                                                          \
+  fmi2Status name(fmi2Component c, const fmi2ValueReference vr[], size_t nvr, Value value[])         \
+  {                                                                                                  \
+    const instance *const s = glue_instance_of(c);                                                   \
+    if (s && nvr == 0) return fmi2OK;                                                                \
+    if (s) (void)listed(s, vr, nvr, value, 0, "String", #name);                                      \
+    return fmi2Error;                                                                                \
+  }
+ABSENT(fmi2GetString, fmi2String)
+ABSENT(fmi2SetString, const fmi2String)
 
 /* ------------------------------------------------------------------------------------------- steps */
 
@@ -164,18 +140,9 @@ fmi2Status fmi2GetRealOutputDerivatives(fmi2Component c, const fmi2ValueReferenc
                                             "outputs have no derivatives (maxOutputDerivativeOrder is 0)");
 }
 
-fmi2Status fmi2DoStep(fmi2Component c, fmi2Real time, fmi2Real step, fmi2Boolean no_earlier_state)
-{
-  instance *const s = glue_instance_of(c);
-  return DONE(glue_step(s, "fmi2DoStep", time, step));
-}
-
-fmi2Status fmi2CancelStep(fmi2Component c)
-{
-  const instance *const s = glue_instance_of(c);
-  return DONE(glue_refuse(s, "fmi2CancelStep", "no step is ever pending"));
-}
-
+DOES(fmi2DoStep, (fmi2Component c, fmi2Real time, fmi2Real step, fmi2Boolean no_earlier_state),
+     glue_step(s, function, time, step))
+DOES(fmi2CancelStep, (fmi2Component c), glue_refuse(s, function, "no step is ever pending"))
 /* Steps are done when fmi2DoStep returns, so there is nothing to ask but how far the simulation has got. */
 static fmi2Status no_status(fmi2Component c, const char *function)
 {
@@ -218,48 +185,18 @@ fmi2Status fmi2GetStringStatus(fmi2Component c, const fmi2StatusKind kind, fmi2S
   return no_status(c, "fmi2GetStringStatus: no step is ever pending");
 }
 
-fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReference unknown[], size_t unknowns,
-                                        const fmi2ValueReference known_[], size_t knowns, const fmi2Real dknown[],
-                                        fmi2Real dunknown[])
-{
-  const instance *const s = glue_instance_of(c);
-  return DONE(glue_refuse(s, "fmi2GetDirectionalDerivative", "not provided (providesDirectionalDerivative is false)"));
-}
+DOES(fmi2GetDirectionalDerivative,
+     (fmi2Component c, const fmi2ValueReference unknown[], size_t unknowns, const fmi2ValueReference known_[], size_t knowns,
+      const fmi2Real dknown[], fmi2Real dunknown[]),
+     glue_refuse(s, function, "not provided (providesDirectionalDerivative is false)"))
 
 /* ------------------------------------------------------------------------------------------- state */
 
-fmi2Status fmi2GetFMUstate(fmi2Component c, fmi2FMUstate *state)
-{
-  const instance *const s = glue_instance_of(c);
-  return DONE(glue_save(s, "fmi2GetFMUstate", state));
-}
-
-fmi2Status fmi2SetFMUstate(fmi2Component c, fmi2FMUstate state)
-{
-  instance *const s = glue_instance_of(c);
-  return DONE(glue_restore(s, "fmi2SetFMUstate", state));
-}
-
-fmi2Status fmi2FreeFMUstate(fmi2Component c, fmi2FMUstate *state)
-{
-  const instance *const s = glue_instance_of(c);
-  return DONE(glue_drop(s, "fmi2FreeFMUstate", state));
-}
-
-fmi2Status fmi2SerializedFMUstateSize(fmi2Component c, fmi2FMUstate state, size_t *size)
-{
-  const instance *const s = glue_instance_of(c);
-  return DONE(glue_state_size(s, "fmi2SerializedFMUstateSize", state, size));
-}
-
-fmi2Status fmi2SerializeFMUstate(fmi2Component c, fmi2FMUstate state, fmi2Byte bytes[], size_t size)
-{
-  const instance *const s = glue_instance_of(c);
-  return DONE(glue_serialize(s, "fmi2SerializeFMUstate", state, (unsigned char *)bytes, size));
-}
-
-fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte bytes[], size_t size, fmi2FMUstate *state)
-{
-  const instance *const s = glue_instance_of(c);
-  return DONE(glue_deserialize(s, "fmi2DeSerializeFMUstate", (const unsigned char *)bytes, size, state));
-}
+DOES(fmi2GetFMUstate, (fmi2Component c, fmi2FMUstate *state), glue_save(s, function, state))
+DOES(fmi2SetFMUstate, (fmi2Component c, fmi2FMUstate state), glue_restore(s, function, state))
+DOES(fmi2FreeFMUstate, (fmi2Component c, fmi2FMUstate *state), glue_drop(s, function, state))
+DOES(fmi2SerializedFMUstateSize, (fmi2Component c, fmi2FMUstate state, size_t *size), glue_state_size(s, function, state, size))
+DOES(fmi2SerializeFMUstate, (fmi2Component c, fmi2FMUstate state, fmi2Byte bytes[], size_t size),
+     glue_serialize(s, function, state, (unsigned char *)bytes, size))
+DOES(fmi2DeSerializeFMUstate, (fmi2Component c, const fmi2Byte bytes[], size_t size, fmi2FMUstate *state),
+     glue_deserialize(s, function, (const unsigned char *)bytes, size, state))

@@ -13,6 +13,14 @@ static const glue_api api = { "fmi3Terminate", "instantiation token", "FMUState"
 
 /* A function that glue.c does, on an instance that is one. */
 #define DONE(call) (s ? (fmi3Status)(call) : fmi3Error)
+#define DOES(name, arguments, call)                 \
+  fmi3Status name arguments                         \
+  {                                                 \
+    static const char *const function = #name;      \
+    instance *const s = glue_instance_of(c);        \
+    (void)function;                                 \
+    return DONE(call);                              \
+  }
 #define ON_INSTANCE(c) instance *const s = glue_instance_of(c)
 #define ON_CONST_INSTANCE(c) const instance *const s = glue_instance_of(c)
 
@@ -51,11 +59,8 @@ void fmi3FreeInstance(fmi3Instance c)
   if (s) glue_free(s);
 }
 
-fmi3Status fmi3SetDebugLogging(fmi3Instance c, fmi3Boolean on, size_t count, const fmi3String names[])
-{
-  ON_INSTANCE(c);
-  return DONE(glue_debug_logging(s, "fmi3SetDebugLogging", on, count, names));
-}
+DOES(fmi3SetDebugLogging, (fmi3Instance c, fmi3Boolean on, size_t count, const fmi3String names[]),
+     glue_debug_logging(s, function, on, count, names))
 
 fmi3Status fmi3EnterInitializationMode(fmi3Instance c, fmi3Boolean has_tolerance, fmi3Float64 tolerance, fmi3Float64 start,
                                        fmi3Boolean has_stop, fmi3Float64 stop)
@@ -66,23 +71,9 @@ fmi3Status fmi3EnterInitializationMode(fmi3Instance c, fmi3Boolean has_tolerance
   return (fmi3Status)glue_enter_initialization(s, function);
 }
 
-fmi3Status fmi3ExitInitializationMode(fmi3Instance c)
-{
-  ON_INSTANCE(c);
-  return DONE(glue_exit_initialization(s, "fmi3ExitInitializationMode"));
-}
-
-fmi3Status fmi3Terminate(fmi3Instance c)
-{
-  ON_INSTANCE(c);
-  return DONE(glue_terminate(s, "fmi3Terminate"));
-}
-
-fmi3Status fmi3Reset(fmi3Instance c)
-{
-  ON_INSTANCE(c);
-  return DONE(glue_reset(s));
-}
+DOES(fmi3ExitInitializationMode, (fmi3Instance c), glue_exit_initialization(s, function))
+DOES(fmi3Terminate, (fmi3Instance c), glue_terminate(s, function))
+DOES(fmi3Reset, (fmi3Instance c), glue_reset(s))
 
 /* ------------------------------------------------------------------------------------------ values */
 
@@ -142,21 +133,17 @@ SET(Int32, 'i')
 SET(Boolean, 'b')
 
 /* Types that no variable has. */
-#define NO_TYPE(Type)                                                                                                     \
-  fmi3Status fmi3Get##Type(fmi3Instance c, const fmi3ValueReference vr[], size_t nvr, fmi3##Type value[], size_t count)    \
-  {                                                                                                                        \
-    ON_CONST_INSTANCE(c);                                                                                                 \
-    if (s && nvr == 0) return none(s, count, "fmi3Get" #Type);                                                            \
-    if (s) (void)listed(s, vr, nvr, value, count, 0, #Type, "fmi3Get" #Type);                                             \
-    return fmi3Error;                                                                                                     \
-  }                                                                                                                        \
-  fmi3Status fmi3Set##Type(fmi3Instance c, const fmi3ValueReference vr[], size_t nvr, const fmi3##Type value[], size_t count) \
-  {                                                                                                                        \
-    ON_CONST_INSTANCE(c);                                                                                                 \
-    if (s && nvr == 0) return none(s, count, "fmi3Set" #Type);                                                            \
-    if (s) (void)listed(s, vr, nvr, value, count, 0, #Type, "fmi3Set" #Type);                                             \
-    return fmi3Error;                                                                                                     \
+#define ABSENT(name, arguments, type, count)                                   \
+  fmi3Status name arguments                                                    \
+  {                                                                            \
+    ON_CONST_INSTANCE(c);                                                      \
+    if (s && nvr == 0) return none(s, count, #name);                           \
+    if (s) (void)listed(s, vr, nvr, value, count, 0, type, #name);             \
+    return fmi3Error;                                                          \
   }
+#define NO_TYPE(Type)                                                                                                            \
+  ABSENT(fmi3Get##Type, (fmi3Instance c, const fmi3ValueReference vr[], size_t nvr, fmi3##Type value[], size_t count), #Type, count) \
+  ABSENT(fmi3Set##Type, (fmi3Instance c, const fmi3ValueReference vr[], size_t nvr, const fmi3##Type value[], size_t count), #Type, count)
 NO_TYPE(Float32)
 NO_TYPE(Int8)
 NO_TYPE(UInt8)
@@ -166,39 +153,13 @@ NO_TYPE(UInt32)
 NO_TYPE(Int64)
 NO_TYPE(UInt64)
 NO_TYPE(String)
-
-fmi3Status fmi3GetBinary(fmi3Instance c, const fmi3ValueReference vr[], size_t nvr, size_t sizes[], fmi3Binary value[], size_t count)
-{
-  ON_CONST_INSTANCE(c);
-  if (s && nvr == 0) return none(s, count, "fmi3GetBinary");
-  if (s) (void)listed(s, vr, nvr, value, count, 0, "Binary", "fmi3GetBinary");
-  return fmi3Error;
-}
-
-fmi3Status fmi3SetBinary(fmi3Instance c, const fmi3ValueReference vr[], size_t nvr, const size_t sizes[], const fmi3Binary value[],
-                         size_t count)
-{
-  ON_CONST_INSTANCE(c);
-  if (s && nvr == 0) return none(s, count, "fmi3SetBinary");
-  if (s) (void)listed(s, vr, nvr, value, count, 0, "Binary", "fmi3SetBinary");
-  return fmi3Error;
-}
-
-fmi3Status fmi3GetClock(fmi3Instance c, const fmi3ValueReference vr[], size_t nvr, fmi3Clock value[])
-{
-  ON_CONST_INSTANCE(c);
-  if (s && nvr == 0) return fmi3OK;
-  if (s) (void)listed(s, vr, nvr, value, nvr, 0, "Clock", "fmi3GetClock");
-  return fmi3Error;
-}
-
-fmi3Status fmi3SetClock(fmi3Instance c, const fmi3ValueReference vr[], size_t nvr, const fmi3Clock value[])
-{
-  ON_CONST_INSTANCE(c);
-  if (s && nvr == 0) return fmi3OK;
-  if (s) (void)listed(s, vr, nvr, value, nvr, 0, "Clock", "fmi3SetClock");
-  return fmi3Error;
-}
+ABSENT(fmi3GetBinary,
+       (fmi3Instance c, const fmi3ValueReference vr[], size_t nvr, size_t sizes[], fmi3Binary value[], size_t count), "Binary", count)
+ABSENT(fmi3SetBinary,
+       (fmi3Instance c, const fmi3ValueReference vr[], size_t nvr, const size_t sizes[], const fmi3Binary value[], size_t count),
+       "Binary", count)
+ABSENT(fmi3GetClock, (fmi3Instance c, const fmi3ValueReference vr[], size_t nvr, fmi3Clock value[]), "Clock", nvr)
+ABSENT(fmi3SetClock, (fmi3Instance c, const fmi3ValueReference vr[], size_t nvr, const fmi3Clock value[]), "Clock", nvr)
 
 /* ------------------------------------------------------------------------------------------- steps */
 
@@ -218,110 +179,60 @@ fmi3Status fmi3DoStep(fmi3Instance c, fmi3Float64 time, fmi3Float64 step, fmi3Bo
 
 /* ------------------------------------------------------------------------------------------- state */
 
-fmi3Status fmi3GetFMUState(fmi3Instance c, fmi3FMUState *state)
-{
-  ON_CONST_INSTANCE(c);
-  return DONE(glue_save(s, "fmi3GetFMUState", state));
-}
-
-fmi3Status fmi3SetFMUState(fmi3Instance c, fmi3FMUState state)
-{
-  ON_INSTANCE(c);
-  return DONE(glue_restore(s, "fmi3SetFMUState", state));
-}
-
-fmi3Status fmi3FreeFMUState(fmi3Instance c, fmi3FMUState *state)
-{
-  ON_CONST_INSTANCE(c);
-  return DONE(glue_drop(s, "fmi3FreeFMUState", state));
-}
-
-fmi3Status fmi3SerializedFMUStateSize(fmi3Instance c, fmi3FMUState state, size_t *size)
-{
-  ON_CONST_INSTANCE(c);
-  return DONE(glue_state_size(s, "fmi3SerializedFMUStateSize", state, size));
-}
-
-fmi3Status fmi3SerializeFMUState(fmi3Instance c, fmi3FMUState state, fmi3Byte bytes[], size_t size)
-{
-  ON_CONST_INSTANCE(c);
-  return DONE(glue_serialize(s, "fmi3SerializeFMUState", state, bytes, size));
-}
-
-fmi3Status fmi3DeserializeFMUState(fmi3Instance c, const fmi3Byte bytes[], size_t size, fmi3FMUState *state)
-{
-  ON_CONST_INSTANCE(c);
-  return DONE(glue_deserialize(s, "fmi3DeserializeFMUState", bytes, size, state));
-}
+DOES(fmi3GetFMUState, (fmi3Instance c, fmi3FMUState *state), glue_save(s, function, state))
+DOES(fmi3SetFMUState, (fmi3Instance c, fmi3FMUState state), glue_restore(s, function, state))
+DOES(fmi3FreeFMUState, (fmi3Instance c, fmi3FMUState *state), glue_drop(s, function, state))
+DOES(fmi3SerializedFMUStateSize, (fmi3Instance c, fmi3FMUState state, size_t *size), glue_state_size(s, function, state, size))
+DOES(fmi3SerializeFMUState, (fmi3Instance c, fmi3FMUState state, fmi3Byte bytes[], size_t size),
+     glue_serialize(s, function, state, bytes, size))
+DOES(fmi3DeserializeFMUState, (fmi3Instance c, const fmi3Byte bytes[], size_t size, fmi3FMUState *state),
+     glue_deserialize(s, function, bytes, size, state))
 
 /* ------------------------------------------------------------------- what there is not, and is refused */
 
-#define REFUSED(name, why) return DONE(glue_refuse(s, name, why))
+#define REFUSES(name, arguments, why) DOES(name, arguments, glue_refuse(s, function, why))
 static const char no_events[] = "there is no event mode (hasEventMode is false)";
-static const char no_clocks[] = "there are no clocks";
 static const char no_exchange[] = "only co-simulation is supported";
+static const char no_adjoint[] = "not provided (providesAdjointDerivatives is false)";
+static const char no_directional[] = "not provided (providesDirectionalDerivatives is false)";
+static const char no_dependencies[] = "not provided (providesPerElementDependencies is false)";
+static const char no_structure[] = "there are no structural parameters";
 
 fmi3Status fmi3GetOutputDerivatives(fmi3Instance c, const fmi3ValueReference vr[], size_t nvr, const fmi3Int32 order[], fmi3Float64 value[],
                                     size_t count)
 {
   ON_CONST_INSTANCE(c);
   if (s && nvr == 0) return none(s, count, "fmi3GetOutputDerivatives");
-  REFUSED("fmi3GetOutputDerivatives", "outputs have no derivatives (maxOutputDerivativeOrder is 0)");
+  return DONE(glue_refuse(s, "fmi3GetOutputDerivatives", "outputs have no derivatives (maxOutputDerivativeOrder is 0)"));
 }
 
-fmi3Status fmi3GetDirectionalDerivative(fmi3Instance c, const fmi3ValueReference unknown[], size_t unknowns,
-                                        const fmi3ValueReference known[], size_t knowns, const fmi3Float64 seed[], size_t seeds,
-                                        fmi3Float64 sensitivity[], size_t sensitivities)
-{
-  ON_CONST_INSTANCE(c);
-  REFUSED("fmi3GetDirectionalDerivative", "not provided (providesDirectionalDerivatives is false)");
-}
-
-fmi3Status fmi3GetAdjointDerivative(fmi3Instance c, const fmi3ValueReference unknown[], size_t unknowns, const fmi3ValueReference known[],
-                                    size_t knowns, const fmi3Float64 seed[], size_t seeds, fmi3Float64 sensitivity[], size_t sensitivities)
-{
-  ON_CONST_INSTANCE(c);
-  REFUSED("fmi3GetAdjointDerivative", "not provided (providesAdjointDerivatives is false)");
-}
-
-fmi3Status fmi3GetNumberOfVariableDependencies(fmi3Instance c, fmi3ValueReference vr, size_t *count)
-{
-  ON_CONST_INSTANCE(c);
-  REFUSED("fmi3GetNumberOfVariableDependencies", "not provided (providesPerElementDependencies is false)");
-}
-
-fmi3Status fmi3GetVariableDependencies(fmi3Instance c, fmi3ValueReference dependent, size_t elements[], fmi3ValueReference independents[],
-                                       size_t of[], fmi3DependencyKind kinds[], size_t count)
-{
-  ON_CONST_INSTANCE(c);
-  REFUSED("fmi3GetVariableDependencies", "not provided (providesPerElementDependencies is false)");
-}
-
-/* Functions of an instance alone. */
-#define NO_MODE(name, why) \
-  fmi3Status name(fmi3Instance c) { ON_CONST_INSTANCE(c); REFUSED(#name, why); }
-NO_MODE(fmi3EnterConfigurationMode, "there are no structural parameters")
-NO_MODE(fmi3ExitConfigurationMode, "there are no structural parameters")
-NO_MODE(fmi3EnterEventMode, no_events)
-NO_MODE(fmi3EnterStepMode, no_events)
-NO_MODE(fmi3EvaluateDiscreteStates, no_events)
-NO_MODE(fmi3EnterContinuousTimeMode, no_exchange)
-
-fmi3Status fmi3UpdateDiscreteStates(fmi3Instance c, fmi3Boolean *again, fmi3Boolean *terminate, fmi3Boolean *nominals, fmi3Boolean *values,
-                                    fmi3Boolean *has_next, fmi3Float64 *next)
-{
-  ON_CONST_INSTANCE(c);
-  REFUSED("fmi3UpdateDiscreteStates", no_events);
-}
+REFUSES(fmi3GetDirectionalDerivative,
+        (fmi3Instance c, const fmi3ValueReference unknown[], size_t unknowns, const fmi3ValueReference known[], size_t knowns,
+         const fmi3Float64 seed[], size_t seeds, fmi3Float64 sensitivity[], size_t sensitivities),
+        no_directional)
+REFUSES(fmi3GetAdjointDerivative,
+        (fmi3Instance c, const fmi3ValueReference unknown[], size_t unknowns, const fmi3ValueReference known[], size_t knowns,
+         const fmi3Float64 seed[], size_t seeds, fmi3Float64 sensitivity[], size_t sensitivities),
+        no_adjoint)
+REFUSES(fmi3GetNumberOfVariableDependencies, (fmi3Instance c, fmi3ValueReference vr, size_t *count), no_dependencies)
+REFUSES(fmi3GetVariableDependencies,
+        (fmi3Instance c, fmi3ValueReference dependent, size_t elements[], fmi3ValueReference independents[], size_t of[],
+         fmi3DependencyKind kinds[], size_t count),
+        no_dependencies)
+REFUSES(fmi3EnterConfigurationMode, (fmi3Instance c), no_structure)
+REFUSES(fmi3ExitConfigurationMode, (fmi3Instance c), no_structure)
+REFUSES(fmi3EnterEventMode, (fmi3Instance c), no_events)
+REFUSES(fmi3EnterStepMode, (fmi3Instance c), no_events)
+REFUSES(fmi3EvaluateDiscreteStates, (fmi3Instance c), no_events)
+REFUSES(fmi3UpdateDiscreteStates,
+        (fmi3Instance c, fmi3Boolean *again, fmi3Boolean *terminate, fmi3Boolean *nominals, fmi3Boolean *values, fmi3Boolean *has_next,
+         fmi3Float64 *next),
+        no_events)
 
 /* Functions of clocks: about none of them there is nothing to do. */
-#define NO_CLOCK(name, ...)                                                              \
-  fmi3Status name(fmi3Instance c, const fmi3ValueReference vr[], size_t nvr, __VA_ARGS__) \
-  {                                                                                      \
-    ON_CONST_INSTANCE(c);                                                                \
-    if (s && nvr == 0) return fmi3OK;                                                    \
-    REFUSED(#name, no_clocks);                                                           \
-  }
+#define NO_CLOCK(name, ...)                                                                  \
+  DOES(name, (fmi3Instance c, const fmi3ValueReference vr[], size_t nvr, __VA_ARGS__), \
+       nvr == 0 ? GLUE_OK : glue_refuse(s, function, "there are no clocks"))
 NO_CLOCK(fmi3GetIntervalDecimal, fmi3Float64 interval[], fmi3IntervalQualifier qualifier[])
 NO_CLOCK(fmi3GetShiftFraction, fmi3UInt64 counter[], fmi3UInt64 resolution[])
 NO_CLOCK(fmi3SetIntervalFraction, const fmi3UInt64 counter[], const fmi3UInt64 resolution[])
@@ -331,47 +242,16 @@ NO_CLOCK(fmi3SetIntervalDecimal, const fmi3Float64 interval[])
 NO_CLOCK(fmi3SetShiftDecimal, const fmi3Float64 shift[])
 NO_CLOCK(fmi3GetIntervalFraction, fmi3UInt64 counter[], fmi3UInt64 resolution[], fmi3IntervalQualifier qualifier[])
 
-fmi3Status fmi3ActivateModelPartition(fmi3Instance c, fmi3ValueReference clock, fmi3Float64 time)
-{
-  ON_CONST_INSTANCE(c);
-  REFUSED("fmi3ActivateModelPartition", no_exchange);
-}
-
 /* Model exchange. Some importers load these names without asking what the FMU is. */
-fmi3Status fmi3CompletedIntegratorStep(fmi3Instance c, fmi3Boolean no_earlier_state, fmi3Boolean *event, fmi3Boolean *terminate)
-{
-  ON_CONST_INSTANCE(c);
-  REFUSED("fmi3CompletedIntegratorStep", no_exchange);
-}
-
-fmi3Status fmi3SetTime(fmi3Instance c, fmi3Float64 time)
-{
-  ON_CONST_INSTANCE(c);
-  REFUSED("fmi3SetTime", no_exchange);
-}
-
-fmi3Status fmi3SetContinuousStates(fmi3Instance c, const fmi3Float64 values[], size_t count)
-{
-  ON_CONST_INSTANCE(c);
-  REFUSED("fmi3SetContinuousStates", no_exchange);
-}
-
-#define NO_NUMBERS(name)                                                 \
-  fmi3Status name(fmi3Instance c, fmi3Float64 values[], size_t count)    \
-  {                                                                      \
-    ON_CONST_INSTANCE(c);                                                \
-    REFUSED(#name, no_exchange);                                         \
-  }
-NO_NUMBERS(fmi3GetContinuousStateDerivatives)
-NO_NUMBERS(fmi3GetEventIndicators)
-NO_NUMBERS(fmi3GetContinuousStates)
-NO_NUMBERS(fmi3GetNominalsOfContinuousStates)
-
-#define NO_NUMBER(name)                                                  \
-  fmi3Status name(fmi3Instance c, size_t *count)                         \
-  {                                                                      \
-    ON_CONST_INSTANCE(c);                                                \
-    REFUSED(#name, no_exchange);                                         \
-  }
-NO_NUMBER(fmi3GetNumberOfEventIndicators)
-NO_NUMBER(fmi3GetNumberOfContinuousStates)
+REFUSES(fmi3EnterContinuousTimeMode, (fmi3Instance c), no_exchange)
+REFUSES(fmi3ActivateModelPartition, (fmi3Instance c, fmi3ValueReference clock, fmi3Float64 time), no_exchange)
+REFUSES(fmi3CompletedIntegratorStep,
+        (fmi3Instance c, fmi3Boolean no_earlier_state, fmi3Boolean *event, fmi3Boolean *terminate), no_exchange)
+REFUSES(fmi3SetTime, (fmi3Instance c, fmi3Float64 time), no_exchange)
+REFUSES(fmi3SetContinuousStates, (fmi3Instance c, const fmi3Float64 values[], size_t count), no_exchange)
+REFUSES(fmi3GetContinuousStates, (fmi3Instance c, fmi3Float64 values[], size_t count), no_exchange)
+REFUSES(fmi3GetContinuousStateDerivatives, (fmi3Instance c, fmi3Float64 values[], size_t count), no_exchange)
+REFUSES(fmi3GetNominalsOfContinuousStates, (fmi3Instance c, fmi3Float64 values[], size_t count), no_exchange)
+REFUSES(fmi3GetEventIndicators, (fmi3Instance c, fmi3Float64 values[], size_t count), no_exchange)
+REFUSES(fmi3GetNumberOfEventIndicators, (fmi3Instance c, size_t *count), no_exchange)
+REFUSES(fmi3GetNumberOfContinuousStates, (fmi3Instance c, size_t *count), no_exchange)
