@@ -48,6 +48,7 @@ function setWheels(desk, rows) {
 
 // Columns of the table, in order: what came later stands last (scripts/tselab/estimate.py).
 function generationOf(name) {
+  if (name.endsWith("_secant")) return 4;
   if (/^(grip|noise_wheel_|innovation_)/.test(name) || name === "sideslip_sd" || name === "nis") return 3;
   if (/^(p_|change_|discrepancy_|lag_)/.test(name) || name === "fault_channel" || name === "estimate_age") return 2;
   return name.endsWith("_spread_seen") || name.startsWith("noise_") ? 1 : 0;
@@ -55,7 +56,8 @@ function generationOf(name) {
 
 function columnsOf(lib) {
   const fields = lib.tables.output.map((f, i) => [generationOf(f.name), i, f.name]).sort((a, b) => a[0] - b[0] || a[1] - b[1]);
-  return ["time", ...fields.filter((f) => f[0] < 2).map((f) => f[2]), ...STIFFNESS.map((s) => `${s}_reason`), ...fields.filter((f) => f[0] >= 2).map((f) => f[2]), "grip_reason"];
+  const of = (least, most) => fields.filter((f) => f[0] >= least && f[0] <= most).map((f) => f[2]);
+  return ["time", ...of(0, 1), ...STIFFNESS.map((s) => `${s}_reason`), ...of(2, 3), "grip_reason", ...of(4, 4)];
 }
 
 // Estimates of all rows so far: columns as `tselab estimate` has them, reasons as codes (-1: the row was refused).
