@@ -20,23 +20,27 @@ from tselab.calibrate import output, workflow
 
 
 def shortened(fit: Path, minutes: float, into: Path) -> list[Path]:
-    """Return the logs of FIT that end after so many minutes, written to INTO."""
+    """Return the logs of FIT that end after so many minutes, written to INTO; none where all are shorter."""
     into.mkdir(exist_ok=True)
-    paths = []
+    paths, cut = [], False
     for path in sorted(fit.glob("log_*.csv")):
         log = pd.read_csv(path)
         time = log["time"] - log["time"].iloc[0]
         paths.append(into / path.name)
+        cut = cut or bool(time.iloc[-1] > 60 * minutes)
         log[time <= 60 * minutes].to_csv(paths[-1], index=False)
-    return paths
+    return paths if cut else []
 
 
 def of_car(car: Path, minutes: float) -> list[dict[str, Any]]:
     """Return a row per road: estimates of the drives in CAR/test, calibrated on so many minutes of each in CAR/fit."""
     folder = car / f"fit-{minutes:g}"
     logs, vehicle = shortened(car / "fit", minutes, folder), folder / "calibrated.toml"
-    result = workflow.run(logs, car / "fit" / "car.toml", [], folder / "progress.json", 1, lambda _: None)
-    output.write(vehicle, result, [p.name for p in logs])
+    if logs:
+        result = workflow.run(logs, car / "fit" / "car.toml", [], folder / "progress.json", 1, lambda _: None)
+        output.write(vehicle, result, [p.name for p in logs])
+    else:
+        vehicle = car / "calibrated.toml"  # the study's own, on all of them
     rows = []
     for road in ROADS:
         log, _, truth = driven(car / "test", road)
@@ -49,15 +53,17 @@ def of_car(car: Path, minutes: float) -> list[dict[str, Any]]:
 def main(arguments: list[str]) -> int:
     """Write the table."""
     parser = parser_of_kept(__doc__, "minutes.md")
-    parser.add_argument("--minutes", type=float, nargs="+", default=[0.4, 1.0, 3.0], help="lengths (default: 0.4 1 3)")
+    parser.add_argument(
+        "--minutes", type=float, nargs="+", default=[0.4, 1.0, 3.0, 10.0], help="lengths (default: 0.4 1 3 10)"
+    )
     given = parser.parse_args(arguments)
     jobs = [(given.keep / f"car{k}", m) for m in given.minutes for k in range(given.cars)]
     runs = pd.DataFrame([row for job in tqdm(jobs, unit="search", file=sys.stderr) for row in of_car(*job)])
     head = f"""# Minutes of calibration
 
 `python -m tests.cars.minutes --keep DIR --cars {given.cars} --first {given.first}` after
-`python -m tests.cars.study --first {given.first} --keep DIR`: {given.cars} cars with 14 degrees of freedom,
-calibrated on the first minutes of a drive on each of {", ".join(ROADS)}, and estimated on another of each. Front longitudinal /
+`python -m tests.cars.study --first {given.first} --minutes {max(given.minutes):g} --keep DIR`: {given.cars} cars with
+14 degrees of freedom, calibrated on the first minutes of a drive on each of {", ".join(ROADS)}, and estimated on another of each. Front longitudinal /
 front cornering / rear cornering; rows after {SETTLED:g} s and above {SLOW:g} m/s; columns as in [cars](cars.md).
 
 """

@@ -354,8 +354,8 @@ a truth; *median error*: of the rows of a log, median over the cars. *{CONSTANT}
 every row, no filter. *{BEST}*: the median of the car's true secants in every row; no constant is nearer, what is off
 there is how far the secant itself moves. *{TYRES}*: the same estimates
 beside the rear tyres without the suspension's compliance, -5 .. 10 % of the axle's, which no sensor tells from them. *{AT_REST}*:
-the output of the stiffness at no slip beside that of the axle with static load and no slip. *{RELAXED}*: the true force over the slip angle that the tyres have
-relaxed to.
+the output of the stiffness at no slip beside that of the axle with static load and no slip. *{RELAXED}*: the true
+force over the slip angle that the tyres have relaxed to.
 Nothing happens on these drives: every change and fault is a false one. Latencies are those behind the gyro.
 
 """
