@@ -64,7 +64,8 @@ def main(arguments: list[str]) -> int:
 `python -m tests.cars.minutes --keep DIR --cars {given.cars} --first {given.first}` after
 `python -m tests.cars.study --first {given.first} --minutes {max(given.minutes):g} --keep DIR`: {given.cars} cars with
 14 degrees of freedom, calibrated on the first minutes of a drive on each of {", ".join(ROADS)}, and estimated on
-another of each. Front longitudinal / front cornering / rear cornering; rows after {SETTLED:g} s and above {SLOW:g} m/s; columns as in [cars](cars.md).
+another of each. Front longitudinal / front cornering / rear cornering; rows
+after {SETTLED:g} s and above {SLOW:g} m/s; columns as in [cars](cars.md).
 
 """
     text = head + "\n".join(table(runs.assign(road="all"))) + "\n\nBy road:\n\n" + "\n".join(table(runs)) + "\n"
