@@ -67,6 +67,7 @@ void model_codes(fmu_code_row *row, void *to)
     { 7, "estimate.status", "TSE_W_RECOVERED" },
     { 8, "estimate.status", "TSE_W_WAITING" },
     { 9, "estimate.status", "TSE_W_RANGE" },
+    { 10, "estimate.status", "TSE_W_IMPLAUSIBLE" },
     { 0, reasons, "valid" },
     { 1, reasons, "starting" },
     { 2, reasons, "not excited" },
@@ -76,6 +77,7 @@ void model_codes(fmu_code_row *row, void *to)
     { 6, reasons, "input invalid" },
     { 7, reasons, "parameters uncertain" },
     { 8, reasons, "does not fit" },
+    { 9, reasons, "implausible" },
     /* end of table */
   };
   for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++)

@@ -59,6 +59,7 @@ typedef struct tse_output {
   tse_real noise[5];             /* [1] noise as found, over the setting: accel_x, accel_y, yaw_rate, wheel speeds front and rear; form 0 */
   tse_real innovation[5];        /* [m/s2 m/s2 rad/s m/s m/s] what each of them read less what was predicted; 0 where it was not used; form 0 */
   tse_real nis;                  /* [1] normalised innovation squared, summed over the channels used; their number where all fits; form 0 */
+  tse_real fault_factor;         /* [1] how many times too large the implausible channel is: 57.3 degrees for radians, -1 a sign, 0 no factor: exchanged, stuck; form 0 */
   tse_real regime[TSE_REGIMES];  /* [1] probability of each regime, by TSE_REGIME_STEADY ... */
   tse_real change_age;           /* [s] time since the last change; 0 while there was none */
   tse_real change_probability;   /* [1] probability that there was that change */
@@ -71,7 +72,7 @@ typedef struct tse_output {
   tse_real log_evidence;         /* [nat] log density of this row's measurements given the rows before; 0 where none was used */
   int32_t grip_reason;           /* TSE_VALID: the grip may be used; else why not */
   int32_t change_kind;           /* TSE_CHANGE_NONE, _ROAD (all tyres), _FRONT, _REAR, _RESTART */
-  int32_t fault_channel;         /* 0 none, else 1 + TSE_CHANNEL_ of the channel that is likeliest at fault, behind them TSE_OPTIONAL_ */
+  int32_t fault_channel;         /* 0 none, else 1 + TSE_CHANNEL_ of the channel that is likeliest at fault or implausible, behind them TSE_OPTIONAL_ */
   int32_t spread_seen[3];        /* 1: the spread is learnt, form 1; 0: the setting, or below what sensors and excitation can show */
   /* end of table */
 } tse_output;

@@ -31,6 +31,7 @@ typedef enum tse_status {
   TSE_W_RECOVERED = 7,          /* what was believed explains the samples no more: started over */
   TSE_W_WAITING = 8,            /* no step: channels that are logged later are awaited; estimates of the last step, or of the start */
   TSE_W_RANGE = 9,              /* a number left the range of the number format: the sample was dropped */
+  TSE_W_IMPLAUSIBLE = 10,       /* the channels contradict each other: a wrong unit, sign or axle; fault_channel says which, fault_factor how many times too large it is */
   /* end of table */
   TSE_STATUS_END_
 } tse_status;
@@ -47,6 +48,7 @@ typedef enum tse_reason {
   TSE_INPUT_INVALID = 6,        /* inputs or measurements are missing */
   TSE_PARAMETERS_UNCERTAIN = 7, /* the parameters of the car are too uncertain (settings mass_sd to grade_sd): calibrate, or state them better */
   TSE_MISFIT = 8,               /* the sensors say what the model does not explain: calibrate, or look for what is missing */
+  TSE_IMPLAUSIBLE = 9,          /* the channels contradict each other: a wrong unit, sign or axle (fault_channel, fault_factor) */
   /* end of table */
   TSE_REASON_END_
 } tse_reason;

@@ -20,6 +20,7 @@ Reason = Literal[
     "input invalid",
     "parameters uncertain",
     "does not fit",
+    "implausible",
 ]
 
 
@@ -70,6 +71,9 @@ class Status(IntEnum):
     """No step: channels that are logged later are awaited; estimates of the last step, or of the start."""
     RANGE = 9
     """A number left the range of the number format: the sample was dropped."""
+    IMPLAUSIBLE = 10
+    """The channels contradict each other: a wrong unit, sign or axle; fault_channel says which, fault_factor how many times
+    too large it is."""
 
 
 class Row(TypedDict, total=False):
@@ -258,3 +262,6 @@ class Estimate(EstimateBase):
     """Cornering stiffness in effect, front axle: force over slip at this row's slip and load [N/rad]."""
     cy_rear_secant: float
     """Cornering stiffness in effect, rear axle: force over slip at this row's slip and load [N/rad]."""
+    fault_factor: float
+    """How many times too large the implausible channel is: 57.3 degrees for radians, -1 a sign, 0 none or no factor:
+    exchanged, stuck."""

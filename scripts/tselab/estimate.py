@@ -57,7 +57,7 @@ def est_fields() -> list[Field]:
 
 
 def _generation(name: str) -> int:
-    if name.endswith("_secant"):
+    if name.endswith("_secant") or name == "fault_factor":
         return 4
     if name.startswith((GRIP, "noise_wheel_", "innovation_")) or name in ("sideslip_sd", "nis"):
         return 3

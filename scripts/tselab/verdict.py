@@ -33,6 +33,7 @@ WHY = {
     "input invalid": "inputs or measurements were missing",
     "parameters uncertain": "too uncertain parameters of the car: calibrate, or state what is known better in [uncertainty]",
     "does not fit": "the sensors read what the model does not explain: calibrate, or look for what is missing (tselab gap)",
+    "implausible": "the channels contradict each other: a wrong unit, sign or axle (fault_channel, fault_factor)",
     "row refused": "the rows were refused",
     CONTRADICTED: "the channels contradict each other (see the warning); with that put right the log may show it",
 }

@@ -104,6 +104,7 @@ const char *tse_status_text(int32_t status)
     case TSE_W_RECOVERED: return "what was believed explains the samples no more: started over";
     case TSE_W_WAITING: return "no step: channels that are logged later are awaited; estimates of the last step, or of the start";
     case TSE_W_RANGE: return "a number left the range of the number format: the sample was dropped";
+    case TSE_W_IMPLAUSIBLE: return "the channels contradict each other: a wrong unit, sign or axle; fault_channel says which, fault_factor how many times too large it is";
     /* end of table */
     default: return "unknown status";
   }
@@ -122,6 +123,7 @@ const char *tse_reason_text(int32_t reason)
     case TSE_INPUT_INVALID: return "inputs or measurements are missing";
     case TSE_PARAMETERS_UNCERTAIN: return "the parameters of the car are too uncertain (settings mass_sd to grade_sd): calibrate, or state them better";
     case TSE_MISFIT: return "the sensors say what the model does not explain: calibrate, or look for what is missing";
+    case TSE_IMPLAUSIBLE: return "the channels contradict each other: a wrong unit, sign or axle (fault_channel, fault_factor)";
     /* end of table */
     default: return "unknown reason";
   }

@@ -28,6 +28,8 @@
 #define event_amplitude TSE_NAME(tse_event_amplitude)
 #define event_is_small TSE_NAME(tse_event_is_small)
 #define report_row     TSE_NAME(tse_report_row)
+#define plausible_row  TSE_NAME(tse_plausible_row)
+#define plausible_channel TSE_NAME(tse_plausible_channel)
 #define judge_row      TSE_NAME(tse_judge_row)
 #define step_row       TSE_NAME(tse_step_row)
 #define state_unit     TSE_NAME(tse_state_unit)
@@ -172,6 +174,14 @@ typedef struct passage {
 /* output.c   Report estimates and probabilities; judge whether each stiffness is valid, and why not */
 STAGE void report_row(const tse_params *p, const tse_kalman *k, tse_output *out);
 void judge_row(const tse_params *p, const tse_kalman *k, const passage *w, tse_output *out);
+
+/* plausible.c  let a row say whether the channels agree: wrong units, signs, axles
+ *              Updated:   k->agreement      O(1) time */
+STAGE void plausible_row(const tse_params *p, tse_kalman *k, const tse_input *u, tse_real dt);
+
+/* Return the channel that contradicts the others, as fault_channel has it, or 0; *factor: how many times too large it is, 0 where no
+ * factor explains it. */
+int32_t plausible_channel(const tse_kalman *k, tse_real *factor);
 
 /* step.c     a row of tse_step() */
 tse_status step_row(const tse_params *p, tse_filter *f, const tse_input *u, tse_output *out);

@@ -54,6 +54,18 @@
 #define BETWEEN TSE_R(0.035)          /* s: kept motion is so far apart; 8 of them reach back 0.28 s, to which latencies are limited */
 #define LARGEST_CORRELATION TSE_R(0.999) /* 1: of two states that a file gives: what remains of a variance stays positive */
 
+/* Whether channels agree: plausible.c. No filter is tuned by them: what is apart is so by a unit, a sign, an axle. */
+#define SMOOTH_TIME TSE_R(0.25)   /* s: noise and vibration go, what a driver does stays */
+#define FASTEST_DT TSE_R(1)       /* s: after a longer row nothing is smooth: all starts there */
+#define MOST_ACROSS TSE_R(200)    /* m/s2: degrees for radians make as much, and its square fits every number format */
+#define LEAST_VARIANCE TSE_R(1e-7) /* unit^2: nothing is divided by less */
+#define FURTHEST_OFF TSE_R(6.25)   /* 1: variance over variance: roll, banked roads, load, compliance and slip make less than 2.5 times */
+#define UNRELATED TSE_R(0.1)      /* 1: squared correlation of two that are the same; noise leaves more, whatever the car */
+#define AGAINST TSE_R(0.2)        /* 1: squared correlation, of the wrong sign, of what is small beside its noise */
+#define GAINS_SPEED TSE_R(0.3)    /* m/s2: what more is the drive's, what less may be the brakes' */
+#define SLIPPING TSE_R(0.03)      /* 1: of the speed; wheels that spin or lock say nothing of how the car gains speed */
+#define SHORTEST TSE_R(0.3)       /* 1: of the wheelbase, which an oversteering car has left at speed */
+
 /* [unit^2] Least element of D: rounding must not leave it at 0 (fixed point), nor make denormal numbers. */
 #if defined(TSE_REAL_FIXED)
 #define LEAST_D ((tse_real)16)

@@ -124,7 +124,9 @@ static void report_change(const tse_kalman *k, tse_output *out)
   out->change_kind = k->change_kind;
   out->change_age = k->change_age;
   out->change_probability = changed ? nothing_happened(k) : TSE_R(0);
-  out->fault_channel = k->fault ? k->fault : velocity_fault(k);
+  const int32_t implausible = plausible_channel(k, &out->fault_factor);
+  out->fault_channel = implausible ? implausible : k->fault ? k->fault
+                                                            : velocity_fault(k);
 }
 
 void report_row(const tse_params *p, const tse_kalman *k, tse_output *out)
@@ -142,6 +144,7 @@ void report_row(const tse_params *p, const tse_kalman *k, tse_output *out)
 static tse_reason reason_of(const tse_params *p, const tse_kalman *k, const passage *w, const tse_output *out, tse_real sd, tse_real mean, int at)
 {
   const tse_real var = r_sqr(sd), most = r_mul(p->valid_var, r_sqr(mean));
+  if (k->agreement.apart) return TSE_IMPLAUSIBLE;
   if (w->predicted) return TSE_INPUT_INVALID;
   if (w->held) return TSE_HELD;
   if (k->seen < SETTLE_TIME) return TSE_STARTING;

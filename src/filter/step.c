@@ -75,6 +75,7 @@ static tse_status status_of(const tse_filter *f, const decoded *z, const passage
   if (w->predicted) status = worse(status, TSE_W_PREDICTED);
   if (w->gap) status = worse(status, TSE_W_GAP);
   if (f->k.change_kind == TSE_CHANGE_RESTART && f->k.change_age == TSE_R(0)) status = worse(status, TSE_W_RECOVERED);
+  if (f->k.agreement.apart) status = worse(status, TSE_W_IMPLAUSIBLE);
   return status;
 }
 
@@ -145,6 +146,7 @@ tse_status step_row(const tse_params *p, tse_filter *f, const tse_input *u, tse_
   if (!f->started || w.held || w.gap || f->lost || (blind && z.has_steer)) place_row(p, f, &z);
   else follow_row(p, &f->k, &z);
   if (!fine || !all_finite(&f->k)) recover(p, f, &z);
+  plausible_row(p, &f->k, u, z.dt);
   report_step(p, f, &z, &w, &now);
   f->step++;
   if (out) *out = now;

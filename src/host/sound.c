@@ -30,7 +30,7 @@ static int sound_waiting(const tse_params *p, const tse_alignment *m)
     fine = fine && m->missing[i] < 1 << TSE_CHANNELS;
     for (int k = 0; k < (int)TSE_CHANNELS; k++) fine = fine && channel_holds(&channel_rows[k], m->value[i][k]);
   }
-  for (int a = 0; a < 3; a++) fine = fine && sound_int(m->reason[a], TSE_VALID, TSE_MISFIT);
+  for (int a = 0; a < 3; a++) fine = fine && sound_int(m->reason[a], TSE_VALID, TSE_IMPLAUSIBLE);
   fine = fine && sound_reals(m->lost, 3, TSE_R(0), TSE_R(0.5001));
   return fine;
 }
@@ -53,6 +53,17 @@ static int sound_velocity(const tse_velocity *m, int in_use)
   return fine && sound_int(m->kept, 0, TSE_PAST) && sound_flags(&m->has_heading, 1) && sound_flags(&m->has_gyro, 1);
 }
 
+static int sound_agreement(const tse_agreement *a)
+{
+  int fine = sound_reals(a->smooth, 6, -MOST_REAL, MOST_REAL) && sound_int(a->apart, 0, (1 << TSE_PAIRS) - 1) && sound_int(a->free, 0, 0);
+  for (int i = 0; i < TSE_PAIRS; i++) {
+    const tse_pair *const q = &a->pair[i];
+    fine = fine && sound_reals(&q->time, 1, TSE_R(0), MOST_REAL) && sound_reals(q->mean, 2, -MOST_REAL, MOST_REAL);
+    fine = fine && sound_reals(q->var, 2, TSE_R(0), MOST_SQUARE) && sound_reals(&q->both, 1, -MOST_REAL, MOST_REAL);
+  }
+  return fine;
+}
+
 static int sound_kalman(const tse_kalman *k, int started)
 {
   const tse_real *const not_negative[] = { &k->since_slow, &k->seen, &k->nis, &k->change_age, &k->agrees_for };
@@ -72,6 +83,7 @@ static int sound_kalman(const tse_kalman *k, int started)
          sound_reals(k->change_from_var, 4, TSE_R(0), MOST_REAL);
   for (int i = 0; i < (int)(sizeof not_negative / sizeof not_negative[0]); i++) fine = fine && sound_reals(not_negative[i], 1, TSE_R(0), MOST_REAL);
   for (int i = 0; i < TSE_EVENTS; i++) fine = fine && sound_event(&k->event[i]);
+  fine = fine && sound_agreement(&k->agreement);
   fine = fine && sound_reals(k->weight, TSE_EVENTS, TSE_R(0), TSE_R(1)) && sound_reals(k->none, TSE_GROUPS, TSE_R(0), TSE_R(1));
   for (int c = 0; started && c < TSE_SENSORS; c++) fine = fine && k->noise[c] > TSE_R(0) && k->usual[c] > TSE_R(0);
   return fine;

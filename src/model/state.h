@@ -175,6 +175,19 @@ typedef struct tse_event {
   int32_t kind;                       /* src/filter/events.c; 0: free place */
 } tse_event;
 
+/* Two quantities that are the same, and how they went together: src/filter/plausible.c. */
+typedef struct tse_pair {
+  tse_real time;                      /* [s] of samples, without what is forgotten */
+  tse_real mean[2], var[2], both;     /* their means, variances and covariance */
+} tse_pair;
+
+#define TSE_PAIRS 5
+typedef struct tse_agreement {
+  tse_real smooth[6];
+  tse_pair pair[TSE_PAIRS];
+  int32_t apart, free;                /* bits, by pair: the two are not the same; 0 */
+} tse_agreement;
+
 /* A filter of the default form. */
 typedef struct tse_kalman {
   tse_real x[TSE_ALL];                /* SI */
@@ -201,6 +214,7 @@ typedef struct tse_kalman {
   tse_event event[TSE_EVENTS];
   tse_real weight[TSE_EVENTS], none[TSE_GROUPS]; /* posterior probability of each event, and that nothing happened */
   tse_velocity velocity;
+  tse_agreement agreement;
 } tse_kalman;
 
 /* Rows that wait for channels which are logged later, in a ring: before them stands an older one. */

@@ -272,6 +272,7 @@ static const tse_field output_fields[] = {
   { "cx_front_secant", 'r', (int32_t)offsetof(tse_output, stiffness_secant[0]), 0.0, 1.0, -1.0, "1", "longitudinal stiffness in effect, front axle: force over slip at this row's slip and load" },
   { "cy_front_secant", 'r', (int32_t)offsetof(tse_output, stiffness_secant[1]), 0.0, 1.0, -1.0, "1", "cornering stiffness in effect, front axle: force over slip at this row's slip and load" },
   { "cy_rear_secant", 'r', (int32_t)offsetof(tse_output, stiffness_secant[2]), 0.0, 1.0, -1.0, "1", "cornering stiffness in effect, rear axle: force over slip at this row's slip and load" },
+  { "fault_factor", 'r', (int32_t)offsetof(tse_output, fault_factor), 0.0, 1.0, -1.0, "1", "how many times too large the implausible channel is: 57.3 degrees for radians, -1 a sign, 0 none or no factor: exchanged, stuck" },
   /* end of table */
 };
 
@@ -299,6 +300,7 @@ static const tse_field status_fields[] = {
   { "TSE_W_RECOVERED", 'c', 7, 0.0, 1.0, -1.0, "", "what was believed explains the samples no more: started over" },
   { "TSE_W_WAITING", 'c', 8, 0.0, 1.0, -1.0, "", "no step: channels that are logged later are awaited; estimates of the last step, or of the start" },
   { "TSE_W_RANGE", 'c', 9, 0.0, 1.0, -1.0, "", "a number left the range of the number format: the sample was dropped" },
+  { "TSE_W_IMPLAUSIBLE", 'c', 10, 0.0, 1.0, -1.0, "", "the channels contradict each other: a wrong unit, sign or axle; fault_channel says which, fault_factor how many times too large it is" },
   /* end of table */
 };
 
@@ -313,6 +315,7 @@ static const tse_field reason_fields[] = {
   { "input invalid", 'c', 6, 0.0, 1.0, -1.0, "", "inputs or measurements are missing" },
   { "parameters uncertain", 'c', 7, 0.0, 1.0, -1.0, "", "the parameters of the car are too uncertain (settings mass_sd to grade_sd): calibrate, or state them better" },
   { "does not fit", 'c', 8, 0.0, 1.0, -1.0, "", "the sensors say what the model does not explain: calibrate, or look for what is missing" },
+  { "implausible", 'c', 9, 0.0, 1.0, -1.0, "", "the channels contradict each other: a wrong unit, sign or axle (fault_channel, fault_factor)" },
   /* end of table */
 };
 

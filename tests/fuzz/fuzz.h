@@ -201,14 +201,14 @@ static inline void must_be_estimates(const tse_config *c, const tse_output *y, i
   for (int a = 0; a < 3; a++) {
     MUST(number(y->stiffness[a]) >= least && number(y->stiffness[a]) <= most, "stiffness %d is %g, status %d", a, number(y->stiffness[a]), status);
     for (int k = 0; k < 5; k++) MUST(positive[k][a] >= 0, "sd %d of %d is %g", k, a, number(positive[k][a]));
-    MUST(y->reason[a] >= TSE_VALID && y->reason[a] <= TSE_MISFIT, "reason %d", (int)y->reason[a]);
+    MUST(y->reason[a] >= TSE_VALID && y->reason[a] <= TSE_IMPLAUSIBLE, "reason %d", (int)y->reason[a]);
     MUST(y->spread_seen[a] == 0 || y->spread_seen[a] == 1, "spread_seen %d", (int)y->spread_seen[a]);
   }
   for (int k = 0; k < TSE_REGIMES; k++) MUST(y->regime[k] >= 0 && number(y->regime[k]) <= 1.00001, "regime %d: %g", k, number(y->regime[k]));
   MUST(y->change_probability >= 0 && number(y->change_probability) <= 1.00001, "p of a change %g", number(y->change_probability));
   MUST(y->change_kind >= TSE_CHANGE_NONE && y->change_kind <= TSE_CHANGE_RESTART, "change_kind %d", (int)y->change_kind);
   MUST(y->fault_channel >= 0 && y->fault_channel <= (int)TSE_CHANNELS, "fault_channel %d", (int)y->fault_channel);
-  MUST(y->status == status && status <= TSE_W_RANGE, "status %d in the estimates, %d returned", (int)y->status, status);
+  MUST(y->status == status && status <= TSE_W_IMPLAUSIBLE, "status %d in the estimates, %d returned", (int)y->status, status);
 }
 
 /* FNV-1a: two runs with the same rows have the same. */

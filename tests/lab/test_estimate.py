@@ -30,7 +30,7 @@ LATER_COLUMNS = [
     "discrepancy_accel_x", "discrepancy_accel_y", "discrepancy_yaw_rate", "lag_steer", "lag_steer_sd", "estimate_age",
     "sideslip_sd", "grip", "grip_sd", "grip_valid", "noise_wheel_front", "noise_wheel_rear",
     *(f"innovation_{c}" for c in ("accel_x", "accel_y", "yaw_rate", "wheel_front", "wheel_rear")), "nis", "grip_reason",
-    *(f"{s}_secant" for s in STIFFNESS),
+    *(f"{s}_secant" for s in STIFFNESS), "fault_factor",
 ]  # fmt: skip
 
 

@@ -104,6 +104,7 @@ static const struct {
   { "cx_front_secant", offsetof(tse_output, stiffness_secant[0]), 0 },
   { "cy_front_secant", offsetof(tse_output, stiffness_secant[1]), 0 },
   { "cy_rear_secant", offsetof(tse_output, stiffness_secant[2]), 0 },
+  { "fault_factor", offsetof(tse_output, fault_factor), 0 },
   /* end of table */
 };
 enum { REPLAY_OUTPUTS = sizeof replay_outputs / sizeof replay_outputs[0] };

@@ -182,6 +182,7 @@ static void test_outputs_are_the_columns_of_the_estimates_file(void)
     "cx_front_secant",
     "cy_front_secant",
     "cy_rear_secant",
+    "fault_factor",
   };
   expect_names(TSE_STRUCT_OUTPUT, names, ROWS(names));
 }
@@ -475,6 +476,7 @@ static void test_statuses_are_complete_and_tell_the_sentence_of_tse_status_text(
     { "TSE_W_RECOVERED", 7 },
     { "TSE_W_WAITING", 8 },
     { "TSE_W_RANGE", 9 },
+    { "TSE_W_IMPLAUSIBLE", 10 },
   };
   int32_t count, size;
   const tse_field *const f = rows_of(TSE_STRUCT_STATUS, &count, &size);
@@ -491,7 +493,7 @@ static void test_statuses_are_complete_and_tell_the_sentence_of_tse_status_text(
 static void test_reasons_are_complete_and_tell_the_sentence_of_tse_reason_text(void)
 {
   static const char *const words[] = { "valid", "starting", "not excited", "uncertain", "diverging",
-                                       "held", "input invalid", "parameters uncertain", "does not fit" };
+                                       "held", "input invalid", "parameters uncertain", "does not fit", "implausible" };
   int32_t count, size;
   const tse_field *const f = rows_of(TSE_STRUCT_REASON, &count, &size);
   TEST_ASSERT_EQUAL_INT(ROWS(words), count);

@@ -150,7 +150,7 @@ static void test_what_no_filter_holds_is_refused(void)
   FORGED(filter.waiting.value[7][0], TSE_R(1.3));
   FORGED(filter.waiting.value[7][5], none);
   FORGED(filter.waiting.missing[5], 64);
-  FORGED(filter.waiting.reason[2], 9);
+  FORGED(filter.waiting.reason[2], 10);
   FORGED(filter.waiting.lost[1], TSE_R(0.6));
   drive(1, 0);
   FORGED(nu, TSE_R(4));

@@ -178,7 +178,7 @@ static void test_rows_that_wait_are_held_to_their_ranges(void)
     for (int k = 0; k < TSE_CHANNELS; k++) HELD(filter.waiting.value[i][k], channel_rows[k].lo, channel_rows[k].hi);
   }
   HELD(filter.waiting.lost, TSE_R(0), TSE_R(0.5001));
-  for (int a = 0; a < 3; a++) WHOLE(filter.waiting.reason[a], TSE_VALID, TSE_MISFIT);
+  for (int a = 0; a < 3; a++) WHOLE(filter.waiting.reason[a], TSE_VALID, TSE_IMPLAUSIBLE);
 }
 
 static void test_the_state_of_the_filter_is_held_to_its_ranges(void)
@@ -201,6 +201,15 @@ static void test_the_state_of_the_filter_is_held_to_its_ranges(void)
   NOT_NEGATIVE(filter.k.nis);
   NOT_NEGATIVE(filter.k.change_age);
   NOT_NEGATIVE(filter.k.agrees_for);
+  ANY_SIGN(filter.k.agreement.smooth);
+  WHOLE(filter.k.agreement.apart, 0, (1 << TSE_PAIRS) - 1);
+  WHOLE(filter.k.agreement.free, 0, 0);
+  for (int c_ = 0; c_ < TSE_PAIRS; c_++) {
+    NOT_NEGATIVE(filter.k.agreement.pair[c_].time);
+    ANY_SIGN(filter.k.agreement.pair[c_].mean);
+    HELD(filter.k.agreement.pair[c_].var, TSE_R(0), MOST_SQUARE);
+    ANY_SIGN(filter.k.agreement.pair[c_].both);
+  }
   ANY_SIGN(filter.k.innovation);
   HELD(filter.k.innovation_var, TSE_R(0), MOST_SQUARE);
   ANY_SIGN(filter.k.last_innovation);

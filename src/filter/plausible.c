@@ -1,0 +1,140 @@
+/* filter/plausible.c - do the channels agree? A unit, a sign or an axle that was taken for another is a factor between two quantities of
+ * which physics says that they are the same. Each such pair is smoothed, and its variances and covariance are kept over USUAL_TIME of
+ * driving: means go with the biases, and the factor is the root of the ratio of the variances, with the sign of the covariance. */
+#include "filter/filter.h"
+#include "tables/input.h"
+
+/* The pairs: [m/s2] v r and accel_y, [rad/s] v delta/(L + K v^2) and yaw_rate, [m/s2] accel_x and the change of the wheels' speed,
+ * [1] (L r/v)^2/2 and how much faster the front wheels are, [m/s2] accel_x and the same. */
+enum { ACROSS,
+       TURNING_BY,
+       ALONG,
+       IN_BENDS,
+       BY_DRIVE };
+
+/* What of the smoothed values is which. */
+enum { SIDE,
+       SIDE_ASKED,
+       GAINED,
+       SPEED,
+       TURN,
+       TURN_ASKED };
+
+/* Return whether a pair has moved so far that what it says counts: variance times seconds. */
+static int is_shown(const tse_pair *q, int which)
+{
+  static const tse_real least[TSE_PAIRS] = { TSE_R(2), TSE_R(0.01), TSE_R(1), TSE_R(2e-4), TSE_R(3) };
+  const tse_real most = which < IN_BENDS ? r_max(q->var[0], q->var[1]) : q->var[0];
+  return r_mul(q->time, most) > least[which];
+}
+
+/* Return whether the two of a pair are not the same.   Given: driven  0 both axles or not known, 1 front, 2 rear */
+static int is_apart(const tse_pair *q, int which, int32_t driven)
+{
+  const tse_real x = r_max(q->var[0], LEAST_VARIANCE), y = r_max(q->var[1], LEAST_VARIANCE);
+  const tse_real related = r_mul(r_div(q->both, x), r_div(q->both, y));
+  if (which == IN_BENDS) return q->both < TSE_R(0) && related > AGAINST;
+  if (which == BY_DRIVE) return related > AGAINST && ((driven == 1 && q->both < TSE_R(0)) || (driven == 2 && q->both > TSE_R(0)));
+  return !(q->both > TSE_R(0)) || related < UNRELATED || y > r_mul(FURTHEST_OFF, x) || x > r_mul(FURTHEST_OFF, y);
+}
+
+/* Let a pair have x and y for dt. */
+static void pair_learn(tse_pair *q, tse_real x, tse_real y, tse_real dt)
+{
+  q->time = r_mul(q->time, r_max(TSE_R(1) - r_div(dt, USUAL_TIME), TSE_R(0))) + dt;
+  const tse_real gain = r_div(dt, q->time), keep = TSE_R(1) - gain, off[2] = { x - q->mean[0], y - q->mean[1] };
+  for (int i = 0; i < 2; i++) {
+    q->mean[i] += r_mul(gain, off[i]);
+    q->var[i] = r_mul(keep, q->var[i] + r_mul(gain, r_sqr(off[i])));
+  }
+  q->both = r_mul(keep, q->both + r_mul(gain, r_mul(off[0], off[1])));
+}
+
+/* Return the factor between the two of a pair; 0: none, they are not related. */
+static tse_real factor_of(const tse_pair *q)
+{
+  const tse_real x = r_max(q->var[0], LEAST_VARIANCE), y = r_max(q->var[1], LEAST_VARIANCE);
+  if (r_mul(r_div(q->both, x), r_div(q->both, y)) < UNRELATED) return TSE_R(0);
+  const tse_real size = r_sqrt(r_div(y, x));
+  return q->both < TSE_R(0) ? -size : size;
+}
+
+static tse_real inverse(tse_real x) { return x == TSE_R(0) ? x : r_div(TSE_R(1), x); }
+
+int32_t plausible_channel(const tse_kalman *k, tse_real *factor)
+{
+  const tse_agreement *const a = &k->agreement;
+  const int across = (a->apart >> ACROSS) & 1, turning = (a->apart >> TURNING_BY) & 1, along = (a->apart >> ALONG) & 1;
+  *factor = TSE_R(0);
+  if (!a->apart) return 0;
+  if (along && turning) { /* what all have in common is the speed */
+    *factor = factor_of(&a->pair[ALONG]);
+    return 1 + (int32_t)TSE_CHANNEL_wheel_speed_front;
+  }
+  if (turning) {
+    *factor = across ? factor_of(&a->pair[TURNING_BY]) : inverse(factor_of(&a->pair[TURNING_BY]));
+    return 1 + (int32_t)(across ? TSE_CHANNEL_yaw_rate : TSE_CHANNEL_steer_angle);
+  }
+  if (across) {
+    *factor = factor_of(&a->pair[ACROSS]);
+    return 1 + (int32_t)TSE_CHANNEL_accel_y;
+  }
+  if (!along) return 1 + (int32_t)TSE_CHANNEL_wheel_speed_front; /* front and rear exchanged, or another axle is driven */
+  *factor = inverse(factor_of(&a->pair[ALONG]));
+  return 1 + (int32_t)TSE_CHANNEL_accel_x;
+}
+
+/* Return what each pair is made of now, in the order of the smoothed values.   Given: x  channels, held to their ranges   speed  of the car */
+static void values_of(const tse_params *p, const tse_real x[TSE_CHANNELS], tse_real speed, tse_real value[6])
+{
+  const tse_real wheelbase = p->lf + p->lr, square = r_sqr(speed);
+  const tse_real understeer = r_div(r_div(r_mul(p->lr, p->ky_rear) - r_mul(p->lf, p->ky_front), wheelbase), r_mul(p->ky_front, p->ky_rear));
+  value[SIDE] = x[TSE_CHANNEL_accel_y];
+  value[SIDE_ASKED] = r_clamp(r_mul(speed, x[TSE_CHANNEL_yaw_rate]), -MOST_ACROSS, MOST_ACROSS);
+  value[GAINED] = x[TSE_CHANNEL_accel_x];
+  value[SPEED] = speed;
+  value[TURN] = x[TSE_CHANNEL_yaw_rate];
+  value[TURN_ASKED] = r_div(r_mul(speed, x[TSE_CHANNEL_steer_angle]), r_max(wheelbase + r_mul(understeer, square), r_mul(SHORTEST, wheelbase)));
+}
+
+void plausible_row(const tse_params *p, tse_kalman *k, const tse_input *u, tse_real dt)
+{
+  tse_agreement *const a = &k->agreement;
+  tse_real x[TSE_CHANNELS], value[6], change;
+  uint32_t has = 0;
+  for (int c = 0; c < (int)TSE_CHANNELS; c++) {
+    const tse_real read = channel_at(u, &channel_rows[c]);
+    const int is_there = !is_missing(u, 1u << c, read);
+    x[c] = is_there ? r_clamp(read, channel_rows[c].lo, channel_rows[c].hi) : TSE_R(0); /* what is far outside says most */
+    has |= is_there ? 1u << c : 0u;
+  }
+  const uint32_t wheels = has & (TSE_MISSING_wheel_speed_front | TSE_MISSING_wheel_speed_rear);
+  const int both = wheels == (TSE_MISSING_wheel_speed_front | TSE_MISSING_wheel_speed_rear);
+  const tse_real front = r_mul(p->radius_front, x[TSE_CHANNEL_wheel_speed_front]), rear = r_mul(p->radius_rear, x[TSE_CHANNEL_wheel_speed_rear]);
+  const tse_real speed = r_mul(both ? TSE_R(0.5) : TSE_R(1), front + rear);
+  if (!wheels || !(speed > p->hold_speed)) return;
+  values_of(p, x, speed, value);
+  const int starts = dt > FASTEST_DT || !(a->smooth[SPEED] > TSE_R(0));
+  const tse_real gain = starts ? TSE_R(1) : r_div(dt, dt + SMOOTH_TIME);
+  change = r_div(speed - a->smooth[SPEED], dt + SMOOTH_TIME);
+  for (int i = 0; i < 6; i++) a->smooth[i] += r_mul(gain, value[i] - a->smooth[i]);
+  if (starts) return;
+  const tse_real *const s = a->smooth;
+  const tse_real faster = r_clamp(r_div(front - rear, speed), TSE_R(-1), TSE_R(1)), bend = r_clamp(r_div(r_mul(p->lf + p->lr, s[TURN]), s[SPEED]), TSE_R(-1), TSE_R(1));
+  const struct {
+    tse_real x, y;
+    int counts;
+  } now[TSE_PAIRS] = {
+    { s[SIDE_ASKED], s[SIDE], (has & TSE_MISSING_accel_y) && (has & TSE_MISSING_yaw_rate) },
+    { s[TURN_ASKED], s[TURN], (has & TSE_MISSING_steer_angle) && (has & TSE_MISSING_yaw_rate) },
+    { s[GAINED], r_clamp(change, -MOST_ACROSS, MOST_ACROSS), (has & TSE_MISSING_accel_x) && r_abs(faster) < SLIPPING },
+    { r_mul(TSE_R(0.5), r_sqr(bend)), faster, both && (has & TSE_MISSING_yaw_rate) },
+    { s[GAINED], faster, both && (has & TSE_MISSING_accel_x) && s[GAINED] > GAINS_SPEED },
+  };
+  for (int i = 0; i < TSE_PAIRS; i++) {
+    if (!now[i].counts) continue;
+    pair_learn(&a->pair[i], now[i].x, now[i].y, dt);
+    if (!is_shown(&a->pair[i], i)) continue;
+    a->apart = is_apart(&a->pair[i], i, p->car.driven) ? a->apart | 1 << i : a->apart & ~(1 << i);
+  }
+}

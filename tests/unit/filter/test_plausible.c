@@ -1,0 +1,107 @@
+/* tests/unit/filter/test_plausible.c <-> src/filter/plausible.c: a drive of textbook kinematics - speed, its change, a yaw rate, speed times
+ * that, the steering angle of the understeer equation - and the mistakes that logs are made with, each as a factor on a channel. */
+#include "filter_support.h"
+
+typedef struct mistake {
+  const char *what;
+  double factor[TSE_CHANNELS];
+  int channel; /* 0 none, else 1 + TSE_CHANNEL_ */
+  double found;
+} mistake;
+
+#define DEGREES 57.29577951308232
+#define G 9.80665
+
+/* Let the filter have two minutes of bends and speed changes, and return what the last row says. */
+static tse_output driven(const mistake *m, int32_t driven_axle, int exchanged, int *valid, int *refused)
+{
+  static tse_filter f;
+  tse_config c;
+  tse_params p;
+  tse_output y = { 0 };
+  uint32_t seed = 5;
+  tse_config_default(&c);
+  c.driven_axle = driven_axle;
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_prepare(&c, &p, NULL));
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f, sizeof f));
+  const double wheelbase = number(p.lf) + number(p.lr), kf = number(p.ky_front), kr = number(p.ky_rear);
+  const double understeer = (number(p.lr) * kr - number(p.lf) * kf) / (wheelbase * kf * kr);
+  *valid = *refused = 0;
+  for (int n = 0; n < 12000; n++) {
+    const double t = 0.01 * n, w = 0.4, v = 14 + 4 * sin(w * t), ax = 4 * w * cos(w * t), r = 0.25 * sin(0.9 * t) * sin(0.07 * t);
+    const double slip = driven_axle == 1 ? 0.006 * fmax(ax, 0) : driven_axle == 2 ? -0.006 * fmax(ax, 0)
+                                                                                  : 0;
+    const double bend = 0.5 * pow(wheelbase * r / v, 2);
+    tse_input u;
+    tse_input_default(&u);
+    const double front = v * (1 + bend + fmax(slip, 0)) / number(p.radius_front), rear = v * (1 + fmax(-slip, 0)) / number(p.radius_rear);
+    u.dt = real(0.01);
+    u.steer_angle = real(m->factor[TSE_CHANNEL_steer_angle] * r * (wheelbase + understeer * v * v) / v);
+    u.wheel_speed_front = real(m->factor[TSE_CHANNEL_wheel_speed_front] * (exchanged ? rear : front));
+    u.wheel_speed_rear = real(m->factor[TSE_CHANNEL_wheel_speed_rear] * (exchanged ? front : rear));
+    u.accel_x = real(m->factor[TSE_CHANNEL_accel_x] * (ax + 0.3 + 0.1 * next_normal(&seed)));
+    u.accel_y = real(m->factor[TSE_CHANNEL_accel_y] * (v * r - 0.2 + 0.1 * next_normal(&seed)));
+    u.yaw_rate = real(m->factor[TSE_CHANNEL_yaw_rate] * (r + 0.003 * next_normal(&seed)));
+    const tse_status status = tse_step(&p, &f, &u, &y);
+    *refused += status < 0;
+    if (n >= 6000 && status >= 0)
+      for (int a = 0; a < 3; a++) *valid += y.reason[a] == TSE_VALID;
+  }
+  return y;
+}
+
+static void test_a_mistake_is_named_with_its_factor(void)
+{
+  static const mistake mistakes[] = {
+    { "none", { 1, 1, 1, 1, 1, 1 }, 0, 0 },
+    { "yaw rate in degrees", { 1, 1, 1, 1, 1, DEGREES }, 1 + TSE_CHANNEL_yaw_rate, 0 /* beyond its range in part */ },
+    { "yaw rate to the right", { 1, 1, 1, 1, 1, -1 }, 1 + TSE_CHANNEL_yaw_rate, -1 },
+    { "accel_y in g", { 1, 1, 1, 1, 1 / G, 1 }, 1 + TSE_CHANNEL_accel_y, 1 / G },
+    { "accel_y to the right", { 1, 1, 1, 1, -1, 1 }, 1 + TSE_CHANNEL_accel_y, -1 },
+    { "accel_x in g", { 1, 1, 1, 1 / G, 1, 1 }, 1 + TSE_CHANNEL_accel_x, 1 / G },
+    { "accel_x to the rear", { 1, 1, 1, -1, 1, 1 }, 1 + TSE_CHANNEL_accel_x, -1 },
+    { "steering wheel", { 15, 1, 1, 1, 1, 1 }, 1 + TSE_CHANNEL_steer_angle, 15 },
+    { "steering to the right", { -1, 1, 1, 1, 1, 1 }, 1 + TSE_CHANNEL_steer_angle, -1 },
+    { "wheels in m/s", { 1, 0.3, 0.3, 1, 1, 1 }, 1 + TSE_CHANNEL_wheel_speed_front, 0.3 },
+    { "accel_y stands still", { 1, 1, 1, 1, 0, 1 }, 1 + TSE_CHANNEL_accel_y, 0 },
+  };
+  for (int i = 0; i < (int)(sizeof mistakes / sizeof mistakes[0]); i++) {
+    const mistake *const m = &mistakes[i];
+    int valid, refused;
+    const tse_output y = driven(m, 1, 0, &valid, &refused);
+    if (refused) continue;
+    TEST_ASSERT_EQUAL_INT_MESSAGE(m->channel, y.fault_channel, m->what);
+    if (i == 0) {
+      TEST_ASSERT_TRUE_MESSAGE(valid > 0, "nothing is wrong, and something is valid");
+      TEST_ASSERT_TRUE(y.fault_factor == TSE_R(0) && y.status != TSE_W_IMPLAUSIBLE);
+      continue;
+    }
+    TEST_ASSERT_EQUAL_INT_MESSAGE(0, valid, m->what);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_W_IMPLAUSIBLE, y.status, m->what);
+    for (int a = 0; a < 3; a++) TEST_ASSERT_EQUAL_INT_MESSAGE(TSE_IMPLAUSIBLE, y.reason[a], m->what);
+    /* a tenth: noise is in the variances, and a smoothed product is not the product of what is smoothed */
+    if (m->found != 0) expect_near(m->found, number(y.fault_factor), 0.1 * fabs(m->found), m->what, i);
+  }
+}
+
+static void test_axles_that_are_exchanged_are_no_other_factor(void)
+{
+  static const mistake none = { "none", { 1, 1, 1, 1, 1, 1 }, 0, 0 };
+  for (int32_t axle = 0; axle <= 2; axle++) {
+    int valid, refused;
+    tse_output y = driven(&none, axle, 0, &valid, &refused);
+    TEST_ASSERT_EQUAL_INT(0, y.fault_channel);
+    y = driven(&none, axle, 1, &valid, &refused);
+    if (axle) TEST_ASSERT_EQUAL_INT(1 + TSE_CHANNEL_wheel_speed_front, y.fault_channel);
+    TEST_ASSERT_TRUE(y.fault_factor == TSE_R(0));
+  }
+}
+
+
+int main(void)
+{
+  UNITY_BEGIN();
+  RUN_TEST(test_a_mistake_is_named_with_its_factor);
+  RUN_TEST(test_axles_that_are_exchanged_are_no_other_factor);
+  return UNITY_END();
+}
