@@ -63,7 +63,7 @@
 #define UNRELATED TSE_R(0.1)      /* 1: squared correlation of two that are the same; noise leaves more, whatever the car */
 #define AGAINST TSE_R(0.2)        /* 1: squared correlation, of the wrong sign, of what is small beside its noise */
 #define GAINS_SPEED TSE_R(0.3)    /* m/s2: what more is the drive's, what less may be the brakes' */
-#define SLIPPING TSE_R(0.03)      /* 1: of the speed; wheels that spin or lock say nothing of how the car gains speed */
+#define SLIPPING TSE_R(0.03)      /* 1: of the speed; wheels that spin or lock do not show how the car gains speed */
 #define SHORTEST TSE_R(0.3)       /* 1: of the wheelbase, which an oversteering car has left at speed */
 
 /* [unit^2] Least element of D: rounding must not leave it at 0 (fixed point), nor make denormal numbers. */

@@ -146,7 +146,7 @@ tse_status step_row(const tse_params *p, tse_filter *f, const tse_input *u, tse_
   if (!f->started || w.held || w.gap || f->lost || (blind && z.has_steer)) place_row(p, f, &z);
   else follow_row(p, &f->k, &z);
   if (!fine || !all_finite(&f->k)) recover(p, f, &z);
-  plausible_row(p, &f->k, u, z.dt);
+  if (!w.held) plausible_row(p, &f->k, u, z.dt);
   report_step(p, f, &z, &w, &now);
   f->step++;
   if (out) *out = now;
