@@ -99,6 +99,7 @@ static void values_of(const tse_params *p, const tse_real x[TSE_CHANNELS], tse_r
 
 void plausible_row(const tse_params *p, tse_kalman *k, const tse_input *u, tse_real dt)
 {
+  static const uint32_t made_of[6] = { TSE_MISSING_accel_y, TSE_MISSING_yaw_rate, TSE_MISSING_accel_x, 0, TSE_MISSING_yaw_rate, TSE_MISSING_steer_angle };
   tse_agreement *const a = &k->agreement;
   tse_real x[TSE_CHANNELS], value[6], change;
   uint32_t has = 0;
@@ -117,7 +118,8 @@ void plausible_row(const tse_params *p, tse_kalman *k, const tse_input *u, tse_r
   const int starts = dt > FASTEST_DT || !(a->smooth[SPEED] > TSE_R(0));
   const tse_real gain = starts ? TSE_R(1) : r_div(dt, dt + SMOOTH_TIME);
   change = r_div(speed - a->smooth[SPEED], dt + SMOOTH_TIME);
-  for (int i = 0; i < 6; i++) a->smooth[i] += r_mul(gain, value[i] - a->smooth[i]);
+  for (int i = 0; i < 6; i++)
+    if ((has & made_of[i]) == made_of[i]) a->smooth[i] += r_mul(gain, value[i] - a->smooth[i]); /* a channel that comes seldom is no smaller */
   if (starts) return;
   const tse_real *const s = a->smooth;
   const tse_real faster = r_clamp(r_div(front - rear, speed), TSE_R(-1), TSE_R(1)), bend = r_clamp(r_div(r_mul(p->lf + p->lr, s[TURN]), s[SPEED]), TSE_R(-1), TSE_R(1));

@@ -12,8 +12,9 @@ typedef struct mistake {
 #define DEGREES 57.29577951308232
 #define G 9.80665
 
-/* Let the filter have two minutes of bends and speed changes, and return what the last row says. */
-static tse_output driven(const mistake *m, int32_t driven_axle, int exchanged, int *valid, int *refused)
+/* Let the filter have two minutes of bends and speed changes, and return what the last row says.   Given: every  so many rows have
+ * accelerometers */
+static tse_output driven(const mistake *m, int32_t driven_axle, int exchanged, int every, int *valid, int *refused)
 {
   static tse_filter f;
   tse_config c;
@@ -42,6 +43,7 @@ static tse_output driven(const mistake *m, int32_t driven_axle, int exchanged, i
     u.accel_x = real(m->factor[TSE_CHANNEL_accel_x] * (ax + 0.3 + 0.1 * next_normal(&seed)));
     u.accel_y = real(m->factor[TSE_CHANNEL_accel_y] * (v * r - 0.2 + 0.1 * next_normal(&seed)));
     u.yaw_rate = real(m->factor[TSE_CHANNEL_yaw_rate] * (r + 0.003 * next_normal(&seed)));
+    if (n % every) u.missing = TSE_MISSING_accel_x | TSE_MISSING_accel_y;
     const tse_status status = tse_step(&p, &f, &u, &y);
     *refused += status < 0;
     if (n >= 6000 && status >= 0)
@@ -68,7 +70,7 @@ static void test_a_mistake_is_named_with_its_factor(void)
   for (int i = 0; i < (int)(sizeof mistakes / sizeof mistakes[0]); i++) {
     const mistake *const m = &mistakes[i];
     int valid, refused;
-    const tse_output y = driven(m, 1, 0, &valid, &refused);
+    const tse_output y = driven(m, 1, 0, 1, &valid, &refused);
     if (refused) continue;
     TEST_ASSERT_EQUAL_INT_MESSAGE(m->channel, y.fault_channel, m->what);
     if (i == 0) {
@@ -84,14 +86,24 @@ static void test_a_mistake_is_named_with_its_factor(void)
   }
 }
 
+/* Accelerometers of a slow message, each fifth row: they read no less than others. */
+static void test_a_channel_that_comes_seldom_contradicts_nobody(void)
+{
+  static const mistake seldom = { "seldom", { 1, 1, 1, 1, 1, 1 }, 0, 0 };
+  int valid, refused;
+  const tse_output y = driven(&seldom, 1, 0, 5, &valid, &refused);
+  TEST_ASSERT_EQUAL_INT(0, y.fault_channel);
+  TEST_ASSERT_TRUE(y.status != TSE_W_IMPLAUSIBLE && refused == 0);
+}
+
 static void test_axles_that_are_exchanged_are_no_other_factor(void)
 {
   static const mistake none = { "none", { 1, 1, 1, 1, 1, 1 }, 0, 0 };
   for (int32_t axle = 0; axle <= 2; axle++) {
     int valid, refused;
-    tse_output y = driven(&none, axle, 0, &valid, &refused);
+    tse_output y = driven(&none, axle, 0, 1, &valid, &refused);
     TEST_ASSERT_EQUAL_INT(0, y.fault_channel);
-    y = driven(&none, axle, 1, &valid, &refused);
+    y = driven(&none, axle, 1, 1, &valid, &refused);
     if (axle) TEST_ASSERT_EQUAL_INT(1 + TSE_CHANNEL_wheel_speed_front, y.fault_channel);
     TEST_ASSERT_TRUE(y.fault_factor == TSE_R(0));
   }
@@ -102,6 +114,7 @@ int main(void)
 {
   UNITY_BEGIN();
   RUN_TEST(test_a_mistake_is_named_with_its_factor);
+  RUN_TEST(test_a_channel_that_comes_seldom_contradicts_nobody);
   RUN_TEST(test_axles_that_are_exchanged_are_no_other_factor);
   return UNITY_END();
 }
