@@ -1,0 +1,97 @@
+"""A car that nobody has calibrated, in the simulator's manoeuvres: is what is called valid right, and does the interval hold?
+
+    python -m tests.cars.uncalibrated [--seeds N] [--first SEED] [--jobs J] [--out FILE]
+
+The car is one of its class (tse_config_uncalibrated) with the relaxation and roll of the table, and each axle's stiffness is not
+its class's. Truth: stiffness at no slip, which the simulator is told.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from concurrent.futures import ProcessPoolExecutor
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from tqdm import tqdm
+
+from tests.cars.study import OFF, RESULTS, SETTLED, SLOW
+from tselab import maneuvers
+from tselab.calibrate.along import outputs
+from tselab.config import make_config
+from tselab.core import STIFFNESS, Config, SimConfig
+from tselab.log import read_frame
+from tselab.simulate import simulate
+from tselab.vehicle import filter_values, make_vehicle
+
+RELAXATION, ROLL = (0.0, 0.3, 0.6), (0.0, 0.006, 0.012)  # m; rad per m/s2
+CAR = {"mass": 1500.0, "lf": 1.2, "lr": 1.5, "wheel_radius_front": 0.32, "wheel_radius_rear": 0.32, "driven_axle": "front"}
+SPREAD = 0.2  # sd of ln of the true stiffness over that of the class
+LEAST = 40.0  # s: what a shorter manoeuvre lasts here
+
+
+def one(job: tuple[str, float, float, int]) -> dict[str, float | str]:
+    """Simulate a manoeuvre, and return what the filter made of it: rows with an estimate, valid, off, outside their interval."""
+    maneuver, relaxation, roll, seed = job
+    vehicle, rng = make_vehicle(dict(CAR), Path("car.toml")), np.random.default_rng([seed, 71])
+    car = Config(filter_values(vehicle) | {"relaxation_length": relaxation, "body_roll_gain": roll})
+    true = {key: float(np.exp(SPREAD * rng.standard_normal())) for key in STIFFNESS}
+    sim = SimConfig({f"true_{key}": value for key, value in true.items()} | {"seed": seed})
+    duration = max(LEAST, maneuvers.KINDS[maneuver].duration)
+    plan = maneuvers.build(maneuver, car, sample_time=0.01, duration=duration, seed=seed)
+    log = read_frame(simulate(plan, car, sim).log)
+    out = outputs(make_config(vehicle, log)[0], log)
+    counts = (log.time > SETTLED) & (out["vel_x"] > SLOW)
+    found: dict[str, float | str] = {"maneuver": maneuver, "relaxation": relaxation, "roll": roll}
+    for key in STIFFNESS:
+        error = out[key][counts] - true[key]
+        valid = out[f"{key}_valid"][counts] == 0
+        outside = np.abs(error) > 1.96 * out[f"{key}_sd"][counts]
+        found |= {f"{key} rows": counts.sum(), f"{key} valid": valid.sum(), f"{key} outside": outside.sum()}
+        found |= {f"{key} off": (valid & (np.abs(error) > OFF * true[key])).sum()}
+        found |= {f"{key} valid outside": (valid & outside).sum()}
+    return found
+
+
+def table(runs: pd.DataFrame, by: str) -> list[str]:
+    """Return Markdown, a line per value of `by`."""
+    lines = [f"| {by} | valid [%] | of these off [%] | of these outside [%] | of all outside [%] |", "|---|---|---|---|---|"]
+    for value, group in runs.groupby(by, sort=False):
+        cells = [str(value)]
+        for what, of in (("valid", "rows"), ("off", "valid"), ("valid outside", "valid"), ("outside", "rows")):
+            shares = [(group[f"{k} {what}"].sum(), group[f"{k} {of}"].sum()) for k in STIFFNESS]
+            cells.append(" / ".join(f"{100 * a / b:.0f}" if b else "-" for a, b in shares))
+        lines.append("| " + " | ".join(cells) + " |")
+    return lines
+
+
+def main(arguments: list[str]) -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seeds", type=int, default=10, help="of each case (default: 10)")
+    parser.add_argument("--first", type=int, default=1, help="the first seed (default: 1)")
+    parser.add_argument("--jobs", type=int, default=2, help="processes (default: 2)")
+    parser.add_argument("--out", type=Path, default=RESULTS / "cars-uncalibrated.md", help="the table")
+    given = parser.parse_args(arguments)
+    seeds = range(given.first, given.first + given.seeds)
+    jobs = list(product(maneuvers.KINDS, RELAXATION, ROLL, seeds))
+    with ProcessPoolExecutor(given.jobs) as pool:
+        runs = pd.DataFrame(tqdm(pool.map(one, jobs, chunksize=4), total=len(jobs), unit="run", file=sys.stderr))
+    head = f"""# Not calibrated
+
+`python -m tests.cars.uncalibrated --seeds {given.seeds} --first {given.first}`: {len(runs)} runs of the simulator, {len(maneuvers.KINDS)} manoeuvres x relaxation of
+{", ".join(map(str, RELAXATION))} m x roll of {", ".join(map(str, ROLL))} rad per m/s2 x {given.seeds} seeds. The car is one of its class; its stiffness is off the class's
+by a factor of its own for each, sd of its logarithm {SPREAD:g}. The filter knows the class and nothing else. Front longitudinal / front
+cornering / rear cornering; rows after {SETTLED:g} s and above {SLOW:g} m/s. *Off*: by more than {100 * OFF:.0f} %; *outside*: of the 95 % interval.
+"""
+    parts = ("maneuver", "relaxation", "roll")
+    text = head + "".join("\n" + "\n".join(table(runs.assign(all="all"), by)) + "\n" for by in ("all", *parts))
+    given.out.write_text(text, encoding="utf-8")
+    print(f"{given.out}: {len(runs)} runs")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
