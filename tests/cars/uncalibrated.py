@@ -79,12 +79,14 @@ def main(arguments: list[str]) -> int:
     jobs = list(product(maneuvers.KINDS, RELAXATION, ROLL, seeds))
     with ProcessPoolExecutor(given.jobs) as pool:
         runs = pd.DataFrame(tqdm(pool.map(one, jobs, chunksize=4), total=len(jobs), unit="run", file=sys.stderr))
+    lengths, rolls = (", ".join(map(str, x)) for x in (RELAXATION, ROLL))
     head = f"""# Not calibrated
 
-`python -m tests.cars.uncalibrated --seeds {given.seeds} --first {given.first}`: {len(runs)} runs of the simulator, {len(maneuvers.KINDS)} manoeuvres x relaxation of
-{", ".join(map(str, RELAXATION))} m x roll of {", ".join(map(str, ROLL))} rad per m/s2 x {given.seeds} seeds. The car is one of its class; its stiffness is off the class's
-by a factor of its own for each, sd of its logarithm {SPREAD:g}. The filter knows the class and nothing else. Front longitudinal / front
-cornering / rear cornering; rows after {SETTLED:g} s and above {SLOW:g} m/s. *Off*: by more than {100 * OFF:.0f} %; *outside*: of the 95 % interval.
+`python -m tests.cars.uncalibrated --seeds {given.seeds} --first {given.first}`: {len(runs)} runs of the simulator,
+{len(maneuvers.KINDS)} manoeuvres x relaxation of {lengths} m x roll of {rolls} rad per m/s2 x {given.seeds} seeds. The car is one
+of its class; its stiffness is off the class's by a factor of its own for each, sd of its logarithm {SPREAD:g}. The filter knows the
+class and nothing else. Front longitudinal / front cornering / rear cornering; rows after {SETTLED:g} s and above {SLOW:g} m/s.
+*Off*: by more than {100 * OFF:.0f} %; *outside*: of the 95 % interval.
 """
     parts = ("maneuver", "relaxation", "roll")
     text = head + "".join("\n" + "\n".join(table(runs.assign(all="all"), by)) + "\n" for by in ("all", *parts))
