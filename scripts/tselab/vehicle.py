@@ -107,22 +107,31 @@ def filter_values(vehicle: Vehicle) -> dict[str, float]:
     mean = dict(zip(c["names"], c["mean"], strict=True))
     sd = {name: float(np.sqrt(c["covariance"][i][i])) for i, name in enumerate(c["names"])}
     found, plain = {"tyre_saturation_shape": ordinary["tyre_saturation_shape"]}, Config()
-    own = bool(c.get("own"))  # one short log says too little of the longitudinal stiffness
     for key, name in (("cx_front", "cx"), ("cy_front", "cy_front"), ("cy_rear", "cy_rear")):
         setting = f"initial_{name}_sd"
-        known = np.inf if own and name == "cx" else sd.get(key, np.inf)
-        found[setting] = float(min(known, ordinary.get(setting, getattr(plain, setting))))
-    # 1/friction: what the calibration found, and that tyres have about the grip of their class
-    prior, inverse = 1.0 / ordinary["grip"], "tyre_saturation_inverse_friction"
-    var, seen = (ordinary["grip_sd"] * prior) ** 2, sd.get(inverse, 10.0) ** 2
-    both = (prior / var + mean.get(inverse, prior) / seen) / (1.0 / var + 1.0 / seen)
-    found["grip"] = 1.0 / max(both, 0.2)
-    found["grip_sd"] = max(float(np.sqrt(1.0 / (1.0 / var + 1.0 / seen))) / max(both, 0.2), LEAST_GRIP_SD)
+        found[setting] = float(min(sd.get(key, np.inf), ordinary.get(setting, getattr(plain, setting))))
+    inverse = "tyre_saturation_inverse_friction"
+    found["grip"], found["grip_sd"] = grip_of(ordinary, mean.get(inverse), sd.get(inverse))
     # what the calibration says of sensors is of its own residuals: the filter finds their noise while driving
     sensors = {name: ordinary.get(name, float(getattr(plain, name))) for name in sensor_settings()}
     found["model_sd"] = max(v.get("model_sd", 0.0), CALIBRATED_MODEL_SD)
     sensors["steer_lag_sd"] = max(v.get("steer_lag_sd", 0.0), LEAST_LATE_SD)
     return {"cg_height": ordinary["cg_height"], "grade_sd": ordinary["grade_sd"], **v, **sensors, **found}
+
+
+def ordinary_car(config: Config) -> dict[str, float]:
+    """Return what an ordinary car has of this mass and these axles."""
+    return _class_values(float(config.mass), float(config.lf), float(config.lr))
+
+
+def grip_of(ordinary: Mapping[str, float], inverse: float | None, sd: float | None) -> tuple[float, float]:
+    """Return grip and its sd: what a calibration found of 1/friction, and that tyres have about the grip of their class.
+
+    inverse, sd: None where nothing was found"""
+    prior = 1.0 / ordinary["grip"]
+    var, seen = (ordinary["grip_sd"] * prior) ** 2, (10.0 if sd is None else sd) ** 2
+    both = (prior / var + (prior if inverse is None else inverse) / seen) / (1.0 / var + 1.0 / seen)
+    return 1.0 / max(both, 0.2), max(float(np.sqrt(1.0 / (1.0 / var + 1.0 / seen))) / max(both, 0.2), LEAST_GRIP_SD)
 
 
 def vehicle_settings() -> list[str]:

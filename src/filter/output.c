@@ -34,7 +34,7 @@ static int regime_now(const tse_params *p, const tse_kalman *k)
 }
 
 /* Report the motion. The rear axle slips sideways by force over stiffness: lr r - vy is that much, times what the stiffness may
- * be off by; a measured velocity shows it. */
+ * be off by, and however straight the car goes ASKEW; a measured velocity shows both. */
 static void report_motion(const tse_params *p, const tse_kalman *k, tse_output *out)
 {
   tse_real *const state[3] = { &out->vel_x, &out->vel_y, &out->yaw_rate };
@@ -48,7 +48,10 @@ static void report_motion(const tse_params *p, const tse_kalman *k, tse_output *
   if (k->p.extras) {
     out->vel_y = r_clamp(out->vel_y + velocity_off(k), -state_most[VY], state_most[VY]);
     out->vel_y_sd = r_sqrt(velocity_across_var(k));
-  } else out->vel_y_sd = r_sqrt(r_sqr(out->vel_y_sd) + r_mul(r_sqr(across) + r_sqr(r_mul(p->lr, out->yaw_rate)), r_sqr(p->model_sd) + p->mass_var));
+  } else {
+    const tse_real model = r_mul(r_sqr(across) + r_sqr(r_mul(p->lr, out->yaw_rate)), r_sqr(p->model_sd) + p->mass_var);
+    out->vel_y_sd = r_sqrt(r_sqr(out->vel_y_sd) + model + r_sqr(r_mul(ASKEW, out->vel_x)));
+  }
   out->sideslip = r_max(r_abs(out->vel_x), r_abs(out->vel_y)) < LEAST_SPEED_ANGLE ? TSE_R(0) : r_atan2(out->vel_y, out->vel_x);
   out->sideslip_sd = r_div(out->vel_y_sd, r_max(r_abs(out->vel_x), LEAST_SPEED_SD));
 }

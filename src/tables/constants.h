@@ -34,6 +34,7 @@
 #define SHOWS TSE_R(3.0)                 /* [log2] likelihood ratio: an only place is kept for an event that is eight times likelier than none */
 #define MODEL_SD_USUAL TSE_R(0.075)      /* [1] model_sd that doubles the usual variance of slow innovations: of a car that is hardly known nothing is an event at first */
 #define SETTLE_TIME TSE_R(2.0)           /* [s] of samples before anything is valid; a change is recent for so long; a channel that agrees for so long is right again */
+#define ASKEW TSE_R(0.0035)              /* [rad] sideslip of a car that goes straight on: its rear axle is 0.2 degrees askew (alignment tolerance), roads slope, wind blows */
 #define SETTLING TSE_R(0.5)              /* [1] share of each slip angle that is not settled in a start or after a gap */
 #define TURNED TSE_R(0.1)                /* [1] share of the steering angle that geometry makes a slip angle of at low speed */
 #define ROLL_TIME TSE_R(10.0)            /* [s] without any wheel speed for longer, the speed is not known any more */

@@ -28,7 +28,14 @@ from tselab.simulate import simulate
 from tselab.vehicle import filter_values, make_vehicle
 
 RELAXATION, ROLL = (0.0, 0.3, 0.6), (0.0, 0.006, 0.012)  # m; rad per m/s2
-CAR = {"mass": 1500.0, "lf": 1.2, "lr": 1.5, "wheel_radius_front": 0.32, "wheel_radius_rear": 0.32, "driven_axle": "front"}
+CAR = {
+    "mass": 1500.0,
+    "lf": 1.2,
+    "lr": 1.5,
+    "wheel_radius_front": 0.32,
+    "wheel_radius_rear": 0.32,
+    "driven_axle": "front",
+}
 SPREAD = 0.2  # sd of ln of the true stiffness over that of the class
 LEAST = 40.0  # s: what a shorter manoeuvre lasts here
 
@@ -58,7 +65,10 @@ def one(job: tuple[str, float, float, int]) -> dict[str, float | str]:
 
 def table(runs: pd.DataFrame, by: str) -> list[str]:
     """Return Markdown, a line per value of `by`."""
-    lines = [f"| {by} | valid [%] | of these off [%] | of these outside [%] | of all outside [%] |", "|---|---|---|---|---|"]
+    lines = [
+        f"| {by} | valid [%] | of these off [%] | of these outside [%] | of all outside [%] |",
+        "|---|---|---|---|---|",
+    ]
     for value, group in runs.groupby(by, sort=False):
         cells = [str(value)]
         for what, of in (("valid", "rows"), ("off", "valid"), ("valid outside", "valid"), ("outside", "rows")):

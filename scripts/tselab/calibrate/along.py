@@ -1,162 +1,174 @@
-"""What the search of a calibration does not find of the slip: how much later one wheel speed is than the other, by regression, and
-the longitudinal stiffness, as the car's filter finds it on the same logs.
+"""What the search of a calibration does not find of the slip: the longitudinal stiffness, and how much later one wheel speed is than
+the other. Both by one regression.
 
 The search takes wheel speeds as exact inputs, and their noise, lateness and radii for slip: its longitudinal stiffness is 20 % and
-more off (scripts/results/cars-fresh.md). To the filter wheel speeds are measurements, and the free axle says the speed.
+more off. While a car accelerates straight on, its free axle says the speed, and the driven one the slip that the force takes.
 """
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Sequence
-from dataclasses import replace
-from pathlib import Path
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
 from scipy.optimize import least_squares
 
-from tselab.calibrate import output
-from tselab.calibrate.result import Result
-from tselab.config import make_config
 from tselab.core import Config, Filter
-from tselab.errors import UserError
 from tselab.identify.fit import Fit
 from tselab.identify.problem import Problem
 from tselab.identify.unknowns import LATENCY
 from tselab.log import Log
-from tselab.vehicle import GRAVITY, read_vehicle
+from tselab.vehicle import GRAVITY, Vehicle, grip_of, ordinary_car
 
 STIFFNESS = "cx_front"
 WHEELS = ("wheel_speed_front", "wheel_speed_rear")
-APART_SD = (
-    0.006  # s: of how much later one is than the other before the logs say so: two messages of a bus, every 10 .. 20 ms
-)
-# Where the axle that is not driven rolls freely, and front and rear wheels go the same way.
-SLOW, PULLING, STRAIGHT = 4.0, 0.8, 0.03  # m/s, m/s2, rad
+# s: of how much later one is than the other before the logs say so: two messages of a bus, every 10 .. 20 ms
+APART_SD = 0.006
+# ln: of the stiffness by this regression, however long the logs: pitch, rolling radii under load, the curve of the tyre
+MODEL_SD = 0.05
+# Where the axle that is not driven rolls freely, front and rear wheels go the same way, and tyres are far from their grip.
+SLOW, PULLING, STRAIGHT, HARD = 4.0, 0.8, 0.03, 0.5  # m/s, m/s2, rad, 1
 SMOOTH, EVERY, BLOCK, FEWEST = 0.3, 0.1, 10.0, 6  # s, s, s, blocks
+GIVE = 0.005  # rolling radius that a tyre loses by its static load: src/model/car.c
 
 
-def refined(result: Result, logs: Sequence[Log]) -> Result:
-    """Return the result with the longitudinal stiffness of the filter in place of that of the search.
-
-    Parameters
-    ----------
-    result : Result
-        Of the search.
-    logs : sequence of Log
-        Those of the calibration; the filter runs over each.
-
-    Notes
-    -----
-    Each log starts from the same prior, which counts once: with information 1/P0 of the prior and 1/P of the end of a log,
-    1/P0 + sum(1/P - 1/P0) is that of all logs. Its sd is never below that of the best log, in which is the error of the model, and
-    that of the prior where the logs show nothing: two driven axles. A filter moves from a right prior by less than 1.96
-    sqrt(P0 - P) in 19 logs of 20; a log on which it moves further says that the model is wrong, and nothing of the stiffness.
-    """
-    k = result.problem.names.index(STIFFNESS)
-    start = _with(result, k, float(result.problem.mean[k]), float(result.problem.sd[k]))
-    with tempfile.TemporaryDirectory() as folder:
-        draft = Path(folder) / "car.toml"
-        output.write(draft, start, [])
-        ends = np.array([_end(draft, log) for log in logs])
-    mean, sd, first = ends[np.isfinite(ends).all(axis=1)].T
-    fits = np.abs(mean) < 1.96 * np.sqrt(np.maximum(first**2 - sd**2, 0.0))
-    if not fits.any():
-        return start
-    mean, sd, prior = mean[fits], sd[fits], 1.0 / first[0] ** 2
-    information = np.maximum(1.0 / sd**2, prior)
-    whole = prior + float(np.sum(information - prior))
-    return _with(result, k, start.fit.x[k] + float(information @ mean) / whole, max(whole**-0.5, float(sd.min())))
-
-
-def wheels_apart(problem: Problem, fit: Fit, logs: Sequence[Log], driven: str) -> Fit:
-    """Return the fit with wheel speeds as far apart in time as the logs show, half of it each.
+def slips(problem: Problem, fit: Fit, logs: Sequence[Log], vehicle: Vehicle) -> Fit:
+    """Return the fit with longitudinal stiffness and wheel speeds as far apart in time as the logs show, half of it each.
 
     Parameters
     ----------
     problem, fit : Problem, Fit
-        The search, in which both wheel speeds are equally late.
+        The search, in which both wheel speeds are equally late. Its longitudinal stiffness is not used.
     logs : sequence of Log
         Those of the calibration.
-    driven : str
-        Axle: front or rear; of both nothing says how fast the car is.
+    vehicle : Vehicle
+        Its driven axle, front or rear; of both nothing says how fast the car is, and the stiffness keeps its prior.
 
     Notes
     -----
-    While a car accelerates straight on and its other axle rolls freely, (v_driven - v_free)/v = F/C - later a/v + offset, with F by
-    accel_x, drag and rolling resistance: a regression over all logs, an offset each. How sure it is shows where a block of ten
-    seconds is left out at a time; by that and APART_SD it counts. 8 ms are 0.2 % of slip at 8 m/s and 2 m/s2, where tyres take
-    1.5 %.
+    (v_driven - v_free)/v = slip(F) - later a/v + offset, with F by accel_x, drag and rolling resistance, and slip(F) by the tyre curve
+    and load transfer of src/model/car.c: a regression over all logs, an offset each. How sure it is shows where a block of ten
+    seconds is left out at a time; by that, MODEL_SD and APART_SD it counts beside the prior. 8 ms are 0.2 % of slip at 8 m/s and
+    2 m/s2, where tyres take 1.5 %.
     """
-    if driven not in ("front", "rear"):
-        return fit
-    at = dict(zip(problem.names, map(float, fit.x), strict=True))
-    parts = [_pulls(problem.config, at, log, driven == "front") for log in logs]
+    k = list(problem.names).index(STIFFNESS)
+    mean, var = float(problem.mean[k]), float(problem.sd[k]) ** 2
+    shift = dict.fromkeys(problem.names, 0.0)
+    if (found := _regression(problem, fit, logs, vehicle)) is not None:
+        seen = found.stiffness_sd**2 + MODEL_SD**2
+        mean, var = (mean * seen + found.stiffness * var) / (seen + var), seen * var / (seen + var)
+        apart = found.later * APART_SD**2 / (APART_SD**2 + found.later_sd**2)
+        for name, half in zip(WHEELS, (0.5, -0.5), strict=True):
+            shift[name + LATENCY] = half * apart
+    x, covariance = fit.x + np.array(list(shift.values())), fit.covariance.copy()
+    x[k] = mean
+    covariance[k, :] = covariance[:, k] = 0.0
+    covariance[k, k] = var
+    return replace(fit, x=x, covariance=covariance)
+
+
+@dataclass(frozen=True)
+class _Found:
+    """ln of the stiffness over the vehicle file's, and how much later [s] the front wheel speed is; their sds by blocks."""
+
+    stiffness: float
+    stiffness_sd: float
+    later: float
+    later_sd: float
+
+
+def _regression(problem: Problem, fit: Fit, logs: Sequence[Log], vehicle: Vehicle) -> _Found | None:
+    """Return what all logs show together; None: nothing, or two driven axles."""
+    moves = {"front": 1.0, "rear": problem.config.rear_longitudinal_follows_front}  # with STIFFNESS
+    if moves.get(vehicle.driven_axle, 0.0) != 1.0:
+        return None
+    car = _Car(problem, fit, vehicle)
+    parts = [_pulls(car, log) for log in logs]
     x = np.vstack([np.column_stack([p[0], np.eye(len(parts))[[n] * len(p[0])]]) for n, p in enumerate(parts)])
     y, weight = (np.concatenate([p[i] for p in parts]) for i in (1, 2))
     block = np.concatenate([1e6 * n + p[3] for n, p in enumerate(parts)])
     blocks = np.unique(block)
     if len(blocks) < FEWEST:
-        return fit
+        return None
 
-    def later(use: np.ndarray) -> float:
+    def solved(use: np.ndarray) -> tuple[float, float]:
         slopes, values = weight[use, None] * x[use], weight[use] * y[use]
         start = np.linalg.lstsq(slopes, values, rcond=None)[0]
         scale = 3.0 * float(np.median(np.abs(values - slopes @ start))) or 1.0
         found = least_squares(lambda b: slopes @ b - values, start, jac=lambda _: slopes, loss="huber", f_scale=scale)
-        return -float(found.x[1])
+        return float(found.x[0]), -float(found.x[1])
 
-    without = np.array([later(block != b) for b in blocks])
-    var = (len(blocks) - 1) / len(blocks) * float(np.sum((without - without.mean()) ** 2))
-    apart = later(block >= 0) * APART_SD**2 / (APART_SD**2 + var) * (1 if driven == "front" else -1)
-    shift = dict(zip((name + LATENCY for name in WHEELS), (0.5 * apart, -0.5 * apart), strict=True))
-    return replace(fit, x=fit.x + np.array([shift.get(name, 0.0) for name in problem.names]))
+    over, later = solved(block >= 0)
+    without = np.array([solved(block != b) for b in blocks])
+    sd = np.sqrt((len(blocks) - 1) / len(blocks) * np.sum((without - without.mean(axis=0)) ** 2, axis=0))
+    if not over > 2 * sd[0]:  # soft tyres, or stiff ones that show no slip: not told apart
+        return None
+    sign = 1 if car.front_driven else -1
+    return _Found(-float(np.log(over)), float(sd[0]) / over, sign * later, float(sd[1]))
 
 
-def _pulls(
-    config: Config, at: dict[str, float], log: Log, front_driven: bool
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return F and a/v, slip of the driven axle over the free one, weight, and block of each sample of a log that counts."""
+class _Car:
+    """What of the car the regression needs; forces per mass."""
+
+    def __init__(self, problem: Problem, fit: Fit, vehicle: Vehicle):
+        c = problem.config
+        at = dict(zip(problem.names, map(float, fit.x), strict=True))
+        sd = dict(zip(problem.names, np.sqrt(np.diag(fit.covariance)), strict=True))
+        ordinary = ordinary_car(c)
+        inverse = "tyre_saturation_inverse_friction"
+        self.grip = grip_of(ordinary, at.get(inverse), sd.get(inverse))[0]
+        self.front_driven = vehicle.driven_axle == "front"
+        self.radius = c.wheel_radius_front, c.wheel_radius_rear
+        self.base, self.mass = c.lf + c.lr, c.mass
+        self.load = GRAVITY * (c.lr if self.front_driven else c.lf) / self.base
+        height = float(vehicle.facts.get("cg_height", ordinary["cg_height"]))
+        self.height = height / self.base * (-1 if self.front_driven else 1)
+        self.give = GIVE * abs(self.height) * self.base**2 / (GRAVITY * c.lf * c.lr)  # of both axles, per m/s2
+        front, rear = (
+            c.longitudinal_stiffness_front,
+            at.get("longitudinal_stiffness_rear", c.longitudinal_stiffness_rear),
+        )
+        self.stiffness = front if self.front_driven else rear
+        self.scale = (1.0 + at.get("imu_scale_ax_error", 0.0)) * (1.0 + GRAVITY * at.get("pitch_leak_gain", 0.0))
+        self.drag, self.rolling = at["aero_drag_coefficient"], at["rolling_resistance_coefficient"]
+        z = np.linspace(0.0, 1.0, 400)  # of the brush model, up to where it slides
+        brush, root = 1.0 - z + z * z / 3.0, 1.0 / np.sqrt(1.0 + 9.0 * z * z)
+        self.curve = 3.0 * z, 3.0 * z * (brush + ordinary["tyre_saturation_shape"] * (root - brush))
+
+    def slip(self, push: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return slip of the driven axle at the file's stiffness, and share of its grip, for forces per mass [m/s2]."""
+        load = self.load + self.height * push
+        share = np.abs(push) / (self.grip * np.maximum(load, 0.1 * self.load))
+        linear = np.interp(share, self.curve[1], self.curve[0]) * self.grip * load
+        return self.mass * linear / (self.stiffness * load / self.load), share
+
+
+def _pulls(car: _Car, log: Log) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return slip that the force takes and a/v, slip of the driven axle over the free one, weight, and block of each sample of a log
+    that counts."""
     count = max(1, round(SMOOTH / log.sample_time))
 
     def smooth(x: np.ndarray) -> np.ndarray:
         return pd.Series(x).rolling(count, center=True, min_periods=1).mean().to_numpy()
 
     steer, rate, pull, *spin = (log.data[c].to_numpy(float) for c in ("steer_angle", "yaw_rate", "accel_x", *WHEELS))
-    front, rear = config.wheel_radius_front * spin[0], config.wheel_radius_rear * spin[1]
-    ahead = front - (rear * np.cos(steer) + (config.lf + config.lr) * rate * np.sin(steer))
-    v, slip, pull = smooth(rear if front_driven else front), smooth(ahead if front_driven else -ahead), smooth(pull)
-    gains = smooth(np.gradient(v, log.time))
-    force = config.mass * (pull + GRAVITY * at["rolling_resistance_coefficient"]) + at["aero_drag_coefficient"] * v**2
-    use = (v > SLOW) & (pull > PULLING) & (np.abs(steer) < STRAIGHT) & np.isfinite(slip + force + gains)
+    front, rear = car.radius[0] * spin[0], car.radius[1] * spin[1]
+    ahead = front - (rear * np.cos(steer) + car.base * rate * np.sin(steer))
+    v, slip = smooth(rear if car.front_driven else front), smooth(ahead if car.front_driven else -ahead)
+    pull, gains = smooth(pull) / car.scale, smooth(np.gradient(v, log.time))
+    push = pull + GRAVITY * car.rolling + car.drag * v**2 / car.mass
+    takes, share = car.slip(np.maximum(push, 0.0))
+    use = (v > SLOW) & (pull > PULLING) & (np.abs(steer) < STRAIGHT) & (share < HARD) & np.isfinite(slip + push + gains)
     use &= np.arange(len(v)) % max(1, round(EVERY / log.sample_time)) == 0
-    slopes = np.column_stack([1e-5 * force[use], gains[use] / v[use]])
-    return slopes, slip[use] / v[use], np.minimum(v[use], 15.0), np.floor(log.time[use] / BLOCK)
-
-
-def _with(result: Result, k: int, mean: float, sd: float) -> Result:
-    """Return the result with another mean and sd of one unknown, the others as they are."""
-    x, covariance = result.fit.x.copy(), result.fit.covariance.copy()
-    x[k] = mean
-    covariance[k, :] = covariance[:, k] = 0.0
-    covariance[k, k] = sd**2
-    return replace(result, fit=replace(result.fit, x=x, covariance=covariance))
-
-
-def _end(vehicle: Path, log: Log) -> tuple[float, float, float]:
-    """Return logarithm of the longitudinal stiffness over the file's at the end of a log, its sd, and the sd of the start; NaN
-    where the filter refuses the log, or the file with this log."""
-    try:
-        config, _ = make_config(read_vehicle(vehicle), log)
-    except UserError:
-        return np.nan, np.nan, np.nan
-    out = outputs(config, log)
-    used = out[out["status"] >= 0]
-    if not len(used):
-        return np.nan, np.nan, np.nan
-    mean, sd = float(used[STIFFNESS][-1]), float(used[f"{STIFFNESS}_sd"][-1])
-    return float(np.log(mean)), sd / mean, config.initial_cx_sd
+    # under load the driven axle's rolling radius is another than at rest, and the free one's the other way
+    seen = slip / np.maximum(v, 0.1) - np.sign(car.height) * car.give * push
+    return (
+        np.column_stack([takes, gains / np.maximum(v, 0.1)])[use],
+        seen[use],
+        np.minimum(v[use], 15.0),
+        np.floor(log.time[use] / BLOCK),
+    )
 
 
 def outputs(config: Config, log: Log) -> np.ndarray:

@@ -32,9 +32,6 @@ def values(result: Result) -> dict[str, float]:
     follows = result.config.rear_longitudinal_follows_front
     found["bank_superelevation"] = float(np.mean(_superelevations(result)))
     found["longitudinal_stiffness_rear"] *= float(1.0 + follows * (np.exp(at["cx_front"]) - 1.0))
-    if result.own:
-        along = ("longitudinal_stiffness_front", "longitudinal_stiffness_rear")
-        found |= {name: float(getattr(result.config, name)) for name in along}
     fields = result.config.fields
     return {k: float(np.clip(v, fields[k].low, fields[k].high)) for k, v in found.items()}
 

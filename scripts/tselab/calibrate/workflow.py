@@ -73,8 +73,7 @@ def run(
         held = _prepare(list(_read(held_out, notes, reading).values()), config, notes, say)
         proofs += _proofs(problem, result, plain_problem, plain, held, True)
     kept.clear()
-    say("longitudinal stiffness, by the filter")
-    return along.refined(_result(vehicle, problem, result, list(read.values()), proofs, notes), list(read.values()))
+    return _result(vehicle, problem, result, list(read.values()), proofs, notes)
 
 
 def of_logs(logs: Sequence[Log], vehicle: Vehicle, say: Say = lambda _: None, least: float = 0.0) -> Result:
@@ -109,7 +108,7 @@ def _result(
 ) -> Result:
     if vehicle.formula is not None:
         notes.append(f"the vehicle file has a formula ({vehicle.formula.id}): it was simulated as it is, and is kept")
-    result = along.wheels_apart(problem, result, logs, vehicle.driven_axle)
+    result = along.slips(problem, result, logs, vehicle)
     rows = findings(problem, result, known_before(problem.config))
     steps = {c: max(step_of(log.data[c].to_numpy(float)) for log in logs) for c in (*DRIVES, *MEASURED)}
     sensors = _sensors(problem, result, logs)
