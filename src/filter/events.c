@@ -255,7 +255,7 @@ static void spawn(const tse_params *p, tse_kalman *k, tse_real dt)
 
 /* Note what is reported of a change, and where another one may lead back to. One that is believed soon after another is what was
  * found of that. */
-static void note_change(tse_kalman *k, int32_t which, const tse_real was[4], const tse_real was_var[4])
+static void note_change(tse_kalman *k, int32_t which, const tse_real was[4], const tse_real was_var[4], tse_along along)
 {
   const int same = k->change_kind != TSE_CHANGE_NONE && k->change_age < LONGEST_EVENT && which != EVENT_BACK;
   k->change_kind = which <= EVENT_ALONG ? TSE_CHANGE_ROAD : which == EVENT_FRONT ? TSE_CHANGE_FRONT
@@ -265,6 +265,7 @@ static void note_change(tse_kalman *k, int32_t which, const tse_real was[4], con
     k->change_age = TSE_R(0);
     k->change_from[i] = was[i];
     k->change_from_var[i] = was_var[i];
+    k->along_from = along;
   }
 }
 
@@ -314,6 +315,20 @@ static void widen(tse_kalman *k, int32_t which, const tse_real was[4])
   }
 }
 
+/* Find what the slip stiffness itself is on another road: it has moved as LCX has, is as much less sure, and what the model lacks
+ * there is not known. Tyres that are back are as they were.
+ *   Given: was, var  LCX before and its variance [unit2] */
+static void along_change(const tse_params *p, tse_kalman *k, int32_t which, tse_real was, tse_real var)
+{
+  const tse_along a = k->along;
+  const tse_real unit2 = r_sqr(state_unit[LCX]), more = r_max(ud_variance(&k->p, LCX) - var, TSE_R(0));
+  if (which == EVENT_BACK) {
+    k->along = k->along_from;
+    return;
+  }
+  along_start(p, k, a.mean + r_mul(a.share, was) + k->x[LCX] - was, r_mul(r_mul(r_sqr(a.share), var) + more, unit2) + a.var);
+}
+
 /* Move the filter to what it is if event n has happened, and end the events of its group. */
 static void believe(const tse_params *p, tse_kalman *k, int n)
 {
@@ -324,6 +339,7 @@ static void believe(const tse_params *p, tse_kalman *k, int n)
     n = likeliest_road(k, n);
   }
   tse_event a = k->event[n];
+  const tse_along along = k->along;
   for (int i = 0; i < 4; i++) {
     was[i] = k->x[LCX + i];
     was_var[i] = ud_variance(&k->p, LCX + i);
@@ -339,7 +355,8 @@ static void believe(const tse_params *p, tse_kalman *k, int n)
   }
   for (int i = 0; i < 3; i++) k->x[LCX + i] = r_clamp(k->x[LCX + i], p->log_min, p->log_max);
   k->slow[ACCEL_X] = a.kind <= EVENT_BACK ? TSE_R(0) : k->slow[ACCEL_X]; /* it is explained */
-  if (a.kind <= EVENT_REAR) note_change(k, a.kind, was, was_var);
+  if (a.kind <= EVENT_BACK) along_change(p, k, a.kind, was[0], was_var[0]);
+  if (a.kind <= EVENT_REAR) note_change(k, a.kind, was, was_var, along);
   close_events(k, group_of(a.kind));
 }
 

@@ -1,12 +1,20 @@
 /* filter/output.c - what the filter reports of a row, and whether to act on it. */
 #include "filter/filter.h"
 
+/* Return the variance of state i over the posterior and the uncertain quantities, in its units. */
+static tse_real own_variance_of(const tse_kalman *k, int i)
+{
+  tse_real var = ud_variance(&k->p, i);
+  for (int q = 0; q < TSE_DOUBTS; q++) var += r_sqr(k->doubt[q][i]);
+  return var;
+}
+
 /* Return the variance of state i over the posterior, the uncertain quantities and the events that may have happened; *shift:
  * their mean. SI */
 static tse_real variance_of(const tse_kalman *k, int i, tse_real *shift)
 {
-  tse_real var = ud_variance(&k->p, i), mean = TSE_R(0), square = TSE_R(0);
-  for (int q = 0; q < TSE_DOUBTS; q++) var += r_sqr(k->doubt[q][i]);
+  const tse_real var = own_variance_of(k, i);
+  tse_real mean = TSE_R(0), square = TSE_R(0);
   for (int n = 0; n < TSE_EVENTS; n++) {
     const tse_event *const a = &k->event[n];
     const tse_real weight = k->weight[n];
@@ -56,6 +64,17 @@ static void report_motion(const tse_params *p, const tse_kalman *k, tse_output *
   out->sideslip_sd = r_div(out->vel_y_sd, r_max(r_abs(out->vel_x), LEAST_SPEED_SD));
 }
 
+/* Return the logarithm of the slip stiffness itself and its variance: what LCX says of it. Where the model would lack more than it
+ * can, the tyres may be others.
+ *   Given: shift  by what may have happened      Updated: var  of LCX */
+static tse_real along_of(const tse_params *p, const tse_kalman *k, tse_real shift, tse_real *var)
+{
+  const tse_along *const a = &k->along;
+  const tse_real own = r_mul(own_variance_of(k, LCX), r_sqr(state_unit[LCX])), mean = a->mean + r_mul(a->share, k->x[LCX]);
+  *var = r_mul(r_sqr(a->share), own) + a->var + r_max(*var - own, TSE_R(0)) + r_max(r_sqr(k->x[LCX] - mean) - along_var(p), TSE_R(0));
+  return mean + shift;
+}
+
 /* Report stiffness, grip and what the model does not explain. No stiffness is known better than the model is right; slip angles
  * that are measured make the filter sure of a stiffness faster than they show what its model lacks. */
 static void report_tyres(const tse_params *p, const tse_kalman *k, tse_output *out)
@@ -64,9 +83,10 @@ static void report_tyres(const tse_params *p, const tse_kalman *k, tse_output *o
   tse_real shift, share[3];
   car_secants(&p->car, k->x, share);
   for (int i = 0; i < 3; i++) {
-    const tse_real floor = i == TSE_CX_FRONT ? r_max(FLOOR_ALONG, p->model_sd) : side_floor;
+    const tse_real floor = i == TSE_CX_FRONT ? MODEL_FLOOR : side_floor;
     tse_real var = variance_of(k, LCX + i, &shift);
-    out->stiffness[i] = exponential(r_clamp(k->x[LCX + i] + shift, p->log_min, p->log_max));
+    const tse_real log = i == TSE_CX_FRONT ? along_of(p, k, shift, &var) : k->x[LCX + i] + shift;
+    out->stiffness[i] = exponential(r_clamp(log, p->log_min, p->log_max));
     var += r_sqr(floor) + p->mass_var;
     out->stiffness_sd[i] = r_mul(out->stiffness[i], r_sqrt(var));
     out->stiffness_spread[i] = r_mul(out->stiffness[i], p->model_sd);
@@ -214,7 +234,8 @@ tse_status tse_uncertainty_sd(const tse_params *p, const tse_filter *f, int32_t 
   if (k < 0 || k >= TSE_UNCERTAINTIES) return TSE_E_SIZE;
   for (int a = 0; a < 3; a++) {
     const int i = LCX + a;
-    const tse_real part = f->step == 0 ? TSE_R(0) : part_of(p, &f->k, origins[k], i);
+    const tse_real all = f->step == 0 ? TSE_R(0) : part_of(p, &f->k, origins[k], i);
+    const tse_real part = i == LCX && origins[k].of >= OF_DOUBT ? r_mul(f->k.along.share, all) : all;
     sd[a] = r_mul(exponential(f->k.x[i]), r_mul(part, state_unit[i]));
   }
   return TSE_OK;

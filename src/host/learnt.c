@@ -174,18 +174,23 @@ static int write_kalman(const tse_params *p, const tse_filter *f, content *c)
   int n = 0;
   (void)p;
   for (int i = 0; i < TSE_KEPT; i++) {
-    tse_real var = ud_variance(&k->p, FAST + i);
+    tse_real var = ud_variance(&k->p, FAST + i), mean = k->x[FAST + i];
     for (int q = 0; q < TSE_DOUBTS; q++) var += r_sqr(k->doubt[q][FAST + i]);
+    if (i == K_STIFFNESS) { /* the slip stiffness itself */
+      var = r_mul(r_sqr(k->along.share), var) + r_div(k->along.var, r_sqr(state_unit[LCX]));
+      mean = k->along.mean + r_mul(k->along.share, mean);
+    }
     sd[i] = r_sqrt(var);
     c->sd[i] = r_to_q24(r_mul(sd[i], state_unit[FAST + i]));
-    const int32_t mean = r_to_q24(k->x[FAST + i]);
-    if (mean == INT32_MIN || c->sd[i] < 0) return 0;
-    c->mean[i] = code_clamped(mean, most_of(i));
+    const int32_t code = r_to_q24(mean);
+    if (code == INT32_MIN || c->sd[i] < 0) return 0;
+    c->mean[i] = code_clamped(code, most_of(i));
   }
   for (int i = 0; i < TSE_KEPT; i++)
     for (int j = i + 1; j < TSE_KEPT; j++, n++) {
       tse_real both = ud_common(&k->p, FAST + i, FAST + j);
       for (int q = 0; q < TSE_DOUBTS; q++) both += r_mul(k->doubt[q][FAST + i], k->doubt[q][FAST + j]);
+      if (i == K_STIFFNESS || j == K_STIFFNESS) both = r_mul(k->along.share, both);
       const tse_real scale = r_mul(sd[i], sd[j]), r = scale > TSE_R(0) ? r_div(both, scale) : TSE_R(0);
       c->pair[n] = r_floor_to_int(r_mul(r_clamp(r, -MOST_CORRELATION, MOST_CORRELATION), TSE_R(ONE_14)) + TSE_R(0.5));
     }

@@ -64,6 +64,11 @@ static int sound_agreement(const tse_agreement *a)
   return fine;
 }
 
+static int sound_along(const tse_along *a)
+{
+  return sound_reals(&a->mean, 1, -MOST_REAL, MOST_REAL) && sound_reals(&a->share, 1, TSE_R(0), TSE_R(1)) && sound_reals(&a->var, 1, TSE_R(0), MOST_REAL);
+}
+
 static int sound_kalman(const tse_kalman *k, int started)
 {
   const tse_real *const not_negative[] = { &k->since_slow, &k->seen, &k->nis, &k->change_age, &k->agrees_for };
@@ -80,7 +85,7 @@ static int sound_kalman(const tse_kalman *k, int started)
   fine = fine && sound_reals(k->innovation, TSE_SENSORS, -MOST_REAL, MOST_REAL) && sound_reals(k->innovation_var, TSE_SENSORS, TSE_R(0), MOST_SQUARE);
   fine = fine && sound_reals(k->last_innovation, TSE_SENSORS, -MOST_REAL, MOST_REAL) && sound_reals(k->slow, TSE_SENSORS, -MOST_REAL, MOST_REAL);
   fine = fine && sound_reals(&k->log_likelihood, 1, -MOST_REAL, MOST_REAL) && sound_reals(k->change_from, 4, TSE_R(-10), TSE_R(10)) &&
-         sound_reals(k->change_from_var, 4, TSE_R(0), MOST_REAL);
+         sound_reals(k->change_from_var, 4, TSE_R(0), MOST_REAL) && sound_along(&k->along) && sound_along(&k->along_from);
   for (int i = 0; i < (int)(sizeof not_negative / sizeof not_negative[0]); i++) fine = fine && sound_reals(not_negative[i], 1, TSE_R(0), MOST_REAL);
   for (int i = 0; i < TSE_EVENTS; i++) fine = fine && sound_event(&k->event[i]);
   fine = fine && sound_agreement(&k->agreement);

@@ -188,6 +188,11 @@ typedef struct tse_agreement {
   int32_t apart, free;                /* bits, by pair: the two are not the same; 0 */
 } tse_agreement;
 
+/* The slip stiffness itself, given the state LCX, which has in it what the model lacks along the car: mean + share LCX, var. */
+typedef struct tse_along {
+  tse_real mean, share, var;          /* of logarithms */
+} tse_along;
+
 /* A filter of the default form. */
 typedef struct tse_kalman {
   tse_real x[TSE_ALL];                /* SI */
@@ -205,6 +210,7 @@ typedef struct tse_kalman {
   tse_real slow[TSE_SENSORS], slow_var[TSE_SENSORS], usual[TSE_SENSORS]; /* innovation, smoothed; its variance as thought; [1] as it is, over that */
   tse_real log_likelihood;
   tse_real change_age, change_from[4], change_from_var[4]; /* [s]; [1] logarithms of stiffness and grip before the last change; [unit2] their variance */
+  tse_along along, along_from;        /* now, before the last change */
   tse_real unusual;                   /* [1] slow innovation of accel_x in this row, squared, over what is usual */
   tse_real reading[TSE_SENSORS], repeats[TSE_SENSORS], repeats_again[TSE_SENSORS]; /* last reading; [1] share of readings that repeat the one before;
                                          of those after one that did */

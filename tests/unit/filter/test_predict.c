@@ -184,6 +184,35 @@ static void test_motion_is_placed_from_wheels_and_gyro(void)
   }
 }
 
+/* Two numbers of which only the sum shows, the stiffness and what the model lacks: where drives show the sum well, what is reported
+ * of the stiffness is what a Kalman filter of both has. LCX starts as the stiffness alone, which holds it; that is the tolerance: the
+ * share of its prior that the sum's own error is at the end. */
+static void test_of_a_sum_its_part_is_that_of_a_filter_of_both(void)
+{
+  uint32_t seed = 5;
+  for (int drive = 0; drive < 50; drive++) {
+    tse_config c;
+    tse_config_default(&c);
+    c.initial_cx_sd = setting(next_between(&seed, 0.04, 0.3));
+    c.model_sd = setting(next_between(&seed, 0, 0.2));
+    const tse_params p = prepared(&c);
+    static tse_filter f;
+    memset(&f, 0, sizeof f);
+    start_all(&p, &f);
+    const double lacks = pow(fmax(number(FLOOR_ALONG), number(p.model_sd)), 2), unit = number(state_unit[LCX]);
+    const double prior = number(p.prior[LCX]), var = pow(number(p.prior_sd[LCX]), 2), sum = next_between(&seed, -0.3, 0.3), r = 0.01 * var;
+    tse_real h[TSE_ALL] = { TSE_R(0) }, u[TSE_ALL], v[TSE_ALL], gain[TSE_ALL];
+    h[LCX] = TSE_R(1);
+    (void)ud_measure(&f.k.p, h, u, v);
+    ud_correct(&f.k.p, u, v, real(r / (unit * unit)), gain);
+    f.k.x[LCX] += r_mul(gain[LCX], real(sum - number(f.k.x[LCX])));
+    const double share = number(f.k.along.share), of_both = var / (var + lacks + r);
+    expect_near(prior + of_both * (sum - prior), number(f.k.along.mean) + share * number(f.k.x[LCX]), 0.01 * fabs(sum - prior) + 10 * close, "part", drive);
+    const double own = number(ud_variance(&f.k.p, LCX)) * unit * unit;
+    expect_near(var * (lacks + r) / (var + lacks + r), share * share * own + number(f.k.along.var), 0.01 * var + 10 * close, "its variance", drive);
+  }
+}
+
 int main(void)
 {
   UNITY_BEGIN();
@@ -192,5 +221,6 @@ int main(void)
   RUN_TEST(test_noise_does_not_depend_on_how_often_rows_come);
   RUN_TEST(test_all_starts_as_the_settings_say);
   RUN_TEST(test_motion_is_placed_from_wheels_and_gyro);
+  RUN_TEST(test_of_a_sum_its_part_is_that_of_a_filter_of_both);
   return UNITY_END();
 }
