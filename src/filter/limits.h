@@ -64,6 +64,12 @@
 #define AGAINST TSE_R(0.2)        /* 1: squared correlation, of the wrong sign, of what is small beside its noise */
 #define GAINS_SPEED TSE_R(0.3)    /* m/s2: what more is the drive's, what less may be the brakes' */
 #define SLIPPING TSE_R(0.03)      /* 1: of the speed; wheels that spin or lock do not show how the car gains speed */
+#define SCALE_MOST TSE_R(1.57)     /* 1: fourth power of 1.12 times too fast; cars of tests/cars leave 0.96 .. 1.05 */
+#define SCALE_LEAST TSE_R(0.5)    /* 1: of 0.84; a slope that changes is in accel_x and not in the wheels, and makes as if they were slow */
+#define SCALE_TIME TSE_R(300)     /* s: slopes and cambers are as often up as down in it */
+#define SCALE_RELATED TSE_R(0.8)  /* 1: squared correlation, less has noise or slopes in its variances */
+#define SCALE_SHOWN_ACROSS TSE_R(20) /* (m/s2)^2 s: ten times what a factor of 2.5 takes */
+#define SCALE_SHOWN_ALONG TSE_R(10) /* the same, along */
 #define SHORTEST TSE_R(0.3)       /* 1: of the wheelbase, which an oversteering car has left at speed */
 
 /* [unit^2] Least element of D: rounding must not leave it at 0 (fixed point), nor make denormal numbers. */

@@ -167,7 +167,7 @@ void report_row(const tse_params *p, const tse_kalman *k, tse_output *out)
 static tse_reason reason_of(const tse_params *p, const tse_kalman *k, const passage *w, const tse_output *out, tse_real sd, tse_real mean, int at)
 {
   const tse_real var = r_sqr(sd), most = r_mul(p->valid_var, r_sqr(mean));
-  if (k->agreement.apart) return TSE_IMPLAUSIBLE;
+  if (k->agreement.apart || k->agreement.off_scale) return TSE_IMPLAUSIBLE;
   if (w->predicted) return TSE_INPUT_INVALID;
   if (w->held) return TSE_HELD;
   if (k->seen < SETTLE_TIME) return TSE_STARTING;

@@ -1,6 +1,10 @@
 /* filter/plausible.c - do the channels agree? A unit, a sign or an axle that was taken for another is a factor between two quantities of
  * which physics says that they are the same. Each such pair is smoothed, and its variances and covariance are kept over USUAL_TIME of
- * driving: means go with the biases, and the factor is the root of the ratio of the variances, with the sign of the covariance. */
+ * driving: means go with the biases, and the factor is the root of the ratio of the variances, with the sign of the covariance.
+ *
+ * A factor of the speed alone (km/h taken for rad/s is 3.6 wheel radii: 1.0 .. 1.3) is within what roll and pitch do to each pair. But v r
+ * grows with it where the change of the speed does against accel_x, so the two together show it: roll, pitch and latency, which both
+ * accelerometers have, leave their ratio as it is. */
 #include "filter/filter.h"
 #include "tables/input.h"
 
@@ -28,11 +32,17 @@ static int is_shown(const tse_pair *q, int which)
   return r_mul(q->time, most) > least[which];
 }
 
+/* Return the squared correlation of a pair. */
+static tse_real related_of(const tse_pair *q)
+{
+  return r_mul(r_div(q->both, r_max(q->var[0], LEAST_VARIANCE)), r_div(q->both, r_max(q->var[1], LEAST_VARIANCE)));
+}
+
 /* Return whether the two of a pair are not the same.   Given: driven  0 both axles or not known, 1 front, 2 rear */
 static int is_apart(const tse_pair *q, int which, int32_t driven)
 {
   const tse_real x = r_max(q->var[0], LEAST_VARIANCE), y = r_max(q->var[1], LEAST_VARIANCE);
-  const tse_real related = r_mul(r_div(q->both, x), r_div(q->both, y));
+  const tse_real related = related_of(q);
   if (which == IN_BENDS) return q->both < TSE_R(0) && related > AGAINST;
   if (which == BY_DRIVE) return related > AGAINST && ((driven == 1 && q->both < TSE_R(0)) || (driven == 2 && q->both > TSE_R(0)));
   return !(q->both > TSE_R(0)) || related < UNRELATED || y > r_mul(FURTHEST_OFF, x) || x > r_mul(FURTHEST_OFF, y);
@@ -54,9 +64,29 @@ static void pair_learn(tse_pair *q, tse_real x, tse_real y, tse_real dt)
 static tse_real factor_of(const tse_pair *q)
 {
   const tse_real x = r_max(q->var[0], LEAST_VARIANCE), y = r_max(q->var[1], LEAST_VARIANCE);
-  if (r_mul(r_div(q->both, x), r_div(q->both, y)) < UNRELATED) return TSE_R(0);
+  if (related_of(q) < UNRELATED) return TSE_R(0);
   const tse_real size = r_sqrt(r_div(y, x));
   return q->both < TSE_R(0) ? -size : size;
+}
+
+/* Add a row to what tells the scale of the speed: the squares of a pair that goes together, over SCALE_TIME of driving. */
+static void scale_learn(tse_agreement *a, int which, tse_real x, tse_real y, tse_real dt)
+{
+  const tse_pair *const q = &a->pair[which];
+  tse_real *const sum = a->moved[which == ALONG];
+  const tse_real keep = r_max(TSE_R(1) - r_div(dt, SCALE_TIME), TSE_R(0));
+  if (((a->apart >> which) & 1) || related_of(q) < SCALE_RELATED) return;
+  sum[0] = r_mul(keep, sum[0]) + r_mul(dt, r_sqr(x - q->mean[0]));
+  sum[1] = r_mul(keep, sum[1]) + r_mul(dt, r_sqr(y - q->mean[1]));
+}
+
+/* Return how many times too large the speed by the wheels is, to the fourth power: how the change of the speed is to accel_x, over how
+ * accel_y is to v r; 0: the drive has not shown it. */
+static tse_real scale_of(const tse_agreement *a)
+{
+  const tse_real *const across = a->moved[0], *const along = a->moved[1];
+  if (!(across[0] > SCALE_SHOWN_ACROSS) || !(along[0] > SCALE_SHOWN_ALONG)) return TSE_R(0);
+  return r_mul(r_div(along[1], along[0]), r_div(across[0], r_max(across[1], LEAST_VARIANCE)));
 }
 
 static tse_real inverse(tse_real x) { return x == TSE_R(0) ? x : r_div(TSE_R(1), x); }
@@ -66,7 +96,11 @@ int32_t plausible_channel(const tse_kalman *k, tse_real *factor)
   const tse_agreement *const a = &k->agreement;
   const int across = (a->apart >> ACROSS) & 1, turning = (a->apart >> TURNING_BY) & 1, along = (a->apart >> ALONG) & 1;
   *factor = TSE_R(0);
-  if (!a->apart) return 0;
+  if (!a->apart) {
+    if (!a->off_scale) return 0;
+    *factor = r_sqrt(r_sqrt(scale_of(a)));
+    return 1 + (int32_t)TSE_CHANNEL_wheel_speed_front;
+  }
   if (along && turning) { /* what all have in common is the speed */
     *factor = factor_of(&a->pair[ALONG]);
     return 1 + (int32_t)TSE_CHANNEL_wheel_speed_front;
@@ -95,6 +129,16 @@ static void values_of(const tse_params *p, const tse_real x[TSE_CHANNELS], tse_r
   value[SPEED] = speed;
   value[TURN] = x[TSE_CHANNEL_yaw_rate];
   value[TURN_ASKED] = r_div(r_mul(speed, x[TSE_CHANNEL_steer_angle]), r_max(wheelbase + r_mul(understeer, square), r_mul(SHORTEST, wheelbase)));
+}
+
+/* Let a pair have x and y for dt, and decide whether the two are apart. */
+static void compare(const tse_params *p, tse_agreement *a, int which, tse_real x, tse_real y, tse_real dt)
+{
+  tse_pair *const q = &a->pair[which];
+  pair_learn(q, x, y, dt);
+  if (!is_shown(q, which)) return;
+  a->apart = is_apart(q, which, p->car.driven) ? a->apart | 1 << which : a->apart & ~(1 << which);
+  if (which == ACROSS || which == ALONG) scale_learn(a, which, x, y, dt);
 }
 
 void plausible_row(const tse_params *p, tse_kalman *k, const tse_input *u, tse_real dt)
@@ -133,10 +177,8 @@ void plausible_row(const tse_params *p, tse_kalman *k, const tse_input *u, tse_r
     { r_mul(TSE_R(0.5), r_sqr(bend)), faster, both && (has & TSE_MISSING_yaw_rate) },
     { s[GAINED], faster, both && (has & TSE_MISSING_accel_x) && s[GAINED] > GAINS_SPEED },
   };
-  for (int i = 0; i < TSE_PAIRS; i++) {
-    if (!now[i].counts) continue;
-    pair_learn(&a->pair[i], now[i].x, now[i].y, dt);
-    if (!is_shown(&a->pair[i], i)) continue;
-    a->apart = is_apart(&a->pair[i], i, p->car.driven) ? a->apart | 1 << i : a->apart & ~(1 << i);
-  }
+  for (int i = 0; i < TSE_PAIRS; i++)
+    if (now[i].counts) compare(p, a, i, now[i].x, now[i].y, dt);
+  const tse_real scale = scale_of(a);
+  a->off_scale = scale > TSE_R(0) && (scale > SCALE_MOST || scale < SCALE_LEAST);
 }

@@ -75,7 +75,7 @@ static tse_status status_of(const tse_filter *f, const decoded *z, const passage
   if (w->predicted) status = worse(status, TSE_W_PREDICTED);
   if (w->gap) status = worse(status, TSE_W_GAP);
   if (f->k.change_kind == TSE_CHANGE_RESTART && f->k.change_age == TSE_R(0)) status = worse(status, TSE_W_RECOVERED);
-  if (f->k.agreement.apart) status = worse(status, TSE_W_IMPLAUSIBLE);
+  if (f->k.agreement.apart || f->k.agreement.off_scale) status = worse(status, TSE_W_IMPLAUSIBLE);
   return status;
 }
 

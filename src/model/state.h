@@ -185,7 +185,8 @@ typedef struct tse_pair {
 typedef struct tse_agreement {
   tse_real smooth[6];
   tse_pair pair[TSE_PAIRS];
-  int32_t apart, free;                /* bits, by pair: the two are not the same; 0 */
+  tse_real moved[2][2];               /* [m2/s3] squares of v r and accel_y, of accel_x and the change of the wheels' speed, times seconds */
+  int32_t apart, off_scale;           /* bits, by pair: the two are not the same; 1: accelerometers saw another speed than the wheels */
 } tse_agreement;
 
 /* The slip stiffness itself, given the state LCX, which has in it what the model lacks along the car: mean + share LCX, var. */

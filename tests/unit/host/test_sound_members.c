@@ -202,8 +202,9 @@ static void test_the_state_of_the_filter_is_held_to_its_ranges(void)
   NOT_NEGATIVE(filter.k.change_age);
   NOT_NEGATIVE(filter.k.agrees_for);
   ANY_SIGN(filter.k.agreement.smooth);
+  HELD(filter.k.agreement.moved, TSE_R(0), MOST_SQUARE);
   WHOLE(filter.k.agreement.apart, 0, (1 << TSE_PAIRS) - 1);
-  WHOLE(filter.k.agreement.free, 0, 0);
+  WHOLE(filter.k.agreement.off_scale, 0, 1);
   for (int c_ = 0; c_ < TSE_PAIRS; c_++) {
     NOT_NEGATIVE(filter.k.agreement.pair[c_].time);
     ANY_SIGN(filter.k.agreement.pair[c_].mean);
