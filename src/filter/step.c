@@ -54,6 +54,19 @@ static passage classify(const tse_params *p, const tse_filter *f, const decoded 
   return w;
 }
 
+/* Return whether all that says whether channels agree is numbers. */
+static int agreement_finite(const tse_agreement *a)
+{
+  int fine = r_is_finite(a->moved[0][0]) && r_is_finite(a->moved[0][1]) && r_is_finite(a->moved[1][0]) && r_is_finite(a->moved[1][1]);
+  for (int i = 0; i < 6; i++) fine = fine && r_is_finite(a->smooth[i]);
+  for (int i = 0; i < TSE_PAIRS; i++) {
+    const tse_pair *const q = &a->pair[i];
+    fine = fine && r_is_finite(q->time) && r_is_finite(q->mean[0]) && r_is_finite(q->mean[1]);
+    fine = fine && r_is_finite(q->var[0]) && r_is_finite(q->var[1]) && r_is_finite(q->both);
+  }
+  return fine;
+}
+
 /* Return whether every state and variance is a number. */
 static int all_finite(const tse_kalman *k)
 {
@@ -137,7 +150,7 @@ tse_status step_row(const tse_params *p, tse_filter *f, const tse_input *u, tse_
   const tse_status refused = row_decode(p, f, u, &z);
   if (refused < 0) return refused; /* nothing has changed yet */
   if (f->step == 0) start_all(p, f);
-  const int fine = all_finite(&f->k);
+  const int fine = all_finite(&f->k) && agreement_finite(&f->k.agreement); /* each row leaves it finite */
   const int blind = f->held_for > r_mul(BLIND_ROWS, p->sample_time);
   const int gap = has_jumped(p, f, &z) || z.dt > p->max_gap || (z.has_steer && f->lost);
   const tse_real speed = speed_of(f, &z);

@@ -123,6 +123,32 @@ static void test_a_speed_that_is_hardly_off_contradicts_nobody(void)
   }
 }
 
+/* A fault of the memory: what is no number would contradict for ever. */
+static void test_what_is_kept_is_numbers_or_all_starts_over(void)
+{
+#if !defined(TSE_REAL_FIXED)
+  static tse_filter f;
+  tse_config c;
+  tse_params p;
+  tse_input u;
+  tse_output y;
+  tse_config_default(&c);
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_prepare(&c, &p, NULL));
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_reset(&p, &f, sizeof f));
+  tse_input_default(&u);
+  u.dt = real(0.01);
+  u.wheel_speed_front = u.wheel_speed_rear = real(50);
+  tse_real *const kept[] = { &f.k.agreement.smooth[5], &f.k.agreement.pair[0].time, &f.k.agreement.pair[TSE_PAIRS - 1].both, &f.k.agreement.pair[2].var[1],
+                             &f.k.agreement.pair[3].mean[0], &f.k.agreement.moved[1][1] };
+  for (int i = 0; i < (int)(sizeof kept / sizeof kept[0]); i++) {
+    for (int n = 0; n < 5; n++) TEST_ASSERT_TRUE(tse_step(&p, &f, &u, &y) >= 0);
+    *kept[i] = real(NAN);
+    TEST_ASSERT_EQUAL_INT(TSE_W_RECOVERED, tse_step(&p, &f, &u, &y));
+    TEST_ASSERT_TRUE(r_is_finite(*kept[i]) && y.fault_channel == 0);
+  }
+#endif
+}
+
 int main(void)
 {
   UNITY_BEGIN();
@@ -130,5 +156,6 @@ int main(void)
   RUN_TEST(test_a_channel_that_comes_seldom_contradicts_nobody);
   RUN_TEST(test_axles_that_are_exchanged_are_no_other_factor);
   RUN_TEST(test_a_speed_that_is_hardly_off_contradicts_nobody);
+  RUN_TEST(test_what_is_kept_is_numbers_or_all_starts_over);
   return UNITY_END();
 }
