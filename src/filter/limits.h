@@ -62,8 +62,10 @@
 #define FURTHEST_OFF TSE_R(6.25)   /* 1: variance over variance: roll, banked roads, load, compliance and slip make less than 2.5 times */
 #define UNRELATED TSE_R(0.1)      /* 1: squared correlation of two that are the same; noise leaves more, whatever the car */
 #define AGAINST TSE_R(0.2)        /* 1: squared correlation, of the wrong sign, of what is small beside its noise */
-#define GAINS_SPEED TSE_R(0.3)    /* m/s2: what more is the drive's, what less may be the brakes' */
+#define GAINS_SPEED TSE_R(-0.3)   /* m/s2: what more is the drive's, or nobody's; what less may be the brakes' */
 #define SLIPPING TSE_R(0.03)      /* 1: of the speed; wheels that spin or lock do not show how the car gains speed */
+#define MOST_OF_SPEED TSE_R(6)    /* 1: km/h for m/s is 3.6; 9.8 are both accelerometers in g */
+#define LEAST_OF_SPEED TSE_R(0.17) /* 1: m/s for rad/s is a radius; 0.1 is accel_x and accel_y ten times too large */
 #define SCALE_MOST TSE_R(1.57)     /* 1: fourth power of 1.12 times too fast; cars of tests/cars leave 0.96 .. 1.05 */
 #define SCALE_LEAST TSE_R(0.5)    /* 1: of 0.84; a slope that changes is in accel_x and not in the wheels, and makes as if they were slow */
 #define SCALE_TIME TSE_R(300)     /* s: slopes and cambers are as often up as down in it */

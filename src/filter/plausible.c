@@ -27,7 +27,7 @@ enum { SIDE,
 /* Return whether a pair has moved so far that what it says counts: variance times seconds. */
 static int is_shown(const tse_pair *q, int which)
 {
-  static const tse_real least[TSE_PAIRS] = { TSE_R(2), TSE_R(0.01), TSE_R(1), TSE_R(2e-4), TSE_R(3) };
+  static const tse_real least[TSE_PAIRS] = { TSE_R(2), TSE_R(0.01), TSE_R(2), TSE_R(2e-4), TSE_R(3) };
   const tse_real most = which < IN_BENDS ? r_max(q->var[0], q->var[1]) : q->var[0];
   return r_mul(q->time, most) > least[which];
 }
@@ -101,8 +101,9 @@ int32_t plausible_channel(const tse_kalman *k, tse_real *factor)
     *factor = r_sqrt(r_sqrt(scale_of(a)));
     return 1 + (int32_t)TSE_CHANNEL_wheel_speed_front;
   }
-  if (along && turning) { /* what all have in common is the speed */
-    *factor = factor_of(&a->pair[ALONG]);
+  const tse_real gained = along ? factor_of(&a->pair[ALONG]) : TSE_R(0);
+  if (along && (turning || (across && gained < MOST_OF_SPEED && gained > LEAST_OF_SPEED))) { /* in common is the speed */
+    *factor = gained;
     return 1 + (int32_t)TSE_CHANNEL_wheel_speed_front;
   }
   if (turning) {
