@@ -8,7 +8,7 @@
 #     --runs N      inputs of each target, for instance 1000000; with --seconds whichever comes first; default: --seconds 3, about
 #                   a minute in all
 #     --seed N      of libFuzzer's choices, so that --runs does the same again; default: another each time
-#     --minimise    then keeps in tests/fuzz/corpus only inputs that reach what no smaller one does, at most 40 of a target
+#     --minimise    then keeps in tests/fuzz/inputs only inputs that reach what no smaller one does, at most 40 of a target
 #     --table FILE  writes what was run there too, in Markdown: scripts/results/fuzz.md
 # Without clang and its libFuzzer the C targets are skipped; exit code 77 when nothing could run.
 set -uo pipefail
@@ -68,17 +68,16 @@ build() {                                     # once of each preset, when its fi
 
 fuzz() {                                      # one C target of a preset
   local name=$1 preset=$2 target=${1#fixed_} limits=()
-  local found=build/fuzz/found/$name grown=build/fuzz/corpus/$name given=tests/fuzz/corpus/$target log=build/fuzz/$name.log
+  local found=build/fuzz/found/$name grown=build/fuzz/corpus/$name given=build/fuzz/given/$target log=build/fuzz/$name.log
   local program=build/$preset/tests/fuzz/fuzz_$target
   mkdir -p "$found" "$grown"
   [ -n "$runs" ] && limits+=("-runs=$runs")
   [ -n "$seconds" ] && limits+=("-max_total_time=$seconds")
   [ -n "$seed" ] && limits+=("-seed=$seed")
-  local folders=("$grown")
-  [ -d "$given" ] && folders+=("$given")
-  [ -d "tests/fuzz/found/$target" ] && folders+=("tests/fuzz/found/$target")
+  rm -rf "$given"
+  python3 tests/fuzz/inputs.py unpack "$target" "$given"
   if "$program" "${limits[@]}" -max_len=$longest -timeout=20 -rss_limit_mb=2048 -print_final_stats=1 \
-      "-artifact_prefix=$found/" "${folders[@]}" >"$log" 2>&1; then
+      "-artifact_prefix=$found/" "$grown" "$given" >"$log" 2>&1; then
     row "$name" "$(sed -n 's/^stat::number_of_executed_units: *//p' "$log")" "$(sed -n 's/^stat::average_exec_per_sec: *//p' "$log")" \
       "$(sed -n 's/.*DONE *cov: \([0-9]*\).*/\1/p' "$log")" "$(ls "$grown" | wc -l)" "nothing found"
   else
@@ -88,14 +87,14 @@ fuzz() {                                      # one C target of a preset
     return
   fi
   if [ -n "$minimise" ] && [ "$name" = "$target" ]; then
-    local small="build/fuzz/small/$name"
-    rm -rf "$small"
-    mkdir -p "$small" "$given"
+    local small=build/fuzz/small/$name chosen=build/fuzz/chosen/$name
+    rm -rf "$small" "$chosen"
+    mkdir -p "$small" "$chosen"
     "$program" -merge=1 -max_len=200 "$small" "$grown" "$given" >/dev/null 2>&1
-    rm -f "$given"/*
     # those that libFuzzer took first reach the most
     ls -S -r "$small" | awk -v kept=$kept '{ name[NR] = $0 } END { for (i = 1; i <= kept && i <= NR; i++) print name[int((i - 1) * NR / (NR < kept ? NR : kept)) + 1] }' \
-      | while read -r file; do cp "$small/$file" "$given/"; done
+      | while read -r file; do cp "$small/$file" "$chosen/"; done
+    python3 tests/fuzz/inputs.py pack "$target" "$chosen"
   fi
 }
 

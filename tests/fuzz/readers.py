@@ -5,7 +5,7 @@ be used) or refused (2), a refusal in a few lines without a traceback or a warni
 are changed at random
 (--engine loop), or by Atheris where it is installed (--engine atheris), which sees what a change makes the reader do. What
 breaks something is kept in build/fuzz/found/TARGET; with a name that says what was wrong it belongs into
-tests/fuzz/found/reader_TARGET, which the tests go through."""
+tests/fuzz/inputs/reader_TARGET.hex (inputs.py), which the tests go through."""
 
 from __future__ import annotations
 
@@ -38,6 +38,7 @@ try:
 except ImportError:  # Windows knows no limits
     resource = None
 
+import inputs  # beside this file
 from tselab.cli import main
 from tselab.errors import UserError
 
@@ -552,7 +553,7 @@ def keep(name: str, data: bytes, what: str, found: Path) -> Path:
 def search(name: str, runs: int, seconds: float, seed: int, found: Path) -> tuple[int, int]:
     """Changed files, until there were `runs` or `seconds` are over; each way of breaking is kept once.  Returned: runs, findings"""
     target, dice, end, ways = TARGETS[name], random.Random(f"{name} {seed}"), time.monotonic() + seconds, set[str]()
-    seeds = target.seeds() + [p.read_bytes() for p in kept(name)]
+    seeds = target.seeds() + [data for _, data in kept(name)]
     pool, done = list(seeds), 0
     with tempfile.TemporaryDirectory(prefix="tse-fuzz-") as parent:
         for data in seeds:
@@ -586,9 +587,9 @@ def way_of(what: str) -> str:
     )
 
 
-def kept(name: str) -> list[Path]:
-    """Files that once broke something."""
-    return sorted((ROOT / "tests/fuzz/found" / f"reader_{name}").glob("*"))
+def kept(name: str) -> list[tuple[str, bytes]]:
+    """Return name and bytes of files that once broke something."""
+    return inputs.found(f"reader_{name}")
 
 
 def with_atheris(name: str, runs: int, seconds: float, seed: int, found: Path) -> None:

@@ -1,39 +1,45 @@
-/* tests/fuzz/run.c - a fuzz target without a fuzzer: through the files that it is given, or a list of them (@FILE, a line each). */
+/* tests/fuzz/run.c - a fuzz target without a fuzzer: through the inputs of a file, a line each: name, space, bytes in hexadecimal. */
 #include "fuzz.h"
 
-static int through(const char *path)
+enum { MOST_BYTES = 1 << 16 };
+
+/* Return the value of a hexadecimal digit; -1 if it is none. */
+static int digit(char c)
 {
-  static uint8_t data[1 << 20];
-  FILE *const file = fopen(path, "rb");
-  if (!file) {
-    (void)fprintf(stderr, "fuzz: %s cannot be read\n", path);
-    return 0;
+  static const char digits[] = "0123456789abcdef";
+  const char *const at = c ? strchr(digits, c) : NULL;
+  return at ? (int)(at - digits) : -1;
+}
+
+/* Return 1 if the line was an input and the target has gone through it. */
+static int through(const char *line)
+{
+  static uint8_t data[MOST_BYTES];
+  size_t count = 0;
+  const char *at = strchr(line, ' ');
+  if (!at) return 0;
+  for (at++; *at; at += 2) {
+    const int high = digit(at[0]), low = high < 0 ? -1 : digit(at[1]);
+    if (low < 0) return 0;
+    data[count++] = (uint8_t)(16 * high + low);
   }
-  const size_t count = fread(data, 1, sizeof data, file);
-  (void)fclose(file);
-  (void)fprintf(stderr, "%s\n", path); /* the last one is that which breaks it */
   (void)LLVMFuzzerTestOneInput(data, count);
   return 1;
 }
 
 int main(int argc, char **argv)
 {
+  static char line[2 * MOST_BYTES];
   int done = 0;
-  for (int i = 1; i < argc; i++) {
-    char line[4096];
-    FILE *const list = argv[i][0] == '@' ? fopen(argv[i] + 1, "r") : NULL;
-    if (argv[i][0] != '@') {
-      if (!through(argv[i])) return 1;
-      done++;
-    } else if (!list) return 1;
-    while (list && fgets(line, sizeof line, list)) {
-      line[strcspn(line, "\r\n")] = '\0';
-      if (!line[0]) continue;
-      if (!through(line)) return 1;
-      done++;
-    }
-    if (list) (void)fclose(list);
+  FILE *const file = argc == 2 ? fopen(argv[1], "r") : NULL;
+  if (!file) return 1;
+  while (fgets(line, sizeof line, file)) {
+    line[strcspn(line, "\r\n")] = '\0';
+    (void)fprintf(stderr, "line %d: %.60s\n", done + 1, line); /* the last one is that which breaks it */
+    if (!through(line)) return 1;
+    done++;
   }
+  (void)fclose(file);
   (void)printf("%d inputs\n", done);
   return done == 0; /* nothing to go through is no test */
 }
