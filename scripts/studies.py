@@ -18,7 +18,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 RESULTS = ROOT / "scripts" / "results"
 TSELAB = ROOT / ".venv" / "bin" / "tselab"
-PICTURES = ("paper", "particles", "bound")
+PICTURES = ("paper",)
 
 # what is run under another name: all of a study, or some of its cases
 PART: dict[str, tuple[str, str]] = {
@@ -32,8 +32,6 @@ STUDIES: dict[str, int] = {
     "peers": 20,
     "regimes-road": 24,
     "false-alarms": 24,
-    "bound": 24,
-    "particles": 4,
     "paper": 200,
     "robust": 16,
 }

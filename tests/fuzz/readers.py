@@ -312,7 +312,7 @@ def good_runs() -> bytes:
 def plan() -> object:
     from tselab.montecarlo import engine, studies
 
-    study = studies.study("particles", ())
+    study = studies.study("robust", ())
     return engine.Plan(study, 1, 1, "default", {}, {}, ())
 
 

@@ -72,7 +72,7 @@ unit = "1/m"
             ["simulate", "--maneuver", "step-steer", "--duration", "2", "--out", "/dev/null", "--truth", "truth.csv"],
         ),
         ("drag.h", ["formula", "drag.toml", "--c", "drag.h"]),
-        ("studies", ["montecarlo", "--study", "particles", "--runs", "1", "--jobs", "1", "--out", "studies"]),
+        ("studies", ["montecarlo", "--study", "robust", "--runs", "1", "--jobs", "1", "--out", "studies"]),
     ],
     ids=lambda x: x if isinstance(x, str) else x[0],
 )

@@ -12,14 +12,11 @@ write.py       the files that a study leaves
 STUDIES = {  # name: (usual number of runs, title)
     "paper": (200, "The paper's figures: its filter as printed, the same made robust, and the default filter"),
     "robust": (16, "What keeps the paper's filter from diverging, and what else was tried"),
-    "bound": (100, "Error by time against the linear forgetting bound and the Cramer-Rao bound"),
     "peers": (100, "tse beside EKF and UKF with the true covariances"),
     "stress": (200, "What can go wrong, with the default settings"),
-    "particles": (100, "Error and divergence by number of particles"),
     "regimes": (100, "Changes of the road: detected, followed, no false alarms"),
     "false-alarms": (
         600,
         "Ordinary driving of a car known exactly, in stretches of ten minutes: every change is a false alarm",
     ),
-    "departures": (100, "What each departure from the paper's filter buys"),
 }

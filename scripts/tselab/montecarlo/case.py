@@ -7,9 +7,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-import pandas as pd
 
-from tselab.core import INPUT, NOMINAL, STIFFNESS, Config, SimConfig, library
+from tselab.core import INPUT, STIFFNESS, Config, SimConfig, library
 from tselab.maneuvers import Maneuver
 from tselab.simulate import drive as run_simulator
 
@@ -38,7 +37,6 @@ class Case:
     windows: tuple[tuple[float, float], ...] = (WINDOW,)
     events: tuple[float, ...] = ()  # s: from here on another truth has to be found
     lasts: float = 0.0  # s that the truth goes on changing after an event
-    bins: int = 0  # also scores of each second, for this many seconds
     needs: tuple[str, ...] = ()  # settings of the simulator without which the case cannot be driven
 
 
@@ -62,12 +60,6 @@ class Drive:
     def stiffness(self) -> np.ndarray:
         """True mean stiffness, relative to nominal, (n, 3)."""
         return np.column_stack([self.truth[f"true_{s}"] for s in STIFFNESS]).astype(float)
-
-    @property
-    def truth_table(self) -> pd.DataFrame:
-        """The truth as in TRUTH.csv, stiffness in N and N/rad."""
-        table = {f"true_{s}": self.stiffness[:, i] * getattr(self.config, NOMINAL[s]) for i, s in enumerate(STIFFNESS)}
-        return pd.DataFrame({n: table.get(n, self.truth[n]) for n in self.truth.dtype.names if n.startswith("true_")})
 
 
 def drive(case: Case, seed: int, configure: Callable[[Mapping[str, float]], Config], sim: Mapping[str, float]) -> Drive:

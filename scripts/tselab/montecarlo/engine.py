@@ -334,7 +334,6 @@ def columns(study: str) -> list[str]:
     names = list(KEYS)
     cases = _study(study).cases
     events = max(len(c.events) for c in cases) + 1
-    bins = range(max(c.bins for c in cases))
     windows = range(max(len(c.windows) for c in cases))
     for key in STIFFNESS:
         names += [f"{key}_{x}" for x in ("mean_square", "bias", "covered", "sd_square", "spread", "spread_seen")]
@@ -343,7 +342,6 @@ def columns(study: str) -> list[str]:
         names += [f"{key}_{x}" for x in ("judged", "worst", "diverged")]
         for share in scores.SHARES:
             names += [f"{key}_{share}", f"{key}_{share}_of"]
-        names += [f"{key}_{kind}_{b}" for kind in ("ms", "vs") for b in bins]
     names += [f"{state}_square" for state in scores.STATES]
     names += ["changes", "false_changes"]
     names += [f"{x}_{n}" for n in range(1, events) for x in ("detected", "all_settle", "valid_off")]
@@ -368,7 +366,7 @@ def fingerprint(plan: Plan) -> dict[str, Any]:
 # What makes the numbers beside the library and the settings.
 _SOURCES = ("montecarlo.case", "montecarlo.corrupt", "montecarlo.drives", "montecarlo.scores", "maneuvers", "simulate")
 _SOURCES_OF = {
-    "ekf": ("peers",), "ukf": ("peers",), "known": ("peers",), "bound": ("bounds", "peers"), "crb": ("bounds", "peers"),
+    "ekf": ("peers",), "ukf": ("peers",), "known": ("peers",),
 }  # fmt: skip
 
 

@@ -17,12 +17,6 @@ from tselab.study import START
 if TYPE_CHECKING:
     from tselab.peers import Known
 
-# What the default adds to the paper's filter and can be switched off alone: name, what it does, the settings that switch it off.
-DEPARTURES: list[tuple[str, str, dict[str, float]]] = [
-    ("noise found", "noise above the settings' is found and used", {"noise_max": 1.0}),
-    ("slide", "wheels that lock or spin are coasted through", {"max_slip": 1.0}),
-]
-WITHOUT = "tse without "
 # Variants of the robust form, robust-NAME: what was tried.
 VARIANTS: dict[str, tuple[str, dict[str, float]]] = {
     "one-factor": (
@@ -41,15 +35,12 @@ VARIANTS: dict[str, tuple[str, dict[str, float]]] = {
     "small-start": ("starts with a spread of 5 %, not 15 %", {"initial_spread": 0.05}),
 }
 PEERS = ("ekf", "ukf", "known")
-BOUNDS = {"bound": "forgetting_bound", "crb": "cramer_rao"}  # no estimators: only what sd one could have
 FORMS = {"robust": "robust", "paper": "paper", "printed": "paper"}  # and the form that each is of
 PRINTED = {"initial_vel_x": 22.0, "initial_vel_x_from_wheels": 0, "integration": 0}  # where Sec. IV-A starts; Euler
 TEXTS = {
     "ekf": "EKF on the augmented state, true covariances",
     "ukf": "UKF on the augmented state, true covariances",
     "known": "EKF that never forgets, with the true covariances and the times of changes",
-    "bound": "best linear estimator with the same forgetting",
-    "crb": "Cramer-Rao bound without forgetting",
     "tse": "tse as it comes",
     "robust": "the paper's filter with settings that keep it from diverging",
     "paper": "the paper's filter as printed",
@@ -64,12 +55,8 @@ def overrides(name: str) -> dict[str, float]:
         return {}
     if name == "printed":
         return PRINTED
-    if name in (*PEERS, *BOUNDS, *FORMS):
+    if name in (*PEERS, *FORMS):
         return {}
-    if name.startswith(WITHOUT):
-        for departure, _, settings in DEPARTURES:
-            if name == WITHOUT + departure:
-                return settings
     family, _, particles = name.partition("-")
     if family == "robust" and particles in VARIANTS:
         return VARIANTS[particles][1]
@@ -89,7 +76,7 @@ def configure(name: str, form: str, settings: Mapping[str, float], about: Mappin
 
 def is_yours(name: str) -> bool:
     """A function of the user by its name in Python, 'module.function'."""
-    return not name.startswith(WITHOUT) and all(part.isidentifier() for part in name.split(".")) and "." in name
+    return all(part.isidentifier() for part in name.split(".")) and "." in name
 
 
 def _yours(name: str) -> Callable[[pd.DataFrame, Mapping[str, float]], Any]:
@@ -131,14 +118,6 @@ def run(name: str, d: Drive, config: Config) -> np.ndarray:
         from tselab import peers
 
         return peers.run(name, d.rows, config, _known(d, config, name == "known"))
-    if name in BOUNDS:
-        from tselab import bounds
-
-        sd = getattr(bounds, BOUNDS[name])(d.rows, d.truth_table, config, _known(d, config))
-        out = np.zeros(len(sd), [(f"{s}_sd", float) for s in STIFFNESS])
-        for i, s in enumerate(STIFFNESS):
-            out[f"{s}_sd"] = sd[:, i] * d.stiffness[:, i]
-        return out
     filter_ = Filter(config)
     rows, out = filter_.inputs(len(d.rows)), filter_.outputs(len(d.rows))
     for field in rows.dtype.names:

@@ -11,7 +11,7 @@ from scipy import stats
 from tselab.core import STIFFNESS, SimConfig
 from tselab.log import MEASURES
 from tselab.montecarlo.engine import Plan
-from tselab.montecarlo.estimators import DEPARTURES, PEERS, TEXTS, VARIANTS, WITHOUT
+from tselab.montecarlo.estimators import PEERS, TEXTS, VARIANTS
 from tselab.montecarlo.scores import AFTER, OFF, OFF_FOR, SETTLED_FOR, SURE
 from tselab.montecarlo.summary import (
     HEADS,
@@ -32,14 +32,12 @@ SETTLING = (
     f"Settling: until the error is below 10 % for {SETTLED_FOR:g} s; for good: until it stays below up to the next change or the "
     "end of the run. Of several stiffnesses the slowest."
 )
-SECONDS = (1, 2, 5, 10, 15, 20, 25, 30, 35, 39)  # of the bound's table
 
 
 def findings(plan: Plan, runs: pd.DataFrame, summary: pd.DataFrame) -> list[Table]:
     """What the study is about."""
     of_study = {
-        "paper": _paper, "robust": _robust, "bound": _bound, "peers": _peers, "departures": _departures, "regimes": _regimes,
-        "false-alarms": _false_alarms,
+        "paper": _paper, "robust": _robust, "peers": _peers, "regimes": _regimes, "false-alarms": _false_alarms,
     }  # fmt: skip
     make = of_study.get(plan.study.base)
     return [t for t in make(plan, runs, summary) if t.rows] if make else []
@@ -192,25 +190,6 @@ def anderson_darling(x: np.ndarray) -> tuple[float, float]:
     return float(a), float(np.clip(p, 0, 1))
 
 
-def _bound(plan: Plan, runs: pd.DataFrame, summary: pd.DataFrame) -> list[Table]:
-    tables = []
-    for case in plan.study.cases:
-        for key, head in HEADS.items():
-            rows = []
-            for second in SECONDS:
-                error = {e: of(runs, case.name, e)[f"{key}_ms_{second}"].to_numpy() for e in ("tse", "ekf")}
-                sd = {e: of(runs, case.name, e)[f"{key}_vs_{second}"].to_numpy() for e in ("bound", "crb")}
-                pair = np.stack([error["tse"], sd["bound"]])
-                low, high = bootstrap(pair, rms_ratio)
-                rows.append([
-                    f"{second} .. {second + 1}", *(number(float(root_mean(v))) for v in (*error.values(), *sd.values())),
-                    f"{rms_ratio(pair):.2f} ({number(low)} .. {number(high)})",
-                ])  # fmt: skip
-            columns = ["time, s", "tse, RMS", "EKF, RMS", "forgetting bound", "Cramer-Rao", "tse over the bound (95 %)"]
-            tables.append(Table(f"{head}, % of the true mean stiffness", columns, rows))
-    return tables
-
-
 def _peers(plan: Plan, runs: pd.DataFrame, summary: pd.DataFrame) -> list[Table]:
     rows = []
     for case in plan.study.cases:
@@ -238,33 +217,6 @@ def _peers(plan: Plan, runs: pd.DataFrame, summary: pd.DataFrame) -> list[Table]
         "is not in this table. " + "; ".join(f"{e}: {TEXTS[e]}" for e in ("ekf", "ukf")) + "."
     )
     return [Table("Against EKF and UKF", head, rows, 2, text)]
-
-
-def _departures(plan: Plan, runs: pd.DataFrame, summary: pd.DataFrame) -> list[Table]:
-    texts = TEXTS | {WITHOUT + name: f"without: {text}" for name, text, _ in DEPARTURES}
-    rows, wrong = [], []
-    for name in plan.study.cases[0].estimators:
-        lines = [
-            summary[(summary["case"] == c.name) & (summary["estimator"] == name)].iloc[0] for c in plan.study.cases
-        ]
-        rms = [number(max(line[f"{k}_rms"] for k in STIFFNESS), 1) for line in lines]
-        counts = [f" [{line['diverged']:.0f}]" if line["diverged"] else "" for line in lines]
-        rows.append([name, texts.get(name, ""), *(r + c for r, c in zip(rms, counts, strict=True))])
-        wrong.append([name, *(number(line["false_valid"], 2) for line in lines)])
-    head = ["estimator", "what it is", *(c.name for c in plan.study.cases)]
-    text = (
-        f"RMS error of the worst of the three stiffnesses, %; in brackets how many of the {plan.runs} runs diverged, if any did "
-        f"({_resolution(plan.runs)}). All estimators on the same data."
-    )
-    safety = "Of the rows flagged valid those that are wrong by more than 20 %, all three stiffnesses, in %."
-    return [
-        Table("What each departure buys: error", head, rows, 2, text),
-        Table("What each departure buys: false valid", [head[0], *head[2:]], wrong, 1, safety),
-    ]
-
-
-def _resolution(runs: int) -> str:
-    return f"none: below {100 * clopper_pearson(0, runs)[1]:.1f} % with 95 % confidence"
 
 
 # ---- regimes

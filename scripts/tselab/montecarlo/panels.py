@@ -30,20 +30,8 @@ class Line:
 
 
 @dataclass
-class Band:
-    """Between two lines."""
-
-    x: np.ndarray
-    low: np.ndarray
-    high: np.ndarray
-    name: str = ""
-    colour: str = BLUE
-    strength: float = 0.22
-
-
-@dataclass
 class Dots:
-    """Values with intervals: along x where the panel has categories, else along y."""
+    """Values with intervals, along x, at the categories of the panel."""
 
     at: np.ndarray
     value: np.ndarray
@@ -51,7 +39,6 @@ class Dots:
     high: np.ndarray
     name: str = ""
     colour: str = BLUE
-    joined: bool = False
 
 
 @dataclass
@@ -71,11 +58,10 @@ class Panel:
     title: str
     x: str = ""
     y: str = ""
-    marks: list = field(default_factory=list)  # Line, Band, Dots, Bars
+    marks: list = field(default_factory=list)  # Line, Dots, Bars
     categories: tuple[str, ...] = ()  # names along y, from the top
     at: tuple[float, ...] = ()  # vertical lines
     log_x: bool = False
-    log_y: bool = False
     y_range: tuple[float, float] | None = None
 
 
@@ -139,19 +125,13 @@ def _panel_png(axis: object, panel: Panel, handles: dict[str, object]) -> None:
     for m in panel.marks:
         if isinstance(m, Line):
             drawn = axis.plot(m.x, m.y, color=m.colour, lw=m.width, ls=(0, (5, 2)) if m.dash else "-")[0]
-        elif isinstance(m, Band):
-            drawn = axis.fill_between(m.x, m.low, m.high, color=m.colour, alpha=m.strength, lw=0)
         elif isinstance(m, Bars):
             drawn = axis.bar(m.edges[:-1], m.height, np.diff(m.edges), align="edge", color=m.colour, alpha=0.55,
                              edgecolor="white")  # fmt: skip
         else:
             error = np.abs(np.stack([m.value - m.low, m.high - m.value]))
             error = np.where(np.isfinite(error), error, 0.0)
-            look = {"color": m.colour, "fmt": "o-" if m.joined else "o", "ms": 4, "lw": 1.2}
-            if panel.categories:
-                drawn = axis.errorbar(m.value, m.at, xerr=error, **look)
-            else:
-                drawn = axis.errorbar(m.at, m.value, yerr=error, **look)
+            drawn = axis.errorbar(m.value, m.at, xerr=error, color=m.colour, fmt="o", ms=4, lw=1.2)
         if m.name:
             handles.setdefault(m.name, drawn)
     for x in panel.at:
@@ -163,8 +143,6 @@ def _panel_png(axis: object, panel: Panel, handles: dict[str, object]) -> None:
         axis.set_ylim(*panel.y_range)
     if panel.log_x:
         axis.set_xscale("log")
-    if panel.log_y:
-        axis.set_yscale("log")
     axis.set_title(panel.title, loc="left", fontsize=10, fontweight="bold", pad=4)
     axis.set_xlabel(panel.x)
     axis.set_ylabel(panel.y)
@@ -193,7 +171,7 @@ def draw_plotly(picture: Picture) -> go.Figure:
     for i, panel in enumerate(picture.panels):
         row, col = i // picture.columns + 1, i % picture.columns + 1
         for m in panel.marks:
-            for trace in _traces(panel, m):
+            for trace in _traces(m):
                 legend = trace.pop("legend", True) and bool(m.name) and m.name not in shown
                 shown |= {m.name} if legend else set()
                 figure.add_trace(
@@ -202,7 +180,7 @@ def draw_plotly(picture: Picture) -> go.Figure:
         for x in panel.at:
             figure.add_vline(x, row=row, col=col, line={"color": GREY, "width": 1})
         figure.update_xaxes(title_text=panel.x, type="log" if panel.log_x else None, row=row, col=col)
-        figure.update_yaxes(title_text=panel.y, type="log" if panel.log_y else None, row=row, col=col)
+        figure.update_yaxes(title_text=panel.y, row=row, col=col)
         if panel.categories:
             ticks = {"tickvals": list(range(len(panel.categories))), "ticktext": list(panel.categories)}
             figure.update_yaxes(**ticks, range=[len(panel.categories) - 0.5, -0.5], automargin=True, row=row, col=col)
@@ -220,25 +198,18 @@ def draw_plotly(picture: Picture) -> go.Figure:
     return figure
 
 
-def _traces(panel: Panel, m: Line | Band | Dots | Bars) -> list[dict]:
+def _traces(m: Line | Dots | Bars) -> list[dict]:
     def single(y: np.ndarray) -> np.ndarray:
         return np.asarray(y, np.float32)
 
     if isinstance(m, Line):
         line = {"color": m.colour, "width": m.width, **({"dash": "dash"} if m.dash else {})}
         return [{"type": "scatter", "x": m.x, "y": single(m.y), "mode": "lines", "line": line}]
-    if isinstance(m, Band):
-        edge = {"type": "scatter", "x": m.x, "mode": "lines", "line": {"width": 0}, "hoverinfo": "skip"}
-        fill = {"fill": "tonexty", "fillcolor": _rgba(m.colour, m.strength)}
-        return [edge | {"y": single(m.low), "legend": False}, edge | fill | {"y": single(m.high)}]
     if isinstance(m, Bars):
         middle = (m.edges[:-1] + m.edges[1:]) / 2
         look = {"color": _rgba(m.colour, 0.55), "line": {"color": "white", "width": 1}}
         return [{"type": "bar", "x": middle, "y": m.height, "width": np.diff(m.edges), "marker": look}]
     error = {"type": "data", "symmetric": False, "array": np.nan_to_num(m.high - m.value),
              "arrayminus": np.nan_to_num(m.value - m.low), "thickness": 1.2, "width": 2}  # fmt: skip
-    dots = {"type": "scatter", "mode": "lines+markers" if m.joined else "markers",
-            "marker": {"color": m.colour, "size": 7}, "line": {"color": m.colour, "width": 1.2}}  # fmt: skip
-    if panel.categories:
-        return [dots | {"x": m.value, "y": m.at, "error_x": error}]
-    return [dots | {"x": m.at, "y": m.value, "error_y": error}]
+    dots = {"type": "scatter", "mode": "markers", "marker": {"color": m.colour, "size": 7}}
+    return [dots | {"x": m.value, "y": m.at, "error_x": error}]

@@ -10,8 +10,8 @@ from tselab.core import STIFFNESS
 from tselab.montecarlo.case import Drive
 from tselab.montecarlo.engine import Plan, trace
 from tselab.montecarlo.panels import COLOURS, Bars, Dots, Line, Panel, Picture
-from tselab.montecarlo.summary import HEADS, of, root_mean
-from tselab.plots import BLUE, GREEN, GREY, INK, ORANGE
+from tselab.montecarlo.summary import HEADS, of
+from tselab.plots import GREEN, INK, ORANGE
 
 MOST_POINTS = 2000  # of a line
 ERROR = "% of the truth"
@@ -19,8 +19,7 @@ ERROR = "% of the truth"
 
 def picture(plan: Plan, runs: pd.DataFrame, summary: pd.DataFrame) -> Picture:
     """The picture of the study."""
-    special = {"paper": _paper, "bound": _bound, "particles": _particles}
-    return special.get(plan.study.base, _dots)(plan, runs, summary)
+    return (_paper if plan.study.base == "paper" else _dots)(plan, runs, summary)
 
 
 def _thin(n: int) -> slice:
@@ -96,42 +95,6 @@ def _fig4(state: str, label: str, unit: float, name: str, d: Drive, y: np.ndarra
     return Panel(f"Fig. 4, {TITLES[name]}", "time, s", label, [
         Line(t, unit * d.truth[f"true_{state}"][pick], "truth", INK, width=1.0), Line(t, unit * y[state][pick], "estimate", RED),
     ])  # fmt: skip
-
-
-def _seconds(part: pd.DataFrame, key: str, kind: str, count: int) -> np.ndarray:
-    """RMS over the runs of each second."""
-    return root_mean(part[[f"{key}_{kind}_{b}" for b in range(count)]].to_numpy().T)
-
-
-def _bound(plan: Plan, runs: pd.DataFrame, summary: pd.DataFrame) -> Picture:
-    case = plan.study.cases[0]
-    t = np.arange(case.bins) + 0.5
-    panels = []
-    for key in STIFFNESS:
-        lines = [
-            Line(t, _seconds(of(runs, case.name, e), key, kind, case.bins), name, colour, dash)
-            for e, kind, name, colour, dash in (
-                ("tse", "ms", "tse, RMS error", BLUE, False),
-                ("tse", "vs", "tse, its own sd", BLUE, True),
-                ("ekf", "ms", "EKF, RMS error", GREEN, False),
-                ("bound", "vs", "linear forgetting bound", ORANGE, False),
-                ("crb", "vs", "Cramer-Rao, no forgetting", GREY, False),
-            )
-        ]
-        panels.append(Panel(HEADS[key], "time, s", ERROR, lines, log_y=True))
-    return Picture(panels, 1)
-
-
-def _particles(plan: Plan, runs: pd.DataFrame, summary: pd.DataFrame) -> Picture:
-    panels = [Panel(f"RMS error: {HEADS[key]}", "particles", ERROR, log_x=True, log_y=True) for key in STIFFNESS]
-    panels.append(Panel("Diverged", "particles", "% of runs", log_x=True))
-    for colour, case in zip(COLOURS, plan.study.cases, strict=False):
-        lines = summary[summary["case"] == case.name]
-        n = np.array([int(e.rpartition("-")[2]) for e in lines["estimator"]])
-        for panel, key in zip(panels, (*STIFFNESS, None), strict=True):
-            value, low, high = _share(lines) if key is None else _rms(lines, key)
-            panel.marks.append(Dots(n, value, low, high, case.name, colour, joined=True))
-    return Picture(panels, 2, 300)
 
 
 def _rms(lines: pd.DataFrame, key: str) -> tuple[np.ndarray, ...]:

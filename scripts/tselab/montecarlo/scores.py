@@ -319,11 +319,6 @@ def score(d: Drive, case: Case, k: Knowable, estimate: np.ndarray) -> dict[str, 
             )
             for name, (of, among) in zip(SHARES, shares, strict=True):
                 row[f"{key}_{name}"], row[f"{key}_{name}_of"] = int(of.sum()), int(among.sum())
-        if case.bins:
-            second = np.floor(time + 1e-9).astype(int)
-            for b in range(case.bins):
-                row[f"{key}_ms_{b}"] = 1e4 * _mean(error[second == b] ** 2)
-                row[f"{key}_vs_{b}"] = 1e4 * _mean(sd[second == b] ** 2)
     for state in STATES:
         if state in names:
             row[f"{state}_square"] = _mean((estimate[state] - d.truth[f"true_{state}"])[window].astype(float) ** 2)

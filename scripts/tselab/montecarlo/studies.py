@@ -8,12 +8,12 @@ from functools import partial
 
 import numpy as np
 
-from tselab.core import Config, SimConfig, library
+from tselab.core import Config, SimConfig
 from tselab.errors import UserError
 from tselab.log import DRIVES, MEASURES
 from tselab.montecarlo import STUDIES, corrupt, drives
 from tselab.montecarlo.case import Case
-from tselab.montecarlo.estimators import BOUNDS, DEPARTURES, PEERS, VARIANTS, WITHOUT, overrides
+from tselab.montecarlo.estimators import PEERS, VARIANTS, overrides
 
 SPREADS = ("spread_cx_front", "spread_cy_front", "spread_cy_rear")
 DEGREE = np.pi / 180
@@ -159,9 +159,6 @@ def _with(estimators: tuple[str, ...], *cases: Case) -> tuple[Case, ...]:
     return tuple(replace(c, estimators=estimators) for c in cases)
 
 
-PARTICLES = (25, 50, 100, 200, 500, 1000, 2000, 4000)
-
-
 def _paper() -> tuple[Case, ...]:
     """Sec. IV-A with inputs that change linearly between rows, and with inputs that are held; and a twin of the experiment of
     IV-B, with a prior that is wrong by 20 % on either side."""
@@ -196,25 +193,15 @@ def _prior(level: float) -> dict[str, float]:
     return {f"initial_{s}": level for s in ("cx_front", "cy_front", "cy_rear")} | {"forgetting": 0.995}
 
 
-DEPARTURE_CASES = ("nominal", "noise-3x", "low-excitation", "outliers", "road-0.3", "stuck-steer_angle", "stuck-accel_y",
-                   "wheel-lock", "paper-prior")  # in each of them something matters # fmt: skip
-
-
 def _cases() -> dict[str, tuple[Case, ...]]:
-    particles = tuple(f"robust-{n}" for n in PARTICLES if n <= library().capacity)
-    departures = ("tse", *(WITHOUT + name for name, _, _ in DEPARTURES), "robust", "paper")
-    stress = {c.name: c for c in _stress()}
     return {
         "paper": _paper(),
         "robust": _with(("robust", *(f"robust-{name}" for name in VARIANTS)),
                         *(c for c in _paper() if c.name == "iv-a"), ROAD_03, NOISE_3X),
-        "bound": _with(("tse", "ekf", *BOUNDS), replace(NOMINAL, build=_waves(40.0), bins=40)),
         "peers": _with(("tse", "robust", "robust-100", *PEERS), NOMINAL, LOW, NOISE_3X, NOISE_THIRD, ROAD),
         "stress": _stress(),
-        "particles": _with(particles, NOMINAL, NOISE_3X, LOW),
         "regimes": _regimes(),
         "false-alarms": _false_alarms(),
-        "departures": _with(departures, *(stress[name] for name in DEPARTURE_CASES)),
     }  # fmt: skip
 
 
