@@ -9,7 +9,7 @@
 #                                     them where apt-get and root are there (scripts/platforms.py, scripts/budgets.py);
 #                                     dropin: tools that build packages of the library (scripts/dropin), for the tests, too
 #                                     docs: what builds the site (scripts/docs.sh), for its tests, too
-#                                     proof: what measures and proves (scripts/coverage.sh, misra.sh, mutation.sh, eva.sh): packages of
+#                                     proof: what measures and proves (scripts/proof.sh): packages of
 #                                     the system, installed where that may be done, else named
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."

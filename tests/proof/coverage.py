@@ -1,4 +1,4 @@
-"""What of src/ the unit tests run: lines, branches, and MC/DC of every decision of several conditions.   scripts/coverage.sh
+"""What of src/ the unit tests run: lines, branches, and MC/DC of every decision of several conditions.   scripts/proof.sh coverage
 
 Measured by clang (19 or later, -fcoverage-mcdc) in the double build: every test program is run, and what a function in a header
 does counts where any of them runs it. A condition in a macro is counted once for each place that the macro is used at. What is not
@@ -213,7 +213,7 @@ def page(
     out = [
         "# What the unit tests run",
         "",
-        f"`scripts/coverage.sh --write`; {version}, `{FLAGS}`, double; {programs} test programs.",
+        f"`scripts/proof.sh coverage --write`; {version}, `{FLAGS}`, double; {programs} test programs.",
         "Branches: both outcomes of every condition. MC/DC: conditions of decisions with more than one that were seen to decide",
         "it alone. A condition in a macro counts once for each of its uses. *Reachable* leaves out what tests/proof/coverage.toml",
         "says cannot be reached, with the reason (below).",

@@ -1,4 +1,4 @@
-"""How many small faults in the core do the unit tests and the golden replay find?   scripts/mutation.sh
+"""How many small faults in the core do the unit tests and the golden replay find?   scripts/proof.sh mutation
 
 A fault is one token changed, or one statement left out (KINDS), in src/estimator, src/model or src/number. Each is compiled, and
 the tests are run until one fails: the file's own first, then the others, quickest first. Not counted: faults that do not compile,
@@ -484,7 +484,9 @@ def report(
     low, high = wilson(found, found + survived)
     share = found / max(1, found + survived)
     version = subprocess.run([given.compiler, "--version"], capture_output=True, text=True).stdout.splitlines()[0]
-    command = "scripts/mutation.sh --write" + (" --all" if given.all else f" --count {given.count} --seed {given.seed}")
+    command = "scripts/proof.sh mutation --write" + (
+        " --all" if given.all else f" --count {given.count} --seed {given.seed}"
+    )
     if len(verdicts) < min(given.count, total) and not given.all:
         command += f" --seconds {given.seconds:.0f}"
     lines = [

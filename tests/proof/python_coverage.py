@@ -1,6 +1,6 @@
 """How much of the Python packages their tests reach: statements and branches by package, also of processes that the tests start.
 
-    scripts/coverage.sh python [--write] [PYTEST ARGUMENTS]     --write: the table of scripts/results anew; about half an hour
+    scripts/proof.sh python [--write] [PYTEST ARGUMENTS]     --write: the table of scripts/results anew; about half an hour
 
 Nothing is refused for a figure: what a line that no test reaches is worth, nobody can say in general. They are for looking where to
 test next. Tests of a full disk fail here, because what is measured cannot be written either.
@@ -70,7 +70,7 @@ def main() -> int:
         for step in (["combine", "--quiet"], ["json", "--quiet", "-o", str(report)]):
             subprocess.run([*coverage, step[0], f"--rcfile={config}", *step[1:]], cwd=ROOT, env=env, check=True)
         text = table(
-            json.loads(report.read_text()), f"`scripts/coverage.sh python {' '.join(arguments)}`".replace(" `", "`")
+            json.loads(report.read_text()), f"`scripts/proof.sh python {' '.join(arguments)}`".replace(" `", "`")
         )
     print(text)
     if options.write:

@@ -1,0 +1,19 @@
+#!/usr/bin/env bash
+# What the tests reach, what is proven, what is deviated from:   scripts/proof.sh WHAT [--write] [...]      --write: its table anew
+#   coverage              lines, branches and MC/DC of src/; fails on what is neither covered nor in its list; about three minutes; needs
+#                         clang 19 or later
+#   python [ARGUMENTS]    statements and branches of the Python packages, by all tests or those of pytest ARGUMENTS; half an hour
+#   mutation [--count N] [--seed S] [--all] [--only PART]
+#                         how many small faults of the core the unit tests and the golden replay find; 300 take half an hour, all a day
+#   misra [FILE ...]      MISRA C:2012 by cppcheck's addon; fails on hits of required rules outside the deviations; a minute and a half
+#   eva [--format F] [TARGET ...]
+#                         Frama-C's EVA on tse_prepare, tse_learnt_load, tse_step; fails on alarms that its list does not explain
+set -euo pipefail
+cd "$(dirname "${BASH_SOURCE[0]}")/.."
+case ${1:-} in
+  coverage | mutation | misra | eva) program=$1 ;;
+  python) program=python_coverage ;;
+  *) echo "proof: which of coverage, python, mutation, misra, eva?" >&2; exit 2 ;;
+esac
+shift
+exec .venv/bin/python "tests/proof/$program.py" "$@"
