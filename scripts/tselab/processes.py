@@ -1,17 +1,166 @@
-"""Work in other processes: what Ctrl-C means to them, and how a Dask cluster is reached."""
+"""Work in other processes, of this machine or of a Dask cluster: the same interface, the same numbers.
+
+    for task, result in each(do, tasks, jobs, scheduler):     # as they are done
+        result()                                              # what do(task) returned, or raised
+
+`do` is a plain function of a module, a task what pickle takes."""
 
 from __future__ import annotations
 
 import contextlib
+import functools
+import logging
+import multiprocessing
+import os
 import signal
 import socket
 import threading
-from collections.abc import Iterator
-from typing import Any
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from multiprocessing import connection
+from typing import Any, Protocol, TypeAlias
 
 from tselab.errors import UserError
 
 CONNECT = 10  # s, for an answer of a scheduler
+Do: TypeAlias = Callable[[Any], Any]
+Finished: TypeAlias = tuple[Any, Callable[[], Any]]  # a task, and what gives or raises its result
+
+
+class Died(RuntimeError):
+    """The process that worked on a task is gone."""
+
+    def __init__(self, more: str = ""):
+        super().__init__("the process that worked on it died, probably for want of memory" + more)
+
+
+class Workers(Protocol):
+    """Takes tasks, and gives them back as they are done. Left with an error, it waits for nothing."""
+
+    def __enter__(self) -> Workers: ...
+
+    def __exit__(self, kind: Any, *error: object) -> None: ...
+
+    def submit(self, task: Any) -> None: ...
+
+    def next(self) -> Finished: ...
+
+
+def each(do: Do, tasks: Sequence[Any], jobs: int = 1, scheduler: str | None = None) -> Iterator[Finished]:
+    """Yield each task when it is done: of this process one after the other, of several in the order of their ends."""
+    if scheduler is None and jobs == 1:
+        yield from ((task, functools.partial(do, task)) for task in tasks)
+    elif tasks:
+        with Cluster(do, scheduler) if scheduler is not None else Local(do, min(jobs, len(tasks))) as workers:
+            for task in tasks:
+                workers.submit(task)
+            for _ in tasks:
+                yield workers.next()
+
+
+class Local:
+    """Processes of this machine."""
+
+    def __init__(self, do: Do, jobs: int):
+        self._do, self._jobs = do, jobs
+        self._running: dict[Future[Any], Any] = {}
+        self._suspects: deque[Any] = deque()  # were worked on when a process died: each alone, to see which it was
+        self._pool = self._start(jobs)
+
+    @staticmethod
+    def _start(jobs: int) -> ProcessPoolExecutor:
+        context = multiprocessing.get_context("spawn")
+        return ProcessPoolExecutor(jobs, mp_context=context, initializer=_end_with_parent)
+
+    def submit(self, task: Any) -> None:
+        with without_interrupts():  # it may start a process
+            try:
+                self._running[self._pool.submit(self._do, task)] = task
+            except BrokenProcessPool:
+                self._suspects.append(task)
+
+    def next(self) -> Finished:
+        while not self._suspects:
+            finished, _ = wait(self._running, return_when=FIRST_COMPLETED)
+            future = finished.pop()
+            task = self._running.pop(future)
+            if not isinstance(future.exception(), BrokenProcessPool):
+                return task, future.result
+            self._suspects += [task, *self._running.values()]
+            self._running.clear()
+            self._pool.shutdown(wait=True, cancel_futures=True)
+            self._pool = self._start(self._jobs)
+        task = self._suspects.popleft()
+        with self._start(1) as alone:
+            with without_interrupts():
+                future = alone.submit(self._do, task)
+            return task, _dead if isinstance(future.exception(), BrokenProcessPool) else future.result
+
+    def __enter__(self) -> Local:
+        return self
+
+    def __exit__(self, kind: Any, *error: object) -> None:
+        if kind is not None:
+            for process in multiprocessing.active_children():
+                process.terminate()
+        self._pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _dead(more: str = "") -> Any:
+    raise Died(more)
+
+
+def _end_with_parent() -> None:
+    """A worker whose parent is killed would wait for work for ever."""
+    parent = multiprocessing.parent_process()
+
+    def watch() -> None:
+        if parent is not None:
+            connection.wait([parent.sentinel])
+            os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
+class Cluster:
+    """A Dask cluster, whose workers see files under the same paths. A worker that dies costs its task once more, elsewhere.
+    `check`: looks at the cluster before the first task."""
+
+    def __init__(self, do: Do, scheduler: str, check: Callable[[Any, str], None] = lambda client, scheduler: None):
+        self._do, self._client = do, dask(scheduler)
+        check(self._client, scheduler)
+        import distributed
+
+        logging.getLogger("distributed").setLevel(logging.CRITICAL)  # of a worker that died, which is borne
+        self._finished: Any = distributed.as_completed([], loop=self._client.loop)
+        self._tasks: dict[str, Any] = {}
+        self._futures: dict[str, Any] = {}
+
+    def submit(self, task: Any) -> None:
+        future = self._client.submit(self._do, task, pure=False)
+        self._tasks[future.key], self._futures[future.key] = task, future
+        self._finished.add(future)
+
+    def next(self) -> Finished:
+        import dask
+        import distributed
+
+        future = next(self._finished)
+        task, _ = self._tasks.pop(future.key), self._futures.pop(future.key)
+        if isinstance(future.exception(), distributed.KilledWorker):
+            deaths = int(dask.config.get("distributed.scheduler.allowed-failures")) + 1
+            return task, functools.partial(_dead, f" (it has ended {deaths} workers of the cluster)")
+        return task, future.result
+
+    def __enter__(self) -> Cluster:
+        return self
+
+    def __exit__(self, kind: Any, *error: object) -> None:
+        with contextlib.suppress(Exception):  # a cluster that is gone has nothing to cancel
+            self._client.cancel(list(self._futures.values()))
+        self._client.close()
 
 
 def dask(scheduler: str) -> Any:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import multiprocessing
+import contextlib
+import functools
 import sys
 from collections.abc import Mapping
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +17,7 @@ from tselab import maneuvers
 from tselab.config import filter_text
 from tselab.core import STIFFNESS, Config, Filter, SimConfig
 from tselab.log import columns
+from tselab.processes import each
 from tselab.simulate import simulate
 
 DURATION, WINDOW = 40.0, (20.0, 40.0)  # s
@@ -82,21 +83,11 @@ def accuracy(
     config = Config({**START, **settings})
     results = []
     with tqdm(total=runs, unit="run", disable=not progress, file=sys.stderr, leave=False, desc="accuracy") as bar:
-        if jobs == 1:
-            for seed in seeds:
-                results.append(one_run(seed, settings, sim_settings))
+        do = functools.partial(one_run, settings=dict(settings), sim_settings=dict(sim_settings))
+        with contextlib.closing(each(do, seeds, jobs)) as done:
+            for _, result in done:
+                results.append(result())
                 bar.update()
-        else:
-            context = multiprocessing.get_context("spawn")
-            with ProcessPoolExecutor(jobs, mp_context=context) as pool:
-                futures = [pool.submit(one_run, s, dict(settings), dict(sim_settings)) for s in seeds]
-                try:
-                    for future in as_completed(futures):
-                        results.append(future.result())
-                        bar.update()
-                except BaseException:
-                    pool.shutdown(wait=False, cancel_futures=True)
-                    raise
     return Accuracy(pd.DataFrame(results).sort_values("seed", ignore_index=True), config)
 
 

@@ -22,9 +22,10 @@ from tselab.core import STIFFNESS, Config, SimConfig
 from tselab.errors import UserError
 from tselab.estimate import write_table
 from tselab.fleet.find import drives, started
-from tselab.fleet.run import Interrupted, Local, Plan, run
+from tselab.fleet.run import Interrupted, Plan, outcome_of, run
 from tselab.fleet.work import Task, code_of
 from tselab.log import Reading
+from tselab.processes import Local
 from tselab.simulate import simulate
 from tselab.vehicle import read_vehicle
 
@@ -170,9 +171,7 @@ def test_killed_and_started_again_it_loses_no_log_that_was_done(logs, done, tmp_
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no SIGKILL")
-def test_a_log_that_kills_its_process_is_the_one_that_is_blamed(monkeypatch, tmp_path):
-    monkeypatch.setattr("tselab.fleet.run.work", kill_this_process)
-
+def test_a_log_that_kills_its_process_is_the_one_that_is_blamed(tmp_path):
     def task(name: str) -> Task:
         return Task(
             tmp_path / name,
@@ -194,10 +193,10 @@ def test_a_log_that_kills_its_process_is_the_one_that_is_blamed(monkeypatch, tmp
             code_of(),
         )
 
-    with Local(2) as workers:
+    with Local(kill_this_process, 2) as workers:
         for name in ("a", "deadly", "b"):
             workers.submit(task(name))
-        found = {t.log.name: o for t, o in (workers.next() for _ in range(3))}
+        found = {t.log.name: outcome_of(t, result) for t, result in (workers.next() for _ in range(3))}
     assert {name for name, o in found.items() if o.error} == {"deadly"} and "memory" in found["deadly"].error
 
 

@@ -4,19 +4,12 @@ taught. In processes of this machine or on a Dask cluster; the numbers are the s
 from __future__ import annotations
 
 import contextlib
-import logging
-import multiprocessing
-import os
 import sys
-import threading
 from collections import deque
-from collections.abc import Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
-from multiprocessing import connection
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from tqdm import tqdm
 
@@ -24,11 +17,9 @@ from tselab.files import real
 from tselab.fleet.find import Drive
 from tselab.fleet.keep import Done, Store
 from tselab.fleet.work import Outcome, Task, code_of, work
+from tselab.gap.workers import check_workers
 from tselab.log import Reading
-from tselab.processes import dask, killed_as_interrupted, without_interrupts
-
-DIED = "the process that worked on it died, probably for want of memory: cut the log, or run it where there is more"
-
+from tselab.processes import Cluster, Died, Local, Workers, killed_as_interrupted
 
 TOGETHER = 4  # logs of a car on which it is calibrated, at most
 
@@ -82,19 +73,30 @@ def run(
                         if task is None:
                             continue
                         if workers is None:  # nobody is started where all is done
-                            made = Cluster(scheduler) if scheduler is not None else Local(min(jobs, len(chains)))
-                            workers = stack.enter_context(made)
+                            workers = stack.enter_context(
+                                Local(work, min(jobs, len(chains)))
+                                if scheduler is None
+                                else Cluster(work, scheduler, check_workers)
+                            )
                         running[_id(task)] = chain
                         workers.submit(task)
                     if running and workers is not None:
-                        task, outcome = workers.next()
+                        task, result = workers.next()
                         chain = running.pop(_id(task))
-                        keep(chain.take(task, outcome))
+                        keep(chain.take(task, outcome_of(task, result)))
                         waiting.append(chain)
         except KeyboardInterrupt:
             kept = f"{store.out} keeps the {len(done)} of {len(drives)} logs that are done"
             raise Interrupted(f"stopped; {kept}, the same command goes on from there") from None
     return [done[d] for d in drives]
+
+
+def outcome_of(task: Task, result: Callable[[], Outcome]) -> Outcome:
+    """What became of a log, also where its process died."""
+    try:
+        return result()
+    except Died as error:
+        return Outcome(error=f"{task.log}: {error}: cut the log, or run it where there is more")
 
 
 def _id(task: Task) -> Any:
@@ -167,132 +169,6 @@ class _Chain:
 def _whole(path: Path | None) -> Any:
     """Whoever works on it may stand elsewhere."""
     return real(path) if path is not None else None
-
-
-# ---- who works
-
-
-class Workers(Protocol):
-    """Takes tasks, and gives their outcomes as they come. Left with an error, it waits for nothing."""
-
-    def __enter__(self) -> Workers: ...
-
-    def __exit__(self, kind: Any, *error: object) -> None: ...
-
-    def submit(self, task: Task) -> None: ...
-
-    def next(self) -> tuple[Task, Outcome]: ...
-
-
-class Local:
-    """Processes of this machine."""
-
-    def __init__(self, jobs: int):
-        self._jobs = jobs
-        self._running: dict[Future[Outcome], Task] = {}
-        self._suspects: deque[Task] = deque()  # were worked on when a process died: each alone, to see which it was
-        self._pool = self._start(jobs)
-
-    @staticmethod
-    def _start(jobs: int) -> ProcessPoolExecutor:
-        context = multiprocessing.get_context("spawn")
-        return ProcessPoolExecutor(jobs, mp_context=context, initializer=_end_with_parent)
-
-    def submit(self, task: Task) -> None:
-        with without_interrupts():  # it may start a process
-            try:
-                self._running[self._pool.submit(work, task)] = task
-            except BrokenProcessPool:
-                self._suspects.append(task)
-
-    def next(self) -> tuple[Task, Outcome]:
-        while not self._suspects:
-            finished, _ = wait(self._running, return_when=FIRST_COMPLETED)
-            future = finished.pop()
-            task = self._running.pop(future)
-            try:
-                return task, future.result()
-            except BrokenProcessPool:
-                self._suspects += [task, *self._running.values()]
-                self._running.clear()
-                self._pool.shutdown(wait=True, cancel_futures=True)
-                self._pool = self._start(self._jobs)
-        task = self._suspects.popleft()
-        with self._start(1) as alone:
-            with without_interrupts():
-                future = alone.submit(work, task)
-            try:
-                return task, future.result()
-            except BrokenProcessPool:
-                return task, Outcome(error=f"{task.log}: {DIED}")
-
-    def __enter__(self) -> Local:
-        return self
-
-    def __exit__(self, kind: Any, *error: object) -> None:
-        if kind is not None:
-            for process in multiprocessing.active_children():
-                process.terminate()
-        self._pool.shutdown(wait=True, cancel_futures=True)
-
-
-def _end_with_parent() -> None:
-    """A worker whose parent is killed would wait for work for ever."""
-    parent = multiprocessing.parent_process()
-
-    def watch() -> None:
-        if parent is not None:
-            connection.wait([parent.sentinel])
-            os._exit(1)
-
-    threading.Thread(target=watch, daemon=True).start()
-
-
-class Cluster:
-    """A Dask cluster, whose workers see the logs under the same paths. A worker that dies costs its log once more, elsewhere."""
-
-    def __init__(self, scheduler: str):
-        from tselab.gap.workers import check_workers
-
-        self._client = dask(scheduler)
-        check_workers(self._client, scheduler)
-        import distributed
-
-        logging.getLogger("distributed").setLevel(logging.CRITICAL)  # of a worker that died, which is borne
-        self._finished: Any = distributed.as_completed([], loop=self._client.loop)
-        self._tasks: dict[str, Task] = {}
-        self._futures: dict[str, Any] = {}
-
-    def submit(self, task: Task) -> None:
-        future = self._client.submit(work, task, pure=False)
-        self._tasks[future.key], self._futures[future.key] = task, future
-        self._finished.add(future)
-
-    def next(self) -> tuple[Task, Outcome]:
-        import distributed
-
-        future = next(self._finished)
-        task, _ = self._tasks.pop(future.key), self._futures.pop(future.key)
-        try:
-            outcome = future.result()
-        except distributed.KilledWorker:
-            outcome = Outcome(error=f"{task.log}: {DIED} (it has ended {_deaths()} workers of the cluster)")
-        future.release()
-        return task, outcome
-
-    def __enter__(self) -> Cluster:
-        return self
-
-    def __exit__(self, kind: Any, *error: object) -> None:
-        with contextlib.suppress(Exception):  # a cluster that is gone has nothing to cancel
-            self._client.cancel(list(self._futures.values()))
-        self._client.close()
-
-
-def _deaths() -> int:
-    import dask
-
-    return int(dask.config.get("distributed.scheduler.allowed-failures")) + 1
 
 
 def each(done: Sequence[Done]) -> Iterator[tuple[str, list[Done]]]:

@@ -13,11 +13,9 @@ import hashlib
 import importlib.util
 import io
 import json
-import multiprocessing
 import sys
 import time
 from collections.abc import Iterator, Mapping
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -34,7 +32,7 @@ from tselab.log import MEASURES
 from tselab.montecarlo import estimators, scores, studies
 from tselab.montecarlo.case import Case, Drive, drive
 from tselab.montecarlo.studies import Study
-from tselab.processes import dask, killed_as_interrupted, without_interrupts
+from tselab.processes import each, killed_as_interrupted
 from tselab.study import START
 
 RUNS, SETTINGS = "runs.csv", "settings.json"
@@ -142,9 +140,9 @@ def run(
         store.writer() as write,
     ):
         try:
-            with killed_as_interrupted(), contextlib.closing(_results(todo, jobs, scheduler)) as results:
-                for unit, rows in results:
-                    write(rows)
+            with killed_as_interrupted(), contextlib.closing(each(run_unit, todo, jobs, scheduler)) as results:
+                for unit, result in results:
+                    write(_said_where(unit, result))
                     done.add((unit.case, unit.seed))
                     bar.update()
                     bar.set_postfix_str(f"{unit.case} seed {unit.seed}")
@@ -156,44 +154,6 @@ def run(
                 "the same command goes on from there"
             ) from None
     return store.table()
-
-
-def _results(todo: list[Unit], jobs: int, scheduler: str | None) -> Iterator[tuple[Unit, list[dict[str, Any]]]]:
-    if not todo:
-        return
-    if scheduler is not None:
-        yield from _on_dask(todo, scheduler)
-    elif jobs == 1:
-        for unit in todo:
-            yield unit, _said_where(unit, functools.partial(run_unit, unit))
-    else:
-        context = multiprocessing.get_context("spawn")
-        with ProcessPoolExecutor(min(jobs, len(todo)), mp_context=context) as pool:
-            with without_interrupts():
-                futures = {pool.submit(run_unit, unit): unit for unit in todo}
-            try:
-                for future in as_completed(futures):
-                    yield futures[future], _said_where(futures[future], future.result)
-            except BaseException:
-                pool.shutdown(wait=True, cancel_futures=True)
-                raise
-
-
-def _on_dask(todo: list[Unit], scheduler: str) -> Iterator[tuple[Unit, list[dict[str, Any]]]]:
-    client = dask(scheduler)
-    import distributed
-
-    with client:
-        futures = client.map(run_unit, todo, pure=False)
-        units = {f.key: unit for f, unit in zip(futures, todo, strict=True)}
-        try:
-            for future in distributed.as_completed(futures, loop=client.loop):
-                unit = units[future.key]
-                yield unit, _said_where(unit, future.result)
-                future.release()
-        except BaseException:
-            client.cancel(futures)
-            raise
 
 
 def _said_where(unit: Unit, result: Any) -> list[dict[str, Any]]:
