@@ -1,9 +1,7 @@
 #!/usr/bin/env python3
-"""tse as two files, tse.h and tse.c, and as a package of the tools that embedded projects are built with.
+"""tse as two files, tse.h and tse.c; in which builds: scripts/dropin/README.md.
 
     python3 scripts/amalgamate.py --out FOLDER                              tse.h, tse.c, LICENSE, NOTICE
-    python3 scripts/amalgamate.py --out FOLDER --package NAME               laid out for one tool: arduino, conan, esp-idf, make,
-                                                                            platformio, vcpkg, zephyr
     python3 scripts/amalgamate.py --out FOLDER --real float --no-effects    what both files have as default
 
 The files and the order in which they stand are those of src/CMakeLists.txt. What another file of the library calls, and no user,
@@ -17,7 +15,6 @@ from __future__ import annotations
 
 import argparse
 import re
-import shutil
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -25,7 +22,6 @@ from itertools import pairwise
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
-DROPIN = ROOT / "scripts" / "dropin"
 FORMATS = ("double", "float", "fixed")
 INCLUDE = re.compile(r'^[ \t]*#[ \t]*include[ \t]+"([^"]+)"[^\n]*\n', re.M)
 C_PLUS_PLUS = re.compile(r'^#ifdef __cplusplus\n(?:extern "C" \{|\})\n#endif\n', re.M)
@@ -347,98 +343,22 @@ PROLOGUE = """
 """
 
 
-# ---- packages
+# ---- files
 
 
-@dataclass(frozen=True)
-class Package:
-    """Where a tool looks for what. Desktop programs get the library as CMake installs it, with tse/tse.h and the target tse::tse:
-    of these `whole` is the folder of its sources, and there are no two files."""
-
-    header: str = ""
-    source: str = ""
-    whole: str | None = None
-    example: str = ""
-    needs_page: bool = False
-
-
-PACKAGES = {
-    "arduino": Package("src/tse.h", "src/tse.c", needs_page=True),
-    "conan": Package(whole=".", example="test_package/minimal.c"),
-    "esp-idf": Package("include/tse.h", "src/tse.c"),
-    "make": Package("tse.h", "tse.c", example="minimal.c"),
-    "platformio": Package("src/tse.h", "src/tse.c"),
-    "vcpkg": Package(whole="source"),
-    "zephyr": Package("include/tse.h", "src/tse.c"),
-}
-WHOLE = ("CMakeLists.txt", "cmake", "include", "src")
-LICENCE = ("LICENSE", "NOTICE")
-SENTENCE = "Estimates the stiffness of a car's tyres while it drives, from the sensors that it has."
-PARAGRAPH = (
-    "A Kalman filter of an ordinary car, or a particle filter. "
-    "C99, no heap, no globals, the same bits on every machine."
-)
-
-
-def write(path: Path, text: str) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(text, encoding="utf-8", newline="\n")
-
-
-def filled(text: str, words: dict[str, str]) -> str:
-    """A file of scripts/dropin with this version and its like; a line that asks for a word which is empty is left out."""
-    for word, value in words.items():
-        text = text.replace(word, value) if value else re.sub(rf"^.*{word}.*\n", "", text, flags=re.M)
-    return text
-
-
-def make(out: Path, package: str | None, page: str, defaults: dict[str, str]) -> None:
-    """Write tse.h and tse.c, or a package, into the folder `out`, which is made where it is missing. What else is in it stays."""
-    layout = PACKAGES[package] if package else Package("tse.h", "tse.c")
-    simulates = "TSE_NO_EFFECTS" not in defaults
-    if package == "make" and not simulates:
-        raise Wrong("the program of make drives a simulated car, which is no part of --no-effects")
-    if layout.needs_page and not page:
-        raise Wrong(f"{package} asks for a page where the package is described: --url")
-    if layout.whole is not None and defaults:
-        raise Wrong(f"{package} has options of its own for what --real and its like say: see the files it gets")
+def make(out: Path, defaults: dict[str, str]) -> None:
+    """Write tse.h and tse.c into the folder `out`, which is made where it is missing. What else is in it stays."""
     amalgamation = Amalgamation(defaults)
-    if layout.whole is None:
-        write(out / layout.header, amalgamation.header())
-        write(out / layout.source, amalgamation.source())
-    else:
-        for name in WHOLE:
-            to = out / layout.whole / name
-            if (ROOT / name).is_dir():
-                shutil.copytree(ROOT / name, to, dirs_exist_ok=True)
-            else:
-                to.parent.mkdir(parents=True, exist_ok=True)
-                shutil.copyfile(ROOT / name, to)
-    for name in LICENCE:
-        write(out / (layout.whole or ".") / name, (ROOT / name).read_text(encoding="utf-8"))
-    if not package:
-        return
-    words = {
-        "@KCONFIG@\n": (DROPIN / "Kconfig.options").read_text(encoding="utf-8"),
-        "@VERSION@": amalgamation.sources.version,
-        "@SENTENCE@": SENTENCE,
-        "@PARAGRAPH@": PARAGRAPH,
-        "@URL@": page,
-    }
-    for path in sorted(p for p in (DROPIN / package).rglob("*") if p.is_file() and "__pycache__" not in p.parts):
-        if "examples" in path.parts and not simulates:  # they drive a simulated car
-            continue
-        write(out / path.relative_to(DROPIN / package), filled(path.read_text(encoding="utf-8"), words))
-    if layout.example:  # one program, in the tests of the library; beside the two files it includes their header
-        text = (ROOT / "tests/package/minimal.c").read_text(encoding="utf-8")
-        write(out / layout.example, text if layout.whole is not None else re.sub(r'"tse/\w+\.h"', '"tse.h"', text))
+    texts = {"tse.h": amalgamation.header(), "tse.c": amalgamation.source()}
+    texts |= {name: (ROOT / name).read_text(encoding="utf-8") for name in ("LICENSE", "NOTICE")}
+    out.mkdir(parents=True, exist_ok=True)
+    for name, text in texts.items():
+        (out / name).write_text(text, encoding="utf-8", newline="\n")
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=Path, required=True, help="folder to write to")
-    parser.add_argument("--package", choices=sorted(PACKAGES), help="laid out for this tool")
-    parser.add_argument("--url", default="", help="page that the package names (arduino asks for one)")
     parser.add_argument("--real", choices=FORMATS, help="number format where no macro says another (double)")
     parser.add_argument("--max-particles", type=int, help="16 .. 65535 (512)")
     parser.add_argument("--latency-rows", type=int, help="8 .. 1024 (32)")
@@ -459,7 +379,7 @@ def main() -> int:
     if a.no_effects:
         defaults["TSE_NO_EFFECTS"] = "1"
     try:
-        make(a.out, a.package, a.url, defaults)
+        make(a.out, defaults)
     except Wrong as wrong:
         print(f"amalgamate.py: {wrong}", file=sys.stderr)
         return 1

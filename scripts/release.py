@@ -33,7 +33,6 @@ WHEELS = {  # tag of the wheel -> target of zig
     "macosx_11_0_x86_64": "x86_64-macos.11.0",
     "macosx_11_0_arm64": "aarch64-macos.11.0",
 }
-PACKAGES = ("conan", "esp-idf", "make", "platformio", "vcpkg", "zephyr")
 SUMS = "SHA256SUMS"
 
 
@@ -134,12 +133,10 @@ def with_headers(r: Release) -> None:
 
 
 def amalgamation(r: Release) -> None:
-    """The library as tse.h and tse.c, and its packages for other builds (scripts/dropin); Arduino's names a page: not here."""
+    """The library as tse.h and tse.c."""
     script = r.source / "scripts" / "amalgamate.py"
     folder = r.source.parent / "amalgamation"
     r.run(sys.executable, script, "--out", folder / "tse")
-    for package in PACKAGES:
-        r.run(sys.executable, script, "--out", folder / package, "--package", package)
     r.archive(f"tse-{r.version}-amalgamation.tar.gz", folder, f"tse-{r.version}")
 
 
@@ -189,7 +186,6 @@ def check_version(folder: Path, version: str) -> None:
     there = {
         "include/tse/version.h": r'#define TSE_VERSION "(.+)"',
         "scripts/tselab/__init__.py": r'__version__ = "(.+?)"',
-        "scripts/conda/recipe.yaml": r'version: "(.+?)"',
         "CITATION.cff": r'(?m)^version: "?([^"\n]+)"?$',
         "CHANGELOG.md": r"(?m)^## \[([\d.]+)\] - \d{4}-\d\d-\d\d$",
     }

@@ -7,7 +7,6 @@
 #                                     do not install.
 #                                     machines: says which compilers and emulators of other machines are missing, and installs
 #                                     them where apt-get and root are there (scripts/platforms.py, scripts/budgets.py);
-#                                     dropin: tools that build packages of the library (scripts/dropin), for the tests, too
 #                                     docs: what builds the site (scripts/docs.sh), for its tests, too
 #                                     proof: what measures and proves (scripts/proof.sh): packages of
 #                                     the system, installed where that may be done, else named
@@ -165,16 +164,6 @@ for extra in "$@"; do
   if [ "$extra" = machines ]; then machines; continue; fi
   [ -f ".venv/tse-extra-$extra" ] && continue
   say "Python packages for $extra"
-  if [ "$extra" = dropin ]; then                  # in an environment of their own: they ask for other versions than tselab
-    if { .venv/bin/python -m venv .venv/share/dropin 2>/dev/null || "$python" -m virtualenv -q .venv/share/dropin; } \
-        && .venv/share/dropin/bin/python -m pip install --quiet --disable-pip-version-check \
-          "conan>=2" "platformio>=6" "idf-component-manager>=2" "kconfiglib>=14" >"$root/.venv/tse-extra.log" 2>&1; then
-      mv .venv/tse-extra.log .venv/tse-extra-dropin
-    else
-      say "left out: conan, platformio, idf-component-manager or kconfiglib could not be installed"
-    fi
-    continue
-  fi
   if [ "$extra" = release ]; then                 # as a release is to be made again by others
     .venv/bin/python -m pip install --quiet --disable-pip-version-check --no-deps --requirement scripts/lock-release.txt \
       >.venv/tse-lock.log 2>&1 || say "not as in scripts/lock-release.txt, but the newest versions: $(tail -n 1 .venv/tse-lock.log)"

@@ -22,11 +22,10 @@ FIRST = [
     ["tests/fmu/test_fmu_memory.py"],
     ["tests/lab/test_gap_latency.py"],
     ["tests/dropin/test_amalgamation.py"],
-    ["tests/dropin/test_packages.py"],
 ]
 # What takes long, and seldom finds what the others do not: with --all (scripts/test.sh --all, as CI does), or when it is named
 HEAVY = {
-    "tests/dropin/test_amalgamation.py", "tests/dropin/test_packages.py", "tests/embedded/test_machines.py",
+    "tests/dropin/test_amalgamation.py", "tests/embedded/test_machines.py",
     "tests/fmu/test_fmu_platforms.py", "tests/gap/test_study.py", "tests/lab/test_fmu_cli.py", "tests/lab/test_gap_cluster.py",
     "tests/lab/test_gap_latency.py", "tests/lab/test_gap_latent.py", "tests/proof/test_proof.py",
 }  # fmt: skip

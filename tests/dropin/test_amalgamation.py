@@ -149,3 +149,14 @@ def test_a_formula_is_compiled_in(two: Path, tmp_path: Path) -> None:
     formula = parse("offset", "an offset of the angle", "front_angle", "k*steer_angle", [Number("k", 0.1, "1")])
     (tmp_path / "tse_formula.h").write_text(c_header(formula))
     run(tool("cc"), *WARNINGS, "-DTSE_FORMULA=1", "-I", tmp_path, "-c", two / "tse.c", "-o", tmp_path / "tse.o")
+
+
+def test_the_makefile_of_the_page_builds_a_program(two: Path, tmp_path: Path) -> None:
+    page = (ROOT / "scripts/dropin/README.md").read_text()
+    (tmp_path / "Makefile").write_text(re.search(r"```make\n(.*?)```", page, re.S)[1])
+    for name in ("tse.h", "tse.c"):
+        (tmp_path / name).write_bytes((two / name).read_bytes())
+    minimal = (ROOT / "tests/package/minimal.c").read_text()
+    (tmp_path / "minimal.c").write_text(re.sub(r'"tse/\w+\.h"', '"tse.h"', minimal))
+    run(tool("make"), "-s", "CFLAGS=-std=c99 -O1 -Wall -Wextra -Werror", cwd=tmp_path)
+    assert "front cornering" in run(tmp_path / "minimal")

@@ -121,7 +121,7 @@ def test_what_is_installed_works_alone_and_gives_the_same_bytes(installed, tmp_p
     assert VERSION in run(sys.executable, "-m", "tselab", "--version", cwd=tmp_path, PYTHONPATH=str(installed))
 
 
-# ---- lock, conda, bill of materials, release
+# ---- lock, bill of materials, release
 
 
 def canonical(name):
@@ -148,18 +148,6 @@ def test_the_lock_names_all_that_is_needed_within_its_bounds_and_by_hash(lock, e
         assert all(Version(v) >= Version(least) for v in versions), name
     assert len(re.findall(r"==.*\\\n    --hash=sha256:", text)) == len(pins)
     assert "://" not in text
-
-
-def test_the_conda_recipe_is_read_by_its_tool_and_needs_what_the_wheel_needs():
-    rattler = pytest.importorskip("rattler_build", reason="py-rattler-build is not installed: scripts/setup.sh release")
-    recipe = rattler.Stage0Recipe.from_file(str(ROOT / "scripts" / "conda" / "recipe.yaml"))
-    assert recipe.context["version"] == VERSION
-    for python, count in (("3.10.*", len(PROJECT["dependencies"]) + 1), ("3.13.*", len(PROJECT["dependencies"]))):
-        (variant,) = recipe.render(rattler.VariantConfig({"python": [python]}))
-        told = variant.recipe.to_dict()["requirements"]["run"]
-        assert len(told) == count  # with python itself, and tomli where it is needed
-        wanted = bounds(PROJECT["dependencies"]) | {"python": PROJECT["requires-python"].removeprefix(">=")}
-        assert bounds(told).items() <= wanted.items()
 
 
 @pytest.fixture(scope="module")
