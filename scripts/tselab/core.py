@@ -34,6 +34,12 @@ class SettingError(UserError):
     """A setting outside its range. The text names setting, value and range."""
 
 
+class UnknownSetting(SettingError, KeyError):
+    """A setting that nobody knows. The text says which are like it."""
+
+    __str__ = Exception.__str__
+
+
 @dataclass(frozen=True)
 class Field:
     """One row of a table of the library."""
@@ -434,7 +440,7 @@ class Settings:
         where = f"{source}: " if source else ""
         field = self._table.get(name)
         if field is None:
-            raise SettingError(f"{where}there is no setting '{name}'{similar(name, self._table)}")
+            raise UnknownSetting(f"{where}there is no setting '{name}'{similar(name, self._table)}")
         kind = "a whole number" if field.is_integer else "a number"
         number = isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
         if not number or not math.isfinite(value) or (field.is_integer and value != int(value)):

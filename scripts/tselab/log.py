@@ -17,7 +17,7 @@ import numpy as np
 import pandas as pd
 
 from tselab.core import CONFIG, INPUT, Field, library
-from tselab.errors import UserError
+from tselab.errors import NoFile, UserError
 from tselab.room import Room
 
 DRIVES = ("steer_angle", "wheel_speed_front", "wheel_speed_rear")  # drive the model
@@ -612,7 +612,7 @@ def _header(path: Path) -> tuple[list[str], int | None, int]:
                 lone += part.count("\r")
                 last = part
     except FileNotFoundError:
-        raise UserError(f"{path}: no such file") from None
+        raise NoFile(f"{path}: no such file") from None
     except UnicodeDecodeError as error:
         raise UserError(
             f"{path}: is not a text file in UTF-8 ({error.reason} at byte {error.start}); a CSV is needed"

@@ -11,7 +11,7 @@ from typing import Any
 
 import click
 
-from tselab.errors import UserError
+from tselab.errors import NoFile, UserError
 
 FILE = click.Path(path_type=Path)
 FORMS = ("default", "robust", "paper")  # tse_config_default() and its like
@@ -105,7 +105,7 @@ def reading(command: Callable[..., Any]) -> Callable[..., Any]:
         from tselab.log import Reading
 
         if signals is not None and not signals.is_file():
-            raise UserError(
+            raise NoFile(
                 f"{signals}: no such file (option --signals); 'tselab signals LOG --write {signals.name}' proposes one"
             )
         return command(*args, reading=Reading(signals, rate, strict, databases), **kw)

@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from tselab.errors import UserError
+from tselab.errors import NoFile, UserError
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -21,7 +21,7 @@ def read_toml(path: Path) -> dict[str, Any]:
     try:
         data = tomllib.loads(Path(path).read_text(encoding="utf-8-sig"))
     except FileNotFoundError:
-        raise UserError(f"{path}: no such file") from None
+        raise NoFile(f"{path}: no such file") from None
     except IsADirectoryError:
         raise UserError(f"{path}: is a directory, a TOML file is needed") from None
     except UnicodeDecodeError:

@@ -148,3 +148,20 @@ def test_result_filter_steps_to_the_same_bits(frame, table):
     f = tse.estimate(frame, CAR).filter()
     found = [f.step(row).stiffness for row in frame.to_dict("records")]
     assert np.array_equal(found, table[list(tse.STIFFNESS)].to_numpy())
+
+
+def test_what_is_refused_is_a_standard_exception_too(tmp_path):
+    """With today's text, also of a KeyError, which else would quote it."""
+    for named, kind, words in (
+        (lambda: tse.read_vehicle(tmp_path / "none.toml"), FileNotFoundError, "none.toml: no such file"),
+        (
+            lambda: tse.Filter(CAR, settings={"forgeting": 1}),
+            KeyError,
+            "^there is no setting 'forgeting' .did you mean",
+        ),
+        (lambda: tse.Filter(CAR, settings={"forgetting": 2}), ValueError, "forgetting = 2 is outside its range"),
+        (lambda: tse.read_vehicle({"mass": 1650}), ValueError, "lf"),
+    ):
+        with pytest.raises(kind, match=words) as caught:
+            named()
+        assert isinstance(caught.value, tse.Error) and isinstance(caught.value, ValueError)

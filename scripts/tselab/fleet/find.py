@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from tselab.errors import UserError
+from tselab.errors import NoFile, UserError
 from tselab.files import real
 from tselab.logs.readers import READERS
 
@@ -76,7 +76,7 @@ def _logs(words: Sequence[str], out: Path, table: Path | None) -> list[tuple[Pat
                 (p, p.parent) for p in map(Path, sorted(glob.glob(word, recursive=True))) if p.is_file() or _is_bag(p)
             ]
             if not mine:
-                raise UserError(f"{word}: no such file or folder, and no file has a name of this pattern")
+                raise NoFile(f"{word}: no such file or folder, and no file has a name of this pattern")
         for p, folder in mine:
             found.setdefault(real(p), (p, real(folder)))
     return list(found.values())
@@ -148,7 +148,7 @@ def _read_table(table: Path) -> list[dict[str, str]]:
         separator = ";" if ";" in head and "," not in head else ","
         read = pd.read_csv(table, dtype=str, keep_default_na=False, skipinitialspace=True, comment="#", sep=separator)
     except FileNotFoundError:
-        raise UserError(f"{table}: no such file (option --vehicles)") from None
+        raise NoFile(f"{table}: no such file (option --vehicles)") from None
     except (OSError, UnicodeDecodeError, pd.errors.ParserError, pd.errors.EmptyDataError) as error:
         raise UserError(f"{table}: cannot be read as a CSV: {str(error).strip()[:150]}") from None
     read.columns = [str(c).strip() for c in read.columns]
@@ -175,7 +175,7 @@ def _read_table(table: Path) -> list[dict[str, str]]:
                 raise UserError(f"{table}: line {line}, column {column}: is empty")
         for column in ("vehicle", "signals"):
             if row[column] and not (real(table).parent / row[column]).is_file():
-                raise UserError(f"{table}: line {line}, column {column}: {row[column]}: no such file")
+                raise NoFile(f"{table}: line {line}, column {column}: {row[column]}: no such file")
     return rows
 
 

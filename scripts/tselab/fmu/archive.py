@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING
 
-from tselab.errors import UserError
+from tselab.errors import NoFile, UserError
 from tselab.files import atomic
 
 if TYPE_CHECKING:
@@ -69,7 +69,7 @@ def open_archive(path: Path) -> Archive:
             broken = file.testzip()
             names = tuple(i.filename for i in file.infolist() if not i.is_dir())
     except FileNotFoundError:
-        raise UserError(f"{path}: no such file") from None
+        raise NoFile(f"{path}: no such file") from None
     except OSError as error:
         raise UserError(f"{path}: cannot be read: {error.strerror}") from None
     except (

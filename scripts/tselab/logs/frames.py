@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from tselab.errors import UserError
+from tselab.errors import NoFile, UserError
 from tselab.logs.extras import need
 from tselab.logs.recording import Channel, How, listed
 from tselab.room import Growing, Room
@@ -25,7 +25,7 @@ def databases_for(path: Path, how: How, required: bool) -> list[Path]:
     if how.databases:
         for p in how.databases:
             if not p.is_file():
-                raise UserError(f"{p}: no such file (database of the bus, for {path.name})")
+                raise NoFile(f"{p}: no such file (database of the bus, for {path.name})")
         return list(how.databases)
     found = sorted(p for p in path.parent.iterdir() if p.suffix.lower() in SUFFIXES)
     if not found and required:

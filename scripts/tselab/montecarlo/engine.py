@@ -231,6 +231,8 @@ class Store:
             if not lines or lines[0] != ",".join(self.columns):
                 raise UserError(f"{self.path}: is not a table of study {self.plan.study.name}; {_WAY_OUT}")
             units = self._units_of(lines[1:])
+        except UserError:
+            raise
         except (ValueError, csv.Error) as error:  # not UTF-8; a cell that no reader takes
             raise UserError(f"{self.path}: is damaged: {error}; {_WAY_OUT}") from None
         complete = {}

@@ -6,7 +6,7 @@ import importlib
 import re
 from pathlib import Path
 
-from tselab.errors import UserError
+from tselab.errors import NoFile, UserError
 from tselab.logs.recording import How, Recording
 
 # module, its suffixes, what a file of it begins with
@@ -55,7 +55,7 @@ def reader_of(path: Path) -> str:
         with open(path, "rb") as file:
             head = file.read(256)
     except FileNotFoundError:
-        raise UserError(f"{path}: no such file") from None
+        raise NoFile(f"{path}: no such file") from None
     except OSError as error:
         raise UserError(f"{path}: cannot be read: {error.strerror}") from None
     if not head.strip():

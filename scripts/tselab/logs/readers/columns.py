@@ -30,6 +30,8 @@ def read(path: Path, how: How) -> Recording:
         columns = [_column(pa, field, steps, rows, batches, room) for field, steps in _leaves(pa, schema)]
         found = recording_of(path, "Parquet" if parquet else "Feather", columns, how, room=room)
         pa.default_memory_pool().release_unused()
+    except UserError:
+        raise
     except (pa.ArrowException, OSError, ValueError) as error:
         raise UserError(f"{path}: is damaged or cut off: {str(error).splitlines()[0][:150]}") from None
     if found.channels and not np.isfinite(next(iter(found)).time).any():

@@ -60,6 +60,8 @@ def _bytes(path: Path) -> bytes:
             return bz2.decompress(raw)
         if raw.startswith(b"\x28\xb5\x2f\xfd"):
             return bytes(need("zstandard", "openpilot", str(path)).ZstdDecompressor().stream_reader(raw).read())
+    except UserError:
+        raise
     except (OSError, EOFError, ValueError) as error:
         raise UserError(f"{path}: is damaged or cut off: {error}") from None
     return raw

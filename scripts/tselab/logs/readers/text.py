@@ -124,6 +124,8 @@ class _Table:
             raise UserError(
                 f"{self.path}: is not a well-formed CSV: {detail}; every row needs as many cells as there are names"
             ) from None
+        except UserError:
+            raise
         except ValueError as error:
             raise UserError(f"{self.path}: is not a well-formed CSV: {str(error)[:150]}") from None
 
