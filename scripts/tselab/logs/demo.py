@@ -39,8 +39,8 @@ class Logger:
 def run_logger(out: Path, log: pd.DataFrame, vehicle: str, clean: pd.DataFrame) -> Logger:
     """Write car.toml and drive.mf4, have signals.toml proposed, estimate. `log`: the clean rows; `vehicle`: the text of the vehicle
     file; `clean`: what was estimated from them. UserError: no library for MF4."""
-    from tselab.logs.commands import toml_text
     from tselab.logs.propose import propose
+    from tselab.logs.propose.text import toml_text
     from tselab.logs.readers import read_recording
     from tselab.vehicle import read_vehicle
 
