@@ -1,8 +1,11 @@
 """Tyre stiffness of a car - front longitudinal, front and rear cornering - from what every car measures.
 
-    import pandas as pd, tse
+    import tse
 
-    result = tse.estimate(pd.read_csv("log.csv"), "car.toml")      # a whole log
+    result = tse.estimate("drive.mf4", "car.toml")                 # a log, file or frame: result.words, .plot(), .report(path)
+    tse.signals("drive.mf4").write("signals.toml")                 # which signal is which channel; read_log(), replay()
+    calibration = tse.calibrate(["monday.mf4", "friday.mf4"], "car.toml")
+    gap, fleet = tse.gap("drive.mf4", "car.toml"), tse.fleet("logs/", "car.toml", out="results")
     f = tse.Filter("car.toml", sample_time=0.01)                   # row by row
     e = f.step(steer_angle=0.01, wheel_speed_front=60.2, wheel_speed_rear=60.1, accel_x=0.1, accel_y=1.2, yaw_rate=0.06)
 
@@ -12,8 +15,13 @@ missing value. The numbers are those of the C library, bit for bit; names, units
 
 from __future__ import annotations
 
+import importlib
+from typing import TYPE_CHECKING, Any
+
 from tse._estimate import Result, estimate
 from tse._filter import UNKNOWN_AGE, Filter, Form
+from tse._log import Log, LogLike, read_log
+from tse._replay import Replayed, replay
 from tse._simulate import Simulated, simulate
 from tse._tables import CHANNELS, STIFFNESS, Estimate, Reason, Row, Status
 from tse._vehicle import VehicleLike, read_vehicle
@@ -21,26 +29,63 @@ from tse.errors import Error, InputError, LearntError, SettingError
 from tselab import __version__
 from tselab.vehicle import Vehicle
 
+if TYPE_CHECKING:
+    from tse._calibrate import Calibration, calibrate
+    from tse._fleet import Fleet, fleet
+    from tse._gap import Gap, gap
+    from tse._signals import Signals, signals
+
 __all__ = [
     "CHANNELS",
     "STIFFNESS",
     "UNKNOWN_AGE",
+    "Calibration",
     "Error",
     "Estimate",
     "Filter",
+    "Fleet",
     "Form",
+    "Gap",
     "InputError",
     "LearntError",
+    "Log",
+    "LogLike",
     "Reason",
+    "Replayed",
     "Result",
     "Row",
     "SettingError",
+    "Signals",
     "Simulated",
     "Status",
     "Vehicle",
     "VehicleLike",
     "__version__",
+    "calibrate",
     "estimate",
+    "fleet",
+    "gap",
+    "read_log",
     "read_vehicle",
+    "replay",
+    "signals",
     "simulate",
 ]
+
+_LATER = {  # what takes a second to import, for those who use it: modules of these names
+    **dict.fromkeys(("Calibration", "calibrate"), "tse._calibrate"),
+    **dict.fromkeys(("Fleet", "fleet"), "tse._fleet"),
+    **dict.fromkeys(("Gap", "gap"), "tse._gap"),
+    **dict.fromkeys(("Signals", "signals"), "tse._signals"),
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _LATER:
+        raise AttributeError(f"module 'tse' has no attribute {name!r}")
+    globals()[name] = getattr(importlib.import_module(_LATER[name]), name)
+    return globals()[name]
+
+
+def __dir__() -> list[str]:
+    return __all__

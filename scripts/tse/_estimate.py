@@ -14,16 +14,18 @@ import numpy.typing as npt
 import pandas as pd
 
 from tse._base import Array
-from tse._filter import UNKNOWN_AGE, Filter, Form, check_form
+from tse._filter import UNKNOWN_AGE, Filter, Form, check_effect, check_form
+from tse._log import Log, LogLike, checked
+from tse._shown import Shown, drawn
 from tse._tables import STIFFNESS
 from tse._vehicle import VehicleLike, read_vehicle
-from tselab import regimes, results
+from tselab import plots, regimes, results
 from tselab.estimate import Estimate as Estimated
 from tselab.estimate import estimate as _run
 from tselab.estimate import write_table
 from tselab.learnt import Learnt
-from tselab.log import read_frame
-from tselab.prepare import Calibrate, assemble
+from tselab.prepare import Calibrate, Prepared, assemble
+from tselab.single import notes_of
 from tselab.vehicle import Vehicle
 from tselab.verdict import Finding, findings
 
@@ -32,7 +34,7 @@ USABLE: dict[int, Usable] = {results.USABLE: "yes", results.IN_PART: "in part", 
 
 
 @dataclass(frozen=True)
-class Result:
+class Result(Shown):
     """Estimates of n rows, and what the run was."""
 
     table: pd.DataFrame
@@ -55,6 +57,7 @@ class Result:
     latency [s], not_shown. None: the car was calibrated, or nobody asked."""
     vehicle: Vehicle | None = None
     """The car as it was taken, of which `learnt` is: estimate(next, result.vehicle, learnt=result.learnt)."""
+    _ran: tuple[Estimated, Prepared] | None = field(default=None, repr=False, compare=False)
 
     def __len__(self) -> int:
         return len(self.table)
@@ -133,13 +136,48 @@ class Result:
         """A filter with the settings of this run, before its first row."""
         return Filter(settings=self.settings)
 
+    @property
+    def log(self) -> Log:
+        """The log as it was estimated."""
+        return Log(self._of_run()[1].log)
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return `table`: n rows."""
+        return self.table
+
+    def _shown_rows(self) -> pd.DataFrame:
+        return self.stretches
+
+    def plot(self) -> Any:
+        """Return a figure of plotly: the stiffnesses with their 95 % interval, grey where not valid, and what happened."""
+        done, ready = self._of_run()
+        data = plots.Data(ready.log)
+        data.add(done.table)
+        changes, spells = regimes.changes(done.table), regimes.spells(done.table)
+        return drawn(plots.stiffness_figure(data, done.table, ready.config, changes, spells))
+
+    def report(self, path: str | os.PathLike[str]) -> Path:
+        """Write the page of `tselab estimate --report`."""
+        from tselab.report import write_report  # plotly: for those who draw
+
+        done, ready = self._of_run()
+        write_report(
+            Path(path), done, ready.log, ready.vehicle, ready.config, notes_of(ready, done), None, self.warnings
+        )
+        return Path(path)
+
+    def _of_run(self) -> tuple[Estimated, Prepared]:
+        if self._ran is None:
+            raise ValueError("this result was put together by hand: it has no log")
+        return self._ran
+
     def to_csv(self, path: str | os.PathLike[str]) -> None:
         """Write what `tselab estimate` writes, byte for byte."""
         write_table(_plain(self.table), Path(path))
 
 
 def estimate(
-    frame: Mapping[str, Any] | pd.DataFrame | npt.NDArray[np.void],
+    log: LogLike,
     vehicle: VehicleLike,
     *,
     settings: Mapping[str, float] | None = None,
@@ -156,7 +194,8 @@ def estimate(
         result.stiffness[-1], result.valid[-1], result.words
 
     Given:
-        frame     a data frame, arrays by their names, or a structured array: columns time [s], steer_angle [rad, of the road
+        log       a file of any format (read_log() reads one with options), a data frame, arrays by their names, or a structured
+                  array: columns time [s], steer_angle [rad, of the road
                   wheels], wheel_speed_front, wheel_speed_rear [rad/s, or both wheels of an axle: wheel_speed_front_left, _right],
                   accel_x, accel_y [m/s2], yaw_rate [rad/s], n values each; NaN is missing; other columns are passed over. ISO 8855,
                   left is positive; 1 ms .. 1 s from row to row, also irregularly. time may be dates or spans of time, and be the
@@ -176,9 +215,10 @@ def estimate(
     column that is not numeric, or often out of range. The message names column, row, value and range.
     """
     check_form(form)
-    log, itself = read_frame(_columns(frame)), Calibrate() if calibrate and learnt is None else None
+    itself = Calibrate() if calibrate and learnt is None else None
     car = read_vehicle(vehicle)
-    ready = assemble(car, log, None, average, {}, form, settings or {}, "settings", calibrate=itself)
+    ready = assemble(car, checked(log, car), None, average, {}, form, settings or {}, "settings", calibrate=itself)
+    check_effect(settings or {}, ready.config)
     before = None if learnt is None else Learnt(Path("learnt"), learnt, age, True)
     done = _run(ready.log, ready.config, learnt=before)
     if done.interrupted:
@@ -195,28 +235,8 @@ def estimate(
         done.uncertainty_sd,
         ready.own.found if ready.own else None,
         ready.vehicle,
+        (done, ready),
     )
-
-
-def _columns(frame: Any) -> Mapping[str, Any] | pd.DataFrame:
-    """What holds a log, by its columns. TypeError: it does not."""
-    if isinstance(frame, np.ndarray) and frame.dtype.names:
-        return {name: frame[name] for name in frame.dtype.names}
-    if isinstance(frame, pd.DataFrame | Mapping):
-        return frame
-    if callable(getattr(frame, "to_pandas", None)):  # a table of pyarrow, a frame of polars
-        return pd.DataFrame(frame.to_pandas())
-    wanted = "give a data frame, a dict of arrays or a structured array"
-    if isinstance(frame, str | os.PathLike):
-        raise TypeError(
-            f"{os.fspath(frame)!r} is the name of a file: {wanted}, such as pd.read_csv(...) of it; the command `tselab estimate` "
-            "reads files of many formats"
-        )
-    if isinstance(frame, np.ndarray):
-        raise TypeError(f"an array without names of fields; {wanted}")
-    if isinstance(frame, list | tuple):
-        raise TypeError(f"a {type(frame).__name__} is no log; {wanted}, such as pd.DataFrame(...) of it")
-    raise TypeError(f"{type(frame).__name__} is no log; {wanted}")
 
 
 def _plain(table: pd.DataFrame) -> pd.DataFrame:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import math
+import re
 from collections.abc import Callable, Mapping
 from typing import Any, Literal, TypeAlias, get_args
 
@@ -19,6 +20,8 @@ from tselab.log import FASTEST, OPTIONAL, SIDES, SLOWEST
 
 Form: TypeAlias = Literal["default", "robust", "paper"]
 UNKNOWN_AGE = math.inf
+
+OF_FORM = re.compile(r"form ([01])$")  # how the text of a setting of one filter ends
 
 
 class Filter:
@@ -63,6 +66,7 @@ class Filter:
             self.notes += tuple(set_sampling(config, _sample_time(sample_time)))
         for name, value in (settings or {}).items():
             config.set(name, value)
+        check_effect(settings or {}, config)
         self._begin(config)
 
     def _begin(self, config: core.Config) -> None:
@@ -209,6 +213,15 @@ def check_form(form: Any) -> None:
     forms = get_args(Form)
     if form not in forms:
         raise core.SettingError(f"form = {form!r} is not known; allowed: {', '.join(forms)}")
+
+
+def check_effect(settings: Mapping[str, float], config: core.Config) -> None:
+    """SettingError: one of them is not its default, and the other filter's: it would do nothing."""
+    for name in config.changed().keys() & settings.keys():
+        of = OF_FORM.search(config.fields[name].text)
+        if of and int(of[1]) != int(config.form):
+            forms = ("default", "robust or paper")
+            raise core.SettingError(f"{name} has no effect with this form: it is a setting of form {forms[int(of[1])]}")
 
 
 def _sample_time(value: Any) -> float:

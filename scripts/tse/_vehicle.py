@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import json
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from copy import deepcopy
 from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
 
+from tselab.errors import UserError
+from tselab.files import atomic
 from tselab.vehicle import Vehicle, make_vehicle
 from tselab.vehicle import read_vehicle as _read
 
@@ -42,3 +45,30 @@ def _plain(value: Any) -> Any:
     if isinstance(value, Mapping):
         return {str(k): _plain(v) for k, v in value.items()}
     return value.item() if isinstance(value, np.generic) else deepcopy(value)
+
+
+def vehicle_file(vehicle: VehicleLike, folder: Path) -> Path:
+    """Return the vehicle file; one that is written into the folder for a mapping."""
+    if isinstance(vehicle, Vehicle):
+        if vehicle.path is None:
+            raise UserError("a vehicle that is in no file: give the file, or a mapping with its keys")
+        return vehicle.path
+    if not isinstance(vehicle, Mapping):
+        return Path(vehicle)
+    read_vehicle(vehicle)
+    path = folder / "vehicle.toml"
+    with atomic(path) as file:
+        file.write("\n".join(_toml(_plain(vehicle), "")) + "\n")
+    return path
+
+
+def _toml(table: Mapping[str, Any], name: str) -> Iterator[str]:
+    """The lines of a table and of those in it. JSON's values are TOML's."""
+    for key, value in table.items():
+        if not isinstance(value, Mapping):
+            yield f"{json.dumps(key)} = {json.dumps(value, ensure_ascii=False)}"
+    for key, value in table.items():
+        if isinstance(value, Mapping):
+            inner = f"{name}.{json.dumps(key)}" if name else json.dumps(key)
+            yield f"[{inner}]"
+            yield from _toml(value, inner)

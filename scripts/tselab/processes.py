@@ -50,14 +50,34 @@ class Workers(Protocol):
 
 def each(do: Do, tasks: Sequence[Any], jobs: int = 1, scheduler: str | None = None) -> Iterator[Finished]:
     """Yield each task when it is done: of this process one after the other, of several in the order of their ends."""
-    if scheduler is None and jobs == 1:
-        yield from ((task, functools.partial(do, task)) for task in tasks)
-    elif tasks:
-        with Cluster(do, scheduler) if scheduler is not None else Local(do, min(jobs, len(tasks))) as workers:
+    if tasks:
+        few = Here(do) if jobs == 1 else Local(do, min(jobs, len(tasks)))
+        with few if scheduler is None else Cluster(do, scheduler) as workers:
             for task in tasks:
                 workers.submit(task)
             for _ in tasks:
                 yield workers.next()
+
+
+class Here:
+    """This process: a task is done when its result is asked for."""
+
+    def __init__(self, do: Do):
+        self._do = do
+        self._tasks: deque[Any] = deque()
+
+    def submit(self, task: Any) -> None:
+        self._tasks.append(task)
+
+    def next(self) -> Finished:
+        task = self._tasks.popleft()
+        return task, functools.partial(self._do, task)
+
+    def __enter__(self) -> Here:
+        return self
+
+    def __exit__(self, kind: Any, *error: object) -> None:
+        self._tasks.clear()
 
 
 class Local:

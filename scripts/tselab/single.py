@@ -34,11 +34,7 @@ def run(
 
         drawn = Data(prepared.log)
     est = estimate_to(out, prepared.log, prepared.config, progress, learnt, [drawn.add] if drawn else [])
-    notes = list(prepared.notes)
-    refused = sum(rows for status, rows in est.statuses.items() if status < 0)
-    if refused:
-        notes.append(f"{refused} rows were refused by the library; their estimates are empty, the status says why")
-    notes += [*remarks(est.table), *of_uncertainty(est.table, prepared.config, est.uncertainty_sd)]
+    notes = notes_of(prepared, est)
     if report is not None and len(est):
         from tselab.report import write_report
 
@@ -46,3 +42,12 @@ def run(
     changes = regimes.changes(est.table)
     found = findings(est.table, prepared.config, changes, prepared.warnings, est.uncertainty_sd)
     return Run(est, changes, found, notes, report is not None and len(est) > 0)
+
+
+def notes_of(prepared: Prepared, est: Estimate) -> list[str]:
+    """Return what is to be said of a run: of its preparation, of rows that were refused, of the estimates."""
+    notes = list(prepared.notes)
+    refused = sum(rows for status, rows in est.statuses.items() if status < 0)
+    if refused:
+        notes.append(f"{refused} rows were refused by the library; their estimates are empty, the status says why")
+    return [*notes, *remarks(est.table), *of_uncertainty(est.table, prepared.config, est.uncertainty_sd)]

@@ -13,6 +13,7 @@ if sys.version_info >= (3, 11):
 else:
     import tomli as tomllib
 
+loads = tomllib.loads
 
 MOST_INTEGER = 1 << 63  # what TOML asks of a reader; Python's integers go on, and are no settings then
 

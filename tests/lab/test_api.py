@@ -230,7 +230,7 @@ def test_row_by_row_gives_the_bits_of_the_whole(frame, result):
 def test_row_by_row_gives_the_golden_drive():
     drive = pd.read_csv(REPLAY / "drive.csv", comment="#")
     golden = pd.read_csv(REPLAY / "golden_double.csv", comment="#", index_col="row")
-    f = tse.Filter(settings={"particles": 150})
+    f = tse.Filter()
     nominal = {s: float(f.settings[NOMINAL[s]]) for s in tse.STIFFNESS}
     compared = 0
     for i, row in enumerate(drive.to_dict("records")):

@@ -69,8 +69,7 @@ def test_times_in_place_of_a_measurement_are_refused(frame):
 @pytest.mark.parametrize(
     ("given", "words"),
     [
-        ("own.csv", "'own.csv' is the name of a file.*pd.read_csv"),
-        (None, "NoneType is no log; give a data frame"),
+        (None, "NoneType is no log; give a file, a data frame"),
         ([{"time": 0.0}], r"a list is no log; .*pd.DataFrame\(...\)"),
         (np.zeros((3, 7)), "without names of fields"),
         (7, "int is no log"),

@@ -19,7 +19,7 @@ from tselab.fleet.keep import Done, Store
 from tselab.fleet.work import Outcome, Task, code_of, work
 from tselab.gap.workers import check_workers
 from tselab.log import Reading
-from tselab.processes import Cluster, Died, Local, Workers, killed_as_interrupted
+from tselab.processes import Cluster, Died, Here, Local, Workers, killed_as_interrupted
 
 TOGETHER = 4  # logs of a car on which it is calibrated, at most
 
@@ -51,7 +51,7 @@ def run(
     scheduler: str | None = None,
     progress: bool = False,
 ) -> list[Done]:
-    """Run what is not done yet; all logs, in the order of `drives`."""
+    """Run what is not done yet; all logs, in the order of `drives`. `jobs`: processes; 0: this one."""
     done: dict[Drive, Done] = {}
     chains = [_Chain(c, plan, store) for c in _chains(drives, plan.learn)]
     with tqdm(total=len(drives), unit="log", disable=not progress, file=sys.stderr, leave=False, desc="fleet") as bar:
@@ -73,11 +73,7 @@ def run(
                         if task is None:
                             continue
                         if workers is None:  # nobody is started where all is done
-                            workers = stack.enter_context(
-                                Local(work, min(jobs, len(chains)))
-                                if scheduler is None
-                                else Cluster(work, scheduler, check_workers)
-                            )
+                            workers = stack.enter_context(_workers(min(jobs, len(chains)), scheduler))
                         running[_id(task)] = chain
                         workers.submit(task)
                     if running and workers is not None:
@@ -89,6 +85,12 @@ def run(
             kept = f"{store.out} keeps the {len(done)} of {len(drives)} logs that are done"
             raise Interrupted(f"stopped; {kept}, the same command goes on from there") from None
     return [done[d] for d in drives]
+
+
+def _workers(jobs: int, scheduler: str | None) -> Workers:
+    if scheduler is not None:
+        return Cluster(work, scheduler, check_workers)
+    return Local(work, jobs) if jobs else Here(work)
 
 
 def outcome_of(task: Task, result: Callable[[], Outcome]) -> Outcome:

@@ -1,0 +1,122 @@
+"""What the model lacks, by which logs and simulation disagree."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import tempfile
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from tse._log import Log, LogLike, PathLike, checked, several
+from tse._shown import Shown
+from tse._vehicle import VehicleLike, read_vehicle, vehicle_file
+from tselab.estimate import write_table
+from tselab.gap import workflow
+from tselab.gap.export import pictures
+from tselab.gap.export.output import write_all
+from tselab.gap.export.table import FIT, HELD_OUT
+from tselab.gap.infer import show
+from tselab.vehicle import Vehicle
+
+
+class Gap(Shown):
+    """What a run of `tselab gap` has found, and the folder with what it has written."""
+
+    def __init__(self, result: workflow.Result, folder: Path, keep: Any):
+        self._result, self._keep = result, keep
+        self.folder = folder
+        """verdict.json, report.html, vehicle_improved.toml, residuals.parquet ...; temporary where gap() was given none."""
+        self.verdict = result.verdict
+        """ "none", "named", "not_in_catalogue"."""
+        self.exit_code = result.exit_code
+        """That of `tselab gap`."""
+        self.notes = tuple(result.notes)
+        """What was odd, in words."""
+
+    @property
+    def words(self) -> tuple[str, ...]:
+        """The verdict in sentences."""
+        return tuple(self._result.words)
+
+    @property
+    def vehicle(self) -> Vehicle:
+        """The car with the effects that were named, for estimate(), simulate() and replay()."""
+        return read_vehicle(self.folder / "vehicle_improved.toml")
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return a row per named effect, as verdict.json has it; without rows where none is named."""
+        return pd.DataFrame(json.loads((self.folder / "verdict.json").read_text(encoding="utf-8"))["effects"])
+
+    def plot(self) -> Any:
+        """Return a figure of plotly: residuals over sensor noise by channel, before and after."""
+        problem, naming = self._result.problem, self._result.naming
+        assert problem is not None
+        parts = {FIT: show.compare(problem, naming.baseline.residuals, self._result.final.residuals)}
+        if self._result.held_out:
+            parts[HELD_OUT] = self._result.held_out
+        return pictures.gap_bars(parts)
+
+    def report(self, path: str | os.PathLike[str]) -> Path:
+        """Write the page of `tselab gap`."""
+        shutil.copyfile(self.folder / "report.html", path)
+        return Path(path)
+
+
+def gap(
+    logs: LogLike | Sequence[LogLike],
+    vehicle: VehicleLike,
+    *,
+    hold_out: Sequence[LogLike] = (),
+    out: PathLike | None = None,
+    jobs: int = 1,
+    formula: bool = False,
+    progress: Callable[[str], None] | None = None,
+) -> Gap:
+    """Find where simulation and logs disagree, and name the effect that is missing, as `tselab gap` does.
+
+    Parameters
+    ----------
+    logs
+        Files, frames, or what read_log() returned.
+    vehicle
+        A vehicle file, or a mapping with its keys.
+    hold_out
+        Logs that are not fitted: they show whether what was named holds beyond.
+    out
+        Folder for what is written; the same call goes on from there after a stop. None: a temporary one.
+    jobs
+        Simulations at once.
+    formula
+        Seek a formula also where names leave nothing.
+    progress
+        Called with what is done now; some minutes pass.
+
+    Returns
+    -------
+    Gap
+        `words` is the verdict, `vehicle` the car with what was named.
+    """
+    keep = None if out is not None else tempfile.TemporaryDirectory(prefix="tse-gap-")
+    folder = Path(out) if out is not None else Path(keep.name if keep else "")
+    folder.mkdir(parents=True, exist_ok=True)
+    say = progress or (lambda _: None)
+    fitted = [_file(log, folder, f"log-{i}") for i, log in enumerate(several(logs), 1)]
+    held = [_file(log, folder, f"held-out-{i}") for i, log in enumerate(hold_out, 1)]
+    car = vehicle_file(vehicle, folder)
+    result = workflow.run(fitted, car, folder, held, jobs, say, None, formula)
+    write_all(folder, result, car, jobs, None, say)
+    return Gap(result, folder, keep)
+
+
+def _file(log: LogLike, folder: Path, name: str) -> Path:
+    """A log as a file."""
+    if isinstance(log, str | os.PathLike):
+        return Path(log)
+    path = folder / f"{name}.csv"
+    write_table((log if isinstance(log, Log) else Log(checked(log))).to_frame(), path)
+    return path

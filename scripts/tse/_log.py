@@ -1,0 +1,139 @@
+"""Logs: files of many formats, and what is in memory."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, TypeAlias, cast
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+
+from tse._base import Array
+from tse._shown import Shown, drawn
+from tse._vehicle import VehicleLike, read_vehicle
+from tselab import plots
+from tselab.log import Log as Checked
+from tselab.log import Reading, read_frame
+from tselab.log import read_log as _read_log
+
+PathLike: TypeAlias = "str | os.PathLike[str]"
+LogLike: TypeAlias = "PathLike | Log | Mapping[str, Any] | pd.DataFrame | npt.NDArray[np.void]"
+
+
+class Log(Shown):
+    """A log that is read and checked: rows in SI units, ISO 8855."""
+
+    def __init__(self, checked: Checked):
+        self._checked = checked
+        self.path = checked.path
+        """The file."""
+        self.notes = tuple(checked.notes)
+        """What was odd, or was filled in, in words."""
+        self.warnings = tuple(checked.warnings)
+        """Of the notes those that say what may be wrong."""
+
+    def __len__(self) -> int:
+        return len(self._checked)
+
+    @property
+    def time(self) -> Array:
+        """(n,) s."""
+        return np.asarray(self._checked.time, float)
+
+    @property
+    def sample_time(self) -> float | None:
+        """s, usual time between rows."""
+        return self._checked.sample_time
+
+    @property
+    def words(self) -> tuple[str, ...]:
+        """What was read, and its notes."""
+        span = float(self.time[-1] - self.time[0]) if len(self) else 0.0
+        return (f"{self.path.name}: {len(self)} rows, {span:.1f} s", *self.notes)
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return the rows: time, channels, optional channels, columns ref_..., as estimate() takes them."""
+        parts = (self._checked.data, self._checked.extra, self._checked.ref)
+        return pd.concat([pd.Series(self.time, name="time"), *(p.reset_index(drop=True) for p in parts)], axis=1)
+
+    def plot(self) -> Any:
+        """Return a figure of plotly: the channels over time."""
+        data = plots.Data(self._checked)
+        data.rows = len(self)
+        return drawn(plots.inputs_figure(data))
+
+
+def read_log(
+    path: PathLike,
+    vehicle: VehicleLike | None = None,
+    *,
+    signals: PathLike | None = None,
+    rate: float | None = None,
+    strict: bool = False,
+    databases: Sequence[PathLike] = (),
+) -> Log:
+    """Read a log of any format that `tselab signals --help` lists.
+
+    Parameters
+    ----------
+    path
+        CSV, Parquet, MF4, BLF, MCAP, ROS bag, MAT, openpilot ...
+    vehicle
+        As in estimate(): wheel radii and steering ratio, which speeds of wheels and angles of the steering wheel need.
+    signals
+        The file that says which signal is which channel; None: the one beside the log, else they are guessed.
+    rate
+        Hz of the rows; None: that of the log, or of `signals`.
+    strict
+        Refuse what else is a warning.
+    databases
+        DBC files of the bus.
+
+    Returns
+    -------
+    Log
+        For estimate(), calibrate(), gap() and replay().
+
+    Raises
+    ------
+    FileNotFoundError
+        The file is not there.
+    Error
+        It is damaged, or lacks a channel that is needed; a ValueError. The text names file, line and column.
+    """
+    car = None if vehicle is None else read_vehicle(vehicle)
+    file = Path(signals) if signals is not None else None
+    return Log(_read_log(Path(path), reading=Reading(file, rate, strict, tuple(map(Path, databases)), car)))
+
+
+def checked(log: LogLike, vehicle: VehicleLike | None = None) -> Checked:
+    """Whatever holds a log, as the commands have it. TypeError: it holds none."""
+    if isinstance(log, Log):
+        return log._checked
+    if isinstance(log, str | os.PathLike):
+        return read_log(log, vehicle)._checked
+    return read_frame(_columns(log))
+
+
+def several(logs: LogLike | Sequence[LogLike]) -> list[LogLike]:
+    """One log, or a list or tuple of them."""
+    return list(logs) if isinstance(logs, list | tuple) else [cast("LogLike", logs)]
+
+
+def _columns(frame: Any) -> Mapping[str, Any] | pd.DataFrame:
+    """What holds a log, by its columns."""
+    if isinstance(frame, np.ndarray) and frame.dtype.names:
+        return {name: frame[name] for name in frame.dtype.names}
+    if isinstance(frame, pd.DataFrame | Mapping):
+        return frame
+    if callable(getattr(frame, "to_pandas", None)):  # a table of pyarrow, a frame of polars
+        return pd.DataFrame(frame.to_pandas())
+    wanted = "give a file, a data frame, a dict of arrays or a structured array"
+    if isinstance(frame, np.ndarray):
+        raise TypeError(f"an array without names of fields; {wanted}")
+    if isinstance(frame, list | tuple):
+        raise TypeError(f"a {type(frame).__name__} is no log; {wanted}, such as pd.DataFrame(...) of it")
+    raise TypeError(f"{type(frame).__name__} is no log; {wanted}")

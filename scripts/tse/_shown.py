@@ -1,0 +1,81 @@
+"""What every result of the API can do: say itself in words, as a table, as a picture, as a page."""
+
+from __future__ import annotations
+
+import html
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from tselab.files import atomic
+
+MOST_ROWS = 20  # of a table in a notebook
+
+
+class Shown:
+    """A result. Its classes give `words`, `to_frame()` and `plot()`."""
+
+    @property
+    def words(self) -> tuple[str, ...]:
+        """The result in sentences, as the command ends."""
+        raise NotImplementedError
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return the result as a table."""
+        raise NotImplementedError
+
+    def plot(self) -> Any:
+        """Return a figure of plotly."""
+        raise NotImplementedError
+
+    def report(self, path: str | os.PathLike[str]) -> Path:
+        """Write a page that needs nothing else and can be read offline.
+
+        Parameters
+        ----------
+        path
+            The HTML file; one that is there is replaced.
+
+        Returns
+        -------
+        Path
+            The file.
+        """
+        page = (
+            '<!doctype html><html lang="en"><meta charset="utf-8"><title>tse</title>'
+            f"<body>{self._repr_html_()}{self.plot().to_html(full_html=False, include_plotlyjs=True)}</body></html>"
+        )
+        with atomic(Path(path)) as file:
+            file.write(page)
+        return Path(path)
+
+    def _repr_html_(self) -> str:
+        lines = "".join(f"<li>{html.escape(line)}</li>" for line in self.words)
+        return f"<ul>{lines}</ul>{self._shown_rows().to_html(max_rows=MOST_ROWS, border=0)}"
+
+    def _shown_rows(self) -> pd.DataFrame:
+        """The table of a notebook."""
+        return self.to_frame()
+
+
+def drawn(figure: Any) -> Any:
+    """A figure of tselab.plots, for plotly."""
+    import plotly.graph_objects as go  # half a second, for those who draw
+
+    return go.Figure(figure.as_dict())
+
+
+def lines(rows: Sequence[tuple[str, Sequence[tuple[str, Any, Any]]]]) -> Any:
+    """A figure of rows: title, and name, time and values of each line."""
+    import plotly.graph_objects as go
+    from plotly.subplots import make_subplots
+
+    figure = make_subplots(len(rows), 1, shared_xaxes=True, subplot_titles=[title for title, _ in rows])
+    for row, (_, drawn_lines) in enumerate(rows, 1):
+        for name, x, y in drawn_lines:
+            figure.add_trace(go.Scattergl(x=x, y=y, name=name, mode="lines"), row=row, col=1)
+    figure.update_xaxes(title="time [s]", row=len(rows), col=1)
+    return figure.update_layout(height=180 * len(rows) + 80)

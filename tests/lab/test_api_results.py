@@ -1,0 +1,205 @@
+"""Python does what the command does: the same numbers, and every result says itself in words, as a table, picture and page."""
+
+from __future__ import annotations
+
+import ast
+import json
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import plotly.graph_objects as go
+import pytest
+
+import tse
+from conftest import tselab_here
+from tselab.report import figures_of
+
+ROOT = Path(__file__).resolve().parents[2]
+CAR = {"mass": 1900, "lf": 1.25, "lr": 1.5, "yaw_inertia": 3000, "wheel_radius_front": 0.33, "wheel_radius_rear": 0.33}
+TOML = "\n".join(f"{key} = {value}" for key, value in CAR.items()) + "\n"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A drive of a minute, log.csv and car.toml."""
+    place = tmp_path_factory.mktemp("api")
+    tse.simulate("double-lane-change", duration=60, seed=2).log.to_csv(place / "log.csv", index=False)
+    (place / "car.toml").write_text(TOML)
+    return place
+
+
+def shown(result, path):
+    """Everything that a result must be able to do; the page that it wrote."""
+    assert result.words and all(isinstance(line, str) for line in result.words)
+    assert isinstance(result.to_frame(), pd.DataFrame)
+    assert isinstance(result.plot(), go.Figure)
+    text = result._repr_html_()
+    assert "<table" in text and "<ul>" in text
+    assert result.report(path) == path
+    page = path.read_text(encoding="utf-8")
+    assert page.lower().startswith("<!doctype html>") and "src=" not in page.split("<body")[1][:2000]
+    return page
+
+
+def test_a_log_is_read_shown_and_estimated_like_its_frame(folder, tmp_path):
+    log = tse.read_log(folder / "log.csv", CAR)
+    assert len(log) == len(log.time) == 6001 and log.sample_time == pytest.approx(0.01)
+    shown(log, tmp_path / "log.html")
+    frame = log.to_frame()
+    assert np.array_equal(frame["yaw_rate"], pd.read_csv(folder / "log.csv")["yaw_rate"])
+    tables = [tse.estimate(given, CAR).table for given in (log, frame, folder / "log.csv", str(folder / "log.csv"))]
+    for table in tables[1:]:
+        pd.testing.assert_frame_equal(table, tables[0], check_exact=True)
+
+
+def test_an_estimate_draws_and_writes_the_page_of_the_command(folder, tmp_path):
+    done = tselab_here("estimate", "log.csv", "--vehicle", "car.toml", "--out", tmp_path / "est.csv",
+                       "--report", tmp_path / "command.html", cwd=folder)  # fmt: skip
+    assert done.code in (0, 3, 4), done.err
+    result = tse.estimate(folder / "log.csv", folder / "car.toml")
+    assert result.to_frame() is result.table and len(result.log) == len(result)
+    page = shown(result, tmp_path / "api.html")
+    command = (tmp_path / "command.html").read_text(encoding="utf-8")
+    for mine, theirs in zip(figures_of(page), figures_of(command), strict=True):
+        assert [t.get("name") for t in mine["data"]] == [t.get("name") for t in theirs["data"]]
+    result.to_csv(tmp_path / "api.csv")
+    assert (tmp_path / "api.csv").read_bytes() == (tmp_path / "est.csv").read_bytes()
+    with pytest.raises(ValueError, match="put together by hand"):
+        tse.Result(result.table, result.settings).plot()
+
+
+def test_signals_are_proposed_and_read_back(folder, tmp_path):
+    frame = pd.read_csv(folder / "log.csv")
+    turned = frame.assign(yaw_rate=np.degrees(frame["yaw_rate"])).rename(columns={"yaw_rate": "YawRate_degps"})
+    turned.to_csv(tmp_path / "odd.csv", index=False)
+    found = tse.signals(tmp_path / "odd.csv", CAR)
+    shown(found, tmp_path / "signals.html")
+    used = found.to_frame().set_index("name")["used"]
+    assert used["YawRate_degps"] == "yaw_rate" and not found.missing
+    done = tselab_here("signals", "odd.csv", "--vehicle", folder / "car.toml", "--json", cwd=tmp_path)
+    assert json.loads(done.out)["proposal"].keys() == {c for c in used if c}
+    log = tse.read_log(tmp_path / "odd.csv", CAR, signals=found.write(tmp_path / "signals.toml"))
+    assert np.allclose(log.to_frame()["yaw_rate"], frame["yaw_rate"], atol=1e-9)
+    (tmp_path / "none.csv").write_text("time,a\n0,1\n0.01,2\n0.02,1\n")
+    with pytest.raises(tse.Error, match="nothing could be guessed"):
+        tse.signals(tmp_path / "none.csv").write(tmp_path / "none.toml")
+
+
+def test_a_replay_is_the_car_without_noise(folder, tmp_path):
+    """Of a simulation without noise and spread it is the log, but for what the simulator's wheels do between rows."""
+    quiet = dict.fromkeys(("noise", "spread_cx_front", "spread_cy_front", "spread_cy_rear"), 0.0)
+    log = tse.simulate("double-lane-change", CAR, duration=20, settings=quiet).log
+    for settings, off in ((None, 0.03), ({"cornering_stiffness_front": 60e3}, None)):
+        result = tse.replay(log, CAR, settings=settings)
+        table = result.to_frame()
+        rms = (table["accel_y"] - table["accel_y_simulated"]).std() / table["accel_y"].std()
+        assert rms < off if off else rms > 0.1
+    page = shown(result, tmp_path / "replay.html")
+    assert "measured less simulated" in page
+    holes = log.copy()
+    holes.loc[100:103, "steer_angle"] = np.nan
+    assert np.isfinite(tse.replay(holes, CAR).to_frame()["accel_y_simulated"]).all()
+    with pytest.raises(tse.Error, match="rows are 2 s apart"):
+        tse.replay(log.assign(time=log["time"] * 200), CAR)
+
+
+@pytest.fixture(scope="module")
+def calibrated(folder):
+    return tse.calibrate(tse.read_log(folder / "log.csv", CAR), CAR)
+
+
+def test_a_calibrated_car_is_the_commands(calibrated, folder, tmp_path):
+    done = tselab_here(
+        "calibrate", "log.csv", "--vehicle", "car.toml", "--out", tmp_path / "calibrated.toml", cwd=folder
+    )
+    theirs, mine = tse.read_vehicle(tmp_path / "calibrated.toml"), calibrated.vehicle
+    assert done.code == 0 and calibrated.converged
+    assert (
+        mine.values == pytest.approx(theirs.values, rel=1e-9) and mine.calibration.keys() == theirs.calibration.keys()
+    )
+    shown(calibrated, tmp_path / "calibrated.html")
+    assert calibrated.to_frame()["shown"].any() and calibrated.words[0] in done.out
+    tse.read_vehicle(calibrated.write(tmp_path / "mine.toml"))
+    narrow, wide = (tse.estimate(folder / "log.csv", car, calibrate=False) for car in (mine, CAR))
+    assert (narrow.stiffness_sd[-1, 1:] < wide.stiffness_sd[-1, 1:]).all()
+
+
+def test_a_fleet_of_one_process_is_the_commands(folder, tmp_path):
+    done = tselab_here(
+        "fleet", "log.csv", "--vehicle", "car.toml", "--out", tmp_path / "command", "--no-calibrate", cwd=folder
+    )
+    assert done.code in (0, 3, 4), done.err
+    result = tse.fleet(folder / "log.csv", CAR, out=tmp_path / "api", calibrate=False)
+    shown(result, tmp_path / "fleet.html")
+    drop = ["report", "log", "car", "vehicle"]
+    theirs = pd.read_parquet(tmp_path / "command" / "fleet.parquet").drop(columns=drop)
+    pd.testing.assert_frame_equal(pd.read_parquet(tmp_path / "api" / "fleet.parquet").drop(columns=drop), theirs)
+    (tmp_path / "bad.csv").write_text("time\n1\n")
+    assert "bad.csv" in tse.fleet([tmp_path / "bad.csv"], CAR, out=tmp_path / "api").errors[0]
+    with pytest.raises(ValueError, match="vehicles"):
+        tse.fleet(folder / "log.csv", out=tmp_path / "x")
+
+
+def run_notebook(name, folder, monkeypatch):
+    """What its cells leave; the last line of a cell is shown, as in a browser."""
+    monkeypatch.chdir(folder)
+    cells = json.loads((ROOT / "scripts" / "examples" / f"{name}.ipynb").read_text(encoding="utf-8"))["cells"]
+    names: dict = {}
+    for source in ("".join(c["source"]) for c in cells if c["cell_type"] == "code"):
+        tree = ast.parse(source)
+        last = tree.body.pop() if isinstance(tree.body[-1], ast.Expr) else None
+        exec(compile(tree, name, "exec"), names)
+        if last is not None:
+            value = eval(compile(ast.Expression(last.value), name, "eval"), names)
+            assert not hasattr(value, "_repr_html_") or value._repr_html_()
+    assert not any(c.get("outputs") for c in cells)  # kept without: a picture of plotly has a megabyte
+    return names
+
+
+def test_the_notebook_from_a_log_to_an_answer(tmp_path, monkeypatch):
+    n = run_notebook("log_to_answer", tmp_path, monkeypatch)
+    used = n["found"].to_frame().set_index("name")["used"]
+    assert used["LenkradWinkel_deg"] == "steer_angle" and used["Gierrate_degs"] == "yaw_rate"
+    assert np.allclose(n["log"].to_frame()["yaw_rate"], n["drive"]["yaw_rate"], atol=1e-9)
+    better, truth = n["better"], [n["truth"][f"true_{s}"].iloc[-1] for s in tse.STIFFNESS]
+    assert better.valid[-1, 1:].all() and (np.abs(n["error"][1:]) < 0.2).all()
+    assert (np.abs(better.stiffness[-1] - truth) < 2 * 1.96 * better.stiffness_sd[-1]).all()
+    assert (tmp_path / "report.html").exists()
+
+
+def test_the_notebook_that_tunes_a_filter(tmp_path, monkeypatch):
+    """What its text says of each setting."""
+    table = run_notebook("tune_filter", tmp_path, monkeypatch)["table"]
+    fits = table.loc["as it is"]
+    assert table.loc["gyro late", "white yaw_rate"] > fits["white yaw_rate"] + 0.2
+    assert abs(table.loc["gyro late", "error"]) > abs(fits["error"]) + 0.05
+    light = table.loc["mass too small"]
+    assert light["error"] < -0.1 and light["white yaw_rate"] <= fits["white yaw_rate"]  # nothing shows it
+    assert light["nis"] == pytest.approx(fits["nis"], rel=0.05)
+    assert table.loc["model_sd 0.005", "nis"] > fits["nis"] > table.loc["model_sd 0.2", "nis"]
+    assert table.loc["model_sd 0.2", "interval"] > fits["interval"] > table.loc["model_sd 0.005", "interval"]
+    wide = table.loc["valid_sd 0.2"]
+    assert wide["valid"] >= fits["valid"] and wide["error"] == fits["error"]
+
+
+def test_the_notebook_of_a_missing_effect(tmp_path, monkeypatch):
+    n = run_notebook("missing_effect", tmp_path, monkeypatch)
+    gap = n["gap"]
+    assert gap.verdict == "named" and gap.exit_code in (10, 11) and set(gap.to_frame()["id"]) == {"steering_ratio"}
+    assert gap.vehicle.values["steering_ratio_change"] == pytest.approx(0.15, abs=0.04)
+    shown(gap, tmp_path / "page.html")
+    rms = [(t["yaw_rate"] - t["yaw_rate_simulated"]).std() for t in (n[x].to_frame() for x in ("before", "after"))]
+    assert rms[1] < 0.6 * rms[0]
+
+
+def test_a_setting_of_the_other_filter_is_refused(folder):
+    for run in (
+        lambda: tse.Filter(CAR, settings={"particles": 200}),
+        lambda: tse.estimate(folder / "log.csv", CAR, settings={"particles": 200}, calibrate=False),
+        lambda: tse.Filter(CAR, form="robust", settings={"noise_max": 2}),
+    ):
+        with pytest.raises(tse.SettingError, match="has no effect with this form: it is a setting of form"):
+            run()
+    tse.Filter(CAR, form="robust", settings={"particles": 200})
+    tse.Filter(settings=tse.Filter(CAR).settings)
