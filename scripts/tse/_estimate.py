@@ -189,30 +189,51 @@ def estimate(
 ) -> Result:
     """Estimate tyre stiffness from a log.
 
-        result = tse.estimate(pd.read_csv("log.csv"), "car.toml")
-        result.table.plot(x="time", y="cy_front")
+        result = tse.estimate("log.csv", "car.toml")
+        result.plot()
         result.stiffness[-1], result.valid[-1], result.words
 
-    Given:
-        log       a file of any format (read_log() reads one with options), a data frame, arrays by their names, or a structured
-                  array: columns time [s], steer_angle [rad, of the road
-                  wheels], wheel_speed_front, wheel_speed_rear [rad/s, or both wheels of an axle: wheel_speed_front_left, _right],
-                  accel_x, accel_y [m/s2], yaw_rate [rad/s], n values each; NaN is missing; other columns are passed over. ISO 8855,
-                  left is positive; 1 ms .. 1 s from row to row, also irregularly. time may be dates or spans of time, and be the
-                  index; a table of pyarrow and a frame of polars are taken, too
-        vehicle   a vehicle file, a mapping with its keys, or what read_vehicle() returned
-        settings  any settings by name; they win
-        form      "default", or the paper's filter with particles: "robust", "paper" as printed
-        average   s: means of blocks of so long first, at most 0.1; for noisy sensors
-        learnt    what an earlier drive has taught, `age` s ago (Result.learnt, Filter.save_learnt()), of this vehicle
-        calibrate a car that nobody has calibrated on the log itself first (Result.calibration); not with `learnt`
+    Parameters
+    ----------
+    log
+        A file of any format (read_log() reads one with options), a data frame, arrays by their names, or a structured array:
+        columns time [s], steer_angle [rad, of the road wheels], wheel_speed_front, wheel_speed_rear [rad/s, or both wheels of an
+        axle: wheel_speed_front_left, _right], accel_x, accel_y [m/s2], yaw_rate [rad/s], n values each; NaN is missing; other
+        columns are passed over. ISO 8855, left is positive; 1 ms .. 1 s from row to row, also irregularly. time may be dates or
+        spans of time, and be the index; a table of pyarrow and a frame of polars are taken, too.
+    vehicle
+        A vehicle file, a mapping with its keys, or what read_vehicle() returned.
+    settings
+        Any settings by name; they win.
+    form
+        "default", or the paper's filter with particles: "robust", "paper" as printed.
+    average
+        s: means of blocks of so long first, at most 0.1; for noisy sensors.
+    learnt
+        What an earlier drive has taught (Result.learnt, Filter.save_learnt()), of this vehicle.
+    age
+        s since that drive.
+    calibrate
+        A car that nobody has calibrated on the log itself first (Result.calibration); not with `learnt`.
 
-    What the vehicle leaves out of the sensors is found in the log; the same bits as `tselab estimate` on the same numbers, and as
-    `result.filter()` row by row.
-    A channel that is not there, single values that nothing can have, and a clock that jumps are worked around, and Result.notes
-    says so; channels that contradict each other are warned of (Result.warnings, UserWarning), and leave nothing usable.
-    Refused (Error): a log without steering angle, without both axles' wheel speeds or without accel_y and yaw_rate; a
-    column that is not numeric, or often out of range. The message names column, row, value and range.
+    Returns
+    -------
+    Result
+        The same bits as `tselab estimate` on the same numbers, and as `result.filter()` row by row.
+
+    Raises
+    ------
+    Error
+        A log without steering angle, without both axles' wheel speeds or without accel_y and yaw_rate; a column that is not
+        numeric, or often out of range; a ValueError. The message names column, row, value and range.
+    TypeError
+        What is no log.
+
+    Notes
+    -----
+    What the vehicle leaves out of the sensors is found in the log. A channel that is not there, single values that nothing can
+    have, and a clock that jumps are worked around, and Result.notes says so; channels that contradict each other are warned of
+    (Result.warnings, UserWarning), and leave nothing usable.
     """
     check_form(form)
     itself = Calibrate() if calibrate and learnt is None else None

@@ -33,17 +33,28 @@ class Filter:
             if e.cy_front_valid:
                 print(e.cy_front, e.cy_front_sd)
 
-    Given:
-        vehicle      a vehicle file, a mapping with its keys, or what read_vehicle() returned; None: `settings` tells all
-        settings     any settings by name (`tselab settings` lists them with default, range and unit); they win over the vehicle's
-        form         "default", or the paper's filter with particles: "robust", "paper" as printed
-        sample_time  s, usual time between rows, 0.001 .. 1; default: that of the settings, 0.01
+    Parameters
+    ----------
+    vehicle
+        A vehicle file, a mapping with its keys, or what read_vehicle() returned; None: `settings` tells all.
+    settings
+        Any settings by name (`tselab settings` lists them with default, range and unit); they win over the vehicle's.
+    form
+        "default", or the paper's filter with particles: "robust", "paper" as printed.
+    sample_time
+        s, usual time between rows, 0.001 .. 1; default: that of the settings, 0.01.
 
+    Raises
+    ------
+    SettingError
+        A setting outside its range, or without effect with this form; a ValueError, and of a name that nobody knows a KeyError.
+
+    Notes
+    -----
     What no vehicle file tells of the sensors has the library's default here; estimate() finds it in the log, and a filter for more
-    rows of the same car is `result.filter()`: over the same rows it gives the same bits as estimate().
-
-    Refused (Error): a setting outside its range, or one that nobody knows. Filters are independent of each other; one is to be
-    used by one thread at a time. copy() and the module copy make one that goes on by itself; it cannot be pickled.
+    rows of the same car is `result.filter()`: over the same rows it gives the same bits as estimate(). Filters are independent of
+    each other; one is to be used by one thread at a time. copy() and the module copy make one that goes on by itself; it cannot be
+    pickled.
     """
 
     def __init__(
@@ -95,12 +106,25 @@ class Filter:
     def step(self, row: Row | Mapping[str, Any] | None = None, /, **channels: float | None) -> Estimate:
         """Use one row.
 
-        Given: `row` (a mapping, a row of a data frame: Series or named tuple, of a structured array), and `channels` that win over
-        it: fields of Row, SI units. A channel that is left out, None or NaN is missing. Times: `dt`, or `time`, from the second row
-        on. Columns ref_... are passed over.
-        Returned: the estimates after it.
-        Refused (InputError, which names field, value and range; the filter is as before): a steering angle or wheel speed outside
-        its range, a time that does not go on, a name that nobody knows. A measurement outside its range counts as missing."""
+        Parameters
+        ----------
+        row
+            A mapping, or a row of a data frame (Series or named tuple) or of a structured array. Columns ref_... are passed over.
+        **channels
+            Fields of Row that win over it, SI units. A channel that is left out, None or NaN is missing. Times: `dt`, or `time`,
+            from the second row on.
+
+        Returns
+        -------
+        Estimate
+            The estimates after it.
+
+        Raises
+        ------
+        InputError
+            Names field, value and range; the filter is as before: a steering angle or wheel speed outside its range, a time that
+            does not go on, a name that nobody knows. A measurement outside its range counts as missing.
+        """
         u = self._row
         u[:] = self._nothing
         known = u.dtype.names or ()
@@ -193,13 +217,24 @@ class Filter:
         )
 
     def save_learnt(self) -> bytes | None:
-        """What was learnt of the car, for the next drive: 112 bytes that an ECU reads, too (tse/learnt.h). None before a row."""
+        """What was learnt of the car, for the next drive: 268 bytes that an ECU reads, too (tse/learnt.h). None before a row."""
         return self._filter.save_learnt()
 
     def load_learnt(self, learnt: bytes, age: float = UNKNOWN_AGE) -> None:
-        """Start from what an earlier drive taught, `age` s ago; when nobody knows the age, nothing of it is trusted more than the
-        settings' start. Before the first row.
-        Refused (LearntError; the filter is as before): bytes that are damaged, of another vehicle, or newer."""
+        """Start from what an earlier drive taught, before the first row.
+
+        Parameters
+        ----------
+        learnt
+            What save_learnt() or Result.learnt gave.
+        age
+            s since then; when nobody knows it, nothing of it is trusted more than the settings' start.
+
+        Raises
+        ------
+        LearntError
+            Bytes that are damaged, of another vehicle, or newer; the filter is as before.
+        """
         self._filter.load_learnt(learnt, age)
 
     def uncertainty_sd(self) -> dict[str, np.ndarray[Any, np.dtype[np.float64]]]:

@@ -78,6 +78,8 @@ def fleet(
         Folder for what is written. The same call goes on from there, and runs new and changed logs.
     vehicles
         A table with a row per log, in place of `vehicle`: columns log, vehicle, car, signals.
+    car
+        The name of the car that all logs are of.
     settings
         Any settings by name; they win.
     learn

@@ -36,13 +36,30 @@ def simulate(
 ) -> Simulated:
     """Simulate a drive: for trying, and for studies.
 
-    Given:
-        maneuver      a name that `tselab simulate --help` lists
-        vehicle       as in estimate(); None: the built-in car
-        seed          of the random numbers: the same drive again
-        duration [s], speed [m/s], amplitude (of the steering, rad; its meaning is in that list): None: as is usual for it
-        road_changes  (s, factor): from then on all stiffness is nominal times the factor
-        settings      any of the simulator (`tselab settings --simulator`) or of the car
+    Parameters
+    ----------
+    maneuver
+        A name that `tselab simulate --help` lists.
+    vehicle
+        As in estimate(); None: the built-in car.
+    seed
+        Of the random numbers: the same drive again.
+    duration, speed, amplitude
+        s, m/s, and of the steering, rad (its meaning is in that list); None: as is usual for the manoeuvre.
+    road_changes
+        (s, factor): from then on all stiffness is nominal times the factor.
+    settings
+        Any of the simulator (`tselab settings --simulator`) or of the car.
+
+    Returns
+    -------
+    Simulated
+        The log, and the truth.
+
+    Raises
+    ------
+    Error
+        A manoeuvre or a setting that nobody knows, a value outside its range.
     """
     car = default_vehicle() if vehicle is None else read_vehicle(vehicle)
     config, sim = Config(car.values), SimConfig({"seed": seed})

@@ -22,14 +22,26 @@ VehicleLike: TypeAlias = "str | os.PathLike[str] | Mapping[str, Any] | Vehicle"
 def read_vehicle(vehicle: VehicleLike) -> Vehicle:
     """A vehicle file, or a mapping with its keys: what stands in it, and what a rule fills in.
 
-    Needed are mass [kg], lf, lr [m] (centre of gravity to the axles), wheel_radius_front, wheel_radius_rear [m]. The others, and
-    the tables sensors, uncertainty, latency and effects, are as `tselab vehicle --example` shows them:
-
         tse.read_vehicle({"mass": 1650, "lf": 1.2, "lr": 1.5, "wheel_radius_front": 0.32, "wheel_radius_rear": 0.32,
                           "latency": {"steer_angle": 0.02}})
 
-    Returned: `values`, all settings by name; `filled`, a sentence for each that a rule has filled in; `notes`.
-    Refused (Error): a value outside its range, a key that nobody knows, one that is missing; the message names them.
+    Parameters
+    ----------
+    vehicle
+        Needed are mass [kg], lf, lr [m] (centre of gravity to the axles), wheel_radius_front, wheel_radius_rear [m]. The others,
+        and the tables sensors, uncertainty, latency and effects, are as `tselab vehicle --example` shows them.
+
+    Returns
+    -------
+    Vehicle
+        `values`, all settings by name; `filled`, a sentence for each that a rule has filled in; `notes`.
+
+    Raises
+    ------
+    FileNotFoundError
+        The file is not there.
+    Error
+        A value outside its range, a key that nobody knows, one that is missing; the message names them; a ValueError.
     """
     if isinstance(vehicle, Vehicle):
         return deepcopy(vehicle)

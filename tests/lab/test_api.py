@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import inspect
 import math
 import re
 import subprocess
@@ -387,6 +388,13 @@ def test_every_public_name_says_what_it_is():
                 m for n, m in vars(thing).items() if not n.startswith("_") and (callable(m) or isinstance(m, property))
             ]
             assert all(m.__doc__ for m in public), name
+    for name in (n for n in tse.__all__ if inspect.isfunction(getattr(tse, n)) or n == "Filter"):
+        thing = getattr(tse, name)
+        text = inspect.getdoc(thing)
+        for section in ("Parameters",) if name == "Filter" else ("Parameters", "Returns"):
+            assert f"\n{section}\n{'-' * len(section)}\n" in text, f"{name}: {section}"
+        said = re.findall(r"^[\w, ]+$", text.partition("Parameters\n----------\n")[2], re.M)
+        assert set(inspect.signature(thing).parameters) <= {p for line in said for p in line.split(", ")}, name
     for array in ("stiffness", "valid", "reason", "time", "status"):
         assert re.match(r"\(n(, 3)?,?\)", getattr(tse.Result, array).__doc__), array
 
