@@ -16,7 +16,7 @@ from tse.errors import InputError
 from tselab import core
 from tselab.config import make_config, set_sampling
 from tselab.core import INPUT, NOMINAL, OUTPUT, REASON, STIFFNESS
-from tselab.log import FASTEST, OPTIONAL, SIDES, SLOWEST
+from tselab.rows import FASTEST, OPTIONAL, SIDES, SLOWEST
 
 Form: TypeAlias = Literal["default", "robust", "paper"]
 UNKNOWN_AGE = math.inf

@@ -16,7 +16,7 @@ from tse._vehicle import VehicleLike, read_vehicle, vehicle_file
 from tselab.fleet import find, page
 from tselab.fleet.keep import PAGE, Done, Store
 from tselab.fleet.run import Plan, run
-from tselab.log import Reading
+from tselab.rows import Reading
 
 
 class Fleet(Shown):

@@ -13,7 +13,7 @@ from tse._shown import Shown, lines
 from tse._vehicle import VehicleLike, read_vehicle
 from tselab.core import Config, Replay
 from tselab.errors import UserError
-from tselab.log import DRIVES, MEASURES
+from tselab.rows import DRIVES, MEASURES
 
 UNITS = {"accel_x": "m/s2", "accel_y": "m/s2", "yaw_rate": "rad/s"}
 

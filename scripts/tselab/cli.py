@@ -35,7 +35,7 @@ from tselab.options import (
 )
 
 if TYPE_CHECKING:
-    from tselab.log import Reading
+    from tselab.rows import Reading
 
 # Python package -> extra of pyproject.toml that brings it, for those that a part of tselab takes for granted
 EXTRAS = {

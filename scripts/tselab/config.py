@@ -10,7 +10,7 @@ import numpy as np
 
 from tselab.core import CONFIG, Config, SettingError, library
 from tselab.errors import UserError
-from tselab.log import TORQUES, VELOCITIES, Log
+from tselab.rows import TORQUES, VELOCITIES, Log
 from tselab.toml import read_toml
 from tselab.vehicle import Vehicle, filter_values
 

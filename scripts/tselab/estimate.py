@@ -22,7 +22,7 @@ from tselab.core import GRIP, NOMINAL, OUTPUT, REASON, STIFFNESS, Config, Field,
 from tselab.csv_rows import csv_header, csv_rows
 from tselab.files import atomic
 from tselab.learnt import Learnt
-from tselab.log import MEASURES, Log
+from tselab.rows import MEASURES, Log
 
 CHUNK = 64  # rows between two looks at Ctrl-C and the progress bar
 BLOCK = 2048  # rows that are in memory with all their columns at a time

@@ -5,7 +5,7 @@ from __future__ import annotations
 from tselab.config import filter_text
 from tselab.core import Config, library
 from tselab.estimate import Estimate
-from tselab.log import Log
+from tselab.rows import Log
 from tselab.vehicle import Vehicle, latency_settings
 
 

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tselab.log import DRIVES, Log
+from tselab.rows import DRIVES, Log
 
 FLOOR = {
     "accel_x": 0.05,

@@ -102,7 +102,7 @@ def reading(command: Callable[..., Any]) -> Callable[..., Any]:
     def with_reading(
         *args: Any, signals: Path | None, rate: float | None, strict: bool, databases: tuple[Path, ...], **kw: Any
     ) -> Any:
-        from tselab.log import Reading
+        from tselab.rows import Reading
 
         if signals is not None and not signals.is_file():
             raise NoFile(

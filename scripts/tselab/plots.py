@@ -11,8 +11,8 @@ import pandas as pd
 
 from tselab.core import GRIP, NOMINAL, STATUS, STIFFNESS, Config, library
 from tselab.estimate import BLOCK, Block
-from tselab.log import MEASURES, Log
 from tselab.regimes import REGIMES, Change, Spell, spoken_of
+from tselab.rows import MEASURES, Log
 from tselab.verdict import NAMES, UNITS
 
 INK, BLUE, ORANGE, GREEN, PURPLE, GREY = "#1f2933", "#0b5fa5", "#c4570a", "#1a7f5a", "#7b4fa3", "#8a94a0"

@@ -12,8 +12,9 @@ from tselab.calibrate.own import Own, calibrated, of_class, uncalibrated
 from tselab.config import make_config
 from tselab.core import Config
 from tselab.errors import UserError
-from tselab.log import Log, Reading, liveliest, read_log, sampling_notes, steering_notes
-from tselab.log import average as average_log
+from tselab.log import read_log
+from tselab.rows import Log, Reading, liveliest, sampling_notes, steering_notes
+from tselab.rows import average as average_log
 from tselab.units import check_car
 from tselab.vehicle import Vehicle, average_sensors, fill_sensors, read_vehicle
 

@@ -18,7 +18,7 @@ from tselab.core import Config, library
 from tselab.estimate import Estimate
 from tselab.facts import run_facts
 from tselab.files import atomic
-from tselab.log import Log
+from tselab.rows import Log
 from tselab.vehicle import Vehicle
 from tselab.verdict import findings
 

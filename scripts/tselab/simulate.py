@@ -10,8 +10,8 @@ import pandas as pd
 from tqdm import tqdm
 
 from tselab.core import NOMINAL, SIM_OUTPUT, STIFFNESS, Config, SimConfig, Simulator, library
-from tselab.log import columns
 from tselab.maneuvers import Maneuver
+from tselab.rows import columns
 
 SPEED_GAIN = 2.0  # 1/s, of the driver who follows a target speed
 BRAKE_FRONT = 0.6  # share of the braking done by the front axle

@@ -16,8 +16,8 @@ from tqdm import tqdm
 from tselab import maneuvers
 from tselab.config import filter_text
 from tselab.core import STIFFNESS, Config, Filter, SimConfig
-from tselab.log import columns
 from tselab.processes import each
+from tselab.rows import columns
 from tselab.simulate import simulate
 
 DURATION, WINDOW = 40.0, (20.0, 40.0)  # s

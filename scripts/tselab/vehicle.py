@@ -15,8 +15,8 @@ import numpy as np
 from tselab.core import CONFIG, Config, Effect, SettingError, library, similar
 from tselab.errors import UserError
 from tselab.formula import Formula, read_formula
-from tselab.log import MEASURES, Log
 from tselab.noise import kinematic_misfit, noise_of
+from tselab.rows import MEASURES, Log
 from tselab.toml import read_toml
 
 GRAVITY = 9.81

@@ -9,8 +9,8 @@ import numpy as np
 import pandas as pd
 
 from tselab.core import GRIP, NOMINAL, STIFFNESS, Config, library
-from tselab.log import MEASURES
 from tselab.regimes import Change, Stretch, percent, spoken_of, stretches
+from tselab.rows import MEASURES
 from tselab.smooth import fixed, smooth
 
 NAMES = {

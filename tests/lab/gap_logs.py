@@ -10,7 +10,7 @@ import pandas as pd
 
 from tselab.core import Config, Replay
 from tselab.gap.drives import Candidate, library, prepared
-from tselab.log import MEASURES
+from tselab.rows import MEASURES
 from tselab.vehicle import read_vehicle
 
 CAR = """name = "small case"

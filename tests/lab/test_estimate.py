@@ -272,7 +272,7 @@ def test_average_that_cannot_be_is_refused(drive, tmp_path, seconds, text):
 def test_average_takes_rows_as_they_come():
     from pathlib import Path
 
-    from tselab.log import Log, average, columns
+    from tselab.rows import Log, average, columns
 
     time = np.array([0, 0.01, 0.02, 0.03, 0.1, 0.13, 0.14, 0.19, 0.2, 0.21, 0.22, 0.23, 5.0, 5.01, 5.02, 5.03, 5.1])
     n = len(time)

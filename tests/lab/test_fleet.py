@@ -24,8 +24,8 @@ from tselab.estimate import write_table
 from tselab.fleet.find import drives, started
 from tselab.fleet.run import Interrupted, Plan, outcome_of, run
 from tselab.fleet.work import Task, code_of
-from tselab.log import Reading
 from tselab.processes import Local
+from tselab.rows import Reading
 from tselab.simulate import simulate
 from tselab.vehicle import read_vehicle
 

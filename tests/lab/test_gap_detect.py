@@ -17,7 +17,7 @@ from tselab.gap.infer.naming import Named, name
 from tselab.gap.problem import Problem
 from tselab.gap.selftest import make
 from tselab.gap.workers import Workers
-from tselab.log import Log
+from tselab.rows import Log
 from tselab.vehicle import read_vehicle
 
 STEPS = "steering steps to 3 m/s2, at 20 m/s"

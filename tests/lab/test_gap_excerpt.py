@@ -13,7 +13,8 @@ from tselab.gap.data import BURN_IN, prepare
 from tselab.gap.fit import fit
 from tselab.gap.infer import excerpt as ex
 from tselab.gap.problem import STIFFNESS, Problem
-from tselab.log import MEASURES, read_log
+from tselab.log import read_log
+from tselab.rows import MEASURES
 
 
 def test_pieces_are_chosen_about_as_well_as_by_trying_all():

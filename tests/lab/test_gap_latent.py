@@ -19,7 +19,8 @@ from tselab.gap.localise import latent as lt
 from tselab.gap.localise import where
 from tselab.gap.problem import STIFFNESS as PARAMETERS
 from tselab.gap.problem import Problem
-from tselab.log import MEASURES, read_log
+from tselab.log import read_log
+from tselab.rows import MEASURES
 from tselab.vehicle import read_vehicle
 
 STEP = 0.01  # s, a row

@@ -22,8 +22,8 @@ from gap_logs import STIFFNESS, car, write_log
 from tselab.cli import main
 from tselab.core import Config, library
 from tselab.gap.export.table import COLUMNS
-from tselab.log import MEASURES
 from tselab.report import figures_of
+from tselab.rows import MEASURES
 from tselab.vehicle import read_vehicle
 
 ROOT = Path(__file__).resolve().parents[2]

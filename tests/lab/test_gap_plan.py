@@ -21,7 +21,8 @@ from tselab.gap.localise.cross import SOURCES, Blocks, responses
 from tselab.gap.problem import STIFFNESS, Problem
 from tselab.gap.selftest import selftest
 from tselab.gap.workers import workers
-from tselab.log import Log, average, read_log
+from tselab.log import read_log
+from tselab.rows import Log, average
 from tselab.vehicle import read_vehicle
 
 

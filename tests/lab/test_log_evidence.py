@@ -141,7 +141,8 @@ def test_the_rest_of_a_coarse_angle_is_added(drive, tmp_path):
     (tmp_path / "car.toml").write_text(f"{CAR}steering_ratio = {RATIO}\n")
     done = tselab_here("signals", "log.csv", "--vehicle", "car.toml", "--write", "signals.toml", cwd=tmp_path)
     assert done.code == 0 and 'add = "steer_fraction"' in (tmp_path / "signals.toml").read_text()
-    from tselab.log import Reading, read_log
+    from tselab.log import read_log
+    from tselab.rows import Reading
     from tselab.vehicle import read_vehicle
 
     how = Reading(tmp_path / "signals.toml", car=read_vehicle(tmp_path / "car.toml"))

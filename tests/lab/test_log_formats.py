@@ -49,7 +49,8 @@ def test_a_drive_in_this_format_gives_the_estimates_of_the_clean_csv(name, clean
 def test_of_a_log_that_is_cut_off_what_is_before_is_used(name, clean, tmp_path):
     """A recorder without power, a copy that broke off."""
     from tselab.errors import UserError
-    from tselab.log import Reading, read_log
+    from tselab.log import read_log
+    from tselab.rows import Reading
     from tselab.vehicle import read_vehicle
 
     needs, write = FORMATS[name]
@@ -73,7 +74,8 @@ def test_of_a_log_that_is_cut_off_what_is_before_is_used(name, clean, tmp_path):
 
 def test_the_rows_are_those_of_the_clean_log(clean, tmp_path):
     """Units, sign, ratio, latency, rates: each would show here."""
-    from tselab.log import Reading, read_log
+    from tselab.log import read_log
+    from tselab.rows import Reading
     from tselab.vehicle import read_vehicle
 
     table, car, _ = clean
@@ -94,7 +96,8 @@ def test_the_rows_are_those_of_the_clean_log(clean, tmp_path):
 
 @pytest.mark.parametrize("rate", [50, 200])
 def test_another_rate_on_demand(rate, clean, tmp_path):
-    from tselab.log import Reading, read_log
+    from tselab.log import read_log
+    from tselab.rows import Reading
     from tselab.vehicle import read_vehicle
 
     table, car, _ = clean

@@ -14,9 +14,10 @@ import pytest
 from conftest import tselab
 from log_formats import FORMATS, drive, messages, repeated
 from tselab import room
-from tselab.log import Reading, read_log
+from tselab.log import read_log
 from tselab.logs import raster
 from tselab.room import Room
+from tselab.rows import Reading
 from tselab.vehicle import read_vehicle
 
 SECONDS = 30.0
@@ -76,7 +77,8 @@ HOURS, MOST = 3.0, 130  # MB that reading a log of so many hours may take on top
 MEASURE = """
 import resource, sys
 from pathlib import Path
-from tselab.log import Reading, read_log
+from tselab.log import read_log
+from tselab.rows import Reading
 from tselab.vehicle import read_vehicle
 reading = Reading(car=read_vehicle(Path(sys.argv[3])))
 read_log(Path(sys.argv[1]), reading=reading)

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from tselab import estimate, room
+from tselab import estimate, room, rows
 from tselab import log as module
 from tselab.core import Config, library
 from tselab.errors import UserError
@@ -197,7 +197,7 @@ def test_noise_and_units_of_a_very_long_log_are_those_of_its_liveliest_part(driv
     log = read_log(drive.log)
     log.data["yaw_rate"] *= 0.01
     log.data.loc[1200:1599, "yaw_rate"] *= 100.0
-    part = module.liveliest(log, 400)
+    part = rows.liveliest(log, 400)
     assert len(part) == 400 and part.time[0] == log.time[1200] and part.line[0] == log.line[1200]
     assert np.array_equal(part.data["accel_y"], log.data["accel_y"][1200:1600])
-    assert module.liveliest(log, 2001) is log
+    assert rows.liveliest(log, 2001) is log

@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tselab.log import Reading, read_log
+from tselab.log import read_log
 from tselab.logs.clock import BRIDGED, straight
 from tselab.logs.mapping import Series
 from tselab.logs.raster import entries, on_raster, rate_of, resample
+from tselab.rows import Reading
 
 T = np.arange(0, 20, 0.001)
 

@@ -14,12 +14,13 @@ from tselab.config import make_config
 from tselab.core import Filter, library
 from tselab.errors import UserError
 from tselab.gap.data import prepare
-from tselab.log import MEASURES, TORQUES, Log, Reading, average, read_frame, read_log
+from tselab.log import read_frame, read_log
 from tselab.logs.propose import propose
 from tselab.logs.propose.text import toml_text
 from tselab.logs.readers import read_recording
 from tselab.logs.recording import How
 from tselab.logs.signals import read_signals
+from tselab.rows import MEASURES, TORQUES, Log, Reading, average
 from tselab.units import check_units
 from tselab.vehicle import Vehicle, read_vehicle
 

@@ -14,7 +14,7 @@ from scipy import stats
 
 from tselab import maneuvers, peers, study
 from tselab.core import NOMINAL, STIFFNESS, Config, Filter, SimConfig
-from tselab.log import DRIVES, MEASURES, columns
+from tselab.rows import DRIVES, MEASURES, columns
 from tselab.simulate import simulate
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "reference"))

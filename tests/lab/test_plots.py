@@ -11,7 +11,7 @@ import pytest
 
 from tselab import plots
 from tselab.core import STIFFNESS, Config
-from tselab.log import Log, columns
+from tselab.rows import Log, columns
 
 
 def made_up(n: int) -> tuple[Log, pd.DataFrame]:

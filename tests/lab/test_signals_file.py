@@ -9,8 +9,9 @@ import pytest
 
 from conftest import tselab_here
 from tselab.errors import UserError
-from tselab.log import Reading, read_log
+from tselab.log import read_log
 from tselab.logs.signals import read_signals
+from tselab.rows import Reading
 
 GOOD = """[signals.steer_angle]
 name = "lrw"

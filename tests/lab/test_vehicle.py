@@ -141,7 +141,7 @@ def log_of(**channels):
 
     import pandas as pd
 
-    from tselab.log import Log, columns
+    from tselab.rows import Log, columns
 
     n = len(next(iter(channels.values())))
     data = pd.DataFrame({c: channels.get(c, np.zeros(n)) for c in columns()[1:]})

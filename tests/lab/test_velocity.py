@@ -14,8 +14,9 @@ from tselab.config import make_config
 from tselab.core import Config, Filter, SimConfig, Simulator, library
 from tselab.errors import UserError
 from tselab.estimate import estimate
-from tselab.log import average, read_frame, read_log
+from tselab.log import read_frame, read_log
 from tselab.logs.raster import _nearest
+from tselab.rows import average
 from tselab.units import check_units
 from tselab.vehicle import make_vehicle
 

@@ -14,7 +14,7 @@ from tselab.options import CALIBRATE, FILE, FORM, PROGRESS, key_values, reading,
 
 if TYPE_CHECKING:
     from tselab.fleet.keep import Done
-    from tselab.log import Reading
+    from tselab.rows import Reading
 
 MOST_ERRORS = 10  # that the terminal names
 

@@ -23,7 +23,7 @@ from tselab.files import atomic, real
 from tselab.fleet.find import Drive
 from tselab.fleet.work import Outcome, Task
 from tselab.learnt import write_learnt
-from tselab.log import Reading, files_of
+from tselab.rows import Reading, files_of
 from tselab.seal import seal
 from tselab.vehicle import read_vehicle
 from tselab.verdict import NAMES

@@ -88,8 +88,9 @@ def _work(task: Task) -> Outcome:
     from tselab.calibrate.own import uncalibrated
     from tselab.core import Filter
     from tselab.learnt import Learnt
-    from tselab.log import Reading, read_log
+    from tselab.log import read_log
     from tselab.prepare import Calibrate, prepare
+    from tselab.rows import Reading
     from tselab.vehicle import read_vehicle
 
     reading = Reading(task.signals, task.rate, task.strict, task.databases)

@@ -101,7 +101,7 @@ def excitation(inputs: set[str]) -> dict[str, np.ndarray]:
     """A drive, for FMUs that take what a driver does or what a car's sensors say."""
     from tselab import maneuvers
     from tselab.core import Config, SimConfig
-    from tselab.log import columns
+    from tselab.rows import columns
     from tselab.simulate import HISTORIES, drive
 
     config = Config({"sample_time": STEP})

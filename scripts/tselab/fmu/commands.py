@@ -13,7 +13,7 @@ from tselab.errors import UserError
 from tselab.options import FILE, FORM, JSON, PROGRESS, key_values, reading, show_progress
 
 if TYPE_CHECKING:
-    from tselab.log import Reading
+    from tselab.rows import Reading
 
 REALS = ("double", "float", "fixed")
 PLATFORM_NAMES = ("linux64", "win64", "darwin64", "aarch64-linux", "aarch64-darwin")

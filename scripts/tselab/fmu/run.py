@@ -16,7 +16,8 @@ from tselab.errors import UserError
 from tselab.estimate import _stop_flag as stop_flag
 from tselab.estimate import to_table
 from tselab.fmu.slave import Slave, slave
-from tselab.log import Log, _check_time, _header, _table, columns, to_numbers
+from tselab.log import csv_header, csv_table, to_numbers
+from tselab.rows import Log, check_time, columns
 
 
 @dataclass
@@ -158,7 +159,7 @@ def resolve(fmu: Slave, parameters: Mapping[str, float]) -> dict[str, float]:
 
 def read_inputs(path: Path, fmu: Slave) -> tuple[np.ndarray, pd.DataFrame]:
     """A table with a column time, and inputs by their names. An empty cell is not a number, for the FMU to judge."""
-    header, whole, _ = _header(path)
+    header, whole, _ = csv_header(path)
     inputs = fmu.names("input")
     if "time" not in header:
         raise UserError(f"{path}: column time is missing in the header (line 1)")
@@ -174,7 +175,7 @@ def read_inputs(path: Path, fmu: Slave) -> tuple[np.ndarray, pd.DataFrame]:
         raise UserError(
             f"{path}: line {whole + 2}, the last, does not end: it may be cut inside a number; if not, end it"
         )
-    table = _table(path, header)[[c for c in header if not c.startswith("ref_")]]
+    table = csv_table(path, header)[[c for c in header if not c.startswith("ref_")]]
     line = np.arange(len(table)) + 2
     if table.empty:
         raise UserError(f"{path}: has a header but no rows")
@@ -187,7 +188,7 @@ def read_inputs(path: Path, fmu: Slave) -> tuple[np.ndarray, pd.DataFrame]:
             raise UserError(f"{path}: line {line[i]}, column {name}: {str(table[name].iloc[i])[:40]!r} is not a number")
         numbers[name] = column.astype(float)
     time = numbers.pop("time").to_numpy()
-    _check_time(path, time, line)
+    check_time(path, time, line)
     return time, pd.DataFrame(numbers, index=range(len(time)))
 
 

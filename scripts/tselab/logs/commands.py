@@ -63,12 +63,12 @@ def signals(
     """
     from tselab.errors import UserError
     from tselab.files import atomic, check_writable
-    from tselab.log import beside_of
     from tselab.logs.propose import propose
     from tselab.logs.propose.text import listing, toml_text
     from tselab.logs.readers import read_recording
     from tselab.logs.recording import How
     from tselab.logs.signals import read_signals
+    from tselab.rows import beside_of
     from tselab.vehicle import read_vehicle
 
     if out is not None:

@@ -12,9 +12,9 @@ import pandas as pd
 from tselab.core import STIFFNESS
 from tselab.estimate import estimate_to
 from tselab.files import atomic
-from tselab.log import Reading
 from tselab.logs.extras import need
 from tselab.prepare import prepare
+from tselab.rows import Reading
 from tselab.verdict import NAMES
 
 RATIO, TRACK = 15.3, 1.55  # m

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 
 from tselab.errors import UserError
-from tselab.log import SIDES
 from tselab.logs.clock import straight
 from tselab.logs.recording import Channel, Recording
 from tselab.logs.signals import Counter, Flag, Signal, Signals, unit_of
 from tselab.logs.units import factor
 from tselab.room import Room
+from tselab.rows import SIDES
 
 MOST_LOST = 0.5  # share of a channel's values that a flag may call invalid before it is the flag that is doubted
 

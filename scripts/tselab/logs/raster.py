@@ -9,9 +9,9 @@ from itertools import pairwise
 import numpy as np
 
 from tselab.held import fresh
-from tselab.log import DRIVES, MEASURES, SIDES, VELOCITIES
 from tselab.logs.mapping import Series
 from tselab.room import PIECE, Room
+from tselab.rows import DRIVES, MEASURES, SIDES, VELOCITIES
 
 FASTEST = (
     100.0  # Hz: of a raster nobody has asked for: the filter is tuned there, and above it rows of a bus are mostly held

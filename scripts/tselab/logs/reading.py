@@ -10,13 +10,13 @@ from pathlib import Path
 import numpy as np
 
 from tselab.errors import UserError
-from tselab.log import MEASURES, OPTIONAL, SIDES, Log, Reading, Slower, beside_of, checked, columns
 from tselab.logs.mapping import Series, series
 from tselab.logs.raster import on_raster
 from tselab.logs.readers import read_recording
 from tselab.logs.recording import How, Recording, listed
 from tselab.logs.signals import FASTEST, SLOWEST, Signal, Signals, known_channels, read_signals
 from tselab.room import Room
+from tselab.rows import MEASURES, OPTIONAL, SIDES, Log, Reading, Slower, beside_of, checked, columns
 
 NEEDED = ("steer_angle", "wheel_speed_front", "wheel_speed_rear")
 

@@ -11,9 +11,9 @@ from typing import Any
 
 from tselab.core import library
 from tselab.errors import UserError
-from tselab.log import OPTIONAL, SIDES
 from tselab.logs.recording import How
 from tselab.logs.units import factor, quantity
+from tselab.rows import OPTIONAL, SIDES
 from tselab.toml import read_toml
 
 BESIDE = "signals.toml"

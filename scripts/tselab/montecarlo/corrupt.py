@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from tselab.core import Config
-from tselab.log import MEASURES
+from tselab.rows import MEASURES
 
 LENGTHS = (0.1, 0.5, 2.0, 5.0)  # s, of a dropout or a stuck channel
 FIRST, SLOT, JITTER = 15.0, 20.0, 2.0  # s: one corruption in each slot, and time to judge what it left

@@ -28,11 +28,11 @@ from tselab import __version__
 from tselab.core import STIFFNESS, Config, SimConfig, library
 from tselab.errors import UserError
 from tselab.files import atomic
-from tselab.log import MEASURES
 from tselab.montecarlo import estimators, scores, studies
 from tselab.montecarlo.case import Case, Drive, drive
 from tselab.montecarlo.studies import Study
 from tselab.processes import each, killed_as_interrupted
+from tselab.rows import MEASURES
 from tselab.study import START
 
 RUNS, SETTINGS = "runs.csv", "settings.json"

@@ -9,7 +9,6 @@ import pandas as pd
 from scipy import stats
 
 from tselab.core import STIFFNESS, SimConfig
-from tselab.log import MEASURES
 from tselab.montecarlo.engine import Plan
 from tselab.montecarlo.estimators import PEERS, TEXTS, VARIANTS
 from tselab.montecarlo.scores import AFTER, OFF, OFF_FOR, SETTLED_FOR, SURE
@@ -26,6 +25,7 @@ from tselab.montecarlo.summary import (
     settled,
     three,
 )
+from tselab.rows import MEASURES
 from tselab.study import clopper_pearson
 
 SETTLING = (

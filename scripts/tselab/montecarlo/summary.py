@@ -10,9 +10,9 @@ import pandas as pd
 from scipy import stats
 
 from tselab.core import STIFFNESS
-from tselab.log import MEASURES
 from tselab.montecarlo import scores
 from tselab.montecarlo.engine import Plan
+from tselab.rows import MEASURES
 from tselab.study import DIVERGED_ERROR, DIVERGED_FOR, clopper_pearson
 
 RESAMPLES = 2000  # of a bootstrap interval
