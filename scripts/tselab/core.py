@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import ctypes
 import functools
+import hashlib
 import math
 import os
 import sys
@@ -385,6 +386,12 @@ def _plain(raw: np.ndarray, bits: int) -> np.ndarray:
 def library() -> Library:
     """The library, loaded once."""
     return Library(library_path())
+
+
+@functools.lru_cache(maxsize=1)
+def library_hash() -> str:
+    """Return the hash of the bytes of the library that this process has loaded."""
+    return hashlib.sha256(library().path.read_bytes()).hexdigest()
 
 
 class Settings:

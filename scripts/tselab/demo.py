@@ -17,6 +17,8 @@ from tselab.core import STIFFNESS, Config, SimConfig
 from tselab.errors import UserError
 from tselab.estimate import Estimate, estimate, write_table
 from tselab.files import atomic
+from tselab.gap.export.output import write_all
+from tselab.gap.workflow import run
 from tselab.log import read_log
 from tselab.report import write_report
 from tselab.simulate import simulate, with_references
@@ -90,8 +92,6 @@ def run_demo(out: Path, seed: int = 1, progress: bool = False) -> Demo:
 
 def run_gap(out: Path, seed: int = 1, say: Callable[[str], None] = lambda _: None, jobs: int = 1) -> Result:
     """Logs of a car with a hidden effect, and the gap workflow over them: everything in `out`."""
-    from tselab.gap.export.output import write_all
-    from tselab.gap.workflow import run
 
     out.mkdir(parents=True, exist_ok=True)
     path = out / "car.toml"

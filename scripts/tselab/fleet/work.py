@@ -10,8 +10,15 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from tselab import __version__
+from tselab import __version__, results, single
+from tselab.calibrate.own import uncalibrated
+from tselab.core import Filter, library_hash
 from tselab.errors import UserError
+from tselab.learnt import Learnt
+from tselab.log import read_log
+from tselab.prepare import Calibrate, prepare
+from tselab.rows import Reading
+from tselab.vehicle import read_vehicle
 
 
 class Mismatch(UserError):
@@ -57,7 +64,6 @@ class Outcome:
 
 def code_of() -> tuple[str, str]:
     """tselab and the library of this process."""
-    from tselab.montecarlo.engine import library_hash
 
     return __version__, library_hash()
 
@@ -84,14 +90,6 @@ def work(task: Task) -> Outcome:
 
 
 def _work(task: Task) -> Outcome:
-    from tselab import results, single
-    from tselab.calibrate.own import uncalibrated
-    from tselab.core import Filter
-    from tselab.learnt import Learnt
-    from tselab.log import read_log
-    from tselab.prepare import Calibrate, prepare
-    from tselab.rows import Reading
-    from tselab.vehicle import read_vehicle
 
     reading = Reading(task.signals, task.rate, task.strict, task.databases)
     itself = None

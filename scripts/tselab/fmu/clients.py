@@ -22,11 +22,16 @@ from pathlib import Path
 
 import numpy as np
 
+from tselab import maneuvers
+from tselab.core import Config, SimConfig
 from tselab.errors import UserError
 from tselab.fmu import platforms
 from tselab.fmu.archive import open_archive, read_description, unpacked
-from tselab.fmu.slave import version_of
+from tselab.fmu.build import checkout
+from tselab.fmu.slave import slave, version_of
 from tselab.fmu.validate import package_version
+from tselab.rows import columns
+from tselab.simulate import HISTORIES, drive
 
 STEP = 1 / 128  # s
 STEPS = 100
@@ -99,10 +104,6 @@ def make_plan(path: Path) -> Plan:
 
 def excitation(inputs: set[str]) -> dict[str, np.ndarray]:
     """A drive, for FMUs that take what a driver does or what a car's sensors say."""
-    from tselab import maneuvers
-    from tselab.core import Config, SimConfig
-    from tselab.rows import columns
-    from tselab.simulate import HISTORIES, drive
 
     config = Config({"sample_time": STEP})
     plan = maneuvers.build("square-waves", config, sample_time=STEP, duration=STEP * STEPS, speed=None, amplitude=None, road=[],
@@ -118,7 +119,6 @@ def excitation(inputs: set[str]) -> dict[str, np.ndarray]:
 
 
 def run_fmpy(plan: Plan) -> np.ndarray:
-    from tselab.fmu.slave import slave
 
     rows = []
     with slave(Path(plan.fmu)) as fmu:
@@ -234,7 +234,6 @@ class ClientError(Exception):
 
 def _foreign_client(foreign: Foreign) -> Path:
     """The C client for that platform, compiled when its source is newer."""
-    from tselab.fmu.build import checkout
 
     root = checkout()
     source, share = root / "tests" / "fmu" / "client.c", root / ".venv" / "share"
@@ -250,7 +249,6 @@ def _foreign_client(foreign: Foreign) -> Path:
 
 def _foreign_reason(foreign: Foreign, plan: Plan) -> str:
     """Why it cannot be run here; empty when it can."""
-    from tselab.fmu.build import checkout
 
     if platforms.PLATFORMS[foreign.platform].folder(plan.fmi) not in open_archive(Path(plan.fmu)).binaries:
         return f"the FMU has no binary for {foreign.platform}"

@@ -13,8 +13,12 @@ from tselab.core import STIFFNESS
 from tselab.estimate import estimate_to
 from tselab.files import atomic
 from tselab.logs.extras import need
+from tselab.logs.propose import propose
+from tselab.logs.propose.text import toml_text
+from tselab.logs.readers import read_recording
 from tselab.prepare import prepare
 from tselab.rows import Reading
+from tselab.vehicle import read_vehicle
 from tselab.verdict import NAMES
 
 RATIO, TRACK = 15.3, 1.55  # m
@@ -39,10 +43,6 @@ class Logger:
 def run_logger(out: Path, log: pd.DataFrame, vehicle: str, clean: pd.DataFrame) -> Logger:
     """Write car.toml and drive.mf4, have signals.toml proposed, estimate. `log`: the clean rows; `vehicle`: the text of the vehicle
     file; `clean`: what was estimated from them. UserError: no library for MF4."""
-    from tselab.logs.propose import propose
-    from tselab.logs.propose.text import toml_text
-    from tselab.logs.readers import read_recording
-    from tselab.vehicle import read_vehicle
 
     need("asammdf", "mf4", "the demonstration of an MF4")
     out.mkdir(parents=True, exist_ok=True)

@@ -25,7 +25,7 @@ import pandas as pd
 from tqdm import tqdm
 
 from tselab import __version__
-from tselab.core import STIFFNESS, Config, SimConfig, library
+from tselab.core import STIFFNESS, Config, SimConfig, library, library_hash
 from tselab.errors import UserError
 from tselab.files import atomic
 from tselab.montecarlo import estimators, scores, studies
@@ -75,12 +75,6 @@ class Unit(NamedTuple):
 
 
 # ---- one unit
-
-
-@functools.cache
-def library_hash() -> str:
-    """Of the bytes of the library that this process has loaded."""
-    return _hash(library().path.read_bytes())
 
 
 @functools.cache

@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
+from tselab import peers
 from tselab.core import NOMINAL, STIFFNESS, Config, Filter, library
 from tselab.errors import UserError
 from tselab.montecarlo.case import Drive
+from tselab.peers import Known
 from tselab.study import START
-
-if TYPE_CHECKING:
-    from tselab.peers import Known
 
 # Variants of the robust form, robust-NAME: what was tried.
 VARIANTS: dict[str, tuple[str, dict[str, float]]] = {
@@ -115,8 +114,6 @@ def run(name: str, d: Drive, config: Config) -> np.ndarray:
     if is_yours(name):
         return _run_yours(name, d, config)
     if name in PEERS:
-        from tselab import peers
-
         return peers.run(name, d.rows, config, _known(d, config, name == "known"))
     filter_ = Filter(config)
     rows, out = filter_.inputs(len(d.rows)), filter_.outputs(len(d.rows))
@@ -128,7 +125,6 @@ def run(name: str, d: Drive, config: Config) -> np.ndarray:
 
 def _known(d: Drive, config: Config, changes: bool = False) -> Known:
     """The true covariances, as they are at the start; with `changes` for a filter that knows of the changes of level."""
-    from tselab.peers import Known
 
     sensors = (config.accel_x_sd, config.accel_y_sd, config.yaw_rate_sd)
     return Known(
