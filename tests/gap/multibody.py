@@ -3,7 +3,8 @@
     python -m tests.gap.multibody OUT --car 1 [--seed N] [--log NAME ...] [--no-noise] [--tyre KIND] [--step MS]
 
 OUT gets four logs to fit (log_*.csv), two of other manoeuvres (hold_out_*.csv), the car as its engineer knows it (car.toml),
-and what of src/tables/effects.toml it has (truth.json). 1: Ford Escort, 2: BMW 320i, 3: VW Vanagon; one ADAMS tyre for all.
+and what of src/tables/effects.toml it has beyond the model (truth.json). 1: Ford Escort, 2: BMW 320i, 3: VW Vanagon; one ADAMS
+tyre for all.
 
 The package's axes are those of SAE (z down, y right: a left wheel runs faster for yaw rate > 0, gravity adds to z'), tse's of
 ISO 8855 (z up, y left). Here all is SAE until `sensors` turns it round; a `Program` is what a driver wants, so it is ISO.
@@ -597,7 +598,7 @@ def lateral_transfer(p: VehicleParameters) -> tuple[float, float]:
 
 
 def truth(p: VehicleParameters, number: int) -> dict:
-    """What truth.json says: every effect of the catalogue, its parameters and how they were found, and what is outside."""
+    """What truth.json says: every effect that may be missing, its parameters and how they were found, and what is outside."""
     rolls, roll_misfit = roll_truth(p)
     pitches = pitch_truth(p)
     load = static_load(p)
@@ -620,7 +621,6 @@ def truth(p: VehicleParameters, number: int) -> dict:
         *((name, {key: 0.0}, "what is logged is the state that steers")
           for name, key in (("steering_ratio", "change"), ("steering_offset", "angle"), ("steering_delay", "time"),
                             ("steering_lag", "time"))),
-        ("exact_kinematics", {"share": 1.0}, "present: slips of each wheel by exact trigonometry, one angle for both in front"),
         ("steering_compliance", {"angle_per_moment": 0.0}, none),
         ("rear_roll_steer", {"gain": camber[1], "gain_beyond_front": camber[1] - camber[0], "roll": rolls["gain"],
                              "frequency": rolls["frequency"], "damping": rolls["damping"]},

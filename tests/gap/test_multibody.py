@@ -6,6 +6,7 @@ import pytest
 
 pytest.importorskip("vehiclemodels", reason="the package commonroad-vehicle-models is not installed")
 from tests.gap import multibody, multibody_study
+from tselab.gap.catalogue import catalogue
 
 
 @pytest.fixture(scope="module")
@@ -25,6 +26,12 @@ def test_a_steady_turn_rolls_by_the_gain_of_the_truth(car):
     roll, _, _, force = multibody.outputs(car, multibody.held(car, 20.0, 0.02, 6.0), 0.0)[:4]
     assert 1.0 < abs(force) < 5.0
     assert abs(roll / force) == pytest.approx(gain, rel=0.05)
+
+
+def test_the_truth_has_every_effect_that_may_be_missing_and_no_other(car):
+    """Exact kinematics is the model: a table that expects its name would call a right verdict wrong."""
+    ids = [e["id"] for e in multibody.truth(car, 2)["effects"]]
+    assert sorted(ids) == sorted(catalogue())
 
 
 def test_the_table_says_sizes_beside_the_cars():
