@@ -51,10 +51,7 @@ yaw_rate_sd = 0.002
 accel_x_bias_sd = 0.05
 accel_y_bias_sd = 0.05
 yaw_rate_bias_sd = 0.002
-
-[effects.exact_kinematics]
-share = 0.0
-"""  # small angles: the manoeuvres give both axles one wheel speed, by which exact front wheels would brake in every bend
+"""
 DRIVES = {
     "sweep": "steering sine sweep 0.2 .. 3 Hz, 4 m/s2, at 20 m/s",
     "steps": "steering steps to 3 m/s2, at 10 m/s",

@@ -405,7 +405,7 @@ def test_latencies_have_the_intervals_of_the_names_that_they_are_sums_of(late: P
 def test_what_is_possible_says_why_it_has_no_name(tmp_path: Path) -> None:
     """A scale that is sure and below what counts is negligible; a name that does not stand has the reason given."""
     vehicle = car(tmp_path)
-    log = write_log(tmp_path / "log.csv", vehicle, "sweep", {"body_roll_gain": 0.009, "gyro_scale_error": 0.08}, 3)
+    log = write_log(tmp_path / "log.csv", vehicle, "sweep", {"body_roll_gain": 0.009, "gyro_scale_error": 0.06}, 3)
     config = Config(read_vehicle(vehicle).values)
     problem = Problem([prepare(read_log(log), config)], config)
     asked = [catalogue()[e] for e in ("body_roll", "steering_offset", "gyro_scale", "imu_delay")]

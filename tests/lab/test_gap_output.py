@@ -222,7 +222,7 @@ def test_nothing_hidden_is_exit_0(tmp_path):
     done = tselab("gap", *logs, "--vehicle", vehicle, "--out", tmp_path / "out")
     assert done.code == 0, done.out + done.err
     text = (tmp_path / "out" / "vehicle_improved.toml").read_text()
-    assert text.count("[effects") == text.count(", as in the file") == 1 and "could not have shown" in done.out
+    assert "[effects" not in text and "could not have shown" in done.out
 
 
 def test_ctrl_c_keeps_the_stages_that_are_done(case, tmp_path):

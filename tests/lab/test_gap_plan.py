@@ -10,7 +10,7 @@ import pytest
 
 from conftest import RAN, tselab_here
 from gap_logs import DRIVES, car, write_log
-from tselab.core import Config
+from tselab.core import Config, Replay
 from tselab.gap import plan as planning
 from tselab.gap.catalogue import catalogue
 from tselab.gap.check import check
@@ -82,6 +82,25 @@ def test_manoeuvres_ask_of_the_car_what_their_names_say(vehicle):
             assert np.max(np.abs(ay)) < 1e-6, c.name
         elif "ramps to 6 m/s2" in c.name:
             assert 5.0 < np.max(np.abs(ay)) < 6.5, c.name
+
+
+def test_axles_do_not_brace_in_bends(vehicle):
+    """The nominal car goes at the speed of the manoeuvre, and neither axle brakes against the other one: 46 N at most, in turns of
+    0.3 rad. One wheel speed for both axles would be 1.9 % of speed and 2.9 kN."""
+    c = Config()
+    assert c.exact_kinematics_share == 1.0
+    for candidate in library(c):
+        for log, (_, speed) in zip(prepared(candidate, c), candidate.pieces, strict=True):
+            n, torques = len(log.time), ("wheel_torque_front", "wheel_torque_rear")
+            found = Replay(("vel_x", *torques), dt=np.full(n, 0.01), **log.inputs).run(
+                c, wheel_inertia_front=0.0, wheel_inertia_rear=0.0
+            )
+            front, rear = found[torques[0]] / c.wheel_radius_front, found[torques[1]] / c.wheel_radius_rear
+            stiff = c.longitudinal_stiffness_front, c.longitudinal_stiffness_rear
+            bracing = (front * stiff[1] - rear * stiff[0]) / sum(stiff)
+            used = log.stretches[0].used
+            assert np.max(np.abs(bracing[used])) < 100, candidate.name
+            assert np.max(np.abs(found["vel_x"] / speed[:n] - 1)[used]) < 0.001, candidate.name
 
 
 # ---- check

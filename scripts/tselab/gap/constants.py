@@ -111,6 +111,7 @@ TABLE: tuple[Constant, ...] = (
         ("STEP", 0.01, "s", "rows of a planned log"),
         ("DURATION", 30.0, "s", "of a manoeuvre"),
         ("HAND", 0.06, "s", "sd of the smoothing that makes a step one of a driver's hand"),
+        ("ROUNDS", 3, "1", "of finding wheel speeds and motion across from each other"),
     ),
     # ---- localise
     *_rows(
@@ -240,8 +241,6 @@ TABLE: tuple[Constant, ...] = (
          "of what is left, that an effect which was only possible must close to be named: about what pays for a name (5 nats) over "
          "five minutes whose three channels count one value in an EPISODE each"),
         ("MOST_POSSIBLE", 3, "1", "effects that were only possible and are tried, and rounds of that: every one is a fit"),
-        ("NOISE_LIMIT", 1.2, "1",
-         "rms over noise up to which nothing is left to explain: noise is known to some percent, inputs are smoothed"),
         ("OUTSIDE", 0.2, "1", "prior, that what is missing is in no catalogue"),
         ("FEWER", 1, "1", "sets of the strongest names that a formula is sought beside: every one is a search"),
     ),
@@ -284,6 +283,8 @@ TABLE: tuple[Constant, ...] = (
         ("PER_PLACE", 3, "1", "of them at one place, most"),
         ("SEARCHED", 2, "1", "places where a symbolic search goes on"),
         ("LEAST_SHARE", 0.15, "1", "of the gap, that a formula must close to be worth reading"),
+        ("NOISE_LIMIT", 1.2, "1",
+         "rms over noise up to which nothing is left to explain: noise is known to some percent, inputs are smoothed"),
         ("MOST_STEPS", 15, "1", "of a fit"),
         ("CHUNK", 64, "1", "forms that are looked at together: memory"),
         ("HALF", 0.5, "%", "quantiles between which a signal has been are those of HALF % and 100 - HALF %"),

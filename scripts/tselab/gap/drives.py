@@ -1,6 +1,7 @@
 """A library of manoeuvres as inputs of the model: steering angle and wheel speeds, without noise, for planning.
 
-The wheels turn as the car would need them: speed over radius, and the slip that the acceleration asks for."""
+The wheels turn as the car would need them: each axle rolls along its own way through the bend, and slips as the force asks for
+that changes the speed and overcomes what the steered wheels brake."""
 
 from __future__ import annotations
 
@@ -12,13 +13,13 @@ import numpy as np
 from scipy.integrate import cumulative_trapezoid
 from scipy.ndimage import gaussian_filter1d
 
-from tselab.core import Config
+from tselab.core import Config, Replay
 from tselab.gap import constants
 from tselab.gap.data import BLOCK, BURN_IN, Prepared, Stretch
 from tselab.log import DRIVES, MEASURES
 from tselab.maneuvers import square, understeer_gradient
 
-STEP, DURATION, HAND = constants.of(__name__, "STEP", "DURATION", "HAND")
+STEP, DURATION, HAND, ROUNDS = constants.of(__name__, "STEP", "DURATION", "HAND", "ROUNDS")
 
 
 @dataclass(frozen=True)
@@ -40,14 +41,7 @@ def prepared(candidate: Candidate, config: Config) -> list[Prepared]:
     for i, (steer, speed) in enumerate(candidate.pieces):
         n = len(steer) // rows * rows
         time = STEP * np.arange(n)
-        acceleration = np.gradient(speed, STEP)
-        share = config.mass / (config.longitudinal_stiffness_front + config.longitudinal_stiffness_rear)
-        wheel = speed * (1.0 + np.clip(share * acceleration, -0.05, 0.05))
-        inputs = {
-            "steer_angle": steer[:n],
-            "wheel_speed_front": wheel[:n] / config.wheel_radius_front,
-            "wheel_speed_rear": wheel[:n] / config.wheel_radius_rear,
-        }
+        inputs = {"steer_angle": steer[:n]} | _wheels(config, steer[:n], speed[:n])
         assert set(inputs) == set(DRIVES)
         used = time >= BURN_IN
         noise = {c: getattr(config, f"{c}_sd") for c in MEASURES}
@@ -56,6 +50,27 @@ def prepared(candidate: Candidate, config: Config) -> list[Prepared]:
         name = Path(f"{candidate.name} {i + 1}")
         logs.append(Prepared(name, time, inputs, measured, noise, [Stretch(0, n, used)], rows, distance))
     return logs
+
+
+def _wheels(c: Config, steer: np.ndarray, speed: np.ndarray) -> dict[str, np.ndarray]:
+    """Wheel speeds, rad/s, of the nominal car that goes through these angles at these speeds: those of straight driving give its
+    motion across, which hardly depends on them, and that gives the speeds over ground of the steered wheels."""
+    share, length = c.exact_kinematics_share, c.lf + c.lr
+    across = turning = side = np.zeros(len(steer))
+    for _ in range(ROUNDS):
+        front = speed + share * (speed * (np.cos(steer) - 1.0) + (across + c.lf * turning) * np.sin(steer))
+        steered = (
+            c.lr * c.mass * side + c.yaw_inertia * np.gradient(turning, STEP)
+        ) / length  # N, across the front wheels
+        force = c.mass * (np.gradient(speed, STEP) - across * turning) + share * steered * np.sin(steer)
+        slip = np.clip(force / (c.longitudinal_stiffness_front + c.longitudinal_stiffness_rear), -0.05, 0.05)
+        wheels = {
+            "wheel_speed_front": front * (1.0 + slip) / c.wheel_radius_front,
+            "wheel_speed_rear": speed * (1.0 + slip) / c.wheel_radius_rear,
+        }
+        model = Replay(("vel_y", "true_yaw_rate", "accel_y"), dt=np.full(len(steer), STEP), steer_angle=steer, **wheels)
+        across, turning, side = model.run(c).values()
+    return wheels
 
 
 def library(config: Config) -> list[Candidate]:

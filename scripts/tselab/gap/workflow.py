@@ -27,9 +27,9 @@ from tselab.gap.infer import detect, show
 from tselab.gap.infer import naming as name
 from tselab.gap.infer.excerpt import HELD_SHARE, excerpt, is_long
 from tselab.gap.infer.formula import search
-from tselab.gap.infer.formula.search import Discovery
+from tselab.gap.infer.formula.search import NOISE_LIMIT, Discovery
 from tselab.gap.infer.naming import Named
-from tselab.gap.infer.rivals import NOISE_LIMIT, explained
+from tselab.gap.infer.rivals import explained
 from tselab.gap.localise import latent, remainder, where
 from tselab.gap.problem import STIFFNESS, Problem
 from tselab.gap.stages import stage

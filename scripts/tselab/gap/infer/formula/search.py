@@ -17,15 +17,15 @@ from tselab.formula import Formula, FormulaError
 from tselab.gap import constants
 from tselab.gap.catalogue import Parameter
 from tselab.gap.data import CHANNELS
-from tselab.gap.fit import Fit, covariance, excess, fit, lengths
+from tselab.gap.fit import Fit, covariance, excess, fit, gap, lengths
 from tselab.gap.infer import show
 from tselab.gap.infer.formula import symbolic, terms
 from tselab.gap.infer.formula.respond import responses, signals
 from tselab.gap.infer.formula.terms import Term
 from tselab.gap.problem import Problem
 
-PRICE, FITTED, PER_PLACE, SEARCHED, LEAST_SHARE, MOST_STEPS, CHUNK, HALF = constants.of(
-    __name__, "PRICE", "FITTED", "PER_PLACE", "SEARCHED", "LEAST_SHARE", "MOST_STEPS", "CHUNK", "HALF"
+PRICE, FITTED, PER_PLACE, SEARCHED, LEAST_SHARE, NOISE_LIMIT, MOST_STEPS, CHUNK, HALF = constants.of(
+    __name__, "PRICE", "FITTED", "PER_PLACE", "SEARCHED", "LEAST_SHARE", "NOISE_LIMIT", "MOST_STEPS", "CHUNK", "HALF"
 )  # fmt: skip
 
 
@@ -266,13 +266,14 @@ def _extended(frame: Frame, first: Candidate, say: Callable[[str], None]) -> lis
 
 def _chosen(frame: Frame, tried: list[Candidate], held: Problem | None) -> Discovery:
     """The worthiest over all logs, with the numbers of the fitted ones, that the held-out logs confirm: there no channel is worse,
-    and some are better."""
+    and some are better. Without these something must be left to explain: a library of forms finds one in any noise."""
     shown, chosen, best = [], None, 0.0
+    shows = held is not None or max(gap(frame.problem, frame.last.residuals).values()) > NOISE_LIMIT
     if held is not None:
         before = held.residuals(show.of_the_car(held, frame.values))
         length = lengths(held, before)
     for c in tried:
-        confirmed, total = c.nats > 0 and c.share >= LEAST_SHARE, c.nats
+        confirmed, total = shows and c.nats > 0 and c.share >= LEAST_SHARE, c.nats
         if confirmed and held is not None:
             after = held.residuals(show.of_the_car(held, c.values))
             c.changes = show.compare(held, before, after)
