@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from pathlib import Path
@@ -293,6 +293,20 @@ def _formula_path(path: Path, table: dict[str, Any]) -> Path | None:
 def formula_toml(formula: Formula, file: Path) -> str:
     """The table [formula] of a vehicle file beside `file`, which holds the formula."""
     return f"\n[formula]  # {formula.text}, at {formula.place}\nfile = {json.dumps(file.name, ensure_ascii=False)}\n"
+
+
+def calibration_toml(names: Sequence[str], mean: np.ndarray, covariance: np.ndarray, own: bool = False) -> list[str]:
+    """The table [calibration] of a vehicle file, in lines. `own`: on the logs that are estimated."""
+    lines = ["[calibration]"]
+    if own:
+        lines.append("own = true  # on the logs that are estimated: for their estimate, and for no other")
+    lines += [f"names = {json.dumps(list(names))}", f"mean = {_numbers(mean)}", "covariance = ["]
+    return [*lines, *(f"  {_numbers(row)}," for row in 0.5 * (covariance + covariance.T)), "]"]
+
+
+def _numbers(values: np.ndarray) -> str:
+    """To nine digits: beyond them is what order of summation leaves."""
+    return json.dumps([float(f"{x:.9g}") for x in values])
 
 
 def _calibration(path: Path, table: dict[str, Any]) -> dict[str, Any]:

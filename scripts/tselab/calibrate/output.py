@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -16,11 +17,19 @@ from tselab.files import atomic
 from tselab.formula import write_formula
 from tselab.gap.export.output import finite
 from tselab.identify.problem import UNLIKE_SD
-from tselab.identify.unknowns import LATENCIES, LATENCY, SUPERELEVATION, of_log
-from tselab.vehicle import GRAVITY, HINT_ONLY, formula_toml, is_set, sensor_settings, unknown_car, vehicle_settings
+from tselab.identify.unknowns import LATENCIES, LATENCY, LEAST_SD, SUPERELEVATION, of_log
+from tselab.vehicle import (
+    GRAVITY,
+    HINT_ONLY,
+    calibration_toml,
+    formula_toml,
+    is_set,
+    sensor_settings,
+    unknown_car,
+    vehicle_settings,
+)
 
-# What is not believed to be known better, whatever the covariance says: axles differ in relaxation, steering moves with force.
-LEAN_SD, TRAIL_SD, GYRO_SD, RELAXATION_SD, ROLL_STEER_SD = 0.1, 0.02, 0.005, 0.12, 0.03
+ROLL_STEER_SD = 0.03  # of a car that logs have been fitted to
 
 
 def values(result: Result) -> dict[str, float]:
@@ -76,11 +85,10 @@ def uncertainty(result: Result) -> dict[str, float]:
             wheel_radius_rear=1.0 / at["wheel_radius_rear"], wheel_radius_front=-1.0 / at["wheel_radius_front"]
         ),
     }
-    # roads lean into their curves otherwise than those of the calibration, which a filter estimates; what it hardly shows
-    found["lean_sd"] = max(float(np.std(_superelevations(result))), LEAN_SD)
-    found["trail_sd"] = max(sd(aligning_moment_trail=1.0), TRAIL_SD)
-    found["gyro_scale_sd"] = max(sd(gyro_scale_error=1.0), GYRO_SD)
-    found["relaxation_sd"] = max(found["relaxation_sd"], RELAXATION_SD)
+    found["lean_sd"] = float(np.std(_superelevations(result)))
+    found["trail_sd"] = sd(aligning_moment_trail=1.0)
+    found["gyro_scale_sd"] = sd(gyro_scale_error=1.0)
+    found |= {key: max(found[key], least) for key, least in LEAST_SD.items()}
     found["roll_steer_sd"] = min(found["roll_steer_sd"], ROLL_STEER_SD)
     fields = result.config.fields
     return {k: float(np.clip(v, fields[k].low, fields[k].high)) for k, v in found.items()}
@@ -126,18 +134,23 @@ def toml(result: Result, logs: list[str], formula: Path) -> str:
         for p in effect.parameters:
             value = float(getattr(config, p.setting))
             lines.append(f"{p.name} = {value!r}  # {p.unit}: {p.text}{_band(by_name.get(p.setting))}")
+    lines += ["", "# What the next calibration starts from: all unknowns, their means and covariance."]
+    lines += calibration_toml(*_start(result, everything), result.own)
+    return "\n".join(lines) + "\n"
+
+
+def _start(result: Result, written: Mapping[str, float]) -> tuple[list[str], np.ndarray, np.ndarray]:
+    """Names, means and covariance of the unknowns of the car over the stiffness of the file that is written: fitted they were over
+    that of the file that was read."""
     names = list(result.problem.prior.names)
     n = len(names)
-    lines += ["", "# What the next calibration starts from: all unknowns, their means and covariance.", "[calibration]"]
-    if result.own:
-        lines.append("own = true  # on the logs that are estimated: for their estimate, and for no other")
-    lines += [
-        f"names = {json.dumps(names)}",
-        f"mean = {json.dumps([float(x) for x in result.fit.x[:n]])}",
-        "covariance = [",
-    ]
-    lines += [f"  {json.dumps([float(x) for x in row])}," for row in result.fit.covariance[:n, :n]]
-    return "\n".join([*lines, "]"]) + "\n"
+    mean, unit = result.fit.x[:n].copy(), np.ones(n)
+    for key, setting in NOMINAL.items():
+        mean[names.index(key)] -= np.log(written[setting] / getattr(result.config, setting))
+    if not result.own:
+        rear = names.index("longitudinal_stiffness_rear")  # which follows the front one
+        unit[rear] = written["longitudinal_stiffness_rear"] / mean[rear]
+    return names, mean * unit, result.fit.covariance[:n, :n] * np.outer(unit, unit)
 
 
 def _band(f: Finding | None) -> str:

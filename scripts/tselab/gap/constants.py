@@ -360,6 +360,9 @@ TABLE: tuple[Constant, ...] = (
          "curves the bank of the road takes over: roads are built so, and a bank left out passes for a scale of accel_y and for "
          "other tyres"),
         ("OWN_SD", (0.1, 0.1, 0.1, 0.05), "ln, ln, ln, 1", "of the same"),
+        ("LEAST_SD", {"lean_sd": 0.1, "trail_sd": 0.02, "gyro_scale_sd": 0.005, "relaxation_sd": 0.12}, "1, m, 1, m",
+         "is not known better, whatever the covariance says: roads lean into their curves otherwise than those of the logs, "
+         "steering moves with force, axles differ in relaxation"),
     ),
     *_rows(
         "identify.ready",

@@ -19,8 +19,8 @@ MEASURED = ("accel_x", "accel_y", "yaw_rate")
 LATE = ("steer_angle", "wheel_speed_front", "wheel_speed_rear", "accel_x", "accel_y")  # behind the gyro
 LATENCY = "_latency"
 LATENCIES = {c + LATENCY: c for c in LATE}  # unknowns, and the channels that are late
-MOST_LATENCY, COMMON_SD, STIFFNESS_SD, MOST_STIFFNESS, OWN_MEAN, OWN_SD = constants.of(
-    __name__, "MOST_LATENCY", "COMMON_SD", "STIFFNESS_SD", "MOST_STIFFNESS", "OWN_MEAN", "OWN_SD"
+MOST_LATENCY, COMMON_SD, STIFFNESS_SD, MOST_STIFFNESS, OWN_MEAN, OWN_SD, LEAST_SD = constants.of(
+    __name__, "MOST_LATENCY", "COMMON_SD", "STIFFNESS_SD", "MOST_STIFFNESS", "OWN_MEAN", "OWN_SD", "LEAST_SD"
 )  # fmt: skip
 
 
