@@ -15,13 +15,15 @@ from tselab import __version__
 from tselab.core import NOMINAL, Config, EffectParameter, library
 from tselab.files import atomic
 from tselab.formula import c_header, write_formula
-from tselab.gap.fit import Fit, covariance
+from tselab.gap.export.posterior import Posterior, posterior
+from tselab.gap.fit import Fit
 from tselab.gap.infer.naming import Named, settings
 from tselab.gap.problem import PROFILES, Problem
 from tselab.gap.workflow import Result
 from tselab.vehicle import (
     HINT_ONLY,
     Vehicle,
+    calibration_toml,
     formula_settings,
     formula_toml,
     is_set,
@@ -92,12 +94,13 @@ def improved(vehicle: Vehicle, problem: Problem, result: Result) -> str:
     lines += [
         f"{k} = {json.dumps(v, ensure_ascii=False)}" for k, v in facts.items() if isinstance(v, (str, int, float))
     ]
-    band = stiffness_bands(problem, fit)
+    known = posterior(problem, fit, vehicle, result.formula.settings() if result.formula else {})
+    band = stiffness_bands(problem.config, known)
     for key in vehicle_settings():
         if key in values:
             lines.append(f"{key} = {values[key]!r}  # {fields[key].unit}{band.get(key, '')}")
-    if vehicle.given_uncertainty:
-        lines += ["", "[uncertainty]", *(f"{k} = {values[k]!r}  # {fields[k].unit}" for k in vehicle.given_uncertainty)]
+    lines += ["", "[uncertainty]"]
+    lines += [f"{k} = {v:.3g}  # {fields[k].unit}" for k, v in known.uncertainty(vehicle).items()]
     late = latency_settings()
     logged = {
         k: found.get(late[k], values.get(late[k], 0.0)) for k in late if late[k] in found or k in vehicle.given_latency
@@ -127,6 +130,11 @@ def improved(vehicle: Vehicle, problem: Problem, result: Result) -> str:
         if n and n.look_alikes:
             lines.append(f"# These logs cannot exclude {', '.join(n.look_alikes)} in its place.")
         lines += [_parameter(p, float(getattr(config, p.setting)), n) for p in effect.parameters]
+    lines += [
+        "",
+        "# What estimator and calibration start from: means and covariance; stiffness in ln over this file's.",
+    ]
+    lines += calibration_toml(*known.calibration())
     return "\n".join(lines) + "\n"
 
 
@@ -162,15 +170,14 @@ def stiffness(config: Config, values: Mapping[str, float]) -> dict[str, float]:
     return {k: float(np.clip(v, limits[k].low, limits[k].high)) for k, v in found.items()}
 
 
-def stiffness_bands(problem: Problem, fit: Fit) -> dict[str, str]:
+def stiffness_bands(config: Config, known: Posterior) -> dict[str, str]:
     """Comments on the fitted stiffnesses: 95 % intervals, as settings."""
-    sd = np.sqrt(np.maximum(np.diag(covariance(problem, fit)), 0.0))
     comments = {"longitudinal_stiffness_rear": ", follows the front one"}
-    for p, s in zip(fit.parameters, sd, strict=True):
-        if p.name in NOMINAL:
-            size = getattr(problem.config, NOMINAL[p.name])
-            low, high = size * (fit.values[p.name] - 1.96 * s), size * (fit.values[p.name] + 1.96 * s)
-            comments[NOMINAL[p.name]] = f", fitted, 95 %: {low:.4g} .. {high:.4g}"
+    for name, value in zip(known.names, known.values, strict=True):
+        if name in NOMINAL:
+            size, sd = getattr(config, NOMINAL[name]), known.sd(name)
+            low, high = size * (value - 1.96 * sd), size * (value + 1.96 * sd)
+            comments[NOMINAL[name]] = f", fitted, 95 %: {low:.4g} .. {high:.4g}"
     return comments
 
 

@@ -1,0 +1,89 @@
+"""The loop closes: what the improved vehicle file says of how well the car is known, and what the estimator makes of it."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+
+from gap_logs import CAR, STIFFNESS, write_log
+from tselab.core import NOMINAL, Config
+from tselab.estimate import estimate
+from tselab.gap import workflow
+from tselab.gap.data import prepare
+from tselab.gap.export import add, gain
+from tselab.gap.export.posterior import UNCERTAIN, posterior
+from tselab.gap.fit import fit
+from tselab.gap.infer.naming import Naming
+from tselab.gap.problem import STIFFNESS as PARAMETERS
+from tselab.gap.problem import Problem
+from tselab.identify.unknowns import prior_of
+from tselab.log import read_log
+from tselab.vehicle import read_vehicle
+
+CLASS = re.sub(r"\[uncertainty\].*?\n\n", "", CAR, flags=re.DOTALL)  # nobody says how well it is known
+
+
+@pytest.fixture(scope="module")
+def case(tmp_path_factory):
+    """A car without any effect: stiffness is all that the file has wrong."""
+    folder = tmp_path_factory.mktemp("posterior")
+    vehicle = folder / "car.toml"
+    vehicle.write_text(CLASS, encoding="utf-8")
+    config = Config(read_vehicle(vehicle).values)
+    paths = [write_log(folder / f"{d}.csv", vehicle, d, {}, k, 20.0) for k, d in enumerate(("sweep", "brakes"), 5)]
+    problem = Problem([prepare(read_log(p), config) for p in paths], config)
+    found = fit(problem, PARAMETERS, {})
+    naming = Naming(found, found, [], [], 0.0, [], [], [], True)
+    result = workflow.judge(problem, naming, [], [], [], [], {}, [])
+    improved = folder / "improved.toml"
+    improved.write_text(add.improved(read_vehicle(vehicle), problem, result), encoding="utf-8")
+    return folder, vehicle, problem, found, improved
+
+
+def test_what_logs_show_is_known_better_and_what_they_do_not_as_before(case):
+    _, vehicle, _, _, improved = case
+    before, after = (read_vehicle(p).values for p in (vehicle, improved))
+    for key in ("steer_ratio_sd", "relaxation_sd", "accel_delay_sd"):  # a sweep of the steering shows them
+        assert after[key] < 0.9 * before[key], key
+    for key in ("wheel_delay_sd", "lean_sd", "grade_sd"):
+        assert after[key] == before[key], key
+    assert after["mass_sd"] == pytest.approx(before["mass_sd"], rel=0.15)  # which stiffness takes up
+
+
+def test_what_logs_do_not_show_moves_no_mean_and_widens_the_stiffness(case):
+    _, vehicle, problem, found, improved = case
+    alone = read_vehicle(vehicle)
+    alone.values |= dict.fromkeys(UNCERTAIN, 0.0) | {"model_sd": 0.1}
+    narrow, wide = posterior(problem, found, alone, {}), posterior(problem, found, read_vehicle(vehicle), {})
+    assert set(narrow.names) == set(STIFFNESS) < set(wide.names)
+    for key, true in STIFFNESS.items():
+        assert wide.sd(key) > narrow.sd(key)
+        assert abs(found.values[key] - true) < 3 * wide.sd(key)
+    written = read_vehicle(improved)
+    start = prior_of(written, Config(written.values))
+    for key in NOMINAL:
+        k = start.names.index(key)
+        assert start.mean[k] == 0.0 and start.sd[k] == pytest.approx(wide.sd(key) / found.values[key], rel=1e-6)
+
+
+def test_an_exactly_known_car_stays_so(case):
+    _, vehicle, problem, found, _ = case
+    exact = read_vehicle(vehicle)
+    exact.values |= dict.fromkeys((k for k in exact.values if k in Config().fields and k.endswith("_sd")), 0.0)
+    assert set(posterior(problem, found, exact, {}).uncertainty(exact).values()) == {0.0}
+
+
+def test_the_estimator_is_better_and_valid_on_a_drive_that_nobody_fitted(case):
+    folder, vehicle, _, _, improved = case
+    log = read_log(write_log(folder / "unseen.csv", vehicle, "steps", {}, 9, 24.0))
+    config = Config(read_vehicle(vehicle).values)
+    error, valid = [], []
+    for path in (vehicle, improved):
+        table = estimate(log, gain.settings(read_vehicle(path), log)).table
+        axles = ("cy_front", "cy_rear")
+        over = [np.log(table[k] / (getattr(config, NOMINAL[k]) * STIFFNESS[k])) for k in axles]
+        error.append(float(np.sqrt(np.mean(np.square(over)))))
+        valid.append(float(np.mean([(table[f"{k}_valid"] == 1).mean() for k in axles])))
+    assert error[1] < 0.7 * error[0] and valid[0] < 0.2 and valid[1] > 0.8, (error, valid)
