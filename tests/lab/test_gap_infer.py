@@ -26,6 +26,7 @@ from tselab.gap.infer.hypotheses import Hypothesis, hypotheses, latencies, ln_si
 from tselab.gap.infer.naming import Named, Probability, settings
 from tselab.gap.infer.search import Search, judge
 from tselab.gap.infer.space import EPISODE, FEWEST, Layout
+from tselab.gap.localise.remainder import Remainder
 from tselab.gap.problem import STIFFNESS, Problem, Rows, profile_size
 from tselab.gap.stages import _seal, load, save, stage
 from tselab.gap.workers import ClusterProblem
@@ -402,8 +403,9 @@ def test_latencies_have_the_intervals_of_the_names_that_they_are_sums_of(late: P
         assert found[k]["ci95"] == pytest.approx([value - half, value + half], abs=1e-9)
 
 
-def test_what_is_possible_says_why_it_has_no_name(tmp_path: Path) -> None:
-    """A scale that is sure and below what counts is negligible; a name that does not stand has the reason given."""
+def test_what_is_possible_says_why_it_has_no_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A scale that is sure and below what counts is negligible; a name that does not stand has the reason given, and so has one
+    that closes less of what the others leave than a name must."""
     vehicle = car(tmp_path)
     log = write_log(tmp_path / "log.csv", vehicle, "sweep", {"body_roll_gain": 0.009, "gyro_scale_error": 0.06}, 3)
     config = Config(read_vehicle(vehicle).values)
@@ -417,6 +419,10 @@ def test_what_is_possible_says_why_it_has_no_name(tmp_path: Path) -> None:
     assert {w for i, w in why.items() if i != "gyro_scale"} <= {"below 90 %"}
     less = naming.without(problem, found, frozenset(), "a reason")
     assert {p["id"]: p["why"] for p in less.possible} == {"body_roll": "a reason"} | why
+    assert naming.LEAST_CLOSED < found.named[0].alone <= 1.0
+    monkeypatch.setattr(naming, "LEAST_CLOSED", 1.1)
+    idle = naming.name(problem, asked)
+    assert not idle.named and {p["id"]: p["why"] for p in idle.possible}["body_roll"] == "it closes next to nothing"
 
 
 def test_a_road_alone_is_kept_with_its_profile(tmp_path: Path) -> None:
@@ -446,14 +452,25 @@ def test_a_road_is_told_by_the_size_of_its_profile() -> None:
     assert delay.message and "logged late" in workflow._sentence(delay)
 
 
-def test_a_name_without_which_as_much_is_closed_is_not_said_to_close_less_than_nothing() -> None:
-    roll = Named(catalogue()["body_roll"], {"body_roll_gain": 0.009}, {"body_roll_gain": (0.008, 0.01)}, 0.4, 40.0)
-    assert "it closes 40 % of the gap." in workflow._sentence(roll)
-    text = workflow._sentence(replace(roll, share=-0.03))
-    assert "closes -" not in text and "without it as much of the gap is closed" in text
-    assert workflow._sentence(replace(roll, share=0.0)).endswith(
-        "probability above 99 %."
-    )  # of held-out logs: nobody knows
+def test_a_name_below_90_percent_is_possible_and_has_exit_code_11(late: Problem) -> None:
+    """And a gap of the held-out logs is no all-clear."""
+    baseline = naming.fit(late, naming.STIFFNESS, {})
+
+    def judged(probability: float | None, elsewhere: list[Remainder]) -> workflow.Result:
+        values, ci95 = {"body_roll_gain": 0.009}, {"body_roll_gain": (0.008, 0.01)}
+        named = [] if probability is None else [Named(catalogue()["body_roll"], values, ci95, 0.4, 40.0, probability)]
+        found = naming.Naming(baseline, baseline, named, [], 0.4, [], [], [], True)
+        return workflow.judge(late, found, [], [], [], [], {}, [], elsewhere=elsewhere)
+
+    sure, unsure = judged(0.95, []), judged(0.61, [])
+    assert sure.exit_code == 10 and sure.words[0].startswith("gravity in accel_y")
+    assert unsure.exit_code == 11 and unsure.words[0].startswith("possibly ")
+    assert judged(None, []).exit_code == 0
+    left = workflow.what_is_left(late, baseline.values, 4.0 * np.abs(baseline.residuals), {})
+    assert workflow.more_than_noise(left)
+    gap = judged(None, [Remainder("yaw_rate", 3.08, "disturbance", 0.0, (), None, "")])
+    assert gap.exit_code == 20 and "yaw_rate 3.08 times the noise" in gap.words[-1]
+    assert "Nothing" not in " ".join(gap.words) and "nothing is missing" not in " ".join(gap.words)
 
 
 def test_a_lag_that_no_steering_is_quick_enough_for_is_a_low_pass() -> None:

@@ -120,8 +120,8 @@ def run(**given: Any) -> int:
     DIR/gap.png                the picture (with matplotlib)
 
     \b
-    Exit code: 0 nothing is missing that these logs could show, 10 named, 11 named, but look-alikes cannot be excluded,
-    20 something is missing that is not in the catalogue, 2 bad input, 130 Ctrl-C. The same command goes on after Ctrl-C.
+    Exit code: 0 nothing is missing that these logs could show, 10 named, 11 named, but below 90 % or look-alikes cannot be
+    excluded, 20 something is missing that is not in the catalogue, 2 bad input, 130 Ctrl-C. The same command goes on after Ctrl-C.
     """
     return _run(**given)
 

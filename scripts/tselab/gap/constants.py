@@ -236,7 +236,6 @@ TABLE: tuple[Constant, ...] = (
     ),
     *_rows(
         "gap.infer.rivals",
-        ("LEAST_CLOSED", 0.05, "1", "of the gap: names that together close less explain nothing of it"),
         ("WORTHWHILE", 0.3, "1",
          "of what is left, that an effect which was only possible must close to be named: about what pays for a name (5 nats) over "
          "five minutes whose three channels count one value in an EPISODE each"),
@@ -261,6 +260,7 @@ TABLE: tuple[Constant, ...] = (
         ("ALIKE_AT", 0.05, "1",
          "share of the probability that an effect or something in its place is missing, from which that something is a look-alike"),
         ("POSSIBLE_AT", 0.1, "1", "probability from which an effect without a name is given as possible"),
+        ("LEAST_CLOSED", 0.05, "1", "of what the other names leave, that a name must close, and of the gap all together"),
         ("ROAD_PROBABILITY", 0.1, "1", "prior, that a road's profile shows"),
         ("ROAD_SHARE", 0.5, "1", "of what is slow in its channel that a road must explain"),
         ("ROAD_HARM", 3.0, "nats",
@@ -283,6 +283,7 @@ TABLE: tuple[Constant, ...] = (
         ("PER_PLACE", 3, "1", "of them at one place, most"),
         ("SEARCHED", 2, "1", "places where a symbolic search goes on"),
         ("LEAST_SHARE", 0.15, "1", "of the gap, that a formula must close to be worth reading"),
+        ("LEAST_HARM", 0.01, "1", "relative rise of a channel of the held-out logs by which it forbids a formula"),
         ("NOISE_LIMIT", 1.2, "1",
          "rms over noise up to which nothing is left to explain: noise is known to some percent, inputs are smoothed"),
         ("MOST_STEPS", 15, "1", "of a fit"),

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -28,6 +28,7 @@ from tselab.gap.infer import naming as name
 from tselab.gap.infer.excerpt import HELD_SHARE, excerpt, is_long
 from tselab.gap.infer.formula import search
 from tselab.gap.infer.formula.search import NOISE_LIMIT, Discovery
+from tselab.gap.infer.hypotheses import NAME_AT
 from tselab.gap.infer.naming import Named
 from tselab.gap.infer.rivals import explained
 from tselab.gap.localise import latent, remainder, where
@@ -38,7 +39,7 @@ from tselab.log import MEASURES, Log, Reading, files_of, read_log
 from tselab.units import check_units
 from tselab.vehicle import Vehicle, fill_sensors, latency_settings, read_vehicle
 
-EXIT = {"none": 0, "named": 10, "look-alikes": 11, "not_in_catalogue": 20}
+EXIT = {"none": 0, "named": 10, "below 90 %, or look-alikes": 11, "not_in_catalogue": 20}
 
 
 @dataclass
@@ -317,17 +318,31 @@ def run(
     if part.problem is not problem:
         weighed = _on_all(this, problem, baseline, weighed)
 
-    left = what_is_left(problem, weighed.last, noisier)
+    left = what_is_left(problem, weighed.last.values, weighed.last.residuals, noisier)
     missing, follows = _disturbance(this, problem, weighed.naming, entries, noisier)
     changes: dict[str, show.Change] = {}
+    elsewhere: list[remainder.Remainder] = []
     if held is not None:
         say("held-out logs")
-        changes = show.held_out(held, weighed.naming.baseline.values, weighed.values)
+        values = show.of_the_car(held, weighed.values)
+        after = held.residuals(values)
+        changes = show.compare(held, held.residuals(weighed.naming.baseline.values), after)
+        elsewhere = more_than_noise(what_is_left(held, values, after, noisier))
     this.notes += optional.words(problem.readings(weighed.naming.final.values))
     if not weighed.naming.converged:
         this.notes.append("the last fit has not converged: sizes may still move")
     result = judge(
-        problem, weighed.naming, conditions, entries, left, seen, changes, this.notes, weighed.discovery, follows
+        problem,
+        weighed.naming,
+        conditions,
+        entries,
+        left,
+        seen,
+        changes,
+        this.notes,
+        weighed.discovery,
+        follows,
+        elsewhere,
     )
     result.problem, result.held, result.latent, result.rivals = problem, held, missing, weighed.rivals
     result.read = [("fit", x) for x in this.logs] + [("held_out", x) for x in this.held]
@@ -371,7 +386,7 @@ def _weighed(this: Run, part: Searched, naming: name.Naming, noisier: dict[str, 
     if own is not None:
         this.notes.append(f"the vehicle file has a formula ({own.id}), which was kept: no other is sought")
         return Weighed(naming)
-    remains = more_than_noise(what_is_left(part.problem, naming.final, noisier))
+    remains = more_than_noise(what_is_left(part.problem, naming.final.values, naming.final.residuals, noisier))
     if remains or formula or leaves_something(part.held, naming):
         discovery, naming, rivals = this.stage("formula", lambda: explained(part.problem, part.held, naming, this.say))
         return Weighed(naming, discovery, rivals)
@@ -395,7 +410,7 @@ def _disturbance(
     this: Run, problem: Problem, naming: name.Naming, entries: list[where.Entry], noisier: dict[str, float]
 ) -> tuple[latent.Latent | None, list[latent.Explained]]:
     """What the names that stand leave, if it is more than noise."""
-    remains = more_than_noise(what_is_left(problem, naming.final, noisier))
+    remains = more_than_noise(what_is_left(problem, naming.final.values, naming.final.residuals, noisier))
     if not remains:
         return None, []
     return this.stage("latent", lambda: disturbance(problem, naming, entries, remains))
@@ -420,14 +435,16 @@ def _seconds(problem: Problem) -> float:
     return sum(log.seconds for log in problem.logs)
 
 
-def what_is_left(problem: Problem, last: Fit, noisier: dict[str, float]) -> list[remainder.Remainder]:
+def what_is_left(
+    problem: Problem, values: Mapping[Key, float], residuals: np.ndarray, noisier: Mapping[str, float]
+) -> list[remainder.Remainder]:
     """Of every channel, after a fit."""
-    features = {k: x for k, x in where.features(problem, last.values).items() if k != "time"}
+    features = {k: x for k, x in where.features(problem, values).items() if k != "time"}
     return [
         r
         if r.channel not in noisier
         else remainder.Remainder(r.channel, r.gap, "noise", 0.0, (), None, f"{r.channel}: noise only")
-        for r in remainder.remainder(problem, last.residuals, features, NOISE_LIMIT)
+        for r in remainder.remainder(problem, residuals, features, NOISE_LIMIT)
     ]
 
 
@@ -465,8 +482,9 @@ def judge(
     notes: list[str],
     discovery: Discovery | None = None,
     follows: Sequence[latent.Explained] = (),
+    elsewhere: Sequence[remainder.Remainder] = (),
 ) -> Result:
-    """From what was found to a verdict. `left`: after names and formula."""
+    """From what was found to a verdict. `left`: after names and formula; `elsewhere`: the same of the held-out logs."""
     formula = discovery.formula if discovery else None
     last = discovery.fit if discovery and discovery.fit else naming.final
     before, after = gap(problem, naming.baseline.residuals), gap(problem, last.residuals)
@@ -478,12 +496,19 @@ def judge(
         if remains or formula:
             closed = f"{100 * naming.closed:.0f} % of the gap"
             words.append(f"All names together close {closed}; something else is missing that is not in the catalogue.")
+    elif elsewhere and not (remains or formula):
+        verdict = "not_in_catalogue"
+        words.append(
+            "Something is missing: the model explains the fitted logs down to the sensors' noise, and not the held-out ones."
+        )
     elif remains or formula:
         verdict = "not_in_catalogue"
-        words.append("Something is missing, and it is none of the effects of the catalogue.")
+        words.append("Something is missing, and none of the effects of the catalogue explains it.")
         if naming.possible and not formula:
             best = naming.possible[0]
-            words.append(f"The most probable of them is {best['id']}, with {100 * best['probability']:.0f} %.")
+            words.append(
+                f"Possible is {best['id']}, {_percent(best['probability'])}, without a name because {best['why']}."
+            )
         if entries and entries[0].nats > 0:
             words.append(f"It acts like a disturbance at: {entries[0].place}.")
         if follows:
@@ -497,11 +522,17 @@ def judge(
         )
     words += discovery.words if discovery else []
     words += [f"{'Still left: ' if formula else ''}{r.words}" for r in remains]
+    more = [
+        f"{r.channel} {r.gap:.2f} times the noise" for r in elsewhere if r.channel not in {x.channel for x in remains}
+    ]
+    if more:
+        words.append(f"The held-out logs are not explained: {', '.join(more)}.")
     for n in naming.besides:
         words.append(f"The held-out logs show besides, what the fitted ones do not: {_sentence(n)} It is not added.")
     exit_code = EXIT[verdict]
-    if verdict == "named" and all(n.look_alikes for n in naming.named):
-        exit_code = EXIT["look-alikes"]
+    unsure = [n for n in naming.named if n.probability < NAME_AT]
+    if verdict == "named" and (unsure or all(n.look_alikes for n in naming.named)):
+        exit_code = EXIT["below 90 %, or look-alikes"]
     alike = {i for n in naming.named for i in n.look_alikes}  # of these the logs show one, and do not say which
     undetectable = [d for d in seen if not d.visible and d.id not in alike]
     return Result(
@@ -566,11 +597,9 @@ def _sentence(n: Named) -> str:
         for k, v in n.values.items()
         if units[k].strength
     )
-    text = f"{n.title} ({n.effect.id}): {sizes}; probability {_percent(n.probability)}"
-    if n.share < 0:  # without it the others close as much of the fitted logs' gap, at sizes that are less likely
-        text += ", without it as much of the gap is closed: it is named since these logs are likelier with it."
-    else:
-        text += f", it closes {100 * n.share:.0f} % of the gap." if n.share else "."
+    possibly = "possibly " if n.probability < NAME_AT else ""
+    text = f"{possibly}{n.title} ({n.effect.id}): {sizes}; probability {_percent(n.probability)}"
+    text += f", it closes {100 * n.share:.0f} % of the gap." if n.share else "."
     if n.look_alikes:
         text += f" These logs cannot exclude {', '.join(n.look_alikes)} in its place."
     return text

@@ -33,11 +33,11 @@ EARLY = {  # delays below zero
 # is, too.
 BY_TORQUE = ("aero_drag", "rolling_resistance")
 LOW_PASS = "steering_lag"  # which a low pass of the whole IMU is, but for accel_x
-ALIKE_AT, POSSIBLE_AT, ROAD_PROBABILITY, ROAD_SHARE, ROAD_HARM, MOST_KNOTS = constants.of(
-    __name__, "ALIKE_AT", "POSSIBLE_AT", "ROAD_PROBABILITY", "ROAD_SHARE", "ROAD_HARM", "MOST_KNOTS"
+ALIKE_AT, POSSIBLE_AT, LEAST_CLOSED, ROAD_PROBABILITY, ROAD_SHARE, ROAD_HARM, MOST_KNOTS = constants.of(
+    __name__, "ALIKE_AT", "POSSIBLE_AT", "LEAST_CLOSED", "ROAD_PROBABILITY", "ROAD_SHARE", "ROAD_HARM", "MOST_KNOTS"
 )  # fmt: skip
 ROAD_CHANNEL = {"grade": "accel_x", "bank": "accel_y"}
-SMALL = "its size is negligible"  # why an effect is possible and has no name
+SMALL, IDLE = "its size is negligible", "it closes next to nothing"  # why an effect is possible and has no name
 
 
 @dataclass
@@ -53,6 +53,7 @@ class Named:
     look_alikes: list[str] = field(default_factory=list)
     remarks: list[str] = field(default_factory=list)
     sensor: bool = False
+    alone: float = 1.0  # share that it closes of what the other names leave
 
     @property
     def message(self) -> bool:
@@ -103,7 +104,7 @@ def name(
         best = first.needed(search.run(best))
     probability = Probability(search, best.ids)
     names = {h.id for h in best.effects if probability.of_class(h.id) >= NAME_AT}
-    dropped: set[str] = set()
+    dropped: dict[str, str] = {}  # and why
     full = excess(problem, baseline.residuals)
     while True:
         final = best if names == best.ids else first.judge(names, best.values, best)
@@ -111,19 +112,24 @@ def name(
         plain = judge(Layout(problem), final.effects, final.values, None)
         small = {h.id for h in final.effects if negligible(h, plain.values)}
         wander = _wander(problem, first, final, baseline, full)
-        if not small | wander:
+        if small | wander:
+            names = final.ids - small - wander
+            dropped |= dict.fromkeys(small, SMALL)
+            continue
+        last = as_fit(problem, plain) if final.effects else baseline
+        named = [_named(problem, first, final, plain, last, h, probability, full) for h in final.effects]
+        idle = min(named, key=lambda n: n.alone, default=None)
+        if idle is None or idle.alone >= LEAST_CLOSED:
             break
-        names = final.ids - small - wander
-        dropped |= small
-    last = as_fit(problem, plain) if final.effects else baseline
-    named = [_named(problem, first, final, plain, last, h, probability, full) for h in final.effects]
+        names = final.ids - {idle.effect.id}
+        dropped[idle.effect.id] = IDLE
     named += _roads(problem, final, last, [e for e in effects if e.id in PROFILES], full)
     roads = [n.effect for n in named if n.effect.id in PROFILES and n.effect.id not in final.ids]
     if roads:
         last = _with_roads(problem, last, roads)
     besides = []
     best_of_all = probability.best
-    dropped |= {h.id for h in best_of_all.effects if negligible(h, best_of_all.values)}
+    dropped |= {h.id: SMALL for h in best_of_all.effects if negligible(h, best_of_all.values)}
     if together is not None:
         stand_in = {i for n in named for i in n.look_alikes}
         for h in best_of_all.effects:
@@ -133,7 +139,7 @@ def name(
     stated = {n.effect.id for n in (*named, *besides)}
     unsure, not_best = f"below {100 * NAME_AT:.0f} %", "the most probable set explains these logs without it"
     possible = [
-        {"id": i, "probability": p, "why": SMALL if i in dropped else unsure if p < NAME_AT else not_best}
+        {"id": i, "probability": p, "why": dropped.get(i, unsure if p < NAME_AT else not_best)}
         for i, p in sorted(probability.effects.items(), key=lambda x: -x[1])
         if p >= POSSIBLE_AT and i not in stated and not any(i in n.look_alikes for n in named)
     ]
@@ -291,7 +297,8 @@ def _named(
     found.evidence = final.evidence - without.evidence
     # no set leaves more than nothing does; a fit that believes in discrepancies is no least squares, and may
     left = min(excess(problem, as_fit(problem, without, slopes=False).residuals), full)
-    found.share = (left - excess(problem, last.residuals)) / max(full, 1e-300)
+    closes = left - excess(problem, last.residuals)
+    found.share, found.alone = closes / max(full, 1e-300), closes / max(left, 1e-300)
     if h.id == "rolling_resistance" and any(c in TORQUES for log in problem.logs for c in log.channels):
         c = problem.config
         torque = found.values["rolling_resistance_coefficient"] * c.mass * GRAVITY * c.wheel_radius_front

@@ -29,14 +29,12 @@ from tselab.gap.infer import naming as name
 from tselab.gap.infer import show
 from tselab.gap.infer.formula.search import NOISE_LIMIT, Discovery, discover
 from tselab.gap.infer.hypotheses import NAME_AT, SIZE_COST, hypotheses
-from tselab.gap.infer.naming import ROAD_PROBABILITY, Naming
+from tselab.gap.infer.naming import LEAST_CLOSED, ROAD_PROBABILITY, Naming
 from tselab.gap.infer.space import EPISODE
 from tselab.gap.parallel import apart
 from tselab.gap.problem import Problem
 
-LEAST_CLOSED, WORTHWHILE, MOST_POSSIBLE, OUTSIDE, FEWER = constants.of(
-    __name__, "LEAST_CLOSED", "WORTHWHILE", "MOST_POSSIBLE", "OUTSIDE", "FEWER"
-)
+WORTHWHILE, MOST_POSSIBLE, OUTSIDE, FEWER = constants.of(__name__, "WORTHWHILE", "MOST_POSSIBLE", "OUTSIDE", "FEWER")
 INSTEAD = (
     "a formula explains about as much or more for what it costs"  # why what the search named has no name in the end
 )

@@ -63,8 +63,3 @@ def of_the_car(problem: Problem, after: Mapping[str, float]) -> dict[str, float]
         return car | fit(problem, [p for e in road for p in problem.strengths(e)], {}).values
     finally:
         problem.fixed = before
-
-
-def held_out(problem: Problem, before: Mapping[str, float], after: Mapping[str, float]) -> dict[str, Change]:
-    """The same on logs that were held out: parameters as fitted elsewhere."""
-    return compare(problem, problem.residuals(before), problem.residuals(of_the_car(problem, after)))

@@ -24,8 +24,8 @@ from tselab.gap.infer.formula.respond import responses, signals
 from tselab.gap.infer.formula.terms import Term
 from tselab.gap.problem import Problem
 
-PRICE, FITTED, PER_PLACE, SEARCHED, LEAST_SHARE, NOISE_LIMIT, MOST_STEPS, CHUNK, HALF = constants.of(
-    __name__, "PRICE", "FITTED", "PER_PLACE", "SEARCHED", "LEAST_SHARE", "NOISE_LIMIT", "MOST_STEPS", "CHUNK", "HALF"
+PRICE, FITTED, PER_PLACE, SEARCHED, LEAST_SHARE, LEAST_HARM, NOISE_LIMIT, MOST_STEPS, CHUNK, HALF = constants.of(
+    __name__, "PRICE", "FITTED", "PER_PLACE", "SEARCHED", "LEAST_SHARE", "LEAST_HARM", "NOISE_LIMIT", "MOST_STEPS", "CHUNK", "HALF"
 )  # fmt: skip
 
 
@@ -265,8 +265,9 @@ def _extended(frame: Frame, first: Candidate, say: Callable[[str], None]) -> lis
 
 
 def _chosen(frame: Frame, tried: list[Candidate], held: Problem | None) -> Discovery:
-    """The worthiest over all logs, with the numbers of the fitted ones, that the held-out logs confirm: there no channel is worse,
-    and some are better. Without these something must be left to explain: a library of forms finds one in any noise."""
+    """The worthiest over all logs, with the numbers of the fitted ones, that the held-out logs confirm: there no channel is worse
+    by more than LEAST_HARM, and some are better. Without these something must be left to explain: a library of forms finds one
+    in any noise."""
     shown, chosen, best = [], None, 0.0
     shows = held is not None or max(gap(frame.problem, frame.last.residuals).values()) > NOISE_LIMIT
     if held is not None:
@@ -278,7 +279,9 @@ def _chosen(frame: Frame, tried: list[Candidate], held: Problem | None) -> Disco
             after = held.residuals(show.of_the_car(held, c.values))
             c.changes = show.compare(held, before, after)
             total += worth(held, before, after, length)
-            confirmed = all(x.ci95[0] <= 0 for x in c.changes.values()) and any(x.better for x in c.changes.values())
+            confirmed = all(x.ci95[0] <= LEAST_HARM for x in c.changes.values()) and any(
+                x.better for x in c.changes.values()
+            )
         shown.append(
             {
                 "place": c.formula.place,
