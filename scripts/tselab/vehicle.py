@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from tselab.core import CONFIG, Config, Effect, SettingError, library, similar
+from tselab.core import CONFIG, NOMINAL, Config, Effect, SettingError, library, similar
 from tselab.errors import UserError
 from tselab.formula import Formula, read_formula
 from tselab.noise import kinematic_misfit, noise_of
@@ -132,6 +132,28 @@ def grip_of(ordinary: Mapping[str, float], inverse: float | None, sd: float | No
     var, seen = (ordinary["grip_sd"] * prior) ** 2, (10.0 if sd is None else sd) ** 2
     both = (prior / var + (prior if inverse is None else inverse) / seen) / (1.0 / var + 1.0 / seen)
     return 1.0 / max(both, 0.2), max(float(np.sqrt(1.0 / (1.0 / var + 1.0 / seen))) / max(both, 0.2), LEAST_GRIP_SD)
+
+
+def known_stiffness(vehicle: Vehicle) -> dict[str, tuple[float, float, float]]:
+    """Return each stiffness and its 95 % interval, N/rad and N, by the names of NOMINAL: of a file that tselab has calibrated."""
+    c, found = vehicle.calibration, {}
+    for key in NOMINAL if c else ():
+        value = float(vehicle.values[NOMINAL[key]])
+        by = float(np.exp(1.96 * np.sqrt(c["covariance"][c["names"].index(key)][c["names"].index(key)])))
+        found[key] = value, value / by, value * by
+    return found
+
+
+def stiffness_words(vehicle: Vehicle) -> str:
+    """Return what a person should know first."""
+    units = {
+        "cy_front": ("front cornering", "kN/rad"),
+        "cy_rear": ("rear cornering", "kN/rad"),
+        "cx_front": ("longitudinal", "kN"),
+    }
+    known = {k: [x / 1000 for x in v] for k, v in known_stiffness(vehicle).items()}
+    parts = [f"{units[k][0]} {known[k][0]:.0f} {units[k][1]} ({known[k][1]:.0f} .. {known[k][2]:.0f})" for k in units]
+    return f"Stiffness at no slip, 95 % interval: {', '.join(parts)}."
 
 
 def vehicle_settings() -> list[str]:

@@ -9,6 +9,7 @@ the sentence, and whether the gap of the held-out third shrinks. Written to scri
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 import tempfile
 import time
@@ -20,10 +21,12 @@ ROOT = Path(__file__).resolve().parents[2]
 DATA = ROOT.parent / "shared" / "data"
 RESULTS = ROOT / "scripts" / "results"
 FITTED = 2 / 3  # of the rows
+JOBS = 2
 
 
 def row(folder: Path) -> str:
     """One log: verdict and words, rms over noise of the held-out third before and after."""
+    from tselab.gap.export.output import write_all
     from tselab.gap.workflow import run
 
     with tempfile.TemporaryDirectory() as name:
@@ -32,17 +35,18 @@ def row(folder: Path) -> str:
         parts = {"fitted.csv": table.iloc[:cut], "held_out.csv": table.iloc[cut:]}
         for file, rows in parts.items():
             rows.to_csv(Path(name) / file, index=False)
-        start = time.perf_counter()
-        result = run(
-            [Path(name) / "fitted.csv"], folder / "vehicle.toml", Path(name) / "out", [Path(name) / "held_out.csv"], 2
-        )
-        seconds = time.perf_counter() - start
+        start, out = time.perf_counter(), Path(name) / "out"
+        before = sum(os.times()[:4])
+        result = run([Path(name) / "fitted.csv"], folder / "vehicle.toml", out, [Path(name) / "held_out.csv"], JOBS)
+        write_all(out, result, folder / "vehicle.toml", JOBS)
+        seconds, used = time.perf_counter() - start, sum(os.times()[:4]) - before
     falls = [
         f"{c} {x.before:.2f} -> {x.after:.2f} ({100 * x.ci95[0]:+.0f} .. {100 * x.ci95[1]:+.0f} %)"
         for c, x in result.held_out.items()
     ]
     words = " ".join(result.words).replace("|", "\\|")
-    return f"| {folder.name} | {result.verdict} | {words} | {'; '.join(falls) or '-'} | {seconds:.0f} s |"
+    verdict, taken = f"{result.verdict}, {result.exit_code}", f"{seconds:.0f} s, {used:.0f} s"
+    return f"| {folder.name} | {verdict} | {words} | {'; '.join(falls) or '-'} | {taken} |"
 
 
 def main() -> int:
@@ -56,7 +60,7 @@ def main() -> int:
     if not folders:
         print(f"no logs in {options.data}")
         return 0
-    head = "| log | verdict | what it says | held-out third, rms over noise (95 % of the change) | time |"
+    head = "| log | verdict, exit code | what it says | held-out third, rms over noise (95 % of the change) | time, of processors |"
     lines = [head, "|---|---|---|---|---:|"]
     for k, folder in enumerate(folders, 1):
         print(f"{k} of {len(folders)}: {folder.name}", flush=True)

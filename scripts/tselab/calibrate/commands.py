@@ -81,7 +81,7 @@ def calibrate(
     from tselab import results
     from tselab.calibrate import output, page, workflow
     from tselab.files import check_distinct, check_writable
-    from tselab.vehicle import read_vehicle
+    from tselab.vehicle import read_vehicle, stiffness_words
 
     _distinct(logs, hold_out)
     formula = read_vehicle(vehicle_path).formula_path
@@ -100,7 +100,8 @@ def calibrate(
             result = workflow.run(logs, vehicle_path, hold_out, kept, jobs, say, steps, reading)
             output.write(out, result, [p.name for p in logs])
             say("the page")
-            page.write(html, result, words(result))
+            text = [stiffness_words(read_vehicle(out)), *words(result)]
+            page.write(html, result, text)
     except KeyboardInterrupt:
         where = (
             f"{kept} keeps where the search stood, the same command goes on from there"
@@ -118,7 +119,7 @@ def calibrate(
             {"logs": logs, "vehicle": vehicle_path, **output.as_json(result), "exit_code": code, "written": written}
         )
         return code
-    for line in words(result):
+    for line in text:
         click.echo(line)
     for group in result.groups:
         for finding in group.members:
@@ -139,16 +140,13 @@ def _code(result: Result) -> int:
 
 
 def words(result: Result) -> list[str]:
-    """Return what a person should know first: the stiffness, then how the search ended."""
-    from tselab.calibrate.own import stiffness_words
-
-    lines = [f"Stiffness at no slip, 95 % interval: {stiffness_words(result)}."]
+    """Return how the search ended, and what it shows."""
     n = len(result.problem.logs)
     logs = f"{n} log{'s' if n > 1 else ''}, {result.seconds / 60:.1f} minutes"
     if result.fit.converged:
-        lines += [f"From {logs}: converged after {result.fit.steps} steps."]
+        lines = [f"From {logs}: converged after {result.fit.steps} steps."]
     else:
-        lines += [
+        lines = [
             f"From {logs}: NOT converged after {result.fit.steps} steps (last step {result.fit.moved:.2g} sd); --steps allows more."
         ]
     for held in (False, True):

@@ -221,25 +221,6 @@ def _found(result: Any) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def stiffness_words(result: Any) -> str:
-    """Return value and 95 % interval of each axle's stiffness, for the terminal."""
-    from tselab.calibrate import output
-
-    values, sds = (
-        output.values(result),
-        dict(zip(result.problem.names, np.sqrt(np.diag(result.fit.covariance)), strict=True)),
-    )
-    parts = []
-    for key, name, unit in (
-        ("cy_front", "front cornering", "kN/rad"),
-        ("cy_rear", "rear cornering", "kN/rad"),
-        ("cx_front", "longitudinal", "kN"),
-    ):
-        value, factor = values[NOMINAL[key]] / 1000, float(np.exp(1.96 * sds[key]))
-        parts.append(f"{name} {value:.0f} {unit} ({value / factor:.0f} .. {value * factor:.0f})")
-    return ", ".join(parts)
-
-
 def _words(result: Any, found: dict[str, Any]) -> list[str]:
     stiffness = ", ".join(
         f"{AXLES[key]} {s['value'] / 1000:.0f} ({s['low'] / 1000:.0f} .. {s['high'] / 1000:.0f})"

@@ -189,6 +189,7 @@ static void test_motion_is_placed_from_wheels_and_gyro(void)
  * share of its prior that the sum's own error is at the end. */
 static void test_of_a_sum_its_part_is_that_of_a_filter_of_both(void)
 {
+  const double close = BY_NUMBER(1e-9, 1e-5, 1e-5);
   uint32_t seed = 5;
   for (int drive = 0; drive < 50; drive++) {
     tse_config c;

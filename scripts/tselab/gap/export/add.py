@@ -7,6 +7,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,7 @@ from tselab import __version__
 from tselab.core import NOMINAL, Config, EffectParameter, library
 from tselab.files import atomic
 from tselab.formula import c_header, write_formula
-from tselab.gap.export.posterior import Posterior, posterior
+from tselab.gap.export.posterior import posterior
 from tselab.gap.fit import Fit
 from tselab.gap.infer.naming import Named, settings
 from tselab.gap.problem import PROFILES, Problem
@@ -27,6 +28,7 @@ from tselab.vehicle import (
     formula_settings,
     formula_toml,
     is_set,
+    known_stiffness,
     latency_settings,
     read_vehicle,
     sensor_settings,
@@ -95,7 +97,11 @@ def improved(vehicle: Vehicle, problem: Problem, result: Result) -> str:
         f"{k} = {json.dumps(v, ensure_ascii=False)}" for k, v in facts.items() if isinstance(v, (str, int, float))
     ]
     known = posterior(problem, fit, vehicle, result.formula.settings() if result.formula else {})
-    band = stiffness_bands(problem.config, known)
+    after = replace(vehicle, values=values, calibration=known.calibration())
+    band = {
+        NOMINAL[k]: f", fitted, 95 %: {low:.4g} .. {high:.4g}" for k, (_, low, high) in known_stiffness(after).items()
+    }
+    band["longitudinal_stiffness_rear"] = ", follows the front one"
     for key in vehicle_settings():
         if key in values:
             lines.append(f"{key} = {values[key]!r}  # {fields[key].unit}{band.get(key, '')}")
@@ -134,7 +140,7 @@ def improved(vehicle: Vehicle, problem: Problem, result: Result) -> str:
         "",
         "# What estimator and calibration start from: means and covariance; stiffness in ln over this file's.",
     ]
-    lines += calibration_toml(*known.calibration())
+    lines += calibration_toml(**known.calibration())
     return "\n".join(lines) + "\n"
 
 
@@ -168,17 +174,6 @@ def stiffness(config: Config, values: Mapping[str, float]) -> dict[str, float]:
     found["longitudinal_stiffness_rear"] = config.longitudinal_stiffness_rear * rear
     limits = config.fields
     return {k: float(np.clip(v, limits[k].low, limits[k].high)) for k, v in found.items()}
-
-
-def stiffness_bands(config: Config, known: Posterior) -> dict[str, str]:
-    """Comments on the fitted stiffnesses: 95 % intervals, as settings."""
-    comments = {"longitudinal_stiffness_rear": ", follows the front one"}
-    for name, value in zip(known.names, known.values, strict=True):
-        if name in NOMINAL:
-            size, sd = getattr(config, NOMINAL[name]), known.sd(name)
-            low, high = size * (value - 1.96 * sd), size * (value + 1.96 * sd)
-            comments[NOMINAL[name]] = f", fitted, 95 %: {low:.4g} .. {high:.4g}"
-    return comments
 
 
 # ---- C

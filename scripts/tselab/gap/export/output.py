@@ -14,7 +14,7 @@ from tselab.files import atomic
 from tselab.gap.export import add, gain, pictures, report, table
 from tselab.gap.infer import show
 from tselab.gap.workflow import Result
-from tselab.vehicle import fill_sensors, read_vehicle
+from tselab.vehicle import fill_sensors, read_vehicle, stiffness_words
 
 VERDICT, RESIDUALS, REPORT, PICTURE = "verdict.json", "residuals.parquet", "report.html", "gap.png"
 
@@ -43,6 +43,7 @@ def write_all(
     parts = {table.FIT: problem} | ({table.HELD_OUT: result.held} if result.held is not None else {})
     say("writing the improved vehicle")
     improved, header = add.write(out, vehicle_path, problem, result)
+    result.words.insert(0, stiffness_words(read_vehicle(improved)))
     say("residuals before and after")
     rows = table.table(parts, before, after, {table.FIT: result.latent} if result.latent is not None else {})
     table.write(out / RESIDUALS, rows)

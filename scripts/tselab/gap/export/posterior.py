@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -55,13 +56,14 @@ class Posterior:
         v["model_sd"] = min(v["model_sd"], UNLIKE_SD)
         return v | {key: max(self.sd(name), min(LEAST_SD.get(key, 0.0), v[key])) for key, name in UNCERTAIN.items()}
 
-    def calibration(self) -> tuple[list[str], np.ndarray, np.ndarray]:
-        """Names, means and covariance as tselab.calibrate has them: stiffness in ln over this file's."""
+    def calibration(self) -> dict[str, Any]:
+        """Names, mean and covariance as tselab.calibrate has them: stiffness in ln over this file's."""
         known = {u.name for u in UNKNOWNS if not u.relative}
         mine = [k for k, n in enumerate(self.names) if n in NOMINAL or n in known]
-        mean = np.array([0.0 if self.names[k] in NOMINAL else self.values[k] for k in mine])
-        scale = np.array([self.values[k] if self.names[k] in NOMINAL else 1.0 for k in mine])
-        return [str(self.names[k]) for k in mine], mean, self.covariance[np.ix_(mine, mine)] / np.outer(scale, scale)
+        ln = np.array([self.names[k] in NOMINAL for k in mine])
+        mean, scale = np.where(ln, 0.0, self.values[mine]), np.where(ln, self.values[mine], 1.0)
+        covariance = self.covariance[np.ix_(mine, mine)] / np.outer(scale, scale)
+        return {"names": [str(self.names[k]) for k in mine], "mean": mean, "covariance": covariance}
 
 
 def posterior(problem: Problem, fit: Fit, vehicle: Vehicle, settings: Mapping[str, float]) -> Posterior:
