@@ -12,7 +12,7 @@ import pandas as pd
 from tse._log import LogLike, checked, several
 from tse._shown import Shown
 from tse._vehicle import VehicleLike, read_vehicle
-from tselab.calibrate import along, output, page, workflow
+from tselab.calibrate import output, page, workflow
 from tselab.calibrate.commands import words
 from tselab.calibrate.result import Result
 from tselab.toml import loads
@@ -89,4 +89,4 @@ def calibrate(
     car = read_vehicle(vehicle)
     read = [checked(log, car) for log in several(logs)]
     result = workflow.of_logs(read, car, progress or (lambda _: None))
-    return Calibration(along.refined(result, read), [log.path.name for log in read])
+    return Calibration(result, [log.path.name for log in read])

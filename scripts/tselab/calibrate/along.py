@@ -1,5 +1,5 @@
-"""What the search of a calibration does not find of the slip: the longitudinal stiffness, and how much later one wheel speed is than
-the other. Both by one regression.
+"""What the search of a calibration does not find of the slip: the longitudinal stiffness, and how much later one wheel speed is
+than the other. Both by one regression.
 
 The search takes wheel speeds as exact inputs, and their noise, lateness and radii for slip: its longitudinal stiffness is 20 % and
 more off. While a car accelerates straight on, its free axle says the speed, and the driven one the slip that the force takes.
@@ -47,10 +47,10 @@ def slips(problem: Problem, fit: Fit, logs: Sequence[Log], vehicle: Vehicle) -> 
 
     Notes
     -----
-    (v_driven - v_free)/v = slip(F) - later a/v + offset, with F by accel_x, drag and rolling resistance, and slip(F) by the tyre curve
-    and load transfer of src/model/car.c: a regression over all logs, an offset each. How sure it is shows where a block of ten
-    seconds is left out at a time; by that, MODEL_SD and APART_SD it counts beside the prior. 8 ms are 0.2 % of slip at 8 m/s and
-    2 m/s2, where tyres take 1.5 %.
+    (v_driven - v_free)/v = slip(F) - later a/v + offset, with F by accel_x, drag and rolling resistance, and slip(F) by the tyre
+    curve and load transfer of src/model/car.c: a regression over all logs, an offset each. How sure it is shows where a block of
+    ten seconds is left out at a time; by that, MODEL_SD and APART_SD it counts beside the prior. 8 ms are 0.2 % of slip at 8 m/s
+    and 2 m/s2, where tyres take 1.5 %.
     """
     k = list(problem.names).index(STIFFNESS)
     mean, var = float(problem.mean[k]), float(problem.sd[k]) ** 2
@@ -145,8 +145,8 @@ class _Car:
 
 
 def _pulls(car: _Car, log: Log) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return slip that the force takes and a/v, slip of the driven axle over the free one, weight, and block of each sample of a log
-    that counts."""
+    """Return slip that the force takes and a/v, slip of the driven axle over the free one, weight, and block of each sample of a
+    log that counts."""
     count = max(1, round(SMOOTH / log.sample_time))
 
     def smooth(x: np.ndarray) -> np.ndarray:
