@@ -315,18 +315,15 @@ static void widen(tse_kalman *k, int32_t which, const tse_real was[4])
   }
 }
 
-/* Find what the slip stiffness itself is on another road: it has moved as LCX has, is as much less sure, and what the model lacks
- * there is not known. Tyres that are back are as they were.
- *   Given: was, var  LCX before and its variance [unit2] */
-static void along_change(const tse_params *p, tse_kalman *k, int32_t which, tse_real was, tse_real var)
+/* Find what the slip stiffness itself is on another road: it has moved as LCX has and is as much less sure. Tyres that are back
+ * are as they were.
+ *   Given: was, own  LCX before and its variance [unit2] */
+static void along_change(const tse_params *p, tse_kalman *k, int32_t which, tse_real was, tse_real own)
 {
-  const tse_along a = k->along;
-  const tse_real unit2 = r_sqr(state_unit[LCX]), more = r_max(ud_variance(&k->p, LCX) - var, TSE_R(0));
-  if (which == EVENT_BACK) {
-    k->along = k->along_from;
-    return;
-  }
-  along_start(p, k, a.mean + r_mul(a.share, was) + k->x[LCX] - was, r_mul(r_mul(r_sqr(a.share), var) + more, unit2) + a.var);
+  tse_real var;
+  const tse_real share = along_share(p, k, own, &var), opened = r_max(ud_variance(&k->p, LCX) - own, TSE_R(0));
+  if (which == EVENT_BACK) k->along = k->along_from;
+  else along_start(k, k->along.mean + r_mul(share, was - k->along.from) + k->x[LCX] - was, var + r_mul(opened, r_sqr(state_unit[LCX])));
 }
 
 /* Move the filter to what it is if event n has happened, and end the events of its group. */

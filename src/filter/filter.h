@@ -107,11 +107,13 @@ extern const tse_real state_most[TSE_ALL];
 /* row.c      Check a log row. Nothing is changed. */
 tse_status row_decode(const tse_params *p, const tse_filter *f, const tse_input *u, decoded *z);
 
-/* Return the variance of what the model lacks along the car, always the same: LCX is the logarithm of the slip stiffness and it. */
-static inline tse_real along_var(const tse_params *p) { return r_sqr(r_max(FLOOR_ALONG, p->model_sd)); }
+/* start.c    Note the slip stiffness itself, of this mean and variance, where LCX is now */
+STAGE void along_start(tse_kalman *k, tse_real mean, tse_real var);
 
-/* start.c    Note the slip stiffness itself, of this mean and variance, whose LCX has along_var() more */
-STAGE void along_start(const tse_params *p, tse_kalman *k, tse_real mean, tse_real var);
+/* output.c   Return how far the slip stiffness itself follows LCX, which has the variance own [unit2] by now, and *var: its own.
+ *            B, what the model lacks along the car, lasts: where the stiffness had the variance P and LCX has V of it left, data say
+ *            of the sum what 1/(1/V - 1/P) is the variance of, and of the stiffness B^2 more */
+STAGE tse_real along_share(const tse_params *p, const tse_kalman *k, tse_real own, tse_real *var);
 
 /* start.c    Place all by the prior, or by what was loaded; the motion alone, by wheels, gyro and steering angle */
 STAGE void start_all(const tse_params *p, tse_filter *f);

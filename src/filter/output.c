@@ -64,15 +64,24 @@ static void report_motion(const tse_params *p, const tse_kalman *k, tse_output *
   out->sideslip_sd = r_div(out->vel_y_sd, r_max(r_abs(out->vel_x), LEAST_SPEED_SD));
 }
 
-/* Return the logarithm of the slip stiffness itself and its variance: what LCX says of it. Where the model would lack more than it
- * can, the tyres may be others.
+tse_real along_share(const tse_params *p, const tse_kalman *k, tse_real own, tse_real *var)
+{
+  const tse_real before = r_max(k->along.var, LEAST_ALONG), left = r_min(r_mul(own, r_sqr(state_unit[LCX])), before), learnt = before - left;
+  const tse_real share = r_div(before, before + r_mul(r_sqr(r_max(FLOOR_ALONG, p->model_sd)), r_div(learnt, before)));
+  *var = before - r_mul(share, learnt);
+  return share;
+}
+
+/* Return the logarithm of the slip stiffness itself and its variance. Where the model would lack more than it can, the tyres may be
+ * others.
  *   Given: shift  by what may have happened      Updated: var  of LCX */
 static tse_real along_of(const tse_params *p, const tse_kalman *k, tse_real shift, tse_real *var)
 {
-  const tse_along *const a = &k->along;
-  const tse_real own = r_mul(own_variance_of(k, LCX), r_sqr(state_unit[LCX])), mean = a->mean + r_mul(a->share, k->x[LCX]);
-  *var = r_mul(r_sqr(a->share), own) + a->var + r_max(*var - own, TSE_R(0)) + r_max(r_sqr(k->x[LCX] - mean) - along_var(p), TSE_R(0));
-  return mean + shift;
+  const tse_real own = own_variance_of(k, LCX), moved = k->x[LCX] - k->along.from;
+  tse_real itself;
+  const tse_real part = r_mul(along_share(p, k, own, &itself), moved), lacks = r_sqr(r_max(FLOOR_ALONG, p->model_sd));
+  *var = itself + r_max(*var - r_mul(own, r_sqr(state_unit[LCX])), TSE_R(0)) + r_max(r_sqr(moved - part) - lacks, TSE_R(0));
+  return k->along.mean + part + shift;
 }
 
 /* Report stiffness, grip and what the model does not explain. No stiffness is known better than the model is right; slip angles
@@ -235,7 +244,8 @@ tse_status tse_uncertainty_sd(const tse_params *p, const tse_filter *f, int32_t 
   for (int a = 0; a < 3; a++) {
     const int i = LCX + a;
     const tse_real all = f->step == 0 ? TSE_R(0) : part_of(p, &f->k, origins[k], i);
-    const tse_real part = i == LCX && origins[k].of >= OF_DOUBT ? r_mul(f->k.along.share, all) : all;
+    tse_real itself;
+    const tse_real part = i == LCX && origins[k].of >= OF_DOUBT ? r_mul(along_share(p, &f->k, own_variance_of(&f->k, LCX), &itself), all) : all;
     sd[a] = r_mul(exponential(f->k.x[i]), r_mul(part, state_unit[i]));
   }
   return TSE_OK;

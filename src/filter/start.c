@@ -21,12 +21,11 @@ const tse_real state_most[TSE_ALL] = {
 #endif
 };
 
-void along_start(const tse_params *p, tse_kalman *k, tse_real mean, tse_real var)
+void along_start(tse_kalman *k, tse_real mean, tse_real var)
 {
-  const tse_real lacks = along_var(p), share = r_div(var, var + lacks);
-  k->along.share = share;
-  k->along.mean = mean - r_mul(share, k->x[LCX]);
-  k->along.var = r_mul(share, lacks);
+  k->along.mean = mean;
+  k->along.var = var;
+  k->along.from = k->x[LCX];
 }
 
 void start_all(const tse_params *p, tse_filter *f)
@@ -44,11 +43,11 @@ void start_all(const tse_params *p, tse_filter *f)
   }
   for (int group = 0; group < TSE_GROUPS; group++) k->none[group] = TSE_R(1);
   ud_set(&k->p, variance);
-  along_start(p, k, p->prior[LCX], r_sqr(p->prior_sd[LCX]));
+  along_start(k, p->prior[LCX], r_sqr(p->prior_sd[LCX]));
   if (!f->start.loaded) return;
   for (int i = 0; i < TSE_KEPT; i++) k->x[FAST + i] = f->start.kept[i];
   ud_set_block(&k->p, FAST, f->start.kept_cov);
-  along_start(p, k, k->x[LCX], r_mul(f->start.kept_cov[LCX - FAST][LCX - FAST], r_sqr(state_unit[LCX])));
+  along_start(k, k->x[LCX], r_mul(f->start.kept_cov[LCX - FAST][LCX - FAST], r_sqr(state_unit[LCX])));
 }
 
 void start_motion(const tse_params *p, tse_kalman *k, const decoded *z)

@@ -170,15 +170,15 @@ static int32_t code_clamped(int32_t x, int32_t most) { return x < -most ? -most 
 static int write_kalman(const tse_params *p, const tse_filter *f, content *c)
 {
   const tse_kalman *const k = &f->k;
-  tse_real sd[TSE_KEPT];
+  tse_real sd[TSE_KEPT], share = TSE_R(1), itself;
   int n = 0;
-  (void)p;
   for (int i = 0; i < TSE_KEPT; i++) {
     tse_real var = ud_variance(&k->p, FAST + i), mean = k->x[FAST + i];
     for (int q = 0; q < TSE_DOUBTS; q++) var += r_sqr(k->doubt[q][FAST + i]);
     if (i == K_STIFFNESS) { /* the slip stiffness itself */
-      var = r_mul(r_sqr(k->along.share), var) + r_div(k->along.var, r_sqr(state_unit[LCX]));
-      mean = k->along.mean + r_mul(k->along.share, mean);
+      share = along_share(p, k, var, &itself);
+      var = r_div(itself, r_sqr(state_unit[LCX]));
+      mean = k->along.mean + r_mul(share, mean - k->along.from);
     }
     sd[i] = r_sqrt(var);
     c->sd[i] = r_to_q24(r_mul(sd[i], state_unit[FAST + i]));
@@ -190,7 +190,7 @@ static int write_kalman(const tse_params *p, const tse_filter *f, content *c)
     for (int j = i + 1; j < TSE_KEPT; j++, n++) {
       tse_real both = ud_common(&k->p, FAST + i, FAST + j);
       for (int q = 0; q < TSE_DOUBTS; q++) both += r_mul(k->doubt[q][FAST + i], k->doubt[q][FAST + j]);
-      if (i == K_STIFFNESS || j == K_STIFFNESS) both = r_mul(k->along.share, both);
+      if (i == K_STIFFNESS || j == K_STIFFNESS) both = r_mul(share, both);
       const tse_real scale = r_mul(sd[i], sd[j]), r = scale > TSE_R(0) ? r_div(both, scale) : TSE_R(0);
       c->pair[n] = r_floor_to_int(r_mul(r_clamp(r, -MOST_CORRELATION, MOST_CORRELATION), TSE_R(ONE_14)) + TSE_R(0.5));
     }

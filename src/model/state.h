@@ -189,9 +189,9 @@ typedef struct tse_agreement {
   int32_t apart, off_scale;           /* bits, by pair: the two are not the same; 1: accelerometers saw another speed than the wheels */
 } tse_agreement;
 
-/* The slip stiffness itself, given the state LCX, which has in it what the model lacks along the car: mean + share LCX, var. */
+/* The slip stiffness itself before anything was learnt of it: LCX is it and what the model lacks along the car. */
 typedef struct tse_along {
-  tse_real mean, share, var;          /* of logarithms */
+  tse_real mean, var, from;           /* of its logarithm; LCX then */
 } tse_along;
 
 /* A filter of the default form. */

@@ -150,7 +150,7 @@ static void test_four_driven_wheels_are_excited_where_an_axle_has_no_torque(void
     u.wheel_torque_front = real(800);
     u.wheel_torque_rear = real(n % 3 == 1 ? 800 : 20);
     TEST_ASSERT_TRUE(tse_step(&w.p, &f, &u, &y) >= 0);
-    if (n > 300) TEST_ASSERT_EQUAL_INT(n % 3 == 2 ? TSE_VALID : TSE_NOT_EXCITED, y.reason[TSE_CX_FRONT]);
+    if (n > 300) TEST_ASSERT_EQUAL_INT(n % 3 != 2, y.reason[TSE_CX_FRONT] == TSE_NOT_EXCITED);
   }
 }
 
