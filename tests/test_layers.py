@@ -1,5 +1,6 @@
 """src/ flows in one direction: no file includes one that stands later in src/CMakeLists.txt, or in a folder that its own must not
-know. fmu/glue knows nothing of tyres. The rooms of tselab.gap are kept apart in the same way."""
+know. fmu/glue knows nothing of tyres. The rooms of tselab.gap are kept apart in the same way. In tse and tselab no module needs
+itself by a detour, commands stand on what they call, and imports stand at the head."""
 
 import ast
 import re
@@ -120,6 +121,89 @@ def test_the_rooms_of_the_gap_workflow_do_not_know_what_they_need_not():
     assert not wrong, "\n".join(wrong)
 
 
+# ---- modules of tse and tselab
+
+SCRIPTS = SRC.parent / "scripts"
+COMMANDS = re.compile(r"tselab\.(cli|options|__main__|(\w+\.)+commands)")  # options in, messages out
+ROUND = {"tselab.gap.infer.formula.search", "tselab.gap.infer.formula.symbolic"}  # search asks symbolic for more forms
+LATE = {  # what is imported in functions, and is no package that may be missing: it costs a second, and few need it
+    ("tse._estimate", "tselab.report"),
+    ("tselab.single", "tselab.plots"),
+    ("tselab.single", "tselab.report"),
+    ("tselab.calibrate.own", "tselab.calibrate.along"),
+    ("tselab.calibrate.own", "tselab.calibrate.output"),
+    ("tselab.calibrate.own", "tselab.calibrate.workflow"),
+    ("tselab.gap.export.gain", "tselab.fmu.run"),
+    ("tselab.gap.infer.formula.symbolic", "tselab.gap.infer.formula.search"),
+    ("tselab.gap.workers", "tselab"),
+}
+UPWARDS = {("tse._calibrate", "tselab.calibrate.commands")}  # its words; they belong beside its result
+
+
+def modules():
+    """Name -> tree of every module."""
+    paths = [p for package in ("tse", "tselab") for p in (SCRIPTS / package).rglob("*.py")]
+    dotted = {".".join(p.relative_to(SCRIPTS).with_suffix("").parts).removesuffix(".__init__"): p for p in paths}
+    return {name: ast.parse(p.read_text(encoding="utf-8")) for name, p in dotted.items()}
+
+
+def imports(trees):
+    """Who imports whom, and whether in a function; what is for types only does not count."""
+
+    def names(node):
+        if isinstance(node, ast.Import):
+            return [a.name for a in node.names]
+        assert not node.level, f"a relative import: {ast.unparse(node)}"
+        return [f"{node.module}.{a.name}" for a in node.names]
+
+    def walk(name, node, late):
+        for child in ast.iter_child_nodes(node):
+            if isinstance(child, ast.If) and "TYPE_CHECKING" in ast.unparse(child.test):
+                continue
+            if isinstance(child, ast.Import | ast.ImportFrom):
+                for found in names(child):
+                    whole = found if found in trees else found.rpartition(".")[0]
+                    if whole in trees and whole != name:
+                        yield name, whole, late
+            yield from walk(name, child, late or isinstance(child, ast.FunctionDef))
+
+    return {found for name, tree in trees.items() for found in walk(name, tree, False)}
+
+
+TREES = modules()
+ARROWS = imports(TREES)
+
+
+def reached(start, known):
+    """Modules that one needs, also by others."""
+    seen, todo = set(), [start]
+    while todo:
+        for other in known.get(todo.pop(), ()):
+            if other not in seen:
+                seen.add(other)
+                todo.append(other)
+    return seen
+
+
+def test_no_module_needs_itself_by_a_detour():
+    known = {}
+    for name, other, _ in ARROWS:
+        known.setdefault(name, set()).add(other)
+    assert len(TREES) > 100 and len(ARROWS) > 500
+    assert {name for name in TREES if name in reached(name, known)} <= ROUND
+
+
+def test_the_command_does_not_know_the_api_and_what_is_called_no_command():
+    assert {(a, b) for a, b, _ in ARROWS if a.startswith("tselab") and b.partition(".")[0] == "tse"} == set()
+    upwards = {(a, b) for a, b, _ in ARROWS if COMMANDS.fullmatch(b) and not COMMANDS.fullmatch(a)}
+    assert upwards <= UPWARDS, sorted(upwards - UPWARDS)
+
+
+def test_imports_stand_at_the_head_but_for_commands_and_what_few_need():
+    late = {(a, b) for a, b, inside in ARROWS if inside and not COMMANDS.fullmatch(a)}
+    assert late <= LATE, sorted(late - LATE)
+
+
 if __name__ == "__main__":
     test_no_file_includes_one_of_a_folder_that_its_own_must_not_know()
     test_files_are_included_by_their_path_in_src()
@@ -128,4 +212,7 @@ if __name__ == "__main__":
     test_every_source_file_stands_in_the_list_once()
     test_the_glue_of_the_fmus_knows_no_model()
     test_the_rooms_of_the_gap_workflow_do_not_know_what_they_need_not()
+    test_no_module_needs_itself_by_a_detour()
+    test_the_command_does_not_know_the_api_and_what_is_called_no_command()
+    test_imports_stand_at_the_head_but_for_commands_and_what_few_need()
     print("in order:", " -> ".join(ORDER))

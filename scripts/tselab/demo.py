@@ -16,6 +16,7 @@ from tselab.config import make_config
 from tselab.core import STIFFNESS, Config, SimConfig
 from tselab.errors import UserError
 from tselab.estimate import Estimate, estimate, write_table
+from tselab.figures import demo_picture
 from tselab.files import atomic
 from tselab.gap.export.output import write_all
 from tselab.gap.workflow import run
@@ -83,8 +84,6 @@ def run_demo(out: Path, seed: int = 1, progress: bool = False) -> Demo:
     write_report(out / "report.html", est, log, vehicle, config, notes + log.notes)
     files = ["vehicle.toml", "filter.toml", "log.csv", "truth.csv", "est.csv", "report.html"]
     with contextlib.suppress(UserError):  # matplotlib is optional
-        from tselab.figures import demo_picture
-
         demo_picture(out / "demo.png", est.table, simulation.truth, simulation.log)
         files.append("demo.png")
     return Demo(est, simulation.truth, files, simulation.log)
