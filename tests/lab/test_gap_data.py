@@ -1,5 +1,8 @@
 """Logs as the gap workflow takes them: which rows hold something new."""
 
+import os
+import sys
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -9,6 +12,7 @@ from tselab.core import Config
 from tselab.errors import UserError
 from tselab.gap import workflow
 from tselab.gap.data import Smoother, fresh, prepare
+from tselab.gap.parallel import apart, is_copy
 from tselab.gap.problem import Problem
 from tselab.vehicle import read_vehicle
 
@@ -78,3 +82,35 @@ def test_a_sensor_that_a_log_does_not_have_is_not_asked(tmp_path):
     for channel in ("accel_y", "yaw_rate"):
         both = (p.residuals(values)[p.rows.of(channel)] for p in (of_all, of_some))
         np.testing.assert_allclose(*both, rtol=1e-6, atol=1e-6)
+
+
+# ---- copies of the process
+
+
+LINUX = pytest.mark.skipif(sys.platform != "linux", reason="processes are not copied elsewhere")
+
+
+@pytest.mark.parametrize("jobs", [1, 2, 5])
+def test_what_comes_back_is_in_order_and_of_closures(jobs: int) -> None:
+    by = 3
+    assert apart(jobs, lambda x: by * x, [4, 1, 2]) == [12, 3, 6]
+    assert apart(jobs, lambda x: by * x, []) == [] and not is_copy()
+
+
+@LINUX
+def test_each_is_done_in_another_process_which_makes_no_more() -> None:
+    found = apart(2, lambda _: (os.getpid(), is_copy(), apart(2, lambda _: os.getpid(), [0, 0])), [0, 0, 0])
+    assert all(pid != os.getpid() and copy and inner == [pid, pid] for pid, copy, inner in found)
+
+
+@LINUX
+def test_only_what_is_light_is_sent() -> None:
+    assert apart(2, lambda x: (x, lambda: None), [1, 2], lambda pair: pair[0]) == [1, 2]  # a function cannot be sent
+
+
+def test_an_error_of_a_user_stays_one() -> None:
+    def wrong(x: int) -> int:
+        raise UserError(f"{x} is too much")
+
+    with pytest.raises(UserError, match="is too much"):
+        apart(2, wrong, [7, 8])
