@@ -63,12 +63,15 @@ if [ "$(cat .venv/tse-setup 2>/dev/null)" != "$wanted" ] || ! [ -x .venv/bin/tse
       "Install it (Debian and Ubuntu: the package python3-venv) or the Python package virtualenv, or name another Python in PYTHON."
   fi
   say "Python packages (about a minute)"
-  # what scripts/lock.txt names, to the hash; where that cannot be had (another Python, another machine), the newest
-  if ! .venv/bin/python -m pip install --quiet --disable-pip-version-check --no-deps --requirement scripts/lock.txt \
-      >.venv/tse-lock.log 2>&1; then
+  # what scripts/lock.txt names, to the hash; the newest only where another Python or machine has no such files, and never in CI
+  locked=0
+  scripts/locked.sh .venv/bin/python scripts/lock.txt 2>.venv/tse-lock.log || locked=$?
+  if [ $locked -eq 3 ] && [ -z "${CI:-}" ]; then
     say "not as in scripts/lock.txt, but the newest versions: $(tail -n 1 .venv/tse-lock.log)"
     .venv/bin/python -m pip install --quiet --disable-pip-version-check "scikit-build-core>=0.11" \
       || fail "pip could not install scikit-build-core."
+  elif [ $locked -ne 0 ]; then
+    fail "$(cat .venv/tse-lock.log)" "Nothing of scripts/lock.txt was installed without its hash; run scripts/setup.sh again."
   fi
   this_checkout ".[dev]" || fail "pip could not install the packages that pyproject.toml names."
   printf '%s' "$wanted" >.venv/tse-setup
@@ -165,8 +168,8 @@ for extra in "$@"; do
   [ -f ".venv/tse-extra-$extra" ] && continue
   say "Python packages for $extra"
   if [ "$extra" = release ]; then                 # as a release is to be made again by others
-    .venv/bin/python -m pip install --quiet --disable-pip-version-check --no-deps --requirement scripts/lock-release.txt \
-      >.venv/tse-lock.log 2>&1 || say "not as in scripts/lock-release.txt, but the newest versions: $(tail -n 1 .venv/tse-lock.log)"
+    scripts/locked.sh .venv/bin/python scripts/lock-release.txt 2>.venv/tse-lock.log \
+      || fail "$(cat .venv/tse-lock.log)" "A release is made of what scripts/lock-release.txt names, to the hash."
   fi
   if this_checkout ".[$extra]" >"$root/.venv/tse-extra.log" 2>&1; then
     mv .venv/tse-extra.log ".venv/tse-extra-$extra"
