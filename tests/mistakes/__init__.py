@@ -1,0 +1,1 @@
+"""Logs with a mistake in them, through everything that takes a log."""

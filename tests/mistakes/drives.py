@@ -1,0 +1,100 @@
+"""Two drives that turn, gain speed and brake, and the mistakes that logs are made with."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from tests.cars.logs import make_logs
+from tselab import maneuvers
+from tselab.core import Config, SimConfig
+from tselab.simulate import simulate
+from tselab.tables import simulated_vehicle
+
+STEP = 0.01  # s
+SECONDS = 150.0
+CHANNELS = ("steer_angle", "wheel_speed_front", "wheel_speed_rear", "accel_x", "accel_y", "yaw_rate")
+WHEELS = CHANNELS[1:3]
+CAR = ("mass", "lf", "lr", "wheel_radius_front", "wheel_radius_rear")
+AXLES = {"both": 0, "front": 1, "rear": 2}
+DEGREE, G, RATIO = np.pi / 180, 9.80665, 15.5
+STUCK = 20.0  # s, from when on a channel stands still
+LogOf = dict[str, np.ndarray]
+
+
+@dataclass(frozen=True)
+class Drive:
+    """A log, and the car of it."""
+
+    name: str
+    log: LogOf
+    car: dict[str, float]  # CAR
+    driven: str
+    known: bool  # the settings are exactly those of the simulated car; else all but mass and axles is an ordinary car's
+
+    def settings(self) -> Config:
+        """As tse_config_default(), or tse_config_uncalibrated(), makes them."""
+        config = Config({**self.car, "driven_axle": AXLES[self.driven]})
+        if not self.known:
+            config.fill("tse_config_uncalibrated")
+        return config
+
+
+def drives() -> list[Drive]:
+    """A single track that is known exactly, so that much is valid soon; a car of 14 degrees of freedom on a mountain road."""
+    car = {"mass": 1900.0, "lf": 1.25, "lr": 1.5, "wheel_radius_front": 0.33, "wheel_radius_rear": 0.33}
+    config = Config({**car, "driven_axle": AXLES["front"]})
+    plan = maneuvers.build("double-lane-change", config, sample_time=STEP, duration=SECONDS, seed=1)
+    made = simulate(plan, config, SimConfig({"seed": 1})).log
+    single = {c: made[c].to_numpy(float) for c in ("time", *CHANNELS)}
+    real = make_logs("mountain", minutes=SECONDS / 60, cars=5, seed=41)[3]
+    facts = {k: float(real.vehicle[k]) for k in CAR}
+    of_car = {c: np.asarray(real.log[c], float) for c in ("time", *CHANNELS)}
+    return [
+        Drive("single track, known exactly", single, car, "front", True),
+        Drive("14 degrees of freedom, ordinary car", of_car, facts, str(real.vehicle["driven_axle"]), False),
+    ]
+
+
+def _times(channels: tuple[str, ...], factor: Callable[[Drive], float]) -> Callable[[Drive], LogOf]:
+    return lambda d: {**d.log, **{c: factor(d) * d.log[c] for c in channels}}
+
+
+def _exchanged(d: Drive) -> LogOf:
+    return {**d.log, WHEELS[0]: d.log[WHEELS[1]], WHEELS[1]: d.log[WHEELS[0]]}
+
+
+def _stuck(d: Drive) -> LogOf:
+    x = d.log["yaw_rate"]
+    at = round(STUCK / STEP)
+    return {**d.log, "yaw_rate": np.where(np.arange(len(x)) < at, x, x[at])}
+
+
+def _radius(d: Drive) -> float:
+    return d.car["wheel_radius_front"]
+
+
+MISTAKES: dict[str, Callable[[Drive], LogOf]] = {
+    "yaw rate in deg/s": _times(("yaw_rate",), lambda _: 1 / DEGREE),
+    "lateral acceleration in g": _times(("accel_y",), lambda _: 1 / G),
+    "km/h taken for m/s": _times(WHEELS, lambda _: 3.6),
+    "km/h taken for rad/s": _times(WHEELS, lambda d: 3.6 * _radius(d)),
+    "axles exchanged": _exchanged,
+    "sign of yaw rate": _times(("yaw_rate",), lambda _: -1),
+    "sign of lateral acceleration": _times(("accel_y",), lambda _: -1),
+    "sign of steering angle": _times(("steer_angle",), lambda _: -1),
+    "steering angle in degrees": _times(("steer_angle",), lambda _: 1 / DEGREE),
+    "angle of the steering wheel": _times(("steer_angle",), lambda _: RATIO),
+    "wheel speeds in m/s": _times(WHEELS, _radius),
+    "wheel speeds in rpm": _times(WHEELS, lambda _: 30 / np.pi),
+    "yaw rate stands still": _stuck,
+}
+
+
+def vehicle_file(d: Drive) -> str:
+    """The drive's car as a vehicle file; what is not in it is an ordinary car's."""
+    if d.known:  # the car of `tselab simulate`: everything is in it, uncertainties are 0
+        return simulated_vehicle()
+    return "".join(f"{k} = {v}\n" for k, v in {"name": '"car"', **d.car, "driven_axle": f'"{d.driven}"'}.items())
