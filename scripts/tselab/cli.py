@@ -242,6 +242,7 @@ def estimate(
     as a row per stretch of road and stiffness.
     """
     from tselab import regimes, results, single
+    from tselab.calibrate.own import STOPPED
     from tselab.facts import run_facts
     from tselab.files import check_distinct, check_writable
     from tselab.learnt import read_learnt, write_learnt
@@ -261,7 +262,7 @@ def estimate(
     _positive("age", age, 0.0, 40000.0, "days")
     learnt = read_learnt(load_learnt, age) if load_learnt else None
     with saying(progress) as say:
-        itself = Calibrate(say) if calibrate and load_learnt is None and save_learnt is None else None
+        itself = Calibrate(say, goes_on=True) if calibrate and load_learnt is None and save_learnt is None else None
         prepared = prepare(
             log_path, vehicle_path, config_path, average, options, form, key_values(pairs), reading, itself
         )
@@ -304,6 +305,9 @@ def estimate(
         for what, path in written.items():
             if path is not None:
                 click.echo(f"{WRITTEN[what]} written to {path}")
+    if prepared.own is not None and prepared.own.found.get("why") == STOPPED:
+        click.echo(f"tselab: the calibration was stopped by Ctrl-C; {out} is that of an ordinary car", err=True)
+        sys.exit(130)
     if est.interrupted:
         click.echo(
             f"tselab: stopped by Ctrl-C after {len(est)} of {len(log)} rows; {out} holds the rows done",

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from tselab.calibrate.own import Own, calibrated, of_class, uncalibrated
+from tselab.calibrate.own import STOPPED, Own, calibrated, of_class, uncalibrated
 from tselab.config import make_config
 from tselab.core import Config
 from tselab.errors import UserError
@@ -38,10 +38,12 @@ class Prepared:
 
 @dataclass(frozen=True)
 class Calibrate:
-    """That a car which nobody has calibrated is calibrated on the log itself. `others`: more logs of the same car."""
+    """That a car which nobody has calibrated is calibrated on the log itself. `others`: more logs of the same car; `goes_on`:
+    Ctrl-C ends the calibration alone, and the estimate is that of an ordinary car."""
 
     say: Callable[[str], None] = lambda _: None
     others: Sequence[Log] = ()
+    goes_on: bool = False
 
 
 def prepare(
@@ -97,7 +99,12 @@ def assemble(
         if warnings:
             found = of_class("its channels contradict each other")
         else:
-            found = calibrated(stated, [logged, *calibrate.others], calibrate.say)
+            try:
+                found = calibrated(stated, [logged, *calibrate.others], calibrate.say)
+            except KeyboardInterrupt:
+                if not calibrate.goes_on:
+                    raise
+                found = of_class(STOPPED)
         made = assemble(found.vehicle(stated), log, config_path, None, options, form, settings, source)
         return replace(made, own=found)
     notes = [

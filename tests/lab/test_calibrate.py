@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -213,6 +214,16 @@ def test_what_has_not_converged_is_written_and_said(case: Path) -> None:
     )
     assert run.code == 12 and "NOT converged" in run.out
     assert "NOT CONVERGED" in out.read_text()
+
+
+def test_a_log_of_seconds_is_nothing_to_rely_on(case: Path, tmp_path: Path) -> None:
+    """It converges: there is little to fit."""
+    rows = case.joinpath("log_slalom.csv").read_text().splitlines()
+    log = tmp_path / "short.csv"
+    log.write_text("\n".join(rows[:501]) + "\n")
+    run = tselab_here("calibrate", log, "--vehicle", case / "car.toml", "--out", tmp_path / "o.toml")
+    assert run.code == 4, run.err
+    assert re.search(r"Not to be relied on: \d s can be compared with a simulation, 20 s are needed\.", run.out)
 
 
 def test_a_log_without_a_channel_is_used_without_it(case: Path, tmp_path: Path) -> None:

@@ -184,7 +184,9 @@ def test_a_search_that_does_not_end_leaves_the_car_to_its_class(case, monkeypatc
     assert stopped.vehicle(car).values == car.values
 
 
-def test_ctrl_c_stops_it_and_leaves_nothing(case, cache, monkeypatch, tmp_path):
+def test_ctrl_c_stops_it_and_the_car_is_an_ordinary_one(case, cache, monkeypatch, tmp_path):
+    """The estimate is written, nothing is kept of the calibration, no lock stays; from Python it is an interrupt as any other."""
+
     def interrupt(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
@@ -192,8 +194,23 @@ def test_ctrl_c_stops_it_and_leaves_nothing(case, cache, monkeypatch, tmp_path):
     (tmp_path / "car.toml").write_text(case.car.read_text() + "\n[latency]\nsteer_angle = 0.02\n", encoding="utf-8")
     before = sorted(cache.rglob("*.json"))
     done = tselab_here("estimate", case.log, "--vehicle", "car.toml", "--out", "est.csv", cwd=tmp_path)
-    assert done.code == 130 and not (tmp_path / "est.csv").exists()
-    assert sorted(cache.rglob("*.json")) == before
+    assert done.code == 130 and "the calibration was stopped by Ctrl-C" in done.err
+    assert f"not calibrated on the log itself: {own.STOPPED}" in done.out
+    tselab_here("estimate", case.log, "--vehicle", "car.toml", "--no-calibrate", "--out", "plain.csv", cwd=tmp_path)
+    assert (tmp_path / "est.csv").read_bytes() == (tmp_path / "plain.csv").read_bytes()
+    assert sorted(cache.rglob("*.json")) == before and not list(cache.rglob("*.lock"))
+    with pytest.raises(KeyboardInterrupt):
+        tse.estimate(pd.read_csv(case.log), tmp_path / "car.toml")
+
+
+def test_a_minute_is_long_enough_without_its_last_row(case, tmp_path):
+    """59.98 s: what the ends leave out is no reason."""
+    rows = case.log.read_text().splitlines()
+    (tmp_path / "log.csv").write_text("\n".join(rows[:6000]) + "\n")  # names, and 5999 rows
+    log, car = read_log(tmp_path / "log.csv"), read_vehicle(case.car)
+    assert log.time[-1] - log.time[0] == pytest.approx(59.98, abs=1e-6)
+    with constants.changed("identify.fit.MOST_STEPS", 1):
+        assert "s are needed" not in own.calibrated(car, [log]).words[0]
 
 
 def test_who_is_calibrated_or_known_is_left_alone(case, tmp_path):

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from tselab.log import Reading
 
 NOT_CONVERGED = 12  # exit code
+LEAST_SECONDS = 20.0  # of all logs together: of fewer the search converges, near its prior, on what happens to fit
 
 
 class Calibrate(Run):
@@ -75,8 +76,9 @@ def calibrate(
 
     --json says the same numbers on standard output, --table writes a row for each finding.
 
-    Exit code: 0 usable: converged, and these logs show something of the car; 4 converged, and they show nothing of it; 12 not
-    converged (written all the same, and said); 2 bad input; 130 Ctrl-C. The same command goes on after Ctrl-C.
+    Exit code: 0 usable: converged, and these logs show something of the car; 4 converged, and they show nothing of it, or less
+    than 20 s of them can be compared with a simulation; 12 not converged (written all the same, and said); 2 bad input; 130
+    Ctrl-C. The same command goes on after Ctrl-C.
     """
     from tselab import results
     from tselab.calibrate import output, page, workflow
@@ -136,6 +138,8 @@ def _code(result: Result) -> int:
 
     if not result.fit.converged:
         return NOT_CONVERGED
+    if result.seconds < LEAST_SECONDS:
+        return NOTHING
     return USABLE if any(f.shown for f in result.findings) else NOTHING
 
 
@@ -161,6 +165,10 @@ def words(result: Result) -> list[str]:
             lines.append(
                 f"Residuals of {title} logs, rms, slow parts left out: {', '.join(parts)}; {likelier:+.1f} nat a second."
             )
+    if result.seconds < LEAST_SECONDS:
+        lines.append(
+            f"Not to be relied on: {result.seconds:.0f} s can be compared with a simulation, {LEAST_SECONDS:g} s are needed."
+        )
     hidden = [f.name for f in result.findings if not f.shown]
     if hidden:
         lines.append(f"Not shown by these logs: {', '.join(hidden)}.")

@@ -12,7 +12,8 @@ import hashlib
 import json
 import os
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -31,11 +32,13 @@ from tselab.toml import tomllib
 from tselab.vehicle import Vehicle, make_vehicle
 
 MOST_SECONDS = 600.0  # of all logs together: of a longer one the part in which the car turns most
-LEAST_SECONDS = 60.0  # that can be compared with a simulation
+LEAST_SECONDS = 60.0  # that can be compared with a simulation,
+ENDS = 2.0  # s: less what its ends leave out: a row, and where the simulation starts
 LEAST_TURNING = 2.0  # s with a lateral acceleration of
 TURNING = 1.0  # m/s2
 KNOWN = 0.175  # ln: where neither cornering stiffness comes out to this, the log shows nothing of them
 LONGEST = 300.0  # s: a search that takes longer on this machine is given up
+STOPPED = "it was stopped by Ctrl-C"
 TOO_LONG = f"the search took longer than {LONGEST:g} s"
 AXLES = {"cy_front": "front", "cy_rear": "rear"}
 
@@ -77,7 +80,7 @@ def cache_folder() -> Path:
 def calibrated(vehicle: Vehicle, logs: Sequence[Log], say: Callable[[str], None] = lambda _: None) -> Own:
     """Calibrate on logs of the car, or return what an earlier run has found on the same ones."""
     seconds = sum(float(log.time[-1] - log.time[0]) for log in logs if len(log))
-    if seconds < LEAST_SECONDS:
+    if seconds < LEAST_SECONDS - ENDS:
         return of_class(f"it lasts {seconds:.4g} s, {LEAST_SECONDS:g} s are needed")
     if (turning := sum(_turning(log, vehicle) for log in logs)) < LEAST_TURNING:
         return of_class(
@@ -88,7 +91,8 @@ def calibrated(vehicle: Vehicle, logs: Sequence[Log], say: Callable[[str], None]
     path = _place(f"{key}.json")
     if path is None:
         return _calibrate(vehicle, parts, say)
-    with alone(path.with_suffix(".lock")):
+    lock = path.with_suffix(".lock")
+    with alone(lock), _gone(lock):
         kept = read_sealed(path)
         if isinstance(kept, dict) and kept.get("key") == key:
             return Own(kept["text"], [*kept["words"], f"kept from an earlier run: {path}"], kept["found"])
@@ -98,6 +102,16 @@ def calibrated(vehicle: Vehicle, logs: Sequence[Log], say: Callable[[str], None]
             write_sealed(path, {"key": key, **vars(own)})
             own.words.append(f"{where}: {path}")
         return own
+
+
+@contextmanager
+def _gone(lock: Path) -> Iterator[None]:
+    """Take the lock file away behind the block, however it ends: who comes then does the work twice, at worst."""
+    try:
+        yield
+    finally:
+        with suppress(OSError):
+            lock.unlink()
 
 
 def _turning(log: Log, vehicle: Vehicle) -> float:
@@ -155,7 +169,7 @@ def _calibrate(vehicle: Vehicle, logs: Sequence[Log], say: Callable[[str], None]
         say(f"calibrating on the log itself: {text}")
 
     try:
-        result = workflow.of_logs(logs, car, watched, least=LEAST_SECONDS)
+        result = workflow.of_logs(logs, car, watched, least=LEAST_SECONDS - ENDS)
     except (UserError, ValueError) as error:  # ValueError: LinAlgError, of rows that determine nothing
         return of_class(str(error))
     except _TooLong:

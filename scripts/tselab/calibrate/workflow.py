@@ -82,7 +82,7 @@ def of_logs(logs: Sequence[Log], vehicle: Vehicle, say: Say = lambda _: None, le
     notes: list[str] = []
     problem, _ = _problem(logs, vehicle, 1, notes, say)
     if (seconds := sum(log.seconds for log in problem.logs)) < least:
-        raise UserError(f"{seconds:.0f} s of it can be compared with a simulation, {least:g} s are needed")
+        raise UserError(f"{seconds:.0f} s of it can be compared with a simulation, {least:.0f} s are needed")
     return _result(vehicle, problem, fit(problem, say=say), logs, [], notes)
 
 
