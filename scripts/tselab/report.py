@@ -7,6 +7,7 @@ import gzip
 import json
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import jinja2
 import orjson
@@ -55,25 +56,41 @@ def write_report(
          plots.health_figure(data)),
         ("Other reference columns", "Columns of the log that start with ref_ and match no estimate.", plots.others_figure(data)),
     ]  # fmt: skip
-    shown = [(title, text, figure) for title, text, figure in sections if figure is not None]
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("tselab"), autoescape=True, trim_blocks=True, lstrip_blocks=True
-    )
-    page = environment.get_template("report.html.j2").render(
+    write_page(
+        path,
+        "report.html.j2",
+        sections,
         title=log.path.name,
         vehicle=vehicle,
         findings=found,
         spread=config.form != 0,
         most=MOST_CARDS,
         events=events(changes, spells),
-        sections=[{"id": f"plot{i}", "title": t, "text": x, "height": f.height} for i, (t, x, f) in enumerate(shown)],
-        figures=packed(orjson.dumps([f.as_dict() for _, _, f in shown], option=orjson.OPT_SERIALIZE_NUMPY)),
-        plotly=packed(get_plotlyjs()),
         facts=run_facts(est, log, vehicle, config, data.stride),
         changed=[(config.fields[name], value) for name, value in config.changed().items()],
         notes=notes,
+    )
+
+
+def write_page(path: Path, template: str, sections: Sequence[tuple[str, str, Any]], **words: Any) -> None:
+    """Write a page that needs nothing else. `sections`: title, text and figure, of plots.py or of plotly; without the figure none.
+    `words`: what else the template asks for."""
+    shown = [(title, text, figure) for title, text, figure in sections if figure is not None]
+    figures = [f.as_dict() if hasattr(f, "as_dict") else orjson.Fragment(f.to_json()) for _, _, f in shown]
+    heights = [f.height if hasattr(f, "as_dict") else f.layout.height for _, _, f in shown]
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("tselab"), autoescape=True, trim_blocks=True, lstrip_blocks=True
+    )
+    page = environment.get_template(template).render(
+        sections=[
+            {"id": f"plot{i}", "title": title, "text": text, "height": height}
+            for i, ((title, text, _), height) in enumerate(zip(shown, heights, strict=True))
+        ],
+        figures=packed(orjson.dumps(figures, option=orjson.OPT_SERIALIZE_NUMPY)),
+        plotly=packed(get_plotlyjs()) if shown else "",
         library=library(),
         version=__version__,
+        **words,
     )
     with atomic(path) as file:
         file.write(page)

@@ -7,19 +7,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import jinja2
 import numpy as np
-import orjson
 import pandas as pd
-from plotly.offline import get_plotlyjs
 
-from tselab import __version__
-from tselab.core import STIFFNESS, library
-from tselab.files import atomic
+from tselab.core import STIFFNESS
 from tselab.fleet.keep import TABLE, Done
 from tselab.fleet.run import each
 from tselab.plots import BLUE, GREEN, ORANGE, Figure
-from tselab.report import packed
+from tselab.report import write_page
 from tselab.results import CODES
 from tselab.verdict import NAMES
 
@@ -82,11 +77,11 @@ def write(path: Path, done: Sequence[Done], table: pd.DataFrame, title: str) -> 
         sections.append(
             (f"Trend: {c.name}", "Each stretch of road that tells a stiffness, over nominal.", trend(c, table))
         )
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("tselab"), autoescape=True, trim_blocks=True, lstrip_blocks=True
-    )
     codes = [d.outcome.code if not d.outcome.error else None for d in done]
-    page = environment.get_template("fleet.html.j2").render(
+    write_page(
+        path,
+        "fleet.html.j2",
+        sections,
         title=title,
         cars=all_cars,
         errors=[d for d in done if d.outcome.error],
@@ -98,16 +93,7 @@ def write(path: Path, done: Sequence[Done], table: pd.DataFrame, title: str) -> 
         table=TABLE,
         moment=lambda s: pd.Timestamp(s, unit="s").strftime("%Y-%m-%d %H:%M"),
         said=_said(table),
-        sections=[
-            {"id": f"plot{i}", "title": t, "text": x, "height": f.height} for i, (t, x, f) in enumerate(sections)
-        ],
-        figures=packed(orjson.dumps([f.as_dict() for _, _, f in sections], option=orjson.OPT_SERIALIZE_NUMPY)),
-        plotly=packed(get_plotlyjs()) if sections else "",
-        library=library(),
-        version=__version__,
     )
-    with atomic(path) as file:
-        file.write(page)
 
 
 def _said(table: pd.DataFrame) -> dict[str, dict[str, list[Any]]]:

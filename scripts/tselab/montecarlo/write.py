@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import jinja2
 import pandas as pd
-import plotly.offline
 
 from tselab import __version__
 from tselab.core import library
@@ -15,7 +13,7 @@ from tselab.files import atomic
 from tselab.montecarlo import findings, panels, pictures, summary
 from tselab.montecarlo.engine import Plan
 from tselab.montecarlo.summary import Table
-from tselab.report import packed
+from tselab.report import write_page
 
 
 def write(plan: Plan, runs: pd.DataFrame, out: Path) -> tuple[str, list[Path]]:
@@ -31,8 +29,8 @@ def write(plan: Plan, runs: pd.DataFrame, out: Path) -> tuple[str, list[Path]]:
     write_table(lines, path["csv"])
     with atomic(path["md"]) as file:
         file.write(text)
-    with atomic(path["html"]) as file:
-        file.write(page(plan, facts, tables, picture))
+    write_page(path["html"], "study.html.j2", [("", "", panels.draw_plotly(picture))], title=plan.study.title,
+               name=plan.study.name, facts=[(n, v.strip("`")) for n, v in facts], tables=tables)  # fmt: skip
     if not panels.draw_png(picture, path["png"]):
         del path["png"]
     return text, list(path.values())
@@ -71,20 +69,3 @@ def markdown(plan: Plan, facts: list[tuple[str, str]], tables: list[Table]) -> s
     for table in tables:
         lines += ["", table.markdown()]
     return "\n".join([*lines, "", f"Intervals of all values: {plan.study.name}.csv; each run: runs.csv.", ""])
-
-
-def page(plan: Plan, facts: list[tuple[str, str]], tables: list[Table], picture: panels.Picture) -> str:
-    """The report: one file that needs nothing else."""
-    figure = panels.draw_plotly(picture)
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("tselab"), autoescape=True, trim_blocks=True, lstrip_blocks=True
-    )
-    return environment.get_template("study.html.j2").render(
-        title=plan.study.title,
-        name=plan.study.name,
-        facts=[(name, value.strip("`")) for name, value in facts],
-        tables=tables,
-        height=figure.layout.height,
-        figures=packed(f"[{figure.to_json()}]"),
-        plotly=packed(plotly.offline.get_plotlyjs()),
-    )
