@@ -386,18 +386,6 @@ def is_set(config: Config, effect: Effect) -> bool:
     return any(getattr(config, p.setting) != p.default for p in effect.strengths)
 
 
-def effects_toml(config: Config) -> str:
-    """Return the tables [effects.<id>] of a vehicle file: the effects that are set, with unit and meaning."""
-    lines: list[str] = []
-    for effect in library().effects.values():
-        if is_set(config, effect):
-            lines += ["", f"[effects.{effect.id}]  # {effect.title}"]
-            lines += [
-                f"{p.name} = {float(getattr(config, p.setting))!r}  # {p.unit}: {p.text}" for p in effect.parameters
-            ]
-    return "\n".join(lines) + "\n" if lines else ""
-
-
 def _set(config: Config, key: str, value: Any, source: str) -> None:
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         raise UserError(f"{source}: {value!r} is not a number; allowed: {config.fields[key].range_text}")

@@ -9,7 +9,7 @@ import pytest
 from conftest import RAN, tselab_here
 from tselab.core import REPLAY_LOG, STIFFNESS, Config, Filter, Replay, SettingError, SimConfig, Simulator, library
 from tselab.errors import UserError
-from tselab.vehicle import effects_toml, read_vehicle
+from tselab.vehicle import is_set, read_vehicle
 
 BARE = """mass = 1900.0
 lf = 1.25
@@ -66,15 +66,13 @@ def test_effects_of_a_vehicle_file_are_settings(tmp_path):
     assert not car.notes
 
 
-def test_written_effects_are_read_as_they_were(tmp_path):
-    config = Config({"body_roll_gain": 0.0123, "conicity_rear": -77.0, "body_roll_frequency": 1.3})
-    text = effects_toml(config)
-    assert text.count("[effects.") == 2
-    car = read(tmp_path, text)
-    for name, value in config.changed().items():
-        assert car.values[name] == value
-    assert effects_toml(Config({"body_roll_frequency": 1.3})) == ""  # a shape of what is off
-    assert "[effects.exact_kinematics]" in effects_toml(Config({"exact_kinematics_share": 0.0}))
+def test_an_effect_is_set_by_its_strength_and_not_by_a_shape():
+    def effects(**values):
+        config = Config(values)
+        return [e.id for e in library().effects.values() if is_set(config, e)]
+
+    assert effects(body_roll_gain=0.0123, conicity_rear=-77.0, body_roll_frequency=1.3) == ["conicity", "body_roll"]
+    assert effects(body_roll_frequency=1.3) == [] and effects(exact_kinematics_share=0.0) == ["exact_kinematics"]
 
 
 def test_wrong_effects_are_refused_with_file_and_key(tmp_path):

@@ -24,8 +24,6 @@ from tselab.rows import MEASURES, TORQUES, Log, Reading, average
 from tselab.units import check_units
 from tselab.vehicle import Vehicle, read_vehicle
 
-BITS = {"brake": 16, "wheel_torque_front": 32, "wheel_torque_rear": 64}
-
 
 @pytest.fixture(scope="module")
 def made():
