@@ -135,7 +135,6 @@ LATE = {  # what is imported in functions, and is no package that may be missing
     ("tselab.calibrate.own", "tselab.calibrate.workflow"),
     ("tselab.gap.export.gain", "tselab.fmu.run"),
     ("tselab.gap.infer.formula.symbolic", "tselab.gap.infer.formula.search"),
-    ("tselab.gap.workers", "tselab"),
 }
 UPWARDS = {("tse._calibrate", "tselab.calibrate.commands")}  # its words; they belong beside its result
 

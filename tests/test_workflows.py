@@ -1,4 +1,4 @@
-"""Workflow files of the forge: actions are pinned by commit, what they run is there, and the forge's own linter has nothing to say."""
+"""Workflow files of the forge: actions are pinned by commit, what they run is there, and the forge's own linter finds nothing."""
 
 from __future__ import annotations
 
@@ -24,7 +24,9 @@ def test_actions_are_pinned_and_scripts_are_there(workflow: Path) -> None:
     used = re.findall(r"uses: (\S+)(.*)", text)
     assert used
     for action, comment in used:
-        assert re.fullmatch(r"[\w-]+/[\w-]+@[0-9a-f]{40}", action) and re.fullmatch(r" # v\d+\.\d+\.\d+", comment), action
+        assert re.fullmatch(r"[\w-]+/[\w-]+@[0-9a-f]{40}", action) and re.fullmatch(r" # v\d+\.\d+\.\d+", comment), (
+            action
+        )
     for script in re.findall(r"(?:^|\s)((?:scripts/|tests/|\.ci/)[\w./-]+)", text):
         assert (ROOT / script).is_file(), script
     assert yaml.safe_load(text)["permissions"] == {"contents": "read"}

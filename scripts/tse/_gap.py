@@ -108,7 +108,7 @@ def gap(
     fitted = [_file(log, folder, f"log-{i}") for i, log in enumerate(several(logs), 1)]
     held = [_file(log, folder, f"held-out-{i}") for i, log in enumerate(hold_out, 1)]
     car = vehicle_file(vehicle, folder)
-    result = workflow.run(fitted, car, folder, held, jobs, say, None, formula)
+    result = workflow.run(fitted, car, folder, held, jobs, say, formula)
     write_all(folder, result, car, jobs, None, say)
     return Gap(result, folder, keep)
 

@@ -15,6 +15,7 @@ import os
 import signal
 import socket
 import threading
+import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
@@ -25,6 +26,7 @@ from typing import Any, Protocol, TypeAlias
 from tselab.errors import UserError
 
 CONNECT = 10  # s, for an answer of a scheduler
+WORKERS = 3  # s, for the first worker: those that start with the scheduler come a moment later
 Do: TypeAlias = Callable[[Any], Any]
 Finished: TypeAlias = tuple[Any, Callable[[], Any]]  # a task, and what gives or raises its result
 
@@ -195,6 +197,38 @@ def dask(scheduler: str) -> Any:
         return distributed.Client(scheduler, timeout=CONNECT, set_as_default=False)
     except (OSError, ValueError) as error:
         raise UserError(f"option --scheduler: no Dask scheduler answers at {scheduler}: {error}") from None
+
+
+def check_workers(client: Any, scheduler: str) -> None:
+    """There are workers, and they compute what this process would: else the run would wait for ever, or give other numbers."""
+
+    def theirs() -> tuple[
+        str, str
+    ]:  # within a function, so that it is sent as code: a worker may have no tselab to find it in
+        import hashlib
+        from pathlib import Path
+
+        try:
+            import tselab
+        except ImportError:
+            return "none", ""
+        code = hashlib.sha256()
+        for path in sorted(Path(tselab.__file__).parent.rglob("*.py")):
+            code.update(path.read_bytes())
+        return tselab.__version__, code.hexdigest()
+
+    end = time.monotonic() + WORKERS
+    while not (found := client.run(theirs)):
+        if time.monotonic() > end:
+            raise UserError(f"option --scheduler: the Dask cluster at {scheduler} has no workers")
+        time.sleep(0.2)
+    mine = theirs()
+    for worker, (version, code) in sorted(found.items()):
+        if (version, code) != mine:
+            what = {"none": "no tselab", mine[0]: f"tselab {version} with other code"}.get(version, f"tselab {version}")
+            raise UserError(
+                f"option --scheduler: worker {worker} of the Dask cluster at {scheduler} has {what}, this is tselab {mine[0]}"
+            )
 
 
 @contextlib.contextmanager

@@ -52,11 +52,11 @@ def run(asked: tuple[str, str, float | None]) -> None:
     from tests.gap.generator.study import study
     from tselab.gap import constants
     from tselab.gap.catalogue import catalogue
+    from tselab.gap.data import prepare_all
     from tselab.gap.fit import fit
     from tselab.gap.infer.excerpt import HELD_SHARE, excerpt
     from tselab.gap.infer.naming import name
     from tselab.gap.problem import STIFFNESS, Problem
-    from tselab.gap.workers import Workers
     from tselab.gap.workflow import read
     from tselab.vehicle import read_vehicle
 
@@ -65,11 +65,10 @@ def run(asked: tuple[str, str, float | None]) -> None:
     if path.exists():
         return
     made = next(make_cases([s for s in study() if s.name == case]))
-    workers = Workers(1)
 
     def problem(folder: Path, pattern: str, share: float) -> Problem:
         logs, config = read(sorted(folder.glob(pattern)), read_vehicle(folder / "car.toml"))
-        found = workers.problem(workers.prepare(logs, config), config)
+        found = Problem(prepare_all(logs, config), config)
         return found.of(excerpt(found, fit(found, STIFFNESS, {}), share).logs)
 
     with tempfile.TemporaryDirectory() as temporary, ExitStack() as stack:

@@ -24,7 +24,7 @@ from tselab.estimate import write_table
 from tselab.fleet.find import drives, started
 from tselab.fleet.run import Interrupted, Plan, outcome_of, run
 from tselab.fleet.work import Task, code_of
-from tselab.processes import Local
+from tselab.processes import Local, check_workers
 from tselab.rows import Reading
 from tselab.simulate import simulate
 from tselab.vehicle import read_vehicle
@@ -305,6 +305,23 @@ def test_on_a_cluster_a_worker_that_is_killed_costs_nothing(logs, done, tmp_path
     assert process.returncode == 3, said
     table = pd.read_parquet(tmp_path / "out" / "fleet.parquet")
     pd.testing.assert_frame_equal(table.drop(columns="report"), done[2].drop(columns="report"))
+
+
+def test_a_cluster_without_workers_or_with_another_tselab_is_refused(tmp_path):
+    distributed = pytest.importorskip(
+        "distributed", reason="dask.distributed is missing: there is no cluster to test with"
+    )
+    (tmp_path / "old" / "tselab").mkdir(parents=True)
+    (tmp_path / "old" / "tselab" / "__init__.py").write_text('__version__ = "0.0.1"\n')
+    with starting() as start:
+        address = scheduler(start)
+        with distributed.Client(address, set_as_default=False) as client:
+            with pytest.raises(UserError, match="has no workers"):
+                check_workers(client, address)
+            start(*worker(address, tmp_path / "dask"), path=tmp_path / "old")
+            until(lambda: len(client.scheduler_info()["workers"]) == 1)
+            with pytest.raises(UserError, match=r"has tselab 0\.0\.1, this is tselab"):
+                check_workers(client, address)
 
 
 def test_the_table_is_read_by_others_as_the_help_says(done):

@@ -15,7 +15,7 @@ from gap_logs import car, write_log
 from tselab.core import Config, Replay
 from tselab.gap import constants, workflow
 from tselab.gap.catalogue import catalogue
-from tselab.gap.data import BURN_IN, prepare
+from tselab.gap.data import BURN_IN, prepare, prepare_all
 from tselab.gap.export.output import finite
 from tselab.gap.fit import fit
 from tselab.gap.infer import excerpt as ex
@@ -23,7 +23,6 @@ from tselab.gap.infer.hypotheses import NAME_AT
 from tselab.gap.infer.naming import Named, name
 from tselab.gap.problem import STIFFNESS, Problem
 from tselab.gap.selftest import make
-from tselab.gap.workers import Workers
 from tselab.log import read_log
 from tselab.rows import MEASURES, Log
 from tselab.vehicle import read_vehicle
@@ -133,8 +132,7 @@ class Clean:
         read, config = workflow.read(
             make(self.problem, self.read, size, self.folder, HIDE_SEED), read_vehicle(self.vehicle)
         )
-        workers = Workers()
-        return name(workers.problem(workers.prepare(read, config), config), list(catalogue().values())).named
+        return name(Problem(prepare_all(read, config), config), list(catalogue().values())).named
 
 
 @pytest.fixture(scope="module")

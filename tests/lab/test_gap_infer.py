@@ -29,7 +29,6 @@ from tselab.gap.infer.space import EPISODE, FEWEST, Layout
 from tselab.gap.localise.remainder import Remainder
 from tselab.gap.problem import STIFFNESS, Problem, Rows, profile_size
 from tselab.gap.stages import _seal, load, save, stage
-from tselab.gap.workers import ClusterProblem
 from tselab.identify.discrepancy import Discrepancy, Piece
 from tselab.log import read_log
 from tselab.vehicle import read_vehicle
@@ -81,7 +80,6 @@ class Linear:
     effect: Parameter
     size: float
     jobs: int = 1
-    is_here: bool = True
 
     def __post_init__(self) -> None:
         rng = np.random.default_rng(8)
@@ -245,20 +243,13 @@ def test_values_that_are_held_act_as_if_they_were_given(late: Problem) -> None:
         "accel_y_latency": 0.02,
     }
     given = late.residuals(values)
-    here = SimpleNamespace(  # a cluster that is this process
-        scatter=lambda data, **_: data,
-        map=lambda function, asked, data, pure: [function(a, data=data) for a in asked],
-        gather=lambda done: done,
-    )
-    far = ClusterProblem(here, late.logs, late.config, 1)
-    for problem in (late, far):
-        problem.fixed = values
-        try:
-            assert np.array_equal(problem.residuals({}), given)
-            (moved,) = problem.predict_all([{"cy_front": 0.8}])
-        finally:
-            problem.fixed = {}
-        assert np.array_equal(moved, late.predict(values | {"cy_front": 0.8}))
+    late.fixed = values
+    try:
+        assert np.array_equal(late.residuals({}), given)
+        (moved,) = late.predict_all([{"cy_front": 0.8}])
+    finally:
+        late.fixed = {}
+    assert np.array_equal(moved, late.predict(values | {"cy_front": 0.8}))
     assert not np.allclose(late.residuals({}), given)
 
 

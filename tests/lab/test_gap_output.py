@@ -250,7 +250,6 @@ def test_ctrl_c_keeps_the_stages_that_are_done(case, tmp_path):
     (("gap", "log.csv", "--vehicle", "car.toml", "--out", "o", "--hold-out", "log.csv"), "is fitted, too"),
     (("gap", "--vehicle", "car.toml", "--out", "o", "--hold-out", "log.csv"), "LOG ..."),
     (("gap", "log.csv", "--vehicle", "car.toml", "--out", "car.toml"), "is a file"),
-    (("gap", "log.csv", "--vehicle", "car.toml", "--out", "o", "--scheduler", "tcp://127.0.0.1:1"), "no Dask scheduler"),
     (("gap", "slow.csv", "--vehicle", "car.toml", "--out", "o"), "in one piece above 3 m/s"),
     (("gap", "check", "nowhere.csv", "--vehicle", "car.toml"), "no such file"),
     (("gap", "plan", "--separate", "relaxation", "--vehicle", "car.toml"), "is not two effects"),

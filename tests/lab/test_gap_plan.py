@@ -1,4 +1,4 @@
-"""tselab gap check, plan, selftest; the optional columns; a cluster gives the same numbers."""
+"""tselab gap check, plan, selftest; the optional columns."""
 
 from __future__ import annotations
 
@@ -18,9 +18,8 @@ from tselab.gap.data import prepare
 from tselab.gap.drives import library, prepared
 from tselab.gap.export import gain
 from tselab.gap.localise.cross import SOURCES, Blocks, responses
-from tselab.gap.problem import STIFFNESS, Problem
+from tselab.gap.problem import Problem
 from tselab.gap.selftest import selftest
-from tselab.gap.workers import workers
 from tselab.log import read_log
 from tselab.rows import Log, average
 from tselab.vehicle import read_vehicle
@@ -215,7 +214,7 @@ def test_proof_by_fmu_is_bit_for_bit(folder, vehicle, monkeypatch, change, text)
     assert text in gain.prove(Path("Estimator.fmu"), log, config)
 
 
-# ---- cross plots, cluster
+# ---- cross plots
 
 
 def test_response_is_that_of_a_known_filter(vehicle):
@@ -238,20 +237,3 @@ def test_response_is_that_of_a_known_filter(vehicle):
     assert n > 500 and r.frequency[-1] > 2.0
     np.testing.assert_allclose(r.gain["measured"], np.abs(truth), rtol=0.08)
     np.testing.assert_allclose(r.phase["after"], np.degrees(np.angle(truth)), atol=6)
-
-
-def test_cluster_gives_the_same_slopes_and_logs(folder, vehicle):
-    distributed = pytest.importorskip("distributed")
-    config = Config(read_vehicle(vehicle).values)
-    logs = [read_log(write_log(folder / f"c{s}.csv", vehicle, "steps", {}, s, seconds=8.0)) for s in (1, 2)]
-    with (
-        distributed.LocalCluster(n_workers=1, threads_per_worker=2, processes=False, dashboard_address=None) as cluster,
-        workers(1, cluster.scheduler_address) as far,
-        workers(1, None) as near,
-    ):
-        problems = [w.problem(w.prepare(logs, config), config) for w in (far, near)]
-        parameters = [*STIFFNESS, *(p for e in ("body_roll", "bank") for p in problems[1].strengths(catalogue()[e]))]
-        base = problems[1].residuals({})
-        slopes = [p.jacobian({}, base, parameters) for p in problems]
-    np.testing.assert_array_equal(slopes[0], slopes[1])
-    assert np.abs(slopes[1]).max() > 0

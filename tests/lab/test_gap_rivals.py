@@ -15,7 +15,7 @@ ROWS = 3000
 def problem():
     """One log, accel_y alone."""
     rows = SimpleNamespace(channel=np.ones(ROWS, int), group=np.zeros(ROWS, int))
-    return SimpleNamespace(rows=rows, weight=np.ones(ROWS), noise_energy=np.ones(ROWS), jobs=1, is_here=True)
+    return SimpleNamespace(rows=rows, weight=np.ones(ROWS), noise_energy=np.ones(ROWS), jobs=1)
 
 
 def fit(rms):

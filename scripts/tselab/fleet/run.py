@@ -17,8 +17,7 @@ from tselab.files import real
 from tselab.fleet.find import Drive
 from tselab.fleet.keep import Done, Store
 from tselab.fleet.work import Outcome, Task, code_of, work
-from tselab.gap.workers import check_workers
-from tselab.processes import Cluster, Died, Here, Local, Workers, killed_as_interrupted
+from tselab.processes import Cluster, Died, Here, Local, Workers, check_workers, killed_as_interrupted
 from tselab.rows import Reading
 
 TOGETHER = 4  # logs of a car on which it is calibrated, at most

@@ -12,12 +12,12 @@ import numpy as np
 from tselab.errors import UserError
 from tselab.gap import workflow
 from tselab.gap.catalogue import catalogue
+from tselab.gap.data import prepare_all
 from tselab.gap.fit import fit, gap
 from tselab.gap.infer import detect
 from tselab.gap.infer.hypotheses import threshold
 from tselab.gap.localise.excitation import Excitation, excitation
-from tselab.gap.problem import STIFFNESS
-from tselab.gap.workers import Workers
+from tselab.gap.problem import STIFFNESS, Problem
 from tselab.log import COMPARED, Reading
 from tselab.results import CODES, IN_PART, NOTHING, USABLE
 from tselab.tables import text_table
@@ -90,10 +90,9 @@ def check(
 ) -> Check:
     """Fit stiffness and biases, and look around."""
     say("reading the logs")
-    workers = Workers(jobs)
     read, config = workflow.read(logs, read_vehicle(vehicle_path), reading)
-    prepared = workers.prepare(read, config)
-    problem = workers.problem(prepared, config)
+    prepared = prepare_all(read, config)
+    problem = Problem(prepared, config, jobs)
     notes = [n for p in prepared for n in p.notes]
     if not problem.logs:
         raise UserError("; ".join(notes) or "no log can be compared")

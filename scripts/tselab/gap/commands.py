@@ -26,9 +26,6 @@ VEHICLE = click.option("--vehicle", "vehicle_path", metavar="CAR.toml", type=FIL
                        help="Vehicle file; 'tselab vehicle --example' prints one.")  # fmt: skip
 JOBS = click.option("--jobs", type=click.IntRange(1, 256), default=os.cpu_count() or 1, show_default="all cores",
                     help="Simulations at once.")  # fmt: skip
-SCHEDULER = click.option(
-    "--scheduler", metavar="ADDRESS", help="Simulate on a Dask cluster instead, for instance tcp://host:8786."
-)
 HOLD_OUT = "--hold-out"
 OUT = click.option(
     "--out", metavar="DIR", type=FILE, required=True, help="Directory; made if needed; stages are used again."
@@ -39,7 +36,7 @@ HELD = click.option(HOLD_OUT, "hold_out", metavar="LOG ...", type=FILE, multiple
 
 def of_a_run(command: Callable[..., int]) -> Callable[..., int]:
     """What every command takes that runs the whole workflow: the arguments of _run(), by name."""
-    for take in (JSON, PROGRESS, SCHEDULER, JOBS, reading, HELD, OUT, VEHICLE, LOGS):  # click lists the last one first
+    for take in (JSON, PROGRESS, JOBS, reading, HELD, OUT, VEHICLE, LOGS):  # click lists the last one first
         command = take(command)
     return command
 
@@ -132,7 +129,6 @@ def _run(
     out: Path,
     hold_out: tuple[Path, ...],
     jobs: int,
-    scheduler: str | None,
     progress: bool | None,
     reading: Reading,
     fmu: Path | None = None,
@@ -142,13 +138,12 @@ def _run(
     """The whole workflow, and what a person should know of it. `formula`: one is sought whatever the names leave."""
     from tselab.gap import workflow
     from tselab.gap.export.output import write_all
-    from tselab.gap.workers import workers
 
     _there(logs, hold_out)
     make_directory(out)
     _distinct(logs, hold_out)
-    with workers(jobs, scheduler) as pool, _stages_kept(out), saying(progress) as say:
-        result = workflow.run(logs, vehicle_path, out, hold_out, jobs, say, pool, formula, reading)
+    with _stages_kept(out), saying(progress) as say:
+        result = workflow.run(logs, vehicle_path, out, hold_out, jobs, say, formula, reading)
         written = write_all(out, result, vehicle_path, jobs, fmu, say)
     if as_json:
         verdict = json.loads((out / "verdict.json").read_text(encoding="utf-8"))

@@ -406,7 +406,7 @@ def fingerprint() -> bytes:
 @contextmanager
 def changed(name: str, value: Any) -> Iterator[None]:
     """One constant is another within this, in this process and all its threads, for everything in tselab that reads it; also for
-    processes that are forked from within, not for the workers of a cluster. Names: find(). ValueError: it cannot be changed, or not
+    processes that are forked from within. Names: find(). ValueError: it cannot be changed, or not
     to that."""
     constant = find(name)
     if constant.fixed:

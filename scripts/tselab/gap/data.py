@@ -7,6 +7,7 @@ slope is a random walk; its smoothness is found by cross-validation, every secon
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -121,6 +122,11 @@ def prepare(log: Log, config: Config) -> Prepared:
     if stretches and compared:
         found.blur = _blur(found, raw, smooth, config)
     return found
+
+
+def prepare_all(logs: Sequence[Log], config: Config) -> list[Prepared]:
+    """Every log, with the latencies of the vehicle file taken out."""
+    return [in_time(prepare(log, config), config) for log in logs]
 
 
 def in_time(log: Prepared, config: Config) -> Prepared:

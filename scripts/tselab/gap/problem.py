@@ -62,8 +62,6 @@ class Rows:
 class Problem:
     """All logs against one model. Thread-safe: simulations share nothing."""
 
-    is_here = True  # this process simulates
-
     def __init__(self, logs: Sequence[Prepared], config: Config, jobs: int = 1):
         self.logs = [log for log in logs if log.stretches]
         self.config = config

@@ -14,11 +14,10 @@ from tselab.errors import UserError
 from tselab.estimate import write_table
 from tselab.gap import workflow
 from tselab.gap.catalogue import catalogue
-from tselab.gap.data import Prepared
+from tselab.gap.data import Prepared, prepare_all
 from tselab.gap.plan import typical
 from tselab.gap.problem import Problem
 from tselab.gap.simulate import simulate
-from tselab.gap.workers import Workers
 from tselab.log import MEASURES, Log, Reading
 from tselab.vehicle import read_vehicle
 
@@ -53,14 +52,13 @@ def selftest(
     e = known[effect]
     say("reading the logs")
     read, config = workflow.read(logs, read_vehicle(vehicle_path), reading)
-    workers = Workers(jobs)
-    prepared = workers.prepare(read, config)
-    problem = workers.problem(prepared, config)
+    prepared = prepare_all(read, config)
+    problem = Problem(prepared, config, jobs)
     if not problem.logs:
         raise UserError("; ".join(n for p in prepared for n in p.notes) or "no log can be used")
     values = typical(problem, e, size)
     made = make(problem, read, values, out, seed)
-    result = workflow.run(made, vehicle_path, out, (), jobs, say, workers)
+    result = workflow.run(made, vehicle_path, out, (), jobs, say)
 
     sizes = {p.name: values[p.name] for p in e.strengths if p.name in values}
     hidden = (

@@ -21,7 +21,7 @@ from tselab.errors import UserError
 from tselab.formula import Formula
 from tselab.gap import constants, optional
 from tselab.gap.catalogue import Key, catalogue
-from tselab.gap.data import Prepared
+from tselab.gap.data import Prepared, prepare_all
 from tselab.gap.fit import Fit, fit, gap
 from tselab.gap.infer import detect, show
 from tselab.gap.infer import naming as name
@@ -34,7 +34,6 @@ from tselab.gap.infer.rivals import explained
 from tselab.gap.localise import latent, remainder, where
 from tselab.gap.problem import STIFFNESS, Problem
 from tselab.gap.stages import stage
-from tselab.gap.workers import Workers
 from tselab.log import MEASURES, Log, Reading, files_of, read_log
 from tselab.units import check_units
 from tselab.vehicle import Vehicle, fill_sensors, latency_settings, read_vehicle
@@ -205,7 +204,7 @@ class Run:
     held: list[Log]
     folder: Path  # of the stages
     key: str
-    workers: Workers
+    jobs: int
     say: Callable[[str], None]
     notes: list[str]
     prepared: list[Prepared] = field(default_factory=list)  # fitted and held out, in the order in which they were
@@ -217,7 +216,7 @@ class Run:
         vehicle_path: Path,
         out: Path,
         hold_out: Sequence[Path],
-        workers: Workers,
+        jobs: int,
         say: Callable[[str], None],
         reading: Reading | None = None,
     ) -> Run:
@@ -231,7 +230,7 @@ class Run:
         fill_sensors(vehicle, read_logs[0])
         config = Config(vehicle.values)
         key = fingerprint([*logs, *hold_out], config, reading)
-        return cls(vehicle, config, read_logs, held, out / "stages", key, workers, say, notes)
+        return cls(vehicle, config, read_logs, held, out / "stages", key, jobs, say, notes)
 
     def stage(self, title: str, compute: Callable[[], Any]) -> Any:
         """What an earlier run has kept of the same things, or what is computed now."""
@@ -239,9 +238,9 @@ class Run:
 
     def problem(self, title: str, logs: Sequence[Log]) -> Problem:
         """Logs, smoothed and against the model. `title`: of the stage."""
-        found: list[Prepared] = self.stage(title, lambda: self.workers.prepare(logs, self.config))
+        found: list[Prepared] = self.stage(title, lambda: prepare_all(logs, self.config))
         self.prepared += found
-        return self.workers.problem(found, self.config)
+        return Problem(found, self.config, self.jobs)
 
 
 @dataclass
@@ -286,13 +285,12 @@ def run(
     hold_out: Sequence[Path] = (),
     jobs: int = 1,
     say: Callable[[str], None] = lambda _: None,
-    workers: Workers | None = None,
     formula: bool = False,
     reading: Reading | None = None,
 ) -> Result:
     """All stages. Without held-out logs nothing is shown beyond the logs that were fitted. `formula`: one is sought even when the
     names leave nothing; else where they leave something."""
-    this = Run.begin(logs, vehicle_path, out, hold_out, workers or Workers(jobs), say, reading)
+    this = Run.begin(logs, vehicle_path, out, hold_out, jobs, say, reading)
     problem = this.problem("prepared", this.logs)
     if not problem.logs:
         raise UserError("; ".join(n for p in this.prepared for n in p.notes) or "no log can be compared")

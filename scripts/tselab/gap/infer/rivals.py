@@ -149,7 +149,7 @@ def explained(
         beside = ", ".join(m.effect.id for m in n.named)
         return discover(problem, n.final, held, lambda text: say(f"{text}{beside and f', beside {beside}'}"))
 
-    for n, found in zip(asked, apart(problem.jobs if problem.is_here else 1, formula, asked), strict=True):
+    for n, found in zip(asked, apart(problem.jobs, formula, asked), strict=True):
         sought.append((n, found))
         if any(n is w for w in whole):
             worlds.add(n)

@@ -96,10 +96,7 @@ class Search:
     def judge_all(self, asked: Sequence[tuple[frozenset[str], Mapping[str, float], Judged]]) -> list[Judged]:
         """Many sets, each from what another one had."""
         new = list({ids: (ids, start, parent) for ids, start, parent in asked if ids not in self.known}.values())
-        jobs = (
-            self.jobs if self.jobs == 1 or self.layout.problem.is_here else 1
-        )  # a cluster's slopes are many at once as it is
-        for (ids, start, _), j in zip(new, apart(jobs, self._judged, new, _light), strict=True):
+        for (ids, start, _), j in zip(new, apart(self.jobs, self._judged, new, _light), strict=True):
             if j.space is None:
                 j.effects = tuple(h for h in self.asked if h.id in ids)
                 j.space = Space(self.layout, j.effects, start)
