@@ -18,6 +18,7 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
+from tests.gap.changed import BY_NAME, changed
 from tests.gap.runs import in_processes
 from tests.gap.study import same
 
@@ -50,7 +51,6 @@ def run(asked: tuple[str, str, float | None]) -> None:
     """One case with one constant changed (None: none): the names, and how probable what is there is."""
     from tests.gap.generator import make_cases
     from tests.gap.generator.study import study
-    from tselab.gap import constants
     from tselab.gap.catalogue import catalogue
     from tselab.gap.data import prepare_all
     from tselab.gap.fit import fit
@@ -73,7 +73,7 @@ def run(asked: tuple[str, str, float | None]) -> None:
 
     with tempfile.TemporaryDirectory() as temporary, ExitStack() as stack:
         if value is not None:
-            stack.enter_context(constants.changed(constant, value))
+            stack.enter_context(changed(constant, value))
         folder = made.write(Path(temporary) / "case")
         fitted, held = problem(folder, "log_*.csv", 1.0), problem(folder, "hold_out_*.csv", HELD_SHARE)
         found = name(fitted, list(catalogue().values()), together=fitted.of([*fitted.logs, *held.logs]))
@@ -102,13 +102,11 @@ def row(label: str, constant: str, value: float | None, cases: Sequence[str] = C
 
 
 def table(constants_asked: dict[str, tuple[float, float]]) -> str:
-    from tselab.gap import constants
-
     lines = ["| constant | right or admitted | superfluous names, their probability, the case |", "|---|---|---|"]
     lines.append(row("all as they are", "", None))
     for name, values in constants_asked.items():
         for v in values:
-            label = f"`{name}` {v:g} in place of {constants.BY_NAME[name].value:g}"
+            label = f"`{name}` {v:g} in place of {BY_NAME[name].value:g}"
             lines.append(row(label, name, v) if is_done(name, v) else f"| {label} | not run | |")
     return "\n".join(lines) + "\n"
 

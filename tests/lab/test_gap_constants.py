@@ -10,7 +10,8 @@ from pathlib import Path
 import pytest
 
 import tselab
-from tselab.gap import constants, fit, optional, plan, workflow
+from tests.gap.changed import BY_NAME, changed, imports
+from tselab.gap import constants, fit, optional, plan
 from tselab.gap.infer import hypotheses, space
 from tselab.gap.localise import where
 
@@ -83,7 +84,7 @@ def test_nothing_is_read_for_good_when_modules_are_loaded():
     wrong = []
     for path in FILES:
         module, here = f"tselab.{module_of(path)}", {}
-        for (m, key), names in constants._imports(str(path)).items():
+        for (m, key), names in imports(str(path)).items():
             here |= {n: rows[m, key] for n in names if (m, key) in rows}
         here |= {c.key: c for c in constants.TABLE if c.module == module}
         for node in early(ast.parse(path.read_text(encoding="utf-8"))):
@@ -96,21 +97,21 @@ def test_nothing_is_read_for_good_when_modules_are_loaded():
 
 def test_one_is_another_for_a_while_wherever_it_is_read():
     assert space.EPISODE == 30.0
-    with constants.changed("space.EPISODE", 60.0):
-        assert space.EPISODE == 60.0 and constants.overridden() == {"infer.space.EPISODE": 60.0}
-        with constants.changed("data.BLOCK", 0.08):
+    with changed("space.EPISODE", 60.0):
+        assert space.EPISODE == 60.0
+        with changed("data.BLOCK", 0.08):
             assert fit.BLOCK == where.BLOCK == space.BLOCK == 0.08
         assert fit.BLOCK == where.BLOCK == space.BLOCK == 0.04 and space.EPISODE == 60.0
-    assert space.EPISODE == 30.0 and not constants.overridden()
+    assert space.EPISODE == 30.0
 
 
 def test_the_same_name_elsewhere_stays():
-    with constants.changed("optional.ROUNDS", 6):
+    with changed("optional.ROUNDS", 6):
         assert (optional.ROUNDS, plan.ROUNDS) == (6, 4)
 
 
 def test_what_fails_within_leaves_the_table_as_it_was():
-    with pytest.raises(ZeroDivisionError), constants.changed("NAME_AT", 0.5):
+    with pytest.raises(ZeroDivisionError), changed("NAME_AT", 0.5):
         assert hypotheses.NAME_AT == 0.5
         raise ZeroDivisionError
     assert hypotheses.NAME_AT == 0.9
@@ -121,9 +122,9 @@ def test_a_changed_prior_is_the_prior_that_is_used():
         return next(h.odds for h in hypotheses.hypotheses() if h.id == "gyro_scale")
 
     assert odds() == pytest.approx(math.log(0.1 / 0.9))
-    with constants.changed("SENSOR_SHARE", 0.5):
+    with changed("SENSOR_SHARE", 0.5):
         assert odds() == 0.0
-    with constants.changed("hypotheses.LATE", (0.01, 0.05)):
+    with changed("hypotheses.LATE", (0.01, 0.05)):
         late = next(h for h in hypotheses.hypotheses() if h.id == "accel_x_latency")
         assert late.effect.parameters[0].typical_high == 0.05
 
@@ -134,25 +135,14 @@ def test_a_changed_prior_is_the_prior_that_is_used():
     ("BLOCK", 1.0, KeyError), ("MOST_LATENCY", 0.1, ValueError),
 ])  # fmt: skip
 def test_what_is_no_constant_or_no_value_of_it_is_refused(name, value, error):
-    with pytest.raises(error), constants.changed(name, value):
+    with pytest.raises(error), changed(name, value):
         pass
-    assert not constants.overridden()
-
-
-def test_a_run_with_another_constant_is_another_run():
-    config = workflow.Config()
-    before = workflow.fingerprint([], config)
-    with constants.changed("space.EPISODE", 60.0):
-        other = workflow.fingerprint([], config)
-    with constants.changed("space.EPISODE", 70.0):
-        assert len({before, other, workflow.fingerprint([], config)}) == 3
-    assert workflow.fingerprint([], config) == before
 
 
 def test_the_table_for_readers_has_every_constant_once():
     rows = constants.markdown().splitlines()[2:]
     assert [r for r in rows if r.startswith("| **")] and all(r.count(" | ") == 4 for r in rows if r.startswith("| `"))
-    assert sorted(r.split("`")[1] for r in rows if r.startswith("| `")) == sorted(constants.BY_NAME)
+    assert sorted(r.split("`")[1] for r in rows if r.startswith("| `")) == sorted(BY_NAME)
 
 
 def test_the_committed_table_is_this_one():

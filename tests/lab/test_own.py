@@ -15,11 +15,11 @@ import tse
 from conftest import Result, tselab, tselab_here
 from tests.cars import make_cars, make_logs
 from tests.cars.study import TRUTH, truth_of
+from tests.gap.changed import changed
 from tselab.calibrate import own, workflow
 from tselab.calibrate.along import outputs
 from tselab.config import make_config
 from tselab.fleet.keep import CALIBRATED
-from tselab.gap import constants
 from tselab.log import read_log
 from tselab.vehicle import filter_values, make_vehicle, read_vehicle
 
@@ -172,13 +172,15 @@ def test_a_log_that_goes_straight_shows_nothing(case):
     assert words == [own.of_class("it hardly turns: 0.0 s above 1 m/s2 across, 2 s are needed").words[0]]
 
 
-def test_a_search_that_does_not_end_leaves_the_car_to_its_class(case, monkeypatch):
+def test_a_search_that_does_not_end_leaves_the_car_to_its_class(case, monkeypatch, tmp_path):
     car, log = read_vehicle(case.car), read_log(case.log)
+    longest = own.LONGEST
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))  # nothing is kept there
     monkeypatch.setattr(own, "LONGEST", -1.0)
-    with constants.changed("identify.fit.MOST_STEPS", 1):
+    with changed("identify.fit.MOST_STEPS", 1):
         late = own.calibrated(car, [log])
         assert late.text == "" and late.found == {"used": False, "why": own.TOO_LONG}
-        monkeypatch.undo()
+        monkeypatch.setattr(own, "LONGEST", longest)
         stopped = own.calibrated(car, [log])  # what took too long is not kept: it is tried again
     assert stopped.text == "" and "did not converge in 1 steps" in stopped.words[0]
     assert stopped.vehicle(car).values == car.values

@@ -15,7 +15,6 @@ from tselab.calibrate.findings import findings, groups, known_before
 from tselab.calibrate.result import Proof, Result
 from tselab.core import Config, library
 from tselab.errors import UserError
-from tselab.gap import constants
 from tselab.gap.data import BLOCK, Prepared, prepare
 from tselab.identify.discrepancy import Discrepancy, cost
 from tselab.identify.fit import Fit, State, fit
@@ -252,7 +251,6 @@ def fingerprint(paths: Sequence[Path], problem: Problem, reading: Reading) -> st
     for path in dict.fromkeys(f for p in paths for f in (*files_of(p), *reading.files(p))):
         digest.update(hashlib.sha256(Path(path).read_bytes()).digest())
     digest.update(json.dumps([library().version, problem.names, problem.nominal], sort_keys=True).encode())
-    digest.update(constants.fingerprint())
     return digest.hexdigest()
 
 

@@ -7,22 +7,13 @@ A module takes its own from here, under the name that it has in the table:
 
     EPISODE, REACH = constants.of(__name__, "EPISODE", "REACH")
 
-and others import them from that module. For a study one of them can be another for a while:
-
-    with constants.changed("space.EPISODE", 60.0):
-        run(...)
+and others import them from that module. tests/gap/changed.py makes one another for a study.
 """
 
 from __future__ import annotations
 
-import ast
-import functools
-import json
-import sys
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 PACKAGE = "tselab"
@@ -39,7 +30,7 @@ class Constant:
     unit: str
     reason: str
     swept: str = ""  # the table that says what another value does; "": nobody has looked
-    fixed: bool = False  # read once, when modules are loaded: it cannot be changed for a run
+    fixed: bool = False  # read once, when modules are loaded: no study can change it
 
     @property
     def name(self) -> str:
@@ -371,93 +362,12 @@ TABLE: tuple[Constant, ...] = (
         ("CURVE_LENGTH", 12.0, "m", "sd of the smoothing: over which a road goes from level to leaning into its curve"),
     ),
 )  # fmt: skip
-BY_NAME = {c.name: c for c in TABLE}
-_changed: dict[str, Any] = {}
 
 
 def of(module: str, *keys: str) -> list[Any]:
     """The values of a module's constants, in this order."""
-    rows = {c.key: c for c in TABLE if c.module == module}
-    return [_changed.get(rows[k].name, rows[k].value) for k in keys]
-
-
-def find(name: str) -> Constant:
-    """By its name, or by the end of it where no other one ends so. KeyError: there is none, or several."""
-    if name in BY_NAME:
-        return BY_NAME[name]
-    found = [c for n, c in BY_NAME.items() if n.endswith("." + name)]
-    if len(found) != 1:
-        raise KeyError(
-            f"{name!r} is {'several constants: ' + ', '.join(c.name for c in found) if found else 'no constant'}"
-        )
-    return found[0]
-
-
-def overridden() -> dict[str, Any]:
-    """What changed() has changed at the moment, by name."""
-    return dict(_changed)
-
-
-def fingerprint() -> bytes:
-    """Of what is not as in the table; empty if nothing is. The table itself is code, and of the fingerprint of that."""
-    return json.dumps(_changed, sort_keys=True).encode() if _changed else b""
-
-
-@contextmanager
-def changed(name: str, value: Any) -> Iterator[None]:
-    """One constant is another within this, in this process and all its threads, for everything in tselab that reads it; also for
-    processes that are forked from within. Names: find(). ValueError: it cannot be changed, or not
-    to that."""
-    constant = find(name)
-    if constant.fixed:
-        raise ValueError(f"{constant.name} is read when modules are loaded and cannot be changed for a run")
-    if not _fits(value, constant.value):
-        raise ValueError(f"{constant.name} is {constant.value!r}: {value!r} is nothing of that kind")
-    before = dict(_changed)
-    _changed[constant.name] = value
-    _bind(constant)
-    try:
-        yield
-    finally:
-        _changed.clear()
-        _changed.update(before)
-        _bind(constant)
-
-
-def _fits(value: Any, like: Any) -> bool:
-    """A number, or as many of them, or for the same names; a count stays a whole number."""
-    if isinstance(like, Mapping):
-        return (
-            isinstance(value, Mapping) and value.keys() == like.keys() and all(_fits(value[k], like[k]) for k in like)
-        )
-    if isinstance(like, Sequence):
-        return isinstance(value, Sequence) and len(value) == len(like) and all(map(_fits, value, like))
-    return isinstance(value, int if isinstance(like, int) else (int, float)) and not isinstance(value, bool)
-
-
-def _bind(constant: Constant) -> None:
-    """Its value now, in its module and in every one of tselab that imports it from there; those that are loaded later do it
-    themselves."""
-    value = _changed.get(constant.name, constant.value)
-    loaded = {n: m for n, m in sys.modules.items() if n.startswith(PACKAGE + ".") and getattr(m, "__file__", None)}
-    if constant.module in loaded:
-        setattr(loaded[constant.module], constant.key, value)
-    for module in loaded.values():
-        for name in _imports(module.__file__).get((constant.module, constant.key), ()):
-            setattr(module, name, value)
-
-
-@functools.cache
-def _imports(path: str) -> dict[tuple[str, str], list[str]]:
-    """(module, name there) of what a file imports at its top level, and the names it has here. Two modules may have the same number
-    under the same name, so what a name is does not follow from its value."""
-    found: dict[tuple[str, str], list[str]] = {}
-    if path.endswith(".py"):
-        for node in ast.parse(Path(path).read_text(encoding="utf-8")).body:
-            if isinstance(node, ast.ImportFrom) and node.module:
-                for a in node.names:
-                    found.setdefault((node.module, a.name), []).append(a.asname or a.name)
-    return found
+    rows = {c.key: c.value for c in TABLE if c.module == module}
+    return [rows[k] for k in keys]
 
 
 def markdown() -> str:

@@ -19,7 +19,7 @@ from tselab import __version__
 from tselab.core import Config, library_path
 from tselab.errors import UserError
 from tselab.formula import Formula
-from tselab.gap import constants, optional
+from tselab.gap import optional
 from tselab.gap.catalogue import Key, catalogue
 from tselab.gap.data import Prepared, prepare_all
 from tselab.gap.fit import Fit, fit, gap
@@ -179,7 +179,7 @@ def read(paths: Sequence[Path], vehicle: Vehicle, reading: Reading | None = None
 
 
 def fingerprint(paths: Sequence[Path], config: Config, reading: Reading | None = None) -> str:
-    """Of everything that a result depends on: logs, settings, this code and what it has for constants now, the library."""
+    """Of everything that a result depends on: logs, settings, this code, the library."""
     h = hashlib.sha256(__version__.encode())
     here = Path(__file__).parent
     engine = sorted((here.parent / "identify").glob("*.py"))
@@ -190,7 +190,6 @@ def fingerprint(paths: Sequence[Path], config: Config, reading: Reading | None =
     for p in dict.fromkeys(f for log in paths for f in (*files_of(log), *reading.files(log))):
         h.update(p.read_bytes())
     h.update(json.dumps(config.as_dict(), sort_keys=True).encode())
-    h.update(constants.fingerprint())
     return h.hexdigest()
 
 
