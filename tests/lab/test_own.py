@@ -211,7 +211,7 @@ def test_a_minute_is_long_enough_without_its_last_row(case, tmp_path):
     (tmp_path / "log.csv").write_text("\n".join(rows[:6000]) + "\n")  # names, and 5999 rows
     log, car = read_log(tmp_path / "log.csv"), read_vehicle(case.car)
     assert log.time[-1] - log.time[0] == pytest.approx(59.98, abs=1e-6)
-    with constants.changed("identify.fit.MOST_STEPS", 1):
+    with changed("identify.fit.MOST_STEPS", 1):
         assert "s are needed" not in own.calibrated(car, [log]).words[0]
 
 
