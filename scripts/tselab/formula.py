@@ -21,6 +21,7 @@ import numpy as np
 from tselab.core import CONFIG, library
 from tselab.errors import UserError
 from tselab.files import atomic
+from tselab.logs.units import registry
 from tselab.toml import read_toml
 
 # The limits of src/model/formula.h. Slots, formula_a .., are as many as the table has NUMBER operations.
@@ -476,27 +477,17 @@ class _Compiler:
 # Units.
 
 
-@functools.cache
-def _registry() -> Any:
-    """The units that pint knows; here because it is slow to load."""
-    import pint
-
-    return pint.UnitRegistry()
-
-
 @functools.lru_cache(maxsize=1024)
 def _dimension(unit: str) -> Any:
     """The dimension of a unit as the tables write it, rad being none: `rad s2/m` is rad*s**2/m. FormulaError: pint does not
     know it, or it is not one of the model's: numbers are used as they stand, so that 0.1 deg would be 0.1 rad."""
-    import pint
-
     if len(unit) > MOST_UNIT or not UNIT.fullmatch(unit):
         raise FormulaError(f"{unit[:MOST_UNIT]!r} is not a unit; {UNIT_STYLE}; after each / stands one name")
     expression = re.sub(r"(?<=[A-Za-z])(?=[1-9])", "**", unit or "1").replace(" ", "*")
     try:
-        quantity = (1.0 * _registry().parse_expression(expression)) * _registry().dimensionless
+        quantity = (1.0 * registry().parse_expression(expression)) * registry().dimensionless
         base = quantity.to_base_units()
-    except (pint.PintError, ArithmeticError, AttributeError, KeyError, TypeError, ValueError):
+    except (ArithmeticError, AttributeError, KeyError, TypeError, ValueError):
         raise FormulaError(f"{unit!r} is not a unit that is known; {UNIT_STYLE}") from None
     if not math.isclose(base.magnitude, 1.0):
         same = _unit_text(base.dimensionality) if base.dimensionality else "rad or 1"

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import functools
 import re
+from typing import TYPE_CHECKING
 
-import pint
+if TYPE_CHECKING:
+    import pint
 
 # Spellings that pint does not know, or takes for something else; lower case, without blanks. Dots of products are left to pint.
 SPELT = {
@@ -38,7 +40,10 @@ _PLAIN = re.compile(r"(?!.*\^.*\^)[A-Za-z0-9°µΩ%·/^(). -]{1,24}")  # no towe
 
 
 @functools.lru_cache(maxsize=1)
-def _registry() -> pint.UnitRegistry:
+def registry() -> pint.UnitRegistry:
+    """Return the units that pint knows."""
+    import pint  # a third of a second, and dask where it is installed: for those who have units
+
     return pint.UnitRegistry()
 
 
@@ -50,7 +55,7 @@ def quantity(unit: str) -> pint.Quantity | None:
     if plain is None and not _PLAIN.fullmatch(text):
         return None
     try:
-        return _registry().Quantity(plain or text)
+        return registry().Quantity(plain or text)
     except Exception:  # pint's tokenizer raises what it likes at odd text
         return None
 
@@ -66,16 +71,14 @@ def factor(unit: str, wanted: str, radius: float | None = None) -> float | None:
     found = quantity(unit)
     if found is None:
         return None
-    r = _registry()
-    target = r.Quantity(1.0, {"m/s2": "m/s^2", "Nm": "N*m"}.get(wanted, wanted))
+    target = registry().Quantity(1.0, {"m/s2": "m/s^2", "Nm": "N*m"}.get(wanted, wanted))
     if wanted == "rad/s" and found.check("[length]/[time]"):
         return None if not radius else float(found.to("m/s").magnitude) / radius
     if found.check("[frequency]") and not target.check("[frequency]"):
         return None
-    try:
-        return float(found.to(target.units).magnitude) if not found.unitless or wanted in ("rad", "1") else None
-    except pint.PintError:
+    if not found.is_compatible_with(target) or (found.unitless and wanted not in ("rad", "1")):
         return None
+    return float(found.to(target.units).magnitude)
 
 
 def kind(unit: str) -> str:
@@ -95,6 +98,6 @@ def kind(unit: str) -> str:
     if found.check("[frequency]"):
         return "rate"
     if dims == "dimensionless":
-        return "" if found.units == _registry().dimensionless and found.magnitude == 1.0 else (
+        return "" if found.units == registry().dimensionless and found.magnitude == 1.0 else (
             "angle" if str(found.units) in ("radian", "degree") else "other")  # fmt: skip
     return "other"
