@@ -229,7 +229,7 @@ static void test_tyres_that_are_back_are_known_as_before(void)
     for (int i = LCX; i <= LMU; i++) {
       t.k.x[i] = real(next_between(&seed, -0.5, 0.5));
       t.k.change_from[i - LCX] = real(next_between(&seed, -0.5, 0.5));
-      t.k.change_from_var[i - LCX] = real(next_between(&seed, 0.1, 1));
+      t.k.change_from_var[i - LCX] = n % 2 ? TSE_R(0) : real(next_between(&seed, 0.1, 1)); /* 0: as well as anything is recalled */
     }
     for (int i = 0; i < STATES; i++) {
       was[i] = number(t.k.x[i]);
@@ -242,7 +242,7 @@ static void test_tyres_that_are_back_are_known_as_before(void)
     for (int i = LCX; i <= LMU; i++) {
       memset(h, 0, sizeof h);
       h[i] = 1;
-      plain_use(&t.without, h, number(t.k.change_from[i - LCX]) / number(state_unit[i]), number(t.k.change_from_var[i - LCX]));
+      plain_use(&t.without, h, number(t.k.change_from[i - LCX]) / number(state_unit[i]), n % 2 ? number(RECALL_VAR) : number(t.k.change_from_var[i - LCX]));
     }
     const dense p_was = dense_of(&t.k.p);
     events_decide(&t.p, &t.k, TSE_R(0));
@@ -274,11 +274,30 @@ static void test_a_change_is_reported_once(void)
     t.k.change_kind = TSE_CHANGE_ROAD;
     t.k.change_age = real(later ? 10 : 0.5);
     t.k.change_from[LCR - LCX] = real(0.25);
+    t.k.fault = fault_of(YAW_RATE); /* what looked like a fault may have been this */
     events_decide(&t.p, &t.k, TSE_R(0));
     TEST_ASSERT_EQUAL_INT(TSE_CHANGE_REAR, t.k.change_kind);
+    TEST_ASSERT_EQUAL_INT(NO_FAULT, t.k.fault);
     TEST_ASSERT_TRUE(number(t.k.x[LCR]) < 0);
     expect_near(later ? 0 : 0.5, number(t.k.change_age), 1e-6, "age", later);
     expect_near(later ? 0 : 0.25, number(t.k.change_from[LCR - LCX]), 1e-6, "stiffness before it", later);
+  }
+}
+
+/* What does not fit yet after a change is being found: no fault, until the tyres have settled. */
+static void test_soon_after_a_change_nothing_is_a_fault(void)
+{
+  static trio t;
+  uint32_t seed = 8;
+  for (int later = 0; later < 2; later++) {
+    start(&t, EVENT_STEER, 0, 0, &seed);
+    t.k.event[t.n].v[OFF] = TSE_R(1);
+    t.k.event[t.n].score = TSE_R(60);
+    t.k.event[t.n].info = TSE_R(30);
+    t.k.change_kind = TSE_CHANGE_ROAD;
+    t.k.change_age = real(later ? 10 : 0.5);
+    events_decide(&t.p, &t.k, TSE_R(0));
+    TEST_ASSERT_EQUAL_INT(later ? (int32_t)FAULT_STEER : (int32_t)NO_FAULT, t.k.fault);
   }
 }
 
@@ -358,6 +377,7 @@ int main(void)
   RUN_TEST(test_tyres_that_are_back_are_as_likely_as_a_filter_that_starts_there);
   RUN_TEST(test_tyres_that_are_back_are_known_as_before);
   RUN_TEST(test_a_change_is_reported_once);
+  RUN_TEST(test_soon_after_a_change_nothing_is_a_fault);
   RUN_TEST(test_without_evidence_nothing_is_believed);
   RUN_TEST(test_events_are_opened_in_turn);
   RUN_TEST(test_where_the_motion_is_placed_anew_events_know_nothing_of_it);

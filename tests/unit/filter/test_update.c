@@ -265,6 +265,49 @@ static void test_the_log_likelihood_is_that_of_the_innovations(void)
   expect_near(nis, number(k.nis), BY_NUMBER(1e-12, 1e-5, 1e-6), "nis", 0);
 }
 
+/* A state beyond the bounds of a car comes back with the next row. */
+static void test_stiffness_stays_within_its_bounds(void)
+{
+  const tse_params p = a_car(0);
+  for (int side = -1; side <= 1; side += 2) {
+    static tse_kalman k;
+    decoded z;
+    double h[TSE_SENSORS][ALL], read[TSE_SENSORS];
+    uint32_t seed = 8;
+    const steering u = { real(0.02), real(0.021), real(0.01) };
+    in_a_turn(&p, &k, &seed);
+    a_row(&p, &k, u, &z, h, read, &seed);
+    for (int i = LCX; i <= LCR; i++) k.x[i] = real(2 * side);
+    update_row(&p, &k, &z, u);
+    for (int i = LCX; i <= LCR; i++) TEST_ASSERT_TRUE(k.x[i] >= p.log_min && k.x[i] <= p.log_max);
+  }
+}
+
+/* A channel at fault is used again once it has agreed for a while without a break. */
+static void test_a_channel_at_fault_has_to_agree_for_a_while(void)
+{
+  const tse_params p = a_car(0);
+  static tse_kalman k;
+  const steering u = { real(0.02), real(0.021), real(0.01) };
+  uint32_t seed = 9;
+  in_a_turn(&p, &k, &seed);
+  k.fault = fault_of(YAW_RATE);
+  for (int step = 0; step < 4; step++) { /* agrees, agrees no more, agrees again, has agreed for long */
+    decoded z;
+    double h[TSE_SENSORS][ALL], read[TSE_SENSORS];
+    a_row(&p, &k, u, &z, h, read, &seed);
+    for (int a = 0; a < TSE_SENSORS; a++) z.use[a] = a == YAW_RATE;
+    z.z[YAW_RATE] = real(read[YAW_RATE] + (step == 1 ? 100 : 0));
+    if (step == 0) k.agrees_for = r_mul(TSE_R(0.5), SETTLE_TIME);
+    if (step == 3) k.agrees_for = SETTLE_TIME;
+    update_row(&p, &k, &z, u);
+    if (step == 0) TEST_ASSERT_TRUE(k.agrees_for > r_mul(TSE_R(0.5), SETTLE_TIME));
+    if (step == 1) TEST_ASSERT_TRUE(k.agrees_for == TSE_R(0));
+    events_decide(&p, &k, TSE_R(0));
+    TEST_ASSERT_EQUAL_INT(step < 3 ? fault_of(YAW_RATE) : (int32_t)NO_FAULT, k.fault);
+  }
+}
+
 /* At standstill the gyro reads its bias, and nothing else is learnt. */
 static void test_at_standstill_the_gyro_teaches_its_bias(void)
 {
@@ -298,6 +341,8 @@ int main(void)
   RUN_TEST(test_a_reading_far_off_pulls_the_less_the_further_off);
   RUN_TEST(test_a_missing_channel_is_not_used);
   RUN_TEST(test_the_log_likelihood_is_that_of_the_innovations);
+  RUN_TEST(test_stiffness_stays_within_its_bounds);
+  RUN_TEST(test_a_channel_at_fault_has_to_agree_for_a_while);
   RUN_TEST(test_at_standstill_the_gyro_teaches_its_bias);
   return UNITY_END();
 }

@@ -727,6 +727,8 @@ static void test_velocities_come_and_go_and_gaps_are_survived(void)
     if (n % 50 == 7) u.missing = TSE_MISSING_yaw_rate;
     if (n % 50 == 9) u.missing = TSE_MISSING_steer_angle;
     y = stepped(&w.p, &f, &u);
+    if (n == 1999) TEST_ASSERT_TRUE(f.k.velocity.kept > 0 && f.k.velocity.has_gyro);
+    if (n == 2000) TEST_ASSERT_TRUE(f.k.velocity.kept == 0 && !f.k.velocity.has_gyro && !f.k.velocity.has_heading); /* of the motion before the gap */
   }
   TEST_ASSERT_TRUE(fabs(number(y.vel_y) - number(w.x[VY])) < 0.5);
   TEST_ASSERT_EQUAL_INT(0, y.fault_channel);

@@ -1,6 +1,8 @@
 /* tests/unit/model/test_car.c <-> src/model/car.c
  *
  * Slopes are held against central differences (double only: they need digits), forces and motion against what is known in closed form. */
+#include <time.h>
+
 #include "model/car.h"
 
 #include "unit_support.h"
@@ -422,6 +424,20 @@ static void test_parameters_do_not_move(void)
   for (int i = SF; i < STATES; i++) TEST_ASSERT_EQUAL_MEMORY(&before[i], &x[i], sizeof x[i]);
 }
 
+/* However long a row is, no more is computed: thousand rows of an hour take no second. */
+static void test_a_long_row_takes_no_more_substeps_than_there_are(void)
+{
+  const tse_car c = some_car(0);
+  tse_real x[STATES];
+  uint32_t seed = 9;
+  const clock_t began = clock();
+  for (int n = 0; n < 1000; n++) {
+    any_state(x, &seed);
+    advance(&c, x, 0, 0, 3600);
+  }
+  TEST_ASSERT_TRUE((double)(clock() - began) / CLOCKS_PER_SEC < 10); /* a tenth of that with sanitizers; a row of as many as it asks for takes as long */
+}
+
 /* ------------------------------------------------------------------------------- sensors */
 
 static void test_sensors_read_what_textbooks_say(void)
@@ -446,6 +462,12 @@ static void test_sensors_read_what_textbooks_say(void)
   expect_near(drive * cos(0.05) - side * sin(0.05) - 0.005 * number(c.kx_rear) + 0.2, number(z[0]), 0.05, "accel_x", 0);
   expect_near(side * cos(0.05) + drive * sin(0.05) + 0.03 * number(c.ky_rear), number(z[1]), 0.05, "accel_y", 0);
   expect_near(0.29, number(z[2]), 1e-6, "yaw_rate", 0);
+  tse_car scaled = c;
+  scaled.scale_r = real(1.25);
+  tse_real read[TSE_SENSORS];
+  car_measure(&scaled, x, &f, TSE_R(0), read, H);
+  expect_near(1.25 * 0.3 - 0.01, number(read[2]), 1e-6, "yaw_rate of a gyro with a scale", 0);
+  expect_near(1.25, number(H[YAW_RATE][YAW]), 1e-6, "its slope", 0);
   const double along = 20 * cos(0.05) + (-0.4 + number(c.lf) * 0.3) * sin(0.05);
   expect_near(along * 1.01 * 1.004, number(z[3]), tight, "wheel speed, front", 0);
   expect_near(20 * 0.995, number(z[4]), tight, "wheel speed, rear", 0);
@@ -514,6 +536,7 @@ int main(void)
   RUN_TEST(test_the_body_rolls_as_a_spring_and_a_damper);
   RUN_TEST(test_a_row_is_what_its_steps_make_of_it);
   RUN_TEST(test_parameters_do_not_move);
+  RUN_TEST(test_a_long_row_takes_no_more_substeps_than_there_are);
   RUN_TEST(test_sensors_read_what_textbooks_say);
   RUN_TEST(test_any_state_makes_numbers);
   return UNITY_END();
