@@ -1,4 +1,4 @@
-"""Workflow files of the forge: actions are pinned by commit, what they run is there, and the forge's own linter finds nothing."""
+"""Workflow files of the forge: actions are pinned by commit, what they run is there, and the linter has nothing to say."""
 
 from __future__ import annotations
 
