@@ -36,7 +36,6 @@
 #define MOST_INFO TSE_R(1e6)          /* 1: information and score of an event */
 #define LEAST_LOG2 TSE_R(-100)        /* log2: nothing is less likely */
 #define LEAST_WEIGHT TSE_R(1e-6)      /* 1: an event less likely moves no digit */
-#define NO_SPEED_VAR TSE_R(1)          /* 1: of the logarithm of a slip stiffness, by a slip that nothing shows */
 #define LEAST_ALONG TSE_R(1e-6)       /* 1: variance of a slip stiffness that is known */
 #define RECALL_VAR TSE_R(1e-4)        /* unit^2: least variance that is recalled */
 #define LEAST_FORCE TSE_R(0.2)        /* 1: of a tyre force that a change leaves, where its logarithm is taken of a first-order share */
