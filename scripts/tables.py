@@ -532,8 +532,12 @@ def replay_out_members() -> list[str]:
     return [member("tse_real", "*" + n, f"[{r['unit']}] {r['text']}", 30) for n, r in read("replay")["out"].items()]
 
 
+def replay_start_defaults() -> list[str]:
+    return [f"s->{n} = TSE_R({c(r['default'])});" for n, r in read("replay")["start"].items()]
+
+
 def replay_start_values() -> list[str]:
-    *lines, last = packed(f"TSE_R({c(r['default'])})," for r in read("replay")["start"].values())
+    *lines, last = packed(f"s->{n}," for n in read("replay")["start"])
     return [*lines, last.rstrip(",")]  # a comma behind the last would be a line for each to clang-format
 
 
