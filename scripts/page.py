@@ -165,7 +165,7 @@ def example() -> dict[str, Any]:
 
 def known() -> dict[str, Any]:
     """What tselab knows of names, units and rules."""
-    from tselab import config, log, simulate, vehicle, verdict
+    from tselab import config, rows, simulate, vehicle, verdict
     from tselab import units as checks
     from tselab.logs import names, physics, units, vocabulary
     from tselab.logs.propose import scales
@@ -191,7 +191,7 @@ def known() -> dict[str, Any]:
             "well": checks.WELL, "far": checks.FAR, "usualRatio": checks.USUAL_RATIO, "unsaid": scales.UNSAID,
             "rate": physics.RATE, "smooth": physics.SMOOTH, "moving": physics.MOVING, "fewest": physics.FEWEST,
             "mostRows": MOST_CHECKED,
-            "understeer": physics.UNDERSTEER, "understeerSd": physics.UNDERSTEER_SD, "turnShown": log.TURN_SHOWN,
+            "understeer": physics.UNDERSTEER, "understeerSd": physics.UNDERSTEER_SD, "turnShown": rows.TURN_SHOWN,
         },
     }  # fmt: skip
 
