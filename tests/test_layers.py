@@ -128,6 +128,7 @@ COMMANDS = re.compile(r"tselab\.(cli|options|__main__|(\w+\.)+commands)")  # opt
 ROUND = {"tselab.gap.infer.formula.search", "tselab.gap.infer.formula.symbolic"}  # search asks symbolic for more forms
 LATE = {  # what is imported in functions, and is no package that may be missing: it costs a second, and few need it
     ("tse._estimate", "tselab.report"),
+    ("tselab.processes", "tselab"),  # in a function that is sent to the workers as code
     ("tselab.single", "tselab.plots"),
     ("tselab.single", "tselab.report"),
     ("tselab.calibrate.own", "tselab.calibrate.along"),
