@@ -1,10 +1,10 @@
 """How many small faults in the core do the unit tests and the golden replay find?   scripts/proof.sh mutation
 
-A fault is one token changed, or one statement left out (KINDS), in src/estimator, src/model or src/number. Each is compiled, and
-the tests are run until one fails: the file's own first, then the others, quickest first. Not counted: faults that do not compile,
-and those that a compiler translates to the very bytes of the original (Papadakis et al., ICSE 2015). What survives is tried once
-more by the file's own tests with sanitizers, as preset dev compiles them: a loop that runs one place too far shows nowhere else.
-What survives that stands in the report by file and line; one that no test could find stands in mutation.toml with the reason.
+A fault is one token changed, or one statement left out (KINDS), in a file of FOLDERS. Each is compiled, and the tests are run
+until one fails: the file's own first, then the others, quickest first. Not counted: faults that do not compile, and those that a
+compiler translates to the very bytes of the original (Papadakis et al., ICSE 2015). What survives is tried once more by the
+file's own tests with sanitizers, as preset dev compiles them: a loop that runs one place too far shows nowhere else. What
+survives that stands in the report by file and line; one that no test could find stands in mutation.toml with the reason.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ SRC = ROOT / "src"
 REPORT = ROOT / "scripts" / "results" / "mutation.md"
 EQUIVALENT = HERE / "mutation.toml"
 UNITY = Path(os.environ.get("TSE_UNITY", ROOT / ".venv" / "share" / "unity")) / "src"
-FOLDERS = ("estimator", "model", "number")
+FOLDERS = ("estimator", "filter", "model", "number")
 FLAGS = [
     "-std=c99",
     "-O1",
@@ -492,7 +492,7 @@ def report(
     lines = [
         "# Mutation score of the core",
         "",
-        f"`{command}`; {version}, -O1, double. {len(verdicts)} of {total} faults in src/estimator, src/model and src/number,",
+        f"`{command}`; {version}, -O1, double. {len(verdicts)} of {total} faults in src/{', src/'.join(FOLDERS)},",
         f"drawn with a seed; {len(bench.tests)} test programs, the golden replay among them.",
         "",
         f"**{found} of {found + survived} found: {100 * share:.1f} %, 95 % interval {100 * low:.1f} .. {100 * high:.1f} %.**",
