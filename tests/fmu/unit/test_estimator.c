@@ -386,7 +386,9 @@ static void test_a_steering_angle_that_is_gone_is_not_guessed(void)
     TEST_ASSERT_EQUAL_INT(0, boolean_of(c, "estimate.valid"));
     TEST_ASSERT_TRUE(integer_of(c, "estimate.status") >= TSE_W_PREDICTED);
     const double now[3] = { real_of(c, "estimate.cx_front"), real_of(c, "estimate.cy_front"), real_of(c, "estimate.cy_rear") };
-    if (k > 330) TEST_ASSERT_EQUAL_INT(0, memcmp(mean, now, sizeof now));
+    if (k > 330) TEST_ASSERT_EQUAL_INT(0, memcmp(mean + 1, now + 1, 2 * sizeof now[0]));
+    /* tyres wander meanwhile, and the more they may have, the more of what was seen along the car was theirs */
+    if (k > 330) TEST_ASSERT_TRUE(fabs(mean[0] - now[0]) < 1e-5 * now[0]);
     memcpy(mean, now, sizeof now);
   }
   set_inputs(c, 360);
