@@ -60,7 +60,7 @@ def table(done: list[tuple[str, mutation.Fault, str]]) -> str:
     found = sum(v.startswith("found") for *_, v in done)
     lines = [
         "# Faults put in by hand", "",
-        f"`.venv/bin/python tests/proof/faults.py --write`: {len(done)} faults of faults.toml there in the default filter and its",
+        f"`.venv/bin/python tests/proof/faults.py --write`: {len(done)} faults of faults.toml, in the default filter and its",
         "model, each tried by the unit tests and the golden replay.", "", f"**{found} of {len(done)} found.**", "",
         "| file and line | fault | |", "|---|---|---|",
     ]  # fmt: skip
