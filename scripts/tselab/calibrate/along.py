@@ -102,7 +102,7 @@ def _regression(problem: Problem, fit: Fit, logs: Sequence[Log], vehicle: Vehicl
     over, later = solved(block >= 0)
     without = np.array([solved(block != b) for b in blocks])
     sd = np.sqrt((len(blocks) - 1) / len(blocks) * np.sum((without - without.mean(axis=0)) ** 2, axis=0))
-    if not over > 2 * sd[0]:  # soft tyres, or stiff ones that show no slip: not told apart
+    if not over > 2 * sd[0]:  # soft tyres, or stiff ones that show no slip: not distinguished
         return None
     sign = 1 if car.front_driven else -1
     return _Found(-float(np.log(over)), float(sd[0]) / over, sign * later, float(sd[1]))
