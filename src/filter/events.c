@@ -315,15 +315,16 @@ static void widen(tse_kalman *k, int32_t which, const tse_real was[4])
   }
 }
 
-/* Find what the slip stiffness itself is on another road: it has moved as LCX has and is as much less sure. Tyres that are back
- * are as they were.
- *   Given: was, own  LCX before and its variance [unit2] */
-static void along_change(const tse_params *p, tse_kalman *k, int32_t which, tse_real was, tse_real own)
+/* Find what the slip stiffness itself is on another road: where LCX is, what the model lacks there is not known; and as much less sure.
+ * Tyres that are back are as they were.
+ *   Given: own  variance of LCX before [unit2] */
+static void along_change(const tse_params *p, tse_kalman *k, int32_t which, tse_real own)
 {
   tse_real var;
-  const tse_real share = along_share(p, k, own, &var), opened = r_max(ud_variance(&k->p, LCX) - own, TSE_R(0));
+  const tse_real opened = r_max(ud_variance(&k->p, LCX) - own, TSE_R(0));
+  (void)along_share(p, k, own, &var);
   if (which == EVENT_BACK) k->along = k->along_from;
-  else along_start(k, k->along.mean + r_mul(share, was - k->along.from) + k->x[LCX] - was, var + r_mul(opened, r_sqr(state_unit[LCX])));
+  else along_start(k, k->x[LCX], var + r_mul(opened, r_sqr(state_unit[LCX])));
 }
 
 /* Move the filter to what it is if event n has happened, and end the events of its group. */
@@ -352,7 +353,7 @@ static void believe(const tse_params *p, tse_kalman *k, int n)
   }
   for (int i = 0; i < 3; i++) k->x[LCX + i] = r_clamp(k->x[LCX + i], p->log_min, p->log_max);
   k->slow[ACCEL_X] = a.kind <= EVENT_BACK ? TSE_R(0) : k->slow[ACCEL_X]; /* it is explained */
-  if (a.kind <= EVENT_BACK) along_change(p, k, a.kind, was[0], was_var[0]);
+  if (a.kind <= EVENT_BACK) along_change(p, k, a.kind, was_var[0]);
   if (a.kind <= EVENT_REAR) note_change(k, a.kind, was, was_var, along);
   close_events(k, group_of(a.kind));
 }

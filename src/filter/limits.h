@@ -67,10 +67,10 @@
 #define SLIPPING TSE_R(0.03)      /* 1: of the speed; wheels that spin or lock do not show how the car gains speed */
 #define MOST_OF_SPEED TSE_R(6)    /* 1: km/h for m/s is 3.6; 9.8 are both accelerometers in g */
 #define LEAST_OF_SPEED TSE_R(0.17) /* 1: m/s for rad/s is a radius; 0.1 is accel_x and accel_y ten times too large */
-#define SCALE_MOST TSE_R(1.57)     /* 1: fourth power of 1.12 times too fast; cars of tests/cars leave 0.96 .. 1.05 */
-#define SCALE_LEAST TSE_R(0.5)    /* 1: of 0.84; a slope that changes is in accel_x and not in the wheels, and makes as if they were slow */
+#define SCALE_MOST TSE_R(1.25)     /* 1: square of 1.12 times too fast; cars of tests/cars leave 0.96 .. 1.05 */
+#define SCALE_LEAST TSE_R(0.7)    /* 1: of 0.84; a slope that changes is in accel_x and not in the wheels, and makes as if they were slow */
 #define SCALE_TIME TSE_R(300)     /* s: slopes and cambers are as often up as down in it */
-#define SCALE_RELATED TSE_R(0.8)  /* 1: squared correlation, less has noise or slopes in its variances */
+#define SCALE_RELATED TSE_R(0.97) /* 1: squared correlation, less has noise or slopes in its variances */
 #define SCALE_SHOWN_ACROSS TSE_R(20) /* (m/s2)^2 s: ten times what a factor of 2.5 takes */
 #define SCALE_SHOWN_ALONG TSE_R(10) /* the same, along */
 #define SHORTEST TSE_R(0.3)       /* 1: of the wheelbase, which an oversteering car has left at speed */

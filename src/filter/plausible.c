@@ -69,7 +69,8 @@ static tse_real factor_of(const tse_pair *q)
   return q->both < TSE_R(0) ? -size : size;
 }
 
-/* Add a row to what tells the scale of the speed: the squares of a pair that goes together, over SCALE_TIME of driving. */
+/* Add a row to what tells the scale of the speed: square and product of a pair that goes together, over SCALE_TIME of driving. What is a
+ * quarter of a period ahead is in neither: slip, which leads the speed, and the change of the speed across in a fast sweep. */
 static void scale_learn(tse_agreement *a, int which, tse_real x, tse_real y, tse_real dt)
 {
   const tse_pair *const q = &a->pair[which];
@@ -77,10 +78,10 @@ static void scale_learn(tse_agreement *a, int which, tse_real x, tse_real y, tse
   const tse_real keep = r_max(TSE_R(1) - r_div(dt, SCALE_TIME), TSE_R(0));
   if (((a->apart >> which) & 1) || related_of(q) < SCALE_RELATED) return;
   sum[0] = r_mul(keep, sum[0]) + r_mul(dt, r_sqr(x - q->mean[0]));
-  sum[1] = r_mul(keep, sum[1]) + r_mul(dt, r_sqr(y - q->mean[1]));
+  sum[1] = r_max(r_mul(keep, sum[1]) + r_mul(dt, r_mul(x - q->mean[0], y - q->mean[1])), TSE_R(0));
 }
 
-/* Return how many times too large the speed by the wheels is, to the fourth power: how the change of the speed is to accel_x, over how
+/* Return how many times too large the speed by the wheels is, squared: how the change of the speed is to accel_x, over how
  * accel_y is to v r; 0: the drive has not shown it. */
 static tse_real scale_of(const tse_agreement *a)
 {
@@ -98,7 +99,7 @@ int32_t plausible_channel(const tse_kalman *k, tse_real *factor)
   *factor = TSE_R(0);
   if (!a->apart) {
     if (!a->off_scale) return 0;
-    *factor = r_sqrt(r_sqrt(scale_of(a)));
+    *factor = r_sqrt(scale_of(a));
     return 1 + (int32_t)TSE_CHANNEL_wheel_speed_front;
   }
   const tse_real gained = along ? factor_of(&a->pair[ALONG]) : TSE_R(0);
