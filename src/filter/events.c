@@ -321,10 +321,12 @@ static void widen(tse_kalman *k, int32_t which, const tse_real was[4])
 static void along_change(const tse_params *p, tse_kalman *k, int32_t which, tse_real own)
 {
   tse_real var;
-  const tse_real opened = r_max(ud_variance(&k->p, LCX) - own, TSE_R(0));
+  if (which == EVENT_BACK) {
+    k->along = k->along_from;
+    return;
+  }
   (void)along_share(p, k, own, &var);
-  if (which == EVENT_BACK) k->along = k->along_from;
-  else along_start(k, k->x[LCX], var + r_mul(opened, r_sqr(state_unit[LCX])));
+  along_start(k, var + r_mul(r_max(ud_variance(&k->p, LCX) - own, TSE_R(0)), r_sqr(state_unit[LCX])));
 }
 
 /* Move the filter to what it is if event n has happened, and end the events of its group. */

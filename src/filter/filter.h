@@ -107,8 +107,8 @@ extern const tse_real state_most[TSE_ALL];
 /* row.c      Check a log row. Nothing is changed. */
 tse_status row_decode(const tse_params *p, const tse_filter *f, const tse_input *u, decoded *z);
 
-/* start.c    Note the slip stiffness itself, of this mean and variance, where LCX is now */
-STAGE void along_start(tse_kalman *k, tse_real mean, tse_real var);
+/* start.c    Note that the slip stiffness itself is where LCX is now, with this variance */
+STAGE void along_start(tse_kalman *k, tse_real var);
 
 /* output.c   Return how far the slip stiffness itself follows LCX, which has the variance own [unit2] by now, and *var: its own.
  *            B, what the model lacks along the car, lasts: where the stiffness had the variance P and LCX has V of it left, data say

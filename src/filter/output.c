@@ -77,7 +77,7 @@ tse_real along_share(const tse_params *p, const tse_kalman *k, tse_real own, tse
  *   Given: shift  by what may have happened      Updated: var  of LCX */
 static tse_real along_of(const tse_params *p, const tse_kalman *k, tse_real shift, tse_real *var)
 {
-  const tse_real own = own_variance_of(k, LCX), moved = k->x[LCX] - k->along.from;
+  const tse_real own = own_variance_of(k, LCX), moved = k->x[LCX] - k->along.mean;
   tse_real itself;
   const tse_real part = r_mul(along_share(p, k, own, &itself), moved);
   *var = itself + r_max(*var - r_mul(own, r_sqr(state_unit[LCX])), TSE_R(0)) + r_max(r_sqr(moved - part) - r_sqr(r_max(FLOOR_ALONG, p->model_sd)), TSE_R(0));

@@ -21,11 +21,10 @@ const tse_real state_most[TSE_ALL] = {
 #endif
 };
 
-void along_start(tse_kalman *k, tse_real mean, tse_real var)
+void along_start(tse_kalman *k, tse_real var)
 {
-  k->along.mean = mean;
+  k->along.mean = k->x[LCX];
   k->along.var = var;
-  k->along.from = k->x[LCX];
 }
 
 void start_all(const tse_params *p, tse_filter *f)
@@ -43,11 +42,11 @@ void start_all(const tse_params *p, tse_filter *f)
   }
   for (int group = 0; group < TSE_GROUPS; group++) k->none[group] = TSE_R(1);
   ud_set(&k->p, variance);
-  along_start(k, p->prior[LCX], r_sqr(p->prior_sd[LCX]));
+  along_start(k, r_sqr(p->prior_sd[LCX]));
   if (!f->start.loaded) return;
   for (int i = 0; i < TSE_KEPT; i++) k->x[FAST + i] = f->start.kept[i];
   ud_set_block(&k->p, FAST, f->start.kept_cov);
-  along_start(k, k->x[LCX], r_mul(f->start.kept_cov[LCX - FAST][LCX - FAST], r_sqr(state_unit[LCX])));
+  along_start(k, r_mul(f->start.kept_cov[LCX - FAST][LCX - FAST], r_sqr(state_unit[LCX])));
 }
 
 void start_motion(const tse_params *p, tse_kalman *k, const decoded *z)

@@ -178,7 +178,7 @@ static int write_kalman(const tse_params *p, const tse_filter *f, content *c)
     if (i == K_STIFFNESS) { /* the slip stiffness itself */
       share = along_share(p, k, var, &itself);
       var = r_div(itself, r_sqr(state_unit[LCX]));
-      mean = k->along.mean + r_mul(share, mean - k->along.from);
+      mean = k->along.mean + r_mul(share, mean - k->along.mean);
     }
     sd[i] = r_sqrt(var);
     c->sd[i] = r_to_q24(r_mul(sd[i], state_unit[FAST + i]));

@@ -67,7 +67,7 @@ static int sound_agreement(const tse_agreement *a)
 
 static int sound_along(const tse_along *a)
 {
-  return sound_reals(&a->mean, 1, -MOST_REAL, MOST_REAL) && sound_reals(&a->from, 1, -MOST_REAL, MOST_REAL) && sound_reals(&a->var, 1, TSE_R(0), MOST_REAL);
+  return sound_reals(&a->mean, 1, -MOST_REAL, MOST_REAL) && sound_reals(&a->var, 1, TSE_R(0), MOST_REAL);
 }
 
 static int sound_kalman(const tse_kalman *k, int started)

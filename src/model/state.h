@@ -191,7 +191,7 @@ typedef struct tse_agreement {
 
 /* The slip stiffness itself before anything was learnt of it: LCX is it and what the model lacks along the car. */
 typedef struct tse_along {
-  tse_real mean, var, from;           /* of its logarithm; LCX then */
+  tse_real mean, var;                 /* of its logarithm; LCX was there, too */
 } tse_along;
 
 /* A filter of the default form. */

@@ -213,7 +213,7 @@ static void test_of_a_sum_its_part_is_that_of_a_filter_of_both(void)
       for (int i = 0; i < 2; i++)
         for (int j = i; j < 2; j++) P[i][j] = P[j][i] = P[i][j] - g[i] * g[j] * s;
       const double share = number(along_share(&p, &f.k, ud_variance(&f.k.p, LCX), &var));
-      expect_near(mean[0], number(f.k.along.mean) + share * (number(f.k.x[LCX]) - number(f.k.along.from)), close, "part", n);
+      expect_near(mean[0], number(f.k.along.mean) + share * (number(f.k.x[LCX]) - number(f.k.along.mean)), close, "part", n);
       expect_near(P[0][0], number(var), close, "its variance", n);
     }
   }

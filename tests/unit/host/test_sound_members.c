@@ -221,10 +221,8 @@ static void test_the_state_of_the_filter_is_held_to_its_ranges(void)
   HELD(filter.k.change_from, TSE_R(-10), TSE_R(10));
   NOT_NEGATIVE(filter.k.change_from_var);
   ANY_SIGN(filter.k.along.mean);
-  ANY_SIGN(filter.k.along.from);
   NOT_NEGATIVE(filter.k.along.var);
   ANY_SIGN(filter.k.along_from.mean);
-  ANY_SIGN(filter.k.along_from.from);
   NOT_NEGATIVE(filter.k.along_from.var);
   WHOLE(filter.k.change_kind, TSE_CHANGE_NONE, TSE_CHANGE_RESTART);
   WHOLE(filter.k.fault, 0, TSE_CHANNELS);
