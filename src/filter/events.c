@@ -49,7 +49,7 @@ static tse_real rate_of(int32_t which)
 }
 
 /* Return the amplitude below which nothing has happened that one would act on. */
-static tse_real least_of(int32_t which) { return which <= EVENT_SLIP_REAR ? LEAST_CHANGE : WHOLE_CHANGE; }
+static tse_real least_of(int32_t which) { return which <= EVENT_SLIP_REAR ? CHANGE_SD : WHOLE_CHANGE; }
 
 /* Tyres, steering angle, accel_y and gyro make the car turn; slip, wheels and accel_x make it go: of each something may have
  * happened. */
@@ -116,7 +116,7 @@ void events_learn(tse_kalman *k, int channel, const tse_real h[TSE_ALL], const t
   for (int n = 0; n < TSE_EVENTS; n++) {
     tse_event *const a = &k->event[n];
     if (a->kind == EVENT_NONE) continue;
-    tse_real y = channel >= 0 && a->kind == EVENT_SENSOR + channel ? r_mul(FAULT_SD, sd) : TSE_R(0);
+    tse_real y = channel >= 0 && a->kind == EVENT_SENSOR + channel ? r_mul(r_sqr(TAIL), sd) : TSE_R(0);
     for (int i = 0; i < all; i++) y += r_mul(h[i], a->v[i]);
     const tse_real ys = r_mul(y, over);
     if (a->kind == EVENT_BACK || group_of(a->kind) == group_of_channel(channel)) {
@@ -217,26 +217,26 @@ static int may_be_back(const tse_kalman *k)
   return !(k->change_from_var[LCF - LCX] > ud_variance(&k->p, LCF)) || !(k->change_from_var[LCR - LCX] > ud_variance(&k->p, LCR));
 }
 
-/* Find a place for the next event of a kind: a free one, else that of the oldest; the likeliest keeps its place until
- * LONGEST_EVENT.
+/* Find a place for the next event of a kind: a free one, else that of the oldest. Of several the likeliest keeps its place for
+ * SETTLE_TIME, one that is likelier than not for ROAD_TIME: what is still not believed then is a model that does not fit, or drift.
  *   Given:     first, places  of the kind      due  age of the youngest from which another is opened
  *   Returned:  -1 if none is to be opened now */
 static int place_for(const tse_kalman *k, int first, int places, tse_real due)
 {
-  int best = first, oldest = first;
+  int best = first, oldest = -1;
   tse_real youngest = LONGEST_TIME, age = TSE_R(-1);
   for (int n = first; n < first + places; n++) {
     if (k->event[n].kind == EVENT_NONE) return n;
     youngest = r_min(youngest, k->event[n].age);
     if (log2_ratio(k, &k->event[n]) > log2_ratio(k, &k->event[best])) best = n;
   }
-  for (int n = first; n < first + places; n++)
-    if ((n != best || places == 1 || k->event[n].age > LONGEST_EVENT) && k->event[n].age > age) {
-      age = k->event[n].age;
-      oldest = n;
-    }
-  const tse_event *const only = &k->event[first]; /* one that began before it happened is in the way */
-  if (places == 1 && only->age < LONGEST_EVENT && log2_ratio(k, only) > SHOWS && !event_is_small(k, only)) return -1;
+  for (int n = first; n < first + places; n++) {
+    const tse_real stays = k->weight[n] > LIKELY ? ROAD_TIME : n == best ? SETTLE_TIME
+                                                                         : TSE_R(0);
+    if ((places > 1 && k->event[n].age < stays) || !(k->event[n].age > age)) continue;
+    age = k->event[n].age;
+    oldest = n;
+  }
   return youngest < due ? -1 : oldest;
 }
 
@@ -257,7 +257,7 @@ static void spawn(const tse_params *p, tse_kalman *k, tse_real dt)
  * found of that. */
 static void note_change(tse_kalman *k, int32_t which, const tse_real was[4], const tse_real was_var[4], tse_along along)
 {
-  const int same = k->change_kind != TSE_CHANGE_NONE && k->change_age < LONGEST_EVENT && which != EVENT_BACK;
+  const int same = k->change_kind != TSE_CHANGE_NONE && k->change_age < SETTLE_TIME && which != EVENT_BACK;
   k->change_kind = which <= EVENT_ALONG ? TSE_CHANGE_ROAD : which == EVENT_FRONT ? TSE_CHANGE_FRONT
                                                                                  : TSE_CHANGE_REAR;
   k->fault = NO_FAULT; /* what looked like a fault may have been this */

@@ -43,6 +43,7 @@
 #define LEAST_ERROR TSE_R(1e-6)       /* unit^2: an error of nothing leaves a slip of nothing a share of nothing */
 #define WALK_TIME TSE_R(1)            /* s: what walks slowly is due once in that time at least */
 #define MOST_FORGOTTEN TSE_R(0.1)     /* 1: a noise or a ratio that is found as a mean forgets no more in one row, however long that is */
+#define LEAST_NOISE TSE_R(0.04)       /* 1: variance over that of the setting: no channel is quieter than a fifth of what is stated */
 #define LEAST_DT TSE_R(1e-4)          /* s: rows that come closer are taken as that far apart: rates are what changes over it */
 #define SAME_SPEED TSE_R(1e-5)        /* 1: share of the speed that six digits leave */
 #define MOST_REPEATS TSE_R(0.999)     /* 1: share of readings that repeat; one more still says something */

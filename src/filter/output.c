@@ -67,7 +67,7 @@ static void report_motion(const tse_params *p, const tse_kalman *k, tse_output *
 tse_real along_share(const tse_params *p, const tse_kalman *k, tse_real own, tse_real *var)
 {
   const tse_real before = r_max(k->along.var, LEAST_ALONG), left = r_min(r_mul(own, r_sqr(state_unit[LCX])), before), learnt = before - left;
-  const tse_real share = r_div(before, before + r_mul(r_sqr(r_max(FLOOR_ALONG, p->model_sd)), r_div(learnt, before)));
+  const tse_real share = r_div(before, before + r_mul(r_sqr(r_max(USUAL_MODEL_SD, p->model_sd)), r_div(learnt, before)));
   *var = before - r_mul(share, learnt);
   return share;
 }
@@ -80,7 +80,7 @@ static tse_real along_of(const tse_params *p, const tse_kalman *k, tse_real shif
   const tse_real own = own_variance_of(k, LCX), moved = k->x[LCX] - k->along.mean;
   tse_real itself;
   const tse_real part = r_mul(along_share(p, k, own, &itself), moved);
-  *var = itself + r_max(*var - r_mul(own, r_sqr(state_unit[LCX])), TSE_R(0)) + r_max(r_sqr(moved - part) - r_sqr(r_max(FLOOR_ALONG, p->model_sd)), TSE_R(0));
+  *var = itself + r_max(*var - r_mul(own, r_sqr(state_unit[LCX])), TSE_R(0)) + r_max(r_sqr(moved - part) - r_sqr(r_max(USUAL_MODEL_SD, p->model_sd)), TSE_R(0));
   return k->along.mean + part + shift;
 }
 
@@ -88,7 +88,7 @@ static tse_real along_of(const tse_params *p, const tse_kalman *k, tse_real shif
  * that are measured make the filter sure of a stiffness faster than they show what its model lacks. */
 static void report_tyres(const tse_params *p, const tse_kalman *k, tse_output *out)
 {
-  const tse_real side_floor = k->p.extras ? r_max(MODEL_FLOOR, r_mul(SIDE_SHARE, p->model_sd)) : MODEL_FLOOR;
+  const tse_real side_floor = k->p.extras ? r_max(MODEL_FLOOR, r_mul(LASTING, p->model_sd)) : MODEL_FLOOR;
   tse_real shift, share[3];
   car_secants(&p->car, k->x, share);
   for (int i = 0; i < 3; i++) {

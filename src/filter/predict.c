@@ -87,7 +87,7 @@ steering predict_row(const tse_params *p, tse_kalman *k, const decoded *z)
   car_move(&p->car, k->x, u, M);
   for (int i = 0; i < MOTION; i++) {
     k->x[i] = r_clamp(k->x[i], -state_most[i], state_most[i]);
-    noise[i] = r_mul(r_sqr(MOTION_NOISE), dt);
+    noise[i] = r_mul(r_sqr(WALK_SHARE), dt);
   }
   scale_transition(M, share, z->no_slip);
   ud_move(&k->p, M, noise);

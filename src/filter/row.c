@@ -13,7 +13,7 @@ static int32_t rolls_by(const tse_params *p, const decoded *z)
   const int less = torque[1] < torque[0];
   if (undriven == ROLLS_UNKNOWN && !(known[0] && known[1])) return ROLLS_UNKNOWN;
   if (has_brake && !(z->optional[TSE_OPTIONAL_brake] < BRAKES)) return ROLLS_NONE;
-  if (undriven == ROLLS_UNKNOWN) return torque[less] < r_min(p->no_torque, r_mul(IDLE_SHARE, torque[!less])) ? ROLLS_FRONT + less : ROLLS_NONE;
+  if (undriven == ROLLS_UNKNOWN) return torque[less] < p->no_torque && !(torque[!less] < p->no_torque) ? ROLLS_FRONT + less : ROLLS_NONE;
   if (known[undriven - ROLLS_FRONT]) return torque[undriven - ROLLS_FRONT] < p->no_torque ? undriven : ROLLS_NONE;
   return has_brake ? undriven : ROLLS_UNKNOWN;
 }

@@ -38,7 +38,7 @@ void start_all(const tse_params *p, tse_filter *f)
   for (int c = 0; c < TSE_SENSORS; c++) {
     k->repeats[c] = TSE_R(1);
     k->noise[c] = f->start.loaded ? f->start.noise[c] : TSE_R(1);
-    k->usual[c] = TSE_R(1) + r_sqr(r_div(p->model_sd, MODEL_SD_USUAL));
+    k->usual[c] = TSE_R(1) + r_sqr(r_div(p->model_sd, USUAL_MODEL_SD));
   }
   for (int group = 0; group < TSE_GROUPS; group++) k->none[group] = TSE_R(1);
   ud_set(&k->p, variance);
@@ -66,12 +66,11 @@ void start_motion(const tse_params *p, tse_kalman *k, const decoded *z)
   x[AR] = r_clamp(back, -MOST_SIDEWAYS, MOST_SIDEWAYS);
   x[VY] = r_mul(c->lr, r) - r_mul(v, x[AR]);
   x[PHI] = r_mul(c->roll_gain, across);
-  const tse_real turn = r_mul(TURNED, r_abs(z->steer)), off_front = r_mul(SETTLING, r_abs(x[AF])), off_rear = r_mul(SETTLING, r_abs(x[AR]));
   const tse_real sd[GX] = {
     TSE_R(0.1) + r_mul(TSE_R(0.02), r_abs(v)),                              /* VX: a wheel that slips */
-    TSE_R(0.1) + r_abs(r_mul(v, off_rear + turn)),                          /* VY */
+    TSE_R(0.1) + r_abs(r_mul(v, x[AR])),                          /* VY */
     (has_gyro ? TSE_R(0.02) : TSE_R(0.2)) + r_mul(TSE_R(0.05), r_abs(r)),   /* YAW */
-    TSE_R(0.01) + off_front + turn, TSE_R(0.01) + off_rear + turn,          /* AF AR */
+    TSE_R(0.01) + r_abs(x[AF]), TSE_R(0.01) + r_abs(x[AR]),          /* AF AR */
     TSE_R(0.01), TSE_R(0.05), TSE_R(0.02), TSE_R(0.02)                      /* PHI DPHI SF SR */
   };
   for (int i = 0; i < GX; i++) variance[i] = r_sqr(r_div(sd[i], state_unit[i]));

@@ -35,7 +35,7 @@ static void advance_timers(const tse_params *p, tse_filter *f, const decoded *z,
   const int wheels = has_wheel_speed(z);
   f->held_for = z->has_steer ? TSE_R(0) : r_min(f->held_for + z->dt, LONGEST_TIME);
   f->rolled_for = wheels ? TSE_R(0) : r_min(f->rolled_for + z->dt, LONGEST_TIME);
-  f->lost = f->held_for > p->max_gap || f->rolled_for > ROLL_TIME || (f->lost && !(z->has_steer && wheels));
+  f->lost = f->held_for > p->max_gap || f->rolled_for > ROAD_TIME || (f->lost && !(z->has_steer && wheels));
   f->still_for = wheels && speed < STILL_SPEED ? r_min(f->still_for + z->dt, STILL_TIME) : TSE_R(0);
   if (z->use[WHEEL_FRONT] || z->one_speed) f->v_front = z->z[WHEEL_FRONT];
   if (z->use[WHEEL_REAR]) f->v_rear = z->z[WHEEL_REAR];

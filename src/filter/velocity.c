@@ -134,7 +134,7 @@ void velocity_move(const tse_params *p, tse_kalman *k, const decoded *z)
   if (!k->p.extras) return;
   turn_heading(p, k, z);
   fade_off(p, k, left_of(dt, MODEL_TIME), dt);
-  grow(k, PSI, r_mul(r_sqr(MOTION_NOISE), dt));
+  grow(k, PSI, r_mul(r_sqr(WALK_SHARE), dt));
   for (int e = V_SCALE; e < TSE_ALL; e++) grow(k, e, r_mul(r_sqr(r_div(r_mul(WALK_SHARE, p->extra_sd[e - STATES]), state_unit[e])), dt));
   for (int c = 0; c < TSE_VELOCITIES; c++) m->since[c] = r_min(m->since[c] + dt, MOST_SINCE);
 }
@@ -249,10 +249,10 @@ static void use_velocity(const tse_params *p, tse_kalman *k, int c, tse_real dt,
   s->white += r_mul(own, m->noise[c] + r_mul(r_sqr(LASTING), r_add_sat(TSE_R(1), r_div(r_mul(TSE_R(2), MODEL_TIME), dt))));
   s->r = s->white;
   const tse_real fits = r_div(r_sqr(s->e), ud_measure(&k->p, s->h, f, v) + s->r);
-  m->misfit[c] += r_mul(r_div(dt, dt + MODEL_TIME), r_min(fits, ONE_MISFIT) - m->misfit[c]);
-  if (m->off_for[c] > TSE_R(0) ? m->misfit[c] > LEAST_MISFIT : m->misfit[c] > MOST_MISFIT) {
+  m->misfit[c] += r_mul(r_div(dt, dt + MODEL_TIME), r_min(fits, r_sqr(MOST_MISFIT)) - m->misfit[c]);
+  if (m->misfit[c] > MOST_MISFIT) {
     m->off_for[c] = r_min(m->off_for[c] + dt, MOST_SINCE);
-    if (c == COURSE && m->off_for[c] > LONGEST_EVENT) { /* its zero is another */
+    if (c == COURSE && m->off_for[c] > SETTLE_TIME) { /* its zero is another */
       m->has_heading = 0;
       m->misfit[c] = TSE_R(1);
       m->off_for[c] = TSE_R(0);

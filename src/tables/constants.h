@@ -5,47 +5,32 @@
 #include "tse/real.h"
 
 /* table: constants */
-#define TAIL TSE_R(9.0)                  /* [1] an innovation beyond 3 sd pulls the less the further off: heavy tails */
-#define LEAST_NOISE TSE_R(0.04)          /* [1] a fifth of the sensor's sd, squared */
+#define TAIL TSE_R(9.0)                  /* [1] an innovation beyond 3 sd pulls the less the further off: heavy tails; the offset of a channel at fault has the square of that as sd, in sd of its sensor: it may read anything */
 #define MODEL_TIME TSE_R(1.0)            /* [s] how long a model discrepancy lasts; what happens, and slow innovations, are averaged over it */
 #define LEAST_ACTIVITY TSE_R(0.5)        /* [m/s2] what happens where nothing does: unevenness, wind, play */
-#define ROUGHNESS TSE_R(2.0)             /* [1] what an uneven road adds to it, in sd of the noise of accel_y */
 #define MODEL_FLOOR TSE_R(0.02)          /* [1] no stiffness is known better: model error */
-#define FLOOR_ALONG TSE_R(0.08)          /* [1] what the model lacks along the car, always the same: pitch, rolling radii, curve of the tyres (the filter alone is 10 % off on four cars, rms); model_sd where that is more */
-#define MOTION_NOISE TSE_R(0.01)         /* [1/sqrt(s)] process noise of the motion, in units of the state */
+#define USUAL_MODEL_SD TSE_R(0.08)       /* [1] what the model of an ordinary car lacks: along the car always the same, pitch, rolling radii, curve of the tyres (the filter alone is 10 % off on four cars, rms), model_sd where that is more; a model_sd of that size doubles the usual variance of slow innovations at the start */
 #define SLIP_SD TSE_R(0.02)              /* [1] slip of an axle: throttle and brake */
 #define SLIP_TIME TSE_R(2.0)             /* [s] how long throttle and brake stay */
-#define WALK_SHARE TSE_R(0.002)          /* [1/sqrt(s)] walk of what hardly changes, as a share of its prior sd */
+#define WALK_SHARE TSE_R(0.002)          /* [1/sqrt(s)] walk of the motion in units of the state, and of what hardly changes in its prior sd */
 #define BANK_SD TSE_R(0.15)              /* [m/s2] gravity across the road: 1.5 % */
-#define ROAD_TIME TSE_R(8.0)             /* [s] correlation time of both */
+#define ROAD_TIME TSE_R(8.0)             /* [s] correlation time of grade and lateral gravity; without any wheel speed for as long the speed is not known; an event that is likely and not believed by then is given up */
 #define FREE_SLIP_SD TSE_R(0.00134)      /* [1] slip of an axle that rolls freely: 3e-4, of which one row in 20 is news */
 #define RATE_ROAD TSE_R(4e-05)           /* [1/s] another road, all tyres, or back on the one before: one in seven hours */
 #define RATE_SLIP TSE_R(0.1)             /* [1/s] wheels of an axle lock or spin */
 #define RATE_FAULT TSE_R(1e-07)          /* [1/s] a channel gets an offset, freezes or gets noisy; one axle's tyres change: a puncture, aquaplaning */
-#define CHANGE_SD TSE_R(0.4)             /* [1] of tyre forces, where a road or an axle changes; of the slip stiffness beside it */
-#define FAULT_SD TSE_R(30.0)             /* [1] sd of an offset of a channel at fault, in sd of its sensor */
-#define LEAST_CHANGE TSE_R(0.5)          /* [1] a smaller change of a road or an axle, in sd of what it opens, is none */
+#define CHANGE_SD TSE_R(0.4)             /* [1] of tyre forces, where a road or an axle changes; of the slip stiffness beside it; a change below that many sd is none */
 #define OWN_SHARE TSE_R(0.5)             /* [1] of each move of a stiffness: what was learnt before it, at other slopes, is off by that much */
 #define BELIEVED TSE_R(0.95)             /* [1] posterior probability from which an event is believed; below it of nothing, no stiffness is valid */
 #define EVENT_SHARE TSE_R(0.1)           /* [1] of the lasting discrepancy that counts when events are weighed */
 #define USUAL_TIME TSE_R(20.0)           /* [s] memory of the noise of a channel, and of how large its slow innovations usually are */
-#define LONGEST_EVENT TSE_R(4.0)         /* [s] an event that is not believed by then is given up: what goes on for longer is a model that does not fit; for so long a change is one */
 #define MOST_GROWTH TSE_R(4.0)           /* [1] a slow innovation counts as that many times the usual one at most: an event is not what is usual */
-#define SHOWS TSE_R(3.0)                 /* [log2] likelihood ratio: an only place is kept for an event that is eight times likelier than none */
-#define MODEL_SD_USUAL TSE_R(0.075)      /* [1] model_sd that doubles the usual variance of slow innovations: of a car that is hardly known nothing is an event at first */
-#define SETTLE_TIME TSE_R(2.0)           /* [s] of samples before anything is valid; a change is recent for so long; a channel that agrees for so long is right again */
+#define SETTLE_TIME TSE_R(2.0)           /* [s] of samples before anything is valid; a change is recent for so long; a channel that agrees for so long is right again; an event that is not likely by then is given up, a course that does not fit has another zero */
 #define ASKEW TSE_R(0.0035)              /* [rad] sideslip of a car that goes straight on: its rear axle is 0.2 degrees askew (alignment tolerance), roads slope, wind blows */
-#define SETTLING TSE_R(0.5)              /* [1] share of each slip angle that is not settled in a start or after a gap */
-#define TURNED TSE_R(0.1)                /* [1] share of the steering angle that geometry makes a slip angle of at low speed */
-#define ROLL_TIME TSE_R(10.0)            /* [s] without any wheel speed for longer, the speed is not known any more */
 #define BLIND_ROWS TSE_R(2.5)            /* [1] sample times without a steering angle after which the car has turned otherwise than the angle that was held */
-#define IDLE_SHARE TSE_R(0.1)            /* [1] of two driven axles one with less of the other's torque has none */
-#define LASTING TSE_R(0.5)               /* [1] share of the sd of a velocity that is no white noise and lasts MODEL_TIME: receivers and INS filter */
+#define LASTING TSE_R(0.5)               /* [1] share of the sd of a velocity that is no white noise and lasts MODEL_TIME: receivers and INS filter; of model_sd, which a cornering stiffness is not known better than while velocities are in use */
 #define OFF_SHARE TSE_R(4.0)             /* [1] model discrepancy of the speed across, over model_sd times how fast axles slip sideways */
-#define MOST_MISFIT TSE_R(6.0)           /* [1] innovations of a velocity squared over their variance, averaged over MODEL_TIME: from here on it is left out, */
-#define LEAST_MISFIT TSE_R(2.0)          /* [1] until they are below this; */
-#define ONE_MISFIT TSE_R(25.0)           /* [1] a single one counts as that at most */
-#define SIDE_SHARE TSE_R(0.5)            /* [1] of model_sd, which a cornering stiffness is not known better than while velocities are in use */
+#define MOST_MISFIT TSE_R(6.0)           /* [1] innovations of a velocity squared over their variance, averaged over MODEL_TIME: above, it is left out; a single one counts as the square of that at most */
 /* end of table */
 
 #endif

@@ -53,7 +53,7 @@ static void test_the_axle_that_rolls_freely_is_that_of_the_pedals(void)
     { 1, BRAKE | REAR, 1, 0, 0, ROLLS_NONE },                     /* the switch is on before the brake is */
     { 0, FRONT | REAR, 0, 900, 59, ROLLS_REAR },
     { 0, FRONT | REAR, 0, -50, -900, ROLLS_FRONT },
-    { 0, FRONT | REAR, 0, 500, 59, ROLLS_NONE },                  /* not little beside the other */
+    { 0, FRONT | REAR, 0, 61, 59, ROLLS_REAR },
     { 0, FRONT | REAR, 0, 0, 0, ROLLS_NONE },                     /* which of both is not known */
     { 0, FRONT, 0, 0, 0, ROLLS_UNKNOWN },
   };

@@ -199,7 +199,7 @@ static void test_of_a_sum_its_part_is_that_of_a_filter_of_both(void)
     static tse_filter f;
     memset(&f, 0, sizeof f);
     start_all(&p, &f);
-    const double lacks = pow(fmax(number(FLOOR_ALONG), number(p.model_sd)), 2), unit = number(state_unit[LCX]);
+    const double lacks = pow(fmax(number(USUAL_MODEL_SD), number(p.model_sd)), 2), unit = number(state_unit[LCX]);
     double mean[2] = { number(p.prior[LCX]), 0 }, P[2][2] = { { pow(number(p.prior_sd[LCX]), 2), 0 }, { 0, lacks } };
     for (int n = 0; n < 20; n++) {
       const double z = next_between(&seed, -0.3, 0.3), r = pow(next_between(&seed, 0.05, 0.5), 2), s = P[0][0] + 2 * P[0][1] + P[1][1] + r, off = z - mean[0] - mean[1];
