@@ -15,10 +15,10 @@
 
 /* How many tse_real the structs hold. A build without measured velocities is 1.9 kB of RAM smaller in float; rows that give one are refused. */
 #if defined(TSE_NO_VELOCITY)
-#define TSE_FILTER_NUMBERS (1375 + 7 * TSE_LATENCY_ROWS)
+#define TSE_FILTER_NUMBERS (1379 + 7 * TSE_LATENCY_ROWS)
 #define TSE_CONSTANT_NUMBERS 196
 #else
-#define TSE_FILTER_NUMBERS (1770 + 7 * TSE_LATENCY_ROWS)
+#define TSE_FILTER_NUMBERS (1774 + 7 * TSE_LATENCY_ROWS)
 #define TSE_CONSTANT_NUMBERS 208
 #endif
 #define TSE_PAPER_NUMBERS (18 + 20 * TSE_STRIDE) /* those of the particles, besides tse_filter */

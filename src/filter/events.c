@@ -144,7 +144,7 @@ static tse_real log2_ratio(const tse_kalman *k, const tse_event *a)
 
 int event_is_small(const tse_kalman *k, const tse_event *a)
 {
-  if (a->kind >= EVENT_SENSOR && k->frozen[a->kind - EVENT_SENSOR] > -r_log2(RATE_FAULT)) return 0;
+  if (a->kind >= EVENT_SENSOR && is_frozen(k, a->kind - EVENT_SENSOR)) return 0;
   if (a->kind == EVENT_BACK) return 0;
   /* root mean square of the amplitude, which is as it was before the samples where they say nothing */
   const tse_real one = TSE_R(1) + a->info;

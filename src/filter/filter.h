@@ -14,6 +14,8 @@
 #define signal_shares  TSE_NAME(tse_signal_shares)
 #define update_row     TSE_NAME(tse_update_row)
 #define update_still   TSE_NAME(tse_update_still)
+#define watch_steering TSE_NAME(tse_watch_steering)
+#define is_frozen      TSE_NAME(tse_is_frozen)
 #define use_scalar     TSE_NAME(tse_use_scalar)
 #define velocity_move   TSE_NAME(tse_velocity_move)
 #define velocity_lose   TSE_NAME(tse_velocity_lose)
@@ -130,6 +132,12 @@ void signal_shares(const tse_kalman *k, tse_real share[3]);
 STAGE void update_row(const tse_params *p, tse_kalman *k, const decoded *z, steering u);
 void update_still(const tse_params *p, tse_kalman *k, const decoded *z);
 
+/* update.c   Note whether the steering angle repeats itself while the car turns otherwise than it says. One that is frozen is
+ *            missing: z->has_steer. Returned: whether it is from this row on
+ *            is_frozen: return whether a sensor, or STEERING, is */
+int watch_steering(tse_kalman *k, decoded *z);
+int is_frozen(const tse_kalman *k, int channel);
+
 /* A measurement as the filter predicts it: slopes over the state in its units, over uncertain quantities, innovation, noise. */
 typedef struct scalar {
   tse_real h[TSE_ALL], doubts[TSE_DOUBTS], e, r, white, dt;
@@ -167,6 +175,9 @@ int event_is_small(const tse_kalman *k, const tse_event *a); /* it may explain t
 enum { NO_FAULT,
        FAULT_STEER = 1 + TSE_CHANNEL_steer_angle,
        FAULT_VELOCITY = 1 + TSE_CHANNELS };
+
+/* Place of the steering angle in tse_kalman.frozen, behind the sensors. */
+enum { STEERING = TSE_SENSORS };
 
 /* Return that number of a sensor, ACCEL_X ... */
 static inline int32_t fault_of(int32_t a)

@@ -34,7 +34,7 @@ static tse_real nothing_happened(const tse_kalman *k) { return r_mul(k->none[0],
 /* Return the regime when no event is waiting to be believed. */
 static int regime_now(const tse_params *p, const tse_kalman *k)
 {
-  if (k->fault) return TSE_REGIME_FAULT;
+  if (k->fault || is_frozen(k, STEERING)) return TSE_REGIME_FAULT;
   if (r_max(r_abs(k->x[SF]), r_abs(k->x[SR])) > p->max_slip) return TSE_REGIME_SLIDING;
   if (k->change_kind == TSE_CHANGE_NONE || !(k->change_age < SETTLE_TIME)) return TSE_REGIME_STEADY;
   if (k->change_kind == TSE_CHANGE_RESTART) return TSE_REGIME_RESTARTED;
@@ -157,8 +157,9 @@ static void report_change(const tse_kalman *k, tse_output *out)
   out->change_age = k->change_age;
   out->change_probability = changed ? nothing_happened(k) : TSE_R(0);
   const int32_t implausible = plausible_channel(k, &out->fault_factor);
-  out->fault_channel = implausible ? implausible : k->fault ? k->fault
-                                                            : velocity_fault(k);
+  out->fault_channel = implausible ? implausible : k->fault             ? k->fault
+                                               : is_frozen(k, STEERING) ? (int32_t)FAULT_STEER
+                                                                        : velocity_fault(k);
 }
 
 void report_row(const tse_params *p, const tse_kalman *k, tse_output *out)

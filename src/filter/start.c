@@ -35,8 +35,8 @@ void start_all(const tse_params *p, tse_filter *f)
     k->x[i] = p->prior[i];
     variance[i] = r_sqr(r_div(p->prior_sd[i], state_unit[i]));
   }
+  for (int c = 0; c <= STEERING; c++) k->repeats[c] = TSE_R(1);
   for (int c = 0; c < TSE_SENSORS; c++) {
-    k->repeats[c] = TSE_R(1);
     k->noise[c] = f->start.loaded ? f->start.noise[c] : TSE_R(1);
     k->usual[c] = TSE_R(1) + r_sqr(r_div(p->model_sd, USUAL_MODEL_SD));
   }

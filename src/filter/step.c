@@ -118,16 +118,30 @@ static void follow_row(const tse_params *p, tse_kalman *k, decoded *z)
   k->seen = r_min(k->seen + z->dt, LONGEST_TIME);
 }
 
-/* Start again from the prior, after a NaN or infinity of a fault of the memory or an overflow. What was learnt may have led here. */
+/* Start again from the prior. What was learnt may have led here. */
 static void recover(const tse_params *p, tse_filter *f, const decoded *z)
 {
   tse_kalman *const k = &f->k;
   memset(k, 0, sizeof *k);
-  f->start.loaded = 0;
   start_all(p, f);
   start_motion(p, k, z);
   k->change_kind = TSE_CHANGE_RESTART;
-  for (int a = 0; a < 3; a++) k->change_from[a] = k->x[LCX + a];
+  for (int a = 0; a < 3; a++) {
+    k->change_from[a] = k->x[LCX + a];
+    f->known[a] = TSE_UNKNOWN;
+  }
+}
+
+/* Start again after the steering angle has been frozen for a while: the tyres have made up for it, and offset and gain of the
+ * steering. */
+static void start_over(const tse_params *p, tse_filter *f, const decoded *z)
+{
+  tse_kalman *const k = &f->k;
+  const tse_real frozen = k->frozen[STEERING], again = k->repeats_again[STEERING];
+  recover(p, f, z);
+  k->reading[STEERING] = z->steer;
+  k->frozen[STEERING] = frozen;
+  k->repeats_again[STEERING] = again;
 }
 
 /* Fill the output of a row, and note which stiffness tse_learnt_save() may call known. */
@@ -138,8 +152,7 @@ static void report_step(const tse_params *p, tse_filter *f, const decoded *z, co
   judge_row(p, &f->k, w, now);
   now->status = (int32_t)status_of(f, z, w, now);
   for (int a = 0; a < 3; a++) {
-    if (now->status == TSE_W_RECOVERED) f->known[a] = TSE_UNKNOWN;
-    else if (now->reason[a] == TSE_VALID) f->known[a] = TSE_KNOWN;
+    if (now->reason[a] == TSE_VALID) f->known[a] = TSE_KNOWN;
   }
 }
 
@@ -150,6 +163,7 @@ tse_status step_row(const tse_params *p, tse_filter *f, const tse_input *u, tse_
   const tse_status refused = row_decode(p, f, u, &z);
   if (refused < 0) return refused; /* nothing has changed yet */
   if (f->step == 0) start_all(p, f);
+  if (watch_steering(&f->k, &z)) start_over(p, f, &z);
   const int fine = all_finite(&f->k) && agreement_finite(&f->k.agreement); /* each row leaves it finite */
   const int blind = f->held_for > r_mul(BLIND_ROWS, p->sample_time);
   const int gap = has_jumped(p, f, &z) || z.dt > p->max_gap || (z.has_steer && f->lost);
@@ -158,7 +172,10 @@ tse_status step_row(const tse_params *p, tse_filter *f, const tse_input *u, tse_
   const passage w = classify(p, f, &z, speed, gap);
   if (!f->started || w.held || w.gap || f->lost || (blind && z.has_steer)) place_row(p, f, &z);
   else follow_row(p, &f->k, &z);
-  if (!fine || !all_finite(&f->k)) recover(p, f, &z);
+  if (!fine || !all_finite(&f->k)) { /* a fault of the memory, or an overflow */
+    f->start.loaded = 0;
+    recover(p, f, &z);
+  }
   if (!w.held) plausible_row(p, &f->k, u, z.dt);
   report_step(p, f, &z, &w, &now);
   f->step++;

@@ -2,16 +2,29 @@
 #include "filter/filter.h"
 
 /* Note how unlikely it is that a channel at work repeats its reading as often as it just has: repeats follow repeats.
- *   Given: off  how far the reading is from the prediction, squared, over its noise; one that is right may repeat itself */
-static void watch_repeats(tse_kalman *k, int c, tse_real z, tse_real off, tse_real dt)
+ *   Given: off  how far the reading is from the prediction, squared, over its noise; one that is right may repeat itself
+ *          least  share of readings that repeat, of a channel at work */
+static void watch_repeats(tse_kalman *k, int c, tse_real z, tse_real off, tse_real least, tse_real dt)
 {
   const int same = !(z < k->reading[c] || z > k->reading[c]), again = k->frozen[c] > TSE_R(0);
   const tse_real g = r_div(dt, r_min(k->seen + TSE_R(1), USUAL_TIME)), now = same ? TSE_R(1) : TSE_R(0);
-  const tse_real likely = r_max(r_max(k->repeats[c], k->repeats_again[c]), TSE_R(1) - BELIEVED);
+  const tse_real likely = r_max(r_max(k->repeats[c], k->repeats_again[c]), least);
   k->reading[c] = z;
   k->frozen[c] = same ? r_min(k->frozen[c] - r_mul(r_min(off, TSE_R(1)), r_log2(r_min(likely, MOST_REPEATS))), MOST_FROZEN) : TSE_R(0);
   if (again) k->repeats_again[c] += r_mul(g, now - k->repeats_again[c]);
   k->repeats[c] += r_mul(g, now - k->repeats[c]);
+}
+
+int is_frozen(const tse_kalman *k, int channel) { return k->frozen[channel] > -r_log2(RATE_FAULT); }
+
+int watch_steering(tse_kalman *k, decoded *z)
+{
+  const tse_real usual = r_mul(r_mul(TAIL, k->usual[YAW_RATE]), r_max(k->slow_var[YAW_RATE], LEAST_SLOW_VAR));
+  const int was = is_frozen(k, STEERING);
+  if (!z->has_steer) return 0;
+  watch_repeats(k, STEERING, z->steer, r_sqr(k->slow[YAW_RATE]) > usual ? TSE_R(1) : TSE_R(0), TSE_R(1) - r_min(r_div(z->dt, HELD_STILL), TSE_R(1)), z->dt);
+  z->has_steer = !is_frozen(k, STEERING);
+  return !was && !z->has_steer;
 }
 
 /* Return how much larger than thought slow innovations of a channel usually are: what this car's model does not explain is no
@@ -197,7 +210,7 @@ static void watch_fault(tse_kalman *k, int channel, const scalar *m)
 {
   tse_real f[TSE_ALL], v[TSE_ALL];
   const tse_real s = ud_measure(&k->p, m->h, f, v) + m->r;
-  const int agrees = r_sqr(m->e) < r_mul(TAIL, s) && k->frozen[channel] < -r_log2(RATE_FAULT);
+  const int agrees = r_sqr(m->e) < r_mul(TAIL, s) && !is_frozen(k, channel);
   k->innovation[channel] = m->e;
   k->innovation_var[channel] = s;
   k->agrees_for = agrees ? r_min(k->agrees_for + m->dt, MOST_AGE) : TSE_R(0);
@@ -236,7 +249,7 @@ void update_row(const tse_params *p, tse_kalman *k, const decoded *z, steering u
     k->innovation[channel] = k->innovation_var[channel] = TSE_R(0);
     if (!z->use[channel]) continue;
     make_scalar(p, k, z, &s, f.sin_d, channel, change, &m);
-    watch_repeats(k, channel, z->z[channel], r_div(r_sqr(m.e), r_max(m.white, r_sqr(p->sensor_sd[channel]))), z->dt);
+    watch_repeats(k, channel, z->z[channel], r_div(r_sqr(m.e), r_max(m.white, r_sqr(p->sensor_sd[channel]))), TSE_R(1) - BELIEVED, z->dt);
     if (k->fault == fault_of(channel)) watch_fault(k, channel, &m);
     else use_channel(p, k, channel, &m, change);
   }

@@ -213,9 +213,9 @@ typedef struct tse_kalman {
   tse_real change_age, change_from[4], change_from_var[4]; /* [s]; [1] logarithms of stiffness and grip before the last change; [unit2] their variance */
   tse_along along, along_from;        /* now, before the last change */
   tse_real unusual;                   /* [1] slow innovation of accel_x in this row, squared, over what is usual */
-  tse_real reading[TSE_SENSORS], repeats[TSE_SENSORS], repeats_again[TSE_SENSORS]; /* last reading; [1] share of readings that repeat the one before;
+  tse_real reading[TSE_SENSORS + 1], repeats[TSE_SENSORS + 1], repeats_again[TSE_SENSORS + 1]; /* last reading, of sensors and steering angle; [1] share of readings that repeat the one before;
                                          of those after one that did */
-  tse_real frozen[TSE_SENSORS];       /* [1] log2 of how unlikely it is that a channel at work repeats its reading that often */
+  tse_real frozen[TSE_SENSORS + 1];     /* [1] log2 of how unlikely it is that a channel at work repeats its reading that often */
   tse_real agrees_for;                /* [s] that the channel at fault has agreed */
   int32_t change_kind, fault, slow_turn, channels; /* TSE_CHANGE_*; 0 none, else 1 + TSE_CHANNEL_; rows; of the last row */
   tse_event event[TSE_EVENTS];

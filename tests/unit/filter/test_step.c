@@ -216,6 +216,34 @@ static void test_a_frozen_channel_is_found_and_no_road_has_changed(void)
   }
 }
 
+/* A steering angle that freezes is named, is missing then, and what the tyres have made up for it is forgotten. */
+static void test_a_steering_angle_that_freezes_is_missing(void)
+{
+  static truth w;
+  const tse_config c = a_car();
+  for (uint32_t seed = 1; seed <= 3; seed++) {
+    tse_output y;
+    int found = 0, restarts = 0;
+    truth_start(&w, &c, 20, 0.3, seed);
+    reset(&w.p);
+    (void)drive(&w, 1500);
+    const tse_real angle = truth_row(&w, 0.01).steer_angle;
+    for (int n = 0; n < 2000; n++) {
+      tse_input u = truth_row(&w, 0.01);
+      u.steer_angle = angle;
+      step(&w.p, &u, &y);
+      found += y.fault_channel == FAULT_STEER;
+      restarts += y.change_kind == TSE_CHANGE_RESTART && (n == 0 || y.change_age < TSE_R(0.02));
+      if (y.fault_channel == FAULT_STEER) TEST_ASSERT_TRUE(y.reason[TSE_CY_FRONT] != TSE_VALID && y.reason[TSE_CY_REAR] != TSE_VALID);
+    }
+    TEST_ASSERT_TRUE(found > 1800);
+    TEST_ASSERT_TRUE(restarts == 1 || restarts == 2); /* of the first 0.02 s one row or two */
+    y = drive(&w, 1500);
+    TEST_ASSERT_EQUAL_INT(0, y.fault_channel);
+    for (int a = TSE_CY_FRONT; a <= TSE_CY_REAR; a++) TEST_ASSERT_TRUE(off(&w, &y, a) < 3);
+  }
+}
+
 /* Readings of few digits repeat themselves, for seconds on a straight road: no channel of them is frozen. */
 static void test_readings_of_few_digits_are_not_frozen(void)
 {
@@ -228,6 +256,7 @@ static void test_readings_of_few_digits_are_not_frozen(void)
     tse_output y;
     if (n == 3000) w.amplitude = w.throttle = 0.002;
     tse_input u = truth_row(&w, 0.01);
+    u.steer_angle = real(0.002 * floor(number(u.steer_angle) / 0.002 + 0.5));
     u.accel_x = real(0.25 * floor(number(u.accel_x) / 0.25 + 0.5));
     u.accel_y = real(0.25 * floor(number(u.accel_y) / 0.25 + 0.5));
     u.yaw_rate = real(0.01 * floor(number(u.yaw_rate) / 0.01 + 0.5));
@@ -626,6 +655,7 @@ int main(void)
   RUN_TEST(test_a_channel_that_turns_off_is_found_and_the_stiffness_stays);
   RUN_TEST(test_a_quiet_drive_teaches_no_cornering_stiffness);
   RUN_TEST(test_a_frozen_channel_is_found_and_no_road_has_changed);
+  RUN_TEST(test_a_steering_angle_that_freezes_is_missing);
   RUN_TEST(test_readings_of_few_digits_are_not_frozen);
   RUN_TEST(test_a_road_that_shows_along_alone_is_believed);
   RUN_TEST(test_a_road_that_is_back_is_found_within_seconds);
