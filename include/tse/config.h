@@ -199,9 +199,10 @@ typedef struct tse_config {
   /* end of table */
 } tse_config;
 
-/* Uncertain parameters of the car that tse_uncertainty_sd() tells apart. */
+/* Uncertain parameters of the car, and the model's own: the k of tse_uncertainty_sd(). */
 enum {
   /* table: considered */
+  TSE_CONSIDER_MASS,
   TSE_CONSIDER_INERTIA,
   TSE_CONSIDER_CENTRE,
   TSE_CONSIDER_RATIO,
@@ -215,9 +216,9 @@ enum {
   TSE_CONSIDER_TRAIL,
   TSE_CONSIDER_ROLL_STEER,
   TSE_CONSIDER_RADIUS,
+  TSE_CONSIDER_MODEL,
   /* end of table */
-  TSE_CONSIDERED,
-  TSE_UNCERTAINTIES = TSE_CONSIDERED + 2 /* and mass_sd, which stands before them, and model_sd behind */
+  TSE_UNCERTAINTIES
 };
 
 #endif

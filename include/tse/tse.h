@@ -148,7 +148,7 @@ tse_status tse_step(const tse_params *p, tse_filter *f, const tse_input *u, tse_
 tse_status tse_filter_check(const tse_params *p, const tse_filter *f, size_t filter_bytes);
 
 /* Return how much one uncertain parameter of the car adds to the sd of each stiffness: what to measure better first.
- *   Given:     k  place of the quantity among the settings: 0 mass_sd, 1 yaw_inertia_sd ... TSE_UNCERTAINTIES - 1
+ *   Given:     k  which: TSE_CONSIDER_MASS, TSE_CONSIDER_INERTIA ... (tse/config.h)
  *   Returned:  sd[3]  after the last row, relative to nominal, as tse_output.stiffness_sd; unchanged when the result is negative
  *              TSE_OK, TSE_E_NULL, TSE_E_SIZE (no such k) or TSE_E_STATE (of other parameters, or of a form other than 0).
  *              O(1) time. */

@@ -221,7 +221,7 @@ static tse_real part_of(const tse_params *p, const tse_kalman *k, origin o, int 
 
 tse_status tse_uncertainty_sd(const tse_params *p, const tse_filter *f, int32_t k, tse_real sd[3])
 {
-  /* in the order of src/tables/uncertainty.toml */
+  /* in the order of TSE_CONSIDER_ */
   static const origin origins[TSE_UNCERTAINTIES] = {
     { OF_MASS, 0 },
     { OF_DOUBT, DOUBT_INERTIA },

@@ -54,7 +54,7 @@ static tse_config other_car(void)
   c.model_sd = setting(0.04);
   int considered = 0;
   const tse_field *const first = field_of(TSE_STRUCT_CONFIG, "yaw_inertia_sd");
-  for (; considered < TSE_CONSIDERED; considered++) put_field(&c, first + considered, first[considered].hi / (4 + considered));
+  for (; considered < TSE_CONSIDER_MODEL - TSE_CONSIDER_INERTIA; considered++) put_field(&c, first + considered, first[considered].hi / (4 + considered));
   c.steer_angle_latency = setting(0.006);
   c.wheel_speed_front_latency = setting(0.012);
   c.wheel_speed_rear_latency = setting(0.015);

@@ -585,11 +585,15 @@ static void test_parts_of_the_sd_are_those_of_what_is_uncertain(void)
     TEST_ASSERT_EQUAL_INT(TSE_OK, tse_uncertainty_sd(&w.p, &f, k, sd));
     for (int a = 0; a < 3; a++) {
       TEST_ASSERT_TRUE_MESSAGE(number(sd[a]) >= 0 && number(sd[a]) <= number(y.stiffness_sd[a]) * 1.01, names[k]);
-      if (k == TSE_CONSIDER_INERTIA + 1 || k == TSE_CONSIDER_GYRO + 1) expect_near(0, number(sd[a]), 0, names[k], a); /* told exactly */
-      if (k == 0) expect_near(0.04, number(sd[a]) / exp(number(f.k.x[LCX + a])), 1e-5, "mass: relative, as it is told", a);
+      if (k == TSE_CONSIDER_INERTIA || k == TSE_CONSIDER_GYRO) expect_near(0, number(sd[a]), 0, names[k], a); /* told exactly */
+      if (k == TSE_CONSIDER_MASS) expect_near(0.04, number(sd[a]) / exp(number(f.k.x[LCX + a])), 1e-5, "mass: relative, as it is told", a);
     }
-    if (k == TSE_CONSIDER_CENTRE + 1 || k == TSE_CONSIDER_TRAIL + 1) TEST_ASSERT_TRUE_MESSAGE(number(sd[1]) > 0, names[k]);
+    if (k == TSE_CONSIDER_CENTRE || k == TSE_CONSIDER_TRAIL) TEST_ASSERT_TRUE_MESSAGE(number(sd[1]) > 0, names[k]);
   }
+  TEST_ASSERT_EQUAL_STRING("mass_sd", names[TSE_CONSIDER_MASS]);
+  TEST_ASSERT_EQUAL_STRING("yaw_inertia_sd", names[TSE_CONSIDER_INERTIA]);
+  TEST_ASSERT_EQUAL_STRING("wheel_radius_sd", names[TSE_CONSIDER_RADIUS]);
+  TEST_ASSERT_EQUAL_STRING("model_sd", names[TSE_CONSIDER_MODEL]);
   before = f;
   TEST_ASSERT_EQUAL_INT(TSE_E_SIZE, tse_uncertainty_sd(&w.p, &f, TSE_UNCERTAINTIES, sd));
   TEST_ASSERT_EQUAL_INT(TSE_E_SIZE, tse_uncertainty_sd(&w.p, &f, -1, sd));
@@ -599,7 +603,7 @@ static void test_parts_of_the_sd_are_those_of_what_is_uncertain(void)
   f.magic ^= 1;
   TEST_ASSERT_EQUAL_INT(TSE_E_STATE, tse_uncertainty_sd(&w.p, &f, 0, sd));
   reset(&w.p);
-  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_uncertainty_sd(&w.p, &f, TSE_CONSIDER_RATIO + 1, sd)); /* before the first row */
+  TEST_ASSERT_EQUAL_INT(TSE_OK, tse_uncertainty_sd(&w.p, &f, TSE_CONSIDER_RATIO, sd)); /* before the first row */
   for (int a = 0; a < 3; a++) expect_near(0, number(sd[a]), 0, "before the first row", a);
 }
 
