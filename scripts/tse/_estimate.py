@@ -25,7 +25,7 @@ from tselab.estimate import estimate as _run
 from tselab.estimate import write_table
 from tselab.learnt import Learnt
 from tselab.prepare import Calibrate, Prepared, assemble
-from tselab.single import notes_of
+from tselab.single import contradicts, notes_of
 from tselab.vehicle import Vehicle
 from tselab.verdict import Finding, findings
 
@@ -45,8 +45,8 @@ class Result(Shown):
     notes: tuple[str, ...] = ()
     """What was odd, or was filled in, in words."""
     warnings: tuple[str, ...] = ()
-    """In what the channels contradict each other (units, signs, axes), in words. Of such a log no stiffness is usable, whatever the
-    rows say: the filter takes a channel that is wrong all the time for another car."""
+    """In what the channels contradict each other (units, signs, axes), in words. Of such a log no stiffness is usable and no row
+    valid: the filter takes a channel that is wrong all the time for another car, so what it calls valid is implausible here."""
     learnt: bytes | None = None
     """What the log has taught, for the next drive: for the argument `learnt`, Filter.load_learnt() and tse_learnt_load() in C.
     None: no row was used, or the channels contradict each other."""
@@ -219,7 +219,8 @@ def estimate(
     Returns
     -------
     Result
-        The same bits as `tselab estimate` on the same numbers, and as `result.filter()` row by row.
+        The same bits as `tselab estimate` on the same numbers, and as `result.filter()` row by row, but for the validity of a
+        log whose channels contradict each other, of which a row alone does not know.
 
     Raises
     ------
@@ -241,7 +242,9 @@ def estimate(
     ready = assemble(car, checked(log, car), None, average, {}, form, settings or {}, "settings", calibrate=itself)
     check_effect(settings or {}, ready.config)
     before = None if learnt is None else Learnt(Path("learnt"), learnt, age, True)
-    done = _run(ready.log, ready.config, learnt=before)
+    done = _run(ready.log, ready.config, learnt=before, contradicted=bool(ready.warnings))
+    if contradicts(ready, done.table):
+        done = _run(ready.log, ready.config, learnt=before, contradicted=True)
     if done.interrupted:
         raise KeyboardInterrupt
     for line in ready.warnings:

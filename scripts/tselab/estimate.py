@@ -74,10 +74,14 @@ def est_columns() -> list[str]:
     return ["time", *of[0], *of[1], *reasons, *of[2], *of[3], f"{GRIP}_reason", *of[4]]
 
 
-def estimate(log: Log, config: Config, progress: bool = False, learnt: Learnt | None = None) -> Estimate:
-    """Run the filter over a log, from what an earlier one taught. Ctrl-C ends the run early; what is done is kept."""
+def estimate(
+    log: Log, config: Config, progress: bool = False, learnt: Learnt | None = None, contradicted: bool = False
+) -> Estimate:
+    """Run the filter over a log, from what an earlier one taught. Ctrl-C ends the run early; what is done is kept.
+    `contradicted`: its channels contradict each other, so no row is valid: what would be is implausible."""
     tables = [pd.DataFrame(_head(config))]
-    teaches, uncertainty_sd = _run(log, config, lambda block: tables.append(pd.DataFrame(block)), progress, learnt)
+    take = lambda block: tables.append(pd.DataFrame(block))  # noqa: E731
+    teaches, uncertainty_sd = _run(log, config, take, progress, learnt, contradicted)
     table = pd.concat(tables[1:] or tables, ignore_index=True)
     return Estimate(table, interrupted=len(table) < len(log), learnt=teaches, uncertainty_sd=uncertainty_sd)
 
@@ -89,6 +93,7 @@ def estimate_to(
     progress: bool = False,
     learnt: Learnt | None = None,
     watch: Sequence[Callable[[Block], None]] = (),
+    contradicted: bool = False,
 ) -> Estimate:
     """The same, written to EST.csv or .parquet on the way, so that memory does not grow by what is written; the table of the
     result has the columns of SUMMARY. `path`: None: they are not written. `watch`: shown every block of rows, for what else
@@ -102,7 +107,7 @@ def estimate_to(
             for each in (summary.add, *watch):
                 each(block)
 
-        teaches, uncertainty_sd = _run(log, config, take, progress, learnt)
+        teaches, uncertainty_sd = _run(log, config, take, progress, learnt, contradicted)
     return Estimate(
         summary.table(),
         interrupted=summary.rows < len(log),
@@ -164,7 +169,12 @@ class _Parquet:
 
 
 def _run(
-    log: Log, config: Config, take: Callable[[Block], None], progress: bool, learnt: Learnt | None
+    log: Log,
+    config: Config,
+    take: Callable[[Block], None],
+    progress: bool,
+    learnt: Learnt | None,
+    contradicted: bool,
 ) -> tuple[bytes | None, dict[str, np.ndarray]]:
     """Run the filter and give its table away block by block. Returned: what it has learnt, and Filter.uncertainty_sd()."""
     filter_ = Filter(config)
@@ -191,12 +201,25 @@ def _run(
                 filter_.step_into(rows, outputs, first, last)
                 bar.update(last - first)
                 first = last
+            if contradicted:
+                _contradict(outputs[:first])
             if first:
                 take(_block(log.time[done : done + first], outputs[:first], config))
             done += first
             if done % GROUP == 0:
                 log.let_go()
     return filter_.save_learnt(), filter_.uncertainty_sd()
+
+
+def _contradict(outputs: np.ndarray) -> None:
+    """Let no row be valid, as the library itself does where it finds what contradicts: with its status and reason."""
+    codes = {f.name: code for code, f in library().codes(REASON).items()}
+    was_valid = np.zeros(len(outputs), bool)
+    for s in (*STIFFNESS, GRIP):
+        valid = (outputs[f"{s}_valid"] == codes["valid"]) & (outputs["status"] >= 0)
+        outputs[f"{s}_valid"][valid] = codes["implausible"]
+        was_valid |= valid
+    outputs["status"][was_valid] = library().status("TSE_W_IMPLAUSIBLE")
 
 
 def to_table(time: np.ndarray, outputs: np.ndarray, config: Config) -> pd.DataFrame:
@@ -258,6 +281,7 @@ SUMMARY: dict[str, type | None] = {
     f"{GRIP}_valid": np.int8,
     **{f"noise_{c}": np.float32 for c in MEASURES},
     **regimes.COLUMNS,
+    "fault_factor": np.float32,
 }
 
 

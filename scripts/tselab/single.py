@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
+
+import pandas as pd
 
 from tselab import regimes
 from tselab.estimate import Estimate, estimate_to
 from tselab.learnt import Learnt
 from tselab.prepare import Prepared
 from tselab.regimes import Change
-from tselab.verdict import Finding, findings, of_uncertainty, remarks
+from tselab.verdict import Finding, findings, implausible, of_uncertainty, remarks
 
 
 @dataclass
@@ -28,12 +31,20 @@ def run(
     prepared: Prepared, out: Path | None, report: Path | None, learnt: Learnt | None = None, progress: bool = False
 ) -> Run:
     """Estimate, and write what is asked for: the estimates to `out`, the report."""
-    drawn = None
-    if report is not None:
-        from tselab.plots import Data
 
-        drawn = Data(prepared.log)
-    est = estimate_to(out, prepared.log, prepared.config, progress, learnt, [drawn.add] if drawn else [])
+    def once() -> tuple[Estimate, Any]:
+        drawn = None
+        if report is not None:
+            from tselab.plots import Data
+
+            drawn = Data(prepared.log)
+        watch = [drawn.add] if drawn else []
+        contradicted = bool(prepared.warnings)
+        return estimate_to(out, prepared.log, prepared.config, progress, learnt, watch, contradicted), drawn
+
+    est, drawn = once()
+    if contradicts(prepared, est.table):
+        est, drawn = once()
     notes = notes_of(prepared, est)
     if report is not None and len(est):
         from tselab.report import write_report
@@ -42,6 +53,15 @@ def run(
     changes = regimes.changes(est.table)
     found = findings(est.table, prepared.config, changes, prepared.warnings, est.uncertainty_sd)
     return Run(est, changes, found, notes, report is not None and len(est) > 0)
+
+
+def contradicts(prepared: Prepared, table: pd.DataFrame) -> bool:
+    """Return whether the rows speak against a log of which the preparation had nothing to say; it is among the warnings then."""
+    said = "" if prepared.warnings else implausible(table)
+    if said:
+        prepared.warnings.append(said)
+        prepared.notes.insert(0, said)
+    return bool(said)
 
 
 def notes_of(prepared: Prepared, est: Estimate) -> list[str]:

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from tselab.core import GRIP, NOMINAL, STIFFNESS, Config, library
-from tselab.regimes import Change, Stretch, percent, spoken_of, stretches
+from tselab.regimes import Change, Stretch, channel_name, percent, spoken_of, stretches
 from tselab.rows import MEASURES
 from tselab.smooth import fixed, smooth
 
@@ -39,6 +39,8 @@ WHY = {
 }
 LIMITED = ("uncertain", "parameters uncertain")  # reasons of which the sd and its limit say how far
 NOISY = 1.25  # noise found over the setting's: from here on it is remarked
+STILL = ("starting", "held", "input invalid", "row refused")  # rows that say nothing of how the channels agree
+MOSTLY = 0.5  # share of the others from which implausible rows speak against the log
 RECENT = 1.0  # s: what was valid so long before the end counts as valid at the end
 OF_UNCERTAIN = 0.5  # share of the variance from which an interval is said to come from parameter uncertainty
 LEAST_UNCERTAIN = 0.02  # ... and its sd, relative
@@ -181,6 +183,30 @@ def findings(
         return [Finding(None, verdicts(table, config, parts=parts), others(table, config))]
     each = [(s, table.iloc[s.rows]) for s in pieces]
     return [Finding(s, verdicts(rows, config, False, parts), others(rows, config)) for s, rows in each]
+
+
+def implausible(table: pd.DataFrame) -> str:
+    """Return in words what the filter has against the log, if it is in most of the rows that drive and at their end; empty else.
+
+    The check of a row (src/filter/plausible.c) begins after some bends, gains and losses of speed; a unit or an axle that is taken
+    for another stays so. A channel that fails late contradicts fewer rows, and leaves what was valid before."""
+    reasons = table[[f"{key}_reason" for key in STIFFNESS]].astype(str).to_numpy()
+    drives = ~np.isin(reasons, STILL).any(axis=1)
+    against = np.flatnonzero(drives & (reasons == "implausible").any(axis=1))
+    if not drives.any() or len(against) <= MOSTLY * drives.sum() or against[-1] != np.flatnonzero(drives)[-1]:
+        return ""
+    share, last = percent(len(against) / float(drives.sum())), table.iloc[against[-1]]
+    channel, factor = channel_name(int(last["fault_channel"])), float(last["fault_factor"])
+    wheels = channel.startswith("wheel_speed")
+    if wheels and factor == 0:
+        what = "front and rear wheel speeds seem to be exchanged, or driven_axle names the other axle"
+    elif factor == 0:
+        what = f"{channel} does not go with the others"
+    elif factor < 0:
+        what = f"{channel} seems to have the other sign (factor {factor:.3g}, about 1 is expected)"
+    else:
+        what = f"{'the wheel speeds seem' if wheels else channel + ' seems'} to be {factor:.3g} times too large"
+    return f"check units, signs and axles: the channels contradict each other in {share} of the rows that drive: {what}"
 
 
 def _contradicted(v: Verdict) -> Verdict:

@@ -6,8 +6,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
+import tse
 from conftest import tselab_here
 from tests.cars.logs import make_logs
+from tselab.verdict import implausible
 
 
 @pytest.fixture(scope="module")
@@ -156,6 +158,45 @@ def test_a_log_that_contradicts_itself_tells_nothing_and_teaches_nothing(lively,
     told = pd.read_parquet(tmp_path / "t.parquet")
     assert (told.usable == "no").all() and told.value.isna().all() and (told.reason == "contradicted").all()
     assert not (tmp_path / "l").exists() and "so nothing was learnt" in done.err
+
+
+@pytest.mark.parametrize("mistake", ["units", "axles"])
+def test_no_row_of_a_log_that_contradicts_itself_is_valid(mistake, drive, tmp_path):
+    """Also not before the filter knows: in a drive of a minute it finds exchanged axles after some seconds."""
+    simulated = ("simulate", "--maneuver", "double-lane-change", "--duration", 60, "--out", tmp_path / "log.csv")
+    assert tselab_here(*simulated).code == 0
+    table = pd.read_csv(tmp_path / "log.csv")
+    front, rear = "wheel_speed_front", "wheel_speed_rear"
+    if mistake == "units":
+        table[[front, rear]] *= 0.33 * 2.23694  # mph
+    else:
+        table[[front, rear]] = table[[rear, front]].to_numpy()
+    table.to_csv(tmp_path / "log.csv", index=False)
+    vehicle = tmp_path / "car.toml"
+    vehicle.write_text(drive.vehicle.read_text())
+    done = tselab_here("estimate", "log.csv", "--vehicle", vehicle, "--out", "est.csv", cwd=tmp_path)
+    hint = "the wheel speeds are in mph" if mistake == "units" else "front and rear wheel speeds seem to be exchanged"
+    assert done.code == 4 and hint in done.err
+    estimated = pd.read_csv(tmp_path / "est.csv")
+    names = ("cx_front", "cy_front", "cy_rear", "grip")
+    assert not estimated[[f"{n}_valid" for n in names]].to_numpy().any()
+    against = np.any([estimated[f"{n}_reason"] == "implausible" for n in names], axis=0)
+    assert against.mean() > 0.5 and (estimated.status[against] == 10).all()
+    with pytest.warns(UserWarning, match=hint):
+        assert not tse.estimate(table, vehicle).valid.any()
+
+
+def test_a_channel_that_contradicts_for_a_while_leaves_the_rest():
+    """Rows in which the car stands or the filter starts do not count; what is over is not against the whole log."""
+    reasons = np.array(["starting"] * 10 + ["implausible"] * 60 + ["valid"] * 30)
+    table = pd.DataFrame(dict.fromkeys(("cx_front_reason", "cy_front_reason", "cy_rear_reason"), reasons))
+    table = table.assign(fault_channel=4, fault_factor=-1.0)
+    assert implausible(table) == ""
+    assert implausible(table.iloc[:70]).endswith(
+        "accel_x seems to have the other sign (factor -1, about 1 is expected)"
+    )
+    assert "in 67 % of the rows that drive" in implausible(table.iloc[np.r_[0:10, 70:100, 10:70]])
+    assert implausible(table.iloc[np.r_[70:100, 0:10, 10:35]]) == ""
 
 
 def test_a_speed_that_may_be_off_is_a_note(lively):
