@@ -223,6 +223,6 @@ function contradictions(rows, car, { ratio, tracks } = {}) {
 // The steering angle is left out: its ratio is unknown, and guessed for itself (map.js).
 function unitsByRows(rows, car, open) {
   if (rows.time.length < 50 || !rows.sampleTime) return [];
-  const P = PAGE.check, may = (channel) => open.has(channel);
+  const P = PAGE.check, may = (channel, unit) => open.has(channel) && (channel !== "wheel_speed" || unit !== ""); // a radius is no unit
   return weigh(rows, car, { may, price: (unit) => (unit ? P.unsaid : P.price), most: 3, without: ["steer_angle"] }).causes;
 }

@@ -51,12 +51,13 @@ CAUSES: tuple[tuple[str, float, int, str, str], ...] = (
     ("yaw_rate", -1.0, 0, "", "yaw_rate is positive to the right (change its sign; left is positive)"),
     ("accel_x", -1.0, 0, "", "accel_x is positive to the rear (change its sign; forward is positive)"),
 )
-# The same of the wheel speeds, all four: a power of the wheels' radius.
+# The same of the wheel speeds, all four: a power of the wheels' radius. A diameter in its place is as a speed that is twice as high.
 WHEEL_CAUSES: tuple[tuple[float, int, str, str], ...] = (
     (3.6, 1, "km/h", "the wheel speeds are in km/h (divide by 3.6 and the wheel radius)"),
     (1.0, 1, "m/s", "the wheel speeds are in m/s (divide by the wheel radius)"),
     (60 / (2 * np.pi), 0, "rpm", "the wheel speeds are in rpm (multiply by 2 pi/60)"),
     (2.23694, 1, "mph", "the wheel speeds are in mph (multiply by 0.447, divide by the wheel radius)"),
+    (2.0, 0, "", "wheel_radius_front and _rear are diameters (divide them by 2)"),
 )
 FIGURES = {
     "accel_y": "accel_y over speed x yaw_rate",

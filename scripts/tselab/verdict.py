@@ -39,7 +39,7 @@ WHY = {
 }
 LIMITED = ("uncertain", "parameters uncertain")  # reasons of which the sd and its limit say how far
 NOISY = 1.25  # noise found over the setting's: from here on it is remarked
-STILL = ("starting", "held", "input invalid", "row refused")  # rows that say nothing of how the channels agree
+STILL = ("starting", "held", "input invalid", "row refused")  # rows without a say in whether the channels agree
 MOSTLY = 0.5  # share of the others from which implausible rows speak against the log
 RECENT = 1.0  # s: what was valid so long before the end counts as valid at the end
 OF_UNCERTAIN = 0.5  # share of the variance from which an interval is said to come from parameter uncertainty

@@ -44,6 +44,7 @@ def test_a_good_log_gives_no_warning(lively):
         ({"accel_x": 1 / 9.81}, "accel_x is in g"),
         ({"wheel_speed_front": 0.33, "wheel_speed_rear": 0.33}, "the wheel speeds are in m/s"),
         ({"wheel_speed_front": 9.55, "wheel_speed_rear": 9.55}, "the wheel speeds are in rpm"),
+        ({"wheel_speed_front": 2.0, "wheel_speed_rear": 2.0}, "wheel_radius_front and _rear are diameters"),
         ({"steer_angle": -1.0}, "positive to the right"),
         ({"accel_y": -1.0}, "positive to the right"),
         ({"accel_x": -1.0}, "accel_x is positive to the rear"),
