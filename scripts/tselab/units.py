@@ -51,7 +51,7 @@ CAUSES: tuple[tuple[str, float, int, str, str], ...] = (
     ("yaw_rate", -1.0, 0, "", "yaw_rate is positive to the right (change its sign; left is positive)"),
     ("accel_x", -1.0, 0, "", "accel_x is positive to the rear (change its sign; forward is positive)"),
 )
-# The same of the wheel speeds, all four: a power of the wheels' radius. A diameter in its place is as a speed that is twice as high.
+# The same of the wheel speeds, all four: a power of the wheels' radius. A diameter in its place doubles the speed.
 WHEEL_CAUSES: tuple[tuple[float, int, str, str], ...] = (
     (3.6, 1, "km/h", "the wheel speeds are in km/h (divide by 3.6 and the wheel radius)"),
     (1.0, 1, "m/s", "the wheel speeds are in m/s (divide by the wheel radius)"),
@@ -69,6 +69,7 @@ FIGURES = {
 }
 
 
+LEAST_STOOD, FALL = 0.5, 10.0  # s; m/s, in the rows before and after: a stop from 5 m/s in a row and a start to it
 OFF_SPEED, FAST, HALF = 1.25, 5.0, 0.5  # of a measured velocity: 1; m/s: rows that count; s
 GAINS, SLOWS = 0.7, -2.0  # m/s2: no car gains so much with its brakes on, nor slows so much with them off
 OFF_TORQUE, TORQUE_CORR = (
@@ -99,6 +100,8 @@ def check_car(log: Log, vehicle: Vehicle, config: Config, notes: list[str] | Non
     """Return how the channels of a log of this car contradict each other: check_units() with its measures."""
     tracks = {a: float(t) for a in ("front", "rear") if (t := vehicle.facts.get(f"track_{a}"))}
     radii = config.wheel_radius_front, config.wheel_radius_rear
+    if notes is not None:
+        notes += stood(log, *radii, config.hold_speed)
     return check_units(log, config.lf + config.lr, *radii, vehicle.steering_ratio, tracks, notes, config.mass)
 
 
@@ -197,6 +200,32 @@ def _speed_off(figures: Figures, radius: float) -> list[str]:
     also = "".join(f"; or {c.text}, factor {c.factor:.3g}" for c in likely)
     return [f"the speed by the wheels may be {100 * abs(np.expm1(off)):.0f} % too {'high' if off > 0 else 'low'} (± "
             f"{196 / np.sqrt(total):.0f}): {names} (about 1 is expected): check wheel_radius_*{also}"]  # fmt: skip
+
+
+def stood(log: Log, radius_front: float, radius_rear: float, hold_speed: float) -> list[str]:
+    """Return when the wheels of both axles read as good as 0 while the car drove: from one row to the next they stop, and they turn
+    again as suddenly. Two such steps that together are more than FALL are nothing that brakes and engines do."""
+    speed = np.maximum(
+        np.abs(radius_front * log.data["wheel_speed_front"].to_numpy(float)),
+        np.abs(radius_rear * log.data["wheel_speed_rear"].to_numpy(float)),
+    )
+    rows = np.flatnonzero(np.isfinite(speed))
+    still = speed[rows] < hold_speed
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], still.astype(np.int8), [0]])))
+    found = []
+    for first, after in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
+        start, end = float(log.time[rows[first]]), float(log.time[rows[after - 1]])
+        before, then = (float(speed[rows[i]]) if 0 <= i < len(rows) else 0.0 for i in (first - 1, after))
+        if end - start >= LEAST_STOOD and before + then > FALL:
+            found.append((start, end, before, then))
+    if not found:
+        return []
+    start, end, before, then = found[0]
+    often = "" if len(found) == 1 else f"{len(found)} times, first "
+    return [
+        f"both wheel speeds are 0 {often}from {start:.2f} to {end:.2f} s, while the car drove ({before:.3g} m/s in the row before, "
+        f"{then:.3g} in the row after): not valid there"
+    ]
 
 
 def _velocity(log: Log, radius_front: float, radius_rear: float) -> list[str]:

@@ -7,8 +7,10 @@ import pandas as pd
 import pytest
 
 import tse
-from conftest import tselab_here
+from conftest import RAN, tselab, tselab_here
 from tests.cars.logs import make_logs
+from tselab.log import read_log
+from tselab.units import stood
 from tselab.verdict import implausible
 
 
@@ -159,6 +161,33 @@ def test_a_log_that_contradicts_itself_tells_nothing_and_teaches_nothing(lively,
     told = pd.read_parquet(tmp_path / "t.parquet")
     assert (told.usable == "no").all() and told.value.isna().all() and (told.reason == "contradicted").all()
     assert not (tmp_path / "l").exists() and "so nothing was learnt" in done.err
+
+
+def test_wheels_that_stand_while_the_car_drives_are_a_note(lively, drive, tmp_path):
+    """And nothing of numpy's: smoothed over the step a speed is as good as 0, where the curvature is none."""
+    table = pd.read_csv(lively)
+    rows = (table.time > 10) & (table.time < 30)
+    table.loc[rows, ["wheel_speed_front", "wheel_speed_rear"]] = 0.0
+    table.to_csv(tmp_path / "log.csv", index=False)
+    done = tselab("estimate", "log.csv", "--vehicle", drive.vehicle, cwd=tmp_path)
+    assert done.code in RAN and "RuntimeWarning" not in done.err
+    assert (
+        "note: both wheel speeds are 0 from 10.01 to 29.99 s, while the car drove (19.6 m/s in the row before"
+        in done.err
+    )
+
+
+def test_a_car_that_stops_and_starts_gets_no_note_and_two_gaps_get_one(lively):
+    log = read_log(lively)
+    speed = np.clip(np.abs(20 - 5 * np.abs(log.time - 10)) - 10, 0, None) / 0.33
+    log.data["wheel_speed_front"] = log.data["wheel_speed_rear"] = speed
+    assert (speed == 0).sum() > 300 and stood(log, 0.33, 0.33, 1.0) == []
+    steady = np.full(len(log), 60.0)
+    for seconds, said in ((((3, 6),), 1), (((3, 6), (8, 9)), 1), (((3, 3.3),), 0)):
+        x = np.where(np.any([(log.time > a) & (log.time < b) for a, b in seconds], axis=0), 0.0, steady)
+        log.data["wheel_speed_front"] = log.data["wheel_speed_rear"] = x
+        notes = stood(log, 0.33, 0.33, 1.0)
+        assert len(notes) == said and ("2 times, first from 3.0" in "".join(notes)) == (len(seconds) > 1)
 
 
 @pytest.mark.parametrize("mistake", ["units", "axles"])

@@ -87,9 +87,9 @@ UNDERSTEER, UNDERSTEER_SD = 0.002, 0.0012  # s2/m2, 1/(characteristic speed)^2: 
 def steering(angle: np.ndarray, v: np.ndarray, r: np.ndarray) -> Steering | None:
     """The steering angle by curvature; v: m/s, r: rad/s. At one speed the understeer does not show, and is that of cars. None: too
     little to tell."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        curvature = r / v
-    keep = (v > MOVING) & np.isfinite(angle) & np.isfinite(curvature)
+    moving = v > MOVING
+    curvature = r / np.where(moving, v, np.nan)
+    keep = moving & np.isfinite(angle) & np.isfinite(curvature)
     if keep.sum() < FEWEST or np.std(curvature[keep]) < 1e-5 or np.std(angle[keep]) < 1e-9:
         return None
     y, c, v2 = angle[keep], curvature[keep], v[keep] ** 2
