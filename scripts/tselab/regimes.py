@@ -4,7 +4,7 @@ wheels that slide; and the stretches of road between the changes. A table withou
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -180,16 +180,21 @@ def spells(table: pd.DataFrame) -> list[Spell]:
     return sorted(found, key=lambda s: s.start)
 
 
-def _spells(time: np.ndarray, p: np.ndarray, where: np.ndarray, what: str, channel: str) -> list[Spell]:
-    found: list[Spell] = []
+def spans(time: np.ndarray, where: np.ndarray) -> list[tuple[int, int]]:
+    """First row and row after the last of each run of rows; gaps shorter than TOGETHER are bridged."""
+    found: list[tuple[int, int]] = []
     edges = np.flatnonzero(np.diff(np.concatenate([[0], where.astype(np.int8), [0]])))
     for first, after in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
-        spell = Spell(what, float(time[first]), float(time[after - 1]), float(p[first:after].max()), channel)
-        if found and spell.start - found[-1].end <= TOGETHER:
-            spell = replace(spell, start=found[-1].start, probability=max(spell.probability, found[-1].probability))
-            found.pop()
-        found.append(spell)
+        bridged = found and time[first] - time[found[-1][1] - 1] <= TOGETHER
+        found.append((found.pop()[0] if bridged else first, after))
     return found
+
+
+def _spells(time: np.ndarray, p: np.ndarray, where: np.ndarray, what: str, channel: str) -> list[Spell]:
+    return [
+        Spell(what, float(time[a]), float(time[b - 1]), float(p[a:b][where[a:b]].max()), channel)
+        for a, b in spans(time, where)
+    ]
 
 
 def channel_name(number: int) -> str:

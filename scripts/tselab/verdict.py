@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from tselab.core import GRIP, NOMINAL, STIFFNESS, Config, library
-from tselab.regimes import Change, Stretch, channel_name, percent, spoken_of, stretches
+from tselab.regimes import LIKELY, Change, Stretch, channel_name, percent, spans, spoken_of, stretches
 from tselab.rows import MEASURES
 from tselab.smooth import fixed, smooth
 
@@ -225,7 +225,9 @@ def remarks(table: pd.DataFrame) -> list[str]:
         if ratio > NOISY:
             found.append(f"{channel} is noisier than the settings say: x{ratio:.1f}")
     off = np.any([table[f"{key}_reason"] == "diverging" for key in STIFFNESS], axis=0)
-    times = int((np.diff(off.astype(int), prepend=0) == 1).sum())
+    if "p_fault" in table:  # in a car that stands another reason comes first, and the fault lasts
+        off |= table["p_fault"].to_numpy() >= LIKELY
+    times = len(spans(spoken_of(table), off))
     if times:
         often = "once" if times == 1 else f"{times} times"
         found.append(

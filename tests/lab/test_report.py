@@ -157,6 +157,20 @@ def test_remarks_name_noise_and_contradictions():
     assert "at fault once, in under 1 % of" in remarks(table_of([1] * 400 + [0], "diverging"))[0]
 
 
+def test_a_fault_that_lasts_while_the_car_stands_is_as_long_as_its_spell():
+    """A row of a car that stands is held, whatever its channels: the fault of which the list tells is in the share, too."""
+    from tselab.regimes import spells
+    from tselab.verdict import remarks
+
+    table = table_of([1] * 40 + [0] * 20 + [1] * 40, "diverging")
+    for key in ("cx_front", "cy_front", "cy_rear"):
+        table.loc[50:59, f"{key}_reason"] = "held"
+    table = table.assign(p_fault=np.where(np.arange(100) // 20 == 2, 0.99, 0.01), fault_channel=4)
+    (spell,) = spells(table)
+    assert (spell.start, spell.end) == (table.time[40], table.time[59])
+    assert remarks(table) == ["a sensor was probably at fault once, in 20 % of the log: not valid there"]
+
+
 def test_noise_is_drawn_where_it_is_not_what_the_settings_say(drive, tmp_path):
     from tselab.report import figures_of
 
