@@ -205,7 +205,8 @@ def implausible(table: pd.DataFrame) -> str:
     elif factor < 0:
         what = f"{channel} seems to have the other sign (factor {factor:.3g}, about 1 is expected)"
     else:
-        what = f"{'the wheel speeds seem' if wheels else channel + ' seems'} to be {factor:.3g} times too large"
+        named = "the wheel speeds seem" if wheels else f"{channel} seems"
+        what = f"{named} to be {factor:.3g} times the true value"
     return f"check units, signs and axles: the channels contradict each other in {share} of the rows that drive: {what}"
 
 
