@@ -41,7 +41,7 @@ typedef struct tse_output {
   tse_real stiffness[3];         /* [1] mean stiffness over the settings' nominal one, by TSE_CX_FRONT, TSE_CY_FRONT, TSE_CY_REAR */
   tse_real stiffness_sd[3];      /* [1] sd of that mean */
   int32_t reason[3];             /* TSE_VALID: the stiffness may be used; else why not, a tse_reason */
-  int32_t status;                /* TSE_OK; above: usable, with the caution of this code, a tse_status */
+  int32_t status;                /* TSE_OK; above: done, with the caution of this code, a tse_status; whether to use a stiffness says its reason */
   tse_real sideslip;             /* [rad] sideslip angle atan2(vel_y, vel_x) at the centre of gravity; 0 at standstill */
   tse_real sideslip_sd;          /* [rad] its sd */
   tse_real grip;                 /* [1] friction of the tyres: the most lateral force of an axle over its load; form 0 */
@@ -54,7 +54,7 @@ typedef struct tse_output {
   tse_real yaw_rate_sd;          /* [rad/s] its sd */
   tse_real stiffness_secant[3];  /* [1] stiffness in effect: force over slip, or slip angle, at the slip and the load of this row; sd: the same share of it */
   tse_real stiffness_spread[3];  /* [1] process sd: form 0 model_sd times the stiffness; form 1 learnt from sample to sample */
-  tse_real bias[3];              /* [m/s2 m/s2 rad/s] bias of accel_x, accel_y, yaw_rate */
+  tse_real bias[3];              /* [m/s2 m/s2 rad/s] bias of accel_x, accel_y, yaw_rate: what the channel reads too much */
   tse_real bias_sd[3];           /* [m/s2 m/s2 rad/s] its sd */
   tse_real noise[5];             /* [1] noise as found, over the setting: accel_x, accel_y, yaw_rate, wheel speeds front and rear; form 0 */
   tse_real innovation[5];        /* [m/s2 m/s2 rad/s m/s m/s] what each of them read less what was predicted; 0 where it was not used; form 0 */

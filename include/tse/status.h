@@ -2,7 +2,8 @@
  *
  *   negative  refused: nothing has changed, bit for bit
  *   zero      done
- *   positive  done, the result is usable with the caution named; if several apply, the largest is returned
+ *   positive  done, with the caution named; if several apply, the largest is returned. Whether a stiffness may be used is
+ *             its reason alone: TSE_VALID
  */
 #ifndef TSE_STATUS_H
 #define TSE_STATUS_H
@@ -28,7 +29,7 @@ typedef enum tse_status {
   TSE_W_HELD = 4,               /* standstill, low speed, reverse or large steering angle: nothing is learnt of the stiffness */
   TSE_W_PREDICTED = 5,          /* no measurement, or inputs missing: predicted only */
   TSE_W_GAP = 6,                /* time step too long to bridge: states restarted from the sensors, what was learnt is kept */
-  TSE_W_RECOVERED = 7,          /* what was believed explains the samples no more: started over */
+  TSE_W_RECOVERED = 7,          /* the state was no finite number, by a fault of the memory or an overflow: started over */
   TSE_W_WAITING = 8,            /* no step: channels that are logged later are awaited; estimates of the last step, or of the start */
   TSE_W_RANGE = 9,              /* a number left the range of the number format: the sample was dropped */
   TSE_W_IMPLAUSIBLE = 10,       /* the channels contradict each other: a wrong unit, sign or axle; fault_channel says which, fault_factor how many times too large it is */

@@ -107,7 +107,7 @@ tse_status tse_input_check(const tse_input *u, const char **wrong);
  *   Given:     p  the parameters f was reset with      u  one row, SI units, ISO 8855
  *   Updated:   f  bit for bit unchanged when the result is negative
  *   Returned:  y  estimates at this row (may be NULL; unchanged when the result is negative)
- *              tse_status: negative refused, 0 ok, positive usable with a warning
+ *              tse_status: negative refused, 0 ok, positive done with a caution; whether to use a stiffness says y->reason
  *   Policy for odd rows
  *     steering angle or wheel speed out of range (also infinite), dt not in (0, 3600]   refused
  *     a channel logged late (..._latency)        rows wait, with the reasons of the last step and the status TSE_W_WAITING, until

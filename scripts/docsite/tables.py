@@ -127,7 +127,11 @@ def input_fields() -> str:
         policy = policies.get(f.name, "refused" if f.name == "dt" else "-")
         unit, allowed, text = f.unit, _range(f), f.text
         if f.name == "dt":
-            unit, allowed, text = "s", "above 0 .. 3600", "time since the previous row; ignored at the first"
+            unit, allowed, text = (
+                "s",
+                "above 0 .. 3600",
+                "time since the previous row; ignored after tse_reset() up to the first row with all inputs",
+            )
         if f.name == "missing":
             unit, allowed = "bits", "any"
             text = "channels that are missing, besides those that are NaN: " + ", ".join(

@@ -66,7 +66,7 @@ class Status(IntEnum):
     GAP = 6
     """Time step too long to bridge: states restarted from the sensors, what was learnt is kept."""
     RECOVERED = 7
-    """What was believed explains the samples no more: started over."""
+    """The state was no finite number, by a fault of the memory or an overflow: started over."""
     WAITING = 8
     """No step: channels that are logged later are awaited; estimates of the last step, or of the start."""
     RANGE = 9
@@ -179,15 +179,15 @@ class Estimate(EstimateBase):
     cy_rear_reason: Reason
     """'valid', or why cy_rear is not."""
     bias_accel_x: float
-    """Bias of accel_x [m/s2]."""
+    """Bias of accel_x: what it reads too much [m/s2]."""
     bias_accel_x_sd: float
     """Its standard deviation [m/s2]."""
     bias_accel_y: float
-    """Bias of accel_y [m/s2]."""
+    """Bias of accel_y: what it reads too much [m/s2]."""
     bias_accel_y_sd: float
     """Its standard deviation [m/s2]."""
     bias_yaw_rate: float
-    """Bias of yaw_rate [rad/s]."""
+    """Bias of yaw_rate: what it reads too much [rad/s]."""
     bias_yaw_rate_sd: float
     """Its standard deviation [rad/s]."""
     noise_accel_x: float

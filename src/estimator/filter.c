@@ -101,7 +101,7 @@ const char *tse_status_text(int32_t status)
     case TSE_W_HELD: return "standstill, low speed, reverse or large steering angle: nothing is learnt of the stiffness";
     case TSE_W_PREDICTED: return "no measurement, or inputs missing: predicted only";
     case TSE_W_GAP: return "time step too long to bridge: states restarted from the sensors, what was learnt is kept";
-    case TSE_W_RECOVERED: return "what was believed explains the samples no more: started over";
+    case TSE_W_RECOVERED: return "the state was no finite number, by a fault of the memory or an overflow: started over";
     case TSE_W_WAITING: return "no step: channels that are logged later are awaited; estimates of the last step, or of the start";
     case TSE_W_RANGE: return "a number left the range of the number format: the sample was dropped";
     case TSE_W_IMPLAUSIBLE: return "the channels contradict each other: a wrong unit, sign or axle; fault_channel says which, fault_factor how many times too large it is";

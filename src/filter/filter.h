@@ -55,7 +55,8 @@ enum { PSI = STATES,
        V_LEVER_X,
        V_LEVER_Y };
 
-/* One decoded row. z, use: by channel, ACCEL_X ...; wheel speeds times radius; use: 0 missing, 1 to be used. */
+/* One decoded row. z, use: by channel, ACCEL_X ...; wheel speeds times radius; use: 0 missing, 1 to be used. used: accelerometers and
+ * gyro of them. rolls: which axle rolls freely in this row, so that its wheels show the speed of the car. */
 typedef struct decoded {
   tse_real dt, steer, z[TSE_SENSORS];
   int32_t use[TSE_SENSORS], has_steer, used, one_speed;

@@ -28,8 +28,9 @@ static tse_real speed_of(const tse_filter *f, const decoded *z)
   return has_wheel_speed(z) ? r_max(r_abs(axle_speed(z, WHEEL_FRONT)), r_abs(axle_speed(z, WHEEL_REAR))) : r_abs(f->k.x[VX]);
 }
 
-/* Advance the timers: how long the steering angle and all wheel speeds have been missing, how long the wheels have stood. Keep
- * the wheel speeds for the next row. What is lost is found again by a row that has both. */
+/* Advance the timers, in seconds: held_for since a row had a steering angle, rolled_for since one had a wheel speed, still_for since
+ * the wheels have stood. The motion is lost where the car has rolled, or its angle been held, for too long, and is found again by a row
+ * that has both. Keep the wheel speeds for the next row. */
 static void advance_timers(const tse_params *p, tse_filter *f, const decoded *z, tse_real speed)
 {
   const int wheels = has_wheel_speed(z);
@@ -107,7 +108,7 @@ static void place_row(const tse_params *p, tse_filter *f, const decoded *z)
   f->started = f->started || (z->has_steer && has_wheel_speed(z));
 }
 
-/* Predict, measure, and decide on events. Without a steering angle nothing is measured: a stiffness would make up for it. */
+/* Predict, measure, and decide on events; count the seconds that are seen. Without a steering angle nothing is measured: a stiffness would make up for it. */
 static void follow_row(const tse_params *p, tse_kalman *k, decoded *z)
 {
   for (int a = 0; a < TSE_SENSORS && !z->has_steer; a++) z->use[a] = 0;
@@ -165,7 +166,7 @@ tse_status step_row(const tse_params *p, tse_filter *f, const tse_input *u, tse_
   if (f->step == 0) start_all(p, f);
   if (watch_steering(&f->k, &z)) start_over(p, f, &z);
   const int fine = all_finite(&f->k) && agreement_finite(&f->k.agreement); /* each row leaves it finite */
-  const int blind = f->held_for > r_mul(BLIND_ROWS, p->sample_time);
+  const int blind = f->held_for > r_mul(BLIND_ROWS, p->sample_time); /* before this row: the car may have turned otherwise */
   const int gap = has_jumped(p, f, &z) || z.dt > p->max_gap || (z.has_steer && f->lost);
   const tse_real speed = speed_of(f, &z);
   advance_timers(p, f, &z, speed);

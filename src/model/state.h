@@ -205,7 +205,7 @@ typedef struct tse_kalman {
   tse_real pitch[2];                  /* [m/s2] a_x as the body's pitch follows it */
   tse_real steer[3];                  /* [rad] logged angle, after one lag, after both */
   tse_real since_slow;                /* [s] since a slow state had its share of process noise */
-  tse_real seen;                      /* [s] of samples learnt from */
+  tse_real seen;                      /* [s] of rows that the filter has followed since its start */
   tse_real nis;                       /* [1] innovation squared over its variance, summed over the channels of the last row */
   tse_real innovation[TSE_SENSORS], innovation_var[TSE_SENSORS], last_innovation[TSE_SENSORS];
   tse_real slow[TSE_SENSORS], slow_var[TSE_SENSORS], usual[TSE_SENSORS]; /* innovation, smoothed; its variance as thought; [1] as it is, over that */
@@ -241,11 +241,11 @@ struct tse_filter {
   uint32_t step;                      /* rows accepted since reset: the counter of the random numbers */
   int32_t started;                    /* 0: the next row initialises                                  */
   tse_real steer, v_front, v_rear;    /* inputs of the last row: [rad], R omega [m/s]                 */
-  tse_real held_for;                  /* [s] how long inputs have been missing                        */
-  tse_real rolled_for;                /* [s] how long both wheel speeds have been missing             */
-  int32_t lost;                       /* 1: nothing is known of the motion any more                   */
+  tse_real held_for;                  /* [s] since a row had a steering angle: the last is held       */
+  tse_real rolled_for;                /* [s] since a row had any wheel speed: the car rolls on        */
+  int32_t lost;                       /* 1: either for too long; until a row has both                 */
   tse_real still_for;                 /* [s] how long the wheels have stood still                     */
-  tse_real seen;                      /* what was learnt from: [s]; particles: samples, up to five memories */
+  tse_real seen;                      /* form 1: samples learnt from, up to five memories; form 0: k.seen */
   int32_t known[3];                   /* what tse_learnt_save() may call learnt: TSE_KNOWN ...        */
   tse_start start;
   tse_kalman k;                       /* form 0                                                       */

@@ -530,6 +530,7 @@ static void test_a_state_that_is_no_number_is_started_over(void)
     const tse_input u = truth_row(&w, 0.01);
     step(&w.p, &u, &y);
     TEST_ASSERT_EQUAL_INT(TSE_W_RECOVERED, y.status);
+    TEST_ASSERT_NOT_NULL(strstr(tse_status_text((tse_status)y.status), "no finite number")); /* nothing is said of the samples */
     TEST_ASSERT_EQUAL_INT(TSE_CHANGE_RESTART, y.change_kind);
     TEST_ASSERT_EQUAL_INT(0, f.start.loaded);
     TEST_ASSERT_TRUE(number(y.regime[TSE_REGIME_RESTARTED]) > 0.99);
