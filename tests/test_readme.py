@@ -96,6 +96,7 @@ def test_its_c_program_reaches_valid_on_the_log_and_its_interval_holds(log, tmp_
     )
     said = re.fullmatch(r"front cornering stiffness (\d+) \+- (\d+) N/rad \(95 %\), usable\n", done.stdout)
     assert said, done.stdout
+    assert f"an ordinary one: {int(said[1]) / 1000:.0f} +- {int(said[2]) / 1000:.0f}. Python" in README
     truth = pd.read_csv(log.with_name("truth.csv"))["true_cy_front"].iloc[-1]
     assert abs(int(said[1]) - truth) < int(said[2]) < 0.25 * truth
 
@@ -104,7 +105,18 @@ def test_its_python_program_says_that_cornering_is_valid(log, monkeypatch, capsy
     monkeypatch.chdir(log.parent)
     body = re.search(r"```python\n(.*?)```", README, re.S)[1]
     exec(compile(body, "README", "exec"), {"__name__": "README"})
-    assert re.search(r"Front cornering stiffness: \d+ kN/rad .*, valid \d+ % of the time", capsys.readouterr().out)
+    said = capsys.readouterr().out
+    assert said.startswith("calibrated on the log itself, ")
+    found = re.search(r"Front cornering stiffness: (\d+) kN/rad ± (\d+) .*, valid \d+ % of the time", said)
+    truth = pd.read_csv("truth.csv")["true_cy_front"].iloc[-1] / 1000
+    assert f"Python calibrates it on the log: {found[1]} +- {found[2]}; true: {truth:.0f} */" in README
+
+
+def test_its_c_program_does_not_call_usable_what_is_not(log, tmp_path):
+    """The first rows are the start, in which nothing is valid."""
+    rows = "".join(log.read_text().splitlines(True)[:100])
+    done = subprocess.run([compiled("first.c", tmp_path)], input=rows, capture_output=True, text=True, check=True)
+    assert done.stdout.endswith("(95 %), do not use: too little seen since the start\n")
 
 
 def test_the_csv_reader_takes_missing_cells_and_rows(tmp_path):
