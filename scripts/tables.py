@@ -596,6 +596,13 @@ def output(name: str, kind: str, place: str, unit: str, says: str) -> str:
     return variable(name, kind, "o", place, NO_RANGE, unit, says)
 
 
+ENUMERATIONS = {
+    "status": "Status",
+    "change_kind": "ChangeKind",
+    "fault_channel": "FaultChannel",
+}  # of outputs with codes
+
+
 def estimator_outputs() -> list[str]:
     why = " ".join(f"{r['code']} {r['word']}," for r in read("status")["reason"].values()) + " see documentation"
     rows = []
@@ -605,7 +612,7 @@ def estimator_outputs() -> list[str]:
             valid = "grip_valid" if name == "grip" else place.replace("reason", "valid")
             what = "the grip" if name == "grip" else "the stiffness"
             rows.append(output(f"estimate.{name}_valid", "b", valid, "", f"{what} may be used"))
-            rows.append(output(f"estimate.{name}_reason", "i", f"y.{place}", "", why))
+            rows.append(output(f"estimate.{name}_reason", "e", f"y.{place}", "Reason", why))
         elif r["kind"] == "stiffness":
             of, index = r["member"].rstrip("]").split("[")
             place = {
@@ -616,16 +623,22 @@ def estimator_outputs() -> list[str]:
             }[of]
             rows.append(output(f"estimate.{n}", "r", f"{place}[{index}]", r["unit"], r["text"]))
         else:
-            kind = {"real": "r", "flag": "b", "code": "i"}[r["kind"]]
-            rows.append(output(f"estimate.{n}", kind, f"y.{r['member']}", r["unit"], r["text"]))
+            kind = {"real": "r", "flag": "b", "code": "e"}[r["kind"]]
+            unit = ENUMERATIONS[n] if kind == "e" else r["unit"]
+            rows.append(output(f"estimate.{n}", kind, f"y.{r['member']}", unit, r["text"]))
     return rows
 
 
 def estimator_codes() -> list[str]:
-    table = read("status")
-    rows = [(r["code"], '"estimate.status"', n) for n, r in table["status"].items() if r["code"] >= 0]
-    rows += [(r["code"], "reasons", r["word"]) for r in table["reason"].values()]
-    return [f"{{ {code}, {of}, {text(name)} }}," for code, of, name in rows]
+    """Return code, enumeration type, name and meaning of all codes that an output may have."""
+    table, rows = read("status"), read("input")
+    faults = [r for kind in ("channel", "velocity") for r in rows[kind]]
+    codes = [(r["code"], "Status", n, r["text"]) for n, r in table["status"].items() if r["code"] >= 0]
+    codes += [(r["code"], "Reason", r["word"], r["text"]) for r in table["reason"].values()]
+    codes += [(r["code"], "ChangeKind", r["word"], r["text"]) for r in read("output")["change"].values()]
+    codes += [(0, "FaultChannel", "none", "no channel is likely at fault, none is implausible")]
+    codes += [(i, "FaultChannel", r["name"], r["text"]) for i, r in enumerate(faults, 1)]
+    return [f"{{ {code}, {text(of)}, {text(name)}, {text(means)} }}," for code, of, name, means in codes]
 
 
 def estimator_shares() -> list[str]:

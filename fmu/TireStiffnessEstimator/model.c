@@ -19,7 +19,7 @@ const fmu_array fmu_arrays[] = {
   ARRAY("estimate.relative.stiffness_sd", 'r', y.stiffness_sd, "1", "sd of that mean" ORDER),
   ARRAY("estimate.relative.stiffness_spread", 'r', y.stiffness_spread, "1", "sample-to-sample sd" ORDER),
   ARRAY("estimate.stiffness_valid", 'b', valid, "", "the stiffness may be used" ORDER),
-  ARRAY("estimate.stiffness_reason", 'i', y.reason, "", "0 valid, else why it may not be used: codes as those of estimate.cx_front_reason" ORDER),
+  ARRAY("estimate.stiffness_reason", 'e', y.reason, "Reason", "0 valid, else why it may not be used: codes as those of estimate.cx_front_reason" ORDER),
   ARRAY("estimate.change_stiffness", 'r', y.change_ratio, "1", "stiffness now over that before the last change" ORDER),
   ARRAY("estimate.probability", 'r', y.regime, "1", "probabilities in the order of estimate.p_steady to estimate.p_restarted"),
   ARRAY("estimate.relative.stiffness_secant", 'r', y.stiffness_secant, "1", "stiffness in effect, relative to nominal" ORDER),
@@ -51,37 +51,51 @@ const fmu_info fmu_about = {
 
 void model_codes(fmu_code_row *row, void *to)
 {
-  static const char reasons[] = "estimate.cx_front_reason, estimate.cy_front_reason, estimate.cy_rear_reason, estimate.grip_reason";
   static const struct {
     int32_t code;
-    const char *table, *name;
+    const char *type, *name, *text;
   } rows[] = {
     /* table: estimator_codes */
-    { 0, "estimate.status", "TSE_OK" },
-    { 1, "estimate.status", "TSE_W_NOT_VALID" },
-    { 2, "estimate.status", "TSE_W_STARTING" },
-    { 3, "estimate.status", "TSE_W_MISSING_CHANNEL" },
-    { 4, "estimate.status", "TSE_W_HELD" },
-    { 5, "estimate.status", "TSE_W_PREDICTED" },
-    { 6, "estimate.status", "TSE_W_GAP" },
-    { 7, "estimate.status", "TSE_W_RECOVERED" },
-    { 8, "estimate.status", "TSE_W_WAITING" },
-    { 9, "estimate.status", "TSE_W_RANGE" },
-    { 10, "estimate.status", "TSE_W_IMPLAUSIBLE" },
-    { 0, reasons, "valid" },
-    { 1, reasons, "starting" },
-    { 2, reasons, "not excited" },
-    { 3, reasons, "uncertain" },
-    { 4, reasons, "diverging" },
-    { 5, reasons, "held" },
-    { 6, reasons, "input invalid" },
-    { 7, reasons, "parameters uncertain" },
-    { 8, reasons, "does not fit" },
-    { 9, reasons, "implausible" },
+    { 0, "Status", "TSE_OK", "ok" },
+    { 1, "Status", "TSE_W_NOT_VALID", "at least one stiffness is not valid; its reason says why" },
+    { 2, "Status", "TSE_W_STARTING", "too little seen since the start; spread and validity are not settled" },
+    { 3, "Status", "TSE_W_MISSING_CHANNEL", "a measurement was missing; the others were used" },
+    { 4, "Status", "TSE_W_HELD", "standstill, low speed, reverse or large steering angle: nothing is learnt of the stiffness" },
+    { 5, "Status", "TSE_W_PREDICTED", "no measurement, or inputs missing: predicted only" },
+    { 6, "Status", "TSE_W_GAP", "time step too long to bridge: states restarted from the sensors, what was learnt is kept" },
+    { 7, "Status", "TSE_W_RECOVERED", "the state was no finite number, by a fault of the memory or an overflow: started over" },
+    { 8, "Status", "TSE_W_WAITING", "no step: channels that are logged later are awaited; estimates of the last step, or of the start" },
+    { 9, "Status", "TSE_W_RANGE", "a number left the range of the number format: the sample was dropped" },
+    { 10, "Status", "TSE_W_IMPLAUSIBLE", "the channels contradict each other: a wrong unit, sign or axle; fault_channel says which, fault_factor how many times too large it is" },
+    { 0, "Reason", "valid", "usable" },
+    { 1, "Reason", "starting", "too little seen since the start" },
+    { 2, "Reason", "not excited", "the recent inputs do not show this stiffness" },
+    { 3, "Reason", "uncertain", "excited, but the sd of the mean is above the limit" },
+    { 4, "Reason", "diverging", "a channel is probably at fault" },
+    { 5, "Reason", "held", "standstill, low speed, reverse, large steering angle or sliding wheels: value from before" },
+    { 6, "Reason", "input invalid", "inputs or measurements are missing" },
+    { 7, "Reason", "parameters uncertain", "the parameters of the car are too uncertain (settings mass_sd to grade_sd): calibrate, or state them better" },
+    { 8, "Reason", "does not fit", "the sensors say what the model does not explain: calibrate, or look for what is missing" },
+    { 9, "Reason", "implausible", "the channels contradict each other: a wrong unit, sign or axle (fault_channel, fault_factor)" },
+    { 0, "ChangeKind", "none", "none yet" },
+    { 1, "ChangeKind", "road", "all tyres: another road" },
+    { 2, "ChangeKind", "front axle", "the tyres of the front axle" },
+    { 3, "ChangeKind", "rear axle", "the tyres of the rear axle" },
+    { 4, "ChangeKind", "started over", "all was started over" },
+    { 0, "FaultChannel", "none", "no channel is likely at fault, none is implausible" },
+    { 1, "FaultChannel", "steer_angle", "mean road-wheel angle of the front axle, positive left" },
+    { 2, "FaultChannel", "wheel_speed_front", "mean rotation rate of the front wheels, positive forward" },
+    { 3, "FaultChannel", "wheel_speed_rear", "mean rotation rate of the rear wheels, positive forward" },
+    { 4, "FaultChannel", "accel_x", "specific force at the centre of gravity, positive forward" },
+    { 5, "FaultChannel", "accel_y", "specific force at the centre of gravity, positive left" },
+    { 6, "FaultChannel", "yaw_rate", "yaw rate, positive left (counter-clockwise from above)" },
+    { 7, "FaultChannel", "ins_vel_x", "velocity along the car, of an INS or an optical sensor" },
+    { 8, "FaultChannel", "ins_vel_y", "velocity across the car, positive left" },
+    { 9, "FaultChannel", "gnss_speed", "speed over ground" },
+    { 10, "FaultChannel", "gnss_course", "direction over ground, positive left (against the clock from above), from any zero" },
     /* end of table */
   };
-  for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++)
-    row(to, rows[i].table, rows[i].code, rows[i].name, rows[i].table == reasons ? tse_reason_text(rows[i].code) : tse_status_text(rows[i].code));
+  for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++) row(to, rows[i].type, rows[i].code, rows[i].name, rows[i].text);
 }
 
 void model_init(model *m) { tse_config_default(&m->config); }

@@ -100,8 +100,36 @@ static void attribute(const char *name, const char *value)
 
 /* ---------------------------------------------------------------------------- modelDescription.xml */
 
+/* Where the enumeration types are printed: of which FMI, and the type that is open; NULL: none. */
+typedef struct enumerations {
+  int fmi;
+  const char *open;
+} enumerations;
+
+static void end_type(enumerations *e)
+{
+  if (e->open) (void)puts(e->fmi == 2 ? "    </Enumeration></SimpleType>" : "    </EnumerationType>");
+  e->open = NULL;
+}
+
+static void code_item(void *to, const char *type, int32_t code, const char *name, const char *text)
+{
+  enumerations *const e = to;
+  if (!e->open || strcmp(e->open, type) != 0) {
+    end_type(e);
+    (void)printf(e->fmi == 2 ? "    <SimpleType name=\"%s\"><Enumeration>\n" : "    <EnumerationType name=\"%s\">\n", type);
+    e->open = type;
+  }
+  (void)printf("      <Item");
+  attribute("name", name);
+  (void)printf(" value=\"%d\"", (int)code);
+  attribute("description", text);
+  (void)puts("/>");
+}
+
 static void print_units(int fmi)
 {
+  enumerations types = { fmi, NULL };
   (void)puts("  <UnitDefinitions>");
   for (size_t i = 0; i < sizeof units / sizeof units[0]; i++) {
     const unit *const u = &units[i];
@@ -129,13 +157,19 @@ static void print_units(int fmi)
     if (u->display) (void)printf(" displayUnit=\"%s\"", u->display);
     (void)puts(fmi == 2 ? "/></SimpleType>" : "/>");
   }
+  model_codes(code_item, &types);
+  end_type(&types);
   (void)puts("  </TypeDefinitions>");
 }
 
 static const char *type_name(const fmu_variable *v, int fmi)
 {
-  return v->kind == 'b' ? "Boolean" : v->kind == 'r' ? (fmi == 2 ? "Real" : "Float64")
-                                                     : (fmi == 2 ? "Integer" : "Int32");
+  switch (v->kind) {
+    case 'b': return "Boolean";
+    case 'e': return "Enumeration";
+    case 'r': return fmi == 2 ? "Real" : "Float64";
+    default: return fmi == 2 ? "Integer" : "Int32";
+  }
 }
 
 /* What FMI 2.0 says of a variable and FMI 3.0 says alike. */
@@ -156,6 +190,7 @@ static void what_it_holds(const fmu_variable *v)
     attribute("unit", u->fmi);
     if (u->display) attribute("displayUnit", u->display);
   }
+  if (v->kind == 'e') attribute("declaredType", v->unit);
   if (v->hi >= v->lo && v->kind != 'b') {
     attribute("min", number(v->lo));
     attribute("max", number(v->hi));
@@ -339,14 +374,19 @@ static void cell(const char *text)
   (void)fputs("</td>", stdout);
 }
 
-static void code_row(void *to, const char *table, int32_t code, const char *name, const char *text)
+static void code_row(void *to, const char *type, int32_t code, const char *name, const char *text)
 {
   const char **const last = to;
-  if (!*last || strcmp(*last, table) != 0) {
+  if (!*last || strcmp(*last, type) != 0) {
+    const char *between = "";
     (void)printf("%s<h3>Codes of <code>", *last ? "</table>\n" : "");
-    escaped(table);
+    for (int32_t i = 0; i < fmu_variable_count; i++) {
+      if (fmu_variables[i].kind != 'e' || strcmp(fmu_variables[i].unit, type) != 0) continue;
+      (void)printf("%s%s", between, fmu_variables[i].name);
+      between = ", ";
+    }
     (void)puts("</code></h3>\n<table class=\"codes\"><thead><tr><th>code</th><th>name</th><th>meaning</th></tr></thead>");
-    *last = table;
+    *last = type;
   }
   (void)printf("<tr><td class=\"number\">%d</td><td><code>%s</code></td>", (int)code, name);
   cell(text);

@@ -127,9 +127,11 @@ static fmi3Status none(const instance *s, size_t count, const char *function)
   }
 GET(Float64, 'r', number)
 GET(Int32, 'i', (fmi3Int32)number)
+GET(Int64, 'e', (fmi3Int64)number)
 GET(Boolean, 'b', number > 0.0)
 SET(Float64, 'r')
 SET(Int32, 'i')
+SET(Int64, 'e')
 SET(Boolean, 'b')
 
 /* Types that no variable has. */
@@ -150,7 +152,6 @@ NO_TYPE(UInt8)
 NO_TYPE(Int16)
 NO_TYPE(UInt16)
 NO_TYPE(UInt32)
-NO_TYPE(Int64)
 NO_TYPE(UInt64)
 NO_TYPE(String)
 ABSENT(fmi3GetBinary,

@@ -17,13 +17,13 @@
 /* One variable. Its value reference is its place in the table. */
 typedef struct fmu_variable {
   const char *name;    /* structured, unique: vehicle.mass                                                                */
-  char kind;           /* 'r' Real (tse_setting if a parameter, else tse_real), 'i' Integer, 'b' Boolean (both int32_t)   */
+  char kind;           /* 'r' Real (tse_setting if a parameter, else tse_real), 'i' Integer, 'b' Boolean, 'e' Enumeration (int32_t) */
   char role;           /* 'p' parameter, 'i' input, 'o' output; 't' time, which the glue has                                */
   int32_t offset;      /* of its place in `model` [bytes]                                                                 */
   int32_t rate;        /* of the place for its time derivative, which interpolates a Real input; FMU_NO_RATE: none        */
   double start;        /* parameters and inputs                                                                           */
   double lo, hi;       /* range; hi < lo where there is none. A parameter outside is refused; an input is the model's to judge */
-  const char *unit;    /* as in the tables of include/tse; "" for what has none                                           */
+  const char *unit;    /* as in the tables of include/tse; "" for what has none; of an Enumeration its type                */
   const char *text;
 } fmu_variable;
 
@@ -57,8 +57,8 @@ typedef struct fmu_info {
 } fmu_info;
 extern const fmu_info fmu_about;
 
-/* A table of codes, for the documentation: called once per row. */
-typedef void fmu_code_row(void *to, const char *table, int32_t code, const char *name, const char *text);
+/* The codes of enumeration types, one type after the other: called once per code. */
+typedef void fmu_code_row(void *to, const char *type, int32_t code, const char *name, const char *text);
 void model_codes(fmu_code_row *row, void *to);
 
 typedef enum fmu_result {

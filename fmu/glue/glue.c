@@ -143,7 +143,18 @@ int glue_counted(const instance *s, size_t values, size_t wanted, const char *fu
 
 static const char *kind_name(const instance *s, char kind)
 {
-  return kind == 'r' ? s->api->real : (kind == 'i' ? s->api->integer : s->api->boolean);
+  switch (kind) {
+    case 'r': return s->api->real;
+    case 'i': return s->api->integer;
+    case 'e': return "Enumeration";
+    default: return s->api->boolean;
+  }
+}
+
+/* FMI 2.0 has no functions for enumerations: those of Integer read them. */
+static int is_of_kind(const instance *s, const fmu_variable *v, char kind)
+{
+  return v->kind == kind || (!s->api->extended && v->kind == 'e' && kind == 'i');
 }
 
 int glue_known(const instance *s, const uint32_t vr[], size_t nvr, char kind, const char *type, const char *function, size_t *values)
@@ -154,7 +165,7 @@ int glue_known(const instance *s, const uint32_t vr[], size_t nvr, char kind, co
     const fmu_variable *const v = glue_variable(s, vr[i]);
     if (!v)
       (void)snprintf(text, sizeof text, "unknown value reference %lu", (unsigned long)vr[i]);
-    else if (v->kind != kind)
+    else if (!is_of_kind(s, v, kind))
       (void)snprintf(text, sizeof text, "value reference %lu, %s, is of type %s, not %s", (unsigned long)vr[i], v->name,
                      kind_name(s, v->kind), type);
     else {

@@ -4,7 +4,7 @@
  *
  *   BINARY      the shared library inside the FMU: binaries/linux64/X.so, binaries/win64/X.dll ...
  *   GUID        as in modelDescription.xml; of FMI 3.0 the instantiation token
- *   INPUT.csv   header: time,r3,r4,i6 ...    type (r Real or Float64, i Integer or Int32, b Boolean) and value reference of what each
+ *   INPUT.csv   header: time,r3,r4,i6 ...    type (r Real or Float64, i Integer or Int32, b Boolean, e Enumeration) and value reference of what each
  *               column sets. One row per step: set, fmi2DoStep(time, to the time of the next row; the last step is as long as the one before).
  *               An empty cell of a Real is NaN, of others: not set.
  *   OUTPUT.csv  header: time,status,r50,i60 ...    then per row its time, the fmi2Status of its step, the values after it
@@ -61,7 +61,7 @@ FUNCTIONS2(X)
 #if defined(CLIENT_FMI3)
 #define FUNCTIONS3(X)                                                                                                             \
   X(InstantiateCoSimulation) X(FreeInstance) X(EnterInitializationMode) X(ExitInitializationMode) X(Terminate) X(GetFloat64)      \
-  X(GetInt32) X(GetBoolean) X(SetFloat64) X(SetInt32) X(SetBoolean) X(DoStep) X(GetFMUState) X(SetFMUState) X(FreeFMUState)       \
+  X(GetInt32) X(GetInt64) X(GetBoolean) X(SetFloat64) X(SetInt32) X(SetBoolean) X(DoStep) X(GetFMUState) X(SetFMUState) X(FreeFMUState)       \
   X(SerializedFMUStateSize) X(SerializeFMUState) X(DeserializeFMUState)
 #define X(name) static fmi3##name##TYPE *three##name;
 FUNCTIONS3(X)
@@ -152,6 +152,18 @@ static fmi2Status leave(void *c) { return BY_VERSION(threeExitInitializationMode
 static fmi2Status terminate(void *c) { return BY_VERSION(threeTerminate(c), twoTerminate(c)); }
 static fmi2Status get_real(void *c, unsigned vr, double *value) { return BY_VERSION(threeGetFloat64(c, &vr, 1, value, 1), twoGetReal(c, &vr, 1, value)); }
 static fmi2Status get_integer(void *c, unsigned vr, int *value) { return BY_VERSION(threeGetInt32(c, &vr, 1, value, 1), twoGetInteger(c, &vr, 1, value)); }
+static fmi2Status get_enumeration(void *c, unsigned vr, int *value)
+{
+#if defined(CLIENT_FMI3)
+  if (is_3) {
+    fmi3Int64 code = 0;
+    const fmi2Status status = (fmi2Status)threeGetInt64(c, &vr, 1, &code, 1);
+    *value = (int)code;
+    return status;
+  }
+#endif
+  return twoGetInteger(c, &vr, 1, value);
+}
 static fmi2Status get_boolean(void *c, unsigned vr, int *value)
 {
 #if defined(CLIENT_FMI3)
@@ -218,7 +230,7 @@ static column column_of(const char *text)
   char *end;
   c.type = text[0];
   c.vr = (fmi2ValueReference)strtoul(text + (text[0] != 0), &end, 10);
-  if (!strchr("rib", c.type) || !c.type || end == text + 1 || (*end && !strchr(",=\r\n", *end)))
+  if (!strchr("ribe", c.type) || !c.type || end == text + 1 || (*end && !strchr(",=\r\n", *end)))
     stop("not a variable such as r12", text);
   return c;
 }
@@ -282,8 +294,8 @@ static void print(FILE *to, void *c, column v)
   if (v.type == 'r') {
     need(get_real(c, v.vr, &r), "a Real");
     print_bits(to, r);
-  } else if (v.type == 'i') {
-    need(get_integer(c, v.vr, &i), "an Integer");
+  } else if (v.type == 'i' || v.type == 'e') {
+    need(v.type == 'i' ? get_integer(c, v.vr, &i) : get_enumeration(c, v.vr, &i), v.type == 'i' ? "an Integer" : "an Enumeration");
     (void)fprintf(to, "%d", i);
   } else {
     need(get_boolean(c, v.vr, &b), "a Boolean");
@@ -298,10 +310,11 @@ static void try_all(void *c)
   for (fmi2ValueReference vr = 0; output_count < MOST; vr++) {
     double r;
     int i, b;
-    const char type = get_real(c, vr, &r) == fmi2OK      ? 'r'
-                      : get_integer(c, vr, &i) == fmi2OK ? 'i'
-                      : get_boolean(c, vr, &b) == fmi2OK ? 'b'
-                                                         : 0;
+    const char type = get_real(c, vr, &r) == fmi2OK          ? 'r'
+                      : get_integer(c, vr, &i) == fmi2OK     ? 'i'
+                      : get_boolean(c, vr, &b) == fmi2OK     ? 'b'
+                      : get_enumeration(c, vr, &i) == fmi2OK ? 'e'
+                                                             : 0;
     if (!type) break;
     outputs[output_count].type = type;
     outputs[output_count++].vr = vr;

@@ -81,8 +81,10 @@ class Unit:
         self.guid, self.identifier = self.description.guid, self.description.coSimulation.modelIdentifier
 
     def code(self, name: str) -> str:
-        """A variable as tests/fmu/client.c takes it: r12."""
+        """A variable as tests/fmu/client.c takes it: r12. Of FMI 2.0 the functions of Integer read an Enumeration."""
         v = self.variables[name]
+        if v.type == "Enumeration" and self.description.fmiVersion.startswith("2"):
+            return f"i{v.valueReference}"
         return f"{'r' if v.type == 'Float64' else v.type[0].lower()}{v.valueReference}"
 
     @property
@@ -125,7 +127,8 @@ class Instance:
             modelIdentifier=of.identifier,
             instanceName=name,
         )
-        self._of_type = {"Real": ("setReal", "getReal"), "Integer": ("setInteger", "getInteger"),
+        whole = ("setInteger", "getInteger")
+        self._of_type = {"Real": ("setReal", "getReal"), "Integer": whole, "Enumeration": whole,
                          "Boolean": ("setBoolean", "getBoolean")}  # fmt: skip
         self.slave.instantiate(callbacks=self._callbacks, loggingOn=logging)
         self.open = True

@@ -93,7 +93,7 @@ def variables(built: Path, model: str) -> set[str]:
 @pytest.mark.parametrize("model", MODELS)
 def test_every_variable_is_listed_and_what_the_text_names_exists(built, model):
     text = page(built, model)
-    listed = re.findall(r"<tr><td><code>([\w.<>]+)</code></td><td>(?:Real|Integer|Boolean)</td>", text)
+    listed = re.findall(r"<tr><td><code>([\w.<>]+)</code></td><td>(?:Real|Integer|Boolean|Enumeration)</td>", text)
     assert {name.replace("<wbr>", "") for name in listed} == variables(built, model)
     names = set().union(*(variables(built, m) for m in MODELS))
     groups = "vehicle|uncertainty|sensors|latency|filter|simulation|estimate|sensor|true|drawn"

@@ -43,7 +43,8 @@ from tselab.fmu.validate import validate
 if not headers("3").is_dir():
     pytest.skip("scripts/setup.sh has not put the FMI 3.0 headers into .venv/share", allow_module_level=True)
 
-TYPES = {"Real": "Float64", "Integer": "Int32", "Boolean": "Boolean"}
+TYPES = {"Real": "Float64", "Integer": "Int32", "Boolean": "Boolean", "Enumeration": "Enumeration"}
+FUNCTIONS = {"Float64": "Float64", "Int32": "Int32", "Boolean": "Boolean", "Enumeration": "Int64"}  # by type
 STIFFNESS = ("cx_front", "cy_front", "cy_rear")
 
 
@@ -86,12 +87,12 @@ class Instance3:
     def get(self, names: list[str]) -> dict[str, Any]:
         """Values by name; those of an array as a list."""
         found = {}
-        for kind in ("Float64", "Int32", "Boolean"):
+        for kind, function in FUNCTIONS.items():
             group = [self.unit.variables[n] for n in names if self.unit.variables[n].type == kind]
             if not group:
                 continue
             counts = [v.shape[0] if v.dimensions else 0 for v in group]
-            values = getattr(self.slave, f"get{kind}")(
+            values = getattr(self.slave, f"get{function}")(
                 [v.valueReference for v in group], nValues=sum(n or 1 for n in counts)
             )
             for v, n in zip(group, counts, strict=True):
@@ -126,6 +127,7 @@ def test_every_variable_of_2_is_there_with_name_reference_and_all_that_is_said_o
         )
         assert {a: getattr(v, a) for a in said} == {a: getattr(old, a) for a in said}
         assert v.type == TYPES[old.type] and not v.dimensions
+        assert (v.declaredType and v.declaredType.name) == (old.declaredType and old.declaredType.name)
     more = [v for n, v in new.variables.items() if n not in two.variables]
     assert [v.valueReference for v in new.description.modelVariables] == list(range(len(new.variables)))
     assert more[-1].name == "time" and more[-1].causality == "independent" and more[-1].unit == "s"
@@ -184,7 +186,7 @@ def test_the_page_speaks_of_this_version(name: str) -> None:
     text = (three(name).folder / "documentation" / "index.html").read_text(encoding="utf-8")
     assert "FMI 3.0" in text and "fmi3DoStep" in text and "fmi2" not in text and three(name).guid in text
     assert not re.search(r"@\w+@|<!--/?[23]-->", text)
-    listed = re.findall(r"<tr><td><code>([\w.<>]+)</code></td><td>(?:Float64|Int32|Boolean)", text)
+    listed = re.findall(r"<tr><td><code>([\w.<>]+)</code></td><td>(?:Float64|Int32|Boolean|Enumeration)", text)
     assert {n.replace("<wbr>", "") for n in listed} == set(three(name).variables)
 
 

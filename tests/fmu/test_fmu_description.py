@@ -13,7 +13,7 @@ import pytest
 from fmpy.validation import validate_fmu
 from fmu_support import ESTIMATOR, GOLDEN, VEHICLE, Unit, build, unit
 
-from tselab.core import CONFIG, OUTPUT, SIM_CONFIG, SIM_INPUT, SIM_OUTPUT, Field, library
+from tselab.core import CONFIG, OUTPUT, REASON, SIM_CONFIG, SIM_INPUT, SIM_OUTPUT, STATUS, Field, library
 
 NAMESPACE = uuid.UUID("7d1b2f04-6f52-4e0b-9d0d-2f1b1d6c0e57")  # of fmu/stage.cmake
 UNITS = {
@@ -140,10 +140,36 @@ def test_inputs_of_the_vehicle_are_those_of_the_simulator(vehicle: Unit) -> None
         agree(v, rows[name], start=True)
 
 
+def test_codes_are_enumerations_with_the_names_and_meanings_of_the_library(estimator: Unit) -> None:
+    """Of FMI 2.0; test_fmi3.py compares the types of 3.0 with these."""
+    types = {
+        t.name: {int(i.value): (i.name, i.description) for i in t.items} for t in estimator.description.typeDefinitions
+    }
+    reasons, statuses = library().codes(REASON), library().codes(STATUS)
+    assert types["Reason"] == {code: (f.name, f.text) for code, f in reasons.items()}
+    assert types["Status"] == {code: (f.name, f.text) for code, f in statuses.items() if code >= 0}
+    faults = [*library().channels, *(f for f in library().optional if not f.name.startswith(("brake", "wheel_torque")))]
+    assert types["FaultChannel"] == {
+        0: types["FaultChannel"][0],
+        **{i: (f.name, f.text) for i, f in enumerate(faults, 1)},
+    }
+    assert [name for name, _ in types["ChangeKind"].values()] == [
+        "none",
+        "road",
+        "front axle",
+        "rear axle",
+        "started over",
+    ]
+    coded = {v.name: v.declaredType.name for v in estimator.description.modelVariables if v.type == "Enumeration"}
+    reasoned = {f"estimate.{q}_reason": "Reason" for q in ("cx_front", "cy_front", "cy_rear", "grip")}
+    rest = {"estimate.status": "Status", "estimate.change_kind": "ChangeKind", "estimate.fault_channel": "FaultChannel"}
+    assert coded == reasoned | rest
+
+
 def test_every_output_of_the_core_is_an_output_with_its_unit(estimator: Unit, vehicle: Unit) -> None:
     for f in library().fields(OUTPUT):
         if f.name.endswith("_valid"):
-            for name, kind in ((f.name, "Boolean"), (f.name.removesuffix("_valid") + "_reason", "Integer")):
+            for name, kind in ((f.name, "Boolean"), (f.name.removesuffix("_valid") + "_reason", "Enumeration")):
                 assert estimator.variables[f"estimate.{name}"].type == kind
         elif f.name.endswith("spread_seen"):
             assert estimator.variables[f"estimate.{f.name}"].type == "Boolean"

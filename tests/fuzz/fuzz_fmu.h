@@ -93,7 +93,7 @@ static inline fmi2Status set_one(fmi2Component c, bytes *b, uint32_t which)
   const double x = take_value(b, v);
   const fmi2Integer k = x > -2147483648.0 && x < 2147483647.0 ? (fmi2Integer)x : 0;
   const fmi2Boolean flag = k > 0;
-  return v->kind == 'r' ? fmi2SetReal(c, &vr, 1, &x) : v->kind == 'i' ? fmi2SetInteger(c, &vr, 1, &k)
+  return v->kind == 'r' ? fmi2SetReal(c, &vr, 1, &x) : v->kind != 'b' ? fmi2SetInteger(c, &vr, 1, &k)
                                                                       : fmi2SetBoolean(c, &vr, 1, &flag);
 }
 

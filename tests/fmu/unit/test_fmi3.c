@@ -39,12 +39,16 @@ static double number3(fmi3Instance c, fmi3ValueReference vr, char kind)
 {
   double real = 0;
   fmi3Int32 integer = 0;
+  fmi3Int64 code = 0;
   fmi3Boolean flag = fmi3False;
   if (kind == 'r') OK3(fmi3GetFloat64(c, &vr, 1, &real, 1));
   else if (kind == 'i') OK3(fmi3GetInt32(c, &vr, 1, &integer, 1));
+  else if (kind == 'e') OK3(fmi3GetInt64(c, &vr, 1, &code, 1));
   else OK3(fmi3GetBoolean(c, &vr, 1, &flag, 1));
-  return kind == 'r' ? real : kind == 'i' ? (double)integer
-                                          : (double)flag;
+  return kind == 'r'   ? real
+         : kind == 'i' ? (double)integer
+         : kind == 'e' ? (double)code
+                       : (double)flag;
 }
 
 static double number2(fmi2Component c, fmi2ValueReference vr, char kind)
@@ -53,10 +57,10 @@ static double number2(fmi2Component c, fmi2ValueReference vr, char kind)
   fmi2Integer integer = 0;
   fmi2Boolean flag = 0;
   if (kind == 'r') OK(fmi2GetReal(c, &vr, 1, &real));
-  else if (kind == 'i') OK(fmi2GetInteger(c, &vr, 1, &integer));
-  else OK(fmi2GetBoolean(c, &vr, 1, &flag));
-  return kind == 'r' ? real : kind == 'i' ? (double)integer
-                                          : (double)flag;
+  else if (kind == 'b') OK(fmi2GetBoolean(c, &vr, 1, &flag));
+  else OK(fmi2GetInteger(c, &vr, 1, &integer));
+  return kind == 'r' ? real : kind == 'b' ? (double)flag
+                                          : (double)integer;
 }
 
 /* Compares bits: two NaN are the same. */
@@ -191,12 +195,12 @@ static void test_an_array_is_the_outputs_that_it_is_made_of(void)
     const fmi3ValueReference vr = (fmi3ValueReference)(fmu_variable_count + k);
     const int32_t size = a->of.kind == 'r' ? (int32_t)sizeof(tse_real) : (int32_t)sizeof(int32_t);
     double real[16];
-    fmi3Int32 integer[16];
+    fmi3Int64 code[16];
     fmi3Boolean flag[16];
     TEST_ASSERT_TRUE(a->count > 1 && a->count <= 16);
     const size_t count = (size_t)a->count;
     if (a->of.kind == 'r') OK3(fmi3GetFloat64(c, &vr, 1, real, count));
-    else if (a->of.kind == 'i') OK3(fmi3GetInt32(c, &vr, 1, integer, count));
+    else if (a->of.kind == 'e') OK3(fmi3GetInt64(c, &vr, 1, code, count));
     else OK3(fmi3GetBoolean(c, &vr, 1, flag, count));
     for (int32_t e = 0; e < a->count; e++) {
       int32_t i = 0;
@@ -204,7 +208,7 @@ static void test_an_array_is_the_outputs_that_it_is_made_of(void)
                                         fmu_variables[i].offset != a->of.offset + e * size)) i++;
       TEST_ASSERT_TRUE_MESSAGE(i < fmu_variable_count, a->of.name);
       TEST_ASSERT_EQUAL_STRING_MESSAGE(a->of.unit, fmu_variables[i].unit, a->of.name);
-      expect_same_number(number3(c, (fmi3ValueReference)i, a->of.kind), a->of.kind == 'r' ? real[e] : a->of.kind == 'i' ? (double)integer[e]
+      expect_same_number(number3(c, (fmi3ValueReference)i, a->of.kind), a->of.kind == 'r' ? real[e] : a->of.kind == 'e' ? (double)code[e]
                                                                                                                         : (double)flag[e],
                          a->of.name);
     }

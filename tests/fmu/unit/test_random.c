@@ -41,8 +41,8 @@ static fmi2Status set_any(fmi2Component c)
   const fmi2Integer k = x > -2147483648.0 && x < 2147483647.0 ? (fmi2Integer)x : 0;
   const fmi2Boolean b = k > 0;
   return v->kind == 'r'   ? fmi2SetReal(c, &vr, 1, &x)
-         : v->kind == 'i' ? fmi2SetInteger(c, &vr, 1, &k)
-                          : fmi2SetBoolean(c, &vr, 1, &b);
+         : v->kind == 'b' ? fmi2SetBoolean(c, &vr, 1, &b)
+                          : fmi2SetInteger(c, &vr, 1, &k);
 }
 
 static fmi2Status set_any_inputs(fmi2Component c)
@@ -67,8 +67,8 @@ static fmi2Status get_all(fmi2Component c)
     fmi2Boolean b;
     const char kind = fmu_variables[i].kind;
     const fmi2Status status = kind == 'r'   ? fmi2GetReal(c, &vr, 1, &r)
-                              : kind == 'i' ? fmi2GetInteger(c, &vr, 1, &k)
-                                            : fmi2GetBoolean(c, &vr, 1, &b);
+                              : kind == 'b' ? fmi2GetBoolean(c, &vr, 1, &b)
+                                            : fmi2GetInteger(c, &vr, 1, &k);
     if (status != fmi2OK) return status;
   }
   return fmi2OK;
