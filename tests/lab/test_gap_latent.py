@@ -13,7 +13,6 @@ from gap_logs import DRIVES, STIFFNESS, candidate, car
 from tselab.core import Config, Replay
 from tselab.gap.data import BLOCK, blocks, prepare
 from tselab.gap.drives import prepared
-from tselab.gap.export import pictures
 from tselab.gap.fit import fit
 from tselab.gap.localise import latent as lt
 from tselab.gap.localise import where
@@ -281,22 +280,3 @@ def test_signals_know_nothing_of_what_was_measured(steered):
     for name, x in lt.signals(problem, values).items():
         np.testing.assert_array_equal(x, before[name])
         assert np.isfinite(x).all()
-
-
-def test_figure_says_what_is_missing_with_units(steered):
-    problem, found, signals, _ = steered
-    explained = lt.best_explaining(problem, found, signals)
-    figure = pictures.disturbance_figure(problem, found, explained)
-    assert figure.layout.yaxis.title.text == "front axle [N]"
-    assert figure.layout.xaxis.title.text == "time [s]"
-    assert figure.layout.xaxis2.title.text == f"{explained[0].name} [m/s rad]"
-    names = [t.name for t in figure.data]
-    assert names == ["± 2 sd", "what is missing", "blocks of 40 ms, all logs", "mean and quartiles"]
-    band, line = figure.data[0], figure.data[1]
-    n = len(line.y)
-    np.testing.assert_allclose(0.5 * (band.y[:n] + band.y[n:][::-1]), line.y)
-    assert (
-        pictures.disturbance_figure(problem, found, []).layout.annotations[1].text
-        == "follows no quantity more than chance does"
-    )
-    assert pictures.disturbance_figure(problem, replace(found, value=np.full_like(found.value, np.nan)), []) is None

@@ -17,7 +17,6 @@ from tselab.gap.check import check
 from tselab.gap.data import prepare
 from tselab.gap.drives import library, prepared
 from tselab.gap.export import gain
-from tselab.gap.localise.cross import SOURCES, Blocks, responses
 from tselab.gap.problem import Problem
 from tselab.gap.selftest import selftest
 from tselab.log import read_log
@@ -212,28 +211,3 @@ def test_proof_by_fmu_is_bit_for_bit(folder, vehicle, monkeypatch, change, text)
 
     monkeypatch.setattr(gain, "by_fmu", fmu)
     assert text in gain.prove(Path("Estimator.fmu"), log, config)
-
-
-# ---- cross plots
-
-
-def test_response_is_that_of_a_known_filter(vehicle):
-    """A yaw rate that follows the steering with a first-order lag of 0.1 s and gain 4."""
-    from scipy.signal import cont2discrete, lfilter
-
-    config = Config(read_vehicle(vehicle).values)
-    problem = Problem(prepared(next(c for c in library(config) if c.name == DRIVES["sweep"]), config), config)
-    steer = problem.quantity("steer_angle")
-    b, a, _ = cont2discrete(([4.0], [0.1, 1.0]), 0.04, "bilinear")
-    n = int(problem.rows.of("yaw_rate").sum())
-    x = np.zeros(len(steer))
-    for c in ("accel_y", "yaw_rate"):
-        mine = problem.rows.of(c)
-        x[mine] = lfilter(np.ravel(b), a, steer[mine])
-    found = responses([Blocks(problem, 0, dict.fromkeys(SOURCES, x))])
-    r = next(r for r in found if r.channel == "yaw_rate")
-    warped = 2 / 0.04 * np.tan(np.pi * r.frequency * 0.04)
-    truth = 4.0 / (1 + 0.1j * warped)
-    assert n > 500 and r.frequency[-1] > 2.0
-    np.testing.assert_allclose(r.gain["measured"], np.abs(truth), rtol=0.08)
-    np.testing.assert_allclose(r.phase["after"], np.degrees(np.angle(truth)), atol=6)

@@ -148,20 +148,6 @@ TABLE: tuple[Constant, ...] = (
         ("LEAST_SECONDS", 2.0, "s", "of a manoeuvre that are enough"),
         ("LEAST_JUMPS", 3, "1", "steps of brake and throttle that are enough"),
     ),
-    *_rows(
-        "gap.localise.cross",
-        ("QUIET", 0.4, "s", "quasi-steady for so long"),
-        ("STEER_RATE", 0.03, "rad/s", "slower is quasi-steady"),
-        ("ACCEL_RATE", 1.5, "m/s3", "slower is quasi-steady"),
-        ("LEAST_ACCEL", 0.4, "m/s2", "below it the gain is noise over noise"),
-        ("SPEED_BAND", 5.0, "m/s", "a curve for each"),
-        ("ACCEL_BIN", 0.5, "m/s2", "a point of a curve for each"),
-        ("FEWEST", 8, "blocks", "in a bin"),
-        ("SEGMENT", 128, "blocks", "5.12 s, a line every 0.2 Hz"),
-        ("HIGHEST", 4.0, "Hz", "of the response"),
-        ("COHERENT", 0.7, "1", "of measured yaw rate and steering; below it nothing is excited"),
-        ("EXCITED", 0.003, "1", "of the steering's strongest line; weaker ones are what the window leaks"),
-    ),
     # ---- infer: what is known before any log
     *_rows(
         "gap.infer.hypotheses",

@@ -19,9 +19,7 @@ from tselab.gap.catalogue import catalogue
 from tselab.gap.data import CHANNELS
 from tselab.gap.export import pictures
 from tselab.gap.export.gain import Gain
-from tselab.gap.infer.hypotheses import threshold
 from tselab.gap.infer.show import Change
-from tselab.gap.localise.cross import SOURCES, Blocks
 from tselab.gap.workflow import Result
 from tselab.report import packed
 from tselab.verdict import NAMES
@@ -46,38 +44,15 @@ class Shown:
 def write_report(path: Path, shown: Shown) -> None:
     """Write the report of a run."""
     result, table = shown.result, shown.table
-    problem, naming = result.problem, result.naming
-    state = drive_state(shown)
-    blocks = log_blocks(shown)
-    wheelbase = problem.config.lf + problem.config.lr
-    response = pictures.response_figure(blocks)
+    naming = result.naming
     claim = "" if naming.named else " Nothing was added: after is as before."
-    ranked = pictures.ranking(naming.ranking, [n.effect.id for n in naming.named], threshold(len(catalogue())))
-    sections: list[tuple[str, str, go.Figure | None]] = [
+    sections: list[tuple[str, str, go.Figure]] = [
         ("The gap before and after", "1 is what the sensors' noise alone leaves. Bars: rms over the whole of the logs; "
          f"intervals: of the change, pairs of 2 s blocks resampled.{claim}", pictures.gap_bars(shown.parts)),
         ("Measured and simulated", "The simulation has the sensor biases of its log. Choose the log from the list; click "
          "a name to hide it.",
          pictures.overlay(table)),
-        ("Where they disagree: driving state", "Rms of the residual over the noise, by speed and lateral acceleration; empty: "
-         "not driven.", pictures.maps(table, state)),
-        ("Where they disagree: time", "Second by second; * marks held-out logs.", pictures.over_time(table)),
-        ("Which effect", "Every effect alone, in a linearisation before any is named, with its prior. Blue: named in the end. A "
-         "decoy can rank high here and be superfluous once the right one is in.", ranked if naming.ranking else None),
-        ("Where it enters", "A drifting disturbance is put at each place in turn; the place that explains accel_y and yaw_rate "
-         "best is where something acts that the plain model does not have.", pictures.entry_points(result.entries)),
-        ("What is left, as a disturbance", "What the names do not explain, put where it explains accel_y and yaw_rate best (or "
-         "into accel_x), and the signed quantity that it follows in logs that were left out.",
-         pictures.disturbance_figure(problem, result.latent, result.follows) if result.latent is not None else None),
-        ("Handling, quasi-steady", "Yaw-rate gain, and steering angle beyond what a slow car needs, over lateral acceleration; "
-         "medians of calm samples, one line style and symbol per 5 m/s of speed.", pictures.handling_figure(blocks, wheelbase)),
-        ("Response to the steering" + (f": {response[1]}" if response else ""), "Gain and phase at the frequencies that the "
-         "steering excites (Welch, coherence above 0.7).", response[0] if response else None),
-        ("The estimator's stiffness, log by log", "One car on one road has one stiffness: what remains of differences between logs "
-         "is error of the model or of the road. Dotted: the vehicle file.",
-         pictures.stiffness_figure(shown.gain, problem.config) if shown.gain else None),
     ]  # fmt: skip
-    drawn = [(t, x, f) for t, x, f in sections if f is not None]
     loader = jinja2.PackageLoader("tselab")
     environment = jinja2.Environment(loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True)
     page = environment.get_template("gap.html.j2").render(
@@ -120,9 +95,9 @@ def write_report(path: Path, shown: Shown) -> None:
         proof=shown.proof,
         held=bool(result.held_out),
         sections=[
-            {"id": f"plot{i}", "title": t, "text": x, "height": f.layout.height} for i, (t, x, f) in enumerate(drawn)
+            {"id": f"plot{i}", "title": t, "text": x, "height": f.layout.height} for i, (t, x, f) in enumerate(sections)
         ],
-        figures=packed("[" + ",".join(f.to_json() for _, _, f in drawn) + "]"),
+        figures=packed("[" + ",".join(f.to_json() for _, _, f in sections) + "]"),
         plotly=packed(plotly.offline.get_plotlyjs()),
         facts=facts(shown),
         library=library(),
@@ -130,28 +105,6 @@ def write_report(path: Path, shown: Shown) -> None:
     )
     with atomic(path) as file:
         file.write(page)
-
-
-def drive_state(shown: Shown) -> pd.DataFrame:
-    """Speed and simulated lateral acceleration of every row of the table."""
-    values = shown.result.naming.baseline.values
-    parts = [p for p in (shown.result.problem, shown.result.held) if p is not None]
-    found = [p.channels(values, ("vel_x", "accel_y")) for p in parts]
-    return pd.DataFrame(
-        {"speed": np.concatenate([f["vel_x"] for f in found]), "accel_y": np.concatenate([f["accel_y"] for f in found])}
-    )
-
-
-def log_blocks(shown: Shown) -> list[Blocks]:
-    """Fitted and held-out logs as the cross plots take them."""
-    blocks = []
-    for part, problem in (("fit", shown.result.problem), ("held_out", shown.result.held)):
-        if problem is None:
-            continue
-        mine = shown.table[(shown.table["part"] == part).to_numpy()]
-        predicted = {s: mine["measured" if s == "measured" else f"predicted_{s}"].to_numpy() for s in SOURCES}
-        blocks += [Blocks(problem, i, predicted) for i in range(len(problem.logs))]
-    return blocks
 
 
 def effect_rows(result: Result) -> list[dict]:

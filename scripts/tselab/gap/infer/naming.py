@@ -79,7 +79,6 @@ class Naming:
     named: list[Named]
     besides: list[Named]  # shown by the held-out logs alone
     closed: float  # share of the gap
-    ranking: list[dict]  # every effect alone, before any is named: id, nats
     possible: list[dict]  # not named: id, probability, why it is not
     sets: list[dict]  # the most probable ones: ids, probability
     converged: bool
@@ -146,7 +145,7 @@ def name(
     closed = 1.0 - excess(problem, last.residuals) / full if full > 0 else 0.0
     return Naming(
         baseline, last, named, besides, closed,
-        [{"id": h.id, "nats": g} for g, h in first.screened], possible, probability.sets(), final.converged,
+        possible, probability.sets(), final.converged,
     )  # fmt: skip
 
 

@@ -79,7 +79,6 @@ class Search:
     jobs: int = 1
     say: Callable[[str], None] = lambda _: None
     known: dict[frozenset[str], Judged] = field(default_factory=dict)
-    screened: list[tuple[float, Hypothesis]] = field(default_factory=list)  # alone, best first
 
     def __post_init__(self) -> None:
         self.nothing: list[np.ndarray] = []  # residuals without any effect
@@ -128,8 +127,6 @@ class Search:
         there, behind = best, 0
         while len(there.effects) < MOST_EFFECTS and behind <= AHEAD:
             found = screen(self.layout, there, [h for h in self.asked if h.id not in there.ids])
-            if not self.screened:
-                self.screened = [(g, h) for g, h, _ in found]
             promising = [f for f in found[:REFIT] if f[0] >= -FAR]
             ask = [(there.ids | {h.id}, there.values | start, there) for _, h, start in promising]
             self.say(f"effect {len(there.effects) + 1}: trying {', '.join(h.id for _, h, _ in promising)}")
