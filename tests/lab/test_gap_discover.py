@@ -18,8 +18,8 @@ from tselab.gap import stages
 from tselab.gap.data import prepare
 from tselab.gap.fit import fit, gap
 from tselab.gap.infer.formula import search, symbolic, terms
-from tselab.gap.infer.formula.respond import responses, signals
 from tselab.gap.problem import STIFFNESS, Problem
+from tselab.gap.respond import responses, signals
 from tselab.log import read_log
 from tselab.vehicle import read_vehicle
 

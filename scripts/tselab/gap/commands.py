@@ -113,7 +113,7 @@ def run(**given: Any) -> int:
     DIR/vehicle_improved.toml  stiffness and effects: for tselab estimate and simulate
     DIR/effects.h              the same for C: sets a tse_config
     DIR/formula.toml           a formula for what no effect of the catalogue explains, if one was found; tse_formula.h: in C
-    DIR/residuals.parquet      before and after, every block of 40 ms; what is left as a disturbance
+    DIR/residuals.parquet      before and after, every block of 40 ms
     DIR/gap.png                the picture (with matplotlib)
 
     \b

@@ -113,15 +113,7 @@ TABLE: tuple[Constant, ...] = (
         ("FEWEST_WINDOWS", 20, "1", "fewer do not show a channel's conditions"),
         ("MOST_FOLLOWED", 0.5, "1",
          "a road does not know of the steering wheel: of a bank, no more of the variance goes with the car's own turning"),
-        ("TIMES", (0.1, 0.6, 4.0), "s", "time constants of the disturbance that are tried"),
-        ("SIZES", (0.5, 2.0, 8.0, 32.0), "1", "of it that are tried, in units that alone would make a residual of one"),
-    ),
-    *_rows(
-        "gap.localise.latent",
-        ("BIAS", 100.0, "1", "sd of a sensor's bias in units of a block's noise: as good as unknown"),
-        ("FACTORS", (0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0), "1", "of an entry's size that are tried: where's are four times apart"),
-        ("BINS", 12, "1", "quantile bins of a quantity that a disturbance may follow"),
-        ("MOST", 8, "1", "explanations that are listed"),
+        ("HAT", 10, "blocks", "between two values of a disturbance, which is linear between them"),
     ),
     *_rows(
         "gap.localise.remainder",

@@ -21,7 +21,7 @@ from tselab.seal import seal
 # Modules whose dataclasses may be in a stage; nothing else is ever made from a file.
 MODULES = (
     "tselab.core", "tselab.formula", "tselab.gap.catalogue", "tselab.gap.data", "tselab.gap.fit", "tselab.gap.localise.where",
-    "tselab.gap.localise.latent", "tselab.gap.infer.naming", "tselab.gap.infer.show", "tselab.gap.infer.formula.search",
+    "tselab.gap.infer.naming", "tselab.gap.infer.show", "tselab.gap.infer.formula.search",
 )  # fmt: skip
 MOST_BYTES = 4 << 30  # of a stage, unpacked
 

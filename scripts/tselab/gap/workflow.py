@@ -31,7 +31,7 @@ from tselab.gap.infer.formula.search import NOISE_LIMIT, Discovery
 from tselab.gap.infer.hypotheses import NAME_AT
 from tselab.gap.infer.naming import Named
 from tselab.gap.infer.rivals import explained
-from tselab.gap.localise import latent, remainder, where
+from tselab.gap.localise import remainder, where
 from tselab.gap.problem import STIFFNESS, Problem
 from tselab.gap.stages import stage
 from tselab.log import MEASURES, Log, Reading, files_of, read_log
@@ -59,8 +59,6 @@ class Result:
     detectable: list[detect.Detectable]
     notes: list[str] = field(default_factory=list)
     discovery: Discovery | None = None  # a formula for what the names leave; None: nothing is left, or nobody asked
-    latent: latent.Latent | None = None  # what the names leave, as a disturbance
-    follows: list[latent.Explained] = field(default_factory=list)  # and what it follows
     rivals: list[dict[str, Any]] = field(default_factory=list)  # names, formulas, both: how likely
     problem: Problem | None = None  # what was fitted
     held: Problem | None = None  # what was not
@@ -95,7 +93,6 @@ class Result:
             "sets": self.naming.sets,
             "formula": self._formula_as_json(),
             "rivals": self.rivals,
-            "follows": [{"quantity": e.name, "share": e.share, "chance": e.chance} for e in self.follows],
             "where": [
                 {
                     "channel": c.channel,
@@ -295,15 +292,18 @@ def run(
         raise UserError("; ".join(n for p in this.prepared for n in p.notes) or "no log can be compared")
     say("fitting stiffness and biases")
     baseline: Fit = this.stage("baseline", lambda: fit(problem, STIFFNESS, {}))
-    say("where do they disagree?")
-    conditions, entries = this.stage(
-        "where",
-        lambda: (where.conditions(problem, baseline.residuals, baseline.values), where.entries(problem, baseline)),
-    )
     held = this.problem("held_out", this.held) if this.held else None
     held = held if held is not None and held.logs else None
 
     part = _searched(this, problem, baseline, held)
+    say("where do they disagree?")
+    conditions, entries = this.stage(
+        "where",
+        lambda: (
+            where.conditions(problem, baseline.residuals, baseline.values),
+            where.entries(part.problem, part.baseline),
+        ),
+    )
     naming = _named(this, part)
     say("what is left?")
     noisier = remainder.noisier(part.problem, naming.final.residuals, NOISE_LIMIT)
@@ -316,7 +316,6 @@ def run(
         weighed = _on_all(this, problem, baseline, weighed)
 
     left = what_is_left(problem, weighed.last.values, weighed.last.residuals, noisier)
-    missing, follows = _disturbance(this, problem, weighed.naming, entries, noisier)
     changes: dict[str, show.Change] = {}
     elsewhere: list[remainder.Remainder] = []
     if held is not None:
@@ -338,10 +337,9 @@ def run(
         changes,
         this.notes,
         weighed.discovery,
-        follows,
         elsewhere,
     )
-    result.problem, result.held, result.latent, result.rivals = problem, held, missing, weighed.rivals
+    result.problem, result.held, result.rivals = problem, held, weighed.rivals
     result.read = [("fit", x) for x in this.logs] + [("held_out", x) for x in this.held]
     return result
 
@@ -403,16 +401,6 @@ def _on_all(this: Run, problem: Problem, baseline: Fit, found: Weighed) -> Weigh
     return Weighed(naming, discovery, found.rivals)
 
 
-def _disturbance(
-    this: Run, problem: Problem, naming: name.Naming, entries: list[where.Entry], noisier: dict[str, float]
-) -> tuple[latent.Latent | None, list[latent.Explained]]:
-    """What the names that stand leave, if it is more than noise."""
-    remains = more_than_noise(what_is_left(problem, naming.final.values, naming.final.residuals, noisier))
-    if not remains:
-        return None, []
-    return this.stage("latent", lambda: disturbance(problem, naming, entries, remains))
-
-
 def leaves_something(held: Problem | None, naming: name.Naming) -> bool:
     """Whether names that explain the fitted logs leave more than noise of those that were held out: a patchwork may."""
     if held is None or not naming.named:
@@ -450,17 +438,6 @@ def more_than_noise(left: list[remainder.Remainder]) -> list[remainder.Remainder
     return [r for r in left if r.kind != "noise"]
 
 
-def disturbance(
-    problem: Problem, naming: name.Naming, entries: list[where.Entry], remains: list[remainder.Remainder]
-) -> tuple[latent.Latent, list[latent.Explained]]:
-    """What the names leave, as a disturbance where it acts, and the signed quantities that it follows."""
-    lateral = any(r.channel in ("accel_y", "yaw_rate") for r in remains)
-    found = (where.entries(problem, naming.final) if naming.named else entries) if lateral else []
-    entry = found[0] if found else where.Entry(latent.LONGITUDINAL, 0.0, 0.0, 1.0, "m/s2", 1.0, 0.0)
-    one = latent.latent(problem, naming.final.residuals, naming.final.values, entry)
-    return one, latent.best_explaining(problem, one, latent.signals(problem, naming.final.values))
-
-
 def disagreements(log: Log, vehicle: Vehicle) -> list[str]:
     """Wrong units and signs, which no effect of a car explains."""
     v = vehicle.values
@@ -478,7 +455,6 @@ def judge(
     changes: dict[str, show.Change],
     notes: list[str],
     discovery: Discovery | None = None,
-    follows: Sequence[latent.Explained] = (),
     elsewhere: Sequence[remainder.Remainder] = (),
 ) -> Result:
     """From what was found to a verdict. `left`: after names and formula; `elsewhere`: the same of the held-out logs."""
@@ -508,10 +484,6 @@ def judge(
             )
         if entries and entries[0].nats > 0:
             words.append(f"It acts like a disturbance at: {entries[0].place}.")
-        if follows:
-            words.append(
-                f"It follows {follows[0].name}, which explains {100 * follows[0].share:.0f} % of it in logs left out."
-            )
     else:
         verdict = "none"
         words.append(
@@ -534,7 +506,7 @@ def judge(
     undetectable = [d for d in seen if not d.visible and d.id not in alike]
     return Result(
         verdict, exit_code, words, naming, conditions, entries, left, before, after, changes, undetectable, seen, notes,
-        discovery, None, list(follows),
+        discovery,
     )  # fmt: skip
 
 

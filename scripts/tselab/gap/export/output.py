@@ -45,7 +45,7 @@ def write_all(
     improved, header = add.write(out, vehicle_path, problem, result)
     result.words.insert(0, stiffness_words(read_vehicle(improved)))
     say("residuals before and after")
-    rows = table.table(parts, before, after, {table.FIT: result.latent} if result.latent is not None else {})
+    rows = table.table(parts, before, after)
     table.write(out / RESIDUALS, rows)
     changes = {table.FIT: show.compare(problem, naming.baseline.residuals, result.final.residuals)}
     if result.held_out:

@@ -67,7 +67,7 @@ def write_report(path: Path, shown: Shown) -> None:
         numbers=number_rows(result),
         tried=tried_rows(result),
         conditions=[
-            {"words": c.words, "strength": f"{c.strength:+.2f}", "p": f"{c.p:.1g}"}
+            {"channel": c.channel, "condition": c.condition, "strength": f"{c.strength:+.2f}"}
             for c in result.conditions[:MOST_CONDITIONS]
         ],
         more_conditions=max(0, len(result.conditions) - MOST_CONDITIONS),

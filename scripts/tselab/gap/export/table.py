@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -14,13 +13,10 @@ from tselab.gap.data import CHANNELS
 from tselab.gap.infer.show import of_the_car
 from tselab.gap.problem import Problem
 
-if TYPE_CHECKING:
-    from tselab.gap.localise.latent import Latent
-
 FIT, HELD_OUT = "fit", "held_out"
 COLUMNS = (
     "part", "log", "channel", "time", "block", "measured", "predicted_before", "predicted_after", "residual_before",
-    "residual_after", "noise", "disturbance", "disturbance_sd",
+    "residual_after", "noise",
 )  # fmt: skip
 
 
@@ -28,11 +24,9 @@ def table(
     parts: Mapping[str, Problem],
     before: Mapping[str, float],
     after: Mapping[str, float],
-    missing: Mapping[str, Latent] | None = None,
 ) -> pd.DataFrame:
     """Every block of 40 ms of every log and channel. predicted_*: with the bias of the log; residual_*: measured less predicted
-    over `noise`, which is what the sensor's noise leaves of a block: 1 is nothing but noise. NaN: not measured. `missing`: by part;
-    disturbance: what the names leave, in the unit of its place, the same for all channels of a block; NaN: nothing is left."""
+    over `noise`, which is what the sensor's noise leaves of a block: 1 is nothing but noise. NaN: not measured."""
     frames = []
     for part, problem in parts.items():
         rows = problem.rows
@@ -53,9 +47,6 @@ def table(
             columns[f"predicted_{when}"] = predicted + shift
             columns[f"residual_{when}"] = np.where(problem.weight > 0, whitened, np.nan)
         columns["noise"] = np.where(problem.weight > 0, 1.0 / np.where(problem.weight > 0, problem.weight, 1.0), np.nan)
-        unseen = (missing or {}).get(part)
-        columns["disturbance"] = unseen.value if unseen is not None else np.full(len(rows.log), np.nan)
-        columns["disturbance_sd"] = unseen.sd if unseen is not None else np.full(len(rows.log), np.nan)
         frames.append(pd.DataFrame(columns))
     found = pd.concat(frames, ignore_index=True)
     for name in ("part", "log", "channel"):

@@ -20,9 +20,9 @@ from tselab.gap.data import CHANNELS
 from tselab.gap.fit import Fit, covariance, excess, fit, gap, lengths
 from tselab.gap.infer import show
 from tselab.gap.infer.formula import symbolic, terms
-from tselab.gap.infer.formula.respond import responses, signals
 from tselab.gap.infer.formula.terms import Term
 from tselab.gap.problem import Problem
+from tselab.gap.respond import responses, signals
 
 PRICE, FITTED, PER_PLACE, SEARCHED, LEAST_SHARE, LEAST_HARM, NOISE_LIMIT, MOST_STEPS, CHUNK, HALF = constants.of(
     __name__, "PRICE", "FITTED", "PER_PLACE", "SEARCHED", "LEAST_SHARE", "LEAST_HARM", "NOISE_LIMIT", "MOST_STEPS", "CHUNK", "HALF"

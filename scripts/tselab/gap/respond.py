@@ -8,10 +8,11 @@ from collections.abc import Mapping
 import numpy as np
 from scipy.linalg import expm
 
+from tselab.core import Config
 from tselab.gap.data import BLOCK, SLOWEST
 from tselab.gap.problem import Problem
-from tselab.gap.singletrack import SingleTrack
 
+ROAD = "bank"  # no place of a formula: gravity, which an accelerometer does not feel; m/s2
 SIMULATED = ("vel_x", "vel_y", "true_yaw_rate", "accel_x", "accel_y")
 
 
@@ -58,10 +59,7 @@ def responses(
     c, rows = problem.model(values), problem.rows
     change = np.zeros((len(rows.log), forms[0].shape[1]))
     for i, (s, u) in enumerate(zip(at, forms, strict=True)):
-        k = problem.stiffness(values, i)
-        along = (c.longitudinal_stiffness_front + c.longitudinal_stiffness_rear) * k["cx_front"]
-        moved = _moved(SingleTrack.of(c, k), along, s, place, u)
-        for channel, x in moved.items():
+        for channel, x in _moved(c, problem.stiffness(values, i), s, place, u).items():
             mine = (rows.log == i) & rows.of(channel)
             if mine.any():
                 change[mine] = x
@@ -72,31 +70,38 @@ def responses(
 
 
 def _moved(
-    car: SingleTrack, along: float, s: Mapping[str, np.ndarray], place: str, u: np.ndarray
+    c: Config, k: Mapping[str, float], s: Mapping[str, np.ndarray], place: str, u: np.ndarray
 ) -> dict[str, np.ndarray]:
+    """`k`: stiffness over the settings'."""
     if place in ("accel_x", "accel_y", "yaw_rate"):
         return {place: u}
-    v, m = np.maximum(s["vel_x"], SLOWEST), car.mass
+    v, m = np.maximum(s["vel_x"], SLOWEST), c.mass
     if place == "force_x":  # the wheels hold the speed: v' = u - along v/(m v)
+        along = (c.longitudinal_stiffness_front + c.longitudinal_stiffness_rear) * k["cx_front"]
         x, out = np.zeros(u.shape[1]), np.empty_like(u)
         keep = np.exp(-along / (m * v) * s["dt"])
         for n in range(len(u)):
             x = keep[n] * x + (1.0 - keep[n]) * (m * v[n] / along) * 0.5 * (u[n] + u[n - 1] if n else u[n])
             out[n] = u[n] - along / (m * v[n]) * x
         return {"accel_x": out}
-    across, turning = {
-        "front_angle": car.pushed(car.front, car.lf),
-        "rear_angle": car.pushed(car.rear, -car.lr),
+    front, rear = c.cornering_stiffness_front * k["cy_front"], c.cornering_stiffness_rear * k["cy_rear"]
+    turn, square = c.lf * front - c.lr * rear, c.lf**2 * front + c.lr**2 * rear
+    across, turning = {  # m/s2 and rad/s2 by one of u
+        "front_angle": (front / m, c.lf * front / c.yaw_inertia),
+        "rear_angle": (rear / m, -c.lr * rear / c.yaw_inertia),
         "force_y": (1.0, 0.0),
         "yaw_moment": (0.0, 1.0),
+        ROAD: (1.0, 0.0),
     }[place]
-    yv, yr = car.side(v)
+    yv, yr = -(front + rear) / (m * v), -turn / (m * v)
     a = np.zeros((len(v), 3, 3))
-    car.fill(a, v, across, turning)
+    a[:, 0, 0], a[:, 0, 1], a[:, 0, 2] = yv, yr - v, across
+    a[:, 1, 0], a[:, 1, 1], a[:, 1, 2] = -turn / (c.yaw_inertia * v), -square / (c.yaw_inertia * v), turning
     f = expm(a * s["dt"][:, None, None])  # the input is its mean over the step
+    felt = 0.0 if place == ROAD else across  # an accelerometer feels no gravity
     x, y, r = np.zeros((2, u.shape[1])), np.empty_like(u), np.empty_like(u)
     for n in range(len(u)):
         x = f[n, :2, :2] @ x + f[n, :2, 2:] * (0.5 * (u[n] + u[n - 1]) if n else u[n])
-        y[n] = yv[n] * x[0] + yr[n] * x[1] + across * u[n]
+        y[n] = yv[n] * x[0] + yr[n] * x[1] + felt * u[n]
         r[n] = x[1]
     return {"accel_y": y, "yaw_rate": r}
