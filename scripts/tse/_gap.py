@@ -55,7 +55,6 @@ class Gap(Shown):
     def plot(self) -> Any:
         """Return a figure of plotly: residuals over sensor noise by channel, before and after."""
         problem, naming = self._result.problem, self._result.naming
-        assert problem is not None
         parts = {FIT: show.compare(problem, naming.baseline.residuals, self._result.final.residuals)}
         if self._result.held_out:
             parts[HELD_OUT] = self._result.held_out
@@ -88,7 +87,7 @@ def gap(
     hold_out
         Logs that are not fitted: they show whether what was named holds beyond.
     out
-        Folder for what is written; the same call goes on from there after a stop. None: a temporary one.
+        Folder for what is written. None: a temporary one.
     jobs
         Simulations at once.
     formula
@@ -108,7 +107,7 @@ def gap(
     fitted = [_file(log, folder, f"log-{i}") for i, log in enumerate(several(logs), 1)]
     held = [_file(log, folder, f"held-out-{i}") for i, log in enumerate(hold_out, 1)]
     car = vehicle_file(vehicle, folder)
-    result = workflow.run(fitted, car, folder, held, jobs, say, formula)
+    result = workflow.run(fitted, car, held, jobs, say, formula)
     write_all(folder, result, car, jobs, None, say)
     return Gap(result, folder, keep)
 

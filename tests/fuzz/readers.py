@@ -238,34 +238,7 @@ def read_learnt(data: bytes, folder: Path) -> None:
     )
 
 
-# What a search of `tselab gap` and of `tselab calibrate` leaves: never believed unless it is what was written.
-
-
-def stage_value() -> object:
-    return {
-        "names": ["a", "b"],
-        "mean": np.arange(4.0),
-        "pairs": [(1, 2.5), ("x", None)],
-        "flags": np.array([True, False]),
-    }
-
-
-@functools.cache
-def good_stage() -> bytes:
-    from tselab.gap.stages import save
-
-    with tempfile.TemporaryDirectory() as name:
-        save(Path(name) / "s.npz", KEY, stage_value())
-        return (Path(name) / "s.npz").read_bytes()
-
-
-def read_stage(data: bytes, folder: Path) -> None:
-    from tselab.gap.stages import load
-
-    (folder / "s.npz").write_bytes(data)
-    found = load(folder / "s.npz", KEY)
-    if found is not None and repr(found[0]) != repr(stage_value()):
-        raise Broken(f"a stage that nobody wrote is believed: {found[0]!r}"[:500])
+# What a search of `tselab calibrate` leaves: never believed unless it is what was written.
 
 
 @functools.cache
@@ -406,20 +379,6 @@ def repacked(dice: random.Random, data: bytes) -> bytes:
     return file.getvalue()
 
 
-def restaged(dice: random.Random, data: bytes) -> bytes:
-    """A stage whose arrays are others, the archive in order."""
-    try:
-        with np.load(io.BytesIO(data), allow_pickle=False) as file:
-            parts = dict(file)
-        name = dice.choice(sorted(parts))
-        parts[name] = np.frombuffer(changed(dice, parts[name].tobytes(), [parts[name].tobytes()], ()), np.uint8)
-        file = io.BytesIO()
-        np.savez(file, **parts)
-        return file.getvalue()
-    except Exception:  # no stage any more
-        return data
-
-
 def read_table(data: bytes, folder: Path) -> None:
     from tselab.fmu.run import read_inputs
 
@@ -466,7 +425,6 @@ TARGETS = {
     "filter": Target(filters, read_filter, FILTER_WORDS),
     "formula": Target(formulas, read_formula, FORMULA_WORDS),
     "learnt": Target(lambda: [good_learnt()], read_learnt),
-    "stage": Target(lambda: [good_stage()], read_stage, JSON_WORDS, restaged),
     "progress": Target(lambda: [good_progress()], read_progress, JSON_WORDS),
     "runs": Target(lambda: [good_runs()], read_runs, JSON_WORDS),
     "archive": Target(archives, read_archive, XML_WORDS, repacked),

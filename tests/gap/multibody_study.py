@@ -35,7 +35,7 @@ def run(car: int) -> dict:
         if not (folder / "truth.json").exists():  # its last file
             multibody.main([str(folder), "--car", str(car), "--tyre", "physical"])
         logs, held = sorted(folder.glob("log_*.csv")), sorted(folder.glob("hold_out_*.csv"))
-        verdict = gap(logs, folder / "car.toml", folder / "out", held).as_json()
+        verdict = gap(logs, folder / "car.toml", held).as_json()
         done.write_text(
             json.dumps(finite({k: verdict[k] for k in ("effects", "formula", "gap", "verdict", "possible", "words")}))
         )

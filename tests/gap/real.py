@@ -37,7 +37,7 @@ def row(folder: Path) -> str:
             rows.to_csv(Path(name) / file, index=False)
         start, out = time.perf_counter(), Path(name) / "out"
         before = sum(os.times()[:4])
-        result = run([Path(name) / "fitted.csv"], folder / "vehicle.toml", out, [Path(name) / "held_out.csv"], JOBS)
+        result = run([Path(name) / "fitted.csv"], folder / "vehicle.toml", [Path(name) / "held_out.csv"], JOBS)
         write_all(out, result, folder / "vehicle.toml", JOBS)
         seconds, used = time.perf_counter() - start, sum(os.times()[:4]) - before
     falls = [

@@ -47,7 +47,7 @@ def run(spec_json: str) -> dict:
         folder = case.write(Path(name) / "case")
         start = time.perf_counter()
         logs, held = sorted(folder.glob("log_*.csv")), sorted(folder.glob("hold_out_*.csv"))
-        result = gap(logs, folder / "car.toml", Path(name) / "out", held)
+        result = gap(logs, folder / "car.toml", held)
         seconds = time.perf_counter() - start
     verdict = result.as_json()
     return {

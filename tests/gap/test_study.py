@@ -31,7 +31,6 @@ def found(
     result = run(
         sorted(folder.glob("log_*.csv")),
         folder / "car.toml",
-        tmp_path / "out",
         sorted(folder.glob("hold_out_*.csv")),
         jobs=2,
     )

@@ -21,7 +21,7 @@ FILES = [
 ]
 # No result depends on them: sizes of pictures, exit codes, the largest file that is read, how long a cluster may take to answer;
 # how many arguments a function takes.
-NO_CONSTANTS = {"gap.export.pictures", "gap.export.report", "gap.workflow.EXIT", "gap.stages.MOST_BYTES",
+NO_CONSTANTS = {"gap.export.pictures", "gap.export.report", "gap.workflow.EXIT",
                 "gap.infer.formula.symbolic.FUNCTIONS"}  # fmt: skip
 KEYS_ALONE = {("gap.problem", "PRIOR")}  # PROFILES, of its names
 

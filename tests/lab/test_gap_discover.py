@@ -14,7 +14,6 @@ from conftest import RAN, tselab, tselab_here
 from gap_logs import car, write_log
 from tselab.core import Config
 from tselab.formula import Number, parse, read_formula, write_formula
-from tselab.gap import stages
 from tselab.gap.data import prepare
 from tselab.gap.fit import fit, gap
 from tselab.gap.infer.formula import search, symbolic, terms
@@ -175,17 +174,6 @@ def test_a_line_over_what_the_catalogue_has_at_a_place_is_no_evolved_form() -> N
     assert not symbolic._alike(np.ones(200), x) and not symbolic._alike(
         x, np.zeros(0)
     )  # a place that the catalogue has nothing at
-
-
-def test_every_stage_of_a_run_can_be_read_again(run):
-    """Else a command that goes on after Ctrl-C would do it anew."""
-    folder, _, _ = run
-    there = sorted((folder / "out" / "stages").glob("*.npz"))
-    assert {"prepared", "naming", "formula", "latent"} <= {p.stem for p in there}
-    for path in there:
-        with np.load(path) as file:
-            key = json.loads(file["head"].tobytes())["key"]
-        assert stages.load(path, key) is not None, path.stem
 
 
 def test_the_workflow_proposes_it_and_writes_what_runs_it(run):

@@ -99,7 +99,7 @@ def test_what_is_found_in_an_excerpt_is_fitted_to_all(tmp_path):
         for k, d in enumerate(("sweep", "brakes"))
     ]
     with changed("excerpt.MOST_SECONDS", 20.0):
-        result = workflow.run(logs, vehicle, tmp_path / "out", jobs=2)
+        result = workflow.run(logs, vehicle, jobs=2)
     assert any("s that say most" in n for n in result.notes)
     (named,) = result.as_json()["effects"]
     assert named["id"] == "body_roll"
@@ -141,7 +141,7 @@ def clean(tmp_path_factory) -> Clean:
     folder = tmp_path_factory.mktemp("detect")
     vehicle = car(folder)
     log = write_log(folder / "steps.csv", vehicle, STEPS, {}, LOG_SEED, seconds=12.0)
-    result = workflow.run([log], vehicle, folder / "out")
+    result = workflow.run([log], vehicle)
     assert result.verdict == "none"
     told = json.loads(json.dumps(finite(result.as_json()), allow_nan=False))["undetectable"]
     read, _ = workflow.read([log], read_vehicle(vehicle))

@@ -53,12 +53,9 @@ def test_a_late_log_is_read_as_one_in_time(logs: dict[str, tuple[Path, Path]]) -
     assert found["in time"].late == {}
 
 
-def test_an_effect_is_named_with_its_size_when_latencies_are_told(
-    logs: dict[str, tuple[Path, Path]], tmp_path: Path
-) -> None:
+def test_an_effect_is_named_with_its_size_when_latencies_are_told(logs: dict[str, tuple[Path, Path]]) -> None:
     """As in the log that is in time; not told of them, that something is late is found, and no physics that is not there."""
-    out = {name: tmp_path / name.replace(" ", "_") for name in logs}
-    results = {name: workflow.run([log], vehicle, out[name], jobs=2) for name, (log, vehicle) in logs.items()}
+    results = {name: workflow.run([log], vehicle, jobs=2) for name, (log, vehicle) in logs.items()}
     named = {
         name: {n.effect.id: n for n in r.naming.named} if r.verdict == "named" else {} for name, r in results.items()
     }

@@ -6,10 +6,8 @@ import ctypes
 import json
 import re
 import shutil
-import signal
 import subprocess
 import sys
-import time
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,7 +15,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from conftest import COMMAND, RAN, Result, tselab
+from conftest import RAN, Result, tselab
 from gap_logs import STIFFNESS, car, write_log
 from tselab.cli import main
 from tselab.core import Config, library
@@ -147,13 +145,10 @@ def test_header_compiles_without_a_warning_and_sets_what_the_file_says(case, tmp
 
 
 def test_header_and_vehicle_are_the_same_bytes_again(case):
-    """Also: a second run takes the stages, and only those."""
     before = {f: (case.out / f).read_bytes() for f in ("effects.h", "vehicle_improved.toml", "verdict.json")}
-    made = {p: p.stat().st_mtime_ns for p in (case.out / "stages").iterdir()}
     again = tselab("gap", *case.logs, "--vehicle", case.vehicle, "--out", case.out, "--hold-out", case.held)
     assert again.code == case.done.code and again.out == case.done.out
     assert {f: (case.out / f).read_bytes() for f in before} == before
-    assert {p: p.stat().st_mtime_ns for p in (case.out / "stages").iterdir()} == made
     assert not re.search(r"\b20\d\d-|\d\d:\d\d", before["effects.h"].decode())  # no date
 
 
@@ -200,23 +195,6 @@ def test_nothing_hidden_is_exit_0(tmp_path):
     assert done.code == 0, done.out + done.err
     text = (tmp_path / "out" / "vehicle_improved.toml").read_text()
     assert "[effects" not in text and "could not have shown" in done.out
-
-
-def test_ctrl_c_keeps_the_stages_that_are_done(case, tmp_path):
-    out = tmp_path / "out"
-    run = subprocess.Popen(
-        [*COMMAND, "gap", *map(str, case.logs), "--vehicle", str(case.vehicle), "--out", str(out), "--jobs", "1"],
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # a test run in the background ignores it
-    )  # fmt: skip
-    end = time.monotonic() + 60
-    while not (out / "stages" / "where.npz").exists() and time.monotonic() < end and run.poll() is None:
-        time.sleep(0.02)
-    run.send_signal(signal.SIGINT)
-    _, err = run.communicate(timeout=60)
-    assert run.returncode == 130, err
-    assert "baseline" in err and "goes on from there" in err and "Traceback" not in err
-    assert (out / "stages" / "baseline.npz").exists() and not (out / "verdict.json").exists()
 
 
 @pytest.mark.parametrize(("args", "text"), [

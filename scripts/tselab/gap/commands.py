@@ -5,10 +5,8 @@ from __future__ import annotations
 import difflib
 import json
 import os
-import sys
 import tempfile
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -27,9 +25,7 @@ VEHICLE = click.option("--vehicle", "vehicle_path", metavar="CAR.toml", type=FIL
 JOBS = click.option("--jobs", type=click.IntRange(1, 256), default=os.cpu_count() or 1, show_default="all cores",
                     help="Simulations at once.")  # fmt: skip
 HOLD_OUT = "--hold-out"
-OUT = click.option(
-    "--out", metavar="DIR", type=FILE, required=True, help="Directory; made if needed; stages are used again."
-)
+OUT = click.option("--out", metavar="DIR", type=FILE, required=True, help="Directory; made if needed.")
 HELD = click.option(HOLD_OUT, "hold_out", metavar="LOG ...", type=FILE, multiple=True,
                     help="Logs that are not fitted: they prove what was found. All files up to the next option.")  # fmt: skip
 
@@ -118,7 +114,7 @@ def run(**given: Any) -> int:
 
     \b
     Exit code: 0 nothing is missing that these logs could show, 10 named, 11 named, but below 90 % or look-alikes cannot be
-    excluded, 20 something is missing that is not in the catalogue, 2 bad input, 130 Ctrl-C. The same command goes on after Ctrl-C.
+    excluded, 20 something is missing that is not in the catalogue, 2 bad input, 130 Ctrl-C.
     """
     return _run(**given)
 
@@ -142,8 +138,8 @@ def _run(
     _there(logs, hold_out)
     make_directory(out)
     _distinct(logs, hold_out)
-    with _stages_kept(out), saying(progress) as say:
-        result = workflow.run(logs, vehicle_path, out, hold_out, jobs, say, formula, reading)
+    with saying(progress) as say:
+        result = workflow.run(logs, vehicle_path, hold_out, jobs, say, formula, reading)
         written = write_all(out, result, vehicle_path, jobs, fmu, say)
     if as_json:
         verdict = json.loads((out / "verdict.json").read_text(encoding="utf-8"))
@@ -355,14 +351,3 @@ def _distinct(logs: tuple[Path, ...], hold_out: tuple[Path, ...]) -> None:
         if real(path) in seen:
             raise UserError(f"{path}: option --hold-out: is fitted, too, or given twice")
         seen.add(real(path))
-
-
-@contextmanager
-def _stages_kept(out: Path) -> Iterator[None]:
-    try:
-        yield
-    except KeyboardInterrupt:
-        done = sorted(p.stem for p in (out / "stages").glob("*.npz"))
-        kept = f"{out / 'stages'} keeps what is done ({', '.join(done)})" if done else "no stage was finished"
-        click.echo(f"tselab: stopped by Ctrl-C; {kept}, the same command goes on from there", err=True)
-        sys.exit(130)

@@ -64,6 +64,7 @@ class Problem:
 
     def __init__(self, logs: Sequence[Prepared], config: Config, jobs: int = 1):
         self.logs = [log for log in logs if log.stretches]
+        self.notes = [n for log in logs for n in log.notes]
         self.config = config
         self.jobs = max(1, jobs)
         self.fixed: dict[Key, float] = {}  # values that are not fitted, and not those of the settings

@@ -58,7 +58,7 @@ def selftest(
         raise UserError("; ".join(n for p in prepared for n in p.notes) or "no log can be used")
     values = typical(problem, e, size)
     made = make(problem, read, values, out, seed)
-    result = workflow.run(made, vehicle_path, out, (), jobs, say)
+    result = workflow.run(made, vehicle_path, (), jobs, say)
 
     sizes = {p.name: values[p.name] for p in e.strengths if p.name in values}
     hidden = (

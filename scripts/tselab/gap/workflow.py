@@ -1,13 +1,7 @@
-"""`tselab gap`: where, name, add, show. Each stage is a file of its own; this one runs them, keeps what is done, and says what came
-of it.
-
-A run leaves its stages in DIR/stages; one that was interrupted goes on from there when nothing it depends on has changed.
-"""
+"""`tselab gap`: where, name, add, show. This file runs them and says what came of it."""
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
@@ -16,12 +10,12 @@ from typing import Any
 import numpy as np
 
 from tselab import __version__
-from tselab.core import Config, library_path
+from tselab.core import Config
 from tselab.errors import UserError
 from tselab.formula import Formula
 from tselab.gap import optional
 from tselab.gap.catalogue import Key, catalogue
-from tselab.gap.data import Prepared, prepare_all
+from tselab.gap.data import prepare_all
 from tselab.gap.fit import Fit, fit, gap
 from tselab.gap.infer import detect, show
 from tselab.gap.infer import naming as name
@@ -33,8 +27,7 @@ from tselab.gap.infer.naming import Named
 from tselab.gap.infer.rivals import explained
 from tselab.gap.localise import remainder, where
 from tselab.gap.problem import STIFFNESS, Problem
-from tselab.gap.stages import stage
-from tselab.log import MEASURES, Log, Reading, files_of, read_log
+from tselab.log import MEASURES, Log, Reading, read_log
 from tselab.units import check_units
 from tselab.vehicle import Vehicle, fill_sensors, latency_settings, read_vehicle
 
@@ -48,6 +41,7 @@ class Result:
     verdict: str  # none, named, not_in_catalogue
     exit_code: int
     words: list[str]
+    problem: Problem  # what was fitted
     naming: name.Naming
     conditions: list[where.Condition]
     entries: list[where.Entry]
@@ -60,7 +54,6 @@ class Result:
     notes: list[str] = field(default_factory=list)
     discovery: Discovery | None = None  # a formula for what the names leave; None: nothing is left, or nobody asked
     rivals: list[dict[str, Any]] = field(default_factory=list)  # names, formulas, both: how likely
-    problem: Problem | None = None  # what was fitted
     held: Problem | None = None  # what was not
     read: list[tuple[str, Log]] = field(default_factory=list)  # part (table.py), log
 
@@ -72,14 +65,12 @@ class Result:
     @property
     def final(self) -> Fit:
         """What stands in the end: names and the formula."""
-        if self.discovery and self.discovery.fit:
-            return self.discovery.fit
-        return self.naming.final
+        return Found(self.naming, self.discovery).last
 
     @property
-    def after(self) -> dict[str, float]:
+    def after(self) -> dict[Key, float]:
         """The same as what a simulation takes."""
-        return dict(self.final.values) | (self.formula.settings() if self.formula else {})
+        return Found(self.naming, self.discovery).values
 
     def as_json(self) -> dict[str, Any]:
         """DIR/verdict.json."""
@@ -175,87 +166,9 @@ def read(paths: Sequence[Path], vehicle: Vehicle, reading: Reading | None = None
     return logs, Config(vehicle.values)
 
 
-def fingerprint(paths: Sequence[Path], config: Config, reading: Reading | None = None) -> str:
-    """Of everything that a result depends on: logs, settings, this code, the library."""
-    h = hashlib.sha256(__version__.encode())
-    here = Path(__file__).parent
-    engine = sorted((here.parent / "identify").glob("*.py"))
-    for code in (*sorted(here.rglob("*.py")), *engine, here.parent / "formula.py", library_path()):
-        h.update(code.read_bytes())
-    reading = reading or Reading()
-    h.update(repr(reading.rate).encode())
-    for p in dict.fromkeys(f for log in paths for f in (*files_of(log), *reading.files(log))):
-        h.update(p.read_bytes())
-    h.update(json.dumps(config.as_dict(), sort_keys=True).encode())
-    return h.hexdigest()
-
-
 @dataclass
-class Run:
-    """What the steps of a run share: who it is of, what was read, where it keeps what is done, what it notes besides."""
-
-    vehicle: Vehicle
-    config: Config
-    logs: list[Log]  # fitted
-    held: list[Log]
-    folder: Path  # of the stages
-    key: str
-    jobs: int
-    say: Callable[[str], None]
-    notes: list[str]
-    prepared: list[Prepared] = field(default_factory=list)  # fitted and held out, in the order in which they were
-
-    @classmethod
-    def begin(
-        cls,
-        logs: Sequence[Path],
-        vehicle_path: Path,
-        out: Path,
-        hold_out: Sequence[Path],
-        jobs: int,
-        say: Callable[[str], None],
-        reading: Reading | None = None,
-    ) -> Run:
-        """Everything is read, nothing is computed."""
-        vehicle = read_vehicle(vehicle_path)
-        say("reading the logs")
-        notes: list[str] = []
-        reading = replace(reading or Reading(), car=vehicle)
-        read_logs = read_logs_of(logs, notes, reading)
-        held = read_logs_of(hold_out, notes, reading) if hold_out else []
-        fill_sensors(vehicle, read_logs[0])
-        config = Config(vehicle.values)
-        key = fingerprint([*logs, *hold_out], config, reading)
-        return cls(vehicle, config, read_logs, held, out / "stages", key, jobs, say, notes)
-
-    def stage(self, title: str, compute: Callable[[], Any]) -> Any:
-        """What an earlier run has kept of the same things, or what is computed now."""
-        return stage(self.folder, self.key, title, compute)
-
-    def problem(self, title: str, logs: Sequence[Log]) -> Problem:
-        """Logs, smoothed and against the model. `title`: of the stage."""
-        found: list[Prepared] = self.stage(title, lambda: prepare_all(logs, self.config))
-        self.prepared += found
-        return Problem(found, self.config, self.jobs)
-
-
-@dataclass
-class Searched:
-    """What sets of effects and formulas are searched in: all logs, or of long ones the part that says most."""
-
-    problem: Problem
-    baseline: Fit
-    held: Problem | None
-
-    @property
-    def together(self) -> Problem | None:
-        """Fitted and held-out logs as one."""
-        return self.problem.of([*self.problem.logs, *self.held.logs]) if self.held is not None else None
-
-
-@dataclass
-class Weighed:
-    """Names beside formulas."""
+class Found:
+    """Names, and the formula beside them."""
 
     naming: name.Naming
     discovery: Discovery | None = None
@@ -269,136 +182,88 @@ class Weighed:
     @property
     def values(self) -> dict[Key, float]:
         """The same as what a simulation takes."""
-        if self.discovery and self.discovery.formula:
-            return self.discovery.fit.values | self.discovery.formula.settings()
-        return self.naming.final.values
+        formula = self.discovery.formula if self.discovery else None
+        return dict(self.last.values) | (formula.settings() if formula else {})
 
 
 def run(
     logs: Sequence[Path],
     vehicle_path: Path,
-    out: Path,
     hold_out: Sequence[Path] = (),
     jobs: int = 1,
     say: Callable[[str], None] = lambda _: None,
     formula: bool = False,
     reading: Reading | None = None,
 ) -> Result:
-    """All stages. Without held-out logs nothing is shown beyond the logs that were fitted. `formula`: one is sought even when the
-    names leave nothing; else where they leave something."""
-    this = Run.begin(logs, vehicle_path, out, hold_out, jobs, say, reading)
-    problem = this.problem("prepared", this.logs)
+    """Find what is missing. Without held-out logs nothing is shown beyond the logs that were fitted. `formula`: one is sought even
+    when the names leave nothing; else where they leave something."""
+    say("reading the logs")
+    vehicle, notes = read_vehicle(vehicle_path), []
+    reading = replace(reading or Reading(), car=vehicle)
+    fitted, others = (read_logs_of(paths, notes, reading) if paths else [] for paths in (logs, hold_out))
+    fill_sensors(vehicle, fitted[0])
+    config = Config(vehicle.values)
+    problem = Problem(prepare_all(fitted, config), config, jobs)
+    held = Problem(prepare_all(others, config), config, jobs) if others else None
+    said = [n for p in (problem, held) if p is not None for n in p.notes]
     if not problem.logs:
-        raise UserError("; ".join(n for p in this.prepared for n in p.notes) or "no log can be compared")
-    say("fitting stiffness and biases")
-    baseline: Fit = this.stage("baseline", lambda: fit(problem, STIFFNESS, {}))
-    held = this.problem("held_out", this.held) if this.held else None
+        raise UserError("; ".join(said) or "no log can be compared")
     held = held if held is not None and held.logs else None
-
-    part = _searched(this, problem, baseline, held)
+    say("fitting stiffness and biases")
+    baseline = few_baseline = fit(problem, STIFFNESS, {})
+    few, few_held = problem, held
+    if is_long(problem):
+        say("which stretches say most?")
+        few = excerpt(problem, baseline)
+        few_baseline = fit(few, STIFFNESS, {})
+        notes.append(f"effects are searched in the {_seconds(few):.0f} s of {_seconds(problem):.0f} s that say most")
+    if held is not None and is_long(held, HELD_SHARE):
+        few_held = excerpt(held, fit(held, STIFFNESS, {}), HELD_SHARE)
     say("where do they disagree?")
-    conditions, entries = this.stage(
-        "where",
-        lambda: (
-            where.conditions(problem, baseline.residuals, baseline.values),
-            where.entries(part.problem, part.baseline),
-        ),
-    )
-    naming = _named(this, part)
-    say("what is left?")
-    noisier = remainder.noisier(part.problem, naming.final.residuals, NOISE_LIMIT)
-    this.notes += [
-        f"{c}: its noise is {f:.2f} times that of its differences from row to row" for c, f in noisier.items()
-    ]
-    weighed = _weighed(this, part, naming, noisier, formula)
-    seen = _detectable(part, weighed.naming)
-    if part.problem is not problem:
-        weighed = _on_all(this, problem, baseline, weighed)
+    conditions = where.conditions(problem, baseline.residuals, baseline.values)
+    entries = where.entries(few, few_baseline)
 
-    left = what_is_left(problem, weighed.last.values, weighed.last.residuals, noisier)
+    together = few.of([*few.logs, *few_held.logs]) if few_held is not None else None
+    naming = name.name(few, list(catalogue().values()), say, few_baseline, together)
+    notes += said
+    notes += [f"{log.path.name}: {w}" for log in (*fitted, *others) for w in disagreements(log, vehicle)]
+    say("what is left?")
+    noisier = remainder.noisier(few, naming.final.residuals, NOISE_LIMIT)
+    notes += [f"{c}: its noise is {f:.2f} times that of its differences from row to row" for c, f in noisier.items()]
+    found = Found(naming)
+    if vehicle.formula is not None:
+        notes.append(f"the vehicle file has a formula ({vehicle.formula.id}), which was kept: no other is sought")
+    elif formula or leaves_something(few_held, naming) or what_is_left(few, naming.final, noisier):
+        discovery, naming, rivals = explained(few, few_held, naming, say)
+        found = Found(naming, discovery, rivals)
+    named = {n.effect.id for n in found.naming.named}
+    seen = detect.detectable(few, found.naming.final, [e for e in catalogue().values() if e.id not in named])
+    if few is not problem:
+        say("all logs")
+        naming = name.on_all(problem, baseline, found.naming)
+        found = replace(
+            found, naming=naming, discovery=found.discovery and search.on_all(problem, naming.final, found.discovery)
+        )
+
     changes: dict[str, show.Change] = {}
     elsewhere: list[remainder.Remainder] = []
     if held is not None:
         say("held-out logs")
-        values = show.of_the_car(held, weighed.values)
+        values = show.of_the_car(held, found.values)
         after = held.residuals(values)
-        changes = show.compare(held, held.residuals(weighed.naming.baseline.values), after)
-        elsewhere = more_than_noise(what_is_left(held, values, after, noisier))
-    this.notes += optional.words(problem.readings(weighed.naming.final.values))
-    if not weighed.naming.converged:
-        this.notes.append("the last fit has not converged: sizes may still move")
-    result = judge(
-        problem,
-        weighed.naming,
-        conditions,
-        entries,
-        left,
-        seen,
-        changes,
-        this.notes,
-        weighed.discovery,
-        elsewhere,
-    )
-    result.problem, result.held, result.rivals = problem, held, weighed.rivals
-    result.read = [("fit", x) for x in this.logs] + [("held_out", x) for x in this.held]
+        changes = show.compare(held, held.residuals(found.naming.baseline.values), after)
+        elsewhere = what_is_left(held, Fit([], values, after, np.zeros((len(after), 0))), noisier)
+    notes += optional.words(problem.readings(found.naming.final.values))
+    if not found.naming.converged:
+        notes.append("the last fit has not converged: sizes may still move")
+    left = remains_of(problem, found.last, noisier)
+    result = judge(problem, found.naming, conditions, entries, left, seen, changes, notes, found.discovery, elsewhere)
+    result.held, result.rivals = held, found.rivals
+    result.read = [("fit", x) for x in fitted] + [("held_out", x) for x in others]
     return result
 
 
 # ---- the steps of a run
-
-
-def _searched(this: Run, problem: Problem, baseline: Fit, held: Problem | None) -> Searched:
-    """Of long logs the part that says most: what is found there is fitted to all."""
-    few, few_baseline, few_held = problem, baseline, held
-    if is_long(problem):
-        this.say("which stretches say most?")
-        few = problem.of(this.stage("excerpt", lambda: excerpt(problem, baseline).logs))
-        few_baseline = this.stage("baseline_excerpt", lambda: fit(few, STIFFNESS, {}))
-        this.notes.append(
-            f"effects are searched in the {_seconds(few):.0f} s of {_seconds(problem):.0f} s that say most"
-        )
-    if held is not None and is_long(held, HELD_SHARE):
-        few_held = held.of(
-            this.stage("excerpt_held_out", lambda: excerpt(held, fit(held, STIFFNESS, {}), HELD_SHARE).logs)
-        )
-    return Searched(few, few_baseline, few_held)
-
-
-def _named(this: Run, part: Searched) -> name.Naming:
-    """Names, and what is to be noted of the logs they are from."""
-    effects, together = list(catalogue().values()), part.together
-    naming = this.stage("naming", lambda: name.name(part.problem, effects, this.say, part.baseline, together))
-    this.notes += [n for p in this.prepared for n in p.notes]
-    this.notes += [
-        f"{log.path.name}: {w}" for log in (*this.logs, *this.held) for w in disagreements(log, this.vehicle)
-    ]
-    return naming
-
-
-def _weighed(this: Run, part: Searched, naming: name.Naming, noisier: dict[str, float], formula: bool) -> Weighed:
-    """Names against formulas, where the names leave something or one is asked for."""
-    own = this.vehicle.formula
-    if own is not None:
-        this.notes.append(f"the vehicle file has a formula ({own.id}), which was kept: no other is sought")
-        return Weighed(naming)
-    remains = more_than_noise(what_is_left(part.problem, naming.final.values, naming.final.residuals, noisier))
-    if remains or formula or leaves_something(part.held, naming):
-        discovery, naming, rivals = this.stage("formula", lambda: explained(part.problem, part.held, naming, this.say))
-        return Weighed(naming, discovery, rivals)
-    return Weighed(naming)
-
-
-def _detectable(part: Searched, naming: name.Naming) -> list[detect.Detectable]:
-    """What these logs would show of the effects that have no name. Of an excerpt: more of the same shows no less."""
-    named = {n.effect.id for n in naming.named}
-    return detect.detectable(part.problem, naming.final, [e for e in catalogue().values() if e.id not in named])
-
-
-def _on_all(this: Run, problem: Problem, baseline: Fit, found: Weighed) -> Weighed:
-    """What was found in an excerpt, fitted to all logs."""
-    this.say("all logs")
-    discovery, naming = this.stage("all", lambda: on_all(problem, baseline, found.naming, found.discovery))
-    return Weighed(naming, discovery, found.rivals)
 
 
 def leaves_something(held: Problem | None, naming: name.Naming) -> bool:
@@ -408,33 +273,25 @@ def leaves_something(held: Problem | None, naming: name.Naming) -> bool:
     return max(gap(held, held.residuals(show.of_the_car(held, naming.final.values))).values()) > NOISE_LIMIT
 
 
-def on_all(
-    problem: Problem, baseline: Fit, naming: name.Naming, discovery: Discovery | None
-) -> tuple[Discovery | None, name.Naming]:
-    """What was found in an excerpt, fitted to all logs."""
-    naming = name.on_all(problem, baseline, naming)
-    return (search.on_all(problem, naming.final, discovery) if discovery else None), naming
-
-
 def _seconds(problem: Problem) -> float:
     return sum(log.seconds for log in problem.logs)
 
 
-def what_is_left(
-    problem: Problem, values: Mapping[Key, float], residuals: np.ndarray, noisier: Mapping[str, float]
-) -> list[remainder.Remainder]:
-    """Of every channel, after a fit."""
-    features = {k: x for k, x in where.features(problem, values).items() if k != "time"}
+def remains_of(problem: Problem, last: Fit, noisier: Mapping[str, float]) -> list[remainder.Remainder]:
+    """What is left of every channel after a fit. `noisier`: channels of which it is noise."""
+    features = {k: x for k, x in where.features(problem, last.values).items() if k != "time"}
     return [
-        r
-        if r.channel not in noisier
-        else remainder.Remainder(r.channel, r.gap, "noise", 0.0, (), None, f"{r.channel}: noise only")
-        for r in remainder.remainder(problem, residuals, features, NOISE_LIMIT)
+        replace(r, kind="noise", words=f"{r.channel}: noise only") if r.channel in noisier else r
+        for r in remainder.remainder(problem, last.residuals, features, NOISE_LIMIT)
     ]
 
 
+def what_is_left(problem: Problem, last: Fit, noisier: Mapping[str, float]) -> list[remainder.Remainder]:
+    """The same, of channels where it is more than the sensors' own."""
+    return more_than_noise(remains_of(problem, last, noisier))
+
+
 def more_than_noise(left: list[remainder.Remainder]) -> list[remainder.Remainder]:
-    """Of what is left what is more than the sensors' own."""
     return [r for r in left if r.kind != "noise"]
 
 
@@ -505,7 +362,7 @@ def judge(
     alike = {i for n in naming.named for i in n.look_alikes}  # of these the logs show one, and do not say which
     undetectable = [d for d in seen if not d.visible and d.id not in alike]
     return Result(
-        verdict, exit_code, words, naming, conditions, entries, left, before, after, changes, undetectable, seen, notes,
+        verdict, exit_code, words, problem, naming, conditions, entries, left, before, after, changes, undetectable, seen, notes,
         discovery,
     )  # fmt: skip
 
@@ -525,11 +382,11 @@ def _as_json(n: Named) -> dict[str, Any]:
     }
 
 
-def sensors(problem: Problem | None, naming: name.Naming) -> list[dict[str, Any]]:
+def sensors(problem: Problem, naming: name.Naming) -> list[dict[str, Any]]:
     """How late channels are logged beyond what the vehicle file says, and a low pass that is none of the steering's: of names that
     are no effects of the catalogue."""
     late = [n for n in naming.named if n.message]
-    if problem is None or not late:
+    if not late:
         return []
     found, given = name.settings(problem, naming.final.values), problem.config
     settings = [k for k in latency_settings().values() if k in found and found[k] != getattr(given, k)]

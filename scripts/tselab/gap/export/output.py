@@ -38,7 +38,6 @@ def write_all(
 ) -> Written:
     """Add and Show."""
     problem, naming = result.problem, result.naming
-    assert problem is not None
     before, after = naming.baseline.values, result.after
     parts = {table.FIT: problem} | ({table.HELD_OUT: result.held} if result.held is not None else {})
     say("writing the improved vehicle")
