@@ -128,18 +128,3 @@ def test_what_is_said_of_a_formula_is_what_is_proposed(monkeypatch):
     assert last is found and not names.named
     assert [r["formula"] for r in shown] == [None, "k*x"]  # the likelier first
     assert sum(r["probability"] for r in shown) == pytest.approx(1.0)
-
-
-def test_what_looks_like_a_name_is_tried_beside_it_and_so_is_what_was_possible():
-    named = [
-        SimpleNamespace(
-            effect=SimpleNamespace(id="mass"), probability=0.7, look_alikes=["yaw_inertia", "accel_y_latency"]
-        )
-    ]
-    found = SimpleNamespace(
-        named=named, possible=[{"id": "relaxation", "probability": 0.4}, {"id": "mass", "probability": 0.9}]
-    )
-    assert rivals._candidates(found) == [
-        ("relaxation", 0.4),
-        ("yaw_inertia", pytest.approx(0.3)),
-    ]  # a latency is no effect

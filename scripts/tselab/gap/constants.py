@@ -205,10 +205,6 @@ TABLE: tuple[Constant, ...] = (
     ),
     *_rows(
         "gap.infer.rivals",
-        ("WORTHWHILE", 0.3, "1",
-         "of what is left, that an effect which was only possible must close to be named: about what pays for a name (5 nats) over "
-         "five minutes whose three channels count one value in an EPISODE each"),
-        ("MOST_POSSIBLE", 3, "1", "effects that were only possible and are tried, and rounds of that: every one is a fit"),
         ("OUTSIDE", 0.2, "1", "prior, that what is missing is in no catalogue"),
         ("FEWER", 1, "1", "sets of the strongest names that a formula is sought beside: every one is a search"),
     ),
@@ -250,7 +246,6 @@ TABLE: tuple[Constant, ...] = (
          "of an operation or a number: a library of some hundred forms times places times sizes is some 12 nats"),
         ("FITTED", 6, "1", "candidates that are simulated"),
         ("PER_PLACE", 3, "1", "of them at one place, most"),
-        ("SEARCHED", 2, "1", "places where a symbolic search goes on"),
         ("LEAST_SHARE", 0.15, "1", "of the gap, that a formula must close to be worth reading"),
         ("LEAST_HARM", 0.01, "1", "relative rise of a channel of the held-out logs by which it forbids a formula"),
         ("NOISE_LIMIT", 1.2, "1",
@@ -258,17 +253,6 @@ TABLE: tuple[Constant, ...] = (
         ("MOST_STEPS", 15, "1", "of a fit"),
         ("CHUNK", 64, "1", "forms that are looked at together: memory"),
         ("HALF", 0.5, "%", "quantiles between which a signal has been are those of HALF % and 100 - HALF %"),
-    ),
-    *_rows(
-        "gap.infer.formula.symbolic",
-        ("POPULATION", 120, "1", "trees of a generation"),
-        ("GENERATIONS", 10, "1", "of a search"),
-        ("CROSSING", 0.6, "1", "share of pairs that exchange a part"),
-        ("MUTATING", 0.3, "1", "share of trees that get a new part"),
-        ("TALLEST", 4, "1", "height of a tree: what fits in a program, and can be read"),
-        ("KEPT", 2, "1", "forms of a search that are simulated"),
-        ("NODE_PRICE", 4.0, "nats", "of a node: twice that of the library, for so many more are tried"),
-        ("ALIKE", 0.999, "1", "correlation with what the catalogue has at a place, from which a form is that"),
     ),
     *_rows("gap.infer.formula.terms", ("PLAYS", (0.001, 0.003, 0.01), "rad", "halves of plays of the steering that are tried")),
     # ---- export

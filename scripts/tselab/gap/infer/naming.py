@@ -19,7 +19,7 @@ from tselab.gap.fit import Fit, excess, fit
 from tselab.gap.infer import noise
 from tselab.gap.infer.hypotheses import NAME_AT, Hypothesis, hypotheses
 from tselab.gap.infer.search import Judged, Search, judge
-from tselab.gap.infer.space import Layout, raw
+from tselab.gap.infer.space import Layout
 from tselab.gap.problem import PROFILES, SIGNED_DELAYS, STIFFNESS, Problem, profile_size
 from tselab.log import DRIVES, OPTIONAL, TORQUES
 from tselab.vehicle import GRAVITY, latency_settings
@@ -187,41 +187,6 @@ def _moved(n: Named, values: dict[Key, float]) -> Named:
     """The same with other values. Intervals stay as wide: what forms are not known to is in them, and that has not changed."""
     ci95 = {k: (low + v - n.values[k], high + v - n.values[k]) for k, v in values.items() for low, high in [n.ci95[k]]}
     return replace(n, values=values, ci95=ci95, remarks=list(n.remarks))
-
-
-def with_one_more(problem: Problem, naming: Naming, effect: str, probability: float) -> Naming:
-    """The same with one effect more, that the search called possible; everything fitted anew."""
-    roads = [n for n in naming.named if profiles(naming.final.values, n.effect.id)]
-    ids = {n.effect.id for n in naming.named} - {n.effect.id for n in roads}
-    effects = [h for h in hypotheses() if h.id in ids | {effect}]
-    layout = Layout(problem)
-    judged = judge(layout, effects, of_the_car(naming.final.values), None)
-    final = as_fit(problem, judged)
-    nothing = raw(problem, naming.baseline.values)
-    # forms are known roughly, and so are sizes
-    layout.explains(layout.split(nothing), judged.space.physical(judged.x), judged.values)
-    sd, z = judge(layout, effects, judged.values, judged).sd(), float(norm.ppf(0.975))
-    if roads:
-        final = _with_roads(problem, final, [n.effect for n in roads])
-    full = excess(problem, naming.baseline.residuals)
-    named = []
-    for h in judged.effects:
-        values = {p.name: judged.values[p.name] for p in h.effect.fitted}
-        ci95 = {k: (v - z * sd[k], v + z * sd[k]) for k, v in values.items()}
-        before = next((n for n in naming.named if n.effect.id == h.id), None)
-        if before is not None:
-            named.append(replace(before, values=values, ci95=ci95))
-            continue
-        share = (excess(problem, naming.final.residuals) - excess(problem, final.residuals)) / max(full, 1e-300)
-        one = Named(h.effect, values, ci95, share, 0.0, probability, sensor=h.sensor)
-        one.remarks.append(
-            f"named for what it closes, and no formula closes more; by its evidence its probability is {100 * probability:.0f} %"
-        )
-        named.append(one)
-    closed = 1.0 - excess(problem, final.residuals) / full if full > 0 else 0.0
-    named += roads
-    possible = [p for p in naming.possible if p["id"] != effect]
-    return replace(naming, final=final, named=named, closed=closed, possible=possible)
 
 
 def on_all(problem: Problem, baseline: Fit, naming: Naming) -> Naming:

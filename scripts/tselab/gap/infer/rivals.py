@@ -1,8 +1,7 @@
 """Names, a formula, or both: what explains most for what it costs to say.
 
 Names that leave most of a gap, or close it by being many, may be a patchwork for something that the catalogue does not have. So
-what the search named stands beside the same with what it held for possible, and beside formulas for what these, fewer or none
-leave. Each of these worlds is worth
+what the search named stands beside formulas for what these, fewer or none leave. Each of these worlds is worth
 
     sum over channels of power x half its independent values x ln of how much its residuals fall  -  what it costs to say,
 
@@ -22,9 +21,8 @@ from typing import Any
 import numpy as np
 
 from tselab.gap import constants
-from tselab.gap.catalogue import catalogue
 from tselab.gap.data import BLOCK, CHANNELS
-from tselab.gap.fit import Fit, excess, lengths
+from tselab.gap.fit import Fit, lengths
 from tselab.gap.infer import naming as name
 from tselab.gap.infer import show
 from tselab.gap.infer.formula.search import NOISE_LIMIT, Discovery, discover
@@ -34,7 +32,7 @@ from tselab.gap.infer.space import EPISODE
 from tselab.gap.parallel import apart
 from tselab.gap.problem import Problem
 
-WORTHWHILE, MOST_POSSIBLE, OUTSIDE, FEWER = constants.of(__name__, "WORTHWHILE", "MOST_POSSIBLE", "OUTSIDE", "FEWER")
+OUTSIDE, FEWER = constants.of(__name__, "OUTSIDE", "FEWER")
 INSTEAD = (
     "a formula explains about as much or more for what it costs"  # why what the search named has no name in the end
 )
@@ -142,8 +140,7 @@ def explained(
         little = f"the names together close less than {100 * LEAST_CLOSED:.0f} % of the gap"
         naming = name.without(problem, naming, frozenset(), little)
     worlds, sought = Worlds(naming.baseline, problem, held), []
-    whole = [naming, *_with_possible(problem, naming, say)]
-    asked = [*whole, *_with_fewer(problem, naming)]
+    asked = [naming, *_with_fewer(problem, naming)]
 
     def formula(n: Naming) -> Discovery:
         beside = ", ".join(m.effect.id for m in n.named)
@@ -151,7 +148,7 @@ def explained(
 
     for n, found in zip(asked, apart(problem.jobs, formula, asked), strict=True):
         sought.append((n, found))
-        if any(n is w for w in whole):
+        if n is naming:
             worlds.add(n)
         if found.formula is not None:
             worlds.add(n, found)
@@ -174,35 +171,3 @@ def _with_fewer(problem: Problem, naming: Naming) -> list[Naming]:
     asked += [frozenset(n.effect.id for n in strong[: k + 1]) for k in range(FEWER)]
     whole = frozenset(n.effect.id for n in naming.named)
     return [name.without(problem, naming, kept, INSTEAD) for kept in dict.fromkeys(asked) if kept != whole]
-
-
-def _with_possible(problem: Problem, naming: Naming, say: Callable[[str], None]) -> list[Naming]:
-    """The names, and those that the search called possible, or what looks like a name, as long as one closes much of what the
-    others leave: a catalogue's effect is a cause, which a formula is not."""
-    found: list[Naming] = []
-    there = naming
-    for _ in range(MOST_POSSIBLE):
-        left = excess(problem, there.final.residuals)
-        tried = []
-        for effect, probability in _candidates(there):
-            say(f"what if it is {effect}")
-            one = name.with_one_more(problem, there, effect, probability)
-            now = excess(problem, one.final.residuals)
-            if now < (1.0 - WORTHWHILE) * left:
-                tried.append((now, one))
-        if not tried:
-            break
-        there = min(tried, key=lambda t: t[0])[1]
-        found.append(there)
-    return found
-
-
-def _candidates(naming: Naming) -> list[tuple[str, float]]:
-    """Effects that were not named and may be tried beside the names, with the probability that the search gave them: what looks
-    like a name shares that one's."""
-    named = {n.effect.id for n in naming.named}
-    found = {p["id"]: p["probability"] for p in naming.possible}
-    for n in naming.named:
-        found |= {i: max(found.get(i, 0.0), 1.0 - n.probability) for i in n.look_alikes}
-    asked = [(i, p) for i, p in found.items() if i in catalogue() and i not in named]
-    return sorted(asked, key=lambda c: -c[1])[:MOST_POSSIBLE]

@@ -19,13 +19,13 @@ from tselab.gap.catalogue import Parameter
 from tselab.gap.data import CHANNELS
 from tselab.gap.fit import Fit, covariance, excess, fit, gap, lengths
 from tselab.gap.infer import show
-from tselab.gap.infer.formula import symbolic, terms
+from tselab.gap.infer.formula import terms
 from tselab.gap.infer.formula.terms import Term
 from tselab.gap.problem import Problem
 from tselab.gap.respond import responses, signals
 
-PRICE, FITTED, PER_PLACE, SEARCHED, LEAST_SHARE, LEAST_HARM, NOISE_LIMIT, MOST_STEPS, CHUNK, HALF = constants.of(
-    __name__, "PRICE", "FITTED", "PER_PLACE", "SEARCHED", "LEAST_SHARE", "LEAST_HARM", "NOISE_LIMIT", "MOST_STEPS", "CHUNK", "HALF"
+PRICE, FITTED, PER_PLACE, LEAST_SHARE, LEAST_HARM, NOISE_LIMIT, MOST_STEPS, CHUNK, HALF = constants.of(
+    __name__, "PRICE", "FITTED", "PER_PLACE", "LEAST_SHARE", "LEAST_HARM", "NOISE_LIMIT", "MOST_STEPS", "CHUNK", "HALF"
 )  # fmt: skip
 
 
@@ -117,19 +117,16 @@ def price(parts: Sequence[Term]) -> float:
 
 
 def discover(
-    problem: Problem, last: Fit, held: Problem | None = None, say: Callable[[str], None] = lambda _: None, seed: int = 1
+    problem: Problem, last: Fit, held: Problem | None = None, say: Callable[[str], None] = lambda _: None
 ) -> Discovery:
     """The formula that explains most of what a fit leaves. `last`: of `problem`, with all that is named; `held`: logs that judge.
 
-    Cost: some ten simulations in full for each of about ten candidates; on the order of a minute for minutes of log. Seeded."""
+    Cost: some ten simulations in full for each of about ten candidates; on the order of a minute for minutes of log."""
     frame = Frame.of(problem, last)
     places = _places(problem)
     say(f"a formula: {sum(len(terms.forms(p)) for p in places)} forms at {len(places)} places")
     listed = sorted((x for p in places for x in screened(frame, p, last)), key=lambda x: -x[0])
     chosen = _diverse(listed)
-    for place in list(dict.fromkeys(p for _, p, _, _ in listed))[:SEARCHED]:
-        say(f"a formula: symbolic search at {place}")
-        chosen += symbolic.search(frame, place, [t for _, p, t, _ in listed if p == place], seed)
     tried: list[Candidate] = []
     for k, (_, place, term, coefficient) in enumerate(chosen):
         say(f"a formula: {k + 1} of {len(chosen)}, {term.text} at {place}")
