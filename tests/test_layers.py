@@ -133,7 +133,6 @@ LATE = {  # what is imported in functions, and is no package that may be missing
     ("tselab.calibrate.own", "tselab.calibrate.along"),
     ("tselab.calibrate.own", "tselab.calibrate.output"),
     ("tselab.calibrate.own", "tselab.calibrate.workflow"),
-    ("tselab.gap.export.gain", "tselab.fmu.run"),
 }
 UPWARDS = {("tse._calibrate", "tselab.calibrate.commands")}  # its words; they belong beside its result
 

@@ -108,7 +108,7 @@ def gap(
     held = [_file(log, folder, f"held-out-{i}") for i, log in enumerate(hold_out, 1)]
     car = vehicle_file(vehicle, folder)
     result = workflow.run(fitted, car, held, jobs, say, formula)
-    write_all(folder, result, car, jobs, None, say)
+    write_all(folder, result, car, jobs, say)
     return Gap(result, folder, keep)
 
 

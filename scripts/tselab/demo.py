@@ -118,7 +118,7 @@ def run_gap(out: Path, seed: int = 1, say: Callable[[str], None] = lambda _: Non
         paths[held].append(out / f"{'held_out' if held else 'log'}_{i + 1}_{name.replace('-', '_')}.csv")
         write_table(log, paths[held][-1])
     result = run(paths[False], path, paths[True], jobs, say)
-    write_all(out, result, path, jobs, None, say)
+    write_all(out, result, path, jobs, say)
     return result
 
 

@@ -32,8 +32,9 @@ SIDEWAYS, ALONG = ("cy_front", "cy_rear"), ("cx_front",)
 def run(asked: tuple[int, tuple[str, ...]]) -> dict:
     """One case."""
     from tests.gap.generator import Spec, make_cases
+    from tselab.config import make_config
     from tselab.core import NOMINAL
-    from tselab.gap.export import add, gain
+    from tselab.gap.export import add
     from tselab.gap.workflow import run as gap
     from tselab.log import read_log
     from tselab.vehicle import read_vehicle
@@ -47,7 +48,7 @@ def run(asked: tuple[int, tuple[str, ...]]) -> dict:
         improved, _ = add.write(out, folder / "car.toml", result.problem, result)
         files = {"before": read_vehicle(folder / "car.toml"), "after": read_vehicle(improved)}
         logs = [read_log(p) for p in sorted(folder.glob("hold_out_*.csv"))]
-        found = {when: _judged([(log, gain.settings(v, log)) for log in logs], true) for when, v in files.items()}
+        found = {when: _judged([(log, make_config(v, log)[0]) for log in logs], true) for when, v in files.items()}
     return {"name": case.spec.name, "named": [n.effect.id for n in result.naming.named], **found}
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -16,11 +14,10 @@ from tselab.gap.catalogue import catalogue
 from tselab.gap.check import check
 from tselab.gap.data import prepare
 from tselab.gap.drives import library, prepared
-from tselab.gap.export import gain
 from tselab.gap.problem import Problem
 from tselab.gap.selftest import selftest
 from tselab.log import read_log
-from tselab.rows import Log, average
+from tselab.rows import average
 from tselab.vehicle import read_vehicle
 
 
@@ -194,20 +191,3 @@ def test_column_in_other_units_is_not_used_and_the_log_is_not_refused(folder, ve
         tselab_here("estimate", path, "--vehicle", vehicle, "--particles", 50, "--out", folder / "kmh.est.csv").code
         in RAN
     )
-
-
-# ---- the estimator FMU
-
-
-@pytest.mark.parametrize(("change", "text"), [(0.0, "bit for bit"), (1e-12, "2 columns differ, first vel_x")])
-def test_proof_by_fmu_is_bit_for_bit(folder, vehicle, monkeypatch, change, text):
-    """What the FMU gives is compared value by value; that it gives the same is proved in test_fmu*.py."""
-    log = read_log(write_log(folder / "fmu.csv", vehicle, "steps", {}, 1, seconds=3.0))
-    config = gain.settings(read_vehicle(vehicle), log)
-
-    def fmu(path: Path, log: Log, config: Config) -> pd.DataFrame:
-        table = gain.estimate(log, config).table
-        return table.assign(vel_x=table["vel_x"] + change, n_eff=table["n_eff"] + change)
-
-    monkeypatch.setattr(gain, "by_fmu", fmu)
-    assert text in gain.prove(Path("Estimator.fmu"), log, config)

@@ -89,7 +89,6 @@ def gap() -> None:
 
 @gap.command(cls=Run, hidden=True)
 @of_a_run
-@click.option("--fmu", metavar="FILE.fmu", type=FILE, help="Also prove it with the estimator FMU, through FMPy.")
 def run(**given: Any) -> int:
     """Find where simulation and measurement disagree, name the missing effect, add it, show the gap shrink.
 
@@ -127,7 +126,6 @@ def _run(
     jobs: int,
     progress: bool | None,
     reading: Reading,
-    fmu: Path | None = None,
     formula: bool = False,
     as_json: bool = False,
 ) -> int:
@@ -140,7 +138,7 @@ def _run(
     _distinct(logs, hold_out)
     with saying(progress) as say:
         result = workflow.run(logs, vehicle_path, hold_out, jobs, say, formula, reading)
-        written = write_all(out, result, vehicle_path, jobs, fmu, say)
+        written = write_all(out, result, vehicle_path, jobs, say)
     if as_json:
         verdict = json.loads((out / "verdict.json").read_text(encoding="utf-8"))
         from tselab import results
@@ -158,8 +156,6 @@ def _run(
         click.echo(f"note: {line}", err=True)
     for line in written.gain.words():
         click.echo(line)
-    if written.proof:
-        click.echo(written.proof)
     click.echo(f"Written to {out}: {', '.join(f.name for f in written.files)}")
     return result.exit_code
 

@@ -10,17 +10,15 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
 from tselab.config import make_config
-from tselab.core import STIFFNESS, Config
-from tselab.errors import UserError
+from tselab.core import STIFFNESS
 from tselab.estimate import estimate
 from tselab.gap import constants
-from tselab.log import MEASURES, Log
+from tselab.log import Log
 from tselab.vehicle import Vehicle
 from tselab.verdict import NAMES
 
@@ -36,9 +34,6 @@ class Drive:
     evidence: tuple[float, float]  # nats per row
     valid: tuple[dict[str, float], dict[str, float]]  # share of the rows
     stiffness: tuple[dict[str, float], dict[str, float]]  # median of the valid means, N and N/rad; NaN: none
-    noise: tuple[
-        dict[str, float], dict[str, float]
-    ]  # found over the setting, median: 1 if the model explains what it sees
 
 
 @dataclass(frozen=True)
@@ -70,15 +65,14 @@ def gain(
     after: Vehicle,
     jobs: int = 1,
     say: Callable[[str], None] = lambda _: None,
-    run: Callable[[Log, Config], pd.DataFrame] = lambda log, config: estimate(log, config).table,
 ) -> Gain:
-    """`logs`: (part, name, log). `run`: the filter; another one is compared with it in proof.py."""
+    """`logs`: (part, name, log)."""
     tasks = [(part, name, log, vehicle) for part, name, log in logs for vehicle in (before, after)]
 
     def one(task: tuple[str, str, Log, Vehicle]) -> pd.DataFrame:
         _, name, log, vehicle = task
         say(f"the estimator over {name}")
-        return run(log, settings(vehicle, log))
+        return estimate(log, make_config(vehicle, log)[0]).table
 
     with ThreadPoolExecutor(max(1, jobs)) as pool:  # the library runs without Python's lock
         tables = list(pool.map(one, tasks))
@@ -94,7 +88,6 @@ def gain(
                 tuple(float(t.loc[used, "log_evidence"].mean()) if used.any() else float("nan") for t in pair),
                 tuple({k: float((t[f"{k}_valid"] == 1).mean()) for k in STIFFNESS} for t in pair),
                 tuple(_stiffness(t) for t in pair),
-                tuple({c: float(t.loc[used, f"noise_{c}"].median()) for c in MEASURES} for t in pair),
             )
         )
     rows = np.array([len(log) for _, _, log in logs], float)
@@ -103,11 +96,6 @@ def gain(
         {s: float(np.average([d.valid[k][s] for d in drives], weights=rows)) for s in STIFFNESS} for k in (0, 1)
     )
     return Gain(drives, evidence, valid, _spread(drives))
-
-
-def settings(vehicle: Vehicle, log: Log) -> Config:
-    """As `tselab estimate` has them."""
-    return make_config(vehicle, log)[0]
 
 
 def _stiffness(table: pd.DataFrame) -> dict[str, float]:
@@ -128,25 +116,3 @@ def _spread(drives: Sequence[Drive]) -> tuple[dict[str, float], dict[str, float]
             enough = len(values) >= 2
             spreads[k][key] = float(np.std(values[:, k], ddof=1) / np.mean(values[:, k])) if enough else float("nan")
     return spreads
-
-
-def by_fmu(fmu: Path, log: Log, config: Config) -> pd.DataFrame:
-    """The same by the estimator FMU, through FMPy."""
-    try:
-        from tselab.fmu import run as fmu_run
-    except ImportError:
-        raise UserError("option --fmu: this tselab cannot run FMUs") from None
-    return fmu_run.estimate(fmu, log, config).table
-
-
-def prove(fmu: Path, log: Log, config: Config) -> str:
-    """One log through the estimator FMU and through the library, in words: same bits expected."""
-    mine, theirs = estimate(log, config).table, by_fmu(fmu, log, config)
-    different = [c for c in mine if not _same(mine[c], theirs[c])] if len(mine) == len(theirs) else list(mine)
-    if not different:
-        return f"{fmu.name}: the improved vehicle gives the same estimates through FMPy, bit for bit ({len(mine)} rows)"
-    return f"{fmu.name}: through FMPy {len(different)} columns differ, first {different[0]}: is the FMU of another version?"
-
-
-def _same(a: pd.Series, b: pd.Series) -> bool:
-    return bool(((a == b) | (a.isna() & b.isna())).all())

@@ -25,7 +25,6 @@ class Written:
 
     files: list[Path]
     gain: gain.Gain
-    proof: str
 
 
 def write_all(
@@ -33,7 +32,6 @@ def write_all(
     result: Result,
     vehicle_path: Path,
     jobs: int = 1,
-    fmu: Path | None = None,
     say: Callable[[str], None] = lambda _: None,
 ) -> Written:
     """Add and Show."""
@@ -55,14 +53,10 @@ def write_all(
     for vehicle in (old, new):  # the same sensors on both sides: those of the first log where the file is silent
         fill_sensors(vehicle, read[0][2])
     gained = gain.gain(read, old, new, jobs, say)
-    proof = ""
-    if fmu is not None:
-        say("the estimator FMU")
-        proof = gain.prove(fmu, read[0][2], gain.settings(new, read[0][2]))
 
     say("report")
     named = vehicle_path.name if old.name == vehicle_path.stem else f"{old.name} ({vehicle_path.name})"
-    shown = report.Shown(result, named, rows, changes, gained, proof, [*old.filled])
+    shown = report.Shown(result, named, rows, changes, gained, [*old.filled])
     report.write_report(out / REPORT, shown)
     with atomic(out / VERDICT) as file:
         json.dump(finite(result.as_json() | {"estimator": finite(estimator(gained))}), file, indent=1, allow_nan=False)
@@ -71,7 +65,7 @@ def write_all(
     if importlib.util.find_spec("matplotlib") is not None:
         pictures.picture(out / PICTURE, rows, changes, headline(result))
         files.append(out / PICTURE)
-    return Written(files, gained, proof)
+    return Written(files, gained)
 
 
 def headline(result: Result) -> str:

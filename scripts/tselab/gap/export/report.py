@@ -37,7 +37,6 @@ class Shown:
     table: pd.DataFrame
     parts: Mapping[str, Mapping[str, Change]]
     gain: Gain | None = None
-    proof: str = ""
     notes: list[str] = field(default_factory=list)
 
 
@@ -92,7 +91,6 @@ def write_report(path: Path, shown: Shown) -> None:
             for s in naming.sets
         ],
         gain=gain_rows(shown.gain) if shown.gain else [],
-        proof=shown.proof,
         held=bool(result.held_out),
         sections=[
             {"id": f"plot{i}", "title": t, "text": x, "height": f.layout.height} for i, (t, x, f) in enumerate(sections)
