@@ -102,14 +102,8 @@ def measure() -> None:
     output(tselab, "demo", "--out", ROOT / "demo-output")
     (RESULTS / "demo.png").write_bytes((ROOT / "demo-output" / "demo.png").read_bytes())
     (RESULTS / "gap.png").write_bytes((ROOT / "demo-output" / "gap" / "gap.png").read_bytes())
-    constants()
     fmus()
     clients()
-
-
-def constants() -> None:
-    """What tselab gap decides by."""
-    (RESULTS / "gap-constants.md").write_text(output(sys.executable, "-m", "tselab.gap.constants"))
 
 
 def main() -> int:

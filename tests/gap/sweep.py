@@ -10,6 +10,7 @@ scripts/results/gap-sweep.md when all constants were asked, also of a run that w
 from __future__ import annotations
 
 import argparse
+import importlib
 import json
 import shutil
 import sys
@@ -18,7 +19,7 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
-from tests.gap.changed import BY_NAME, changed
+from tests.gap.changed import changed
 from tests.gap.runs import in_processes
 from tests.gap.study import same
 
@@ -34,16 +35,16 @@ CASES = (
 )
 # Half and twice, or what is half and twice as probable.
 VALUES: dict[str, tuple[float, float]] = {
-    "infer.hypotheses.EXPECTED": (0.5, 2.0),
-    "infer.hypotheses.SENSOR_SHARE": (0.05, 0.2),
-    "infer.hypotheses.EVERY_SHARE": (0.08, 0.3),
-    "infer.hypotheses.LARGER_SD": (0.2, 0.7),
-    "infer.space.EPISODE": (15.0, 60.0),
-    "infer.space.OWN_SD": (0.01, 0.04),
-    "infer.forms.SD": (0.025, 0.1),
-    "infer.forms.LAG": (0.015, 0.06),
-    "infer.forms.APART": (0.15, 0.6),
-    "infer.excerpt.MOST_SECONDS": (45.0, 180.0),
+    "gap.infer.hypotheses.EXPECTED": (0.5, 2.0),
+    "gap.infer.hypotheses.SENSOR_SHARE": (0.05, 0.2),
+    "gap.infer.hypotheses.EVERY_SHARE": (0.08, 0.3),
+    "gap.infer.hypotheses.LARGER_SD": (0.2, 0.7),
+    "gap.infer.space.EPISODE": (15.0, 60.0),
+    "gap.infer.space.OWN_SD": (0.01, 0.04),
+    "gap.infer.forms.SD": (0.025, 0.1),
+    "gap.infer.forms.LAG": (0.015, 0.06),
+    "gap.infer.forms.APART": (0.15, 0.6),
+    "gap.infer.excerpt.MOST_SECONDS": (45.0, 180.0),
 }
 
 
@@ -106,9 +107,14 @@ def table(constants_asked: dict[str, tuple[float, float]]) -> str:
     lines.append(row("all as they are", "", None))
     for name, values in constants_asked.items():
         for v in values:
-            label = f"`{name}` {v:g} in place of {BY_NAME[name].value:g}"
+            label = f"`{name}` {v:g} in place of {_value(name):g}"
             lines.append(row(label, name, v) if is_done(name, v) else f"| {label} | not run | |")
     return "\n".join(lines) + "\n"
+
+
+def _value(name: str) -> float:
+    module, _, key = name.rpartition(".")
+    return getattr(importlib.import_module(f"tselab.{module}"), key)
 
 
 def main() -> int:

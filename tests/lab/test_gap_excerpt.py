@@ -72,7 +72,7 @@ def long_log(tmp_path_factory):
 def test_the_part_with_the_bends_is_chosen(long_log):
     problem = Problem([prepare(long_log, Config())], Config())
     baseline = fit(problem, STIFFNESS, {})
-    with changed("excerpt.MOST_SECONDS", 60.0):
+    with changed("gap.infer.excerpt.MOST_SECONDS", 60.0):
         assert ex.is_long(problem)
         few = ex.excerpt(problem, baseline)
     log = few.logs[0]
@@ -86,7 +86,7 @@ def test_the_part_with_the_bends_is_chosen(long_log):
 
 def test_a_log_that_is_hardly_longer_is_taken_as_it_is(long_log):
     problem = Problem([prepare(long_log, Config())], Config())
-    with changed("excerpt.MOST_SECONDS", 200.0):
+    with changed("gap.infer.excerpt.MOST_SECONDS", 200.0):
         assert not ex.is_long(problem)
         assert ex.excerpt(problem, fit(problem, STIFFNESS, {})) is problem
 
@@ -98,7 +98,7 @@ def test_what_is_found_in_an_excerpt_is_fitted_to_all(tmp_path):
         write_log(tmp_path / f"{d}.csv", vehicle, d, {"body_roll_gain": 0.009}, k)
         for k, d in enumerate(("sweep", "brakes"))
     ]
-    with changed("excerpt.MOST_SECONDS", 20.0):
+    with changed("gap.infer.excerpt.MOST_SECONDS", 20.0):
         result = workflow.run(logs, vehicle, jobs=2)
     assert any("s that say most" in n for n in result.notes)
     (named,) = result.as_json()["effects"]

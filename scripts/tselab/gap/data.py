@@ -17,7 +17,6 @@ from scipy.optimize import minimize_scalar
 
 from tselab.core import NOMINAL, Config
 from tselab.errors import UserError
-from tselab.gap import constants
 from tselab.gap.simulate import simulate
 from tselab.held import fresh
 from tselab.log import COMPARED, DRIVES, MEASURES, OPTIONAL, Log
@@ -25,9 +24,16 @@ from tselab.noise import Noise, channel_noise, filled, noise_of
 from tselab.spline import smoothing_spline
 
 CHANNELS = MEASURES + tuple(OPTIONAL)
-SLOWEST, STEEPEST, BLOCK, BURN_IN, SHORTEST, LONGEST_HOLE, FLOOR, HELD, SEED = constants.of(
-    __name__, "SLOWEST", "STEEPEST", "BLOCK", "BURN_IN", "SHORTEST", "LONGEST_HOLE", "FLOOR", "HELD", "SEED"
-)  # fmt: skip
+SLOWEST = 3.0  # m/s: below it the tyre model is another one, and wheel speeds are counted too coarsely
+STEEPEST = 0.6  # rad: of road-wheel angle: beyond it the model is another one
+BLOCK = 0.04  # s: residuals are averaged over so long
+BURN_IN = 1.0  # s: of each stretch that are simulated, but not compared: the state starts unknown
+SHORTEST = 3.0  # s: shorter stretches say less than their start costs
+LONGEST_HOLE = 0.1  # s: holes in an input up to this are bridged
+# m/s, N m: no optional channel is held to be quieter
+FLOOR = {"vehicle_speed": 0.02, "wheel_torque_front": 5.0, "wheel_torque_rear": 5.0}
+HELD = 0.5  # share of values that repeat the one before above which a channel is one that is slower than the rows
+SEED = 1  # of the draw that says what the smoothing of inputs leaves
 
 
 @dataclass

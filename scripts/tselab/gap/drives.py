@@ -14,12 +14,14 @@ from scipy.integrate import cumulative_trapezoid
 from scipy.ndimage import gaussian_filter1d
 
 from tselab.core import Config, Replay
-from tselab.gap import constants
 from tselab.gap.data import BLOCK, BURN_IN, Prepared, Stretch
 from tselab.log import DRIVES, MEASURES
 from tselab.maneuvers import square, understeer_gradient
 
-STEP, DURATION, HAND, ROUNDS = constants.of(__name__, "STEP", "DURATION", "HAND", "ROUNDS")
+STEP = 0.01  # s: rows of a planned log
+DURATION = 30.0  # s: of a manoeuvre
+HAND = 0.06  # s: sd of the smoothing that makes a step one of a driver's hand
+ROUNDS = 3  # of finding wheel speeds and motion across from each other
 
 
 @dataclass(frozen=True)

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares
 
-from tselab.gap import constants
 from tselab.gap.catalogue import Effect, Key, Parameter
 from tselab.gap.data import BLOCK, CHANNELS
 from tselab.gap.problem import PROFILES, STIFFNESS, Problem
 
-MOST_LAG, TOLERANCE = constants.of(__name__, "MOST_LAG", "TOLERANCE")
+MOST_LAG = 4.0  # s: of autocorrelation that are looked at
+TOLERANCE = 0.0001  # relative change of the sum of squares at which a fit ends
 
 
 @dataclass

@@ -14,12 +14,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tselab.gap import constants
 from tselab.log import OPTIONAL, TORQUES
 
-SCALE, LATENCY, BRACED, ROUNDS, GAP, WORTH = constants.of(
-    __name__, "SCALE", "LATENCY", "BRACED", "ROUNDS", "GAP", "WORTH"
-)  # fmt: skip
+# up to here an error of scale is the sensor's, beyond it the car's: a drive torque comes from the map of an engine, a
+# brake torque from a pressure and a coefficient of friction
+SCALE = {"vehicle_speed": 0.05, "wheel_torque_front": 0.15, "wheel_torque_rear": 0.15}
+LATENCY = 0.3  # s: the same of lateness, as of a GNSS receiver
+BRACED = 1000.0  # N m: sd that is known beforehand of the torque that axles brace with
+ROUNDS = 4  # of the search for the latency: always as many, so that what is read is smooth in the parameters
+GAP = 0.06  # s: blocks further apart are of two pieces
+# 1, s: what a user should know
+WORTH = {"vehicle_speed": 0.01, "wheel_torque_front": 0.05, "wheel_torque_rear": 0.05, "latency": 0.03}
 
 
 @dataclass(frozen=True)

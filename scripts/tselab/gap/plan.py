@@ -14,7 +14,6 @@ import numpy as np
 
 from tselab.core import Config, similar
 from tselab.errors import UserError
-from tselab.gap import constants
 from tselab.gap.catalogue import Effect, Key, catalogue
 from tselab.gap.drives import Candidate, library, prepared
 from tselab.gap.fit import Fit, fit, fit_with
@@ -24,9 +23,13 @@ from tselab.gap.simulate import simulate
 from tselab.tables import text_table
 from tselab.vehicle import read_vehicle
 
-NEED, RIVAL_SHARE, NOTHING, ROUNDS, SAME, TINY, LONGEST = constants.of(
-    __name__, "NEED", "RIVAL_SHARE", "NOTHING", "ROUNDS", "SAME", "TINY", "LONGEST"
-)  # fmt: skip
+NEED = 8.0  # nats: by which two effects are separable
+RIVAL_SHARE = 0.1  # of the nats by which an effect shows: the forms of a real car are not known better
+NOTHING = 0.1  # nats: by which an effect shows: less is not excited
+ROUNDS = 4  # of polishing a fit without noise, most
+SAME = 0.02  # of the nats by which an effect shows: less is the integration's steps, and no model is that good
+TINY = 0.001  # of the noise is put on what is measured, so that a perfect fit has an end
+LONGEST = 3600.0  # s: what takes longer cannot be separated by driving
 
 
 @dataclass(frozen=True)

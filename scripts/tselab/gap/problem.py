@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tselab.core import NOMINAL, Config
-from tselab.gap import constants, optional
+from tselab.gap import optional
 from tselab.gap.catalogue import Effect, Key, Own, Parameter, of_the_car, profiles
 from tselab.gap.data import CHANNELS, Prepared, blocks
 from tselab.gap.parallel import is_copy
@@ -29,7 +29,8 @@ WITH_BIAS = MEASURES  # the other channels have none: optional.py says what they
 
 
 # Of the road, not of the car: not one number, but a profile over the distance of each log, smooth over KNOT. Columns of a replay.
-PRIOR, KNOT = constants.of(__name__, "PRIOR", "KNOT")
+PRIOR = {"grade": 0.03, "bank": 0.02}  # rad: sd of roads, of the values of their profiles
+KNOT = 40.0  # m: between two values of a profile, which is smooth over that
 PROFILES = tuple(PRIOR)
 # What is not a setting of the simulation, or is in it with a sign only: how late channels are beyond what the vehicle file says.
 LATENT = frozenset(("wheel_speed_latency", "accel_x_latency", "accel_y_latency"))

@@ -18,11 +18,17 @@ import celerite2.driver as semiseparable
 import numpy as np
 from scipy.optimize import minimize
 
-from tselab.gap import constants
-
-TIMES, TIME_SD, RANGES, SHARE, SHARE_SD, SHARES, ACTIVE_TIME, PRECISION, LEAST = constants.of(
-    __name__, "TIMES", "TIME_SD", "RANGES", "SHARE", "SHARE_SD", "SHARES", "ACTIVE_TIME", "PRECISION", "LEAST"
-)  # fmt: skip
+TIMES = (0.3, 20.0)  # s: prior medians of the two decay times
+TIME_SD = 0.7  # ln: of both
+RANGES = ((0.15, 0.6), (1.0, 200.0))  # s: the fast one is neither the white noise of blocks of 0.04 s nor a bias
+SHARE = 0.03  # prior median of the share that the model does not have
+SHARE_SD = 0.7  # ln: of it
+# its range; the least: with forty numbers a model of another car fits a log down to the noise of its sensors, at
+# numbers that are wrong by many of the sd that noise alone would leave
+SHARES = (0.02, 1.0)
+ACTIVE_TIME = 1.0  # s: over which a channel's size is taken
+PRECISION = 1e-07  # relative, of the cost: some thousandths of a nat
+LEAST = 0.001  # sd of a part over that of the residual: none
 
 
 @dataclass

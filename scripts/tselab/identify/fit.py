@@ -11,12 +11,13 @@ import numpy as np
 from scipy.linalg import cholesky, solve_triangular
 from scipy.optimize import lsq_linear
 
-from tselab.gap import constants
 from tselab.identify.discrepancy import Discrepancy, Piece, without_bias
 
-MOST_STEPS, SETTLED, SAME, MOST_REFITS, WINDOW = constants.of(
-    __name__, "MOST_STEPS", "SETTLED", "SAME", "MOST_REFITS", "WINDOW"
-)  # fmt: skip
+MOST_STEPS = 40  # of a fit
+SETTLED = 0.1  # posterior sd: a step below it ends the search
+SAME = 1.0  # nats: discrepancies that are no more likely than those before are kept, so that the search can end
+MOST_REFITS = 12  # of the discrepancies
+WINDOW = 15.0  # s: pieces that are asked separately how far they contradict each other
 
 
 class Problem(Protocol):

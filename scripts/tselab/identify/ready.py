@@ -8,12 +8,12 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from tselab.core import Config
-from tselab.gap import constants
 from tselab.gap.data import BLOCK, SLOWEST, Prepared
 from tselab.identify.unknowns import MOST_LATENCY
 from tselab.noise import filled
 
-CALM, CURVE_LENGTH = constants.of(__name__, "CALM", "CURVE_LENGTH")
+CALM = 0.15  # s: sd of the smoothing: wheels and body pitch at 1 to 2 Hz on uneven roads, a driver brakes below that
+CURVE_LENGTH = 12.0  # m: sd of the smoothing: over which a road goes from level to leaning into its curve
 
 
 def calm(log: Prepared) -> Prepared:

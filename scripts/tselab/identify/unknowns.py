@@ -12,16 +12,27 @@ from dataclasses import dataclass
 import numpy as np
 
 from tselab.core import NOMINAL, Config
-from tselab.gap import constants
 from tselab.vehicle import Vehicle
 
 MEASURED = ("accel_x", "accel_y", "yaw_rate")
 LATE = ("steer_angle", "wheel_speed_front", "wheel_speed_rear", "accel_x", "accel_y")  # behind the gyro
 LATENCY = "_latency"
 LATENCIES = {c + LATENCY: c for c in LATE}  # unknowns, and the channels that are late
-MOST_LATENCY, COMMON_SD, STIFFNESS_SD, MOST_STIFFNESS, OWN_MEAN, OWN_SD, LEAST_SD = constants.of(
-    __name__, "MOST_LATENCY", "COMMON_SD", "STIFFNESS_SD", "MOST_STIFFNESS", "OWN_MEAN", "OWN_SD", "LEAST_SD"
-)  # fmt: skip
+MOST_LATENCY = 0.2  # s: of a channel behind the gyro, or before it
+# s; 1: how late messages are, behind that of the gyro; relative: how far off radii in the file are. What is own to a
+# channel is less: axles come from one unit - and how far one is behind the other hardly shows, so that any error of
+# the model would pass for it - accelerometers from one chip, tyres from one shop
+COMMON_SD = {"": 0.0, "wheels": 0.025, "accelerometers": 0.02, "radii": 0.007}
+STIFFNESS_SD = 0.5  # ln: of the car's over the vehicle file's
+MOST_STIFFNESS = 1.8  # ln: the same, most
+# ln, ln, ln, 1: of each log: its stiffnesses over the car's - warmth, load, road - and how much of the sideways
+# acceleration in its curves the bank of the road takes over: roads are built so, and a bank left out passes for a
+# scale of accel_y and for other tyres
+OWN_MEAN = (0.0, 0.0, 0.0, 0.12)
+OWN_SD = (0.1, 0.1, 0.1, 0.05)  # ln, ln, ln, 1: of the same
+# 1, m, 1, m: is not known better, whatever the covariance says: roads lean into their curves otherwise than those of
+# the logs, steering moves with force, axles differ in relaxation
+LEAST_SD = {"lean_sd": 0.1, "trail_sd": 0.02, "gyro_scale_sd": 0.005, "relaxation_sd": 0.12}
 
 
 @dataclass(frozen=True)

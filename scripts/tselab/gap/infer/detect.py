@@ -10,14 +10,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tselab.gap import constants
 from tselab.gap.catalogue import Effect, Parameter
 from tselab.gap.fit import Fit, lengths
 from tselab.gap.infer.hypotheses import threshold
 from tselab.gap.infer.space import REACH
 from tselab.gap.problem import KNOT, PROFILES, Problem
 
-(WAVE,) = constants.of(__name__, "WAVE")
+WAVE = 400.0  # m: of a road that goes up and down, which stands for any: would it show?
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from tselab.gap import constants
 from tselab.gap.catalogue import Parameter
 from tselab.gap.data import BURN_IN, Prepared, Stretch
 from tselab.gap.fit import Fit
@@ -21,7 +20,12 @@ from tselab.gap.infer.hypotheses import Hypothesis, fit_prior, hypotheses, start
 from tselab.gap.infer.space import REACH, STIFFNESS_SD, Layout, slopes
 from tselab.gap.problem import STIFFNESS, Problem
 
-MOST_SECONDS, HELD_SHARE, PIECE, ENTRY_SD = constants.of(__name__, "MOST_SECONDS", "HELD_SHARE", "PIECE", "ENTRY_SD")
+MOST_SECONDS = 90.0  # s: of logs, in which effects are searched: what is found is fitted to all of them
+HELD_SHARE = 0.5  # of that, of held-out logs: they confirm
+PIECE = 15.0  # s: of a log that is chosen or not: a manoeuvre or two, of which BURN_IN is lost
+# noise of a block: that a piece's information counts with: models are no better known than that, and with less the
+# first pieces are sure of everything
+ENTRY_SD = 30.0
 
 
 def is_long(problem: Problem, share: float = 1.0) -> bool:

@@ -10,13 +10,19 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from tselab.gap import constants
 from tselab.gap.data import BLOCK
 from tselab.gap.problem import Problem
 
-SD, LAG, APART, RATE_TIME, FAST, ALONG, ACROSS, STEERED = constants.of(
-    __name__, "SD", "LAG", "APART", "RATE_TIME", "FAST", "ALONG", "ACROSS", "STEERED"
-)  # fmt: skip
+SD = 0.05  # shares: so well forms are known
+LAG = 0.03  # s: sd: so well is known how late an effect acts
+# sd: of how late an effect makes tyres act, so much those of one axle differ: a relaxation length is stiffness of
+# tread over carcass, and axles differ in load, pressure and tyres as their stiffness does
+APART = 0.3
+RATE_TIME = 0.1  # s: by which rates are multiplied: of motions of 1.6 Hz as large as what they are rates of
+FAST = 20.0  # m/s: of a modulator that is about 1 where a driver goes hard
+ALONG = 3.0  # m/s2: the same
+ACROSS = 4.0  # m/s2: the same
+STEERED = 0.05  # rad: the same
 RATES = ("", "'", "''")
 LATERAL = ("", " v", " |ay|", " ax", " |steer|")
 LONGITUDINAL = ("", " v", " |ax|", " ax", " |ay|")

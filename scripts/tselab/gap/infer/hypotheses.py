@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tselab.gap import constants
 from tselab.gap.catalogue import Effect, Parameter, catalogue
 from tselab.gap.problem import SIGNED_DELAYS
 
@@ -23,13 +22,19 @@ EVERY_CAR = ("body_roll", "pitch_leak", "relaxation", "longitudinal_relaxation",
 # Not asked: what a stiffness takes up at any size, altogether or but for a twentieth (aligning_moment, on the logs of two
 # generators): forms are known no better than that, so that what is left of it is what any other tyre leaves.
 ABSORBED = ("steering_compliance", "aligning_moment")
-(
-    EXPECTED, SENSOR_SHARE, EVERY_SHARE, WRONG_SIGN, SMALLER_SD, LARGER_SD, SWITCH_SD, NAME_AT, SIZE_COST,
-    MOST_LATE, LATE, OTHER_SD,
-) = constants.of(
-    __name__, "EXPECTED", "SENSOR_SHARE", "EVERY_SHARE", "WRONG_SIGN", "SMALLER_SD", "LARGER_SD", "SWITCH_SD", "NAME_AT",
-    "SIZE_COST", "MOST_LATE", "LATE", "OTHER_SD"
-)  # fmt: skip
+EXPECTED = 1.0  # how many of all other effects a car lacks before anybody has looked
+SENSOR_SHARE = 0.1  # of cars, that a given sensor error is there
+EVERY_SHARE = 0.15  # that what every car has is large enough to matter, and not in the file
+WRONG_SIGN = 0.01  # probability that an effect has the sign that its physics does not
+SMALLER_SD = 0.7  # ln: below the typical range: half and less is as good as nothing
+LARGER_SD = 0.35  # ln: above the typical range: twice has hardly a car
+SWITCH_SD = 0.15  # ln: of what is there or not
+NAME_AT = 0.9  # probability from which an effect gets a name: of 10 such names less than one is wrong
+SIZE_COST = 3.0  # nats: of a size that logs know to a percent of what is typical
+MOST_LATE = 0.1  # s: of a message behind or before another one
+# s: typical lateness of a message behind another one: bus cycles of 5 .. 20 ms, filters of 10 .. 30 Hz
+LATE = (0.003, 0.02)
+OTHER_SD = 1.0  # typical sizes: sd of the strengths besides the largest one of an effect
 
 
 def _late(name: str, title: str, channels: str) -> Effect:

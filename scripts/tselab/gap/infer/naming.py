@@ -13,7 +13,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.stats import norm
 
-from tselab.gap import constants
 from tselab.gap.catalogue import Effect, Key, catalogue, of_the_car, profiles
 from tselab.gap.fit import Fit, excess, fit
 from tselab.gap.infer import noise
@@ -33,9 +32,16 @@ EARLY = {  # delays below zero
 # is, too.
 BY_TORQUE = ("aero_drag", "rolling_resistance")
 LOW_PASS = "steering_lag"  # which a low pass of the whole IMU is, but for accel_x
-ALIKE_AT, POSSIBLE_AT, LEAST_CLOSED, ROAD_PROBABILITY, ROAD_SHARE, ROAD_HARM, MOST_KNOTS = constants.of(
-    __name__, "ALIKE_AT", "POSSIBLE_AT", "LEAST_CLOSED", "ROAD_PROBABILITY", "ROAD_SHARE", "ROAD_HARM", "MOST_KNOTS"
-)  # fmt: skip
+# share of the probability that an effect or something in its place is missing, from which that something is a look-
+# alike
+ALIKE_AT = 0.05
+POSSIBLE_AT = 0.1  # probability from which an effect without a name is given as possible
+LEAST_CLOSED = 0.05  # of what the other names leave, that a name must close, and of the gap all together
+ROAD_PROBABILITY = 0.1  # prior, that a road's profile shows
+ROAD_SHARE = 0.5  # of what is slow in its channel that a road must explain
+# nats: by which a road may make another channel worse: a road moves the car, and what moves it shows there, too
+ROAD_HARM = 3.0
+MOST_KNOTS = 600  # of a road's profile: every one is a number that is fitted
 ROAD_CHANNEL = {"grade": "accel_x", "bank": "accel_y"}
 SMALL, IDLE = "its size is negligible", "it closes next to nothing"  # why an effect is possible and has no name
 

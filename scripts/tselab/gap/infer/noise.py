@@ -12,13 +12,17 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import minimize
 
-from tselab.gap import constants
 from tselab.gap.data import BLOCK
 from tselab.identify.discrepancy import Discrepancy, Piece
 
-MEDIAN, SD, RANGES, BIAS_SD, PRECISION, APART = constants.of(
-    __name__, "MEDIAN", "SD", "RANGES", "BIAS_SD", "PRECISION", "APART"
-)  # fmt: skip
+# 1, 1, 1, s, s: of white, share, slow, fast time and slow time, prior; white and slow in units of the noise of one
+# block
+MEDIAN = (1.0, 0.002, 0.1, 0.3, 20.0)
+SD = (0.3, 1.5, 1.5, 0.7, 0.7)  # ln: of the same: a car that the model has is one of the answers
+RANGES = ((0.5, 20.0), (0.0001, 2.0), (0.001, 15.0), (0.1, 2.0), (3.0, 200.0))  # 1, 1, 1, s, s: of the same
+BIAS_SD = 300.0  # of a sensor in a log, units of the noise of one block: any
+PRECISION = 1e-05  # relative, of the cost: a tenth of a nat
+APART = 1000000.0  # s: logs that know nothing of each other
 
 
 def ln_prior(d: Discrepancy) -> float:

@@ -20,7 +20,6 @@ from typing import Any
 
 import numpy as np
 
-from tselab.gap import constants
 from tselab.gap.data import BLOCK, CHANNELS
 from tselab.gap.fit import Fit, lengths
 from tselab.gap.infer import naming as name
@@ -32,7 +31,8 @@ from tselab.gap.infer.space import EPISODE
 from tselab.gap.parallel import apart
 from tselab.gap.problem import Problem
 
-OUTSIDE, FEWER = constants.of(__name__, "OUTSIDE", "FEWER")
+OUTSIDE = 0.2  # prior, that what is missing is in no catalogue
+FEWER = 1  # sets of the strongest names that a formula is sought beside: every one is a search
 INSTEAD = (
     "a formula explains about as much or more for what it costs"  # why what the search named has no name in the end
 )

@@ -16,7 +16,6 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from tselab.gap import constants
 from tselab.gap.catalogue import Parameter, of_the_car
 from tselab.gap.infer import noise
 from tselab.gap.infer.hypotheses import Hypothesis, fit_prior, ln_normal, start_of
@@ -25,9 +24,15 @@ from tselab.gap.parallel import apart
 from tselab.identify import fit as engine
 from tselab.identify.discrepancy import Discrepancy, without_bias
 
-REFIT, SWAPS, MOST_EFFECTS, PASSES, MOST_STEPS, AHEAD, WORTH, FAR, SHARE = constants.of(
-    __name__, "REFIT", "SWAPS", "MOST_EFFECTS", "PASSES", "MOST_STEPS", "AHEAD", "WORTH", "FAR", "SHARE"
-)  # fmt: skip
+REFIT = 5  # candidates of a screening that are fitted in full
+SWAPS = 3  # candidates that are asked to stand in for an effect
+MOST_EFFECTS = 8  # of a set
+PASSES = 2  # of adding, leaving out and exchanging
+MOST_STEPS = 12  # of a fit while sets are compared
+AHEAD = 1  # effects that may come to no good before the next one does
+WORTH = 0.5  # nats: a set that is better by less is no reason to go on
+FAR = 12.0  # nats: candidates that a screening puts further behind nothing are not fitted
+SHARE = 0.5  # of what an effect is worth by the screening: what is worth less is not asked to stand in for it
 
 
 @dataclass

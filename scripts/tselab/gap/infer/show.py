@@ -7,12 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tselab.gap import catalogue, constants
+from tselab.gap import catalogue
 from tselab.gap.data import CHANNELS
 from tselab.gap.fit import fit
 from tselab.gap.problem import Problem
 
-BLOCK, DRAWS, SEED = constants.of(__name__, "BLOCK", "DRAWS", "SEED")
+BLOCK = 2.0  # s: of residuals that are resampled together
+DRAWS = 1000  # of the bootstrap
+SEED = 1  # of the bootstrap
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from tselab.gap import constants
 from tselab.gap.catalogue import Key, Own, Parameter
 from tselab.gap.data import BLOCK, CHANNELS
 from tselab.gap.infer import forms, noise
@@ -21,9 +20,18 @@ from tselab.gap.problem import STIFFNESS, WITH_BIAS, Problem
 from tselab.identify.discrepancy import Discrepancy, Piece
 from tselab.noise import smooth
 
-STIFFNESS_SD, OWN_SD, LEAST_SIZE, ACTIVE_TIME, MOST_SHARE, EPISODE, FEWEST, UNMOVED, REACH, TINY = constants.of(
-    __name__, "STIFFNESS_SD", "OWN_SD", "LEAST_SIZE", "ACTIVE_TIME", "MOST_SHARE", "EPISODE", "FEWEST", "UNMOVED", "REACH", "TINY"
-)  # fmt: skip
+STIFFNESS_SD = 0.5  # of the car's over the vehicle file's
+OWN_SD = 0.02  # of a log's over the car's: warmth, load, road of one day
+LEAST_SIZE = 1.0  # in units of noise: a channel that stands still is not known to a share of nothing
+ACTIVE_TIME = 1.0  # s: over which a channel's size is taken
+MOST_SHARE = 5.0  # of shapes, in prior sd
+# s: of a manoeuvre, all through which a wrong model is wrong in the same way: its residuals say one value of a
+# channel
+EPISODE = 30.0
+FEWEST = 3.0  # such values, also of one short log: it has its manoeuvres, too
+UNMOVED = 1.0  # sum of squares in sd, by which residuals may change before their discrepancy is found anew
+REACH = 15.0  # steps: a chord over a third of the typical size says more of an effect than its tangent at zero
+TINY = 1e-06  # sd of a share that is as good as none
 
 
 class Layout:

@@ -8,16 +8,20 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
-from tselab.gap import constants
 from tselab.gap.data import BLOCK
 from tselab.gap.problem import Problem
 
-(
-    FAST, FAST_STEER, HIGH_ACCEL, BRAKING, TURNING, STEERED, APART, JUMP, JUMP_TIME, LEAST_SECONDS, LEAST_JUMPS,
-) = constants.of(
-    __name__, "FAST", "FAST_STEER", "HIGH_ACCEL", "BRAKING", "TURNING", "STEERED", "APART", "JUMP", "JUMP_TIME",
-    "LEAST_SECONDS", "LEAST_JUMPS"
-)  # fmt: skip
+FAST = 1.5  # Hz: steering above it is the upper part of a sweep
+FAST_STEER = 0.003  # rad: rms of it that counts
+HIGH_ACCEL = 4.5  # m/s2: 99 % of |accel_y| that a log with 5 to 6 m/s2 has
+BRAKING = 1.5  # m/s2: at least, of braking in a turn
+TURNING = 1.5  # m/s2: at least, of a turn in which it is braked
+STEERED = 1.0  # m/s2: of accel_y from which it is steered
+APART = 1.5  # ratio of the faster to the slower speed at which it is steered
+JUMP = 2.0  # m/s2: within JUMP_TIME, of a step of brake or throttle
+JUMP_TIME = 0.6  # s: of such a step
+LEAST_SECONDS = 2.0  # s: of a manoeuvre that are enough
+LEAST_JUMPS = 3  # steps of brake and throttle that are enough
 
 
 @dataclass(frozen=True)

@@ -13,13 +13,17 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import lfilter
 
-from tselab.gap import constants
 from tselab.gap.data import BLOCK, CHANNELS
 from tselab.gap.problem import Problem
 
-LAGS, FOLDS, SHIFTS, RIDGE, PREDICTABLE, LOCAL, WALK, MEMORY = constants.of(
-    __name__, "LAGS", "FOLDS", "SHIFTS", "RIDGE", "PREDICTABLE", "LOCAL", "WALK", "MEMORY"
-)  # fmt: skip
+LAGS = (0, 2, 5, 10)  # blocks: of the signals that a residual may follow
+FOLDS = 5  # of the cross-validation
+SHIFTS = 39  # in a circle, by which chance is measured; the largest of 39 is 1 in 40: a p value of 0.025
+RIDGE = 30.0  # of the regression on standardised signals, in blocks
+PREDICTABLE = 0.15  # of the energy above the noise that must be predicted to be worth words
+LOCAL = 0.15  # of the time: half of the energy in less is localised
+WALK = {"accel_x": 0.005, "accel_y": 0.005, "yaw_rate": 0.0003}  # m/s2, rad/s per root s: how far MEMS biases walk
+MEMORY = 0.12  # s: cars and roads remember longer than the low pass of a sensor
 
 
 @dataclass(frozen=True)

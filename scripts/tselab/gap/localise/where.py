@@ -9,15 +9,18 @@ import numpy as np
 from scipy.stats import false_discovery_control, spearmanr
 
 from tselab.core import library
-from tselab.gap import constants
 from tselab.gap.data import BLOCK, CHANNELS
 from tselab.gap.fit import Fit
 from tselab.gap.problem import Problem
 from tselab.gap.respond import ROAD, responses, signals
 
-WINDOW, FALSE_DISCOVERIES, LEAST_CORRELATION, FEWEST_WINDOWS, MOST_FOLLOWED, HAT = constants.of(
-    __name__, "WINDOW", "FALSE_DISCOVERIES", "LEAST_CORRELATION", "FEWEST_WINDOWS", "MOST_FOLLOWED", "HAT"
-)  # fmt: skip
+WINDOW = 1.0  # s: over which the energy of a residual is taken
+FALSE_DISCOVERIES = 0.01  # share of the conditions that may be there by chance (Benjamini-Hochberg)
+LEAST_CORRELATION = 0.15  # of ranks: a condition that goes less with the energy is not worth words
+FEWEST_WINDOWS = 20  # fewer do not show a channel's conditions
+# a road does not know of the steering wheel: of a bank, no more of the variance goes with the car's own turning
+MOST_FOLLOWED = 0.5
+HAT = 10  # blocks: between two values of a disturbance, which is linear between them
 PLACES = {
     "front axle": "front_angle", "rear axle": "rear_angle", "side force": "force_y", "yaw moment": "yaw_moment",
     "road (bank)": ROAD, "sensor accel_y": "accel_y", "sensor yaw_rate": "yaw_rate",

@@ -14,7 +14,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from tselab.formula import Formula, FormulaError
-from tselab.gap import constants
 from tselab.gap.catalogue import Parameter
 from tselab.gap.data import CHANNELS
 from tselab.gap.fit import Fit, covariance, excess, fit, gap, lengths
@@ -24,9 +23,17 @@ from tselab.gap.infer.formula.terms import Term
 from tselab.gap.problem import Problem
 from tselab.gap.respond import responses, signals
 
-PRICE, FITTED, PER_PLACE, LEAST_SHARE, LEAST_HARM, NOISE_LIMIT, MOST_STEPS, CHUNK, HALF = constants.of(
-    __name__, "PRICE", "FITTED", "PER_PLACE", "LEAST_SHARE", "LEAST_HARM", "NOISE_LIMIT", "MOST_STEPS", "CHUNK", "HALF"
-)  # fmt: skip
+# nats: of an operation or a number: a library of some hundred forms times places times sizes is some 12 nats
+PRICE = 2.0
+FITTED = 6  # candidates that are simulated
+PER_PLACE = 3  # of them at one place, most
+LEAST_SHARE = 0.15  # of the gap, that a formula must close to be worth reading
+LEAST_HARM = 0.01  # relative rise of a channel of the held-out logs by which it forbids a formula
+# rms over noise up to which nothing is left to explain: noise is known to some percent, inputs are smoothed
+NOISE_LIMIT = 1.2
+MOST_STEPS = 15  # of a fit
+CHUNK = 64  # forms that are looked at together: memory
+HALF = 0.5  # %: quantiles between which a signal has been are those of HALF % and 100 - HALF %
 
 
 @dataclass

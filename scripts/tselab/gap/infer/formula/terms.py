@@ -16,7 +16,6 @@ import numpy as np
 
 from tselab.core import library
 from tselab.formula import Formula, Number
-from tselab.gap import constants
 
 LATERAL = ("front_angle", "rear_angle", "force_y", "yaw_moment", "accel_y", "yaw_rate")
 LONGITUDINAL = ("force_x", "accel_x")
@@ -70,7 +69,7 @@ STEER_RATE = Signal("rate(steer_angle)", "rad/s", (0.02, 0.1, 0.4))
 SPEED = Signal("vel_x", "m/s", (9.0, 16.0, 24.0))
 PULL = Signal("accel_x", "m/s2", (0.7, 1.5, 3.5))
 TURNING = (STEER, YAW, SIDE, FRONT, REAR, STEER_RATE)
-(PLAYS,) = constants.of(__name__, "PLAYS")
+PLAYS = (0.001, 0.003, 0.01)  # rad: halves of plays of the steering that are tried
 
 
 def unit_text(exponents: tuple[int, int]) -> str:
