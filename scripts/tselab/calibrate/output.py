@@ -12,21 +12,18 @@ import numpy as np
 from tselab import __version__
 from tselab.calibrate.findings import Finding
 from tselab.calibrate.result import Result
-from tselab.core import NOMINAL, Config, library
+from tselab.core import NOMINAL
 from tselab.files import atomic
 from tselab.formula import write_formula
 from tselab.gap.export.output import finite
 from tselab.identify.problem import UNLIKE_SD
 from tselab.identify.unknowns import LATENCIES, LATENCY, LEAST_SD, SUPERELEVATION, of_log
+from tselab.identify.vehicle_file import toml as vehicle_toml
 from tselab.vehicle import (
     GRAVITY,
-    HINT_ONLY,
     calibration_toml,
-    formula_toml,
-    is_set,
     sensor_settings,
     unknown_car,
-    vehicle_settings,
 )
 
 ROLL_STEER_SD = 0.03  # of a car that logs have been fitted to
@@ -102,41 +99,18 @@ def formula_beside(path: Path) -> Path:
 
 def toml(result: Result, logs: list[str], formula: Path) -> str:
     """The calibrated vehicle file. `formula`: where its formula is, if it has one."""
-    vehicle, fields = result.vehicle, result.config.fields
-    found, by_name = values(result), {f.name: f for f in result.findings}
-    source = vehicle.path.name if vehicle.path else "the built-in car"
-    lines = [f"# {source}, calibrated by tselab {__version__} from {', '.join(logs)}"]
+    vehicle, found = result.vehicle, values(result) | {f"{c}{LATENCY}": v for c, v in latencies(result).items()}
+    title = [
+        f"# {vehicle.path.name if vehicle.path else 'the built-in car'}, calibrated by tselab {__version__} from {', '.join(logs)}"
+    ]
     if not result.fit.converged:
-        lines.append("# NOT CONVERGED: the numbers are where the search stood.")
-    facts = {k: v for k, v in vehicle.facts.items() if k not in HINT_ONLY}
-    lines += [
-        "",
-        *(f"{k} = {json.dumps(v, ensure_ascii=False)}" for k, v in facts.items() if isinstance(v, (str, int, float))),
-    ]
+        title.append("# NOT CONVERGED: the numbers are where the search stood.")
     everything = result.config.as_dict() | found
-    for key in vehicle_settings():
-        lines.append(f"{key} = {float(everything[key])!r}  # {fields[key].unit}{_band(by_name.get(key))}")
-    lines += ["", "[latency]  # s behind the gyro"]
-    lines += [
-        f"{k} = {v:.5f}{_band(by_name[k + LATENCY])}".replace(", ", "  # ", 1) for k, v in latencies(result).items()
-    ]
-    lines += ["", "[uncertainty]", *(f"{k} = {v:.3g}  # {fields[k].unit}" for k, v in uncertainty(result).items())]
-    sensors = result.sensors | {k: v for k, v in vehicle.values.items() if k in sensor_settings()}
-    lines += ["", "[sensors]"]
-    lines += [f"{k} = {sensors[k]!r}  # {fields[k].unit}" for k in sensor_settings() if k in sensors]
-    if vehicle.formula is not None:
-        lines += formula_toml(vehicle.formula, formula).splitlines()
-    config = Config(everything)
-    for effect in library().effects.values():
-        if not is_set(config, effect):
-            continue
-        lines += ["", f"[effects.{effect.id}]  # {effect.title}"]
-        for p in effect.parameters:
-            value = float(getattr(config, p.setting))
-            lines.append(f"{p.name} = {value!r}  # {p.unit}: {p.text}{_band(by_name.get(p.setting))}")
-    lines += ["", "# What the next calibration starts from: all unknowns, their means and covariance."]
-    lines += calibration_toml(*_start(result, everything), result.own)
-    return "\n".join(lines) + "\n"
+    written = {k: v for k, v in everything.items() if k not in sensor_settings()}
+    written |= result.sensors | {k: v for k, v in vehicle.values.items() if k in sensor_settings()}
+    bands = {f.name: _band(f) for f in result.findings}
+    start = calibration_toml(*_start(result, everything), result.own)
+    return vehicle_toml(title, vehicle, written, uncertainty(result), start, bands, {}, formula)
 
 
 def _start(result: Result, written: Mapping[str, float]) -> tuple[list[str], np.ndarray, np.ndarray]:
@@ -153,9 +127,7 @@ def _start(result: Result, written: Mapping[str, float]) -> tuple[list[str], np.
     return names, mean * unit, result.fit.covariance[:n, :n] * np.outer(unit, unit)
 
 
-def _band(f: Finding | None) -> str:
-    if f is None:
-        return ""
+def _band(f: Finding) -> str:
     return (
         f", 95 % interval {f.value - 1.96 * f.sd:.4g} .. {f.value + 1.96 * f.sd:.4g}"
         if f.shown

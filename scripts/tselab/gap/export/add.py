@@ -1,10 +1,9 @@
 """What was found, for those who use it: the improved vehicle file, and a C header that sets tse_config to it.
 
-Only what is asserted goes in: without a name the stiffness alone. A profile of the road is not of the car: not written."""
+What has no name is not written; nor is a profile of the road, which is not of the car."""
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Mapping
 from dataclasses import replace
@@ -13,39 +12,28 @@ from pathlib import Path
 import numpy as np
 
 from tselab import __version__
-from tselab.core import NOMINAL, Config, EffectParameter, library
+from tselab.core import NOMINAL, Config, library
 from tselab.files import atomic
 from tselab.formula import c_header, write_formula
 from tselab.gap.export.posterior import posterior
-from tselab.gap.fit import Fit
-from tselab.gap.infer.naming import Named, settings
+from tselab.gap.infer.naming import settings
 from tselab.gap.problem import PROFILES, Problem
 from tselab.gap.workflow import Result
+from tselab.identify.vehicle_file import toml
 from tselab.vehicle import (
-    HINT_ONLY,
     Vehicle,
     calibration_toml,
+    filter_values,
     formula_settings,
-    formula_toml,
-    is_set,
     known_stiffness,
     latency_settings,
     read_vehicle,
-    sensor_settings,
     uncertainty_settings,
     vehicle_settings,
 )
 
 VEHICLE, HEADER = "vehicle_improved.toml", "effects.h"
 FORMULA, FORMULA_HEADER = "formula.toml", "tse_formula.h"
-
-
-def asserted(result: Result) -> tuple[Fit, list[Named]]:
-    """The fit that stands, and its effects: those of a verdict that names them, else none."""
-    named = result.naming.named if result.verdict == "named" else []
-    if result.formula is not None:
-        return result.final, named
-    return (result.naming.final if named else result.naming.baseline), named
 
 
 def write(out: Path, vehicle_path: Path, problem: Problem, result: Result) -> tuple[Path, Path]:
@@ -60,7 +48,7 @@ def write(out: Path, vehicle_path: Path, problem: Problem, result: Result) -> tu
         with atomic(out / FORMULA_HEADER) as file:
             file.write(c_header(formula))
     with atomic(path) as file:
-        file.write(improved(vehicle, problem, result))
+        file.write(improved(replace(vehicle, formula=formula), problem, result))
     with atomic(out / HEADER) as file:
         file.write(header(read_vehicle(path)))
     return path, out / HEADER
@@ -71,99 +59,37 @@ def formula_files(out: Path, improved: Path) -> list[Path]:
     return [out / FORMULA, out / FORMULA_HEADER] if read_vehicle(improved).formula is not None else []
 
 
-def _group(key: str) -> str:
-    """What a setting is of: a heading of effects.h."""
-    if key in uncertainty_settings():
-        return "how uncertain that is"
-    if key in formula_settings():
-        return "a formula of the user"
-    if key in latency_settings().values():
-        return "how late channels are logged"
-    return "vehicle" if key in vehicle_settings() else "sensors"
-
-
 def improved(vehicle: Vehicle, problem: Problem, result: Result) -> str:
-    """The vehicle file with fitted stiffness and effects. `vehicle`: as the user wrote it, sensors not filled in."""
-    fit, named = asserted(result)
-    values = {**vehicle.values, **stiffness(problem.config, fit.values)}
-    found = settings(problem, fit.values)
-    config = Config(values | found)
+    """The vehicle file with fitted stiffness and what was named. `vehicle`: as the user wrote it, sensors not filled in."""
+    fit, named = result.final, {n.effect.id: n for n in result.naming.named}
+    values = {**vehicle.values, **settings(problem, fit.values), **stiffness(problem.config, fit.values)}
+    known = posterior(problem, fit, vehicle, result.formula.settings() if result.formula else {})
+    bands = {"longitudinal_stiffness_rear": ", follows the front one"}
+    for k, (_, low, high) in known_stiffness(replace(vehicle, values=values, calibration=known.calibration())).items():
+        bands[NOMINAL[k]] = f", fitted, 95 %: {low:.4g} .. {high:.4g}"
+    notes: dict[str, list[str]] = {}
+    for i, n in named.items():
+        bands |= {str(k): f", 95 %: {low:.3g} .. {high:.3g}" for k, (low, high) in n.ci95.items()}
+        notes[i] = [f"closes {100 * n.share:.0f} % of the gap, evidence {n.evidence:.0f} nats", *n.remarks]
+        if n.look_alikes:
+            notes[i].append(f"These logs cannot exclude {', '.join(n.look_alikes)} in its place.")
+        if i in PROFILES:
+            notes[i] = ["a profile over the distance, of the road and not of the car: not written"]
     source = vehicle.path.name if vehicle.path else "the built-in car"
     logs = ", ".join(log.path.name for log in problem.logs)
-    fields = Config().fields
-    lines = [f"# {source}, improved by tselab gap {__version__} from {logs}", *_verdict(result), ""]
-    facts = {k: v for k, v in vehicle.facts.items() if k not in HINT_ONLY}
-    lines += [
-        f"{k} = {json.dumps(v, ensure_ascii=False)}" for k, v in facts.items() if isinstance(v, (str, int, float))
-    ]
-    known = posterior(problem, fit, vehicle, result.formula.settings() if result.formula else {})
-    after = replace(vehicle, values=values, calibration=known.calibration())
-    band = {
-        NOMINAL[k]: f", fitted, 95 %: {low:.4g} .. {high:.4g}" for k, (_, low, high) in known_stiffness(after).items()
-    }
-    band["longitudinal_stiffness_rear"] = ", follows the front one"
-    for key in vehicle_settings():
-        if key in values:
-            lines.append(f"{key} = {values[key]!r}  # {fields[key].unit}{band.get(key, '')}")
-    lines += ["", "[uncertainty]"]
-    lines += [f"{k} = {v:.3g}  # {fields[k].unit}" for k, v in known.uncertainty(vehicle).items()]
-    late = latency_settings()
-    logged = {
-        k: found.get(late[k], values.get(late[k], 0.0)) for k in late if late[k] in found or k in vehicle.given_latency
-    }
-    if logged:
-        lines += ["", "[latency]", *(f"{k} = {v!r}  # {fields[late[k]].unit}" for k, v in logged.items())]
-    sensors = [k for k in sensor_settings() if k in values]
-    if sensors:
-        lines += ["", "[sensors]", *(f"{k} = {values[k]!r}  # {fields[k].unit}" for k in sensors)]
-    formula = result.formula or vehicle.formula
-    if formula is not None:
-        lines += formula_toml(formula, Path(FORMULA)).splitlines()
-    mine = {n.effect.id: n for n in named}
-    for effect in library().effects.values():
-        n = mine.get(effect.id)
-        if effect.id in PROFILES and n:
-            lines += [
-                "",
-                f"# {effect.title}: a profile over the distance, of the road and not of the car: not written.",
-            ]
-        if not is_set(config, effect):
-            continue
-        lines += ["", f"[effects.{effect.id}]  # {effect.title}{'' if n else ', as in the file'}"]
-        if n:
-            lines.append(f"# closes {100 * n.share:.0f} % of the gap, evidence {n.evidence:.0f} nats")
-            lines += [f"# {remark}" for remark in n.remarks]
-        if n and n.look_alikes:
-            lines.append(f"# These logs cannot exclude {', '.join(n.look_alikes)} in its place.")
-        lines += [_parameter(p, float(getattr(config, p.setting)), n) for p in effect.parameters]
-    lines += [
-        "",
-        "# What estimator and calibration start from: means and covariance; stiffness in ln over this file's.",
-    ]
-    lines += calibration_toml(**known.calibration())
-    return "\n".join(lines) + "\n"
-
-
-def _verdict(result: Result) -> list[str]:
-    if result.verdict == "none":
-        return ["# Nothing is missing that these logs could show: stiffness fitted, nothing added."]
-    if result.verdict == "named":
-        return ["# Stiffness and the effects below were fitted together: they belong together."]
-    if result.formula is not None:
-        return [
-            "# Something is missing that is not in the catalogue: stiffness and a formula for it were fitted together."
-        ]
-    return ["# Something is missing that is not in the catalogue: stiffness fitted without it, nothing added."]
-
-
-def _parameter(p: EffectParameter, value: float, n: Named | None) -> str:
-    band = ""
-    if n and p.setting in n.ci95:
-        low, high = n.ci95[p.setting]
-        band = (
-            f", 95 %: {low:.3g} .. {high:.3g}" if np.isfinite([low, high]).all() else ", not determined by these logs"
-        )
-    return f"{p.name} = {value!r}  # {p.unit}: {p.text}{band}"
+    added = [*(i for i in named if i not in PROFILES), *(["a formula"] if result.formula else [])]
+    what = f"# Fitted together: {', '.join(['stiffness', *added])}." if added else "# Stiffness fitted, nothing added."
+    title = [f"# {source}, improved by tselab gap {__version__} from {logs}", what]
+    return toml(
+        title,
+        vehicle,
+        values,
+        known.uncertainty(vehicle),
+        calibration_toml(**known.calibration()),
+        bands,
+        notes,
+        Path(FORMULA),
+    )
 
 
 def stiffness(config: Config, values: Mapping[str, float]) -> dict[str, float]:
@@ -179,15 +105,28 @@ def stiffness(config: Config, values: Mapping[str, float]) -> dict[str, float]:
 # ---- C
 
 
+def _group(key: str) -> str:
+    """What a setting is of: a heading of effects.h."""
+    if key in uncertainty_settings():
+        return "how uncertain that is"
+    if key in formula_settings():
+        return "a formula of the user"
+    if key in latency_settings().values():
+        return "how late channels are logged"
+    return "vehicle" if key in vehicle_settings() else "sensors, and what the filter starts from"
+
+
 def header(vehicle: Vehicle) -> str:
-    """A static inline function that sets tse_config as the vehicle file does. Same file, same bytes: no date in it."""
+    """A static inline function that sets tse_config as the estimator has it with the vehicle file: with the sds and the grip of the
+    posterior. Same file, same bytes: no date in it."""
     slug = re.sub(r"\W+", "_", vehicle.name.lower(), flags=re.ASCII).strip("_") or "car"
     guard = f"TSE_EFFECTS_{slug.upper()}_H"
     fields = Config().fields
     by_setting = {p.setting: (e, p) for e in library().effects.values() for p in e.parameters}
-    width = max(len(k) for k in vehicle.values)
+    values = filter_values(vehicle)
+    width = max(len(k) for k in values)
     body, section = [], None
-    for key, value in ((k, vehicle.values[k]) for k in fields if k in vehicle.values):  # in the order of the settings
+    for key, value in ((k, values[k]) for k in fields if k in values):  # in the order of the settings
         effect, parameter = by_setting.get(key, (None, None))
         title = f"effect {effect.id}: {effect.title}" if effect else _group(key)
         if title != section:
