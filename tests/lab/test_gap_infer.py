@@ -341,7 +341,7 @@ def test_a_road_alone_is_kept_with_its_profile(tmp_path: Path) -> None:
     log = write_log(tmp_path / "log.csv", vehicle, "sweep", {}, 3)
     config = Config(read_vehicle(vehicle).values)
     problem = Problem([prepare(read_log(log), config)], config)
-    baseline, grade = naming.fit(problem, naming.STIFFNESS, {}), catalogue()["grade"]
+    baseline, grade = naming.plain_car(problem), catalogue()["grade"]
     road = Named(grade, {"grade_angle": 0.01}, {"grade_angle": (0.005, 0.015)}, 0.5, 40.0, 0.99)
     found = naming.Naming(baseline, naming._with_roads(problem, baseline, [grade]), [road], [], 0.5, [], [], True)
     kept = naming.without(problem, found, frozenset({"grade"}), "a reason")
@@ -361,7 +361,7 @@ def test_a_road_is_told_by_the_size_of_its_profile() -> None:
 
 def test_a_name_below_90_percent_is_possible_and_has_exit_code_11(late: Problem) -> None:
     """And a gap of the held-out logs is no all-clear."""
-    baseline = naming.fit(late, naming.STIFFNESS, {})
+    baseline = naming.plain_car(late)
 
     def judged(probability: float | None, elsewhere: list[Remainder]) -> workflow.Result:
         values, ci95 = {"body_roll_gain": 0.009}, {"body_roll_gain": (0.008, 0.01)}
@@ -377,6 +377,29 @@ def test_a_name_below_90_percent_is_possible_and_has_exit_code_11(late: Problem)
     gap = judged(None, [Remainder("yaw_rate", 3.08, "disturbance", 0.0, (), None, "")])
     assert gap.exit_code == 20 and "yaw_rate 3.08 times the noise" in gap.words[-1]
     assert "Nothing" not in " ".join(gap.words) and "nothing is missing" not in " ".join(gap.words)
+
+
+def test_names_that_close_little_and_roads_are_no_answer_where_something_is_left(late: Problem) -> None:
+    """Nor is more likely than not an all-clear."""
+    baseline = naming.plain_car(late)
+    left = [Remainder("yaw_rate", 3.0, "disturbance", 0.0, (), None, "")]
+
+    def code(effect: str, closed: float, remains: list[Remainder], possible: float = 0.0) -> int:
+        (p,) = catalogue()[effect].strengths[:1]
+        named = (
+            [Named(catalogue()[effect], {p.name: 0.01}, {p.name: (0.0, 0.02)}, closed, 40.0, 0.99)] if closed else []
+        )
+        maybe = [{"id": effect, "probability": possible, "why": "below 90 %"}] if possible else []
+        found = naming.Naming(baseline, baseline, named, [], closed, maybe, [], True)
+        return workflow.judge(late, found, [], [], remains, [], {}, []).exit_code
+
+    assert (code("body_roll", 0.6, left), code("body_roll", 0.06, left), code("grade", 0.8, left)) == (10, 20, 20)
+    assert (code("body_roll", 0.06, []), code("grade", 0.8, [])) == (10, 10)
+    assert (code("body_roll", 0.0, [], 0.61), code("body_roll", 0.0, [], 0.3), code("body_roll", 0.0, left, 0.61)) == (
+        11,
+        0,
+        20,
+    )
 
 
 def test_a_lag_that_no_steering_is_quick_enough_for_is_a_low_pass() -> None:

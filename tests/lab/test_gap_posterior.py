@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 from gap_logs import CAR, STIFFNESS, write_log
+from tselab.config import make_config
 from tselab.core import NOMINAL, Config
 from tselab.estimate import estimate
 from tselab.gap import workflow
 from tselab.gap.data import prepare
-from tselab.gap.export import add, gain
+from tselab.gap.export import add
 from tselab.gap.export.posterior import UNCERTAIN, posterior
 from tselab.gap.fit import fit
 from tselab.gap.infer.naming import Naming
@@ -81,7 +82,7 @@ def test_the_estimator_is_better_and_valid_on_a_drive_that_nobody_fitted(case):
     config = Config(read_vehicle(vehicle).values)
     error, valid = [], []
     for path in (vehicle, improved):
-        table = estimate(log, gain.settings(read_vehicle(path), log)).table
+        table = estimate(log, make_config(read_vehicle(path), log)[0]).table
         axles = ("cy_front", "cy_rear")
         over = [np.log(table[k] / (getattr(config, NOMINAL[k]) * STIFFNESS[k])) for k in axles]
         error.append(float(np.sqrt(np.mean(np.square(over)))))

@@ -23,7 +23,7 @@ def fit(rms):
 
 
 def naming(rms, *names):
-    named = [SimpleNamespace(effect=SimpleNamespace(id=n)) for n in names]
+    named = [SimpleNamespace(effect=SimpleNamespace(id=n), probability=1.0, whole=1.0) for n in names]
     return SimpleNamespace(final=fit(rms), named=named)
 
 
@@ -33,8 +33,8 @@ def formula(rms, length):
 
 def worlds(*known):
     w = Worlds(fit(10.0), problem(), None)
-    for one in known:
-        w.add(*one)
+    for n, *found in known:
+        w.add(n, n.final, *found)
     w.weigh()
     return w
 
@@ -101,7 +101,7 @@ def test_held_out_logs_count_as_much_as_those_that_were_fitted(monkeypatch):
     works.values, fails.values = {"rms": 1.0}, {"rms": 1.3}
     w = Worlds(base, problem(), other)
     for d in (None, works, fails):
-        w.add(nothing, d)
+        w.add(nothing, nothing.final, d)
     w.weigh()
     assert w.best() is w.known[1]
     assert w.known[2].probability < 1e-6
@@ -114,6 +114,25 @@ def test_nothing_is_a_world_too():
     assert w.best().probability == 1.0
 
 
+def test_a_name_that_a_formula_makes_doubtful_is_not_kept(monkeypatch):
+    """Its probability is what the search gave it times that of the worlds that have it: 90 % of 95 % is no name."""
+    one = naming(2.0, "mass")
+    one.named[0].whole, one.named[0].probability, one.baseline, one.closed = 0.95, 0.95, fit(10.0), 0.9
+    found = SimpleNamespace(fit=fit(2.01), values={}, price=6.5, formula=SimpleNamespace(text="k*x"))
+    nothing, kept = naming(10.0), []
+    monkeypatch.setattr(rivals, "polished", lambda _, last: last)
+    monkeypatch.setattr(rivals, "replace", lambda n, **changes: SimpleNamespace(**(vars(n) | changes)))
+    monkeypatch.setattr(
+        rivals, "discover", lambda _p, last, *_: found if last is nothing.final else SimpleNamespace(formula=None)
+    )
+    monkeypatch.setattr(rivals, "on_all", lambda _p, _last, discovery: discovery)
+    monkeypatch.setattr(rivals.name, "without", lambda _p, _n, names, why: kept.append((names, why)) or nothing)
+    _, names, shown = rivals.explained(problem(), None, one, lambda _: None)
+    share = sum(r["probability"] for r in shown if r["ids"] == ["mass"])
+    assert NAME_AT < share < NAME_AT / 0.95
+    assert kept[-1] == (frozenset(), "below 90 %") and names is nothing
+
+
 def test_what_is_said_of_a_formula_is_what_is_proposed(monkeypatch):
     """A log so short that a formula is hardly worth its length: beside the names that stand it is proposed as its own search has
     judged, with its words, or it is not, and there are none."""
@@ -123,6 +142,7 @@ def test_what_is_said_of_a_formula_is_what_is_proposed(monkeypatch):
         fit=fit(1.8), values={}, price=20.0, formula=SimpleNamespace(text="k*x"), words=["A formula"]
     )
     monkeypatch.setattr(rivals, "discover", lambda *_: found)
+    monkeypatch.setattr(rivals, "polished", lambda _, last: last)
     monkeypatch.setattr(rivals, "replace", lambda n, **changes: SimpleNamespace(**(vars(n) | changes)))
     last, names, shown = rivals.explained(problem(), None, short, lambda _: None)
     assert last is found and not names.named

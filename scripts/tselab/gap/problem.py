@@ -183,6 +183,7 @@ class Problem:
 
     def profiles(self, values: Mapping[Key, float], i: int) -> dict[str, np.ndarray]:
         """Profiles of the road along a log, linear between their values."""
+        values = self.fixed | dict(values)
         found = {}
         own = [
             k for k in values if isinstance(k, Own) and k.knot is not None and k.log == i

@@ -65,7 +65,7 @@ def selftest(
         ", ".join(f"{p.key} {sizes[p.name]:.3g} {p.unit}" for p in e.strengths if p.name in sizes) or "a road's profile"
     )
     words = [f"Hidden: {e.title} ({e.id}), {hidden}, in {len(made)} log{'s' if len(made) > 1 else ''}."]
-    named = {n.effect.id: n for n in result.naming.named} if result.verdict == "named" else {}
+    named = {n.effect.id: n for n in result.naming.named}
     alike = [n.effect.id for n in named.values() if e.id in n.look_alikes]
     if e.id in named:
         n = named[e.id]

@@ -16,7 +16,7 @@ from tselab.formula import Formula
 from tselab.gap import optional
 from tselab.gap.catalogue import Key, catalogue
 from tselab.gap.data import prepare_all
-from tselab.gap.fit import Fit, fit, gap
+from tselab.gap.fit import Fit, gap
 from tselab.gap.infer import detect, show
 from tselab.gap.infer import naming as name
 from tselab.gap.infer.excerpt import HELD_SHARE, excerpt, is_long
@@ -26,19 +26,23 @@ from tselab.gap.infer.hypotheses import NAME_AT
 from tselab.gap.infer.naming import Named
 from tselab.gap.infer.rivals import explained
 from tselab.gap.localise import remainder, where
-from tselab.gap.problem import STIFFNESS, Problem
+from tselab.gap.problem import PROFILES, STIFFNESS, Problem
 from tselab.log import MEASURES, Log, Reading, read_log
 from tselab.units import check_units
 from tselab.vehicle import Vehicle, fill_sensors, latency_settings, read_vehicle
 
-EXIT = {"none": 0, "named": 10, "below 90 %, or look-alikes": 11, "not_in_catalogue": 20}
+DOUBTFUL = "below 90 %, or look-alikes"
+EXIT = {"none": 0, "named": 10, DOUBTFUL: 11, "not_in_catalogue": 20}
+LIKELY = 0.5  # probability from which an effect without a name forbids an all-clear
+# of the gap that the names of the car close where something else is left: fewer are no answer, and a road is none of the car
+LEAST_NAMED = 0.5
 
 
 @dataclass
 class Result:
     """Everything that a run found."""
 
-    verdict: str  # none, named, not_in_catalogue
+    verdict: str  # none, named, possible, not_in_catalogue
     exit_code: int
     words: list[str]
     problem: Problem  # what was fitted
@@ -74,10 +78,9 @@ class Result:
 
     def as_json(self) -> dict[str, Any]:
         """DIR/verdict.json."""
-        asserted = self.verdict == "named"
         return {
             "verdict": self.verdict,
-            "effects": [_as_json(n) for n in self.naming.named if asserted and not n.message],
+            "effects": [_as_json(n) for n in self.naming.named if not n.message],
             "sensors": sensors(self.problem, self.naming),
             "besides": [_as_json(n) for n in self.naming.besides],
             "possible": self.naming.possible,
@@ -210,15 +213,15 @@ def run(
         raise UserError("; ".join(said) or "no log can be compared")
     held = held if held is not None and held.logs else None
     say("fitting stiffness and biases")
-    baseline = few_baseline = fit(problem, STIFFNESS, {})
+    baseline = few_baseline = name.plain_car(problem)
     few, few_held = problem, held
     if is_long(problem):
         say("which stretches say most?")
         few = excerpt(problem, baseline)
-        few_baseline = fit(few, STIFFNESS, {})
+        few_baseline = name.plain_car(few)
         notes.append(f"effects are searched in the {_seconds(few):.0f} s of {_seconds(problem):.0f} s that say most")
     if held is not None and is_long(held, HELD_SHARE):
-        few_held = excerpt(held, fit(held, STIFFNESS, {}), HELD_SHARE)
+        few_held = excerpt(held, name.plain_car(held), HELD_SHARE)
     say("where do they disagree?")
     conditions = where.conditions(problem, baseline.residuals, baseline.values)
     entries = where.entries(few, few_baseline)
@@ -240,7 +243,7 @@ def run(
     seen = detect.detectable(few, found.naming.final, [e for e in catalogue().values() if e.id not in named])
     if few is not problem:
         say("all logs")
-        naming = name.on_all(problem, baseline, found.naming)
+        naming = name.on_all(problem, found.naming)
         found = replace(
             found, naming=naming, discovery=found.discovery and search.on_all(problem, naming.final, found.discovery)
         )
@@ -316,36 +319,38 @@ def judge(
 ) -> Result:
     """From what was found to a verdict. `left`: after names and formula; `elsewhere`: the same of the held-out logs."""
     formula = discovery.formula if discovery else None
-    last = discovery.fit if discovery and discovery.fit else naming.final
+    last = Found(naming, discovery).last
     before, after = gap(problem, naming.baseline.residuals), gap(problem, last.residuals)
     remains = more_than_noise(left)
-    words: list[str] = []
-    if naming.named:
+    words = [_sentence(n) for n in naming.named]
+    of_the_car = naming.closed - sum(n.share for n in naming.named if n.effect.id in PROFILES)
+    likely = [p for p in naming.possible if p["probability"] >= LIKELY]
+    if naming.named and (of_the_car >= LEAST_NAMED or not (remains or formula)):
         verdict = "named"
-        words += [_sentence(n) for n in naming.named]
-        if remains or formula:
-            closed = f"{100 * naming.closed:.0f} % of the gap"
-            words.append(f"All names together close {closed}; something else is missing that is not in the catalogue.")
-    elif elsewhere and not (remains or formula):
+    elif remains or formula or elsewhere:
         verdict = "not_in_catalogue"
+    else:
+        verdict = "possible" if likely else "none"
+    if naming.named and (remains or formula):
+        closed = f"{100 * naming.closed:.0f} % of the gap"
+        words.append(f"All names together close {closed}; something else is missing that is not in the catalogue.")
+    elif verdict == "not_in_catalogue" and not (remains or formula):
         words.append(
             "Something is missing: the model explains the fitted logs down to the sensors' noise, and not the held-out ones."
         )
-    elif remains or formula:
-        verdict = "not_in_catalogue"
+    elif verdict == "not_in_catalogue":
         words.append("Something is missing, and none of the effects of the catalogue explains it.")
-        if naming.possible and not formula:
-            best = naming.possible[0]
-            words.append(
-                f"Possible is {best['id']}, {_percent(best['probability'])}, without a name because {best['why']}."
-            )
-        if entries and entries[0].nats > 0:
-            words.append(f"It acts like a disturbance at: {entries[0].place}.")
-    else:
-        verdict = "none"
+    elif verdict == "none":
         words.append(
             "The model explains these logs down to the sensors' noise: nothing is missing that they could show."
         )
+    if verdict in ("possible", "not_in_catalogue") and naming.possible and not formula:
+        best = naming.possible[0]
+        words.append(
+            f"Possible is {best['id']}, {_percent(best['probability'])}, without a name because {best['why']}."
+        )
+    if verdict == "not_in_catalogue" and entries and entries[0].nats > 0:
+        words.append(f"It acts like a disturbance at: {entries[0].place}.")
     words += discovery.words if discovery else []
     words += [f"{'Still left: ' if formula else ''}{r.words}" for r in remains]
     more = [
@@ -355,10 +360,8 @@ def judge(
         words.append(f"The held-out logs are not explained: {', '.join(more)}.")
     for n in naming.besides:
         words.append(f"The held-out logs show besides, what the fitted ones do not: {_sentence(n)} It is not added.")
-    exit_code = EXIT[verdict]
-    unsure = [n for n in naming.named if n.probability < NAME_AT]
-    if verdict == "named" and (unsure or all(n.look_alikes for n in naming.named)):
-        exit_code = EXIT["below 90 %, or look-alikes"]
+    unsure = any(n.probability < NAME_AT for n in naming.named) or all(n.look_alikes for n in naming.named)
+    exit_code = EXIT[DOUBTFUL if verdict == "possible" or (verdict == "named" and unsure) else verdict]
     alike = {i for n in naming.named for i in n.look_alikes}  # of these the logs show one, and do not say which
     undetectable = [d for d in seen if not d.visible and d.id not in alike]
     return Result(

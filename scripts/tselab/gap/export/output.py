@@ -74,6 +74,8 @@ def headline(result: Result) -> str:
         return "Nothing is missing that these logs could show"
     if result.verdict == "not_in_catalogue":
         return "Not in the catalogue" + (f": {result.formula.text} at {result.formula.place}" if result.formula else "")
+    if result.verdict == "possible":
+        return f"Possible: {result.naming.possible[0]['id']}"
     return "Missing: " + " + ".join(n.effect.id for n in result.naming.named)
 
 

@@ -24,7 +24,12 @@ from tselab.gap.workflow import Result
 from tselab.report import packed
 from tselab.verdict import NAMES
 
-HEADLINE = {"none": "Nothing is missing", "named": "Named", "not_in_catalogue": "Not in the catalogue"}
+HEADLINE = {
+    "none": "Nothing is missing",
+    "named": "Named",
+    "possible": "Possible",
+    "not_in_catalogue": "Not in the catalogue",
+}
 MOST_CONDITIONS = 12
 
 
@@ -108,7 +113,7 @@ def write_report(path: Path, shown: Shown) -> None:
 def effect_rows(result: Result) -> list[dict]:
     """Named effects as rows of a table, one per parameter."""
     rows: list[dict] = []
-    for n in result.naming.named if result.verdict == "named" else []:
+    for n in result.naming.named:
         units = {p.name: p for p in n.effect.parameters}
         for k, (key, value) in enumerate(n.values.items()):
             p = units[key]

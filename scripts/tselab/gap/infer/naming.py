@@ -19,7 +19,7 @@ from tselab.gap.infer import noise
 from tselab.gap.infer.hypotheses import NAME_AT, Hypothesis, hypotheses
 from tselab.gap.infer.search import Judged, Search, judge
 from tselab.gap.infer.space import Layout
-from tselab.gap.problem import PROFILES, SIGNED_DELAYS, STIFFNESS, Problem, profile_size
+from tselab.gap.problem import PROFILES, SIGNED_DELAYS, Problem, profile_size
 from tselab.log import DRIVES, OPTIONAL, TORQUES
 from tselab.vehicle import GRAVITY, latency_settings
 
@@ -60,6 +60,7 @@ class Named:
     remarks: list[str] = field(default_factory=list)
     sensor: bool = False
     alone: float = 1.0  # share that it closes of what the other names leave
+    whole: float = 1.0  # probability that it, or what looks like it, is missing
 
     @property
     def message(self) -> bool:
@@ -97,8 +98,8 @@ def name(
     baseline: Fit | None = None,
     together: Problem | None = None,
 ) -> Naming:
-    """`together`: the same logs and the held-out ones."""
-    baseline = baseline or fit(problem, STIFFNESS, {})
+    """`baseline`: plain_car(); `together`: the same logs and the held-out ones."""
+    baseline = baseline or plain_car(problem)
     asked = [h for h in hypotheses(effects) if h.id not in BY_TORQUE or _has_torque(problem)]
     first = Search(Layout(problem), asked, problem.jobs, say)
     best = first.run()
@@ -115,13 +116,13 @@ def name(
         final = best if names == best.ids else first.judge(names, best.values, best)
         # sizes are what the catalogue's forms alone make of the logs; what forms are not known to is in the intervals
         plain = judge(Layout(problem), final.effects, final.values, None)
-        small = {h.id for h in final.effects if negligible(h, plain.values)}
-        wander = _wander(problem, first, final, baseline, full)
+        small = {h.id for h in final.effects if negligible(h.effect, plain.values)}
+        wander = _wander(problem, first, final, full)
         if small | wander:
             names = final.ids - small - wander
             dropped |= dict.fromkeys(small, SMALL)
             continue
-        last = as_fit(problem, plain) if final.effects else baseline
+        last = as_fit(problem, plain)
         named = [_named(problem, first, final, plain, last, h, probability, full) for h in final.effects]
         idle = min(named, key=lambda n: n.alone, default=None)
         if idle is None or idle.alone >= LEAST_CLOSED:
@@ -134,11 +135,11 @@ def name(
         last = _with_roads(problem, last, roads)
     besides = []
     best_of_all = probability.best
-    dropped |= {h.id: SMALL for h in best_of_all.effects if negligible(h, best_of_all.values)}
+    dropped |= {h.id: SMALL for h in best_of_all.effects if negligible(h.effect, best_of_all.values)}
     if together is not None:
         stand_in = {i for n in named for i in n.look_alikes}
         for h in best_of_all.effects:
-            sure = probability.effects[h.id] >= NAME_AT and not negligible(h, best_of_all.values)
+            sure = probability.effects[h.id] >= NAME_AT and not negligible(h.effect, best_of_all.values)
             if sure and h.id not in best.ids and h.id not in stand_in:
                 besides.append(_sized(h, best_of_all, probability))
     stated = {n.effect.id for n in (*named, *besides)}
@@ -162,62 +163,51 @@ def _has_torque(problem: Problem) -> bool:
 
 def without(problem: Problem, naming: Naming, kept: frozenset[str], why: str) -> Naming:
     """The same with no names but these: the others are possible, no more. `why`: they are not kept."""
-    roads = [n for n in naming.named if n.effect.id in kept and profiles(naming.final.values, n.effect.id)]
-    flat = kept - {n.effect.id for n in roads}
-    effects = [h for h in hypotheses() if h.id in flat]
-    final = naming.baseline
-    if effects:
-        final = as_fit(problem, judge(Layout(problem), effects, of_the_car(naming.final.values), None))
-    named = [
-        _moved(n, {k: final.values[k] for k in n.values})
-        for n in naming.named
-        if n.effect.id in flat
-        and not all(abs(final.values[p.name] - p.default) < p.negligible for p in n.effect.strengths)
-    ]
-    if roads:
-        final = _with_roads(problem, final, [n.effect for n in roads])
-        named += roads
-    full = excess(problem, naming.baseline.residuals)
-    closed = 1.0 - excess(problem, final.residuals) / full if full > 0 else 0.0
-    stay = {n.effect.id for n in named}
+    left = _again(problem, naming, kept, naming.baseline)
+    stay = {n.effect.id for n in left.named}
     dropped = [
         {"id": n.effect.id, "probability": n.probability, "why": SMALL if n.effect.id in kept else why}
         for n in (*naming.named, *naming.besides)
         if n.effect.id not in stay and n.probability >= POSSIBLE_AT
     ]
     possible = sorted([*dropped, *naming.possible], key=lambda p: -p["probability"])
-    return replace(naming, final=final, named=named, besides=[], closed=closed, possible=possible)
+    return replace(left, besides=[], possible=possible)
 
 
-def _moved(n: Named, values: dict[Key, float]) -> Named:
-    """The same with other values. Intervals stay as wide: what forms are not known to is in them, and that has not changed."""
-    ci95 = {k: (low + v - n.values[k], high + v - n.values[k]) for k, v in values.items() for low, high in [n.ci95[k]]}
-    return replace(n, values=values, ci95=ci95, remarks=list(n.remarks))
+def on_all(problem: Problem, naming: Naming) -> Naming:
+    """The same names, fitted to more logs than they were found in."""
+    return _again(problem, naming, frozenset(n.effect.id for n in naming.named), plain_car(problem))
 
 
-def on_all(problem: Problem, baseline: Fit, naming: Naming) -> Naming:
-    """The same names, fitted to more logs than they were found in. `baseline`: of these."""
-    ids = {n.effect.id for n in naming.named if profiles(naming.final.values, n.effect.id) == {}}
-    effects = [h for h in hypotheses() if h.id in ids]
-    final, named, converged = baseline, [n for n in naming.named if n.effect.id not in ids], naming.converged
-    if effects:
+def plain_car(problem: Problem) -> Fit:
+    """The car of the vehicle file with its stiffness fitted, nothing added."""
+    return as_fit(problem, judge(Layout(problem), (), {}, None))
+
+
+def _again(problem: Problem, naming: Naming, kept: frozenset[str], baseline: Fit) -> Naming:
+    """Some of the names fitted anew. Intervals stay as wide: what forms are not known to is in them, and that has not changed."""
+    roads = [n for n in naming.named if n.effect.id in kept and profiles(naming.final.values, n.effect.id)]
+    flat = kept - {n.effect.id for n in roads}
+    final, named, converged = baseline, [], naming.converged
+    if effects := [h for h in hypotheses() if h.id in flat]:
         plain = judge(Layout(problem), effects, of_the_car(naming.final.values), None)
         final, converged = as_fit(problem, plain), plain.converged
-        for n in (n for n in naming.named if n.effect.id in ids):
-            named.append(_moved(n, {p.name: plain.values[p.name] for p in n.effect.fitted}))
-    roads = [
-        n.effect for n in naming.named if n.effect.id not in ids and len(problem.strengths(n.effect)) <= MOST_KNOTS
-    ]
-    if roads:
-        final = _with_roads(problem, final, roads)
+        there = [n for n in naming.named if n.effect.id in flat]
+        for n in (n for n in there if not negligible(n.effect, final.values)):
+            by = {k: final.values[k] - v for k, v in n.values.items()}
+            ci95 = {k: (low + by[k], high + by[k]) for k, (low, high) in n.ci95.items()}
+            named.append(replace(n, values={k: final.values[k] for k in by}, ci95=ci95, remarks=list(n.remarks)))
+    if short := [n.effect for n in roads if len(problem.strengths(n.effect)) <= MOST_KNOTS]:
+        final = _with_roads(problem, final, short)
     full = excess(problem, baseline.residuals)
     closed = 1.0 - excess(problem, final.residuals) / full if full > 0 else 0.0
+    named += roads
     return replace(naming, baseline=baseline, final=final, named=named, closed=closed, converged=converged)
 
 
-def negligible(h: Hypothesis, values: Mapping[str, float]) -> bool:
+def negligible(effect: Effect, values: Mapping[str, float]) -> bool:
     """Too small to matter, however sure: what any car has that is not quite the model's is no missing effect."""
-    return all(abs(values[p.name] - p.default) < p.negligible for p in h.effect.strengths)
+    return all(abs(values[p.name] - p.default) < p.negligible for p in effect.strengths)
 
 
 class Probability:
@@ -284,7 +274,7 @@ def _sized(h: Hypothesis, judged: Judged, probability: Probability, rough: Judge
         h.effect, values, {k: (v - z * sd[k], v + z * sd[k]) for k, v in values.items()}, 0.0, 0.0, sensor=h.sensor
     )
     item.probability = probability.effects.get(h.id, 0.0)
-    whole = probability.of_class(h.id)
+    whole = item.whole = probability.of_class(h.id)
     instead = probability.in_place(h.id)
     item.look_alikes = sorted((i for i, p in instead.items() if p >= ALIKE_AT * whole), key=lambda i: -instead[i])
     for p in h.effect.strengths:
@@ -316,7 +306,7 @@ def _roads(problem: Problem, final: Judged, last: Fit, roads: Sequence[Effect], 
         if channel not in final.noise or e.id in final.ids:
             continue
         gain = slow_nats(final, channel)
-        if gain + prior < 0 or len(problem.strengths(e)) > MOST_KNOTS:
+        if gain + prior < np.log(NAME_AT / (1.0 - NAME_AT)) or len(problem.strengths(e)) > MOST_KNOTS:
             continue
         with_it = _with_roads(problem, last, [e])
         size = profile_size(e, with_it.values)
@@ -334,18 +324,26 @@ def _roads(problem: Problem, final: Judged, last: Fit, roads: Sequence[Effect], 
         z = float(norm.ppf(0.975))
         odds = float(np.exp(min(gain + prior, 50.0)))
         found.append(
-            Named(e, {p: size}, {p: (max(0.0, size - z * spread), size + z * spread)}, share, gain, odds / (1 + odds))
+            Named(
+                e,
+                {p: size},
+                {p: (max(0.0, size - z * spread), size + z * spread)},
+                share,
+                gain,
+                odds / (1 + odds),
+                whole=odds / (1 + odds),
+            )
         )
     return found
 
 
-def _wander(problem: Problem, search: Search, final: Judged, baseline: Fit, full: float) -> set[str]:
+def _wander(problem: Problem, search: Search, final: Judged, full: float) -> set[str]:
     """Of roads that lean one way all along (which a bias takes up) those that rather wander: named by their profile."""
     level = {h.id for h in final.effects if h.id in PROFILES}
     if not level:
         return set()
     flat = search.judge(final.ids - level, final.values, final)
-    last = as_fit(problem, judge(Layout(problem), flat.effects, flat.values, None)) if flat.effects else baseline
+    last = as_fit(problem, judge(Layout(problem), flat.effects, flat.values, None))
     return {n.effect.id for n in _roads(problem, flat, last, [catalogue()[i] for i in sorted(level)], full)}
 
 

@@ -1,7 +1,7 @@
 """Names, a formula, or both: what explains most for what it costs to say.
 
 Names that leave most of a gap, or close it by being many, may be a patchwork for something that the catalogue does not have. So
-what the search named stands beside formulas for what these, fewer or none leave. Each of these worlds is worth
+what the search named stands beside formulas for what these, or none, leave. Each of these worlds is worth
 
     sum over channels of power x half its independent values x ln of how much its residuals fall  -  what it costs to say,
 
@@ -21,10 +21,10 @@ from typing import Any
 import numpy as np
 
 from tselab.gap.data import BLOCK, CHANNELS
-from tselab.gap.fit import Fit, lengths
+from tselab.gap.fit import Fit, fit, lengths
 from tselab.gap.infer import naming as name
 from tselab.gap.infer import show
-from tselab.gap.infer.formula.search import NOISE_LIMIT, Discovery, discover
+from tselab.gap.infer.formula.search import NOISE_LIMIT, Discovery, discover, on_all
 from tselab.gap.infer.hypotheses import NAME_AT, SIZE_COST, hypotheses
 from tselab.gap.infer.naming import LEAST_CLOSED, ROAD_PROBABILITY, Naming
 from tselab.gap.infer.space import EPISODE
@@ -32,7 +32,6 @@ from tselab.gap.parallel import apart
 from tselab.gap.problem import Problem
 
 OUTSIDE = 0.2  # prior, that what is missing is in no catalogue
-FEWER = 1  # sets of the strongest names that a formula is sought beside: every one is a search
 INSTEAD = (
     "a formula explains about as much or more for what it costs"  # why what the search named has no name in the end
 )
@@ -69,11 +68,11 @@ class Worlds:
         # independent values are counted in what the plain model leaves
         self._lengths = [lengths(p, r) for p, r in self._parts(self.plain)]
 
-    def add(self, naming: Naming, discovery: Discovery | None = None) -> None:
-        """One more. `discovery`: with a formula."""
+    def add(self, naming: Naming, last: Fit, discovery: Discovery | None = None) -> None:
+        """One more. `last`: of the names; `discovery`: with a formula."""
         price = sum((price_of(n.effect.id) for n in naming.named), 0.0)
         if discovery is None:
-            residuals = self._residuals(naming.final, naming.final.values)
+            residuals = self._residuals(last, last.values)
         else:
             assert discovery.fit is not None
             price += discovery.price - ln_odds(OUTSIDE)
@@ -135,39 +134,50 @@ def price_of(effect: str) -> float:
 def explained(
     problem: Problem, held: Problem | None, naming: Naming, say: Callable[[str], None]
 ) -> tuple[Discovery, Naming, list[dict[str, Any]]]:
-    """A formula or none, the names, and all that were compared: the names of the likeliest world whose names all stand."""
+    """A formula or none, the names, and all that were compared: the names of the likeliest world that are as likely as a name must
+    be."""
     if naming.named and naming.closed < LEAST_CLOSED:
         little = f"the names together close less than {100 * LEAST_CLOSED:.0f} % of the gap"
         naming = name.without(problem, naming, frozenset(), little)
-    worlds, sought = Worlds(naming.baseline, problem, held), []
-    asked = [naming, *_with_fewer(problem, naming)]
+    asked = [naming, *([name.without(problem, naming, frozenset(), INSTEAD)] if naming.named else [])]
+    fits = [polished(problem, n.final) for n in asked]
+    worlds = Worlds(fits[-1], problem, held)
 
-    def formula(n: Naming) -> Discovery:
-        beside = ", ".join(m.effect.id for m in n.named)
-        return discover(problem, n.final, held, lambda text: say(f"{text}{beside and f', beside {beside}'}"))
+    def formula(k: int) -> Discovery:
+        beside = ", ".join(m.effect.id for m in asked[k].named)
+        return discover(problem, fits[k], held, lambda text: say(f"{text}{beside and f', beside {beside}'}"))
 
-    for n, found in zip(asked, apart(problem.jobs, formula, asked), strict=True):
-        sought.append((n, found))
-        if n is naming:
-            worlds.add(n)
+    sought = apart(problem.jobs, formula, range(len(asked)))
+    worlds.add(naming, fits[0])
+    for n, last, found in zip(asked, fits, sought, strict=True):
         if found.formula is not None:
-            worlds.add(n, found)
+            worlds.add(n, last, found)
     worlds.weigh()
     best = worlds.best()
     shown = [
         {"ids": sorted(w.names), "formula": w.text, "probability": w.probability}
         for w in sorted(worlds.known, key=lambda w: -w.probability)
     ]
-    named = [replace(n, probability=n.probability * worlds.with_name(n.effect.id)) for n in best.naming.named]
     # whether a formula is worth reading beside these names is what its own search has judged, on the held-out logs, too
-    last = next(d for n, d in sought if n is best.naming)
-    return last, replace(best.naming, named=named), shown
+    last = next(d for n, d in zip(asked, sought, strict=True) if n is best.naming)
+    share = {n.effect.id: worlds.with_name(n.effect.id) for n in best.naming.named}
+    named = [
+        replace(n, probability=n.probability * share[n.effect.id], whole=n.whole * share[n.effect.id])
+        for n in best.naming.named
+    ]
+    naming = replace(best.naming, named=named)
+    if any(n.whole < NAME_AT for n in named):
+        sure = frozenset(n.effect.id for n in named if n.whole >= NAME_AT)
+        naming = name.without(problem, naming, sure, f"below {100 * NAME_AT:.0f} %")
+        last = on_all(problem, naming.final, last)
+    return last, naming, shown
 
 
-def _with_fewer(problem: Problem, naming: Naming) -> list[Naming]:
-    """The same without names: none, those of sensors, and the FEWER strongest."""
-    strong = sorted(naming.named, key=lambda n: -n.evidence)
-    asked = [frozenset[str](), frozenset(n.effect.id for n in naming.named if n.sensor)]
-    asked += [frozenset(n.effect.id for n in strong[: k + 1]) for k in range(FEWER)]
-    whole = frozenset(n.effect.id for n in naming.named)
-    return [name.without(problem, naming, kept, INSTEAD) for kept in dict.fromkeys(asked) if kept != whole]
+def polished(problem: Problem, last: Fit) -> Fit:
+    """The same by least squares, as formulas are fitted."""
+    before, problem.fixed = problem.fixed, dict(last.values)
+    try:
+        found = fit(problem, last.parameters, last.values)
+    finally:
+        problem.fixed = before
+    return replace(found, values=dict(last.values) | found.values)
