@@ -37,7 +37,7 @@ def of_car(car: Path, minutes: float) -> list[dict[str, Any]]:
     folder = car / f"fit-{minutes:g}"
     logs, vehicle = shortened(car / "fit", minutes, folder), folder / "calibrated.toml"
     if logs:
-        result = workflow.run(logs, car / "fit" / "car.toml", [], folder / "progress.json", 1, lambda _: None)
+        result = workflow.run(logs, car / "fit" / "car.toml", [], 1, lambda _: None)
         output.write(vehicle, result, [p.name for p in logs])
     else:
         vehicle = car / "calibrated.toml"  # the study's own, on all of them

@@ -49,7 +49,7 @@ def halves(path: Path, folder: Path) -> dict[str, Path]:
 def calibrated(job: tuple[str, Path, str, Path]) -> tuple[str, str, Path, bool]:
     """A log, or half of it: the calibrated vehicle file, and whether the search converged."""
     name, log, part, folder = job
-    result = workflow.run([log], DATA / name / "vehicle.toml", [], folder / f"{name}_{part}.json", 1, lambda _: None)
+    result = workflow.run([log], DATA / name / "vehicle.toml", [], 1, lambda _: None)
     path = folder / f"{name}_{part.replace(' ', '_')}.toml"
     output.write(path, result, [log.name])
     return name, part, path, result.fit.converged

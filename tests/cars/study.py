@@ -198,7 +198,7 @@ def physical(car: str, result: Result, truth: dict[str, Any]) -> list[dict[str, 
 def calibrate(folder: Path) -> dict[str, Any]:
     """A car calibrated on its drives in FOLDER/fit: calibrated.toml, and what was found beside what is true in found.json."""
     logs = sorted((folder / "fit").glob("log_*.csv"))
-    result = workflow.run(logs, folder / "fit" / "car.toml", [], folder / "progress.json", 1, lambda _: None)
+    result = workflow.run(logs, folder / "fit" / "car.toml", [], 1, lambda _: None)
     output.write(folder / "calibrated.toml", result, [p.name for p in logs])
     truth_of_car = json.loads((folder / "fit" / "truth.json").read_text(encoding="utf-8"))
     drives = truth_of_car["logs"].values()

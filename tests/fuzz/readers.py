@@ -238,30 +238,6 @@ def read_learnt(data: bytes, folder: Path) -> None:
     )
 
 
-# What a search of `tselab calibrate` leaves: never believed unless it is what was written.
-
-
-@functools.cache
-def good_progress() -> bytes:
-    from tselab.calibrate.workflow import Progress
-    from tselab.identify.discrepancy import Discrepancy
-    from tselab.identify.fit import State
-
-    with tempfile.TemporaryDirectory() as name:
-        noise = {"accel_y": Discrepancy.of([0.1, 0.2, 0.3, 0.4, 0.5])}
-        Progress(Path(name) / "p.json", KEY).save(State(np.array([1.0, 2.0]), noise, 3, 1, 0.01))
-        return (Path(name) / "p.json").read_bytes()
-
-
-def read_progress(data: bytes, folder: Path) -> None:
-    from tselab.calibrate.workflow import Progress
-
-    (folder / "p.json").write_bytes(data)
-    found = Progress(folder / "p.json", KEY).load(2)
-    if found is not None and (found.x.tolist(), found.steps, found.refits, found.damping) != ([1.0, 2.0], 3, 1, 0.01):
-        raise Broken("a search that nobody made is gone on with")
-
-
 # Runs of a study: text that grows by a row, and what made them.
 
 
@@ -425,7 +401,6 @@ TARGETS = {
     "filter": Target(filters, read_filter, FILTER_WORDS),
     "formula": Target(formulas, read_formula, FORMULA_WORDS),
     "learnt": Target(lambda: [good_learnt()], read_learnt),
-    "progress": Target(lambda: [good_progress()], read_progress, JSON_WORDS),
     "runs": Target(lambda: [good_runs()], read_runs, JSON_WORDS),
     "archive": Target(archives, read_archive, XML_WORDS, repacked),
     "table": Target(lambda: [b"time,u,on\n0,0,1\n0.1,1,0\n", b"time,u,n,ref_x\n0,,1,2\n1,2,3,4\n"], read_table),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -72,13 +71,13 @@ def calibrate(
     CALIBRATED.toml            for tselab estimate, simulate, gap and fmu
     CALIBRATED.formula.toml    the formula of the vehicle file, if it has one: simulated as it is, not fitted
     CALIBRATED.json            all numbers, for programs
-    CALIBRATED.html            the same for people: before and after for each finding
+    CALIBRATED.html            the same for people
 
     --json says the same numbers on standard output, --table writes a row for each finding.
 
     Exit code: 0 usable: converged, and these logs show something of the car; 4 converged, and they show nothing of it, or less
     than 20 s of them can be compared with a simulation; 12 not converged (written all the same, and said); 2 bad input; 130
-    Ctrl-C. The same command goes on after Ctrl-C.
+    Ctrl-C.
     """
     from tselab import results
     from tselab.calibrate import output, page, workflow
@@ -87,7 +86,7 @@ def calibrate(
 
     _distinct(logs, hold_out)
     formula = read_vehicle(vehicle_path).formula_path
-    numbers, html, kept = out.with_suffix(".json"), out.with_suffix(".html"), out.with_suffix(".progress.json")
+    numbers, html = out.with_suffix(".json"), out.with_suffix(".html")
     kept_formula = output.formula_beside(out) if formula else None
     check_distinct(
         {"--out": out, "the page": html, "the numbers": numbers, "the formula": kept_formula, "--table": table},
@@ -97,21 +96,12 @@ def calibrate(
     results.check_table(table)
     if table is not None:
         check_writable(table)
-    try:
-        with saying(progress) as say:
-            result = workflow.run(logs, vehicle_path, hold_out, kept, jobs, say, steps, reading)
-            output.write(out, result, [p.name for p in logs])
-            say("the page")
-            text = [stiffness_words(read_vehicle(out)), *words(result)]
-            page.write(html, result, text)
-    except KeyboardInterrupt:
-        where = (
-            f"{kept} keeps where the search stood, the same command goes on from there"
-            if kept.exists()
-            else "nothing was found yet"
-        )
-        click.echo(f"tselab: stopped by Ctrl-C; {where}", err=True)
-        sys.exit(130)
+    with saying(progress) as say:
+        result = workflow.run(logs, vehicle_path, hold_out, jobs, say, steps, reading)
+        output.write(out, result, [p.name for p in logs])
+        say("the page")
+        text = [stiffness_words(read_vehicle(out)), *words(result)]
+        page.write(html, result, text)
     written = [str(out), *(p.name for p in (kept_formula, numbers, html) if p), *([str(table)] if table else [])]
     if table is not None:
         results.write_rows(table, [{"logs": " ".join(map(str, logs)), **f.as_json()} for f in result.findings])

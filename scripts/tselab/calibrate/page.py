@@ -12,18 +12,13 @@ import plotly.offline
 from plotly.subplots import make_subplots
 
 from tselab import __version__
-from tselab.calibrate.findings import SHOWN, Group
 from tselab.calibrate.result import Proof, Result
 from tselab.core import library
 from tselab.files import atomic
 from tselab.gap.export.pictures import CHANNEL_UNITS, _layout
 from tselab.identify.unknowns import MEASURED
-from tselab.plots import BLUE, GREY, INK, ORANGE
+from tselab.plots import BLUE, GREY, ORANGE
 from tselab.report import packed
-
-MOMENT = 6.0  # s that are drawn of a finding
-LEAST_NATS = 2.0  # that must speak for a group before it is drawn: the likelihood counts a quarter (fit.POWER)
-MOST_GROUPS = 12
 
 
 def write(path: Path, result: Result, words: Sequence[str]) -> None:
@@ -35,8 +30,6 @@ def write(path: Path, result: Result, words: Sequence[str]) -> None:
          "sensors); nothing of a held-out log is fitted. Before: the car as the vehicle file tells it, its stiffness fitted.",
          misfit(result.proofs)),
     ]  # fmt: skip
-    drawn = [g for g in result.groups if g.nats > LEAST_NATS][:MOST_GROUPS]
-    sections += [(g.name[0].upper() + g.name[1:], _text(g), moment(result, g)) for g in drawn]
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("tselab"), autoescape=True, trim_blocks=True, lstrip_blocks=True
     )
@@ -58,11 +51,6 @@ def write(path: Path, result: Result, words: Sequence[str]) -> None:
     )
     with atomic(path) as file:
         file.write(html)
-
-
-def _text(group: Group) -> str:
-    found = "; ".join(f.words for f in group.members if f.shown) or "nothing that these logs could show"
-    return f"{found}. {group.nats:.0f} nats speak for it. The {MOMENT:g} s where it matters most, in units that the sensor reads."
 
 
 def _facts(result: Result) -> list[tuple[str, str]]:
@@ -115,60 +103,3 @@ def misfit(proofs: Sequence[Proof]) -> go.Figure:
             )  # fmt: skip
     figure.update_yaxes(autorange="reversed", automargin=True)
     return _layout(figure, 190 + 44 * len(names), bargap=0.3)
-
-
-def moment(result: Result, group: Group) -> go.Figure:
-    """Where taking the finding back changes the simulation most: measured, without, with."""
-    problem, x = result.problem, result.fit.x
-    without = x.copy()
-    for f in (f for f in group.members if not f.shape):
-        without[problem.names.index(f.name)] = f.before
-    best = (-1.0, 0, problem.channels[0], 0.0)
-    simulated = []
-    for i, log in enumerate(problem.logs):
-        new, old = problem.simulate(i, x), problem.simulate(i, without)
-        simulated.append((new, old))
-        rows = max(1, round(MOMENT / float(np.median(np.diff(log.time)))))
-        for c in problem.channels:
-            energy = np.nan_to_num(((new[c] - old[c]) / log.noise[c]) ** 2)
-            total = np.convolve(energy, np.ones(rows), "valid") if len(energy) >= rows else np.array([energy.sum()])
-            k = int(np.argmax(total))
-            if total[k] > best[0]:
-                best = (float(total[k]), i, c, float(log.time[k]))
-    _, i, channel, start = best
-    log, (new, old) = problem.logs[i], simulated[i]
-    rows = (log.time >= start) & (log.time <= start + MOMENT)
-    measured = log.measured[channel][rows]
-    figure = go.Figure()
-    for title, y, colour, width in (
-        ("measured", measured, GREY, 3.0),
-        ("without it", old[channel][rows], ORANGE, 1.6),
-        ("with it", new[channel][rows], BLUE, 1.6),
-    ):  # fmt: skip
-        shifted = y if title == "measured" else y + np.nan_to_num(np.nanmean(measured - y))
-        figure.add_trace(
-            go.Scatter(x=np.round(log.time[rows], 3), y=shifted, name=title, line={"color": colour, "width": width})
-        )
-    figure.update_xaxes(title=f"{log.name}, time [s]")
-    figure.update_yaxes(title=f"{channel} [{CHANNEL_UNITS[channel]}]")
-    return _layout(figure, 320)
-
-
-def picture(path: Path, result: Result) -> None:
-    """What is known now, as a picture for those who have no browser at hand (matplotlib)."""
-    import matplotlib
-
-    matplotlib.use("agg")
-    import matplotlib.pyplot as plt
-
-    rows = [f for g in result.groups for f in g.members][::-1]
-    figure, axes = plt.subplots(figsize=(8, 0.22 * len(rows) + 1.2), layout="constrained")
-    axes.axvspan(-2, 2, color="#eef2f6")
-    for k, f in enumerate(rows):
-        colour = BLUE if f.shown else GREY
-        axes.errorbar((f.value - f.prior) / f.prior_sd, k, xerr=1.96 * f.sd / f.prior_sd, fmt="o", color=colour, ms=4)
-    axes.set_yticks(range(len(rows)), [f.name for f in rows], fontsize=8, color=INK)
-    axes.set_xlabel(f"found less known before, in its sd (grey: sd above {SHOWN:g} of it)")
-    with atomic(path, "wb") as file:
-        figure.savefig(file, dpi=110, format="png")
-    plt.close(figure)

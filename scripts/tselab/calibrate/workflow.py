@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -13,16 +11,15 @@ import numpy as np
 from tselab.calibrate import along
 from tselab.calibrate.findings import findings, groups, known_before
 from tselab.calibrate.result import Proof, Result
-from tselab.core import Config, library
+from tselab.core import Config
 from tselab.errors import UserError
 from tselab.gap.data import BLOCK, Prepared, prepare
-from tselab.identify.discrepancy import Discrepancy, cost
-from tselab.identify.fit import Fit, State, fit
+from tselab.identify.discrepancy import cost
+from tselab.identify.fit import Fit, fit
 from tselab.identify.problem import SPEED_BLOCKS, SPEED_TIME, Problem
 from tselab.identify.unknowns import MEASURED, OWN, STIFFNESS, Prior, prior_of
-from tselab.log import DRIVES, Log, Reading, files_of, liveliest, read_log
+from tselab.log import DRIVES, Log, Reading, liveliest, read_log
 from tselab.noise import smooth
-from tselab.seal import read_sealed, write_sealed
 from tselab.units import check_car
 from tselab.vehicle import Vehicle, default_vehicle, fill_sensors, read_vehicle
 
@@ -40,13 +37,12 @@ def run(
     logs: Sequence[Path],
     vehicle_path: Path,
     held_out: Sequence[Path],
-    progress: Path,
     jobs: int,
     say: Say,
     most: int | None = None,
     reading: Reading | None = None,
 ) -> Result:
-    """Calibrate. `progress`: a file that is written on the way and taken up again when it is of the same logs and vehicle."""
+    """Calibrate, and prove it on the logs. `most`: steps of the search."""
     vehicle = read_vehicle(vehicle_path)
     notes: list[str] = []
     reading = replace(reading or Reading(), car=vehicle)
@@ -60,18 +56,13 @@ def run(
     plain_problem = Problem(ready, config, _stiffness_of(problem.prior), jobs, unlike=False)
     plain = fit(plain_problem, say=say)
 
-    kept = Progress(progress, fingerprint([*logs, vehicle_path], problem, reading))
-    start = kept.load(len(problem.names))
-    if start:
-        say(f"going on from step {start.steps} of {progress}")
-    result = fit(problem, start, say, kept.save, **({} if most is None else {"most": most}))
+    result = fit(problem, say=say, most=most)
 
     say("proof")
     proofs = _proofs(problem, result, plain_problem, plain, problem.logs, False)
     if held_out:
         held = _prepare(list(_read(held_out, notes, reading).values()), config, notes, say)
         proofs += _proofs(problem, result, plain_problem, plain, held, True)
-    kept.clear()
     return _result(vehicle, problem, result, list(read.values()), proofs, notes)
 
 
@@ -240,56 +231,3 @@ def step_of(x: np.ndarray) -> float:
     step = float(np.median(apart[apart < 1.5 * least]))
     off = np.abs(apart / step - np.round(apart / step))
     return step if float(np.quantile(off, 0.99)) < 0.1 else 0.0
-
-
-# ---- going on
-
-
-def fingerprint(paths: Sequence[Path], problem: Problem, reading: Reading) -> str:
-    """Of all that the search depends on."""
-    digest = hashlib.sha256(repr(reading.rate).encode())
-    for path in dict.fromkeys(f for p in paths for f in (*files_of(p), *reading.files(p))):
-        digest.update(hashlib.sha256(Path(path).read_bytes()).digest())
-    digest.update(json.dumps([library().version, problem.names, problem.nominal], sort_keys=True).encode())
-    return digest.hexdigest()
-
-
-class Progress:
-    """Where a search stands, in a file: numbers in JSON, nothing that could run."""
-
-    def __init__(self, path: Path, key: str):
-        self.path, self.key = path, key
-
-    def save(self, s: State) -> None:
-        noise = {c: d.numbers for c, d in s.noise.items()}
-        state = {
-            "key": self.key,
-            "x": s.x.tolist(),
-            "noise": noise,
-            "steps": s.steps,
-            "refits": s.refits,
-            "damping": s.damping,
-        }
-        write_sealed(self.path, state)
-
-    def load(self, size: int) -> State | None:
-        """None where there is nothing, or what is there is of another search, of somebody else, or broken."""
-        try:
-            state = read_sealed(self.path)
-            if state is None or state["key"] != self.key:
-                return None
-            channels = [c for c in MEASURED if c in state["noise"]]
-            x, numbers = np.array(state["x"], float), np.array([state["noise"][c] for c in channels], float)
-            if (
-                x.shape != (size,)
-                or numbers.shape != (len(channels), 5)
-                or not (np.isfinite(x).all() and (numbers > 0).all())
-            ):
-                return None
-            noise = {c: Discrepancy.of(n) for c, n in zip(channels, numbers.tolist(), strict=True)}
-            return State(x, noise, int(state["steps"]), int(state["refits"]), float(state["damping"]))
-        except (ValueError, LookupError, TypeError):
-            return None
-
-    def clear(self) -> None:
-        self.path.unlink(missing_ok=True)

@@ -64,17 +64,6 @@ class Fit:
     slopes: list[np.ndarray] = field(default_factory=list)  # whitened, at x
 
 
-@dataclass
-class State:
-    """What a search needs to go on."""
-
-    x: np.ndarray
-    noise: dict[str, Discrepancy]
-    steps: int
-    refits: int
-    damping: float
-
-
 def whitened(
     problem: Problem, noise: dict[str, Discrepancy], residuals: list[np.ndarray], slopes: list[np.ndarray] | None = None
 ) -> tuple[list[np.ndarray], list[np.ndarray]]:
@@ -121,61 +110,60 @@ def step(information: np.ndarray, gradient: np.ndarray, damping: float, x: np.nd
 
 def fit(
     problem: Problem,
-    start: State | None = None,
+    x: np.ndarray | None = None,
+    noise: dict[str, Discrepancy] | None = None,
     say: Callable[[str], None] = lambda _: None,
-    keep: Callable[[State], None] = lambda _: None,
     most: int | None = None,
     chords: bool = False,
 ) -> Fit:
-    """Search from the prior, or from where an earlier one stood. `keep` is called after every step with what it takes to go on.
-    `most`: steps; None: MOST_STEPS. `chords`: slopes are simulated at the start and at the end, or where a step fails, and follow
-    what the steps between have shown (Broyden 1965); else at every step."""
+    """Search from the prior, or from `x` and discrepancies `noise`. `most`: steps; None: MOST_STEPS. `chords`: slopes are simulated
+    at the start and at the end, or where a step fails, and follow what the steps between have shown (Broyden 1965); else at every
+    step."""
     most = MOST_STEPS if most is None else most
-    s = start or State(np.clip(problem.mean, problem.low, problem.high), {}, 0, 0, 1e-3)
-    residuals = problem.residuals(s.x)
+    x = np.clip(problem.mean, problem.low, problem.high) if x is None else x
+    noise, steps, refits, damping = dict(noise or {}), 0, 0, 1e-3
+    residuals = problem.residuals(x)
     converged, moved, changed = False, np.inf, np.inf
-    steep, exact = problem.slopes(s.x, residuals), True
+    steep, exact = problem.slopes(x, residuals), True
     while True:
-        if s.refits < MOST_REFITS and changed > SAME:
-            s.noise, changed = discrepancies(problem, residuals, s.noise)
-            s.refits += 1
-        ends = converged or s.steps >= most
+        if refits < MOST_REFITS and changed > SAME:
+            noise, changed = discrepancies(problem, residuals, noise)
+            refits += 1
+        ends = converged or steps >= most
         if not exact and (ends or not chords):
-            steep, exact = problem.slopes(s.x, residuals), True
-        r, j = whitened(problem, s.noise, residuals, steep)
+            steep, exact = problem.slopes(x, residuals), True
+        r, j = whitened(problem, noise, residuals, steep)
         information = sum(a.T @ a for a in j) + problem.information
         if ends:
             break
-        gradient = sum(a.T @ b for a, b in zip(j, r, strict=True)) + problem.information @ (s.x - problem.mean)
-        here = half_square(problem, s.noise, s.x, residuals)
+        gradient = sum(a.T @ b for a, b in zip(j, r, strict=True)) + problem.information @ (x - problem.mean)
+        here = half_square(problem, noise, x, residuals)
         sd = np.sqrt(np.diag(np.linalg.inv(information)))
         for _ in range(10):
-            there = step(information, gradient, s.damping, s.x, problem)
+            there = step(information, gradient, damping, x, problem)
             new = problem.residuals(there)
-            if half_square(problem, s.noise, there, new) < here:
+            if half_square(problem, noise, there, new) < here:
                 break
-            s.damping = max(10 * s.damping, 1e-3)
+            damping = max(10 * damping, 1e-3)
         else:  # nowhere to go
             if not exact:
-                steep, exact = problem.slopes(s.x, residuals), True
-                s.damping = 1e-3
+                steep, exact = problem.slopes(x, residuals), True
+                damping = 1e-3
                 continue
-            converged = changed <= SAME or s.refits >= MOST_REFITS
+            converged = changed <= SAME or refits >= MOST_REFITS
             changed = SAME if converged else np.inf
-            s.steps += 1
+            steps += 1
             continue
-        moved = float(np.max(np.abs(there - s.x) / sd))
+        moved = float(np.max(np.abs(there - x) / sd))
         if chords:
-            steep = _followed(steep, residuals, new, (there - s.x) / problem.sd, problem.sd)
+            steep = _followed(steep, residuals, new, (there - x) / problem.sd, problem.sd)
         exact = False
-        s = State(there, s.noise, s.steps + 1, s.refits, max(s.damping / 10, 1e-6))
-        residuals = new
-        converged = moved < SETTLED and (changed <= SAME or s.refits >= MOST_REFITS)
+        x, residuals, steps, damping = there, new, steps + 1, max(damping / 10, 1e-6)
+        converged = moved < SETTLED and (changed <= SAME or refits >= MOST_REFITS)
         if moved < SETTLED and not converged:
             changed = np.inf
-        keep(s)
-        say(f"step {s.steps}: the largest change is {moved:.2g} sd")
-    return Fit(s.x, s.noise, covariance(problem, information, r, j), converged, s.steps, moved, s.refits, residuals, j)
+        say(f"step {steps}: the largest change is {moved:.2g} sd")
+    return Fit(x, noise, covariance(problem, information, r, j), converged, steps, moved, refits, residuals, j)
 
 
 def _followed(

@@ -86,7 +86,7 @@ def posterior(problem: Problem, fit: Fit, vehicle: Vehicle, settings: Mapping[st
             [sd if n in fitted else prior.get(n) or sd for n, sd in zip(space.names, space.sd, strict=True)]
         )
         space.mean, space.information = at, np.diag(space.sd**-2)
-        covariance = engine.fit(space, engine.State(at, {}, 0, 0, 1e-3), most=0).covariance
+        covariance = engine.fit(space, at, most=0).covariance
     finally:
         problem.fixed = before
     car = [k for k, p in enumerate(space.parameters) if p.name in NOMINAL or p.name in fitted or prior.get(p.name)]

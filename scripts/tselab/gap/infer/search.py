@@ -214,8 +214,7 @@ def judge(layout: Layout, effects: Sequence[Hypothesis], start: Mapping[str, flo
     space = Space(layout, effects, kick | dict(start))
     if parent:
         space.knows(parent.noise, parent.residuals)
-    begin = engine.State(space.first, dict(parent.noise) if parent else {}, 0, 0, 1e-3)
-    found = engine.fit(space, begin, most=MOST_STEPS, chords=True)
+    found = engine.fit(space, space.first, parent.noise if parent else None, most=MOST_STEPS, chords=True)
     residuals = found.residuals
     gram = {c: np.zeros((len(found.x), len(found.x))) for c in space.channels}
     for table, (_, c) in zip(found.slopes, space.groups, strict=True):
