@@ -55,7 +55,7 @@ def run(asked: tuple[str, str, float | None]) -> None:
     from tselab.gap.catalogue import catalogue
     from tselab.gap.data import prepare_all
     from tselab.gap.fit import fit
-    from tselab.gap.infer.excerpt import HELD_SHARE, excerpt
+    from tselab.gap.infer.excerpt import excerpt
     from tselab.gap.infer.naming import name
     from tselab.gap.problem import STIFFNESS, Problem
     from tselab.gap.workflow import read
@@ -67,17 +67,13 @@ def run(asked: tuple[str, str, float | None]) -> None:
         return
     made = next(make_cases([s for s in study() if s.name == case]))
 
-    def problem(folder: Path, pattern: str, share: float) -> Problem:
-        logs, config = read(sorted(folder.glob(pattern)), read_vehicle(folder / "car.toml"))
-        found = Problem(prepare_all(logs, config), config)
-        return found.of(excerpt(found, fit(found, STIFFNESS, {}), share).logs)
-
     with tempfile.TemporaryDirectory() as temporary, ExitStack() as stack:
         if value is not None:
             stack.enter_context(changed(constant, value))
         folder = made.write(Path(temporary) / "case")
-        fitted, held = problem(folder, "log_*.csv", 1.0), problem(folder, "hold_out_*.csv", HELD_SHARE)
-        found = name(fitted, list(catalogue().values()), together=fitted.of([*fitted.logs, *held.logs]))
+        logs, config = read(sorted(folder.glob("log_*.csv")), read_vehicle(folder / "car.toml"))
+        problem = Problem(prepare_all(logs, config), config)
+        found = name(excerpt(problem, fit(problem, STIFFNESS, {})), list(catalogue().values()))
     truth = [e["id"] for e in made.truth["effects"]]
     named = {n.effect.id: (n.probability, n.look_alikes) for n in found.named}
     right = [t for t in truth if any(same(t, n) or t in alike for n, (_, alike) in named.items())]

@@ -343,7 +343,7 @@ def test_a_road_alone_is_kept_with_its_profile(tmp_path: Path) -> None:
     problem = Problem([prepare(read_log(log), config)], config)
     baseline, grade = naming.plain_car(problem), catalogue()["grade"]
     road = Named(grade, {"grade_angle": 0.01}, {"grade_angle": (0.005, 0.015)}, 0.5, 40.0, 0.99)
-    found = naming.Naming(baseline, naming._with_roads(problem, baseline, [grade]), [road], [], 0.5, [], [], True)
+    found = naming.Naming(baseline, naming._with_roads(problem, baseline, [grade]), [road], 0.5, [], [], True)
     kept = naming.without(problem, found, frozenset({"grade"}), "a reason")
     assert kept.named == [road] and kept.possible == []
     assert kept.final.values == found.final.values
@@ -366,7 +366,7 @@ def test_a_name_below_90_percent_is_possible_and_has_exit_code_11(late: Problem)
     def judged(probability: float | None, elsewhere: list[Remainder]) -> workflow.Result:
         values, ci95 = {"body_roll_gain": 0.009}, {"body_roll_gain": (0.008, 0.01)}
         named = [] if probability is None else [Named(catalogue()["body_roll"], values, ci95, 0.4, 40.0, probability)]
-        found = naming.Naming(baseline, baseline, named, [], 0.4, [], [], True)
+        found = naming.Naming(baseline, baseline, named, 0.4, [], [], True)
         return workflow.judge(late, found, [], [], [], [], {}, [], elsewhere=elsewhere)
 
     sure, unsure = judged(0.95, []), judged(0.61, [])
@@ -390,7 +390,7 @@ def test_names_that_close_little_and_roads_are_no_answer_where_something_is_left
             [Named(catalogue()[effect], {p.name: 0.01}, {p.name: (0.0, 0.02)}, closed, 40.0, 0.99)] if closed else []
         )
         maybe = [{"id": effect, "probability": possible, "why": "below 90 %"}] if possible else []
-        found = naming.Naming(baseline, baseline, named, [], closed, maybe, [], True)
+        found = naming.Naming(baseline, baseline, named, closed, maybe, [], True)
         return workflow.judge(late, found, [], [], remains, [], {}, []).exit_code
 
     assert (code("body_roll", 0.6, left), code("body_roll", 0.06, left), code("grade", 0.8, left)) == (10, 20, 20)

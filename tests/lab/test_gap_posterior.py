@@ -36,7 +36,7 @@ def case(tmp_path_factory):
     paths = [write_log(folder / f"{d}.csv", vehicle, d, {}, k, 20.0) for k, d in enumerate(("sweep", "brakes"), 5)]
     problem = Problem([prepare(read_log(p), config) for p in paths], config)
     found = fit(problem, PARAMETERS, {})
-    naming = Naming(found, found, [], [], 0.0, [], [], True)
+    naming = Naming(found, found, [], 0.0, [], [], True)
     result = workflow.judge(problem, naming, [], [], [], [], {}, [])
     improved = folder / "improved.toml"
     improved.write_text(add.improved(read_vehicle(vehicle), problem, result), encoding="utf-8")

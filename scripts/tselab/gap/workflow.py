@@ -19,7 +19,7 @@ from tselab.gap.data import prepare_all
 from tselab.gap.fit import Fit, gap
 from tselab.gap.infer import detect, show
 from tselab.gap.infer import naming as name
-from tselab.gap.infer.excerpt import HELD_SHARE, excerpt, is_long
+from tselab.gap.infer.excerpt import excerpt, is_long
 from tselab.gap.infer.formula import search
 from tselab.gap.infer.formula.search import NOISE_LIMIT, Discovery
 from tselab.gap.infer.hypotheses import NAME_AT
@@ -82,7 +82,6 @@ class Result:
             "verdict": self.verdict,
             "effects": [_as_json(n) for n in self.naming.named if not n.message],
             "sensors": sensors(self.problem, self.naming),
-            "besides": [_as_json(n) for n in self.naming.besides],
             "possible": self.naming.possible,
             "sets": self.naming.sets,
             "formula": self._formula_as_json(),
@@ -220,14 +219,13 @@ def run(
         few = excerpt(problem, baseline)
         few_baseline = name.plain_car(few)
         notes.append(f"effects are searched in the {_seconds(few):.0f} s of {_seconds(problem):.0f} s that say most")
-    if held is not None and is_long(held, HELD_SHARE):
-        few_held = excerpt(held, name.plain_car(held), HELD_SHARE)
+    if held is not None and is_long(held):
+        few_held = excerpt(held, name.plain_car(held))
     say("where do they disagree?")
     conditions = where.conditions(problem, baseline.residuals, baseline.values)
     entries = where.entries(few, few_baseline)
 
-    together = few.of([*few.logs, *few_held.logs]) if few_held is not None else None
-    naming = name.name(few, list(catalogue().values()), say, few_baseline, together)
+    naming = name.name(few, list(catalogue().values()), say, few_baseline)
     notes += said
     notes += [f"{log.path.name}: {w}" for log in (*fitted, *others) for w in disagreements(log, vehicle)]
     say("what is left?")
@@ -358,8 +356,6 @@ def judge(
     ]
     if more:
         words.append(f"The held-out logs are not explained: {', '.join(more)}.")
-    for n in naming.besides:
-        words.append(f"The held-out logs show besides, what the fitted ones do not: {_sentence(n)} It is not added.")
     unsure = any(n.probability < NAME_AT for n in naming.named) or all(n.look_alikes for n in naming.named)
     exit_code = EXIT[DOUBTFUL if verdict == "possible" or (verdict == "named" and unsure) else verdict]
     alike = {i for n in naming.named for i in n.look_alikes}  # of these the logs show one, and do not say which

@@ -21,24 +21,23 @@ from tselab.gap.infer.space import REACH, STIFFNESS_SD, Layout, slopes
 from tselab.gap.problem import STIFFNESS, Problem
 
 MOST_SECONDS = 90.0  # s: of logs, in which effects are searched: what is found is fitted to all of them
-HELD_SHARE = 0.5  # of that, of held-out logs: they confirm
 PIECE = 15.0  # s: of a log that is chosen or not: a manoeuvre or two, of which BURN_IN is lost
 # noise of a block: that a piece's information counts with: models are no better known than that, and with less the
 # first pieces are sure of everything
 ENTRY_SD = 30.0
 
 
-def is_long(problem: Problem, share: float = 1.0) -> bool:
-    """Whether it is so long that a share of MOST_SECONDS is worth being chosen."""
-    return sum(log.seconds for log in problem.logs) > 2.0 * share * MOST_SECONDS
+def is_long(problem: Problem) -> bool:
+    """Whether it is so long that MOST_SECONDS of it are worth being chosen."""
+    return sum(log.seconds for log in problem.logs) > 2.0 * MOST_SECONDS
 
 
-def excerpt(problem: Problem, baseline: Fit, share: float = 1.0) -> Problem:
-    """The stretches that say most, a share of MOST_SECONDS; the problem as it is, where it is hardly longer. `baseline`: of this
+def excerpt(problem: Problem, baseline: Fit) -> Problem:
+    """The stretches that say most, MOST_SECONDS; the problem as it is, where it is hardly longer. `baseline`: of this
     problem.
 
     Cost: as many simulations of everything as the catalogue has parameters."""
-    if not is_long(problem, share):
+    if not is_long(problem):
         return problem
     layout = Layout(problem)
     residuals = layout.split(baseline.residuals)
@@ -56,7 +55,7 @@ def excerpt(problem: Problem, baseline: Fit, share: float = 1.0) -> Problem:
                     information += rows.T @ rows
             pieces.append((i, piece))
             says.append(information / ENTRY_SD**2)
-    chosen = best(says, [piece.used.sum() * _step(problem.logs[i]) for i, piece in pieces], share * MOST_SECONDS)
+    chosen = best(says, [piece.used.sum() * _step(problem.logs[i]) for i, piece in pieces], MOST_SECONDS)
     logs = []
     for i, log in enumerate(problem.logs):
         mine = [pieces[k][1] for k in sorted(chosen) if pieces[k][0] == i]

@@ -1,8 +1,6 @@
 """From sets of effects and their probabilities to names: what the logs show, how sure that is, and what could stand in its place.
 
-The sets are searched on the fitted logs. Held-out logs inform: the search goes on from there with all logs together, and that is
-where the probabilities are from. What the fitted logs need of the most probable set is named; sizes and the improved vehicle are of
-these logs alone. What only the held-out logs show is a gap of its own, named besides and not added.
+The sets are searched on the fitted logs alone: held-out ones take no part in names or sizes.
 """
 
 from __future__ import annotations
@@ -43,7 +41,8 @@ ROAD_SHARE = 0.5  # of what is slow in its channel that a road must explain
 ROAD_HARM = 3.0
 MOST_KNOTS = 600  # of a road's profile: every one is a number that is fitted
 ROAD_CHANNEL = {"grade": "accel_x", "bank": "accel_y"}
-SMALL, IDLE = "its size is negligible", "it closes next to nothing"  # why an effect is possible and has no name
+# Why an effect is possible and has no name.
+SMALL, IDLE, UNSURE = "its size is negligible", "it closes next to nothing", f"below {100 * NAME_AT:.0f} %"
 
 
 @dataclass
@@ -84,7 +83,6 @@ class Naming:
     baseline: Fit
     final: Fit
     named: list[Named]
-    besides: list[Named]  # shown by the held-out logs alone
     closed: float  # share of the gap
     possible: list[dict]  # not named: id, probability, why it is not
     sets: list[dict]  # the most probable ones: ids, probability
@@ -96,34 +94,28 @@ def name(
     effects: Sequence[Effect],
     say: Callable[[str], None] = lambda _: None,
     baseline: Fit | None = None,
-    together: Problem | None = None,
 ) -> Naming:
-    """`baseline`: plain_car(); `together`: the same logs and the held-out ones."""
+    """`baseline`: plain_car()."""
     baseline = baseline or plain_car(problem)
     asked = [h for h in hypotheses(effects) if h.id not in BY_TORQUE or _has_torque(problem)]
-    first = Search(Layout(problem), asked, problem.jobs, say)
-    best = first.run()
-    search = first
-    if together is not None:
-        say("the same with the held-out logs")
-        search = Search(Layout(together), asked, problem.jobs, say)
-        best = first.needed(search.run(best))
+    search = Search(Layout(problem), asked, problem.jobs, say)
+    best = search.run()
     probability = Probability(search, best.ids)
     names = {h.id for h in best.effects if probability.of_class(h.id) >= NAME_AT}
     dropped: dict[str, str] = {}  # and why
     full = excess(problem, baseline.residuals)
     while True:
-        final = best if names == best.ids else first.judge(names, best.values, best)
+        final = best if names == best.ids else search.judge(names, best.values, best)
         # sizes are what the catalogue's forms alone make of the logs; what forms are not known to is in the intervals
         plain = judge(Layout(problem), final.effects, final.values, None)
         small = {h.id for h in final.effects if negligible(h.effect, plain.values)}
-        wander = _wander(problem, first, final, full)
+        wander = _wander(problem, search, final, full)
         if small | wander:
             names = final.ids - small - wander
             dropped |= dict.fromkeys(small, SMALL)
             continue
         last = as_fit(problem, plain)
-        named = [_named(problem, first, final, plain, last, h, probability, full) for h in final.effects]
+        named = [_named(problem, search, final, plain, last, h, probability, full) for h in final.effects]
         idle = min(named, key=lambda n: n.alone, default=None)
         if idle is None or idle.alone >= LEAST_CLOSED:
             break
@@ -133,27 +125,14 @@ def name(
     roads = [n.effect for n in named if n.effect.id in PROFILES and n.effect.id not in final.ids]
     if roads:
         last = _with_roads(problem, last, roads)
-    besides = []
-    best_of_all = probability.best
-    dropped |= {h.id: SMALL for h in best_of_all.effects if negligible(h.effect, best_of_all.values)}
-    if together is not None:
-        stand_in = {i for n in named for i in n.look_alikes}
-        for h in best_of_all.effects:
-            sure = probability.effects[h.id] >= NAME_AT and not negligible(h.effect, best_of_all.values)
-            if sure and h.id not in best.ids and h.id not in stand_in:
-                besides.append(_sized(h, best_of_all, probability))
-    stated = {n.effect.id for n in (*named, *besides)}
-    unsure, not_best = f"below {100 * NAME_AT:.0f} %", "the most probable set explains these logs without it"
+    stated = {n.effect.id for n in named}
     possible = [
-        {"id": i, "probability": p, "why": dropped.get(i, unsure if p < NAME_AT else not_best)}
+        {"id": i, "probability": p, "why": dropped.get(i, UNSURE)}
         for i, p in sorted(probability.effects.items(), key=lambda x: -x[1])
         if p >= POSSIBLE_AT and i not in stated and not any(i in n.look_alikes for n in named)
     ]
     closed = 1.0 - excess(problem, last.residuals) / full if full > 0 else 0.0
-    return Naming(
-        baseline, last, named, besides, closed,
-        possible, probability.sets(), final.converged,
-    )  # fmt: skip
+    return Naming(baseline, last, named, closed, possible, probability.sets(), final.converged)
 
 
 def _has_torque(problem: Problem) -> bool:
@@ -167,11 +146,11 @@ def without(problem: Problem, naming: Naming, kept: frozenset[str], why: str) ->
     stay = {n.effect.id for n in left.named}
     dropped = [
         {"id": n.effect.id, "probability": n.probability, "why": SMALL if n.effect.id in kept else why}
-        for n in (*naming.named, *naming.besides)
+        for n in naming.named
         if n.effect.id not in stay and n.probability >= POSSIBLE_AT
     ]
     possible = sorted([*dropped, *naming.possible], key=lambda p: -p["probability"])
-    return replace(left, besides=[], possible=possible)
+    return replace(left, possible=possible)
 
 
 def on_all(problem: Problem, naming: Naming) -> Naming:
@@ -217,7 +196,6 @@ class Probability:
         """`found`: the set that is to be named."""
         self._sets = search.probabilities()
         self._found = found
-        self.best = max(search.known.values(), key=lambda j: j.evidence)
         self.effects: dict[str, float] = {}
         for ids, p in self._sets.items():
             for i in ids:

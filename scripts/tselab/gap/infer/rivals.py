@@ -168,7 +168,7 @@ def explained(
     naming = replace(best.naming, named=named)
     if any(n.whole < NAME_AT for n in named):
         sure = frozenset(n.effect.id for n in named if n.whole >= NAME_AT)
-        naming = name.without(problem, naming, sure, f"below {100 * NAME_AT:.0f} %")
+        naming = name.without(problem, naming, sure, name.UNSURE)
         last = on_all(problem, naming.final, last)
     return last, naming, shown
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from tselab.gap.catalogue import Parameter, of_the_car
+from tselab.gap.catalogue import Parameter
 from tselab.gap.infer import noise
 from tselab.gap.infer.hypotheses import Hypothesis, fit_prior, ln_normal, start_of
 from tselab.gap.infer.space import REACH, Layout, Space, raw, slopes
@@ -113,16 +113,11 @@ class Search:
 
     # ---- the search
 
-    def run(self, begin: Judged | None = None) -> Judged:
-        """The most probable set that adding, leaving out and exchanging finds. `begin`: the set and values to begin with, of other
-        logs of the car."""
+    def run(self) -> Judged:
+        """The most probable set that adding, leaving out and exchanging finds."""
         best, seen = self.judge((), {}), set()
         self.nothing = best.space.physical(best.x)
-        passes = 1 if begin is not None else PASSES
-        if begin is not None and begin.effects:
-            start = of_the_car(begin.values)
-            best = self._explained(self.judge(begin.ids, start, best))
-        while best.ids not in seen and len(seen) < passes:
+        while best.ids not in seen and len(seen) < PASSES:
             seen.add(best.ids)
             self._swapped(self._pruned(self._grown(best)))
             best = max(self.known.values(), key=lambda j: j.evidence)
@@ -188,10 +183,6 @@ class Search:
             tried = self.judge_all([(without.ids | {o.id}, without.values | start, without) for _, o, start in ask])
             there = max([there, *tried], key=lambda j: j.evidence)
         return there
-
-    def needed(self, found: Judged) -> Judged:
-        """Of a set that was found in more logs than these: what these need of it."""
-        return self._pruned(self.judge(found.ids, of_the_car(found.values)))
 
     # ---- what came of it
 
