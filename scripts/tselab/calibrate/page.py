@@ -5,20 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-import jinja2
 import numpy as np
 import plotly.graph_objects as go
-import plotly.offline
 from plotly.subplots import make_subplots
 
-from tselab import __version__
 from tselab.calibrate.result import Proof, Result
-from tselab.core import library
-from tselab.files import atomic
 from tselab.gap.export.pictures import CHANNEL_UNITS, _layout
+from tselab.gap.export.report import write_page
 from tselab.identify.unknowns import MEASURED
 from tselab.plots import BLUE, GREY, ORANGE
-from tselab.report import packed
 
 
 def write(path: Path, result: Result, words: Sequence[str]) -> None:
@@ -30,27 +25,18 @@ def write(path: Path, result: Result, words: Sequence[str]) -> None:
          "sensors); nothing of a held-out log is fitted. Before: the car as the vehicle file tells it, its stiffness fitted.",
          misfit(result.proofs)),
     ]  # fmt: skip
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("tselab"), autoescape=True, trim_blocks=True, lstrip_blocks=True
-    )
-    html = environment.get_template("calibrate.html.j2").render(
+    write_page(
+        path,
+        "calibrate.html.j2",
+        sections,
         title="Calibrated" if result.fit.converged else "Calibrated, but the search has not converged",
         converged=result.fit.converged,
         vehicle=result.vehicle.name,
         words=words,
         notes=result.notes,
         groups=result.groups,
-        sections=[
-            {"id": f"plot{i}", "title": t, "text": x, "height": f.layout.height} for i, (t, x, f) in enumerate(sections)
-        ],
-        figures=packed("[" + ",".join(f.to_json() for _, _, f in sections) + "]"),
-        plotly=packed(plotly.offline.get_plotlyjs()),
         facts=_facts(result),
-        library=library(),
-        version=__version__,
     )
-    with atomic(path) as file:
-        file.write(html)
 
 
 def _facts(result: Result) -> list[tuple[str, str]]:
