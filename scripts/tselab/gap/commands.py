@@ -100,7 +100,7 @@ def run(**given: Any) -> int:
     The single-track model is driven by the logged steering angle and wheel speeds; what it says of accel_x, accel_y and
     yaw_rate is compared with what was measured. Stiffness is the car's and a little each log's own, sensor biases are those of
     each log. Sets of effects of the catalogue, and how late messages are, are judged by their evidence beside what no model
-    explains; a name needs a probability of 90 %. Held-out logs inform it.
+    explains; a name needs a probability of 90 %. Held-out logs take no part in it.
 
     \b
     DIR/verdict.json           what was found, for programs
@@ -112,7 +112,7 @@ def run(**given: Any) -> int:
     DIR/gap.png                the picture (with matplotlib)
 
     \b
-    Exit code: 0 nothing is missing that these logs could show, 10 named, 11 named, but below 90 % or look-alikes cannot be
+    Exit code: 0 nothing is missing that these logs could show, 10 named, 11 possible, below 90 %, or look-alikes cannot be
     excluded, 20 something is missing that is not in the catalogue, 2 bad input, 130 Ctrl-C.
     """
     return _run(**given)
@@ -168,9 +168,8 @@ def discover(**given: Any) -> int:
     \b
     tselab gap discover log_*.csv --vehicle car.toml --out gap --hold-out hold_out_*.csv
 
-    As 'tselab gap', which seeks one where its names leave something; this command always does. Forms of a library, and what
-    evolves from them, are put at the axles, on the body and into the sensors; those with the largest expected gain are
-    simulated with the stiffness fitted beside them, length has a price, and a held-out log that they make worse forbids them.
+    As 'tselab gap', which seeks one where its names leave something; this command always does. Forms of a library are put at
+    the axles, on the body and into the sensors; those with the largest expected gain are simulated with the stiffness fitted beside them, length has a price, and a held-out log that they make worse forbids them.
 
     DIR/formula.toml can be edited, and written by hand: 'tselab formula' checks it, [formula] file = "formula.toml" in a vehicle
     file runs it in simulator, estimator and this workflow.
