@@ -169,7 +169,8 @@ def discover(**given: Any) -> int:
     tselab gap discover log_*.csv --vehicle car.toml --out gap --hold-out hold_out_*.csv
 
     As 'tselab gap', which seeks one where its names leave something; this command always does. Forms of a library are put at
-    the axles, on the body and into the sensors; those with the largest expected gain are simulated with the stiffness fitted beside them, length has a price, and a held-out log that they make worse forbids them.
+    the axles, on the body and into the sensors; those with the largest expected gain are simulated with the stiffness fitted
+    beside them, length has a price, and a held-out log that they make worse forbids them.
 
     DIR/formula.toml can be edited, and written by hand: 'tselab formula' checks it, [formula] file = "formula.toml" in a vehicle
     file runs it in simulator, estimator and this workflow.
