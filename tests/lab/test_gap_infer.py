@@ -373,8 +373,8 @@ def test_a_name_below_90_percent_is_possible_and_has_exit_code_11(late: Problem)
     assert sure.exit_code == 10 and sure.words[0].startswith("gravity in accel_y")
     assert unsure.exit_code == 11 and unsure.words[0].startswith("possibly ")
     assert judged(None, []).exit_code == 0
-    assert workflow.what_is_left(late, replace(baseline, residuals=4.0 * np.abs(baseline.residuals)), {})
-    gap = judged(None, [Remainder("yaw_rate", 3.08, "disturbance", 0.0, (), None, "")])
+    assert workflow.what_is_left(late, replace(baseline, residuals=4.0 * np.abs(baseline.residuals)))
+    gap = judged(None, [Remainder("yaw_rate", 3.08, "disturbance", "")])
     assert gap.exit_code == 20 and "yaw_rate 3.08 times the noise" in gap.words[-1]
     assert "Nothing" not in " ".join(gap.words) and "nothing is missing" not in " ".join(gap.words)
 
@@ -382,7 +382,7 @@ def test_a_name_below_90_percent_is_possible_and_has_exit_code_11(late: Problem)
 def test_names_that_close_little_and_roads_are_no_answer_where_something_is_left(late: Problem) -> None:
     """Nor is more likely than not an all-clear."""
     baseline = naming.plain_car(late)
-    left = [Remainder("yaw_rate", 3.0, "disturbance", 0.0, (), None, "")]
+    left = [Remainder("yaw_rate", 3.0, "disturbance", "")]
 
     def code(effect: str, closed: float, remains: list[Remainder], possible: float = 0.0) -> int:
         (p,) = catalogue()[effect].strengths[:1]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -229,12 +229,10 @@ def run(
     notes += said
     notes += [f"{log.path.name}: {w}" for log in (*fitted, *others) for w in disagreements(log, vehicle)]
     say("what is left?")
-    noisier = remainder.noisier(few, naming.final.residuals, NOISE_LIMIT)
-    notes += [f"{c}: its noise is {f:.2f} times that of its differences from row to row" for c, f in noisier.items()]
     found = Found(naming)
     if vehicle.formula is not None:
         notes.append(f"the vehicle file has a formula ({vehicle.formula.id}), which was kept: no other is sought")
-    elif formula or leaves_something(few_held, naming) or what_is_left(few, naming.final, noisier):
+    elif formula or leaves_something(few_held, naming) or what_is_left(few, naming.final):
         discovery, naming, rivals = explained(few, few_held, naming, say)
         found = Found(naming, discovery, rivals)
     named = {n.effect.id for n in found.naming.named}
@@ -253,11 +251,11 @@ def run(
         values = show.of_the_car(held, found.values)
         after = held.residuals(values)
         changes = show.compare(held, held.residuals(found.naming.baseline.values), after)
-        elsewhere = what_is_left(held, Fit([], values, after, np.zeros((len(after), 0))), noisier)
+        elsewhere = what_is_left(held, Fit([], values, after, np.zeros((len(after), 0))))
     notes += optional.words(problem.readings(found.naming.final.values))
     if not found.naming.converged:
         notes.append("the last fit has not converged: sizes may still move")
-    left = remains_of(problem, found.last, noisier)
+    left = remainder.remainder(problem, found.last.residuals, found.last.values, NOISE_LIMIT)
     result = judge(problem, found.naming, conditions, entries, left, seen, changes, notes, found.discovery, elsewhere)
     result.held, result.rivals = held, found.rivals
     result.read = [("fit", x) for x in fitted] + [("held_out", x) for x in others]
@@ -278,18 +276,9 @@ def _seconds(problem: Problem) -> float:
     return sum(log.seconds for log in problem.logs)
 
 
-def remains_of(problem: Problem, last: Fit, noisier: Mapping[str, float]) -> list[remainder.Remainder]:
-    """What is left of every channel after a fit. `noisier`: channels of which it is noise."""
-    features = {k: x for k, x in where.features(problem, last.values).items() if k != "time"}
-    return [
-        replace(r, kind="noise", words=f"{r.channel}: noise only") if r.channel in noisier else r
-        for r in remainder.remainder(problem, last.residuals, features, NOISE_LIMIT)
-    ]
-
-
-def what_is_left(problem: Problem, last: Fit, noisier: Mapping[str, float]) -> list[remainder.Remainder]:
-    """The same, of channels where it is more than the sensors' own."""
-    return more_than_noise(remains_of(problem, last, noisier))
+def what_is_left(problem: Problem, last: Fit) -> list[remainder.Remainder]:
+    """After a fit, of channels where it is more than the sensors' own."""
+    return more_than_noise(remainder.remainder(problem, last.residuals, last.values, NOISE_LIMIT))
 
 
 def more_than_noise(left: list[remainder.Remainder]) -> list[remainder.Remainder]:
