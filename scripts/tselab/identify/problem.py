@@ -21,12 +21,12 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 from scipy.linalg import block_diag
 from scipy.signal import lfilter
 
-from tselab.core import NOMINAL, Config, Replay
+from tselab.core import NOMINAL, Config
 from tselab.gap.data import BLOCK, Prepared, blocks
+from tselab.gap.simulate import simulate
 from tselab.identify.discrepancy import ACTIVE_TIME, Discrepancy, Piece, cost, found
 from tselab.identify.ready import calm, curves, inside, speed, together
 from tselab.identify.unknowns import (
@@ -97,7 +97,6 @@ class Problem:
         self.low = np.append(prior.low, other - 6 * sd)
         self.high = np.append(prior.high, other + 6 * sd)
         self._curves = [curves(log, config) for log in self.logs]
-        self._inputs = [{n: CubicSpline(log.time, x) for n, x in log.inputs.items()} for log in self.logs]
         self.groups: list[tuple[int, str]] = []  # of residuals: log and channel
         self.time: list[np.ndarray] = []  # of what is compared, by group
         self._measured, self._used, self._time, self._count, self._speed, self._together, self._rest = (
@@ -146,26 +145,15 @@ class Problem:
     def simulate(self, i: int, x: np.ndarray) -> dict[str, np.ndarray]:
         """What the measured channels of a log would read, a value per row, without bias; NaN between stretches."""
         config, late, stiffness = self.settings(x)
-        log, inputs = self.logs[i], self._inputs[i]
+        log = self.logs[i]
         clock = log.held.get("yaw_rate", 0.0)
         late = {c: by - log.held.get(c, 0.0) + clock for c, by in late.items()}
         bank = -x[self.names.index(of_log(SUPERELEVATION, i))] / GRAVITY * self._curves[i]
-        out = {c: np.full(len(log.time), np.nan) for c in MEASURED}
-        for s in log.stretches:
-            rows = slice(s.first, s.last)
-            t = log.time[rows]
-            given = {n: x[rows] for n, x in log.inputs.items()}
-            gyro = log.measured["yaw_rate"][s.first]
-            start = float(gyro) if np.isfinite(gyro) else 0.0
-            for channels, on_its_clock in CUT:
-                shift = {n: late.get(n, 0.0) for n in ("steer_angle",)}
-                shift |= {n: late[n] - late["accel_x"] for n in on_its_clock}
-                moved = {n: inputs[n](np.clip(t + by, log.time[0], log.time[-1])) for n, by in shift.items() if by}
-                replay = Replay(channels, dt=np.diff(t, prepend=t[0] - 0.01), bank=bank[rows], **given | moved)
-                found = replay.run(config, yaw_rate=start, time=float(t[0] - log.time[0]), **stiffness[i])
-                for c in channels:
-                    lag = 0.0 if on_its_clock else late.get(c, 0.0)
-                    out[c][rows] = CubicSpline(t, found[c])(np.clip(t - lag, t[0], t[-1])) if lag else found[c]
+        out = {}
+        for channels, on_its_clock in CUT:
+            later = {n: late[n] - late["accel_x"] for n in on_its_clock}
+            later |= {n: late[n] for n in ("steer_angle", *(() if on_its_clock else channels)) if n in late}
+            out |= simulate(config, log, channels, stiffness[i], {"bank": bank}, later)
         return out
 
     def predict(self, x: np.ndarray) -> list[np.ndarray]:
