@@ -59,7 +59,7 @@ def test_the_linearisation_answers_as_the_replay_does(plain, place):
     size = {"force_x": 0.1, "accel_x": 0.1, "force_y": 5.0, "yaw_moment": 3.0, "accel_y": 5.0, "yaw_rate": 1.0}.get(
         place, 0.05
     )
-    formula = terms.formula(place, [term], [{}], [size])
+    formula = terms.formula(place, term, size)
     base = plain.residuals(values)
     exact = plain.residuals(values | formula.settings()) - base
     at = signals(plain, values)
@@ -73,7 +73,7 @@ def test_the_linearisation_answers_as_the_replay_does(plain, place):
 @pytest.mark.parametrize("place", [*terms.LATERAL, *terms.LONGITUDINAL])
 def test_every_form_of_the_library_is_a_formula_of_its_place(place):
     for term in terms.forms(place):
-        assert terms.formula(place, [term], [{}], [0.1]).place == place  # units agree, and it fits in a program
+        assert terms.formula(place, term, 0.1).place == place  # units agree, and it fits in a program
 
 
 def test_what_the_catalogue_says_is_no_formula():

@@ -41,7 +41,7 @@ class Candidate:
     """A formula, fitted."""
 
     formula: Formula
-    parts: tuple[Term, ...]
+    price: float  # nats, of its length
     fit: Fit  # residuals and slopes of the problem as it is
     nats: float  # worth, less its price
     share: float  # of what was left that it closes
@@ -119,8 +119,8 @@ def worth(problem: Problem, before: np.ndarray, after: np.ndarray, length: Mappi
     return float(total)
 
 
-def price(parts: Sequence[Term]) -> float:
-    return PRICE * sum(t.price + len(t.sizes) + 1 for t in parts)
+def price(term: Term) -> float:
+    return PRICE * (term.price + len(term.sizes) + 1)
 
 
 def discover(
@@ -137,10 +137,7 @@ def discover(
     tried: list[Candidate] = []
     for k, (_, place, term, coefficient) in enumerate(chosen):
         say(f"a formula: {k + 1} of {len(chosen)}, {term.text} at {place}")
-        tried += _fitted(frame, place, (term,), ({},), (coefficient,))
-    tried.sort(key=lambda c: -c.nats)
-    for first in tried[:2]:
-        tried += _extended(frame, first, say)
+        tried += _fitted(frame, place, term, coefficient)
     tried.sort(key=lambda c: -c.nats)
     return _chosen(frame, tried, held)
 
@@ -177,7 +174,7 @@ def screened(
         part = known[k : k + CHUNK]
         logs = [np.column_stack([terms.values_of(t, s, s["dt"]) for t in part]) for s in frame.at]
         for t, (nats, coefficient) in zip(part, expected_gain(frame, place, logs, last), strict=True):
-            found.append((nats - price((t,)), place, t, coefficient))
+            found.append((nats - price(t), place, t, coefficient))
     return found
 
 
@@ -205,27 +202,18 @@ def expected_gain(frame: Frame, place: str, logs: list[np.ndarray], last: Fit) -
 # ---- in full
 
 
-def _fitted(
-    frame: Frame,
-    place: str,
-    parts: tuple[Term, ...],
-    sizes: tuple[Mapping[str, float], ...],
-    coefficients: tuple[float, ...],
-) -> list[Candidate]:
+def _fitted(frame: Frame, place: str, term: Term, coefficient: float) -> list[Candidate]:
     """The formula with everything fitted; nothing where it does not fit in a program."""
     try:
-        formula = terms.formula(place, list(parts), list(sizes), list(coefficients))
+        formula = terms.formula(place, term, coefficient)
     except FormulaError:
         return []
     limits = {n.name: (-100.0 * abs(n.value) - 1e-9, 100.0 * abs(n.value) + 1e-9) for n in formula.numbers}
-    for i, t in enumerate(parts):
-        limits |= {s.name + ("" if i == 0 else str(i + 1)): (s.low, s.high) for s in t.sizes}
-    return [refit(frame, formula, limits, parts)]
+    limits |= {s.name: (s.low, s.high) for s in term.sizes}
+    return [refit(frame, formula, limits, price(term))]
 
 
-def refit(
-    frame: Frame, formula: Formula, limits: Mapping[str, tuple[float, float]], parts: tuple[Term, ...]
-) -> Candidate:
+def refit(frame: Frame, formula: Formula, limits: Mapping[str, tuple[float, float]], cost: float) -> Candidate:
     """Stiffness, all that is named, and the numbers of a formula, together."""
     slots = formula.slots
     own = [_parameter(slots[n.name], n.name, n.value, *limits[n.name], n.unit, n.text) for n in formula.numbers]
@@ -244,25 +232,12 @@ def refit(
     one = Fit(found.parameters, values, whole, back[:, None] * found.jacobian)
     left = excess(frame.problem, whole)
     share = 1.0 - left / frame.full if frame.full > 0 else 0.0
-    return Candidate(formula, parts, one, frame.nats(whole) - price(parts), share, dict(limits))
+    return Candidate(formula, cost, one, frame.nats(whole) - cost, share, dict(limits))
 
 
 def _parameter(name: str, key: str, value: float, low: float, high: float, unit: str, text: str) -> Parameter:
     size = max(abs(value), 1e-9)
     return Parameter(name, key, True, unit, float(np.clip(value, low, high)), low, high, size, size, 0.0, 0, text)
-
-
-def _extended(frame: Frame, first: Candidate, say: Callable[[str], None]) -> list[Candidate]:
-    """The same with another form beside it."""
-    place = first.formula.place
-    listed = sorted(screened(frame, place, first.fit), key=lambda x: -x[0])
-    found: list[Candidate] = []
-    numbers = {n.name: n.value for n in first.formula.numbers}
-    for nats, _, term, coefficient in listed[:2]:
-        if nats > 0 and len(first.parts) == 1:
-            say(f"a formula: {first.formula.text} and {term.text}")
-            found += _fitted(frame, place, (*first.parts, term), (numbers, {}), (numbers["k"], coefficient))
-    return [c for c in found if c.nats > first.nats and 1.0 - c.share < (1.0 - LEAST_SHARE) * (1.0 - first.share)]
 
 
 # ---- which one
@@ -311,8 +286,9 @@ def _chosen(frame: Frame, tried: list[Candidate], held: Problem | None) -> Disco
         f"A formula closes {100 * chosen.share:.0f} % of what is left: {formula.text}, at {formula.place}. It is a formula, not a "
         "cause; where it was never driven it does not hold."
     ]
-    cost = price(chosen.parts)
-    return Discovery(formula, chosen.fit, chosen.nats, chosen.share, chosen.changes, shown, words, cost, chosen.limits)
+    return Discovery(
+        formula, chosen.fit, chosen.nats, chosen.share, chosen.changes, shown, words, chosen.price, chosen.limits
+    )
 
 
 def on_all(problem: Problem, last: Fit, found: Discovery) -> Discovery:
@@ -320,7 +296,7 @@ def on_all(problem: Problem, last: Fit, found: Discovery) -> Discovery:
     if found.formula is None:
         return found
     frame = Frame.of(problem, last)
-    again = refit(frame, found.formula, found.limits, ())
+    again = refit(frame, found.formula, found.limits, found.price)
     return replace(found, formula=_described(frame, again), fit=again.fit, share=again.share)
 
 

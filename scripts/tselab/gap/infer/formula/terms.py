@@ -8,7 +8,6 @@ place.
 from __future__ import annotations
 
 import itertools
-import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
@@ -223,23 +222,13 @@ def forms(place: str) -> list[Term]:
     return [t for t in (lateral() if place in LATERAL else longitudinal()) if t.text not in KNOWN.get(place, ())]
 
 
-def formula(place: str, terms: list[Term], values: list[Mapping[str, float]], coefficients: list[float]) -> Formula:
-    """A sum of forms, each with its coefficient and its sizes, as a formula. FormulaError: it does not fit."""
+def formula(place: str, term: Term, coefficient: float) -> Formula:
+    """A form with its coefficient as a formula. FormulaError: it does not fit."""
     wanted = exponents(library().formula_places[place].unit)
-    parts, numbers = [], []
-    for i, (term, sizes, k) in enumerate(zip(terms, values, coefficients, strict=True)):
-        tag = "" if i == 0 else str(i + 1)
-        text = _renamed(term.text, {s.name: s.name + tag for s in term.sizes})
-        parts.append(f"k{tag}*{text}")
-        unit = unit_text((wanted[0] - term.unit[0], wanted[1] - term.unit[1]))
-        numbers.append(Number(f"k{tag}", k, unit, None, f"times {text}"))
-        numbers += [Number(s.name + tag, float(sizes.get(s.name, s.value)), s.unit, None, s.text) for s in term.sizes]
-    title = "found in logs: a formula, not a cause"
-    return Formula("found", title, place, " + ".join(parts), tuple(numbers))
-
-
-def _renamed(text: str, names: Mapping[str, str]) -> str:
-    return re.sub(r"[A-Za-z_][A-Za-z_0-9]*", lambda m: names.get(m.group(), m.group()), text)
+    unit = unit_text((wanted[0] - term.unit[0], wanted[1] - term.unit[1]))
+    numbers = (Number("k", coefficient, unit, None, f"times {term.text}"),
+               *(Number(s.name, s.value, s.unit, None, s.text) for s in term.sizes))  # fmt: skip
+    return Formula("found", "found in logs: a formula, not a cause", place, f"k*{term.text}", numbers)
 
 
 def values_of(term: Term, signals: Mapping[str, np.ndarray], dt: np.ndarray) -> np.ndarray:
