@@ -44,6 +44,7 @@ def run(asked: tuple[int, tuple[str, ...]]) -> dict:
     true = {k: case.car[setting] for k, setting in NOMINAL.items()}
     with tempfile.TemporaryDirectory() as name:
         folder, out = case.write(Path(name) / "case"), Path(name) / "out"
+        out.mkdir()
         result = gap(sorted(folder.glob("log_*.csv")), folder / "car.toml")
         improved, _ = add.write(out, folder / "car.toml", result.problem, result)
         files = {"before": read_vehicle(folder / "car.toml"), "after": read_vehicle(improved)}

@@ -36,6 +36,7 @@ def row(folder: Path) -> str:
         for file, rows in parts.items():
             rows.to_csv(Path(name) / file, index=False)
         start, out = time.perf_counter(), Path(name) / "out"
+        out.mkdir()
         before = sum(os.times()[:4])
         result = run([Path(name) / "fitted.csv"], folder / "vehicle.toml", [Path(name) / "held_out.csv"], JOBS)
         write_all(out, result, folder / "vehicle.toml", JOBS)

@@ -17,7 +17,7 @@ from tselab.gap.infer import noise
 from tselab.gap.infer.hypotheses import NAME_AT, Hypothesis, hypotheses
 from tselab.gap.infer.search import Judged, Search, judge
 from tselab.gap.infer.space import Layout
-from tselab.gap.problem import PROFILES, SIGNED_DELAYS, Problem, profile_size
+from tselab.gap.problem import PROFILES, SIGNED_DELAYS, STIFFNESS, Problem, profile_size
 from tselab.log import DRIVES, OPTIONAL, TORQUES
 from tselab.vehicle import GRAVITY, latency_settings
 
@@ -114,7 +114,7 @@ def name(
             names = final.ids - small - wander
             dropped |= dict.fromkeys(small, SMALL)
             continue
-        last = as_fit(problem, plain)
+        last = as_fit(problem, plain) if final.effects else baseline
         named = [_named(problem, search, final, plain, last, h, probability, full) for h in final.effects]
         idle = min(named, key=lambda n: n.alone, default=None)
         if idle is None or idle.alone >= LEAST_CLOSED:
@@ -159,8 +159,11 @@ def on_all(problem: Problem, naming: Naming) -> Naming:
 
 
 def plain_car(problem: Problem) -> Fit:
-    """The car of the vehicle file with its stiffness fitted, nothing added."""
-    return as_fit(problem, judge(Layout(problem), (), {}, None))
+    """The car of the vehicle file with its stiffness fitted, nothing added; what is own to a log is left out, since it would hide
+    what goes with speed or load."""
+    values = of_the_car(judge(Layout(problem), (), {}, None).values)
+    residuals = problem.residuals(values)
+    return Fit(list(STIFFNESS), values, residuals, problem.jacobian(values, residuals, STIFFNESS))
 
 
 def _again(problem: Problem, naming: Naming, kept: frozenset[str], baseline: Fit) -> Naming:
@@ -321,7 +324,9 @@ def _wander(problem: Problem, search: Search, final: Judged, full: float) -> set
     if not level:
         return set()
     flat = search.judge(final.ids - level, final.values, final)
-    last = as_fit(problem, judge(Layout(problem), flat.effects, flat.values, None))
+    last = (
+        as_fit(problem, judge(Layout(problem), flat.effects, flat.values, None)) if flat.effects else plain_car(problem)
+    )
     return {n.effect.id for n in _roads(problem, flat, last, [catalogue()[i] for i in sorted(level)], full)}
 
 

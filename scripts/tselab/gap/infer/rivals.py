@@ -20,6 +20,7 @@ from typing import Any
 
 import numpy as np
 
+from tselab.gap.catalogue import Own
 from tselab.gap.data import BLOCK, CHANNELS
 from tselab.gap.fit import Fit, fit, lengths
 from tselab.gap.infer import naming as name
@@ -174,10 +175,11 @@ def explained(
 
 
 def polished(problem: Problem, last: Fit) -> Fit:
-    """The same by least squares, as formulas are fitted."""
-    before, problem.fixed = problem.fixed, dict(last.values)
+    """The same by least squares, as formulas are fitted; without what is own to a log, but for its road."""
+    shared = {k: v for k, v in last.values.items() if not isinstance(k, Own) or k.knot is not None}
+    before, problem.fixed = problem.fixed, shared
     try:
-        found = fit(problem, last.parameters, last.values)
+        found = fit(problem, last.parameters, shared)
     finally:
         problem.fixed = before
-    return replace(found, values=dict(last.values) | found.values)
+    return replace(found, values=shared | found.values)
