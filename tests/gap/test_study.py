@@ -69,7 +69,7 @@ def test_a_patch_of_low_grip_is_none_of_the_catalogue(tmp_path: Path) -> None:
 
 def test_a_part_of_the_study_does_not_take_the_place_of_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(study, "RESULTS", tmp_path / "results")
-    found = {"gap.md": "a table\n", "gap-cases.md": "cases\n"}
+    found = {"gap.md": "a table\n", "more.md": "cases\n"}
     assert study.write(found, False, None) == [] and not any(tmp_path.iterdir())
     assert study.write(found, False, tmp_path / "mine") == [tmp_path / "mine" / name for name in found]
     assert not (tmp_path / "results").exists()
