@@ -32,7 +32,7 @@ class Gap(Shown):
         self.folder = folder
         """verdict.json, report.html, vehicle_improved.toml, residuals.parquet ...; temporary where gap() was given none."""
         self.verdict = result.verdict
-        """ "none", "named", "not_in_catalogue"."""
+        """ "none", "named", "possible", "not_in_catalogue"."""
         self.exit_code = result.exit_code
         """That of `tselab gap`."""
         self.notes = tuple(result.notes)
