@@ -133,6 +133,17 @@ def test_a_name_that_a_formula_makes_doubtful_is_not_kept(monkeypatch):
     assert kept[-1] == (frozenset(), "below 90 %") and names is nothing
 
 
+def test_names_that_close_hardly_anything_are_not_kept(monkeypatch):
+    one, nothing, kept = naming(9.7, "mass"), naming(10.0), []
+    one.baseline, one.closed = fit(10.0), 0.07
+    monkeypatch.setattr(rivals, "polished", lambda _, last: last)
+    monkeypatch.setattr(rivals, "replace", lambda n, **changes: SimpleNamespace(**(vars(n) | changes)))
+    monkeypatch.setattr(rivals, "discover", lambda *_: SimpleNamespace(formula=None))
+    monkeypatch.setattr(rivals.name, "without", lambda _p, _n, names, why: kept.append((names, why)) or nothing)
+    _, names, _ = rivals.explained(problem(), None, one, lambda _: None)
+    assert not names.named and kept == [(frozenset(), "the names together close less than 20 % of the gap")]
+
+
 def test_what_is_said_of_a_formula_is_what_is_proposed(monkeypatch):
     """A log so short that a formula is hardly worth its length: beside the names that stand it is proposed as its own search has
     judged, with its words, or it is not, and there are none."""

@@ -70,12 +70,9 @@ class Effect:
     """One row of the catalogue and its parameters."""
 
     id: str
-    hook: str
     title: str
-    entry_points: tuple[str, ...]
     channels: str
     relatives: tuple[str, ...]  # ids of the catalogue that it says look alike
-    estimator: str
     parameters: tuple[Parameter, ...]
 
     @property
@@ -101,7 +98,7 @@ def catalogue() -> dict[str, Effect]:
     rows = {i: e for i, e in library().effects.items() if i not in IN_THE_MODEL}
     return {
         e.id: Effect(
-            e.id, e.hook, e.title, e.entry_points, e.channels, tuple(x for x in e.look_alikes if x in rows), e.estimator,
+            e.id, e.title, e.channels, tuple(x for x in e.look_alikes if x in rows),
             tuple(
                 Parameter(
                     p.setting, p.name, p.strength, p.unit, p.default, p.low, p.high, *p.typical, p.negligible, p.sign, p.text,

@@ -79,7 +79,6 @@ class Problem:
         self.noise_energy = self._noise_energy()
         self._biased = np.isin(self.rows.channel, [CHANNELS.index(c) for c in WITH_BIAS])
         self._groups = int(self.rows.group.max()) + 1 if len(self.rows.group) else 0
-        self.simulations = 0
 
     def of(self, logs: Sequence[Prepared]) -> Problem:
         """The same of other logs."""
@@ -196,7 +195,6 @@ class Problem:
 
     def predict(self, values: Mapping[Key, float]) -> np.ndarray:
         """What the model says, one value per entry of the residual vector, without bias; the optional channels as they read."""
-        self.simulations += 1
         return self._predict(values)[0]
 
     def predict_all(self, asked: Sequence[Mapping[Key, float]]) -> list[np.ndarray]:

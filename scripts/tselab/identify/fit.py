@@ -59,7 +59,6 @@ class Fit:
     converged: bool = False
     steps: int = 0
     moved: float = np.inf  # posterior sd, in the last step
-    refits: int = 0
     residuals: list[np.ndarray] = field(default_factory=list)  # at x
     slopes: list[np.ndarray] = field(default_factory=list)  # whitened, at x
 
@@ -163,7 +162,7 @@ def fit(
         if moved < SETTLED and not converged:
             changed = np.inf
         say(f"step {steps}: the largest change is {moved:.2g} sd")
-    return Fit(x, noise, covariance(problem, information, r, j), converged, steps, moved, refits, residuals, j)
+    return Fit(x, noise, covariance(problem, information, r, j), converged, steps, moved, residuals, j)
 
 
 def _followed(

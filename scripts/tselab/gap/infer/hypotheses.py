@@ -38,20 +38,9 @@ OTHER_SD = 1.0  # typical sizes: sd of the strengths besides the largest one of 
 
 
 def _late(name: str, title: str, channels: str) -> Effect:
-    parameter = Parameter(
-        name,
-        name,
-        True,
-        "s",
-        0.0,
-        -MOST_LATE,
-        MOST_LATE,
-        *LATE,
-        LATE[0],
-        0,
-        "values are so much older than their row says",
-    )
-    return Effect(name, "SENSOR", title, ("sensors",), channels, (), "works", (parameter,))
+    text = "values are so much older than their row says"
+    parameter = Parameter(name, name, True, "s", 0.0, -MOST_LATE, MOST_LATE, *LATE, LATE[0], 0, text)
+    return Effect(name, title, channels, (), (parameter,))
 
 
 def latencies() -> tuple[Effect, ...]:

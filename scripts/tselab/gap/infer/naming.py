@@ -34,7 +34,7 @@ LOW_PASS = "steering_lag"  # which a low pass of the whole IMU is, but for accel
 # alike
 ALIKE_AT = 0.05
 POSSIBLE_AT = 0.1  # probability from which an effect without a name is given as possible
-LEAST_CLOSED = 0.05  # of what the other names leave, that a name must close, and of the gap all together
+LEAST_CLOSED = 0.05  # of what the other names leave, that a name must close
 ROAD_PROBABILITY = 0.1  # prior, that a road's profile shows
 ROAD_SHARE = 0.5  # of what is slow in its channel that a road must explain
 # nats: by which a road may make another channel worse: a road moves the car, and what moves it shows there, too

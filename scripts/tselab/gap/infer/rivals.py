@@ -27,11 +27,12 @@ from tselab.gap.infer import naming as name
 from tselab.gap.infer import show
 from tselab.gap.infer.formula.search import NOISE_LIMIT, Discovery, discover, on_all
 from tselab.gap.infer.hypotheses import NAME_AT, SIZE_COST, hypotheses
-from tselab.gap.infer.naming import LEAST_CLOSED, ROAD_PROBABILITY, Naming
+from tselab.gap.infer.naming import ROAD_PROBABILITY, Naming
 from tselab.gap.infer.space import EPISODE
 from tselab.gap.parallel import apart
 from tselab.gap.problem import Problem
 
+LEAST_TOGETHER = 0.2  # of the gap, that names must close where something is left: less is as good as nothing
 OUTSIDE = 0.2  # prior, that what is missing is in no catalogue
 INSTEAD = (
     "a formula explains about as much or more for what it costs"  # why what the search named has no name in the end
@@ -137,8 +138,8 @@ def explained(
 ) -> tuple[Discovery, Naming, list[dict[str, Any]]]:
     """A formula or none, the names, and all that were compared: the names of the likeliest world that are as likely as a name must
     be."""
-    if naming.named and naming.closed < LEAST_CLOSED:
-        little = f"the names together close less than {100 * LEAST_CLOSED:.0f} % of the gap"
+    if naming.named and naming.closed < LEAST_TOGETHER:
+        little = f"the names together close less than {100 * LEAST_TOGETHER:.0f} % of the gap"
         naming = name.without(problem, naming, frozenset(), little)
     asked = [naming, *([name.without(problem, naming, frozenset(), INSTEAD)] if naming.named else [])]
     fits = [polished(problem, n.final) for n in asked]
