@@ -373,7 +373,11 @@ def test_a_name_below_90_percent_is_possible_and_has_exit_code_11(late: Problem)
     assert sure.exit_code == 10 and sure.words[0].startswith("gravity in accel_y")
     assert unsure.exit_code == 11 and unsure.words[0].startswith("possibly ")
     assert judged(None, []).exit_code == 0
-    assert workflow.what_is_left(late, replace(baseline, residuals=4.0 * np.abs(baseline.residuals)))
+    swing = 5.0 * np.sin(np.pi * late.rows.time)
+    assert len(workflow.what_is_left(late, replace(baseline, residuals=baseline.residuals + swing))) == 3
+    assert (
+        workflow.what_is_left(late, replace(baseline, residuals=4.0 * baseline.residuals)) == []
+    )  # noise, though larger
     gap = judged(None, [Remainder("yaw_rate", 3.08, "disturbance", "")])
     assert gap.exit_code == 20 and "yaw_rate 3.08 times the noise" in gap.words[-1]
     assert "Nothing" not in " ".join(gap.words) and "nothing is missing" not in " ".join(gap.words)
