@@ -27,7 +27,7 @@ FIRST = [
 HEAVY = {
     "tests/dropin/test_amalgamation.py", "tests/embedded/test_machines.py",
     "tests/fmu/test_fmu_platforms.py", "tests/gap/test_study.py", "tests/lab/test_fmu_cli.py", "tests/lab/test_gap_alike.py",
-    "tests/lab/test_gap_latency.py", "tests/lab/test_gap_latent.py", "tests/mistakes/test_front_ends.py",
+    "tests/lab/test_gap_latency.py", "tests/mistakes/test_front_ends.py",
     "tests/proof/test_proof.py",
 }  # fmt: skip
 RANK = {file: rank for rank, row in enumerate(FIRST) for file in row}
