@@ -69,7 +69,8 @@ def test_a_hostile_archive_is_refused_with_its_reason(name, command, tmp_path):
     make, words = HOSTILE[name]
     made(tmp_path / "bad.fmu", make)
     (tmp_path / "in.csv").write_text("time\n0\n1\n")
-    done = tselab_here("fmu", *command, "bad.fmu", *(["in.csv"] if command == ["run"] else []), cwd=tmp_path)
+    more = ["in.csv", "--vehicle", "car.toml"] if command == ["run"] else []
+    done = tselab_here("fmu", *command, "bad.fmu", *more, cwd=tmp_path)
     assert done.code == 2, done.out + done.err
     assert "Traceback" not in done.err
     for word in ["bad.fmu", *words]:

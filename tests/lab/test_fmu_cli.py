@@ -407,22 +407,6 @@ def test_the_estimator_of_fmi_3_writes_the_bytes_of_tselab_estimate(built, odd_l
     assert (tmp_path / "fmu.csv").read_bytes() == (tmp_path / "est.csv").read_bytes()
 
 
-def test_an_fmu_of_fmi_3_writes_what_that_of_2_writes_and_its_arrays(built, tmp_path):
-    pd.DataFrame({"time": [0.0, 0.01, 0.03], "steer_angle": [0.0, 0.01, 0.02]}).to_csv(tmp_path / "in.csv", index=False)
-    for version in ("", "-fmi3"):
-        fmu = built / f"SingleTrackVehicle{version}.fmu"
-        run = ["fmu", "run", fmu, "in.csv", "--set", "mass=1600", "--out", f"out{version}.csv"]
-        assert tselab(*run, "--hold", cwd=tmp_path).code == 0
-    two, three = (pd.read_csv(tmp_path / f"out{version}.csv") for version in ("", "-fmi3"))
-    pd.testing.assert_frame_equal(three[two.columns], two, check_exact=True)
-    for i, name in enumerate(("cx_front", "cy_front", "cy_rear")):
-        assert three[f"true.relative.stiffness[{i + 1}]"].equals(two[f"true.relative.{name}"])
-    held = tselab(*run[:-1], "again.csv", cwd=tmp_path)
-    assert held.code == 0 and "each row holds until the next" in held.err
-    assert (tmp_path / "again.csv").read_bytes() == (tmp_path / "out-fmi3.csv").read_bytes()
-    refused(tselab_here(*run[:3], tmp_path / "in.csv", "--set", "mass=-1"), ["vehicle.mass = -1 is outside its range"])
-
-
 def test_the_estimator_fmu_reads_any_log_as_tselab_estimate_does(built, drive, tmp_path):
     path = FORMATS["Parquet"][1](tmp_path, messages(pd.read_csv(drive.log)))
     same = [path, "--vehicle", drive.vehicle, "--rate", 50, "--out"]
@@ -461,64 +445,13 @@ def test_a_setting_that_the_fmu_does_not_have_is_said(built, drive, tmp_path):
     assert done.code == 0 and "the FMU has no parameter for spread_kernel: what was set is not used" in done.err
 
 
-def test_the_vehicle_fmu_drives_as_the_simulator(built, tmp_path):
-    from tselab import maneuvers
-    from tselab.core import Config, SimConfig
-    from tselab.simulate import HISTORIES
-    from tselab.simulate import drive as simulate
-
-    config = Config({"mass": 1700})
-    plan = maneuvers.build("square-waves", config, sample_time=0.01, duration=4, speed=None, amplitude=None, road=[(2.0, 0.7)],
-                           seed=4)  # fmt: skip
-    inputs, outputs = simulate(plan, config, SimConfig({"seed": 4}))
-    pd.DataFrame({"time": plan.time, **{n: inputs[n] for n in HISTORIES}}).to_csv(tmp_path / "driver.csv", index=False)
-    done = tselab("fmu", "run", built / "SingleTrackVehicle.fmu", "driver.csv", "--set", "simulation.seed=4", "--set", "mass=1700",
-                  "--set", f"speed={plan.speed!r}", cwd=tmp_path)  # fmt: skip
-    assert done.code == 0, done.err
-    table = pd.read_csv(tmp_path / "driver.out.csv")
-    assert np.array_equal(table["time"], plan.time)
-    compared = 0
-    for name in outputs.dtype.names:
-        column = name.replace(
-            "true_", "true.relative." if name[5:] in ("cx_front", "cy_front", "cy_rear") else "true.", 1
-        )
-        column = column if name.startswith("true_") else f"sensor.{name}"
-        if column in table:
-            # inputs between rows go to the FMU as slopes, so the last bit of a step may differ
-            np.testing.assert_allclose(table[column], outputs[name], rtol=1e-9, atol=1e-9, err_msg=name)
-            compared += 1
-    assert compared >= 6 + 7 + 3 + 3
-    held = tselab(
-        "fmu", "run", built / "SingleTrackVehicle.fmu", "driver.csv", "--hold", "--out", "held.csv", cwd=tmp_path
-    )
-    assert held.code == 0 and (tmp_path / "held.csv").read_bytes() != (tmp_path / "driver.out.csv").read_bytes()
-
-
-def test_any_fmu_gets_inputs_by_name_and_gives_all_outputs(built, tmp_path):
-    pd.DataFrame({"time": [0.0, 0.01, 0.03], "wheel_speed_front": [60.0] * 3, "wheel_speed_rear": [60.0] * 3}).to_csv(
-        tmp_path / "in.csv", index=False
-    )
-    done = tselab("fmu", "run", built / "TireStiffnessEstimator.fmu", "in.csv", "--set", "wheel_radius_front=0.3", "--set",
-                  "vehicle.wheel_radius_rear=0.3", cwd=tmp_path)  # fmt: skip
-    assert done.code == 0, done.err
-    table = pd.read_csv(tmp_path / "in.out.csv")
-    assert len(table) == 3 and "estimate.relative.cy_rear_spread" in table
-    assert table["estimate.vel_x"].tolist()[1:] == pytest.approx([18.0, 18.0], abs=0.5)
-    assert table["estimate.valid"].tolist() == [0, 0, 0]
-
-
 @pytest.fixture(scope="session")
-def bad(built: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Inputs and FMUs that are refused."""
+def bad(built: Path, drive: Drive, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """FMUs that are refused."""
     folder = tmp_path_factory.mktemp("bad")
-    (folder / "good.csv").write_text("time,steer_angle\n0,0\n0.01,0\n")
-    (folder / "column.csv").write_text("time,steering\n0,0\n")
-    (folder / "notime.csv").write_text("steer_angle\n0\n")
-    (folder / "text.csv").write_text("time,steer_angle\n0,0\n0.01,left\n")
-    (folder / "back.csv").write_text("time,steer_angle\n0.1,0\n0.0,0\n")
-    (folder / "cut.csv").write_text("time,steer_angle\n0,0\n0.01,0.1")
-    (folder / "large.csv").write_text("time,steer_angle\n0,0\n0.01,1.5\n0.02,1.5\n")
     (folder / "text.fmu").write_text("no zip file")
+    shutil.copy(drive.log, folder / "log.csv")
+    shutil.copy(drive.vehicle, folder / "car.toml")
     shutil.copy(built / "SingleTrackVehicle.fmu", folder / "car.fmu")
     shutil.copy(built / "TireStiffnessEstimator.fmu", folder / "estimator.fmu")
     changed(folder / "car.fmu", folder / "elsewhere.fmu",
@@ -531,35 +464,21 @@ def bad(built: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 REFUSED: dict[str, tuple[list[str], list[str]]] = {
-    "not an FMU": (["text.fmu", "good.csv"], ["text.fmu", "is not an FMU"]),
-    "no FMU": (["none.fmu", "good.csv"], ["none.fmu", "no such file"]),
-    "no binary for this machine": (
-        ["elsewhere.fmu", "good.csv"],
-        [f"no binary for this machine, {HERE}", "it has: vax"],
-    ),
-    "model exchange": (["exchange.fmu", "good.csv"], ["FMI 2.0 or 3.0 for co-simulation is needed"]),
-    "another version's description": (["guid.fmu", "good.csv"], ["the FMU refuses", "GUID"]),
-    "a binary that is none": (["broken.fmu", "good.csv"], ["cannot be loaded"]),
-    "unknown column": (["car.fmu", "column.csv"], ["column steering is no input", "steer_angle, wheel_torque_front"]),
-    "no column time": (["car.fmu", "notime.csv"], ["column time is missing"]),
-    "text": (["car.fmu", "text.csv"], ["line 3", "column steer_angle", "'left'"]),
-    "a line that does not end": (["car.fmu", "cut.csv"], ["line 3", "does not end", "cut"]),
-    "time goes back": (["car.fmu", "back.csv"], ["line 3", "column time", "earlier than"]),
-    "input out of range": (["car.fmu", "large.csv"], ["fmi2DoStep", "steer_angle", "-1.2 .. 1.2"]),
-    "parameter out of range": (["car.fmu", "good.csv", "--set", "mass=3"], ["vehicle.mass = 3", "50 .. 50000 kg"]),
-    "unknown parameter": (["car.fmu", "good.csv", "--set", "masse=3"], ["no parameter 'masse'"]),
-    "too many particles": (
-        ["estimator.fmu", "good.csv", "--set", "particles=9999"],
-        ["filter.particles = 9999", "16 .. 512"],
-    ),
-    "an option of the estimator": (["car.fmu", "good.csv", "--seed", "3"], ["--seed", "--set"]),
-    "overwrites its input": (["car.fmu", "good.csv", "--out", "good.csv"], ["--out is the same file as the table"]),
+    "not an FMU": (["text.fmu"], ["text.fmu", "is not an FMU"]),
+    "no FMU": (["none.fmu"], ["none.fmu", "no such file"]),
+    "not the estimator": (["car.fmu"], ["is not the estimator"]),
+    "no binary for this machine": (["elsewhere.fmu"], [f"no binary for this machine, {HERE}", "it has: vax"]),
+    "model exchange": (["exchange.fmu"], ["FMI 2.0 or 3.0 for co-simulation is needed"]),
+    "another version's description": (["guid.fmu"], ["the FMU refuses", "GUID"]),
+    "a binary that is none": (["broken.fmu"], ["cannot be loaded"]),
+    "too many particles": (["estimator.fmu", "--particles", "600"], ["filter.particles = 600", "16 .. 512"]),
+    "overwrites its input": (["estimator.fmu", "--out", "log.csv"], ["--out is the same file as the log"]),
 }
 
 
 @pytest.mark.parametrize("name", REFUSED)
 def test_run_refuses_with_a_reason(name, bad):
-    arguments, words = REFUSED[name]
+    (fmu, *options), words = REFUSED[name]
     before = {p.name: p.stat().st_mtime_ns for p in bad.iterdir()}
-    refused(tselab_here("fmu", "run", *arguments, cwd=bad), words)
+    refused(tselab_here("fmu", "run", fmu, "log.csv", "--vehicle", "car.toml", *options, cwd=bad), words)
     assert {p.name: p.stat().st_mtime_ns for p in bad.iterdir()} == before

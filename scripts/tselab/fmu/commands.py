@@ -160,15 +160,16 @@ def validate(paths: tuple[Path, ...], clients: bool, results: Path | None, as_js
         sys.exit(1)
 
 
-@fmu.command(short_help="Run an FMU over a table of inputs.")
+@fmu.command(short_help="Run the estimator FMU over a log.")
 @click.argument("path", metavar="FMU", type=FILE)
-@click.argument("table_path", metavar="INPUT", type=FILE)
-@click.option("--vehicle", "vehicle_path", metavar="CAR.toml", type=FILE, help="Vehicle file; the estimator needs it.")
+@click.argument("log_path", metavar="LOG", type=FILE)
+@click.option("--vehicle", "vehicle_path", metavar="CAR.toml", type=FILE, required=True, help="Vehicle file.")
 @click.option(
     "--config", "config_path", metavar="FILTER.toml", type=FILE, help="Filter settings, as for 'tselab estimate'."
 )
-@click.option("--out", metavar="OUT.csv", type=FILE, help="Default: the table's name with .est.csv or .out.csv, in the current "
-              "directory.")  # fmt: skip
+@click.option(
+    "--out", metavar="EST.csv", type=FILE, help="Default: the log's name with .est.csv, in the current directory."
+)
 @click.option(
     "--average", metavar="SECONDS", type=float, help="Average the log over blocks of so long first, at most 0.1 s."
 )
@@ -177,70 +178,46 @@ def validate(paths: tuple[Path, ...], clients: bool, results: Path | None, as_js
 @click.option("--particles", type=int, help="Particles in use.")
 @click.option("--forgetting", type=float, help="Forgetting factor per sample.")
 @FORM
-@click.option("--set", "pairs", metavar="KEY=VALUE", multiple=True, help="Any parameter, by its name or the last part of it; "
-              "may be repeated.")  # fmt: skip
-@click.option("--hold", is_flag=True, help="Inputs jump from row to row, also where the FMU can interpolate.")
+@click.option("--set", "pairs", metavar="KEY=VALUE", multiple=True, help="Any setting; may be repeated.")
 @PROGRESS
 @JSON
 def run(
     path: Path,
-    table_path: Path,
-    vehicle_path: Path | None,
+    log_path: Path,
+    vehicle_path: Path,
     config_path: Path | None,
     out: Path | None,
     average: float | None,
     form: str,
     pairs: tuple[str, ...],
-    hold: bool,
     progress: bool | None,
     reading: Reading,
     as_json: bool,
     **options: Any,
 ) -> None:
-    """Run an FMU over a table of inputs.
+    """Run the estimator FMU over a log.
 
     \b
-    tselab fmu run TireStiffnessEstimator.fmu log.csv --vehicle car.toml --out est.csv
-    tselab fmu run SingleTrackVehicle.fmu driver.csv --vehicle car.toml --set simulation.seed=3
-    tselab fmu run ANY.fmu inputs.csv --set gain=2
+    tselab fmu run fmus/TireStiffnessEstimator.fmu log.csv --vehicle car.toml --out est.csv
 
-    The estimator with --vehicle: EST.csv is the same, byte for byte, as that of 'tselab estimate' with the same options.
-
-    Any other FMU: columns of the table are time and inputs by their names; what is missing keeps its start value. All outputs are
-    written, at every row's time. Settings of --vehicle go to the parameters whose last part has their name. Ctrl-C stops early
-    and writes the rows done so far.
+    EST.csv is the same, byte for byte, as that of 'tselab estimate' with the same options. Ctrl-C stops early and writes the rows
+    done so far. Other FMUs run in FMPy: python -m fmpy simulate SingleTrackVehicle.fmu --input-file driver.csv
     """
-    from tselab.core import Config
     from tselab.estimate import write_table
     from tselab.files import check_distinct, check_writable
     from tselab.fmu import run as runs
-    from tselab.fmu.archive import open_archive, read_description
+    from tselab.fmu.archive import open_archive
     from tselab.prepare import prepare
-    from tselab.vehicle import read_vehicle
 
     open_archive(path)
-    variables = {v.name: v for v in read_description(path).modelVariables}
-    estimates = vehicle_path is not None and runs.is_estimator(variables)
-    out = out or Path(f"{table_path.stem}.{'est' if estimates else 'out'}.csv")
-    inputs = {"the FMU": path, "the table": table_path, "--vehicle": vehicle_path, "--config": config_path}
+    out = out or Path(f"{log_path.stem}.est.csv")
+    inputs = {"the FMU": path, "the log": log_path, "--vehicle": vehicle_path, "--config": config_path}
     check_distinct({"--out": out}, inputs)
     check_writable(out)
-    settings = key_values(pairs)
-    if estimates:
-        settings = {k.rpartition(".")[2]: v for k, v in settings.items()}
-        prepared = prepare(table_path, vehicle_path, config_path, average, options, form, settings, reading)
-        for line in prepared.notes:
-            click.echo(f"{'warning' if line in prepared.warnings else 'note'}: {line}", err=True)
-        done = runs.estimate(path, prepared.log, prepared.config, show_progress(progress))
-    else:
-        given = {"config": config_path, "average": average, "signals": reading.signals, "rate": reading.rate, **options}
-        given["form"] = None if form == "default" else form
-        if wrong := [k for k, v in given.items() if v is not None]:
-            raise UserError(
-                f"option --{wrong[0]}: is for the estimator with --vehicle; parameters of an FMU are set by --set"
-            )
-        config = Config(read_vehicle(vehicle_path).values) if vehicle_path is not None else None
-        done = runs.drive(path, table_path, settings, config, hold, show_progress(progress))
+    prepared = prepare(log_path, vehicle_path, config_path, average, options, form, key_values(pairs), reading)
+    for line in prepared.notes:
+        click.echo(f"{'warning' if line in prepared.warnings else 'note'}: {line}", err=True)
+    done = runs.estimate(path, prepared.log, prepared.config, show_progress(progress))
     write_table(done.table, out)
     if as_json:
         from tselab.results import say_json

@@ -7,8 +7,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from tselab.errors import UserError
 from tselab.fmu.archive import open_archive, read_description, unpacked
 from tselab.fmu.platforms import usable_here
@@ -62,28 +60,12 @@ class Slave:
             raise UserError(f"{self.path}: the FMU refuses: {'; '.join(self.said) or error}") from None
 
     def names(self, causality: str) -> list[str]:
-        """In the order of the description; without Strings and arrays, except among outputs."""
-        output = causality == "output"
+        """In the order of the description; without Strings and arrays."""
         return [
             v.name
             for v in self.variables.values()
-            if v.causality == causality
-            and self._kind(v.name) in (READ if output else WRITE)
-            and (output or not v.dimensions)
+            if v.causality == causality and self._kind(v.name) in WRITE and not v.dimensions
         ]
-
-    def is_real(self, name: str) -> bool:
-        return self.variables[name].type in REALS
-
-    def columns(self, names: Iterable[str]) -> list[str]:
-        """What get() calls the values of these variables: an array x of three is x[1], x[2], x[3]."""
-        return [column for name in names for column in self._columns(name)]
-
-    def _columns(self, name: str) -> list[str]:
-        variable = self.variables[name]
-        if not variable.dimensions:
-            return [name]
-        return [f"{name}[{','.join(str(i + 1) for i in index)}]" for index in np.ndindex(*variable.shape)]
 
     def _kind(self, name: str) -> str:
         """The type, as its functions are called: an Enumeration is an integer."""
@@ -103,20 +85,15 @@ class Slave:
             convert = float if kind in REALS else int
             self._call(WRITE[kind], self._references(names), [convert(values[n]) for n in names])
 
-    def set_rates(self, rates: Mapping[str, float]) -> None:
-        """Time derivatives of Real inputs, for FMUs that interpolate."""
-        self._call("setRealInputDerivatives", self._references(rates), [1] * len(rates), list(rates.values()))
-
     def step(self, time: float, step: float) -> None:
         self._call("doStep", currentCommunicationPoint=time, communicationStepSize=step)
 
     def get(self, names: Iterable[str]) -> dict[str, Any]:
-        """Values by name, those of arrays by columns(); in the order of the types."""
+        """Values by name, in the order of the types."""
         values: dict[str, Any] = {}
         for kind, group in self._by_type(names).items():
-            columns = self.columns(group)
-            sized = {"nValues": len(columns)} if self.is_3 else {}
-            values.update(zip(columns, self._call(READ[kind], self._references(group), **sized), strict=True))
+            sized = {"nValues": len(group)} if self.is_3 else {}
+            values.update(zip(group, self._call(READ[kind], self._references(group), **sized), strict=True))
         return values
 
     def close(self) -> None:
