@@ -765,12 +765,13 @@ def montecarlo(
     tselab montecarlo --study stress+ekf --runs 200
     tselab montecarlo --study stress --scheduler tcp://host:8786
 
-    Every finished run is kept in DIR/runs.csv: the same command goes on after Ctrl-C, more --runs and --cases are added to
-    what is there. Other settings or another library are refused. NAME+ekf runs another estimator beside the study's, on the
-    same data; so does a function of yours, NAME+module.function, which takes the log and the settings and returns columns cx_front,
-    cx_front_sd ... (scripts/examples/own_filter.py).
+    Every finished run is kept in DIR/runs.jsonl: the same command goes on after Ctrl-C, more --runs and --cases are added to
+    what is there; runs of other settings or of another library are not taken.
 
-    Writes NAME.csv, NAME.md, NAME.html and, with matplotlib, NAME.png.
+    NAME+ekf runs another estimator beside the study's, on the same data; so does a function of yours, NAME+module.function, which
+    takes the log and the settings and returns columns cx_front, cx_front_sd ... (scripts/examples/own_filter.py).
+
+    Writes NAME.csv, NAME.md, runs.csv and, with matplotlib, NAME.png.
     """
     from tselab.core import Config, SimConfig
 
@@ -837,7 +838,7 @@ def paper(
     tselab paper --runs 40 --jobs 2 --out paper
 
     The filters: the paper's as printed, the same with settings that keep it from diverging, and the default. Every finished run is
-    kept in DIR/runs.csv: the same command goes on after Ctrl-C. Writes paper.csv, paper.md, paper.html and, with matplotlib,
+    kept in DIR/runs.jsonl: the same command goes on after Ctrl-C. Writes paper.csv, paper.md, runs.csv and, with matplotlib,
     paper.png.
     """
     _study("paper", runs, first_seed, out, {}, jobs, None, restart, progress, as_json)

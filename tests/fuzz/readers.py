@@ -244,38 +244,24 @@ def read_learnt(data: bytes, folder: Path) -> None:
 def good_runs() -> bytes:
     from tselab.montecarlo import engine
 
-    with tempfile.TemporaryDirectory() as name:
-        store = engine.Store(plan(), Path(name), False)
-        case = store.plan.study.cases[0]
-        rows = [
-            dict.fromkeys(store.columns, 1.5) | {"case": case.name, "estimator": e, "seed": 1} for e in case.estimators
-        ]
-        store.read()
-        with store.writer() as write:
-            write(rows)
-        return (Path(name) / engine.SETTINGS).read_bytes() + b"\0" + (Path(name) / engine.RUNS).read_bytes()
+    rows = json.dumps([{"case": "iv-a", "estimator": "robust", "seed": 1, "diverged": 0.0}])
+    return f"\n{plan().units[0].mark} {engine._hash(rows)} {rows}\n".encode()
 
 
 @functools.cache
 def plan() -> object:
     from tselab.montecarlo import engine, studies
 
-    study = studies.study("robust", ())
-    return engine.Plan(study, 1, 1, "default", {}, {}, ())
+    return engine.Plan(studies.study("robust", ()), 1, 1, "default", {}, {}, ())
 
 
 def read_runs(data: bytes, folder: Path) -> None:
     from tselab.montecarlo import engine
 
-    settings, _, runs = data.partition(b"\0")
-    (folder / engine.SETTINGS).write_bytes(settings)
-    (folder / engine.RUNS).write_bytes(runs)
-    with contextlib.suppress(UserError):
-        store = engine.Store(plan(), folder, False)
-        store.read()
-        store.table()
-    if left := {p.name for p in folder.iterdir()} - {engine.SETTINGS, engine.RUNS}:
-        raise Broken(f"left behind: {sorted(left)}")
+    (folder / engine.RUNS).write_bytes(data)
+    good = json.loads(good_runs().split(b" ", 2)[2])
+    if any(rows != good for rows in engine.read(folder / engine.RUNS, plan().units).values()):
+        raise Broken("runs that nobody made")
 
 
 # Archives, and the tables of inputs beside them. None here has a binary of this machine: what an FMU does is its own.

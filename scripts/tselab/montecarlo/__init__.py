@@ -5,7 +5,7 @@ drives.py      manoeuvres that only studies need            scores.py    one dri
 estimators.py  what can be run on a drive
 engine.py      all runs: processes, Dask, resuming
 studies.py     the studies: their cases, in one list        summary.py   rows become tables
-findings.py    the tables that only one study has           pictures.py  its picture; panels.py: drawn for paper and screen
+findings.py    the tables that only one study has           pictures.py  its picture
 write.py       the files that a study leaves
 """
 

@@ -7,16 +7,13 @@ the same and gives the same numbers.
 from __future__ import annotations
 
 import contextlib
-import csv
 import functools
 import hashlib
-import importlib.util
-import io
 import json
 import sys
 import time
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, fields
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -24,19 +21,18 @@ import numpy as np
 import pandas as pd
 from tqdm import tqdm
 
-from tselab import __version__
-from tselab.core import STIFFNESS, Config, SimConfig, library, library_hash
+from tselab import core, maneuvers, peers, simulate, study
+from tselab.core import STIFFNESS, Config, library, library_hash
 from tselab.errors import UserError
-from tselab.files import atomic
+from tselab.estimate import write_table
 from tselab.montecarlo import estimators, scores, studies
 from tselab.montecarlo.case import Case, Drive, drive
 from tselab.montecarlo.studies import Study
 from tselab.processes import each, killed_as_interrupted
 from tselab.rows import MEASURES
-from tselab.study import START
 
-RUNS, SETTINGS = "runs.csv", "settings.json"
-KEYS = ["case", "estimator", "seed", "fingerprint"]
+RUNS = "runs.jsonl"
+KEYS = ["case", "estimator", "seed"]
 NOISES = [f"noise_{channel}" for channel in MEASURES]
 TIMES = ["simulate_s", "estimate_s"]  # differ from run to run
 
@@ -61,6 +57,11 @@ class Plan:
     def seeds(self) -> range:
         return range(self.first_seed, self.first_seed + self.runs)
 
+    @property
+    def units(self) -> list[Unit]:
+        common = self.form, dict(self.settings), dict(self.sim_settings), library_hash()
+        return [Unit(self.study.name, c.name, seed, *common) for c in self.study.cases for seed in self.seeds]
+
 
 class Unit(NamedTuple):
     """One seed of one case, and all that a process elsewhere must know to run it."""
@@ -72,6 +73,11 @@ class Unit(NamedTuple):
     settings: dict[str, float]
     sim_settings: dict[str, float]
     library: str  # hash: every process has to run the same
+
+    @property
+    def mark(self) -> str:
+        """Of all that decides its numbers."""
+        return _hash(json.dumps([*self, code()], sort_keys=True))
 
 
 # ---- one unit
@@ -123,31 +129,65 @@ def configure(name: str, unit: Unit | Plan, about: Mapping[str, float]) -> Confi
 def run(
     plan: Plan, out: Path, jobs: int = 1, scheduler: str | None = None, restart: bool = False, progress: bool = False
 ) -> pd.DataFrame:
-    """Run what is not yet in `out`; all rows of the plan."""
-    store = Store(plan, out, restart)
-    done = store.read()
-    todo = [u for u in store.units() if (u.case, u.seed) not in done]
-    with (
-        tqdm(
-            total=len(todo), unit="run", disable=not progress, file=sys.stderr, leave=False, desc=plan.study.name
-        ) as bar,
-        store.writer() as write,
-    ):
+    """Run what is not yet in OUT/runs.jsonl; all rows of the plan, which OUT/runs.csv gets, too.
+
+    A line holds the rows of a unit behind what they are of and a sum of themselves. Lines of another plan or of older code stay
+    there for a plan that they are of; what a stop has cut is no line."""
+    if out.exists() and not out.is_dir():
+        raise UserError(f"{out}: is a file, a directory is needed")
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UserError(f"{out}: cannot be made: {error.strerror}") from None
+    path, units = out / RUNS, plan.units
+    if restart:
+        path.unlink(missing_ok=True)
+    done = read(path, units)
+    todo = [u for u in units if u.mark not in done]
+    _append(path, "\n")  # the last line may be cut
+    with tqdm(
+        total=len(todo), unit="run", disable=not progress, file=sys.stderr, leave=False, desc=plan.study.name
+    ) as bar:
         try:
             with killed_as_interrupted(), contextlib.closing(each(run_unit, todo, jobs, scheduler)) as results:
                 for unit, result in results:
-                    write(_said_where(unit, result))
-                    done.add((unit.case, unit.seed))
+                    done[unit.mark] = _said_where(unit, result)
+                    text = json.dumps(done[unit.mark], default=float)
+                    _append(path, f"{unit.mark} {_hash(text)} {text}\n")
                     bar.update()
                     bar.set_postfix_str(f"{unit.case} seed {unit.seed}")
         except KeyboardInterrupt:
-            units = store.units()
-            kept = sum((u.case, u.seed) in done for u in units)
             raise Interrupted(
-                f"stopped; {store.path} keeps the {kept} of {len(units)} runs that are done, "
+                f"stopped; {path} keeps the {len(done)} of {len(units)} runs that are done, "
                 "the same command goes on from there"
             ) from None
-    return store.table()
+    table = pd.DataFrame([row for u in units for row in done[u.mark]], columns=columns(plan.study.name))
+    order = [(c.name, e) for c in plan.study.cases for e in c.estimators]
+    rank = [order.index(key) for key in zip(table["case"], table["estimator"], strict=True)]
+    table = table.iloc[np.lexsort((table["seed"], rank))].reset_index(drop=True)
+    table = table.astype({c: float for c in table if c not in KEYS})
+    write_table(table, out / "runs.csv")
+    return table
+
+
+def read(path: Path, units: list[Unit]) -> dict[str, list[dict[str, Any]]]:
+    """The rows of those of the units that are there, by their marks."""
+    wanted, found = {u.mark for u in units}, {}
+    if path.exists():
+        for line in path.read_text(encoding="utf-8", errors="replace").split("\n"):
+            mark, _, rest = line.partition(" ")
+            check, _, text = rest.partition(" ")
+            if mark in wanted and check == _hash(text):
+                found[mark] = json.loads(text)
+    return found
+
+
+def _append(path: Path, text: str) -> None:
+    try:
+        with open(path, "a", encoding="utf-8") as file:
+            file.write(text)
+    except OSError as error:
+        raise UserError(f"{path}: cannot be written: {error.strerror}") from None
 
 
 def _said_where(unit: Unit, result: Any) -> list[dict[str, Any]]:
@@ -157,132 +197,6 @@ def _said_where(unit: Unit, result: Any) -> list[dict[str, Any]]:
         raise
     except Exception as error:
         raise RuntimeError(f"case {unit.case}, seed {unit.seed}: {type(error).__name__}: {error}") from error
-
-
-# ---- what is kept
-
-
-class Store:
-    """OUT/runs.csv, and OUT/settings.json, which says what made it."""
-
-    def __init__(self, plan: Plan, out: Path, restart: bool):
-        self.plan, self.out, self.path = plan, out, out / RUNS
-        self.columns = columns(plan.study.name)
-        self.settings = fingerprint(plan)
-        if out.exists() and not out.is_dir():
-            raise UserError(f"{out}: is a file, a directory is needed")
-        try:
-            out.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise UserError(f"{out}: cannot be made: {error.strerror}") from None
-        if restart:
-            for name in (RUNS, SETTINGS):
-                (out / name).unlink(missing_ok=True)
-        self._merge()
-
-    def _merge(self) -> None:
-        """Compare with what is there; add the cases that are new."""
-        file = self.out / SETTINGS
-        if not self.path.exists():
-            before = None
-        else:
-            try:
-                before = json.loads(file.read_text(encoding="utf-8"))
-                if not all(isinstance(h, str) for h in before["cases"].values()):
-                    raise TypeError("cases are compared by their hashes")
-            except (OSError, ValueError, LookupError, AttributeError, TypeError, RecursionError):
-                raise UserError(
-                    f"{self.path}: no readable {SETTINGS} beside it says what made it; {_WAY_OUT}"
-                ) from None
-        if before is not None:
-            differs = list(_differences(before, self.settings))
-            now = [c.name for c in _study(self.plan.study.name).cases]
-            if before.get("study") == self.plan.study.name and (gone := [c for c in before["cases"] if c not in now]):
-                differs.append(f"the study has no case {', '.join(gone)} any more")
-            if differs:
-                raise UserError(f"{self.path}: was made with other settings: {'; '.join(differs)}; {_WAY_OUT}")
-            self.settings["cases"] = before["cases"] | self.settings["cases"]
-        with atomic(file) as f:
-            json.dump(self.settings, f, indent=1)
-            f.write("\n")
-        # what a row of each case carries to show where it belongs
-        self.marks = {c: _hash({**self.settings, "cases": h})[:12] for c, h in self.settings["cases"].items()}
-
-    def units(self) -> list[Unit]:
-        p = self.plan
-        common = p.form, dict(p.settings), dict(p.sim_settings), library_hash()
-        return [Unit(p.study.name, c.name, seed, *common) for c in p.study.cases for seed in p.seeds]
-
-    def read(self) -> set[tuple[str, int]]:
-        """The runs that are there in full. What a stop has cut is dropped from the file."""
-        if not self.path.exists():
-            with atomic(self.path) as file:
-                file.write(",".join(self.columns) + "\n")
-            return set()
-        try:
-            lines = self.path.read_text(encoding="utf-8").split("\n")
-            cut = lines.pop()  # '' after a whole line
-            if not lines or lines[0] != ",".join(self.columns):
-                raise UserError(f"{self.path}: is not a table of study {self.plan.study.name}; {_WAY_OUT}")
-            units = self._units_of(lines[1:])
-        except UserError:
-            raise
-        except (ValueError, csv.Error) as error:  # not UTF-8; a cell that no reader takes
-            raise UserError(f"{self.path}: is damaged: {error}; {_WAY_OUT}") from None
-        complete = {}
-        for (case, seed), found in units.items():
-            if set(found) == set(_study(self.plan.study.name).case(case).estimators):
-                complete[case, seed] = found
-        rows = [line for found in complete.values() for line in found.values()]
-        if cut or len(rows) != len(lines) - 1:
-            with atomic(self.path) as file:
-                file.write("\n".join([lines[0], *rows]) + "\n")
-        return set(complete)
-
-    def _units_of(self, lines: list[str]) -> dict[tuple[str, int], dict[str, str]]:
-        """The lines of each unit, by their estimator; without those that a stop has cut."""
-        units: dict[tuple[str, int], dict[str, str]] = {}
-        for line in lines:
-            cells = next(csv.reader([line]), [])
-            if len(cells) != len(self.columns) or not cells[2].isdigit():
-                continue
-            case, estimator, seed, mark = cells[:4]
-            if mark != self.marks.get(case):
-                raise UserError(f"{self.path}: holds runs of another study (case {case}, seed {seed}); {_WAY_OUT}")
-            units.setdefault((case, int(seed)), {})[estimator] = line
-        return units
-
-    @contextlib.contextmanager
-    def writer(self) -> Iterator[Any]:
-        """Appends the rows of a unit in one write."""
-        with open(self.path, "a", encoding="utf-8", newline="") as file:
-
-            def write(rows: list[dict[str, Any]]) -> None:
-                text = io.StringIO()
-                sheet = csv.DictWriter(text, self.columns, lineterminator="\n")
-                for row in rows:
-                    row["fingerprint"] = self.marks[row["case"]]
-                    sheet.writerow({k: f"{v:.7g}" if isinstance(v, float) else v for k, v in row.items()})
-                file.write(text.getvalue())
-                file.flush()
-
-            yield write
-
-    def table(self) -> pd.DataFrame:
-        """The rows of the plan, in the order of its cases, estimators and seeds."""
-        kinds = {"fingerprint": str, **{c: float for c in self.columns if c not in KEYS}}
-        try:
-            table = pd.read_csv(self.path, dtype=kinds)
-        except (ValueError, OverflowError) as error:  # of pandas, also its parser's
-            raise UserError(f"{self.path}: is damaged: {error}; {_WAY_OUT}") from None
-        cases = [c.name for c in self.plan.study.cases]
-        table = table[table["case"].isin(cases) & table["seed"].isin(self.plan.seeds)]
-        order = {(c.name, e): i for i, (c, e) in enumerate((c, e) for c in self.plan.study.cases for e in c.estimators)}
-        rank = [order[key] for key in zip(table["case"], table["estimator"], strict=True)]
-        return table.iloc[np.lexsort((table["seed"], rank))].reset_index(drop=True)
-
-
-_WAY_OUT = "name another --out, or discard it with --restart"
 
 
 def columns(study: str) -> list[str]:
@@ -304,68 +218,15 @@ def columns(study: str) -> list[str]:
     return [*names, "diverged", "diverged_any", "recoveries", *NOISES, "seconds", "steps", *TIMES]
 
 
-def fingerprint(plan: Plan) -> dict[str, Any]:
-    """All that decides the numbers, but for the seeds."""
-    return {
-        "study": plan.study.name,
-        "form": plan.form,
-        "settings": dict(plan.settings),
-        "simulator settings": dict(plan.sim_settings),
-        "defaults": _hash([Config().as_dict(), SimConfig().as_dict(), START]),
-        "tselab": __version__,
-        "library version": f"{library().version}, {library().format}, up to {library().capacity} particles",
-        "library file": library_hash(),
-        "cases": {c.name: _case_hash(c) for c in plan.study.cases},
+@functools.cache
+def code() -> str:
+    """What makes the numbers beside the library and the settings: the files of studies, manoeuvres and other filters."""
+    files = {
+        *Path(__file__).parent.glob("*.py"),
+        *(Path(str(m.__file__)) for m in (core, maneuvers, peers, simulate, study)),
     }
+    return _hash("".join(p.read_text(encoding="utf-8") for p in sorted(files)))
 
 
-# What makes the numbers beside the library and the settings.
-_SOURCES = ("montecarlo.case", "montecarlo.corrupt", "montecarlo.drives", "montecarlo.scores", "maneuvers", "simulate")
-_SOURCES_OF = {
-    "ekf": ("peers",), "ukf": ("peers",), "known": ("peers",),
-}  # fmt: skip
-
-
-def _case_hash(case: Case) -> str:
-    own = {name: estimators.overrides(name) for name in case.estimators}
-    sources = {*_SOURCES, *(m for e in case.estimators for m in _SOURCES_OF.get(e, ()))}
-    return _hash([_plain(case), own, [_source_hash(m) for m in sorted(sources)]])
-
-
-def _source_hash(module: str) -> str:
-    spec = importlib.util.find_spec(f"tselab.{module}")
-    return _hash(Path(spec.origin).read_bytes()) if spec and spec.origin else ""
-
-
-def _plain(value: Any) -> Any:
-    """A case as JSON can hold it; functions by their names."""
-    if isinstance(value, functools.partial):
-        return [_plain(value.func), _plain(value.args), _plain(value.keywords)]
-    if callable(value):
-        return f"{value.__module__}.{value.__qualname__}"
-    if isinstance(value, Case):
-        return {f.name: _plain(getattr(value, f.name)) for f in fields(value) if f.name != "title"}
-    if isinstance(value, Mapping):
-        return {k: _plain(v) for k, v in value.items()}
-    return [_plain(v) for v in value] if isinstance(value, (list, tuple)) else value
-
-
-def _hash(value: Any) -> str:
-    data = value if isinstance(value, bytes) else json.dumps(value, sort_keys=True).encode()
-    return hashlib.sha256(data).hexdigest()
-
-
-def _differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[str]:
-    for name, value in now.items():
-        old = before.get(name)
-        if name == "cases":
-            changed = [c for c in value if c in old and old[c] != value[c]]
-            if changed:
-                yield f"the definition of case {', '.join(changed)} has changed"
-        elif old != value:
-            yield f"{name} was {_short(old)}, is {_short(value)}"
-
-
-def _short(value: Any) -> str:
-    text = value if isinstance(value, str) else json.dumps(value)
-    return text[:12] if len(text) == 64 and text.isalnum() else text
+def _hash(text: str) -> str:
+    return hashlib.sha256(text.encode("utf-8", "replace")).hexdigest()[:24]

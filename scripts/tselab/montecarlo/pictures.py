@@ -1,121 +1,139 @@
-"""What the picture of each study shows."""
+"""The picture of a study, by matplotlib."""
 
 from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
 from scipy import stats
 
 from tselab.core import STIFFNESS
+from tselab.files import atomic
 from tselab.montecarlo.case import Drive
 from tselab.montecarlo.engine import Plan, trace
-from tselab.montecarlo.panels import COLOURS, Bars, Dots, Line, Panel, Picture
 from tselab.montecarlo.summary import HEADS, of
-from tselab.plots import GREEN, INK, ORANGE
+from tselab.plots import BLUE, GREEN, GREY, INK, ORANGE, PURPLE
 
-MOST_POINTS = 2000  # of a line
-ERROR = "% of the truth"
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
-
-def picture(plan: Plan, runs: pd.DataFrame, summary: pd.DataFrame) -> Picture:
-    """The picture of the study."""
-    return (_paper if plan.study.base == "paper" else _dots)(plan, runs, summary)
-
-
-def _thin(n: int) -> slice:
-    return slice(None, None, max(1, -(-n // MOST_POINTS)))
-
-
-RED = "#c0392b"  # as the paper's figures
+COLOURS = (BLUE, ORANGE, GREEN, PURPLE, "#b8860b", "#5a9bd4", "#8b1a4a", "#3d5a3d")
+RED, EDGE = "#c0392b", "#c8ced4"  # red as the paper's figures
 TITLES = {"printed": "as printed", "paper": "as printed", "robust": "robust", "tse": "default filter"}
+STATES = (("vel_x", "vX, m/s", 1.0), ("yaw_rate", "yaw rate, deg/s", 180 / np.pi))
+ERROR = "% of the truth"
+STYLE = {"font.size": 10, "font.family": "DejaVu Sans", "axes.edgecolor": EDGE, "text.color": INK, "axes.labelcolor": INK,
+         "xtick.color": "#52606d", "ytick.color": "#52606d", "axes.grid": True, "grid.color": "#edf0f3", "axes.axisbelow": True,
+         "axes.spines.top": False, "axes.spines.right": False, "axes.titlelocation": "left", "axes.titlesize": 10,
+         "axes.titleweight": "bold", "lines.linewidth": 1.6, "legend.frameon": False}  # fmt: skip
 
 
-def _paper(plan: Plan, runs: pd.DataFrame, summary: pd.DataFrame) -> Picture:
+def draw(plan: Plan, runs: pd.DataFrame, summary: pd.DataFrame, path: Path) -> bool:
+    """Draw the picture of the study; False without matplotlib."""
+    try:
+        import matplotlib
+    except ImportError:
+        return False
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    with plt.rc_context(STYLE):
+        figure = _paper(plan, runs) if plan.study.base == "paper" else _dots(plan, summary)
+        named = {n: h for axis in figure.axes for h, n in zip(*axis.get_legend_handles_labels(), strict=True)}
+        if named:
+            columns = max(1, min(len(named), int(14 * figure.get_figwidth() / (max(map(len, named)) + 8))))
+            figure.legend(named.values(), named.keys(), loc="outside upper right", ncols=columns)
+        with atomic(path, "wb") as file:
+            figure.savefig(file, format="png", metadata={"Software": None})
+        plt.close(figure)
+    return True
+
+
+def _figure(rows: int, columns: int, height: float, **more: Any) -> tuple[Figure, np.ndarray]:
+    import matplotlib.pyplot as plt
+
+    size = (max(8.0, 3.6 * columns), rows * height + 0.6)
+    return plt.subplots(rows, columns, figsize=size, dpi=130, layout="constrained", squeeze=False, **more)
+
+
+def _paper(plan: Plan, runs: pd.DataFrame) -> Figure:
     """The paper's Fig. 1 .. 4, a column per filter."""
     cases = {c.name: c for c in plan.study.cases}
     waves, lanes = cases.get("iv-a"), cases.get("iv-b-20")
-    panels = []
-    if waves:
-        drawn = {name: trace(plan, waves, plan.first_seed, name) for name in waves.estimators}
-        panels += [_fig1(name, *drawn[name]) for name in waves.estimators]
-        panels += [_fig2(name, of(runs, waves.name, name)["cy_front_bias_w0"].to_numpy()) for name in waves.estimators]
-    if lanes:
-        drawn = {name: trace(plan, lanes, plan.first_seed, name) for name in lanes.estimators}
-        panels += [_fig3(key, name, *drawn[name]) for key in STIFFNESS for name in lanes.estimators]
-        panels += [_fig4(*state, name, *drawn[name]) for state in STATES for name in lanes.estimators]
-    return Picture(panels, 3)
+    figure, axes = _figure(2 * bool(waves) + 5 * bool(lanes), 3, 2.8)
+    for column in range(3):
+        row = iter(axes[:, column])
+        if waves:
+            name = waves.estimators[column]
+            _fig1(next(row), name, *trace(plan, waves, plan.first_seed, name))
+            _fig2(next(row), name, of(runs, waves.name, name)["cy_front_bias_w0"].to_numpy())
+        if lanes:
+            name = lanes.estimators[column]
+            d, y = trace(plan, lanes, plan.first_seed, name)
+            for key in STIFFNESS:
+                _fig3(next(row), key, name, d, y)
+            for state, label, unit in STATES:
+                axis = next(row)
+                axis.plot(d.time, unit * d.truth[f"true_{state}"], color=INK, lw=1.0, label="truth")
+                axis.plot(d.time, unit * y[state], color=RED, label="estimate")
+                axis.set(title=f"Fig. 4, {TITLES[name]}", xlabel="time, s", ylabel=label)
+    return figure
 
 
-STATES = (("vel_x", "vX, m/s", 1.0), ("yaw_rate", "yaw rate, deg/s", 180 / np.pi))
-
-
-def _fig1(name: str, d: Drive, y: np.ndarray) -> Panel:
-    """Normalised longitudinal stiffness and its standard deviation from sample to sample."""
-    pick = _thin(len(y))
-    t, spread = d.time[pick], y["cx_front_spread"][pick]
-    marks = [
-        Line(t, d.stiffness[pick, 0], "truth", INK, width=1.0),
-        Line(t, y["cx_front"][pick], "stiffness", RED),
-        Line(t, d.sim.spread_cx_front * d.stiffness[pick, 0], width=1.0, colour=INK),
-    ]
+def _fig1(axis: Axes, name: str, d: Drive, y: np.ndarray) -> None:
+    """Normalised longitudinal stiffness and its standard deviation from sample to sample; the default filter has none: that of the
+    mean instead."""
+    axis.plot(d.time, d.stiffness[:, 0], color=INK, lw=1.0, label="truth")
+    axis.plot(d.time, y["cx_front"], color=RED, label="stiffness")
+    axis.plot(d.time, d.sim.spread_cx_front * d.stiffness[:, 0], color=INK, lw=1.0)
     if d.config.form or name != "tse":
-        marks.append(Line(t, spread, "standard deviation", GREEN))
-    else:  # the default filter has none: that of the mean instead
-        marks.append(Line(t, y["cx_front_sd"][pick], "sd of the mean", GREEN, dash=True))
-    return Panel(f"Fig. 1, {TITLES[name]}: Cx", "time, s", "normalised", marks, at=(30.0,), y_range=(0.0, 1.4))
+        axis.plot(d.time, y["cx_front_spread"], color=GREEN, label="standard deviation")
+    else:
+        axis.plot(d.time, y["cx_front_sd"], color=GREEN, ls="--", label="sd of the mean")
+    axis.axvline(30.0, color=GREY, lw=0.9)
+    axis.set(title=f"Fig. 1, {TITLES[name]}: Cx", xlabel="time, s", ylabel="normalised", ylim=(0.0, 1.4))
 
 
-def _fig2(name: str, x: np.ndarray) -> Panel:
+def _fig2(axis: Axes, name: str, x: np.ndarray) -> None:
     """Probability of the mean error of the front lateral stiffness, with the normal distribution of its mean and sd."""
     n, mean, sd = len(x), x.mean(), max(x.std(ddof=1) if len(x) > 1 else 0.0, 1e-9)
     edges = np.linspace(-4.0, 4.0, 33)
-    wide = np.repeat(edges, 2)[1:-1]
-    normal = np.diff(stats.norm.cdf(edges, mean, sd))
-    return Panel(f"Fig. 2, {TITLES[name]}: Cy front", f"mean error, {ERROR}", "probability", [
-        Bars(edges, np.histogram(np.clip(x, -4.0, 4.0), edges)[0] / n, "runs"),
-        Line(wide, np.repeat(normal, 2), "normal distribution", ORANGE),
-    ])  # fmt: skip
+    height = np.histogram(np.clip(x, -4.0, 4.0), edges)[0] / n
+    axis.bar(edges[:-1], height, np.diff(edges), align="edge", color=BLUE, alpha=0.55, edgecolor="white", label="runs")
+    axis.stairs(np.diff(stats.norm.cdf(edges, mean, sd)), edges, color=ORANGE, lw=1.6, label="normal distribution")
+    axis.set(title=f"Fig. 2, {TITLES[name]}: Cy front", xlabel=f"mean error, {ERROR}", ylabel="probability")
 
 
-def _fig3(key: str, name: str, d: Drive, y: np.ndarray) -> Panel:
+def _fig3(axis: Axes, key: str, name: str, d: Drive, y: np.ndarray) -> None:
     """Normalised stiffness and its sd, with the prior 20 % too low."""
-    pick = _thin(len(y))
-    t, mean, sd = d.time[pick], y[key][pick], y[f"{key}_sd"][pick]
-    return Panel(f"Fig. 3, {TITLES[name]}: {HEADS[key]}", "time, s", "normalised", [
-        Line(t, d.stiffness[pick, STIFFNESS.index(key)], "truth", INK, width=1.0),
-        Line(t, mean, "stiffness", RED),
-        Line(t, mean - sd, "standard deviation", GREEN, width=1.0), Line(t, mean + sd, colour=GREEN, width=1.0),
-    ], y_range=(0.5, 1.5))  # fmt: skip
+    mean, sd = y[key], y[f"{key}_sd"]
+    axis.plot(d.time, d.stiffness[:, STIFFNESS.index(key)], color=INK, lw=1.0, label="truth")
+    axis.plot(d.time, mean, color=RED, label="stiffness")
+    axis.plot(d.time, mean - sd, color=GREEN, lw=1.0, label="standard deviation")
+    axis.plot(d.time, mean + sd, color=GREEN, lw=1.0)
+    axis.set(title=f"Fig. 3, {TITLES[name]}: {HEADS[key]}", xlabel="time, s", ylabel="normalised", ylim=(0.5, 1.5))
 
 
-def _fig4(state: str, label: str, unit: float, name: str, d: Drive, y: np.ndarray) -> Panel:
-    """Velocity and yaw rate, estimated and true."""
-    pick = _thin(len(y))
-    t = d.time[pick]
-    return Panel(f"Fig. 4, {TITLES[name]}", "time, s", label, [
-        Line(t, unit * d.truth[f"true_{state}"][pick], "truth", INK, width=1.0), Line(t, unit * y[state][pick], "estimate", RED),
-    ])  # fmt: skip
-
-
-def _rms(lines: pd.DataFrame, key: str) -> tuple[np.ndarray, ...]:
-    return tuple(lines[f"{key}_rms{end}"].to_numpy(float) for end in ("", "_low", "_high"))
-
-
-def _share(lines: pd.DataFrame) -> tuple[np.ndarray, ...]:
-    low, high = (lines[f"diverged_{end}"].to_numpy(float) for end in ("low", "high"))
-    return (100 * lines["diverged"] / lines["runs"]).to_numpy(float), low, high
-
-
-def _dots(plan: Plan, runs: pd.DataFrame, summary: pd.DataFrame) -> Picture:
+def _dots(plan: Plan, summary: pd.DataFrame) -> Figure:
     """A line per case, a dot per estimator: RMS error of each stiffness, and divergence."""
-    cases = tuple(c.name for c in plan.study.cases)
+    cases = [c.name for c in plan.study.cases]
     names = list(dict.fromkeys(summary["estimator"]))
-    panels = [Panel(f"RMS error: {HEADS[key]}", ERROR, "", log_x=True, categories=cases) for key in STIFFNESS]
-    panels.append(Panel("Diverged", "% of runs", "", categories=cases))
-    for i, (name, colour) in enumerate(zip(names, COLOURS, strict=False)):
-        lines = summary[summary["estimator"] == name]
-        at = np.array([cases.index(c) for c in lines["case"]]) + 0.6 * ((i + 0.5) / len(names) - 0.5)
-        for panel, key in zip(panels, (*STIFFNESS, None), strict=True):
-            value, low, high = _share(lines) if key is None else _rms(lines, key)
-            panel.marks.append(Dots(at, value, low, high, name if len(names) > 1 else "", colour))
-    return Picture(panels, 4, max(200, (16 + 8 * len(names)) * len(cases) + 60))
+    figure, axes = _figure(1, 4, max(200, (16 + 8 * len(names)) * len(cases) + 60) / 90, sharey=True)
+    for axis, key in zip(axes[0], (*STIFFNESS, None), strict=True):
+        for i, (name, colour) in enumerate(zip(names, COLOURS, strict=False)):
+            lines = summary[summary["estimator"] == name]
+            at = np.array([cases.index(c) for c in lines["case"]]) + 0.6 * ((i + 0.5) / len(names) - 0.5)
+            what = f"{key}_rms" if key else "diverged"
+            value = (lines[what] if key else 100 * lines[what] / lines["runs"]).to_numpy(float)
+            ends = value - lines[f"{what}_low"].to_numpy(float), lines[f"{what}_high"].to_numpy(float) - value
+            error = np.nan_to_num(np.abs(np.stack(ends)))
+            label = name if len(names) > 1 else None
+            axis.errorbar(value, at, xerr=error, color=colour, fmt="o", ms=4, lw=1.2, label=label)
+        axis.set(title=f"RMS error: {HEADS[key]}" if key else "Diverged", xlabel=ERROR if key else "% of runs")
+        axis.set_xscale("log" if key else "linear")
+    axes[0, 0].set_yticks(range(len(cases)), cases)
+    axes[0, 0].set_ylim(len(cases) - 0.5, -0.5)
+    return figure

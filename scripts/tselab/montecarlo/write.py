@@ -1,4 +1,4 @@
-"""What a study leaves in its directory: NAME.csv, NAME.md, NAME.html and, with matplotlib, NAME.png."""
+"""What a study leaves in its directory: NAME.csv, NAME.md and, with matplotlib, NAME.png."""
 
 from __future__ import annotations
 
@@ -10,10 +10,9 @@ from tselab import __version__
 from tselab.core import library
 from tselab.estimate import write_table
 from tselab.files import atomic
-from tselab.montecarlo import findings, panels, pictures, summary
+from tselab.montecarlo import findings, pictures, summary
 from tselab.montecarlo.engine import Plan
 from tselab.montecarlo.summary import Table
-from tselab.report import write_page
 
 
 def write(plan: Plan, runs: pd.DataFrame, out: Path) -> tuple[str, list[Path]]:
@@ -24,14 +23,11 @@ def write(plan: Plan, runs: pd.DataFrame, out: Path) -> tuple[str, list[Path]]:
         tables += [summary.overview(plan, lines), *findings.changes(plan, lines)]
     facts = run_facts(plan, lines)
     text = markdown(plan, facts, tables)
-    picture = pictures.picture(plan, runs, lines)
-    path = {end: out / f"{plan.study.name}.{end}" for end in ("csv", "md", "html", "png")}
+    path = {end: out / f"{plan.study.name}.{end}" for end in ("csv", "md", "png")}
     write_table(lines, path["csv"])
     with atomic(path["md"]) as file:
         file.write(text)
-    write_page(path["html"], "study.html.j2", [("", "", panels.draw_plotly(picture))], title=plan.study.title,
-               name=plan.study.name, facts=[(n, v.strip("`")) for n, v in facts], tables=tables)  # fmt: skip
-    if not panels.draw_png(picture, path["png"]):
+    if not pictures.draw(plan, runs, lines, path["png"]):
         del path["png"]
     return text, list(path.values())
 
