@@ -19,6 +19,7 @@ from tselab.core import STIFFNESS, Config, Filter, SimConfig
 from tselab.processes import each
 from tselab.rows import columns
 from tselab.simulate import simulate
+from tselab.tables import markdown_table
 
 DURATION, WINDOW = 40.0, (20.0, 40.0)  # s
 # Torque is on the front axle in all manoeuvres; the car is that of the paper, (1)-(4).
@@ -110,9 +111,7 @@ def markdown(study: Accuracy) -> str:
         f"Square waves, {n} runs (seeds {seeds}), {filter_text(study.config)}, start at 70 %; "
         f"{WINDOW[0]:g} .. {WINDOW[1]:g} s, in % of the true mean stiffness.",
         "",
-        "| | " + " | ".join(heads[k] for k in STIFFNESS) + " |",
-        "|---|" + "---:|" * 3,
-        *(f"| {name} | " + " | ".join(cells) + " |" for name, cells in rows),
+        *markdown_table(["", *heads.values()], ([name, *cells] for name, cells in rows)),
         "",
         f"Diverged: {study.diverged} of {n} (95 % interval {100 * low:.1f} .. {100 * high:.1f} %). "
         f"Recoveries: {int(runs['recoveries'].sum())}.",

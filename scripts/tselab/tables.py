@@ -27,6 +27,13 @@ def text_table(rows: Iterable[Iterable[str]], right: tuple[int, ...] = ()) -> st
     return "\n".join(lines)
 
 
+def markdown_table(head: Iterable[str], rows: Iterable[Iterable[str]], left: int = 1) -> list[str]:
+    """Lines of a table of Markdown; all but the first `left` columns are numbers."""
+    lines = ["| " + " | ".join(cells) + " |" for cells in (head, *rows)]
+    columns = len(list(head))
+    return [lines[0], "|" + "---|" * left + "---:|" * (columns - left), *lines[1:]]
+
+
 def settings_table(which: int = CONFIG) -> str:
     """All settings: name, default, range, unit, meaning."""
     rows = [["setting", "default", "range", "unit", "meaning"]]

@@ -17,8 +17,9 @@ from tqdm import tqdm
 
 from scripts.fixed import library
 from tests.cars import ROADS
-from tests.cars.study import driven, estimated, parser_of_kept, score
+from tests.cars.study import driven, estimated, parser_of_kept, score, shares
 from tselab.core import STIFFNESS, Library
+from tselab.tables import markdown_table
 
 REALS = ("double", "float", "fixed")
 
@@ -44,15 +45,13 @@ def table(runs: pd.DataFrame) -> list[str]:
     def three(values: list[float], digits: int) -> str:
         return " / ".join(f"{v:.{digits}f}" for v in values)
 
-    lines = ["| build | median error [%] | valid [%] | off [%] | 95 % interval holds [%] | from double, rms [sd of the estimate] |",
-             "|---|---|---|---|---|---|"]  # fmt: skip
+    rows = []
     for real, g in runs.groupby("real", sort=False):
         cells = [str(real), three([100 * float(g[f"{k} error"].median()) for k in STIFFNESS], 2)]
-        for what, of in (("valid", "rows"), ("off", "valid"), ("held", "rows")):
-            cells.append(three([100 * g[f"{k} {what}"].sum() / max(g[f"{k} {of}"].sum(), 1) for k in STIFFNESS], 1))
-        cells.append(three([float(np.sqrt(np.mean(g[f"{k} apart"] ** 2))) for k in STIFFNESS], 3))
-        lines.append("| " + " | ".join(cells) + " |")
-    return lines
+        cells += [shares(g, what, of, 1) for what, of in (("valid", "rows"), ("off", "valid"), ("held", "rows"))]
+        rows.append([*cells, three([float(np.sqrt(np.mean(g[f"{k} apart"] ** 2))) for k in STIFFNESS], 3)])
+    head = "build|median error [%]|valid [%]|off [%]|95 % interval holds [%]|from double, rms [sd of the estimate]"
+    return markdown_table(head.split("|"), rows, 6)
 
 
 def main(arguments: list[str]) -> int:

@@ -25,6 +25,7 @@ from tselab.config import make_config
 from tselab.core import NOMINAL, STIFFNESS, Config, Filter, SimConfig
 from tselab.log import Log, read_log
 from tselab.simulate import simulate
+from tselab.tables import markdown_table
 from tselab.vehicle import make_vehicle
 
 RELAXATION, ROLL = (0.0, 0.3, 0.6), (0.0, 0.006, 0.012)  # m; rad s2/m
@@ -104,10 +105,7 @@ def late(folder: Path, share: float | None, rng: np.random.Generator, scratch: P
 
 def unknown_table(found: pd.DataFrame) -> list[str]:
     """Return a line per manoeuvre."""
-    lines = [
-        "| manoeuvre | valid [%] | valid and > 10 % off [%] | valid and outside the interval [%] | interval holds, all rows [%] |",
-        "|---|---|---|---|---|",
-    ]
+    rows = []
 
     def of(groups: list[pd.DataFrame], what: str, among: str) -> str:
         shares = [(g[what].sum(), g[among].sum()) for g in groups]
@@ -115,20 +113,17 @@ def unknown_table(found: pd.DataFrame) -> list[str]:
 
     for name, group in [*found.groupby("maneuver", sort=False), ("all", found)]:
         by = [group[group["stiffness"] == key] for key in STIFFNESS]
-        cells = [
-            name,
-            of(by, "valid", "rows"),
-            of(by, "off", "valid"),
-            of(by, "outside", "valid"),
-            of(by, "held", "rows"),
-        ]
-        lines.append("| " + " | ".join(map(str, cells)) + " |")
-    return lines
+        pairs = (("valid", "rows"), ("off", "valid"), ("outside", "valid"), ("held", "rows"))
+        rows.append([str(name), *(of(by, *pair) for pair in pairs)])
+    head = (
+        "manoeuvre|valid [%]|valid and > 10 % off [%]|valid and outside the interval [%]|interval holds, all rows [%]"
+    )
+    return markdown_table(head.split("|"), rows, 5)
 
 
 def late_table(found: pd.DataFrame) -> list[str]:
     """Return a line per pattern of rows; front / rear, medians of the cars."""
-    lines = ["| rows | bias less that of all rows in time [%] | valid [%] | interval holds [%] |", "|---|---|---|---|"]
+    lines = []
     base = found[found["rows"] == found["rows"].iloc[0]].set_index(["car", "stiffness"])["bias"]
     for name, group in found.groupby("rows", sort=False):
         cells = [str(name)]
@@ -140,8 +135,10 @@ def late_table(found: pd.DataFrame) -> list[str]:
                 values.append(f"{100 * float(x.iloc[np.argmax(np.abs(x))] if what == 'bias' else x.mean()):+.1f}"
                               if what == "bias" else f"{100 * float(x.mean()):.0f}")  # fmt: skip
             cells.append(" / ".join(values))
-        lines.append("| " + " | ".join(cells) + " |")
-    return lines
+        lines.append(cells)
+    return markdown_table(
+        ["rows", "bias less that of all rows in time [%]", "valid [%]", "interval holds [%]"], lines, 4
+    )
 
 
 def main(arguments: list[str]) -> int:

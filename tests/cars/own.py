@@ -27,6 +27,7 @@ from tselab.calibrate.along import outputs
 from tselab.config import make_config
 from tselab.core import Config
 from tselab.log import Log, read_log
+from tselab.tables import markdown_table
 from tselab.vehicle import Vehicle, filter_values, read_vehicle
 
 CLASS, ITSELF, OTHERS = "not calibrated", "on the log itself", "on other logs"
@@ -79,8 +80,7 @@ def of_cars(folder: Path, count: int) -> pd.DataFrame:
 
 def of_real(scratch: Path) -> list[str]:
     """The real logs as Markdown, before and after."""
-    lines = ["| log | calibrated on | front [kN/rad] | valid [%] | rear [kN/rad] | valid [%] | changes reported | sideslip off by, "
-             "rms [deg] | found at no slip, front, rear [kN/rad] |", "|---|---|---:|---:|---:|---:|---:|---:|---|"]  # fmt: skip
+    lines = []
     for name in sorted(p.parent.name for p in DATA.glob("*/data.csv")):
         path = DATA / name / "vehicle.toml"
         stated, log = read_vehicle(path), read_log(DATA / name / "data.csv")
@@ -97,19 +97,12 @@ def of_real(scratch: Path) -> list[str]:
             )
             if who == CLASS and not made.text:
                 said = made.found["why"]
-            cells = [
-                name,
-                who,
-                r["cy_front"],
-                r["cy_front valid"],
-                r["cy_rear"],
-                r["cy_rear valid"],
-                r["changes"],
-                r["sideslip"],
-                said,
-            ]
-            lines.append("| " + " | ".join(cells) + " |")
-    return lines
+            keys = ("cy_front", "cy_front valid", "cy_rear", "cy_rear valid", "changes", "sideslip")
+            lines.append([name, who, *(r[key] for key in keys), said])
+    head = (
+        "log|calibrated on|front [kN/rad]|valid [%]|rear [kN/rad]|valid [%]|changes reported|sideslip off by, rms [deg]"
+    )
+    return markdown_table([*head.split("|"), "found at no slip, front, rear [kN/rad]"], lines, 2)
 
 
 def main(arguments: list[str]) -> int:

@@ -30,6 +30,7 @@ from tselab.config import make_config
 from tselab.core import NOMINAL, STIFFNESS, Config, Library
 from tselab.identify.unknowns import LATENCY
 from tselab.log import Log, read_log
+from tselab.tables import markdown_table
 from tselab.vehicle import read_vehicle
 
 RESULTS = Path(__file__).resolve().parents[2] / "scripts" / "results"
@@ -252,49 +253,41 @@ def one(job: tuple[Path, bool]) -> tuple[list[dict[str, Any]], list[dict[str, An
 def table(runs: pd.DataFrame) -> list[str]:
     """Runs as Markdown, a line per road and estimator."""
 
-    def three(values: list[float]) -> str:
-        return " / ".join(f"{100 * v:.0f}" if np.isfinite(v) else "-" for v in values)
-
-    lines = [
-        "| road | estimator | median error [%] | valid [%] | off [%] | 95 % interval holds [%] "
-        "| changes an hour | rows at fault [%] |",
-        "|---|---|---|---|---|---|---:|---:|",
-    ]
+    lines = []
     for (road, who), group in runs.groupby(["road", "who"], sort=False):
         medians = [100 * float(np.nanmedian(group[f"{k} error"])) for k in STIFFNESS]
         cells = [road, who, " / ".join(f"{m:.1f}" for m in medians)]
-        for what, of in (("valid", "rows"), ("off", "valid"), ("held", "rows")):
-            total = [(group[f"{k} {what}"].sum(min_count=1), group[f"{k} {of}"].sum()) for k in STIFFNESS]
-            cells.append(three([a / b if b else np.nan for a, b in total]))
-        cells += [f"{group['changes'].sum() / group['hours'].sum():.1f}", f"{100 * group['fault'].mean():.1f}"]
-        lines.append("| " + " | ".join(cells) + " |")
-    return lines
+        cells += [shares(group, what, of) for what, of in (("valid", "rows"), ("off", "valid"), ("held", "rows"))]
+        lines.append(
+            [*cells, f"{group['changes'].sum() / group['hours'].sum():.1f}", f"{100 * group['fault'].mean():.1f}"]
+        )
+    head = "road|estimator|median error [%]|valid [%]|off [%]|95 % interval holds [%]|changes an hour|rows at fault [%]"
+    return markdown_table(head.split("|"), lines, 6)
+
+
+def shares(group: pd.DataFrame, what: str, of: str, digits: int = 0) -> str:
+    """Per cent of the rows `of` that are `what`, of each stiffness; a dash where there is none."""
+    parts = [(group[f"{k} {what}"].sum(min_count=1), group[f"{k} {of}"].sum()) for k in STIFFNESS]
+    return " / ".join(f"{100 * a / b:.{digits}f}" if b and np.isfinite(a) else "-" for a, b in parts)
 
 
 def latency_table(found: pd.DataFrame) -> list[str]:
     """How well latencies are found, a line per channel."""
-    lines = ["| channel | shown in | error, median of those [ms] | within 2 ms [%] | within 5 ms [%] | 95 % interval holds [%] |",
-             "|---|---:|---:|---:|---:|---:|"]  # fmt: skip
+    rows = []
     for channel, group in found.groupby("channel", sort=False):
         shown = group[group["shown"]]
         error = (shown["found"] - shown["true"]).abs()
         holds = 100 * float((error < 1.96 * shown["sd"]).mean())
         within = [f"{100 * float((error < limit).mean()):.0f}" for limit in (0.002, 0.005)]
-        cells = [
-            channel,
-            f"{len(shown)} of {len(group)}",
-            f"{1000 * float(error.median()):.1f}",
-            *within,
-            f"{holds:.0f}",
-        ]
-        lines.append("| " + " | ".join(cells) + " |")
-    return lines
+        count, middle = f"{len(shown)} of {len(group)}", f"{1000 * float(error.median()):.1f}"
+        rows.append([channel, count, middle, *within, f"{holds:.0f}"])
+    head = "channel|shown in|error, median of those [ms]|within 2 ms [%]|within 5 ms [%]|95 % interval holds [%]"
+    return markdown_table(head.split("|"), rows)
 
 
 def physical_table(found: pd.DataFrame) -> list[str]:
     """How well the car itself is found, a line per number."""
-    lines = ["| number | shown in | off by, before: median, largest | off by, found: median, largest | 95 % interval holds [%] |",
-             "|---|---:|---:|---:|---:|"]  # fmt: skip
+    rows = []
     for name, group in found.groupby("name", sort=False):
         percent = name in RELATIVE or name in STIFF
         cells = [f"{name}{' [%]' if percent else ''}", f"{int(group['shown'].sum())} of {len(group)}"]
@@ -302,9 +295,9 @@ def physical_table(found: pd.DataFrame) -> list[str]:
             off = group[what].abs() * (100 if percent else 1)
             cells.append(f"{off.median():.2g}, {off.max():.2g}")
         holds = (group["off"].abs() < 1.96 * group["sd"])[group["sd"].notna()]
-        cells.append(f"{100 * float(holds.mean()):.0f}" if len(holds) else "-")
-        lines.append("| " + " | ".join(cells) + " |")
-    return lines
+        rows.append([*cells, f"{100 * float(holds.mean()):.0f}" if len(holds) else "-"])
+    head = "number|shown in|off by, before: median, largest|off by, found: median, largest|95 % interval holds [%]"
+    return markdown_table(head.split("|"), rows)
 
 
 def parser_of_kept(about: str | None, table_file: str) -> argparse.ArgumentParser:

@@ -18,13 +18,14 @@ import numpy as np
 import pandas as pd
 from tqdm import tqdm
 
-from tests.cars.study import OFF, RESULTS, SETTLED, SLOW
+from tests.cars.study import OFF, RESULTS, SETTLED, SLOW, shares
 from tselab import maneuvers
 from tselab.calibrate.along import outputs
 from tselab.config import make_config
 from tselab.core import STIFFNESS, Config, SimConfig
 from tselab.log import read_frame
 from tselab.simulate import simulate
+from tselab.tables import markdown_table
 from tselab.vehicle import filter_values, make_vehicle
 
 RELAXATION, ROLL = (0.0, 0.3, 0.6), (0.0, 0.006, 0.012)  # m; rad per m/s2
@@ -65,17 +66,9 @@ def one(job: tuple[str, float, float, int]) -> dict[str, float | str]:
 
 def table(runs: pd.DataFrame, by: str) -> list[str]:
     """Return Markdown, a line per value of `by`."""
-    lines = [
-        f"| {by} | valid [%] | of these off [%] | of these outside [%] | of all outside [%] |",
-        "|---|---|---|---|---|",
-    ]
-    for value, group in runs.groupby(by, sort=False):
-        cells = [str(value)]
-        for what, of in (("valid", "rows"), ("off", "valid"), ("valid outside", "valid"), ("outside", "rows")):
-            shares = [(group[f"{k} {what}"].sum(), group[f"{k} {of}"].sum()) for k in STIFFNESS]
-            cells.append(" / ".join(f"{100 * a / b:.0f}" if b else "-" for a, b in shares))
-        lines.append("| " + " | ".join(cells) + " |")
-    return lines
+    pairs = (("valid", "rows"), ("off", "valid"), ("valid outside", "valid"), ("outside", "rows"))
+    rows = [[str(v), *(shares(g, what, of) for what, of in pairs)] for v, g in runs.groupby(by, sort=False)]
+    return markdown_table([by, "valid [%]", "of these off [%]", "of these outside [%]", "of all outside [%]"], rows, 5)
 
 
 def main(arguments: list[str]) -> int:

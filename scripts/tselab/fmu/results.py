@@ -11,6 +11,7 @@ from tselab.estimate import write_table
 from tselab.files import atomic
 from tselab.fmu.clients import Row
 from tselab.fmu.validate import Verdict
+from tselab.tables import markdown_table
 
 
 def write(folder: Path, verdicts: Mapping[str, Sequence[Verdict]], rows: Sequence[Row]) -> list[Path]:
@@ -33,23 +34,20 @@ def write(folder: Path, verdicts: Mapping[str, Sequence[Verdict]], rows: Sequenc
 def validators(verdicts: Mapping[str, Sequence[Verdict]]) -> str:
     """Findings per validator and FMU."""
     names = list(verdicts)
-    lines = [
-        f"| validator | version | {' | '.join(f'{n}: findings' for n in names)} |",
-        "| --- | --- |" + " ---: |" * len(names),
-    ]
+    rows = []
     ran = {n: {v.validator: v for v in verdicts[n] if not v.skipped} for n in names}
     for validator, version in {v.validator: v.version for found in ran.values() for v in found.values()}.items():
         counts = [str(len(ran[n][validator].findings)) if validator in ran[n] else "-" for n in names]
-        lines.append(f"| {validator} | {version} | {' | '.join(counts)} |")
-    return "\n".join(lines) + "\n"
+        rows.append([validator, version, *counts])
+    return "\n".join(markdown_table(["validator", "version", *(f"{n}: findings" for n in names)], rows, 2)) + "\n"
 
 
 def clients(rows: Sequence[Row]) -> str:
     """Largest difference to FMPy per client and FMU."""
     runs = {r.fmu: r.run for r in rows}
-    head = " | ".join(f"{name}, {run}" for name, run in runs.items())
-    lines = [f"| client | version | {head} |", "| --- | --- |" + " --- |" * len(runs)]
+    table = []
     for client, version in dict.fromkeys((r.client, r.version) for r in rows):
         cells = [next((r.text for r in rows if (r.client, r.fmu) == (client, n)), "-") for n in runs]
-        lines.append(f"| {client} | {version} | {' | '.join(cells)} |")
-    return "\n".join(lines) + "\n"
+        table.append([client, version, *cells])
+    head = ["client", "version", *(f"{name}, {run}" for name, run in runs.items())]
+    return "\n".join(markdown_table(head, table, len(head))) + "\n"

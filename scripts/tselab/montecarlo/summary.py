@@ -14,6 +14,7 @@ from tselab.montecarlo import scores
 from tselab.montecarlo.engine import Plan
 from tselab.rows import MEASURES
 from tselab.study import DIVERGED_ERROR, DIVERGED_FOR, clopper_pearson
+from tselab.tables import markdown_table
 
 RESAMPLES = 2000  # of a bootstrap interval
 LEVEL = 0.95
@@ -32,12 +33,7 @@ class Table:
 
     def markdown(self) -> str:
         lines = [f"## {self.title}", "", *([self.text, ""] if self.text else [])]
-        lines += [_row(self.head), "|" + "---|" * self.left + "---:|" * (len(self.head) - self.left)]
-        return "\n".join([*lines, *map(_row, self.rows)])
-
-
-def _row(cells: list[str]) -> str:
-    return "| " + " | ".join(cells) + " |"
+        return "\n".join([*lines, *markdown_table(self.head, self.rows, self.left)])
 
 
 # ---- intervals
