@@ -78,7 +78,7 @@ def fmus() -> None:
     output("cmake", "--preset", "fmu", f"-DFETCHCONTENT_SOURCE_DIR_FMI2={ROOT / '.venv/share/fmi2'}")
     output("cmake", "--build", "--preset", "fmu")
     (RESULTS / "fmu_variables.md").write_text("\n\n".join(fmu_variables(model, FMUS) for model in MAIN) + "\n")
-    (RESULTS / "fmu.md").write_text(output(sys.executable, ROOT / "scripts" / "fmu_pictures.py", "study"))
+    (RESULTS / "fmu.md").write_text(output(sys.executable, ROOT / "scripts" / "fmu_pictures.py"))
 
 
 def clients() -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -80,77 +79,6 @@ def demo_picture(path: Path, est: pd.DataFrame, truth: pd.DataFrame, log: pd.Dat
                          xytext=(6, 0), textcoords="offset points", fontsize=10, color="#52606d", va="top")  # fmt: skip
         for axis in axes:
             axis.axvline(time[i + 1], color=GREY, lw=0.9)
-    with atomic(path, "wb") as file:
-        figure.savefig(file, format="png", metadata={"Software": None})
-    plt.close(figure)
-
-
-def estimator_icon(path: Path) -> None:
-    """What importers show for TireStiffnessEstimator: force over slip, samples, the line through them and their spread."""
-    figure, axis = _icon()
-    slip = np.linspace(0.0, 1.0, 2)
-    axis.fill_between(slip, 0.62 * slip, 1.02 * slip, color=BLUE, alpha=0.22, lw=0)
-    axis.plot(slip, 0.82 * slip, color=BLUE, lw=10, solid_capstyle="round")
-    for x, share in ((0.24, 0.6), (0.4, 1.02), (0.57, 0.68), (0.74, 0.97), (0.9, 0.72)):
-        axis.plot(x, share * x, "o", color=ORANGE, ms=20, mec="white", mew=3)
-    for tip in ((1.08, 0.0), (0.0, 1.04)):
-        axis.annotate("", tip, (0.0, 0.0), arrowprops={"arrowstyle": "-|>", "color": INK, "lw": 4, "mutation_scale": 28,
-                                                       "shrinkA": 0, "shrinkB": 0})  # fmt: skip
-    axis.text(0.07, 0.91, "F", fontsize=40, style="italic", va="center")
-    axis.text(1.03, 0.13, "α", fontsize=40, style="italic", ha="center", va="center")
-    axis.set(xlim=(-0.12, 1.2), ylim=(-0.1, 1.12))
-    _save_icon(figure, path)
-
-
-def vehicle_icon(path: Path) -> None:
-    """What importers show for SingleTrackVehicle: the single track from above, steered to the left."""
-    from matplotlib.patches import Arc, FancyBboxPatch
-    from matplotlib.transforms import Affine2D
-
-    figure, axis = _icon()
-    rear, cog, front, steer = (0.6, 1.35), (2.0, 1.35), (3.2, 1.35), np.radians(30)
-
-    def arrow(start: tuple[float, float], angle: float, length: float, colour: str) -> None:
-        tip = (start[0] + length * np.cos(angle), start[1] + length * np.sin(angle))
-        axis.annotate("", tip, start, arrowprops={"arrowstyle": "-|>", "color": colour, "lw": 5, "mutation_scale": 32,
-                                                  "shrinkA": 0, "shrinkB": 0})  # fmt: skip
-
-    axis.plot(*zip(rear, front, strict=True), color=INK, lw=9, solid_capstyle="round", zorder=1)
-    for (x, y), angle in ((rear, 0.0), (front, steer)):
-        wheel = FancyBboxPatch(
-            (-0.36, -0.13), 0.72, 0.26, boxstyle="round,pad=0,rounding_size=0.09", fc="#cbd2d9", ec=INK, lw=4
-        )
-        wheel.set_transform(Affine2D().rotate(angle).translate(x, y) + axis.transData)
-        axis.add_patch(wheel)
-    arrow(front, np.radians(115), 1.1, "#1a7f5a")
-    arrow(rear, np.radians(90), 1.1, "#1a7f5a")
-    arrow(cog, np.radians(12), 0.85, BLUE)
-    axis.add_patch(Arc(cog, 1.5, 1.5, theta1=205, theta2=330, color=ORANGE, lw=5))
-    end = np.radians(330)
-    tip = (cog[0] + 0.75 * np.cos(end), cog[1] + 0.75 * np.sin(end))
-    arrow((tip[0] - 0.03, tip[1] - 0.05), np.radians(59), 0.3, ORANGE)
-    axis.plot(*cog, "o", ms=20, mfc="white", mec=INK, mew=5)
-    axis.set(xlim=(0.0, 4.0), ylim=(0.0, 3.0))
-    _save_icon(figure, path)
-
-
-def _icon() -> tuple[Any, Any]:
-    """400 x 300 pixels without axes; strokes are thick enough for 64 pixels."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
-    plt.rcParams.update({"font.family": "DejaVu Sans", "text.color": INK})
-    figure = plt.figure(figsize=(4, 3), dpi=100, facecolor="white")
-    axis = figure.add_axes((0, 0, 1, 1))
-    axis.set_axis_off()
-    return figure, axis
-
-
-def _save_icon(figure: Any, path: Path) -> None:
-    import matplotlib.pyplot as plt
-
     with atomic(path, "wb") as file:
         figure.savefig(file, format="png", metadata={"Software": None})
     plt.close(figure)

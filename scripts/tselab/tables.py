@@ -29,7 +29,7 @@ def text_table(rows: Iterable[Iterable[str]], right: tuple[int, ...] = ()) -> st
 
 def markdown_table(head: Iterable[str], rows: Iterable[Iterable[str]], left: int = 1) -> list[str]:
     """Lines of a table of Markdown; all but the first `left` columns are numbers."""
-    lines = ["| " + " | ".join(cells) + " |" for cells in (head, *rows)]
+    lines = ["|" + "|".join(f" {c} " if c else " " for c in cells) + "|" for cells in (head, *rows)]
     columns = len(list(head))
     return [lines[0], "|" + "---|" * left + "---:|" * (columns - left), *lines[1:]]
 
