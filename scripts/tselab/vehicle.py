@@ -65,11 +65,13 @@ class Vehicle:
 
     @property
     def steering_ratio(self) -> float | None:
+        """Angle of the steering wheel over that of the front wheels; None: the file does not say it."""
         ratio = self.facts.get("steering_ratio")
         return float(ratio) if isinstance(ratio, (int, float)) and ratio > 0 else None
 
     @property
     def driven_axle(self) -> str:
+        """"front", "rear" or "both"; "front" where the file does not say it."""
         return str(self.facts.get("driven_axle", "front"))
 
 
