@@ -48,6 +48,13 @@ EXTRAS = {
 }
 MOST_FINDINGS = 12  # stretches of road in the terminal
 WRITTEN = {"estimates": "Estimates", "report": "Report", "table": "Table", "learnt": "Learnt state"}
+JOBS = click.option(
+    "--jobs", type=click.IntRange(1, 256), default=os.cpu_count() or 1, show_default="all cores", help="Processes."
+)
+FIRST_SEED = click.option(
+    "--first-seed", type=click.IntRange(0, 2000000000), default=1, show_default=True, help="Seed of the first run."
+)
+RESTART = click.option("--restart", is_flag=True, help="Discard the runs that are in DIR.")
 CONTEXT = {"help_option_names": ["-h", "--help"], "max_content_width": 110}
 
 
@@ -631,17 +638,11 @@ def demo(out: Path, seed: int, progress: bool | None) -> None:
 
 @cli.command(short_help="Errors against the truth in the paper's set-up.")
 @click.option("--runs", type=click.IntRange(1, 100000), default=24, show_default=True, help="Runs, one seed each.")
-@click.option(
-    "--jobs",
-    type=click.IntRange(1, 256),
-    default=os.cpu_count() or 1,
-    show_default="all cores",
-    help="Processes.",
-)
+@JOBS
 @click.option("--particles", type=int, help="Particles in use.")
 @click.option("--forgetting", type=float, help="Forgetting factor per sample.")
 @FORM
-@click.option("--first-seed", type=click.IntRange(0), default=1, show_default=True, help="Seed of the first run.")
+@FIRST_SEED
 @click.option(
     "--set",
     "pairs",
@@ -719,19 +720,11 @@ class StudyCommand(click.Command):
 @click.option(
     "--runs", type=click.IntRange(1, 1000000), help="Runs of each case, one seed each; default: as the study."
 )
-@click.option(
-    "--jobs",
-    type=click.IntRange(1, 256),
-    default=os.cpu_count() or 1,
-    show_default="all cores",
-    help="Processes.",
-)
+@JOBS
 @click.option("--scheduler", metavar="ADDRESS", help="Run on a Dask cluster instead, for instance tcp://host:8786.")
 @click.option("--out", metavar="DIR", type=FILE, help="Directory; made if needed.  [default: montecarlo-NAME]")
 @click.option("--cases", metavar="A,B", help="Only these cases of the study.")
-@click.option(
-    "--first-seed", type=click.IntRange(0, 2000000000), default=1, show_default=True, help="Seed of the first run."
-)
+@FIRST_SEED
 @FORM
 @click.option(
     "--set",
@@ -740,7 +733,7 @@ class StudyCommand(click.Command):
     multiple=True,
     help="Any setting of filter or simulator; may be repeated. What a case is about wins.",
 )
-@click.option("--restart", is_flag=True, help="Discard the runs that are in DIR.")
+@RESTART
 @PROGRESS
 @JSON
 def montecarlo(
@@ -818,14 +811,10 @@ def _study(
 
 @cli.command(short_help="The paper's figures: as printed, robust, default.")
 @click.option("--runs", type=click.IntRange(1, 1000000), help="Runs of each case, one seed each.  [default: 200]")
-@click.option(
-    "--jobs", type=click.IntRange(1, 256), default=os.cpu_count() or 1, show_default="all cores", help="Processes."
-)
+@JOBS
 @click.option("--out", metavar="DIR", type=FILE, default=Path("paper"), show_default=True, help="Made if needed.")
-@click.option(
-    "--first-seed", type=click.IntRange(0, 2000000000), default=1, show_default=True, help="Seed of the first run."
-)
-@click.option("--restart", is_flag=True, help="Discard the runs that are in DIR.")
+@FIRST_SEED
+@RESTART
 @PROGRESS
 @JSON
 def paper(
