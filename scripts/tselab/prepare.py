@@ -15,7 +15,7 @@ from tselab.errors import UserError
 from tselab.log import read_log
 from tselab.rows import Log, Reading, liveliest, sampling_notes, steering_notes
 from tselab.rows import average as average_log
-from tselab.units import check_car
+from tselab.units import check_car, stood
 from tselab.vehicle import Vehicle, average_sensors, fill_sensors, read_vehicle
 
 MOST_ROWS = (
@@ -91,8 +91,7 @@ def assemble(
     config, notes = make_config(vehicle, log, config_path, options, form)
     for key, value in settings.items():
         config.set(key, value, source=source)
-    odd: list[str] = []
-    warnings = check_car(lively, vehicle, config, odd)
+    warnings = check_car(lively, vehicle, config)
     if strict and warnings:
         raise UserError(f"{log.path}: option --strict: {'; '.join(warnings)}")
     if calibrate is not None and form == "default" and uncalibrated(stated):
@@ -109,7 +108,7 @@ def assemble(
         return replace(made, own=found)
     notes = [
         *warnings,
-        *odd,
+        *stood(lively, config.wheel_radius_front, config.wheel_radius_rear, config.hold_speed),
         *log.notes,
         *sampling_notes(log, config.max_gap),
         *steering_notes(log, config.max_steer),

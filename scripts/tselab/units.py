@@ -31,9 +31,6 @@ WELL = 0.10  # what a cause leaves, to be said to explain
 FAR = 0.35  # of a logarithm: what is further off is said even when nothing explains it
 G = 9.80665
 USUAL_RATIO = 15.0  # of a steering, when nobody says
-# A wheel radius, or km/h taken for rad/s where 3.6 radii are near 1: every figure is off by the same factor of the speed, and none
-# of them alone says more than roll, roads and compliance do. Said as a note where it is this much of the speed and this many sd.
-SPEED_OFF, SPEED_SURE = 0.08, 1.4
 
 
 DEG = 180 / np.pi
@@ -96,13 +93,11 @@ class Figures:
     sd: dict[str, float]
 
 
-def check_car(log: Log, vehicle: Vehicle, config: Config, notes: list[str] | None = None) -> list[str]:
+def check_car(log: Log, vehicle: Vehicle, config: Config) -> list[str]:
     """Return how the channels of a log of this car contradict each other: check_units() with its measures."""
     tracks = {a: float(t) for a in ("front", "rear") if (t := vehicle.facts.get(f"track_{a}"))}
     radii = config.wheel_radius_front, config.wheel_radius_rear
-    if notes is not None:
-        notes += stood(log, *radii, config.hold_speed)
-    return check_units(log, config.lf + config.lr, *radii, vehicle.steering_ratio, tracks, notes, config.mass)
+    return check_units(log, config.lf + config.lr, *radii, vehicle.steering_ratio, tracks, config.mass)
 
 
 def check_units(
@@ -112,11 +107,10 @@ def check_units(
     radius_rear: float,
     ratio: float | None,
     tracks: Mapping[str, float] | None = None,
-    notes: list[str] | None = None,
     mass: float | None = None,
 ) -> list[str]:
     """Warnings in plain words; empty when the channels agree or the log moves too little to tell. `tracks`: m, by "front",
-    "rear". `notes`: what is odd, and may be so, is added to it."""
+    "rear"."""
     if len(log) < 50 or not log.sample_time:
         return []
     d = _smooth(log)
@@ -152,8 +146,6 @@ def check_units(
     _, causes, after = best
     if causes and best[0] < _of_any_factor(plain[1]):
         return [_words(causes, plain[1], _left(after, causes))]
-    if notes is not None:
-        notes += _speed_off(plain[1], radius)
     return pedals + [
         f"check the units: {FIGURES[name]} is {x:.3g} times what is expected, about 1 is; no unit that is often mixed up explains "
         "it"
@@ -174,32 +166,6 @@ def _of_any_factor(figures: Figures) -> float:
             best = -sum(weight[n] * power[n] * log[n] for n in log) / sum(weight[n] * power[n] ** 2 for n in log)
             costs += [_cost(figures, (Cause(channel, sign * float(np.exp(best)), ""),)) for sign in (1, -1)]
     return ODD + min(costs, default=np.inf)
-
-
-POWERS = {
-    "accel_y": -1,
-    "accel_x": -1,
-    "steer_angle": 1,
-    "track_front": 1,
-    "track_rear": 1,
-    "speed": 1,
-}  # of v in a figure
-
-
-def _speed_off(figures: Figures, radius: float) -> list[str]:
-    """By which one factor of the wheels' speed all figures together would be 1, if that is far from 1: a weighted mean."""
-    weight = {n: 1.0 / figures.sd[n] ** 2 for n in figures.value if figures.value[n] > 0}
-    if len(weight) < 2:
-        return []
-    total = sum(weight.values())
-    off = sum(w * POWERS[n] * np.log(figures.value[n]) for n, w in weight.items()) / total
-    if abs(off) < SPEED_OFF or abs(off) * np.sqrt(total) < SPEED_SURE:
-        return []
-    names = ", ".join(f"{FIGURES[n]} is {figures.value[n]:.3g}" for n in weight)
-    likely = [c for c in _of_wheels(radius) if abs(off - np.log(c.factor)) < 1.0 / np.sqrt(total)]
-    also = "".join(f"; or {c.text}, factor {c.factor:.3g}" for c in likely)
-    return [f"the speed by the wheels may be {100 * abs(np.expm1(off)):.0f} % too {'high' if off > 0 else 'low'} (± "
-            f"{196 / np.sqrt(total):.0f}): {names} (about 1 is expected): check wheel_radius_*{also}"]  # fmt: skip
 
 
 def stood(log: Log, radius_front: float, radius_rear: float, hold_speed: float) -> list[str]:

@@ -71,7 +71,7 @@ class Vehicle:
 
     @property
     def driven_axle(self) -> str:
-        """"front", "rear" or "both"; "front" where the file does not say it."""
+        """ "front", "rear" or "both"; "front" where the file does not say it."""
         return str(self.facts.get("driven_axle", "front"))
 
 

@@ -229,18 +229,6 @@ def test_a_channel_that_contradicts_for_a_while_leaves_the_rest():
     assert implausible(table.iloc[np.r_[70:100, 0:10, 10:35]]) == ""
 
 
-def test_a_speed_that_may_be_off_is_a_note(lively):
-    """km/h where 3.6 radii are 1.12: within what roll and compliance do to each figure, but all of them go with it."""
-    from tselab.log import read_log
-    from tselab.units import check_units
-
-    log = read_log(lively)
-    for name in ("wheel_speed_front", "wheel_speed_rear"):
-        log.data[name] *= 3.6 * 0.31
-    odd: list[str] = []
-    assert (check_units(log, 2.75, 0.31, 0.31, 16.0, None, odd) == [] and len(odd) == 0) or "km/h" in odd[0]
-
-
 def test_a_measurement_that_never_changes_is_missing(lively, tmp_path):
     from tselab.log import read_log
 
