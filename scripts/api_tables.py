@@ -21,7 +21,6 @@ UNITS = {
     "cy_front": "N/rad",
     "cy_rear": "N/rad",
 }  # in which the API has what the library has relative to nominal
-SPREAD_SEEN = "whether the spread is learnt; else it is below what sensors and excitation can show"
 HEAD = '''\
 """Names, units and ranges of the C library's tables. Written by scripts/api_tables.py, not by hand."""
 

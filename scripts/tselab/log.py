@@ -207,11 +207,6 @@ def _missing_text(path: Path, header: list[str], missing: list[str], needed: lis
     return f"{text}\n  needed: {','.join(needed)}\n  found:  {','.join(header)[:300]}"
 
 
-def csv_table(path: Path, header: list[str]) -> pd.DataFrame:
-    with _parsing(path):
-        return pd.read_csv(path, **_arguments(header))
-
-
 def _arguments(header: list[str]) -> dict[str, Any]:
     """How a log is read by pandas."""
     return {

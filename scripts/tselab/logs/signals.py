@@ -16,7 +16,6 @@ from tselab.logs.units import factor, quantity
 from tselab.rows import OPTIONAL, SIDES
 from tselab.toml import read_toml
 
-BESIDE = "signals.toml"
 SLOWEST, FASTEST = 2.0, 1000.0  # Hz: of a raster
 LONGEST_LATENCY = 1.0  # s
 LOG_KEYS = {f.name for f in fields(How)} - {"wanted"} | {"rate"}
