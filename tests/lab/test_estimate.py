@@ -105,21 +105,6 @@ def test_same_seed_gives_the_same_bytes_and_another_seed_does_not(drive, tmp_pat
     assert contents[0] == contents[1] != contents[2]
 
 
-def test_written_numbers_carry_every_bit(drive, tmp_path):
-    from tselab.config import make_config
-    from tselab.estimate import estimate, write_table
-    from tselab.log import read_log
-    from tselab.vehicle import read_vehicle
-
-    log = read_log(drive.log)
-    config, _ = make_config(read_vehicle(drive.vehicle), log, None, {"particles": 32})
-    table = estimate(log, config).table
-    write_table(table, tmp_path / "x.csv")
-    back = pd.read_csv(tmp_path / "x.csv", dtype=str)
-    for column in table.select_dtypes("float64"):
-        assert [float(cell) for cell in back[column]] == table[column].tolist(), column
-
-
 @pytest.fixture
 def prepared(drive):
     from tselab.config import make_config
@@ -366,7 +351,8 @@ def test_ctrl_c_leaves_complete_rows_and_says_so(drive, tmp_path):
     long["time"] = np.arange(len(long)) * 0.01
     long.to_csv(tmp_path / "long.csv", index=False)
     run = subprocess.Popen(
-        [*COMMAND, "estimate", "long.csv", "--vehicle", str(drive.vehicle), "--progress", "--report", "r.html"],
+        [*COMMAND, "estimate", "long.csv", "--vehicle", str(drive.vehicle), "--progress", "--report", "r.html",
+         "--save-learnt", "car.tse"],
         cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
     )  # fmt: skip
     seen = b""
@@ -382,7 +368,9 @@ def test_ctrl_c_leaves_complete_rows_and_says_so(drive, tmp_path):
     est = pd.read_csv(tmp_path / "long.est.csv")
     assert 0 < len(est) < len(long)
     assert np.isfinite(est.select_dtypes("number").to_numpy()).all()
-    assert {p.name for p in tmp_path.iterdir()} == {"long.csv", "long.est.csv", "r.html"}
+    assert {p.name for p in tmp_path.iterdir()} == {"long.csv", "long.est.csv", "r.html", "car.tse"}
+    done = tselab_here("estimate", drive.log, "--vehicle", drive.vehicle, "--load-learnt", "car.tse", cwd=tmp_path)
+    assert "started from: car.tse" in done.out
 
 
 def test_closed_pipe_is_not_an_error_message():

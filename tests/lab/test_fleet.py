@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -170,32 +171,18 @@ def test_killed_and_started_again_it_loses_no_log_that_was_done(logs, done, tmp_
     pd.testing.assert_frame_equal(table.drop(columns="report"), done[2].drop(columns="report"))
 
 
+def task(log: Path) -> Task:
+    """Nothing but a log."""
+    return Task(
+        log, log.parent, None, None, False, (), None, None, "default", {}, None, 0.0, False, None, False, (), code_of()
+    )
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="no SIGKILL")
 def test_a_log_that_kills_its_process_is_the_one_that_is_blamed(tmp_path):
-    def task(name: str) -> Task:
-        return Task(
-            tmp_path / name,
-            tmp_path,
-            None,
-            None,
-            False,
-            (),
-            None,
-            None,
-            "default",
-            {},
-            None,
-            0.0,
-            False,
-            None,
-            False,
-            (),
-            code_of(),
-        )
-
     with Local(kill_this_process, 2) as workers:
         for name in ("a", "deadly", "b"):
-            workers.submit(task(name))
+            workers.submit(task(tmp_path / name))
         found = {t.log.name: outcome_of(t, result) for t, result in (workers.next() for _ in range(3))}
     assert {name for name, o in found.items() if o.error} == {"deadly"} and "memory" in found["deadly"].error
 
@@ -343,28 +330,9 @@ def test_no_word_is_lost_of_an_error_that_is_a_fault_of_ours(monkeypatch, tmp_pa
         raise ZeroDivisionError("of ours")
 
     monkeypatch.setattr(module, "_work", fail)
-    task = Task(
-        tmp_path / "a",
-        tmp_path,
-        None,
-        None,
-        False,
-        (),
-        None,
-        None,
-        "default",
-        {},
-        None,
-        0.0,
-        False,
-        None,
-        False,
-        (),
-        code_of(),
-    )
-    assert "internal error: ZeroDivisionError: of ours" in module.work(task).error
+    assert "internal error: ZeroDivisionError: of ours" in module.work(task(tmp_path / "a")).error
     with pytest.raises(UserError, match="install the same on all"):
-        module.work(Task(*[*vars(task).values()][:-1], ("0", "0")))
+        module.work(replace(task(tmp_path / "a"), code=("0", "0")))
 
 
 def test_a_link_in_a_circle_is_a_row_with_its_error(tmp_path):

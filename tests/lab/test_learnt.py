@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import os
 import re
-import signal
-import subprocess
 import time
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from conftest import COMMAND, RAN, tselab_here
+from conftest import RAN, tselab_here
 
 KEYS = ("cx_front", "cy_front", "cy_rear")
 TYRES = ("--set", "true_cx_front=0.75", "--set", "true_cy_front=0.8", "--set", "true_cy_rear=1.2")
@@ -188,25 +186,3 @@ def test_a_bias_is_known_at_once_in_the_next_drive(first, tmp_path):
 def test_options_that_cannot_be_are_refused(first, options, text):
     done = estimate(first, "second", *options, codes=(2,))
     assert text in done.err and "Traceback" not in done.err
-
-
-@pytest.mark.skipif(os.name == "nt", reason="signals work otherwise there")
-def test_ctrl_c_saves_what_was_learnt_so_far(first, tmp_path):
-    table = pd.read_csv(first / "first.csv")
-    long = pd.concat([table] * 30, ignore_index=True)
-    long["time"] = np.arange(len(long)) * 0.01
-    long.to_csv(tmp_path / "long.csv", index=False)
-    run = subprocess.Popen(
-        [*COMMAND, "estimate", "long.csv", "--vehicle", str(first / "car.toml"), "--progress", "--save-learnt", "car.tse"],
-        cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-    )  # fmt: skip
-    seen = b""
-    end = time.monotonic() + 60
-    while not re.search(rb"[1-9]\d*%", seen) and time.monotonic() < end:
-        seen += os.read(run.stderr.fileno(), 4096)
-    run.send_signal(signal.SIGINT)
-    _, err = run.communicate(timeout=60)
-    assert run.returncode == 130, err
-    assert {p.name for p in tmp_path.iterdir()} == {"long.csv", "long.est.csv", "car.tse"}
-    done = estimate(first, "second", "--load-learnt", tmp_path / "car.tse")
-    assert "started from" in done.out
