@@ -11,8 +11,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO
 
-from filelock import FileLock
-
 from tselab.errors import UserError
 
 # What a disk, a quota, a limit of the shell or a device says when it takes no more: the user's to mend, not ours.
@@ -93,6 +91,8 @@ def _sync_folder(folder: Path) -> None:
 @contextmanager
 def alone(path: Path) -> Iterator[None]:
     """One process at a time is in the block that a lock file guards; others wait. A process that is killed lets go, too."""
+    from filelock import FileLock  # a filter for rows that come one at a time needs numpy alone
+
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     with FileLock(path):

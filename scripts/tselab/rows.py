@@ -6,15 +6,17 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
 
 from tselab.core import CONFIG, INPUT, Field, library
 from tselab.errors import UserError
 from tselab.logs.clock import straight
 from tselab.room import Room
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 DRIVES = ("steer_angle", "wheel_speed_front", "wheel_speed_rear")  # drive the model
 MEASURES = ("accel_x", "accel_y", "yaw_rate")  # are compared with it
@@ -130,7 +132,9 @@ class Log:
     sample_time: float | None
     notes: list[str] = field(default_factory=list)
     averaged: int = 1  # rows of the file in one of these, usually
-    extra: pd.DataFrame = field(default_factory=pd.DataFrame)  # of OPTIONAL those that are there; NaN = missing
+    extra: pd.DataFrame = field(
+        default_factory=lambda: _frame({}, 0)
+    )  # of OPTIONAL those that are there; NaN = missing
     place: str = "line"  # what `line` counts, for people: lines of the file, or rows of the raster
     stand_in: str | None = None  # an axle without wheel speeds: it has the other's, and slip is not observable
     slower: dict[str, Slower] = field(default_factory=dict)  # channels whose entries are further apart than the rows
@@ -277,10 +281,9 @@ def checked(
             notes.append(f"{name}: {count} of {len(time)} cells are missing or not usable ({where})")
         room.let_go()
     frame = _frame({name: data[name] for name in wanted}, len(time))
-    ref = pd.DataFrame({c: table.pop(c) for c in list(table) if c.startswith("ref_")}, index=frame.index)
-    extra = pd.DataFrame(
-        {c: x for c in OPTIONAL if c in table and (x := _optional(c, table[c], line, notes, place)) is not None}
-    )
+    ref = _frame({c: table.pop(c) for c in list(table) if c.startswith("ref_")}, len(time))
+    some = {c: x for c in OPTIONAL if c in table and (x := _optional(c, table[c], line, notes, place)) is not None}
+    extra = _frame(some, len(time) if some else 0)
     return Log(path, time, frame, ref, line, sample_time, notes, extra=extra, place=place, stand_in=stand_in, turn=per_turn,
                room=room)  # fmt: skip
 
@@ -304,7 +307,10 @@ def _not_stuck(data: dict[str, np.ndarray], parts: Mapping[str, Sequence[str]], 
 
 
 def _frame(columns: dict[str, np.ndarray], rows: int) -> pd.DataFrame:
-    """The columns as they are: a copy of ten hours is another 200 MB."""
+    """The columns as they are: a copy of ten hours is another 200 MB. A filter for rows that come one at a time has no frames, and
+    needs no pandas."""
+    import pandas as pd
+
     return pd.DataFrame(columns, index=range(rows), copy=False)
 
 
@@ -421,9 +427,9 @@ def average(log: Log, seconds: float) -> Log:
         return np.where(present > (1 - MOST_MISSING) * count, total / np.maximum(present, 1), np.nan)[keep]
 
     time = means(log.time)
-    data = pd.DataFrame({name: means(log.data[name].to_numpy(float)) for name in log.data})
-    ref = pd.DataFrame({name: means(log.ref[name].to_numpy(float)) for name in log.ref}, index=data.index)
-    extra = pd.DataFrame({name: means(_straight_angle(name, log.extra[name])) for name in log.extra}, index=data.index)
+    data = _frame({name: means(log.data[name].to_numpy(float)) for name in log.data}, len(time))
+    ref = _frame({name: means(log.ref[name].to_numpy(float)) for name in log.ref}, len(time))
+    extra = _frame({name: means(_straight_angle(name, log.extra[name])) for name in log.extra}, len(time))
     step = float(np.median(np.diff(time))) if len(time) > 1 else None
     notes = [*log.notes, f"averaged over {seconds:g} s: {len(log)} rows became {len(time)}, of {usual:g} rows each"]
     slower = {name: Slower(x.time, x.value, x.rows / usual) for name, x in log.slower.items() if x.rows > usual}

@@ -407,6 +407,25 @@ def test_simulated_logs_are_the_commands(tmp_path):
     pd.testing.assert_frame_equal(log, want, check_exact=True)
 
 
+def test_a_filter_for_rows_needs_numpy_alone(drive):
+    """As in a place where nothing else is installed."""
+    code = f"""
+import sys
+class Others:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] not in {{"numpy", "tse", *sys.stdlib_module_names}}:
+            raise ImportError(name)
+sys.meta_path.insert(0, Others())
+import tse
+car = tse.read_vehicle({str(drive.vehicle)!r})
+e = tse.Filter(car).step(steer_angle=0.0, wheel_speed_front=60.0, wheel_speed_rear=60.0, accel_x=0.0, accel_y=0.0, yaw_rate=0.0)
+print(e.vel_x)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert float(done.stdout) == pytest.approx(60.0 * 0.33, rel=0.01)
+
+
 def test_the_package_loads_without_what_only_other_parts_need():
     heavy = "'scipy.signal', 'scipy.stats', 'plotly', 'matplotlib', 'fmpy'"
     code = f"import sys, tse; print(sorted(m for m in ({heavy}) if m in sys.modules))"
