@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
-"""What tselab fleet takes beside single runs, that a cluster which loses a worker loses no log, and the memory of a very long log.
+"""What tselab fleet takes beside single runs.
 
-    .venv/bin/python scripts/fleet.py [--logs 24] [--minutes 10] [--cars 4] [--hours 10] [--jobs 2]
+    .venv/bin/python scripts/fleet.py [--logs 24] [--minutes 10] [--cars 4] [--jobs 2]
 
 writes scripts/results/fleet.md. Logs are made in a temporary folder. 24 logs of 10 minutes take some minutes; 600 are 100 hours.
-Very long logs in other formats than tse's CSV: scripts/long_logs.py.
+That a cluster gives the same table, and loses no log with a worker: tests/lab/test_fleet.py. Very long logs: scripts/long_logs.py.
 """
 
 from __future__ import annotations
@@ -13,14 +13,12 @@ import argparse
 import os
 import resource
 import shutil
-import socket
 import subprocess
 import sys
 import tempfile
 import time
 from pathlib import Path
 
-import numpy as np
 import pandas as pd
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -57,51 +55,11 @@ def timed(*command: object, codes: tuple[int, ...] = (0, 3)) -> tuple[float, flo
     return wall, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime, after.ru_maxrss / 1024
 
 
-def port() -> int:
-    with socket.socket() as s:
-        s.bind(("127.0.0.1", 0))
-        return s.getsockname()[1]
-
-
-def on_cluster(fleet: list[object], out: Path, logs: int) -> tuple[float, int]:
-    """The fleet on two workers, of which one is killed when a third is done. Wall s, and logs done when it died."""
-    import distributed
-
-    address = f"tcp://127.0.0.1:{port()}"
-    quiet = {"env": ENV, "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-    dask = [sys.executable, "-m", "dask"]
-    processes = [subprocess.Popen([*dask, "scheduler", "--host", "127.0.0.1", "--port", address.rpartition(":")[2],
-                                   "--no-dashboard"], **quiet)]  # fmt: skip
-    local = ["--local-directory", str(out.parent / "dask")]
-    worker = [*dask, "worker", address, "--no-nanny", "--nthreads", "1", "--no-dashboard", *local]
-    try:
-        processes += [subprocess.Popen(worker, **quiet) for _ in range(2)]
-        with distributed.Client(address, timeout=60, set_as_default=False) as client:
-            client.wait_for_workers(2, timeout=120)
-        start = time.monotonic()
-        run = subprocess.Popen(
-            [*map(str, fleet), "--out", str(out), "--scheduler", address], env=ENV, stdout=subprocess.DEVNULL
-        )
-        while run.poll() is None and len(list((out / "logs").glob("*.json"))) < logs // 3:
-            time.sleep(0.05)
-        done = len(list((out / "logs").glob("*.json")))
-        processes[1].kill()
-        if run.wait() not in (0, 3):
-            raise SystemExit(f"the fleet on the cluster: exit code {run.returncode}")
-        return time.monotonic() - start, done
-    finally:
-        for p in processes:
-            p.kill()
-        for p in processes:
-            p.wait()
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--logs", type=int, default=24)
     parser.add_argument("--minutes", type=float, default=10.0)
     parser.add_argument("--cars", type=int, default=4)
-    parser.add_argument("--hours", type=float, default=10.0)
     parser.add_argument("--jobs", type=int, default=2)
     asked = parser.parse_args()
     with tempfile.TemporaryDirectory() as scratch:
@@ -131,40 +89,13 @@ def measure(folder: Path, asked: argparse.Namespace) -> list[str]:
     fleet = [*TSELAB, "fleet", folder / "logs", "--vehicle", car]
     fleet_wall, fleet_busy, _ = timed(*fleet, "--out", folder / "one", "--jobs", asked.jobs, "--estimates")
     again, *_ = timed(*fleet, "--out", folder / "one", "--jobs", asked.jobs, "--estimates")
-    cluster_wall, when = on_cluster(fleet, folder / "two", asked.logs)
-    tables = [pd.read_parquet(folder / name / "fleet.parquet") for name in ("one", "two")]
-    pd.testing.assert_frame_equal(*tables)
-    if tables[0]["log"].nunique() != asked.logs or tables[0]["error"].notna().any():
+    table = pd.read_parquet(folder / "one" / "fleet.parquet")
+    if table["log"].nunique() != asked.logs or table["error"].notna().any():
         raise SystemExit("a log is missing")
-    part = pd.read_csv(first)
-    long = folder / "long.csv"
-    pieces = max(1, round(60 * asked.hours / asked.minutes))
-    with open(long, "w", encoding="utf-8") as file:
-        for k in range(pieces):
-            part.assign(time=np.round(part["time"] + k * (part["time"].iloc[-1] + 0.01), 4)).to_csv(
-                file, index=False, header=not k
-            )
-    words = [
-        *TSELAB,
-        "estimate",
-        long,
-        "--vehicle",
-        car,
-        "--out",
-        folder / "long.parquet",
-        "--report",
-        folder / "r.html",
-    ]
-    memory = subprocess.run(
-        [sys.executable, "-c", "import resource, subprocess, sys; c = subprocess.run(sys.argv[1:], stdout=subprocess.DEVNULL, "
-         "stderr=subprocess.DEVNULL).returncode; print(c, resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024)",
-         *map(str, words)], env=ENV, capture_output=True, text=True, check=True,
-    ).stdout.split()  # fmt: skip
-    rows = len(part) * pieces
     load = os.getloadavg()[0]
     return [
         f"<!-- Written by `scripts/fleet.py --logs {asked.logs} --minutes {asked.minutes:g} --cars {asked.cars} "
-        f"--hours {asked.hours:g} --jobs {asked.jobs}`. -->",
+        f"--jobs {asked.jobs}`. -->",
         "",
         f"Logs of {asked.minutes:g} min at 100 Hz of {asked.cars} cars, each with its report and its estimates as Parquet; "
         f"{os.cpu_count()} cores, load {load:.1f} at the end: above {asked.jobs} others worked there, too, and times by the clock "
@@ -176,13 +107,6 @@ def measure(folder: Path, asked: argparse.Namespace) -> list[str]:
         f"| `tselab fleet` of {asked.logs} logs, {asked.jobs} processes | {fleet_wall:.0f} s | {fleet_busy:.0f} s |",
         f"| ... over that | {fleet_wall / wall:.2f} | {fleet_busy / busy:.2f} |",
         f"| `tselab fleet` again, nothing to do | {again:.1f} s | |",
-        f"| `tselab fleet --scheduler`, two workers, one killed after {when} logs | {cluster_wall:.0f} s | |",
-        "",
-        f"The table of the cluster is that of the processes, to the last bit: {asked.logs} logs, "
-        f"{asked.logs * asked.minutes / 60:.1f} h, nothing lost.",
-        "",
-        f"A log of {asked.hours:g} h at 100 Hz ({rows} rows of CSV) with report and estimates: at most "
-        f"{float(memory[1]):.0f} MB of memory.",
     ]
 
 
