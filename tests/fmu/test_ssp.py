@@ -8,7 +8,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
+from tselab.cli import cli
 from tselab.fmu.slave import slave
 
 fmpy_ssp = pytest.importorskip("fmpy.ssp.simulation", reason="FMPy is not installed")
@@ -61,10 +63,44 @@ def known_car(ssp):
     assert vehicle.parameterBindings == []
     (binding,) = estimator.parameterBindings
     (values,) = binding.parameterValues
-    assert [(p.name, p.type, p.value) for p in values.parameters] == [("vehicle.calibrated", "Boolean", "true")]
-    return ParameterSet(
-        name=values.name, parameters=[Parameter(name="estimator.vehicle.calibrated", type="Boolean", value="true")]
-    )
+    assert (binding.source, values.name) == ("resources/vehicle.ssv", "the car of the paper's study")
+    of_estimator = [Parameter(name=f"estimator.{p.name}", type=p.type, value=p.value) for p in values.parameters]
+    return ParameterSet(name=values.name, parameters=of_estimator)
+
+
+def test_the_vehicle_of_the_system_is_that_of_the_study_and_current(ssp):
+    from tselab.core import Config
+    from tselab.fmu.archive import read_description
+    from tselab.fmu.parameters import parameter_set
+
+    variables = {v.name: v for v in read_description(ssp.with_name("TireStiffnessEstimator.fmu")).modelVariables}
+    text = parameter_set(variables, Config(), "the car of the paper's study")
+    assert (ROOT / "fmu" / "vehicle.ssv").read_text(encoding="utf-8") == text
+
+
+@pytest.mark.parametrize("of", ["TireStiffnessEstimator.fmu", "TireStiffnessEstimator-fmi3.fmu"])
+def test_a_vehicle_file_becomes_the_parameters_that_a_run_sets(of, ssp, tmp_path):
+    """What is left out of the set has the value of the run as its start."""
+    from fmpy.ssp.ssd import read_ssv
+
+    from tselab.config import make_config
+    from tselab.fmu.run import settings
+    from tselab.tables import example_vehicle
+    from tselab.vehicle import read_vehicle
+
+    (tmp_path / "car.toml").write_text(example_vehicle(), encoding="utf-8")
+    command = ["fmu", "parameters", str(ssp.with_name(of)), "--vehicle", str(tmp_path / "car.toml")]
+    done = CliRunner().invoke(cli, [*command, "--out", str(tmp_path / "car.ssv")], standalone_mode=False)
+    assert done.exception is None, done.exception
+    given = {p.name: p for p in read_ssv(str(tmp_path / "car.ssv")).parameters}  # against the XML schema
+    config, _ = make_config(read_vehicle(tmp_path / "car.toml"), None)
+    with slave(ssp.with_name(of)) as fmu:
+        wanted, notes = settings(fmu, config)
+        starts = {name: v.start for name, v in fmu.variables.items()}
+    assert not notes and given["vehicle.calibrated"].value == "true" and len(given) > 20
+    for name, value in wanted.items():
+        if name != "vehicle.calibrated":
+            assert float(given[name].value if name in given else starts[name]) == value, name
 
 
 def test_fmpy_simulates_the_system_as_two_fmus_stepped_by_hand(ssp, tmp_path):

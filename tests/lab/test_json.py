@@ -18,6 +18,7 @@ unit = "rad"
 """
 WITHOUT = {  # what has none, and why
     "demo": "pictures and pages for people",
+    "fmu parameters": "what it has to say is the file",
 }
 
 

@@ -80,6 +80,7 @@ def build(
         parts = {
             f"resources/{name}.fmu": (out / f"{name}.fmu").read_bytes() for name in files if version_of(name) == "2"
         }
+        parts |= {f"resources/{p.name}": p.read_bytes() for p in sorted((system.parent / "resources").glob("*.ssv"))}
         pack(out / f"{system.parent.name}.ssp", {"SystemStructure.ssd": system.read_bytes(), **parts})
         built.append(Built(out / f"{system.parent.name}.ssp", {}))
     return built

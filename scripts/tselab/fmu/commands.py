@@ -27,6 +27,7 @@ def fmu() -> None:
     tselab fmu build --all-platforms --out fmus
     tselab fmu validate fmus/*.fmu
     tselab fmu run fmus/TireStiffnessEstimator.fmu log.csv --vehicle car.toml
+    tselab fmu parameters fmus/TireStiffnessEstimator.fmu --vehicle car.toml
     """
 
 
@@ -158,6 +159,41 @@ def validate(paths: tuple[Path, ...], clients: bool, results: Path | None, as_js
         say_json({"findings": found, "fmus": documents})
     if found:
         sys.exit(1)
+
+
+@fmu.command(short_help="Write a vehicle as a parameter set of SSP.")
+@click.argument("path", metavar="FMU", type=FILE)
+@click.option("--vehicle", "vehicle_path", metavar="CAR.toml", type=FILE, required=True, help="Vehicle file.")
+@click.option(
+    "--out", metavar="OUT.ssv", type=FILE, help="Default: the vehicle's name with .ssv, in the current directory."
+)
+def parameters(path: Path, vehicle_path: Path, out: Path | None) -> None:
+    """Write a vehicle as a parameter set of SSP (.ssv) for the estimator.
+
+    \b
+    tselab fmu parameters TireStiffnessEstimator.fmu --vehicle car.toml --out car.ssv
+
+    Tools that connect FMUs by SSP take it as the parameters of the estimator, in place of resources/vehicle.ssv of
+    StiffnessStudy.ssp. It sets vehicle.calibrated: nothing is left to the class of the car. What is not in it has its start value.
+    """
+    from tselab.config import make_config
+    from tselab.files import atomic, check_writable
+    from tselab.fmu.archive import open_archive, read_description
+    from tselab.fmu.parameters import parameter_set
+    from tselab.fmu.run import is_estimator
+    from tselab.vehicle import read_vehicle
+
+    out = out or Path(f"{vehicle_path.stem}.ssv")
+    check_writable(out)
+    open_archive(path)
+    variables = {v.name: v for v in read_description(path).modelVariables}
+    if not is_estimator(variables):
+        raise UserError(f"{path}: is not the estimator")
+    vehicle = read_vehicle(vehicle_path)
+    config, _ = make_config(vehicle, None, None, {}, "default")
+    with atomic(out, "wb") as file:
+        file.write(parameter_set(variables, config, vehicle.name or vehicle_path.stem).encode())
+    click.echo(f"Parameter set written to {out}")
 
 
 @fmu.command(short_help="Run the estimator FMU over a log.")
