@@ -13,7 +13,7 @@ import sys
 import textwrap
 from pathlib import Path
 
-from tselab.core import INPUT, OUTPUT, REASON, STATUS, STIFFNESS, Field, library
+from tse.impl.core import INPUT, OUTPUT, REASON, STATUS, STIFFNESS, Field, library
 
 FILE = Path(__file__).resolve().parent / "tse" / "_tables.py"
 UNITS = {

@@ -21,7 +21,7 @@ import pandas as pd
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT / "scripts"))
 
-from tselab.core import INPUT, STIFFNESS, Config, Filter, Library  # noqa: E402
+from tse.impl.core import INPUT, STIFFNESS, Config, Filter, Library  # noqa: E402
 from tselab.montecarlo import scores, studies  # noqa: E402
 from tselab.montecarlo.case import Case, Drive, drive  # noqa: E402
 from tselab.study import START  # noqa: E402

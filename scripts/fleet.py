@@ -31,10 +31,10 @@ ENV = os.environ | {"OMP_NUM_THREADS": "1", "PYTHONPATH": PATHS}
 
 def write_drive(path: Path, minutes: float, seed: int, rate: float = 100.0) -> None:
     """Double lane changes in the built-in car."""
-    from tselab import maneuvers
-    from tselab.core import Config, SimConfig
-    from tselab.estimate import write_table
-    from tselab.simulate import simulate
+    from tse.impl import maneuvers
+    from tse.impl.core import Config, SimConfig
+    from tse.impl.estimate import write_table
+    from tse.impl.simulate import simulate
 
     path.parent.mkdir(parents=True, exist_ok=True)
     plan = maneuvers.build("double-lane-change", Config(), sample_time=1.0 / rate, duration=60.0 * minutes)

@@ -144,8 +144,8 @@ def example() -> dict[str, Any]:
     """What the driver of the built-in example does; the page's own simulator makes the log of it."""
     import numpy as np
 
-    from tselab import maneuvers
-    from tselab.core import Config
+    from tse.impl import maneuvers
+    from tse.impl.core import Config
 
     config = Config()
     plan = maneuvers.build(DRIVE, config, sample_time=config.sample_time, duration=SECONDS, road=[ROAD])
@@ -165,10 +165,10 @@ def example() -> dict[str, Any]:
 
 def known() -> dict[str, Any]:
     """What tselab knows of names, units and rules."""
-    from tselab import config, rows, simulate, vehicle, verdict
-    from tselab import units as checks
-    from tselab.logs import names, physics, units, vocabulary
-    from tselab.logs.propose import scales
+    from tse.impl import config, rows, simulate, vehicle, verdict
+    from tse.impl import units as checks
+    from tse.impl.logs import names, physics, units, vocabulary
+    from tse.impl.logs.propose import scales
 
     factors: dict[str, dict[str, float]] = {}
     for si in ("s", "rad", "rad/s", "m/s", "m/s2"):

@@ -145,10 +145,10 @@ def site(r: Release) -> None:
     with_headers(r)
     r.run("cmake", "--preset", "lab")
     r.run("cmake", "--build", "--preset", "lab")
-    (r.source / "scripts" / "tselab" / "lib").mkdir(exist_ok=True)
+    (r.source / "scripts" / "tse" / "impl" / "lib").mkdir(exist_ok=True)
     for made in (r.source / "build" / "lab" / "src").glob("libtse.[sd][oy]*"):
         if made.suffix in (".so", ".dylib"):
-            shutil.copy(made.resolve(), r.source / "scripts" / "tselab" / "lib" / made.name)
+            shutil.copy(made.resolve(), r.source / "scripts" / "tse" / "impl" / "lib" / made.name)
     r.run("bash", r.source / "scripts" / "docs.sh", TSE_DOCS_PYTHON=sys.executable)
     r.archive(f"tse-{r.version}-site.tar.gz", r.source / "build" / "site", f"tse-{r.version}-site")
 
@@ -185,7 +185,7 @@ def check_version(folder: Path, version: str) -> None:
     """What is released is what its sources say."""
     there = {
         "include/tse/version.h": r'#define TSE_VERSION "(.+)"',
-        "scripts/tselab/__init__.py": r'__version__ = "(.+?)"',
+        "scripts/tse/impl/__init__.py": r'__version__ = "(.+?)"',
         "CITATION.cff": r'(?m)^version: "?([^"\n]+)"?$',
         "CHANGELOG.md": r"(?m)^## \[([\d.]+)\] - \d{4}-\d\d-\d\d$",
     }

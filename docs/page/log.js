@@ -161,7 +161,7 @@ class LogPane {
 
   put(names, from) { for (const name of names) this.desk.set(name, from[name]); }
 
-  // What the page does not show: of a car that is not known exactly it is that of its class (filter_values() in scripts/tselab/vehicle.py).
+  // What the page does not show: of a car that is not known exactly it is that of its class (filter_values() in scripts/tse/impl/vehicle.py).
   prior() {
     const shown = this.car(), names = this.lib.groups.flat();
     this.desk.defaults();

@@ -47,7 +47,7 @@ def controller() -> str:
 def tuning() -> str:
     """Return mean NIS, whiteness, validity and error for settings that fit a simulated drive, and for some that do not."""
     import tse
-    from tselab.core import library
+    from tse.impl.core import library
 
     log, truth = tse.simulate("double-lane-change", duration=120)
     late = log.assign(yaw_rate=log["yaw_rate"].shift(8).bfill())

@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 
 import tse
-from tselab.core import library
+from tse.impl.core import library
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt

@@ -164,9 +164,9 @@ def run(symptom: Symptom) -> tuple[int, str]:
     from click.testing import CliRunner
 
     import tse
+    from tse.impl.errors import UserError
+    from tse.impl.tables import simulated_vehicle
     from tselab.cli import cli
-    from tselab.errors import UserError
-    from tselab.tables import simulated_vehicle
 
     before = Path.cwd()
     log = tse.simulate("square-waves", duration=DURATION).log

@@ -9,8 +9,8 @@ from collections.abc import Iterable, Sequence
 from decimal import Decimal
 from pathlib import Path
 
-from tselab.core import CONFIG, INPUT, OUTPUT, REASON, SIM_CONFIG, SIM_INPUT, SIM_OUTPUT, STATUS, Field, library
-from tselab.toml import read_toml
+from tse.impl.core import CONFIG, INPUT, OUTPUT, REASON, SIM_CONFIG, SIM_INPUT, SIM_OUTPUT, STATUS, Field, library
+from tse.impl.toml import read_toml
 
 ROOT = Path(__file__).resolve().parents[2]
 TSE = ROOT / "include" / "tse"
@@ -216,8 +216,8 @@ def log_columns() -> str:
 
 
 def estimate_columns() -> str:
-    from tselab.estimate import est_columns, est_fields
-    from tselab.tables import _si
+    from tse.impl.estimate import est_columns, est_fields
+    from tse.impl.tables import _si
 
     fields = {f.name: f for f in est_fields()}
     rows = []
@@ -233,13 +233,13 @@ def estimate_columns() -> str:
 
 
 def result_columns() -> str:
-    from tselab.results import COLUMNS
+    from tse.impl.results import COLUMNS
 
     return table(["column", "type in pandas"], [[code(n), t] for n, t in COLUMNS.items()])
 
 
 def vehicle_example() -> str:
-    from tselab.tables import example_vehicle
+    from tse.impl.tables import example_vehicle
 
     return f"```toml\n{example_vehicle()}\n```\n"
 
@@ -274,7 +274,7 @@ def constants() -> str:
 
 
 def gap_exit_codes() -> str:
-    from tselab.gap.workflow import EXIT
+    from tse.impl.gap.workflow import EXIT
 
     return table(
         ["exit code", "verdict"], [[str(c), cell(name.replace("_", " "))] for name, c in EXIT.items()], right=(0,)

@@ -18,22 +18,22 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
-from tse._estimate import Result, estimate
-from tse._filter import UNKNOWN_AGE, Filter, Form
-from tse._log import Log, LogLike, read_log
-from tse._replay import Replayed, replay
-from tse._simulate import Simulated, simulate
-from tse._tables import CHANNELS, STIFFNESS, Estimate, Reason, Row, Status
-from tse._vehicle import VehicleLike, read_vehicle
-from tse.errors import Error, InputError, LearntError, SettingError
-from tselab import __version__
-from tselab.vehicle import Vehicle
+from tse.impl import __version__
 
 if TYPE_CHECKING:
     from tse._calibrate import Calibration, calibrate
+    from tse._estimate import Result, estimate
+    from tse._filter import UNKNOWN_AGE, Filter, Form
     from tse._fleet import Fleet, fleet
     from tse._gap import Gap, gap
+    from tse._log import Log, LogLike, read_log
+    from tse._replay import Replayed, replay
     from tse._signals import Signals, signals
+    from tse._simulate import Simulated, simulate
+    from tse._tables import CHANNELS, STIFFNESS, Estimate, Reason, Row, Status
+    from tse._vehicle import VehicleLike, read_vehicle
+    from tse.errors import Error, InputError, LearntError, SettingError
+    from tse.impl.vehicle import Vehicle
 
 __all__ = [
     "CHANNELS",
@@ -72,11 +72,100 @@ __all__ = [
     "simulate",
 ]
 
-_LATER = {  # what takes a second to import, for those who use it: modules of these names
-    **dict.fromkeys(("Calibration", "calibrate"), "tse._calibrate"),
-    **dict.fromkeys(("Fleet", "fleet"), "tse._fleet"),
-    **dict.fromkeys(("Gap", "gap"), "tse._gap"),
-    **dict.fromkeys(("Signals", "signals"), "tse._signals"),
+_LATER = {  # loaded by who uses it: the command is a user, too, and --help needs none of it
+    **dict.fromkeys(
+        (
+            "Calibration",
+            "calibrate",
+        ),
+        "tse._calibrate",
+    ),
+    **dict.fromkeys(
+        (
+            "Result",
+            "estimate",
+        ),
+        "tse._estimate",
+    ),
+    **dict.fromkeys(
+        (
+            "Filter",
+            "Form",
+            "UNKNOWN_AGE",
+        ),
+        "tse._filter",
+    ),
+    **dict.fromkeys(
+        (
+            "Fleet",
+            "fleet",
+        ),
+        "tse._fleet",
+    ),
+    **dict.fromkeys(
+        (
+            "Gap",
+            "gap",
+        ),
+        "tse._gap",
+    ),
+    **dict.fromkeys(
+        (
+            "Log",
+            "LogLike",
+            "read_log",
+        ),
+        "tse._log",
+    ),
+    **dict.fromkeys(
+        (
+            "Replayed",
+            "replay",
+        ),
+        "tse._replay",
+    ),
+    **dict.fromkeys(
+        (
+            "Signals",
+            "signals",
+        ),
+        "tse._signals",
+    ),
+    **dict.fromkeys(
+        (
+            "Simulated",
+            "simulate",
+        ),
+        "tse._simulate",
+    ),
+    **dict.fromkeys(
+        (
+            "CHANNELS",
+            "Estimate",
+            "Reason",
+            "Row",
+            "STIFFNESS",
+            "Status",
+        ),
+        "tse._tables",
+    ),
+    **dict.fromkeys(
+        (
+            "VehicleLike",
+            "read_vehicle",
+        ),
+        "tse._vehicle",
+    ),
+    **dict.fromkeys(
+        (
+            "Error",
+            "InputError",
+            "LearntError",
+            "SettingError",
+        ),
+        "tse.errors",
+    ),
+    **dict.fromkeys(("Vehicle",), "tse.impl.vehicle"),
 }
 
 

@@ -12,11 +12,10 @@ import pandas as pd
 from tse._log import LogLike, checked, several
 from tse._shown import Shown
 from tse._vehicle import VehicleLike, read_vehicle
-from tselab.calibrate import output, page, workflow
-from tselab.calibrate.commands import words
-from tselab.calibrate.result import Result
-from tselab.toml import loads
-from tselab.vehicle import Vehicle, make_vehicle
+from tse.impl.calibrate import output, page, workflow
+from tse.impl.calibrate.result import Result, words
+from tse.impl.toml import loads
+from tse.impl.vehicle import Vehicle, make_vehicle
 
 
 class Calibration(Shown):

@@ -19,15 +19,15 @@ from tse._log import Log, LogLike, checked
 from tse._shown import Shown, drawn
 from tse._tables import STIFFNESS
 from tse._vehicle import VehicleLike, read_vehicle
-from tselab import plots, regimes, results
-from tselab.estimate import Estimate as Estimated
-from tselab.estimate import estimate as _run
-from tselab.estimate import write_table
-from tselab.learnt import Learnt
-from tselab.prepare import Calibrate, Prepared, assemble
-from tselab.single import contradicts, notes_of
-from tselab.vehicle import Vehicle
-from tselab.verdict import Finding, findings
+from tse.impl import plots, regimes, results
+from tse.impl.estimate import Estimate as Estimated
+from tse.impl.estimate import estimate as _run
+from tse.impl.estimate import write_table
+from tse.impl.learnt import Learnt
+from tse.impl.prepare import Calibrate, Prepared, assemble
+from tse.impl.single import contradicts, notes_of
+from tse.impl.vehicle import Vehicle
+from tse.impl.verdict import Finding, findings
 
 Usable: TypeAlias = Literal["yes", "in part", "no"]
 USABLE: dict[int, Usable] = {results.USABLE: "yes", results.IN_PART: "in part", results.NOTHING: "no"}
@@ -160,7 +160,7 @@ class Result(Shown):
 
     def report(self, path: str | os.PathLike[str]) -> Path:
         """Write the page of `tselab estimate --report`."""
-        from tselab.report import write_report  # plotly: for those who draw
+        from tse.impl.report import write_report  # plotly: for those who draw
 
         done, ready = self._of_run()
         write_report(

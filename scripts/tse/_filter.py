@@ -13,10 +13,10 @@ import numpy as np
 from tse._tables import CHANNELS, Estimate, Row, Status
 from tse._vehicle import VehicleLike, read_vehicle
 from tse.errors import InputError
-from tselab import core
-from tselab.config import make_config, set_sampling
-from tselab.core import INPUT, NOMINAL, OUTPUT, REASON, STIFFNESS
-from tselab.rows import FASTEST, OPTIONAL, SIDES, SLOWEST
+from tse.impl import core
+from tse.impl.config import make_config, set_sampling
+from tse.impl.core import INPUT, NOMINAL, OUTPUT, REASON, STIFFNESS
+from tse.impl.rows import FASTEST, OPTIONAL, SIDES, SLOWEST
 
 Form: TypeAlias = Literal["default", "robust", "paper"]
 UNKNOWN_AGE = math.inf

@@ -13,10 +13,10 @@ import pandas as pd
 from tse._log import PathLike
 from tse._shown import Shown, drawn
 from tse._vehicle import VehicleLike, read_vehicle, vehicle_file
-from tselab.fleet import find, page
-from tselab.fleet.keep import PAGE, Done, Store
-from tselab.fleet.run import Plan, run
-from tselab.rows import Reading
+from tse.impl.fleet import find, page
+from tse.impl.fleet.keep import PAGE, Done, Store
+from tse.impl.fleet.run import Plan, run
+from tse.impl.rows import Reading
 
 
 class Fleet(Shown):

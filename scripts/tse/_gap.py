@@ -15,13 +15,13 @@ import pandas as pd
 from tse._log import Log, LogLike, PathLike, checked, several
 from tse._shown import Shown
 from tse._vehicle import VehicleLike, read_vehicle, vehicle_file
-from tselab.estimate import write_table
-from tselab.gap import workflow
-from tselab.gap.export import pictures
-from tselab.gap.export.output import write_all
-from tselab.gap.export.table import FIT, HELD_OUT
-from tselab.gap.infer import show
-from tselab.vehicle import Vehicle
+from tse.impl.estimate import write_table
+from tse.impl.gap import workflow
+from tse.impl.gap.export import pictures
+from tse.impl.gap.export.output import write_all
+from tse.impl.gap.export.table import FIT, HELD_OUT
+from tse.impl.gap.infer import show
+from tse.impl.vehicle import Vehicle
 
 
 class Gap(Shown):

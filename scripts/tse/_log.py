@@ -14,11 +14,11 @@ import pandas as pd
 from tse._base import Array
 from tse._shown import Shown, drawn
 from tse._vehicle import VehicleLike, read_vehicle
-from tselab import plots
-from tselab.log import read_frame
-from tselab.log import read_log as _read_log
-from tselab.rows import Log as Checked
-from tselab.rows import Reading
+from tse.impl import plots
+from tse.impl.log import read_frame
+from tse.impl.log import read_log as _read_log
+from tse.impl.rows import Log as Checked
+from tse.impl.rows import Reading
 
 PathLike: TypeAlias = "str | os.PathLike[str]"
 LogLike: TypeAlias = "PathLike | Log | Mapping[str, Any] | pd.DataFrame | npt.NDArray[np.void]"

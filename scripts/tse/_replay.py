@@ -11,9 +11,9 @@ import pandas as pd
 from tse._log import LogLike, checked
 from tse._shown import Shown, lines
 from tse._vehicle import VehicleLike, read_vehicle
-from tselab.core import Config, Replay
-from tselab.errors import UserError
-from tselab.rows import DRIVES, MEASURES
+from tse.impl.core import Config, Replay
+from tse.impl.errors import UserError
+from tse.impl.rows import DRIVES, MEASURES
 
 UNITS = {"accel_x": "m/s2", "accel_y": "m/s2", "yaw_rate": "rad/s"}
 

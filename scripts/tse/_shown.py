@@ -10,7 +10,7 @@ from typing import Any
 
 import pandas as pd
 
-from tselab.files import atomic
+from tse.impl.files import atomic
 
 MOST_ROWS = 20  # of a table in a notebook
 
@@ -62,7 +62,7 @@ class Shown:
 
 
 def drawn(figure: Any) -> Any:
-    """A figure of tselab.plots, for plotly."""
+    """A figure of tse.impl.plots, for plotly."""
     import plotly.graph_objects as go  # half a second, for those who draw
 
     return go.Figure(figure.as_dict())

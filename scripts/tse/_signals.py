@@ -11,12 +11,12 @@ import pandas as pd
 from tse._log import PathLike
 from tse._shown import Shown, lines
 from tse._vehicle import VehicleLike, read_vehicle
-from tselab.errors import UserError
-from tselab.files import atomic
-from tselab.logs.propose import Proposal, propose
-from tselab.logs.propose.text import Line, headline, listing, toml_text
-from tselab.logs.readers import read_recording
-from tselab.logs.recording import How, Recording
+from tse.impl.errors import UserError
+from tse.impl.files import atomic
+from tse.impl.logs.propose import Proposal, propose
+from tse.impl.logs.propose.text import Line, headline, listing, toml_text
+from tse.impl.logs.readers import read_recording
+from tse.impl.logs.recording import How, Recording
 
 
 class Signals(Shown):

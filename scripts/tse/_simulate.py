@@ -8,10 +8,10 @@ from typing import NamedTuple
 import pandas as pd
 
 from tse._vehicle import VehicleLike, read_vehicle
-from tselab import maneuvers
-from tselab.core import Config, SimConfig
-from tselab.simulate import simulate as _simulate
-from tselab.vehicle import default_vehicle
+from tse.impl import maneuvers
+from tse.impl.core import Config, SimConfig
+from tse.impl.simulate import simulate as _simulate
+from tse.impl.vehicle import default_vehicle
 
 
 class Simulated(NamedTuple):

@@ -11,10 +11,10 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from tselab.errors import UserError
-from tselab.files import atomic
-from tselab.vehicle import Vehicle, make_vehicle
-from tselab.vehicle import read_vehicle as _read
+from tse.impl.errors import UserError
+from tse.impl.files import atomic
+from tse.impl.vehicle import Vehicle, make_vehicle
+from tse.impl.vehicle import read_vehicle as _read
 
 VehicleLike: TypeAlias = "str | os.PathLike[str] | Mapping[str, Any] | Vehicle"
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from tselab.core import LearntError, SettingError
-from tselab.errors import UserError as Error
+from tse.impl.core import LearntError, SettingError
+from tse.impl.errors import UserError as Error
 
 __all__ = ["Error", "InputError", "LearntError", "SettingError"]
 

@@ -12,14 +12,14 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tselab import __version__, maneuvers
-from tselab.calibrate.commands import calibrate
-from tselab.errors import UserError
-from tselab.files import no_room
-from tselab.fleet.commands import fleet
-from tselab.fmu.commands import fmu
-from tselab.gap.commands import gap
-from tselab.logs.commands import signals
+from tse.impl import __version__, maneuvers
+from tse.impl.errors import UserError
+from tse.impl.files import no_room
+from tselab.commands.calibrate import calibrate
+from tselab.commands.fleet import fleet
+from tselab.commands.fmu import fmu
+from tselab.commands.gap import gap
+from tselab.commands.signals import signals
 from tselab.montecarlo import STUDIES
 from tselab.options import (
     CALIBRATE,
@@ -35,7 +35,7 @@ from tselab.options import (
 )
 
 if TYPE_CHECKING:
-    from tselab.rows import Reading
+    from tse.impl.rows import Reading
 
 # Python package -> extra of pyproject.toml that brings it, for those that a part of tselab takes for granted
 EXTRAS = {
@@ -66,7 +66,7 @@ class Lazy(click.Command):
         self.tables = tables
 
     def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        from tselab import tables
+        from tse.impl import tables
 
         super().format_epilog(ctx, formatter)
         for title, name in self.tables:
@@ -80,7 +80,7 @@ class Lazy(click.Command):
 def _version(ctx: click.Context, _param: click.Parameter, value: bool) -> None:
     if not value or ctx.resilient_parsing:
         return
-    from tselab.core import library
+    from tse.impl.core import library
 
     lib = library()
     click.echo(f"tselab {__version__}\nlibrary tse {lib.version}, {lib.format}, up to {lib.capacity} particles")
@@ -88,7 +88,7 @@ def _version(ctx: click.Context, _param: click.Parameter, value: bool) -> None:
 
 
 def _road_changes(pairs: tuple[str, ...]) -> list[tuple[float, float]]:
-    from tselab.core import SIM_INPUT, library
+    from tse.impl.core import SIM_INPUT, library
 
     level = library().field(SIM_INPUT, "road_level")
     changes = []
@@ -248,12 +248,12 @@ def estimate(
     is valid; 2 bad input; 130 Ctrl-C. --json says what was found as JSON on standard output, in place of words; --table writes it
     as a row per stretch of road and stiffness.
     """
-    from tselab import regimes, results, single
-    from tselab.calibrate.own import STOPPED
-    from tselab.facts import run_facts
-    from tselab.files import check_distinct, check_writable
-    from tselab.learnt import read_learnt, write_learnt
-    from tselab.prepare import Calibrate, prepare
+    from tse.impl import regimes, results, single
+    from tse.impl.calibrate.own import STOPPED
+    from tse.impl.facts import run_facts
+    from tse.impl.files import check_distinct, check_writable
+    from tse.impl.learnt import read_learnt, write_learnt
+    from tse.impl.prepare import Calibrate, prepare
 
     out = out or Path(log_path.stem + ".est.csv")
     inputs = {"the log": log_path, "--vehicle": vehicle_path, "--config": config_path, "--signals": reading.signals}
@@ -401,12 +401,12 @@ def simulate(
     tselab simulate --maneuver double-lane-change --out log.csv --road-change 20:0.6 --with-ref
     tselab simulate --maneuver straight --out log.csv --duration 300 --noise 2 --set true_bias_yaw_rate=0.01
     """
-    from tselab.core import STIFFNESS, Config, SimConfig
-    from tselab.estimate import write_table
-    from tselab.files import check_distinct, check_writable
-    from tselab.simulate import simulate as run
-    from tselab.simulate import with_references
-    from tselab.vehicle import default_vehicle, read_vehicle
+    from tse.impl.core import STIFFNESS, Config, SimConfig
+    from tse.impl.estimate import write_table
+    from tse.impl.files import check_distinct, check_writable
+    from tse.impl.simulate import simulate as run
+    from tse.impl.simulate import with_references
+    from tse.impl.vehicle import default_vehicle, read_vehicle
 
     check_distinct({"--out": out, "--truth": truth}, {"--vehicle": vehicle_path})
     for path in (out, truth):
@@ -439,7 +439,7 @@ def simulate(
     if truth is not None:
         write_table(result.truth, truth)
     if as_json:
-        from tselab import results
+        from tse.impl import results
 
         results.say_json(
             {"maneuver": maneuver, "vehicle": vehicle.name, "rows": len(plan.time), "seconds": float(plan.time[-1]),
@@ -462,7 +462,7 @@ class FormulaCommand(click.Command):
     """Lists what a formula is made of."""
 
     def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        from tselab.core import library
+        from tse.impl.core import library
 
         kinds = {
             "SIGNAL": "Signals",
@@ -505,15 +505,15 @@ def formula(path: Path, header: Path | None, as_json: bool) -> None:
     A vehicle file beside it runs it everywhere with
     [formula] file = "play.toml". Places, signals and functions are listed below; x, y, z are what stands in the brackets.
     """
-    from tselab.core import library
-    from tselab.files import atomic
-    from tselab.formula import c_header, read_formula
-    from tselab.tables import text_table
+    from tse.impl.core import library
+    from tse.impl.files import atomic
+    from tse.impl.formula import c_header, read_formula
+    from tse.impl.tables import text_table
 
     found = read_formula(path)
     place = library().formula_places[found.place]
     if as_json:
-        from tselab import results
+        from tse.impl import results
 
         if header is not None:
             with atomic(header) as file:
@@ -549,20 +549,20 @@ def vehicle(path: Path | None, example: bool, simulated: bool, as_json: bool) ->
     tselab vehicle --example > car.toml
     tselab vehicle car.toml
     """
-    from tselab.tables import example_vehicle, simulated_vehicle, text_table
+    from tse.impl.tables import example_vehicle, simulated_vehicle, text_table
 
     if (path is not None) + example + simulated != 1:
         raise UserError("give a vehicle file to check, or --example, or --simulated")
     if path is None:
         click.echo(example_vehicle() if example else simulated_vehicle(), nl=False)
         return
-    from tselab.core import Config
-    from tselab.vehicle import read_vehicle
+    from tse.impl.core import Config
+    from tse.impl.vehicle import read_vehicle
 
     car = read_vehicle(path)
     fields = Config().fields
     if as_json:
-        from tselab import results
+        from tse.impl import results
 
         said = {"vehicle": path, "name": car.name, "values": car.values, "filled": car.filled, "notes": car.notes}
         results.say_json(said)
@@ -583,11 +583,11 @@ def settings(simulator: bool, as_json: bool) -> None:
 
     Settings go into a FILTER.toml (name = value, flat or under [filter]) or behind --set.
     """
-    from tselab.core import CONFIG, SIM_CONFIG, library
-    from tselab.tables import settings_table, sim_settings_table
+    from tse.impl.core import CONFIG, SIM_CONFIG, library
+    from tse.impl.tables import settings_table, sim_settings_table
 
     if as_json:
-        from tselab import results
+        from tse.impl import results
 
         rows = library().fields(SIM_CONFIG if simulator else CONFIG)
         results.say_json(
@@ -619,9 +619,9 @@ def demo(out: Path, seed: int, progress: bool | None) -> None:
     the folder logger the same drive as an MF4, where the library for it is, and the proposed signals.toml; and in the folder gap
     the logs of a car with a hidden effect, and all that 'tselab gap' makes of them.
     """
+    from tse.impl.tables import simulated_vehicle
     from tselab.demo import gap_summary, run_demo, run_gap, summary
-    from tselab.logs.demo import logger_summary, run_logger
-    from tselab.tables import simulated_vehicle
+    from tselab.logger import logger_summary, run_logger
 
     if out.exists() and not out.is_dir():
         raise UserError(f"{out}: is a file, a directory is needed")
@@ -674,9 +674,9 @@ def accuracy(
     Square waves in steering and torque, stiffness redrawn every sample with 5 % sd, start at 70 %, 40 s; errors over
     20 .. 40 s. Diverged: any stiffness off by more than 20 % for longer than 2 s after 10 s.
     """
-    from tselab.core import Config, SimConfig
-    from tselab.estimate import write_table
-    from tselab.files import atomic
+    from tse.impl.core import Config, SimConfig
+    from tse.impl.estimate import write_table
+    from tse.impl.files import atomic
     from tselab.study import accuracy as run
     from tselab.study import markdown
 
@@ -696,7 +696,7 @@ def accuracy(
     study = run(runs, jobs, settings, sim_settings, first_seed, show_progress(progress))
     text = markdown(study)
     if as_json:
-        from tselab import results
+        from tse.impl import results
 
         results.say_json({"runs": study.runs.to_dict("records"), "text": text})
     else:
@@ -766,7 +766,7 @@ def montecarlo(
 
     Writes NAME.csv, NAME.md, runs.csv and, with matplotlib, NAME.png.
     """
-    from tselab.core import Config, SimConfig
+    from tse.impl.core import Config, SimConfig
 
     settings: dict[str, float] = {}
     sim_settings: dict[str, float] = {}
@@ -801,7 +801,7 @@ def _study(
         sys.exit(130)
     text, files = write(todo, rows, out)
     if as_json:
-        from tselab import results
+        from tse.impl import results
 
         results.say_json({"study": name, "text": text, "written": files})
         return

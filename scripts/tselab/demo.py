@@ -11,24 +11,24 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from tselab import maneuvers
-from tselab.config import make_config
-from tselab.core import STIFFNESS, Config, SimConfig
-from tselab.errors import UserError
-from tselab.estimate import Estimate, estimate, write_table
+from tse.impl import maneuvers
+from tse.impl.config import make_config
+from tse.impl.core import STIFFNESS, Config, SimConfig
+from tse.impl.errors import UserError
+from tse.impl.estimate import Estimate, estimate, write_table
+from tse.impl.files import atomic
+from tse.impl.gap.export.output import write_all
+from tse.impl.gap.workflow import run
+from tse.impl.log import read_log
+from tse.impl.report import write_report
+from tse.impl.simulate import simulate, with_references
+from tse.impl.tables import simulated_vehicle
+from tse.impl.vehicle import read_vehicle
+from tse.impl.verdict import NAMES
 from tselab.figures import demo_picture
-from tselab.files import atomic
-from tselab.gap.export.output import write_all
-from tselab.gap.workflow import run
-from tselab.log import read_log
-from tselab.report import write_report
-from tselab.simulate import simulate, with_references
-from tselab.tables import simulated_vehicle
-from tselab.vehicle import read_vehicle
-from tselab.verdict import NAMES
 
 if TYPE_CHECKING:
-    from tselab.gap.workflow import Result
+    from tse.impl.gap.workflow import Result
 
 DURATION, ROAD_CHANGE = 72.0, (36.0, 0.7)
 SETTLED, LAST = 10.0, 12.0  # s: what the summary looks at

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from tselab.core import STIFFNESS
-from tselab.errors import UserError
-from tselab.files import atomic
-from tselab.verdict import NAMES, UNITS
+from tse.impl.core import STIFFNESS
+from tse.impl.errors import UserError
+from tse.impl.files import atomic
+from tse.impl.verdict import NAMES, UNITS
 
 INK, BLUE, ORANGE, GREY = "#1f2933", "#0b5fa5", "#c4570a", "#8a94a0"
 

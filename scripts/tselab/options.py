@@ -11,7 +11,7 @@ from typing import Any
 
 import click
 
-from tselab.errors import NoFile, UserError
+from tse.impl.errors import NoFile, UserError
 
 FILE = click.Path(path_type=Path)
 FORMS = ("default", "robust", "paper")  # tse_config_default() and its like
@@ -102,7 +102,7 @@ def reading(command: Callable[..., Any]) -> Callable[..., Any]:
     def with_reading(
         *args: Any, signals: Path | None, rate: float | None, strict: bool, databases: tuple[Path, ...], **kw: Any
     ) -> Any:
-        from tselab.rows import Reading
+        from tse.impl.rows import Reading
 
         if signals is not None and not signals.is_file():
             raise NoFile(

@@ -20,8 +20,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tselab.core import STIFFNESS, Config, library
-from tselab.rows import DRIVES, MEASURES
+from tse.impl.core import STIFFNESS, Config, library
+from tse.impl.rows import DRIVES, MEASURES
 
 X, MU, B, EPS = slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 12)
 LOW_SPEED = 1.0  # m/s, slips are taken over at least this, as in src/model/vehicle.h

@@ -13,13 +13,13 @@ import pandas as pd
 from scipy import stats
 from tqdm import tqdm
 
-from tselab import maneuvers
-from tselab.config import filter_text
-from tselab.core import STIFFNESS, Config, Filter, SimConfig
-from tselab.processes import each
-from tselab.rows import columns
-from tselab.simulate import simulate
-from tselab.tables import markdown_table
+from tse.impl import maneuvers
+from tse.impl.config import filter_text
+from tse.impl.core import STIFFNESS, Config, Filter, SimConfig
+from tse.impl.processes import each
+from tse.impl.rows import columns
+from tse.impl.simulate import simulate
+from tse.impl.tables import markdown_table
 
 DURATION, WINDOW = 40.0, (20.0, 40.0)  # s
 # Torque is on the front axle in all manoeuvres; the car is that of the paper, (1)-(4).

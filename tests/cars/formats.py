@@ -18,8 +18,8 @@ from tqdm import tqdm
 from scripts.fixed import library
 from tests.cars import ROADS
 from tests.cars.study import driven, estimated, parser_of_kept, score, shares
-from tselab.core import STIFFNESS, Library
-from tselab.tables import markdown_table
+from tse.impl.core import STIFFNESS, Library
+from tse.impl.tables import markdown_table
 
 REALS = ("double", "float", "fixed")
 

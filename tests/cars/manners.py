@@ -20,13 +20,13 @@ import pandas as pd
 from tqdm import tqdm
 
 from tests.cars.study import RESULTS, TRUTH, estimated, truth_of
-from tselab import maneuvers
-from tselab.config import make_config
-from tselab.core import NOMINAL, STIFFNESS, Config, Filter, SimConfig
-from tselab.log import Log, read_log
-from tselab.simulate import simulate
-from tselab.tables import markdown_table
-from tselab.vehicle import make_vehicle
+from tse.impl import maneuvers
+from tse.impl.config import make_config
+from tse.impl.core import NOMINAL, STIFFNESS, Config, Filter, SimConfig
+from tse.impl.log import Log, read_log
+from tse.impl.simulate import simulate
+from tse.impl.tables import markdown_table
+from tse.impl.vehicle import make_vehicle
 
 RELAXATION, ROLL = (0.0, 0.3, 0.6), (0.0, 0.006, 0.012)  # m; rad s2/m
 OFF, SETTLED, SLOW = 0.1, 20.0, 3.0  # relative error; s; m/s

@@ -16,7 +16,7 @@ from tqdm import tqdm
 
 from tests.cars import ROADS
 from tests.cars.study import SETTLED, SLOW, driven, estimated, parser_of_kept, score, table
-from tselab.calibrate import output, workflow
+from tse.impl.calibrate import output, workflow
 
 
 def shortened(fit: Path, minutes: float, into: Path) -> list[Path]:

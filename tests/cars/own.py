@@ -1,4 +1,4 @@
-"""An uncalibrated car, estimated with and without a calibration on the log itself (tselab/calibrate/own.py): cars of a study,
+"""An uncalibrated car, estimated with and without a calibration on the log itself (tse/impl/calibrate/own.py): cars of a study,
 and real logs. The manoeuvres of the simulator (manners.py) are too short or too straight for one.
 
     python -m tests.cars.own --keep DIR --first SEED [--cars N] [--out FILE]
@@ -22,13 +22,13 @@ from tests.cars import ROADS
 from tests.cars.real import DATA
 from tests.cars.real import row as real_row
 from tests.cars.study import OFF, SETTLED, driven, parser_of_kept, score, table
-from tselab.calibrate import own
-from tselab.calibrate.along import outputs
-from tselab.config import make_config
-from tselab.core import Config
-from tselab.log import Log, read_log
-from tselab.tables import markdown_table
-from tselab.vehicle import Vehicle, filter_values, read_vehicle
+from tse.impl.calibrate import own
+from tse.impl.calibrate.along import outputs
+from tse.impl.config import make_config
+from tse.impl.core import Config
+from tse.impl.log import Log, read_log
+from tse.impl.tables import markdown_table
+from tse.impl.vehicle import Vehicle, filter_values, read_vehicle
 
 CLASS, ITSELF, OTHERS = "not calibrated", "on the log itself", "on other logs"
 SHARES = (0.5, 0.7, np.inf)  # of the posterior sd: what the prior of the stiffness could be; inf: the sd of the class

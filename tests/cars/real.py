@@ -20,11 +20,11 @@ import numpy as np
 import pandas as pd
 
 from tests.cars.study import RESULTS, changes, estimated
-from tselab.calibrate import output, workflow
-from tselab.config import make_config
-from tselab.core import NOMINAL, Config
-from tselab.log import read_log
-from tselab.vehicle import read_vehicle
+from tse.impl.calibrate import output, workflow
+from tse.impl.config import make_config
+from tse.impl.core import NOMINAL, Config
+from tse.impl.log import read_log
+from tse.impl.vehicle import read_vehicle
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
 SAME_CAR = (("genesis_cpg_fast", "genesis_rfs"),)

@@ -21,12 +21,12 @@ from tqdm import tqdm
 from tests.cars import ROADS
 from tests.cars.events import EVENTS, ON
 from tests.cars.study import CONSTANT, PRIOR, RESULTS, SLOW, driven
-from tselab import regimes
-from tselab.config import make_config
-from tselab.core import STIFFNESS, Config
-from tselab.estimate import Estimate, estimate
-from tselab.vehicle import read_vehicle
-from tselab.verdict import findings
+from tse.impl import regimes
+from tse.impl.config import make_config
+from tse.impl.core import STIFFNESS, Config
+from tse.impl.estimate import Estimate, estimate
+from tse.impl.vehicle import read_vehicle
+from tse.impl.verdict import findings
 
 OFF, LEAST, SHORTEST = 0.1, 100, 5.0  # relative error; rows with a truth; s
 LAST, MEAN, SHOWN, SMOOTHED = "last row", "mean of the valid rows", "last valid row, else the last", "smoothed"

@@ -23,15 +23,15 @@ from tqdm import tqdm
 from tests.cars import ROADS, make_cars, make_logs
 from tests.cars.cars import Car
 from tests.cars.logs import LEAST_ANGLE
-from tselab.calibrate import output, workflow
-from tselab.calibrate.along import outputs
-from tselab.calibrate.result import Result
-from tselab.config import make_config
-from tselab.core import NOMINAL, STIFFNESS, Config, Library
-from tselab.identify.unknowns import LATENCY
-from tselab.log import Log, read_log
-from tselab.tables import markdown_table
-from tselab.vehicle import read_vehicle
+from tse.impl.calibrate import output, workflow
+from tse.impl.calibrate.along import outputs
+from tse.impl.calibrate.result import Result
+from tse.impl.config import make_config
+from tse.impl.core import NOMINAL, STIFFNESS, Config, Library
+from tse.impl.identify.unknowns import LATENCY
+from tse.impl.log import Log, read_log
+from tse.impl.tables import markdown_table
+from tse.impl.vehicle import read_vehicle
 
 RESULTS = Path(__file__).resolve().parents[2] / "scripts" / "results"
 TRUTH = {"cx_front": "cx_front_tyre", "cy_front": "cy_front_steered", "cy_rear": "cy_rear_axle"}

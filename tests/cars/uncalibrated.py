@@ -19,14 +19,14 @@ import pandas as pd
 from tqdm import tqdm
 
 from tests.cars.study import OFF, RESULTS, SETTLED, SLOW, shares
-from tselab import maneuvers
-from tselab.calibrate.along import outputs
-from tselab.config import make_config
-from tselab.core import STIFFNESS, Config, SimConfig
-from tselab.log import read_frame
-from tselab.simulate import simulate
-from tselab.tables import markdown_table
-from tselab.vehicle import filter_values, make_vehicle
+from tse.impl import maneuvers
+from tse.impl.calibrate.along import outputs
+from tse.impl.config import make_config
+from tse.impl.core import STIFFNESS, Config, SimConfig
+from tse.impl.log import read_frame
+from tse.impl.simulate import simulate
+from tse.impl.tables import markdown_table
+from tse.impl.vehicle import filter_values, make_vehicle
 
 RELAXATION, ROLL = (0.0, 0.3, 0.6), (0.0, 0.006, 0.012)  # m; rad per m/s2
 CAR = {

@@ -20,8 +20,8 @@ import pandas as pd
 
 from tests.cars.real import DATA
 from tests.cars.study import RESULTS, ROADS, SETTLED, changes, driven, estimated, score
-from tselab.core import NOMINAL
-from tselab.log import Log, read_log
+from tse.impl.core import NOMINAL
+from tse.impl.log import Log, read_log
 
 LATE, RATE, SPEED_SD, COURSE_SD, INS_SD = 0.1, 10.0, 0.1, np.radians(0.5), 0.03
 REAL = ("stanford_250lm_a", "genesis_cpg_fast", "genesis_rfs")

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from dropin_support import DRIVE, FORMATS, ROOT, amalgamated, run, tool
 
-from tselab.formula import Number, c_header, parse
+from tse.impl.formula import Number, c_header, parse
 
 WARNINGS = ("-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror")
 SAME = ROOT / "tests" / "dropin" / "same.c"

@@ -17,7 +17,7 @@ import pytest
 from fmpy import simulate_fmu
 from fmu_support import build
 
-from tselab.core import Config
+from tse.impl.core import Config
 
 ROOT = Path(__file__).resolve().parents[2]
 MODELS = ("TireStiffnessEstimator", "SingleTrackVehicle")

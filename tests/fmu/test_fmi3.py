@@ -35,8 +35,8 @@ from fmu_support import (
     unit,
 )
 
+from tse.impl.fmu.archive import open_archive
 from tselab.fmu import checks
-from tselab.fmu.archive import open_archive
 from tselab.fmu.binaries import read_binary
 from tselab.fmu.validate import validate
 

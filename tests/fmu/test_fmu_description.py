@@ -13,7 +13,7 @@ import pytest
 from fmpy.validation import validate_fmu
 from fmu_support import ESTIMATOR, GOLDEN, VEHICLE, Unit, build, unit
 
-from tselab.core import CONFIG, OUTPUT, REASON, SIM_CONFIG, SIM_INPUT, SIM_OUTPUT, STATUS, Field, library
+from tse.impl.core import CONFIG, OUTPUT, REASON, SIM_CONFIG, SIM_INPUT, SIM_OUTPUT, STATUS, Field, library
 
 NAMESPACE = uuid.UUID("7d1b2f04-6f52-4e0b-9d0d-2f1b1d6c0e57")  # of fmu/stage.cmake
 UNITS = {

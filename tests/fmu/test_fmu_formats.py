@@ -25,7 +25,7 @@ from fmu_support import (
     scratch,
 )
 
-from tselab.files import alone
+from tse.impl.files import alone
 from tselab.fmu.build import lock_of
 
 PARTICLES = 64
@@ -58,7 +58,7 @@ def library_in(real: str) -> Path:
 IN_THE_LIBRARY = """
 import pickle, sys
 from fmu_support import expected_outputs, recorded_drive
-from tselab.core import Config
+from tse.impl.core import Config
 settings, ordinary = pickle.loads(sys.stdin.buffer.read())
 config = Config(settings)
 if ordinary:

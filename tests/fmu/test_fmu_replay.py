@@ -21,9 +21,9 @@ from fmu_support import (
     recorded_drive,
 )
 
-from tselab import maneuvers
-from tselab.core import Config, SimConfig, Simulator, library
-from tselab.simulate import drive
+from tse.impl import maneuvers
+from tse.impl.core import Config, SimConfig, Simulator, library
+from tse.impl.simulate import drive
 
 
 def simulated_drive(duration: float = 6.0, seed: int = 4, irregular: bool = False) -> Log:

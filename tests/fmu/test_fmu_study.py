@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from fmu_support import CHANNELS, Instance, Log, expect_same_rows, expected_outputs, parameters_of, unit
 
-from tselab import maneuvers
-from tselab.core import Config, SimConfig
-from tselab.simulate import simulate
+from tse.impl import maneuvers
+from tse.impl.core import Config, SimConfig
+from tse.impl.simulate import simulate
 
 SEEDS = (1, 2, 3)
 DURATION, WINDOW, STEP = 40.0, 20.0, 0.01  # s

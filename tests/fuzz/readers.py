@@ -38,8 +38,8 @@ except ImportError:  # Windows knows no limits
     resource = None
 
 import inputs  # beside this file
+from tse.impl.errors import UserError
 from tselab.cli import main
-from tselab.errors import UserError
 
 ROOT = Path(__file__).resolve().parents[2]
 ROWS = 60  # of a log: enough for every check that a log goes through, few enough for thousands a minute
@@ -117,7 +117,7 @@ def good_log() -> bytes:
 
 @functools.cache
 def good_car() -> bytes:
-    from tselab.tables import simulated_vehicle
+    from tse.impl.tables import simulated_vehicle
 
     return simulated_vehicle().encode()
 
@@ -292,8 +292,8 @@ def archives() -> list[bytes]:
 
 
 def read_archive(data: bytes, folder: Path) -> None:
-    from tselab.fmu.archive import open_archive, unpacked
-    from tselab.fmu.slave import slave
+    from tse.impl.fmu.archive import open_archive, unpacked
+    from tse.impl.fmu.slave import slave
 
     (folder / "m.fmu").write_bytes(data)
     with contextlib.suppress(UserError), slave(folder / "m.fmu"):

@@ -32,12 +32,12 @@ SIDEWAYS, ALONG = ("cy_front", "cy_rear"), ("cx_front",)
 def run(asked: tuple[int, tuple[str, ...]]) -> dict:
     """One case."""
     from tests.gap.generator import Spec, make_cases
-    from tselab.config import make_config
-    from tselab.core import NOMINAL
-    from tselab.gap.export import add
-    from tselab.gap.workflow import run as gap
-    from tselab.log import read_log
-    from tselab.vehicle import read_vehicle
+    from tse.impl.config import make_config
+    from tse.impl.core import NOMINAL
+    from tse.impl.gap.export import add
+    from tse.impl.gap.workflow import run as gap
+    from tse.impl.log import read_log
+    from tse.impl.vehicle import read_vehicle
 
     seed, ids = asked
     case = next(make_cases([Spec("+".join(ids) or "clean", dict.fromkeys(ids, 1.0), seed)]))
@@ -55,8 +55,8 @@ def run(asked: tuple[int, tuple[str, ...]]) -> dict:
 
 def _judged(drives: list, true: dict[str, float]) -> dict:
     """Error, share of valid rows, and share of these within the 95 % interval: both cornering stiffnesses, and the longitudinal."""
-    from tselab.core import NOMINAL
-    from tselab.estimate import estimate
+    from tse.impl.core import NOMINAL
+    from tse.impl.estimate import estimate
 
     rows: dict[str, list] = {k: [] for k in true}
     for log, config in drives:

@@ -22,7 +22,7 @@ from pathlib import Path
 import numpy as np
 
 from tests.gap.runs import in_processes
-from tselab.core import Config
+from tse.impl.core import Config
 from tselab.study import clopper_pearson
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -42,7 +42,7 @@ LOGGED = "with speed and torque logged"
 def run(spec_json: str) -> dict:
     """One case: generate, run the workflow, keep what counts."""
     from tests.gap.generator import Spec, make_cases
-    from tselab.gap.workflow import run as gap
+    from tse.impl.gap.workflow import run as gap
 
     spec = Spec(**json.loads(spec_json))
     case = next(make_cases([spec]))

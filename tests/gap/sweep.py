@@ -52,14 +52,14 @@ def run(asked: tuple[str, str, float | None]) -> None:
     """One case with one constant changed (None: none): the names, and how probable what is there is."""
     from tests.gap.generator import make_cases
     from tests.gap.generator.study import study
-    from tselab.gap.catalogue import catalogue
-    from tselab.gap.data import prepare_all
-    from tselab.gap.fit import fit
-    from tselab.gap.infer.excerpt import excerpt
-    from tselab.gap.infer.naming import name
-    from tselab.gap.problem import STIFFNESS, Problem
-    from tselab.gap.workflow import read
-    from tselab.vehicle import read_vehicle
+    from tse.impl.gap.catalogue import catalogue
+    from tse.impl.gap.data import prepare_all
+    from tse.impl.gap.fit import fit
+    from tse.impl.gap.infer.excerpt import excerpt
+    from tse.impl.gap.infer.naming import name
+    from tse.impl.gap.problem import STIFFNESS, Problem
+    from tse.impl.gap.workflow import read
+    from tse.impl.vehicle import read_vehicle
 
     case, constant, value = asked
     path = file_of(case, constant, value)

@@ -704,8 +704,8 @@ def test_logs_have_the_biases_told_and_the_noise_of_the_vehicle_file(cases):
 
 
 def test_logs_and_vehicle_are_read_by_tselab(cases, tmp_path):
-    from tselab.log import read_log
-    from tselab.vehicle import read_vehicle
+    from tse.impl.log import read_log
+    from tse.impl.vehicle import read_vehicle
 
     folder = replace(cases["roll"], hold_out={"slalom": cases["stick"].logs["slalom"]}).write(
         tmp_path / "case", optional=True

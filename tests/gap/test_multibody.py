@@ -6,7 +6,7 @@ import pytest
 
 pytest.importorskip("vehiclemodels", reason="the package commonroad-vehicle-models is not installed")
 from tests.gap import multibody, multibody_study
-from tselab.gap.catalogue import catalogue
+from tse.impl.gap.catalogue import catalogue
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,7 @@ from __future__ import annotations
 import os
 import signal
 
-from tselab.fleet.work import Outcome, Task
+from tse.impl.fleet.work import Outcome, Task
 
 
 def kill_this_process(task: Task) -> Outcome:

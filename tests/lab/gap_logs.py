@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from tselab.core import Config, Replay
-from tselab.gap.drives import Candidate, library, prepared
-from tselab.rows import MEASURES
-from tselab.vehicle import read_vehicle
+from tse.impl.core import Config, Replay
+from tse.impl.gap.drives import Candidate, library, prepared
+from tse.impl.rows import MEASURES
+from tse.impl.vehicle import read_vehicle
 
 CAR = """name = "small case"
 driven_axle = "both"

@@ -29,10 +29,10 @@ class Message:
 def drive(car: Path, seconds: float = 60.0, seed: int = 3) -> pd.DataFrame:
     """A drive in tse's own columns: double lane changes by a foot that takes 0.5 s from one torque to the next. What happens
     between two entries of a slow channel is in no log; a torque that jumps from row to row would be."""
-    from tselab import maneuvers
-    from tselab.core import Config, SimConfig
-    from tselab.simulate import simulate
-    from tselab.vehicle import read_vehicle
+    from tse.impl import maneuvers
+    from tse.impl.core import Config, SimConfig
+    from tse.impl.simulate import simulate
+    from tse.impl.vehicle import read_vehicle
 
     config = Config(read_vehicle(car).values)
     plan = maneuvers.build("double-lane-change", config, sample_time=0.01, duration=seconds)

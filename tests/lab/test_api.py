@@ -17,8 +17,8 @@ import pytest
 
 import tse
 from conftest import tselab
-from tselab.core import INPUT, NOMINAL, OUTPUT, STATUS, Config, library
-from tselab.estimate import est_columns
+from tse.impl.core import INPUT, NOMINAL, OUTPUT, STATUS, Config, library
+from tse.impl.estimate import est_columns
 
 ROOT = Path(__file__).resolve().parents[2]
 REPLAY = ROOT / "tests" / "replay"

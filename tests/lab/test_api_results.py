@@ -13,7 +13,7 @@ import pytest
 
 import tse
 from conftest import tselab_here
-from tselab.report import figures_of
+from tse.impl.report import figures_of
 
 ROOT = Path(__file__).resolve().parents[2]
 CAR = {"mass": 1900, "lf": 1.25, "lr": 1.5, "yaw_inertia": 3000, "wheel_radius_front": 0.33, "wheel_radius_rear": 0.33}

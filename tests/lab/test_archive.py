@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 from conftest import tselab_here
-from tselab.errors import UserError
-from tselab.fmu import archive
+from tse.impl.errors import UserError
+from tse.impl.fmu import archive
 
 DESCRIPTION = ("modelDescription.xml", b"<fmiModelDescription/>")
 Make = Callable[[zipfile.ZipFile], None]

@@ -8,8 +8,8 @@ import pandas as pd
 import pytest
 
 from conftest import RAN, tselab, tselab_here
-from tselab import log
-from tselab.core import Config
+from tse.impl import log
+from tse.impl.core import Config
 
 FORGETTING = Config().fields["forgetting"].range_text
 Change = Callable[[pd.DataFrame], pd.DataFrame]

@@ -14,13 +14,13 @@ from conftest import Result, tselab, tselab_here
 from gap_logs import car, write_log
 from tests.gap.generator import Spec, make_cases
 from tests.lab.test_identify import made, written
-from tselab.calibrate import workflow
-from tselab.core import NOMINAL, Config
-from tselab.formula import Number, parse, write_formula
-from tselab.gap.data import BLOCK
-from tselab.identify.problem import SPEED_BLOCKS, UNLIKE_SD
-from tselab.identify.unknowns import LATE, UNKNOWNS, prior_of
-from tselab.vehicle import read_vehicle
+from tse.impl.calibrate import workflow
+from tse.impl.core import NOMINAL, Config
+from tse.impl.formula import Number, parse, write_formula
+from tse.impl.gap.data import BLOCK
+from tse.impl.identify.problem import SPEED_BLOCKS, UNLIKE_SD
+from tse.impl.identify.unknowns import LATE, UNKNOWNS, prior_of
+from tse.impl.vehicle import read_vehicle
 
 DRIVES = ("highway", "slalom")
 EFFECTS = {"body_roll": 1.0, "relaxation": 1.0, "steering_lag": 1.0, "imu_delay": 1.0}

@@ -49,14 +49,15 @@ def test_wrong_usage_exits_with_2_and_says_what_is_missing():
 
 
 def test_settings_lists_every_setting():
-    from tselab.core import Config
+    from tse.impl.core import Config
 
     lines = tselab("settings").out.splitlines()
     assert [line.split()[0] for line in lines[1:]] == list(Config().fields)
 
 
 def test_internal_error_is_one_paragraph_and_exit_1(monkeypatch, capsys):
-    from tselab import cli, tables
+    from tse.impl import tables
+    from tselab import cli
 
     monkeypatch.setattr(tables, "settings_table", lambda *_: 1 / 0)
     for argv, traceback in ((["tselab", "settings"], False), (["tselab", "--debug", "settings"], True)):

@@ -8,8 +8,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from tselab.core import NOMINAL, STIFFNESS, Config, Filter, SimConfig, Simulator
-from tselab.verdict import of_uncertainty
+from tse.impl.core import NOMINAL, STIFFNESS, Config, Filter, SimConfig, Simulator
+from tse.impl.verdict import of_uncertainty
 
 ROWS, DT = 6000, 0.01
 LAST = slice(ROWS - 500, None)  # rows of which the mean is compared: a single one has its own noise

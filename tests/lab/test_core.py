@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import tselab
-from tselab.core import INPUT, NOMINAL, OUTPUT, STATUS, STIFFNESS, Config, Filter, SettingError, library, stiffness_si
-from tselab.toml import read_toml
+from tse.impl.core import INPUT, NOMINAL, OUTPUT, STATUS, STIFFNESS, Config, Filter, SettingError, library, stiffness_si
+from tse.impl.toml import read_toml
 
 HEADERS = Path(__file__).parents[2] / "include" / "tse"
 TABLES = Path(__file__).parents[2] / "src" / "tables"
@@ -84,7 +84,7 @@ def test_refused_row_leaves_the_filter_as_it_was():
 
 
 def test_table_converts_to_newton_as_the_library_does():
-    from tselab.estimate import to_table
+    from tse.impl.estimate import to_table
 
     config = Config({"particles": 50, "longitudinal_stiffness_front": 2.1e5})
     output = Filter(config).step(row())

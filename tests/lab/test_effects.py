@@ -7,9 +7,9 @@ import pandas as pd
 import pytest
 
 from conftest import RAN, tselab_here
-from tselab.core import REPLAY_LOG, STIFFNESS, Config, Filter, Replay, SettingError, SimConfig, Simulator, library
-from tselab.errors import UserError
-from tselab.vehicle import is_set, read_vehicle
+from tse.impl.core import REPLAY_LOG, STIFFNESS, Config, Filter, Replay, SettingError, SimConfig, Simulator, library
+from tse.impl.errors import UserError
+from tse.impl.vehicle import is_set, read_vehicle
 
 BARE = """mass = 1900.0
 lf = 1.25

@@ -107,19 +107,19 @@ def test_same_seed_gives_the_same_bytes_and_another_seed_does_not(drive, tmp_pat
 
 @pytest.fixture
 def prepared(drive):
-    from tselab.config import make_config
-    from tselab.log import read_log
-    from tselab.vehicle import read_vehicle
+    from tse.impl.config import make_config
+    from tse.impl.log import read_log
+    from tse.impl.vehicle import read_vehicle
 
     log = read_log(drive.log)
     return log, make_config(read_vehicle(drive.vehicle), log, None, {"particles": 32})[0]
 
 
 def test_written_on_the_way_is_what_is_written_at_the_end(prepared, tmp_path, monkeypatch):
-    from tselab import estimate as module
-    from tselab.facts import run_facts
-    from tselab.vehicle import default_vehicle
-    from tselab.verdict import remarks, verdicts
+    from tse.impl import estimate as module
+    from tse.impl.facts import run_facts
+    from tse.impl.vehicle import default_vehicle
+    from tse.impl.verdict import remarks, verdicts
 
     log, config = prepared
     whole = module.estimate(log, config)
@@ -137,7 +137,7 @@ def test_written_on_the_way_is_what_is_written_at_the_end(prepared, tmp_path, mo
 
 
 def test_an_error_on_the_way_leaves_the_file_as_it_was(prepared, tmp_path, monkeypatch):
-    from tselab import estimate as module
+    from tse.impl import estimate as module
 
     def fail(block):
         if block["time"][0] > 5:
@@ -154,8 +154,8 @@ def test_an_error_on_the_way_leaves_the_file_as_it_was(prepared, tmp_path, monke
 def test_a_run_that_is_stopped_before_its_first_row_has_a_header_and_nothing_to_say(prepared, tmp_path, monkeypatch):
     from contextlib import nullcontext
 
-    from tselab import estimate as module
-    from tselab.verdict import remarks, verdicts
+    from tse.impl import estimate as module
+    from tse.impl.verdict import remarks, verdicts
 
     monkeypatch.setattr(module, "_stop_flag", lambda: nullcontext(lambda: True))
     est = module.estimate_to(tmp_path / "est.csv", *prepared)
@@ -169,7 +169,7 @@ def test_memory_does_not_grow_by_what_is_written(prepared, tmp_path):
     import dataclasses
     import tracemalloc
 
-    from tselab.estimate import estimate_to
+    from tse.impl.estimate import estimate_to
 
     log, config = prepared
     peak = {}
@@ -257,7 +257,7 @@ def test_average_that_cannot_be_is_refused(drive, tmp_path, seconds, text):
 def test_average_takes_rows_as_they_come():
     from pathlib import Path
 
-    from tselab.rows import Log, average, columns
+    from tse.impl.rows import Log, average, columns
 
     time = np.array([0, 0.01, 0.02, 0.03, 0.1, 0.13, 0.14, 0.19, 0.2, 0.21, 0.22, 0.23, 5.0, 5.01, 5.02, 5.03, 5.1])
     n = len(time)

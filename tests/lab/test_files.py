@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 
 from conftest import COMMAND, tselab_here
-from tselab import files, seal
-from tselab.errors import UserError
+from tse.impl import files, seal
+from tse.impl.errors import UserError
 
 KB = 40  # of room: less than any result of a drive
 

@@ -18,17 +18,17 @@ import pytest
 from conftest import COMMAND, tselab, tselab_here
 from dask_cluster import scheduler, starting, until, worker
 from deadly import kill_this_process
-from tselab import maneuvers
-from tselab.core import STIFFNESS, Config, SimConfig
-from tselab.errors import UserError
-from tselab.estimate import write_table
-from tselab.fleet.find import drives, started
-from tselab.fleet.run import Interrupted, Plan, outcome_of, run
-from tselab.fleet.work import Task, code_of
-from tselab.processes import Local, check_workers
-from tselab.rows import Reading
-from tselab.simulate import simulate
-from tselab.vehicle import read_vehicle
+from tse.impl import maneuvers
+from tse.impl.core import STIFFNESS, Config, SimConfig
+from tse.impl.errors import UserError
+from tse.impl.estimate import write_table
+from tse.impl.fleet.find import drives, started
+from tse.impl.fleet.run import Interrupted, Plan, outcome_of, run
+from tse.impl.fleet.work import Task, code_of
+from tse.impl.processes import Local, check_workers
+from tse.impl.rows import Reading
+from tse.impl.simulate import simulate
+from tse.impl.vehicle import read_vehicle
 
 CARS = {"golf": 1.0, "up": 0.7}  # level of the road under the tyres, which is how soft the car looks
 DAYS = 3
@@ -120,7 +120,7 @@ def test_the_page_links_to_every_report_and_names_the_softest_car_first(done):
         assert f'href="{report}"' in page and (out / report).stat().st_size > 10_000
     assert page.index('href="#car1">up<') < page.index('href="#car2">golf<')
     assert "Logs that could not be used" in page and "2024-05-02 empty.csv" in page
-    from tselab.report import figures_of
+    from tse.impl.report import figures_of
 
     assert [len(f["data"]) for f in figures_of(page)] == [3, 3, 3]  # all cars, and the trend of each
 
@@ -261,7 +261,7 @@ def test_when_a_drive_began(tmp_path):
 
 
 def test_ctrl_c_says_how_to_go_on(logs, tmp_path, monkeypatch):
-    from tselab.fleet.keep import Store
+    from tse.impl.fleet.keep import Store
 
     def stop(*_: object) -> None:
         raise KeyboardInterrupt
@@ -298,8 +298,9 @@ def test_a_cluster_without_workers_or_with_another_tselab_is_refused(tmp_path):
     distributed = pytest.importorskip(
         "distributed", reason="dask.distributed is missing: there is no cluster to test with"
     )
-    (tmp_path / "old" / "tselab").mkdir(parents=True)
-    (tmp_path / "old" / "tselab" / "__init__.py").write_text('__version__ = "0.0.1"\n')
+    (tmp_path / "old" / "tse" / "impl").mkdir(parents=True)
+    (tmp_path / "old" / "tse" / "__init__.py").touch()
+    (tmp_path / "old" / "tse" / "impl" / "__init__.py").write_text('__version__ = "0.0.1"\n')
     with starting() as start:
         address = scheduler(start)
         with distributed.Client(address, set_as_default=False) as client:
@@ -324,7 +325,7 @@ def test_the_table_is_read_by_others_as_the_help_says(done):
 
 
 def test_no_word_is_lost_of_an_error_that_is_a_fault_of_ours(monkeypatch, tmp_path):
-    from tselab.fleet import work as module
+    from tse.impl.fleet import work as module
 
     def fail(_: object) -> None:
         raise ZeroDivisionError("of ours")
@@ -359,7 +360,7 @@ def test_a_table_of_cars_of_any_spreadsheet(text, says, tmp_path):
 
 
 def test_a_log_of_another_car_is_said():
-    from tselab.fleet.keep import unlike
+    from tse.impl.fleet.keep import unlike
 
     rows = [{"car": "taxi", "log": f"{i}", "stiffness": "cy_front", "value": 100 * x, "nominal": 100.0, "sd": 2.0, "usable": "yes"}
             for i, x in enumerate((1.0, 1.05, 0.6, 0.95, 1.9))]  # fmt: skip

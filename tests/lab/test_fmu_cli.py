@@ -16,13 +16,14 @@ import pytest
 
 from conftest import Drive, tselab, tselab_here
 from log_formats import FORMATS, messages
-from tselab.errors import UserError
+from tse.impl.errors import UserError
 
 if importlib.util.find_spec("fmpy") is None or shutil.which("cmake") is None:
     pytest.skip("FMPy or cmake is not installed", allow_module_level=True)
 
-from tselab.fmu import archive, build, checks, clients, platforms, validate
-from tselab.formula import Number, parse, write_formula
+from tse.impl.fmu import archive, platforms
+from tse.impl.formula import Number, parse, write_formula
+from tselab.fmu import build, checks, clients, validate
 
 FMUS = ("SingleTrackVehicle", "TireStiffnessEstimator")
 PLATFORMS3 = ("win64", "darwin64")

@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from conftest import tselab_here
-from tselab.core import Config, SettingError
+from tse.impl.core import Config, SettingError
 
 CHANGE, LIMIT = 20.0, 0.1  # s; share of the truth
 KEYS = ("cx_front", "cy_front", "cy_rear")

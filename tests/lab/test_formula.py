@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from tselab import formula as module
-from tselab.errors import UserError
-from tselab.formula import Formula, Number, c_header, parse, read_formula, toml_text, write_formula
+from tse.impl import formula as module
+from tse.impl.errors import UserError
+from tse.impl.formula import Formula, Number, c_header, parse, read_formula, toml_text, write_formula
 
 W = Number("w", 0.002, "rad", 0.0003, "half of the play")
 T = Number("tau", 0.08, "s")

@@ -8,13 +8,13 @@ import pandas as pd
 import pytest
 
 from gap_logs import car, write_log
-from tselab.core import Config
-from tselab.errors import UserError
-from tselab.gap import workflow
-from tselab.gap.data import Smoother, fresh, prepare
-from tselab.gap.parallel import apart, is_copy
-from tselab.gap.problem import Problem
-from tselab.vehicle import read_vehicle
+from tse.impl.core import Config
+from tse.impl.errors import UserError
+from tse.impl.gap import workflow
+from tse.impl.gap.data import Smoother, fresh, prepare
+from tse.impl.gap.parallel import apart, is_copy
+from tse.impl.gap.problem import Problem
+from tse.impl.vehicle import read_vehicle
 
 TIME = 0.005 * np.arange(4000)
 SIGNAL = np.sin(1.7 * TIME) + 0.3 * np.sin(11.0 * TIME)

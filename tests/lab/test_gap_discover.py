@@ -12,15 +12,15 @@ import pytest
 
 from conftest import RAN, tselab, tselab_here
 from gap_logs import car, write_log
-from tselab.core import Config
-from tselab.formula import Number, parse, read_formula, write_formula
-from tselab.gap.data import prepare
-from tselab.gap.fit import fit, gap
-from tselab.gap.infer.formula import search, terms
-from tselab.gap.problem import STIFFNESS, Problem
-from tselab.gap.respond import responses, signals
-from tselab.log import read_log
-from tselab.vehicle import read_vehicle
+from tse.impl.core import Config
+from tse.impl.formula import Number, parse, read_formula, write_formula
+from tse.impl.gap.data import prepare
+from tse.impl.gap.fit import fit, gap
+from tse.impl.gap.infer.formula import search, terms
+from tse.impl.gap.problem import STIFFNESS, Problem
+from tse.impl.gap.respond import responses, signals
+from tse.impl.log import read_log
+from tse.impl.vehicle import read_vehicle
 
 # A yaw damping that sets in beyond a yaw rate: as a stability control does.
 HIDDEN = parse(

@@ -13,20 +13,20 @@ import pytest
 
 from gap_logs import car, write_log
 from tests.gap.changed import changed
-from tselab.core import Config, Replay
-from tselab.gap import workflow
-from tselab.gap.catalogue import catalogue
-from tselab.gap.data import BURN_IN, prepare, prepare_all
-from tselab.gap.export.output import finite
-from tselab.gap.fit import fit
-from tselab.gap.infer import excerpt as ex
-from tselab.gap.infer.hypotheses import NAME_AT
-from tselab.gap.infer.naming import Named, name
-from tselab.gap.problem import STIFFNESS, Problem
-from tselab.gap.selftest import make
-from tselab.log import read_log
-from tselab.rows import MEASURES, Log
-from tselab.vehicle import read_vehicle
+from tse.impl.core import Config, Replay
+from tse.impl.gap import workflow
+from tse.impl.gap.catalogue import catalogue
+from tse.impl.gap.data import BURN_IN, prepare, prepare_all
+from tse.impl.gap.export.output import finite
+from tse.impl.gap.fit import fit
+from tse.impl.gap.infer import excerpt as ex
+from tse.impl.gap.infer.hypotheses import NAME_AT
+from tse.impl.gap.infer.naming import Named, name
+from tse.impl.gap.problem import STIFFNESS, Problem
+from tse.impl.gap.selftest import make
+from tse.impl.log import read_log
+from tse.impl.rows import MEASURES, Log
+from tse.impl.vehicle import read_vehicle
 
 
 def test_pieces_are_chosen_about_as_well_as_by_trying_all():

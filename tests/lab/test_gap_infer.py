@@ -14,20 +14,20 @@ from scipy.integrate import quad
 from scipy.stats import multivariate_normal, norm
 
 from gap_logs import car, write_log
-from tselab.core import Config
-from tselab.gap import workflow
-from tselab.gap.catalogue import Own, Parameter, catalogue, of_the_car, profiles
-from tselab.gap.data import BLOCK, CHANNELS, prepare
-from tselab.gap.infer import forms, naming, noise
-from tselab.gap.infer.hypotheses import Hypothesis, hypotheses, latencies, ln_size
-from tselab.gap.infer.naming import Named, Probability, settings
-from tselab.gap.infer.search import Search, judge
-from tselab.gap.infer.space import EPISODE, FEWEST, Layout
-from tselab.gap.localise.remainder import Remainder
-from tselab.gap.problem import Problem, Rows, profile_size
-from tselab.identify.discrepancy import Discrepancy, Piece
-from tselab.log import read_log
-from tselab.vehicle import read_vehicle
+from tse.impl.core import Config
+from tse.impl.gap import workflow
+from tse.impl.gap.catalogue import Own, Parameter, catalogue, of_the_car, profiles
+from tse.impl.gap.data import BLOCK, CHANNELS, prepare
+from tse.impl.gap.infer import forms, naming, noise
+from tse.impl.gap.infer.hypotheses import Hypothesis, hypotheses, latencies, ln_size
+from tse.impl.gap.infer.naming import Named, Probability, settings
+from tse.impl.gap.infer.search import Search, judge
+from tse.impl.gap.infer.space import EPISODE, FEWEST, Layout
+from tse.impl.gap.localise.remainder import Remainder
+from tse.impl.gap.problem import Problem, Rows, profile_size
+from tse.impl.identify.discrepancy import Discrepancy, Piece
+from tse.impl.log import read_log
+from tse.impl.vehicle import read_vehicle
 
 N = 240
 

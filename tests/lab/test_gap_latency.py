@@ -9,9 +9,9 @@ import pandas as pd
 import pytest
 
 from gap_logs import car, write_log
-from tselab.gap import workflow
-from tselab.gap.data import in_time, prepare
-from tselab.vehicle import read_vehicle
+from tse.impl.gap import workflow
+from tse.impl.gap.data import in_time, prepare
+from tse.impl.vehicle import read_vehicle
 
 LATE = {
     "steer_angle": 0.03,

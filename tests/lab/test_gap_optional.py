@@ -12,16 +12,16 @@ from scipy.interpolate import interp1d
 from scipy.optimize import least_squares
 
 from gap_logs import DRIVES, STIFFNESS, candidate, car, write_log
-from tselab.core import Config
-from tselab.gap import optional
-from tselab.gap.data import prepare, renewed
-from tselab.gap.drives import prepared
-from tselab.gap.fit import fit, gap
-from tselab.gap.problem import STIFFNESS as FITTED
-from tselab.gap.problem import Problem
-from tselab.gap.simulate import simulate
-from tselab.log import read_log
-from tselab.vehicle import read_vehicle
+from tse.impl.core import Config
+from tse.impl.gap import optional
+from tse.impl.gap.data import prepare, renewed
+from tse.impl.gap.drives import prepared
+from tse.impl.gap.fit import fit, gap
+from tse.impl.gap.problem import STIFFNESS as FITTED
+from tse.impl.gap.problem import Problem
+from tse.impl.gap.simulate import simulate
+from tse.impl.log import read_log
+from tse.impl.vehicle import read_vehicle
 
 CHANNELS = {"vehicle_speed": 0.05, "wheel_torque_front": 8.0, "wheel_torque_rear": 8.0}
 TORQUES = ("wheel_torque_front", "wheel_torque_rear")

@@ -17,12 +17,12 @@ import pytest
 
 from conftest import RAN, Result, tselab
 from gap_logs import STIFFNESS, car, write_log
+from tse.impl.core import Config, library
+from tse.impl.gap.export.table import COLUMNS
+from tse.impl.report import figures_of
+from tse.impl.rows import MEASURES
+from tse.impl.vehicle import filter_values, read_vehicle
 from tselab.cli import main
-from tselab.core import Config, library
-from tselab.gap.export.table import COLUMNS
-from tselab.report import figures_of
-from tselab.rows import MEASURES
-from tselab.vehicle import filter_values, read_vehicle
 
 ROOT = Path(__file__).resolve().parents[2]
 DELAY = {"imu_delay_time": 0.02}

@@ -8,17 +8,17 @@ import pytest
 
 from conftest import RAN, tselab_here
 from gap_logs import DRIVES, car, write_log
-from tselab.core import Config, Replay
-from tselab.gap import plan as planning
-from tselab.gap.catalogue import catalogue
-from tselab.gap.check import check
-from tselab.gap.data import prepare
-from tselab.gap.drives import library, prepared
-from tselab.gap.problem import Problem
-from tselab.gap.selftest import selftest
-from tselab.log import read_log
-from tselab.rows import average
-from tselab.vehicle import read_vehicle
+from tse.impl.core import Config, Replay
+from tse.impl.gap import plan as planning
+from tse.impl.gap.catalogue import catalogue
+from tse.impl.gap.check import check
+from tse.impl.gap.data import prepare
+from tse.impl.gap.drives import library, prepared
+from tse.impl.gap.problem import Problem
+from tse.impl.gap.selftest import selftest
+from tse.impl.log import read_log
+from tse.impl.rows import average
+from tse.impl.vehicle import read_vehicle
 
 
 @pytest.fixture(scope="module")

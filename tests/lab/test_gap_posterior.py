@@ -8,20 +8,20 @@ import numpy as np
 import pytest
 
 from gap_logs import CAR, STIFFNESS, write_log
-from tselab.config import make_config
-from tselab.core import NOMINAL, Config
-from tselab.estimate import estimate
-from tselab.gap import workflow
-from tselab.gap.data import prepare
-from tselab.gap.export import add
-from tselab.gap.export.posterior import UNCERTAIN, posterior
-from tselab.gap.fit import fit
-from tselab.gap.infer.naming import Naming
-from tselab.gap.problem import STIFFNESS as PARAMETERS
-from tselab.gap.problem import Problem
-from tselab.identify.unknowns import prior_of
-from tselab.log import read_log
-from tselab.vehicle import read_vehicle
+from tse.impl.config import make_config
+from tse.impl.core import NOMINAL, Config
+from tse.impl.estimate import estimate
+from tse.impl.gap import workflow
+from tse.impl.gap.data import prepare
+from tse.impl.gap.export import add
+from tse.impl.gap.export.posterior import UNCERTAIN, posterior
+from tse.impl.gap.fit import fit
+from tse.impl.gap.infer.naming import Naming
+from tse.impl.gap.problem import STIFFNESS as PARAMETERS
+from tse.impl.gap.problem import Problem
+from tse.impl.identify.unknowns import prior_of
+from tse.impl.log import read_log
+from tse.impl.vehicle import read_vehicle
 
 CLASS = re.sub(r"\[uncertainty\].*?\n\n", "", CAR, flags=re.DOTALL)  # nobody says how well it is known
 

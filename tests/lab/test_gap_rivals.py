@@ -5,9 +5,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from tselab.gap.infer import rivals
-from tselab.gap.infer.hypotheses import NAME_AT, SIZE_COST, hypotheses
-from tselab.gap.infer.rivals import Worlds, price_of
+from tse.impl.gap.infer import rivals
+from tse.impl.gap.infer.hypotheses import NAME_AT, SIZE_COST, hypotheses
+from tse.impl.gap.infer.rivals import Worlds, price_of
 
 ROWS = 3000
 

@@ -11,15 +11,15 @@ from scipy.linalg import expm
 from scipy.signal import lfilter
 
 from gap_logs import STIFFNESS, car, write_log
-from tselab.core import Config
-from tselab.gap.data import BLOCK, prepare
-from tselab.gap.fit import fit
-from tselab.gap.localise import where
-from tselab.gap.localise.remainder import is_noise, without_spikes, without_walk
-from tselab.gap.problem import STIFFNESS as PARAMETERS
-from tselab.gap.problem import Problem
-from tselab.log import read_log
-from tselab.vehicle import read_vehicle
+from tse.impl.core import Config
+from tse.impl.gap.data import BLOCK, prepare
+from tse.impl.gap.fit import fit
+from tse.impl.gap.localise import where
+from tse.impl.gap.localise.remainder import is_noise, without_spikes, without_walk
+from tse.impl.gap.problem import STIFFNESS as PARAMETERS
+from tse.impl.gap.problem import Problem
+from tse.impl.log import read_log
+from tse.impl.vehicle import read_vehicle
 
 STEP = 0.04  # s, a block
 

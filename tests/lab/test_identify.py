@@ -10,17 +10,17 @@ import pytest
 from scipy.signal import lfilter
 from scipy.stats import multivariate_normal
 
-from tselab.core import Config, SimConfig, Simulator
-from tselab.gap.data import Prepared, blocks, prepare
-from tselab.identify import discrepancy
-from tselab.identify import ready as ready_rules
-from tselab.identify.discrepancy import Discrepancy, Piece
-from tselab.identify.fit import fit, step
-from tselab.identify.problem import SPEED_TIME, Problem, shapes
-from tselab.identify.ready import calm, curves, speed, together
-from tselab.identify.unknowns import COMMON_SD, STIFFNESS, UNKNOWNS, Prior, prior_of
-from tselab.log import read_log
-from tselab.vehicle import default_vehicle, read_vehicle
+from tse.impl.core import Config, SimConfig, Simulator
+from tse.impl.gap.data import Prepared, blocks, prepare
+from tse.impl.identify import discrepancy
+from tse.impl.identify import ready as ready_rules
+from tse.impl.identify.discrepancy import Discrepancy, Piece
+from tse.impl.identify.fit import fit, step
+from tse.impl.identify.problem import SPEED_TIME, Problem, shapes
+from tse.impl.identify.ready import calm, curves, speed, together
+from tse.impl.identify.unknowns import COMMON_SD, STIFFNESS, UNKNOWNS, Prior, prior_of
+from tse.impl.log import read_log
+from tse.impl.vehicle import default_vehicle, read_vehicle
 
 DT = 0.01
 LATE = {
@@ -420,7 +420,7 @@ def test_a_search_from_elsewhere_ends_at_the_same_place(found: tuple[Problem, ob
 
 
 def test_a_vehicle_file_with_a_broken_calibration_is_refused(tmp_path: Path) -> None:
-    from tselab.errors import UserError
+    from tse.impl.errors import UserError
 
     car = "mass = 1500\nlf = 1.2\nlr = 1.5\nwheel_radius_front = 0.3\nwheel_radius_rear = 0.3\n[calibration]\n"
     for text in (

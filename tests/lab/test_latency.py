@@ -7,10 +7,10 @@ import pandas as pd
 import pytest
 
 from conftest import RAN, tselab_here
-from tselab import plots, regimes
-from tselab.core import STIFFNESS, Config, Filter, SimConfig, Simulator, library
-from tselab.report import figures_of
-from tselab.vehicle import latency_settings
+from tse.impl import plots, regimes
+from tse.impl.core import STIFFNESS, Config, Filter, SimConfig, Simulator, library
+from tse.impl.report import figures_of
+from tse.impl.vehicle import latency_settings
 
 ROWS, DT = 6000, 0.01
 LAST = slice(-1500, None)
@@ -178,8 +178,8 @@ def test_where_nothing_is_late_nothing_is_drawn_otherwise(driven: np.ndarray) ->
 
 
 def test_keys_of_the_vehicle_file_are_the_channels(tmp_path) -> None:
-    from tselab.errors import UserError
-    from tselab.vehicle import read_vehicle
+    from tse.impl.errors import UserError
+    from tse.impl.vehicle import read_vehicle
 
     path = tmp_path / "car.toml"
     path.write_text(CAR)
@@ -199,7 +199,7 @@ def test_keys_of_the_vehicle_file_are_the_channels(tmp_path) -> None:
 
 
 def test_latencies_that_the_filter_cannot_keep_are_refused_with_their_name() -> None:
-    from tselab.core import SettingError
+    from tse.impl.core import SettingError
 
     with pytest.raises(SettingError, match=r"wheel_speed_rear_latency = 0\.2 is refused"):
         Filter(Config({"sample_time": 0.005, "wheel_speed_rear_latency": 0.2}))

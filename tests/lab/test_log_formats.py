@@ -11,7 +11,7 @@ import pytest
 
 from conftest import tselab, tselab_here
 from log_formats import DEG, FORMATS, LATENCY, RATIO, drive, messages
-from tselab.core import STIFFNESS
+from tse.impl.core import STIFFNESS
 
 TOLERANCE = 0.01  # of the estimate from the clean CSV
 LAST = 1000  # rows over which estimates are compared
@@ -48,10 +48,10 @@ def test_a_drive_in_this_format_gives_the_estimates_of_the_clean_csv(name, clean
 @pytest.mark.parametrize("name", ["ROS 1 bag", "MCAP, ROS 2", "BLF and DBC", "ASC and DBC", "TRC and DBC", "MF4"])
 def test_of_a_log_that_is_cut_off_what_is_before_is_used(name, clean, tmp_path):
     """A recorder without power, a copy that broke off."""
-    from tselab.errors import UserError
-    from tselab.log import read_log
-    from tselab.rows import Reading
-    from tselab.vehicle import read_vehicle
+    from tse.impl.errors import UserError
+    from tse.impl.log import read_log
+    from tse.impl.rows import Reading
+    from tse.impl.vehicle import read_vehicle
 
     needs, write = FORMATS[name]
     if find_spec(needs) is None:
@@ -74,9 +74,9 @@ def test_of_a_log_that_is_cut_off_what_is_before_is_used(name, clean, tmp_path):
 
 def test_the_rows_are_those_of_the_clean_log(clean, tmp_path):
     """Units, sign, ratio, latency, rates: each would show here."""
-    from tselab.log import read_log
-    from tselab.rows import Reading
-    from tselab.vehicle import read_vehicle
+    from tse.impl.log import read_log
+    from tse.impl.rows import Reading
+    from tse.impl.vehicle import read_vehicle
 
     table, car, _ = clean
     path = FORMATS["Parquet"][1](tmp_path, messages(table))
@@ -96,9 +96,9 @@ def test_the_rows_are_those_of_the_clean_log(clean, tmp_path):
 
 @pytest.mark.parametrize("rate", [50, 200])
 def test_another_rate_on_demand(rate, clean, tmp_path):
-    from tselab.log import read_log
-    from tselab.rows import Reading
-    from tselab.vehicle import read_vehicle
+    from tse.impl.log import read_log
+    from tse.impl.rows import Reading
+    from tse.impl.vehicle import read_vehicle
 
     table, car, _ = clean
     path = FORMATS["MAT 5"][1](tmp_path, messages(table))
@@ -109,7 +109,7 @@ def test_another_rate_on_demand(rate, clean, tmp_path):
 
 
 def test_signals_proposes_the_file_that_was_written_by_hand(clean, tmp_path):
-    from tselab.logs.signals import read_signals
+    from tse.impl.logs.signals import read_signals
 
     table, car, wanted = clean
     path = FORMATS["German CSV"][1](tmp_path, messages(table))
@@ -162,7 +162,7 @@ def test_what_is_not_installed_is_named_with_the_command(monkeypatch, tmp_path):
             raise ModuleNotFoundError(name, name="asammdf")
         return real(name, *args, **kw)
 
-    monkeypatch.setattr("tselab.logs.extras.importlib.import_module", without)
+    monkeypatch.setattr("tse.impl.logs.extras.importlib.import_module", without)
     done = tselab_here("signals", path)
     assert done.code == 2 and "pip install 'tse[mf4]'" in done.err and "scripts/setup.sh logs" in done.err
 
@@ -172,7 +172,7 @@ def test_rlog_of_openpilot_is_read_by_its_schema(tmp_path):
         pytest.skip("openpilot-logging is not installed: scripts/setup.sh openpilot")
     import capnp
 
-    from tselab.logs.readers import read_recording
+    from tse.impl.logs.readers import read_recording
 
     spec = find_spec("openpilot_logging")
     capnp.remove_import_hook()

@@ -13,12 +13,12 @@ import pytest
 
 from conftest import tselab
 from log_formats import FORMATS, drive, messages, repeated
-from tselab import room
-from tselab.log import read_log
-from tselab.logs import raster
-from tselab.room import Room
-from tselab.rows import Reading
-from tselab.vehicle import read_vehicle
+from tse.impl import room
+from tse.impl.log import read_log
+from tse.impl.logs import raster
+from tse.impl.room import Room
+from tse.impl.rows import Reading
+from tse.impl.vehicle import read_vehicle
 
 SECONDS = 30.0
 SMALL = 300  # entries of a piece in these tests
@@ -57,8 +57,8 @@ def in_small_pieces(monkeypatch) -> None:
     monkeypatch.setattr(room, "MOST_HELD", SMALL)
     for module in ("room", "logs.raster", "logs.readers.can", "logs.readers.columns", "logs.readers.mat", "logs.readers.mdf",
                    "logs.readers.text"):  # fmt: skip
-        monkeypatch.setattr(f"tselab.{module}.PIECE", SMALL)
-    monkeypatch.setattr("tselab.logs.readers.mat.MOST_AT_ONCE", 0)
+        monkeypatch.setattr(f"tse.impl.{module}.PIECE", SMALL)
+    monkeypatch.setattr("tse.impl.logs.readers.mat.MOST_AT_ONCE", 0)
 
 
 def test_a_spline_in_pieces_has_the_same_bits_and_a_low_pass_the_same_value(monkeypatch):
@@ -77,9 +77,9 @@ HOURS, MOST = 3.0, 130  # MB that reading a log of so many hours may take on top
 MEASURE = """
 import resource, sys
 from pathlib import Path
-from tselab.log import read_log
-from tselab.rows import Reading
-from tselab.vehicle import read_vehicle
+from tse.impl.log import read_log
+from tse.impl.rows import Reading
+from tse.impl.vehicle import read_vehicle
 reading = Reading(car=read_vehicle(Path(sys.argv[3])))
 read_log(Path(sys.argv[1]), reading=reading)
 before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss

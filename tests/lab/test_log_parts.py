@@ -9,12 +9,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from tselab import estimate, room, rows
-from tselab import log as module
-from tselab.core import Config, library
-from tselab.errors import UserError
-from tselab.log import read_log
-from tselab.vehicle import read_vehicle
+from tse.impl import estimate, room, rows
+from tse.impl import log as module
+from tse.impl.core import Config, library
+from tse.impl.errors import UserError
+from tse.impl.log import read_log
+from tse.impl.vehicle import read_vehicle
 
 HERE = 100  # rows of a part in these tests
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tselab.log import read_log
-from tselab.logs.clock import BRIDGED, straight
-from tselab.logs.mapping import Series
-from tselab.logs.raster import entries, on_raster, rate_of, resample
-from tselab.rows import Reading
+from tse.impl.log import read_log
+from tse.impl.logs.clock import BRIDGED, straight
+from tse.impl.logs.mapping import Series
+from tse.impl.logs.raster import entries, on_raster, rate_of, resample
+from tse.impl.rows import Reading
 
 T = np.arange(0, 20, 0.001)
 

@@ -17,8 +17,8 @@ import pytest
 from scipy import stats
 
 from conftest import COMMAND, tselab, tselab_here
-from tselab.core import INPUT, OUTPUT, REASON, SIM_OUTPUT, STIFFNESS, Config, SimConfig, library
-from tselab.errors import UserError
+from tse.impl.core import INPUT, OUTPUT, REASON, SIM_OUTPUT, STIFFNESS, Config, SimConfig, library
+from tse.impl.errors import UserError
 from tselab.montecarlo import STUDIES, corrupt, drives, engine, estimators, findings, scores, studies, summary
 from tselab.montecarlo.case import Case, Drive, drive
 from tselab.montecarlo.write import write

@@ -16,12 +16,12 @@ from conftest import Result, tselab, tselab_here
 from tests.cars import make_cars, make_logs
 from tests.cars.study import TRUTH, truth_of
 from tests.gap.changed import changed
-from tselab.calibrate import own, workflow
-from tselab.calibrate.along import outputs
-from tselab.config import make_config
-from tselab.fleet.keep import CALIBRATED
-from tselab.log import read_log
-from tselab.vehicle import filter_values, make_vehicle, read_vehicle
+from tse.impl.calibrate import own, workflow
+from tse.impl.calibrate.along import outputs
+from tse.impl.config import make_config
+from tse.impl.fleet.keep import CALIBRATED
+from tse.impl.log import read_log
+from tse.impl.vehicle import filter_values, make_vehicle, read_vehicle
 
 MINUTES = 1.5
 AXLES = ("cy_front", "cy_rear")
@@ -99,7 +99,7 @@ def test_the_posterior_is_the_prior(case):
 
 
 def read_toml_text(text: str) -> dict:
-    from tselab.toml import tomllib
+    from tse.impl.toml import tomllib
 
     return tomllib.loads(text)
 

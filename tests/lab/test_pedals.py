@@ -1,4 +1,4 @@
-"""Brake switch and wheel torques from the log to the filter: src/tables/pedals.toml, tselab.log, config, units, logs."""
+"""Brake switch and wheel torques from the log to the filter: src/tables/pedals.toml, tse.impl.log, config, units, logs."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ import pytest
 
 from tests.cars import make_logs
 from tests.cars.logs import PEDALS
-from tselab.config import make_config
-from tselab.core import Filter, library
-from tselab.errors import UserError
-from tselab.gap.data import prepare
-from tselab.log import read_frame, read_log
-from tselab.logs.propose import propose
-from tselab.logs.propose.text import toml_text
-from tselab.logs.readers import read_recording
-from tselab.logs.recording import How
-from tselab.logs.signals import read_signals
-from tselab.rows import MEASURES, TORQUES, Log, Reading, average
-from tselab.units import check_units
-from tselab.vehicle import Vehicle, read_vehicle
+from tse.impl.config import make_config
+from tse.impl.core import Filter, library
+from tse.impl.errors import UserError
+from tse.impl.gap.data import prepare
+from tse.impl.log import read_frame, read_log
+from tse.impl.logs.propose import propose
+from tse.impl.logs.propose.text import toml_text
+from tse.impl.logs.readers import read_recording
+from tse.impl.logs.recording import How
+from tse.impl.logs.signals import read_signals
+from tse.impl.rows import MEASURES, TORQUES, Log, Reading, average
+from tse.impl.units import check_units
+from tse.impl.vehicle import Vehicle, read_vehicle
 
 
 @pytest.fixture(scope="module")

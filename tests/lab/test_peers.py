@@ -12,10 +12,11 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from tselab import maneuvers, peers, study
-from tselab.core import NOMINAL, STIFFNESS, Config, Filter, SimConfig
-from tselab.rows import DRIVES, MEASURES, columns
-from tselab.simulate import simulate
+from tse.impl import maneuvers
+from tse.impl.core import NOMINAL, STIFFNESS, Config, Filter, SimConfig
+from tse.impl.rows import DRIVES, MEASURES, columns
+from tse.impl.simulate import simulate
+from tselab import peers, study
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "reference"))
 import newtons as reference  # a model of (1)-(4) in newtons, integrated at half a millisecond

@@ -9,8 +9,8 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from tselab.core import INPUT, SIM_OUTPUT, STIFFNESS, Config, SimConfig, library
-from tselab.errors import UserError
+from tse.impl.core import INPUT, SIM_OUTPUT, STIFFNESS, Config, SimConfig, library
+from tse.impl.errors import UserError
 from tselab.montecarlo import drives, engine, findings, scores, studies
 from tselab.montecarlo.case import Case, Drive, drive
 

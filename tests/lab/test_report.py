@@ -34,7 +34,7 @@ def test_loads_nothing_and_stays_small(page):
 
 
 def test_figures_hold_stiffness_states_inputs_and_health(page):
-    from tselab.report import figures_of
+    from tse.impl.report import figures_of
 
     figures = figures_of(page[0])
     names = [{trace["name"] for trace in figure["data"]} for figure in figures]
@@ -72,7 +72,7 @@ def test_text_of_the_user_is_escaped(page):
      ("ref_throttle_pct", None), ("ref_vel_z", None), ("ref_steering_wheel", None)],
 )  # fmt: skip
 def test_reference_columns_find_their_quantity(column, quantity):
-    from tselab.plots import match_reference
+    from tse.impl.plots import match_reference
 
     assert match_reference(column) == quantity
 
@@ -92,8 +92,8 @@ def table_of(valid: list[int], reason: str, mean: float = 98e3, seen: int = 1, n
 
 
 def verdict_of(*args, **more):
-    from tselab.core import Config
-    from tselab.verdict import verdicts
+    from tse.impl.core import Config
+    from tse.impl.verdict import verdicts
 
     return verdicts(table_of(*args, **more), Config())
 
@@ -112,8 +112,8 @@ def test_a_spread_that_cannot_be_seen_is_not_given():
 
 def test_the_value_is_that_at_the_end_of_particles_the_median():
     """The filter of the car knows most at the end; particles forget."""
-    from tselab.core import Config
-    from tselab.verdict import verdicts
+    from tse.impl.core import Config
+    from tse.impl.verdict import verdicts
 
     table = table_of([1] * 90 + [0] * 10, "uncertain")
     table["cy_front"] = 98e3 + 100.0 * np.arange(100)
@@ -127,8 +127,8 @@ def test_the_value_is_that_at_the_end_of_particles_the_median():
 
 
 def test_grip_and_sideslip_have_their_intervals():
-    from tselab.core import Config
-    from tselab.verdict import others
+    from tse.impl.core import Config
+    from tse.impl.verdict import others
 
     table = table_of([1] * 100, "")
     assert others(table, Config({"grip_sd": 0.2})) == []  # a table without them
@@ -147,7 +147,7 @@ def test_grip_and_sideslip_have_their_intervals():
 
 
 def test_remarks_name_noise_and_contradictions():
-    from tselab.verdict import remarks
+    from tse.impl.verdict import remarks
 
     assert remarks(table_of([1] * 100, "")) == remarks(table_of([1] * 100, "", noise=1.2)) == []
     assert remarks(table_of([1] * 100, "", noise=2.94)) == ["accel_x is noisier than the settings say: x2.9"]
@@ -159,8 +159,8 @@ def test_remarks_name_noise_and_contradictions():
 
 def test_a_fault_that_lasts_while_the_car_stands_is_as_long_as_its_spell():
     """A row of a car that stands is held, whatever its channels: the fault of which the list tells is in the share, too."""
-    from tselab.regimes import spells
-    from tselab.verdict import remarks
+    from tse.impl.regimes import spells
+    from tse.impl.verdict import remarks
 
     table = table_of([1] * 40 + [0] * 20 + [1] * 40, "diverging")
     for key in ("cx_front", "cy_front", "cy_rear"):
@@ -172,7 +172,7 @@ def test_a_fault_that_lasts_while_the_car_stands_is_as_long_as_its_spell():
 
 
 def test_noise_is_drawn_where_it_is_not_what_the_settings_say(drive, tmp_path):
-    from tselab.report import figures_of
+    from tse.impl.report import figures_of
 
     table = pd.read_csv(drive.log)
     table["accel_y"] += 0.6 * np.random.default_rng(1).standard_normal(len(table))
@@ -195,8 +195,8 @@ def test_where_no_row_is_valid_value_and_interval_are_given_and_why_not():
         assert "± 3 (95 %), not valid: not excited: " in v.text and v.detail.startswith("not valid")
     front = verdict_of([0] * 100, "parameters uncertain")[1]
     assert "not valid: parameters uncertain, its sd 2 %, limit 10 %: too uncertain parameters of the car" in front.text
-    from tselab.core import Config
-    from tselab.verdict import verdicts
+    from tse.impl.core import Config
+    from tse.impl.verdict import verdicts
 
     refused = table_of([0] * 5, "row refused").assign(status=-3)
     assert [(v.level, v.text) for v in verdicts(refused, Config())] == [

@@ -8,9 +8,9 @@ import pytest
 from test_plots import made_up
 from test_what_happened import CALM, ROAD, table_of
 
-from tselab import plots
-from tselab.core import Config
-from tselab.regimes import REGIMES, changes, spells
+from tse.impl import plots
+from tse.impl.core import Config
+from tse.impl.regimes import REGIMES, changes, spells
 
 
 def drive(told, seconds: float = 200.0):
@@ -57,9 +57,9 @@ def test_the_plot_names_what_happened_and_plotly_takes_it():
 
 
 def test_the_report_speaks_of_every_stretch_and_lists_what_happened(tmp_path):
-    from tselab.estimate import Estimate
-    from tselab.report import write_report
-    from tselab.vehicle import default_vehicle
+    from tse.impl.estimate import Estimate
+    from tse.impl.report import write_report
+    from tse.impl.vehicle import default_vehicle
 
     log, table = drive([(0, 36.1, None), (36.1, 120, (36.03, 1, 0.97, 0.7)), (120, 200, (119.9, 2, 0.93, 1.2))])
     write_report(tmp_path / "r.html", Estimate(table, False), log, default_vehicle(), Config(), [])

@@ -9,10 +9,10 @@ import pytest
 
 import tse
 from conftest import tselab, tselab_here
-from tselab.errors import UserError
-from tselab.log import read_log
-from tselab.logs.signals import read_signals
-from tselab.rows import Reading
+from tse.impl.errors import UserError
+from tse.impl.log import read_log
+from tse.impl.logs.signals import read_signals
+from tse.impl.rows import Reading
 
 GOOD = """[signals.steer_angle]
 name = "lrw"

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from conftest import tselab, tselab_here
-from tselab.maneuvers import KINDS
+from tse.impl.maneuvers import KINDS
 
 LOG = ["time", "steer_angle", "wheel_speed_front", "wheel_speed_rear", "accel_x", "accel_y", "yaw_rate"]
 
@@ -20,7 +20,7 @@ def simulate(folder, *options, run=tselab_here):
 
 @pytest.mark.parametrize("name", KINDS)
 def test_every_manoeuvre_gives_a_log_that_estimate_reads(name, tmp_path):
-    from tselab.log import read_log
+    from tse.impl.log import read_log
 
     log, truth = simulate(tmp_path, "--maneuver", name, "--duration", 12)
     assert list(log) == LOG

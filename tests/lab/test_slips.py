@@ -12,12 +12,12 @@ import pytest
 from scipy.interpolate import PchipInterpolator
 from scipy.optimize import brentq
 
-from tselab.calibrate.along import APART_SD, MODEL_SD, slips
-from tselab.core import Config
-from tselab.identify.fit import Fit
-from tselab.log import read_frame
-from tselab.rows import Log
-from tselab.vehicle import Vehicle, ordinary_car
+from tse.impl.calibrate.along import APART_SD, MODEL_SD, slips
+from tse.impl.core import Config
+from tse.impl.identify.fit import Fit
+from tse.impl.log import read_frame
+from tse.impl.rows import Log
+from tse.impl.vehicle import Vehicle, ordinary_car
 
 DT, SECONDS, DRAG, ROLLING, PITCH, HEIGHT = 0.01, 240.0, 0.4, 0.01, 0.004, 0.55
 NAMES = [

@@ -12,14 +12,14 @@ from test_what_happened import NOMINAL, ROAD, table_of
 
 import tse
 from conftest import tselab_here
-from tselab import results
-from tselab.core import NOMINAL as SETTING
-from tselab.core import STIFFNESS, Config
-from tselab.estimate import Estimate
-from tselab.regimes import changes
-from tselab.smooth import backward, fixed, smooth
-from tselab.spline import smoothing_spline
-from tselab.verdict import findings
+from tse.impl import results
+from tse.impl.core import NOMINAL as SETTING
+from tse.impl.core import STIFFNESS, Config
+from tse.impl.estimate import Estimate
+from tse.impl.regimes import changes
+from tse.impl.smooth import backward, fixed, smooth
+from tse.impl.spline import smoothing_spline
+from tse.impl.verdict import findings
 
 CAR = {"mass": 1900, "lf": 1.25, "lr": 1.5, "wheel_radius_front": 0.33, "wheel_radius_rear": 0.33}
 

@@ -9,10 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import tse
 import tselab
 from tselab.fmu.clients import Plan
 
-SOURCES = sorted(Path(tselab.__file__).parent.rglob("*.py"))
+SOURCES = sorted(p for m in (tse, tselab) for p in Path(str(m.__file__)).parent.rglob("*.py"))
 MODULES = {"pickle", "_pickle", "cPickle", "dill", "cloudpickle", "joblib", "marshal", "shelve", "yaml", "code"}
 CALLS = {"eval", "exec", "compile", "__import__"}
 METHODS = {"read_pickle", "unsafe_load"}

@@ -9,9 +9,9 @@ import pytest
 import tse
 from conftest import RAN, tselab, tselab_here
 from tests.cars.logs import make_logs
-from tselab.log import read_log
-from tselab.units import stood
-from tselab.verdict import implausible
+from tse.impl.log import read_log
+from tse.impl.units import stood
+from tse.impl.verdict import implausible
 
 
 @pytest.fixture(scope="module")
@@ -23,8 +23,8 @@ def lively(tmp_path_factory):
 
 
 def warnings(lively, **scale):
-    from tselab.log import read_log
-    from tselab.units import check_units
+    from tse.impl.log import read_log
+    from tse.impl.units import check_units
 
     log = read_log(lively)
     for name, factor in scale.items():
@@ -65,7 +65,7 @@ def test_a_scale_that_no_unit_has_is_said_without_one(lively):
 
 def test_steering_at_one_speed_where_one_understeer_would_leave_nothing():
     """At 25 m/s an understeer of -0.0016 s2/m2, which is among those tried, would need no steering in any bend."""
-    from tselab.logs import physics
+    from tse.impl.logs import physics
 
     v = np.full(4000, 25.0)
     r = 0.1 * np.sin(np.arange(4000) / physics.RATE)
@@ -93,8 +93,8 @@ def cars(tmp_path_factory):
 
 
 def notes_of(car, folder, **columns) -> list[str]:
-    from tselab.log import read_log
-    from tselab.units import check_units
+    from tse.impl.log import read_log
+    from tse.impl.units import check_units
 
     v = car.vehicle
     log = pd.DataFrame(car.log)
@@ -230,7 +230,7 @@ def test_a_channel_that_contradicts_for_a_while_leaves_the_rest():
 
 
 def test_a_measurement_that_never_changes_is_missing(lively, tmp_path):
-    from tselab.log import read_log
+    from tse.impl.log import read_log
 
     table = pd.read_csv(lively)
     table["accel_x"] = 0.03

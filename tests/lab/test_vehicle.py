@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from conftest import tselab
-from tselab.toml import read_toml
-from tselab.vehicle import REQUIRED, latency_settings, sensor_settings, uncertainty_settings, vehicle_settings
+from tse.impl.toml import read_toml
+from tse.impl.vehicle import REQUIRED, latency_settings, sensor_settings, uncertainty_settings, vehicle_settings
 
 BARE = """name = "bare"
 mass = 1600.0
@@ -22,7 +22,7 @@ wheel_radius_rear = 0.31
 
 
 def read(tmp_path, text):
-    from tselab.vehicle import read_vehicle
+    from tse.impl.vehicle import read_vehicle
 
     path = tmp_path / "car.toml"
     path.write_text(text, encoding="utf-8")
@@ -48,7 +48,7 @@ def test_missing_stiffness_is_filled_in_from_the_axle_load(tmp_path):
 
 
 def test_the_filter_has_the_prior_of_the_class_where_the_file_says_nothing(tmp_path):
-    from tselab.vehicle import filter_values
+    from tse.impl.vehicle import filter_values
 
     bare = filter_values(read(tmp_path, BARE))
     for name in (
@@ -70,8 +70,8 @@ def test_the_filter_has_the_prior_of_the_class_where_the_file_says_nothing(tmp_p
 
 
 def test_what_the_filter_does_not_apply_is_said(tmp_path):
-    from tselab.config import NOT_IN_FILTER, make_config
-    from tselab.core import library
+    from tse.impl.config import NOT_IN_FILTER, make_config
+    from tse.impl.core import library
 
     late = read(tmp_path, BARE + "[effects.imu_delay]\ntime = 0.02\n[effects.body_roll]\ngain = 0.004\n")
     (note,) = make_config(late, None)[1]
@@ -84,7 +84,7 @@ def test_what_the_filter_does_not_apply_is_said(tmp_path):
 
 
 def test_after_a_calibration_the_filter_has_its_posterior(tmp_path):
-    from tselab.vehicle import filter_values
+    from tse.impl.vehicle import filter_values
 
     names = '["cy_front", "cy_rear", "tyre_saturation_inverse_friction"]'
     found = f"[calibration]\nnames = {names}\nmean = [0.0, 0.0, 1.25]\ncovariance = [[0.0004, 0, 0], [0, 1.0, 0], [0, 0, 0.0001]]\n"
@@ -102,8 +102,8 @@ def test_stated_stiffness_is_kept_and_the_authors_guess_is_not_used(tmp_path):
 
 
 def test_what_is_not_known_exactly_is_as_uncertain_as_of_any_car(tmp_path):
-    from tselab.core import Config
-    from tselab.vehicle import uncertainty_settings, unknown_car
+    from tse.impl.core import Config
+    from tse.impl.vehicle import uncertainty_settings, unknown_car
 
     bare, told = (
         read(tmp_path, BARE),
@@ -123,7 +123,7 @@ def test_what_is_not_known_exactly_is_as_uncertain_as_of_any_car(tmp_path):
 
 
 def test_an_uncertainty_out_of_range_is_refused(tmp_path):
-    from tselab.errors import UserError
+    from tse.impl.errors import UserError
 
     with pytest.raises(UserError, match=r"uncertainty.mass_sd.*0 \.\. 0\.5"):
         read(tmp_path, BARE + "[uncertainty]\nmass_sd = 5.0\n")
@@ -141,7 +141,7 @@ def log_of(**channels):
 
     import pandas as pd
 
-    from tselab.rows import Log, columns
+    from tse.impl.rows import Log, columns
 
     n = len(next(iter(channels.values())))
     data = pd.DataFrame({c: channels.get(c, np.zeros(n)) for c in columns()[1:]})
@@ -149,7 +149,7 @@ def log_of(**channels):
 
 
 def test_noise_of_a_white_channel_on_a_moving_signal_is_found():
-    from tselab.noise import channel_noise
+    from tse.impl.noise import channel_noise
 
     rng = np.random.default_rng(4)
     t = np.arange(5000) * 0.01
@@ -158,7 +158,7 @@ def test_noise_of_a_white_channel_on_a_moving_signal_is_found():
 
 
 def test_coarse_channel_is_not_thought_free_of_noise():
-    from tselab.noise import channel_noise
+    from tse.impl.noise import channel_noise
 
     t = np.arange(5000) * 0.01
     noise = channel_noise("yaw_rate", np.round(0.03 * np.sin(0.3 * t) / 0.01) * 0.01, t >= 0)
@@ -167,7 +167,7 @@ def test_coarse_channel_is_not_thought_free_of_noise():
 
 
 def test_held_samples_count_once():
-    from tselab.noise import channel_noise
+    from tse.impl.noise import channel_noise
 
     rng = np.random.default_rng(4)
     t = np.arange(8000) * 0.01
@@ -178,13 +178,13 @@ def test_held_samples_count_once():
 
 
 def test_constant_channel_gets_the_floor():
-    from tselab.noise import FLOOR, channel_noise
+    from tse.impl.noise import FLOOR, channel_noise
 
     assert channel_noise("yaw_rate", np.zeros(500), np.ones(500, bool)).sd >= FLOOR["yaw_rate"]
 
 
 def test_accelerometer_that_disagrees_with_the_wheels_is_trusted_less(tmp_path):
-    from tselab.vehicle import fill_sensors
+    from tse.impl.vehicle import fill_sensors
 
     rng = np.random.default_rng(2)
     n = 6000
@@ -207,7 +207,7 @@ def test_accelerometer_that_disagrees_with_the_wheels_is_trusted_less(tmp_path):
 
 
 def test_wheel_noise_is_that_of_the_noisier_axle_and_zero_where_there_is_none(tmp_path):
-    from tselab.vehicle import fill_sensors
+    from tse.impl.vehicle import fill_sensors
 
     rng, n = np.random.default_rng(6), 4000
     t = np.arange(n) * 0.01
@@ -229,7 +229,7 @@ def test_wheel_noise_is_that_of_the_noisier_axle_and_zero_where_there_is_none(tm
 
 
 def test_stated_noise_is_left_alone(tmp_path):
-    from tselab.vehicle import fill_sensors
+    from tse.impl.vehicle import fill_sensors
 
     car = read(
         tmp_path, BARE + "[sensors]\naccel_x_sd = 0.5\naccel_y_sd = 0.5\nyaw_rate_sd = 0.02\nwheel_noise_sd = 0.1\n"
@@ -240,7 +240,7 @@ def test_stated_noise_is_left_alone(tmp_path):
 
 
 def test_the_simulated_car_is_the_default_car(tmp_path):
-    from tselab.core import Config
+    from tse.impl.core import Config
 
     car = read(tmp_path, tselab("vehicle", "--simulated").out)
     assert Config(car.values).changed() == {}

@@ -10,15 +10,15 @@ import pandas as pd
 import pytest
 
 import tse
-from tselab.config import make_config
-from tselab.core import Config, Filter, SimConfig, Simulator, library
-from tselab.errors import UserError
-from tselab.estimate import estimate
-from tselab.log import read_frame, read_log
-from tselab.logs.raster import _nearest
-from tselab.rows import average
-from tselab.units import check_units
-from tselab.vehicle import make_vehicle
+from tse.impl.config import make_config
+from tse.impl.core import Config, Filter, SimConfig, Simulator, library
+from tse.impl.errors import UserError
+from tse.impl.estimate import estimate
+from tse.impl.log import read_frame, read_log
+from tse.impl.logs.raster import _nearest
+from tse.impl.rows import average
+from tse.impl.units import check_units
+from tse.impl.vehicle import make_vehicle
 
 ROWS, DT = 4000, 0.01
 CAR: dict[str, Any] = {

@@ -7,9 +7,9 @@ import pandas as pd
 import pytest
 
 from conftest import tselab_here
-from tselab.core import STIFFNESS, Config
-from tselab.regimes import REGIMES, Change, changes, percent, spells, stretches, words
-from tselab.verdict import findings
+from tse.impl.core import STIFFNESS, Config
+from tse.impl.regimes import REGIMES, Change, changes, percent, spells, stretches, words
+from tse.impl.verdict import findings
 
 NOMINAL = {"cx_front": 1.6e5, "cy_front": 1.2e5, "cy_rear": 1.4e5}
 CALM = [(0.0, 60.0, None)]
@@ -207,8 +207,8 @@ def test_shares_say_neither_none_nor_all_of_what_is_neither(share, text):
 
 
 def test_the_terminal_tells_what_happened_and_speaks_of_every_stretch(drive, tmp_path, monkeypatch):
-    from tselab import single
-    from tselab.estimate import Estimate
+    from tse.impl import single
+    from tse.impl.estimate import Estimate
 
     monkeypatch.setattr(single, "estimate_to", lambda *_, **__: Estimate(table_of(ROAD), False))
     done = tselab_here("estimate", drive.log, "--vehicle", drive.vehicle, cwd=tmp_path)

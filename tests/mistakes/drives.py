@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from tests.cars.logs import make_logs
-from tselab import maneuvers
-from tselab.core import Config, SimConfig
-from tselab.simulate import simulate
-from tselab.tables import simulated_vehicle
+from tse.impl import maneuvers
+from tse.impl.core import Config, SimConfig
+from tse.impl.simulate import simulate
+from tse.impl.tables import simulated_vehicle
 
 STEP = 0.01  # s
 SECONDS = 150.0

@@ -27,7 +27,7 @@ import page as page_maker  # noqa: E402
 
 import tse  # noqa: E402
 from tests.mistakes.drives import AXLES, CAR, CHANNELS, STEP, Drive, LogOf, vehicle_file  # noqa: E402
-from tselab.core import library  # noqa: E402
+from tse.impl.core import library  # noqa: E402
 
 STIFFNESS = ("cx_front", "cy_front", "cy_rear")
 HERE = Path(__file__).parent

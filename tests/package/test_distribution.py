@@ -85,10 +85,10 @@ def test_the_wheel_is_for_every_python_and_this_system(wheel):
 def test_the_wheel_holds_the_packages_the_library_and_nothing_else(wheel):
     with zipfile.ZipFile(wheel) as file:
         names = {n for n in file.namelist() if not n.endswith("/")}
-    libraries = {n for n in names if n.startswith("tselab/lib/")}
+    libraries = {n for n in names if n.startswith("tse/impl/lib/")}
     assert len(libraries) == 1 and Path(libraries.pop()).stem == "libtse"
     code = {n.removeprefix("scripts/") for n in tracked() if n.startswith(("scripts/tse/", "scripts/tselab/"))}
-    assert {n for n in names if not n.startswith(("tselab/lib/", "tse-"))} == code
+    assert {n for n in names if not n.startswith(("tse/impl/lib/", "tse-"))} == code
     assert {
         "tse/py.typed",
         f"tse-{VERSION}.dist-info/licenses/LICENSE",
@@ -108,7 +108,7 @@ def test_the_description_has_bounds_and_types(wheel):
 
 def test_what_is_installed_works_alone_and_gives_the_same_bytes(installed, tmp_path):
     code = (
-        "import sys, pandas, tse; from tselab.core import library_path; print(tse.__file__); print(library_path());"
+        "import sys, pandas, tse; from tse.impl.core import library_path; print(tse.__file__); print(library_path());"
         "tse.estimate(tse.simulate(duration=5).log, {'mass': 1650, 'lf': 1.2, 'lr': 1.5, 'wheel_radius_front': 0.32,"
         "'wheel_radius_rear': 0.32}).to_csv(sys.argv[1])"
     )

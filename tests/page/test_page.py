@@ -17,13 +17,13 @@ ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "scripts"))
 import page  # noqa: E402
 
-from tselab import maneuvers, single  # noqa: E402
-from tselab.core import Config, SimConfig  # noqa: E402
-from tselab.errors import UserError  # noqa: E402
-from tselab.estimate import write_table  # noqa: E402
-from tselab.prepare import prepare  # noqa: E402
-from tselab.simulate import simulate  # noqa: E402
-from tselab.vehicle import filter_values, read_vehicle  # noqa: E402
+from tse.impl import maneuvers, single  # noqa: E402
+from tse.impl.core import Config, SimConfig  # noqa: E402
+from tse.impl.errors import UserError  # noqa: E402
+from tse.impl.estimate import write_table  # noqa: E402
+from tse.impl.prepare import prepare  # noqa: E402
+from tse.impl.simulate import simulate  # noqa: E402
+from tse.impl.vehicle import filter_values, read_vehicle  # noqa: E402
 
 SHOTS = ROOT / "build" / "site" / "shots"
 RATIO = 15.0

@@ -33,7 +33,7 @@ COUNTS = ("num_statements", "missing_lines", "num_branches", "missing_branches")
 def package(file: str) -> str:
     """The package that a file is counted under."""
     parts = Path(file).relative_to("scripts").parts[:-1]
-    return ".".join(parts[:2])
+    return ".".join(parts[: 3 if parts[:2] == ("tse", "impl") else 2])
 
 
 def table(report: dict[str, dict[str, dict[str, dict[str, int]]]], tests: str) -> str:

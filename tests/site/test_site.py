@@ -14,8 +14,8 @@ import click
 import pytest
 
 import tse
+from tse.impl.core import CONFIG, INPUT, OUTPUT, REASON, SIM_CONFIG, STATUS, library
 from tselab.cli import cli
-from tselab.core import CONFIG, INPUT, OUTPUT, REASON, SIM_CONFIG, STATUS, library
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.append(str(ROOT / "scripts"))
@@ -157,7 +157,7 @@ def test_every_block_says_what_it_is():
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     """A small log and a vehicle file, as the blocks name them."""
-    from tselab.tables import simulated_vehicle
+    from tse.impl.tables import simulated_vehicle
 
     out = tmp_path_factory.mktemp("blocks")
     tse.simulate("square-waves", duration=8).log.to_csv(out / "log.csv", index=False)
@@ -247,10 +247,10 @@ def test_a_command_that_is_not_there_is_found():
 
 @pytest.mark.parametrize("body", blocks("toml"))
 def test_toml_is_read_by_the_tools(body, folder):
-    from tselab.formula import read_formula
-    from tselab.logs.signals import read_signals
-    from tselab.toml import read_toml
-    from tselab.vehicle import read_vehicle
+    from tse.impl.formula import read_formula
+    from tse.impl.logs.signals import read_signals
+    from tse.impl.toml import read_toml
+    from tse.impl.vehicle import read_vehicle
 
     path = folder / "page.toml"
     path.write_text(body)

@@ -10,11 +10,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from tselab.errors import UserError
-from tselab.files import alone
-from tselab.fmu import platforms
-from tselab.fmu.archive import content, pack
-from tselab.fmu.platforms import FMI, PLATFORMS, read_build
+from tse.impl.errors import UserError
+from tse.impl.files import alone
+from tse.impl.fmu import platforms
+from tse.impl.fmu.archive import content, pack
+from tse.impl.fmu.platforms import FMI, PLATFORMS, read_build
 
 Say = Callable[[str], None]
 

@@ -11,8 +11,8 @@ from pathlib import Path, PurePosixPath
 
 from lxml import etree
 
-from tselab.fmu import platforms
-from tselab.fmu.archive import Archive, unpacked
+from tse.impl.fmu import platforms
+from tse.impl.fmu.archive import Archive, unpacked
 from tselab.fmu.binaries import Binary, read_binary
 
 COMMON = """fmi2GetTypesPlatform fmi2GetVersion fmi2SetDebugLogging fmi2Instantiate fmi2FreeInstance fmi2SetupExperiment

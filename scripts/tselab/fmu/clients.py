@@ -22,16 +22,16 @@ from pathlib import Path
 
 import numpy as np
 
-from tselab import maneuvers
-from tselab.core import Config, SimConfig
-from tselab.errors import UserError
-from tselab.fmu import platforms
-from tselab.fmu.archive import open_archive, read_description, unpacked
+from tse.impl import maneuvers
+from tse.impl.core import Config, SimConfig
+from tse.impl.errors import UserError
+from tse.impl.fmu import platforms
+from tse.impl.fmu.archive import open_archive, read_description, unpacked
+from tse.impl.fmu.slave import slave, version_of
+from tse.impl.rows import columns
+from tse.impl.simulate import HISTORIES, drive
 from tselab.fmu.build import checkout
-from tselab.fmu.slave import slave, version_of
 from tselab.fmu.validate import package_version
-from tselab.rows import columns
-from tselab.simulate import HISTORIES, drive
 
 STEP = 1 / 128  # s
 STEPS = 100

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pandas as pd
 
-from tselab.estimate import write_table
-from tselab.files import atomic
+from tse.impl.estimate import write_table
+from tse.impl.files import atomic
+from tse.impl.tables import markdown_table
 from tselab.fmu.clients import Row
 from tselab.fmu.validate import Verdict
-from tselab.tables import markdown_table
 
 
 def write(folder: Path, verdicts: Mapping[str, Sequence[Verdict]], rows: Sequence[Row]) -> list[Path]:

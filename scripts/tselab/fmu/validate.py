@@ -16,10 +16,10 @@ from pathlib import Path
 
 from lxml import etree
 
-from tselab import __version__
-from tselab.files import alone
+from tse.impl import __version__
+from tse.impl.files import alone
+from tse.impl.fmu.archive import Archive, need_fmpy
 from tselab.fmu import checks
-from tselab.fmu.archive import Archive, need_fmpy
 from tselab.fmu.binaries import need_lief
 
 

@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from tselab.core import INPUT, STIFFNESS, Config, SimConfig, library
-from tselab.maneuvers import Maneuver
-from tselab.simulate import drive as run_simulator
+from tse.impl.core import INPUT, STIFFNESS, Config, SimConfig, library
+from tse.impl.maneuvers import Maneuver
+from tse.impl.simulate import drive as run_simulator
 
 WINDOW = (15.0, 30.0)  # s, where errors count unless the case says otherwise
 G = 9.81  # m/s2

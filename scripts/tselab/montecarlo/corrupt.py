@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from tselab.core import Config
-from tselab.rows import MEASURES
+from tse.impl.core import Config
+from tse.impl.rows import MEASURES
 
 LENGTHS = (0.1, 0.5, 2.0, 5.0)  # s, of a dropout or a stuck channel
 FIRST, SLOT, JITTER = 15.0, 20.0, 2.0  # s: one corruption in each slot, and time to judge what it left

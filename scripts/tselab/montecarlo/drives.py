@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from tselab import maneuvers
-from tselab.core import Config, SimConfig
-from tselab.maneuvers import Maneuver, square
+from tse.impl import maneuvers
+from tse.impl.core import Config, SimConfig
+from tse.impl.maneuvers import Maneuver, square
 
 STEER, TORQUE = 0.02, 700.0  # rad, Nm: the paper's
 LOW_STEER, LOW_SLIP = 0.005, 0.005  # rad, 1

@@ -21,15 +21,16 @@ import numpy as np
 import pandas as pd
 from tqdm import tqdm
 
-from tselab import core, maneuvers, peers, simulate, study
-from tselab.core import STIFFNESS, Config, library, library_hash
-from tselab.errors import UserError
-from tselab.estimate import write_table
+from tse.impl import core, maneuvers, simulate
+from tse.impl.core import STIFFNESS, Config, library, library_hash
+from tse.impl.errors import UserError
+from tse.impl.estimate import write_table
+from tse.impl.processes import each, killed_as_interrupted
+from tse.impl.rows import MEASURES
+from tselab import peers, study
 from tselab.montecarlo import estimators, scores, studies
 from tselab.montecarlo.case import Case, Drive, drive
 from tselab.montecarlo.studies import Study
-from tselab.processes import each, killed_as_interrupted
-from tselab.rows import MEASURES
 
 RUNS = "runs.jsonl"
 KEYS = ["case", "estimator", "seed"]

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from tse.impl.core import NOMINAL, STIFFNESS, Config, Filter, library
+from tse.impl.errors import UserError
 from tselab import peers
-from tselab.core import NOMINAL, STIFFNESS, Config, Filter, library
-from tselab.errors import UserError
 from tselab.montecarlo.case import Drive
 from tselab.peers import Known
 from tselab.study import START

@@ -8,7 +8,8 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from tselab.core import STIFFNESS, SimConfig
+from tse.impl.core import STIFFNESS, SimConfig
+from tse.impl.rows import MEASURES
 from tselab.montecarlo.engine import Plan
 from tselab.montecarlo.estimators import PEERS, TEXTS, VARIANTS
 from tselab.montecarlo.scores import AFTER, OFF, OFF_FOR, SETTLED_FOR, SURE
@@ -25,7 +26,6 @@ from tselab.montecarlo.summary import (
     settled,
     three,
 )
-from tselab.rows import MEASURES
 from tselab.study import clopper_pearson
 
 SETTLING = (

@@ -9,12 +9,12 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from tselab.core import STIFFNESS
-from tselab.files import atomic
+from tse.impl.core import STIFFNESS
+from tse.impl.files import atomic
+from tse.impl.plots import BLUE, GREEN, GREY, INK, ORANGE, PURPLE
 from tselab.montecarlo.case import Drive
 from tselab.montecarlo.engine import Plan, trace
 from tselab.montecarlo.summary import HEADS, of
-from tselab.plots import BLUE, GREEN, GREY, INK, ORANGE, PURPLE
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

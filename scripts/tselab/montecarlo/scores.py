@@ -15,9 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import lfilter
 
-from tselab.core import REASON, STIFFNESS, library
+from tse.impl.core import REASON, STIFFNESS, library
+from tse.impl.rows import MEASURES
 from tselab.montecarlo.case import LINEAR, Case, Drive, G
-from tselab.rows import MEASURES
 from tselab.study import DIVERGED_AFTER, DIVERGED_ERROR, DIVERGED_FOR, _longest
 
 SETTLE_AFTER = DIVERGED_AFTER  # s after start, event or disturbance, before errors are judged

@@ -8,12 +8,12 @@ from functools import partial
 
 import numpy as np
 
-from tselab.core import Config, SimConfig
-from tselab.errors import UserError
+from tse.impl.core import Config, SimConfig
+from tse.impl.errors import UserError
+from tse.impl.rows import DRIVES, MEASURES
 from tselab.montecarlo import STUDIES, corrupt, drives
 from tselab.montecarlo.case import Case
 from tselab.montecarlo.estimators import PEERS, VARIANTS, overrides
-from tselab.rows import DRIVES, MEASURES
 
 SPREADS = ("spread_cx_front", "spread_cy_front", "spread_cy_rear")
 DEGREE = np.pi / 180

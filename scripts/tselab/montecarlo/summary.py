@@ -9,12 +9,12 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from tselab.core import STIFFNESS
+from tse.impl.core import STIFFNESS
+from tse.impl.rows import MEASURES
+from tse.impl.tables import markdown_table
 from tselab.montecarlo import scores
 from tselab.montecarlo.engine import Plan
-from tselab.rows import MEASURES
 from tselab.study import DIVERGED_ERROR, DIVERGED_FOR, clopper_pearson
-from tselab.tables import markdown_table
 
 RESAMPLES = 2000  # of a bootstrap interval
 LEVEL = 0.95

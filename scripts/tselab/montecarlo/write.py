@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pandas as pd
 
-from tselab import __version__
-from tselab.core import library
-from tselab.estimate import write_table
-from tselab.files import atomic
+from tse.impl import __version__
+from tse.impl.core import library
+from tse.impl.estimate import write_table
+from tse.impl.files import atomic
 from tselab.montecarlo import findings, pictures, summary
 from tselab.montecarlo.engine import Plan
 from tselab.montecarlo.summary import Table

@@ -1,0 +1,164 @@
+"""What a calibration leaves: the calibrated vehicle file, its formula if it has one, and all numbers as JSON."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tse.impl import __version__
+from tse.impl.calibrate.findings import Finding
+from tse.impl.calibrate.result import Result
+from tse.impl.core import NOMINAL
+from tse.impl.files import atomic
+from tse.impl.formula import write_formula
+from tse.impl.gap.export.output import finite
+from tse.impl.identify.problem import UNLIKE_SD
+from tse.impl.identify.unknowns import LATENCIES, LATENCY, LEAST_SD, SUPERELEVATION, of_log
+from tse.impl.identify.vehicle_file import toml as vehicle_toml
+from tse.impl.vehicle import GRAVITY, calibration_toml, sensor_settings, unknown_car
+
+ROLL_STEER_SD = 0.03  # of a car that logs have been fitted to
+
+
+def values(result: Result) -> dict[str, float]:
+    """Settings of the calibrated car. What these logs could not show keeps its prior, which is where the posterior is then."""
+    found = {f.name: f.value for f in result.findings if f.name not in LATENCIES}
+    at = dict(zip(result.problem.names, result.fit.x, strict=True))
+    for key, setting in NOMINAL.items():
+        found[setting] = float(getattr(result.config, setting) * np.exp(at[key]))
+    follows = result.config.rear_longitudinal_follows_front
+    found["bank_superelevation"] = float(np.mean(_superelevations(result)))
+    found["longitudinal_stiffness_rear"] *= float(1.0 + follows * (np.exp(at["cx_front"]) - 1.0))
+    fields = result.config.fields
+    return {k: float(np.clip(v, fields[k].low, fields[k].high)) for k, v in found.items()}
+
+
+def _superelevations(result: Result) -> list[float]:
+    """Of each log."""
+    at = dict(zip(result.problem.names, map(float, result.fit.x), strict=True))
+    return [at[of_log(SUPERELEVATION, i)] for i in range(len(result.problem.logs))]
+
+
+def latencies(result: Result) -> dict[str, float]:
+    """s behind the gyro, by channel."""
+    return {LATENCIES[f.name]: f.value for f in result.findings if f.name in LATENCIES}
+
+
+def uncertainty(result: Result) -> dict[str, float]:
+    """Return how well the car is known now, as settings (src/tables/uncertainty.toml); what logs cannot show stays as it was."""
+    names, cov = result.problem.names, result.fit.covariance
+    at = dict(zip(names, result.fit.x, strict=True))
+
+    def sd(**weights: float) -> float:
+        w = np.zeros(len(names))
+        for name, weight in weights.items():
+            w[names.index(name)] = weight
+        return float(np.sqrt(w @ cov @ w))
+
+    found = {key: result.vehicle.values.get(key, sd) for key, sd in unknown_car().items()}
+    wheels = sd(wheel_speed_front_latency=0.5, wheel_speed_rear_latency=0.5, accel_x_latency=-1.0)
+    found |= {
+        "model_sd": found["model_sd"] if result.own else min(found["model_sd"], UNLIKE_SD),
+        "yaw_inertia_sd": sd(yaw_inertia=1.0 / at["yaw_inertia"]),
+        "cg_sd": sd(cg_shift_distance=1.0),
+        "steer_ratio_sd": sd(steering_ratio_change=1.0),
+        "steer_offset_sd": sd(steering_offset_angle=1.0),
+        "accel_y_scale_sd": sd(imu_scale_ay_error=1.0, body_roll_gain=GRAVITY),
+        # wheels that are late and soft tyres look alike, and their noise makes the simulation prefer both: what the logs say of it
+        # is not believed beyond what is known of any car
+        "wheel_delay_sd": max(found["wheel_delay_sd"], wheels),
+        "accel_delay_sd": sd(accel_y_latency=1.0),
+        "relaxation_sd": sd(relaxation_length=1.0),
+        "wheel_radius_sd": sd(
+            wheel_radius_rear=1.0 / at["wheel_radius_rear"], wheel_radius_front=-1.0 / at["wheel_radius_front"]
+        ),
+    }
+    found["lean_sd"] = float(np.std(_superelevations(result)))
+    found["trail_sd"] = sd(aligning_moment_trail=1.0)
+    found["gyro_scale_sd"] = sd(gyro_scale_error=1.0)
+    found |= {key: max(found[key], least) for key, least in LEAST_SD.items()}
+    found["roll_steer_sd"] = min(found["roll_steer_sd"], ROLL_STEER_SD)
+    fields = result.config.fields
+    return {k: float(np.clip(v, fields[k].low, fields[k].high)) for k, v in found.items()}
+
+
+def formula_beside(path: Path) -> Path:
+    """Where the formula of the calibrated vehicle file goes: its own copy, for what was found holds with this formula only, and
+    [formula] names a file beside the vehicle's."""
+    return path.with_suffix(".formula.toml")
+
+
+def toml(result: Result, logs: list[str], formula: Path) -> str:
+    """The calibrated vehicle file. `formula`: where its formula is, if it has one."""
+    vehicle, found = result.vehicle, values(result) | {f"{c}{LATENCY}": v for c, v in latencies(result).items()}
+    title = [
+        f"# {vehicle.path.name if vehicle.path else 'the built-in car'}, calibrated by tselab {__version__} from {', '.join(logs)}"
+    ]
+    if not result.fit.converged:
+        title.append("# NOT CONVERGED: the numbers are where the search stood.")
+    everything = result.config.as_dict() | found
+    written = {k: v for k, v in everything.items() if k not in sensor_settings()}
+    written |= result.sensors | {k: v for k, v in vehicle.values.items() if k in sensor_settings()}
+    bands = {f.name: _band(f) for f in result.findings}
+    start = calibration_toml(*_start(result, everything), result.own)
+    return vehicle_toml(title, vehicle, written, uncertainty(result), start, bands, {}, formula)
+
+
+def _start(result: Result, written: Mapping[str, float]) -> tuple[list[str], np.ndarray, np.ndarray]:
+    """Names, means and covariance of the unknowns of the car over the stiffness of the file that is written: fitted they were over
+    that of the file that was read."""
+    names = list(result.problem.prior.names)
+    n = len(names)
+    mean, unit = result.fit.x[:n].copy(), np.ones(n)
+    for key, setting in NOMINAL.items():
+        mean[names.index(key)] -= np.log(written[setting] / getattr(result.config, setting))
+    if not result.own:
+        rear = names.index("longitudinal_stiffness_rear")  # which follows the front one
+        unit[rear] = written["longitudinal_stiffness_rear"] / mean[rear]
+    return names, mean * unit, result.fit.covariance[:n, :n] * np.outer(unit, unit)
+
+
+def _band(f: Finding) -> str:
+    return (
+        f", 95 % interval {f.value - 1.96 * f.sd:.4g} .. {f.value + 1.96 * f.sd:.4g}"
+        if f.shown
+        else ", not shown by these logs"
+    )
+
+
+def write(path: Path, result: Result, logs: list[str]) -> Path:
+    """The vehicle file, and beside it its formula and all numbers as JSON."""
+    formula = formula_beside(path)
+    if result.vehicle.formula is not None:
+        write_formula(formula, result.vehicle.formula)
+    with atomic(path) as file:
+        file.write(toml(result, logs, formula))
+    numbers = path.with_suffix(".json")
+    with atomic(numbers) as file:
+        json.dump(finite(as_json(result)), file, indent=1, allow_nan=False)
+        file.write("\n")
+    return numbers
+
+
+def as_json(result: Result) -> dict[str, Any]:
+    """All that was found."""
+    return {
+        "converged": result.fit.converged,
+        "steps": result.fit.steps,
+        "seconds": result.seconds,
+        "findings": [f.as_json() for f in result.findings],
+        "evidence": {g.name: g.nats for g in result.groups},
+        "stiffness": {k: v for k, v in values(result).items() if "stiffness" in k},
+        "uncertainty": uncertainty(result),
+        "superelevation": _superelevations(result),
+        "noise": {c: dict(zip(("white", "share", "slow", "fast_time", "slow_time"), d.numbers, strict=True))
+                  for c, d in result.fit.noise.items()},
+        "quantisation": result.steps,
+        "sensors": result.sensors,
+        "proof": [vars(p) for p in result.proofs],
+        "notes": result.notes,
+    }  # fmt: skip

@@ -1,0 +1,233 @@
+"""From logs to a calibrated car: read, prepare, fit, prove on logs that were not fitted."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from tse.impl.calibrate import along
+from tse.impl.calibrate.findings import findings, groups, known_before
+from tse.impl.calibrate.result import Proof, Result
+from tse.impl.core import Config
+from tse.impl.errors import UserError
+from tse.impl.gap.data import BLOCK, Prepared, prepare
+from tse.impl.identify.discrepancy import cost
+from tse.impl.identify.fit import Fit, fit
+from tse.impl.identify.problem import SPEED_BLOCKS, SPEED_TIME, Problem
+from tse.impl.identify.unknowns import MEASURED, OWN, STIFFNESS, Prior, prior_of
+from tse.impl.log import DRIVES, Log, Reading, liveliest, read_log
+from tse.impl.noise import smooth
+from tse.impl.units import check_car
+from tse.impl.vehicle import Vehicle, default_vehicle, fill_sensors, read_vehicle
+
+Say = Callable[[str], None]
+SLOW = 4.0  # s
+LEAST_LAG_SD = 0.003  # s: what relaxation and lags of the model leave
+MOST_GYRO_WALK = (
+    0.001  # rad/s/sqrt(s): no gyro wanders faster, and roads are not in it: it is a model that misses turns
+)
+MOST_ROWS = 1 << 19  # of a log, whose channels are held against each other
+FEWEST_STEPS = 10  # between values, to speak of quantisation
+
+
+def run(
+    logs: Sequence[Path],
+    vehicle_path: Path,
+    held_out: Sequence[Path],
+    jobs: int,
+    say: Say,
+    most: int | None = None,
+    reading: Reading | None = None,
+) -> Result:
+    """Calibrate, and prove it on the logs. `most`: steps of the search."""
+    vehicle = read_vehicle(vehicle_path)
+    notes: list[str] = []
+    reading = replace(reading or Reading(), car=vehicle)
+    read = _read(logs, notes, reading)
+    if not read:
+        raise UserError("; ".join(notes))
+    problem, ready = _problem(list(read.values()), vehicle, jobs, notes, say)
+    config = problem.config
+
+    say("stiffness alone, the car as in the file")
+    plain_problem = Problem(ready, config, _stiffness_of(problem.prior), jobs, unlike=False)
+    plain = fit(plain_problem, say=say)
+
+    result = fit(problem, say=say, most=most)
+
+    say("proof")
+    proofs = _proofs(problem, result, plain_problem, plain, problem.logs, False)
+    if held_out:
+        held = _prepare(list(_read(held_out, notes, reading).values()), config, notes, say)
+        proofs += _proofs(problem, result, plain_problem, plain, held, True)
+    return _result(vehicle, problem, result, list(read.values()), proofs, notes)
+
+
+def of_logs(logs: Sequence[Log], vehicle: Vehicle, say: Say = lambda _: None, least: float = 0.0) -> Result:
+    """Calibrate on logs that are read, without proof and progress file. UserError: they cannot be compared with a simulation for
+    `least` seconds."""
+    notes: list[str] = []
+    problem, _ = _problem(logs, vehicle, 1, notes, say)
+    if (seconds := sum(log.seconds for log in problem.logs)) < least:
+        raise UserError(f"{seconds:.0f} s of it can be compared with a simulation, {least:.0f} s are needed")
+    return _result(vehicle, problem, fit(problem, say=say), logs, [], notes)
+
+
+def _problem(
+    logs: Sequence[Log], vehicle: Vehicle, jobs: int, notes: list[str], say: Say
+) -> tuple[Problem, list[Prepared]]:
+    """What is fitted, and the logs as they are simulated."""
+    stated = dict(vehicle.values)
+    fill_sensors(vehicle, logs[0])
+    config = Config(vehicle.values)
+    vehicle.values = stated
+    ready = _prepare(logs, config, notes, say)
+    if not any(p.stretches for p in ready):
+        raise UserError("; ".join(notes) or "no log can be used")
+    problem = Problem(ready, config, prior_of(vehicle, config), jobs)
+    if not problem.groups:
+        raise UserError(f"no log has enough of {', '.join(MEASURED)} to compare a simulation with")
+    return problem, ready
+
+
+def _result(
+    vehicle: Vehicle, problem: Problem, result: Fit, logs: Sequence[Log], proofs: list[Proof], notes: list[str]
+) -> Result:
+    if vehicle.formula is not None:
+        notes.append(f"the vehicle file has a formula ({vehicle.formula.id}): it was simulated as it is, and is kept")
+    result = along.slips(problem, result, logs, vehicle)
+    rows = findings(problem, result, known_before(problem.config))
+    steps = {c: max(step_of(log.data[c].to_numpy(float)) for log in logs) for c in (*DRIVES, *MEASURED)}
+    sensors = _sensors(problem, result, logs)
+    return Result(
+        vehicle,
+        problem.config,
+        problem,
+        result,
+        rows,
+        groups(problem, result, rows),
+        proofs,
+        sensors,
+        steps,
+        notes,
+    )
+
+
+def _read(paths: Sequence[Path], notes: list[str], reading: Reading) -> dict[Path, Log]:
+    """The logs that can be read and whose channels agree; another one is a note, unless it is the only one."""
+    found: dict[Path, Log] = {}
+    car = reading.car or default_vehicle()
+    for path in paths:
+        try:
+            log = read_log(path, reading=reading)
+            against = check_car(liveliest(log, MOST_ROWS), car, Config(car.values))
+            if sure := [text for text in against if "perhaps" not in text]:
+                raise UserError(f"{path}: nothing is learnt from it: {'; '.join(sure)}")
+            notes += [f"{path}: {text}" for text in against]
+            found[path] = log
+        except UserError as error:
+            if len(paths) == 1:
+                raise
+            notes.append(f"left out: {error}")
+    return found
+
+
+def _prepare(logs: Sequence[Log], config: Config, notes: list[str], say: Say) -> list[Prepared]:
+    ready = []
+    for log in logs:
+        say(f"smoothing {log.path.name}")
+        try:
+            ready.append(_with_all(prepare(log, config)))
+        except UserError as error:
+            notes.append(f"left out: {error}")
+            continue
+        notes += ready[-1].notes
+    return ready
+
+
+def _with_all(log: Prepared) -> Prepared:
+    """A sensor that the log does not have has nothing to say anywhere: a column of NaN."""
+    nothing = np.full(len(log.time), np.nan)
+    return replace(log, measured={c: log.measured.get(c, nothing) for c in (*MEASURED, *log.measured)})
+
+
+def _stiffness_of(prior: Prior) -> Prior:
+    at = [prior.names.index(s) for s in STIFFNESS]
+    return Prior(STIFFNESS, prior.mean[at], prior.covariance[np.ix_(at, at)], prior.low[at], prior.high[at])
+
+
+def _proofs(
+    problem: Problem, result: Fit, plain_problem: Problem, plain: Fit, logs: Sequence[Prepared], held_out: bool
+) -> list[Proof]:
+    """Each log by itself; of one that is held out nothing is fitted but the sensors' bias."""
+    found = []
+    for i, log in enumerate(x for x in logs if x.stretches):
+        before, old = _misfit(plain_problem, plain, log, None if held_out else i)
+        after, new = _misfit(problem, result, log, None if held_out else i)
+        found.append(Proof(log.path.name, held_out, before, after, (old - new) / max(log.seconds, 1.0)))
+    return found
+
+
+def _misfit(problem: Problem, result: Fit, log: Prepared, fitted: int | None) -> tuple[dict[str, float], float]:
+    """Rms of each channel, and minus the log likelihood. `fitted`: the log's index among those that were fitted."""
+    other = Problem([log], problem.config, problem.prior, unlike=False)
+    own = other.mean[other.car :] if fitted is None else result.x[problem.car + len(OWN) * fitted :][: len(OWN)]
+    residuals = other.residuals(np.append(result.x[: problem.car], own))
+    rows = round(SLOW / BLOCK)
+    fast = [r - smooth(r, rows) if len(r) else r for r in other.as_sensed(np.append(result.x[: problem.car], own))]
+    rms = {c: float(np.std(fast[g])) for g, (_, c) in enumerate(other.groups) if len(fast[g])}
+    return rms, sum(cost(result.noise[c], other.pieces(residuals, c)) for c in other.channels if c in result.noise)
+
+
+def _sensors(problem: Problem, result: Fit, logs: Sequence[Log]) -> dict[str, float]:
+    """Noise of the channels as the settings say it. White noise of a row; held values carry what one of them does."""
+    found: dict[str, float] = {}
+    for c in problem.channels:
+        d = result.noise[c]
+        rows = sum(len(log.time) for log in problem.logs)
+        fresh = sum(int(np.isfinite(log.measured[c]).sum()) for log in problem.logs)
+        if c == "accel_x":
+            found[f"{c}_sd"] = d.white * _as_accel_x(problem, result)
+        else:
+            found[f"{c}_sd"] = d.white * float(np.sqrt(rows / max(fresh, 1)))
+        walk = d.walk / (SPEED_TIME if c == "accel_x" else 1.0)
+        found[f"{c}_bias_walk"] = min(walk, MOST_GYRO_WALK) if c == "yaw_rate" else walk
+    noise = []
+    raw = {log.path: log for log in logs}  # of which some may be too short to be compared
+    for prepared in problem.logs:
+        log = raw[prepared.path]
+        for name in DRIVES[1:]:
+            off = log.data[name].to_numpy(float) - prepared.inputs[name]
+            inside = np.concatenate([off[s.first : s.last] for s in prepared.stretches])
+            noise.append(float(np.sqrt(np.nanmean(inside**2))))
+    found["wheel_noise_sd"] = max(noise, default=0.0)
+    # how late the steering acts in all: what the filter need not find out by itself
+    lag = np.zeros(len(problem.names))
+    for name, sign in (("steering_lag_time", 1.0), ("steer_angle_latency", -1.0)):
+        lag[problem.names.index(name)] = sign
+    found["steer_lag_sd"] = max(float(np.sqrt(lag @ result.covariance @ lag)), LEAST_LAG_SD)
+    fields = problem.config.fields
+    return {k: float(np.clip(v, fields[k].low, fields[k].high)) for k, v in found.items()}
+
+
+def _as_accel_x(problem: Problem, result: Fit) -> float:
+    """m/s2 of a row per m/s of what is compared of accel_x: the filter divides what it sees of slip by m v/C, and sees it more
+    often. So noise tells as little of the stiffness there as it does here."""
+    groups = [(g, i) for g, (i, c) in enumerate(problem.groups) if c == "accel_x"]
+    per_slip = [1.0 / (problem.slip_time(i, result.x) * problem.mean_speed(g)) for g, i in groups]
+    often = SPEED_BLOCKS * BLOCK / problem.config.sample_time
+    return float(np.sqrt(often * np.mean(np.concatenate(per_slip) ** 2)))
+
+
+def step_of(x: np.ndarray) -> float:
+    """The step in which a channel is quantised: the least difference between values, if all others are whole multiples of it;
+    0: none that shows."""
+    apart = np.diff(np.unique(x[np.isfinite(x)]))
+    if len(apart) < FEWEST_STEPS or not (least := float(apart.min())) > 0:
+        return 0.0
+    step = float(np.median(apart[apart < 1.5 * least]))
+    off = np.abs(apart / step - np.round(apart / step))
+    return step if float(np.quantile(off, 0.99)) < 0.1 else 0.0

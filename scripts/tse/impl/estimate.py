@@ -1,0 +1,334 @@
+"""Running the filter over a log, and the table that comes out."""
+
+from __future__ import annotations
+
+import functools
+import signal
+import sys
+import threading
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+import pandas as pd
+from tqdm import tqdm
+
+from tse.impl import regimes
+from tse.impl.core import GRIP, NOMINAL, OUTPUT, REASON, STIFFNESS, Config, Field, Filter, library
+from tse.impl.csv_rows import csv_header, csv_rows
+from tse.impl.files import atomic
+from tse.impl.learnt import Learnt
+from tse.impl.rows import MEASURES, Log
+
+CHUNK = 64  # rows between two looks at Ctrl-C and the progress bar
+BLOCK = 2048  # rows that are in memory with all their columns at a time
+MOST_KEPT = 1 << 19  # rows of a summary: 87 minutes at 100 Hz; of longer logs so many, spread evenly
+GROUP = 16 * BLOCK  # ... where they are written as Parquet: rows of a group
+Block = dict[str, Any]  # rows of EST.csv: column -> array, reasons as pd.Categorical
+REFUSED = "row refused"  # the reason of a row with a negative status
+
+
+@dataclass
+class Estimate:
+    """Estimates row by row, and how the run ended. The table has all columns of EST.csv, or those of SUMMARY, of a very long log
+    every so-manieth row."""
+
+    table: pd.DataFrame
+    interrupted: bool
+    learnt: bytes | None = None  # what it taught, for Filter.load_learnt(); None without a row
+    uncertainty_sd: dict[str, np.ndarray] = field(default_factory=dict)  # Filter.uncertainty_sd() at the end
+    statuses: dict[int, int] = field(default_factory=dict)  # rows with each status, all of them
+
+    def __post_init__(self) -> None:
+        if not self.statuses:
+            self.statuses = dict(Counter(self.table["status"].tolist()))
+
+    def __len__(self) -> int:
+        return sum(self.statuses.values())
+
+
+def est_fields() -> list[Field]:
+    """Outputs of the library as EST.csv has them: what came later stands last, so that columns keep their places."""
+    return sorted(library().fields(OUTPUT), key=lambda f: _generation(f.name))
+
+
+def _generation(name: str) -> int:
+    if name.endswith("_secant") or name == "fault_factor":
+        return 4
+    if name.startswith((GRIP, "noise_wheel_", "innovation_")) or name in ("sideslip_sd", "nis"):
+        return 3
+    if name.startswith(("p_", "change_", "discrepancy_", "lag_")) or name in ("fault_channel", "estimate_age"):
+        return 2
+    return int(name.endswith("_spread_seen") or name.startswith("noise_"))
+
+
+def est_columns() -> list[str]:
+    """Columns of EST.csv, in order."""
+    names = [f.name for f in est_fields()]
+    reasons = [f"{s}_reason" for s in STIFFNESS]
+    of = {g: [n for n in names if _generation(n) == g] for g in range(5)}
+    return ["time", *of[0], *of[1], *reasons, *of[2], *of[3], f"{GRIP}_reason", *of[4]]
+
+
+def estimate(
+    log: Log, config: Config, progress: bool = False, learnt: Learnt | None = None, contradicted: bool = False
+) -> Estimate:
+    """Run the filter over a log, from what an earlier one taught. Ctrl-C ends the run early; what is done is kept.
+    `contradicted`: its channels contradict each other, so no row is valid: what would be is implausible."""
+    tables = [pd.DataFrame(_head(config))]
+    take = lambda block: tables.append(pd.DataFrame(block))  # noqa: E731
+    teaches, uncertainty_sd = _run(log, config, take, progress, learnt, contradicted)
+    table = pd.concat(tables[1:] or tables, ignore_index=True)
+    return Estimate(table, interrupted=len(table) < len(log), learnt=teaches, uncertainty_sd=uncertainty_sd)
+
+
+def estimate_to(
+    path: Path | None,
+    log: Log,
+    config: Config,
+    progress: bool = False,
+    learnt: Learnt | None = None,
+    watch: Sequence[Callable[[Block], None]] = (),
+    contradicted: bool = False,
+) -> Estimate:
+    """The same, written to EST.csv or .parquet on the way, so that memory does not grow by what is written; the table of the
+    result has the columns of SUMMARY. `path`: None: they are not written. `watch`: shown every block of rows, for what else
+    becomes of them."""
+    head = _head(config)
+    summary = Summary(head, len(log))
+    with _writing(path, head) as write:
+
+        def take(block: Block) -> None:
+            write(block)
+            for each in (summary.add, *watch):
+                each(block)
+
+        teaches, uncertainty_sd = _run(log, config, take, progress, learnt, contradicted)
+    return Estimate(
+        summary.table(),
+        interrupted=summary.rows < len(log),
+        learnt=teaches,
+        uncertainty_sd=uncertainty_sd,
+        statuses=summary.statuses,
+    )
+
+
+@contextmanager
+def _writing(path: Path | None, head: Block) -> Iterator[Callable[[Block], object]]:
+    """Who writes blocks of rows: as CSV, or as Parquet where the name says so. `head`: the table without rows."""
+    if path is None:
+        yield lambda block: None
+    elif path.suffix.lower() in (".parquet", ".pq"):
+        with atomic(path, "wb") as file, _Parquet(file, head) as rows:
+            yield rows.add
+    else:
+        with atomic(path, "wb") as file:
+            file.write(csv_header(head))
+            yield lambda block: file.write(csv_rows(block))
+
+
+class _Parquet:
+    """Blocks of rows, several in one group of the file."""
+
+    def __init__(self, file: IO[bytes], head: Block):
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
+        self._pa = pa
+        self._waiting: list[Any] = []
+        self._schema = pa.schema([(name, self._array(column).type) for name, column in head.items()])
+        self._file = pq.ParquetWriter(file, self._schema)
+
+    def __enter__(self) -> _Parquet:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._flush()
+        self._file.close()
+
+    def add(self, block: Block) -> None:
+        self._waiting.append(self._pa.table([self._array(x) for x in block.values()], schema=self._schema))
+        if len(self._waiting) >= GROUP // BLOCK:
+            self._flush()
+
+    def _array(self, column: Any) -> Any:
+        if isinstance(column, pd.Categorical):
+            return self._pa.DictionaryArray.from_arrays(
+                self._pa.array(column.codes), self._pa.array(list(column.categories))
+            )
+        return self._pa.array(column)
+
+    def _flush(self) -> None:
+        if self._waiting:
+            self._file.write_table(self._pa.concat_tables(self._waiting))
+            self._waiting.clear()
+
+
+def _run(
+    log: Log,
+    config: Config,
+    take: Callable[[Block], None],
+    progress: bool,
+    learnt: Learnt | None,
+    contradicted: bool,
+) -> tuple[bytes | None, dict[str, np.ndarray]]:
+    """Run the filter and give its table away block by block. Returned: what it has learnt, and Filter.uncertainty_sd()."""
+    filter_ = Filter(config)
+    if learnt is not None:
+        learnt.load(filter_)
+    done = 0
+    with (
+        _stop_flag() as stopped,
+        tqdm(
+            total=len(log),
+            unit="row",
+            unit_scale=True,
+            disable=not progress,
+            file=sys.stderr,
+            leave=False,
+            desc="estimate",
+        ) as bar,
+    ):
+        while done < len(log) and not stopped():
+            rows = log.rows(done, done + BLOCK)
+            outputs, first = filter_.outputs(len(rows)), 0
+            while first < len(rows) and not stopped():
+                last = min(first + CHUNK, len(rows))
+                filter_.step_into(rows, outputs, first, last)
+                bar.update(last - first)
+                first = last
+            if contradicted:
+                _contradict(outputs[:first])
+            if first:
+                take(_block(log.time[done : done + first], outputs[:first], config))
+            done += first
+            if done % GROUP == 0:
+                log.let_go()
+    return filter_.save_learnt(), filter_.uncertainty_sd()
+
+
+def _contradict(outputs: np.ndarray) -> None:
+    """Let no row be valid, as the library itself does where it finds what contradicts: with its status and reason."""
+    codes = {f.name: code for code, f in library().codes(REASON).items()}
+    was_valid = np.zeros(len(outputs), bool)
+    for s in (*STIFFNESS, GRIP):
+        valid = (outputs[f"{s}_valid"] == codes["valid"]) & (outputs["status"] >= 0)
+        outputs[f"{s}_valid"][valid] = codes["implausible"]
+        was_valid |= valid
+    outputs["status"][was_valid] = library().status("TSE_W_IMPLAUSIBLE")
+
+
+def to_table(time: np.ndarray, outputs: np.ndarray, config: Config) -> pd.DataFrame:
+    """Outputs of the library as the columns of EST.csv: stiffness in N and N/rad, validity as 1 or 0, reasons in words."""
+    return pd.DataFrame(_block(time, outputs, config))
+
+
+def _head(config: Config) -> Block:
+    """The table without rows."""
+    return _block(np.zeros(0), np.zeros(0, library().dtype(OUTPUT)), config)
+
+
+def _block(time: np.ndarray, outputs: np.ndarray, config: Config) -> Block:
+    refused = outputs["status"] < 0
+    columns: Block = {"time": time}
+    for f in library().fields(OUTPUT):
+        value = outputs[f.name]
+        stiffness = next((s for s in STIFFNESS if f.name == s or f.name.startswith(s + "_")), None)
+        if f.name.endswith("_valid"):
+            columns[f.name] = ((value == 0) & ~refused).astype(int)
+        elif stiffness and f.unit == "1":
+            columns[f.name] = value * getattr(config, NOMINAL[stiffness])
+        else:
+            columns[f.name] = value
+    for s in (*STIFFNESS, GRIP):
+        columns[f"{s}_reason"] = _reasons(outputs[f"{s}_valid"], refused)
+    return {name: columns[name] for name in est_columns()}
+
+
+def _reasons(codes: np.ndarray, refused: np.ndarray) -> pd.Categorical:
+    """Codes of tse_reason in words."""
+    words = [f.name for _, f in sorted(library().codes(REASON).items())]  # the codes count from 0
+    known = (codes >= 0) & (codes < len(words))
+    place = np.where(refused, len(words) + 1, np.where(known, codes, len(words)))
+    return pd.Categorical.from_codes(place, dtype=_categories((*words, "unknown", REFUSED)))
+
+
+@functools.lru_cache(maxsize=1)
+def _categories(words: tuple[str, ...]) -> pd.CategoricalDtype:
+    return pd.CategoricalDtype(words)
+
+
+def write_table(table: pd.DataFrame, path: Path) -> None:
+    """CSV with the shortest digits that give the same bits back."""
+    with atomic(path, "wb") as file:
+        file.write(csv_header(table))
+        for start in range(0, len(table), BLOCK):
+            file.write(csv_rows(table.iloc[start : start + BLOCK]))
+
+
+# What verdicts, remarks and the list of events need of EST.csv, as small as it can be: 360 000 rows an hour stay in memory.
+SUMMARY: dict[str, type | None] = {
+    "time": np.float64,
+    "status": np.int16,
+    **{f"{s}{part}": np.float32 for s in STIFFNESS for part in ("", "_sd", "_spread")},
+    **{f"{s}{part}": np.int8 for s in STIFFNESS for part in ("_valid", "_spread_seen")},
+    **{f"{s}_reason": None for s in (*STIFFNESS, GRIP)},  # None: categories
+    **dict.fromkeys((GRIP, f"{GRIP}_sd", "sideslip", "sideslip_sd"), np.float32),
+    f"{GRIP}_valid": np.int8,
+    **{f"noise_{c}": np.float32 for c in MEASURES},
+    **regimes.COLUMNS,
+    "fault_factor": np.float32,
+}
+
+
+class Summary:
+    """The columns of SUMMARY of a table that comes block by block. `head`: the table without rows; `rows`: how many may come. Of
+    more than MOST_KEPT every second, third ... is kept."""
+
+    def __init__(self, head: Block, rows: int):
+        kinds = {name: kind for name, kind in SUMMARY.items() if name in head}
+        self._stride = max(1, -(-rows // MOST_KEPT))
+        self._words = {name: head[name].dtype for name, kind in kinds.items() if kind is None}
+        self._columns = {name: np.empty(-(-rows // self._stride), kind or np.int8) for name, kind in kinds.items()}
+        self._done = 0
+        self.rows = 0
+        self.statuses: dict[int, int] = {}
+
+    def add(self, block: Block) -> None:
+        count = len(block["time"])
+        rows = slice(-self.rows % self._stride, count, self._stride)
+        part = slice(self._done, self._done + len(range(*rows.indices(count))))
+        for name, column in self._columns.items():
+            column[part] = (block[name].codes if name in self._words else block[name])[rows]
+        self._done, self.rows = part.stop, self.rows + count
+        for status, often in Counter(np.asarray(block["status"]).tolist()).items():
+            self.statuses[status] = self.statuses.get(status, 0) + often
+
+    def table(self) -> pd.DataFrame:
+        columns: dict[str, Any] = {name: column[: self._done] for name, column in self._columns.items()}
+        for name, words in self._words.items():
+            columns[name] = pd.Categorical.from_codes(columns[name], dtype=words)
+        return pd.DataFrame(columns, copy=False)
+
+
+@contextmanager
+def _stop_flag() -> Iterator[Callable[[], bool]]:
+    """While open, the first Ctrl-C only raises a flag; the second acts as usual."""
+    if threading.current_thread() is not threading.main_thread():
+        yield lambda: False
+        return
+    seen = threading.Event()
+
+    def on_interrupt(_signal: int, _frame: object) -> None:
+        seen.set()
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+    before = signal.signal(signal.SIGINT, on_interrupt)
+    try:
+        yield seen.is_set
+    finally:
+        signal.signal(signal.SIGINT, before)

@@ -1,0 +1,132 @@
+"""Writing files: complete or not at all."""
+
+from __future__ import annotations
+
+import errno
+import os
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO
+
+from tse.impl.errors import UserError
+
+# What a disk, a quota, a limit of the shell or a device says when it takes no more: the user's to mend, not ours.
+NO_ROOM = {getattr(errno, name) for name in ("ENOSPC", "EDQUOT", "EFBIG", "EIO", "EROFS") if hasattr(errno, name)}
+
+
+def no_room(error: BaseException) -> str:
+    """Why nothing could be written, in words; empty if the error is another."""
+    return error.strerror or str(error) if isinstance(error, OSError) and error.errno in NO_ROOM else ""
+
+
+def real(path: Path) -> Path:
+    """Where a path leads, as Path.resolve(), but also for links that lead in a circle: opening it says so."""
+    return Path(os.path.realpath(path))
+
+
+@contextmanager
+def atomic(path: Path, mode: str = "w") -> Iterator[IO]:
+    """A file that takes the place of `path` when the block ends well and the disk has it; else `path` stays as it was."""
+    path = Path(path)
+    try:
+        with _anew(path, mode) as file:
+            yield file
+    except OSError as error:
+        reason = no_room(error)
+        if error.errno is None and not isinstance(
+            error, ValueError
+        ):  # packages that write pictures keep no number of it
+            reason = str(error)
+        if reason:
+            raise UserError(f"{path}: cannot be written: {reason}; nothing of it is kept") from error
+        raise
+
+
+@contextmanager
+def _anew(path: Path, mode: str) -> Iterator[IO]:
+    if path.exists() and not path.is_file():  # a pipe or device: nothing to rename over
+        with open(path, mode, encoding=None if "b" in mode else "utf-8") as file:
+            yield file
+        return
+    try:
+        handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".part", dir=path.parent)
+    except OSError as error:
+        raise UserError(f"{path}: cannot be written: {error.strerror}") from None
+    try:
+        with os.fdopen(
+            handle, mode, encoding=None if "b" in mode else "utf-8", newline=None if "b" in mode else ""
+        ) as f:
+            yield f
+            f.flush()
+            os.fsync(f.fileno())  # before the new name: else a power cut can leave the name without the content
+        umask = os.umask(0)
+        os.umask(umask)
+        os.chmod(name, 0o666 & ~umask)
+        os.replace(name, path)
+    except BaseException:
+        Path(name).unlink(missing_ok=True)
+        raise
+    _sync_folder(path.parent)
+
+
+def _sync_folder(folder: Path) -> None:
+    """The new name itself. Not every system or file system can; the content is safe then, and the name follows."""
+    if sys.platform == "win32":
+        return
+    try:
+        handle = os.open(folder, os.O_RDONLY)
+    except OSError:
+        return
+    try:
+        os.fsync(handle)
+    except OSError:
+        pass
+    finally:
+        os.close(handle)
+
+
+@contextmanager
+def alone(path: Path) -> Iterator[None]:
+    """One process at a time is in the block that a lock file guards; others wait. A process that is killed lets go, too."""
+    from filelock import FileLock  # a filter for rows that come one at a time needs numpy alone
+
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with FileLock(path):
+        yield
+
+
+def check_writable(path: Path) -> None:
+    """Refuse early, before any long work, what cannot be written."""
+    path = Path(path)
+    if path.is_dir():
+        raise UserError(f"{path}: is a directory, a file name is needed")
+    if not path.parent.is_dir():
+        raise UserError(f"{path}: the directory {path.parent} does not exist")
+    if not os.access(path.parent, os.W_OK):
+        raise UserError(f"{path}: the directory {path.parent} is not writable")
+
+
+def check_distinct(outputs: dict[str, Path | None], inputs: dict[str, Path | None]) -> None:
+    """No output may overwrite an input or another output, under whatever name: links are looked through, hard ones, too."""
+    seen = {key: what for what, p in inputs.items() if p is not None for key in _identities(Path(p))}
+    for what, path in outputs.items():
+        if path is None:
+            continue
+        keys = _identities(Path(path))
+        if same := next((seen[key] for key in keys if key in seen), None):
+            raise UserError(f"{path}: {what} is the same file as {same}")
+        seen.update(dict.fromkeys(keys, what))
+
+
+def _identities(path: Path) -> list[object]:
+    """Under what a file is known: its path, and where it is there its place on the disk."""
+    keys: list[object] = [real(path)]
+    try:
+        found = path.stat()
+    except OSError:
+        return keys
+    return [*keys, (found.st_dev, found.st_ino)] if found.st_ino else keys

@@ -1,0 +1,1 @@
+"""FMUs: building ours for all platforms, checking anybody's, and driving one with a table of inputs."""

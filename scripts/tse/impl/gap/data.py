@@ -1,0 +1,272 @@
+"""Logs as the gap workflow needs them: inputs smoothed, stretches to simulate, blocks to compare, sensor noise.
+
+Why smoothed: the model is driven by the logged steering angle and wheel speeds, and their noise, differentiated by the
+tyres, would pass for a longitudinal relaxation. A smoothing spline is the fixed-interval (RTS) smoother of a signal whose
+slope is a random walk; its smoothness is found by cross-validation, every second row from the others.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.optimize import minimize_scalar
+
+from tse.impl.core import NOMINAL, Config
+from tse.impl.errors import UserError
+from tse.impl.gap.simulate import simulate
+from tse.impl.held import fresh
+from tse.impl.log import COMPARED, DRIVES, MEASURES, OPTIONAL, Log
+from tse.impl.noise import Noise, channel_noise, filled, noise_of
+from tse.impl.spline import smoothing_spline
+
+CHANNELS = MEASURES + tuple(OPTIONAL)
+SLOWEST = 3.0  # m/s: below it the tyre model is another one, and wheel speeds are counted too coarsely
+STEEPEST = 0.6  # rad: of road-wheel angle: beyond it the model is another one
+BLOCK = 0.04  # s: residuals are averaged over so long
+BURN_IN = 1.0  # s: of each stretch that are simulated, but not compared: the state starts unknown
+SHORTEST = 3.0  # s: shorter stretches say less than their start costs
+LONGEST_HOLE = 0.1  # s: holes in an input up to this are bridged
+# m/s, N m: no optional channel is held to be quieter
+FLOOR = {"vehicle_speed": 0.02, "wheel_torque_front": 5.0, "wheel_torque_rear": 5.0}
+HELD = 0.5  # share of values that repeat the one before above which a channel is one that is slower than the rows
+SEED = 1  # of the draw that says what the smoothing of inputs leaves
+
+
+@dataclass
+class Stretch:
+    """Rows of one log without a hole, a stop or an extreme; `used`: compared, not only simulated."""
+
+    first: int
+    last: int  # exclusive
+    used: np.ndarray  # of the rows first .. last
+
+
+@dataclass
+class Prepared:
+    """One log, ready to be simulated. Arrays have one entry per row."""
+
+    path: Path
+    time: np.ndarray
+    inputs: dict[str, np.ndarray]  # smoothed
+    measured: dict[str, np.ndarray]  # NaN: missing
+    noise: dict[str, float]  # sd of one row
+    stretches: list[Stretch]
+    rows_per_block: int
+    distance: np.ndarray  # m
+    notes: list[str] = field(default_factory=list)
+    quiet: dict[str, float] = field(default_factory=dict)  # sd that was found over that sd, where a floor raised it
+    held: dict[str, float] = field(
+        default_factory=dict
+    )  # s since the value of a row was new, mean, where a slow signal is held
+    late: dict[str, float] = field(default_factory=dict)  # s behind the gyro, of what is measured; inputs are in time
+    blur: dict[str, np.ndarray] = field(
+        default_factory=dict
+    )  # sd, per row, of what noise of the inputs does to a prediction
+    _splines: dict[str, CubicSpline] = field(default_factory=dict, init=False, repr=False, compare=False)
+
+    @property
+    def name(self) -> str:
+        return self.path.stem
+
+    @property
+    def channels(self) -> list[str]:
+        return [c for c in CHANNELS if c in self.measured]
+
+    @property
+    def seconds(self) -> float:
+        """Time that is compared."""
+        step = float(np.median(np.diff(self.time)))
+        return step * sum(int(s.used.sum()) for s in self.stretches)
+
+    def later(self, name: str, by: float, rows: slice = slice(None)) -> np.ndarray:
+        """An input as it was read `by` later, s: what it was when its row says, if it is logged so late."""
+        spline = self._splines.get(name)
+        if spline is None:
+            spline = self._splines[name] = CubicSpline(self.time, self.inputs[name])
+        return spline(np.clip(self.time[rows] + by, self.time[0], self.time[-1]))
+
+
+def prepare(log: Log, config: Config) -> Prepared:
+    """Smooth the inputs, find the stretches, measure the noise."""
+    if log.sample_time is None or log.sample_time > 0.1:
+        raise UserError(f"{log.path}: rows must come at least every 0.1 s to compare them with a simulation")
+    raw = {name: log.data[name].to_numpy(float) for name in DRIVES}
+    measured = {name: np.where(fresh(x), x, np.nan) for name in MEASURES for x in (log.data[name].to_numpy(float),)}
+    compared = [name for name in log.extra if name in COMPARED]
+    measured |= {name: renewed(log.extra[name].to_numpy(float)) for name in compared}
+    measured = {name: x for name, x in measured.items() if np.isfinite(x).any()}
+    moving = np.abs(0.5 * (raw["wheel_speed_front"] + raw["wheel_speed_rear"])) * config.wheel_radius_front > SLOWEST
+    smooth = {name: Smoother(log.time, x) for name, x in raw.items()}
+    inputs = {name: s.of(raw[name]) for name, s in smooth.items()}
+    speed = 0.5 * (
+        config.wheel_radius_front * inputs["wheel_speed_front"] + config.wheel_radius_rear * inputs["wheel_speed_rear"]
+    )
+    good = (speed > SLOWEST) & (np.abs(inputs["steer_angle"]) < STEEPEST)
+    for x in raw.values():
+        good &= ~_hole(log.time, x)
+    noise, quiet = {}, {}
+    for name, x in measured.items():
+        found = _noise(log, name, x, moving) if name in MEASURES else None
+        noise[name] = found.sd if found else _plain_noise(x, FLOOR.get(name, 0.0))
+        if found and found.unraised < found.sd:
+            quiet[name] = found.unraised / found.sd
+    per_block = max(1, round(BLOCK / log.sample_time))
+    stretches = _stretches(log.time, good, per_block)
+    distance = np.append(0.0, np.cumsum(np.maximum(speed[1:], 0.0) * np.minimum(np.diff(log.time), 1.0)))
+    absent = [name for name in MEASURES if name not in measured]
+    notes = [f"{log.path.name}: without {', '.join(absent)}: what only that shows is not asked of it"] if absent else []
+    if not stretches:
+        notes.append(
+            f"{log.path.name}: nowhere {SHORTEST:g} s in one piece above {SLOWEST:g} m/s and below {STEEPEST:g} rad of steering"
+        )
+    held = {name: age for name in (*DRIVES, *MEASURES) if (age := _age(log.time, log.data[name].to_numpy(float))) > 0}
+    found = Prepared(log.path, log.time, inputs, measured, noise, stretches, per_block, distance, notes, quiet, held)
+    if stretches and compared:
+        found.blur = _blur(found, raw, smooth, config)
+    return found
+
+
+def prepare_all(logs: Sequence[Log], config: Config) -> list[Prepared]:
+    """Every log, with the latencies of the vehicle file taken out."""
+    return [in_time(prepare(log, config), config) for log in logs]
+
+
+def in_time(log: Prepared, config: Config) -> Prepared:
+    """The log as the latencies of the vehicle file say: inputs are read as much later as they are late; what is measured stays, and
+    is compared with what was simulated as much earlier."""
+    late = {c: by for c in (*DRIVES, *MEASURES) if (by := getattr(config, f"{c}_latency", 0.0))}
+    if not late:
+        return log
+    ends = log.time[0], log.time[-1]
+    inputs = {n: CubicSpline(log.time, x)(np.clip(log.time + late.get(n, 0.0), *ends)) for n, x in log.inputs.items()}
+    return replace(log, inputs=inputs, late={c: by for c, by in late.items() if c in log.measured})
+
+
+class Smoother:
+    """The smoothing spline through the values that are there; through all of them, if they have no noise."""
+
+    def __init__(self, time: np.ndarray, x: np.ndarray):
+        self.time, self.good = time, np.isfinite(x) & fresh(x)
+        y = x[self.good]
+        rough = len(y) >= 8 and np.std(np.diff(y, 3)) > 1e-9 * max(1.0, float(np.max(np.abs(y))))
+        self.penalty = _smoothness(time[self.good], y) if rough else None
+
+    def of(self, x: np.ndarray) -> np.ndarray:
+        """Smoothed by as much as the signal that this was made for."""
+        if self.penalty is None:
+            return filled(x)
+        return smoothing_spline(self.time[self.good], x[self.good], self.penalty)(self.time)
+
+
+# There are two rules for values that are held, this one and fresh(). A receiver of speed or torque has no steady beat: fresh()
+# would take all of its rows. A coarse accelerometer repeats itself more often than not: renewed() would drop rows that are
+# measured, and keep those in which the noise jumps.
+def renewed(x: np.ndarray) -> np.ndarray:
+    """Of a receiver that is slower than the rows only the rows where it has a new value: a held one is old, and by a time that
+    goes up and down."""
+    repeats = np.append(False, x[1:] == x[:-1])
+    return np.where(repeats, np.nan, x) if repeats.sum() > HELD * np.isfinite(x).sum() else x
+
+
+def _blur(
+    log: Prepared, raw: dict[str, np.ndarray], smooth: dict[str, Smoother], config: Config
+) -> dict[str, np.ndarray]:
+    """What the noise of the inputs does to the predictions of the optional channels, and smoothing it away does: a wheel torque
+    is a small slip times a large stiffness, and what smoothing leaves of the wheel speeds' noise is more of it than the noise
+    of the torque. One parametric draw: the smoothed inputs as truth, noise again, smoothed again, simulated again."""
+    rng = np.random.default_rng(SEED)
+    again = {}
+    for name, x in log.inputs.items():
+        sd = float(np.sqrt(np.nanmean((raw[name] - x) ** 2)))
+        drawn = np.where(np.isfinite(raw[name]), x + sd * rng.standard_normal(len(x)), np.nan)
+        again[name] = smooth[name].of(drawn)
+    stiffness = dict.fromkeys(NOMINAL, 1.0)
+    names = [c for c in log.channels if c in OPTIONAL]
+    first = simulate(config, log, names, stiffness, {})
+    other = simulate(config, replace(log, inputs=again), names, stiffness, {})
+    speed = np.maximum(config.wheel_radius_front * log.inputs["wheel_speed_front"], SLOWEST)
+    found = {}
+    for c in names:
+        per = 1.0 / speed if c.startswith("wheel_torque") else np.ones_like(speed)  # slip is a speed over the speed
+        used = np.concatenate([((other[c] - first[c]) / per)[s.first : s.last][s.used] for s in log.stretches])
+        found[c] = float(np.sqrt(np.mean(used**2))) * per
+    return found
+
+
+def _age(time: np.ndarray, x: np.ndarray) -> float:
+    """s since a value was new, mean over the rows that have one."""
+    there = np.isfinite(x)
+    if not there.any():
+        return 0.0
+    new = np.maximum.accumulate(np.where(fresh(x), np.arange(len(x)), 0))
+    return float(np.mean((time - time[new])[there]))
+
+
+def _smoothness(time: np.ndarray, y: np.ndarray) -> float:
+    """Penalty on the square of the second derivative that predicts every second row best from the others. The ratio of noise
+    to signal that it stands for does not depend on how many rows there are."""
+
+    def error(exponent: float) -> float:
+        spline = smoothing_spline(time[::2], y[::2], 10.0**exponent)
+        return float(np.mean((spline(time[1::2]) - y[1::2]) ** 2))
+
+    step = float(np.median(np.diff(time)))
+    around = np.log10(step**3)  # a penalty of step^3 smooths over about a row
+    coarse = [around + k for k in np.arange(-3.0, 9.0, 1.5)]
+    best = coarse[int(np.argmin([error(x) for x in coarse]))]
+    found = minimize_scalar(error, bounds=(best - 1.5, best + 1.5), method="bounded", options={"xatol": 0.15})
+    return 10.0 ** float(found.x)
+
+
+def blocks(log: Prepared, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Means of the blocks that are compared, and how many values each has."""
+    parts = []
+    for s in log.stretches:
+        piece = x[s.first : s.last][s.used]
+        parts.append(piece[: len(piece) // log.rows_per_block * log.rows_per_block].reshape(-1, log.rows_per_block))
+    table = np.concatenate(parts)
+    good = np.isfinite(table)
+    count = good.sum(axis=1)
+    return np.where(good, table, 0.0).sum(axis=1) / np.maximum(count, 1), count
+
+
+def _hole(time: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Rows further than half of LONGEST_HOLE from a value that is there."""
+    good = np.isfinite(x)
+    there = time[good]
+    after = np.searchsorted(there, time)
+    left = time - there[np.clip(after - 1, 0, len(there) - 1)]
+    right = there[np.clip(after, 0, len(there) - 1)] - time
+    return np.minimum(np.abs(left), np.abs(right)) > 0.5 * LONGEST_HOLE
+
+
+def _noise(log: Log, name: str, x: np.ndarray, moving: np.ndarray) -> Noise | None:
+    return noise_of(log, name, moving) if name in log.slower else channel_noise(name, x, moving)
+
+
+def _plain_noise(x: np.ndarray, floor: float) -> float:
+    good = x[np.isfinite(x)]
+    if len(good) < 8:
+        return max(floor, 1e-6)
+    return max(floor, 1.4826 * float(np.median(np.abs(np.diff(good, 2)))) / np.sqrt(6))
+
+
+def _stretches(time: np.ndarray, good: np.ndarray, per_block: int) -> list[Stretch]:
+    broken = np.append(True, ~good[1:] | ~good[:-1] | (np.diff(time) > LONGEST_HOLE)) | ~good
+    starts = np.flatnonzero(broken & good)
+    stretches = []
+    for first in starts:
+        last = first + 1
+        while last < len(good) and good[last] and not broken[last]:
+            last += 1
+        if time[last - 1] - time[first] < SHORTEST:
+            continue
+        last = first + (last - first) // per_block * per_block
+        used = time[first:last] - time[first] >= BURN_IN
+        used[: int(np.argmax(used)) // per_block * per_block + per_block] = False  # whole blocks
+        stretches.append(Stretch(int(first), int(last), used))
+    return stretches

@@ -1,0 +1,206 @@
+"""The gap report's figures (plotly), one function a section, and gap.png (matplotlib)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import plotly.graph_objects as go
+from plotly.subplots import make_subplots
+
+from tse.impl.errors import UserError
+from tse.impl.files import atomic
+from tse.impl.gap.infer.show import Change
+from tse.impl.plots import BLUE, GREY, INK, ORANGE, thin_line
+
+SOURCE = {"measured": INK, "before": ORANGE, "after": BLUE}
+CHANNEL_UNITS = {"accel_x": "m/s2", "accel_y": "m/s2", "yaw_rate": "rad/s", "vehicle_speed": "m/s",
+                 "wheel_torque_front": "Nm", "wheel_torque_rear": "Nm"}  # fmt: skip
+MOST_POINTS = 3000  # per line; longer logs are thinned, to their peaks
+HOLE = 1.0  # s without a value from which a line is broken: a log may not have the channel all the time
+MOST_LOGS = 12  # that can be chosen; of a fleet, the worst
+PICTURE_SECONDS = 8.0
+
+
+def _layout(figure: go.Figure, height: int, **more: object) -> go.Figure:
+    figure.update_layout(
+        height=height,
+        margin={"l": 66, "r": 18, "t": 64, "b": 48},
+        font={"family": "system-ui, sans-serif", "size": 13, "color": INK},
+        paper_bgcolor="white",
+        plot_bgcolor="white",
+        legend={"orientation": "h", "y": 0.995, "yanchor": "top", "x": 0, "xanchor": "left", "yref": "container"},
+    )
+    figure.update_layout(**more)
+    axis = {"showgrid": True, "gridcolor": "#edf0f3", "zeroline": False, "linecolor": "#c8ced4", "title_font_size": 13}
+    figure.update_xaxes(**axis, ticks="outside", tickcolor="#c8ced4")
+    figure.update_yaxes(**axis, title_standoff=6)
+    for note in figure.layout.annotations:
+        note.update(font={"size": 13, "color": INK})
+    return figure
+
+
+def _channels(table: pd.DataFrame) -> list[str]:
+    return [c for c in table["channel"].cat.categories if (table["channel"] == c).any()]
+
+
+def _logs(table: pd.DataFrame) -> list[tuple[str, str]]:
+    """Part and name of every log, or of the worst of many."""
+    energy = table.assign(e=table["residual_before"] ** 2).groupby(["part", "log"], observed=True)["e"].mean()
+    worst = energy.sort_values(ascending=False).head(MOST_LOGS).index
+    return [key for key in energy.index if key in set(worst)]
+
+
+def overlay(table: pd.DataFrame) -> go.Figure:
+    """Measured, before, after, per channel; the log is chosen from a list."""
+    channels, logs = _channels(table), _logs(table)
+    figure = make_subplots(len(channels), 1, shared_xaxes=True, vertical_spacing=0.05,
+                           subplot_titles=[f"{c} [{CHANNEL_UNITS[c]}]" for c in channels])  # fmt: skip
+    owner = []
+    for n, (part, log) in enumerate(logs):
+        mine = table[(table["part"] == part) & (table["log"] == log)]
+        for row, channel in enumerate(channels, 1):
+            t = mine[mine["channel"] == channel].sort_values("time")
+            for source, colour in SOURCE.items():
+                y = t["measured" if source == "measured" else f"predicted_{source}"].to_numpy(np.float32)
+                time, y = thin_line(t["time"].to_numpy(), y, MOST_POINTS, HOLE)
+                figure.add_trace(
+                    go.Scatter(
+                        x=np.round(time, 3), y=y, name=source, mode="lines", legendgroup=source, showlegend=row == 1,
+                        visible=n == 0, line={"color": colour, "width": 2.0 if source == "measured" else 1.3},
+                        opacity=0.45 if source == "measured" else 1.0, connectgaps=False,
+                    ),
+                    row=row, col=1,
+                )  # fmt: skip
+                owner.append(n)
+    buttons = [
+        {"label": f"{log}{' (held out)' if part == 'held_out' else ''}", "method": "update",
+         "args": [{"visible": [o == n for o in owner]}, {}]}
+        for n, (part, log) in enumerate(logs)
+    ]  # fmt: skip
+    _layout(figure, 210 * len(channels) + 90, hovermode="x unified")
+    for note in figure.layout.annotations:
+        note.update(x=0, xanchor="left")
+    menu = {"x": 0, "xanchor": "left", "y": 1.0, "yanchor": "bottom", "pad": {"b": 24}, "bgcolor": "white"}
+    figure.update_layout(margin_t=104, updatemenus=[menu | {"buttons": buttons}])
+    figure.update_xaxes(title_text="time [s]", row=len(channels), col=1)
+    return figure
+
+
+def gap_bars(parts: Mapping[str, Mapping[str, Change]]) -> go.Figure:
+    """Rms over noise before and after, per channel; the interval is that of the change (paired blocks)."""
+    figure = make_subplots(1, len(parts), shared_yaxes=True, horizontal_spacing=0.06,
+                           subplot_titles=[_part_title(p) for p in parts])  # fmt: skip
+    for col, changes in enumerate(parts.values(), 1):
+        names = list(changes)
+        before = np.array([c.before for c in changes.values()])
+        after = np.array([c.after for c in changes.values()])
+        low = before * (1 + np.array([c.ci95[0] for c in changes.values()]))
+        high = before * (1 + np.array([c.ci95[1] for c in changes.values()]))
+        figure.add_trace(go.Bar(x=names, y=before, name="before", marker_color=ORANGE, legendgroup="before", showlegend=col == 1,
+                                texttemplate="%{y:.2f}"), row=1, col=col)  # fmt: skip
+        figure.add_trace(
+            go.Bar(x=names, y=after, name="after", marker_color=BLUE, legendgroup="after", showlegend=col == 1,
+                   texttemplate="%{y:.2f}", error_y={"type": "data", "symmetric": False, "array": np.maximum(high - after, 0),
+                            "arrayminus": np.maximum(after - low, 0), "color": INK, "thickness": 1.2}),
+            row=1, col=col,
+        )  # fmt: skip
+        figure.add_hline(y=1.0, line={"color": GREY, "dash": "dash", "width": 1.2}, row=1, col=col)
+    figure.update_yaxes(title_text="residual over sensor noise (rms)", rangemode="tozero", row=1, col=1)
+    return _layout(figure, 360, barmode="group")
+
+
+def _part_title(part: str) -> str:
+    return {"fit": "fitted logs", "held_out": "held-out logs"}[part]
+
+
+# ---- the picture
+
+
+def picture(path: Path, table: pd.DataFrame, parts: Mapping[str, Mapping[str, Change]], title: str) -> None:
+    """gap.png: the moment in which the gap closed most, and the gap per channel before and after."""
+    try:
+        import matplotlib
+    except ImportError:
+        raise UserError("the picture needs matplotlib: pip install 'tse[figures]'") from None
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    style = {"font.size": 11, "font.family": "DejaVu Sans", "axes.edgecolor": "#c8ced4", "axes.linewidth": 0.8,
+             "text.color": INK, "axes.labelcolor": INK, "xtick.color": "#52606d", "ytick.color": "#52606d"}  # fmt: skip
+    with plt.rc_context(style):
+        figure = plt.figure(figsize=(10, 5.2), dpi=160, layout="constrained")
+        grid = figure.add_gridspec(2, 2, width_ratios=[1.55, 1], height_ratios=[2.1, 1])
+        above, below, bars = (figure.add_subplot(g) for g in (grid[0, 0], grid[1, 0], grid[:, 1]))
+        moment, channel, where = best_moment(table)
+        time = moment["time"]
+        above.plot(time, moment["measured"], color=INK, lw=3.2, alpha=0.35, label="measured", solid_capstyle="round")
+        above.plot(time, moment["predicted_before"], color=ORANGE, lw=1.5, label="simulated before")
+        above.plot(time, moment["predicted_after"], color=BLUE, lw=1.5, label="simulated after")
+        above.set_title(f"{channel} in {where}", loc="left", fontsize=11, fontweight="bold")
+        above.set_ylabel(CHANNEL_UNITS[channel])
+        above.legend(frameon=False, ncols=3, loc="upper right", fontsize=9.5)
+        low, high = above.get_ylim()
+        above.set_ylim(low, high + 0.16 * (high - low))
+        above.tick_params(labelbottom=False)
+        below.axhspan(-2, 2, color=GREY, alpha=0.15, lw=0)
+        below.plot(time, moment["residual_before"], color=ORANGE, lw=1.1)
+        below.plot(time, moment["residual_after"], color=BLUE, lw=1.1)
+        below.set_ylabel("residual\nover noise")
+        below.set_xlabel("time [s]")
+        _draw_bars(bars, parts)
+        for axis in (above, below, bars):
+            axis.grid(color="#edf0f3", lw=0.8)
+            axis.set_axisbelow(True)
+            axis.spines[["top", "right"]].set_visible(False)
+        bars.grid(axis="x", visible=False)
+        figure.suptitle(title, x=0.01, ha="left", fontsize=12.5, fontweight="bold")
+        with atomic(path, "wb") as file:
+            figure.savefig(file, format="png", metadata={"Software": None})
+        plt.close(figure)
+
+
+def best_moment(table: pd.DataFrame) -> tuple[pd.DataFrame, str, str]:
+    """The seconds in which most of the gap closed, on a held-out log if there is one; if none did, the worst."""
+    t = table[table["part"] == "held_out"] if (table["part"] == "held_out").any() else table
+    won = (t["residual_before"] ** 2 - t["residual_after"] ** 2).fillna(0.0)
+    t = t.assign(won=won, window=np.floor(t["time"] / PICTURE_SECONDS))
+    if not t["won"].abs().sum() > 0:
+        t["won"] = t["residual_before"].fillna(0.0) ** 2
+    channel, log, window = t.groupby(["channel", "log", "window"], observed=True)["won"].sum().idxmax()
+    found = t[(t["channel"] == channel) & (t["log"] == log) & (t["window"] == window)].sort_values("time")
+    return found, str(channel), f"{log}{', held out' if found['part'].iloc[0] == 'held_out' else ''}"
+
+
+def _draw_bars(axis: object, parts: Mapping[str, Mapping[str, Change]]) -> None:
+    labels, place = [], 0.0
+    ticks = []
+    top = max(c.before for changes in parts.values() for c in changes.values())
+    for part, changes in parts.items():
+        start = place
+        for channel, c in changes.items():
+            axis.bar(place - 0.2, c.before, 0.38, color=ORANGE)
+            axis.bar(place + 0.2, c.after, 0.38, color=BLUE)
+            low, high = c.before * (1 + c.ci95[0]), c.before * (1 + c.ci95[1])
+            error = [[max(c.after - low, 0.0)], [max(high - c.after, 0.0)]]
+            axis.errorbar(place + 0.2, c.after, yerr=error, color=INK, lw=1, capsize=2)
+            labels.append(channel.replace("_", "\n", 1))
+            ticks.append(place)
+            place += 1.0
+        middle = 0.5 * (start + place - 1.0)
+        axis.text(
+            middle,
+            1.13 * top,
+            {"fit": "fitted", "held_out": "held out"}[part],
+            ha="center",
+            color="#52606d",
+            fontsize=10,
+        )
+        place += 0.5
+    axis.axhline(1.0, color=INK, lw=1.1, ls=(0, (4, 3)))
+    axis.set_xticks(ticks, labels, fontsize=9)
+    axis.set_ylim(0, 1.22 * top)
+    axis.set_title("Residual over noise (rms)", loc="left", fontsize=11, fontweight="bold")
+    axis.set_xlabel("dashed: the sensors' noise alone", fontsize=9.5, color="#52606d")

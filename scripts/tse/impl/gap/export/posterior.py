@@ -1,0 +1,93 @@
+"""How well the improved car is known: the covariance of its stiffness, of what was named, and of what every car has a little of and
+these logs did not show, which moves no mean and widens the others.
+
+The covariance is that of the engine of the search (identify/fit.py) at the values that stand: residuals are as correlated as the
+discrepancy of their channel, and pieces that contradict each other make it wider. The prior of what has no name is what the vehicle
+file says of it in [uncertainty], or its class."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from tse.impl.core import NOMINAL
+from tse.impl.gap.catalogue import Key, catalogue
+from tse.impl.gap.fit import Fit
+from tse.impl.gap.infer.hypotheses import Hypothesis, hypotheses
+from tse.impl.gap.infer.space import Layout, Space
+from tse.impl.gap.problem import PROFILES, Problem
+from tse.impl.identify import fit as engine
+from tse.impl.identify.problem import UNLIKE_SD
+from tse.impl.identify.unknowns import LEAST_SD, UNKNOWNS
+from tse.impl.vehicle import GRAVITY, Vehicle, uncertainty_settings
+
+# Settings of [uncertainty], and the parameters that they are the sd of.
+UNCERTAIN = {
+    "mass_sd": "mass_change", "yaw_inertia_sd": "yaw_inertia_change", "cg_sd": "cg_shift_distance",
+    "steer_ratio_sd": "steering_ratio_change", "steer_offset_sd": "steering_offset_angle", "accel_y_scale_sd": "imu_scale_ay_error",
+    "accel_delay_sd": "accel_y_latency", "relaxation_sd": "relaxation_length", "gyro_scale_sd": "gyro_scale_error",
+    "trail_sd": "aligning_moment_trail", "roll_steer_sd": "rear_roll_steer_gain",
+}  # fmt: skip
+ROLL = "body_roll_gain"  # by which accel_y reads more, as by its scale
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """Of the parameters of the car, at the values of the file."""
+
+    names: tuple[Key, ...]
+    values: np.ndarray
+    covariance: np.ndarray
+
+    def sd(self, name: str) -> float:
+        """Of a parameter; of the scale of accel_y with what roll adds to it."""
+        roll = GRAVITY if name == UNCERTAIN["accel_y_scale_sd"] else 0.0
+        w = np.array([1.0 if n == name else roll if n == ROLL else 0.0 for n in self.names])
+        return float(np.sqrt(w @ self.covariance @ w))
+
+    def uncertainty(self, vehicle: Vehicle) -> dict[str, float]:
+        """Settings of [uncertainty]: those of this posterior, not below what any model of a car leaves; the others as they were."""
+        v = {key: vehicle.values[key] for key in uncertainty_settings() if key in vehicle.values}
+        if not any(v.values()):
+            return v  # known exactly
+        v["model_sd"] = min(v["model_sd"], UNLIKE_SD)
+        return v | {key: max(self.sd(name), min(LEAST_SD.get(key, 0.0), v[key])) for key, name in UNCERTAIN.items()}
+
+    def calibration(self) -> dict[str, Any]:
+        """Names, mean and covariance as tse.impl.calibrate has them: stiffness in ln over this file's."""
+        known = {u.name for u in UNKNOWNS if not u.relative}
+        mine = [k for k, n in enumerate(self.names) if n in NOMINAL or n in known]
+        ln = np.array([self.names[k] in NOMINAL for k in mine])
+        mean, scale = np.where(ln, 0.0, self.values[mine]), np.where(ln, self.values[mine], 1.0)
+        covariance = self.covariance[np.ix_(mine, mine)] / np.outer(scale, scale)
+        return {"names": [str(self.names[k]) for k in mine], "mean": mean, "covariance": covariance}
+
+
+def posterior(problem: Problem, fit: Fit, vehicle: Vehicle, settings: Mapping[str, float]) -> Posterior:
+    """`vehicle`: as it was before; `settings`: of a formula, which the fit stands with."""
+    prior = {name: vehicle.values.get(key, 0.0) for key, name in UNCERTAIN.items()}
+    fitted = {p.name for p in fit.parameters}
+    asked = [*hypotheses(), Hypothesis(catalogue()["aligning_moment"], 0.0, False)]
+    effects = [
+        h
+        for h in asked
+        if h.id not in PROFILES and any(p.name in fitted or prior.get(p.name) for p in h.effect.strengths)
+    ]
+    before = problem.fixed
+    problem.fixed = before | dict(fit.values) | dict(settings)
+    try:
+        space = Space(Layout(problem), effects)
+        start = problem.nominal | problem.fixed
+        at = np.array([start.get(n, 1.0 if n in NOMINAL else 0.0) for n in space.names])
+        space.sd = np.array(
+            [sd if n in fitted else prior.get(n) or sd for n, sd in zip(space.names, space.sd, strict=True)]
+        )
+        space.mean, space.information = at, np.diag(space.sd**-2)
+        covariance = engine.fit(space, at, most=0).covariance
+    finally:
+        problem.fixed = before
+    car = [k for k, p in enumerate(space.parameters) if p.name in NOMINAL or p.name in fitted or prior.get(p.name)]
+    return Posterior(tuple(space.names[k] for k in car), at[car], covariance[np.ix_(car, car)])

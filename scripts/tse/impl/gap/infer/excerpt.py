@@ -1,0 +1,117 @@
+"""Of long logs the stretches that say most: sets of effects and formulas are searched there, and what is found is fitted to all.
+
+What a stretch says is the information about stiffness and every effect of the catalogue (slopes where nothing is missing, channel
+by channel, sizes in units of what is typical) and about whatever the plain model leaves. The stretches are chosen one by one, each
+by how much it adds to ln det of the information of those that are there (a Bayesian D-optimal design, Chaloner & Verdinelli 1995):
+a second lane change adds less than the first braking.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from tse.impl.gap.catalogue import Parameter
+from tse.impl.gap.data import BURN_IN, Prepared, Stretch
+from tse.impl.gap.fit import Fit
+from tse.impl.gap.infer.hypotheses import Hypothesis, fit_prior, hypotheses, start_of
+from tse.impl.gap.infer.space import REACH, STIFFNESS_SD, Layout, slopes
+from tse.impl.gap.problem import STIFFNESS, Problem
+
+MOST_SECONDS = 90.0  # s: of logs, in which effects are searched: what is found is fitted to all of them
+PIECE = 15.0  # s: of a log that is chosen or not: a manoeuvre or two, of which BURN_IN is lost
+# noise of a block: that a piece's information counts with: models are no better known than that, and with less the
+# first pieces are sure of everything
+ENTRY_SD = 30.0
+
+
+def is_long(problem: Problem) -> bool:
+    """Whether it is so long that MOST_SECONDS of it are worth being chosen."""
+    return sum(log.seconds for log in problem.logs) > 2.0 * MOST_SECONDS
+
+
+def excerpt(problem: Problem, baseline: Fit) -> Problem:
+    """The stretches that say most, MOST_SECONDS; the problem as it is, where it is hardly longer. `baseline`: of this
+    problem.
+
+    Cost: as many simulations of everything as the catalogue has parameters."""
+    if not is_long(problem):
+        return problem
+    layout = Layout(problem)
+    residuals = layout.split(baseline.residuals)
+    asked = hypotheses()
+    tables = _slopes(layout, baseline, asked, residuals)
+    pieces: list[tuple[int, Stretch]] = []
+    says: list[np.ndarray] = []
+    for i, log in enumerate(problem.logs):
+        for piece in _pieces(log):
+            first, last = log.time[piece.first] + BURN_IN, log.time[piece.last - 1]
+            information = np.zeros((tables[0].shape[1],) * 2)
+            for table, time, (owner, _) in zip(tables, layout.time, layout.groups, strict=True):
+                if owner == i:
+                    rows = table[(time >= first) & (time <= last)]
+                    information += rows.T @ rows
+            pieces.append((i, piece))
+            says.append(information / ENTRY_SD**2)
+    chosen = best(says, [piece.used.sum() * _step(problem.logs[i]) for i, piece in pieces], MOST_SECONDS)
+    logs = []
+    for i, log in enumerate(problem.logs):
+        mine = [pieces[k][1] for k in sorted(chosen) if pieces[k][0] == i]
+        if mine:
+            logs.append(replace(log, stretches=mine))
+    return problem.of(logs)
+
+
+def best(says: Sequence[np.ndarray], seconds: Sequence[float], most: float) -> list[int]:
+    """Indices of pieces, the most telling first, until they are longer than `most`. `says`: their information, in units of what is
+    known without them."""
+    total = np.eye(len(says[0])) if says else np.zeros((0, 0))
+    left, chosen, length = list(range(len(says))), [], 0.0
+    while left and length < most:
+        gain = [np.linalg.slogdet(total + says[k])[1] for k in left]
+        k = left.pop(int(np.argmax(gain)))
+        chosen.append(k)
+        total, length = total + says[k], length + seconds[k]
+    return chosen
+
+
+def _step(log: Prepared) -> float:
+    return float(np.median(np.diff(log.time)))
+
+
+def _pieces(log: Prepared) -> list[Stretch]:
+    """Stretches cut to PIECE; each begins anew, and its first second is not compared."""
+    found = []
+    length = round(PIECE / _step(log)) // log.rows_per_block * log.rows_per_block
+    ahead = -(-round(BURN_IN / _step(log)) // log.rows_per_block) * log.rows_per_block
+    for s in log.stretches:
+        for first in range(s.first, s.last, length):
+            last = min(first + length, s.last)
+            if last - first > 2 * ahead:
+                used = s.used[first - s.first : last - s.first].copy()
+                used[:ahead] = False
+                found.append(Stretch(first, last, used))
+    return found
+
+
+def _slopes(
+    layout: Layout, baseline: Fit, asked: Sequence[Hypothesis], residuals: list[np.ndarray]
+) -> list[np.ndarray]:
+    """A table for each group: slopes in units of prior sd, and the residual itself, without what is the bias's."""
+    parameters: list[Parameter] = [*STIFFNESS, *(p for h in asked for p in h.effect.strengths)]
+    shapes = {p.name: start_of(p) for h in asked for p in h.effect.shapes}
+    problem, before = layout.problem, layout.problem.fixed
+    try:
+        problem.fixed = before | shapes
+        raw = layout.split(problem.weight * np.nan_to_num(problem.measured - problem.predict(baseline.values)))
+        found = slopes(layout, baseline.values, raw, parameters, REACH)
+    finally:
+        problem.fixed = before
+    unit = np.array([STIFFNESS_SD if p in STIFFNESS else fit_prior(p)[1] for p in parameters])
+    tables = []
+    for table, r, bias in zip(found, residuals, layout.bias, strict=True):
+        whole = np.column_stack([np.nan_to_num(table) * unit, r])
+        tables.append(whole - np.outer(bias, bias @ whole / max(float(bias @ bias), 1e-300)))
+    return tables

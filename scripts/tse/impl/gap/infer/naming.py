@@ -1,0 +1,378 @@
+"""From sets of effects and their probabilities to names: what the logs show, how sure that is, and what could stand in its place.
+
+The sets are searched on the fitted logs alone: held-out ones take no part in names or sizes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy.stats import norm
+
+from tse.impl.gap.catalogue import Effect, Key, catalogue, of_the_car, profiles
+from tse.impl.gap.fit import Fit, excess, fit
+from tse.impl.gap.infer import noise
+from tse.impl.gap.infer.hypotheses import NAME_AT, Hypothesis, hypotheses
+from tse.impl.gap.infer.search import Judged, Search, judge
+from tse.impl.gap.infer.space import Layout
+from tse.impl.gap.problem import PROFILES, SIGNED_DELAYS, STIFFNESS, Problem, profile_size
+from tse.impl.log import DRIVES, OPTIONAL, TORQUES
+from tse.impl.vehicle import GRAVITY, latency_settings
+
+EARLY = {  # delays below zero
+    "steering_delay": "steering angle logged late, so the wheels turn before it",
+    "imu_delay": "steering angle and wheel speeds logged late behind the IMU",
+    "steering_lag": "a low pass between steering angle and IMU: that of the IMU, or a quick steering",
+}
+# What slows a car shows in torque or speed alone: wheel speeds drive the model, and what is left of it in accel_x is what any road
+# is, too.
+BY_TORQUE = ("aero_drag", "rolling_resistance")
+LOW_PASS = "steering_lag"  # which a low pass of the whole IMU is, but for accel_x
+# share of the probability that an effect or something in its place is missing, from which that something is a look-
+# alike
+ALIKE_AT = 0.05
+POSSIBLE_AT = 0.1  # probability from which an effect without a name is given as possible
+LEAST_CLOSED = 0.05  # of what the other names leave, that a name must close
+ROAD_PROBABILITY = 0.1  # prior, that a road's profile shows
+ROAD_SHARE = 0.5  # of what is slow in its channel that a road must explain
+# nats: by which a road may make another channel worse: a road moves the car, and what moves it shows there, too
+ROAD_HARM = 3.0
+MOST_KNOTS = 600  # of a road's profile: every one is a number that is fitted
+ROAD_CHANNEL = {"grade": "accel_x", "bank": "accel_y"}
+# Why an effect is possible and has no name.
+SMALL, IDLE, UNSURE = "its size is negligible", "it closes next to nothing", f"below {100 * NAME_AT:.0f} %"
+
+
+@dataclass
+class Named:
+    """One named effect and what speaks for it."""
+
+    effect: Effect
+    values: dict[str, float]
+    ci95: dict[str, tuple[float, float]]
+    share: float  # of the gap that it closes
+    evidence: float  # nats
+    probability: float = 1.0
+    look_alikes: list[str] = field(default_factory=list)
+    remarks: list[str] = field(default_factory=list)
+    sensor: bool = False
+    alone: float = 1.0  # share that it closes of what the other names leave
+    whole: float = 1.0  # probability that it, or what looks like it, is missing
+
+    @property
+    def message(self) -> bool:
+        """That a message is late, which is no effect of the catalogue: how late steering and inputs are behind the IMU goes either
+        way, and a lag that is shorter than those of steerings is what the low pass of any IMU does."""
+        known = catalogue().get(self.effect.id)
+        if known is None:
+            return True
+        least = {p.name: p.typical_low if self.effect.id == LOW_PASS else p.low for p in known.strengths}
+        return any(self.values.get(p.name, p.default) < least[p.name] for p in known.strengths)
+
+    @property
+    def title(self) -> str:
+        return EARLY.get(self.effect.id, self.effect.title) if self.message else self.effect.title
+
+
+@dataclass
+class Naming:
+    """What the search came to."""
+
+    baseline: Fit
+    final: Fit
+    named: list[Named]
+    closed: float  # share of the gap
+    possible: list[dict]  # not named: id, probability, why it is not
+    sets: list[dict]  # the most probable ones: ids, probability
+    converged: bool
+
+
+def name(
+    problem: Problem,
+    effects: Sequence[Effect],
+    say: Callable[[str], None] = lambda _: None,
+    baseline: Fit | None = None,
+) -> Naming:
+    """`baseline`: plain_car()."""
+    baseline = baseline or plain_car(problem)
+    asked = [h for h in hypotheses(effects) if h.id not in BY_TORQUE or _has_torque(problem)]
+    search = Search(Layout(problem), asked, problem.jobs, say)
+    best = search.run()
+    probability = Probability(search, best.ids)
+    names = {h.id for h in best.effects if probability.of_class(h.id) >= NAME_AT}
+    dropped: dict[str, str] = {}  # and why
+    full = excess(problem, baseline.residuals)
+    while True:
+        final = best if names == best.ids else search.judge(names, best.values, best)
+        # sizes are what the catalogue's forms alone make of the logs; what forms are not known to is in the intervals
+        plain = judge(Layout(problem), final.effects, final.values, None)
+        small = {h.id for h in final.effects if negligible(h.effect, plain.values)}
+        wander = _wander(problem, search, final, full)
+        if small | wander:
+            names = final.ids - small - wander
+            dropped |= dict.fromkeys(small, SMALL)
+            continue
+        last = as_fit(problem, plain) if final.effects else baseline
+        named = [_named(problem, search, final, plain, last, h, probability, full) for h in final.effects]
+        idle = min(named, key=lambda n: n.alone, default=None)
+        if idle is None or idle.alone >= LEAST_CLOSED:
+            break
+        names = final.ids - {idle.effect.id}
+        dropped[idle.effect.id] = IDLE
+    named += _roads(problem, final, last, [e for e in effects if e.id in PROFILES], full)
+    roads = [n.effect for n in named if n.effect.id in PROFILES and n.effect.id not in final.ids]
+    if roads:
+        last = _with_roads(problem, last, roads)
+    stated = {n.effect.id for n in named}
+    possible = [
+        {"id": i, "probability": p, "why": dropped.get(i, UNSURE)}
+        for i, p in sorted(probability.effects.items(), key=lambda x: -x[1])
+        if p >= POSSIBLE_AT and i not in stated and not any(i in n.look_alikes for n in named)
+    ]
+    closed = 1.0 - excess(problem, last.residuals) / full if full > 0 else 0.0
+    return Naming(baseline, last, named, closed, possible, probability.sets(), final.converged)
+
+
+def _has_torque(problem: Problem) -> bool:
+    """Or speed."""
+    return any(c in OPTIONAL for log in problem.logs for c in log.channels)
+
+
+def without(problem: Problem, naming: Naming, kept: frozenset[str], why: str) -> Naming:
+    """The same with no names but these: the others are possible, no more. `why`: they are not kept."""
+    left = _again(problem, naming, kept, naming.baseline)
+    stay = {n.effect.id for n in left.named}
+    dropped = [
+        {"id": n.effect.id, "probability": n.probability, "why": SMALL if n.effect.id in kept else why}
+        for n in naming.named
+        if n.effect.id not in stay and n.probability >= POSSIBLE_AT
+    ]
+    possible = sorted([*dropped, *naming.possible], key=lambda p: -p["probability"])
+    return replace(left, possible=possible)
+
+
+def on_all(problem: Problem, naming: Naming) -> Naming:
+    """The same names, fitted to more logs than they were found in."""
+    return _again(problem, naming, frozenset(n.effect.id for n in naming.named), plain_car(problem))
+
+
+def plain_car(problem: Problem) -> Fit:
+    """The car of the vehicle file with its stiffness fitted, nothing added; what is own to a log is left out, since it would hide
+    what goes with speed or load."""
+    values = of_the_car(judge(Layout(problem), (), {}, None).values)
+    residuals = problem.residuals(values)
+    return Fit(list(STIFFNESS), values, residuals, problem.jacobian(values, residuals, STIFFNESS))
+
+
+def _again(problem: Problem, naming: Naming, kept: frozenset[str], baseline: Fit) -> Naming:
+    """Some of the names fitted anew. Intervals stay as wide: what forms are not known to is in them, and that has not changed."""
+    roads = [n for n in naming.named if n.effect.id in kept and profiles(naming.final.values, n.effect.id)]
+    flat = kept - {n.effect.id for n in roads}
+    final, named, converged = baseline, [], naming.converged
+    if effects := [h for h in hypotheses() if h.id in flat]:
+        plain = judge(Layout(problem), effects, of_the_car(naming.final.values), None)
+        final, converged = as_fit(problem, plain), plain.converged
+        there = [n for n in naming.named if n.effect.id in flat]
+        for n in (n for n in there if not negligible(n.effect, final.values)):
+            by = {k: final.values[k] - v for k, v in n.values.items()}
+            ci95 = {k: (low + by[k], high + by[k]) for k, (low, high) in n.ci95.items()}
+            named.append(replace(n, values={k: final.values[k] for k in by}, ci95=ci95, remarks=list(n.remarks)))
+    if short := [n.effect for n in roads if len(problem.strengths(n.effect)) <= MOST_KNOTS]:
+        final = _with_roads(problem, final, short)
+    full = excess(problem, baseline.residuals)
+    closed = 1.0 - excess(problem, final.residuals) / full if full > 0 else 0.0
+    named += roads
+    return replace(naming, baseline=baseline, final=final, named=named, closed=closed, converged=converged)
+
+
+def negligible(effect: Effect, values: Mapping[str, float]) -> bool:
+    """Too small to matter, however sure: what any car has that is not quite the model's is no missing effect."""
+    return all(abs(values[p.name] - p.default) < p.negligible for p in effect.strengths)
+
+
+class Probability:
+    """Of effects, from the sets that a search looked at."""
+
+    def __init__(self, search: Search, found: frozenset[str]):
+        """`found`: the set that is to be named."""
+        self._sets = search.probabilities()
+        self._found = found
+        self.effects: dict[str, float] = {}
+        for ids, p in self._sets.items():
+            for i in ids:
+                self.effects[i] = self.effects.get(i, 0.0) + p
+
+    def in_place(self, effect: str) -> dict[str, float]:
+        """What sets that lack this effect have, and the set that is to be named has not: by that, the probability of these sets."""
+        found: dict[str, float] = {}
+        for ids, p in self._sets.items():
+            if effect not in ids:
+                for i in ids - self._found:
+                    found[i] = found.get(i, 0.0) + p
+        return found
+
+    def of_class(self, effect: str) -> float:
+        """That it or something in its place is missing."""
+        stand_in = sum(p for ids, p in self._sets.items() if effect not in ids and ids - self._found)
+        return self.effects.get(effect, 0.0) + stand_in
+
+    def sets(self, most: int = 8) -> list[dict]:
+        top = sorted(self._sets.items(), key=lambda x: -x[1])[:most]
+        return [{"ids": sorted(ids), "probability": p} for ids, p in top if p >= 0.001]
+
+
+def _named(
+    problem: Problem,
+    search: Search,
+    final: Judged,
+    plain: Judged,
+    last: Fit,
+    h: Hypothesis,
+    probability: Probability,
+    full: float,
+) -> Named:
+    found = _sized(h, plain, probability, final)
+    without = search.judge(final.ids - {h.id}, final.values, final)
+    found.evidence = final.evidence - without.evidence
+    # no set leaves more than nothing does; a fit that believes in discrepancies is no least squares, and may
+    left = min(excess(problem, as_fit(problem, without, slopes=False).residuals), full)
+    closes = left - excess(problem, last.residuals)
+    found.share, found.alone = closes / max(full, 1e-300), closes / max(left, 1e-300)
+    if h.id == "rolling_resistance" and any(c in TORQUES for log in problem.logs for c in log.channels):
+        c = problem.config
+        torque = found.values["rolling_resistance_coefficient"] * c.mass * GRAVITY * c.wheel_radius_front
+        found.remarks.append(f"wheel torques that together are a constant {torque:.0f} Nm too high would look the same")
+    return found
+
+
+def _sized(h: Hypothesis, judged: Judged, probability: Probability, rough: Judged | None = None) -> Named:
+    """`rough`: the set as it was fitted with forms that may be off, whose sd stands."""
+    sd, z = (rough or judged).sd(), float(norm.ppf(0.975))
+    values = {p.name: judged.values[p.name] for p in h.effect.fitted}
+    item = Named(
+        h.effect, values, {k: (v - z * sd[k], v + z * sd[k]) for k, v in values.items()}, 0.0, 0.0, sensor=h.sensor
+    )
+    item.probability = probability.effects.get(h.id, 0.0)
+    whole = item.whole = probability.of_class(h.id)
+    instead = probability.in_place(h.id)
+    item.look_alikes = sorted((i for i, p in instead.items() if p >= ALIKE_AT * whole), key=lambda i: -instead[i])
+    for p in h.effect.strengths:
+        if not p.typical_low <= abs(values[p.name]) <= p.typical_high and h.id in catalogue():
+            item.remarks.append(
+                f"{p.name} = {values[p.name]:.3g} {p.unit} is outside the typical {p.typical_low:g} .. {p.typical_high:g}"
+            )
+    return item
+
+
+def as_fit(problem: Problem, judged: Judged, slopes: bool = True) -> Fit:
+    """Values and residuals as the rest of the workflow takes them."""
+    values = judged.values
+    parameters = list(judged.space.parameters)
+    residuals = problem.residuals(values)
+    jacobian = problem.jacobian(values, residuals, parameters) if slopes else np.zeros((len(residuals), 0))
+    return Fit(parameters, values, residuals, jacobian)
+
+
+# ---- the road
+
+
+def _roads(problem: Problem, final: Judged, last: Fit, roads: Sequence[Effect], full: float) -> list[Named]:
+    """Profiles of the road: where something slow is left in a channel, and a road explains it."""
+    found: list[Named] = []
+    prior = np.log(ROAD_PROBABILITY / (1.0 - ROAD_PROBABILITY))
+    for e in roads:
+        channel = ROAD_CHANNEL[e.id]
+        if channel not in final.noise or e.id in final.ids:
+            continue
+        gain = slow_nats(final, channel)
+        if gain + prior < np.log(NAME_AT / (1.0 - NAME_AT)) or len(problem.strengths(e)) > MOST_KNOTS:
+            continue
+        with_it = _with_roads(problem, last, [e])
+        size = profile_size(e, with_it.values)
+        mine = problem.rows.of(channel) & (problem.weight > 0)
+        before, after = (float(f.residuals[mine] @ f.residuals[mine]) - int(mine.sum()) for f in (last, with_it))
+        if (
+            size < e.strengths[0].negligible
+            or before - after < ROAD_SHARE * before
+            or _harms(problem, last, with_it, channel)
+        ):
+            continue
+        p = e.strengths[0].name
+        share = (excess(problem, last.residuals) - excess(problem, with_it.residuals)) / max(full, 1e-300)
+        spread = size / np.sqrt(2.0 * max(len(problem.strengths(e)), 1))
+        z = float(norm.ppf(0.975))
+        odds = float(np.exp(min(gain + prior, 50.0)))
+        found.append(
+            Named(
+                e,
+                {p: size},
+                {p: (max(0.0, size - z * spread), size + z * spread)},
+                share,
+                gain,
+                odds / (1 + odds),
+                whole=odds / (1 + odds),
+            )
+        )
+    return found
+
+
+def _wander(problem: Problem, search: Search, final: Judged, full: float) -> set[str]:
+    """Of roads that lean one way all along (which a bias takes up) those that rather wander: named by their profile."""
+    level = {h.id for h in final.effects if h.id in PROFILES}
+    if not level:
+        return set()
+    flat = search.judge(final.ids - level, final.values, final)
+    last = (
+        as_fit(problem, judge(Layout(problem), flat.effects, flat.values, None)) if flat.effects else plain_car(problem)
+    )
+    return {n.effect.id for n in _roads(problem, flat, last, [catalogue()[i] for i in sorted(level)], full)}
+
+
+def _harms(problem: Problem, before: Fit, after: Fit, but: str) -> bool:
+    """Whether a channel other than this one is explained worse than before."""
+    for c in {c for log in problem.logs for c in log.channels} - {but}:
+        mine = problem.rows.of(c) & (problem.weight > 0)
+        one, two = (float(f.residuals[mine] @ f.residuals[mine]) for f in (before, after))
+        scale = max(1.0, one / max(int(mine.sum()), 1))  # in units of what is left, where that is more than noise
+        if 0.5 * (two - one) / scale > ROAD_HARM:
+            return True
+    return False
+
+
+def slow_nats(judged: Judged, channel: str) -> float:
+    """Nats by which something slow in a channel is likelier than nothing but the walk of its bias."""
+    d, series = judged.noise[channel], noise.Series.of(judged.space.pieces(judged.residuals, channel))
+    return noise.worth(d, series) - noise.worth(replace(d, slow=min(d.slow, noise.MEDIAN[2])), series)
+
+
+def _with_roads(problem: Problem, last: Fit, roads: Sequence[Effect]) -> Fit:
+    """The same car on roads with profiles, which alone are fitted."""
+    before, problem.fixed = problem.fixed, dict(last.values)
+    try:
+        found = fit(problem, [p for e in roads for p in problem.strengths(e)], {})
+    finally:
+        problem.fixed = before
+    return Fit(last.parameters, dict(last.values) | found.values, found.residuals, last.jacobian)
+
+
+def settings(problem: Problem, values: Mapping[Key, float]) -> dict[str, float]:
+    """Fitted values as settings of a vehicle file: delays that are negative, and what is late, as latencies of channels. What is of
+    the road is not of the car."""
+    given = problem.config.as_dict()
+    others = {
+        *SIGNED_DELAYS,
+        *latency_settings().values(),
+        *(p.name for e in PROFILES for p in catalogue()[e].parameters),
+    }
+    found = {k: v for k, v in of_the_car(values).items() if k in problem.config and k not in others}
+    later = dict.fromkeys((*DRIVES, "accel_x", "accel_y"), 0.0) | problem.later(values)
+    for key, channels in (("steering_delay_time", ("steer_angle",)), ("imu_delay_time", DRIVES)):
+        change = max(values.get(key, given[key]), 0.0) - given[key]
+        if key in values:
+            found[key] = max(values[key], 0.0)
+        for c in channels:
+            later[c] += change
+    found |= {f"{c}_latency": given[f"{c}_latency"] + by for c, by in later.items() if abs(by) > 1e-9}
+    return found

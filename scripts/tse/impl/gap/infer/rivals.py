@@ -1,0 +1,186 @@
+"""Names, a formula, or both: what explains most for what it costs to say.
+
+Names that leave most of a gap, or close it by being many, may be a patchwork for something that the catalogue does not have. So
+what the search named stands beside formulas for what these, or none, leave. Each of these worlds is worth
+
+    sum over channels of power x half its independent values x ln of how much its residuals fall  -  what it costs to say,
+
+a name its prior odds and size (hypotheses.py), a formula its length (formula/search.py) and the odds that the catalogue lacks
+something. The powers are those of the world that leaves least: a model that is wrong is wrong in the same way all through a
+manoeuvre, so that its residuals say one value in an EPISODE. Held-out logs count as those that were fitted, with the numbers of
+these. A name stands if the worlds that have it are likely enough together. Fewer names without a formula are no world of their own:
+whether a name is worth having beside nothing is what the search has judged, in a model of what is left that is finer than this one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from tse.impl.gap.catalogue import Own
+from tse.impl.gap.data import BLOCK, CHANNELS
+from tse.impl.gap.fit import Fit, fit, lengths
+from tse.impl.gap.infer import naming as name
+from tse.impl.gap.infer import show
+from tse.impl.gap.infer.formula.search import NOISE_LIMIT, Discovery, discover, on_all
+from tse.impl.gap.infer.hypotheses import NAME_AT, SIZE_COST, hypotheses
+from tse.impl.gap.infer.naming import ROAD_PROBABILITY, Naming
+from tse.impl.gap.infer.space import EPISODE
+from tse.impl.gap.parallel import apart
+from tse.impl.gap.problem import Problem
+
+LEAST_TOGETHER = 0.2  # of the gap, that names must close where something is left: less is as good as nothing
+OUTSIDE = 0.2  # prior, that what is missing is in no catalogue
+INSTEAD = (
+    "a formula explains about as much or more for what it costs"  # why what the search named has no name in the end
+)
+
+
+@dataclass
+class World:
+    """Names, with a formula for what they leave or without."""
+
+    naming: Naming
+    discovery: Discovery | None
+    price: float  # nats
+    residuals: list[np.ndarray]  # of the fitted logs, and of those that were held out
+    probability: float = 0.0
+
+    @property
+    def names(self) -> frozenset[str]:
+        return frozenset(n.effect.id for n in self.naming.named)
+
+    @property
+    def text(self) -> str | None:
+        """Of the formula."""
+        return self.discovery.formula.text if self.discovery and self.discovery.formula else None
+
+
+class Worlds:
+    """All that are compared."""
+
+    def __init__(self, baseline: Fit, problem: Problem, held: Problem | None):
+        """`baseline`: of `problem`, without names."""
+        self.problem, self.held = problem, held
+        self.known: list[World] = []
+        self.plain = self._residuals(baseline, baseline.values)
+        # independent values are counted in what the plain model leaves
+        self._lengths = [lengths(p, r) for p, r in self._parts(self.plain)]
+
+    def add(self, naming: Naming, last: Fit, discovery: Discovery | None = None) -> None:
+        """One more. `last`: of the names; `discovery`: with a formula."""
+        price = sum((price_of(n.effect.id) for n in naming.named), 0.0)
+        if discovery is None:
+            residuals = self._residuals(last, last.values)
+        else:
+            assert discovery.fit is not None
+            price += discovery.price - ln_odds(OUTSIDE)
+            residuals = self._residuals(discovery.fit, discovery.values)
+        self.known.append(World(naming, discovery, price, residuals))
+
+    def weigh(self) -> None:
+        """The probability of each."""
+        value = np.array([-w.price for w in self.known], float)
+        for c in range(len(CHANNELS)):
+            before, count, episodes = self._energy(self.plain, c)
+            if not count:
+                continue
+            after = np.array([self._energy(w.residuals, c)[0] for w in self.known])
+            least = max(1.0, float(after.min()) / NOISE_LIMIT**2)
+            power = 1.0 / max(1.0, count * (1.0 - 1.0 / least) / episodes)
+            value += power * 0.5 * count * np.log(before / np.maximum(after, 1e-300))
+        weight = np.exp(value - value.max())
+        for w, p in zip(self.known, weight / weight.sum(), strict=True):
+            w.probability = float(p)
+
+    def with_name(self, effect: str) -> float:
+        """Probability of the worlds that have it."""
+        return sum(w.probability for w in self.known if effect in w.names)
+
+    def best(self) -> World:
+        """The likeliest of those whose names all stand."""
+        return max(
+            (w for w in self.known if all(self.with_name(i) >= NAME_AT for i in w.names)), key=lambda w: w.probability
+        )
+
+    def _residuals(self, last: Fit, values: Mapping[str, float]) -> list[np.ndarray]:
+        if self.held is None:
+            return [last.residuals]
+        return [last.residuals, self.held.residuals(show.of_the_car(self.held, values))]
+
+    def _parts(self, residuals: Sequence[np.ndarray]) -> list[tuple[Problem, np.ndarray]]:
+        return list(zip((p for p in (self.problem, self.held) if p is not None), residuals, strict=True))
+
+    def _energy(self, residuals: Sequence[np.ndarray], channel: int) -> tuple[float, float, float]:
+        """Mean square in units of the noise, as how many independent values it counts, and how many episodes long it is."""
+        total = rows = count = 0.0
+        for (p, r), length in zip(self._parts(residuals), self._lengths, strict=True):
+            mine = (p.rows.channel == channel) & (p.weight > 0)
+            total, rows = total + float(r[mine] @ r[mine]), rows + int(mine.sum())
+            count += int(mine.sum()) / length.get(channel, 1.0)
+        return total / max(rows, 1.0), count, rows * BLOCK / EPISODE
+
+
+def ln_odds(probability: float) -> float:
+    return float(np.log(probability / (1.0 - probability)))
+
+
+def price_of(effect: str) -> float:
+    """Nats that a name costs."""
+    return SIZE_COST - next((h.odds for h in hypotheses() if h.id == effect), ln_odds(ROAD_PROBABILITY))
+
+
+def explained(
+    problem: Problem, held: Problem | None, naming: Naming, say: Callable[[str], None]
+) -> tuple[Discovery, Naming, list[dict[str, Any]]]:
+    """A formula or none, the names, and all that were compared: the names of the likeliest world that are as likely as a name must
+    be."""
+    if naming.named and naming.closed < LEAST_TOGETHER:
+        little = f"the names together close less than {100 * LEAST_TOGETHER:.0f} % of the gap"
+        naming = name.without(problem, naming, frozenset(), little)
+    asked = [naming, *([name.without(problem, naming, frozenset(), INSTEAD)] if naming.named else [])]
+    fits = [polished(problem, n.final) for n in asked]
+    worlds = Worlds(fits[-1], problem, held)
+
+    def formula(k: int) -> Discovery:
+        beside = ", ".join(m.effect.id for m in asked[k].named)
+        return discover(problem, fits[k], held, lambda text: say(f"{text}{beside and f', beside {beside}'}"))
+
+    sought = apart(problem.jobs, formula, range(len(asked)))
+    worlds.add(naming, fits[0])
+    for n, last, found in zip(asked, fits, sought, strict=True):
+        if found.formula is not None:
+            worlds.add(n, last, found)
+    worlds.weigh()
+    best = worlds.best()
+    shown = [
+        {"ids": sorted(w.names), "formula": w.text, "probability": w.probability}
+        for w in sorted(worlds.known, key=lambda w: -w.probability)
+    ]
+    # whether a formula is worth reading beside these names is what its own search has judged, on the held-out logs, too
+    last = next(d for n, d in zip(asked, sought, strict=True) if n is best.naming)
+    share = {n.effect.id: worlds.with_name(n.effect.id) for n in best.naming.named}
+    named = [
+        replace(n, probability=n.probability * share[n.effect.id], whole=n.whole * share[n.effect.id])
+        for n in best.naming.named
+    ]
+    naming = replace(best.naming, named=named)
+    if any(n.whole < NAME_AT for n in named):
+        sure = frozenset(n.effect.id for n in named if n.whole >= NAME_AT)
+        naming = name.without(problem, naming, sure, name.UNSURE)
+        last = on_all(problem, naming.final, last)
+    return last, naming, shown
+
+
+def polished(problem: Problem, last: Fit) -> Fit:
+    """The same by least squares, as formulas are fitted; without what is own to a log, but for its road."""
+    shared = {k: v for k, v in last.values.items() if not isinstance(k, Own) or k.knot is not None}
+    before, problem.fixed = problem.fixed, shared
+    try:
+        found = fit(problem, last.parameters, shared)
+    finally:
+        problem.fixed = before
+    return replace(found, values=shared | found.values)

@@ -1,0 +1,292 @@
+"""The comparison: a simulation of all logs against what was measured, whitened by the sensors' noise.
+
+Stiffness and effect parameters are the same over all logs; the bias of each sensor is one number per log, found in closed
+form (residuals are linear in it). Residuals are means over blocks of 40 ms, in units of what the sensor's noise leaves of
+them: a perfect model has residuals of size one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+
+from tse.impl.core import NOMINAL, Config
+from tse.impl.gap import optional
+from tse.impl.gap.catalogue import Effect, Key, Own, Parameter, of_the_car, profiles
+from tse.impl.gap.data import CHANNELS, Prepared, blocks
+from tse.impl.gap.parallel import is_copy
+from tse.impl.gap.simulate import simulate
+from tse.impl.log import MEASURES, OPTIONAL
+
+STIFFNESS = tuple(
+    Parameter(name, name, True, "1", 1.0, 0.1, 5.0, 0.5, 2.0, 0.02, 1, f"{name} over the vehicle file's")
+    for name in NOMINAL
+)
+WITH_BIAS = MEASURES  # the other channels have none: optional.py says what they may have
+
+
+# Of the road, not of the car: not one number, but a profile over the distance of each log, smooth over KNOT. Columns of a replay.
+PRIOR = {"grade": 0.03, "bank": 0.02}  # rad: sd of roads, of the values of their profiles
+KNOT = 40.0  # m: between two values of a profile, which is smooth over that
+PROFILES = tuple(PRIOR)
+# What is not a setting of the simulation, or is in it with a sign only: how late channels are beyond what the vehicle file says.
+LATENT = frozenset(("wheel_speed_latency", "accel_x_latency", "accel_y_latency"))
+SIGNED_DELAYS = frozenset(("steering_delay_time", "imu_delay_time"))
+NOT_SETTINGS = frozenset(NOMINAL) | LATENT | SIGNED_DELAYS
+
+
+def profile_size(effect: Effect, values: Mapping[Key, float]) -> float:
+    """Rms of a profile about its mean of each log (the mean is the sensor's bias), rad."""
+    logs: dict[int, list[float]] = {}
+    for key, value in profiles(values, effect.id).items():
+        logs.setdefault(key.log, []).append(value)
+    return float(np.sqrt(np.mean([np.var(v) for v in logs.values()]))) if logs else 0.0
+
+
+@dataclass(frozen=True)
+class Rows:
+    """What the entries of a residual vector are."""
+
+    log: np.ndarray  # index of the log
+    channel: np.ndarray  # index in CHANNELS
+    time: np.ndarray  # s, mean of the block
+    block: np.ndarray  # index of the block: the same for all channels of a moment
+    group: np.ndarray  # log and channel: shares a bias
+
+    def of(self, channel: str) -> np.ndarray:
+        return self.channel == CHANNELS.index(channel)
+
+
+class Problem:
+    """All logs against one model. Thread-safe: simulations share nothing."""
+
+    def __init__(self, logs: Sequence[Prepared], config: Config, jobs: int = 1):
+        self.logs = [log for log in logs if log.stretches]
+        self.notes = [n for log in logs for n in log.notes]
+        self.config = config
+        self.jobs = max(1, jobs)
+        self.fixed: dict[Key, float] = {}  # values that are not fitted, and not those of the settings
+        self.nominal = config.as_dict()
+        self.given = {name: self.nominal[name] for name in SIGNED_DELAYS}
+        if self.logs:  # a drift is one over the time of the longest log
+            self.nominal["stiffness_drift_time"] = max(float(log.time[-1] - log.time[0]) for log in self.logs)
+        missing = [{c: ~np.isfinite(log.measured[c]) for c in MEASURES if c in log.measured} for log in self.logs]
+        self._missing = [{c: rows for c, rows in log.items() if rows.any()} for log in missing]
+        self._measured, self.weight, self.rows = self._layout()
+        self.noise_energy = self._noise_energy()
+        self._biased = np.isin(self.rows.channel, [CHANNELS.index(c) for c in WITH_BIAS])
+        self._groups = int(self.rows.group.max()) + 1 if len(self.rows.group) else 0
+
+    def of(self, logs: Sequence[Prepared]) -> Problem:
+        """The same of other logs."""
+        return Problem(logs, self.config, self.jobs)
+
+    # ---- parameters
+
+    def strengths(self, effect: Effect) -> tuple[Parameter, ...]:
+        """What is fitted to say how strong an effect is: its strengths, or the profile of a road in each log."""
+        if effect.id not in PROFILES:
+            return effect.strengths
+        p, prior = effect.strengths[0], PRIOR[effect.id]
+        return tuple(
+            Parameter(
+                Own(effect.id, i, k), "profile", True, p.unit, 0.0, p.low, p.high, 0.0, prior, p.negligible, 0,
+                f"{p.text}, {self.logs[i].name} at {KNOT * k:g} m", prior,
+            )
+            for i in range(len(self.logs))
+            for k in range(self._knots(i))
+        )  # fmt: skip
+
+    def _knots(self, i: int) -> int:
+        return int(self.logs[i].distance[-1] // KNOT) + 2
+
+    # ---- layout
+
+    def _layout(self) -> tuple[np.ndarray, np.ndarray, Rows]:
+        measured, weight, columns, group, block = [], [], [], 0, 0
+        for i, log in enumerate(self.logs):
+            time, _ = blocks(log, log.time)
+            for channel in log.channels:
+                mean, count = blocks(log, log.measured[channel])
+                measured.append(mean)
+                variance = log.noise[channel] ** 2 / np.maximum(count, 1)
+                if channel in log.blur:
+                    variance = variance + blocks(log, log.blur[channel])[0] ** 2  # the same over a block: slow
+                usual = (
+                    float(np.median(count[count > 0])) if count.any() else 1.0
+                )  # a slow sensor has fewer rows with a value
+                enough = 0 if channel in OPTIONAL else 0.5 * usual  # and a slow receiver not one in every block
+                weight.append(np.where(count > enough, 1.0 / np.sqrt(variance), 0.0))
+                n = len(mean)
+                columns.append(
+                    (np.full(n, i), np.full(n, CHANNELS.index(channel)), time, block + np.arange(n), np.full(n, group))
+                )
+                group += 1
+            block += len(time)
+        rows = (
+            Rows(*(np.concatenate(c) for c in zip(*columns, strict=True)))
+            if columns
+            else Rows(*(np.zeros(0, int),) * 5)
+        )
+        y = np.concatenate(measured) if measured else np.zeros(0)
+        w = np.concatenate(weight) if weight else np.zeros(0)
+        return np.where(w > 0, y, 0.0), w, rows
+
+    def _noise_energy(self) -> np.ndarray:
+        """Of each entry, what the noise that was found leaves of its square: 1, less where a floor raised the noise."""
+        quiet = [q for log in self.logs for c in log.channels for q in [log.quiet.get(c, 1.0)]]
+        return np.where(self.weight > 0, np.array(quiet)[self.rows.group] ** 2, 0.0) if quiet else np.zeros(0)
+
+    @property
+    def measured(self) -> np.ndarray:
+        """What was measured, one value per entry of the residual vector; NaN where it is missing."""
+        return np.where(self.weight > 0, self._measured, np.nan)
+
+    def quantity(self, name: str) -> np.ndarray:
+        """An input or a measurement as blocks, one value per entry of the residual vector."""
+        parts = []
+        for log in self.logs:
+            x = log.inputs.get(name, log.measured.get(name))
+            mean, count = blocks(log, x)
+            parts.extend([np.where(count > 0, mean, np.nan)] * len(log.channels))
+        return np.concatenate(parts)
+
+    # ---- residuals
+
+    def model(self, values: Mapping[Key, float]) -> Config:
+        """Settings of the effects."""
+        values = of_the_car(self.fixed | dict(values))
+        return Config(self.nominal | {k: v for k, v in values.items() if k not in NOT_SETTINGS})
+
+    def stiffness(self, values: Mapping[Key, float], i: int) -> dict[str, float]:
+        """Of log i, over the vehicle file's: the car's, and what is own to the log."""
+        values = self.fixed | dict(values)
+        return {k: values.get(k, 1.0) + values.get(Own(k, i), 0.0) for k in NOMINAL}
+
+    def later(self, values: Mapping[Key, float]) -> dict[str, float]:
+        """How much later than the vehicle file says channels are logged, s. Delays are latencies of either sign: the wheels turn
+        after the logged angle, or the whole IMU is behind what drives the model."""
+        values = self.fixed | dict(values)
+        if LATENT.isdisjoint(values) and SIGNED_DELAYS.isdisjoint(values):
+            return {}
+        imu = values.get("imu_delay_time", self.given["imu_delay_time"]) - self.given["imu_delay_time"]
+        steering = (
+            values.get("steering_delay_time", self.given["steering_delay_time"]) - self.given["steering_delay_time"]
+        )
+        wheels = values.get("wheel_speed_latency", 0.0)
+        found = {"steer_angle": -imu - steering, "wheel_speed_front": wheels - imu, "wheel_speed_rear": wheels - imu}
+        return found | {c: values.get(f"{c}_latency", 0.0) for c in ("accel_x", "accel_y")}
+
+    def profiles(self, values: Mapping[Key, float], i: int) -> dict[str, np.ndarray]:
+        """Profiles of the road along a log, linear between their values."""
+        values = self.fixed | dict(values)
+        found = {}
+        own = [
+            k for k in values if isinstance(k, Own) and k.knot is not None and k.log == i
+        ]  # mostly none: this is asked often
+        for effect in PROFILES if own else ():
+            knots = [values.get(Own(effect, i, k), 0.0) for k in range(self._knots(i))]
+            if any(knots):
+                found[effect] = np.interp(self.logs[i].distance, KNOT * np.arange(len(knots)), knots)
+        return found
+
+    def predict(self, values: Mapping[Key, float]) -> np.ndarray:
+        """What the model says, one value per entry of the residual vector, without bias; the optional channels as they read."""
+        return self._predict(values)[0]
+
+    def predict_all(self, asked: Sequence[Mapping[Key, float]]) -> list[np.ndarray]:
+        """The same for many values, as many at once as there are jobs."""
+        if self.jobs == 1 or len(asked) < 2 or is_copy():
+            return [self.predict(values) for values in asked]
+        with ThreadPoolExecutor(self.jobs) as pool:  # the library runs without Python's lock
+            return list(pool.map(self.predict, asked))
+
+    def readings(self, values: Mapping[Key, float]) -> list[list[optional.Reading]]:
+        """How the optional channels read, of each log."""
+        return self._predict(values)[1]
+
+    def _predict(self, values: Mapping[Key, float]) -> tuple[np.ndarray, list[list[optional.Reading]]]:
+        config = self.model(values)
+        later = self.later(values)
+        parts, readings = [], []
+        for i, log in enumerate(self.logs):
+            simulated = simulate(config, log, log.channels, self.stiffness(values, i), self.profiles(values, i), later)
+            for channel, missing in self._missing[i].items():  # means over the same rows as those of what was measured
+                simulated[channel] = np.where(missing, np.nan, simulated[channel])
+            predicted = {channel: blocks(log, simulated[channel])[0] for channel in log.channels}
+            how: list[optional.Reading] = []
+            if any(c in OPTIONAL for c in predicted):
+                mine = {c: (self.rows.log == i) & self.rows.of(c) for c in predicted if c in OPTIONAL}
+                time = self.rows.time[next(iter(mine.values()))]
+                measured, weight = ({c: x[m] for c, m in mine.items()} for x in (self._measured, self.weight))
+                read_as, how = optional.read(time, {c: predicted[c] for c in mine}, measured, weight)
+                predicted |= read_as
+            readings.append(how)
+            parts.extend(predicted[channel] for channel in log.channels)
+        return np.concatenate(parts), readings
+
+    def channels(self, values: Mapping[Key, float], names: Sequence[str]) -> dict[str, np.ndarray]:
+        """Quantities of the simulation, one value per entry of the residual vector."""
+        config = self.model(values)
+        later = self.later(values)
+        parts: dict[str, list[np.ndarray]] = {n: [] for n in names}
+        for i, log in enumerate(self.logs):
+            predicted = simulate(config, log, names, self.stiffness(values, i), self.profiles(values, i), later)
+            for n in names:
+                parts[n].extend([blocks(log, predicted[n])[0]] * len(log.channels))
+        return {n: np.concatenate(p) for n, p in parts.items()}
+
+    def residuals(self, values: Mapping[Key, float]) -> np.ndarray:
+        """Measured less predicted less bias, in units of the noise that a block has left."""
+        return self.whiten(self._measured - self.predict(values))
+
+    def whiten(self, difference: np.ndarray) -> np.ndarray:
+        """Take the bias of each log and sensor out and divide by the noise."""
+        w2 = np.where(self._biased, self.weight**2, 0.0)
+        total = np.bincount(self.rows.group, w2, self._groups)
+        mean = np.bincount(self.rows.group, w2 * difference, self._groups) / np.maximum(total, 1e-300)
+        return self.weight * (difference - mean[self.rows.group])
+
+    def biases(self, values: Mapping[Key, float]) -> dict[tuple[int, str], float]:
+        """The bias of each log and sensor."""
+        difference = self._measured - self.predict(values)
+        w2 = self.weight**2
+        total = np.bincount(self.rows.group, w2, self._groups)
+        mean = np.bincount(self.rows.group, w2 * difference, self._groups) / np.maximum(total, 1e-300)
+        first = [int(np.argmax(self.rows.group == g)) for g in range(self._groups)]
+        return {
+            (int(self.rows.log[i]), CHANNELS[self.rows.channel[i]]): float(mean[g])
+            for g, i in enumerate(first)
+            if self._biased[i]
+        }
+
+    def jacobian(
+        self, values: Mapping[Key, float], base: np.ndarray, parameters: Sequence[Parameter], reach: float = 1.0
+    ) -> np.ndarray:
+        """Slopes of the whitened residuals, by finite differences of `reach` times the parameters' steps."""
+
+        def shifted(p: Parameter) -> float:
+            x, h = values.get(p.name, p.default), reach * p.step
+            return h if p.low <= x + h <= p.high else -h
+
+        # Profile values of different logs act on different residuals: one simulation serves one of each log.
+        runs: dict[Key | tuple[str, int | None], list[int]] = {}
+        for j, p in enumerate(parameters):
+            runs.setdefault((p.name.of, p.name.knot) if isinstance(p.name, Own) else p.name, []).append(j)
+        slopes = np.zeros((len(base), len(parameters)))
+        steps = [{j: shifted(parameters[j]) for j in members} for members in runs.values()]
+        asked = [
+            dict(values)
+            | {parameters[j].name: values.get(parameters[j].name, parameters[j].default) + h for j, h in step.items()}
+            for step in steps
+        ]
+        for step, predicted in zip(steps, self.predict_all(asked), strict=True):
+            change = self.whiten(self._measured - predicted) - base
+            for j, h in step.items():
+                name = parameters[j].name
+                mine = self.rows.log == name.log if isinstance(name, Own) else slice(None)
+                slopes[mine, j] = change[mine] / h
+        return slopes

@@ -1,0 +1,423 @@
+"""`tselab gap`: where, name, add, show. This file runs them and says what came of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tse.impl import __version__
+from tse.impl.core import Config
+from tse.impl.errors import UserError
+from tse.impl.formula import Formula
+from tse.impl.gap import optional
+from tse.impl.gap.catalogue import Key, catalogue
+from tse.impl.gap.data import prepare_all
+from tse.impl.gap.fit import Fit, gap
+from tse.impl.gap.infer import detect, show
+from tse.impl.gap.infer import naming as name
+from tse.impl.gap.infer.excerpt import excerpt, is_long
+from tse.impl.gap.infer.formula import search
+from tse.impl.gap.infer.formula.search import NOISE_LIMIT, Discovery
+from tse.impl.gap.infer.hypotheses import NAME_AT
+from tse.impl.gap.infer.naming import Named
+from tse.impl.gap.infer.rivals import explained
+from tse.impl.gap.localise import remainder, where
+from tse.impl.gap.problem import PROFILES, STIFFNESS, Problem
+from tse.impl.log import MEASURES, Log, Reading, read_log
+from tse.impl.units import check_units
+from tse.impl.vehicle import Vehicle, fill_sensors, latency_settings, read_vehicle
+
+DOUBTFUL = "below 90 %, or look-alikes"
+EXIT = {"none": 0, "named": 10, DOUBTFUL: 11, "not_in_catalogue": 20}
+LIKELY = 0.5  # probability from which an effect without a name forbids an all-clear
+# of the gap that the names of the car close where something else is left: fewer are no answer, and a road is none of the car
+LEAST_NAMED = 0.5
+
+
+@dataclass
+class Result:
+    """Everything that a run found."""
+
+    verdict: str  # none, named, possible, not_in_catalogue
+    exit_code: int
+    words: list[str]
+    problem: Problem  # what was fitted
+    naming: name.Naming
+    conditions: list[where.Condition]
+    entries: list[where.Entry]
+    remainders: list[remainder.Remainder]
+    fit_before: dict[str, float]
+    fit_after: dict[str, float]
+    held_out: dict[str, show.Change]
+    undetectable: list[detect.Detectable]
+    detectable: list[detect.Detectable]
+    notes: list[str] = field(default_factory=list)
+    discovery: Discovery | None = None  # a formula for what the names leave; None: nothing is left, or nobody asked
+    rivals: list[dict[str, Any]] = field(default_factory=list)  # names, formulas, both: how likely
+    held: Problem | None = None  # what was not
+    read: list[tuple[str, Log]] = field(default_factory=list)  # part (table.py), log
+
+    @property
+    def formula(self) -> Formula | None:
+        """The one that is proposed."""
+        return self.discovery.formula if self.discovery else None
+
+    @property
+    def final(self) -> Fit:
+        """What stands in the end: names and the formula."""
+        return Found(self.naming, self.discovery).last
+
+    @property
+    def after(self) -> dict[Key, float]:
+        """The same as what a simulation takes."""
+        return Found(self.naming, self.discovery).values
+
+    def as_json(self) -> dict[str, Any]:
+        """DIR/verdict.json."""
+        return {
+            "verdict": self.verdict,
+            "effects": [_as_json(n) for n in self.naming.named if not n.message],
+            "sensors": sensors(self.problem, self.naming),
+            "possible": self.naming.possible,
+            "sets": self.naming.sets,
+            "formula": self._formula_as_json(),
+            "rivals": self.rivals,
+            "where": [
+                {
+                    "channel": c.channel,
+                    "condition": c.condition,
+                    "entry_point": self._entry(c.channel),
+                    "strength": c.strength,
+                }
+                for c in self.conditions
+            ],
+            "entry_points": [asdict(e) for e in self.entries],
+            "gap": {
+                "fit": {"before": self.fit_before, "after": self.fit_after},
+                "held_out": {
+                    "before": {k: c.before for k, c in self.held_out.items()},
+                    "after": {k: c.after for k, c in self.held_out.items()},
+                    "change_ci95": {k: list(c.ci95) for k, c in self.held_out.items()},
+                },
+            },
+            "closed": self.naming.closed,
+            "remainder": [asdict(r) for r in self.remainders],
+            "undetectable": [
+                {
+                    "id": d.id,
+                    "parameter": d.parameter,
+                    "smallest_detectable": d.smallest,
+                    "typical": d.typical,
+                    "unit": d.unit,
+                }
+                for d in self.undetectable
+            ],
+            "stiffness": {p.name: self.final.values[p.name] for p in STIFFNESS},
+            "words": self.words,
+            "notes": self.notes,
+            "version": __version__,
+        }
+
+    def _formula_as_json(self) -> dict[str, Any] | None:
+        if self.discovery is None:
+            return None
+        f, d, proposed = self.formula, self.discovery, None
+        if f is not None:
+            numbers = {n.name: {"value": n.value, "sd": n.sd, "unit": n.unit} for n in f.numbers}
+            proposed = {
+                "id": f.id,
+                "place": f.place,
+                "formula": f.text,
+                "numbers": numbers,
+                "share": d.share,
+                "nats": d.nats,
+            }
+        return {"proposed": proposed, "tried": d.tried}
+
+    def _entry(self, channel: str) -> str:
+        if channel == "accel_x":
+            return "longitudinal"
+        return self.entries[0].place if self.entries and self.entries[0].nats > 0 else "unknown"
+
+
+def read_logs_of(paths: Sequence[Path], notes: list[str], reading: Reading | None = None) -> list[Log]:
+    """The logs that can be read; of several, one that cannot is left out, and a note says why. A sensor that a log does not have is
+    not asked. UserError: there is none."""
+    found: list[Log] = []
+    refused: list[UserError] = []
+    for path in paths:
+        try:
+            found.append(read_log(path, MEASURES, reading))
+        except UserError as error:
+            refused.append(error)
+            notes.append(f"{path.name} is left out: {str(error).splitlines()[0]}")
+    if refused and not found:
+        raise refused[0]
+    return found
+
+
+def read(paths: Sequence[Path], vehicle: Vehicle, reading: Reading | None = None) -> tuple[list[Log], Config]:
+    """Logs, and the settings of the vehicle with sensors filled in from the first."""
+    reading = replace(reading or Reading(), car=vehicle)
+    logs = [read_log(p, MEASURES, reading) for p in paths]
+    fill_sensors(vehicle, logs[0])
+    return logs, Config(vehicle.values)
+
+
+@dataclass
+class Found:
+    """Names, and the formula beside them."""
+
+    naming: name.Naming
+    discovery: Discovery | None = None
+    rivals: list[dict[str, Any]] = field(default_factory=list)
+
+    @property
+    def last(self) -> Fit:
+        """Names and the formula, fitted."""
+        return self.discovery.fit if self.discovery and self.discovery.fit else self.naming.final
+
+    @property
+    def values(self) -> dict[Key, float]:
+        """The same as what a simulation takes."""
+        formula = self.discovery.formula if self.discovery else None
+        return dict(self.last.values) | (formula.settings() if formula else {})
+
+
+def run(
+    logs: Sequence[Path],
+    vehicle_path: Path,
+    hold_out: Sequence[Path] = (),
+    jobs: int = 1,
+    say: Callable[[str], None] = lambda _: None,
+    formula: bool = False,
+    reading: Reading | None = None,
+) -> Result:
+    """Find what is missing. Without held-out logs nothing is shown beyond the logs that were fitted. `formula`: one is sought even
+    when the names leave nothing; else where they leave something."""
+    say("reading the logs")
+    vehicle, notes = read_vehicle(vehicle_path), []
+    reading = replace(reading or Reading(), car=vehicle)
+    fitted, others = (read_logs_of(paths, notes, reading) if paths else [] for paths in (logs, hold_out))
+    fill_sensors(vehicle, fitted[0])
+    config = Config(vehicle.values)
+    problem = Problem(prepare_all(fitted, config), config, jobs)
+    held = Problem(prepare_all(others, config), config, jobs) if others else None
+    said = [n for p in (problem, held) if p is not None for n in p.notes]
+    if not problem.logs:
+        raise UserError("; ".join(said) or "no log can be compared")
+    held = held if held is not None and held.logs else None
+    say("fitting stiffness and biases")
+    baseline = few_baseline = name.plain_car(problem)
+    few, few_held = problem, held
+    if is_long(problem):
+        say("which stretches say most?")
+        few = excerpt(problem, baseline)
+        few_baseline = name.plain_car(few)
+        notes.append(f"effects are searched in the {_seconds(few):.0f} s of {_seconds(problem):.0f} s that say most")
+    if held is not None and is_long(held):
+        few_held = excerpt(held, name.plain_car(held))
+    say("where do they disagree?")
+    conditions = where.conditions(problem, baseline.residuals, baseline.values)
+    entries = where.entries(few, few_baseline)
+
+    naming = name.name(few, list(catalogue().values()), say, few_baseline)
+    notes += said
+    notes += [f"{log.path.name}: {w}" for log in (*fitted, *others) for w in disagreements(log, vehicle)]
+    say("what is left?")
+    found = Found(naming)
+    if vehicle.formula is not None:
+        notes.append(f"the vehicle file has a formula ({vehicle.formula.id}), which was kept: no other is sought")
+    elif formula or leaves_something(few_held, naming) or what_is_left(few, naming.final):
+        discovery, naming, rivals = explained(few, few_held, naming, say)
+        found = Found(naming, discovery, rivals)
+    named = {n.effect.id for n in found.naming.named}
+    seen = detect.detectable(few, found.naming.final, [e for e in catalogue().values() if e.id not in named])
+    if few is not problem:
+        say("all logs")
+        naming = name.on_all(problem, found.naming)
+        found = replace(
+            found, naming=naming, discovery=found.discovery and search.on_all(problem, naming.final, found.discovery)
+        )
+
+    changes: dict[str, show.Change] = {}
+    elsewhere: list[remainder.Remainder] = []
+    if held is not None:
+        say("held-out logs")
+        values = show.of_the_car(held, found.values)
+        after = held.residuals(values)
+        changes = show.compare(held, held.residuals(found.naming.baseline.values), after)
+        elsewhere = what_is_left(held, Fit([], values, after, np.zeros((len(after), 0))))
+    notes += optional.words(problem.readings(found.naming.final.values))
+    if not found.naming.converged:
+        notes.append("the last fit has not converged: sizes may still move")
+    left = remainder.remainder(problem, found.last.residuals, found.last.values, NOISE_LIMIT)
+    result = judge(problem, found.naming, conditions, entries, left, seen, changes, notes, found.discovery, elsewhere)
+    result.held, result.rivals = held, found.rivals
+    result.read = [("fit", x) for x in fitted] + [("held_out", x) for x in others]
+    return result
+
+
+# ---- the steps of a run
+
+
+def leaves_something(held: Problem | None, naming: name.Naming) -> bool:
+    """Whether names that explain the fitted logs leave more than noise of those that were held out: a patchwork may."""
+    if held is None or not naming.named:
+        return False
+    return max(gap(held, held.residuals(show.of_the_car(held, naming.final.values))).values()) > NOISE_LIMIT
+
+
+def _seconds(problem: Problem) -> float:
+    return sum(log.seconds for log in problem.logs)
+
+
+def what_is_left(problem: Problem, last: Fit) -> list[remainder.Remainder]:
+    """After a fit, of channels where it is more than the sensors' own."""
+    return more_than_noise(remainder.remainder(problem, last.residuals, last.values, NOISE_LIMIT))
+
+
+def more_than_noise(left: list[remainder.Remainder]) -> list[remainder.Remainder]:
+    return [r for r in left if r.kind != "noise"]
+
+
+def disagreements(log: Log, vehicle: Vehicle) -> list[str]:
+    """Wrong units and signs, which no effect of a car explains."""
+    v = vehicle.values
+    return check_units(log, v["lf"] + v["lr"], v["wheel_radius_front"], v["wheel_radius_rear"], vehicle.steering_ratio,
+                       mass=v["mass"])  # fmt: skip
+
+
+def judge(
+    problem: Problem,
+    naming: name.Naming,
+    conditions: list[where.Condition],
+    entries: list[where.Entry],
+    left: list[remainder.Remainder],
+    seen: list[detect.Detectable],
+    changes: dict[str, show.Change],
+    notes: list[str],
+    discovery: Discovery | None = None,
+    elsewhere: Sequence[remainder.Remainder] = (),
+) -> Result:
+    """From what was found to a verdict. `left`: after names and formula; `elsewhere`: the same of the held-out logs."""
+    formula = discovery.formula if discovery else None
+    last = Found(naming, discovery).last
+    before, after = gap(problem, naming.baseline.residuals), gap(problem, last.residuals)
+    remains = more_than_noise(left)
+    words = [_sentence(n) for n in naming.named]
+    of_the_car = naming.closed - sum(n.share for n in naming.named if n.effect.id in PROFILES)
+    likely = [p for p in naming.possible if p["probability"] >= LIKELY]
+    if naming.named and (of_the_car >= LEAST_NAMED or not (remains or formula)):
+        verdict = "named"
+    elif remains or formula or elsewhere:
+        verdict = "not_in_catalogue"
+    else:
+        verdict = "possible" if likely else "none"
+    if naming.named and (remains or formula):
+        closed = f"{100 * naming.closed:.0f} % of the gap"
+        words.append(f"All names together close {closed}; something else is missing that is not in the catalogue.")
+    elif verdict == "not_in_catalogue" and not (remains or formula):
+        words.append(
+            "Something is missing: the model explains the fitted logs down to the sensors' noise, and not the held-out ones."
+        )
+    elif verdict == "not_in_catalogue":
+        words.append("Something is missing, and none of the effects of the catalogue explains it.")
+    elif verdict == "none":
+        words.append(
+            "The model explains these logs down to the sensors' noise: nothing is missing that they could show."
+        )
+    if verdict in ("possible", "not_in_catalogue") and naming.possible and not formula:
+        best = naming.possible[0]
+        words.append(
+            f"Possible is {best['id']}, {_percent(best['probability'])}, without a name because {best['why']}."
+        )
+    if verdict == "not_in_catalogue" and entries and entries[0].nats > 0:
+        words.append(f"It acts like a disturbance at: {entries[0].place}.")
+    words += discovery.words if discovery else []
+    words += [f"{'Still left: ' if formula else ''}{r.words}" for r in remains]
+    more = [
+        f"{r.channel} {r.gap:.2f} times the noise" for r in elsewhere if r.channel not in {x.channel for x in remains}
+    ]
+    if more:
+        words.append(f"The held-out logs are not explained: {', '.join(more)}.")
+    unsure = any(n.probability < NAME_AT for n in naming.named) or all(n.look_alikes for n in naming.named)
+    exit_code = EXIT[DOUBTFUL if verdict == "possible" or (verdict == "named" and unsure) else verdict]
+    alike = {i for n in naming.named for i in n.look_alikes}  # of these the logs show one, and do not say which
+    undetectable = [d for d in seen if not d.visible and d.id not in alike]
+    return Result(
+        verdict, exit_code, words, problem, naming, conditions, entries, left, before, after, changes, undetectable, seen, notes,
+        discovery,
+    )  # fmt: skip
+
+
+def _as_json(n: Named) -> dict[str, Any]:
+    units = {p.name: p for p in n.effect.parameters}
+    return {
+        "id": n.effect.id,
+        "probability": n.probability,
+        "parameters": {
+            units[k].key: {"value": v, "ci95": list(n.ci95[k]), "unit": units[k].unit} for k, v in n.values.items()
+        },
+        "share_of_gap_closed": n.share,
+        "evidence": n.evidence,
+        "look_alikes": n.look_alikes,
+        "remarks": n.remarks,
+    }
+
+
+def sensors(problem: Problem, naming: name.Naming) -> list[dict[str, Any]]:
+    """How late channels are logged beyond what the vehicle file says, and a low pass that is none of the steering's: of names that
+    are no effects of the catalogue."""
+    late = [n for n in naming.named if n.message]
+    if not late:
+        return []
+    found, given = name.settings(problem, naming.final.values), problem.config
+    settings = [k for k in latency_settings().values() if k in found and found[k] != getattr(given, k)]
+    half = _half_widths(problem, naming, settings)
+    return [
+        {"id": k, "value": found[k], "ci95": [found[k] - half[k], found[k] + half[k]], "unit": "s"} for k in settings
+    ] + [
+        {"id": "low_pass", "value": n.values[p.name], "ci95": list(n.ci95[p.name]), "unit": "s"}
+        for n in late
+        if n.effect.id == name.LOW_PASS
+        for p in n.effect.strengths[:1]
+    ]
+
+
+def _half_widths(problem: Problem, naming: name.Naming, settings: Sequence[str]) -> dict[str, float]:
+    """Of the 95 % intervals of latencies, from those of the names that they are sums of, as if these were independent: a latency of
+    the steering may be that of the IMU and its own. Linear: a delay is far from changing its sign."""
+    values, squares = naming.final.values, dict.fromkeys(settings, 0.0)
+    step = 1e-6  # s
+    for n in naming.named:
+        for key, (low, high) in ((k, c) for k, c in n.ci95.items() if k in values):
+            more, less = (name.settings(problem, dict(values) | {key: values[key] + by}) for by in (step, -step))
+            for k in settings:
+                given = getattr(problem.config, k)
+                slope = (more.get(k, given) - less.get(k, given)) / (2.0 * step)
+                squares[k] += (0.5 * slope * (high - low)) ** 2
+    return {k: float(np.sqrt(x)) for k, x in squares.items()}
+
+
+def _sentence(n: Named) -> str:
+    units = {p.name: p for p in n.effect.parameters}
+    sizes = ", ".join(
+        f"{units[k].key} {v:.3g}{'' if units[k].unit == '1' else ' ' + units[k].unit} ({n.ci95[k][0]:.3g} .. {n.ci95[k][1]:.3g})"
+        for k, v in n.values.items()
+        if units[k].strength
+    )
+    possibly = "possibly " if n.probability < NAME_AT else ""
+    text = f"{possibly}{n.title} ({n.effect.id}): {sizes}; probability {_percent(n.probability)}"
+    text += f", it closes {100 * n.share:.0f} % of the gap." if n.share else "."
+    if n.look_alikes:
+        text += f" These logs cannot exclude {', '.join(n.look_alikes)} in its place."
+    return text
+
+
+def _percent(p: float) -> str:
+    return "above 99 %" if p > 0.99 else f"{100 * p:.0f} %"

@@ -1,0 +1,161 @@
+"""What is not known of a car and its sensors, and what is known of it beforehand: one table.
+
+Priors are those of passenger cars that nobody has calibrated. Where a physical effect is there in every car (roll, relaxation), its
+prior is around a usual size, not around nothing: a log that cannot show it leaves that, with its sd.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from tse.impl.core import NOMINAL, Config
+from tse.impl.vehicle import Vehicle
+
+MEASURED = ("accel_x", "accel_y", "yaw_rate")
+LATE = ("steer_angle", "wheel_speed_front", "wheel_speed_rear", "accel_x", "accel_y")  # behind the gyro
+LATENCY = "_latency"
+LATENCIES = {c + LATENCY: c for c in LATE}  # unknowns, and the channels that are late
+MOST_LATENCY = 0.2  # s: of a channel behind the gyro, or before it
+# s; 1: how late messages are, behind that of the gyro; relative: how far off radii in the file are. What is own to a
+# channel is less: axles come from one unit - and how far one is behind the other hardly shows, so that any error of
+# the model would pass for it - accelerometers from one chip, tyres from one shop
+COMMON_SD = {"": 0.0, "wheels": 0.025, "accelerometers": 0.02, "radii": 0.007}
+STIFFNESS_SD = 0.5  # ln: of the car's over the vehicle file's
+MOST_STIFFNESS = 1.8  # ln: the same, most
+# ln, ln, ln, 1: of each log: its stiffnesses over the car's - warmth, load, road - and how much of the sideways
+# acceleration in its curves the bank of the road takes over: roads are built so, and a bank left out passes for a
+# scale of accel_y and for other tyres
+OWN_MEAN = (0.0, 0.0, 0.0, 0.12)
+OWN_SD = (0.1, 0.1, 0.1, 0.05)  # ln, ln, ln, 1: of the same
+# 1, m, 1, m: is not known better, whatever the covariance says: roads lean into their curves otherwise than those of
+# the logs, steering moves with force, axles differ in relaxation
+LEAST_SD = {"lean_sd": 0.1, "trail_sd": 0.02, "gyro_scale_sd": 0.005, "relaxation_sd": 0.12}
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """One number that is found. `name`: the setting that it is."""
+
+    name: str
+    group: str  # what a person calls it
+    mean: float
+    sd: float
+    low: float
+    high: float
+    relative: bool = False  # mean, sd and range times what the vehicle file says
+    message: str = ""  # off together with others of this message, by COMMON_SD of it: late, or relative
+    worth: float = 0.0  # smallest size that a user should know of; 0: the shape of an effect
+
+
+def _late(name: str, own: float, message: str = "") -> Unknown:
+    return Unknown(name + LATENCY, "latency", 0.0, own, -MOST_LATENCY, MOST_LATENCY, message=message, worth=0.001)
+
+
+# Sources of the sizes: src/tables/effects.toml (typical sizes), and for the sensors: CAN cycle times of 10 .. 20 ms and filters of
+# 10 .. 30 ms (latencies), 1 to 2 degrees of mounting, 1 % of scale.
+UNKNOWNS: tuple[Unknown, ...] = (
+    _late("steer_angle", 0.025), _late("wheel_speed_front", 0.0005, "wheels"), _late("wheel_speed_rear", 0.0005, "wheels"),
+    _late("accel_x", 0.01, "accelerometers"), _late("accel_y", 0.01, "accelerometers"),
+    Unknown("steering_ratio_change", "steering", 0.0, 0.03, -0.3, 0.3, worth=0.005),
+    Unknown("steering_offset_angle", "steering", 0.0, 0.005, -0.05, 0.05, worth=0.0003),
+    Unknown("steering_lag_time", "steering lag", 0.02, 0.02, 0.0, 0.5, worth=0.003),
+    Unknown("yaw_inertia", "yaw inertia", 1.0, 0.1, 0.5, 2.0, relative=True, worth=0.03),
+    # engineers weigh axles; a file that does not know it says so in cg_sd
+    Unknown("cg_shift_distance", "centre of gravity", 0.0, 0.01, -0.6, 0.6, worth=0.02),
+    # one axle's over the other's goes with longitudinal stiffness and hardly shows: wear and pressure
+    Unknown("wheel_radius_front", "wheel radii", 1.0, 0.003, 0.9, 1.1, relative=True, message="radii", worth=0.002),
+    Unknown("wheel_radius_rear", "wheel radii", 1.0, 0.003, 0.9, 1.1, relative=True, message="radii", worth=0.002),
+    # axles share a force by their stiffness: where it is taken for another share, wheels seem to be late by tens of ms
+    Unknown("longitudinal_stiffness_rear", "rear longitudinal stiffness", 1.0, 0.15, 0.3, 3.0, relative=True, worth=0.05),
+    Unknown("relaxation_length", "relaxation", 0.4, 0.25, 0.0, 3.0, worth=0.05),
+    Unknown("longitudinal_relaxation_length", "longitudinal relaxation", 0.1, 0.1, 0.0, 2.0, worth=0.02),
+    Unknown("body_roll_gain", "roll", 0.008, 0.002, -0.02, 0.04, worth=0.0008),
+    Unknown("body_roll_frequency", "roll", 1.6, 0.3, 0.3, 6.0),
+    Unknown("body_roll_damping", "roll", 0.3, 0.1, 0.05, 2.0),
+    Unknown("body_roll_height", "roll", 0.2, 0.3, -1.0, 1.5),
+    Unknown("body_roll_coupling", "roll", 0.2, 0.2, -0.5, 1.0),
+    Unknown("pitch_leak_gain", "pitch", 0.004, 0.003, -0.01, 0.03, worth=0.0006),
+    Unknown("pitch_leak_frequency", "pitch", 1.8, 0.3, 0.3, 6.0),
+    Unknown("pitch_leak_damping", "pitch", 0.4, 0.15, 0.05, 2.0),
+    Unknown("pitch_leak_height", "pitch", 0.2, 0.3, -1.0, 1.5),
+    Unknown("imu_lever_arm_x", "IMU place", 0.0, 0.5, -4.0, 4.0, worth=0.05),
+    Unknown("imu_lever_arm_y", "IMU place", 0.0, 0.3, -2.0, 2.0, worth=0.05),
+    Unknown("imu_misalignment_angle", "IMU mounting", 0.0, 0.02, -0.2, 0.2, worth=0.004),
+    Unknown("imu_scale_ax_error", "IMU scale", 0.0, 0.01, -0.3, 0.3, worth=0.005),
+    Unknown("imu_scale_ay_error", "IMU scale", 0.0, 0.01, -0.3, 0.3, worth=0.005),
+    Unknown("gyro_scale_error", "IMU scale", 0.0, 0.005, -0.3, 0.3, worth=0.003),
+    Unknown("lateral_load_transfer_gain", "tyres", 0.002, 0.002, -0.003, 0.03, worth=0.0004),
+    Unknown("longitudinal_load_transfer_gain", "tyres", 0.02, 0.015, -0.08, 0.08, worth=0.004),
+    Unknown("combined_slip_factor", "tyres", 100.0, 100.0, 0.0, 2000.0, worth=20.0),
+    Unknown("aligning_moment_trail", "tyres", 0.025, 0.012, -0.1, 0.1, worth=0.005),
+    Unknown("tyre_saturation_inverse_friction", "tyres", 0.5, 0.5, 0.0, 5.0, worth=0.2),
+    Unknown("aero_drag_coefficient", "resistance", 0.4, 0.1, 0.0, 5.0, worth=0.1),
+    Unknown("rolling_resistance_coefficient", "resistance", 0.01, 0.004, 0.0, 0.2, worth=0.003),
+)  # fmt: skip
+# What the vehicle file's [uncertainty] says of an unknown is its prior.
+UNCERTAINTY = {
+    "cg_shift_distance": "cg_sd", "yaw_inertia": "yaw_inertia_sd", "steering_ratio_change": "steer_ratio_sd",
+    "steering_offset_angle": "steer_offset_sd", "relaxation_length": "relaxation_sd",
+}  # fmt: skip
+STIFFNESS = tuple(NOMINAL)  # of the car, ln over the vehicle file's; and of each log, over the car's
+SUPERELEVATION = "superelevation"
+OWN = (*STIFFNESS, SUPERELEVATION)  # of each log, of_log(); OWN_MEAN, OWN_SD
+
+
+def of_log(name: str, log: int) -> str:
+    """What a number of OWN goes by that is of one log."""
+    return f"{name}@{log}"
+
+
+def unit_of(name: str) -> str:
+    """Unit of an unknown."""
+    if name in LATENCIES:
+        return "s"
+    fields = Config().fields
+    return fields[name].unit if name in fields else "ln"
+
+
+@dataclass
+class Prior:
+    """Gaussian of the unknowns of the car, and their bounds, in the order of `names`."""
+
+    names: tuple[str, ...]
+    mean: np.ndarray
+    covariance: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+
+    @property
+    def sd(self) -> np.ndarray:
+        return np.sqrt(np.diag(self.covariance))
+
+
+def prior_of(vehicle: Vehicle, config: Config) -> Prior:
+    """What is known before any log: the table, around what the vehicle file tells; or the whole result of an earlier
+    calibration, if the file holds one."""
+    names = tuple(u.name for u in UNKNOWNS) + STIFFNESS
+    mean, sd, low, high = (np.zeros(len(names)) for _ in range(4))
+    scale = [float(getattr(config, u.name)) if u.relative else 1.0 for u in UNKNOWNS]
+    for k, (u, by) in enumerate(zip(UNKNOWNS, scale, strict=True)):
+        stated = UNCERTAINTY.get(u.name, "")
+        own = max(vehicle.values[stated], 0.01 * u.sd) if stated in vehicle.given_uncertainty else u.sd
+        mean[k], sd[k], low[k], high[k] = u.mean * by, own * by, u.low * by, u.high * by
+        if not u.relative and u.name in vehicle.values:
+            mean[k] = vehicle.values[u.name]
+    n = len(UNKNOWNS)
+    sd[n:], low[n:], high[n:] = STIFFNESS_SD, -MOST_STIFFNESS, MOST_STIFFNESS
+    covariance = np.diag(sd**2)
+    for i, u in enumerate(UNKNOWNS):
+        for k, v in enumerate(UNKNOWNS):
+            both = scale[i] * scale[k] * COMMON_SD[u.message] ** 2
+            covariance[i, k] += both if u.message == v.message else 0.0
+    earlier: Mapping = vehicle.calibration
+    if earlier:
+        place = [names.index(name) for name in earlier["names"] if name in names]
+        of = [k for k, name in enumerate(earlier["names"]) if name in names]
+        mean[place] = np.array(earlier["mean"])[of]
+        covariance[np.ix_(place, place)] = np.array(earlier["covariance"])[np.ix_(of, of)]
+    return Prior(names, np.clip(mean, low, high), covariance, low, high)

@@ -1,0 +1,331 @@
+"""Reading a log: a CSV with the names of the library, or a frame, here; all others by tse.impl.logs. rows.py checks what comes."""
+
+from __future__ import annotations
+
+import csv
+import re
+import warnings
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import contextmanager
+from datetime import datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from tse.impl.core import INPUT, library
+from tse.impl.errors import NoFile, UserError
+from tse.impl.logs.reading import read_any
+from tse.impl.logs.table import Column, seconds
+from tse.impl.room import Room
+from tse.impl.rows import COMPARED as COMPARED  # what gap and calibrate ask this module for
+from tse.impl.rows import DRIVES as DRIVES
+from tse.impl.rows import (
+    FEW_OUTSIDE,
+    MEASURES,
+    OPTIONAL,
+    SIDES,
+    Log,
+    Reading,
+    beside_of,
+    checked,
+    columns,
+    lacking,
+    listed,
+    straightened,
+)
+from tse.impl.rows import TORQUES as TORQUES
+from tse.impl.rows import files_of as files_of
+from tse.impl.rows import liveliest as liveliest
+
+_CLOCK = re.compile(r"\d{1,2}:\d{2}")
+PART = 1 << 15  # rows of the file read at a time, so that its text is never all in memory
+
+
+def read_log(path: Path, spare: Collection[str] = MEASURES, reading: Reading | None = None) -> Log:
+    """Read and check a log. `spare`: channels that may be missing altogether; they are NaN then, and a note says so."""
+    path, reading = Path(path), reading or Reading()
+    log = _read_plain(path, spare) if _is_plain(path, reading) else read_any(path, spare, reading)
+    if log.stand_in is not None and reading.car is not None:
+        front, rear = (reading.car.values[f"wheel_radius_{a}"] for a in ("front", "rear"))
+        log.data[log.stand_in] *= rear / front if log.stand_in.endswith("front") else front / rear
+    if reading.strict and log.warnings:
+        raise UserError(f"{path}: option --strict: {log.warnings[0]}")
+    return log
+
+
+def _is_plain(path: Path, reading: Reading) -> bool:
+    """A CSV with commas and the library's names, of which nobody says that it is to be read otherwise."""
+    if reading.signals is not None or reading.rate is not None or (path.exists() and not path.is_file()):
+        return False
+    try:
+        with open(path, encoding="utf-8-sig", newline="") as file:
+            head = file.read(65536)
+    except (OSError, UnicodeDecodeError):
+        return False
+    lines = list(csv.reader(head.splitlines()[:2])) if "\0" not in head else []
+    names = [c.strip() for c in lines[0]] if lines else []
+    wanted = {*columns(), *(c for pair in SIDES.values() for c in pair)}
+    beside = beside_of(path)
+    if beside is not None and any(f'"{n}"' in beside.read_text(encoding="utf-8", errors="replace") for n in names if n):
+        return False  # a file that speaks of these columns
+    first = dict(zip(names, lines[1], strict=False)) if len(lines) > 1 else {}
+    if _CLOCK.search(first.get("time", "")):
+        return False  # dates or times of day
+    return "time" in names and len(wanted & {n.lower() for n in names}) > 3
+
+
+def _read_plain(path: Path, spare: Collection[str]) -> Log:
+    header, whole, lines = csv_header(path)
+    wanted = columns()
+    sides = {axle: pair for axle, pair in SIDES.items() if axle not in header and all(c in header for c in pair)}
+    absent = lacking(header, sides, spare)
+    needed = [c for name in wanted if name not in absent for c in sides.get(name, (name,))]
+    missing = [c for c in needed if c not in header]
+    if missing:
+        raise UserError(_missing_text(path, header, missing, needed))
+    twice = sorted({c for c in header if header.count(c) > 1 and (c in needed or _beside(c))})
+    if twice:
+        raise UserError(f"{path}: column {listed(twice)} appears more than once in the header (line 1)")
+    notes: list[str] = []
+    table, line, skipped, room = _numbers(path, header, needed, whole, lines, notes)
+    if whole is not None:
+        notes.append(f"line {whole + 2}, the last, does not end: it may be cut inside a number and is left out")
+    if skipped:
+        notes.append(f"column {listed(skipped)} is not numeric: not used")
+    time, keep = straightened(path, table.pop("time"), line, notes)
+    if not keep.all():
+        table, line = {c: x[keep] for c, x in table.items()}, line[keep]
+    room.let_go()
+    return checked(path, time, table, line, notes, spare, room=room)
+
+
+def read_frame(frame: Mapping[str, Any] | pd.DataFrame, name: str = "log") -> Log:
+    """The same of columns in memory: a data frame, or arrays by their names. `name` stands in messages; rows are counted from 0.
+    Times may be dates, times of day or differences of time, too, and stand in the index of a data frame."""
+    if (
+        isinstance(frame, pd.DataFrame)
+        and "time" not in frame
+        and (frame.index.name == "time" or isinstance(frame.index, pd.DatetimeIndex | pd.TimedeltaIndex))
+    ):
+        frame = frame.assign(time=frame.index)
+    header = [str(c) for c in frame]
+    sides = {axle: pair for axle, pair in SIDES.items() if axle not in header and all(c in header for c in pair)}
+    absent = lacking(header, sides, MEASURES)
+    needed = [c for wanted in columns() if wanted not in absent for c in sides.get(wanted, (wanted,))]
+    if missing := [c for c in needed if c not in header]:
+        also = "; left and right wheel may stand in place of an axle, both" if any(c in SIDES for c in missing) else ""
+        there = f"\n  needed: {listed(needed)}\n  found: {listed(header)[:300]}"
+        raise UserError(f"{name}: column {listed(missing)} is missing{also}{there}")
+    twice = sorted({c for c in header if header.count(c) > 1})
+    if twice:
+        raise UserError(f"{name}: column {listed(twice)} appears more than once")
+    notes: list[str] = []
+    table: dict[str, np.ndarray] = {}
+    for column in header:
+        if column in needed or _beside(column):
+            try:
+                table[column] = _array(name, column, frame[column])
+            except (TypeError, ValueError, OverflowError):
+                if column in needed:
+                    what = _allowed(column)
+                    raise UserError(
+                        f"{name}: column {column} is not numeric; allowed: {what}, or NaN for missing"
+                    ) from None
+                notes.append(f"column {column} is not numeric: not used")
+    rows = table["time"].shape
+    for column, values in table.items():
+        if values.shape != rows or values.ndim != 1:
+            raise UserError(
+                f"{name}: column {column} has shape {values.shape}; all need that of time, one number a row: {rows}"
+            )
+    if rows == (0,):
+        raise UserError(f"{name}: has no rows")
+    row = np.arange(rows[0])
+    time, keep = straightened(Path(name), table.pop("time"), row, notes, "row")
+    return checked(Path(name), time, {c: x[keep] for c, x in table.items()}, row[keep], notes, place="row")
+
+
+def _array(name: str, column: str, values: Any) -> np.ndarray:
+    """A column of a frame as numbers. UserError, TypeError, ValueError, OverflowError: it has none."""
+    kind = getattr(getattr(values, "dtype", None), "kind", "O")
+    if column == "time" and kind not in "fiub":
+        series = values.reset_index(drop=True) if isinstance(values, pd.Series) else pd.Series(np.asarray(values))
+        if isinstance(next(iter(series), None), str | datetime | timedelta):
+            return seconds(Path(name), Column(column, series.infer_objects()), [])
+    elif kind in "mM":
+        raise TypeError("times where a measurement is needed")  # as numbers they would be nanoseconds
+    return np.array(values, float)
+
+
+def _beside(column: str) -> bool:
+    """A column that is read, though the estimator does not need it."""
+    return column.startswith("ref_") or column in OPTIONAL
+
+
+def csv_header(path: Path) -> tuple[list[str], int | None, int]:
+    """The names of the columns; where the last line does not end, how many rows do: who wrote it was perhaps stopped there, and a
+    number that is cut is a number still; and how many rows there are at most."""
+    if path.is_dir():
+        raise UserError(f"{path}: is a directory, not a log")
+    try:
+        with open(path, encoding="utf-8-sig", newline="") as file:
+            head = last = file.read(65536)
+            ends, lone = head.count("\n"), head.count("\r")
+            while part := file.read(1 << 20):  # the whole file must be text
+                ends += part.count("\n")
+                lone += part.count("\r")
+                last = part
+    except FileNotFoundError:
+        raise NoFile(f"{path}: no such file") from None
+    except UnicodeDecodeError as error:
+        raise UserError(
+            f"{path}: is not a text file in UTF-8 ({error.reason} at byte {error.start}); a CSV is needed"
+        ) from None
+    except OSError as error:
+        raise UserError(f"{path}: cannot be read: {error.strerror}") from None
+    if "\0" in head:
+        raise UserError(f"{path}: is a binary file; a CSV is needed")
+    if not head.strip():
+        raise UserError(f"{path}: is empty")
+    first = next(csv.reader(head.splitlines()[:1]), [])
+    return [c.strip() for c in first], ends - 1 if ends and not last.endswith(("\n", "\r")) else None, ends + lone
+
+
+def _missing_text(path: Path, header: list[str], missing: list[str], needed: list[str]) -> str:
+    text = f"{path}: column {listed(missing)} is missing in the header (line 1)"
+    if len(header) == 1 and any(s in header[0] for s in ";\t|"):
+        text += "; the columns must be separated by commas"
+    elif all(_is_number(c) for c in header):
+        text += "; the first line must name the columns"
+    else:
+        lower = {c.lower(): c for c in header}
+        if close := [f"{lower[m]} -> {m}" for m in missing if m in lower]:
+            text += f"; names are lower case: {', '.join(close)}"
+    text += "; left and right wheel may stand in place of an axle, both" if any(c in SIDES for c in missing) else ""
+    return f"{text}\n  needed: {','.join(needed)}\n  found:  {','.join(header)[:300]}"
+
+
+def _arguments(header: list[str]) -> dict[str, Any]:
+    """How a log is read by pandas."""
+    return {
+        "names": [f"{c}\0{i}" if header.count(c) > 1 else c for i, c in enumerate(header)],
+        "header": None,
+        "skiprows": 1,
+        "index_col": False,
+        "skip_blank_lines": False,
+        "skipinitialspace": True,
+        "encoding": "utf-8-sig",
+        "low_memory": False,
+    }
+
+
+@contextmanager
+def _parsing(path: Path) -> Iterator[None]:
+    """Errors of the parser in our words."""
+    try:
+        with warnings.catch_warnings():
+            # the first row of each part may have more cells than there are columns, and pandas only warns of it
+            warnings.simplefilter("error", pd.errors.ParserWarning)
+            yield
+    except pd.errors.ParserWarning:
+        raise UserError(f"{path}: {_too_wide(path)}") from None
+    except pd.errors.EmptyDataError:
+        raise UserError(f"{path}: has a header but no rows") from None
+    except pd.errors.ParserError as error:
+        detail = str(error).replace("Error tokenizing data. C error: ", "").strip()
+        raise UserError(f"{path}: is not a well-formed CSV: {detail}") from None
+
+
+def _too_wide(path: Path) -> str:
+    """The first line with more cells than the header."""
+    with open(path, encoding="utf-8-sig", newline="") as file:
+        lines = iter(file)
+        most = next(lines, "").count(",") + 1
+        line, cells = next(((i, n) for i, text in enumerate(lines, 2) if (n := text.count(",") + 1) > most), (0, 0))
+    return f"line {line}: {cells} cells, but the header (line 1) names {most} columns"
+
+
+def _numbers(
+    path: Path, header: list[str], needed: list[str], whole: int | None, most: int, notes: list[str]
+) -> tuple[dict[str, np.ndarray], np.ndarray, list[str], Room]:
+    """Every column that is read as numbers, in the file's order; the lines in the file; columns that are left out. A few cells that
+    are no numbers are missing, and a note says so; many are an error, or in a column that is not needed the end of that column.
+    Rows without any of what is needed are blank. `whole`: rows to read, where not all; `most`: rows that there may be."""
+    if whole == 0:
+        raise UserError(f"{path}: has one row, and its line does not end: it may be cut inside a number")
+    wanted = [c for c in header if c in needed or _beside(c)]
+    room = Room()
+    columns = {
+        name: room.empty(most + 1) for name in wanted
+    }  # as long as ever needed: to put parts together takes twice the room
+    lines = np.empty(most + 1, np.int32)
+    rows = 0
+    wrong: dict[str, tuple[int, str]] = {}  # column -> line and text of its first cell that is not a number
+    count = dict.fromkeys(wanted, 0)
+    with _parsing(path), pd.read_csv(path, **_arguments(header), nrows=whole, chunksize=PART) as parts:
+        for part in parts:
+            line = part.index.to_numpy() + 2
+            filled = part[needed].notna().any(axis=1).to_numpy()
+            place = slice(rows, rows + int(filled.sum()))
+            lines[place] = line[filled]
+            for name in wanted:
+                column = part[name] if filled.all() else part[name][filled]
+                numbers = to_numbers(column)
+                if column.dtype == bool:
+                    numbers = pd.Series(np.nan, index=column.index)
+                bad = (numbers.isna() & column.notna()).to_numpy()
+                count[name] += int(bad.sum())
+                if bad.any() and name not in wrong:
+                    wrong[name] = int(lines[place][bad.argmax()]), str(column.iloc[int(bad.argmax())])
+                columns[name][place] = numbers.to_numpy(float)
+            rows = place.stop
+            room.let_go()
+    if not rows:
+        raise UserError(f"{path}: has a header but no rows")
+    for name in wanted:
+        if name in needed and name in wrong:
+            at, text = wrong[name]
+            if count[name] <= FEW_OUTSIDE * rows:
+                cells = (
+                    f"{count[name]} cells that are no numbers are" if count[name] > 1 else "a cell that is no number is"
+                )
+                notes.append(f"{name}: {cells} treated as missing (first in line {at}: {text[:20]!r})")
+                del wrong[name]
+                continue
+            hint = "; decimals are written with a point" if "," in text else ""
+            raise UserError(
+                f"{path}: line {at}, column {name}: {text[:40]!r} is not a number; allowed: {_allowed(name)}, or empty for "
+                f"missing{hint}"
+            )
+    skipped = [name for name in wanted if name in wrong]
+    return {c: columns[c][:rows] for c in wanted if c not in wrong}, lines[:rows], skipped, room
+
+
+def to_numbers(column: pd.Series) -> pd.Series:
+    """Cells as numbers, NaN where they are none."""
+    try:
+        return pd.to_numeric(column, errors="coerce")
+    except OverflowError:  # a whole number of more digits than a float has, beside text
+        return pd.Series([_number(cell) for cell in column], column.index, float)
+
+
+def _number(cell: object) -> float:
+    try:
+        return float(str(cell))
+    except ValueError:
+        return np.nan
+
+
+def _allowed(name: str) -> str:
+    channel = next((axle for axle, pair in SIDES.items() if name in pair), name)
+    return "seconds, increasing" if name == "time" else library().field(INPUT, channel).range_text
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True

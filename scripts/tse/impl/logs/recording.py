@@ -1,0 +1,131 @@
+"""What every reader gives: channels with their own time, unit and name, as they are in the file."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field, replace
+from difflib import get_close_matches
+from pathlib import Path
+
+import numpy as np
+
+from tse.impl.errors import UserError
+from tse.impl.room import Room
+
+MOST_NAMED = 6  # names that one message lists
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One signal of a log. `time`, s, and `value` have one entry per sample; NaN: missing. Channels of one message or table share
+    the array `time`. Nothing is assumed of the time: reader and file are as they are, clock.py puts it right."""
+
+    name: str
+    time: np.ndarray
+    value: np.ndarray
+    unit: str = ""  # as the file says it; "": it does not
+    text: str = ""  # what the file says about it
+
+    @property
+    def short(self) -> str:
+        """The name without its message, group or topic."""
+        return self.name.replace("/", ".").rpartition(".")[2]
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+
+@dataclass
+class Recording:
+    """A log as it is in its file."""
+
+    path: Path
+    format: str
+    channels: dict[str, Channel]
+    notes: list[str] = field(default_factory=list)
+    start: float = 0.0  # s, what was taken off all times: an epoch, where they are of one
+    room: Room = field(default_factory=Room)  # where the channels of a very long log are
+
+    def __iter__(self) -> Iterator[Channel]:
+        return iter(self.channels.values())
+
+    def find(self, name: str, source: str) -> Channel:
+        """The channel of that name; the part after its message or topic is enough where only one has it. `source`: who asks, for
+        the error."""
+        if name in self.channels:
+            return self.channels[name]
+        alike = [c for c in self if c.short == name or c.name.endswith((f".{name}", f"/{name}"))]
+        if len(alike) == 1:
+            return alike[0]
+        if alike:
+            raise UserError(
+                f"{source}: {name!r} is in {self.path.name} {len(alike)} times: say which: {listed(c.name for c in alike)}"
+            )
+        raise UserError(f"{source}: there is no {name!r} in {self.path.name}{near(name, self.channels)}")
+
+    def has(self, name: str) -> bool:
+        """Would find() find it?"""
+        return (
+            name in self.channels
+            or sum(c.short == name or c.name.endswith((f".{name}", f"/{name}")) for c in self) == 1
+        )
+
+    def since_start(self) -> Recording:
+        """Times counted from the first sample: an epoch in a double leaves less than a microsecond."""
+        first = [
+            float(c.time[i]) for c in self if len(c) and np.isfinite(c.time[i := int(np.isfinite(c.time).argmax())])
+        ]
+        if not first or abs(min(first)) < 1e6:
+            return self
+        start = float(np.floor(min(first)))
+        moved: dict[int, np.ndarray] = {}
+        for c in self:
+            if id(c.time) not in moved:
+                moved[id(c.time)] = self.room.keep(c.time - start)
+                self.room.let_go()
+        channels = {c.name: replace(c, time=moved[id(c.time)]) for c in self}
+        return replace(self, channels=channels, start=self.start + start)
+
+
+MOST_ROWS = 360_000_000  # of a signal: a hundred hours at 1 kHz
+
+
+def check_rows(path: Path, what: str, rows: int) -> None:
+    """Before anything of it is unpacked. UserError: more than a log can have, so it is none, or made to fill the machine."""
+    if rows > MOST_ROWS:
+        raise UserError(
+            f"{path}: {what} has {rows:,} rows, it says; read are up to {MOST_ROWS:,}, a hundred hours at 1 kHz: cut it into drives"
+        )
+
+
+@dataclass(frozen=True)
+class How:
+    """Options of a reader: [log] of signals.toml, and options. `wanted`: which names are needed; None: all."""
+
+    databases: tuple[Path, ...] = ()
+    time: str | None = None
+    time_unit: str | None = None
+    step: float | None = None  # s between rows, for a table without a time
+    separator: str | None = None
+    decimal: str | None = None
+    encoding: str | None = None
+    header: int | None = None  # line of the names, from 1
+    wanted: Callable[[str], bool] | None = None
+
+
+def near(name: str, known: Iterable[str]) -> str:
+    """A hint for a name that is not there."""
+    known = list(known)
+    lower = {k.lower(): k for k in known}
+    short = {k.replace("/", ".").rpartition(".")[2].lower(): k for k in known}
+    found = get_close_matches(name.lower(), [*lower, *short], 3, 0.6)
+    if found:
+        return f" (did you mean {listed(dict.fromkeys(lower.get(f) or short[f] for f in found))}?)"
+    return f"; it has {listed(known)}; 'tselab signals LOG' lists them"
+
+
+def listed(names: Iterable[str]) -> str:
+    """Some names, and how many more."""
+    names = list(names)
+    more = len(names) - MOST_NAMED
+    return ", ".join(names[:MOST_NAMED]) + (f" and {more} more" if more > 0 else "")

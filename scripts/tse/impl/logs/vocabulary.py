@@ -1,0 +1,150 @@
+"""What signals are called: words of makers, of ISO 8855, openpilot and ROS, in English, German, French, Spanish and Italian. A
+score per role: 3 the very words, 2 likely, 1 possible; below 0: something else that sounds alike."""
+
+from __future__ import annotations
+
+import functools
+import re
+
+from tse.impl.logs.names import words
+
+# role -> (pattern over the words joined by blanks, score). The best one counts; NOT below takes off.
+ROLES: dict[str, tuple[tuple[str, float], ...]] = {
+    "yaw_rate": (
+        (r"yaw ?rate|yaw ?rt|yaw ?vel|yaw ?speed|gier ?rate|gier ?geschw|giergeschwindigkeit|psi ?(p|dot|d)\b|d ?psi|vitesse lacet|"
+         r"velocidad guinada|(rate|vel\w*|omega|gyro\w*) yaw", 3.0),
+        (r"angular velocity z|angular velocity device z|angular rate z|ang vel z|(gyro\w*|gyr|omega|rate|w|rot\w*) ?z\b|rate ?z|"
+         r"imu ?wz|\bwz\b|"
+         r"rotation rate z|gyro uncalibrated v 2|lacet|imbardata|guinada|drehrate", 2.5),
+        (r"\byaw\b|\bgier|\br\b|turn rate", 1.2),
+    ),
+    "accel_y": (
+        (r"lat\w* ?acc\w*|acc\w* ?lat\w*|lateral ?g\b|quer ?beschl\w*|beschl\w* ?quer|\ba ?lat\b|\bay\b|\ba y\b|acc\w* ?y\b|"
+         r"linear acceleration y|g ?lat\b|lat ?g\b|acc ?lat|\bgy\b|\by ?acc\w*|aquer|a ?quer|accel\w* transversal\w*|acceleration "
+         r"laterale|"
+         r"accelerazione laterale|beschl\w* y|\by ?beschl\w*|latacc", 3.0),
+        (r"lateral|\bquer|transvers", 1.2),
+    ),
+    "accel_x": (
+        (r"lon\w* ?acc\w*|lgt ?acc\w*|acc\w* ?lon\w*|laengs ?beschl\w*|längs ?beschl\w*|lngs ?beschl\w*|beschl\w* ?l(ä|ae)?ngs|\ba "
+         r"?lon\w*\b|\bax\b|\ba x\b|"
+         r"acc\w* ?x\b|linear acceleration x|g ?lon\w*\b|lon\w* ?g\b|\bgx\b|\bx ?acc\w*|a ?l(ä|ae)ngs|accel\w* longitudinal\w*|"
+         r"acceleration longitudinale|beschl\w* x|\bx ?beschl\w*|longacc|\ba ego\b", 3.0),
+        (r"longitudinal|\bl(ä|ae)ngs", 1.2),
+    ),
+    "steer_angle": (
+        (r"steer\w* ?(whl|wheel|wh|w)? ?ang\w*|\bstr ?(whl|wheel|wh)? ?ang\w*|str?g ?(whl|wheel|wh)? ?ang?\w*|lenk ?rad ?winkel|"
+         r"lenk ?winkel|\bswa\b|\blrw\b|\blw ?(wi)?\b|"
+         r"steer\w* ?(whl|wheel)? ?pos\w*|st ?whl ?ang\w*|sas ?ang\w*|ang\w* ?(volant|volante|sterzo|direccion)|(road ?wheel|front "
+         r"?wheel) ?ang\w*|"
+         r"hand ?wheel ?(ang\w*|pos\w*)|eps ?ang\w*|delta ?(h|sw|lrw|f|v|steer)\b|"
+         r"\bdf\b|steer\w* deg|steering wheel|angle steer\w*|ang "
+         r"?steer\w*", 3.0),
+        (r"\bdelta\b|steer|lenk|volant|sterzo|strg|\bsteering\b|\bangle\b", 1.5),
+    ),
+    "speed": (
+        (r"veh\w* ?(spd|speed|vel\w*)|car ?speed|fzg ?geschw\w*|fahrzeug ?geschw\w*|v ?fzg|v ?veh|v ?ego\b|v ?ref\b|vel ?x|vx\b|v "
+         r"x\b|speed ?(over)? ?ground|"
+         r"gps ?(spd|speed)|gnss ?(spd|speed)|esp v signal|geschwindigkeit|vitesse vehicule|velocidad|velocita|twist linear x|"
+         r"ground ?speed", 3.0),
+        (r"\bspeed\b|\bspd\b|\bv\b|\bgeschw|\bvelocity\b|\bvel\b", 1.5),
+    ),
+    "accel_z": ((r"acc\w* ?z\b|\baz\b|\ba z\b|vert\w* ?acc\w*|linear acceleration z|vertikal\w*beschl\w*|\bz ?acc", 3.0),),
+    "latitude": ((r"\blatitude\b|\bgps lat\b|\bgnss lat\b|\blat deg\b", 3.0), (r"\blat\b|breitengrad", 2.0)),
+    "longitude": ((r"\blongitude\b|\bgps lon\w?\b|\bgnss lon\w?\b|\blon deg\b", 3.0), (r"\blon\b|\blng\b|l(ä|ae)ngengrad", 2.0)),
+    "heading": ((r"\bheading\b|\bcourse\b|\btrack angle\b|\byaw angle\b|\bbearing\b|kurswinkel|\bpsi\b", 3.0),),
+}  # fmt: skip
+NOT = {  # what sounds like a role and is another thing
+    "yaw_rate": r"acc\w*|angle|ang\b|target|req\w*|soll|ref\b|offset|bias|qual\w*|valid|status|stat\b|conf\w*|std|sd\b|var\b|"
+                r"cov\w*|temp\w*|raw off\w*|"
+                r"model|limit|torque|moment|counter|\bbz\b|qbit|gps|gnss|display|calc|est\b",
+    "accel_y": r"target|req\w*|soll|ref\b|offset|bias|qual\w*|valid|status|stat\b|std|sd\b|var\b|cov\w*|temp\w*|limit|jerk|ruck|"
+               r"model|qbit|gyro|rate|pedal|"
+               r"display|calc|est\b|dist\w*|gain|latitude",
+    "accel_x": r"target|req\w*|soll|ref\b|offset|bias|qual\w*|valid|status|stat\b|std|sd\b|var\b|cov\w*|temp\w*|limit|jerk|ruck|"
+               r"model|qbit|gyro|rate|pedal|"
+               r"display|calc|est\b|gain|longitude",
+    "steer_angle": r"rate|spd|speed|geschw\w*|vel\w*|torque|tq|trq|moment\w*|target|req\w*|soll|des\w*|cmd|command|offset|bias|"
+                   r"qual\w*|valid|status|stat\b|"
+                   r"ratio|qbit|vz\b|sign|limit|yaw|slip|heading|gps|pinion|motor|temp\w*|counter|rear|current|blink\w*|cal\b|"
+                   r"calib\w*",
+    "speed": r"target|cmd|command|"
+             r"req\w*|soll|set|cruise|acc\b|limit|display|eng\w*|motor|rpm|fan|wind|offset|qual\w*|valid|status|std|sd\b|"
+             r"var\b|cov\w*|yaw|angular|"
+             r"steer\w*|gear|turbine|wheel|whl|rad\b|wiper|down|east|north|vert\w*|lat\w*|vy\b|vz\b|accuracy|diff\w*",
+    "accel_z": r"gyro|rate|offset|std|var|cov",
+    "latitude": r"acc\w*|g\b|lateral|rate|std|sd\b|dist\w*|vel\w*|force|error",
+    "longitude": r"acc\w*|g\b|longitudinal|rate|std|sd\b|dist\w*|vel\w*|force|error",
+    "heading": r"rate|target|std|acc\w*|rms",
+}  # fmt: skip
+PLACES = {  # where a wheel is, as a word or the end of one
+    "front_left": r"fl|lf|vl|front ?left|left ?front|vorne? ?links|vo ?li|avg|av ?g|frnt ?lft|lft ?frnt|f ?l|l ?f|fr ?lt|delantera "
+                  r"izquierda|anteriore sinistra|di",
+    "front_right": r"fr|rf|vr|front ?right|right ?front|vorne? ?rechts|vo ?re|avd|av ?d|frnt ?rght|rght ?frnt|f ?r|r ?f|fr ?rt|"
+                   r"delantera derecha|"
+                   r"anteriore destra|dd",
+    "rear_left": r"rl|lr|hl|rear ?left|left ?rear|hinten ?links|hi ?li|arg|ar ?g|rr ?lft|lft ?rr|r ?l|l ?r|re ?lt|trasera "
+                 r"izquierda|posteriore sinistra|ti|bl",
+    "rear_right": r"rr|hr|rear ?right|right ?rear|hinten ?rechts|hi ?re|ard|ar ?d|rr ?rght|rght ?rr|r ?r|re ?rt|trasera derecha|"
+                  r"posteriore destra|td|br",
+    "front": r"front|vorne?|va|avant|fa|frnt|delantero|anteriore",
+    "rear": r"rear|hinten|ha|arriere|ra|trasero|posteriore",
+}  # fmt: skip
+WHEEL = re.compile(r"wheel|whl|\brad\b|\brad(?=[vh][lr])|raddreh|radgeschw|wss|wsp|\bws\b|\bws(?=[fvrhl][lr]\b)|\bnrad|roue|rueda|"
+                   r"ruota|omega|\bwheels?\b|abs|\bn\b|\bv\b|drehzahl|"
+                   r"\bspeed\b|\bspd\b|\brw\b|\bvrad|wspd|whlspd|wheelspeed|\bvel")  # fmt: skip
+NO_WHEEL = re.compile(r"torque|trq|\btq\b|moment|press\w*|druck|temp\w*|brake|brems|slip|schlupf|accel|beschl|qual\w*|valid|status|"
+                      r"stat\b|counter|puls\w*|impuls\w*|"
+                      r"ticks?|dir\w*|richtung|height|susp\w*|tpms|tire|tyre|reifen|susp|damper|\bfx\b|\bfy\b|\bfz\b|force|target|"
+                      r"soll|qbit|seat|door|window|mirror|"
+                      r"steer\w*|angle|winkel|radius|raw cnt|edge")  # fmt: skip
+
+
+@functools.lru_cache(maxsize=4096)
+def text_of(name: str) -> str:
+    """The words of a name with blanks between: topic, message and all."""
+    return " ".join(words(name))
+
+
+def score(role: str, name: str) -> float:
+    """How much a name sounds like a role; the last part of a path counts more than the whole."""
+    last = re.split(r"[./]", name)[-1]
+    text, end = text_of(name), text_of(last)
+    best = max((s for p, s in ROLES[role] if re.search(p, end)), default=0.0)
+    if best < 3.0:
+        best = max([best, *(s - 0.2 for p, s in ROLES[role] if re.search(p, text))])
+    if best and re.search(rf"\b({NOT[role]})", end):
+        best -= 4.0
+    return best
+
+
+def place_of(name: str) -> tuple[str, float]:
+    """Which wheel's or axle's speed a name sounds like, and how much; "" where none."""
+    last = re.split(r"[./]", name)[-1]
+    text, end = text_of(name), text_of(last)
+    if NO_WHEEL.search(end):
+        return "", 0.0
+    wheel = bool(WHEEL.search(text))
+    for part in (end, text):
+        found = _place(part, wheel)
+        if found[0]:
+            return found
+    return "", 0.0
+
+
+def _place(end: str, wheel: bool) -> tuple[str, float]:
+    joined = end.replace(" ", "")
+    for place, pattern in PLACES.items():
+        worth = 3.0 if wheel else 1.0
+        if re.search(rf"\b({pattern})\b", end):
+            return place, worth if len(place) > 5 or wheel else 0.0
+        if (
+            len(place) > 5
+            and wheel
+            and re.search(
+                rf"(rad|wheel|whl|speed|spd|ws|wss|wsp|n|v|vel|roue|vrad|nrad)_?({pattern})(kmh|rpm|rads|mps|ms)?$",
+                joined,
+            )
+        ):
+            return place, worth - 0.3
+    return "", 0.0

@@ -1,0 +1,248 @@
+"""What happened on a drive, from the columns of EST.csv that say so: changes of what tyres and road give, faults of a channel,
+wheels that slide; and the stretches of road between the changes. A table without these columns has no events and is one stretch."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import pandas as pd
+
+from tse.impl.core import STIFFNESS, library
+
+REGIMES = {  # probability of each at a row; their sum is 1
+    "p_steady": "as before",
+    "p_changed": "road changed",
+    "p_axle": "an axle changed",
+    "p_fault": "fault of a channel",
+    "p_sliding": "sliding",
+    "p_restarted": "started over",
+}
+KINDS = {
+    1: "road changed",
+    2: "front axle changed",
+    3: "rear axle changed",
+    4: "started over",
+}  # change_kind; 0: none yet
+TOUCHED = {1: STIFFNESS, 2: ("cy_front",), 3: ("cy_rear",), 4: ()}  # whose ratio is reported
+SPELLS = {"p_fault": "fault", "p_sliding": "sliding"}
+COLUMNS: dict[str, type] = {  # what is needed of a table, as small as it can be
+    **dict.fromkeys(SPELLS, np.float32),
+    "estimate_age": np.float32,
+    "fault_channel": np.int8,
+    "change_age": np.float32,
+    "change_probability": np.float32,
+    "change_kind": np.int8,
+    **{f"change_{s}": np.float32 for s in STIFFNESS},
+}
+SDS = {f"{s}{part}" for s in STIFFNESS for part in ("", "_sd")}  # from which the sd of a ratio follows
+LIKELY = 0.9  # probability from which on something is reported
+TOGETHER = 0.5  # s: changes nearer to each other are one; gaps in a spell that are shorter are bridged
+SMALL = 0.05  # a change of every stiffness by less calls for nothing
+SHORT = 2.0  # s: a shorter stretch joins its neighbour
+SHORT_NAMES = {"cx_front": "front longitudinal", "cy_front": "front cornering", "cy_rear": "rear cornering"}
+
+
+@dataclass(frozen=True)
+class Change:
+    """One change. `ratio`: stiffness after it over before, with its sd (NaN if unknown); only of what the change touched."""
+
+    time: float
+    kind: int
+    probability: float
+    ratio: Mapping[str, tuple[float, float]]
+
+    @property
+    def what(self) -> str:
+        return KINDS.get(self.kind, "changed")
+
+    @property
+    def label(self) -> str:
+        known = f", {percent(self.probability)}" if np.isfinite(self.probability) else ""
+        return f"{self.what} at {self.time:.2f} s{known}"
+
+    @property
+    def effect(self) -> str:
+        """What it did, in words; empty if that is not known."""
+        parts = []
+        for key, (ratio, sd) in self.ratio.items():
+            band = f" ± {sd:.2f}" if np.isfinite(sd) else ""
+            parts.append(f"{SHORT_NAMES[key]} x {ratio:.2f}{band}")
+        return ", ".join(parts)
+
+
+@dataclass(frozen=True)
+class Spell:
+    """A time of fault or sliding. `channel`: the one at fault, if that is known."""
+
+    what: str
+    start: float
+    end: float
+    probability: float  # the greatest
+    channel: str = ""
+
+    @property
+    def name(self) -> str:
+        return f"{self.channel} at fault" if self.channel else self.what
+
+    @property
+    def label(self) -> str:
+        return f"{self.name} {self.start:.2f} .. {self.end:.2f} s, {percent(self.probability)}"
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """The rows from one change to the next. `rows`: of its longest piece, if shorter ones have joined it."""
+
+    start: float
+    end: float
+    rows: slice
+
+    @property
+    def title(self) -> str:
+        start = round(self.start, 1) + 0.0  # no -0.0 of a row that speaks of a time before the log
+        return f"{start:.1f} .. {self.end:.1f} s"
+
+
+def spoken_of(table: pd.DataFrame) -> np.ndarray:
+    """The times that the rows' estimates speak of: where channels are logged late, they are older than the row."""
+    time = table["time"].to_numpy()
+    age = table["estimate_age"].to_numpy() if "estimate_age" in table else np.zeros(1)
+    return time - np.nan_to_num(age) if np.any(age > 0) else time
+
+
+def changes(table: pd.DataFrame) -> list[Change]:
+    """Return the changes of a drive, in order of time.
+
+    Every row reports the last change the filter believes in, by its age. Reports of times within TOGETHER are one change; the
+    last one counts. Left out: what is less probable than LIKELY in half of its rows and in the last, and what changed nothing
+    (SMALL)."""
+    if not {"change_age", "change_kind"} <= set(table) or table.empty:
+        return []
+    time, kind = spoken_of(table), table["change_kind"].to_numpy()
+    rows = np.flatnonzero(kind > 0)
+    at = time[rows] - table["change_age"].to_numpy()[rows]
+    edges = np.flatnonzero(np.abs(np.diff(at)) > TOGETHER) + 1
+    reports: list[tuple[float, np.ndarray]] = []  # time of the change, rows that report it
+    for mine, when in zip(np.split(rows, edges), np.split(at, edges), strict=True):
+        if not len(mine):
+            continue
+        middle = float(np.median(when))
+        if reports and abs(reports[-1][0] - middle) <= TOGETHER:
+            mine = np.concatenate([reports.pop()[1], mine])
+        reports.append((middle, mine))
+    columns = {name: table[name].to_numpy() for name in table if name in COLUMNS or name in SDS}
+    found = [_change(columns, time, when, mine) for when, mine in reports]
+    return [
+        c for c in found
+        if not c.probability < LIKELY and (not c.ratio or any(abs(ratio - 1) > SMALL for ratio, _ in c.ratio.values()))
+    ]  # fmt: skip
+
+
+def _change(columns: Mapping[str, np.ndarray], times: np.ndarray, time: float, rows: np.ndarray) -> Change:
+    first, last = int(rows[0]), int(rows[-1])
+    kind = int(columns["change_kind"][last])
+    probability = columns.get("change_probability", np.full(len(times), np.nan))
+    before = max(0, min(first, int(np.searchsorted(times, time))) - 1)
+    ratio = {}
+    for key in TOUCHED.get(kind, ()):
+        value = float(columns[f"change_{key}"][last]) if f"change_{key}" in columns else float("nan")
+        if np.isfinite(value):
+            sd = float(np.hypot(_relative_sd(columns, key, before), _relative_sd(columns, key, last)))
+            ratio[key] = (value, value * sd)
+    return Change(time, kind, max(float(np.median(probability[rows])), float(probability[last])), ratio)
+
+
+def _relative_sd(columns: Mapping[str, np.ndarray], key: str, row: int) -> float:
+    mean = float(columns[key][row]) if key in columns else 0.0
+    return float(columns[f"{key}_sd"][row]) / mean if f"{key}_sd" in columns and mean > 0 else float("nan")
+
+
+def spells(table: pd.DataFrame) -> list[Spell]:
+    """The times at which a channel was at fault or wheels slid, in order of their start."""
+    if table.empty:
+        return []
+    time = spoken_of(table)
+    found: list[Spell] = []
+    for column, what in SPELLS.items():
+        if column not in table:
+            continue
+        p = table[column].to_numpy()
+        likely = p >= LIKELY
+        if column == "p_fault" and "fault_channel" in table:
+            channel = table["fault_channel"].to_numpy()
+            for number in np.unique(channel[likely]).tolist():
+                found += _spells(time, p, likely & (channel == number), what, channel_name(number))
+        else:
+            found += _spells(time, p, likely, what, "")
+    return sorted(found, key=lambda s: s.start)
+
+
+def spans(time: np.ndarray, where: np.ndarray) -> list[tuple[int, int]]:
+    """First row and row after the last of each run of rows; gaps shorter than TOGETHER are bridged."""
+    found: list[tuple[int, int]] = []
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], where.astype(np.int8), [0]])))
+    for first, after in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
+        bridged = found and time[first] - time[found[-1][1] - 1] <= TOGETHER
+        found.append((found.pop()[0] if bridged else first, after))
+    return found
+
+
+def _spells(time: np.ndarray, p: np.ndarray, where: np.ndarray, what: str, channel: str) -> list[Spell]:
+    return [
+        Spell(what, float(time[a]), float(time[b - 1]), float(p[a:b][where[a:b]].max()), channel)
+        for a, b in spans(time, where)
+    ]
+
+
+def channel_name(number: int) -> str:
+    """The channel that fault_channel means; empty for none."""
+    channels = [*library().channels, *library().optional]
+    return channels[number - 1].name if 0 < number <= len(channels) else ""
+
+
+def stretches(table: pd.DataFrame, found: Sequence[Change]) -> list[Stretch]:
+    """The drive between changes. A stretch shorter than SHORT joins the one after it, the last one the one before it."""
+    if table.empty:
+        return []
+    time = spoken_of(table)
+    inside = [c.time for c in found if time[0] < c.time <= time[-1]]
+    ends = [float(time[0]), *inside, float(time[-1])]
+    rows = [0, *np.searchsorted(time, inside).tolist(), len(time)]
+    pieces = [Stretch(a, b, slice(i, j)) for (a, b), (i, j) in zip(pairwise(ends), pairwise(rows), strict=True)]
+    i = 0
+    while len(pieces) > 1 and i < len(pieces):
+        longest = pieces[i].rows
+        if time[min(longest.stop, len(time) - 1)] - time[longest.start] >= SHORT:
+            i += 1
+            continue
+        i = min(i, len(pieces) - 2)
+        pieces[i : i + 2] = [_joined(pieces[i], pieces[i + 1])]
+    return pieces
+
+
+def _joined(one: Stretch, other: Stretch) -> Stretch:
+    longest = max(one, other, key=lambda s: s.rows.stop - s.rows.start)
+    return Stretch(one.start, other.end, longest.rows)
+
+
+def words(found: Sequence[Change], times: Sequence[Spell]) -> list[str]:
+    """What happened, for the terminal: every change, and of spells how many there were."""
+    lines = [f"{c.label}{': ' if c.effect else ''}{c.effect}" for c in found]
+    for name in dict.fromkeys(s.name for s in times):
+        same = [s for s in times if s.name == name]
+        if len(same) == 1:
+            lines.append(same[0].label)
+        else:
+            total = sum(s.end - s.start for s in same)
+            lines.append(f"{name} {len(same)} times, {total:.1f} s in all, first at {same[0].start:.2f} s")
+    return lines
+
+
+def percent(share: float) -> str:
+    """A share in words that do not say 0 or 100 % of what is neither."""
+    if 0 < share < 0.01:
+        return "under 1 %"
+    return "over 99 %" if 0.995 <= share < 1 else f"{share * 100:.0f} %"

@@ -1,0 +1,1 @@
+"""The commands that have options of their own: options in, modules of tse called, messages out."""
