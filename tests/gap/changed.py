@@ -1,4 +1,4 @@
-"""A constant of tselab that is another for a while: for studies and tests.
+"""A constant of tse that is another for a while: for studies and tests.
 
 with changed("gap.infer.space.EPISODE", 60.0):
     run(...)
@@ -17,8 +17,8 @@ from typing import Any
 def changed(name: str, value: Any) -> Iterator[None]:
     """Set one constant in its module and in every module that imports it, in this process and in those forked from within."""
     module, _, key = name.rpartition(".")
-    before = getattr(importlib.import_module(f"tselab.{module}"), key)
-    mine = [m for n, m in sys.modules.items() if n.startswith("tselab.") and vars(m).get(key) is before]
+    before = getattr(importlib.import_module(f"tse.impl.{module}"), key)
+    mine = [m for n, m in sys.modules.items() if n.startswith("tse.") and vars(m).get(key) is before]
     for m in mine:
         setattr(m, key, value)
     try:

@@ -85,10 +85,10 @@ def test_estimates_agree_from_log_to_log_with_the_improved_vehicle(case):
     estimator = case.verdict["estimator"]
     spread = estimator["stiffness_sd_between_logs"]
     for key in ("cy_front", "cy_rear"):
-        assert (
-            spread["after"][key] < 0.04
-        )  # an estimate's own sd; and no worse than before, where the filter finds how late the steering is
-        assert spread["after"][key] < 1.1 * spread["before"][key]
+        # three estimates of sd 3.5 % differ by more than 1.73 of it once in twenty times: chi2 of 2 degrees of freedom
+        assert spread["after"][key] < 1.73 * 0.035
+        # no worse than before, where the filter finds how late the steering is: the same rows, moved by less than half an sd
+        assert spread["after"][key] < spread["before"][key] + 0.5 * 0.035
         assert estimator["valid"]["after"][key] > estimator["valid"]["before"][key] - 0.02  # lag_steer finds it untold
     assert "differs between logs that show it by" in case.done.out
     assert [d["part"] for d in case.verdict["estimator"]["logs"]] == ["fit", "fit", "held_out"]

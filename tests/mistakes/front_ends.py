@@ -128,7 +128,7 @@ def _through_fmu(drive: Drive, log: LogOf, fmi: str) -> Said:
     with Instance(unit(ESTIMATOR)) if fmi == "2" else Instance3(unit(f"{ESTIMATOR}-fmi3")) as one:
         one.start(parameters)
         kinds = [one.unit.variables[n] for n in wanted]
-        real, whole = ("getReal", "getInteger") if fmi == "2" else ("getFloat64", "getInt32")
+        real, whole = ("getReal", "getInteger") if fmi == "2" else ("getFloat64", "getInt64")  # codes are Enumerations
         put = getattr(one.slave, "setReal" if fmi == "2" else "setFloat64")
         inputs = [one.unit.variables[c].valueReference for c in CHANNELS]
         get = [(getattr(one.slave, real if v.type in ("Real", "Float64") else whole), v.valueReference) for v in kinds]
