@@ -64,10 +64,13 @@ static void report_motion(const tse_params *p, const tse_kalman *k, tse_output *
   out->sideslip_sd = r_div(out->vel_y_sd, r_max(r_abs(out->vel_x), LEAST_SPEED_SD));
 }
 
+/* Return the variance of what the model lacks along the car, always the same. */
+static tse_real lacks_along(const tse_params *p) { return r_sqr(r_max(USUAL_MODEL_SD, p->model_sd)); }
+
 tse_real along_share(const tse_params *p, const tse_kalman *k, tse_real own, tse_real *var)
 {
   const tse_real before = r_max(k->along.var, LEAST_ALONG), left = r_min(r_mul(own, r_sqr(state_unit[LCX])), before), learnt = before - left;
-  const tse_real share = r_div(before, before + r_mul(r_sqr(r_max(USUAL_MODEL_SD, p->model_sd)), r_div(learnt, before)));
+  const tse_real share = r_div(before, before + r_mul(lacks_along(p), r_div(learnt, before)));
   *var = before - r_mul(share, learnt);
   return share;
 }
@@ -80,7 +83,7 @@ static tse_real along_of(const tse_params *p, const tse_kalman *k, tse_real shif
   const tse_real own = own_variance_of(k, LCX), moved = k->x[LCX] - k->along.mean;
   tse_real itself;
   const tse_real part = r_mul(along_share(p, k, own, &itself), moved);
-  *var = itself + r_max(*var - r_mul(own, r_sqr(state_unit[LCX])), TSE_R(0)) + r_max(r_sqr(moved - part) - r_sqr(r_max(USUAL_MODEL_SD, p->model_sd)), TSE_R(0));
+  *var = itself + r_max(*var - r_mul(own, r_sqr(state_unit[LCX])), TSE_R(0)) + r_max(r_sqr(moved - part) - lacks_along(p), TSE_R(0));
   return k->along.mean + part + shift;
 }
 

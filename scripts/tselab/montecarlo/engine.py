@@ -144,13 +144,13 @@ def run(
     if restart:
         path.unlink(missing_ok=True)
     done = read(path, units)
-    todo = [u for u in units if u.mark not in done]
+    left = [u for u in units if u.mark not in done]
     _append(path, "\n")  # the last line may be cut
     with tqdm(
-        total=len(todo), unit="run", disable=not progress, file=sys.stderr, leave=False, desc=plan.study.name
+        total=len(left), unit="run", disable=not progress, file=sys.stderr, leave=False, desc=plan.study.name
     ) as bar:
         try:
-            with killed_as_interrupted(), contextlib.closing(each(run_unit, todo, jobs, scheduler)) as results:
+            with killed_as_interrupted(), contextlib.closing(each(run_unit, left, jobs, scheduler)) as results:
                 for unit, result in results:
                     done[unit.mark] = _said_where(unit, result)
                     text = json.dumps(done[unit.mark], default=float)
