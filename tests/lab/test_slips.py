@@ -56,11 +56,15 @@ def drive(driven: str, later: float, seed: int, factor: float = 1.0) -> Log:
     push = gains + 9.81 * ROLLING + DRAG * v**2 / config.mass
     stiffness = factor * getattr(config, f"longitudinal_stiffness_{driven}")
     grid = np.linspace(0.0, 3.5, 101)
-    slip = np.interp(push, grid, [slip_of(config, driven, stiffness, p) for p in grid])
+    # the road turns up the wheels of the free axle, 1.2 kg m2 each, which slip for it; the driven axle pushes as much more
+    spin = 2 * 1.2 / 0.32**2 / config.mass * gains
+    free = "rear" if driven == "front" else "front"
+    drags = spin * config.mass / (factor * getattr(config, f"longitudinal_stiffness_{free}"))
+    slip = np.interp(push + spin, grid, [slip_of(config, driven, stiffness, p) for p in grid])
     # a tyre loses 0.5 % of its rolling radius by its load at rest, and as much more or less by what moves to or from its axle
     moved = HEIGHT / 9.81 * push
     radius = {"front": 1 + 0.005 * moved / config.lr, "rear": 1 - 0.005 * moved / config.lf}
-    speed = {driven: v * (1 + slip), "rear" if driven == "front" else "front": v}
+    speed = {driven: v * (1 + slip), free: v * (1 - drags)}
     pull = gains * (1 + 9.81 * PITCH)
     frame = {"time": t, "steer_angle": 0.002 * np.sin(t), "accel_x": pull + 0.1 * rng.standard_normal(len(t))}
     frame |= {"accel_y": 0 * t, "yaw_rate": 0.001 * rng.standard_normal(len(t))}
@@ -86,12 +90,12 @@ def car(driven: str) -> Vehicle:
 @pytest.mark.parametrize("later", [-0.008, 0.0, 0.008])
 @pytest.mark.parametrize("factor", [0.7, 1.3])
 def test_stiffness_and_how_much_later_the_front_wheels_are_is_found(driven: str, later: float, factor: float) -> None:
-    """To 2.5 ms: 0.3 ms of scatter, and 1 ms of 8 because the slip is as late as the speed, which the regression leaves out. The
-    stiffness to 3 %: 1 % of prior, 1 % of scatter."""
+    """To 3 ms: 0.3 ms of scatter, and of 8 ms, where tyres are soft, 2.5 because the slip is as late as the speed, which the
+    regression leaves out. The stiffness to 3 %: 1 % of prior, 1 % of scatter."""
     problem, fit = searched()
     logs = [drive(driven, later, 1, factor), drive(driven, later, 2, factor)]
     found = slips(problem, fit, logs, car(driven))
-    assert found.x[0] - found.x[1] == pytest.approx(later, abs=0.0025)
+    assert found.x[0] - found.x[1] == pytest.approx(later, abs=0.003)
     assert 0.5 * (found.x[0] + found.x[1]) == pytest.approx(0.004)
     np.testing.assert_array_equal(found.x[2:5], fit.x[2:5])
     assert np.exp(found.x[5]) == pytest.approx(factor, rel=0.03)

@@ -31,6 +31,7 @@ MODEL_SD = 0.05
 SLOW, PULLING, STRAIGHT, HARD = 4.0, 0.8, 0.03, 0.5  # m/s, m/s2, rad, 1
 SMOOTH, EVERY, BLOCK, FEWEST = 0.3, 0.1, 10.0, 6  # s, s, s, blocks
 GIVE = 0.005  # rolling radius that a tyre loses by its static load: src/model/car.c
+SPIN = 0.015  # of the mass: two wheels of 1.2 kg m2 with 0.32 m, which the driven axle turns up through the road
 
 
 def slips(problem: Problem, fit: Fit, logs: Sequence[Log], vehicle: Vehicle) -> Fit:
@@ -47,10 +48,10 @@ def slips(problem: Problem, fit: Fit, logs: Sequence[Log], vehicle: Vehicle) -> 
 
     Notes
     -----
-    (v_driven - v_free)/v = slip(F) - later a/v + offset, with F by accel_x, drag and rolling resistance, and slip(F) by the tyre
-    curve and load transfer of src/model/car.c: a regression over all logs, an offset each. How sure it is shows where a block of
-    ten seconds is left out at a time; by that, MODEL_SD and APART_SD it counts beside the prior. 8 ms are 0.2 % of slip at 8 m/s
-    and 2 m/s2, where tyres take 1.5 %.
+    (v_driven - v_free)/v = slip(F) - later a/v + offset, with F by accel_x, drag, rolling resistance and the wheels that turn up,
+    and slip(F) by the tyre curve and load transfer of src/model/car.c: a regression over all logs, an offset each. How sure it is
+    shows where a block of ten seconds is left out at a time; by that, MODEL_SD and APART_SD it counts beside the prior. 8 ms are
+    0.2 % of slip at 8 m/s and 2 m/s2, where tyres take 1.5 %.
     """
     k = list(problem.names).index(STIFFNESS)
     mean, var = float(problem.mean[k]), float(problem.sd[k]) ** 2
@@ -129,7 +130,7 @@ class _Car:
             c.longitudinal_stiffness_front,
             at.get("longitudinal_stiffness_rear", c.longitudinal_stiffness_rear),
         )
-        self.stiffness = front if self.front_driven else rear
+        self.stiffness, self.of_free = (front, rear) if self.front_driven else (rear, front)
         self.scale = (1.0 + at.get("imu_scale_ax_error", 0.0)) * (1.0 + GRAVITY * at.get("pitch_leak_gain", 0.0))
         self.drag, self.rolling = at["aero_drag_coefficient"], at["rolling_resistance_coefficient"]
         z = np.linspace(0.0, 1.0, 400)  # of the brush model, up to where it slides
@@ -137,11 +138,12 @@ class _Car:
         self.curve = 3.0 * z, 3.0 * z * (brush + ordinary["tyre_saturation_shape"] * (root - brush))
 
     def slip(self, push: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return slip of the driven axle at the file's stiffness, and share of its grip, for forces per mass [m/s2]."""
-        load = self.load + self.height * push
-        share = np.abs(push) / (self.grip * np.maximum(load, 0.1 * self.load))
+        """Return slip of the driven axle over the free one at the file's stiffness, and share of the driven one's grip, for what
+        pushes the car, per mass [m/s2]."""
+        spin, load = SPIN * push, self.load + self.height * push
+        share = np.abs(push + spin) / (self.grip * np.maximum(load, 0.1 * self.load))
         linear = np.interp(share, self.curve[1], self.curve[0]) * self.grip * load
-        return self.mass * linear / (self.stiffness * load / self.load), share
+        return self.mass * (linear / (self.stiffness * load / self.load) + spin / self.of_free), share
 
 
 def _pulls(car: _Car, log: Log) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
