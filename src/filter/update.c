@@ -168,12 +168,14 @@ static void predict_sensors(const tse_params *p, tse_kalman *k, const decoded *z
   slopes_of_sensors(p, k, f, z->dt, s->doubts);
 }
 
-/* Follow what happens to the car: mean squares over MODEL_TIME. */
-static void follow_activity(tse_kalman *k, const forces *f, tse_real dt)
+/* Follow what happens to the car: mean squares over MODEL_TIME. An uneven road, which shows as noise, happens too, as large
+ * as the largest of it that is no outlier. */
+static void follow_activity(const tse_params *p, tse_kalman *k, const forces *f, tse_real dt)
 {
   const tse_real happens[IMU_CHANNELS] = { f->x, f->y, k->x[YAW] };
-  const tse_real least[IMU_CHANNELS] = { LEAST_ACTIVITY, LEAST_ACTIVITY, r_div(LEAST_ACTIVITY, r_max(k->x[VX], LEAST_TURNING)) };
-  for (int a = 0; a < IMU_CHANNELS; a++) k->activity[a] += r_mul(r_div(dt, dt + MODEL_TIME), r_sqr(happens[a]) + r_sqr(least[a]) - k->activity[a]);
+  const tse_real uneven = r_mul(r_mul(TAIL, k->noise[ACCEL_Y]), r_sqr(p->sensor_sd[ACCEL_Y])), least = r_sqr(LEAST_ACTIVITY) + uneven;
+  const tse_real at_least[IMU_CHANNELS] = { least, least, r_div(least, r_sqr(r_max(k->x[VX], LEAST_TURNING))) };
+  for (int a = 0; a < IMU_CHANNELS; a++) k->activity[a] += r_mul(r_div(dt, dt + MODEL_TIME), r_sqr(happens[a]) + at_least[a] - k->activity[a]);
 }
 
 /* Return the variance of what the model does not explain of a channel: a share of what happens, that lasts. As white noise that
@@ -238,7 +240,7 @@ void update_row(const tse_params *p, tse_kalman *k, const decoded *z, steering u
   tse_real change[TSE_ALL];
   car_forces(&p->car, k->x, u, TSE_R(1), &f);
   predict_sensors(p, k, z, &f, &s);
-  follow_activity(k, &f, z->dt);
+  follow_activity(p, k, &f, z->dt);
   for (int i = 0; i < TSE_ALL; i++) change[i] = TSE_R(0);
   k->nis = k->unusual = TSE_R(0);
   k->channels = 0;

@@ -188,6 +188,29 @@ static void freeze(tse_input *u, const tse_input *at, int channel)
 }
 
 /* Whatever the channel: it is named, no road is believed to have changed, it is heard again when it moves again, and the stiffness stays. */
+/* An accelerometer that reads an uneven road, 1 m/s2 either way, of a car that goes straight on: events are held against what
+ * happens, and that is the largest unevenness which is no outlier. The innovation's mean square is 1 or more. */
+static void test_an_uneven_road_happens(void)
+{
+  static truth w;
+  const tse_config c = a_car();
+  truth_start(&w, &c, 20, 1, 3);
+  w.amplitude = w.throttle = 0;
+  reset(&w.p);
+  drive(&w, 500);
+  const double even = number(f.k.activity[ACCEL_Y]);
+  tse_output y;
+  for (int n = 0; n < 3000; n++) {
+    tse_input u = truth_row(&w, 0.01);
+    u.accel_y += ((uint32_t)n * 2654435761u) >> 31 ? TSE_R(1) : TSE_R(-1); /* as good as a coin */
+    step(&w.p, &u, &y);
+  }
+  expect_near(10, number(y.noise[ACCEL_Y]), 2, "sd found over that of the setting, 0.1 m/s2", 0);
+  TEST_ASSERT_TRUE(even < 0.5);
+  TEST_ASSERT_TRUE(number(f.k.activity[ACCEL_Y]) > 4);
+  TEST_ASSERT_TRUE(number(f.k.activity[YAW_RATE]) > 4.0 / (20 * 20) * 0.5);
+}
+
 static void test_a_frozen_channel_is_found_and_no_road_has_changed(void)
 {
   static truth w;
@@ -659,6 +682,7 @@ int main(void)
   RUN_TEST(test_a_road_that_stays_is_never_believed_to_be_another);
   RUN_TEST(test_a_channel_that_turns_off_is_found_and_the_stiffness_stays);
   RUN_TEST(test_a_quiet_drive_teaches_no_cornering_stiffness);
+  RUN_TEST(test_an_uneven_road_happens);
   RUN_TEST(test_a_frozen_channel_is_found_and_no_road_has_changed);
   RUN_TEST(test_a_steering_angle_that_freezes_is_missing);
   RUN_TEST(test_readings_of_few_digits_are_not_frozen);
