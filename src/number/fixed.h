@@ -38,9 +38,34 @@ static inline int64_t fixed_signed(uint64_t magnitude, int negative)
 
 static inline int64_t fixed_saturate(int64_t x) { return x > FIXED_MOST ? FIXED_MOST : (x < -FIXED_MOST ? -FIXED_MOST : x); }
 
-/* a b from halves, nearest, ties towards +infinity. hi, lo: the 128 bits of the exact product. */
+/* a b, exact. A processor without such a product makes it of four of 16 bits, sooner than libgcc one of 64 bits. */
+static inline int64_t fixed_product(int32_t a, int32_t b)
+{
+#if defined(__ARM_ARCH_6M__) || defined(TSE_FIXED_QUARTERS)
+  const int32_t ah = a >> 16, bh = b >> 16;
+  const uint32_t al = (uint32_t)a & 0xffffu, bl = (uint32_t)b & 0xffffu, low = al * bl;
+  const int32_t across = (int32_t)al * bh + (int32_t)(low >> 16);
+  const int32_t middle = ah * (int32_t)bl + (int32_t)((uint32_t)across & 0xffffu);
+  const int32_t hi = ah * bh + (across >> 16) + (middle >> 16);
+  return (int64_t)(((uint64_t)(uint32_t)hi << 32) | ((uint32_t)middle << 16) | (low & 0xffffu));
+#else
+  return (int64_t)a * b;
+#endif
+}
+
+/* a b from halves, nearest, ties towards +infinity.   Given: a, b  of up to fifteen results */
 static inline int64_t fixed_mul_halves(int64_t a, int64_t b)
 {
+#if FIXED_BITS == 32 /* whole words: no shift, and of lower halves with a sign all products have one */
+  const int32_t al = (int32_t)(uint32_t)a, bl = (int32_t)(uint32_t)b;
+  const int32_t ah = (int32_t)(uint32_t)(((uint64_t)a - (uint64_t)(int64_t)al) >> 32), bh = (int32_t)(uint32_t)(((uint64_t)b - (uint64_t)(int64_t)bl) >> 32);
+  const int64_t low = (fixed_product(al, bl) + ((int64_t)1 << 31)) >> 32;
+  const int64_t middle = (int64_t)((uint64_t)low + (uint64_t)fixed_product(ah, bl) + (uint64_t)fixed_product(al, bh));
+  const int64_t hi = fixed_product(ah, bh) + (middle >> 32), most = (int64_t)1 << (FIXED_BITS - 1 - FIXED_ROOM);
+  if (hi >= most) return FIXED_MOST;
+  if (hi < -most) return -FIXED_MOST;
+  return (int64_t)(((uint64_t)hi << 32) | (uint32_t)middle);
+#else
   const int32_t ah = (int32_t)(a >> 32), bh = (int32_t)(b >> 32);
   const uint32_t al = (uint32_t)((uint64_t)a & 0xffffffffu), bl = (uint32_t)((uint64_t)b & 0xffffffffu);
   const uint64_t low = (uint64_t)al * bl;
@@ -50,9 +75,6 @@ static inline int64_t fixed_mul_halves(int64_t a, int64_t b)
   const int64_t most = (int64_t)1 << (FIXED_BITS - 1 - FIXED_ROOM);
   if (hi >= most) return FIXED_MOST;
   if (hi < -most) return -FIXED_MOST;
-#if FIXED_BITS == 32 /* whole words: no shift */
-  return hi * ((int64_t)1 << 32) + (int64_t)((uint64_t)middle & 0xffffffffu) + (int64_t)((low >> 31) & 1u);
-#else
   const uint64_t lo = ((uint64_t)middle << 32) | (low & 0xffffffffu);
   return hi * ((int64_t)1 << (64 - FIXED_BITS)) + (int64_t)(lo >> FIXED_BITS) + (int64_t)((lo >> (FIXED_BITS - 1)) & 1u);
 #endif
@@ -61,6 +83,9 @@ static inline int64_t fixed_mul_halves(int64_t a, int64_t b)
 /* Leading zeros of x > 0. */
 static inline int fixed_zeros(uint64_t x)
 {
+#if defined(__GNUC__)
+  return __builtin_clzll(x);
+#else
   int n = 0;
   /* clang-format off */
   if (x < (uint64_t)1 << 32) { n += 32; x <<= 32; }
@@ -71,23 +96,60 @@ static inline int fixed_zeros(uint64_t x)
   if (y < (uint32_t)1 << 30) { n += 2;  y <<= 2; }
   /* clang-format on */
   return n + (y < (uint32_t)1 << 31 ? 1 : 0);
+#endif
 }
 
-/* (hi 2^64 + lo) / d, hi < d: two digits to the base 2^32, each from the leading digit of d and corrected at most twice
+/* (hi 2^32 + lo) / d, hi < d, d from 2^31: two digits to the base 2^16, each from the leading digit of d and corrected at most twice
  * (Knuth, The Art of Computer Programming 2, 4.3.1 D). */
+static inline uint32_t fixed_divide_word(uint32_t hi, uint32_t lo, uint32_t d)
+{
+  const uint32_t base = (uint32_t)1 << 16, d1 = d >> 16, d0 = d & 0xffffu;
+  uint32_t quotient = 0;
+  for (int digit = 0; digit < 2; digit++) {
+    const uint32_t next = digit == 0 ? lo >> 16 : lo & 0xffffu;
+    uint32_t q = hi / d1, r = hi - q * d1;
+    for (int k = 0; k < 2 && r < base && (q >= base || q * d0 > (r << 16) + next); k++) {
+      q--;
+      r += d1;
+    }
+    hi = (hi << 16) + next - q * d;
+    quotient = (quotient << 16) + q;
+  }
+  return quotient;
+}
+
+/* (hi 2^64 + lo) / d, hi < d: two digits to the base 2^32, the same way; n/d1 by the reciprocal of d1 (Moeller & Granlund 2011). */
 static inline uint64_t fixed_divide(uint64_t hi, uint64_t lo, uint64_t d, uint64_t *rest)
 {
-  const uint64_t base = (uint64_t)1 << 32;
   const int shift = fixed_zeros(d);
   d <<= shift;
-  const uint64_t d1 = d >> 32, d0 = d & 0xffffffffu;
+  const uint32_t d1 = (uint32_t)(d >> 32), d0 = (uint32_t)d, over = fixed_divide_word(~d1, UINT32_MAX, d1); /* (2^64 - 1)/d1 - 2^32 */
   if (shift > 0) hi = (hi << shift) | (lo >> (64 - shift));
   lo <<= shift;
   uint64_t quotient = 0;
   for (int digit = 0; digit < 2; digit++) {
-    const uint64_t next = digit == 0 ? lo >> 32 : lo & 0xffffffffu;
-    uint64_t q = hi / d1, r = hi - q * d1;
-    for (int k = 0; k < 2 && r < base && (q >= base || q * d0 > (r << 32) + next); k++) {
+    const uint32_t next = digit == 0 ? (uint32_t)(lo >> 32) : (uint32_t)lo, n1 = (uint32_t)(hi >> 32), n0 = (uint32_t)hi;
+    if (hi < d1) { /* the digit is 0 */
+      hi = (hi << 32) + next;
+      quotient <<= 32;
+      continue;
+    }
+    const uint64_t guess = (uint64_t)over * n1 + hi;
+    uint32_t q = (uint32_t)(guess >> 32) + 1, part = n0 - q * d1;
+    if (part > (uint32_t)guess) {
+      q--;
+      part += d1;
+    }
+    if (part >= d1) {
+      q++;
+      part -= d1;
+    }
+    uint64_t r = part;
+    if (n1 >= d1) { /* the digit is the largest */
+      q = UINT32_MAX;
+      r = (uint64_t)n0 + d1;
+    }
+    for (int k = 0; k < 2 && r <= UINT32_MAX && (uint64_t)q * d0 > (r << 32) + next; k++) {
       q--;
       r += d1;
     }
@@ -110,20 +172,40 @@ static inline int64_t fixed_div_halves(int64_t a, int64_t b)
   return fixed_signed(quotient + (rest >= d - rest ? 1u : 0u), negative);
 }
 
-/* A binary digit a turn: the root of x 2^FIXED_BITS, nearest; 0 for x < 0. */
+/* Square root of 32 bits that begin with 1 or 01: a line, and Newton's steps, from above. */
+static inline uint32_t fixed_sqrt_half(uint32_t x)
+{
+  uint32_t s = (x >> 1) / 49152 + 21846;
+  for (int k = 0; k < 3; k++) s = (s + x / s) >> 1;
+  if (s > 65535) s = 65535;
+  return s * s > x ? s - 1 : s;
+}
+
+/* Nearest root of x 2^FIXED_BITS; 0 for x <= 0. The upper half of its digits is a root, the others a quotient by twice that, less 1 if
+ * their square is too much (Zimmermann, Karatsuba Square Root, 1999): 16, 32, and all digits. */
 static inline int64_t fixed_sqrt_digits(int64_t x)
 {
-  uint64_t digits = x < 0 ? 0u : (uint64_t)x, root = 0, rest = 0;
-  for (int i = 0; i < (64 + FIXED_BITS) / 2; i++) {
-    rest = (rest << 2) | (digits >> 62);
-    digits <<= 2;
-    root <<= 1;
-    if (rest > root << 1) {
-      rest -= (root << 1) + 1;
-      root++;
-    }
+  if (x <= 0) return 0;
+  const int half = FIXED_BITS / 2, zeros = fixed_zeros((uint64_t)x) & ~1;
+  const uint64_t n = (uint64_t)x << zeros;
+  const uint32_t top = (uint32_t)(n >> 32), low = (uint32_t)n;
+  const uint32_t s16 = fixed_sqrt_half(top), over = ((top - s16 * s16) << 15) + (low >> 17), q16 = over / s16;
+  uint64_t root = ((uint64_t)s16 << 16) + q16;
+  int64_t rest = (int64_t)((((uint64_t)(over - q16 * s16) << 1 | (low >> 16 & 1u)) << 16) + (low & 0xffffu)) - (int64_t)((uint64_t)q16 * q16);
+  if (rest < 0) {
+    root--;
+    rest += (int64_t)(2 * root + 1);
   }
-  return (int64_t)(root + (rest > root ? 1u : 0u));
+  const uint64_t next = (uint64_t)rest << (half - 1);
+  const uint32_t s32 = (uint32_t)root, q = fixed_divide_word((uint32_t)(next >> 32), (uint32_t)next, s32);
+  root = (root << half) + q;
+  rest = (int64_t)((next - (uint64_t)q * s32) << (half + 1)) - (int64_t)((uint64_t)q * q);
+  if (rest < 0) {
+    root--;
+    rest += (int64_t)(2 * root + 1);
+  }
+  if (zeros == 0) return (int64_t)root + (rest > (int64_t)root ? 1 : 0);
+  return (int64_t)((root + ((uint64_t)1 << (zeros / 2 - 1))) >> (zeros / 2));
 }
 
 /* Inlined on the host, where flash is not scarce; called where registers are short: a product is 30 .. 60 instructions there, and the

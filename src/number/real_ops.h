@@ -339,7 +339,7 @@ static inline uint32_t r_single_bits(tse_setting x)
 /* One step of a polynomial in Q30: c + p x. */
 static inline int32_t q30_step(int32_t c, int32_t p, int32_t x)
 {
-  return (int32_t)(c + (((int64_t)p * x + (1 << 29)) >> 30));
+  return (int32_t)(c + ((fixed_product(p, x) + (1 << 29)) >> 30));
 }
 
 static inline tse_real r_from_int(int32_t n) { return fixed_saturate((int64_t)n * FIXED_ONE); }
@@ -477,7 +477,8 @@ static inline tse_real r_atan2(tse_real y, tse_real x)
   big >>= shift;
   small >>= shift;
   const int beyond = (small << 30) > 444758319u * big;      /* tan(pi/8) */
-  const int32_t q = beyond ? -(int32_t)(((big - small) << 30) / (big + small)) : (int32_t)((small << 30) / big);
+  uint64_t rest;
+  const int32_t quotient = (int32_t)fixed_divide(0, (beyond ? big - small : small) << 30, beyond ? big + small : big, &rest), q = beyond ? -quotient : quotient;
   const int32_t w = q30_step(0, q, q);
   int32_t p = 50619838;
   p = q30_step(-90836426, p, w);

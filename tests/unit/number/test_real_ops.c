@@ -400,7 +400,7 @@ static void test_sums_over_particles_equal_the_sum_in_double(void)
 
 static const int64_t extreme[] = { INT64_MIN, INT64_MIN + 1, -INT64_MAX / 2, -FIXED_MOST - 1, -FIXED_MOST, -FIXED_ONE - 1, -FIXED_ONE,
                                    -((int64_t)1 << 32), -3, -2, -1, 0, 1, 2, 3, FIXED_ONE / 2, FIXED_ONE - 1, FIXED_ONE, FIXED_ONE + 1,
-                                   ((int64_t)1 << 32) - 1, (int64_t)1 << 32, FIXED_MOST - 1, FIXED_MOST, INT64_MAX / 2, INT64_MAX - 1, INT64_MAX };
+                                   ((int64_t)1 << 32) - 1, (int64_t)1 << 32, FIXED_MOST - 1, FIXED_MOST, INT64_MAX / 2, 15 * FIXED_MOST, -15 * FIXED_MOST, INT64_MAX - 1, INT64_MAX };
 
 /* Products and quotients in long-hand, from 128 bits. */
 __extension__ typedef __int128 wide;
@@ -426,10 +426,15 @@ static int64_t any_size(uint32_t *state)         /* words of all magnitudes */
   return (int64_t)(word - ((uint64_t)1 << 63)) / ((int64_t)1 << (next_word(state) >> 26 & 62u));
 }
 
+/* Whether fifteen results, added, may be as much: nothing larger is multiplied. */
+static int is_sum(int64_t x) { return x <= 15 * FIXED_MOST && x >= -15 * FIXED_MOST; }
+
 static void expect_product_and_quotient(int64_t a, int64_t b)
 {
   TEST_ASSERT_EQUAL_INT64(nearest_up((wide)a * b), r_mul(a, b));
-  TEST_ASSERT_EQUAL_INT64(nearest_up((wide)a * b), fixed_mul_halves(a, b)); /* what processors without 128 bits run */
+  if (is_sum(a) && is_sum(b)) { /* what processors without 128 bits run */
+    TEST_ASSERT_EQUAL_INT64(nearest_up((wide)a * b), fixed_mul_halves(a, b));
+  }
   if (b != 0) {
     TEST_ASSERT_EQUAL_INT64(nearest_away((wide)a * FIXED_ONE, b), r_div(a, b));
   }
