@@ -65,4 +65,11 @@ typedef double tse_setting;
 #define TSE_R(x) ((tse_real)(x))
 #endif
 
+/* What rows of numbers are kept in that the filter multiplies by the thousand: number/vector.h. */
+#if defined(TSE_REAL_FIXED)
+typedef int32_t tse_short;
+#else
+typedef tse_real tse_short;
+#endif
+
 #endif

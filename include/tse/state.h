@@ -13,12 +13,14 @@
 #define TSE_LANES 8
 #define TSE_STRIDE ((TSE_MAX_PARTICLES + TSE_LANES - 1) / TSE_LANES * TSE_LANES + TSE_LANES)
 
-/* How many tse_real the structs hold. A build without measured velocities is 1.9 kB of RAM smaller in float; rows that give one are refused. */
+/* How many tse_real and tse_short the structs hold. A build without measured velocities is 1.9 kB of RAM smaller in float; rows that give one are refused. */
 #if defined(TSE_NO_VELOCITY)
-#define TSE_FILTER_NUMBERS (1379 + 7 * TSE_LATENCY_ROWS)
+#define TSE_FILTER_SHORTS 925
+#define TSE_FILTER_NUMBERS (454 + 7 * TSE_LATENCY_ROWS)
 #define TSE_CONSTANT_NUMBERS 196
 #else
-#define TSE_FILTER_NUMBERS (1774 + 7 * TSE_LATENCY_ROWS)
+#define TSE_FILTER_SHORTS 1273
+#define TSE_FILTER_NUMBERS (501 + 7 * TSE_LATENCY_ROWS)
 #define TSE_CONSTANT_NUMBERS 208
 #endif
 #define TSE_PAPER_NUMBERS (18 + 20 * TSE_STRIDE) /* those of the particles, besides tse_filter */
@@ -32,7 +34,8 @@
 #define TSE_EFFECT_BYTES 40
 #endif
 
-/* Bytes between a 32-bit integer and a tse_real behind it: 0 or 4, as the machine aligns them. */
+/* Bytes between a 32-bit integer and a tse_real behind it: 0 or 4, as the machine aligns them. None follows an odd number of tse_short where these
+ * have 32 bits. */
 struct tse_aligned {
   int32_t first;
   tse_real number;
@@ -48,7 +51,7 @@ typedef struct tse_params_bytes {
 
 typedef struct tse_filter_bytes {
   tse_real first;
-  unsigned char rest[(TSE_FILTER_NUMBERS - 1) * sizeof(tse_real) + 164 + TSE_LATENCY_BYTES + 23 * TSE_PADDING];
+  unsigned char rest[(TSE_FILTER_NUMBERS - 1) * sizeof(tse_real) + TSE_FILTER_SHORTS * sizeof(tse_short) + 164 + TSE_LATENCY_BYTES + (22 + sizeof(tse_short) / sizeof(tse_real)) * TSE_PADDING];
 } tse_filter_bytes;
 
 typedef struct tse_paper_bytes {

@@ -77,53 +77,58 @@ tse_real event_amplitude(const tse_event *a, tse_real *var)
 void sensitivities_clear(tse_kalman *k, int count)
 {
   for (int n = 0; n < TSE_EVENTS; n++)
-    for (int i = 0; i < count; i++) k->event[n].v[i] = TSE_R(0);
+    for (int i = 0; i < count; i++) k->event[n].v[i] = r_short(TSE_R(0));
   for (int q = 0; q < TSE_DOUBTS; q++)
-    for (int i = 0; i < count; i++) k->doubt[q][i] = TSE_R(0);
+    for (int i = 0; i < count; i++) k->doubt[q][i] = r_short(TSE_R(0));
 }
 
+/* The transition of the motion, to move several by. */
+typedef struct transition {
+  tse_short room[MOTION][STATES];
+  const tse_short *row[MOTION];
+  int32_t right[MOTION];
+} transition;
+
 /* Move a sensitivity with the row: the motion by M, what has noise in every row by what it keeps. */
-static void move(tse_real v[STATES], tse_real M[MOTION][COLUMNS], const tse_real keep[STATES])
+static void move(tse_short v[STATES], const transition *t, const tse_real keep[STATES])
 {
-  tse_real to[MOTION];
-  for (int i = 0; i < MOTION; i++) {
-    to[i] = TSE_R(0);
-    for (int j = 0; j < STATES; j++) to[i] += r_mul(M[i][j], v[j]);
-  }
+  tse_short to[MOTION];
+  for (int i = 0; i < MOTION; i++) to[i] = r_short(r_sum(TSE_R(0), v, t->row[i], t->right[i], STATES));
   for (int i = 0; i < MOTION; i++) v[i] = to[i];
-  for (int i = MOTION; i < FAST; i++) v[i] = r_mul(v[i], keep[i]);
+  for (int i = MOTION; i < FAST; i++) v[i] = r_short(r_mul(r_long(v[i]), keep[i]));
 }
 
 void sensitivities_move(const tse_params *p, tse_kalman *k, tse_real M[MOTION][COLUMNS], const tse_real keep[STATES], tse_real dt)
 {
+  transition t;
+  for (int i = 0; i < MOTION; i++) t.row[i] = r_row(M[i], STATES, t.room[i], &t.right[i]);
   for (int n = 0; n < TSE_EVENTS; n++) {
     tse_event *const e = &k->event[n];
     if (e->kind == EVENT_NONE) continue;
-    move(e->v, M, keep);
+    move(e->v, &t, keep);
     e->age += dt;
   }
   for (int q = 0; q < TSE_DOUBTS; q++) {
     if (!(p->uncertain[q] > TSE_R(0))) continue;
-    move(k->doubt[q], M, keep);
-    for (int i = 0; i < MOTION && q < COLUMNS - STATES; i++) k->doubt[q][i] += r_mul(M[i][STATES + q], p->uncertain[q]);
+    move(k->doubt[q], &t, keep);
+    for (int i = 0; i < MOTION && q < COLUMNS - STATES; i++) k->doubt[q][i] = r_short(r_long(k->doubt[q][i]) + r_mul(M[i][STATES + q], p->uncertain[q]));
   }
 }
 
-void events_learn(tse_kalman *k, int channel, const tse_real h[TSE_ALL], const tse_real gain[TSE_ALL], tse_real e, tse_real s, tse_real sd)
+void events_learn(tse_kalman *k, int channel, const r_sparse *h, const r_scaled *gain, tse_real e, tse_real s, tse_real sd)
 {
   const tse_real over = r_div(TSE_R(1), s);
   const int all = STATES + k->p.extras;
   for (int n = 0; n < TSE_EVENTS; n++) {
     tse_event *const a = &k->event[n];
     if (a->kind == EVENT_NONE) continue;
-    tse_real y = channel >= 0 && a->kind == EVENT_SENSOR + channel ? r_mul(r_sqr(TAIL), sd) : TSE_R(0);
-    for (int i = 0; i < all; i++) y += r_mul(h[i], a->v[i]);
+    const tse_real y = r_sum_sparse(channel >= 0 && a->kind == EVENT_SENSOR + channel ? r_mul(r_sqr(TAIL), sd) : TSE_R(0), a->v, h, h->count);
     const tse_real ys = r_mul(y, over);
     if (a->kind == EVENT_BACK || group_of(a->kind) == group_of_channel(channel)) {
       a->info = r_min(a->info + r_mul(y, ys), MOST_INFO);
       a->score = r_clamp(a->score + r_mul(e, ys), -MOST_INFO, MOST_INFO);
     }
-    for (int i = 0; i < all; i++) a->v[i] -= r_mul(gain[i], y);
+    if (y != TSE_R(0)) r_add_row(a->v, gain->m, r_factor(-y, gain->up), all);
   }
 }
 
@@ -190,8 +195,8 @@ static void open_event(const tse_params *p, tse_kalman *k, int n, int32_t which)
   a->kind = which;
   k->weight[n] = TSE_R(0);
   for (int i = 0; i < 3; i++)
-    if (what.common[i].state >= 0 && !is_known(p, what.common[i].state)) a->v[what.common[i].state] = r_div(what.common[i].sd, state_unit[what.common[i].state]);
-  for (int i = LCX; i <= LMU && which == EVENT_BACK; i++) a->v[i] = r_div(r_exp2(r_mul(LOG2_OF_E, r_clamp(k->change_from[i - LCX] - k->x[i], -FURTHEST, FURTHEST))) - TSE_R(1), state_unit[i]);
+    if (what.common[i].state >= 0 && !is_known(p, what.common[i].state)) a->v[what.common[i].state] = r_short(r_div(what.common[i].sd, state_unit[what.common[i].state]));
+  for (int i = LCX; i <= LMU && which == EVENT_BACK; i++) a->v[i] = r_short(r_div(r_exp2(r_mul(LOG2_OF_E, r_clamp(k->change_from[i - LCX] - k->x[i], -FURTHEST, FURTHEST))) - TSE_R(1), state_unit[i]));
 }
 
 /* Measure state i to be where it was before the last change, as well as it was known then. */
@@ -199,13 +204,13 @@ static void recall(tse_kalman *k, int i)
 {
   tse_real h[TSE_ALL], f[TSE_ALL], v[TSE_ALL], gain[TSE_ALL];
   for (int j = 0; j < TSE_ALL; j++) h[j] = j == i ? TSE_R(1) : TSE_R(0);
-  (void)ud_measure(&k->p, h, f, v);
-  ud_correct(&k->p, f, v, r_max(k->change_from_var[i - LCX], RECALL_VAR), gain);
+  const tse_real own = ud_measure(&k->p, h, f, v);
+  ud_correct(&k->p, f, v, own, r_max(k->change_from_var[i - LCX], RECALL_VAR), gain);
   const tse_real e = r_div(k->change_from[i - LCX] - k->x[i], state_unit[i]);
   for (int j = 0; j < STATES + k->p.extras; j++) k->x[j] += r_mul(r_mul(gain[j], e), state_unit[j]);
   for (int q = 0; q < TSE_DOUBTS; q++) {
-    const tse_real y = k->doubt[q][i];
-    for (int j = 0; j < STATES + k->p.extras; j++) k->doubt[q][j] -= r_mul(gain[j], y);
+    const tse_real y = r_long(k->doubt[q][i]);
+    for (int j = 0; j < STATES + k->p.extras; j++) k->doubt[q][j] = r_short(r_long(k->doubt[q][j]) - r_mul(gain[j], y));
   }
 }
 
@@ -292,11 +297,11 @@ static int likeliest_road(const tse_kalman *k, int n)
 static void move_state(tse_kalman *k, tse_event *a, tse_real amplitude)
 {
   for (int i = 0; i < STATES + k->p.extras; i++) {
-    tse_real shift = r_mul(r_mul(amplitude, a->v[i]), state_unit[i]);
+    tse_real shift = r_mul(r_mul(amplitude, r_long(a->v[i])), state_unit[i]);
     if (a->kind <= EVENT_REAR && i >= LCX && i <= LMU) {
       const tse_real force = r_max(TSE_R(1) + shift, LEAST_FORCE);
       shift = r_div(r_log2(force), LOG2_OF_E);
-      a->v[i] = r_div(a->v[i], force);
+      a->v[i] = r_short(r_div(r_long(a->v[i]), force));
     }
     k->x[i] += shift;
   }
@@ -332,7 +337,7 @@ static void along_change(const tse_params *p, tse_kalman *k, int32_t which, tse_
 /* Move the filter to what it is if event n has happened, and end the events of its group. */
 static void believe(const tse_params *p, tse_kalman *k, int n)
 {
-  tse_real var, was[4], was_var[4];
+  tse_real var, was[4], was_var[4], moved[TSE_ALL];
   if (k->event[n].kind == EVENT_ALONG) {
     k->weight[n] = TSE_R(0);
     k->none[GOING] = TSE_R(1);
@@ -347,7 +352,10 @@ static void believe(const tse_params *p, tse_kalman *k, int n)
   move_state(k, &a, event_amplitude(&a, &var));
   if (a.kind == EVENT_BACK)
     for (int i = LCX; i <= LMU; i++) recall(k, i);
-  else ud_add(&k->p, a.v, STATES - 1, var);
+  else {
+    for (int i = 0; i < TSE_ALL; i++) moved[i] = r_long(a.v[i]);
+    ud_add(&k->p, moved, STATES - 1, var);
+  }
   widen(k, a.kind, was);
   if (a.kind >= EVENT_STEER) {
     k->fault = a.kind == EVENT_STEER ? (int32_t)FAULT_STEER : fault_of(a.kind - EVENT_SENSOR);

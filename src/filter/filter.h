@@ -167,7 +167,7 @@ enum { NO_SENSOR_GOING = -1,
  *            decide: weigh, believe, open */
 void sensitivities_clear(tse_kalman *k, int count);
 void sensitivities_move(const tse_params *p, tse_kalman *k, tse_real M[MOTION][COLUMNS], const tse_real keep[STATES], tse_real dt);
-void events_learn(tse_kalman *k, int channel, const tse_real h[TSE_ALL], const tse_real gain[TSE_ALL], tse_real e, tse_real s, tse_real sd);
+void events_learn(tse_kalman *k, int channel, const r_sparse *h, const r_scaled *gain, tse_real e, tse_real s, tse_real sd);
 STAGE void events_decide(const tse_params *p, tse_kalman *k, tse_real dt);
 tse_real event_amplitude(const tse_event *a, tse_real *var); /* after the samples: its mean and variance */
 int event_is_small(const tse_kalman *k, const tse_event *a); /* it may explain the samples, and calls for nothing */

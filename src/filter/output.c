@@ -5,24 +5,40 @@
 static tse_real own_variance_of(const tse_kalman *k, int i)
 {
   tse_real var = ud_variance(&k->p, i);
-  for (int q = 0; q < TSE_DOUBTS; q++) var += r_sqr(k->doubt[q][i]);
+  for (int q = 0; q < TSE_DOUBTS; q++) var += r_sqr(r_long(k->doubt[q][i]));
   return var;
+}
+
+/* Events that may have happened: which, how likely, mean and variance of their amplitudes. */
+typedef struct possible {
+  int32_t at[TSE_EVENTS], count;
+  tse_real weight[TSE_EVENTS], amplitude[TSE_EVENTS], var[TSE_EVENTS];
+} possible;
+
+static void possible_of(const tse_kalman *k, possible *e)
+{
+  e->count = 0;
+  for (int n = 0; n < TSE_EVENTS; n++) {
+    if (k->event[n].kind == EVENT_NONE || k->weight[n] < LEAST_WEIGHT) continue;
+    e->at[e->count] = n;
+    e->weight[e->count] = k->weight[n];
+    e->amplitude[e->count] = event_amplitude(&k->event[n], &e->var[e->count]);
+    e->count++;
+  }
 }
 
 /* Return the variance of state i over the posterior, the uncertain quantities and the events that may have happened; *shift:
  * their mean. SI */
-static tse_real variance_of(const tse_kalman *k, int i, tse_real *shift)
+static tse_real variance_of(const tse_kalman *k, const possible *e, int i, tse_real *shift)
 {
   const tse_real var = own_variance_of(k, i);
   tse_real mean = TSE_R(0), square = TSE_R(0);
-  for (int n = 0; n < TSE_EVENTS; n++) {
-    const tse_event *const a = &k->event[n];
-    const tse_real weight = k->weight[n];
-    if (a->kind == EVENT_NONE || weight < LEAST_WEIGHT) continue;
-    tse_real over;
-    const tse_real off = r_mul(event_amplitude(a, &over), a->v[i]);
-    mean += r_mul(weight, off);
-    square += r_mul(weight, r_mul(off, off) + r_mul(r_sqr(a->v[i]), over));
+  for (int n = 0; n < e->count; n++) {
+    const tse_real by = r_long(k->event[e->at[n]].v[i]);
+    if (!(by != TSE_R(0))) continue;
+    const tse_real off = r_mul(e->amplitude[n], by);
+    mean += r_mul(e->weight[n], off);
+    square += r_mul(e->weight[n], r_mul(off, off) + r_mul(r_sqr(by), e->var[n]));
   }
   *shift = r_mul(mean, state_unit[i]);
   return r_mul(r_max(var + square - r_mul(mean, mean), TSE_R(0)), r_sqr(state_unit[i]));
@@ -43,13 +59,13 @@ static int regime_now(const tse_params *p, const tse_kalman *k)
 
 /* Report the motion. The rear axle slips sideways by force over stiffness: lr r - vy is that much, times what the stiffness may
  * be off by, and however straight the car goes ASKEW; a measured velocity shows both. */
-static void report_motion(const tse_params *p, const tse_kalman *k, tse_output *out)
+static void report_motion(const tse_params *p, const tse_kalman *k, const possible *e, tse_output *out)
 {
   tse_real *const state[3] = { &out->vel_x, &out->vel_y, &out->yaw_rate };
   tse_real *const state_sd[3] = { &out->vel_x_sd, &out->vel_y_sd, &out->yaw_rate_sd };
   tse_real shift;
   for (int i = 0; i < 3; i++) {
-    *state_sd[i] = r_sqrt(variance_of(k, VX + i, &shift));
+    *state_sd[i] = r_sqrt(variance_of(k, e, VX + i, &shift));
     *state[i] = r_clamp(k->x[VX + i] + shift, -state_most[VX + i], state_most[VX + i]);
   }
   const tse_real across = r_mul(p->lr, out->yaw_rate) - out->vel_y;
@@ -89,14 +105,14 @@ static tse_real along_of(const tse_params *p, const tse_kalman *k, tse_real shif
 
 /* Report stiffness, grip and what the model does not explain. No stiffness is known better than the model is right; slip angles
  * that are measured make the filter sure of a stiffness faster than they show what its model lacks. */
-static void report_tyres(const tse_params *p, const tse_kalman *k, tse_output *out)
+static void report_tyres(const tse_params *p, const tse_kalman *k, const possible *e, tse_output *out)
 {
   const tse_real side_floor = k->p.extras ? r_max(MODEL_FLOOR, r_mul(LASTING, p->model_sd)) : MODEL_FLOOR;
   tse_real shift, share[3];
   car_secants(&p->car, k->x, share);
   for (int i = 0; i < 3; i++) {
     const tse_real floor = i == TSE_CX_FRONT ? MODEL_FLOOR : side_floor;
-    tse_real var = variance_of(k, LCX + i, &shift);
+    tse_real var = variance_of(k, e, LCX + i, &shift);
     const tse_real log = i == TSE_CX_FRONT ? along_of(p, k, shift, &var) : k->x[LCX + i] + shift;
     out->stiffness[i] = exponential(r_clamp(log, p->log_min, p->log_max));
     var += r_sqr(floor) + p->mass_var;
@@ -106,20 +122,20 @@ static void report_tyres(const tse_params *p, const tse_kalman *k, tse_output *o
     out->spread_seen[i] = 0;
     out->discrepancy[i] = r_mul(p->model_sd, r_sqrt(k->activity[i]));
   }
-  const tse_real var = variance_of(k, LMU, &shift);
+  const tse_real var = variance_of(k, e, LMU, &shift);
   out->grip = r_mul(p->car.grip, exponential(r_clamp(k->x[LMU] + shift, -state_most[LMU], state_most[LMU])));
   out->grip_sd = r_mul(out->grip, r_sqrt(var + r_sqr(MODEL_FLOOR)));
 }
 
 /* Report biases, latencies, noise and innovations of the sensors. */
-static void report_sensors(const tse_kalman *k, tse_output *out)
+static void report_sensors(const tse_kalman *k, const possible *e, tse_output *out)
 {
   tse_real shift;
   for (int i = 0; i < 3; i++) {
-    out->bias_sd[i] = r_sqrt(variance_of(k, BX + i, &shift));
+    out->bias_sd[i] = r_sqrt(variance_of(k, e, BX + i, &shift));
     out->bias[i] = k->x[BX + i] + shift;
   }
-  out->lag_steer_sd = r_sqrt(variance_of(k, LATE, &shift));
+  out->lag_steer_sd = r_sqrt(variance_of(k, e, LATE, &shift));
   out->lag_steer = k->x[LATE] + shift;
   for (int c = 0; c < TSE_SENSORS; c++) {
     out->noise[c] = r_sqrt(k->noise[c]);
@@ -167,9 +183,11 @@ static void report_change(const tse_kalman *k, tse_output *out)
 
 void report_row(const tse_params *p, const tse_kalman *k, tse_output *out)
 {
-  report_motion(p, k, out);
-  report_tyres(p, k, out);
-  report_sensors(k, out);
+  possible e;
+  possible_of(k, &e);
+  report_motion(p, k, &e, out);
+  report_tyres(p, k, &e, out);
+  report_sensors(k, &e, out);
   report_regimes(p, k, out);
   report_change(k, out);
   out->n_eff = TSE_R(1);
@@ -189,7 +207,7 @@ static tse_reason reason_of(const tse_params *p, const tse_kalman *k, const pass
   if (nothing_happened(k) < BELIEVED) return TSE_MISFIT;
   if (var <= most) return TSE_VALID;
   tse_real doubts = p->mass_var;
-  for (int q = 0; q < TSE_DOUBTS; q++) doubts += r_sqr(r_mul(k->doubt[q][at], state_unit[at]));
+  for (int q = 0; q < TSE_DOUBTS; q++) doubts += r_sqr(r_mul(r_long(k->doubt[q][at]), state_unit[at]));
   return r_mul(doubts, r_sqr(mean)) > r_mul(TSE_R(0.5), var) /* the larger part */ ? TSE_PARAMETERS_UNCERTAIN : TSE_UNCERTAIN;
 }
 
@@ -218,8 +236,8 @@ static tse_real part_of(const tse_params *p, const tse_kalman *k, origin o, int 
   if (o.of == OF_MASS) return r_div(r_sqrt(p->mass_var), state_unit[i]);
   if (o.of == OF_MODEL) return r_div(MODEL_FLOOR, state_unit[i]);
   if (o.of == OF_STATE) return r_div(r_abs(ud_common(&k->p, i, o.at)), r_sqrt(ud_variance(&k->p, o.at)));
-  if (o.at == DOUBT_LENGTH_FRONT) return r_sqrt(r_sqr(k->doubt[DOUBT_LENGTH_FRONT][i]) + r_sqr(k->doubt[DOUBT_LENGTH_REAR][i]));
-  return r_abs(k->doubt[o.at][i]);
+  if (o.at == DOUBT_LENGTH_FRONT) return r_sqrt(r_sqr(r_long(k->doubt[DOUBT_LENGTH_FRONT][i])) + r_sqr(r_long(k->doubt[DOUBT_LENGTH_REAR][i])));
+  return r_abs(r_long(k->doubt[o.at][i]));
 }
 
 tse_status tse_uncertainty_sd(const tse_params *p, const tse_filter *f, int32_t k, tse_real sd[3])

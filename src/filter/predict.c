@@ -72,6 +72,7 @@ static void scale_transition(tse_real M[MOTION][COLUMNS], const tse_real share[3
   for (int i = 0; i < MOTION; i++) {
     const tse_real own = r_div(TSE_R(1), state_unit[i]);
     for (int j = 0; j < COLUMNS; j++) {
+      if (!(M[i][j] != TSE_R(0))) continue;
       const tse_real scaled = r_mul(j < STATES ? r_mul(M[i][j], state_unit[j]) : M[i][j], own);
       M[i][j] = r_clamp(scaled, -STEEPEST, STEEPEST);
     }

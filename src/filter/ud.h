@@ -7,6 +7,7 @@
 #define TSE_UD_H
 
 #include "model/car.h"
+#include "number/vector.h"
 
 #define ud_set      TSE_NAME(tse_ud_set)
 #define ud_set_block TSE_NAME(tse_ud_set_block)
@@ -45,8 +46,8 @@ tse_real ud_common(const tse_ud *p, int i, int k);
 
 /* Add c a a' to the covariance.
  *   Given:   a  STATES elements and those of the extra states in use      last  last element of the first STATES that is not 0; -1: none
- *   Updated: a  is used up                                                O(last^2) time */
-void ud_add(tse_ud *p, tse_real *a, int last, tse_real c);
+ *   O(last^2) time */
+void ud_add(tse_ud *p, const tse_real *a, int last, tse_real c);
 
 /* Add `more` to the variance of state i. */
 void ud_add_at(tse_ud *p, int i, tse_real more);
@@ -65,8 +66,8 @@ void ud_fade(tse_ud *p, int i, tse_real share);
  *   Returned: f = U' h, v = D f; h' P h, the variance of the state in the innovation */
 tse_real ud_measure(const tse_ud *p, const tse_real *h, tse_real *f, tse_real *v);
 
-/* Correct the covariance by that measurement, with noise of variance r.   Returned: gain, as long as f */
-void ud_correct(tse_ud *p, const tse_real *f, const tse_real *v, tse_real r, tse_real *gain);
+/* Correct the covariance by that measurement, with noise of variance r; own: what ud_measure() returned.   Returned: gain, as long as f */
+void ud_correct(tse_ud *p, const tse_real *f, const tse_real *v, tse_real own, tse_real r, tse_real *gain);
 
 /* Extra states, which no other depends on: they stand before the others, so that U has a row for each above those of the others,
  * and all others are as if there were none. In vectors (a, h, f, v, gain) they follow the others; while extras is 0 nobody reads

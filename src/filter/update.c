@@ -50,33 +50,37 @@ static tse_real usual_of(tse_kalman *k, int c, tse_real e, tse_real s, tse_real 
  * it is that of the optimal gain of A alone, A h/s, plus s times the square of what K is off that one (Joseph's form, scalar). */
 tse_real use_scalar(tse_kalman *k, int channel, const scalar *m, tse_real sd, tse_real change[TSE_ALL], tse_real *state)
 {
-  tse_real f[TSE_ALL], v[TSE_ALL], gain[TSE_ALL], off[TSE_ALL], y[TSE_DOUBTS];
+  tse_real f[TSE_ALL], v[TSE_ALL], gain[TSE_ALL], y[TSE_DOUBTS];
+  tse_short room[TSE_ALL];
+  r_sparse h;
   const int n = STATES + k->p.extras;
   const tse_real own = ud_measure(&k->p, m->h, f, v), square = r_mul(m->e, m->e);
   tse_real doubt = TSE_R(0);
+  r_sparse_of(m->h, n, &h);
   for (int q = 0; q < TSE_DOUBTS; q++) {
-    y[q] = m->doubts[q];
-    for (int i = 0; i < n; i++) y[q] += r_mul(m->h[i], k->doubt[q][i]);
+    y[q] = r_sum_sparse(m->doubts[q], k->doubt[q], &h, h.count);
     doubt += r_mul(y[q], y[q]);
   }
   *state = own + doubt;
   const tse_real r = r_max(m->r, r_div(square, TAIL) - *state), s = *state + r, alone = own + r; /* further off: a smaller gain */
-  ud_correct(&k->p, f, v, r, gain);
+  ud_correct(&k->p, f, v, own, r, gain);
   if (doubt > r_mul(NEGLIGIBLE, s)) {
+    tse_real *const off = f; /* which is used */
     const tse_real share = r_div(alone, s), over = r_div(TSE_R(1), s);
     for (int i = 0; i < n; i++) {
       tse_real best = r_mul(gain[i], share);
-      for (int q = 0; q < TSE_DOUBTS; q++) best += r_mul(r_mul(k->doubt[q][i], y[q]), over);
+      for (int q = 0; q < TSE_DOUBTS; q++) best += r_mul(r_mul(r_long(k->doubt[q][i]), y[q]), over);
       off[i] = best - gain[i];
       gain[i] = best;
     }
     ud_add(&k->p, off, STATES - 1, alone);
   }
   const tse_real s_event = *state + m->white + r_mul(EVENT_SHARE, m->r - m->white), usual = channel >= 0 ? usual_of(k, channel, m->e, s_event, m->dt) : TSE_R(1);
-  events_learn(k, channel, m->h, gain, m->e, r_max(r_mul(usual, s_event), r_div(square, TAIL)), sd);
+  const r_scaled scaled = r_scaled_of(gain, n, room);
+  events_learn(k, channel, &h, &scaled, m->e, r_max(r_mul(usual, s_event), r_div(square, TAIL)), sd);
   for (int i = 0; i < n; i++) change[i] += r_mul(gain[i], m->e);
   for (int q = 0; q < TSE_DOUBTS; q++)
-    for (int i = 0; i < n; i++) k->doubt[q][i] -= r_mul(gain[i], y[q]);
+    if (y[q] != TSE_R(0)) r_add_row(k->doubt[q], scaled.m, r_factor(-y[q], scaled.up), n);
   return s;
 }
 
@@ -194,6 +198,8 @@ static void make_scalar(const tse_params *p, const tse_kalman *k, const decoded 
   for (int i = STATES; i < TSE_ALL; i++) m->h[i] = TSE_R(0);
   m->e = z->z[channel] - s->read[channel];
   for (int i = 0; i < STATES; i++) {
+    m->h[i] = TSE_R(0);
+    if (!(s->H[channel][i] != TSE_R(0))) continue; /* as most are */
     m->h[i] = r_mul(s->H[channel][i], state_unit[i]);
     m->e -= r_mul(m->h[i], change[i]);
   }

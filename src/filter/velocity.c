@@ -38,8 +38,8 @@ static void start_velocity(const tse_params *p, tse_kalman *k)
   for (int e = 0; e < TSE_EXTRAS; e++) {
     k->x[STATES + e] = p->extra[e];
     variance[e] = r_sqr(r_div(p->extra_sd[e], state_unit[STATES + e]));
-    for (int q = 0; q < TSE_DOUBTS; q++) k->doubt[q][STATES + e] = TSE_R(0);
-    for (int n = 0; n < TSE_EVENTS; n++) k->event[n].v[STATES + e] = TSE_R(0);
+    for (int q = 0; q < TSE_DOUBTS; q++) k->doubt[q][STATES + e] = r_short(TSE_R(0));
+    for (int n = 0; n < TSE_EVENTS; n++) k->event[n].v[STATES + e] = r_short(TSE_R(0));
   }
   for (int c = 0; c < TSE_VELOCITIES; c++) m->noise[c] = m->misfit[c] = TSE_R(1);
   ud_open(&k->p, variance);
@@ -104,8 +104,8 @@ static void fade_off(const tse_params *p, tse_kalman *k, tse_real left, tse_real
   m->activity += r_mul(r_div(dt, dt + MODEL_TIME), sideways - m->activity);
   k->x[V_OFF] = r_mul(k->x[V_OFF], left);
   ud_fade_extra(&k->p, V_OFF - STATES, left);
-  for (int q = 0; q < TSE_DOUBTS; q++) k->doubt[q][V_OFF] = r_mul(left, k->doubt[q][V_OFF]);
-  for (int n = 0; n < TSE_EVENTS; n++) k->event[n].v[V_OFF] = r_mul(left, k->event[n].v[V_OFF]);
+  for (int q = 0; q < TSE_DOUBTS; q++) k->doubt[q][V_OFF] = r_short(r_mul(left, r_long(k->doubt[q][V_OFF])));
+  for (int n = 0; n < TSE_EVENTS; n++) k->event[n].v[V_OFF] = r_short(r_mul(left, r_long(k->event[n].v[V_OFF])));
   const tse_real var = r_mul(r_mul(r_sqr(OFF_SHARE), r_sqr(p->model_sd) + p->mass_var), m->activity);
   grow(k, V_OFF, r_div(r_mul(var, TSE_R(1) - r_sqr(left)), r_sqr(state_unit[V_OFF])));
 }
@@ -120,9 +120,9 @@ static void turn_heading(const tse_params *p, tse_kalman *k, const decoded *z)
   k->velocity.gyro = rate;
   k->velocity.has_gyro = measured;
   ud_tie(&k->p, by, share);
-  for (int q = 0; q < TSE_DOUBTS; q++) k->doubt[q][PSI] += r_mul(share, k->doubt[q][by]);
-  for (int n = 0; n < TSE_EVENTS; n++) k->event[n].v[PSI] += r_mul(share, k->event[n].v[by]);
-  if (measured) k->doubt[DOUBT_GYRO][PSI] -= r_div(r_mul(r_mul(p->uncertain[DOUBT_GYRO], rate), z->dt), state_unit[PSI]);
+  for (int q = 0; q < TSE_DOUBTS; q++) k->doubt[q][PSI] = r_short(r_long(k->doubt[q][PSI]) + r_mul(share, r_long(k->doubt[q][by])));
+  for (int n = 0; n < TSE_EVENTS; n++) k->event[n].v[PSI] = r_short(r_long(k->event[n].v[PSI]) + r_mul(share, r_long(k->event[n].v[by])));
+  if (measured) k->doubt[DOUBT_GYRO][PSI] = r_short(r_long(k->doubt[DOUBT_GYRO][PSI]) - r_div(r_mul(r_mul(p->uncertain[DOUBT_GYRO], rate), z->dt), state_unit[PSI]));
   k->velocity.turned = r_mul(r_mul(TSE_R(0.5), z->dt), before + rate);
   k->x[PSI] = wrapped(k->x[PSI] + k->velocity.turned);
 }
@@ -221,8 +221,8 @@ static void new_heading(tse_kalman *k, tse_real by)
 {
   k->x[PSI] = wrapped(k->x[PSI] + by);
   ud_renew(&k->p, r_sqr(r_div(HEADING_SD, state_unit[PSI])));
-  for (int q = 0; q < TSE_DOUBTS; q++) k->doubt[q][PSI] = TSE_R(0);
-  for (int n = 0; n < TSE_EVENTS; n++) k->event[n].v[PSI] = TSE_R(0);
+  for (int q = 0; q < TSE_DOUBTS; q++) k->doubt[q][PSI] = r_short(TSE_R(0));
+  for (int n = 0; n < TSE_EVENTS; n++) k->event[n].v[PSI] = r_short(TSE_R(0));
   k->velocity.has_heading = 1;
 }
 
@@ -293,7 +293,7 @@ tse_real velocity_across_var(const tse_kalman *k)
   tse_real h[TSE_ALL], f[TSE_ALL], v[TSE_ALL];
   for (int i = 0; i < TSE_ALL; i++) h[i] = i == VY || i == V_OFF ? state_unit[i] : TSE_R(0);
   tse_real var = ud_measure(&k->p, h, f, v);
-  for (int q = 0; q < TSE_DOUBTS; q++) var += r_sqr(r_mul(k->doubt[q][VY], state_unit[VY]) + r_mul(k->doubt[q][V_OFF], state_unit[V_OFF]));
+  for (int q = 0; q < TSE_DOUBTS; q++) var += r_sqr(r_mul(r_long(k->doubt[q][VY]), state_unit[VY]) + r_mul(r_long(k->doubt[q][V_OFF]), state_unit[V_OFF]));
   return var;
 }
 

@@ -91,7 +91,8 @@ static void encode(const content *c, uint8_t out[TSE_LEARNT_BYTES])
 
 static int code_within(int32_t x, int32_t most) { return x >= -most && x <= most; }
 
-static int32_t most_of(int i) { return (int32_t)((int64_t)most_mean[i] * MOST_ONE / 1000); }
+/* Of the integer and the part of one: 32 bits, no division of 64 for small processors. */
+static int32_t most_of(int i) { return most_mean[i] / 1000 * MOST_ONE + (int32_t)((uint32_t)(most_mean[i] % 1000) * (uint32_t)(MOST_ONE / 8) / 125u); }
 
 /* Whoever wrote it: nothing but what a drive may have taught.   Returned: what cannot be, NULL where all can */
 static const char *implausible(const content *c)
@@ -174,7 +175,7 @@ static int write_kalman(const tse_params *p, const tse_filter *f, content *c)
   int n = 0;
   for (int i = 0; i < TSE_KEPT; i++) {
     tse_real var = ud_variance(&k->p, FAST + i), mean = k->x[FAST + i];
-    for (int q = 0; q < TSE_DOUBTS; q++) var += r_sqr(k->doubt[q][FAST + i]);
+    for (int q = 0; q < TSE_DOUBTS; q++) var += r_sqr(r_long(k->doubt[q][FAST + i]));
     if (i == K_STIFFNESS) { /* the slip stiffness itself */
       share = along_share(p, k, var, &itself);
       var = r_div(itself, r_sqr(state_unit[LCX]));
@@ -189,7 +190,7 @@ static int write_kalman(const tse_params *p, const tse_filter *f, content *c)
   for (int i = 0; i < TSE_KEPT; i++)
     for (int j = i + 1; j < TSE_KEPT; j++, n++) {
       tse_real both = ud_common(&k->p, FAST + i, FAST + j);
-      for (int q = 0; q < TSE_DOUBTS; q++) both += r_mul(k->doubt[q][FAST + i], k->doubt[q][FAST + j]);
+      for (int q = 0; q < TSE_DOUBTS; q++) both += r_mul(r_long(k->doubt[q][FAST + i]), r_long(k->doubt[q][FAST + j]));
       if (i == K_STIFFNESS || j == K_STIFFNESS) both = r_mul(share, both);
       const tse_real scale = r_mul(sd[i], sd[j]), r = scale > TSE_R(0) ? r_div(both, scale) : TSE_R(0);
       c->pair[n] = r_floor_to_int(r_mul(r_clamp(r, -MOST_CORRELATION, MOST_CORRELATION), TSE_R(ONE_14)) + TSE_R(0.5));

@@ -37,7 +37,7 @@ static int sound_waiting(const tse_params *p, const tse_alignment *m)
 
 static int sound_event(const tse_event *e)
 {
-  int fine = sound_int(e->kind, EVENT_NONE, EVENT_KINDS - 1) && sound_reals(e->v, TSE_ALL, -MOST_REAL, MOST_REAL);
+  int fine = sound_int(e->kind, EVENT_NONE, EVENT_KINDS - 1) && sound_shorts(e->v, TSE_ALL);
   return fine && sound_reals(&e->info, 1, TSE_R(0), MOST_REAL) && sound_reals(&e->score, 1, -MOST_REAL, MOST_REAL) && sound_reals(&e->age, 1, TSE_R(0), MOST_REAL);
 }
 
@@ -75,11 +75,11 @@ static int sound_kalman(const tse_kalman *k, int started)
   const tse_real *const not_negative[] = { &k->since_slow, &k->seen, &k->nis, &k->change_age, &k->agrees_for };
   int fine = sound_int(k->change_kind, TSE_CHANGE_NONE, TSE_CHANGE_RESTART) && sound_int(k->fault, 0, TSE_CHANNELS) &&
              sound_int(k->slow_turn, 0, INT32_MAX - 1) && sound_int(k->channels, 0, TSE_SENSORS);
-  fine = fine && sound_reals(k->x, TSE_ALL, -MOST_REAL, MOST_REAL) && sound_reals(k->p.u, TSE_STATES * (TSE_STATES - 1) / 2, -MOST_REAL, MOST_REAL);
+  fine = fine && sound_reals(k->x, TSE_ALL, -MOST_REAL, MOST_REAL) && sound_shorts(k->p.u, TSE_STATES * (TSE_STATES - 1) / 2);
   fine = fine && sound_reals(k->p.d, TSE_STATES, TSE_R(0), MOST_SQUARE);
-  fine = fine && (k->p.extras == 0 || k->p.extras == TSE_EXTRAS) && sound_reals(k->p.w[0], TSE_EXTRAS * TSE_ALL, -MOST_REAL, MOST_REAL);
+  fine = fine && (k->p.extras == 0 || k->p.extras == TSE_EXTRAS) && sound_shorts(k->p.w[0], TSE_EXTRAS * TSE_ALL);
   fine = fine && sound_reals(k->p.e, TSE_EXTRAS, TSE_R(0), MOST_SQUARE) && sound_velocity(&k->velocity, k->p.extras > 0);
-  fine = fine && sound_reals(k->doubt[0], TSE_DOUBTS * TSE_ALL, -MOST_REAL, MOST_REAL);
+  fine = fine && sound_shorts(k->doubt[0], TSE_DOUBTS * TSE_ALL);
   fine = fine && sound_reals(k->noise, TSE_SENSORS, TSE_R(0), MOST_REAL) && sound_reals(k->usual, TSE_SENSORS, TSE_R(0), MOST_REAL);
   fine = fine && sound_reals(k->activity, 3, TSE_R(0), MOST_SQUARE) && sound_reals(k->before, 3, -MOST_REAL, MOST_REAL);
   fine = fine && sound_reals(k->pitch, 2, -MOST_REAL, MOST_REAL) && sound_reals(k->steer, 3, TSE_R(-2), TSE_R(2));

@@ -3,7 +3,7 @@
 #define TSE_SOUND_H
 
 #include "model/state.h"
-#include "number/real_ops.h"
+#include "number/vector.h"
 #include "tse/tse.h"
 
 /* No number of a state that has come about by itself is as large; and what is computed of such numbers stays a number. MOST_SQUARE: of
@@ -22,6 +22,17 @@ static inline int sound_reals(const tse_real *x, int n, tse_real lo, tse_real hi
 {
   int fine = 1;
   for (int i = 0; i < n; i++) fine = fine && x[i] >= lo && x[i] <= hi;
+  return fine;
+}
+
+static inline int sound_shorts(const tse_short *x, int n)
+{
+  int fine = 1;
+#if defined(TSE_REAL_FIXED)
+  for (int i = 0; i < n; i++) fine = fine && x[i] >= -SHORT_MOST && x[i] < SHORT_MOST;
+#else
+  fine = sound_reals(x, n, -MOST_REAL, MOST_REAL);
+#endif
   return fine;
 }
 

@@ -1,5 +1,6 @@
 /* model/car.c - forces, motion and sensors of the car, and their slopes. Equations: car.h. */
 #include "model/car.h"
+#include "number/vector.h"
 
 #define LONGEST TSE_R(0.0055) /* s, numerics: a substep; the front axle's slip angle turns by 0.1 of its own frequency in it */
 #define GIVE TSE_R(0.005)     /* 1, physics: rolling radius that a tyre loses by its static load: 8 % of 20 mm of deflection, over 0.32 m */
@@ -129,60 +130,82 @@ static tse_real roll_swing(const tse_car *c, const tse_real x[STATES], tse_real 
   return mode_swing(x[PHI], x[DPHI], c->roll_rate, c->roll_damping, r_mul(c->roll_gain, ay));
 }
 
+/* Slopes of the motion over state and uncertain quantities: rows that are scaled. */
+typedef tse_short *slopes[MOTION];
+
+/* Whether the motion has a slope over it: biases and the front radius are of the sensors. */
+static int moves(int j) { return !(j >= BX && j <= BR) && j != RAD; }
+
+static void add_to(tse_short *x, tse_real more) { *x = r_short_sum(*x, r_short_scaled(more, ROW_UP)); }
+
 /* Move velocities and roll by a substep of h, and their slopes by the chain rule in the same order.   Given: f  forces in its middle */
-static void substep_velocities(const tse_car *c, tse_real x[STATES], const forces *f, tse_real h, tse_real M[MOTION][COLUMNS])
+static void substep_velocities(const tse_car *c, tse_real x[STATES], const forces *f, tse_real h, const slopes M)
 {
   const tse_real vx = x[VX], vy = x[VY], r = x[YAW], level = TSE_R(1) - x[LEAN], swing = roll_swing(c, x, f->y);
   const tse_real w2 = r_mul(c->roll_rate, c->roll_rate), drag = r_mul(TSE_R(2), r_mul(c->roll_damping, c->roll_rate));
-  tse_real *const mx = M[VX], *const my = M[VY], *const mr = M[YAW], *const mf = M[AF], *const mb = M[AR], *const mp = M[PHI], *const mq = M[DPHI];
+  tse_short *const mx = M[VX], *const my = M[VY], *const mr = M[YAW], *const mf = M[AF], *const mb = M[AR], *const mp = M[PHI], *const mq = M[DPHI];
+  const r_coefficient x_v = r_coef(f->by_x[VX]), x_f = r_coef(f->by_x[AF]), x_b = r_coef(f->by_x[AR]), y_f = r_coef(f->by_y[AF]), y_b = r_coef(f->by_y[AR]);
+  const r_coefficient r_f = r_coef(f->by_yaw[AF]), r_b = r_coef(f->by_yaw[AR]), ahead = r_coef(vx), across = r_coef(vy), turn = r_coef(r);
+  const r_coefficient flat = r_coef(level), stiff = r_coef(w2), damp = r_coef(drag), couple = r_coef(c->roll_coupling);
+  const r_factored lean = r_factor(c->roll_gain, ROW_UP), step = r_factor(h, ROW_UP), step_on = r_factor(h, 0);
+  const tse_short one = r_short_scaled(TSE_R(1), ROW_UP);
   x[VX] = vx + r_mul(h, f->x + r_mul(vy, r) - x[GX]);
   x[VY] = vy + r_mul(h, f->y - r_mul(level, r_mul(vx, r)) + x[GY] + r_mul(c->roll_coupling, swing));
   x[YAW] = r + r_mul(h, f->yaw);
   x[DPHI] += r_mul(h, swing);
   x[PHI] += r_mul(h, x[DPHI]);
   for (int j = 0; j < COLUMNS; j++) {
-    const tse_real direct = j >= MOTION ? TSE_R(1) : TSE_R(0);
-    const tse_real gx = r_mul(f->by_x[VX], mx[j]) + r_mul(f->by_x[AF], mf[j]) + r_mul(f->by_x[AR], mb[j]) + r_mul(direct, f->by_x[j]);
-    const tse_real gy = r_mul(f->by_y[AF], mf[j]) + r_mul(f->by_y[AR], mb[j]) + r_mul(direct, f->by_y[j]);
-    const tse_real gr = r_mul(f->by_yaw[AF], mf[j]) + r_mul(f->by_yaw[AR], mb[j]) + r_mul(direct, f->by_yaw[j]);
-    const tse_real was = mx[j];
-    mx[j] += r_mul(h, gx + r_mul(vy, mr[j]) + r_mul(r, my[j]));
-    const tse_real swings = r_mul(w2, r_mul(c->roll_gain, gy) - mp[j]) - r_mul(drag, mq[j]);
-    my[j] += r_mul(h, gy - r_mul(level, r_mul(vx, mr[j]) + r_mul(r, was)) + r_mul(c->roll_coupling, swings));
-    mr[j] += r_mul(h, gr);
-    mq[j] += r_mul(h, swings);
-    mp[j] += r_mul(h, mq[j]);
+    if (!moves(j)) continue;
+    const tse_short was = mx[j];
+    r_total gx = r_plus(r_plus(r_product(x_v, was), x_f, mf[j]), x_b, mb[j]);
+    r_total gy = r_plus(r_product(y_f, mf[j]), y_b, mb[j]), gr = r_plus(r_product(r_f, mf[j]), r_b, mb[j]);
+    if (j >= MOTION) {
+      gx = r_plus(gx, r_coef(f->by_x[j]), one);
+      gy = r_plus(gy, r_coef(f->by_y[j]), one);
+      gr = r_plus(gr, r_coef(f->by_yaw[j]), one);
+    }
+    const tse_short side = r_end_rate(gy), turned = r_end_rate(r_plus(r_product(ahead, mr[j]), turn, was));
+    const tse_short swings = r_end_rate(r_minus(r_product(stiff, r_plus_times(-mp[j], lean, side)), damp, mq[j]));
+    mx[j] = r_plus_times(was, step, r_end_rate(r_plus(r_plus(gx, across, mr[j]), turn, my[j])));
+    my[j] = r_plus_times(my[j], step, r_end(r_plus(r_minus(r_start(side), flat, turned), couple, swings)));
+    mr[j] = r_plus_times(mr[j], step, r_end_rate(gr));
+    mq[j] = r_plus_times(mq[j], step, swings);
+    mp[j] = r_plus_times(mp[j], step_on, mq[j]);
   }
-  mx[GX] -= h;
-  my[GY] += h;
-  my[LEAN] += r_mul(h, r_mul(vx, r));
+  add_to(&mx[GX], -h);
+  add_to(&my[GY], h);
+  add_to(&my[LEAN], r_mul(h, r_mul(vx, r)));
 }
 
 /* Move the slip angles by the substep, with the velocities and the roll behind it, and their slopes.   Given: steer  behind it, late */
-static void substep_slip_angles(const tse_car *c, tse_real x[STATES], const forces *f, tse_real steer, tse_real h, tse_real M[MOTION][COLUMNS])
+static void substep_slip_angles(const tse_car *c, tse_real x[STATES], const forces *f, tse_real steer, tse_real h, const slopes M)
 {
   const tse_real turn = r_div(r_mul(h, rolling_speed(x[VX])), c->relaxation), stays = exponential(-turn), goes = TSE_R(1) - stays;
   const kinematic kf = kinematic_of(x[VY] + r_mul(c->lf, x[YAW]), x[VX]), kr = kinematic_of(x[VY] - r_mul(c->lr, x[YAW]), x[VX]);
   const tse_real d = r_mul(TSE_R(1) + x[GAIN], steer) + x[OFF] - r_mul(c->compliance, f->side);
   const tse_real to_front = d + kf.a - x[AF], to_rear = kr.a + r_mul(c->roll_steer, x[PHI]) - x[AR];
   const tse_real by_length = -r_div(r_mul(stays, turn), c->relaxation);
-  tse_real *const mf = M[AF], *const mb = M[AR];
+  const tse_short *const mx = M[VX], *const my = M[VY], *const mr = M[YAW], *const mp = M[PHI];
+  tse_short *const mf = M[AF], *const mb = M[AR];
+  const r_coefficient f_side = r_coef(kf.by_side), f_ahead = r_coef(kf.by_v), r_side = r_coef(kr.by_side), r_ahead = r_coef(kr.by_v);
+  const r_coefficient to_axle = r_coef(c->lf), from_axle = r_coef(c->lr), roll = r_coef(c->roll_steer), stay = r_coef(stays), go = r_coef(goes);
   x[AF] += r_mul(goes, to_front);
   x[AR] += r_mul(goes, to_rear);
   for (int j = 0; j < COLUMNS; j++) {
-    const tse_real front = r_mul(kf.by_side, M[VY][j] + r_mul(c->lf, M[YAW][j])) + r_mul(kf.by_v, M[VX][j]);
-    const tse_real rear = r_mul(kr.by_side, M[VY][j] - r_mul(c->lr, M[YAW][j])) + r_mul(kr.by_v, M[VX][j]) + r_mul(c->roll_steer, M[PHI][j]);
-    mf[j] = r_mul(stays, mf[j]) + r_mul(goes, front);
-    mb[j] = r_mul(stays, mb[j]) + r_mul(goes, rear);
+    if (!moves(j)) continue;
+    const tse_short front = r_end(r_plus(r_product(f_side, r_end(r_plus(r_start(my[j]), to_axle, mr[j]))), f_ahead, mx[j]));
+    const tse_short rear = r_end(r_plus(r_plus(r_product(r_side, r_end(r_minus(r_start(my[j]), from_axle, mr[j]))), r_ahead, mx[j]), roll, mp[j]));
+    mf[j] = r_end(r_plus(r_product(stay, mf[j]), go, front));
+    mb[j] = r_end(r_plus(r_product(stay, mb[j]), go, rear));
   }
-  mf[OFF] += goes;
-  mf[GAIN] += r_mul(goes, steer);
-  mf[LATE] -= r_mul(r_mul(goes, TSE_R(1) + x[GAIN]), f->rate);
-  mf[BY_CENTRE] += r_mul(goes, r_mul(kf.by_side, x[YAW]));
-  mb[BY_CENTRE] += r_mul(goes, r_mul(kr.by_side, x[YAW]));
-  mf[BY_LENGTH_FRONT] += r_mul(by_length, to_front);
-  mb[BY_LENGTH_REAR] += r_mul(by_length, to_rear);
-  mb[BY_ROLL_STEER] += r_mul(goes, x[PHI]);
+  add_to(&mf[OFF], goes);
+  add_to(&mf[GAIN], r_mul(goes, steer));
+  add_to(&mf[LATE], -r_mul(r_mul(goes, TSE_R(1) + x[GAIN]), f->rate));
+  add_to(&mf[BY_CENTRE], r_mul(goes, r_mul(kf.by_side, x[YAW])));
+  add_to(&mb[BY_CENTRE], r_mul(goes, r_mul(kr.by_side, x[YAW])));
+  add_to(&mf[BY_LENGTH_FRONT], r_mul(by_length, to_front));
+  add_to(&mb[BY_LENGTH_REAR], r_mul(by_length, to_rear));
+  add_to(&mb[BY_ROLL_STEER], r_mul(goes, x[PHI]));
 }
 
 void car_move(const tse_car *c, tse_real x[STATES], steering u, tse_real M[MOTION][COLUMNS])
@@ -191,15 +214,20 @@ void car_move(const tse_car *c, tse_real x[STATES], steering u, tse_real M[MOTIO
   steps = steps < 1 ? 1 : steps > TSE_SUBSTEPS ? TSE_SUBSTEPS
                                                : steps;
   const tse_real part = r_div(TSE_R(1), r_from_int(steps)), h = r_mul(u.dt, part);
-  for (int i = 0; i < MOTION; i++)
-    for (int j = 0; j < COLUMNS; j++) M[i][j] = i == j ? TSE_R(1) : TSE_R(0);
+  tse_short room[MOTION][COLUMNS];
+  slopes rows;
+  for (int i = 0; i < MOTION; i++) {
+    rows[i] = r_row_scaled(M[i], room[i]);
+    for (int j = 0; j < COLUMNS; j++) rows[i][j] = r_short_scaled(i == j ? TSE_R(1) : TSE_R(0), ROW_UP);
+  }
   for (int32_t n = 0; n < steps; n++) {
     const tse_real from = r_mul(part, r_from_int(n));
     forces f;
     car_forces(c, x, u, from + r_mul(TSE_R(0.5), part), &f);
-    substep_velocities(c, x, &f, h, M);
-    substep_slip_angles(c, x, &f, u.from + r_mul(from + part, u.to - u.from) - r_mul(x[LATE], f.rate), h, M);
+    substep_velocities(c, x, &f, h, rows);
+    substep_slip_angles(c, x, &f, u.from + r_mul(from + part, u.to - u.from) - r_mul(x[LATE], f.rate), h, rows);
   }
+  for (int i = 0; i < MOTION; i++) r_row_back(M[i], rows[i], COLUMNS);
 }
 
 void car_rates(const tse_car *c, const tse_real x[STATES], const forces *f, tse_real rate[3], tse_real by[3][COLUMNS])

@@ -151,9 +151,10 @@ enum { TSE_UNKNOWN,
 #define TSE_EVENTS 17   /* places for what may have happened, src/filter/events.c */
 
 typedef struct tse_ud {
-  tse_real u[TSE_STATES * (TSE_STATES - 1) / 2], d[TSE_STATES];
-  tse_real w[TSE_EXTRAS][TSE_ALL], e[TSE_EXTRAS]; /* rows above u, of states that no other depends on; their part of the diagonal */
+  tse_short u[TSE_STATES * (TSE_STATES - 1) / 2];
+  tse_short w[TSE_EXTRAS][TSE_ALL];   /* rows above u, of states that no other depends on */
   int32_t extras;                     /* of them in use: 0 or TSE_EXTRAS */
+  tse_real d[TSE_STATES], e[TSE_EXTRAS]; /* the diagonal, and their part of it */
 } tse_ud;
 
 /* What is kept of a measured velocity, in the order of src/tables/velocity.toml. */
@@ -169,7 +170,7 @@ typedef struct tse_velocity {
 
 /* What may have happened: the state is off by amplitude times v if it did. */
 typedef struct tse_event {
-  tse_real v[TSE_ALL];                /* [unit] of the state */
+  tse_short v[TSE_ALL];               /* [unit] of the state */
   tse_real info, score;               /* [1] 1/variance of the amplitude by the samples since, and that times its mean */
   tse_real age;                       /* [s] */
   int32_t kind;                       /* src/filter/events.c; 0: free place */
@@ -198,7 +199,7 @@ typedef struct tse_along {
 typedef struct tse_kalman {
   tse_real x[TSE_ALL];                /* SI */
   tse_ud p;                           /* in units of the state */
-  tse_real doubt[TSE_DOUBTS][TSE_ALL];         /* [unit] what x is off by if an uncertain quantity is off by one sd */
+  tse_short doubt[TSE_DOUBTS][TSE_ALL];        /* [unit] what x is off by if an uncertain quantity is off by one sd */
   tse_real noise[TSE_SENSORS];        /* [1] variance of a channel as found, over the setting's */
   tse_real activity[3];               /* [m2/s4] [m2/s4] [rad2/s2] recent a_x, a_y, yaw rate, squared */
   tse_real before[3];                 /* [m/s2] [m/s2] [m/s] a_x, a_y and speed at the last row */

@@ -12,13 +12,16 @@ typedef struct dense {
   double p[STATES][STATES];
 } dense;
 
+static inline tse_short short_of(double x) { return r_short(real(x)); }
+static inline double number_of(tse_short x) { return number(r_long(x)); }
+
 /* U D U' multiplied out. */
 static inline dense dense_of(const tse_ud *p)
 {
   dense m;
   double u[STATES][STATES];
   for (int i = 0; i < STATES; i++)
-    for (int j = 0; j < STATES; j++) u[i][j] = i == j ? 1 : i < j ? number(p->u[ud_column(j) + i])
+    for (int j = 0; j < STATES; j++) u[i][j] = i == j ? 1 : i < j ? number_of(p->u[ud_column(j) + i])
                                                                   : 0;
   for (int i = 0; i < STATES; i++)
     for (int k = 0; k < STATES; k++) {
@@ -38,7 +41,7 @@ static inline void expect_dense(const dense *expected, const tse_ud *actual, dou
 /* Numbers of the size that a covariance in units of the state has. */
 static inline void any_covariance(tse_ud *p, uint32_t *seed)
 {
-  for (int i = 0; i < STATES * (STATES - 1) / 2; i++) p->u[i] = real(next_between(seed, -0.5, 0.5));
+  for (int i = 0; i < STATES * (STATES - 1) / 2; i++) p->u[i] = short_of(next_between(seed, -0.5, 0.5));
   for (int i = 0; i < STATES; i++) p->d[i] = real(next_between(seed, 0.1, 2));
   p->extras = 0;
 }

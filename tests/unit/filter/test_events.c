@@ -58,6 +58,15 @@ typedef struct trio {
   int n; /* place of the event */
 } trio;
 
+static void learn(tse_kalman *k, int channel, const tse_real h[STATES], const tse_real gain[STATES], double e, double s, double sd)
+{
+  tse_short room[STATES];
+  r_sparse slopes;
+  r_sparse_of(h, STATES, &slopes);
+  const r_scaled scaled = r_scaled_of(gain, STATES, room);
+  events_learn(k, channel, &slopes, &scaled, real(e), real(s), real(sd));
+}
+
 static void start(trio *t, int32_t kind, double amplitude_of_state, double amplitude_of_channel, uint32_t *seed)
 {
   memset(t, 0, sizeof *t);
@@ -69,7 +78,7 @@ static void start(trio *t, int32_t kind, double amplitude_of_state, double ampli
   t->with.p[SF][SF] += amplitude_of_state * amplitude_of_state;
   t->with.p[OFFSET][OFFSET] = amplitude_of_channel * amplitude_of_channel;
   t->k.event[t->n].kind = kind;
-  t->k.event[t->n].v[SF] = real(amplitude_of_state);
+  t->k.event[t->n].v[SF] = short_of(amplitude_of_state);
   t->p.log_min = real(-10);
   t->p.log_max = real(10);
 }
@@ -115,8 +124,8 @@ static void rows(trio *t, int count, int channel, double moved, double off, doub
     e = z;
     for (int i = 0; i < STATES; i++) e -= dense_h[i] * t->x[i];
     const double s = number(ud_measure(&t->k.p, h, f, v)) + r;
-    ud_correct(&t->k.p, f, v, real(r), gain);
-    events_learn(&t->k, channel, h, gain, real(e), real(s), real(sd));
+    ud_correct(&t->k.p, f, v, real(s - r), real(r), gain);
+    learn(&t->k, channel, h, gain, e, s, sd);
     for (int i = 0; i < STATES; i++) t->x[i] += number(gain[i]) * e;
     plain_use(&t->without, dense_h, z, r);
     plain_use(&t->with, dense_h, z, r);
@@ -168,7 +177,7 @@ static void test_a_channel_that_may_be_off_is_as_likely_as_a_filter_that_knows_i
     start(&t, EVENT_SENSOR + channel, 0, 0, &seed);
     one = t.k;
     for (int i = 0; i < STATES; i++) h[i] = gain[i] = TSE_R(0);
-    events_learn(&one, channel, h, gain, TSE_R(1), TSE_R(1), TSE_R(1)); /* info: the amplitude squared */
+    learn(&one, channel, h, gain, 1, 1, 1); /* info: the amplitude squared */
     const double amplitude = sqrt(number(one.event[t.n].info));
     TEST_ASSERT_TRUE(amplitude > 1);
     t.with.p[OFFSET][OFFSET] = pow(0.1 * amplitude, 2);
@@ -233,9 +242,9 @@ static void test_tyres_that_are_back_are_known_as_before(void)
     }
     for (int i = 0; i < STATES; i++) {
       was[i] = number(t.k.x[i]);
-      t.k.event[t.n].v[i] = real(next_between(&seed, 0, 2));
-      t.without.x[i] = (was[i] + number(t.k.event[t.n].v[i]) * number(state_unit[i])) / number(state_unit[i]);
-      if (i >= LCX && i <= LMU) t.without.x[i] = (was[i] + log(1 + number(t.k.event[t.n].v[i]) * number(state_unit[i]))) / number(state_unit[i]);
+      t.k.event[t.n].v[i] = short_of(next_between(&seed, 0, 2));
+      t.without.x[i] = (was[i] + number_of(t.k.event[t.n].v[i]) * number(state_unit[i])) / number(state_unit[i]);
+      if (i >= LCX && i <= LMU) t.without.x[i] = (was[i] + log(1 + number_of(t.k.event[t.n].v[i]) * number(state_unit[i]))) / number(state_unit[i]);
     }
     t.k.event[t.n].score = TSE_R(60);
     t.k.event[t.n].info = TSE_R(60);
@@ -268,7 +277,7 @@ static void test_a_change_is_reported_once(void)
   uint32_t seed = 7;
   for (int later = 0; later < 2; later++) {
     start(&t, EVENT_REAR, 0, 0, &seed);
-    t.k.event[t.n].v[LCR] = TSE_R(1);
+    t.k.event[t.n].v[LCR] = short_of(1);
     t.k.event[t.n].score = TSE_R(-60);
     t.k.event[t.n].info = TSE_R(30);
     t.k.change_kind = TSE_CHANGE_ROAD;
@@ -291,7 +300,7 @@ static void test_soon_after_a_change_nothing_is_a_fault(void)
   uint32_t seed = 8;
   for (int later = 0; later < 2; later++) {
     start(&t, EVENT_STEER, 0, 0, &seed);
-    t.k.event[t.n].v[OFF] = TSE_R(1);
+    t.k.event[t.n].v[OFF] = short_of(1);
     t.k.event[t.n].score = TSE_R(60);
     t.k.event[t.n].info = TSE_R(30);
     t.k.change_kind = TSE_CHANGE_ROAD;
@@ -358,13 +367,13 @@ static void test_where_the_motion_is_placed_anew_events_know_nothing_of_it(void)
   static tse_kalman k;
   memset(&k, 0, sizeof k);
   for (int n = 0; n < TSE_EVENTS; n++)
-    for (int i = 0; i < STATES; i++) k.event[n].v[i] = TSE_R(1);
+    for (int i = 0; i < STATES; i++) k.event[n].v[i] = short_of(1);
   for (int q = 0; q < TSE_DOUBTS; q++)
-    for (int i = 0; i < STATES; i++) k.doubt[q][i] = TSE_R(1);
+    for (int i = 0; i < STATES; i++) k.doubt[q][i] = short_of(1);
   sensitivities_clear(&k, GX);
   for (int i = 0; i < STATES; i++) {
-    for (int n = 0; n < TSE_EVENTS; n++) expect_near(i >= GX, number(k.event[n].v[i]), 0, "event", i);
-    for (int q = 0; q < TSE_DOUBTS; q++) expect_near(i >= GX, number(k.doubt[q][i]), 0, "uncertain", i);
+    for (int n = 0; n < TSE_EVENTS; n++) expect_near(i >= GX, number_of(k.event[n].v[i]), 0, "event", i);
+    for (int q = 0; q < TSE_DOUBTS; q++) expect_near(i >= GX, number_of(k.doubt[q][i]), 0, "uncertain", i);
   }
 }
 

@@ -37,7 +37,7 @@ static void in_a_turn(const tse_params *p, tse_kalman *k, uint32_t *seed)
   k->steer[0] = k->steer[1] = k->steer[2] = real(0.02);
   for (int q = 0; q < TSE_DOUBTS; q++)
     for (int i = 0; i < STATES; i++)
-      if (p->uncertain[q] > TSE_R(0)) k->doubt[q][i] = real(next_between(seed, -0.2, 0.2));
+      if (p->uncertain[q] > TSE_R(0)) k->doubt[q][i] = short_of(next_between(seed, -0.2, 0.2));
 }
 
 /* The state as the car moves; covariance F P F' + Q, where Q is on the diagonal and not negative; what is uncertain moves with F. */
@@ -66,8 +66,8 @@ static void test_a_row_is_the_time_update_of_a_kalman_filter(void)
     for (int i = SF; i <= GY; i++) { /* what fades does so in all: read off what is uncertain, where that is most */
       int most = 0;
       for (int q = 1; q < TSE_DOUBTS; q++)
-        if (fabs(number(before.doubt[q][i])) > fabs(number(before.doubt[most][i]))) most = q;
-      F[i][i] = number(k.doubt[most][i]) / number(before.doubt[most][i]);
+        if (fabs(number_of(before.doubt[q][i])) > fabs(number_of(before.doubt[most][i]))) most = q;
+      F[i][i] = number_of(k.doubt[most][i]) / number_of(before.doubt[most][i]);
       TEST_ASSERT_TRUE(F[i][i] > 0.9 && F[i][i] <= 1);
     }
     for (int i = 0; i < STATES; i++)
@@ -86,9 +86,9 @@ static void test_a_row_is_the_time_update_of_a_kalman_filter(void)
     for (int q = 0; q < TSE_DOUBTS; q++)
       for (int i = 0; i < STATES; i++) {
         double expected = 0;
-        for (int l = 0; l < STATES; l++) expected += F[i][l] * number(before.doubt[q][l]);
+        for (int l = 0; l < STATES; l++) expected += F[i][l] * number_of(before.doubt[q][l]);
         if (i < MOTION && q < COLUMNS - STATES) expected += number(M[i][STATES + q]) / number(state_unit[i]) * number(p.uncertain[q]);
-        expect_near(expected, number(k.doubt[q][i]), 10 * close, "what is uncertain", 100 * q + i);
+        expect_near(expected, number_of(k.doubt[q][i]), 10 * close, "what is uncertain", 100 * q + i);
       }
   }
 }
@@ -180,7 +180,7 @@ static void test_motion_is_placed_from_wheels_and_gyro(void)
   for (int i = 0; i < GX; i++) {
     for (int j = 0; j < STATES; j++)
       if (i != j) expect_near(0, number(ud_common(&k.p, i, j)), 0, "nothing in common", 100 * i + j);
-    for (int q = 0; q < TSE_DOUBTS; q++) expect_near(0, number(k.doubt[q][i]), 0, "not uncertain", i);
+    for (int q = 0; q < TSE_DOUBTS; q++) expect_near(0, number_of(k.doubt[q][i]), 0, "not uncertain", i);
   }
 }
 
@@ -206,8 +206,8 @@ static void test_of_a_sum_its_part_is_that_of_a_filter_of_both(void)
       const double g[2] = { (P[0][0] + P[0][1]) / s, (P[0][1] + P[1][1]) / s };
       tse_real h[TSE_ALL] = { TSE_R(0) }, u[TSE_ALL], v[TSE_ALL], gain[TSE_ALL], var;
       h[LCX] = TSE_R(1);
-      (void)ud_measure(&f.k.p, h, u, v);
-      ud_correct(&f.k.p, u, v, real(r / (unit * unit)), gain);
+      const tse_real own = ud_measure(&f.k.p, h, u, v);
+      ud_correct(&f.k.p, u, v, own, real(r / (unit * unit)), gain);
       f.k.x[LCX] += r_mul(gain[LCX], real(z - number(f.k.x[LCX])));
       for (int i = 0; i < 2; i++) mean[i] += g[i] * off;
       for (int i = 0; i < 2; i++)

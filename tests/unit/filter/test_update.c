@@ -18,9 +18,9 @@ static schmidt schmidt_of(const tse_kalman *k)
     s.x[i] = number(k->x[i]) / number(state_unit[i]);
     for (int j = 0; j < STATES; j++) {
       s.p[i][j] = own.p[i][j];
-      for (int q = 0; q < TSE_DOUBTS; q++) s.p[i][j] += number(k->doubt[q][i]) * number(k->doubt[q][j]);
+      for (int q = 0; q < TSE_DOUBTS; q++) s.p[i][j] += number_of(k->doubt[q][i]) * number_of(k->doubt[q][j]);
     }
-    for (int q = 0; q < TSE_DOUBTS; q++) s.p[i][STATES + q] = s.p[STATES + q][i] = number(k->doubt[q][i]);
+    for (int q = 0; q < TSE_DOUBTS; q++) s.p[i][STATES + q] = s.p[STATES + q][i] = number_of(k->doubt[q][i]);
   }
   for (int q = 0; q < TSE_DOUBTS; q++) s.p[STATES + q][STATES + q] = 1;
   return s;
@@ -102,7 +102,7 @@ static void in_a_turn(const tse_params *p, tse_kalman *k, uint32_t *seed)
   for (int c = 0; c < TSE_SENSORS; c++) k->noise[c] = k->usual[c] = TSE_R(1);
   for (int q = 0; q < TSE_DOUBTS; q++)
     for (int i = 0; i < STATES; i++)
-      if (p->uncertain[q] > TSE_R(0)) k->doubt[q][i] = real(next_between(seed, -0.2, 0.2));
+      if (p->uncertain[q] > TSE_R(0)) k->doubt[q][i] = short_of(next_between(seed, -0.2, 0.2));
 }
 
 /* Readings a little off what is predicted; slopes over all.   Returned: what stands in H for a channel */
@@ -193,7 +193,7 @@ static void test_doubt_never_makes_anything_surer(void)
     }
     for (int i = LCX; i <= LCR; i++) {
       double with = number(ud_variance(&k[0].p, i));
-      for (int q = 0; q < TSE_DOUBTS; q++) with += pow(number(k[0].doubt[q][i]), 2);
+      for (int q = 0; q < TSE_DOUBTS; q++) with += pow(number_of(k[0].doubt[q][i]), 2);
       TEST_ASSERT_TRUE(with > number(ud_variance(&k[1].p, i)) * (1 - BY_NUMBER(1e-9, 1e-3, 1e-4)));
     }
   }

@@ -22,12 +22,12 @@ static full full_of(const tse_ud *p)
   for (int i = 0; i < N; i++) u[i][i] = 1;
   for (int j = 0; j < STATES; j++) {
     d[j] = number(p->d[j]);
-    for (int i = 0; i < j; i++) u[i][j] = number(p->u[ud_column(j) + i]);
+    for (int i = 0; i < j; i++) u[i][j] = number_of(p->u[ud_column(j) + i]);
   }
   for (int e = 0; e < TSE_EXTRAS; e++) {
     d[STATES + e] = number(p->e[e]);
-    for (int j = 0; j < STATES; j++) u[STATES + e][j] = number(p->w[e][j]);
-    for (int j = e + 1; j < TSE_EXTRAS; j++) u[STATES + e][STATES + j] = number(p->w[e][STATES + j]);
+    for (int j = 0; j < STATES; j++) u[STATES + e][j] = number_of(p->w[e][j]);
+    for (int j = e + 1; j < TSE_EXTRAS; j++) u[STATES + e][STATES + j] = number_of(p->w[e][STATES + j]);
   }
   for (int i = 0; i < N; i++)
     for (int k = 0; k < N; k++) {
@@ -52,7 +52,7 @@ static void any_full(tse_ud *p, uint32_t *seed)
   ud_open(p, variance);
   for (int e = 0; e < TSE_EXTRAS; e++)
     for (int j = 0; j < TSE_ALL; j++)
-      if (j < STATES || j > STATES + e) p->w[e][j] = real(next_between(seed, -0.4, 0.4));
+      if (j < STATES || j > STATES + e) p->w[e][j] = short_of(next_between(seed, -0.4, 0.4));
 }
 
 /* F m F' */
@@ -112,7 +112,7 @@ static void test_a_measurement_is_that_of_a_kalman_filter_of_all_states(void)
       s += number(h[i]) * ph[i];
     }
     expect_near(s, number(ud_measure(&p, h, f, v)), CLOSE * fmax(1, s), "h' P h", n);
-    ud_correct(&p, f, v, real(0.7), gain);
+    ud_correct(&p, f, v, real(s), real(0.7), gain);
     full after;
     for (int i = 0; i < N; i++) {
       expect_near(ph[i] / (s + 0.7), number(gain[i]), CLOSE, "gain", i);
@@ -313,7 +313,7 @@ static void test_a_row_is_that_of_a_dense_schmidt_kalman_filter(void)
     k.x[V_LEVER_X] = real(1.2);
     k.x[V_LEVER_Y] = real(-0.3);
     for (int q = 0; q < TSE_DOUBTS; q++)
-      for (int i = 0; i < TSE_ALL; i++) k.doubt[q][i] = p.uncertain[q] > TSE_R(0) ? real(next_between(&seed, -0.1, 0.1)) : TSE_R(0);
+      for (int i = 0; i < TSE_ALL; i++) k.doubt[q][i] = short_of(p.uncertain[q] > TSE_R(0) ? next_between(&seed, -0.1, 0.1) : 0);
     for (int v = 0; v < TSE_VELOCITIES; v++) k.velocity.noise[v] = k.velocity.misfit[v] = TSE_R(1);
     for (int a = 0; a < TSE_SENSORS; a++) k.noise[a] = k.usual[a] = TSE_R(1);
     k.velocity.has_heading = k.velocity.has_gyro = 1;
@@ -374,9 +374,9 @@ static void test_a_row_is_that_of_a_dense_schmidt_kalman_filter(void)
     for (int i = 0; i < N; i++) {
       for (int j = 0; j < N; j++) {
         P[i][j] = own.p[i][j];
-        for (int q = 0; q < D; q++) P[i][j] += number(k.doubt[q][i]) * number(k.doubt[q][j]);
+        for (int q = 0; q < D; q++) P[i][j] += number_of(k.doubt[q][i]) * number_of(k.doubt[q][j]);
       }
-      for (int q = 0; q < D; q++) P[i][N + q] = P[N + q][i] = number(k.doubt[q][i]);
+      for (int q = 0; q < D; q++) P[i][N + q] = P[N + q][i] = number_of(k.doubt[q][i]);
     }
     for (int q = 0; q < D; q++) P[N + q][N + q] = 1;
     double var = 0;
@@ -416,10 +416,10 @@ static void test_a_row_is_that_of_a_dense_schmidt_kalman_filter(void)
       expect_near(gain[i] * e, number(change[i]), close * fmax(1, fabs(gain[i] * e)), "state", 1000 * channel + i);
       for (int j = 0; j < N; j++) {
         double is = mine.p[i][j];
-        for (int q = 0; q < D; q++) is += number(k.doubt[q][i]) * number(k.doubt[q][j]);
+        for (int q = 0; q < D; q++) is += number_of(k.doubt[q][i]) * number_of(k.doubt[q][j]);
         expect_near(next[i][j], is, close * fmax(1, fabs(next[i][j])), "covariance", 100 * i + j);
       }
-      for (int q = 0; q < D; q++) expect_near(next[i][N + q], number(k.doubt[q][i]), close, "uncertain quantity", 100 * i + q);
+      for (int q = 0; q < D; q++) expect_near(next[i][N + q], number_of(k.doubt[q][i]), close, "uncertain quantity", 100 * i + q);
     }
   }
 }

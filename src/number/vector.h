@@ -1,0 +1,377 @@
+/* number/vector.h - rows of numbers, and a number that a row is multiplied by: where nearly all products of the filter are made.
+ *
+ * double, float   A tse_short is a tse_real, a factor one too, and every loop the plain one: sums in the order in which they are written.
+ * fixed           A tse_short is an int32_t in units of 2^-SHORT_BITS, up to +-SHORT_MOST, where it stops. What a row is multiplied by
+ *                 is a mantissa of 31 bits and a shift, found once a row (r_factor), so that a product is 32 x 32 bits, rounded to nearest
+ *                 once. Sums of products are exact in 64 bits and rounded once; one of the two rows has a shift of its own for that
+ *                 (r_row, r_sparse). Quotients by one number share its reciprocal (r_divisor): 2^-29 of the quotient off at most.
+ *
+ *   r_short r_long      to a tse_short, nearest and stopped; back
+ *   r_factor(x, up)     x 2^up to multiply rows by (2^up: only where rows are scaled, in fixed)
+ *   r_quotient(x, d, up)  x/d 2^up, the same
+ *   r_by(x, d)          x/d
+ *   r_left(x, was, more, d)  x was/d, d = was + more, nothing negative
+ */
+#ifndef TSE_VECTOR_H
+#define TSE_VECTOR_H
+
+#include "number/real_ops.h"
+
+#define ROW_MOST 32 /* elements of a row */
+#define ROW_UP 4    /* what rows are scaled by whose numbers are small */
+
+/* Elements of a row that are not 0, and their places in it. */
+typedef struct r_sparse {
+  tse_short m[ROW_MOST];
+  int32_t count, right;
+  uint8_t at[ROW_MOST];
+} r_sparse;
+
+/* A row x, to be multiplied by factors made for that scale, r_factor(x, up). */
+typedef struct r_scaled {
+  const tse_short *m;
+  int32_t up;
+} r_scaled;
+
+#if !defined(TSE_REAL_FIXED)
+
+/* ------------------------------------------------------------------------- double and float ---- */
+
+typedef tse_real r_divided;
+typedef tse_real r_factored;
+
+static inline tse_short r_short(tse_real x) { return x; }
+static inline tse_real r_long(tse_short x) { return x; }
+static inline r_factored r_factor(tse_real x, int up) { return (void)up, x; }
+static inline r_divided r_divisor(tse_real d) { return d; }
+static inline tse_real r_by(tse_real x, r_divided d) { return r_div(x, d); }
+static inline r_factored r_quotient(tse_real x, r_divided d, int up) { return (void)up, r_div(x, d); }
+static inline tse_real r_left(tse_real x, tse_real was, tse_real more, r_divided d) { return (void)more, r_mul(x, r_div(was, d)); }
+
+/* Rows that are scaled by a power of two: none is. */
+static inline int r_scale_of(const tse_real *x, int n, int most) { return (void)x, (void)n, (void)most, 0; }
+static inline int r_scale_of_variance(tse_real x) { return (void)x, 0; }
+static inline tse_short r_short_scaled(tse_real x, int up) { return (void)up, x; }
+static inline tse_real r_long_scaled(tse_short x, int up) { return (void)up, x; }
+static inline tse_real r_times(tse_short x, r_factored a) { return r_mul(x, a); }
+
+/* Rows of another format, made of those: themselves. */
+static inline tse_short *r_row_scaled(tse_real *x, tse_short *room) { return (void)room, x; }
+static inline void r_row_back(tse_real *x, const tse_short *row, int n) { (void)x, (void)row, (void)n; }
+
+/* Row x as the second of a sum of products; room: for it.   Returned: *right  its shift */
+static inline const tse_short *r_row(const tse_real *x, int n, tse_short *room, int32_t *right) { return (void)n, (void)room, *right = 0, x; }
+static inline tse_real r_sum(tse_real from, const tse_short *x, const tse_short *row, int32_t right, int n)
+{
+  (void)right;
+  for (int i = 0; i < n; i++) from += r_mul(row[i], x[i]);
+  return from;
+}
+
+static inline r_scaled r_scaled_of(const tse_real *x, int n, tse_short *room)
+{
+  const r_scaled s = { x, 0 };
+  return (void)n, (void)room, s;
+}
+
+static inline void r_sparse_of(const tse_real *x, int n, r_sparse *s)
+{
+  s->count = s->right = 0;
+  for (int i = 0; i < n; i++)
+    if (x[i] != TSE_R(0)) {
+      s->m[s->count] = x[i];
+      s->at[s->count++] = (uint8_t)i;
+    }
+}
+
+static inline tse_real r_sum_sparse(tse_real from, const tse_short *x, const r_sparse *s, int count)
+{
+  for (int i = 0; i < count; i++) from += r_mul(s->m[i], x[s->at[i]]);
+  return from;
+}
+
+/* y += a x */
+static inline void r_add_row(tse_short *y, const tse_short *x, r_factored a, int n)
+{
+  for (int i = 0; i < n; i++) y[i] += r_mul(a, x[i]);
+}
+
+/* y += a x, x += b y, with y as it was */
+static inline void r_add_both(tse_short *y, tse_short *x, r_factored a, r_factored b, int n)
+{
+  for (int i = 0; i < n; i++) {
+    const tse_short was = y[i];
+    y[i] = was + r_mul(x[i], a);
+    x[i] += r_mul(was, b);
+  }
+}
+
+/* x += b y, y += a x, with x as it is then */
+static inline void r_add_in_turn(tse_short *y, tse_short *x, r_factored a, r_factored b, int n)
+{
+  for (int i = 0; i < n; i++) {
+    x[i] += r_mul(b, y[i]);
+    y[i] += r_mul(a, x[i]);
+  }
+}
+
+/* Sums of products that are made element by element: see below. */
+typedef tse_real r_coefficient;
+typedef tse_real r_total;
+static inline r_coefficient r_coef(tse_real x) { return x; }
+static inline r_total r_start(tse_short x) { return x; }
+static inline r_total r_product(r_coefficient a, tse_short x) { return r_mul(a, x); }
+static inline r_total r_plus(r_total s, r_coefficient a, tse_short x) { return s + r_mul(a, x); }
+static inline r_total r_minus(r_total s, r_coefficient a, tse_short x) { return s - r_mul(a, x); }
+static inline tse_short r_end(r_total s) { return s; }
+static inline tse_short r_end_rate(r_total s) { return s; }
+static inline tse_short r_plus_times(tse_short x, r_factored h, tse_short y) { return x + r_mul(h, y); }
+static inline tse_short r_short_sum(tse_short x, tse_short y) { return x + y; }
+
+#else /* TSE_REAL_FIXED */
+
+/* ------------------------------------------------------------------------------------- fixed ---- */
+
+#define SHORT_BITS 22
+#define SHORT_MOST ((int32_t)1 << 30) /* [2^-SHORT_BITS] 256; one less above */
+
+/* value = m 2^-(32 + right) */
+typedef struct r_factored {
+  int32_t m, right;
+} r_factored;
+
+/* 1/d = m 2^-(30 + right), m up to 2^31 - 1 */
+typedef struct r_divided {
+  int32_t m, right;
+} r_divided;
+
+static inline int32_t short_stop(int32_t x) { return x > SHORT_MOST - 1 ? SHORT_MOST - 1 : (x < -SHORT_MOST ? -SHORT_MOST : x); }
+
+/* x 2^-right, nearest, within what a result may be; x up to 2^62. */
+static inline int64_t fixed_shifted(int64_t x, int right)
+{
+  if (right > 0) return right > 62 ? 0 : fixed_saturate(((x >> (right - 1)) + 1) >> 1);
+  const int left = right < -59 ? 59 : -right;
+  const int64_t most = FIXED_MOST >> left;
+  return x > most ? FIXED_MOST : (x < -most ? -FIXED_MOST : x * ((int64_t)1 << left));
+}
+
+/* x 2^-right, nearest, as a tse_short; right 2 .. 31, x up to 2^62. Where it stops lower digits remain. */
+static inline int32_t fixed_narrow(int64_t x, int right)
+{
+  const uint64_t y = (uint64_t)x + ((uint64_t)1 << (right - 1));
+  const int32_t hi = (int32_t)(uint32_t)(y >> 32), most = (int32_t)1 << (right - 2), stopped = hi > most - 1 ? most - 1 : (hi < -most ? -most : hi);
+  return (int32_t)(((uint32_t)stopped << (32 - right)) | ((uint32_t)y >> right));
+}
+
+/* Leading zeros of the magnitude, 1 .. 63; of all bits of several that are ored. */
+static inline int64_t fixed_bits_of(int64_t x) { return x < 0 ? ~x : x; }
+static inline int fixed_zeros_of(int64_t bits) { return fixed_zeros((uint64_t)bits | 1u); }
+
+/* The 31 binary digits of x that follow so many leading zeros (or fewer than it has), with its sign. */
+static inline int32_t fixed_mantissa(int64_t x, int zeros) { return (int32_t)(uint32_t)(((uint64_t)x << (zeros - 1)) >> 32); }
+
+static inline tse_short r_short_scaled(tse_real x, int up)
+{
+  const int64_t y = fixed_shifted(x, FIXED_BITS - SHORT_BITS - up);
+  return y > SHORT_MOST - 1 ? SHORT_MOST - 1 : (y < -SHORT_MOST ? -SHORT_MOST : (int32_t)y);
+}
+static inline tse_short r_short(tse_real x) { return fixed_narrow(x, FIXED_BITS - SHORT_BITS); }
+static inline tse_real r_long_scaled(tse_short x, int up) { return fixed_shifted(x, SHORT_BITS - FIXED_BITS + up); }
+static inline tse_real r_long(tse_short x) { return (tse_real)x * ((tse_real)1 << (FIXED_BITS - SHORT_BITS)); }
+
+static inline r_factored factor_limited(int32_t m, int right)
+{
+  const r_factored none = { 0, 0 }, a = { m, right < -30 ? -30 : right };
+  return right > 30 ? none : a;
+}
+
+static inline r_factored r_factor(tse_real x, int up)
+{
+  const int zeros = fixed_zeros_of(fixed_bits_of(x));
+  return factor_limited(fixed_mantissa(x, zeros), FIXED_BITS + zeros - 65 - up);
+}
+
+static inline r_divided r_divisor(tse_real d)
+{
+  r_divided over = { INT32_MAX, -40 }; /* of nothing: as much as there is */
+  if (d <= 0) return over;
+  const int zeros = fixed_zeros((uint64_t)d);
+  const uint32_t reciprocal = fixed_divide_word((uint32_t)1 << 30, 0, (uint32_t)(((uint64_t)d << zeros) >> 32)); /* 2^62 over 2^31 .. 2^32 */
+  over.m = reciprocal > INT32_MAX ? INT32_MAX : (int32_t)reciprocal;
+  over.right = 64 - zeros - FIXED_BITS;
+  return over;
+}
+
+static inline tse_real r_by(tse_real x, r_divided d)
+{
+  const int zeros = fixed_zeros_of(fixed_bits_of(x));
+  const int64_t product = fixed_product(fixed_mantissa(x, zeros), d.m);
+  return fixed_shifted(product, 30 + d.right + zeros - 33);
+}
+
+static inline r_factored r_quotient(tse_real x, r_divided d, int up)
+{
+  const int zeros = fixed_zeros_of(fixed_bits_of(x));
+  const int64_t product = fixed_product(fixed_mantissa(x, zeros), d.m); /* 2^60 .. 2^62 */
+  return factor_limited((int32_t)((product + ((int64_t)1 << 30)) >> 31), FIXED_BITS + d.right + zeros - 66 - up);
+}
+
+/* As x - x more/d: what is taken is rounded, and nothing where it is nothing. both halves of x by a mantissa. */
+static inline tse_real r_left(tse_real x, tse_real was, tse_real more, r_divided d)
+{
+  const r_factored a = r_quotient(more, d, 0);
+  const int32_t low = (int32_t)(uint32_t)x, high = (int32_t)((x - low) >> 32);
+  const int64_t taken = fixed_product(high, a.m) + ((fixed_product(low, a.m) + ((int64_t)1 << 31)) >> 32);
+  return (void)was, x - fixed_shifted(taken, a.right);
+}
+
+/* 2^up, which brings numbers of that size to an eighth of what a row holds, and the square root of a variance to a tenth or more. */
+static inline int r_scale_of(const tse_real *x, int n, int most)
+{
+  int64_t bits = 0;
+  for (int i = 0; i < n; i++) bits |= fixed_bits_of(x[i]);
+  const int up = fixed_zeros_of(bits) - 64 + FIXED_BITS + 2;
+  return up < most ? up : most;
+}
+static inline int r_scale_of_variance(tse_real x)
+{
+  const int log2 = 64 - fixed_zeros_of(x) - FIXED_BITS;
+  return 3 - (log2 >> 1);
+}
+
+/* a x, x of a row that is scaled as a says. */
+static inline tse_real r_times(tse_short x, r_factored a) { return fixed_shifted(fixed_product(x, a.m), 32 + a.right + SHORT_BITS - FIXED_BITS); }
+
+/* Mantissas of `digits` binary digits, with one shift: x = m 2^-(right + FIXED_BITS) */
+static inline int32_t row_of(const tse_real *x, int n, tse_short *m, int digits)
+{
+  int64_t bits = 0;
+  for (int i = 0; i < n; i++) bits |= fixed_bits_of(x[i]);
+  const int zeros = fixed_zeros_of(bits);
+  for (int i = 0; i < n; i++) m[i] = fixed_mantissa(x[i], zeros) >> (31 - digits);
+  return zeros + digits - 64;
+}
+
+static inline tse_short *r_row_scaled(tse_real *x, tse_short *room) { return (void)x, room; }
+static inline void r_row_back(tse_real *x, const tse_short *row, int n)
+{
+  for (int i = 0; i < n; i++) x[i] = (tse_real)row[i] * ((tse_real)1 << (FIXED_BITS - SHORT_BITS - ROW_UP));
+}
+
+static inline const tse_short *r_row(const tse_real *x, int n, tse_short *room, int32_t *right)
+{
+  *right = row_of(x, n, room, 27);
+  return room;
+}
+
+static inline r_scaled r_scaled_of(const tse_real *x, int n, tse_short *room)
+{
+  const int32_t right = row_of(x, n, room, 30);
+  const r_scaled s = { room, SHORT_BITS - FIXED_BITS - right };
+  return s;
+}
+
+/* Of 32 products at most, each below 2^57. */
+static inline tse_real r_sum(tse_real from, const tse_short *x, const tse_short *row, int32_t right, int n)
+{
+  int64_t sum = 0;
+  int i = 0;
+  for (; i + 4 <= n; i += 4) sum += fixed_product(row[i], x[i]) + fixed_product(row[i + 1], x[i + 1]) + fixed_product(row[i + 2], x[i + 2]) + fixed_product(row[i + 3], x[i + 3]);
+  for (; i < n; i++) sum += fixed_product(row[i], x[i]);
+  return from + fixed_shifted(sum, SHORT_BITS + right);
+}
+
+static inline void r_sparse_of(const tse_real *x, int n, r_sparse *s)
+{
+  int64_t bits = 0;
+  s->count = 0;
+  for (int i = 0; i < n; i++)
+    if (x[i] != 0) {
+      bits |= fixed_bits_of(x[i]);
+      s->at[s->count++] = (uint8_t)i;
+    }
+  const int zeros = fixed_zeros_of(bits);
+  for (int i = 0; i < s->count; i++) s->m[i] = fixed_mantissa(x[s->at[i]], zeros) >> 4;
+  s->right = zeros + 27 - 64;
+}
+
+static inline tse_real r_sum_sparse(tse_real from, const tse_short *x, const r_sparse *s, int count)
+{
+  int64_t sum = 0;
+  for (int i = 0; i < count; i++) sum += fixed_product(s->m[i], x[s->at[i]]);
+  return from + fixed_shifted(sum, SHORT_BITS + s->right);
+}
+
+/* a x of a row, nearest: where a is below a half, and where it may be more. */
+static inline int32_t short_product(int32_t x, int32_t m, int64_t half, int32_t right) { return (int32_t)((fixed_product(x, m) + half) >> 32) >> right; }
+static inline int32_t short_product_any(int32_t x, r_factored a)
+{
+  if (a.right >= 0) return short_product(x, a.m, (int64_t)1 << (31 + a.right), a.right);
+  const int32_t y = short_product(x, a.m, (int64_t)1 << 31, 0), most = SHORT_MOST >> -a.right;
+  return y > most ? SHORT_MOST - 1 : (y < -most ? -SHORT_MOST : (int32_t)((uint32_t)y << -a.right));
+}
+
+static inline void r_add_row(tse_short *y, const tse_short *x, r_factored a, int n)
+{
+  if (a.right >= 0) {
+    const int64_t half = (int64_t)1 << (31 + a.right);
+    for (int i = 0; i < n; i++) y[i] = short_stop(y[i] + short_product(x[i], a.m, half, a.right));
+  } else {
+    for (int i = 0; i < n; i++) y[i] = short_stop(y[i] + short_product_any(x[i], a));
+  }
+}
+
+static inline void r_add_both(tse_short *y, tse_short *x, r_factored a, r_factored b, int n)
+{
+  if (a.right >= 0 && b.right >= 0) {
+    const int64_t half_a = (int64_t)1 << (31 + a.right), half_b = (int64_t)1 << (31 + b.right);
+    for (int i = 0; i < n; i++) {
+      const tse_short was = y[i];
+      y[i] = short_stop(was + short_product(x[i], a.m, half_a, a.right));
+      x[i] = short_stop(x[i] + short_product(was, b.m, half_b, b.right));
+    }
+  } else {
+    for (int i = 0; i < n; i++) {
+      const tse_short was = y[i];
+      y[i] = short_stop(was + short_product_any(x[i], a));
+      x[i] = short_stop(x[i] + short_product_any(was, b));
+    }
+  }
+}
+
+static inline void r_add_in_turn(tse_short *y, tse_short *x, r_factored a, r_factored b, int n)
+{
+  if (a.right >= 0 && b.right >= 0) {
+    const int64_t half_a = (int64_t)1 << (31 + a.right), half_b = (int64_t)1 << (31 + b.right);
+    for (int i = 0; i < n; i++) {
+      x[i] = short_stop(x[i] + short_product(y[i], b.m, half_b, b.right));
+      y[i] = short_stop(y[i] + short_product(x[i], a.m, half_a, a.right));
+    }
+  } else {
+    for (int i = 0; i < n; i++) {
+      x[i] = short_stop(x[i] + short_product_any(y[i], b));
+      y[i] = short_stop(y[i] + short_product_any(x[i], a));
+    }
+  }
+}
+
+/* Sums of products that are made element by element, of coefficients and numbers of rows that are scaled: exact in 64 bits, rounded at
+ * the end, to such a number, or to one that is not scaled and may be a rate.
+ *   coefficient 2^-20, up to 1024      number 2^-(SHORT_BITS + ROW_UP), up to 16; rate 2^-SHORT_BITS, up to 256
+ * Of 7 products at most, each below 2^60. */
+#define COEF_BITS 20
+typedef int32_t r_coefficient;
+typedef int64_t r_total;
+static inline r_coefficient r_coef(tse_real x) { return fixed_narrow(x, FIXED_BITS - COEF_BITS); }
+static inline r_total r_start(tse_short x) { return (int64_t)x * (1 << COEF_BITS); }
+static inline r_total r_product(r_coefficient a, tse_short x) { return fixed_product(a, x); }
+static inline r_total r_plus(r_total s, r_coefficient a, tse_short x) { return s + fixed_product(a, x); }
+static inline r_total r_minus(r_total s, r_coefficient a, tse_short x) { return s - fixed_product(a, x); }
+static inline tse_short r_end(r_total s) { return fixed_narrow(s, COEF_BITS); }
+static inline tse_short r_end_rate(r_total s) { return fixed_narrow(s, COEF_BITS + ROW_UP); }
+static inline tse_short r_plus_times(tse_short x, r_factored h, tse_short y) { return short_stop(x + short_product_any(y, h)); }
+static inline tse_short r_short_sum(tse_short x, tse_short y) { return short_stop(x + y); }
+
+#endif
+#endif
