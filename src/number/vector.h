@@ -16,6 +16,9 @@
 #define TSE_VECTOR_H
 
 #include "number/real_ops.h"
+#if defined(TSE_REAL_FIXED) && defined(__ARM_FEATURE_SAT) && defined(__GNUC__) && !defined(__clang__)
+#include <arm_acle.h>
+#endif
 
 #define ROW_MOST 32 /* elements of a row */
 #define ROW_UP 4    /* what rows are scaled by whose numbers are small */
@@ -133,6 +136,7 @@ static inline tse_short r_short_sum(tse_short x, tse_short y) { return x + y; }
 /* ------------------------------------------------------------------------------------- fixed ---- */
 
 #define SHORT_BITS 22
+#define COEF_BITS 20
 #define SHORT_MOST ((int32_t)1 << 30) /* [2^-SHORT_BITS] 256; one less above */
 
 /* value = m 2^-(32 + right) */
@@ -145,7 +149,15 @@ typedef struct r_divided {
   int32_t m, right;
 } r_divided;
 
-static inline int32_t short_stop(int32_t x) { return x > SHORT_MOST - 1 ? SHORT_MOST - 1 : (x < -SHORT_MOST ? -SHORT_MOST : x); }
+/* x within what so many bits hold: an instruction of its own where there is one. */
+#if defined(__ARM_FEATURE_SAT) && defined(__GNUC__) && !defined(__clang__)
+#define FIXED_WITHIN(x, bits) __ssat(x, bits)
+#else
+#define FIXED_WITHIN(x, bits) fixed_within(x, (int32_t)1 << ((bits) - 1))
+static inline int32_t fixed_within(int32_t x, int32_t most) { return x > most - 1 ? most - 1 : (x < -most ? -most : x); }
+#endif
+
+static inline int32_t short_stop(int32_t x) { return FIXED_WITHIN(x, 31); }
 
 /* x 2^-right, nearest, within what a result may be; x up to 2^62. */
 static inline int64_t fixed_shifted(int64_t x, int right)
@@ -156,16 +168,40 @@ static inline int64_t fixed_shifted(int64_t x, int right)
   return x > most ? FIXED_MOST : (x < -most ? -FIXED_MOST : x * ((int64_t)1 << left));
 }
 
-/* x 2^-right, nearest, as a tse_short; right 2 .. 31, x up to 2^62. Where it stops lower digits remain. */
-static inline int32_t fixed_narrow(int64_t x, int right)
+/* x 2^-right, nearest, as a tse_short, x up to 2^62. Where it stops lower digits remain. high: the upper half of y. */
+static inline uint64_t fixed_half_up(int64_t x, int right) { return (uint64_t)x + ((uint64_t)1 << (right - 1)); }
+static inline int32_t fixed_joined(int32_t high, uint64_t y, int right) { return (int32_t)(((uint32_t)high << (32 - right)) | ((uint32_t)y >> right)); }
+#define FIXED_NARROW(y, right) fixed_joined(FIXED_WITHIN((int32_t)(uint32_t)((y) >> 32), (right) - 1), y, right)
+
+static inline int32_t fixed_to_short(int64_t x)
 {
-  const uint64_t y = (uint64_t)x + ((uint64_t)1 << (right - 1));
-  const int32_t hi = (int32_t)(uint32_t)(y >> 32), most = (int32_t)1 << (right - 2), stopped = hi > most - 1 ? most - 1 : (hi < -most ? -most : hi);
-  return (int32_t)(((uint32_t)stopped << (32 - right)) | ((uint32_t)y >> right));
+  const uint64_t y = fixed_half_up(x, FIXED_BITS - SHORT_BITS);
+  return FIXED_NARROW(y, FIXED_BITS - SHORT_BITS);
+}
+
+static inline int32_t fixed_to_coef(int64_t x)
+{
+  const uint64_t y = fixed_half_up(x, FIXED_BITS - COEF_BITS);
+  return FIXED_NARROW(y, FIXED_BITS - COEF_BITS);
+}
+
+static inline int32_t total_to_short(int64_t x)
+{
+  const uint64_t y = fixed_half_up(x, COEF_BITS);
+  return FIXED_NARROW(y, COEF_BITS);
+}
+
+static inline int32_t total_to_rate(int64_t x)
+{
+  const uint64_t y = fixed_half_up(x, COEF_BITS + ROW_UP);
+  return FIXED_NARROW(y, COEF_BITS + ROW_UP);
 }
 
 /* Leading zeros of the magnitude, 1 .. 63; of all bits of several that are ored. */
-static inline int64_t fixed_bits_of(int64_t x) { return x < 0 ? ~x : x; }
+static inline int64_t fixed_bits_of(int64_t x)
+{
+  return x < 0 ? ~x : x;
+}
 static inline int fixed_zeros_of(int64_t bits) { return fixed_zeros((uint64_t)bits | 1u); }
 
 /* The 31 binary digits of x that follow so many leading zeros (or fewer than it has), with its sign. */
@@ -176,7 +212,7 @@ static inline tse_short r_short_scaled(tse_real x, int up)
   const int64_t y = fixed_shifted(x, FIXED_BITS - SHORT_BITS - up);
   return y > SHORT_MOST - 1 ? SHORT_MOST - 1 : (y < -SHORT_MOST ? -SHORT_MOST : (int32_t)y);
 }
-static inline tse_short r_short(tse_real x) { return fixed_narrow(x, FIXED_BITS - SHORT_BITS); }
+static inline tse_short r_short(tse_real x) { return fixed_to_short(x); }
 static inline tse_real r_long_scaled(tse_short x, int up) { return fixed_shifted(x, SHORT_BITS - FIXED_BITS + up); }
 static inline tse_real r_long(tse_short x) { return (tse_real)x * ((tse_real)1 << (FIXED_BITS - SHORT_BITS)); }
 
@@ -360,16 +396,15 @@ static inline void r_add_in_turn(tse_short *y, tse_short *x, r_factored a, r_fac
  * the end, to such a number, or to one that is not scaled and may be a rate.
  *   coefficient 2^-20, up to 1024      number 2^-(SHORT_BITS + ROW_UP), up to 16; rate 2^-SHORT_BITS, up to 256
  * Of 7 products at most, each below 2^60. */
-#define COEF_BITS 20
 typedef int32_t r_coefficient;
 typedef int64_t r_total;
-static inline r_coefficient r_coef(tse_real x) { return fixed_narrow(x, FIXED_BITS - COEF_BITS); }
+static inline r_coefficient r_coef(tse_real x) { return fixed_to_coef(x); }
 static inline r_total r_start(tse_short x) { return (int64_t)x * (1 << COEF_BITS); }
 static inline r_total r_product(r_coefficient a, tse_short x) { return fixed_product(a, x); }
 static inline r_total r_plus(r_total s, r_coefficient a, tse_short x) { return s + fixed_product(a, x); }
 static inline r_total r_minus(r_total s, r_coefficient a, tse_short x) { return s - fixed_product(a, x); }
-static inline tse_short r_end(r_total s) { return fixed_narrow(s, COEF_BITS); }
-static inline tse_short r_end_rate(r_total s) { return fixed_narrow(s, COEF_BITS + ROW_UP); }
+static inline tse_short r_end(r_total s) { return total_to_short(s); }
+static inline tse_short r_end_rate(r_total s) { return total_to_rate(s); }
 static inline tse_short r_plus_times(tse_short x, r_factored h, tse_short y) { return short_stop(x + short_product_any(y, h)); }
 static inline tse_short r_short_sum(tse_short x, tse_short y) { return short_stop(x + y); }
 
