@@ -165,17 +165,17 @@ def example() -> dict[str, Any]:
 
 def known() -> dict[str, Any]:
     """What tselab knows of names, units and rules."""
-    from tse.impl import config, rows, simulate, vehicle, verdict
-    from tse.impl import units as checks
-    from tse.impl.logs import names, physics, units, vocabulary
+    from tse.impl import config, rows, simulate, units, vehicle, verdict
+    from tse.impl.logs import agree, physics, vocabulary
     from tse.impl.logs.propose import scales
+    from tse.impl.logs.readers.table import _AT_END
 
     factors: dict[str, dict[str, float]] = {}
     for si in ("s", "rad", "rad/s", "m/s", "m/s2"):
         found = {spelling: units.factor(spelling, si) for spelling in units.SPELT if spelling}
         factors[si] = {spelling: value for spelling, value in found.items() if value is not None}
     return {
-        "spelt": units.SPELT, "factors": factors, "atEnd": names._AT_END,
+        "spelt": units.SPELT, "factors": factors, "atEnd": _AT_END,
         "roles": vocabulary.ROLES, "not": vocabulary.NOT, "places": vocabulary.PLACES,
         "names": verdict.NAMES, "wheel": vocabulary.WHEEL.pattern, "noWheel": vocabulary.NO_WHEEL.pattern,
         "rules": {
@@ -185,10 +185,10 @@ def known() -> dict[str, Any]:
             "oneSpeed": config.ONE_SPEED,
         },
         "check": {
-            "causes": checks.CAUSES, "wheelCauses": checks.WHEEL_CAUSES, "figures": checks.FIGURES, "sd": checks.SD,
-            "unknownTrack": checks.UNKNOWN_TRACK, "unknownTrackSd": checks.UNKNOWN_TRACK_SD, "price": checks.PRICE,
-            "wrongSign": checks.WRONG_SIGN, "vanished": checks.VANISHED, "enough": checks.ENOUGH, "odd": checks.ODD,
-            "well": checks.WELL, "far": checks.FAR, "usualRatio": checks.USUAL_RATIO, "unsaid": scales.UNSAID,
+            "causes": agree.CAUSES, "wheelCauses": agree.WHEEL_CAUSES, "figures": agree.FIGURES, "sd": agree.SD,
+            "unknownTrack": agree.UNKNOWN_TRACK, "unknownTrackSd": agree.UNKNOWN_TRACK_SD, "price": agree.PRICE,
+            "wrongSign": agree.WRONG_SIGN, "vanished": agree.VANISHED, "enough": agree.ENOUGH, "odd": agree.ODD,
+            "well": agree.WELL, "far": agree.FAR, "usualRatio": agree.USUAL_RATIO, "unsaid": scales.UNSAID,
             "rate": physics.RATE, "smooth": physics.SMOOTH, "moving": physics.MOVING, "fewest": physics.FEWEST,
             "mostRows": MOST_CHECKED,
             "understeer": physics.UNDERSTEER, "understeerSd": physics.UNDERSTEER_SD, "turnShown": rows.TURN_SHOWN,

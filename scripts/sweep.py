@@ -22,7 +22,7 @@ from tqdm import tqdm
 import tables
 from tse.impl.core import STIFFNESS, Config, Library, library_path
 from tse.impl.files import atomic
-from tse.impl.log import read_log
+from tse.impl.logs.log import read_log
 from tselab.montecarlo import estimators, studies
 from tselab.montecarlo.case import Case, Drive, drive
 from tselab.montecarlo.scores import inside

@@ -128,8 +128,8 @@ COMMANDS = re.compile(r"tselab\.(cli|options|__main__|commands\.\w+)")  # option
 LATE = {  # what is imported in functions, and is no package that may be missing: it costs a second, and few need it
     ("tse._estimate", "tse.impl.report"),
     ("tse.impl.processes", "tse.impl"),  # in a function that is sent to the workers as code
-    ("tse.impl.single", "tse.impl.plots"),
-    ("tse.impl.single", "tse.impl.report"),
+    ("tse.impl.fleet.single", "tse.impl.plots"),
+    ("tse.impl.fleet.single", "tse.impl.report"),
     ("tse.impl.calibrate.own", "tse.impl.calibrate.along"),
     ("tse.impl.calibrate.own", "tse.impl.calibrate.output"),
     ("tse.impl.calibrate.own", "tse.impl.calibrate.workflow"),

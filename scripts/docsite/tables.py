@@ -10,7 +10,7 @@ from decimal import Decimal
 from pathlib import Path
 
 from tse.impl.core import CONFIG, INPUT, OUTPUT, REASON, SIM_CONFIG, SIM_INPUT, SIM_OUTPUT, STATUS, Field, library
-from tse.impl.toml import read_toml
+from tse.impl.files import read_toml
 
 ROOT = Path(__file__).resolve().parents[2]
 TSE = ROOT / "include" / "tse"

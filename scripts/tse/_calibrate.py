@@ -14,7 +14,7 @@ from tse._shown import Shown
 from tse._vehicle import VehicleLike, read_vehicle
 from tse.impl.calibrate import output, page, workflow
 from tse.impl.calibrate.result import Result, words
-from tse.impl.toml import loads
+from tse.impl.files import loads
 from tse.impl.vehicle import Vehicle, make_vehicle
 
 

@@ -21,11 +21,9 @@ from tse._tables import STIFFNESS
 from tse._vehicle import VehicleLike, read_vehicle
 from tse.impl import plots, regimes, results
 from tse.impl.estimate import Estimate as Estimated
+from tse.impl.estimate import Learnt, write_table
 from tse.impl.estimate import estimate as _run
-from tse.impl.estimate import write_table
-from tse.impl.learnt import Learnt
-from tse.impl.prepare import Calibrate, Prepared, assemble
-from tse.impl.single import contradicts, notes_of
+from tse.impl.fleet.single import Calibrate, Prepared, assemble, contradicts, notes_of
 from tse.impl.vehicle import Vehicle
 from tse.impl.verdict import Finding, findings
 

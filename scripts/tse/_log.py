@@ -15,8 +15,8 @@ from tse._base import Array
 from tse._shown import Shown, drawn
 from tse._vehicle import VehicleLike, read_vehicle
 from tse.impl import plots
-from tse.impl.log import read_frame
-from tse.impl.log import read_log as _read_log
+from tse.impl.logs.log import read_frame
+from tse.impl.logs.log import read_log as _read_log
 from tse.impl.rows import Log as Checked
 from tse.impl.rows import Reading
 

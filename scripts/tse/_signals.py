@@ -16,7 +16,7 @@ from tse.impl.files import atomic
 from tse.impl.logs.propose import Proposal, propose
 from tse.impl.logs.propose.text import Line, headline, listing, toml_text
 from tse.impl.logs.readers import read_recording
-from tse.impl.logs.recording import How, Recording
+from tse.impl.logs.readers.recording import How, Recording
 
 
 class Signals(Shown):

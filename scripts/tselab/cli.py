@@ -248,12 +248,13 @@ def estimate(
     is valid; 2 bad input; 130 Ctrl-C. --json says what was found as JSON on standard output, in place of words; --table writes it
     as a row per stretch of road and stiffness.
     """
-    from tse.impl import regimes, results, single
+    from tse.impl import regimes, results
     from tse.impl.calibrate.own import STOPPED
-    from tse.impl.facts import run_facts
+    from tse.impl.estimate import read_learnt, write_learnt
     from tse.impl.files import check_distinct, check_writable
-    from tse.impl.learnt import read_learnt, write_learnt
-    from tse.impl.prepare import Calibrate, prepare
+    from tse.impl.fleet import single
+    from tse.impl.fleet.single import Calibrate, prepare
+    from tse.impl.results import run_facts
 
     out = out or Path(log_path.stem + ".est.csv")
     inputs = {"the log": log_path, "--vehicle": vehicle_path, "--config": config_path, "--signals": reading.signals}

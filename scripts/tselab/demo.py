@@ -19,7 +19,7 @@ from tse.impl.estimate import Estimate, estimate, write_table
 from tse.impl.files import atomic
 from tse.impl.gap.export.output import write_all
 from tse.impl.gap.workflow import run
-from tse.impl.log import read_log
+from tse.impl.logs.log import read_log
 from tse.impl.report import write_report
 from tse.impl.simulate import simulate, with_references
 from tse.impl.tables import simulated_vehicle

@@ -12,11 +12,11 @@ import pandas as pd
 from tse.impl.core import STIFFNESS
 from tse.impl.estimate import estimate_to
 from tse.impl.files import atomic
-from tse.impl.logs.extras import need
+from tse.impl.fleet.single import prepare
 from tse.impl.logs.propose import propose
 from tse.impl.logs.propose.text import toml_text
 from tse.impl.logs.readers import read_recording
-from tse.impl.prepare import prepare
+from tse.impl.logs.readers.recording import need
 from tse.impl.rows import Reading
 from tse.impl.vehicle import read_vehicle
 from tse.impl.verdict import NAMES

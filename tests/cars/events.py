@@ -23,7 +23,7 @@ from tqdm import tqdm
 from tests.cars import SCENARIOS, make_cars, make_logs
 from tests.cars.study import RESULTS, TRUTH, estimated, truth_of
 from tse.impl.core import NOMINAL, STIFFNESS, Library
-from tse.impl.log import read_log
+from tse.impl.logs.log import read_log
 
 EVENTS = [s for s in SCENARIOS if s != "dry"]
 ON = ("highway", "mountain")

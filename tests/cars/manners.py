@@ -23,7 +23,8 @@ from tests.cars.study import RESULTS, TRUTH, estimated, truth_of
 from tse.impl import maneuvers
 from tse.impl.config import make_config
 from tse.impl.core import NOMINAL, STIFFNESS, Config, Filter, SimConfig
-from tse.impl.log import Log, read_log
+from tse.impl.logs.log import read_log
+from tse.impl.rows import Log
 from tse.impl.simulate import simulate
 from tse.impl.tables import markdown_table
 from tse.impl.vehicle import make_vehicle

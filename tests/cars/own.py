@@ -26,7 +26,8 @@ from tse.impl.calibrate import own
 from tse.impl.calibrate.along import outputs
 from tse.impl.config import make_config
 from tse.impl.core import Config
-from tse.impl.log import Log, read_log
+from tse.impl.logs.log import read_log
+from tse.impl.rows import Log
 from tse.impl.tables import markdown_table
 from tse.impl.vehicle import Vehicle, filter_values, read_vehicle
 

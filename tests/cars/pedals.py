@@ -21,7 +21,7 @@ import pandas as pd
 from tests.cars.logs import PEDALS
 from tests.cars.sensors import pedals_of
 from tests.cars.study import RESULTS, ROADS, TRUTH, estimated, score, truth_of
-from tse.impl.log import read_log
+from tse.impl.logs.log import read_log
 from tse.impl.vehicle import read_vehicle
 
 WAYS = {"none": (), "brake switch": PEDALS[:1], "wheel torques": PEDALS[1:], "both": PEDALS}

@@ -23,7 +23,7 @@ from tests.cars.study import RESULTS, changes, estimated
 from tse.impl.calibrate import output, workflow
 from tse.impl.config import make_config
 from tse.impl.core import NOMINAL, Config
-from tse.impl.log import read_log
+from tse.impl.logs.log import read_log
 from tse.impl.vehicle import read_vehicle
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data"

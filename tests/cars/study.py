@@ -29,7 +29,8 @@ from tse.impl.calibrate.result import Result
 from tse.impl.config import make_config
 from tse.impl.core import NOMINAL, STIFFNESS, Config, Library
 from tse.impl.identify.unknowns import LATENCY
-from tse.impl.log import Log, read_log
+from tse.impl.logs.log import read_log
+from tse.impl.rows import Log
 from tse.impl.tables import markdown_table
 from tse.impl.vehicle import read_vehicle
 

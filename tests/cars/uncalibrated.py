@@ -23,7 +23,7 @@ from tse.impl import maneuvers
 from tse.impl.calibrate.along import outputs
 from tse.impl.config import make_config
 from tse.impl.core import STIFFNESS, Config, SimConfig
-from tse.impl.log import read_frame
+from tse.impl.logs.log import read_frame
 from tse.impl.simulate import simulate
 from tse.impl.tables import markdown_table
 from tse.impl.vehicle import filter_values, make_vehicle

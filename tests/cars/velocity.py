@@ -21,7 +21,8 @@ import pandas as pd
 from tests.cars.real import DATA
 from tests.cars.study import RESULTS, ROADS, SETTLED, changes, driven, estimated, score
 from tse.impl.core import NOMINAL
-from tse.impl.log import Log, read_log
+from tse.impl.logs.log import read_log
+from tse.impl.rows import Log
 
 LATE, RATE, SPEED_SD, COURSE_SD, INS_SD = 0.1, 10.0, 0.1, np.radians(0.5), 0.03
 REAL = ("stanford_250lm_a", "genesis_cpg_fast", "genesis_rfs")

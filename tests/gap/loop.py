@@ -36,7 +36,7 @@ def run(asked: tuple[int, tuple[str, ...]]) -> dict:
     from tse.impl.core import NOMINAL
     from tse.impl.gap.export import add
     from tse.impl.gap.workflow import run as gap
-    from tse.impl.log import read_log
+    from tse.impl.logs.log import read_log
     from tse.impl.vehicle import read_vehicle
 
     seed, ids = asked

@@ -704,7 +704,7 @@ def test_logs_have_the_biases_told_and_the_noise_of_the_vehicle_file(cases):
 
 
 def test_logs_and_vehicle_are_read_by_tselab(cases, tmp_path):
-    from tse.impl.log import read_log
+    from tse.impl.logs.log import read_log
     from tse.impl.vehicle import read_vehicle
 
     folder = replace(cases["roll"], hold_out={"slalom": cases["stick"].logs["slalom"]}).write(

@@ -151,7 +151,7 @@ def _others(rng, clean, columns, units, prefix, told, n, radius, ratio) -> None:
 
 def wrong(scheme: Scheme, proposal, radius: float) -> list[str]:
     """What a proposal has wrong: names, units by more than 1 %, signs, the ratio by more than 15 %."""
-    from tse.impl.logs.units import factor
+    from tse.impl.units import factor
 
     found = []
     for channel, names in scheme.names.items():

@@ -8,8 +8,8 @@ import pandas as pd
 import pytest
 
 from conftest import RAN, tselab, tselab_here
-from tse.impl import log
 from tse.impl.core import Config
+from tse.impl.logs import log
 
 FORGETTING = Config().fields["forgetting"].range_text
 Change = Callable[[pd.DataFrame], pd.DataFrame]

@@ -10,7 +10,7 @@ import pytest
 
 import tselab
 from tse.impl.core import INPUT, NOMINAL, OUTPUT, STATUS, STIFFNESS, Config, Filter, SettingError, library, stiffness_si
-from tse.impl.toml import read_toml
+from tse.impl.files import read_toml
 
 HEADERS = Path(__file__).parents[2] / "include" / "tse"
 TABLES = Path(__file__).parents[2] / "src" / "tables"

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from tse.impl.csv_rows import csv_header, csv_rows
+from tse.impl.estimate import csv_header, csv_rows
 
 
 def written(table) -> str:

@@ -108,7 +108,7 @@ def test_same_seed_gives_the_same_bytes_and_another_seed_does_not(drive, tmp_pat
 @pytest.fixture
 def prepared(drive):
     from tse.impl.config import make_config
-    from tse.impl.log import read_log
+    from tse.impl.logs.log import read_log
     from tse.impl.vehicle import read_vehicle
 
     log = read_log(drive.log)
@@ -117,7 +117,7 @@ def prepared(drive):
 
 def test_written_on_the_way_is_what_is_written_at_the_end(prepared, tmp_path, monkeypatch):
     from tse.impl import estimate as module
-    from tse.impl.facts import run_facts
+    from tse.impl.results import run_facts
     from tse.impl.vehicle import default_vehicle
     from tse.impl.verdict import remarks, verdicts
 

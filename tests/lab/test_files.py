@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from conftest import COMMAND, tselab_here
-from tse.impl import files, seal
+from tse.impl import files
 from tse.impl.errors import UserError
 
 KB = 40  # of room: less than any result of a drive
@@ -159,27 +159,27 @@ def test_a_link_to_an_input_is_that_input(drive, tmp_path):
 @pytest.fixture
 def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
-    seal.secret.cache_clear()
+    files.secret.cache_clear()
     yield tmp_path / "state"
-    seal.secret.cache_clear()
+    files.secret.cache_clear()
 
 
 def test_the_next_process_of_a_user_has_the_same_secret(home):
-    first = seal.secret()
+    first = files.secret()
     kept = home / "tselab" / "seal.key"
-    assert kept.read_bytes() == first and len(first) == seal.BYTES
+    assert kept.read_bytes() == first and len(first) == files.BYTES
     assert [p.name for p in kept.parent.iterdir()] == ["seal.key"]
     if os.name == "posix":
         assert kept.stat().st_mode & 0o077 == 0
-    seal.secret.cache_clear()
-    assert seal.secret() == first
+    files.secret.cache_clear()
+    assert files.secret() == first
 
 
 def test_another_user_has_another(home, tmp_path, monkeypatch):
-    first = seal.seal([b"one", b"two"])
+    first = files.seal([b"one", b"two"])
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "other"))
-    seal.secret.cache_clear()
-    assert seal.seal([b"one", b"two"]) != first
+    files.secret.cache_clear()
+    assert files.seal([b"one", b"two"]) != first
 
 
 @pytest.mark.parametrize("there", [b"", b"short", bytes(33)])
@@ -190,6 +190,6 @@ def test_where_none_can_be_kept_each_process_has_its_own(there, home):
         (home / "tselab" / "seal.key").write_bytes(there)
     else:
         (home / "tselab").write_text("a file, in which no folder can be")
-    first = seal.secret()
-    seal.secret.cache_clear()
-    assert len(first) == seal.BYTES and seal.secret() != first
+    first = files.secret()
+    files.secret.cache_clear()
+    assert len(first) == files.BYTES and files.secret() != first

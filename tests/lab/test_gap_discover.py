@@ -19,7 +19,7 @@ from tse.impl.gap.fit import fit, gap
 from tse.impl.gap.infer.formula import search, terms
 from tse.impl.gap.problem import STIFFNESS, Problem
 from tse.impl.gap.respond import responses, signals
-from tse.impl.log import read_log
+from tse.impl.logs.log import read_log
 from tse.impl.vehicle import read_vehicle
 
 # A yaw damping that sets in beyond a yaw rate: as a stability control does.

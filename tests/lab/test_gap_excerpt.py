@@ -24,7 +24,7 @@ from tse.impl.gap.infer.hypotheses import NAME_AT
 from tse.impl.gap.infer.naming import Named, name
 from tse.impl.gap.problem import STIFFNESS, Problem
 from tse.impl.gap.selftest import make
-from tse.impl.log import read_log
+from tse.impl.logs.log import read_log
 from tse.impl.rows import MEASURES, Log
 from tse.impl.vehicle import read_vehicle
 

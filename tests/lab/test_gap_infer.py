@@ -26,7 +26,7 @@ from tse.impl.gap.infer.space import EPISODE, FEWEST, Layout
 from tse.impl.gap.localise.remainder import Remainder
 from tse.impl.gap.problem import Problem, Rows, profile_size
 from tse.impl.identify.discrepancy import Discrepancy, Piece
-from tse.impl.log import read_log
+from tse.impl.logs.log import read_log
 from tse.impl.vehicle import read_vehicle
 
 N = 240

@@ -20,7 +20,7 @@ from tse.impl.gap.fit import fit, gap
 from tse.impl.gap.problem import STIFFNESS as FITTED
 from tse.impl.gap.problem import Problem
 from tse.impl.gap.simulate import simulate
-from tse.impl.log import read_log
+from tse.impl.logs.log import read_log
 from tse.impl.vehicle import read_vehicle
 
 CHANNELS = {"vehicle_speed": 0.05, "wheel_torque_front": 8.0, "wheel_torque_rear": 8.0}

@@ -16,7 +16,7 @@ from tse.impl.gap.data import prepare
 from tse.impl.gap.drives import library, prepared
 from tse.impl.gap.problem import Problem
 from tse.impl.gap.selftest import selftest
-from tse.impl.log import read_log
+from tse.impl.logs.log import read_log
 from tse.impl.rows import average
 from tse.impl.vehicle import read_vehicle
 

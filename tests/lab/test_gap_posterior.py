@@ -20,7 +20,7 @@ from tse.impl.gap.infer.naming import Naming
 from tse.impl.gap.problem import STIFFNESS as PARAMETERS
 from tse.impl.gap.problem import Problem
 from tse.impl.identify.unknowns import prior_of
-from tse.impl.log import read_log
+from tse.impl.logs.log import read_log
 from tse.impl.vehicle import read_vehicle
 
 CLASS = re.sub(r"\[uncertainty\].*?\n\n", "", CAR, flags=re.DOTALL)  # nobody says how well it is known

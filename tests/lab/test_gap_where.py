@@ -18,7 +18,7 @@ from tse.impl.gap.localise import where
 from tse.impl.gap.localise.remainder import is_noise, without_spikes, without_walk
 from tse.impl.gap.problem import STIFFNESS as PARAMETERS
 from tse.impl.gap.problem import Problem
-from tse.impl.log import read_log
+from tse.impl.logs.log import read_log
 from tse.impl.vehicle import read_vehicle
 
 STEP = 0.04  # s, a block

@@ -19,7 +19,7 @@ from tse.impl.identify.fit import fit, step
 from tse.impl.identify.problem import SPEED_TIME, Problem, shapes
 from tse.impl.identify.ready import calm, curves, speed, together
 from tse.impl.identify.unknowns import COMMON_SD, STIFFNESS, UNKNOWNS, Prior, prior_of
-from tse.impl.log import read_log
+from tse.impl.logs.log import read_log
 from tse.impl.vehicle import default_vehicle, read_vehicle
 
 DT = 0.01

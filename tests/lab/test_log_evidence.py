@@ -12,7 +12,7 @@ import pytest
 from conftest import tselab_here
 from tests.cars.logs import make_logs
 from tse.impl.logs.propose import Proposal, propose
-from tse.impl.logs.recording import Channel, Recording
+from tse.impl.logs.readers.recording import Channel, Recording
 
 DEG, RADIUS, RATIO = 180 / np.pi, 0.31, 15.0
 CAR = f"mass = 1600\nlf = 1.2\nlr = 1.5\nwheel_radius_front = {RADIUS}\nwheel_radius_rear = {RADIUS}\n"
@@ -141,7 +141,7 @@ def test_the_rest_of_a_coarse_angle_is_added(drive, tmp_path):
     (tmp_path / "car.toml").write_text(f"{CAR}steering_ratio = {RATIO}\n")
     done = tselab_here("signals", "log.csv", "--vehicle", "car.toml", "--write", "signals.toml", cwd=tmp_path)
     assert done.code == 0 and 'add = "steer_fraction"' in (tmp_path / "signals.toml").read_text()
-    from tse.impl.log import read_log
+    from tse.impl.logs.log import read_log
     from tse.impl.rows import Reading
     from tse.impl.vehicle import read_vehicle
 

@@ -49,7 +49,7 @@ def test_a_drive_in_this_format_gives_the_estimates_of_the_clean_csv(name, clean
 def test_of_a_log_that_is_cut_off_what_is_before_is_used(name, clean, tmp_path):
     """A recorder without power, a copy that broke off."""
     from tse.impl.errors import UserError
-    from tse.impl.log import read_log
+    from tse.impl.logs.log import read_log
     from tse.impl.rows import Reading
     from tse.impl.vehicle import read_vehicle
 
@@ -74,7 +74,7 @@ def test_of_a_log_that_is_cut_off_what_is_before_is_used(name, clean, tmp_path):
 
 def test_the_rows_are_those_of_the_clean_log(clean, tmp_path):
     """Units, sign, ratio, latency, rates: each would show here."""
-    from tse.impl.log import read_log
+    from tse.impl.logs.log import read_log
     from tse.impl.rows import Reading
     from tse.impl.vehicle import read_vehicle
 
@@ -96,7 +96,7 @@ def test_the_rows_are_those_of_the_clean_log(clean, tmp_path):
 
 @pytest.mark.parametrize("rate", [50, 200])
 def test_another_rate_on_demand(rate, clean, tmp_path):
-    from tse.impl.log import read_log
+    from tse.impl.logs.log import read_log
     from tse.impl.rows import Reading
     from tse.impl.vehicle import read_vehicle
 
@@ -162,7 +162,7 @@ def test_what_is_not_installed_is_named_with_the_command(monkeypatch, tmp_path):
             raise ModuleNotFoundError(name, name="asammdf")
         return real(name, *args, **kw)
 
-    monkeypatch.setattr("tse.impl.logs.extras.importlib.import_module", without)
+    monkeypatch.setattr("tse.impl.logs.readers.recording.importlib.import_module", without)
     done = tselab_here("signals", path)
     assert done.code == 2 and "pip install 'tse[mf4]'" in done.err and "scripts/setup.sh logs" in done.err
 

@@ -14,8 +14,8 @@ import pytest
 from conftest import tselab
 from log_formats import FORMATS, drive, messages, repeated
 from tse.impl import room
-from tse.impl.log import read_log
 from tse.impl.logs import raster
+from tse.impl.logs.log import read_log
 from tse.impl.room import Room
 from tse.impl.rows import Reading
 from tse.impl.vehicle import read_vehicle
@@ -77,7 +77,7 @@ HOURS, MOST = 3.0, 130  # MB that reading a log of so many hours may take on top
 MEASURE = """
 import resource, sys
 from pathlib import Path
-from tse.impl.log import read_log
+from tse.impl.logs.log import read_log
 from tse.impl.rows import Reading
 from tse.impl.vehicle import read_vehicle
 reading = Reading(car=read_vehicle(Path(sys.argv[3])))

@@ -10,10 +10,10 @@ import pandas as pd
 import pytest
 
 from tse.impl import estimate, room, rows
-from tse.impl import log as module
 from tse.impl.core import Config, library
 from tse.impl.errors import UserError
-from tse.impl.log import read_log
+from tse.impl.logs import log as module
+from tse.impl.logs.log import read_log
 from tse.impl.vehicle import read_vehicle
 
 HERE = 100  # rows of a part in these tests

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tse.impl.log import read_log
-from tse.impl.logs.clock import BRIDGED, straight
+from tse.impl.clock import BRIDGED, straight
+from tse.impl.logs.log import read_log
 from tse.impl.logs.mapping import Series
 from tse.impl.logs.raster import entries, on_raster, rate_of, resample
 from tse.impl.rows import Reading

@@ -11,7 +11,7 @@ import pytest
 from log_schemes import draw, wrong
 from tests.cars.logs import make_logs
 from tse.impl.logs.propose import propose
-from tse.impl.logs.recording import Channel, Recording
+from tse.impl.logs.readers.recording import Channel, Recording
 
 FRESH = range(2000, 2020)
 RIGHT = 19  # of 20

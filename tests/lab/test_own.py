@@ -20,7 +20,7 @@ from tse.impl.calibrate import own, workflow
 from tse.impl.calibrate.along import outputs
 from tse.impl.config import make_config
 from tse.impl.fleet.keep import CALIBRATED
-from tse.impl.log import read_log
+from tse.impl.logs.log import read_log
 from tse.impl.vehicle import filter_values, make_vehicle, read_vehicle
 
 MINUTES = 1.5
@@ -99,7 +99,7 @@ def test_the_posterior_is_the_prior(case):
 
 
 def read_toml_text(text: str) -> dict:
-    from tse.impl.toml import tomllib
+    from tse.impl.files import tomllib
 
     return tomllib.loads(text)
 

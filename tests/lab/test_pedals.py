@@ -1,4 +1,4 @@
-"""Brake switch and wheel torques from the log to the filter: src/tables/pedals.toml, tse.impl.log, config, units, logs."""
+"""Brake switch and wheel torques from the log to the filter: src/tables/pedals.toml, tse.impl.logs.log, config, units, logs."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from tse.impl.config import make_config
 from tse.impl.core import Filter, library
 from tse.impl.errors import UserError
 from tse.impl.gap.data import prepare
-from tse.impl.log import read_frame, read_log
+from tse.impl.logs.agree import check_units
+from tse.impl.logs.log import read_frame, read_log
 from tse.impl.logs.propose import propose
 from tse.impl.logs.propose.text import toml_text
 from tse.impl.logs.readers import read_recording
-from tse.impl.logs.recording import How
+from tse.impl.logs.readers.recording import How
 from tse.impl.logs.signals import read_signals
 from tse.impl.rows import MEASURES, TORQUES, Log, Reading, average
-from tse.impl.units import check_units
 from tse.impl.vehicle import Vehicle, read_vehicle
 
 

@@ -10,7 +10,7 @@ import pytest
 import tse
 from conftest import tselab, tselab_here
 from tse.impl.errors import UserError
-from tse.impl.log import read_log
+from tse.impl.logs.log import read_log
 from tse.impl.logs.signals import read_signals
 from tse.impl.rows import Reading
 

@@ -20,7 +20,7 @@ def simulate(folder, *options, run=tselab_here):
 
 @pytest.mark.parametrize("name", KINDS)
 def test_every_manoeuvre_gives_a_log_that_estimate_reads(name, tmp_path):
-    from tse.impl.log import read_log
+    from tse.impl.logs.log import read_log
 
     log, truth = simulate(tmp_path, "--maneuver", name, "--duration", 12)
     assert list(log) == LOG

@@ -15,7 +15,7 @@ from scipy.optimize import brentq
 from tse.impl.calibrate.along import APART_SD, MODEL_SD, slips
 from tse.impl.core import Config
 from tse.impl.identify.fit import Fit
-from tse.impl.log import read_frame
+from tse.impl.logs.log import read_frame
 from tse.impl.rows import Log
 from tse.impl.vehicle import Vehicle, ordinary_car
 

@@ -9,8 +9,8 @@ import pytest
 import tse
 from conftest import RAN, tselab, tselab_here
 from tests.cars.logs import make_logs
-from tse.impl.log import read_log
-from tse.impl.units import stood
+from tse.impl.logs.agree import stood
+from tse.impl.logs.log import read_log
 from tse.impl.verdict import implausible
 
 
@@ -23,8 +23,8 @@ def lively(tmp_path_factory):
 
 
 def warnings(lively, **scale):
-    from tse.impl.log import read_log
-    from tse.impl.units import check_units
+    from tse.impl.logs.agree import check_units
+    from tse.impl.logs.log import read_log
 
     log = read_log(lively)
     for name, factor in scale.items():
@@ -93,8 +93,8 @@ def cars(tmp_path_factory):
 
 
 def notes_of(car, folder, **columns) -> list[str]:
-    from tse.impl.log import read_log
-    from tse.impl.units import check_units
+    from tse.impl.logs.agree import check_units
+    from tse.impl.logs.log import read_log
 
     v = car.vehicle
     log = pd.DataFrame(car.log)
@@ -230,7 +230,7 @@ def test_a_channel_that_contradicts_for_a_while_leaves_the_rest():
 
 
 def test_a_measurement_that_never_changes_is_missing(lively, tmp_path):
-    from tse.impl.log import read_log
+    from tse.impl.logs.log import read_log
 
     table = pd.read_csv(lively)
     table["accel_x"] = 0.03

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from conftest import tselab
-from tse.impl.toml import read_toml
+from tse.impl.files import read_toml
 from tse.impl.vehicle import REQUIRED, latency_settings, sensor_settings, uncertainty_settings, vehicle_settings
 
 BARE = """name = "bare"

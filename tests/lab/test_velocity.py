@@ -14,10 +14,10 @@ from tse.impl.config import make_config
 from tse.impl.core import Config, Filter, SimConfig, Simulator, library
 from tse.impl.errors import UserError
 from tse.impl.estimate import estimate
-from tse.impl.log import read_frame, read_log
+from tse.impl.logs.agree import check_units
+from tse.impl.logs.log import read_frame, read_log
 from tse.impl.logs.raster import _nearest
 from tse.impl.rows import average
-from tse.impl.units import check_units
 from tse.impl.vehicle import make_vehicle
 
 ROWS, DT = 4000, 0.01

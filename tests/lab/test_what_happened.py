@@ -207,8 +207,8 @@ def test_shares_say_neither_none_nor_all_of_what_is_neither(share, text):
 
 
 def test_the_terminal_tells_what_happened_and_speaks_of_every_stretch(drive, tmp_path, monkeypatch):
-    from tse.impl import single
     from tse.impl.estimate import Estimate
+    from tse.impl.fleet import single
 
     monkeypatch.setattr(single, "estimate_to", lambda *_, **__: Estimate(table_of(ROAD), False))
     done = tselab_here("estimate", drive.log, "--vehicle", drive.vehicle, cwd=tmp_path)

@@ -247,9 +247,9 @@ def test_a_command_that_is_not_there_is_found():
 
 @pytest.mark.parametrize("body", blocks("toml"))
 def test_toml_is_read_by_the_tools(body, folder):
+    from tse.impl.files import read_toml
     from tse.impl.formula import read_formula
     from tse.impl.logs.signals import read_signals
-    from tse.impl.toml import read_toml
     from tse.impl.vehicle import read_vehicle
 
     path = folder / "page.toml"

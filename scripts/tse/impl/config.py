@@ -10,8 +10,8 @@ import numpy as np
 
 from tse.impl.core import CONFIG, Config, SettingError, library
 from tse.impl.errors import UserError
+from tse.impl.files import read_toml
 from tse.impl.rows import TORQUES, VELOCITIES, Log
-from tse.impl.toml import read_toml
 from tse.impl.vehicle import Vehicle, filter_values
 
 GAP_IN_SAMPLES = 5  # max_gap is at least this many sample times

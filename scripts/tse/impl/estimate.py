@@ -1,4 +1,5 @@
-"""Running the filter over a log, and the table that comes out."""
+"""Run the filter over a log: what it starts from (a learnt state, whose bytes are the library's, tse/learnt.h), the table that
+comes out, and how that is written."""
 
 from __future__ import annotations
 
@@ -6,23 +7,131 @@ import functools
 import signal
 import sys
 import threading
+import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from itertools import groupby
 from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
+import orjson
 import pandas as pd
 from tqdm import tqdm
 
 from tse.impl import regimes
-from tse.impl.core import GRIP, NOMINAL, OUTPUT, REASON, STIFFNESS, Config, Field, Filter, library
-from tse.impl.csv_rows import csv_header, csv_rows
+from tse.impl.core import GRIP, NOMINAL, OUTPUT, REASON, STIFFNESS, Config, Field, Filter, LearntError, library
+from tse.impl.errors import UserError
 from tse.impl.files import atomic
-from tse.impl.learnt import Learnt
 from tse.impl.rows import MEASURES, Log
+
+DAY = 86400.0  # s
+MOST = 1 << 16  # bytes; no learnt state is longer
+
+
+@dataclass(frozen=True)
+class Learnt:
+    """A learnt state, read but not yet checked, and how old it is."""
+
+    path: Path
+    data: bytes
+    age: float  # s
+    given: bool  # the age; else it is that of the file
+
+    def load(self, filter_: Filter) -> None:
+        """Let the filter start from it; the library says what is wrong with it."""
+        try:
+            filter_.load_learnt(self.data, self.age)
+        except LearntError as error:
+            raise UserError(f"{self.path}: {error}") from None
+
+    @property
+    def note(self) -> str:
+        days = f"{self.age / DAY:.3g} days"
+        return f"{self.path}, {days} old" + (" (--age)" if self.given else " (time of the file; --age says it better)")
+
+
+def read_learnt(path: Path, age_days: float | None = None) -> Learnt:
+    """Read a file that `write_learnt` wrote; without a given age it is as old as the file."""
+    try:
+        with open(path, "rb") as file:
+            data = file.read(MOST)
+        age = time.time() - path.stat().st_mtime if age_days is None else age_days * DAY
+    except OSError as error:
+        raise UserError(f"{path}: cannot be read: {error.strerror}") from None
+    return Learnt(path, data, max(age, 0.0), age_days is not None)
+
+
+def write_learnt(path: Path, data: bytes) -> None:
+    with atomic(path, "wb") as file:
+        file.write(data)
+
+
+# ---- Rows of a table as CSV, fast: every number in the shortest digits that give the same bits back. A long log is ten
+# million cells, for which pandas takes twenty seconds; orjson writes arrays of numbers, so a CSV is put together from its rows.
+
+
+Columns = Mapping[str, Any] | pd.DataFrame  # the columns: arrays, Categoricals or Series
+NUMBERS = ("f8", "f4", "i8", "i4", "i2", "i1", "u8", "u4", "u2", "u1")
+QUOTED = set(',"\r\n')  # text with one of these needs more care than there is here
+
+
+def csv_header(table: Columns) -> bytes:
+    """The line of the column names."""
+    return pd.DataFrame(columns=list(table)).to_csv(index=False, lineterminator="\n").encode()
+
+
+def csv_rows(table: Columns) -> bytes:
+    """The lines of the rows. Missing values are empty cells."""
+    columns = [getattr(column, "array", column) for _, column in table.items()]
+    if not columns or not len(columns[0]):
+        return b""
+    parts: list[list[bytes]] = []
+    for number, run in groupby(columns, key=_number):
+        for cells in [_numbers(list(run))] if number else map(_words, run):
+            if cells is None:  # a column that only pandas can write
+                return pd.DataFrame(dict(table)).to_csv(index=False, header=False, lineterminator="\n").encode()
+            parts.append(cells)
+    return b"\n".join(map(b",".join, zip(*parts, strict=True))) + b"\n"
+
+
+def _number(column: Any) -> str:
+    """The type of numbers that _numbers() writes; of another column nothing."""
+    kind = getattr(column.dtype, "numpy_dtype", column.dtype)
+    return kind.str if isinstance(kind, np.dtype) and kind.str[1:] in NUMBERS else ""
+
+
+def _numbers(columns: list[Any]) -> list[bytes] | None:
+    """The cells of neighbours of one type, joined, a row each; None if this needs pandas."""
+    first = np.asarray(columns[0])
+    values = np.empty((len(first), len(columns)), first.dtype)
+    for i, column in enumerate(columns):
+        values[:, i] = column
+    text = orjson.dumps(values, option=orjson.OPT_SERIALIZE_NUMPY)
+    if values.dtype.kind == "f" and not np.isfinite(values).all():
+        if np.isinf(values).any():
+            return None
+        text = text.replace(b"null", b"")
+    return text[2:-2].split(b"],[")
+
+
+def _words(column: Any) -> list[bytes] | None:
+    """The cells of a column of text, a row each; None if this needs pandas."""
+    if isinstance(column, pd.Categorical):
+        codes, words = column.codes, column.categories
+    elif isinstance(column.dtype, pd.StringDtype):
+        codes, words = pd.factorize(column)
+    else:
+        return None
+    if not all(isinstance(w, str) and w and QUOTED.isdisjoint(w) for w in words):
+        return None
+    return np.array([*(w.encode() for w in words), b""], object)[codes].tolist()  # code -1: missing
+
+
+# ---- the filter over a log
+
 
 CHUNK = 64  # rows between two looks at Ctrl-C and the progress bar
 BLOCK = 2048  # rows that are in memory with all their columns at a time

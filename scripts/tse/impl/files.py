@@ -1,17 +1,23 @@
-"""Writing files: complete or not at all."""
+"""Write files completely or not at all, seal what a later run goes on from, read TOML with errors that name the file."""
 
 from __future__ import annotations
 
+import contextlib
 import errno
+import functools
+import hashlib
+import hmac
+import json
 import os
+import secrets
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import IO
+from typing import IO, Any
 
-from tse.impl.errors import UserError
+from tse.impl.errors import NoFile, UserError
 
 # What a disk, a quota, a limit of the shell or a device says when it takes no more: the user's to mend, not ours.
 NO_ROOM = {getattr(errno, name) for name in ("ENOSPC", "EDQUOT", "EFBIG", "EIO", "EROFS") if hasattr(errno, name)}
@@ -130,3 +136,97 @@ def _identities(path: Path) -> list[object]:
     except OSError:
         return keys
     return [*keys, (found.st_dev, found.st_ino)] if found.st_ino else keys
+
+
+# ---- What a run leaves for the next one of the same user is sealed: a digest with a secret that stays in the user's own
+# folder. So a result folder from a stranger, whatever keys and checksums are in it, is never gone on from.
+
+BYTES = 32  # of the secret
+
+
+def seal(parts: Iterable[bytes]) -> bytes:
+    """The digest of these bytes, one part after the other."""
+    digest = hashlib.blake2b(key=secret())
+    for part in parts:
+        digest.update(part)
+    return digest.digest()
+
+
+def _mark(content: Any) -> str:
+    return seal([json.dumps(content, sort_keys=True).encode()]).hex()
+
+
+def write_sealed(path: Path, content: Any) -> None:
+    """Keep what JSON can say: numbers and words, nothing that could run."""
+    with atomic(path) as file:
+        json.dump({"content": content, "seal": _mark(content)}, file)
+
+
+def read_sealed(path: Path) -> Any:
+    """Return what was kept; None where there is nothing, or what is there is of somebody else, or broken."""
+    try:
+        kept = json.loads(path.read_text(encoding="utf-8"))
+        content = kept["content"]
+        return content if hmac.compare_digest(str(kept["seal"]).encode(), _mark(content).encode()) else None
+    except (OSError, ValueError, LookupError, TypeError, RecursionError):
+        return None
+
+
+@functools.cache
+def secret() -> bytes:
+    """Made once for each user. Where no folder can hold it each process has its own, and goes on from nothing."""
+    home = os.environ.get("XDG_STATE_HOME") or os.environ.get("LOCALAPPDATA") or Path.home() / ".local" / "state"
+    path = Path(home) / "tselab" / "seal.key"
+    with contextlib.suppress(OSError, RuntimeError):  # RuntimeError: there is no home
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if not path.exists():
+            handle, name = tempfile.mkstemp(dir=path.parent)  # for nobody else to read
+            with os.fdopen(handle, "wb") as file:
+                file.write(secrets.token_bytes(BYTES))
+            try:
+                os.link(name, path)  # the first of several processes; whole, or not there
+            except FileExistsError:
+                pass
+            finally:
+                os.unlink(name)
+        if len(found := path.read_bytes()) == BYTES:
+            return found
+    return secrets.token_bytes(BYTES)
+
+
+# ---- TOML
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+loads = tomllib.loads
+
+MOST_INTEGER = 1 << 63  # what TOML asks of a reader; Python's integers go on, and are no settings then
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    try:
+        data = tomllib.loads(Path(path).read_text(encoding="utf-8-sig"))
+    except FileNotFoundError:
+        raise NoFile(f"{path}: no such file") from None
+    except IsADirectoryError:
+        raise UserError(f"{path}: is a directory, a TOML file is needed") from None
+    except UnicodeDecodeError:
+        raise UserError(f"{path}: is not a text file in UTF-8; a TOML file is needed") from None
+    except ValueError as error:  # TOMLDecodeError is one; so are Python's limits on digits and dates
+        raise UserError(f"{path}: is not valid TOML: {error}") from None
+    except RecursionError:
+        raise UserError(f"{path}: is not valid TOML: nested too deeply") from None
+    except OSError as error:
+        raise UserError(f"{path}: cannot be read: {error.strerror}") from None
+    _check_integers(path, data, "")
+    return data
+
+
+def _check_integers(path: Path, value: Any, key: str) -> None:
+    if isinstance(value, int) and not -MOST_INTEGER <= value < MOST_INTEGER:
+        raise UserError(f"{path}: is not valid TOML: key {key}: an integer has at most 64 bits")
+    for name, part in value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ():
+        _check_integers(path, part, f"{key}.{name}" if key else str(name))

@@ -20,9 +20,8 @@ import numpy as np
 
 from tse.impl.core import CONFIG, library
 from tse.impl.errors import UserError
-from tse.impl.files import atomic
-from tse.impl.logs.units import registry
-from tse.impl.toml import read_toml
+from tse.impl.files import atomic, read_toml
+from tse.impl.units import registry
 
 # The limits of src/model/formula.h. Slots, formula_a .., are as many as the table has NUMBER operations.
 MOST_OPERATIONS = 33

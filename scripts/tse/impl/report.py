@@ -17,8 +17,8 @@ from plotly.offline import get_plotlyjs
 from tse.impl import __version__, plots, regimes
 from tse.impl.core import Config, library
 from tse.impl.estimate import Estimate
-from tse.impl.facts import run_facts
 from tse.impl.files import atomic
+from tse.impl.results import run_facts
 from tse.impl.rows import Log
 from tse.impl.vehicle import Vehicle
 from tse.impl.verdict import findings

@@ -3,16 +3,16 @@ file, row, column and allowed range; a few bad cells are missing, and a note say
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from tse.impl.clock import straight
 from tse.impl.core import CONFIG, INPUT, Field, library
 from tse.impl.errors import UserError
-from tse.impl.logs.clock import straight
 from tse.impl.room import Room
 
 if TYPE_CHECKING:
@@ -238,7 +238,7 @@ def checked(
     needed = [c for name in wanted if name not in absent for c in parts[name]]
     missing = [c for c in needed if c not in table]
     if missing:
-        raise UserError(f"{path}: {listed(missing)} is missing{_remedy(missing)}")
+        raise UserError(f"{path}: {', '.join(missing)} is missing{_remedy(missing)}")
     data = {name: table.pop(name) for name in needed}
     for f in library().channels:
         if f.name in absent:
@@ -541,7 +541,3 @@ def _time_hint(step: float) -> str:
     if 1.0 <= step <= 200.0:
         return "\n  hint: if the column holds milliseconds, divide by 1000"
     return "\n  hint: if the column holds microseconds or nanoseconds, convert to seconds" if step > 200 else ""
-
-
-def listed(names: Iterable[str]) -> str:
-    return ", ".join(names)

@@ -14,10 +14,10 @@ import numpy as np
 
 from tse.impl.core import CONFIG, NOMINAL, Config, Effect, SettingError, library, similar
 from tse.impl.errors import UserError
+from tse.impl.files import read_toml
 from tse.impl.formula import Formula, read_formula
 from tse.impl.noise import kinematic_misfit, noise_of
 from tse.impl.rows import MEASURES, Log
-from tse.impl.toml import read_toml
 
 GRAVITY = 9.81
 REQUIRED = ("mass", "lf", "lr", "wheel_radius_front", "wheel_radius_rear")

@@ -12,7 +12,7 @@ from tselab.options import FILE, PROGRESS, for_programs, reading, saying
 
 if TYPE_CHECKING:
     from tse.impl.calibrate.result import Result
-    from tse.impl.log import Reading
+    from tse.impl.rows import Reading
 
 NOT_CONVERGED = 12  # exit code
 

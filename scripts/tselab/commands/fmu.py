@@ -241,9 +241,9 @@ def run(
     """
     from tse.impl.estimate import write_table
     from tse.impl.files import check_distinct, check_writable
+    from tse.impl.fleet.single import prepare
     from tse.impl.fmu import run as runs
     from tse.impl.fmu.archive import open_archive
-    from tse.impl.prepare import prepare
 
     open_archive(path)
     out = out or Path(f"{log_path.stem}.est.csv")

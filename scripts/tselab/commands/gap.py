@@ -17,7 +17,7 @@ from tse.impl.files import real
 from tselab.options import FILE, JSON, PROGRESS, for_programs, reading, saying
 
 if TYPE_CHECKING:
-    from tse.impl.log import Reading
+    from tse.impl.rows import Reading
 
 LOGS = click.argument("logs", metavar="LOG ...", type=FILE, nargs=-1, required=True)
 VEHICLE = click.option("--vehicle", "vehicle_path", metavar="CAR.toml", type=FILE, required=True,
@@ -74,7 +74,7 @@ class Run(click.Command):
         return super().parse_args(ctx, spread)
 
     def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        from tse.impl.log import COMPARED, OPTIONAL
+        from tse.impl.rows import COMPARED, OPTIONAL
 
         used = {name: OPTIONAL[name] for name in COMPARED}
         rows = [(name, f"{unit}, {low:g} .. {high:g}: {text}") for name, (unit, low, high, text, _) in used.items()]

@@ -15,7 +15,7 @@ from tselab.options import FILE
 if TYPE_CHECKING:
     from tse.impl.logs.propose import Proposal
     from tse.impl.logs.propose.text import Line
-    from tse.impl.logs.recording import Recording
+    from tse.impl.logs.readers.recording import Recording
 
 MOST_ROWS = 80  # signals that are listed in the terminal, unless --all
 
@@ -66,7 +66,7 @@ def signals(
     from tse.impl.logs.propose import propose
     from tse.impl.logs.propose.text import listing, toml_text
     from tse.impl.logs.readers import read_recording
-    from tse.impl.logs.recording import How
+    from tse.impl.logs.readers.recording import How
     from tse.impl.logs.signals import read_signals
     from tse.impl.rows import beside_of
     from tse.impl.vehicle import read_vehicle

@@ -18,7 +18,7 @@ from tse.impl.core import Config, Filter
 from tse.impl.identify.fit import Fit
 from tse.impl.identify.problem import Problem
 from tse.impl.identify.unknowns import LATENCY
-from tse.impl.log import Log
+from tse.impl.rows import Log
 from tse.impl.vehicle import GRAVITY, Vehicle, grip_of, ordinary_car
 
 STIFFNESS = "cx_front"

@@ -24,10 +24,8 @@ from tse.impl import __version__
 from tse.impl.config import make_config
 from tse.impl.core import NOMINAL, Config, library
 from tse.impl.errors import UserError
-from tse.impl.files import alone
-from tse.impl.log import Log, liveliest
-from tse.impl.seal import read_sealed, write_sealed
-from tse.impl.toml import tomllib
+from tse.impl.files import alone, read_sealed, tomllib, write_sealed
+from tse.impl.rows import Log, liveliest
 from tse.impl.vehicle import Vehicle, make_vehicle
 
 MOST_SECONDS = 600.0  # of all logs together: of a longer one the part in which the car turns most

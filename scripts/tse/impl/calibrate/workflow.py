@@ -18,9 +18,10 @@ from tse.impl.identify.discrepancy import cost
 from tse.impl.identify.fit import Fit, fit
 from tse.impl.identify.problem import SPEED_BLOCKS, SPEED_TIME, Problem
 from tse.impl.identify.unknowns import MEASURED, OWN, STIFFNESS, Prior, prior_of
-from tse.impl.log import DRIVES, Log, Reading, liveliest, read_log
+from tse.impl.logs.agree import check_car
+from tse.impl.logs.log import read_log
 from tse.impl.noise import smooth
-from tse.impl.units import check_car
+from tse.impl.rows import DRIVES, Log, Reading, liveliest
 from tse.impl.vehicle import Vehicle, default_vehicle, fill_sensors, read_vehicle
 
 Say = Callable[[str], None]

@@ -19,12 +19,11 @@ import pandas as pd
 
 from tse.impl import results
 from tse.impl.errors import UserError
-from tse.impl.files import atomic, real
+from tse.impl.estimate import write_learnt
+from tse.impl.files import atomic, real, seal
 from tse.impl.fleet.find import Drive
 from tse.impl.fleet.work import Outcome, Task
-from tse.impl.learnt import write_learnt
 from tse.impl.rows import Reading, files_of
-from tse.impl.seal import seal
 from tse.impl.vehicle import read_vehicle
 from tse.impl.verdict import NAMES
 

@@ -10,13 +10,14 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from tse.impl import __version__, results, single
+from tse.impl import __version__, results
 from tse.impl.calibrate.own import uncalibrated
 from tse.impl.core import Filter, library_hash
 from tse.impl.errors import UserError
-from tse.impl.learnt import Learnt
-from tse.impl.log import read_log
-from tse.impl.prepare import Calibrate, prepare
+from tse.impl.estimate import Learnt
+from tse.impl.fleet import single
+from tse.impl.fleet.single import Calibrate, prepare
+from tse.impl.logs.log import read_log
 from tse.impl.rows import Reading
 from tse.impl.vehicle import read_vehicle
 

@@ -18,8 +18,8 @@ from tse.impl.gap.infer import detect
 from tse.impl.gap.infer.hypotheses import threshold
 from tse.impl.gap.localise.excitation import Excitation, excitation
 from tse.impl.gap.problem import STIFFNESS, Problem
-from tse.impl.log import COMPARED, Reading
 from tse.impl.results import CODES, IN_PART, NOTHING, USABLE
+from tse.impl.rows import COMPARED, Reading
 from tse.impl.tables import text_table
 from tse.impl.vehicle import read_vehicle
 

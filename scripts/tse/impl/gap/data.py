@@ -18,9 +18,8 @@ from scipy.optimize import minimize_scalar
 from tse.impl.core import NOMINAL, Config
 from tse.impl.errors import UserError
 from tse.impl.gap.simulate import simulate
-from tse.impl.held import fresh
-from tse.impl.log import COMPARED, DRIVES, MEASURES, OPTIONAL, Log
-from tse.impl.noise import Noise, channel_noise, filled, noise_of
+from tse.impl.noise import Noise, channel_noise, filled, fresh, noise_of
+from tse.impl.rows import COMPARED, DRIVES, MEASURES, OPTIONAL, Log
 from tse.impl.spline import smoothing_spline
 
 CHANNELS = MEASURES + tuple(OPTIONAL)

@@ -15,8 +15,8 @@ from scipy.ndimage import gaussian_filter1d
 
 from tse.impl.core import Config, Replay
 from tse.impl.gap.data import BLOCK, BURN_IN, Prepared, Stretch
-from tse.impl.log import DRIVES, MEASURES
 from tse.impl.maneuvers import square, understeer_gradient
+from tse.impl.rows import DRIVES, MEASURES
 
 STEP = 0.01  # s: rows of a planned log
 DURATION = 30.0  # s: of a manoeuvre

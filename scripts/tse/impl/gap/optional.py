@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tse.impl.log import OPTIONAL, TORQUES
+from tse.impl.rows import OPTIONAL, TORQUES
 
 # up to here an error of scale is the sensor's, beyond it the car's: a drive torque comes from the map of an engine, a
 # brake torque from a pressure and a coefficient of friction

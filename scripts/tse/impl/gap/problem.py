@@ -19,7 +19,7 @@ from tse.impl.gap.catalogue import Effect, Key, Own, Parameter, of_the_car, prof
 from tse.impl.gap.data import CHANNELS, Prepared, blocks
 from tse.impl.gap.parallel import is_copy
 from tse.impl.gap.simulate import simulate
-from tse.impl.log import MEASURES, OPTIONAL
+from tse.impl.rows import MEASURES, OPTIONAL
 
 STIFFNESS = tuple(
     Parameter(name, name, True, "1", 1.0, 0.1, 5.0, 0.5, 2.0, 0.02, 1, f"{name} over the vehicle file's")

@@ -18,7 +18,7 @@ from tse.impl.gap.data import Prepared, prepare_all
 from tse.impl.gap.plan import typical
 from tse.impl.gap.problem import Problem
 from tse.impl.gap.simulate import simulate
-from tse.impl.log import MEASURES, Log, Reading
+from tse.impl.rows import MEASURES, Log, Reading
 from tse.impl.vehicle import read_vehicle
 
 

@@ -27,8 +27,9 @@ from tse.impl.gap.infer.naming import Named
 from tse.impl.gap.infer.rivals import explained
 from tse.impl.gap.localise import remainder, where
 from tse.impl.gap.problem import PROFILES, STIFFNESS, Problem
-from tse.impl.log import MEASURES, Log, Reading, read_log
-from tse.impl.units import check_units
+from tse.impl.logs.agree import check_units
+from tse.impl.logs.log import read_log
+from tse.impl.rows import MEASURES, Log, Reading
 from tse.impl.vehicle import Vehicle, fill_sensors, latency_settings, read_vehicle
 
 DOUBTFUL = "below 90 %, or look-alikes"

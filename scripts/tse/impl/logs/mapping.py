@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
+from tse.impl.clock import straight
 from tse.impl.errors import UserError
-from tse.impl.logs.clock import straight
-from tse.impl.logs.recording import Channel, Recording
+from tse.impl.logs.readers.recording import Channel, Recording
 from tse.impl.logs.signals import Counter, Flag, Signal, Signals, unit_of
-from tse.impl.logs.units import factor
 from tse.impl.room import Room
 from tse.impl.rows import SIDES
+from tse.impl.units import factor
 
 MOST_LOST = 0.5  # share of a channel's values that a flag may call invalid before it is the flag that is doubted
 

@@ -8,8 +8,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from tse.impl.held import fresh
 from tse.impl.logs.mapping import Series
+from tse.impl.noise import fresh
 from tse.impl.room import PIECE, Room
 from tse.impl.rows import DRIVES, MEASURES, SIDES, VELOCITIES
 

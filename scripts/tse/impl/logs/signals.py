@@ -11,10 +11,10 @@ from typing import Any
 
 from tse.impl.core import library
 from tse.impl.errors import UserError
-from tse.impl.logs.recording import How
-from tse.impl.logs.units import factor, quantity
+from tse.impl.files import read_toml
+from tse.impl.logs.readers.recording import How
 from tse.impl.rows import OPTIONAL, SIDES
-from tse.impl.toml import read_toml
+from tse.impl.units import factor, quantity
 
 SLOWEST, FASTEST = 2.0, 1000.0  # Hz: of a raster
 LONGEST_LATENCY = 1.0  # s

@@ -17,7 +17,7 @@ import pandas as pd
 from tse.impl.config import make_config
 from tse.impl.core import STIFFNESS
 from tse.impl.estimate import estimate
-from tse.impl.log import Log
+from tse.impl.rows import Log
 from tse.impl.vehicle import Vehicle
 from tse.impl.verdict import NAMES
 

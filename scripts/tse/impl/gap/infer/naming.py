@@ -18,7 +18,7 @@ from tse.impl.gap.infer.hypotheses import NAME_AT, Hypothesis, hypotheses
 from tse.impl.gap.infer.search import Judged, Search, judge
 from tse.impl.gap.infer.space import Layout
 from tse.impl.gap.problem import PROFILES, SIGNED_DELAYS, STIFFNESS, Problem, profile_size
-from tse.impl.log import DRIVES, OPTIONAL, TORQUES
+from tse.impl.rows import DRIVES, OPTIONAL, TORQUES
 from tse.impl.vehicle import GRAVITY, latency_settings
 
 EARLY = {  # delays below zero

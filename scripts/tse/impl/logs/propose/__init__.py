@@ -8,14 +8,11 @@ from __future__ import annotations
 
 from typing import Any
 
-from tse.impl.logs.propose.companions import counted, find_companions
 from tse.impl.logs.propose.guesses import make_guesses
-from tse.impl.logs.propose.look import Guess, Look, Proposal
-from tse.impl.logs.propose.pedals import find_pedals
-from tse.impl.logs.propose.roles import find_roles
+from tse.impl.logs.propose.look import Guess, Look, Proposal, counted, find_companions
 from tse.impl.logs.propose.scales import find_units
-from tse.impl.logs.propose.wheels import find_sides, find_speed, find_wheels, speed_of
-from tse.impl.logs.recording import Recording
+from tse.impl.logs.propose.wheels import find_pedals, find_roles, find_sides, find_speed, find_wheels, speed_of
+from tse.impl.logs.readers.recording import Recording
 
 __all__ = ["Guess", "Proposal", "propose"]
 PASSES = 3

@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 
 from tse.impl.logs import physics
-from tse.impl.logs.names import unit_at_end
 from tse.impl.logs.physics import TRACK, TRACK_SD, fit, smoothed
 from tse.impl.logs.propose.look import KINDS, NAMED, TURNED, Look
 from tse.impl.logs.propose.wheels import is_speed, named_speed, speed_of, turn_of
-from tse.impl.logs.units import factor, kind
+from tse.impl.logs.readers.table import unit_at_end
 from tse.impl.logs.vocabulary import score, text_of
+from tse.impl.units import factor, kind
 
 UNITS = {"wheel": ("rad/s", "km/h", "m/s", "rpm", "mph"), "yaw_rate": ("rad/s", "deg/s"), "accel_y": ("m/s2", "g"),
     "accel_x": ("m/s2", "g"),

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from tse.impl.logs.clock import straight
+from tse.impl.clock import straight
 from tse.impl.logs.mapping import Series
 from tse.impl.logs.propose.look import Guess, Proposal
 from tse.impl.logs.raster import entries, rate_of
-from tse.impl.logs.recording import Channel, Recording
+from tse.impl.logs.readers.recording import Channel, Recording
 
 
 @dataclass(frozen=True)

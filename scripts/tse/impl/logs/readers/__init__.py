@@ -7,7 +7,7 @@ import re
 from pathlib import Path
 
 from tse.impl.errors import NoFile, UserError
-from tse.impl.logs.recording import How, Recording
+from tse.impl.logs.readers.recording import How, Recording
 
 # module, its suffixes, what a file of it begins with
 READERS: dict[str, tuple[tuple[str, ...], tuple[bytes, ...]]] = {

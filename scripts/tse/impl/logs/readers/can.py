@@ -13,11 +13,10 @@ from typing import Any
 
 import numpy as np
 
+from tse.impl.clock import straight
 from tse.impl.errors import UserError
-from tse.impl.logs.clock import straight
-from tse.impl.logs.extras import need
-from tse.impl.logs.frames import Bus, databases_for
-from tse.impl.logs.recording import How, Recording
+from tse.impl.logs.readers.frames import Bus, databases_for
+from tse.impl.logs.readers.recording import How, Recording, need
 from tse.impl.room import PIECE, Room
 
 FIRST = 2000  # rows of a table from which its identifiers and times are understood

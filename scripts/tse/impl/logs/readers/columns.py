@@ -10,9 +10,8 @@ import numpy as np
 import pandas as pd
 
 from tse.impl.errors import UserError
-from tse.impl.logs.extras import need
-from tse.impl.logs.recording import How, Recording, check_rows
-from tse.impl.logs.table import Column, recording_of
+from tse.impl.logs.readers.recording import How, Recording, check_rows, need
+from tse.impl.logs.readers.table import Column, recording_of
 from tse.impl.room import PIECE, Later, Room
 
 

@@ -11,12 +11,10 @@ from typing import Any
 import numpy as np
 
 from tse.impl.errors import UserError
-from tse.impl.logs.extras import need
-from tse.impl.logs.names import unit_at_end, with_unit, words
-from tse.impl.logs.recording import Channel, How, Recording, check_rows, listed
-from tse.impl.logs.table import TIME_WORDS, Column, recording_of
-from tse.impl.logs.units import factor, kind
+from tse.impl.logs.readers.recording import Channel, How, Recording, check_rows, listed, need
+from tse.impl.logs.readers.table import TIME_WORDS, Column, recording_of, unit_at_end, with_unit, words
 from tse.impl.room import PIECE, Later, Room
+from tse.impl.units import factor, kind
 
 MOST_AT_ONCE = 1 << 25  # bytes of a file of version 5 that is read as a whole, and not variable by variable
 WIDEST = 16  # columns of a matrix that are channels of their own

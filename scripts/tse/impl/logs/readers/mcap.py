@@ -8,9 +8,8 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from tse.impl.errors import UserError
-from tse.impl.logs.extras import need
-from tse.impl.logs.fields import Collector
-from tse.impl.logs.recording import How, Recording, listed
+from tse.impl.logs.readers.fields import Collector
+from tse.impl.logs.readers.recording import How, Recording, listed, need
 
 
 def read(path: Path, how: How) -> Recording:

@@ -13,9 +13,8 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from tse.impl.errors import UserError
-from tse.impl.logs.extras import need
-from tse.impl.logs.frames import Bus, databases_for
-from tse.impl.logs.recording import Channel, How, Recording, check_rows
+from tse.impl.logs.readers.frames import Bus, databases_for
+from tse.impl.logs.readers.recording import Channel, How, Recording, check_rows, need
 from tse.impl.room import PIECE, Room
 
 FRAMES = ("CAN_DataFrame", "CAN_DataFrame.ID", "CAN_DataFrame.DataBytes")

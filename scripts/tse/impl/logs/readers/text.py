@@ -17,12 +17,11 @@ import numpy as np
 import pandas as pd
 
 from tse.impl.errors import UserError
-from tse.impl.logs.names import with_unit
 from tse.impl.logs.readers import FORMATS
-from tse.impl.logs.recording import How, Recording
-from tse.impl.logs.table import Column, may_be_time, recording_of
-from tse.impl.logs.units import known
+from tse.impl.logs.readers.recording import How, Recording
+from tse.impl.logs.readers.table import Column, may_be_time, recording_of, with_unit
 from tse.impl.room import PIECE, Room
+from tse.impl.units import known
 
 HEAD = 400  # lines that are looked at
 DELIMITERS = (",", ";", "\t", "|")

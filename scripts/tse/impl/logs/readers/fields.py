@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from tse.impl.logs.recording import Channel
+from tse.impl.logs.readers.recording import Channel
 from tse.impl.room import Growing, Room
 
 LONGEST = (

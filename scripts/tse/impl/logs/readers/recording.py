@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 
@@ -129,3 +131,23 @@ def listed(names: Iterable[str]) -> str:
     names = list(names)
     more = len(names) - MOST_NAMED
     return ", ".join(names[:MOST_NAMED]) + (f" and {more} more" if more > 0 else "")
+
+
+# ---- Libraries that are optional: what is not installed is named with the command that installs it.
+
+
+def need(module: str, extra: str, what: str) -> ModuleType:
+    """The module, or a sentence how to get it. `extra`: of pyproject.toml; `what`: that cannot be read without."""
+    try:
+        return importlib.import_module(module)
+    except ImportError as error:
+        package = module.partition(".")[0]
+        why = (
+            "is not installed"
+            if isinstance(error, ModuleNotFoundError) and error.name == package
+            else f"cannot be loaded ({error})"
+        )
+        raise UserError(
+            f"{what}: the Python package {package} is needed and {why}: pip install 'tse[{extra}]'"
+            f" (in a checkout: scripts/setup.sh logs)"
+        ) from None

@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 
 from tse.impl.errors import NoFile, UserError
-from tse.impl.logs.extras import need
-from tse.impl.logs.recording import Channel, How, listed
+from tse.impl.logs.readers.recording import Channel, How, listed, need
 from tse.impl.room import Growing, Room
 
 SUFFIXES = (".dbc", ".arxml", ".kcd", ".sym")
